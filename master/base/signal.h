@@ -1,0 +1,53 @@
+/* What a value of the plant is: its type, its quality, one time-stamped reading, and one sample of all signals.
+ *
+ * Purpose: the vocabulary that plant I/O, the twin and the recorder share.
+ * Values:  carried as double; booleans are 0 or 1 and integers are exact (|value| < 2^31).
+ * Thread:  plain data.
+ */
+#ifndef TL_MASTER_BASE_SIGNAL_H
+#define TL_MASTER_BASE_SIGNAL_H
+
+#include <stdint.h>
+
+#include "master/base/simtime.h"
+
+/* Base types of FMI 2.0. */
+typedef enum tl_type { TL_REAL, TL_INTEGER, TL_BOOLEAN, TL_STRING, TL_ENUMERATION } tl_type;
+
+/* Only TL_GOOD enters an objective. The order is the order of severity. */
+typedef enum tl_quality {
+    TL_GOOD = 0,
+    TL_STALE,        /* older than the signal's stale time */
+    TL_OUT_OF_RANGE, /* outside the signal's min..max */
+    TL_NOT_A_NUMBER, /* not finite, or text that is no number */
+    TL_NO_LINK       /* the device does not answer, or never has */
+} tl_quality;
+
+enum {
+    TL_MAX_SIGNALS = 64, /* plant signals of one twin */
+    TL_MAX_MATCH = 16,   /* outputs compared with the plant */
+    TL_MAX_ADJUST = 8    /* variables adjusted */
+};
+
+/* One value as a driver read it. */
+typedef struct tl_reading {
+    double value;
+    tl_time stamp; /* when the value was true at the plant, same clock as the cycle's instants */
+    tl_quality quality;
+} tl_reading;
+
+/* The plant as seen at one instant t_m = t_start + tick·T_S: for each signal the newest reading at or before it. */
+typedef struct tl_sample {
+    int64_t tick;
+    double values[TL_MAX_SIGNALS];
+    tl_time stamps[TL_MAX_SIGNALS];  /* TL_TIME_NEVER where there never was a reading */
+    uint8_t quality[TL_MAX_SIGNALS]; /* tl_quality */
+} tl_sample;
+
+/* "good", "stale", "out of range", "not a number", "no link". */
+const char *tl_quality_name(tl_quality quality);
+
+/* "Real", "Integer", "Boolean", "String", "Enumeration", as FMI 2.0 writes them. */
+const char *tl_type_name(tl_type type);
+
+#endif

@@ -1,0 +1,87 @@
+/* One instance of an FMU: legal calls only, values by base type, snapshots.
+ *
+ * Purpose: the co-simulation's view of an FMU. It knows which variables are exchanged (its ports), calls the FMU
+ *          in the order FMI 2.0 allows, and turns every fmi2Status into one of ours.
+ * Source:  FMI 2.0.4, section 4.2.4 (state machine of calling sequence).
+ * Status:  fmi2OK and fmi2Warning are success. fmi2Discard, fmi2Pending and fmi2Error are TL_FMU_FAILED: a saved state may
+ *          be restored and the FMU used again. fmi2Fatal is TL_FMU_FATAL: nothing of the FMU is called ever after.
+ * Owner:   placed by the graph; ports and their values live in the graph's arena.
+ * Thread:  one thread at a time.
+ */
+#ifndef TL_MASTER_FMI_COMPONENT_H
+#define TL_MASTER_FMI_COMPONENT_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "master/base/simtime.h"
+#include "master/base/status.h"
+#include "master/fmi/fmi2.h"
+#include "master/fmi/model.h"
+
+/* The exchanged variables of one direction, grouped by base type so that each group is one FMI call. Enumerations
+ * are integers. */
+typedef struct tl_ports {
+    size_t real_count;
+    size_t integer_count;
+    size_t boolean_count;
+    fmi2ValueReference *real_references;
+    fmi2ValueReference *integer_references;
+    fmi2ValueReference *boolean_references;
+    fmi2Real *reals;
+    fmi2Integer *integers;
+    fmi2Boolean *booleans;
+} tl_ports;
+
+typedef enum tl_component_mode {
+    TL_MODE_ABSENT, /* not instantiated, or freed */
+    TL_MODE_INSTANTIATED,
+    TL_MODE_INITIALIZING,
+    TL_MODE_STEPPING,
+    TL_MODE_FAILED, /* after fmi2Error: only restore and free */
+    TL_MODE_DEAD    /* after fmi2Fatal: nothing */
+} tl_component_mode;
+
+typedef struct tl_component {
+    const char *name;
+    const tl_model *model;
+    const tl_fmi2 *fmi;
+    fmi2Component instance;
+    tl_component_mode mode;
+    tl_ports inputs;     /* connected inputs and adjusted variables: set before each step */
+    tl_ports outputs;    /* connected and matched outputs: read after each step */
+    fmi2FMUstate state;  /* the one snapshot; reused, never reallocated */
+    uint64_t executions; /* fmi2DoStep calls */
+} tl_component;
+
+/* fmi2Instantiate; then `set_*` of start values may follow. */
+tl_status tl_component_instantiate(tl_component *component, const fmi2CallbackFunctions *callbacks,
+                                   const char *resources, tl_error *error);
+
+/* Sets one variable before initialisation. `value` has the variable's own type. */
+tl_status tl_component_set_start(tl_component *component, const tl_variable *variable, const tl_value *value,
+                                 tl_error *error);
+
+/* fmi2SetupExperiment (start 0, no stop time, no tolerance) and fmi2EnterInitializationMode. */
+tl_status tl_component_enter_initialization(tl_component *component, tl_error *error);
+
+/* fmi2ExitInitializationMode. */
+tl_status tl_component_exit_initialization(tl_component *component, tl_error *error);
+
+/* Port values to the FMU, and from it. Outputs that are not finite are TL_FMU_FAILED. */
+tl_status tl_component_set_inputs(tl_component *component, tl_error *error);
+tl_status tl_component_get_outputs(tl_component *component, tl_error *error);
+
+/* Sets the inputs, steps from `now` by `step` (both ns of simulated time), reads the outputs.
+ * final: no earlier state will be restored any more. */
+tl_status tl_component_step(tl_component *component, tl_time now, tl_time step, bool final, tl_error *error);
+
+/* Snapshot of the FMU's hidden state; needs canGetAndSetFMUstate. Port values are the graph's business. */
+tl_status tl_component_save(tl_component *component, tl_error *error);
+tl_status tl_component_restore(tl_component *component, tl_error *error);
+
+/* Ends the instance as its mode allows. May be called in any mode. */
+void tl_component_free(tl_component *component);
+
+#endif

@@ -1,0 +1,99 @@
+/* What a modelDescription.xml says: variables, units and capabilities of one FMU.
+ *
+ * Purpose: read-only facts, shared by every instance of the FMU.
+ * Owner:   whoever parsed it; all pointers live as long as that owner's memory.
+ * Source:  FMI 2.0.4, section 2.2 and 4.3.
+ */
+#ifndef TL_MASTER_FMI_MODEL_H
+#define TL_MASTER_FMI_MODEL_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "master/base/signal.h"
+
+typedef enum tl_causality {
+    TL_PARAMETER,
+    TL_CALCULATED_PARAMETER,
+    TL_INPUT,
+    TL_OUTPUT,
+    TL_LOCAL,
+    TL_INDEPENDENT
+} tl_causality;
+
+typedef enum tl_variability { TL_CONSTANT, TL_FIXED, TL_TUNABLE, TL_DISCRETE, TL_CONTINUOUS } tl_variability;
+
+/* How the value at the start comes about. Inputs and the independent variable have none. Exact and approximate ones
+ * may be set before initialisation, unless constant; calculated ones may not. */
+typedef enum tl_initial { TL_INITIAL_NONE, TL_INITIAL_EXACT, TL_INITIAL_APPROX, TL_INITIAL_CALCULATED } tl_initial;
+
+/* A unit: value in base units = factor·value + offset. */
+typedef struct tl_unit {
+    const char *name;
+    bool has_base;    /* exponents, factor and offset were given */
+    int exponents[8]; /* kg, m, s, A, K, mol, cd, rad */
+    double factor;
+    double offset;
+} tl_unit;
+
+/* A value of any base type; Boolean as 0 or 1, Enumeration as integer. */
+typedef struct tl_value {
+    tl_type type;
+    double real;
+    int32_t integer;  /* Integer, Enumeration, Boolean */
+    const char *text; /* String */
+} tl_value;
+
+typedef struct tl_variable {
+    const char *name;
+    const char *description; /* "" where there is none */
+    uint32_t reference;      /* unique per base type only */
+    tl_type type;
+    tl_causality causality;
+    tl_variability variability;
+    const tl_unit *unit; /* NULL where none is declared; Real only; may be one without base */
+    bool has_start;
+    tl_value start;
+    double minimum; /* −infinity where none is declared */
+    double maximum; /* +infinity where none is declared */
+    double nominal; /* > 0; 1 where none is declared */
+    tl_initial initial;
+} tl_variable;
+
+typedef struct tl_capabilities {
+    bool can_handle_variable_step;
+    bool can_be_instantiated_only_once;
+    bool can_not_use_memory_management;
+    bool can_get_and_set_state;
+    bool can_serialize_state;
+    bool can_run_asynchronously;
+    bool needs_execution_tool;
+} tl_capabilities;
+
+typedef struct tl_model {
+    const char *name;
+    const char *identifier; /* modelIdentifier of CoSimulation: name of the binary */
+    const char *guid;
+    const char *version;         /* fmiVersion, "2.0" */
+    const char *generation_tool; /* "" where there is none */
+    tl_capabilities capabilities;
+    double default_step; /* s; 0 where none is declared */
+    const tl_variable *variables;
+    size_t variable_count;
+    const tl_unit *units; /* those defined, then those that variables only name */
+    size_t unit_count;
+} tl_model;
+
+/* The variable of that name, or NULL. O(variable_count). */
+const tl_variable *tl_model_variable(const tl_model *model, const char *name);
+
+/* The unit of that name, or NULL. */
+const tl_unit *tl_model_unit(const tl_model *model, const char *name);
+
+/* "parameter", "input", … as FMI 2.0 writes them; "none" for TL_INITIAL_NONE. */
+const char *tl_causality_name(tl_causality causality);
+const char *tl_variability_name(tl_variability variability);
+const char *tl_initial_name(tl_initial initial);
+
+#endif

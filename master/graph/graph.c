@@ -1,0 +1,437 @@
+/* The structure of the co-simulation: see graph.h. */
+#include "master/graph/graph.h"
+
+#include <math.h>
+#include <stdint.h>
+#include <string.h>
+
+static const char PLANT[] = "plant.";
+
+/* The component that "component.variable" names and where its variable's name begins; NULL where none. */
+static tl_component *find_component(const tl_graph *graph, const char *name, const char **variable) {
+    for (size_t i = 0; i < graph->component_count; i++) {
+        size_t length = strlen(graph->components[i].name);
+        if (strncmp(name, graph->components[i].name, length) == 0 && name[length] == '.') {
+            *variable = name + length + 1;
+            return &graph->components[i];
+        }
+    }
+    return NULL;
+}
+
+/* The signal that "plant.signal" names; SIZE_MAX where there is none or it is no signal's name. */
+static size_t find_signal(const tl_graph *graph, const char *name) {
+    if (strncmp(name, PLANT, sizeof PLANT - 1) != 0) {
+        return SIZE_MAX;
+    }
+    for (size_t i = 0; i < graph->plan->signal_count; i++) {
+        if (strcmp(graph->plan->signals[i].name, name + sizeof PLANT - 1) == 0) {
+            return i;
+        }
+    }
+    return SIZE_MAX;
+}
+
+/* Looks up "component.variable"; reports what is missing. */
+static const tl_variable *resolve(const tl_graph *graph, const char *name, const char *where, size_t *node,
+                                  tl_report *report) {
+    const char *variable_name = NULL;
+    const tl_component *component = find_component(graph, name, &variable_name);
+    if (component == NULL) {
+        tl_report_add(report, TL_BAD_DATA, where,
+                      "found \"%s\", expected component.variable of a component that is "
+                      "configured, for example \"%s.…\"",
+                      name, graph->component_count == 0 ? "motor" : graph->components[0].name);
+        return NULL;
+    }
+    const tl_variable *variable = tl_model_variable(component->model, variable_name);
+    if (variable == NULL) {
+        tl_report_add(report, TL_BAD_DATA, where,
+                      "found \"%s\", but the FMU of %s has no variable \"%s\"; "
+                      "`twinlock check` lists its variables",
+                      name, component->name, variable_name);
+        return NULL;
+    }
+    *node = (size_t)(component - graph->components);
+    return variable;
+}
+
+static tl_type port_type(tl_type type) {
+    return type == TL_ENUMERATION ? TL_INTEGER : type;
+}
+
+static size_t *port_counter(tl_ports *ports, tl_type type) {
+    return type == TL_REAL ? &ports->real_count : type == TL_INTEGER ? &ports->integer_count : &ports->boolean_count;
+}
+
+/* Finds or adds the port of a variable. */
+static const tl_port *use_variable(tl_graph *graph, size_t node, const tl_variable *variable, bool input) {
+    for (size_t i = 0; i < graph->port_count; i++) {
+        tl_port *port = &graph->ports[i];
+        if (port->node == node && port->variable == variable && port->input == input) {
+            return port;
+        }
+    }
+    tl_port *port = &graph->ports[graph->port_count++];
+    tl_ports *ports = input ? &graph->components[node].inputs : &graph->components[node].outputs;
+    port->node = node;
+    port->variable = variable;
+    port->input = input;
+    port->type = port_type(variable->type);
+    port->index = (*port_counter(ports, port->type))++;
+    return port;
+}
+
+static const tl_port *use_signal(tl_graph *graph, size_t signal) {
+    for (size_t i = 0; i < graph->port_count; i++) {
+        tl_port *port = &graph->ports[i];
+        if (port->variable == NULL && port->signal == signal) {
+            return port;
+        }
+    }
+    tl_port *port = &graph->ports[graph->port_count++];
+    port->node = graph->component_count;
+    port->signal = signal;
+    port->type = graph->plan->signals[signal].type;
+    return port;
+}
+
+/* The unit of a port; a plant signal's is looked up by name among those the other side's FMU knows. */
+static tl_unit signal_unit(const tl_plan_signal *signal, const tl_model *peer) {
+    const tl_unit *known = tl_model_unit(peer, signal->unit);
+    if (known != NULL) {
+        return *known;
+    }
+    tl_unit unit = {0};
+    unit.name = signal->unit;
+    return unit;
+}
+
+static void report_units(tl_report *report, const char *where, const char *from, const char *from_unit, const char *to,
+                         const char *to_unit) {
+    tl_report_add(report, TL_BAD_DATA, where,
+                  "units do not fit: %s is in \"%s\", %s in \"%s\"; correct the unit, or "
+                  "convert with scale and offset where the signal is read",
+                  from, from_unit, to, to_unit);
+}
+
+/* Conversion from a source port to a variable of `model`. */
+static bool convert(const tl_graph *graph, const tl_port *from, const tl_variable *to, const tl_model *model,
+                    tl_conversion *conversion, const char **from_unit) {
+    if (from->variable == NULL) {
+        const tl_plan_signal *signal = &graph->plan->signals[from->signal];
+        tl_unit unit = signal_unit(signal, model);
+        *from_unit = signal->unit;
+        return tl_units_convert(&unit, to->unit, conversion);
+    }
+    *from_unit = from->variable->unit == NULL ? "" : from->variable->unit->name;
+    return tl_units_convert(from->variable->unit, to->unit, conversion);
+}
+
+static bool is_settable(const tl_variable *variable) {
+    return variable->causality == TL_INPUT;
+}
+
+/* The source port of a connection; NULL where reported. */
+static const tl_port *resolve_source(tl_graph *graph, const tl_plan_connection *plan, tl_report *report) {
+    if (strncmp(plan->from, PLANT, sizeof PLANT - 1) == 0) {
+        size_t signal = find_signal(graph, plan->from);
+        if (signal == SIZE_MAX) {
+            tl_report_add(report, TL_BAD_DATA, plan->where,
+                          "found \"%s\", but the plant has no such signal; add it under "
+                          "\"plant\"",
+                          plan->from);
+            return NULL;
+        }
+        return use_signal(graph, signal);
+    }
+    size_t node = 0;
+    const tl_variable *variable = resolve(graph, plan->from, plan->where, &node, report);
+    if (variable == NULL) {
+        return NULL;
+    }
+    if (variable->causality != TL_OUTPUT || variable->type == TL_STRING) {
+        tl_report_add(report, TL_BAD_DATA, plan->where,
+                      "%s is a %s %s, expected a Real, Integer, Boolean or Enumeration "
+                      "output as the source of a connection",
+                      plan->from, tl_type_name(variable->type), tl_causality_name(variable->causality));
+        return NULL;
+    }
+    return use_variable(graph, node, variable, false);
+}
+
+static bool is_connected(const tl_graph *graph, size_t node, const tl_variable *variable) {
+    for (size_t i = 0; i < graph->connection_count; i++) {
+        const tl_port *to = graph->connections[i].to;
+        if (to->node == node && to->variable == variable) {
+            return true;
+        }
+    }
+    return false;
+}
+
+static void connect(tl_graph *graph, const tl_plan_connection *plan, tl_report *report) {
+    const tl_port *from = resolve_source(graph, plan, report);
+    size_t node = 0;
+    const tl_variable *to = resolve(graph, plan->to, plan->where, &node, report);
+    if (from == NULL || to == NULL) {
+        return;
+    }
+    if (!is_settable(to)) {
+        tl_report_add(report, TL_BAD_DATA, plan->where,
+                      "%s is a %s %s, expected an input as the target of a connection", plan->to,
+                      tl_variability_name(to->variability), tl_causality_name(to->causality));
+        return;
+    }
+    if (port_type(to->type) != from->type) {
+        tl_report_add(report, TL_BAD_DATA, plan->where, "types do not fit: %s is %s, %s is %s", plan->from,
+                      tl_type_name(from->variable == NULL ? from->type : from->variable->type), plan->to,
+                      tl_type_name(to->type));
+        return;
+    }
+    if (is_connected(graph, node, to)) {
+        tl_report_add(report, TL_BAD_DATA, plan->where, "input %s is connected twice; remove one of the two", plan->to);
+        return;
+    }
+    const char *from_unit = "";
+    tl_conversion conversion;
+    if (!convert(graph, from, to, graph->components[node].model, &conversion, &from_unit)) {
+        report_units(report, plan->where, plan->from, from_unit, plan->to, to->unit->name);
+        return;
+    }
+    tl_connection *connection = &graph->connections[graph->connection_count++];
+    connection->from = from;
+    connection->to = use_variable(graph, node, to, true);
+    connection->conversion = conversion;
+}
+
+bool tl_graph_fit_value(const tl_variable *variable, const tl_value *value, tl_value *fitted, const char **expected) {
+    *fitted = *value;
+    fitted->type = variable->type;
+    switch (variable->type) {
+    case TL_REAL:
+        *expected = "a number";
+        return value->type == TL_REAL;
+    case TL_INTEGER:
+    case TL_ENUMERATION:
+        *expected = "a whole number";
+        if (value->type != TL_REAL || fabs(value->real) > 2147483647.0 || value->real < floor(value->real) ||
+            value->real > floor(value->real)) {
+            return false;
+        }
+        fitted->integer = (int32_t)value->real;
+        return true;
+    case TL_BOOLEAN:
+        *expected = "true or false";
+        return value->type == TL_BOOLEAN;
+    case TL_STRING:
+        *expected = "text";
+        return value->type == TL_STRING;
+    }
+    return false;
+}
+
+static void check_set(const tl_component *component, const tl_plan_set *set, tl_report *report) {
+    const tl_variable *variable = tl_model_variable(component->model, set->variable);
+    const char *expected = "";
+    tl_value fitted;
+    if (variable == NULL) {
+        tl_report_add(report, TL_BAD_DATA, set->where,
+                      "the FMU of %s has no variable \"%s\"; `twinlock check` lists its "
+                      "variables",
+                      component->name, set->variable);
+    } else if ((variable->causality != TL_PARAMETER && variable->causality != TL_INPUT && !variable->has_start) ||
+               variable->variability == TL_CONSTANT) {
+        tl_report_add(report, TL_BAD_DATA, set->where,
+                      "%s.%s is a %s %s and cannot be set; expected a parameter or an "
+                      "input",
+                      component->name, set->variable, tl_variability_name(variable->variability),
+                      tl_causality_name(variable->causality));
+    } else if (!tl_graph_fit_value(variable, &set->value, &fitted, &expected)) {
+        tl_report_add(report, TL_BAD_DATA, set->where, "%s.%s is %s: expected %s", component->name, set->variable,
+                      tl_type_name(variable->type), expected);
+    }
+}
+
+static void add_component(tl_graph *graph, size_t index, tl_report *report) {
+    const tl_plan_component *plan = &graph->plan->components[index];
+    tl_component *component = &graph->components[index];
+    component->name = plan->name;
+    component->model = plan->model;
+    component->fmi = plan->functions;
+    for (size_t i = 0; i < plan->set_count; i++) {
+        check_set(component, &plan->set[i], report);
+    }
+    for (size_t i = 0; i < index; i++) {
+        if (graph->components[i].fmi == plan->functions && plan->model->capabilities.can_be_instantiated_only_once) {
+            tl_report_add(report, TL_BAD_DATA, plan->where,
+                          "%s and %s use the same FMU, which says that it can be "
+                          "instantiated only once per process",
+                          graph->components[i].name, plan->name);
+        }
+    }
+}
+
+void tl_graph_build(tl_graph *graph, tl_arena *arena, const tl_plan *plan, tl_report *report) {
+    graph->plan = plan;
+    graph->port_capacity = 2 * plan->connection_count + plan->match_count + plan->adjust_count;
+    graph->components = tl_arena_take(arena, plan->component_count, sizeof *graph->components);
+    graph->ports = tl_arena_take(arena, graph->port_capacity, sizeof *graph->ports);
+    graph->connections = tl_arena_take(arena, plan->connection_count, sizeof *graph->connections);
+    if (graph->components == NULL || graph->ports == NULL || graph->connections == NULL) {
+        tl_report_add(report, TL_TRY_AGAIN, "", "not enough memory for the graph");
+        return;
+    }
+    graph->component_count = plan->component_count;
+    for (size_t i = 0; i < plan->component_count; i++) {
+        add_component(graph, i, report);
+    }
+    for (size_t i = 0; i < plan->connection_count; i++) {
+        connect(graph, &plan->connections[i], report);
+    }
+}
+
+const tl_port *tl_graph_match(tl_graph *graph, const tl_plan_match *match, tl_report *report) {
+    size_t node = 0;
+    const tl_variable *variable = resolve(graph, match->variable, match->where, &node, report);
+    if (variable == NULL) {
+        return NULL;
+    }
+    if ((variable->causality != TL_OUTPUT && variable->causality != TL_LOCAL) || variable->type == TL_STRING) {
+        tl_report_add(report, TL_BAD_DATA, match->where,
+                      "%s is a %s %s, expected an output that is a number or a boolean", match->variable,
+                      tl_type_name(variable->type), tl_causality_name(variable->causality));
+        return NULL;
+    }
+    return use_variable(graph, node, variable, false);
+}
+
+size_t tl_graph_match_signal(tl_graph *graph, const tl_plan_match *match, const tl_port *port,
+                             tl_conversion *conversion, tl_report *report) {
+    size_t signal = find_signal(graph, match->to);
+    if (signal == SIZE_MAX) {
+        tl_report_add(report, TL_BAD_DATA, match->where,
+                      "found \"%s\", expected a signal of the plant, for example "
+                      "\"plant.%s\"",
+                      match->to, graph->plan->signal_count == 0 ? "omega" : graph->plan->signals[0].name);
+        return SIZE_MAX;
+    }
+    const tl_plan_signal *plan = &graph->plan->signals[signal];
+    if (plan->type != port->type) {
+        tl_report_add(report, TL_BAD_DATA, match->where, "types do not fit: %s is %s, %s is %s", match->variable,
+                      tl_type_name(port->type), match->to, tl_type_name(plan->type));
+        return SIZE_MAX;
+    }
+    tl_unit unit = signal_unit(plan, graph->components[port->node].model);
+    if (!tl_units_convert(&unit, port->variable->unit, conversion)) {
+        report_units(report, match->where, match->to, plan->unit, match->variable, port->variable->unit->name);
+        return SIZE_MAX;
+    }
+    return signal;
+}
+
+/* An adjusted variable is a Real input or a tunable Real parameter. */
+static bool is_adjustable(const tl_plan_adjust *adjust, const tl_variable *variable, tl_report *report) {
+    if (variable->type != TL_REAL) {
+        tl_report_add(report, TL_BAD_DATA, adjust->where, "%s is %s, expected a Real input or a tunable Real parameter",
+                      adjust->variable, tl_type_name(variable->type));
+        return false;
+    }
+    if (variable->causality == TL_PARAMETER && variable->variability != TL_TUNABLE) {
+        tl_report_add(report, TL_BAD_DATA, adjust->where,
+                      "%s is a fixed parameter: it cannot change while the simulation "
+                      "runs; adjust an input or a tunable parameter, or have the FMU exported with it tunable",
+                      adjust->variable);
+        return false;
+    }
+    if (variable->causality != TL_PARAMETER && variable->causality != TL_INPUT) {
+        tl_report_add(report, TL_BAD_DATA, adjust->where,
+                      "%s is a %s %s, expected a Real input or a tunable Real parameter", adjust->variable,
+                      tl_variability_name(variable->variability), tl_causality_name(variable->causality));
+        return false;
+    }
+    return true;
+}
+
+const tl_port *tl_graph_adjust(tl_graph *graph, const tl_plan_adjust *adjust, tl_report *report) {
+    size_t node = 0;
+    const tl_variable *variable = resolve(graph, adjust->variable, adjust->where, &node, report);
+    if (variable == NULL || !is_adjustable(adjust, variable, report)) {
+        return NULL;
+    }
+    const tl_port *port = use_variable(graph, node, variable, true);
+    for (size_t i = 0; i < graph->connection_count; i++) {
+        if (graph->connections[i].to == port) {
+            graph->connections[i].cut = true;
+            if (adjust->has_nominal) {
+                tl_report_add(report, TL_BAD_DATA, adjust->where,
+                              "%s is connected, so its nominal value comes from the "
+                              "connection; remove \"nominal\" or the connection",
+                              adjust->variable);
+            }
+        }
+    }
+    return port;
+}
+
+const tl_connection *tl_graph_connection_to(const tl_graph *graph, const tl_port *port) {
+    for (size_t i = 0; i < graph->connection_count; i++) {
+        if (graph->connections[i].to == port) {
+            return &graph->connections[i];
+        }
+    }
+    return NULL;
+}
+
+static bool is_set(const tl_plan_component *plan, const char *variable) {
+    for (size_t i = 0; i < plan->set_count; i++) {
+        if (strcmp(plan->set[i].variable, variable) == 0) {
+            return true;
+        }
+    }
+    return false;
+}
+
+static bool has_input_port(const tl_graph *graph, size_t node, const tl_variable *variable) {
+    for (size_t i = 0; i < graph->port_count; i++) {
+        const tl_port *port = &graph->ports[i];
+        if (port->input && port->node == node && port->variable == variable) {
+            return true;
+        }
+    }
+    return false;
+}
+
+void tl_graph_check_inputs(const tl_graph *graph, tl_report *report) {
+    for (size_t node = 0; node < graph->component_count; node++) {
+        const tl_plan_component *plan = &graph->plan->components[node];
+        for (size_t i = 0; i < plan->model->variable_count; i++) {
+            const tl_variable *variable = &plan->model->variables[i];
+            if (variable->causality == TL_INPUT && !has_input_port(graph, node, variable) &&
+                !is_set(plan, variable->name)) {
+                tl_report_add(report, TL_BAD_DATA, plan->where,
+                              "input %s.%s is not connected; connect it, or give it a "
+                              "constant value in components.%s.set",
+                              plan->name, variable->name, plan->name);
+            }
+        }
+    }
+}
+
+size_t tl_graph_distance(const tl_graph *graph, size_t from, size_t to, size_t *scratch) {
+    size_t nodes = graph->component_count + 1;
+    for (size_t i = 0; i < nodes; i++) {
+        scratch[i] = TL_UNREACHABLE;
+    }
+    scratch[from] = 0;
+    for (size_t distance = 0; distance < nodes && scratch[to] == TL_UNREACHABLE; distance++) {
+        for (size_t i = 0; i < graph->connection_count; i++) {
+            const tl_connection *connection = &graph->connections[i];
+            if (!connection->cut && scratch[connection->from->node] == distance &&
+                scratch[connection->to->node] == TL_UNREACHABLE) {
+                scratch[connection->to->node] = distance + 1;
+            }
+        }
+    }
+    return scratch[to];
+}

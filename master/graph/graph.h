@@ -1,0 +1,80 @@
+/* The structure of the co-simulation: components, the ports they exchange, connections, distances.
+ *
+ * Purpose: resolves the names of a plan against the FMUs, checks types and units, and answers questions about paths.
+ *          It holds no values; exchange.h does.
+ * Source:  thesis, section 4.2; c̃(a, b) is the shortest path, one per edge (eq. 4.1).
+ * Nodes:   components 0 … component_count − 1 are FMUs; node component_count is the plant.
+ * Owner:   everything in the arena.
+ */
+#ifndef TL_MASTER_GRAPH_GRAPH_H
+#define TL_MASTER_GRAPH_GRAPH_H
+
+#include <stdbool.h>
+#include <stddef.h>
+
+#include "master/base/arena.h"
+#include "master/base/status.h"
+#include "master/fmi/component.h"
+#include "master/graph/units.h"
+#include "master/plan.h"
+
+/* No path. */
+#define TL_UNREACHABLE SIZE_MAX
+
+/* One exchanged variable of one component, or one signal of the plant. */
+typedef struct tl_port {
+    size_t node;
+    const tl_variable *variable; /* NULL for a signal of the plant */
+    size_t signal;               /* of the plant */
+    bool input;                  /* set before each step (inputs, adjusted parameters); else read after it */
+    tl_type type;                /* TL_REAL, TL_INTEGER (enumerations too) or TL_BOOLEAN */
+    size_t index;                /* among the component's ports of this direction and type */
+} tl_port;
+
+typedef struct tl_connection {
+    const tl_port *from;
+    const tl_port *to;
+    tl_conversion conversion;
+    bool cut;        /* `to` is adjusted: what comes here is û, not the input */
+    double *nominal; /* where û is delivered to when cut; placed by exchange.h */
+} tl_connection;
+
+typedef struct tl_graph {
+    const tl_plan *plan; /* during the build only */
+    tl_component *components;
+    size_t component_count;
+    tl_port *ports;
+    size_t port_count;
+    size_t port_capacity;
+    tl_connection *connections;
+    size_t connection_count;
+} tl_graph;
+
+/* Components (not yet instantiated) and connections of the plan. Problems go to the report. */
+void tl_graph_build(tl_graph *graph, tl_arena *arena, const tl_plan *plan, tl_report *report);
+
+/* The port of an output (or local variable) to match. NULL where reported. */
+const tl_port *tl_graph_match(tl_graph *graph, const tl_plan_match *match, tl_report *report);
+
+/* The signal index a match is compared with and the conversion from its unit to the port's. SIZE_MAX where
+ * reported. */
+size_t tl_graph_match_signal(tl_graph *graph, const tl_plan_match *match, const tl_port *port,
+                             tl_conversion *conversion, tl_report *report);
+
+/* The port of an adjusted variable; its connection, if any, is cut. NULL where reported. */
+const tl_port *tl_graph_adjust(tl_graph *graph, const tl_plan_adjust *adjust, tl_report *report);
+
+/* The connection that leads to a port; NULL where there is none. */
+const tl_connection *tl_graph_connection_to(const tl_graph *graph, const tl_port *port);
+
+/* Reports each input that nothing drives. Call after all tl_graph_adjust(). */
+void tl_graph_check_inputs(const tl_graph *graph, tl_report *report);
+
+/* c̃(from, to) over connections that are not cut; TL_UNREACHABLE where there is no path. `scratch` has room for
+ * component_count + 1 entries. */
+size_t tl_graph_distance(const tl_graph *graph, size_t from, size_t to, size_t *scratch);
+
+/* The value of a `set` entry in the variable's own type; false where it does not fit, with `expected` in words. */
+bool tl_graph_fit_value(const tl_variable *variable, const tl_value *value, tl_value *fitted, const char **expected);
+
+#endif

@@ -1,0 +1,48 @@
+/* The plant as a component: see plant.h. */
+#include "master/graph/plant.h"
+
+bool tl_plant_init(tl_plant *plant, tl_arena *arena, size_t signal_count, size_t window_size) {
+    plant->signal_count = signal_count;
+    plant->window_size = window_size;
+    plant->newest = -1;
+    plant->outputs = tl_arena_take(arena, signal_count, sizeof *plant->outputs);
+    plant->window = tl_arena_take(arena, window_size, sizeof *plant->window);
+    return plant->outputs != NULL && plant->window != NULL;
+}
+
+void tl_plant_push(tl_plant *plant, const tl_sample *sample) {
+    tl_sample *slot = &plant->window[(size_t)sample->tick % plant->window_size];
+    *slot = *sample;
+    for (size_t i = 0; i < plant->signal_count; i++) {
+        if (sample->quality[i] == TL_GOOD) {
+            plant->held[i] = sample->values[i];
+        } else {
+            slot->values[i] = plant->held[i];
+        }
+    }
+    plant->newest = sample->tick;
+}
+
+const tl_sample *tl_plant_sample(const tl_plant *plant, int64_t tick) {
+    int64_t known = tick < plant->newest ? tick : plant->newest;
+    return &plant->window[(size_t)known % plant->window_size];
+}
+
+void tl_plant_deliver(tl_plant *plant, int64_t tick) {
+    const tl_sample *sample = tl_plant_sample(plant, tick);
+    for (size_t i = 0; i < plant->signal_count; i++) {
+        const tl_plant_output *output = &plant->outputs[i];
+        if (output->real != NULL) {
+            *output->real = sample->values[i];
+        } else if (output->integer != NULL) {
+            *output->integer = (fmi2Integer)sample->values[i];
+        } else if (output->boolean != NULL) {
+            *output->boolean = sample->values[i] != 0.0 ? fmi2True : fmi2False;
+        }
+    }
+}
+
+void tl_plant_step(tl_plant *plant, int64_t end_tick) {
+    plant->executions++;
+    tl_plant_deliver(plant, end_tick);
+}

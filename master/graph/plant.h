@@ -1,0 +1,55 @@
+/* The plant as a component: outputs only, fed by samples.
+ *
+ * Purpose: keeps the newest samples by tick and delivers them step by step, as the thesis's CSV FMU does (5.4.2). It
+ *          counts in K and in the executions.
+ * Held:    a value whose quality is not good is replaced by the signal's last good one (its `initial` before there
+ *          was any); the quality stays with it.
+ * Future:  a tick whose sample is not there yet is stood for by the newest one (modes `ahead`, METHOD decision 4).
+ * Thread:  the twin's.
+ */
+#ifndef TL_MASTER_GRAPH_PLANT_H
+#define TL_MASTER_GRAPH_PLANT_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "fmi2TypesPlatform.h"
+#include "master/base/arena.h"
+#include "master/base/signal.h"
+
+/* Where one signal is delivered: the output port of its type. Unused pointers are NULL. */
+typedef struct tl_plant_output {
+    tl_type type;
+    fmi2Real *real;
+    fmi2Integer *integer;
+    fmi2Boolean *boolean;
+} tl_plant_output;
+
+typedef struct tl_plant {
+    size_t signal_count;
+    tl_plant_output *outputs;    /* signal_count */
+    double held[TL_MAX_SIGNALS]; /* last good value */
+    tl_sample *window;           /* ring by tick */
+    size_t window_size;
+    int64_t newest; /* tick; −1: none */
+    uint64_t executions;
+} tl_plant;
+
+/* Takes the ring for `window_size` samples from the arena; false when memory is out. */
+bool tl_plant_init(tl_plant *plant, tl_arena *arena, size_t signal_count, size_t window_size);
+
+/* Adds the sample of the next tick. */
+void tl_plant_push(tl_plant *plant, const tl_sample *sample);
+
+/* The sample of a tick, values held where bad. A tick after the newest gives the newest. Ticks older than the window
+ * must not be asked for. At least one sample must have been pushed. */
+const tl_sample *tl_plant_sample(const tl_plant *plant, int64_t tick);
+
+/* Delivers the sample of `tick` to the outputs. */
+void tl_plant_deliver(tl_plant *plant, int64_t tick);
+
+/* One execution: delivers what the plant shows at the end of the step. */
+void tl_plant_step(tl_plant *plant, int64_t end_tick);
+
+#endif

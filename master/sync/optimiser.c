@@ -1,0 +1,19 @@
+/* The solvers there are. */
+#include "master/sync/optimiser.h"
+
+#include <string.h>
+
+static const tl_optimiser_class *const solvers[] = {&tl_nelder_mead};
+
+const tl_optimiser_class *tl_optimiser_find(const char *name) {
+    for (size_t i = 0; i < sizeof solvers / sizeof solvers[0]; i++) {
+        if (strcmp(solvers[i]->name, name) == 0) {
+            return solvers[i];
+        }
+    }
+    return NULL;
+}
+
+const char *tl_optimiser_names(void) {
+    return "\"nelder-mead\"";
+}

@@ -1,0 +1,117 @@
+/* The twin: the façade of the master. Live, replay, shadow and tests all run this same code.
+ *
+ * Purpose: give it a sample of the plant and a budget, get a committed step and a record of it.
+ * Method:  algorithm 3 of the thesis, with the decisions of DESIGN.md ("The method, as we decided it").
+ * Ticks:   the sample of tick m is the plant at t_m. Tick 0 is t_start and initialises the FMUs.
+ *            lag:   tick m ≥ T_P computes step i = m − T_P; its record is complete at once.
+ *            ahead: tick m computes step i = m; its record is complete when the sample m + 1 has come.
+ * Memory:  everything is taken in tl_twin_build(); nothing of ours allocates afterwards.
+ * Thread:  one twin belongs to one thread at a time.
+ */
+#ifndef TL_MASTER_TWIN_H
+#define TL_MASTER_TWIN_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "master/base/signal.h"
+#include "master/base/status.h"
+#include "master/metrics.h"
+#include "master/plan.h"
+
+typedef struct tl_twin tl_twin;
+
+/* How much one step may spend on its search. */
+typedef struct tl_budget {
+    uint32_t evaluations;          /* objective values per step, the nominal one included; ≥ 1 */
+    tl_time time;                  /* ns since `now` read `started`; ignored where now is NULL */
+    tl_time started;               /* what `now` read when this tick began */
+    tl_time (*now)(void *context); /* a monotonic clock; NULL in a replay, so that it is repeatable */
+    void *context;
+} tl_budget;
+
+/* How a step came about. */
+typedef enum tl_outcome {
+    TL_FREE,        /* nothing is adjusted */
+    TL_FIRST_GUESS, /* the first guess was within tolerance */
+    TL_OPTIMISED,   /* the search found a u within tolerance */
+    TL_BEST_SO_FAR, /* the search ended outside the tolerance, yet better than nominal by the margin */
+    TL_NOMINAL,     /* nothing found was better than nominal: nominal u committed */
+    TL_FREE_RUN,    /* no matched signal was good: nominal u committed, nothing evaluated */
+    TL_MADE_UP      /* a missed tick was made up: last u, nothing evaluated */
+} tl_outcome;
+
+/* Why the search ended. */
+typedef enum tl_stop {
+    TL_STOP_NONE, /* there was no search */
+    TL_STOP_TOLERANCE,
+    TL_STOP_SOLVER, /* the solver found no better point */
+    TL_STOP_EVALUATIONS,
+    TL_STOP_TIME
+} tl_stop;
+
+/* One committed step. Arrays are in the order of the plan's `match` and `adjust`. */
+typedef struct tl_record {
+    int64_t step; /* i; y and y_hat belong to the instant t_(i+1) */
+    tl_outcome outcome;
+    tl_stop stop;
+    double objective;         /* J of the committed u; NaN where none was evaluated */
+    double objective_nominal; /* J of the nominal u; NaN where it was not evaluated */
+    uint32_t evaluations;
+    uint32_t executions; /* fmi2DoStep calls and plant steps, trials included */
+    tl_time used;        /* ns of the budget's clock, 0 without one; set by tl_twin_step */
+    double y[TL_MAX_MATCH];
+    double y_hat[TL_MAX_MATCH];
+    uint8_t y_hat_quality[TL_MAX_MATCH]; /* tl_quality; NaN never appears: a bad y_hat holds the last good one */
+    double u[TL_MAX_ADJUST];
+    double u_hat[TL_MAX_ADJUST]; /* nominal */
+} tl_record;
+
+/* Facts of a built twin, for `check`, `--json` and the recorder. Texts live as long as the twin. */
+typedef struct tl_twin_facts {
+    size_t components;                  /* K, the plant included */
+    uint32_t prediction;                /* T_P in force */
+    uint32_t distance;                  /* T_D: the smallest over all pairs; 0 where nothing is adjusted */
+    size_t memory;                      /* bytes of ours, all taken at start-up */
+    uint64_t executions_per_step;       /* K: of a step that runs free */
+    uint64_t executions_per_evaluation; /* K·T_P */
+} tl_twin_facts;
+
+/* Checks the plan, reports every problem, and builds the twin: instantiates the FMUs and sets their
+ * parameters. NULL when anything was reported. The plan itself need not outlive the call. */
+tl_twin *tl_twin_build(const tl_plan *plan, tl_report *report);
+
+/* Ends and frees the FMUs and the twin. NULL is allowed. */
+void tl_twin_destroy(tl_twin *twin);
+
+/* One tick. `sample->tick` must be one more than at the call before (0 at the first).
+ * Sets *ready and fills `record` where a step's record has become complete.
+ * Errors: TL_FMU_FAILED or TL_FMU_FATAL where the committing step itself failed; the twin is then over. */
+tl_status tl_twin_step(tl_twin *twin, const tl_sample *sample, const tl_budget *budget, tl_record *record, bool *ready,
+                       tl_error *error);
+
+/* As tl_twin_step() for a tick that was missed: one step with the last u, no search. */
+tl_status tl_twin_make_up(tl_twin *twin, const tl_sample *sample, tl_record *record, bool *ready, tl_error *error);
+
+/* Completes the last record in mode ahead with the sample that follows, without a step. */
+void tl_twin_finish(tl_twin *twin, const tl_sample *sample, tl_record *record, bool *ready);
+
+tl_twin_facts tl_twin_get_facts(const tl_twin *twin);
+
+/* Executions of component k so far, and its name; the plant is the last one. */
+uint64_t tl_twin_executions(const tl_twin *twin, size_t component);
+const char *tl_twin_component_name(const tl_twin *twin, size_t component);
+
+/* MSE and MAX of match m over the records so far (eq. 5.2, 5.3). */
+const tl_metrics *tl_twin_metrics(const tl_twin *twin, size_t match);
+
+/* Units as the FMU declares them, "" where it does not. */
+const char *tl_twin_match_unit(const tl_twin *twin, size_t match);
+const char *tl_twin_adjust_unit(const tl_twin *twin, size_t adjust);
+
+/* Text names for records and people: "free", "first guess", … and "tolerance", "evaluations", …. */
+const char *tl_outcome_name(tl_outcome outcome);
+const char *tl_stop_name(tl_stop stop);
+
+#endif
