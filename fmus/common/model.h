@@ -1,0 +1,50 @@
+/* What a model tells the FMI 2.0 glue about itself: start values, a table of variables, two functions.
+ *
+ * Purpose: fmus/<model>/model.c holds equations only; everything FMI asks of a slave is in fmus/common.
+ * Values:  a model is one plain struct of fmi2Real, fmi2Integer and fmi2Boolean members that owns nothing
+ *          and points nowhere, so copying the struct saves the model, hidden states included.
+ * Thread:  plain constant data; a model has no globals, so instances are independent of each other.
+ */
+#ifndef TL_FMUS_COMMON_MODEL_H
+#define TL_FMUS_COMMON_MODEL_H
+
+#include <stddef.h>
+
+#include <fmi2TypesPlatform.h>
+
+typedef enum tl_fmu_type { TL_FMU_REAL, TL_FMU_INTEGER, TL_FMU_BOOLEAN } tl_fmu_type;
+
+/* When a variable may be set. All of them can be read. */
+typedef enum tl_fmu_role {
+    TL_FMU_FIXED,   /* parameter: until initialisation ends */
+    TL_FMU_TUNABLE, /* parameter: until the end, while stepping too */
+    TL_FMU_INPUT,   /* until the end, while stepping too */
+    TL_FMU_RESULT   /* output or local variable: never */
+} tl_fmu_role;
+
+/* One row for each ScalarVariable of modelDescription.xml; references are unique for each type only. */
+typedef struct tl_fmu_variable {
+    tl_fmu_type type;
+    fmi2ValueReference reference;
+    tl_fmu_role role;
+    size_t offset; /* of the member in the model's struct */
+} tl_fmu_variable;
+
+typedef struct tl_fmu_model {
+    size_t size;          /* of the model's struct, bytes */
+    const void *defaults; /* the struct with the start values of modelDescription.xml */
+    const tl_fmu_variable *variables;
+    size_t variable_count;
+    size_t t_step; /* offset of the fmi2Real with the inner step, s; must be > 0 */
+
+    /* Computes the start state and all results from parameters and inputs; may be called repeatedly. */
+    void (*start)(void *model);
+
+    /* Advances states and results by `h` seconds with the inputs as they are; h > 0, about t_step. */
+    void (*step)(void *model, double h);
+} tl_fmu_model;
+
+/* Defined once in each FMU, by its model.c. */
+extern const tl_fmu_model tl_fmu_model_of_this_fmu;
+
+#endif

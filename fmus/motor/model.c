@@ -1,0 +1,93 @@
+/* Motor: rotor-flux oriented induction machine behind a converter, with inertia and viscous friction.
+ *
+ *   Tr·dψ/dt    = L_h·i_sd − ψ           Tr = L_r/R_r
+ *   Ts·di_sd/dt = Ψ_ref/L_h − i_sd       Ts·di_sq/dt = I_in − i_sq
+ *   J·dω/dt     = M_m − M_w − d·ω        M_m = 1.5·Z_p·(L_h/L_r)·ψ·i_sq
+ *
+ * Integrated by explicit Euler: all derivatives from the old states, then all states. It starts running at
+ * omega_start in balance without load, so that i_sq carries just the friction.
+ */
+#include "fmus/common/model.h"
+
+typedef struct motor {
+    fmi2Real I_in, M_w;                                           /* inputs */
+    fmi2Real d;                                                   /* tunable */
+    fmi2Real L_h, L_r, R_r, T_s, J, Psi_ref, t_step, omega_start; /* fixed */
+    fmi2Integer Z_p;                                              /* fixed */
+    fmi2Real psi, i_sd, i_sq, omega;                              /* states */
+    fmi2Real M_m;
+} motor;
+
+static const motor defaults = {
+    .I_in = 0.32473666053601136,
+    .M_w = 0,
+    .d = 0.0031,
+    .L_h = 0.02,
+    .L_r = 0.025,
+    .R_r = 2,
+    .T_s = 0.0025,
+    .J = 0.0015,
+    .Psi_ref = 0.5,
+    .t_step = 0.001,
+    .omega_start = 62.852256877937684,
+    .Z_p = 1,
+};
+
+static const tl_fmu_variable variables[] = {
+    {TL_FMU_REAL, 0, TL_FMU_INPUT, offsetof(motor, I_in)},
+    {TL_FMU_REAL, 1, TL_FMU_INPUT, offsetof(motor, M_w)},
+    {TL_FMU_REAL, 2, TL_FMU_RESULT, offsetof(motor, omega)},
+    {TL_FMU_REAL, 3, TL_FMU_TUNABLE, offsetof(motor, d)},
+    {TL_FMU_REAL, 4, TL_FMU_FIXED, offsetof(motor, L_h)},
+    {TL_FMU_REAL, 5, TL_FMU_FIXED, offsetof(motor, L_r)},
+    {TL_FMU_REAL, 6, TL_FMU_FIXED, offsetof(motor, R_r)},
+    {TL_FMU_REAL, 7, TL_FMU_FIXED, offsetof(motor, T_s)},
+    {TL_FMU_REAL, 8, TL_FMU_FIXED, offsetof(motor, J)},
+    {TL_FMU_REAL, 9, TL_FMU_FIXED, offsetof(motor, Psi_ref)},
+    {TL_FMU_REAL, 10, TL_FMU_FIXED, offsetof(motor, t_step)},
+    {TL_FMU_REAL, 11, TL_FMU_FIXED, offsetof(motor, omega_start)},
+    {TL_FMU_REAL, 12, TL_FMU_RESULT, offsetof(motor, psi)},
+    {TL_FMU_REAL, 13, TL_FMU_RESULT, offsetof(motor, i_sd)},
+    {TL_FMU_REAL, 14, TL_FMU_RESULT, offsetof(motor, i_sq)},
+    {TL_FMU_REAL, 15, TL_FMU_RESULT, offsetof(motor, M_m)},
+    {TL_FMU_INTEGER, 0, TL_FMU_FIXED, offsetof(motor, Z_p)},
+};
+
+/* Torque for one ampere of i_sq, N.m/A. */
+static double torque_constant(const motor *m) {
+    return 1.5 * m->Z_p * (m->L_h / m->L_r) * m->psi;
+}
+
+static void start(void *model) {
+    motor *m = model;
+    m->psi = m->Psi_ref;
+    m->i_sd = m->Psi_ref / m->L_h;
+    m->omega = m->omega_start;
+    m->i_sq = m->d * m->omega / torque_constant(m);
+    m->M_m = torque_constant(m) * m->i_sq;
+}
+
+static void step(void *model, double h) {
+    motor *m = model;
+    const double T_r = m->L_r / m->R_r;
+    const double psi_rate = (m->L_h * m->i_sd - m->psi) / T_r;
+    const double i_sd_rate = (m->Psi_ref / m->L_h - m->i_sd) / m->T_s;
+    const double i_sq_rate = (m->I_in - m->i_sq) / m->T_s;
+    const double omega_rate = (m->M_m - m->M_w - m->d * m->omega) / m->J;
+
+    m->psi += h * psi_rate;
+    m->i_sd += h * i_sd_rate;
+    m->i_sq += h * i_sq_rate;
+    m->omega += h * omega_rate;
+    m->M_m = torque_constant(m) * m->i_sq;
+}
+
+const tl_fmu_model tl_fmu_model_of_this_fmu = {
+    .size = sizeof(motor),
+    .defaults = &defaults,
+    .variables = variables,
+    .variable_count = sizeof variables / sizeof variables[0],
+    .t_step = offsetof(motor, t_step),
+    .start = start,
+    .step = step,
+};
