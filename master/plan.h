@@ -4,7 +4,7 @@
  *          (names, types, units, paths, horizon) and builds the twin from it.
  * Owner:   the caller; everything a plan points to must outlive the twin (models, functions, texts).
  * Names:   "component.variable" for a variable of an FMU, "plant.signal" for a signal of the plant.
- * Where:   each item carries `where`, its JSON path ("adjust.motor.d"), so that a problem can be reported
+ * Where:   each item carries `where`, its JSON path ("synchronise.adjust.motor.d"), so that a problem can be reported
  *          where the user wrote it; "" is allowed.
  */
 #ifndef TL_MASTER_PLAN_H
@@ -23,7 +23,7 @@
 typedef struct tl_plan_set {
     const char *where;
     const char *variable;
-    tl_value value; /* of the variable's type, or an integer where the variable is Real */
+    tl_value value; /* TL_REAL for any number (also for an Integer or Enumeration variable), TL_BOOLEAN or TL_STRING */
 } tl_plan_set;
 
 typedef struct tl_plan_component {

@@ -297,7 +297,7 @@ void tl_twin_destroy(tl_twin *twin) {
 static tl_status prove_rollback(tl_twin *twin, tl_error *error) {
     tl_exchange *exchange = &twin->exchange;
     tl_status status = tl_exchange_save(exchange, error);
-    uint64_t first[TL_MAX_MATCH];
+    uint64_t first[TL_MAX_MATCH] = {0};
     for (int round = 0; round < 2 && status == TL_OK; round++) {
         status = tl_exchange_step(exchange, 0, false, error);
         for (size_t i = 0; i < twin->lock.objective.term_count && status == TL_OK; i++) {
@@ -451,15 +451,4 @@ const char *tl_twin_match_unit(const tl_twin *twin, size_t match) {
 
 const char *tl_twin_adjust_unit(const tl_twin *twin, size_t adjust) {
     return unit_name(twin->adjust_ports[adjust]);
-}
-
-const char *tl_outcome_name(tl_outcome outcome) {
-    static const char *const names[] = {"free",    "first guess", "optimised", "best so far",
-                                        "nominal", "free run",    "made up"};
-    return names[outcome];
-}
-
-const char *tl_stop_name(tl_stop stop) {
-    static const char *const names[] = {"none", "tolerance", "solver", "evaluations", "time"};
-    return names[stop];
 }

@@ -19,54 +19,9 @@
 #include "master/base/status.h"
 #include "master/metrics.h"
 #include "master/plan.h"
+#include "master/sync/record.h"
 
 typedef struct tl_twin tl_twin;
-
-/* How much one step may spend on its search. */
-typedef struct tl_budget {
-    uint32_t evaluations;          /* objective values per step, the nominal one included; ≥ 1 */
-    tl_time time;                  /* ns since `now` read `started`; ignored where now is NULL */
-    tl_time started;               /* what `now` read when this tick began */
-    tl_time (*now)(void *context); /* a monotonic clock; NULL in a replay, so that it is repeatable */
-    void *context;
-} tl_budget;
-
-/* How a step came about. */
-typedef enum tl_outcome {
-    TL_FREE,        /* nothing is adjusted */
-    TL_FIRST_GUESS, /* the first guess was within tolerance */
-    TL_OPTIMISED,   /* the search found a u within tolerance */
-    TL_BEST_SO_FAR, /* the search ended outside the tolerance, yet better than nominal by the margin */
-    TL_NOMINAL,     /* nothing found was better than nominal: nominal u committed */
-    TL_FREE_RUN,    /* no matched signal was good: nominal u committed, nothing evaluated */
-    TL_MADE_UP      /* a missed tick was made up: last u, nothing evaluated */
-} tl_outcome;
-
-/* Why the search ended. */
-typedef enum tl_stop {
-    TL_STOP_NONE, /* there was no search */
-    TL_STOP_TOLERANCE,
-    TL_STOP_SOLVER, /* the solver found no better point */
-    TL_STOP_EVALUATIONS,
-    TL_STOP_TIME
-} tl_stop;
-
-/* One committed step. Arrays are in the order of the plan's `match` and `adjust`. */
-typedef struct tl_record {
-    int64_t step; /* i; y and y_hat belong to the instant t_(i+1) */
-    tl_outcome outcome;
-    tl_stop stop;
-    double objective;         /* J of the committed u; NaN where none was evaluated */
-    double objective_nominal; /* J of the nominal u; NaN where it was not evaluated */
-    uint32_t evaluations;
-    uint32_t executions; /* fmi2DoStep calls and plant steps, trials included */
-    tl_time used;        /* ns of the budget's clock, 0 without one; set by tl_twin_step */
-    double y[TL_MAX_MATCH];
-    double y_hat[TL_MAX_MATCH];
-    uint8_t y_hat_quality[TL_MAX_MATCH]; /* tl_quality; NaN never appears: a bad y_hat holds the last good one */
-    double u[TL_MAX_ADJUST];
-    double u_hat[TL_MAX_ADJUST]; /* nominal */
-} tl_record;
 
 /* Facts of a built twin, for `check`, `--json` and the recorder. Texts live as long as the twin. */
 typedef struct tl_twin_facts {
@@ -109,9 +64,5 @@ const tl_metrics *tl_twin_metrics(const tl_twin *twin, size_t match);
 /* Units as the FMU declares them, "" where it does not. */
 const char *tl_twin_match_unit(const tl_twin *twin, size_t match);
 const char *tl_twin_adjust_unit(const tl_twin *twin, size_t adjust);
-
-/* Text names for records and people: "free", "first guess", … and "tolerance", "evaluations", …. */
-const char *tl_outcome_name(tl_outcome outcome);
-const char *tl_stop_name(tl_stop stop);
 
 #endif

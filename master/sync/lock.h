@@ -14,7 +14,7 @@
 #include "master/graph/exchange.h"
 #include "master/sync/objective.h"
 #include "master/sync/optimiser.h"
-#include "master/twin.h"
+#include "master/sync/record.h"
 
 /* One adjusted variable. */
 typedef struct tl_adjusted {

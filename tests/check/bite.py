@@ -1,0 +1,127 @@
+#!/usr/bin/env python3
+"""The checks bite: each rule is broken once in a small tree of its own, and the check must say so."""
+import os
+import subprocess
+import sys
+import tempfile
+
+HERE = os.path.dirname(os.path.abspath(__file__))
+
+
+def header(path, *lines):
+    """A header that breaks no rule but those in the lines."""
+    guard = "TL_" + path.upper().replace("/", "_").replace(".", "_")
+    body = "\n".join(lines)
+    return f"/* A header that a check looks at. */\n#ifndef {guard}\n#define {guard}\n{body}\n#endif\n"
+
+
+CLEAN = {
+    "master/base/a.h": header("master/base/a.h", "#include <stddef.h>"),
+    "master/sync/s.h": header("master/sync/s.h", '#include "master/base/a.h"'),
+    "master/sync/s.c": '#include "master/sync/s.h"\n#include <nlopt.h>\n',
+    "board/io/plant_io.h": header("board/io/plant_io.h", '#include "master/base/a.h"'),
+    "board/io/csv.h": header("board/io/csv.h", '#include "board/io/plant_io.h"'),
+    "board/io/csv.c": '#include "board/io/csv.h"\n#include <unistd.h>\n',
+    "board/io/csv_row.c": '#include "board/io/csv.h"\n',
+    "firmware/f.c": '#include "board/io/csv.h"\n#include "master/sync/s.h"\n',
+    "README.md": "# One title\nSee [this](master/base/a.h) and [that](#one-title).\n```sh\nscript/go --now\n```\n",
+    "script/go": "#!/usr/bin/env bash\nset -e\n",
+}
+
+# check, the file that breaks a rule, its text, what the check must say
+BROKEN = [
+    ("layers", "master/base/a.h", header("master/base/a.h", '#include "master/sync/s.h"'), "master/base may not know"),
+    ("layers", "master/sync/s.c", "#include <unistd.h>\n", "plain C99 only"),
+    ("layers", "master/sync/s.c", "#include <time.h>\n", "plain C99 only"),
+    ("layers", "master/base/b.c", "#include <nlopt.h>\n", "belongs to master/sync"),
+    ("layers", "master/base/b.c", '#include "firmware/f.h"\n', "there is no"),
+    ("layers", "master/base/b.c", '#include "a.h"\n', "from the root"),
+    ("layers", "board/io/can.c", '#include "board/io/csv.h"\n', "another driver"),
+    ("layers", "board/io/can.c", '#include "master/sync/s.h"\n', "board/io may not know"),
+    ("layers", "master/plan.h", header("master/plan.h", '#include "master/sync/s.h"'), "may not know"),
+    ("layers", "firmware/f.c", '#include "board/io/csv.c"\n', "includes a source file"),
+    ("layers", "fmus/m/model.c", '#include "master/base/a.h"\n', "fmus/m may not know"),
+    ("layers", "tests/support/t.h", header("tests/support/t.h", '#include "tests/support/t.h"'), "include cycle"),
+    ("headers", "master/base/a.h", header("master/base/a.h", "size_t tl_a(void);"), "does not compile alone"),
+    ("headers", "master/base/a.h", "#ifndef A_H\n#define A_H\n#endif\n", "must have the include guard"),
+    ("headers", "master/base/a.h", "#ifndef A_H\n#define A_H\n#endif\n", "must begin with a comment"),
+    ("headers", "master/base/a.h", header("master/base/a.h", "#include <time.h>", "extern struct timespec tl_t;",
+                                          "extern clockid_t tl_c;"), "does not compile alone"),
+    ("names", "master/base/b.c", "/* see " + "/wo" + "rk/main */\n", "a path of one machine"),
+    ("names", "script/go", "#!/bin/bash\ncurl files.python" + "hosted.org\n", "host of a package registry"),
+    ("names", "script/go", "#!/bin/bash\ncurl http" + "://files.nowhere.se\n", "neither a standard's nor an example"),
+    ("names", "master/base/b.c", "/* TO" + "DO: more */\n", "a leftover"),
+    ("names", "master/base/b.c", "\tint x;\n", "a tab"),
+    ("names", "master/base/b.c", "int x; \n", "spaces at the end"),
+    ("names", "master/base/b.c", "int x;", "one newline"),
+    ("names", "master/base/b.c", "/* x = y + 1; */\n", "code in a comment"),
+    ("names", "master/base/b.c", "#if 0\n#endif\n", "switched off"),
+    ("names", "script/no", "#!/usr/bin/env bash\n", "executable bit"),
+    ("docs", "README.md", "[gone](gone.md)\n", "leads nowhere"),
+    ("docs", "README.md", "# A\n[gone](#gone)\n", "no such heading"),
+    ("docs", "README.md", "```sh\nscript/gone --fast\n```\n", "no such command"),
+]
+
+
+def run(check, changes):
+    """The exit code and the output of a check on the clean tree with some changes."""
+    with tempfile.TemporaryDirectory() as root:
+        for path, text in {**CLEAN, **changes}.items():
+            name = os.path.join(root, path)
+            os.makedirs(os.path.dirname(name), exist_ok=True)
+            with open(name, "w", encoding="utf-8") as file:
+                file.write(text)
+            os.chmod(name, 0o755 if path == "script/go" else 0o644)
+        done = subprocess.run([sys.executable, os.path.join(HERE, check + ".py"), root],
+                              stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, check=False)
+        return done.returncode, done.stdout
+
+
+# the source of an object of the master, what symbols.py must say about it
+SYMBOLS = [
+    ("base/arena.c", "#include <stdlib.h>\nvoid *tl_a(void) {\n    return malloc(1);\n}\n", "0 findings"),
+    ("base/b.c", "#include <stdlib.h>\nvoid *tl_b(void) {\n    return malloc(1);\n}\n", "needs malloc"),
+    ("base/b.c", "#include <stdio.h>\nvoid tl_b(void) {\n    (void)puts(\"b\");\n}\n", "needs puts"),
+    ("base/b.c", "#include <time.h>\nlong tl_b(void) {\n    return (long)time(NULL);\n}\n", "needs time"),
+    ("base/b.c", "extern int tl_c;\nint tl_b(void) {\n    return tl_c;\n}\n", "needs tl_c"),
+    ("base/b.c", "int b;\n", "offers b"),
+]
+
+
+def run_symbols(source, text):
+    """The exit code and the output of symbols.py on one object of the master."""
+    with tempfile.TemporaryDirectory() as root:
+        name = os.path.join(root, "master", source)
+        target = os.path.join(root, "build", "master", "CMakeFiles", "tl_master.dir", source + ".o")
+        for path in (name, target):
+            os.makedirs(os.path.dirname(path))
+        with open(name, "w", encoding="utf-8") as file:
+            file.write(text)
+        subprocess.run(["gcc", "-std=c99", "-O2", "-c", name, "-o", target], check=True)
+        done = subprocess.run([sys.executable, os.path.join(HERE, "symbols.py"), root, os.path.join(root, "build")],
+                              stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, check=False)
+        return done.returncode, done.stdout
+
+
+def main():
+    failures = 0
+    for check in ("layers", "headers", "names", "docs"):
+        code, output = run(check, {})
+        if code != 0:
+            failures += 1
+            print(f"{check} finds fault with a clean tree:\n{output}")
+    for check, path, text, expected in BROKEN:
+        code, output = run(check, {path: text})
+        if code != 1 or expected not in output:
+            failures += 1
+            print(f"{check} does not say '{expected}' about {path}; it ends with {code} and says:\n{output}")
+    for source, text, expected in SYMBOLS:
+        code, output = run_symbols(source, text)
+        if code != (0 if expected.startswith("0 ") else 1) or expected not in output:
+            failures += 1
+            print(f"symbols does not say '{expected}' about {source}; it ends with {code} and says:\n{output}")
+    print(f"{len(BROKEN) + len(SYMBOLS)} broken rules, {failures} unnoticed")
+    sys.exit(1 if failures else 0)
+
+
+main()

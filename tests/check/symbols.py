@@ -1,0 +1,74 @@
+#!/usr/bin/env python3
+"""What the objects need and offer: `symbols.py ROOT BUILD`.
+
+The undefined symbols of every object of the master are held against master_symbols.txt: no malloc outside start-up,
+no printf, no clock, no file. And every symbol that our libraries offer has the prefix tl_.
+"""
+import fnmatch
+import os
+import re
+import subprocess
+import sys
+
+import tree
+
+ALLOWED = os.path.join(os.path.dirname(os.path.abspath(__file__)), "master_symbols.txt")
+FLOORS = {"master": "tl_master", "board": "tl_board", "firmware": "tl_firmware"}
+
+
+def read_allowed():
+    """[(object pattern, [symbol patterns])] in the file's order."""
+    rules = []
+    with open(ALLOWED, encoding="utf-8") as file:
+        for line in file:
+            line = line.split("#")[0].strip()
+            if line:
+                pattern, symbols = line.split(":")
+                rules.append((pattern.strip(), symbols.split()))
+    return rules
+
+
+def symbols(path, *options):
+    done = subprocess.run(["nm", "--format=posix", *options, path], stdout=subprocess.PIPE, text=True, check=True)
+    return [line.split()[0] for line in done.stdout.splitlines()]
+
+
+def offered(path):
+    return symbols(path, "--extern-only", "--defined-only")
+
+
+def objects(build, floor):
+    """(path from the floor, path) of each object, for example ("base/arena.c.o", ...)."""
+    top = os.path.join(build, floor, "CMakeFiles", FLOORS[floor] + ".dir")
+    for folder, _, names in sorted(os.walk(top)):
+        for name in sorted(names):
+            path = os.path.join(folder, name)
+            source = os.path.join(tree.root, floor, os.path.relpath(path, top).removesuffix(".o"))
+            if name.endswith(".c.o") and os.path.exists(source):  # not what an older tree left in the build folder
+                yield os.path.relpath(path, top), path
+
+
+def check_needs(build, rules):
+    own = {symbol for _, path in objects(build, "master") for symbol in offered(path)}
+    for name, path in objects(build, "master"):
+        allowed = [symbol for pattern, some in rules if fnmatch.fnmatch(name, pattern) for symbol in some]
+        for symbol in symbols(path, "--undefined-only"):
+            plain = re.sub(r"^__(\w+)_chk$", r"\1", symbol)  # the checked variants of _FORTIFY_SOURCE
+            if symbol not in own and not any(fnmatch.fnmatch(plain, pattern) for pattern in allowed):
+                tree.finding(f"master/{name}", 0, f"needs {symbol}, which master_symbols.txt does not allow there")
+
+
+def main():
+    build = os.path.abspath(sys.argv[2])
+    check_needs(build, read_allowed())
+    count = 0
+    for floor in FLOORS:
+        for name, path in objects(build, floor):
+            count += 1
+            for symbol in offered(path):
+                if not symbol.startswith("tl_"):
+                    tree.finding(f"{floor}/{name}", 0, f"offers {symbol}: a global name begins with tl_")
+    tree.finish(f"{count} objects")
+
+
+main()

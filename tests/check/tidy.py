@@ -1,0 +1,84 @@
+#!/usr/bin/env python3
+"""clang-tidy over everything the build compiles: `tidy.py ROOT BUILD`. What it looks for is in .clang-tidy.
+
+A file that was clean is not looked at again until something changes that can change the result: the file, a header
+of ours that it includes, its compiler command, .clang-tidy, or clang-tidy itself. The memory is BUILD/tidy.
+"""
+import concurrent.futures
+import hashlib
+import json
+import os
+import shlex
+import subprocess
+import sys
+
+import tree
+
+
+def run(command, folder):
+    return subprocess.run(command, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, check=False)
+
+
+def inputs(entry):
+    """The file and all headers of ours that it includes, found by the compiler."""
+    words = shlex.split(entry["command"])
+    output = words.index("-o")
+    done = run(words[:output] + words[output + 2:] + ["-MM"], entry["directory"])
+    if done.returncode != 0:
+        return None
+    return sorted(set(shlex.split(done.stdout.replace("\\\n", " "))[1:]))
+
+
+def configurations(path):
+    """The .clang-tidy files that apply to a file."""
+    folder = os.path.dirname(path)
+    while folder.startswith(tree.root):
+        name = os.path.join(folder, ".clang-tidy")
+        if os.path.exists(name):
+            yield name
+        folder = os.path.dirname(folder)
+
+
+def key(entry, version):
+    names = inputs(entry)
+    if names is None:
+        return None
+    digest = hashlib.sha256((version + entry["command"]).encode())
+    for name in names + list(configurations(entry["file"])):
+        with open(os.path.join(entry["directory"], name), "rb") as file:
+            content = file.read()
+        digest.update(f"{name} {len(content)} ".encode())
+        digest.update(content)
+    return digest.hexdigest()
+
+
+def check(entry, build, version):
+    """None if the file is clean, else what clang-tidy says."""
+    name = key(entry, version)
+    stamp = os.path.join(build, "tidy", name) if name else None
+    if stamp and os.path.exists(stamp):
+        return None
+    done = run(["clang-tidy", "--quiet", "-p", build, entry["file"]], entry["directory"])
+    if done.returncode != 0:
+        return done.stdout.strip() or done.stderr.strip()
+    if stamp:
+        open(stamp, "w", encoding="utf-8").close()
+    return None
+
+
+def main():
+    build = os.path.abspath(sys.argv[2])
+    os.makedirs(os.path.join(build, "tidy"), exist_ok=True)
+    version = run(["clang-tidy", "--version"], build).stdout
+    with open(os.path.join(build, "compile_commands.json"), encoding="utf-8") as file:
+        once = {entry["file"]: entry for entry in reversed(json.load(file))}  # shared sources are compiled often
+    entries = [entry for name, entry in sorted(once.items())
+               if not os.path.relpath(name, tree.root).startswith((".", "build"))]
+    with concurrent.futures.ThreadPoolExecutor(2) as pool:
+        for entry, report in zip(entries, pool.map(lambda entry: check(entry, build, version), entries)):
+            if report is not None:
+                tree.finding(os.path.relpath(entry["file"], tree.root), 0, report)
+    tree.finish(f"{len(entries)} files")
+
+
+main()
