@@ -16,6 +16,7 @@
 
 #include "master/base/signal.h"
 #include "master/base/simtime.h"
+#include "master/base/status.h"
 #include "master/fmi/fmi2.h"
 #include "master/fmi/model.h"
 
@@ -73,6 +74,12 @@ typedef struct tl_plan_match {
     double weight;        /* 0: compared and reported, not matched */
 } tl_plan_match;
 
+/* An output that is only read, by tl_twin_output(). */
+typedef struct tl_plan_output {
+    const char *where;
+    const char *variable; /* "component.variable" */
+} tl_plan_output;
+
 /* Which measurements a step uses (METHOD decision 4, see DESIGN.md "Time"). */
 typedef enum tl_measurements {
     TL_LAG,  /* step i → i+1 is computed at the tick t_(i+T_P), all measurements are known */
@@ -91,10 +98,16 @@ typedef struct tl_plan {
     size_t adjust_count;
     const tl_plan_match *match;
     size_t match_count;
+    const tl_plan_output *outputs;
+    size_t output_count; /* at most TL_MAX_SIGNALS */
     uint32_t prediction; /* T_P ≥ T_D ≥ 1; 0: as short as possible, T_P = T_D */
     tl_measurements measurements;
     const char *algorithm; /* "nelder-mead" */
     double margin;         /* a correction must lower J to at most (1 − margin) of the nominal's, [0, 1) */
 } tl_plan;
+
+/* Reports numbers that are out of their ranges. false: there is more of something than a twin has room for, and
+ * nothing may be built from the plan. */
+bool tl_plan_check(const tl_plan *plan, tl_report *report);
 
 #endif

@@ -1,6 +1,7 @@
 /* The twin: see twin.h. */
 #include "master/twin.h"
 
+#include <assert.h>
 #include <math.h>
 #include <string.h>
 
@@ -16,8 +17,11 @@ struct tl_twin {
     tl_lock lock;
     tl_objective_term terms[TL_MAX_MATCH];
     const tl_port *adjust_ports[TL_MAX_ADJUST];
+    const tl_port *outputs[TL_MAX_SIGNALS];
     tl_metrics metrics[TL_MAX_MATCH];
     tl_measurements measurements;
+    double *proof;    /* for prove_rollback(): one value per port */
+    tl_status ended;  /* not TL_OK: a step has failed, nothing may follow */
     bool has_pending; /* mode ahead: computed, its measurement not there yet */
     tl_record pending;
 };
@@ -28,7 +32,7 @@ static void build_matches(tl_twin *twin, const tl_plan *plan, tl_report *report)
     for (size_t i = 0; i < plan->match_count; i++) {
         const tl_plan_match *match = &plan->match[i];
         tl_objective_term *term = &twin->terms[i];
-        term->port = tl_graph_match(&twin->graph, match, report);
+        term->port = tl_graph_output(&twin->graph, match->variable, match->where, report);
         if (term->port != NULL) {
             term->signal = tl_graph_match_signal(&twin->graph, match, term->port, &term->conversion, report);
         }
@@ -175,8 +179,11 @@ static bool find_nominal(const tl_plan *plan, const tl_plan_adjust *adjust, cons
     *nominal = port->variable->start.real;
     bool found = port->variable->has_start;
     for (size_t i = 0; i < component->set_count; i++) {
-        if (strcmp(component->set[i].variable, port->variable->name) == 0) {
-            *nominal = component->set[i].value.real;
+        tl_value value;
+        const char *expected;
+        if (strcmp(component->set[i].variable, port->variable->name) == 0 &&
+            tl_graph_fit_value(port->variable, &component->set[i].value, &value, &expected)) {
+            *nominal = value.real;
             found = true;
         }
     }
@@ -202,11 +209,25 @@ static void place_adjusted(tl_twin *twin, const tl_plan *plan, tl_report *report
     }
 }
 
+/* fmi2Fatal is for all instances of an FMU: none of them may be called any more. */
+static bool is_lost(const tl_twin *twin, const tl_component *component) {
+    for (size_t i = 0; i < twin->graph.component_count; i++) {
+        const tl_component *other = &twin->graph.components[i];
+        if (other->fmi == component->fmi && other->mode == TL_MODE_DEAD) {
+            return true;
+        }
+    }
+    return false;
+}
+
 static void instantiate(tl_twin *twin, const tl_plan *plan, tl_report *report) {
     for (size_t i = 0; i < plan->component_count; i++) {
         const tl_plan_component *description = &plan->components[i];
         tl_component *component = &twin->graph.components[i];
         tl_error error;
+        if (is_lost(twin, component)) {
+            continue;
+        }
         tl_status status = tl_component_instantiate(component, description->callbacks, description->resources, &error);
         for (size_t k = 0; k < description->set_count && status == TL_OK; k++) {
             const tl_variable *variable = tl_model_variable(description->model, description->set[k].variable);
@@ -228,6 +249,9 @@ static void build_structure(tl_twin *twin, const tl_plan *plan, tl_report *repor
         return;
     }
     build_matches(twin, plan, report);
+    for (size_t i = 0; i < plan->output_count; i++) {
+        twin->outputs[i] = tl_graph_output(&twin->graph, plan->outputs[i].variable, plan->outputs[i].where, report);
+    }
     build_adjusted(twin, plan, report);
     tl_graph_check_inputs(&twin->graph, report);
     build_horizon(twin, plan, report);
@@ -246,8 +270,9 @@ static void build_values(tl_twin *twin, const tl_plan *plan, tl_report *report) 
     }
     build_initial_values(twin, plan);
     twin->lock.exchange = &twin->exchange;
+    twin->proof = tl_arena_take(&twin->arena, twin->graph.port_count, sizeof *twin->proof);
     place_adjusted(twin, plan, report);
-    if (!tl_lock_init(&twin->lock, &twin->arena)) {
+    if (twin->proof == NULL || !tl_lock_init(&twin->lock, &twin->arena)) {
         tl_report_add(report, TL_TRY_AGAIN, "", "not enough memory for the solver");
     }
 }
@@ -263,7 +288,9 @@ tl_twin *tl_twin_build(const tl_plan *plan, tl_report *report) {
     size_t before = report->count;
     twin->arena = arena;
     twin->measurements = plan->measurements;
-    build_structure(twin, plan, report);
+    if (tl_plan_check(plan, report)) {
+        build_structure(twin, plan, report);
+    }
     if (report->count == before) {
         build_values(twin, plan, report);
     }
@@ -284,7 +311,9 @@ void tl_twin_destroy(tl_twin *twin) {
         return;
     }
     for (size_t i = 0; i < twin->graph.component_count; i++) {
-        tl_component_free(&twin->graph.components[i]);
+        if (!is_lost(twin, &twin->graph.components[i])) {
+            tl_component_free(&twin->graph.components[i]);
+        }
     }
     tl_lock_end(&twin->lock);
     tl_arena arena = twin->arena;
@@ -293,30 +322,63 @@ void tl_twin_destroy(tl_twin *twin) {
 
 /* ---- ticks ---- */
 
-/* A rollback is tested, not believed: one step, back, the same step again must give the same bits. */
+static bool is_output(const tl_port *port) {
+    return port->variable != NULL && !port->input;
+}
+
+static void take_proof(tl_twin *twin) {
+    for (size_t i = 0; i < twin->graph.port_count; i++) {
+        if (is_output(&twin->graph.ports[i])) {
+            twin->proof[i] = tl_exchange_value(&twin->exchange, &twin->graph.ports[i]);
+        }
+    }
+}
+
+/* Compares the outputs of all FMUs with the proof to the bit. */
+static tl_status check_proof(const tl_twin *twin, tl_error *error) {
+    for (size_t i = 0; i < twin->graph.port_count; i++) {
+        const tl_port *port = &twin->graph.ports[i];
+        if (!is_output(port)) {
+            continue;
+        }
+        double value = tl_exchange_value(&twin->exchange, port);
+        if (memcmp(&value, &twin->proof[i], sizeof value) != 0) {
+            return tl_fail(error, TL_FMU_FAILED,
+                           "%s.%s is not the same after restoring a saved state and repeating the "
+                           "step: the FMU's state handling is broken, it cannot be synchronised",
+                           twin->graph.components[port->node].name, port->variable->name);
+        }
+    }
+    return TL_OK;
+}
+
+/* Leads all states away from where they were: a horizon with other inputs. It may fail, as any candidate may. */
+static tl_status lead_astray(tl_twin *twin, tl_error *error) {
+    tl_lock *lock = &twin->lock;
+    tl_status status = TL_OK;
+    for (size_t i = 0; i < lock->count; i++) {
+        double *input = lock->adjusted[i].input;
+        *input = fmin(fmax(*input + lock->step[i], lock->lower[i]), lock->upper[i]);
+    }
+    for (int64_t step = 0; step < lock->prediction && status == TL_OK; step++) {
+        status = tl_exchange_step(&twin->exchange, step, false, error);
+    }
+    return status == TL_FMU_FATAL ? status : TL_OK;
+}
+
+/* A rollback is tested, not believed: one step, back, other steps, back, the first step again must give the same bits
+ * at every output that is exchanged. */
 static tl_status prove_rollback(tl_twin *twin, tl_error *error) {
     tl_exchange *exchange = &twin->exchange;
     tl_status status = tl_exchange_save(exchange, error);
-    uint64_t first[TL_MAX_MATCH] = {0};
-    for (int round = 0; round < 2 && status == TL_OK; round++) {
-        status = tl_exchange_step(exchange, 0, false, error);
-        for (size_t i = 0; i < twin->lock.objective.term_count && status == TL_OK; i++) {
-            double y = tl_objective_y(&twin->lock.objective, i);
-            uint64_t bits;
-            memcpy(&bits, &y, sizeof bits);
-            if (round != 0 && bits != first[i]) {
-                const tl_port *port = twin->terms[i].port;
-                return tl_fail(error, TL_FMU_FAILED,
-                               "%s.%s is not the same after restoring a saved state and repeating the "
-                               "step: the FMU's state handling is broken, it cannot be synchronised",
-                               twin->graph.components[port->node].name, port->variable->name);
-            }
-            first[i] = bits;
-        }
-        if (status == TL_OK) {
-            status = tl_exchange_restore(exchange, error);
-        }
-    }
+    status = status == TL_OK ? tl_exchange_step(exchange, 0, false, error) : status;
+    take_proof(twin);
+    status = status == TL_OK ? tl_exchange_restore(exchange, error) : status;
+    status = status == TL_OK ? lead_astray(twin, error) : status;
+    status = status == TL_OK ? tl_exchange_restore(exchange, error) : status;
+    status = status == TL_OK ? tl_exchange_step(exchange, 0, false, error) : status;
+    status = status == TL_OK ? check_proof(twin, error) : status;
+    status = status == TL_OK ? tl_exchange_restore(exchange, error) : status;
     for (size_t i = 0; i < exchange->component_count; i++) {
         exchange->components[i].executions = 0;
     }
@@ -362,10 +424,9 @@ static tl_status compute(tl_twin *twin, int64_t step, const tl_budget *budget, t
     return status;
 }
 
-static tl_status tick(tl_twin *twin, const tl_sample *sample, const tl_budget *budget, tl_record *record, bool *ready,
-                      tl_error *error) {
+static tl_status advance(tl_twin *twin, const tl_sample *sample, const tl_budget *budget, tl_record *record,
+                         bool *ready, tl_error *error) {
     tl_plant_push(&twin->exchange.plant, sample);
-    *ready = false;
     if (sample->tick == 0) {
         tl_status status = start(twin, error);
         if (status != TL_OK) {
@@ -392,6 +453,17 @@ static tl_status tick(tl_twin *twin, const tl_sample *sample, const tl_budget *b
         *ready = true;
     }
     return status;
+}
+
+static tl_status tick(tl_twin *twin, const tl_sample *sample, const tl_budget *budget, tl_record *record, bool *ready,
+                      tl_error *error) {
+    *ready = false;
+    if (twin->ended != TL_OK) {
+        return tl_fail(error, twin->ended, "the twin has ended with an earlier failure of an FMU: build a new one");
+    }
+    assert(sample->tick == twin->exchange.plant.newest + 1);
+    twin->ended = advance(twin, sample, budget, record, ready, error);
+    return twin->ended;
 }
 
 tl_status tl_twin_step(tl_twin *twin, const tl_sample *sample, const tl_budget *budget, tl_record *record, bool *ready,
@@ -439,6 +511,10 @@ const char *tl_twin_component_name(const tl_twin *twin, size_t component) {
 
 const tl_metrics *tl_twin_metrics(const tl_twin *twin, size_t match) {
     return &twin->metrics[match];
+}
+
+double tl_twin_output(const tl_twin *twin, size_t output) {
+    return tl_exchange_value(&twin->exchange, twin->outputs[output]);
 }
 
 static const char *unit_name(const tl_port *port) {

@@ -42,7 +42,9 @@ void tl_twin_destroy(tl_twin *twin);
 
 /* One tick. `sample->tick` must be one more than at the call before (0 at the first).
  * Sets *ready and fills `record` where a step's record has become complete.
- * Errors: TL_FMU_FAILED or TL_FMU_FATAL where the committing step itself failed; the twin is then over. */
+ * Errors: TL_FMU_FAILED or TL_FMU_FATAL where initialisation or the committing step itself failed, or an FMU could not be
+ *         rolled back; the twin is then over: every later call fails the same way and calls no FMU. In mode ahead the
+ *         record of the step before may be ready all the same. */
 tl_status tl_twin_step(tl_twin *twin, const tl_sample *sample, const tl_budget *budget, tl_record *record, bool *ready,
                        tl_error *error);
 
@@ -60,6 +62,9 @@ const char *tl_twin_component_name(const tl_twin *twin, size_t component);
 
 /* MSE and MAX of match m over the records so far (eq. 5.2, 5.3). */
 const tl_metrics *tl_twin_metrics(const tl_twin *twin, size_t match);
+
+/* The value of output i of the plan's `outputs`, as of the newest committed step. */
+double tl_twin_output(const tl_twin *twin, size_t output);
 
 /* Units as the FMU declares them, "" where it does not. */
 const char *tl_twin_match_unit(const tl_twin *twin, size_t match);

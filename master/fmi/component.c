@@ -171,6 +171,9 @@ tl_status tl_component_step(tl_component *component, tl_time now, tl_time step, 
 }
 
 tl_status tl_component_save(tl_component *component, tl_error *error) {
+    if (component->mode == TL_MODE_DEAD) {
+        return tl_fail(error, TL_FMU_FATAL, "%s: cannot be saved after fmi2Fatal", component->name);
+    }
     return judge(component, component->fmi->get_fmu_state(component->instance, &component->state), "fmi2GetFMUstate",
                  error);
 }
@@ -192,11 +195,16 @@ void tl_component_free(tl_component *component) {
     if (component->mode == TL_MODE_ABSENT || component->mode == TL_MODE_DEAD) {
         return;
     }
+    fmi2Status status = fmi2OK;
     if (component->state != NULL) {
-        (void)fmi->free_fmu_state(component->instance, &component->state);
+        status = fmi->free_fmu_state(component->instance, &component->state);
     }
-    if (component->mode == TL_MODE_STEPPING) {
-        (void)fmi->terminate(component->instance);
+    if (component->mode == TL_MODE_STEPPING && status != fmi2Fatal) {
+        status = fmi->terminate(component->instance);
+    }
+    if (status == fmi2Fatal) {
+        component->mode = TL_MODE_DEAD;
+        return;
     }
     fmi->free_instance(component->instance);
     component->mode = TL_MODE_ABSENT;

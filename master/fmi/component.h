@@ -81,7 +81,8 @@ tl_status tl_component_step(tl_component *component, tl_time now, tl_time step, 
 tl_status tl_component_save(tl_component *component, tl_error *error);
 tl_status tl_component_restore(tl_component *component, tl_error *error);
 
-/* Ends the instance as its mode allows. May be called in any mode. */
+/* Ends the instance as its mode allows. May be called in any mode. The caller sees to it that no other instance of the
+ * same FMU has answered fmi2Fatal: that is for all of them. */
 void tl_component_free(tl_component *component);
 
 #endif

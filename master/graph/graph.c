@@ -48,7 +48,7 @@ static const tl_variable *resolve(const tl_graph *graph, const char *name, const
     if (variable == NULL) {
         tl_report_add(report, TL_BAD_DATA, where,
                       "found \"%s\", but the FMU of %s has no variable \"%s\"; "
-                      "`twinlock check` lists its variables",
+                      "`twinlock check --variables` lists them",
                       name, component->name, variable_name);
         return NULL;
     }
@@ -205,21 +205,35 @@ static void connect(tl_graph *graph, const tl_plan_connection *plan, tl_report *
     connection->conversion = conversion;
 }
 
+/* A number, whatever type it came as. */
+static double number_of(const tl_value *value) {
+    return value->type == TL_REAL ? value->real : (double)value->integer;
+}
+
+static bool is_number(const tl_value *value) {
+    return (value->type == TL_REAL && isfinite(value->real)) || value->type == TL_INTEGER ||
+           value->type == TL_ENUMERATION;
+}
+
+static bool is_whole(double number) {
+    return fabs(number) <= 2147483647.0 && number >= floor(number) && number <= floor(number);
+}
+
 bool tl_graph_fit_value(const tl_variable *variable, const tl_value *value, tl_value *fitted, const char **expected) {
     *fitted = *value;
     fitted->type = variable->type;
     switch (variable->type) {
     case TL_REAL:
         *expected = "a number";
-        return value->type == TL_REAL;
+        fitted->real = number_of(value);
+        return is_number(value);
     case TL_INTEGER:
     case TL_ENUMERATION:
         *expected = "a whole number";
-        if (value->type != TL_REAL || fabs(value->real) > 2147483647.0 || value->real < floor(value->real) ||
-            value->real > floor(value->real)) {
+        if (!is_number(value) || !is_whole(number_of(value))) {
             return false;
         }
-        fitted->integer = (int32_t)value->real;
+        fitted->integer = (int32_t)number_of(value);
         return true;
     case TL_BOOLEAN:
         *expected = "true or false";
@@ -237,9 +251,8 @@ static void check_set(const tl_component *component, const tl_plan_set *set, tl_
     tl_value fitted;
     if (variable == NULL) {
         tl_report_add(report, TL_BAD_DATA, set->where,
-                      "the FMU of %s has no variable \"%s\"; `twinlock check` lists its "
-                      "variables",
-                      component->name, set->variable);
+                      "the FMU of %s has no variable \"%s\"; `twinlock check --variables` lists them", component->name,
+                      set->variable);
     } else if ((variable->causality != TL_PARAMETER && variable->causality != TL_INPUT && !variable->has_start) ||
                variable->variability == TL_CONSTANT) {
         tl_report_add(report, TL_BAD_DATA, set->where,
@@ -274,7 +287,7 @@ static void add_component(tl_graph *graph, size_t index, tl_report *report) {
 
 void tl_graph_build(tl_graph *graph, tl_arena *arena, const tl_plan *plan, tl_report *report) {
     graph->plan = plan;
-    graph->port_capacity = 2 * plan->connection_count + plan->match_count + plan->adjust_count;
+    graph->port_capacity = 2 * plan->connection_count + plan->match_count + plan->adjust_count + plan->output_count;
     graph->components = tl_arena_take(arena, plan->component_count, sizeof *graph->components);
     graph->ports = tl_arena_take(arena, graph->port_capacity, sizeof *graph->ports);
     graph->connections = tl_arena_take(arena, plan->connection_count, sizeof *graph->connections);
@@ -291,16 +304,15 @@ void tl_graph_build(tl_graph *graph, tl_arena *arena, const tl_plan *plan, tl_re
     }
 }
 
-const tl_port *tl_graph_match(tl_graph *graph, const tl_plan_match *match, tl_report *report) {
+const tl_port *tl_graph_output(tl_graph *graph, const char *name, const char *where, tl_report *report) {
     size_t node = 0;
-    const tl_variable *variable = resolve(graph, match->variable, match->where, &node, report);
+    const tl_variable *variable = resolve(graph, name, where, &node, report);
     if (variable == NULL) {
         return NULL;
     }
     if ((variable->causality != TL_OUTPUT && variable->causality != TL_LOCAL) || variable->type == TL_STRING) {
-        tl_report_add(report, TL_BAD_DATA, match->where,
-                      "%s is a %s %s, expected an output that is a number or a boolean", match->variable,
-                      tl_type_name(variable->type), tl_causality_name(variable->causality));
+        tl_report_add(report, TL_BAD_DATA, where, "%s is a %s %s, expected an output that is a number or a boolean",
+                      name, tl_type_name(variable->type), tl_causality_name(variable->causality));
         return NULL;
     }
     return use_variable(graph, node, variable, false);
@@ -402,13 +414,25 @@ static bool has_input_port(const tl_graph *graph, size_t node, const tl_variable
     return false;
 }
 
+/* Whether a connection of the plan means to drive an input; if it is wrong, that has been reported already. */
+static bool is_target(const tl_graph *graph, size_t node, const tl_variable *variable) {
+    for (size_t i = 0; i < graph->plan->connection_count; i++) {
+        const char *name = "";
+        const tl_component *component = find_component(graph, graph->plan->connections[i].to, &name);
+        if (component == &graph->components[node] && strcmp(name, variable->name) == 0) {
+            return true;
+        }
+    }
+    return false;
+}
+
 void tl_graph_check_inputs(const tl_graph *graph, tl_report *report) {
     for (size_t node = 0; node < graph->component_count; node++) {
         const tl_plan_component *plan = &graph->plan->components[node];
         for (size_t i = 0; i < plan->model->variable_count; i++) {
             const tl_variable *variable = &plan->model->variables[i];
             if (variable->causality == TL_INPUT && !has_input_port(graph, node, variable) &&
-                !is_set(plan, variable->name)) {
+                !is_set(plan, variable->name) && !is_target(graph, node, variable)) {
                 tl_report_add(report, TL_BAD_DATA, plan->where,
                               "input %s.%s is not connected; connect it, or give it a "
                               "constant value in components.%s.set",

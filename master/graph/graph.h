@@ -53,8 +53,8 @@ typedef struct tl_graph {
 /* Components (not yet instantiated) and connections of the plan. Problems go to the report. */
 void tl_graph_build(tl_graph *graph, tl_arena *arena, const tl_plan *plan, tl_report *report);
 
-/* The port of an output (or local variable) to match. NULL where reported. */
-const tl_port *tl_graph_match(tl_graph *graph, const tl_plan_match *match, tl_report *report);
+/* The port of an output (or local variable) to match or read. NULL where reported. */
+const tl_port *tl_graph_output(tl_graph *graph, const char *name, const char *where, tl_report *report);
 
 /* The signal index a match is compared with and the conversion from its unit to the port's. SIZE_MAX where
  * reported. */

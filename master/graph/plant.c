@@ -1,6 +1,8 @@
 /* The plant as a component: see plant.h. */
 #include "master/graph/plant.h"
 
+#include <math.h>
+
 bool tl_plant_init(tl_plant *plant, tl_arena *arena, size_t signal_count, size_t window_size) {
     plant->signal_count = signal_count;
     plant->window_size = window_size;
@@ -10,11 +12,22 @@ bool tl_plant_init(tl_plant *plant, tl_arena *arena, size_t signal_count, size_t
     return plant->outputs != NULL && plant->window != NULL;
 }
 
+/* Trust, but verify: what calls itself good must be a number that its type can hold. */
+static tl_quality verify(const tl_plant_output *output, double value, tl_quality quality) {
+    if (quality == TL_GOOD && !isfinite(value)) {
+        return TL_NOT_A_NUMBER;
+    }
+    bool holds = output->integer == NULL || fabs(value) <= 2147483647.0;
+    return quality == TL_GOOD && !holds ? TL_OUT_OF_RANGE : quality;
+}
+
 void tl_plant_push(tl_plant *plant, const tl_sample *sample) {
     tl_sample *slot = &plant->window[(size_t)sample->tick % plant->window_size];
     *slot = *sample;
     for (size_t i = 0; i < plant->signal_count; i++) {
-        if (sample->quality[i] == TL_GOOD) {
+        tl_quality quality = verify(&plant->outputs[i], sample->values[i], (tl_quality)sample->quality[i]);
+        slot->quality[i] = (uint8_t)quality;
+        if (quality == TL_GOOD) {
             plant->held[i] = sample->values[i];
         } else {
             slot->values[i] = plant->held[i];

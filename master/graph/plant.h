@@ -4,6 +4,7 @@
  *          counts in K and in the executions.
  * Held:    a value whose quality is not good is replaced by the signal's last good one (its `initial` before there
  *          was any); the quality stays with it.
+ *          A value that calls itself good but is not finite, or too large for an integer signal, is not good.
  * Future:  a tick whose sample is not there yet is stood for by the newest one (modes `ahead`, METHOD decision 4).
  * Thread:  the twin's.
  */

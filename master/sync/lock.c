@@ -98,8 +98,8 @@ static bool may_evaluate(tl_attempt *attempt) {
         return false;
     }
     if (attempt->budget->now != NULL) {
-        tl_time reserve = attempt->longest * (isnan(attempt->nominal_value) ? 2 : 1);
-        if (elapsed(attempt->budget) + reserve >= attempt->budget->time) {
+        tl_time left = attempt->budget->time - elapsed(attempt->budget);
+        if (left <= 0 || attempt->longest >= (isnan(attempt->nominal_value) ? left / 2 : left)) {
             attempt->stop = TL_STOP_TIME;
             return false;
         }
@@ -135,11 +135,35 @@ static bool ask(void *context, const double *u, double *value) {
     return attempt->fatal == TL_OK;
 }
 
-/* The first guess: nominal at T_P = T_D, else the last committed u, so that horizons overlap. */
+/* The first guess: nominal at T_P = T_D, else the last committed u, so that horizons overlap. A budget of one evaluation
+ * is the nominal's. */
 static void first_guess(tl_attempt *attempt, double *guess) {
     tl_lock *lock = attempt->lock;
-    bool nominal = lock->prediction == lock->distance || !lock->has_last;
-    memcpy(guess, nominal ? attempt->nominal : lock->last, lock->count * sizeof *guess);
+    if (lock->prediction == lock->distance || !lock->has_last || attempt->limit < 2) {
+        memcpy(guess, attempt->nominal, lock->count * sizeof *guess);
+    } else {
+        memcpy(guess, lock->last, lock->count * sizeof *guess);
+        clamp(lock, guess); /* an earlier nominal may have been outside */
+    }
+}
+
+/* Where an FMU fails on the guess, the search had better begin at the last u, or at the nominal where that was it. */
+static void retreat(tl_attempt *attempt, double *guess, double *value) {
+    tl_lock *lock = attempt->lock;
+    size_t size = lock->count * sizeof *guess;
+    if (isfinite(*value) || !lock->has_last || attempt->fatal != TL_OK || !may_evaluate(attempt)) {
+        return;
+    }
+    bool to_last = !isnan(attempt->nominal_value);
+    memcpy(guess, to_last ? lock->last : attempt->nominal, size);
+    if (to_last) {
+        clamp(lock, guess);
+    }
+    *value = evaluate(attempt, guess);
+    if (!to_last) {
+        attempt->nominal_value = *value;
+        attempt->limit = attempt->budget->evaluations; /* nothing more is kept for it */
+    }
 }
 
 /* Out of tolerance: is the best so far worth committing? Never worse than not synchronising. */
@@ -185,12 +209,13 @@ static tl_outcome find(tl_attempt *attempt, double *u) {
     if (memcmp(guess, attempt->nominal, size) == 0) {
         attempt->nominal_value = value;
     } else {
-        attempt->limit -= attempt->limit > 1 ? 1 : 0; /* kept for the nominal */
+        attempt->limit--; /* kept for the nominal */
     }
     if (value < TL_OBJECTIVE_TOLERANCE) {
         memcpy(u, guess, size);
         return TL_FIRST_GUESS;
     }
+    retreat(attempt, guess, &value);
     search_from(attempt, guess, value);
     if (attempt->best_value < TL_OBJECTIVE_TOLERANCE) {
         attempt->stop = TL_STOP_TOLERANCE;
@@ -240,6 +265,7 @@ static tl_status commit_found(tl_attempt *attempt, const double *u, tl_record *r
     tl_status status = commit(lock, attempt->step, u, attempt->dirty, record, error);
     if (status == TL_FMU_FAILED && memcmp(u, attempt->nominal, lock->count * sizeof *u) != 0) {
         record->outcome = TL_NOMINAL;
+        record->objective = record->objective_nominal;
         status = commit(lock, attempt->step, attempt->nominal, true, record, error);
     }
     return status;

@@ -9,7 +9,7 @@
 
 #include "master/sync/optimiser.h"
 
-/* The simplex is small enough when it is this part of the first step. */
+/* The simplex is small enough when it is this part of the first step, in every variable. */
 static const double SMALLEST_STEP = 1e-6;
 
 struct tl_optimiser {
@@ -36,16 +36,16 @@ static double objective(unsigned count, const double *u, double *gradient, void 
     return value;
 }
 
+/* `point` is free until the first search: it carries the tolerances to NLopt, which copies them. */
 static bool configure(tl_optimiser *self, const tl_optimiser_space *space) {
-    double smallest = HUGE_VAL;
     for (size_t i = 0; i < space->count; i++) {
-        smallest = fmin(smallest, space->step[i] * SMALLEST_STEP);
+        self->point[i] = space->step[i] * SMALLEST_STEP;
     }
     return nlopt_set_min_objective(self->solver, objective, self) == NLOPT_SUCCESS &&
            nlopt_set_lower_bounds(self->solver, space->lower) == NLOPT_SUCCESS &&
            nlopt_set_upper_bounds(self->solver, space->upper) == NLOPT_SUCCESS &&
            nlopt_set_initial_step(self->solver, space->step) == NLOPT_SUCCESS &&
-           nlopt_set_xtol_abs1(self->solver, smallest) == NLOPT_SUCCESS;
+           nlopt_set_xtol_abs(self->solver, self->point) == NLOPT_SUCCESS;
 }
 
 static void destroy(tl_optimiser *self) {

@@ -1,0 +1,76 @@
+/* The numbers of a plan: see plan.h. Names are the graph's business. */
+#include "master/plan.h"
+
+#include <math.h>
+
+#include "master/base/status.h"
+
+/* NaN is in no range. */
+static bool is_positive(double value) {
+    return value > 0.0 && isfinite(value);
+}
+
+static bool check_count(size_t count, size_t most, const char *where, tl_report *report) {
+    if (count > most) {
+        tl_report_add(report, TL_BAD_DATA, where, "found %u, expected at most %u", (unsigned)count, (unsigned)most);
+    }
+    return count <= most;
+}
+
+static void check_signal(const tl_plan_signal *signal, tl_report *report) {
+    if (signal->has_initial && !(fabs(signal->initial) <= (signal->type == TL_INTEGER ? 2147483647.0 : HUGE_VAL) &&
+                                 isfinite(signal->initial))) {
+        tl_report_add(report, TL_BAD_DATA, signal->where, "\"initial\": found %g, expected a finite number%s",
+                      signal->initial, signal->type == TL_INTEGER ? " of at most 2147483647 in size" : "");
+    }
+}
+
+static void check_adjust(const tl_plan_adjust *adjust, tl_report *report) {
+    if (!is_positive(adjust->step)) {
+        tl_report_add(report, TL_BAD_DATA, adjust->where, "\"step\": found %g, expected a number above 0",
+                      adjust->step);
+    }
+    if (adjust->has_nominal && !isfinite(adjust->nominal)) {
+        tl_report_add(report, TL_BAD_DATA, adjust->where, "\"nominal\": found %g, expected a finite number",
+                      adjust->nominal);
+    }
+    if (isnan(adjust->lower) || isnan(adjust->upper)) {
+        tl_report_add(report, TL_BAD_DATA, adjust->where, "a bound is not a number");
+    }
+}
+
+static void check_match(const tl_plan_match *match, tl_report *report) {
+    if (!(match->weight >= 0.0 && isfinite(match->weight))) {
+        tl_report_add(report, TL_BAD_DATA, match->where, "\"weight\": found %g, expected a number from 0",
+                      match->weight);
+    }
+    if (!is_positive(match->tolerance) && !(match->weight >= 0.0 && match->weight <= 0.0)) {
+        tl_report_add(report, TL_BAD_DATA, match->where, "\"tolerance\": found %g, expected a number above 0",
+                      match->tolerance);
+    }
+}
+
+bool tl_plan_check(const tl_plan *plan, tl_report *report) {
+    bool fits = check_count(plan->signal_count, TL_MAX_SIGNALS, "plant", report);
+    fits = check_count(plan->adjust_count, TL_MAX_ADJUST, "synchronise.adjust", report) && fits;
+    fits = check_count(plan->match_count, TL_MAX_MATCH, "synchronise.match", report) && fits;
+    fits = check_count(plan->output_count, TL_MAX_SIGNALS, "outputs", report) && fits;
+    if (plan->step <= 0) {
+        tl_report_add(report, TL_BAD_DATA, "step_s", "found %g s, expected a macro step above 0",
+                      tl_seconds(plan->step));
+    }
+    if (!(plan->margin >= 0.0 && plan->margin < 1.0)) {
+        tl_report_add(report, TL_BAD_DATA, "synchronise.margin", "found a margin of %g, expected one from 0 to below 1",
+                      plan->margin);
+    }
+    for (size_t i = 0; i < plan->signal_count; i++) {
+        check_signal(&plan->signals[i], report);
+    }
+    for (size_t i = 0; i < plan->adjust_count; i++) {
+        check_adjust(&plan->adjust[i], report);
+    }
+    for (size_t i = 0; i < plan->match_count; i++) {
+        check_match(&plan->match[i], report);
+    }
+    return fits;
+}
