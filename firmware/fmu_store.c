@@ -1,0 +1,186 @@
+/* Archive, description and binary joined into one loaded FMU, and the callbacks that an FMU gets from us. */
+#include "firmware/fmu_store.h"
+
+#include <errno.h>
+#include <stdarg.h>
+#include <stdbool.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+
+#include "firmware/fmu_archive.h"
+#include "firmware/fmu_binary.h"
+#include "firmware/log.h"
+#include "firmware/model_description.h"
+#include "master/base/arena.h"
+
+/* Bytes of a path that an error shows: its end. */
+enum { LABEL = 120 };
+
+typedef struct tl_fmu_files {
+    tl_arena arena;
+    tl_fmu_archive archive;
+    void *binary;
+    tl_log_limiter limiter;
+} tl_fmu_files;
+
+/* ---- Logger -------------------------------------------------------------------------------------------- */
+
+static tl_log_level level_of(fmi2Status status) {
+    switch (status) {
+    case fmi2OK:
+    case fmi2Pending:
+        return TL_LOG_DEBUG;
+    case fmi2Warning:
+    case fmi2Discard:
+        return TL_LOG_WARNING;
+    case fmi2Error:
+    case fmi2Fatal:
+        return TL_LOG_ERROR;
+    }
+    return TL_LOG_WARNING;
+}
+
+/* %n would write into memory; a fortified C library ends the process over it. */
+static bool has_write_back(const char *format) {
+    for (const char *c = strchr(format, '%'); c != NULL; c = strchr(c, '%')) {
+        c++;
+        c += strspn(c, "0123456789 #+-'.*$hlLqjzt");
+        if (*c == 'n') {
+            return true;
+        }
+        c += *c == '\0' ? 0 : 1;
+    }
+    return false;
+}
+
+static void on_message(fmi2ComponentEnvironment environment, fmi2String instance, fmi2Status status,
+                       fmi2String category, fmi2String message, ...) TL_PRINTF(5, 6);
+
+static void on_message(fmi2ComponentEnvironment environment, fmi2String instance, fmi2Status status,
+                       fmi2String category, fmi2String message, ...) {
+    const tl_fmu *fmu = environment;
+    char text[TL_LOG_TEXT];
+    if (fmu == NULL || message == NULL) {
+        return;
+    }
+    if (has_write_back(message)) {
+        (void)snprintf(text, sizeof text, "%s", message);
+    } else {
+        va_list arguments;
+        va_start(arguments, message);
+        if (vsnprintf(text, sizeof text, message, arguments) < 0) {
+            (void)snprintf(text, sizeof text, "%s", message);
+        }
+        va_end(arguments);
+    }
+    for (size_t end = strlen(text); end > 0 && (unsigned char)text[end - 1] <= ' '; end--) {
+        text[end - 1] = '\0'; /* many end with a newline */
+    }
+    bool is_named = instance != NULL && instance[0] != '\0';
+    bool is_sorted = category != NULL && category[0] != '\0';
+    tl_log_limited(&fmu->files->limiter, level_of(status), "FMU %s%s%s: %s%s%s%s", fmu->model.name,
+                   is_named ? ", instance " : "", is_named ? instance : "", text, is_sorted ? " [" : "",
+                   is_sorted ? category : "", is_sorted ? "]" : "");
+}
+
+/* ---- Resources ----------------------------------------------------------------------------------------- */
+
+/* file:///… of an absolute path; all but unreserved characters (RFC 3986) is percent-encoded. NULL: out of memory. */
+static const char *file_uri(tl_arena *arena, const char *path) {
+    static const char unreserved[] = "/-._~ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789";
+    static const char scheme[] = "file://";
+    char *uri = tl_arena_take(arena, sizeof scheme + 3 * strlen(path), 1);
+    if (uri == NULL) {
+        return NULL;
+    }
+    char *end = uri + snprintf(uri, sizeof scheme, "%s", scheme);
+    for (const char *c = path; *c != '\0'; c++) {
+        if (strchr(unreserved, *c) != NULL) {
+            *end = *c;
+            end++;
+        } else {
+            end += snprintf(end, 4, "%%%02X", (unsigned)(unsigned char)*c);
+        }
+    }
+    return uri;
+}
+
+static tl_status make_resources(tl_fmu *fmu, const char *label, tl_error *error) {
+    char path[PATH_MAX + sizeof "/resources"];
+    struct stat status;
+    (void)snprintf(path, sizeof path, "%s/resources", fmu->files->archive.folder);
+    if (mkdir(path, 0700) != 0 && errno != EEXIST) {
+        return tl_fail(error, TL_TRY_AGAIN, "%s: no folder for resources can be made: %s; free space or set TMPDIR",
+                       label, strerror(errno));
+    }
+    if (stat(path, &status) != 0 || !S_ISDIR(status.st_mode)) {
+        return tl_fail(error, TL_BAD_DATA, "%s: its entry \"resources\" is a file, not a folder; export the FMU again",
+                       label);
+    }
+    fmu->resources = file_uri(&fmu->files->arena, path);
+    if (fmu->resources == NULL) {
+        return tl_fail(error, TL_TRY_AGAIN, "%s: out of memory; free some and try again", label);
+    }
+    return TL_OK;
+}
+
+/* ---- Loading ------------------------------------------------------------------------------------------- */
+
+static tl_status load(const char *path, const char *label, tl_fmu *fmu, tl_error *error) {
+    tl_fmu_files *files = fmu->files;
+    char description[PATH_MAX + sizeof "/modelDescription.xml"];
+    fmu->path = tl_arena_text(&files->arena, path);
+    if (fmu->path == NULL) {
+        return tl_fail(error, TL_TRY_AGAIN, "%s: out of memory; free some and try again", label);
+    }
+    tl_status status = tl_fmu_archive_unpack(path, label, &files->archive, error);
+    if (status != TL_OK) {
+        return status;
+    }
+    (void)snprintf(description, sizeof description, "%s/modelDescription.xml", files->archive.folder);
+    status = tl_model_description_read(description, label, &files->arena, &fmu->model, error);
+    if (status != TL_OK) {
+        return status;
+    }
+    status = make_resources(fmu, label, error);
+    if (status != TL_OK) {
+        return status;
+    }
+    return tl_fmu_binary_open(files->archive.folder, &fmu->model, label, &fmu->functions, &files->binary, error);
+}
+
+tl_status tl_fmu_load(const char *path, tl_fmu *fmu, tl_error *error) {
+    size_t length = strlen(path);
+    const char *label = length > LABEL ? path + length - LABEL : path;
+    while (((unsigned char)*label & 0xC0U) == 0x80U) {
+        label++; /* to the start of a UTF-8 character */
+    }
+    *fmu = (tl_fmu){.files = calloc(1, sizeof(tl_fmu_files))};
+    if (fmu->files == NULL) {
+        return tl_fail(error, TL_TRY_AGAIN, "%s: out of memory; free some and try again", label);
+    }
+    tl_arena_init(&fmu->files->arena);
+    fmu->files->limiter.per_second = TL_FMU_MESSAGES_PER_SECOND;
+    fmu->callbacks = (fmi2CallbackFunctions){on_message, calloc, free, NULL, fmu};
+    tl_status status = load(path, label, fmu, error);
+    if (status != TL_OK) {
+        tl_fmu_unload(fmu);
+        return status;
+    }
+    tl_arena_seal(&fmu->files->arena);
+    return TL_OK;
+}
+
+void tl_fmu_unload(tl_fmu *fmu) {
+    tl_fmu_files *files = fmu->files;
+    if (files != NULL) {
+        tl_fmu_binary_close(files->binary);
+        tl_log_limiter_end(&files->limiter);
+        tl_fmu_archive_remove(&files->archive);
+        tl_arena_release(&files->arena);
+        free(files);
+    }
+    *fmu = (tl_fmu){0};
+}

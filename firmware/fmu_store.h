@@ -1,0 +1,37 @@
+/* Loads FMU files: unpacks, reads the description, checks and opens the binary.
+ *
+ * Purpose: from a path to a tl_model, a function table and a resources URI; what a plan needs of an FMU.
+ * Owner:   the store owns all of it until tl_fmu_unload(), which also removes the unpacked folder. Each load has a
+ *          folder, and so a binary with globals, of its own: an FMU that can be instantiated only once can be loaded
+ *          twice.
+ * Limits:  see fmu_archive.h (size, count, path of entries) and model_description.h (size of the XML); at most
+ *          TL_FMU_MESSAGES_PER_SECOND lines of an FMU go into the log.
+ * Thread:  one thread at a time; the logger callback may be called from any thread.
+ */
+#ifndef TL_FIRMWARE_FMU_STORE_H
+#define TL_FIRMWARE_FMU_STORE_H
+
+#include "master/base/status.h"
+#include "master/fmi/fmi2.h"
+#include "master/fmi/model.h"
+
+enum { TL_FMU_MESSAGES_PER_SECOND = 20 };
+
+/* Must stay where it is while it is loaded: callbacks.componentEnvironment points to it. */
+typedef struct tl_fmu {
+    const char *path; /* as given */
+    tl_model model;
+    tl_fmi2 functions;
+    fmi2CallbackFunctions callbacks; /* the logger goes to firmware/log.h, limited per second */
+    const char *resources;           /* file:/// URI; the folder exists also where the FMU has none */
+    struct tl_fmu_files *files;      /* private: memory, unpacked folder, dlopen handle */
+} tl_fmu;
+
+/* Errors: TL_BAD_DATA for anything wrong in the file, TL_TRY_AGAIN where disk or memory is missing.
+ * On failure nothing is left behind and *fmu is zeroed. */
+tl_status tl_fmu_load(const char *path, tl_fmu *fmu, tl_error *error);
+
+/* No instance of it may exist any more. A zeroed tl_fmu is allowed. */
+void tl_fmu_unload(tl_fmu *fmu);
+
+#endif
