@@ -1,0 +1,141 @@
+/* The configuration: one JSON file, checked completely, as plain data.
+ *
+ * Purpose: the border at which every user value is checked once. What it holds is described key by key in
+ *          config/SPEC.md; names of variables are resolved later, by the twin, against the FMUs.
+ * Errors:  all of one file at once, each with JSON path, line, what was found, what was expected, an example.
+ *          ("line 12: found "0.1" (text), expected a number > 0, for example 0.1").
+ * Owner:   tl_config owns all its memory, `where` and all other texts too; valid until tl_config_free(). It may be
+ *          moved by assignment.
+ * Thread:  one thread.
+ */
+#ifndef TL_FIRMWARE_CONFIG_H
+#define TL_FIRMWARE_CONFIG_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "board/io/modbus.h"
+#include "master/base/signal.h"
+#include "master/base/status.h"
+#include "master/plan.h"
+
+enum { TL_CONFIG_MAX_BYTES = 256 * 1024 };
+
+typedef struct tl_config_component {
+    const char *where; /* JSON path */
+    const char *name;
+    const char *fmu; /* as written; see tl_config_fmu_path */
+    tl_plan_set *set;
+    size_t set_count;
+} tl_config_component;
+
+typedef enum tl_source_kind { TL_SOURCE_MODBUS_TCP, TL_SOURCE_CSV } tl_source_kind;
+
+/* A device or stream that live signals come from. */
+typedef struct tl_config_source {
+    const char *where;
+    const char *name;
+    tl_source_kind kind;
+    double period_s; /* default: step_s */
+    /* Modbus TCP */
+    const char *host;
+    uint16_t port;    /* default 502 */
+    double timeout_s; /* default 0.5 */
+    /* CSV */
+    const char *file;        /* relative to the configuration's folder */
+    const char *time_column; /* default "time" */
+} tl_config_source;
+
+typedef struct tl_config_signal {
+    tl_plan_signal plan;
+    double minimum, maximum;  /* ∓infinity: none */
+    double stale_s;           /* 0: never stale */
+    const char *column;       /* in a recording or CSV source; default: the signal's name */
+    size_t source;            /* index of its live source; SIZE_MAX: none (recordings only) */
+    tl_modbus_channel modbus; /* where the source is Modbus */
+} tl_config_signal;
+
+/* `emulate`: what `twinlock plant` serves when it runs FMUs as the true plant. */
+typedef struct tl_config_emulated {
+    const char *where;
+    const char *column; /* of the recording it makes; the signal's `column` in the configuration that reads it */
+    const char *from;   /* "component.variable" or "plant.signal" */
+    double noise;       /* standard deviation, in the variable's unit; 0: none */
+} tl_config_emulated;
+
+typedef struct tl_config {
+    const char *path;      /* as given */
+    const char *directory; /* of path; relative files start here */
+    const char *text;      /* the file's bytes, and a NUL behind them */
+    size_t size;
+    char hash[65]; /* SHA-256 of the text, hexadecimal */
+
+    const char *name;
+    tl_time step;     /* T_S, ns */
+    tl_time duration; /* ns; 0: to the end of the recording, or until told to stop */
+
+    tl_config_component *components;
+    size_t component_count;
+    tl_config_source *sources;
+    size_t source_count;
+    tl_config_signal *signals;
+    size_t signal_count;
+    tl_plan_connection *connections;
+    size_t connection_count;
+
+    bool synchronise; /* false: adjust_count is 0 */
+    tl_plan_adjust *adjust;
+    size_t adjust_count;
+    tl_plan_match *match;
+    size_t match_count;
+    uint32_t prediction;
+    tl_measurements measurements;
+    const char *algorithm;
+    double margin;
+    uint32_t budget_evaluations;
+    tl_time budget_time; /* ns; 0: none but the step itself */
+
+    const char *recording_file;        /* NULL: none */
+    const char *recording_time_column; /* default "time" */
+
+    const char *record_file; /* NULL: the verb's default */
+    int64_t record_max_bytes;
+    tl_time record_commit;
+
+    int realtime_priority; /* SCHED_FIFO, 0: ordinary */
+    bool realtime_lock_memory;
+
+    tl_config_emulated *emulated;
+    size_t emulated_count;
+    double message_min_s, message_max_s; /* time between rows of an emulated recording; both 0: every step */
+
+    struct tl_config_memory *memory; /* private */
+} tl_config;
+
+/* Reads and checks the file. On failure every problem was reported and `config` is empty: nothing to free.
+ * Errors: TL_BAD_DATA (also for a file that is absent or unreadable), TL_TRY_AGAIN where memory or the disk fails.
+ * Syntax stops at its first error; else everything that is wrong is said, in the order of the sections. */
+tl_status tl_config_read(const char *path, tl_config *config, tl_report *report);
+
+/* The same for `size` bytes that are already in memory; relative file names start at the folder of `path`, which need
+ * not exist. */
+tl_status tl_config_read_text(const char *path, const char *text, size_t size, tl_config *config, tl_report *report);
+
+/* An empty (zeroed) configuration is allowed. */
+void tl_config_free(tl_config *config);
+
+/* The line (from 1) of the item at a JSON path of this configuration, or of the innermost item around it that is
+ * there ("plant.omega" for "plant.omega.unit" where no unit is given); 0 for "" and for a path that leads nowhere.
+ * For problems found later, by the twin. */
+size_t tl_config_line(const tl_config *config, const char *where);
+
+/* Where an FMU is: beside the configuration, then in each folder of TWINLOCK_FMU_PATH (colon separated), then in
+ * ../fmus beside the program. False where it is nowhere; `path` then holds the first place looked at. An absolute
+ * name is looked for only where it says. */
+bool tl_config_fmu_path(const tl_config *config, const char *fmu, char *path, size_t size);
+
+/* A file named in the configuration, relative to its folder. False, and "", where it does not fit. */
+bool tl_config_file_path(const tl_config *config, const char *file, char *path, size_t size);
+
+#endif

@@ -1,0 +1,197 @@
+/* Names, references, and how far one name is from another. */
+#include "firmware/config_names.h"
+
+#include <stdio.h>
+#include <string.h>
+
+#include "firmware/json_document.h"
+#include "firmware/json_text.h"
+#include "master/base/signal.h"
+
+enum { NAME_CHARS = 63, MOST_EDITS = 2, FOUND = 128, EXPECTED = 160 };
+
+/* ---- the nearest name ---- */
+
+static char lower(char character) {
+    return (char)(character >= 'A' && character <= 'Z' ? character - 'A' + 'a' : character);
+}
+
+static size_t least_of(size_t a, size_t b) {
+    return a < b ? a : b;
+}
+
+static bool same(const char *a, size_t i, const char *b, size_t j) {
+    return lower(a[i]) == lower(b[j]);
+}
+
+/* Edits from a to b, two neighbours that changed places being one ("optimal string alignment"). Exact up to MOST_EDITS,
+ * so only the cells near the diagonal are looked at; else more than that, also where one of them is too long to be a
+ * name. */
+static size_t edits(const char *a, const char *b) {
+    unsigned char cost[NAME_CHARS + 1]
+                      [NAME_CHARS + 1]; /* [i][j]: from the first i characters of a to the first j of b */
+    size_t a_size = strlen(a);
+    size_t b_size = strlen(b);
+    if (a_size > NAME_CHARS || b_size > NAME_CHARS || a_size > b_size + MOST_EDITS || b_size > a_size + MOST_EDITS) {
+        return MOST_EDITS + 1;
+    }
+    memset(cost, MOST_EDITS + 1, sizeof cost);
+    for (size_t i = 0; i <= MOST_EDITS; i++) {
+        cost[i][0] = (unsigned char)i;
+        cost[0][i] = (unsigned char)i;
+    }
+    for (size_t i = 1; i <= a_size; i++) {
+        size_t last = least_of(b_size, i + MOST_EDITS);
+        for (size_t j = i > MOST_EDITS ? i - MOST_EDITS : 1; j <= last; j++) {
+            size_t least = cost[i - 1][j - 1] + (same(a, i - 1, b, j - 1) ? 0u : 1u);
+            least = least_of(least, least_of(cost[i - 1][j], cost[i][j - 1]) + 1u);
+            if (i > 1 && j > 1 && same(a, i - 1, b, j - 2) && same(a, i - 2, b, j - 1)) {
+                least = least_of(least, cost[i - 2][j - 2] + 1u);
+            }
+            cost[i][j] = (unsigned char)least;
+        }
+    }
+    return cost[a_size][b_size];
+}
+
+void tl_nearest_offer(tl_nearest *nearest, const char *candidate) {
+    size_t distance = edits(nearest->text, candidate);
+    if (distance <= MOST_EDITS && 2 * distance < strlen(candidate) &&
+        (nearest->best == NULL || distance < nearest->distance)) {
+        nearest->best = candidate;
+        nearest->distance = distance;
+    }
+}
+
+/* ---- names ---- */
+
+static bool is_name(const char *text, size_t size) {
+    for (size_t i = 0; i < size; i++) {
+        char c = text[i];
+        bool letter = (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || c == '_';
+        if (!letter && (i == 0 || c < '0' || c > '9')) {
+            return false;
+        }
+    }
+    return size > 0 && size <= NAME_CHARS;
+}
+
+void tl_config_check_name(const tl_config_object *map, const cJSON *entry, const char *example) {
+    if (!is_name(entry->string, strlen(entry->string))) {
+        char shown[TL_JSON_SHOWN];
+        char found[FOUND];
+        tl_text_for_people(entry->string, shown, sizeof shown);
+        (void)snprintf(found, sizeof found, "the name \"%s\"", shown);
+        tl_config_wrong(map, entry->string, found, "at most 63 letters, digits and _, no digit first", example);
+    }
+}
+
+void tl_config_list_names(const char *what, const cJSON *section, const char *kind, char *text, size_t size) {
+    char name[TL_JSON_SHOWN];
+    const char *before = ": one of ";
+    const cJSON *entry = NULL;
+    size_t used = (size_t)snprintf(text, size, "%s", what);
+    cJSON_ArrayForEach(entry, section) {
+        if (used < size && (kind == NULL || cJSON_GetObjectItemCaseSensitive(entry, kind) != NULL)) {
+            tl_text_for_people(entry->string, name, sizeof name);
+            used += (size_t)snprintf(text + used, size - used, "%s%s", before, name);
+            before = ", ";
+        }
+    }
+}
+
+/* ---- references ---- */
+
+static const char *shape_of(tl_config_target target) {
+    switch (target) {
+    case TL_CONFIG_VARIABLE:
+        return "component.variable";
+    case TL_CONFIG_SIGNAL:
+        return "a signal of the plant";
+    case TL_CONFIG_EITHER:
+        break;
+    }
+    return "component.variable or plant.signal";
+}
+
+/* True where `name` is a key of the section, or where nothing can be said about it. Only as many keys are offered as a
+ * valid section has, so that a hostile file takes no longer. */
+static bool is_key(const cJSON *section, const char *name, tl_nearest *nearest) {
+    if (!cJSON_IsObject(section) || cJSON_GetObjectItemCaseSensitive(section, name) != NULL) {
+        return true;
+    }
+    size_t left = TL_MAX_SIGNALS;
+    for (const cJSON *entry = section->child; entry != NULL && left > 0; entry = entry->next) {
+        tl_nearest_offer(nearest, entry->string);
+        left--;
+    }
+    return false;
+}
+
+static void report_reference(const tl_config_reader *reader, const char *path, size_t line, const char *text,
+                             const char *expected, const char *example) {
+    char shown[TL_JSON_SHOWN];
+    char found[FOUND];
+    tl_text_for_people(text, shown, sizeof shown);
+    (void)snprintf(found, sizeof found, "\"%s\"", shown);
+    tl_config_problem(reader, path, line, found, expected, example);
+}
+
+/* The name before or after the dot is not in the section: the nearest that is, or all of them. */
+static void report_unknown(const tl_config_reader *reader, const char *path, size_t line, const char *text,
+                           const cJSON *section, const char *example) {
+    char expected[EXPECTED];
+    bool signal = strncmp(text, "plant.", strlen("plant.")) == 0;
+    const char *what = signal ? "a signal that \"plant\" has" : "a variable of one of \"components\"";
+    tl_config_list_names(what, section, NULL, expected, sizeof expected);
+    report_reference(reader, path, line, text, example != NULL ? what : expected, example);
+}
+
+static void check_signal(const tl_config_reader *reader, const char *path, size_t line, const char *text) {
+    char example[EXPECTED];
+    const char *name = strchr(text, '.') + 1;
+    const cJSON *section = cJSON_GetObjectItemCaseSensitive(reader->root, "plant");
+    tl_nearest nearest = {.text = name};
+    if (!is_key(section, name, &nearest)) {
+        (void)snprintf(example, sizeof example, "\"plant.%s\"", nearest.best != NULL ? nearest.best : "");
+        report_unknown(reader, path, line, text, section, nearest.best != NULL ? example : NULL);
+    }
+}
+
+static void check_variable(const tl_config_reader *reader, const char *path, size_t line, const char *text) {
+    char example[EXPECTED];
+    char component[NAME_CHARS + 1];
+    char variable[TL_JSON_SHOWN];
+    const char *dot = strchr(text, '.');
+    const cJSON *section = cJSON_GetObjectItemCaseSensitive(reader->root, "components");
+    (void)snprintf(component, sizeof component, "%.*s", (int)(dot - text), text);
+    tl_nearest nearest = {.text = component};
+    if (!is_key(section, component, &nearest)) {
+        tl_text_for_people(dot + 1, variable, sizeof variable);
+        (void)snprintf(example, sizeof example, "\"%s.%s\"", nearest.best != NULL ? nearest.best : "", variable);
+        report_unknown(reader, path, line, text, section, nearest.best != NULL ? example : NULL);
+    }
+}
+
+/* NAME.anything, plant.NAME */
+static bool has_shape(const char *text, bool signal) {
+    const char *dot = strchr(text, '.');
+    return dot != NULL && is_name(text, (size_t)(dot - text)) && dot[1] != '\0' && tl_text_is_plain(dot) &&
+           (!signal || is_name(dot + 1, strlen(dot + 1)));
+}
+
+void tl_config_check_reference(const tl_config_reader *reader, const char *path, size_t line, const char *text,
+                               tl_config_target target) {
+    bool signal = strncmp(text, "plant.", strlen("plant.")) == 0;
+    if (!has_shape(text, signal) || (target == TL_CONFIG_SIGNAL && !signal)) {
+        report_reference(reader, path, line, text, shape_of(target),
+                         target == TL_CONFIG_SIGNAL ? "\"plant.omega\"" : "\"motor.omega\"");
+    } else if (target == TL_CONFIG_VARIABLE && signal) {
+        report_reference(reader, path, line, text, "component.variable (the plant is only listened to)",
+                         "\"motor.omega\"");
+    } else if (signal) {
+        check_signal(reader, path, line, text);
+    } else {
+        check_variable(reader, path, line, text);
+    }
+}

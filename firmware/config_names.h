@@ -1,0 +1,46 @@
+/* Names in a configuration: what they may look like, what they refer to, and which one was probably meant.
+ *
+ * Names:      of components, signals and sources: [A-Za-z_][A-Za-z0-9_]*, at most 63 characters.
+ * References: "component.variable" and "plant.signal". That the component or signal exists is checked here, so that
+ *             it is reported with everything else; whether the variable exists, only the FMU can tell (twin.h).
+ */
+#ifndef TL_FIRMWARE_CONFIG_NAMES_H
+#define TL_FIRMWARE_CONFIG_NAMES_H
+
+#include <stdbool.h>
+#include <stddef.h>
+
+#include <cjson/cJSON.h>
+
+#include "firmware/config_reader.h"
+
+/* The nearest of the names offered: at most 2 edits away, fewer than half of its characters. An edit inserts, deletes
+ * or replaces a character or swaps two neighbours; case does not count. */
+typedef struct tl_nearest {
+    const char *text;
+    const char *best; /* NULL: none is near */
+    size_t distance;
+} tl_nearest;
+
+void tl_nearest_offer(tl_nearest *nearest, const char *candidate);
+
+/* Reports the key of an entry where it is no name. */
+void tl_config_check_name(const tl_config_object *map, const cJSON *entry, const char *example);
+
+/* "WHAT: one of a, b, c", the keys of a section; where `kind` is given, of those entries that have such a member. Just
+ * WHAT where there are none; cut where it does not fit. */
+void tl_config_list_names(const char *what, const cJSON *section, const char *kind, char *text, size_t size);
+
+/* What a reference may lead to. */
+typedef enum tl_config_target {
+    TL_CONFIG_VARIABLE = 1, /* component.variable */
+    TL_CONFIG_SIGNAL = 2,   /* plant.signal */
+    TL_CONFIG_EITHER = 3
+} tl_config_target;
+
+/* Reports `text`, which stands at `path`, where it does not lead to such a thing. Silent where the section it leads to
+ * is missing or no object: that was reported already. */
+void tl_config_check_reference(const tl_config_reader *reader, const char *path, size_t line, const char *text,
+                               tl_config_target target);
+
+#endif
