@@ -1,0 +1,276 @@
+/* Opening, making and recognising a twinlock database.
+ *
+ * Recognising: SQLite's header has 100 bytes at the front of the file: the magic text, and big-endian at byte 60
+ *              user_version, at 68 application_id. They are read through SQLite's own file handle before any SQL runs,
+ *              so no lock is taken, no journal is rolled back and no -wal file appears beside somebody else's file.
+ *              (A file descriptor of our own would drop SQLite's POSIX locks when it is closed.)
+ * Making:      under another name, then renamed, so that a power cut leaves a whole database or none, and the
+ *              header is always in the file itself, not in its write-ahead log.
+ */
+#include "firmware/database.h"
+
+#include <errno.h>
+#include <fcntl.h>
+#include <libgen.h>
+#include <limits.h>
+#include <stdint.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+enum { HEADER = 100, VERSION_AT = 60, APPLICATION_AT = 68 };
+
+tl_status tl_database_status(int code) {
+    switch (code & 0xFF) {
+    case SQLITE_OK:
+    case SQLITE_ROW:
+    case SQLITE_DONE:
+        return TL_OK;
+    case SQLITE_ERROR:
+    case SQLITE_CORRUPT:
+    case SQLITE_NOTADB:
+    case SQLITE_MISMATCH:
+    case SQLITE_CONSTRAINT:
+    case SQLITE_SCHEMA:
+    case SQLITE_TOOBIG:
+        return TL_BAD_DATA;
+    default:
+        return TL_TRY_AGAIN;
+    }
+}
+
+static bool is_system_failure(int code) {
+    int primary = code & 0xFF;
+    return primary == SQLITE_CANTOPEN || primary == SQLITE_IOERR || primary == SQLITE_FULL ||
+           primary == SQLITE_READONLY;
+}
+
+void tl_database_text(sqlite3 *database, int code, char *text, size_t size) {
+    char buffer[128];
+    bool known = database != NULL && sqlite3_extended_errcode(database) == code; /* else something came after it */
+    int number = known ? sqlite3_system_errno(database) : 0;
+    const char *message = known ? sqlite3_errmsg(database) : sqlite3_errstr(code);
+    if ((code & 0xFF) == SQLITE_BUSY) {
+        (void)snprintf(text, size, "another program has locked the database, or has been reading it for too long");
+    } else if (number != 0 && is_system_failure(code)) {
+        (void)snprintf(text, size, "%s (%s)", message, strerror_r(number, buffer, sizeof buffer));
+    } else {
+        (void)snprintf(text, size, "%s", message);
+    }
+}
+
+tl_status tl_database_fail(sqlite3 *database, int code, tl_error *error) {
+    char text[TL_ERROR_TEXT];
+    const char *path = database == NULL ? NULL : sqlite3_db_filename(database, "main");
+    tl_database_text(database, code, text, sizeof text);
+    return tl_fail(error, tl_database_status(code), "%s: %s", path == NULL ? "database" : path, text);
+}
+
+tl_status tl_database_execute(sqlite3 *database, const char *sql, tl_error *error) {
+    int code = sqlite3_exec(database, sql, NULL, NULL, NULL);
+    return code == SQLITE_OK ? TL_OK : tl_database_fail(database, code, error);
+}
+
+tl_status tl_database_prepare(sqlite3 *database, const char *sql, sqlite3_stmt **statement, tl_error *error) {
+    int code = sqlite3_prepare_v3(database, sql, -1, SQLITE_PREPARE_PERSISTENT, statement, NULL);
+    return code == SQLITE_OK ? TL_OK : tl_database_fail(database, code, error);
+}
+
+static uint32_t big_endian(const unsigned char *bytes) {
+    return (uint32_t)bytes[0] << 24 | (uint32_t)bytes[1] << 16 | (uint32_t)bytes[2] << 8 | (uint32_t)bytes[3];
+}
+
+/* No SQL may have run on this connection. */
+static tl_status check_header(sqlite3 *database, const char *path, tl_error *error) {
+    sqlite3_file *file = NULL;
+    sqlite3_int64 size = 0;
+    unsigned char header[HEADER] = {0};
+    int code = sqlite3_file_control(database, "main", SQLITE_FCNTL_FILE_POINTER, &file);
+    if (code != SQLITE_OK || file == NULL || file->pMethods == NULL ||
+        file->pMethods->xFileSize(file, &size) != SQLITE_OK) {
+        return tl_fail(error, TL_TRY_AGAIN, "%s: cannot be read", path);
+    }
+    if (size < HEADER) {
+        return tl_fail(error, TL_BAD_DATA, "%s: is not a twinlock database: it has only %lld bytes", path,
+                       (long long)size);
+    }
+    code = file->pMethods->xRead(file, header, HEADER, 0);
+    if (code != SQLITE_OK) {
+        return tl_fail(error, TL_TRY_AGAIN, "%s: cannot be read (%s)", path, sqlite3_errstr(code));
+    }
+    if (memcmp(header, "SQLite format 3", 16) != 0) {
+        return tl_fail(error, TL_BAD_DATA, "%s: is not a twinlock database, nor any SQLite database", path);
+    }
+    if (big_endian(header + APPLICATION_AT) != TL_DATABASE_APPLICATION) {
+        return tl_fail(error, TL_BAD_DATA, "%s: is a SQLite database of another program, not of twinlock", path);
+    }
+    uint32_t version = big_endian(header + VERSION_AT);
+    if (version < 1 || version > TL_DATABASE_VERSION) {
+        return tl_fail(error, TL_BAD_DATA,
+                       "%s: was written by another version of twinlock (format %u, this program knows 1 to %d)", path,
+                       (unsigned)version, TL_DATABASE_VERSION);
+    }
+    return TL_OK;
+}
+
+static tl_status open_connection(const char *name, int flags, sqlite3 **database, tl_error *error) {
+    int code = sqlite3_open_v2(name, database, flags | SQLITE_OPEN_NOMUTEX | SQLITE_OPEN_EXRESCODE, NULL);
+    if (code == SQLITE_OK) {
+        return TL_OK;
+    }
+    tl_status status = tl_database_fail(*database, code, error);
+    (void)sqlite3_close(*database);
+    *database = NULL;
+    return status;
+}
+
+/* "file:PATH?immutable=1", every byte that means something in a URI written as %XX. */
+static char *immutable_uri(const char *path) {
+    static const char plain[] = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789-._~/";
+    char *uri = malloc(strlen(path) * 3 + sizeof "file:?immutable=1");
+    if (uri == NULL) {
+        return NULL;
+    }
+    char *end = uri + sprintf(uri, "file:");
+    for (const char *c = path; *c != '\0'; c++) {
+        end += sprintf(end, strchr(plain, *c) != NULL ? "%c" : "%%%02X", (unsigned)(unsigned char)*c);
+    }
+    (void)sprintf(end, "?immutable=1");
+    return uri;
+}
+
+/* A database on a read-only medium, without a -wal file: nothing can be missing and nothing can change. */
+static tl_status open_immutable(const char *path, sqlite3 **database, tl_error *error) {
+    char *uri = immutable_uri(path);
+    if (uri == NULL) {
+        return tl_fail(error, TL_TRY_AGAIN, "%s: out of memory", path);
+    }
+    tl_status status = open_connection(uri, SQLITE_OPEN_READONLY | SQLITE_OPEN_URI, database, error);
+    free(uri);
+    return status;
+}
+
+static bool has_wal(const char *path) {
+    char name[PATH_MAX];
+    struct stat status;
+    int length = snprintf(name, sizeof name, "%s-wal", path);
+    return length > 0 && length < PATH_MAX && stat(name, &status) == 0 && status.st_size > 0;
+}
+
+/* The first SQL: with -wal and -shm files where that is possible, without where it must and can be. */
+static tl_status first_read(const char *path, sqlite3 **database, tl_error *error) {
+    static const char question[] = "SELECT count(*) FROM sqlite_schema";
+    int code = sqlite3_exec(*database, question, NULL, NULL, NULL);
+    if (((code & 0xFF) == SQLITE_CANTOPEN || (code & 0xFF) == SQLITE_READONLY) && !has_wal(path)) {
+        (void)sqlite3_close(*database);
+        *database = NULL;
+        tl_status status = open_immutable(path, database, error);
+        if (status != TL_OK) {
+            return status;
+        }
+        code = sqlite3_exec(*database, question, NULL, NULL, NULL);
+    }
+    return code == SQLITE_OK ? TL_OK : tl_database_fail(*database, code, error);
+}
+
+tl_status tl_database_open(const char *path, bool write, sqlite3 **database, tl_error *error) {
+    static const char both[] = "PRAGMA trusted_schema = OFF; PRAGMA cell_size_check = ON; PRAGMA temp_store = MEMORY;";
+    struct stat file;
+    *database = NULL;
+    if (stat(path, &file) != 0) {
+        tl_status status = errno == ENOENT || errno == ENOTDIR ? TL_BAD_DATA : TL_TRY_AGAIN;
+        return tl_fail(error, status, "%s: %s", path, strerror(errno));
+    }
+    if (!S_ISREG(file.st_mode)) {
+        return tl_fail(error, TL_BAD_DATA, "%s: is no ordinary file", path);
+    }
+    /* Readers too: the last one to close then removes -wal and -shm. SQLite falls back to reading where the file
+     * or the medium permits no more. */
+    tl_status status = open_connection(path, SQLITE_OPEN_READWRITE, database, error);
+    if (status != TL_OK) {
+        return status;
+    }
+    (void)sqlite3_busy_timeout(*database, 2000);
+    status = check_header(*database, path, error);
+    if (status == TL_OK && write && sqlite3_db_readonly(*database, "main") == 1) {
+        status = tl_fail(error, TL_TRY_AGAIN, "%s: may not be written: check its permissions and its medium", path);
+    }
+    if (status == TL_OK) {
+        status = first_read(path, database, error);
+    }
+    if (status == TL_OK) {
+        status = tl_database_execute(*database, both, error);
+    }
+    if (status == TL_OK && !write) {
+        status = tl_database_execute(*database, "PRAGMA query_only = ON", error);
+    }
+    if (status != TL_OK) {
+        (void)sqlite3_close(*database);
+        *database = NULL;
+    }
+    return status;
+}
+
+static tl_status build(const char *name, tl_error *error) {
+    char header[256];
+    sqlite3 *database = NULL;
+    (void)snprintf(header, sizeof header,
+                   "PRAGMA auto_vacuum = INCREMENTAL; PRAGMA synchronous = FULL; PRAGMA temp_store = MEMORY; BEGIN;"
+                   "PRAGMA application_id = %d; PRAGMA user_version = %d;",
+                   TL_DATABASE_APPLICATION, TL_DATABASE_VERSION);
+    tl_status status = open_connection(name, SQLITE_OPEN_READWRITE | SQLITE_OPEN_CREATE, &database, error);
+    if (status != TL_OK) {
+        return status;
+    }
+    status = tl_database_execute(database, header, error);
+    for (size_t i = 0; tl_database_schema[i] != NULL && status == TL_OK; i++) {
+        status = tl_database_execute(database, tl_database_schema[i], error);
+    }
+    if (status == TL_OK) {
+        status = tl_database_execute(database, "COMMIT; PRAGMA journal_mode = WAL", error);
+    }
+    (void)sqlite3_close(database);
+    return status == TL_BAD_DATA ? TL_TRY_AGAIN : status; /* what is not there yet cannot be bad */
+}
+
+/* What is left beside a database that was removed, or of one that was never finished. */
+static void remove_leftovers(const char *path) {
+    static const char *const ends[] = {"-wal", "-shm", "-journal", ".new", ".new-journal", ".new-wal", ".new-shm"};
+    char name[PATH_MAX];
+    for (size_t i = 0; i < sizeof ends / sizeof ends[0]; i++) {
+        if (snprintf(name, sizeof name, "%s%s", path, ends[i]) < PATH_MAX) {
+            (void)unlink(name);
+        }
+    }
+}
+
+static void sync_folder(const char *path) {
+    char copy[PATH_MAX];
+    (void)snprintf(copy, sizeof copy, "%s", path);
+    int folder = open(dirname(copy), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+    if (folder >= 0) {
+        (void)fsync(folder);
+        (void)close(folder);
+    }
+}
+
+tl_status tl_database_create(const char *path, tl_error *error) {
+    char name[PATH_MAX];
+    int length = snprintf(name, sizeof name, "%s.new", path);
+    if (length < 0 || length + 16 >= PATH_MAX) {
+        return tl_fail(error, TL_TRY_AGAIN, "%.200s…: the name is too long", path);
+    }
+    remove_leftovers(path);
+    tl_status status = build(name, error);
+    if (status == TL_OK && rename(name, path) != 0) {
+        status = tl_fail(error, TL_TRY_AGAIN, "%s: cannot be made: %s", path, strerror(errno));
+    }
+    if (status != TL_OK) {
+        remove_leftovers(path);
+        return status;
+    }
+    sync_folder(path);
+    return TL_OK;
+}

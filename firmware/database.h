@@ -1,0 +1,46 @@
+/* A twinlock database: what it is recognised by, how it is made and opened. The recorder writes one, history reads.
+ *
+ * Purpose: the one place that decides whether a file is ours, before a single byte of it can change.
+ * Format:  SQLite; application_id and user_version in its header say what and which; config/SPEC.md, "Database".
+ * Errors:  TL_BAD_DATA for a file that is not ours, newer than us, or damaged; TL_TRY_AGAIN for everything the
+ *          system refuses (no room, no permission, locked).
+ * Thread:  a connection belongs to one thread at a time.
+ */
+#ifndef TL_FIRMWARE_DATABASE_H
+#define TL_FIRMWARE_DATABASE_H
+
+#include <sqlite3.h>
+#include <stdbool.h>
+#include <stddef.h>
+
+#include "master/base/status.h"
+
+enum {
+    TL_DATABASE_APPLICATION = 0x74776C6B, /* "twlk" */
+    TL_DATABASE_VERSION = 1
+};
+
+/* The schema: one statement each for tables, indices and views, then NULL; database_schema.c. */
+extern const char *const tl_database_schema[];
+
+/* The file must exist. Reading does not create, recover or change anything but SQLite's own -wal and -shm files, and
+ * works on a read-only medium. */
+tl_status tl_database_open(const char *path, bool write, sqlite3 **database, tl_error *error);
+
+/* Makes an empty database at `path`, where there is no file or an empty one. It appears whole or not at all. */
+tl_status tl_database_create(const char *path, tl_error *error);
+
+/* Both fail as tl_database_fail() does. */
+tl_status tl_database_execute(sqlite3 *database, const char *sql, tl_error *error);
+tl_status tl_database_prepare(sqlite3 *database, const char *sql, sqlite3_stmt **statement, tl_error *error);
+
+/* What kind of failure a result code is; TL_OK for SQLITE_OK, SQLITE_ROW and SQLITE_DONE. */
+tl_status tl_database_status(int code);
+
+/* What went wrong in the last call on this connection: what SQLite says, and what the system says. */
+void tl_database_text(sqlite3 *database, int code, char *text, size_t size);
+
+/* The same as an error, with the file in front. */
+tl_status tl_database_fail(sqlite3 *database, int code, tl_error *error);
+
+#endif

@@ -1,0 +1,91 @@
+/* History: what a database that the recorder wrote holds. Reading only, also while a run is being written.
+ *
+ * Purpose: runs, their signals and configurations, and the ticks of a run one by one, for `show` and for replaying what
+ *          a box saw. config/SPEC.md, "Database", says what everything means.
+ * Reading: in short transactions, so that a slow reader does not keep the recorder from writing its log back.
+ * Owner:   texts and arrays that are given out live until tl_history_close().
+ * Errors:  TL_BAD_DATA (no database of ours, damaged, no such run), TL_TRY_AGAIN (locked, no permission).
+ * Thread:  one thread at a time.
+ */
+#ifndef TL_FIRMWARE_HISTORY_H
+#define TL_FIRMWARE_HISTORY_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "firmware/recorder.h"
+
+struct sqlite3;
+
+typedef struct tl_history tl_history;
+
+typedef struct tl_history_run {
+    int64_t run; /* its id */
+    const char *verb;
+    const char *name;               /* of the configuration */
+    const char *version;            /* of the program that wrote it */
+    const char *configuration_hash; /* SHA-256 of the configuration's text */
+    const char *started;            /* UTC */
+    const char *ended;              /* UTC; NULL: is being written, or was killed and nobody wrote since */
+    const char *ended_reason;       /* NULL like ended */
+    const char *committed;          /* UTC of the last commit */
+    tl_time step;                   /* T_S, ns */
+    uint32_t prediction;            /* T_P */
+    tl_measurements measurements;
+    uint64_t samples, steps, events, lost; /* written, and lost */
+    int64_t removed_before;                /* retention has removed the ticks and steps before this one; 0: none */
+} tl_history_run;
+
+typedef enum tl_history_kind { TL_HISTORY_PLANT, TL_HISTORY_MATCH, TL_HISTORY_ADJUST } tl_history_kind;
+
+tl_status tl_history_open(const char *path, tl_history **history, tl_error *error);
+
+/* NULL is allowed. */
+void tl_history_close(tl_history *history);
+
+/* All runs, the oldest first; none is no error. */
+tl_status tl_history_runs(tl_history *history, const tl_history_run **runs, size_t *count, tl_error *error);
+
+/* The run with this id; with 0 the last one. */
+tl_status tl_history_find(tl_history *history, int64_t id, const tl_history_run **run, tl_error *error);
+
+/* The text of the configuration that a run was made with. */
+tl_status tl_history_configuration(tl_history *history, const tl_history_run *run, const char **text,
+                                   tl_error *error);
+
+/* The signals of one kind, in the order of the arrays of tl_sample (plant) and tl_record (match, adjust). */
+tl_status tl_history_signals(tl_history *history, const tl_history_run *run, tl_history_kind kind,
+                             const tl_recorder_signal **signals, size_t *count, tl_error *error);
+
+/* One tick, and the step that was computed at it: tick − T_P in mode lag, tick in mode ahead. */
+typedef struct tl_history_tick {
+    tl_sample sample;     /* stamps count from t_start; signals that the run does not have: no link */
+    bool has_step;        /* false for the first ticks in mode lag, and where the record of the step was lost */
+    int64_t step;         /* with has_step, as all that follow */
+    tl_outcome outcome;   /* TL_MADE_UP: the run missed this tick */
+    tl_stop stop;         /* TL_STOP_TIME: there was time for no more than these evaluations */
+    uint32_t evaluations;
+} tl_history_tick;
+
+/* A walk through the ticks of a run, from the first that is still there. */
+typedef struct tl_history_ticks tl_history_ticks;
+
+/* The history must outlive the walk. Several walks may be under way. */
+tl_status tl_history_ticks_begin(tl_history *history, const tl_history_run *run, tl_history_ticks **ticks,
+                                 tl_error *error);
+
+/* The first and the last tick that are there now; false where there is none. */
+bool tl_history_ticks_range(const tl_history_ticks *ticks, int64_t *first, int64_t *last);
+
+/* The next tick that is there; ticks that were lost or removed are left out, so look at sample.tick. *end where there
+ * is none (yet, in a run that is being written). */
+tl_status tl_history_ticks_next(tl_history_ticks *ticks, tl_history_tick *tick, bool *end, tl_error *error);
+
+/* NULL is allowed. */
+void tl_history_ticks_end(tl_history_ticks *ticks);
+
+/* The connection, for the questions of `show`; SELECT only. */
+struct sqlite3 *tl_history_database(tl_history *history);
+
+#endif
