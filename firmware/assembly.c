@@ -1,0 +1,173 @@
+/* An assembly: see assembly.h. */
+#include "firmware/assembly.h"
+
+#include <limits.h>
+#include <stdlib.h>
+#include <string.h>
+
+/* The FMU at `path`, loaded once; NULL where reported. */
+static const tl_fmu *load_fmu(tl_assembly *assembly, const char *path, const char *where) {
+    for (size_t i = 0; i < assembly->fmu_count; i++) {
+        if (strcmp(assembly->fmus[i].path, path) == 0) {
+            return &assembly->fmus[i];
+        }
+    }
+    tl_error error;
+    tl_fmu *fmu = &assembly->fmus[assembly->fmu_count];
+    tl_status status = tl_fmu_load(path, fmu, &error);
+    if (status != TL_OK) {
+        tl_report_add(&assembly->problems.report, status, where, "%s", error.text);
+        return NULL;
+    }
+    assembly->fmu_count++;
+    return fmu;
+}
+
+static void load_component(tl_assembly *assembly, size_t index) {
+    const tl_config_component *configured = &assembly->config.components[index];
+    tl_plan_component *component = &assembly->components[index];
+    char path[PATH_MAX];
+    if (!tl_config_fmu_path(&assembly->config, configured->fmu, path, sizeof path)) {
+        tl_report_add(
+            &assembly->problems.report, TL_BAD_DATA, configured->where,
+            "no file \"%s\" here, in TWINLOCK_FMU_PATH, or in ../fmus beside the program (looked for \"%s\" first)",
+            configured->fmu, path);
+        return;
+    }
+    const tl_fmu *fmu = load_fmu(assembly, path, configured->where);
+    if (fmu != NULL) {
+        *component = (tl_plan_component){
+            .where = configured->where,
+            .name = configured->name,
+            .model = &fmu->model,
+            .functions = &fmu->functions,
+            .callbacks = &fmu->callbacks,
+            .resources = fmu->resources,
+            .set = configured->set,
+            .set_count = configured->set_count,
+        };
+    }
+}
+
+/* The variables of FMUs that `emulate` reads; returns how many. */
+static size_t fill_outputs(tl_assembly *assembly) {
+    size_t count = 0;
+    for (size_t i = 0; i < assembly->config.emulated_count; i++) {
+        const tl_config_emulated *emulated = &assembly->config.emulated[i];
+        if (strncmp(emulated->from, "plant.", 6) != 0) {
+            assembly->outputs[count++] = (tl_plan_output){emulated->where, emulated->from};
+        }
+    }
+    return count;
+}
+
+static void fill_plan(tl_assembly *assembly) {
+    const tl_config *config = &assembly->config;
+    for (size_t i = 0; i < config->signal_count; i++) {
+        assembly->signals[i] = config->signals[i].plan;
+    }
+    assembly->plan = (tl_plan){
+        .step = config->step,
+        .components = assembly->components,
+        .component_count = config->component_count,
+        .signals = assembly->signals,
+        .signal_count = config->signal_count,
+        .connections = config->connections,
+        .connection_count = config->connection_count,
+        .adjust = config->adjust,
+        .adjust_count = config->adjust_count,
+        .match = config->match,
+        .match_count = config->match_count,
+        .outputs = assembly->outputs,
+        .output_count = fill_outputs(assembly),
+        .prediction = config->prediction,
+        .measurements = config->measurements,
+        .algorithm = config->algorithm,
+        .margin = config->margin,
+    };
+}
+
+static tl_status build(tl_assembly *assembly) {
+    const tl_config *config = &assembly->config;
+    tl_report *report = &assembly->problems.report;
+    assembly->fmus = calloc(config->component_count, sizeof *assembly->fmus);
+    assembly->components = calloc(config->component_count, sizeof *assembly->components);
+    assembly->signals = calloc(config->signal_count, sizeof *assembly->signals);
+    assembly->outputs = calloc(config->emulated_count + 1, sizeof *assembly->outputs);
+    if (assembly->fmus == NULL || assembly->components == NULL || assembly->signals == NULL ||
+        assembly->outputs == NULL) {
+        tl_report_add(report, TL_TRY_AGAIN, "", "not enough memory");
+        return report->worst;
+    }
+    for (size_t i = 0; i < config->component_count; i++) {
+        load_component(assembly, i);
+    }
+    if (report->count == 0) {
+        fill_plan(assembly);
+        assembly->twin = tl_twin_build(&assembly->plan, report);
+    }
+    return report->worst;
+}
+
+tl_status tl_assembly_load(const char *path, tl_assembly *assembly) {
+    *assembly = (tl_assembly){0};
+    tl_problems_init(&assembly->problems, path);
+    tl_status status = tl_config_read(path, &assembly->config, &assembly->problems.report);
+    if (status != TL_OK) {
+        return status;
+    }
+    assembly->problems.config = &assembly->config;
+    return build(assembly);
+}
+
+tl_status tl_assembly_record(const tl_assembly *assembly, const char *verb, const char *path, bool wait_when_full,
+                             tl_recorder **recorder, tl_error *error) {
+    const tl_config *config = &assembly->config;
+    tl_recorder_signal plant[TL_MAX_SIGNALS];
+    tl_recorder_signal match[TL_MAX_MATCH];
+    tl_recorder_signal adjust[TL_MAX_ADJUST];
+    for (size_t i = 0; i < config->signal_count; i++) {
+        const tl_plan_signal *signal = &config->signals[i].plan;
+        plant[i] = (tl_recorder_signal){signal->name, signal->unit, NULL, signal->type};
+    }
+    for (size_t i = 0; i < config->match_count; i++) {
+        match[i] = (tl_recorder_signal){config->match[i].variable, tl_twin_match_unit(assembly->twin, i),
+                                        config->match[i].to, TL_REAL};
+    }
+    for (size_t i = 0; i < config->adjust_count; i++) {
+        adjust[i] =
+            (tl_recorder_signal){config->adjust[i].variable, tl_twin_adjust_unit(assembly->twin, i), NULL, TL_REAL};
+    }
+    const tl_recorder_settings settings = {
+        .path = path,
+        .max_bytes = config->record_max_bytes,
+        .commit = config->record_commit,
+        .verb = verb,
+        .name = config->name,
+        .configuration = config->text,
+        .step = config->step,
+        .prediction = tl_twin_get_facts(assembly->twin).prediction,
+        .measurements = config->measurements,
+        .plant = plant,
+        .match = match,
+        .adjust = adjust,
+        .plant_count = config->signal_count,
+        .match_count = config->match_count,
+        .adjust_count = config->adjust_count,
+        .wait_when_full = wait_when_full,
+    };
+    return tl_recorder_open(&settings, recorder, error);
+}
+
+void tl_assembly_free(tl_assembly *assembly) {
+    tl_twin_destroy(assembly->twin);
+    for (size_t i = 0; i < assembly->fmu_count; i++) {
+        tl_fmu_unload(&assembly->fmus[i]);
+    }
+    free(assembly->fmus);
+    free(assembly->components);
+    free(assembly->signals);
+    free(assembly->outputs);
+    tl_config_free(&assembly->config);
+    *assembly = (tl_assembly){0};
+}

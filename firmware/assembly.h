@@ -1,0 +1,39 @@
+/* An assembly: a configuration, its FMUs, and the twin built from them.
+ *
+ * Purpose: what every verb that simulates starts from, put together and taken apart in one place.
+ * Owner:   the assembly owns all of it until tl_assembly_free().
+ * Thread:  one thread; the twin may then be given to the cycle's.
+ */
+#ifndef TL_FIRMWARE_ASSEMBLY_H
+#define TL_FIRMWARE_ASSEMBLY_H
+
+#include "firmware/config.h"
+#include "firmware/fmu_store.h"
+#include "firmware/problems.h"
+#include "firmware/recorder.h"
+#include "master/twin.h"
+
+typedef struct tl_assembly {
+    tl_config config;
+    tl_problems problems;
+    tl_fmu *fmus; /* each file once, however many components use it */
+    size_t fmu_count;
+    tl_plan plan;
+    tl_plan_component *components; /* of the plan */
+    tl_plan_signal *signals;
+    tl_plan_output *outputs; /* what `emulate` reads */
+    tl_twin *twin;
+} tl_assembly;
+
+/* Reads the configuration, loads the FMUs and builds the twin. On failure every problem was said on the log and the
+ * status is that of the first; the assembly must be freed all the same. */
+tl_status tl_assembly_load(const char *path, tl_assembly *assembly);
+
+/* Opens the recorder for this assembly; `path` is the database. wait_when_full as in recorder.h. */
+tl_status tl_assembly_record(const tl_assembly *assembly, const char *verb, const char *path, bool wait_when_full,
+                             tl_recorder **recorder, tl_error *error);
+
+/* A zeroed assembly is allowed. */
+void tl_assembly_free(tl_assembly *assembly);
+
+#endif

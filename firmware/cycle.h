@@ -1,0 +1,51 @@
+/* The real-time cycle: one thread that wakes at absolute instants, takes a sample, and steps the twin.
+ *
+ * Purpose: the heart of `twinlock run`. Nothing in it waits: samples come from mailboxes, records go into rings.
+ * Ticks:   tick m is due at t_start + m·T_S (CLOCK_MONOTONIC). A tick whose whole period has passed before it could be
+ *          begun is skipped: its sample is looked up at its own instant and its step made up by a free one, within the
+ *          time budget of a later tick, so that model time stays plant time. Of the ticks at which a step was due,
+ *          ticks = steps + skipped.
+ * Thread:  start and stop from one thread; status from any.
+ */
+#ifndef TL_FIRMWARE_CYCLE_H
+#define TL_FIRMWARE_CYCLE_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+#include "firmware/assembly.h"
+#include "firmware/journal.h"
+#include "firmware/plant_input.h"
+#include "firmware/recorder.h"
+#include "firmware/summary.h"
+
+typedef struct tl_cycle tl_cycle;
+
+typedef struct tl_cycle_settings {
+    const tl_assembly *assembly;
+    const tl_plant_input *input;
+    tl_recorder *recorder; /* NULL: none */
+    tl_journal *journal;
+} tl_cycle_settings;
+
+/* What the cycle is doing, for a status line. */
+typedef struct tl_cycle_status {
+    uint64_t steps;
+    uint64_t ticks;
+    uint64_t skipped;
+    uint64_t deadline_misses;
+    bool ended;       /* the duration is over, or the twin failed */
+    tl_record record; /* the newest */
+} tl_cycle_status;
+
+/* Tick 0 is due one period from now. Settings and what they point to must outlive the cycle. */
+tl_status tl_cycle_start(const tl_cycle_settings *settings, tl_cycle **cycle, tl_error *error);
+
+/* false where nothing new could be read without waiting. */
+bool tl_cycle_status_now(const tl_cycle *cycle, tl_cycle_status *status);
+
+/* Ends the cycle within one period at most, fills the summary, and frees it. The status is that of the twin's last step;
+ * TL_OK where it was only asked to stop. */
+tl_status tl_cycle_stop(tl_cycle *cycle, tl_summary *summary, tl_error *error);
+
+#endif

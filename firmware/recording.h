@@ -1,0 +1,40 @@
+/* Recordings: the plant as it was, tick by tick; from a CSV file or from a database that `run` wrote.
+ *
+ * Purpose: gives replay and the emulated plant their samples. From CSV: rows are posted into a plant input at their own
+ *          time and a sample is taken at each tick, as live would; tick 0 is at the first row. From a database: the
+ *          samples as they were seen, qualities included, and per tick what the run could spend on it, so that the
+ *          same u come out.
+ * Thread:  one thread.
+ */
+#ifndef TL_FIRMWARE_RECORDING_H
+#define TL_FIRMWARE_RECORDING_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+#include "firmware/config.h"
+#include "master/base/signal.h"
+#include "master/base/status.h"
+
+typedef struct tl_recording tl_recording;
+
+/* One tick of a recording. */
+typedef struct tl_recording_tick {
+    tl_sample sample;
+    bool made_up;              /* the run missed this tick */
+    uint32_t evaluation_limit; /* what the run had time for at this tick; UINT32_MAX where time was no limit */
+} tl_recording_tick;
+
+/* `path` is a CSV file, or a SQLite database (recognised by its first bytes), whose last run is taken. The database's
+ * signal names, step and horizon must agree with the configuration's. A CSV file is checked completely here. */
+tl_status tl_recording_open(const char *path, const tl_config *config, tl_recording **recording, tl_error *error);
+
+/* The next tick, from 0. *end where the recording does not reach the tick's instant. */
+tl_status tl_recording_next(tl_recording *recording, tl_recording_tick *tick, bool *end, tl_error *error);
+
+/* Ticks the recording holds, for progress. */
+int64_t tl_recording_ticks(const tl_recording *recording);
+
+void tl_recording_close(tl_recording *recording);
+
+#endif

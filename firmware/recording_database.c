@@ -1,0 +1,115 @@
+/* The ticks of a recorded run: see recording_database.h. */
+#include "firmware/recording_database.h"
+
+#include <inttypes.h>
+#include <limits.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "firmware/history.h"
+
+struct tl_recording_database {
+    char path[PATH_MAX]; /* for messages */
+    tl_history *history;
+    tl_history_ticks *ticks;
+    bool same_configuration; /* repeat what the run skipped and had time for */
+    int64_t next;            /* tick expected */
+};
+
+static tl_status check_signals(const char *path, tl_history *history, const tl_history_run *run,
+                               const tl_config *config, tl_error *error) {
+    const tl_recorder_signal *signals = NULL;
+    size_t count = 0;
+    tl_status status = tl_history_signals(history, run, TL_HISTORY_PLANT, &signals, &count, error);
+    if (status != TL_OK) {
+        return status;
+    }
+    for (size_t i = 0; i < config->signal_count; i++) {
+        const char *name = config->signals[i].plan.name;
+        if (i >= count || strcmp(signals[i].name, name) != 0) {
+            return tl_fail(error, TL_BAD_DATA,
+                           "%s: run %" PRId64 " has \"%s\" as signal %zu, the configuration has \"%s\": the plant's "
+                           "signals must be the same, in the same order",
+                           path, run->run, i < count ? signals[i].name : "nothing", i + 1, name);
+        }
+    }
+    if (count != config->signal_count || run->step != config->step) {
+        return tl_fail(error, TL_BAD_DATA,
+                       "%s: run %" PRId64 " has %zu signals every %g s, the configuration has %zu every %g s", path,
+                       run->run, count, tl_seconds(run->step), config->signal_count, tl_seconds(config->step));
+    }
+    return TL_OK;
+}
+
+static tl_status open_run(tl_recording_database *database, const tl_config *config, int64_t *ticks, tl_error *error) {
+    const tl_history_run *run = NULL;
+    int64_t first = 0;
+    int64_t last = 0;
+    tl_status status = tl_history_find(database->history, 0, &run, error);
+    if (status == TL_OK) {
+        status = check_signals(database->path, database->history, run, config, error);
+    }
+    if (status == TL_OK) {
+        status = tl_history_ticks_begin(database->history, run, &database->ticks, error);
+    }
+    if (status != TL_OK) {
+        return status;
+    }
+    if (!tl_history_ticks_range(database->ticks, &first, &last) || first != 0) {
+        return tl_fail(error, TL_BAD_DATA,
+                       "%s: the beginning of run %" PRId64 " is not there (any more): it cannot be replayed",
+                       database->path, run->run);
+    }
+    database->same_configuration = strcmp(run->configuration_hash, config->hash) == 0;
+    *ticks = last + 1;
+    return TL_OK;
+}
+
+tl_status tl_recording_database_open(const char *path, const tl_config *config, tl_recording_database **database,
+                                     int64_t *ticks, tl_error *error) {
+    tl_recording_database *opened = calloc(1, sizeof *opened);
+    if (opened == NULL) {
+        return tl_fail(error, TL_TRY_AGAIN, "%s: not enough memory", path);
+    }
+    (void)snprintf(opened->path, sizeof opened->path, "%s", path);
+    tl_status status = tl_history_open(path, &opened->history, error);
+    if (status == TL_OK) {
+        status = open_run(opened, config, ticks, error);
+    }
+    if (status != TL_OK) {
+        tl_recording_database_close(opened);
+        return status;
+    }
+    *database = opened;
+    return TL_OK;
+}
+
+tl_status tl_recording_database_next(tl_recording_database *database, tl_recording_tick *tick, bool *end,
+                                     tl_error *error) {
+    tl_history_tick read;
+    tl_status status = tl_history_ticks_next(database->ticks, &read, end, error);
+    if (status != TL_OK || *end) {
+        return status;
+    }
+    if (read.sample.tick != database->next) {
+        return tl_fail(error, TL_BAD_DATA,
+                       "%s: tick %" PRId64 " was lost while it was recorded: it cannot be replayed further",
+                       database->path, database->next);
+    }
+    bool repeat = database->same_configuration && read.has_step;
+    database->next++;
+    tick->sample = read.sample;
+    tick->made_up = repeat && read.outcome == TL_MADE_UP;
+    tick->evaluation_limit = repeat && read.stop == TL_STOP_TIME ? read.evaluations : UINT32_MAX;
+    return TL_OK;
+}
+
+void tl_recording_database_close(tl_recording_database *database) {
+    if (database == NULL) {
+        return;
+    }
+    tl_history_ticks_end(database->ticks);
+    tl_history_close(database->history);
+    free(database);
+}

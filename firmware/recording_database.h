@@ -1,0 +1,23 @@
+/* The ticks of a run that was recorded into a database, for recording.h.
+ *
+ * Purpose: the last run of the file, as it was seen. Where the configuration is the very one of the run, ticks it missed
+ *          are made up again and searches it had no time for end where they ended, so that the same u come out.
+ * Errors:  TL_BAD_DATA where the signals or the step are not the configuration's, or the run's beginning is gone.
+ * Thread:  one thread.
+ */
+#ifndef TL_FIRMWARE_RECORDING_DATABASE_H
+#define TL_FIRMWARE_RECORDING_DATABASE_H
+
+#include "firmware/recording.h"
+
+typedef struct tl_recording_database tl_recording_database;
+
+tl_status tl_recording_database_open(const char *path, const tl_config *config, tl_recording_database **database,
+                                     int64_t *ticks, tl_error *error);
+
+tl_status tl_recording_database_next(tl_recording_database *database, tl_recording_tick *tick, bool *end,
+                                     tl_error *error);
+
+void tl_recording_database_close(tl_recording_database *database);
+
+#endif

@@ -1,0 +1,122 @@
+/* A replay: see replay.h. */
+#include "firmware/replay.h"
+
+#include "firmware/clock.h"
+#include "firmware/interrupt.h"
+#include "firmware/progress.h"
+
+/* Steps i = 0 … n with n = duration/T_S. */
+static int64_t last_step(const tl_config *config) {
+    return config->duration == 0 ? INT64_MAX : config->duration / config->step;
+}
+
+static void keep(const tl_replay *replay, const tl_record *record, tl_summary *summary) {
+    const tl_config *config = &replay->assembly->config;
+    tl_summary_add(summary, config, record);
+    if (replay->recorder != NULL) {
+        tl_recorder_put_step(replay->recorder, record);
+    }
+    if (replay->trajectory != NULL) {
+        tl_trajectory_add(replay->trajectory, config, record);
+    }
+}
+
+static tl_status step(const tl_replay *replay, const tl_recording_tick *tick, tl_summary *summary, tl_error *error) {
+    const tl_config *config = &replay->assembly->config;
+    uint32_t limit = config->budget_evaluations;
+    tl_budget budget = {.evaluations = tick->evaluation_limit < limit ? tick->evaluation_limit : limit};
+    tl_record record;
+    bool ready = false;
+    tl_status status = tick->made_up
+                           ? tl_twin_make_up(replay->assembly->twin, &tick->sample, &record, &ready, error)
+                           : tl_twin_step(replay->assembly->twin, &tick->sample, &budget, &record, &ready, error);
+    if (ready) {
+        keep(replay, &record, summary);
+        summary->skipped += record.outcome == TL_MADE_UP ? 1 : 0;
+    }
+    return status;
+}
+
+/* In real time: waits for the tick's instant and counts ticks that could not be met. */
+static void pace(const tl_replay *replay, tl_time started, int64_t tick, tl_summary *summary) {
+    if (replay->realtime) {
+        tl_time period = replay->assembly->config.step;
+        tl_time instant = tl_time_of_step(started, period, tick);
+        tl_clock_sleep_until(instant);
+        summary->deadline_misses += tl_clock_now(NULL) - instant > period ? 1 : 0;
+    }
+}
+
+/* The tick after which the last wanted step has been computed. In mode ahead that is one tick earlier, and its record is
+ * complete one tick later. */
+static int64_t last_tick(const tl_replay *replay) {
+    const tl_config *config = &replay->assembly->config;
+    int64_t last = last_step(config);
+    if (last == INT64_MAX || config->measurements == TL_AHEAD) {
+        return last;
+    }
+    return last + (int64_t)tl_twin_get_facts(replay->assembly->twin).prediction;
+}
+
+static tl_status finish(const tl_replay *replay, const tl_recording_tick *tick, tl_summary *summary) {
+    tl_record record;
+    bool ready = false;
+    tl_twin_finish(replay->assembly->twin, &tick->sample, &record, &ready);
+    if (replay->recorder != NULL && ready) {
+        tl_recorder_put_sample(replay->recorder, &tick->sample);
+    }
+    if (ready) {
+        keep(replay, &record, summary);
+    }
+    return TL_OK;
+}
+
+/* One tick is read ahead: in mode ahead a step is computed only if its measurement will come. */
+static tl_status run(const tl_replay *replay, tl_progress *progress, tl_summary *summary, tl_error *error) {
+    tl_recording_tick tick;
+    tl_recording_tick next;
+    bool end = false;
+    bool ahead = replay->assembly->config.measurements == TL_AHEAD;
+    int64_t last = last_tick(replay);
+    tl_time started = tl_clock_now(NULL);
+    tl_status status = tl_recording_next(replay->recording, &tick, &end, error);
+    while (status == TL_OK && !end) {
+        bool next_end = false;
+        status = tl_recording_next(replay->recording, &next, &next_end, error);
+        if (status != TL_OK) {
+            break;
+        }
+        if (ahead && (next_end || tick.sample.tick > last)) {
+            return finish(replay, &tick, summary);
+        }
+        if (tick.sample.tick > last) {
+            break;
+        }
+        pace(replay, started, tick.sample.tick, summary);
+        if (replay->recorder != NULL) {
+            tl_recorder_put_sample(replay->recorder, &tick.sample);
+        }
+        status = step(replay, &tick, summary, error);
+        if (status == TL_OK && tl_interrupt_requested() != NULL) {
+            return tl_fail(error, TL_INTERRUPTED, "interrupted by %s after %llu steps", tl_interrupt_requested(),
+                           (unsigned long long)summary->steps);
+        }
+        tl_progress_update(progress, tick.sample.tick);
+        tick = next;
+        end = next_end;
+    }
+    return status;
+}
+
+tl_status tl_replay_run(const tl_replay *replay, tl_summary *summary, tl_error *error) {
+    tl_progress progress;
+    int64_t ticks = tl_recording_ticks(replay->recording);
+    int64_t last = last_tick(replay);
+    *summary = (tl_summary){0};
+    tl_time started = tl_clock_now(NULL);
+    tl_progress_begin(&progress, "replay", last < ticks ? last : ticks);
+    tl_status status = run(replay, &progress, summary, error);
+    tl_progress_end(&progress);
+    summary->wall_s = tl_seconds(tl_clock_now(NULL) - started);
+    return status;
+}

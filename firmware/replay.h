@@ -1,0 +1,29 @@
+/* A replay: a recording through the twin, as fast as it can or in real time.
+ *
+ * Purpose: the loop of `twinlock replay`. Budgets in time are ignored, so that it is repeatable to the bit.
+ * Thread:  the caller's.
+ */
+#ifndef TL_FIRMWARE_REPLAY_H
+#define TL_FIRMWARE_REPLAY_H
+
+#include <stdbool.h>
+#include <stdio.h>
+
+#include "firmware/assembly.h"
+#include "firmware/recorder.h"
+#include "firmware/recording.h"
+#include "firmware/summary.h"
+#include "firmware/trajectory.h"
+
+typedef struct tl_replay {
+    const tl_assembly *assembly;
+    tl_recording *recording;
+    tl_recorder *recorder; /* NULL: none */
+    FILE *trajectory;      /* NULL: none */
+    bool realtime;
+} tl_replay;
+
+/* Runs to the end, to the configured duration, or until interrupted (TL_INTERRUPTED; the summary holds what was done). */
+tl_status tl_replay_run(const tl_replay *replay, tl_summary *summary, tl_error *error);
+
+#endif

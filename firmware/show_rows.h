@@ -1,0 +1,40 @@
+/* Rows of one run, handed out one by one.
+ *
+ * Purpose: the tables of a run may have a hundred million rows; they are read in short transactions, so that a slow
+ *          reader (a pager) does not keep the recorder from writing its log back.
+ * Errors:  those of history.h.
+ * Thread:  one thread.
+ */
+#ifndef TL_FIRMWARE_SHOW_ROWS_H
+#define TL_FIRMWARE_SHOW_ROWS_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+#include "firmware/history.h"
+
+struct sqlite3_stmt;
+
+typedef enum tl_show_source {
+    TL_SHOW_FROM_SAMPLES,     /* tick, signal, value, quality, stamp_ns */
+    TL_SHOW_FROM_STEPS,       /* step, 0, outcome, stop, J, J_nominal, evaluations, executions, used_ns */
+    TL_SHOW_FROM_OUTPUTS,     /* step, signal, y, y_hat, quality */
+    TL_SHOW_FROM_ADJUSTMENTS, /* step, signal, u, u_hat */
+} tl_show_source;
+
+/* The first and the last tick or step at or after `from`; false where there is none. */
+tl_status tl_show_range(tl_history *history, const tl_history_run *run, tl_show_source source, int64_t from,
+                        int64_t range[2], bool *any, tl_error *error);
+
+/* Calls `take` for each row with first ≤ tick or step ≤ last, in the order of the key. Signals are below `signals`,
+ * else the database is damaged. */
+tl_status tl_show_rows(tl_history *history, const tl_history_run *run, tl_show_source source, const int64_t range[2],
+                       size_t signals, void (*take)(void *context, struct sqlite3_stmt *row), void *context,
+                       tl_error *error);
+
+/* Events of the run since `from_at` ("": all), the last `most` of them, the oldest first: at, tick, severity, source,
+ * text. */
+tl_status tl_show_event_rows(tl_history *history, const tl_history_run *run, const char *from_at, int64_t most,
+                             void (*take)(void *context, struct sqlite3_stmt *row), void *context, tl_error *error);
+
+#endif

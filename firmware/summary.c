@@ -1,0 +1,154 @@
+/* The summary of a run: see summary.h. */
+#include "firmware/summary.h"
+
+#include <cjson/cJSON.h>
+#include <inttypes.h>
+#include <math.h>
+#include <stdlib.h>
+
+/* Rows of the run: each is one committed step of the twin. */
+static uint64_t committed(const tl_summary *summary) {
+    return summary->steps + summary->outcomes[TL_MADE_UP];
+}
+
+void tl_summary_add(tl_summary *summary, const tl_config *config, const tl_record *record) {
+    for (size_t i = 0; i < config->adjust_count; i++) {
+        tl_summary_adjust *adjust = &summary->adjust[i];
+        if (committed(summary) == 0) {
+            adjust->first = record->u[i];
+        }
+        adjust->last = record->u[i];
+        adjust->sum += record->u[i];
+        adjust->delta_sum += record->u[i] - record->u_hat[i];
+    }
+    summary->steps += record->outcome == TL_MADE_UP ? 0 : 1;
+    summary->evaluations += record->evaluations;
+    summary->optimised_steps += record->evaluations > 1 ? 1 : 0;
+    summary->outcomes[record->outcome]++;
+    summary->time_limited += record->stop == TL_STOP_TIME ? 1 : 0;
+    summary->used_longest = record->used > summary->used_longest ? record->used : summary->used_longest;
+}
+
+static double mean(double sum, uint64_t count) {
+    return count == 0 ? 0.0 : sum / (double)count;
+}
+
+static uint64_t total_executions(const tl_twin *twin) {
+    uint64_t total = 0;
+    for (size_t i = 0; i < tl_twin_get_facts(twin).components; i++) {
+        total += tl_twin_executions(twin, i);
+    }
+    return total;
+}
+
+static void add_executions(cJSON *root, const tl_twin *twin) {
+    cJSON *executions = cJSON_AddObjectToObject(root, "executions");
+    (void)cJSON_AddNumberToObject(executions, "total", (double)total_executions(twin));
+    for (size_t i = 0; i < tl_twin_get_facts(twin).components; i++) {
+        (void)cJSON_AddNumberToObject(executions, tl_twin_component_name(twin, i), (double)tl_twin_executions(twin, i));
+    }
+}
+
+static void add_matches(cJSON *root, const tl_config *config, const tl_twin *twin) {
+    cJSON *matches = cJSON_AddObjectToObject(root, "match");
+    for (size_t i = 0; i < config->match_count; i++) {
+        const tl_metrics *metrics = tl_twin_metrics(twin, i);
+        cJSON *match = cJSON_AddObjectToObject(matches, config->match[i].variable);
+        (void)cJSON_AddNumberToObject(match, "mse", tl_metrics_mse(metrics));
+        (void)cJSON_AddNumberToObject(match, "max", metrics->maximum);
+        (void)cJSON_AddStringToObject(match, "unit", tl_twin_match_unit(twin, i));
+        (void)cJSON_AddNumberToObject(match, "pairs", (double)metrics->pairs);
+    }
+}
+
+static void add_adjusted(cJSON *root, const tl_summary *summary, const tl_config *config, const tl_twin *twin) {
+    cJSON *variables = cJSON_AddObjectToObject(root, "adjust");
+    for (size_t i = 0; i < config->adjust_count; i++) {
+        const tl_summary_adjust *adjust = &summary->adjust[i];
+        cJSON *variable = cJSON_AddObjectToObject(variables, config->adjust[i].variable);
+        (void)cJSON_AddNumberToObject(variable, "first", adjust->first);
+        (void)cJSON_AddNumberToObject(variable, "last", adjust->last);
+        (void)cJSON_AddNumberToObject(variable, "mean", mean(adjust->sum, committed(summary)));
+        (void)cJSON_AddNumberToObject(variable, "delta_mean", mean(adjust->delta_sum, committed(summary)));
+        (void)cJSON_AddStringToObject(variable, "unit", tl_twin_adjust_unit(twin, i));
+    }
+}
+
+static void add_outcomes(cJSON *root, const tl_summary *summary) {
+    cJSON *outcomes = cJSON_AddObjectToObject(root, "outcomes");
+    for (int i = 0; i <= TL_MADE_UP; i++) {
+        (void)cJSON_AddNumberToObject(outcomes, tl_outcome_name((tl_outcome)i), (double)summary->outcomes[i]);
+    }
+}
+
+void tl_summary_print_json(const tl_summary *summary, const tl_config *config, const tl_twin *twin, FILE *file) {
+    cJSON *root = cJSON_CreateObject();
+    (void)cJSON_AddNumberToObject(root, "steps", (double)summary->steps);
+    add_executions(root, twin);
+    (void)cJSON_AddNumberToObject(root, "evaluations", (double)summary->evaluations);
+    (void)cJSON_AddNumberToObject(root, "optimised_steps", (double)summary->optimised_steps);
+    add_matches(root, config, twin);
+    add_adjusted(root, summary, config, twin);
+    cJSON *cache = cJSON_AddObjectToObject(root, "cache");
+    (void)cJSON_AddNumberToObject(cache, "hits", 0);
+    (void)cJSON_AddNumberToObject(cache, "nodes_peak", 0);
+    (void)cJSON_AddNumberToObject(cache, "full", 0);
+    add_outcomes(root, summary);
+    (void)cJSON_AddNumberToObject(root, "ticks", (double)summary->ticks);
+    (void)cJSON_AddNumberToObject(root, "skipped", (double)summary->skipped);
+    (void)cJSON_AddNumberToObject(root, "deadline_misses", (double)summary->deadline_misses);
+    (void)cJSON_AddNumberToObject(root, "time_limited", (double)summary->time_limited);
+    (void)cJSON_AddNumberToObject(root, "wall_s", summary->wall_s);
+    char *text = cJSON_Print(root);
+    if (text != NULL) {
+        (void)fprintf(file, "%s\n", text);
+    }
+    cJSON_free(text);
+    cJSON_Delete(root);
+}
+
+static void print_outcomes(const tl_summary *summary, FILE *file) {
+    const char *separator = "";
+    for (int i = 0; i <= TL_MADE_UP; i++) {
+        if (summary->outcomes[i] != 0) {
+            (void)fprintf(file, "%s%" PRIu64 " %s", separator, summary->outcomes[i], tl_outcome_name((tl_outcome)i));
+            separator = ", ";
+        }
+    }
+    (void)fputc('\n', file);
+}
+
+void tl_summary_print_table(const tl_summary *summary, const tl_config *config, const tl_twin *twin, FILE *file) {
+    uint64_t executions = total_executions(twin);
+    uint64_t floor_executions = committed(summary) * tl_twin_get_facts(twin).components;
+    (void)fprintf(file, "%s\n", config->name);
+    (void)fprintf(file, "  steps        %" PRIu64 " of %g s: ", committed(summary), tl_seconds(config->step));
+    print_outcomes(summary, file);
+    (void)fprintf(file, "  executions   %" PRIu64 " (%.3f per free-running one), %" PRIu64 " evaluations\n", executions,
+                  floor_executions == 0 ? 0.0 : (double)executions / (double)floor_executions, summary->evaluations);
+    for (size_t i = 0; i < config->match_count; i++) {
+        const tl_metrics *metrics = tl_twin_metrics(twin, i);
+        const char *unit = tl_twin_match_unit(twin, i);
+        (void)fprintf(file, "  %-12s MSE %.5g (%s)\302\262, MAX %.4g %s%s\n", config->match[i].variable,
+                      tl_metrics_mse(metrics), unit, metrics->maximum, unit,
+                      config->match[i].weight > 0.0 || config->adjust_count == 0 ? "" : ", compared only");
+        if (metrics->left_out != 0) {
+            (void)fprintf(file, "  %-12s %" PRIu64 " of %" PRIu64 " measurements were not good and are left out\n", "",
+                          metrics->left_out, metrics->left_out + metrics->pairs);
+        }
+    }
+    for (size_t i = 0; i < config->adjust_count; i++) {
+        const tl_summary_adjust *adjust = &summary->adjust[i];
+        (void)fprintf(file, "  %-12s mean %.5g, last %.5g %s; mean \316\224u %+.4g\n", config->adjust[i].variable,
+                      mean(adjust->sum, committed(summary)), adjust->last, tl_twin_adjust_unit(twin, i),
+                      mean(adjust->delta_sum, committed(summary)));
+    }
+    if (summary->ticks != 0) {
+        (void)fprintf(file,
+                      "  real time    %" PRIu64 " ticks, %" PRIu64 " skipped, %" PRIu64
+                      " deadlines missed, longest cycle %.3f ms\n",
+                      summary->ticks, summary->skipped, summary->deadline_misses,
+                      tl_seconds(summary->used_longest) * 1e3);
+    }
+    (void)fprintf(file, "  took         %.3f s\n", summary->wall_s);
+}

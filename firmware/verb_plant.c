@@ -1,0 +1,352 @@
+/* twinlock plant: a recording or a plant model, played as a real plant. */
+#include <errno.h>
+#include <getopt.h>
+#include <inttypes.h>
+#include <limits.h>
+#include <stdint.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "firmware/assembly.h"
+#include "firmware/clock.h"
+#include "firmware/emulation.h"
+#include "firmware/interrupt.h"
+#include "firmware/log.h"
+#include "firmware/plant_server.h"
+#include "firmware/plant_stream.h"
+#include "firmware/progress.h"
+#include "firmware/verbs.h"
+
+typedef struct plant_options {
+    const char *config;
+    const char *listener; /* --for */
+    const char *recording;
+    const char *fifo;
+    const char *record;
+    uint64_t seed;
+} plant_options;
+
+/* One Modbus server, and which row column feeds each of its channels. */
+typedef struct served_source {
+    tl_plant_server *server;
+    size_t columns[TL_MAX_SIGNALS];
+    size_t channel_count;
+} served_source;
+
+typedef struct player {
+    const plant_options *options;
+    tl_config listener; /* whose signals are served; a copy of the plant's where there is no --for */
+    tl_assembly assembly;
+    tl_emulation *emulation;
+    tl_plant_stream *stream;
+    served_source served[TL_MAX_SIGNALS];
+    size_t served_count;
+} player;
+
+static void print_help(FILE *file) {
+    (void)fputs("usage: twinlock plant CONFIG [options]\n\n"
+                "Plays a plant in real time, for demonstrations and tests: the recording of CONFIG, or, where\n"
+                "CONFIG has \"emulate\", its FMUs as the true plant with seeded noise. Its signals are served by\n"
+                "Modbus TCP where the configuration says they are read (playing starts with the first request),\n"
+                "or written into a FIFO.\n\n"
+                "  --for CONFIG2     serve what this configuration reads; default: CONFIG itself\n"
+                "  --recording FILE  the CSV file to play; with \"emulate\", what drives the FMUs; default: as\n"
+                "                    configured\n"
+                "  --fifo FILE       write rows into this FIFO instead (made where it does not exist)\n"
+                "  --record FILE     write all rows into a new CSV file, as fast as possible, and end\n"
+                "  --seed N          of the noise and the message times; default 1\n"
+                "  --help            this text\n",
+                file);
+}
+
+static bool parse_seed(const char *text, uint64_t *seed) {
+    char *end = NULL;
+    errno = 0;
+    *seed = strtoull(text, &end, 10);
+    return errno == 0 && end != text && *end == '\0' && text[0] != '-';
+}
+
+/* 0: go on; else the exit code + 1. */
+static int parse(int argc, char **argv, plant_options *options) {
+    static const struct option LONG[] = {
+        {"for", required_argument, NULL, 'l'},
+        {"recording", required_argument, NULL, 'r'},
+        {"fifo", required_argument, NULL, 'f'},
+        {"record", required_argument, NULL, 'w'},
+        {"seed", required_argument, NULL, 's'},
+        {"help", no_argument, NULL, 'h'},
+        {NULL, 0, NULL, 0},
+    };
+    for (int option = 0; (option = getopt_long(argc, argv, "h", LONG, NULL)) != -1;) {
+        switch (option) {
+        case 'l':
+            options->listener = optarg;
+            break;
+        case 'r':
+            options->recording = optarg;
+            break;
+        case 'f':
+            options->fifo = optarg;
+            break;
+        case 'w':
+            options->record = optarg;
+            break;
+        case 's':
+            if (!parse_seed(optarg, &options->seed)) {
+                (void)fprintf(stderr, "twinlock plant: --seed: found \"%s\", expected a whole number\n", optarg);
+                return 3;
+            }
+            break;
+        case 'h':
+            print_help(stdout);
+            return 1;
+        default:
+            print_help(stderr);
+            return 3;
+        }
+    }
+    if (optind != argc - 1 || (options->fifo != NULL && options->record != NULL)) {
+        (void)fputs("twinlock plant: expected exactly one configuration, and at most one of --fifo and --record\n\n",
+                    stderr);
+        print_help(stderr);
+        return 3;
+    }
+    options->config = argv[optind];
+    return 0;
+}
+
+static tl_status find_recording(const player *self, const tl_config *config, char *path, size_t size, tl_error *error) {
+    const char *given = self->options->recording;
+    if (given == NULL && config->recording_file == NULL) {
+        return tl_fail(error, TL_BAD_USAGE, "%s names no recording: give one with --recording FILE", config->path);
+    }
+    if (given != NULL) {
+        (void)snprintf(path, size, "%s", given);
+    } else {
+        tl_config_file_path(config, config->recording_file, path, size);
+    }
+    return TL_OK;
+}
+
+/* The rows: from FMUs where the configuration has `emulate`, else from its recording. */
+static tl_status open_emulation(player *self, const tl_config *config, tl_error *error) {
+    char path[PATH_MAX];
+    tl_status status = find_recording(self, config, path, sizeof path, error);
+    if (status != TL_OK) {
+        return status;
+    }
+    if (config->emulated_count == 0) {
+        return tl_emulation_open_recording(path, config, &self->emulation, error);
+    }
+    status = tl_assembly_load(config->path, &self->assembly);
+    if (status != TL_OK) {
+        return tl_fail(error, status, "%s: the plant's model could not be built", config->path);
+    }
+    return tl_emulation_open_model(&self->assembly, path, self->options->seed, &self->emulation, error);
+}
+
+static size_t find_column(const tl_emulation *emulation, const char *name) {
+    for (size_t i = 0; i < tl_emulation_column_count(emulation); i++) {
+        if (strcmp(tl_emulation_column(emulation, i), name) == 0) {
+            return i;
+        }
+    }
+    return SIZE_MAX;
+}
+
+/* Starts one server for one Modbus source of the listener. */
+static tl_status serve_source(player *self, const tl_config *listener, size_t index, tl_error *error) {
+    const tl_config_source *source = &listener->sources[index];
+    served_source *served = &self->served[self->served_count];
+    tl_modbus_channel channels[TL_MAX_SIGNALS];
+    served->channel_count = 0;
+    for (size_t i = 0; i < listener->signal_count; i++) {
+        const tl_config_signal *signal = &listener->signals[i];
+        if (signal->source != index) {
+            continue;
+        }
+        size_t column = find_column(self->emulation, signal->column);
+        if (column == SIZE_MAX) {
+            return tl_fail(error, TL_BAD_DATA, "plant.%s is read from column \"%s\", which this plant does not have",
+                           signal->plan.name, signal->column);
+        }
+        served->columns[served->channel_count] = column;
+        channels[served->channel_count++] = signal->modbus;
+    }
+    if (served->channel_count == 0) {
+        return TL_OK;
+    }
+    const tl_plant_server_settings settings = {
+        .host = source->host,
+        .port = source->port,
+        .channels = channels,
+        .channel_count = served->channel_count,
+    };
+    tl_status status = tl_plant_server_start(&settings, &served->server, error);
+    if (status == TL_OK) {
+        self->served_count++;
+        tl_log(TL_LOG_NOTICE, "%s: %zu signals by Modbus TCP at %s:%u; playing starts with the first request",
+               source->name, served->channel_count, source->host, (unsigned)tl_plant_server_port(served->server));
+    }
+    return status;
+}
+
+static tl_status open_servers(player *self, const tl_config *listener, tl_error *error) {
+    tl_status status = TL_OK;
+    for (size_t i = 0; i < listener->source_count && status == TL_OK; i++) {
+        if (listener->sources[i].kind == TL_SOURCE_MODBUS_TCP) {
+            status = serve_source(self, listener, i, error);
+        }
+    }
+    if (status == TL_OK && self->served_count == 0) {
+        return tl_fail(
+            error, TL_BAD_USAGE,
+            "%s reads nothing by Modbus TCP: name a configuration that does with --for, or use --fifo or --record",
+            listener->path);
+    }
+    return status;
+}
+
+static tl_status open_stream(player *self, const tl_config *listener, tl_error *error) {
+    const char *columns[TL_MAX_SIGNALS];
+    size_t count = tl_emulation_column_count(self->emulation);
+    for (size_t i = 0; i < count; i++) {
+        columns[i] = tl_emulation_column(self->emulation, i);
+    }
+    const tl_plant_stream_settings settings = {
+        .path = self->options->fifo != NULL ? self->options->fifo : self->options->record,
+        .make_fifo = self->options->fifo != NULL,
+        .time_column = listener->recording_time_column,
+        .columns = columns,
+        .column_count = count,
+    };
+    return tl_plant_stream_open(&settings, &self->stream, error);
+}
+
+static void show_row(player *self, const tl_emulation_row *row) {
+    for (size_t i = 0; i < self->served_count; i++) {
+        served_source *served = &self->served[i];
+        double values[TL_MAX_SIGNALS];
+        bool present[TL_MAX_SIGNALS];
+        for (size_t k = 0; k < served->channel_count; k++) {
+            values[k] = row->values[served->columns[k]];
+            present[k] = row->present[served->columns[k]];
+        }
+        tl_plant_server_set_all(served->server, values, present);
+    }
+    if (self->stream != NULL) {
+        (void)tl_plant_stream_row(self->stream, row->time, row->values, row->present);
+    }
+}
+
+/* Until someone listens, the first row stands. */
+static void wait_for_listener(player *self) {
+    while (self->served_count != 0 && tl_interrupt_requested() == NULL) {
+        for (size_t i = 0; i < self->served_count; i++) {
+            if (tl_plant_server_count(self->served[i].server).requests != 0) {
+                return;
+            }
+        }
+        tl_clock_sleep_until(tl_clock_now(NULL) + TL_SECOND / 1000);
+    }
+}
+
+static tl_status play(player *self, tl_error *error) {
+    bool realtime = self->options->record == NULL;
+    bool end = false;
+    uint64_t rows = 0;
+    tl_emulation_row row;
+    tl_progress progress;
+    tl_status status = tl_emulation_next(self->emulation, &row, &end, error);
+    tl_time started = tl_clock_now(NULL);
+    tl_progress_begin(&progress, "row", 0);
+    while (status == TL_OK && !end && tl_interrupt_requested() == NULL) {
+        if (realtime && rows != 0) {
+            tl_clock_sleep_until(started + row.time);
+        }
+        if (tl_interrupt_requested() != NULL) {
+            break;
+        }
+        show_row(self, &row);
+        if (rows++ == 0) {
+            wait_for_listener(self);
+            started = tl_clock_now(NULL);
+        }
+        tl_progress_update(&progress, (int64_t)rows);
+        status = tl_emulation_next(self->emulation, &row, &end, error);
+    }
+    tl_progress_end(&progress);
+    if (status == TL_OK) {
+        tl_log(TL_LOG_NOTICE, "%s after %" PRIu64 " rows", end ? "played to the end" : "stopped", rows);
+    }
+    return status;
+}
+
+static void close_all(player *self) {
+    for (size_t i = 0; i < self->served_count; i++) {
+        tl_plant_server_counts counts = tl_plant_server_count(self->served[i].server);
+        tl_log(TL_LOG_NOTICE, "%" PRIu64 " requests answered, %" PRIu64 " attempts to write refused", counts.requests,
+               counts.refused_writes);
+        tl_plant_server_stop(self->served[i].server);
+    }
+    if (self->stream != NULL) {
+        tl_plant_stream_counts counts = tl_plant_stream_count(self->stream);
+        tl_log(TL_LOG_NOTICE, "%" PRIu64 " rows written, %" PRIu64 " dropped for want of a reader", counts.written,
+               counts.dropped);
+        tl_plant_stream_close(self->stream);
+    }
+    tl_emulation_close(self->emulation);
+    tl_assembly_free(&self->assembly);
+}
+
+static tl_status run(player *self, const tl_config *config, const tl_config *listener, tl_error *error) {
+    tl_status status = open_emulation(self, config, error);
+    if (status == TL_OK) {
+        status = self->options->fifo != NULL || self->options->record != NULL ? open_stream(self, listener, error)
+                                                                              : open_servers(self, listener, error);
+    }
+    return status == TL_OK ? play(self, error) : status;
+}
+
+/* Reads the listener's configuration where it is another one, then plays. */
+static tl_status run_for_listener(player *self, const tl_config *config, tl_error *error) {
+    if (self->options->listener == NULL) {
+        return run(self, config, config, error);
+    }
+    tl_problems problems;
+    tl_problems_init(&problems, self->options->listener);
+    tl_status status = tl_config_read(self->options->listener, &self->listener, &problems.report);
+    if (status != TL_OK) {
+        return tl_fail(error, status, "%s cannot be used with --for", self->options->listener);
+    }
+    status = run(self, config, &self->listener, error);
+    tl_config_free(&self->listener);
+    return status;
+}
+
+int tl_verb_plant(int argc, char **argv) {
+    plant_options options = {.seed = 1};
+    int parsed = parse(argc, argv, &options);
+    if (parsed != 0) {
+        return parsed - 1;
+    }
+    tl_interrupt_install();
+    player *self = calloc(1, sizeof *self);
+    tl_config config;
+    tl_problems problems;
+    tl_problems_init(&problems, options.config);
+    tl_status status = self == NULL ? TL_TRY_AGAIN : tl_config_read(options.config, &config, &problems.report);
+    if (status == TL_OK) {
+        tl_error error;
+        self->options = &options;
+        status = run_for_listener(self, &config, &error);
+        if (status != TL_OK) {
+            tl_log(TL_LOG_ERROR, "%s", error.text);
+        }
+        close_all(self);
+        tl_config_free(&config);
+    }
+    free(self);
+    return tl_exit_code(status);
+}

@@ -1,0 +1,78 @@
+/* The watch: see watch.h. */
+#include "firmware/watch.h"
+
+void tl_watch_init(tl_watch *watch, const tl_config *config, tl_journal *journal) {
+    *watch = (tl_watch){.config = config, .journal = journal, .skipped_since = TL_TIME_NEVER};
+}
+
+void tl_watch_sample(tl_watch *watch, const tl_sample *sample) {
+    for (size_t i = 0; i < watch->config->signal_count; i++) {
+        if (sample->quality[i] == watch->quality[i]) {
+            continue;
+        }
+        watch->quality[i] = sample->quality[i];
+        const char *name = watch->config->signals[i].plan.name;
+        if (sample->quality[i] == TL_GOOD) {
+            tl_journal_event(watch->journal, sample->tick, TL_EVENT_INFO, "plant", "plant.%s: good again", name);
+        } else {
+            tl_journal_event(watch->journal, sample->tick, TL_EVENT_WARNING, "plant",
+                             "plant.%s: %s; its last good value is held and takes no part in matching", name,
+                             tl_quality_name((tl_quality)sample->quality[i]));
+        }
+    }
+}
+
+static void watch_free_run(tl_watch *watch, const tl_record *record) {
+    bool free_run = record->outcome == TL_FREE_RUN;
+    if (free_run == watch->free_run) {
+        return;
+    }
+    watch->free_run = free_run;
+    if (free_run) {
+        tl_journal_event(watch->journal, record->step, TL_EVENT_WARNING, "twin",
+                         "no matched signal is good: the twin runs free on the last good values");
+    } else {
+        tl_journal_event(watch->journal, record->step, TL_EVENT_INFO, "twin",
+                         "matched signals are good: synchronising again");
+    }
+}
+
+static void watch_tolerance(tl_watch *watch, const tl_record *record) {
+    bool out = record->outcome == TL_BEST_SO_FAR || record->outcome == TL_NOMINAL;
+    bool in = record->outcome == TL_FIRST_GUESS || record->outcome == TL_OPTIMISED;
+    if (!out && !in) {
+        return;
+    }
+    watch->run_length = out == watch->out_of_tolerance ? 0 : watch->run_length + 1;
+    if (watch->run_length < TL_WATCH_STEPS) {
+        return;
+    }
+    watch->out_of_tolerance = out;
+    watch->run_length = 0;
+    if (out) {
+        tl_journal_event(watch->journal, record->step, TL_EVENT_WARNING, "twin",
+                         "out of tolerance for %d steps (J = %.3g): the best correction found is used", TL_WATCH_STEPS,
+                         record->objective);
+    } else {
+        tl_journal_event(watch->journal, record->step, TL_EVENT_INFO, "twin", "in lock again");
+    }
+}
+
+void tl_watch_record(tl_watch *watch, const tl_record *record) {
+    watch_free_run(watch, record);
+    watch_tolerance(watch, record);
+}
+
+void tl_watch_skipped(tl_watch *watch, int64_t tick, uint64_t count, tl_time now) {
+    watch->skipped += count;
+    if (watch->skipped == 0) {
+        return;
+    }
+    if (watch->skipped_since != TL_TIME_NEVER && now - watch->skipped_since < TL_SECOND) {
+        return;
+    }
+    watch->skipped_since = now;
+    tl_journal_event(watch->journal, tick, TL_EVENT_WARNING, "cycle", "%llu ticks missed and made up without a search",
+                     (unsigned long long)watch->skipped);
+    watch->skipped = 0;
+}

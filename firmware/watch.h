@@ -1,0 +1,40 @@
+/* The watch: turns samples and records into events worth telling.
+ *
+ * Purpose: what a technician wants to read: a signal became bad or good, the twin runs free, is out of tolerance, or is
+ *          in lock again, ticks were missed. Changes are told, not states, so that a bad hour is two lines.
+ * Thread:  the thread that steps.
+ */
+#ifndef TL_FIRMWARE_WATCH_H
+#define TL_FIRMWARE_WATCH_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+#include "firmware/config.h"
+#include "firmware/journal.h"
+#include "master/twin.h"
+
+/* Steps in a row before "out of tolerance" and "in lock again" are told. */
+enum { TL_WATCH_STEPS = 20 };
+
+typedef struct tl_watch {
+    const tl_config *config;
+    tl_journal *journal;
+    uint8_t quality[TL_MAX_SIGNALS]; /* as last told */
+    bool free_run;
+    bool out_of_tolerance;
+    uint32_t run_length; /* steps in a row that contradict out_of_tolerance */
+    uint64_t skipped;    /* not told yet */
+    tl_time skipped_since;
+} tl_watch;
+
+void tl_watch_init(tl_watch *watch, const tl_config *config, tl_journal *journal);
+
+void tl_watch_sample(tl_watch *watch, const tl_sample *sample);
+void tl_watch_record(tl_watch *watch, const tl_record *record);
+
+/* `count` ticks up to `tick` were missed; told at most once a second, so call it with 0 too. `now` is any monotonic
+ * clock's. */
+void tl_watch_skipped(tl_watch *watch, int64_t tick, uint64_t count, tl_time now);
+
+#endif
