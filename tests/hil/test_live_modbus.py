@@ -1,0 +1,48 @@
+#!/usr/bin/env python3
+"""The main job: a recording of a plant by Modbus TCP, in real time, the twin locked to it, and the same again in a replay.
+
+TL_LONG=1 takes the 14 s of config/motor/live.json; otherwise 6 s of them.
+"""
+import os
+import signal
+
+from live_test import (Program, check_database, check_replay, check_summary, end_well, free_port, number, refused_writes)
+from twinlock_test import edited_config, expect, main, read_config
+
+LIVE = "motor/live.json"
+
+
+def test_recording_by_modbus():
+    duration = read_config(LIVE)["duration_s"] if os.environ.get("TL_LONG") == "1" else 6
+    config = edited_config(LIVE, {"duration_s": duration,
+                                  "sources": {"inverter": {"modbus_tcp": {"port": free_port()}}}})
+    database = config.parent / "run.db"
+    with Program("plant", config) as plant:
+        plant.wait_for("playing starts with the first request")
+        with Program("run", config, "--json", "--db", database) as run:
+            told, _ = end_well(run)
+        code, _, log = plant.end(signal.SIGTERM)
+    expect(code == 0, f"the plant ended with {code}\n{log}")
+    expect(refused_writes(log) == 0, log)
+
+    rows = check_summary(told, database)
+    wanted = round(duration / 0.01) + 1
+    expect(told["ticks"] == wanted, f"{told['ticks']} ticks in {duration} s, wanted {wanted}")
+    check_database(database)
+    expect(number(database, "SELECT ended_reason FROM runs") == "end of duration", "the run has another end")
+    expect(number(database, "SELECT entries_lost FROM runs") == 0, "entries were lost")
+    in_lock = told["outcomes"]["first guess"] + told["outcomes"]["optimised"]
+    expect(in_lock > 0, f"never in lock: {told['outcomes']}")
+    match = told["match"]["motor.omega"]
+    print(f"    {told['steps']} steps, {told['skipped']} skipped, {told['deadline_misses']} deadline misses, {in_lock} in lock, "
+          f"{told['evaluations']} evaluations, {told['executions']['total']} executions, "
+          f"MSE {match['mse']:.4g} (rad/s)\u00b2, MAX {match['max']:.4g} rad/s")
+
+    again = check_replay(config, database, rows)
+    for key in "steps", "evaluations", "optimised_steps", "match", "adjust", "outcomes", "skipped":
+        expect(again[key] == told[key], f"{key}: the run told {told[key]}, its replay {again[key]}")
+    expect(again["executions"] == told["executions"], f"executions of the replay: {again['executions']}")
+
+
+if __name__ == "__main__":
+    main()

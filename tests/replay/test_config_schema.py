@@ -1,0 +1,261 @@
+#!/usr/bin/env python3
+"""The schema for editors and the program's own reader say the same about every configuration.
+
+First the configurations of the repository, which both must take. Then mutants of a configuration that uses every key:
+keys deleted, renamed, doubled, values of other types and at the borders of their ranges. Where the schema refuses, the
+reader must refuse, at the same place. Where the schema accepts, the reader must do what the few rules say that a schema
+cannot express; they are written down here a second time, in `beyond_schema`.
+"""
+import collections
+import copy
+import decimal
+import glob
+import json
+import os
+import random
+import subprocess
+import sys
+import tempfile
+
+import jsonschema
+
+SOURCE = os.environ["TL_SOURCE"]
+PROBE = os.path.join(os.environ["TL_BUILD"], "tests", "config_probe")
+FULL = os.path.join(SOURCE, "tests", "support", "configuration_full.json")
+FREE = os.path.join(SOURCE, "tests", "support", "configuration_free.json")
+MUTANTS = 600
+REGISTERS = {"int32": 2, "uint32": 2, "float32": 2, "float64": 4}
+VALUES = [None, True, False, "", "text", "a\tb", "plant.omega", "motor.omega", "nobody.omega", "plant.nobody", "plc", "stream",
+          "holding", "coil", "bit", "int16", "float64", "boolean", 0, -1, 1, 2, 3, 1.5, 5.0, 0.5, 1e-6, 1e-5, 3600, 3601,
+          62, 64, 65, 98, 99, 247, 248, 255, 1000, 1001, 65534, 65535, 65536, 100001, 2147483647, 2147483648, 1e9, 1.1e9,
+          1e300, -1e300, [], {}, [1, 2], [2, 1], [0.1, 0.1], ["a", "b"], {"to": "plant.omega"}, {"step": 1}, {"fmu": "x"}]
+
+
+class Members(list):
+    """An object as a list of [key, value], so that a key can stand there twice."""
+
+
+def parse(text):
+    return json.loads(text, object_pairs_hook=lambda pairs: Members([key, value] for key, value in pairs))
+
+
+def dump(value):
+    if isinstance(value, Members):
+        return "{" + ",\n".join(f"{json.dumps(key)}: {dump(inner)}" for key, inner in value) + "}"
+    if isinstance(value, list):
+        return "[" + ", ".join(dump(inner) for inner in value) + "]"
+    return json.dumps(value, allow_nan=False)
+
+
+def plain(value):
+    """The same with ordinary objects."""
+    if isinstance(value, Members):
+        return {key: plain(inner) for key, inner in value}
+    return [plain(inner) for inner in value] if isinstance(value, list) else value
+
+
+def has_double(value):
+    if isinstance(value, Members):
+        keys = [key for key, _ in value]
+        return len(set(keys)) < len(keys) or any(has_double(inner) for _, inner in value)
+    return isinstance(value, list) and any(has_double(inner) for inner in value)
+
+
+# ---- mutants ----
+
+def slots(value):
+    """Every [container, index] that holds a value; of an object the container is its [key, value] pair."""
+    members = [(pair, 1) for pair in value] if isinstance(value, Members) else [(value, i) for i in range(len(value))]
+    for container, index in members:
+        yield container, index
+        if isinstance(container[index], list):
+            yield from slots(container[index])
+
+
+def objects(value):
+    if isinstance(value, Members):
+        yield value
+    if isinstance(value, list):
+        for inner in value:
+            yield from objects(inner[1] if isinstance(value, Members) else inner)
+
+
+def typo(key, rng):
+    at = rng.randrange(len(key) + 1)
+    return rng.choice([key[:at] + "x" + key[at:], key[:at] + key[at + 1:], key.upper(), "2" + key, "", "plant",
+                       key.replace("motor.", "nobody."), "plant.omega"])
+
+
+def mutate(document, rng):
+    """Changes one thing and returns the name of the change."""
+    what = rng.choice(["delete", "rename", "double", "retype", "retype", "retype", "scale", "move", "grow"])
+    chosen = rng.choice([one for one in objects(document) if one] or [Members([["twinlock", 1]])])
+    at = rng.randrange(len(chosen))
+    container, index = rng.choice(list(slots(document)))
+    if what == "delete":
+        del chosen[at]
+    elif what == "rename":
+        chosen[at][0] = typo(chosen[at][0], rng)
+    elif what == "double":
+        chosen.append(copy.deepcopy(chosen[at]))
+    elif what == "retype":
+        container[index] = parse(json.dumps(rng.choice(VALUES)))
+    elif what == "scale":
+        numbers = [slot for slot in slots(document) if type(slot[0][slot[1]]) in (int, float)]
+        if numbers:
+            container, index = rng.choice(numbers)
+            container[index] *= rng.choice([-1, 0, 0.5, 3, 1000, 1e-9])
+    elif what == "move":
+        other, other_index = rng.choice(list(slots(document)))
+        container[index] = copy.deepcopy(other[other_index])
+    else:
+        for i in range(rng.choice([8, 16, 62, 64]) - len(chosen) + rng.choice([0, 1])):
+            chosen.append([chosen[at][0] + str(i), copy.deepcopy(chosen[at][1])])
+    return what
+
+
+# ---- what a schema cannot say ----
+
+def exists(document, name):
+    head, _, tail = name.partition(".")
+    return tail in document["plant"] if head == "plant" else head in document["components"]
+
+
+def names(document):
+    """Every reference of a configuration that fits the schema."""
+    for ends in document.get("connect", []):
+        yield from ends
+    synchronise = document.get("synchronise", {})
+    matches = {**synchronise.get("match", {}), **document.get("compare", {})}
+    yield from synchronise.get("adjust", {})
+    yield from matches
+    yield from (match["to"] for match in matches.values())
+    yield from (column["from"] for column in document.get("emulate", {}).get("columns", {}).values())
+
+
+def signal_holds(document, signal):
+    modbus = signal.get("modbus")
+    sources = document.get("sources", {})
+    live = [("csv", signal.get("csv", {}).get("source"))] + ([("modbus_tcp", modbus["source"])] if modbus else [])
+    return (signal.get("min", float("-inf")) <= signal.get("max", float("inf"))
+            and all(name is None or kind in sources.get(name, {}) for kind, name in live)
+            and (not modbus or modbus["address"] + REGISTERS.get(modbus.get("type"), 1) <= 65536))
+
+
+def beyond_schema(document):
+    """True where a configuration that fits the schema also holds to the other rules."""
+    nanoseconds = decimal.Decimal(repr(document["step_s"])) * 10**9
+    targets = [to for _, to in document.get("connect", [])]
+    message = document.get("emulate", {}).get("message_s", [0, 0])
+    adjusted = document.get("synchronise", {}).get("adjust", {}).values()
+    return (abs(nanoseconds - round(nanoseconds)) < 1e-6  # 0.30000000000000004 means 0.3
+            and all(exists(document, name) for name in names(document))
+            and all(signal_holds(document, signal) for signal in document["plant"].values())
+            and len(set(targets)) == len(targets)
+            and message[0] <= message[1]
+            and all(one.get("min", float("-inf")) < one.get("max", float("inf")) for one in adjusted))
+
+
+# ---- the two verdicts ----
+
+def place(error):
+    """Where the schema finds fault, as the reader writes it."""
+    path = ""
+    for part in error.absolute_path:
+        path += f"[{part}]" if isinstance(part, int) else f".{part}" if path else part
+    return path
+
+
+def probe(paths):
+    """For each file None where the reader takes it, else its problems as (path, text)."""
+    done = subprocess.run([PROBE, *paths], stdout=subprocess.PIPE, text=True, check=False)
+    if done.returncode != 0:
+        sys.exit(f"config_probe failed with {done.returncode} at file {done.stdout.count('good') + done.stdout.count('bad')}")
+    verdicts = []
+    for line in done.stdout.splitlines():
+        if line in ("good", "bad"):
+            verdicts.append(None if line == "good" else [])
+        else:
+            verdicts[-1].append(tuple(line[2:].split("\t", 1)))
+    return verdicts
+
+
+def explain(problems):
+    return "\n".join(f"    reader: {path}: {text}" for path, text in problems or []) or "    reader: good"
+
+
+def compare(mutant, problems, validator):
+    """None where both agree, else what is wrong."""
+    document = plain(mutant)
+    errors = list(validator.iter_errors(document))
+    good = not errors and not has_double(mutant) and beyond_schema(document)
+    if good != (problems is None):
+        return "the verdicts differ"
+    if problems is not None and (not problems or not all(text.startswith("line ") for _, text in problems)):
+        return "a problem without a line"
+    for error in errors:
+        where = place(error)
+        if not any(path.startswith(where) or where.startswith(path) for path, _ in problems):
+            return f"the reader says nothing about {where}"
+    return None
+
+
+def check_repository(validator):
+    paths = sorted(glob.glob(os.path.join(SOURCE, "config", "**", "*.json"), recursive=True))
+    paths = [path for path in paths if os.sep + "schema" + os.sep not in path] + [FULL, FREE]
+    failures = 0
+    for path, problems in zip(paths, probe(paths)):
+        with open(path, encoding="utf-8") as file:
+            errors = list(validator.iter_errors(json.load(file)))
+        if errors or problems is not None:
+            failures += 1
+            print(f"{path}: must be good\n{explain(problems)}")
+            print("\n".join(f"    schema: {place(error)}: {error.message}" for error in errors))
+    print(f"{len(paths)} configurations of the repository")
+    return failures
+
+
+def make_mutants(rng):
+    bases = []
+    for path in (FULL, FREE):
+        with open(path, encoding="utf-8") as file:
+            bases.append(parse(file.read()))
+    for _ in range(MUTANTS):
+        mutant = copy.deepcopy(rng.choice([bases[0], bases[0], bases[1]]))
+        changes = [mutate(mutant, rng) for _ in range(rng.choice([1, 1, 1, 2, 3]))]
+        yield changes, mutant
+
+
+def check_mutants(validator, seed):
+    mutants = list(make_mutants(random.Random(seed)))
+    counts = collections.Counter()
+    with tempfile.TemporaryDirectory() as folder:
+        paths = [os.path.join(folder, f"{i}.json") for i in range(len(mutants))]
+        for path, (_, mutant) in zip(paths, mutants):
+            with open(path, "w", encoding="utf-8") as file:
+                file.write(dump(mutant))
+        verdicts = probe(paths)
+    for (changes, mutant), problems in zip(mutants, verdicts):
+        fault = compare(mutant, problems, validator)
+        counts["wrong" if fault else "good" if problems is None else
+               "refused by both" if not validator.is_valid(plain(mutant)) else "refused beyond the schema"] += 1
+        if fault:
+            errors = [f"    schema: {place(error)}: {error.message[:200]}" for error in validator.iter_errors(plain(mutant))]
+            print(f"seed {seed}, {' '.join(changes)}: {fault}\n{explain(problems)}", *errors, sep="\n")
+    print(f"{len(mutants)} mutants:", ", ".join(f"{count} {name}" for name, count in sorted(counts.items())))
+    few = [name for name in ("good", "refused by both", "refused beyond the schema") if counts[name] < MUTANTS // 20]
+    if few:
+        print("too few to mean anything:", ", ".join(few))
+    return counts["wrong"] + len(few)
+
+
+def main():
+    with open(os.path.join(SOURCE, "config", "schema", "twinlock-1.json"), encoding="utf-8") as file:
+        schema = json.load(file)
+    jsonschema.Draft202012Validator.check_schema(schema)
+    validator = jsonschema.Draft202012Validator(schema)
+    seed = int(sys.argv[1]) if len(sys.argv) > 1 else 1
+    sys.exit(1 if check_repository(validator) + check_mutants(validator, seed) else 0)
+
+
+main()

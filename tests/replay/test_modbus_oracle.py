@@ -1,0 +1,247 @@
+#!/usr/bin/env python3
+"""Our Modbus driver and our emulated device against pymodbus, an implementation that is not ours.
+
+The driver reads a pymodbus server, a pymodbus client reads the device: all tables, types and orders, at random
+addresses with holes between them. What the registers must hold is computed here, by `struct`. pymodbus's server also
+sees every request of the driver: reads, and nothing else.
+"""
+import asyncio
+import logging
+import os
+import random
+import struct
+import subprocess
+import sys
+import threading
+
+try:
+    from pymodbus.client import ModbusTcpClient
+    from pymodbus.server import ModbusTcpServer
+    from pymodbus.simulator import DataType, SimData, SimDevice
+except ImportError as reason:
+    print(f"no pymodbus here: {reason}")
+    sys.exit(1 if os.environ.get("CI") == "true" else 77)
+
+PROBE = os.path.join(os.environ["TL_BUILD"], "tests", "modbus_probe")
+GOOD, NO_LINK = 0, 4
+BIT = 0
+TYPES = {1: "h", 2: "H", 3: "i", 4: "I", 5: "f", 6: "d"}  # as board/io/modbus.h numbers them
+RANGES = {"h": (-2**15, 2**15 - 1), "H": (0, 2**16 - 1), "i": (-2**31, 2**31 - 1), "I": (0, 2**32 - 1)}
+UNITS = (1, 17, 247)
+PER_COMBINATION = 3
+
+
+class Channel:
+    """One value: where it stands, and what it is."""
+
+    def __init__(self, unit, table, address, kind, words_little, bytes_little, raw, scale, offset):
+        self.unit, self.table, self.address, self.kind = unit, table, address, kind
+        self.words_little, self.bytes_little, self.raw, self.scale, self.offset = words_little, bytes_little, raw, scale, offset
+
+    def value(self):
+        return self.raw * self.scale + self.offset
+
+    def line(self):
+        return (f"{self.unit} {self.table} {self.address} {self.kind} {int(self.words_little)} {int(self.bytes_little)} "
+                f"{self.scale!r} {self.offset!r} {self.value()!r}\n")
+
+    def registers(self):
+        """What stands in the registers (or the bit)."""
+        if self.kind == BIT:
+            return [int(self.raw)]
+        data = struct.pack(">" + TYPES[self.kind], self.raw)
+        words = [data[i:i + 2] for i in range(0, len(data), 2)]
+        if self.words_little:
+            words.reverse()
+        return [int.from_bytes(word, "little" if self.bytes_little else "big") for word in words]
+
+
+def raw_value(choose, code):
+    if code in RANGES:
+        low, high = RANGES[code]
+        return choose.choice([low, high, 0, choose.randint(low, high)])
+    return struct.unpack(code, struct.pack(code, choose.choice([0.0, -1.5, choose.uniform(-1e6, 1e6), 1e-30])))[0]
+
+
+def make_channels(choose):
+    """Every combination, scattered over the addresses of each unit and table without overlap."""
+    channels = []
+    for unit in UNITS:
+        for table in (1, 2, 3, 4):
+            if table <= 2:
+                wanted = [(BIT, False, False)] * 30
+            else:
+                wanted = [(kind, words, order) for kind in TYPES for words in (False, True) for order in (False, True)]
+                wanted *= PER_COMBINATION
+            choose.shuffle(wanted)
+            address = choose.choice([0, 1, 1000, 40000])
+            for kind, words, order in wanted:
+                address += choose.choice([0, 0, 0, 1, 5, 17, 300])
+                raw = choose.randint(0, 1) if kind == BIT else raw_value(choose, TYPES[kind])
+                # Powers of two, so that the way back from the value to the raw number is exact.
+                scale, offset = (1.0, 0.0) if kind in (5, 6) else (choose.choice([1.0, 0.5, -2.0]), choose.choice([0.0, 16.0]))
+                channel = Channel(unit, table, address, kind, words, order, raw, scale, offset)
+                channels.append(channel)
+                address += len(channel.registers())
+    choose.shuffle(channels)
+    return channels
+
+
+def text_of(channels):
+    return "".join(channel.line() for channel in channels) + "go\n"
+
+
+# ---- the driver reads pymodbus --------------------------------------------------------------------------------------
+
+def device_of(unit, channels):
+    """A pymodbus device that has exactly these registers: everything between them is an illegal address."""
+    blocks = []
+    for table in (1, 2, 3, 4):
+        block = []
+        for channel in sorted((c for c in channels if (c.unit, c.table) == (unit, table)), key=lambda c: c.address):
+            if table <= 2:
+                block.append(SimData(channel.address, values=[bool(channel.raw)], datatype=DataType.BITS))
+            else:
+                block.append(SimData(channel.address, values=channel.registers(), datatype=DataType.REGISTERS))
+        blocks.append(block)
+    return SimDevice(unit, simdata=tuple(blocks))
+
+
+class Server:
+    """A pymodbus server in a thread of its own."""
+
+    def __init__(self, channels):
+        self.functions = []
+        self.loop = asyncio.new_event_loop()
+        self.ready = threading.Event()
+        self.channels = channels
+        self.thread = threading.Thread(target=self.run, daemon=True)
+
+    def trace(self, sending, pdu):
+        if not sending:
+            self.functions.append(pdu.function_code)
+        return pdu
+
+    async def serve(self):
+        devices = [device_of(unit, self.channels) for unit in UNITS]
+        self.server = ModbusTcpServer(devices, address=("127.0.0.1", 0), trace_pdu=self.trace)
+        await self.server.serve_forever(background=True)
+        self.port = self.server.transport.sockets[0].getsockname()[1]
+        self.ready.set()
+
+    def run(self):
+        asyncio.set_event_loop(self.loop)
+        self.loop.create_task(self.serve())
+        self.loop.run_forever()
+
+    def __enter__(self):
+        self.thread.start()
+        assert self.ready.wait(30), "the pymodbus server does not start"
+        return self
+
+    def __exit__(self, *_):
+        asyncio.run_coroutine_threadsafe(self.server.shutdown(), self.loop).result(30)
+        self.loop.call_soon_threadsafe(self.loop.stop)
+        self.thread.join(30)
+
+
+def check_driver(channels):
+    with Server(channels) as server:
+        # One channel more, where nothing is: it costs nobody else's value.
+        missing = Channel(UNITS[0], 3, 65000, 2, False, False, 0, 1.0, 0.0)
+        done = subprocess.run([PROBE, "read", "127.0.0.1", str(server.port)], input=text_of(channels + [missing]),
+                              stdout=subprocess.PIPE, text=True, timeout=120, check=True)
+        functions = list(server.functions)
+    failures = 0
+    lines = done.stdout.splitlines()
+    assert len(lines) == len(channels) + 1, f"{len(lines)} lines for {len(channels) + 1} channels"
+    for channel, line in zip(channels, lines):
+        quality, value = line.split()
+        if int(quality) != GOOD or float(value) != channel.value():
+            failures += 1
+            print(f"driver: read quality {quality}, {value} instead of {channel.value()!r}: {channel.line()}", end="")
+    if int(lines[-1].split()[0]) != NO_LINK:
+        failures += 1
+        print(f"driver: a register that is not there has a value: {lines[-1]}")
+    if not functions or not set(functions) <= {1, 2, 3, 4}:
+        failures += 1
+        print(f"driver: pymodbus saw the functions {sorted(set(functions))}")
+    return failures, len(functions)
+
+
+# ---- pymodbus reads the device --------------------------------------------------------------------------------------
+
+def read(client, channel, count):
+    call = {1: client.read_coils, 2: client.read_discrete_inputs, 3: client.read_holding_registers,
+            4: client.read_input_registers}[channel.table]
+    reply = call(channel.address, count=count, device_id=channel.unit)
+    if reply.isError():
+        return reply
+    return [int(bit) for bit in reply.bits[:count]] if channel.table <= 2 else reply.registers
+
+
+def check_values(client, channels):
+    failures = 0
+    for channel in channels:
+        expected = channel.registers()
+        got = read(client, channel, len(expected))
+        if got != expected:
+            failures += 1
+            print(f"device: holds {got} instead of {expected}: {channel.line()}", end="")
+    return failures
+
+
+def check_refusals(client):
+    """Every way to write that pymodbus knows, and an address that is not there."""
+    unit = UNITS[0]
+    writes = [client.write_coil(0, True, device_id=unit), client.write_register(0, 1, device_id=unit),
+              client.write_coils(0, [True] * 8, device_id=unit), client.write_registers(0, [1, 2], device_id=unit),
+              client.mask_write_register(address=0, and_mask=0, or_mask=1, device_id=unit),
+              client.readwrite_registers(read_address=0, read_count=1, write_address=0, values=[1], device_id=unit)]
+    failures = 0
+    for reply in writes:
+        if not reply.isError() or reply.exception_code != 1:
+            failures += 1
+            print(f"device: answers {reply} to a write")
+    reply = client.read_holding_registers(65535, count=1, device_id=unit)
+    if not reply.isError() or reply.exception_code != 2:
+        failures += 1
+        print(f"device: answers {reply} where nothing is")
+    reply = client.read_holding_registers(0, count=1, device_id=99)
+    if not reply.isError() or reply.exception_code != 11:
+        failures += 1
+        print(f"device: answers {reply} for a unit that is not there")
+    return failures, len(writes)
+
+
+def check_device(channels):
+    probe = subprocess.Popen([PROBE, "serve"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    try:
+        probe.stdin.write(text_of(channels))
+        probe.stdin.flush()
+        client = ModbusTcpClient("127.0.0.1", port=int(probe.stdout.readline()), timeout=30)
+        assert client.connect(), "pymodbus cannot connect to the device"
+        failures = check_values(client, channels)
+        refusals, writes = check_refusals(client)
+        failures += refusals + check_values(client, channels)  # after the writes: nothing has changed
+        client.close()
+        rest, _ = probe.communicate(timeout=30)
+    finally:
+        probe.kill()
+    if rest.split()[1] != str(writes):
+        failures += 1
+        print(f"device: counted {rest.split()[1]} refused writes of {writes}")
+    return failures
+
+
+def main():
+    logging.disable(logging.CRITICAL)  # pymodbus tells of each exception it sends
+    seed = int(os.environ.get("TL_SEED", "4711"))
+    channels = make_channels(random.Random(seed))
+    driver_failures, requests = check_driver(channels)
+    failures = driver_failures + check_device(channels)
+    print(f"{len(channels)} channels, {requests} requests, {failures} failures (TL_SEED={seed})")
+    sys.exit(1 if failures else 0)
+
+
+main()

@@ -1,0 +1,198 @@
+#!/usr/bin/env python3
+"""The motor bench on the product's own recording: what a lock must hold to, whatever the mode, the horizon and the
+seed of the plant's noise; and that everything repeats to the bit."""
+import filecmp
+import json
+
+from twinlock_test import (SOURCE, at_least, at_most, edited_config, expect, main, replay_csv, replay_json, run, run_well,
+                           scratch)
+
+STEPS = 1401
+COMPONENTS = 3
+RECORDING = SOURCE / "config" / "motor" / "recording.csv"
+U = "motor.d"
+
+
+def horizon(prediction, measurements="lag"):
+    return {"synchronise": {"horizon": {"prediction": prediction, "measurements": measurements}}}
+
+
+def check_sums(result, prediction=1):
+    """What holds for every replay of lock.json."""
+    evaluations = result["evaluations"]
+    expect(result["steps"] == STEPS, f"steps: {result['steps']}")
+    expect(evaluations >= STEPS, f"evaluations: {evaluations}")
+    executions = dict(result["executions"])
+    total = executions.pop("total")
+    expect(total == COMPONENTS * (STEPS + prediction * evaluations), f"executions: {total} at {evaluations} evaluations")
+    expect(set(executions) == {"drive", "motor", "plant"} and len(set(executions.values())) == 1, f"{executions}")
+    expect(sum(executions.values()) == total, f"executions of components do not sum up to {total}: {executions}")
+    expect(sum(result["outcomes"].values()) == STEPS, f"outcomes: {result['outcomes']}")
+    expect(result["match"]["motor.omega"]["pairs"] == STEPS, "not every step was compared")
+
+
+def csv_file(config, *options):
+    path = scratch() / "steps.csv"
+    run_well(["replay", config, "--csv", path, *options])
+    return path
+
+
+# ---- free and locked ----
+
+def test_free():
+    result = replay_json("motor/free.json")
+    at_least(result["match"]["motor.omega"]["mse"], 50, "MSE, free, (rad/s)\u00b2")
+    expect(result["executions"]["total"] == COMPONENTS * STEPS, f"executions: {result['executions']}")
+    expect(result["evaluations"] == 0 and result["adjust"] == {}, "a free run evaluates or adjusts")
+    expect(result["outcomes"]["free"] == STEPS, f"outcomes: {result['outcomes']}")
+
+
+def test_lock():
+    result = replay_json("motor/lock.json")
+    check_sums(result)
+    at_most(result["match"]["motor.omega"]["mse"], 0.30, "MSE, locked, (rad/s)\u00b2")
+    at_most(result["match"]["motor.omega"]["max"], 1.0, "MAX, locked, rad/s")
+    expect(result["outcomes"]["first guess"] + result["outcomes"]["optimised"] == STEPS, f"{result['outcomes']}")
+    expect(result["optimised_steps"] == result["outcomes"]["optimised"] > 50, f"optimised: {result['optimised_steps']}")
+
+
+def test_keys():
+    """The keys of DESIGN.md and their types; `cache` is there for later."""
+    result = replay_json("motor/lock.json")
+    for key in ("steps", "evaluations", "optimised_steps", "deadline_misses"):
+        expect(isinstance(result[key], int), f"{key}: {result[key]!r}")
+    expect({"mse", "max", "unit"} <= set(result["match"]["motor.omega"]), f"{result['match']}")
+    expect({"first", "last", "mean", "delta_mean"} <= set(result["adjust"][U]), f"{result['adjust']}")
+    expect({"hits", "nodes_peak", "full"} <= set(result["cache"]), f"{result['cache']}")
+    expect(result["wall_s"] > 0, f"wall_s: {result['wall_s']}")
+
+
+def test_json_and_csv_agree():
+    result, rows = replay_json("motor/lock.json"), replay_csv("motor/lock.json")
+    adjust, corrections = result["adjust"][U], [u - nominal for u, nominal in zip(rows[U], rows[f"{U} nominal"])]
+    expect(rows["step"] == list(range(STEPS)), "steps are not 0 \u2026 1400")
+    expect(sum(rows["evaluations"]) == result["evaluations"], "evaluations differ")
+    expect(adjust["first"] == rows[U][0] and adjust["last"] == rows[U][-1], "first or last u differs")
+    expect(abs(adjust["mean"] - sum(rows[U]) / STEPS) <= 1e-12, "the mean of u differs")
+    expect(abs(adjust["delta_mean"] - sum(corrections) / STEPS) <= 1e-12, "the mean correction differs")
+    expect(set(rows[f"{U} nominal"]) == {0.0031}, "the nominal is not the configured one")
+    for J, y, y_hat, outcome in zip(rows["J"], rows["motor.omega"], rows["plant.omega"], rows["outcome"]):
+        expect(abs(J - (y - y_hat) ** 2) <= 1e-9, f"J is {J}, but the difference squared is {(y - y_hat) ** 2}")
+        expect(J < 1 and outcome in ("first guess", "optimised"), f"J is {J} at a step that is {outcome}")
+
+
+# ---- modes and horizons ----
+
+def test_ahead():
+    result = replay_json(edited_config("motor/lock.json", horizon(1, "ahead")))
+    check_sums(result)
+    free = replay_json("motor/free.json")
+    at_least(free["match"]["motor.omega"]["mse"] / result["match"]["motor.omega"]["mse"], 30, "ahead: MSE falls by")
+
+
+def test_lag_with_longer_horizons():
+    for prediction in (2, 3):
+        result = replay_json(edited_config("motor/lock.json", horizon(prediction)))
+        check_sums(result, prediction)
+        at_most(result["match"]["motor.omega"]["mse"], 0.60, f"T_P = {prediction}: MSE, (rad/s)\u00b2")
+
+
+def test_horizon_ends_with_the_recording():
+    """A step is computed only while the recording has the measurements of its horizon."""
+    lines = RECORDING.read_text(encoding="utf-8").splitlines()
+    rows = [line for line in lines[1:] if float(line.split(",")[0]) <= 1.0]
+    short = scratch() / "short.csv"
+    short.write_text("\n".join([lines[0], *rows]) + "\n", encoding="utf-8")
+    last_tick = int(float(rows[-1].split(",")[0]) * 100)
+    for prediction in (1, 2, 3):
+        config = edited_config("motor/lock.json", horizon(prediction))
+        steps = replay_json(config, "--recording", short)["steps"]
+        expect(steps == last_tick - prediction + 1, f"T_P = {prediction}: {steps} steps of {last_tick} ticks")
+
+
+def test_budget_bounds_evaluations():
+    for limit in (2, 5):
+        rows = replay_csv(edited_config("motor/lock.json", {"synchronise": {"budget": {"evaluations": limit}}}))
+        expect(max(rows["evaluations"]) == limit, f"{max(rows['evaluations'])} evaluations, the budget is {limit}")
+
+
+def test_time_budget_is_ignored():
+    config = edited_config("motor/lock.json", {"synchronise": {"budget": {"time_s": 1e-9}}})
+    expect(filecmp.cmp(csv_file(config), csv_file(edited_config("motor/lock.json")), False), "the time budget matters")
+
+
+def test_weight_0_is_reported_only():
+    compared = {"synchronise": {"match": {"drive.e": {"to": "plant.omega", "weight": 0}}}}
+    config = edited_config("motor/lock.json", compared)
+    result, rows, alone = replay_json(config), replay_csv(config), replay_csv("motor/lock.json")
+    check_sums(result)
+    match = result["match"]["drive.e"]
+    expect(match["pairs"] == STEPS and match["mse"] > 100 and match["unit"] == "rad/s", f"drive.e: {match}")
+    expect(rows[U] == alone[U] and rows["J"] == alone["J"], "a match with weight 0 has changed what is committed")
+    expect("compared only" in run_well(["replay", config]), "the table does not say that it is compared only")
+
+
+def test_never_worse_than_nominal():
+    """Where the bounds leave nothing that helps, the nominal is committed: the twin is the free one to the bit."""
+    rows = replay_csv(edited_config("motor/lock.json", {"synchronise": {"adjust": {U: {"min": 1e6, "max": 2e6}}}}))
+    expect(rows["outcome"].count("nominal") > 100, "no search failed")
+    expect(set(rows["outcome"]) == {"first guess", "nominal"}, f"outcomes: {set(rows['outcome'])}")
+    expect(set(rows[U]) == {0.0031}, "something else than the nominal was committed")
+    expect(rows["motor.omega"] == replay_csv("motor/free.json")["motor.omega"], "the twin is not the free one")
+
+
+def test_bounds_hold():
+    rows = replay_csv(edited_config("motor/lock.json", {"synchronise": {"adjust": {U: {"min": -0.05, "max": 0.04}}}}))
+    expect(all(-0.05 <= u <= 0.04 for u in rows[U]), f"u in {min(rows[U])} … {max(rows[U])}")
+    expect(len(set(rows[U])) > 3, "u hardly moves")
+
+
+# ---- repeatable ----
+
+def test_repeatable_to_the_bit():
+    for name in ("free", "lock"):
+        config = edited_config(f"motor/{name}.json")
+        once, again = csv_file(config), csv_file(config)
+        expect(once.stat().st_size > 50_000, f"{name}: only {once.stat().st_size} bytes")
+        expect(filecmp.cmp(once, again, False), f"{name}: two replays differ")
+        code, out, _ = run(["replay", config, "--csv", "-"])
+        expect(code == 0 and out == once.read_text(encoding="utf-8"), f"{name}: --csv - differs from --csv FILE")
+
+
+def test_realtime_gives_the_same():
+    config = edited_config("motor/lock.json", {"duration_s": 0.2})
+    quick, paced = csv_file(config), csv_file(config, "--realtime")
+    expect(filecmp.cmp(quick, paced, False), "--realtime gives other values")
+    wall = json.loads(run_well(["replay", config, "--json", "--realtime"]))["wall_s"]
+    expect(wall >= 0.2, f"--realtime took {wall} s for 0.2 s")
+
+
+def test_what_a_replay_recorded_replays_the_same():
+    config, database = edited_config("motor/lock.json"), scratch() / "run.db"
+    from_csv = csv_file(config, "--db", database)
+    expect(filecmp.cmp(from_csv, csv_file(config, "--recording", database), False), "the database gives other values")
+
+
+# ---- the plant ----
+
+def test_the_recording_is_regenerated():
+    """config/motor/recording.csv is what its README says it is made by."""
+    made = scratch() / "recording.csv"
+    run_well(["plant", SOURCE / "config" / "motor" / "plant.json", "--record", made, "--seed", "1"])
+    expect(filecmp.cmp(made, RECORDING, False), "twinlock plant --seed 1 makes another recording")
+
+
+def test_other_seeds():
+    """Errors spread evenly over the tolerance of \u00b1 1 rad/s would have an MSE of 1/3."""
+    recordings = set()
+    for seed in range(2, 7):
+        made = scratch() / "recording.csv"
+        run_well(["plant", SOURCE / "config" / "motor" / "plant.json", "--record", made, "--seed", seed])
+        recordings.add(made.read_bytes())
+        result = replay_json("motor/lock.json", "--recording", made)
+        check_sums(result)
+        at_most(result["match"]["motor.omega"]["mse"], 1 / 3, f"seed {seed}: MSE, locked, (rad/s)\u00b2")
+    expect(len(recordings) == 5, "seeds make the same recording")
+
+
+main()

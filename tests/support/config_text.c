@@ -1,0 +1,64 @@
+/* See config_text.h. */
+#include "tests/support/config_text.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+char *tl_test_read_text(const char *path) {
+    FILE *file = fopen(path, "rb");
+    char *text = file != NULL ? calloc(1, TL_CONFIG_MAX_BYTES + 1) : NULL;
+    if (text != NULL && fread(text, 1, TL_CONFIG_MAX_BYTES, file) == 0) {
+        free(text);
+        text = NULL;
+    }
+    if (file != NULL) {
+        (void)fclose(file);
+    }
+    return text;
+}
+
+char *tl_test_replaced(const char *text, const char *old, const char *new) {
+    const char *at = strstr(text, old);
+    if (at == NULL || strstr(at + 1, old) != NULL) {
+        return NULL;
+    }
+    size_t size = strlen(text) + strlen(new) + 1;
+    char *result = malloc(size);
+    if (result != NULL) {
+        (void)snprintf(result, size, "%.*s%s%s", (int)(at - text), text, new, at + strlen(old));
+    }
+    return result;
+}
+
+size_t tl_test_line_of(const char *text, const char *part) {
+    const char *at = strstr(text, part);
+    size_t line = at != NULL ? 1 : 0;
+    for (const char *c = text; c < at; c++) {
+        line += *c == '\n' ? 1 : 0;
+    }
+    return line;
+}
+
+static void note(void *context, tl_status status, const char *where, const char *text) {
+    tl_test_verdict *verdict = context;
+    if (verdict->count < TL_TEST_PROBLEMS) {
+        tl_test_problem *problem = &verdict->problems[verdict->count];
+        problem->status = status;
+        (void)snprintf(problem->where, sizeof problem->where, "%s", where);
+        (void)snprintf(problem->text, sizeof problem->text, "%s", text);
+    }
+    verdict->count++;
+}
+
+void tl_test_judge_text(const char *text, size_t size, tl_test_verdict *verdict) {
+    *verdict = (tl_test_verdict){.count = 0};
+    tl_report report = {.add = note, .context = verdict};
+    verdict->status = tl_config_read_text("bench/motor.json", text, size, &verdict->config, &report);
+}
+
+void tl_test_judge_file(const char *path, tl_test_verdict *verdict) {
+    *verdict = (tl_test_verdict){.count = 0};
+    tl_report report = {.add = note, .context = verdict};
+    verdict->status = tl_config_read(path, &verdict->config, &report);
+}

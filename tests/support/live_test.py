@@ -1,0 +1,264 @@
+"""What the tests of `plant` and `run` share: programs that are watched while they run, databases, and a Modbus device that
+is told what to answer.
+
+Nothing here waits for a length of time where it can wait for what is to happen; whoever waits in vain fails with the log.
+"""
+import os
+import re
+import signal
+import socket
+import sqlite3
+import struct
+import threading
+import time
+from contextlib import closing
+
+import twinlock_test
+from twinlock_test import Failure, describe, expect, finish, replay_json, scratch, start
+
+PATIENCE = 60  # seconds for what takes well under one where nothing else runs
+
+GOOD, STALE, OUT_OF_RANGE, NOT_A_NUMBER, NO_LINK = range(5)  # master/base/signal.h
+FIRST_GUESS, OPTIMISED, FREE_RUN, MADE_UP = 1, 2, 5, 6  # master/sync/record.h
+STOP_TIME = 4
+
+
+def wait_until(condition, what, explain=lambda: ""):
+    """What `condition` gives as soon as that is true; a failure where it never becomes so."""
+    until = time.monotonic() + PATIENCE
+    while True:
+        value = condition()
+        if value:
+            return value
+        if time.monotonic() > until:
+            raise Failure(f"waited in vain for {what}\n{explain()}")
+        time.sleep(0.01)
+
+
+class Program:
+    """twinlock, running; killed at the end of `with`. Its stderr goes to a file, which can be read all the time."""
+
+    def __init__(self, *args, **options):
+        self.path = scratch() / "stderr"
+        with open(self.path, "wb") as file:
+            self.process = start(args, stderr=file, **options)
+        self.pid = self.process.pid
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *unused):
+        if self.process.poll() is None:
+            self.kill()
+
+    def log(self):
+        return self.path.read_text(encoding="utf-8", errors="replace")
+
+    def wait_for(self, text, times=1):
+        """Until it has said `text`; a failure also where it ends without that."""
+        def said():
+            ended = self.process.poll() is not None
+            if self.log().count(text) >= times:
+                return True
+            expect(not ended, f"{describe(self.process)} ended without \"{text}\"\n{self.log()}")
+            return False
+        wait_until(said, f"\"{text}\"", self.log)
+
+    def signal(self, number):
+        self.process.send_signal(number)
+
+    def end(self, number=None):
+        """(exit code, stdout, stderr) at its end, to which a signal may bring it."""
+        if number is not None:
+            self.signal(number)
+        code, out, _ = finish(self.process, PATIENCE)
+        log = self.log()
+        expect("Sanitizer" not in log and "runtime error:" not in log, log)
+        return code, out, log
+
+    def kill(self):
+        """SIGKILL, and no questions asked."""
+        self.process.kill()
+        self.process.communicate()
+
+
+def end_well(program, number=None):
+    """(what --json told, log) of a `run` that must end with 0."""
+    code, out, log = program.end(number)
+    expect(code == 0, f"{describe(program.process)} ended with {code}\n{log}")
+    return twinlock_test.json.loads(out), log
+
+
+# ---- databases ----
+
+def query(path, sql, *parameters):
+    """All rows of a question to a database that somebody may be writing."""
+    with closing(sqlite3.connect(f"file:{path}?mode=ro", uri=True, timeout=10)) as database:
+        return database.execute(sql, parameters).fetchall()
+
+
+def number(path, sql, *parameters):
+    return query(path, sql, *parameters)[0][0]
+
+
+def committed_steps(path, run=1):
+    """How many steps are there already; 0 where there is no database yet."""
+    return number(path, "SELECT count(*) FROM steps WHERE run = ?", run) if path.exists() else 0
+
+
+def wait_for_steps(program, database, count, run=1):
+    def there():
+        expect(program.process.poll() is None, f"{describe(program.process)} has ended\n{program.log()}")
+        return committed_steps(database, run) >= count
+    wait_until(there, f"{count} steps in the database", program.log)
+
+
+def check_database(path):
+    expect(query(path, "PRAGMA integrity_check") == [("ok",)], f"{path}: not intact")
+
+
+def check_rows(path, run=1):
+    """Steps without a hole, each with the instant of its y and with all that belongs to it; how many."""
+    step_ns = number(path, "SELECT step_ns FROM runs WHERE run = ?", run)
+    steps = query(path, "SELECT step, t_ns FROM steps WHERE run = ? ORDER BY step", run)
+    wrong = [row for i, row in enumerate(steps) if row != (i, (i + 1) * step_ns)]
+    expect(not wrong, f"step and t_ns are wrong from {wrong[:1]}")
+    for table in "outputs", "adjustments":
+        rows = query(path, f"SELECT step FROM {table} WHERE run = ? ORDER BY step", run)
+        expect([row[0] for row in rows] == list(range(len(steps))), f"{table} has {len(rows)} rows, steps {len(steps)}")
+    ticks = [row[0] for row in query(path, "SELECT DISTINCT tick FROM samples WHERE run = ? ORDER BY tick", run)]
+    expect(ticks == list(range(len(ticks))), "ticks are missing in samples")
+    for value in "u", "u_hat":
+        bad = number(path, f"SELECT count(*) FROM adjustments WHERE run = ? AND typeof({value}) <> 'real'", run)
+        expect(bad == 0, f"{bad} rows of {value} are no numbers")
+    return len(steps)
+
+
+def check_summary(told, database, prediction=1, components=3, run=1):
+    """What --json told about a `run` that lost nothing, against itself and against the database. The configuration is of
+    mode lag and has one prediction horizon's worth of executions per evaluation."""
+    rows = check_rows(database, run)
+    made_up = told["outcomes"]["made up"]
+    executions = told["executions"]
+    expect(told["steps"] + told["skipped"] == told["ticks"],
+           f"{told['steps']} steps + {told['skipped']} skipped are not {told['ticks']} ticks")
+    expect(made_up == told["skipped"], f"{made_up} made up, but {told['skipped']} skipped")
+    expect(sum(told["outcomes"].values()) == rows == told["steps"] + made_up, f"{rows} rows, told {told['outcomes']}")
+    wanted = components * (rows + prediction * told["evaluations"])
+    expect(executions["total"] == wanted, f"{executions['total']} executions, wanted {wanted}")
+    each = {name: count for name, count in executions.items() if name != "total"}
+    expect(len(each) == components and set(each.values()) == {wanted // components}, f"executions {each}")
+    counted = query(database, "SELECT sum(evaluations), sum(executions), sum(outcome = ?) FROM steps WHERE run = ?",
+                    MADE_UP, run)[0]
+    zero = (None, None, None) if rows == 0 else (told["evaluations"], wanted, made_up)
+    expect(counted == zero, f"the database has {counted}, told was {zero}")
+    return rows
+
+
+STEPS = """SELECT s.step, s.t_ns, s.outcome, s.evaluations, s.executions, s.J, s.J_nominal, o.y, o.y_hat, o.quality, a.u, a.u_hat
+           FROM steps s JOIN outputs o USING (run, step) JOIN adjustments a USING (run, step) WHERE run = ? ORDER BY step"""
+
+
+def bits(row):
+    return tuple(struct.pack(">d", value) if isinstance(value, float) else value for value in row)
+
+
+def check_replay(config, database, rows):
+    """A replay of the database with the configuration it was made with gives the same, to the bit; what it told."""
+    again = scratch() / "again.db"
+    told = replay_json(config, "--recording", database, "--db", again, timeout=PATIENCE)
+    found = [bits(row) for row in query(again, STEPS, 1)]
+    wanted = [bits(row) for row in query(database, STEPS, 1)]
+    different = [i for i, pair in enumerate(zip(found, wanted)) if pair[0] != pair[1]]
+    expect(len(found) == len(wanted) == rows, f"{len(found)} steps replayed, {len(wanted)} recorded, {rows} told")
+    expect(not different, f"{len(different)} steps differ, the first is {query(database, STEPS, 1)[(different or [0])[0]]}, "
+                          f"replayed {query(again, STEPS, 1)[(different or [0])[0]]}")
+    return told
+
+
+def changes(values):
+    """[1, 1, 2, 1] → [1, 2, 1]"""
+    return [value for i, value in enumerate(values) if i == 0 or value != values[i - 1]]
+
+
+def qualities(database, signal, run=1):
+    """How the quality of a plant signal went."""
+    return changes([row[0] for row in query(database, "SELECT quality FROM samples JOIN signals USING (run, signal) "
+                                            "WHERE run = ? AND kind = 'plant' AND name = ? ORDER BY tick",
+                                            run, "plant." + signal)])
+
+
+def expect_in_order(found, wanted, what):
+    """All of `wanted` is in `found`, in this order, with anything between."""
+    rest = iter(found)
+    expect(all(item in rest for item in wanted), f"{what}: found {found}, wanted {wanted} in this order")
+
+
+# ---- devices ----
+
+def free_port():
+    with closing(socket.socket()) as listener:
+        listener.bind(("127.0.0.1", 0))
+        return listener.getsockname()[1]
+
+
+def refused_writes(log):
+    """Attempts to write that `twinlock plant` saw, as it says at its end."""
+    found = re.findall(r"(\d+) requests answered, (\d+) attempts to write refused", log)
+    expect(len(found) == 1 and int(found[0][0]) > 0, f"the plant does not say what it was asked\n{log}")
+    return int(found[0][1])
+
+
+class Device:
+    """A Modbus TCP server of one unit whose input registers 0 … 2 are what live.json reads: omega as float32, torque as
+    int16. It remembers the function codes it was sent, and keeps silent when told."""
+
+    def __init__(self, omega, torque=0):
+        self.omega, self.torque, self.silent = omega, torque, False
+        self.functions = set()
+        self.listener = socket.socket()
+        self.listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        self.listener.bind(("127.0.0.1", 0))
+        self.listener.listen()
+        self.port = self.listener.getsockname()[1]
+        threading.Thread(target=self._accept, daemon=True).start()
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *unused):
+        self.listener.close()
+
+    def _accept(self):
+        while True:
+            try:
+                client, _ = self.listener.accept()
+            except OSError:
+                return
+            threading.Thread(target=self._serve, args=(client,), daemon=True).start()
+
+    def _serve(self, client):
+        with client, client.makefile("rb") as requests:
+            try:
+                while len(header := requests.read(7)) == 7:
+                    transaction, protocol, length, unit = struct.unpack(">HHHB", header)
+                    request = requests.read(length - 1)
+                    self.functions.add(request[0])
+                    if not self.silent:
+                        reply = self._reply(request)
+                        client.sendall(struct.pack(">HHHB", transaction, protocol, len(reply) + 1, unit) + reply)
+            except OSError:
+                return
+
+    def _reply(self, request):
+        function, address, count = struct.unpack(">BHH", request[:5])
+        data = struct.pack(">fh", self.omega, self.torque)[2 * address:2 * (address + count)]
+        if function != 4 or len(data) != 2 * count:
+            return bytes((function | 0x80, 2))
+        return bytes((function, len(data))) + data
+
+
+def stop(program):
+    """SIGSTOP, and not before it has stopped."""
+    program.signal(signal.SIGSTOP)
+    wait_until(lambda: os.waitid(os.P_PID, program.pid, os.WSTOPPED | os.WNOHANG | os.WNOWAIT), "the stop of a program")

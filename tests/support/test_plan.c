@@ -1,0 +1,145 @@
+/* A plan of a twin made of test FMUs: see test_plan.h. */
+#include "tests/support/test_plan.h"
+
+#include <assert.h>
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+
+static void add_problem(void *context, tl_status status, const char *where, const char *text) {
+    tl_test_plan *plan = context;
+    size_t number = plan->report.count - 1; /* counted already */
+    if (number < TL_TEST_PROBLEMS) {
+        tl_test_problem *problem = &plan->problems[number];
+        problem->status = status;
+        (void)snprintf(problem->where, sizeof problem->where, "%s", where);
+        (void)snprintf(problem->text, sizeof problem->text, "%s", text);
+    }
+}
+
+void tl_test_plan_init(tl_test_plan *plan, tl_time step) {
+    memset(plan, 0, sizeof *plan);
+    plan->plan.step = step;
+    plan->plan.components = plan->components;
+    plan->plan.signals = plan->signals;
+    plan->plan.connections = plan->connections;
+    plan->plan.adjust = plan->adjust;
+    plan->plan.match = plan->match;
+    plan->plan.measurements = TL_LAG;
+    plan->plan.algorithm = "nelder-mead";
+}
+
+/* "kind.name", kept. */
+static const char *where_of(tl_test_plan *plan, const char *kind, const char *name) {
+    assert(plan->where_count < sizeof plan->where / sizeof plan->where[0]);
+    char *where = plan->where[plan->where_count++];
+    (void)snprintf(where, TL_TEST_WHERE, "%s.%s", kind, name);
+    return where;
+}
+
+tl_plan_component *tl_test_plan_component(tl_test_plan *plan, const char *name, tl_test_fmu *fmu) {
+    size_t number = plan->plan.component_count++;
+    assert(number < TL_TEST_COMPONENTS);
+    tl_plan_component *component = &plan->components[number];
+    *component = (tl_plan_component){.where = where_of(plan, "components", name),
+                                     .name = name,
+                                     .model = &fmu->model,
+                                     .functions = &fmu->functions,
+                                     .callbacks = &fmu->callbacks,
+                                     .resources = "file:///resources",
+                                     .set = plan->sets[number]};
+    return component;
+}
+
+void tl_test_plan_set_value(tl_test_plan *plan, const char *variable, tl_value value) {
+    size_t number = plan->plan.component_count - 1;
+    tl_plan_component *component = &plan->components[number];
+    assert(component->set_count < TL_TEST_SETS);
+    tl_plan_set *set = &plan->sets[number][component->set_count++];
+    *set = (tl_plan_set){.where = where_of(plan, "set", variable), .variable = variable, .value = value};
+}
+
+void tl_test_plan_set(tl_test_plan *plan, const char *variable, double value) {
+    const tl_value number = {.type = TL_REAL, .real = value};
+    tl_test_plan_set_value(plan, variable, number);
+}
+
+tl_plan_signal *tl_test_plan_signal(tl_test_plan *plan, const char *name, tl_type type, const char *unit) {
+    size_t number = plan->plan.signal_count++;
+    assert(number < sizeof plan->signals / sizeof plan->signals[0]);
+    tl_plan_signal *signal = &plan->signals[number];
+    *signal = (tl_plan_signal){.where = where_of(plan, "plant", name), .name = name, .type = type, .unit = unit};
+    return signal;
+}
+
+void tl_test_plan_connect(tl_test_plan *plan, const char *from, const char *to) {
+    size_t number = plan->plan.connection_count++;
+    assert(number < TL_TEST_CONNECTIONS && plan->where_count < sizeof plan->where / sizeof plan->where[0]);
+    char *where = plan->where[plan->where_count++];
+    (void)snprintf(where, TL_TEST_WHERE, "connect[%u]", (unsigned)number);
+    plan->connections[number] = (tl_plan_connection){.where = where, .from = from, .to = to};
+}
+
+tl_plan_adjust *tl_test_plan_adjust(tl_test_plan *plan, const char *variable, double step) {
+    size_t number = plan->plan.adjust_count++;
+    assert(number < sizeof plan->adjust / sizeof plan->adjust[0]);
+    tl_plan_adjust *adjust = &plan->adjust[number];
+    *adjust = (tl_plan_adjust){.where = where_of(plan, "adjust", variable),
+                               .variable = variable,
+                               .step = step,
+                               .lower = -HUGE_VAL,
+                               .upper = HUGE_VAL};
+    return adjust;
+}
+
+tl_plan_match *tl_test_plan_match(tl_test_plan *plan, const char *variable, const char *to, double tolerance) {
+    size_t number = plan->plan.match_count++;
+    assert(number < sizeof plan->match / sizeof plan->match[0]);
+    tl_plan_match *match = &plan->match[number];
+    *match = (tl_plan_match){.where = where_of(plan, "match", variable),
+                             .variable = variable,
+                             .to = to,
+                             .tolerance = tolerance,
+                             .weight = 1.0};
+    return match;
+}
+
+tl_twin *tl_test_plan_build(tl_test_plan *plan) {
+    memset(plan->problems, 0, sizeof plan->problems);
+    plan->report = (tl_report){.add = add_problem, .context = plan};
+    return tl_twin_build(&plan->plan, &plan->report);
+}
+
+const tl_test_problem *tl_test_plan_problem(const tl_test_plan *plan, const char *where, const char *words) {
+    for (size_t i = 0; i < plan->report.count && i < TL_TEST_PROBLEMS; i++) {
+        const tl_test_problem *problem = &plan->problems[i];
+        if (strcmp(problem->where, where) == 0 && strstr(problem->text, words) != NULL) {
+            return problem;
+        }
+    }
+    return NULL;
+}
+
+void tl_test_run_init(tl_test_run *run, tl_twin *twin) {
+    memset(run, 0, sizeof *run);
+    run->twin = twin;
+    run->budget.evaluations = 200;
+}
+
+/* The sample becomes that of the next tick. */
+static void move_on(tl_test_run *run) {
+    run->sample.tick++;
+    for (size_t i = 0; i < TL_MAX_SIGNALS; i++) {
+        run->sample.stamps[i] = run->sample.tick * TL_SECOND;
+    }
+}
+
+void tl_test_run_step(tl_test_run *run) {
+    run->status = tl_twin_step(run->twin, &run->sample, &run->budget, &run->record, &run->ready, &run->error);
+    move_on(run);
+}
+
+void tl_test_run_make_up(tl_test_run *run) {
+    run->status = tl_twin_make_up(run->twin, &run->sample, &run->record, &run->ready, &run->error);
+    move_on(run);
+}

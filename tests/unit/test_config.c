@@ -1,0 +1,575 @@
+/* A configuration that is right: every key, every default, the lines and files behind it; and files that are none. */
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <unity.h>
+
+#include "tests/support/config_text.h"
+
+#define FULL TL_SOURCE_DIR "/tests/support/configuration_full.json"
+#define FREE TL_SOURCE_DIR "/tests/support/configuration_free.json"
+
+static tl_test_verdict verdict;
+static char folder[64]; /* temporary */
+
+void setUp(void) {
+    (void)snprintf(folder, sizeof folder, "/tmp/twinlock-test-XXXXXX");
+    TEST_ASSERT_NOT_NULL(mkdtemp(folder));
+    memset(&verdict, 0, sizeof verdict);
+}
+
+void tearDown(void) {
+    static const char *const left[] = {"/fmus/a.fmu", "/fmus", "/plant/a.fmu", "/plant", "/config.json", ""};
+    char path[128];
+    tl_config_free(&verdict.config);
+    for (size_t i = 0; i < sizeof left / sizeof left[0]; i++) {
+        (void)snprintf(path, sizeof path, "%s%s", folder, left[i]);
+        (void)remove(path);
+    }
+}
+
+static const tl_config *read_good(const char *path) {
+    tl_test_judge_file(path, &verdict);
+    TEST_ASSERT_EQUAL_STRING("", verdict.problems[0].text);
+    TEST_ASSERT_EQUAL_size_t(0, verdict.count);
+    TEST_ASSERT_EQUAL_INT(TL_OK, verdict.status);
+    return &verdict.config;
+}
+
+/* ---- every key ---- */
+
+static void test_root(void) {
+    const tl_config *config = read_good(FULL);
+    TEST_ASSERT_EQUAL_STRING(FULL, config->path);
+    TEST_ASSERT_EQUAL_STRING(TL_SOURCE_DIR "/tests/support", config->directory);
+    TEST_ASSERT_EQUAL_STRING("motor bench", config->name);
+    TEST_ASSERT_EQUAL_INT64(10000000, config->step);
+    TEST_ASSERT_EQUAL_INT64(14 * TL_SECOND, config->duration);
+    TEST_ASSERT_EQUAL_STRING("bench.csv", config->recording_file);
+    TEST_ASSERT_EQUAL_STRING("seconds", config->recording_time_column);
+    TEST_ASSERT_EQUAL_STRING("bench.db", config->record_file);
+    TEST_ASSERT_EQUAL_INT64(250500000, config->record_max_bytes);
+    TEST_ASSERT_EQUAL_INT64(TL_SECOND / 4, config->record_commit);
+    TEST_ASSERT_EQUAL_INT(0, config->realtime_priority);
+    TEST_ASSERT_FALSE(config->realtime_lock_memory);
+}
+
+static void test_text_and_fingerprint(void) {
+    const tl_config *config = read_good(FULL);
+    char *text = tl_test_read_text(FULL);
+    char command[256];
+    char sum[65] = "";
+    TEST_ASSERT_EQUAL_size_t(strlen(text), config->size);
+    TEST_ASSERT_EQUAL_STRING(text, config->text);
+    free(text);
+    (void)snprintf(command, sizeof command, "sha256sum '%s'", FULL);
+    FILE *pipe = popen(command, "r");
+    TEST_ASSERT_NOT_NULL(pipe);
+    TEST_ASSERT_EQUAL_size_t(64, fread(sum, 1, 64, pipe));
+    (void)pclose(pipe);
+    TEST_ASSERT_EQUAL_STRING(sum, config->hash);
+}
+
+static void test_components(void) {
+    const tl_config *config = read_good(FULL);
+    TEST_ASSERT_EQUAL_size_t(2, config->component_count);
+    TEST_ASSERT_EQUAL_STRING("components.drive", config->components[0].where);
+    TEST_ASSERT_EQUAL_STRING("drive", config->components[0].name);
+    TEST_ASSERT_EQUAL_STRING("drive.fmu", config->components[0].fmu);
+    TEST_ASSERT_EQUAL_size_t(0, config->components[0].set_count);
+    TEST_ASSERT_EQUAL_STRING("models/motor.fmu", config->components[1].fmu);
+    TEST_ASSERT_EQUAL_size_t(4, config->components[1].set_count);
+    const tl_plan_set *set = config->components[1].set;
+    TEST_ASSERT_EQUAL_STRING("components.motor.set.J", set[0].where);
+    TEST_ASSERT_EQUAL_STRING("J", set[0].variable);
+    TEST_ASSERT_EQUAL_INT(TL_REAL, set[0].value.type);
+    TEST_ASSERT_EQUAL_DOUBLE(0.0515, set[0].value.real);
+    TEST_ASSERT_EQUAL_INT(TL_REAL, set[1].value.type);
+    TEST_ASSERT_EQUAL_DOUBLE(4, set[1].value.real);
+    TEST_ASSERT_EQUAL_INT(TL_BOOLEAN, set[2].value.type);
+    TEST_ASSERT_EQUAL_INT(1, set[2].value.integer);
+    TEST_ASSERT_EQUAL_INT(TL_STRING, set[3].value.type);
+    TEST_ASSERT_EQUAL_STRING("", set[3].value.text);
+}
+
+static void test_sources(void) {
+    const tl_config *config = read_good(FULL);
+    const tl_config_source *source = config->sources;
+    TEST_ASSERT_EQUAL_size_t(3, config->source_count);
+    TEST_ASSERT_EQUAL_STRING("sources.plc", source[0].where);
+    TEST_ASSERT_EQUAL_STRING("plc", source[0].name);
+    TEST_ASSERT_EQUAL_INT(TL_SOURCE_MODBUS_TCP, source[0].kind);
+    TEST_ASSERT_EQUAL_STRING("192.0.2.10", source[0].host);
+    TEST_ASSERT_EQUAL_UINT16(1502, source[0].port);
+    TEST_ASSERT_EQUAL_DOUBLE(0.02, source[0].period_s);
+    TEST_ASSERT_EQUAL_DOUBLE(0.25, source[0].timeout_s);
+    TEST_ASSERT_EQUAL_STRING("plc.example", source[1].host);
+    TEST_ASSERT_EQUAL_UINT16(502, source[1].port);
+    TEST_ASSERT_EQUAL_DOUBLE(0.01, source[1].period_s);
+    TEST_ASSERT_EQUAL_DOUBLE(0.5, source[1].timeout_s);
+    TEST_ASSERT_EQUAL_INT(TL_SOURCE_CSV, source[2].kind);
+    TEST_ASSERT_EQUAL_STRING("plant.fifo", source[2].file);
+    TEST_ASSERT_EQUAL_STRING("t", source[2].time_column);
+    TEST_ASSERT_EQUAL_DOUBLE(0.005, source[2].period_s);
+}
+
+static void test_a_modbus_signal(void) {
+    const tl_config *config = read_good(FULL);
+    const tl_config_signal *torque = &config->signals[0];
+    TEST_ASSERT_EQUAL_size_t(5, config->signal_count);
+    TEST_ASSERT_EQUAL_STRING("plant.torque", torque->plan.where);
+    TEST_ASSERT_EQUAL_STRING("torque", torque->plan.name);
+    TEST_ASSERT_EQUAL_INT(TL_REAL, torque->plan.type);
+    TEST_ASSERT_EQUAL_STRING("N.m", torque->plan.unit);
+    TEST_ASSERT_TRUE(torque->plan.has_initial);
+    TEST_ASSERT_EQUAL_DOUBLE(0.5, torque->plan.initial);
+    TEST_ASSERT_EQUAL_DOUBLE(-5, torque->minimum);
+    TEST_ASSERT_EQUAL_DOUBLE(5, torque->maximum);
+    TEST_ASSERT_EQUAL_DOUBLE(0.1, torque->stale_s);
+    TEST_ASSERT_EQUAL_STRING("M_w", torque->column);
+    TEST_ASSERT_EQUAL_size_t(0, torque->source);
+    TEST_ASSERT_EQUAL_UINT8(255, torque->modbus.unit_id);
+    TEST_ASSERT_EQUAL_INT(TL_MODBUS_HOLDING, torque->modbus.table);
+    TEST_ASSERT_EQUAL_UINT16(100, torque->modbus.address);
+    TEST_ASSERT_EQUAL_INT(TL_MODBUS_INT16, torque->modbus.type);
+    TEST_ASSERT_TRUE(torque->modbus.words_little);
+    TEST_ASSERT_TRUE(torque->modbus.bytes_little);
+    TEST_ASSERT_EQUAL_DOUBLE(0.001, torque->modbus.scale);
+    TEST_ASSERT_EQUAL_DOUBLE(-1.5, torque->modbus.offset);
+}
+
+static void test_other_signals(void) {
+    const tl_config *config = read_good(FULL);
+    const tl_config_signal *running = &config->signals[1];
+    const tl_config_signal *stage = &config->signals[2];
+    TEST_ASSERT_EQUAL_INT(TL_BOOLEAN, running->plan.type);
+    TEST_ASSERT_TRUE(running->plan.has_initial);
+    TEST_ASSERT_EQUAL_DOUBLE(1, running->plan.initial);
+    TEST_ASSERT_EQUAL_size_t(1, running->source);
+    TEST_ASSERT_EQUAL_UINT8(1, running->modbus.unit_id);
+    TEST_ASSERT_EQUAL_INT(TL_MODBUS_COIL, running->modbus.table);
+    TEST_ASSERT_EQUAL_INT(TL_MODBUS_BIT, running->modbus.type);
+    TEST_ASSERT_EQUAL_UINT16(65535, running->modbus.address);
+    TEST_ASSERT_FALSE(running->modbus.words_little);
+    TEST_ASSERT_FALSE(running->modbus.bytes_little);
+    TEST_ASSERT_EQUAL_DOUBLE(1, running->modbus.scale);
+    TEST_ASSERT_EQUAL_DOUBLE(0, running->modbus.offset);
+    TEST_ASSERT_EQUAL_INT(TL_INTEGER, stage->plan.type);
+    TEST_ASSERT_EQUAL_DOUBLE(3, stage->plan.initial);
+    TEST_ASSERT_EQUAL_INT(TL_MODBUS_INPUT, stage->modbus.table);
+    TEST_ASSERT_EQUAL_INT(TL_MODBUS_FLOAT64, stage->modbus.type);
+    TEST_ASSERT_EQUAL_STRING("omega", config->signals[3].column);
+    TEST_ASSERT_EQUAL_size_t(2, config->signals[3].source);
+}
+
+static void test_a_signal_without_keys(void) {
+    const tl_config *config = read_good(FULL);
+    const tl_config_signal *current = &config->signals[4];
+    TEST_ASSERT_EQUAL_INT(TL_REAL, current->plan.type);
+    TEST_ASSERT_EQUAL_STRING("", current->plan.unit);
+    TEST_ASSERT_FALSE(current->plan.has_initial);
+    TEST_ASSERT_TRUE(isinf(current->minimum) && current->minimum < 0);
+    TEST_ASSERT_TRUE(isinf(current->maximum) && current->maximum > 0);
+    TEST_ASSERT_EQUAL_DOUBLE(0, current->stale_s);
+    TEST_ASSERT_EQUAL_STRING("current", current->column);
+    TEST_ASSERT_EQUAL_size_t(SIZE_MAX, current->source);
+}
+
+static void test_connections(void) {
+    const tl_config *config = read_good(FULL);
+    TEST_ASSERT_EQUAL_size_t(3, config->connection_count);
+    TEST_ASSERT_EQUAL_STRING("connect[2]", config->connections[2].where);
+    TEST_ASSERT_EQUAL_STRING("plant.torque", config->connections[0].from);
+    TEST_ASSERT_EQUAL_STRING("motor.M_w", config->connections[0].to);
+    TEST_ASSERT_EQUAL_STRING("drive.y", config->connections[2].to);
+}
+
+static void test_synchronise(void) {
+    const tl_config *config = read_good(FULL);
+    TEST_ASSERT_TRUE(config->synchronise);
+    TEST_ASSERT_EQUAL_size_t(2, config->adjust_count);
+    TEST_ASSERT_EQUAL_STRING("synchronise.adjust.motor.d", config->adjust[0].where);
+    TEST_ASSERT_EQUAL_STRING("motor.d", config->adjust[0].variable);
+    TEST_ASSERT_TRUE(config->adjust[0].has_nominal);
+    TEST_ASSERT_EQUAL_DOUBLE(0.0031, config->adjust[0].nominal);
+    TEST_ASSERT_EQUAL_DOUBLE(0.05, config->adjust[0].step);
+    TEST_ASSERT_EQUAL_DOUBLE(0, config->adjust[0].lower);
+    TEST_ASSERT_EQUAL_DOUBLE(1, config->adjust[0].upper);
+    TEST_ASSERT_EQUAL_STRING("motor.x[1].bias", config->adjust[1].variable);
+    TEST_ASSERT_FALSE(config->adjust[1].has_nominal);
+    TEST_ASSERT_TRUE(isinf(config->adjust[1].lower) && config->adjust[1].lower < 0);
+    TEST_ASSERT_TRUE(isinf(config->adjust[1].upper) && config->adjust[1].upper > 0);
+    TEST_ASSERT_EQUAL_size_t(2, config->match_count);
+    TEST_ASSERT_EQUAL_STRING("synchronise.match.motor.omega", config->match[0].where);
+    TEST_ASSERT_EQUAL_STRING("motor.omega", config->match[0].variable);
+    TEST_ASSERT_EQUAL_STRING("plant.omega", config->match[0].to);
+    TEST_ASSERT_EQUAL_DOUBLE(0.5, config->match[0].tolerance);
+    TEST_ASSERT_EQUAL_DOUBLE(2, config->match[0].weight);
+    TEST_ASSERT_EQUAL_DOUBLE(1, config->match[1].tolerance);
+    TEST_ASSERT_EQUAL_DOUBLE(0, config->match[1].weight);
+    TEST_ASSERT_EQUAL_UINT32(2, config->prediction);
+    TEST_ASSERT_EQUAL_INT(TL_AHEAD, config->measurements);
+    TEST_ASSERT_EQUAL_STRING("nelder-mead", config->algorithm);
+    TEST_ASSERT_EQUAL_DOUBLE(0.02, config->margin);
+    TEST_ASSERT_EQUAL_UINT32(40, config->budget_evaluations);
+    TEST_ASSERT_EQUAL_INT64(4000000, config->budget_time);
+}
+
+static void test_emulate(void) {
+    const tl_config *config = read_good(FULL);
+    TEST_ASSERT_EQUAL_size_t(2, config->emulated_count);
+    TEST_ASSERT_EQUAL_STRING("emulate.columns.omega", config->emulated[0].where);
+    TEST_ASSERT_EQUAL_STRING("omega", config->emulated[0].column);
+    TEST_ASSERT_EQUAL_STRING("motor.omega", config->emulated[0].from);
+    TEST_ASSERT_EQUAL_DOUBLE(0.01, config->emulated[0].noise);
+    TEST_ASSERT_EQUAL_STRING("plant.torque", config->emulated[1].from);
+    TEST_ASSERT_EQUAL_DOUBLE(0, config->emulated[1].noise);
+    TEST_ASSERT_EQUAL_DOUBLE(0.005, config->message_min_s);
+    TEST_ASSERT_EQUAL_DOUBLE(0.02, config->message_max_s);
+}
+
+/* ---- what is not there ---- */
+
+static void test_defaults(void) {
+    const tl_config *config = read_good(FREE);
+    TEST_ASSERT_EQUAL_INT64(0, config->duration);
+    TEST_ASSERT_EQUAL_size_t(0, config->source_count);
+    TEST_ASSERT_NULL(config->recording_file);
+    TEST_ASSERT_EQUAL_STRING("time", config->recording_time_column);
+    TEST_ASSERT_NULL(config->record_file);
+    TEST_ASSERT_EQUAL_INT64(1000000000, config->record_max_bytes);
+    TEST_ASSERT_EQUAL_INT64(TL_SECOND / 2, config->record_commit);
+    TEST_ASSERT_EQUAL_INT(50, config->realtime_priority);
+    TEST_ASSERT_TRUE(config->realtime_lock_memory);
+    TEST_ASSERT_EQUAL_size_t(0, config->emulated_count);
+    TEST_ASSERT_EQUAL_DOUBLE(0, config->message_min_s);
+    TEST_ASSERT_EQUAL_DOUBLE(0, config->message_max_s);
+}
+
+static void test_compare_only(void) {
+    const tl_config *config = read_good(FREE);
+    TEST_ASSERT_FALSE(config->synchronise);
+    TEST_ASSERT_EQUAL_size_t(0, config->adjust_count);
+    TEST_ASSERT_EQUAL_size_t(1, config->match_count);
+    TEST_ASSERT_EQUAL_STRING("compare.motor.omega", config->match[0].where);
+    TEST_ASSERT_EQUAL_STRING("motor.omega", config->match[0].variable);
+    TEST_ASSERT_EQUAL_STRING("plant.omega", config->match[0].to);
+    TEST_ASSERT_EQUAL_DOUBLE(0, config->match[0].weight);
+    TEST_ASSERT_EQUAL_DOUBLE(1, config->match[0].tolerance);
+    TEST_ASSERT_EQUAL_UINT32(0, config->prediction);
+    TEST_ASSERT_EQUAL_INT(TL_LAG, config->measurements);
+    TEST_ASSERT_EQUAL_STRING("nelder-mead", config->algorithm);
+    TEST_ASSERT_EQUAL_DOUBLE(0.01, config->margin);
+    TEST_ASSERT_EQUAL_UINT32(60, config->budget_evaluations);
+    TEST_ASSERT_EQUAL_INT64(60000000, config->budget_time);
+}
+
+static void judge_edited(const char *path, const char *old, const char *new) {
+    char *text = tl_test_read_text(path);
+    TEST_ASSERT_NOT_NULL(text);
+    char *edited = tl_test_replaced(text, old, new);
+    TEST_ASSERT_NOT_NULL_MESSAGE(edited, old);
+    tl_config_free(&verdict.config);
+    tl_test_judge_text(edited, strlen(edited), &verdict);
+    free(edited);
+    free(text);
+}
+
+static void takes(const char *path, const char *old, const char *new) {
+    judge_edited(path, old, new);
+    TEST_ASSERT_EQUAL_STRING_MESSAGE("", verdict.problems[0].text, new);
+    TEST_ASSERT_EQUAL_INT(TL_OK, verdict.status);
+}
+
+static void test_nothing_to_compare(void) {
+    takes(FREE, ",\n  \"compare\": { \"motor.omega\": { \"to\": \"plant.omega\" } }", "");
+    TEST_ASSERT_FALSE(verdict.config.synchronise);
+    TEST_ASSERT_EQUAL_size_t(0, verdict.config.match_count);
+    takes(FREE, "[[\"plant.torque\", \"motor.M_w\"]]", "[]");
+    TEST_ASSERT_EQUAL_size_t(0, verdict.config.connection_count);
+}
+
+static void test_weights_and_tolerances(void) {
+    takes(FULL, "\"tolerance\": 0.5, \"weight\": 2", "\"tolerance\": 0.5");
+    TEST_ASSERT_EQUAL_DOUBLE(1, verdict.config.match[0].weight);
+    takes(FULL, "\"plant.current\", \"weight\": 0", "\"plant.current\", \"weight\": 0, \"tolerance\": 3");
+    TEST_ASSERT_EQUAL_DOUBLE(3, verdict.config.match[1].tolerance);
+}
+
+/* Decimal fractions that no double can hold, and the limits. */
+static void test_steps_in_nanoseconds(void) {
+    static const struct {
+        const char *text;
+        tl_time step;
+    } cases[] = {
+        {"1e-5", 10000},
+        {"0.000123457", 123457},
+        {"0.3", 300000000},
+        {"0.30000000000000004", 300000000},
+        {"1.1", 1100000000},
+        {"3599.1", INT64_C(3599100000000)},
+        {"3599.999999999", INT64_C(3599999999999)},
+        {"3600", INT64_C(3600000000000)},
+    };
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+        char new[64];
+        (void)snprintf(new, sizeof new, "\"step_s\": %s", cases[i].text);
+        takes(FREE, "\"step_s\": 0.1", new);
+        TEST_ASSERT_EQUAL_INT64(cases[i].step, verdict.config.step);
+    }
+}
+
+static void test_durations_at_their_limits(void) {
+    takes(FULL, "\"duration_s\": 14", "\"duration_s\": 1e9");
+    TEST_ASSERT_EQUAL_INT64(INT64_C(1000000000) * TL_SECOND, verdict.config.duration);
+    takes(FULL, "\"duration_s\": 14", "\"duration_s\": 1e-300");
+    TEST_ASSERT_EQUAL_INT64(1, verdict.config.duration);
+    takes(FULL, "\"stale_s\": 0.1", "\"stale_s\": 1e-300");
+    TEST_ASSERT_EQUAL_DOUBLE(1e-9, verdict.config.signals[0].stale_s);
+    takes(FULL, "[0.005, 0.02]", "[1e-300, 1e-300]");
+    TEST_ASSERT_EQUAL_DOUBLE(1e-9, verdict.config.message_min_s);
+    TEST_ASSERT_EQUAL_DOUBLE(1e-9, verdict.config.message_max_s);
+    takes(FULL, "\"time_s\": 0.004", "\"time_s\": 1e-300");
+    TEST_ASSERT_EQUAL_INT64(1, verdict.config.budget_time);
+}
+
+static void test_the_default_budget_is_six_tenths_of_a_step(void) {
+    takes(FULL, "\"evaluations\": 40, \"time_s\": 0.004", "");
+    TEST_ASSERT_EQUAL_UINT32(60, verdict.config.budget_evaluations);
+    TEST_ASSERT_EQUAL_INT64(6000000, verdict.config.budget_time);
+    takes(FREE, "\"step_s\": 0.1", "\"step_s\": 0.000010001");
+    TEST_ASSERT_EQUAL_INT64(6000, verdict.config.budget_time);
+}
+
+static void test_other_ways_to_write_the_same(void) {
+    takes(FULL, "\"port\": 1502", "\"port\": 1.502e3");
+    TEST_ASSERT_EQUAL_UINT16(1502, verdict.config.sources[0].port);
+    takes(FULL, "\"name\": \"motor bench\"", "\"n\\u0061me\": \"m\\u00f6tor \\ud83d\\ude00\"");
+    TEST_ASSERT_EQUAL_STRING("mötor \U0001F600", verdict.config.name);
+    takes(FULL, "\"unit\": \"N.m\"", "\"unit\": \"\"");
+    TEST_ASSERT_EQUAL_STRING("", verdict.config.signals[0].plan.unit);
+    takes(FULL, "\"label\": \"\"", "\"label\": \"two\\nlines\"");
+    TEST_ASSERT_EQUAL_STRING("two\nlines", verdict.config.components[1].set[3].value.text);
+}
+
+static void test_values_at_their_limits(void) {
+    takes(FULL, "\"min\": -5, \"max\": 5", "\"min\": 5, \"max\": 5");
+    takes(FULL, "\"unit_id\": 255", "\"unit_id\": 247");
+    takes(FULL, "\"unit_id\": 255", "\"unit_id\": 0");
+    takes(FULL, "\"address\": 100", "\"address\": 65535");
+    takes(FULL, "\"prediction\": 2", "\"prediction\": 1000");
+    takes(FULL, "\"margin\": 0.02", "\"margin\": 0");
+    takes(FULL, "\"evaluations\": 40", "\"evaluations\": 2");
+    takes(FULL, "\"priority\": 0", "\"priority\": 98");
+    takes(FULL, "\"initial\": 3", "\"initial\": -2147483647");
+}
+
+/* ---- lines ---- */
+
+static void test_lines(void) {
+    const tl_config *config = read_good(FULL);
+    TEST_ASSERT_EQUAL_size_t(0, tl_config_line(config, ""));
+    TEST_ASSERT_EQUAL_size_t(0, tl_config_line(config, "nothing"));
+    TEST_ASSERT_EQUAL_size_t(4, tl_config_line(config, "step_s"));
+    TEST_ASSERT_EQUAL_size_t(tl_test_line_of(config->text, "\"J\""), tl_config_line(config, "components.motor.set.J"));
+    TEST_ASSERT_EQUAL_size_t(tl_test_line_of(config->text, "\"drive.y\""), tl_config_line(config, "connect[2][1]"));
+    TEST_ASSERT_EQUAL_size_t(tl_test_line_of(config->text, "\"motor.x[1].bias\""),
+                             tl_config_line(config, "synchronise.adjust.motor.x[1].bias.nominal"));
+    tl_config empty = {.memory = NULL};
+    TEST_ASSERT_EQUAL_size_t(0, tl_config_line(&empty, "step_s"));
+}
+
+/* ---- files that are none ---- */
+
+static void expect_file_problem(const char *path, tl_status status, const char *text) {
+    tl_test_judge_file(path, &verdict);
+    TEST_ASSERT_EQUAL_INT(status, verdict.status);
+    TEST_ASSERT_EQUAL_size_t(1, verdict.count);
+    TEST_ASSERT_EQUAL_INT(status, verdict.problems[0].status);
+    TEST_ASSERT_EQUAL_STRING("", verdict.problems[0].where);
+    TEST_ASSERT_EQUAL_STRING(text, verdict.problems[0].text);
+    TEST_ASSERT_NULL(verdict.config.memory);
+    TEST_ASSERT_NULL(verdict.config.text);
+}
+
+/* A file `name` in the temporary folder. */
+static const char *make_file(const char *name, const char *text, size_t size) {
+    static char path[128];
+    (void)snprintf(path, sizeof path, "%s/%s", folder, name);
+    FILE *file = fopen(path, "wb");
+    TEST_ASSERT_NOT_NULL(file);
+    TEST_ASSERT_EQUAL_size_t(size, fwrite(text, 1, size, file));
+    TEST_ASSERT_EQUAL_INT(0, fclose(file));
+    return path;
+}
+
+static void test_a_missing_file(void) {
+    expect_file_problem("/nowhere/plant.json", TL_BAD_DATA,
+                        "cannot read the configuration /nowhere/plant.json: No such file or directory");
+}
+
+static void test_a_directory(void) {
+    expect_file_problem("/tmp", TL_BAD_DATA, "cannot read the configuration /tmp: Is a directory");
+}
+
+static void test_an_empty_file(void) {
+    expect_file_problem(make_file("config.json", "", 0), TL_BAD_DATA,
+                        "line 1, column 1: found the end of the file, expected a value: an object, an array, a text in "
+                        "\", a number, true, false or null");
+}
+
+static void test_a_nul_byte(void) {
+    expect_file_problem(make_file("config.json", "{}\0", 3), TL_BAD_DATA,
+                        "line 1, column 3: found the control character U+0000, expected nothing after the end");
+}
+
+static void test_a_file_that_never_ends(void) {
+    expect_file_problem("/dev/zero", TL_BAD_DATA, "found more than 256 KiB, expected a configuration of at most that");
+}
+
+static void test_the_largest_file(void) {
+    size_t size = TL_CONFIG_MAX_BYTES + 1;
+    char *text = malloc(size);
+    char *good = tl_test_read_text(FREE);
+    TEST_ASSERT_NOT_NULL(text);
+    TEST_ASSERT_NOT_NULL(good);
+    memset(text, ' ', size);
+    memcpy(text + size - strlen(good), good, strlen(good));
+    const char *path = make_file("config.json", text + 1, size - 1);
+    TEST_ASSERT_EQUAL_size_t(TL_CONFIG_MAX_BYTES, read_good(path)->size);
+    tl_config_free(&verdict.config);
+    expect_file_problem(make_file("config.json", text, size), TL_BAD_DATA,
+                        "found more than 256 KiB, expected a configuration of at most that");
+    free(good);
+    free(text);
+}
+
+static void test_freeing_an_empty_configuration(void) {
+    tl_config config = {.memory = NULL};
+    tl_config_free(&config);
+    TEST_ASSERT_NULL(config.memory);
+}
+
+/* ---- files that a configuration names ---- */
+
+static void expect_path(const char *config_path, const char *file, const char *expected) {
+    char path[128];
+    tl_config config;
+    tl_report report = {.add = NULL};
+    char *text = tl_test_read_text(FREE);
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_config_read_text(config_path, text, strlen(text), &config, &report));
+    free(text);
+    TEST_ASSERT_TRUE(tl_config_file_path(&config, file, path, sizeof path));
+    TEST_ASSERT_EQUAL_STRING(expected, path);
+    TEST_ASSERT_FALSE(tl_config_file_path(&config, file, path, strlen(expected)));
+    TEST_ASSERT_EQUAL_STRING("", path);
+    tl_config_free(&config);
+}
+
+static void test_file_paths(void) {
+    expect_path("bench/motor.json", "a.csv", "bench/a.csv");
+    expect_path("bench/motor.json", "../a.csv", "bench/../a.csv");
+    expect_path("bench/motor.json", "/data/a.csv", "/data/a.csv");
+    expect_path("motor.json", "a.csv", "a.csv");
+    expect_path("/motor.json", "a.csv", "/a.csv");
+}
+
+static void expect_fmu(const char *fmu, bool found, const char *expected) {
+    char path[256];
+    TEST_ASSERT_EQUAL(found, tl_config_fmu_path(&verdict.config, fmu, path, sizeof path));
+    TEST_ASSERT_EQUAL_STRING(expected, path);
+}
+
+static void make_folder(const char *name, char path[128]) {
+    (void)snprintf(path, 128, "%s/%s", folder, name);
+    TEST_ASSERT_EQUAL_INT(0, mkdir(path, 0700));
+}
+
+static void test_where_an_fmu_is(void) {
+    char plant[128];
+    char fmus[128];
+    char list[400];
+    char first[256];
+    char second[256];
+    make_folder("plant", plant);
+    make_folder("fmus", fmus);
+    (void)snprintf(first, sizeof first, "%s/plant/a.fmu", folder);
+    (void)snprintf(second, sizeof second, "%s/a.fmu", fmus);
+    (void)snprintf(list, sizeof list, "/nowhere::%s:/elsewhere", fmus);
+    TEST_ASSERT_EQUAL_INT(0, unsetenv("TWINLOCK_FMU_PATH"));
+
+    char *text = tl_test_read_text(FREE);
+    tl_report report = {.add = NULL};
+    char config_path[160];
+    (void)snprintf(config_path, sizeof config_path, "%s/motor.json", plant);
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_config_read_text(config_path, text, strlen(text), &verdict.config, &report));
+    free(text);
+
+    expect_fmu("a.fmu", false, first);
+    (void)make_file("fmus/a.fmu", "x", 1);
+    expect_fmu("a.fmu", false, first);
+    TEST_ASSERT_EQUAL_INT(0, setenv("TWINLOCK_FMU_PATH", list, 1));
+    expect_fmu("a.fmu", true, second);
+    expect_fmu(second, true, second);
+    expect_fmu("/nowhere/a.fmu", false, "/nowhere/a.fmu");
+    (void)make_file("plant/a.fmu", "x", 1);
+    expect_fmu("a.fmu", true, first);
+    TEST_ASSERT_EQUAL_INT(0, unsetenv("TWINLOCK_FMU_PATH"));
+}
+
+/* This program is in BUILD/tests, so BUILD/fmus is "../fmus beside the program". */
+static void test_an_fmu_beside_the_program(void) {
+    char expected[256];
+    char path[256];
+    char name[64];
+    (void)snprintf(name, sizeof name, "test_config_%ld.fmu", (long)getpid());
+    (void)snprintf(expected, sizeof expected, TL_BINARY_DIR "/tests/../fmus/%s", name);
+    (void)mkdir(TL_BINARY_DIR "/fmus", 0755);
+    FILE *file = fopen(expected, "wb");
+    TEST_ASSERT_NOT_NULL(file);
+    TEST_ASSERT_EQUAL_INT(0, fclose(file));
+    (void)read_good(FREE);
+    bool found = tl_config_fmu_path(&verdict.config, name, path, sizeof path);
+    TEST_ASSERT_EQUAL_INT(0, remove(expected));
+    TEST_ASSERT_TRUE(found);
+    TEST_ASSERT_EQUAL_STRING(expected, path);
+}
+
+int main(void) {
+    UNITY_BEGIN();
+    RUN_TEST(test_root);
+    RUN_TEST(test_text_and_fingerprint);
+    RUN_TEST(test_components);
+    RUN_TEST(test_sources);
+    RUN_TEST(test_a_modbus_signal);
+    RUN_TEST(test_other_signals);
+    RUN_TEST(test_a_signal_without_keys);
+    RUN_TEST(test_connections);
+    RUN_TEST(test_synchronise);
+    RUN_TEST(test_emulate);
+    RUN_TEST(test_defaults);
+    RUN_TEST(test_compare_only);
+    RUN_TEST(test_nothing_to_compare);
+    RUN_TEST(test_weights_and_tolerances);
+    RUN_TEST(test_steps_in_nanoseconds);
+    RUN_TEST(test_durations_at_their_limits);
+    RUN_TEST(test_the_default_budget_is_six_tenths_of_a_step);
+    RUN_TEST(test_other_ways_to_write_the_same);
+    RUN_TEST(test_values_at_their_limits);
+    RUN_TEST(test_lines);
+    RUN_TEST(test_a_missing_file);
+    RUN_TEST(test_a_directory);
+    RUN_TEST(test_an_empty_file);
+    RUN_TEST(test_a_nul_byte);
+    RUN_TEST(test_a_file_that_never_ends);
+    RUN_TEST(test_the_largest_file);
+    RUN_TEST(test_freeing_an_empty_configuration);
+    RUN_TEST(test_file_paths);
+    RUN_TEST(test_where_an_fmu_is);
+    RUN_TEST(test_an_fmu_beside_the_program);
+    return UNITY_END();
+}

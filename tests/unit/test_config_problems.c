@@ -1,0 +1,732 @@
+/* What the reader says about a configuration that is wrong: one change to a valid one, one problem, its exact words. */
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <time.h>
+
+#include <unity.h>
+
+#include "firmware/json_document.h"
+#include "tests/support/config_text.h"
+
+#define FULL TL_SOURCE_DIR "/tests/support/configuration_full.json"
+#define FREE TL_SOURCE_DIR "/tests/support/configuration_free.json"
+
+static char *full;
+static char *free_running;
+static tl_test_verdict verdict;
+
+void setUp(void) {
+    full = tl_test_read_text(FULL);
+    free_running = tl_test_read_text(FREE);
+    TEST_ASSERT_NOT_NULL(full);
+    TEST_ASSERT_NOT_NULL(free_running);
+}
+
+void tearDown(void) {
+    tl_config_free(&verdict.config);
+    free(full);
+    free(free_running);
+}
+
+/* One change of a valid text: `old` becomes `new`; the one problem is at `where`, on the line of `at` (NULL: of `old`). */
+typedef struct change {
+    const char *old;
+    const char *new;
+    const char *where;
+    const char *text; /* behind "line N: " */
+    const char *at;
+} change;
+
+static void expect_one(const char *base, const change *c) {
+    char expected[TL_ERROR_TEXT];
+    char *text = tl_test_replaced(base, c->old, c->new);
+    TEST_ASSERT_NOT_NULL_MESSAGE(text, c->old);
+    size_t line = tl_test_line_of(base, c->at != NULL ? c->at : c->old);
+    TEST_ASSERT_NOT_EQUAL_size_t(0, line);
+    (void)snprintf(expected, sizeof expected, "line %zu: %s", line, c->text);
+    tl_test_judge_text(text, strlen(text), &verdict);
+    free(text);
+    TEST_ASSERT_EQUAL_STRING_MESSAGE(expected, verdict.problems[0].text, c->new);
+    TEST_ASSERT_EQUAL_STRING_MESSAGE(c->where, verdict.problems[0].where, c->new);
+    TEST_ASSERT_EQUAL_STRING_MESSAGE("", verdict.problems[1].text, c->new);
+    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, verdict.status);
+    TEST_ASSERT_NULL(verdict.config.memory);
+}
+
+static void expect_each(const char *base, const change *changes, size_t count) {
+    for (size_t i = 0; i < count; i++) {
+        expect_one(base, &changes[i]);
+    }
+}
+
+#define EXPECT_EACH(base, changes) expect_each(base, changes, sizeof(changes) / sizeof(changes)[0])
+
+static void test_the_root(void) {
+    static const change changes[] = {
+        {"\"twinlock\": 1", "\"twinlock\": 2", "twinlock",
+         "found 2 (number), expected 1, the version of the format that this program reads, for example \"twinlock\": 1",
+         NULL},
+        {"\"twinlock\": 1", "\"twinlock\": \"1\"", "twinlock",
+         "found \"1\" (text), expected 1, the version of the format that this program reads, for example \"twinlock\": 1",
+         NULL},
+        {"\"twinlock\": 1", "\"twinlock\": true", "twinlock",
+         "found true, expected 1, the version of the format that this program reads, for example \"twinlock\": 1",
+         NULL},
+        {"\"name\": \"motor bench\"", "\"name\": \"\"", "name",
+         "found \"\" (text), expected a text that is not empty, for example \"motor bench\"", NULL},
+        {"\"name\": \"motor bench\"", "\"name\": 5", "name",
+         "found 5 (number), expected a text, for example \"motor bench\"", NULL},
+        {"\"name\": \"motor bench\"", "\"name\": \"a\\u001b[31m\"", "name",
+         "found \"a?[31m\" (text), expected a text without control characters, for example \"motor bench\"", NULL},
+        {"\"step_s\": 0.01", "\"step_s\": 9e-6", "step_s",
+         "found 9e-06 (number), expected a number from 1e-05 to 3600, for example 0.01", NULL},
+        {"\"step_s\": 0.01", "\"step_s\": 3600.5", "step_s",
+         "found 3600.5 (number), expected a number from 1e-05 to 3600, for example 0.01", NULL},
+        {"\"step_s\": 0.01", "\"step_s\": \"0.01\"", "step_s",
+         "found \"0.01\" (text), expected a number from 1e-05 to 3600, for example 0.01", NULL},
+        {"\"step_s\": 0.01", "\"step_s\": 0.0100000001", "step_s",
+         "found 0.0100000001 (number), expected a whole number of nanoseconds, for example 0.01", NULL},
+        {"\"step_s\": 0.01", "\"step_s\": 3599.0000000005", "step_s",
+         "found 3599.0000000005 (number), expected a whole number of nanoseconds, for example 0.01", NULL},
+        {"\"duration_s\": 14", "\"duration_s\": 0", "duration_s",
+         "found 0 (number), expected a number > 0 (at most 1e9), for example 14", NULL},
+        {"\"duration_s\": 14", "\"duration_s\": 1.1e9", "duration_s",
+         "found 1100000000 (number), expected a number > 0 (at most 1e9), for example 14", NULL},
+        {"\"duration_s\": 14", "\"duration_s\": null", "duration_s",
+         "found null, expected a number > 0 (at most 1e9), for example 14", NULL},
+        {"\"record\": {", "\"Record\": {", "Record", "found the unknown key \"Record\", expected \"record\"", NULL},
+        {"\"name\": \"motor bench\"", "\"name\": \"motor bench\", \"nmae\": 1", "nmae",
+         "found the unknown key \"nmae\", expected \"name\"", NULL},
+        {"\"name\": \"motor bench\"", "\"name\": \"motor bench\", \"nam\": 1", "nam",
+         "found the unknown key \"nam\", expected \"name\"", NULL},
+        {"\"name\": \"motor bench\"", "\"name\": \"motor bench\", \"title\": 1", "title",
+         "found the unknown key \"title\", expected one of twinlock, name, step_s, duration_s, components, sources, plant, recording, connect, compare, synchronise, record, realtime, emulate",
+         NULL},
+    };
+    EXPECT_EACH(full, changes);
+}
+
+static void test_components(void) {
+    static const change changes[] = {
+        {"\"drive\": { \"fmu\": \"drive.fmu\" }", "\"drive\": {}", "components.drive.fmu",
+         "found nothing, expected a text, for example \"motor.fmu\"", NULL},
+        {"\"drive\": { \"fmu\": \"drive.fmu\" }", "\"drive\": \"drive.fmu\"", "components.drive",
+         "found \"drive.fmu\" (text), expected an object, for example {\"fmu\": \"motor.fmu\"}", NULL},
+        {"\"drive\": { \"fmu\": \"drive.fmu\" }", "\"drive\": { \"fmu\": \"drive.fmu\", \"sets\": {} }",
+         "components.drive.sets", "found the unknown key \"sets\", expected \"set\"", NULL},
+        {"\"drive\": { \"fmu\": \"drive.fmu\" }", "\"drive\": { \"fmu\": \"drive.fmu\" }, \"2nd\": { \"fmu\": \"x\" }",
+         "components.2nd",
+         "found the name \"2nd\", expected at most 63 letters, digits and _, no digit first, for example \"motor\"",
+         NULL},
+        {"\"drive\": { \"fmu\": \"drive.fmu\" }",
+         "\"drive\": { \"fmu\": \"drive.fmu\" }, \"dr ive\": { \"fmu\": \"x\" }", "components.dr ive",
+         "found the name \"dr ive\", expected at most 63 letters, digits and _, no digit first, for example \"motor\"",
+         NULL},
+        {"\"drive\": { \"fmu\": \"drive.fmu\" }", "\"drive\": { \"fmu\": \"drive.fmu\" }, \"\": { \"fmu\": \"x\" }",
+         "components.",
+         "found the name \"\", expected at most 63 letters, digits and _, no digit first, for example \"motor\"", NULL},
+        {"\"drive\": { \"fmu\": \"drive.fmu\" }",
+         "\"drive\": { \"fmu\": \"drive.fmu\" }, \"plant\": { \"fmu\": \"x\" }", "components.plant",
+         "found the name \"plant\", expected another: that name means the plant itself, for example \"motor\"", NULL},
+        {"\"drive\": { \"fmu\": \"drive.fmu\" }",
+         "\"drive\": { \"fmu\": \"drive.fmu\" }, \"aaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaa\": { \"fmu\": \"x\" }",
+         "components.aaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaa",
+         "found the name \"aaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaa…\", expected at most 63 letters, digits and _, no digit first, for example \"motor\"",
+         NULL},
+        {"\"J\": 0.0515", "\"J\": [1]", "components.motor.set.J",
+         "found an array of 1, expected a number, true, false or a text, for example 0.0515", NULL},
+        {"\"J\": 0.0515", "\"J\": null", "components.motor.set.J",
+         "found null, expected a number, true, false or a text, for example 0.0515", NULL},
+        {"\"J\": 0.0515", "\"\": 1", "components.motor.set.",
+         "found an unusable name, expected the name of a variable of the FMU, for example \"J\"", NULL},
+        {"\"set\": { \"J\": 0.0515, \"poles\": 4, \"warm\": true, \"label\": \"\" }", "\"set\": 1",
+         "components.motor.set", "found 1 (number), expected an object, for example {\"J\": 0.0515}", NULL},
+    };
+    EXPECT_EACH(full, changes);
+}
+
+static void test_sources(void) {
+    static const change changes[] = {
+        {"\"gateway\": { \"modbus_tcp\": { \"host\": \"plc.example\" } }",
+         "\"gateway\": { \"modbus_tcp\": { \"host\": \"plc.example\" } }, \"odd\": {}", "sources.odd",
+         "found neither modbus_tcp nor csv, expected exactly one of them, for example {\"modbus_tcp\": {\"host\": \"192.0.2.10\"}}",
+         NULL},
+        {"\"stream\": { \"csv\": {", "\"stream\": { \"modbus_tcp\": { \"host\": \"x\" }, \"csv\": {", "sources.stream",
+         "found both modbus_tcp and csv, expected exactly one of them, for example {\"modbus_tcp\": {\"host\": \"192.0.2.10\"}}",
+         NULL},
+        {"{ \"host\": \"plc.example\" }", "{}", "sources.gateway.modbus_tcp.host",
+         "found nothing, expected a text, for example \"192.0.2.10\"", NULL},
+        {"{ \"host\": \"plc.example\" }", "{ \"host\": \"plc.example\", \"hosts\": 1 }",
+         "sources.gateway.modbus_tcp.hosts", "found the unknown key \"hosts\", expected \"host\"", NULL},
+        {"\"port\": 1502", "\"port\": 0", "sources.plc.modbus_tcp.port",
+         "found 0 (number), expected a whole number from 1 to 65535, for example 502", NULL},
+        {"\"port\": 1502", "\"port\": 65536", "sources.plc.modbus_tcp.port",
+         "found 65536 (number), expected a whole number from 1 to 65535, for example 502", NULL},
+        {"\"port\": 1502", "\"port\": 1.5", "sources.plc.modbus_tcp.port",
+         "found 1.5 (number), expected a whole number from 1 to 65535, for example 502", NULL},
+        {"\"period_s\": 0.02", "\"period_s\": 0", "sources.plc.modbus_tcp.period_s",
+         "found 0 (number), expected a number from 1e-05 to 3600, for example 0.1", NULL},
+        {"\"timeout_s\": 0.25", "\"timeout_s\": 61", "sources.plc.modbus_tcp.timeout_s",
+         "found 61 (number), expected a number from 0.001 to 60, for example 0.5", NULL},
+        {"\"file\": \"plant.fifo\", ", "", "sources.stream.csv.file",
+         "found nothing, expected a text, for example \"plant.fifo\"", NULL},
+        {"\"time_column\": \"t\"", "\"time_column\": \"\"", "sources.stream.csv.time_column",
+         "found \"\" (text), expected a text that is not empty, for example \"time\"", NULL},
+        {"\"period_s\": 0.005", "\"period_s\": 3601", "sources.stream.csv.period_s",
+         "found 3601 (number), expected a number from 1e-05 to 3600, for example 0.1", NULL},
+    };
+    EXPECT_EACH(full, changes);
+}
+
+static void test_signals(void) {
+    static const change changes[] = {
+        {"\"current\": {}", "\"current\": 1", "plant.current",
+         "found 1 (number), expected an object, for example {\"unit\": \"rad/s\"}", NULL},
+        {"\"current\": {}", "\"current\": { \"type\": \"float\" }", "plant.current.type",
+         "found \"float\" (text), expected \"real\", \"integer\" or \"boolean\", for example \"real\"", NULL},
+        {"\"current\": {}", "\"current\": { \"type\": \"bool\", \"initial\": true }", "plant.current.type",
+         "found \"bool\" (text), expected \"real\", \"integer\" or \"boolean\", for example \"real\"", NULL},
+        {"\"current\": {}", "\"current\": {}, \"1st\": {}", "plant.1st",
+         "found the name \"1st\", expected at most 63 letters, digits and _, no digit first, for example \"omega\"",
+         NULL},
+        {"\"unit\": \"N.m\"", "\"unit\": 1", "plant.torque.unit",
+         "found 1 (number), expected a text, for example \"rad/s\"", NULL},
+        {"\"min\": -5", "\"min\": \"-5\"", "plant.torque.min", "found \"-5\" (text), expected a number, for example 0",
+         NULL},
+        {"\"min\": -5, \"max\": 5", "\"min\": 5, \"max\": -5", "plant.torque.max",
+         "found -5 (number), expected at least min, which is 5", NULL},
+        {"\"stale_s\": 0.1", "\"stale_s\": 0", "plant.torque.stale_s",
+         "found 0 (number), expected a number > 0 (at most 1e9), for example 0.1", NULL},
+        {"\"stale_s\": 0.1", "\"stale\": 0.1", "plant.torque.stale",
+         "found the unknown key \"stale\", expected \"stale_s\"", NULL},
+        {"\"stale_s\": 0.1", "\"stale_s\": \"0.1\"", "plant.torque.stale_s",
+         "found \"0.1\" (text), expected a number > 0 (at most 1e9), for example 0.1", NULL},
+        {"\"initial\": 0.5", "\"initial\": true", "plant.torque.initial",
+         "found true, expected a number, for example 0.5", NULL},
+        {"\"initial\": true", "\"initial\": 1", "plant.running.initial",
+         "found 1 (number), expected true or false, for example true", NULL},
+        {"\"initial\": 3", "\"initial\": 3.5", "plant.stage.initial",
+         "found 3.5 (number), expected a whole number from -2147483647 to 2147483647, for example 3", NULL},
+        {"\"initial\": 3", "\"initial\": -2147483648", "plant.stage.initial",
+         "found -2147483648 (number), expected a whole number from -2147483647 to 2147483647, for example 3", NULL},
+        {"\"csv\": { \"column\": \"M_w\" }", "\"csv\": \"M_w\"", "plant.torque.csv",
+         "found \"M_w\" (text), expected an object, for example {\"column\": \"omega\"}", NULL},
+        {"\"csv\": { \"column\": \"M_w\" }", "\"csv\": { \"columns\": \"M_w\" }", "plant.torque.csv.columns",
+         "found the unknown key \"columns\", expected \"column\"", NULL},
+        {"\"column\": \"M_w\"", "\"column\": 1", "plant.torque.csv.column",
+         "found 1 (number), expected a text, for example \"omega\"", NULL},
+    };
+    EXPECT_EACH(full, changes);
+}
+
+static void test_live_sources(void) {
+    static const change changes[] = {
+        {"\"source\": \"stream\"", "\"source\": \"steam\"", "plant.omega.csv.source",
+         "found \"steam\" (text), expected the name of a csv source: one of stream", NULL},
+        {"\"source\": \"stream\"", "\"source\": \"plc\"", "plant.omega.csv.source",
+         "found \"plc\" (text), expected the name of a csv source: one of stream", NULL},
+        {"\"source\": \"gateway\"", "\"source\": \"stream\"", "plant.running.modbus.source",
+         "found \"stream\" (text), expected the name of a modbus_tcp source: one of plc, gateway", NULL},
+        {"\"source\": \"gateway\"", "\"source\": \"nobody\"", "plant.running.modbus.source",
+         "found \"nobody\" (text), expected the name of a modbus_tcp source: one of plc, gateway", NULL},
+        {"\"source\": \"gateway\"", "\"source\": 1", "plant.running.modbus.source",
+         "found 1 (number), expected a text, for example \"plc\"", NULL},
+        {"\"source\": \"gateway\", ", "", "plant.running.modbus.source",
+         "found nothing, expected a text, for example \"plc\"", NULL},
+        {"\"csv\": { \"column\": \"M_w\" },", "\"csv\": { \"source\": \"stream\" },", "plant.torque.modbus",
+         "found modbus beside csv.source, expected at most one live source", "\"modbus\": {\n"},
+    };
+    EXPECT_EACH(full, changes);
+}
+
+static void test_live_sources_where_there_are_none(void) {
+    static const change changes[] = {
+        {"\"torque\": {}", "\"torque\": { \"csv\": { \"source\": \"x\" } }", "plant.torque.csv.source",
+         "found \"x\" (text), expected the name of a csv source", NULL},
+    };
+    EXPECT_EACH(free_running, changes);
+}
+
+static void test_modbus(void) {
+    static const change changes[] = {
+        {"\"unit_id\": 255", "\"unit_id\": 248", "plant.torque.modbus.unit_id",
+         "found 248 (number), expected a whole number from 0 to 247, or 255, for example 1", NULL},
+        {"\"unit_id\": 255", "\"unit_id\": 256", "plant.torque.modbus.unit_id",
+         "found 256 (number), expected a whole number from 0 to 247, or 255, for example 1", NULL},
+        {"\"table\": \"holding\"", "\"table\": \"registers\"", "plant.torque.modbus.table",
+         "found \"registers\" (text), expected \"coil\", \"discrete\", \"holding\" or \"input\", for example \"coil\"",
+         NULL},
+        {"\"table\": \"holding\", ", "", "plant.torque.modbus.table",
+         "found nothing, expected \"coil\", \"discrete\", \"holding\" or \"input\", for example \"coil\"",
+         "\"modbus\": {\n"},
+        {"\"address\": 100", "\"address\": 65536", "plant.torque.modbus.address",
+         "found 65536 (number), expected a whole number from 0 to 65535, for example 100", NULL},
+        {"\"address\": 100", "\"address\": -1", "plant.torque.modbus.address",
+         "found -1 (number), expected a whole number from 0 to 65535, for example 100", NULL},
+        {"\"address\": 100, ", "", "plant.torque.modbus.address",
+         "found nothing, expected a whole number from 0 to 65535, for example 100", "\"modbus\": {\n"},
+        {"\"address\": 65532", "\"address\": 65533", "plant.stage.modbus.address",
+         "found 65533 (number), expected at most 65532, because the value takes 4 registers", NULL},
+        {"\"type\": \"int16\"", "\"type\": \"bit\"", "plant.torque.modbus.type",
+         "found \"bit\" (text), expected \"int16\", \"uint16\", \"int32\", \"uint32\", \"float32\" or \"float64\", for example \"int16\"",
+         NULL},
+        {"\"type\": \"int16\"", "\"type\": \"int64\"", "plant.torque.modbus.type",
+         "found \"int64\" (text), expected \"int16\", \"uint16\", \"int32\", \"uint32\", \"float32\" or \"float64\", for example \"int16\"",
+         NULL},
+        {", \"type\": \"float64\"", "", "plant.stage.modbus.type",
+         "found nothing, expected \"int16\", \"uint16\", \"int32\", \"uint32\", \"float32\" or \"float64\", for example \"int16\"",
+         NULL},
+        {"\"table\": \"coil\"", "\"table\": \"coil\", \"type\": \"int16\"", "plant.running.modbus.type",
+         "found \"int16\" (text), expected \"bit\"", NULL},
+        {"\"words\": \"little\"", "\"words\": \"middle\"", "plant.torque.modbus.words",
+         "found \"middle\" (text), expected \"big\" or \"little\", for example \"big\"", NULL},
+        {"\"bytes\": \"little\"", "\"bytes\": 1", "plant.torque.modbus.bytes",
+         "found 1 (number), expected \"big\" or \"little\", for example \"big\"", NULL},
+        {"\"scale\": 0.001", "\"scale\": 0", "plant.torque.modbus.scale",
+         "found 0 (number), expected a number other than 0, for example 0.1", NULL},
+        {"\"offset\": -1.5", "\"offset\": \"-1.5\"", "plant.torque.modbus.offset",
+         "found \"-1.5\" (text), expected a number, for example 0.1", NULL},
+        {"\"scale\": 0.001", "\"scal\": 0.001", "plant.torque.modbus.scal",
+         "found the unknown key \"scal\", expected \"scale\"", NULL},
+    };
+    EXPECT_EACH(full, changes);
+}
+
+static void test_connections(void) {
+    static const change changes[] = {
+        {"[\"plant.torque\", \"motor.M_w\"]", "[\"plant.torque\"]", "connect[0]",
+         "found an array of 1, expected an array of two texts, from and to, for example [\"plant.torque\", \"motor.M_w\"]",
+         NULL},
+        {"[\"plant.torque\", \"motor.M_w\"]", "\"plant.torque\"", "connect[0]",
+         "found \"plant.torque\" (text), expected an array of two texts, from and to, for example [\"plant.torque\", \"motor.M_w\"]",
+         NULL},
+        {"[\"plant.torque\", \"motor.M_w\"]", "[\"plant.torque\", 1]", "connect[0][1]",
+         "found 1 (number), expected a text, for example \"motor.omega\"", NULL},
+        {"[\"plant.torque\", \"motor.M_w\"]", "[\"plant.torqe\", \"motor.M_w\"]", "connect[0][0]",
+         "found \"plant.torqe\", expected a signal that \"plant\" has, for example \"plant.torque\"", NULL},
+        {"[\"plant.torque\", \"motor.M_w\"]", "[\"plant.x\", \"motor.M_w\"]", "connect[0][0]",
+         "found \"plant.x\", expected a signal that \"plant\" has: one of torque, running, stage, omega, current",
+         NULL},
+        {"[\"plant.torque\", \"motor.M_w\"]", "[\"drve.u_R\", \"motor.M_w\"]", "connect[0][0]",
+         "found \"drve.u_R\", expected a variable of one of \"components\", for example \"drive.u_R\"", NULL},
+        {"[\"plant.torque\", \"motor.M_w\"]", "[\"torque\", \"motor.M_w\"]", "connect[0][0]",
+         "found \"torque\", expected component.variable or plant.signal, for example \"motor.omega\"", NULL},
+        {"[\"plant.torque\", \"motor.M_w\"]", "[\"plant.\", \"motor.M_w\"]", "connect[0][0]",
+         "found \"plant.\", expected component.variable or plant.signal, for example \"motor.omega\"", NULL},
+        {"[\"plant.torque\", \"motor.M_w\"]", "[\"plant.torque\", \"plant.torque\"]", "connect[0][1]",
+         "found \"plant.torque\", expected component.variable (the plant is only listened to), for example \"motor.omega\"",
+         NULL},
+        {"[\"plant.torque\", \"motor.M_w\"]", "[\"plant.torque\", \".x\"]", "connect[0][1]",
+         "found \".x\", expected component.variable, for example \"motor.omega\"", NULL},
+        {"[\"motor.omega\", \"drive.y\"]", "[\"motor.omega\", \"motor.M_w\"]", "connect[2][1]",
+         "found \"motor.M_w\", which connect[0] leads to already, expected each input to be connected at most once",
+         NULL},
+        {"\"record\": {", "\"connects\": [], \"record\": {", "connects",
+         "found the unknown key \"connects\", expected \"connect\"", NULL},
+    };
+    EXPECT_EACH(full, changes);
+}
+
+static void test_connections_that_are_no_array(void) {
+    static const change changes[] = {
+        {"[[\"plant.torque\", \"motor.M_w\"]]", "{}", "connect",
+         "found an object with 0 keys, expected an array of connections [from, to], for example [[\"plant.torque\", \"motor.M_w\"]]",
+         NULL},
+    };
+    EXPECT_EACH(free_running, changes);
+}
+
+static void test_compare(void) {
+    static const change changes[] = {
+        {"{ \"motor.omega\": { \"to\": \"plant.omega\" } }", "{}", "compare",
+         "found an object with 0 keys, expected an object with 1 to 16 entries, for example {\"motor.omega\": {\"to\": \"plant.omega\"}}",
+         NULL},
+        {"{ \"motor.omega\": { \"to\": \"plant.omega\" } }", "[]", "compare",
+         "found an array of 0, expected an object with 1 to 16 entries, for example {\"motor.omega\": {\"to\": \"plant.omega\"}}",
+         NULL},
+        {"{ \"to\": \"plant.omega\" }", "{}", "compare.motor.omega.to",
+         "found nothing, expected a text, for example \"plant.omega\"", NULL},
+        {"{ \"to\": \"plant.omega\" }", "\"plant.omega\"", "compare.motor.omega",
+         "found \"plant.omega\" (text), expected an object, for example {\"to\": \"plant.omega\"}", NULL},
+        {"{ \"to\": \"plant.omega\" }", "{ \"to\": \"plant.omga\" }", "compare.motor.omega.to",
+         "found \"plant.omga\", expected a signal that \"plant\" has, for example \"plant.omega\"", NULL},
+        {"{ \"to\": \"plant.omega\" }", "{ \"to\": \"motor.omega\" }", "compare.motor.omega.to",
+         "found \"motor.omega\", expected a signal of the plant, for example \"plant.omega\"", NULL},
+        {"{ \"to\": \"plant.omega\" }", "{ \"to\": 1 }", "compare.motor.omega.to",
+         "found 1 (number), expected a text, for example \"plant.omega\"", NULL},
+        {"{ \"to\": \"plant.omega\" }", "{ \"to\": \"plant.omega\", \"tolerance\": 1 }",
+         "compare.motor.omega.tolerance", "found the unknown key \"tolerance\", expected only to", NULL},
+        {"\"motor.omega\": {", "\"moter.omega\": {", "compare.moter.omega",
+         "found \"moter.omega\", expected a variable of one of \"components\", for example \"motor.omega\"", NULL},
+        {"\"motor.omega\": {", "\"plant.omega\": {", "compare.plant.omega",
+         "found \"plant.omega\", expected component.variable (the plant is only listened to), for example \"motor.omega\"",
+         NULL},
+        {"\"motor.omega\": {", "\"omega\": {", "compare.omega",
+         "found \"omega\", expected component.variable, for example \"motor.omega\"", NULL},
+    };
+    EXPECT_EACH(free_running, changes);
+}
+
+static void test_compare_beside_synchronise(void) {
+    static const change changes[] = {
+        {"\"synchronise\": {", "\"compare\": { \"motor.omega\": { \"to\": \"plant.omega\" } }, \"synchronise\": {",
+         "compare",
+         "found compare beside synchronise, expected one of them: in synchronise.match, weight 0 means compared only",
+         NULL},
+    };
+    EXPECT_EACH(full, changes);
+}
+
+static void test_adjust(void) {
+    static const change changes[] = {
+        {", \"step\": 0.05", "", "synchronise.adjust.motor.d.step",
+         "found nothing, expected a number > 0, for example 0.05", NULL},
+        {"\"step\": 0.05", "\"step\": 0", "synchronise.adjust.motor.d.step",
+         "found 0 (number), expected a number > 0, for example 0.05", NULL},
+        {"\"nominal\": 0.0031", "\"nominal\": \"0.0031\"", "synchronise.adjust.motor.d.nominal",
+         "found \"0.0031\" (text), expected a number, for example 0", NULL},
+        {"\"min\": 0, \"max\": 1", "\"min\": 1, \"max\": 1", "synchronise.adjust.motor.d.max",
+         "found 1 (number), expected more than min, which is 1", NULL},
+        {"\"min\": 0, \"max\": 1", "\"min\": 0, \"max\": true", "synchronise.adjust.motor.d.max",
+         "found true, expected a number, for example 0", NULL},
+        {"\"min\": 0, \"max\": 1", "\"min\": 0, \"maximum\": 1", "synchronise.adjust.motor.d.maximum",
+         "found the unknown key \"maximum\", expected one of step, nominal, min, max", NULL},
+        {"\"motor.d\": {", "\"engine.d\": {", "synchronise.adjust.engine.d",
+         "found \"engine.d\", expected a variable of one of \"components\": one of drive, motor", NULL},
+        {"\"motor.x[1].bias\": { \"step\": 2 }", "\"motor.x[1].bias\": 2", "synchronise.adjust.motor.x[1].bias",
+         "found 2 (number), expected an object, for example {\"step\": 0.05}", NULL},
+    };
+    EXPECT_EACH(full, changes);
+}
+
+static void test_match(void) {
+    static const change changes[] = {
+        {"\"to\": \"plant.omega\", \"tolerance\": 0.5", "\"tolerance\": 0.5", "synchronise.match.motor.omega.to",
+         "found nothing, expected a text, for example \"plant.omega\"", NULL},
+        {"\"tolerance\": 0.5, ", "", "synchronise.match.motor.omega.tolerance",
+         "found nothing, expected a number > 0, for example 0.5", NULL},
+        {"\"tolerance\": 0.5", "\"tolerance\": 0", "synchronise.match.motor.omega.tolerance",
+         "found 0 (number), expected a number > 0, for example 0.5", NULL},
+        {"\"weight\": 2", "\"weight\": -1", "synchronise.match.motor.omega.weight",
+         "found -1 (number), expected a number from 0 up, for example 1", NULL},
+        {"\"weight\": 2", "\"weight\": 0", "synchronise.match",
+         "found weight 0 everywhere, expected at least one weight above 0 (it is 1 where none is given)",
+         "\"match\": {"},
+        {"\"weight\": 2", "\"weights\": 2", "synchronise.match.motor.omega.weights",
+         "found the unknown key \"weights\", expected \"weight\"", NULL},
+        {"\"plant.current\"", "\"plant.curent\"", "synchronise.match.motor.I.to",
+         "found \"plant.curent\", expected a signal that \"plant\" has, for example \"plant.current\"", NULL},
+        {"\"motor.I\": {", "\"plant.I\": {", "synchronise.match.plant.I",
+         "found \"plant.I\", expected component.variable (the plant is only listened to), for example \"motor.omega\"",
+         NULL},
+    };
+    EXPECT_EACH(full, changes);
+}
+
+static void test_the_rest_of_synchronise(void) {
+    static const change changes[] = {
+        {"\"horizon\": {", "\"horizons\": {", "synchronise.horizons",
+         "found the unknown key \"horizons\", expected \"horizon\"", NULL},
+        {"\"prediction\": 2", "\"prediction\": 0", "synchronise.horizon.prediction",
+         "found 0 (number), expected a whole number from 1 to 1000, for example 2", NULL},
+        {"\"prediction\": 2", "\"prediction\": 1001", "synchronise.horizon.prediction",
+         "found 1001 (number), expected a whole number from 1 to 1000, for example 2", NULL},
+        {"\"prediction\": 2", "\"prediction\": 1.5", "synchronise.horizon.prediction",
+         "found 1.5 (number), expected a whole number from 1 to 1000, for example 2", NULL},
+        {"\"measurements\": \"ahead\"", "\"measurements\": \"hold\"", "synchronise.horizon.measurements",
+         "found \"hold\" (text), expected \"lag\" or \"ahead\", for example \"lag\"", NULL},
+        {"\"algorithm\": \"nelder-mead\"", "\"algorithm\": \"nelder_mead\"", "synchronise.algorithm",
+         "found \"nelder_mead\" (text), expected \"nelder-mead\"", NULL},
+        {"\"margin\": 0.02", "\"margin\": 1", "synchronise.margin",
+         "found 1 (number), expected a number from 0 to below 1, for example 0.01", NULL},
+        {"\"margin\": 0.02", "\"margin\": -0.1", "synchronise.margin",
+         "found -0.1 (number), expected a number from 0 to below 1, for example 0.01", NULL},
+        {"\"evaluations\": 40", "\"evaluations\": 1", "synchronise.budget.evaluations",
+         "found 1 (number), expected a whole number from 2 to 100000, for example 60", NULL},
+        {"\"evaluations\": 40", "\"evaluations\": 100001", "synchronise.budget.evaluations",
+         "found 100001 (number), expected a whole number from 2 to 100000, for example 60", NULL},
+        {"\"time_s\": 0.004", "\"time_s\": 0", "synchronise.budget.time_s",
+         "found 0 (number), expected a number > 0 (at most 1e9), for example 0.006", NULL},
+        {"\"budget\": { \"evaluations\": 40, \"time_s\": 0.004 }", "\"budget\": 40", "synchronise.budget",
+         "found 40 (number), expected an object, for example {\"evaluations\": 60}", NULL},
+    };
+    EXPECT_EACH(full, changes);
+}
+
+static void test_synchronise_without_its_parts(void) {
+    static const change changes[] = {
+        {"\"compare\": { \"motor.omega\": { \"to\": \"plant.omega\" } }", "\"synchronise\": []", "synchronise",
+         "found an array of 0, expected an object, for example {\"adjust\": {\"motor.d\": {\"step\": 0.05}}, \"match\": {\"motor.omega\": {\"to\": \"plant.omega\", …}}}",
+         NULL},
+        {"\"compare\": { \"motor.omega\": { \"to\": \"plant.omega\" } }",
+         "\"synchronise\": { \"match\": { \"motor.omega\": { \"to\": \"plant.omega\", \"tolerance\": 1 } } }",
+         "synchronise.adjust",
+         "found nothing, expected an object with 1 to 8 entries, for example {\"motor.d\": {\"step\": 0.05}}", NULL},
+        {"\"compare\": { \"motor.omega\": { \"to\": \"plant.omega\" } }",
+         "\"synchronise\": { \"adjust\": { \"motor.d\": { \"step\": 1 } } }", "synchronise.match",
+         "found nothing, expected an object with 1 to 16 entries, for example {\"motor.omega\": {\"to\": \"plant.omega\", \"tolerance\": 1.0}}",
+         NULL},
+        {"\"compare\": { \"motor.omega\": { \"to\": \"plant.omega\" } }",
+         "\"synchronise\": { \"adjust\": { \"motor.d\": { \"step\": 1 } }, \"match\": {} }", "synchronise.match",
+         "found an object with 0 keys, expected an object with 1 to 16 entries, for example {\"motor.omega\": {\"to\": \"plant.omega\", \"tolerance\": 1.0}}",
+         NULL},
+    };
+    EXPECT_EACH(free_running, changes);
+}
+
+static void test_running(void) {
+    static const change changes[] = {
+        {"\"file\": \"bench.csv\"", "\"file\": 1", "recording.file",
+         "found 1 (number), expected a text, for example \"bench.csv\"", NULL},
+        {"\"time_column\": \"seconds\"", "\"time\": \"seconds\"", "recording.time",
+         "found the unknown key \"time\", expected one of file, time_column", NULL},
+        {"\"file\": \"bench.db\", ", "", "record.file", "found nothing, expected a text, for example \"bench.db\"",
+         NULL},
+        {"\"max_mb\": 250.5", "\"max_mb\": 0.5", "record.max_mb",
+         "found 0.5 (number), expected a number from 1 to 1000000000, for example 1000", NULL},
+        {"\"max_mb\": 250.5", "\"max_mb\": 1.5e9", "record.max_mb",
+         "found 1500000000 (number), expected a number from 1 to 1000000000, for example 1000", NULL},
+        {"\"commit_s\": 0.25", "\"commit_s\": 0.01", "record.commit_s",
+         "found 0.01 (number), expected a number from 0.05 to 10, for example 0.5", NULL},
+        {"\"commit_s\": 0.25", "\"commit_s\": 11", "record.commit_s",
+         "found 11 (number), expected a number from 0.05 to 10, for example 0.5", NULL},
+        {"\"priority\": 0", "\"priority\": 99", "realtime.priority",
+         "found 99 (number), expected a whole number from 0 to 98, for example 50", NULL},
+        {"\"priority\": 0", "\"priority\": -1", "realtime.priority",
+         "found -1 (number), expected a whole number from 0 to 98, for example 50", NULL},
+        {"\"lock_memory\": false", "\"lock_memory\": 1", "realtime.lock_memory",
+         "found 1 (number), expected true or false, for example true", NULL},
+        {"\"lock_memory\": false", "\"lockmemory\": true", "realtime.lockmemory",
+         "found the unknown key \"lockmemory\", expected \"lock_memory\"", NULL},
+    };
+    EXPECT_EACH(full, changes);
+}
+
+static void test_emulate(void) {
+    static const change changes[] = {
+        {"\"from\": \"motor.omega\", ", "", "emulate.columns.omega.from",
+         "found nothing, expected a text, for example \"motor.omega\"", NULL},
+        {"\"from\": \"motor.omega\"", "\"from\": \"moto.omega\"", "emulate.columns.omega.from",
+         "found \"moto.omega\", expected a variable of one of \"components\", for example \"motor.omega\"", NULL},
+        {"\"from\": \"plant.torque\"", "\"from\": \"plant.Torqe\"", "emulate.columns.M_w.from",
+         "found \"plant.Torqe\", expected a signal that \"plant\" has, for example \"plant.torque\"", NULL},
+        {"\"noise\": 0.01", "\"noise\": -0.01", "emulate.columns.omega.noise",
+         "found -0.01 (number), expected a number from 0 up, for example 0.01", NULL},
+        {"\"M_w\": { \"from\": \"plant.torque\" }", "\"M_w\": \"plant.torque\"", "emulate.columns.M_w",
+         "found \"plant.torque\" (text), expected an object, for example {\"from\": \"motor.omega\"}", NULL},
+        {"\"M_w\": { \"from\": \"plant.torque\" }", "\"\": { \"from\": \"plant.torque\" }", "emulate.columns.",
+         "found an unusable name, expected the name of a column, for example \"omega\"", NULL},
+        {"[0.005, 0.02]", "[0.02, 0.005]", "emulate.message_s",
+         "found an array of 2, expected an array of two numbers > 0 (at most 1e9), the first not above the second, for example [0.005, 0.02]",
+         NULL},
+        {"[0.005, 0.02]", "[0, 0.005]", "emulate.message_s",
+         "found an array of 2, expected an array of two numbers > 0 (at most 1e9), the first not above the second, for example [0.005, 0.02]",
+         NULL},
+        {"[0.005, 0.02]", "[0.005]", "emulate.message_s",
+         "found an array of 1, expected an array of two numbers > 0 (at most 1e9), the first not above the second, for example [0.005, 0.02]",
+         NULL},
+        {"[0.005, 0.02]", "0.005", "emulate.message_s",
+         "found 0.005 (number), expected an array of two numbers > 0 (at most 1e9), the first not above the second, for example [0.005, 0.02]",
+         NULL},
+        {"[0.005, 0.02]", "[0.005, \"0.02\"]", "emulate.message_s",
+         "found an array of 2, expected an array of two numbers > 0 (at most 1e9), the first not above the second, for example [0.005, 0.02]",
+         NULL},
+        {"\"message_s\": [", "\"message\": [", "emulate.message",
+         "found the unknown key \"message\", expected \"message_s\"", NULL},
+    };
+    EXPECT_EACH(full, changes);
+}
+
+static void test_doubled_keys(void) {
+    static const change changes[] = {
+        {"\"step_s\": 0.01", "\"step_s\": 0.01, \"step\\u005fs\": 0.02", "step_s",
+         "found the key \"step_s\" again, expected it once; the first is on line 4", NULL},
+        {"\"unit\": \"N.m\"", "\"unit\": \"N.m\", \"unit\": \"N.m\"", "plant.torque.unit",
+         "found the key \"unit\" again, expected it once; the first is on line 17", NULL},
+    };
+    EXPECT_EACH(full, changes);
+}
+
+/* ---- several at once ---- */
+
+static void expect_problem(const char *where, const char *part) {
+    for (size_t i = 0; i < verdict.count && i < TL_TEST_PROBLEMS; i++) {
+        if (strcmp(verdict.problems[i].where, where) == 0) {
+            TEST_ASSERT_NOT_NULL_MESSAGE(strstr(verdict.problems[i].text, part), verdict.problems[i].text);
+            return;
+        }
+    }
+    TEST_FAIL_MESSAGE(where);
+}
+
+static void test_everything_at_once(void) {
+    static const char *const text = "{\n\"twinlock\": 2,\n\"step_s\": \"0.01\",\n\"step_s\": 0.01,\n"
+                                    "\"components\": {\"plant\": 1, \"motor\": {}},\n\"plant\": {\"1\": {\"min\": "
+                                    "2,\n\"max\": 1}},\n\"Name\": \"x\"}";
+    tl_test_judge_text(text, strlen(text), &verdict);
+    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, verdict.status);
+    expect_problem("step_s", "line 4: found the key \"step_s\" again");
+    expect_problem("twinlock", "line 2: found 2 (number), expected 1");
+    expect_problem("name", "line 1: found nothing, expected a text");
+    expect_problem("components.motor.fmu", "line 5: found nothing");
+    expect_problem("components.plant", "line 5: found the name \"plant\"");
+    expect_problem("plant.1", "line 6: found the name \"1\"");
+    expect_problem("plant.1.max", "line 7: found 1 (number), expected at least min, which is 2");
+    expect_problem("Name", "line 8: found the unknown key \"Name\", expected \"name\"");
+    TEST_ASSERT_EQUAL_size_t(10, verdict.count);
+}
+
+static void test_syntax_comes_alone(void) {
+    static const char *const text = "{\"twinlock\": 2,\n \"step_s\": 01}";
+    tl_test_judge_text(text, strlen(text), &verdict);
+    TEST_ASSERT_EQUAL_size_t(1, verdict.count);
+    TEST_ASSERT_EQUAL_STRING("", verdict.problems[0].where);
+    TEST_ASSERT_EQUAL_STRING("line 2, column 12: found 01, expected a number as JSON writes it (no leading zeros or "
+                             "+), for example 0.1 or -2e-3",
+                             verdict.problems[0].text);
+}
+
+/* A section that is no object is one problem; what refers into it is not blamed. */
+static void test_broken_sections_are_blamed_once(void) {
+    static const change sections[] = {
+        {"\"sources\": {", "\"sources\": [], \"x\": {", "sources", "", NULL},
+        {"\"plant\": {", "\"plant\": [1, 2], \"x\": {", "plant", "", NULL},
+        {"\"components\": {", "\"components\": \"\", \"x\": {", "components", "", NULL},
+    };
+    for (size_t i = 0; i < sizeof sections / sizeof sections[0]; i++) {
+        char *text = tl_test_replaced(full, sections[i].old, sections[i].new);
+        TEST_ASSERT_NOT_NULL(text);
+        tl_test_judge_text(text, strlen(text), &verdict);
+        free(text);
+        TEST_ASSERT_EQUAL_size_t(2, verdict.count);
+        expect_problem(sections[i].where, "expected an object with");
+        expect_problem("x", "found the unknown key \"x\"");
+    }
+}
+
+static void expect_root_problem(const char *text, const char *found) {
+    char expected[TL_ERROR_TEXT];
+    (void)snprintf(expected, sizeof expected,
+                   "line 1: found %s, expected an object, for example {\"twinlock\": 1, \"name\": \"motor bench\", …}",
+                   found);
+    tl_test_judge_text(text, strlen(text), &verdict);
+    TEST_ASSERT_EQUAL_size_t(1, verdict.count);
+    TEST_ASSERT_EQUAL_STRING("", verdict.problems[0].where);
+    TEST_ASSERT_EQUAL_STRING(expected, verdict.problems[0].text);
+}
+
+static void test_roots_that_are_no_object(void) {
+    expect_root_problem("[]", "an array of 0");
+    expect_root_problem("\"x\"", "\"x\" (text)");
+    expect_root_problem("null", "null");
+    expect_root_problem("1.5", "1.5 (number)");
+}
+
+static void test_missing_sections(void) {
+    tl_test_judge_text("{}", 2, &verdict);
+    TEST_ASSERT_EQUAL_size_t(5, verdict.count);
+    expect_problem("twinlock", "line 1: found nothing, expected 1, the version");
+    expect_problem("name", "line 1: found nothing, expected a text, for example \"motor bench\"");
+    expect_problem("step_s", "line 1: found nothing, expected a number from 1e-05 to 3600, for example 0.01");
+    expect_problem("components", "line 1: found nothing, expected an object with 1 to 62 entries, for example {");
+    expect_problem("plant", "line 1: found nothing, expected an object with 1 to 64 entries, for example {");
+}
+
+/* Nothing a file holds can reach a terminal as a control character, however long or strange. */
+static void test_hostile_texts_are_shown_tame(void) {
+    static const char *const text =
+        "{\"\\u001b[31m\": 1, \"components\": {\"\\u009b\": {\"\\r\": 1}}, \"connect\": [[\"\\u001b.x\", \"\\n\"]],"
+        "\"name\": \"\\u0007\", \"plant\": {\"\\u007f\": {\"csv\": {\"source\": \"\\b\"}}},"
+        "\"synchronise\": {\"adjust\": {\"\\t.x\": {}}, \"match\": {\"\\f\": {\"to\": \"plant.\\u0001\"}}},"
+        "\"emulate\": {\"columns\": {\"\\u0002\": {\"from\": \"\\u0003\"}}}}";
+    tl_test_judge_text(text, strlen(text), &verdict);
+    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, verdict.status);
+    TEST_ASSERT_GREATER_THAN_size_t(15, verdict.count);
+    for (size_t i = 0; i < verdict.count && i < TL_TEST_PROBLEMS; i++) {
+        const char *said = verdict.problems[i].text;
+        for (const char *c = said; *c != '\0'; c++) {
+            TEST_ASSERT_TRUE_MESSAGE((unsigned char)*c >= 0x20 && *c != 0x7F, said);
+        }
+        TEST_ASSERT_NULL_MESSAGE(strstr(said, "\xC2\x9B"), said);
+        for (const char *c = verdict.problems[i].where; *c != '\0'; c++) {
+            TEST_ASSERT_TRUE((unsigned char)*c >= 0x20 && *c != 0x7F);
+        }
+    }
+}
+
+static void test_a_long_text_is_cut(void) {
+    char new[600];
+    char name[300];
+    memset(name, 'n', sizeof name);
+    name[sizeof name - 1] = '\0';
+    (void)snprintf(new, sizeof new, "\"%s\": 1, \"name\": \"x\"", name);
+    char *text = tl_test_replaced(full, "\"name\": \"motor bench\"", new);
+    TEST_ASSERT_NOT_NULL(text);
+    tl_test_judge_text(text, strlen(text), &verdict);
+    free(text);
+    TEST_ASSERT_EQUAL_size_t(1, verdict.count);
+    TEST_ASSERT_EQUAL_size_t(TL_JSON_PATH - 1, strlen(verdict.problems[0].where));
+    TEST_ASSERT_NOT_NULL(strstr(verdict.problems[0].text,
+                                "nnnn…\", expected one of twinlock, name, step_s, duration_s, "
+                                "components, sources, plant, recording, connect, compare, "
+                                "synchronise, record, realtime, emulate"));
+}
+
+/* The longest names, wrong as often as a file can hold them: what is near is looked for each time. */
+static void test_a_hostile_file_is_refused_soon(void) {
+    enum { COMMON = 59, SIGNALS = 64 };
+    char *text = malloc(TL_CONFIG_MAX_BYTES);
+    char common[COMMON + 1];
+    TEST_ASSERT_NOT_NULL(text);
+    memset(common, 'a', COMMON);
+    common[COMMON] = '\0';
+    size_t used = (size_t)snprintf(text, TL_CONFIG_MAX_BYTES, "{\"plant\":{");
+    for (size_t i = 0; i < SIGNALS; i++) {
+        used +=
+            (size_t)snprintf(text + used, TL_CONFIG_MAX_BYTES - used, "%s\"%s%04zx\":{}", i == 0 ? "" : ",", common, i);
+    }
+    used += (size_t)snprintf(text + used, TL_CONFIG_MAX_BYTES - used, "},\"connect\":[[\"\",\"\"]");
+    while (used + 2 * COMMON < TL_CONFIG_MAX_BYTES) {
+        used += (size_t)snprintf(text + used, TL_CONFIG_MAX_BYTES - used, ",[\"plant.%szzzz\",\"\"]", common);
+    }
+    used += (size_t)snprintf(text + used, TL_CONFIG_MAX_BYTES - used, "]}");
+    clock_t start = clock();
+    tl_test_judge_text(text, used, &verdict);
+    double seconds = (double)(clock() - start) / CLOCKS_PER_SEC;
+    free(text);
+    TEST_ASSERT_GREATER_THAN_size_t(6000, verdict.count);
+    expect_problem("connect[1][0]", "expected a signal that \"plant\" has: one of aaaaaaaa");
+    TEST_ASSERT_TRUE(seconds < 30); /* about 1 s with sanitizers; without the bounds it is minutes */
+}
+
+int main(void) {
+    UNITY_BEGIN();
+    RUN_TEST(test_the_root);
+    RUN_TEST(test_components);
+    RUN_TEST(test_sources);
+    RUN_TEST(test_signals);
+    RUN_TEST(test_live_sources);
+    RUN_TEST(test_live_sources_where_there_are_none);
+    RUN_TEST(test_modbus);
+    RUN_TEST(test_connections);
+    RUN_TEST(test_connections_that_are_no_array);
+    RUN_TEST(test_compare);
+    RUN_TEST(test_compare_beside_synchronise);
+    RUN_TEST(test_adjust);
+    RUN_TEST(test_match);
+    RUN_TEST(test_the_rest_of_synchronise);
+    RUN_TEST(test_synchronise_without_its_parts);
+    RUN_TEST(test_running);
+    RUN_TEST(test_emulate);
+    RUN_TEST(test_doubled_keys);
+    RUN_TEST(test_everything_at_once);
+    RUN_TEST(test_syntax_comes_alone);
+    RUN_TEST(test_broken_sections_are_blamed_once);
+    RUN_TEST(test_roots_that_are_no_object);
+    RUN_TEST(test_missing_sections);
+    RUN_TEST(test_hostile_texts_are_shown_tame);
+    RUN_TEST(test_a_long_text_is_cut);
+    RUN_TEST(test_a_hostile_file_is_refused_soon);
+    return UNITY_END();
+}

@@ -1,0 +1,709 @@
+/* The structure of a co-simulation: what a plan may say, what it is told when it is wrong, and distances. */
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+#include <unity.h>
+
+#include "master/graph/graph.h"
+#include "tests/support/test_plan.h"
+
+static const tl_unit kelvin = {"K", true, {0, 0, 0, 0, 1}, 1.0, 0.0};
+static const tl_unit celsius = {"degC", true, {0, 0, 0, 0, 1}, 1.0, 273.15};
+static const tl_unit ampere = {"A", true, {0, 0, 0, 1}, 1.0, 0.0};
+static const tl_unit named_only = {"turns", false, {0}, 0.0, 0.0};
+
+static tl_test_log call_log;
+static tl_test_fmu fmus[5];
+static tl_test_plan plan;
+static tl_twin *twin;
+
+/* A plan in order: the signals cmd and y; "motor" with two channels and the discrete variables, all inputs driven. */
+static void make_motor(void) {
+    tl_test_fmu_init(&fmus[0], 2, true, &call_log);
+    tl_test_plan_component(&plan, "motor", &fmus[0]);
+    tl_test_plan_signal(&plan, "cmd", TL_REAL, "");
+    tl_test_plan_signal(&plan, "y", TL_REAL, "");
+    tl_test_plan_signal(&plan, "on", TL_BOOLEAN, "");
+    tl_test_plan_signal(&plan, "n", TL_INTEGER, "");
+    tl_test_plan_connect(&plan, "plant.cmd", "motor.u0");
+    tl_test_plan_connect(&plan, "plant.cmd", "motor.u1");
+    tl_test_plan_connect(&plan, "plant.on", "motor.flag");
+    tl_test_plan_connect(&plan, "plant.n", "motor.count");
+    tl_test_plan_connect(&plan, "plant.n", "motor.mode");
+}
+
+/* A component of `width` Real channels. */
+static tl_test_fmu *add(size_t number, const char *name, size_t width) {
+    tl_test_fmu_init(&fmus[number], width, false, &call_log);
+    tl_test_plan_component(&plan, name, &fmus[number]);
+    return &fmus[number];
+}
+
+void setUp(void) {
+    tl_test_log_clear(&call_log);
+    tl_test_plan_init(&plan, TL_SECOND / 10);
+    twin = NULL;
+}
+
+void tearDown(void) {
+    tl_twin_destroy(twin);
+    TEST_ASSERT_EQUAL_STRING("", call_log.first_violation);
+}
+
+static void assert_problem(const char *where, const char *words) {
+    char all[2000] = "";
+    for (size_t i = 0; i < plan.report.count && i < TL_TEST_PROBLEMS; i++) {
+        size_t length = strlen(all);
+        (void)snprintf(all + length, sizeof all - length, "[%s] %s; ", plan.problems[i].where, plan.problems[i].text);
+    }
+    const tl_test_problem *problem = tl_test_plan_problem(&plan, where, words);
+    TEST_ASSERT_NOT_NULL_MESSAGE(problem, all);
+    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, problem->status);
+}
+
+/* Builds a plan that has exactly one problem. */
+static void assert_refused(const char *where, const char *words) {
+    twin = tl_test_plan_build(&plan);
+    TEST_ASSERT_NULL(twin);
+    assert_problem(where, words);
+    TEST_ASSERT_EQUAL_UINT64(1, plan.report.count);
+    TEST_ASSERT_EQUAL_UINT64(0, call_log.count); /* a wrong plan calls no FMU */
+}
+
+static void assert_accepted(void) {
+    twin = tl_test_plan_build(&plan);
+    TEST_ASSERT_EQUAL_STRING("", plan.problems[0].text);
+    TEST_ASSERT_NOT_NULL(twin);
+}
+
+/* ---- connections ---- */
+
+static void a_plan_in_order_is_accepted(void) {
+    make_motor();
+    assert_accepted();
+}
+
+static void an_unknown_component_is_named_with_an_example(void) {
+    make_motor();
+    tl_test_plan_connect(&plan, "engine.y0", "motor.u0");
+    assert_refused("connect[5]", "found \"engine.y0\", expected component.variable");
+    TEST_ASSERT_NOT_NULL(strstr(plan.problems[0].text, "\"motor."));
+}
+
+static void a_name_without_a_component_is_unknown(void) {
+    make_motor();
+    tl_test_plan_connect(&plan, "motor", "motor.u0");
+    assert_refused("connect[5]", "found \"motor\"");
+}
+
+static void a_name_that_only_begins_like_a_component_is_unknown(void) {
+    make_motor();
+    tl_test_plan_connect(&plan, "motors.y0", "motor.u0");
+    assert_refused("connect[5]", "found \"motors.y0\"");
+}
+
+static void an_unknown_variable_is_named(void) {
+    make_motor();
+    tl_test_plan_connect(&plan, "motor.y7", "motor.u0");
+    assert_refused("connect[5]", "the FMU of motor has no variable \"y7\"");
+}
+
+static void an_unknown_signal_is_named(void) {
+    make_motor();
+    tl_test_plan_connect(&plan, "plant.torque", "motor.u0");
+    assert_refused("connect[5]", "found \"plant.torque\", but the plant has no such signal");
+}
+
+static void a_second_connection_to_an_input_is_refused(void) {
+    make_motor();
+    tl_test_plan_connect(&plan, "motor.y0", "motor.u0");
+    assert_refused("connect[5]", "motor.u0 is connected twice");
+}
+
+static void types_must_fit(void) {
+    make_motor();
+    plan.connections[2].from = "plant.cmd";
+    assert_refused("connect[2]", "types do not fit: plant.cmd is Real, motor.flag is Boolean");
+}
+
+static void an_integer_is_no_boolean(void) {
+    make_motor();
+    plan.connections[2].from = "motor.count_out";
+    assert_refused("connect[2]", "types do not fit: motor.count_out is Integer, motor.flag is Boolean");
+}
+
+static void an_enumeration_fits_an_integer(void) {
+    make_motor();
+    plan.connections[3].from = "motor.mode_out";
+    plan.connections[4].from = "motor.count_out";
+    assert_accepted();
+}
+
+static void text_is_no_source(void) {
+    make_motor();
+    plan.connections[2].from = "motor.label_out";
+    assert_refused("connect[2]", "motor.label_out is a String output");
+}
+
+static void an_input_is_no_source(void) {
+    make_motor();
+    plan.connections[0].from = "motor.u1";
+    assert_refused("connect[0]", "motor.u1 is a Real input, expected");
+}
+
+static void an_output_is_no_target(void) {
+    make_motor();
+    tl_test_plan_connect(&plan, "plant.cmd", "motor.y0");
+    assert_refused("connect[5]", "motor.y0 is a continuous output, expected an input");
+}
+
+static void a_parameter_is_no_target(void) {
+    make_motor();
+    tl_test_plan_connect(&plan, "plant.cmd", "motor.gain");
+    assert_refused("connect[5]", "motor.gain is a tunable parameter, expected an input");
+}
+
+static void an_input_that_nothing_drives_is_reported(void) {
+    make_motor();
+    plan.plan.connection_count = 4; /* the last one, to mode, is left out */
+    assert_refused("components.motor", "input motor.mode is not connected");
+}
+
+static void an_input_with_a_constant_is_driven(void) {
+    make_motor();
+    plan.plan.connection_count = 4;
+    tl_test_plan_set(&plan, "mode", 3.0);
+    assert_accepted();
+}
+
+static void an_adjusted_input_is_driven(void) {
+    (void)add(0, "motor", 1);
+    tl_test_plan_signal(&plan, "y", TL_REAL, "");
+    tl_test_plan_adjust(&plan, "motor.u0", 1.0);
+    tl_test_plan_match(&plan, "motor.y0", "plant.y", 1.0);
+    assert_accepted();
+}
+
+/* ---- units ---- */
+
+static void units_of_another_dimension_are_refused(void) {
+    make_motor();
+    tl_test_fmu_variable(&fmus[0], "y0")->unit = &ampere;
+    tl_test_fmu_variable(&fmus[0], "u1")->unit = &kelvin;
+    plan.connections[1].from = "motor.y0";
+    assert_refused("connect[1]", "units do not fit: motor.y0 is in \"A\", motor.u1 in \"K\"");
+}
+
+static void a_unit_of_a_signal_is_looked_up_in_the_fmu(void) {
+    static const tl_unit known[] = {{"K", true, {0, 0, 0, 0, 1}, 1.0, 0.0}, {"A", true, {0, 0, 0, 1}, 1.0, 0.0}};
+    make_motor();
+    fmus[0].model.units = known;
+    fmus[0].model.unit_count = 2;
+    tl_test_fmu_variable(&fmus[0], "u0")->unit = &known[0];
+    plan.signals[0].unit = "A";
+    assert_refused("connect[0]", "units do not fit: plant.cmd is in \"A\", motor.u0 in \"K\"");
+}
+
+static void a_unit_that_the_fmu_does_not_know_must_have_the_same_name(void) {
+    make_motor();
+    tl_test_fmu_variable(&fmus[0], "u0")->unit = &kelvin;
+    plan.signals[0].unit = "C";
+    assert_refused("connect[0]", "units do not fit: plant.cmd is in \"C\", motor.u0 in \"K\"");
+    plan.signals[0].unit = "K";
+    assert_accepted();
+}
+
+static void units_that_convert_are_accepted(void) {
+    make_motor();
+    tl_test_fmu_variable(&fmus[0], "y0")->unit = &celsius;
+    tl_test_fmu_variable(&fmus[0], "u1")->unit = &kelvin;
+    plan.connections[1].from = "motor.y0";
+    assert_accepted();
+}
+
+static void a_match_in_another_unit_is_refused(void) {
+    make_motor();
+    tl_test_fmu_variable(&fmus[0], "y0")->unit = &named_only;
+    plan.signals[1].unit = "rad";
+    tl_test_plan_match(&plan, "motor.y0", "plant.y", 1.0);
+    assert_refused("match.motor.y0", "units do not fit: plant.y is in \"rad\", motor.y0 in \"turns\"");
+}
+
+/* ---- set ---- */
+
+static void a_set_of_an_unknown_variable_is_refused(void) {
+    make_motor();
+    tl_test_plan_set(&plan, "inertia", 1.0);
+    assert_refused("set.inertia", "the FMU of motor has no variable \"inertia\"");
+}
+
+static void a_set_of_an_output_is_refused(void) {
+    make_motor();
+    tl_test_plan_set(&plan, "y0", 1.0);
+    assert_refused("set.y0", "motor.y0 is a continuous output and cannot be set");
+}
+
+static void a_set_of_a_constant_is_refused(void) {
+    make_motor();
+    tl_test_fmu_variable(&fmus[0], "lag")->variability = TL_CONSTANT;
+    tl_test_plan_set(&plan, "lag", 1.0);
+    assert_refused("set.lag", "motor.lag is a constant parameter and cannot be set");
+}
+
+static void a_set_must_fit_the_type(void) {
+    const tl_value text = {.type = TL_STRING, .text = "fast"};
+    const tl_value yes = {.type = TL_BOOLEAN, .integer = 1};
+    make_motor();
+    plan.plan.connection_count = 2; /* flag, count and mode are set instead */
+    tl_test_plan_set_value(&plan, "gain", text);
+    tl_test_plan_set(&plan, "count", 2.5);
+    tl_test_plan_set(&plan, "mode", 4e9);
+    tl_test_plan_set(&plan, "flag", 1.0);
+    tl_test_plan_set(&plan, "label", 1.0);
+    tl_test_plan_set_value(&plan, "lag", yes);
+    twin = tl_test_plan_build(&plan);
+    TEST_ASSERT_NULL(twin);
+    TEST_ASSERT_EQUAL_UINT64(6, plan.report.count); /* all at once */
+    assert_problem("set.gain", "motor.gain is Real: expected a number");
+    assert_problem("set.count", "motor.count is Integer: expected a whole number");
+    assert_problem("set.mode", "motor.mode is Enumeration: expected a whole number");
+    assert_problem("set.flag", "motor.flag is Boolean: expected true or false");
+    assert_problem("set.label", "motor.label is String: expected text");
+    assert_problem("set.lag", "motor.lag is Real: expected a number");
+}
+
+static void a_number_that_is_not_finite_cannot_be_set(void) {
+    make_motor();
+    plan.plan.connection_count = 3;
+    tl_test_plan_set(&plan, "gain", HUGE_VAL);
+    tl_test_plan_set(&plan, "count", (double)NAN);
+    tl_test_plan_set(&plan, "mode", -HUGE_VAL);
+    twin = tl_test_plan_build(&plan);
+    TEST_ASSERT_NULL(twin);
+    TEST_ASSERT_EQUAL_UINT64(3, plan.report.count);
+    assert_problem("set.gain", "motor.gain is Real: expected a number");
+    assert_problem("set.count", "expected a whole number");
+    assert_problem("set.mode", "expected a whole number");
+}
+
+static void a_set_may_have_the_variables_own_type(void) {
+    const tl_value five = {.type = TL_INTEGER, .integer = 5};
+    const tl_value two = {.type = TL_ENUMERATION, .integer = 2};
+    tl_value fitted;
+    const char *expected = "";
+    tl_test_fmu_init(&fmus[0], 1, true, &call_log);
+    TEST_ASSERT_TRUE(tl_graph_fit_value(tl_test_fmu_variable(&fmus[0], "count"), &five, &fitted, &expected));
+    TEST_ASSERT_EQUAL_INT32(5, fitted.integer);
+    TEST_ASSERT_TRUE(tl_graph_fit_value(tl_test_fmu_variable(&fmus[0], "mode"), &two, &fitted, &expected));
+    TEST_ASSERT_EQUAL_INT32(2, fitted.integer);
+    TEST_ASSERT_TRUE(tl_graph_fit_value(tl_test_fmu_variable(&fmus[0], "gain"), &five, &fitted, &expected));
+    TEST_ASSERT_EQUAL_DOUBLE(5.0, fitted.real);
+    TEST_ASSERT_EQUAL_INT(TL_REAL, fitted.type);
+}
+
+static void a_whole_number_of_json_becomes_an_integer_exactly(void) {
+    const tl_value lowest = {.type = TL_REAL, .real = -2147483647.0};
+    tl_value fitted;
+    const char *expected = "";
+    tl_test_fmu_init(&fmus[0], 1, true, &call_log);
+    TEST_ASSERT_TRUE(tl_graph_fit_value(tl_test_fmu_variable(&fmus[0], "count"), &lowest, &fitted, &expected));
+    TEST_ASSERT_EQUAL_INT32(-2147483647, fitted.integer);
+    TEST_ASSERT_EQUAL_INT(TL_INTEGER, fitted.type);
+}
+
+static void an_fmu_for_one_instance_only_is_not_used_twice(void) {
+    make_motor();
+    tl_test_plan_component(&plan, "other", &fmus[0]);
+    plan.components[1].set = plan.components[0].set;
+    fmus[0].model.capabilities.can_be_instantiated_only_once = true;
+    twin = tl_test_plan_build(&plan);
+    TEST_ASSERT_NULL(twin);
+    assert_problem("components.other", "motor and other use the same FMU");
+}
+
+/* ---- what is adjusted and matched ---- */
+
+static void a_fixed_parameter_cannot_be_adjusted(void) {
+    make_motor();
+    tl_test_plan_adjust(&plan, "motor.lag", 1.0);
+    tl_test_plan_match(&plan, "motor.y0", "plant.y", 1.0);
+    assert_refused("adjust.motor.lag", "motor.lag is a fixed parameter: it cannot change while the simulation runs");
+}
+
+static void only_reals_are_adjusted(void) {
+    make_motor();
+    tl_test_plan_adjust(&plan, "motor.count", 1.0);
+    tl_test_plan_match(&plan, "motor.y0", "plant.y", 1.0);
+    assert_refused("adjust.motor.count", "motor.count is Integer, expected a Real input or a tunable Real parameter");
+}
+
+static void an_output_is_not_adjusted(void) {
+    make_motor();
+    tl_test_plan_adjust(&plan, "motor.y1", 1.0);
+    tl_test_plan_match(&plan, "motor.y0", "plant.y", 1.0);
+    assert_refused("adjust.motor.y1", "motor.y1 is a continuous output, expected");
+}
+
+static void an_unknown_variable_is_not_adjusted(void) {
+    make_motor();
+    tl_test_plan_adjust(&plan, "motor.d", 1.0);
+    tl_test_plan_match(&plan, "motor.y0", "plant.y", 1.0);
+    assert_refused("adjust.motor.d", "has no variable \"d\"");
+}
+
+static void a_connected_input_has_no_nominal_of_its_own(void) {
+    make_motor();
+    tl_plan_adjust *adjust = tl_test_plan_adjust(&plan, "motor.u0", 1.0);
+    adjust->has_nominal = true;
+    tl_test_plan_match(&plan, "motor.y0", "plant.y", 1.0);
+    assert_refused("adjust.motor.u0", "motor.u0 is connected, so its nominal value comes from the connection");
+}
+
+static void bounds_must_leave_something(void) {
+    make_motor();
+    tl_plan_adjust *adjust = tl_test_plan_adjust(&plan, "motor.gain", 1.0);
+    adjust->lower = 2.0;
+    tl_test_fmu_variable(&fmus[0], "gain")->maximum = 1.5;
+    tl_test_plan_match(&plan, "motor.y0", "plant.y", 1.0);
+    assert_refused("adjust.motor.gain", "nothing is left to adjust between the bounds 2 and 1.5");
+}
+
+static void a_parameter_without_a_start_value_needs_a_nominal(void) {
+    make_motor();
+    tl_plan_adjust *adjust = tl_test_plan_adjust(&plan, "motor.gain", 1.0);
+    tl_test_fmu_variable(&fmus[0], "gain")->has_start = false;
+    tl_test_plan_match(&plan, "motor.y0", "plant.y", 1.0);
+    assert_refused("adjust.motor.gain", "motor.gain has no start value: give it \"nominal\"");
+    adjust->has_nominal = true;
+    assert_accepted();
+}
+
+static void a_match_is_an_output(void) {
+    make_motor();
+    tl_test_plan_match(&plan, "motor.gain", "plant.y", 1.0);
+    assert_refused("match.motor.gain", "motor.gain is a Real parameter, expected an output");
+}
+
+static void a_match_is_not_text(void) {
+    make_motor();
+    tl_test_plan_match(&plan, "motor.label_out", "plant.y", 1.0);
+    assert_refused("match.motor.label_out", "motor.label_out is a String output");
+}
+
+static void a_match_is_with_a_signal(void) {
+    make_motor();
+    tl_test_plan_match(&plan, "motor.y0", "motor.y1", 1.0);
+    assert_refused("match.motor.y0", "found \"motor.y1\", expected a signal of the plant, for example \"plant.cmd\"");
+}
+
+static void a_match_has_the_signals_type(void) {
+    make_motor();
+    tl_test_plan_match(&plan, "motor.flag_out", "plant.y", 1.0);
+    assert_refused("match.motor.flag_out", "types do not fit: motor.flag_out is Boolean, plant.y is Real");
+}
+
+static void no_path_is_reported_for_both_ends(void) {
+    (void)add(0, "a", 1);
+    (void)add(1, "b", 1);
+    tl_test_plan_signal(&plan, "y", TL_REAL, "");
+    tl_test_plan_connect(&plan, "b.y0", "a.u0"); /* against the arrow */
+    tl_test_plan_connect(&plan, "plant.y", "b.u0");
+    tl_test_plan_adjust(&plan, "a.gain", 1.0);
+    tl_test_plan_match(&plan, "b.y0", "plant.y", 1.0);
+    assert_refused("adjust.a.gain", "no path leads from a.gain to any matched output");
+}
+
+static void a_match_that_nothing_reaches_is_reported(void) {
+    (void)add(0, "a", 1);
+    (void)add(1, "b", 1);
+    tl_test_plan_signal(&plan, "y", TL_REAL, "");
+    tl_test_plan_connect(&plan, "plant.y", "a.u0");
+    tl_test_plan_connect(&plan, "plant.y", "b.u0");
+    tl_test_plan_adjust(&plan, "a.gain", 1.0);
+    tl_test_plan_match(&plan, "a.y0", "plant.y", 1.0);
+    tl_plan_match *other = tl_test_plan_match(&plan, "b.y0", "plant.y", 1.0);
+    assert_refused("match.b.y0", "no path leads from any adjusted variable to b.y0");
+    other->weight = 0.0;
+    assert_accepted();
+}
+
+static void without_a_weight_there_is_nothing_to_correct_by(void) {
+    make_motor();
+    tl_test_plan_adjust(&plan, "motor.gain", 1.0);
+    tl_test_plan_match(&plan, "motor.y0", "plant.y", 1.0)->weight = 0.0;
+    assert_refused("adjust.motor.gain", "it can correct nothing");
+}
+
+static void a_state_that_cannot_be_saved_matters_only_to_synchronising(void) {
+    make_motor();
+    fmus[0].model.capabilities.can_get_and_set_state = false;
+    assert_accepted();
+    tl_twin_destroy(twin);
+    tl_test_log_clear(&call_log);
+    tl_test_plan_adjust(&plan, "motor.gain", 1.0);
+    tl_test_plan_match(&plan, "motor.y0", "plant.y", 1.0);
+    assert_refused("components.motor", "canGetAndSetFMUstate");
+    fmus[0].model.capabilities.can_get_and_set_state = true;
+    fmus[0].functions.free_fmu_state = NULL;
+    assert_refused("components.motor", "canGetAndSetFMUstate");
+}
+
+static void an_unknown_algorithm_is_told_the_known_ones(void) {
+    make_motor();
+    plan.plan.algorithm = "simulated-annealing";
+    tl_test_plan_adjust(&plan, "motor.gain", 1.0);
+    tl_test_plan_match(&plan, "motor.y0", "plant.y", 1.0);
+    assert_refused("synchronise.algorithm", "found \"simulated-annealing\", expected one of \"nelder-mead\"");
+}
+
+static void every_problem_is_reported_at_once(void) {
+    make_motor();
+    tl_test_plan_connect(&plan, "engine.y0", "motor.u0");
+    tl_test_plan_set(&plan, "inertia", 1.0);
+    tl_test_plan_adjust(&plan, "motor.lag", 1.0);
+    tl_test_plan_match(&plan, "motor.y0", "plant.nothing", 1.0);
+    plan.plan.algorithm = "";
+    twin = tl_test_plan_build(&plan);
+    TEST_ASSERT_NULL(twin);
+    TEST_ASSERT_EQUAL_UINT64(5, plan.report.count);
+    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, plan.report.worst);
+}
+
+/* ---- numbers ---- */
+
+static void numbers_out_of_their_range_are_refused(void) {
+    make_motor();
+    tl_plan_adjust *adjust = tl_test_plan_adjust(&plan, "motor.gain", 0.0);
+    adjust->has_nominal = true;
+    adjust->nominal = (double)NAN;
+    tl_plan_match *match = tl_test_plan_match(&plan, "motor.y0", "plant.y", 0.0);
+    match->weight = -1.0;
+    tl_test_plan_match(&plan, "motor.y1", "plant.y", 1.0);
+    tl_test_plan_adjust(&plan, "motor.offset", 1.0)->upper = (double)NAN;
+    plan.signals[0].has_initial = true;
+    plan.signals[0].initial = -HUGE_VAL;
+    plan.signals[3].has_initial = true;
+    plan.signals[3].initial = 2147483648.0; /* an integer signal */
+    plan.plan.margin = 1.0;
+    plan.plan.step = 0;
+    twin = tl_test_plan_build(&plan);
+    TEST_ASSERT_NULL(twin);
+    assert_problem("step_s", "macro step");
+    assert_problem("synchronise.margin", "margin");
+    assert_problem("adjust.motor.gain", "\"step\"");
+    assert_problem("adjust.motor.gain", "\"nominal\"");
+    assert_problem("match.motor.y0", "\"tolerance\"");
+    assert_problem("match.motor.y0", "\"weight\"");
+    assert_problem("adjust.motor.offset", "a bound is not a number");
+    assert_problem("plant.cmd", "\"initial\"");
+    assert_problem("plant.n", "2147483647");
+    TEST_ASSERT_EQUAL_UINT64(9, plan.report.count);
+}
+
+static void too_many_of_anything_is_refused(void) {
+    static char names[TL_MAX_SIGNALS + 1][8];
+    make_motor();
+    for (size_t i = plan.plan.signal_count; i <= TL_MAX_SIGNALS; i++) {
+        (void)snprintf(names[i], sizeof names[i], "s%u", (unsigned)i);
+        tl_test_plan_signal(&plan, names[i], TL_REAL, "");
+    }
+    for (size_t i = 0; i <= TL_MAX_ADJUST; i++) {
+        tl_test_plan_adjust(&plan, "motor.gain", 1.0);
+    }
+    for (size_t i = 0; i <= TL_MAX_MATCH; i++) {
+        tl_test_plan_match(&plan, "motor.y0", "plant.y", 1.0);
+    }
+    twin = tl_test_plan_build(&plan);
+    TEST_ASSERT_NULL(twin);
+    assert_problem("plant", "found 65, expected at most 64");
+    assert_problem("synchronise.adjust", "found 9, expected at most 8");
+    assert_problem("synchronise.match", "found 17, expected at most 16");
+    TEST_ASSERT_EQUAL_UINT64(3, plan.report.count);
+}
+
+/* ---- distances ---- */
+
+static tl_arena arena;
+static tl_graph graph;
+
+/* The structure of the plan alone. */
+static void build_graph(void) {
+    tl_arena_init(&arena);
+    memset(&graph, 0, sizeof graph);
+    tl_graph_build(&graph, &arena, &plan.plan, &plan.report);
+    TEST_ASSERT_EQUAL_UINT64(0, plan.report.count);
+}
+
+static size_t distance(size_t from, size_t to) {
+    size_t scratch[8];
+    return tl_graph_distance(&graph, from, to, scratch);
+}
+
+static void a_chain_has_one_distance_per_edge(void) {
+    (void)add(0, "in", 1);
+    (void)add(1, "k1", 1);
+    (void)add(2, "out", 1);
+    tl_test_plan_signal(&plan, "cmd", TL_REAL, "");
+    tl_test_plan_connect(&plan, "plant.cmd", "in.u0");
+    tl_test_plan_connect(&plan, "in.y0", "k1.u0");
+    tl_test_plan_connect(&plan, "k1.y0", "out.u0");
+    build_graph();
+    TEST_ASSERT_EQUAL_UINT64(0, distance(1, 1));
+    TEST_ASSERT_EQUAL_UINT64(1, distance(0, 1));
+    TEST_ASSERT_EQUAL_UINT64(2, distance(0, 2));
+    TEST_ASSERT_EQUAL_UINT64(3, distance(3, 2)); /* from the plant */
+    TEST_ASSERT_TRUE(distance(2, 0) == TL_UNREACHABLE);
+    TEST_ASSERT_TRUE(distance(0, 3) == TL_UNREACHABLE);
+    tl_arena_release(&arena);
+}
+
+static void of_parallel_paths_the_shortest_counts(void) {
+    (void)add(0, "in", 1);
+    (void)add(1, "k1", 1);
+    (void)add(2, "k2", 1);
+    (void)add(3, "out", 2);
+    tl_test_plan_connect(&plan, "in.y0", "k1.u0");
+    tl_test_plan_connect(&plan, "k1.y0", "k2.u0");
+    tl_test_plan_connect(&plan, "k2.y0", "out.u0");
+    tl_test_plan_connect(&plan, "k1.y0", "out.u1");
+    build_graph();
+    TEST_ASSERT_EQUAL_UINT64(2, distance(0, 3));
+    TEST_ASSERT_EQUAL_UINT64(2, distance(0, 2));
+    tl_arena_release(&arena);
+}
+
+static void a_cycle_is_walked_once(void) {
+    (void)add(0, "a", 1);
+    (void)add(1, "b", 1);
+    (void)add(2, "c", 1);
+    tl_test_plan_connect(&plan, "a.y0", "b.u0");
+    tl_test_plan_connect(&plan, "b.y0", "c.u0");
+    tl_test_plan_connect(&plan, "c.y0", "a.u0");
+    build_graph();
+    TEST_ASSERT_EQUAL_UINT64(2, distance(0, 2));
+    TEST_ASSERT_EQUAL_UINT64(1, distance(2, 0));
+    TEST_ASSERT_EQUAL_UINT64(0, distance(0, 0));
+    tl_arena_release(&arena);
+}
+
+static void a_cut_connection_is_no_path(void) {
+    (void)add(0, "a", 1);
+    (void)add(1, "b", 1);
+    const tl_plan_adjust adjust = {.where = "", .variable = "b.u0", .step = 1.0};
+    tl_test_plan_connect(&plan, "a.y0", "b.u0");
+    build_graph();
+    TEST_ASSERT_EQUAL_UINT64(1, distance(0, 1));
+    const tl_port *port = tl_graph_adjust(&graph, &adjust, &plan.report);
+    TEST_ASSERT_NOT_NULL(port);
+    TEST_ASSERT_TRUE(distance(0, 1) == TL_UNREACHABLE);
+    TEST_ASSERT_TRUE(tl_graph_connection_to(&graph, port)->cut);
+    tl_arena_release(&arena);
+}
+
+static void a_prediction_shorter_than_the_distance_is_refused(void) {
+    (void)add(0, "in", 1);
+    (void)add(1, "k1", 1);
+    (void)add(2, "out", 1);
+    tl_test_plan_signal(&plan, "y", TL_REAL, "");
+    tl_test_plan_connect(&plan, "in.y0", "k1.u0");
+    tl_test_plan_connect(&plan, "k1.y0", "out.u0");
+    tl_test_plan_adjust(&plan, "in.u0", 1.0);
+    tl_test_plan_match(&plan, "out.y0", "plant.y", 1.0);
+    plan.plan.prediction = 2;
+    assert_refused("synchronise.horizon.prediction", "found 2, expected at least 3");
+    plan.plan.prediction = 3;
+    assert_accepted();
+    TEST_ASSERT_EQUAL_UINT32(3, tl_twin_get_facts(twin).prediction);
+}
+
+static void every_adjusted_variable_must_matter_within_the_prediction(void) {
+    (void)add(0, "in", 1);
+    (void)add(1, "out", 1);
+    tl_test_plan_signal(&plan, "y", TL_REAL, "");
+    tl_test_plan_connect(&plan, "in.y0", "out.u0");
+    tl_test_plan_adjust(&plan, "in.u0", 1.0);
+    tl_test_plan_adjust(&plan, "out.offset", 1.0);
+    tl_test_plan_match(&plan, "out.y0", "plant.y", 1.0);
+    plan.plan.prediction = 1;
+    assert_refused("synchronise.horizon.prediction", "found 1, expected at least 2");
+    plan.plan.prediction = 0;
+    assert_accepted();
+    TEST_ASSERT_EQUAL_UINT32(2, tl_twin_get_facts(twin).prediction);
+    TEST_ASSERT_EQUAL_UINT32(1, tl_twin_get_facts(twin).distance);
+}
+
+static void run_connections(void) {
+    RUN_TEST(a_plan_in_order_is_accepted);
+    RUN_TEST(an_unknown_component_is_named_with_an_example);
+    RUN_TEST(a_name_without_a_component_is_unknown);
+    RUN_TEST(a_name_that_only_begins_like_a_component_is_unknown);
+    RUN_TEST(an_unknown_variable_is_named);
+    RUN_TEST(an_unknown_signal_is_named);
+    RUN_TEST(a_second_connection_to_an_input_is_refused);
+    RUN_TEST(types_must_fit);
+    RUN_TEST(an_integer_is_no_boolean);
+    RUN_TEST(an_enumeration_fits_an_integer);
+    RUN_TEST(text_is_no_source);
+    RUN_TEST(an_input_is_no_source);
+    RUN_TEST(an_output_is_no_target);
+    RUN_TEST(a_parameter_is_no_target);
+    RUN_TEST(an_input_that_nothing_drives_is_reported);
+    RUN_TEST(an_input_with_a_constant_is_driven);
+    RUN_TEST(an_adjusted_input_is_driven);
+    RUN_TEST(units_of_another_dimension_are_refused);
+    RUN_TEST(a_unit_of_a_signal_is_looked_up_in_the_fmu);
+    RUN_TEST(a_unit_that_the_fmu_does_not_know_must_have_the_same_name);
+    RUN_TEST(units_that_convert_are_accepted);
+    RUN_TEST(a_match_in_another_unit_is_refused);
+}
+
+static void run_values(void) {
+    RUN_TEST(a_set_of_an_unknown_variable_is_refused);
+    RUN_TEST(a_set_of_an_output_is_refused);
+    RUN_TEST(a_set_of_a_constant_is_refused);
+    RUN_TEST(a_set_must_fit_the_type);
+    RUN_TEST(a_number_that_is_not_finite_cannot_be_set);
+    RUN_TEST(a_set_may_have_the_variables_own_type);
+    RUN_TEST(a_whole_number_of_json_becomes_an_integer_exactly);
+    RUN_TEST(an_fmu_for_one_instance_only_is_not_used_twice);
+    RUN_TEST(numbers_out_of_their_range_are_refused);
+    RUN_TEST(too_many_of_anything_is_refused);
+}
+
+static void run_synchronisation(void) {
+    RUN_TEST(a_fixed_parameter_cannot_be_adjusted);
+    RUN_TEST(only_reals_are_adjusted);
+    RUN_TEST(an_output_is_not_adjusted);
+    RUN_TEST(an_unknown_variable_is_not_adjusted);
+    RUN_TEST(a_connected_input_has_no_nominal_of_its_own);
+    RUN_TEST(bounds_must_leave_something);
+    RUN_TEST(a_parameter_without_a_start_value_needs_a_nominal);
+    RUN_TEST(a_match_is_an_output);
+    RUN_TEST(a_match_is_not_text);
+    RUN_TEST(a_match_is_with_a_signal);
+    RUN_TEST(a_match_has_the_signals_type);
+    RUN_TEST(no_path_is_reported_for_both_ends);
+    RUN_TEST(a_match_that_nothing_reaches_is_reported);
+    RUN_TEST(without_a_weight_there_is_nothing_to_correct_by);
+    RUN_TEST(a_state_that_cannot_be_saved_matters_only_to_synchronising);
+    RUN_TEST(an_unknown_algorithm_is_told_the_known_ones);
+    RUN_TEST(every_problem_is_reported_at_once);
+}
+
+static void run_distances(void) {
+    RUN_TEST(a_chain_has_one_distance_per_edge);
+    RUN_TEST(of_parallel_paths_the_shortest_counts);
+    RUN_TEST(a_cycle_is_walked_once);
+    RUN_TEST(a_cut_connection_is_no_path);
+    RUN_TEST(a_prediction_shorter_than_the_distance_is_refused);
+    RUN_TEST(every_adjusted_variable_must_matter_within_the_prediction);
+}
+
+int main(void) {
+    UNITY_BEGIN();
+    run_connections();
+    run_values();
+    run_synchronisation();
+    run_distances();
+    return UNITY_END();
+}

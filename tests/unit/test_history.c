@@ -1,0 +1,434 @@
+/* History: reads back what was recorded, also while it is being recorded, and believes nothing. */
+#include <sqlite3.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include <unity.h>
+
+#include "firmware/history.h"
+#include "firmware/utc.h"
+#include "tests/support/made_run.h"
+#include "tests/support/scratch.h"
+#include "tests/support/sql.h"
+
+enum { TICKS = 700 };
+
+static tl_scratch scratch;
+static char path[PATH_MAX];
+static tl_recorder *recorder;
+static tl_history *history;
+static tl_history_ticks *ticks;
+static const tl_history_run *run;
+static tl_error error;
+
+void setUp(void) {
+    (void)snprintf(path, sizeof path, "%s", tl_scratch_path(&scratch, "run.db"));
+    recorder = NULL;
+    history = NULL;
+    ticks = NULL;
+    error = (tl_error){TL_OK, ""};
+}
+
+static void close_history(void) {
+    tl_history_ticks_end(ticks);
+    tl_history_close(history);
+    ticks = NULL;
+    history = NULL;
+}
+
+void tearDown(void) {
+    close_history();
+    (void)tl_recorder_close(recorder, "test failed", NULL, NULL);
+    tl_scratch_empty(&scratch);
+}
+
+static void expect_ok(tl_status status) {
+    TEST_ASSERT_EQUAL_STRING("", error.text);
+    TEST_ASSERT_EQUAL_INT(TL_OK, status);
+}
+
+static void close_recorder(void) {
+    tl_recorder *closing = recorder;
+    recorder = NULL;
+    expect_ok(tl_recorder_close(closing, "end of recording", NULL, &error));
+}
+
+static void record_with(const tl_recorder_settings *settings, int64_t count) {
+    expect_ok(tl_recorder_open(settings, &recorder, &error));
+    tl_made_put(recorder, 0, count);
+    close_recorder();
+}
+
+static void record_run(int64_t count) {
+    const tl_recorder_settings settings = tl_made_settings(path);
+    record_with(&settings, count);
+}
+
+static void open_history(void) {
+    expect_ok(tl_history_open(path, &history, &error));
+}
+
+static void begin_ticks(int64_t id) {
+    expect_ok(tl_history_find(history, id, &run, &error));
+    expect_ok(tl_history_ticks_begin(history, run, &ticks, &error));
+}
+
+/* ---- Runs -------------------------------------------------------------------------------------------------------- */
+
+static void test_runs_are_listed(void) {
+    const tl_history_run *runs = NULL;
+    size_t count = 0;
+    int64_t time = 0;
+    record_run(10);
+    tl_recorder_settings settings = tl_made_settings(path);
+    settings.verb = "run";
+    settings.name = "zweite Prüfung";
+    settings.measurements = TL_AHEAD;
+    settings.prediction = 5;
+    record_with(&settings, 20);
+    open_history();
+    expect_ok(tl_history_runs(history, &runs, &count, &error));
+    TEST_ASSERT_EQUAL_size_t(2, count);
+    TEST_ASSERT_EQUAL_INT64(1, runs[0].run);
+    TEST_ASSERT_EQUAL_STRING("replay", runs[0].verb);
+    TEST_ASSERT_EQUAL_STRING("end of recording", runs[0].ended_reason);
+    TEST_ASSERT_EQUAL_INT64(TL_SECOND / 100, runs[0].step);
+    TEST_ASSERT_EQUAL_UINT64(10, runs[0].samples);
+    TEST_ASSERT_EQUAL_UINT64(8, runs[0].steps);
+    TEST_ASSERT_EQUAL_INT(TL_LAG, runs[0].measurements);
+    TEST_ASSERT_EQUAL_STRING("zweite Prüfung", runs[1].name);
+    TEST_ASSERT_EQUAL_INT(TL_AHEAD, runs[1].measurements);
+    TEST_ASSERT_EQUAL_UINT32(5, runs[1].prediction);
+    TEST_ASSERT_TRUE(tl_utc_parse(runs[1].started, &time));
+    TEST_ASSERT_EQUAL_STRING(runs[1].committed, runs[1].ended);
+    TEST_ASSERT_EQUAL_size_t(64, strlen(runs[1].configuration_hash));
+}
+
+static void test_a_run_is_found(void) {
+    record_run(10);
+    record_run(10);
+    open_history();
+    expect_ok(tl_history_find(history, 0, &run, &error));
+    TEST_ASSERT_EQUAL_INT64(2, run->run);
+    expect_ok(tl_history_find(history, 1, &run, &error));
+    TEST_ASSERT_EQUAL_INT64(1, run->run);
+    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, tl_history_find(history, 3, &run, &error));
+    TEST_ASSERT_NOT_NULL(strstr(error.text, "holds no run 3"));
+    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, tl_history_find(history, -1, &run, &error));
+}
+
+static void test_a_database_without_runs(void) {
+    const tl_history_run *runs = NULL;
+    size_t count = 1;
+    record_run(10);
+    tl_sql_execute(path, "DELETE FROM runs");
+    open_history();
+    expect_ok(tl_history_runs(history, &runs, &count, &error));
+    TEST_ASSERT_EQUAL_size_t(0, count);
+    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, tl_history_find(history, 0, &run, &error));
+    TEST_ASSERT_NOT_NULL(strstr(error.text, "holds no run"));
+}
+
+static void test_signals_and_configuration(void) {
+    const tl_recorder_signal *signals = NULL;
+    const char *text = NULL;
+    size_t count = 0;
+    const tl_recorder_settings settings = tl_made_settings(path);
+    record_run(10);
+    open_history();
+    expect_ok(tl_history_find(history, 0, &run, &error));
+    expect_ok(tl_history_signals(history, run, TL_HISTORY_PLANT, &signals, &count, &error));
+    TEST_ASSERT_EQUAL_size_t(TL_MADE_PLANT, count);
+    TEST_ASSERT_EQUAL_STRING("plant.door", signals[2].name);
+    TEST_ASSERT_EQUAL_INT(TL_BOOLEAN, signals[2].type);
+    TEST_ASSERT_NULL(signals[2].to);
+    expect_ok(tl_history_signals(history, run, TL_HISTORY_MATCH, &signals, &count, &error));
+    TEST_ASSERT_EQUAL_size_t(TL_MADE_MATCH, count);
+    TEST_ASSERT_EQUAL_STRING("plant.omega", signals[0].to);
+    expect_ok(tl_history_signals(history, run, TL_HISTORY_ADJUST, &signals, &count, &error));
+    TEST_ASSERT_EQUAL_size_t(TL_MADE_ADJUST, count);
+    TEST_ASSERT_EQUAL_STRING("N.m.s/rad", signals[0].unit);
+    expect_ok(tl_history_configuration(history, run, &text, &error));
+    TEST_ASSERT_EQUAL_STRING(settings.configuration, text);
+}
+
+/* ---- Ticks ------------------------------------------------------------------------------------------------------- */
+
+static void expect_tick(const tl_history_tick *tick, int64_t number) {
+    tl_sample sample;
+    tl_made_sample(number, &sample);
+    TEST_ASSERT_EQUAL_INT64(number, tick->sample.tick);
+    TEST_ASSERT_EQUAL_MEMORY(sample.values, tick->sample.values, TL_MADE_PLANT * sizeof(double));
+    TEST_ASSERT_EQUAL_MEMORY(sample.stamps, tick->sample.stamps, TL_MADE_PLANT * sizeof(tl_time));
+    TEST_ASSERT_EQUAL_MEMORY(sample.quality, tick->sample.quality, TL_MADE_PLANT);
+    for (size_t i = TL_MADE_PLANT; i < TL_MAX_SIGNALS; i++) {
+        TEST_ASSERT_EQUAL_INT(TL_NO_LINK, tick->sample.quality[i]);
+        TEST_ASSERT_TRUE(tick->sample.stamps[i] == TL_TIME_NEVER && tick->sample.values[i] == 0.0);
+    }
+}
+
+static void expect_step(const tl_history_tick *tick, int64_t step) {
+    tl_record record;
+    tl_made_record(step, &record);
+    TEST_ASSERT_TRUE(tick->has_step);
+    TEST_ASSERT_EQUAL_INT64(step, tick->step);
+    TEST_ASSERT_EQUAL_INT(record.outcome, tick->outcome);
+    TEST_ASSERT_EQUAL_INT(record.stop, tick->stop);
+    TEST_ASSERT_EQUAL_UINT32(record.evaluations, tick->evaluations);
+}
+
+static void test_ticks_come_back_bit_for_bit(void) {
+    tl_history_tick tick;
+    bool end = false;
+    int64_t first = -1;
+    int64_t last = -1;
+    record_run(TICKS);
+    open_history();
+    begin_ticks(0);
+    TEST_ASSERT_TRUE(tl_history_ticks_range(ticks, &first, &last));
+    TEST_ASSERT_EQUAL_INT64(0, first);
+    TEST_ASSERT_EQUAL_INT64(TICKS - 1, last);
+    for (int64_t number = 0; number < TICKS; number++) {
+        expect_ok(tl_history_ticks_next(ticks, &tick, &end, &error));
+        TEST_ASSERT_FALSE(end);
+        expect_tick(&tick, number);
+        if (number < TL_MADE_PREDICTION) {
+            TEST_ASSERT_FALSE(tick.has_step);
+        } else {
+            expect_step(&tick, number - TL_MADE_PREDICTION);
+        }
+    }
+    for (int i = 0; i < 3; i++) {
+        expect_ok(tl_history_ticks_next(ticks, &tick, &end, &error));
+        TEST_ASSERT_TRUE(end);
+    }
+}
+
+static void test_ahead_the_step_is_the_ticks_own(void) {
+    tl_recorder_settings settings = tl_made_settings(path);
+    tl_history_tick tick;
+    bool end = false;
+    settings.measurements = TL_AHEAD;
+    settings.prediction = 4;
+    record_with(&settings, 100);
+    open_history();
+    begin_ticks(0);
+    for (int64_t number = 0; number < 100; number++) {
+        expect_ok(tl_history_ticks_next(ticks, &tick, &end, &error));
+        expect_tick(&tick, number);
+        if (number < 98) {
+            expect_step(&tick, number);
+        } else {
+            TEST_ASSERT_FALSE(tick.has_step);
+        }
+    }
+}
+
+/* Two runs in one file: each walk sees its own, and both may go at once. */
+static void test_two_walks_at_once(void) {
+    tl_history_tick tick;
+    tl_history_ticks *other = NULL;
+    bool end = false;
+    record_run(100);
+    record_run(300);
+    open_history();
+    expect_ok(tl_history_find(history, 1, &run, &error));
+    expect_ok(tl_history_ticks_begin(history, run, &other, &error));
+    begin_ticks(2);
+    for (int64_t number = 0; number < 100; number++) {
+        expect_ok(tl_history_ticks_next(ticks, &tick, &end, &error));
+        expect_tick(&tick, number);
+        expect_ok(tl_history_ticks_next(other, &tick, &end, &error));
+        expect_tick(&tick, number);
+    }
+    expect_ok(tl_history_ticks_next(other, &tick, &end, &error));
+    TEST_ASSERT_TRUE(end);
+    expect_ok(tl_history_ticks_next(ticks, &tick, &end, &error));
+    TEST_ASSERT_FALSE(end);
+    tl_history_ticks_end(other);
+}
+
+/* Ticks that were lost, or removed by retention, are left out. */
+static void test_gaps(void) {
+    tl_history_tick tick;
+    bool end = false;
+    record_run(1000);
+    tl_sql_execute(path, "DELETE FROM samples WHERE tick < 10 OR tick BETWEEN 100 AND 899; DELETE FROM steps WHERE step = 20");
+    open_history();
+    begin_ticks(0);
+    for (int64_t number = 10; number < 1000; number = number == 99 ? 900 : number + 1) {
+        expect_ok(tl_history_ticks_next(ticks, &tick, &end, &error));
+        TEST_ASSERT_FALSE(end);
+        expect_tick(&tick, number);
+        TEST_ASSERT_EQUAL_INT(number != 22, tick.has_step);
+    }
+    expect_ok(tl_history_ticks_next(ticks, &tick, &end, &error));
+    TEST_ASSERT_TRUE(end);
+}
+
+/* A missing value was no number, whatever its quality says. */
+static void test_a_missing_value_is_not_good(void) {
+    tl_history_tick tick;
+    bool end = false;
+    record_run(10);
+    tl_sql_execute(path, "UPDATE samples SET value = NULL, quality = 0 WHERE signal = 1");
+    open_history();
+    begin_ticks(0);
+    expect_ok(tl_history_ticks_next(ticks, &tick, &end, &error));
+    TEST_ASSERT_EQUAL_INT(TL_NOT_A_NUMBER, tick.sample.quality[1]);
+    TEST_ASSERT_TRUE(tick.sample.values[1] == 0.0);
+}
+
+/* Read while it is written, by another connection: no gap, no tick twice, and in the end all of them. */
+static void test_reading_while_it_is_written(void) {
+    tl_recorder_settings settings = tl_made_settings(path);
+    tl_history_tick tick;
+    bool end = false;
+    int64_t next = 0;
+    settings.wait_when_full = true;
+    expect_ok(tl_recorder_open(&settings, &recorder, &error));
+    open_history();
+    begin_ticks(0);
+    TEST_ASSERT_NULL(run->ended);
+    for (int64_t put = 0; put < 20000; put += 40) {
+        tl_made_put(recorder, put, 40);
+        for (end = false; !end;) {
+            expect_ok(tl_history_ticks_next(ticks, &tick, &end, &error));
+            if (!end) {
+                expect_tick(&tick, next++);
+            }
+        }
+    }
+    close_recorder();
+    for (end = false; !end;) {
+        expect_ok(tl_history_ticks_next(ticks, &tick, &end, &error));
+        if (!end) {
+            expect_tick(&tick, next++);
+        }
+    }
+    TEST_ASSERT_EQUAL_INT64(20000, next);
+    expect_ok(tl_history_find(history, 0, &run, &error));
+    TEST_ASSERT_EQUAL_STRING("end of recording", run->ended_reason);
+}
+
+/* Reading leaves nothing behind, and keeps nothing from being written. */
+static void test_reading_changes_nothing(void) {
+    tl_history_tick tick;
+    bool end = false;
+    record_run(100);
+    open_history();
+    begin_ticks(0);
+    expect_ok(tl_history_ticks_next(ticks, &tick, &end, &error));
+    TEST_ASSERT_EQUAL_INT(SQLITE_READONLY,
+                          sqlite3_exec(tl_history_database(history), "DELETE FROM runs", NULL, NULL, NULL) & 0xFF);
+    record_run(50); /* a recorder comes and goes meanwhile */
+    for (; !end;) {
+        expect_ok(tl_history_ticks_next(ticks, &tick, &end, &error));
+    }
+    close_history();
+    TEST_ASSERT_EQUAL_INT(1, tl_scratch_count(&scratch));
+}
+
+/* ---- What is no history ------------------------------------------------------------------------------------------ */
+
+static void expect_refused(tl_status status, const char *part) {
+    error = (tl_error){TL_OK, ""};
+    TEST_ASSERT_EQUAL_INT(status, tl_history_open(path, &history, &error));
+    TEST_ASSERT_NULL(history);
+    if (strstr(error.text, part) == NULL) {
+        TEST_FAIL_MESSAGE(error.text);
+    }
+}
+
+static void test_files_that_are_none(void) {
+    expect_refused(TL_BAD_DATA, "No such file or directory");
+    FILE *file = fopen(path, "wb");
+    TEST_ASSERT_NOT_NULL(file);
+    (void)fclose(file);
+    expect_refused(TL_BAD_DATA, "it has only 0 bytes");
+    (void)unlink(path);
+    tl_sql_execute(path, "CREATE TABLE mine (x)");
+    expect_refused(TL_BAD_DATA, "of another program");
+    (void)snprintf(path, sizeof path, "%s", scratch.folder);
+    expect_refused(TL_BAD_DATA, "is no ordinary file");
+}
+
+static void test_a_damaged_file_is_said(void) {
+    record_run(2000);
+    FILE *file = fopen(path, "r+b");
+    TEST_ASSERT_NOT_NULL(file);
+    for (long at = 4096; at < 60 * 4096; at += 512) {
+        (void)fseek(file, at, SEEK_SET);
+        (void)fputs("damaged damaged damaged", file);
+    }
+    (void)fclose(file);
+    tl_status status = tl_history_open(path, &history, &error);
+    if (status == TL_OK) {
+        status = tl_history_find(history, 0, &run, &error);
+    }
+    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, status);
+    TEST_ASSERT_NOT_NULL(strstr(error.text, path));
+}
+
+/* Values that the recorder never writes. */
+static void expect_damage(const char *sql) {
+    tl_history_tick tick;
+    tl_status status = TL_OK;
+    const tl_recorder_signal *signals = NULL;
+    size_t count = 0;
+    record_run(10);
+    tl_sql_execute(path, sql);
+    open_history();
+    status = tl_history_find(history, 0, &run, &error);
+    if (status == TL_OK) {
+        status = tl_history_signals(history, run, TL_HISTORY_MATCH, &signals, &count, &error);
+    }
+    if (status == TL_OK) {
+        status = tl_history_ticks_begin(history, run, &ticks, &error);
+    }
+    for (bool end = false; status == TL_OK && !end;) {
+        status = tl_history_ticks_next(ticks, &tick, &end, &error);
+    }
+    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_BAD_DATA, status, sql);
+    TEST_ASSERT_NOT_NULL(strstr(error.text, "damaged"));
+    close_history();
+    tl_scratch_empty(&scratch);
+    error = (tl_error){TL_OK, ""};
+}
+
+static void test_impossible_values_are_damage(void) {
+    expect_damage("UPDATE samples SET quality = 5 WHERE tick = 4 AND signal = 0");
+    expect_damage("UPDATE samples SET quality = -1 WHERE tick = 4 AND signal = 0");
+    expect_damage("UPDATE samples SET signal = 64 WHERE tick = 4 AND signal = 2");
+    expect_damage("UPDATE samples SET signal = -1 WHERE tick = 4 AND signal = 2");
+    expect_damage("UPDATE samples SET tick = 9223372036854775807 WHERE tick = 9");
+    expect_damage("UPDATE steps SET outcome = 99 WHERE step = 3");
+    expect_damage("UPDATE steps SET stop = 'x' || 1 WHERE step = 3; UPDATE steps SET stop = -7 WHERE step = 3");
+    expect_damage("DELETE FROM signals WHERE kind = 'plant' AND signal = 0");
+    expect_damage("UPDATE signals SET signal = 7 WHERE kind = 'match' AND signal = 1");
+    expect_damage("UPDATE runs SET step_ns = 0");
+}
+
+int main(void) {
+    tl_scratch_make(&scratch, TL_BINARY_DIR, "test_history");
+    UNITY_BEGIN();
+    RUN_TEST(test_runs_are_listed);
+    RUN_TEST(test_a_run_is_found);
+    RUN_TEST(test_a_database_without_runs);
+    RUN_TEST(test_signals_and_configuration);
+    RUN_TEST(test_ticks_come_back_bit_for_bit);
+    RUN_TEST(test_ahead_the_step_is_the_ticks_own);
+    RUN_TEST(test_two_walks_at_once);
+    RUN_TEST(test_gaps);
+    RUN_TEST(test_a_missing_value_is_not_good);
+    RUN_TEST(test_reading_while_it_is_written);
+    RUN_TEST(test_reading_changes_nothing);
+    RUN_TEST(test_files_that_are_none);
+    RUN_TEST(test_a_damaged_file_is_said);
+    RUN_TEST(test_impossible_values_are_damage);
+    int failures = UNITY_END();
+    tl_scratch_remove(&scratch);
+    return failures;
+}

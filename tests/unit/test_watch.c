@@ -1,0 +1,161 @@
+/* The watch: changes are told, not states. */
+#include <stdlib.h>
+#include <string.h>
+
+#include <unity.h>
+
+#include "firmware/watch.h"
+#include "tests/support/stderr_capture.h"
+
+static tl_config_signal signals[2];
+static tl_config config;
+static tl_journal journal;
+static tl_watch watch;
+static tl_sample sample;
+static tl_record record;
+
+void setUp(void) {
+    memset(&sample, 0, sizeof sample);
+    memset(&record, 0, sizeof record);
+    signals[0].plan.name = "torque";
+    signals[1].plan.name = "omega";
+    config.signals = signals;
+    config.signal_count = 2;
+    tl_journal_init(&journal, NULL);
+    tl_watch_init(&watch, &config, &journal);
+}
+
+void tearDown(void) {}
+
+/* What was told since the last time. */
+static void expect_told(const char *expected) {
+    TEST_ASSERT_TRUE(tl_stderr_capture_begin());
+    tl_journal_drain(&journal);
+    char *text = tl_stderr_capture_end();
+    TEST_ASSERT_EQUAL_STRING(expected, text);
+    free(text);
+}
+
+/* `text` must be part of the only thing that was told. */
+static void expect_told_with(const char *text) {
+    TEST_ASSERT_TRUE(tl_stderr_capture_begin());
+    tl_journal_drain(&journal);
+    char *told = tl_stderr_capture_end();
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(told, text), told);
+    TEST_ASSERT_EQUAL_PTR(told + strlen(told) - 1, strchr(told, '\n'));
+    free(told);
+}
+
+static void see(tl_quality torque, tl_quality omega) {
+    sample.quality[0] = (uint8_t)torque;
+    sample.quality[1] = (uint8_t)omega;
+    tl_watch_sample(&watch, &sample);
+    sample.tick++;
+}
+
+static void records(tl_outcome outcome, int count) {
+    for (int i = 0; i < count; i++) {
+        record.outcome = outcome;
+        tl_watch_record(&watch, &record);
+        record.step++;
+    }
+}
+
+static void test_good_signals_are_not_worth_a_word(void) {
+    see(TL_GOOD, TL_GOOD);
+    see(TL_GOOD, TL_GOOD);
+    expect_told("");
+}
+
+static void test_a_signal_that_goes_bad_and_comes_back(void) {
+    see(TL_GOOD, TL_GOOD);
+    see(TL_GOOD, TL_STALE);
+    see(TL_GOOD, TL_STALE);
+    expect_told("twinlock: warning: plant: plant.omega: stale; its last good value is held and takes no part in "
+                "matching\n");
+    see(TL_GOOD, TL_NO_LINK);
+    expect_told_with("plant.omega: no link");
+    see(TL_GOOD, TL_NO_LINK);
+    expect_told("");
+    see(TL_GOOD, TL_GOOD);
+    expect_told("twinlock: notice: plant: plant.omega: good again\n");
+}
+
+static void test_signals_are_watched_one_by_one(void) {
+    see(TL_NOT_A_NUMBER, TL_OUT_OF_RANGE);
+    TEST_ASSERT_EQUAL_UINT64(2, journal.head - journal.tail);
+    expect_told("twinlock: warning: plant: plant.torque: not a number; its last good value is held and takes no part in "
+                "matching\n"
+                "twinlock: warning: plant: plant.omega: out of range; its last good value is held and takes no part in "
+                "matching\n");
+    see(TL_GOOD, TL_OUT_OF_RANGE);
+    expect_told("twinlock: notice: plant: plant.torque: good again\n");
+}
+
+static void test_free_running(void) {
+    records(TL_OPTIMISED, 3);
+    expect_told("");
+    records(TL_FREE_RUN, 5);
+    expect_told_with("the twin runs free on the last good values");
+    records(TL_FIRST_GUESS, 5);
+    expect_told_with("synchronising again");
+}
+
+static void test_out_of_tolerance(void) {
+    record.objective = 12.5;
+    records(TL_BEST_SO_FAR, TL_WATCH_STEPS - 1);
+    expect_told("");
+    records(TL_NOMINAL, 1);
+    expect_told_with("warning: twin: out of tolerance for 20 steps (J = 12.5)");
+    records(TL_BEST_SO_FAR, 500);
+    expect_told("");
+    records(TL_OPTIMISED, TL_WATCH_STEPS - 1);
+    expect_told("");
+    records(TL_FIRST_GUESS, 1);
+    expect_told_with("notice: twin: in lock again");
+    records(TL_FIRST_GUESS, 500);
+    expect_told("");
+}
+
+static void test_a_short_excursion_is_not_told(void) {
+    for (int i = 0; i < 20; i++) {
+        records(TL_BEST_SO_FAR, TL_WATCH_STEPS - 1);
+        records(TL_OPTIMISED, 1);
+    }
+    expect_told("");
+}
+
+/* Neither in nor out of tolerance. */
+static void test_free_steps_do_not_count(void) {
+    records(TL_BEST_SO_FAR, TL_WATCH_STEPS - 1);
+    records(TL_MADE_UP, 100);
+    records(TL_FREE, 100);
+    expect_told("");
+    records(TL_BEST_SO_FAR, 1);
+    expect_told_with("out of tolerance");
+}
+
+static void test_missed_ticks_are_told_once_a_second(void) {
+    tl_watch_skipped(&watch, 10, 3, 5 * TL_SECOND);
+    expect_told("twinlock: warning: cycle: 3 ticks missed and made up without a search\n");
+    tl_watch_skipped(&watch, 20, 1, 5 * TL_SECOND + TL_SECOND / 2);
+    tl_watch_skipped(&watch, 30, 2, 6 * TL_SECOND - 1);
+    expect_told("");
+    tl_watch_skipped(&watch, 31, 0, 6 * TL_SECOND);
+    expect_told("twinlock: warning: cycle: 3 ticks missed and made up without a search\n");
+    tl_watch_skipped(&watch, 1000, 0, 20 * TL_SECOND);
+    expect_told("");
+}
+
+int main(void) {
+    UNITY_BEGIN();
+    RUN_TEST(test_good_signals_are_not_worth_a_word);
+    RUN_TEST(test_a_signal_that_goes_bad_and_comes_back);
+    RUN_TEST(test_signals_are_watched_one_by_one);
+    RUN_TEST(test_free_running);
+    RUN_TEST(test_out_of_tolerance);
+    RUN_TEST(test_a_short_excursion_is_not_told);
+    RUN_TEST(test_free_steps_do_not_count);
+    RUN_TEST(test_missed_ticks_are_told_once_a_second);
+    return UNITY_END();
+}
