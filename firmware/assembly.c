@@ -2,6 +2,7 @@
 #include "firmware/assembly.h"
 
 #include <limits.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -123,12 +124,14 @@ tl_status tl_assembly_load(const char *path, tl_assembly *assembly) {
 tl_status tl_assembly_record(const tl_assembly *assembly, const char *verb, const char *path, bool wait_when_full,
                              tl_recorder **recorder, tl_error *error) {
     const tl_config *config = &assembly->config;
+    char names[TL_MAX_SIGNALS][80]; /* "plant." and at most 63 characters */
     tl_recorder_signal plant[TL_MAX_SIGNALS];
     tl_recorder_signal match[TL_MAX_MATCH];
     tl_recorder_signal adjust[TL_MAX_ADJUST];
     for (size_t i = 0; i < config->signal_count; i++) {
         const tl_plan_signal *signal = &config->signals[i].plan;
-        plant[i] = (tl_recorder_signal){signal->name, signal->unit, NULL, signal->type};
+        (void)snprintf(names[i], sizeof names[i], "plant.%s", signal->name);
+        plant[i] = (tl_recorder_signal){names[i], signal->unit, NULL, signal->type};
     }
     for (size_t i = 0; i < config->match_count; i++) {
         match[i] = (tl_recorder_signal){config->match[i].variable, tl_twin_match_unit(assembly->twin, i),

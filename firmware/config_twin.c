@@ -326,7 +326,7 @@ static void read_budget(tl_config_object *object, tl_config *config) {
     (void)tl_config_member(object, "budget", TL_CONFIG_OPTIONAL, "{\"evaluations\": 60}", &budget);
     (void)tl_config_get_number(&budget, "evaluations", &evaluations_rule, &evaluations);
     config->budget_evaluations = (uint32_t)evaluations;
-    config->budget_time = config->step / 10 * 6 + config->step % 10 * 6 / 10;
+    config->budget_time = config->step * 6 / 10;
     if (tl_config_get_number(&budget, "time_s", &time_rule, &time)) {
         config->budget_time = tl_config_duration(time);
     }

@@ -1,15 +1,19 @@
 /* The real-time cycle: see cycle.h. */
 #include "firmware/cycle.h"
 
+#include <errno.h>
 #include <pthread.h>
 #include <signal.h>
 #include <stdlib.h>
 #include <string.h>
+#include <time.h>
 
 #include "firmware/clock.h"
 #include "firmware/realtime.h"
 #include "firmware/snapshot.h"
 #include "firmware/watch.h"
+
+enum { WAKE_AGAIN = 20000000 }; /* ns */
 
 struct tl_cycle {
     tl_cycle_settings settings;
@@ -192,10 +196,21 @@ bool tl_cycle_status_now(const tl_cycle *cycle, tl_cycle_status *status) {
     return tl_snapshot_read(&cycle->snapshot, status, sizeof *status);
 }
 
+/* One signal may come just before the thread goes to sleep, and periods may be long. */
+static void wake_until_ended(const tl_cycle *cycle) {
+    struct timespec until;
+    do {
+        (void)pthread_kill(cycle->thread, SIGUSR1);
+        (void)clock_gettime(CLOCK_REALTIME, &until);
+        until.tv_nsec += WAKE_AGAIN;
+        until.tv_sec += until.tv_nsec / (long)TL_SECOND;
+        until.tv_nsec %= (long)TL_SECOND;
+    } while (pthread_timedjoin_np(cycle->thread, NULL, &until) == ETIMEDOUT);
+}
+
 tl_status tl_cycle_stop(tl_cycle *cycle, tl_summary *summary, tl_error *error) {
     __atomic_store_n(&cycle->stop, true, __ATOMIC_RELAXED);
-    (void)pthread_kill(cycle->thread, SIGUSR1);
-    (void)pthread_join(cycle->thread, NULL);
+    wake_until_ended(cycle);
     *summary = cycle->summary;
     *error = cycle->error;
     tl_status status = cycle->status;

@@ -52,7 +52,9 @@ void tl_database_text(sqlite3 *database, int code, char *text, size_t size) {
     bool known = database != NULL && sqlite3_extended_errcode(database) == code; /* else something came after it */
     int number = known ? sqlite3_system_errno(database) : 0;
     const char *message = known ? sqlite3_errmsg(database) : sqlite3_errstr(code);
-    if ((code & 0xFF) == SQLITE_BUSY) {
+    if (code == SQLITE_READONLY_DBMOVED) {
+        (void)snprintf(text, size, "its file was moved or removed while it is written");
+    } else if ((code & 0xFF) == SQLITE_BUSY) {
         (void)snprintf(text, size, "another program has locked the database, or has been reading it for too long");
     } else if (number != 0 && is_system_failure(code)) {
         (void)snprintf(text, size, "%s (%s)", message, strerror_r(number, buffer, sizeof buffer));

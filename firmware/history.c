@@ -69,7 +69,7 @@ static const char *file_of(tl_history *history) {
 
 /* ---- Runs, signals, configurations ------------------------------------------------------------------------------- */
 
-/* The text of a column, "" where it is NULL and `otherwise` is not. */
+/* A copy of a column's text; NULL where it is NULL, or memory is out. */
 static const char *text_of(tl_history *history, sqlite3_stmt *row, int column) {
     const unsigned char *text = sqlite3_column_text(row, column);
     return text == NULL ? NULL : tl_arena_text(&history->arena, (const char *)text);
@@ -170,11 +170,10 @@ tl_status tl_history_find(tl_history *history, int64_t id, const tl_history_run 
     return status;
 }
 
-tl_status tl_history_configuration(tl_history *history, const tl_history_run *run, const char **text,
-                                   tl_error *error) {
+tl_status tl_history_configuration(tl_history *history, const tl_history_run *run, const char **text, tl_error *error) {
     sqlite3_stmt *statement = NULL;
-    tl_status status = tl_database_prepare(history->database, "SELECT text FROM configurations WHERE hash = ?1",
-                                           &statement, error);
+    tl_status status =
+        tl_database_prepare(history->database, "SELECT text FROM configurations WHERE hash = ?1", &statement, error);
     if (status == TL_OK) {
         (void)sqlite3_bind_text(statement, 1, run->configuration_hash, -1, SQLITE_STATIC);
         int code = sqlite3_step(statement);

@@ -51,8 +51,7 @@ tl_status tl_history_runs(tl_history *history, const tl_history_run **runs, size
 tl_status tl_history_find(tl_history *history, int64_t id, const tl_history_run **run, tl_error *error);
 
 /* The text of the configuration that a run was made with. */
-tl_status tl_history_configuration(tl_history *history, const tl_history_run *run, const char **text,
-                                   tl_error *error);
+tl_status tl_history_configuration(tl_history *history, const tl_history_run *run, const char **text, tl_error *error);
 
 /* The signals of one kind, in the order of the arrays of tl_sample (plant) and tl_record (match, adjust). */
 tl_status tl_history_signals(tl_history *history, const tl_history_run *run, tl_history_kind kind,
@@ -60,11 +59,11 @@ tl_status tl_history_signals(tl_history *history, const tl_history_run *run, tl_
 
 /* One tick, and the step that was computed at it: tick − T_P in mode lag, tick in mode ahead. */
 typedef struct tl_history_tick {
-    tl_sample sample;     /* stamps count from t_start; signals that the run does not have: no link */
-    bool has_step;        /* false for the first ticks in mode lag, and where the record of the step was lost */
-    int64_t step;         /* with has_step, as all that follow */
-    tl_outcome outcome;   /* TL_MADE_UP: the run missed this tick */
-    tl_stop stop;         /* TL_STOP_TIME: there was time for no more than these evaluations */
+    tl_sample sample;   /* stamps count from t_start; signals that the run does not have: no link */
+    bool has_step;      /* false for the first ticks in mode lag, and where the record of the step was lost */
+    int64_t step;       /* with has_step, as all that follow */
+    tl_outcome outcome; /* TL_MADE_UP: the run missed this tick */
+    tl_stop stop;       /* TL_STOP_TIME: there was time for no more than these evaluations */
     uint32_t evaluations;
 } tl_history_tick;
 

@@ -48,6 +48,9 @@ int main(int argc, char **argv) {
     }
     for (size_t i = 0; i < VERB_COUNT; i++) {
         if (strcmp(argv[1], VERBS[i].name) == 0) {
+            char title[32]; /* how getopt calls the program in its messages */
+            (void)snprintf(title, sizeof title, "twinlock %s", VERBS[i].name);
+            argv[1] = title;
             return VERBS[i].run(argc - 1, argv + 1);
         }
     }

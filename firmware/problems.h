@@ -1,6 +1,6 @@
 /* Problems of a configuration, told to a person: one log line each.
  *
- * Purpose: the tl_report that verbs hand down. A line reads "file:line: path: what was found, what was expected".
+ * Purpose: the tl_report that verbs hand down. A line reads "file: line N: JSON path: what was found, what was expected".
  * Thread:  one thread.
  */
 #ifndef TL_FIRMWARE_PROBLEMS_H

@@ -71,9 +71,9 @@ struct tl_recorder {
     pthread_t thread;
     tl_recorder_totals totals; /* committed; events with our own */
     uint64_t own_written;
-    int refusal;         /* SQLite's code of the last refusal; SQLITE_OK: none */
-    char reason[192];    /* its words */
-    uint64_t lost_said;  /* of `lost`, what an event has said */
+    int refusal;        /* SQLite's code of the last refusal; SQLITE_OK: none */
+    char reason[192];   /* its words */
+    uint64_t lost_said; /* of `lost`, what an event has said */
     tl_time lost_said_at;
     own_events own;
     tl_log_limiter limiter;
@@ -155,7 +155,8 @@ void tl_recorder_event(tl_recorder *recorder, int64_t tick, tl_severity severity
 }
 
 tl_recorder_counts tl_recorder_get_counts(const tl_recorder *recorder) {
-    tl_recorder_counts counts = {.written = get(&recorder->written), .lost = get(&recorder->lost), .run = recorder->run};
+    tl_recorder_counts counts = {
+        .written = get(&recorder->written), .lost = get(&recorder->lost), .run = recorder->run};
     return counts;
 }
 
@@ -249,8 +250,8 @@ static int write_events(tl_recorder *recorder, transaction *batch, uint32_t coun
         code = tl_recorder_database_event(recorder->database, &recorder->own.entries[batch->own]);
     }
     for (; batch->events < count && code == SQLITE_OK; batch->events++) {
-        code = tl_recorder_database_event(recorder->database,
-                                          tl_recorder_events_peek(&recorder->events, batch->events));
+        code =
+            tl_recorder_database_event(recorder->database, tl_recorder_events_peek(&recorder->events, batch->events));
     }
     batch->totals.events += batch->own + batch->events;
     return code;

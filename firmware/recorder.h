@@ -35,10 +35,10 @@ typedef struct tl_recorder_signal {
 
 typedef struct tl_recorder_settings {
     const char *path;
-    int64_t max_bytes; /* 0: no bound; else at least 1,000,000 */
-    tl_time commit;    /* ns between commits, > 0, default 0.5 s */
-    const char *verb;  /* "run", "replay" */
-    const char *name;  /* of the configuration */
+    int64_t max_bytes;         /* 0: no bound; else at least 1,000,000 */
+    tl_time commit;            /* ns between commits, > 0, default 0.5 s */
+    const char *verb;          /* "run", "replay" */
+    const char *name;          /* of the configuration */
     const char *configuration; /* its text */
     tl_time step;              /* T_S */
     uint32_t prediction;
@@ -69,10 +69,9 @@ void tl_recorder_start(tl_recorder *recorder, tl_time start);
 void tl_recorder_put_sample(tl_recorder *recorder, const tl_sample *sample);
 void tl_recorder_put_step(tl_recorder *recorder, const tl_record *record);
 
-/* Any thread, wait-free, the cycle's too. `source` is one word ("plant", "cycle", "twin", "recorder"); `tick` −1 where it belongs to none. Both
- * texts are copied and cut to what an entry holds (31 and 223 bytes). */
-void tl_recorder_event(tl_recorder *recorder, int64_t tick, tl_severity severity, const char *source,
-                       const char *text);
+/* Any thread, wait-free, the cycle's too. `source` is one word ("plant", "cycle", "twin"); `tick` −1 where it belongs to
+ * none. Both texts are copied and cut to what an entry holds (31 and 223 bytes). */
+void tl_recorder_event(tl_recorder *recorder, int64_t tick, tl_severity severity, const char *source, const char *text);
 
 tl_recorder_counts tl_recorder_get_counts(const tl_recorder *recorder);
 

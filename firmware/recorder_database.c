@@ -99,8 +99,18 @@ size_t tl_recorder_database_batch(const tl_recorder_database *database) {
     return tl_recorder_retention_batch(&database->retention);
 }
 
+/* SQLite would go on writing into a file that no longer has a name. */
+static int check_place(const tl_recorder_database *database) {
+    int moved = 0;
+    (void)sqlite3_file_control(database->connection, "main", SQLITE_FCNTL_HAS_MOVED, &moved);
+    return moved != 0 ? SQLITE_READONLY_DBMOVED : SQLITE_OK;
+}
+
 int tl_recorder_database_begin(tl_recorder_database *database, size_t bytes) {
-    int code = tl_recorder_retention_make_room(&database->retention, bytes);
+    int code = check_place(database);
+    if (code == SQLITE_OK) {
+        code = tl_recorder_retention_make_room(&database->retention, bytes);
+    }
     return code == SQLITE_OK ? run_statement(database->statements[BEGIN]) : code;
 }
 

@@ -93,8 +93,7 @@ static void take_sample(const tl_recorder_ring *ring, const tl_recorder_shape *s
     tl_recorder_ring_read(ring, cursor, sample->quality, shape->plant);
 }
 
-static void take_step(const tl_recorder_ring *ring, const tl_recorder_shape *shape, size_t *cursor,
-                      tl_record *record) {
+static void take_step(const tl_recorder_ring *ring, const tl_recorder_shape *shape, size_t *cursor, tl_record *record) {
     step_head head;
     tl_recorder_ring_read(ring, cursor, &head, sizeof head);
     record->step = head.step;

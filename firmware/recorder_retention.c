@@ -136,10 +136,8 @@ static int newest_tick(tl_recorder_retention *retention, int64_t run, int64_t *t
 
 static int remove_ticks_before(tl_recorder_retention *retention, int64_t run, int64_t tick) {
     static const char *const statements[] = {
-        "DELETE FROM samples WHERE run = ?1 AND tick < ?2",
-        "DELETE FROM outputs WHERE run = ?1 AND step < ?2",
-        "DELETE FROM adjustments WHERE run = ?1 AND step < ?2",
-        "DELETE FROM steps WHERE run = ?1 AND step < ?2",
+        "DELETE FROM samples WHERE run = ?1 AND tick < ?2",     "DELETE FROM outputs WHERE run = ?1 AND step < ?2",
+        "DELETE FROM adjustments WHERE run = ?1 AND step < ?2", "DELETE FROM steps WHERE run = ?1 AND step < ?2",
         "UPDATE runs SET removed_before = ?2 WHERE run = ?1",
     };
     int code = SQLITE_OK;

@@ -17,6 +17,12 @@ struct tl_recording_database {
     int64_t next;            /* tick expected */
 };
 
+/* Whether a recorded signal is the configuration's: it is recorded as "plant.name". */
+static bool is_same_signal(const char *recorded, const char *name) {
+    static const char PREFIX[] = "plant.";
+    return strncmp(recorded, PREFIX, sizeof PREFIX - 1) == 0 && strcmp(recorded + sizeof PREFIX - 1, name) == 0;
+}
+
 static tl_status check_signals(const char *path, tl_history *history, const tl_history_run *run,
                                const tl_config *config, tl_error *error) {
     const tl_recorder_signal *signals = NULL;
@@ -27,9 +33,9 @@ static tl_status check_signals(const char *path, tl_history *history, const tl_h
     }
     for (size_t i = 0; i < config->signal_count; i++) {
         const char *name = config->signals[i].plan.name;
-        if (i >= count || strcmp(signals[i].name, name) != 0) {
+        if (i >= count || !is_same_signal(signals[i].name, name)) {
             return tl_fail(error, TL_BAD_DATA,
-                           "%s: run %" PRId64 " has \"%s\" as signal %zu, the configuration has \"%s\": the plant's "
+                           "%s: run %" PRId64 " has %s as signal %zu, the configuration has plant.%s: the plant's "
                            "signals must be the same, in the same order",
                            path, run->run, i < count ? signals[i].name : "nothing", i + 1, name);
         }

@@ -38,7 +38,7 @@ tl_status tl_show_page(const tl_show_request *request, FILE *file, tl_error *err
 /* Keys as `replay --json` has them, where both have the same; config/SPEC.md, "show --json". */
 tl_status tl_show_json(const tl_show_request *request, FILE *file, tl_error *error);
 
-/* RFC 4180, with a header; numbers so that they read back as they were. */
+/* With a header, quoted as RFC 4180 says; numbers so that they read back as they were. */
 tl_status tl_show_csv(const tl_show_request *request, tl_show_csv_table table, FILE *file, tl_error *error);
 
 /* Steps of a live run were at a time of the world, those of a replay were not. */

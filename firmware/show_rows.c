@@ -61,8 +61,7 @@ typedef struct walk {
 } walk;
 
 static tl_status walk_on(tl_history *history, const tl_history_run *run, sqlite3_stmt *statement, size_t signals,
-                         walk *walked, void (*take)(void *context, struct sqlite3_stmt *row), void *context,
-                         tl_error *error) {
+                         walk *walked, tl_show_taker taker, tl_error *error) {
     int code = SQLITE_ROW;
     (void)sqlite3_bind_int64(statement, 2, walked->step);
     (void)sqlite3_bind_int64(statement, 3, walked->signal);
@@ -75,15 +74,14 @@ static tl_status walk_on(tl_history *history, const tl_history_run *run, sqlite3
             (void)sqlite3_reset(statement);
             return fail_damaged(history, run, error);
         }
-        take(context, statement);
+        taker.take(taker.context, statement);
     }
     (void)sqlite3_reset(statement);
     return code == SQLITE_DONE ? TL_OK : tl_database_fail(tl_history_database(history), code, error);
 }
 
 tl_status tl_show_rows(tl_history *history, const tl_history_run *run, tl_show_source source, const int64_t range[2],
-                       size_t signals, void (*take)(void *context, struct sqlite3_stmt *row), void *context,
-                       tl_error *error) {
+                       size_t signals, tl_show_taker taker, tl_error *error) {
     sqlite3_stmt *statement = NULL;
     walk walked = {.step = range[0] - 1, .signal = INT64_MAX, .rows = ROWS_AT_ONCE};
     tl_status status = tl_database_prepare(tl_history_database(history), questions[source].rows, &statement, error);
@@ -93,18 +91,17 @@ tl_status tl_show_rows(tl_history *history, const tl_history_run *run, tl_show_s
         (void)sqlite3_bind_int(statement, 5, ROWS_AT_ONCE);
     }
     while (status == TL_OK && walked.rows == ROWS_AT_ONCE) {
-        status = walk_on(history, run, statement, signals, &walked, take, context, error);
+        status = walk_on(history, run, statement, signals, &walked, taker, error);
     }
     (void)sqlite3_finalize(statement);
     return status;
 }
 
 tl_status tl_show_event_rows(tl_history *history, const tl_history_run *run, const char *from_at, int64_t most,
-                             void (*take)(void *context, struct sqlite3_stmt *row), void *context, tl_error *error) {
-    static const char sql[] =
-        "SELECT at, tick, coalesce(name, severity), source, text FROM"
-        " (SELECT * FROM events WHERE run = ?1 AND at >= ?2 ORDER BY event DESC LIMIT ?3)"
-        " LEFT JOIN severities ON code = severity ORDER BY event";
+                             tl_show_taker taker, tl_error *error) {
+    static const char sql[] = "SELECT at, tick, coalesce(name, severity), source, text FROM"
+                              " (SELECT * FROM events WHERE run = ?1 AND at >= ?2 ORDER BY event DESC LIMIT ?3)"
+                              " LEFT JOIN severities ON code = severity ORDER BY event";
     sqlite3 *database = tl_history_database(history);
     sqlite3_stmt *statement = NULL;
     int code = SQLITE_ROW;
@@ -116,7 +113,7 @@ tl_status tl_show_event_rows(tl_history *history, const tl_history_run *run, con
     (void)sqlite3_bind_text(statement, 2, from_at, -1, SQLITE_STATIC);
     (void)sqlite3_bind_int64(statement, 3, most);
     while ((code = sqlite3_step(statement)) == SQLITE_ROW) {
-        take(context, statement);
+        taker.take(taker.context, statement);
     }
     if (code != SQLITE_DONE) {
         status = tl_database_fail(database, code, error);

@@ -26,15 +26,20 @@ typedef enum tl_show_source {
 tl_status tl_show_range(tl_history *history, const tl_history_run *run, tl_show_source source, int64_t from,
                         int64_t range[2], bool *any, tl_error *error);
 
-/* Calls `take` for each row with first ≤ tick or step ≤ last, in the order of the key. Signals are below `signals`,
- * else the database is damaged. */
-tl_status tl_show_rows(tl_history *history, const tl_history_run *run, tl_show_source source, const int64_t range[2],
-                       size_t signals, void (*take)(void *context, struct sqlite3_stmt *row), void *context,
-                       tl_error *error);
+/* Who takes the rows. */
+typedef struct tl_show_taker {
+    void (*take)(void *context, struct sqlite3_stmt *row);
+    void *context;
+} tl_show_taker;
 
-/* Events of the run since `from_at` ("": all), the last `most` of them, the oldest first: at, tick, severity, source,
- * text. */
+/* Hands out each row with range[0] ≤ tick or step ≤ range[1], in the order of the key. Signals are below `signals`, else
+ * the database is damaged. */
+tl_status tl_show_rows(tl_history *history, const tl_history_run *run, tl_show_source source, const int64_t range[2],
+                       size_t signals, tl_show_taker taker, tl_error *error);
+
+/* Events of the run since `from_at` ("": all), the last `most` of them (−1: all), the oldest first: at, tick, severity,
+ * source, text. */
 tl_status tl_show_event_rows(tl_history *history, const tl_history_run *run, const char *from_at, int64_t most,
-                             void (*take)(void *context, struct sqlite3_stmt *row), void *context, tl_error *error);
+                             tl_show_taker taker, tl_error *error);
 
 #endif

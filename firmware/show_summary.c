@@ -19,11 +19,44 @@ static size_t part_of(const tl_show_summary *summary, int64_t step, size_t parts
 }
 
 int64_t tl_show_window_start(const tl_show_summary *summary, size_t window) {
-    return summary->range[0] + (int64_t)ceil((double)window * (double)steps_between(summary) / (double)summary->windows);
+    return summary->range[0] +
+           (int64_t)ceil((double)window * (double)steps_between(summary) / (double)summary->windows);
 }
 
 double tl_show_part_mean(const tl_show_part *part) {
     return part->count == 0 ? (double)NAN : part->delta_sum / (double)part->count;
+}
+
+/* Variance of Δu within the windows. */
+static double variance_within(const tl_show_summary *summary, const tl_show_adjust *adjust) {
+    double squares = adjust->delta_squares;
+    double freedom = (double)adjust->count;
+    for (size_t i = 0; i < summary->windows; i++) {
+        if (adjust->windows[i].count > 0) {
+            squares -= adjust->windows[i].delta_sum * adjust->windows[i].delta_sum / (double)adjust->windows[i].count;
+            freedom -= 1.0;
+        }
+    }
+    /* What is left of the squares may be no more than their rounding. */
+    return freedom < 1.0 || squares < 1e-12 * adjust->delta_squares ? 0.0 : squares / freedom;
+}
+
+size_t tl_show_largest_change(const tl_show_summary *summary, const tl_show_adjust *adjust) {
+    size_t found = 0;
+    double most = 0.0;
+    double variance = variance_within(summary, adjust);
+    for (size_t i = 1; i < summary->windows; i++) {
+        const tl_show_part *before = &adjust->windows[i - 1];
+        const tl_show_part *after = &adjust->windows[i];
+        if (before->count > 0 && after->count > 0) {
+            double change = fabs(tl_show_part_mean(after) - tl_show_part_mean(before));
+            double chance = sqrt(variance * (1.0 / (double)before->count + 1.0 / (double)after->count));
+            bool stands_out = change > 4.0 * chance && change > 1e-12 * sqrt(adjust->delta_squares);
+            found = stands_out && change > most ? i : found;
+            most = stands_out && change > most ? change : most;
+        }
+    }
+    return found;
 }
 
 static bool is_number(sqlite3_stmt *row, int column) {
@@ -37,6 +70,7 @@ static void take_step(void *context, struct sqlite3_stmt *row) {
     int64_t used = sqlite3_column_int64(row, 8);
     summary->steps++;
     summary->evaluations += (uint64_t)sqlite3_column_int64(row, 6);
+    summary->optimised_steps += sqlite3_column_int64(row, 6) > 1 ? 1 : 0;
     summary->time_limited += sqlite3_column_int64(row, 3) == TL_STOP_TIME ? 1 : 0;
     summary->longest_ns = used > summary->longest_ns ? used : summary->longest_ns;
     if (outcome >= TL_FREE && outcome <= TL_MADE_UP) {
@@ -75,6 +109,7 @@ static void take_adjustment(void *context, struct sqlite3_stmt *row) {
     adjust->count++;
     adjust->sum += u;
     adjust->delta_sum += delta;
+    adjust->delta_squares += delta * delta;
     add_part(&adjust->windows[part_of(summary, step, summary->windows)], delta);
     add_part(&adjust->points[part_of(summary, step, summary->points)], delta);
 }
@@ -96,8 +131,8 @@ static tl_status name_signals(tl_history *history, const tl_history_run *run, tl
     return status;
 }
 
-tl_status tl_show_summarise(tl_history *history, const tl_history_run *run, int64_t from_step,
-                            tl_show_summary *summary, tl_error *error) {
+tl_status tl_show_summarise(tl_history *history, const tl_history_run *run, int64_t from_step, tl_show_summary *summary,
+                            tl_error *error) {
     memset(summary, 0, sizeof *summary);
     tl_status status = name_signals(history, run, summary, error);
     if (status == TL_OK) {
@@ -109,14 +144,15 @@ tl_status tl_show_summarise(tl_history *history, const tl_history_run *run, int6
     int64_t steps = steps_between(summary);
     summary->windows = steps < TL_SHOW_WINDOWS ? (size_t)steps : TL_SHOW_WINDOWS;
     summary->points = steps < TL_SHOW_POINTS ? (size_t)steps : TL_SHOW_POINTS;
-    status = tl_show_rows(history, run, TL_SHOW_FROM_STEPS, summary->range, 1, take_step, summary, error);
+    status =
+        tl_show_rows(history, run, TL_SHOW_FROM_STEPS, summary->range, 1, (tl_show_taker){take_step, summary}, error);
     if (status == TL_OK) {
-        status = tl_show_rows(history, run, TL_SHOW_FROM_OUTPUTS, summary->range, summary->match_count, take_output,
-                              summary, error);
+        status = tl_show_rows(history, run, TL_SHOW_FROM_OUTPUTS, summary->range, summary->match_count,
+                              (tl_show_taker){take_output, summary}, error);
     }
     if (status == TL_OK) {
         status = tl_show_rows(history, run, TL_SHOW_FROM_ADJUSTMENTS, summary->range, summary->adjust_count,
-                              take_adjustment, summary, error);
+                              (tl_show_taker){take_adjustment, summary}, error);
     }
     return status;
 }

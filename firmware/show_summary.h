@@ -26,6 +26,7 @@ typedef struct tl_show_adjust {
     double first, last, least, largest;
     double sum;
     double delta_sum;
+    double delta_squares;
     tl_show_part windows[TL_SHOW_WINDOWS];
     tl_show_part points[TL_SHOW_POINTS];
 } tl_show_adjust;
@@ -40,8 +41,9 @@ typedef struct tl_show_summary {
     int64_t range[2]; /* the first and the last of them */
     size_t windows;   /* at most TL_SHOW_WINDOWS, and not more than steps */
     size_t points;
-    uint64_t steps;
+    uint64_t steps; /* all that were committed, those made up later too */
     uint64_t evaluations;
+    uint64_t optimised_steps; /* that needed more than their first guess */
     uint64_t outcomes[TL_MADE_UP + 1];
     uint64_t unknown_outcomes; /* of a newer program */
     uint64_t time_limited;
@@ -53,11 +55,15 @@ typedef struct tl_show_summary {
 } tl_show_summary;
 
 /* Of the steps at or after `from_step`. */
-tl_status tl_show_summarise(tl_history *history, const tl_history_run *run, int64_t from_step,
-                            tl_show_summary *summary, tl_error *error);
+tl_status tl_show_summarise(tl_history *history, const tl_history_run *run, int64_t from_step, tl_show_summary *summary,
+                            tl_error *error);
 
 /* The first step of window `window`. */
 int64_t tl_show_window_start(const tl_show_summary *summary, size_t window);
+
+/* The window before which the mean Δu changed most; 0 where no change stands out: where none is larger than four times
+ * what the means would differ by if Δu only varied as it does within the windows. */
+size_t tl_show_largest_change(const tl_show_summary *summary, const tl_show_adjust *adjust);
 
 /* Mean Δu of a part; NaN where it has no steps. */
 double tl_show_part_mean(const tl_show_part *part);

@@ -133,6 +133,16 @@ void tl_show_bytes(double bytes, char *text, size_t size) {
     (void)snprintf(text, size, bytes < 99.95 && unit > 0 ? "%.1f %s" : "%.0f %s", bytes, units[unit]);
 }
 
+/* Halved, so that the difference of the largest numbers is one too. */
+static size_t level_of(double value, double least, double largest, size_t levels) {
+    double range = largest / 2.0 - least / 2.0;
+    if (!(range > 0.0)) {
+        return levels / 2 - 1;
+    }
+    double position = (value / 2.0 - least / 2.0) / range * (double)(levels - 1) + 0.5;
+    return position < (double)levels ? (size_t)position : levels - 1;
+}
+
 void tl_show_curve(tl_show_style style, const double *values, size_t count, char *text, size_t size) {
     static const char *const blocks[] = {"▁", "▂", "▃", "▄", "▅", "▆", "▇", "█"};
     static const char *const plain[] = {"_", ".", ",", "-", "~", "=", "+", "#"};
@@ -140,17 +150,18 @@ void tl_show_curve(tl_show_style style, const double *values, size_t count, char
     double least = (double)INFINITY;
     double largest = (double)-INFINITY;
     for (size_t i = 0; i < count; i++) {
-        least = values[i] < least ? values[i] : least;
-        largest = values[i] > largest ? values[i] : largest;
+        if (isfinite(values[i])) {
+            least = fmin(least, values[i]);
+            largest = fmax(largest, values[i]);
+        }
     }
     size_t end = 0;
     text[0] = '\0';
     for (size_t i = 0; i < count; i++) {
-        size_t level = LEVELS / 2 - 1;
-        if (largest - least > 0.0 && isfinite(values[i])) {
-            level = (size_t)floor((values[i] - least) / (largest - least) * (LEVELS - 1) + 0.5);
+        const char *mark = " ";
+        if (isfinite(values[i])) {
+            mark = (style.unicode ? blocks : plain)[level_of(values[i], least, largest, LEVELS)];
         }
-        const char *mark = !isfinite(values[i]) ? " " : style.unicode ? blocks[level] : plain[level];
         if (end + strlen(mark) < size) {
             end += (size_t)snprintf(text + end, size - end, "%s", mark);
         }
@@ -198,11 +209,14 @@ static void pad(FILE *file, size_t count) {
     (void)fprintf(file, "%*s", (int)count, "");
 }
 
+/* The header is dim. */
 static void print_row(const tl_show_table *table, size_t row, const size_t *widths, FILE *file) {
+    bool dim = row == 0 && table->style.colour;
     size_t last = table->columns; /* no blanks at the end of a line */
     while (last > 0 && table->cells[row + last - 1][0] == '\0') {
         last--;
     }
+    (void)fputs(dim ? "\x1b[2m" : "", file);
     for (size_t i = 0; i < last; i++) {
         const char *cell = table->cells[row + i];
         size_t blanks = widths[i] - width_of(cell);
@@ -210,7 +224,7 @@ static void print_row(const tl_show_table *table, size_t row, const size_t *widt
         (void)fputs(cell, file);
         pad(file, table->right[i] || i + 1 == last ? 0 : blanks);
     }
-    (void)fputc('\n', file);
+    (void)fputs(dim ? "\x1b[0m\n" : "\n", file);
 }
 
 tl_status tl_show_table_end(tl_show_table *table, FILE *file, tl_error *error) {
@@ -220,9 +234,7 @@ tl_status tl_show_table_end(tl_show_table *table, FILE *file, tl_error *error) {
         widths[i % table->columns] = width > widths[i % table->columns] ? width : widths[i % table->columns];
     }
     for (size_t row = 0; !table->failed && row + table->columns <= table->count; row += table->columns) {
-        (void)fputs(row == 0 && table->style.colour ? "\x1b[2m" : "", file);
         print_row(table, row, widths, file);
-        (void)fputs(row == 0 && table->style.colour ? "\x1b[0m" : "", file);
     }
     for (size_t i = 0; i < table->count; i++) {
         free(table->cells[i]);

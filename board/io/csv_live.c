@@ -113,14 +113,6 @@ static bool open_path(tl_plant_io *io, const tl_plant_io_sink *sink) {
     return true;
 }
 
-/* Is the path still what is open? A FIFO may have been removed and made again. */
-static bool is_current(const tl_plant_io *io) {
-    struct stat open_one;
-    struct stat named;
-    return fstat(io->file, &open_one) == 0 && stat(io->table.path, &named) == 0 && open_one.st_dev == named.st_dev &&
-           open_one.st_ino == named.st_ino;
-}
-
 /* Reads what is there. 0: the end; −1: nothing now. */
 static ssize_t read_some(tl_plant_io *io) {
     size_t room = 0;
@@ -308,7 +300,7 @@ static void read_stream(tl_plant_io *io, const tl_plant_io_sink *sink) {
     if (result == DRAINED_END) {
         lose_writer(io, sink);
         post_no_link(io, sink);
-        if (!open_path(io, sink)) { /* clears the hang-up, so that the next wait waits */
+        if (!open_path(io, sink)) { /* clears the hang-up, and finds a FIFO that was made anew */
             return;
         }
     }
@@ -324,8 +316,7 @@ static tl_status csv_poll(tl_plant_io *io, const tl_plant_io_sink *sink, bool *f
     if (interrupted(io)) {
         return TL_OK;
     }
-    bool stands = io->file >= 0 && (io->is_file || io->state == LINK_UP || is_current(io));
-    if (!stands && !open_path(io, sink)) {
+    if (io->file < 0 && !open_path(io, sink)) {
         post_no_link(io, sink);
         return TL_OK;
     }

@@ -1,12 +1,13 @@
 #!/usr/bin/env python3
-"""The main job: a recording of a plant by Modbus TCP, in real time, the twin locked to it, and the same again in a replay.
+"""The main job: a recording of a plant by Modbus TCP, in real time, the twin locked to it; then its replay.
 
 TL_LONG=1 takes the 14 s of config/motor/live.json; otherwise 6 s of them.
 """
 import os
 import signal
 
-from live_test import (Program, check_database, check_replay, check_summary, end_well, free_port, number, refused_writes)
+from live_test import (Program, check_database, check_replay, check_summary, end_well, expect_reasons,
+                       free_port, number, refused_writes)
 from twinlock_test import edited_config, expect, main, read_config
 
 LIVE = "motor/live.json"
@@ -29,13 +30,13 @@ def test_recording_by_modbus():
     wanted = round(duration / 0.01) + 1
     expect(told["ticks"] == wanted, f"{told['ticks']} ticks in {duration} s, wanted {wanted}")
     check_database(database)
-    expect(number(database, "SELECT ended_reason FROM runs") == "end of duration", "the run has another end")
+    expect_reasons(database, "end of duration")
     expect(number(database, "SELECT entries_lost FROM runs") == 0, "entries were lost")
     in_lock = told["outcomes"]["first guess"] + told["outcomes"]["optimised"]
     expect(in_lock > 0, f"never in lock: {told['outcomes']}")
     match = told["match"]["motor.omega"]
-    print(f"    {told['steps']} steps, {told['skipped']} skipped, {told['deadline_misses']} deadline misses, {in_lock} in lock, "
-          f"{told['evaluations']} evaluations, {told['executions']['total']} executions, "
+    print(f"    {told['steps']} steps, {told['skipped']} skipped, {told['deadline_misses']} deadline misses, "
+          f"{in_lock} in lock, {told['evaluations']} evaluations, {told['executions']['total']} executions, "
           f"MSE {match['mse']:.4g} (rad/s)\u00b2, MAX {match['max']:.4g} rad/s")
 
     again = check_replay(config, database, rows)

@@ -1,7 +1,8 @@
 #!/usr/bin/env python3
-"""Bad input through the command line: configurations, FMUs, recordings, outputs and options that are wrong. Each must
-end with the right exit code and a text that says what is wrong, where, and what to do; nothing crashes, nothing is left
-among the temporary files (twinlock_test.run() sees to both), and nothing of the user's is lost."""
+"""Bad input through the command line: configurations, FMUs, recordings, outputs and options that are wrong.
+Each must end with the right exit code and a text that says what is wrong, where, and what to do; nothing
+crashes, nothing is left among the temporary files (twinlock_test.run() sees to both), and nothing of the
+user's is lost."""
 import random
 import re
 import socket
@@ -45,10 +46,12 @@ def expect_problem(edits, *words, base="motor/lock.json"):
 # ---- names, types, units, structure ----
 
 def test_unknown_names():
-    expect_problem(connect(torque=["plant.force", "motor.M_w"]), "connect[0][0]", "plant.force", "one of torque, omega")
-    expect_problem(connect(omega=["engine.omega", "drive.y"]), "connect[2][0]", "engine.omega", "one of drive, motor")
-    expect_problem(connect(omega=["motor.speed", "drive.y"]), "connect[2]", "motor.speed", "check --variables")
-    expect_problem({"components": {"drive": {"set": {"reff": 10}}}}, "components.drive.set.reff", "check --variables")
+    for edits, *words in (
+            (connect(torque=["plant.force", "motor.M_w"]), "connect[0][0]", "plant.force", "torque, omega"),
+            (connect(omega=["engine.omega", "drive.y"]), "connect[2][0]", "engine.omega", "drive, motor"),
+            (connect(omega=["motor.speed", "drive.y"]), "connect[2]", "motor.speed", "check --variables"),
+            ({"components": {"drive": {"set": {"reff": 1}}}}, "drive.set.reff", "check --variables")):
+        expect_problem(edits, *words)
     expect_problem({"synchronise": {"match": {"motor.nothing": {"to": "plant.omega", "tolerance": 1}}}},
                    "synchronise.match.motor.nothing", "no variable \"nothing\"")
 
@@ -63,18 +66,22 @@ def test_types_that_do_not_fit():
 
 def test_units_that_do_not_fit():
     for unit in ("m", "rad/s", "furlong"):
-        expect_problem({"plant": {"torque": {"unit": unit}}}, "connect[0]", f"\"{unit}\"", "\"N.m\"", "correct the unit")
-    expect_problem({"plant": {"omega": {"unit": "kg"}}}, "synchronise.match.motor.omega", "\"kg\"", "\"rad/s\"")
+        edits = {"plant": {"torque": {"unit": unit}}}
+        expect_problem(edits, "connect[0]", f'"{unit}"', '"N.m"', "correct the unit")
+    edits = {"plant": {"omega": {"unit": "kg"}}}
+    expect_problem(edits, "synchronise.match.motor.omega", '"kg"', '"rad/s"')
 
 
 def test_inputs_without_a_connection():
-    expect_problem(connect(torque=None), "components.motor", "motor.M_w is not connected", "connect it, or give it")
+    edits = connect(torque=None)
+    expect_problem(edits, "components.motor", "motor.M_w is not connected", "connect it, or give it")
     held = {**connect(torque=None), "components": {"motor": {"set": {"M_w": 0.5}}}}
     run_well(["check", edited_config("motor/lock.json", held)])
 
 
 def test_an_input_connected_twice():
-    expect_problem(connect(again=["plant.torque", "motor.M_w"]), "connect[3][1]", "connect[0]", "at most once")
+    edits = connect(again=["plant.torque", "motor.M_w"])
+    expect_problem(edits, "connect[3][1]", "connect[0]", "at most once")
 
 
 def test_no_path():
@@ -85,29 +92,31 @@ def test_no_path():
 
 
 def test_no_path_to_one_match():
-    edits = {"connect": [["plant.torque", "motor.M_w"], ["drive.u_R", "motor.I_in"], ["plant.omega", "drive.y"]],
+    edits = {**connect(omega=["plant.omega", "drive.y"]),
              "synchronise": {"match": {"drive.e": {"to": "plant.omega", "tolerance": 1}}}}
     expect_problem(edits, "synchronise.match.drive.e", "no path leads", "\"weight\": 0")
 
 
 def test_what_cannot_be_adjusted():
-    for variable, words in (("motor.J", ["fixed parameter", "tunable"]), ("motor.omega", ["output", "Real input"]),
-                            ("drive.Z_p", ["Integer", "tunable Real parameter"])):
+    for variable, *words in (("motor.J", "fixed parameter", "tunable"),
+                             ("motor.omega", "output", "Real input"),
+                             ("drive.Z_p", "Integer", "tunable Real parameter")):
         edits = {"synchronise": {"adjust": {variable: {"step": 1}}}}
         expect_problem(edits, f"synchronise.adjust.{variable}", *words)
 
 
 def test_prediction_below_distance():
-    edits = {"synchronise": {"horizon": {"prediction": 1}, "adjust": {"motor.d": None, "drive.P": {"step": 1}}}}
+    adjust = {"motor.d": None, "drive.P": {"step": 1}}
+    edits = {"synchronise": {"horizon": {"prediction": 1}, "adjust": adjust}}
     expect_problem(edits, "synchronise.horizon.prediction", "found 1, expected at least 2")
-    edits["synchronise"]["horizon"]["prediction"] = 2
-    expect("T_D = 2, T_P = 2" in run_well(["check", edited_config("motor/lock.json", edits)]), "T_P = T_D is refused")
+    edits = {"synchronise": {"horizon": {"prediction": 2}, "adjust": adjust}}
+    expect("T_D = 2, T_P = 2" in run_well(["check", edited_config("motor/lock.json", edits)]), "T_D is not 2")
 
 
 def test_all_problems_at_once():
-    """Of the reader, then (where it has none) of the twin: each with a line of its own, and the number of all."""
-    reading = {"step_s": -1, "duration_s": "x", "nome": 3, "components": {"drive": {"fmu": 5}}, "connect": [["a"]],
-               "plant": {"torque": {"min": 5, "max": 1}}}
+    """Of the reader, then (where it has none) of the twin: a line for each, and the number of all."""
+    reading = {"step_s": -1, "duration_s": "x", "nome": 3, "components": {"drive": {"fmu": 5}},
+               "connect": [["a"]], "plant": {"torque": {"min": 5, "max": 1}}}
     building = {**connect(current=["drive.u_X", "motor.I_in"]), "components": {"drive": {"set": {"reff": 1}}},
                 "plant": {"torque": {"unit": "m"}},
                 "synchronise": {"adjust": {"motor.J": {"step": 1}},
@@ -116,8 +125,9 @@ def test_all_problems_at_once():
                                      "plant.torque.max"]),
                           (building, ["connect[1]", "components.drive.set.reff", "connect[0]", "motor.J",
                                       "motor.nothing"])):
-        lines = expect_refused(["check", edited_config("motor/lock.json", edits)], BAD_DATA, f"{len(places)} problems")
-        expect(len(lines) == len(places) + 1, f"{len(lines) - 1} problems instead of {len(places)}:\n" + "\n".join(lines))
+        config, count = edited_config("motor/lock.json", edits), len(places)
+        lines = expect_refused(["check", config], BAD_DATA, f"{count} problems")
+        expect(len(lines) == count + 1, f"{len(lines) - 1} lines instead of {count}:\n" + "\n".join(lines))
         for place in places:
             expect(sum(place in line for line in lines) >= 1, f"nothing about {place}:\n" + "\n".join(lines))
 
@@ -127,30 +137,39 @@ def test_all_problems_at_once():
 def test_malformed_and_hostile_json():
     good = FREE.read_text(encoding="utf-8")
     for text, *words in (
-            ("", "end of the file"), (" \n\n", "line 3"), ("[]", "expected an object"), ("null", "expected an object"),
+            ("", "end of the file"), (" \n\n", "line 3"), ("[]", "expected an object"), ("null", "an object"),
             ('{"twinlock": 1,', "end of the file"), ('{"twinlock": 1 "name"', "line 1, column 16"),
             (good.replace("0.01", "1e999"), "1e999", "line 4"), (good.replace("0.01", "NaN"), "NaN"),
             (good.replace("0.01", "01"), "no leading zeros"), (good.replace("0.01", "1" * 64), "line 4"),
             (good.replace("0.01", "null"), "step_s", "null"), (good + "x", "nothing after the end"),
-            (good.replace('"step_s"', '"name"'), "found the key \"name\" again"), ("[" * 100_000, "at most 32"),
-            ('{"a":' * 5000, "at most 32"), (good + " " * 256 * 1024, "256 KiB"), ("\ufeff" + good, "byte order mark"),
+            (good.replace('"step_s"', '"name"'), "found the key \"name\" again"),
+            ("[" * 100_000, "at most 32"),
+            ('{"a":' * 5000, "at most 32"), (good + " " * 256 * 1024, "256 KiB"),
+            ("\ufeff" + good, "byte order mark"),
             (bytes(range(256)), "UTF-8"), (b'{"name": "\xff"}', "0xFF"), (b'{"name": "\xc0\xaf"}', "UTF-8"),
-            (b'{"twinlock": \0 1}', "U+0000"), ('{"name": "\\ud800"}', "surrogate"), (b"PK\x03\x04" + bytes(500), "line 1")):
+            (b'{"twinlock": \0 1}', "U+0000"), ('{"name": "\\ud800"}', "surrogate"),
+            (b"PK\x03\x04" + bytes(500), "line 1")):
         config = write_config(text)
         lines = expect_refused(["check", config], BAD_DATA, str(config), *words)
         expect(all(len(line) < 1200 for line in lines), f"a line of {max(map(len, lines))} characters")
 
 
+def mutated(rng, good, pieces):
+    """A copy of bytes with some of them replaced by one of `pieces`, or by any byte."""
+    mutant = bytearray(good)
+    for _ in range(rng.choice([1, 1, 2, 8])):
+        at = rng.randrange(len(mutant))
+        mutant[at:at + rng.choice([0, 1, 1, 30])] = rng.choice([*pieces, bytes([rng.randrange(256)])])
+    return bytes(mutant)
+
+
 def test_mutants_of_a_configuration():
     """Whatever becomes of its bytes: it is taken, or refused with a text."""
-    rng, good = random.Random(1), bytearray((SOURCE / "config" / "motor" / "lock.json").read_bytes())
+    rng, good = random.Random(1), (SOURCE / "config" / "motor" / "lock.json").read_bytes()
     for _ in range(60):
-        mutant = bytearray(good)
-        for _ in range(rng.choice([1, 1, 2, 8])):
-            at = rng.randrange(len(mutant))
-            mutant[at:at + rng.choice([0, 1, 1, 20])] = rng.choice([b"", b'"', b"{", b"9", b",", bytes([rng.randrange(256)])])
-        code, _, err = run(["check", write_config(bytes(mutant))])
-        expect(code in (0, BAD_DATA, FMU_FAILED) and (code == 0 or err), f"{code}: {err}\n{bytes(mutant)!r}")
+        mutant = mutated(rng, good, [b"", b'"', b"{", b"9", b","])
+        code, _, err = run(["check", write_config(mutant)])
+        expect(code in (0, BAD_DATA, FMU_FAILED) and (code == 0 or err), f"{code}: {err}\n{mutant!r}")
 
 
 # ---- FMUs ----
@@ -193,6 +212,10 @@ def set_machine(machine):
     return change
 
 
+def move_to_windows(entries):
+    entries["binaries/win64/drive.dll"] = entries.pop(binary(entries))
+
+
 def test_no_fmu():
     expect_problem({"components": {"drive": {"fmu": "nowhere.fmu"}}}, "components.drive", "\"nowhere.fmu\"",
                    "TWINLOCK_FMU_PATH")
@@ -210,8 +233,8 @@ def test_broken_zips():
 
 
 def test_mutants_of_an_fmu():
-    """Whatever becomes of the bytes of its directory and its description, nothing crashes. Its binary is left alone: code
-    is believed once it is loaded."""
+    """Whatever becomes of the bytes of its directory and its description, nothing crashes. Its binary is left
+    alone: code is believed once it is loaded."""
     rng = random.Random(2)
     config = edited_config("motor/free.json")
     fmu = config.parent / "drive.fmu"
@@ -225,11 +248,8 @@ def test_mutants_of_an_fmu():
         run(["check", config])
 
     def scramble(entries):
-        text = bytearray(entries["modelDescription.xml"])
-        for _ in range(rng.choice([1, 2, 8])):
-            at = rng.randrange(len(text))
-            text[at:at + rng.choice([0, 1, 40])] = rng.choice([b"", b"<", b'"', b"/>", b"&x;", b"-1", b"\xff"])
-        entries["modelDescription.xml"] = bytes(text)
+        text = entries["modelDescription.xml"]
+        entries["modelDescription.xml"] = mutated(rng, text, [b"", b"<", b'"', b"/>", b"&x;", b"-1", b"\xff"])
 
     for _ in range(30):
         changed_fmu("drive", fmu, scramble)
@@ -255,14 +275,14 @@ def test_descriptions():
 def test_a_wrong_guid():
     def change(entries):
         text = entries["modelDescription.xml"]
-        entries["modelDescription.xml"] = re.sub(rb'guid="[^"]*"', b'guid="{00000000-0000-0000-0000-000000000000}"', text)
+        entries["modelDescription.xml"] = re.sub(rb'guid="[^"]*"', b'guid="{another}"', text)
 
     expect_fmu_refused(change, "GUID", code=FMU_FAILED)
 
 
 def test_another_machine():
     expect_fmu_refused(set_machine(8), "drive.so")  # MIPS
-    expect_fmu_refused(lambda entries: entries.update({"binaries/win64/drive.dll": entries.pop(binary(entries))}), "win64")
+    expect_fmu_refused(move_to_windows, "win64")
     expect_fmu_refused(lambda entries: entries.update({binary(entries): b"MZ"}), "drive.so")
 
 
@@ -308,7 +328,7 @@ def test_recordings():
 
 
 def test_values_that_are_no_numbers_are_left_out():
-    """In a recording that is a quality, not an error: the twin goes on, and says how many it could not compare."""
+    """In a recording that is a quality, not an error: the twin goes on, and says how many it left out."""
     path = scratch() / "plant.csv"
     rows = [f"{i * 0.01:.2f},{'n/a' if 20 <= i < 40 else 62.9},0.01" for i in range(101)]
     path.write_text("t,omega,M_brake\n" + "\n".join(rows) + "\n", encoding="utf-8")
@@ -321,13 +341,10 @@ def test_values_that_are_no_numbers_are_left_out():
 def test_mutants_of_a_recording():
     rng, good, path = random.Random(3), RECORDING.read_bytes()[:1500], scratch() / "plant.csv"
     for _ in range(40):
-        mutant = bytearray(good)
-        for _ in range(rng.choice([1, 2, 8])):
-            at = rng.randrange(len(mutant))
-            mutant[at:at + rng.choice([0, 1, 30])] = rng.choice([b"", b",", b"\n", b'"', b"-", b"e9", bytes([rng.randrange(256)])])
+        mutant = mutated(rng, good, [b"", b",", b"\n", b'"', b"-", b"e9"])
         path.write_bytes(mutant)
         code, _, err = run(["replay", SOURCE / "config" / "motor" / "lock.json", "--recording", path])
-        expect(code in (0, BAD_DATA) and (code == 0 or err), f"{code}: {err}\n{bytes(mutant)!r}")
+        expect(code in (0, BAD_DATA) and (code == 0 or err), f"{code}: {err}\n{mutant!r}")
 
 
 # ---- files ----
@@ -336,9 +353,10 @@ def test_missing_files():
     folder = scratch()
     for verb in VERBS:
         expect_refused([verb, folder / "absent"], BAD_DATA, str(folder / "absent"), "No such file")
-    expect_refused(["replay", FREE, "--recording", folder / "absent.csv"], BAD_DATA, "absent.csv", "No such file")
-    expect_refused(["plant", FREE, "--recording", folder / "absent.csv", "--record", folder / "new.csv"], BAD_DATA,
-                   "absent.csv", "No such file")
+    from_absent = ["--recording", folder / "absent.csv"]
+    expect_refused(["replay", FREE, *from_absent], BAD_DATA, "absent.csv", "No such file")
+    expect_refused(["plant", FREE, *from_absent, "--record", folder / "new.csv"], BAD_DATA, "absent.csv",
+                   "No such file")
     expect_refused(["plant", FREE, "--for", folder / "absent.json"], BAD_DATA, "absent.json", "No such file")
     expect(not list(folder.iterdir()), "a file was made all the same")
 
@@ -380,7 +398,8 @@ def test_nothing_of_the_users_is_overwritten():
         path.write_bytes(content)
     link = folder / "link.csv"
     link.symlink_to(recording)
-    expect_refused(["replay", config, "--db", notes], BAD_DATA, "notes.txt", "not a twinlock database")
+    for args in (["replay", config, "--db", notes], ["show", notes]):
+        expect_refused(args, BAD_DATA, "notes.txt", "not a twinlock database")
     expect_refused(["plant", config, "--record", recording], BAD_DATA, "plant.csv", "remove it")
     for target in (recording, link, config):
         expect_refused(["replay", config, "--recording", recording, "--csv", target], BAD_USAGE, target.name)
@@ -400,20 +419,20 @@ def test_a_port_in_use():
 # ---- the command line ----
 
 def test_wrong_usage():
-    for args in ([], ["nonsense"], ["--nonsense"], ["check"], ["check", FREE, FREE], ["check", "--nonsense", FREE],
-                 ["replay"], ["replay", FREE, "--recording"], ["replay", FREE, "--json=yes"], ["run"], ["plant"],
-                 ["plant", FREE, "--seed", "x"], ["plant", FREE, "--seed", "-1"], ["plant", FREE, "--seed", ""],
-                 ["plant", FREE, "--seed", "9" * 30], ["plant", FREE, "--fifo", "a", "--record", "b"],
-                 ["plant", FREE, "--nonsense"], ["show"], ["show", "--nonsense"]):
+    seeds = [["plant", FREE, "--seed", seed] for seed in ("x", "-1", "", "9" * 30, "1.5", "1 ")]
+    for args in ([], ["nonsense"], ["--nonsense"], ["check", FREE, FREE], *([verb] for verb in VERBS),
+                 *([verb, "--nonsense", FREE] for verb in VERBS), ["replay", FREE, "--recording"],
+                 ["replay", FREE, "--json=yes"], ["plant", FREE, "--fifo", "a", "--record", "b"], *seeds):
         found, out, err = run(args)
         expect(found == BAD_USAGE and out == "" and err, f"twinlock {args}: {found}, {out!r}, {err!r}")
     expect_refused(["plant", FREE], BAD_USAGE, "reads nothing by Modbus TCP", "--for", "--record")
 
 
 def test_help():
-    for args in (["--help"], ["-h"], ["help"], *([verb, "--help"] for verb in VERBS), *([verb, "-h"] for verb in VERBS)):
+    of_verbs = [[verb, option] for verb in VERBS for option in ("--help", "-h")]
+    for args in (["--help"], ["-h"], ["help"], *of_verbs):
         code, out, err = run(args)
-        expect(code == 0 and err == "" and out.startswith("usage: twinlock"), f"twinlock {args}: {code}, {err}")
+        expect(code == 0 and err == "" and out.startswith("usage: twinlock"), f"{args}: {code}, {err}")
         for line in out.splitlines():
             expect(len(line) <= 100, f"twinlock {' '.join(args)}: a line of {len(line)} columns: {line}")
     for verb in VERBS:

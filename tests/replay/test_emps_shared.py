@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
-"""Real data: the recording of the positioning system EMPS (not part of the product; skipped where it is absent), with a
-model three times too heavy. Only the position is matched; the velocity must become true all the same, and what had to be
-corrected must be the force that the excess of mass needs."""
+"""Real data: the recording of the positioning system EMPS (not part of the product; skipped where it is
+absent), with a model three times too heavy. Only the position is matched; the velocity must become true
+all the same, and what had to be corrected must be the force that the excess of mass needs."""
 import functools
 
 from twinlock_test import at_least, expect, main, replay_csv, replay_json, shared_recording, within

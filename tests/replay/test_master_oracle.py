@@ -1,14 +1,14 @@
 #!/usr/bin/env python3
-"""The co-simulation against an independent one: FMPy steps the same FMUs, and the exchange is written anew here. Both
-must agree to 1e-12 relative, for the motor with its control loop on the product's recording, and for each FMU alone
-driven by fmus/*/input.csv against its reference.csv."""
+"""The co-simulation against an independent one: FMPy steps the same FMUs, and the exchange is written anew
+here. Both must agree to 1e-12 relative, for the motor with its control loop on the product's recording,
+and for each FMU alone driven by fmus/*/input.csv against its reference.csv."""
 import xml.etree.ElementTree
 
 import fmpy
 from fmpy.fmi2 import FMU2Slave
 
-from twinlock_test import (FMUS, SOURCE, config_path, edited_config, expect, main, read_config, read_table, replay_csv,
-                           replay_json, scratch, write_config)
+from twinlock_test import (FMUS, SOURCE, config_path, edited_config, expect, main, read_config, read_table,
+                           replay_csv, replay_json, scratch, write_config)
 
 RELATIVE = 1e-12
 STEP_NS = 10_000_000
@@ -45,7 +45,7 @@ class Component:
 
 
 class Recording:
-    """The newest row at or before an instant; tick 0 is at the first row."""
+    """The newest row at or before an instant; tick 0 is at the first row. Ticks must come in their order."""
 
     def __init__(self, path, time_column):
         self.columns = read_table(path)
@@ -58,9 +58,14 @@ class Recording:
         return self.columns[column][self.row]
 
 
+def recording_of(document):
+    described = document["recording"]
+    return Recording(config_path("motor") / described["file"], described["time_column"])
+
+
 def simulate_motor(document, steps):
     """Speed after each step: all step with the inputs they hold, then all inputs are assigned."""
-    recording = Recording(config_path("motor") / document["recording"]["file"], document["recording"]["time_column"])
+    recording = recording_of(document)
     torque = document["plant"]["torque"]["csv"]["column"]
     components = {name: Component(name) for name in document["components"]}
     for name, component in components.items():
@@ -108,17 +113,17 @@ def test_motor_and_drive_metrics():
 
 def test_measurements():
     """What the twin is compared with is the recording's newest row at the end of each step."""
-    document = read_config("motor/free.json")
-    recording = Recording(config_path("motor") / document["recording"]["file"], document["recording"]["time_column"])
+    recording = recording_of(read_config("motor/free.json"))
     rows = replay_csv("motor/free.json")
     wanted = [recording.at("omega", i + 1) for i in range(len(rows["step"]))]
     expect(rows["plant.omega"] == wanted, "plant.omega is not the newest row at the end of each step")
     expect(rows["step"] == list(range(1401)), "steps are not 0 \u2026 1400")
-    expect(rows["time"] == [round((i + 1) * 0.01, 9) for i in range(1401)], "times are not those of the steps' ends")
+    ends = [round((i + 1) * 0.01, 9) for i in range(1401)]
+    expect(rows["time"] == ends, "times are not those of the steps' ends")
 
 
 def configure_alone(name):
-    """A configuration of one FMU whose inputs are driven by fmus/NAME/input.csv, and the names of its outputs."""
+    """A configuration of one FMU driven by fmus/NAME/input.csv, and the names of its inputs and outputs."""
     description = xml.etree.ElementTree.parse(SOURCE / "fmus" / name / "modelDescription.xml")
     variables = {one.get("name"): one for one in description.iter("ScalarVariable")}
     inputs = [one for one, variable in variables.items() if variable.get("causality") == "input"]
@@ -153,7 +158,7 @@ def simulate_alone(name, inputs, outputs, steps):
 
 
 def steps_until_parameters_change(table, inputs):
-    """reference.csv moves tunable parameters too, which no connection can: it is the same until the first of them."""
+    """reference.csv moves tunable parameters too, which no connection can: it is the same until the first."""
     changes = [time for name, values in table.items() if name not in ("time", *inputs)
                for time, value in zip(table["time"], values) if value != values[0]]
     return int(min(changes) * 1e9) // STEP_NS

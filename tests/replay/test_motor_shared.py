@@ -1,6 +1,7 @@
 #!/usr/bin/env python3
-"""The figures of the thesis's motor, on the recordings of the motor bench that it was checked with (not part of the
-product; skipped where they are absent): free-running as in its table 5.5, locked within the tolerance of 1 rad/s."""
+"""The figures of the thesis's motor, on the recordings of the motor bench that it was checked with (not
+part of the product; skipped where they are absent): the free run's error, and a lock within the
+tolerance of 1 rad/s."""
 from twinlock_test import at_most, expect, main, replay_json, shared_recording, within
 
 STEPS = 1401

@@ -46,6 +46,7 @@ static pthread_mutex_t lock = PTHREAD_MUTEX_INITIALIZER; /* over everything that
 static named_file *named_files;
 static bool armed;
 static bool without_power;
+static bool reading_only;
 static int refusal;
 static uint64_t writes_left;
 static uint64_t refusals;
@@ -86,6 +87,12 @@ void tl_faulty_vfs_refuse(int code, uint64_t after) {
     (void)pthread_mutex_lock(&lock);
     refusal = code;
     writes_left = after;
+    (void)pthread_mutex_unlock(&lock);
+}
+
+void tl_faulty_vfs_read_only(bool on) {
+    (void)pthread_mutex_lock(&lock);
+    reading_only = on;
     (void)pthread_mutex_unlock(&lock);
 }
 
@@ -368,6 +375,13 @@ static int shim_open(sqlite3_vfs *vfs, const char *name, sqlite3_file *file, int
     (void)vfs;
     memset(opened, 0, sizeof *opened);
     opened->real = (sqlite3_file *)(opened + 1);
+    (void)pthread_mutex_lock(&lock);
+    bool read_only = reading_only;
+    (void)pthread_mutex_unlock(&lock);
+    if (read_only && (flags & SQLITE_OPEN_CREATE) != 0) {
+        return SQLITE_CANTOPEN;
+    }
+    flags = read_only ? (flags & ~SQLITE_OPEN_READWRITE) | SQLITE_OPEN_READONLY : flags;
     int code = below->xOpen(below, name, opened->real, flags, flags_out);
     if (opened->real->pMethods != NULL) {
         opened->base.pMethods = &methods;

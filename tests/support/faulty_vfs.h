@@ -16,13 +16,16 @@
 /* Becomes SQLite's default VFS; a disk without faults. May be repeated. */
 void tl_faulty_vfs_install(void);
 
-/* From the write after the next `writes` ones on, every write, truncation and sync fails with `code` (SQLITE_FULL,
+/* From the write behind the next `after` ones on, every write, truncation and sync fails with `code` (SQLITE_FULL,
  * SQLITE_IOERR_WRITE, …); SQLITE_OK: the disk works again. */
-void tl_faulty_vfs_refuse(int code, uint64_t writes);
+void tl_faulty_vfs_refuse(int code, uint64_t after);
 
 /* Operations refused, and writes done, since the installation. */
 uint64_t tl_faulty_vfs_refusals(void);
 uint64_t tl_faulty_vfs_writes(void);
+
+/* From now on files are opened for reading only, and none is made, as on a medium that is mounted so. */
+void tl_faulty_vfs_read_only(bool on);
 
 /* Every write takes this long from now on. */
 void tl_faulty_vfs_slow(int64_t nanoseconds);

@@ -1,7 +1,8 @@
-"""What the tests of `plant` and `run` share: programs that are watched while they run, databases, and a Modbus device that
-is told what to answer.
+"""What the tests of `plant` and `run` share: programs that are watched while they run, databases, and a
+Modbus device that is told what to answer.
 
-Nothing here waits for a length of time where it can wait for what is to happen; whoever waits in vain fails with the log.
+Nothing here waits for a length of time where it can wait for what is to happen; whoever waits in vain fails
+with the log.
 """
 import os
 import re
@@ -36,7 +37,7 @@ def wait_until(condition, what, explain=lambda: ""):
 
 
 class Program:
-    """twinlock, running; killed at the end of `with`. Its stderr goes to a file, which can be read all the time."""
+    """twinlock, running; killed at the end of `with`. Its stderr goes to a file, which can always be read."""
 
     def __init__(self, *args, **options):
         self.path = scratch() / "stderr"
@@ -92,9 +93,10 @@ def end_well(program, number=None):
 # ---- databases ----
 
 def query(path, sql, *parameters):
-    """All rows of a question to a database that somebody may be writing."""
+    """All rows of a question to a database that somebody may be writing. Parameters, or one dictionary."""
+    values = parameters[0] if parameters and isinstance(parameters[0], dict) else parameters
     with closing(sqlite3.connect(f"file:{path}?mode=ro", uri=True, timeout=10)) as database:
-        return database.execute(sql, parameters).fetchall()
+        return database.execute(sql, values).fetchall()
 
 
 def number(path, sql, *parameters):
@@ -125,55 +127,86 @@ def check_rows(path, run=1):
     expect(not wrong, f"step and t_ns are wrong from {wrong[:1]}")
     for table in "outputs", "adjustments":
         rows = query(path, f"SELECT step FROM {table} WHERE run = ? ORDER BY step", run)
-        expect([row[0] for row in rows] == list(range(len(steps))), f"{table} has {len(rows)} rows, steps {len(steps)}")
-    ticks = [row[0] for row in query(path, "SELECT DISTINCT tick FROM samples WHERE run = ? ORDER BY tick", run)]
-    expect(ticks == list(range(len(ticks))), "ticks are missing in samples")
-    for value in "u", "u_hat":
-        bad = number(path, f"SELECT count(*) FROM adjustments WHERE run = ? AND typeof({value}) <> 'real'", run)
+        expect([row[0] for row in rows] == list(range(len(steps))),
+               f"{table} has {len(rows)} rows, steps {len(steps)}")
+    ticks = query(path, "SELECT DISTINCT tick FROM samples WHERE run = ? ORDER BY tick", run)
+    expect([row[0] for row in ticks] == list(range(len(ticks))), "ticks are missing in samples")
+    for table, value in (("adjustments", "u"), ("adjustments", "u_hat"), ("outputs", "y"), ("outputs", "y_hat")):
+        bad = number(path, f"SELECT count(*) FROM {table} WHERE run = ? AND typeof({value}) <> 'real'", run)
         expect(bad == 0, f"{bad} rows of {value} are no numbers")
     return len(steps)
 
 
 def check_summary(told, database, prediction=1, components=3, run=1):
-    """What --json told about a `run` that lost nothing, against itself and against the database. The configuration is of
-    mode lag and has one prediction horizon's worth of executions per evaluation."""
+    """What --json told about a `run` that lost nothing, against itself and the database: how many rows."""
     rows = check_rows(database, run)
     made_up = told["outcomes"]["made up"]
     executions = told["executions"]
     expect(told["steps"] + told["skipped"] == told["ticks"],
            f"{told['steps']} steps + {told['skipped']} skipped are not {told['ticks']} ticks")
     expect(made_up == told["skipped"], f"{made_up} made up, but {told['skipped']} skipped")
-    expect(sum(told["outcomes"].values()) == rows == told["steps"] + made_up, f"{rows} rows, told {told['outcomes']}")
+    expect(sum(told["outcomes"].values()) == rows == told["steps"] + made_up,
+           f"{rows} rows, told {told['outcomes']}")
     wanted = components * (rows + prediction * told["evaluations"])
     expect(executions["total"] == wanted, f"{executions['total']} executions, wanted {wanted}")
     each = {name: count for name, count in executions.items() if name != "total"}
     expect(len(each) == components and set(each.values()) == {wanted // components}, f"executions {each}")
-    counted = query(database, "SELECT sum(evaluations), sum(executions), sum(outcome = ?) FROM steps WHERE run = ?",
-                    MADE_UP, run)[0]
+    counted = query(database, "SELECT sum(evaluations), sum(executions), sum(outcome = ?) FROM steps "
+                    "WHERE run = ?", MADE_UP, run)[0]
     zero = (None, None, None) if rows == 0 else (told["evaluations"], wanted, made_up)
     expect(counted == zero, f"the database has {counted}, told was {zero}")
     return rows
 
 
-STEPS = """SELECT s.step, s.t_ns, s.outcome, s.evaluations, s.executions, s.J, s.J_nominal, o.y, o.y_hat, o.quality, a.u, a.u_hat
-           FROM steps s JOIN outputs o USING (run, step) JOIN adjustments a USING (run, step) WHERE run = ? ORDER BY step"""
+def wait_for_lock(program, database, after=-1):
+    """Until 20 steps after that one were in tolerance."""
+    wait_for_steps(program, database, 1)
+    sql = "SELECT count(*) FROM steps WHERE run = 1 AND step > ? AND outcome IN (?, ?)"
+    wait_until(lambda: number(database, sql, after, FIRST_GUESS, OPTIMISED) >= 20, "lock", program.log)
+
+
+def wait_for_quality(program, database, signal, quality):
+    """Until the newest sample has that quality."""
+    wait_for_steps(program, database, 1)
+    sql = SAMPLES + " ORDER BY tick DESC LIMIT 1"
+    wanted = {"run": 1, "name": "plant." + signal}
+    wait_until(lambda: [row[1] for row in query(database, sql, wanted)] == [quality],
+               f"quality {quality} of {signal}", program.log)
+
+
+def last_step(database):
+    return number(database, "SELECT max(step) FROM steps WHERE run = 1")
+
+
+STEPS = """SELECT s.step, s.t_ns, s.outcome, s.evaluations, s.executions, s.J, s.J_nominal,
+                  o.y, o.y_hat, o.quality, a.u, a.u_hat
+           FROM steps s JOIN outputs o USING (run, step) JOIN adjustments a USING (run, step)
+           WHERE run = ? ORDER BY step"""
 
 
 def bits(row):
     return tuple(struct.pack(">d", value) if isinstance(value, float) else value for value in row)
 
 
-def check_replay(config, database, rows):
-    """A replay of the database with the configuration it was made with gives the same, to the bit; what it told."""
+def check_replay(config, database, rows, run=1):
+    """A replay of the newest run with its configuration gives the same, to the bit; what it told."""
     again = scratch() / "again.db"
     told = replay_json(config, "--recording", database, "--db", again, timeout=PATIENCE)
     found = [bits(row) for row in query(again, STEPS, 1)]
-    wanted = [bits(row) for row in query(database, STEPS, 1)]
+    wanted = [bits(row) for row in query(database, STEPS, run)]
     different = [i for i, pair in enumerate(zip(found, wanted)) if pair[0] != pair[1]]
-    expect(len(found) == len(wanted) == rows, f"{len(found)} steps replayed, {len(wanted)} recorded, {rows} told")
-    expect(not different, f"{len(different)} steps differ, the first is {query(database, STEPS, 1)[(different or [0])[0]]}, "
-                          f"replayed {query(again, STEPS, 1)[(different or [0])[0]]}")
+    expect(len(found) == len(wanted) == rows,
+           f"{len(found)} steps replayed, {len(wanted)} recorded, {rows} told")
+    if different:
+        first = query(database, STEPS, run)[different[0]], query(again, STEPS, 1)[different[0]]
+        raise Failure(f"{len(different)} steps differ, the first is {first[0]}, replayed {first[1]}")
     return told
+
+
+def expect_reasons(path, *reasons):
+    """Why the runs of a database have ended, from the first to the last."""
+    found = [row[0] for row in query(path, "SELECT ended_reason FROM runs ORDER BY run")]
+    expect(found == list(reasons), f"the runs ended: {found}, wanted {list(reasons)}")
 
 
 def changes(values):
@@ -181,17 +214,48 @@ def changes(values):
     return [value for i, value in enumerate(values) if i == 0 or value != values[i - 1]]
 
 
+SAMPLES = """SELECT tick, quality, value FROM samples JOIN signals USING (run, signal)
+             WHERE run = :run AND kind = 'plant' AND name = :name"""
+
+
 def qualities(database, signal, run=1):
     """How the quality of a plant signal went."""
-    return changes([row[0] for row in query(database, "SELECT quality FROM samples JOIN signals USING (run, signal) "
-                                            "WHERE run = ? AND kind = 'plant' AND name = ? ORDER BY tick",
-                                            run, "plant." + signal)])
+    rows = query(database, SAMPLES + " ORDER BY tick", {"run": run, "name": "plant." + signal})
+    return changes([quality for _, quality, _ in rows])
 
 
 def expect_in_order(found, wanted, what):
     """All of `wanted` is in `found`, in this order, with anything between."""
     rest = iter(found)
     expect(all(item in rest for item in wanted), f"{what}: found {found}, wanted {wanted} in this order")
+
+
+def events(database):
+    """Texts of the events, with their severity."""
+    return query(database, "SELECT severity, text FROM v_events WHERE run = 1")
+
+
+def expect_events(database, *wanted):
+    """Events in this order, with any between; each is a severity and words of the text."""
+    rest = iter(events(database))
+    for severity, words in wanted:
+        expect(any(found == severity and words in text for found, text in rest),
+               f"no event {severity} \"{words}\" in its place in {events(database)}")
+
+
+def check_free_run(database):
+    """The twin ran free in the very steps whose measurement was not good, on the last one that was."""
+    rows = query(database, f"""SELECT s.step, s.outcome, o.quality, o.y_hat, p.quality, p.value
+                               FROM steps s JOIN outputs o USING (run, step)
+                               JOIN ({SAMPLES}) p ON p.tick = s.step + 1
+                               WHERE s.run = :run ORDER BY s.step""", {"run": 1, "name": "plant.omega"})
+    good = None
+    for step, outcome, quality, y_hat, sampled, value in rows:
+        expect(quality == sampled, f"step {step}: quality {quality}, its sample has {sampled}")
+        expect(outcome == MADE_UP or (outcome == FREE_RUN) == (quality != GOOD),
+               f"step {step}: outcome {outcome} at quality {quality}")
+        good = value if quality == GOOD else good
+        expect(good is None or y_hat == good, f"step {step}: y_hat {y_hat}, the last good one is {good}")
 
 
 # ---- devices ----
@@ -210,8 +274,8 @@ def refused_writes(log):
 
 
 class Device:
-    """A Modbus TCP server of one unit whose input registers 0 … 2 are what live.json reads: omega as float32, torque as
-    int16. It remembers the function codes it was sent, and keeps silent when told."""
+    """A Modbus TCP server of one unit whose input registers 0 … 2 are what live.json reads: omega as float32,
+    torque as int16. It remembers the function codes it was sent, and keeps silent when told."""
 
     def __init__(self, omega, torque=0):
         self.omega, self.torque, self.silent = omega, torque, False
@@ -246,7 +310,8 @@ class Device:
                     self.functions.add(request[0])
                     if not self.silent:
                         reply = self._reply(request)
-                        client.sendall(struct.pack(">HHHB", transaction, protocol, len(reply) + 1, unit) + reply)
+                        head = struct.pack(">HHHB", transaction, protocol, len(reply) + 1, unit)
+                        client.sendall(head + reply)
             except OSError:
                 return
 
@@ -261,4 +326,5 @@ class Device:
 def stop(program):
     """SIGSTOP, and not before it has stopped."""
     program.signal(signal.SIGSTOP)
-    wait_until(lambda: os.waitid(os.P_PID, program.pid, os.WSTOPPED | os.WNOHANG | os.WNOWAIT), "the stop of a program")
+    options = os.WSTOPPED | os.WNOHANG | os.WNOWAIT
+    wait_until(lambda: os.waitid(os.P_PID, program.pid, options), "the stop of a program")

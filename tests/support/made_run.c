@@ -48,8 +48,8 @@ static uint64_t mix(uint64_t x) {
 }
 
 static double number(int64_t at, uint64_t salt) {
-    static const double awkward[] = {-0.0,     0.0, 5e-324, -5e-324, DBL_MAX, -DBL_MIN, 9007199254740993.0, 0.1,
-                                     -1.0 / 3, 5.0, -3.0,   1e18,    1e-300,  1e-310};
+    static const double awkward[] = {-0.0, 0.0,      5e-324, -5e-324, DBL_MAX, -DBL_MIN, 9007199254740993.0,
+                                     0.1,  -1.0 / 3, 5.0,    -3.0,    1e18,    1e-300,   1e-310};
     uint64_t hash = mix((uint64_t)at * 64 + salt);
     if (hash % 16 == 0) {
         return awkward[(hash >> 8) % (sizeof awkward / sizeof awkward[0])];

@@ -1,9 +1,11 @@
-"""What the tests from outside share: running the program, folders for a test, changed configurations, a small reporter.
+"""What the tests from outside share: running the program, folders for a test, changed configurations, a
+reporter.
 
-A test file is a list of functions `test_…`; it ends with `twinlock_test.main()`, which runs them in their order, prints one
-line for each, and ends with 0, with 1 where one failed, and with 77 where all were skipped. A test fails by any exception;
-`expect` and `within` raise one that says what was found. Only what CTest sets is needed (tests/CMakeLists.txt):
-TWINLOCK the program, TL_BUILD whose folder `fmus` has the FMUs, TL_SOURCE the repository.
+A test file is a list of functions `test_…`; it ends with `twinlock_test.main()`, which runs them in their
+order, prints one line for each, and ends with 0, with 1 where one failed, and with 77 where all were
+skipped. A test fails by any exception; `expect` and `within` raise one that says what was found. Only what
+CTest sets is needed (tests/CMakeLists.txt): TWINLOCK the program, TL_BUILD whose folder `fmus` has the FMUs,
+TL_SOURCE the repository.
 """
 import atexit
 import csv
@@ -81,10 +83,10 @@ def environment(temporary):
 
 
 def start(args, **options):
-    """Starts the program with `args`; its output comes as text in pipes. For tests that talk to it while it runs."""
+    """Starts the program with `args`; its output comes as text in pipes. For tests that watch it run."""
     temporary = scratch()
-    pipes = {"stdin": subprocess.DEVNULL, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "encoding": "utf-8",
-             "errors": "backslashreplace"}
+    pipes = {"stdin": subprocess.DEVNULL, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE,
+             "encoding": "utf-8", "errors": "backslashreplace"}
     process = subprocess.Popen([PROGRAM, *map(str, args)], env=environment(temporary), **{**pipes, **options})
     process.temporary = temporary
     return process
@@ -97,7 +99,8 @@ def finish(process, timeout=30):
     except subprocess.TimeoutExpired:
         process.kill()
         out, err = process.communicate()
-        raise Failure(f"{describe(process)} has not ended after {timeout} s\n{out or ''}{err or ''}") from None
+        said = f"{describe(process)} has not ended after {timeout} s\n{out or ''}{err or ''}"
+        raise Failure(said) from None
     said = f"{describe(process)} ended with {process.returncode}\n{err or ''}"
     expect(process.returncode in EXIT_CODES, said)
     expect("Sanitizer" not in (err or "") and "runtime error:" not in (err or ""), said)
@@ -111,8 +114,8 @@ def describe(process):
 
 
 def run(args, timeout=60, **options):
-    """(exit code, stdout, stderr) of the program. A crash, an unknown exit code, a report of a sanitizer, or anything
-    left among the temporary files is a failure."""
+    """(exit code, stdout, stderr) of the program. A crash, an unknown exit code, a report of a sanitizer, or
+    anything left among the temporary files is a failure."""
     return finish(start(args, **options), timeout)
 
 
@@ -184,8 +187,8 @@ def write_config(document, folder=None):
 
 
 def edited_config(path, edits=None):
-    """The path of a copy of a configuration with `edits` merged in (see merge()), alone in a new folder. Its recording
-    is still that of the original; whatever it writes, it writes into the new folder."""
+    """The path of a copy of a configuration with `edits` merged in (see merge()), alone in a new folder. Its
+    recording is still that of the original; whatever it writes, it writes into the new folder."""
     document = read_config(path)
     recording = document.get("recording", {})
     if "file" in recording:
@@ -194,13 +197,14 @@ def edited_config(path, edits=None):
 
 
 def shared_recording(name):
-    """The path of a recording that is not part of the product. Where it is absent the test is skipped; where CI=true it
-    fails."""
+    """The path of a recording that is not part of the product. Where it is absent the test is skipped; where
+    CI=true it fails."""
     folder = Path(os.environ.get("TL_SHARED") or SOURCE.parent / "shared" / "recordings")
     if (folder / name).is_file():
         return folder / name
-    expect(os.environ.get("CI") != "true", f"{name} is absent, and CI=true: set TL_SHARED to the folder of recordings")
-    raise Skip(f"{name} is absent (set TL_SHARED to the folder of recordings)")
+    why = f"{name} is absent: set TL_SHARED to the folder of recordings"
+    expect(os.environ.get("CI") != "true", f"{why} (CI=true does not allow to skip it)")
+    raise Skip(why)
 
 
 # ---- reporter ----
@@ -226,7 +230,8 @@ def main():
     module = vars(sys.modules["__main__"])
     tests = [(name, value) for name, value in module.items() if name.startswith("test_") and callable(value)]
     words = sys.argv[1:]
-    verdicts = [_run_one(name, test) for name, test in tests if not words or any(word in name for word in words)]
+    chosen = [(name, test) for name, test in tests if not words or any(word in name for word in words)]
+    verdicts = [_run_one(name, test) for name, test in chosen]
     failed, skipped = verdicts.count("FAILED"), verdicts.count("skipped")
     print(f"{len(verdicts)} tests, {failed} failed, {skipped} skipped")
     if failed or not verdicts:

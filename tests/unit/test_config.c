@@ -3,6 +3,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/resource.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
@@ -368,6 +369,14 @@ static void test_values_at_their_limits(void) {
     takes(FULL, "\"initial\": 3", "\"initial\": -2147483647");
 }
 
+static void test_a_boolean_without_initial(void) {
+    takes(FULL, "\"type\": \"boolean\", \"initial\": true", "\"type\": \"boolean\"");
+    TEST_ASSERT_FALSE(verdict.config.signals[1].plan.has_initial);
+    takes(FULL, "\"initial\": true", "\"initial\": false");
+    TEST_ASSERT_TRUE(verdict.config.signals[1].plan.has_initial);
+    TEST_ASSERT_EQUAL_DOUBLE(0, verdict.config.signals[1].plan.initial);
+}
+
 /* ---- lines ---- */
 
 static void test_lines(void) {
@@ -414,6 +423,18 @@ static void test_a_missing_file(void) {
 
 static void test_a_directory(void) {
     expect_file_problem("/tmp", TL_BAD_DATA, "cannot read the configuration /tmp: Is a directory");
+}
+
+/* What passes by itself is not the configuration's fault. */
+static void test_no_file_handle_is_left(void) {
+    struct rlimit limit;
+    TEST_ASSERT_EQUAL_INT(0, getrlimit(RLIMIT_NOFILE, &limit));
+    struct rlimit none = {.rlim_cur = 0, .rlim_max = limit.rlim_max};
+    TEST_ASSERT_EQUAL_INT(0, setrlimit(RLIMIT_NOFILE, &none));
+    tl_test_judge_file(FREE, &verdict);
+    TEST_ASSERT_EQUAL_INT(0, setrlimit(RLIMIT_NOFILE, &limit));
+    TEST_ASSERT_EQUAL_INT(TL_TRY_AGAIN, verdict.status);
+    TEST_ASSERT_EQUAL_STRING("cannot read the configuration " FREE ": Too many open files", verdict.problems[0].text);
 }
 
 static void test_an_empty_file(void) {
@@ -560,9 +581,11 @@ int main(void) {
     RUN_TEST(test_the_default_budget_is_six_tenths_of_a_step);
     RUN_TEST(test_other_ways_to_write_the_same);
     RUN_TEST(test_values_at_their_limits);
+    RUN_TEST(test_a_boolean_without_initial);
     RUN_TEST(test_lines);
     RUN_TEST(test_a_missing_file);
     RUN_TEST(test_a_directory);
+    RUN_TEST(test_no_file_handle_is_left);
     RUN_TEST(test_an_empty_file);
     RUN_TEST(test_a_nul_byte);
     RUN_TEST(test_a_file_that_never_ends);

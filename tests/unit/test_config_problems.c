@@ -577,6 +577,47 @@ static void test_everything_at_once(void) {
     TEST_ASSERT_EQUAL_size_t(10, verdict.count);
 }
 
+/* The number of problems where the object that begins with `opening` gets `count` more entries: NAME0, NAME1, … */
+static size_t problems_with_entries(const char *base, const char *opening, const char *name, const char *value,
+                                    size_t count) {
+    char added[8192];
+    size_t used = (size_t)snprintf(added, sizeof added, "%s", opening);
+    for (size_t i = 0; i < count; i++) {
+        used += (size_t)snprintf(added + used, sizeof added - used, "\"%s%zu\": %s, ", name, i, value);
+    }
+    char *text = tl_test_replaced(base, opening, added);
+    TEST_ASSERT_NOT_NULL_MESSAGE(text, opening);
+    tl_test_judge_text(text, strlen(text), &verdict);
+    tl_config_free(&verdict.config);
+    free(text);
+    return verdict.count;
+}
+
+static void test_the_most_entries(void) {
+    static const struct {
+        const char *opening, *name, *value, *where;
+        size_t there, most;
+    } maps[] = {
+        {"\"components\": {", "c", "{\"fmu\": \"x\"}", "components", 2, 62},
+        {"\"sources\": {", "s", "{\"csv\": {\"file\": \"x\"}}", "sources", 3, 64},
+        {"\"plant\": {", "p", "{}", "plant", 5, 64},
+        {"\"adjust\": {", "motor.a", "{\"step\": 1}", "synchronise.adjust", 2, 8},
+        {"\"match\": {", "motor.m", "{\"to\": \"plant.omega\", \"weight\": 0}", "synchronise.match", 2, 16},
+        {"\"columns\": {", "c", "{\"from\": \"motor.x\"}", "emulate.columns", 2, 64},
+        {"\"compare\": {", "motor.m", "{\"to\": \"plant.omega\"}", "compare", 1, 16},
+    };
+    for (size_t i = 0; i < sizeof maps / sizeof maps[0]; i++) {
+        char expected[64];
+        const char *base = strcmp(maps[i].where, "compare") == 0 ? free_running : full;
+        size_t room = maps[i].most - maps[i].there;
+        (void)snprintf(expected, sizeof expected, "to %zu entries", maps[i].most);
+        TEST_ASSERT_EQUAL_size_t(0, problems_with_entries(base, maps[i].opening, maps[i].name, maps[i].value, room));
+        TEST_ASSERT_EQUAL_size_t(1,
+                                 problems_with_entries(base, maps[i].opening, maps[i].name, maps[i].value, room + 1));
+        expect_problem(maps[i].where, expected);
+    }
+}
+
 static void test_syntax_comes_alone(void) {
     static const char *const text = "{\"twinlock\": 2,\n \"step_s\": 01}";
     tl_test_judge_text(text, strlen(text), &verdict);
@@ -728,5 +769,6 @@ int main(void) {
     RUN_TEST(test_hostile_texts_are_shown_tame);
     RUN_TEST(test_a_long_text_is_cut);
     RUN_TEST(test_a_hostile_file_is_refused_soon);
+    RUN_TEST(test_the_most_entries);
     return UNITY_END();
 }

@@ -9,6 +9,7 @@
 #include <unity.h>
 
 #include "board/io/csv.h"
+#include "board/io/csv_table.h"
 
 static char folder[] = TL_BINARY_DIR "/test_csv_XXXXXX";
 static char path[sizeof folder + 16];
@@ -333,6 +334,39 @@ static void test_a_header_that_is_too_long(void) {
     expect_text("line 1: the line is longer");
 }
 
+static void feed(tl_csv_lines *lines, const char *text) {
+    size_t room = 0;
+    char *bytes = tl_csv_lines_room(lines, &room);
+    TEST_ASSERT_TRUE(strlen(text) <= room);
+    memcpy(bytes, text, strlen(text));
+    tl_csv_lines_added(lines, strlen(text));
+}
+
+static void test_lines_after_one_that_is_too_long(void) {
+    static tl_csv_lines lines;
+    char *line = NULL;
+    int told = 0;
+    feed(&lines, "first\n");
+    TEST_ASSERT_EQUAL_INT(TL_CSV_A_LINE, tl_csv_lines_take(&lines, false, &line));
+    TEST_ASSERT_EQUAL_STRING("first", line);
+    for (int i = 0; i < 20000; i++) {
+        feed(&lines, "01234567");
+        told += tl_csv_lines_take(&lines, false, &line) == TL_CSV_TOO_LONG ? 1 : 0;
+    }
+    TEST_ASSERT_EQUAL_INT(1, told);
+    TEST_ASSERT_EQUAL_INT64(2, lines.number);
+    feed(&lines, "its end\nthird\n\nfif");
+    TEST_ASSERT_EQUAL_INT(TL_CSV_A_LINE, tl_csv_lines_take(&lines, false, &line));
+    TEST_ASSERT_EQUAL_STRING("third", line);
+    TEST_ASSERT_EQUAL_INT64(3, lines.number);
+    TEST_ASSERT_EQUAL_INT(TL_CSV_NOTHING, tl_csv_lines_take(&lines, false, &line));
+    feed(&lines, "th");
+    TEST_ASSERT_EQUAL_INT(TL_CSV_A_LINE, tl_csv_lines_take(&lines, true, &line));
+    TEST_ASSERT_EQUAL_STRING("fifth", line);
+    TEST_ASSERT_EQUAL_INT64(5, lines.number);
+    TEST_ASSERT_EQUAL_INT(TL_CSV_NOTHING, tl_csv_lines_take(&lines, true, &line));
+}
+
 static void test_too_many_columns(void) {
     const char *columns[TL_MAX_SIGNALS + 1];
     const tl_csv_settings settings = {
@@ -377,6 +411,7 @@ int main(void) {
     RUN_TEST(test_the_longest_line);
     RUN_TEST(test_a_line_that_is_too_long);
     RUN_TEST(test_a_header_that_is_too_long);
+    RUN_TEST(test_lines_after_one_that_is_too_long);
     RUN_TEST(test_too_many_columns);
     int failures = UNITY_END();
     (void)rmdir(folder);

@@ -473,6 +473,35 @@ static void test_an_interrupt_is_not_lost(void) {
     TEST_ASSERT_EQUAL_size_t(1, posts[0]);
 }
 
+static void *interrupt_soon(void *context) {
+    (void)context;
+    pause_ms(5);
+    tl_csv_driver.interrupt(io);
+    return NULL;
+}
+
+/* The poll that an interrupt ends is the only one that it ends. */
+static void test_an_interrupt_ends_one_wait(void) {
+    make_fifo();
+    send("time,u,v\n0,1,2\n");
+    poll_until(1);
+    for (bool in_time = false; !in_time;) { /* once it must be */
+        pthread_t other;
+        TEST_ASSERT_EQUAL_INT(0, pthread_create(&other, NULL, interrupt_soon, NULL));
+        tl_time begin = now();
+        (void)poll_once();
+        in_time = now() - begin < 50000000;
+        TEST_ASSERT_EQUAL_INT(0, pthread_join(other, NULL));
+        if (!in_time) {
+            (void)poll_once(); /* takes notice of the one that came too late */
+        }
+    }
+    send("1,3,4\n");
+    (void)poll_once();
+    TEST_ASSERT_EQUAL_size_t(2, posts[0]);
+    expect_last(0, 3, TL_GOOD);
+}
+
 static bool stop; /* atomic */
 
 static void *interrupt_often(void *context) {
@@ -572,6 +601,7 @@ int main(void) {
     RUN_TEST(test_a_fifo_that_is_made_again);
     RUN_TEST(test_a_fifo_that_is_removed);
     RUN_TEST(test_an_interrupt_is_not_lost);
+    RUN_TEST(test_an_interrupt_ends_one_wait);
     RUN_TEST(test_interrupts_from_another_thread);
     RUN_TEST(test_anchor_keeps_the_rows_time);
     RUN_TEST(test_anchor_follows_a_fast_clock);

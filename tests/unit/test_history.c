@@ -9,6 +9,7 @@
 
 #include "firmware/history.h"
 #include "firmware/utc.h"
+#include "tests/support/faulty_vfs.h"
 #include "tests/support/made_run.h"
 #include "tests/support/scratch.h"
 #include "tests/support/sql.h"
@@ -255,7 +256,8 @@ static void test_gaps(void) {
     tl_history_tick tick;
     bool end = false;
     record_run(1000);
-    tl_sql_execute(path, "DELETE FROM samples WHERE tick < 10 OR tick BETWEEN 100 AND 899; DELETE FROM steps WHERE step = 20");
+    tl_sql_execute(
+        path, "DELETE FROM samples WHERE tick < 10 OR tick BETWEEN 100 AND 899; DELETE FROM steps WHERE step = 20");
     open_history();
     begin_ticks(0);
     for (int64_t number = 10; number < 1000; number = number == 99 ? 900 : number + 1) {
@@ -326,6 +328,28 @@ static void test_reading_changes_nothing(void) {
     record_run(50); /* a recorder comes and goes meanwhile */
     for (; !end;) {
         expect_ok(tl_history_ticks_next(ticks, &tick, &end, &error));
+    }
+    close_history();
+    TEST_ASSERT_EQUAL_INT(1, tl_scratch_count(&scratch));
+}
+
+/* A copy on a stick that is mounted for reading: neither -wal nor -shm can be made, and neither is needed. */
+static void test_a_medium_that_cannot_be_written(void) {
+    const tl_recorder_settings settings = tl_made_settings(path);
+    tl_history_tick tick;
+    bool end = false;
+    (void)snprintf(path, sizeof path, "%s", tl_scratch_path(&scratch, "ein 100 % #1? \xC3\xA4.db"));
+    record_run(100);
+    tl_faulty_vfs_read_only(true);
+    tl_status status = tl_history_open(path, &history, &error);
+    tl_status refused = tl_recorder_open(&settings, &recorder, NULL);
+    tl_faulty_vfs_read_only(false);
+    expect_ok(status);
+    TEST_ASSERT_EQUAL_INT(TL_TRY_AGAIN, refused);
+    begin_ticks(0);
+    for (int64_t number = 0; number < 100; number++) {
+        expect_ok(tl_history_ticks_next(ticks, &tick, &end, &error));
+        expect_tick(&tick, number);
     }
     close_history();
     TEST_ASSERT_EQUAL_INT(1, tl_scratch_count(&scratch));
@@ -412,6 +436,7 @@ static void test_impossible_values_are_damage(void) {
 }
 
 int main(void) {
+    tl_faulty_vfs_install();
     tl_scratch_make(&scratch, TL_BINARY_DIR, "test_history");
     UNITY_BEGIN();
     RUN_TEST(test_runs_are_listed);
@@ -425,6 +450,7 @@ int main(void) {
     RUN_TEST(test_a_missing_value_is_not_good);
     RUN_TEST(test_reading_while_it_is_written);
     RUN_TEST(test_reading_changes_nothing);
+    RUN_TEST(test_a_medium_that_cannot_be_written);
     RUN_TEST(test_files_that_are_none);
     RUN_TEST(test_a_damaged_file_is_said);
     RUN_TEST(test_impossible_values_are_damage);

@@ -129,20 +129,27 @@ static void *write_events(void *argument) {
     return NULL;
 }
 
+/* What follows `start` in a line that begins so, else NULL. */
+static char *after(char *line, const char *start) {
+    size_t length = strlen(start);
+    return strncmp(line, start, length) == 0 ? line + length : NULL;
+}
+
 /* Counts the events of each writer, in order, and those that the journal says it dropped. */
-static void take_log(const char *log, unsigned long *next, unsigned long *seen, unsigned long *dropped) {
-    for (const char *line = log; *line != '\0'; line = strchr(line, '\n') + 1) {
-        size_t writer;
-        unsigned long number;
-        unsigned long count;
-        if (sscanf(line, "twinlock: notice: writer: %zu %lu\n", &writer, &number) == 2) {
-            TEST_ASSERT_LESS_THAN_size_t(WRITERS, writer);
-            TEST_ASSERT_TRUE(number >= next[writer]);
+static void take_log(char *log, unsigned long *next, unsigned long *seen, unsigned long *dropped) {
+    for (char *line = log; *line != '\0'; line = strchr(line, '\n') + 1) {
+        char *event = after(line, "twinlock: notice: writer: ");
+        if (event != NULL) {
+            unsigned long writer = strtoul(event, &event, 10);
+            unsigned long number = strtoul(event, &event, 10);
+            TEST_ASSERT_EQUAL_CHAR('\n', *event);
+            TEST_ASSERT_TRUE(writer < WRITERS && number >= next[writer]);
             next[writer] = number + 1;
             (*seen)++;
         } else {
-            TEST_ASSERT_EQUAL_INT(1, sscanf(line, "twinlock: warning: journal: %lu events", &count));
-            *dropped += count;
+            event = after(line, "twinlock: warning: journal: ");
+            TEST_ASSERT_NOT_NULL(event);
+            *dropped += strtoul(event, NULL, 10);
         }
     }
 }

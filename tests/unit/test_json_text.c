@@ -67,7 +67,7 @@ static void test_values(void) {
         " \t\r\n[ 1 , [ ] , { } ]\n",
         "{\"a\":{\"b\":[1,2,{\"c\":null}]},\"d\":0}",
         "[0.5,-1.25,10,1e5,1E+5,1e-5,-0.0e0,1.7976931348623157e308,5e-324,1e-999]",
-        "\"\\\"\\\\\\/\\b\\f\\n\\r\\t\\u00e9\\uD83D\\ude00\\uFFFF\"",
+        "\"\\\"\\\\\\/\\b\\f\\n\\r\\t\\u00e9\\uD83D\\ude00\\uFFFF\\uaFfA\\u0909\"",
         "\"\x7F é € \U0001F600 \xF4\x8F\xBF\xBF\"",
     };
     for (size_t i = 0; i < sizeof texts / sizeof texts[0]; i++) {
@@ -217,6 +217,8 @@ static void test_encoding(void) {
                              "file in that encoding");
     refuses("\xEF\xBB\xBF{}", "line 1, column 1: found a byte order mark, expected UTF-8 without one: save the file as "
                               "\"UTF-8 without BOM\"");
+    refuses("\xEF\xBB\xBF", "line 1, column 1: found a byte order mark, expected UTF-8 without one: save the file as "
+                            "\"UTF-8 without BOM\"");
     refuses_bytes("\xFF\xFE{\0}\0", 6,
                   "line 1, column 1: found the byte 0xFF, which is not UTF-8 here, expected "
                   "UTF-8: save the file in that encoding");
@@ -248,6 +250,27 @@ static void test_lines_in_document_order(void) {
     takes("{\"a\":\n [1,\n  \"[,:\",\n  {\"b\"\n:\n   null}],\n \"c\": {\"d\": false}\r\n}");
     TEST_ASSERT_EQUAL_size_t(sizeof expected / sizeof expected[0], lines.count);
     TEST_ASSERT_EQUAL_UINT32_ARRAY(expected, lines.line, lines.count);
+}
+
+/* As many values as a text of this size can have: one in two bytes. */
+static void test_very_many_values(void) {
+    enum { COUNT = 130000 };
+    static const char *const openings[] = {"[0", "[[]"};
+    for (size_t k = 0; k < 2; k++) {
+        size_t unit = strlen(openings[k]);
+        char *text = malloc(COUNT * unit + 2);
+        TEST_ASSERT_NOT_NULL(text);
+        for (size_t i = 0; i < COUNT; i++) {
+            memcpy(text + i * unit, openings[k], unit);
+            text[i * unit] = i == 0 ? '[' : ',';
+        }
+        text[COUNT * unit] = ']';
+        text[COUNT * unit + 1] = '\0';
+        takes(text);
+        TEST_ASSERT_EQUAL_size_t(COUNT + 1, lines.count);
+        TEST_ASSERT_EACH_EQUAL_UINT32(1, lines.line, lines.count);
+        free(text);
+    }
 }
 
 static void test_no_memory(void) {
@@ -300,6 +323,7 @@ int main(void) {
     RUN_TEST(test_encoding);
     RUN_TEST(test_every_short_character);
     RUN_TEST(test_lines_in_document_order);
+    RUN_TEST(test_very_many_values);
     RUN_TEST(test_no_memory);
     RUN_TEST(test_plain);
     RUN_TEST(test_texts_for_people);

@@ -851,6 +851,23 @@ static void test_a_hole_is_not_read(void) {
     TEST_ASSERT_EQUAL_size_t(1, links); /* not worth a word */
 }
 
+/* The requests that come before the one a poll begins with are more all at once: none is forgotten. */
+static void test_a_hole_behind_the_beginning(void) {
+    add(0);
+    add(3);
+    add(10);
+    add_of(2, TL_MODBUS_HOLDING, 0, TL_MODBUS_UINT16);
+    start_peer(silent);
+    open_driver("127.0.0.1", other.port, 0.2);
+    poll_once(); /* the next poll begins with unit 2 */
+    expect_link(false, "no answer");
+    set_answer(has_a_hole);
+    poll_until(3, TL_GOOD);
+    expect(0, 0, TL_GOOD);
+    expect(1, 3, TL_GOOD);
+    expect(2, 10, TL_GOOD);
+}
+
 static void test_one_wrong_address_does_not_spoil_its_neighbours(void) {
     add(2);
     add(3);
@@ -1204,6 +1221,7 @@ int main(void) {
     RUN_TEST(test_an_exception_costs_its_own_channels_only);
     RUN_TEST(test_an_exception_that_nobody_knows);
     RUN_TEST(test_a_hole_is_not_read);
+    RUN_TEST(test_a_hole_behind_the_beginning);
     RUN_TEST(test_one_wrong_address_does_not_spoil_its_neighbours);
     RUN_TEST(test_a_device_that_wants_small_requests);
     RUN_TEST(test_a_new_device_gets_the_large_requests);

@@ -95,7 +95,8 @@ static void test_samples_come_back_bit_for_bit(void) {
     record_run(TICKS);
     sqlite3 *database = NULL;
     TEST_ASSERT_EQUAL_INT(SQLITE_OK, sqlite3_open(path, &database));
-    sqlite3_stmt *row = ask(database, "SELECT tick, signal, value, quality, stamp_ns FROM samples ORDER BY tick, signal");
+    sqlite3_stmt *row =
+        ask(database, "SELECT tick, signal, value, quality, stamp_ns FROM samples ORDER BY tick, signal");
     for (int64_t tick = 0; tick < TICKS; tick++) {
         tl_sample sample;
         tl_made_sample(tick, &sample);
@@ -134,8 +135,9 @@ static void test_steps_come_back_bit_for_bit(void) {
     record_run(TICKS);
     sqlite3 *database = NULL;
     TEST_ASSERT_EQUAL_INT(SQLITE_OK, sqlite3_open(path, &database));
-    sqlite3_stmt *head = ask(database, "SELECT step, t_ns, outcome, stop, J, J_nominal, evaluations, executions, used_ns"
-                                       " FROM steps ORDER BY step");
+    sqlite3_stmt *head =
+        ask(database, "SELECT step, t_ns, outcome, stop, J, J_nominal, evaluations, executions, used_ns"
+                      " FROM steps ORDER BY step");
     sqlite3_stmt *output = ask(database, "SELECT y, y_hat, quality, delta FROM outputs ORDER BY step, signal");
     sqlite3_stmt *adjusted = ask(database, "SELECT u, u_hat, delta FROM adjustments ORDER BY step, signal");
     for (int64_t step = 0; step < TICKS - 2; step++) {
@@ -273,7 +275,9 @@ static void test_events_are_cut_and_repaired(void) {
     memcpy(text + 222, "\xC3\xA4", 2); /* the character that the cut goes through */
     text[sizeof text - 1] = '\0';
     tl_recorder_event(recorder, -1, TL_EVENT_INFO, "a source that is much longer than thirty-one bytes", text);
-    tl_recorder_event(recorder, 5, TL_EVENT_ERROR, "f\xFFmu", "gr\xC3\xB6\xC3\x9F" "e \xE2\x82 \xED\xA0\x80 \xF0\x9F\x98\x80");
+    tl_recorder_event(recorder, 5, TL_EVENT_ERROR, "f\xFFmu",
+                      "gr\xC3\xB6\xC3\x9F"
+                      "e \xE2\x82 \xED\xA0\x80 \xF0\x9F\x98\x80");
     tl_recorder_event(recorder, 0, TL_EVENT_INFO, "", "");
     close_recorder("end");
     TEST_ASSERT_EQUAL_INT64(3, counts.written);
@@ -282,7 +286,8 @@ static void test_events_are_cut_and_repaired(void) {
     TEST_ASSERT_EQUAL_STRING("?", tl_sql_text(path, "SELECT substr(text, 223) FROM events WHERE event = 1"));
     TEST_ASSERT_EQUAL_INT64(1, tl_sql_integer(path, "SELECT tick IS NULL FROM events WHERE event = 1"));
     TEST_ASSERT_EQUAL_STRING("f?mu", tl_sql_text(path, "SELECT source FROM events WHERE event = 2"));
-    TEST_ASSERT_EQUAL_STRING("größe ?? ??? \xF0\x9F\x98\x80", tl_sql_text(path, "SELECT text FROM events WHERE event = 2"));
+    TEST_ASSERT_EQUAL_STRING("größe ?? ??? \xF0\x9F\x98\x80",
+                             tl_sql_text(path, "SELECT text FROM events WHERE event = 2"));
     TEST_ASSERT_EQUAL_INT64(0, tl_sql_integer(path, "SELECT tick FROM events WHERE event = 3"));
 }
 
@@ -381,8 +386,8 @@ static void test_foreign_files_stay_as_they_are(void) {
 static void test_a_foreign_log_is_not_written_back(void) {
     sqlite3 *owner = NULL;
     TEST_ASSERT_EQUAL_INT(SQLITE_OK, sqlite3_open(path, &owner));
-    TEST_ASSERT_EQUAL_INT(SQLITE_OK, sqlite3_exec(owner, "PRAGMA journal_mode = WAL; CREATE TABLE mine (x)", NULL, NULL,
-                                                  NULL));
+    TEST_ASSERT_EQUAL_INT(SQLITE_OK,
+                          sqlite3_exec(owner, "PRAGMA journal_mode = WAL; CREATE TABLE mine (x)", NULL, NULL, NULL));
     expect_refused(TL_BAD_DATA, "of another program");
     (void)sqlite3_close(owner);
 }
@@ -471,9 +476,12 @@ static void test_the_largest_run(void) {
     close_recorder("end");
     TEST_ASSERT_EQUAL_INT64(2000, counts.written);
     TEST_ASSERT_EQUAL_INT64(64000, tl_sql_integer(path, "SELECT count(*) FROM samples"));
-    TEST_ASSERT_EQUAL_INT64(1000, tl_sql_integer(path, "SELECT count(*) FROM samples WHERE signal = 63 AND value = tick"));
-    TEST_ASSERT_EQUAL_INT64(1000, tl_sql_integer(path, "SELECT count(*) FROM outputs WHERE signal = 15 AND y_hat = step"));
-    TEST_ASSERT_EQUAL_INT64(1000, tl_sql_integer(path, "SELECT count(*) FROM adjustments WHERE signal = 7 AND u_hat = step"));
+    TEST_ASSERT_EQUAL_INT64(1000,
+                            tl_sql_integer(path, "SELECT count(*) FROM samples WHERE signal = 63 AND value = tick"));
+    TEST_ASSERT_EQUAL_INT64(1000,
+                            tl_sql_integer(path, "SELECT count(*) FROM outputs WHERE signal = 15 AND y_hat = step"));
+    TEST_ASSERT_EQUAL_INT64(1000,
+                            tl_sql_integer(path, "SELECT count(*) FROM adjustments WHERE signal = 7 AND u_hat = step"));
 }
 
 /* ---- Times ------------------------------------------------------------------------------------------------------- */
@@ -496,9 +504,19 @@ static void test_utc_texts(void) {
     TEST_ASSERT_EQUAL_INT64(INT64_C(1795219200000), ms);
     TEST_ASSERT_TRUE(tl_utc_parse("2026-11-21 10:02", &ms));
     TEST_ASSERT_EQUAL_INT64(INT64_C(1795219200000) + (10 * 60 + 2) * 60000, ms);
-    static const char *const wrong[] = {"",           "2026",        "2026-13-01", "2026-02-29",       "2026-00-10",
-                                        "2026-01-00", "2026-01-01T", "26-01-01",   "2026-01-01T24:00", "2026-01-01x",
-                                        "2026-01-01T10:02:03.", "2026-01-01T10:60", "2026-01-01T10:02:03+01:00"};
+    static const char *const wrong[] = {"",
+                                        "2026",
+                                        "2026-13-01",
+                                        "2026-02-29",
+                                        "2026-00-10",
+                                        "2026-01-00",
+                                        "2026-01-01T",
+                                        "26-01-01",
+                                        "2026-01-01T24:00",
+                                        "2026-01-01x",
+                                        "2026-01-01T10:02:03.",
+                                        "2026-01-01T10:60",
+                                        "2026-01-01T10:02:03+01:00"};
     for (size_t i = 0; i < sizeof wrong / sizeof wrong[0]; i++) {
         TEST_ASSERT_FALSE_MESSAGE(tl_utc_parse(wrong[i], &ms), wrong[i]);
     }

@@ -55,8 +55,9 @@ static void expect_written(const char *expected) {
 }
 
 static void test_columns_and_a_row(void) {
-    expect_written("time,step,outcome,evaluations,J,motor.omega,plant.omega,plant.omega quality,motor.d,motor.d nominal\n"
-                   "0.010000000,0,optimised,7,0.25,62.5,63,good,0.5,-1\n");
+    expect_written(
+        "time,step,outcome,evaluations,J,motor.omega,plant.omega,plant.omega quality,motor.d,motor.d nominal\n"
+        "0.010000000,0,optimised,7,0.25,62.5,63,good,0.5,-1\n");
 }
 
 static void test_a_free_step_has_no_objective(void) {

@@ -84,10 +84,11 @@ static void test_a_signal_that_goes_bad_and_comes_back(void) {
 static void test_signals_are_watched_one_by_one(void) {
     see(TL_NOT_A_NUMBER, TL_OUT_OF_RANGE);
     TEST_ASSERT_EQUAL_UINT64(2, journal.head - journal.tail);
-    expect_told("twinlock: warning: plant: plant.torque: not a number; its last good value is held and takes no part in "
-                "matching\n"
-                "twinlock: warning: plant: plant.omega: out of range; its last good value is held and takes no part in "
-                "matching\n");
+    expect_told(
+        "twinlock: warning: plant: plant.torque: not a number; its last good value is held and takes no part in "
+        "matching\n"
+        "twinlock: warning: plant: plant.omega: out of range; its last good value is held and takes no part in "
+        "matching\n");
     see(TL_GOOD, TL_OUT_OF_RANGE);
     expect_told("twinlock: notice: plant: plant.torque: good again\n");
 }

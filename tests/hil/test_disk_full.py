@@ -1,0 +1,133 @@
+#!/usr/bin/env python3
+"""The disk fills up while the twin runs: the cycle does not notice, the log and an event say so, and nothing
+that was recorded before is lost.
+
+A small file system of its own (a tmpfs in a user namespace) where that is permitted; and a limit on the size
+of files, which any system permits.
+"""
+import errno
+import os
+import resource
+import shutil
+import signal
+import subprocess
+import time
+
+from live_test import (PATIENCE, Device, Program, check_database, check_replay, check_rows, check_summary,
+                       committed_steps, end_well, expect_events, expect_reasons, number, query,
+                       wait_for_steps, wait_until)
+from twinlock_test import PROGRAM, Skip, at_most, edited_config, expect, json, main, scratch
+
+OMEGA = 62.981  # rad/s: where config/motor's twin starts
+
+
+def disk_config(device):
+    return edited_config("motor/live.json", {"duration_s": None, "record": {"commit_s": 0.1},
+                                             "sources": {"inverter": {"modbus_tcp": {"port": device.port}}}})
+
+
+def expect_kept_up(told):
+    """Every tick was met or made up, whatever the disk did."""
+    expect(told["steps"] + told["skipped"] == told["ticks"] > 0, f"{told}")
+    expect(told["executions"]["total"] == 3 * (told["ticks"] + told["evaluations"]), f"{told}")
+
+
+class SmallDisk(Program):
+    """`run` with a file system of 16 MiB of its own at `folder`."""
+
+    MOUNT = 'mount -t tmpfs -o size=16m none "$0" && exec "$@"'
+
+    def __init__(self, folder, *args):
+        wrapped = ["unshare", "-Urm", "sh", "-c", self.MOUNT, str(folder), PROGRAM, *args]
+        super().__init__(*wrapped[1:], executable=wrapped[0])
+
+
+def test_full_disk():
+    trial = ["unshare", "-Urm", "sh", "-c", SmallDisk.MOUNT, scratch(), "true"]
+    there = shutil.which("unshare") is not None
+    if not there or subprocess.run(trial, capture_output=True, check=False).returncode != 0:
+        raise Skip("a file system of its own is not permitted here")
+    folder = scratch()
+    with Device(OMEGA) as device:
+        config = disk_config(device)
+        with SmallDisk(folder, "run", config, "--json", "--db", folder / "twin.db") as live:
+            live.wait_for("connected")
+            disk = os.open(f"/proc/{live.pid}/root{folder}", os.O_RDONLY)  # keeps it beyond the program's end
+            wait_until(lambda: written(disk) > 100_000, "something in the database", live.log)
+            ballast = os.open("ballast", os.O_WRONLY | os.O_CREAT, dir_fd=disk)
+            fill(ballast)
+            live.wait_for("cannot write")
+            os.ftruncate(ballast, 0)
+            live.wait_for("writes again")
+            before = written(disk)
+            wait_until(lambda: written(disk) > before, "more in the database", live.log)
+            told, _ = end_well(live, signal.SIGTERM)
+        database = scratch() / "twin.db"
+        for name in os.listdir(disk):
+            if name.startswith("twin.db"):
+                with open(os.open(name, os.O_RDONLY, dir_fd=disk), "rb") as source:
+                    (database.parent / name).write_bytes(source.read())
+        os.close(ballast)
+        os.close(disk)
+    expect_kept_up(told)
+    check_database(database)
+    rows = check_summary(told, database)
+    expect_events(database, ("error", "cannot write"), ("info", "writes again after"))
+    lost = number(database, "SELECT entries_lost FROM runs")
+    expect(lost == 0, f"{lost} entries were lost, though the queues had room")
+    check_replay(config, database, rows)
+
+
+def written(disk):
+    """Bytes of the write-ahead log, which has no need to begin again in so short a run."""
+    try:
+        return os.stat("twin.db-wal", dir_fd=disk).st_size
+    except FileNotFoundError:
+        return 0
+
+
+def fill(file):
+    """Writes until there is no room, not even for a byte."""
+    size = 1 << 20
+    while size > 0:
+        try:
+            os.write(file, bytes(size))
+        except OSError as reason:
+            expect(reason.errno == errno.ENOSPC, f"the ballast cannot be written: {reason}")
+            size //= 2
+
+
+def limit_files(live, size):
+    """From now on it cannot make a file larger than that; None: as large as it likes."""
+    hard = resource.prlimit(live.pid, resource.RLIMIT_FSIZE)[1]
+    resource.prlimit(live.pid, resource.RLIMIT_FSIZE, (hard if size is None else size, hard))
+
+
+def test_disk_that_stays_full():
+    with Device(OMEGA) as device:
+        config = disk_config(device)
+        database = config.parent / "twin.db"
+        # SIGXFSZ is ignored, as Python does and hands on, so that a write beyond the limit fails instead.
+        with Program("run", config, "--json", restore_signals=False) as live:
+            wait_for_steps(live, database, 20)
+            limit_files(live, os.stat(f"{database}-wal").st_size)
+            live.wait_for("cannot write")
+            kept = committed_steps(database)
+            begun = time.monotonic()
+            wait_until(lambda: time.monotonic() > begun + 0.3, "a few more ticks")
+            code, out, log = live.end(signal.SIGTERM)
+            at_most(time.monotonic() - begun, PATIENCE, "seconds to the end, 2 of them patience")
+        expect(code == 75, f"it ended with {code}\n{log}")
+        expect_kept_up(json.loads(out))
+        check_database(database)
+        rows = check_rows(database)
+        expect(rows >= kept, f"{rows} steps are left of {kept}")
+        expect(query(database, "SELECT ended FROM runs") == [(None,)], "the run has an end, on a full disk")
+        with Program("run", config, "--json", "--duration", "0.3") as live:
+            told, _ = end_well(live)
+        check_summary(told, database, run=2)
+        expect_reasons(database, "not ended cleanly", "end of duration")
+
+
+if __name__ == "__main__":
+    main()

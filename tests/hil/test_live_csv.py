@@ -1,0 +1,158 @@
+#!/usr/bin/env python3
+"""The plant as rows of text: a FIFO that is written while it is read, a file played in its own time."""
+import csv
+import errno
+import os
+import signal
+import threading
+import time
+
+from live_test import (GOOD, NO_LINK, NOT_A_NUMBER, STALE, Program, check_free_run, check_replay,
+                       check_summary, end_well, expect_events, expect_in_order, last_step, qualities,
+                       wait_for_lock, wait_for_quality, wait_for_steps, wait_until)
+from twinlock_test import SOURCE, edited_config, expect, main
+
+OMEGA = 62.981  # rad/s: where config/motor's twin starts
+
+
+def csv_config(file, **changes):
+    """live.json with the same signals from a stream; its path, that of the stream and of the database."""
+    signals = {name: {"modbus": None, "csv": {"source": "stream"}} for name in ("torque", "omega")}
+    sources = {"inverter": None, "stream": {"csv": {"file": file, "time_column": "t"}}}
+    config = edited_config("motor/live.json", {"duration_s": None, "record": {"commit_s": 0.1},
+                                               "plant": signals, "sources": sources, **changes})
+    return config, config.parent / file, config.parent / "twin.db"
+
+
+class Feeder(threading.Thread):
+    """Writes a row of that speed into a FIFO every 10 ms; `extra` is written once, after the next."""
+
+    def __init__(self, fifo, run):
+        super().__init__(daemon=True)
+        self.file = wait_until(lambda: self._open(fifo), "a reader of the FIFO", run.log)
+        self.speed, self.extra, self.stopped = repr(OMEGA), None, False
+
+    @staticmethod
+    def _open(fifo):
+        try:
+            return os.open(fifo, os.O_WRONLY | os.O_NONBLOCK)
+        except OSError as reason:
+            if reason.errno != errno.ENXIO:
+                raise
+            return None
+
+    def run(self):
+        os.set_blocking(self.file, True)
+        begun = time.monotonic()
+        try:
+            os.write(self.file, b"t,omega,M_brake\n")
+            while not self.stopped:
+                os.write(self.file, f"{time.monotonic() - begun:.6f},{self.speed},0\n".encode())
+                extra, self.extra = self.extra, None
+                os.write(self.file, (extra or "").encode())
+                time.sleep(0.01)
+        except BrokenPipeError:
+            pass
+        os.close(self.file)
+
+    def __enter__(self):
+        self.start()
+        return self
+
+    def __exit__(self, *unused):
+        self.stopped = True
+        self.join(10)
+
+
+def test_fifo_and_its_writer_twice():
+    config, fifo, database = csv_config("plant.fifo")
+    with Program("plant", config, "--fifo", fifo) as first:
+        wait_until(fifo.exists, "the FIFO", first.log)
+        with Program("run", config, "--json") as live:
+            live.wait_for("rows are coming")
+            wait_for_lock(live, database)
+            code, _, log = first.end(signal.SIGTERM)
+            expect(code == 0, f"the first writer ended with {code}\n{log}")
+            wait_for_quality(live, database, "omega", NO_LINK)
+            wait_for_steps(live, database, last_step(database) + 20)
+            with Program("plant", config, "--fifo", fifo) as second:
+                live.wait_for("rows are coming", times=2)
+                wait_for_quality(live, database, "omega", GOOD)
+                wait_for_lock(live, database, last_step(database))
+                told, _ = end_well(live, signal.SIGTERM)
+                code, _, log = second.end(signal.SIGTERM)
+                expect(code == 0, f"the second writer ended with {code}\n{log}")
+    rows = check_summary(told, database)
+    expect_events(database, ("info", "rows are coming"), ("warning", "its writer has closed it"),
+                  ("info", "rows are coming"))
+    expect_events(database, ("warning", "plant.omega: no link"), ("info", "plant.omega: good again"))
+    expect_in_order(qualities(database, "omega"), [GOOD, NO_LINK, GOOD], "quality of omega")
+    check_free_run(database)
+    check_replay(config, database, rows)
+
+
+def test_rows_that_are_none():
+    config, fifo, database = csv_config("plant.fifo")
+    os.mkfifo(fifo)
+    with Program("run", config, "--json") as live, Feeder(fifo, live) as feeder:
+        wait_for_lock(live, database)
+        for times, bad in enumerate(("1e999\n", "some;thing,else\n", "1,2,3,4,5\n", "0,0,0\n")):
+            time.sleep(1 if times else 0)  # complaints are limited to one a second
+            feeder.extra = bad
+            live.wait_for("(skipped; ", times + 1)
+        feeder.speed = "nan"
+        wait_for_quality(live, database, "omega", NOT_A_NUMBER)
+        feeder.speed = repr(OMEGA)
+        wait_for_quality(live, database, "omega", GOOD)
+        wait_for_lock(live, database, last_step(database))
+        told, _ = end_well(live, signal.SIGTERM)
+    rows = check_summary(told, database)
+    expect_events(database, ("info", "(skipped; 1"), ("info", "(skipped; 1"), ("info", "(skipped; 1"),
+                  ("info", "time goes back"), ("warning", "plant.omega: not a number"),
+                  ("info", "plant.omega: good again"))
+    check_free_run(database)
+    check_replay(config, database, rows)
+
+
+def rows_of_recording(path, seconds):
+    """The recording's beginning as a file of its own."""
+    with open(SOURCE / "config" / "motor" / "recording.csv", encoding="utf-8", newline="") as file:
+        rows = list(csv.reader(file))
+    lines = [",".join(row) for row in rows[:1] + [row for row in rows[1:] if float(row[0]) < seconds]]
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def test_file():
+    config, path, database = csv_config("plant.csv")
+    rows_of_recording(path, 1)
+    with Program("run", config, "--json") as live:
+        wait_for_lock(live, database)
+        wait_for_quality(live, database, "omega", STALE)  # after its end
+        wait_for_steps(live, database, last_step(database) + 20)
+        told, _ = end_well(live, signal.SIGTERM)
+    rows = check_summary(told, database)
+    expect_in_order(qualities(database, "omega"), [GOOD, STALE], "quality of omega")
+    expect_events(database, ("info", "open"), ("warning", "plant.omega: stale"), ("warning", "runs free"))
+    check_free_run(database)
+    check_replay(config, database, rows)
+
+
+def test_file_that_goes_back_in_time():
+    config, path, database = csv_config("plant.csv")
+    rows_of_recording(path, 0.5)
+    with open(path, "a", encoding="utf-8") as file:
+        file.write("0.6,sixty,0\n0.7,60,0\n0.1,60,0\n")
+    with Program("run", config, "--json") as live:
+        wait_for_quality(live, database, "omega", NO_LINK)
+        wait_for_steps(live, database, last_step(database) + 20)
+        told, _ = end_well(live, signal.SIGTERM)
+    rows = check_summary(told, database)
+    expect_in_order(qualities(database, "omega"), [GOOD, NOT_A_NUMBER, NO_LINK], "quality of omega")
+    expect_events(database, ("info", "open"), ("warning", "plant.csv, line"),
+                  ("warning", "plant.omega: no link"))
+    check_free_run(database)
+    check_replay(config, database, rows)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,114 @@
+#!/usr/bin/env python3
+"""A replay is recorded, shown, and replayed again from what was recorded. What `show` tells is held against what
+`replay` told, and against the database as Python's own SQLite reads it."""
+import json
+import math
+import sqlite3
+
+from twinlock_test import edited_config, expect, main, read_table, replay_csv, replay_json, run, run_well, scratch
+
+CONFIG = "motor/lock.json"
+SAME = ("steps", "optimised_steps", "evaluations", "time_limited", "outcomes")
+
+
+def recorded():
+    """(database, what `replay --json` told)"""
+    database = scratch() / "run.db"
+    return database, replay_json(CONFIG, "--db", database)
+
+
+def show_json(database, *options):
+    return json.loads(run_well(["show", database, "--json", *options]))
+
+
+def write(folder, text):
+    path = folder / "table.csv"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def expect_same_numbers(shown, told):
+    """Every number of a match or an adjusted variable that both have is the same, in all bits."""
+    for kind in ("match", "adjust"):
+        expect(sorted(shown[kind]) == sorted(told[kind]), f"{kind}: {sorted(shown[kind])}")
+        for name, numbers in told[kind].items():
+            for key, value in numbers.items():
+                expect(shown[kind][name][key] == value, f"{name} {key}: {shown[kind][name][key]!r}, not {value!r}")
+
+
+def test_show_tells_what_replay_told():
+    database, told = recorded()
+    shown = show_json(database)
+    for key in SAME:
+        expect(shown[key] == told[key], f"{key}: {shown[key]}, not {told[key]}")
+    expect_same_numbers(shown, told)
+    last = shown["runs"][-1]
+    expect(last["ended_reason"] == "end of recording" and last["lost"] == 0, f"{last}")
+
+
+def test_windows_are_what_the_database_holds():
+    database, told = recorded()
+    name, numbers = next(iter(show_json(database)["adjust"].items()))
+    windows = numbers["windows"]
+    expect(len(windows) == 8 and sum(window["steps"] for window in windows) == told["steps"], f"{windows}")
+    ends = [window["from_step"] for window in windows[1:]] + [told["steps"]]
+    with sqlite3.connect(database) as connection:
+        for window, end in zip(windows, ends):
+            (mean, count), = connection.execute(
+                "SELECT avg(delta), count(*) FROM adjustments JOIN signals USING (run, signal)"
+                " WHERE kind = 'adjust' AND name = ? AND step >= ? AND step < ?", (name, window["from_step"], end))
+            expect(count == window["steps"], f"{window}: {count} steps")
+            expect(math.isclose(mean, window["delta_mean"], rel_tol=1e-9, abs_tol=1e-15), f"{window}: {mean}")
+
+
+def test_a_recorded_run_replays_to_the_same_bits():
+    database, told = recorded()
+    again = replay_json(CONFIG, "--recording", database)
+    for key in (*SAME, "executions", "match", "adjust"):
+        expect(again[key] == told[key], f"{key}: {again[key]}, not {told[key]}")
+
+
+def test_samples_as_csv_replay_to_the_same_bits():
+    database, told = recorded()
+    path = write(scratch(), run_well(["show", database, "--csv", "samples"]))
+    as_exported = {"csv": {"column": None}}
+    config = edited_config(CONFIG, {"recording": {"time_column": None},
+                                    "plant": {"torque": as_exported, "omega": as_exported}})
+    again = replay_json(config, "--recording", path)
+    for key in ("match", "adjust"):
+        expect(again[key] == told[key], f"{key}: {again[key]}, not {told[key]}")
+
+
+def test_tables_are_those_of_replay():
+    database, _ = recorded()
+    steps = replay_csv(CONFIG)
+    outputs = read_table(write(scratch(), run_well(["show", database, "--csv", "outputs"])))
+    adjustments = read_table(write(scratch(), run_well(["show", database, "--csv", "adjustments"])))
+    for table in (outputs, adjustments):
+        for name in set(table) & set(steps) - {"time"}:
+            expect(table[name] == steps[name], f"{name} differs")
+    expect("motor.omega" in outputs and "motor.d nominal" in adjustments, f"{list(outputs)} {list(adjustments)}")
+    expect(all(math.isclose(a, b) for a, b in zip(outputs["time"], steps["time"])), "time differs")
+
+
+def test_page():
+    database, told = recorded()
+    page = run_well(["show", database])
+    for part in ("motor.omega", "motor.d", "end of recording", f"{told['steps']} of 0.01 s"):
+        expect(part in page, f"{part!r} is not in\n{page}")
+    expect("\x1b" not in page and page.isascii(), f"not for a pipe:\n{page}")
+    expect(page == run_well(["show", database, "--run", "1"]), "the last run is not run 1")
+
+
+def test_exit_codes():
+    database, _ = recorded()
+    other = scratch() / "other.db"
+    with sqlite3.connect(other) as connection:
+        connection.execute("CREATE TABLE mine (x)")
+    for wanted, args in ((2, []), (2, [database, "--csv", "everything"]), (65, [other]), (65, [scratch() / "none.db"]),
+                         (65, [database, "--run", "9"]), (2, [database, "--since", "2026-11-21"])):
+        code, out, err = run(["show", *args])
+        expect(code == wanted and not out and err, f"show {args}: {code}, {out!r}, {err!r}")
+
+
+main()

@@ -1,0 +1,166 @@
+/* An assembly: what is built, what is shared, what is said where it cannot be built, and that all of it ends. */
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <unity.h>
+
+#include "firmware/assembly.h"
+#include "tests/support/config_text.h"
+#include "tests/support/scratch.h"
+#include "tests/support/sql.h"
+#include "tests/support/stderr_capture.h"
+
+#define LOCK TL_SOURCE_DIR "/config/motor/lock.json"
+
+static tl_scratch scratch;
+static char path[PATH_MAX];
+static tl_assembly assembly;
+static char *said;
+
+void setUp(void) {
+    TEST_ASSERT_EQUAL_INT(0, setenv("TWINLOCK_FMU_PATH", TL_BINARY_DIR "/fmus", 1));
+    (void)snprintf(path, sizeof path, "%s", tl_scratch_path(&scratch, "config.json"));
+    memset(&assembly, 0xA5, sizeof assembly); /* load() starts anew */
+}
+
+void tearDown(void) {
+    tl_assembly_free(&assembly);
+    free(said);
+    said = NULL;
+    tl_scratch_empty(&scratch);
+}
+
+/* Loads lock.json with a part of its text replaced, and keeps what that said. */
+static tl_status load(const char *old, const char *new) {
+    char *text = tl_test_read_text(LOCK);
+    char *changed = tl_test_replaced(text, old, new);
+    TEST_ASSERT_NOT_NULL_MESSAGE(changed, old);
+    FILE *file = fopen(path, "w");
+    (void)fputs(changed, file);
+    (void)fclose(file);
+    free(text);
+    free(changed);
+    TEST_ASSERT_TRUE(tl_stderr_capture_begin());
+    tl_status status = tl_assembly_load(path, &assembly);
+    said = tl_stderr_capture_end();
+    return status;
+}
+
+static void expect_said(const char *text) {
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(said, text), said);
+}
+
+static void test_a_good_one(void) {
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_assembly_load(LOCK, &assembly));
+    TEST_ASSERT_NOT_NULL(assembly.twin);
+    TEST_ASSERT_EQUAL_size_t(2, assembly.fmu_count);
+    TEST_ASSERT_EQUAL_size_t(3, tl_twin_get_facts(assembly.twin).components);
+    TEST_ASSERT_EQUAL_UINT32(1, tl_twin_get_facts(assembly.twin).distance);
+    TEST_ASSERT_EQUAL_UINT32(1, tl_twin_get_facts(assembly.twin).prediction);
+    TEST_ASSERT_EQUAL_STRING("motor", tl_twin_component_name(assembly.twin, 1));
+    TEST_ASSERT_EQUAL_STRING("rad/s", tl_twin_match_unit(assembly.twin, 0));
+}
+
+/* One file is loaded once, however many components use it. */
+static void test_components_share_an_fmu(void) {
+    TEST_ASSERT_EQUAL_INT(TL_OK, load("\"drive\": { \"fmu\"", "\"other\": { \"fmu\": \"motor.fmu\", \"set\": "
+                                                              "{ \"I_in\": 0.3, \"M_w\": 0 } },\n"
+                                                              "    \"drive\": { \"fmu\""));
+    TEST_ASSERT_EQUAL_STRING("", said);
+    TEST_ASSERT_EQUAL_size_t(2, assembly.fmu_count);
+    TEST_ASSERT_EQUAL_size_t(4, tl_twin_get_facts(assembly.twin).components);
+    TEST_ASSERT_EQUAL_PTR(assembly.components[0].model, assembly.components[2].model);
+}
+
+static void test_all_fmus_that_are_missing_are_said(void) {
+    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA,
+                          load("\"drive.fmu\", \"set\": { \"ref\": 10 } },\n    \"motor\": { \"fmu\": \"motor.fmu\"",
+                               "\"absent1.fmu\" },\n    \"motor\": { \"fmu\": \"absent2.fmu\""));
+    TEST_ASSERT_EQUAL_size_t(2, assembly.problems.report.count);
+    expect_said("components.drive: no file \"absent1.fmu\"");
+    expect_said("components.motor: no file \"absent2.fmu\"");
+    TEST_ASSERT_NULL(assembly.twin);
+}
+
+static void test_a_configuration_that_is_wrong(void) {
+    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, load("\"step_s\": 0.01", "\"step_s\": 0"));
+    expect_said("step_s");
+    TEST_ASSERT_NULL(assembly.twin);
+    TEST_ASSERT_EQUAL_size_t(0, assembly.fmu_count);
+}
+
+/* Problems of the twin are told with the lines of the file. */
+static void test_a_twin_that_cannot_be_built(void) {
+    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, load("\"motor.d\"", "\"motor.J\""));
+    char place[128];
+    char *text = tl_test_read_text(path);
+    (void)snprintf(place, sizeof place, "line %zu: synchronise.adjust.motor.J: motor.J is a fixed parameter",
+                   tl_test_line_of(text, "\"motor.J\""));
+    free(text);
+    expect_said(place);
+    TEST_ASSERT_EQUAL_size_t(1, assembly.problems.report.count);
+    TEST_ASSERT_NULL(assembly.twin);
+    TEST_ASSERT_EQUAL_size_t(2, assembly.fmu_count); /* to be unloaded all the same */
+}
+
+static void test_no_file(void) {
+    TEST_ASSERT_TRUE(tl_stderr_capture_begin());
+    tl_status status = tl_assembly_load(tl_scratch_path(&scratch, "absent.json"), &assembly);
+    said = tl_stderr_capture_end();
+    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, status);
+    expect_said("absent.json");
+}
+
+static void test_freeing_twice(void) {
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_assembly_load(LOCK, &assembly));
+    tl_assembly_free(&assembly);
+    TEST_ASSERT_NULL(assembly.twin);
+    tl_assembly_free(&assembly);
+}
+
+/* What `emulate` reads from FMUs is the plan's outputs; what it reads from the plant is not. */
+static void test_outputs_of_an_emulated_plant(void) {
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_assembly_load(TL_SOURCE_DIR "/config/motor/plant.json", &assembly));
+    TEST_ASSERT_EQUAL_size_t(2, assembly.config.emulated_count);
+    TEST_ASSERT_EQUAL_size_t(1, assembly.plan.output_count);
+    TEST_ASSERT_EQUAL_STRING("motor.omega", assembly.outputs[0].variable);
+}
+
+static void test_recording_names_and_units(void) {
+    tl_recorder *recorder = NULL;
+    tl_error error;
+    const char *database = tl_scratch_path(&scratch, "run.db");
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_assembly_load(LOCK, &assembly));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_assembly_record(&assembly, "replay", database, true, &recorder, &error));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_recorder_close(recorder, "test", NULL, &error));
+    TEST_ASSERT_EQUAL_INT64(4, tl_sql_integer(database, "SELECT count(*) FROM signals"));
+    TEST_ASSERT_EQUAL_INT64(
+        1, tl_sql_integer(database, "SELECT count(*) FROM signals WHERE kind = 'match' AND name = 'motor.omega' AND "
+                                    "unit = 'rad/s' AND compared_with = 'plant.omega'"));
+    TEST_ASSERT_EQUAL_INT64(
+        1, tl_sql_integer(database, "SELECT count(*) FROM signals WHERE kind = 'adjust' AND name = 'motor.d' AND "
+                                    "unit = 'N.m.s/rad'"));
+    TEST_ASSERT_EQUAL_STRING("N.m",
+                             tl_sql_text(database, "SELECT unit FROM signals WHERE kind = 'plant' AND signal = 0"));
+    TEST_ASSERT_EQUAL_STRING("replay", tl_sql_text(database, "SELECT verb FROM runs"));
+    TEST_ASSERT_EQUAL_INT64(10000000, tl_sql_integer(database, "SELECT step_ns FROM runs"));
+    TEST_ASSERT_EQUAL_STRING(assembly.config.hash, tl_sql_text(database, "SELECT configuration FROM runs"));
+    TEST_ASSERT_EQUAL_STRING(assembly.config.text, tl_sql_text(database, "SELECT text FROM configurations"));
+}
+
+int main(void) {
+    tl_scratch_make(&scratch, TL_BINARY_DIR, "test_assembly");
+    UNITY_BEGIN();
+    RUN_TEST(test_a_good_one);
+    RUN_TEST(test_components_share_an_fmu);
+    RUN_TEST(test_all_fmus_that_are_missing_are_said);
+    RUN_TEST(test_a_configuration_that_is_wrong);
+    RUN_TEST(test_a_twin_that_cannot_be_built);
+    RUN_TEST(test_no_file);
+    RUN_TEST(test_freeing_twice);
+    RUN_TEST(test_outputs_of_an_emulated_plant);
+    RUN_TEST(test_recording_names_and_units);
+    tl_scratch_remove(&scratch);
+    return UNITY_END();
+}
