@@ -131,7 +131,8 @@ def check_rows(path, run=1):
                f"{table} has {len(rows)} rows, steps {len(steps)}")
     ticks = query(path, "SELECT DISTINCT tick FROM samples WHERE run = ? ORDER BY tick", run)
     expect([row[0] for row in ticks] == list(range(len(ticks))), "ticks are missing in samples")
-    for table, value in (("adjustments", "u"), ("adjustments", "u_hat"), ("outputs", "y"), ("outputs", "y_hat")):
+    for value in "u", "u_hat", "y", "y_hat":
+        table = "adjustments" if value.startswith("u") else "outputs"
         bad = number(path, f"SELECT count(*) FROM {table} WHERE run = ? AND typeof({value}) <> 'real'", run)
         expect(bad == 0, f"{bad} rows of {value} are no numbers")
     return len(steps)
