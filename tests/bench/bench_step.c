@@ -2,7 +2,7 @@
  *
  * usage: bench_step FMU CONFIG    for example build/host/fmus/lag.fmu config/motor/free.json
  *
- * First part: one component with one input and one output, stepped by a plain loop of the same dlopen'ed calls (the floor)
+ * First part: an FMU with one Real input and one output, stepped by a plain loop of the same dlopen'ed calls (the floor)
  * and by the twin; both in turns in one process, the fastest of many rounds. Second part: free steps of a configuration.
  * Figures are ratios and nanoseconds; compare only within one run.
  */
