@@ -85,8 +85,10 @@ static tl_status compute(tl_cycle *cycle, int64_t tick, const tl_budget *budget)
     if (ready) {
         keep(cycle, &record);
     }
-    cycle->summary.skipped += budget == NULL && tick >= cycle->warm_up ? 1 : 0;
-    cycle->next_tick = tick + 1;
+    if (status == TL_OK) {
+        cycle->summary.skipped += budget == NULL && tick >= cycle->warm_up ? 1 : 0;
+        cycle->next_tick = tick + 1;
+    }
     return status;
 }
 
