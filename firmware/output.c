@@ -1,8 +1,13 @@
 /* Where a verb prints its result: see output.h. */
 #include "firmware/output.h"
 
+#include <errno.h>
 #include <fcntl.h>
+#include <stdbool.h>
+#include <string.h>
 #include <unistd.h>
+
+#include "firmware/log.h"
 
 FILE *tl_output_claim(void) {
     int real = fcntl(STDOUT_FILENO, F_DUPFD_CLOEXEC, 3);
@@ -12,4 +17,14 @@ FILE *tl_output_claim(void) {
     }
     (void)dup2(STDERR_FILENO, STDOUT_FILENO);
     return output;
+}
+
+tl_status tl_output_finish(FILE *output, tl_status status) {
+    bool failed = ferror(output) != 0;
+    failed = fflush(output) != 0 || failed;
+    if (!failed || status != TL_OK) {
+        return status;
+    }
+    tl_log(TL_LOG_ERROR, "the result could not be written to standard output: %s", strerror(errno));
+    return TL_TRY_AGAIN;
 }

@@ -9,7 +9,13 @@
 
 #include <stdio.h>
 
+#include "master/base/status.h"
+
 /* The real standard output. From now on file descriptor 1 is standard error. Falls back to stdout. */
 FILE *tl_output_claim(void);
+
+/* Once all is printed: `status`, or TL_TRY_AGAIN (said on the log) where that was TL_OK but not everything could be
+ * written. */
+tl_status tl_output_finish(FILE *output, tl_status status);
 
 #endif

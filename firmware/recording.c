@@ -4,6 +4,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 
 #include "board/io/csv.h"
 #include "firmware/live_plant.h"
@@ -128,6 +129,14 @@ tl_status tl_recording_open(const char *path, const tl_config *config, tl_record
     tl_recording *opened = calloc(1, sizeof *opened);
     if (opened == NULL) {
         return tl_fail(error, TL_TRY_AGAIN, "%s: not enough memory", path);
+    }
+    struct stat about;
+    if (stat(path, &about) == 0 && !S_ISREG(about.st_mode) && !S_ISDIR(about.st_mode)) {
+        free(opened);
+        return tl_fail(error, TL_BAD_DATA,
+                       "%s: is no regular file, expected a recording (CSV or database); a FIFO is a live source for "
+                       "`twinlock run`",
+                       path);
     }
     tl_status status = is_database(path)
                            ? tl_recording_database_open(path, config, &opened->database, &opened->ticks, error)

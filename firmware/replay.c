@@ -117,6 +117,14 @@ tl_status tl_replay_run(const tl_replay *replay, tl_summary *summary, tl_error *
     tl_progress_begin(&progress, "replay", last < ticks ? last : ticks);
     tl_status status = run(replay, &progress, summary, error);
     tl_progress_end(&progress);
+    if (status == TL_OK && summary->steps + summary->skipped == 0) {
+        status =
+            tl_fail(error, TL_BAD_DATA,
+                    "the recording ends before the first step: it has %lld ticks of %g s, and a step needs %u more "
+                    "than its first",
+                    (long long)ticks, tl_seconds(replay->assembly->config.step),
+                    (unsigned)tl_twin_get_facts(replay->assembly->twin).prediction);
+    }
     summary->wall_s = tl_seconds(tl_clock_now(NULL) - started);
     return status;
 }

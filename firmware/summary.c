@@ -49,13 +49,22 @@ static void add_executions(cJSON *root, const tl_twin *twin) {
     }
 }
 
+/* What cannot be told is null: no data must not look like a perfect fit. */
+static void add_measure(cJSON *match, const char *name, double value, bool known) {
+    if (known) {
+        (void)cJSON_AddNumberToObject(match, name, value);
+    } else {
+        (void)cJSON_AddNullToObject(match, name);
+    }
+}
+
 static void add_matches(cJSON *root, const tl_config *config, const tl_twin *twin) {
     cJSON *matches = cJSON_AddObjectToObject(root, "match");
     for (size_t i = 0; i < config->match_count; i++) {
         const tl_metrics *metrics = tl_twin_metrics(twin, i);
         cJSON *match = cJSON_AddObjectToObject(matches, config->match[i].variable);
-        (void)cJSON_AddNumberToObject(match, "mse", tl_metrics_mse(metrics));
-        (void)cJSON_AddNumberToObject(match, "max", metrics->maximum);
+        add_measure(match, "mse", tl_metrics_mse(metrics), metrics->pairs > 1);
+        add_measure(match, "max", metrics->maximum, metrics->pairs > 0);
         (void)cJSON_AddStringToObject(match, "unit", tl_twin_match_unit(twin, i));
         (void)cJSON_AddNumberToObject(match, "pairs", (double)metrics->pairs);
     }
@@ -122,16 +131,21 @@ void tl_summary_print_table(const tl_summary *summary, const tl_config *config, 
     uint64_t executions = total_executions(twin);
     uint64_t floor_executions = committed(summary) * tl_twin_get_facts(twin).components;
     (void)fprintf(file, "%s\n", config->name);
-    (void)fprintf(file, "  steps        %" PRIu64 " of %g s: ", committed(summary), tl_seconds(config->step));
+    (void)fprintf(file, "  steps        %" PRIu64 " of %g s: ", summary->steps, tl_seconds(config->step));
     print_outcomes(summary, file);
     (void)fprintf(file, "  executions   %" PRIu64 " (%.3f per free-running one), %" PRIu64 " evaluations\n", executions,
                   floor_executions == 0 ? 0.0 : (double)executions / (double)floor_executions, summary->evaluations);
     for (size_t i = 0; i < config->match_count; i++) {
         const tl_metrics *metrics = tl_twin_metrics(twin, i);
         const char *unit = tl_twin_match_unit(twin, i);
-        (void)fprintf(file, "  %-12s MSE %.5g (%s)\302\262, MAX %.4g %s%s\n", config->match[i].variable,
-                      tl_metrics_mse(metrics), unit, metrics->maximum, unit,
-                      config->match[i].weight > 0.0 || config->adjust_count == 0 ? "" : ", compared only");
+        if (metrics->pairs < 2) {
+            (void)fprintf(file, "  %-12s fewer than two good measurements: nothing to compare\n",
+                          config->match[i].variable);
+        } else {
+            (void)fprintf(file, "  %-12s MSE %.5g (%s)\302\262, MAX %.4g %s%s\n", config->match[i].variable,
+                          tl_metrics_mse(metrics), unit, metrics->maximum, unit,
+                          config->match[i].weight > 0.0 || config->adjust_count == 0 ? "" : ", compared only");
+        }
         if (metrics->left_out != 0) {
             (void)fprintf(file, "  %-12s %" PRIu64 " of %" PRIu64 " measurements were not good and are left out\n", "",
                           metrics->left_out, metrics->left_out + metrics->pairs);

@@ -214,6 +214,5 @@ int tl_verb_check(int argc, char **argv) {
         print_variables(&assembly, options.output);
     }
     tl_assembly_free(&assembly);
-    (void)fflush(options.output);
-    return tl_exit_code(status);
+    return tl_exit_code(tl_output_finish(options.output, status));
 }

@@ -188,6 +188,5 @@ int tl_verb_replay(int argc, char **argv) {
         }
     }
     tl_assembly_free(&assembly);
-    (void)fflush(options.output);
-    return tl_exit_code(status);
+    return tl_exit_code(tl_output_finish(options.output, status));
 }

@@ -5,6 +5,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/ioctl.h>
 #include <unistd.h>
 
 #include "firmware/assembly.h"
@@ -153,19 +154,41 @@ static tl_status open_all(appliance *self, tl_error *error) {
     return tl_cycle_start(&settings, &self->cycle, error);
 }
 
+/* Writes what the terminal has columns for: a line that wraps cannot be redrawn. */
+static void print_cut(const char *line) {
+    struct winsize size = {0};
+    size_t columns = ioctl(STDERR_FILENO, TIOCGWINSZ, &size) == 0 && size.ws_col > 1 ? size.ws_col - 1U : 79U;
+    size_t end = 0;
+    for (size_t shown = 0; line[end] != '\0'; end++) {
+        bool begins_character = ((unsigned char)line[end] & 0xc0U) != 0x80U;
+        if (begins_character && shown++ == columns) {
+            break;
+        }
+    }
+    (void)fprintf(stderr, "\r\033[K%.*s", (int)end, line);
+}
+
 static void print_status(const appliance *self, const tl_cycle_status *status, bool terminal) {
     const tl_config *config = &self->assembly.config;
     const tl_record *record = &status->record;
-    (void)fprintf(stderr, "%s%8.2f s  %-12s", terminal ? "\r\033[K" : "",
-                  tl_seconds(tl_time_of_step(0, config->step, record->step + 1)), tl_outcome_name(record->outcome));
+    char line[512];
+    int length =
+        snprintf(line, sizeof line, "%8.2f s  skipped %llu  %.2f ms  %-12s",
+                 tl_seconds(tl_time_of_step(0, config->step, record->step + 1)), (unsigned long long)status->skipped,
+                 tl_seconds(record->used) * 1e3, tl_outcome_name(record->outcome));
     for (size_t i = 0; i < config->match_count && i < 2; i++) {
-        (void)fprintf(stderr, "  %s %.4g (plant %.4g)", config->match[i].variable, record->y[i], record->y_hat[i]);
+        length += snprintf(line + length, sizeof line - (size_t)length, "  %.63s %.4g (plant %.4g)",
+                           config->match[i].variable, record->y[i], record->y_hat[i]);
     }
     for (size_t i = 0; i < config->adjust_count && i < 2; i++) {
-        (void)fprintf(stderr, "  \316\224%s %+.4g", config->adjust[i].variable, record->u[i] - record->u_hat[i]);
+        length += snprintf(line + length, sizeof line - (size_t)length, "  \316\224%.63s %+.4g",
+                           config->adjust[i].variable, record->u[i] - record->u_hat[i]);
     }
-    (void)fprintf(stderr, "  skipped %llu  %.2f ms%s", (unsigned long long)status->skipped,
-                  tl_seconds(record->used) * 1e3, terminal ? "" : "\n");
+    if (terminal) {
+        print_cut(line);
+    } else {
+        (void)fprintf(stderr, "%s\n", line);
+    }
     (void)fflush(stderr);
 }
 
@@ -260,6 +283,5 @@ int tl_verb_run(int argc, char **argv) {
     }
     tl_assembly_free(&self->assembly);
     free(self);
-    (void)fflush(options.output);
-    return tl_exit_code(status);
+    return tl_exit_code(tl_output_finish(options.output, status));
 }

@@ -24,7 +24,7 @@ void tl_watch_sample(tl_watch *watch, const tl_sample *sample) {
 
 static void watch_free_run(tl_watch *watch, const tl_record *record) {
     bool free_run = record->outcome == TL_FREE_RUN;
-    if (free_run == watch->free_run) {
+    if (free_run == watch->free_run || record->outcome == TL_MADE_UP) {
         return;
     }
     watch->free_run = free_run;

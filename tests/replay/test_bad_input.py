@@ -3,9 +3,11 @@
 Each must end with the right exit code and a text that says what is wrong, where, and what to do; nothing
 crashes, nothing is left among the temporary files (twinlock_test.run() sees to both), and nothing of the
 user's is lost."""
+import os
 import random
 import re
 import socket
+import subprocess
 import zipfile
 
 from twinlock_test import FMUS, SOURCE, edited_config, expect, main, run, run_well, scratch, write_config
@@ -369,6 +371,27 @@ def test_folders_instead_of_files():
     expect_refused(["replay", FREE, "--recording", folder], BAD_DATA, str(folder), "Is a directory")
     expect_refused(["replay", FREE, "--csv", folder], TRY_AGAIN, str(folder), "Is a directory")
     expect_refused(["replay", FREE, "--db", folder], BAD_DATA, str(folder), "no ordinary file")
+
+
+def test_a_fifo_is_no_recording():
+    fifo = scratch() / "fifo"
+    os.mkfifo(fifo)
+    expect_refused(["replay", FREE, "--recording", fifo], BAD_DATA, "fifo", "no regular file")
+
+
+def test_a_recording_of_one_row():
+    short = scratch() / "short.csv"
+    short.write_text("t,omega,M_brake\n0,62.9,0\n", encoding="utf-8")
+    expect_refused(["replay", FREE, "--recording", short], BAD_DATA, "ends before the first step")
+
+
+def test_a_result_that_cannot_be_written():
+    for args in (["replay", FREE], ["replay", FREE, "--json"], ["check", FREE]):
+        with open("/dev/full", "w", encoding="utf-8") as full:
+            done = subprocess.run([os.environ["TWINLOCK"], *map(str, args)], stdout=full, stderr=subprocess.PIPE,
+                                  text=True, check=False, env={**os.environ, "TWINLOCK_FMU_PATH": str(FMUS)})
+        expect(done.returncode == TRY_AGAIN and "could not be written" in done.stderr,
+               f"{args}: {done.returncode}, {done.stderr}")
 
 
 def test_no_recording():
