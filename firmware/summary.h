@@ -1,6 +1,6 @@
 /* The summary of a run: what `replay --json`, the closing table of `replay` and `run`, and the demo show.
  *
- * Purpose: adds up records as they come; prints itself as one JSON object (keys: config/SPEC.md, "replay --json") or as
+ * Purpose: adds up records as they come; prints itself as one JSON object (keys: config/SPEC.md, "Results", --json) or as
  *          a table for people.
  * Thread:  add() from the thread that steps; printing afterwards.
  */

@@ -1,6 +1,6 @@
 /* A trajectory file: y, ŷ, u and û of every step as CSV, for plots and other tools.
  *
- * Format: config/SPEC.md, "replay --csv". Numbers carry 17 digits, so that they read back to the same bits.
+ * Format: config/SPEC.md, "Results", --csv. Numbers carry 17 digits, so that they read back to the same bits.
  * Thread: one thread.
  */
 #ifndef TL_FIRMWARE_TRAJECTORY_H
