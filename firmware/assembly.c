@@ -46,6 +46,7 @@ static void load_component(tl_assembly *assembly, size_t index) {
             .resources = fmu->resources,
             .set = configured->set,
             .set_count = configured->set_count,
+            .keep = configured->keep,
         };
     }
 }
@@ -82,13 +83,19 @@ static void fill_plan(tl_assembly *assembly) {
         .outputs = assembly->outputs,
         .output_count = fill_outputs(assembly),
         .prediction = config->prediction,
+        .shape = config->shape,
         .measurements = config->measurements,
         .algorithm = config->algorithm,
+        .fallback = config->fallback,
+        .stagnation = config->stagnation,
         .margin = config->margin,
+        .noise_floor = config->noise_floor,
+        .evaluations = config->budget_evaluations,
+        .saving = config->saving,
     };
 }
 
-static tl_status build(tl_assembly *assembly) {
+tl_status tl_assembly_build(tl_assembly *assembly) {
     const tl_config *config = &assembly->config;
     tl_report *report = &assembly->problems.report;
     assembly->fmus = calloc(config->component_count, sizeof *assembly->fmus);
@@ -110,15 +117,29 @@ static tl_status build(tl_assembly *assembly) {
     return report->worst;
 }
 
-tl_status tl_assembly_load(const char *path, tl_assembly *assembly) {
+tl_status tl_assembly_read(const char *path, tl_assembly *assembly) {
     *assembly = (tl_assembly){0};
     tl_problems_init(&assembly->problems, path);
     tl_status status = tl_config_read(path, &assembly->config, &assembly->problems.report);
-    if (status != TL_OK) {
-        return status;
+    assembly->problems.config = status == TL_OK ? &assembly->config : NULL;
+    return status;
+}
+
+tl_status tl_assembly_load(const char *path, tl_assembly *assembly) {
+    tl_status status = tl_assembly_read(path, assembly);
+    return status == TL_OK ? tl_assembly_build(assembly) : status;
+}
+
+/* Of an adjusted variable of a twin that could be built: its component and its name are known to be right. */
+static tl_type type_of(const tl_assembly *assembly, const char *reference) {
+    size_t length = strcspn(reference, ".");
+    for (size_t i = 0; i < assembly->plan.component_count; i++) {
+        const tl_plan_component *component = &assembly->components[i];
+        if (strlen(component->name) == length && strncmp(component->name, reference, length) == 0) {
+            return tl_model_variable(component->model, reference + length + 1)->type;
+        }
     }
-    assembly->problems.config = &assembly->config;
-    return build(assembly);
+    return TL_REAL;
 }
 
 tl_status tl_assembly_record(const tl_assembly *assembly, const char *verb, const char *path, bool wait_when_full,
@@ -138,8 +159,9 @@ tl_status tl_assembly_record(const tl_assembly *assembly, const char *verb, cons
                                         config->match[i].to, TL_REAL};
     }
     for (size_t i = 0; i < config->adjust_count; i++) {
+        const char *variable = config->adjust[i].variable;
         adjust[i] =
-            (tl_recorder_signal){config->adjust[i].variable, tl_twin_adjust_unit(assembly->twin, i), NULL, TL_REAL};
+            (tl_recorder_signal){variable, tl_twin_adjust_unit(assembly->twin, i), NULL, type_of(assembly, variable)};
     }
     const tl_recorder_settings settings = {
         .path = path,

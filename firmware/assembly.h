@@ -29,6 +29,10 @@ typedef struct tl_assembly {
  * status is that of the first; the assembly must be freed all the same. */
 tl_status tl_assembly_load(const char *path, tl_assembly *assembly);
 
+/* The same in two parts, for a verb whose options change something in assembly->config between them. */
+tl_status tl_assembly_read(const char *path, tl_assembly *assembly);
+tl_status tl_assembly_build(tl_assembly *assembly);
+
 /* Opens the recorder for this assembly; `path` is the database. wait_when_full as in recorder.h. */
 tl_status tl_assembly_record(const tl_assembly *assembly, const char *verb, const char *path, bool wait_when_full,
                              tl_recorder **recorder, tl_error *error);

@@ -55,6 +55,12 @@ static void read_times(tl_config_object *root, tl_config *config) {
     }
 }
 
+/* Editors look for the schema there. */
+static void ignore_schema(tl_config_object *root) {
+    const char *schema = NULL;
+    (void)tl_config_get_text(root, "$schema", TL_CONFIG_OPTIONAL, "\"twinlock-1.json\"", &schema);
+}
+
 static void read_sections(tl_config_reader *reader, tl_config *config) {
     tl_config_object root;
     tl_config_root(reader, &root);
@@ -71,6 +77,7 @@ static void read_sections(tl_config_reader *reader, tl_config *config) {
     tl_config_read_record(&root, config);
     tl_config_read_realtime(&root, config);
     tl_config_read_emulate(&root, config);
+    ignore_schema(&root);
     tl_config_done(&root);
 }
 

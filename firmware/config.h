@@ -28,6 +28,7 @@ typedef struct tl_config_component {
     const char *fmu; /* as written; see tl_config_fmu_path */
     tl_plan_set *set;
     size_t set_count;
+    tl_keep keep;
 } tl_config_component;
 
 typedef enum tl_source_kind { TL_SOURCE_MODBUS_TCP, TL_SOURCE_CSV } tl_source_kind;
@@ -90,9 +91,15 @@ typedef struct tl_config {
     tl_plan_match *match;
     size_t match_count;
     uint32_t prediction;
+    tl_shape shape;
     tl_measurements measurements;
-    const char *algorithm;
+    const char
+        *algorithm; /* a name of master/sync/optimiser.h; NULL: secant for Real variables, boolean for Boolean ones */
+    const char *fallback; /* the same; NULL: none */
+    uint32_t stagnation;  /* 0: never */
+    double noise_floor;
     double margin;
+    tl_plan_saving saving;
     uint32_t budget_evaluations;
     tl_time budget_time; /* ns; 0: none but the step itself */
 

@@ -20,9 +20,11 @@ static inline tl_time tl_config_duration(double seconds) {
     return duration > 0 ? duration : 1;
 }
 
-/* components, connect, compare, synchronise */
+/* components, connect */
 void tl_config_read_components(tl_config_object *root, tl_config *config);
 void tl_config_read_connections(tl_config_object *root, tl_config *config);
+
+/* compare, synchronise */
 void tl_config_read_compare(tl_config_object *root, tl_config *config);
 void tl_config_read_synchronise(tl_config_object *root, tl_config *config);
 

@@ -1,7 +1,6 @@
-/* `components`, `connect`, `compare` and `synchronise`: what the twin is built from and how it is corrected. */
+/* `components` and `connect`: what the twin is built from. */
 #include "firmware/config_parts.h"
 
-#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -54,6 +53,13 @@ static void read_set(tl_config_object *entry, tl_config_component *component) {
     }
 }
 
+static void read_keep(tl_config_object *entry, tl_config_component *component) {
+    static const char *const choices[] = {[TL_KEEP_STATES] = "states", [TL_KEEP_OUTPUTS] = "outputs", NULL};
+    size_t index = TL_KEEP_STATES;
+    (void)tl_config_get_choice(entry, "keep", TL_CONFIG_OPTIONAL, choices, &index);
+    component->keep = (tl_keep)index;
+}
+
 void tl_config_read_components(tl_config_object *root, tl_config *config) {
     static const tl_config_map rule = {.need = TL_CONFIG_REQUIRED,
                                        .least = 1,
@@ -78,6 +84,7 @@ void tl_config_read_components(tl_config_object *root, tl_config *config) {
         if (tl_config_entry(&map, item, "{\"fmu\": \"motor.fmu\"}", &entry)) {
             (void)tl_config_get_text(&entry, "fmu", TL_CONFIG_REQUIRED, "\"motor.fmu\"", &component->fmu);
             read_set(&entry, component);
+            read_keep(&entry, component);
             tl_config_done(&entry);
         }
         component->where = tl_config_keep(root->reader, entry.path);
@@ -174,184 +181,4 @@ void tl_config_read_connections(tl_config_object *root, tl_config *config) {
         i++;
     }
     check_targets(root->reader, config);
-}
-
-/* ---- match and compare ---- */
-
-/* An entry whose key is a variable. */
-static void begin_variable(const tl_config_object *map, const cJSON *item, const char *example,
-                           tl_config_object *entry) {
-    (void)tl_config_entry(map, item, example, entry);
-    tl_config_check_reference(map->reader, entry->path, tl_json_line(item), item->string, TL_CONFIG_VARIABLE);
-}
-
-static void read_target(tl_config_object *entry, tl_plan_match *match) {
-    if (tl_config_get_text(entry, "to", TL_CONFIG_REQUIRED, "\"plant.omega\"", &match->to)) {
-        char path[TL_JSON_PATH];
-        const cJSON *item = cJSON_GetObjectItemCaseSensitive(entry->json, "to");
-        tl_json_member_path(path, entry->path, "to");
-        tl_config_check_reference(entry->reader, path, tl_json_line(item), match->to, TL_CONFIG_SIGNAL);
-    }
-}
-
-static void read_weight(tl_config_object *entry, tl_plan_match *match) {
-    static const tl_config_number weight = {.maximum = HUGE_VAL, .example = "1"};
-    tl_config_number tolerance = {.above = true, .maximum = HUGE_VAL, .example = "0.5"};
-    match->weight = 1;
-    match->tolerance = 1;
-    (void)tl_config_get_number(entry, "weight", &weight, &match->weight);
-    tolerance.need = match->weight > 0 ? TL_CONFIG_REQUIRED : TL_CONFIG_OPTIONAL;
-    (void)tl_config_get_number(entry, "tolerance", &tolerance, &match->tolerance);
-}
-
-/* `synchronise.match`, or `compare`, where every weight is 0. */
-static void read_match(tl_config_object *parent, const char *key, tl_config *config, bool weighted) {
-    static const char *const weighted_example = "{\"to\": \"plant.omega\", \"tolerance\": 1.0}";
-    static const char *const compared_example = "{\"to\": \"plant.omega\"}";
-    const char *example = weighted ? weighted_example : compared_example;
-    const tl_config_map rule = {
-        .need = weighted ? TL_CONFIG_REQUIRED : TL_CONFIG_OPTIONAL,
-        .least = 1,
-        .most = TL_MAX_MATCH,
-        .example = weighted ? "{\"motor.omega\": {\"to\": \"plant.omega\", \"tolerance\": 1.0}}"
-                            : "{\"motor.omega\": {\"to\": \"plant.omega\"}}",
-    };
-    tl_config_object map;
-    config->match_count = tl_config_entries(parent, key, &rule, &map);
-    config->match = tl_config_take(parent->reader, config->match_count, sizeof *config->match);
-    if (config->match == NULL) {
-        return;
-    }
-    tl_plan_match *match = config->match;
-    const cJSON *item = NULL;
-    cJSON_ArrayForEach(item, map.json) {
-        tl_config_object entry;
-        begin_variable(&map, item, example, &entry);
-        match->where = tl_config_keep(parent->reader, entry.path);
-        match->variable = item->string;
-        match->tolerance = 1;
-        read_target(&entry, match);
-        if (weighted) {
-            read_weight(&entry, match);
-        }
-        tl_config_done(&entry);
-        match++;
-    }
-}
-
-void tl_config_read_compare(tl_config_object *root, tl_config *config) {
-    bool both = cJSON_GetObjectItemCaseSensitive(root->json, "compare") != NULL &&
-                cJSON_GetObjectItemCaseSensitive(root->json, "synchronise") != NULL;
-    if (both) {
-        tl_config_wrong(root, "compare", "compare beside synchronise",
-                        "one of them: in synchronise.match, weight 0 means compared only", NULL);
-    }
-    read_match(root, "compare", config, false);
-}
-
-/* ---- synchronise ---- */
-
-static void read_adjusted(tl_config_object *entry, tl_plan_adjust *adjust) {
-    static const tl_config_number any = {.minimum = -HUGE_VAL, .maximum = HUGE_VAL, .example = "0"};
-    static const tl_config_number step = {
-        .need = TL_CONFIG_REQUIRED, .above = true, .maximum = HUGE_VAL, .example = "0.05"};
-    adjust->lower = -HUGE_VAL;
-    adjust->upper = HUGE_VAL;
-    (void)tl_config_get_number(entry, "step", &step, &adjust->step);
-    adjust->has_nominal = tl_config_get_number(entry, "nominal", &any, &adjust->nominal);
-    bool low = tl_config_get_number(entry, "min", &any, &adjust->lower);
-    bool high = tl_config_get_number(entry, "max", &any, &adjust->upper);
-    if (low && high && adjust->lower >= adjust->upper) {
-        char expected[64];
-        (void)snprintf(expected, sizeof expected, "more than min, which is %.15g", adjust->lower);
-        tl_config_wrong(entry, "max", NULL, expected, NULL);
-    }
-    tl_config_done(entry);
-}
-
-static void read_adjust(tl_config_object *object, tl_config *config) {
-    static const tl_config_map rule = {
-        .need = TL_CONFIG_REQUIRED, .least = 1, .most = TL_MAX_ADJUST, .example = "{\"motor.d\": {\"step\": 0.05}}"};
-    tl_config_object map;
-    config->adjust_count = tl_config_entries(object, "adjust", &rule, &map);
-    config->adjust = tl_config_take(object->reader, config->adjust_count, sizeof *config->adjust);
-    if (config->adjust == NULL) {
-        return;
-    }
-    tl_plan_adjust *adjust = config->adjust;
-    const cJSON *item = NULL;
-    cJSON_ArrayForEach(item, map.json) {
-        tl_config_object entry;
-        begin_variable(&map, item, "{\"step\": 0.05}", &entry);
-        adjust->where = tl_config_keep(object->reader, entry.path);
-        adjust->variable = item->string;
-        read_adjusted(&entry, adjust);
-        adjust++;
-    }
-}
-
-/* A match list whose weights are all 0 leaves nothing to optimise. */
-static void check_weights(const tl_config_object *object, const tl_config *config) {
-    bool any = config->match_count == 0; /* reported already */
-    for (size_t i = 0; i < config->match_count; i++) {
-        any = any || config->match[i].weight > 0;
-    }
-    if (!any) {
-        tl_config_wrong(object, "match", "weight 0 everywhere",
-                        "at least one weight above 0 (it is 1 where none is given)", NULL);
-    }
-}
-
-static void read_horizon(tl_config_object *object, tl_config *config) {
-    static const tl_config_number rule = {.whole = true, .minimum = 1, .maximum = 1000, .example = "2"};
-    static const char *const measurements[] = {"lag", "ahead", NULL};
-    tl_config_object horizon;
-    double prediction = 0;
-    size_t index = 0;
-    (void)tl_config_member(object, "horizon", TL_CONFIG_OPTIONAL, "{\"prediction\": 2}", &horizon);
-    (void)tl_config_get_number(&horizon, "prediction", &rule, &prediction);
-    (void)tl_config_get_choice(&horizon, "measurements", TL_CONFIG_OPTIONAL, measurements, &index);
-    config->prediction = (uint32_t)prediction;
-    config->measurements = index == 0 ? TL_LAG : TL_AHEAD;
-    tl_config_done(&horizon);
-}
-
-static void read_budget(tl_config_object *object, tl_config *config) {
-    static const tl_config_number evaluations_rule = {.whole = true, .minimum = 2, .maximum = 100000, .example = "60"};
-    static const tl_config_number time_rule = {
-        .above = true, .maximum = TL_CONFIG_LONGEST_S, .expected = TL_CONFIG_DURATION, .example = "0.006"};
-    tl_config_object budget;
-    double evaluations = 60;
-    double time = 0;
-    (void)tl_config_member(object, "budget", TL_CONFIG_OPTIONAL, "{\"evaluations\": 60}", &budget);
-    (void)tl_config_get_number(&budget, "evaluations", &evaluations_rule, &evaluations);
-    config->budget_evaluations = (uint32_t)evaluations;
-    config->budget_time = config->step * 6 / 10;
-    if (tl_config_get_number(&budget, "time_s", &time_rule, &time)) {
-        config->budget_time = tl_config_duration(time);
-    }
-    tl_config_done(&budget);
-}
-
-void tl_config_read_synchronise(tl_config_object *root, tl_config *config) {
-    static const char *const algorithms[] = {"nelder-mead", NULL};
-    static const tl_config_number margin = {.maximum = 1, .below = true, .example = "0.01"};
-    size_t algorithm = 0;
-    tl_config_object object;
-    config->margin = 0.01;
-    config->synchronise = tl_config_member(
-        root, "synchronise", TL_CONFIG_OPTIONAL,
-        "{\"adjust\": {\"motor.d\": {\"step\": 0.05}}, \"match\": {\"motor.omega\": {\"to\": \"plant.omega\", …}}}",
-        &object);
-    if (config->synchronise) {
-        read_adjust(&object, config);
-        read_match(&object, "match", config, true);
-        check_weights(&object, config);
-    }
-    read_horizon(&object, config);
-    read_budget(&object, config);
-    (void)tl_config_get_choice(&object, "algorithm", TL_CONFIG_OPTIONAL, algorithms, &algorithm);
-    (void)tl_config_get_number(&object, "margin", &margin, &config->margin);
-    config->algorithm = algorithms[algorithm];
-    tl_config_done(&object);
 }

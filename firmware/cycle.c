@@ -9,6 +9,7 @@
 #include <time.h>
 
 #include "firmware/clock.h"
+#include "firmware/measurements.h"
 #include "firmware/realtime.h"
 #include "firmware/snapshot.h"
 #include "firmware/watch.h"
@@ -162,12 +163,8 @@ static void *run(void *context) {
 }
 
 /* Steps i = 0 … n with n = duration/T_S. */
-static int64_t last_tick(const tl_config *config, int64_t prediction) {
-    if (config->duration == 0) {
-        return INT64_MAX - 1;
-    }
-    int64_t last = config->duration / config->step;
-    return config->measurements == TL_LAG ? last + prediction : last;
+static int64_t last_tick(const tl_config *config, int64_t delay) {
+    return config->duration == 0 ? INT64_MAX - 1 : config->duration / config->step + delay;
 }
 
 tl_status tl_cycle_start(const tl_cycle_settings *settings, tl_cycle **cycle, tl_error *error) {
@@ -176,10 +173,10 @@ tl_status tl_cycle_start(const tl_cycle_settings *settings, tl_cycle **cycle, tl
     if (started == NULL) {
         return tl_fail(error, TL_TRY_AGAIN, "not enough memory for the cycle");
     }
-    int64_t prediction = (int64_t)tl_twin_get_facts(settings->assembly->twin).prediction;
     started->settings = *settings;
-    started->warm_up = config->measurements == TL_LAG ? prediction : 0;
-    started->last_tick = last_tick(config, prediction);
+    started->warm_up =
+        tl_measurements_delay(config->measurements, tl_twin_get_facts(settings->assembly->twin).prediction);
+    started->last_tick = last_tick(config, started->warm_up);
     tl_watch_init(&started->watch, config, settings->journal);
     struct sigaction action = {.sa_handler = wake};
     (void)sigemptyset(&action.sa_mask);

@@ -9,6 +9,7 @@
 #include <string.h>
 
 #include "firmware/database.h"
+#include "firmware/measurements.h"
 #include "master/base/arena.h"
 
 enum { TICKS_AT_ONCE = 64 };
@@ -82,7 +83,6 @@ static uint64_t count_of(sqlite3_stmt *row, int column) {
 
 /* False where the row cannot be one that the recorder wrote. */
 static bool read_run(tl_history *history, sqlite3_stmt *row, tl_history_run *run) {
-    const char *measurements = (const char *)sqlite3_column_text(row, 11);
     run->run = sqlite3_column_int64(row, 0);
     run->verb = text_of(history, row, 1);
     run->name = text_of(history, row, 2);
@@ -94,7 +94,7 @@ static bool read_run(tl_history *history, sqlite3_stmt *row, tl_history_run *run
     run->committed = text_of(history, row, 8);
     run->step = sqlite3_column_int64(row, 9);
     run->prediction = (uint32_t)sqlite3_column_int64(row, 10);
-    run->measurements = measurements != NULL && strcmp(measurements, "ahead") == 0 ? TL_AHEAD : TL_LAG;
+    run->measurements = tl_measurements_named((const char *)sqlite3_column_text(row, 11));
     run->samples = count_of(row, 12);
     run->steps = count_of(row, 13);
     run->events = count_of(row, 14);
@@ -246,7 +246,7 @@ tl_status tl_history_signals(tl_history *history, const tl_history_run *run, tl_
 
 /* The tick at which a step was computed, minus the step. */
 static int64_t lead(const tl_history_run *run) {
-    return run->measurements == TL_LAG ? (int64_t)run->prediction : 0;
+    return tl_measurements_delay(run->measurements, run->prediction);
 }
 
 tl_status tl_history_ticks_begin(tl_history *history, const tl_history_run *run, tl_history_ticks **ticks,
@@ -342,7 +342,7 @@ static bool add_sample(tl_history_ticks *ticks, sqlite3_stmt *row) {
     int64_t signal = sqlite3_column_int64(row, 1);
     int64_t quality = sqlite3_column_int64(row, 3);
     bool missing = sqlite3_column_type(row, 2) == SQLITE_NULL;
-    if (signal < 0 || (size_t)signal >= ticks->signals || quality < TL_GOOD || quality > TL_NO_LINK) {
+    if (signal < 0 || (size_t)signal >= ticks->signals || quality < TL_GOOD || quality > TL_OUTLIER) {
         return false;
     }
     if (ticks->count == 0 || ticks->buffer[ticks->count - 1].sample.tick != number) {

@@ -12,6 +12,7 @@
 #include <sys/stat.h>
 
 #include "firmware/database.h"
+#include "firmware/measurements.h"
 #include "firmware/recorder_lock.h"
 #include "firmware/recorder_retention.h"
 #include "firmware/sha256.h"
@@ -333,7 +334,7 @@ static tl_status write_names(sqlite3 *connection, tl_error *error) {
         status = change(connection, "INSERT OR REPLACE INTO stops VALUES (?1, ?2)", i, tl_stop_name((tl_stop)i), NULL,
                         error);
     }
-    for (int i = TL_GOOD; i <= TL_NO_LINK && status == TL_OK; i++) {
+    for (int i = TL_GOOD; i <= TL_OUTLIER && status == TL_OK; i++) {
         status = change(connection, "INSERT OR REPLACE INTO qualities VALUES (?1, ?2)", i,
                         tl_quality_name((tl_quality)i), NULL, error);
     }
@@ -371,7 +372,7 @@ static tl_status write_run(tl_recorder_database *database, const tl_recorder_set
     bind_text(prepared, 5, now);
     (void)sqlite3_bind_int64(prepared, 6, settings->step);
     (void)sqlite3_bind_int64(prepared, 7, settings->prediction);
-    bind_text(prepared, 8, settings->measurements == TL_LAG ? "lag" : "ahead");
+    bind_text(prepared, 8, tl_measurements_name(settings->measurements));
     int code = sqlite3_step(prepared);
     if (code != SQLITE_DONE) {
         status = tl_database_fail(database->connection, code, error);

@@ -3,6 +3,7 @@
 
 #include "firmware/clock.h"
 #include "firmware/interrupt.h"
+#include "firmware/measurements.h"
 #include "firmware/progress.h"
 
 /* Steps i = 0 … n with n = duration/T_S. */
@@ -47,15 +48,14 @@ static void pace(const tl_replay *replay, tl_time started, int64_t tick, tl_summ
     }
 }
 
-/* The tick after which the last wanted step has been computed. In mode ahead that is one tick earlier, and its record is
- * complete one tick later. */
+/* The tick at which the last wanted step is computed. In mode ahead its record is complete one tick later. */
 static int64_t last_tick(const tl_replay *replay) {
     const tl_config *config = &replay->assembly->config;
     int64_t last = last_step(config);
-    if (last == INT64_MAX || config->measurements == TL_AHEAD) {
+    if (last == INT64_MAX) {
         return last;
     }
-    return last + (int64_t)tl_twin_get_facts(replay->assembly->twin).prediction;
+    return last + tl_measurements_delay(config->measurements, tl_twin_get_facts(replay->assembly->twin).prediction);
 }
 
 static tl_status finish(const tl_replay *replay, const tl_recording_tick *tick, tl_summary *summary) {

@@ -87,7 +87,7 @@ static void flush_line(csv_line *line) {
 
 static const char *quality_text(sqlite3_stmt *row, int column) {
     int64_t quality = sqlite3_column_int64(row, column);
-    return quality < TL_GOOD || quality > TL_NO_LINK ? "unknown" : tl_quality_name((tl_quality)quality);
+    return quality < TL_GOOD || quality > TL_OUTLIER ? "unknown" : tl_quality_name((tl_quality)quality);
 }
 
 static void put_delta(sqlite3_stmt *row, char field[NUMBER]) {
@@ -100,7 +100,7 @@ static void put_delta(sqlite3_stmt *row, char field[NUMBER]) {
 static void fill_sample(char (*fields)[NUMBER], sqlite3_stmt *row) {
     int64_t quality = sqlite3_column_int64(row, 3);
     fields[0][0] = '\0';
-    if (quality == TL_GOOD || quality == TL_OUT_OF_RANGE) {
+    if (quality == TL_GOOD || quality == TL_OUT_OF_RANGE || quality == TL_OUTLIER) {
         format_column(row, 2, fields[0], NUMBER);
     }
     (void)snprintf(fields[1], NUMBER, "%s", quality_text(row, 3));

@@ -3,6 +3,7 @@
 #include <math.h>
 #include <sqlite3.h>
 
+#include "firmware/measurements.h"
 #include "firmware/show.h"
 #include "firmware/show_rows.h"
 #include "firmware/show_summary.h"
@@ -44,7 +45,7 @@ static void add_run(cJSON *array, const tl_history_run *run) {
     add_text(object, "committed", run->committed);
     add_number(object, "step_s", tl_seconds(run->step));
     add_count(object, "prediction", run->prediction);
-    add_text(object, "measurements", run->measurements == TL_LAG ? "lag" : "ahead");
+    add_text(object, "measurements", tl_measurements_name(run->measurements));
     add_count(object, "samples", run->samples);
     add_count(object, "steps", run->steps);
     add_count(object, "events", run->events);

@@ -5,6 +5,7 @@
 #include <string.h>
 #include <sys/stat.h>
 
+#include "firmware/measurements.h"
 #include "firmware/show.h"
 #include "firmware/show_rows.h"
 #include "firmware/show_summary.h"
@@ -122,7 +123,7 @@ static void print_steps(const show_page *page) {
     tl_show_duration(tl_seconds(run->step) * (double)summary->steps, model, sizeof model);
     (void)fprintf(page->file, "  steps          %llu of %s, which is %s of the plant; looks %u %s ahead (%s)\n",
                   (unsigned long long)summary->steps, step, model, (unsigned)run->prediction,
-                  run->prediction == 1 ? "step" : "steps", run->measurements == TL_LAG ? "lag" : "ahead");
+                  run->prediction == 1 ? "step" : "steps", tl_measurements_name(run->measurements));
     const char *before = "                 ";
     for (int i = TL_FREE; i <= TL_MADE_UP; i++) {
         if (summary->outcomes[i] > 0) {

@@ -83,6 +83,47 @@ static void add_adjusted(cJSON *root, const tl_summary *summary, const tl_config
     }
 }
 
+static void add_cache(cJSON *root, const tl_twin *twin) {
+    uint64_t hits = 0;
+    uint64_t full = 0;
+    uint32_t peak = 0;
+    for (size_t i = 0; i < tl_twin_get_facts(twin).components; i++) {
+        tl_twin_ledger entry = tl_twin_get_ledger(twin, i);
+        hits += entry.hits;
+        full += entry.unstored;
+        peak = entry.nodes_peak > peak ? entry.nodes_peak : peak;
+    }
+    cJSON *cache = cJSON_AddObjectToObject(root, "cache");
+    (void)cJSON_AddNumberToObject(cache, "hits", (double)hits);
+    (void)cJSON_AddNumberToObject(cache, "nodes_peak", (double)peak);
+    (void)cJSON_AddNumberToObject(cache, "full", (double)full);
+}
+
+static void add_ledger_entry(cJSON *ledger, const char *name, const tl_twin_ledger *entry) {
+    cJSON *object = cJSON_AddObjectToObject(ledger, name);
+    (void)cJSON_AddNumberToObject(object, "plain", (double)entry->plain);
+    (void)cJSON_AddNumberToObject(object, "predicted", (double)entry->predicted);
+    (void)cJSON_AddNumberToObject(object, "executions", (double)entry->executions);
+    (void)cJSON_AddNumberToObject(object, "caught_up", (double)entry->caught_up);
+}
+
+/* What the graph predicts against what was done. */
+static void add_ledger(cJSON *root, const tl_twin *twin) {
+    tl_twin_ledger total = {0};
+    cJSON *ledger = cJSON_AddObjectToObject(root, "ledger");
+    (void)cJSON_AddBoolToObject(ledger, "complete", tl_twin_ledger_is_complete(twin));
+    cJSON *components = cJSON_AddObjectToObject(ledger, "components");
+    for (size_t i = 0; i < tl_twin_get_facts(twin).components; i++) {
+        tl_twin_ledger entry = tl_twin_get_ledger(twin, i);
+        add_ledger_entry(components, entry.name, &entry);
+        total.plain += entry.plain;
+        total.predicted += entry.predicted;
+        total.executions += entry.executions;
+        total.caught_up += entry.caught_up;
+    }
+    add_ledger_entry(ledger, "total", &total);
+}
+
 static void add_outcomes(cJSON *root, const tl_summary *summary) {
     cJSON *outcomes = cJSON_AddObjectToObject(root, "outcomes");
     for (int i = 0; i <= TL_MADE_UP; i++) {
@@ -98,10 +139,8 @@ void tl_summary_print_json(const tl_summary *summary, const tl_config *config, c
     (void)cJSON_AddNumberToObject(root, "optimised_steps", (double)summary->optimised_steps);
     add_matches(root, config, twin);
     add_adjusted(root, summary, config, twin);
-    cJSON *cache = cJSON_AddObjectToObject(root, "cache");
-    (void)cJSON_AddNumberToObject(cache, "hits", 0);
-    (void)cJSON_AddNumberToObject(cache, "nodes_peak", 0);
-    (void)cJSON_AddNumberToObject(cache, "full", 0);
+    add_cache(root, twin);
+    add_ledger(root, twin);
     add_outcomes(root, summary);
     (void)cJSON_AddNumberToObject(root, "ticks", (double)summary->ticks);
     (void)cJSON_AddNumberToObject(root, "skipped", (double)summary->skipped);

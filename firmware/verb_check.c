@@ -8,6 +8,7 @@
 #include "firmware/assembly.h"
 #include "firmware/clock.h"
 #include "firmware/log.h"
+#include "firmware/measurements.h"
 #include "firmware/output.h"
 #include "firmware/verbs.h"
 
@@ -112,6 +113,34 @@ static void print_components(const tl_assembly *assembly, FILE *output) {
     }
 }
 
+static void print_mode(const tl_assembly *assembly, FILE *output) {
+    const tl_config *config = &assembly->config;
+    tl_twin_facts facts = tl_twin_get_facts(assembly->twin);
+    if (!config->synchronise) {
+        (void)fprintf(output, "free-running, one step every %g s\n", tl_seconds(config->step));
+        return;
+    }
+    (void)fprintf(output, "synchronised every %g s by %s", tl_seconds(config->step),
+                  config->algorithm != NULL ? config->algorithm : "the default algorithm");
+    if (config->fallback != NULL) {
+        (void)fprintf(output, ", then %s", config->fallback);
+    }
+    (void)fprintf(output, ": T_D = %" PRIu32 ", T_P = %" PRIu32 ", measurements %s\n", facts.distance, facts.prediction,
+                  tl_measurements_name(config->measurements));
+}
+
+static void print_adjusted(const tl_assembly *assembly, size_t index, FILE *output) {
+    const tl_plan_adjust *adjust = &assembly->config.adjust[index];
+    (void)fprintf(output, "  adjust  %s", adjust->variable);
+    if (adjust->step > 0.0) {
+        (void)fprintf(output, ", first step %g %s", adjust->step, tl_twin_adjust_unit(assembly->twin, index));
+    }
+    if (isfinite(adjust->lower) || isfinite(adjust->upper)) {
+        (void)fprintf(output, ", within %g \342\200\246 %g", adjust->lower, adjust->upper);
+    }
+    (void)fputc('\n', output);
+}
+
 static void print_synchronisation(const tl_assembly *assembly, FILE *output) {
     const tl_config *config = &assembly->config;
     for (size_t i = 0; i < config->match_count; i++) {
@@ -124,13 +153,7 @@ static void print_synchronisation(const tl_assembly *assembly, FILE *output) {
         }
     }
     for (size_t i = 0; i < config->adjust_count; i++) {
-        const tl_plan_adjust *adjust = &config->adjust[i];
-        (void)fprintf(output, "  adjust  %s, first step %g %s", adjust->variable, adjust->step,
-                      tl_twin_adjust_unit(assembly->twin, i));
-        if (isfinite(adjust->lower) || isfinite(adjust->upper)) {
-            (void)fprintf(output, ", within %g \342\200\246 %g", adjust->lower, adjust->upper);
-        }
-        (void)fputc('\n', output);
+        print_adjusted(assembly, i, output);
     }
 }
 
@@ -181,16 +204,9 @@ static void print_costs(const tl_assembly *assembly, FILE *output) {
 
 static void print_page(const tl_assembly *assembly, FILE *output) {
     const tl_config *config = &assembly->config;
-    tl_twin_facts facts = tl_twin_get_facts(assembly->twin);
     (void)fprintf(output, "%s: %s\n", config->path, config->name);
     print_components(assembly, output);
-    if (config->synchronise) {
-        (void)fprintf(output, "synchronised every %g s by %s: T_D = %" PRIu32 ", T_P = %" PRIu32 ", measurements %s\n",
-                      tl_seconds(config->step), config->algorithm, facts.distance, facts.prediction,
-                      config->measurements == TL_LAG ? "lag" : "ahead");
-    } else {
-        (void)fprintf(output, "free-running, one step every %g s\n", tl_seconds(config->step));
-    }
+    print_mode(assembly, output);
     print_synchronisation(assembly, output);
     print_costs(assembly, output);
     (void)fputs("no problem found\n", output);

@@ -22,6 +22,7 @@ typedef struct replay_options {
     const char *trajectory;
     bool json;
     bool realtime;
+    bool plain;
     FILE *output;
 } replay_options;
 
@@ -34,6 +35,8 @@ static void print_help(FILE *file) {
                 "  --db FILE         record into a SQLite database, as `run` does\n"
                 "  --csv FILE        write y, ŷ, u and û of every step (\"-\": standard output, without the table)\n"
                 "  --realtime        at the plant's own pace\n"
+                "  --plain           execute everything: no saving by structure or sequences; the results are the\n"
+                "                    same to the bit\n"
                 "  --help            this text\n",
                 file);
 }
@@ -46,6 +49,7 @@ static int parse(int argc, char **argv, replay_options *options) {
         {"db", required_argument, NULL, 'd'},
         {"csv", required_argument, NULL, 'c'},
         {"realtime", no_argument, NULL, 't'},
+        {"plain", no_argument, NULL, 'p'},
         {"help", no_argument, NULL, 'h'},
         {NULL, 0, NULL, 0},
     };
@@ -65,6 +69,9 @@ static int parse(int argc, char **argv, replay_options *options) {
             break;
         case 't':
             options->realtime = true;
+            break;
+        case 'p':
+            options->plain = true;
             break;
         case 'h':
             print_help(stdout);
@@ -165,6 +172,18 @@ static tl_status replay_into(const tl_assembly *assembly, const replay_options *
     return status;
 }
 
+static tl_status load(const replay_options *options, tl_assembly *assembly) {
+    tl_status status = tl_assembly_read(options->config, assembly);
+    if (status != TL_OK) {
+        return status;
+    }
+    if (options->plain) {
+        assembly->config.saving.structure = false;
+        assembly->config.saving.sequences = false;
+    }
+    return tl_assembly_build(assembly);
+}
+
 int tl_verb_replay(int argc, char **argv) {
     replay_options options = {0};
     int parsed = parse(argc, argv, &options);
@@ -175,7 +194,7 @@ int tl_verb_replay(int argc, char **argv) {
     options.output = tl_output_claim();
     tl_assembly assembly;
     tl_error error;
-    tl_status status = tl_assembly_load(options.config, &assembly);
+    tl_status status = load(&options, &assembly);
     if (status == TL_OK) {
         tl_replay replay = {.assembly = &assembly, .realtime = options.realtime};
         status = open_recording(&assembly, &options, &replay.recording, &error);

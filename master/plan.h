@@ -27,6 +27,12 @@ typedef struct tl_plan_set {
     tl_value value; /* TL_REAL for any number (also for an Integer or Enumeration variable), TL_BOOLEAN or TL_STRING */
 } tl_plan_set;
 
+/* How the executions of a component are saved (approach 2, see cache/cached_component.h). */
+typedef enum tl_keep {
+    TL_KEEP_STATES, /* outputs and states of every input prefix: nothing is ever executed twice */
+    TL_KEEP_OUTPUTS /* outputs only, and a state now and then: for FMUs whose state costs more than a step */
+} tl_keep;
+
 typedef struct tl_plan_component {
     const char *where;
     const char *name; /* unique; not "plant" */
@@ -36,6 +42,7 @@ typedef struct tl_plan_component {
     const char *resources; /* file:/// URI of the unpacked resources folder */
     const tl_plan_set *set;
     size_t set_count;
+    tl_keep keep;
 } tl_plan_component;
 
 /* A signal of the plant: an output of the component "plant". */
@@ -54,16 +61,28 @@ typedef struct tl_plan_connection {
     const char *to;
 } tl_plan_connection;
 
-/* A variable the optimiser may change: a Real input, or a tunable Real parameter. */
+/* A variable the optimiser may change: an input or a tunable parameter, Real or Boolean. Of a Boolean, step, bounds and
+ * penalties are not used. */
 typedef struct tl_plan_adjust {
     const char *where;
     const char *variable;
     bool has_nominal;
-    double nominal; /* used where no connection delivers û; default: the start value */
-    double step;    /* first step of the search, > 0, in the variable's unit */
-    double lower;   /* −infinity: none; the variable's declared minimum holds as well */
-    double upper;
+    double nominal;           /* used where no connection delivers û; default: the start value; Boolean: 0 or 1 */
+    double step;              /* first step of the search, in the variable's unit; > 0 for a Real, 0: not given */
+    double lower;             /* −infinity: none; the variable's declared minimum holds as well */
+    double upper;             /* +infinity: none */
+    double deviation_penalty; /* ≥ 0: J grows by this times ((u − û)/step)² at each unknown */
+    double rate_penalty;      /* ≥ 0: J grows by this times ((u − the u before it)/step)² */
+    tl_time dwell;            /* Boolean: after it has changed it stays for at least this long; ns, 0: no limit */
 } tl_plan_adjust;
+
+/* What is done to a measurement before it is matched. All zero: nothing. */
+typedef struct tl_plan_condition {
+    uint32_t median;  /* odd number of samples, 3 … 99; 0 and 1: none. Delay (median − 1)/2 samples */
+    tl_time low_pass; /* time constant τ of a first-order low-pass, ns; 0: none. Delay about τ − T_S/2, see
+                         tl_conditioner_delay() */
+    double gate;      /* > 0: a sample further than this (signal's unit) from the last accepted one is an outlier */
+} tl_plan_condition;
 
 /* A simulated output and the plant signal it is compared with. */
 typedef struct tl_plan_match {
@@ -72,6 +91,8 @@ typedef struct tl_plan_match {
     const char *to;       /* "plant.signal" */
     double tolerance;     /* > 0, in the variable's unit; may be 1 where weight is 0 */
     double weight;        /* 0: compared and reported, not matched */
+    double huber;         /* > 0: differences beyond this many tolerances count linearly; 0: all quadratically */
+    tl_plan_condition condition;
 } tl_plan_match;
 
 /* An output that is only read, by tl_twin_output(). */
@@ -82,9 +103,23 @@ typedef struct tl_plan_output {
 
 /* Which measurements a step uses (METHOD decision 4, see DESIGN.md "Time"). */
 typedef enum tl_measurements {
-    TL_LAG,  /* step i → i+1 is computed at the tick t_(i+T_P), all measurements are known */
-    TL_AHEAD /* step i → i+1 is computed at t_i, the newest measurement stands for the later ones */
+    TL_LAG,   /* step i → i+1 is computed at the tick t_(i+T_P), all measurements are known */
+    TL_AHEAD, /* step i → i+1 is computed at t_i, the newest measurement stands for the later ones */
+    TL_HOLD   /* step i → i+1 is computed at t_(i+1), the newest measurement stands for the later ones */
 } tl_measurements;
+
+/* What is searched over a horizon that is longer than T_D. */
+typedef enum tl_shape {
+    TL_STATIC, /* one u, held over the horizon (eq. 4.3) */
+    TL_DYNAMIC /* T_P − T_D + 1 values of u, one after the other (eq. 4.4); the first is committed */
+} tl_shape;
+
+/* Which executions are saved. None of it changes a result by a bit. All zero: none. */
+typedef struct tl_plan_saving {
+    bool structure; /* approach 1: no execution that can no longer reach a matched output (Γ_k, eq. 4.5) */
+    bool sequences; /* approach 2: no execution whose input prefix is known */
+    uint32_t nodes; /* most prefixes kept per component; 0: as many as the horizon and the budget can need, ≤ 4096 */
+} tl_plan_saving;
 
 typedef struct tl_plan {
     tl_time step; /* T_S, ns, > 0 */
@@ -101,9 +136,16 @@ typedef struct tl_plan {
     const tl_plan_output *outputs;
     size_t output_count; /* at most TL_MAX_SIGNALS */
     uint32_t prediction; /* T_P ≥ T_D ≥ 1; 0: as short as possible, T_P = T_D */
+    tl_shape shape;
     tl_measurements measurements;
-    const char *algorithm; /* "nelder-mead" */
+    const char *algorithm; /* see sync/optimiser.h */
+    const char *fallback;  /* takes over where the first one fails or stagnates; NULL: none */
+    uint32_t stagnation;   /* evaluations without progress that end a solver; 0: never */
     double margin;         /* a correction must lower J to at most (1 − margin) of the nominal's, [0, 1) */
+    double noise_floor;    /* ≥ 0: a variable whose `step` moves no matched output by this many tolerances is not
+                              identifiable and held at nominal for the step; 0: never */
+    uint32_t evaluations;  /* the most a step's budget will allow, ≥ 1: sizes caches and ledger; 0: 60 */
+    tl_plan_saving saving;
 } tl_plan;
 
 /* Reports numbers that are out of their ranges. false: there is more of something than a twin has room for, and

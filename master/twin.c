@@ -8,6 +8,7 @@
 #include "master/base/arena.h"
 #include "master/graph/exchange.h"
 #include "master/graph/graph.h"
+#include "master/sync/attempt.h"
 #include "master/sync/lock.h"
 
 struct tl_twin {
@@ -16,10 +17,13 @@ struct tl_twin {
     tl_exchange exchange;
     tl_lock lock;
     tl_objective_term terms[TL_MAX_MATCH];
+    const tl_port *match_ports[TL_MAX_MATCH];
     const tl_port *adjust_ports[TL_MAX_ADJUST];
+    uint32_t *capacity; /* nodes of each component's cache; NULL: sequences are not saved */
     const tl_port *outputs[TL_MAX_SIGNALS];
     tl_metrics metrics[TL_MAX_MATCH];
     tl_measurements measurements;
+    uint32_t lead;    /* step i is computed at tick i + lead */
     double *proof;    /* for prove_rollback(): one value per port */
     tl_status ended;  /* not TL_OK: a step has failed, nothing may follow */
     bool has_pending; /* mode ahead: computed, its measurement not there yet */
@@ -32,16 +36,20 @@ static void build_matches(tl_twin *twin, const tl_plan *plan, tl_report *report)
     for (size_t i = 0; i < plan->match_count; i++) {
         const tl_plan_match *match = &plan->match[i];
         tl_objective_term *term = &twin->terms[i];
-        term->port = tl_graph_output(&twin->graph, match->variable, match->where, report);
-        if (term->port != NULL) {
-            term->signal = tl_graph_match_signal(&twin->graph, match, term->port, &term->conversion, report);
+        const tl_port *port = tl_graph_output(&twin->graph, match->variable, match->where, report);
+        twin->match_ports[i] = port;
+        term->port = port;
+        if (port != NULL) {
+            term->signal = tl_graph_match_signal(&twin->graph, match, port, &term->conversion, report);
         }
         term->tolerance = match->tolerance;
         term->weight = match->weight;
+        term->huber = match->huber;
     }
     twin->lock.objective.terms = twin->terms;
     twin->lock.objective.term_count = plan->match_count;
     twin->lock.objective.exchange = &twin->exchange;
+    twin->lock.objective.horizon = &twin->lock.horizon;
 }
 
 static void check_state(const tl_plan *plan, tl_report *report) {
@@ -60,98 +68,112 @@ static void check_state(const tl_plan *plan, tl_report *report) {
     }
 }
 
+/* Bounds and first step of a Real: those configured within those the FMU declares. */
+static void build_real(tl_adjusted *adjusted, const tl_plan_adjust *adjust, const tl_variable *variable,
+                       tl_report *report) {
+    adjusted->step = adjust->step;
+    adjusted->lower = fmax(adjust->lower, variable->minimum);
+    adjusted->upper = fmin(adjust->upper, variable->maximum);
+    if (!(adjust->step > 0.0)) {
+        tl_report_add(report, TL_BAD_DATA, adjust->where,
+                      "\"step\" is missing: %s is Real, and its search needs a first step above 0", adjust->variable);
+    }
+    if (!(adjusted->lower < adjusted->upper)) {
+        tl_report_add(report, TL_BAD_DATA, adjust->where,
+                      "nothing is left to adjust between the bounds %g and %g "
+                      "(those configured and those the FMU declares)",
+                      adjusted->lower, adjusted->upper);
+    }
+}
+
+static void build_boolean(tl_adjusted *adjusted, const tl_plan *plan, const tl_plan_adjust *adjust) {
+    adjusted->step = 1.0;
+    adjusted->lower = 0.0;
+    adjusted->upper = 1.0;
+    adjusted->dwell = (uint32_t)((adjust->dwell + plan->step - 1) / plan->step);
+}
+
 static void build_adjusted(tl_twin *twin, const tl_plan *plan, tl_report *report) {
-    tl_lock *lock = &twin->lock;
-    lock->count = plan->adjust_count;
     for (size_t i = 0; i < plan->adjust_count; i++) {
         const tl_plan_adjust *adjust = &plan->adjust[i];
+        tl_adjusted *adjusted = &twin->lock.adjusted[i];
         const tl_port *port = tl_graph_adjust(&twin->graph, adjust, report);
         twin->adjust_ports[i] = port;
-        if (port != NULL) {
-            lock->step[i] = adjust->step;
-            lock->lower[i] = fmax(adjust->lower, port->variable->minimum);
-            lock->upper[i] = fmin(adjust->upper, port->variable->maximum);
-            if (!(lock->lower[i] < lock->upper[i])) {
-                tl_report_add(report, TL_BAD_DATA, adjust->where,
-                              "nothing is left to adjust between the bounds %g and %g "
-                              "(those configured and those the FMU declares)",
-                              lock->lower[i], lock->upper[i]);
-            }
+        if (port == NULL) {
+            continue;
         }
-    }
-    lock->margin = plan->margin;
-    lock->solver = tl_optimiser_find(plan->algorithm);
-    if (plan->adjust_count != 0 && lock->solver == NULL) {
-        tl_report_add(report, TL_BAD_DATA, "synchronise.algorithm", "found \"%s\", expected one of %s", plan->algorithm,
-                      tl_optimiser_names());
-    }
-}
-
-/* The shortest distance from one adjusted variable to any matched output; TL_UNREACHABLE where there is none. */
-static size_t shortest_from(const tl_twin *twin, const tl_plan *plan, size_t adjust, size_t *scratch) {
-    size_t shortest = TL_UNREACHABLE;
-    for (size_t i = 0; i < plan->match_count; i++) {
-        if (twin->terms[i].port != NULL && plan->match[i].weight > 0.0) {
-            size_t distance =
-                tl_graph_distance(&twin->graph, twin->adjust_ports[adjust]->node, twin->terms[i].port->node, scratch);
-            if (distance != TL_UNREACHABLE && distance + 1 < shortest) {
-                shortest = distance + 1;
-            }
-        }
-    }
-    return shortest;
-}
-
-static void check_matches_reached(const tl_twin *twin, const tl_plan *plan, size_t *scratch, tl_report *report) {
-    for (size_t i = 0; i < plan->match_count; i++) {
-        bool reached = plan->match[i].weight <= 0.0 || twin->terms[i].port == NULL;
-        for (size_t k = 0; k < plan->adjust_count && !reached; k++) {
-            reached = twin->adjust_ports[k] == NULL ||
-                      tl_graph_distance(&twin->graph, twin->adjust_ports[k]->node, twin->terms[i].port->node,
-                                        scratch) != TL_UNREACHABLE;
-        }
-        if (!reached) {
-            tl_report_add(report, TL_BAD_DATA, plan->match[i].where,
-                          "no path leads from any adjusted variable to %s: give "
-                          "it \"weight\": 0, or adjust something that reaches it",
-                          plan->match[i].variable);
-        }
-    }
-}
-
-/* T_D = min over pairs (eq. 4.2), and every adjusted variable must matter within T_P. */
-static void build_horizon(tl_twin *twin, const tl_plan *plan, tl_report *report) {
-    tl_lock *lock = &twin->lock;
-    size_t *scratch = tl_arena_take(&twin->arena, plan->component_count + 1, sizeof *scratch);
-    size_t shortest[TL_MAX_ADJUST];
-    size_t smallest = TL_UNREACHABLE;
-    size_t largest = 0;
-    for (size_t i = 0; i < plan->adjust_count && scratch != NULL; i++) {
-        shortest[i] = twin->adjust_ports[i] == NULL ? 1 : shortest_from(twin, plan, i, scratch);
-        if (shortest[i] == TL_UNREACHABLE) {
-            tl_report_add(report, TL_BAD_DATA, plan->adjust[i].where,
-                          "no path leads from %s to any matched output: it can "
-                          "correct nothing",
-                          plan->adjust[i].variable);
+        if (port->type == TL_REAL) {
+            build_real(adjusted, adjust, port->variable, report);
         } else {
-            smallest = shortest[i] < smallest ? shortest[i] : smallest;
-            largest = shortest[i] > largest ? shortest[i] : largest;
+            build_boolean(adjusted, plan, adjust);
+        }
+        twin->lock.objective.penalties[i] =
+            (tl_objective_penalty){adjust->deviation_penalty, adjust->rate_penalty, adjusted->step};
+    }
+}
+
+/* A solver by name; NULL where it is unknown, or not for what is adjusted. */
+static const tl_optimiser_class *find_solver(const tl_twin *twin, const tl_plan *plan, const char *name,
+                                             const char *where, tl_report *report) {
+    const tl_optimiser_class *solver = tl_optimiser_find(name);
+    if (solver == NULL) {
+        tl_report_add(report, TL_BAD_DATA, where, "found \"%s\", expected one of %s", name, tl_optimiser_names());
+        return NULL;
+    }
+    for (size_t i = 0; i < plan->adjust_count; i++) {
+        const tl_port *port = twin->adjust_ports[i];
+        if (port != NULL && (port->type == TL_BOOLEAN) != solver->booleans) {
+            tl_report_add(report, TL_BAD_DATA, where, "\"%s\" is for %s variables, but %s is %s", name,
+                          solver->booleans ? "Boolean" : "Real", plan->adjust[i].variable, tl_type_name(port->type));
         }
     }
-    if (plan->adjust_count == 0 || smallest == TL_UNREACHABLE) {
-        lock->distance = 0;
-        lock->prediction = 1;
+    return solver;
+}
+
+static void build_solvers(tl_twin *twin, const tl_plan *plan, tl_report *report) {
+    tl_lock *lock = &twin->lock;
+    lock->margin = plan->margin;
+    lock->stagnation = plan->stagnation;
+    lock->noise_floor = plan->noise_floor;
+    if (plan->adjust_count == 0) {
         return;
     }
-    check_matches_reached(twin, plan, scratch, report);
-    lock->distance = (uint32_t)smallest;
-    lock->prediction = plan->prediction != 0 ? plan->prediction : (uint32_t)largest;
-    if (lock->prediction < largest) {
-        tl_report_add(report, TL_BAD_DATA, "synchronise.horizon.prediction",
-                      "found %u, expected at least %u: that many "
-                      "steps pass until every adjusted variable can reach a matched output",
-                      (unsigned)lock->prediction, (unsigned)largest);
+    const tl_port *first = twin->adjust_ports[0];
+    const char *fitting = first != NULL && first->type == TL_BOOLEAN ? "boolean" : "secant";
+    lock->solver =
+        find_solver(twin, plan, plan->algorithm != NULL ? plan->algorithm : fitting, "synchronise.algorithm", report);
+    if (plan->fallback != NULL) {
+        lock->fallback = find_solver(twin, plan, plan->fallback, "synchronise.fallback", report);
     }
+}
+
+static bool has_all_ports(const tl_twin *twin, const tl_plan *plan) {
+    bool all = true;
+    for (size_t i = 0; i < plan->adjust_count; i++) {
+        all = all && twin->adjust_ports[i] != NULL;
+    }
+    for (size_t i = 0; i < plan->match_count; i++) {
+        all = all && twin->match_ports[i] != NULL;
+    }
+    return all;
+}
+
+/* Paths, T_D, T_P; and at which tick a step is computed. */
+static void build_horizon(tl_twin *twin, const tl_plan *plan, tl_report *report) {
+    tl_horizon *horizon = &twin->lock.horizon;
+    if (!has_all_ports(twin, plan)) {
+        return;
+    }
+    if (!tl_horizon_init(horizon, &twin->arena, &twin->graph, twin->adjust_ports, twin->match_ports, report)) {
+        tl_report_add(report, TL_TRY_AGAIN, "", "not enough memory for the horizon");
+    }
+    uint32_t delay = 0;
+    for (size_t i = 0; i < plan->match_count; i++) {
+        uint32_t own = tl_conditioner_delay(&plan->match[i].condition, plan->step);
+        delay = own > delay ? own : delay;
+    }
+    twin->lock.held_inputs = plan->measurements == TL_AHEAD;
+    twin->lead = plan->measurements == TL_AHEAD ? 0 : delay + (plan->measurements == TL_LAG ? horizon->prediction : 1);
 }
 
 /* What the plant delivers before there is a good reading: configured, or the start value of what it drives. */
@@ -173,17 +195,21 @@ static void build_initial_values(tl_twin *twin, const tl_plan *plan) {
     }
 }
 
+static double number_of(const tl_value *value, tl_type type) {
+    return type == TL_REAL ? value->real : (double)(value->integer != 0);
+}
+
 /* û of an adjusted variable that nothing delivers: configured, else set, else its start value. */
 static bool find_nominal(const tl_plan *plan, const tl_plan_adjust *adjust, const tl_port *port, double *nominal) {
     const tl_plan_component *component = &plan->components[port->node];
-    *nominal = port->variable->start.real;
+    *nominal = number_of(&port->variable->start, port->type);
     bool found = port->variable->has_start;
     for (size_t i = 0; i < component->set_count; i++) {
         tl_value value;
         const char *expected;
         if (strcmp(component->set[i].variable, port->variable->name) == 0 &&
             tl_graph_fit_value(port->variable, &component->set[i].value, &value, &expected)) {
-            *nominal = value.real;
+            *nominal = number_of(&value, port->type);
             found = true;
         }
     }
@@ -199,13 +225,19 @@ static void place_adjusted(tl_twin *twin, const tl_plan *plan, tl_report *report
         tl_adjusted *adjusted = &twin->lock.adjusted[i];
         const tl_port *port = twin->adjust_ports[i];
         const tl_connection *connection = tl_graph_connection_to(&twin->graph, port);
-        adjusted->input = tl_exchange_input(&twin->exchange, port);
-        adjusted->delivered = connection != NULL ? connection->nominal : NULL;
         if (connection == NULL && !find_nominal(plan, &plan->adjust[i], port, &adjusted->nominal)) {
             tl_report_add(report, TL_BAD_DATA, plan->adjust[i].where, "%s has no start value: give it \"nominal\"",
                           plan->adjust[i].variable);
         }
-        *adjusted->input = adjusted->nominal;
+        if (port->type == TL_REAL) {
+            adjusted->real = tl_exchange_input(&twin->exchange, port);
+            adjusted->delivered_real = connection != NULL ? connection->nominal : NULL;
+            *adjusted->real = adjusted->nominal;
+        } else {
+            adjusted->boolean = tl_exchange_input(&twin->exchange, port);
+            adjusted->delivered_boolean = connection != NULL ? connection->nominal : NULL;
+            *adjusted->boolean = adjusted->nominal != 0.0 ? fmi2True : fmi2False;
+        }
     }
 }
 
@@ -253,6 +285,7 @@ static void build_structure(tl_twin *twin, const tl_plan *plan, tl_report *repor
         twin->outputs[i] = tl_graph_output(&twin->graph, plan->outputs[i].variable, plan->outputs[i].where, report);
     }
     build_adjusted(twin, plan, report);
+    build_solvers(twin, plan, report);
     tl_graph_check_inputs(&twin->graph, report);
     build_horizon(twin, plan, report);
     if (plan->adjust_count != 0) {
@@ -260,9 +293,59 @@ static void build_structure(tl_twin *twin, const tl_plan *plan, tl_report *repor
     }
 }
 
+static bool condition_matches(tl_twin *twin, const tl_plan *plan) {
+    bool placed = true;
+    for (size_t i = 0; i < plan->match_count; i++) {
+        const tl_plan_condition *condition = &plan->match[i].condition;
+        if (tl_conditioner_is_needed(condition)) {
+            tl_objective_term *term = &twin->terms[i];
+            term->conditioner = tl_conditioner_create(&twin->arena, condition, plan->step, twin->lead + 2);
+            term->delay = tl_conditioner_delay(condition, plan->step);
+            placed = placed && term->conditioner != NULL;
+        }
+    }
+    return placed;
+}
+
+/* Nodes that a component can need at once: the root and the horizon, what each candidate adds, and what is left of earlier
+ * ones when the root moves on; with outputs only, the way back to the last state as well. */
+static uint32_t nodes_needed(const tl_twin *twin, const tl_plan *plan, size_t node) {
+    static const uint64_t most = 4096;
+    const tl_horizon *horizon = &twin->lock.horizon;
+    uint64_t evaluations = plan->evaluations != 0 ? plan->evaluations : 60;
+    uint32_t reach = plan->saving.structure ? horizon->reach[node] : horizon->prediction;
+    uint64_t span = tl_horizon_next_need(horizon, node, reach);
+    uint64_t least = 3 * (uint64_t)horizon->prediction + 3;
+    uint64_t wanted = least + evaluations * (span * (span + 1) / 2);
+    uint64_t limit = plan->saving.nodes != 0 ? plan->saving.nodes : most;
+    wanted = wanted < limit ? wanted : limit;
+    return (uint32_t)(wanted > least ? wanted : least);
+}
+
+/* What is saved where something is adjusted; a free run executes everything once anyway. */
+static bool save_executions(tl_twin *twin, const tl_plan *plan) {
+    if (plan->adjust_count == 0) {
+        return true;
+    }
+    tl_keep *keep = tl_arena_take(&twin->arena, plan->component_count, sizeof *keep);
+    uint32_t *capacity = tl_arena_take(&twin->arena, plan->component_count, sizeof *capacity);
+    if (keep == NULL || capacity == NULL) {
+        return false;
+    }
+    for (size_t i = 0; i < plan->component_count; i++) {
+        keep[i] = plan->components[i].keep;
+        capacity[i] = nodes_needed(twin, plan, i);
+    }
+    twin->capacity = plan->saving.sequences ? capacity : NULL;
+    return tl_exchange_save_executions(&twin->exchange, &twin->arena, keep,
+                                       plan->saving.structure ? twin->lock.horizon.reach : NULL, twin->capacity,
+                                       twin->lock.horizon.prediction);
+}
+
 static void build_values(tl_twin *twin, const tl_plan *plan, tl_report *report) {
     tl_error error;
-    size_t window = (size_t)twin->lock.prediction + 2;
+    /* As far back as a candidate that is remembered may have been fed. */
+    size_t window = (size_t)twin->lock.horizon.prediction + twin->lead + 3;
     tl_status status = tl_exchange_init(&twin->exchange, &twin->arena, &twin->graph, window, &error);
     if (status != TL_OK) {
         tl_report_add(report, status, "", "%s", error.text);
@@ -272,8 +355,9 @@ static void build_values(tl_twin *twin, const tl_plan *plan, tl_report *report) 
     twin->lock.exchange = &twin->exchange;
     twin->proof = tl_arena_take(&twin->arena, twin->graph.port_count, sizeof *twin->proof);
     place_adjusted(twin, plan, report);
-    if (twin->proof == NULL || !tl_lock_init(&twin->lock, &twin->arena)) {
-        tl_report_add(report, TL_TRY_AGAIN, "", "not enough memory for the solver");
+    if (twin->proof == NULL || !condition_matches(twin, plan) || !save_executions(twin, plan) ||
+        !tl_lock_init(&twin->lock, &twin->arena, plan)) {
+        tl_report_add(report, TL_TRY_AGAIN, "", "not enough memory for the search");
     }
 }
 
@@ -311,6 +395,9 @@ void tl_twin_destroy(tl_twin *twin) {
         return;
     }
     for (size_t i = 0; i < twin->graph.component_count; i++) {
+        if (!is_lost(twin, &twin->graph.components[i])) {
+            tl_exchange_end_component(&twin->exchange, i);
+        }
         if (!is_lost(twin, &twin->graph.components[i])) {
             tl_component_free(&twin->graph.components[i]);
         }
@@ -355,13 +442,18 @@ static tl_status check_proof(const tl_twin *twin, tl_error *error) {
 /* Leads all states away from where they were: a horizon with other inputs. It may fail, as any candidate may. */
 static tl_status lead_astray(tl_twin *twin, tl_error *error) {
     tl_lock *lock = &twin->lock;
+    double *u = lock->memory.trial;
     tl_status status = TL_OK;
-    for (size_t i = 0; i < lock->count; i++) {
-        double *input = lock->adjusted[i].input;
-        *input = fmin(fmax(*input + lock->step[i], lock->lower[i]), lock->upper[i]);
+    for (size_t v = 0; v < lock->horizon.variables; v++) {
+        const tl_adjusted *adjusted = &lock->adjusted[v];
+        double value = adjusted->real != NULL ? *adjusted->real + adjusted->step : (double)!*adjusted->boolean;
+        for (uint32_t m = 0; m < lock->horizon.length[v]; m++) {
+            u[lock->horizon.offset[v] + m] = fmin(fmax(value, adjusted->lower), adjusted->upper);
+        }
     }
-    for (int64_t step = 0; step < lock->prediction && status == TL_OK; step++) {
-        status = tl_exchange_step(&twin->exchange, step, false, error);
+    tl_attempt_set_inputs(lock, u, 0);
+    for (int64_t step = 0; step < lock->horizon.prediction && status == TL_OK; step++) {
+        status = tl_exchange_step(&twin->exchange, step, error);
     }
     return status == TL_FMU_FATAL ? status : TL_OK;
 }
@@ -371,27 +463,26 @@ static tl_status lead_astray(tl_twin *twin, tl_error *error) {
 static tl_status prove_rollback(tl_twin *twin, tl_error *error) {
     tl_exchange *exchange = &twin->exchange;
     tl_status status = tl_exchange_save(exchange, error);
-    status = status == TL_OK ? tl_exchange_step(exchange, 0, false, error) : status;
+    status = status == TL_OK ? tl_exchange_step(exchange, 0, error) : status;
     take_proof(twin);
     status = status == TL_OK ? tl_exchange_restore(exchange, error) : status;
     status = status == TL_OK ? lead_astray(twin, error) : status;
     status = status == TL_OK ? tl_exchange_restore(exchange, error) : status;
-    status = status == TL_OK ? tl_exchange_step(exchange, 0, false, error) : status;
+    status = status == TL_OK ? tl_exchange_step(exchange, 0, error) : status;
     status = status == TL_OK ? check_proof(twin, error) : status;
     status = status == TL_OK ? tl_exchange_restore(exchange, error) : status;
     for (size_t i = 0; i < exchange->component_count; i++) {
         exchange->components[i].executions = 0;
     }
-    exchange->plant.executions = 0;
     return status;
 }
 
 static tl_status start(tl_twin *twin, tl_error *error) {
     tl_status status = tl_exchange_initialize(&twin->exchange, error);
-    if (status == TL_OK && twin->lock.count != 0) {
+    if (status == TL_OK && twin->lock.horizon.variables != 0) {
         status = prove_rollback(twin, error);
     }
-    return status;
+    return status == TL_OK ? tl_exchange_start(&twin->exchange, error) : status;
 }
 
 /* Completes a record with the measurement of its instant. */
@@ -405,28 +496,41 @@ static void complete(tl_twin *twin, tl_record *record) {
 }
 
 static uint64_t count_executions(const tl_twin *twin) {
-    uint64_t sum = twin->exchange.plant.executions;
-    for (size_t i = 0; i < twin->exchange.component_count; i++) {
-        sum += twin->exchange.components[i].executions;
-    }
-    return sum;
+    return twin->exchange.executions + twin->exchange.plant.executions;
 }
 
 /* Computes one step: searched within the budget, or made up where there is none. */
 static tl_status compute(tl_twin *twin, int64_t step, const tl_budget *budget, tl_record *record, tl_error *error) {
     uint64_t before = count_executions(twin);
+    uint64_t predicted = tl_ledger_total(&twin->lock.ledger);
     tl_status status = budget == NULL ? tl_lock_make_up(&twin->lock, step, record, error)
                                       : tl_lock_step(&twin->lock, step, budget, record, error);
     record->executions = (uint32_t)(count_executions(twin) - before);
+    record->predicted = (uint32_t)(tl_ledger_total(&twin->lock.ledger) - predicted);
+    record->used = 0;
     if (budget != NULL && budget->now != NULL) {
         record->used = budget->now(budget->context) - budget->started;
     }
     return status;
 }
 
+/* The sample, and what the conditioners make of it. */
+static void push(tl_twin *twin, const tl_sample *sample) {
+    tl_plant *plant = &twin->exchange.plant;
+    tl_plant_push(plant, sample);
+    for (size_t i = 0; i < twin->lock.objective.term_count; i++) {
+        const tl_objective_term *term = &twin->terms[i];
+        if (term->conditioner != NULL) {
+            const tl_sample *kept = tl_plant_sample(plant, sample->tick);
+            tl_conditioner_push(term->conditioner, sample->tick, kept->values[term->signal],
+                                (tl_quality)kept->quality[term->signal]);
+        }
+    }
+}
+
 static tl_status advance(tl_twin *twin, const tl_sample *sample, const tl_budget *budget, tl_record *record,
                          bool *ready, tl_error *error) {
-    tl_plant_push(&twin->exchange.plant, sample);
+    push(twin, sample);
     if (sample->tick == 0) {
         tl_status status = start(twin, error);
         if (status != TL_OK) {
@@ -443,7 +547,7 @@ static tl_status advance(tl_twin *twin, const tl_sample *sample, const tl_budget
         twin->has_pending = status == TL_OK;
         return status;
     }
-    int64_t step = sample->tick - (int64_t)twin->lock.prediction;
+    int64_t step = sample->tick - (int64_t)twin->lead;
     if (step < 0) {
         return TL_OK;
     }
@@ -478,7 +582,7 @@ tl_status tl_twin_make_up(tl_twin *twin, const tl_sample *sample, tl_record *rec
 void tl_twin_finish(tl_twin *twin, const tl_sample *sample, tl_record *record, bool *ready) {
     *ready = twin->has_pending;
     if (twin->has_pending) {
-        tl_plant_push(&twin->exchange.plant, sample);
+        push(twin, sample);
         *record = twin->pending;
         complete(twin, record);
         twin->has_pending = false;
@@ -488,16 +592,65 @@ void tl_twin_finish(tl_twin *twin, const tl_sample *sample, tl_record *record, b
 /* ---- facts ---- */
 
 tl_twin_facts tl_twin_get_facts(const tl_twin *twin) {
+    const tl_lock *lock = &twin->lock;
     uint64_t components = twin->graph.component_count + 1;
+    bool searches = lock->horizon.variables != 0;
     tl_twin_facts facts = {
         .components = (size_t)components,
-        .prediction = twin->lock.prediction,
-        .distance = twin->lock.distance,
+        .prediction = lock->horizon.prediction,
+        .distance = lock->horizon.distance,
+        .lead = twin->lead,
+        .unknowns = lock->horizon.count,
+        .algorithm = lock->solver != NULL ? lock->solver->name : "",
+        .fallback = lock->fallback != NULL ? lock->fallback->name : "",
         .memory = tl_arena_used(&twin->arena),
         .executions_per_step = components,
-        .executions_per_evaluation = twin->lock.count == 0 ? 0 : components * twin->lock.prediction,
+        .executions_per_evaluation = searches ? components * lock->horizon.prediction : 0,
+        .structure = searches && lock->ledger.saving.structure,
+        .sequences = searches && lock->ledger.saving.sequences,
     };
     return facts;
+}
+
+/* What the graph says of one component, under what is saved. */
+static void fill_needs(const tl_twin *twin, size_t component, tl_twin_ledger *entry) {
+    const tl_horizon *horizon = &twin->lock.horizon;
+    if (horizon->variables == 0) {
+        return;
+    }
+    const tl_plan_saving *saving = &twin->lock.ledger.saving;
+    uint32_t full = saving->structure ? horizon->reach[component] : horizon->prediction;
+    entry->reach = horizon->reach[component];
+    entry->on_a_way = horizon->longer[component] != TL_NEVER;
+    entry->longer = entry->on_a_way ? horizon->longer[component] : 0;
+    entry->first_need = full;
+    entry->next_need = saving->sequences ? tl_horizon_next_need(horizon, component, full) : full;
+}
+
+tl_twin_ledger tl_twin_get_ledger(const tl_twin *twin, size_t component) {
+    const tl_exchange *exchange = &twin->exchange;
+    bool plant = component == twin->graph.component_count;
+    tl_twin_ledger entry = {
+        .name = tl_twin_component_name(twin, component),
+        .plain = twin->lock.ledger.plain,
+        .predicted = tl_ledger_predicted(&twin->lock.ledger, component),
+        .executions = tl_twin_executions(twin, component),
+        .hits = plant ? exchange->plant.hits : 0,
+    };
+    fill_needs(twin, component, &entry);
+    if (!plant && exchange->cached != NULL) {
+        const tl_cached_component *cached = &exchange->cached[component];
+        entry.nodes = cached->tree.capacity;
+        entry.nodes_peak = cached->tree.peak;
+        entry.hits = cached->hits;
+        entry.caught_up = cached->caught_up;
+        entry.unstored = cached->unstored;
+    }
+    return entry;
+}
+
+bool tl_twin_ledger_is_complete(const tl_twin *twin) {
+    return !twin->lock.ledger.incomplete;
 }
 
 uint64_t tl_twin_executions(const tl_twin *twin, size_t component) {

@@ -3,7 +3,9 @@
  * Purpose: give it a sample of the plant and a budget, get a committed step and a record of it.
  * Method:  algorithm 3 of the thesis, with the decisions of DESIGN.md ("The method, as we decided it").
  * Ticks:   the sample of tick m is the plant at t_m. Tick 0 is t_start and initialises the FMUs.
- *            lag:   tick m ≥ T_P computes step i = m − T_P; its record is complete at once.
+ *            lag:   tick m ≥ T_P + D computes step i = m − T_P − D; its record is complete at once. D is the delay of the
+ *                   conditioned measurements, 0 without any.
+ *            hold:  tick m ≥ 1 + D computes step i = m − 1 − D; complete at once.
  *            ahead: tick m computes step i = m; its record is complete when the sample m + 1 has come.
  * Memory:  everything is taken in tl_twin_build(); nothing of ours allocates afterwards.
  * Thread:  one twin belongs to one thread at a time.
@@ -28,10 +30,34 @@ typedef struct tl_twin_facts {
     size_t components;                  /* K, the plant included */
     uint32_t prediction;                /* T_P in force */
     uint32_t distance;                  /* T_D: the smallest over all pairs; 0 where nothing is adjusted */
+    uint32_t lead;                      /* step i is computed at tick i + lead */
+    size_t unknowns;                    /* of a search */
+    const char *algorithm;              /* the solver in force; "" where nothing is adjusted */
+    const char *fallback;               /* "" where there is none */
     size_t memory;                      /* bytes of ours, all taken at start-up */
     uint64_t executions_per_step;       /* K: of a step that runs free */
-    uint64_t executions_per_evaluation; /* K·T_P */
+    uint64_t executions_per_evaluation; /* K·T_P: if nothing were saved */
+    bool structure;                     /* what is saved */
+    bool sequences;
 } tl_twin_facts;
+
+/* One component in the ledger; the plant is the last one. */
+typedef struct tl_twin_ledger {
+    const char *name;
+    uint32_t reach;      /* Γ_k (eq. 4.5) */
+    bool on_a_way;       /* between an adjusted variable and a matched output */
+    uint32_t longer;     /* C_k, where it is */
+    uint32_t first_need; /* executions of a step's first evaluation at most, as saved */
+    uint32_t next_need;  /* and of each later one (eq. 4.13) */
+    uint32_t nodes;      /* room in the cache; 0: none */
+    uint32_t nodes_peak; /* used at most, so far */
+    uint64_t plain;      /* executions if nothing were saved */
+    uint64_t predicted;  /* by the graph for the same evaluations */
+    uint64_t executions; /* done */
+    uint64_t hits;       /* steps that were known */
+    uint64_t caught_up;  /* executions done again to bring an FMU to a place (TL_KEEP_OUTPUTS) */
+    uint64_t unstored;   /* results that found no room: what they cost again is not predicted */
+} tl_twin_ledger;
 
 /* Checks the plan, reports every problem, and builds the twin: instantiates the FMUs and sets their
  * parameters. NULL when anything was reported. The plan itself need not outlive the call. */
@@ -59,6 +85,12 @@ tl_twin_facts tl_twin_get_facts(const tl_twin *twin);
 /* Executions of component k so far, and its name; the plant is the last one. */
 uint64_t tl_twin_executions(const tl_twin *twin, size_t component);
 const char *tl_twin_component_name(const tl_twin *twin, size_t component);
+
+/* Executions predicted and done of component k. Where nothing is adjusted, all that is predicted is one a step. */
+tl_twin_ledger tl_twin_get_ledger(const tl_twin *twin, size_t component);
+
+/* False: more candidates were tried than the ledger remembers, and what it predicted is too high. */
+bool tl_twin_ledger_is_complete(const tl_twin *twin);
 
 /* MSE and MAX of match m over the records so far (eq. 5.2, 5.3). */
 const tl_metrics *tl_twin_metrics(const tl_twin *twin, size_t match);

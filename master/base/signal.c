@@ -13,6 +13,8 @@ const char *tl_quality_name(tl_quality quality) {
         return "not a number";
     case TL_NO_LINK:
         return "no link";
+    case TL_OUTLIER:
+        return "outlier";
     }
     return "unknown";
 }

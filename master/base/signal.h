@@ -14,13 +14,14 @@
 /* Base types of FMI 2.0. */
 typedef enum tl_type { TL_REAL, TL_INTEGER, TL_BOOLEAN, TL_STRING, TL_ENUMERATION } tl_type;
 
-/* Only TL_GOOD enters an objective. The order is the order of severity. */
+/* Only TL_GOOD enters an objective. The codes are stored in databases: add at the end only. */
 typedef enum tl_quality {
     TL_GOOD = 0,
     TL_STALE,        /* older than the signal's stale time */
     TL_OUT_OF_RANGE, /* outside the signal's min..max */
     TL_NOT_A_NUMBER, /* not finite, or text that is no number */
-    TL_NO_LINK       /* the device does not answer, or never has */
+    TL_NO_LINK,      /* the device does not answer, or never has */
+    TL_OUTLIER       /* gated: too far from the samples before it (sync/conditioner.h) */
 } tl_quality;
 
 enum {
@@ -44,7 +45,7 @@ typedef struct tl_sample {
     uint8_t quality[TL_MAX_SIGNALS]; /* tl_quality */
 } tl_sample;
 
-/* "good", "stale", "out of range", "not a number", "no link". */
+/* "good", "stale", "out of range", "not a number", "no link", "outlier". */
 const char *tl_quality_name(tl_quality quality);
 
 /* "Real", "Integer", "Boolean", "String", "Enumeration", as FMI 2.0 writes them. */

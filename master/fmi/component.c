@@ -2,6 +2,28 @@
 #include "master/fmi/component.h"
 
 #include <math.h>
+#include <string.h>
+
+size_t tl_ports_size(const tl_ports *ports) {
+    return ports->real_count * sizeof *ports->reals + ports->integer_count * sizeof *ports->integers +
+           ports->boolean_count * sizeof *ports->booleans;
+}
+
+void tl_ports_read(const tl_ports *ports, unsigned char *bytes) {
+    size_t reals = ports->real_count * sizeof *ports->reals;
+    size_t integers = ports->integer_count * sizeof *ports->integers;
+    memcpy(bytes, ports->reals, reals);
+    memcpy(bytes + reals, ports->integers, integers);
+    memcpy(bytes + reals + integers, ports->booleans, ports->boolean_count * sizeof *ports->booleans);
+}
+
+void tl_ports_write(const tl_ports *ports, const unsigned char *bytes) {
+    size_t reals = ports->real_count * sizeof *ports->reals;
+    size_t integers = ports->integer_count * sizeof *ports->integers;
+    memcpy(ports->reals, bytes, reals);
+    memcpy(ports->integers, bytes + reals, integers);
+    memcpy(ports->booleans, bytes + reals + integers, ports->boolean_count * sizeof *ports->booleans);
+}
 
 /* Judges the status of an FMI call; `call` is its name. */
 static tl_status judge(tl_component *component, fmi2Status status, const char *call, tl_error *error) {
@@ -112,8 +134,7 @@ tl_status tl_component_set_inputs(tl_component *component, tl_error *error) {
     return TL_OK;
 }
 
-/* Finite reals; booleans as 0 and 1, so that equal values have equal bits. */
-static tl_status tidy_outputs(tl_component *component, tl_error *error) {
+tl_status tl_component_check_outputs(const tl_component *component, tl_error *error) {
     const tl_ports *out = &component->outputs;
     for (size_t i = 0; i < out->real_count; i++) {
         if (!isfinite(out->reals[i])) {
@@ -121,10 +142,15 @@ static tl_status tidy_outputs(tl_component *component, tl_error *error) {
                            component->name, (unsigned)out->real_references[i]);
         }
     }
+    return TL_OK;
+}
+
+/* Booleans as 0 and 1, so that equal values have equal bits. */
+static void tidy_booleans(tl_component *component) {
+    const tl_ports *out = &component->outputs;
     for (size_t i = 0; i < out->boolean_count; i++) {
         out->booleans[i] = out->booleans[i] != fmi2False ? fmi2True : fmi2False;
     }
-    return TL_OK;
 }
 
 tl_status tl_component_get_outputs(tl_component *component, tl_error *error) {
@@ -149,64 +175,110 @@ tl_status tl_component_get_outputs(tl_component *component, tl_error *error) {
             return judge(component, status, "fmi2GetBoolean", error);
         }
     }
-    return tidy_outputs(component, error);
+    tidy_booleans(component);
+    return tl_component_check_outputs(component, error);
 }
 
-tl_status tl_component_step(tl_component *component, tl_time now, tl_time step, bool final, tl_error *error) {
-    if (component->mode != TL_MODE_STEPPING) {
-        return tl_fail(error, component->mode == TL_MODE_DEAD ? TL_FMU_FATAL : TL_FMU_FAILED,
-                       "%s: cannot step after an earlier failure", component->name);
-    }
+/* Any kinds of ports. */
+static tl_status step_all_types(tl_component *component, double now, double step, fmi2Boolean final, tl_error *error) {
     tl_status status = tl_component_set_inputs(component, error);
     if (status != TL_OK) {
         return status;
     }
     component->executions++;
-    fmi2Status result =
-        component->fmi->do_step(component->instance, tl_seconds(now), tl_seconds(step), final ? fmi2True : fmi2False);
+    fmi2Status result = component->fmi->do_step(component->instance, now, step, final);
     if (result > fmi2Warning) {
         return judge(component, result, "fmi2DoStep", error);
     }
     return tl_component_get_outputs(component, error);
 }
 
-tl_status tl_component_save(tl_component *component, tl_error *error) {
+/* The same three calls where there is nothing but reals: most of what a cheap FMU costs us is deciding what to call. */
+static inline tl_status step_reals(tl_component *component, double now, double step, fmi2Boolean final,
+                                   tl_error *error) {
+    const tl_fmi2 *fmi = component->fmi;
+    fmi2Component instance = component->instance;
+    fmi2Status result = fmi->set_real(instance, component->inputs.real_references, component->inputs.real_count,
+                                      component->inputs.reals);
+    if (result > fmi2Warning) {
+        return judge(component, result, "fmi2SetReal", error);
+    }
+    component->executions++;
+    result = fmi->do_step(instance, now, step, final);
+    if (result > fmi2Warning) {
+        return judge(component, result, "fmi2DoStep", error);
+    }
+    result = fmi->get_real(instance, component->outputs.real_references, component->outputs.real_count,
+                           component->outputs.reals);
+    return result <= fmi2Warning ? TL_OK : judge(component, result, "fmi2GetReal", error);
+}
+
+static tl_status refuse_to_step(const tl_component *component, tl_error *error) {
+    return tl_fail(error, component->mode == TL_MODE_DEAD ? TL_FMU_FATAL : TL_FMU_FAILED,
+                   "%s: cannot step after an earlier failure", component->name);
+}
+
+tl_status tl_component_step_all(tl_component *components, size_t count, double now, double step, bool final,
+                                size_t *failed, tl_error *error) {
+    fmi2Boolean no_return = final ? fmi2True : fmi2False;
+    for (tl_component *component = components; component < components + count; component++) {
+        tl_status status = component->mode != TL_MODE_STEPPING ? refuse_to_step(component, error)
+                           : component->reals_only             ? step_reals(component, now, step, no_return, error)
+                                                               : step_all_types(component, now, step, no_return, error);
+        if (status != TL_OK) {
+            *failed = (size_t)(component - components);
+            return status;
+        }
+    }
+    return TL_OK;
+}
+
+tl_status tl_component_step(tl_component *component, double now, double step, bool final, tl_error *error) {
+    size_t failed = 0;
+    tl_status status = tl_component_step_all(component, 1, now, step, final, &failed, error);
+    return status == TL_OK ? tl_component_check_outputs(component, error) : status;
+}
+
+tl_status tl_component_save(tl_component *component, fmi2FMUstate *state, tl_error *error) {
     if (component->mode == TL_MODE_DEAD) {
         return tl_fail(error, TL_FMU_FATAL, "%s: cannot be saved after fmi2Fatal", component->name);
     }
-    return judge(component, component->fmi->get_fmu_state(component->instance, &component->state), "fmi2GetFMUstate",
-                 error);
+    fmi2Status result = component->fmi->get_fmu_state(component->instance, state);
+    return result <= fmi2Warning ? TL_OK : judge(component, result, "fmi2GetFMUstate", error);
 }
 
-tl_status tl_component_restore(tl_component *component, tl_error *error) {
+tl_status tl_component_restore(tl_component *component, fmi2FMUstate state, tl_error *error) {
     if (component->mode == TL_MODE_DEAD) {
         return tl_fail(error, TL_FMU_FATAL, "%s: cannot be restored after fmi2Fatal", component->name);
     }
-    tl_status status = judge(component, component->fmi->set_fmu_state(component->instance, component->state),
-                             "fmi2SetFMUstate", error);
-    if (status == TL_OK) {
-        component->mode = TL_MODE_STEPPING;
+    fmi2Status result = component->fmi->set_fmu_state(component->instance, state);
+    if (result > fmi2Warning) {
+        return judge(component, result, "fmi2SetFMUstate", error);
     }
-    return status;
+    component->mode = TL_MODE_STEPPING;
+    return TL_OK;
+}
+
+void tl_component_forget(tl_component *component, fmi2FMUstate *state) {
+    if (*state == NULL || component->mode == TL_MODE_ABSENT || component->mode == TL_MODE_DEAD) {
+        return;
+    }
+    if (component->fmi->free_fmu_state(component->instance, state) == fmi2Fatal) {
+        component->mode = TL_MODE_DEAD;
+    }
+    *state = NULL;
 }
 
 void tl_component_free(tl_component *component) {
-    const tl_fmi2 *fmi = component->fmi;
+    tl_component_forget(component, &component->state);
     if (component->mode == TL_MODE_ABSENT || component->mode == TL_MODE_DEAD) {
         return;
     }
-    fmi2Status status = fmi2OK;
-    if (component->state != NULL) {
-        status = fmi->free_fmu_state(component->instance, &component->state);
-    }
-    if (component->mode == TL_MODE_STEPPING && status != fmi2Fatal) {
-        status = fmi->terminate(component->instance);
-    }
-    if (status == fmi2Fatal) {
+    if (component->mode == TL_MODE_STEPPING && component->fmi->terminate(component->instance) == fmi2Fatal) {
         component->mode = TL_MODE_DEAD;
         return;
     }
-    fmi->free_instance(component->instance);
+    component->fmi->free_instance(component->instance);
     component->mode = TL_MODE_ABSENT;
     component->instance = NULL;
 }

@@ -34,6 +34,12 @@ typedef struct tl_ports {
     fmi2Boolean *booleans;
 } tl_ports;
 
+/* All values of one direction as bytes: size, out of the ports, into the ports. Equal values have equal bytes but for
+ * −0 and 0. */
+size_t tl_ports_size(const tl_ports *ports);
+void tl_ports_read(const tl_ports *ports, unsigned char *bytes);
+void tl_ports_write(const tl_ports *ports, const unsigned char *bytes);
+
 typedef enum tl_component_mode {
     TL_MODE_ABSENT, /* not instantiated, or freed */
     TL_MODE_INSTANTIATED,
@@ -51,7 +57,8 @@ typedef struct tl_component {
     tl_component_mode mode;
     tl_ports inputs;     /* connected inputs and adjusted variables: set before each step */
     tl_ports outputs;    /* connected and matched outputs: read after each step */
-    fmi2FMUstate state;  /* the one snapshot; reused, never reallocated */
+    bool reals_only;     /* no other ports: set by the exchange, once they are placed */
+    fmi2FMUstate state;  /* where the exchange keeps its one snapshot */
     uint64_t executions; /* fmi2DoStep calls */
 } tl_component;
 
@@ -73,13 +80,25 @@ tl_status tl_component_exit_initialization(tl_component *component, tl_error *er
 tl_status tl_component_set_inputs(tl_component *component, tl_error *error);
 tl_status tl_component_get_outputs(tl_component *component, tl_error *error);
 
-/* Sets the inputs, steps from `now` by `step` (both ns of simulated time), reads the outputs.
+/* Sets the inputs, steps from `now` by `step` (both s of simulated time), reads the outputs.
  * final: no earlier state will be restored any more. */
-tl_status tl_component_step(tl_component *component, tl_time now, tl_time step, bool final, tl_error *error);
+tl_status tl_component_step(tl_component *component, double now, double step, bool final, tl_error *error);
 
-/* Snapshot of the FMU's hidden state; needs canGetAndSetFMUstate. Port values are the graph's business. */
-tl_status tl_component_save(tl_component *component, tl_error *error);
-tl_status tl_component_restore(tl_component *component, tl_error *error);
+/* The same for `count` components one after the other, in one go. Where one fails, *failed is its index and those after it were
+ * not stepped. Whether Real outputs are finite is not looked at: see tl_component_check_outputs(). */
+tl_status tl_component_step_all(tl_component *components, size_t count, double now, double step, bool final,
+                                size_t *failed, tl_error *error);
+
+/* TL_FMU_FAILED where a Real output is not finite. */
+tl_status tl_component_check_outputs(const tl_component *component, tl_error *error);
+
+/* Snapshot of the FMU's hidden state; needs canGetAndSetFMUstate. Port values are the graph's business. A handle that is
+ * not NULL is reused; one that is no longer wanted is given back by tl_component_forget(). */
+tl_status tl_component_save(tl_component *component, fmi2FMUstate *state, tl_error *error);
+tl_status tl_component_restore(tl_component *component, fmi2FMUstate state, tl_error *error);
+
+/* Frees a handle and makes it NULL; nothing where it is NULL or the FMU may not be called any more. */
+void tl_component_forget(tl_component *component, fmi2FMUstate *state);
 
 /* Ends the instance as its mode allows. May be called in any mode. The caller sees to it that no other instance of the
  * same FMU has answered fmi2Fatal: that is for all of them. */

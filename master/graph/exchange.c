@@ -3,6 +3,9 @@
 
 #include <string.h>
 
+/* All components take part, whatever their reach. */
+#define TL_ALL_DEPTHS UINT32_MAX
+
 /* Start-up: carves typed arrays out of the one value block. Reals come first, so alignment holds. */
 typedef struct tl_layout {
     size_t reals;
@@ -33,7 +36,8 @@ static void count_values(const tl_graph *graph, tl_layout *layout) {
             layout->integers++;
         }
     }
-    layout->reals += graph->connection_count; /* room for û of each connection that is cut */
+    layout->reals += graph->connection_count; /* room for û of each connection that is cut, of either type */
+    layout->integers += graph->connection_count;
 }
 
 static bool place_ports(tl_ports *ports, tl_arena *arena, tl_layout *layout) {
@@ -44,6 +48,10 @@ static bool place_ports(tl_ports *ports, tl_arena *arena, tl_layout *layout) {
     ports->integers = next_integers(layout, ports->integer_count);
     ports->booleans = next_integers(layout, ports->boolean_count);
     return ports->real_references != NULL && ports->integer_references != NULL && ports->boolean_references != NULL;
+}
+
+static bool has_reals_only(const tl_ports *ports) {
+    return ports->real_count != 0 && ports->integer_count == 0 && ports->boolean_count == 0;
 }
 
 static void place_signal(tl_exchange *exchange, const tl_port *port, tl_layout *layout) {
@@ -104,6 +112,11 @@ static void add_copy(tl_exchange *exchange, tl_connection *connection, tl_layout
         tl_integer_copy *copy = &exchange->integer_copies[exchange->integer_copy_count++];
         copy->to = target(exchange, connection->to);
         copy->from = location(exchange, connection->from);
+        if (connection->cut) {
+            copy->adjusted = copy->to;
+            copy->to = next_integers(layout, 1);
+            connection->nominal = copy->to;
+        }
         return;
     }
     tl_real_copy *copy = tl_conversion_is_identity(&connection->conversion)
@@ -111,9 +124,9 @@ static void add_copy(tl_exchange *exchange, tl_connection *connection, tl_layout
                              : &exchange->conversions[exchange->conversion_count++];
     copy->to = target(exchange, connection->to);
     if (connection->cut) {
-        connection->nominal = next_reals(layout, 1);
         copy->adjusted = copy->to;
-        copy->to = connection->nominal;
+        copy->to = next_reals(layout, 1);
+        connection->nominal = copy->to;
     }
     copy->from = location(exchange, connection->from);
     copy->conversion = connection->conversion;
@@ -128,9 +141,10 @@ static bool take_tables(tl_exchange *exchange, tl_arena *arena, const tl_graph *
     exchange->copies = tl_arena_take(arena, connections, sizeof *exchange->copies);
     exchange->conversions = tl_arena_take(arena, connections, sizeof *exchange->conversions);
     exchange->integer_copies = tl_arena_take(arena, connections, sizeof *exchange->integer_copies);
+    exchange->cost = tl_arena_take(arena, graph->component_count, sizeof *exchange->cost);
     layout->block = exchange->values;
     return exchange->values != NULL && exchange->saved_values != NULL && exchange->copies != NULL &&
-           exchange->conversions != NULL && exchange->integer_copies != NULL;
+           exchange->conversions != NULL && exchange->integer_copies != NULL && exchange->cost != NULL;
 }
 
 tl_status tl_exchange_init(tl_exchange *exchange, tl_arena *arena, tl_graph *graph, size_t window, tl_error *error) {
@@ -138,14 +152,24 @@ tl_status tl_exchange_init(tl_exchange *exchange, tl_arena *arena, tl_graph *gra
     exchange->components = graph->components;
     exchange->component_count = graph->component_count;
     exchange->step = graph->plan->step;
+    exchange->step_s = tl_seconds(exchange->step);
+    exchange->whole = true;
     bool placed = take_tables(exchange, arena, graph, &layout) &&
                   tl_plant_init(&exchange->plant, arena, graph->plan->signal_count, window);
     for (size_t i = 0; placed && i < graph->component_count; i++) {
-        placed = place_ports(&graph->components[i].inputs, arena, &layout) &&
-                 place_ports(&graph->components[i].outputs, arena, &layout);
+        placed = place_ports(&graph->components[i].inputs, arena, &layout);
+    }
+    exchange->outputs = next_reals(&layout, 0);
+    for (size_t i = 0; placed && i < graph->component_count; i++) {
+        placed = place_ports(&graph->components[i].outputs, arena, &layout);
+        exchange->output_count += graph->components[i].outputs.real_count;
     }
     if (!placed) {
         return tl_fail(error, TL_TRY_AGAIN, "not enough memory for the values of the co-simulation");
+    }
+    for (size_t i = 0; i < graph->component_count; i++) {
+        tl_component *component = &graph->components[i];
+        component->reals_only = has_reals_only(&component->inputs) && has_reals_only(&component->outputs);
     }
     for (size_t i = 0; i < graph->port_count; i++) {
         if (graph->ports[i].variable == NULL) {
@@ -154,14 +178,19 @@ tl_status tl_exchange_init(tl_exchange *exchange, tl_arena *arena, tl_graph *gra
             fill_port(exchange, &graph->ports[i]);
         }
     }
+    tl_plant_placed(&exchange->plant);
     for (size_t i = 0; i < graph->connection_count; i++) {
         add_copy(exchange, &graph->connections[i], &layout);
     }
     return TL_OK;
 }
 
-double *tl_exchange_input(tl_exchange *exchange, const tl_port *port) {
+void *tl_exchange_input(tl_exchange *exchange, const tl_port *port) {
     return target(exchange, port);
+}
+
+const void *tl_exchange_output(const tl_exchange *exchange, const tl_port *port) {
+    return location(exchange, port);
 }
 
 double tl_exchange_value(const tl_exchange *exchange, const tl_port *port) {
@@ -192,6 +221,11 @@ static void pass_nominal(tl_exchange *exchange) {
     for (size_t i = 0; i < exchange->conversion_count; i++) {
         if (exchange->conversions[i].adjusted != NULL) {
             *exchange->conversions[i].adjusted = *exchange->conversions[i].to;
+        }
+    }
+    for (size_t i = 0; i < exchange->integer_copy_count; i++) {
+        if (exchange->integer_copies[i].adjusted != NULL) {
+            *exchange->integer_copies[i].adjusted = *exchange->integer_copies[i].to;
         }
     }
 }
@@ -239,15 +273,173 @@ tl_status tl_exchange_initialize(tl_exchange *exchange, tl_error *error) {
     return status;
 }
 
-tl_status tl_exchange_step(tl_exchange *exchange, int64_t step, bool final, tl_error *error) {
-    tl_time now = tl_time_of_step(0, exchange->step, step);
+bool tl_exchange_save_executions(tl_exchange *exchange, tl_arena *arena, const tl_keep *keep, uint32_t *reach,
+                                 const uint32_t *capacity, uint32_t prediction) {
+    exchange->reach = reach;
+    exchange->whole = reach == NULL && capacity == NULL;
+    if (capacity == NULL) {
+        return true;
+    }
+    exchange->cached = tl_arena_take(arena, exchange->component_count, sizeof *exchange->cached);
+    bool placed = exchange->cached != NULL && tl_plant_save_executions(&exchange->plant, arena, prediction);
+    for (size_t i = 0; placed && i < exchange->component_count; i++) {
+        placed = tl_cached_component_init(&exchange->cached[i], arena, &exchange->components[i], keep[i],
+                                          exchange->step, prediction, capacity[i]);
+    }
+    return placed;
+}
+
+tl_status tl_exchange_start(tl_exchange *exchange, tl_error *error) {
+    tl_status status = TL_OK;
+    for (size_t i = 0; exchange->cached != NULL && i < exchange->component_count && status == TL_OK; i++) {
+        status = tl_cached_component_start(&exchange->cached[i], error);
+    }
+    return status;
+}
+
+void tl_exchange_end_component(tl_exchange *exchange, size_t component) {
+    if (exchange->cached != NULL) {
+        tl_cached_component_end(&exchange->cached[component]);
+    }
+}
+
+static bool takes_part(const tl_exchange *exchange, size_t component, uint32_t depth) {
+    return exchange->reach == NULL || depth >= TL_ALL_DEPTHS || depth < exchange->reach[component];
+}
+
+/* x − x is 0 for every finite x and NaN for all others: one test for many. */
+static bool are_finite(const fmi2Real *values, size_t count) {
+    double sum = 0.0;
+    for (size_t i = 0; i < count; i++) {
+        sum += values[i] - values[i];
+    }
+    return sum >= 0.0;
+}
+
+static tl_status check_outputs(const tl_exchange *exchange, tl_error *error) {
+    tl_status status = TL_OK;
+    for (size_t i = 0; i < exchange->component_count && status == TL_OK; i++) {
+        status = tl_component_check_outputs(&exchange->components[i], error);
+    }
+    return status;
+}
+
+/* Everything is executed: all components in one go, and all outputs judged in one go. */
+static tl_status execute_all(tl_exchange *exchange, int64_t step, bool final, tl_error *error) {
+    double now = tl_seconds(tl_time_of_step(0, exchange->step, step));
+    exchange->failed = exchange->component_count - 1;
+    tl_status status = tl_component_step_all(exchange->components, exchange->component_count, now, exchange->step_s,
+                                             final, &exchange->failed, error);
+    exchange->executions += exchange->failed + 1;
+    if (status == TL_OK && !are_finite(exchange->outputs, exchange->output_count)) {
+        status = check_outputs(exchange, error);
+    }
+    return status;
+}
+
+/* One component's step by way of its cache, or at once. */
+static tl_status advance(tl_exchange *exchange, size_t index, int64_t step, bool final, tl_error *error) {
+    if (exchange->cached != NULL) {
+        return tl_cached_component_step(&exchange->cached[index], step, error);
+    }
+    double now = tl_seconds(tl_time_of_step(0, exchange->step, step));
+    return tl_component_step(&exchange->components[index], now, exchange->step_s, final, error);
+}
+
+/* The same, watched: what was executed, and under the clock what it cost. What was known says nothing about the cost. */
+static tl_status advance_watched(tl_exchange *exchange, size_t index, int64_t step, bool final, tl_error *error) {
+    uint64_t before = exchange->components[index].executions;
+    tl_time begun = exchange->now != NULL ? exchange->now(exchange->clock) : 0;
+    tl_status status = advance(exchange, index, step, final, error);
+    uint64_t made = exchange->components[index].executions - before;
+    exchange->executions += made;
+    if (exchange->now != NULL && made != 0) {
+        tl_time took = exchange->now(exchange->clock) - begun;
+        tl_time faded = exchange->cost[index] - exchange->cost[index] / 16;
+        exchange->spent += took;
+        exchange->cost[index] = took > faded ? took : faded;
+    }
+    return status;
+}
+
+static tl_status walk_components(tl_exchange *exchange, int64_t step, uint32_t depth, bool final, tl_error *error) {
     for (size_t i = 0; i < exchange->component_count; i++) {
-        tl_status status = tl_component_step(&exchange->components[i], now, exchange->step, final, error);
+        if (takes_part(exchange, i, depth)) {
+            tl_status status = advance_watched(exchange, i, step, final, error);
+            if (status != TL_OK) {
+                exchange->failed = i;
+                return status;
+            }
+        }
+    }
+    return TL_OK;
+}
+
+/* One macro step of the components that take part at `depth`. */
+static tl_status step_components(tl_exchange *exchange, int64_t step, uint32_t depth, bool final, tl_error *error) {
+    tl_status status = exchange->whole || (depth == TL_ALL_DEPTHS && exchange->cached == NULL && exchange->now == NULL)
+                           ? execute_all(exchange, step, final, error)
+                           : walk_components(exchange, step, depth, final, error);
+    if (status != TL_OK) {
+        return status;
+    }
+    if (takes_part(exchange, exchange->component_count, depth)) {
+        tl_plant_step(&exchange->plant, step);
+    }
+    tl_exchange_deliver(exchange);
+    return TL_OK;
+}
+
+void tl_exchange_measure(tl_exchange *exchange, tl_time (*now)(void *clock), void *clock) {
+    exchange->now = now;
+    exchange->clock = clock;
+    exchange->whole = now == NULL && exchange->reach == NULL && exchange->cached == NULL;
+}
+
+tl_status tl_exchange_begin(tl_exchange *exchange, tl_error *error) {
+    if (exchange->cached == NULL) {
+        return tl_exchange_save(exchange, error);
+    }
+    memcpy(exchange->saved_values, exchange->values, exchange->values_size);
+    return TL_OK;
+}
+
+tl_status tl_exchange_rewind(tl_exchange *exchange, tl_error *error) {
+    if (exchange->cached == NULL) {
+        return tl_exchange_restore(exchange, error);
+    }
+    memcpy(exchange->values, exchange->saved_values, exchange->values_size);
+    for (size_t i = 0; i < exchange->component_count; i++) {
+        tl_cached_component_rewind(&exchange->cached[i]);
+    }
+    return TL_OK;
+}
+
+tl_status tl_exchange_try(tl_exchange *exchange, int64_t step, uint32_t depth, tl_error *error) {
+    return step_components(exchange, step, depth, false, error);
+}
+
+tl_status tl_exchange_commit(tl_exchange *exchange, int64_t step, tl_error *error) {
+    for (size_t i = 0; exchange->cached != NULL && i < exchange->component_count; i++) {
+        tl_cached_component_make_room(&exchange->cached[i]);
+    }
+    tl_status status = step_components(exchange, step, TL_ALL_DEPTHS, true, error);
+    for (size_t i = 0; exchange->cached != NULL && i < exchange->component_count && status == TL_OK; i++) {
+        tl_cached_component_commit(&exchange->cached[i]);
+    }
+    return status;
+}
+
+/* For the proof: every component executes, whatever the caches know. */
+tl_status tl_exchange_step(tl_exchange *exchange, int64_t step, tl_error *error) {
+    double now = tl_seconds(tl_time_of_step(0, exchange->step, step));
+    for (size_t i = 0; i < exchange->component_count; i++) {
+        tl_status status = tl_component_step(&exchange->components[i], now, exchange->step_s, false, error);
         if (status != TL_OK) {
             return status;
         }
     }
-    tl_plant_step(&exchange->plant, step + 1);
+    tl_plant_deliver(&exchange->plant, step + 1);
     tl_exchange_deliver(exchange);
     return TL_OK;
 }
@@ -255,7 +447,8 @@ tl_status tl_exchange_step(tl_exchange *exchange, int64_t step, bool final, tl_e
 tl_status tl_exchange_save(tl_exchange *exchange, tl_error *error) {
     memcpy(exchange->saved_values, exchange->values, exchange->values_size);
     for (size_t i = 0; i < exchange->component_count; i++) {
-        tl_status status = tl_component_save(&exchange->components[i], error);
+        tl_component *component = &exchange->components[i];
+        tl_status status = tl_component_save(component, &component->state, error);
         if (status != TL_OK) {
             return status;
         }
@@ -266,7 +459,8 @@ tl_status tl_exchange_save(tl_exchange *exchange, tl_error *error) {
 tl_status tl_exchange_restore(tl_exchange *exchange, tl_error *error) {
     memcpy(exchange->values, exchange->saved_values, exchange->values_size);
     for (size_t i = 0; i < exchange->component_count; i++) {
-        tl_status status = tl_component_restore(&exchange->components[i], error);
+        tl_component *component = &exchange->components[i];
+        tl_status status = tl_component_restore(component, component->state, error);
         if (status != TL_OK) {
             return status;
         }

@@ -1,8 +1,10 @@
-/* The running co-simulation: values, initialisation, one Jacobi macro step, snapshots.
+/* The running co-simulation: values, initialisation, Jacobi macro steps of candidates, the committed step.
  *
- * Purpose: algorithms 1 and 2 of the thesis. In step i every component steps once with the inputs it holds, all
- *          outputs are read, then all inputs are assigned through the connections. Later the sequence cache
- *          (master/cache/) will stand between step() and the components; nothing else changes then.
+ * Purpose: algorithms 1, 2 and 4 of the thesis. In step i every component steps once with the inputs it holds, all
+ *          outputs are read, then all inputs are assigned through the connections. A candidate begins at the committed
+ *          values of t_i and walks over the horizon; the committed step moves t_i on.
+ * Saving:  by structure (approach 1) component k takes part in a candidate only for its first reach[k] = Γ_k steps; by
+ *          sequences (approach 2) components stand behind their caches. Neither changes a committed value by a bit.
  * Memory:  all port values lie in one block, so that a snapshot of them is one copy.
  * Thread:  the twin's.
  */
@@ -14,6 +16,7 @@
 
 #include "master/base/arena.h"
 #include "master/base/status.h"
+#include "master/cache/cached_component.h"
 #include "master/graph/graph.h"
 #include "master/graph/plant.h"
 
@@ -27,15 +30,29 @@ typedef struct tl_real_copy {
 typedef struct tl_integer_copy {
     fmi2Integer *to; /* fmi2Boolean is the same C type */
     const fmi2Integer *from;
+    fmi2Integer *adjusted; /* as above */
 } tl_integer_copy;
 
 typedef struct tl_exchange {
     tl_component *components;
     size_t component_count;
     tl_plant plant;
-    tl_time step;          /* T_S */
+    tl_time step;                /* T_S */
+    double step_s;               /* the same, s */
+    uint32_t *reach;             /* Γ_k of each component, the plant last; NULL: all take part in all steps */
+    tl_cached_component *cached; /* one per component; NULL: everything is executed */
+    bool whole;                  /* nothing is saved, nothing is measured: all components execute in one go */
+    tl_time (*now)(void *clock); /* measures executions; NULL: nothing is measured */
+    void *clock;
+    uint64_t executions; /* of all components, the plant not counted */
+    tl_time spent;       /* ns of all measured executions */
+    size_t failed;       /* the component at which the last macro step failed */
+    tl_time
+        *cost; /* ns of one execution of each component, at most: the last, or an earlier one that was longer, fading */
     unsigned char *values; /* reals, then integers, then booleans, of all ports; then û of cut connections */
     unsigned char *saved_values;
+    const fmi2Real *outputs; /* the Real outputs of all components lie together */
+    size_t output_count;
     size_t values_size;
     tl_real_copy *copies; /* unit conversion is the identity */
     size_t copy_count;
@@ -48,8 +65,10 @@ typedef struct tl_exchange {
 /* Places all values and copies; the graph must be complete. `window` is the plant's, in samples. */
 tl_status tl_exchange_init(tl_exchange *exchange, tl_arena *arena, tl_graph *graph, size_t window, tl_error *error);
 
-/* Where the value of a Real input port is; for any port, its value as double. */
-double *tl_exchange_input(tl_exchange *exchange, const tl_port *port);
+/* Where the value of a port is: a double, an fmi2Integer or an fmi2Boolean, as its type says. For any port, its value as
+ * double. */
+void *tl_exchange_input(tl_exchange *exchange, const tl_port *port);
+const void *tl_exchange_output(const tl_exchange *exchange, const tl_port *port);
 double tl_exchange_value(const tl_exchange *exchange, const tl_port *port);
 
 /* fmi2SetupExperiment … fmi2ExitInitializationMode of all components, outputs and inputs exchanged in between until
@@ -59,11 +78,36 @@ tl_status tl_exchange_initialize(tl_exchange *exchange, tl_error *error);
 /* Inputs from outputs. */
 void tl_exchange_deliver(tl_exchange *exchange);
 
-/* Macro step i, from t_i to t_(i+1): K executions. final: no state before t_i will be restored any more. */
-tl_status tl_exchange_step(tl_exchange *exchange, int64_t step, bool final, tl_error *error);
+/* From now on executions are saved: `reach` has an entry for each component and the plant, or is NULL; `capacity` gives the
+ * nodes of each component's cache, or is NULL. Both must stay. Before initialisation. */
+bool tl_exchange_save_executions(tl_exchange *exchange, tl_arena *arena, const tl_keep *keep, uint32_t *reach,
+                                 const uint32_t *capacity, uint32_t prediction);
 
-/* Snapshot of all components and values; one at a time. */
+/* From now on executions are measured by this clock; NULL: they are not. */
+void tl_exchange_measure(tl_exchange *exchange, tl_time (*now)(void *clock), void *clock);
+
+/* After initialisation: t_0 is the committed instant. */
+tl_status tl_exchange_start(tl_exchange *exchange, tl_error *error);
+
+/* The values and states as committed are where candidates begin. Once per step, before the first candidate. */
+tl_status tl_exchange_begin(tl_exchange *exchange, tl_error *error);
+
+/* Back to where candidates begin. */
+tl_status tl_exchange_rewind(tl_exchange *exchange, tl_error *error);
+
+/* A candidate's macro step, from t_step to t_(step+1); `depth` counts from 0 at the committed instant. */
+tl_status tl_exchange_try(tl_exchange *exchange, int64_t step, uint32_t depth, tl_error *error);
+
+/* The committed macro step: all components take part. No state before t_step will be wanted any more, unless it fails:
+ * then tl_exchange_rewind() leads back, if tl_exchange_begin() was called or executions are saved. */
+tl_status tl_exchange_commit(tl_exchange *exchange, int64_t step, tl_error *error);
+
+/* Snapshot of all components and values beside all caches, for the proof at start; one at a time. */
 tl_status tl_exchange_save(tl_exchange *exchange, tl_error *error);
 tl_status tl_exchange_restore(tl_exchange *exchange, tl_error *error);
+tl_status tl_exchange_step(tl_exchange *exchange, int64_t step, tl_error *error);
+
+/* Gives back what the caches hold of the FMUs; before the components are freed. `lost` components are not called. */
+void tl_exchange_end_component(tl_exchange *exchange, size_t component);
 
 #endif

@@ -342,11 +342,12 @@ size_t tl_graph_match_signal(tl_graph *graph, const tl_plan_match *match, const 
     return signal;
 }
 
-/* An adjusted variable is a Real input or a tunable Real parameter. */
+/* An adjusted variable is an input or a tunable parameter, Real or Boolean. */
 static bool is_adjustable(const tl_plan_adjust *adjust, const tl_variable *variable, tl_report *report) {
-    if (variable->type != TL_REAL) {
-        tl_report_add(report, TL_BAD_DATA, adjust->where, "%s is %s, expected a Real input or a tunable Real parameter",
-                      adjust->variable, tl_type_name(variable->type));
+    if (variable->type != TL_REAL && variable->type != TL_BOOLEAN) {
+        tl_report_add(report, TL_BAD_DATA, adjust->where,
+                      "%s is %s, expected an input or a tunable parameter that is Real or Boolean", adjust->variable,
+                      tl_type_name(variable->type));
         return false;
     }
     if (variable->causality == TL_PARAMETER && variable->variability != TL_TUNABLE) {
@@ -357,9 +358,9 @@ static bool is_adjustable(const tl_plan_adjust *adjust, const tl_variable *varia
         return false;
     }
     if (variable->causality != TL_PARAMETER && variable->causality != TL_INPUT) {
-        tl_report_add(report, TL_BAD_DATA, adjust->where,
-                      "%s is a %s %s, expected a Real input or a tunable Real parameter", adjust->variable,
-                      tl_variability_name(variable->variability), tl_causality_name(variable->causality));
+        tl_report_add(report, TL_BAD_DATA, adjust->where, "%s is a %s %s, expected an input or a tunable parameter",
+                      adjust->variable, tl_variability_name(variable->variability),
+                      tl_causality_name(variable->causality));
         return false;
     }
     return true;

@@ -35,8 +35,8 @@ typedef struct tl_connection {
     const tl_port *from;
     const tl_port *to;
     tl_conversion conversion;
-    bool cut;        /* `to` is adjusted: what comes here is û, not the input */
-    double *nominal; /* where û is delivered to when cut; placed by exchange.h */
+    bool cut;            /* `to` is adjusted: what comes here is û, not the input */
+    const void *nominal; /* where û is delivered to when cut, in the port's type; placed by exchange.h */
 } tl_connection;
 
 typedef struct tl_graph {

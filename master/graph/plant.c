@@ -5,10 +5,14 @@
 
 bool tl_plant_init(tl_plant *plant, tl_arena *arena, size_t signal_count, size_t window_size) {
     plant->signal_count = signal_count;
-    plant->window_size = window_size;
+    size_t size = 1;
+    while (size < window_size) {
+        size *= 2;
+    }
+    plant->window_mask = size - 1;
     plant->newest = -1;
     plant->outputs = tl_arena_take(arena, signal_count, sizeof *plant->outputs);
-    plant->window = tl_arena_take(arena, window_size, sizeof *plant->window);
+    plant->window = tl_arena_take(arena, size, sizeof *plant->window);
     return plant->outputs != NULL && plant->window != NULL;
 }
 
@@ -21,29 +25,47 @@ static tl_quality verify(const tl_plant_output *output, double value, tl_quality
     return quality == TL_GOOD && !holds ? TL_OUT_OF_RANGE : quality;
 }
 
+bool tl_plant_save_executions(tl_plant *plant, tl_arena *arena, size_t horizon) {
+    plant->delivered_size = horizon + 1;
+    plant->delivered = tl_arena_take(arena, plant->delivered_size, sizeof *plant->delivered);
+    return plant->delivered != NULL;
+}
+
 void tl_plant_push(tl_plant *plant, const tl_sample *sample) {
-    tl_sample *slot = &plant->window[(size_t)sample->tick % plant->window_size];
-    *slot = *sample;
+    tl_sample *slot = &plant->window[(size_t)sample->tick & plant->window_mask];
+    slot->tick = sample->tick;
     for (size_t i = 0; i < plant->signal_count; i++) {
         tl_quality quality = verify(&plant->outputs[i], sample->values[i], (tl_quality)sample->quality[i]);
         slot->quality[i] = (uint8_t)quality;
         if (quality == TL_GOOD) {
             plant->held[i] = sample->values[i];
-        } else {
-            slot->values[i] = plant->held[i];
         }
+        slot->values[i] = plant->held[i];
     }
     plant->newest = sample->tick;
 }
 
 const tl_sample *tl_plant_sample(const tl_plant *plant, int64_t tick) {
     int64_t known = tick < plant->newest ? tick : plant->newest;
-    return &plant->window[(size_t)known % plant->window_size];
+    return &plant->window[(size_t)known & plant->window_mask];
+}
+
+void tl_plant_placed(tl_plant *plant) {
+    plant->delivered_signals = 0;
+    for (size_t i = 0; i < plant->signal_count; i++) {
+        const tl_plant_output *output = &plant->outputs[i];
+        if (output->real != NULL || output->integer != NULL || output->boolean != NULL) {
+            plant->delivered_signals = i + 1;
+        }
+    }
 }
 
 void tl_plant_deliver(tl_plant *plant, int64_t tick) {
+    if (plant->delivered_signals == 0) {
+        return;
+    }
     const tl_sample *sample = tl_plant_sample(plant, tick);
-    for (size_t i = 0; i < plant->signal_count; i++) {
+    for (size_t i = 0; i < plant->delivered_signals; i++) {
         const tl_plant_output *output = &plant->outputs[i];
         if (output->real != NULL) {
             *output->real = sample->values[i];
@@ -55,7 +77,23 @@ void tl_plant_deliver(tl_plant *plant, int64_t tick) {
     }
 }
 
-void tl_plant_step(tl_plant *plant, int64_t end_tick) {
-    plant->executions++;
-    tl_plant_deliver(plant, end_tick);
+/* Whether step `step` is known to deliver sample `number`; if not, from now on it is, and nothing after it. */
+static bool is_known(tl_plant *plant, int64_t step, int64_t number) {
+    int64_t *delivered = &plant->delivered[(size_t)step % plant->delivered_size];
+    if (step < plant->known && *delivered == number) {
+        return true;
+    }
+    *delivered = number;
+    plant->known = step + 1;
+    return false;
+}
+
+void tl_plant_step(tl_plant *plant, int64_t step) {
+    int64_t number = step + 1 < plant->newest ? step + 1 : plant->newest;
+    if (plant->delivered != NULL && is_known(plant, step, number)) {
+        plant->hits++;
+    } else {
+        plant->executions++;
+    }
+    tl_plant_deliver(plant, number);
 }

@@ -4,38 +4,95 @@
 #include <math.h>
 #include <string.h>
 
-/* J of a u that was not evaluated. */
-#define NOT_EVALUATED ((double)NAN)
+#include "master/sync/attempt.h"
 
-/* The search of one step: what is known of it so far. */
-typedef struct tl_attempt {
-    tl_lock *lock;
-    int64_t step;
-    const tl_budget *budget;
-    uint32_t limit;       /* evaluations the search may use */
-    uint32_t evaluations; /* used so far */
-    tl_time longest;      /* of one evaluation of this step, ns */
-    bool dirty;           /* components are not in the state of t_i */
-    tl_stop stop;
-    double best_value;
-    double best[TL_MAX_ADJUST];
-    double nominal[TL_MAX_ADJUST];
-    double nominal_value; /* NaN: not evaluated */
-    tl_status fatal;      /* TL_FMU_FATAL: give up */
-    tl_error *error;
-} tl_attempt;
+/* A first guess further than this many steps from the last u, and without effect, is blind. */
+static const double TELLING = 0.05;
 
-bool tl_lock_init(tl_lock *lock, tl_arena *arena) {
-    lock->has_last = false;
-    if (lock->count == 0) {
+/* ---- build ---- */
+
+static size_t size_of_course(const tl_lock *lock) {
+    return tl_objective_samples(&lock->objective) * lock->objective.matched;
+}
+
+static bool take_all(tl_arena *arena, double **const *arrays, size_t array_count, size_t count) {
+    bool taken = true;
+    for (size_t i = 0; i < array_count; i++) {
+        *arrays[i] = tl_arena_take(arena, count, sizeof(double));
+        taken = taken && *arrays[i] != NULL;
+    }
+    return taken;
+}
+
+static bool take_memory(tl_lock *lock, tl_arena *arena) {
+    tl_lock_memory *memory = &lock->memory;
+    double **const sequences[] = {&memory->committed, &memory->nominal, &memory->guess,
+                                  &memory->start,     &memory->best,    &memory->trial};
+    double **const vectors[] = {&memory->residuals, &memory->start_residuals, &memory->best_residuals,
+                                &memory->forecast};
+    double **const courses[] = {&memory->candidate_course, &memory->best_course, &memory->course};
+    double **const samples[] = {&memory->earlier};
+    memory->free = tl_arena_take(arena, lock->horizon.count, sizeof *memory->free);
+    return memory->free != NULL && take_all(arena, sequences, 6, lock->horizon.count) &&
+           take_all(arena, vectors, 4, lock->objective.residual_count) &&
+           take_all(arena, courses, 3, size_of_course(lock)) && take_all(arena, samples, 1, lock->objective.matched);
+}
+
+/* A guess may move the newest unknown of each variable: those before it keep what has been executed already. Of a static
+ * horizon that is longer than T_D nothing may move. */
+static void find_free(tl_lock *lock, const tl_plan *plan) {
+    const tl_horizon *horizon = &lock->horizon;
+    bool any = horizon->prediction == horizon->distance || plan->shape == TL_DYNAMIC;
+    for (size_t v = 0; v < horizon->variables; v++) {
+        lock->memory.free[horizon->offset[v] + horizon->length[v] - 1] = any;
+    }
+}
+
+/* What the solvers are told of each unknown. */
+static bool describe_space(tl_lock *lock, tl_arena *arena) {
+    const tl_horizon *horizon = &lock->horizon;
+    double *step = tl_arena_take(arena, horizon->count, sizeof *step);
+    double *lower = tl_arena_take(arena, horizon->count, sizeof *lower);
+    double *upper = tl_arena_take(arena, horizon->count, sizeof *upper);
+    uint32_t *dwell = tl_arena_take(arena, horizon->count, sizeof *dwell);
+    if (step == NULL || lower == NULL || upper == NULL || dwell == NULL) {
+        return false;
+    }
+    for (size_t v = 0; v < horizon->variables; v++) {
+        for (size_t i = horizon->offset[v]; i < horizon->offset[v] + horizon->length[v]; i++) {
+            step[i] = lock->adjusted[v].step;
+            lower[i] = lock->adjusted[v].lower;
+            upper[i] = lock->adjusted[v].upper;
+            dwell[i] = lock->adjusted[v].dwell;
+        }
+    }
+    lock->space = (tl_optimiser_space){.count = horizon->count,
+                                       .step = step,
+                                       .lower = lower,
+                                       .upper = upper,
+                                       .dwell = dwell,
+                                       .residual_count = lock->objective.residual_count};
+    return true;
+}
+
+bool tl_lock_init(tl_lock *lock, tl_arena *arena, const tl_plan *plan) {
+    uint32_t evaluations = plan->evaluations != 0 ? plan->evaluations : 60;
+    if (!tl_objective_init(&lock->objective, arena) ||
+        !tl_ledger_init(&lock->ledger, arena, &lock->horizon, &lock->exchange->plant, plan, evaluations)) {
+        return false;
+    }
+    if (lock->horizon.variables == 0) {
         return true;
     }
-    lock->space.count = lock->count;
-    lock->space.step = lock->step;
-    lock->space.lower = lock->lower;
-    lock->space.upper = lock->upper;
+    if (!take_memory(lock, arena) || !describe_space(lock, arena)) {
+        return false;
+    }
+    find_free(lock, plan);
     lock->optimiser = lock->solver->create(arena, &lock->space);
-    return lock->optimiser != NULL;
+    if (lock->fallback != NULL) {
+        lock->second = lock->fallback->create(arena, &lock->space);
+    }
+    return lock->optimiser != NULL && (lock->fallback == NULL || lock->second != NULL);
 }
 
 void tl_lock_end(tl_lock *lock) {
@@ -43,280 +100,399 @@ void tl_lock_end(tl_lock *lock) {
         lock->solver->destroy(lock->optimiser);
         lock->optimiser = NULL;
     }
-}
-
-static void set_inputs(tl_lock *lock, const double *u) {
-    for (size_t i = 0; i < lock->count; i++) {
-        *lock->adjusted[i].input = u[i];
+    if (lock->second != NULL) {
+        lock->fallback->destroy(lock->second);
+        lock->second = NULL;
     }
 }
 
-static void read_nominal(const tl_lock *lock, double *nominal) {
-    for (size_t i = 0; i < lock->count; i++) {
-        const tl_adjusted *adjusted = &lock->adjusted[i];
-        nominal[i] = adjusted->delivered != NULL ? *adjusted->delivered : adjusted->nominal;
-    }
+/* ---- guess ---- */
+
+static size_t size_of_sequence(const tl_lock *lock) {
+    return lock->horizon.count * sizeof(double);
 }
 
 /* Into the bounds of the search. The nominal itself may lie outside: it is what the plant was told. */
 static void clamp(const tl_lock *lock, double *u) {
-    for (size_t i = 0; i < lock->count; i++) {
-        u[i] = fmin(fmax(u[i], lock->lower[i]), lock->upper[i]);
+    for (size_t i = 0; i < lock->horizon.count; i++) {
+        u[i] = fmin(fmax(u[i], lock->space.lower[i]), lock->space.upper[i]);
     }
 }
 
-/* J of one candidate over the horizon; HUGE_VAL where an FMU fails on it. */
-static double simulate(tl_attempt *attempt, const double *u) {
-    tl_lock *lock = attempt->lock;
-    double sum = 0.0;
-    tl_status status = TL_OK;
-    if (attempt->dirty) {
-        status = tl_exchange_restore(lock->exchange, attempt->error);
-    }
-    attempt->dirty = true;
-    set_inputs(lock, u);
-    for (int64_t j = attempt->step; status == TL_OK && j < attempt->step + lock->prediction; j++) {
-        status = tl_exchange_step(lock->exchange, j, false, attempt->error);
-        if (status == TL_OK && j + 1 >= attempt->step + lock->distance) {
-            sum += tl_objective_at(&lock->objective, j + 1);
-        }
-    }
-    if (status == TL_FMU_FATAL) {
-        attempt->fatal = status;
-    }
-    return status == TL_OK && isfinite(sum) ? sum : HUGE_VAL;
+static bool is_nominal(const tl_lock *lock, const double *u) {
+    return memcmp(u, lock->memory.nominal, size_of_sequence(lock)) == 0;
 }
 
-static tl_time elapsed(const tl_budget *budget) {
-    return budget->now == NULL ? 0 : budget->now(budget->context) - budget->started;
-}
-
-/* Whether one more evaluation, and the nominal's where that is still to come, fits the budget. */
-static bool may_evaluate(tl_attempt *attempt) {
-    if (attempt->evaluations >= attempt->limit) {
-        attempt->stop = TL_STOP_EVALUATIONS;
+/* The solver's own guess, from where the outputs seem to go if u goes on. */
+static bool guess_by_solver(const tl_lock *lock) {
+    const tl_lock_memory *memory = &lock->memory;
+    int needed = tl_objective_samples(&lock->objective) > 1 ? 1 : 2;
+    if (lock->solver->guess == NULL || lock->courses < needed || lock->was_blind) {
         return false;
     }
-    if (attempt->budget->now != NULL) {
-        tl_time left = attempt->budget->time - elapsed(attempt->budget);
-        if (left <= 0 || attempt->longest >= (isnan(attempt->nominal_value) ? left / 2 : left)) {
-            attempt->stop = TL_STOP_TIME;
-            return false;
-        }
-    }
-    return true;
+    memcpy(memory->start, memory->committed, size_of_sequence(lock));
+    tl_horizon_shift(&lock->horizon, memory->start);
+    clamp(lock, memory->start);
+    tl_objective_forecast(&lock->objective, memory->course, memory->earlier, memory->forecast);
+    const tl_forecast forecast = {memory->start, memory->forecast, memory->free};
+    return lock->solver->guess(lock->optimiser, &forecast, memory->guess);
 }
 
-/* Evaluates u, keeps it if it is the best so far. */
-static double evaluate(tl_attempt *attempt, const double *u) {
-    tl_time before = elapsed(attempt->budget);
-    double value = simulate(attempt, u);
-    tl_time took = elapsed(attempt->budget) - before;
-    attempt->longest = took > attempt->longest ? took : attempt->longest;
-    attempt->evaluations++;
-    if (value < attempt->best_value) {
-        attempt->best_value = value;
-        memcpy(attempt->best, u, attempt->lock->count * sizeof *u);
+/* What is evaluated first: by the solver, or nominal at T_P = T_D; else, and for Booleans, what was committed last, so
+ * that horizons overlap. A budget of one evaluation is the nominal's. True where the solver made it. */
+static bool first_guess(const tl_attempt *attempt) {
+    const tl_lock *lock = attempt->lock;
+    double *guess = lock->memory.guess;
+    memcpy(guess, lock->memory.nominal, size_of_sequence(lock));
+    if (attempt->limit < 2 || !lock->has_last) {
+        return false;
+    }
+    if (guess_by_solver(lock)) {
+        return true;
+    }
+    if (lock->horizon.prediction != lock->horizon.distance || lock->solver->booleans) {
+        tl_horizon_hold(&lock->horizon, lock->memory.before, guess);
+        clamp(lock, guess); /* an earlier nominal may have been outside */
+    }
+    return false;
+}
+
+/* A guess that moved u and changed nothing against the forecast: what is adjusted does not matter at present. */
+static bool guess_was_blind(const tl_attempt *attempt, double value) {
+    const tl_lock *lock = attempt->lock;
+    const tl_lock_memory *memory = &lock->memory;
+    double move = 0.0;
+    for (size_t i = 0; i < lock->horizon.count; i++) {
+        move = fmax(move, fabs(memory->guess[i] - memory->start[i]) / lock->space.step[i]);
+    }
+    return lock->noise_floor > 0.0 && isfinite(value) && move >= TELLING &&
+           tl_objective_change(&lock->objective, memory->residuals, memory->forecast) < lock->noise_floor * move;
+}
+
+/* Where an FMU fails on the guess, the search had better begin at the last u, or at the nominal where that was it. */
+static double retreat(tl_attempt *attempt, double value) {
+    const tl_lock *lock = attempt->lock;
+    double *guess = lock->memory.guess;
+    if (isfinite(value) || !lock->has_last || attempt->fatal != TL_OK || attempt->late) {
+        return value;
+    }
+    bool to_last = is_nominal(lock, guess);
+    if (to_last) {
+        tl_horizon_hold(&lock->horizon, lock->memory.before, guess);
+        clamp(lock, guess);
+    } else {
+        memcpy(guess, lock->memory.nominal, size_of_sequence(lock));
+    }
+    if (!tl_attempt_may_evaluate(attempt, guess)) {
+        return value;
+    }
+    value = tl_attempt_evaluate(attempt, guess);
+    if (!to_last && !attempt->late) {
+        attempt->nominal_value = value;
+        attempt->limit = attempt->budget->evaluations; /* nothing more is kept for it */
     }
     return value;
 }
 
-/* The solver's question. */
-static bool ask(void *context, const double *u, double *value) {
-    tl_attempt *attempt = context;
-    if (attempt->fatal != TL_OK || attempt->best_value < TL_OBJECTIVE_TOLERANCE || !may_evaluate(attempt)) {
-        return false;
-    }
-    *value = evaluate(attempt, u);
-    if (attempt->best_value < TL_OBJECTIVE_TOLERANCE) {
-        attempt->stop = TL_STOP_TOLERANCE;
-        return false;
-    }
-    return attempt->fatal == TL_OK;
-}
+/* ---- search ---- */
 
-/* The first guess: nominal at T_P = T_D, else the last committed u, so that horizons overlap. A budget of one evaluation
- * is the nominal's. */
-static void first_guess(tl_attempt *attempt, double *guess) {
-    tl_lock *lock = attempt->lock;
-    if (lock->prediction == lock->distance || !lock->has_last || attempt->limit < 2) {
-        memcpy(guess, attempt->nominal, lock->count * sizeof *guess);
-    } else {
-        memcpy(guess, lock->last, lock->count * sizeof *guess);
-        clamp(lock, guess); /* an earlier nominal may have been outside */
-    }
-}
-
-/* Where an FMU fails on the guess, the search had better begin at the last u, or at the nominal where that was it. */
-static void retreat(tl_attempt *attempt, double *guess, double *value) {
-    tl_lock *lock = attempt->lock;
-    size_t size = lock->count * sizeof *guess;
-    if (isfinite(*value) || !lock->has_last || attempt->fatal != TL_OK || !may_evaluate(attempt)) {
-        return;
-    }
-    bool to_last = !isnan(attempt->nominal_value);
-    memcpy(guess, to_last ? lock->last : attempt->nominal, size);
-    if (to_last) {
-        clamp(lock, guess);
-    }
-    *value = evaluate(attempt, guess);
-    if (!to_last) {
-        attempt->nominal_value = *value;
-        attempt->limit = attempt->budget->evaluations; /* nothing more is kept for it */
-    }
-}
-
-/* Out of tolerance: is the best so far worth committing? Never worse than not synchronising. */
-static tl_outcome defend_nominal(tl_attempt *attempt, double *u) {
-    if (isnan(attempt->nominal_value) && attempt->fatal == TL_OK) {
-        attempt->nominal_value = evaluate(attempt, attempt->nominal);
-    }
-    if (attempt->best_value <= (1.0 - attempt->lock->margin) * attempt->nominal_value &&
-        attempt->best_value < attempt->nominal_value) {
-        memcpy(u, attempt->best, attempt->lock->count * sizeof *u);
-        return TL_BEST_SO_FAR;
-    }
-    memcpy(u, attempt->nominal, attempt->lock->count * sizeof *u);
-    return TL_NOMINAL;
-}
-
-/* Lets the solver search from the guess, or from the point within the bounds that is nearest to it. */
-static void search_from(tl_attempt *attempt, const double *guess, double value) {
-    tl_lock *lock = attempt->lock;
-    double start[TL_MAX_ADJUST];
-    size_t size = lock->count * sizeof *start;
-    memcpy(start, guess, size);
-    clamp(lock, start);
+/* One solver from where `guess` is, or from the point within the bounds that is nearest to it. */
+static tl_search_end search_from(tl_attempt *attempt, const tl_optimiser_class *solver, tl_optimiser *optimiser,
+                                 const double *from, double value, const double *residuals) {
+    const tl_lock *lock = attempt->lock;
+    const tl_lock_memory *memory = &lock->memory;
+    size_t vector = lock->objective.residual_count * sizeof(double);
+    memmove(memory->start, from, size_of_sequence(lock));
+    clamp(lock, memory->start);
     attempt->stop = TL_STOP_SOLVER;
-    if (memcmp(start, guess, size) != 0 && !ask(attempt, start, &value)) {
-        return;
+    if (memcmp(memory->start, from, size_of_sequence(lock)) != 0) {
+        if (!tl_attempt_ask(attempt, memory->start, &value, NULL)) {
+            return TL_SEARCH_STOPPED;
+        }
+        residuals = memory->residuals;
     }
-    const tl_search search = {start, value, ask, attempt};
-    lock->solver->minimise(lock->optimiser, &search);
+    memmove(memory->start_residuals, residuals, vector);
+    attempt->start_value = value;
+    const tl_search search = {memory->start, value, memory->start_residuals, tl_attempt_ask, attempt};
+    return solver->minimise(optimiser, &search);
 }
 
-/* Guess, then search; u and the outcome. */
-static tl_outcome find(tl_attempt *attempt, double *u) {
-    tl_lock *lock = attempt->lock;
-    double guess[TL_MAX_ADJUST];
-    size_t size = lock->count * sizeof *u;
-    first_guess(attempt, guess);
-    if (!may_evaluate(attempt)) {
-        memcpy(u, attempt->nominal, size);
-        return TL_NOMINAL;
+/* The configured solver; where it fails, stagnates or finds no more, the second one goes on from the best point. */
+static void search(tl_attempt *attempt, double value) {
+    const tl_lock *lock = attempt->lock;
+    const tl_lock_memory *memory = &lock->memory;
+    tl_search_end end = search_from(attempt, lock->solver, lock->optimiser, memory->guess, value, memory->residuals);
+    bool ended_itself = end != TL_SEARCH_STOPPED || attempt->stagnated;
+    if (lock->fallback == NULL || !ended_itself || attempt->best_value < TL_OBJECTIVE_TOLERANCE ||
+        attempt->fatal != TL_OK || !isfinite(attempt->best_value) || tl_attempt_is_blind(attempt)) {
+        return;
     }
-    double value = evaluate(attempt, guess);
-    if (memcmp(guess, attempt->nominal, size) == 0) {
-        attempt->nominal_value = value;
-    } else {
+    attempt->stagnated = false;
+    attempt->idle = 0;
+    attempt->flags |= TL_FLAG_FALLBACK;
+    (void)search_from(attempt, lock->fallback, lock->second, memory->best, attempt->best_value, memory->best_residuals);
+}
+
+/* A variable that turned out not to matter is at nominal in what is committed, also where the best candidate is older
+ * than that insight. */
+static void settle_held(tl_attempt *attempt) {
+    const tl_lock *lock = attempt->lock;
+    double *trial = lock->memory.trial;
+    if (attempt->held == 0 || tl_attempt_is_blind(attempt) || !isfinite(attempt->best_value)) {
+        return;
+    }
+    memcpy(trial, lock->memory.best, size_of_sequence(lock));
+    tl_attempt_hold(attempt, trial);
+    if (memcmp(trial, lock->memory.best, size_of_sequence(lock)) != 0 && tl_attempt_may_evaluate(attempt, trial)) {
+        attempt->best_value = HUGE_VAL;
+        (void)tl_attempt_evaluate(attempt, trial);
+    }
+}
+
+/* Evaluates nominal, if it was not and there is time; room in the budget was kept. */
+static void evaluate_nominal(tl_attempt *attempt) {
+    if (isnan(attempt->nominal_value) && attempt->fatal == TL_OK && !attempt->late &&
+        !attempt->budget->without_nominal) {
+        attempt->limit = attempt->budget->evaluations;
+        if (tl_attempt_may_evaluate(attempt, attempt->lock->memory.nominal)) {
+            double value = tl_attempt_evaluate(attempt, attempt->lock->memory.nominal);
+            attempt->nominal_value = attempt->late ? attempt->nominal_value : value;
+        }
+    }
+}
+
+/* Out of tolerance: is the best so far worth committing? Never worse than not synchronising: what cannot be compared with
+ * nominal is not committed. */
+static tl_outcome defend_nominal(tl_attempt *attempt) {
+    tl_stop stop = attempt->stop;
+    evaluate_nominal(attempt);
+    attempt->stop = stop;
+    bool better = attempt->best_value <= (1.0 - attempt->lock->margin) * attempt->nominal_value &&
+                  attempt->best_value < attempt->nominal_value;
+    return better && !tl_attempt_is_blind(attempt) ? TL_BEST_SO_FAR : TL_NOMINAL;
+}
+
+/* Guess, then search. What is found is in memory.best, unless the outcome is nominal. */
+static tl_outcome find(tl_attempt *attempt) {
+    tl_lock *lock = attempt->lock;
+    double *guess = lock->memory.guess;
+    bool by_solver = first_guess(attempt);
+    bool nominal = is_nominal(lock, guess);
+    if (!nominal) {
         attempt->limit--; /* kept for the nominal */
     }
+    if (!tl_attempt_may_evaluate(attempt, guess)) {
+        return TL_NOMINAL;
+    }
+    double value = tl_attempt_evaluate(attempt, guess);
+    if (nominal && !attempt->late) {
+        attempt->nominal_value = value;
+    }
+    lock->was_blind = by_solver && guess_was_blind(attempt, value);
+    if (lock->was_blind) {
+        attempt->held = ((uint32_t)1 << lock->horizon.variables) - 1;
+        return defend_nominal(attempt);
+    }
     if (value < TL_OBJECTIVE_TOLERANCE) {
-        memcpy(u, guess, size);
         return TL_FIRST_GUESS;
     }
-    retreat(attempt, guess, &value);
-    search_from(attempt, guess, value);
-    if (attempt->best_value < TL_OBJECTIVE_TOLERANCE) {
+    search(attempt, retreat(attempt, value));
+    settle_held(attempt);
+    lock->was_blind = tl_attempt_is_blind(attempt);
+    if (attempt->best_value < TL_OBJECTIVE_TOLERANCE && !lock->was_blind) {
         attempt->stop = TL_STOP_TOLERANCE;
-        memcpy(u, attempt->best, size);
         return TL_OPTIMISED;
     }
-    return defend_nominal(attempt, u);
+    return defend_nominal(attempt);
 }
 
-/* Executes step i with u and records it. */
-static tl_status commit(tl_lock *lock, int64_t step, const double *u, bool restore, tl_record *record,
-                        tl_error *error) {
-    tl_status status = restore ? tl_exchange_restore(lock->exchange, error) : TL_OK;
-    if (status != TL_OK) {
-        return status;
-    }
-    set_inputs(lock, u);
-    status = tl_exchange_step(lock->exchange, step, true, error);
-    if (status != TL_OK) {
-        return status;
-    }
+/* ---- commit ---- */
+
+static void record_outputs(const tl_lock *lock, tl_record *record) {
     for (size_t i = 0; i < lock->objective.term_count; i++) {
         record->y[i] = tl_objective_y(&lock->objective, i);
     }
-    memcpy(record->u, u, lock->count * sizeof *u);
-    memcpy(lock->last, u, lock->count * sizeof *u);
-    lock->has_last = true;
+}
+
+/* Executes step i with u and records it. */
+static tl_status commit(tl_attempt *attempt, const double *u, tl_record *record) {
+    tl_lock *lock = attempt->lock;
+    const tl_horizon *horizon = &lock->horizon;
+    tl_status status = attempt->dirty ? tl_exchange_rewind(lock->exchange, attempt->error) : TL_OK;
+    if (status != TL_OK) {
+        return status;
+    }
+    attempt->dirty = true;
+    tl_attempt_set_inputs(lock, u, 0);
+    status = tl_exchange_commit(lock->exchange, attempt->step, attempt->error);
+    if (status != TL_OK) {
+        return status;
+    }
+    record_outputs(lock, record);
+    for (size_t v = 0; v < horizon->variables; v++) {
+        record->u[v] = tl_horizon_value(horizon, u, v, 0);
+    }
+    tl_ledger_commit(&lock->ledger, record->u);
     return TL_OK;
 }
 
-static void begin_record(tl_record *record, int64_t step) {
-    memset(record, 0, sizeof *record);
-    record->step = step;
-    record->objective = NOT_EVALUATED;
-    record->objective_nominal = NOT_EVALUATED;
+/* What the outputs do along the horizon of what was committed, if it was a candidate; one step on they can be read off in
+ * any case. */
+static void remember_course(tl_lock *lock, const double *u) {
+    tl_lock_memory *memory = &lock->memory;
+    size_t samples = tl_objective_samples(&lock->objective);
+    size_t last = (samples - 1) * lock->objective.matched;
+    bool at_hand = lock->horizon.prediction == 1;
+    if (samples == 1) {
+        memcpy(memory->earlier, memory->course, lock->objective.matched * sizeof *memory->earlier);
+    }
+    if (at_hand) {
+        tl_objective_matched(&lock->objective, memory->course);
+    } else {
+        memcpy(memory->course, memory->best_course, size_of_course(lock) * sizeof *memory->course);
+    }
+    if (samples > 1) {
+        memcpy(memory->earlier, &memory->course[last - lock->objective.matched],
+               lock->objective.matched * sizeof *memory->earlier);
+    }
+    lock->courses = at_hand || u == memory->best ? lock->courses + (lock->courses < 2) : 0;
 }
 
-/* Input values that the plant feeds are those of t_i, also where they were stood for when step i − 1 was computed. */
-static void refresh(tl_lock *lock, int64_t step) {
-    tl_plant_deliver(&lock->exchange->plant, step);
-    tl_exchange_deliver(lock->exchange);
+/* What the next step begins with. */
+static void remember(tl_lock *lock, const double *u, const tl_record *record) {
+    tl_lock_memory *memory = &lock->memory;
+    memmove(memory->committed, u, size_of_sequence(lock));
+    for (size_t v = 0; v < lock->horizon.variables; v++) {
+        memory->before[v] = record->u[v];
+        lock->last_delta[v] = record->u[v] - record->u_hat[v];
+    }
+    lock->has_last = true;
+    remember_course(lock, u);
+    if (lock->solver->committed != NULL) {
+        lock->solver->committed(lock->optimiser, u);
+    }
+    if (lock->fallback != NULL && lock->fallback->committed != NULL) {
+        lock->fallback->committed(lock->second, u);
+    }
 }
 
-/* Commits the found u; where even that fails though it did not as a candidate, or nothing was tried, nominal. */
-static tl_status commit_found(tl_attempt *attempt, const double *u, tl_record *record, tl_error *error) {
+/* Commits u; where that fails though it did not as a candidate, or nothing was tried, nominal. */
+static tl_status commit_found(tl_attempt *attempt, const double *u, tl_record *record) {
     tl_lock *lock = attempt->lock;
-    tl_status status = commit(lock, attempt->step, u, attempt->dirty, record, error);
-    if (status == TL_FMU_FAILED && memcmp(u, attempt->nominal, lock->count * sizeof *u) != 0) {
+    const double *nominal = lock->memory.nominal;
+    tl_status status = commit(attempt, u, record);
+    if (status == TL_FMU_FAILED && !is_nominal(lock, u)) {
         record->outcome = TL_NOMINAL;
         record->objective = record->objective_nominal;
-        status = commit(lock, attempt->step, attempt->nominal, true, record, error);
+        u = nominal;
+        status = commit(attempt, u, record);
+    }
+    if (status == TL_OK) {
+        remember(lock, u, record);
     }
     return status;
 }
 
-tl_status tl_lock_step(tl_lock *lock, int64_t step, const tl_budget *budget, tl_record *record, tl_error *error) {
-    tl_attempt attempt = {.lock = lock,
-                          .step = step,
-                          .budget = budget,
-                          .limit = budget->evaluations,
-                          .best_value = HUGE_VAL,
-                          .nominal_value = NOT_EVALUATED,
-                          .error = error};
-    double u[TL_MAX_ADJUST];
-    begin_record(record, step);
+/* Input values that the plant feeds are those of t_i, also where they were stood for when step i − 1 was computed. */
+static void refresh(tl_lock *lock, int64_t step) {
+    if (lock->held_inputs) {
+        tl_plant_deliver(&lock->exchange->plant, step);
+        tl_exchange_deliver(lock->exchange);
+    }
+}
+
+static void begin_record(tl_record *record, int64_t step) {
+    record->step = step;
+    record->stop = TL_STOP_NONE;
+    record->objective = (double)NAN;
+    record->objective_nominal = (double)NAN;
+    record->evaluations = 0;
+    record->flags = 0;
+    record->held = 0;
+}
+
+/* A step of a twin that adjusts nothing. */
+static tl_status step_free(tl_lock *lock, int64_t step, tl_outcome outcome, tl_record *record, tl_error *error) {
     refresh(lock, step);
-    read_nominal(lock, attempt.nominal);
-    memcpy(record->u_hat, attempt.nominal, lock->count * sizeof *u);
-    if (lock->count == 0) {
-        record->outcome = TL_FREE;
-        return commit(lock, step, attempt.nominal, false, record, error);
+    begin_record(record, step);
+    record->outcome = outcome;
+    tl_status status = tl_exchange_commit(lock->exchange, step, error);
+    if (status == TL_OK) {
+        record_outputs(lock, record);
+        tl_ledger_commit(&lock->ledger, NULL);
     }
-    if (!tl_objective_is_measured(&lock->objective, step + lock->distance, step + lock->prediction)) {
-        record->outcome = TL_FREE_RUN;
-        return commit(lock, step, attempt.nominal, false, record, error);
+    return status;
+}
+
+/* Begins the step; then û is known. */
+static tl_status begin(tl_attempt *attempt, tl_lock *lock, int64_t step, const tl_budget *budget, tl_record *record,
+                       tl_error *error) {
+    refresh(lock, step);
+    tl_attempt_begin(attempt, lock, step, budget, error);
+    begin_record(record, step);
+    memcpy(record->u_hat, attempt->nominal, lock->horizon.variables * sizeof *record->u_hat);
+    if (!lock->has_last) {
+        memcpy(lock->memory.before, attempt->nominal, lock->horizon.variables * sizeof *record->u_hat);
     }
-    tl_status status = tl_exchange_save(lock->exchange, error);
+    tl_exchange_measure(lock->exchange, budget == NULL ? NULL : budget->now, budget == NULL ? NULL : budget->context);
+    return tl_exchange_begin(lock->exchange, error);
+}
+
+static double finite_or_nan(double value) {
+    return isfinite(value) ? value : (double)NAN;
+}
+
+tl_status tl_lock_step(tl_lock *lock, int64_t step, const tl_budget *budget, tl_record *record, tl_error *error) {
+    if (lock->horizon.variables == 0) {
+        return step_free(lock, step, TL_FREE, record, error);
+    }
+    tl_attempt attempt;
+    tl_status status = begin(&attempt, lock, step, budget, record, error);
     if (status != TL_OK) {
         return status;
     }
-    record->outcome = find(&attempt, u);
+    if (!tl_objective_prepare(&lock->objective, step)) {
+        record->outcome = TL_FREE_RUN;
+        return commit_found(&attempt, lock->memory.nominal, record);
+    }
+    record->outcome = find(&attempt);
     if (attempt.fatal != TL_OK) {
         return attempt.fatal;
     }
     record->stop = attempt.stop;
+    record->flags = attempt.flags;
+    record->held = attempt.held;
     record->evaluations = attempt.evaluations;
-    record->objective_nominal = isfinite(attempt.nominal_value) ? attempt.nominal_value : NOT_EVALUATED;
-    double value = record->outcome == TL_NOMINAL ? attempt.nominal_value : attempt.best_value;
-    record->objective = isfinite(value) ? value : NOT_EVALUATED;
-    return commit_found(&attempt, u, record, error);
+    record->objective_nominal = finite_or_nan(attempt.nominal_value);
+    record->objective = record->outcome == TL_NOMINAL ? record->objective_nominal : finite_or_nan(attempt.best_value);
+    return commit_found(&attempt, record->outcome == TL_NOMINAL ? lock->memory.nominal : lock->memory.best, record);
+}
+
+/* Nominal with the last Δu; of a Boolean, the last u. */
+static void extrapolate(const tl_lock *lock, const double *nominal, double *values) {
+    for (size_t v = 0; v < lock->horizon.variables; v++) {
+        const tl_adjusted *adjusted = &lock->adjusted[v];
+        values[v] = nominal[v];
+        if (lock->has_last && adjusted->boolean != NULL) {
+            values[v] = lock->memory.before[v];
+        } else if (lock->has_last && fabs(lock->last_delta[v]) > 0.0) {
+            values[v] = fmin(fmax(nominal[v] + lock->last_delta[v], adjusted->lower), adjusted->upper);
+        }
+    }
 }
 
 tl_status tl_lock_make_up(tl_lock *lock, int64_t step, tl_record *record, tl_error *error) {
-    double u[TL_MAX_ADJUST];
-    begin_record(record, step);
-    refresh(lock, step);
-    read_nominal(lock, u);
-    memcpy(record->u_hat, u, lock->count * sizeof *u);
-    if (lock->has_last) {
-        memcpy(u, lock->last, lock->count * sizeof *u);
+    if (lock->horizon.variables == 0) {
+        return step_free(lock, step, TL_MADE_UP, record, error);
+    }
+    tl_attempt attempt;
+    tl_status status = begin(&attempt, lock, step, NULL, record, error);
+    if (status != TL_OK) {
+        return status;
     }
     record->outcome = TL_MADE_UP;
-    return commit(lock, step, u, false, record, error);
+    double values[TL_MAX_ADJUST];
+    extrapolate(lock, attempt.nominal, values);
+    tl_horizon_hold(&lock->horizon, values, lock->memory.guess);
+    return commit_found(&attempt, lock->memory.guess, record);
 }

@@ -2,7 +2,9 @@
  *
  * Purpose: finds the u of step i within a budget and commits the step with it; never worse than nominal, never later
  *          than the budget, never nothing.
- * Future:  state and sequence caches (master/cache/) will make restoring and executing cheaper, not different.
+ * Time:    what a candidate will cost is known before it is begun, from the executions the ledger expects and the time
+ *          each component's executions have taken; room is kept for the committing step, and for nominal's evaluation
+ *          where that is to come. A candidate that turns out slower is left between two macro steps.
  * Thread:  the twin's. Memory: the arena, at start-up.
  */
 #ifndef TL_MASTER_SYNC_LOCK_H
@@ -12,44 +14,78 @@
 #include <stdint.h>
 
 #include "master/graph/exchange.h"
+#include "master/sync/horizon.h"
+#include "master/sync/ledger.h"
 #include "master/sync/objective.h"
 #include "master/sync/optimiser.h"
 #include "master/sync/record.h"
 
-/* One adjusted variable. */
+/* One adjusted variable: where u is set and where û is delivered, as its type says. */
 typedef struct tl_adjusted {
-    double *input;           /* where u is set */
-    const double *delivered; /* û, where a connection delivers it; else NULL */
-    double nominal;          /* û otherwise */
+    fmi2Real *real;       /* NULL: it is Boolean */
+    fmi2Boolean *boolean; /* NULL: it is Real */
+    const fmi2Real *delivered_real;
+    const fmi2Boolean *delivered_boolean; /* both NULL: nothing delivers û */
+    double nominal;                       /* û then */
+    double step;
+    double lower;
+    double upper;
+    uint32_t dwell; /* Boolean: macro steps */
 } tl_adjusted;
+
+/* Places for sequences of unknowns and vectors of residuals, kept from step to step. */
+typedef struct tl_lock_memory {
+    double *committed; /* unknowns of the step committed last */
+    double *nominal;   /* unknowns at nominal */
+    double *guess;
+    double *start; /* of the search */
+    double *best;
+    double *trial;
+    double *residuals;       /* of the candidate evaluated last */
+    double *start_residuals; /* at start */
+    double *best_residuals;
+    double *forecast;
+    double *candidate_course;     /* y of the matched outputs along the horizon: of the candidate evaluated last, */
+    double *best_course;          /* of the best, */
+    double *course;               /* and of what was committed last */
+    double *earlier;              /* the sample before the last one of `course` */
+    bool *free;                   /* unknowns that a guess may move */
+    double before[TL_MAX_ADJUST]; /* u of the step before, by variable; nominal where there was none */
+} tl_lock_memory;
 
 typedef struct tl_lock {
     tl_exchange *exchange;
     tl_objective objective;
-    size_t count; /* adjusted variables; 0: runs free */
+    tl_horizon horizon;
+    tl_ledger ledger;
     tl_adjusted adjusted[TL_MAX_ADJUST];
-    double step[TL_MAX_ADJUST];
-    double lower[TL_MAX_ADJUST];
-    double upper[TL_MAX_ADJUST];
     tl_optimiser_space space;
     const tl_optimiser_class *solver;
     tl_optimiser *optimiser;
-    uint32_t distance;   /* T_D */
-    uint32_t prediction; /* T_P */
+    const tl_optimiser_class *fallback; /* NULL: none */
+    tl_optimiser *second;
+    uint32_t stagnation;
     double margin;
-    double last[TL_MAX_ADJUST]; /* committed last */
-    bool has_last;
+    double noise_floor;
+    tl_lock_memory memory;
+    double last_delta[TL_MAX_ADJUST]; /* u − û as committed last */
+    bool has_last;                    /* a step has been committed */
+    int courses;                      /* committed one after the other whose course is known: 0, 1, 2 or more */
+    bool held_inputs; /* mode ahead: what the plant feeds was stood for when the step before was computed */
+    bool was_blind;   /* nothing was identifiable in the step before */
+    tl_time overhead; /* ns of an evaluation beside its executions, at most, fading */
 } tl_lock;
 
-/* Creates the solver and takes what the lock needs; the fields above, but optimiser and space, are set. */
-bool tl_lock_init(tl_lock *lock, tl_arena *arena);
+/* Creates the solvers and takes what the lock needs. Set before: exchange, objective (but what its init fills), horizon,
+ * adjusted, solver, fallback, stagnation, margin, noise_floor. The ledger is made from the plan. */
+bool tl_lock_init(tl_lock *lock, tl_arena *arena, const tl_plan *plan);
 
 void tl_lock_end(tl_lock *lock);
 
 /* Finds and commits step i. Fills the record but y_hat and `used`. */
 tl_status tl_lock_step(tl_lock *lock, int64_t step, const tl_budget *budget, tl_record *record, tl_error *error);
 
-/* Commits step i with the last u, without a search. */
+/* Commits step i with nominal and the Δu committed last, without a search. */
 tl_status tl_lock_make_up(tl_lock *lock, int64_t step, tl_record *record, tl_error *error);
 
 #endif

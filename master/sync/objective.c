@@ -1,17 +1,161 @@
 /* The objective: see objective.h. */
 #include "master/sync/objective.h"
 
-bool tl_objective_is_measured(const tl_objective *objective, int64_t first, int64_t last) {
-    for (int64_t tick = first; tick <= last; tick++) {
-        const tl_sample *sample = tl_plant_sample(&objective->exchange->plant, tick);
+#include <math.h>
+
+static bool has_weight(const tl_objective_term *term) {
+    return term->weight > 0.0;
+}
+
+size_t tl_objective_samples(const tl_objective *objective) {
+    return objective->horizon->prediction - objective->horizon->distance + 1;
+}
+
+/* What does not change from step to step. */
+static void place_target(const tl_objective *objective, const tl_objective_term *term, tl_objective_target *target) {
+    if (term->port->type == TL_REAL) {
+        target->real = tl_exchange_output(objective->exchange, term->port);
+    } else {
+        target->integer = tl_exchange_output(objective->exchange, term->port);
+    }
+    target->root_weight = sqrt(term->weight);
+    target->huber = term->huber > 0.0 ? term->huber : HUGE_VAL;
+}
+
+bool tl_objective_init(tl_objective *objective, tl_arena *arena) {
+    objective->matched = 0;
+    for (size_t i = 0; i < objective->term_count; i++) {
+        objective->matched += has_weight(&objective->terms[i]);
+    }
+    for (size_t v = 0; v < objective->horizon->variables; v++) {
+        const tl_objective_penalty *penalty = &objective->penalties[v];
+        objective->penalised = objective->penalised || penalty->deviation > 0.0 || penalty->rate > 0.0;
+    }
+    size_t count = tl_objective_samples(objective) * objective->matched;
+    objective->residual_count = count + (objective->penalised ? 2 * objective->horizon->count : 0);
+    objective->targets = tl_arena_take(arena, count, sizeof *objective->targets);
+    if (objective->targets == NULL) {
+        return false;
+    }
+    tl_objective_target *target = objective->targets;
+    for (size_t sample = 0; sample < tl_objective_samples(objective); sample++) {
         for (size_t i = 0; i < objective->term_count; i++) {
-            const tl_objective_term *term = &objective->terms[i];
-            if (term->weight > 0.0 && sample->quality[term->signal] == TL_GOOD) {
-                return true;
+            if (has_weight(&objective->terms[i])) {
+                place_target(objective, &objective->terms[i], target++);
             }
         }
     }
-    return false;
+    return true;
+}
+
+/* ŷ of one term that belongs to the plant of `tick`: conditioned where that is asked for, and then it comes later. */
+static double look_up(const tl_objective *objective, size_t index, int64_t tick, tl_quality *quality) {
+    const tl_objective_term *term = &objective->terms[index];
+    if (term->conditioner == NULL) {
+        return tl_objective_y_hat(objective, index, tick, quality);
+    }
+    double value = tl_conditioner_value(term->conditioner, tick + (int64_t)term->delay, quality);
+    return term->conversion.factor * value + term->conversion.offset;
+}
+
+bool tl_objective_prepare(tl_objective *objective, int64_t step) {
+    const tl_horizon *horizon = objective->horizon;
+    tl_objective_target *target = objective->targets;
+    bool measured = false;
+    for (uint32_t depth = horizon->distance; depth <= horizon->prediction; depth++) {
+        for (size_t i = 0; i < objective->term_count; i++) {
+            const tl_objective_term *term = &objective->terms[i];
+            if (!has_weight(term)) {
+                continue;
+            }
+            tl_quality quality = TL_GOOD;
+            target->value = look_up(objective, i, step + (int64_t)depth, &quality);
+            target->scale = quality == TL_GOOD && depth >= horizon->match_distance[i] ? 1.0 / term->tolerance : 0.0;
+            measured = measured || target->scale > 0.0;
+            target++;
+        }
+    }
+    return measured;
+}
+
+static double y_of(const tl_objective_target *target) {
+    return target->real != NULL ? *target->real : (double)*target->integer;
+}
+
+/* Beyond the bend the square of the residual grows linearly. */
+static double bend(double difference, double huber) {
+    double size = fabs(difference);
+    return size <= huber ? difference : copysign(sqrt(huber * (2.0 * size - huber)), difference);
+}
+
+static double residual(const tl_objective_target *target, double y) {
+    return target->root_weight * bend((y - target->value) * target->scale, target->huber);
+}
+
+double tl_objective_at(const tl_objective *objective, uint32_t depth, double *residuals, double *course) {
+    size_t first = (depth - objective->horizon->distance) * objective->matched;
+    double sum = 0.0;
+    for (size_t i = first; i < first + objective->matched; i++) {
+        double y = y_of(&objective->targets[i]);
+        double r = residual(&objective->targets[i], y);
+        course[i] = y;
+        residuals[i] = r;
+        sum += r * r;
+    }
+    return sum;
+}
+
+double tl_objective_penalise(const tl_objective *objective, const double *u, const double *nominal,
+                             const double *before, double *residuals) {
+    const tl_horizon *horizon = objective->horizon;
+    if (!objective->penalised) {
+        return 0.0;
+    }
+    double *rest = residuals + tl_objective_samples(objective) * objective->matched;
+    double sum = 0.0;
+    for (size_t v = 0; v < horizon->variables; v++) {
+        const tl_objective_penalty *penalty = &objective->penalties[v];
+        double last = before[v];
+        for (uint32_t m = 0; m < horizon->length[v]; m++) {
+            double value = tl_horizon_value(horizon, u, v, m);
+            rest[0] = sqrt(penalty->deviation) * (value - nominal[v]) / penalty->step;
+            rest[1] = sqrt(penalty->rate) * (value - last) / penalty->step;
+            sum += rest[0] * rest[0] + rest[1] * rest[1];
+            last = value;
+            rest += 2;
+        }
+    }
+    return sum;
+}
+
+void tl_objective_forecast(const tl_objective *objective, const double *course, const double *earlier,
+                           double *residuals) {
+    size_t matched = objective->matched;
+    size_t last = (tl_objective_samples(objective) - 1) * matched;
+    for (size_t i = 0; i < objective->residual_count; i++) {
+        residuals[i] = 0.0;
+    }
+    for (size_t i = 0; i < last; i++) {
+        residuals[i] = residual(&objective->targets[i], course[i + matched]);
+    }
+    for (size_t i = 0; i < matched; i++) {
+        double y = course[last + i];
+        residuals[last + i] = residual(&objective->targets[last + i], y + (y - earlier[i]));
+    }
+}
+
+double tl_objective_change(const tl_objective *objective, const double *residuals, const double *others) {
+    double largest = 0.0;
+    for (size_t i = 0; i < tl_objective_samples(objective) * objective->matched; i++) {
+        largest = fmax(largest, fabs(residuals[i] - others[i]));
+    }
+    return largest;
+}
+
+void tl_objective_matched(const tl_objective *objective, double *y) {
+    for (size_t i = 0; i < objective->matched; i++) {
+        y[i] = y_of(&objective->targets[i]);
+    }
 }
 
 double tl_objective_y(const tl_objective *objective, size_t term) {
@@ -23,20 +167,4 @@ double tl_objective_y_hat(const tl_objective *objective, size_t term, int64_t ti
     const tl_sample *sample = tl_plant_sample(&objective->exchange->plant, tick);
     *quality = (tl_quality)sample->quality[description->signal];
     return description->conversion.factor * sample->values[description->signal] + description->conversion.offset;
-}
-
-double tl_objective_at(const tl_objective *objective, int64_t tick) {
-    double sum = 0.0;
-    for (size_t i = 0; i < objective->term_count; i++) {
-        const tl_objective_term *term = &objective->terms[i];
-        if (term->weight > 0.0) {
-            tl_quality quality;
-            double y_hat = tl_objective_y_hat(objective, i, tick, &quality);
-            if (quality == TL_GOOD) {
-                double difference = (tl_objective_y(objective, i) - y_hat) / term->tolerance;
-                sum += term->weight * difference * difference;
-            }
-        }
-    }
-    return sum;
 }

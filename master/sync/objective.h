@@ -1,8 +1,12 @@
 /* The objective: how far the simulated outputs are from the measured ones, in units of their tolerances.
  *
- * Purpose: J = Σ over terms and horizon samples of weight·((y − ŷ)/tolerance)² (eq. 4.3, DESIGN.md). J < 1 reads "within
- *          tolerance" at one sample. A ŷ whose quality is not good is left out.
- * Thread:  the twin's.
+ * Purpose: J = Σ residuals² (eq. 4.3, DESIGN.md). A residual is √weight·(y − ŷ)/tolerance at one horizon sample from the
+ *          output's own T_D to T_P, beyond `huber` tolerances √weight·√(2·huber·|d| − huber²) with its sign; or a penalty,
+ *          √factor·(u − û)/step or √factor·(u − the u before)/step. J < 1 reads "within tolerance" at one sample. A ŷ
+ *          whose quality is not good has no weight.
+ * Use:     once per step tl_objective_prepare(); then, for each candidate, tl_objective_at() at each depth and
+ *          tl_objective_penalise() once.
+ * Thread:  the twin's. Memory: the arena, at start-up.
  */
 #ifndef TL_MASTER_SYNC_OBJECTIVE_H
 #define TL_MASTER_SYNC_OBJECTIVE_H
@@ -12,31 +16,83 @@
 #include <stdint.h>
 
 #include "master/graph/exchange.h"
+#include "master/sync/conditioner.h"
+#include "master/sync/horizon.h"
 
 typedef struct tl_objective_term {
     const tl_port *port;      /* y */
     size_t signal;            /* ŷ */
     tl_conversion conversion; /* from the signal's unit to the port's */
     double tolerance;
-    double weight; /* 0: compared only */
+    double weight;               /* 0: compared only */
+    double huber;                /* 0: none */
+    tl_conditioner *conditioner; /* NULL: none */
+    uint32_t delay;              /* of the conditioner, ticks */
 } tl_objective_term;
+
+/* Penalties of one adjusted variable. */
+typedef struct tl_objective_penalty {
+    double deviation;
+    double rate;
+    double step;
+} tl_objective_penalty;
+
+/* One matched output at one horizon sample, as prepared. */
+typedef struct tl_objective_target {
+    const double *real;         /* where y is; NULL: */
+    const fmi2Integer *integer; /* here */
+    double value;               /* ŷ, in y's unit */
+    double scale;               /* 1/tolerance; 0: not measured */
+    double root_weight;
+    double huber; /* infinity: none */
+} tl_objective_target;
 
 typedef struct tl_objective {
     const tl_exchange *exchange;
+    const tl_horizon *horizon;
     const tl_objective_term *terms;
     size_t term_count;
+    tl_objective_penalty penalties[TL_MAX_ADJUST];
+    bool penalised;
+    size_t matched;               /* terms with a weight */
+    tl_objective_target *targets; /* [(depth − T_D)·matched + …] */
+    size_t residual_count;        /* of the samples, then of the penalties */
 } tl_objective;
 
 /* Within tolerance. */
 #define TL_OBJECTIVE_TOLERANCE 1.0
 
-/* Whether any weighted term has a good measurement at the ticks first … last. */
-bool tl_objective_is_measured(const tl_objective *objective, int64_t first, int64_t last);
+/* Takes what it needs; exchange, horizon, terms, term_count and penalties are set. False when memory is out. */
+bool tl_objective_init(tl_objective *objective, tl_arena *arena);
 
-/* What the outputs as they stand contribute at the instant of `tick`. */
-double tl_objective_at(const tl_objective *objective, int64_t tick);
+/* Looks up the measurements that step i is matched with; false where none of them is good. */
+bool tl_objective_prepare(tl_objective *objective, int64_t step);
 
-/* y and ŷ of one term as they stand at `tick`; ŷ in y's unit. */
+/* What the outputs as they stand contribute `depth` steps (T_D … T_P) after t_i; fills their part of the residuals, and of
+ * the course: the y themselves, `matched` of them at each sample. */
+double tl_objective_at(const tl_objective *objective, uint32_t depth, double *residuals, double *course);
+
+/* What u costs beside: its distance from nominal and its rate; fills the rest of the residuals. `before` is the u of the
+ * step before, by variable. */
+double tl_objective_penalise(const tl_objective *objective, const double *u, const double *nominal,
+                             const double *before, double *residuals);
+
+/* The residuals of the samples to be expected one step after a candidate with this course was committed, if its u is held: its
+ * samples come one nearer, and the outputs go on from the last one as they went from `earlier` (the y of the sample before)
+ * to it. Penalties are left out. */
+void tl_objective_forecast(const tl_objective *objective, const double *course, const double *earlier,
+                           double *residuals);
+
+/* Samples of the horizon: T_P − T_D + 1. */
+size_t tl_objective_samples(const tl_objective *objective);
+
+/* The largest change of a sample's residual between two candidates, in tolerances. */
+double tl_objective_change(const tl_objective *objective, const double *residuals, const double *others);
+
+/* y of each matched term as it stands now. */
+void tl_objective_matched(const tl_objective *objective, double *y);
+
+/* y and the measured ŷ of one term as they stand at `tick`; ŷ in y's unit, not conditioned. */
 double tl_objective_y(const tl_objective *objective, size_t term);
 double tl_objective_y_hat(const tl_objective *objective, size_t term, int64_t tick, tl_quality *quality);
 

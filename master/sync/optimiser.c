@@ -3,7 +3,9 @@
 
 #include <string.h>
 
-static const tl_optimiser_class *const solvers[] = {&tl_nelder_mead};
+static const tl_optimiser_class *const solvers[] = {
+    &tl_secant, &tl_nelder_mead, &tl_bobyqa, &tl_lbfgs, &tl_sbplx, &tl_boolean,
+};
 
 const tl_optimiser_class *tl_optimiser_find(const char *name) {
     for (size_t i = 0; i < sizeof solvers / sizeof solvers[0]; i++) {
@@ -14,6 +16,15 @@ const tl_optimiser_class *tl_optimiser_find(const char *name) {
     return NULL;
 }
 
+const tl_optimiser_class *tl_optimiser_numbered(int number) {
+    for (size_t i = 0; i < sizeof solvers / sizeof solvers[0]; i++) {
+        if (number != 0 && solvers[i]->number == number) {
+            return solvers[i];
+        }
+    }
+    return NULL;
+}
+
 const char *tl_optimiser_names(void) {
-    return "\"nelder-mead\"";
+    return "\"secant\", \"nelder-mead\", \"bobyqa\", \"l-bfgs\", \"sbplx\", \"boolean\"";
 }

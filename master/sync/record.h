@@ -6,6 +6,7 @@
 #ifndef TL_MASTER_SYNC_RECORD_H
 #define TL_MASTER_SYNC_RECORD_H
 
+#include <stdbool.h>
 #include <stdint.h>
 
 #include "master/base/signal.h"
@@ -18,6 +19,7 @@ typedef struct tl_budget {
     tl_time started;               /* what `now` read when this tick began */
     tl_time (*now)(void *context); /* a monotonic clock; NULL in a replay, so that it is repeatable */
     void *context;
+    bool without_nominal; /* a repetition: nominal was not evaluated for want of time */
 } tl_budget;
 
 /* How a step came about. */
@@ -40,7 +42,14 @@ typedef enum tl_stop {
     TL_STOP_TIME
 } tl_stop;
 
-/* One committed step. Arrays are in the order of the plan's `match` and `adjust`. */
+/* What else happened in a step; bits. */
+typedef enum tl_flag {
+    TL_FLAG_FALLBACK = 1, /* the second solver took over */
+    TL_FLAG_STAGNATED = 2 /* a solver made no progress and was ended */
+} tl_flag;
+
+/* One committed step. Arrays are in the order of the plan's `match` and `adjust`, and filled as far as the plan has
+ * entries: records are copied often, and cleared never. */
 typedef struct tl_record {
     int64_t step; /* i; y and y_hat belong to the instant t_(i+1) */
     tl_outcome outcome;
@@ -49,6 +58,9 @@ typedef struct tl_record {
     double objective_nominal; /* J of the nominal u; NaN where it was not evaluated */
     uint32_t evaluations;
     uint32_t executions; /* fmi2DoStep calls and plant steps, trials included */
+    uint32_t predicted;  /* executions that the graph predicts for the same evaluations (sync/ledger.h) */
+    uint32_t flags;      /* tl_flag */
+    uint32_t held;       /* bit v: adjusted variable v was not identifiable and held at nominal */
     tl_time used;        /* ns of the budget's clock, 0 without one; set by tl_twin_step */
     double y[TL_MAX_MATCH];
     double y_hat[TL_MAX_MATCH];

@@ -11,8 +11,8 @@ PLAN = "master/plan.h"  # plain data that a configuration becomes; it knows fmi 
 MAY_INCLUDE = {
     "master/base": ["master/base"],
     "master/fmi": ["master/fmi", "master/base"],
-    "master/graph": ["master/graph", "master/fmi", "master/base", PLAN],
-    "master/cache": ["master/cache", "master/graph", "master/fmi", "master/base", PLAN],
+    "master/graph": ["master/graph", "master/cache", "master/fmi", "master/base", PLAN],
+    "master/cache": ["master/cache", "master/fmi", "master/base", PLAN],
     "master/sync": ["master/sync", "master/cache", "master/graph", "master/fmi", "master/base", PLAN],
     PLAN: ["master/fmi", "master/base"],
     "master": ["master"],

@@ -93,6 +93,12 @@ def test_ahead():
     at_least(free["mse"] / ahead["mse"], 30, "ahead: MSE falls by")
 
 
+def test_hold():
+    """One step is all of the horizon: the step's own measurement is the only one, and known."""
+    hold, lag = (csv_file(edited_config("motor/lock.json", horizon(1, mode))) for mode in ("hold", "lag"))
+    expect(filecmp.cmp(hold, lag, False), "T_P = 1: hold differs from lag")
+
+
 def test_lag_with_longer_horizons():
     for prediction in (2, 3):
         result = replay_json(edited_config("motor/lock.json", horizon(prediction)))
@@ -123,6 +129,14 @@ def test_budget_bounds_evaluations():
 def test_time_budget_is_ignored():
     hurried = csv_file(edited_config("motor/lock.json", {"synchronise": {"budget": {"time_s": 1e-9}}}))
     expect(filecmp.cmp(hurried, csv_file(edited_config("motor/lock.json")), False), "the time budget matters")
+
+
+def test_plain():
+    """Without saving every evaluation executes every component, and nothing else is different."""
+    for prediction in (1, 3):
+        config = edited_config("motor/lock.json", horizon(prediction))
+        check_sums(replay_json(config, "--plain"), prediction)
+        expect(filecmp.cmp(csv_file(config), csv_file(config, "--plain"), False), f"T_P = {prediction}: --plain matters")
 
 
 def test_weight_0_is_reported_only():

@@ -19,7 +19,7 @@ from twinlock_test import Failure, describe, expect, finish, replay_json, scratc
 
 PATIENCE = 60  # seconds for what takes well under one where nothing else runs
 
-GOOD, STALE, OUT_OF_RANGE, NOT_A_NUMBER, NO_LINK = range(5)  # master/base/signal.h
+GOOD, STALE, OUT_OF_RANGE, NOT_A_NUMBER, NO_LINK, OUTLIER = range(6)  # master/base/signal.h
 FIRST_GUESS, OPTIMISED, FREE_RUN, MADE_UP = 1, 2, 5, 6  # master/sync/record.h
 STOP_TIME = 4
 

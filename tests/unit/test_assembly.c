@@ -62,6 +62,47 @@ static void test_a_good_one(void) {
     TEST_ASSERT_EQUAL_STRING("rad/s", tl_twin_match_unit(assembly.twin, 0));
 }
 
+/* What a configuration says about the search reaches the plan. */
+static void test_the_plan(void) {
+    TEST_ASSERT_EQUAL_INT(TL_OK, load("\"synchronise\": {",
+                                      "\"synchronise\": { \"fallback\": 1000, \"stagnation\": 7, \"noise_floor\": 0.5,"
+                                      " \"saving\": { \"structure\": false, \"nodes\": 9 },"));
+    TEST_ASSERT_EQUAL_STRING("", said);
+    TEST_ASSERT_EQUAL_STRING("nelder-mead", assembly.plan.algorithm);
+    TEST_ASSERT_EQUAL_STRING("bobyqa", assembly.plan.fallback);
+    TEST_ASSERT_EQUAL_UINT32(7, assembly.plan.stagnation);
+    TEST_ASSERT_EQUAL_DOUBLE(0.5, assembly.plan.noise_floor);
+    TEST_ASSERT_EQUAL_INT(TL_STATIC, assembly.plan.shape);
+    TEST_ASSERT_FALSE(assembly.plan.saving.structure);
+    TEST_ASSERT_TRUE(assembly.plan.saving.sequences);
+    TEST_ASSERT_EQUAL_UINT32(9, assembly.plan.saving.nodes);
+    TEST_ASSERT_EQUAL_UINT32(assembly.config.budget_evaluations, assembly.plan.evaluations);
+    TEST_ASSERT_EQUAL_INT(TL_KEEP_STATES, assembly.plan.components[0].keep);
+}
+
+static void test_modes_reach_the_plan(void) {
+    TEST_ASSERT_EQUAL_INT(TL_OK, load("{ \"prediction\": 1, \"measurements\": \"lag\" }",
+                                      "{ \"shape\": \"dynamic\", \"measurements\": \"hold\" }"));
+    TEST_ASSERT_EQUAL_INT(TL_DYNAMIC, assembly.plan.shape);
+    TEST_ASSERT_EQUAL_INT(TL_HOLD, assembly.plan.measurements);
+    tl_assembly_free(&assembly);
+    free(said);
+    TEST_ASSERT_EQUAL_INT(TL_OK, load("\"drive\": {", "\"drive\": { \"keep\": \"outputs\","));
+    TEST_ASSERT_EQUAL_INT(TL_KEEP_OUTPUTS, assembly.plan.components[0].keep);
+    TEST_ASSERT_EQUAL_INT(TL_KEEP_STATES, assembly.plan.components[1].keep);
+}
+
+/* Between reading and building a verb may change the configuration. */
+static void test_in_two_parts(void) {
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_assembly_read(LOCK, &assembly));
+    TEST_ASSERT_NULL(assembly.twin);
+    TEST_ASSERT_EQUAL_size_t(0, assembly.fmu_count);
+    assembly.config.saving.sequences = false;
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_assembly_build(&assembly));
+    TEST_ASSERT_NOT_NULL(assembly.twin);
+    TEST_ASSERT_FALSE(assembly.plan.saving.sequences);
+}
+
 /* One file is loaded once, however many components use it. */
 static void test_components_share_an_fmu(void) {
     TEST_ASSERT_EQUAL_INT(TL_OK, load("\"drive\": { \"fmu\"", "\"other\": { \"fmu\": \"motor.fmu\", \"set\": "
@@ -153,6 +194,9 @@ int main(void) {
     tl_scratch_make(&scratch, TL_BINARY_DIR, "test_assembly");
     UNITY_BEGIN();
     RUN_TEST(test_a_good_one);
+    RUN_TEST(test_the_plan);
+    RUN_TEST(test_modes_reach_the_plan);
+    RUN_TEST(test_in_two_parts);
     RUN_TEST(test_components_share_an_fmu);
     RUN_TEST(test_all_fmus_that_are_missing_are_said);
     RUN_TEST(test_a_configuration_that_is_wrong);

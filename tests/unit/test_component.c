@@ -70,7 +70,7 @@ static void start(void) {
 }
 
 static tl_status step(int64_t number) {
-    return tl_component_step(&component, number * TL_SECOND / 10, TL_SECOND / 10, false, &error);
+    return tl_component_step(&component, (double)number / 10.0, 0.1, false, &error);
 }
 
 static void a_life_is_in_legal_order(void) {
@@ -93,9 +93,9 @@ static void a_life_is_in_legal_order(void) {
         TL_TEST_FREE_INSTANCE,
     };
     start();
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_save(&component, &error));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_save(&component, &component.state, &error));
     TEST_ASSERT_EQUAL_INT(TL_OK, step(0));
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_restore(&component, &error));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_restore(&component, component.state, &error));
     tl_component_free(&component);
     assert_calls(0, calls, sizeof calls / sizeof calls[0]);
     TEST_ASSERT_EQUAL_INT(TL_MODE_ABSENT, component.mode);
@@ -178,7 +178,7 @@ static void a_step_sets_steps_and_reads(void) {
     in_reals[1] = -2.5;
     integers[0] = -2147483647 - 1;
     booleans[0] = fmi2True;
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_step(&component, 0, TL_SECOND / 10, true, &error));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_step(&component, 0.0, 0.1, true, &error));
     TEST_ASSERT_EQUAL_DOUBLE(1.5, out_reals[0]);
     TEST_ASSERT_EQUAL_DOUBLE(-2.5, out_reals[1]);
     TEST_ASSERT_EQUAL_INT32(-2147483647 - 1, integers[1]);
@@ -204,9 +204,9 @@ static void a_snapshot_reuses_its_handle_and_brings_the_state_back(void) {
     start();
     for (int64_t i = 0; i < 5; i++) {
         in_reals[0] = (double)i;
-        TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_save(&component, &error));
+        TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_save(&component, &component.state, &error));
         TEST_ASSERT_EQUAL_INT(TL_OK, step(i));
-        TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_restore(&component, &error));
+        TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_restore(&component, component.state, &error));
         TEST_ASSERT_EQUAL_INT(TL_OK, step(i));
         TEST_ASSERT_EQUAL_DOUBLE((double)i, out_reals[0]);
     }
@@ -216,33 +216,33 @@ static void a_snapshot_reuses_its_handle_and_brings_the_state_back(void) {
 
 static void a_discarded_step_can_be_taken_back(void) {
     start();
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_save(&component, &error));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_save(&component, &component.state, &error));
     tl_test_fmu_fail(&fmu, TL_TEST_DO_STEP, TL_TEST_DISCARD, 1, 1);
     TEST_ASSERT_EQUAL_INT(TL_FMU_FAILED, step(0));
     TEST_ASSERT_NOT_NULL(strstr(error.text, "motor"));
     TEST_ASSERT_NOT_NULL(strstr(error.text, "fmi2DoStep"));
     TEST_ASSERT_NOT_NULL(strstr(error.text, "fmi2Discard"));
     TEST_ASSERT_EQUAL_UINT64(1, component.executions);
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_restore(&component, &error));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_restore(&component, component.state, &error));
     TEST_ASSERT_EQUAL_INT(TL_OK, step(0));
 }
 
 static void after_an_error_only_a_restore_helps(void) {
     start();
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_save(&component, &error));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_save(&component, &component.state, &error));
     tl_test_fmu_fail(&fmu, TL_TEST_DO_STEP, TL_TEST_ERROR, 1, 1);
     TEST_ASSERT_EQUAL_INT(TL_FMU_FAILED, step(0));
     TEST_ASSERT_EQUAL_INT(TL_MODE_FAILED, component.mode);
     size_t calls = call_log.count;
     TEST_ASSERT_EQUAL_INT(TL_FMU_FAILED, step(0));
     TEST_ASSERT_EQUAL_UINT64(calls, call_log.count);
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_restore(&component, &error));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_restore(&component, component.state, &error));
     TEST_ASSERT_EQUAL_INT(TL_OK, step(0));
 }
 
 static void a_failed_instance_is_freed_without_terminating(void) {
     start();
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_save(&component, &error));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_save(&component, &component.state, &error));
     tl_test_fmu_fail(&fmu, TL_TEST_DO_STEP, TL_TEST_ERROR, 1, 1);
     (void)step(0);
     tl_component_free(&component);
@@ -260,26 +260,26 @@ static void each_call_that_fails_is_named(void) {
                  {TL_TEST_GET_INTEGER, "fmi2GetInteger"}, {TL_TEST_GET_BOOLEAN, "fmi2GetBoolean"},
                  {TL_TEST_DO_STEP, "fmi2DoStep"}};
     start();
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_save(&component, &error));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_save(&component, &component.state, &error));
     for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
         uint64_t next = fmu.calls[cases[i].call] + 1;
         tl_test_fmu_fail(&fmu, cases[i].call, TL_TEST_ERROR, next, next);
         TEST_ASSERT_EQUAL_INT(TL_FMU_FAILED, step(0));
         TEST_ASSERT_NOT_NULL(strstr(error.text, cases[i].name));
-        TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_restore(&component, &error));
+        TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_restore(&component, component.state, &error));
     }
 }
 
 static void nothing_is_called_after_fatal(void) {
     start();
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_save(&component, &error));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_save(&component, &component.state, &error));
     tl_test_fmu_fail(&fmu, TL_TEST_DO_STEP, TL_TEST_FATAL, 1, 1);
     TEST_ASSERT_EQUAL_INT(TL_FMU_FATAL, step(0));
     TEST_ASSERT_NOT_NULL(strstr(error.text, "fmi2Fatal"));
     size_t calls = call_log.count;
     TEST_ASSERT_EQUAL_INT(TL_FMU_FATAL, step(0));
-    TEST_ASSERT_EQUAL_INT(TL_FMU_FATAL, tl_component_restore(&component, &error));
-    TEST_ASSERT_EQUAL_INT(TL_FMU_FATAL, tl_component_save(&component, &error));
+    TEST_ASSERT_EQUAL_INT(TL_FMU_FATAL, tl_component_restore(&component, component.state, &error));
+    TEST_ASSERT_EQUAL_INT(TL_FMU_FATAL, tl_component_save(&component, &component.state, &error));
     tl_component_free(&component);
     TEST_ASSERT_EQUAL_UINT64(calls, call_log.count);
 }
@@ -289,7 +289,7 @@ static void fatal_while_freeing_ends_the_freeing(void) {
     for (size_t i = 0; i < 2; i++) {
         setUp();
         start();
-        TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_save(&component, &error));
+        TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_save(&component, &component.state, &error));
         tl_test_fmu_fail(&fmu, cases[i], TL_TEST_FATAL, 1, 1);
         tl_component_free(&component);
         TEST_ASSERT_EQUAL_INT(cases[i], call_log.entries[call_log.count - 1].call);
@@ -313,11 +313,11 @@ static void fatal_while_initialising_is_fatal(void) {
 
 static void an_output_that_is_no_number_is_a_failure(void) {
     start();
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_save(&component, &error));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_save(&component, &component.state, &error));
     tl_test_fmu_fail(&fmu, TL_TEST_DO_STEP, TL_TEST_NAN, 1, 1);
     TEST_ASSERT_EQUAL_INT(TL_FMU_FAILED, step(0));
     TEST_ASSERT_NOT_NULL(strstr(error.text, "not finite"));
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_restore(&component, &error));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_restore(&component, component.state, &error));
     in_reals[1] = 1e200;
     TEST_ASSERT_EQUAL_INT(TL_OK, step(0));
 }

@@ -9,10 +9,12 @@
 
 #include <unity.h>
 
+#include "master/sync/optimiser.h"
 #include "tests/support/config_text.h"
 
 #define FULL TL_SOURCE_DIR "/tests/support/configuration_full.json"
 #define FREE TL_SOURCE_DIR "/tests/support/configuration_free.json"
+#define EPSILON TL_SOURCE_DIR "/tests/support/configuration_epsilon.json"
 
 static tl_test_verdict verdict;
 static char folder[64]; /* temporary */
@@ -82,6 +84,8 @@ static void test_components(void) {
     TEST_ASSERT_EQUAL_STRING("drive", config->components[0].name);
     TEST_ASSERT_EQUAL_STRING("drive.fmu", config->components[0].fmu);
     TEST_ASSERT_EQUAL_size_t(0, config->components[0].set_count);
+    TEST_ASSERT_EQUAL_INT(TL_KEEP_STATES, config->components[0].keep);
+    TEST_ASSERT_EQUAL_INT(TL_KEEP_OUTPUTS, config->components[1].keep);
     TEST_ASSERT_EQUAL_STRING("models/motor.fmu", config->components[1].fmu);
     TEST_ASSERT_EQUAL_size_t(4, config->components[1].set_count);
     const tl_plan_set *set = config->components[1].set;
@@ -189,10 +193,10 @@ static void test_connections(void) {
     TEST_ASSERT_EQUAL_STRING("drive.y", config->connections[2].to);
 }
 
-static void test_synchronise(void) {
+static void test_adjust(void) {
     const tl_config *config = read_good(FULL);
     TEST_ASSERT_TRUE(config->synchronise);
-    TEST_ASSERT_EQUAL_size_t(2, config->adjust_count);
+    TEST_ASSERT_EQUAL_size_t(3, config->adjust_count);
     TEST_ASSERT_EQUAL_STRING("synchronise.adjust.motor.d", config->adjust[0].where);
     TEST_ASSERT_EQUAL_STRING("motor.d", config->adjust[0].variable);
     TEST_ASSERT_TRUE(config->adjust[0].has_nominal);
@@ -200,10 +204,28 @@ static void test_synchronise(void) {
     TEST_ASSERT_EQUAL_DOUBLE(0.05, config->adjust[0].step);
     TEST_ASSERT_EQUAL_DOUBLE(0, config->adjust[0].lower);
     TEST_ASSERT_EQUAL_DOUBLE(1, config->adjust[0].upper);
+    TEST_ASSERT_EQUAL_DOUBLE(0.25, config->adjust[0].deviation_penalty);
+    TEST_ASSERT_EQUAL_DOUBLE(0.125, config->adjust[0].rate_penalty);
+    TEST_ASSERT_EQUAL_INT64(0, config->adjust[0].dwell);
     TEST_ASSERT_EQUAL_STRING("motor.x[1].bias", config->adjust[1].variable);
     TEST_ASSERT_FALSE(config->adjust[1].has_nominal);
     TEST_ASSERT_TRUE(isinf(config->adjust[1].lower) && config->adjust[1].lower < 0);
     TEST_ASSERT_TRUE(isinf(config->adjust[1].upper) && config->adjust[1].upper > 0);
+    TEST_ASSERT_EQUAL_DOUBLE(0, config->adjust[1].deviation_penalty);
+    TEST_ASSERT_EQUAL_DOUBLE(0, config->adjust[1].rate_penalty);
+}
+
+static void test_a_boolean_that_is_adjusted(void) {
+    const tl_plan_adjust *brake = &read_good(FULL)->adjust[2];
+    TEST_ASSERT_EQUAL_STRING("motor.brake", brake->variable);
+    TEST_ASSERT_EQUAL_DOUBLE(0, brake->step); /* not given */
+    TEST_ASSERT_TRUE(brake->has_nominal);
+    TEST_ASSERT_EQUAL_DOUBLE(1, brake->nominal);
+    TEST_ASSERT_EQUAL_INT64(200000000, brake->dwell);
+}
+
+static void test_match(void) {
+    const tl_config *config = read_good(FULL);
     TEST_ASSERT_EQUAL_size_t(2, config->match_count);
     TEST_ASSERT_EQUAL_STRING("synchronise.match.motor.omega", config->match[0].where);
     TEST_ASSERT_EQUAL_STRING("motor.omega", config->match[0].variable);
@@ -212,12 +234,47 @@ static void test_synchronise(void) {
     TEST_ASSERT_EQUAL_DOUBLE(2, config->match[0].weight);
     TEST_ASSERT_EQUAL_DOUBLE(1, config->match[1].tolerance);
     TEST_ASSERT_EQUAL_DOUBLE(0, config->match[1].weight);
+    TEST_ASSERT_EQUAL_DOUBLE(3, config->match[0].huber);
+    TEST_ASSERT_EQUAL_UINT32(5, config->match[0].condition.median);
+    TEST_ASSERT_EQUAL_INT64(30000000, config->match[0].condition.low_pass);
+    TEST_ASSERT_EQUAL_DOUBLE(45, config->match[0].condition.gate);
+    TEST_ASSERT_EQUAL_DOUBLE(0, config->match[1].huber);
+    TEST_ASSERT_EQUAL_UINT32(0, config->match[1].condition.median);
+    TEST_ASSERT_EQUAL_INT64(0, config->match[1].condition.low_pass);
+    TEST_ASSERT_EQUAL_DOUBLE(0, config->match[1].condition.gate);
+}
+
+static void test_the_rest_of_synchronise(void) {
+    const tl_config *config = read_good(FULL);
     TEST_ASSERT_EQUAL_UINT32(2, config->prediction);
+    TEST_ASSERT_EQUAL_INT(TL_DYNAMIC, config->shape);
     TEST_ASSERT_EQUAL_INT(TL_AHEAD, config->measurements);
     TEST_ASSERT_EQUAL_STRING("nelder-mead", config->algorithm);
+    TEST_ASSERT_EQUAL_STRING("bobyqa", config->fallback);
+    TEST_ASSERT_EQUAL_UINT32(30, config->stagnation);
     TEST_ASSERT_EQUAL_DOUBLE(0.02, config->margin);
+    TEST_ASSERT_EQUAL_DOUBLE(0.002, config->noise_floor);
+    TEST_ASSERT_FALSE(config->saving.structure);
+    TEST_ASSERT_FALSE(config->saving.sequences);
+    TEST_ASSERT_EQUAL_UINT32(500, config->saving.nodes);
     TEST_ASSERT_EQUAL_UINT32(40, config->budget_evaluations);
     TEST_ASSERT_EQUAL_INT64(4000000, config->budget_time);
+}
+
+/* One ε for all, in place of tolerances; and the defaults of a configuration that synchronises. */
+static void test_epsilon(void) {
+    const tl_config *config = read_good(EPSILON);
+    TEST_ASSERT_TRUE(config->synchronise);
+    TEST_ASSERT_EQUAL_DOUBLE(0.5, config->match[0].tolerance);
+    TEST_ASSERT_EQUAL_DOUBLE(1, config->match[0].weight);
+    TEST_ASSERT_EQUAL_DOUBLE(2, config->match[0].huber);
+    TEST_ASSERT_EQUAL_DOUBLE(0.5, config->match[1].tolerance);
+    TEST_ASSERT_EQUAL_DOUBLE(0, config->match[1].weight);
+    TEST_ASSERT_EQUAL_STRING("l-bfgs", config->algorithm);
+    TEST_ASSERT_NULL(config->fallback);
+    TEST_ASSERT_EQUAL_UINT32(0, config->stagnation);
+    TEST_ASSERT_EQUAL_DOUBLE(0.001, config->noise_floor);
+    TEST_ASSERT_EQUAL_DOUBLE(0.01, config->margin);
 }
 
 static void test_emulate(void) {
@@ -261,10 +318,20 @@ static void test_compare_only(void) {
     TEST_ASSERT_EQUAL_STRING("plant.omega", config->match[0].to);
     TEST_ASSERT_EQUAL_DOUBLE(0, config->match[0].weight);
     TEST_ASSERT_EQUAL_DOUBLE(1, config->match[0].tolerance);
+    TEST_ASSERT_EQUAL_DOUBLE(0, config->match[0].huber);
+    TEST_ASSERT_EQUAL_UINT32(0, config->match[0].condition.median);
+    TEST_ASSERT_EQUAL_INT(TL_KEEP_STATES, config->components[0].keep);
     TEST_ASSERT_EQUAL_UINT32(0, config->prediction);
+    TEST_ASSERT_EQUAL_INT(TL_STATIC, config->shape);
     TEST_ASSERT_EQUAL_INT(TL_LAG, config->measurements);
-    TEST_ASSERT_EQUAL_STRING("nelder-mead", config->algorithm);
+    TEST_ASSERT_NULL(config->algorithm);
+    TEST_ASSERT_NULL(config->fallback);
+    TEST_ASSERT_EQUAL_UINT32(0, config->stagnation);
     TEST_ASSERT_EQUAL_DOUBLE(0.01, config->margin);
+    TEST_ASSERT_EQUAL_DOUBLE(0.001, config->noise_floor);
+    TEST_ASSERT_TRUE(config->saving.structure);
+    TEST_ASSERT_TRUE(config->saving.sequences);
+    TEST_ASSERT_EQUAL_UINT32(0, config->saving.nodes);
     TEST_ASSERT_EQUAL_UINT32(60, config->budget_evaluations);
     TEST_ASSERT_EQUAL_INT64(60000000, config->budget_time);
 }
@@ -301,6 +368,62 @@ static void test_weights_and_tolerances(void) {
     TEST_ASSERT_EQUAL_DOUBLE(3, verdict.config.match[1].tolerance);
 }
 
+/* Every name, and the numbers of the dissertation (table 5.1): reader, registry, schema and SPEC.md mean the same. */
+static void test_solvers(void) {
+    static const struct {
+        const char *text, *name;
+    } cases[] = {
+        {"\"secant\"", "secant"}, {"\"nelder-mead\"", "nelder-mead"},
+        {"\"bobyqa\"", "bobyqa"}, {"\"l-bfgs\"", "l-bfgs"},
+        {"\"sbplx\"", "sbplx"},   {"\"boolean\"", "boolean"},
+        {"1", "nelder-mead"},     {"100", "l-bfgs"},
+        {"1000", "bobyqa"},       {"1e2", "l-bfgs"},
+    };
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+        char new[64];
+        (void)snprintf(new, sizeof new, "\"algorithm\": %s", cases[i].text);
+        takes(EPSILON, "\"algorithm\": 100", new);
+        TEST_ASSERT_EQUAL_STRING(cases[i].name, verdict.config.algorithm);
+        TEST_ASSERT_EQUAL_STRING(cases[i].name, tl_optimiser_find(cases[i].name)->name);
+        (void)snprintf(new, sizeof new, "\"fallback\": %s", cases[i].text);
+        takes(EPSILON, "\"algorithm\": 100", new);
+        TEST_ASSERT_NULL(verdict.config.algorithm);
+        TEST_ASSERT_EQUAL_STRING(cases[i].name, verdict.config.fallback);
+    }
+}
+
+static void test_modes_and_shapes(void) {
+    takes(FULL, "\"measurements\": \"ahead\"", "\"measurements\": \"hold\"");
+    TEST_ASSERT_EQUAL_INT(TL_HOLD, verdict.config.measurements);
+    takes(FULL, "\"measurements\": \"ahead\"", "\"measurements\": \"lag\"");
+    TEST_ASSERT_EQUAL_INT(TL_LAG, verdict.config.measurements);
+    takes(FULL, "\"shape\": \"dynamic\"", "\"shape\": \"static\"");
+    TEST_ASSERT_EQUAL_INT(TL_STATIC, verdict.config.shape);
+    takes(FULL, "\"keep\": \"outputs\"", "\"keep\": \"states\"");
+    TEST_ASSERT_EQUAL_INT(TL_KEEP_STATES, verdict.config.components[1].keep);
+    takes(FULL, "\"nominal\": true", "\"nominal\": false");
+    TEST_ASSERT_TRUE(verdict.config.adjust[2].has_nominal);
+    TEST_ASSERT_EQUAL_DOUBLE(0, verdict.config.adjust[2].nominal);
+}
+
+/* Objects that are there and say nothing, or one thing of several. */
+static void test_objects_in_part(void) {
+    takes(FULL, "\"deviation\": 0.25, \"rate\": 0.125", "\"rate\": 0.125");
+    TEST_ASSERT_EQUAL_DOUBLE(0, verdict.config.adjust[0].deviation_penalty);
+    TEST_ASSERT_EQUAL_DOUBLE(0.125, verdict.config.adjust[0].rate_penalty);
+    takes(FULL, "\"median\": 5, \"low_pass_s\": 0.03, \"gate\": 45", "");
+    TEST_ASSERT_EQUAL_UINT32(0, verdict.config.match[0].condition.median);
+    TEST_ASSERT_EQUAL_INT64(0, verdict.config.match[0].condition.low_pass);
+    TEST_ASSERT_EQUAL_DOUBLE(0, verdict.config.match[0].condition.gate);
+    takes(FULL, "\"structure\": false, \"sequences\": false, \"nodes\": 500", "\"sequences\": false");
+    TEST_ASSERT_TRUE(verdict.config.saving.structure);
+    TEST_ASSERT_FALSE(verdict.config.saving.sequences);
+    TEST_ASSERT_EQUAL_UINT32(0, verdict.config.saving.nodes);
+    takes(FULL, "{ \"nominal\": true, \"dwell_s\": 0.2 }", "{}");
+    TEST_ASSERT_FALSE(verdict.config.adjust[2].has_nominal);
+    TEST_ASSERT_EQUAL_INT64(0, verdict.config.adjust[2].dwell);
+}
+
 /* Decimal fractions that no double can hold, and the limits. */
 static void test_steps_in_nanoseconds(void) {
     static const struct {
@@ -334,6 +457,10 @@ static void test_durations_at_their_limits(void) {
     takes(FULL, "[0.005, 0.02]", "[1e-300, 1e-300]");
     TEST_ASSERT_EQUAL_DOUBLE(1e-9, verdict.config.message_min_s);
     TEST_ASSERT_EQUAL_DOUBLE(1e-9, verdict.config.message_max_s);
+    takes(FULL, "\"dwell_s\": 0.2", "\"dwell_s\": 1e-300");
+    TEST_ASSERT_EQUAL_INT64(1, verdict.config.adjust[2].dwell);
+    takes(FULL, "\"low_pass_s\": 0.03", "\"low_pass_s\": 1e9");
+    TEST_ASSERT_EQUAL_INT64(INT64_C(1000000000) * TL_SECOND, verdict.config.match[0].condition.low_pass);
     takes(FULL, "\"time_s\": 0.004", "\"time_s\": 1e-300");
     TEST_ASSERT_EQUAL_INT64(1, verdict.config.budget_time);
 }
@@ -365,6 +492,17 @@ static void test_values_at_their_limits(void) {
     takes(FULL, "\"prediction\": 2", "\"prediction\": 1000");
     takes(FULL, "\"margin\": 0.02", "\"margin\": 0");
     takes(FULL, "\"evaluations\": 40", "\"evaluations\": 2");
+    takes(FULL, "\"median\": 5", "\"median\": 1");
+    takes(FULL, "\"median\": 5", "\"median\": 99");
+    takes(FULL, "\"deviation\": 0.25", "\"deviation\": 0");
+    takes(FULL, "\"rate\": 0.125", "\"rate\": 0");
+    takes(FULL, "\"stagnation\": 30", "\"stagnation\": 1");
+    takes(FULL, "\"stagnation\": 30", "\"stagnation\": 100000");
+    takes(FULL, "\"noise_floor\": 0.002", "\"noise_floor\": 0");
+    takes(FULL, "\"nodes\": 500", "\"nodes\": 2");
+    takes(FULL, "\"nodes\": 500", "\"nodes\": 1000000");
+    takes(EPSILON, "\"epsilon\": 0.25", "\"epsilon\": 1e-300");
+    TEST_ASSERT_EQUAL_DOUBLE(1e-150, verdict.config.match[0].tolerance);
     takes(FULL, "\"priority\": 0", "\"priority\": 98");
     takes(FULL, "\"initial\": 3", "\"initial\": -2147483647");
 }
@@ -570,12 +708,19 @@ int main(void) {
     RUN_TEST(test_other_signals);
     RUN_TEST(test_a_signal_without_keys);
     RUN_TEST(test_connections);
-    RUN_TEST(test_synchronise);
+    RUN_TEST(test_adjust);
+    RUN_TEST(test_a_boolean_that_is_adjusted);
+    RUN_TEST(test_match);
+    RUN_TEST(test_the_rest_of_synchronise);
+    RUN_TEST(test_epsilon);
     RUN_TEST(test_emulate);
     RUN_TEST(test_defaults);
     RUN_TEST(test_compare_only);
     RUN_TEST(test_nothing_to_compare);
     RUN_TEST(test_weights_and_tolerances);
+    RUN_TEST(test_solvers);
+    RUN_TEST(test_modes_and_shapes);
+    RUN_TEST(test_objects_in_part);
     RUN_TEST(test_steps_in_nanoseconds);
     RUN_TEST(test_durations_at_their_limits);
     RUN_TEST(test_the_default_budget_is_six_tenths_of_a_step);

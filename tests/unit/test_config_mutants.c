@@ -98,6 +98,10 @@ static const char *const words[] = {
     "\"components\":[1],",
     "\"connect\":{},",
     "\"compare\":{},",
+    "\"epsilon\":1,",
+    "\"fallback\":1,",
+    "\"condition\":{},",
+    "\"secant\"",
 };
 
 /* The first place at or after a random one where a character of `set` stands. */

@@ -7,26 +7,32 @@
 #include <unity.h>
 
 #include "firmware/json_document.h"
+#include "master/sync/optimiser.h"
 #include "tests/support/config_text.h"
 
 #define FULL TL_SOURCE_DIR "/tests/support/configuration_full.json"
 #define FREE TL_SOURCE_DIR "/tests/support/configuration_free.json"
+#define EPSILON TL_SOURCE_DIR "/tests/support/configuration_epsilon.json"
 
 static char *full;
 static char *free_running;
+static char *with_epsilon;
 static tl_test_verdict verdict;
 
 void setUp(void) {
     full = tl_test_read_text(FULL);
     free_running = tl_test_read_text(FREE);
+    with_epsilon = tl_test_read_text(EPSILON);
     TEST_ASSERT_NOT_NULL(full);
     TEST_ASSERT_NOT_NULL(free_running);
+    TEST_ASSERT_NOT_NULL(with_epsilon);
 }
 
 void tearDown(void) {
     tl_config_free(&verdict.config);
     free(full);
     free(free_running);
+    free(with_epsilon);
 }
 
 /* One change of a valid text: `old` becomes `new`; the one problem is at `where`, on the line of `at` (NULL: of `old`). */
@@ -101,8 +107,12 @@ static void test_the_root(void) {
         {"\"name\": \"motor bench\"", "\"name\": \"motor bench\", \"nam\": 1", "nam",
          "found the unknown key \"nam\", expected \"name\"", NULL},
         {"\"name\": \"motor bench\"", "\"name\": \"motor bench\", \"title\": 1", "title",
-         "found the unknown key \"title\", expected one of twinlock, name, step_s, duration_s, components, sources, plant, recording, connect, compare, synchronise, record, realtime, emulate",
+         "found the unknown key \"title\", expected one of twinlock, name, step_s, duration_s, components, sources, plant, recording, connect, compare, synchronise, record, realtime, emulate, $schema",
          NULL},
+        {"\"$schema\": \"../../config/schema/twinlock-1.json\"", "\"$schema\": 1", "$schema",
+         "found 1 (number), expected a text, for example \"twinlock-1.json\"", NULL},
+        {"\"$schema\": \"../../config/schema/twinlock-1.json\"", "\"schema\": \"twinlock-1.json\"", "schema",
+         "found the unknown key \"schema\", expected \"$schema\"", NULL},
     };
     EXPECT_EACH(full, changes);
 }
@@ -134,6 +144,12 @@ static void test_components(void) {
          "components.aaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaa",
          "found the name \"aaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaa…\", expected at most 63 letters, digits and _, no digit first, for example \"motor\"",
          NULL},
+        {"\"keep\": \"outputs\"", "\"keep\": \"nothing\"", "components.motor.keep",
+         "found \"nothing\" (text), expected \"states\" or \"outputs\", for example \"states\"", NULL},
+        {"\"keep\": \"outputs\"", "\"keep\": true", "components.motor.keep",
+         "found true, expected \"states\" or \"outputs\", for example \"states\"", NULL},
+        {"\"keep\": \"outputs\"", "\"keeps\": \"outputs\"", "components.motor.keeps",
+         "found the unknown key \"keeps\", expected \"keep\"", NULL},
         {"\"J\": 0.0515", "\"J\": [1]", "components.motor.set.J",
          "found an array of 1, expected a number, true, false or a text, for example 0.0515", NULL},
         {"\"J\": 0.0515", "\"J\": null", "components.motor.set.J",
@@ -380,18 +396,41 @@ static void test_compare_beside_synchronise(void) {
 
 static void test_adjust(void) {
     static const change changes[] = {
-        {", \"step\": 0.05", "", "synchronise.adjust.motor.d.step",
-         "found nothing, expected a number > 0, for example 0.05", NULL},
+        {"\"step\": 0.05", "\"step\": \"0.05\"", "synchronise.adjust.motor.d.step",
+         "found \"0.05\" (text), expected a number > 0, for example 0.05", NULL},
+        {"\"nominal\": true", "\"nominal\": null", "synchronise.adjust.motor.brake.nominal",
+         "found null, expected a number, true or false, for example 0", NULL},
+        {"\"penalty\": { \"deviation\": 0.25, \"rate\": 0.125 }", "\"penalty\": 0.25",
+         "synchronise.adjust.motor.d.penalty", "found 0.25 (number), expected an object, for example {\"rate\": 0.01}",
+         NULL},
+        {"\"deviation\": 0.25", "\"deviation\": -0.25", "synchronise.adjust.motor.d.penalty.deviation",
+         "found -0.25 (number), expected a number from 0 up, for example 0.01", NULL},
+        {"\"deviation\": 0.25", "\"deviation\": \"0.25\"", "synchronise.adjust.motor.d.penalty.deviation",
+         "found \"0.25\" (text), expected a number from 0 up, for example 0.01", NULL},
+        {"\"rate\": 0.125", "\"rate\": -1e-9", "synchronise.adjust.motor.d.penalty.rate",
+         "found -1e-09 (number), expected a number from 0 up, for example 0.01", NULL},
+        {"\"rate\": 0.125", "\"rate\": true", "synchronise.adjust.motor.d.penalty.rate",
+         "found true, expected a number from 0 up, for example 0.01", NULL},
+        {"\"rate\": 0.125", "\"rates\": 0.125", "synchronise.adjust.motor.d.penalty.rates",
+         "found the unknown key \"rates\", expected \"rate\"", NULL},
+        {"\"dwell_s\": 0.2", "\"dwell_s\": 0", "synchronise.adjust.motor.brake.dwell_s",
+         "found 0 (number), expected a number > 0 (at most 1e9), for example 0.5", NULL},
+        {"\"dwell_s\": 0.2", "\"dwell_s\": 1.1e9", "synchronise.adjust.motor.brake.dwell_s",
+         "found 1100000000 (number), expected a number > 0 (at most 1e9), for example 0.5", NULL},
+        {"\"dwell_s\": 0.2", "\"dwell_s\": \"0.2\"", "synchronise.adjust.motor.brake.dwell_s",
+         "found \"0.2\" (text), expected a number > 0 (at most 1e9), for example 0.5", NULL},
+        {"\"dwell_s\": 0.2", "\"dwell\": 0.2", "synchronise.adjust.motor.brake.dwell",
+         "found the unknown key \"dwell\", expected \"dwell_s\"", NULL},
         {"\"step\": 0.05", "\"step\": 0", "synchronise.adjust.motor.d.step",
          "found 0 (number), expected a number > 0, for example 0.05", NULL},
         {"\"nominal\": 0.0031", "\"nominal\": \"0.0031\"", "synchronise.adjust.motor.d.nominal",
-         "found \"0.0031\" (text), expected a number, for example 0", NULL},
+         "found \"0.0031\" (text), expected a number, true or false, for example 0", NULL},
         {"\"min\": 0, \"max\": 1", "\"min\": 1, \"max\": 1", "synchronise.adjust.motor.d.max",
          "found 1 (number), expected more than min, which is 1", NULL},
         {"\"min\": 0, \"max\": 1", "\"min\": 0, \"max\": true", "synchronise.adjust.motor.d.max",
          "found true, expected a number, for example 0", NULL},
         {"\"min\": 0, \"max\": 1", "\"min\": 0, \"maximum\": 1", "synchronise.adjust.motor.d.maximum",
-         "found the unknown key \"maximum\", expected one of step, nominal, min, max", NULL},
+         "found the unknown key \"maximum\", expected one of step, nominal, min, max, penalty, dwell_s", NULL},
         {"\"motor.d\": {", "\"engine.d\": {", "synchronise.adjust.engine.d",
          "found \"engine.d\", expected a variable of one of \"components\": one of drive, motor", NULL},
         {"\"motor.x[1].bias\": { \"step\": 2 }", "\"motor.x[1].bias\": 2", "synchronise.adjust.motor.x[1].bias",
@@ -408,6 +447,19 @@ static void test_match(void) {
          "found nothing, expected a number > 0, for example 0.5", NULL},
         {"\"tolerance\": 0.5", "\"tolerance\": 0", "synchronise.match.motor.omega.tolerance",
          "found 0 (number), expected a number > 0, for example 0.5", NULL},
+        {"\"tolerance\": 0.5", "\"tolerance\": \"0.5\"", "synchronise.match.motor.omega.tolerance",
+         "found \"0.5\" (text), expected a number > 0, for example 0.5", NULL},
+        {"\"weight\": 2", "\"weight\": \"2\"", "synchronise.match.motor.omega.weight",
+         "found \"2\" (text), expected a number from 0 up, for example 1", NULL},
+        {"\"huber\": 3", "\"huber\": 0", "synchronise.match.motor.omega.huber",
+         "found 0 (number), expected a number > 0, for example 3", NULL},
+        {"\"huber\": 3", "\"huber\": true", "synchronise.match.motor.omega.huber",
+         "found true, expected a number > 0, for example 3", NULL},
+        {"\"huber\": 3", "\"hubert\": 3", "synchronise.match.motor.omega.hubert",
+         "found the unknown key \"hubert\", expected \"huber\"", NULL},
+        {"\"condition\": { \"median\": 5, \"low_pass_s\": 0.03, \"gate\": 45 }", "\"condition\": \"median\"",
+         "synchronise.match.motor.omega.condition",
+         "found \"median\" (text), expected an object, for example {\"median\": 5}", NULL},
         {"\"weight\": 2", "\"weight\": -1", "synchronise.match.motor.omega.weight",
          "found -1 (number), expected a number from 0 up, for example 1", NULL},
         {"\"weight\": 2", "\"weight\": 0", "synchronise.match",
@@ -434,10 +486,16 @@ static void test_the_rest_of_synchronise(void) {
          "found 1001 (number), expected a whole number from 1 to 1000, for example 2", NULL},
         {"\"prediction\": 2", "\"prediction\": 1.5", "synchronise.horizon.prediction",
          "found 1.5 (number), expected a whole number from 1 to 1000, for example 2", NULL},
-        {"\"measurements\": \"ahead\"", "\"measurements\": \"hold\"", "synchronise.horizon.measurements",
-         "found \"hold\" (text), expected \"lag\" or \"ahead\", for example \"lag\"", NULL},
-        {"\"algorithm\": \"nelder-mead\"", "\"algorithm\": \"nelder_mead\"", "synchronise.algorithm",
-         "found \"nelder_mead\" (text), expected \"nelder-mead\"", NULL},
+        {"\"shape\": \"dynamic\"", "\"shape\": \"moving\"", "synchronise.horizon.shape",
+         "found \"moving\" (text), expected \"static\" or \"dynamic\", for example \"static\"", NULL},
+        {"\"shape\": \"dynamic\"", "\"shape\": 1", "synchronise.horizon.shape",
+         "found 1 (number), expected \"static\" or \"dynamic\", for example \"static\"", NULL},
+        {"\"shape\": \"dynamic\"", "\"shapes\": \"dynamic\"", "synchronise.horizon.shapes",
+         "found the unknown key \"shapes\", expected \"shape\"", NULL},
+        {"\"measurements\": \"ahead\"", "\"measurements\": \"late\"", "synchronise.horizon.measurements",
+         "found \"late\" (text), expected \"lag\", \"ahead\" or \"hold\", for example \"lag\"", NULL},
+        {"\"measurements\": \"ahead\"", "\"measurements\": true", "synchronise.horizon.measurements",
+         "found true, expected \"lag\", \"ahead\" or \"hold\", for example \"lag\"", NULL},
         {"\"margin\": 0.02", "\"margin\": 1", "synchronise.margin",
          "found 1 (number), expected a number from 0 to below 1, for example 0.01", NULL},
         {"\"margin\": 0.02", "\"margin\": -0.1", "synchronise.margin",
@@ -452,6 +510,137 @@ static void test_the_rest_of_synchronise(void) {
          "found 40 (number), expected an object, for example {\"evaluations\": 60}", NULL},
     };
     EXPECT_EACH(full, changes);
+}
+
+static void test_condition(void) {
+    static const change changes[] = {
+        {"\"median\": 5", "\"median\": 0", "synchronise.match.motor.omega.condition.median",
+         "found 0 (number), expected an odd whole number from 1 to 99, for example 5", NULL},
+        {"\"median\": 5", "\"median\": 4", "synchronise.match.motor.omega.condition.median",
+         "found 4 (number), expected an odd whole number from 1 to 99, for example 5", NULL},
+        {"\"median\": 5", "\"median\": 98", "synchronise.match.motor.omega.condition.median",
+         "found 98 (number), expected an odd whole number from 1 to 99, for example 5", NULL},
+        {"\"median\": 5", "\"median\": 101", "synchronise.match.motor.omega.condition.median",
+         "found 101 (number), expected an odd whole number from 1 to 99, for example 5", NULL},
+        {"\"median\": 5", "\"median\": 2.5", "synchronise.match.motor.omega.condition.median",
+         "found 2.5 (number), expected an odd whole number from 1 to 99, for example 5", NULL},
+        {"\"median\": 5", "\"median\": -1", "synchronise.match.motor.omega.condition.median",
+         "found -1 (number), expected an odd whole number from 1 to 99, for example 5", NULL},
+        {"\"median\": 5", "\"median\": \"5\"", "synchronise.match.motor.omega.condition.median",
+         "found \"5\" (text), expected an odd whole number from 1 to 99, for example 5", NULL},
+        {"\"low_pass_s\": 0.03", "\"low_pass_s\": 0", "synchronise.match.motor.omega.condition.low_pass_s",
+         "found 0 (number), expected a number > 0 (at most 1e9), for example 0.05", NULL},
+        {"\"low_pass_s\": 0.03", "\"low_pass_s\": 1.1e9", "synchronise.match.motor.omega.condition.low_pass_s",
+         "found 1100000000 (number), expected a number > 0 (at most 1e9), for example 0.05", NULL},
+        {"\"low_pass_s\": 0.03", "\"low_pass_s\": [0.03]", "synchronise.match.motor.omega.condition.low_pass_s",
+         "found an array of 1, expected a number > 0 (at most 1e9), for example 0.05", NULL},
+        {"\"gate\": 45", "\"gate\": 0", "synchronise.match.motor.omega.condition.gate",
+         "found 0 (number), expected a number > 0, for example 10", NULL},
+        {"\"gate\": 45", "\"gate\": false", "synchronise.match.motor.omega.condition.gate",
+         "found false, expected a number > 0, for example 10", NULL},
+        {"\"gate\": 45", "\"gates\": 45", "synchronise.match.motor.omega.condition.gates",
+         "found the unknown key \"gates\", expected \"gate\"", NULL},
+    };
+    EXPECT_EACH(full, changes);
+}
+
+static void test_epsilon(void) {
+    static const change changes[] = {
+        {"\"epsilon\": 0.25", "\"epsilon\": 0", "synchronise.epsilon",
+         "found 0 (number), expected a number > 0, for example 0.01", NULL},
+        {"\"epsilon\": 0.25", "\"epsilon\": -1", "synchronise.epsilon",
+         "found -1 (number), expected a number > 0, for example 0.01", NULL},
+        {"\"epsilon\": 0.25", "\"epsilon\": \"0.25\"", "synchronise.epsilon",
+         "found \"0.25\" (text), expected a number > 0, for example 0.01", NULL},
+        {"\"huber\": 2", "\"tolerance\": 1", "synchronise.match.motor.omega.tolerance",
+         "found a tolerance beside synchronise.epsilon, expected one of them: epsilon is the square of every match's tolerance",
+         NULL},
+        {"\"weight\": 0", "\"weight\": 0, \"tolerance\": 1", "synchronise.match.motor.I.tolerance",
+         "found a tolerance beside synchronise.epsilon, expected one of them: epsilon is the square of every match's tolerance",
+         NULL},
+        {"\"epsilon\": 0.25,", "", "synchronise.match.motor.omega.tolerance",
+         "found nothing, expected a number > 0, for example 0.5", "\"motor.omega\": {"},
+    };
+    EXPECT_EACH(with_epsilon, changes);
+}
+
+static void test_limits_and_saving(void) {
+    static const change changes[] = {
+        {"\"stagnation\": 30", "\"stagnation\": 0", "synchronise.stagnation",
+         "found 0 (number), expected a whole number from 1 to 100000, for example 30", NULL},
+        {"\"stagnation\": 30", "\"stagnation\": 100001", "synchronise.stagnation",
+         "found 100001 (number), expected a whole number from 1 to 100000, for example 30", NULL},
+        {"\"stagnation\": 30", "\"stagnation\": 1.5", "synchronise.stagnation",
+         "found 1.5 (number), expected a whole number from 1 to 100000, for example 30", NULL},
+        {"\"stagnation\": 30", "\"stagnation\": \"30\"", "synchronise.stagnation",
+         "found \"30\" (text), expected a whole number from 1 to 100000, for example 30", NULL},
+        {"\"noise_floor\": 0.002", "\"noise_floor\": -0.002", "synchronise.noise_floor",
+         "found -0.002 (number), expected a number from 0 up, for example 0.001", NULL},
+        {"\"noise_floor\": 0.002", "\"noise_floor\": false", "synchronise.noise_floor",
+         "found false, expected a number from 0 up, for example 0.001", NULL},
+        {"\"saving\": { \"structure\": false, \"sequences\": false, \"nodes\": 500 }", "\"saving\": false",
+         "synchronise.saving", "found false, expected an object, for example {\"nodes\": 4096}", NULL},
+        {"\"structure\": false", "\"structure\": 0", "synchronise.saving.structure",
+         "found 0 (number), expected true or false, for example true", NULL},
+        {"\"sequences\": false", "\"sequences\": \"no\"", "synchronise.saving.sequences",
+         "found \"no\" (text), expected true or false, for example true", NULL},
+        {"\"sequences\": false", "\"sequence\": false", "synchronise.saving.sequence",
+         "found the unknown key \"sequence\", expected \"sequences\"", NULL},
+        {"\"nodes\": 500", "\"nodes\": 1", "synchronise.saving.nodes",
+         "found 1 (number), expected a whole number from 2 to 1000000, for example 4096", NULL},
+        {"\"nodes\": 500", "\"nodes\": 1000001", "synchronise.saving.nodes",
+         "found 1000001 (number), expected a whole number from 2 to 1000000, for example 4096", NULL},
+        {"\"nodes\": 500", "\"nodes\": 2.5", "synchronise.saving.nodes",
+         "found 2.5 (number), expected a whole number from 2 to 1000000, for example 4096", NULL},
+        {"\"nodes\": 500", "\"nodes\": true", "synchronise.saving.nodes",
+         "found true, expected a whole number from 2 to 1000000, for example 4096", NULL},
+        {"\"fallback\": 1000", "\"fallback\": \"nelder-mead\"", "synchronise.fallback",
+         "found \"nelder-mead\" (text), expected another than algorithm, which is \"nelder-mead\"", NULL},
+        {"\"fallback\": 1000", "\"fallback\": 1", "synchronise.fallback",
+         "found 1 (number), expected another than algorithm, which is \"nelder-mead\"", NULL},
+        {"\"fallback\": 1000", "\"fall_back\": 1000", "synchronise.fall_back",
+         "found the unknown key \"fall_back\", expected \"fallback\"", NULL},
+    };
+    EXPECT_EACH(full, changes);
+}
+
+/* `key` in the full configuration, whose value there is `old`; the names are the registry's. */
+static void expect_no_solver(const char *key, const char *old, const char *new, const char *found) {
+    char before[64];
+    char after[64];
+    char where[64];
+    char text[TL_ERROR_TEXT];
+    (void)snprintf(before, sizeof before, "\"%s\": %s", key, old);
+    (void)snprintf(after, sizeof after, "\"%s\": %s", key, new);
+    (void)snprintf(where, sizeof where, "synchronise.%s", key);
+    (void)snprintf(text, sizeof text,
+                   "found %s, expected one of %s, or the thesis's number 1, 100 or 1000, for example \"secant\"", found,
+                   tl_optimiser_names());
+    const change c = {before, after, where, text, NULL};
+    expect_one(full, &c);
+}
+
+static void test_solvers_that_there_are_not(void) {
+    static const struct {
+        const char *new, *found;
+    } cases[] = {
+        {"\"nelder_mead\"", "\"nelder_mead\" (text)"},
+        {"\"Secant\"", "\"Secant\" (text)"},
+        {"\"\"", "\"\" (text)"},
+        {"\"1\"", "\"1\" (text)"},
+        {"0", "0 (number)"},
+        {"-1", "-1 (number)"},
+        {"2", "2 (number)"},
+        {"1.5", "1.5 (number)"},
+        {"1e300", "1e+300 (number)"},
+        {"true", "true"},
+        {"null", "null"},
+        {"[]", "an array of 0"},
+    };
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+        expect_no_solver("algorithm", "\"nelder-mead\"", cases[i].new, cases[i].found);
+        expect_no_solver("fallback", "1000", cases[i].new, cases[i].found);
+    }
 }
 
 static void test_synchronise_without_its_parts(void) {
@@ -601,7 +790,7 @@ static void test_the_most_entries(void) {
         {"\"components\": {", "c", "{\"fmu\": \"x\"}", "components", 2, 62},
         {"\"sources\": {", "s", "{\"csv\": {\"file\": \"x\"}}", "sources", 3, 64},
         {"\"plant\": {", "p", "{}", "plant", 5, 64},
-        {"\"adjust\": {", "motor.a", "{\"step\": 1}", "synchronise.adjust", 2, 8},
+        {"\"adjust\": {", "motor.a", "{\"step\": 1}", "synchronise.adjust", 3, 8},
         {"\"match\": {", "motor.m", "{\"to\": \"plant.omega\", \"weight\": 0}", "synchronise.match", 2, 16},
         {"\"columns\": {", "c", "{\"from\": \"motor.x\"}", "emulate.columns", 2, 64},
         {"\"compare\": {", "motor.m", "{\"to\": \"plant.omega\"}", "compare", 1, 16},
@@ -757,6 +946,10 @@ int main(void) {
     RUN_TEST(test_adjust);
     RUN_TEST(test_match);
     RUN_TEST(test_the_rest_of_synchronise);
+    RUN_TEST(test_condition);
+    RUN_TEST(test_epsilon);
+    RUN_TEST(test_limits_and_saving);
+    RUN_TEST(test_solvers_that_there_are_not);
     RUN_TEST(test_synchronise_without_its_parts);
     RUN_TEST(test_running);
     RUN_TEST(test_emulate);

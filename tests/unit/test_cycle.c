@@ -196,6 +196,11 @@ static void test_a_duration_in_mode_lag(void) {
     TEST_ASSERT_TRUE(summary.evaluations > 0);
 }
 
+static void test_a_duration_in_mode_hold(void) {
+    run_for_a_duration(TL_HOLD);
+    TEST_ASSERT_TRUE(summary.evaluations > 0);
+}
+
 static void test_a_duration_in_mode_ahead(void) {
     run_for_a_duration(TL_AHEAD);
     TEST_ASSERT_EQUAL_DOUBLE(5.0, tl_sql_number(database, "SELECT y_hat FROM outputs WHERE step = 50"));
@@ -318,6 +323,7 @@ int main(void) {
     tl_scratch_make(&scratch, TL_BINARY_DIR, "test_cycle");
     UNITY_BEGIN();
     RUN_TEST(test_a_duration_in_mode_lag);
+    RUN_TEST(test_a_duration_in_mode_hold);
     RUN_TEST(test_a_duration_in_mode_ahead);
     RUN_TEST(test_stamps_are_recorded_relative_to_the_first_tick);
     RUN_TEST(test_missed_ticks_are_made_up);

@@ -65,8 +65,14 @@ static void initialize(void) {
     TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_exchange_initialize(&exchange, &error), error.text);
 }
 
+/* A committed step. */
 static void step(int64_t number) {
-    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_exchange_step(&exchange, number, false, &error), error.text);
+    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_exchange_commit(&exchange, number, &error), error.text);
+}
+
+/* A candidate's step. */
+static void try(int64_t number, uint32_t depth) {
+    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_exchange_try(&exchange, number, depth, &error), error.text);
 }
 
 static double output(size_t component) {
@@ -171,7 +177,11 @@ static void communication_points_come_from_the_integer(void) {
     push(0.0);
     initialize();
     for (int64_t i = 0; i < 1000; i++) {
-        TEST_ASSERT_EQUAL_INT(TL_OK, tl_exchange_step(&exchange, i, i % 2 == 0, &error));
+        if (i % 2 == 0) {
+            step(i);
+        } else {
+            try(i, 0);
+        }
     }
     for (size_t i = 0; i < 1000; i++) {
         const tl_test_entry *entry = tl_test_log_step(&call_log, &fmus[1], i);
@@ -337,7 +347,7 @@ static void a_cut_connection_delivers_to_the_nominal_only(void) {
     TEST_ASSERT_EQUAL_DOUBLE(3.0, *nominal);
     TEST_ASSERT_EQUAL_DOUBLE(3.0, input(0)); /* while initialising, û is the input */
     push(4.0);
-    *tl_exchange_input(&exchange, port) = 9.0;
+    *(fmi2Real *)tl_exchange_input(&exchange, port) = 9.0;
     step(0);
     TEST_ASSERT_EQUAL_DOUBLE(4.0, *nominal);
     TEST_ASSERT_EQUAL_DOUBLE(9.0, input(0));
@@ -362,38 +372,124 @@ static void a_cut_connection_converts_units_as_any_other(void) {
                           tl_component_instantiate(&graph.components[0], &fmus[0].callbacks, "file:///r", &error));
     push(20.0);
     initialize();
-    TEST_ASSERT_EQUAL_DOUBLE(293.15, *tl_graph_connection_to(&graph, port)->nominal);
+    TEST_ASSERT_EQUAL_DOUBLE(293.15, *(const double *)tl_graph_connection_to(&graph, port)->nominal);
     TEST_ASSERT_EQUAL_DOUBLE(293.15, input(0));
 }
 
 /* ---- snapshots ---- */
 
-static void a_snapshot_brings_back_states_and_values_to_the_bit(void) {
-    double first[3];
+static void chain_with_lag(void) {
     make_chain(false);
     for (size_t i = 0; i < 3; i++) {
         tl_test_fmu_variable(&fmus[i], "lag")->start.real = 0.3;
     }
     build_reading_out(2);
+}
+
+/* Three committed steps, the samples up to t_6. */
+static void walk_to_the_fourth_step(void) {
     push(1.0);
     initialize();
     for (int64_t i = 0; i < 3; i++) {
         push(1.0 / 3.0 + (double)i);
         step(i);
     }
+    for (int64_t i = 3; i < 7; i++) {
+        push(1.0 / 7.0 + (double)i);
+    }
+}
+
+static void assert_same_outputs(int round) {
+    static double first[3];
+    const double now[3] = {output(0), output(1), output(2)};
+    if (round == 0) {
+        memcpy(first, now, sizeof first);
+    }
+    TEST_ASSERT_EQUAL_MEMORY(first, now, sizeof first);
+}
+
+static void a_snapshot_brings_back_states_and_values_to_the_bit(void) {
+    chain_with_lag();
+    walk_to_the_fourth_step();
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_exchange_save(&exchange, &error));
     for (int round = 0; round < 3; round++) {
         for (int64_t i = 3; i < 7; i++) {
-            step(i);
+            TEST_ASSERT_EQUAL_INT(TL_OK, tl_exchange_step(&exchange, i, &error));
         }
-        double now[3] = {output(0), output(1), output(2)};
-        if (round == 0) {
-            memcpy(first, now, sizeof first);
-        }
-        TEST_ASSERT_EQUAL_MEMORY(first, now, sizeof first);
+        assert_same_outputs(round);
         TEST_ASSERT_EQUAL_INT(TL_OK, tl_exchange_restore(&exchange, &error));
     }
     TEST_ASSERT_EQUAL_UINT64(3, tl_test_log_count(&call_log, NULL, TL_TEST_GET_STATE));
+    TEST_ASSERT_EQUAL_UINT64(3, exchange.plant.executions); /* a proof is no execution of the plant */
+}
+
+static void candidates_begin_where_was_committed(void) {
+    chain_with_lag();
+    walk_to_the_fourth_step();
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_exchange_begin(&exchange, &error));
+    for (int round = 0; round < 3; round++) {
+        for (uint32_t depth = 0; depth < 4; depth++) {
+            try(3 + (int64_t)depth, depth);
+        }
+        assert_same_outputs(round);
+        TEST_ASSERT_EQUAL_INT(TL_OK, tl_exchange_rewind(&exchange, &error));
+    }
+    step(3);
+    TEST_ASSERT_EQUAL_UINT64(3, tl_test_log_count(&call_log, NULL, TL_TEST_GET_STATE));
+    TEST_ASSERT_EQUAL_UINT64(9, tl_test_log_count(&call_log, NULL, TL_TEST_SET_STATE));
+    TEST_ASSERT_EQUAL_UINT64(3 + 12 + 1, exchange.plant.executions);
+    for (size_t n = 0; n < 16; n++) { /* only what is committed is final */
+        TEST_ASSERT_EQUAL_INT(n < 3 || n == 15, tl_test_log_step(&call_log, &fmus[1], n)->final);
+    }
+}
+
+static void a_component_takes_part_as_far_as_it_reaches(void) {
+    static uint32_t reach[4] = {1, 2, 3, 0}; /* Γ_k of in, k1, out, and of the plant */
+    chain_with_lag();
+    TEST_ASSERT_TRUE(tl_exchange_save_executions(&exchange, &arena, NULL, reach, NULL, 3));
+    walk_to_the_fourth_step();
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_exchange_begin(&exchange, &error));
+    for (uint32_t depth = 0; depth < 3; depth++) {
+        try(3 + (int64_t)depth, depth);
+    }
+    for (size_t i = 0; i < 3; i++) {
+        TEST_ASSERT_EQUAL_UINT64(3 + reach[i], graph.components[i].executions);
+    }
+    TEST_ASSERT_EQUAL_UINT64(3, exchange.plant.executions);
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_exchange_rewind(&exchange, &error));
+    step(3); /* with all of them */
+    for (size_t i = 0; i < 3; i++) {
+        TEST_ASSERT_EQUAL_UINT64(4 + reach[i], graph.components[i].executions);
+    }
+    TEST_ASSERT_EQUAL_UINT64(4, exchange.plant.executions);
+}
+
+static void what_is_known_is_not_executed_again(void) {
+    static const tl_keep keep[3] = {TL_KEEP_STATES, TL_KEEP_STATES, TL_KEEP_STATES};
+    static const uint32_t capacity[3] = {32, 32, 32};
+    chain_with_lag();
+    TEST_ASSERT_TRUE(tl_exchange_save_executions(&exchange, &arena, keep, NULL, capacity, 4));
+    push(1.0);
+    initialize();
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_exchange_start(&exchange, &error));
+    for (int64_t i = 1; i < 5; i++) {
+        push(1.0 / 7.0 + (double)i);
+    }
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_exchange_begin(&exchange, &error));
+    for (int round = 0; round < 3; round++) {
+        for (uint32_t depth = 0; depth < 4; depth++) {
+            try((int64_t)depth, depth);
+        }
+        assert_same_outputs(round);
+        TEST_ASSERT_EQUAL_INT(TL_OK, tl_exchange_rewind(&exchange, &error));
+    }
+    step(0);
+    for (size_t i = 0; i < 3; i++) {
+        TEST_ASSERT_EQUAL_UINT64(4, graph.components[i].executions);
+        tl_exchange_end_component(&exchange, i);
+        TEST_ASSERT_EQUAL_UINT64(0, fmus[i].states);
+    }
+    TEST_ASSERT_EQUAL_UINT64(4, exchange.plant.executions);
 }
 
 static void a_failed_step_ends_at_once_and_can_be_taken_back(void) {
@@ -401,13 +497,14 @@ static void a_failed_step_ends_at_once_and_can_be_taken_back(void) {
     build_reading_out(2);
     push(1.0);
     initialize();
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_exchange_save(&exchange, &error));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_exchange_begin(&exchange, &error));
     tl_test_fmu_fail(&fmus[1], TL_TEST_DO_STEP, TL_TEST_ERROR, 1, 1);
-    TEST_ASSERT_EQUAL_INT(TL_FMU_FAILED, tl_exchange_step(&exchange, 0, false, &error));
+    TEST_ASSERT_EQUAL_INT(TL_FMU_FAILED, tl_exchange_commit(&exchange, 0, &error));
     TEST_ASSERT_NOT_NULL(strstr(error.text, "k1: fmi2DoStep"));
+    TEST_ASSERT_EQUAL_UINT64(1, exchange.failed);
     TEST_ASSERT_EQUAL_UINT64(0, fmus[2].calls[TL_TEST_DO_STEP]);
     TEST_ASSERT_EQUAL_UINT64(0, exchange.plant.executions);
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_exchange_restore(&exchange, &error));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_exchange_rewind(&exchange, &error));
     TEST_ASSERT_EQUAL_DOUBLE(0.0, output(0));
     step(0);
     TEST_ASSERT_EQUAL_DOUBLE(1.0, output(0));
@@ -431,6 +528,9 @@ int main(void) {
     RUN_TEST(a_cut_connection_delivers_to_the_nominal_only);
     RUN_TEST(a_cut_connection_converts_units_as_any_other);
     RUN_TEST(a_snapshot_brings_back_states_and_values_to_the_bit);
+    RUN_TEST(candidates_begin_where_was_committed);
+    RUN_TEST(a_component_takes_part_as_far_as_it_reaches);
+    RUN_TEST(what_is_known_is_not_executed_again);
     RUN_TEST(a_failed_step_ends_at_once_and_can_be_taken_back);
     return UNITY_END();
 }

@@ -66,6 +66,7 @@ static void assert_refused(const char *where, const char *words) {
     twin = tl_test_plan_build(&plan);
     TEST_ASSERT_NULL(twin);
     assert_problem(where, words);
+    TEST_ASSERT_EQUAL_STRING("", plan.problems[1].text);
     TEST_ASSERT_EQUAL_UINT64(1, plan.report.count);
     TEST_ASSERT_EQUAL_UINT64(0, call_log.count); /* a wrong plan calls no FMU */
 }
@@ -330,11 +331,12 @@ static void a_fixed_parameter_cannot_be_adjusted(void) {
     assert_refused("adjust.motor.lag", "motor.lag is a fixed parameter: it cannot change while the simulation runs");
 }
 
-static void only_reals_are_adjusted(void) {
+static void only_reals_and_booleans_are_adjusted(void) {
     make_motor();
     tl_test_plan_adjust(&plan, "motor.count", 1.0);
     tl_test_plan_match(&plan, "motor.y0", "plant.y", 1.0);
-    assert_refused("adjust.motor.count", "motor.count is Integer, expected a Real input or a tunable Real parameter");
+    assert_refused("adjust.motor.count",
+                   "motor.count is Integer, expected an input or a tunable parameter that is Real or Boolean");
 }
 
 static void an_output_is_not_adjusted(void) {
@@ -453,7 +455,8 @@ static void an_unknown_algorithm_is_told_the_known_ones(void) {
     plan.plan.algorithm = "simulated-annealing";
     tl_test_plan_adjust(&plan, "motor.gain", 1.0);
     tl_test_plan_match(&plan, "motor.y0", "plant.y", 1.0);
-    assert_refused("synchronise.algorithm", "found \"simulated-annealing\", expected one of \"nelder-mead\"");
+    assert_refused("synchronise.algorithm",
+                   "found \"simulated-annealing\", expected one of \"secant\", \"nelder-mead\"");
 }
 
 static void every_problem_is_reported_at_once(void) {
@@ -672,7 +675,7 @@ static void run_values(void) {
 
 static void run_synchronisation(void) {
     RUN_TEST(a_fixed_parameter_cannot_be_adjusted);
-    RUN_TEST(only_reals_are_adjusted);
+    RUN_TEST(only_reals_and_booleans_are_adjusted);
     RUN_TEST(an_output_is_not_adjusted);
     RUN_TEST(an_unknown_variable_is_not_adjusted);
     RUN_TEST(a_connected_input_has_no_nominal_of_its_own);

@@ -227,6 +227,28 @@ static void test_ahead_the_step_is_the_ticks_own(void) {
     }
 }
 
+/* Whatever the prediction: a step is computed one tick later. */
+static void test_hold_the_step_is_of_the_tick_before(void) {
+    tl_recorder_settings settings = tl_made_settings(path);
+    tl_history_tick tick;
+    bool end = false;
+    settings.measurements = TL_HOLD;
+    settings.prediction = 4;
+    record_with(&settings, 100);
+    open_history();
+    begin_ticks(0);
+    TEST_ASSERT_EQUAL_INT(TL_HOLD, run->measurements);
+    TEST_ASSERT_EQUAL_STRING("hold", tl_sql_text(path, "SELECT measurements FROM runs"));
+    for (int64_t number = 0; number < 100; number++) {
+        expect_ok(tl_history_ticks_next(ticks, &tick, &end, &error));
+        if (number > 0 && number < 99) {
+            expect_step(&tick, number - 1);
+        } else {
+            TEST_ASSERT_FALSE(tick.has_step);
+        }
+    }
+}
+
 /* Two runs in one file: each walk sees its own, and both may go at once. */
 static void test_two_walks_at_once(void) {
     tl_history_tick tick;
@@ -281,6 +303,19 @@ static void test_a_missing_value_is_not_good(void) {
     expect_ok(tl_history_ticks_next(ticks, &tick, &end, &error));
     TEST_ASSERT_EQUAL_INT(TL_NOT_A_NUMBER, tick.sample.quality[1]);
     TEST_ASSERT_TRUE(tick.sample.values[1] == 0.0);
+}
+
+/* The highest quality there is. */
+static void test_an_outlier_is_read(void) {
+    tl_history_tick tick;
+    bool end = false;
+    record_run(10);
+    tl_sql_execute(path, "UPDATE samples SET value = 3.5, quality = 5 WHERE signal = 1");
+    open_history();
+    begin_ticks(0);
+    expect_ok(tl_history_ticks_next(ticks, &tick, &end, &error));
+    TEST_ASSERT_EQUAL_INT(TL_OUTLIER, tick.sample.quality[1]);
+    TEST_ASSERT_EQUAL_DOUBLE(3.5, tick.sample.values[1]);
 }
 
 /* Read while it is written, by another connection: no gap, no tick twice, and in the end all of them. */
@@ -423,7 +458,7 @@ static void expect_damage(const char *sql) {
 }
 
 static void test_impossible_values_are_damage(void) {
-    expect_damage("UPDATE samples SET quality = 5 WHERE tick = 4 AND signal = 0");
+    expect_damage("UPDATE samples SET quality = 6 WHERE tick = 4 AND signal = 0");
     expect_damage("UPDATE samples SET quality = -1 WHERE tick = 4 AND signal = 0");
     expect_damage("UPDATE samples SET signal = 64 WHERE tick = 4 AND signal = 2");
     expect_damage("UPDATE samples SET signal = -1 WHERE tick = 4 AND signal = 2");
@@ -445,9 +480,11 @@ int main(void) {
     RUN_TEST(test_signals_and_configuration);
     RUN_TEST(test_ticks_come_back_bit_for_bit);
     RUN_TEST(test_ahead_the_step_is_the_ticks_own);
+    RUN_TEST(test_hold_the_step_is_of_the_tick_before);
     RUN_TEST(test_two_walks_at_once);
     RUN_TEST(test_gaps);
     RUN_TEST(test_a_missing_value_is_not_good);
+    RUN_TEST(test_an_outlier_is_read);
     RUN_TEST(test_reading_while_it_is_written);
     RUN_TEST(test_reading_changes_nothing);
     RUN_TEST(test_a_medium_that_cannot_be_written);

@@ -741,7 +741,8 @@ static void without_a_good_measurement_nothing_is_searched(void) {
         TEST_ASSERT_EQUAL_UINT8(TL_STALE, record->y_hat_quality[0]);
         TEST_ASSERT_TRUE(record->y_hat[0] == 1.0); /* the last good one */
         TEST_ASSERT_TRUE(tl_test_log_step(&call_log, &fmus[0], 0)->final);
-        TEST_ASSERT_EQUAL_UINT64(0, tl_test_log_count(&call_log, NULL, TL_TEST_GET_STATE));
+        TEST_ASSERT_EQUAL_UINT64(1, tl_test_log_count(&call_log, NULL, TL_TEST_GET_STATE)); /* should the step fail */
+        TEST_ASSERT_EQUAL_UINT64(0, tl_test_log_count(&call_log, NULL, TL_TEST_SET_STATE));
     }
     run.sample.quality[Y0] = TL_GOOD;
     plant(2.0, 4.0);

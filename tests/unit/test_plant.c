@@ -1,4 +1,3 @@
-/* The plant as a component: samples by tick, held where bad, newest where there is none yet. */
 #include <math.h>
 #include <string.h>
 #include <unity.h>
@@ -24,6 +23,7 @@ void setUp(void) {
     plant.outputs[REAL_SIGNAL] = (tl_plant_output){.type = TL_REAL, .real = &real};
     plant.outputs[INTEGER_SIGNAL] = (tl_plant_output){.type = TL_INTEGER, .integer = &integer};
     plant.outputs[BOOLEAN_SIGNAL] = (tl_plant_output){.type = TL_BOOLEAN, .boolean = &boolean};
+    tl_plant_placed(&plant);
     real = -1.0;
     integer = -1;
     boolean = -1;

@@ -430,6 +430,27 @@ static void test_csv_of_samples_reads_back_bit_for_bit(void) {
     TEST_ASSERT_EQUAL_STRING("", next_line(line));
 }
 
+/* An outlier was read: its value is there, as that of one out of range is. */
+static void test_csv_of_outliers(void) {
+    record_known("replay");
+    tl_sql_execute(path, "UPDATE samples SET value = 3.5, quality = 5 WHERE tick = 0 AND signal = 1;"
+                         " UPDATE outputs SET quality = 5 WHERE step = 1 AND signal = 0");
+    TEST_ASSERT_EQUAL_INT(0, SHOW(path, "--csv", "samples"));
+    TEST_ASSERT_EQUAL_DOUBLE(3.5, field(next_line(output), 4));
+    expect_shown(",3.5,outlier,");
+    TEST_ASSERT_EQUAL_INT(0, SHOW(path, "--csv", "outputs"));
+    expect_shown("\n0.02,1,9.5,10,-0.5,outlier,3,1,2,stale\n");
+}
+
+static void test_a_run_in_mode_hold(void) {
+    record_known("replay");
+    tl_sql_execute(path, "UPDATE runs SET measurements = 'hold'");
+    TEST_ASSERT_EQUAL_INT(0, SHOW(path));
+    expect_shown("looks 2 steps ahead (hold)");
+    TEST_ASSERT_EQUAL_INT(0, SHOW(path, "--json"));
+    expect_shown("\"hold\"");
+}
+
 static void test_csv_of_the_other_tables(void) {
     tl_record record;
     record_known("replay");
@@ -626,6 +647,8 @@ int main(void) {
     RUN_TEST(test_json);
     RUN_TEST(test_json_of_an_empty_run);
     RUN_TEST(test_csv_of_samples_reads_back_bit_for_bit);
+    RUN_TEST(test_csv_of_outliers);
+    RUN_TEST(test_a_run_in_mode_hold);
     RUN_TEST(test_csv_of_the_other_tables);
     RUN_TEST(test_csv_of_a_live_run_has_dates);
     RUN_TEST(test_usage);

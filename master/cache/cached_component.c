@@ -1,0 +1,171 @@
+/* One component behind its sequence cache: see cached_component.h. */
+#include "master/cache/cached_component.h"
+
+bool tl_cached_component_init(tl_cached_component *cached, tl_arena *arena, tl_component *component, tl_keep keep,
+                              tl_time size, uint32_t spacing, uint32_t capacity) {
+    *cached = (tl_cached_component){.component = component, .keep = keep, .size = size, .spacing = spacing};
+    size_t key_size = tl_ports_size(&component->inputs);
+    size_t value_size = tl_ports_size(&component->outputs);
+    cached->key = tl_arena_take(arena, key_size + 1, 1);
+    cached->value = tl_arena_take(arena, value_size + 1, 1);
+    return cached->key != NULL && cached->value != NULL &&
+           tl_sequence_cache_init(&cached->tree, arena, key_size, value_size, capacity);
+}
+
+tl_status tl_cached_component_start(tl_cached_component *cached, tl_error *error) {
+    tl_status status = TL_OK;
+    for (uint32_t i = 0; cached->keep == TL_KEEP_STATES && i < cached->tree.capacity && status == TL_OK; i++) {
+        status = tl_component_save(cached->component, &cached->tree.nodes[i].state, error);
+    }
+    cached->root = tl_sequence_cache_plant(&cached->tree);
+    cached->position = cached->root;
+    cached->at = cached->root;
+    return status;
+}
+
+void tl_cached_component_end(tl_cached_component *cached) {
+    for (uint32_t i = 0; i < cached->tree.capacity; i++) {
+        tl_component_forget(cached->component, &cached->tree.nodes[i].state);
+    }
+}
+
+void tl_cached_component_rewind(tl_cached_component *cached) {
+    cached->position = cached->root;
+}
+
+/* Steps from the nearest saved state above a node, or at it, to that node; UINT32_MAX where there is none. */
+static uint32_t distance_to_state(const tl_sequence_cache *tree, uint32_t node) {
+    uint32_t distance = 0;
+    while (node != TL_NO_NODE && !tree->nodes[node].has_state) {
+        node = tree->nodes[node].parent;
+        distance++;
+    }
+    return node == TL_NO_NODE ? UINT32_MAX : distance;
+}
+
+/* The FMU is about to leave the node it is at: saves its state where it will be wanted again. */
+static tl_status leave(tl_cached_component *cached, bool onwards, tl_error *error) {
+    if (cached->at == TL_NO_NODE || cached->tree.nodes[cached->at].has_state) {
+        return TL_OK;
+    }
+    if (cached->keep == TL_KEEP_OUTPUTS) {
+        uint32_t distance = distance_to_state(&cached->tree, cached->at);
+        if (distance != UINT32_MAX && !(onwards && distance >= cached->spacing)) {
+            return TL_OK;
+        }
+    }
+    tl_sequence_node *node = &cached->tree.nodes[cached->at];
+    tl_status status = tl_component_save(cached->component, &node->state, error);
+    node->has_state = status == TL_OK;
+    return status;
+}
+
+/* Loads the state of a node. */
+static tl_status load(tl_cached_component *cached, uint32_t node, tl_error *error) {
+    tl_status status = leave(cached, false, error);
+    if (status != TL_OK) {
+        return status;
+    }
+    cached->at = TL_NO_NODE;
+    status = tl_component_restore(cached->component, cached->tree.nodes[node].state, error);
+    cached->at = status == TL_OK ? node : TL_NO_NODE;
+    return status;
+}
+
+/* One execution from where the FMU is, with the inputs in the ports. Afterwards the FMU is at no node yet. */
+static tl_status execute(tl_cached_component *cached, int64_t step, tl_error *error) {
+    tl_status status = leave(cached, true, error);
+    if (status != TL_OK) {
+        return status;
+    }
+    cached->at = TL_NO_NODE;
+    return tl_component_step(cached->component, tl_seconds(tl_time_of_step(0, cached->size, step)),
+                             tl_seconds(cached->size), false, error);
+}
+
+static uint32_t ancestor(const tl_sequence_cache *tree, uint32_t node, uint32_t generations) {
+    for (uint32_t i = 0; i < generations; i++) {
+        node = tree->nodes[node].parent;
+    }
+    return node;
+}
+
+/* Brings the FMU to the candidate's position, which is before macro step `step`. */
+static tl_status bring(tl_cached_component *cached, int64_t step, tl_error *error) {
+    const tl_sequence_cache *tree = &cached->tree;
+    uint32_t from = cached->position;
+    uint32_t missing = 0;
+    while (from != cached->at && !tree->nodes[from].has_state) {
+        from = tree->nodes[from].parent;
+        missing++;
+    }
+    tl_status status = from == cached->at ? TL_OK : load(cached, from, error);
+    for (; missing > 0 && status == TL_OK; missing--) {
+        uint32_t next = ancestor(tree, cached->position, missing - 1);
+        tl_ports_write(&cached->component->inputs, tl_sequence_cache_key(tree, next));
+        status = execute(cached, step - (int64_t)missing, error);
+        cached->at = status == TL_OK ? next : TL_NO_NODE;
+        cached->caught_up++;
+    }
+    tl_ports_write(&cached->component->inputs, cached->key);
+    return status;
+}
+
+/* Stores what a step gave; without room the candidate goes on beyond the tree, and the FMU with it. */
+static void store(tl_cached_component *cached) {
+    uint32_t added = TL_NO_NODE;
+    if (cached->position != TL_NO_NODE) {
+        tl_ports_read(&cached->component->outputs, cached->value);
+        added = tl_sequence_cache_add(&cached->tree, cached->position, cached->key, cached->value);
+    }
+    cached->unstored += added == TL_NO_NODE;
+    cached->position = added;
+    cached->at = added;
+}
+
+tl_status tl_cached_component_step(tl_cached_component *cached, int64_t step, tl_error *error) {
+    tl_status status = TL_OK;
+    tl_ports_read(&cached->component->inputs, cached->key);
+    if (cached->position != TL_NO_NODE) {
+        uint32_t known = tl_sequence_cache_find(&cached->tree, cached->position, cached->key);
+        if (known != TL_NO_NODE) {
+            tl_ports_write(&cached->component->outputs, tl_sequence_cache_value(&cached->tree, known));
+            cached->position = known;
+            cached->hits++;
+            return TL_OK;
+        }
+        status = bring(cached, step, error);
+    }
+    status = status == TL_OK ? execute(cached, step, error) : status;
+    if (status == TL_OK) {
+        store(cached);
+    }
+    return status;
+}
+
+void tl_cached_component_make_room(tl_cached_component *cached) {
+    tl_ports_read(&cached->component->inputs, cached->key);
+    if (cached->tree.free != TL_NO_NODE ||
+        tl_sequence_cache_find(&cached->tree, cached->root, cached->key) != TL_NO_NODE) {
+        return;
+    }
+    tl_sequence_cache_prune(&cached->tree, cached->root);
+    if (cached->at != TL_NO_NODE && !cached->tree.nodes[cached->at].used) {
+        cached->at = TL_NO_NODE;
+    }
+}
+
+void tl_cached_component_commit(tl_cached_component *cached) {
+    const tl_sequence_cache *tree = &cached->tree;
+    uint32_t first = cached->position;
+    if (cached->at != first || cached->keep == TL_KEEP_OUTPUTS) {
+        while (!tree->nodes[first].has_state && tree->nodes[first].parent != TL_NO_NODE) {
+            first = tree->nodes[first].parent;
+        }
+    }
+    cached->root = cached->position;
+    tl_sequence_cache_keep(&cached->tree, first, cached->root);
+    if (cached->at != TL_NO_NODE && !tree->nodes[cached->at].used) {
+        cached->at = TL_NO_NODE;
+    }
+}

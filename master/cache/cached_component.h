@@ -1,0 +1,67 @@
+/* One component behind its sequence cache: executes only what is not known yet.
+ *
+ * Purpose: stands between the exchange and an FMU. A candidate walks from the root (the committed state at t_i) down the
+ *          tree. Where its next input is known, the stored outputs are delivered and the FMU is not touched; where it is
+ *          not, the FMU is brought to the candidate's place, executed, and the result stored. The committed step moves
+ *          the root one node down, so that the next horizon finds what this one has left.
+ * States:  the FMU's state is saved at the last moment, when the FMU leaves a node, and loaded only when it must be
+ *          executed from somewhere else (table 4.1, right column).
+ *          TL_KEEP_OUTPUTS saves states only every `spacing` steps; from there the FMU catches up (left column).
+ * Full:    a result for which the pool has no room is used and not stored, and counted.
+ * Failure: a failed step leaves the FMU nowhere; the next execution begins with loading a state.
+ * Thread:  the twin's. Memory: the arena, at start-up; state handles belong to the FMU, those of TL_KEEP_STATES are all
+ *          made at start-up too.
+ */
+#ifndef TL_MASTER_CACHE_CACHED_COMPONENT_H
+#define TL_MASTER_CACHE_CACHED_COMPONENT_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+#include "master/base/arena.h"
+#include "master/base/simtime.h"
+#include "master/base/status.h"
+#include "master/cache/sequence_cache.h"
+#include "master/fmi/component.h"
+#include "master/plan.h"
+
+typedef struct tl_cached_component {
+    tl_component *component;
+    tl_sequence_cache tree;
+    tl_time size; /* T_S */
+    tl_keep keep;
+    uint32_t spacing;     /* TL_KEEP_OUTPUTS: steps between saved states, ≥ 1 */
+    uint32_t root;        /* t_i as committed */
+    uint32_t position;    /* of the candidate; TL_NO_NODE: beyond what the pool could keep */
+    uint32_t at;          /* where the FMU is; TL_NO_NODE: nowhere, or with the candidate beyond the pool */
+    unsigned char *key;   /* scratch: inputs of the step at hand, */
+    unsigned char *value; /* and outputs */
+    uint64_t hits;        /* steps that were known */
+    uint64_t caught_up;   /* executions repeated to bring the FMU to a place */
+    uint64_t unstored;    /* executions whose result found no room */
+} tl_cached_component;
+
+/* For a component whose ports are placed. `capacity` in nodes, ≥ 2·spacing + 2; false when memory is out. */
+bool tl_cached_component_init(tl_cached_component *cached, tl_arena *arena, tl_component *component, tl_keep keep,
+                              tl_time size, uint32_t spacing, uint32_t capacity);
+
+/* The FMU stands initialised at t_0: plants the root and makes the state handles. */
+tl_status tl_cached_component_start(tl_cached_component *cached, tl_error *error);
+
+/* The candidate goes back to the root. */
+void tl_cached_component_rewind(tl_cached_component *cached);
+
+/* One step of the candidate, macro step `step`, with the inputs in the ports; the outputs are in the ports afterwards. */
+tl_status tl_cached_component_step(tl_cached_component *cached, int64_t step, tl_error *error);
+
+/* Before the step that will be committed, with its inputs in the ports: if it is not known and the pool is full, all other
+ * candidates are given up, so that it finds room. */
+void tl_cached_component_make_room(tl_cached_component *cached);
+
+/* The candidate, one step below the root, is committed: it becomes the root, and other beginnings are given up. */
+void tl_cached_component_commit(tl_cached_component *cached);
+
+/* Frees the state handles. The component must not have been freed. */
+void tl_cached_component_end(tl_cached_component *cached);
+
+#endif

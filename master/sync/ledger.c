@@ -1,0 +1,254 @@
+/* The ledger: see ledger.h. Steps are absolute here: a candidate that began at an earlier instant is compared with the
+ * values that were committed since. */
+#include "master/sync/ledger.h"
+
+#include <string.h>
+
+/* Most doubles that candidates are remembered in: 8 MB. */
+static const size_t MOST_VALUES = (size_t)1 << 20;
+
+/* They never differ. */
+static const int64_t FOREVER = INT64_MAX / 2;
+
+static size_t most_entries(const tl_horizon *horizon, uint32_t evaluations) {
+    size_t wanted = (size_t)evaluations * horizon->prediction;
+    size_t room = MOST_VALUES / ((size_t)horizon->prediction * horizon->variables);
+    return wanted < room ? wanted : room;
+}
+
+bool tl_ledger_init(tl_ledger *ledger, tl_arena *arena, const tl_horizon *horizon, const tl_plant *plant,
+                    const tl_plan *plan, uint32_t evaluations) {
+    *ledger = (tl_ledger){.horizon = horizon, .plant = plant, .saving = plan->saving};
+    ledger->signal_count = plan->signal_count;
+    ledger->lead = plan->measurements == TL_AHEAD ? 0 : 1;
+    ledger->known = tl_arena_take(arena, horizon->nodes, sizeof *ledger->known);
+    ledger->saved = tl_arena_take(arena, horizon->nodes, sizeof *ledger->saved);
+    ledger->until = tl_arena_take(arena, horizon->nodes, sizeof *ledger->until);
+    if (ledger->known == NULL || ledger->until == NULL || ledger->saved == NULL) {
+        return false;
+    }
+    if (horizon->variables == 0 || !plan->saving.sequences) {
+        return true;
+    }
+    size_t sequence = (size_t)horizon->prediction * horizon->variables;
+    ledger->capacity = most_entries(horizon, evaluations);
+    ledger->entries = tl_arena_take(arena, ledger->capacity, sizeof *ledger->entries);
+    ledger->sequences = tl_arena_take(arena, ledger->capacity * sequence, sizeof *ledger->sequences);
+    ledger->committed = tl_arena_take(arena, sequence, sizeof *ledger->committed);
+    ledger->current = tl_arena_take(arena, sequence, sizeof *ledger->current);
+    return ledger->entries != NULL && ledger->sequences != NULL && ledger->committed != NULL && ledger->current != NULL;
+}
+
+static size_t slot_of(const tl_ledger *ledger, size_t index) {
+    return (ledger->oldest + index) % ledger->capacity;
+}
+
+/* u of the present course of things at an absolute step: committed before i, the candidate's from i on. */
+static double present_value(const tl_ledger *ledger, int64_t step, size_t variable) {
+    const tl_horizon *horizon = ledger->horizon;
+    return step < ledger->step ? ledger->committed[(size_t)(step % horizon->prediction) * horizon->variables + variable]
+                               : ledger->current[(size_t)(step - ledger->step) * horizon->variables + variable];
+}
+
+/* Steps of an entry and of the candidate that can be compared: up to `length` of the candidate. */
+static int64_t last_compared(const tl_ledger *ledger, const tl_ledger_entry *entry, uint32_t length) {
+    int64_t end = entry->first + ledger->horizon->prediction;
+    int64_t present = ledger->step + length;
+    return end < present ? end : present;
+}
+
+/* The first absolute step at which a variable's u differs. */
+static int64_t variable_differs(const tl_ledger *ledger, size_t slot, size_t variable, uint32_t length) {
+    const tl_horizon *horizon = ledger->horizon;
+    const tl_ledger_entry *entry = &ledger->entries[slot];
+    const double *sequence = &ledger->sequences[slot * horizon->prediction * horizon->variables];
+    int64_t end = last_compared(ledger, entry, length);
+    for (int64_t step = entry->first; step < end; step++) {
+        double was = sequence[(size_t)(step - entry->first) * horizon->variables + variable];
+        double is = present_value(ledger, step, variable);
+        if (memcmp(&was, &is, sizeof is) != 0) {
+            return step;
+        }
+    }
+    return FOREVER;
+}
+
+static int64_t lesser(int64_t a, int64_t b) {
+    return a < b ? a : b;
+}
+
+/* The first absolute step that begins with another value of a plant signal than it began with then: a sample that was
+ * not there yet was stood for by the newest. */
+static int64_t signal_differs(const tl_ledger *ledger, const tl_ledger_entry *entry, size_t signal, uint32_t length) {
+    int64_t end = last_compared(ledger, entry, length);
+    for (int64_t step = lesser(entry->newest, end); step < end; step++) {
+        int64_t present = step < ledger->step ? step : lesser(step, ledger->plant->newest);
+        double was = tl_plant_sample(ledger->plant, lesser(step, entry->newest))->values[signal];
+        double is = tl_plant_sample(ledger->plant, present)->values[signal];
+        if (memcmp(&was, &is, sizeof is) != 0) {
+            return step;
+        }
+    }
+    return FOREVER;
+}
+
+/* The first absolute step at which the plant delivered a sample of another number. */
+static int64_t plant_differs(const tl_ledger *ledger, const tl_ledger_entry *entry, uint32_t length) {
+    int64_t end = last_compared(ledger, entry, length);
+    for (int64_t step = entry->first; step < end; step++) {
+        int64_t was = lesser(step + 1, entry->newest);
+        int64_t is = step < ledger->step ? step + ledger->lead : lesser(step + 1, ledger->plant->newest);
+        if (was != is) {
+            return step;
+        }
+    }
+    return FOREVER;
+}
+
+/* A difference of a source reaches node k `way` steps later. */
+static void agree_until(int64_t *until, int64_t differs, const uint32_t *ways, size_t nodes) {
+    for (size_t k = 0; k + 1 < nodes && differs != FOREVER; k++) {
+        if (ways[k] != TL_NEVER) {
+            until[k] = lesser(until[k], differs + ways[k]);
+        }
+    }
+}
+
+/* What one earlier candidate leaves for this one. */
+static void compare(tl_ledger *ledger, size_t slot, uint32_t length) {
+    const tl_horizon *horizon = ledger->horizon;
+    const tl_ledger_entry *entry = &ledger->entries[slot];
+    int64_t *until = ledger->until;
+    for (size_t k = 0; k < horizon->nodes; k++) {
+        until[k] = entry->first + (int64_t)entry->depth + (k < entry->partial ? 1 : 0);
+        if (ledger->saving.structure) {
+            until[k] = lesser(until[k], entry->first + (int64_t)horizon->reach[k]);
+        }
+    }
+    for (size_t v = 0; v < horizon->variables; v++) {
+        agree_until(until, variable_differs(ledger, slot, v, length), &horizon->from_adjust[v * horizon->nodes],
+                    horizon->nodes);
+    }
+    for (size_t s = 0; s < ledger->signal_count; s++) {
+        agree_until(until, signal_differs(ledger, entry, s, length), &horizon->from_signal[s * horizon->nodes],
+                    horizon->nodes);
+    }
+    size_t plant = horizon->nodes - 1;
+    until[plant] = lesser(until[plant], plant_differs(ledger, entry, length));
+    for (size_t k = 0; k < horizon->nodes; k++) {
+        if (until[k] - ledger->step > (int64_t)ledger->known[k]) {
+            ledger->known[k] = (uint32_t)(until[k] - ledger->step);
+        }
+    }
+}
+
+static void compare_all(tl_ledger *ledger, uint32_t length) {
+    memset(ledger->known, 0, ledger->horizon->nodes * sizeof *ledger->known);
+    for (size_t i = 0; i < ledger->count; i++) {
+        compare(ledger, slot_of(ledger, i), length);
+    }
+}
+
+void tl_ledger_expect(tl_ledger *ledger, const double *u) {
+    const tl_horizon *horizon = ledger->horizon;
+    if (!ledger->saving.sequences) {
+        return;
+    }
+    double *value = ledger->current;
+    for (uint32_t depth = 0; depth < horizon->prediction; depth++) {
+        for (size_t v = 0; v < horizon->variables; v++) {
+            *value++ = tl_horizon_value(horizon, u, v, depth);
+        }
+    }
+    compare_all(ledger, horizon->prediction);
+}
+
+static uint32_t reach_of(const tl_ledger *ledger, size_t node) {
+    return ledger->saving.structure ? ledger->horizon->reach[node] : ledger->horizon->prediction;
+}
+
+tl_time tl_ledger_cost(const tl_ledger *ledger, const tl_time *cost, uint32_t depth) {
+    tl_time sum = 0;
+    for (size_t k = 0; k + 1 < ledger->horizon->nodes; k++) {
+        uint32_t from = ledger->known[k] > depth ? ledger->known[k] : depth;
+        uint32_t reach = reach_of(ledger, k);
+        sum += reach > from ? (tl_time)(reach - from) * cost[k] : 0;
+    }
+    return sum;
+}
+
+static void save(tl_ledger *ledger, size_t node, uint64_t executions) {
+    ledger->saved[node] += executions;
+    ledger->saved_in_all += executions;
+}
+
+/* Executions of a node that the candidate needs in its first `depth` steps. */
+static uint32_t need(const tl_ledger *ledger, size_t node, uint32_t depth) {
+    uint32_t reach = reach_of(ledger, node);
+    uint32_t until = reach < depth ? reach : depth;
+    return until > ledger->known[node] ? until - ledger->known[node] : 0;
+}
+
+static void remember(tl_ledger *ledger, uint32_t depth, size_t partial) {
+    const tl_horizon *horizon = ledger->horizon;
+    if (ledger->count == ledger->capacity) {
+        ledger->incomplete = true;
+        ledger->oldest = (ledger->oldest + 1) % ledger->capacity;
+        ledger->count--;
+    }
+    size_t slot = slot_of(ledger, ledger->count++);
+    size_t sequence = (size_t)horizon->prediction * horizon->variables;
+    ledger->entries[slot] = (tl_ledger_entry){ledger->step, ledger->plant->newest, depth, partial};
+    memcpy(&ledger->sequences[slot * sequence], ledger->current, sequence * sizeof *ledger->current);
+}
+
+void tl_ledger_walked(tl_ledger *ledger, uint32_t depth, size_t failed) {
+    const tl_plan_saving *saving = &ledger->saving;
+    bool whole = failed == SIZE_MAX;
+    uint32_t begun = whole ? depth : depth + 1;
+    ledger->plain += begun;
+    if (whole && !saving->structure && !saving->sequences) {
+        return;
+    }
+    for (size_t k = 0; k < ledger->horizon->nodes; k++) {
+        save(ledger, k, begun - need(ledger, k, whole || k <= failed ? begun : depth));
+    }
+    if (saving->sequences) {
+        remember(ledger, depth, whole ? 0 : failed);
+    }
+}
+
+/* Candidates that ended by now say nothing any more. */
+static void forget(tl_ledger *ledger) {
+    while (ledger->count != 0 &&
+           ledger->entries[ledger->oldest].first + (int64_t)ledger->horizon->prediction <= ledger->step) {
+        ledger->oldest = (ledger->oldest + 1) % ledger->capacity;
+        ledger->count--;
+    }
+}
+
+void tl_ledger_commit(tl_ledger *ledger, const double *values) {
+    const tl_horizon *horizon = ledger->horizon;
+    ledger->plain++;
+    if (ledger->saving.sequences && horizon->variables != 0) {
+        size_t size = horizon->variables * sizeof *values;
+        memcpy(ledger->current, values, size);
+        compare_all(ledger, 1);
+        memcpy(&ledger->committed[(size_t)(ledger->step % horizon->prediction) * horizon->variables], values, size);
+    }
+    for (size_t k = 0; k < horizon->nodes && ledger->saving.sequences; k++) {
+        if (ledger->known[k] != 0) {
+            save(ledger, k, 1);
+        }
+    }
+    ledger->step++;
+    forget(ledger);
+}
+
+uint64_t tl_ledger_predicted(const tl_ledger *ledger, size_t node) {
+    return ledger->plain - ledger->saved[node];
+}
+
+uint64_t tl_ledger_total(const tl_ledger *ledger) {
+    return ledger->plain * ledger->horizon->nodes - ledger->saved_in_all;
+}

@@ -1,0 +1,77 @@
+/* The ledger: how many executions the graph predicts, against which those that were done can be held.
+ *
+ * Purpose: eq. 4.5 to 4.13 as accounting. It knows paths, the u of every candidate and the numbers of the plant's samples, but
+ *          neither caches nor outputs: what it says of component k is that an execution at horizon step j is needed where
+ *          j < Γ_k and no earlier candidate agrees in everything that can have reached k by then. Executions done are
+ *          the same number, for any FMU whose outputs tell different inputs apart; see DESIGN.md, "Fewest executions".
+ * Limits:  a catching-up of TL_KEEP_OUTPUTS and what a full cache repeats are counted by the cache, not predicted here.
+ *          Candidates are remembered in a fixed pool; where it is too small, `incomplete` says that the prediction is
+ *          too high.
+ * Cost:    per candidate, linear in the candidates that are remembered.
+ * Thread:  the twin's. Memory: the arena, at start-up.
+ */
+#ifndef TL_MASTER_SYNC_LEDGER_H
+#define TL_MASTER_SYNC_LEDGER_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "master/base/arena.h"
+#include "master/base/simtime.h"
+#include "master/graph/plant.h"
+#include "master/plan.h"
+#include "master/sync/horizon.h"
+
+/* One candidate that was walked. */
+typedef struct tl_ledger_entry {
+    int64_t first;  /* macro step it began with */
+    int64_t newest; /* sample that was the plant's newest then */
+    uint32_t depth; /* macro steps it completed */
+    size_t partial; /* components before this one took one more */
+} tl_ledger_entry;
+
+typedef struct tl_ledger {
+    const tl_horizon *horizon;
+    const tl_plant *plant;
+    size_t signal_count;
+    tl_plan_saving saving;
+    int64_t lead; /* the sample delivered by committed step i is i + this: 1, or 0 in mode ahead */
+    int64_t step; /* i */
+    size_t capacity;
+    size_t oldest; /* ring of entries */
+    size_t count;
+    tl_ledger_entry *entries;
+    double *sequences;     /* by entry, then depth, then variable */
+    double *committed;     /* by step in a ring of T_P, then variable */
+    double *current;       /* the candidate at hand: by depth, then variable */
+    uint32_t *known;       /* of it: steps of each node that need no execution */
+    int64_t *until;        /* scratch: up to which step each node agrees with one earlier candidate */
+    uint64_t *saved;       /* executions of each node that are not needed; the plant last */
+    uint64_t saved_in_all; /* their sum */
+    uint64_t plain;        /* executions of each node, if nothing were saved */
+    bool incomplete;
+} tl_ledger;
+
+/* `evaluations`: the most there are in a step. False when memory is out. */
+bool tl_ledger_init(tl_ledger *ledger, tl_arena *arena, const tl_horizon *horizon, const tl_plant *plant,
+                    const tl_plan *plan, uint32_t evaluations);
+
+/* A candidate is about to be walked from the committed instant: finds what is known of it. `u` are the unknowns. */
+void tl_ledger_expect(tl_ledger *ledger, const double *u);
+
+/* Expected cost of the candidate from `depth` on, ns, from that of one execution of each component. */
+tl_time tl_ledger_cost(const tl_ledger *ledger, const tl_time *cost, uint32_t depth);
+
+/* The candidate has been walked for `depth` whole steps, and where one failed in the next step, up to that component;
+ * SIZE_MAX: none did. */
+void tl_ledger_walked(tl_ledger *ledger, uint32_t depth, size_t failed);
+
+/* Step i is committed with these values of the adjusted variables. */
+void tl_ledger_commit(tl_ledger *ledger, const double *values);
+
+/* Executions of a node that the graph predicts so far, and of all. */
+uint64_t tl_ledger_predicted(const tl_ledger *ledger, size_t node);
+uint64_t tl_ledger_total(const tl_ledger *ledger);
+
+#endif

@@ -1,0 +1,374 @@
+/* Our own solver: damped least squares on the residual vector, with a secant slope that is remembered between steps.
+ *
+ * Method:  the slope G = ∂residuals/∂u is measured once, one question per unknown, and then kept true by Broyden's rank-one
+ *          update from every question that is asked anyway. A move Δ minimises |r + GΔ|² + damping·|Δ/step|² within the
+ *          bounds. For one unknown and one residual that is the secant method. Where G leads nowhere it is measured anew.
+ * Guess:   the same move from the forecast: where the outputs would go if u stayed, and what the slope can do about it.
+ * Rows:    a residual of exactly 0 is one that was not measured: it tells nothing, and takes no part.
+ * Source:  Broyden 1965 (update), Levenberg 1944 (damping).
+ */
+#include <math.h>
+#include <string.h>
+
+#include "master/sync/optimiser.h"
+
+/* Of one move, in steps: a slope is a local thing, and models fed with wild values answer with infinities. */
+static const double LONGEST_MOVE = 25.0;
+
+/* In steps: no move worth a question. */
+static const double SHORTEST_MOVE = 1e-6;
+
+/* Relative to the mean diagonal of GᵀG: what keeps it solvable, and where damping begins after a failure. */
+static const double LEAST_DAMPING = 1e-12;
+static const double FIRST_DAMPING = 1e-3;
+
+/* A J that is better by less than this part, so often in a row, is no progress. */
+static const double PROGRESS = 1e-3;
+enum { MOST_IDLE = 3, MOST_FAILURES = 8, FAILURES_TO_MEASURE = 2 };
+
+struct tl_optimiser {
+    const tl_optimiser_space *space;
+    size_t unknowns;
+    size_t residuals;
+    bool has_slope;
+    double damping;
+    double *slope;  /* [residual · unknowns + unknown], per step of the unknown */
+    double *normal; /* GᵀG, then its Cholesky factor */
+    double *move;   /* in steps */
+    bool *fixed;    /* at a bound */
+    double *point;
+    double *r; /* at point */
+    double *trial;
+    double *expected; /* residuals after the moves that are fixed */
+    double value;     /* J at point */
+    const tl_search *search;
+};
+
+static tl_optimiser *create(tl_arena *arena, const tl_optimiser_space *space) {
+    tl_optimiser *self = tl_arena_take(arena, 1, sizeof *self);
+    if (self == NULL) {
+        return NULL;
+    }
+    self->space = space;
+    self->unknowns = space->count;
+    self->residuals = space->residual_count;
+    self->slope = tl_arena_take(arena, self->residuals * self->unknowns, sizeof *self->slope);
+    self->normal = tl_arena_take(arena, self->unknowns * self->unknowns, sizeof *self->normal);
+    self->move = tl_arena_take(arena, self->unknowns, sizeof *self->move);
+    self->fixed = tl_arena_take(arena, self->unknowns, sizeof *self->fixed);
+    self->point = tl_arena_take(arena, self->unknowns, sizeof *self->point);
+    self->trial = tl_arena_take(arena, self->unknowns, sizeof *self->trial);
+    self->r = tl_arena_take(arena, self->residuals, sizeof *self->r);
+    self->expected = tl_arena_take(arena, self->residuals, sizeof *self->expected);
+    bool taken = self->slope != NULL && self->normal != NULL && self->move != NULL && self->fixed != NULL &&
+                 self->point != NULL && self->trial != NULL && self->r != NULL && self->expected != NULL;
+    return taken ? self : NULL;
+}
+
+static void destroy(tl_optimiser *self) {
+    (void)self;
+}
+
+/* ---- the move ---- */
+
+/* GᵀG over the measured rows and the free unknowns into `normal`, −Gᵀr into `move`; the mean of its diagonal. */
+static double form_normal(tl_optimiser *self, const double *r) {
+    size_t n = self->unknowns;
+    memset(self->normal, 0, n * n * sizeof *self->normal);
+    memset(self->move, 0, n * sizeof *self->move);
+    for (size_t i = 0; i < self->residuals; i++) {
+        const double *row = &self->slope[i * n];
+        for (size_t k = 0; k < n && fabs(self->r[i]) > 0.0; k++) {
+            self->move[k] -= row[k] * r[i];
+            for (size_t l = 0; l <= k; l++) {
+                self->normal[k * n + l] += row[k] * row[l];
+            }
+        }
+    }
+    double trace = 0.0;
+    for (size_t k = 0; k < n; k++) {
+        trace += self->normal[k * n + k];
+    }
+    return trace / (double)n;
+}
+
+/* Takes an unknown that is at a bound out of the system. */
+static void take_out_fixed(tl_optimiser *self) {
+    size_t n = self->unknowns;
+    for (size_t k = 0; k < n; k++) {
+        for (size_t l = 0; l <= k; l++) {
+            if (self->fixed[k] || self->fixed[l]) {
+                self->normal[k * n + l] = k == l ? 1.0 : 0.0;
+            }
+        }
+        self->move[k] = self->fixed[k] ? 0.0 : self->move[k];
+    }
+}
+
+/* Cholesky; false where the matrix is not positive definite. */
+static bool factor(double *a, size_t n) {
+    for (size_t k = 0; k < n; k++) {
+        for (size_t l = 0; l <= k; l++) {
+            double sum = a[k * n + l];
+            for (size_t i = 0; i < l; i++) {
+                sum -= a[k * n + i] * a[l * n + i];
+            }
+            if (k != l) {
+                a[k * n + l] = sum / a[l * n + l];
+            } else if (sum > 0.0 && isfinite(sum)) {
+                a[k * n + k] = sqrt(sum);
+            } else {
+                return false;
+            }
+        }
+    }
+    return true;
+}
+
+static void substitute(const double *a, size_t n, double *x) {
+    for (size_t k = 0; k < n; k++) {
+        for (size_t l = 0; l < k; l++) {
+            x[k] -= a[k * n + l] * x[l];
+        }
+        x[k] /= a[k * n + k];
+    }
+    for (size_t k = n; k-- > 0;) {
+        for (size_t l = k + 1; l < n; l++) {
+            x[k] -= a[l * n + k] * x[l];
+        }
+        x[k] /= a[k * n + k];
+    }
+}
+
+/* The same for one unknown, the usual case: a quotient. */
+static bool solve_one(tl_optimiser *self, const double *r) {
+    double square = 0.0;
+    double slope = 0.0;
+    for (size_t i = 0; i < self->residuals; i++) {
+        if (fabs(self->r[i]) > 0.0) {
+            square += self->slope[i] * self->slope[i];
+            slope -= self->slope[i] * r[i];
+        }
+    }
+    if (!(square > 0.0) || !isfinite(square)) {
+        return false;
+    }
+    self->move[0] = self->fixed[0] ? 0.0 : slope / (square * (1.0 + self->damping + LEAST_DAMPING));
+    return true;
+}
+
+/* The damped move of the free unknowns from residuals r; false where there is none. */
+static bool solve(tl_optimiser *self, const double *r) {
+    size_t n = self->unknowns;
+    if (n == 1) {
+        return solve_one(self, r);
+    }
+    double mean = form_normal(self, r);
+    if (!(mean > 0.0) || !isfinite(mean)) {
+        return false;
+    }
+    for (size_t k = 0; k < n; k++) {
+        self->normal[k * n + k] += mean * (self->damping + LEAST_DAMPING);
+    }
+    take_out_fixed(self);
+    if (!factor(self->normal, n)) {
+        return false;
+    }
+    substitute(self->normal, n, self->move);
+    return true;
+}
+
+/* Where the move leads from `from`, into `trial`. An unknown that would leave its bounds is fixed there, and what it
+ * then does is added to the expected residuals; true where that happened. */
+static bool fix_at_bounds(tl_optimiser *self, const double *from) {
+    const tl_optimiser_space *space = self->space;
+    bool any = false;
+    for (size_t k = 0; k < self->unknowns; k++) {
+        if (self->fixed[k]) {
+            continue;
+        }
+        double move = fmin(fmax(self->move[k], -LONGEST_MOVE), LONGEST_MOVE);
+        double wanted = from[k] + move * space->step[k];
+        self->trial[k] = fmin(fmax(wanted, space->lower[k]), space->upper[k]);
+        if (wanted < space->lower[k] || wanted > space->upper[k]) {
+            self->fixed[k] = true;
+            any = true;
+            double made = (self->trial[k] - from[k]) / space->step[k];
+            for (size_t i = 0; i < self->residuals; i++) {
+                self->expected[i] += self->slope[i * self->unknowns + k] * made;
+            }
+        }
+    }
+    return any;
+}
+
+/* The best point within the bounds as the slope sees it from `from` with residuals r (rows as measured in self->r). `free`:
+ * the unknowns that may move; NULL: all. */
+static bool propose(tl_optimiser *self, const double *from, const double *r, const bool *free) {
+    for (size_t k = 0; k < self->unknowns; k++) {
+        self->fixed[k] = free != NULL && !free[k];
+    }
+    memmove(self->expected, r, self->residuals * sizeof *r);
+    memmove(self->trial, from, self->unknowns * sizeof *from);
+    bool again = true;
+    for (size_t pass = 0; again && pass <= self->unknowns; pass++) {
+        if (!solve(self, self->expected)) {
+            return false;
+        }
+        again = fix_at_bounds(self, from);
+    }
+    return true;
+}
+
+/* ---- the slope ---- */
+
+/* Broyden: the smallest change of G that explains what was seen when going from point to `u`. */
+static void learn(tl_optimiser *self, const double *u, const double *r) {
+    size_t n = self->unknowns;
+    double length = 0.0;
+    for (size_t k = 0; k < n; k++) {
+        self->move[k] = (u[k] - self->point[k]) / self->space->step[k];
+        length += self->move[k] * self->move[k];
+    }
+    for (size_t i = 0; i < self->residuals && length > 0.0; i++) {
+        double error = r[i] - self->r[i];
+        if (!(fabs(r[i]) > 0.0) && !(fabs(self->r[i]) > 0.0)) {
+            continue;
+        }
+        for (size_t k = 0; k < n; k++) {
+            error -= self->slope[i * n + k] * self->move[k];
+        }
+        for (size_t k = 0; k < n; k++) {
+            self->slope[i * n + k] += error / length * self->move[k];
+        }
+    }
+}
+
+static void go_to(tl_optimiser *self, const double *u, const double *r, double value) {
+    memmove(self->point, u, self->unknowns * sizeof *u);
+    memmove(self->r, r, self->residuals * sizeof *r);
+    self->value = value;
+}
+
+/* A step up, or down where there is more room. */
+static double probe_point(const tl_optimiser *self, size_t k) {
+    double at = self->point[k];
+    double up = self->space->upper[k] - at;
+    double down = at - self->space->lower[k];
+    return up >= self->space->step[k] || up >= down ? at + fmin(self->space->step[k], up)
+                                                    : at - fmin(self->space->step[k], down);
+}
+
+/* One question per unknown; the column is what it changes. Goes on from the best point seen. False: told to stop. */
+static bool measure(tl_optimiser *self) {
+    const tl_search *search = self->search;
+    size_t n = self->unknowns;
+    for (size_t k = 0; k < n; k++) {
+        double value = HUGE_VAL;
+        const double *r = NULL;
+        memcpy(self->trial, self->point, n * sizeof *self->trial);
+        self->trial[k] = probe_point(self, k);
+        bool go_on = search->evaluate(search->context, self->trial, &value, &r);
+        double made = (self->trial[k] - self->point[k]) / self->space->step[k];
+        for (size_t i = 0; i < self->residuals && isfinite(value); i++) {
+            self->slope[i * n + k] = (r[i] - self->r[i]) / made;
+        }
+        if (isfinite(value) && value < self->value) {
+            go_to(self, self->trial, r, value);
+        }
+        if (!go_on) {
+            return false;
+        }
+    }
+    self->has_slope = true;
+    return true;
+}
+
+/* ---- the search ---- */
+
+static double largest_move(const tl_optimiser *self) {
+    double largest = 0.0;
+    for (size_t k = 0; k < self->unknowns; k++) {
+        largest = fmax(largest, fabs(self->trial[k] - self->point[k]) / self->space->step[k]);
+    }
+    return largest;
+}
+
+/* How a search goes. */
+typedef struct tl_course {
+    int failures; /* in a row */
+    int idle;     /* moves with little progress in a row */
+    bool fresh;   /* the slope was measured at this point */
+} tl_course;
+
+/* Takes note of a candidate: better, or damped more. */
+static void judge(tl_optimiser *self, tl_course *course, double value, const double *r) {
+    if (isfinite(value)) {
+        learn(self, self->trial, r);
+    }
+    if (value < self->value) {
+        course->idle = value > self->value * (1.0 - PROGRESS) ? course->idle + 1 : 0;
+        course->failures = 0;
+        course->fresh = false;
+        self->damping = self->damping > FIRST_DAMPING ? self->damping / 8.0 : 0.0;
+        go_to(self, self->trial, r, value);
+    } else {
+        course->failures++;
+        self->damping = fmax(8.0 * self->damping, FIRST_DAMPING);
+    }
+}
+
+static tl_search_end minimise(tl_optimiser *self, const tl_search *search) {
+    tl_course course = {0};
+    if (!isfinite(search->start_value)) {
+        return TL_SEARCH_FAILED;
+    }
+    self->search = search;
+    self->damping = 0.0;
+    go_to(self, search->start, search->start_residuals, search->start_value);
+    while (course.failures < MOST_FAILURES && course.idle < MOST_IDLE) {
+        if (!self->has_slope || (course.failures >= FAILURES_TO_MEASURE && !course.fresh)) {
+            if (!measure(self)) {
+                return TL_SEARCH_STOPPED;
+            }
+            course.fresh = true;
+        }
+        bool found = propose(self, self->point, self->r, NULL) && largest_move(self) > SHORTEST_MOVE;
+        if (!found && course.fresh) {
+            return TL_SEARCH_DONE;
+        }
+        if (!found) {
+            course.failures = FAILURES_TO_MEASURE;
+            continue;
+        }
+        double value = HUGE_VAL;
+        const double *r = NULL;
+        bool go_on = search->evaluate(search->context, self->trial, &value, &r);
+        judge(self, &course, value, r);
+        if (!go_on) {
+            return TL_SEARCH_STOPPED;
+        }
+    }
+    return TL_SEARCH_DONE;
+}
+
+static bool guess(tl_optimiser *self, const tl_forecast *forecast, double *u) {
+    if (!self->has_slope) {
+        return false;
+    }
+    self->damping = 0.0;
+    memcpy(self->r, forecast->residuals, self->residuals * sizeof *self->r);
+    if (!propose(self, forecast->u, self->r, forecast->free)) {
+        return false;
+    }
+    memcpy(u, self->trial, self->unknowns * sizeof *u);
+    return true;
+}
+
+const tl_optimiser_class tl_secant = {
+    .name = "secant",
+    .create = create,
+    .guess = guess,
+    .minimise = minimise,
+    .destroy = destroy,
+};
