@@ -337,7 +337,7 @@ static bool save_executions(tl_twin *twin, const tl_plan *plan) {
         capacity[i] = nodes_needed(twin, plan, i);
     }
     twin->capacity = plan->saving.sequences ? capacity : NULL;
-    return tl_exchange_save_executions(&twin->exchange, &twin->arena, keep,
+    return tl_exchange_save_executions(&twin->exchange, &twin->arena, &twin->graph, keep,
                                        plan->saving.structure ? twin->lock.horizon.reach : NULL, twin->capacity,
                                        twin->lock.horizon.prediction);
 }

@@ -3,6 +3,8 @@
 
 #include <string.h>
 
+#include "master/graph/track.h"
+
 /* All components take part, whatever their reach. */
 #define TL_ALL_DEPTHS UINT32_MAX
 
@@ -198,13 +200,21 @@ double tl_exchange_value(const tl_exchange *exchange, const tl_port *port) {
     return port->type == TL_REAL ? *(const double *)value : (double)*(const fmi2Integer *)value;
 }
 
+static double convert(const tl_real_copy *copy) {
+    return copy->conversion.factor * *copy->from + copy->conversion.offset;
+}
+
+double tl_exchange_convert(const tl_real_copy *copy) {
+    return tl_conversion_is_identity(&copy->conversion) ? *copy->from : convert(copy);
+}
+
 void tl_exchange_deliver(tl_exchange *exchange) {
     for (size_t i = 0; i < exchange->copy_count; i++) {
         *exchange->copies[i].to = *exchange->copies[i].from;
     }
     for (size_t i = 0; i < exchange->conversion_count; i++) {
         const tl_real_copy *copy = &exchange->conversions[i];
-        *copy->to = copy->conversion.factor * *copy->from + copy->conversion.offset;
+        *copy->to = convert(copy);
     }
     for (size_t i = 0; i < exchange->integer_copy_count; i++) {
         *exchange->integer_copies[i].to = *exchange->integer_copies[i].from;
@@ -273,8 +283,8 @@ tl_status tl_exchange_initialize(tl_exchange *exchange, tl_error *error) {
     return status;
 }
 
-bool tl_exchange_save_executions(tl_exchange *exchange, tl_arena *arena, const tl_keep *keep, uint32_t *reach,
-                                 const uint32_t *capacity, uint32_t prediction) {
+bool tl_exchange_save_executions(tl_exchange *exchange, tl_arena *arena, const tl_graph *graph, const tl_keep *keep,
+                                 uint32_t *reach, const uint32_t *capacity, uint32_t prediction) {
     exchange->reach = reach;
     exchange->whole = reach == NULL && capacity == NULL;
     if (capacity == NULL) {
@@ -286,7 +296,8 @@ bool tl_exchange_save_executions(tl_exchange *exchange, tl_arena *arena, const t
         placed = tl_cached_component_init(&exchange->cached[i], arena, &exchange->components[i], keep[i],
                                           exchange->step, prediction, capacity[i]);
     }
-    return placed;
+    exchange->track = placed ? tl_track_create(arena, exchange, graph, prediction) : NULL;
+    return exchange->track != NULL;
 }
 
 tl_status tl_exchange_start(tl_exchange *exchange, tl_error *error) {
@@ -362,6 +373,10 @@ static tl_status advance_watched(tl_exchange *exchange, size_t index, int64_t st
     return status;
 }
 
+tl_status tl_exchange_advance(tl_exchange *exchange, size_t component, int64_t step, tl_error *error) {
+    return advance_watched(exchange, component, step, false, error);
+}
+
 static tl_status walk_components(tl_exchange *exchange, int64_t step, uint32_t depth, bool final, tl_error *error) {
     for (size_t i = 0; i < exchange->component_count; i++) {
         if (takes_part(exchange, i, depth)) {
@@ -401,6 +416,8 @@ tl_status tl_exchange_begin(tl_exchange *exchange, tl_error *error) {
         return tl_exchange_save(exchange, error);
     }
     memcpy(exchange->saved_values, exchange->values, exchange->values_size);
+    tl_track_forget(exchange->track);
+    tl_track_begin(exchange->track);
     return TL_OK;
 }
 
@@ -412,11 +429,13 @@ tl_status tl_exchange_rewind(tl_exchange *exchange, tl_error *error) {
     for (size_t i = 0; i < exchange->component_count; i++) {
         tl_cached_component_rewind(&exchange->cached[i]);
     }
+    tl_track_begin(exchange->track);
     return TL_OK;
 }
 
 tl_status tl_exchange_try(tl_exchange *exchange, int64_t step, uint32_t depth, tl_error *error) {
-    return step_components(exchange, step, depth, false, error);
+    return exchange->track != NULL ? tl_track_step(exchange->track, step, depth, error)
+                                   : step_components(exchange, step, depth, false, error);
 }
 
 tl_status tl_exchange_commit(tl_exchange *exchange, int64_t step, tl_error *error) {

@@ -373,6 +373,7 @@ const tl_port *tl_graph_adjust(tl_graph *graph, const tl_plan_adjust *adjust, tl
         return NULL;
     }
     const tl_port *port = use_variable(graph, node, variable, true);
+    graph->ports[port - graph->ports].adjusted = true;
     for (size_t i = 0; i < graph->connection_count; i++) {
         if (graph->connections[i].to == port) {
             graph->connections[i].cut = true;

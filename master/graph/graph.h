@@ -26,6 +26,7 @@ typedef struct tl_port {
     size_t node;
     const tl_variable *variable; /* NULL for a signal of the plant */
     size_t signal;               /* of the plant */
+    bool adjusted;               /* set by candidates */
     bool input;                  /* set before each step (inputs, adjusted parameters); else read after it */
     tl_type type;                /* TL_REAL, TL_INTEGER (enumerations too) or TL_BOOLEAN */
     size_t index;                /* among the component's ports of this direction and type */

@@ -125,7 +125,7 @@ static tl_status walk(tl_attempt *attempt, const double *u, double *sum) {
     tl_status status = TL_OK;
     uint32_t depth = 0;
     while (depth < horizon->prediction && !runs_late(attempt, depth)) {
-        if (depth < horizon->longest) {
+        if (depth < horizon->longest || exchange->track != NULL) {
             tl_attempt_set_inputs(lock, u, depth);
         }
         status = tl_exchange_try(exchange, attempt->step + depth, depth, attempt->error);

@@ -24,7 +24,8 @@ bool tl_ledger_init(tl_ledger *ledger, tl_arena *arena, const tl_horizon *horizo
     ledger->known = tl_arena_take(arena, horizon->nodes, sizeof *ledger->known);
     ledger->saved = tl_arena_take(arena, horizon->nodes, sizeof *ledger->saved);
     ledger->until = tl_arena_take(arena, horizon->nodes, sizeof *ledger->until);
-    if (ledger->known == NULL || ledger->until == NULL || ledger->saved == NULL) {
+    ledger->settled = tl_arena_take(arena, horizon->nodes, sizeof *ledger->settled);
+    if (ledger->known == NULL || ledger->until == NULL || ledger->settled == NULL || ledger->saved == NULL) {
         return false;
     }
     if (horizon->variables == 0 || !plan->saving.sequences) {
@@ -114,8 +115,15 @@ static void agree_until(int64_t *until, int64_t differs, const uint32_t *ways, s
     }
 }
 
-/* What one earlier candidate leaves for this one. */
-static void compare(tl_ledger *ledger, size_t slot, uint32_t length) {
+/* The steps at which the variables differ. */
+static void find_differences(const tl_ledger *ledger, size_t slot, uint32_t length) {
+    for (size_t v = 0; v < ledger->horizon->variables; v++) {
+        ledger->entries[slot].differs[v] = variable_differs(ledger, slot, v, length);
+    }
+}
+
+/* Up to which absolute step each node agrees with an earlier candidate, whose differences are known. */
+static void find_until(tl_ledger *ledger, size_t slot, uint32_t length) {
     const tl_horizon *horizon = ledger->horizon;
     const tl_ledger_entry *entry = &ledger->entries[slot];
     int64_t *until = ledger->until;
@@ -126,8 +134,7 @@ static void compare(tl_ledger *ledger, size_t slot, uint32_t length) {
         }
     }
     for (size_t v = 0; v < horizon->variables; v++) {
-        agree_until(until, variable_differs(ledger, slot, v, length), &horizon->from_adjust[v * horizon->nodes],
-                    horizon->nodes);
+        agree_until(until, entry->differs[v], &horizon->from_adjust[v * horizon->nodes], horizon->nodes);
     }
     for (size_t s = 0; s < ledger->signal_count; s++) {
         agree_until(until, signal_differs(ledger, entry, s, length), &horizon->from_signal[s * horizon->nodes],
@@ -135,17 +142,34 @@ static void compare(tl_ledger *ledger, size_t slot, uint32_t length) {
     }
     size_t plant = horizon->nodes - 1;
     until[plant] = lesser(until[plant], plant_differs(ledger, entry, length));
-    for (size_t k = 0; k < horizon->nodes; k++) {
-        if (until[k] - ledger->step > (int64_t)ledger->known[k]) {
-            ledger->known[k] = (uint32_t)(until[k] - ledger->step);
-        }
-    }
 }
 
+/* Two candidates that leave the same. */
+static bool are_alike(const tl_ledger *ledger, const tl_ledger_entry *a, const tl_ledger_entry *b) {
+    return a->first == b->first && a->newest == b->newest && a->depth == b->depth && a->partial == b->partial &&
+           memcmp(a->differs, b->differs, ledger->horizon->variables * sizeof *a->differs) == 0;
+}
+
+/* What the candidate at hand, up to `length`, need not execute. */
 static void compare_all(tl_ledger *ledger, uint32_t length) {
-    memset(ledger->known, 0, ledger->horizon->nodes * sizeof *ledger->known);
+    const tl_ledger_entry *before = NULL;
+    for (size_t k = 0; k < ledger->horizon->nodes; k++) {
+        int64_t left = ledger->settled[k] - ledger->step;
+        ledger->known[k] = left > 0 ? (uint32_t)left : 0;
+    }
     for (size_t i = 0; i < ledger->count; i++) {
-        compare(ledger, slot_of(ledger, i), length);
+        size_t slot = slot_of(ledger, i);
+        find_differences(ledger, slot, length);
+        if (before != NULL && are_alike(ledger, before, &ledger->entries[slot])) {
+            continue;
+        }
+        before = &ledger->entries[slot];
+        find_until(ledger, slot, length);
+        for (size_t k = 0; k < ledger->horizon->nodes; k++) {
+            if (ledger->until[k] - ledger->step > (int64_t)ledger->known[k]) {
+                ledger->known[k] = (uint32_t)(ledger->until[k] - ledger->step);
+            }
+        }
     }
 }
 
@@ -198,7 +222,8 @@ static void remember(tl_ledger *ledger, uint32_t depth, size_t partial) {
     }
     size_t slot = slot_of(ledger, ledger->count++);
     size_t sequence = (size_t)horizon->prediction * horizon->variables;
-    ledger->entries[slot] = (tl_ledger_entry){ledger->step, ledger->plant->newest, depth, partial};
+    ledger->entries[slot] =
+        (tl_ledger_entry){.first = ledger->step, .newest = ledger->plant->newest, .depth = depth, .partial = partial};
     memcpy(&ledger->sequences[slot * sequence], ledger->current, sequence * sizeof *ledger->current);
 }
 
@@ -218,13 +243,49 @@ void tl_ledger_walked(tl_ledger *ledger, uint32_t depth, size_t failed) {
     }
 }
 
-/* Candidates that ended by now say nothing any more. */
-static void forget(tl_ledger *ledger) {
-    while (ledger->count != 0 &&
-           ledger->entries[ledger->oldest].first + (int64_t)ledger->horizon->prediction <= ledger->step) {
-        ledger->oldest = (ledger->oldest + 1) % ledger->capacity;
-        ledger->count--;
+/* A candidate from which what was committed has parted in every variable, and that knew all its samples: what it leaves
+ * does not depend on candidates to come. */
+static bool is_settled(const tl_ledger *ledger, const tl_ledger_entry *entry) {
+    bool settled = entry->newest >= entry->first + (int64_t)ledger->horizon->prediction;
+    for (size_t v = 0; v < ledger->horizon->variables && settled; v++) {
+        settled = entry->differs[v] < ledger->step;
     }
+    return settled;
+}
+
+static void settle(tl_ledger *ledger, size_t slot) {
+    find_until(ledger, slot, 0);
+    for (size_t k = 0; k < ledger->horizon->nodes; k++) {
+        if (ledger->until[k] > ledger->settled[k]) {
+            ledger->settled[k] = ledger->until[k];
+        }
+    }
+}
+
+/* After a commit: candidates that have ended say nothing any more, those that are settled all they ever will. */
+static void tidy(tl_ledger *ledger) {
+    const tl_horizon *horizon = ledger->horizon;
+    size_t sequence = (size_t)horizon->prediction * horizon->variables;
+    size_t kept = 0;
+    for (size_t i = 0; i < ledger->count; i++) {
+        size_t from = slot_of(ledger, i);
+        size_t to = slot_of(ledger, kept);
+        if (ledger->entries[from].first + (int64_t)horizon->prediction <= ledger->step) {
+            continue;
+        }
+        find_differences(ledger, from, 0);
+        if (is_settled(ledger, &ledger->entries[from])) {
+            settle(ledger, from);
+            continue;
+        }
+        if (from != to) {
+            ledger->entries[to] = ledger->entries[from];
+            memcpy(&ledger->sequences[to * sequence], &ledger->sequences[from * sequence],
+                   sequence * sizeof *ledger->sequences);
+        }
+        kept++;
+    }
+    ledger->count = kept;
 }
 
 void tl_ledger_commit(tl_ledger *ledger, const double *values) {
@@ -242,7 +303,7 @@ void tl_ledger_commit(tl_ledger *ledger, const double *values) {
         }
     }
     ledger->step++;
-    forget(ledger);
+    tidy(ledger);
 }
 
 uint64_t tl_ledger_predicted(const tl_ledger *ledger, size_t node) {

@@ -7,7 +7,7 @@
  * Limits:  a catching-up of TL_KEEP_OUTPUTS and what a full cache repeats are counted by the cache, not predicted here.
  *          Candidates are remembered in a fixed pool; where it is too small, `incomplete` says that the prediction is
  *          too high.
- * Cost:    per candidate, linear in the candidates that are remembered.
+ * Cost:    per candidate, linear in the candidates of the step, and in the nodes.
  * Thread:  the twin's. Memory: the arena, at start-up.
  */
 #ifndef TL_MASTER_SYNC_LEDGER_H
@@ -25,10 +25,11 @@
 
 /* One candidate that was walked. */
 typedef struct tl_ledger_entry {
-    int64_t first;  /* macro step it began with */
-    int64_t newest; /* sample that was the plant's newest then */
-    uint32_t depth; /* macro steps it completed */
-    size_t partial; /* components before this one took one more */
+    int64_t first;                  /* macro step it began with */
+    int64_t newest;                 /* sample that was the plant's newest then */
+    uint32_t depth;                 /* macro steps it completed */
+    size_t partial;                 /* components before this one took one more */
+    int64_t differs[TL_MAX_ADJUST]; /* scratch: first step at which each variable differs from the candidate at hand */
 } tl_ledger_entry;
 
 typedef struct tl_ledger {
@@ -42,12 +43,13 @@ typedef struct tl_ledger {
     size_t oldest; /* ring of entries */
     size_t count;
     tl_ledger_entry *entries;
-    double *sequences;     /* by entry, then depth, then variable */
-    double *committed;     /* by step in a ring of T_P, then variable */
-    double *current;       /* the candidate at hand: by depth, then variable */
-    uint32_t *known;       /* of it: steps of each node that need no execution */
-    int64_t *until;        /* scratch: up to which step each node agrees with one earlier candidate */
-    uint64_t *saved;       /* executions of each node that are not needed; the plant last */
+    double *sequences; /* by entry, then depth, then variable */
+    double *committed; /* by step in a ring of T_P, then variable */
+    double *current;   /* the candidate at hand: by depth, then variable */
+    uint32_t *known;   /* of it: steps of each node that need no execution */
+    int64_t *settled;  /* up to which step each node agrees with candidates that what was committed since has left */
+    int64_t *until;    /* scratch: up to which step each node agrees with one earlier candidate */
+    uint64_t *saved;   /* executions of each node that are not needed; the plant last */
     uint64_t saved_in_all; /* their sum */
     uint64_t plain;        /* executions of each node, if nothing were saved */
     bool incomplete;

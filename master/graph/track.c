@@ -1,0 +1,252 @@
+/* The track of the candidate walked last: see track.h. */
+#include "master/graph/track.h"
+
+#include <string.h>
+
+/* Connections that lead away from one component. */
+typedef struct tl_fan {
+    size_t first; /* in `copies` and `readers` */
+    size_t count;
+} tl_fan;
+
+/* One connection as the exchange makes it. */
+typedef struct tl_track_copy {
+    const tl_real_copy *real;       /* NULL: it is */
+    const tl_integer_copy *integer; /* this one */
+    size_t reader;                  /* the component that reads what arrives; SIZE_MAX: nobody steps with it */
+} tl_track_copy;
+
+struct tl_track {
+    tl_exchange *exchange;
+    uint32_t depth;        /* steps that are known */
+    unsigned char *blocks; /* values before each step; [(depth) · values_size] */
+    uint32_t *places;      /* node of each component before each step; [depth · components + k] */
+    bool *awake;           /* differs from the track in this step */
+    bool *next;            /* in the next one */
+    bool *adjusted;        /* has inputs that every candidate sets */
+    bool *always;          /* is awake at every step of this candidate: adjusted, or lost in the one before */
+    bool *lost;            /* has gone beyond its cache: its places cannot be returned to */
+    tl_fan *fans;          /* of each component */
+    tl_track_copy *copies; /* by the component they come from */
+};
+
+/* ---- build ---- */
+
+static void add_copies(tl_track *track, const tl_graph *graph, size_t component, size_t *count) {
+    const tl_exchange *exchange = track->exchange;
+    size_t real = 0;
+    size_t conversion = 0;
+    size_t integer = 0;
+    track->fans[component].first = *count;
+    /* In the order in which the exchange has made its tables from the connections. */
+    for (size_t i = 0; i < graph->connection_count; i++) {
+        const tl_connection *connection = &graph->connections[i];
+        tl_track_copy copy = {.reader = connection->cut ? SIZE_MAX : connection->to->node};
+        if (connection->to->type != TL_REAL) {
+            copy.integer = &exchange->integer_copies[integer++];
+        } else if (tl_conversion_is_identity(&connection->conversion)) {
+            copy.real = &exchange->copies[real++];
+        } else {
+            copy.real = &exchange->conversions[conversion++];
+        }
+        if (connection->from->node == component) {
+            track->copies[(*count)++] = copy;
+        }
+    }
+    track->fans[component].count = *count - track->fans[component].first;
+}
+
+static void find_adjusted(tl_track *track, const tl_graph *graph) {
+    for (size_t i = 0; i < graph->port_count; i++) {
+        const tl_port *port = &graph->ports[i];
+        if (port->adjusted) {
+            track->adjusted[port->node] = true;
+        }
+    }
+}
+
+tl_track *tl_track_create(tl_arena *arena, tl_exchange *exchange, const tl_graph *graph, uint32_t prediction) {
+    size_t components = exchange->component_count;
+    size_t steps = (size_t)prediction + 1;
+    tl_track *track = tl_arena_take(arena, 1, sizeof *track);
+    if (track == NULL) {
+        return NULL;
+    }
+    track->exchange = exchange;
+    track->blocks = tl_arena_take(arena, steps, exchange->values_size);
+    track->places = tl_arena_take(arena, steps * components, sizeof *track->places);
+    track->awake = tl_arena_take(arena, components, sizeof *track->awake);
+    track->next = tl_arena_take(arena, components, sizeof *track->next);
+    track->adjusted = tl_arena_take(arena, components, sizeof *track->adjusted);
+    track->always = tl_arena_take(arena, components, sizeof *track->always);
+    track->lost = tl_arena_take(arena, components, sizeof *track->lost);
+    track->fans = tl_arena_take(arena, components, sizeof *track->fans);
+    track->copies = tl_arena_take(arena, graph->connection_count, sizeof *track->copies);
+    if (track->blocks == NULL || track->places == NULL || track->awake == NULL || track->next == NULL ||
+        track->adjusted == NULL || track->always == NULL || track->lost == NULL || track->fans == NULL ||
+        track->copies == NULL) {
+        return NULL;
+    }
+    size_t count = 0;
+    for (size_t k = 0; k < components; k++) {
+        add_copies(track, graph, k, &count);
+    }
+    find_adjusted(track, graph);
+    return track;
+}
+
+/* ---- walk ---- */
+
+static unsigned char *block_at(const tl_track *track, uint32_t depth) {
+    return track->blocks + (size_t)depth * track->exchange->values_size;
+}
+
+static uint32_t *places_at(const tl_track *track, uint32_t depth) {
+    return track->places + (size_t)depth * track->exchange->component_count;
+}
+
+/* Where in a block of the track something of the exchange's own block is. */
+static void *in_block(const tl_track *track, unsigned char *block, const void *value) {
+    return block + ((const unsigned char *)value - track->exchange->values);
+}
+
+void tl_track_forget(tl_track *track) {
+    track->depth = 0;
+}
+
+void tl_track_begin(tl_track *track) {
+    const tl_exchange *exchange = track->exchange;
+    size_t components = exchange->component_count;
+    for (size_t k = 0; k < components; k++) {
+        places_at(track, 0)[k] = exchange->cached[k].root;
+        track->always[k] = track->adjusted[k] || track->lost[k];
+        track->awake[k] = track->always[k];
+        track->lost[k] = false;
+    }
+}
+
+static bool takes_part(const tl_exchange *exchange, size_t component, uint32_t depth) {
+    return exchange->reach == NULL || depth < exchange->reach[component];
+}
+
+/* One component's step from where it stands; *place is where it stands then. */
+static tl_status step_component(tl_track *track, size_t k, int64_t step, uint32_t from, uint32_t *place,
+                                tl_error *error) {
+    tl_exchange *exchange = track->exchange;
+    tl_cached_component *cached = &exchange->cached[k];
+    if (!track->lost[k]) {
+        cached->position = from;
+    }
+    tl_status status = tl_exchange_advance(exchange, k, step, error);
+    *place = cached->position;
+    track->lost[k] = track->lost[k] || cached->position == TL_NO_NODE;
+    if (status != TL_OK) {
+        exchange->failed = k;
+    }
+    return status;
+}
+
+/* All components that take part, into a step that nothing is known of. */
+static tl_status step_anew(tl_track *track, int64_t step, uint32_t depth, tl_error *error) {
+    tl_exchange *exchange = track->exchange;
+    uint32_t *before = places_at(track, depth);
+    uint32_t *after = places_at(track, depth + 1);
+    for (size_t k = 0; k < exchange->component_count; k++) {
+        after[k] = before[k];
+        if (takes_part(exchange, k, depth)) {
+            tl_status status = step_component(track, k, step, before[k], &after[k], error);
+            if (status != TL_OK) {
+                return status;
+            }
+        }
+    }
+    if (takes_part(exchange, exchange->component_count, depth)) {
+        tl_plant_step(&exchange->plant, step);
+    }
+    tl_exchange_deliver(exchange);
+    memcpy(block_at(track, depth + 1), exchange->values, exchange->values_size);
+    track->depth = depth + 1;
+    return TL_OK;
+}
+
+/* The outputs of a component into the block; whether they differ from those there. */
+static bool put_reals(const tl_track *track, unsigned char *block, const fmi2Real *values, size_t count) {
+    void *old = in_block(track, block, values);
+    bool differ = memcmp(old, values, count * sizeof *values) != 0;
+    memcpy(old, values, count * sizeof *values);
+    return differ;
+}
+
+static bool put_integers(const tl_track *track, unsigned char *block, const fmi2Integer *values, size_t count) {
+    void *old = in_block(track, block, values);
+    bool differ = memcmp(old, values, count * sizeof *values) != 0;
+    memcpy(old, values, count * sizeof *values);
+    return differ;
+}
+
+static bool put_outputs(const tl_track *track, unsigned char *block, const tl_ports *out) {
+    bool reals = put_reals(track, block, out->reals, out->real_count);
+    bool integers = out->integer_count != 0 && put_integers(track, block, out->integers, out->integer_count);
+    bool booleans = out->boolean_count != 0 && put_integers(track, block, out->booleans, out->boolean_count);
+    return reals || integers || booleans;
+}
+
+/* What one connection carries, in the values and in the track; who reads it is awake in the next step. */
+static void pass_on(tl_track *track, unsigned char *block, const tl_track_copy *copy) {
+    if (copy->real != NULL) {
+        double value = tl_exchange_convert(copy->real);
+        memcpy(in_block(track, block, copy->real->to), &value, sizeof value);
+    } else {
+        memcpy(in_block(track, block, copy->integer->to), copy->integer->from, sizeof *copy->integer->from);
+    }
+    if (copy->reader < track->exchange->component_count) {
+        track->next[copy->reader] = true;
+    }
+}
+
+/* One component that is awake: steps, and leaves in the track what has become of it. */
+static tl_status step_awake(tl_track *track, size_t k, int64_t step, uint32_t depth, tl_error *error) {
+    unsigned char *block = block_at(track, depth + 1);
+    uint32_t place = TL_NO_NODE;
+    tl_status status = step_component(track, k, step, places_at(track, depth)[k], &place, error);
+    if (status != TL_OK) {
+        return status;
+    }
+    track->next[k] = track->next[k] || place != places_at(track, depth + 1)[k];
+    places_at(track, depth + 1)[k] = place;
+    if (put_outputs(track, block, &track->exchange->components[k].outputs)) {
+        for (size_t i = 0; i < track->fans[k].count; i++) {
+            pass_on(track, block, &track->copies[track->fans[k].first + i]);
+        }
+    }
+    return TL_OK;
+}
+
+/* Only components that differ from the track, into a step that is known. */
+static tl_status step_changed(tl_track *track, int64_t step, uint32_t depth, tl_error *error) {
+    tl_exchange *exchange = track->exchange;
+    size_t components = exchange->component_count;
+    memcpy(track->next, track->always, components * sizeof *track->next);
+    for (size_t k = 0; k < components; k++) {
+        if (track->awake[k] && takes_part(exchange, k, depth)) {
+            tl_status status = step_awake(track, k, step, depth, error);
+            if (status != TL_OK) {
+                return status;
+            }
+        }
+    }
+    memcpy(exchange->values, block_at(track, depth + 1), exchange->values_size);
+    bool *awake = track->awake;
+    track->awake = track->next;
+    track->next = awake;
+    return TL_OK;
+}
+
+tl_status tl_track_step(tl_track *track, int64_t step, uint32_t depth, tl_error *error) {
+    bool known = depth < track->depth;
+    tl_status status = known ? step_changed(track, step, depth, error) : step_anew(track, step, depth, error);
+    if (status != TL_OK) {
+        track->depth = depth;
+    }
+    return status;
+}
