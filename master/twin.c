@@ -308,7 +308,9 @@ static bool condition_matches(tl_twin *twin, const tl_plan *plan) {
 }
 
 /* Nodes that a component can need at once: the root and the horizon, what each candidate adds, and what is left of earlier
- * ones when the root moves on; with outputs only, the way back to the last state as well. */
+ * ones when the root moves on; with outputs only, the way back to the last state as well. Candidates differ in a component
+ * only from `nearest` steps on: all of them stay for as many ticks, and then one node less of each from tick to tick. The
+ * same goes for courses that began with values which stood for later ones: T_P²/4 at most. */
 static uint32_t nodes_needed(const tl_twin *twin, const tl_plan *plan, size_t node) {
     static const uint64_t most = 4096;
     const tl_horizon *horizon = &twin->lock.horizon;
@@ -316,7 +318,9 @@ static uint32_t nodes_needed(const tl_twin *twin, const tl_plan *plan, size_t no
     uint32_t reach = plan->saving.structure ? horizon->reach[node] : horizon->prediction;
     uint64_t span = tl_horizon_next_need(horizon, node, reach);
     uint64_t least = 3 * (uint64_t)horizon->prediction + 3;
-    uint64_t wanted = least + evaluations * (span * (span + 1) / 2);
+    uint64_t longest = horizon->prediction;
+    uint64_t wanted = least + longest * longest / 4;
+    wanted += span == 0 ? 0 : evaluations * (span * horizon->nearest[node] + span * (span + 1) / 2);
     uint64_t limit = plan->saving.nodes != 0 ? plan->saving.nodes : most;
     wanted = wanted < limit ? wanted : limit;
     return (uint32_t)(wanted > least ? wanted : least);
@@ -638,6 +642,7 @@ tl_twin_ledger tl_twin_get_ledger(const tl_twin *twin, size_t component) {
         .hits = plant ? exchange->plant.hits : 0,
     };
     fill_needs(twin, component, &entry);
+    entry.cost = plant ? 0 : exchange->cost[component];
     if (!plant && exchange->cached != NULL) {
         const tl_cached_component *cached = &exchange->cached[component];
         entry.nodes = cached->tree.capacity;

@@ -57,6 +57,8 @@ typedef struct tl_twin_ledger {
     uint64_t hits;       /* steps that were known */
     uint64_t caught_up;  /* executions done again to bring an FMU to a place (TL_KEEP_OUTPUTS) */
     uint64_t unstored;   /* results that found no room: what they cost again is not predicted */
+    tl_time cost;        /* ns of one execution, saving its state included: the last, or an earlier one that was longer,
+                            fading; 0 where none ran under a budget with a clock */
 } tl_twin_ledger;
 
 /* Checks the plan, reports every problem, and builds the twin: instantiates the FMUs and sets their

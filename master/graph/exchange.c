@@ -3,6 +3,7 @@
 
 #include <string.h>
 
+#include "master/base/duration.h"
 #include "master/graph/track.h"
 
 /* All components take part, whatever their reach. */
@@ -365,10 +366,9 @@ static tl_status advance_watched(tl_exchange *exchange, size_t index, int64_t st
     uint64_t made = exchange->components[index].executions - before;
     exchange->executions += made;
     if (exchange->now != NULL && made != 0) {
-        tl_time took = exchange->now(exchange->clock) - begun;
-        tl_time faded = exchange->cost[index] - exchange->cost[index] / 16;
+        tl_time took = tl_duration(begun, exchange->now(exchange->clock));
         exchange->spent += took;
-        exchange->cost[index] = took > faded ? took : faded;
+        exchange->cost[index] = tl_duration_expect(exchange->cost[index], took);
     }
     return status;
 }

@@ -4,6 +4,8 @@
 #include <math.h>
 #include <string.h>
 
+#include "master/base/duration.h"
+
 /* A move smaller than this part of its step says nothing about identifiability. */
 static const double TELLING = 0.05;
 
@@ -39,6 +41,7 @@ void tl_attempt_begin(tl_attempt *attempt, tl_lock *lock, int64_t step, const tl
     attempt->nominal_value = (double)NAN;
     attempt->fatal = TL_OK;
     attempt->error = error;
+    lock->overhead = tl_duration_fade(lock->overhead); /* also where it lets nothing be evaluated */
     read_nominal(lock, attempt->nominal);
     tl_horizon_hold(&lock->horizon, attempt->nominal, lock->memory.nominal);
 }
@@ -57,7 +60,7 @@ void tl_attempt_set_inputs(const tl_lock *lock, const double *u, uint32_t depth)
 /* ---- time ---- */
 
 static tl_time elapsed(const tl_budget *budget) {
-    return budget->now(budget->context) - budget->started;
+    return tl_duration(budget->started, budget->now(budget->context));
 }
 
 /* What must follow the present candidate: the committing step, and nominal's evaluation where it is to come. */
@@ -99,7 +102,7 @@ static void expect(tl_attempt *attempt, const double *u) {
 
 bool tl_attempt_may_evaluate(tl_attempt *attempt, const double *u) {
     if (attempt->evaluations >= attempt->limit) {
-        attempt->stop = TL_STOP_EVALUATIONS;
+        attempt->stop = attempt->budget->repeated ? TL_STOP_TIME : TL_STOP_EVALUATIONS;
         return false;
     }
     if (attempt->budget->now == NULL) {
@@ -158,12 +161,12 @@ static double simulate(tl_attempt *attempt, const double *u) {
 /* The same under the clock: learns what an evaluation costs beside its executions. */
 static double simulate_measured(tl_attempt *attempt, const double *u) {
     tl_lock *lock = attempt->lock;
-    tl_time before = elapsed(attempt->budget);
+    const tl_budget *budget = attempt->budget;
+    tl_time before = budget->now(budget->context);
     tl_time executing = lock->exchange->spent;
     double value = simulate(attempt, u);
-    tl_time beside = elapsed(attempt->budget) - before - (lock->exchange->spent - executing);
-    tl_time faded = lock->overhead - lock->overhead / 16;
-    lock->overhead = beside > faded ? beside : faded;
+    tl_time beside = tl_duration(before, budget->now(budget->context)) - (lock->exchange->spent - executing);
+    lock->overhead = tl_duration_expect(lock->overhead, beside);
     return value;
 }
 

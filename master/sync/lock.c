@@ -38,18 +38,16 @@ static bool take_memory(tl_lock *lock, tl_arena *arena) {
            take_all(arena, courses, 3, size_of_course(lock)) && take_all(arena, samples, 1, lock->objective.matched);
 }
 
-/* A guess may move the newest unknown of each variable: those before it keep what has been executed already. Of a static
- * horizon that is longer than T_D nothing may move. */
-static void find_free(tl_lock *lock, const tl_plan *plan) {
+/* A guess may move the newest unknown of each variable: those before it keep what has been executed already. */
+static void find_free(tl_lock *lock) {
     const tl_horizon *horizon = &lock->horizon;
-    bool any = horizon->prediction == horizon->distance || plan->shape == TL_DYNAMIC;
     for (size_t v = 0; v < horizon->variables; v++) {
-        lock->memory.free[horizon->offset[v] + horizon->length[v] - 1] = any;
+        lock->memory.free[horizon->offset[v] + horizon->length[v] - 1] = true;
     }
 }
 
 /* What the solvers are told of each unknown. */
-static bool describe_space(tl_lock *lock, tl_arena *arena) {
+static bool describe_space(tl_lock *lock, tl_arena *arena, const tl_plan *plan) {
     const tl_horizon *horizon = &lock->horizon;
     double *step = tl_arena_take(arena, horizon->count, sizeof *step);
     double *lower = tl_arena_take(arena, horizon->count, sizeof *lower);
@@ -71,7 +69,8 @@ static bool describe_space(tl_lock *lock, tl_arena *arena) {
                                        .lower = lower,
                                        .upper = upper,
                                        .dwell = dwell,
-                                       .residual_count = lock->objective.residual_count};
+                                       .residual_count = lock->objective.residual_count,
+                                       .held = plan->shape == TL_STATIC && tl_objective_samples(&lock->objective) > 1};
     return true;
 }
 
@@ -84,10 +83,10 @@ bool tl_lock_init(tl_lock *lock, tl_arena *arena, const tl_plan *plan) {
     if (lock->horizon.variables == 0) {
         return true;
     }
-    if (!take_memory(lock, arena) || !describe_space(lock, arena)) {
+    if (!take_memory(lock, arena) || !describe_space(lock, arena, plan)) {
         return false;
     }
-    find_free(lock, plan);
+    find_free(lock);
     lock->optimiser = lock->solver->create(arena, &lock->space);
     if (lock->fallback != NULL) {
         lock->second = lock->fallback->create(arena, &lock->space);
@@ -139,12 +138,13 @@ static bool guess_by_solver(const tl_lock *lock) {
 }
 
 /* What is evaluated first: by the solver, or nominal at T_P = T_D; else, and for Booleans, what was committed last, so
- * that horizons overlap. A budget of one evaluation is the nominal's. True where the solver made it. */
+ * that horizons overlap. A budget of one evaluation is the nominal's, but in a repetition, which guesses as was guessed
+ * then. True where the solver made it. */
 static bool first_guess(const tl_attempt *attempt) {
     const tl_lock *lock = attempt->lock;
     double *guess = lock->memory.guess;
     memcpy(guess, lock->memory.nominal, size_of_sequence(lock));
-    if (attempt->limit < 2 || !lock->has_last) {
+    if ((attempt->limit < 2 && !attempt->budget->repeated) || !lock->has_last) {
         return false;
     }
     if (guess_by_solver(lock)) {
@@ -183,13 +183,15 @@ static double retreat(tl_attempt *attempt, double value) {
     } else {
         memcpy(guess, lock->memory.nominal, size_of_sequence(lock));
     }
+    if (!to_last) {
+        attempt->limit = attempt->budget->evaluations; /* nothing more is kept for it */
+    }
     if (!tl_attempt_may_evaluate(attempt, guess)) {
         return value;
     }
     value = tl_attempt_evaluate(attempt, guess);
     if (!to_last && !attempt->late) {
         attempt->nominal_value = value;
-        attempt->limit = attempt->budget->evaluations; /* nothing more is kept for it */
     }
     return value;
 }
@@ -238,14 +240,16 @@ static void search(tl_attempt *attempt, double value) {
 static void settle_held(tl_attempt *attempt) {
     const tl_lock *lock = attempt->lock;
     double *trial = lock->memory.trial;
-    if (attempt->held == 0 || tl_attempt_is_blind(attempt) || !isfinite(attempt->best_value)) {
+    if (attempt->held == 0 || tl_attempt_is_blind(attempt) || !isfinite(attempt->best_value) || attempt->late) {
         return;
     }
     memcpy(trial, lock->memory.best, size_of_sequence(lock));
     tl_attempt_hold(attempt, trial);
     if (memcmp(trial, lock->memory.best, size_of_sequence(lock)) != 0 && tl_attempt_may_evaluate(attempt, trial)) {
+        double best = attempt->best_value;
         attempt->best_value = HUGE_VAL;
         (void)tl_attempt_evaluate(attempt, trial);
+        attempt->best_value = attempt->late ? best : attempt->best_value; /* it was not kept then */
     }
 }
 
@@ -272,20 +276,40 @@ static tl_outcome defend_nominal(tl_attempt *attempt) {
     return better && !tl_attempt_is_blind(attempt) ? TL_BEST_SO_FAR : TL_NOMINAL;
 }
 
-/* Guess, then search. What is found is in memory.best, unless the outcome is nominal. */
+/* The guess is out of tolerance. Where there is no room for what should be tried next, there is none for a search. */
+static tl_outcome improve(tl_attempt *attempt, double value) {
+    tl_lock *lock = attempt->lock;
+    value = retreat(attempt, value);
+    if (attempt->stop == TL_STOP_NONE) {
+        search(attempt, value);
+    }
+    settle_held(attempt);
+    lock->was_blind = tl_attempt_is_blind(attempt);
+    if (attempt->best_value < TL_OBJECTIVE_TOLERANCE && !lock->was_blind) {
+        attempt->stop = attempt->stop == TL_STOP_TIME ? TL_STOP_TIME : TL_STOP_TOLERANCE;
+        return TL_OPTIMISED;
+    }
+    return defend_nominal(attempt);
+}
+
+/* Guess, then search. What is found is in memory.best, unless the outcome is nominal. A guess that time did not let finish
+ * counts as one that was not begun: a repetition knows no difference. */
 static tl_outcome find(tl_attempt *attempt) {
     tl_lock *lock = attempt->lock;
     double *guess = lock->memory.guess;
     bool by_solver = first_guess(attempt);
     bool nominal = is_nominal(lock, guess);
-    if (!nominal) {
+    if (!nominal && !attempt->budget->without_nominal) {
         attempt->limit--; /* kept for the nominal */
     }
     if (!tl_attempt_may_evaluate(attempt, guess)) {
         return TL_NOMINAL;
     }
     double value = tl_attempt_evaluate(attempt, guess);
-    if (nominal && !attempt->late) {
+    if (attempt->late) {
+        return TL_NOMINAL;
+    }
+    if (nominal) {
         attempt->nominal_value = value;
     }
     lock->was_blind = by_solver && guess_was_blind(attempt, value);
@@ -296,14 +320,7 @@ static tl_outcome find(tl_attempt *attempt) {
     if (value < TL_OBJECTIVE_TOLERANCE) {
         return TL_FIRST_GUESS;
     }
-    search(attempt, retreat(attempt, value));
-    settle_held(attempt);
-    lock->was_blind = tl_attempt_is_blind(attempt);
-    if (attempt->best_value < TL_OBJECTIVE_TOLERANCE && !lock->was_blind) {
-        attempt->stop = TL_STOP_TOLERANCE;
-        return TL_OPTIMISED;
-    }
-    return defend_nominal(attempt);
+    return improve(attempt, value);
 }
 
 /* ---- commit ---- */
@@ -438,6 +455,11 @@ static tl_status begin(tl_attempt *attempt, tl_lock *lock, int64_t step, const t
     return tl_exchange_begin(lock->exchange, error);
 }
 
+/* Did time keep nominal from being evaluated? A repetition must know. */
+static bool is_without_nominal(const tl_attempt *attempt, tl_outcome outcome) {
+    return isnan(attempt->nominal_value) && (attempt->stop == TL_STOP_TIME || outcome == TL_NOMINAL);
+}
+
 static double finite_or_nan(double value) {
     return isfinite(value) ? value : (double)NAN;
 }
@@ -460,7 +482,7 @@ tl_status tl_lock_step(tl_lock *lock, int64_t step, const tl_budget *budget, tl_
         return attempt.fatal;
     }
     record->stop = attempt.stop;
-    record->flags = attempt.flags;
+    record->flags = attempt.flags | (is_without_nominal(&attempt, record->outcome) ? TL_FLAG_WITHOUT_NOMINAL : 0U);
     record->held = attempt.held;
     record->evaluations = attempt.evaluations;
     record->objective_nominal = finite_or_nan(attempt.nominal_value);

@@ -24,6 +24,7 @@ typedef struct tl_optimiser_space {
     const double *upper;   /* +infinity: none; 1 for a Boolean */
     const uint32_t *dwell; /* Boolean: macro steps it stays after a change; else 0 */
     size_t residual_count; /* of every search */
+    bool held;             /* static over several samples: what is found will do for later steps too */
 } tl_optimiser_space;
 
 /* One search. */

@@ -1,4 +1,4 @@
-/* Names of outcomes and of reasons to stop. */
+/* Names of outcomes, of reasons to stop, and of flags. */
 #include "master/sync/record.h"
 
 const char *tl_outcome_name(tl_outcome outcome) {
@@ -10,4 +10,16 @@ const char *tl_outcome_name(tl_outcome outcome) {
 const char *tl_stop_name(tl_stop stop) {
     static const char *const names[] = {"none", "tolerance", "solver", "evaluations", "time"};
     return names[stop];
+}
+
+const char *tl_flag_name(tl_flag flag) {
+    switch (flag) {
+    case TL_FLAG_FALLBACK:
+        return "fallback";
+    case TL_FLAG_STAGNATED:
+        return "stagnated";
+    case TL_FLAG_WITHOUT_NOMINAL:
+        return "without nominal";
+    }
+    return "unknown";
 }

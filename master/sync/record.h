@@ -19,7 +19,8 @@ typedef struct tl_budget {
     tl_time started;               /* what `now` read when this tick began */
     tl_time (*now)(void *context); /* a monotonic clock; NULL in a replay, so that it is repeatable */
     void *context;
-    bool without_nominal; /* a repetition: nominal was not evaluated for want of time */
+    bool repeated;        /* a step that time cut short is repeated: `evaluations` are those it had, which may be 0, */
+    bool without_nominal; /* and nominal's was not among them; else false */
 } tl_budget;
 
 /* How a step came about. */
@@ -44,8 +45,9 @@ typedef enum tl_stop {
 
 /* What else happened in a step; bits. */
 typedef enum tl_flag {
-    TL_FLAG_FALLBACK = 1, /* the second solver took over */
-    TL_FLAG_STAGNATED = 2 /* a solver made no progress and was ended */
+    TL_FLAG_FALLBACK = 1,       /* the second solver took over */
+    TL_FLAG_STAGNATED = 2,      /* a solver made no progress and was ended */
+    TL_FLAG_WITHOUT_NOMINAL = 4 /* time cut the step short, and nominal was not evaluated */
 } tl_flag;
 
 /* One committed step. Arrays are in the order of the plan's `match` and `adjust`, and filled as far as the plan has
@@ -72,5 +74,6 @@ typedef struct tl_record {
 /* Text names for records and people: "free", "first guess", … and "tolerance", "evaluations", …. */
 const char *tl_outcome_name(tl_outcome outcome);
 const char *tl_stop_name(tl_stop stop);
+const char *tl_flag_name(tl_flag flag);
 
 #endif

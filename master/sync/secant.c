@@ -4,6 +4,9 @@
  *          update from every question that is asked anyway. A move Δ minimises |r + GΔ|² + damping·|Δ/step|² within the
  *          bounds. For one unknown and one residual that is the secant method. Where G leads nowhere it is measured anew.
  * Guess:   the same move from the forecast: where the outputs would go if u stayed, and what the slope can do about it.
+ * Hold:    of a u that is held over a long horizon the move goes only as far as makes J small enough. All the way would be the
+ *          best line through the horizon, which leaves the tolerance on the other side soon after; each new u costs a whole
+ *          horizon of executions, and a held one nothing but its newest step.
  * Rows:    a residual of exactly 0 is one that was not measured: it tells nothing, and takes no part.
  * Source:  Broyden 1965 (update), Levenberg 1944 (damping).
  */
@@ -22,6 +25,17 @@ static const double SHORTEST_MOVE = 1e-6;
 static const double LEAST_DAMPING = 1e-12;
 static const double FIRST_DAMPING = 1e-3;
 
+/* Within tolerance: what ends a search. */
+static const double TOLERANCE = 1.0;
+
+/* The J that a move to a held u aims at. */
+static const double HELD_GOAL = 0.3;
+
+/* The last move has confirmed the slope where it missed the promised gain by less than this part; then a further one that
+ * promises less than the other part of J, and no tolerance, is not worth a question. */
+static const double CONFIRMED = 0.2;
+static const double WORTHWHILE = 0.01;
+
 /* A J that is better by less than this part, so often in a row, is no progress. */
 static const double PROGRESS = 1e-3;
 enum { MOST_IDLE = 3, MOST_FAILURES = 8, FAILURES_TO_MEASURE = 2 };
@@ -39,8 +53,9 @@ struct tl_optimiser {
     double *point;
     double *r; /* at point */
     double *trial;
-    double *expected; /* residuals after the moves that are fixed */
+    double *expected; /* residuals after the moves that are fixed; then what the move changes */
     double value;     /* J at point */
+    double promised;  /* J at the guess, where trial is one; else NaN */
     const tl_search *search;
 };
 
@@ -50,6 +65,7 @@ static tl_optimiser *create(tl_arena *arena, const tl_optimiser_space *space) {
         return NULL;
     }
     self->space = space;
+    self->promised = (double)NAN;
     self->unknowns = space->count;
     self->residuals = space->residual_count;
     self->slope = tl_arena_take(arena, self->residuals * self->unknowns, sizeof *self->slope);
@@ -220,6 +236,55 @@ static bool propose(tl_optimiser *self, const double *from, const double *r, con
     return true;
 }
 
+/* ---- what it promises ---- */
+
+/* Squares of the residuals after the part `share` of the move whose changes are in `expected`; rows as in propose(). */
+static double promise(const tl_optimiser *self, double share) {
+    double sum = 0.0;
+    for (size_t i = 0; i < self->residuals; i++) {
+        double r = fabs(self->r[i]) > 0.0 ? self->r[i] + share * self->expected[i] : 0.0;
+        sum += r * r;
+    }
+    return sum;
+}
+
+/* What the slope says that the move from point to trial changes, into `expected`. */
+static void expect_changes(tl_optimiser *self) {
+    size_t n = self->unknowns;
+    for (size_t i = 0; i < self->residuals; i++) {
+        self->expected[i] = 0.0;
+        for (size_t k = 0; k < n; k++) {
+            double move = (self->trial[k] - self->point[k]) / self->space->step[k];
+            self->expected[i] += self->slope[i * n + k] * move;
+        }
+    }
+}
+
+/* The part of the move at which the promise, a parabola over it, comes down to the goal; 1 where it does not. */
+static double share_for(const tl_optimiser *self, double goal) {
+    double here = promise(self, 0.0);
+    double bend = 0.5 * (promise(self, 1.0) + promise(self, -1.0)) - here;
+    double fall = 0.5 * (promise(self, -1.0) - promise(self, 1.0));
+    double root = fall * fall - 4.0 * bend * (here - goal);
+    if (!(here > goal) || !(bend > 0.0) || !(root > 0.0)) {
+        return 1.0;
+    }
+    double share = (fall - sqrt(root)) / (2.0 * bend);
+    return share > 0.0 && share < 1.0 ? share : 1.0;
+}
+
+/* Makes a move of a held u as short as will do. What the move promises. */
+static double shorten(tl_optimiser *self) {
+    expect_changes(self);
+    double share = self->space->held ? share_for(self, HELD_GOAL) : 1.0;
+    if (share < 1.0) {
+        for (size_t k = 0; k < self->unknowns; k++) {
+            self->trial[k] = self->point[k] + share * (self->trial[k] - self->point[k]);
+        }
+    }
+    return promise(self, share);
+}
+
 /* ---- the slope ---- */
 
 /* Broyden: the smallest change of G that explains what was seen when going from point to `u`. */
@@ -255,8 +320,8 @@ static double probe_point(const tl_optimiser *self, size_t k) {
     double at = self->point[k];
     double up = self->space->upper[k] - at;
     double down = at - self->space->lower[k];
-    return up >= self->space->step[k] || up >= down ? at + fmin(self->space->step[k], up)
-                                                    : at - fmin(self->space->step[k], down);
+    return up >= self->space->step[k] || up >= down ? fmin(at + self->space->step[k], self->space->upper[k])
+                                                    : fmax(at - self->space->step[k], self->space->lower[k]);
 }
 
 /* One question per unknown; the column is what it changes. Goes on from the best point seen. False: told to stop. */
@@ -277,6 +342,7 @@ static bool measure(tl_optimiser *self) {
             go_to(self, self->trial, r, value);
         }
         if (!go_on) {
+            self->has_slope = self->has_slope || (k + 1 == n && isfinite(value));
             return false;
         }
     }
@@ -296,13 +362,20 @@ static double largest_move(const tl_optimiser *self) {
 
 /* How a search goes. */
 typedef struct tl_course {
-    int failures; /* in a row */
-    int idle;     /* moves with little progress in a row */
-    bool fresh;   /* the slope was measured at this point */
+    int failures;   /* in a row */
+    int idle;       /* moves with little progress in a row */
+    bool fresh;     /* the slope was measured at this point */
+    bool confirmed; /* by the last move */
 } tl_course;
 
+/* Has the move from point kept what it promised? */
+static bool is_confirmed(const tl_optimiser *self, double promised, double value) {
+    return fabs(value - promised) < CONFIRMED * (self->value - promised);
+}
+
 /* Takes note of a candidate: better, or damped more. */
-static void judge(tl_optimiser *self, tl_course *course, double value, const double *r) {
+static void judge(tl_optimiser *self, tl_course *course, double promised, double value, const double *r) {
+    course->confirmed = is_confirmed(self, promised, value);
     if (isfinite(value)) {
         learn(self, self->trial, r);
     }
@@ -318,6 +391,11 @@ static void judge(tl_optimiser *self, tl_course *course, double value, const dou
     }
 }
 
+/* Nothing is to be had by a move that promises this J. */
+static bool is_at_end(const tl_optimiser *self, const tl_course *course, double promised) {
+    return course->confirmed && promised >= TOLERANCE && promised > (1.0 - WORTHWHILE) * self->value;
+}
+
 static tl_search_end minimise(tl_optimiser *self, const tl_search *search) {
     tl_course course = {0};
     if (!isfinite(search->start_value)) {
@@ -325,6 +403,9 @@ static tl_search_end minimise(tl_optimiser *self, const tl_search *search) {
     }
     self->search = search;
     self->damping = 0.0;
+    bool guessed = memcmp(self->trial, search->start, self->unknowns * sizeof *self->trial) == 0;
+    course.confirmed = guessed && is_confirmed(self, self->promised, search->start_value);
+    self->promised = (double)NAN;
     go_to(self, search->start, search->start_residuals, search->start_value);
     while (course.failures < MOST_FAILURES && course.idle < MOST_IDLE) {
         if (!self->has_slope || (course.failures >= FAILURES_TO_MEASURE && !course.fresh)) {
@@ -341,10 +422,14 @@ static tl_search_end minimise(tl_optimiser *self, const tl_search *search) {
             course.failures = FAILURES_TO_MEASURE;
             continue;
         }
+        double promised = shorten(self);
+        if (is_at_end(self, &course, promised)) {
+            return TL_SEARCH_DONE;
+        }
         double value = HUGE_VAL;
         const double *r = NULL;
         bool go_on = search->evaluate(search->context, self->trial, &value, &r);
-        judge(self, &course, value, r);
+        judge(self, &course, promised, value, r);
         if (!go_on) {
             return TL_SEARCH_STOPPED;
         }
@@ -352,16 +437,27 @@ static tl_search_end minimise(tl_optimiser *self, const tl_search *search) {
     return TL_SEARCH_DONE;
 }
 
+static double squares(const tl_optimiser *self, const double *r) {
+    double sum = 0.0;
+    for (size_t i = 0; i < self->residuals; i++) {
+        sum += r[i] * r[i];
+    }
+    return sum;
+}
+
+/* A u that is to be held stays as long as it will do. */
 static bool guess(tl_optimiser *self, const tl_forecast *forecast, double *u) {
     if (!self->has_slope) {
         return false;
     }
     self->damping = 0.0;
-    memcpy(self->r, forecast->residuals, self->residuals * sizeof *self->r);
-    if (!propose(self, forecast->u, self->r, forecast->free)) {
+    go_to(self, forecast->u, forecast->residuals, squares(self, forecast->residuals));
+    bool stays = self->space->held && self->value < TOLERANCE;
+    if (!stays && !propose(self, self->point, self->r, forecast->free)) {
         return false;
     }
-    memcpy(u, self->trial, self->unknowns * sizeof *u);
+    self->promised = stays ? (double)NAN : shorten(self);
+    memcpy(u, stays ? self->point : self->trial, self->unknowns * sizeof *u);
     return true;
 }
 
