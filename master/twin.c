@@ -532,6 +532,14 @@ static void push(tl_twin *twin, const tl_sample *sample) {
     }
 }
 
+/* In mode ahead: what was computed a tick ago is complete now. */
+static void hand_over_pending(tl_twin *twin, tl_record *record, bool *ready) {
+    *record = twin->pending;
+    complete(twin, record);
+    *ready = true;
+    twin->has_pending = false;
+}
+
 static tl_status advance(tl_twin *twin, const tl_sample *sample, const tl_budget *budget, tl_record *record,
                          bool *ready, tl_error *error) {
     push(twin, sample);
@@ -541,26 +549,24 @@ static tl_status advance(tl_twin *twin, const tl_sample *sample, const tl_budget
             return status;
         }
     }
-    if (twin->measurements == TL_AHEAD) {
-        if (twin->has_pending) {
-            *record = twin->pending;
-            complete(twin, record);
-            *ready = true;
-        }
-        tl_status status = compute(twin, sample->tick, budget, &twin->pending, error);
-        twin->has_pending = status == TL_OK;
-        return status;
+    bool ahead = twin->measurements == TL_AHEAD;
+    if (twin->has_pending) {
+        hand_over_pending(twin, record, ready);
     }
     int64_t step = sample->tick - (int64_t)twin->lead;
     if (step < 0) {
         return TL_OK;
     }
-    tl_status status = compute(twin, step, budget, record, error);
-    if (status == TL_OK) {
+    tl_status status = compute(twin, step, budget, ahead ? &twin->pending : record, error);
+    if (status != TL_OK) {
+        return status;
+    }
+    twin->has_pending = ahead;
+    if (!ahead) {
         complete(twin, record);
         *ready = true;
     }
-    return status;
+    return TL_OK;
 }
 
 static tl_status tick(tl_twin *twin, const tl_sample *sample, const tl_budget *budget, tl_record *record, bool *ready,
@@ -584,12 +590,10 @@ tl_status tl_twin_make_up(tl_twin *twin, const tl_sample *sample, tl_record *rec
 }
 
 void tl_twin_finish(tl_twin *twin, const tl_sample *sample, tl_record *record, bool *ready) {
-    *ready = twin->has_pending;
+    *ready = false;
     if (twin->has_pending) {
         push(twin, sample);
-        *record = twin->pending;
-        complete(twin, record);
-        twin->has_pending = false;
+        hand_over_pending(twin, record, ready);
     }
 }
 

@@ -439,11 +439,14 @@ tl_status tl_exchange_try(tl_exchange *exchange, int64_t step, uint32_t depth, t
 }
 
 tl_status tl_exchange_commit(tl_exchange *exchange, int64_t step, tl_error *error) {
-    for (size_t i = 0; exchange->cached != NULL && i < exchange->component_count; i++) {
+    if (exchange->cached == NULL) {
+        return step_components(exchange, step, TL_ALL_DEPTHS, true, error);
+    }
+    for (size_t i = 0; i < exchange->component_count; i++) {
         tl_cached_component_make_room(&exchange->cached[i]);
     }
     tl_status status = step_components(exchange, step, TL_ALL_DEPTHS, true, error);
-    for (size_t i = 0; exchange->cached != NULL && i < exchange->component_count && status == TL_OK; i++) {
+    for (size_t i = 0; i < exchange->component_count && status == TL_OK; i++) {
         tl_cached_component_commit(&exchange->cached[i]);
     }
     return status;

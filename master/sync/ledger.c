@@ -291,13 +291,14 @@ static void tidy(tl_ledger *ledger) {
 void tl_ledger_commit(tl_ledger *ledger, const double *values) {
     const tl_horizon *horizon = ledger->horizon;
     ledger->plain++;
-    if (ledger->saving.sequences && horizon->variables != 0) {
-        size_t size = horizon->variables * sizeof *values;
-        memcpy(ledger->current, values, size);
-        compare_all(ledger, 1);
-        memcpy(&ledger->committed[(size_t)(ledger->step % horizon->prediction) * horizon->variables], values, size);
+    if (ledger->capacity == 0) {
+        return; /* no candidate is remembered: every component executes */
     }
-    for (size_t k = 0; k < horizon->nodes && ledger->saving.sequences; k++) {
+    size_t size = horizon->variables * sizeof *values;
+    memcpy(ledger->current, values, size);
+    compare_all(ledger, 1);
+    memcpy(&ledger->committed[(size_t)(ledger->step % horizon->prediction) * horizon->variables], values, size);
+    for (size_t k = 0; k < horizon->nodes; k++) {
         if (ledger->known[k] != 0) {
             save(ledger, k, 1);
         }

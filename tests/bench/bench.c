@@ -35,6 +35,7 @@ typedef struct bench_case {
 static const bench_case cases[] = {
     {"free/lag/2", FREE, "lag", 2, NULL, 1.5},
     {"free/lag/10", FREE, "lag", 10, NULL, 1.5},
+    {"free/lag/32", FREE, "lag", 32, NULL, 1.5},
     {"free/van_der_pol/2", FREE, "van_der_pol", 2, NULL, 1.05},
     {"free/van_der_pol/10", FREE, "van_der_pol", 10, NULL, 1.05},
     {"locked/lag/secant", LOCKED, "lag", 2, "secant", 1.5},
@@ -54,9 +55,6 @@ static const bench_case cases[] = {
     {"chain/lag/32", CHAIN, "lag", 32, "nelder-mead", 0.0},
     {"chain/van_der_pol/2", CHAIN, "van_der_pol", 2, "nelder-mead", 0.0},
     {"chain/van_der_pol/4", CHAIN, "van_der_pol", 4, "nelder-mead", 0.0},
-    {"chain/van_der_pol/8", CHAIN, "van_der_pol", 8, "nelder-mead", 0.0},
-    {"chain/van_der_pol/16", CHAIN, "van_der_pol", 16, "nelder-mead", 0.0},
-    {"chain/van_der_pol/32", CHAIN, "van_der_pol", 32, "nelder-mead", 0.0},
 };
 
 enum { CASES = sizeof cases / sizeof cases[0] };
@@ -174,7 +172,8 @@ static void bench_free(const bench_case *c, const tl_fmu *fmu) {
 }
 
 /* The floor makes as many evaluations as the twin did, step by step; both are per evaluation, so that a round in which the
- * search went on for longer does not count as a slower one. */
+ * search went on for longer does not count as a slower one. Beside it the floor makes all that the budget allows: a
+ * solver that is done with fewer is a faster step. */
 static void bench_locked(const bench_case *c, const tl_fmu *fmu) {
     bench_chain chain;
     bench_twin twin;
@@ -187,6 +186,7 @@ static void bench_locked(const bench_case *c, const tl_fmu *fmu) {
     int64_t steps = block_of_twin(&twin);
     double floor_best = 1e300;
     double twin_best = 1e300;
+    double full_best = 1e300;
     uint64_t all = 0;
     for (int round = 0; round < ROUNDS; round++) {
         double took = time_twin(&twin, steps, evaluations);
@@ -194,10 +194,12 @@ static void bench_locked(const bench_case *c, const tl_fmu *fmu) {
         all += sum;
         twin_best = smaller(twin_best, took / (double)sum);
         floor_best = smaller(floor_best, time_floor(&chain, LOCKED, steps) / (double)sum);
+        set_evaluations(steps, BUDGET);
+        full_best = smaller(full_best, time_floor(&chain, LOCKED, steps) / (double)steps);
     }
     double each = (double)all / (double)(steps * ROUNDS);
-    (void)printf("%-32s %11.2f %9.1f %9.1f %7.2f", c->name, each, floor_best * each, twin_best * each,
-                 twin_best / floor_best);
+    (void)printf("%-32s %11.2f %9.1f %9.1f %7.2f %8.2f", c->name, each, floor_best * each, twin_best * each,
+                 twin_best / floor_best, twin_best * each / full_best);
     print_limit(c->most);
     bench_twin_close(&twin);
     bench_chain_close(&chain);
@@ -300,7 +302,7 @@ static void print_table(const char *folder) {
         "A free step: ns per component step\n"
         "                                     floor      twin   ratio",
         "A synchronised step: 2 components, T_P = T_D = 2, nothing saved; ns per step\n"
-        "                                 evaluations     floor      twin   ratio",
+        "                                 evaluations     floor      twin   ratio    of 20",
         "One more evaluation of a chain of 2 ... 32, T_P = T_D, saved by structure and by sequences\n"
         "                                  executions   ns each    floors   further",
     };
