@@ -1,6 +1,61 @@
-/* What the benchmark's FMUs share: the functions of FMI 2.0 that neither of them has a use for. None is called in a step.
- */
+/* What the benchmark's FMUs share: an instance and its states as plain memory, and the functions of FMI 2.0 that none of them
+ * has a use for. */
+#include "tests/bench/fmus/frame.h"
+
+#include <stdlib.h>
+#include <string.h>
+
 #include "fmi2Functions.h"
+
+/* ---- Instances ---- */
+
+fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, fmi2String resources,
+                              const fmi2CallbackFunctions *callbacks, fmi2Boolean visible, fmi2Boolean logging) {
+    (void)name;
+    (void)resources;
+    (void)callbacks;
+    (void)visible;
+    (void)logging;
+    void *instance = type == fmi2CoSimulation && strcmp(guid, model.guid) == 0 ? malloc(model.size) : NULL;
+    if (instance != NULL) {
+        memcpy(instance, model.defaults, model.size);
+    }
+    return instance;
+}
+
+void fmi2FreeInstance(fmi2Component component) {
+    free(component);
+}
+
+fmi2Status fmi2Reset(fmi2Component component) {
+    memcpy(component, model.defaults, model.size);
+    return fmi2OK;
+}
+
+/* ---- States ---- */
+
+fmi2Status fmi2GetFMUstate(fmi2Component component, fmi2FMUstate *state) {
+    if (*state == NULL) {
+        *state = malloc(model.size);
+    }
+    if (*state == NULL) {
+        return fmi2Error;
+    }
+    memcpy(*state, component, model.size);
+    return fmi2OK;
+}
+
+fmi2Status fmi2SetFMUstate(fmi2Component component, fmi2FMUstate state) {
+    memcpy(component, state, model.size);
+    return fmi2OK;
+}
+
+fmi2Status fmi2FreeFMUstate(fmi2Component component, fmi2FMUstate *state) {
+    (void)component;
+    free(*state);
+    *state = NULL;
+    return fmi2OK;
+}
 
 /* ---- Types, version, logging ---- */
 

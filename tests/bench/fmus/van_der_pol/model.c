@@ -2,12 +2,8 @@
  *
  * dx/dt = omega·v, dv/dt = omega·(mu·(1 − x²)·v − x + u), by semi-implicit Euler.
  */
-#include <stdlib.h>
-#include <string.h>
-
 #include "fmi2Functions.h"
-
-static const char guid[] = "{1e61de17-6891-403f-b58e-7005d2c5d3fd}";
+#include "tests/bench/fmus/frame.h"
 
 typedef struct oscillator {
     fmi2Real u;     /* input */
@@ -23,56 +19,7 @@ enum { INNER_STEPS = 100 };
 
 static const oscillator defaults = {.mu = 1.0, .omega = 10.0, .x = 1.0};
 
-fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String expected, fmi2String resources,
-                              const fmi2CallbackFunctions *callbacks, fmi2Boolean visible, fmi2Boolean logging) {
-    (void)name;
-    (void)resources;
-    (void)callbacks;
-    (void)visible;
-    (void)logging;
-    oscillator *self = type == fmi2CoSimulation && strcmp(expected, guid) == 0 ? malloc(sizeof *self) : NULL;
-    if (self != NULL) {
-        *self = defaults;
-    }
-    return self;
-}
-
-void fmi2FreeInstance(fmi2Component component) {
-    free(component);
-}
-
-fmi2Status fmi2Reset(fmi2Component component) {
-    oscillator *self = component;
-    *self = defaults;
-    return fmi2OK;
-}
-
-/* ---- State ---- */
-
-fmi2Status fmi2GetFMUstate(fmi2Component component, fmi2FMUstate *state) {
-    if (*state == NULL) {
-        *state = malloc(sizeof(oscillator));
-    }
-    if (*state == NULL) {
-        return fmi2Error;
-    }
-    memcpy(*state, component, sizeof(oscillator));
-    return fmi2OK;
-}
-
-fmi2Status fmi2SetFMUstate(fmi2Component component, fmi2FMUstate state) {
-    memcpy(component, state, sizeof(oscillator));
-    return fmi2OK;
-}
-
-fmi2Status fmi2FreeFMUstate(fmi2Component component, fmi2FMUstate *state) {
-    (void)component;
-    free(*state);
-    *state = NULL;
-    return fmi2OK;
-}
-
-/* ---- A step ---- */
+const bench_model model = {"{1e61de17-6891-403f-b58e-7005d2c5d3fd}", sizeof(oscillator), &defaults};
 
 fmi2Status fmi2SetReal(fmi2Component component, const fmi2ValueReference references[], size_t count,
                        const fmi2Real values[]) {
