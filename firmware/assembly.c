@@ -1,10 +1,14 @@
 /* An assembly: see assembly.h. */
 #include "firmware/assembly.h"
 
+#include <assert.h>
+#include <inttypes.h>
 #include <limits.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+
+#include "firmware/log.h"
 
 /* The FMU at `path`, loaded once; NULL where reported. */
 static const tl_fmu *load_fmu(tl_assembly *assembly, const char *path, const char *where) {
@@ -145,6 +149,8 @@ static tl_type type_of(const tl_assembly *assembly, const char *reference) {
 tl_status tl_assembly_record(const tl_assembly *assembly, const char *verb, const char *path, bool wait_when_full,
                              tl_recorder **recorder, tl_error *error) {
     const tl_config *config = &assembly->config;
+    tl_twin_facts facts = tl_twin_get_facts(assembly->twin);
+    const char *components[TL_RECORDER_COMPONENTS];
     char names[TL_MAX_SIGNALS][80]; /* "plant." and at most 63 characters */
     tl_recorder_signal plant[TL_MAX_SIGNALS];
     tl_recorder_signal match[TL_MAX_MATCH];
@@ -163,6 +169,10 @@ tl_status tl_assembly_record(const tl_assembly *assembly, const char *verb, cons
         adjust[i] =
             (tl_recorder_signal){variable, tl_twin_adjust_unit(assembly->twin, i), NULL, type_of(assembly, variable)};
     }
+    assert(facts.components <= TL_RECORDER_COMPONENTS);
+    for (size_t i = 0; i < facts.components; i++) {
+        components[i] = tl_twin_component_name(assembly->twin, i);
+    }
     const tl_recorder_settings settings = {
         .path = path,
         .max_bytes = config->record_max_bytes,
@@ -171,7 +181,8 @@ tl_status tl_assembly_record(const tl_assembly *assembly, const char *verb, cons
         .name = config->name,
         .configuration = config->text,
         .step = config->step,
-        .prediction = tl_twin_get_facts(assembly->twin).prediction,
+        .prediction = facts.prediction,
+        .lead = facts.lead,
         .measurements = config->measurements,
         .plant = plant,
         .match = match,
@@ -179,9 +190,41 @@ tl_status tl_assembly_record(const tl_assembly *assembly, const char *verb, cons
         .plant_count = config->signal_count,
         .match_count = config->match_count,
         .adjust_count = config->adjust_count,
+        .components = components,
+        .component_count = facts.components,
         .wait_when_full = wait_when_full,
     };
     return tl_recorder_open(&settings, recorder, error);
+}
+
+void tl_assembly_put_step(const tl_assembly *assembly, tl_recorder *recorder, const tl_record *record) {
+    tl_recorder_component ledger[TL_RECORDER_COMPONENTS];
+    size_t count = tl_twin_get_facts(assembly->twin).components;
+    for (size_t i = 0; i < count; i++) {
+        tl_twin_ledger entry = tl_twin_get_ledger(assembly->twin, i);
+        ledger[i] = (tl_recorder_component){
+            entry.plain, entry.predicted, entry.executions, entry.caught_up, entry.unstored,
+        };
+    }
+    tl_recorder_put_step(recorder, record, ledger);
+}
+
+void tl_assembly_check_ledger(const tl_assembly *assembly, tl_recorder *recorder) {
+    for (size_t i = 0; i < tl_twin_get_facts(assembly->twin).components; i++) {
+        char text[224];
+        tl_twin_ledger entry = tl_twin_get_ledger(assembly->twin, i);
+        if (entry.difference <= 0) {
+            continue;
+        }
+        (void)snprintf(text, sizeof text,
+                       "%s: %" PRId64 " executions more than predicted; %" PRIu64
+                       " results found no room (saving.nodes)",
+                       entry.name, entry.difference, entry.unstored);
+        tl_log(TL_LOG_WARNING, "%s", text);
+        if (recorder != NULL) {
+            tl_recorder_event(recorder, -1, TL_EVENT_WARNING, "twin", text);
+        }
+    }
 }
 
 void tl_assembly_free(tl_assembly *assembly) {

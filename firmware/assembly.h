@@ -37,6 +37,13 @@ tl_status tl_assembly_build(tl_assembly *assembly);
 tl_status tl_assembly_record(const tl_assembly *assembly, const char *verb, const char *path, bool wait_when_full,
                              tl_recorder **recorder, tl_error *error);
 
+/* Puts a step with the twin's ledger as it stands. In mode ahead that is one step further than the record. */
+void tl_assembly_put_step(const tl_assembly *assembly, tl_recorder *recorder, const tl_record *record);
+
+/* Warns of components that were executed more often than their ledger predicts: in the log, and where there is a recorder
+ * (NULL: none) as an event. For the end of a run, when nothing steps any more. */
+void tl_assembly_check_ledger(const tl_assembly *assembly, tl_recorder *recorder);
+
 /* A zeroed assembly is allowed. */
 void tl_assembly_free(tl_assembly *assembly);
 

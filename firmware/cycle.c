@@ -9,7 +9,6 @@
 #include <time.h>
 
 #include "firmware/clock.h"
-#include "firmware/measurements.h"
 #include "firmware/realtime.h"
 #include "firmware/snapshot.h"
 #include "firmware/watch.h"
@@ -55,7 +54,7 @@ static void keep(tl_cycle *cycle, const tl_record *record) {
     tl_summary_add(&cycle->summary, &cycle->settings.assembly->config, record);
     tl_watch_record(&cycle->watch, record);
     if (cycle->settings.recorder != NULL) {
-        tl_recorder_put_step(cycle->settings.recorder, record);
+        tl_assembly_put_step(cycle->settings.assembly, cycle->settings.recorder, record);
     }
     cycle->shown.record = *record;
 }
@@ -174,8 +173,7 @@ tl_status tl_cycle_start(const tl_cycle_settings *settings, tl_cycle **cycle, tl
         return tl_fail(error, TL_TRY_AGAIN, "not enough memory for the cycle");
     }
     started->settings = *settings;
-    started->warm_up =
-        tl_measurements_delay(config->measurements, tl_twin_get_facts(settings->assembly->twin).prediction);
+    started->warm_up = tl_twin_get_facts(settings->assembly->twin).lead;
     started->last_tick = last_tick(config, started->warm_up);
     tl_watch_init(&started->watch, config, settings->journal);
     struct sigaction action = {.sa_handler = wake};

@@ -6,6 +6,7 @@
  *              (A file descriptor of our own would drop SQLite's POSIX locks when it is closed.)
  * Making:      under another name, then renamed, so that a power cut leaves a whole database or none, and the
  *              header is always in the file itself, not in its write-ahead log.
+ * Formats:     user_version as SQL sees it counts: an upgrade may still be in the write-ahead log.
  */
 #include "firmware/database.h"
 
@@ -84,6 +85,15 @@ static uint32_t big_endian(const unsigned char *bytes) {
     return (uint32_t)bytes[0] << 24 | (uint32_t)bytes[1] << 16 | (uint32_t)bytes[2] << 8 | (uint32_t)bytes[3];
 }
 
+static tl_status check_version(const char *path, int64_t version, tl_error *error) {
+    if (version < 1 || version > TL_DATABASE_VERSION) {
+        return tl_fail(error, TL_BAD_DATA,
+                       "%s: was written by another version of twinlock (format %lld, this program knows 1 to %d)", path,
+                       (long long)version, TL_DATABASE_VERSION);
+    }
+    return TL_OK;
+}
+
 /* No SQL may have run on this connection. */
 static tl_status check_header(sqlite3 *database, const char *path, tl_error *error) {
     sqlite3_file *file = NULL;
@@ -108,13 +118,7 @@ static tl_status check_header(sqlite3 *database, const char *path, tl_error *err
     if (big_endian(header + APPLICATION_AT) != TL_DATABASE_APPLICATION) {
         return tl_fail(error, TL_BAD_DATA, "%s: is a SQLite database of another program, not of twinlock", path);
     }
-    uint32_t version = big_endian(header + VERSION_AT);
-    if (version < 1 || version > TL_DATABASE_VERSION) {
-        return tl_fail(error, TL_BAD_DATA,
-                       "%s: was written by another version of twinlock (format %u, this program knows 1 to %d)", path,
-                       (unsigned)version, TL_DATABASE_VERSION);
-    }
-    return TL_OK;
+    return check_version(path, big_endian(header + VERSION_AT), error);
 }
 
 static tl_status open_connection(const char *name, int flags, sqlite3 **database, tl_error *error) {
@@ -177,6 +181,56 @@ static tl_status first_read(const char *path, sqlite3 **database, tl_error *erro
     return code == SQLITE_OK ? TL_OK : tl_database_fail(*database, code, error);
 }
 
+static tl_status execute_all(sqlite3 *database, const char *const *statements, tl_error *error) {
+    tl_status status = TL_OK;
+    for (size_t i = 0; statements[i] != NULL && status == TL_OK; i++) {
+        status = tl_database_execute(database, statements[i], error);
+    }
+    return status;
+}
+
+static tl_status ask_version(sqlite3 *database, int64_t *version, tl_error *error) {
+    sqlite3_stmt *statement = NULL;
+    tl_status status = tl_database_prepare(database, "PRAGMA user_version", &statement, error);
+    if (status == TL_OK) {
+        int code = sqlite3_step(statement);
+        *version = sqlite3_column_int64(statement, 0);
+        status = code == SQLITE_ROW ? TL_OK : tl_database_fail(database, code, error);
+    }
+    (void)sqlite3_finalize(statement);
+    return status;
+}
+
+/* All of it or nothing. */
+static tl_status upgrade(sqlite3 *database, tl_error *error) {
+    char sql[64];
+    (void)snprintf(sql, sizeof sql, "PRAGMA user_version = %d; COMMIT", TL_DATABASE_VERSION);
+    tl_status status = tl_database_execute(database, "BEGIN IMMEDIATE", error);
+    if (status == TL_OK) {
+        status = execute_all(database, tl_database_upgrade, error);
+    }
+    if (status == TL_OK) {
+        status = tl_database_execute(database, sql, error);
+    }
+    if (status != TL_OK) {
+        (void)sqlite3_exec(database, "ROLLBACK", NULL, NULL, NULL);
+    }
+    return status;
+}
+
+/* The format that the rest of the program knows. */
+static tl_status adapt(sqlite3 *database, const char *path, bool write, tl_error *error) {
+    int64_t version = 0;
+    tl_status status = ask_version(database, &version, error);
+    if (status == TL_OK) {
+        status = check_version(path, version, error);
+    }
+    if (status != TL_OK || version == TL_DATABASE_VERSION) {
+        return status;
+    }
+    return write ? upgrade(database, error) : execute_all(database, tl_database_bridge, error);
+}
+
 tl_status tl_database_open(const char *path, bool write, sqlite3 **database, tl_error *error) {
     static const char both[] = "PRAGMA trusted_schema = OFF; PRAGMA cell_size_check = ON; PRAGMA temp_store = MEMORY;";
     struct stat file;
@@ -205,6 +259,9 @@ tl_status tl_database_open(const char *path, bool write, sqlite3 **database, tl_
     if (status == TL_OK) {
         status = tl_database_execute(*database, both, error);
     }
+    if (status == TL_OK) {
+        status = adapt(*database, path, write, error);
+    }
     if (status == TL_OK && !write) {
         status = tl_database_execute(*database, "PRAGMA query_only = ON", error);
     }
@@ -227,8 +284,8 @@ static tl_status build(const char *name, tl_error *error) {
         return status;
     }
     status = tl_database_execute(database, header, error);
-    for (size_t i = 0; tl_database_schema[i] != NULL && status == TL_OK; i++) {
-        status = tl_database_execute(database, tl_database_schema[i], error);
+    if (status == TL_OK) {
+        status = execute_all(database, tl_database_schema, error);
     }
     if (status == TL_OK) {
         status = tl_database_execute(database, "COMMIT; PRAGMA journal_mode = WAL", error);

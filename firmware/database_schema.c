@@ -5,12 +5,50 @@
  */
 #include "firmware/database.h"
 
+/* What format 2 has that format 1 has not; for new databases and for those that are brought up to date. */
+#define CREATE_FLAGS "CREATE TABLE flags (bit INTEGER PRIMARY KEY, name TEXT NOT NULL)"
+
+#define CREATE_COMPONENTS                                                                                              \
+    "CREATE TABLE components ("                                                                                        \
+    "  run INTEGER NOT NULL REFERENCES runs (run),"                                                                    \
+    "  component INTEGER NOT NULL,"                                                                                    \
+    "  name TEXT NOT NULL,"                                                                                            \
+    "  plain INTEGER NOT NULL DEFAULT 0,"                                                                              \
+    "  predicted INTEGER NOT NULL DEFAULT 0,"                                                                          \
+    "  executions INTEGER NOT NULL DEFAULT 0,"                                                                         \
+    "  caught_up INTEGER NOT NULL DEFAULT 0,"                                                                          \
+    "  unstored INTEGER NOT NULL DEFAULT 0,"                                                                           \
+    "  PRIMARY KEY (run, component)) WITHOUT ROWID"
+
+/* Bits as names; NULL where none is set. */
+#define CREATE_V_STEPS                                                                                                 \
+    "CREATE VIEW v_steps AS SELECT s.run, s.step, s.t_ns / 1e9 AS time_s,"                                             \
+    "  CASE r.verb WHEN 'run' THEN"                                                                                    \
+    "    strftime('%Y-%m-%dT%H:%M:%fZ', r.started, printf('%.3f seconds', s.t_ns / 1e9)) END AS at,"                   \
+    "  coalesce(o.name, s.outcome) AS outcome, coalesce(t.name, s.stop) AS stop, s.J, s.J_nominal,"                    \
+    "  s.evaluations, s.executions, s.used_ns / 1e6 AS used_ms, s.predicted,"                                          \
+    "  (SELECT group_concat(f.name, ', ') FROM flags f WHERE s.flags & f.bit) AS flags,"                               \
+    "  (SELECT group_concat(n.name, ', ') FROM signals n"                                                              \
+    "    WHERE n.run = s.run AND n.kind = 'adjust' AND (s.held >> n.signal) & 1) AS held"                              \
+    "  FROM steps s JOIN runs r USING (run)"                                                                           \
+    "  LEFT JOIN outcomes o ON o.code = s.outcome LEFT JOIN stops t ON t.code = s.stop"
+
+#define CREATE_V_LEDGER                                                                                                \
+    "CREATE VIEW v_ledger AS SELECT c.run, c.name AS component, c.plain, c.predicted, c.executions,"                   \
+    "  c.plain - c.executions AS saved, c.caught_up, c.unstored,"                                                      \
+    "  c.executions - c.caught_up - c.predicted AS difference"                                                         \
+    "  FROM components c ORDER BY c.run, c.component"
+
+/* The tick of a step minus the step, before it was recorded. */
+#define LEAD "CASE measurements WHEN 'ahead' THEN 0 WHEN 'hold' THEN 1 ELSE prediction END"
+
 const char *const tl_database_schema[] = {
     /* Codes and their names; filled from the program's own names each time it opens the database for writing. */
     "CREATE TABLE outcomes (code INTEGER PRIMARY KEY, name TEXT NOT NULL)",
     "CREATE TABLE stops (code INTEGER PRIMARY KEY, name TEXT NOT NULL)",
     "CREATE TABLE qualities (code INTEGER PRIMARY KEY, name TEXT NOT NULL)",
     "CREATE TABLE severities (code INTEGER PRIMARY KEY, name TEXT NOT NULL)",
+    CREATE_FLAGS,
 
     "CREATE TABLE configurations ("
     "  hash TEXT PRIMARY KEY NOT NULL," /* SHA-256 of the text */
@@ -33,7 +71,8 @@ const char *const tl_database_schema[] = {
     "  steps_written INTEGER NOT NULL DEFAULT 0,"
     "  events_written INTEGER NOT NULL DEFAULT 0,"
     "  entries_lost INTEGER NOT NULL DEFAULT 0,"
-    "  removed_before INTEGER)",
+    "  removed_before INTEGER,"
+    "  lead INTEGER NOT NULL DEFAULT 0)",
 
     "CREATE TABLE signals ("
     "  run INTEGER NOT NULL REFERENCES runs (run),"
@@ -65,6 +104,9 @@ const char *const tl_database_schema[] = {
     "  evaluations INTEGER NOT NULL,"
     "  executions INTEGER NOT NULL,"
     "  used_ns INTEGER NOT NULL,"
+    "  predicted INTEGER," /* these three: NULL in the runs of an older program */
+    "  flags INTEGER,"
+    "  held INTEGER,"
     "  PRIMARY KEY (run, step)) WITHOUT ROWID",
 
     "CREATE TABLE outputs ("
@@ -85,6 +127,8 @@ const char *const tl_database_schema[] = {
     "  u_hat,"
     "  delta AS (u - u_hat),"
     "  PRIMARY KEY (run, step, signal)) WITHOUT ROWID",
+
+    CREATE_COMPONENTS,
 
     "CREATE TABLE events ("
     "  event INTEGER PRIMARY KEY,"
@@ -111,13 +155,7 @@ const char *const tl_database_schema[] = {
     "  LEFT JOIN signals n ON n.run = s.run AND n.kind = 'plant' AND n.signal = s.signal"
     "  LEFT JOIN qualities q ON q.code = s.quality",
 
-    "CREATE VIEW v_steps AS SELECT s.run, s.step, s.t_ns / 1e9 AS time_s,"
-    "  CASE r.verb WHEN 'run' THEN"
-    "    strftime('%Y-%m-%dT%H:%M:%fZ', r.started, printf('%.3f seconds', s.t_ns / 1e9)) END AS at,"
-    "  coalesce(o.name, s.outcome) AS outcome, coalesce(t.name, s.stop) AS stop, s.J, s.J_nominal,"
-    "  s.evaluations, s.executions, s.used_ns / 1e6 AS used_ms"
-    "  FROM steps s JOIN runs r USING (run)"
-    "  LEFT JOIN outcomes o ON o.code = s.outcome LEFT JOIN stops t ON t.code = s.stop",
+    CREATE_V_STEPS,
 
     "CREATE VIEW v_outputs AS SELECT s.run, s.step, (s.step + 1) * r.step_ns / 1e9 AS time_s,"
     "  CASE r.verb WHEN 'run' THEN"
@@ -137,5 +175,29 @@ const char *const tl_database_schema[] = {
 
     "CREATE VIEW v_events AS SELECT e.run, e.at, e.tick, coalesce(v.name, e.severity) AS severity, e.source, e.text"
     "  FROM events e LEFT JOIN severities v ON v.code = e.severity ORDER BY e.event",
+
+    CREATE_V_LEDGER,
+    NULL,
+};
+
+const char *const tl_database_upgrade[] = {
+    CREATE_FLAGS,
+    CREATE_COMPONENTS,
+    "ALTER TABLE runs ADD COLUMN lead INTEGER NOT NULL DEFAULT 0",
+    "UPDATE runs SET lead = " LEAD,
+    "ALTER TABLE steps ADD COLUMN predicted INTEGER",
+    "ALTER TABLE steps ADD COLUMN flags INTEGER",
+    "ALTER TABLE steps ADD COLUMN held INTEGER",
+    "DROP VIEW v_steps",
+    CREATE_V_STEPS,
+    CREATE_V_LEDGER,
+    NULL,
+};
+
+const char *const tl_database_bridge[] = {
+    "CREATE TEMP VIEW runs AS SELECT *, " LEAD " AS lead FROM main.runs",
+    "CREATE TEMP VIEW steps AS SELECT *, NULL AS predicted, NULL AS flags, NULL AS held FROM main.steps",
+    "CREATE TEMP VIEW components AS SELECT 0 AS run, 0 AS component, '' AS name, 0 AS plain, 0 AS predicted,"
+    "  0 AS executions, 0 AS caught_up, 0 AS unstored WHERE 0",
     NULL,
 };

@@ -81,7 +81,7 @@ static uint64_t count_of(sqlite3_stmt *row, int column) {
     return value < 0 ? 0 : (uint64_t)value;
 }
 
-/* False where the row cannot be one that the recorder wrote. */
+/* False where the row cannot be one that the recorder wrote. Damaged counts must not lead beyond all ticks. */
 static bool read_run(tl_history *history, sqlite3_stmt *row, tl_history_run *run) {
     run->run = sqlite3_column_int64(row, 0);
     run->verb = text_of(history, row, 1);
@@ -100,9 +100,11 @@ static bool read_run(tl_history *history, sqlite3_stmt *row, tl_history_run *run
     run->events = count_of(row, 14);
     run->lost = count_of(row, 15);
     run->removed_before = (int64_t)count_of(row, 16);
+    sqlite3_int64 lead = sqlite3_column_int64(row, 17);
+    run->lead = (uint32_t)lead;
     run->committed = run->committed == NULL ? run->started : run->committed;
     return run->verb != NULL && run->name != NULL && run->version != NULL && run->configuration_hash != NULL &&
-           run->started != NULL && run->step > 0;
+           run->started != NULL && run->step > 0 && lead >= 0 && lead <= INT32_MAX;
 }
 
 static tl_status count_rows(tl_history *history, sqlite3_stmt *statement, size_t *count, tl_error *error) {
@@ -141,7 +143,7 @@ static tl_status read_runs(tl_history *history, sqlite3_stmt *statement, const t
 
 #define RUN_COLUMNS                                                                                                    \
     "SELECT run, verb, name, version, configuration, started, ended, ended_reason, committed, step_ns, prediction,"    \
-    " measurements, samples_written, steps_written, events_written, entries_lost, removed_before FROM runs "
+    " measurements, samples_written, steps_written, events_written, entries_lost, removed_before, lead FROM runs "
 
 tl_status tl_history_runs(tl_history *history, const tl_history_run **runs, size_t *count, tl_error *error) {
     sqlite3_stmt *statement = NULL;
@@ -242,12 +244,52 @@ tl_status tl_history_signals(tl_history *history, const tl_history_run *run, tl_
     return status;
 }
 
-/* ---- Ticks ------------------------------------------------------------------------------------------------------- */
-
-/* The tick at which a step was computed, minus the step. */
-static int64_t lead(const tl_history_run *run) {
-    return tl_measurements_delay(run->measurements, run->prediction);
+static bool read_component(tl_history *history, sqlite3_stmt *row, tl_history_component *component) {
+    component->name = text_of(history, row, 0);
+    component->counts = (tl_recorder_component){
+        .plain = count_of(row, 1),
+        .predicted = count_of(row, 2),
+        .executions = count_of(row, 3),
+        .caught_up = count_of(row, 4),
+        .unstored = count_of(row, 5),
+    };
+    return component->name != NULL;
 }
+
+static tl_status read_ledger(tl_history *history, const tl_history_run *run, sqlite3_stmt *statement,
+                             const tl_history_component **components, size_t *count, tl_error *error) {
+    tl_history_component *read = tl_arena_take(&history->arena, TL_RECORDER_COMPONENTS, sizeof *read);
+    int code = SQLITE_DONE;
+    *count = 0;
+    if (read == NULL) {
+        return fail_memory(error);
+    }
+    while (*count < TL_RECORDER_COMPONENTS && (code = sqlite3_step(statement)) == SQLITE_ROW) {
+        if (!read_component(history, statement, &read[(*count)++])) {
+            return tl_fail(error, TL_BAD_DATA, "%s: is damaged: a component of run %lld has no name", file_of(history),
+                           (long long)run->run);
+        }
+    }
+    *components = read;
+    return code == SQLITE_DONE || code == SQLITE_ROW ? TL_OK : tl_database_fail(history->database, code, error);
+}
+
+tl_status tl_history_ledger(tl_history *history, const tl_history_run *run, const tl_history_component **components,
+                            size_t *count, tl_error *error) {
+    sqlite3_stmt *statement = NULL;
+    tl_status status = tl_database_prepare(history->database,
+                                           "SELECT name, plain, predicted, executions, caught_up, unstored"
+                                           " FROM components WHERE run = ?1 ORDER BY component",
+                                           &statement, error);
+    if (status == TL_OK) {
+        (void)sqlite3_bind_int64(statement, 1, run->run);
+        status = read_ledger(history, run, statement, components, count, error);
+    }
+    (void)sqlite3_finalize(statement);
+    return status;
+}
+
+/* ---- Ticks ------------------------------------------------------------------------------------------------------- */
 
 tl_status tl_history_ticks_begin(tl_history *history, const tl_history_run *run, tl_history_ticks **ticks,
                                  tl_error *error) {
@@ -273,7 +315,7 @@ tl_status tl_history_ticks_begin(tl_history *history, const tl_history_run *run,
     }
     if (status == TL_OK) {
         status = tl_database_prepare(history->database,
-                                     "SELECT step, outcome, stop, evaluations FROM steps"
+                                     "SELECT step, outcome, stop, evaluations, flags, J_nominal IS NULL FROM steps"
                                      " WHERE run = ?1 AND step >= ?2 AND step < ?3 ORDER BY step",
                                      &begun->steps, error);
     }
@@ -373,6 +415,15 @@ static tl_status read_samples(tl_history_ticks *ticks, int64_t first, tl_error *
     return status;
 }
 
+/* An older program did not say it: there it was so where nothing is known of nominal. */
+static uint32_t read_flags(sqlite3_stmt *row, int64_t outcome, int64_t stop) {
+    if (sqlite3_column_type(row, 4) != SQLITE_NULL) {
+        return (uint32_t)sqlite3_column_int64(row, 4);
+    }
+    bool unknown = sqlite3_column_int64(row, 5) != 0;
+    return stop == TL_STOP_TIME && outcome == TL_NOMINAL && unknown ? TL_FLAG_WITHOUT_NOMINAL : 0;
+}
+
 /* One row: one step. Ticks and steps are both in order, so the search goes on from `*from`. */
 static bool add_step(tl_history_ticks *ticks, sqlite3_stmt *row, size_t *from) {
     int64_t step = sqlite3_column_int64(row, 0);
@@ -381,7 +432,7 @@ static bool add_step(tl_history_ticks *ticks, sqlite3_stmt *row, size_t *from) {
     if (outcome < TL_FREE || outcome > TL_MADE_UP || stop < TL_STOP_NONE || stop > TL_STOP_TIME) {
         return false;
     }
-    int64_t number = step + lead(ticks->run);
+    int64_t number = step + ticks->run->lead;
     while (*from < ticks->count && ticks->buffer[*from].sample.tick < number) {
         (*from)++;
     }
@@ -392,6 +443,7 @@ static bool add_step(tl_history_ticks *ticks, sqlite3_stmt *row, size_t *from) {
         tick->outcome = (tl_outcome)outcome;
         tick->stop = (tl_stop)stop;
         tick->evaluations = (uint32_t)sqlite3_column_int64(row, 3);
+        tick->flags = read_flags(row, outcome, stop);
     }
     return true;
 }
@@ -400,7 +452,7 @@ static tl_status read_steps(tl_history_ticks *ticks, int64_t first, tl_error *er
     int code = SQLITE_ROW;
     tl_status status = TL_OK;
     size_t from = 0;
-    int64_t first_step = first - lead(ticks->run);
+    int64_t first_step = first - ticks->run->lead;
     bind_range(ticks->steps, ticks->run->run, first_step, first_step + TICKS_AT_ONCE);
     while (status == TL_OK && (code = sqlite3_step(ticks->steps)) == SQLITE_ROW) {
         if (!add_step(ticks, ticks->steps, &from)) {

@@ -32,6 +32,7 @@ typedef struct tl_history_run {
     const char *committed;          /* UTC of the last commit */
     tl_time step;                   /* T_S, ns */
     uint32_t prediction;            /* T_P */
+    uint32_t lead;                  /* step i was computed at tick i + lead */
     tl_measurements measurements;
     uint64_t samples, steps, events, lost; /* written, and lost */
     int64_t removed_before;                /* retention has removed the ticks and steps before this one; 0: none */
@@ -57,14 +58,25 @@ tl_status tl_history_configuration(tl_history *history, const tl_history_run *ru
 tl_status tl_history_signals(tl_history *history, const tl_history_run *run, tl_history_kind kind,
                              const tl_recorder_signal **signals, size_t *count, tl_error *error);
 
-/* One tick, and the step that was computed at it: tick − T_P in mode lag, tick in mode ahead. */
+/* One component in the ledger of a run, as of the last commit; the plant is the last one. */
+typedef struct tl_history_component {
+    const char *name;
+    tl_recorder_component counts;
+} tl_history_component;
+
+/* None in the runs of a program that kept no ledger. */
+tl_status tl_history_ledger(tl_history *history, const tl_history_run *run, const tl_history_component **components,
+                            size_t *count, tl_error *error);
+
+/* One tick, and the step that was computed at it: tick − lead. */
 typedef struct tl_history_tick {
     tl_sample sample;   /* stamps count from t_start; signals that the run does not have: no link */
-    bool has_step;      /* false for the first ticks in mode lag, and where the record of the step was lost */
+    bool has_step;      /* false for the first ticks, and where the record of the step was lost */
     int64_t step;       /* with has_step, as all that follow */
     tl_outcome outcome; /* TL_MADE_UP: the run missed this tick */
     tl_stop stop;       /* TL_STOP_TIME: there was time for no more than these evaluations */
     uint32_t evaluations;
+    uint32_t flags; /* tl_flag */
 } tl_history_tick;
 
 /* A walk through the ticks of a run, from the first that is still there. */

@@ -18,15 +18,3 @@ tl_measurements tl_measurements_named(const char *name) {
     }
     return TL_LAG;
 }
-
-int64_t tl_measurements_delay(tl_measurements measurements, uint32_t prediction) {
-    switch (measurements) {
-    case TL_LAG:
-        return (int64_t)prediction;
-    case TL_AHEAD:
-        return 0;
-    case TL_HOLD:
-        return 1;
-    }
-    return 0;
-}

@@ -1,13 +1,11 @@
-/* The modes of `synchronise.horizon.measurements`: their names, and when a step is computed in each.
+/* The modes of `synchronise.horizon.measurements`: their names.
  *
- * Purpose: the one list that the configuration, the database and the pages for people share, and the one place that
- *          knows at which tick a step is due.
+ * Purpose: the one list that the configuration, the database and the pages for people share. At which tick a step is
+ *          computed, the twin says: see tl_twin_facts.lead.
  * Thread:  pure.
  */
 #ifndef TL_FIRMWARE_MEASUREMENTS_H
 #define TL_FIRMWARE_MEASUREMENTS_H
-
-#include <stdint.h>
 
 #include "master/plan.h"
 
@@ -18,8 +16,5 @@ const char *tl_measurements_name(tl_measurements measurements);
 
 /* The mode of that name; TL_LAG where there is none. NULL is allowed. */
 tl_measurements tl_measurements_named(const char *name);
-
-/* The tick at which a step is computed, minus the step; `prediction` is T_P. */
-int64_t tl_measurements_delay(tl_measurements measurements, uint32_t prediction);
 
 #endif

@@ -138,9 +138,9 @@ void tl_recorder_put_sample(tl_recorder *recorder, const tl_sample *sample) {
     }
 }
 
-void tl_recorder_put_step(tl_recorder *recorder, const tl_record *record) {
+void tl_recorder_put_step(tl_recorder *recorder, const tl_record *record, const tl_recorder_component *ledger) {
     prepare_put(recorder, TL_ENTRY_STEP);
-    if (!tl_recorder_entry_put_step(&recorder->ring, &recorder->shape, record)) {
+    if (!tl_recorder_entry_put_step(&recorder->ring, &recorder->shape, record, ledger)) {
         lose(recorder);
     }
 }
@@ -421,6 +421,7 @@ static tl_status start(tl_recorder *recorder, const tl_recorder_settings *settin
     recorder->shape.plant = settings->plant_count;
     recorder->shape.match = settings->match_count;
     recorder->shape.adjust = settings->adjust_count;
+    recorder->shape.components = settings->component_count;
     recorder->commit = settings->commit;
     recorder->wait_when_full = settings->wait_when_full;
     recorder->lost_said_at = now() - LOSS_PAUSE;

@@ -33,6 +33,18 @@ typedef struct tl_recorder_signal {
     tl_type type;
 } tl_recorder_signal;
 
+/* One component in the ledger, counted since the run began; see tl_twin_ledger. */
+typedef struct tl_recorder_component {
+    uint64_t plain;
+    uint64_t predicted;
+    uint64_t executions;
+    uint64_t caught_up;
+    uint64_t unstored;
+} tl_recorder_component;
+
+/* FMUs and the plant. */
+enum { TL_RECORDER_COMPONENTS = 64 };
+
 typedef struct tl_recorder_settings {
     const char *path;
     int64_t max_bytes;         /* 0: no bound; else at least 1,000,000 */
@@ -42,9 +54,12 @@ typedef struct tl_recorder_settings {
     const char *configuration; /* its text */
     tl_time step;              /* T_S */
     uint32_t prediction;
+    uint32_t lead; /* step i is computed at tick i + lead */
     tl_measurements measurements;
     const tl_recorder_signal *plant, *match, *adjust;
     size_t plant_count, match_count, adjust_count;
+    const char *const *components; /* names, in the order of the ledger */
+    size_t component_count;
     bool wait_when_full; /* replay: put waits instead of losing, but not once the disk has refused for 2 s */
 } tl_recorder_settings;
 
@@ -65,9 +80,10 @@ tl_status tl_recorder_open(const tl_recorder_settings *settings, tl_recorder **r
  * `start` is 0 and the run began when the recorder was opened. */
 void tl_recorder_start(tl_recorder *recorder, tl_time start);
 
-/* Producer. Wait-free unless wait_when_full. */
+/* Producer. Wait-free unless wait_when_full. `ledger` has an entry for each of settings.components, as of this step: so
+ * that what is committed of both belongs together, whatever comes next. */
 void tl_recorder_put_sample(tl_recorder *recorder, const tl_sample *sample);
-void tl_recorder_put_step(tl_recorder *recorder, const tl_record *record);
+void tl_recorder_put_step(tl_recorder *recorder, const tl_record *record, const tl_recorder_component *ledger);
 
 /* Any thread, wait-free, the cycle's too. `source` is one word ("plant", "cycle", "twin"); `tick` −1 where it belongs to
  * none. Both texts are copied and cut to what an entry holds (31 and 223 bytes). */

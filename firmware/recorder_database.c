@@ -34,6 +34,7 @@ typedef enum statement {
     OUTPUT,
     ADJUSTMENT,
     EVENT,
+    COMPONENT,
     TOTALS,
     END,
     STATEMENTS
@@ -48,10 +49,12 @@ static const char *const sql_of[STATEMENTS] = {
     [SAMPLE] = "INSERT OR REPLACE INTO samples (run, tick, signal, value, quality, stamp_ns)"
                " VALUES (?1, ?2, ?3, ?4, ?5, ?6)",
     [STEP] = "INSERT OR REPLACE INTO steps (run, step, t_ns, outcome, stop, J, J_nominal, evaluations, executions,"
-             " used_ns) VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10)",
+             " used_ns, predicted, flags, held) VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10, ?11, ?12, ?13)",
     [OUTPUT] = "INSERT OR REPLACE INTO outputs (run, step, signal, y, y_hat, quality) VALUES (?1, ?2, ?3, ?4, ?5, ?6)",
     [ADJUSTMENT] = "INSERT OR REPLACE INTO adjustments (run, step, signal, u, u_hat) VALUES (?1, ?2, ?3, ?4, ?5)",
     [EVENT] = "INSERT INTO events (run, at, tick, severity, source, text) VALUES (?1, ?2, ?3, ?4, ?5, ?6)",
+    [COMPONENT] = "UPDATE components SET plain = ?3, predicted = ?4, executions = ?5, caught_up = ?6, unstored = ?7"
+                  " WHERE run = ?1 AND component = ?2",
     [TOTALS] = "UPDATE runs SET samples_written = ?2, steps_written = ?3, events_written = ?4, entries_lost = ?5,"
                " committed = ?6 WHERE run = ?1",
     [END] = "UPDATE runs SET ended = committed, ended_reason = ?2 WHERE run = ?1",
@@ -66,6 +69,8 @@ struct tl_recorder_database {
     tl_recorder_shape shape;
     tl_time step;
     int64_t run;
+    bool has_ledger; /* a step of this batch has brought one */
+    tl_recorder_component ledger[TL_RECORDER_COMPONENTS];
 };
 
 /* ---- Statements -------------------------------------------------------------------------------------------------- */
@@ -109,6 +114,7 @@ static int check_place(const tl_recorder_database *database) {
 
 int tl_recorder_database_begin(tl_recorder_database *database, size_t bytes) {
     int code = check_place(database);
+    database->has_ledger = false;
     if (code == SQLITE_OK) {
         code = tl_recorder_retention_make_room(&database->retention, bytes);
     }
@@ -155,6 +161,9 @@ static int write_head(tl_recorder_database *database, const tl_record *record) {
     (void)sqlite3_bind_int64(prepared, 8, record->evaluations);
     (void)sqlite3_bind_int64(prepared, 9, record->executions);
     (void)sqlite3_bind_int64(prepared, 10, record->used);
+    (void)sqlite3_bind_int64(prepared, 11, record->predicted);
+    (void)sqlite3_bind_int64(prepared, 12, record->flags);
+    (void)sqlite3_bind_int64(prepared, 13, record->held);
     return run_statement(prepared);
 }
 
@@ -182,6 +191,29 @@ static int write_step(tl_recorder_database *database, const tl_record *record) {
     return code;
 }
 
+/* Written with the batch: the ledger of its last step. */
+static void keep_ledger(tl_recorder_database *database, const tl_recorder_component *ledger) {
+    database->has_ledger = true;
+    memcpy(database->ledger, ledger, database->shape.components * sizeof *ledger);
+}
+
+static int write_ledger(tl_recorder_database *database) {
+    sqlite3_stmt *prepared = database->statements[COMPONENT];
+    int code = SQLITE_OK;
+    for (size_t i = 0; database->has_ledger && i < database->shape.components && code == SQLITE_OK; i++) {
+        const tl_recorder_component *component = &database->ledger[i];
+        (void)sqlite3_bind_int64(prepared, 1, database->run);
+        (void)sqlite3_bind_int64(prepared, 2, (sqlite3_int64)i);
+        (void)sqlite3_bind_int64(prepared, 3, (sqlite3_int64)component->plain);
+        (void)sqlite3_bind_int64(prepared, 4, (sqlite3_int64)component->predicted);
+        (void)sqlite3_bind_int64(prepared, 5, (sqlite3_int64)component->executions);
+        (void)sqlite3_bind_int64(prepared, 6, (sqlite3_int64)component->caught_up);
+        (void)sqlite3_bind_int64(prepared, 7, (sqlite3_int64)component->unstored);
+        code = run_statement(prepared);
+    }
+    return code;
+}
+
 int tl_recorder_database_entry(tl_recorder_database *database, const tl_recorder_entry *entry) {
     switch (entry->kind) {
     case TL_ENTRY_START:
@@ -189,6 +221,7 @@ int tl_recorder_database_entry(tl_recorder_database *database, const tl_recorder
     case TL_ENTRY_SAMPLE:
         return write_sample(database, &entry->sample);
     case TL_ENTRY_STEP:
+        keep_ledger(database, entry->ledger);
         return write_step(database, &entry->record);
     }
     return SQLITE_INTERNAL;
@@ -255,7 +288,10 @@ static int write_totals(tl_recorder_database *database, const tl_recorder_totals
 }
 
 int tl_recorder_database_commit(tl_recorder_database *database, const tl_recorder_totals *totals) {
-    int code = write_totals(database, totals);
+    int code = write_ledger(database);
+    if (code == SQLITE_OK) {
+        code = write_totals(database, totals);
+    }
     return code == SQLITE_OK ? run_statement(database->statements[COMMIT]) : code;
 }
 
@@ -334,6 +370,10 @@ static tl_status write_names(sqlite3 *connection, tl_error *error) {
         status = change(connection, "INSERT OR REPLACE INTO stops VALUES (?1, ?2)", i, tl_stop_name((tl_stop)i), NULL,
                         error);
     }
+    for (unsigned bit = TL_FLAG_FALLBACK; bit <= TL_FLAG_WITHOUT_NOMINAL && status == TL_OK; bit <<= 1) {
+        status = change(connection, "INSERT OR REPLACE INTO flags VALUES (?1, ?2)", bit, tl_flag_name((tl_flag)bit),
+                        NULL, error);
+    }
     for (int i = TL_GOOD; i <= TL_OUTLIER && status == TL_OK; i++) {
         status = change(connection, "INSERT OR REPLACE INTO qualities VALUES (?1, ?2)", i,
                         tl_quality_name((tl_quality)i), NULL, error);
@@ -357,7 +397,7 @@ static tl_status end_killed_runs(sqlite3 *connection, tl_error *error) {
 static tl_status write_run(tl_recorder_database *database, const tl_recorder_settings *settings, const char *hash,
                            tl_error *error) {
     static const char sql[] = "INSERT INTO runs (verb, name, version, configuration, started, committed, step_ns,"
-                              " prediction, measurements) VALUES (?1, ?2, ?3, ?4, ?5, ?5, ?6, ?7, ?8)";
+                              " prediction, measurements, lead) VALUES (?1, ?2, ?3, ?4, ?5, ?5, ?6, ?7, ?8, ?9)";
     sqlite3_stmt *prepared = NULL;
     char now[TL_UTC_TEXT];
     tl_status status = tl_database_prepare(database->connection, sql, &prepared, error);
@@ -373,6 +413,7 @@ static tl_status write_run(tl_recorder_database *database, const tl_recorder_set
     (void)sqlite3_bind_int64(prepared, 6, settings->step);
     (void)sqlite3_bind_int64(prepared, 7, settings->prediction);
     bind_text(prepared, 8, tl_measurements_name(settings->measurements));
+    (void)sqlite3_bind_int64(prepared, 9, settings->lead);
     int code = sqlite3_step(prepared);
     if (code != SQLITE_DONE) {
         status = tl_database_fail(database->connection, code, error);
@@ -403,6 +444,34 @@ static tl_status write_signals(const tl_recorder_database *database, const char 
     return status;
 }
 
+static tl_status write_components(const tl_recorder_database *database, const tl_recorder_settings *settings,
+                                  tl_error *error) {
+    static const char sql[] = "INSERT INTO components (run, component, name) VALUES (?1, ?2, ?3)";
+    sqlite3_stmt *prepared = NULL;
+    tl_status status = tl_database_prepare(database->connection, sql, &prepared, error);
+    for (size_t i = 0; i < settings->component_count && status == TL_OK; i++) {
+        (void)sqlite3_bind_int64(prepared, 1, database->run);
+        (void)sqlite3_bind_int64(prepared, 2, (sqlite3_int64)i);
+        bind_text(prepared, 3, settings->components[i]);
+        int code = run_statement(prepared);
+        status = code == SQLITE_OK ? TL_OK : tl_database_fail(database->connection, code, error);
+    }
+    (void)sqlite3_finalize(prepared);
+    return status;
+}
+
+static tl_status write_all_signals(const tl_recorder_database *database, const tl_recorder_settings *settings,
+                                   tl_error *error) {
+    tl_status status = write_signals(database, "plant", settings->plant, settings->plant_count, error);
+    if (status == TL_OK) {
+        status = write_signals(database, "match", settings->match, settings->match_count, error);
+    }
+    if (status == TL_OK) {
+        status = write_signals(database, "adjust", settings->adjust, settings->adjust_count, error);
+    }
+    return status;
+}
+
 /* All rows that say what this run is, in one transaction. */
 static tl_status begin_run(tl_recorder_database *database, const tl_recorder_settings *settings, tl_error *error) {
     char hash[TL_SHA256_TEXT];
@@ -423,13 +492,10 @@ static tl_status begin_run(tl_recorder_database *database, const tl_recorder_set
         status = write_run(database, settings, hash, error);
     }
     if (status == TL_OK) {
-        status = write_signals(database, "plant", settings->plant, settings->plant_count, error);
+        status = write_all_signals(database, settings, error);
     }
     if (status == TL_OK) {
-        status = write_signals(database, "match", settings->match, settings->match_count, error);
-    }
-    if (status == TL_OK) {
-        status = write_signals(database, "adjust", settings->adjust, settings->adjust_count, error);
+        status = write_components(database, settings, error);
     }
     return status == TL_OK ? tl_database_execute(connection, "COMMIT", error) : status;
 }
@@ -491,7 +557,8 @@ static tl_status open_all(tl_recorder_database *database, const tl_recorder_sett
 tl_status tl_recorder_database_open(const tl_recorder_settings *settings, tl_recorder_database **database,
                                     tl_error *error) {
     assert(settings->plant_count <= TL_MAX_SIGNALS && settings->match_count <= TL_MAX_MATCH &&
-           settings->adjust_count <= TL_MAX_ADJUST && settings->step > 0);
+           settings->adjust_count <= TL_MAX_ADJUST && settings->component_count <= TL_RECORDER_COMPONENTS &&
+           settings->step > 0);
     tl_recorder_database *opened = calloc(1, sizeof *opened);
     *database = NULL;
     if (opened == NULL) {
@@ -502,6 +569,7 @@ tl_status tl_recorder_database_open(const tl_recorder_settings *settings, tl_rec
     opened->shape.plant = settings->plant_count;
     opened->shape.match = settings->match_count;
     opened->shape.adjust = settings->adjust_count;
+    opened->shape.components = settings->component_count;
     tl_status status = TL_OK;
     if (realpath(settings->path, opened->path) == NULL &&
         snprintf(opened->path, sizeof opened->path, "%s", settings->path) >= PATH_MAX) {

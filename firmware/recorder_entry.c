@@ -11,9 +11,12 @@ typedef struct step_head {
     double objective_nominal;
     uint32_t evaluations;
     uint32_t executions;
+    uint32_t predicted;
+    uint32_t flags;
+    uint32_t held;
     uint8_t outcome;
     uint8_t stop;
-    uint8_t unused[6]; /* so that no byte of it is indeterminate */
+    uint8_t unused[2]; /* so that no byte of it is indeterminate */
 } step_head;
 
 size_t tl_recorder_entry_size(const tl_recorder_shape *shape, tl_recorder_kind kind) {
@@ -23,7 +26,8 @@ size_t tl_recorder_entry_size(const tl_recorder_shape *shape, tl_recorder_kind k
     case TL_ENTRY_SAMPLE:
         return 1 + sizeof(int64_t) + shape->plant * (sizeof(double) + sizeof(tl_time) + 1);
     case TL_ENTRY_STEP:
-        return 1 + sizeof(step_head) + shape->match * (2 * sizeof(double) + 1) + shape->adjust * 2 * sizeof(double);
+        return 1 + sizeof(step_head) + shape->match * (2 * sizeof(double) + 1) + shape->adjust * 2 * sizeof(double) +
+               shape->components * sizeof(tl_recorder_component);
     }
     return 0;
 }
@@ -63,13 +67,17 @@ bool tl_recorder_entry_put_sample(tl_recorder_ring *ring, const tl_recorder_shap
     return true;
 }
 
-bool tl_recorder_entry_put_step(tl_recorder_ring *ring, const tl_recorder_shape *shape, const tl_record *record) {
+bool tl_recorder_entry_put_step(tl_recorder_ring *ring, const tl_recorder_shape *shape, const tl_record *record,
+                                const tl_recorder_component *ledger) {
     step_head head = {.step = record->step,
                       .used = record->used,
                       .objective = record->objective,
                       .objective_nominal = record->objective_nominal,
                       .evaluations = record->evaluations,
                       .executions = record->executions,
+                      .predicted = record->predicted,
+                      .flags = record->flags,
+                      .held = record->held,
                       .outcome = (uint8_t)record->outcome,
                       .stop = (uint8_t)record->stop};
     if (!begin_entry(ring, shape, TL_ENTRY_STEP)) {
@@ -81,6 +89,7 @@ bool tl_recorder_entry_put_step(tl_recorder_ring *ring, const tl_recorder_shape 
     tl_recorder_ring_append(ring, record->y_hat_quality, shape->match);
     tl_recorder_ring_append(ring, record->u, shape->adjust * sizeof(double));
     tl_recorder_ring_append(ring, record->u_hat, shape->adjust * sizeof(double));
+    tl_recorder_ring_append(ring, ledger, shape->components * sizeof *ledger);
     tl_recorder_ring_publish(ring);
     return true;
 }
@@ -103,6 +112,9 @@ static void take_step(const tl_recorder_ring *ring, const tl_recorder_shape *sha
     record->objective_nominal = head.objective_nominal;
     record->evaluations = head.evaluations;
     record->executions = head.executions;
+    record->predicted = head.predicted;
+    record->flags = head.flags;
+    record->held = head.held;
     record->used = head.used;
     tl_recorder_ring_read(ring, cursor, record->y, shape->match * sizeof(double));
     tl_recorder_ring_read(ring, cursor, record->y_hat, shape->match * sizeof(double));
@@ -125,6 +137,7 @@ void tl_recorder_entry_take(const tl_recorder_ring *ring, const tl_recorder_shap
         break;
     case TL_ENTRY_STEP:
         take_step(ring, shape, cursor, &entry->record);
+        tl_recorder_ring_read(ring, cursor, entry->ledger, shape->components * sizeof *entry->ledger);
         break;
     }
 }

@@ -11,15 +11,17 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#include "firmware/recorder.h"
 #include "firmware/recorder_ring.h"
 #include "master/base/signal.h"
 #include "master/twin.h"
 
-/* How many of each the run has: at most TL_MAX_SIGNALS, TL_MAX_MATCH, TL_MAX_ADJUST. */
+/* How many of each the run has: at most TL_MAX_SIGNALS, TL_MAX_MATCH, TL_MAX_ADJUST, TL_RECORDER_COMPONENTS. */
 typedef struct tl_recorder_shape {
     size_t plant;
     size_t match;
     size_t adjust;
+    size_t components;
 } tl_recorder_shape;
 
 typedef enum tl_recorder_kind { TL_ENTRY_START, TL_ENTRY_SAMPLE, TL_ENTRY_STEP } tl_recorder_kind;
@@ -29,6 +31,7 @@ typedef struct tl_recorder_entry {
     int64_t started; /* TL_ENTRY_START: UTC of t_start, ms */
     tl_sample sample;
     tl_record record;
+    tl_recorder_component ledger[TL_RECORDER_COMPONENTS]; /* as of the record */
 } tl_recorder_entry;
 
 /* Bytes of an entry in the ring. */
@@ -38,7 +41,8 @@ size_t tl_recorder_entry_size(const tl_recorder_shape *shape, tl_recorder_kind k
 bool tl_recorder_entry_put_start(tl_recorder_ring *ring, const tl_recorder_shape *shape, int64_t started);
 bool tl_recorder_entry_put_sample(tl_recorder_ring *ring, const tl_recorder_shape *shape, const tl_sample *sample,
                                   tl_time start);
-bool tl_recorder_entry_put_step(tl_recorder_ring *ring, const tl_recorder_shape *shape, const tl_record *record);
+bool tl_recorder_entry_put_step(tl_recorder_ring *ring, const tl_recorder_shape *shape, const tl_record *record,
+                                const tl_recorder_component *ledger);
 
 /* The entry at the cursor, which must be before the ring's end; moves the cursor behind it. Fields beyond the shape
  * are not set. */

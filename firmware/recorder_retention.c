@@ -152,6 +152,7 @@ static int remove_rest(tl_recorder_retention *retention, int64_t run) {
     static const char *const statements[] = {
         "DELETE FROM events WHERE event IN (SELECT event FROM events WHERE run = ?1 ORDER BY event LIMIT 4096)",
         "DELETE FROM signals WHERE run = ?1 AND NOT EXISTS (SELECT 1 FROM events WHERE run = ?1)",
+        "DELETE FROM components WHERE run = ?1 AND NOT EXISTS (SELECT 1 FROM events WHERE run = ?1)",
         "DELETE FROM runs WHERE run = ?1 AND NOT EXISTS (SELECT 1 FROM events WHERE run = ?1)",
         "DELETE FROM configurations WHERE hash NOT IN (SELECT configuration FROM runs)",
     };

@@ -108,7 +108,9 @@ static tl_status next_from_csv(tl_recording *recording, tl_recording_tick *tick,
     }
     tl_plant_input_take(&recording->input, recording->next, instant, &tick->sample);
     tick->made_up = false;
-    tick->evaluation_limit = UINT32_MAX;
+    tick->cut_short = false;
+    tick->evaluations = 0;
+    tick->without_nominal = false;
     return TL_OK;
 }
 

@@ -21,8 +21,10 @@ typedef struct tl_recording tl_recording;
 /* One tick of a recording. */
 typedef struct tl_recording_tick {
     tl_sample sample;
-    bool made_up;              /* the run missed this tick */
-    uint32_t evaluation_limit; /* what the run had time for at this tick; UINT32_MAX where time was no limit */
+    bool made_up;         /* the run missed this tick */
+    bool cut_short;       /* the run's search at this tick ran out of time: */
+    uint32_t evaluations; /* it had time for these, which may be none, */
+    bool without_nominal; /* and nominal's was not among them */
 } tl_recording_tick;
 
 /* `path` is a CSV file, or a SQLite database (recognised by its first bytes), whose last run is taken. The database's

@@ -107,7 +107,10 @@ tl_status tl_recording_database_next(tl_recording_database *database, tl_recordi
     database->next++;
     tick->sample = read.sample;
     tick->made_up = repeat && read.outcome == TL_MADE_UP;
-    tick->evaluation_limit = repeat && read.stop == TL_STOP_TIME ? read.evaluations : UINT32_MAX;
+    bool without_nominal = (read.flags & TL_FLAG_WITHOUT_NOMINAL) != 0;
+    tick->cut_short = repeat && (read.stop == TL_STOP_TIME || without_nominal);
+    tick->evaluations = tick->cut_short ? read.evaluations : 0;
+    tick->without_nominal = tick->cut_short && (without_nominal || read.evaluations == 0);
     return TL_OK;
 }
 

@@ -3,7 +3,6 @@
 
 #include "firmware/clock.h"
 #include "firmware/interrupt.h"
-#include "firmware/measurements.h"
 #include "firmware/progress.h"
 
 /* Steps i = 0 … n with n = duration/T_S. */
@@ -15,17 +14,26 @@ static void keep(const tl_replay *replay, const tl_record *record, tl_summary *s
     const tl_config *config = &replay->assembly->config;
     tl_summary_add(summary, config, record);
     if (replay->recorder != NULL) {
-        tl_recorder_put_step(replay->recorder, record);
+        tl_assembly_put_step(replay->assembly, replay->recorder, record);
     }
     if (replay->trajectory != NULL) {
         tl_trajectory_add(replay->trajectory, config, record);
     }
 }
 
+/* As configured, but without a clock; where time cut the run's search short, exactly what it had time for. */
+static tl_budget budget_of(const tl_config *config, const tl_recording_tick *tick) {
+    tl_budget budget = {.evaluations = config->budget_evaluations};
+    if (tick->cut_short) {
+        budget.evaluations = tick->evaluations < budget.evaluations ? tick->evaluations : budget.evaluations;
+        budget.repeated = true;
+        budget.without_nominal = tick->without_nominal;
+    }
+    return budget;
+}
+
 static tl_status step(const tl_replay *replay, const tl_recording_tick *tick, tl_summary *summary, tl_error *error) {
-    const tl_config *config = &replay->assembly->config;
-    uint32_t limit = config->budget_evaluations;
-    tl_budget budget = {.evaluations = tick->evaluation_limit < limit ? tick->evaluation_limit : limit};
+    tl_budget budget = budget_of(&replay->assembly->config, tick);
     tl_record record;
     bool ready = false;
     tl_status status = tick->made_up
@@ -55,7 +63,7 @@ static int64_t last_tick(const tl_replay *replay) {
     if (last == INT64_MAX) {
         return last;
     }
-    return last + tl_measurements_delay(config->measurements, tl_twin_get_facts(replay->assembly->twin).prediction);
+    return last + tl_twin_get_facts(replay->assembly->twin).lead;
 }
 
 static tl_status finish(const tl_replay *replay, const tl_recording_tick *tick, tl_summary *summary) {
@@ -108,6 +116,12 @@ static tl_status run(const tl_replay *replay, tl_progress *progress, tl_summary 
     return status;
 }
 
+/* Ticks that a record needs beyond that of its step: in mode ahead its measurement comes one later. */
+static unsigned ticks_needed(const tl_replay *replay) {
+    unsigned lead = (unsigned)tl_twin_get_facts(replay->assembly->twin).lead;
+    return replay->assembly->config.measurements == TL_AHEAD ? lead + 1 : lead;
+}
+
 tl_status tl_replay_run(const tl_replay *replay, tl_summary *summary, tl_error *error) {
     tl_progress progress;
     int64_t ticks = tl_recording_ticks(replay->recording);
@@ -122,8 +136,7 @@ tl_status tl_replay_run(const tl_replay *replay, tl_summary *summary, tl_error *
             tl_fail(error, TL_BAD_DATA,
                     "the recording ends before the first step: it has %lld ticks of %g s, and a step needs %u more "
                     "than its first",
-                    (long long)ticks, tl_seconds(replay->assembly->config.step),
-                    (unsigned)tl_twin_get_facts(replay->assembly->twin).prediction);
+                    (long long)ticks, tl_seconds(replay->assembly->config.step), ticks_needed(replay));
     }
     summary->wall_s = tl_seconds(tl_clock_now(NULL) - started);
     return status;

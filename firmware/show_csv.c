@@ -18,7 +18,9 @@ typedef struct csv_line {
     tl_show_source source;
     size_t signals;
     size_t per_signal;
-    int64_t number; /* of the step or tick; −1: none begun */
+    int64_t number;                     /* of the step or tick; −1: none begun */
+    const tl_recorder_signal *adjusted; /* for the names of those that were held */
+    size_t adjusted_count;
     char fields[MOST_FIELDS][NUMBER];
 } csv_line;
 
@@ -190,6 +192,30 @@ static tl_status print_wide(csv_line *line, tl_history_kind kind, tl_error *erro
 
 /* ---- Lines of one row -------------------------------------------------------------------------------------------- */
 
+/* The names of set bits; nothing where there is none, or an older program did not say. */
+static void put_flags(FILE *file, uint32_t flags) {
+    char text[128] = "";
+    for (unsigned bit = TL_FLAG_FALLBACK; bit <= TL_FLAG_WITHOUT_NOMINAL; bit <<= 1) {
+        size_t length = strlen(text);
+        if ((flags & bit) != 0) {
+            (void)snprintf(text + length, sizeof text - length, "%s%s", length > 0 ? ", " : "",
+                           tl_flag_name((tl_flag)bit));
+        }
+    }
+    put_text(file, text);
+}
+
+static void put_held(const csv_line *line, uint32_t held) {
+    char text[1024] = "";
+    for (size_t i = 0; i < line->adjusted_count; i++) {
+        size_t length = strlen(text);
+        if ((held >> i & 1U) != 0) {
+            (void)snprintf(text + length, sizeof text - length, "%s%s", length > 0 ? ", " : "", line->adjusted[i].name);
+        }
+    }
+    put_text(line->file, text);
+}
+
 static void take_step(void *context, struct sqlite3_stmt *row) {
     const csv_line *line = context;
     int64_t step = sqlite3_column_int64(row, 0);
@@ -199,11 +225,15 @@ static void take_step(void *context, struct sqlite3_stmt *row) {
     (void)fprintf(line->file, ",%lld,%s,%s", (long long)step,
                   outcome < TL_FREE || outcome > TL_MADE_UP ? "unknown" : tl_outcome_name((tl_outcome)outcome),
                   stop < TL_STOP_NONE || stop > TL_STOP_TIME ? "unknown" : tl_stop_name((tl_stop)stop));
-    for (int i = 4; i <= 8; i++) {
+    for (int i = 4; i <= 9; i++) {
         char text[NUMBER];
         format_column(row, i, text, sizeof text);
         (void)fprintf(line->file, ",%s", text);
     }
+    (void)fputc(',', line->file);
+    put_flags(line->file, (uint32_t)sqlite3_column_int64(row, 10));
+    (void)fputc(',', line->file);
+    put_held(line, (uint32_t)sqlite3_column_int64(row, 11));
     end_line(line->file);
 }
 
@@ -213,8 +243,12 @@ static tl_status print_steps(csv_line *line, tl_error *error) {
     bool any = false;
     tl_status status =
         tl_show_range(request->history, request->run, line->source, request->from_step, range, &any, error);
+    if (status == TL_OK) {
+        status = tl_history_signals(request->history, request->run, TL_HISTORY_ADJUST, &line->adjusted,
+                                    &line->adjusted_count, error);
+    }
     put_instant_header(line);
-    (void)fputs(",step,outcome,stop,J,J_nominal,evaluations,executions,used_ns", line->file);
+    (void)fputs(",step,outcome,stop,J,J_nominal,evaluations,executions,used_ns,predicted,flags,held", line->file);
     end_line(line->file);
     if (status == TL_OK && any) {
         status = tl_show_rows(request->history, request->run, line->source, range, 1, (tl_show_taker){take_step, line},

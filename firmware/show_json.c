@@ -45,6 +45,7 @@ static void add_run(cJSON *array, const tl_history_run *run) {
     add_text(object, "committed", run->committed);
     add_number(object, "step_s", tl_seconds(run->step));
     add_count(object, "prediction", run->prediction);
+    add_count(object, "lead", run->lead);
     add_text(object, "measurements", tl_measurements_name(run->measurements));
     add_count(object, "samples", run->samples);
     add_count(object, "steps", run->steps);
@@ -78,6 +79,31 @@ static void add_steps(cJSON *root, const tl_show_summary *summary) {
     for (int i = TL_FREE; i <= TL_MADE_UP; i++) {
         add_count(outcomes, tl_outcome_name((tl_outcome)i), summary->outcomes[i]);
     }
+}
+
+static void add_counts(cJSON *parent, const char *key, const tl_recorder_component *counts) {
+    cJSON *object = cJSON_AddObjectToObject(parent, key);
+    add_count(object, "plain", counts->plain);
+    add_count(object, "predicted", counts->predicted);
+    add_count(object, "executions", counts->executions);
+    (void)cJSON_AddNumberToObject(object, "saved", (double)counts->plain - (double)counts->executions);
+    add_count(object, "caught_up", counts->caught_up);
+    add_count(object, "unstored", counts->unstored);
+    (void)cJSON_AddNumberToObject(object, "difference",
+                                  (double)counts->executions - (double)counts->caught_up - (double)counts->predicted);
+}
+
+static void add_ledger(cJSON *root, const tl_show_summary *summary) {
+    if (summary->ledger_count == 0) {
+        (void)cJSON_AddNullToObject(root, "ledger");
+        return;
+    }
+    cJSON *ledger = cJSON_AddObjectToObject(root, "ledger");
+    cJSON *components = cJSON_AddObjectToObject(ledger, "components");
+    for (size_t i = 0; i < summary->ledger_count; i++) {
+        add_counts(components, summary->ledger[i].name, &summary->ledger[i].counts);
+    }
+    add_counts(ledger, "total", &summary->total);
 }
 
 static void add_matches(cJSON *root, const tl_show_summary *summary) {
@@ -158,6 +184,7 @@ static tl_status fill(cJSON *root, const tl_show_request *request, tl_error *err
     add_steps(root, &summary);
     add_matches(root, &summary);
     add_adjusted(root, request, &summary);
+    add_ledger(root, &summary);
     const tl_show_taker taker = {take_event, cJSON_AddArrayToObject(root, "events")};
     return tl_show_event_rows(request->history, request->run, request->from_at, request->all_events ? -1 : EVENTS_SHOWN,
                               taker, error);

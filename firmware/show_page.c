@@ -139,6 +139,21 @@ static void print_steps(const show_page *page) {
     }
 }
 
+/* Of the whole run, whatever part of it is shown. */
+static void print_ledger(const show_page *page) {
+    const tl_recorder_component *total = &page->summary.total;
+    if (page->summary.ledger_count == 0 || total->plain == 0) {
+        return;
+    }
+    (void)fprintf(page->file, "  executions     %llu, predicted %llu; without saving %llu (%.1f %% saved)\n",
+                  (unsigned long long)total->executions, (unsigned long long)total->predicted,
+                  (unsigned long long)total->plain, 100.0 * (1.0 - (double)total->executions / (double)total->plain));
+    if (total->caught_up + total->unstored > 0) {
+        (void)fprintf(page->file, "                 %llu caught up, %llu results found no room\n",
+                      (unsigned long long)total->caught_up, (unsigned long long)total->unstored);
+    }
+}
+
 static void print_recorded(const show_page *page) {
     const tl_history_run *run = page->request->run;
     (void)fprintf(page->file, "  recorded       %llu samples, %llu steps, %llu events",
@@ -167,6 +182,7 @@ static void print_run(const show_page *page) {
                   clean(page, run->configuration_hash, name, sizeof name),
                   clean(page, run->version, version, sizeof version));
     print_steps(page);
+    print_ledger(page);
     print_recorded(page);
 }
 

@@ -21,7 +21,8 @@ static const struct {
 } questions[] = {
     [TL_SHOW_FROM_SAMPLES] = {ASK_RANGE("samples", "tick"), ASK_ROWS("samples", "tick", "value, quality, stamp_ns")},
     [TL_SHOW_FROM_STEPS] = {ASK_RANGE("steps", "step"),
-                            "SELECT step, 0, outcome, stop, J, J_nominal, evaluations, executions, used_ns FROM steps"
+                            "SELECT step, 0, outcome, stop, J, J_nominal, evaluations, executions, used_ns, predicted,"
+                            " flags, held FROM steps"
                             " WHERE run = ?1 AND step > ?2 AND ?3 = ?3 AND step <= ?4 ORDER BY step LIMIT ?5"},
     [TL_SHOW_FROM_OUTPUTS] = {ASK_RANGE("outputs", "step"), ASK_ROWS("outputs", "step", "y, y_hat, quality")},
     [TL_SHOW_FROM_ADJUSTMENTS] = {ASK_RANGE("adjustments", "step"), ASK_ROWS("adjustments", "step", "u, u_hat")},

@@ -16,9 +16,10 @@
 struct sqlite3_stmt;
 
 typedef enum tl_show_source {
-    TL_SHOW_FROM_SAMPLES,     /* tick, signal, value, quality, stamp_ns */
-    TL_SHOW_FROM_STEPS,       /* step, 0, outcome, stop, J, J_nominal, evaluations, executions, used_ns */
-    TL_SHOW_FROM_OUTPUTS,     /* step, signal, y, y_hat, quality */
+    TL_SHOW_FROM_SAMPLES, /* tick, signal, value, quality, stamp_ns */
+    TL_SHOW_FROM_STEPS,   /* step, 0, outcome, stop, J, J_nominal, evaluations, executions, used_ns, predicted, flags,
+                                 held */
+    TL_SHOW_FROM_OUTPUTS, /* step, signal, y, y_hat, quality */
     TL_SHOW_FROM_ADJUSTMENTS, /* step, signal, u, u_hat */
 } tl_show_source;
 

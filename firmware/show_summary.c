@@ -131,10 +131,26 @@ static tl_status name_signals(tl_history *history, const tl_history_run *run, tl
     return status;
 }
 
+static tl_status add_ledger(tl_history *history, const tl_history_run *run, tl_show_summary *summary, tl_error *error) {
+    tl_status status = tl_history_ledger(history, run, &summary->ledger, &summary->ledger_count, error);
+    for (size_t i = 0; status == TL_OK && i < summary->ledger_count; i++) {
+        const tl_recorder_component *counts = &summary->ledger[i].counts;
+        summary->total.plain += counts->plain;
+        summary->total.predicted += counts->predicted;
+        summary->total.executions += counts->executions;
+        summary->total.caught_up += counts->caught_up;
+        summary->total.unstored += counts->unstored;
+    }
+    return status;
+}
+
 tl_status tl_show_summarise(tl_history *history, const tl_history_run *run, int64_t from_step, tl_show_summary *summary,
                             tl_error *error) {
     memset(summary, 0, sizeof *summary);
     tl_status status = name_signals(history, run, summary, error);
+    if (status == TL_OK) {
+        status = add_ledger(history, run, summary, error);
+    }
     if (status == TL_OK) {
         status = tl_show_range(history, run, TL_SHOW_FROM_STEPS, from_step, summary->range, &summary->any, error);
     }

@@ -52,9 +52,12 @@ typedef struct tl_show_summary {
     size_t match_count;
     tl_show_adjust adjust[TL_MAX_ADJUST];
     size_t adjust_count;
+    const tl_history_component *ledger; /* of the whole run */
+    size_t ledger_count;                /* 0: none was kept */
+    tl_recorder_component total;        /* of the ledger */
 } tl_show_summary;
 
-/* Of the steps at or after `from_step`. */
+/* Of the steps at or after `from_step`; the ledger is of the whole run. */
 tl_status tl_show_summarise(tl_history *history, const tl_history_run *run, int64_t from_step, tl_show_summary *summary,
                             tl_error *error);
 

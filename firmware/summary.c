@@ -83,20 +83,33 @@ static void add_adjusted(cJSON *root, const tl_summary *summary, const tl_config
     }
 }
 
-static void add_cache(cJSON *root, const tl_twin *twin) {
-    uint64_t hits = 0;
-    uint64_t full = 0;
-    uint32_t peak = 0;
+/* Of all components together. */
+static tl_twin_ledger total_ledger(const tl_twin *twin) {
+    tl_twin_ledger total = {0};
     for (size_t i = 0; i < tl_twin_get_facts(twin).components; i++) {
         tl_twin_ledger entry = tl_twin_get_ledger(twin, i);
-        hits += entry.hits;
-        full += entry.unstored;
-        peak = entry.nodes_peak > peak ? entry.nodes_peak : peak;
+        total.nodes_peak = entry.nodes_peak > total.nodes_peak ? entry.nodes_peak : total.nodes_peak;
+        total.plain += entry.plain;
+        total.predicted += entry.predicted;
+        total.executions += entry.executions;
+        total.caught_up += entry.caught_up;
+        total.unstored += entry.unstored;
+        total.difference += entry.difference;
     }
+    return total;
+}
+
+/* Executions that were not needed; less than 0 where catching up cost more than was saved. */
+static double saved(const tl_twin_ledger *entry) {
+    return (double)entry->plain - (double)entry->executions;
+}
+
+static void add_cache(cJSON *root, const tl_twin *twin) {
+    tl_twin_ledger total = total_ledger(twin);
     cJSON *cache = cJSON_AddObjectToObject(root, "cache");
-    (void)cJSON_AddNumberToObject(cache, "hits", (double)hits);
-    (void)cJSON_AddNumberToObject(cache, "nodes_peak", (double)peak);
-    (void)cJSON_AddNumberToObject(cache, "full", (double)full);
+    (void)cJSON_AddNumberToObject(cache, "saved", saved(&total));
+    (void)cJSON_AddNumberToObject(cache, "nodes_peak", (double)total.nodes_peak);
+    (void)cJSON_AddNumberToObject(cache, "full", (double)total.unstored);
 }
 
 static void add_ledger_entry(cJSON *ledger, const char *name, const tl_twin_ledger *entry) {
@@ -104,22 +117,21 @@ static void add_ledger_entry(cJSON *ledger, const char *name, const tl_twin_ledg
     (void)cJSON_AddNumberToObject(object, "plain", (double)entry->plain);
     (void)cJSON_AddNumberToObject(object, "predicted", (double)entry->predicted);
     (void)cJSON_AddNumberToObject(object, "executions", (double)entry->executions);
+    (void)cJSON_AddNumberToObject(object, "saved", saved(entry));
     (void)cJSON_AddNumberToObject(object, "caught_up", (double)entry->caught_up);
+    (void)cJSON_AddNumberToObject(object, "unstored", (double)entry->unstored);
+    (void)cJSON_AddNumberToObject(object, "difference", (double)entry->difference);
 }
 
 /* What the graph predicts against what was done. */
 static void add_ledger(cJSON *root, const tl_twin *twin) {
-    tl_twin_ledger total = {0};
+    tl_twin_ledger total = total_ledger(twin);
     cJSON *ledger = cJSON_AddObjectToObject(root, "ledger");
     (void)cJSON_AddBoolToObject(ledger, "complete", tl_twin_ledger_is_complete(twin));
     cJSON *components = cJSON_AddObjectToObject(ledger, "components");
     for (size_t i = 0; i < tl_twin_get_facts(twin).components; i++) {
         tl_twin_ledger entry = tl_twin_get_ledger(twin, i);
         add_ledger_entry(components, entry.name, &entry);
-        total.plain += entry.plain;
-        total.predicted += entry.predicted;
-        total.executions += entry.executions;
-        total.caught_up += entry.caught_up;
     }
     add_ledger_entry(ledger, "total", &total);
 }
@@ -166,14 +178,24 @@ static void print_outcomes(const tl_summary *summary, FILE *file) {
     (void)fputc('\n', file);
 }
 
-void tl_summary_print_table(const tl_summary *summary, const tl_config *config, const tl_twin *twin, FILE *file) {
+static void print_executions(const tl_summary *summary, const tl_twin *twin, FILE *file) {
     uint64_t executions = total_executions(twin);
     uint64_t floor_executions = committed(summary) * tl_twin_get_facts(twin).components;
-    (void)fprintf(file, "%s\n", config->name);
-    (void)fprintf(file, "  steps        %" PRIu64 " of %g s: ", summary->steps, tl_seconds(config->step));
-    print_outcomes(summary, file);
     (void)fprintf(file, "  executions   %" PRIu64 " (%.3f per free-running one), %" PRIu64 " evaluations\n", executions,
                   floor_executions == 0 ? 0.0 : (double)executions / (double)floor_executions, summary->evaluations);
+}
+
+static void print_ledger(const tl_twin *twin, FILE *file) {
+    tl_twin_ledger total = total_ledger(twin);
+    (void)fprintf(file, "  ledger       predicted %s%" PRIu64 ", without saving %" PRIu64 ", saved %.0f\n",
+                  tl_twin_ledger_is_complete(twin) ? "" : "at most ", total.predicted, total.plain, saved(&total));
+    if (total.caught_up + total.unstored != 0) {
+        (void)fprintf(file, "               %" PRIu64 " caught up, %" PRIu64 " results found no room\n",
+                      total.caught_up, total.unstored);
+    }
+}
+
+static void print_matches(const tl_config *config, const tl_twin *twin, FILE *file) {
     for (size_t i = 0; i < config->match_count; i++) {
         const tl_metrics *metrics = tl_twin_metrics(twin, i);
         const char *unit = tl_twin_match_unit(twin, i);
@@ -190,6 +212,17 @@ void tl_summary_print_table(const tl_summary *summary, const tl_config *config, 
                           metrics->left_out, metrics->left_out + metrics->pairs);
         }
     }
+}
+
+void tl_summary_print_table(const tl_summary *summary, const tl_config *config, const tl_twin *twin, FILE *file) {
+    (void)fprintf(file, "%s\n", config->name);
+    (void)fprintf(file, "  steps        %" PRIu64 " of %g s: ", summary->steps, tl_seconds(config->step));
+    print_outcomes(summary, file);
+    print_executions(summary, twin, file);
+    if (config->adjust_count != 0) {
+        print_ledger(twin, file);
+    }
+    print_matches(config, twin, file);
     for (size_t i = 0; i < config->adjust_count; i++) {
         const tl_summary_adjust *adjust = &summary->adjust[i];
         (void)fprintf(file, "  %-12s mean %.5g, last %.5g %s; mean \316\224u %+.4g\n", config->adjust[i].variable,

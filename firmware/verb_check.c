@@ -5,11 +5,12 @@
 #include <stdio.h>
 #include <string.h>
 
+#include "firmware/advice.h"
 #include "firmware/assembly.h"
-#include "firmware/clock.h"
 #include "firmware/log.h"
 #include "firmware/measurements.h"
 #include "firmware/output.h"
+#include "firmware/prognosis.h"
 #include "firmware/verbs.h"
 
 typedef struct check_options {
@@ -18,13 +19,11 @@ typedef struct check_options {
     FILE *output;
 } check_options;
 
-/* Free steps by which the time of a step is measured. */
-enum { TIMED_STEPS = 200 };
-
 static void print_help(FILE *file) {
     (void)fputs("usage: twinlock check CONFIG [options]\n\n"
                 "Validates a configuration with its FMUs: keys, variables, types, units, connections, paths,\n"
-                "horizon. Tells what a step will cost. Nothing is read from the plant.\n\n"
+                "horizon. Tells what a step will cost, in executions and, by a short dry run, in time. Warns of\n"
+                "what is right and perhaps not meant. Nothing is read from the plant.\n\n"
                 "  --variables  list all variables of the FMUs\n"
                 "  --help       this text\n",
                 file);
@@ -117,16 +116,18 @@ static void print_mode(const tl_assembly *assembly, FILE *output) {
     const tl_config *config = &assembly->config;
     tl_twin_facts facts = tl_twin_get_facts(assembly->twin);
     if (!config->synchronise) {
-        (void)fprintf(output, "free-running, one step every %g s\n", tl_seconds(config->step));
+        (void)fprintf(output, "free-running, one step every %g s; step i is computed at tick i + %" PRIu32 "\n",
+                      tl_seconds(config->step), facts.lead);
         return;
     }
-    (void)fprintf(output, "synchronised every %g s by %s", tl_seconds(config->step),
-                  config->algorithm != NULL ? config->algorithm : "the default algorithm");
-    if (config->fallback != NULL) {
-        (void)fprintf(output, ", then %s", config->fallback);
-    }
-    (void)fprintf(output, ": T_D = %" PRIu32 ", T_P = %" PRIu32 ", measurements %s\n", facts.distance, facts.prediction,
-                  tl_measurements_name(config->measurements));
+    (void)fprintf(output, "synchronised, one step every %g s\n", tl_seconds(config->step));
+    (void)fprintf(output, "  search  %s%s%s; at most %" PRIu32 " evaluations a step\n", facts.algorithm,
+                  facts.fallback[0] != '\0' ? ", then " : "", facts.fallback, config->budget_evaluations);
+    (void)fprintf(output, "  horizon T_D = %" PRIu32 ", T_P = %" PRIu32 ", %s: %zu unknown%s\n", facts.distance,
+                  facts.prediction, config->shape == TL_DYNAMIC ? "dynamic" : "static", facts.unknowns,
+                  facts.unknowns == 1 ? "" : "s");
+    (void)fprintf(output, "  timing  measurements %s: step i is computed at tick i + %" PRIu32 "\n",
+                  tl_measurements_name(config->measurements), facts.lead);
 }
 
 static void print_adjusted(const tl_assembly *assembly, size_t index, FILE *output) {
@@ -157,59 +158,98 @@ static void print_synchronisation(const tl_assembly *assembly, FILE *output) {
     }
 }
 
-/* Time of one free step, in ns; 0 where it cannot be told without the plant's values. */
-static tl_time time_step(tl_twin *twin, size_t signals) {
-    tl_sample sample = {0};
-    memset(sample.quality, TL_NO_LINK, signals);
-    const tl_budget budget = {.evaluations = 1};
-    tl_time begun = 0;
-    for (int i = 0; i <= TIMED_STEPS; i++) {
-        tl_record record;
-        tl_error error;
-        bool ready = false;
-        sample.tick = i;
-        if (tl_twin_step(twin, &sample, &budget, &record, &ready, &error) != TL_OK) {
-            return 0;
-        }
-        begun = i == 0 ? tl_clock_now(NULL) : begun;
+static void print_need(const tl_twin_ledger *entry, uint32_t prediction, tl_time cost, FILE *output) {
+    (void)fprintf(output, "  %-16s %4" PRIu32, entry->name, entry->reach);
+    if (entry->on_a_way) {
+        (void)fprintf(output, " %4" PRIu32, entry->longer);
+    } else {
+        (void)fprintf(output, " %4s", "-");
     }
-    return (tl_clock_now(NULL) - begun) / TIMED_STEPS;
+    (void)fprintf(output, " %6" PRIu32 " %6" PRIu32 " %6" PRIu32, prediction, entry->first_need, entry->next_need);
+    if (entry->nodes != 0) {
+        (void)fprintf(output, " %6" PRIu32 " %9.1f", entry->nodes, (double)entry->memory / 1024.0);
+    } else {
+        (void)fprintf(output, " %6s %9s", "-", "-");
+    }
+    if (cost != 0) {
+        (void)fprintf(output, " %8.2f\n", tl_seconds(cost) * 1e6);
+    } else {
+        (void)fprintf(output, " %8s\n", "-");
+    }
 }
 
-static void print_costs(const tl_assembly *assembly, FILE *output) {
-    const tl_config *config = &assembly->config;
+/* The graph's part of the bill: eq. 4.5 and 4.13. */
+static void print_needs(const tl_assembly *assembly, const tl_prognosis *prognosis, FILE *output) {
     tl_twin_facts facts = tl_twin_get_facts(assembly->twin);
-    double period = tl_seconds(config->step);
-    tl_time step = time_step(assembly->twin, config->signal_count);
-    (void)fputs("cost\n", output);
-    (void)fprintf(output, "  executions   %" PRIu64 " per free step", facts.executions_per_step);
-    if (config->adjust_count != 0) {
-        (void)fprintf(output, ", %" PRIu64 " more per evaluation, at most %" PRIu32 " evaluations a step",
-                      facts.executions_per_evaluation, config->budget_evaluations);
-    }
-    (void)fprintf(output, "\n  memory       %.1f KiB of ours, taken at start-up\n", (double)facts.memory / 1024.0);
-    if (step == 0) {
-        (void)fputs("  time         not told: the FMUs cannot step with the plant's initial values\n", output);
+    double plain = (double)prognosis->plain;
+    if (facts.unknowns == 0) {
         return;
     }
-    (void)fprintf(output, "  time         %.2f \302\265s per free step here (%.3g %% of the period)",
-                  tl_seconds(step) * 1e6, 100.0 * tl_seconds(step) / period);
-    if (config->adjust_count != 0) {
-        double evaluations = tl_seconds(config->budget_time) / (tl_seconds(step) * facts.prediction);
-        (void)fprintf(output, "; the budget of %g ms has room for about %.0f evaluations",
-                      tl_seconds(config->budget_time) * 1e3, fmin(evaluations, 1e6));
+    (void)fprintf(output,
+                  "executions of an evaluation, saved by structure: %s, by sequences: %s\n"
+                  "  component         \316\223_k  C_k  plain  first   then  nodes cache KiB  \302\265s each\n",
+                  facts.structure ? "yes" : "no", facts.sequences ? "yes" : "no");
+    for (size_t k = 0; k < facts.components; k++) {
+        tl_twin_ledger entry = tl_twin_get_ledger(assembly->twin, k);
+        print_need(&entry, facts.prediction, prognosis->cost[k], output);
     }
-    (void)fputc('\n', output);
+    (void)fprintf(output, "  %-26s %6" PRIu64 " %6" PRIu64 " %6" PRIu64 "\n", "sum", prognosis->plain, prognosis->first,
+                  prognosis->next);
+    (void)fprintf(output, "  %-26s %6.3f %6.3f %6.3f\n", "ratio", 1.0, (double)prognosis->first / plain,
+                  (double)prognosis->next / plain);
+    (void)fputs("  plain: if nothing were saved; first: at most, of a step's first evaluation;\n"
+                "  then: of each later one; KiB of the cache without the FMUs' own states\n",
+                output);
+}
+
+static void print_worst(const tl_config *config, const tl_prognosis *prognosis, FILE *output) {
+    (void)fprintf(output, "  worst step   %" PRIu64 " executions: %" PRIu32 " evaluations and the commit\n",
+                  prognosis->worst, config->budget_evaluations);
+    if (prognosis->worst_time != 0) {
+        double worst = tl_seconds(prognosis->worst_time);
+        (void)fprintf(output, "               %.4g \302\265s here: %.3g %% of its budget of %g ms\n", worst * 1e6,
+                      100.0 * worst / tl_seconds(config->budget_time), tl_seconds(config->budget_time) * 1e3);
+    }
+}
+
+static void print_costs(const tl_assembly *assembly, const tl_prognosis *prognosis, FILE *output) {
+    const tl_config *config = &assembly->config;
+    (void)fputs("cost\n", output);
+    (void)fprintf(output, "  free step    %" PRIu64 " executions\n", prognosis->step);
+    if (prognosis->steps != 0) {
+        (void)fprintf(output, "               %.4g \302\265s here: %.3g %% of the period\n",
+                      tl_seconds(prognosis->step_time) * 1e6,
+                      100.0 * tl_seconds(prognosis->step_time) / tl_seconds(config->step));
+    }
+    if (config->adjust_count != 0) {
+        print_worst(config, prognosis, output);
+    }
+    (void)fprintf(output, "  memory       %.1f KiB of ours, taken at start-up\n",
+                  (double)tl_twin_get_facts(assembly->twin).memory / 1024.0);
+    if (prognosis->steps != 0) {
+        (void)fprintf(output, "  measured by %zu free steps on the plant's initial values, without a solver\n",
+                      prognosis->steps);
+    } else {
+        (void)fputs("  time is not told: the FMUs cannot step with the plant's initial values\n", output);
+    }
 }
 
 static void print_page(const tl_assembly *assembly, FILE *output) {
     const tl_config *config = &assembly->config;
+    tl_prognosis prognosis;
+    tl_prognosis_make(assembly, &prognosis);
     (void)fprintf(output, "%s: %s\n", config->path, config->name);
     print_components(assembly, output);
     print_mode(assembly, output);
     print_synchronisation(assembly, output);
-    print_costs(assembly, output);
-    (void)fputs("no problem found\n", output);
+    print_needs(assembly, &prognosis, output);
+    print_costs(assembly, &prognosis, output);
+    size_t warnings = tl_advice_print(assembly, &prognosis, output);
+    (void)fputs("no problem found", output);
+    if (warnings > 0) {
+        (void)fprintf(output, ", %zu warning%s", warnings, warnings == 1 ? "" : "s");
+    }
+    (void)fputc('\n', output);
 }
 
 int tl_verb_check(int argc, char **argv) {

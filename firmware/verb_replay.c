@@ -150,6 +150,7 @@ static tl_status replay_into(const tl_assembly *assembly, const replay_options *
         status = tl_replay_run(replay, &summary, error);
         if (status == TL_OK || status == TL_INTERRUPTED) {
             print_summary(assembly, options, &summary);
+            tl_assembly_check_ledger(assembly, replay->recorder);
         }
     }
     tl_error later;

@@ -221,6 +221,7 @@ static tl_status close_all(appliance *self, tl_status status, tl_summary *summar
             status = cycle_status;
             tl_journal_event(&self->journal, -1, TL_EVENT_ERROR, "twin", "%s", later.text);
         }
+        tl_assembly_check_ledger(&self->assembly, self->recorder);
     }
     tl_live_plant_close(self->plant);
     if (self->recorder != NULL) {

@@ -1,6 +1,9 @@
 /* The watch: see watch.h. */
 #include "firmware/watch.h"
 
+/* What a record is to a trouble. */
+typedef enum turn { NOTHING_NEW, BEGUN, ENDED } turn;
+
 void tl_watch_init(tl_watch *watch, const tl_config *config, tl_journal *journal) {
     *watch = (tl_watch){.config = config, .journal = journal, .skipped_since = TL_TIME_NEVER};
 }
@@ -58,9 +61,85 @@ static void watch_tolerance(tl_watch *watch, const tl_record *record) {
     }
 }
 
+/* Only a search can show that a trouble is over, and one that was cut short shows nothing: it takes many of them, and some
+ * time, so that what comes and goes is told once. */
+static turn follow(const tl_watch *watch, tl_watch_trouble *trouble, const tl_record *record, bool has) {
+    if (has) {
+        bool told = trouble->told;
+        trouble->told = true;
+        trouble->last = record->step;
+        trouble->without = 0;
+        trouble->count = told ? trouble->count + 1 : 1;
+        return told ? NOTHING_NEW : BEGUN;
+    }
+    trouble->without += trouble->told && record->stop != TL_STOP_NONE ? 1 : 0;
+    if (trouble->without < TL_WATCH_STEPS || record->step - trouble->last < TL_WATCH_REST / watch->config->step) {
+        return NOTHING_NEW;
+    }
+    trouble->told = false;
+    trouble->without = 0;
+    return ENDED;
+}
+
+static void watch_variable(tl_watch *watch, const tl_record *record, size_t index) {
+    tl_watch_trouble *held = &watch->held[index];
+    const char *name = watch->config->adjust[index].variable;
+    switch (follow(watch, held, record, (record->held >> index & 1U) != 0)) {
+    case BEGUN:
+        tl_journal_event(watch->journal, record->step, TL_EVENT_WARNING, "twin",
+                         "%s: the matched outputs do not react to it; held at nominal", name);
+        break;
+    case ENDED:
+        tl_journal_event(watch->journal, record->step, TL_EVENT_INFO, "twin",
+                         "%s: the matched outputs react to it again; steps held: %llu", name,
+                         (unsigned long long)held->count);
+        break;
+    case NOTHING_NEW:
+        break;
+    }
+}
+
+static void watch_fallback(tl_watch *watch, const tl_record *record) {
+    const char *name = watch->config->fallback;
+    switch (follow(watch, &watch->fallback, record, (record->flags & TL_FLAG_FALLBACK) != 0)) {
+    case BEGUN:
+        tl_journal_event(watch->journal, record->step, TL_EVENT_WARNING, "twin",
+                         "the solver finds no more; the second one, %s, takes over", name);
+        break;
+    case ENDED:
+        tl_journal_event(watch->journal, record->step, TL_EVENT_INFO, "twin",
+                         "the solver does without the second one, %s, again; searches it took over: %llu", name,
+                         (unsigned long long)watch->fallback.count);
+        break;
+    case NOTHING_NEW:
+        break;
+    }
+}
+
+static void watch_stagnation(tl_watch *watch, const tl_record *record) {
+    switch (follow(watch, &watch->stagnation, record, (record->flags & TL_FLAG_STAGNATED) != 0)) {
+    case BEGUN:
+        tl_journal_event(watch->journal, record->step, TL_EVENT_WARNING, "twin",
+                         "a search made no progress and was ended");
+        break;
+    case ENDED:
+        tl_journal_event(watch->journal, record->step, TL_EVENT_INFO, "twin",
+                         "searches make progress again; ended before: %llu",
+                         (unsigned long long)watch->stagnation.count);
+        break;
+    case NOTHING_NEW:
+        break;
+    }
+}
+
 void tl_watch_record(tl_watch *watch, const tl_record *record) {
     watch_free_run(watch, record);
     watch_tolerance(watch, record);
+    for (size_t i = 0; i < watch->config->adjust_count; i++) {
+        watch_variable(watch, record, i);
+    }
+    watch_fallback(watch, record);
+    watch_stagnation(watch, record);
 }
 
 void tl_watch_skipped(tl_watch *watch, int64_t tick, uint64_t count, tl_time now) {

@@ -1,7 +1,8 @@
 /* The watch: turns samples and records into events worth telling.
  *
  * Purpose: what a technician wants to read: a signal became bad or good, the twin runs free, is out of tolerance, or is
- *          in lock again, ticks were missed. Changes are told, not states, so that a bad hour is two lines.
+ *          in lock again, a variable does not matter, a solver had to be helped, ticks were missed. Changes are told, not
+ *          states, so that a bad hour is two lines.
  * Thread:  the thread that steps.
  */
 #ifndef TL_FIRMWARE_WATCH_H
@@ -14,8 +15,19 @@
 #include "firmware/journal.h"
 #include "master/twin.h"
 
-/* Steps in a row before "out of tolerance" and "in lock again" are told. */
+/* Steps in a row before "out of tolerance", "in lock again", and the end of a trouble are told. */
 enum { TL_WATCH_STEPS = 20 };
+
+/* A trouble's last step is at least this long ago before its end is told. */
+#define TL_WATCH_REST (60 * TL_SECOND)
+
+/* Something that may be so in many steps, and not in all of a row: its beginning is told, and its end. */
+typedef struct tl_watch_trouble {
+    bool told;        /* its beginning */
+    uint32_t without; /* searches since `last`, none of which had it */
+    uint64_t count;   /* steps that had it */
+    int64_t last;     /* of them */
+} tl_watch_trouble;
 
 typedef struct tl_watch {
     const tl_config *config;
@@ -23,8 +35,11 @@ typedef struct tl_watch {
     uint8_t quality[TL_MAX_SIGNALS]; /* as last told */
     bool free_run;
     bool out_of_tolerance;
-    uint32_t run_length; /* steps in a row that contradict out_of_tolerance */
-    uint64_t skipped;    /* not told yet */
+    uint32_t run_length;                  /* steps in a row that contradict out_of_tolerance */
+    tl_watch_trouble held[TL_MAX_ADJUST]; /* variables that are not identifiable */
+    tl_watch_trouble fallback;            /* the second solver takes over */
+    tl_watch_trouble stagnation;          /* solvers make no progress */
+    uint64_t skipped;                     /* not told yet */
     tl_time skipped_since;
 } tl_watch;
 

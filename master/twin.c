@@ -643,18 +643,18 @@ tl_twin_ledger tl_twin_get_ledger(const tl_twin *twin, size_t component) {
         .plain = twin->lock.ledger.plain,
         .predicted = tl_ledger_predicted(&twin->lock.ledger, component),
         .executions = tl_twin_executions(twin, component),
-        .hits = plant ? exchange->plant.hits : 0,
     };
     fill_needs(twin, component, &entry);
     entry.cost = plant ? 0 : exchange->cost[component];
     if (!plant && exchange->cached != NULL) {
         const tl_cached_component *cached = &exchange->cached[component];
         entry.nodes = cached->tree.capacity;
+        entry.memory = tl_sequence_cache_memory(&cached->tree);
         entry.nodes_peak = cached->tree.peak;
-        entry.hits = cached->hits;
         entry.caught_up = cached->caught_up;
         entry.unstored = cached->unstored;
     }
+    entry.difference = (int64_t)(entry.executions - entry.caught_up - entry.predicted);
     return entry;
 }
 

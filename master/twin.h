@@ -51,12 +51,14 @@ typedef struct tl_twin_ledger {
     uint32_t next_need;  /* and of each later one (eq. 4.13) */
     uint32_t nodes;      /* room in the cache; 0: none */
     uint32_t nodes_peak; /* used at most, so far */
+    size_t memory;       /* bytes of ours for them, in those of the facts; the FMU's states are beside them */
     uint64_t plain;      /* executions if nothing were saved */
     uint64_t predicted;  /* by the graph for the same evaluations */
     uint64_t executions; /* done */
-    uint64_t hits;       /* steps that were known */
     uint64_t caught_up;  /* executions done again to bring an FMU to a place (TL_KEEP_OUTPUTS) */
     uint64_t unstored;   /* results that found no room: what they cost again is not predicted */
+    int64_t difference;  /* executions that were neither predicted nor to catch up. Above 0: results found no room.
+                            Below: inputs came out the same for another u, or the ledger is not complete. Else 0 */
     tl_time cost;        /* ns of one execution, saving its state included: the last, or an earlier one that was longer,
                             fading; 0 where none ran under a budget with a clock */
 } tl_twin_ledger;

@@ -131,7 +131,6 @@ tl_status tl_cached_component_step(tl_cached_component *cached, int64_t step, tl
         if (known != TL_NO_NODE) {
             tl_ports_write(&cached->component->outputs, tl_sequence_cache_value(&cached->tree, known));
             cached->position = known;
-            cached->hits++;
             return TL_OK;
         }
         status = bring(cached, step, error);

@@ -36,7 +36,6 @@ typedef struct tl_cached_component {
     uint32_t at;          /* where the FMU is; TL_NO_NODE: nowhere, or with the candidate beyond the pool */
     unsigned char *key;   /* scratch: inputs of the step at hand, */
     unsigned char *value; /* and outputs */
-    uint64_t hits;        /* steps that were known */
     uint64_t caught_up;   /* executions repeated to bring the FMU to a place */
     uint64_t unstored;    /* executions whose result found no room */
 } tl_cached_component;

@@ -3,11 +3,16 @@
 
 #include <string.h>
 
+/* Of the key and the value of one node; one more, so that it is never nothing. */
+static size_t room(const tl_sequence_cache *cache) {
+    return cache->key_size + cache->value_size + 1;
+}
+
 bool tl_sequence_cache_init(tl_sequence_cache *cache, tl_arena *arena, size_t key_size, size_t value_size,
                             uint32_t capacity) {
     *cache = (tl_sequence_cache){.key_size = key_size, .value_size = value_size, .capacity = capacity};
     cache->nodes = tl_arena_take(arena, capacity, sizeof *cache->nodes);
-    cache->bytes = tl_arena_take(arena, capacity, key_size + value_size + 1); /* one more: never nothing */
+    cache->bytes = tl_arena_take(arena, capacity, room(cache));
     if (cache->nodes == NULL || cache->bytes == NULL) {
         return false;
     }
@@ -15,6 +20,10 @@ bool tl_sequence_cache_init(tl_sequence_cache *cache, tl_arena *arena, size_t ke
         cache->nodes[i].sibling = i + 1 < capacity ? i + 1 : TL_NO_NODE;
     }
     return true;
+}
+
+size_t tl_sequence_cache_memory(const tl_sequence_cache *cache) {
+    return cache->capacity * (sizeof *cache->nodes + room(cache));
 }
 
 static unsigned char *bytes_of(const tl_sequence_cache *cache, uint32_t node) {

@@ -46,6 +46,9 @@ typedef struct tl_sequence_cache {
 bool tl_sequence_cache_init(tl_sequence_cache *cache, tl_arena *arena, size_t key_size, size_t value_size,
                             uint32_t capacity);
 
+/* Bytes that it took from the arena. The FMU's states are the FMU's. */
+size_t tl_sequence_cache_memory(const tl_sequence_cache *cache);
+
 /* A node without a parent: where all sequences begin. The tree must be empty. */
 uint32_t tl_sequence_cache_plant(tl_sequence_cache *cache);
 

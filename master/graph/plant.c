@@ -90,9 +90,7 @@ static bool is_known(tl_plant *plant, int64_t step, int64_t number) {
 
 void tl_plant_step(tl_plant *plant, int64_t step) {
     int64_t number = step + 1 < plant->newest ? step + 1 : plant->newest;
-    if (plant->delivered != NULL && is_known(plant, step, number)) {
-        plant->hits++;
-    } else {
+    if (plant->delivered == NULL || !is_known(plant, step, number)) {
         plant->executions++;
     }
     tl_plant_deliver(plant, number);

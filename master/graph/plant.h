@@ -42,7 +42,6 @@ typedef struct tl_plant {
     int64_t *delivered; /* … to be this, by step, in a ring; NULL: every step is an execution */
     size_t delivered_size;
     uint64_t executions;
-    uint64_t hits; /* steps that were known */
 } tl_plant;
 
 /* Takes the ring for at least `window_size` samples from the arena; false when memory is out. */

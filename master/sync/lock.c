@@ -236,11 +236,13 @@ static void search(tl_attempt *attempt, double value) {
 }
 
 /* A variable that turned out not to matter is at nominal in what is committed, also where the best candidate is older
- * than that insight. */
+ * than that insight. Not where time has ended the search: a cheaper candidate may still fit, but a repetition, which only
+ * counts, would have searched on with it. */
 static void settle_held(tl_attempt *attempt) {
     const tl_lock *lock = attempt->lock;
     double *trial = lock->memory.trial;
-    if (attempt->held == 0 || tl_attempt_is_blind(attempt) || !isfinite(attempt->best_value) || attempt->late) {
+    if (attempt->held == 0 || tl_attempt_is_blind(attempt) || !isfinite(attempt->best_value) ||
+        attempt->stop == TL_STOP_TIME) {
         return;
     }
     memcpy(trial, lock->memory.best, size_of_sequence(lock));

@@ -101,8 +101,8 @@ def test_no_path_to_one_match():
 
 def test_what_cannot_be_adjusted():
     for variable, *words in (("motor.J", "fixed parameter", "tunable"),
-                             ("motor.omega", "output", "Real input"),
-                             ("drive.Z_p", "Integer", "tunable Real parameter")):
+                             ("motor.omega", "continuous output", "an input or a tunable parameter"),
+                             ("drive.Z_p", "Integer", "that is Real or Boolean")):
         edits = {"synchronise": {"adjust": {variable: {"step": 1}}}}
         expect_problem(edits, f"synchronise.adjust.{variable}", *words)
 

@@ -42,6 +42,8 @@ def test_show_tells_what_replay_told():
     for key in SAME:
         expect(shown[key] == told[key], f"{key}: {shown[key]}, not {told[key]}")
     expect_same_numbers(shown, told)
+    for part in "components", "total":
+        expect(shown["ledger"][part] == told["ledger"][part], f"the ledger's {part}: {shown['ledger'][part]}")
     last = shown["runs"][-1]
     expect(last["ended_reason"] == "end of recording" and last["lost"] == 0, f"{last}")
 

@@ -138,24 +138,53 @@ def check_rows(path, run=1):
     return len(steps)
 
 
+def check_ledger(told, candidate_steps):
+    """The ledger that --json told: its entries agree with the executions, and nothing was executed that it does
+    not predict. `candidate_steps`: committed steps, and T_P for each evaluation."""
+    ledger, executions = told["ledger"], told["executions"]
+    expect(ledger["complete"], f"the ledger has forgotten candidates: {ledger}")
+    entries = {**ledger["components"], "total": ledger["total"]}
+    expect(entries.keys() == executions.keys(), f"components: {list(entries)} and {list(executions)}")
+    for name, entry in entries.items():
+        plain = candidate_steps * (len(ledger["components"]) if name == "total" else 1)
+        expect(entry["plain"] == plain, f"{name}: {entry['plain']} executions without saving, wanted {plain}")
+        expect(entry["executions"] == executions[name], f"{name}: {executions[name]} executions, ledger {entry}")
+        expect(entry["predicted"] == entry["executions"] - entry["caught_up"] and entry["difference"] == 0,
+               f"{name} was executed otherwise than predicted: {entry}")
+        expect(entry["saved"] == entry["plain"] - entry["executions"], f"{name}: what was saved is wrong: {entry}")
+    expect(told["cache"]["saved"] == ledger["total"]["saved"], f"{told['cache']} and {ledger['total']}")
+
+
+LEDGER = "SELECT component, plain, predicted, executions, caught_up, difference FROM v_ledger WHERE run = ?"
+
+
+def check_recorded_ledger(told, database, run):
+    """The database has the ledger that --json told, of each component and in the sum of the steps."""
+    components = told["ledger"]["components"]
+    wanted = [(name, *(entry[key] for key in ("plain", "predicted", "executions", "caught_up", "difference")))
+              for name, entry in components.items()]
+    found = query(database, LEDGER, run)
+    expect(found == wanted, f"the ledger in the database is {found}, told was {wanted}")
+
+
 def check_summary(told, database, prediction=1, components=3, run=1):
     """What --json told about a `run` that lost nothing, against itself and the database: how many rows."""
     rows = check_rows(database, run)
     made_up = told["outcomes"]["made up"]
-    executions = told["executions"]
+    total = told["ledger"]["total"]
     expect(told["steps"] + told["skipped"] == told["ticks"],
            f"{told['steps']} steps + {told['skipped']} skipped are not {told['ticks']} ticks")
     expect(made_up == told["skipped"], f"{made_up} made up, but {told['skipped']} skipped")
     expect(sum(told["outcomes"].values()) == rows == told["steps"] + made_up,
            f"{rows} rows, told {told['outcomes']}")
-    wanted = components * (rows + prediction * told["evaluations"])
-    expect(executions["total"] == wanted, f"{executions['total']} executions, wanted {wanted}")
-    each = {name: count for name, count in executions.items() if name != "total"}
-    expect(len(each) == components and set(each.values()) == {wanted // components}, f"executions {each}")
-    counted = query(database, "SELECT sum(evaluations), sum(executions), sum(outcome = ?) FROM steps "
-                    "WHERE run = ?", MADE_UP, run)[0]
-    zero = (None, None, None) if rows == 0 else (told["evaluations"], wanted, made_up)
-    expect(counted == zero, f"the database has {counted}, told was {zero}")
+    expect(len(told["ledger"]["components"]) == components, f"components: {told['ledger']}")
+    check_ledger(told, rows + prediction * told["evaluations"])
+    check_recorded_ledger(told, database, run)
+    counted = query(database, "SELECT sum(evaluations), sum(executions), sum(predicted), sum(outcome = ?) "
+                    "FROM steps WHERE run = ?", MADE_UP, run)[0]
+    wanted = (told["evaluations"], total["executions"], total["predicted"], made_up)
+    wanted = (None,) * 4 if rows == 0 else wanted
+    expect(counted == wanted, f"the database has {counted}, told was {wanted}")
     return rows
 
 
@@ -179,28 +208,37 @@ def last_step(database):
     return number(database, "SELECT max(step) FROM steps WHERE run = 1")
 
 
-STEPS = """SELECT s.step, s.t_ns, s.outcome, s.evaluations, s.executions, s.J, s.J_nominal,
-                  o.y, o.y_hat, o.quality, a.u, a.u_hat
-           FROM steps s JOIN outputs o USING (run, step) JOIN adjustments a USING (run, step)
-           WHERE run = ? ORDER BY step"""
+RESULTS = """SELECT s.step, s.t_ns, s.outcome, s.evaluations, s.J, s.J_nominal, s.flags, s.held,
+                    o.y, o.y_hat, o.quality, a.u, a.u_hat
+             FROM steps s JOIN outputs o USING (run, step) JOIN adjustments a USING (run, step)
+             WHERE run = ? ORDER BY step"""
+COSTS = "SELECT step, executions, predicted FROM steps WHERE run = ? ORDER BY step"
 
 
 def bits(row):
     return tuple(struct.pack(">d", value) if isinstance(value, float) else value for value in row)
 
 
-def check_replay(config, database, rows, run=1):
-    """A replay of the newest run with its configuration gives the same, to the bit; what it told."""
-    again = scratch() / "again.db"
-    told = replay_json(config, "--recording", database, "--db", again, timeout=PATIENCE)
-    found = [bits(row) for row in query(again, STEPS, 1)]
-    wanted = [bits(row) for row in query(database, STEPS, run)]
+def expect_repeated(database, run, again, sql, rows):
+    """Both databases answer the same, to the bit."""
+    found = [bits(row) for row in query(again, sql, 1)]
+    wanted = [bits(row) for row in query(database, sql, run)]
     different = [i for i, pair in enumerate(zip(found, wanted)) if pair[0] != pair[1]]
     expect(len(found) == len(wanted) == rows,
            f"{len(found)} steps replayed, {len(wanted)} recorded, {rows} told")
     if different:
-        first = query(database, STEPS, run)[different[0]], query(again, STEPS, 1)[different[0]]
+        first = query(database, sql, run)[different[0]], query(again, sql, 1)[different[0]]
         raise Failure(f"{len(different)} steps differ, the first is {first[0]}, replayed {first[1]}")
+
+
+def check_replay(config, database, rows, run=1, costs=True):
+    """A replay of the newest run with its configuration gives the same, to the bit; what it told. Without `costs` it
+    may take fewer executions: a longer horizon may have been left half-way for want of time."""
+    again = scratch() / "again.db"
+    told = replay_json(config, "--recording", database, "--db", again, timeout=PATIENCE)
+    expect_repeated(database, run, again, RESULTS, rows)
+    if costs:
+        expect_repeated(database, run, again, COSTS, rows)
     return told
 
 

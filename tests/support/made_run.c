@@ -5,6 +5,8 @@
 #include <math.h>
 #include <string.h>
 
+#include "tests/support/sql.h"
+
 static const tl_recorder_signal plant[TL_MADE_PLANT] = {
     {.name = "plant.torque", .unit = "N.m", .type = TL_REAL},
     {.name = "plant.omega", .unit = "rad/s", .type = TL_REAL},
@@ -19,6 +21,8 @@ static const tl_recorder_signal adjust[TL_MADE_ADJUST] = {
     {.name = "drive.u", .unit = "V", .type = TL_REAL},
 };
 
+static const char *const components[TL_MADE_COMPONENTS] = {"drive", "motor", "plant"};
+
 tl_recorder_settings tl_made_settings(const char *path) {
     tl_recorder_settings settings = {
         .path = path,
@@ -28,6 +32,7 @@ tl_recorder_settings tl_made_settings(const char *path) {
         .configuration = "{ \"twinlock\": 1, \"name\": \"motor bench\" }\n",
         .step = TL_SECOND / 100,
         .prediction = TL_MADE_PREDICTION,
+        .lead = TL_MADE_PREDICTION,
         .measurements = TL_LAG,
         .plant = plant,
         .match = match,
@@ -35,6 +40,8 @@ tl_recorder_settings tl_made_settings(const char *path) {
         .plant_count = TL_MADE_PLANT,
         .match_count = TL_MADE_MATCH,
         .adjust_count = TL_MADE_ADJUST,
+        .components = components,
+        .component_count = TL_MADE_COMPONENTS,
     };
     return settings;
 }
@@ -83,6 +90,9 @@ void tl_made_record(int64_t step, tl_record *record) {
     record->evaluations = (uint32_t)(hash >> 16) % 60;
     record->executions = (uint32_t)(hash >> 24) % 600;
     record->used = (tl_time)(hash >> 40);
+    record->predicted = (uint32_t)(hash >> 20) % 600;
+    record->flags = (uint32_t)(hash >> 28) % 8;
+    record->held = (uint32_t)(hash >> 32) % (1U << TL_MADE_ADJUST);
     for (uint64_t i = 0; i < TL_MADE_MATCH; i++) {
         record->y[i] = number(step, 20 + i);
         record->y_hat[i] = number(step, 30 + i);
@@ -94,15 +104,31 @@ void tl_made_record(int64_t step, tl_record *record) {
     }
 }
 
+void tl_made_ledger(int64_t step, tl_recorder_component *ledger) {
+    uint64_t steps = (uint64_t)step + 1;
+    for (uint64_t i = 0; i < TL_MADE_COMPONENTS; i++) {
+        ledger[i] = (tl_recorder_component){40 * steps, (20 + i) * steps, (21 + i) * steps, i * steps, steps / (i + 1)};
+    }
+}
+
 void tl_made_put(tl_recorder *recorder, int64_t first, int64_t ticks) {
     tl_sample sample;
     tl_record record;
+    tl_recorder_component ledger[TL_MADE_COMPONENTS];
     for (int64_t tick = first; tick < first + ticks; tick++) {
         tl_made_sample(tick, &sample);
         tl_recorder_put_sample(recorder, &sample);
         if (tick >= TL_MADE_PREDICTION) {
             tl_made_record(tick - TL_MADE_PREDICTION, &record);
-            tl_recorder_put_step(recorder, &record);
+            tl_made_ledger(record.step, ledger);
+            tl_recorder_put_step(recorder, &record, ledger);
         }
     }
+}
+
+void tl_made_older(const char *path) {
+    tl_sql_execute(path, "DROP VIEW v_steps; DROP VIEW v_ledger; DROP TABLE components; DROP TABLE flags;"
+                         "ALTER TABLE runs DROP COLUMN lead; ALTER TABLE steps DROP COLUMN predicted;"
+                         "ALTER TABLE steps DROP COLUMN flags; ALTER TABLE steps DROP COLUMN held;"
+                         "CREATE VIEW v_steps AS SELECT run, step FROM steps; PRAGMA user_version = 1");
 }

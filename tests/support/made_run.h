@@ -10,17 +10,23 @@
 
 #include "firmware/recorder.h"
 
-enum { TL_MADE_PLANT = 3, TL_MADE_MATCH = 2, TL_MADE_ADJUST = 2, TL_MADE_PREDICTION = 2 };
+enum { TL_MADE_PLANT = 3, TL_MADE_MATCH = 2, TL_MADE_ADJUST = 2, TL_MADE_COMPONENTS = 3, TL_MADE_PREDICTION = 2 };
 
 /* 10 ms steps, T_P = 2, lag, commits every 20 ms, no bound; plant.torque, plant.omega, plant.door; motor.omega and motor.i
- * matched; motor.d and drive.u adjusted. */
+ * matched; motor.d and drive.u adjusted; components drive, motor and plant. */
 tl_recorder_settings tl_made_settings(const char *path);
 
 /* Never zeroed beyond what the run has: it is filled with rubbish first, as a caller's would be. */
 void tl_made_sample(int64_t tick, tl_sample *sample);
 void tl_made_record(int64_t step, tl_record *record);
 
+/* As of that step, for each component; grows with every step. */
+void tl_made_ledger(int64_t step, tl_recorder_component *ledger);
+
 /* As replay does in mode lag: samples 0 … ticks−1, each followed by the step it makes possible. */
 void tl_made_put(tl_recorder *recorder, int64_t first, int64_t ticks);
+
+/* Makes format 1 of a database: what the first program to write one left behind. Nobody may have it open. */
+void tl_made_older(const char *path);
 
 #endif

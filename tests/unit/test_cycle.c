@@ -1,5 +1,6 @@
 /* The real-time cycle: which ticks there are, what becomes of missed ones, how it ends, and that it can be watched. */
 #include <pthread.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <time.h>
@@ -100,6 +101,7 @@ static void make_twin(tl_time step, tl_time duration, tl_measurements measuremen
 }
 
 static void make_recorder(void) {
+    static const char *const COMPONENTS[] = {"motor", "plant"};
     static const tl_recorder_signal SPEED = {.name = "speed", .unit = "", .type = TL_REAL};
     static const tl_recorder_signal OUTPUT = {.name = "motor.y0", .unit = "", .to = "plant.speed", .type = TL_REAL};
     static const tl_recorder_signal ADJUSTED = {.name = "motor.u0", .unit = "", .type = TL_REAL};
@@ -111,6 +113,7 @@ static void make_recorder(void) {
         .configuration = "{}",
         .step = assembly.config.step,
         .prediction = tl_twin_get_facts(assembly.twin).prediction,
+        .lead = tl_twin_get_facts(assembly.twin).lead,
         .measurements = assembly.config.measurements,
         .plant = &SPEED,
         .match = &OUTPUT,
@@ -118,6 +121,8 @@ static void make_recorder(void) {
         .plant_count = 1,
         .match_count = 1,
         .adjust_count = 1,
+        .components = COMPONENTS,
+        .component_count = 2,
     };
     TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_recorder_open(&settings, &recorder, &error), error.text);
 }
@@ -173,6 +178,20 @@ static void expect_rows(int64_t rows) {
                             tl_sql_integer(database, "SELECT count(*) FROM steps WHERE outcome = 6"));
 }
 
+/* The ledger's executions are those of the steps. */
+static void expect_ledger(void) {
+    TEST_ASSERT_EQUAL_INT64(tl_sql_integer(database, "SELECT sum(executions) FROM steps"),
+                            tl_sql_integer(database, "SELECT sum(executions) FROM components"));
+    TEST_ASSERT_EQUAL_INT64(tl_sql_integer(database, "SELECT sum(predicted) FROM steps"),
+                            tl_sql_integer(database, "SELECT sum(predicted) FROM components"));
+    for (size_t i = 0; i < 2; i++) {
+        char sql[96];
+        tl_twin_ledger entry = tl_twin_get_ledger(assembly.twin, i);
+        (void)snprintf(sql, sizeof sql, "SELECT executions FROM components WHERE name = '%s'", entry.name);
+        TEST_ASSERT_EQUAL_INT64((int64_t)entry.executions, tl_sql_integer(database, sql));
+    }
+}
+
 /* ---- ticks ---- */
 
 static void run_for_a_duration(tl_measurements measurements) {
@@ -187,6 +206,7 @@ static void run_for_a_duration(tl_measurements measurements) {
     TEST_ASSERT_EQUAL_UINT64(51, shown.ticks);
     TEST_ASSERT_EQUAL_UINT64(summary.skipped, summary.outcomes[TL_MADE_UP]);
     expect_rows(51);
+    expect_ledger();
     TEST_ASSERT_EQUAL_INT64(52, tl_sql_integer(database, "SELECT count(*) FROM samples"));
     TEST_ASSERT_EQUAL_INT64(51, tl_sql_integer(database, "SELECT max(tick) FROM samples"));
 }

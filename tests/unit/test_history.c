@@ -178,6 +178,7 @@ static void expect_step(const tl_history_tick *tick, int64_t step) {
     TEST_ASSERT_EQUAL_INT(record.outcome, tick->outcome);
     TEST_ASSERT_EQUAL_INT(record.stop, tick->stop);
     TEST_ASSERT_EQUAL_UINT32(record.evaluations, tick->evaluations);
+    TEST_ASSERT_EQUAL_HEX32(record.flags, tick->flags);
 }
 
 static void test_ticks_come_back_bit_for_bit(void) {
@@ -213,6 +214,7 @@ static void test_ahead_the_step_is_the_ticks_own(void) {
     bool end = false;
     settings.measurements = TL_AHEAD;
     settings.prediction = 4;
+    settings.lead = 0;
     record_with(&settings, 100);
     open_history();
     begin_ticks(0);
@@ -227,6 +229,103 @@ static void test_ahead_the_step_is_the_ticks_own(void) {
     }
 }
 
+/* Conditioned measurements come later, and the steps with them: it is the recorded lead that counts. */
+static void test_the_lead_is_the_recorded_one(void) {
+    tl_recorder_settings settings = tl_made_settings(path);
+    tl_history_tick tick;
+    bool end = false;
+    settings.lead = 70; /* more than are read at once */
+    record_with(&settings, 200);
+    open_history();
+    begin_ticks(0);
+    TEST_ASSERT_EQUAL_UINT32(70, run->lead);
+    for (int64_t number = 0; number < 200; number++) {
+        expect_ok(tl_history_ticks_next(ticks, &tick, &end, &error));
+        TEST_ASSERT_EQUAL_INT(number >= 70, tick.has_step);
+        if (number >= 70) {
+            expect_step(&tick, number - 70);
+        }
+    }
+}
+
+/* A file of format 1 names neither the lead nor flags: it had the lead by rule, and only a search that time ended could be
+ * without nominal. */
+static void test_an_older_file(void) {
+    static const char *const modes[] = {"lag", "hold", "ahead"};
+    static const uint32_t leads[] = {TL_MADE_PREDICTION, 1, 0};
+    const tl_history_component *components = NULL;
+    tl_history_tick tick;
+    size_t count = 9;
+    bool end = false;
+    record_run(100);
+    tl_made_older(path);
+    tl_sql_execute(path, "UPDATE steps SET outcome = 4, stop = 4, J_nominal = NULL WHERE step = 5;"
+                         "UPDATE steps SET outcome = 4, stop = 4, J_nominal = 3 WHERE step = 6;"
+                         "UPDATE steps SET outcome = 4, stop = 2, J_nominal = NULL WHERE step = 7");
+    for (size_t i = 0; i < 3; i++) {
+        char sql[64];
+        (void)snprintf(sql, sizeof sql, "UPDATE runs SET measurements = '%s'", modes[i]);
+        tl_sql_execute(path, sql);
+        open_history();
+        begin_ticks(0);
+        TEST_ASSERT_EQUAL_UINT32(leads[i], run->lead);
+        for (int64_t number = 0; number < 90; number++) {
+            expect_ok(tl_history_ticks_next(ticks, &tick, &end, &error));
+            expect_tick(&tick, number);
+            TEST_ASSERT_EQUAL_INT(number >= leads[i], tick.has_step);
+            TEST_ASSERT_EQUAL_INT64(number >= leads[i] ? number - leads[i] : 0, tick.step);
+            if (tick.step >= 5 && tick.step <= 7) {
+                TEST_ASSERT_EQUAL_HEX32(tick.step == 5 ? TL_FLAG_WITHOUT_NOMINAL : 0, tick.flags);
+            }
+        }
+        expect_ok(tl_history_ledger(history, run, &components, &count, &error));
+        TEST_ASSERT_EQUAL_size_t(0, count);
+        close_history();
+    }
+    TEST_ASSERT_EQUAL_INT64(1, tl_sql_integer(path, "PRAGMA user_version"));
+    TEST_ASSERT_EQUAL_INT(1, tl_scratch_count(&scratch));
+}
+
+/* The recorder of a newer program comes while an older file is being read. */
+static void test_an_older_file_is_brought_up_to_date_meanwhile(void) {
+    tl_history_tick tick;
+    bool end = false;
+    record_run(300);
+    tl_made_older(path);
+    open_history();
+    begin_ticks(0);
+    for (int64_t number = 0; number < 300; number++) {
+        expect_ok(tl_history_ticks_next(ticks, &tick, &end, &error));
+        expect_tick(&tick, number);
+        if (number >= TL_MADE_PREDICTION) {
+            TEST_ASSERT_EQUAL_INT64(number - TL_MADE_PREDICTION, tick.step);
+        }
+        if (number == 70) {
+            record_run(50);
+        }
+    }
+    expect_ok(tl_history_find(history, 2, &run, &error));
+    TEST_ASSERT_EQUAL_UINT32(TL_MADE_PREDICTION, run->lead);
+}
+
+static void test_the_ledger(void) {
+    const tl_history_component *components = NULL;
+    tl_recorder_component ledger[TL_MADE_COMPONENTS];
+    size_t count = 0;
+    record_run(10);
+    record_run(100);
+    open_history();
+    expect_ok(tl_history_find(history, 0, &run, &error));
+    expect_ok(tl_history_ledger(history, run, &components, &count, &error));
+    TEST_ASSERT_EQUAL_size_t(TL_MADE_COMPONENTS, count);
+    tl_made_ledger(99 - TL_MADE_PREDICTION, ledger);
+    for (size_t i = 0; i < count; i++) {
+        TEST_ASSERT_EQUAL_MEMORY(&ledger[i], &components[i].counts, sizeof ledger[i]);
+    }
+    TEST_ASSERT_EQUAL_STRING("drive", components[0].name);
+    TEST_ASSERT_EQUAL_STRING("plant", components[2].name);
+}
+
 /* Whatever the prediction: a step is computed one tick later. */
 static void test_hold_the_step_is_of_the_tick_before(void) {
     tl_recorder_settings settings = tl_made_settings(path);
@@ -234,6 +333,7 @@ static void test_hold_the_step_is_of_the_tick_before(void) {
     bool end = false;
     settings.measurements = TL_HOLD;
     settings.prediction = 4;
+    settings.lead = 1;
     record_with(&settings, 100);
     open_history();
     begin_ticks(0);
@@ -481,6 +581,10 @@ int main(void) {
     RUN_TEST(test_ticks_come_back_bit_for_bit);
     RUN_TEST(test_ahead_the_step_is_the_ticks_own);
     RUN_TEST(test_hold_the_step_is_of_the_tick_before);
+    RUN_TEST(test_the_lead_is_the_recorded_one);
+    RUN_TEST(test_an_older_file);
+    RUN_TEST(test_an_older_file_is_brought_up_to_date_meanwhile);
+    RUN_TEST(test_the_ledger);
     RUN_TEST(test_two_walks_at_once);
     RUN_TEST(test_gaps);
     RUN_TEST(test_a_missing_value_is_not_good);

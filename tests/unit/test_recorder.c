@@ -129,6 +129,9 @@ static void expect_head(const tl_record *record, sqlite3_stmt *row) {
     TEST_ASSERT_EQUAL_INT64(record->evaluations, sqlite3_column_int64(row, 6));
     TEST_ASSERT_EQUAL_INT64(record->executions, sqlite3_column_int64(row, 7));
     TEST_ASSERT_EQUAL_INT64(record->used, sqlite3_column_int64(row, 8));
+    TEST_ASSERT_EQUAL_INT64(record->predicted, sqlite3_column_int64(row, 9));
+    TEST_ASSERT_EQUAL_INT64(record->flags, sqlite3_column_int64(row, 10));
+    TEST_ASSERT_EQUAL_INT64(record->held, sqlite3_column_int64(row, 11));
 }
 
 static void test_steps_come_back_bit_for_bit(void) {
@@ -136,8 +139,8 @@ static void test_steps_come_back_bit_for_bit(void) {
     sqlite3 *database = NULL;
     TEST_ASSERT_EQUAL_INT(SQLITE_OK, sqlite3_open(path, &database));
     sqlite3_stmt *head =
-        ask(database, "SELECT step, t_ns, outcome, stop, J, J_nominal, evaluations, executions, used_ns"
-                      " FROM steps ORDER BY step");
+        ask(database, "SELECT step, t_ns, outcome, stop, J, J_nominal, evaluations, executions, used_ns, predicted,"
+                      " flags, held FROM steps ORDER BY step");
     sqlite3_stmt *output = ask(database, "SELECT y, y_hat, quality, delta FROM outputs ORDER BY step, signal");
     sqlite3_stmt *adjusted = ask(database, "SELECT u, u_hat, delta FROM adjustments ORDER BY step, signal");
     for (int64_t step = 0; step < TICKS - 2; step++) {
@@ -168,9 +171,11 @@ static void test_what_is_not_finite_is_null(void) {
     const tl_recorder_settings settings = tl_made_settings(path);
     tl_sample sample;
     tl_record record;
+    tl_recorder_component ledger[TL_MADE_COMPONENTS];
     open_recorder(&settings);
     tl_made_sample(0, &sample);
     tl_made_record(0, &record);
+    tl_made_ledger(0, ledger);
     sample.values[0] = (double)NAN;
     sample.values[1] = (double)INFINITY;
     record.y[0] = (double)-INFINITY;
@@ -179,7 +184,7 @@ static void test_what_is_not_finite_is_null(void) {
     record.u_hat[1] = (double)INFINITY;
     record.objective = (double)NAN;
     tl_recorder_put_sample(recorder, &sample);
-    tl_recorder_put_step(recorder, &record);
+    tl_recorder_put_step(recorder, &record, ledger);
     close_recorder("end");
     TEST_ASSERT_EQUAL_INT64(2, tl_sql_integer(path, "SELECT count(*) FROM samples WHERE value IS NULL"));
     TEST_ASSERT_EQUAL_INT64(1, tl_sql_integer(path, "SELECT count(*) FROM outputs WHERE y IS NULL"));
@@ -215,7 +220,8 @@ static void test_stamps_count_from_the_start(void) {
 static void test_the_run_says_what_it_was(void) {
     record_run(10);
     TEST_ASSERT_EQUAL_INT64(0x74776C6B, tl_sql_integer(path, "PRAGMA application_id"));
-    TEST_ASSERT_EQUAL_INT64(1, tl_sql_integer(path, "PRAGMA user_version"));
+    TEST_ASSERT_EQUAL_INT64(2, tl_sql_integer(path, "PRAGMA user_version"));
+    TEST_ASSERT_EQUAL_INT64(TL_MADE_PREDICTION, tl_sql_integer(path, "SELECT lead FROM runs"));
     TEST_ASSERT_EQUAL_INT64(2, tl_sql_integer(path, "PRAGMA auto_vacuum"));
     TEST_ASSERT_EQUAL_STRING("wal", tl_sql_text(path, "PRAGMA journal_mode"));
     TEST_ASSERT_EQUAL_STRING("replay|motor bench|end of recording|10000000|2|lag|10|8|0|0",
@@ -230,6 +236,87 @@ static void test_the_run_says_what_it_was(void) {
     TEST_ASSERT_EQUAL_STRING("motor.i|A|Real|plant.torque",
                              tl_sql_text(path, "SELECT name || '|' || unit || '|' || type || '|' || compared_with"
                                                " FROM signals WHERE kind = 'match' AND signal = 1"));
+}
+
+/* The ledger is that of the last step; before there was one, all is 0. */
+static void test_the_ledger(void) {
+    const tl_recorder_settings settings = tl_made_settings(path);
+    open_recorder(&settings);
+    tl_made_put(recorder, 0, 1);
+    close_recorder("end");
+    TEST_ASSERT_EQUAL_STRING("drive 0, motor 0, plant 0",
+                             tl_sql_text(path, "SELECT group_concat(name || ' ' || (plain + predicted + executions +"
+                                               " caught_up + unstored), ', ') FROM components"));
+    record_run(TICKS);
+    tl_recorder_component ledger[TL_MADE_COMPONENTS];
+    tl_made_ledger(TICKS - TL_MADE_PREDICTION - 1, ledger);
+    for (size_t i = 0; i < TL_MADE_COMPONENTS; i++) {
+        char sql[160];
+        char expected[160];
+        (void)snprintf(sql, sizeof sql,
+                       "SELECT plain || ' ' || predicted || ' ' || executions || ' ' || caught_up || ' ' || unstored"
+                       " FROM components WHERE run = 2 AND component = %zu",
+                       i);
+        (void)snprintf(expected, sizeof expected, "%llu %llu %llu %llu %llu", (unsigned long long)ledger[i].plain,
+                       (unsigned long long)ledger[i].predicted, (unsigned long long)ledger[i].executions,
+                       (unsigned long long)ledger[i].caught_up, (unsigned long long)ledger[i].unstored);
+        TEST_ASSERT_EQUAL_STRING(expected, tl_sql_text(path, sql));
+    }
+    TEST_ASSERT_EQUAL_INT64((int64_t)(ledger[1].plain - ledger[1].executions),
+                            tl_sql_integer(path, "SELECT saved FROM v_ledger WHERE run = 2 AND component = 'motor'"));
+    TEST_ASSERT_EQUAL_INT64((int64_t)(ledger[1].executions - ledger[1].caught_up - ledger[1].predicted),
+                            tl_sql_integer(path, "SELECT difference FROM v_ledger WHERE run = 2 AND component ="
+                                                 " 'motor'"));
+    TEST_ASSERT_EQUAL_STRING("drive, motor, plant",
+                             tl_sql_text(path, "SELECT group_concat(component, ', ') FROM v_ledger WHERE run = 2"));
+}
+
+/* Bits in the table, words in the view. */
+static void test_flags_have_words(void) {
+    record_run(10);
+    tl_sql_execute(path, "UPDATE steps SET flags = 5, held = 2 WHERE step = 3; UPDATE steps SET flags = 0, held = 3"
+                         " WHERE step = 4; UPDATE steps SET flags = 2, held = 0 WHERE step = 5");
+    TEST_ASSERT_EQUAL_STRING("fallback, without nominal|drive.u",
+                             tl_sql_text(path, "SELECT flags || '|' || held FROM v_steps WHERE step = 3"));
+    TEST_ASSERT_EQUAL_STRING("motor.d, drive.u",
+                             tl_sql_text(path, "SELECT held FROM v_steps WHERE step = 4 AND flags IS NULL"));
+    TEST_ASSERT_EQUAL_STRING("stagnated",
+                             tl_sql_text(path, "SELECT flags FROM v_steps WHERE step = 5 AND held IS NULL"));
+}
+
+/* A run is added to the file of an older program; what is there stays, and gets what can be said of it. */
+static void test_an_older_file_is_brought_up_to_date(void) {
+    record_run(10);
+    tl_sql_execute(path, "INSERT INTO runs SELECT 7, verb, name, version, configuration, started, ended, ended_reason,"
+                         " committed, step_ns, 5, 'ahead', 0, 0, 0, 0, NULL, 0 FROM runs;"
+                         "INSERT INTO runs SELECT 8, verb, name, version, configuration, started, ended, ended_reason,"
+                         " committed, step_ns, 5, 'hold', 0, 0, 0, 0, NULL, 0 FROM runs WHERE run = 1");
+    tl_made_older(path);
+    record_run(10);
+    TEST_ASSERT_EQUAL_INT64(2, tl_sql_integer(path, "PRAGMA user_version"));
+    TEST_ASSERT_EQUAL_STRING("2, 0, 1, 2", tl_sql_text(path, "SELECT group_concat(lead, ', ') FROM runs"));
+    TEST_ASSERT_EQUAL_INT64(8, tl_sql_integer(path, "SELECT count(*) FROM steps WHERE run = 1 AND predicted IS NULL"
+                                                    " AND flags IS NULL AND held IS NULL"));
+    TEST_ASSERT_EQUAL_INT64(8, tl_sql_integer(path, "SELECT count(*) FROM steps WHERE run = 9 AND predicted >= 0"
+                                                    " AND flags >= 0 AND held >= 0"));
+    TEST_ASSERT_EQUAL_INT64(16, tl_sql_integer(path, "SELECT count(*) FROM v_steps"));
+    TEST_ASSERT_EQUAL_INT64(3, tl_sql_integer(path, "SELECT count(*) FROM v_ledger WHERE run = 9"));
+    TEST_ASSERT_EQUAL_INT64(0, tl_sql_integer(path, "SELECT count(*) FROM v_ledger WHERE run <> 9"));
+}
+
+/* All of it or nothing: a file that cannot be brought up to date stays what it was. */
+static void test_an_older_file_that_is_damaged(void) {
+    const tl_recorder_settings settings = tl_made_settings(path);
+    record_run(10);
+    tl_made_older(path);
+    tl_sql_execute(path, "DROP VIEW v_steps");
+    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, tl_recorder_open(&settings, &recorder, &error));
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, "v_steps"), error.text);
+    TEST_ASSERT_EQUAL_INT64(1, tl_sql_integer(path, "PRAGMA user_version"));
+    TEST_ASSERT_EQUAL_INT64(0, tl_sql_integer(path, "SELECT count(*) FROM sqlite_schema WHERE name = 'components'"));
+    TEST_ASSERT_EQUAL_INT64(0, tl_sql_integer(path, "SELECT count(*) FROM pragma_table_info('runs') WHERE name ="
+                                                    " 'lead'"));
+    error = (tl_error){TL_OK, ""};
 }
 
 static void test_codes_have_their_names(void) {
@@ -378,8 +465,8 @@ static void test_foreign_files_stay_as_they_are(void) {
     (void)unlink(path);
     tl_sql_execute(path, "CREATE TABLE mine (x); INSERT INTO mine VALUES (1)");
     expect_refused(TL_BAD_DATA, "of another program");
-    tl_sql_execute(path, "PRAGMA application_id = 1953983595; PRAGMA user_version = 2");
-    expect_refused(TL_BAD_DATA, "another version of twinlock (format 2, this program knows 1 to 1)");
+    tl_sql_execute(path, "PRAGMA application_id = 1953983595; PRAGMA user_version = 3");
+    expect_refused(TL_BAD_DATA, "another version of twinlock (format 3, this program knows 1 to 2)");
     tl_sql_execute(path, "PRAGMA user_version = 0");
     expect_refused(TL_BAD_DATA, "another version of twinlock (format 0");
 }
@@ -458,6 +545,13 @@ static void test_the_largest_run(void) {
     static tl_recorder_signal many[TL_MAX_SIGNALS];
     static tl_sample sample;
     static tl_record record;
+    static tl_recorder_component ledger[TL_RECORDER_COMPONENTS];
+    const char *names[TL_RECORDER_COMPONENTS];
+    for (size_t i = 0; i < TL_RECORDER_COMPONENTS; i++) {
+        names[i] = "component";
+    }
+    settings.components = names;
+    settings.component_count = TL_RECORDER_COMPONENTS;
     for (size_t i = 0; i < TL_MAX_SIGNALS; i++) {
         many[i] = (tl_recorder_signal){.name = "plant.x", .unit = "", .to = "plant.x", .type = TL_REAL};
     }
@@ -472,8 +566,9 @@ static void test_the_largest_run(void) {
         record.step = tick;
         sample.values[63] = (double)tick;
         record.y_hat[15] = record.u_hat[7] = (double)tick;
+        ledger[TL_RECORDER_COMPONENTS - 1].executions = (uint64_t)tick;
         tl_recorder_put_sample(recorder, &sample);
-        tl_recorder_put_step(recorder, &record);
+        tl_recorder_put_step(recorder, &record, ledger);
     }
     close_recorder("end");
     TEST_ASSERT_EQUAL_INT64(2000, counts.written);
@@ -484,6 +579,7 @@ static void test_the_largest_run(void) {
                             tl_sql_integer(path, "SELECT count(*) FROM outputs WHERE signal = 15 AND y_hat = step"));
     TEST_ASSERT_EQUAL_INT64(1000,
                             tl_sql_integer(path, "SELECT count(*) FROM adjustments WHERE signal = 7 AND u_hat = step"));
+    TEST_ASSERT_EQUAL_INT64(999, tl_sql_integer(path, "SELECT executions FROM components WHERE component = 63"));
 }
 
 /* ---- Times ------------------------------------------------------------------------------------------------------- */
@@ -533,6 +629,10 @@ int main(void) {
     RUN_TEST(test_what_is_not_finite_is_null);
     RUN_TEST(test_stamps_count_from_the_start);
     RUN_TEST(test_the_run_says_what_it_was);
+    RUN_TEST(test_the_ledger);
+    RUN_TEST(test_flags_have_words);
+    RUN_TEST(test_an_older_file_is_brought_up_to_date);
+    RUN_TEST(test_an_older_file_that_is_damaged);
     RUN_TEST(test_codes_have_their_names);
     RUN_TEST(test_views_are_for_people);
     RUN_TEST(test_events_are_cut_and_repaired);

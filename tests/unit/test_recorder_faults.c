@@ -433,6 +433,13 @@ static void expect_one_piece(void) {
                                                     " GROUP BY run, tick) WHERE n <> 3"));
     TEST_ASSERT_EQUAL_INT64(0, tl_sql_integer(path, "SELECT count(*) FROM steps s WHERE 2 <> (SELECT count(*) FROM"
                                                     " outputs o WHERE o.run = s.run AND o.step = s.step)"));
+    /* Of the last step that was committed, neither earlier nor later: see tl_made_ledger(). */
+    TEST_ASSERT_EQUAL_INT64(
+        0,
+        tl_sql_integer(path, "SELECT count(*) FROM components JOIN runs USING (run) WHERE plain <> 40 * steps_written"
+                             " OR executions <> (21 + component) * steps_written"));
+    TEST_ASSERT_EQUAL_INT64(0, tl_sql_integer(path, "SELECT count(*) FROM runs WHERE 3 <> (SELECT count(*) FROM"
+                                                    " components c WHERE c.run = runs.run)"));
 }
 
 static void test_a_process_that_is_killed(void) {

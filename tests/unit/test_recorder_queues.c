@@ -13,7 +13,8 @@
 
 enum { THREADS = 8, EACH = 20000 };
 
-static const tl_recorder_shape shape = {.plant = TL_MADE_PLANT, .match = TL_MADE_MATCH, .adjust = TL_MADE_ADJUST};
+static const tl_recorder_shape shape = {
+    .plant = TL_MADE_PLANT, .match = TL_MADE_MATCH, .adjust = TL_MADE_ADJUST, .components = TL_MADE_COMPONENTS};
 static tl_recorder_ring ring;
 static tl_recorder_events events;
 static tl_recorder_entry entry;
@@ -60,22 +61,30 @@ static void expect_step(int64_t step) {
     TEST_ASSERT_EQUAL_MEMORY(&record.objective_nominal, &entry.record.objective_nominal, sizeof(double));
     TEST_ASSERT_EQUAL_UINT32(record.evaluations, entry.record.evaluations);
     TEST_ASSERT_EQUAL_UINT32(record.executions, entry.record.executions);
+    TEST_ASSERT_EQUAL_UINT32(record.predicted, entry.record.predicted);
+    TEST_ASSERT_EQUAL_HEX32(record.flags, entry.record.flags);
+    TEST_ASSERT_EQUAL_HEX32(record.held, entry.record.held);
     TEST_ASSERT_EQUAL_INT64(record.used, entry.record.used);
     TEST_ASSERT_EQUAL_MEMORY(record.y, entry.record.y, TL_MADE_MATCH * sizeof(double));
     TEST_ASSERT_EQUAL_MEMORY(record.y_hat, entry.record.y_hat, TL_MADE_MATCH * sizeof(double));
     TEST_ASSERT_EQUAL_MEMORY(record.y_hat_quality, entry.record.y_hat_quality, TL_MADE_MATCH);
     TEST_ASSERT_EQUAL_MEMORY(record.u, entry.record.u, TL_MADE_ADJUST * sizeof(double));
     TEST_ASSERT_EQUAL_MEMORY(record.u_hat, entry.record.u_hat, TL_MADE_ADJUST * sizeof(double));
+    tl_recorder_component ledger[TL_MADE_COMPONENTS];
+    tl_made_ledger(step, ledger);
+    TEST_ASSERT_EQUAL_MEMORY(ledger, entry.ledger, sizeof ledger);
 }
 
 static bool put_both(int64_t i) {
     tl_sample sample;
     tl_record record;
+    tl_recorder_component ledger[TL_MADE_COMPONENTS];
     tl_made_sample(i, &sample);
     tl_made_record(i, &record);
+    tl_made_ledger(i, ledger);
     size_t size = tl_recorder_entry_size(&shape, TL_ENTRY_SAMPLE) + tl_recorder_entry_size(&shape, TL_ENTRY_STEP);
     return tl_recorder_ring_has_room(&ring, size) && tl_recorder_entry_put_sample(&ring, &shape, &sample, 0) &&
-           tl_recorder_entry_put_step(&ring, &shape, &record);
+           tl_recorder_entry_put_step(&ring, &shape, &record, ledger);
 }
 
 static void test_a_full_ring_refuses_and_stays_whole(void) {
@@ -125,13 +134,15 @@ static void test_a_batch_that_failed_is_read_again(void) {
 }
 
 static void test_the_largest_entry_fits_its_size(void) {
-    const tl_recorder_shape large = {.plant = TL_MAX_SIGNALS, .match = TL_MAX_MATCH, .adjust = TL_MAX_ADJUST};
+    const tl_recorder_shape large = {
+        .plant = TL_MAX_SIGNALS, .match = TL_MAX_MATCH, .adjust = TL_MAX_ADJUST, .components = TL_RECORDER_COMPONENTS};
     static tl_sample sample;
     static tl_record record;
-    TEST_ASSERT_TRUE(tl_recorder_ring_open(&ring, 4096));
+    static tl_recorder_component ledger[TL_RECORDER_COMPONENTS];
+    TEST_ASSERT_TRUE(tl_recorder_ring_open(&ring, 8192));
     TEST_ASSERT_TRUE(tl_recorder_entry_put_sample(&ring, &large, &sample, 0));
     TEST_ASSERT_EQUAL_size_t(tl_recorder_entry_size(&large, TL_ENTRY_SAMPLE), tl_recorder_ring_filled(&ring));
-    TEST_ASSERT_TRUE(tl_recorder_entry_put_step(&ring, &large, &record));
+    TEST_ASSERT_TRUE(tl_recorder_entry_put_step(&ring, &large, &record, ledger));
     TEST_ASSERT_EQUAL_size_t(tl_recorder_entry_size(&large, TL_ENTRY_SAMPLE) +
                                  tl_recorder_entry_size(&large, TL_ENTRY_STEP),
                              tl_recorder_ring_filled(&ring));

@@ -101,8 +101,7 @@ static void test_each_tick_is_the_newest_row(void) {
     for (int i = 0; i < 5; i++) {
         TEST_ASSERT_TRUE(next());
         TEST_ASSERT_EQUAL_INT64(i, tick.sample.tick);
-        TEST_ASSERT_FALSE(tick.made_up);
-        TEST_ASSERT_EQUAL_UINT32(UINT32_MAX, tick.evaluation_limit);
+        TEST_ASSERT_FALSE(tick.made_up || tick.cut_short || tick.without_nominal);
         expect_signal(1, speeds[i], TL_GOOD);
     }
     TEST_ASSERT_FALSE(next());
@@ -223,6 +222,7 @@ static void test_a_run_comes_back(void) {
 static void test_what_the_run_could_spend(void) {
     int made_up = 0;
     int limited = 0;
+    int without = 0;
     record_run(300);
     open_recording();
     for (int64_t i = 0; i < 300; i++) {
@@ -233,12 +233,17 @@ static void test_what_the_run_could_spend(void) {
             continue;
         }
         tl_made_record(i - TL_MADE_PREDICTION, &expected);
-        bool by_time = expected.stop == TL_STOP_TIME;
+        bool without_nominal = (expected.flags & TL_FLAG_WITHOUT_NOMINAL) != 0;
+        bool by_time = expected.stop == TL_STOP_TIME || without_nominal;
         TEST_ASSERT_EQUAL_INT(expected.outcome == TL_MADE_UP, tick.made_up);
-        TEST_ASSERT_EQUAL_UINT32(by_time ? expected.evaluations : UINT32_MAX, tick.evaluation_limit);
+        TEST_ASSERT_EQUAL_INT(by_time, tick.cut_short);
+        TEST_ASSERT_EQUAL_UINT32(by_time ? expected.evaluations : 0, tick.evaluations);
+        TEST_ASSERT_EQUAL_INT(without_nominal || (by_time && expected.evaluations == 0), tick.without_nominal);
         made_up += tick.made_up ? 1 : 0;
         limited += by_time ? 1 : 0;
+        without += without_nominal && expected.stop != TL_STOP_TIME ? 1 : 0;
     }
+    TEST_ASSERT_GREATER_THAN_INT(5, without);
     TEST_ASSERT_GREATER_THAN_INT(5, made_up);
     TEST_ASSERT_GREATER_THAN_INT(5, limited);
 }
@@ -249,8 +254,20 @@ static void test_another_configuration_is_not_bound_by_it(void) {
     open_recording();
     for (int i = 0; i < 300; i++) {
         TEST_ASSERT_TRUE(next());
-        TEST_ASSERT_FALSE(tick.made_up);
-        TEST_ASSERT_EQUAL_UINT32(UINT32_MAX, tick.evaluation_limit);
+        TEST_ASSERT_FALSE(tick.made_up || tick.cut_short || tick.without_nominal);
+    }
+}
+
+/* Not even for the first evaluation: nothing may be tried. */
+static void test_no_evaluation_at_all(void) {
+    record_run(10);
+    tl_sql_execute(path, "UPDATE steps SET outcome = 4, stop = 4, flags = 0, evaluations = 0");
+    open_recording();
+    for (int i = 0; i < 10; i++) {
+        TEST_ASSERT_TRUE(next());
+        TEST_ASSERT_EQUAL_INT(i >= TL_MADE_PREDICTION, tick.cut_short);
+        TEST_ASSERT_EQUAL_INT(i >= TL_MADE_PREDICTION, tick.without_nominal);
+        TEST_ASSERT_EQUAL_UINT32(0, tick.evaluations);
     }
 }
 
@@ -309,6 +326,7 @@ int main(void) {
     RUN_TEST(test_a_run_comes_back);
     RUN_TEST(test_what_the_run_could_spend);
     RUN_TEST(test_another_configuration_is_not_bound_by_it);
+    RUN_TEST(test_no_evaluation_at_all);
     RUN_TEST(test_the_last_run_counts);
     RUN_TEST(test_runs_that_do_not_fit);
     RUN_TEST(test_a_run_whose_beginning_is_gone);

@@ -118,6 +118,7 @@ static void known_record(int64_t step, tl_record *record) {
     record->stop = step % 200 == 0 ? TL_STOP_TIME : TL_STOP_TOLERANCE;
     record->evaluations = 2;
     record->executions = 8;
+    record->predicted = 9;
     record->y[0] = 10.0 + (step % 2 == 0 ? 0.5 : -0.5);
     record->y_hat[0] = 10.0;
     record->y[1] = 3.0;
@@ -133,6 +134,7 @@ static void record_known(const char *verb) {
     tl_recorder *recorder = NULL;
     tl_sample sample;
     tl_record record;
+    tl_recorder_component ledger[TL_MADE_COMPONENTS];
     settings.verb = verb;
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_recorder_open(&settings, &recorder, &error));
     tl_recorder_start(recorder, 0);
@@ -141,7 +143,8 @@ static void record_known(const char *verb) {
         tl_made_sample(tick, &sample);
         tl_recorder_put_sample(recorder, &sample);
         known_record(tick, &record);
-        tl_recorder_put_step(recorder, &record);
+        tl_made_ledger(tick, ledger);
+        tl_recorder_put_step(recorder, &record, ledger);
     }
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_recorder_close(recorder, "end of recording", NULL, &error));
 }
@@ -157,6 +160,9 @@ static void test_the_page(void) {
     expect_shown("steps          1600 of 0.01 s, which is 16 s of the plant; looks 2 steps ahead (lag)");
     expect_shown("1584 first guess, 16 optimised");
     expect_shown("the search ran out of time in 8 of them");
+    /* (21 + 22 + 23)·1600, (20 + 21 + 22)·1600, 3·40·1600; (0 + 1 + 2)·1600, 1600 + 800 + 533 */
+    expect_shown("executions     105600, predicted 100800; without saving 192000 (45.0 % saved)\n"
+                 "                 4800 caught up, 2933 results found no room\n");
     expect_shown("recorded       1600 samples, 1600 steps, 1 events\n");
     expect_row("motor.omega plant.omega 1600 0 0.25016 0.5 rad/s\n"); /* 0.25·1600/1599 */
     expect_row("motor.i plant.torque 400 1200 4.01 2 A\n");
@@ -365,6 +371,17 @@ static void test_json(void) {
     TEST_ASSERT_EQUAL_DOUBLE(1000, number_of(cJSON_GetArrayItem(windows, 5), "from_step", NULL, NULL));
     TEST_ASSERT_EQUAL_DOUBLE(10, number_of(cJSON_GetArrayItem(windows, 5), "from_s", NULL, NULL));
     TEST_ASSERT_TRUE(fabs(number_of(cJSON_GetArrayItem(windows, 5), "delta_mean", NULL, NULL) - 0.005) < 1e-12);
+    TEST_ASSERT_EQUAL_DOUBLE(2,
+                             number_of(cJSON_GetArrayItem(cJSON_GetObjectItem(root, "runs"), 0), "lead", NULL, NULL));
+    const cJSON *ledger = cJSON_GetObjectItem(root, "ledger");
+    TEST_ASSERT_EQUAL_DOUBLE(105600, number_of(ledger, "total", "executions", NULL));
+    TEST_ASSERT_EQUAL_DOUBLE(100800, number_of(ledger, "total", "predicted", NULL));
+    TEST_ASSERT_EQUAL_DOUBLE(192000, number_of(ledger, "total", "plain", NULL));
+    TEST_ASSERT_EQUAL_DOUBLE(35200, number_of(ledger, "components", "motor", "executions"));
+    TEST_ASSERT_EQUAL_DOUBLE(3200, number_of(ledger, "components", "plant", "caught_up"));
+    TEST_ASSERT_EQUAL_DOUBLE(800, number_of(ledger, "components", "motor", "unstored"));
+    TEST_ASSERT_EQUAL_DOUBLE(86400, number_of(ledger, "total", "saved", NULL));
+    TEST_ASSERT_EQUAL_DOUBLE(1600 - 3200, number_of(ledger, "components", "plant", "difference"));
     TEST_ASSERT_EQUAL_STRING(
         "the drive does not answer",
         cJSON_GetObjectItem(cJSON_GetArrayItem(cJSON_GetObjectItem(root, "events"), 0), "text")->valuestring);
@@ -465,14 +482,44 @@ static void test_csv_of_the_other_tables(void) {
     expect_same(record.u_hat[0], field(line, 3));
     expect_same(record.u[0] - record.u_hat[0], field(line, 4));
     TEST_ASSERT_EQUAL_INT(0, SHOW(path, "--csv", "steps", "--since", "0.02s"));
-    TEST_ASSERT_EQUAL_STRING("time,step,outcome,stop,J,J_nominal,evaluations,executions,used_ns\n"
-                             "15.98,1598,first guess,tolerance,0,0,2,8,0\n15.99,1599,first guess,tolerance,0,0,2,8,0\n",
+    TEST_ASSERT_EQUAL_STRING("time,step,outcome,stop,J,J_nominal,evaluations,executions,used_ns,predicted,flags,held\n"
+                             "15.98,1598,first guess,tolerance,0,0,2,8,0,9,,\n"
+                             "15.99,1599,first guess,tolerance,0,0,2,8,0,9,,\n",
                              output);
+    tl_sql_execute(path, "UPDATE steps SET flags = 7, held = 3 WHERE step = 1598;"
+                         "UPDATE steps SET flags = 1, held = 2 WHERE step = 1599");
+    TEST_ASSERT_EQUAL_INT(0, SHOW(path, "--csv", "steps", "--since", "0.02s"));
+    expect_shown(",9,\"fallback, stagnated, without nominal\",\"motor.d, drive.u\"\n");
+    expect_shown(",9,fallback,drive.u\n");
     tl_sql_execute(path, "UPDATE events SET at = '2026-11-21T10:00:05.000Z', text = 'he said \"no\", and left'");
     TEST_ASSERT_EQUAL_INT(0, SHOW(path, "--csv", "events"));
     TEST_ASSERT_EQUAL_STRING("at,tick,severity,source,text\n"
                              "2026-11-21T10:00:05.000Z,17,warning,plant,\"he said \"\"no\"\", and left\"\n",
                              output);
+}
+
+/* What an older program recorded is shown, with what it did not know left out. */
+static void test_an_older_file(void) {
+    record_known("replay");
+    tl_made_older(path);
+    TEST_ASSERT_EQUAL_INT(0, SHOW(path));
+    expect_shown("steps          1600 of 0.01 s, which is 16 s of the plant; looks 2 steps ahead (lag)");
+    expect_not_shown("  executions ");
+    TEST_ASSERT_EQUAL_INT(0, SHOW(path, "--json"));
+    expect_shown("\"ledger\":\tnull");
+    expect_shown("\"lead\":\t2");
+    TEST_ASSERT_EQUAL_INT(0, SHOW(path, "--csv", "steps", "--since", "0.02s"));
+    expect_shown("\n15.99,1599,first guess,tolerance,0,0,2,8,0,,,\n");
+    TEST_ASSERT_EQUAL_INT64(1, tl_sql_integer(path, "PRAGMA user_version"));
+}
+
+static void test_a_ledger_without_names(void) {
+    record_known("replay");
+    tl_sql_execute(path,
+                   "ALTER TABLE components RENAME TO other; CREATE TABLE components AS SELECT run, component, NULL"
+                   " AS name, plain, predicted, executions, caught_up, unstored FROM other");
+    TEST_ASSERT_EQUAL_INT(65, SHOW(path));
+    expect_in("is damaged: a component of run 1 has no name", errors);
 }
 
 static void test_csv_of_a_live_run_has_dates(void) {
@@ -650,6 +697,8 @@ int main(void) {
     RUN_TEST(test_csv_of_outliers);
     RUN_TEST(test_a_run_in_mode_hold);
     RUN_TEST(test_csv_of_the_other_tables);
+    RUN_TEST(test_an_older_file);
+    RUN_TEST(test_a_ledger_without_names);
     RUN_TEST(test_csv_of_a_live_run_has_dates);
     RUN_TEST(test_usage);
     RUN_TEST(test_files_that_cannot_be_shown);

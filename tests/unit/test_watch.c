@@ -8,6 +8,7 @@
 #include "tests/support/stderr_capture.h"
 
 static tl_config_signal signals[2];
+static tl_plan_adjust adjust[2];
 static tl_config config;
 static tl_journal journal;
 static tl_watch watch;
@@ -21,6 +22,12 @@ void setUp(void) {
     signals[1].plan.name = "omega";
     config.signals = signals;
     config.signal_count = 2;
+    adjust[0].variable = "motor.d";
+    adjust[1].variable = "drive.u";
+    config.adjust = adjust;
+    config.adjust_count = 2;
+    config.step = TL_SECOND / 100;
+    config.fallback = "bobyqa";
     tl_journal_init(&journal, NULL);
     tl_watch_init(&watch, &config, &journal);
 }
@@ -128,6 +135,105 @@ static void test_a_short_excursion_is_not_told(void) {
     expect_told("");
 }
 
+/* Searches in which these variables were held. */
+static void searches(uint32_t held, int count) {
+    record.held = held;
+    record.stop = TL_STOP_SOLVER;
+    records(TL_FIRST_GUESS, count);
+    record.held = 0;
+    record.stop = TL_STOP_NONE;
+}
+
+enum { MINUTE = 6000 }; /* steps */
+
+static const char HELD[] =
+    "twinlock: warning: twin: motor.d: the matched outputs do not react to it; held at nominal\n";
+
+static void test_a_variable_that_does_not_matter(void) {
+    searches(0, 5);
+    expect_told("");
+    searches(1, 1);
+    expect_told(HELD);
+    searches(1, 500);
+    expect_told("");
+    records(TL_FIRST_GUESS, 2 * MINUTE); /* without a search nothing is known of it */
+    records(TL_MADE_UP, 500);
+    searches(0, TL_WATCH_STEPS - 1);
+    expect_told("");
+    searches(0, 1);
+    expect_told("twinlock: notice: twin: motor.d: the matched outputs react to it again; steps held: 501\n");
+    searches(0, 2 * MINUTE);
+    expect_told("");
+    searches(1, 1);
+    expect_told(HELD);
+    searches(0, MINUTE);
+    expect_told("twinlock: notice: twin: motor.d: the matched outputs react to it again; steps held: 1\n");
+}
+
+/* It comes and goes, for an hour: two lines. */
+static void test_a_variable_that_matters_now_and_then(void) {
+    for (int i = 0; i < 60; i++) {
+        searches(1, 1);
+        searches(0, MINUTE - 1);
+    }
+    expect_told(HELD);
+    searches(0, 1);
+    expect_told("twinlock: notice: twin: motor.d: the matched outputs react to it again; steps held: 60\n");
+}
+
+static void test_variables_are_watched_one_by_one(void) {
+    searches(3, 10);
+    expect_told("twinlock: warning: twin: motor.d: the matched outputs do not react to it; held at nominal\n"
+                "twinlock: warning: twin: drive.u: the matched outputs do not react to it; held at nominal\n");
+    searches(1, MINUTE);
+    expect_told("twinlock: notice: twin: drive.u: the matched outputs react to it again; steps held: 10\n");
+}
+
+/* Searches with these flags. */
+static void flagged(uint32_t flags, int count) {
+    record.flags = flags;
+    searches(0, count);
+    record.flags = 0;
+}
+
+static void test_the_second_solver(void) {
+    flagged(0, 10);
+    expect_told("");
+    flagged(TL_FLAG_FALLBACK, 3);
+    expect_told("twinlock: warning: twin: the solver finds no more; the second one, bobyqa, takes over\n");
+    flagged(0, 100);
+    flagged(TL_FLAG_FALLBACK, 100);
+    flagged(0, MINUTE - 1);
+    expect_told("");
+    flagged(0, 1);
+    expect_told(
+        "twinlock: notice: twin: the solver does without the second one, bobyqa, again; searches it took over: 103\n");
+    flagged(0, 2 * MINUTE);
+    expect_told("");
+}
+
+static void test_stagnation_is_told_apart(void) {
+    flagged(TL_FLAG_STAGNATED, 2);
+    expect_told("twinlock: warning: twin: a search made no progress and was ended\n");
+    flagged(TL_FLAG_STAGNATED | TL_FLAG_FALLBACK, 3);
+    expect_told("twinlock: warning: twin: the solver finds no more; the second one, bobyqa, takes over\n");
+    flagged(TL_FLAG_FALLBACK, MINUTE);
+    expect_told("twinlock: notice: twin: searches make progress again; ended before: 5\n");
+    flagged(TL_FLAG_WITHOUT_NOMINAL, MINUTE - 1); /* not worth a word */
+    expect_told("");
+}
+
+/* With a macro step that is longer than the rest, it is searches that count. */
+static void test_troubles_of_a_slow_twin(void) {
+    config.step = 3600 * TL_SECOND;
+    searches(1, 1);
+    expect_told(HELD);
+    searches(0, TL_WATCH_STEPS - 1);
+    expect_told("");
+    searches(0, 1);
+    expect_told_with("react to it again");
+}
+
 /* Neither in nor out of tolerance. */
 static void test_free_steps_do_not_count(void) {
     records(TL_BEST_SO_FAR, TL_WATCH_STEPS - 1);
@@ -159,6 +265,12 @@ int main(void) {
     RUN_TEST(test_out_of_tolerance);
     RUN_TEST(test_a_short_excursion_is_not_told);
     RUN_TEST(test_free_steps_do_not_count);
+    RUN_TEST(test_a_variable_that_does_not_matter);
+    RUN_TEST(test_a_variable_that_matters_now_and_then);
+    RUN_TEST(test_variables_are_watched_one_by_one);
+    RUN_TEST(test_the_second_solver);
+    RUN_TEST(test_stagnation_is_told_apart);
+    RUN_TEST(test_troubles_of_a_slow_twin);
     RUN_TEST(test_missed_ticks_are_told_once_a_second);
     return UNITY_END();
 }

@@ -1,0 +1,162 @@
+/* The warnings of `check`: what each needs, what it says, and how it is broken into lines. */
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <unity.h>
+
+#include "firmware/advice.h"
+#include "tests/support/config_text.h"
+#include "tests/support/scratch.h"
+
+#define LOCK TL_SOURCE_DIR "/config/motor/lock.json"
+#define LIVE TL_SOURCE_DIR "/config/motor/live.json"
+
+static tl_scratch scratch;
+static tl_assembly assembly;
+static tl_prognosis prognosis;
+static char *printed;
+
+void setUp(void) {
+    TEST_ASSERT_EQUAL_INT(0, setenv("TWINLOCK_FMU_PATH", TL_BINARY_DIR "/fmus", 1));
+    assembly = (tl_assembly){0};
+    prognosis = (tl_prognosis){.steps = 200, .step_time = 1000, .worst_time = 2000, .fitting = 60};
+    printed = NULL;
+}
+
+void tearDown(void) {
+    tl_assembly_free(&assembly);
+    free(printed);
+    tl_scratch_empty(&scratch);
+}
+
+static void load(const char *file, const char *old, const char *new) {
+    char *text = tl_test_read_text(file);
+    char *changed = tl_test_replaced(text, old, new);
+    TEST_ASSERT_NOT_NULL_MESSAGE(changed, old);
+    const char *path = tl_scratch_path(&scratch, "config.json");
+    FILE *output = fopen(path, "w");
+    (void)fputs(changed, output);
+    (void)fclose(output);
+    free(text);
+    free(changed);
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_assembly_load(path, &assembly));
+}
+
+/* Another key of "synchronise". */
+static void load_with(const char *key) {
+    char with[256];
+    (void)snprintf(with, sizeof with, "\"synchronise\": { %s,", key);
+    load(LOCK, "\"synchronise\": {", with);
+}
+
+static void expect_advice(size_t count, const char *text) {
+    size_t size = 0;
+    FILE *file = open_memstream(&printed, &size);
+    size_t given = tl_advice_print(&assembly, &prognosis, file);
+    (void)fclose(file);
+    TEST_ASSERT_EQUAL_STRING(text, printed);
+    TEST_ASSERT_EQUAL_size_t(count, given);
+}
+
+static void test_nothing_to_say(void) {
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_assembly_load(LIVE, &assembly));
+    expect_advice(0, "");
+}
+
+static void test_a_step_that_takes_too_long(void) {
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_assembly_load(LOCK, &assembly));
+    prognosis.step_time = 10000000;
+    expect_advice(1, "warnings\n"
+                     "  step_s: a free step takes 10 ms here, and the period is 10 ms: `run` cannot\n"
+                     "    keep up on this machine\n");
+}
+
+static void test_initial_values_that_fail(void) {
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_assembly_load(LOCK, &assembly));
+    prognosis = (tl_prognosis){0};
+    expect_advice(1, "warnings\n"
+                     "  plant: the FMUs cannot step with its initial values, and until there is a\n"
+                     "    good measurement there is nothing else: give its signals an \"initial\"\n");
+}
+
+static void test_a_budget_as_long_as_the_period(void) {
+    load(LOCK, "\"time_s\": 0.006", "\"time_s\": 0.01");
+    expect_advice(1, "warnings\n"
+                     "  synchronise.budget.time_s: 0.01 s is not less than step_s, 0.01 s: a search\n"
+                     "    that uses it up makes the next tick late; the default is 0.6 of step_s\n");
+}
+
+static void test_a_budget_that_cuts_searches_short(void) {
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_assembly_load(LOCK, &assembly));
+    prognosis.worst_time = 12000000;
+    prognosis.fitting = 29;
+    expect_advice(1, "warnings\n"
+                     "  synchronise.budget: 60 evaluations can take 12 ms here, and the time is 6 ms:\n"
+                     "    it cuts such a search short, after about 29 of them; shorten the horizon,\n"
+                     "    or give more time\n");
+}
+
+static void test_too_few_evaluations(void) {
+    load(LOCK, "\"evaluations\": 60", "\"evaluations\": 2");
+    expect_advice(1, "warnings\n"
+                     "  synchronise.budget.evaluations: 2 are not enough to try each of 1 unknowns\n"
+                     "    once, beside the guess and nominal: give more, or make the horizon shorter\n"
+                     "    or static\n");
+    tl_assembly_free(&assembly);
+    free(printed);
+    load(LOCK, "\"evaluations\": 60", "\"evaluations\": 3");
+    expect_advice(0, "");
+}
+
+static void test_saving_that_is_off(void) {
+    load_with("\"saving\": { \"structure\": false, \"sequences\": false }");
+    expect_advice(2, "warnings\n"
+                     "  synchronise.saving.structure: off: executions that can reach no matched\n"
+                     "    output any more are done all the same; it changes no result\n"
+                     "  synchronise.saving.sequences: off: what is known from an earlier execution is\n"
+                     "    executed again; it changes no result\n");
+}
+
+static void test_outputs_that_are_kept_in_place_of_states(void) {
+    load(LOCK, "\"fmu\": \"motor.fmu\"", "\"fmu\": \"motor.fmu\", \"keep\": \"outputs\"");
+    expect_advice(1, "warnings\n"
+                     "  components.motor: keep \"outputs\": executions are repeated to get back to a\n"
+                     "    state, beyond those predicted; worth it only where saving a state takes\n"
+                     "    longer than a step\n");
+}
+
+static void test_a_source_that_nothing_uses(void) {
+    load(LIVE, "\"inverter\": {", "\"meter\": { \"csv\": { \"file\": \"meter.csv\" } }, \"inverter\": {");
+    expect_advice(1, "warnings\n"
+                     "  sources.meter: no signal of the plant comes from it\n");
+}
+
+/* In mode lag the step waits for it. */
+static void test_a_conditioned_measurement_in_mode_ahead(void) {
+    load(LOCK, "\"tolerance\": 1.0", "\"tolerance\": 1.0, \"condition\": { \"median\": 5 }");
+    expect_advice(0, "");
+    assembly.config.measurements = TL_AHEAD;
+    free(printed);
+    expect_advice(1, "warnings\n"
+                     "  synchronise.match.motor.omega: its condition makes the measurement 2 samples\n"
+                     "    late, and in mode ahead no step waits for it: the newest there is belongs\n"
+                     "    to an instant 0.02 s back\n");
+}
+
+int main(void) {
+    UNITY_BEGIN();
+    tl_scratch_make(&scratch, TL_BINARY_DIR, "test_advice");
+    RUN_TEST(test_nothing_to_say);
+    RUN_TEST(test_a_step_that_takes_too_long);
+    RUN_TEST(test_initial_values_that_fail);
+    RUN_TEST(test_a_budget_as_long_as_the_period);
+    RUN_TEST(test_a_budget_that_cuts_searches_short);
+    RUN_TEST(test_too_few_evaluations);
+    RUN_TEST(test_saving_that_is_off);
+    RUN_TEST(test_outputs_that_are_kept_in_place_of_states);
+    RUN_TEST(test_a_source_that_nothing_uses);
+    RUN_TEST(test_a_conditioned_measurement_in_mode_ahead);
+    tl_scratch_remove(&scratch);
+    return UNITY_END();
+}
