@@ -19,6 +19,7 @@ typedef struct tl_track_copy {
 struct tl_track {
     tl_exchange *exchange;
     uint32_t depth;        /* steps that are known */
+    uint32_t walked;       /* steps of the present candidate */
     unsigned char *blocks; /* values before each step; [(depth) · values_size] */
     uint32_t *places;      /* node of each component before each step; [depth · components + k] */
     bool *awake;           /* differs from the track in this step */
@@ -117,6 +118,10 @@ void tl_track_forget(tl_track *track) {
 void tl_track_begin(tl_track *track) {
     const tl_exchange *exchange = track->exchange;
     size_t components = exchange->component_count;
+    if (track->walked < track->depth) {
+        track->depth = track->walked; /* the one before failed or was left: what comes later is of an older one */
+    }
+    track->walked = 0;
     for (size_t k = 0; k < components; k++) {
         places_at(track, 0)[k] = exchange->cached[k].root;
         track->always[k] = track->adjusted[k] || track->lost[k];
@@ -245,8 +250,8 @@ static tl_status step_changed(tl_track *track, int64_t step, uint32_t depth, tl_
 tl_status tl_track_step(tl_track *track, int64_t step, uint32_t depth, tl_error *error) {
     bool known = depth < track->depth;
     tl_status status = known ? step_changed(track, step, depth, error) : step_anew(track, step, depth, error);
-    if (status != TL_OK) {
-        track->depth = depth;
+    if (status == TL_OK) {
+        track->walked = depth + 1;
     }
     return status;
 }

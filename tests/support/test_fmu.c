@@ -7,6 +7,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "tests/support/random_numbers.h"
+
 static const char GUID[] = "{8c4e810f-3df3-4a00-8276-176fa3c9f001}";
 
 /* ---- variables ---- */
@@ -17,6 +19,12 @@ enum { INTEGER_COUNT, INTEGER_COUNT_OUT, INTEGER_MODE, INTEGER_MODE_OUT, INTEGER
 enum { BOOLEAN_FLAG, BOOLEAN_FLAG_OUT, BOOLEANS };
 enum { STRING_LABEL, STRING_LABEL_OUT, STRINGS };
 enum { LABEL_SIZE = 32 };
+
+/* How much an FMU that is `telling` adds at most to its first channel. */
+static const double TELLING = 1e-4;
+
+/* How much higher its drives are while `flag` is true. */
+static const double RAISED = 0.25;
 
 static tl_variable *add(tl_test_fmu *fmu, const char *name, tl_type type, uint32_t reference, tl_causality causality) {
     tl_variable *variable = &fmu->variables[fmu->model.variable_count++];
@@ -90,7 +98,8 @@ typedef struct values {
     fmi2Integer integers[INTEGERS];
     fmi2Boolean booleans[BOOLEANS];
     char label[LABEL_SIZE];
-    double time; /* s, where the last step ended */
+    double time;      /* s, where the last step ended */
+    uint64_t lineage; /* of all inputs of all steps that have led here */
 } values;
 
 /* A state handle. */
@@ -500,28 +509,60 @@ static void judge_step(instance *self, double time, double step) {
     }
 }
 
+/* Everything that a step depends on beside what earlier steps have left, added to `sum`. */
+static uint64_t add_inputs(const instance *self, uint64_t sum) {
+    const values *now = &self->now;
+    sum = tl_test_mix(sum + (uint64_t)(uint32_t)now->integers[INTEGER_COUNT]);
+    sum = tl_test_mix(sum + (uint64_t)(uint32_t)now->integers[INTEGER_MODE]);
+    sum = tl_test_mix(sum + (now->booleans[BOOLEAN_FLAG] != fmi2False ? 1 : 0));
+    for (size_t i = 0; i < REALS; i++) {
+        uint64_t bits = 0;
+        memcpy(&bits, &now->reals[i], sizeof bits);
+        sum = i < REAL_Y || i > REAL_SUM ? tl_test_mix(sum + bits + i) : sum;
+    }
+    return sum;
+}
+
+/* A number in [0, 1) of all bits of a sum. */
+static double fraction(uint64_t sum) {
+    return (double)(sum >> 11) / 9007199254740992.0;
+}
+
+static void pass_on(instance *self) {
+    values *now = &self->now;
+    bool telling = self->fmu->control.telling;
+    now->integers[INTEGER_COUNT_OUT] =
+        telling ? (fmi2Integer)(now->lineage & 0x7FFFFFFF) : now->integers[INTEGER_COUNT];
+    now->integers[INTEGER_MODE_OUT] = now->integers[INTEGER_MODE];
+    now->booleans[BOOLEAN_FLAG_OUT] = now->booleans[BOOLEAN_FLAG];
+}
+
 static void advance(instance *self, double step) {
+    self->now.lineage = add_inputs(self, self->now.lineage);
+    bool telling = self->fmu->control.telling;
+    double told = telling ? TELLING * fraction(self->now.lineage) : 0.0;
+    double raised = telling && self->now.booleans[BOOLEAN_FLAG] != fmi2False ? RAISED : 0.0;
     double *reals = self->now.reals;
     bool not_a_number = self->fmu->control.fault.kind == TL_TEST_NAN && is_faulty(self, TL_TEST_DO_STEP);
     reals[REAL_SUM] = 0.0;
     for (size_t c = 0; c < self->fmu->width; c++) {
-        double drive = reals[REAL_GAIN] * reals[REAL_U + c] + reals[REAL_OFFSET];
+        double drive = reals[REAL_GAIN] * reals[REAL_U + c] + reals[REAL_OFFSET] + raised;
         double *y = &reals[REAL_Y + c];
         *y += (reals[REAL_LAG] > 0.0 ? step / reals[REAL_LAG] : 1.0) * (drive - *y);
         *y = reals[REAL_LAG] > 0.0 ? *y : drive;
         *y = not_a_number ? (double)NAN : *y;
+        *y += told * (double)(c + 1);
         reals[REAL_SUM] += *y;
     }
-    self->now.integers[INTEGER_COUNT_OUT] = self->now.integers[INTEGER_COUNT];
-    self->now.integers[INTEGER_MODE_OUT] = self->now.integers[INTEGER_MODE];
-    self->now.booleans[BOOLEAN_FLAG_OUT] = self->now.booleans[BOOLEAN_FLAG];
+    pass_on(self);
 }
 
 static fmi2Status do_step(fmi2Component component, fmi2Real time, fmi2Real step, fmi2Boolean final) {
     instance *self = component;
     const tl_test_control *control = &self->fmu->control;
     const double *reals = self->now.reals;
-    tl_test_entry details = {.time = time,
+    tl_test_entry details = {.instance = self->number,
+                             .time = time,
                              .step = step,
                              .final = final != fmi2False,
                              .gain = reals[REAL_GAIN],
@@ -540,6 +581,10 @@ static fmi2Status do_step(fmi2Component component, fmi2Real time, fmi2Real step,
         advance(self, step);
         self->now.time = time + step;
         self->set_unstepped = false;
+    }
+    if (control->trace != NULL) {
+        details.status = status;
+        control->trace(control->context, self->fmu, &details, self->now.lineage);
     }
     return status;
 }
@@ -583,7 +628,7 @@ static fmi2Status set_state(fmi2Component component, fmi2FMUstate state) {
         violate(self, TL_TEST_SET_STATE, "the handle is not of this instance");
         return fmi2Error;
     }
-    if (handle->values.time < self->final_time) {
+    if (handle->values.time < self->final_time - 1e-9 * (1.0 + fabs(self->final_time))) {
         violate(self, TL_TEST_SET_STATE, "goes back behind a point that was said to be final");
     }
     if (self->fmu->control.state_lies) {

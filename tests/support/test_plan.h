@@ -17,9 +17,9 @@
 #include "tests/support/test_fmu.h"
 
 enum {
-    TL_TEST_COMPONENTS = 8,
+    TL_TEST_COMPONENTS = 32,
     TL_TEST_SETS = 6, /* per component */
-    TL_TEST_CONNECTIONS = 24,
+    TL_TEST_CONNECTIONS = 128,
     TL_TEST_PROBLEMS = 32,
     TL_TEST_WHERE = 48
 };
@@ -38,7 +38,7 @@ typedef struct tl_test_plan {
     tl_plan_connection connections[TL_TEST_CONNECTIONS];
     tl_plan_adjust adjust[TL_MAX_ADJUST + 1];
     tl_plan_match match[TL_MAX_MATCH + 1];
-    char where[256][TL_TEST_WHERE];
+    char where[512][TL_TEST_WHERE];
     size_t where_count;
     tl_report report;
     tl_test_problem problems[TL_TEST_PROBLEMS];

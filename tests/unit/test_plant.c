@@ -137,6 +137,53 @@ static void what_no_integer_can_hold_is_out_of_range_for_one(void) {
     TEST_ASSERT_EQUAL_UINT8(TL_GOOD, tl_plant_sample(&plant, 1)->quality[REAL_SIGNAL]);
 }
 
+/* ---- saved executions ---- */
+
+static void step(int64_t number, uint64_t executions, double value) {
+    tl_plant_step(&plant, number);
+    TEST_ASSERT_EQUAL_UINT64(executions, plant.executions);
+    TEST_ASSERT_TRUE(real == value);
+}
+
+static void a_step_that_is_known_is_delivered_without_an_execution(void) {
+    TEST_ASSERT_TRUE(tl_plant_save_executions(&plant, &arena, 3));
+    for (int64_t tick = 0; tick <= 4; tick++) {
+        push(tick, 10.0 * (double)tick, TL_GOOD);
+    }
+    for (size_t candidate = 0; candidate < 3; candidate++) {
+        real = -1.0;
+        step(1, candidate == 0 ? 1 : 3, 20.0);
+        step(2, candidate == 0 ? 2 : 3, 30.0);
+        step(3, 3, 40.0);
+    }
+    push(5, 50.0, TL_GOOD);
+    step(2, 3, 30.0); /* the next horizon: what overlaps is known */
+    step(3, 3, 40.0);
+    step(4, 4, 50.0);
+}
+
+/* Also where it is the same value: it is the number of the sample that counts. */
+static void what_was_stood_for_is_not_taken_for_the_real_one(void) {
+    TEST_ASSERT_TRUE(tl_plant_save_executions(&plant, &arena, 3));
+    push(0, 1.0, TL_GOOD);
+    push(1, 1.0, TL_GOOD);
+    step(0, 1, 1.0);
+    step(1, 2, 1.0); /* sample 1 stands for 2 and 3 */
+    step(2, 3, 1.0);
+    push(2, 1.0, TL_GOOD);
+    step(1, 4, 1.0);
+    step(2, 5, 1.0); /* sample 2 stands for 3 now */
+    step(1, 5, 1.0);
+    step(2, 5, 1.0);
+}
+
+static void without_saving_every_step_is_an_execution(void) {
+    push(0, 1.0, TL_GOOD);
+    push(1, 2.0, TL_GOOD);
+    step(0, 1, 2.0);
+    step(0, 2, 2.0);
+}
+
 int main(void) {
     UNITY_BEGIN();
     RUN_TEST(values_are_delivered_in_their_type);
@@ -148,5 +195,8 @@ int main(void) {
     RUN_TEST(before_any_good_value_the_initial_one_is_held);
     RUN_TEST(a_value_that_calls_itself_good_but_is_not_is_held_too);
     RUN_TEST(what_no_integer_can_hold_is_out_of_range_for_one);
+    RUN_TEST(a_step_that_is_known_is_delivered_without_an_execution);
+    RUN_TEST(what_was_stood_for_is_not_taken_for_the_real_one);
+    RUN_TEST(without_saving_every_step_is_an_execution);
     return UNITY_END();
 }

@@ -1,0 +1,38 @@
+/* Random numbers that are the same everywhere: a test that fails names its seed, and fails again with it.
+ *
+ * Source:  splitmix64 (Steele, Lea, Flood 2014).
+ * Thread:  a generator belongs to one thread at a time.
+ */
+#ifndef TL_TESTS_SUPPORT_RANDOM_NUMBERS_H
+#define TL_TESTS_SUPPORT_RANDOM_NUMBERS_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+/* The state is the seed. */
+typedef struct tl_test_random {
+    uint64_t state;
+} tl_test_random;
+
+/* All 64 bits of a number, mixed. */
+uint64_t tl_test_mix(uint64_t bits);
+
+uint64_t tl_test_random_bits(tl_test_random *random);
+
+/* 0 … limit − 1; limit ≥ 1. */
+size_t tl_test_random_below(tl_test_random *random, size_t limit);
+
+/* Between the two, both included. */
+size_t tl_test_random_between(tl_test_random *random, size_t least, size_t most);
+
+/* True in so many of a hundred cases. */
+bool tl_test_random_chance(tl_test_random *random, size_t percent);
+
+/* least ≤ number < most. */
+double tl_test_random_number(tl_test_random *random, double least, double most);
+
+/* How long a campaign is: what the environment variable says, else `usual`. */
+size_t tl_test_campaign(const char *variable, size_t usual);
+
+#endif

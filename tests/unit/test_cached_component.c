@@ -1,0 +1,648 @@
+/* One component behind its cache: table 4.1, commits, catching up, failures, full pools. TL_TEST_WALKS says how many random
+ * walks there are. */
+#include <stdio.h>
+#include <string.h>
+#include <unity.h>
+
+#include "master/cache/cached_component.h"
+#include "tests/support/random_numbers.h"
+#include "tests/support/test_fmu.h"
+
+enum { WIDTH = 2, PREDICTION = 3, ROOM = 64, MOST = 64 };
+
+static const double CIRCLE = 1.0; /* o and * of the thesis */
+static const double STAR = 2.0;
+
+/* Where ports without integers point to. */
+static fmi2Integer none;
+
+/* A component with its ports; with a cache or without. */
+typedef struct unit {
+    tl_component component;
+    fmi2ValueReference references[2 * WIDTH];
+    fmi2Real values[2 * WIDTH]; /* u0, u1, y0, y1 */
+} unit;
+
+static tl_test_log call_log;
+static tl_test_fmu fmu;
+static tl_arena arena;
+static unit behind;  /* the cache, */
+static unit without; /* which is not there */
+static tl_cached_component cached;
+static tl_error error;
+static int64_t step; /* of the root */
+static uint32_t depth;
+static char where[64];
+
+/* Which variables are ports: names are unimportant, references come from the FMU. */
+static void place(unit *self) {
+    static const char *const names[] = {"u0", "u1", "y0", "y1"};
+    memset(self, 0, sizeof *self);
+    for (size_t i = 0; i < 4; i++) {
+        self->references[i] = tl_test_fmu_variable(&fmu, names[i])->reference;
+    }
+    self->component = (tl_component){.name = "m",
+                                     .model = &fmu.model,
+                                     .fmi = &fmu.functions,
+                                     .inputs = {.real_count = 2,
+                                                .real_references = self->references,
+                                                .reals = self->values,
+                                                .integers = &none,
+                                                .booleans = &none},
+                                     .outputs = {.real_count = 2,
+                                                 .real_references = self->references + 2,
+                                                 .reals = self->values + 2,
+                                                 .integers = &none,
+                                                 .booleans = &none}};
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_instantiate(&self->component, &fmu.callbacks, "", &error));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_enter_initialization(&self->component, &error));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_exit_initialization(&self->component, &error));
+}
+
+static void start(tl_keep keep, uint32_t spacing, uint32_t capacity) {
+    tl_arena_init(&arena);
+    tl_test_fmu_init(&fmu, WIDTH, false, &call_log);
+    tl_test_fmu_variable(&fmu, "lag")->start.real = 0.15;
+    fmu.control.telling = true;
+    place(&behind);
+    place(&without);
+    TEST_ASSERT_TRUE(
+        tl_cached_component_init(&cached, &arena, &behind.component, keep, TL_SECOND / 10, spacing, capacity));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_cached_component_start(&cached, &error));
+    step = 0;
+    depth = 0;
+}
+
+static void finish(void) {
+    tl_cached_component_end(&cached);
+    tl_component_forget(&without.component, &without.component.state);
+    TEST_ASSERT_EQUAL_UINT64(0, fmu.states);
+    tl_component_free(&behind.component);
+    tl_component_free(&without.component);
+    TEST_ASSERT_EQUAL_UINT64(0, fmu.living);
+    tl_arena_release(&arena);
+    TEST_ASSERT_EQUAL_STRING("", call_log.first_violation);
+}
+
+void setUp(void) {
+    tl_test_log_clear(&call_log);
+    where[0] = '\0';
+}
+
+void tearDown(void) {
+    tl_test_fmu_end(&fmu);
+    tl_arena_release(&arena);
+    TEST_ASSERT_EQUAL_STRING("", call_log.first_violation);
+}
+
+static void set_inputs(double u) {
+    behind.values[0] = u;
+    behind.values[1] = -u;
+}
+
+/* One step of the candidate; how many executions it took. */
+static uint64_t advance(double u) {
+    uint64_t before = behind.component.executions;
+    set_inputs(u);
+    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_cached_component_step(&cached, step + depth, &error), error.text);
+    TEST_ASSERT_TRUE(behind.values[0] == u && behind.values[1] == -u);
+    depth++;
+    return behind.component.executions - before;
+}
+
+static void rewind_candidate(void) {
+    tl_cached_component_rewind(&cached);
+    depth = 0;
+}
+
+static uint64_t commit(double u) {
+    rewind_candidate();
+    set_inputs(u);
+    tl_cached_component_make_room(&cached);
+    uint64_t executions = advance(u);
+    tl_cached_component_commit(&cached);
+    step++;
+    depth = 0;
+    return executions;
+}
+
+/* A candidate from the root; `inputs` of o and *. */
+static uint64_t candidate(const char *inputs) {
+    uint64_t executions = 0;
+    rewind_candidate();
+    for (const char *at = inputs; *at != '\0'; at++) {
+        executions += advance(*at == 'o' ? CIRCLE : STAR);
+    }
+    return executions;
+}
+
+/* ---- table 4.1 ----
+ * Left column: of the states only that of t_1 is there, where each iteration begins; what is known delivers its outputs, and is
+ * executed all the same as soon as a later input differs. Right column: a state behind each sequence. */
+
+static const char *const SEQUENCES[] = {"ooo", "***", "ooo", "o**", "*o*", "**o"};
+
+static void assert_table(tl_keep keep, const uint64_t *expected) {
+    start(keep, PREDICTION, ROOM);
+    for (size_t i = 0; i < 6; i++) {
+        TEST_ASSERT_EQUAL_UINT64_MESSAGE(expected[i], candidate(SEQUENCES[i]), SEQUENCES[i]);
+    }
+    for (size_t i = 0; i < 6; i++) {
+        TEST_ASSERT_EQUAL_UINT64_MESSAGE(0, candidate(SEQUENCES[i]), SEQUENCES[i]);
+    }
+    finish();
+}
+
+static void table_4_1_with_outputs_stored(void) {
+    static const uint64_t expected[] = {3, 3, 0, 3, 3, 3};
+    assert_table(TL_KEEP_OUTPUTS, expected);
+}
+
+static void table_4_1_with_states_stored_too(void) {
+    static const uint64_t expected[] = {3, 3, 0, 2, 2, 1};
+    assert_table(TL_KEEP_STATES, expected);
+}
+
+/* States are saved when the FMU leaves a place, once each, and loaded only to execute from somewhere else. */
+static void states_are_saved_and_loaded_only_where_needed(void) {
+    start(TL_KEEP_STATES, PREDICTION, ROOM);
+    uint64_t saves = fmu.calls[TL_TEST_GET_STATE];
+    TEST_ASSERT_EQUAL_UINT64(ROOM, saves);
+    (void)candidate("ooo");
+    TEST_ASSERT_EQUAL_UINT64(saves + 3, fmu.calls[TL_TEST_GET_STATE]); /* t0, t1, t2 */
+    TEST_ASSERT_EQUAL_UINT64(0, fmu.calls[TL_TEST_SET_STATE]);
+    (void)candidate("ooo");
+    (void)candidate("oo");
+    TEST_ASSERT_EQUAL_UINT64(0, fmu.calls[TL_TEST_SET_STATE]);
+    (void)candidate("o*");
+    TEST_ASSERT_EQUAL_UINT64(saves + 4, fmu.calls[TL_TEST_GET_STATE]); /* the end of the first one */
+    TEST_ASSERT_EQUAL_UINT64(1, fmu.calls[TL_TEST_SET_STATE]);
+    (void)candidate("o**"); /* goes on from where the FMU is */
+    TEST_ASSERT_EQUAL_UINT64(1, fmu.calls[TL_TEST_SET_STATE]);
+    (void)candidate("oooo");
+    TEST_ASSERT_EQUAL_UINT64(2, fmu.calls[TL_TEST_SET_STATE]);
+    TEST_ASSERT_EQUAL_UINT64(ROOM, fmu.states);
+    finish();
+}
+
+static void outputs_only_keeps_few_states(void) {
+    start(TL_KEEP_OUTPUTS, PREDICTION, ROOM);
+    TEST_ASSERT_EQUAL_UINT64(0, fmu.states);
+    for (size_t i = 0; i < 6; i++) {
+        (void)candidate(SEQUENCES[i]);
+    }
+    TEST_ASSERT_EQUAL_UINT64(1, fmu.states);
+    TEST_ASSERT_EQUAL_UINT64(1, fmu.calls[TL_TEST_GET_STATE]);
+    TEST_ASSERT_EQUAL_UINT64(4, fmu.calls[TL_TEST_SET_STATE]);
+    TEST_ASSERT_EQUAL_UINT64(1 + 1 + 2, cached.caught_up);
+    finish();
+}
+
+static void a_distant_candidate_saves_a_state_every_spacing(void) {
+    start(TL_KEEP_OUTPUTS, PREDICTION, ROOM);
+    TEST_ASSERT_EQUAL_UINT64(10, candidate("oooooooooo"));
+    TEST_ASSERT_EQUAL_UINT64(4, fmu.states);            /* t0, t3, t6, t9 */
+    TEST_ASSERT_EQUAL_UINT64(2, candidate("ooooooo*")); /* from t6 */
+    TEST_ASSERT_EQUAL_UINT64(1, cached.caught_up);
+    finish();
+}
+
+/* ---- commits ---- */
+
+static void a_committed_root_moves(void) {
+    start(TL_KEEP_STATES, PREDICTION, ROOM);
+    (void)candidate("ooo");
+    (void)candidate("***");
+    TEST_ASSERT_EQUAL_UINT64(0, commit(CIRCLE));
+    TEST_ASSERT_EQUAL_UINT32(3, cached.tree.count); /* what began with * is gone */
+    TEST_ASSERT_EQUAL_UINT64(0, candidate("oo"));
+    TEST_ASSERT_EQUAL_UINT64(1, candidate("ooo"));
+    TEST_ASSERT_EQUAL_UINT64(1, candidate("*"));
+    TEST_ASSERT_EQUAL_UINT64(0, commit(STAR));
+    TEST_ASSERT_EQUAL_UINT32(1, cached.tree.count);
+    TEST_ASSERT_EQUAL_UINT64(1, commit(STAR));
+    finish();
+}
+
+static void commits_without_candidates_cost_one_execution_and_no_node(void) {
+    static const tl_keep keeps[] = {TL_KEEP_STATES, TL_KEEP_OUTPUTS};
+    for (size_t i = 0; i < 2; i++) {
+        start(keeps[i], PREDICTION, ROOM);
+        for (size_t k = 0; k < 50; k++) {
+            TEST_ASSERT_EQUAL_UINT64(1, commit(k % 2 == 0 ? CIRCLE : STAR));
+            TEST_ASSERT_TRUE(cached.tree.count <= (keeps[i] == TL_KEEP_STATES ? 1 : PREDICTION + 1));
+        }
+        TEST_ASSERT_EQUAL_UINT64(0, cached.caught_up);
+        finish();
+    }
+}
+
+/* The way back to the last state is kept as long as it is needed, and caught up on. */
+static void outputs_only_catches_up_over_commits(void) {
+    start(TL_KEEP_OUTPUTS, 5, ROOM);
+    TEST_ASSERT_EQUAL_UINT64(1, commit(CIRCLE));
+    TEST_ASSERT_EQUAL_UINT64(1, commit(STAR));
+    TEST_ASSERT_EQUAL_UINT64(1, candidate("o"));
+    TEST_ASSERT_EQUAL_UINT64(3, candidate("*")); /* from t0: o * * */
+    TEST_ASSERT_EQUAL_UINT64(2, cached.caught_up);
+    TEST_ASSERT_EQUAL_UINT64(0, commit(CIRCLE));
+    TEST_ASSERT_EQUAL_UINT64(4, candidate("o")); /* the FMU was in what is given up: o * o o */
+    TEST_ASSERT_EQUAL_UINT64(5, cached.caught_up);
+    TEST_ASSERT_EQUAL_UINT64(1, fmu.states);
+    finish();
+}
+
+/* ---- keys ---- */
+
+enum { KEYED = 5 };
+
+/* A component whose inputs are of all types, a tunable parameter that is adjusted among them. */
+typedef struct keyed {
+    tl_component component;
+    fmi2ValueReference reals[3]; /* u0, gain; y0 */
+    fmi2ValueReference integers[2];
+    fmi2ValueReference boolean;
+    fmi2Real real_values[3];
+    fmi2Integer integer_values[2]; /* count, mode */
+    fmi2Boolean boolean_value;     /* flag */
+} keyed;
+
+static keyed typed;
+
+static void place_typed(void) {
+    static const char *const reals[] = {"u0", "gain", "y0"};
+    static const char *const integers[] = {"count", "mode"};
+    memset(&typed, 0, sizeof typed);
+    for (size_t i = 0; i < 3; i++) {
+        typed.reals[i] = tl_test_fmu_variable(&fmu, reals[i])->reference;
+    }
+    for (size_t i = 0; i < 2; i++) {
+        typed.integers[i] = tl_test_fmu_variable(&fmu, integers[i])->reference;
+    }
+    typed.boolean = tl_test_fmu_variable(&fmu, "flag")->reference;
+    typed.component = (tl_component){.name = "t", .model = &fmu.model, .fmi = &fmu.functions};
+    typed.component.inputs = (tl_ports){.real_count = 2,
+                                        .integer_count = 2,
+                                        .boolean_count = 1,
+                                        .real_references = typed.reals,
+                                        .integer_references = typed.integers,
+                                        .boolean_references = &typed.boolean,
+                                        .reals = typed.real_values,
+                                        .integers = typed.integer_values,
+                                        .booleans = &typed.boolean_value};
+    typed.component.outputs = (tl_ports){.real_count = 1,
+                                         .real_references = &typed.reals[2],
+                                         .reals = &typed.real_values[2],
+                                         .integers = &none,
+                                         .booleans = &none};
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_instantiate(&typed.component, &fmu.callbacks, "", &error));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_enter_initialization(&typed.component, &error));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_exit_initialization(&typed.component, &error));
+}
+
+/* One input is not as it usually is: 0 … KEYED − 1; else all are. */
+static void set_typed(size_t other) {
+    typed.real_values[0] = other == 0 ? 0.5 : 0.0;
+    typed.real_values[1] = other == 1 ? 0.5 : 1.0;
+    typed.integer_values[0] = other == 2 ? 1 : 0;
+    typed.integer_values[1] = other == 3 ? 1 : 0;
+    typed.boolean_value = other == 4 ? fmi2True : fmi2False;
+}
+
+static uint64_t step_typed(size_t other) {
+    uint64_t before = typed.component.executions;
+    set_typed(other);
+    tl_cached_component_rewind(&cached);
+    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_cached_component_step(&cached, 0, &error), error.text);
+    return typed.component.executions - before;
+}
+
+static void start_typed(void) {
+    tl_arena_init(&arena);
+    tl_test_fmu_init(&fmu, WIDTH, true, &call_log);
+    fmu.control.telling = true;
+    place_typed();
+    TEST_ASSERT_TRUE(
+        tl_cached_component_init(&cached, &arena, &typed.component, TL_KEEP_STATES, TL_SECOND / 10, PREDICTION, ROOM));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_cached_component_start(&cached, &error));
+}
+
+static void finish_typed(void) {
+    tl_cached_component_end(&cached);
+    TEST_ASSERT_EQUAL_UINT64(0, fmu.states);
+    tl_component_free(&typed.component);
+    TEST_ASSERT_EQUAL_UINT64(0, fmu.living);
+    tl_arena_release(&arena);
+}
+
+static void every_input_is_in_the_key(void) {
+    double y[KEYED + 1];
+    start_typed();
+    for (size_t i = 0; i <= KEYED; i++) {
+        TEST_ASSERT_EQUAL_UINT64(1, step_typed(i));
+        y[i] = typed.real_values[2];
+        for (size_t k = 0; k < i; k++) {
+            TEST_ASSERT_TRUE(y[k] != y[i]);
+        }
+    }
+    for (size_t i = 0; i <= KEYED; i++) {
+        TEST_ASSERT_EQUAL_UINT64(0, step_typed(i));
+        TEST_ASSERT_TRUE(typed.real_values[2] == y[i]);
+    }
+    finish_typed();
+}
+
+static void zeros_of_different_sign_are_executed_both(void) {
+    start(TL_KEEP_STATES, PREDICTION, ROOM);
+    TEST_ASSERT_EQUAL_UINT64(1, advance(0.0)); /* u1 is the negative of u0 */
+    double y = behind.values[2];
+    rewind_candidate();
+    TEST_ASSERT_EQUAL_UINT64(1, advance(-0.0));
+    TEST_ASSERT_TRUE(y != behind.values[2]);
+    rewind_candidate();
+    TEST_ASSERT_EQUAL_UINT64(0, advance(0.0));
+    TEST_ASSERT_TRUE(y == behind.values[2]);
+    finish();
+}
+
+/* What an execution gave that is not finite is no result: it fails each time and is never stored. */
+static void not_a_number_is_never_stored(void) {
+    start(TL_KEEP_STATES, PREDICTION, ROOM);
+    tl_test_fmu_fail_above(&fmu, TL_TEST_NAN, 1.5);
+    for (uint64_t i = 1; i <= 3; i++) {
+        rewind_candidate();
+        set_inputs(STAR);
+        TEST_ASSERT_EQUAL_INT(TL_FMU_FAILED, tl_cached_component_step(&cached, 0, &error));
+        TEST_ASSERT_EQUAL_UINT64(i, behind.component.executions);
+        TEST_ASSERT_EQUAL_UINT32(1, cached.tree.count);
+    }
+    TEST_ASSERT_EQUAL_UINT64(1, candidate("o"));
+    finish();
+}
+
+/* A long run takes no more handles than the pool has. */
+static void handles_are_pooled(void) {
+    static const tl_keep keeps[] = {TL_KEEP_STATES, TL_KEEP_OUTPUTS};
+    for (size_t i = 0; i < 2; i++) {
+        start(keeps[i], PREDICTION, 12);
+        for (size_t k = 0; k < 100; k++) {
+            (void)candidate(k % 3 == 0 ? "o*o" : "**o");
+            (void)candidate("*oo");
+            (void)commit(k % 2 == 0 ? STAR : CIRCLE);
+            TEST_ASSERT_TRUE(fmu.states <= 12);
+        }
+        TEST_ASSERT_EQUAL_UINT64(0, fmu.calls[TL_TEST_FREE_STATE]);
+        finish();
+    }
+}
+
+/* ---- full pools ---- */
+
+static void a_full_pool_executes_counts_and_gives_the_same(void) {
+    double expected[2];
+    start(TL_KEEP_STATES, PREDICTION, ROOM);
+    (void)candidate("oo*o");
+    memcpy(expected, behind.values + 2, sizeof expected);
+    finish();
+    start(TL_KEEP_STATES, PREDICTION, 3);
+    (void)candidate("oo");
+    TEST_ASSERT_EQUAL_UINT64(0, cached.unstored);
+    for (uint64_t i = 1; i <= 3; i++) {
+        TEST_ASSERT_EQUAL_UINT64(2, candidate("oo*o"));
+        TEST_ASSERT_EQUAL_MEMORY(expected, behind.values + 2, sizeof expected);
+        TEST_ASSERT_EQUAL_UINT64(2 * i, cached.unstored);
+    }
+    TEST_ASSERT_EQUAL_UINT32(3, cached.tree.peak);
+    TEST_ASSERT_EQUAL_UINT64(0, candidate("oo"));
+    finish();
+}
+
+static void the_committed_step_finds_room(void) {
+    start(TL_KEEP_STATES, PREDICTION, 4);
+    (void)candidate("ooo");
+    TEST_ASSERT_EQUAL_UINT64(1, commit(STAR)); /* all that was known is given up for it */
+    TEST_ASSERT_EQUAL_UINT64(0, cached.unstored);
+    TEST_ASSERT_EQUAL_UINT64(3, candidate("ooo"));
+    TEST_ASSERT_EQUAL_UINT64(0, commit(CIRCLE)); /* known: nothing is given up */
+    TEST_ASSERT_EQUAL_UINT64(0, candidate("oo"));
+    finish();
+}
+
+/* ---- failures ---- */
+
+enum { FAILING_CALLS = 40 };
+
+/* Walks as a search would; steps that fail end the candidate. Sums up what came out of the committed steps. */
+static uint64_t walk_with_failures(size_t *failures) {
+    static const char *const walks[] = {"ooo", "*o*", "oo*", "***", "o*o"};
+    uint64_t sum = 0;
+    for (size_t i = 0; i < 3 * sizeof walks / sizeof walks[0]; i++) {
+        bool walking = true;
+        rewind_candidate();
+        for (const char *at = walks[i % 5]; *at != '\0' && walking; at++) {
+            set_inputs(*at == 'o' ? CIRCLE : STAR);
+            walking = tl_cached_component_step(&cached, step + depth++, &error) == TL_OK;
+        }
+        *failures += !walking;
+        for (size_t again = 0; again < 3; again++) { /* a commit is repeated as lock.c does */
+            rewind_candidate();
+            set_inputs(i % 2 == 0 ? CIRCLE : STAR);
+            tl_cached_component_make_room(&cached);
+            if (tl_cached_component_step(&cached, step, &error) == TL_OK) {
+                break;
+            }
+            *failures += 1;
+            TEST_ASSERT_TRUE_MESSAGE(again < 2, where);
+        }
+        tl_cached_component_commit(&cached);
+        step++;
+        for (size_t k = 0; k < 2; k++) {
+            uint64_t bits = 0;
+            memcpy(&bits, behind.values + 2 + k, sizeof bits);
+            sum = tl_test_mix(sum + bits);
+        }
+    }
+    return sum;
+}
+
+/* An FMU that has answered fmi2Error stands still where it could not be saved; if the next candidate goes on from there, it is
+ * the one that finds out. */
+static void assert_failed(tl_test_call call, tl_test_fault_kind kind, bool reached, size_t failures) {
+    size_t most = call == TL_TEST_GET_STATE && kind == TL_TEST_ERROR ? 2 : 1;
+    TEST_ASSERT_TRUE_MESSAGE(reached ? failures >= 1 && failures <= most : failures == 0, where);
+}
+
+static void assert_failures(tl_test_call call, tl_test_fault_kind kind, tl_keep keep) {
+    size_t failures = 0;
+    start(keep, PREDICTION, 20);
+    uint64_t wanted = walk_with_failures(&failures);
+    TEST_ASSERT_EQUAL_UINT64(0, failures);
+    uint64_t calls = fmu.calls[call];
+    finish();
+    for (uint64_t n = 1; n <= calls; n++) {
+        (void)snprintf(where, sizeof where, "%s %u, kind %u, keep %u", tl_test_call_name(call), (unsigned)n,
+                       (unsigned)kind, (unsigned)keep);
+        start(keep, PREDICTION, 20);
+        if (n <= fmu.calls[call]) { /* while starting */
+            finish();
+            continue;
+        }
+        tl_test_fmu_fail(&fmu, call, kind, n, n);
+        failures = 0;
+        TEST_ASSERT_EQUAL_UINT64_MESSAGE(wanted, walk_with_failures(&failures), where);
+        assert_failed(call, kind, fmu.calls[call] >= n, failures);
+        finish();
+    }
+}
+
+static void one_failing_call_fails_one_candidate_and_no_more(void) {
+    static const tl_test_call calls[] = {TL_TEST_DO_STEP, TL_TEST_GET_STATE, TL_TEST_SET_STATE, TL_TEST_SET_REAL,
+                                         TL_TEST_GET_REAL};
+    static const tl_test_fault_kind kinds[] = {TL_TEST_DISCARD, TL_TEST_ERROR};
+    for (size_t i = 0; i < 5; i++) {
+        for (size_t k = 0; k < 2; k++) {
+            assert_failures(calls[i], kinds[k], TL_KEEP_STATES);
+            assert_failures(calls[i], kinds[k], TL_KEEP_OUTPUTS);
+        }
+    }
+}
+
+static void a_step_that_always_fails_is_tried_each_time(void) {
+    start(TL_KEEP_STATES, PREDICTION, ROOM);
+    tl_test_fmu_fail_above(&fmu, TL_TEST_DISCARD, 1.5);
+    (void)candidate("oo");
+    for (size_t i = 0; i < 3; i++) {
+        rewind_candidate();
+        (void)advance(CIRCLE);
+        set_inputs(STAR);
+        uint64_t before = behind.component.executions;
+        TEST_ASSERT_EQUAL_INT(TL_FMU_FAILED, tl_cached_component_step(&cached, step + 1, &error));
+        TEST_ASSERT_EQUAL_UINT64(before + 1, behind.component.executions);
+    }
+    TEST_ASSERT_EQUAL_UINT64(1, candidate("ooo"));
+    finish();
+}
+
+static void a_start_that_fails_can_be_ended(void) {
+    for (uint64_t n = 1; n <= 5; n++) {
+        tl_arena_init(&arena);
+        tl_test_fmu_init(&fmu, WIDTH, false, &call_log);
+        place(&behind);
+        place(&without);
+        TEST_ASSERT_TRUE(
+            tl_cached_component_init(&cached, &arena, &behind.component, TL_KEEP_STATES, TL_SECOND / 10, 1, 5));
+        tl_test_fmu_fail(&fmu, TL_TEST_GET_STATE, TL_TEST_ERROR, n, n);
+        TEST_ASSERT_EQUAL_INT(TL_FMU_FAILED, tl_cached_component_start(&cached, &error));
+        TEST_ASSERT_EQUAL_UINT64(n - 1, fmu.states);
+        finish();
+    }
+}
+
+static void nothing_is_called_after_fatal(void) {
+    start(TL_KEEP_STATES, PREDICTION, ROOM);
+    (void)candidate("oo");
+    tl_test_fmu_fail(&fmu, TL_TEST_DO_STEP, TL_TEST_FATAL, 3, 3);
+    set_inputs(CIRCLE);
+    TEST_ASSERT_EQUAL_INT(TL_FMU_FATAL, tl_cached_component_step(&cached, 2, &error));
+    rewind_candidate();
+    set_inputs(STAR);
+    TEST_ASSERT_EQUAL_INT(TL_FMU_FATAL, tl_cached_component_step(&cached, 0, &error));
+    tl_cached_component_end(&cached);
+    tl_component_free(&behind.component);
+    tl_arena_release(&arena);
+}
+
+/* ---- against executing everything ---- */
+
+static void assert_same_step(double u) {
+    double now = 0.1 * (double)(step + depth);
+    without.values[0] = u;
+    without.values[1] = -u;
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_step(&without.component, now, 0.1, false, &error));
+    (void)advance(u);
+    TEST_ASSERT_TRUE_MESSAGE(memcmp(without.values, behind.values, sizeof without.values) == 0, where);
+}
+
+static void restore_without(void) {
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_restore(&without.component, without.component.state, &error));
+}
+
+/* What must hold whatever was walked. */
+static void assert_sound(void) {
+    const tl_sequence_cache *tree = &cached.tree;
+    uint32_t used = 0;
+    for (uint32_t i = 0; i < tree->capacity; i++) {
+        used += tree->nodes[i].used;
+    }
+    TEST_ASSERT_EQUAL_UINT32_MESSAGE(used, tree->count, where);
+    TEST_ASSERT_TRUE_MESSAGE(tree->nodes[cached.root].used, where);
+    TEST_ASSERT_TRUE_MESSAGE(cached.at == TL_NO_NODE || tree->nodes[cached.at].used, where);
+    TEST_ASSERT_TRUE_MESSAGE(tree->peak >= used && tree->peak <= tree->capacity, where);
+}
+
+static void walk_at_random(uint64_t seed) {
+    static const double inputs[] = {0.0, -0.0, 1.0, 2.0};
+    tl_test_random random = {tl_test_mix(seed)};
+    tl_keep keep = tl_test_random_chance(&random, 50) ? TL_KEEP_STATES : TL_KEEP_OUTPUTS;
+    uint32_t spacing = (uint32_t)tl_test_random_between(&random, 1, 5);
+    uint32_t least = 2 * spacing + 2;
+    uint32_t room = least + (uint32_t)(tl_test_random_chance(&random, 50) ? tl_test_random_below(&random, 4)
+                                                                          : tl_test_random_below(&random, 100));
+    size_t choices = tl_test_random_between(&random, 1, 4);
+    start(keep, spacing, room);
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_save(&without.component, &without.component.state, &error));
+    for (size_t i = 0; i < 40; i++) {
+        size_t length = tl_test_random_between(&random, 0, spacing);
+        for (size_t k = 0; k < length; k++) {
+            assert_same_step(inputs[tl_test_random_below(&random, choices)]);
+        }
+        rewind_candidate();
+        restore_without();
+        if (tl_test_random_chance(&random, 30)) {
+            double u = inputs[tl_test_random_below(&random, choices)];
+            set_inputs(u);
+            tl_cached_component_make_room(&cached);
+            assert_same_step(u);
+            tl_cached_component_commit(&cached);
+            TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_save(&without.component, &without.component.state, &error));
+            step++;
+            depth = 0;
+        }
+        assert_sound();
+    }
+    TEST_ASSERT_EQUAL_STRING_MESSAGE("", call_log.first_violation, where);
+    TEST_ASSERT_TRUE_MESSAGE(keep == TL_KEEP_OUTPUTS || cached.caught_up == 0, where);
+    finish();
+}
+
+static void random_walks_give_the_same_bits_as_executing_everything(void) {
+    size_t walks = tl_test_campaign("TL_TEST_WALKS", 1000);
+    for (uint64_t seed = 1; seed <= walks; seed++) {
+        (void)snprintf(where, sizeof where, "seed %llu", (unsigned long long)seed);
+        walk_at_random(seed);
+    }
+}
+
+int main(void) {
+    UNITY_BEGIN();
+    RUN_TEST(table_4_1_with_outputs_stored);
+    RUN_TEST(table_4_1_with_states_stored_too);
+    RUN_TEST(states_are_saved_and_loaded_only_where_needed);
+    RUN_TEST(outputs_only_keeps_few_states);
+    RUN_TEST(a_distant_candidate_saves_a_state_every_spacing);
+    RUN_TEST(a_committed_root_moves);
+    RUN_TEST(commits_without_candidates_cost_one_execution_and_no_node);
+    RUN_TEST(outputs_only_catches_up_over_commits);
+    RUN_TEST(every_input_is_in_the_key);
+    RUN_TEST(zeros_of_different_sign_are_executed_both);
+    RUN_TEST(not_a_number_is_never_stored);
+    RUN_TEST(handles_are_pooled);
+    RUN_TEST(a_full_pool_executes_counts_and_gives_the_same);
+    RUN_TEST(the_committed_step_finds_room);
+    RUN_TEST(one_failing_call_fails_one_candidate_and_no_more);
+    RUN_TEST(a_step_that_always_fails_is_tried_each_time);
+    RUN_TEST(a_start_that_fails_can_be_ended);
+    RUN_TEST(nothing_is_called_after_fatal);
+    RUN_TEST(random_walks_give_the_same_bits_as_executing_everything);
+    return UNITY_END();
+}
