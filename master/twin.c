@@ -341,9 +341,13 @@ static bool save_executions(tl_twin *twin, const tl_plan *plan) {
         capacity[i] = nodes_needed(twin, plan, i);
     }
     twin->capacity = plan->saving.sequences ? capacity : NULL;
-    return tl_exchange_save_executions(&twin->exchange, &twin->arena, &twin->graph, keep,
-                                       plan->saving.structure ? twin->lock.horizon.reach : NULL, twin->capacity,
-                                       twin->lock.horizon.prediction);
+    uint32_t *reach = plan->saving.structure ? twin->lock.horizon.reach : NULL;
+    if (!tl_exchange_save_executions(&twin->exchange, &twin->arena, keep, reach, twin->capacity,
+                                     twin->lock.horizon.prediction)) {
+        return false;
+    }
+    twin->lock.track = tl_track_create(&twin->arena, &twin->exchange, &twin->graph, twin->lock.horizon.prediction);
+    return twin->lock.track != NULL;
 }
 
 static void build_values(tl_twin *twin, const tl_plan *plan, tl_report *report) {

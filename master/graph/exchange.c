@@ -4,7 +4,6 @@
 #include <string.h>
 
 #include "master/base/duration.h"
-#include "master/graph/track.h"
 
 /* All components take part, whatever their reach. */
 #define TL_ALL_DEPTHS UINT32_MAX
@@ -284,8 +283,8 @@ tl_status tl_exchange_initialize(tl_exchange *exchange, tl_error *error) {
     return status;
 }
 
-bool tl_exchange_save_executions(tl_exchange *exchange, tl_arena *arena, const tl_graph *graph, const tl_keep *keep,
-                                 uint32_t *reach, const uint32_t *capacity, uint32_t prediction) {
+bool tl_exchange_save_executions(tl_exchange *exchange, tl_arena *arena, const tl_keep *keep, uint32_t *reach,
+                                 const uint32_t *capacity, uint32_t prediction) {
     exchange->reach = reach;
     exchange->whole = reach == NULL && capacity == NULL;
     if (capacity == NULL) {
@@ -297,8 +296,7 @@ bool tl_exchange_save_executions(tl_exchange *exchange, tl_arena *arena, const t
         placed = tl_cached_component_init(&exchange->cached[i], arena, &exchange->components[i], keep[i],
                                           exchange->step, prediction, capacity[i]);
     }
-    exchange->track = placed ? tl_track_create(arena, exchange, graph, prediction) : NULL;
-    return exchange->track != NULL;
+    return placed;
 }
 
 tl_status tl_exchange_start(tl_exchange *exchange, tl_error *error) {
@@ -416,8 +414,6 @@ tl_status tl_exchange_begin(tl_exchange *exchange, tl_error *error) {
         return tl_exchange_save(exchange, error);
     }
     memcpy(exchange->saved_values, exchange->values, exchange->values_size);
-    tl_track_forget(exchange->track);
-    tl_track_begin(exchange->track);
     return TL_OK;
 }
 
@@ -429,13 +425,11 @@ tl_status tl_exchange_rewind(tl_exchange *exchange, tl_error *error) {
     for (size_t i = 0; i < exchange->component_count; i++) {
         tl_cached_component_rewind(&exchange->cached[i]);
     }
-    tl_track_begin(exchange->track);
     return TL_OK;
 }
 
 tl_status tl_exchange_try(tl_exchange *exchange, int64_t step, uint32_t depth, tl_error *error) {
-    return exchange->track != NULL ? tl_track_step(exchange->track, step, depth, error)
-                                   : step_components(exchange, step, depth, false, error);
+    return step_components(exchange, step, depth, false, error);
 }
 
 tl_status tl_exchange_commit(tl_exchange *exchange, int64_t step, tl_error *error) {

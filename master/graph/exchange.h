@@ -33,9 +33,6 @@ typedef struct tl_integer_copy {
     fmi2Integer *adjusted; /* as above */
 } tl_integer_copy;
 
-/* See track.h. */
-typedef struct tl_track tl_track;
-
 typedef struct tl_exchange {
     tl_component *components;
     size_t component_count;
@@ -44,7 +41,6 @@ typedef struct tl_exchange {
     double step_s;               /* the same, s */
     uint32_t *reach;             /* Γ_k of each component, the plant last; NULL: all take part in all steps */
     tl_cached_component *cached; /* one per component; NULL: everything is executed */
-    tl_track *track;             /* where executions are saved by sequences; else NULL */
     bool whole;                  /* nothing is saved, nothing is measured: all components execute in one go */
     tl_time (*now)(void *clock); /* measures executions; NULL: nothing is measured */
     void *clock;
@@ -84,8 +80,8 @@ void tl_exchange_deliver(tl_exchange *exchange);
 
 /* From now on executions are saved: `reach` has an entry for each component and the plant, or is NULL; `capacity` gives the
  * nodes of each component's cache, or is NULL. Both must stay. Before initialisation. */
-bool tl_exchange_save_executions(tl_exchange *exchange, tl_arena *arena, const tl_graph *graph, const tl_keep *keep,
-                                 uint32_t *reach, const uint32_t *capacity, uint32_t prediction);
+bool tl_exchange_save_executions(tl_exchange *exchange, tl_arena *arena, const tl_keep *keep, uint32_t *reach,
+                                 const uint32_t *capacity, uint32_t prediction);
 
 /* From now on executions are measured by this clock; NULL: they are not. */
 void tl_exchange_measure(tl_exchange *exchange, tl_time (*now)(void *clock), void *clock);
@@ -96,7 +92,7 @@ tl_status tl_exchange_start(tl_exchange *exchange, tl_error *error);
 /* The values and states as committed are where candidates begin. Once per step, before the first candidate. */
 tl_status tl_exchange_begin(tl_exchange *exchange, tl_error *error);
 
-/* For track.h: one component's step from where its cache stands; and what a connection makes of its source. */
+/* One component's step from where its cache stands; and what a connection makes of its source. */
 tl_status tl_exchange_advance(tl_exchange *exchange, size_t component, int64_t step, tl_error *error);
 double tl_exchange_convert(const tl_real_copy *copy);
 

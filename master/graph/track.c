@@ -74,6 +74,9 @@ tl_track *tl_track_create(tl_arena *arena, tl_exchange *exchange, const tl_graph
         return NULL;
     }
     track->exchange = exchange;
+    if (exchange->cached == NULL) {
+        return track;
+    }
     track->blocks = tl_arena_take(arena, steps, exchange->values_size);
     track->places = tl_arena_take(arena, steps * components, sizeof *track->places);
     track->awake = tl_arena_take(arena, components, sizeof *track->awake);
@@ -111,11 +114,8 @@ static void *in_block(const tl_track *track, unsigned char *block, const void *v
     return block + ((const unsigned char *)value - track->exchange->values);
 }
 
-void tl_track_forget(tl_track *track) {
-    track->depth = 0;
-}
-
-void tl_track_begin(tl_track *track) {
+/* A candidate begins, at the committed values. */
+static void start_candidate(tl_track *track) {
     const tl_exchange *exchange = track->exchange;
     size_t components = exchange->component_count;
     if (track->walked < track->depth) {
@@ -247,7 +247,27 @@ static tl_status step_changed(tl_track *track, int64_t step, uint32_t depth, tl_
     return TL_OK;
 }
 
-tl_status tl_track_step(tl_track *track, int64_t step, uint32_t depth, tl_error *error) {
+tl_status tl_track_begin(tl_track *track, tl_error *error) {
+    tl_status status = tl_exchange_begin(track->exchange, error);
+    if (track->blocks != NULL) {
+        track->depth = 0;
+        start_candidate(track);
+    }
+    return status;
+}
+
+tl_status tl_track_rewind(tl_track *track, tl_error *error) {
+    tl_status status = tl_exchange_rewind(track->exchange, error);
+    if (track->blocks != NULL) {
+        start_candidate(track);
+    }
+    return status;
+}
+
+tl_status tl_track_try(tl_track *track, int64_t step, uint32_t depth, tl_error *error) {
+    if (track->blocks == NULL) {
+        return tl_exchange_try(track->exchange, step, depth, error);
+    }
     bool known = depth < track->depth;
     tl_status status = known ? step_changed(track, step, depth, error) : step_anew(track, step, depth, error);
     if (status == TL_OK) {

@@ -7,6 +7,7 @@
  * Method:  a component that changes its outputs wakes those that read them, for the next step; one that finds its way
  *          back to its old place sleeps again. What differs is written into the track, which is then that of the present
  *          candidate. Results are those of stepping every component, to the bit.
+ * Use:     candidates are walked through the track, not through the exchange below it; only commits go there at once.
  * Thread:  the twin's. Memory: the arena, at start-up: T_P + 1 times the values of the exchange.
  */
 #ifndef TL_MASTER_GRAPH_TRACK_H
@@ -19,16 +20,15 @@
 #include "master/base/status.h"
 #include "master/graph/exchange.h"
 
-/* For an exchange whose values are placed and whose components have their caches; NULL when memory is out. */
+typedef struct tl_track tl_track;
+
+/* For an exchange whose values are placed, after tl_exchange_save_executions(); NULL when memory is out. Where nothing is
+ * saved by sequences there is nothing to track: every component steps. */
 tl_track *tl_track_create(tl_arena *arena, tl_exchange *exchange, const tl_graph *graph, uint32_t prediction);
 
-/* Nothing is known of the horizon that begins now. */
-void tl_track_forget(tl_track *track);
-
-/* A candidate begins, at the committed values. */
-void tl_track_begin(tl_track *track);
-
-/* A candidate's macro step with its adjusted inputs set. As tl_exchange_try(), for the exchange. */
-tl_status tl_track_step(tl_track *track, int64_t step, uint32_t depth, tl_error *error);
+/* As tl_exchange_begin(), _rewind() and _try(); the adjusted inputs are set before every step of a candidate. */
+tl_status tl_track_begin(tl_track *track, tl_error *error);
+tl_status tl_track_rewind(tl_track *track, tl_error *error);
+tl_status tl_track_try(tl_track *track, int64_t step, uint32_t depth, tl_error *error);
 
 #endif

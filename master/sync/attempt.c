@@ -128,10 +128,10 @@ static tl_status walk(tl_attempt *attempt, const double *u, double *sum) {
     tl_status status = TL_OK;
     uint32_t depth = 0;
     while (depth < horizon->prediction && !runs_late(attempt, depth)) {
-        if (depth < horizon->longest || exchange->track != NULL) {
+        if (depth < horizon->longest || exchange->cached != NULL) {
             tl_attempt_set_inputs(lock, u, depth);
         }
-        status = tl_exchange_try(exchange, attempt->step + depth, depth, attempt->error);
+        status = tl_track_try(lock->track, attempt->step + depth, depth, attempt->error);
         if (status != TL_OK) {
             break;
         }
@@ -147,7 +147,7 @@ static tl_status walk(tl_attempt *attempt, const double *u, double *sum) {
 /* J of u, or HUGE_VAL where an FMU fails, a result is not finite, or time runs out. */
 static double simulate(tl_attempt *attempt, const double *u) {
     tl_lock *lock = attempt->lock;
-    tl_status status = attempt->dirty ? tl_exchange_rewind(lock->exchange, attempt->error) : TL_OK;
+    tl_status status = attempt->dirty ? tl_track_rewind(lock->track, attempt->error) : TL_OK;
     attempt->dirty = true;
     double sum =
         tl_objective_penalise(&lock->objective, u, attempt->nominal, lock->memory.before, lock->memory.residuals);

@@ -337,7 +337,7 @@ static void record_outputs(const tl_lock *lock, tl_record *record) {
 static tl_status commit(tl_attempt *attempt, const double *u, tl_record *record) {
     tl_lock *lock = attempt->lock;
     const tl_horizon *horizon = &lock->horizon;
-    tl_status status = attempt->dirty ? tl_exchange_rewind(lock->exchange, attempt->error) : TL_OK;
+    tl_status status = attempt->dirty ? tl_track_rewind(lock->track, attempt->error) : TL_OK;
     if (status != TL_OK) {
         return status;
     }
@@ -454,7 +454,7 @@ static tl_status begin(tl_attempt *attempt, tl_lock *lock, int64_t step, const t
         memcpy(lock->memory.before, attempt->nominal, lock->horizon.variables * sizeof *record->u_hat);
     }
     tl_exchange_measure(lock->exchange, budget == NULL ? NULL : budget->now, budget == NULL ? NULL : budget->context);
-    return tl_exchange_begin(lock->exchange, error);
+    return tl_track_begin(lock->track, error);
 }
 
 /* Did time keep nominal from being evaluated? A repetition must know. */

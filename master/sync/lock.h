@@ -14,6 +14,7 @@
 #include <stdint.h>
 
 #include "master/graph/exchange.h"
+#include "master/graph/track.h"
 #include "master/sync/horizon.h"
 #include "master/sync/ledger.h"
 #include "master/sync/objective.h"
@@ -55,6 +56,7 @@ typedef struct tl_lock_memory {
 
 typedef struct tl_lock {
     tl_exchange *exchange;
+    tl_track *track; /* by which candidates are walked; NULL where nothing is adjusted */
     tl_objective objective;
     tl_horizon horizon;
     tl_ledger ledger;

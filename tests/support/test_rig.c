@@ -33,11 +33,12 @@ static void save_executions(tl_test_rig *rig, uint32_t nodes) {
         keep[k] = plan->components[k].keep;
         capacity[k] = nodes;
     }
-    bool placed = tl_exchange_save_executions(&rig->exchange, &rig->arena, &rig->graph, keep,
+    bool placed = tl_exchange_save_executions(&rig->exchange, &rig->arena, keep,
                                               plan->saving.structure ? rig->horizon.reach : NULL,
                                               plan->saving.sequences ? capacity : NULL, rig->horizon.prediction) &&
                   tl_ledger_init(&rig->ledger, &rig->arena, &rig->horizon, &rig->exchange.plant, plan, 1000);
-    assert(placed);
+    rig->track = tl_track_create(&rig->arena, &rig->exchange, &rig->graph, rig->horizon.prediction);
+    assert(placed && rig->track != NULL);
     (void)placed;
 }
 
@@ -127,11 +128,11 @@ static void begin(tl_test_rig *rig) {
         rig->foretold[k] = tl_ledger_predicted(&rig->ledger, k);
     }
     if (rig->begun) {
-        rig->status = tl_exchange_rewind(&rig->exchange, &rig->error);
+        rig->status = tl_track_rewind(rig->track, &rig->error);
     } else {
         tl_plant_deliver(&rig->exchange.plant, rig->step);
         tl_exchange_deliver(&rig->exchange);
-        rig->status = tl_exchange_begin(&rig->exchange, &rig->error);
+        rig->status = tl_track_begin(rig->track, &rig->error);
         rig->begun = true;
     }
 }
@@ -153,7 +154,7 @@ uint64_t tl_test_rig_walk(tl_test_rig *rig, const double *u, uint32_t steps) {
     tl_ledger_expect(&rig->ledger, u);
     while (rig->status == TL_OK && depth < steps) {
         set_inputs(rig, u, depth);
-        rig->status = tl_exchange_try(&rig->exchange, rig->step + depth, depth, &rig->error);
+        rig->status = tl_track_try(rig->track, rig->step + depth, depth, &rig->error);
         if (rig->status == TL_OK) {
             depth++;
             sum = depth >= rig->horizon.distance ? add_outputs(rig, sum) : sum;

@@ -15,6 +15,7 @@
 #include "master/base/arena.h"
 #include "master/graph/exchange.h"
 #include "master/graph/graph.h"
+#include "master/graph/track.h"
 #include "master/sync/horizon.h"
 #include "master/sync/ledger.h"
 #include "tests/support/test_plan.h"
@@ -26,6 +27,7 @@ struct tl_test_rig {
     tl_arena arena;
     tl_graph graph;
     tl_exchange exchange;
+    tl_track *track;
     tl_horizon horizon;
     tl_ledger ledger;
     const tl_port *adjusted[TL_MAX_ADJUST];

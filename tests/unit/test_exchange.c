@@ -446,7 +446,7 @@ static void candidates_begin_where_was_committed(void) {
 static void a_component_takes_part_as_far_as_it_reaches(void) {
     static uint32_t reach[4] = {1, 2, 3, 0}; /* Γ_k of in, k1, out, and of the plant */
     chain_with_lag();
-    TEST_ASSERT_TRUE(tl_exchange_save_executions(&exchange, &arena, &graph, NULL, reach, NULL, 3));
+    TEST_ASSERT_TRUE(tl_exchange_save_executions(&exchange, &arena, NULL, reach, NULL, 3));
     walk_to_the_fourth_step();
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_exchange_begin(&exchange, &error));
     for (uint32_t depth = 0; depth < 3; depth++) {
@@ -468,7 +468,7 @@ static void what_is_known_is_not_executed_again(void) {
     static const tl_keep keep[3] = {TL_KEEP_STATES, TL_KEEP_STATES, TL_KEEP_STATES};
     static const uint32_t capacity[3] = {32, 32, 32};
     chain_with_lag();
-    TEST_ASSERT_TRUE(tl_exchange_save_executions(&exchange, &arena, &graph, keep, NULL, capacity, 4));
+    TEST_ASSERT_TRUE(tl_exchange_save_executions(&exchange, &arena, keep, NULL, capacity, 4));
     push(1.0);
     initialize();
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_exchange_start(&exchange, &error));

@@ -90,8 +90,8 @@ static void start(tl_test_random *random) {
         plan.components[k].keep = tl_test_random_chance(random, 25) ? TL_KEEP_OUTPUTS : TL_KEEP_STATES;
     }
     tl_test_rig_start(&tracked, &plan, small ? least + (uint32_t)tl_test_random_below(random, 12) : 1024);
-    TEST_ASSERT_NOT_NULL(tracked.exchange.track);
-    TEST_ASSERT_NULL(plain.exchange.track);
+    TEST_ASSERT_NOT_NULL(tracked.exchange.cached);
+    TEST_ASSERT_NULL(plain.exchange.cached);
     plain.watch = keep_course;
     tracked.watch = compare;
 }
