@@ -15,7 +15,9 @@ bool tl_cached_component_init(tl_cached_component *cached, tl_arena *arena, tl_c
 tl_status tl_cached_component_start(tl_cached_component *cached, tl_error *error) {
     tl_status status = TL_OK;
     for (uint32_t i = 0; cached->keep == TL_KEEP_STATES && i < cached->tree.capacity && status == TL_OK; i++) {
-        status = tl_component_save(cached->component, &cached->tree.nodes[i].state, error);
+        fmi2FMUstate state = NULL;
+        status = tl_component_save(cached->component, &state, error);
+        tl_sequence_cache_put_spare(&cached->tree, state);
     }
     cached->root = tl_sequence_cache_plant(&cached->tree);
     cached->position = cached->root;
@@ -24,8 +26,12 @@ tl_status tl_cached_component_start(tl_cached_component *cached, tl_error *error
 }
 
 void tl_cached_component_end(tl_cached_component *cached) {
-    for (uint32_t i = 0; i < cached->tree.capacity; i++) {
-        tl_component_forget(cached->component, &cached->tree.nodes[i].state);
+    tl_sequence_cache *tree = &cached->tree;
+    for (uint32_t i = 0; i < tree->capacity; i++) {
+        tl_component_forget(cached->component, &tree->nodes[i].state);
+    }
+    while (tree->spare_count != 0) {
+        tl_component_forget(cached->component, &tree->spare[--tree->spare_count]);
     }
 }
 
@@ -36,7 +42,7 @@ void tl_cached_component_rewind(tl_cached_component *cached) {
 /* Steps from the nearest saved state above a node, or at it, to that node; UINT32_MAX where there is none. */
 static uint32_t distance_to_state(const tl_sequence_cache *tree, uint32_t node) {
     uint32_t distance = 0;
-    while (node != TL_NO_NODE && !tree->nodes[node].has_state) {
+    while (node != TL_NO_NODE && tree->nodes[node].state == NULL) {
         node = tree->nodes[node].parent;
         distance++;
     }
@@ -45,7 +51,7 @@ static uint32_t distance_to_state(const tl_sequence_cache *tree, uint32_t node) 
 
 /* The FMU is about to leave the node it is at: saves its state where it will be wanted again. */
 static tl_status leave(tl_cached_component *cached, bool onwards, tl_error *error) {
-    if (cached->at == TL_NO_NODE || cached->tree.nodes[cached->at].has_state) {
+    if (cached->at == TL_NO_NODE || cached->tree.nodes[cached->at].state != NULL) {
         return TL_OK;
     }
     if (cached->keep == TL_KEEP_OUTPUTS) {
@@ -54,9 +60,13 @@ static tl_status leave(tl_cached_component *cached, bool onwards, tl_error *erro
             return TL_OK;
         }
     }
-    tl_sequence_node *node = &cached->tree.nodes[cached->at];
-    tl_status status = tl_component_save(cached->component, &node->state, error);
-    node->has_state = status == TL_OK;
+    fmi2FMUstate state = tl_sequence_cache_take_spare(&cached->tree);
+    tl_status status = tl_component_save(cached->component, &state, error);
+    if (status == TL_OK) {
+        cached->tree.nodes[cached->at].state = state;
+    } else {
+        tl_sequence_cache_put_spare(&cached->tree, state);
+    }
     return status;
 }
 
@@ -95,7 +105,7 @@ static tl_status bring(tl_cached_component *cached, int64_t step, tl_error *erro
     const tl_sequence_cache *tree = &cached->tree;
     uint32_t from = cached->position;
     uint32_t missing = 0;
-    while (from != cached->at && !tree->nodes[from].has_state) {
+    while (from != cached->at && tree->nodes[from].state == NULL) {
         from = tree->nodes[from].parent;
         missing++;
     }
@@ -158,7 +168,7 @@ void tl_cached_component_commit(tl_cached_component *cached) {
     const tl_sequence_cache *tree = &cached->tree;
     uint32_t first = cached->position;
     if (cached->at != first || cached->keep == TL_KEEP_OUTPUTS) {
-        while (!tree->nodes[first].has_state && tree->nodes[first].parent != TL_NO_NODE) {
+        while (tree->nodes[first].state == NULL && tree->nodes[first].parent != TL_NO_NODE) {
             first = tree->nodes[first].parent;
         }
     }

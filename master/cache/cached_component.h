@@ -9,8 +9,8 @@
  *          TL_KEEP_OUTPUTS saves states only every `spacing` steps; from there the FMU catches up (left column).
  * Full:    a result for which the pool has no room is used and not stored, and counted.
  * Failure: a failed step leaves the FMU nowhere; the next execution begins with loading a state.
- * Thread:  the twin's. Memory: the arena, at start-up; state handles belong to the FMU, those of TL_KEEP_STATES are all
- *          made at start-up too.
+ * Thread:  the twin's. Memory: the arena, at start-up; state handles belong to the FMU: those of TL_KEEP_STATES are all
+ *          made at start-up too, those of TL_KEEP_OUTPUTS as they are needed, and then kept.
  */
 #ifndef TL_MASTER_CACHE_CACHED_COMPONENT_H
 #define TL_MASTER_CACHE_CACHED_COMPONENT_H

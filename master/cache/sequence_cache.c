@@ -13,7 +13,8 @@ bool tl_sequence_cache_init(tl_sequence_cache *cache, tl_arena *arena, size_t ke
     *cache = (tl_sequence_cache){.key_size = key_size, .value_size = value_size, .capacity = capacity};
     cache->nodes = tl_arena_take(arena, capacity, sizeof *cache->nodes);
     cache->bytes = tl_arena_take(arena, capacity, room(cache));
-    if (cache->nodes == NULL || cache->bytes == NULL) {
+    cache->spare = tl_arena_take(arena, capacity, sizeof(fmi2FMUstate));
+    if (cache->nodes == NULL || cache->bytes == NULL || cache->spare == NULL) {
         return false;
     }
     for (uint32_t i = 0; i < capacity; i++) {
@@ -23,7 +24,7 @@ bool tl_sequence_cache_init(tl_sequence_cache *cache, tl_arena *arena, size_t ke
 }
 
 size_t tl_sequence_cache_memory(const tl_sequence_cache *cache) {
-    return cache->capacity * (sizeof *cache->nodes + room(cache));
+    return cache->capacity * (sizeof *cache->nodes + sizeof(fmi2FMUstate) + room(cache));
 }
 
 static unsigned char *bytes_of(const tl_sequence_cache *cache, uint32_t node) {
@@ -49,7 +50,6 @@ static uint32_t take(tl_sequence_cache *cache, uint32_t parent) {
     node->child = TL_NO_NODE;
     node->sibling = TL_NO_NODE;
     node->used = true;
-    node->has_state = false;
     cache->count++;
     cache->peak = cache->count > cache->peak ? cache->count : cache->peak;
     return taken;
@@ -78,9 +78,20 @@ uint32_t tl_sequence_cache_add(tl_sequence_cache *cache, uint32_t parent, const 
     return added;
 }
 
+fmi2FMUstate tl_sequence_cache_take_spare(tl_sequence_cache *cache) {
+    return cache->spare_count == 0 ? NULL : cache->spare[--cache->spare_count];
+}
+
+void tl_sequence_cache_put_spare(tl_sequence_cache *cache, fmi2FMUstate state) {
+    if (state != NULL) {
+        cache->spare[cache->spare_count++] = state;
+    }
+}
+
 static void give_up(tl_sequence_cache *cache, uint32_t node) {
     cache->nodes[node].used = false;
-    cache->nodes[node].has_state = false;
+    tl_sequence_cache_put_spare(cache, cache->nodes[node].state);
+    cache->nodes[node].state = NULL;
     cache->nodes[node].sibling = cache->free;
     cache->free = node;
     cache->count--;

@@ -4,8 +4,8 @@
  *          stands for one sequence of inputs from the root on: its key is the last input, its value what came out of it,
  *          and it may carry a saved state of the FMU behind it. Keys are compared bit by bit; nothing is ever
  *          approximated.
- * Memory:  a fixed pool of nodes from the arena; a full pool refuses, it never grows. State handles stay with their slot
- *          when a node is given up, so that they are reused, not reallocated.
+ * Memory:  a fixed pool of nodes from the arena; a full pool refuses, it never grows. The handle of a node that is given up
+ *          becomes a spare one for the next state, so that the FMU need not allocate.
  * Cost:    finding is linear in the number of siblings, newest first; keeping is linear in the number of nodes given up.
  * Thread:  the twin's.
  */
@@ -27,8 +27,7 @@ typedef struct tl_sequence_node {
     uint32_t child;   /* newest */
     uint32_t sibling; /* older; also the list of free nodes */
     bool used;
-    bool has_state;     /* `state` is that behind this sequence */
-    fmi2FMUstate state; /* the slot's handle; NULL: none yet */
+    fmi2FMUstate state; /* behind this sequence; NULL: not saved */
 } tl_sequence_node;
 
 typedef struct tl_sequence_cache {
@@ -38,6 +37,8 @@ typedef struct tl_sequence_cache {
     uint32_t count; /* nodes in use */
     uint32_t peak;  /* the most there ever were */
     uint32_t free;  /* first free node */
+    uint32_t spare_count;
+    fmi2FMUstate *spare; /* handles without a node, the FMU's; those of nodes in use come back here */
     tl_sequence_node *nodes;
     unsigned char *bytes; /* capacity × (key, value) */
 } tl_sequence_cache;
@@ -60,6 +61,11 @@ uint32_t tl_sequence_cache_add(tl_sequence_cache *cache, uint32_t parent, const 
 
 const unsigned char *tl_sequence_cache_key(const tl_sequence_cache *cache, uint32_t node);
 const unsigned char *tl_sequence_cache_value(const tl_sequence_cache *cache, uint32_t node);
+
+/* A spare handle to save a state in, or NULL; and one that is not in use any more. There must never be more than one for each
+ * node. */
+fmi2FMUstate tl_sequence_cache_take_spare(tl_sequence_cache *cache);
+void tl_sequence_cache_put_spare(tl_sequence_cache *cache, fmi2FMUstate state);
 
 /* Gives up all nodes but those on the way from `first` down to `root` and all below `root`. `first` is root or an
  * ancestor of it; it has no parent afterwards. */

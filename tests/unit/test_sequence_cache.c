@@ -149,20 +149,26 @@ static void what_is_given_up_is_used_again(void) {
     TEST_ASSERT_EQUAL_UINT32(ROOM, cache.peak);
 }
 
-/* A handle stays with its slot; that it holds a state is forgotten. */
-static void handles_stay_with_their_slots(void) {
-    int states[ROOM];
-    for (uint32_t i = 0; i < ROOM; i++) {
-        cache.nodes[i].state = &states[i];
-    }
+/* The handle of a node that is given up serves the next state; there is one for each state that is kept, and no more. */
+static void handles_go_from_node_to_node(void) {
+    int states[2];
+    TEST_ASSERT_NULL(tl_sequence_cache_take_spare(&cache));
     uint32_t one = add(root, 1.0);
-    cache.nodes[one].has_state = true;
+    cache.nodes[one].state = &states[0];
+    cache.nodes[add(one, 1.0)].state = &states[1];
+    (void)add(one, 2.0);
     tl_sequence_cache_prune(&cache, root);
+    fmi2FMUstate first = tl_sequence_cache_take_spare(&cache);
+    fmi2FMUstate second = tl_sequence_cache_take_spare(&cache);
+    TEST_ASSERT_TRUE((first == &states[0] && second == &states[1]) || (first == &states[1] && second == &states[0]));
+    TEST_ASSERT_NULL(tl_sequence_cache_take_spare(&cache));
     for (size_t i = 1; i < ROOM; i++) {
-        uint32_t node = add(root, (double)i);
-        TEST_ASSERT_FALSE(cache.nodes[node].has_state);
-        TEST_ASSERT_EQUAL_PTR(&states[node], cache.nodes[node].state);
+        TEST_ASSERT_NULL(cache.nodes[add(root, (double)i)].state);
     }
+    tl_sequence_cache_put_spare(&cache, NULL);
+    TEST_ASSERT_NULL(tl_sequence_cache_take_spare(&cache));
+    tl_sequence_cache_put_spare(&cache, &states[0]);
+    TEST_ASSERT_EQUAL_PTR(&states[0], tl_sequence_cache_take_spare(&cache));
 }
 
 /* ---- moving on ---- */
@@ -316,7 +322,7 @@ int main(void) {
     RUN_TEST(keys_and_values_may_be_empty);
     RUN_TEST(a_full_pool_refuses_and_stays_as_it_is);
     RUN_TEST(what_is_given_up_is_used_again);
-    RUN_TEST(handles_stay_with_their_slots);
+    RUN_TEST(handles_go_from_node_to_node);
     RUN_TEST(a_committed_root_keeps_what_is_below_it);
     RUN_TEST(the_way_back_to_an_ancestor_is_kept);
     RUN_TEST(a_branch_is_pruned_and_its_siblings_stay);
