@@ -10,6 +10,7 @@
 #include "master/graph/graph.h"
 #include "master/sync/attempt.h"
 #include "master/sync/lock.h"
+#include "master/sync/proof.h"
 
 struct tl_twin {
     tl_arena arena;
@@ -24,7 +25,7 @@ struct tl_twin {
     tl_metrics metrics[TL_MAX_MATCH];
     tl_measurements measurements;
     uint32_t lead;    /* step i is computed at tick i + lead */
-    double *proof;    /* for prove_rollback(): one value per port */
+    double *proof;    /* for the proof at start: one value per port */
     tl_status ended;  /* not TL_OK: a step has failed, nothing may follow */
     bool has_pending; /* mode ahead: computed, its measurement not there yet */
     tl_record pending;
@@ -417,78 +418,10 @@ void tl_twin_destroy(tl_twin *twin) {
 
 /* ---- ticks ---- */
 
-static bool is_output(const tl_port *port) {
-    return port->variable != NULL && !port->input;
-}
-
-static void take_proof(tl_twin *twin) {
-    for (size_t i = 0; i < twin->graph.port_count; i++) {
-        if (is_output(&twin->graph.ports[i])) {
-            twin->proof[i] = tl_exchange_value(&twin->exchange, &twin->graph.ports[i]);
-        }
-    }
-}
-
-/* Compares the outputs of all FMUs with the proof to the bit. */
-static tl_status check_proof(const tl_twin *twin, tl_error *error) {
-    for (size_t i = 0; i < twin->graph.port_count; i++) {
-        const tl_port *port = &twin->graph.ports[i];
-        if (!is_output(port)) {
-            continue;
-        }
-        double value = tl_exchange_value(&twin->exchange, port);
-        if (memcmp(&value, &twin->proof[i], sizeof value) != 0) {
-            return tl_fail(error, TL_FMU_FAILED,
-                           "%s.%s is not the same after restoring a saved state and repeating the "
-                           "step: the FMU's state handling is broken, it cannot be synchronised",
-                           twin->graph.components[port->node].name, port->variable->name);
-        }
-    }
-    return TL_OK;
-}
-
-/* Leads all states away from where they were: a horizon with other inputs. It may fail, as any candidate may. */
-static tl_status lead_astray(tl_twin *twin, tl_error *error) {
-    tl_lock *lock = &twin->lock;
-    double *u = lock->memory.trial;
-    tl_status status = TL_OK;
-    for (size_t v = 0; v < lock->horizon.variables; v++) {
-        const tl_adjusted *adjusted = &lock->adjusted[v];
-        double value = adjusted->real != NULL ? *adjusted->real + adjusted->step : (double)!*adjusted->boolean;
-        for (uint32_t m = 0; m < lock->horizon.length[v]; m++) {
-            u[lock->horizon.offset[v] + m] = fmin(fmax(value, adjusted->lower), adjusted->upper);
-        }
-    }
-    tl_attempt_set_inputs(lock, u, 0);
-    for (int64_t step = 0; step < lock->horizon.prediction && status == TL_OK; step++) {
-        status = tl_exchange_step(&twin->exchange, step, error);
-    }
-    return status == TL_FMU_FATAL ? status : TL_OK;
-}
-
-/* A rollback is tested, not believed: one step, back, other steps, back, the first step again must give the same bits
- * at every output that is exchanged. */
-static tl_status prove_rollback(tl_twin *twin, tl_error *error) {
-    tl_exchange *exchange = &twin->exchange;
-    tl_status status = tl_exchange_save(exchange, error);
-    status = status == TL_OK ? tl_exchange_step(exchange, 0, error) : status;
-    take_proof(twin);
-    status = status == TL_OK ? tl_exchange_restore(exchange, error) : status;
-    status = status == TL_OK ? lead_astray(twin, error) : status;
-    status = status == TL_OK ? tl_exchange_restore(exchange, error) : status;
-    status = status == TL_OK ? tl_exchange_step(exchange, 0, error) : status;
-    status = status == TL_OK ? check_proof(twin, error) : status;
-    status = status == TL_OK ? tl_exchange_restore(exchange, error) : status;
-    for (size_t i = 0; i < exchange->component_count; i++) {
-        exchange->components[i].executions = 0;
-    }
-    return status;
-}
-
 static tl_status start(tl_twin *twin, tl_error *error) {
     tl_status status = tl_exchange_initialize(&twin->exchange, error);
     if (status == TL_OK && twin->lock.horizon.variables != 0) {
-        status = prove_rollback(twin, error);
+        status = tl_proof_of_rollback(&twin->lock, &twin->graph, twin->proof, error);
     }
     return status == TL_OK ? tl_exchange_start(&twin->exchange, error) : status;
 }

@@ -1,0 +1,18 @@
+/* A rollback is tested, not believed: there are FMUs that declare saved states and do not honour them.
+ *
+ * Purpose: before the first step of a synchronised twin: one step, back, other steps with other inputs, back, and the first
+ *          step again must give the same bits at every output that is exchanged.
+ * Thread:  the twin's.
+ */
+#ifndef TL_MASTER_SYNC_PROOF_H
+#define TL_MASTER_SYNC_PROOF_H
+
+#include "master/base/status.h"
+#include "master/graph/graph.h"
+#include "master/sync/lock.h"
+
+/* After initialisation, before tl_exchange_start(); leaves everything at t_0, and no executions counted. `outputs` is scratch: a
+ * place for each port of the graph. TL_FMU_FAILED, and which output it is, where the rollback does not hold. */
+tl_status tl_proof_of_rollback(tl_lock *lock, const tl_graph *graph, double *outputs, tl_error *error);
+
+#endif
