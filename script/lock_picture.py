@@ -8,7 +8,7 @@ import subprocess
 import sys
 
 WIDTH, LEFT, RIGHT = 860, 64, 20
-PLANT, ALONE, LOCKED, INK, GRID = "#8a8f98", "#d9822b", "#1f6fb2", "#30343b", "#e4e7eb"
+PLANT, ALONE, LOCKED, INK, GRID, PALE = "#8a8f98", "#d9822b", "#1f6fb2", "#30343b", "#e4e7eb", "#b9d3e8"
 
 
 def trajectory(twinlock, config):
@@ -56,6 +56,12 @@ class Panel:
             self.parts.append(f'<text x="{x + 26}" y="{y + 4}">{text}</text>')
 
 
+def smoothed(values, half=10):
+    """Means over 2 · half + 1 values, fewer at the ends: of the steps of 10 ms, 0.2 s."""
+    parts = (values[max(0, i - half):i + half + 1] for i in range(len(values)))
+    return [sum(part) / len(part) for part in parts]
+
+
 def draw(free, lock):
     """The whole SVG text."""
     times = [float(row["time"]) for row in lock]
@@ -63,8 +69,8 @@ def draw(free, lock):
     alone = [float(row["motor.omega"]) for row in free]
     locked = [float(row["motor.omega"]) for row in lock]
     delta = [float(row["motor.d"]) - float(row["motor.d nominal"]) for row in lock]
-    speed = Panel(44, 250, 20, 100, times[-1])
-    speed.axes((20, 40, 60, 80, 100), "motor speed, rad/s", False)
+    speed = Panel(44, 250, 40, 85, times[-1])
+    speed.axes((40, 50, 60, 70, 80), "motor speed, rad/s", False)
     speed.legend([("plant, measured", PLANT), ("twin left alone", ALONE), ("twin locked", LOCKED)])
     speed.line(times, alone, ALONE, 1.6)
     speed.line(times, plant, PLANT, 3.6)
@@ -73,7 +79,9 @@ def draw(free, lock):
     corrected = Panel(344, 90, -bound, bound, times[-1])
     step = float(f"{bound / 1.6:.1g}")
     corrected.axes((-step, 0, step), "what had to be corrected: Δu of the friction d, N·m·s/rad", True)
-    corrected.line(times, delta, LOCKED, 1.2)
+    corrected.legend([("each step", PALE), ("mean of 0.2 s", LOCKED)])
+    corrected.line(times, delta, PALE, 0.8)
+    corrected.line(times, smoothed(delta), LOCKED, 1.6)
     body = "\n".join(speed.parts + corrected.parts)
     return (f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH} 464" font-family="sans-serif" '
             f'font-size="12" fill="{INK}">\n<rect width="{WIDTH}" height="464" fill="white"/>\n{body}\n</svg>\n')

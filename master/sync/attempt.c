@@ -36,6 +36,7 @@ void tl_attempt_begin(tl_attempt *attempt, tl_lock *lock, int64_t step, const tl
     attempt->seen = 0;
     attempt->idle = 0;
     attempt->stagnated = false;
+    attempt->acquaints = false;
     attempt->start_value = HUGE_VAL;
     attempt->best_value = HUGE_VAL;
     attempt->nominal_value = (double)NAN;
@@ -263,7 +264,8 @@ static bool is_sane(const tl_lock *lock, const double *u) {
 }
 
 static bool is_over(const tl_attempt *attempt) {
-    return attempt->fatal != TL_OK || attempt->late || attempt->best_value < TL_OBJECTIVE_TOLERANCE ||
+    bool acquaints = attempt->acquaints && attempt->lock->solver->is_new(attempt->lock->optimiser);
+    return attempt->fatal != TL_OK || attempt->late || (attempt->best_value < TL_OBJECTIVE_TOLERANCE && !acquaints) ||
            attempt->stagnated || tl_attempt_is_blind(attempt);
 }
 

@@ -27,6 +27,7 @@ typedef struct tl_attempt {
     uint32_t seen;      /* bit v: variable v has moved an output */
     uint32_t idle;      /* evaluations since the last progress */
     bool stagnated;     /* idle for too long: the solver is told to stop */
+    bool acquaints;     /* the solver may go on within tolerance until it can guess */
     double start_value; /* J where the search began */
     double best_value;
     double nominal_value;          /* NaN: not evaluated */

@@ -294,6 +294,26 @@ static tl_outcome improve(tl_attempt *attempt, double value) {
     return defend_nominal(attempt);
 }
 
+/* All is well, but a solver that can guess has not met this twin yet. Left alone until the first error that is too large, it
+ * would let the twin wander within the tolerance for as long as the plant is calm. */
+static bool is_stranger(const tl_lock *lock) {
+    return !lock->met && lock->solver->is_new != NULL && lock->solver->is_new(lock->optimiser);
+}
+
+/* Once in a run. That a variable does not matter just now is no news while all is well. */
+static tl_outcome acquaint(tl_attempt *attempt, double value) {
+    tl_lock *lock = attempt->lock;
+    lock->met = true;
+    attempt->acquaints = true;
+    search(attempt, value);
+    bool searched = attempt->evaluations > 1;
+    attempt->held = 0;
+    if (attempt->stop != TL_STOP_TIME) {
+        attempt->stop = searched ? TL_STOP_TOLERANCE : TL_STOP_NONE;
+    }
+    return searched ? TL_OPTIMISED : TL_FIRST_GUESS;
+}
+
 /* Guess, then search. What is found is in memory.best, unless the outcome is nominal. A guess that time did not let finish
  * counts as one that was not begun: a repetition knows no difference. */
 static tl_outcome find(tl_attempt *attempt) {
@@ -320,7 +340,7 @@ static tl_outcome find(tl_attempt *attempt) {
         return defend_nominal(attempt);
     }
     if (value < TL_OBJECTIVE_TOLERANCE) {
-        return TL_FIRST_GUESS;
+        return is_stranger(lock) ? acquaint(attempt, value) : TL_FIRST_GUESS;
     }
     return improve(attempt, value);
 }

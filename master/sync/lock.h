@@ -75,6 +75,7 @@ typedef struct tl_lock {
     int courses;                      /* committed one after the other whose course is known: 0, 1, 2 or more */
     bool held_inputs; /* mode ahead: what the plant feeds was stood for when the step before was computed */
     bool was_blind;   /* nothing was identifiable in the step before */
+    bool met;         /* the solver has been let search though all was within tolerance: once is enough */
     tl_time overhead; /* ns of an evaluation beside its executions, at most, fading */
 } tl_lock;
 

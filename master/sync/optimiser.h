@@ -66,6 +66,9 @@ typedef struct tl_optimiser_class {
      * false: it has none yet. NULL: it never has. */
     bool (*guess)(tl_optimiser *optimiser, const tl_forecast *forecast, double *u);
     tl_search_end (*minimise)(tl_optimiser *optimiser, const tl_search *search);
+    /* Has it nothing yet to make guesses from? Then it is let search once, though all is within tolerance, until it has.
+     * NULL: it never guesses. */
+    bool (*is_new)(const tl_optimiser *optimiser);
     /* Told of each commit, with the unknowns that were committed. NULL: of no interest. */
     void (*committed)(tl_optimiser *optimiser, const double *u);
     void (*destroy)(tl_optimiser *optimiser);

@@ -461,10 +461,15 @@ static bool guess(tl_optimiser *self, const tl_forecast *forecast, double *u) {
     return true;
 }
 
+static bool is_new(const tl_optimiser *self) {
+    return !self->has_slope;
+}
+
 const tl_optimiser_class tl_secant = {
     .name = "secant",
     .create = create,
     .guess = guess,
     .minimise = minimise,
+    .is_new = is_new,
     .destroy = destroy,
 };

@@ -17,19 +17,25 @@ def horizon(prediction, measurements="lag"):
     return {"synchronise": {"horizon": {"prediction": prediction, "measurements": measurements}}}
 
 
-def check_sums(result, prediction=1):
+def check_sums(result):
     """What holds for every replay of lock.json."""
-    evaluations = result["evaluations"]
     expect(result["steps"] == STEPS, f"steps: {result['steps']}")
-    expect(evaluations >= STEPS, f"evaluations: {evaluations}")
+    expect(result["evaluations"] >= STEPS, f"evaluations: {result['evaluations']}")
     executions = dict(result["executions"])
-    total = executions.pop("total")
-    wanted = COMPONENTS * (STEPS + prediction * evaluations)
-    expect(total == wanted, f"executions: {total}, wanted {wanted} at {evaluations} evaluations")
-    wanted = {name: total // COMPONENTS for name in ("drive", "motor", "plant")}
-    expect(executions == wanted, f"executions: {executions}, wanted {wanted}")
+    expect(executions.pop("total") == sum(executions.values()), f"executions: {result['executions']}")
+    for name, count in executions.items():
+        entry = result["ledger"]["components"][name]
+        expect(count == entry["predicted"] == entry["executions"] >= STEPS, f"{name}: {count} executions, {entry}")
     expect(sum(result["outcomes"].values()) == STEPS, f"outcomes: {result['outcomes']}")
     expect(result["match"]["motor.omega"]["pairs"] == STEPS, "not every step was compared")
+
+
+def check_plain_sums(result, prediction):
+    """Without saving, every evaluation executes every component in every step of the horizon."""
+    wanted = STEPS + prediction * result["evaluations"]
+    executions = dict(result["executions"])
+    expect(executions.pop("total") == COMPONENTS * wanted, f"executions: {result['executions']}, wanted {wanted} each")
+    expect(set(executions.values()) == {wanted}, f"executions: {executions}, wanted {wanted} each")
 
 
 def csv_file(config, *options):
@@ -51,21 +57,36 @@ def test_free():
 def test_lock():
     result = replay_json("motor/lock.json")
     check_sums(result)
-    at_most(result["match"]["motor.omega"]["mse"], 0.30, "MSE, locked, (rad/s)\u00b2")
+    at_most(result["match"]["motor.omega"]["mse"], 0.05, "MSE, locked, (rad/s)\u00b2")
     at_most(result["match"]["motor.omega"]["max"], 1.0, "MAX, locked, rad/s")
+    outcomes = result["outcomes"]
+    expect(outcomes["first guess"] + outcomes["optimised"] == STEPS, f"outcomes: {outcomes}")
+    expect(result["optimised_steps"] == outcomes["optimised"] >= 1, f"optimised: {result['optimised_steps']}")
+
+
+def test_lock_with_another_solver():
+    result = replay_json(edited_config("motor/lock.json", {"synchronise": {"algorithm": "nelder-mead"}}))
+    check_sums(result)
     outcomes = result["outcomes"]
     expect(outcomes["first guess"] + outcomes["optimised"] == STEPS, f"outcomes: {outcomes}")
     expect(result["optimised_steps"] == outcomes["optimised"] > 50, f"optimised: {result['optimised_steps']}")
 
 
+def test_the_slope_is_learned_at_the_first_step():
+    """One question more, though all is well; so the twin follows its plant closely before the brake has ever been touched."""
+    rows = replay_csv("motor/lock.json")
+    expect(rows["evaluations"][:3] == [2, 1, 1], f"evaluations: {rows['evaluations'][:3]}")
+    at_most(max(rows["J"][1:100]), 0.05, "J in the first second")
+
+
 def test_keys():
-    """The keys of DESIGN.md and their types; `cache` is there for later."""
+    """The keys of DESIGN.md and their types."""
     result = replay_json("motor/lock.json")
     for key in ("steps", "evaluations", "optimised_steps", "deadline_misses"):
         expect(isinstance(result[key], int), f"{key}: {result[key]!r}")
     expect({"mse", "max", "unit"} <= set(result["match"]["motor.omega"]), f"{result['match']}")
     expect({"first", "last", "mean", "delta_mean"} <= set(result["adjust"][U]), f"{result['adjust']}")
-    expect({"hits", "nodes_peak", "full"} <= set(result["cache"]), f"{result['cache']}")
+    expect(result["cache"]["saved"] > 0 and result["cache"]["full"] == 0, f"{result['cache']}")
     expect(result["wall_s"] > 0, f"wall_s: {result['wall_s']}")
 
 
@@ -87,7 +108,7 @@ def test_json_and_csv_agree():
 # ---- modes and horizons ----
 
 def test_ahead():
-    result = replay_json(edited_config("motor/lock.json", horizon(1, "ahead")))
+    result = replay_json("motor/ahead.json")
     check_sums(result)
     free, ahead = replay_json("motor/free.json")["match"]["motor.omega"], result["match"]["motor.omega"]
     at_least(free["mse"] / ahead["mse"], 30, "ahead: MSE falls by")
@@ -102,7 +123,7 @@ def test_hold():
 def test_lag_with_longer_horizons():
     for prediction in (2, 3):
         result = replay_json(edited_config("motor/lock.json", horizon(prediction)))
-        check_sums(result, prediction)
+        check_sums(result)
         at_most(result["match"]["motor.omega"]["mse"], 0.60, f"T_P = {prediction}: MSE, (rad/s)\u00b2")
 
 
@@ -121,7 +142,7 @@ def test_horizon_ends_with_the_recording():
 
 def test_budget_bounds_evaluations():
     for limit in (2, 5):
-        edits = {"synchronise": {"budget": {"evaluations": limit}}}
+        edits = {"synchronise": {"algorithm": "l-bfgs", "budget": {"evaluations": limit}}}
         largest = max(replay_csv(edited_config("motor/lock.json", edits))["evaluations"])
         expect(largest == limit, f"{largest} evaluations, the budget is {limit}")
 
@@ -135,7 +156,7 @@ def test_plain():
     """Without saving every evaluation executes every component, and nothing else is different."""
     for prediction in (1, 3):
         config = edited_config("motor/lock.json", horizon(prediction))
-        check_sums(replay_json(config, "--plain"), prediction)
+        check_plain_sums(replay_json(config, "--plain"), prediction)
         expect(filecmp.cmp(csv_file(config), csv_file(config, "--plain"), False), f"T_P = {prediction}: --plain matters")
 
 
@@ -155,7 +176,8 @@ def test_never_worse_than_nominal():
     edits = {"synchronise": {"adjust": {U: {"min": 1e6, "max": 2e6}}}}
     rows, free = replay_csv(edited_config("motor/lock.json", edits)), replay_csv("motor/free.json")
     expect(rows["outcome"].count("nominal") > 100, "no search failed")
-    expect(set(rows["outcome"]) == {"first guess", "nominal"}, f"outcomes: {set(rows['outcome'])}")
+    later = set(rows["outcome"][1:])  # in the first step the solver looks around once
+    expect(later == {"first guess", "nominal"}, f"outcomes: {later}")
     expect(set(rows[U]) == {0.0031}, "something else than the nominal was committed")
     expect(rows["motor.omega"] == free["motor.omega"], "the twin is not the free one")
 
@@ -201,19 +223,6 @@ def test_the_recording_is_regenerated():
     made = scratch() / "recording.csv"
     run_well(["plant", SOURCE / "config" / "motor" / "plant.json", "--record", made, "--seed", "1"])
     expect(filecmp.cmp(made, RECORDING, False), "twinlock plant --seed 1 makes another recording")
-
-
-def test_other_seeds():
-    """Errors spread evenly over the tolerance of \u00b1 1 rad/s would have an MSE of 1/3."""
-    recordings = set()
-    for seed in range(2, 7):
-        made = scratch() / "recording.csv"
-        run_well(["plant", SOURCE / "config" / "motor" / "plant.json", "--record", made, "--seed", seed])
-        recordings.add(made.read_bytes())
-        result = replay_json("motor/lock.json", "--recording", made)
-        check_sums(result)
-        at_most(result["match"]["motor.omega"]["mse"], 1 / 3, f"seed {seed}: MSE, locked, (rad/s)\u00b2")
-    expect(len(recordings) == 5, "seeds make the same recording")
 
 
 main()

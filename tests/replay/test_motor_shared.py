@@ -1,20 +1,21 @@
 #!/usr/bin/env python3
 """The figures of the thesis's motor, on the recordings of the motor bench that it was checked with (not
-part of the product; skipped where they are absent): the free run's error, and a lock within the
-tolerance of 1 rad/s."""
-from twinlock_test import at_most, expect, main, replay_json, shared_recording, within
+part of the product; skipped where they are absent): the free run's error, and what a lock costs and how close it is."""
+from twinlock_test import at_most, edited_config, expect, main, replay_json, shared_recording, within
 
-STEPS = 1401
+STEPS, FEWEST = 1401, 4203
+RECORDINGS = ("thesis_motor_1.csv", "thesis_motor_2.csv")
 
 
-def check_lock(recording):
-    result = replay_json("motor/lock.json", "--recording", recording)
-    evaluations = result["evaluations"]
-    at_most(result["match"]["motor.omega"]["mse"], 0.30, "MSE, locked, (rad/s)\u00b2")
-    print(f"    executions {result['executions']['total']} at {evaluations} evaluations")
-    expect(result["steps"] == STEPS, f"steps: {result['steps']}")
-    expect(result["executions"]["total"] == 3 * (STEPS + evaluations), f"executions: {result['executions']}")
-    expect(evaluations >= STEPS, f"only {evaluations} evaluations for {STEPS} steps")
+def check(name, ratio, mse, algorithm="secant"):
+    """Executions over the fewest there can be, and the MSE in (rad/s)², on both recordings."""
+    config = edited_config(f"motor/{name}.json", {"synchronise": {"algorithm": algorithm}})
+    for recording in RECORDINGS:
+        result = replay_json(config, "--recording", shared_recording(recording))
+        what = f"{name}, {algorithm}, {recording}"
+        expect(result["steps"] == STEPS, f"{what}: {result['steps']} steps")
+        at_most(result["executions"]["total"] / FEWEST, ratio, f"{what}: executions over the fewest")
+        at_most(result["match"]["motor.omega"]["mse"], mse, f"{what}: MSE, (rad/s)\u00b2")
 
 
 def test_free():
@@ -24,16 +25,27 @@ def test_free():
     within(match["max"], 27.19, 1e-3, "MAX, rad/s")
     expect(match["unit"] == "rad/s", match["unit"])
     expect(result["steps"] == STEPS, f"steps: {result['steps']}")
-    wanted = {"total": 4203, "drive": STEPS, "motor": STEPS, "plant": STEPS}
+    wanted = {"total": FEWEST, "drive": STEPS, "motor": STEPS, "plant": STEPS}
     expect(result["executions"] == wanted, f"executions: {result['executions']}")
 
 
-def test_lock_on_recording_1():
-    check_lock(shared_recording("thesis_motor_1.csv"))
+def test_lock():
+    check("lock", 1.01, 0.05)
 
 
-def test_lock_on_recording_2():
-    check_lock(shared_recording("thesis_motor_2.csv"))
+def test_ahead():
+    check("ahead", 1.01, 0.25)
+
+
+def test_lock_by_solvers_that_see_J_only():
+    check("lock", 1.08, 0.30, "nelder-mead")
+    check("lock", 1.08, 0.30, "bobyqa")
+
+
+def test_horizons():
+    check("e", 1.06, 1.5)
+    check("d", 1.45, 1.5)
+    check("c", 1.15, 1.5)
 
 
 main()

@@ -213,6 +213,54 @@ static void steps_before_the_distance_do_not_count(void) {
     TEST_ASSERT_TRUE(record->y[0] == 0.0); /* not reached yet after the committed step */
 }
 
+/* ---- a solver that guesses ---- */
+
+static void it_learns_at_the_first_step_though_all_is_well(void) {
+    (void)make_observer();
+    plan.plan.algorithm = "secant";
+    build();
+    plant(2.0, 2.005);
+    const tl_record *record = tick();
+    TEST_ASSERT_EQUAL_UINT32(2, record->evaluations);
+    TEST_ASSERT_TRUE(tried(0) == 2.0);
+    TEST_ASSERT_TRUE(tried(1) == 3.0); /* a step aside */
+    TEST_ASSERT_TRUE(record->u[0] == 2.0);
+    for (int i = 0; i < 2; i++) { /* it forecasts from two outputs */
+        record = tick();
+        TEST_ASSERT_EQUAL_UINT32(1, record->evaluations);
+        TEST_ASSERT_EQUAL_INT(TL_FIRST_GUESS, record->outcome);
+    }
+    TEST_ASSERT_DOUBLE_WITHIN(1e-9, 0.0, record->objective);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-9, 2.005, record->u[0]);
+}
+
+static void it_learns_once_only_and_without_a_word_where_nothing_matters(void) {
+    make_plan();
+    (void)tl_test_plan_adjust(&plan, "m.u1", 1.0);
+    plan.plan.algorithm = "secant";
+    build();
+    plant(2.0, 2.005);
+    const tl_record *record = tick();
+    TEST_ASSERT_EQUAL_UINT32(2, record->evaluations);
+    TEST_ASSERT_EQUAL_UINT32(0, record->held);
+    record = tick();
+    TEST_ASSERT_EQUAL_UINT32(1, record->evaluations);
+    TEST_ASSERT_EQUAL_INT(TL_FIRST_GUESS, record->outcome);
+}
+
+static void it_does_not_learn_beyond_the_budget(void) {
+    (void)make_observer();
+    plan.plan.algorithm = "secant";
+    build();
+    plant(2.0, 2.005);
+    run.budget.evaluations = 1;
+    const tl_record *record = tick();
+    TEST_ASSERT_EQUAL_UINT32(1, record->evaluations);
+    TEST_ASSERT_EQUAL_INT(TL_FIRST_GUESS, record->outcome);
+    TEST_ASSERT_EQUAL_INT(TL_STOP_NONE, record->stop);
+    TEST_ASSERT_TRUE(record->u[0] == 2.0);
+}
+
 /* ---- the first guess ---- */
 
 static void at_the_shortest_prediction_the_guess_is_nominal(void) {
@@ -878,6 +926,9 @@ static void before_any_step_it_is_made_up_with_nominal(void) {
 static void run_search(void) {
     RUN_TEST(a_guess_within_tolerance_is_committed_without_a_search);
     RUN_TEST(a_guess_out_of_tolerance_is_searched_from);
+    RUN_TEST(it_learns_at_the_first_step_though_all_is_well);
+    RUN_TEST(it_learns_once_only_and_without_a_word_where_nothing_matters);
+    RUN_TEST(it_does_not_learn_beyond_the_budget);
     RUN_TEST(the_best_point_is_committed_not_the_last);
     RUN_TEST(the_start_is_evaluated_once);
     RUN_TEST(trials_may_go_back_and_the_commit_may_not);

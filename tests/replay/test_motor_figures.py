@@ -1,0 +1,65 @@
+#!/usr/bin/env python3
+"""What a lock of the motor bench costs at most, and how close it must be: on recordings that the product makes, of its own brake
+and of others, with seeds that nothing was tuned to."""
+import sys
+from pathlib import Path
+
+from twinlock_test import PROGRAM, SOURCE, at_most, edited_config, expect, main, replay_json, scratch
+
+sys.path.insert(0, str(SOURCE / "script"))
+import brakes  # noqa: E402 (its folder is known only now)
+import campaign  # noqa: E402
+
+STEPS, FEWEST = 1401, 4203
+SEEDS = (1001, 1002, 1003)
+
+
+def check(name, recording, ratio, mse, edits=None):
+    """Executions over the fewest there can be, and the MSE in (rad/s)², of one configuration on one recording."""
+    result = replay_json(edited_config(f"motor/{name}.json", edits), "--recording", recording)
+    what = f"{name}, {(edits or {}).get('synchronise', {}).get('algorithm', 'secant')}, {Path(recording).stem}"
+    expect(result["steps"] == STEPS, f"{what}: {result['steps']} steps")
+    at_most(result["executions"]["total"] / FEWEST, ratio, f"{what}: executions over the fewest")
+    at_most(result["match"]["motor.omega"]["mse"], mse, f"{what}: MSE, (rad/s)\u00b2")
+
+
+def check_lock(recording, ahead, black_box):
+    """T_P = 1 at a tolerance of 1 rad/s. `black_box`: (ratio, MSE) of the solvers that see J only."""
+    check("lock", recording, 1.01, 0.05)
+    check("ahead", recording, 1.01, ahead)
+    for solver in ("nelder-mead", "bobyqa"):
+        check("lock", recording, *black_box, {"synchronise": {"algorithm": solver}})
+
+
+def check_horizons(recording):
+    """T_P = 2 and 5."""
+    check("e", recording, 1.06, 1.5)
+    check("d", recording, 1.45, 1.5)
+    check("c", recording, 1.15, 1.5)
+
+
+def own_recordings():
+    return [brakes.make_recording(PROGRAM, scratch(), seed) for seed in SEEDS]
+
+
+def test_lock():
+    recordings = own_recordings()
+    expect(len({path.read_bytes() for path in recordings}) == len(SEEDS), "seeds make the same recording")
+    for recording in recordings:
+        check_lock(recording, 0.25, (1.08, 0.30))
+
+
+def test_horizons():
+    for recording in own_recordings():
+        check_horizons(recording)
+
+
+def test_other_brakes():
+    """A twin that is ahead follows the newest measurement, and cannot be closer to the next one than the plant is."""
+    for shape in brakes.SHAPES:
+        for seed in SEEDS[:2]:
+            recording = brakes.make_recording(PROGRAM, scratch(), seed, shape)
+            check_lock(recording, max(0.5, (1.0 + campaign.OWN_PART) * campaign.unrest(recording)), (1.12, 0.36))
+
+
+main()
