@@ -45,6 +45,9 @@ void tl_attempt_begin(tl_attempt *attempt, tl_lock *lock, int64_t step, const tl
     lock->overhead = tl_duration_fade(lock->overhead); /* also where it lets nothing be evaluated */
     read_nominal(lock, attempt->nominal);
     tl_horizon_hold(&lock->horizon, attempt->nominal, lock->memory.nominal);
+    if (lock->solver->rest != NULL) {
+        lock->solver->rest(lock->optimiser, lock->memory.nominal);
+    }
 }
 
 void tl_attempt_set_inputs(const tl_lock *lock, const double *u, uint32_t depth) {
@@ -101,8 +104,15 @@ static void expect(tl_attempt *attempt, const double *u) {
         isnan(attempt->nominal_value) && memcmp(u, lock->memory.nominal, lock->horizon.count * sizeof *u) != 0;
 }
 
+/* Beyond the limit there may be room that was kept for nominal, which this is. */
+static bool is_awaited(const tl_attempt *attempt, const double *u) {
+    const tl_lock *lock = attempt->lock;
+    return attempt->evaluations < attempt->budget->evaluations && isnan(attempt->nominal_value) &&
+           memcmp(u, lock->memory.nominal, lock->horizon.count * sizeof *u) == 0;
+}
+
 bool tl_attempt_may_evaluate(tl_attempt *attempt, const double *u) {
-    if (attempt->evaluations >= attempt->limit) {
+    if (attempt->evaluations >= attempt->limit && !is_awaited(attempt, u)) {
         attempt->stop = attempt->budget->repeated ? TL_STOP_TIME : TL_STOP_EVALUATIONS;
         return false;
     }
@@ -184,28 +194,42 @@ static void keep_best(tl_attempt *attempt, const double *u, double value) {
     }
 }
 
-double tl_attempt_evaluate(tl_attempt *attempt, const double *u) {
+/* J of u, counted; HUGE_VAL also where it is late, which is not an evaluation: a repetition without a clock will not make
+ * it either. Whoever asks about nominal, it is evaluated once. */
+static double evaluate(tl_attempt *attempt, const double *u) {
     expect(attempt, u);
+    bool nominal = isnan(attempt->nominal_value) && !attempt->nominal_follows;
     double value = attempt->budget->now == NULL ? simulate(attempt, u) : simulate_measured(attempt, u);
     if (attempt->late) {
-        return HUGE_VAL; /* not an evaluation: a repetition without a clock will not make it either */
+        return HUGE_VAL;
     }
     attempt->evaluations++;
-    keep_best(attempt, u, value);
+    if (nominal) {
+        attempt->nominal_value = value;
+        attempt->limit = attempt->budget->evaluations;
+    }
+    return value;
+}
+
+double tl_attempt_evaluate(tl_attempt *attempt, const double *u) {
+    double value = evaluate(attempt, u);
+    if (!attempt->late) {
+        keep_best(attempt, u, value);
+    }
     return value;
 }
 
 /* ---- identifiability ---- */
 
-/* The one variable in which u differs from the search's start by a telling move, in steps; else SIZE_MAX. */
-static size_t moved_variable(const tl_attempt *attempt, const double *u, double *move) {
+/* The one variable in which u differs from another point by a telling move, in steps; else SIZE_MAX. */
+static size_t moved_variable(const tl_attempt *attempt, const double *u, const double *from, double *move) {
     const tl_lock *lock = attempt->lock;
     size_t moved = SIZE_MAX;
     *move = 0.0;
     for (size_t v = 0; v < lock->horizon.variables; v++) {
         double largest = 0.0;
         for (size_t i = lock->horizon.offset[v]; i < lock->horizon.offset[v] + lock->horizon.length[v]; i++) {
-            largest = fmax(largest, fabs(u[i] - lock->memory.start[i]) / lock->adjusted[v].step);
+            largest = fmax(largest, fabs(u[i] - from[i]) / lock->adjusted[v].step);
         }
         if (largest > 0.0 && moved != SIZE_MAX) {
             return SIZE_MAX;
@@ -216,24 +240,43 @@ static size_t moved_variable(const tl_attempt *attempt, const double *u, double 
     return *move >= TELLING ? moved : SIZE_MAX;
 }
 
-/* Has this candidate shown that a variable does not matter? */
-static void probe(tl_attempt *attempt, const double *u, double value) {
+/* Has this candidate shown, beside a point with these residuals, that a variable does or does not matter? */
+static void probe_beside(tl_attempt *attempt, const double *u, const double *from, const double *residuals) {
     const tl_lock *lock = attempt->lock;
     double move = 0.0;
-    if (!(lock->noise_floor > 0.0) || !isfinite(value) || !isfinite(attempt->start_value) || lock->solver->booleans) {
-        return;
-    }
-    size_t variable = moved_variable(attempt, u, &move);
+    size_t variable = moved_variable(attempt, u, from, &move);
     if (variable == SIZE_MAX) {
         return;
     }
-    double change = tl_objective_change(&lock->objective, lock->memory.residuals, lock->memory.start_residuals);
+    double change = tl_objective_change(&lock->objective, lock->memory.residuals, residuals);
     uint32_t bit = (uint32_t)1 << variable;
     if (change >= lock->noise_floor * move) {
         attempt->seen |= bit;
     } else if ((attempt->seen & bit) == 0) {
         attempt->held |= bit;
     }
+}
+
+/* The same beside the search's start and beside the best so far: solvers vary one unknown after the other from either. */
+static void probe(tl_attempt *attempt, const double *u, double value) {
+    const tl_lock *lock = attempt->lock;
+    const tl_lock_memory *memory = &lock->memory;
+    if (!(lock->noise_floor > 0.0) || !isfinite(value) || lock->solver->booleans) {
+        return;
+    }
+    if (isfinite(attempt->start_value)) {
+        probe_beside(attempt, u, memory->start, memory->start_residuals);
+    }
+    if (isfinite(attempt->best_value)) {
+        probe_beside(attempt, u, memory->best, memory->best_residuals);
+    }
+}
+
+/* A candidate that has just shown that a variable does not matter is no better for having moved it. */
+static void judge(tl_attempt *attempt, const double *u, double value) {
+    uint32_t before = attempt->held;
+    probe(attempt, u, value);
+    keep_best(attempt, u, attempt->held == before ? value : HUGE_VAL);
 }
 
 bool tl_attempt_is_blind(const tl_attempt *attempt) {
@@ -304,7 +347,9 @@ bool tl_attempt_ask(void *context, const double *u, double *value, const double 
     if (!tl_attempt_may_evaluate(attempt, u)) {
         return false;
     }
-    *value = tl_attempt_evaluate(attempt, u);
-    probe(attempt, u, *value);
+    *value = evaluate(attempt, u);
+    if (!attempt->late) {
+        judge(attempt, u, *value);
+    }
     return may_go_on(attempt);
 }

@@ -59,6 +59,15 @@ static tl_search_end minimise(tl_optimiser *self, const tl_search *search) {
     return TL_SEARCH_DONE;
 }
 
+/* Not even nominal is a reason to change. */
+static void rest(const tl_optimiser *self, double *u) {
+    for (size_t i = 0; i < self->space->count; i++) {
+        if (self->resting[i] > 0) {
+            u[i] = self->committed[i];
+        }
+    }
+}
+
 /* A value stays for its dwell, the step it was new in included. The first commit is no change: there was nothing before. */
 static void committed(tl_optimiser *self, const double *u) {
     for (size_t i = 0; i < self->space->count; i++) {
@@ -83,6 +92,7 @@ const tl_optimiser_class tl_boolean = {
     .booleans = true,
     .create = create,
     .minimise = minimise,
+    .rest = rest,
     .committed = committed,
     .destroy = destroy,
 };

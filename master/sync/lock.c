@@ -70,6 +70,7 @@ static bool describe_space(tl_lock *lock, tl_arena *arena, const tl_plan *plan) 
                                        .upper = upper,
                                        .dwell = dwell,
                                        .residual_count = lock->objective.residual_count,
+                                       .sample_count = size_of_course(lock),
                                        .held = plan->shape == TL_STATIC && tl_objective_samples(&lock->objective) > 1};
     return true;
 }
@@ -123,7 +124,8 @@ static bool is_nominal(const tl_lock *lock, const double *u) {
 }
 
 /* The solver's own guess, from where the outputs seem to go if u goes on. */
-static bool guess_by_solver(const tl_lock *lock) {
+static bool guess_by_solver(const tl_attempt *attempt) {
+    const tl_lock *lock = attempt->lock;
     const tl_lock_memory *memory = &lock->memory;
     int needed = tl_objective_samples(&lock->objective) > 1 ? 1 : 2;
     if (lock->solver->guess == NULL || lock->courses < needed || lock->was_blind) {
@@ -133,6 +135,7 @@ static bool guess_by_solver(const tl_lock *lock) {
     tl_horizon_shift(&lock->horizon, memory->start);
     clamp(lock, memory->start);
     tl_objective_forecast(&lock->objective, memory->course, memory->earlier, memory->forecast);
+    (void)tl_objective_penalise(&lock->objective, memory->start, attempt->nominal, memory->before, memory->forecast);
     const tl_forecast forecast = {memory->start, memory->forecast, memory->free};
     return lock->solver->guess(lock->optimiser, &forecast, memory->guess);
 }
@@ -147,7 +150,7 @@ static bool first_guess(const tl_attempt *attempt) {
     if ((attempt->limit < 2 && !attempt->budget->repeated) || !lock->has_last) {
         return false;
     }
-    if (guess_by_solver(lock)) {
+    if (guess_by_solver(attempt)) {
         return true;
     }
     if (lock->horizon.prediction != lock->horizon.distance || lock->solver->booleans) {
@@ -176,24 +179,13 @@ static double retreat(tl_attempt *attempt, double value) {
     if (isfinite(value) || !lock->has_last || attempt->fatal != TL_OK || attempt->late) {
         return value;
     }
-    bool to_last = is_nominal(lock, guess);
-    if (to_last) {
+    if (is_nominal(lock, guess)) {
         tl_horizon_hold(&lock->horizon, lock->memory.before, guess);
         clamp(lock, guess);
     } else {
         memcpy(guess, lock->memory.nominal, size_of_sequence(lock));
     }
-    if (!to_last) {
-        attempt->limit = attempt->budget->evaluations; /* nothing more is kept for it */
-    }
-    if (!tl_attempt_may_evaluate(attempt, guess)) {
-        return value;
-    }
-    value = tl_attempt_evaluate(attempt, guess);
-    if (!to_last && !attempt->late) {
-        attempt->nominal_value = value;
-    }
-    return value;
+    return tl_attempt_may_evaluate(attempt, guess) ? tl_attempt_evaluate(attempt, guess) : value;
 }
 
 /* ---- search ---- */
@@ -219,20 +211,22 @@ static tl_search_end search_from(tl_attempt *attempt, const tl_optimiser_class *
     return solver->minimise(optimiser, &search);
 }
 
-/* The configured solver; where it fails, stagnates or finds no more, the second one goes on from the best point. */
+/* The configured solver; where it fails, stagnates or finds no more, the second one goes on from the best point, or where
+ * there is none yet, from the guess. */
 static void search(tl_attempt *attempt, double value) {
     const tl_lock *lock = attempt->lock;
     const tl_lock_memory *memory = &lock->memory;
     tl_search_end end = search_from(attempt, lock->solver, lock->optimiser, memory->guess, value, memory->residuals);
     bool ended_itself = end != TL_SEARCH_STOPPED || attempt->stagnated;
     if (lock->fallback == NULL || !ended_itself || attempt->best_value < TL_OBJECTIVE_TOLERANCE ||
-        attempt->fatal != TL_OK || !isfinite(attempt->best_value) || tl_attempt_is_blind(attempt)) {
+        attempt->fatal != TL_OK || tl_attempt_is_blind(attempt)) {
         return;
     }
     attempt->stagnated = false;
     attempt->idle = 0;
     attempt->flags |= TL_FLAG_FALLBACK;
-    (void)search_from(attempt, lock->fallback, lock->second, memory->best, attempt->best_value, memory->best_residuals);
+    const double *from = isfinite(attempt->best_value) ? memory->best : memory->guess;
+    (void)search_from(attempt, lock->fallback, lock->second, from, attempt->best_value, memory->best_residuals);
 }
 
 /* A variable that turned out not to matter is at nominal in what is committed, also where the best candidate is older
@@ -259,10 +253,8 @@ static void settle_held(tl_attempt *attempt) {
 static void evaluate_nominal(tl_attempt *attempt) {
     if (isnan(attempt->nominal_value) && attempt->fatal == TL_OK && !attempt->late &&
         !attempt->budget->without_nominal) {
-        attempt->limit = attempt->budget->evaluations;
         if (tl_attempt_may_evaluate(attempt, attempt->lock->memory.nominal)) {
-            double value = tl_attempt_evaluate(attempt, attempt->lock->memory.nominal);
-            attempt->nominal_value = attempt->late ? attempt->nominal_value : value;
+            (void)tl_attempt_evaluate(attempt, attempt->lock->memory.nominal);
         }
     }
 }
@@ -320,8 +312,7 @@ static tl_outcome find(tl_attempt *attempt) {
     tl_lock *lock = attempt->lock;
     double *guess = lock->memory.guess;
     bool by_solver = first_guess(attempt);
-    bool nominal = is_nominal(lock, guess);
-    if (!nominal && !attempt->budget->without_nominal) {
+    if (!is_nominal(lock, guess) && !attempt->budget->without_nominal) {
         attempt->limit--; /* kept for the nominal */
     }
     if (!tl_attempt_may_evaluate(attempt, guess)) {
@@ -330,9 +321,6 @@ static tl_outcome find(tl_attempt *attempt) {
     double value = tl_attempt_evaluate(attempt, guess);
     if (attempt->late) {
         return TL_NOMINAL;
-    }
-    if (nominal) {
-        attempt->nominal_value = value;
     }
     lock->was_blind = by_solver && guess_was_blind(attempt, value);
     if (lock->was_blind) {
@@ -486,6 +474,15 @@ static double finite_or_nan(double value) {
     return isfinite(value) ? value : (double)NAN;
 }
 
+/* What did not matter and is not at nominal in what was committed was not held: there was no room to try that. */
+static void forget_unheld(const tl_lock *lock, tl_record *record) {
+    for (size_t v = 0; v < lock->horizon.variables && record->held != 0; v++) {
+        if (memcmp(&record->u[v], &record->u_hat[v], sizeof record->u[v]) != 0) {
+            record->held &= ~((uint32_t)1 << v);
+        }
+    }
+}
+
 tl_status tl_lock_step(tl_lock *lock, int64_t step, const tl_budget *budget, tl_record *record, tl_error *error) {
     if (lock->horizon.variables == 0) {
         return step_free(lock, step, TL_FREE, record, error);
@@ -509,7 +506,9 @@ tl_status tl_lock_step(tl_lock *lock, int64_t step, const tl_budget *budget, tl_
     record->evaluations = attempt.evaluations;
     record->objective_nominal = finite_or_nan(attempt.nominal_value);
     record->objective = record->outcome == TL_NOMINAL ? record->objective_nominal : finite_or_nan(attempt.best_value);
-    return commit_found(&attempt, record->outcome == TL_NOMINAL ? lock->memory.nominal : lock->memory.best, record);
+    status = commit_found(&attempt, record->outcome == TL_NOMINAL ? lock->memory.nominal : lock->memory.best, record);
+    forget_unheld(lock, record);
+    return status;
 }
 
 /* Nominal with the last Δu; of a Boolean, the last u. */

@@ -37,7 +37,7 @@ typedef struct tl_adjusted {
 /* Places for sequences of unknowns and vectors of residuals, kept from step to step. */
 typedef struct tl_lock_memory {
     double *committed; /* unknowns of the step committed last */
-    double *nominal;   /* unknowns at nominal */
+    double *nominal;   /* unknowns at nominal, but those that rest */
     double *guess;
     double *start; /* of the search */
     double *best;

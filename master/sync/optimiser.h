@@ -23,8 +23,9 @@ typedef struct tl_optimiser_space {
     const double *lower;   /* −infinity: none; 0 for a Boolean */
     const double *upper;   /* +infinity: none; 1 for a Boolean */
     const uint32_t *dwell; /* Boolean: macro steps it stays after a change; else 0 */
-    size_t residual_count; /* of every search */
-    bool held;             /* static over several samples: what is found will do for later steps too */
+    size_t residual_count; /* of every search: samples, then penalties */
+    size_t sample_count;
+    bool held; /* static over several samples: what is found will do for later steps too */
 } tl_optimiser_space;
 
 /* One search. */
@@ -69,6 +70,8 @@ typedef struct tl_optimiser_class {
     /* Has it nothing yet to make guesses from? Then it is let search once, though all is within tolerance, until it has.
      * NULL: it never guesses. */
     bool (*is_new)(const tl_optimiser *optimiser);
+    /* Puts unknowns that must stay as they were committed last back to that. NULL: none must. */
+    void (*rest)(const tl_optimiser *optimiser, double *u);
     /* Told of each commit, with the unknowns that were committed. NULL: of no interest. */
     void (*committed)(tl_optimiser *optimiser, const double *u);
     void (*destroy)(tl_optimiser *optimiser);

@@ -7,7 +7,8 @@
  * Hold:    of a u that is held over a long horizon the move goes only as far as makes J small enough. All the way would be the
  *          best line through the horizon, which leaves the tolerance on the other side soon after; each new u costs a whole
  *          horizon of executions, and a held one nothing but its newest step.
- * Rows:    a residual of exactly 0 is one that was not measured: it tells nothing, and takes no part.
+ * Rows:    a sample's residual of exactly 0 is one that was not measured: it tells nothing, and takes no part. A penalty's
+ *          is one at nominal, and does.
  * Source:  Broyden 1965 (update), Levenberg 1944 (damping).
  */
 #include <math.h>
@@ -39,6 +40,9 @@ static const double WORTHWHILE = 0.01;
 /* A J that is better by less than this part, so often in a row, is no progress. */
 static const double PROGRESS = 1e-3;
 enum { MOST_IDLE = 3, MOST_FAILURES = 8, FAILURES_TO_MEASURE = 2 };
+
+/* For each unknown, to find which ones are at a bound. */
+enum { PASSES = 4 };
 
 struct tl_optimiser {
     const tl_optimiser_space *space;
@@ -85,6 +89,11 @@ static void destroy(tl_optimiser *self) {
     (void)self;
 }
 
+/* Whether a residual at `point` takes part. */
+static bool counts(const tl_optimiser *self, size_t i) {
+    return i >= self->space->sample_count || fabs(self->r[i]) > 0.0;
+}
+
 /* ---- the move ---- */
 
 /* GᵀG over the measured rows and the free unknowns into `normal`, −Gᵀr into `move`; the mean of its diagonal. */
@@ -94,7 +103,7 @@ static double form_normal(tl_optimiser *self, const double *r) {
     memset(self->move, 0, n * sizeof *self->move);
     for (size_t i = 0; i < self->residuals; i++) {
         const double *row = &self->slope[i * n];
-        for (size_t k = 0; k < n && fabs(self->r[i]) > 0.0; k++) {
+        for (size_t k = 0; k < n && counts(self, i); k++) {
             self->move[k] -= row[k] * r[i];
             for (size_t l = 0; l <= k; l++) {
                 self->normal[k * n + l] += row[k] * row[l];
@@ -161,7 +170,7 @@ static bool solve_one(tl_optimiser *self, const double *r) {
     double square = 0.0;
     double slope = 0.0;
     for (size_t i = 0; i < self->residuals; i++) {
-        if (fabs(self->r[i]) > 0.0) {
+        if (counts(self, i)) {
             square += self->slope[i] * self->slope[i];
             slope -= self->slope[i] * r[i];
         }
@@ -194,60 +203,6 @@ static bool solve(tl_optimiser *self, const double *r) {
     return true;
 }
 
-/* Where the move leads from `from`, into `trial`. An unknown that would leave its bounds is fixed there, and what it
- * then does is added to the expected residuals; true where that happened. */
-static bool fix_at_bounds(tl_optimiser *self, const double *from) {
-    const tl_optimiser_space *space = self->space;
-    bool any = false;
-    for (size_t k = 0; k < self->unknowns; k++) {
-        if (self->fixed[k]) {
-            continue;
-        }
-        double move = fmin(fmax(self->move[k], -LONGEST_MOVE), LONGEST_MOVE);
-        double wanted = from[k] + move * space->step[k];
-        self->trial[k] = fmin(fmax(wanted, space->lower[k]), space->upper[k]);
-        if (wanted < space->lower[k] || wanted > space->upper[k]) {
-            self->fixed[k] = true;
-            any = true;
-            double made = (self->trial[k] - from[k]) / space->step[k];
-            for (size_t i = 0; i < self->residuals; i++) {
-                self->expected[i] += self->slope[i * self->unknowns + k] * made;
-            }
-        }
-    }
-    return any;
-}
-
-/* The best point within the bounds as the slope sees it from `from` with residuals r (rows as measured in self->r). `free`:
- * the unknowns that may move; NULL: all. */
-static bool propose(tl_optimiser *self, const double *from, const double *r, const bool *free) {
-    for (size_t k = 0; k < self->unknowns; k++) {
-        self->fixed[k] = free != NULL && !free[k];
-    }
-    memmove(self->expected, r, self->residuals * sizeof *r);
-    memmove(self->trial, from, self->unknowns * sizeof *from);
-    bool again = true;
-    for (size_t pass = 0; again && pass <= self->unknowns; pass++) {
-        if (!solve(self, self->expected)) {
-            return false;
-        }
-        again = fix_at_bounds(self, from);
-    }
-    return true;
-}
-
-/* ---- what it promises ---- */
-
-/* Squares of the residuals after the part `share` of the move whose changes are in `expected`; rows as in propose(). */
-static double promise(const tl_optimiser *self, double share) {
-    double sum = 0.0;
-    for (size_t i = 0; i < self->residuals; i++) {
-        double r = fabs(self->r[i]) > 0.0 ? self->r[i] + share * self->expected[i] : 0.0;
-        sum += r * r;
-    }
-    return sum;
-}
-
 /* What the slope says that the move from point to trial changes, into `expected`. */
 static void expect_changes(tl_optimiser *self) {
     size_t n = self->unknowns;
@@ -258,6 +213,91 @@ static void expect_changes(tl_optimiser *self) {
             self->expected[i] += self->slope[i * n + k] * move;
         }
     }
+}
+
+/* r after the moves that are fixed, into `expected`. */
+static void expect_fixed(tl_optimiser *self) {
+    memcpy(self->expected, self->r, self->residuals * sizeof *self->r);
+    for (size_t k = 0; k < self->unknowns; k++) {
+        double made = (self->trial[k] - self->point[k]) / self->space->step[k];
+        for (size_t i = 0; i < self->residuals && self->fixed[k]; i++) {
+            self->expected[i] += self->slope[i * self->unknowns + k] * made;
+        }
+    }
+}
+
+/* Where the move leads, into `trial`. An unknown that would leave its bounds is fixed there; true where that happened. */
+static bool fix_at_bounds(tl_optimiser *self) {
+    const tl_optimiser_space *space = self->space;
+    bool any = false;
+    for (size_t k = 0; k < self->unknowns; k++) {
+        if (self->fixed[k]) {
+            continue;
+        }
+        double move = fmin(fmax(self->move[k], -LONGEST_MOVE), LONGEST_MOVE);
+        double wanted = self->point[k] + move * space->step[k];
+        self->trial[k] = fmin(fmax(wanted, space->lower[k]), space->upper[k]);
+        self->fixed[k] = wanted < space->lower[k] || wanted > space->upper[k];
+        any = any || self->fixed[k];
+    }
+    return any;
+}
+
+/* Of J by unknown k, as the slope sees it at `trial`, whose changes are in `expected`. */
+static double derivative(const tl_optimiser *self, size_t k) {
+    double sum = 0.0;
+    for (size_t i = 0; i < self->residuals; i++) {
+        if (counts(self, i)) {
+            sum += self->slope[i * self->unknowns + k] * (self->r[i] + self->expected[i]);
+        }
+    }
+    return sum;
+}
+
+/* An unknown that was fixed at a bound together with others may be wanted back inside; true where one is let go. */
+static bool let_go(tl_optimiser *self, const bool *free) {
+    const tl_optimiser_space *space = self->space;
+    for (size_t k = 0; k < self->unknowns && self->unknowns > 1; k++) {
+        if (!self->fixed[k] || (free != NULL && !free[k])) {
+            continue;
+        }
+        expect_changes(self);
+        double slope = derivative(self, k);
+        if (self->trial[k] >= space->upper[k] ? slope > 0.0 : slope < 0.0) {
+            self->fixed[k] = false;
+            return true;
+        }
+    }
+    return false;
+}
+
+/* The best point within the bounds as the slope sees it, into `trial`. `free`: the unknowns that may move; NULL: all. */
+static bool propose(tl_optimiser *self, const bool *free) {
+    for (size_t k = 0; k < self->unknowns; k++) {
+        self->fixed[k] = free != NULL && !free[k];
+    }
+    memcpy(self->trial, self->point, self->unknowns * sizeof *self->point);
+    bool again = true;
+    for (size_t pass = 0; again && pass < PASSES * self->unknowns; pass++) {
+        expect_fixed(self);
+        if (!solve(self, self->expected)) {
+            return false;
+        }
+        again = fix_at_bounds(self) || let_go(self, free);
+    }
+    return true;
+}
+
+/* ---- what it promises ---- */
+
+/* Squares of the residuals after the part `share` of the move whose changes are in `expected`; rows as in propose(). */
+static double promise(const tl_optimiser *self, double share) {
+    double sum = 0.0;
+    for (size_t i = 0; i < self->residuals; i++) {
+        double r = counts(self, i) ? self->r[i] + share * self->expected[i] : 0.0;
+        sum += r * r;
+    }
+    return sum;
 }
 
 /* The part of the move at which the promise, a parabola over it, comes down to the goal; 1 where it does not. */
@@ -414,8 +454,8 @@ static tl_search_end minimise(tl_optimiser *self, const tl_search *search) {
             }
             course.fresh = true;
         }
-        bool found = propose(self, self->point, self->r, NULL) && largest_move(self) > SHORTEST_MOVE;
-        if (!found && course.fresh) {
+        bool found = propose(self, NULL) && largest_move(self) > SHORTEST_MOVE;
+        if (!found && (course.fresh || course.confirmed)) {
             return TL_SEARCH_DONE;
         }
         if (!found) {
@@ -453,7 +493,7 @@ static bool guess(tl_optimiser *self, const tl_forecast *forecast, double *u) {
     self->damping = 0.0;
     go_to(self, forecast->u, forecast->residuals, squares(self, forecast->residuals));
     bool stays = self->space->held && self->value < TOLERANCE;
-    if (!stays && !propose(self, self->point, self->r, forecast->free)) {
+    if (!stays && !propose(self, forecast->free)) {
         return false;
     }
     self->promised = stays ? (double)NAN : shorten(self);

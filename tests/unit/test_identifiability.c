@@ -1,0 +1,226 @@
+/* Identifiability: what is matched must react to what is adjusted, or that is held at nominal for the step, by name. */
+#include <math.h>
+#include <stdint.h>
+#include <string.h>
+#include <unity.h>
+
+#include "tests/support/test_plan.h"
+
+enum { CMD, Y0, SOLVERS = 5 };
+
+static const char *const solvers[SOLVERS] = {"secant", "nelder-mead", "bobyqa", "l-bfgs", "sbplx"};
+
+static tl_test_log call_log;
+static tl_test_fmu fmu;
+static tl_test_plan plan;
+static tl_test_run run;
+
+void setUp(void) {
+    tl_test_log_clear(&call_log);
+    tl_test_plan_init(&plan, TL_SECOND / 10);
+    run.twin = NULL;
+}
+
+static void end(void) {
+    tl_twin_destroy(run.twin);
+    run.twin = NULL;
+    tl_test_fmu_end(&fmu);
+}
+
+void tearDown(void) {
+    end();
+    TEST_ASSERT_EQUAL_STRING("", call_log.first_violation);
+}
+
+/* y0 = gain·cmd + offset: while cmd is 0 the gain does not matter. */
+static void begin(const char *algorithm) {
+    end();
+    tl_test_plan_init(&plan, TL_SECOND / 10);
+    tl_test_fmu_init(&fmu, 1, false, &call_log);
+    tl_test_plan_component(&plan, "m", &fmu);
+    tl_test_plan_signal(&plan, "cmd", TL_REAL, "");
+    tl_test_plan_signal(&plan, "y0", TL_REAL, "");
+    tl_test_plan_connect(&plan, "plant.cmd", "m.u0");
+    tl_test_plan_match(&plan, "m.y0", "plant.y0", 0.01);
+    plan.plan.algorithm = algorithm;
+    plan.plan.noise_floor = 0.5;
+    plan.plan.margin = 0.01;
+}
+
+static void build(void) {
+    tl_twin *twin = tl_test_plan_build(&plan);
+    TEST_ASSERT_EQUAL_STRING("", plan.problems[0].text);
+    tl_test_run_init(&run, twin);
+    run.budget.evaluations = 60;
+}
+
+static const tl_record *tick(double cmd, double y0) {
+    run.sample.values[CMD] = cmd;
+    run.sample.values[Y0] = y0;
+    do {
+        tl_test_run_step(&run);
+        TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, run.status, run.error.text);
+    } while (!run.ready);
+    return &run.record;
+}
+
+/* What varies a variable by a twentieth of its step or more can judge it; the differences of L-BFGS are smaller. */
+static bool judges(size_t solver) {
+    return strcmp(solvers[solver], "l-bfgs") != 0;
+}
+
+static void assert_nominal(const tl_record *record, size_t variable) {
+    TEST_ASSERT_TRUE(record->u[variable] == record->u_hat[variable]);
+}
+
+/* ---- one variable ---- */
+
+static void what_does_not_matter_is_held_at_nominal(void) {
+    for (size_t s = 0; s < SOLVERS; s++) {
+        for (uint32_t prediction = 1; prediction <= 3; prediction++) {
+            begin(solvers[s]);
+            tl_test_plan_adjust(&plan, "m.gain", 0.1);
+            plan.plan.prediction = prediction;
+            build();
+            for (int i = 0; i < 10; i++) {
+                const tl_record *record = tick(0.0, 2.0 + 0.1 * i);
+                TEST_ASSERT_EQUAL_INT(TL_NOMINAL, record->outcome);
+                assert_nominal(record, 0);
+                TEST_ASSERT_TRUE(!judges(s) || record->held == 1);
+                TEST_ASSERT_TRUE(!judges(s) || record->evaluations == 2); /* nominal, and one that told nothing */
+            }
+        }
+    }
+}
+
+static void without_a_noise_floor_nothing_is_held(void) {
+    begin("nelder-mead");
+    tl_test_plan_adjust(&plan, "m.gain", 0.1);
+    plan.plan.noise_floor = 0.0;
+    build();
+    const tl_record *record = tick(0.0, 2.0);
+    TEST_ASSERT_EQUAL_UINT32(0, record->held);
+    TEST_ASSERT_TRUE(record->evaluations > 2);
+}
+
+/* The floor is in tolerances per step: here a step moves y0 by cmd·0.1/0.01 of them. */
+static void the_noise_floor_is_in_tolerances_for_a_step(void) {
+    for (size_t s = 0; s < SOLVERS; s++) {
+        for (int above = 0; above < 2; above++) {
+            begin(solvers[s]);
+            tl_test_plan_adjust(&plan, "m.gain", 0.1);
+            build();
+            const tl_record *record = tick(above != 0 ? 0.051 : 0.049, 0.1);
+            TEST_ASSERT_TRUE(!judges(s) || record->held == (above != 0 ? 0 : 1));
+            TEST_ASSERT_TRUE(above == 0 || record->outcome == TL_OPTIMISED);
+        }
+    }
+}
+
+static void it_comes_back_when_it_matters_again(void) {
+    for (size_t s = 0; s < SOLVERS; s++) {
+        for (uint32_t prediction = 1; prediction <= 3; prediction++) {
+            begin(solvers[s]);
+            tl_test_plan_adjust(&plan, "m.gain", 0.1);
+            plan.plan.prediction = prediction;
+            build();
+            for (int i = 0; i < 60; i++) {
+                bool matters = i / 10 % 2 == 0;
+                const tl_record *record = tick(matters ? 1.0 : 0.04, 1.5); /* it would help a little */
+                if (i % 10 > (int)prediction) {                            /* the whole horizon is of one kind */
+                    TEST_ASSERT_TRUE(!judges(s) || record->held == (matters ? 0 : 1));
+                    TEST_ASSERT_TRUE(!matters || record->outcome <= TL_OPTIMISED);
+                    TEST_ASSERT_TRUE(!matters || fabs(record->u[0] - 1.5) < 0.01);
+                    TEST_ASSERT_TRUE(matters || record->u[0] == record->u_hat[0]);
+                }
+            }
+        }
+    }
+}
+
+/* ---- two variables ---- */
+
+static void the_other_one_is_still_adjusted(void) {
+    static const char *const names[] = {"m.gain", "m.offset"};
+    for (size_t s = 0; s < SOLVERS; s++) {
+        for (size_t blind = 0; blind < 2; blind++) {
+            begin(solvers[s]);
+            tl_test_plan_adjust(&plan, names[blind], 0.1);
+            tl_test_plan_adjust(&plan, names[1 - blind], 0.1);
+            build();
+            for (int i = 0; i < 10; i++) {
+                const tl_record *record = tick(0.0, 2.0 + 0.1 * i);
+                bool guessed = s == 0 && i > 0; /* with a slope that leaves the blind one where it is */
+                TEST_ASSERT_EQUAL_INT(TL_OPTIMISED, record->outcome);
+                TEST_ASSERT_DOUBLE_WITHIN(0.01, 2.0 + 0.1 * i, record->u[1 - blind]);
+                TEST_ASSERT_DOUBLE_WITHIN(judges(s) ? 0.0 : 1e-9, record->u_hat[blind], record->u[blind]);
+                TEST_ASSERT_TRUE(!judges(s) || guessed || record->held == 1U << blind);
+            }
+        }
+    }
+}
+
+/* Where there is no time to settle it, it does not go astray either. */
+static void under_a_tight_budget_nothing_drifts(void) {
+    for (size_t s = 0; s < SOLVERS; s++) {
+        for (uint32_t budget = 2; budget < 12; budget++) {
+            begin(solvers[s]);
+            tl_test_plan_adjust(&plan, "m.offset", 0.1);
+            tl_test_plan_adjust(&plan, "m.gain", 0.1);
+            plan.plan.prediction = 1 + budget % 2;
+            build();
+            run.budget.evaluations = budget;
+            for (int i = 0; i < 40; i++) {
+                double faint = s == 0 || !judges(s) ? 0.0 : 0.01; /* a slope that is known is used, however small */
+                const tl_record *record = tick(faint, 2.0 + 0.1 * (i % 7));
+                TEST_ASSERT_DOUBLE_WITHIN(judges(s) ? 0.0 : 1e-9, 1.0, record->u[1]);
+            }
+        }
+    }
+}
+
+static uint32_t seed;
+
+static uint32_t any(uint32_t below) {
+    seed = seed * 1664525U + 1013904223U;
+    return (seed >> 8) % below;
+}
+
+/* Whatever the budget and the horizon: what the record names is at nominal in what was committed. */
+static void what_is_named_is_at_nominal(void) {
+    uint32_t named = 0;
+    for (uint32_t number = 1; number <= 400; number++) {
+        seed = number * 7919U;
+        begin(solvers[any(SOLVERS)]);
+        bool swapped = any(2) == 0;
+        tl_test_plan_adjust(&plan, swapped ? "m.gain" : "m.offset", 0.1);
+        tl_test_plan_adjust(&plan, swapped ? "m.offset" : "m.gain", 0.1);
+        plan.plan.prediction = 1 + any(4);
+        plan.plan.shape = (tl_shape)any(2);
+        plan.plan.fallback = any(2) == 0 ? solvers[any(SOLVERS)] : NULL;
+        build();
+        for (int i = 0; i < 40; i++) {
+            run.budget.evaluations = 1 + any(25);
+            const tl_record *record = tick(any(3) == 0 ? 0.0 : 0.02 * any(4), 1.0 + 0.1 * any(10));
+            for (size_t v = 0; v < 2; v++) {
+                if ((record->held >> v & 1U) != 0) {
+                    named++;
+                    assert_nominal(record, v);
+                }
+            }
+        }
+    }
+    TEST_ASSERT_TRUE(named > 1000);
+}
+
+int main(void) {
+    UNITY_BEGIN();
+    RUN_TEST(what_does_not_matter_is_held_at_nominal);
+    RUN_TEST(without_a_noise_floor_nothing_is_held);
+    RUN_TEST(the_noise_floor_is_in_tolerances_for_a_step);
+    RUN_TEST(it_comes_back_when_it_matters_again);
+    RUN_TEST(the_other_one_is_still_adjusted);
+    RUN_TEST(under_a_tight_budget_nothing_drifts);
+    RUN_TEST(what_is_named_is_at_nominal);
+    return UNITY_END();
+}

@@ -1,0 +1,217 @@
+/* Boolean variables in a locked twin: the better of value and negation, at rest after a change, one after the other. */
+#include <math.h>
+#include <stdint.h>
+#include <string.h>
+#include <unity.h>
+
+#include "tests/support/test_plan.h"
+
+enum { MOST = 3, COMMAND = MOST }; /* signals: what each switch really is, then what it is told to be */
+
+static const char *const names[MOST] = {"a", "b", "c"};
+static const char *const inputs[MOST] = {"a.flag", "b.flag", "c.flag"};
+static const char *const outputs[MOST] = {"a.flag_out", "b.flag_out", "c.flag_out"};
+static const char *const signals[MOST] = {"plant.a", "plant.b", "plant.c"};
+static const char *const commands[MOST] = {"plant.cmd_a", "plant.cmd_b", "plant.cmd_c"};
+
+static tl_test_log call_log;
+static tl_test_fmu fmus[MOST];
+static tl_test_plan plan;
+static tl_test_run run;
+static size_t switches;
+static bool hopeless; /* another match, that no switch can satisfy: no search is ever within tolerance */
+
+void setUp(void) {
+    tl_test_log_clear(&call_log);
+    run.twin = NULL;
+    hopeless = false;
+}
+
+static void end(void) {
+    tl_twin_destroy(run.twin);
+    run.twin = NULL;
+    for (size_t i = 0; i < MOST; i++) {
+        tl_test_fmu_end(&fmus[i]);
+    }
+}
+
+void tearDown(void) {
+    end();
+    TEST_ASSERT_EQUAL_STRING("", call_log.first_violation);
+}
+
+static void add_switch(size_t i, tl_time dwell) {
+    tl_test_fmu_init(&fmus[i], 1, true, &call_log);
+    tl_test_plan_component(&plan, names[i], &fmus[i]);
+    tl_test_plan_set(&plan, "u0", 0.0);
+    tl_test_plan_set(&plan, "count", 0.0);
+    tl_test_plan_set(&plan, "mode", 0.0);
+    tl_test_plan_connect(&plan, commands[i], inputs[i]);
+    tl_test_plan_adjust(&plan, inputs[i], 0.0)->dwell = dwell;
+    tl_test_plan_match(&plan, outputs[i], signals[i], 0.5);
+}
+
+/* So many switches, each matched by what it really is; `dwell` in steps. */
+static void build(size_t count, uint32_t prediction, int64_t dwell) {
+    end();
+    switches = count;
+    tl_test_plan_init(&plan, TL_SECOND / 10);
+    for (size_t i = 0; i < count; i++) {
+        tl_test_plan_signal(&plan, signals[i] + strlen("plant."), TL_BOOLEAN, "");
+    }
+    for (size_t i = 0; i < count; i++) {
+        tl_test_plan_signal(&plan, commands[i] + strlen("plant."), TL_BOOLEAN, "");
+    }
+    for (size_t i = 0; i < count; i++) {
+        add_switch(i, dwell * TL_SECOND / 10);
+    }
+    if (hopeless) {
+        tl_test_plan_signal(&plan, "y", TL_REAL, "")->has_initial = true;
+        tl_test_plan_match(&plan, "a.y0", "plant.y", 0.5);
+    }
+    plan.plan.algorithm = "boolean";
+    plan.plan.prediction = prediction;
+    tl_twin *twin = tl_test_plan_build(&plan);
+    TEST_ASSERT_EQUAL_STRING("", plan.problems[0].text);
+    tl_test_run_init(&run, twin);
+}
+
+/* Bits of the plant and of what it is told. */
+static const tl_record *tick(unsigned real, unsigned told) {
+    for (size_t i = 0; i < switches; i++) {
+        run.sample.values[i] = (double)(real >> i & 1U);
+        run.sample.values[switches + i] = (double)(told >> i & 1U);
+    }
+    run.sample.values[2 * switches] = 1.0; /* which is 0 in the twin */
+    do {
+        tl_test_log_clear(&call_log);
+        tl_test_run_step(&run);
+        TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, run.status, run.error.text);
+    } while (!run.ready);
+    return &run.record;
+}
+
+static unsigned committed(const tl_record *record) {
+    unsigned bits = 0;
+    for (size_t i = 0; i < switches; i++) {
+        bits |= record->u[i] > 0.5 ? 1U << i : 0U;
+    }
+    return bits;
+}
+
+/* ---- values ---- */
+
+/* Everything that may be told and be real, one after the other, twice each: found at once, and then guessed. */
+static void what_is_real_is_found_whatever_is_told(void) {
+    for (size_t count = 1; count <= MOST; count++) {
+        build(count, 1, 0);
+        (void)tick(0, 0);
+        for (unsigned number = 0; number < 4096; number++) {
+            unsigned all = (1U << count) - 1;
+            unsigned real = (number * 5 + number / 7) & all;
+            unsigned told = (number / 3) & all;
+            unsigned before = committed(&run.record);
+            const tl_record *record = tick(real, told);
+            TEST_ASSERT_EQUAL_HEX32(real, committed(record));
+            TEST_ASSERT_EQUAL_INT(real == before ? TL_FIRST_GUESS : TL_OPTIMISED, record->outcome);
+            TEST_ASSERT_TRUE(record->evaluations <= 1 + count); /* the start, and each negation */
+            record = tick(real, told);
+            TEST_ASSERT_EQUAL_INT(TL_FIRST_GUESS, record->outcome);
+            TEST_ASSERT_EQUAL_UINT32(1, record->evaluations);
+        }
+    }
+}
+
+/* What is told is ours to correct, and both are in the record as 0 and 1. */
+static void the_record_tells_both(void) {
+    build(1, 1, 0);
+    (void)tick(1, 0);
+    const tl_record *record = tick(1, 0);
+    TEST_ASSERT_TRUE(record->u[0] == 1.0 && record->u_hat[0] == 0.0);
+    TEST_ASSERT_TRUE(record->y[0] == 1.0 && record->y_hat[0] == 1.0);
+}
+
+/* The start, then each negated in turn: what was no better is taken back before the next. */
+static void one_is_settled_after_the_other(void) {
+    build(3, 1, 0);
+    (void)tick(0, 0);
+    const tl_record *record = tick(1, 0);
+    TEST_ASSERT_EQUAL_UINT32(2, record->evaluations); /* within tolerance, the others are not asked about */
+    record = tick(4, 0);
+    TEST_ASSERT_EQUAL_UINT32(4, record->evaluations);
+    TEST_ASSERT_EQUAL_HEX32(4, committed(record));
+}
+
+/* ---- out of tolerance ---- */
+
+/* Value and negation are all there is: one of them is nominal, and it is evaluated once. */
+static void a_switch_costs_two_evaluations_at_most(void) {
+    hopeless = true;
+    build(1, 1, 0);
+    (void)tick(1, 0);
+    for (unsigned number = 0; number < 64; number++) {
+        const tl_record *record = tick(1, number / 3 & 1U);
+        TEST_ASSERT_EQUAL_INT(record->u[0] == record->u_hat[0] ? TL_NOMINAL : TL_BEST_SO_FAR, record->outcome);
+        TEST_ASSERT_EQUAL_UINT32(2, record->evaluations);
+        TEST_ASSERT_TRUE(isfinite(record->objective_nominal));
+        TEST_ASSERT_EQUAL_HEX32(1, committed(record));
+    }
+}
+
+/* ---- rest ---- */
+
+/* A plant that flickers: a change is followed by at least so many steps without one. */
+static void after_a_change_it_rests(void) {
+    for (int64_t dwell = 0; dwell <= 4; dwell++) {
+        build(1, 1, dwell);
+        (void)tick(0, 0);
+        int64_t since = 100;
+        unsigned changes = 0;
+        for (unsigned number = 0; number < 200; number++) {
+            unsigned before = committed(&run.record);
+            const tl_record *record = tick(number & 1U, 0);
+            bool changed = committed(record) != before;
+            TEST_ASSERT_TRUE(!changed || since >= dwell);
+            TEST_ASSERT_TRUE(changed || since < dwell || before == (number & 1U)); /* and no longer than that */
+            since = changed ? 1 : since + 1;
+            changes += changed ? 1 : 0;
+        }
+        TEST_ASSERT_TRUE(changes > 30);
+    }
+}
+
+/* Rests are each one's own. */
+static void one_that_rests_does_not_keep_the_others(void) {
+    build(2, 1, 5);
+    (void)tick(0, 0);
+    TEST_ASSERT_EQUAL_HEX32(1, committed(tick(1, 0)));
+    TEST_ASSERT_EQUAL_HEX32(3, committed(tick(2, 0))); /* the first one rests at 1 */
+    TEST_ASSERT_EQUAL_HEX32(3, committed(tick(2, 0)));
+    TEST_ASSERT_EQUAL_HEX32(3, committed(tick(2, 0)));
+    TEST_ASSERT_EQUAL_HEX32(3, committed(tick(2, 0)));
+    TEST_ASSERT_EQUAL_HEX32(2, committed(tick(2, 0)));
+}
+
+/* A longer horizon: the switch is held over it, and found by most of its samples. */
+static void a_horizon_of_several_steps_is_held(void) {
+    build(2, 3, 0);
+    for (unsigned number = 0; number < 40; number++) {
+        const tl_record *record = tick(number / 10 % 2 == 0 ? 1 : 2, 0);
+        if (number % 10 > 3) {
+            TEST_ASSERT_EQUAL_HEX32(number / 10 % 2 == 0 ? 1 : 2, committed(record));
+            TEST_ASSERT_EQUAL_UINT32(1, record->evaluations);
+        }
+    }
+}
+
+int main(void) {
+    UNITY_BEGIN();
+    RUN_TEST(what_is_real_is_found_whatever_is_told);
+    RUN_TEST(the_record_tells_both);
+    RUN_TEST(one_is_settled_after_the_other);
+    RUN_TEST(a_switch_costs_two_evaluations_at_most);
+    RUN_TEST(after_a_change_it_rests);
+    RUN_TEST(one_that_rests_does_not_keep_the_others);
+    RUN_TEST(a_horizon_of_several_steps_is_held);
+    return UNITY_END();
+}
