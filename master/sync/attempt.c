@@ -12,6 +12,9 @@ static const double TELLING = 0.05;
 /* Progress is a J that is smaller by at least this part. */
 static const double PROGRESS = 0.01;
 
+/* Questions without progress after which a solver that asks outside its bounds is told to stop. */
+enum { MOST_IDLE = 1000 };
+
 static void read_nominal(const tl_lock *lock, double *nominal) {
     for (size_t v = 0; v < lock->horizon.variables; v++) {
         const tl_adjusted *adjusted = &lock->adjusted[v];
@@ -337,7 +340,7 @@ bool tl_attempt_ask(void *context, const double *u, double *value, const double 
     }
     if (!is_sane(lock, u)) {
         attempt->idle++;
-        return may_go_on(attempt) && attempt->idle < attempt->limit;
+        return may_go_on(attempt) && attempt->idle < MOST_IDLE;
     }
     if (attempt->held != 0) {
         memcpy(lock->memory.trial, u, lock->horizon.count * sizeof *u);
