@@ -1,4 +1,4 @@
-/* Names in a configuration: what they may look like, what they refer to, and which one was probably meant.
+/* Names in a configuration: what they may look like, and what they refer to.
  *
  * Names:      of components, signals and sources: [A-Za-z_][A-Za-z0-9_]*, at most 63 characters.
  * References: "component.variable" and "plant.signal". That the component or signal exists is checked here, so that
@@ -13,16 +13,6 @@
 #include <cjson/cJSON.h>
 
 #include "firmware/config_reader.h"
-
-/* The nearest of the names offered: at most 2 edits away, fewer than half of its characters. An edit inserts, deletes
- * or replaces a character or swaps two neighbours; case does not count. */
-typedef struct tl_nearest {
-    const char *text;
-    const char *best; /* NULL: none is near */
-    size_t distance;
-} tl_nearest;
-
-void tl_nearest_offer(tl_nearest *nearest, const char *candidate);
 
 /* Reports the key of an entry where it is no name. */
 void tl_config_check_name(const tl_config_object *map, const cJSON *entry, const char *example);

@@ -7,8 +7,8 @@
 #include <stdio.h>
 #include <string.h>
 
-#include "firmware/config_names.h"
 #include "firmware/json_text.h"
+#include "firmware/nearest.h"
 
 enum { FOUND = 128, EXPECTED = 320 };
 
