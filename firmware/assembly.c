@@ -134,7 +134,7 @@ tl_status tl_assembly_load(const char *path, tl_assembly *assembly) {
     return status == TL_OK ? tl_assembly_build(assembly) : status;
 }
 
-/* Of an adjusted variable of a twin that could be built: its component and its name are known to be right. */
+/* Of a variable that is matched or adjusted, of a twin that could be built: its component and its name are known to be right. */
 static tl_type type_of(const tl_assembly *assembly, const char *reference) {
     size_t length = strcspn(reference, ".");
     for (size_t i = 0; i < assembly->plan.component_count; i++) {
@@ -161,8 +161,9 @@ tl_status tl_assembly_record(const tl_assembly *assembly, const char *verb, cons
         plant[i] = (tl_recorder_signal){names[i], signal->unit, NULL, signal->type};
     }
     for (size_t i = 0; i < config->match_count; i++) {
-        match[i] = (tl_recorder_signal){config->match[i].variable, tl_twin_match_unit(assembly->twin, i),
-                                        config->match[i].to, TL_REAL};
+        const char *variable = config->match[i].variable;
+        match[i] = (tl_recorder_signal){variable, tl_twin_match_unit(assembly->twin, i), config->match[i].to,
+                                        type_of(assembly, variable)};
     }
     for (size_t i = 0; i < config->adjust_count; i++) {
         const char *variable = config->adjust[i].variable;
@@ -217,8 +218,8 @@ void tl_assembly_check_ledger(const tl_assembly *assembly, tl_recorder *recorder
             continue;
         }
         (void)snprintf(text, sizeof text,
-                       "%s: %" PRId64 " executions more than predicted; %" PRIu64
-                       " results found no room (saving.nodes)",
+                       "%s: %" PRId64 " executions more than predicted: results found no room (%" PRIu64
+                       ", see saving.nodes), or a committed step failed and was repeated",
                        entry.name, entry.difference, entry.unstored);
         tl_log(TL_LOG_WARNING, "%s", text);
         if (recorder != NULL) {

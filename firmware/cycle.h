@@ -2,8 +2,9 @@
  *
  * Purpose: the heart of `twinlock run`. Nothing in it waits: samples come from mailboxes, records go into rings.
  * Ticks:   tick m is due at t_start + m·T_S (CLOCK_MONOTONIC). A tick whose whole period has passed before it could be
- *          begun is skipped: its sample is looked up at its own instant and its step made up by a free one, within the
- *          time budget of a later tick, so that model time stays plant time. Of the ticks at which a step was due,
+ *          begun is skipped: its sample is looked up at its own instant and its step made up without a search, with nominal
+ *          plus the last Δu (a Boolean: the last u), within the time budget of a later tick, so that model time stays plant
+ *          time. Of the ticks at which a step was due,
  *          ticks = steps + skipped.
  * Thread:  start and stop from one thread; status from any.
  */

@@ -1,9 +1,11 @@
 /* The prognosis: see prognosis.h. */
 #include "firmware/prognosis.h"
 
+#include <assert.h>
 #include <string.h>
 
 #include "firmware/clock.h"
+#include "master/base/duration.h"
 
 /* Steps of the dry run; less where they take more time than that. */
 enum { DRY_STEPS = 200, WARMING_STEPS = 10 };
@@ -43,6 +45,7 @@ static tl_status take_step(const tl_assembly *assembly, tl_sample *sample) {
 /* The twin keeps the longest time of late; the least of that is free of what the machine did besides. */
 static void note_costs(const tl_assembly *assembly, tl_prognosis *prognosis) {
     size_t count = tl_twin_get_facts(assembly->twin).components;
+    assert(count <= TL_RECORDER_COMPONENTS);
     for (size_t k = 0; k < count; k++) {
         tl_time cost = tl_twin_get_ledger(assembly->twin, k).cost;
         prognosis->cost[k] = prognosis->steps == 0 || cost < prognosis->cost[k] ? cost : prognosis->cost[k];
@@ -79,11 +82,11 @@ static void predict_time(const tl_assembly *assembly, tl_prognosis *prognosis) {
     tl_time next = 0;
     for (size_t k = 0; k < count; k++) {
         tl_twin_ledger entry = tl_twin_get_ledger(assembly->twin, k);
-        once += prognosis->cost[k] * (1 + (tl_time)entry.first_need);
-        next += prognosis->cost[k] * (tl_time)entry.next_need;
+        once = tl_duration_sum(once, prognosis->cost[k], 1 + (uint64_t)entry.first_need);
+        next = tl_duration_sum(next, prognosis->cost[k], entry.next_need);
     }
     tl_time left = assembly->config.budget_time - once;
-    prognosis->worst_time = once + (tl_time)(evaluations - 1) * next;
+    prognosis->worst_time = tl_duration_sum(once, next, evaluations - 1);
     prognosis->fitting = left < 0 ? 0 : evaluations;
     if (left >= 0 && next > 0 && left / next + 1 < (tl_time)evaluations) {
         prognosis->fitting = (uint32_t)(left / next + 1);

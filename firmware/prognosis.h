@@ -25,7 +25,7 @@ typedef struct tl_prognosis {
     size_t steps;                         /* of the dry run; 0: the FMUs cannot step with the plant's initial values */
     tl_time step_time;                    /* of a free step */
     tl_time cost[TL_RECORDER_COMPONENTS]; /* of one execution of each component, saving its state included */
-    tl_time worst_time;                   /* of `worst` */
+    tl_time worst_time;                   /* of `worst`; INT64_MAX stands for all that is more */
     uint32_t fitting;                     /* evaluations that fit into the time budget in the worst case */
 } tl_prognosis;
 

@@ -198,7 +198,7 @@ static void print_needs(const tl_assembly *assembly, const tl_prognosis *prognos
     (void)fprintf(output, "  %-26s %6.3f %6.3f %6.3f\n", "ratio", 1.0, (double)prognosis->first / plain,
                   (double)prognosis->next / plain);
     (void)fputs("  plain: if nothing were saved; first: at most, of a step's first evaluation;\n"
-                "  then: of each later one; each node also has a state of its FMU, not in KiB\n",
+                "  then: of each later one; each node: up to one state of its FMU, not in KiB\n",
                 output);
 }
 

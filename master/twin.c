@@ -87,11 +87,17 @@ static void build_real(tl_adjusted *adjusted, const tl_plan_adjust *adjust, cons
     }
 }
 
+/* Whole steps that last at least so long; what is longer than can be counted rests that long. */
+static uint32_t steps_for(tl_time time, tl_time step) {
+    tl_time steps = time / step + (time % step != 0);
+    return steps < UINT32_MAX ? (uint32_t)steps : UINT32_MAX;
+}
+
 static void build_boolean(tl_adjusted *adjusted, const tl_plan *plan, const tl_plan_adjust *adjust) {
     adjusted->step = 1.0;
     adjusted->lower = 0.0;
     adjusted->upper = 1.0;
-    adjusted->dwell = (uint32_t)((adjust->dwell + plan->step - 1) / plan->step);
+    adjusted->dwell = steps_for(adjust->dwell, plan->step);
 }
 
 static void build_adjusted(tl_twin *twin, const tl_plan *plan, tl_report *report) {

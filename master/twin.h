@@ -57,8 +57,9 @@ typedef struct tl_twin_ledger {
     uint64_t executions; /* done */
     uint64_t caught_up;  /* executions done again to bring an FMU to a place (TL_KEEP_OUTPUTS) */
     uint64_t unstored;   /* results that found no room: what they cost again is not predicted */
-    int64_t difference;  /* executions that were neither predicted nor to catch up. Above 0: results found no room.
-                            Below: inputs came out the same for another u, or the ledger is not complete. Else 0 */
+    int64_t difference;  /* executions that were neither predicted nor to catch up. Above 0: results found no room, or a
+                            committed step that failed was repeated. Below: inputs came out the same for another u, or
+                            the ledger is not complete. Else 0 */
     tl_time cost;        /* ns of one execution, saving its state included: the last, or an earlier one that was longer,
                             fading; 0 where none ran under a budget with a clock */
 } tl_twin_ledger;
@@ -78,7 +79,8 @@ void tl_twin_destroy(tl_twin *twin);
 tl_status tl_twin_step(tl_twin *twin, const tl_sample *sample, const tl_budget *budget, tl_record *record, bool *ready,
                        tl_error *error);
 
-/* As tl_twin_step() for a tick that was missed: one step with the last u, no search. */
+/* As tl_twin_step() for a tick that was missed: one step with nominal plus the last Δu (a Boolean: the last u), no
+ * search. */
 tl_status tl_twin_make_up(tl_twin *twin, const tl_sample *sample, tl_record *record, bool *ready, tl_error *error);
 
 /* Completes the last record in mode ahead with the sample that follows, without a step. */

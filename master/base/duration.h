@@ -7,6 +7,9 @@
 #ifndef TL_MASTER_BASE_DURATION_H
 #define TL_MASTER_BASE_DURATION_H
 
+#include <stdbool.h>
+#include <stdint.h>
+
 #include "master/base/simtime.h"
 
 /* Between two readings of a clock. */
@@ -25,6 +28,12 @@ static inline tl_time tl_duration_fade(tl_time expected) {
 static inline tl_time tl_duration_expect(tl_time expected, tl_time took) {
     tl_time faded = tl_duration_fade(expected);
     return took > faded ? took : faded;
+}
+
+/* `first`, and so many times `each`; none is below 0. INT64_MAX stands for all that is more. */
+static inline tl_time tl_duration_sum(tl_time first, tl_time each, uint64_t times) {
+    bool fits = each == 0 || times <= (uint64_t)((INT64_MAX - first) / each);
+    return fits ? first + (tl_time)times * each : INT64_MAX;
 }
 
 #endif

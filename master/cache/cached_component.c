@@ -12,9 +12,14 @@ bool tl_cached_component_init(tl_cached_component *cached, tl_arena *arena, tl_c
            tl_sequence_cache_init(&cached->tree, arena, key_size, value_size, capacity);
 }
 
+/* State handles that a component which keeps its states has from the start on: more than a search mostly uses. The pool is
+ * made for the worst case, and may be thousands; an FMU may need a megabyte for each. */
+enum { READY = 256 };
+
 tl_status tl_cached_component_start(tl_cached_component *cached, tl_error *error) {
     tl_status status = TL_OK;
-    for (uint32_t i = 0; cached->keep == TL_KEEP_STATES && i < cached->tree.capacity && status == TL_OK; i++) {
+    uint32_t ready = cached->tree.capacity < READY ? cached->tree.capacity : READY;
+    for (uint32_t i = 0; cached->keep == TL_KEEP_STATES && i < ready && status == TL_OK; i++) {
         fmi2FMUstate state = NULL;
         status = tl_component_save(cached->component, &state, error);
         tl_sequence_cache_put_spare(&cached->tree, state);
@@ -82,15 +87,26 @@ static tl_status load(tl_cached_component *cached, uint32_t node, tl_error *erro
     return status;
 }
 
+/* Whether no state before the one of this node can be wanted any more: it is saved, and every candidate passes it. */
+static bool is_final(const tl_cached_component *cached, uint32_t node) {
+    const tl_sequence_cache *tree = &cached->tree;
+    uint32_t above = cached->root;
+    while (above != node && above != TL_NO_NODE) {
+        above = tree->nodes[above].parent;
+    }
+    return above != TL_NO_NODE && tree->nodes[above].state != NULL;
+}
+
 /* One execution from where the FMU is, with the inputs in the ports. Afterwards the FMU is at no node yet. */
 static tl_status execute(tl_cached_component *cached, int64_t step, tl_error *error) {
     tl_status status = leave(cached, true, error);
     if (status != TL_OK) {
         return status;
     }
+    bool final = is_final(cached, cached->at);
     cached->at = TL_NO_NODE;
     return tl_component_step(cached->component, tl_seconds(tl_time_of_step(0, cached->size, step)),
-                             tl_seconds(cached->size), false, error);
+                             tl_seconds(cached->size), final, error);
 }
 
 static uint32_t ancestor(const tl_sequence_cache *tree, uint32_t node, uint32_t generations) {

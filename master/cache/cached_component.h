@@ -7,10 +7,14 @@
  * States:  the FMU's state is saved at the last moment, when the FMU leaves a node, and loaded only when it must be
  *          executed from somewhere else (table 4.1, right column).
  *          TL_KEEP_OUTPUTS saves states only every `spacing` steps; from there the FMU catches up (left column).
+ * Final:   a step from the newest saved state that all candidates pass (the root's, where states are kept) tells the FMU that
+ *          no earlier one comes back, so that it can give up what it has buffered; the state itself may come back.
+ *          While each horizon finds its first steps known from the one before, there is no such step.
  * Full:    a result for which the pool has no room is used and not stored, and counted.
  * Failure: a failed step leaves the FMU nowhere; the next execution begins with loading a state.
- * Thread:  the twin's. Memory: the arena, at start-up; state handles belong to the FMU: those of TL_KEEP_STATES are all
- *          made at start-up too, those of TL_KEEP_OUTPUTS as they are needed, and then kept.
+ * Thread:  the twin's. Memory: the arena, at start-up; state handles belong to the FMU, at most one for
+ *          each node. With TL_KEEP_STATES as many as are mostly used are made at start-up too, up to 256; all others as they are
+ *          needed, and then kept.
  */
 #ifndef TL_MASTER_CACHE_CACHED_COMPONENT_H
 #define TL_MASTER_CACHE_CACHED_COMPONENT_H
@@ -44,7 +48,7 @@ typedef struct tl_cached_component {
 bool tl_cached_component_init(tl_cached_component *cached, tl_arena *arena, tl_component *component, tl_keep keep,
                               tl_time size, uint32_t spacing, uint32_t capacity);
 
-/* The FMU stands initialised at t_0: plants the root and makes the state handles. */
+/* The FMU stands initialised at t_0: plants the root and makes the first state handles. */
 tl_status tl_cached_component_start(tl_cached_component *cached, tl_error *error);
 
 /* The candidate goes back to the root. */

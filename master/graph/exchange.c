@@ -5,200 +5,8 @@
 
 #include "master/base/duration.h"
 
-/* All components take part, whatever their reach. */
+/* The depth of the committed step: all components take part, whatever their reach. */
 #define TL_ALL_DEPTHS UINT32_MAX
-
-/* Start-up: carves typed arrays out of the one value block. Reals come first, so alignment holds. */
-typedef struct tl_layout {
-    size_t reals;
-    size_t integers; /* Integer and Boolean: the same C type */
-    size_t next_real;
-    size_t next_integer;
-    unsigned char *block;
-} tl_layout;
-
-static double *next_reals(tl_layout *layout, size_t count) {
-    double *reals = (double *)(void *)layout->block + layout->next_real;
-    layout->next_real += count;
-    return reals;
-}
-
-static fmi2Integer *next_integers(tl_layout *layout, size_t count) {
-    unsigned char *start = layout->block + layout->reals * sizeof(double);
-    fmi2Integer *integers = (fmi2Integer *)(void *)start + layout->next_integer;
-    layout->next_integer += count;
-    return integers;
-}
-
-static void count_values(const tl_graph *graph, tl_layout *layout) {
-    for (size_t i = 0; i < graph->port_count; i++) {
-        if (graph->ports[i].type == TL_REAL) {
-            layout->reals++;
-        } else {
-            layout->integers++;
-        }
-    }
-    layout->reals += graph->connection_count; /* room for û of each connection that is cut, of either type */
-    layout->integers += graph->connection_count;
-}
-
-static bool place_ports(tl_ports *ports, tl_arena *arena, tl_layout *layout) {
-    ports->real_references = tl_arena_take(arena, ports->real_count, sizeof *ports->real_references);
-    ports->integer_references = tl_arena_take(arena, ports->integer_count, sizeof *ports->integer_references);
-    ports->boolean_references = tl_arena_take(arena, ports->boolean_count, sizeof *ports->boolean_references);
-    ports->reals = next_reals(layout, ports->real_count);
-    ports->integers = next_integers(layout, ports->integer_count);
-    ports->booleans = next_integers(layout, ports->boolean_count);
-    return ports->real_references != NULL && ports->integer_references != NULL && ports->boolean_references != NULL;
-}
-
-static bool has_reals_only(const tl_ports *ports) {
-    return ports->real_count != 0 && ports->integer_count == 0 && ports->boolean_count == 0;
-}
-
-static void place_signal(tl_exchange *exchange, const tl_port *port, tl_layout *layout) {
-    tl_plant_output *output = &exchange->plant.outputs[port->signal];
-    output->type = port->type;
-    if (port->type == TL_REAL) {
-        output->real = next_reals(layout, 1);
-    } else if (port->type == TL_INTEGER) {
-        output->integer = next_integers(layout, 1);
-    } else {
-        output->boolean = next_integers(layout, 1);
-    }
-}
-
-static tl_ports *ports_of(const tl_exchange *exchange, const tl_port *port) {
-    tl_component *component = &exchange->components[port->node];
-    return port->input ? &component->inputs : &component->outputs;
-}
-
-/* Gives a port its value reference and, for an input, its start value. */
-static void fill_port(tl_exchange *exchange, const tl_port *port) {
-    tl_ports *ports = ports_of(exchange, port);
-    const tl_variable *variable = port->variable;
-    if (port->type == TL_REAL) {
-        ports->real_references[port->index] = variable->reference;
-        ports->reals[port->index] = variable->has_start ? variable->start.real : 0.0;
-    } else if (port->type == TL_INTEGER) {
-        ports->integer_references[port->index] = variable->reference;
-        ports->integers[port->index] = variable->has_start ? variable->start.integer : 0;
-    } else {
-        ports->boolean_references[port->index] = variable->reference;
-        ports->booleans[port->index] = variable->has_start && variable->start.integer != 0 ? fmi2True : fmi2False;
-    }
-}
-
-static const void *location(const tl_exchange *exchange, const tl_port *port) {
-    if (port->variable == NULL) {
-        const tl_plant_output *output = &exchange->plant.outputs[port->signal];
-        return port->type == TL_REAL      ? (const void *)output->real
-               : port->type == TL_INTEGER ? (const void *)output->integer
-                                          : (const void *)output->boolean;
-    }
-    const tl_ports *ports = ports_of(exchange, port);
-    return port->type == TL_REAL      ? (const void *)&ports->reals[port->index]
-           : port->type == TL_INTEGER ? (const void *)&ports->integers[port->index]
-                                      : (const void *)&ports->booleans[port->index];
-}
-
-static void *target(tl_exchange *exchange, const tl_port *port) {
-    tl_ports *ports = ports_of(exchange, port);
-    return port->type == TL_REAL      ? (void *)&ports->reals[port->index]
-           : port->type == TL_INTEGER ? (void *)&ports->integers[port->index]
-                                      : (void *)&ports->booleans[port->index];
-}
-
-static void add_copy(tl_exchange *exchange, tl_connection *connection, tl_layout *layout) {
-    if (connection->to->type != TL_REAL) {
-        tl_integer_copy *copy = &exchange->integer_copies[exchange->integer_copy_count++];
-        copy->to = target(exchange, connection->to);
-        copy->from = location(exchange, connection->from);
-        if (connection->cut) {
-            copy->adjusted = copy->to;
-            copy->to = next_integers(layout, 1);
-            connection->nominal = copy->to;
-        }
-        return;
-    }
-    tl_real_copy *copy = tl_conversion_is_identity(&connection->conversion)
-                             ? &exchange->copies[exchange->copy_count++]
-                             : &exchange->conversions[exchange->conversion_count++];
-    copy->to = target(exchange, connection->to);
-    if (connection->cut) {
-        copy->adjusted = copy->to;
-        copy->to = next_reals(layout, 1);
-        connection->nominal = copy->to;
-    }
-    copy->from = location(exchange, connection->from);
-    copy->conversion = connection->conversion;
-}
-
-static bool take_tables(tl_exchange *exchange, tl_arena *arena, const tl_graph *graph, tl_layout *layout) {
-    size_t connections = graph->connection_count;
-    count_values(graph, layout);
-    exchange->values_size = layout->reals * sizeof(double) + layout->integers * sizeof(fmi2Integer);
-    exchange->values = tl_arena_take(arena, exchange->values_size, 1);
-    exchange->saved_values = tl_arena_take(arena, exchange->values_size, 1);
-    exchange->copies = tl_arena_take(arena, connections, sizeof *exchange->copies);
-    exchange->conversions = tl_arena_take(arena, connections, sizeof *exchange->conversions);
-    exchange->integer_copies = tl_arena_take(arena, connections, sizeof *exchange->integer_copies);
-    exchange->cost = tl_arena_take(arena, graph->component_count, sizeof *exchange->cost);
-    layout->block = exchange->values;
-    return exchange->values != NULL && exchange->saved_values != NULL && exchange->copies != NULL &&
-           exchange->conversions != NULL && exchange->integer_copies != NULL && exchange->cost != NULL;
-}
-
-tl_status tl_exchange_init(tl_exchange *exchange, tl_arena *arena, tl_graph *graph, size_t window, tl_error *error) {
-    tl_layout layout = {0};
-    exchange->components = graph->components;
-    exchange->component_count = graph->component_count;
-    exchange->step = graph->plan->step;
-    exchange->step_s = tl_seconds(exchange->step);
-    exchange->whole = true;
-    bool placed = take_tables(exchange, arena, graph, &layout) &&
-                  tl_plant_init(&exchange->plant, arena, graph->plan->signal_count, window);
-    for (size_t i = 0; placed && i < graph->component_count; i++) {
-        placed = place_ports(&graph->components[i].inputs, arena, &layout);
-    }
-    exchange->outputs = next_reals(&layout, 0);
-    for (size_t i = 0; placed && i < graph->component_count; i++) {
-        placed = place_ports(&graph->components[i].outputs, arena, &layout);
-        exchange->output_count += graph->components[i].outputs.real_count;
-    }
-    if (!placed) {
-        return tl_fail(error, TL_TRY_AGAIN, "not enough memory for the values of the co-simulation");
-    }
-    for (size_t i = 0; i < graph->component_count; i++) {
-        tl_component *component = &graph->components[i];
-        component->reals_only = has_reals_only(&component->inputs) && has_reals_only(&component->outputs);
-    }
-    for (size_t i = 0; i < graph->port_count; i++) {
-        if (graph->ports[i].variable == NULL) {
-            place_signal(exchange, &graph->ports[i], &layout);
-        } else {
-            fill_port(exchange, &graph->ports[i]);
-        }
-    }
-    tl_plant_placed(&exchange->plant);
-    for (size_t i = 0; i < graph->connection_count; i++) {
-        add_copy(exchange, &graph->connections[i], &layout);
-    }
-    return TL_OK;
-}
-
-void *tl_exchange_input(tl_exchange *exchange, const tl_port *port) {
-    return target(exchange, port);
-}
-
-const void *tl_exchange_output(const tl_exchange *exchange, const tl_port *port) {
-    return location(exchange, port);
-}
-
-double tl_exchange_value(const tl_exchange *exchange, const tl_port *port) {
-    const void *value = location(exchange, port);
-    return port->type == TL_REAL ? *(const double *)value : (double)*(const fmi2Integer *)value;
-}
 
 static double convert(const tl_real_copy *copy) {
     return copy->conversion.factor * *copy->from + copy->conversion.offset;
@@ -219,68 +27,6 @@ void tl_exchange_deliver(tl_exchange *exchange) {
     for (size_t i = 0; i < exchange->integer_copy_count; i++) {
         *exchange->integer_copies[i].to = *exchange->integer_copies[i].from;
     }
-}
-
-/* Until the first step is searched, adjusted inputs have their nominal values. */
-static void pass_nominal(tl_exchange *exchange) {
-    for (size_t i = 0; i < exchange->copy_count; i++) {
-        if (exchange->copies[i].adjusted != NULL) {
-            *exchange->copies[i].adjusted = *exchange->copies[i].to;
-        }
-    }
-    for (size_t i = 0; i < exchange->conversion_count; i++) {
-        if (exchange->conversions[i].adjusted != NULL) {
-            *exchange->conversions[i].adjusted = *exchange->conversions[i].to;
-        }
-    }
-    for (size_t i = 0; i < exchange->integer_copy_count; i++) {
-        if (exchange->integer_copies[i].adjusted != NULL) {
-            *exchange->integer_copies[i].adjusted = *exchange->integer_copies[i].to;
-        }
-    }
-}
-
-/* One round of outputs → inputs in initialisation mode. */
-static tl_status settle(tl_exchange *exchange, tl_error *error) {
-    for (size_t i = 0; i < exchange->component_count; i++) {
-        tl_status status = tl_component_get_outputs(&exchange->components[i], error);
-        if (status != TL_OK) {
-            return status;
-        }
-    }
-    tl_exchange_deliver(exchange);
-    pass_nominal(exchange);
-    for (size_t i = 0; i < exchange->component_count; i++) {
-        tl_status status = tl_component_set_inputs(&exchange->components[i], error);
-        if (status != TL_OK) {
-            return status;
-        }
-    }
-    return TL_OK;
-}
-
-tl_status tl_exchange_initialize(tl_exchange *exchange, tl_error *error) {
-    tl_status status = TL_OK;
-    for (size_t i = 0; i < exchange->component_count && status == TL_OK; i++) {
-        status = tl_component_enter_initialization(&exchange->components[i], error);
-    }
-    tl_plant_deliver(&exchange->plant, exchange->plant.newest);
-    /* A chain of direct feed-through settles after as many rounds as it has components. */
-    for (size_t round = 0; round < exchange->component_count + 1 && status == TL_OK; round++) {
-        memcpy(exchange->saved_values, exchange->values, exchange->values_size);
-        status = settle(exchange, error);
-        if (memcmp(exchange->saved_values, exchange->values, exchange->values_size) == 0) {
-            break;
-        }
-    }
-    for (size_t i = 0; i < exchange->component_count && status == TL_OK; i++) {
-        status = tl_component_exit_initialization(&exchange->components[i], error);
-        if (status == TL_OK) {
-            status = tl_component_get_outputs(&exchange->components[i], error);
-        }
-    }
-    tl_exchange_deliver(exchange);
-    return status;
 }
 
 bool tl_exchange_save_executions(tl_exchange *exchange, tl_arena *arena, const tl_keep *keep, uint32_t *reach,
@@ -313,8 +59,8 @@ void tl_exchange_end_component(tl_exchange *exchange, size_t component) {
     }
 }
 
-static bool takes_part(const tl_exchange *exchange, size_t component, uint32_t depth) {
-    return exchange->reach == NULL || depth >= TL_ALL_DEPTHS || depth < exchange->reach[component];
+bool tl_exchange_takes_part(const tl_exchange *exchange, size_t component, uint32_t depth) {
+    return exchange->reach == NULL || depth == TL_ALL_DEPTHS || depth < exchange->reach[component];
 }
 
 /* x − x is 0 for every finite x and NaN for all others: one test for many. */
@@ -335,11 +81,11 @@ static tl_status check_outputs(const tl_exchange *exchange, tl_error *error) {
 }
 
 /* Everything is executed: all components in one go, and all outputs judged in one go. */
-static tl_status execute_all(tl_exchange *exchange, int64_t step, bool final, tl_error *error) {
+static tl_status execute_all(tl_exchange *exchange, int64_t step, uint32_t depth, tl_error *error) {
     double now = tl_seconds(tl_time_of_step(0, exchange->step, step));
     exchange->failed = exchange->component_count - 1;
     tl_status status = tl_component_step_all(exchange->components, exchange->component_count, now, exchange->step_s,
-                                             final, &exchange->failed, error);
+                                             depth == TL_ALL_DEPTHS, &exchange->failed, error);
     exchange->executions += exchange->failed + 1;
     if (status == TL_OK && !are_finite(exchange->outputs, exchange->output_count)) {
         status = check_outputs(exchange, error);
@@ -348,37 +94,33 @@ static tl_status execute_all(tl_exchange *exchange, int64_t step, bool final, tl
 }
 
 /* One component's step by way of its cache, or at once. */
-static tl_status advance(tl_exchange *exchange, size_t index, int64_t step, bool final, tl_error *error) {
+static tl_status advance(tl_exchange *exchange, size_t index, int64_t step, uint32_t depth, tl_error *error) {
     if (exchange->cached != NULL) {
         return tl_cached_component_step(&exchange->cached[index], step, error);
     }
     double now = tl_seconds(tl_time_of_step(0, exchange->step, step));
-    return tl_component_step(&exchange->components[index], now, exchange->step_s, final, error);
+    return tl_component_step(&exchange->components[index], now, exchange->step_s, depth == TL_ALL_DEPTHS, error);
 }
 
-/* The same, watched: what was executed, and under the clock what it cost. What was known says nothing about the cost. */
-static tl_status advance_watched(tl_exchange *exchange, size_t index, int64_t step, bool final, tl_error *error) {
-    uint64_t before = exchange->components[index].executions;
+/* Watched: what was executed, and under the clock what it cost. What was known says nothing about the cost. */
+tl_status tl_exchange_advance(tl_exchange *exchange, size_t component, int64_t step, uint32_t depth, tl_error *error) {
+    uint64_t before = exchange->components[component].executions;
     tl_time begun = exchange->now != NULL ? exchange->now(exchange->clock) : 0;
-    tl_status status = advance(exchange, index, step, final, error);
-    uint64_t made = exchange->components[index].executions - before;
+    tl_status status = advance(exchange, component, step, depth, error);
+    uint64_t made = exchange->components[component].executions - before;
     exchange->executions += made;
     if (exchange->now != NULL && made != 0) {
         tl_time took = tl_duration(begun, exchange->now(exchange->clock));
         exchange->spent += took;
-        exchange->cost[index] = tl_duration_expect(exchange->cost[index], took);
+        exchange->cost[component] = tl_duration_expect(exchange->cost[component], took);
     }
     return status;
 }
 
-tl_status tl_exchange_advance(tl_exchange *exchange, size_t component, int64_t step, tl_error *error) {
-    return advance_watched(exchange, component, step, false, error);
-}
-
-static tl_status walk_components(tl_exchange *exchange, int64_t step, uint32_t depth, bool final, tl_error *error) {
+static tl_status walk_components(tl_exchange *exchange, int64_t step, uint32_t depth, tl_error *error) {
     for (size_t i = 0; i < exchange->component_count; i++) {
-        if (takes_part(exchange, i, depth)) {
-            tl_status status = advance_watched(exchange, i, step, final, error);
+        if (tl_exchange_takes_part(exchange, i, depth)) {
+            tl_status status = tl_exchange_advance(exchange, i, step, depth, error);
             if (status != TL_OK) {
                 exchange->failed = i;
                 return status;
@@ -389,14 +131,14 @@ static tl_status walk_components(tl_exchange *exchange, int64_t step, uint32_t d
 }
 
 /* One macro step of the components that take part at `depth`. */
-static tl_status step_components(tl_exchange *exchange, int64_t step, uint32_t depth, bool final, tl_error *error) {
+static tl_status step_components(tl_exchange *exchange, int64_t step, uint32_t depth, tl_error *error) {
     tl_status status = exchange->whole || (depth == TL_ALL_DEPTHS && exchange->cached == NULL && exchange->now == NULL)
-                           ? execute_all(exchange, step, final, error)
-                           : walk_components(exchange, step, depth, final, error);
+                           ? execute_all(exchange, step, depth, error)
+                           : walk_components(exchange, step, depth, error);
     if (status != TL_OK) {
         return status;
     }
-    if (takes_part(exchange, exchange->component_count, depth)) {
+    if (tl_exchange_takes_part(exchange, exchange->component_count, depth)) {
         tl_plant_step(&exchange->plant, step);
     }
     tl_exchange_deliver(exchange);
@@ -429,17 +171,17 @@ tl_status tl_exchange_rewind(tl_exchange *exchange, tl_error *error) {
 }
 
 tl_status tl_exchange_try(tl_exchange *exchange, int64_t step, uint32_t depth, tl_error *error) {
-    return step_components(exchange, step, depth, false, error);
+    return step_components(exchange, step, depth, error);
 }
 
 tl_status tl_exchange_commit(tl_exchange *exchange, int64_t step, tl_error *error) {
     if (exchange->cached == NULL) {
-        return step_components(exchange, step, TL_ALL_DEPTHS, true, error);
+        return step_components(exchange, step, TL_ALL_DEPTHS, error);
     }
     for (size_t i = 0; i < exchange->component_count; i++) {
         tl_cached_component_make_room(&exchange->cached[i]);
     }
-    tl_status status = step_components(exchange, step, TL_ALL_DEPTHS, true, error);
+    tl_status status = step_components(exchange, step, TL_ALL_DEPTHS, error);
     for (size_t i = 0; i < exchange->component_count && status == TL_OK; i++) {
         tl_cached_component_commit(&exchange->cached[i]);
     }

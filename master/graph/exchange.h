@@ -6,6 +6,8 @@
  * Saving:  by structure (approach 1) component k takes part in a candidate only for its first reach[k] = Γ_k steps; by
  *          sequences (approach 2) components stand behind their caches. Neither changes a committed value by a bit.
  * Memory:  all port values lie in one block, so that a snapshot of them is one copy.
+ * Errors:  of all that calls FMUs: TL_FMU_FAILED or TL_FMU_FATAL as the first one answered that was not well; the text names it.
+ *          Those after it were not called.
  * Thread:  the twin's.
  */
 #ifndef TL_MASTER_GRAPH_EXCHANGE_H
@@ -86,32 +88,38 @@ bool tl_exchange_save_executions(tl_exchange *exchange, tl_arena *arena, const t
 /* From now on executions are measured by this clock; NULL: they are not. */
 void tl_exchange_measure(tl_exchange *exchange, tl_time (*now)(void *clock), void *clock);
 
-/* After initialisation: t_0 is the committed instant. */
+/* After initialisation: t_0 is the committed instant. Saves first states where there are caches. */
 tl_status tl_exchange_start(tl_exchange *exchange, tl_error *error);
 
-/* The values and states as committed are where candidates begin. Once per step, before the first candidate. */
+/* The values and states as committed are where candidates begin. Once per step, before the first candidate. Saves all
+ * states where there are no caches; else no FMU is called, and nothing can fail. */
 tl_status tl_exchange_begin(tl_exchange *exchange, tl_error *error);
 
-/* One component's step from where its cache stands; and what a connection makes of its source. */
-tl_status tl_exchange_advance(tl_exchange *exchange, size_t component, int64_t step, tl_error *error);
+/* Whether a component (the plant is the last one) takes part at a depth; its step as in tl_exchange_try(), from where its cache
+ * stands; and what a connection makes of its source. */
+bool tl_exchange_takes_part(const tl_exchange *exchange, size_t component, uint32_t depth);
+tl_status tl_exchange_advance(tl_exchange *exchange, size_t component, int64_t step, uint32_t depth, tl_error *error);
 double tl_exchange_convert(const tl_real_copy *copy);
 
-/* Back to where candidates begin. */
+/* Back to where candidates begin. Restores all states where there are no caches; else nothing can fail. */
 tl_status tl_exchange_rewind(tl_exchange *exchange, tl_error *error);
 
-/* A candidate's macro step, from t_step to t_(step+1); `depth` counts from 0 at the committed instant. */
+/* A candidate's macro step, from t_step to t_(step+1); `depth` counts from 0 at the committed instant. Where it fails, `failed`
+ * says at which component; tl_exchange_rewind() leads back, unless that was fatal. */
 tl_status tl_exchange_try(tl_exchange *exchange, int64_t step, uint32_t depth, tl_error *error);
 
-/* The committed macro step: all components take part. No state before t_step will be wanted any more, unless it fails:
- * then tl_exchange_rewind() leads back, if tl_exchange_begin() was called or executions are saved. */
+/* The committed macro step: all components take part. No state before t_step will be wanted any more. Where it fails,
+ * tl_exchange_rewind() leads back, if tl_exchange_begin() was called or executions are saved. */
 tl_status tl_exchange_commit(tl_exchange *exchange, int64_t step, tl_error *error);
 
-/* Snapshot of all components and values beside all caches, for the proof at start; one at a time. */
+/* Snapshot of all components and values beside all caches, for the proof at start; one at a time. After a
+ * failure the components are in different places. */
 tl_status tl_exchange_save(tl_exchange *exchange, tl_error *error);
 tl_status tl_exchange_restore(tl_exchange *exchange, tl_error *error);
 tl_status tl_exchange_step(tl_exchange *exchange, int64_t step, tl_error *error);
 
-/* Gives back what the caches hold of the FMUs; before the components are freed. `lost` components are not called. */
+/* Gives back what a component's cache holds of its FMU, before the component is freed. Not for one whose FMU may not be called
+ * any more. */
 void tl_exchange_end_component(tl_exchange *exchange, size_t component);
 
 #endif

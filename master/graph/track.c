@@ -5,7 +5,7 @@
 
 /* Connections that lead away from one component. */
 typedef struct tl_fan {
-    size_t first; /* in `copies` and `readers` */
+    size_t first; /* in `copies` */
     size_t count;
 } tl_fan;
 
@@ -130,19 +130,15 @@ static void start_candidate(tl_track *track) {
     }
 }
 
-static bool takes_part(const tl_exchange *exchange, size_t component, uint32_t depth) {
-    return exchange->reach == NULL || depth < exchange->reach[component];
-}
-
 /* One component's step from where it stands; *place is where it stands then. */
-static tl_status step_component(tl_track *track, size_t k, int64_t step, uint32_t from, uint32_t *place,
+static tl_status step_component(tl_track *track, size_t k, int64_t step, uint32_t depth, uint32_t *place,
                                 tl_error *error) {
     tl_exchange *exchange = track->exchange;
     tl_cached_component *cached = &exchange->cached[k];
     if (!track->lost[k]) {
-        cached->position = from;
+        cached->position = places_at(track, depth)[k];
     }
-    tl_status status = tl_exchange_advance(exchange, k, step, error);
+    tl_status status = tl_exchange_advance(exchange, k, step, depth, error);
     *place = cached->position;
     track->lost[k] = track->lost[k] || cached->position == TL_NO_NODE;
     if (status != TL_OK) {
@@ -158,14 +154,14 @@ static tl_status step_anew(tl_track *track, int64_t step, uint32_t depth, tl_err
     uint32_t *after = places_at(track, depth + 1);
     for (size_t k = 0; k < exchange->component_count; k++) {
         after[k] = before[k];
-        if (takes_part(exchange, k, depth)) {
-            tl_status status = step_component(track, k, step, before[k], &after[k], error);
+        if (tl_exchange_takes_part(exchange, k, depth)) {
+            tl_status status = step_component(track, k, step, depth, &after[k], error);
             if (status != TL_OK) {
                 return status;
             }
         }
     }
-    if (takes_part(exchange, exchange->component_count, depth)) {
+    if (tl_exchange_takes_part(exchange, exchange->component_count, depth)) {
         tl_plant_step(&exchange->plant, step);
     }
     tl_exchange_deliver(exchange);
@@ -174,25 +170,19 @@ static tl_status step_anew(tl_track *track, int64_t step, uint32_t depth, tl_err
     return TL_OK;
 }
 
-/* The outputs of a component into the block; whether they differ from those there. */
-static bool put_reals(const tl_track *track, unsigned char *block, const fmi2Real *values, size_t count) {
+/* Values of one type into the block; whether they differ from those there. */
+static bool put(const tl_track *track, unsigned char *block, const void *values, size_t size) {
     void *old = in_block(track, block, values);
-    bool differ = memcmp(old, values, count * sizeof *values) != 0;
-    memcpy(old, values, count * sizeof *values);
+    bool differ = memcmp(old, values, size) != 0;
+    memcpy(old, values, size);
     return differ;
 }
 
-static bool put_integers(const tl_track *track, unsigned char *block, const fmi2Integer *values, size_t count) {
-    void *old = in_block(track, block, values);
-    bool differ = memcmp(old, values, count * sizeof *values) != 0;
-    memcpy(old, values, count * sizeof *values);
-    return differ;
-}
-
+/* The outputs of a component likewise. */
 static bool put_outputs(const tl_track *track, unsigned char *block, const tl_ports *out) {
-    bool reals = put_reals(track, block, out->reals, out->real_count);
-    bool integers = out->integer_count != 0 && put_integers(track, block, out->integers, out->integer_count);
-    bool booleans = out->boolean_count != 0 && put_integers(track, block, out->booleans, out->boolean_count);
+    bool reals = put(track, block, out->reals, out->real_count * sizeof *out->reals);
+    bool integers = put(track, block, out->integers, out->integer_count * sizeof *out->integers);
+    bool booleans = put(track, block, out->booleans, out->boolean_count * sizeof *out->booleans);
     return reals || integers || booleans;
 }
 
@@ -213,7 +203,7 @@ static void pass_on(tl_track *track, unsigned char *block, const tl_track_copy *
 static tl_status step_awake(tl_track *track, size_t k, int64_t step, uint32_t depth, tl_error *error) {
     unsigned char *block = block_at(track, depth + 1);
     uint32_t place = TL_NO_NODE;
-    tl_status status = step_component(track, k, step, places_at(track, depth)[k], &place, error);
+    tl_status status = step_component(track, k, step, depth, &place, error);
     if (status != TL_OK) {
         return status;
     }
@@ -233,7 +223,7 @@ static tl_status step_changed(tl_track *track, int64_t step, uint32_t depth, tl_
     size_t components = exchange->component_count;
     memcpy(track->next, track->always, components * sizeof *track->next);
     for (size_t k = 0; k < components; k++) {
-        if (track->awake[k] && takes_part(exchange, k, depth)) {
+        if (track->awake[k] && tl_exchange_takes_part(exchange, k, depth)) {
             tl_status status = step_awake(track, k, step, depth, error);
             if (status != TL_OK) {
                 return status;

@@ -6,9 +6,6 @@
 
 #include "master/base/duration.h"
 
-/* A move smaller than this part of its step says nothing about identifiability. */
-static const double TELLING = 0.05;
-
 /* Progress is a J that is smaller by at least this part. */
 static const double PROGRESS = 0.01;
 
@@ -74,14 +71,14 @@ static tl_time elapsed(const tl_budget *budget) {
 static tl_time reserve(const tl_attempt *attempt) {
     const tl_lock *lock = attempt->lock;
     const tl_exchange *exchange = lock->exchange;
-    tl_time once = 0;
-    tl_time horizon = 0;
+    bool known = exchange->cached != NULL && attempt->nominal_follows; /* the first step of what is committed then */
+    tl_time sum = lock->overhead + (attempt->nominal_follows ? lock->overhead : 0);
     for (size_t k = 0; k < exchange->component_count; k++) {
-        once += exchange->cost[k];
-        horizon +=
-            exchange->cost[k] * (tl_time)(exchange->reach != NULL ? exchange->reach[k] : lock->horizon.prediction);
+        tl_time reach = (tl_time)(exchange->reach != NULL ? exchange->reach[k] : lock->horizon.prediction);
+        tl_time horizon = attempt->nominal_follows ? reach : 0;
+        sum += exchange->cost[k] * (known && horizon > 0 ? horizon : horizon + 1);
     }
-    return once + lock->overhead + (attempt->nominal_follows ? horizon + lock->overhead : 0);
+    return sum;
 }
 
 /* Whether the candidate, from `depth` on, and what must follow fit into the time. Without a clock everything does. */
@@ -240,7 +237,7 @@ static size_t moved_variable(const tl_attempt *attempt, const double *u, const d
         moved = largest > 0.0 ? v : moved;
         *move = fmax(*move, largest);
     }
-    return *move >= TELLING ? moved : SIZE_MAX;
+    return *move >= TL_TELLING_MOVE ? moved : SIZE_MAX;
 }
 
 /* Has this candidate shown, beside a point with these residuals, that a variable does or does not matter? */

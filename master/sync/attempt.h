@@ -12,6 +12,9 @@
 
 #include "master/sync/lock.h"
 
+/* In steps: a smaller move says nothing about identifiability. */
+#define TL_TELLING_MOVE 0.05
+
 typedef struct tl_attempt {
     tl_lock *lock;
     int64_t step;

@@ -7,7 +7,9 @@
  * Limits:  a catching-up of TL_KEEP_OUTPUTS and what a full cache repeats are counted by the cache, not predicted here.
  *          Candidates are remembered in a fixed pool; where it is too small, `incomplete` says that the prediction is
  *          too high.
- * Cost:    per candidate, linear in the candidates of the step, and in the nodes.
+ * Cost:    per candidate, linear in the nodes, and in the candidates that are remembered: those of the step, and of up to T_P
+ *          earlier ones. Where the newest sample stands for later ones (hold, ahead) they all stay until they end; otherwise
+ *          they go as soon as no later candidate can share more with them than what was committed since does.
  * Thread:  the twin's. Memory: the arena, at start-up.
  */
 #ifndef TL_MASTER_SYNC_LEDGER_H

@@ -6,9 +6,6 @@
 
 #include "master/sync/attempt.h"
 
-/* A first guess further than this many steps from the last u, and without effect, is blind. */
-static const double TELLING = 0.05;
-
 /* ---- build ---- */
 
 static size_t size_of_course(const tl_lock *lock) {
@@ -29,12 +26,12 @@ static bool take_memory(tl_lock *lock, tl_arena *arena) {
     double **const sequences[] = {&memory->committed, &memory->nominal, &memory->guess,
                                   &memory->start,     &memory->best,    &memory->trial};
     double **const vectors[] = {&memory->residuals, &memory->start_residuals, &memory->best_residuals,
-                                &memory->forecast};
+                                &memory->forecast, &memory->noise};
     double **const courses[] = {&memory->candidate_course, &memory->best_course, &memory->course};
     double **const samples[] = {&memory->earlier};
     memory->free = tl_arena_take(arena, lock->horizon.count, sizeof *memory->free);
     return memory->free != NULL && take_all(arena, sequences, 6, lock->horizon.count) &&
-           take_all(arena, vectors, 4, lock->objective.residual_count) &&
+           take_all(arena, vectors, 5, lock->objective.residual_count) &&
            take_all(arena, courses, 3, size_of_course(lock)) && take_all(arena, samples, 1, lock->objective.matched);
 }
 
@@ -136,7 +133,8 @@ static bool guess_by_solver(const tl_attempt *attempt) {
     clamp(lock, memory->start);
     tl_objective_forecast(&lock->objective, memory->course, memory->earlier, memory->forecast);
     (void)tl_objective_penalise(&lock->objective, memory->start, attempt->nominal, memory->before, memory->forecast);
-    const tl_forecast forecast = {memory->start, memory->forecast, memory->free};
+    tl_objective_noise(&lock->objective, memory->noise);
+    const tl_forecast forecast = {memory->start, memory->forecast, memory->noise, memory->free, memory->nominal};
     return lock->solver->guess(lock->optimiser, &forecast, memory->guess);
 }
 
@@ -168,7 +166,7 @@ static bool guess_was_blind(const tl_attempt *attempt, double value) {
     for (size_t i = 0; i < lock->horizon.count; i++) {
         move = fmax(move, fabs(memory->guess[i] - memory->start[i]) / lock->space.step[i]);
     }
-    return lock->noise_floor > 0.0 && isfinite(value) && move >= TELLING &&
+    return lock->noise_floor > 0.0 && isfinite(value) && move >= TL_TELLING_MOVE &&
            tl_objective_change(&lock->objective, memory->residuals, memory->forecast) < lock->noise_floor * move;
 }
 
@@ -306,13 +304,45 @@ static tl_outcome acquaint(tl_attempt *attempt, double value) {
     return searched ? TL_OPTIMISED : TL_FIRST_GUESS;
 }
 
+/* A forecast may agree with what came by chance; two candidates that were walked do not. Where there is no room for the second one
+ * nothing is said. The better of them is where to go on from. */
+static bool nominal_agrees(tl_attempt *attempt) {
+    const tl_lock *lock = attempt->lock;
+    const tl_lock_memory *memory = &lock->memory;
+    double move = 0.0;
+    for (size_t i = 0; i < lock->horizon.count; i++) {
+        move = fmax(move, fabs(memory->guess[i] - memory->nominal[i]) / lock->space.step[i]);
+    }
+    evaluate_nominal(attempt);
+    if (move < TL_TELLING_MOVE || !isfinite(attempt->nominal_value) || attempt->stop != TL_STOP_NONE) {
+        return false;
+    }
+    double change = tl_objective_change(&lock->objective, memory->residuals, memory->start_residuals);
+    return change < lock->noise_floor * move;
+}
+
+/* Does what is adjusted not matter at present? */
+static bool is_blind_guess(tl_attempt *attempt, double value) {
+    const tl_lock *lock = attempt->lock;
+    const tl_lock_memory *memory = &lock->memory;
+    if (!guess_was_blind(attempt, value)) {
+        return false;
+    }
+    size_t vector = lock->objective.residual_count * sizeof(double);
+    memcpy(memory->start_residuals, memory->residuals, vector);
+    bool blind = nominal_agrees(attempt);
+    memcpy(memory->guess, memory->best, size_of_sequence(lock));
+    memcpy(memory->residuals, memory->best_residuals, vector);
+    return blind;
+}
+
 /* Guess, then search. What is found is in memory.best, unless the outcome is nominal. A guess that time did not let finish
  * counts as one that was not begun: a repetition knows no difference. */
 static tl_outcome find(tl_attempt *attempt) {
     tl_lock *lock = attempt->lock;
     double *guess = lock->memory.guess;
     bool by_solver = first_guess(attempt);
-    if (!is_nominal(lock, guess) && !attempt->budget->without_nominal) {
+    if (!is_nominal(lock, guess) && !attempt->budget->without_nominal && attempt->limit > 0) {
         attempt->limit--; /* kept for the nominal */
     }
     if (!tl_attempt_may_evaluate(attempt, guess)) {
@@ -322,11 +352,12 @@ static tl_outcome find(tl_attempt *attempt) {
     if (attempt->late) {
         return TL_NOMINAL;
     }
-    lock->was_blind = by_solver && guess_was_blind(attempt, value);
+    lock->was_blind = by_solver && is_blind_guess(attempt, value);
     if (lock->was_blind) {
         attempt->held = ((uint32_t)1 << lock->horizon.variables) - 1;
         return defend_nominal(attempt);
     }
+    value = attempt->best_value;
     if (value < TL_OBJECTIVE_TOLERANCE) {
         return is_stranger(lock) ? acquaint(attempt, value) : TL_FIRST_GUESS;
     }
@@ -409,7 +440,7 @@ static tl_status commit_found(tl_attempt *attempt, const double *u, tl_record *r
     const double *nominal = lock->memory.nominal;
     tl_status status = commit(attempt, u, record);
     if (status == TL_FMU_FAILED && !is_nominal(lock, u)) {
-        record->outcome = TL_NOMINAL;
+        record->outcome = record->outcome == TL_MADE_UP ? TL_MADE_UP : TL_NOMINAL;
         record->objective = record->objective_nominal;
         u = nominal;
         status = commit(attempt, u, record);

@@ -46,6 +46,7 @@ typedef struct tl_lock_memory {
     double *start_residuals; /* at start */
     double *best_residuals;
     double *forecast;
+    double *noise;                /* as tl_objective_noise() */
     double *candidate_course;     /* y of the matched outputs along the horizon: of the candidate evaluated last, */
     double *best_course;          /* of the best, */
     double *course;               /* and of what was committed last */

@@ -34,7 +34,8 @@ bool tl_objective_init(tl_objective *objective, tl_arena *arena) {
     size_t count = tl_objective_samples(objective) * objective->matched;
     objective->residual_count = count + (objective->penalised ? 2 * objective->horizon->count : 0);
     objective->targets = tl_arena_take(arena, count, sizeof *objective->targets);
-    if (objective->targets == NULL) {
+    objective->jitters = tl_arena_take(arena, objective->matched, sizeof *objective->jitters);
+    if (objective->targets == NULL || objective->jitters == NULL) {
         return false;
     }
     tl_objective_target *target = objective->targets;
@@ -58,6 +59,17 @@ static double look_up(const tl_objective *objective, size_t index, int64_t tick,
     return term->conversion.factor * value + term->conversion.offset;
 }
 
+/* The newest sample of the horizon. */
+static void watch_noise(const tl_objective *objective) {
+    size_t last = (tl_objective_samples(objective) - 1) * objective->matched;
+    for (size_t i = 0; i < objective->matched; i++) {
+        const tl_objective_target *target = &objective->targets[last + i];
+        if (target->scale > 0.0) {
+            tl_jitter_push(&objective->jitters[i], target->value);
+        }
+    }
+}
+
 bool tl_objective_prepare(tl_objective *objective, int64_t step) {
     const tl_horizon *horizon = objective->horizon;
     tl_objective_target *target = objective->targets;
@@ -75,6 +87,7 @@ bool tl_objective_prepare(tl_objective *objective, int64_t step) {
             target++;
         }
     }
+    watch_noise(objective);
     return measured;
 }
 
@@ -141,6 +154,17 @@ void tl_objective_forecast(const tl_objective *objective, const double *course, 
     for (size_t i = 0; i < matched; i++) {
         double y = course[last + i];
         residuals[last + i] = residual(&objective->targets[last + i], y + (y - earlier[i]));
+    }
+}
+
+void tl_objective_noise(const tl_objective *objective, double *squares) {
+    size_t count = tl_objective_samples(objective) * objective->matched;
+    for (size_t i = 0; i < objective->residual_count; i++) {
+        squares[i] = 0.0;
+        if (i < count) {
+            double scale = objective->targets[i].scale * objective->targets[i].root_weight;
+            squares[i] = scale * scale * tl_jitter_variance(&objective->jitters[i % objective->matched]);
+        }
     }
 }
 

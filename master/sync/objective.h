@@ -18,6 +18,7 @@
 #include "master/graph/exchange.h"
 #include "master/sync/conditioner.h"
 #include "master/sync/horizon.h"
+#include "master/sync/jitter.h"
 
 typedef struct tl_objective_term {
     const tl_port *port;      /* y */
@@ -56,6 +57,7 @@ typedef struct tl_objective {
     bool penalised;
     size_t matched;               /* terms with a weight */
     tl_objective_target *targets; /* [(depth − T_D)·matched + …] */
+    tl_jitter *jitters;           /* of the matched ŷ, in y's unit */
     size_t residual_count;        /* of the samples, then of the penalties */
 } tl_objective;
 
@@ -82,6 +84,9 @@ double tl_objective_penalise(const tl_objective *objective, const double *u, con
  * to it. Penalties are left out. */
 void tl_objective_forecast(const tl_objective *objective, const double *course, const double *earlier,
                            double *residuals);
+
+/* What the noise of the measurements contributes to the square of each residual, on average; penalties have none. */
+void tl_objective_noise(const tl_objective *objective, double *squares);
 
 /* Samples of the horizon: T_P − T_D + 1. */
 size_t tl_objective_samples(const tl_objective *objective);

@@ -46,7 +46,9 @@ typedef struct tl_search {
 typedef struct tl_forecast {
     const double *u;         /* the unknowns that go on from the step before; within the bounds */
     const double *residuals; /* expected at u */
+    const double *noise;     /* what of their squares is noise of the measurements, on average */
     const bool *free;        /* those that may be guessed; the others stay, so that executions are not wasted */
+    const double *nominal;   /* what to go back to where nothing needs correcting; may be outside the bounds */
 } tl_forecast;
 
 typedef enum tl_search_end {

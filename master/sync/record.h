@@ -31,7 +31,7 @@ typedef enum tl_outcome {
     TL_BEST_SO_FAR, /* the search ended outside the tolerance, yet better than nominal by the margin */
     TL_NOMINAL,     /* nothing found was better than nominal: nominal u committed */
     TL_FREE_RUN,    /* no matched signal was good: nominal u committed, nothing evaluated */
-    TL_MADE_UP      /* a missed tick was made up: last u, nothing evaluated */
+    TL_MADE_UP      /* a missed tick: nominal plus the last Δu (a Boolean: the last u), nothing evaluated */
 } tl_outcome;
 
 /* Why the search ended. */

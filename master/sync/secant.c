@@ -4,6 +4,11 @@
  *          update from every question that is asked anyway. A move Δ minimises |r + GΔ|² + damping·|Δ/step|² within the
  *          bounds. For one unknown and one residual that is the secant method. Where G leads nowhere it is measured anew.
  * Guess:   the same move from the forecast: where the outputs would go if u stayed, and what the slope can do about it.
+ * Return:  a guess takes back what of the move is more than is needed: it goes to nominal as far as what it changes stays good
+ *          enough. To make every residual nothing would be to follow the noise with an input that the plant never felt;
+ *          states behind the matched outputs (a controller's integrator) are pushed away by it, and what would bring them
+ *          back, the outputs' own way, is what is corrected away. In hours that grows beyond all bounds. What is good enough is
+ *          therefore the wider, the noisier the measurement is, and the longer u has been leaning to one side.
  * Hold:    of a u that is held over a long horizon the move goes only as far as makes J small enough. All the way would be the
  *          best line through the horizon, which leaves the tolerance on the other side soon after; each new u costs a whole
  *          horizon of executions, and a held one nothing but its newest step.
@@ -14,6 +19,7 @@
 #include <math.h>
 #include <string.h>
 
+#include "master/sync/objective.h"
 #include "master/sync/optimiser.h"
 
 /* Of one move, in steps: a slope is a local thing, and models fed with wild values answer with infinities. */
@@ -26,8 +32,14 @@ static const double SHORTEST_MOVE = 1e-6;
 static const double LEAST_DAMPING = 1e-12;
 static const double FIRST_DAMPING = 1e-3;
 
-/* Within tolerance: what ends a search. */
-static const double TOLERANCE = 1.0;
+/* The squares up to which a guess goes back to nominal: this, or this part of what is noise in them. */
+static const double GOOD_ENOUGH = 0.03;
+static const double OF_NOISE = 0.45;
+
+/* Or what this part of the mean correction of so many steps would change in one, but no residual by more than that. */
+static const double OF_LEAN = 0.8;
+static const double MOST_OF_LEAN = 0.5;
+static const double MEMORY = 256.0;
 
 /* The J that a move to a held u aims at. */
 static const double HELD_GOAL = 0.3;
@@ -50,6 +62,7 @@ struct tl_optimiser {
     size_t residuals;
     bool has_slope;
     double damping;
+    double longest; /* of a move, in steps */
     double *slope;  /* [residual · unknowns + unknown], per step of the unknown */
     double *normal; /* GᵀG, then its Cholesky factor */
     double *move;   /* in steps */
@@ -58,6 +71,8 @@ struct tl_optimiser {
     double *r; /* at point */
     double *trial;
     double *expected; /* residuals after the moves that are fixed; then what the move changes */
+    double *further;  /* what going on from the move to nominal changes */
+    double *lean;     /* slow mean of u − nominal, in steps */
     double value;     /* J at point */
     double promised;  /* J at the guess, where trial is one; else NaN */
     const tl_search *search;
@@ -80,13 +95,20 @@ static tl_optimiser *create(tl_arena *arena, const tl_optimiser_space *space) {
     self->trial = tl_arena_take(arena, self->unknowns, sizeof *self->trial);
     self->r = tl_arena_take(arena, self->residuals, sizeof *self->r);
     self->expected = tl_arena_take(arena, self->residuals, sizeof *self->expected);
+    self->further = tl_arena_take(arena, self->residuals, sizeof *self->further);
+    self->lean = tl_arena_take(arena, self->unknowns, sizeof *self->lean);
     bool taken = self->slope != NULL && self->normal != NULL && self->move != NULL && self->fixed != NULL &&
-                 self->point != NULL && self->trial != NULL && self->r != NULL && self->expected != NULL;
+                 self->point != NULL && self->trial != NULL && self->r != NULL && self->expected != NULL &&
+                 self->further != NULL && self->lean != NULL;
     return taken ? self : NULL;
 }
 
 static void destroy(tl_optimiser *self) {
     (void)self;
+}
+
+static double within(const tl_optimiser *self, size_t k, double value) {
+    return fmin(fmax(value, self->space->lower[k]), self->space->upper[k]);
 }
 
 /* Whether a residual at `point` takes part. */
@@ -230,13 +252,17 @@ static void expect_fixed(tl_optimiser *self) {
 static bool fix_at_bounds(tl_optimiser *self) {
     const tl_optimiser_space *space = self->space;
     bool any = false;
+    double largest = self->longest;
+    for (size_t k = 0; k < self->unknowns; k++) {
+        largest = fmax(largest, self->fixed[k] ? 0.0 : fabs(self->move[k]));
+    }
     for (size_t k = 0; k < self->unknowns; k++) {
         if (self->fixed[k]) {
             continue;
         }
-        double move = fmin(fmax(self->move[k], -LONGEST_MOVE), LONGEST_MOVE);
+        double move = self->move[k] * (self->longest / largest); /* shorter, in the same direction */
         double wanted = self->point[k] + move * space->step[k];
-        self->trial[k] = fmin(fmax(wanted, space->lower[k]), space->upper[k]);
+        self->trial[k] = within(self, k, wanted);
         self->fixed[k] = wanted < space->lower[k] || wanted > space->upper[k];
         any = any || self->fixed[k];
     }
@@ -323,6 +349,82 @@ static double shorten(tl_optimiser *self) {
         }
     }
     return promise(self, share);
+}
+
+/* ---- no more than is needed ---- */
+
+/* What going from trial to nominal with the free unknowns changes, into `further`. */
+static void expect_return(tl_optimiser *self, const tl_forecast *forecast) {
+    size_t n = self->unknowns;
+    for (size_t i = 0; i < self->residuals; i++) {
+        self->further[i] = 0.0;
+        for (size_t k = 0; k < n && counts(self, i); k++) {
+            double way = forecast->free[k] ? within(self, k, forecast->nominal[k]) - self->trial[k] : 0.0;
+            self->further[i] += self->slope[i * n + k] * way / self->space->step[k];
+        }
+    }
+}
+
+/* Takes note of how far u is from nominal. */
+static void watch_lean(tl_optimiser *self, const tl_forecast *forecast) {
+    for (size_t k = 0; k < self->unknowns; k++) {
+        double away = (forecast->u[k] - forecast->nominal[k]) / self->space->step[k];
+        self->lean[k] += (away - self->lean[k]) / MEMORY;
+    }
+}
+
+/* Square of what a residual may be because u has been leaning to one side for long. */
+static double leaning(const tl_optimiser *self, const tl_forecast *forecast, size_t i) {
+    double effect = 0.0;
+    for (size_t k = 0; k < self->unknowns; k++) {
+        effect += forecast->free[k] ? self->slope[i * self->unknowns + k] * self->lean[k] : 0.0;
+    }
+    double allowed = fmin(OF_LEAN * fabs(effect), MOST_OF_LEAN);
+    return allowed * allowed;
+}
+
+/* How far trial can go back to nominal while the residuals that this changes promise no more than is good enough; their
+ * squares are a parabola over the way. */
+static double share_of_return(const tl_optimiser *self, const tl_forecast *forecast) {
+    double here = 0.0;
+    double rise = 0.0;
+    double bend = 0.0;
+    double jitter = 0.0;
+    double lean = 0.0;
+    for (size_t i = 0; i < self->residuals; i++) {
+        if (fabs(self->further[i]) > 0.0) {
+            double r = self->r[i] + self->expected[i];
+            here += r * r;
+            rise += 2.0 * r * self->further[i];
+            bend += self->further[i] * self->further[i];
+            jitter += forecast->noise[i];
+            lean += leaning(self, forecast, i);
+        }
+    }
+    double goal = fmax(fmax(GOOD_ENOUGH, OF_NOISE * jitter), lean);
+    if (here >= goal) {
+        return 0.0;
+    }
+    if (here + rise + bend <= goal) {
+        return 1.0;
+    }
+    return (sqrt(rise * rise - 4.0 * bend * (here - goal)) - rise) / (2.0 * bend);
+}
+
+/* Takes back what of the move to trial is more than is needed. What is left promises. */
+static double relax(tl_optimiser *self, const tl_forecast *forecast) {
+    expect_return(self, forecast);
+    double share = share_of_return(self, forecast);
+    for (size_t k = 0; k < self->unknowns; k++) {
+        double nominal = within(self, k, forecast->nominal[k]);
+        if (forecast->free[k]) {
+            self->trial[k] = share < 1.0 ? self->trial[k] + share * (nominal - self->trial[k]) : nominal;
+        }
+    }
+    for (size_t i = 0; i < self->residuals; i++) {
+        self->expected[i] += share * self->further[i];
+    }
+    return promise(self, 1.0);
 }
 
 /* ---- the slope ---- */
@@ -426,6 +528,7 @@ static void judge(tl_optimiser *self, tl_course *course, double promised, double
         self->damping = self->damping > FIRST_DAMPING ? self->damping / 8.0 : 0.0;
         go_to(self, self->trial, r, value);
     } else {
+        self->longest = isfinite(value) ? self->longest : 0.5 * largest_move(self);
         course->failures++;
         self->damping = fmax(8.0 * self->damping, FIRST_DAMPING);
     }
@@ -433,7 +536,7 @@ static void judge(tl_optimiser *self, tl_course *course, double promised, double
 
 /* Nothing is to be had by a move that promises this J. */
 static bool is_at_end(const tl_optimiser *self, const tl_course *course, double promised) {
-    return course->confirmed && promised >= TOLERANCE && promised > (1.0 - WORTHWHILE) * self->value;
+    return course->confirmed && promised >= TL_OBJECTIVE_TOLERANCE && promised > (1.0 - WORTHWHILE) * self->value;
 }
 
 static tl_search_end minimise(tl_optimiser *self, const tl_search *search) {
@@ -443,6 +546,7 @@ static tl_search_end minimise(tl_optimiser *self, const tl_search *search) {
     }
     self->search = search;
     self->damping = 0.0;
+    self->longest = LONGEST_MOVE;
     bool guessed = memcmp(self->trial, search->start, self->unknowns * sizeof *self->trial) == 0;
     course.confirmed = guessed && is_confirmed(self, self->promised, search->start_value);
     self->promised = (double)NAN;
@@ -491,12 +595,17 @@ static bool guess(tl_optimiser *self, const tl_forecast *forecast, double *u) {
         return false;
     }
     self->damping = 0.0;
+    self->longest = LONGEST_MOVE;
     go_to(self, forecast->u, forecast->residuals, squares(self, forecast->residuals));
-    bool stays = self->space->held && self->value < TOLERANCE;
+    watch_lean(self, forecast);
+    bool stays = self->space->held && self->value < TL_OBJECTIVE_TOLERANCE;
     if (!stays && !propose(self, forecast->free)) {
         return false;
     }
     self->promised = stays ? (double)NAN : shorten(self);
+    if (!stays && !self->space->held) {
+        self->promised = relax(self, forecast);
+    }
     memcpy(u, stays ? self->point : self->trial, self->unknowns * sizeof *u);
     return true;
 }

@@ -80,7 +80,7 @@ def test_no_room():
     expect(motor["difference"] > 0 and motor["unstored"] > 0, f"{motor}")
     expect(told["cache"]["full"] == told["ledger"]["total"]["unstored"], f"{told['cache']}")
     code, _, err = run(["replay", chosen, "--db", database])
-    words = f"motor: {motor['difference']} executions more than predicted; {motor['unstored']} results found no room"
+    words = f"motor: {motor['difference']} executions more than predicted: results found no room ({motor['unstored']}, see"
     expect(code == 0 and f"warning: {words}" in err, f"it ended with {code}\n{err}")
     with closing(sqlite3.connect(database)) as connection:
         found = connection.execute("SELECT severity, source FROM v_events WHERE text LIKE ?", (f"{words}%",))

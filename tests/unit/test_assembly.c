@@ -7,6 +7,7 @@
 
 #include "firmware/assembly.h"
 #include "tests/support/config_text.h"
+#include "tests/support/fmu_maker.h"
 #include "tests/support/scratch.h"
 #include "tests/support/sql.h"
 #include "tests/support/stderr_capture.h"
@@ -31,20 +32,29 @@ void tearDown(void) {
     tl_scratch_empty(&scratch);
 }
 
-/* Loads lock.json with a part of its text replaced, and keeps what that said. */
-static tl_status load(const char *old, const char *new) {
-    char *text = tl_test_read_text(LOCK);
+/* The text with a part replaced; the text itself is given back. */
+static char *replaced(char *text, const char *old, const char *new) {
     char *changed = tl_test_replaced(text, old, new);
     TEST_ASSERT_NOT_NULL_MESSAGE(changed, old);
+    free(text);
+    return changed;
+}
+
+/* Loads a configuration, whose text is given back, and keeps what that said. */
+static tl_status load_text(char *text) {
     FILE *file = fopen(path, "w");
-    (void)fputs(changed, file);
+    (void)fputs(text, file);
     (void)fclose(file);
     free(text);
-    free(changed);
     TEST_ASSERT_TRUE(tl_stderr_capture_begin());
     tl_status status = tl_assembly_load(path, &assembly);
     said = tl_stderr_capture_end();
     return status;
+}
+
+/* The same for lock.json with a part of its text replaced. */
+static tl_status load(const char *old, const char *new) {
+    return load_text(replaced(tl_test_read_text(LOCK), old, new));
 }
 
 static void expect_said(const char *text) {
@@ -190,6 +200,55 @@ static void test_recording_names_and_units(void) {
     TEST_ASSERT_EQUAL_STRING(assembly.config.text, tl_sql_text(database, "SELECT text FROM configurations"));
 }
 
+/* A copy of motor.fmu whose torque is an output of another type; nothing is stepped. */
+static const char *typed_motor(const char *type) {
+    static char written[PATH_MAX];
+    static const char entry[] = "modelDescription.xml";
+    char output[64];
+    (void)snprintf(output, sizeof output, "<%s/>", type);
+    (void)snprintf(written, sizeof written, "%s", tl_scratch_path(&scratch, "typed.fmu"));
+    tl_fmu_maker *maker = tl_fmu_maker_new(TL_BINARY_DIR "/fmus/motor.fmu");
+    TEST_ASSERT_NOT_NULL(maker);
+    TEST_ASSERT_TRUE(tl_fmu_maker_replace(maker, entry,
+                                          "valueReference=\"15\" causality=\"local\" variability=\"continuous\"",
+                                          "valueReference=\"1\" causality=\"local\" variability=\"discrete\""));
+    TEST_ASSERT_TRUE(tl_fmu_maker_replace(maker, entry, "<Real unit=\"N.m\"/>", output));
+    TEST_ASSERT_TRUE(tl_fmu_maker_write(maker, written));
+    tl_fmu_maker_free(maker);
+    return written;
+}
+
+/* lock.json with that torque matched as well. */
+static char *matched_torque(const char *type, const char *plant_type) {
+    char fmu[PATH_MAX + 16];
+    char signal[128];
+    (void)snprintf(fmu, sizeof fmu, "\"fmu\": \"%s\"", typed_motor(type));
+    (void)snprintf(signal, sizeof signal,
+                   "\"plant\": { \"raw\": { \"type\": \"%s\", \"csv\": { \"column\": \"raw\" } },", plant_type);
+    char *text = replaced(tl_test_read_text(LOCK), "\"fmu\": \"motor.fmu\"", fmu);
+    text = replaced(text, "\"plant\": {", signal);
+    return replaced(text, "\"match\": {",
+                    "\"match\": { \"motor.M_m\": { \"to\": \"plant.raw\", \"tolerance\": 1, \"weight\": 0 },");
+}
+
+/* A variable that is matched is recorded with the type that it has. */
+static void test_recording_types(void) {
+    static const char *const types[][2] = {{"Boolean", "boolean"}, {"Integer", "integer"}};
+    for (size_t i = 0; i < 2; i++) {
+        tl_recorder *recorder = NULL;
+        tl_error error;
+        TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, load_text(matched_torque(types[i][0], types[i][1])), said);
+        const char *database = tl_scratch_path(&scratch, "types.db");
+        TEST_ASSERT_EQUAL_INT(TL_OK, tl_assembly_record(&assembly, "replay", database, true, &recorder, &error));
+        TEST_ASSERT_EQUAL_INT(TL_OK, tl_recorder_close(recorder, "test", NULL, &error));
+        TEST_ASSERT_EQUAL_STRING(types[i][0], tl_sql_text(database, "SELECT type FROM signals WHERE kind = 'match' AND "
+                                                                    "name = 'motor.M_m'"));
+        TEST_ASSERT_EQUAL_STRING("Real", tl_sql_text(database, "SELECT type FROM signals WHERE kind = 'match' AND "
+                                                               "name = 'motor.omega'"));
+        tearDown();
+    }
+}
+
 int main(void) {
     tl_scratch_make(&scratch, TL_BINARY_DIR, "test_assembly");
     UNITY_BEGIN();
@@ -205,6 +264,7 @@ int main(void) {
     RUN_TEST(test_freeing_twice);
     RUN_TEST(test_outputs_of_an_emulated_plant);
     RUN_TEST(test_recording_names_and_units);
+    RUN_TEST(test_recording_types);
     tl_scratch_remove(&scratch);
     return UNITY_END();
 }

@@ -1,5 +1,6 @@
 /* One component behind its cache: table 4.1, commits, catching up, failures, full pools. TL_TEST_WALKS says how many random
  * walks there are. */
+#include <math.h>
 #include <stdio.h>
 #include <string.h>
 #include <unity.h>
@@ -8,7 +9,7 @@
 #include "tests/support/random_numbers.h"
 #include "tests/support/test_fmu.h"
 
-enum { WIDTH = 2, PREDICTION = 3, ROOM = 64, MOST = 64 };
+enum { WIDTH = 2, PREDICTION = 3, ROOM = 64, READY = 256 /* handles made at the start */ };
 
 static const double CIRCLE = 1.0; /* o and * of the thesis */
 static const double STAR = 2.0;
@@ -397,6 +398,89 @@ static void handles_are_pooled(void) {
     }
 }
 
+/* The pool is made for the worst case, its handles are not: some are there from the start, and more come only as needed. */
+static void handles_beyond_those_of_the_start_are_made_as_needed(void) {
+    char longest[READY + 8] = "";
+    start(TL_KEEP_STATES, PREDICTION, 10 * READY);
+    TEST_ASSERT_EQUAL_UINT64(READY, fmu.states);
+    memset(longest, 'o', READY);
+    (void)candidate(longest);
+    TEST_ASSERT_EQUAL_UINT64(READY, fmu.states); /* t_0 … t_255; the FMU is at t_256 */
+    memset(longest, '*', READY + 7);
+    (void)candidate(longest);
+    TEST_ASSERT_EQUAL_UINT64(READY + 7 + READY, fmu.states);
+    for (size_t i = 0; i < 20; i++) {
+        (void)commit(STAR);
+        (void)candidate(i % 2 == 0 ? longest : "o*o*o*o*o*");
+    }
+    TEST_ASSERT_EQUAL_UINT64(READY + 7 + READY, fmu.states);
+    finish();
+}
+
+/* ---- final steps ---- */
+
+/* Each step from `first` in the log on that began at `time`, s, was final, and no other one; returns how many. */
+static size_t assert_final_at(size_t first, double time) {
+    size_t finals = 0;
+    const tl_test_entry *entry = tl_test_log_step(&call_log, &fmu, first);
+    for (size_t n = first; entry != NULL; entry = tl_test_log_step(&call_log, &fmu, ++n)) {
+        TEST_ASSERT_EQUAL_INT_MESSAGE(fabs(entry->time - time) < 0.01, entry->final, where);
+        finals += entry->final;
+    }
+    return finals;
+}
+
+static size_t steps_logged(void) {
+    return tl_test_log_count(&call_log, &fmu, TL_TEST_DO_STEP);
+}
+
+/* What is not known is executed: o and * once from each root, and the committed step. */
+static void a_step_from_the_root_is_final(void) {
+    start(TL_KEEP_STATES, PREDICTION, ROOM);
+    for (size_t i = 0; i < 20; i++) {
+        size_t first = steps_logged();
+        (void)candidate("oo*");
+        (void)candidate("*oo"); /* goes back to the root */
+        (void)candidate("o**");
+        TEST_ASSERT_EQUAL_UINT64(1, commit(3.0)); /* not known yet */
+        TEST_ASSERT_EQUAL_size_t(3, assert_final_at(first, 0.1 * (double)(step - 1)));
+    }
+    finish();
+}
+
+/* With outputs only it is the newest saved state on the way to the root: later ones are still behind a possible return. */
+static void with_outputs_only_a_step_from_the_last_state_above_the_root_is_final(void) {
+    start(TL_KEEP_OUTPUTS, 5, ROOM);
+    (void)candidate("oo");
+    (void)candidate("**");
+    TEST_ASSERT_EQUAL_size_t(2, assert_final_at(0, 0.0));
+    (void)commit(STAR);
+    size_t first = steps_logged();
+    (void)candidate("o"); /* the FMU goes back to t_0, and catches up */
+    TEST_ASSERT_EQUAL_size_t(first + 2, steps_logged());
+    TEST_ASSERT_EQUAL_size_t(1, assert_final_at(first, 0.0));
+    (void)commit(CIRCLE);
+    first = steps_logged();
+    for (size_t i = 0; i < 20; i++) {
+        (void)commit(STAR);
+    }
+    size_t finals = 0;
+    for (size_t n = first; n < steps_logged(); n++) {
+        finals += tl_test_log_step(&call_log, &fmu, n)->final;
+    }
+    TEST_ASSERT_EQUAL_size_t(20 / 5, finals); /* where a state was saved on the way */
+    finish();
+}
+
+/* A candidate beyond the pool is after t_i, whatever it does. */
+static void beyond_the_pool_nothing_is_final(void) {
+    start(TL_KEEP_STATES, PREDICTION, 3);
+    (void)candidate("oo*o*");
+    TEST_ASSERT_EQUAL_size_t(5, steps_logged());
+    TEST_ASSERT_EQUAL_size_t(1, assert_final_at(0, 0.0));
+    finish();
+}
+
 /* ---- full pools ---- */
 
 static void a_full_pool_executes_counts_and_gives_the_same(void) {
@@ -638,6 +722,10 @@ int main(void) {
     RUN_TEST(zeros_of_different_sign_are_executed_both);
     RUN_TEST(not_a_number_is_never_stored);
     RUN_TEST(handles_are_pooled);
+    RUN_TEST(handles_beyond_those_of_the_start_are_made_as_needed);
+    RUN_TEST(a_step_from_the_root_is_final);
+    RUN_TEST(with_outputs_only_a_step_from_the_last_state_above_the_root_is_final);
+    RUN_TEST(beyond_the_pool_nothing_is_final);
     RUN_TEST(a_full_pool_executes_counts_and_gives_the_same);
     RUN_TEST(the_committed_step_finds_room);
     RUN_TEST(one_failing_call_fails_one_candidate_and_no_more);

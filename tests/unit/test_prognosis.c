@@ -6,6 +6,7 @@
 #include <unity.h>
 
 #include "firmware/prognosis.h"
+#include "master/base/duration.h"
 #include "tests/support/config_text.h"
 #include "tests/support/scratch.h"
 #include "tests/support/stderr_capture.h"
@@ -81,6 +82,18 @@ static void test_a_budget_that_is_too_short(void) {
     TEST_ASSERT_LESS_THAN_UINT32(100000, prognosis.fitting);
 }
 
+/* Slow FMUs, long horizons and many evaluations are more than 64 bits of nanoseconds. */
+static void test_times_that_cannot_be_added_up(void) {
+    TEST_ASSERT_EQUAL_INT64(7, tl_duration_sum(1, 2, 3));
+    TEST_ASSERT_EQUAL_INT64(1, tl_duration_sum(1, 0, UINT64_MAX));
+    TEST_ASSERT_EQUAL_INT64(INT64_MAX, tl_duration_sum(INT64_MAX, 0, 5));
+    TEST_ASSERT_EQUAL_INT64(INT64_MAX, tl_duration_sum(INT64_MAX, 1, 1));
+    TEST_ASSERT_EQUAL_INT64(INT64_MAX, tl_duration_sum(INT64_MAX % 10, 10, (uint64_t)(INT64_MAX / 10)));
+    TEST_ASSERT_EQUAL_INT64(INT64_MAX - 1, tl_duration_sum(INT64_MAX % 10 - 1, 10, (uint64_t)(INT64_MAX / 10)));
+    TEST_ASSERT_EQUAL_INT64(INT64_MAX, tl_duration_sum(INT64_MAX % 10, 10, (uint64_t)(INT64_MAX / 10) + 1));
+    TEST_ASSERT_EQUAL_INT64(INT64_MAX, tl_duration_sum(0, 60 * 1000 * (2 * TL_SECOND), 100000));
+}
+
 static void test_a_twin_that_runs_free(void) {
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_assembly_load(TL_SOURCE_DIR "/config/motor/free.json", &assembly));
     tl_prognosis_make(&assembly, &prognosis);
@@ -109,6 +122,7 @@ int main(void) {
     RUN_TEST(test_executions_without_saving);
     RUN_TEST(test_time);
     RUN_TEST(test_a_budget_that_is_too_short);
+    RUN_TEST(test_times_that_cannot_be_added_up);
     RUN_TEST(test_a_twin_that_runs_free);
     RUN_TEST(test_an_fmu_that_cannot_step);
     tl_scratch_remove(&scratch);

@@ -23,6 +23,7 @@ static function *asked_function;
 static size_t questions;
 static size_t limit; /* says stop at this question; 0: never */
 static double good_enough;
+static const double quiet[ROWS];
 static double asked[ASKED][MOST];
 static double answered[ROWS];
 static double best[MOST];
@@ -626,20 +627,20 @@ static bool blocked(const double *u, double *r) {
     return u[0] <= wall;
 }
 
-/* A move that fails tells no slope; the next one is damped, and after the second the slope is measured anew. */
-static void a_failed_move_is_damped_and_then_the_slope_is_measured_anew(void) {
+/* A move that fails tells no slope; the next one is half as long, and after the second the slope is measured anew. */
+static void a_failed_move_is_halved_and_then_the_slope_is_measured_anew(void) {
     const double start[] = {0.0};
     wall = 1e9;
     create(1, 1);
     (void)search(blocked, start); /* learns the slope */
-    wall = 5.0;
+    wall = 4.0;
     limit = 4;
     (void)search(blocked, start);
     TEST_ASSERT_EQUAL_UINT64(4, questions);
     TEST_ASSERT_DOUBLE_WITHIN(1e-9, 10.0, asked[0][0]);
-    TEST_ASSERT_DOUBLE_WITHIN(1e-9, 10.0 / (1.0 + 1e-3), asked[1][0]);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-9, 5.0, asked[1][0]);
     TEST_ASSERT_EQUAL_DOUBLE(1.0, asked[2][0]); /* the slope's question: a step from the start */
-    TEST_ASSERT_DOUBLE_WITHIN(1e-9, 1.0 + 9.0 / (1.0 + 8e-3), asked[3][0]);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-9, 3.5, asked[3][0]);
 }
 
 /* Each failure damps eight times as much, so that in the end the good side of a wall is come close to. */
@@ -719,7 +720,7 @@ static void a_guess_that_kept_its_promise_ends_the_search(void) {
     create(1, 2);
     (void)search(never_within, start);
     (void)never_within(u, residuals);
-    const tl_forecast forecast = {u, residuals, free};
+    const tl_forecast forecast = {u, residuals, quiet, free, u};
     TEST_ASSERT_TRUE(tl_secant.guess(solver, &forecast, guess));
     TEST_ASSERT_DOUBLE_WITHIN(1e-6, 1.0, guess[0]);
     TEST_ASSERT_EQUAL_INT(TL_SEARCH_DONE, search(never_within, guess));
@@ -782,8 +783,8 @@ static void a_held_u_is_guessed_to_stay_while_it_will_do(void) {
     const double good[] = {0.9};
     const double bad[] = {1.1};
     const bool free[] = {true};
-    const tl_forecast within = {u, good, free};
-    const tl_forecast outside = {u, bad, free};
+    const tl_forecast within = {u, good, quiet, free, u};
+    const tl_forecast outside = {u, bad, quiet, free, u};
     double guess[1];
     slope = 2.0;
     target = 3.0;
@@ -848,7 +849,7 @@ static void without_a_slope_there_is_no_guess(void) {
     const double u[] = {1.0};
     const double residuals[] = {2.0};
     const bool free[] = {true};
-    const tl_forecast forecast = {u, residuals, free};
+    const tl_forecast forecast = {u, residuals, quiet, free, u};
     double guess[] = {9.0};
     create(1, 1);
     TEST_ASSERT_FALSE(tl_secant.guess(solver, &forecast, guess));
@@ -861,8 +862,9 @@ static void a_guess_moves_what_is_free_and_stays_within_the_bounds(void) {
     const double residuals[] = {-3.0, -3.0};
     const bool second[] = {false, true};
     const bool all[] = {true, true};
-    const tl_forecast held = {u, residuals, second};
-    const tl_forecast loose = {u, residuals, all};
+    const double nominal[] = {2.5, 2.5};
+    const tl_forecast held = {u, residuals, quiet, second, nominal};
+    const tl_forecast loose = {u, residuals, quiet, all, nominal};
     double guess[2];
     upper[0] = 2.5;
     create(2, 2);
@@ -875,6 +877,58 @@ static void a_guess_moves_what_is_free_and_stays_within_the_bounds(void) {
     TEST_ASSERT_EQUAL_DOUBLE(2.5, guess[0]); /* of the 4 that it wants */
     TEST_ASSERT_DOUBLE_WITHIN(1e-6, 2.5, guess[1]);
     TEST_ASSERT_EQUAL_UINT64(0, questions); /* nothing is asked for it */
+}
+
+/* r = 2·(u − 3), from a u that is held at 1; the guess of a solver that knows this. */
+static double guess_towards(double nominal, double noise) {
+    const double start[] = {0.0};
+    const double u[] = {1.0};
+    const double residuals[] = {-4.0};
+    const double noises[] = {noise};
+    const double nominals[] = {nominal};
+    const bool free[] = {true};
+    const tl_forecast forecast = {u, residuals, noises, free, nominals};
+    double guess[1];
+    tearDown();
+    setUp();
+    slope = 2.0;
+    target = 3.0;
+    create(1, 1);
+    (void)search(line, start);
+    TEST_ASSERT_TRUE(tl_secant.guess(solver, &forecast, guess));
+    return guess[0];
+}
+
+/* No more is corrected than is needed: up to a square of 0.03. */
+static void a_guess_stays_near_nominal(void) {
+    TEST_ASSERT_DOUBLE_WITHIN(1e-6, 3.0 - sqrt(0.03) / 2.0, guess_towards(0.0, 0.0));
+    TEST_ASSERT_DOUBLE_WITHIN(1e-6, 3.0 + sqrt(0.03) / 2.0, guess_towards(9.0, 0.0));
+    TEST_ASSERT_EQUAL_DOUBLE(2.95, guess_towards(2.95, 0.0)); /* which is good enough itself */
+}
+
+/* What noise makes of the square is not needed. */
+static void a_guess_does_not_follow_noise(void) {
+    TEST_ASSERT_DOUBLE_WITHIN(1e-6, 3.0 - sqrt(0.45 * 0.4) / 2.0, guess_towards(0.0, 0.4));
+    TEST_ASSERT_DOUBLE_WITHIN(1e-6, 3.0 - sqrt(0.03) / 2.0, guess_towards(0.0, 0.01));
+}
+
+/* A u that has leaned to one side for long is let back further, but to half a tolerance at most. */
+static void a_guess_lets_go_of_a_u_that_leans(void) {
+    const double nominal[] = {0.0};
+    const double residuals[] = {0.0625};
+    const bool free[] = {true};
+    double guess[1];
+    double leaning[] = {0.5};
+    (void)guess_towards(0.0, 0.0);
+    const tl_forecast forecast = {leaning, residuals, quiet, free, nominal};
+    double before = HUGE_VAL;
+    for (int i = 0; i < 2000; i++) {
+        TEST_ASSERT_TRUE(tl_secant.guess(solver, &forecast, guess));
+        TEST_ASSERT_TRUE(guess[0] <= before);
+        before = guess[0];
+    }
+    /* r = 0 at 0.5 − 0.0625/2; 0.8·2·0.5 would be 0.8. */
+    TEST_ASSERT_DOUBLE_WITHIN(1e-3, 0.5 - 0.0625 / 2.0 - 0.5 / 2.0, guess[0]);
 }
 
 /* ---- ends ---- */
@@ -932,7 +986,7 @@ int main(void) {
     RUN_TEST(bounds_are_made_the_best_of);
     RUN_TEST(one_unknown_is_the_secant_method);
     RUN_TEST(two_unknowns_are_broydens_method);
-    RUN_TEST(a_failed_move_is_damped_and_then_the_slope_is_measured_anew);
+    RUN_TEST(a_failed_move_is_halved_and_then_the_slope_is_measured_anew);
     RUN_TEST(damping_leads_to_the_good_side_of_a_wall);
     RUN_TEST(damping_is_forgotten);
     RUN_TEST(residuals_that_are_not_numbers_leave_no_trace);
@@ -946,6 +1000,9 @@ int main(void) {
     RUN_TEST(a_penalty_of_0_takes_part);
     RUN_TEST(without_a_slope_there_is_no_guess);
     RUN_TEST(a_guess_moves_what_is_free_and_stays_within_the_bounds);
+    RUN_TEST(a_guess_stays_near_nominal);
+    RUN_TEST(a_guess_does_not_follow_noise);
+    RUN_TEST(a_guess_lets_go_of_a_u_that_leans);
     RUN_TEST(it_stops_when_told);
     RUN_TEST(equal_searches_ask_the_same);
     return UNITY_END();

@@ -180,6 +180,39 @@ static void after_a_change_it_rests(void) {
     }
 }
 
+/* More steps than can be counted are no fewer: at steps of 10 µs that is half a day. */
+static void a_rest_of_any_length_is_one(void) {
+    static const int64_t rests[] = {UINT32_MAX, (int64_t)UINT32_MAX + 1, (int64_t)UINT32_MAX + 2,
+                                    INT64_MAX / TL_SECOND};
+    for (size_t i = 0; i < sizeof rests / sizeof rests[0]; i++) {
+        build(1, 1, rests[i]);
+        (void)tick(0, 0);
+        (void)tick(1, 0);
+        for (unsigned number = 0; number < 200; number++) {
+            TEST_ASSERT_EQUAL_HEX32(1, committed(tick(number & 1U, 0)));
+        }
+    }
+}
+
+/* A rest that ends within a step lasts until that step does, however near to the greatest time it is. */
+static void a_rest_is_whole_steps(void) {
+    build(1, 1, 0);
+    tl_plan_adjust *adjust = &plan.adjust[0];
+    static const tl_time rests[] = {TL_SECOND / 10 + 1, 2 * TL_SECOND / 10, 2 * TL_SECOND / 10 + 1, INT64_MAX};
+    static const unsigned changes[] = {2, 2, 1, 1};
+    for (size_t i = 0; i < sizeof rests / sizeof rests[0]; i++) {
+        tl_twin_destroy(run.twin);
+        adjust->dwell = rests[i];
+        tl_test_run_init(&run, tl_test_plan_build(&plan));
+        (void)tick(0, 0);
+        (void)tick(1, 0); /* changes */
+        unsigned seen = 1;
+        seen += committed(tick(0, 0)) != 1;
+        seen += committed(tick(0, 0)) != 1;
+        TEST_ASSERT_EQUAL_UINT(changes[i], seen);
+    }
+}
+
 /* Rests are each one's own. */
 static void one_that_rests_does_not_keep_the_others(void) {
     build(2, 1, 5);
@@ -211,6 +244,8 @@ int main(void) {
     RUN_TEST(one_is_settled_after_the_other);
     RUN_TEST(a_switch_costs_two_evaluations_at_most);
     RUN_TEST(after_a_change_it_rests);
+    RUN_TEST(a_rest_of_any_length_is_one);
+    RUN_TEST(a_rest_is_whole_steps);
     RUN_TEST(one_that_rests_does_not_keep_the_others);
     RUN_TEST(a_horizon_of_several_steps_is_held);
     return UNITY_END();

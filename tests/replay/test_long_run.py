@@ -1,0 +1,62 @@
+#!/usr/bin/env python3
+"""A twin of a plant that does nothing special must still be one after a long time. Its drive has an integrator behind the speed;
+a speed that is forced onto every noisy measurement lets it drift, slowly at first, and then without end."""
+import csv
+import math
+import random
+
+from twinlock_test import (at_most, edited_config, expect, main, read_config, replay_json, run_well, scratch,
+                           write_config)
+
+SECONDS, NOISE, LEFT_ALONE = 1000, 0.3, 0.0031
+
+
+def make_recording(name, torque):
+    """The motor bench with the right inertia under that torque, its speed measured every 10 ms with noise in rad/s."""
+    folder, chance = scratch(), random.Random(name)
+    brake, truth, noisy = (folder / f"{name}-{part}.csv" for part in ("brake", "truth", "noisy"))
+    with open(brake, "w", encoding="utf-8") as file:
+        file.write("t,M_brake,omega\n")
+        file.writelines(f"{i / 100:.2f},{torque(i / 100):.6f},60\n" for i in range(SECONDS * 100))
+    document = read_config("motor/free.json")
+    document.pop("duration_s")
+    document["components"]["motor"].pop("set")
+    document["recording"]["file"] = str(brake)
+    run_well(["replay", write_config(document), "--csv", truth])
+    with open(truth, encoding="utf-8") as source, open(noisy, "w", encoding="utf-8") as file:
+        file.write("t,M_brake,omega\n")
+        for row in csv.DictReader(source):
+            time = float(row["time"])
+            file.write(f"{time:.2f},{torque(time):.6f},{float(row['motor.omega']) + chance.gauss(0, NOISE)!r}\n")
+    return noisy
+
+
+def check(name, recording, mse):
+    """MSE of the whole run in (rad/s)², and the mean friction at its end: the plant's is the twin's own."""
+    steps = scratch() / "steps.csv"
+    edits = {"duration_s": SECONDS - 1}
+    result = replay_json(edited_config(f"motor/{name}.json", edits), "--recording", recording, "--csv", steps)
+    what = f"{name}, {recording.stem}"
+    at_most(result["match"]["motor.omega"]["mse"], mse, f"{what}: MSE, (rad/s)\u00b2")
+    with open(steps, encoding="utf-8") as file:
+        friction = [float(row["motor.d"]) for row in csv.DictReader(file)][-10000:]
+    expect(all(map(math.isfinite, friction)), f"{what}: {friction[-1]}")
+    at_most(abs(sum(friction) / len(friction) - LEFT_ALONE), 0.05, f"{what}: mean friction beside nominal, N.m.s/rad")
+
+
+def check_all(recording):
+    check("lock", recording, 0.05)
+    check("ahead", recording, 0.5)
+    for name in ("c", "d", "e"):
+        check(name, recording, 1.5)
+
+
+def test_at_rest():
+    check_all(make_recording("rest", lambda time: 0.0))
+
+
+def test_under_a_sine():
+    check_all(make_recording("sine", lambda time: 1.0 + math.sin(0.7 * time)))
+
+
+main()
