@@ -84,7 +84,7 @@ NOTE = """limits: of the ratio and the MSE. unrest: beyond the limit only where 
 one instant to the next; a twin that is ahead, on the newest measurement, cannot know."""
 
 # A twin that is ahead has the plant's unrest as its error, and this part of it at most from its own.
-OWN_PART = 0.15
+OWN_PART = 0.2
 
 
 def worst(runs, figure):
