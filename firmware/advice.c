@@ -2,12 +2,17 @@
 #include "firmware/advice.h"
 
 #include <inttypes.h>
+#include <math.h>
 #include <stdarg.h>
 #include <string.h>
 
 #include "master/sync/conditioner.h"
 
 enum { WIDTH = 79, INDENT = 4, TEXT = 512 };
+
+static const double LONG_LEAD_S = 60;
+static const double LEAST_STEP = 1e-150; /* its square is a number still, and one over it too */
+static const double LEAST_SHARE = 1e-12; /* of the nominal: some digits are left to move in */
 
 typedef struct advice {
     FILE *file;
@@ -75,6 +80,13 @@ static void check_budget(advice *given, const tl_config *config, const tl_progno
              config->budget_evaluations, tl_seconds(prognosis->worst_time) * 1e3, tl_seconds(config->budget_time) * 1e3,
              prognosis->fitting);
     }
+    if (config->stagnation != 0 && config->stagnation < unknowns + 2) {
+        warn(given, "synchronise.stagnation",
+             "%" PRIu32
+             " evaluations without progress end a solver before it has tried each of %zu unknowns once: give "
+             "more",
+             config->stagnation, unknowns);
+    }
     if (config->budget_evaluations < unknowns + 2) {
         warn(given, "synchronise.budget.evaluations",
              "%" PRIu32 " are not enough to try each of %zu unknowns once, beside the guess and nominal: give more, or "
@@ -97,6 +109,67 @@ static void check_saving(advice *given, const tl_config *config) {
             warn(given, config->components[i].where,
                  "keep \"outputs\": executions are repeated to get back to a state, beyond those predicted; worth it "
                  "only where saving a state takes longer than a step");
+        }
+    }
+}
+
+/* What waits longer than that is no picture of the plant as it is. */
+static void check_lead(advice *given, const tl_config *config, uint32_t lead) {
+    double seconds = tl_seconds(config->step) * lead;
+    bool beyond_end = config->duration != 0 && seconds > tl_seconds(config->duration);
+    for (size_t i = 0; i < config->match_count; i++) {
+        const tl_plan_match *match = &config->match[i];
+        if (match->condition.low_pass > 0 && (beyond_end || seconds > LONG_LEAD_S)) {
+            warn(given, match->where,
+                 "its low-pass makes the measurement %g s late, and a step is computed %g s after its instant%s",
+                 tl_seconds(config->step) * tl_conditioner_delay(&match->condition, config->step), seconds,
+                 beyond_end ? ", which is longer than duration_s" : "");
+        }
+    }
+}
+
+/* Of all components, the one whose room is shortest of what it may need. */
+static void check_nodes(advice *given, const tl_config *config, const tl_twin *twin) {
+    tl_twin_ledger worst = {0};
+    for (size_t i = 0; i < config->component_count; i++) {
+        tl_twin_ledger entry = tl_twin_get_ledger(twin, i);
+        if (entry.nodes < entry.nodes_worst && entry.nodes_worst > worst.nodes_worst) {
+            worst = entry;
+        }
+    }
+    if (worst.nodes_worst != 0) {
+        warn(given, "synchronise.saving.nodes",
+             "there is room for %" PRIu32 " executions of %s, and the worst case needs %" PRIu64
+             ": what finds no room may be executed again; give more, or fewer evaluations, or a shorter horizon",
+             worst.nodes, worst.name, worst.nodes_worst);
+    }
+}
+
+/* The search squares what it divides by its step. */
+static bool is_lost_step(const tl_twin_adjusted *adjusted) {
+    double size = adjusted->is_fed ? 0.0 : fabs(adjusted->nominal);
+    return adjusted->step < LEAST_STEP || adjusted->step < size * LEAST_SHARE;
+}
+
+static void check_adjusted(advice *given, const tl_config *config, const tl_twin *twin) {
+    for (size_t i = 0; i < config->adjust_count; i++) {
+        const tl_twin_adjusted adjusted = tl_twin_get_adjusted(twin, i);
+        const char *where = config->adjust[i].where;
+        if (!adjusted.is_real) {
+            continue;
+        }
+        if (!adjusted.is_fed && (adjusted.nominal < adjusted.lower || adjusted.nominal > adjusted.upper)) {
+            warn(given, where,
+                 "its nominal, %g, is outside its bounds, %g to %g; it is used all the same where no correction is "
+                 "better",
+                 adjusted.nominal, adjusted.lower, adjusted.upper);
+        }
+        if (is_lost_step(&adjusted)) {
+            warn(given, where, "its step, %g, is so small that a first move by it is lost in rounding", adjusted.step);
+        }
+        if (adjusted.step > 1 / LEAST_STEP || adjusted.step > adjusted.upper - adjusted.lower) {
+            warn(given, where, "its step, %g, is larger than all there is to search, %g to %g", adjusted.step,
+                 adjusted.lower, adjusted.upper);
         }
     }
 }
@@ -135,7 +208,10 @@ size_t tl_advice_print(const tl_assembly *assembly, const tl_prognosis *prognosi
     if (config->adjust_count != 0) {
         check_budget(&given, config, prognosis, tl_twin_get_facts(assembly->twin).unknowns);
         check_saving(&given, config);
+        check_nodes(&given, config, assembly->twin);
+        check_adjusted(&given, config, assembly->twin);
         check_conditions(&given, config);
+        check_lead(&given, config, tl_twin_get_facts(assembly->twin).lead);
     }
     check_sources(&given, config);
     return given.count;

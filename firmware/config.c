@@ -175,10 +175,11 @@ static ssize_t read_all(int file, char *buffer, size_t room) {
     return (ssize_t)size;
 }
 
-static tl_status report_file(const char *path, tl_report *report) {
+/* The report knows the file's name. */
+static tl_status report_file(tl_report *report) {
     bool passing = errno == ENOMEM || errno == EMFILE || errno == ENFILE || errno == EIO;
     tl_status status = passing ? TL_TRY_AGAIN : TL_BAD_DATA;
-    tl_report_add(report, status, "", "cannot read the configuration %s: %s", path, strerror(errno));
+    tl_report_add(report, status, "", "the configuration cannot be read: %s", strerror(errno));
     return status;
 }
 
@@ -187,7 +188,7 @@ tl_status tl_config_read(const char *path, tl_config *config, tl_report *report)
     memset(config, 0, sizeof *config);
     int file = open(path, O_RDONLY | O_CLOEXEC | O_NOCTTY);
     if (file < 0) {
-        return report_file(path, report);
+        return report_file(report);
     }
     tl_status status = TL_OK;
     char *buffer = malloc(ROOM);
@@ -195,7 +196,7 @@ tl_status tl_config_read(const char *path, tl_config *config, tl_report *report)
         status = out_of_memory(report);
     } else {
         ssize_t size = read_all(file, buffer, ROOM);
-        status = size < 0 ? report_file(path, report) : tl_config_read_text(path, buffer, (size_t)size, config, report);
+        status = size < 0 ? report_file(report) : tl_config_read_text(path, buffer, (size_t)size, config, report);
     }
     free(buffer);
     (void)close(file);

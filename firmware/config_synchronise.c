@@ -56,7 +56,18 @@ static void read_tolerance(tl_config_object *entry, double general, tl_plan_matc
     }
 }
 
-static void read_condition(tl_config_object *entry, tl_plan_condition *condition) {
+/* How long a measurement may be made to wait is a matter of steps. */
+static void read_low_pass(tl_config_object *object, tl_time step, tl_time *low_pass) {
+    char expected[96];
+    read_duration(object, "low_pass_s", "0.05", low_pass);
+    if (step > 0 && *low_pass > TL_LONGEST_LOW_PASS * step) {
+        (void)snprintf(expected, sizeof expected, "at most %d times step_s, which is %.15g s", TL_LONGEST_LOW_PASS,
+                       tl_seconds(TL_LONGEST_LOW_PASS * step));
+        tl_config_wrong(object, "low_pass_s", NULL, expected, NULL);
+    }
+}
+
+static void read_condition(tl_config_object *entry, tl_time step, tl_plan_condition *condition) {
     static const tl_config_number median_rule = {
         .whole = true, .minimum = 1, .maximum = 99, .expected = "an odd whole number from 1 to 99", .example = "5"};
     static const tl_config_number gate = {.above = true, .maximum = HUGE_VAL, .example = "10"};
@@ -69,17 +80,17 @@ static void read_condition(tl_config_object *entry, tl_plan_condition *condition
             tl_config_wrong(&object, "median", NULL, median_rule.expected, median_rule.example);
         }
     }
-    read_duration(&object, "low_pass_s", "0.05", &condition->low_pass);
+    read_low_pass(&object, step, &condition->low_pass);
     (void)tl_config_get_number(&object, "gate", &gate, &condition->gate);
     tl_config_done(&object);
 }
 
 /* What only an output that is matched has. */
-static void read_matched(tl_config_object *entry, double tolerance, tl_plan_match *match) {
+static void read_matched(tl_config_object *entry, double tolerance, tl_time step, tl_plan_match *match) {
     static const tl_config_number huber = {.above = true, .maximum = HUGE_VAL, .example = "3"};
     read_tolerance(entry, tolerance, match);
     (void)tl_config_get_number(entry, "huber", &huber, &match->huber);
-    read_condition(entry, &match->condition);
+    read_condition(entry, step, &match->condition);
 }
 
 /* `synchronise.match`, `tolerance` as in read_tolerance(); or `compare`, where every weight is 0. */
@@ -110,7 +121,7 @@ static void read_match(tl_config_object *parent, const char *key, tl_config *con
         match->tolerance = 1;
         read_target(&entry, match);
         if (weighted) {
-            read_matched(&entry, tolerance, match);
+            read_matched(&entry, tolerance, config->step, match);
         }
         tl_config_done(&entry);
         match++;

@@ -50,9 +50,9 @@ static void show(tl_cycle *cycle) {
     tl_snapshot_publish(&cycle->snapshot, &cycle->shown, sizeof cycle->shown);
 }
 
-static void keep(tl_cycle *cycle, const tl_record *record) {
+static void keep(tl_cycle *cycle, int64_t tick, const tl_record *record) {
     tl_summary_add(&cycle->summary, &cycle->settings.assembly->config, record);
-    tl_watch_record(&cycle->watch, record);
+    tl_watch_record(&cycle->watch, tick, record);
     if (cycle->settings.recorder != NULL) {
         tl_assembly_put_step(cycle->settings.assembly, cycle->settings.recorder, record);
     }
@@ -83,7 +83,7 @@ static tl_status compute(tl_cycle *cycle, int64_t tick, const tl_budget *budget)
     tl_status status = budget == NULL ? tl_twin_make_up(twin, &sample, &record, &ready, &cycle->error)
                                       : tl_twin_step(twin, &sample, budget, &record, &ready, &cycle->error);
     if (ready) {
-        keep(cycle, &record);
+        keep(cycle, tick, &record);
     }
     if (status == TL_OK) {
         cycle->summary.skipped += budget == NULL && tick >= cycle->warm_up ? 1 : 0;
@@ -97,6 +97,7 @@ static tl_status catch_up(tl_cycle *cycle, const tl_budget *budget) {
     tl_time period = cycle->settings.assembly->config.step;
     int64_t present = (budget->started - cycle->start) / period;
     int64_t missed_from = cycle->next_tick;
+    uint64_t skipped_before = cycle->summary.skipped;
     tl_status status = TL_OK;
     present = present < cycle->last_tick ? present : cycle->last_tick;
     while (status == TL_OK && cycle->next_tick < present) {
@@ -105,7 +106,8 @@ static tl_status catch_up(tl_cycle *cycle, const tl_budget *budget) {
         }
         status = compute(cycle, cycle->next_tick, NULL);
     }
-    tl_watch_skipped(&cycle->watch, present, (uint64_t)(cycle->next_tick - missed_from), budget->started);
+    tl_watch_skipped(&cycle->watch, present, cycle->summary.skipped - skipped_before,
+                     tl_time_of_step(cycle->start, period, present));
     if (status == TL_OK && cycle->next_tick == present) {
         status = compute(cycle, present, budget);
         tl_time deadline = tl_time_of_step(cycle->start, period, present + 1);
@@ -134,7 +136,7 @@ static void finish(tl_cycle *cycle) {
     tl_twin_finish(cycle->settings.assembly->twin, &sample, &record, &ready);
     if (ready) {
         keep_sample(cycle, &sample);
-        keep(cycle, &record);
+        keep(cycle, cycle->next_tick, &record);
     }
 }
 

@@ -4,8 +4,8 @@
  *              user_version, at 68 application_id. They are read through SQLite's own file handle before any SQL runs,
  *              so no lock is taken, no journal is rolled back and no -wal file appears beside somebody else's file.
  *              (A file descriptor of our own would drop SQLite's POSIX locks when it is closed.)
- * Making:      under another name, then renamed, so that a power cut leaves a whole database or none, and the
- *              header is always in the file itself, not in its write-ahead log.
+ * Making:      under a name that nobody has, then renamed, so that a power cut leaves a whole database or none, and
+ *              the header is always in the file itself, not in its write-ahead log. The renaming replaces nothing.
  * Formats:     user_version as SQL sees it counts: an upgrade may still be in the write-ahead log.
  */
 #include "firmware/database.h"
@@ -21,7 +21,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-enum { HEADER = 100, VERSION_AT = 60, APPLICATION_AT = 68 };
+enum { HEADER = 100, VERSION_AT = 60, APPLICATION_AT = 68, JOURNAL = sizeof "-journal" };
 
 tl_status tl_database_status(int code) {
     switch (code & 0xFF) {
@@ -294,15 +294,53 @@ static tl_status build(const char *name, tl_error *error) {
     return status == TL_BAD_DATA ? TL_TRY_AGAIN : status; /* what is not there yet cannot be bad */
 }
 
-/* What is left beside a database that was removed, or of one that was never finished. */
-static void remove_leftovers(const char *path) {
-    static const char *const ends[] = {"-wal", "-shm", "-journal", ".new", ".new-journal", ".new-wal", ".new-shm"};
-    char name[PATH_MAX];
-    for (size_t i = 0; i < sizeof ends / sizeof ends[0]; i++) {
-        if (snprintf(name, sizeof name, "%s%s", path, ends[i]) < PATH_MAX) {
-            (void)unlink(name);
+/* What SQLite leaves beside a database, and how it begins: a log, its index, a journal that was not finished or was. */
+typedef struct leftover {
+    const char *end;
+    size_t length;
+    const char *starts[2];
+} leftover;
+
+static const leftover leftovers[] = {
+    {"-wal", 4, {"\x37\x7f\x06\x82", "\x37\x7f\x06\x83"}},
+    {"-shm", 4, {"\x18\xe2\x2d\x00", "\x00\x2d\xe2\x18"}},
+    {"-journal", 8, {"\xd9\xd5\x05\xf9\x20\xa1\x63\xd7", "\0\0\0\0\0\0\0\0"}},
+};
+
+/* Is it SQLite's, or empty, or not there? An empty one says nothing, and SQLite leaves such too. */
+static bool may_be_removed(const char *name, const leftover *kind) {
+    char start[8] = {0};
+    struct stat file;
+    if (lstat(name, &file) != 0) {
+        return true;
+    }
+    int opened = S_ISREG(file.st_mode) ? open(name, O_RDONLY | O_CLOEXEC | O_NOFOLLOW | O_NONBLOCK) : -1;
+    if (opened < 0) {
+        return false;
+    }
+    ssize_t length = read(opened, start, kind->length);
+    (void)close(opened);
+    return length == 0 || ((size_t)length == kind->length && (memcmp(start, kind->starts[0], kind->length) == 0 ||
+                                                              memcmp(start, kind->starts[1], kind->length) == 0));
+}
+
+/* The log of a database that was removed would be played into the new one. */
+static tl_status remove_leftovers(const char *path, tl_error *error) {
+    char names[sizeof leftovers / sizeof leftovers[0]][PATH_MAX];
+    for (size_t i = 0; i < sizeof leftovers / sizeof leftovers[0]; i++) {
+        if (snprintf(names[i], PATH_MAX, "%s%s", path, leftovers[i].end) >= PATH_MAX) {
+            return tl_fail(error, TL_TRY_AGAIN, "%.200sâ¦: the name is too long", path);
+        }
+        if (!may_be_removed(names[i], &leftovers[i])) {
+            return tl_fail(error, TL_BAD_DATA,
+                           "%s: cannot be made: %s is there and not SQLite's, which needs that name: move it away",
+                           path, names[i]);
         }
     }
+    for (size_t i = 0; i < sizeof leftovers / sizeof leftovers[0]; i++) {
+        (void)unlink(names[i]);
+    }
+    return TL_OK;
 }
 
 static void sync_folder(const char *path) {
@@ -315,21 +353,94 @@ static void sync_folder(const char *path) {
     }
 }
 
+/* An empty file beside `path` that nobody had before; its name goes to `name`. */
+static tl_status take_name(const char *path, char name[PATH_MAX], tl_error *error) {
+    for (int i = 0;; i++) {
+        if (snprintf(name, PATH_MAX, "%s.new-%ld-%d", path, (long)getpid(), i) + JOURNAL >= PATH_MAX) {
+            return tl_fail(error, TL_TRY_AGAIN, "%.200sâ¦: the name is too long", path);
+        }
+        int file = open(name, O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0644);
+        if (file >= 0) {
+            (void)close(file);
+            return TL_OK;
+        }
+        if (errno != EEXIST) {
+            return tl_fail(error, TL_TRY_AGAIN, "%s: cannot be made: %s", path, strerror(errno));
+        }
+    }
+}
+
+static void remove_unfinished(const char *name) {
+    char beside[PATH_MAX];
+    for (size_t i = 0; i < sizeof leftovers / sizeof leftovers[0]; i++) {
+        (void)snprintf(beside, sizeof beside, "%s%s", name, leftovers[i].end);
+        (void)unlink(beside);
+    }
+    (void)unlink(name);
+}
+
+/* Gives what was built its name, unless there is something by now. A file system that cannot do both at once (NFS) can make a
+ * second name. */
+static bool put_in_place(const char *built, const char *path) {
+    if (renameat2(AT_FDCWD, built, AT_FDCWD, path, RENAME_NOREPLACE) == 0) {
+        return true;
+    }
+    return (errno == EINVAL || errno == ENOSYS) && link(built, path) == 0 && unlink(built) == 0;
+}
+
 tl_status tl_database_create(const char *path, tl_error *error) {
     char name[PATH_MAX];
-    int length = snprintf(name, sizeof name, "%s.new", path);
-    if (length < 0 || length + 16 >= PATH_MAX) {
-        return tl_fail(error, TL_TRY_AGAIN, "%.200s…: the name is too long", path);
+    tl_status status = remove_leftovers(path, error);
+    if (status == TL_OK) {
+        status = take_name(path, name, error);
     }
-    remove_leftovers(path);
-    tl_status status = build(name, error);
-    if (status == TL_OK && rename(name, path) != 0) {
+    if (status != TL_OK) {
+        return status;
+    }
+    status = build(name, error);
+    if (status == TL_OK && !put_in_place(name, path)) {
         status = tl_fail(error, TL_TRY_AGAIN, "%s: cannot be made: %s", path, strerror(errno));
     }
     if (status != TL_OK) {
-        remove_leftovers(path);
+        remove_unfinished(name);
         return status;
     }
     sync_folder(path);
     return TL_OK;
+}
+
+/* ---- Where it is ------------------------------------------------------------------------------------------------- */
+
+/* Of a path at which there is nothing: is there a folder to make it in? */
+static tl_status check_folder(const char *path, tl_error *error) {
+    char copy[PATH_MAX];
+    struct stat folder;
+    if (snprintf(copy, sizeof copy, "%s", path) >= PATH_MAX) {
+        return tl_fail(error, TL_TRY_AGAIN, "%.200sâ¦: the name is too long", path);
+    }
+    if (stat(dirname(copy), &folder) != 0) {
+        return tl_fail(error, TL_TRY_AGAIN, "%s: cannot be made: its folder: %s", path, strerror(errno));
+    }
+    return TL_OK;
+}
+
+tl_status tl_database_place(const char *given, char path[PATH_MAX], tl_error *error) {
+    struct stat file;
+    if (given[0] == '\0') {
+        return tl_fail(error, TL_BAD_USAGE, "the name of the database is empty: give a file, for example run.db");
+    }
+    if (realpath(given, path) != NULL) {
+        bool regular = stat(path, &file) == 0 && S_ISREG(file.st_mode);
+        return regular ? TL_OK : tl_fail(error, TL_BAD_DATA, "%s: is no ordinary file, and left as it is", given);
+    }
+    if (errno != ENOENT) {
+        return tl_fail(error, TL_TRY_AGAIN, "%.200s: cannot be opened: %s", given, strerror(errno));
+    }
+    if (lstat(given, &file) == 0) {
+        return tl_fail(error, TL_BAD_DATA, "%s: is a symbolic link to a file that is not there, and left as it is",
+                       given);
+    }
+    tl_status status = check_folder(given, error);
+    (void)snprintf(path, PATH_MAX, "%s", status == TL_OK ? given : "");
+    return status;
 }

@@ -9,6 +9,7 @@
 #ifndef TL_FIRMWARE_DATABASE_H
 #define TL_FIRMWARE_DATABASE_H
 
+#include <limits.h>
 #include <sqlite3.h>
 #include <stdbool.h>
 #include <stddef.h>
@@ -32,7 +33,13 @@ extern const char *const tl_database_bridge[];
  * works on a read-only medium. */
 tl_status tl_database_open(const char *path, bool write, sqlite3 **database, tl_error *error);
 
-/* Makes an empty database at `path`, where there is no file or an empty one. It appears whole or not at all. */
+/* Where a database that is to be written is, or will be: links resolved. Refused is what no database can be, or be
+ * made of: anything but an ordinary file, a link that leads nowhere (both TL_BAD_DATA), an empty name (TL_BAD_USAGE),
+ * a folder that is not there (TL_TRY_AGAIN). */
+tl_status tl_database_place(const char *given, char path[PATH_MAX], tl_error *error);
+
+/* Makes an empty database at `path`, where there is nothing. It appears whole or not at all, and replaces nothing but
+ * what SQLite left there of a database that was removed; TL_BAD_DATA where others' files have such names. */
 tl_status tl_database_create(const char *path, tl_error *error);
 
 /* Both fail as tl_database_fail() does. */

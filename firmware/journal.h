@@ -7,6 +7,7 @@
 #ifndef TL_FIRMWARE_JOURNAL_H
 #define TL_FIRMWARE_JOURNAL_H
 
+#include <stdbool.h>
 #include <stdint.h>
 
 #include "firmware/recorder.h"
@@ -34,6 +35,9 @@ void tl_journal_init(tl_journal *journal, tl_recorder *recorder);
 /* As tl_recorder_event(); `tick` −1 where it belongs to none. */
 void tl_journal_event(tl_journal *journal, int64_t tick, tl_severity severity, const char *source, const char *format,
                       ...) TL_PRINTF(5, 6);
+
+/* Does anything wait? For the thread that drains. */
+bool tl_journal_has_events(const tl_journal *journal);
 
 /* Writes what waits to the log. */
 void tl_journal_drain(tl_journal *journal);

@@ -33,6 +33,7 @@ struct tl_plant_stream {
     size_t room; /* of it */
     size_t length;
     size_t sent;
+    int failure; /* errno of a file that cannot be written; 0: none */
     tl_plant_stream_counts counts;
 };
 
@@ -123,6 +124,15 @@ static void lose_reader(tl_plant_stream *stream) {
     stream->sent = 0;
 }
 
+/* A FIFO loses its reader and may get another one; a file stays as it is. */
+static void fail(tl_plant_stream *stream, int reason) {
+    if (stream->is_fifo) {
+        lose_reader(stream);
+    } else {
+        stream->failure = reason;
+    }
+}
+
 /* Waits until more can be written. false where it is too late for that. */
 static bool wait_for_room(const tl_plant_stream *stream, tl_time deadline) {
     tl_time left = deadline - tl_clock_now(NULL);
@@ -141,9 +151,7 @@ static bool flush(tl_plant_stream *stream, tl_time deadline) {
                 return false;
             }
         } else if (errno != EINTR) {
-            if (stream->is_fifo) {
-                lose_reader(stream);
-            }
+            fail(stream, errno);
             return false;
         }
     }
@@ -156,7 +164,7 @@ static bool write_row(tl_plant_stream *stream, tl_time time, const double *value
         return false;
     }
     put_row(stream, time, values, present);
-    if (!flush(stream, deadline) && stream->sent == 0) {
+    if (!flush(stream, deadline) && (stream->sent == 0 || stream->failure != 0)) {
         stream->length = 0;
         return false;
     }
@@ -168,6 +176,12 @@ bool tl_plant_stream_row(tl_plant_stream *stream, tl_time time, const double *va
     stream->counts.written += written ? 1 : 0;
     stream->counts.dropped += written ? 0 : 1;
     return written;
+}
+
+tl_status tl_plant_stream_check(const tl_plant_stream *stream, tl_error *error) {
+    return stream->failure == 0 ? TL_OK
+                                : tl_fail(error, TL_TRY_AGAIN, "%s: cannot be written: %s (rows before: %" PRIu64 ")",
+                                          stream->path, strerror(stream->failure), stream->counts.written);
 }
 
 tl_plant_stream_counts tl_plant_stream_count(const tl_plant_stream *stream) {
@@ -191,8 +205,8 @@ static tl_status open_path(tl_plant_stream *stream, const tl_plant_stream_settin
                        errno == EEXIST ? "; remove it, or make a FIFO of that name with mkfifo" : "");
     }
     put_header(stream);
-    (void)flush(stream, 0); /* what a full disk does not take goes before the first row */
-    return TL_OK;
+    (void)flush(stream, 0);
+    return tl_plant_stream_check(stream, error);
 }
 
 tl_status tl_plant_stream_open(const tl_plant_stream_settings *settings, tl_plant_stream **stream, tl_error *error) {

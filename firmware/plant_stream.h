@@ -33,12 +33,16 @@ typedef struct tl_plant_stream_counts {
 typedef struct tl_plant_stream tl_plant_stream;
 
 /* Copies what it needs; does not wait for a reader. Errors: TL_BAD_DATA where the path cannot be written, or is a
- * file that exists; TL_TRY_AGAIN where memory is out. */
+ * file that exists; TL_TRY_AGAIN where memory is out, or the disk is full. */
 tl_status tl_plant_stream_open(const tl_plant_stream_settings *settings, tl_plant_stream **stream, tl_error *error);
 
 /* One row: a value per column, empty where `present` (which may be NULL: all are) is false or the value is not
  * finite. false where it was dropped. */
 bool tl_plant_stream_row(tl_plant_stream *stream, tl_time time, const double *values, const bool *present);
+
+/* TL_TRY_AGAIN where a file could not be written, for example on a full disk. A FIFO that nobody reads is no failure:
+ * its rows are dropped. */
+tl_status tl_plant_stream_check(const tl_plant_stream *stream, tl_error *error);
 
 tl_plant_stream_counts tl_plant_stream_count(const tl_plant_stream *stream);
 

@@ -2,7 +2,6 @@
 #include "firmware/recorder_database.h"
 
 #include <assert.h>
-#include <errno.h>
 #include <limits.h>
 #include <math.h>
 #include <sqlite3.h>
@@ -521,10 +520,7 @@ static tl_status prepare_all(tl_recorder_database *database, tl_error *error) {
 
 static tl_status make_file(const char *path, tl_error *error) {
     struct stat file;
-    if (stat(path, &file) == 0 && file.st_size > 0) {
-        return TL_OK;
-    }
-    return tl_database_create(path, error);
+    return lstat(path, &file) == 0 ? TL_OK : tl_database_create(path, error);
 }
 
 static tl_status open_all(tl_recorder_database *database, const tl_recorder_settings *settings, tl_error *error) {
@@ -570,11 +566,7 @@ tl_status tl_recorder_database_open(const tl_recorder_settings *settings, tl_rec
     opened->shape.match = settings->match_count;
     opened->shape.adjust = settings->adjust_count;
     opened->shape.components = settings->component_count;
-    tl_status status = TL_OK;
-    if (realpath(settings->path, opened->path) == NULL &&
-        snprintf(opened->path, sizeof opened->path, "%s", settings->path) >= PATH_MAX) {
-        status = tl_fail(error, TL_TRY_AGAIN, "%.200s…: the name is too long", settings->path);
-    }
+    tl_status status = tl_database_place(settings->path, opened->path, error);
     if (status == TL_OK) {
         status = tl_recorder_lock_take(opened->path, &opened->lock, error);
     }

@@ -38,16 +38,43 @@ static tl_status fail_taken(const tl_recorder_lock *lock, const char *database, 
                    database, owner[0] == '\0' ? "unknown" : owner);
 }
 
+/* Empty, or with the number that a killed owner left. */
+static bool is_ours(const tl_recorder_lock *lock) {
+    char text[32];
+    struct stat file;
+    if (fstat(lock->file, &file) != 0 || !S_ISREG(file.st_mode) || file.st_size >= (off_t)sizeof text) {
+        return false;
+    }
+    ssize_t length = pread(lock->file, text, sizeof text - 1, 0);
+    text[length > 0 ? length : 0] = '\0';
+    size_t digits = strspn(text, "0123456789");
+    return strcmp(text + digits, digits == 0 ? "" : "\n") == 0;
+}
+
 /* 1: taken, 0: somebody else has it, −1: errno. */
 static int try_once(tl_recorder_lock *lock) {
-    lock->file = open(lock->path, O_RDWR | O_CREAT | O_CLOEXEC, 0644);
+    lock->file = open(lock->path, O_RDWR | O_CREAT | O_CLOEXEC | O_NOFOLLOW | O_NONBLOCK, 0644);
     if (lock->file < 0) {
+        return -1;
+    }
+    if (!is_ours(lock)) {
+        errno = EEXIST;
         return -1;
     }
     if (flock(lock->file, LOCK_EX | LOCK_NB) != 0) {
         return errno == EWOULDBLOCK || errno == EINTR ? 0 : -1;
     }
     return is_current(lock) ? 1 : 0;
+}
+
+/* What is there under the lock's name may be the user's: it is left alone. */
+static tl_status fail_impossible(const tl_recorder_lock *lock, const char *database, int reason, tl_error *error) {
+    if (reason == EEXIST || reason == ELOOP || reason == EISDIR) {
+        return tl_fail(error, TL_BAD_DATA,
+                       "%s: %s is there and no lock of twinlock's, which needs that name: move it away", database,
+                       lock->path);
+    }
+    return tl_fail(error, TL_TRY_AGAIN, "%s: its lock, %s, cannot be made: %s", database, lock->path, strerror(reason));
 }
 
 tl_status tl_recorder_lock_take(const char *database, tl_recorder_lock *lock, tl_error *error) {
@@ -64,7 +91,7 @@ tl_status tl_recorder_lock_take(const char *database, tl_recorder_lock *lock, tl
         }
         tl_status status = TL_OK;
         if (result < 0) {
-            status = tl_fail(error, TL_TRY_AGAIN, "%s: cannot be made: %s", lock->path, strerror(errno));
+            status = fail_impossible(lock, database, errno, error);
         } else if (i == TRIES) {
             status = fail_taken(lock, database, error);
         }

@@ -17,7 +17,7 @@ typedef struct tl_recorder_lock {
 } tl_recorder_lock;
 
 /* Waits for at most 2 s. TL_TRY_AGAIN where another recorder has it, of this process or another, or where the
- * file cannot be made. */
+ * file cannot be made; TL_BAD_DATA where its name is that of a file which is no lock. */
 tl_status tl_recorder_lock_take(const char *database, tl_recorder_lock *lock, tl_error *error);
 
 void tl_recorder_lock_release(tl_recorder_lock *lock);

@@ -10,9 +10,12 @@ static int64_t last_step(const tl_config *config) {
     return config->duration == 0 ? INT64_MAX : config->duration / config->step;
 }
 
-static void keep(const tl_replay *replay, const tl_record *record, tl_summary *summary) {
+static void keep(const tl_replay *replay, int64_t tick, const tl_record *record, tl_summary *summary) {
     const tl_config *config = &replay->assembly->config;
     tl_summary_add(summary, config, record);
+    if (replay->watch != NULL) {
+        tl_watch_record(replay->watch, tick, record);
+    }
     if (replay->recorder != NULL) {
         tl_assembly_put_step(replay->assembly, replay->recorder, record);
     }
@@ -40,7 +43,7 @@ static tl_status step(const tl_replay *replay, const tl_recording_tick *tick, tl
                            ? tl_twin_make_up(replay->assembly->twin, &tick->sample, &record, &ready, error)
                            : tl_twin_step(replay->assembly->twin, &tick->sample, &budget, &record, &ready, error);
     if (ready) {
-        keep(replay, &record, summary);
+        keep(replay, tick->sample.tick, &record, summary);
         summary->skipped += record.outcome == TL_MADE_UP ? 1 : 0;
     }
     return status;
@@ -74,9 +77,28 @@ static tl_status finish(const tl_replay *replay, const tl_recording_tick *tick, 
         tl_recorder_put_sample(replay->recorder, &tick->sample);
     }
     if (ready) {
-        keep(replay, &record, summary);
+        keep(replay, tick->sample.tick, &record, summary);
     }
     return TL_OK;
+}
+
+/* What goes before a tick's step: its sample, and its events. `missed` counts the ticks that the run made up before one
+ * that it met, where it told so. */
+static void take_sample(const tl_replay *replay, const tl_recording_tick *tick, uint64_t *missed) {
+    const tl_sample *sample = &tick->sample;
+    if (tick->made_up) {
+        ++*missed;
+    } else if (replay->watch != NULL) {
+        tl_time instant = tl_time_of_step(0, replay->assembly->config.step, sample->tick);
+        tl_watch_skipped(replay->watch, sample->tick, *missed, instant);
+        *missed = 0;
+    }
+    if (replay->watch != NULL) {
+        tl_watch_sample(replay->watch, sample);
+    }
+    if (replay->recorder != NULL) {
+        tl_recorder_put_sample(replay->recorder, sample);
+    }
 }
 
 /* One tick is read ahead: in mode ahead a step is computed only if its measurement will come. */
@@ -86,6 +108,7 @@ static tl_status run(const tl_replay *replay, tl_progress *progress, tl_summary 
     bool end = false;
     bool ahead = replay->assembly->config.measurements == TL_AHEAD;
     int64_t last = last_tick(replay);
+    uint64_t missed = 0;
     tl_time started = tl_clock_now(NULL);
     tl_status status = tl_recording_next(replay->recording, &tick, &end, error);
     while (status == TL_OK && !end) {
@@ -101,9 +124,7 @@ static tl_status run(const tl_replay *replay, tl_progress *progress, tl_summary 
             break;
         }
         pace(replay, started, tick.sample.tick, summary);
-        if (replay->recorder != NULL) {
-            tl_recorder_put_sample(replay->recorder, &tick.sample);
-        }
+        take_sample(replay, &tick, &missed);
         status = step(replay, &tick, summary, error);
         if (status == TL_OK && tl_interrupt_requested() != NULL) {
             return tl_fail(error, TL_INTERRUPTED, "interrupted by %s after %llu steps", tl_interrupt_requested(),

@@ -14,11 +14,13 @@
 #include "firmware/recording.h"
 #include "firmware/summary.h"
 #include "firmware/trajectory.h"
+#include "firmware/watch.h"
 
 typedef struct tl_replay {
     const tl_assembly *assembly;
     tl_recording *recording;
     tl_recorder *recorder; /* NULL: none */
+    tl_watch *watch;       /* tells events as a live run's does; NULL: none */
     FILE *trajectory;      /* NULL: none */
     bool realtime;
 } tl_replay;

@@ -4,6 +4,7 @@
 #include <cjson/cJSON.h>
 #include <inttypes.h>
 #include <math.h>
+#include <stdio.h>
 #include <stdlib.h>
 
 /* Rows of the run: each is one committed step of the twin. */
@@ -195,6 +196,15 @@ static void print_ledger(const tl_twin *twin, FILE *file) {
     }
 }
 
+/* A dash where JSON has null: the square of a large difference may be more than a number can be. */
+static void write_measure(double value, int digits, char *text, size_t size) {
+    if (isfinite(value)) {
+        (void)snprintf(text, size, "%.*g", digits, value);
+    } else {
+        (void)snprintf(text, size, "-");
+    }
+}
+
 static void print_matches(const tl_config *config, const tl_twin *twin, FILE *file) {
     for (size_t i = 0; i < config->match_count; i++) {
         const tl_metrics *metrics = tl_twin_metrics(twin, i);
@@ -203,8 +213,12 @@ static void print_matches(const tl_config *config, const tl_twin *twin, FILE *fi
             (void)fprintf(file, "  %-12s fewer than two good measurements: nothing to compare\n",
                           config->match[i].variable);
         } else {
-            (void)fprintf(file, "  %-12s MSE %.5g (%s)\302\262, MAX %.4g %s%s\n", config->match[i].variable,
-                          tl_metrics_mse(metrics), unit, metrics->maximum, unit,
+            char mse[32];
+            char maximum[32];
+            write_measure(tl_metrics_mse(metrics), 5, mse, sizeof mse);
+            write_measure(metrics->maximum, 4, maximum, sizeof maximum);
+            (void)fprintf(file, "  %-12s MSE %s (%s)\302\262, MAX %s %s%s\n", config->match[i].variable, mse, unit,
+                          maximum, unit,
                           config->match[i].weight > 0.0 || config->adjust_count == 0 ? "" : ", compared only");
         }
         if (metrics->left_out != 0) {

@@ -56,11 +56,12 @@ void tl_trajectory_add(FILE *file, const tl_config *config, const tl_record *rec
 
 tl_status tl_trajectory_close(FILE *file, FILE *output, const char *path, tl_error *error) {
     bool failed = ferror(file) != 0;
+    errno = EIO; /* what an earlier failure is called where closing finds nothing left to fail */
     if (file == output) {
         failed = fflush(file) != 0 || failed;
     } else {
         failed = fclose(file) != 0 || failed;
     }
-    return failed ? tl_fail(error, TL_TRY_AGAIN, "%s: not everything could be written; is the disk full?", path)
+    return failed ? tl_fail(error, TL_TRY_AGAIN, "%s: not everything could be written: %s", path, strerror(errno))
                   : TL_OK;
 }

@@ -104,7 +104,8 @@ static void print_components(const tl_assembly *assembly, FILE *output) {
                       component->model->capabilities.can_get_and_set_state ? "can save its state"
                                                                            : "cannot save its state");
     }
-    (void)fprintf(output, "  %-12s %zu signals\n", "plant", assembly->plan.signal_count);
+    (void)fprintf(output, "  %-12s %zu signal%s\n", "plant", assembly->plan.signal_count,
+                  assembly->plan.signal_count == 1 ? "" : "s");
     (void)fputs("connections\n", output);
     for (size_t i = 0; i < assembly->plan.connection_count; i++) {
         (void)fprintf(output, "  %s \342\206\222 %s\n", assembly->plan.connections[i].from,

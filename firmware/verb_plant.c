@@ -186,8 +186,9 @@ static tl_status serve_source(player *self, const tl_config *listener, size_t in
     tl_status status = tl_plant_server_start(&settings, &served->server, error);
     if (status == TL_OK) {
         self->served_count++;
-        tl_log(TL_LOG_NOTICE, "%s: %zu signals by Modbus TCP at %s:%u; playing starts with the first request",
-               source->name, served->channel_count, source->host, (unsigned)tl_plant_server_port(served->server));
+        tl_log(TL_LOG_NOTICE, "%s: %zu signal%s by Modbus TCP at %s:%u; playing starts with the first request",
+               source->name, served->channel_count, served->channel_count == 1 ? "" : "s", source->host,
+               (unsigned)tl_plant_server_port(served->server));
     }
     return status;
 }
@@ -224,7 +225,7 @@ static tl_status open_stream(player *self, const tl_config *listener, tl_error *
     return tl_plant_stream_open(&settings, &self->stream, error);
 }
 
-static void show_row(player *self, const tl_emulation_row *row) {
+static tl_status show_row(player *self, const tl_emulation_row *row, tl_error *error) {
     for (size_t i = 0; i < self->served_count; i++) {
         served_source *served = &self->served[i];
         double values[TL_MAX_SIGNALS];
@@ -235,9 +236,11 @@ static void show_row(player *self, const tl_emulation_row *row) {
         }
         tl_plant_server_set_all(served->server, values, present);
     }
-    if (self->stream != NULL) {
-        (void)tl_plant_stream_row(self->stream, row->time, row->values, row->present);
+    if (self->stream == NULL) {
+        return TL_OK;
     }
+    (void)tl_plant_stream_row(self->stream, row->time, row->values, row->present);
+    return tl_plant_stream_check(self->stream, error);
 }
 
 /* Until someone listens, the first row stands. */
@@ -252,8 +255,14 @@ static void wait_for_listener(player *self) {
     }
 }
 
+/* The first row comes at once; a file is written as fast as it can be. */
+static void pace(const player *self, uint64_t rows, tl_time instant) {
+    if (self->options->record == NULL && rows != 0) {
+        tl_clock_sleep_until(instant);
+    }
+}
+
 static tl_status play(player *self, tl_error *error) {
-    bool realtime = self->options->record == NULL;
     bool end = false;
     uint64_t rows = 0;
     tl_emulation_row row;
@@ -262,19 +271,19 @@ static tl_status play(player *self, tl_error *error) {
     tl_time started = tl_clock_now(NULL);
     tl_progress_begin(&progress, "row", 0);
     while (status == TL_OK && !end && tl_interrupt_requested() == NULL) {
-        if (realtime && rows != 0) {
-            tl_clock_sleep_until(started + row.time);
-        }
+        pace(self, rows, started + row.time);
         if (tl_interrupt_requested() != NULL) {
             break;
         }
-        show_row(self, &row);
+        status = show_row(self, &row, error);
         if (rows++ == 0) {
             wait_for_listener(self);
             started = tl_clock_now(NULL);
         }
         tl_progress_update(&progress, (int64_t)rows);
-        status = tl_emulation_next(self->emulation, &row, &end, error);
+        if (status == TL_OK) {
+            status = tl_emulation_next(self->emulation, &row, &end, error);
+        }
     }
     tl_progress_end(&progress);
     if (status == TL_OK) {
@@ -292,8 +301,12 @@ static void close_all(player *self) {
     }
     if (self->stream != NULL) {
         tl_plant_stream_counts counts = tl_plant_stream_count(self->stream);
-        tl_log(TL_LOG_NOTICE, "%" PRIu64 " rows written, %" PRIu64 " dropped for want of a reader", counts.written,
-               counts.dropped);
+        if (self->options->fifo != NULL) {
+            tl_log(TL_LOG_NOTICE, "%" PRIu64 " rows written, %" PRIu64 " dropped for want of a reader", counts.written,
+                   counts.dropped);
+        } else {
+            tl_log(TL_LOG_NOTICE, "%" PRIu64 " rows written", counts.written);
+        }
         tl_plant_stream_close(self->stream);
     }
     tl_emulation_close(self->emulation);

@@ -2,11 +2,13 @@
 #include <getopt.h>
 #include <limits.h>
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
 
 #include "firmware/assembly.h"
 #include "firmware/interrupt.h"
+#include "firmware/journal.h"
 #include "firmware/log.h"
 #include "firmware/output.h"
 #include "firmware/recorder.h"
@@ -14,6 +16,7 @@
 #include "firmware/replay.h"
 #include "firmware/trajectory.h"
 #include "firmware/verbs.h"
+#include "firmware/watch.h"
 
 typedef struct replay_options {
     const char *config;
@@ -25,6 +28,12 @@ typedef struct replay_options {
     bool plain;
     FILE *output;
 } replay_options;
+
+/* Events on their way to the database. */
+typedef struct event_way {
+    tl_journal journal;
+    tl_watch watch;
+} event_way;
 
 static void print_help(FILE *file) {
     (void)fputs("usage: twinlock replay CONFIG [options]\n\n"
@@ -134,13 +143,28 @@ static void print_summary(const tl_assembly *assembly, const replay_options *opt
     }
 }
 
+/* The recorder, and the watch whose events it gets. They are not logged: who replays has the table. */
+static tl_status open_database(const tl_assembly *assembly, const replay_options *options, event_way *way,
+                               tl_replay *replay, tl_error *error) {
+    tl_status status = tl_assembly_record(assembly, "replay", options->database, true, &replay->recorder, error);
+    tl_journal_init(&way->journal, replay->recorder);
+    tl_watch_init(&way->watch, &assembly->config, &way->journal);
+    replay->watch = &way->watch;
+    return status;
+}
+
+static tl_status close_database(tl_replay *replay, const char *reason, tl_error *error) {
+    tl_recorder_counts counts;
+    return replay->recorder == NULL ? TL_OK : tl_recorder_close(replay->recorder, reason, &counts, error);
+}
+
 /* Runs, then closes what the run wrote; the first failure counts. */
-static tl_status replay_into(const tl_assembly *assembly, const replay_options *options, tl_replay *replay,
-                             tl_error *error) {
+static tl_status replay_into(const tl_assembly *assembly, const replay_options *options, event_way *way,
+                             tl_replay *replay, tl_error *error) {
     tl_summary summary;
     tl_status status = TL_OK;
     if (options->database != NULL) {
-        status = tl_assembly_record(assembly, "replay", options->database, true, &replay->recorder, error);
+        status = open_database(assembly, options, way, replay, error);
     }
     if (status == TL_OK && options->trajectory != NULL) {
         status =
@@ -160,16 +184,25 @@ static tl_status replay_into(const tl_assembly *assembly, const replay_options *
         *error = later;
         status = later.status;
     }
-    if (replay->recorder != NULL) {
-        tl_recorder_counts counts;
-        const char *reason = status == TL_OK            ? "end of recording"
-                             : status == TL_INTERRUPTED ? tl_interrupt_requested()
-                                                        : error->text;
-        if (tl_recorder_close(replay->recorder, reason, &counts, &later) != TL_OK && status == TL_OK) {
-            *error = later;
-            status = later.status;
-        }
+    const char *reason = status == TL_OK            ? "end of recording"
+                         : status == TL_INTERRUPTED ? tl_interrupt_requested()
+                                                    : error->text;
+    if (close_database(replay, reason, &later) != TL_OK && status == TL_OK) {
+        *error = later;
+        status = later.status;
     }
+    return status;
+}
+
+/* With what is too large for a small stack. */
+static tl_status replay_and_tell(const tl_assembly *assembly, const replay_options *options, tl_replay *replay,
+                                 tl_error *error) {
+    event_way *made = calloc(1, sizeof *made);
+    if (made == NULL) {
+        return tl_fail(error, TL_TRY_AGAIN, "not enough memory");
+    }
+    tl_status status = replay_into(assembly, options, made, replay, error);
+    free(made);
     return status;
 }
 
@@ -200,7 +233,7 @@ int tl_verb_replay(int argc, char **argv) {
         tl_replay replay = {.assembly = &assembly, .realtime = options.realtime};
         status = open_recording(&assembly, &options, &replay.recording, &error);
         if (status == TL_OK) {
-            status = replay_into(&assembly, &options, &replay, &error);
+            status = replay_and_tell(&assembly, &options, &replay, &error);
         }
         tl_recording_close(replay.recording);
         if (status != TL_OK) {

@@ -75,8 +75,10 @@ static int parse(int argc, char **argv, run_options *options) {
             break;
         case 'n':
             if (!parse_duration(optarg, &options->duration_s)) {
-                (void)fprintf(stderr, "twinlock run: --duration: found \"%s\", expected seconds > 0, for example 14\n",
-                              optarg);
+                (void)fprintf(
+                    stderr,
+                    "twinlock run: --duration: found \"%s\", expected seconds > 0 and below 1e9, for example 14\n",
+                    optarg);
                 return 3;
             }
             break;
@@ -116,7 +118,6 @@ static tl_status open_recorder(appliance *self, tl_error *error) {
     } else if (config->record_file != NULL) {
         tl_config_file_path(config, config->record_file, path, sizeof path);
     } else {
-        tl_log(TL_LOG_NOTICE, "nothing is recorded: the configuration has no \"record\", and no --db was given");
         return TL_OK;
     }
     return tl_assembly_record(&self->assembly, "run", path, false, &self->recorder, error);
@@ -141,6 +142,9 @@ static tl_status open_all(appliance *self, tl_error *error) {
     if (status != TL_OK) {
         return status;
     }
+    if (self->recorder == NULL) { /* said only of a run that begins */
+        tl_log(TL_LOG_NOTICE, "nothing is recorded: the configuration has no \"record\", and no --db was given");
+    }
     wait_for_readings(self);
     if (config->realtime_lock_memory) {
         tl_realtime_lock_memory(&self->journal);
@@ -154,10 +158,11 @@ static tl_status open_all(appliance *self, tl_error *error) {
     return tl_cycle_start(&settings, &self->cycle, error);
 }
 
-/* Writes what the terminal has columns for: a line that wraps cannot be redrawn. */
+/* Writes what the terminal has columns for: a line that wraps cannot be redrawn. Two are left for the ^C that the terminal
+ * itself writes behind it. */
 static void print_cut(const char *line) {
     struct winsize size = {0};
-    size_t columns = ioctl(STDERR_FILENO, TIOCGWINSZ, &size) == 0 && size.ws_col > 1 ? size.ws_col - 1U : 79U;
+    size_t columns = ioctl(STDERR_FILENO, TIOCGWINSZ, &size) == 0 && size.ws_col > 3 ? size.ws_col - 3U : 77U;
     size_t end = 0;
     for (size_t shown = 0; line[end] != '\0'; end++) {
         bool begins_character = ((unsigned char)line[end] & 0xc0U) != 0x80U;
@@ -168,22 +173,23 @@ static void print_cut(const char *line) {
     (void)fprintf(stderr, "\r\033[K%.*s", (int)end, line);
 }
 
+/* What matters first: the end is cut off where the terminal is narrow. */
 static void print_status(const appliance *self, const tl_cycle_status *status, bool terminal) {
     const tl_config *config = &self->assembly.config;
     const tl_record *record = &status->record;
     char line[512];
-    int length =
-        snprintf(line, sizeof line, "%8.2f s  skipped %llu  %.2f ms  %-12s",
-                 tl_seconds(tl_time_of_step(0, config->step, record->step + 1)), (unsigned long long)status->skipped,
-                 tl_seconds(record->used) * 1e3, tl_outcome_name(record->outcome));
-    for (size_t i = 0; i < config->match_count && i < 2; i++) {
-        length += snprintf(line + length, sizeof line - (size_t)length, "  %.63s %.4g (plant %.4g)",
-                           config->match[i].variable, record->y[i], record->y_hat[i]);
-    }
+    int length = snprintf(line, sizeof line, "%8.2f s", tl_seconds(tl_time_of_step(0, config->step, record->step + 1)));
     for (size_t i = 0; i < config->adjust_count && i < 2; i++) {
         length += snprintf(line + length, sizeof line - (size_t)length, "  \316\224%.63s %+.4g",
                            config->adjust[i].variable, record->u[i] - record->u_hat[i]);
     }
+    length += snprintf(line + length, sizeof line - (size_t)length, "  %-12s", tl_outcome_name(record->outcome));
+    for (size_t i = 0; i < config->match_count && i < 2; i++) {
+        length += snprintf(line + length, sizeof line - (size_t)length, "  %.63s %.4g (plant %.4g)",
+                           config->match[i].variable, record->y[i], record->y_hat[i]);
+    }
+    (void)snprintf(line + length, sizeof line - (size_t)length, "  %.2f ms  skipped %llu",
+                   tl_seconds(record->used) * 1e3, (unsigned long long)status->skipped);
     if (terminal) {
         print_cut(line);
     } else {
@@ -200,6 +206,9 @@ static void look_on(appliance *self) {
     tl_cycle_status status = {0};
     while (tl_interrupt_requested() == NULL && !status.ended) {
         tl_clock_sleep_until(tl_clock_now(NULL) + TL_SECOND / 20);
+        if (terminal && tl_journal_has_events(&self->journal)) {
+            (void)fputs("\r\033[K", stderr); /* an event begins its own line */
+        }
         tl_journal_drain(&self->journal);
         if (tl_cycle_status_now(self->cycle, &status) && status.steps != 0 && tl_clock_now(NULL) >= next &&
             (terminal || self->options->status)) {

@@ -1,6 +1,9 @@
 /* The watch: see watch.h. */
 #include "firmware/watch.h"
 
+#include <math.h>
+#include <stdio.h>
+
 /* What a record is to a trouble. */
 typedef enum turn { NOTHING_NEW, BEGUN, ENDED } turn;
 
@@ -25,39 +28,61 @@ void tl_watch_sample(tl_watch *watch, const tl_sample *sample) {
     }
 }
 
-static void watch_free_run(tl_watch *watch, const tl_record *record) {
+static void watch_free_run(tl_watch *watch, int64_t tick, const tl_record *record) {
     bool free_run = record->outcome == TL_FREE_RUN;
     if (free_run == watch->free_run || record->outcome == TL_MADE_UP) {
         return;
     }
     watch->free_run = free_run;
     if (free_run) {
-        tl_journal_event(watch->journal, record->step, TL_EVENT_WARNING, "twin",
+        tl_journal_event(watch->journal, tick, TL_EVENT_WARNING, "twin",
                          "no matched signal is good: the twin runs free on the last good values");
     } else {
-        tl_journal_event(watch->journal, record->step, TL_EVENT_INFO, "twin",
-                         "matched signals are good: synchronising again");
+        tl_journal_event(watch->journal, tick, TL_EVENT_INFO, "twin", "matched signals are good: synchronising again");
     }
 }
 
-static void watch_tolerance(tl_watch *watch, const tl_record *record) {
+/* Of a step out of tolerance. A J that is not there had no time, or was beyond what a number can be. */
+static void write_objective(const tl_record *record, char *text, size_t size) {
+    if (isfinite(record->objective)) {
+        (void)snprintf(text, size, "J = %.3g", record->objective);
+    } else if (record->stop == TL_STOP_TIME || (record->flags & TL_FLAG_WITHOUT_NOMINAL) != 0) {
+        (void)snprintf(text, size, "no time to evaluate");
+    } else {
+        (void)snprintf(text, size, "J is not finite");
+    }
+}
+
+static void tell_tolerance(const tl_watch *watch, int64_t tick, const tl_record *record) {
+    char objective[32];
+    if (!watch->out_of_tolerance) {
+        tl_journal_event(watch->journal, tick, TL_EVENT_INFO, "twin", "in lock again");
+        return;
+    }
+    write_objective(record, objective, sizeof objective);
+    tl_journal_event(watch->journal, tick, TL_EVENT_WARNING, "twin",
+                     "out of tolerance for %d steps (%s): in most of them %s was used", TL_WATCH_STEPS, objective,
+                     watch->nominal > TL_WATCH_STEPS / 2 ? "nominal" : "the best correction found");
+}
+
+static void watch_tolerance(tl_watch *watch, int64_t tick, const tl_record *record) {
     bool out = record->outcome == TL_BEST_SO_FAR || record->outcome == TL_NOMINAL;
     bool in = record->outcome == TL_FIRST_GUESS || record->outcome == TL_OPTIMISED;
     if (!out && !in) {
         return;
     }
-    watch->run_length = out == watch->out_of_tolerance ? 0 : watch->run_length + 1;
-    if (watch->run_length < TL_WATCH_STEPS) {
+    if (out == watch->out_of_tolerance) {
+        watch->run_length = 0;
+        watch->nominal = 0;
         return;
     }
-    watch->out_of_tolerance = out;
-    watch->run_length = 0;
-    if (out) {
-        tl_journal_event(watch->journal, record->step, TL_EVENT_WARNING, "twin",
-                         "out of tolerance for %d steps (J = %.3g): the best correction found is used", TL_WATCH_STEPS,
-                         record->objective);
-    } else {
-        tl_journal_event(watch->journal, record->step, TL_EVENT_INFO, "twin", "in lock again");
+    watch->run_length++;
+    watch->nominal += record->outcome == TL_NOMINAL ? 1 : 0;
+    if (watch->run_length == TL_WATCH_STEPS) {
+        watch->out_of_tolerance = out;
+        tell_tolerance(watch, tick, record);
+        watch->run_length = 0;
+        watch->nominal = 0;
     }
 }
 
@@ -81,16 +106,16 @@ static turn follow(const tl_watch *watch, tl_watch_trouble *trouble, const tl_re
     return ENDED;
 }
 
-static void watch_variable(tl_watch *watch, const tl_record *record, size_t index) {
+static void watch_variable(tl_watch *watch, int64_t tick, const tl_record *record, size_t index) {
     tl_watch_trouble *held = &watch->held[index];
     const char *name = watch->config->adjust[index].variable;
     switch (follow(watch, held, record, (record->held >> index & 1U) != 0)) {
     case BEGUN:
-        tl_journal_event(watch->journal, record->step, TL_EVENT_WARNING, "twin",
+        tl_journal_event(watch->journal, tick, TL_EVENT_WARNING, "twin",
                          "%s: the matched outputs do not react to it; held at nominal", name);
         break;
     case ENDED:
-        tl_journal_event(watch->journal, record->step, TL_EVENT_INFO, "twin",
+        tl_journal_event(watch->journal, tick, TL_EVENT_INFO, "twin",
                          "%s: the matched outputs react to it again; steps held: %llu", name,
                          (unsigned long long)held->count);
         break;
@@ -99,15 +124,15 @@ static void watch_variable(tl_watch *watch, const tl_record *record, size_t inde
     }
 }
 
-static void watch_fallback(tl_watch *watch, const tl_record *record) {
+static void watch_fallback(tl_watch *watch, int64_t tick, const tl_record *record) {
     const char *name = watch->config->fallback;
     switch (follow(watch, &watch->fallback, record, (record->flags & TL_FLAG_FALLBACK) != 0)) {
     case BEGUN:
-        tl_journal_event(watch->journal, record->step, TL_EVENT_WARNING, "twin",
+        tl_journal_event(watch->journal, tick, TL_EVENT_WARNING, "twin",
                          "the solver finds no more; the second one, %s, takes over", name);
         break;
     case ENDED:
-        tl_journal_event(watch->journal, record->step, TL_EVENT_INFO, "twin",
+        tl_journal_event(watch->journal, tick, TL_EVENT_INFO, "twin",
                          "the solver does without the second one, %s, again; searches it took over: %llu", name,
                          (unsigned long long)watch->fallback.count);
         break;
@@ -116,14 +141,13 @@ static void watch_fallback(tl_watch *watch, const tl_record *record) {
     }
 }
 
-static void watch_stagnation(tl_watch *watch, const tl_record *record) {
+static void watch_stagnation(tl_watch *watch, int64_t tick, const tl_record *record) {
     switch (follow(watch, &watch->stagnation, record, (record->flags & TL_FLAG_STAGNATED) != 0)) {
     case BEGUN:
-        tl_journal_event(watch->journal, record->step, TL_EVENT_WARNING, "twin",
-                         "a search made no progress and was ended");
+        tl_journal_event(watch->journal, tick, TL_EVENT_WARNING, "twin", "a search made no progress and was ended");
         break;
     case ENDED:
-        tl_journal_event(watch->journal, record->step, TL_EVENT_INFO, "twin",
+        tl_journal_event(watch->journal, tick, TL_EVENT_INFO, "twin",
                          "searches make progress again; ended before: %llu",
                          (unsigned long long)watch->stagnation.count);
         break;
@@ -132,14 +156,14 @@ static void watch_stagnation(tl_watch *watch, const tl_record *record) {
     }
 }
 
-void tl_watch_record(tl_watch *watch, const tl_record *record) {
-    watch_free_run(watch, record);
-    watch_tolerance(watch, record);
+void tl_watch_record(tl_watch *watch, int64_t tick, const tl_record *record) {
+    watch_free_run(watch, tick, record);
+    watch_tolerance(watch, tick, record);
     for (size_t i = 0; i < watch->config->adjust_count; i++) {
-        watch_variable(watch, record, i);
+        watch_variable(watch, tick, record, i);
     }
-    watch_fallback(watch, record);
-    watch_stagnation(watch, record);
+    watch_fallback(watch, tick, record);
+    watch_stagnation(watch, tick, record);
 }
 
 void tl_watch_skipped(tl_watch *watch, int64_t tick, uint64_t count, tl_time now) {

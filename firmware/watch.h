@@ -35,7 +35,8 @@ typedef struct tl_watch {
     uint8_t quality[TL_MAX_SIGNALS]; /* as last told */
     bool free_run;
     bool out_of_tolerance;
-    uint32_t run_length;                  /* steps in a row that contradict out_of_tolerance */
+    uint32_t run_length;                  /* steps in a row that contradict out_of_tolerance, */
+    uint32_t nominal;                     /* and those of them that used nominal */
     tl_watch_trouble held[TL_MAX_ADJUST]; /* variables that are not identifiable */
     tl_watch_trouble fallback;            /* the second solver takes over */
     tl_watch_trouble stagnation;          /* solvers make no progress */
@@ -46,10 +47,12 @@ typedef struct tl_watch {
 void tl_watch_init(tl_watch *watch, const tl_config *config, tl_journal *journal);
 
 void tl_watch_sample(tl_watch *watch, const tl_sample *sample);
-void tl_watch_record(tl_watch *watch, const tl_record *record);
 
-/* `count` ticks up to `tick` were missed; told at most once a second, so call it with 0 too. `now` is any monotonic
- * clock's. */
+/* `tick`: at which the record was complete. Events carry it, and not the step, so that they follow each other. */
+void tl_watch_record(tl_watch *watch, int64_t tick, const tl_record *record);
+
+/* `count` ticks before `tick`, at which a step was due, were missed; told at most once a second, so call it with 0 too.
+ * `now` is any clock's that does not go back. */
 void tl_watch_skipped(tl_watch *watch, int64_t tick, uint64_t count, tl_time now);
 
 #endif

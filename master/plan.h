@@ -76,12 +76,16 @@ typedef struct tl_plan_adjust {
     tl_time dwell;            /* Boolean: after it has changed it stays for at least this long; ns, 0: no limit */
 } tl_plan_adjust;
 
+/* The longest time constant of a low-pass, in macro steps: its delay is as long. */
+enum { TL_LONGEST_LOW_PASS = 1000 };
+
 /* What is done to a measurement before it is matched. All zero: nothing. */
 typedef struct tl_plan_condition {
-    uint32_t median;  /* odd number of samples, 3 … 99; 0 and 1: none. Delay (median − 1)/2 samples */
-    tl_time low_pass; /* time constant τ of a first-order low-pass, ns; 0: none. Delay about τ − T_S/2, see
+    uint32_t median; /* odd number of samples, 3 … 99; 0 and 1: none. Delay (median − 1)/2 samples */
+    tl_time
+        low_pass; /* time constant τ of a first-order low-pass, ns; 0: none, at most TL_LONGEST_LOW_PASS T_S. Delay about τ − T_S/2, see
                          tl_conditioner_delay() */
-    double gate;      /* > 0: a sample further than this (signal's unit) from the last accepted one is an outlier */
+    double gate;  /* > 0: a sample further than this (signal's unit) from the last accepted one is an outlier */
 } tl_plan_condition;
 
 /* A simulated output and the plant signal it is compared with. */

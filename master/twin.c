@@ -21,6 +21,7 @@ struct tl_twin {
     const tl_port *match_ports[TL_MAX_MATCH];
     const tl_port *adjust_ports[TL_MAX_ADJUST];
     uint32_t *capacity; /* nodes of each component's cache; NULL: sequences are not saved */
+    uint64_t *worst;    /* and how many it can need at once */
     const tl_port *outputs[TL_MAX_SIGNALS];
     tl_metrics metrics[TL_MAX_MATCH];
     tl_measurements measurements;
@@ -78,6 +79,11 @@ static void build_real(tl_adjusted *adjusted, const tl_plan_adjust *adjust, cons
     if (!(adjust->step > 0.0)) {
         tl_report_add(report, TL_BAD_DATA, adjust->where,
                       "\"step\" is missing: %s is Real, and its search needs a first step above 0", adjust->variable);
+    }
+    if (adjust->dwell != 0) {
+        tl_report_add(report, TL_BAD_DATA, adjust->where,
+                      "\"dwell_s\" is for a Boolean, and %s is Real: remove it, or have a look at penalty.rate",
+                      adjust->variable);
     }
     if (!(adjusted->lower < adjusted->upper)) {
         tl_report_add(report, TL_BAD_DATA, adjust->where,
@@ -314,22 +320,31 @@ static bool condition_matches(tl_twin *twin, const tl_plan *plan) {
     return placed;
 }
 
+/* Fewer would not hold a horizon's way and the next one's. */
+static uint64_t nodes_least(const tl_horizon *horizon) {
+    return 3 * (uint64_t)horizon->prediction + 3;
+}
+
 /* Nodes that a component can need at once: the root and the horizon, what each candidate adds, and what is left of earlier
  * ones when the root moves on; with outputs only, the way back to the last state as well. Candidates differ in a component
  * only from `nearest` steps on: all of them stay for as many ticks, and then one node less of each from tick to tick. The
  * same goes for courses that began with values which stood for later ones: T_P²/4 at most. */
-static uint32_t nodes_needed(const tl_twin *twin, const tl_plan *plan, size_t node) {
-    static const uint64_t most = 4096;
+static uint64_t nodes_worst(const tl_twin *twin, const tl_plan *plan, size_t node) {
     const tl_horizon *horizon = &twin->lock.horizon;
     uint64_t evaluations = plan->evaluations != 0 ? plan->evaluations : 60;
     uint32_t reach = plan->saving.structure ? horizon->reach[node] : horizon->prediction;
     uint64_t span = tl_horizon_next_need(horizon, node, reach);
-    uint64_t least = 3 * (uint64_t)horizon->prediction + 3;
     uint64_t longest = horizon->prediction;
-    uint64_t wanted = least + longest * longest / 4;
-    wanted += span == 0 ? 0 : evaluations * (span * horizon->nearest[node] + span * (span + 1) / 2);
+    uint64_t worst = nodes_least(horizon) + longest * longest / 4;
+    return worst + (span == 0 ? 0 : evaluations * (span * horizon->nearest[node] + span * (span + 1) / 2));
+}
+
+/* Of those, what there is to be room for. */
+static uint32_t nodes_kept(const tl_twin *twin, const tl_plan *plan, uint64_t worst) {
+    static const uint64_t most = 4096;
     uint64_t limit = plan->saving.nodes != 0 ? plan->saving.nodes : most;
-    wanted = wanted < limit ? wanted : limit;
+    uint64_t least = nodes_least(&twin->lock.horizon);
+    uint64_t wanted = worst < limit ? worst : limit;
     return (uint32_t)(wanted > least ? wanted : least);
 }
 
@@ -340,12 +355,14 @@ static bool save_executions(tl_twin *twin, const tl_plan *plan) {
     }
     tl_keep *keep = tl_arena_take(&twin->arena, plan->component_count, sizeof *keep);
     uint32_t *capacity = tl_arena_take(&twin->arena, plan->component_count, sizeof *capacity);
-    if (keep == NULL || capacity == NULL) {
+    twin->worst = tl_arena_take(&twin->arena, plan->component_count, sizeof *twin->worst);
+    if (keep == NULL || capacity == NULL || twin->worst == NULL) {
         return false;
     }
     for (size_t i = 0; i < plan->component_count; i++) {
         keep[i] = plan->components[i].keep;
-        capacity[i] = nodes_needed(twin, plan, i);
+        twin->worst[i] = nodes_worst(twin, plan, i);
+        capacity[i] = nodes_kept(twin, plan, twin->worst[i]);
     }
     twin->capacity = plan->saving.sequences ? capacity : NULL;
     uint32_t *reach = plan->saving.structure ? twin->lock.horizon.reach : NULL;
@@ -592,6 +609,7 @@ tl_twin_ledger tl_twin_get_ledger(const tl_twin *twin, size_t component) {
     if (!plant && exchange->cached != NULL) {
         const tl_cached_component *cached = &exchange->cached[component];
         entry.nodes = cached->tree.capacity;
+        entry.nodes_worst = twin->worst[component];
         entry.memory = tl_sequence_cache_memory(&cached->tree);
         entry.nodes_peak = cached->tree.peak;
         entry.caught_up = cached->caught_up;
@@ -612,6 +630,18 @@ uint64_t tl_twin_executions(const tl_twin *twin, size_t component) {
 
 const char *tl_twin_component_name(const tl_twin *twin, size_t component) {
     return component < twin->graph.component_count ? twin->graph.components[component].name : "plant";
+}
+
+tl_twin_adjusted tl_twin_get_adjusted(const tl_twin *twin, size_t adjust) {
+    const tl_adjusted *adjusted = &twin->lock.adjusted[adjust];
+    return (tl_twin_adjusted){
+        .is_real = adjusted->real != NULL,
+        .is_fed = adjusted->delivered_real != NULL || adjusted->delivered_boolean != NULL,
+        .nominal = adjusted->nominal,
+        .step = adjusted->step,
+        .lower = adjusted->lower,
+        .upper = adjusted->upper,
+    };
 }
 
 const tl_metrics *tl_twin_metrics(const tl_twin *twin, size_t match) {

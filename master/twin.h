@@ -44,25 +44,36 @@ typedef struct tl_twin_facts {
 /* One component in the ledger; the plant is the last one. */
 typedef struct tl_twin_ledger {
     const char *name;
-    uint32_t reach;      /* Γ_k (eq. 4.5) */
-    bool on_a_way;       /* between an adjusted variable and a matched output */
-    uint32_t longer;     /* C_k, where it is */
-    uint32_t first_need; /* executions of a step's first evaluation at most, as saved */
-    uint32_t next_need;  /* and of each later one (eq. 4.13) */
-    uint32_t nodes;      /* room in the cache; 0: none */
-    uint32_t nodes_peak; /* used at most, so far */
-    size_t memory;       /* bytes of ours for them, in those of the facts; the FMU's states are beside them */
-    uint64_t plain;      /* executions if nothing were saved */
-    uint64_t predicted;  /* by the graph for the same evaluations */
-    uint64_t executions; /* done */
-    uint64_t caught_up;  /* executions done again to bring an FMU to a place (TL_KEEP_OUTPUTS) */
-    uint64_t unstored;   /* results that found no room: what they cost again is not predicted */
-    int64_t difference;  /* executions that were neither predicted nor to catch up. Above 0: results found no room, or a
+    uint32_t reach;       /* Γ_k (eq. 4.5) */
+    bool on_a_way;        /* between an adjusted variable and a matched output */
+    uint32_t longer;      /* C_k, where it is */
+    uint32_t first_need;  /* executions of a step's first evaluation at most, as saved */
+    uint32_t next_need;   /* and of each later one (eq. 4.13) */
+    uint32_t nodes;       /* room in the cache; 0: none */
+    uint64_t nodes_worst; /* that could be needed at once */
+    uint32_t nodes_peak;  /* used at most, so far */
+    size_t memory;        /* bytes of ours for them, in those of the facts; the FMU's states are beside them */
+    uint64_t plain;       /* executions if nothing were saved */
+    uint64_t predicted;   /* by the graph for the same evaluations */
+    uint64_t executions;  /* done */
+    uint64_t caught_up;   /* executions done again to bring an FMU to a place (TL_KEEP_OUTPUTS) */
+    uint64_t unstored;    /* results that found no room: what they cost again is not predicted */
+    int64_t difference; /* executions that were neither predicted nor to catch up. Above 0: results found no room, or a
                             committed step that failed was repeated. Below: inputs came out the same for another u, or
                             the ledger is not complete. Else 0 */
-    tl_time cost;        /* ns of one execution, saving its state included: the last, or an earlier one that was longer,
+    tl_time cost;       /* ns of one execution, saving its state included: the last, or an earlier one that was longer,
                             fading; 0 where none ran under a budget with a clock */
 } tl_twin_ledger;
+
+/* What an adjusted variable is searched from, and within. */
+typedef struct tl_twin_adjusted {
+    bool is_real; /* else Boolean, and nothing below means anything */
+    bool is_fed;  /* a connection delivers û: `nominal` is not known */
+    double nominal;
+    double step;
+    double lower;
+    double upper;
+} tl_twin_adjusted;
 
 /* Checks the plan, reports every problem, and builds the twin: instantiates the FMUs and sets their
  * parameters. NULL when anything was reported. The plan itself need not outlive the call. */
@@ -97,6 +108,8 @@ tl_twin_ledger tl_twin_get_ledger(const tl_twin *twin, size_t component);
 
 /* False: more candidates were tried than the ledger remembers, and what it predicted is too high. */
 bool tl_twin_ledger_is_complete(const tl_twin *twin);
+
+tl_twin_adjusted tl_twin_get_adjusted(const tl_twin *twin, size_t adjust);
 
 /* MSE and MAX of match m over the records so far (eq. 5.2, 5.3). */
 const tl_metrics *tl_twin_metrics(const tl_twin *twin, size_t match);

@@ -2,15 +2,19 @@
 """The plant as rows of text: a FIFO that is written while it is read, a file played in its own time."""
 import csv
 import errno
+import fcntl
 import os
+import pty
 import signal
+import struct
+import termios
 import threading
 import time
 
 from live_test import (GOOD, NO_LINK, NOT_A_NUMBER, STALE, Program, check_free_run, check_replay,
                        check_summary, end_well, expect_events, expect_in_order, last_step, qualities,
                        wait_for_lock, wait_for_quality, wait_for_steps, wait_until)
-from twinlock_test import SOURCE, edited_config, expect, main
+from twinlock_test import SOURCE, edited_config, expect, finish, main, start
 
 OMEGA = 62.981  # rad/s: where config/motor's twin starts
 
@@ -152,6 +156,46 @@ def test_file_that_goes_back_in_time():
                   ("warning", "plant.omega: no link"))
     check_free_run(database)
     check_replay(config, database, rows)
+
+
+class Terminal(threading.Thread):
+    """80 columns; reads all the time, as a terminal does."""
+
+    def __init__(self):
+        super().__init__(daemon=True)
+        self.master, self.end = pty.openpty()
+        self.shown = b""
+        fcntl.ioctl(self.end, termios.TIOCSWINSZ, struct.pack("HHHH", 24, 80, 0, 0))
+        self.start()
+
+    def run(self):
+        try:
+            while part := os.read(self.master, 4096):
+                self.shown += part
+        except OSError:  # nobody has it open any more
+            pass
+
+
+def test_status_on_a_terminal():
+    """80 columns show the time and \u0394u, and leave room for the ^C that a terminal writes behind the line."""
+    config, fifo, _ = csv_config("plant.fifo")
+    os.mkfifo(fifo)
+    terminal = Terminal()
+    live = start(["run", config, "--duration", "1"], stderr=terminal.end)
+    live.log = lambda: terminal.shown
+    with Feeder(fifo, live) as feeder:
+        wait_until(lambda: b"motor.d " in terminal.shown, "a status line", live.log)
+        feeder.speed = "x"
+        code, _, _ = finish(live)
+        feeder.stopped = True
+    os.close(terminal.end)
+    terminal.join(5)
+    lines = [part.split("\r\n")[0] for part in terminal.shown.decode().split("\r\033[K") if " s  \u0394motor.d " in part]
+    expect(code == 0 and len(lines) > 3, f"{code}: {terminal.shown}")
+    begun = [part for part in terminal.shown.split(b"twinlock: ")[:-1] if part]
+    expect(b"not a number" in terminal.shown and all(part.endswith((b"\n", b"\r\033[K")) for part in begun),
+           f"an event does not begin its line: {begun}")
+    expect(all(len(line) <= 77 and "motor.omega" in line for line in lines), f"{lines}")
 
 
 if __name__ == "__main__":

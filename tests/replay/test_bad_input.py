@@ -6,6 +6,8 @@ user's is lost."""
 import os
 import random
 import re
+import resource
+import signal
 import socket
 import subprocess
 import zipfile
@@ -14,6 +16,7 @@ from twinlock_test import FMUS, SOURCE, edited_config, expect, main, run, run_we
 
 BAD_DATA, BAD_USAGE, FMU_FAILED, TRY_AGAIN = 65, 2, 70, 75
 FREE = SOURCE / "config" / "motor" / "free.json"
+LIVE = SOURCE / "config" / "motor" / "live.json"
 RECORDING = SOURCE / "config" / "motor" / "recording.csv"
 VERBS = ("check", "replay", "run", "plant", "show")
 LINES = {"torque": ["plant.torque", "motor.M_w"], "current": ["drive.u_R", "motor.I_in"],
@@ -403,12 +406,34 @@ def test_no_recording():
 def test_outputs_that_cannot_be_written():
     nowhere = scratch() / "absent"
     expect_refused(["replay", FREE, "--csv", nowhere / "x.csv"], TRY_AGAIN, "x.csv", "cannot be written")
-    expect_refused(["replay", FREE, "--csv", "/dev/full"], TRY_AGAIN, "/dev/full", "is the disk full?")
+    expect_refused(["replay", FREE, "--csv", "/dev/full"], TRY_AGAIN, "/dev/full", "No space left on device")
     expect_refused(["replay", FREE, "--db", nowhere / "x.db"], TRY_AGAIN, "x.db", "No such file")
     expect_refused(["run", FREE, "--db", nowhere / "x.db"], TRY_AGAIN, "x.db", "No such file")
     code, _, err = run(["plant", FREE, "--record", nowhere / "x.csv"])
     expect(code in (BAD_DATA, TRY_AGAIN) and "x.csv cannot be written" in err, f"{code}: {err}")
     expect(not nowhere.exists(), "a folder was made")
+
+
+def test_a_reader_that_leaves():
+    read, write = os.pipe()
+    os.close(read)
+    with os.fdopen(write, "w") as gone:
+        code, _, err = run(["replay", FREE, "--csv", "-"], stdout=gone)
+    expect(code == TRY_AGAIN and "Broken pipe" in err and "disk" not in err, f"{code}: {err}")
+
+
+def limit_files():
+    """In the program to be: a file larger than that cannot be written, as on a full disk."""
+    resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000))
+    signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+
+
+def test_a_disk_that_gets_full():
+    path = scratch() / "new.csv"
+    code, _, err = run(["plant", FREE, "--record", path], preexec_fn=limit_files, restore_signals=False)
+    expect(code == TRY_AGAIN and f"{path}: cannot be written: File too large" in err and
+           "want of a reader" not in err, f"{code}: {err}")
+    expect(path.stat().st_size == 20_000, f"{path.stat().st_size} bytes")
 
 
 def test_nothing_of_the_users_is_overwritten():
@@ -430,6 +455,26 @@ def test_nothing_of_the_users_is_overwritten():
         expect(path.read_bytes() == content, f"{path.name} was overwritten")
 
 
+def test_a_database_takes_nobodys_place():
+    """What is at its path and no database, or has a name like its own, is there afterwards."""
+    folder = scratch()
+    fifo, dangling, empty, beside = folder / "fifo.db", folder / "link.db", folder / "empty.db", folder / "keep.db.new"
+    os.mkfifo(fifo)
+    dangling.symlink_to("absent")
+    empty.touch()
+    beside.write_text("mine", encoding="utf-8")
+    for path, text in ((fifo, "no ordinary file"), (dangling, "a file that is not there"),
+                       (empty, "it has only 0 bytes")):
+        for args in (["replay", FREE, "--db", path], ["run", LIVE, "--db", path]):
+            expect_refused(args, BAD_DATA, str(path), text)
+    expect_refused(["replay", FREE, "--db", ""], BAD_USAGE, "the name of the database is empty")
+    run_well(["replay", FREE, "--db", folder / "keep.db"])
+    expect(fifo.is_fifo() and dangling.is_symlink() and empty.stat().st_size == 0, "a path was replaced")
+    expect(beside.read_text(encoding="utf-8") == "mine", "a neighbour was replaced")
+    left = sorted(path.name for path in folder.iterdir())
+    expect(left == ["empty.db", "fifo.db", "keep.db", "keep.db.new", "link.db"], f"{left}")
+
+
 def test_a_port_in_use():
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
@@ -449,6 +494,17 @@ def test_wrong_usage():
         found, out, err = run(args)
         expect(found == BAD_USAGE and out == "" and err, f"twinlock {args}: {found}, {out!r}, {err!r}")
     expect_refused(["plant", FREE], BAD_USAGE, "reads nothing by Modbus TCP", "--for", "--record")
+
+
+def test_words_of_usage_and_start():
+    for duration in ("1e300", "1e9", "0", "nan"):
+        expect_refused(["run", LIVE, "--duration", duration], BAD_USAGE, "expected seconds > 0 and below 1e9")
+    code, _, err = run(["check", "/nope/x.json"])
+    expect(code == BAD_DATA and err.count("/nope/x.json") == 1 and "cannot be read: No such file" in err, err)
+    code, _, err = run(["run", SOURCE / "config" / "motor" / "lock.json"])
+    expect(code == BAD_DATA and "nothing is recorded" not in err, f"{code}: {err}")
+    for name, text in (("plant.json", " 1 signal\n"), ("lock.json", " 2 signals\n")):
+        expect(text in run_well(["check", SOURCE / "config" / "motor" / name]), f"{name}: no{text}")
 
 
 def test_help():

@@ -82,6 +82,21 @@ def test_warnings_are_counted_and_no_error():
     expect([row[5:7] for row in needs(two).values()] == [[None, None]] * 3, f"a cache that is not there: {two}")
 
 
+def refused(path, text, **edits):
+    code, _, err = run(["check", edited_config("motor/lock.json", {"synchronise": edits})])
+    expect(code == 65 and path in err and text in err, f"it ended with {code}\n{err}")
+
+
+def test_what_would_have_no_effect_or_no_end():
+    refused("synchronise.adjust.motor.d", '"dwell_s" is for a Boolean, and motor.d is Real',
+            adjust={"motor.d": {"dwell_s": 0.5}})
+    for seconds in (10.001, 1e9):
+        refused("synchronise.match.motor.omega.condition.low_pass_s",
+                "expected at most 1000 times step_s, which is 10 s",
+                match={"motor.omega": {"condition": {"low_pass_s": seconds}}})
+    run_well(["check", config(match={"motor.omega": {"condition": {"low_pass_s": 10}}})])
+
+
 def test_fmus_that_cannot_step():
     edits = {"components": {"motor": {"set": {"J": 1e-320}}}, "plant": {"torque": {"initial": 5}}}
     code, page, _ = run(["check", edited_config("motor/lock.json", edits)])

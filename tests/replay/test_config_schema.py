@@ -146,6 +146,11 @@ def signal_holds(document, signal):
             and (not modbus or modbus["address"] + REGISTERS.get(modbus.get("type"), 1) <= 65536))
 
 
+def is_short_enough(document, match):
+    low_pass = match.get("condition", {}).get("low_pass_s", 0)
+    return round(low_pass * 1e9) <= 1000 * round(document["step_s"] * 1e9)
+
+
 def beyond_schema(document):
     """True where a configuration that fits the schema also holds to the other rules."""
     nanoseconds = decimal.Decimal(repr(document["step_s"])) * 10**9
@@ -159,6 +164,7 @@ def beyond_schema(document):
             and all(signal_holds(document, signal) for signal in document["plant"].values())
             and len(set(targets)) == len(targets)
             and message[0] <= message[1]
+            and all(is_short_enough(document, match) for match in synchronise.get("match", {}).values())
             and (solvers[0] is None or solvers[0] != solvers[1])
             and all(one.get("min", float("-inf")) < one.get("max", float("inf")) for one in adjusted))
 

@@ -5,7 +5,7 @@ import json
 import math
 import sqlite3
 
-from twinlock_test import edited_config, expect, main, read_table, replay_csv, replay_json, run, run_well, scratch
+from twinlock_test import SOURCE, edited_config, expect, main, read_table, replay_csv, replay_json, run, run_well, scratch
 
 CONFIG = "motor/lock.json"
 SAME = ("steps", "optimised_steps", "evaluations", "time_limited", "outcomes")
@@ -46,6 +46,34 @@ def test_show_tells_what_replay_told():
         expect(shown["ledger"][part] == told["ledger"][part], f"the ledger's {part}: {shown['ledger'][part]}")
     last = shown["runs"][-1]
     expect(last["ended_reason"] == "end of recording" and last["lost"] == 0, f"{last}")
+
+
+def events(database):
+    return [(event["tick"], event["severity"], event["source"], event["text"])
+            for event in show_json(database, "--events")["events"]]
+
+
+def test_events_of_a_replay():
+    """omega is no number for a while: the replay tells so at the ticks at which it is known, which the samples are of
+    and not the steps three ticks before them; the replay of its database tells the same."""
+    lines = (SOURCE / "config" / "motor" / "recording.csv").read_text(encoding="utf-8").splitlines()
+    column = lines[0].split(",").index("omega")
+    for i in range(101, 151):
+        cells = lines[i].split(",")
+        cells[column] = "x"
+        lines[i] = ",".join(cells)
+    broken, database, again = write(scratch(), "\n".join(lines) + "\n"), scratch() / "a.db", scratch() / "b.db"
+    config = edited_config(CONFIG, {"synchronise": {"horizon": {"prediction": 3}}})
+    run_well(["replay", config, "--recording", broken, "--db", database])
+    told = events(database)
+    with sqlite3.connect(database) as connection:
+        (first, last), = connection.execute("SELECT min(tick), max(tick) FROM v_samples WHERE quality <> 'good' AND"
+                                            " name = 'plant.omega'")
+    expect([(tick, text.split(":")[0]) for tick, _, _, text in told] ==
+           [(first, "plant.omega"), (first + 2, "no matched signal is good"), (last + 1, "plant.omega"),
+            (last + 1, "matched signals are good")], f"{first} to {last}: {told}")
+    run_well(["replay", config, "--recording", database, "--db", again])
+    expect(events(again) == told, f"{events(again)}, not {told}")
 
 
 def test_windows_are_what_the_database_holds():

@@ -239,7 +239,22 @@ def check_replay(config, database, rows, run=1, costs=True):
     expect_repeated(database, run, again, RESULTS, rows)
     if costs:
         expect_repeated(database, run, again, COSTS, rows)
+    expect_same_events(database, run, again)
     return told
+
+
+# Without those of drivers and of the recorder, which have no tick; how missed ticks are counted together depends on how
+# many were made up at once.
+EVENTS = """SELECT tick, severity, source, text FROM events
+            WHERE run = ? AND tick IS NOT NULL AND source <> 'cycle' ORDER BY event"""
+
+
+def expect_same_events(live, run, again):
+    """A replay tells what the run told, and both in the order of ticks."""
+    told, repeated = (query(path, EVENTS.replace("?", str(number))) for path, number in ((live, run), (again, 1)))
+    expect(told == repeated, f"events of the run:\n{told}\nof its replay:\n{repeated}")
+    ticks = [event[0] for event in told]
+    expect(ticks == sorted(ticks), f"events are not in the order of ticks: {told}")
 
 
 def expect_reasons(path, *reasons):

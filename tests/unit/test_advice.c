@@ -46,7 +46,7 @@ static void load(const char *file, const char *old, const char *new) {
 /* Another key of "synchronise". */
 static void load_with(const char *key) {
     char with[256];
-    (void)snprintf(with, sizeof with, "\"synchronise\": { %s,", key);
+    (void)snprintf(with, sizeof with, "\"synchronise\": { %.200s,", key);
     load(LOCK, "\"synchronise\": {", with);
 }
 
@@ -144,6 +144,90 @@ static void test_a_conditioned_measurement_in_mode_ahead(void) {
                      "    to an instant 0.02 s back\n");
 }
 
+static void test_a_nominal_outside_its_bounds(void) {
+    load(LOCK, "\"nominal\": 0.0031", "\"nominal\": 0.0031, \"min\": 0.01, \"max\": 1");
+    expect_advice(1, "warnings\n"
+                     "  synchronise.adjust.motor.d: its nominal, 0.0031, is outside its bounds, 0.01\n"
+                     "    to 1; it is used all the same where no correction is better\n");
+}
+
+static void expect_step(const char *step, size_t count, const char *text) {
+    char with[64];
+    (void)snprintf(with, sizeof with, "\"step\": %s", step);
+    load(LOCK, "\"step\": 0.12", with);
+    expect_advice(count, text);
+    tl_assembly_free(&assembly);
+    free(printed);
+    printed = NULL;
+}
+
+static void test_a_step_that_means_nothing(void) {
+    expect_step("1e-14", 0, "");
+    expect_step("1e-18", 1,
+                "warnings\n"
+                "  synchronise.adjust.motor.d: its step, 1e-18, is so small that a first move by\n"
+                "    it is lost in rounding\n");
+    load(LOCK, "\"nominal\": 0.0031, \"step\": 0.12", "\"nominal\": 0, \"step\": 1e-200");
+    expect_advice(1, "warnings\n"
+                     "  synchronise.adjust.motor.d: its step, 1e-200, is so small that a first move\n"
+                     "    by it is lost in rounding\n");
+    tl_assembly_free(&assembly);
+    free(printed);
+    load(LOCK, "\"step\": 0.12", "\"step\": 0.5, \"min\": 0, \"max\": 0.4");
+    expect_advice(1, "warnings\n"
+                     "  synchronise.adjust.motor.d: its step, 0.5, is larger than all there is to\n"
+                     "    search, 0 to 0.4\n");
+}
+
+static void test_room_for_less_than_the_worst_case(void) {
+    load_with("\"saving\": { \"nodes\": 20 }");
+    tl_twin_ledger motor = tl_twin_get_ledger(assembly.twin, 1);
+    char text[512];
+    TEST_ASSERT_EQUAL_UINT32(20, motor.nodes);
+    (void)snprintf(text, sizeof text,
+                   "warnings\n"
+                   "  synchronise.saving.nodes: there is room for 20 executions of motor, and the\n"
+                   "    worst case needs %llu: what finds no room may be executed again; give more,\n"
+                   "    or fewer evaluations, or a shorter horizon\n",
+                   (unsigned long long)motor.nodes_worst);
+    expect_advice(1, text);
+    tl_assembly_free(&assembly);
+    free(printed);
+    (void)snprintf(text, sizeof text, "\"saving\": { \"nodes\": %llu }", (unsigned long long)motor.nodes_worst);
+    load_with(text);
+    expect_advice(0, "");
+}
+
+static void test_stagnation_before_each_unknown_was_tried(void) {
+    load_with("\"stagnation\": 2");
+    expect_advice(1, "warnings\n"
+                     "  synchronise.stagnation: 2 evaluations without progress end a solver before it\n"
+                     "    has tried each of 1 unknowns once: give more\n");
+    tl_assembly_free(&assembly);
+    free(printed);
+    load_with("\"stagnation\": 3");
+    expect_advice(0, "");
+}
+
+static void test_a_low_pass_that_takes_long(void) {
+    load(LOCK, "\"tolerance\": 1.0", "\"tolerance\": 1.0, \"condition\": { \"low_pass_s\": 5 }");
+    assembly.config.duration = 10 * TL_SECOND;
+    expect_advice(0, "");
+    assembly.config.duration = 5 * TL_SECOND;
+    free(printed);
+    expect_advice(1, "warnings\n"
+                     "  synchronise.match.motor.omega: its low-pass makes the measurement 5 s late,\n"
+                     "    and a step is computed 5.01 s after its instant, which is longer than\n"
+                     "    duration_s\n");
+    assembly.config.duration = 0;
+    assembly.config.step = TL_SECOND;
+    assembly.config.match[0].condition.low_pass = 500 * TL_SECOND;
+    free(printed);
+    expect_advice(1, "warnings\n"
+                     "  synchronise.match.motor.omega: its low-pass makes the measurement 500 s late,\n"
+                     "    and a step is computed 501 s after its instant\n");
+}
+
 int main(void) {
     UNITY_BEGIN();
     tl_scratch_make(&scratch, TL_BINARY_DIR, "test_advice");
@@ -157,6 +241,11 @@ int main(void) {
     RUN_TEST(test_outputs_that_are_kept_in_place_of_states);
     RUN_TEST(test_a_source_that_nothing_uses);
     RUN_TEST(test_a_conditioned_measurement_in_mode_ahead);
+    RUN_TEST(test_a_nominal_outside_its_bounds);
+    RUN_TEST(test_a_step_that_means_nothing);
+    RUN_TEST(test_room_for_less_than_the_worst_case);
+    RUN_TEST(test_stagnation_before_each_unknown_was_tried);
+    RUN_TEST(test_a_low_pass_that_takes_long);
     tl_scratch_remove(&scratch);
     return UNITY_END();
 }

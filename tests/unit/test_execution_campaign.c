@@ -63,7 +63,7 @@ static void choose_search(tl_test_random *random) {
     plan.plan.evaluations = EVALUATIONS;
     for (size_t i = 0; i < plan.plan.adjust_count; i++) {
         plan.adjust[i].rate_penalty = tl_test_random_chance(random, 20) ? 0.01 : 0.0;
-        plan.adjust[i].dwell = tl_test_random_chance(random, 30) ? 3 * plan.plan.step : 0;
+        plan.adjust[i].dwell = tl_test_random_chance(random, 30) && network.booleans ? 3 * plan.plan.step : 0;
     }
     for (size_t i = 0; i < plan.plan.match_count; i++) {
         plan.match[i].condition.median = tl_test_random_chance(random, 15) ? 3 : 0;

@@ -126,9 +126,23 @@ static void a_median_has_an_odd_number_of_samples(void) {
                    "\"condition.median\": found 4 samples, expected an odd number from 3 to 99, or 0 or 1 for none");
 }
 
-static void a_low_pass_has_a_time_constant_from_zero(void) {
-    match[0].condition.low_pass = INT64_MAX;
+/* A longer one would delay every step by more than can be counted. */
+static void a_low_pass_is_at_most_a_thousand_steps_long(void) {
+    plan.step = TL_SECOND / 100;
+    match[0].condition.low_pass = 10 * TL_SECOND;
     expect_none();
+    match[0].condition.low_pass = 10 * TL_SECOND + 1;
+    TEST_ASSERT_EQUAL_UINT64(1, problems());
+    match[0].condition.low_pass = INT64_MAX;
+    TEST_ASSERT_EQUAL_UINT64(1, problems());
+    match[0].condition.low_pass = 20 * TL_SECOND;
+    expect_problem("match.first",
+                   "\"condition.low_pass_s\": found 20 s, expected at most 1000 macro steps, which are 10 s");
+}
+
+static void a_low_pass_has_a_time_constant_from_zero(void) {
+    match[0].condition.low_pass = INT64_MIN;
+    TEST_ASSERT_EQUAL_UINT64(1, problems());
     match[0].condition.low_pass = -1;
     TEST_ASSERT_EQUAL_UINT64(1, problems());
     match[0].condition.low_pass = -2 * TL_SECOND;
@@ -184,6 +198,7 @@ int main(void) {
     RUN_TEST(a_huber_limit_is_a_number_from_zero);
     RUN_TEST(a_weight_is_a_number_from_zero);
     RUN_TEST(a_median_has_an_odd_number_of_samples);
+    RUN_TEST(a_low_pass_is_at_most_a_thousand_steps_long);
     RUN_TEST(a_low_pass_has_a_time_constant_from_zero);
     RUN_TEST(a_gate_is_a_number_from_zero);
     RUN_TEST(a_noise_floor_is_a_number_from_zero);

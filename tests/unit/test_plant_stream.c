@@ -2,9 +2,11 @@
 #include <fcntl.h>
 #include <math.h>
 #include <poll.h>
+#include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/resource.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
@@ -168,6 +170,35 @@ static void expect_refused(tl_status status, const char *part) {
     TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, part), error.text);
 }
 
+/* A file may not be larger than that: the write fails as on a full disk, with another reason. */
+static void limit_files(rlim_t size) {
+    struct rlimit limit;
+    TEST_ASSERT_EQUAL_INT(0, getrlimit(RLIMIT_FSIZE, &limit));
+    limit.rlim_cur = size;
+    TEST_ASSERT_EQUAL_INT(0, setrlimit(RLIMIT_FSIZE, &limit));
+}
+
+static void test_a_file_that_cannot_grow(void) {
+    (void)signal(SIGXFSZ, SIG_IGN);
+    expect_open(false, UV, 2);
+    TEST_ASSERT_TRUE(row(0, 1, 2));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_plant_stream_check(stream, &error));
+    limit_files(30); /* the header, one row, and some bytes of the next */
+    bool written = row(TL_SECOND, 3, 4);
+    limit_files(RLIM_INFINITY);
+    TEST_ASSERT_FALSE(written);
+    expect_counts(1, 1);
+    TEST_ASSERT_EQUAL_INT(TL_TRY_AGAIN, tl_plant_stream_check(stream, &error));
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, "cannot be written: File too large (rows before: 1)"), error.text);
+    close_stream();
+    (void)unlink(path);
+    limit_files(5); /* not even the header */
+    tl_status status = open_stream(path, false, UV, 2);
+    limit_files(RLIM_INFINITY);
+    TEST_ASSERT_EQUAL_INT(TL_TRY_AGAIN, status);
+    TEST_ASSERT_NULL(stream);
+}
+
 static void test_a_file_that_exists_is_not_overwritten(void) {
     FILE *file = fopen(path, "wb");
     TEST_ASSERT_NOT_NULL(file);
@@ -199,6 +230,17 @@ static void test_a_fifo_is_made_or_found(void) {
     open_reader();
     TEST_ASSERT_TRUE(row(0, 1, 2));
     expect_read("time,u,v\n0.000000000,1,2\n");
+}
+
+static void test_a_fifo_that_nobody_reads_is_no_failure(void) {
+    expect_open(true, UV, 2);
+    TEST_ASSERT_FALSE(row(0, 1, 2));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_plant_stream_check(stream, &error));
+    open_reader();
+    TEST_ASSERT_TRUE(row(TL_SECOND, 3, 4));
+    close_reader();
+    TEST_ASSERT_FALSE(row(2 * TL_SECOND, 5, 6));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_plant_stream_check(stream, &error));
 }
 
 static void test_readers_come_and_go(void) {
@@ -374,9 +416,11 @@ int main(void) {
     RUN_TEST(test_time_alone);
     RUN_TEST(test_names_that_need_quotes);
     RUN_TEST(test_numbers_come_back);
+    RUN_TEST(test_a_file_that_cannot_grow);
     RUN_TEST(test_a_file_that_exists_is_not_overwritten);
     RUN_TEST(test_a_folder_that_is_not_there);
     RUN_TEST(test_a_fifo_is_made_or_found);
+    RUN_TEST(test_a_fifo_that_nobody_reads_is_no_failure);
     RUN_TEST(test_readers_come_and_go);
     RUN_TEST(test_a_reader_that_does_not_read);
     RUN_TEST(test_a_reader_that_does_not_read_wide_rows);

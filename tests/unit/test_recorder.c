@@ -411,12 +411,6 @@ static size_t read_file(char *bytes, size_t size) {
     return length;
 }
 
-static void test_an_empty_file_is_taken(void) {
-    write_file("", 0);
-    record_run(10);
-    TEST_ASSERT_EQUAL_INT64(1, tl_sql_integer(path, "SELECT count(*) FROM runs"));
-}
-
 /* A log that belongs to a database which was removed must not be played into the new one. */
 static void test_leftovers_of_a_removed_database_do_no_harm(void) {
     const tl_recorder_settings settings = tl_made_settings(path);
@@ -451,13 +445,15 @@ static void expect_refused(tl_status status, const char *part) {
         TEST_FAIL_MESSAGE(error.text);
     }
     TEST_ASSERT_EQUAL_size_t(length, read_file(after, sizeof after));
-    TEST_ASSERT_EQUAL_MEMORY(before, after, length);
+    TEST_ASSERT_EQUAL_INT(0, memcmp(before, after, length));
     TEST_ASSERT_EQUAL_INT(files, tl_scratch_count(&scratch));
 }
 
 static void test_foreign_files_stay_as_they_are(void) {
     static char text[4096];
     memset(text, 'a', sizeof text);
+    write_file("", 0);
+    expect_refused(TL_BAD_DATA, "is not a twinlock database: it has only 0 bytes");
     write_file("time,omega\n0,1\n", 15);
     expect_refused(TL_BAD_DATA, "is not a twinlock database: it has only 15 bytes");
     write_file(text, sizeof text);
@@ -469,6 +465,83 @@ static void test_foreign_files_stay_as_they_are(void) {
     expect_refused(TL_BAD_DATA, "another version of twinlock (format 3, this program knows 1 to 2)");
     tl_sql_execute(path, "PRAGMA user_version = 0");
     expect_refused(TL_BAD_DATA, "another version of twinlock (format 0");
+}
+
+/* Opens `path`, where there is no ordinary file, and expects that it is refused and nothing is made. */
+static void expect_no_place(const char *given, tl_status status, const char *part) {
+    const tl_recorder_settings settings = tl_made_settings(given);
+    int files = tl_scratch_count(&scratch);
+    TEST_ASSERT_EQUAL_INT(status, tl_recorder_open(&settings, &recorder, &error));
+    TEST_ASSERT_NULL(recorder);
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, part), error.text);
+    TEST_ASSERT_EQUAL_INT(files, tl_scratch_count(&scratch));
+    error = (tl_error){TL_OK, ""};
+}
+
+static void test_what_is_no_file_stays_what_it_is(void) {
+    struct stat file;
+    TEST_ASSERT_EQUAL_INT(0, mkfifo(path, 0600));
+    expect_no_place(path, TL_BAD_DATA, "is no ordinary file");
+    TEST_ASSERT_TRUE(lstat(path, &file) == 0 && S_ISFIFO(file.st_mode));
+    (void)unlink(path);
+    TEST_ASSERT_EQUAL_INT(0, symlink("absent.db", path));
+    expect_no_place(path, TL_BAD_DATA, "is a symbolic link to a file that is not there");
+    TEST_ASSERT_TRUE(lstat(path, &file) == 0 && S_ISLNK(file.st_mode));
+    (void)unlink(path);
+    TEST_ASSERT_EQUAL_INT(0, symlink("run.db", path));
+    expect_no_place(path, TL_TRY_AGAIN, "Too many levels of symbolic links");
+    expect_no_place(scratch.folder, TL_BAD_DATA, "is no ordinary file");
+    expect_no_place("", TL_BAD_USAGE, "the name of the database is empty");
+}
+
+static void test_a_link_to_a_database_is_followed(void) {
+    char link[PATH_MAX];
+    struct stat file;
+    record_run(10);
+    (void)snprintf(link, sizeof link, "%s", tl_scratch_path(&scratch, "link.db"));
+    TEST_ASSERT_EQUAL_INT(0, symlink("run.db", link));
+    const tl_recorder_settings settings = tl_made_settings(link);
+    open_recorder(&settings);
+    close_recorder("end");
+    TEST_ASSERT_TRUE(lstat(link, &file) == 0 && S_ISLNK(file.st_mode));
+    TEST_ASSERT_EQUAL_INT64(2, tl_sql_integer(path, "SELECT count(*) FROM runs"));
+}
+
+/* Files whose names only look like ours: kept where they are in nobody's way, else the database is not made. */
+static void test_neighbours_stay_as_they_are(void) {
+    static const char *const ends[] = {".new", ".new-journal", "-wal", "-shm", "-journal", "-writer"};
+    char database[PATH_MAX];
+    char content[8];
+    (void)snprintf(database, sizeof database, "%s", path);
+    for (size_t i = 0; i < sizeof ends / sizeof ends[0]; i++) {
+        (void)snprintf(path, sizeof path, "%s%s", tl_scratch_path(&scratch, "run.db"), ends[i]);
+        write_file("mine", 4);
+        const tl_recorder_settings settings = tl_made_settings(database);
+        if (ends[i][0] == '.') {
+            open_recorder(&settings);
+            close_recorder("end");
+        } else {
+            expect_no_place(database, TL_BAD_DATA, "is there and no");
+        }
+        TEST_ASSERT_EQUAL_size_t(4, read_file(content, sizeof content));
+        TEST_ASSERT_EQUAL_MEMORY("mine", content, 4);
+        tl_scratch_empty(&scratch);
+    }
+}
+
+/* A lock that a killed process left, and a folder that has its name. */
+static void test_a_lock_that_is_left(void) {
+    char database[PATH_MAX];
+    (void)snprintf(database, sizeof database, "%s", path);
+    (void)snprintf(path, sizeof path, "%s", tl_scratch_path(&scratch, "run.db-writer"));
+    write_file("12345\n", 6);
+    const tl_recorder_settings settings = tl_made_settings(database);
+    open_recorder(&settings);
+    close_recorder("end");
+    TEST_ASSERT_NOT_EQUAL_INT(0, access(path, F_OK));
+    TEST_ASSERT_EQUAL_INT(0, mkdir(path, 0700));
+    expect_no_place(database, TL_BAD_DATA, "is there and no lock of twinlock's");
+    TEST_ASSERT_EQUAL_INT(0, rmdir(path));
 }
 
 /* Another program has it open, with a log that is not written back yet. */
@@ -494,7 +567,7 @@ static void test_a_file_without_our_tables_is_bad_data(void) {
 static void test_places_that_cannot_be_written(void) {
     tl_recorder_settings settings = tl_made_settings("/nowhere/run.db");
     TEST_ASSERT_EQUAL_INT(TL_TRY_AGAIN, tl_recorder_open(&settings, &recorder, &error));
-    TEST_ASSERT_NOT_NULL(strstr(error.text, "No such file or directory"));
+    TEST_ASSERT_EQUAL_STRING("/nowhere/run.db: cannot be made: its folder: No such file or directory", error.text);
     settings.path = scratch.folder;
     TEST_ASSERT_NOT_EQUAL_INT(TL_OK, tl_recorder_open(&settings, &recorder, &error));
     TEST_ASSERT_NULL(recorder);
@@ -637,9 +710,12 @@ int main(void) {
     RUN_TEST(test_views_are_for_people);
     RUN_TEST(test_events_are_cut_and_repaired);
     RUN_TEST(test_runs_are_added);
-    RUN_TEST(test_an_empty_file_is_taken);
     RUN_TEST(test_leftovers_of_a_removed_database_do_no_harm);
     RUN_TEST(test_foreign_files_stay_as_they_are);
+    RUN_TEST(test_what_is_no_file_stays_what_it_is);
+    RUN_TEST(test_a_link_to_a_database_is_followed);
+    RUN_TEST(test_neighbours_stay_as_they_are);
+    RUN_TEST(test_a_lock_that_is_left);
     RUN_TEST(test_a_foreign_log_is_not_written_back);
     RUN_TEST(test_a_file_without_our_tables_is_bad_data);
     RUN_TEST(test_places_that_cannot_be_written);

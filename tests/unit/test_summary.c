@@ -203,6 +203,15 @@ static void test_the_table(void) {
     TEST_ASSERT_NULL(strstr(printed, "left out"));
 }
 
+static void test_a_measure_beyond_all_numbers(void) {
+    run(11, 1e200, TL_GOOD);
+    print_json();
+    TEST_ASSERT_TRUE(cJSON_IsNull(find("match/motor.omega/mse")));
+    free(printed);
+    print(tl_summary_print_table);
+    expect_in_table("  motor.omega  MSE - (rad/s)\302\262, MAX 1e+200 rad/s\n");
+}
+
 static void test_measurements_left_out(void) {
     run(11, 62.85, TL_STALE);
     print(tl_summary_print_table);
@@ -218,6 +227,7 @@ int main(void) {
     RUN_TEST(test_nothing_happened);
     RUN_TEST(test_json_tells_what_the_twin_did);
     RUN_TEST(test_the_table);
+    RUN_TEST(test_a_measure_beyond_all_numbers);
     RUN_TEST(test_measurements_left_out);
     return UNITY_END();
 }

@@ -1,9 +1,11 @@
 /* A trajectory file: exact text, exact numbers, and a disk that is full. */
 #include <errno.h>
 #include <math.h>
+#include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 
 #include <unity.h>
 
@@ -136,7 +138,20 @@ static void test_a_full_disk(void) {
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_trajectory_open("/dev/full", stdout, &config, &file, &error));
     tl_trajectory_add(file, &config, &record);
     TEST_ASSERT_EQUAL_INT(TL_TRY_AGAIN, tl_trajectory_close(file, stdout, "/dev/full", &error));
-    TEST_ASSERT_NOT_NULL(strstr(error.text, "is the disk full?"));
+    TEST_ASSERT_NOT_NULL(strstr(error.text, "No space left on device"));
+}
+
+static void test_a_reader_that_has_left(void) {
+    int ends[2];
+    FILE *file = NULL;
+    TEST_ASSERT_EQUAL_INT(0, pipe(ends));
+    (void)signal(SIGPIPE, SIG_IGN);
+    FILE *output = fdopen(ends[1], "w");
+    TEST_ASSERT_EQUAL_INT(0, close(ends[0]));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_trajectory_open("-", output, &config, &file, &error));
+    TEST_ASSERT_EQUAL_INT(TL_TRY_AGAIN, tl_trajectory_close(file, output, "-", &error));
+    TEST_ASSERT_EQUAL_STRING("-: not everything could be written: Broken pipe", error.text);
+    (void)fclose(output);
 }
 
 int main(void) {
@@ -151,6 +166,7 @@ int main(void) {
     RUN_TEST(test_a_dash_is_the_output);
     RUN_TEST(test_a_folder_that_is_not_there);
     RUN_TEST(test_a_full_disk);
+    RUN_TEST(test_a_reader_that_has_left);
     tl_scratch_remove(&scratch);
     return UNITY_END();
 }

@@ -1,4 +1,5 @@
 /* The watch: changes are told, not states. */
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -63,7 +64,7 @@ static void see(tl_quality torque, tl_quality omega) {
 static void records(tl_outcome outcome, int count) {
     for (int i = 0; i < count; i++) {
         record.outcome = outcome;
-        tl_watch_record(&watch, &record);
+        tl_watch_record(&watch, record.step + 2, &record);
         record.step++;
     }
 }
@@ -116,7 +117,9 @@ static void test_out_of_tolerance(void) {
     records(TL_BEST_SO_FAR, TL_WATCH_STEPS - 1);
     expect_told("");
     records(TL_NOMINAL, 1);
-    expect_told_with("warning: twin: out of tolerance for 20 steps (J = 12.5)");
+    expect_told(
+        "twinlock: warning: twin: out of tolerance for 20 steps (J = 12.5): in most of them the best correction "
+        "found was used\n");
     records(TL_BEST_SO_FAR, 500);
     expect_told("");
     records(TL_OPTIMISED, TL_WATCH_STEPS - 1);
@@ -125,6 +128,38 @@ static void test_out_of_tolerance(void) {
     expect_told_with("notice: twin: in lock again");
     records(TL_FIRST_GUESS, 500);
     expect_told("");
+}
+
+/* What was used may change in these steps, and a run that was too short counts for nothing. */
+static void test_out_of_tolerance_at_nominal(void) {
+    record.objective = 7;
+    records(TL_NOMINAL, TL_WATCH_STEPS - 1);
+    records(TL_FIRST_GUESS, 1);
+    records(TL_NOMINAL, TL_WATCH_STEPS / 2);
+    records(TL_BEST_SO_FAR, TL_WATCH_STEPS / 2);
+    expect_told_with("(J = 7): in most of them the best correction found was used");
+    records(TL_FIRST_GUESS, TL_WATCH_STEPS);
+    expect_told_with("in lock again");
+    records(TL_BEST_SO_FAR, TL_WATCH_STEPS / 2 - 1);
+    records(TL_NOMINAL, TL_WATCH_STEPS / 2 + 1);
+    expect_told_with("(J = 7): in most of them nominal was used");
+}
+
+static void expect_without_objective(tl_stop stop, uint32_t flags, const char *text) {
+    tl_watch_init(&watch, &config, &journal);
+    record.objective = (double)NAN;
+    record.stop = stop;
+    record.flags = flags;
+    records(TL_NOMINAL, TL_WATCH_STEPS);
+    expect_told_with(text);
+}
+
+static void test_out_of_tolerance_without_a_number(void) {
+    static const char no_time[] =
+        "out of tolerance for 20 steps (no time to evaluate): in most of them nominal was used";
+    expect_without_objective(TL_STOP_TIME, 0, no_time);
+    expect_without_objective(TL_STOP_NONE, TL_FLAG_WITHOUT_NOMINAL, no_time);
+    expect_without_objective(TL_STOP_SOLVER, 0, "(J is not finite): in most of them nominal was used");
 }
 
 static void test_a_short_excursion_is_not_told(void) {
@@ -263,6 +298,8 @@ int main(void) {
     RUN_TEST(test_signals_are_watched_one_by_one);
     RUN_TEST(test_free_running);
     RUN_TEST(test_out_of_tolerance);
+    RUN_TEST(test_out_of_tolerance_at_nominal);
+    RUN_TEST(test_out_of_tolerance_without_a_number);
     RUN_TEST(test_a_short_excursion_is_not_told);
     RUN_TEST(test_free_steps_do_not_count);
     RUN_TEST(test_a_variable_that_does_not_matter);
