@@ -52,6 +52,7 @@ static void load_with(const char *key) {
 
 static void expect_advice(size_t count, const char *text) {
     size_t size = 0;
+    free(printed);
     FILE *file = open_memstream(&printed, &size);
     size_t given = tl_advice_print(&assembly, &prognosis, file);
     (void)fclose(file);
@@ -104,7 +105,6 @@ static void test_too_few_evaluations(void) {
                      "    once, beside the guess and nominal: give more, or make the horizon shorter\n"
                      "    or static\n");
     tl_assembly_free(&assembly);
-    free(printed);
     load(LOCK, "\"evaluations\": 60", "\"evaluations\": 3");
     expect_advice(0, "");
 }
@@ -137,7 +137,6 @@ static void test_a_conditioned_measurement_in_mode_ahead(void) {
     load(LOCK, "\"tolerance\": 1.0", "\"tolerance\": 1.0, \"condition\": { \"median\": 5 }");
     expect_advice(0, "");
     assembly.config.measurements = TL_AHEAD;
-    free(printed);
     expect_advice(1, "warnings\n"
                      "  synchronise.match.motor.omega: its condition makes the measurement 2 samples\n"
                      "    late, and in mode ahead no step waits for it: the newest there is belongs\n"
@@ -157,8 +156,6 @@ static void expect_step(const char *step, size_t count, const char *text) {
     load(LOCK, "\"step\": 0.12", with);
     expect_advice(count, text);
     tl_assembly_free(&assembly);
-    free(printed);
-    printed = NULL;
 }
 
 static void test_a_step_that_means_nothing(void) {
@@ -172,7 +169,6 @@ static void test_a_step_that_means_nothing(void) {
                      "  synchronise.adjust.motor.d: its step, 1e-200, is so small that a first move\n"
                      "    by it is lost in rounding\n");
     tl_assembly_free(&assembly);
-    free(printed);
     load(LOCK, "\"step\": 0.12", "\"step\": 0.5, \"min\": 0, \"max\": 0.4");
     expect_advice(1, "warnings\n"
                      "  synchronise.adjust.motor.d: its step, 0.5, is larger than all there is to\n"
@@ -192,7 +188,6 @@ static void test_room_for_less_than_the_worst_case(void) {
                    (unsigned long long)motor.nodes_worst);
     expect_advice(1, text);
     tl_assembly_free(&assembly);
-    free(printed);
     (void)snprintf(text, sizeof text, "\"saving\": { \"nodes\": %llu }", (unsigned long long)motor.nodes_worst);
     load_with(text);
     expect_advice(0, "");
@@ -204,7 +199,6 @@ static void test_stagnation_before_each_unknown_was_tried(void) {
                      "  synchronise.stagnation: 2 evaluations without progress end a solver before it\n"
                      "    has tried each of 1 unknowns once: give more\n");
     tl_assembly_free(&assembly);
-    free(printed);
     load_with("\"stagnation\": 3");
     expect_advice(0, "");
 }
@@ -214,7 +208,6 @@ static void test_a_low_pass_that_takes_long(void) {
     assembly.config.duration = 10 * TL_SECOND;
     expect_advice(0, "");
     assembly.config.duration = 5 * TL_SECOND;
-    free(printed);
     expect_advice(1, "warnings\n"
                      "  synchronise.match.motor.omega: its low-pass makes the measurement 5 s late,\n"
                      "    and a step is computed 5.01 s after its instant, which is longer than\n"
@@ -222,7 +215,6 @@ static void test_a_low_pass_that_takes_long(void) {
     assembly.config.duration = 0;
     assembly.config.step = TL_SECOND;
     assembly.config.match[0].condition.low_pass = 500 * TL_SECOND;
-    free(printed);
     expect_advice(1, "warnings\n"
                      "  synchronise.match.motor.omega: its low-pass makes the measurement 500 s late,\n"
                      "    and a step is computed 501 s after its instant\n");
