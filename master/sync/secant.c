@@ -35,6 +35,7 @@ static const double FIRST_DAMPING = 1e-3;
 /* The squares up to which a guess goes back to nominal: this, or this part of what is noise in them. */
 static const double GOOD_ENOUGH = 0.03;
 static const double OF_NOISE = 0.45;
+static const double MOST_ENOUGH = 0.5; /* the tolerance must hold, whatever the noise is */
 
 /* Or what this part of the mean correction of so many steps would change in one, but no residual by more than that. */
 static const double OF_LEAN = 0.8;
@@ -401,7 +402,7 @@ static double share_of_return(const tl_optimiser *self, const tl_forecast *forec
             lean += leaning(self, forecast, i);
         }
     }
-    double goal = fmax(fmax(GOOD_ENOUGH, OF_NOISE * jitter), lean);
+    double goal = fmin(fmax(fmax(GOOD_ENOUGH, OF_NOISE * jitter), lean), MOST_ENOUGH);
     if (here >= goal) {
         return 0.0;
     }

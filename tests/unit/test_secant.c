@@ -910,6 +910,8 @@ static void a_guess_stays_near_nominal(void) {
 static void a_guess_does_not_follow_noise(void) {
     TEST_ASSERT_DOUBLE_WITHIN(1e-6, 3.0 - sqrt(0.45 * 0.4) / 2.0, guess_towards(0.0, 0.4));
     TEST_ASSERT_DOUBLE_WITHIN(1e-6, 3.0 - sqrt(0.03) / 2.0, guess_towards(0.0, 0.01));
+    TEST_ASSERT_DOUBLE_WITHIN(1e-6, 3.0 - sqrt(0.5) / 2.0,
+                              guess_towards(0.0, 100.0)); /* within tolerance all the same */
 }
 
 /* A u that has leaned to one side for long is let back further, but to half a tolerance at most. */
