@@ -29,7 +29,9 @@ bool tl_recorder_events_put(tl_recorder_events *events, const tl_recorder_event_
         (void)__atomic_fetch_sub(&events->reserved, 1, __ATOMIC_RELAXED);
         return false;
     }
-    uint32_t number = __atomic_fetch_add(&events->next, 1, __ATOMIC_RELAXED);
+    /* Whoever stood still since it reserved may draw a slot that was released meanwhile. The one that reserved after that has
+     * drawn before it, and passes on here what it has seen. */
+    uint32_t number = __atomic_fetch_add(&events->next, 1, __ATOMIC_ACQ_REL);
     tl_recorder_event_slot *slot = &events->slots[number % TL_RECORDER_EVENTS];
     slot->entry = *entry;
     __atomic_store_n(&slot->filled, 1, __ATOMIC_RELEASE);
