@@ -540,24 +540,43 @@ static bool is_at_end(const tl_optimiser *self, const tl_course *course, double 
     return course->confirmed && promised >= TL_OBJECTIVE_TOLERANCE && promised > (1.0 - WORTHWHILE) * self->value;
 }
 
+static void begin(tl_optimiser *self, tl_course *course, const tl_search *search) {
+    self->search = search;
+    self->damping = 0.0;
+    self->longest = LONGEST_MOVE;
+    bool guessed = memcmp(self->trial, search->start, self->unknowns * sizeof *self->trial) == 0;
+    course->confirmed = guessed && is_confirmed(self, self->promised, search->start_value);
+    self->promised = (double)NAN;
+    go_to(self, search->start, search->start_residuals, search->start_value);
+}
+
+/* Measures the slope where it leads nowhere or there is none. False: told to stop. */
+static bool renew_slope(tl_optimiser *self, tl_course *course) {
+    if (self->has_slope && (course->failures < FAILURES_TO_MEASURE || course->fresh)) {
+        return true;
+    }
+    course->fresh = measure(self);
+    return course->fresh;
+}
+
+/* Asks about the move to trial. False: told to stop. */
+static bool ask(tl_optimiser *self, tl_course *course, double promised) {
+    double value = HUGE_VAL;
+    const double *r = NULL;
+    bool go_on = self->search->evaluate(self->search->context, self->trial, &value, &r);
+    judge(self, course, promised, value, r);
+    return go_on;
+}
+
 static tl_search_end minimise(tl_optimiser *self, const tl_search *search) {
     tl_course course = {0};
     if (!isfinite(search->start_value)) {
         return TL_SEARCH_FAILED;
     }
-    self->search = search;
-    self->damping = 0.0;
-    self->longest = LONGEST_MOVE;
-    bool guessed = memcmp(self->trial, search->start, self->unknowns * sizeof *self->trial) == 0;
-    course.confirmed = guessed && is_confirmed(self, self->promised, search->start_value);
-    self->promised = (double)NAN;
-    go_to(self, search->start, search->start_residuals, search->start_value);
+    begin(self, &course, search);
     while (course.failures < MOST_FAILURES && course.idle < MOST_IDLE) {
-        if (!self->has_slope || (course.failures >= FAILURES_TO_MEASURE && !course.fresh)) {
-            if (!measure(self)) {
-                return TL_SEARCH_STOPPED;
-            }
-            course.fresh = true;
+        if (!renew_slope(self, &course)) {
+            return TL_SEARCH_STOPPED;
         }
         bool found = propose(self, NULL) && largest_move(self) > SHORTEST_MOVE;
         if (!found && (course.fresh || course.confirmed)) {
@@ -571,11 +590,7 @@ static tl_search_end minimise(tl_optimiser *self, const tl_search *search) {
         if (is_at_end(self, &course, promised)) {
             return TL_SEARCH_DONE;
         }
-        double value = HUGE_VAL;
-        const double *r = NULL;
-        bool go_on = search->evaluate(search->context, self->trial, &value, &r);
-        judge(self, &course, promised, value, r);
-        if (!go_on) {
+        if (!ask(self, &course, promised)) {
             return TL_SEARCH_STOPPED;
         }
     }
