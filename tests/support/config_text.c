@@ -31,6 +31,17 @@ char *tl_test_replaced(const char *text, const char *old, const char *new) {
     return result;
 }
 
+bool tl_test_write_replaced(const char *from, const char *to, const char *old, const char *new) {
+    char *text = tl_test_read_text(from);
+    char *changed = text != NULL ? tl_test_replaced(text, old, new) : NULL;
+    FILE *output = changed != NULL ? fopen(to, "w") : NULL;
+    bool written = output != NULL && fputs(changed, output) >= 0;
+    written = output != NULL && fclose(output) == 0 && written;
+    free(text);
+    free(changed);
+    return written;
+}
+
 size_t tl_test_line_of(const char *text, const char *part) {
     const char *at = strstr(text, part);
     size_t line = at != NULL ? 1 : 0;

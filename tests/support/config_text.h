@@ -7,6 +7,7 @@
 #ifndef TL_TESTS_SUPPORT_CONFIG_TEXT_H
 #define TL_TESTS_SUPPORT_CONFIG_TEXT_H
 
+#include <stdbool.h>
 #include <stddef.h>
 
 #include "firmware/config.h"
@@ -33,6 +34,9 @@ char *tl_test_read_text(const char *path);
 
 /* A copy of `text` in which `old` is replaced by `new`; NULL where `old` is not there exactly once. */
 char *tl_test_replaced(const char *text, const char *old, const char *new);
+
+/* The same of a whole file, into another one; false where `old` is not there exactly once, or a file cannot be used. */
+bool tl_test_write_replaced(const char *from, const char *to, const char *old, const char *new);
 
 /* The line (from 1) on which `part` begins in `text`; 0 where it is not there. */
 size_t tl_test_line_of(const char *text, const char *part);

@@ -31,15 +31,8 @@ void tearDown(void) {
 }
 
 static void load(const char *file, const char *old, const char *new) {
-    char *text = tl_test_read_text(file);
-    char *changed = tl_test_replaced(text, old, new);
-    TEST_ASSERT_NOT_NULL_MESSAGE(changed, old);
     const char *path = tl_scratch_path(&scratch, "config.json");
-    FILE *output = fopen(path, "w");
-    (void)fputs(changed, output);
-    (void)fclose(output);
-    free(text);
-    free(changed);
+    TEST_ASSERT_TRUE_MESSAGE(tl_test_write_replaced(file, path, old, new), old);
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_assembly_load(path, &assembly));
 }
 
