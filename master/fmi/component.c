@@ -270,7 +270,6 @@ void tl_component_forget(tl_component *component, fmi2FMUstate *state) {
 }
 
 void tl_component_free(tl_component *component) {
-    tl_component_forget(component, &component->state);
     if (component->mode == TL_MODE_ABSENT || component->mode == TL_MODE_DEAD) {
         return;
     }

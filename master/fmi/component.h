@@ -58,7 +58,6 @@ typedef struct tl_component {
     tl_ports inputs;     /* connected inputs and adjusted variables: set before each step */
     tl_ports outputs;    /* connected and matched outputs: read after each step */
     bool reals_only;     /* no other ports: set by the exchange, once they are placed */
-    fmi2FMUstate state;  /* where the exchange keeps its one snapshot */
     uint64_t executions; /* fmi2DoStep calls */
 } tl_component;
 

@@ -57,6 +57,7 @@ void tl_exchange_end_component(tl_exchange *exchange, size_t component) {
     if (exchange->cached != NULL) {
         tl_cached_component_end(&exchange->cached[component]);
     }
+    tl_snapshot_forget(&exchange->home, component);
 }
 
 bool tl_exchange_takes_part(const tl_exchange *exchange, size_t component, uint32_t depth) {
@@ -155,7 +156,7 @@ tl_status tl_exchange_begin(tl_exchange *exchange, tl_error *error) {
     if (exchange->cached == NULL) {
         return tl_exchange_save(exchange, error);
     }
-    memcpy(exchange->saved_values, exchange->values, exchange->values_size);
+    memcpy(exchange->home.values, exchange->values, exchange->values_size);
     return TL_OK;
 }
 
@@ -163,7 +164,7 @@ tl_status tl_exchange_rewind(tl_exchange *exchange, tl_error *error) {
     if (exchange->cached == NULL) {
         return tl_exchange_restore(exchange, error);
     }
-    memcpy(exchange->values, exchange->saved_values, exchange->values_size);
+    memcpy(exchange->values, exchange->home.values, exchange->values_size);
     for (size_t i = 0; i < exchange->component_count; i++) {
         tl_cached_component_rewind(&exchange->cached[i]);
     }
@@ -203,25 +204,9 @@ tl_status tl_exchange_step(tl_exchange *exchange, int64_t step, tl_error *error)
 }
 
 tl_status tl_exchange_save(tl_exchange *exchange, tl_error *error) {
-    memcpy(exchange->saved_values, exchange->values, exchange->values_size);
-    for (size_t i = 0; i < exchange->component_count; i++) {
-        tl_component *component = &exchange->components[i];
-        tl_status status = tl_component_save(component, &component->state, error);
-        if (status != TL_OK) {
-            return status;
-        }
-    }
-    return TL_OK;
+    return tl_snapshot_take(&exchange->home, error);
 }
 
 tl_status tl_exchange_restore(tl_exchange *exchange, tl_error *error) {
-    memcpy(exchange->values, exchange->saved_values, exchange->values_size);
-    for (size_t i = 0; i < exchange->component_count; i++) {
-        tl_component *component = &exchange->components[i];
-        tl_status status = tl_component_restore(component, component->state, error);
-        if (status != TL_OK) {
-            return status;
-        }
-    }
-    return TL_OK;
+    return tl_snapshot_restore(&exchange->home, error);
 }

@@ -5,7 +5,7 @@
  *          values of t_i and walks over the horizon; the committed step moves t_i on.
  * Saving:  by structure (approach 1) component k takes part in a candidate only for its first reach[k] = Γ_k steps; by
  *          sequences (approach 2) components stand behind their caches. Neither changes a committed value by a bit.
- * Memory:  all port values lie in one block, so that a snapshot of them is one copy.
+ * Memory:  all port values lie in one block, so that to keep them is one copy.
  * Errors:  of all that calls FMUs: TL_FMU_FAILED or TL_FMU_FATAL as the first one answered that was not well; the text names it.
  *          Those after it were not called.
  * Thread:  the twin's.
@@ -21,6 +21,7 @@
 #include "master/cache/cached_component.h"
 #include "master/graph/graph.h"
 #include "master/graph/plant.h"
+#include "master/graph/snapshot.h"
 
 typedef struct tl_real_copy {
     fmi2Real *to;
@@ -51,8 +52,8 @@ typedef struct tl_exchange {
     size_t failed;       /* the component at which the last macro step failed */
     tl_time
         *cost; /* ns of one execution of each component, at most: the last, or an earlier one that was longer, fading */
-    unsigned char *values; /* reals, then integers, then booleans, of all ports; then û of cut connections */
-    unsigned char *saved_values;
+    unsigned char *values;   /* reals, then integers, then booleans, of all ports; then û of cut connections */
+    tl_snapshot home;        /* where candidates begin; of caches, its values only */
     const fmi2Real *outputs; /* the Real outputs of all components lie together */
     size_t output_count;
     size_t values_size;
@@ -112,8 +113,7 @@ tl_status tl_exchange_try(tl_exchange *exchange, int64_t step, uint32_t depth, t
  * tl_exchange_rewind() leads back, if tl_exchange_begin() was called or executions are saved. */
 tl_status tl_exchange_commit(tl_exchange *exchange, int64_t step, tl_error *error);
 
-/* Snapshot of all components and values beside all caches, for the proof at start; one at a time. After a
- * failure the components are in different places. */
+/* Keeps all components and values beside all caches, for the proof at start, where candidates begin else. */
 tl_status tl_exchange_save(tl_exchange *exchange, tl_error *error);
 tl_status tl_exchange_restore(tl_exchange *exchange, tl_error *error);
 tl_status tl_exchange_step(tl_exchange *exchange, int64_t step, tl_error *error);

@@ -136,14 +136,16 @@ static bool take_tables(tl_exchange *exchange, tl_arena *arena, const tl_graph *
     count_values(graph, layout);
     exchange->values_size = layout->reals * sizeof(double) + layout->integers * sizeof(fmi2Integer);
     exchange->values = tl_arena_take(arena, exchange->values_size, 1);
-    exchange->saved_values = tl_arena_take(arena, exchange->values_size, 1);
     exchange->copies = tl_arena_take(arena, connections, sizeof *exchange->copies);
     exchange->conversions = tl_arena_take(arena, connections, sizeof *exchange->conversions);
     exchange->integer_copies = tl_arena_take(arena, connections, sizeof *exchange->integer_copies);
     exchange->cost = tl_arena_take(arena, graph->component_count, sizeof *exchange->cost);
     layout->block = exchange->values;
-    return exchange->values != NULL && exchange->saved_values != NULL && exchange->copies != NULL &&
-           exchange->conversions != NULL && exchange->integer_copies != NULL && exchange->cost != NULL;
+    return exchange->values != NULL &&
+           tl_snapshot_init(&exchange->home, arena, graph->components, graph->component_count, exchange->values,
+                            exchange->values_size) &&
+           exchange->copies != NULL && exchange->conversions != NULL && exchange->integer_copies != NULL &&
+           exchange->cost != NULL;
 }
 
 tl_status tl_exchange_init(tl_exchange *exchange, tl_arena *arena, tl_graph *graph, size_t window, tl_error *error) {
@@ -245,9 +247,9 @@ tl_status tl_exchange_initialize(tl_exchange *exchange, tl_error *error) {
     tl_plant_deliver(&exchange->plant, exchange->plant.newest);
     /* A chain of direct feed-through settles after as many rounds as it has components. */
     for (size_t round = 0; round < exchange->component_count + 1 && status == TL_OK; round++) {
-        memcpy(exchange->saved_values, exchange->values, exchange->values_size);
+        memcpy(exchange->home.values, exchange->values, exchange->values_size);
         status = settle(exchange, error);
-        if (memcmp(exchange->saved_values, exchange->values, exchange->values_size) == 0) {
+        if (memcmp(exchange->home.values, exchange->values, exchange->values_size) == 0) {
             break;
         }
     }

@@ -9,6 +9,7 @@
 static tl_test_log call_log;
 static tl_test_fmu fmu;
 static tl_component component;
+static fmi2FMUstate state;
 static tl_error error;
 
 /* The ports that these tests exchange. */
@@ -22,6 +23,7 @@ static fmi2Integer integers[2];
 static fmi2Boolean booleans[2];
 
 void setUp(void) {
+    state = NULL;
     tl_test_log_clear(&call_log);
     tl_test_fmu_init(&fmu, 2, true, &call_log);
     in_references[0] = tl_test_fmu_variable(&fmu, "u0")->reference;
@@ -49,6 +51,7 @@ void setUp(void) {
 }
 
 void tearDown(void) {
+    tl_component_forget(&component, &state);
     tl_component_free(&component);
     tl_test_fmu_end(&fmu);
     TEST_ASSERT_EQUAL_STRING("", call_log.first_violation);
@@ -93,9 +96,10 @@ static void a_life_is_in_legal_order(void) {
         TL_TEST_FREE_INSTANCE,
     };
     start();
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_save(&component, &component.state, &error));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_save(&component, &state, &error));
     TEST_ASSERT_EQUAL_INT(TL_OK, step(0));
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_restore(&component, component.state, &error));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_restore(&component, state, &error));
+    tl_component_forget(&component, &state);
     tl_component_free(&component);
     assert_calls(0, calls, sizeof calls / sizeof calls[0]);
     TEST_ASSERT_EQUAL_INT(TL_MODE_ABSENT, component.mode);
@@ -204,9 +208,9 @@ static void a_snapshot_reuses_its_handle_and_brings_the_state_back(void) {
     start();
     for (int64_t i = 0; i < 5; i++) {
         in_reals[0] = (double)i;
-        TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_save(&component, &component.state, &error));
+        TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_save(&component, &state, &error));
         TEST_ASSERT_EQUAL_INT(TL_OK, step(i));
-        TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_restore(&component, component.state, &error));
+        TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_restore(&component, state, &error));
         TEST_ASSERT_EQUAL_INT(TL_OK, step(i));
         TEST_ASSERT_EQUAL_DOUBLE((double)i, out_reals[0]);
     }
@@ -216,35 +220,36 @@ static void a_snapshot_reuses_its_handle_and_brings_the_state_back(void) {
 
 static void a_discarded_step_can_be_taken_back(void) {
     start();
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_save(&component, &component.state, &error));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_save(&component, &state, &error));
     tl_test_fmu_fail(&fmu, TL_TEST_DO_STEP, TL_TEST_DISCARD, 1, 1);
     TEST_ASSERT_EQUAL_INT(TL_FMU_FAILED, step(0));
     TEST_ASSERT_NOT_NULL(strstr(error.text, "motor"));
     TEST_ASSERT_NOT_NULL(strstr(error.text, "fmi2DoStep"));
     TEST_ASSERT_NOT_NULL(strstr(error.text, "fmi2Discard"));
     TEST_ASSERT_EQUAL_UINT64(1, component.executions);
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_restore(&component, component.state, &error));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_restore(&component, state, &error));
     TEST_ASSERT_EQUAL_INT(TL_OK, step(0));
 }
 
 static void after_an_error_only_a_restore_helps(void) {
     start();
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_save(&component, &component.state, &error));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_save(&component, &state, &error));
     tl_test_fmu_fail(&fmu, TL_TEST_DO_STEP, TL_TEST_ERROR, 1, 1);
     TEST_ASSERT_EQUAL_INT(TL_FMU_FAILED, step(0));
     TEST_ASSERT_EQUAL_INT(TL_MODE_FAILED, component.mode);
     size_t calls = call_log.count;
     TEST_ASSERT_EQUAL_INT(TL_FMU_FAILED, step(0));
     TEST_ASSERT_EQUAL_UINT64(calls, call_log.count);
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_restore(&component, component.state, &error));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_restore(&component, state, &error));
     TEST_ASSERT_EQUAL_INT(TL_OK, step(0));
 }
 
 static void a_failed_instance_is_freed_without_terminating(void) {
     start();
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_save(&component, &component.state, &error));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_save(&component, &state, &error));
     tl_test_fmu_fail(&fmu, TL_TEST_DO_STEP, TL_TEST_ERROR, 1, 1);
     (void)step(0);
+    tl_component_forget(&component, &state);
     tl_component_free(&component);
     TEST_ASSERT_EQUAL_UINT64(0, fmu.calls[TL_TEST_TERMINATE]);
     TEST_ASSERT_EQUAL_UINT64(0, fmu.living);
@@ -260,26 +265,26 @@ static void each_call_that_fails_is_named(void) {
                  {TL_TEST_GET_INTEGER, "fmi2GetInteger"}, {TL_TEST_GET_BOOLEAN, "fmi2GetBoolean"},
                  {TL_TEST_DO_STEP, "fmi2DoStep"}};
     start();
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_save(&component, &component.state, &error));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_save(&component, &state, &error));
     for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
         uint64_t next = fmu.calls[cases[i].call] + 1;
         tl_test_fmu_fail(&fmu, cases[i].call, TL_TEST_ERROR, next, next);
         TEST_ASSERT_EQUAL_INT(TL_FMU_FAILED, step(0));
         TEST_ASSERT_NOT_NULL(strstr(error.text, cases[i].name));
-        TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_restore(&component, component.state, &error));
+        TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_restore(&component, state, &error));
     }
 }
 
 static void nothing_is_called_after_fatal(void) {
     start();
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_save(&component, &component.state, &error));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_save(&component, &state, &error));
     tl_test_fmu_fail(&fmu, TL_TEST_DO_STEP, TL_TEST_FATAL, 1, 1);
     TEST_ASSERT_EQUAL_INT(TL_FMU_FATAL, step(0));
     TEST_ASSERT_NOT_NULL(strstr(error.text, "fmi2Fatal"));
     size_t calls = call_log.count;
     TEST_ASSERT_EQUAL_INT(TL_FMU_FATAL, step(0));
-    TEST_ASSERT_EQUAL_INT(TL_FMU_FATAL, tl_component_restore(&component, component.state, &error));
-    TEST_ASSERT_EQUAL_INT(TL_FMU_FATAL, tl_component_save(&component, &component.state, &error));
+    TEST_ASSERT_EQUAL_INT(TL_FMU_FATAL, tl_component_restore(&component, state, &error));
+    TEST_ASSERT_EQUAL_INT(TL_FMU_FATAL, tl_component_save(&component, &state, &error));
     tl_component_free(&component);
     TEST_ASSERT_EQUAL_UINT64(calls, call_log.count);
 }
@@ -289,8 +294,9 @@ static void fatal_while_freeing_ends_the_freeing(void) {
     for (size_t i = 0; i < 2; i++) {
         setUp();
         start();
-        TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_save(&component, &component.state, &error));
+        TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_save(&component, &state, &error));
         tl_test_fmu_fail(&fmu, cases[i], TL_TEST_FATAL, 1, 1);
+        tl_component_forget(&component, &state);
         tl_component_free(&component);
         TEST_ASSERT_EQUAL_INT(cases[i], call_log.entries[call_log.count - 1].call);
         tl_test_fmu_end(&fmu);
@@ -313,11 +319,11 @@ static void fatal_while_initialising_is_fatal(void) {
 
 static void an_output_that_is_no_number_is_a_failure(void) {
     start();
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_save(&component, &component.state, &error));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_save(&component, &state, &error));
     tl_test_fmu_fail(&fmu, TL_TEST_DO_STEP, TL_TEST_NAN, 1, 1);
     TEST_ASSERT_EQUAL_INT(TL_FMU_FAILED, step(0));
     TEST_ASSERT_NOT_NULL(strstr(error.text, "not finite"));
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_restore(&component, component.state, &error));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_restore(&component, state, &error));
     in_reals[1] = 1e200;
     TEST_ASSERT_EQUAL_INT(TL_OK, step(0));
 }

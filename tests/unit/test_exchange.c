@@ -29,6 +29,7 @@ void setUp(void) {
 
 void tearDown(void) {
     for (size_t i = 0; i < graph.component_count; i++) {
+        tl_exchange_end_component(&exchange, i);
         tl_component_free(&graph.components[i]);
         tl_test_fmu_end(&fmus[i]);
     }

@@ -1,0 +1,39 @@
+/* The co-simulation as it stands at one instant, to come back to: the hidden state of every FMU, and all port values.
+ *
+ * Purpose: what a rollback needs. There may be any number of them at a time; each keeps its own state handles and uses them
+ *          again.
+ * Errors:  TL_FMU_FAILED or TL_FMU_FATAL as the first FMU answered that was not well; those after it were not called, and the
+ *          components are in different places then.
+ * Thread:  the twin's. Memory: the arena, at start-up; the states are the FMUs' own.
+ */
+#ifndef TL_MASTER_GRAPH_SNAPSHOT_H
+#define TL_MASTER_GRAPH_SNAPSHOT_H
+
+#include <stdbool.h>
+#include <stddef.h>
+
+#include "master/base/arena.h"
+#include "master/base/status.h"
+#include "master/fmi/component.h"
+
+typedef struct tl_snapshot {
+    tl_component *components;
+    size_t component_count;
+    unsigned char *live; /* where the port values of the running co-simulation are */
+    size_t values_size;
+    unsigned char *values;
+    fmi2FMUstate *states; /* one per component; NULL: none yet */
+} tl_snapshot;
+
+/* Empty, of these components and values. False when memory is out. */
+bool tl_snapshot_init(tl_snapshot *snapshot, tl_arena *arena, tl_component *components, size_t component_count,
+                      unsigned char *live, size_t values_size);
+
+/* Keeps the present instant in place of what was kept before; and leads back to what is kept, as often as wanted. */
+tl_status tl_snapshot_take(tl_snapshot *snapshot, tl_error *error);
+tl_status tl_snapshot_restore(const tl_snapshot *snapshot, tl_error *error);
+
+/* Gives one component's state back to its FMU, before the component is freed. */
+void tl_snapshot_forget(tl_snapshot *snapshot, size_t component);
+
+#endif
