@@ -73,12 +73,19 @@ class Fmu:
         for name in names:
             variable = self.variables[name]
             values += getattr(slave, "get" + variable.type)([variable.valueReference])
-        return values
+        return list(map(as_number, values))
 
     def set(self, slave, name, value):
         variable = self.variables[name]
         convert = float if variable.type == "Real" else int
         getattr(slave, "set" + variable.type)([variable.valueReference], [convert(value)])
+
+
+def as_number(value):
+    """As files and comparisons have it: a Boolean is 0 or 1, whether FMPy gives it as a bool or XML as a word."""
+    if value in ("true", "false"):
+        return float(value == "true")
+    return float(value)
 
 
 def initialise(slave):
@@ -165,7 +172,7 @@ def check_variables(fmu):
     slave.enterInitializationMode()
     for name, variable in fmu.variables.items():
         value = fmu.get(slave, [name])[0]
-        if variable.start is not None and value != float(variable.start):
+        if variable.start is not None and value != as_number(variable.start):
             yield f"{name} starts at {value!r}, but modelDescription.xml says {variable.start}"
     slave.exitInitializationMode()
     for name, variable in fmu.variables.items():
@@ -250,7 +257,8 @@ def check_rollback(fmu):
 
 def refusals(fmu, slave):
     """(what, status) of calls that are illegal while `slave` is stepping at time 0."""
-    a_real = next(variable.valueReference for variable in fmu.variables.values() if variable.causality == "input")
+    a_real = next(variable.valueReference for variable in fmu.variables.values()
+                  if variable.causality == "input" and variable.type == "Real")
     yield "fmi2SetReal of NaN", status_of(slave.setReal, [a_real], [float("nan")])
     yield "fmi2SetReal of infinity", status_of(slave.setReal, [a_real], [float("inf")])
     yield "fmi2SetReal of a known and an unknown reference", status_of(
@@ -315,7 +323,7 @@ def check_divergence(fmu):
     slave.setFMUstate(state)
     for name, variable in fmu.variables.items():
         if variable.causality == "input":
-            fmu.set(slave, name, 1e308)
+            fmu.set(slave, name, 1e308 if variable.type == "Real" else 1)
     statuses = [status_of(slave.doStep, i * STEP_S, STEP_S) for i in range(100)]
     if any(abs(value) == float("inf") or value != value for value in fmu.get(slave, fmu.results)):
         if statuses[-1] != fmi2.fmi2Error:

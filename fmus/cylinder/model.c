@@ -1,0 +1,169 @@
+/* Cylinder: a double-acting pneumatic cylinder with meter-out throttles, its valve and its end switches.
+ *
+ *   dp1/dt = (q1·p0 − p1·A1·v)/(V01 + A1·x)       dp2/dt = (q2·p0 + p2·A2·v)/(V02 + A2·(L − x))
+ *   m·dv/dt = F_pneu − F_ext − visc·v − fc·tanh(v/v_fc)    F_pneu = p1·A1 − p2·A2 − p0·(A1 − A2)
+ *
+ * q is a flow of air at p0, m³/s, through a nozzle after ISO 6358: sonic conductance C, critical pressure ratio b.
+ * The chambers are isothermal. The valve feeds one chamber through C_s and empties the other one through that stroke's
+ * throttle: `move_out` extends; else `move_in` retracts; with neither, both chambers are closed. So a valve that
+ * returns by a spring is one whose `move_in` is left true.
+ *
+ * Integrated by semi-implicit Euler: the pressures from the old states, then v, then x. Both ends are hard stops. It
+ * starts retracted and at rest, held there: chamber 1 empty, chamber 2 at the supply.
+ */
+#include <math.h>
+
+#include "fmus/common/model.h"
+
+static const double P0 = 1e5;      /* Pa: of the surroundings, and of the air that flows are measured in */
+static const double BAR = 1e5;     /* Pa */
+static const double LITRES = 1000; /* in a cubic metre */
+
+typedef struct cylinder {
+    fmi2Real F_ext;                                 /* input */
+    fmi2Boolean move_out, move_in;                  /* inputs */
+    fmi2Real throttle_extend, throttle_retract;     /* tunable */
+    fmi2Real power_supply;                          /* tunable */
+    fmi2Real A1, A2, L, m, C_s, C_max, b, V01, V02; /* fixed */
+    fmi2Real visc, fc, v_fc, end_width, t_step;     /* fixed */
+    fmi2Real pos, v, F_pneu, airflow;               /* results */
+    fmi2Boolean extend_signal, retract_signal;      /* results */
+    fmi2Real p1, p2;                                /* states, not told to anybody */
+} cylinder;
+
+static const cylinder defaults = {
+    .F_ext = 0,
+    .move_out = fmi2False,
+    .move_in = fmi2True,
+    .throttle_extend = 0.01,
+    .throttle_retract = 0.01,
+    .power_supply = 4,
+    .A1 = 8.04e-4,
+    .A2 = 6.91e-4,
+    .L = 0.12,
+    .m = 8,
+    .C_s = 3.0e-8,
+    .C_max = 2.55e-7,
+    .b = 0.3,
+    .V01 = 1e-5,
+    .V02 = 1e-5,
+    .visc = 40,
+    .fc = 10,
+    .v_fc = 0.005,
+    .end_width = 0.0005,
+    .t_step = 5e-5,
+};
+
+static const tl_fmu_variable variables[] = {
+    {TL_FMU_REAL, 0, TL_FMU_TUNABLE, offsetof(cylinder, throttle_extend)},
+    {TL_FMU_REAL, 1, TL_FMU_TUNABLE, offsetof(cylinder, throttle_retract)},
+    {TL_FMU_REAL, 2, TL_FMU_TUNABLE, offsetof(cylinder, power_supply)},
+    {TL_FMU_BOOLEAN, 0, TL_FMU_INPUT, offsetof(cylinder, move_out)},
+    {TL_FMU_BOOLEAN, 1, TL_FMU_INPUT, offsetof(cylinder, move_in)},
+    {TL_FMU_REAL, 3, TL_FMU_INPUT, offsetof(cylinder, F_ext)},
+    {TL_FMU_REAL, 4, TL_FMU_RESULT, offsetof(cylinder, F_pneu)},
+    {TL_FMU_REAL, 5, TL_FMU_RESULT, offsetof(cylinder, pos)},
+    {TL_FMU_REAL, 6, TL_FMU_RESULT, offsetof(cylinder, v)},
+    {TL_FMU_REAL, 7, TL_FMU_RESULT, offsetof(cylinder, airflow)},
+    {TL_FMU_BOOLEAN, 2, TL_FMU_RESULT, offsetof(cylinder, retract_signal)},
+    {TL_FMU_BOOLEAN, 3, TL_FMU_RESULT, offsetof(cylinder, extend_signal)},
+    {TL_FMU_REAL, 8, TL_FMU_FIXED, offsetof(cylinder, A1)},
+    {TL_FMU_REAL, 9, TL_FMU_FIXED, offsetof(cylinder, A2)},
+    {TL_FMU_REAL, 10, TL_FMU_FIXED, offsetof(cylinder, L)},
+    {TL_FMU_REAL, 11, TL_FMU_FIXED, offsetof(cylinder, m)},
+    {TL_FMU_REAL, 12, TL_FMU_FIXED, offsetof(cylinder, C_s)},
+    {TL_FMU_REAL, 13, TL_FMU_FIXED, offsetof(cylinder, C_max)},
+    {TL_FMU_REAL, 14, TL_FMU_FIXED, offsetof(cylinder, b)},
+    {TL_FMU_REAL, 15, TL_FMU_FIXED, offsetof(cylinder, V01)},
+    {TL_FMU_REAL, 16, TL_FMU_FIXED, offsetof(cylinder, V02)},
+    {TL_FMU_REAL, 17, TL_FMU_FIXED, offsetof(cylinder, visc)},
+    {TL_FMU_REAL, 18, TL_FMU_FIXED, offsetof(cylinder, fc)},
+    {TL_FMU_REAL, 19, TL_FMU_FIXED, offsetof(cylinder, v_fc)},
+    {TL_FMU_REAL, 20, TL_FMU_FIXED, offsetof(cylinder, end_width)},
+    {TL_FMU_REAL, 21, TL_FMU_FIXED, offsetof(cylinder, t_step)},
+};
+
+/* What flows into the chambers, m³/s, and out through the throttle. */
+typedef struct flows {
+    double q1, q2, exhaust;
+} flows;
+
+/* Through a nozzle from the side at `p_from` to that at `p_to`; negative where that is the lower pressure. */
+static double flow(double conductance, double b, double p_from, double p_to) {
+    const double sign = p_from >= p_to ? 1 : -1;
+    const double p_up = p_from >= p_to ? p_from : p_to;
+    const double ratio = (p_from >= p_to ? p_to : p_from) / p_up;
+    const double beyond = ratio <= b ? 0 : (ratio - b) / (1 - b);
+    return sign * conductance * p_up * sqrt(fmax(0, 1 - beyond * beyond));
+}
+
+static double supply(const cylinder *c) {
+    return P0 + c->power_supply * BAR;
+}
+
+static flows flows_of(const cylinder *c) {
+    if (c->move_out) {
+        const double exhaust = flow(c->throttle_extend * c->C_max, c->b, c->p2, P0);
+        return (flows){flow(c->C_s, c->b, supply(c), c->p1), -exhaust, exhaust};
+    }
+    if (c->move_in) {
+        const double exhaust = flow(c->throttle_retract * c->C_max, c->b, c->p1, P0);
+        return (flows){-exhaust, flow(c->C_s, c->b, supply(c), c->p2), exhaust};
+    }
+    return (flows){0, 0, 0};
+}
+
+static void compute_results(cylinder *c) {
+    c->F_pneu = c->p1 * c->A1 - c->p2 * c->A2 - P0 * (c->A1 - c->A2);
+    c->airflow = flows_of(c).exhaust * LITRES;
+    c->extend_signal = c->pos >= c->L - c->end_width;
+    c->retract_signal = c->pos <= c->end_width;
+}
+
+static void start(void *model) {
+    cylinder *c = model;
+    c->pos = 0;
+    c->v = 0;
+    c->p1 = P0;
+    c->p2 = supply(c);
+    compute_results(c);
+}
+
+static void stop_at(cylinder *c, double end) {
+    c->pos = end;
+    c->v = 0;
+}
+
+static void move(cylinder *c, double h) {
+    const double friction = c->visc * c->v + c->fc * tanh(c->v / c->v_fc);
+    c->v += h * (c->F_pneu - c->F_ext - friction) / c->m;
+    c->pos += h * c->v;
+    if (c->pos <= 0) {
+        stop_at(c, 0);
+    } else if (c->pos >= c->L) {
+        stop_at(c, c->L);
+    }
+}
+
+static void step(void *model, double h) {
+    cylinder *c = model;
+    const flows in = flows_of(c);
+    const double p1_rate = (in.q1 * P0 - c->p1 * c->A1 * c->v) / (c->V01 + c->A1 * c->pos);
+    const double p2_rate = (in.q2 * P0 + c->p2 * c->A2 * c->v) / (c->V02 + c->A2 * (c->L - c->pos));
+
+    c->p1 += h * p1_rate;
+    c->p2 += h * p2_rate;
+    c->F_pneu = c->p1 * c->A1 - c->p2 * c->A2 - P0 * (c->A1 - c->A2);
+    move(c, h);
+    compute_results(c);
+}
+
+const tl_fmu_model tl_fmu_model_of_this_fmu = {
+    .size = sizeof(cylinder),
+    .defaults = &defaults,
+    .variables = variables,
+    .variable_count = sizeof variables / sizeof variables[0],
+    .t_step = offsetof(cylinder, t_step),
+    .start = start,
+    .step = step,
+};
