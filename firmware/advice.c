@@ -95,6 +95,17 @@ static void check_budget(advice *given, const tl_config *config, const tl_progno
     }
 }
 
+/* An event horizon goes on from cycle to cycle; but it has to get on. */
+static void check_stroke_budget(advice *given, const tl_config *config, const tl_prognosis *prognosis) {
+    if (prognosis->steps != 0 && 2 * prognosis->step_time > config->budget_time) {
+        warn(
+            given, "synchronise.budget.time_s",
+            "%g s has room for the step of a cycle (%.3g ms here), and for no step of a candidate beside it: no stroke "
+            "can be searched",
+            tl_seconds(config->budget_time), tl_seconds(prognosis->step_time) * 1e3);
+    }
+}
+
 static void check_saving(advice *given, const tl_config *config) {
     if (!config->saving.structure) {
         warn(given, "synchronise.saving.structure",
@@ -205,7 +216,10 @@ size_t tl_advice_print(const tl_assembly *assembly, const tl_prognosis *prognosi
     const tl_config *config = &assembly->config;
     advice given = {.file = file};
     check_step(&given, config, prognosis);
-    if (config->adjust_count != 0) {
+    if (config->event.start.signal != NULL) {
+        check_stroke_budget(&given, config, prognosis);
+        check_adjusted(&given, config, assembly->twin);
+    } else if (config->adjust_count != 0) {
         check_budget(&given, config, prognosis, tl_twin_get_facts(assembly->twin).unknowns);
         check_saving(&given, config);
         check_nodes(&given, config, assembly->twin);

@@ -89,6 +89,7 @@ static void fill_plan(tl_assembly *assembly) {
         .prediction = config->prediction,
         .shape = config->shape,
         .measurements = config->measurements,
+        .event = config->event,
         .algorithm = config->algorithm,
         .fallback = config->fallback,
         .stagnation = config->stagnation,

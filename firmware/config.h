@@ -93,6 +93,7 @@ typedef struct tl_config {
     uint32_t prediction;
     tl_shape shape;
     tl_measurements measurements;
+    tl_plan_event event;
     const char
         *algorithm; /* a name of master/sync/optimiser.h; NULL: secant for Real variables, boolean for Boolean ones */
     const char *fallback; /* the same; NULL: none */

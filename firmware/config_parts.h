@@ -38,4 +38,7 @@ void tl_config_read_record(tl_config_object *root, tl_config *config);
 void tl_config_read_realtime(tl_config_object *root, tl_config *config);
 void tl_config_read_emulate(tl_config_object *root, tl_config *config);
 
+/* `horizon`, of the object `synchronise`. */
+void tl_config_read_horizon(tl_config_object *object, tl_config *config);
+
 #endif

@@ -8,7 +8,6 @@
 
 #include "firmware/config_names.h"
 #include "firmware/json_text.h"
-#include "firmware/measurements.h"
 #include "master/sync/optimiser.h"
 
 /* ---- match and compare ---- */
@@ -226,23 +225,6 @@ static double read_epsilon(tl_config_object *object) {
     return cJSON_GetObjectItemCaseSensitive(object->json, "epsilon") != NULL ? sqrt(epsilon) : 0;
 }
 
-static void read_horizon(tl_config_object *object, tl_config *config) {
-    static const tl_config_number rule = {.whole = true, .minimum = 1, .maximum = 1000, .example = "2"};
-    static const char *const shapes[] = {[TL_STATIC] = "static", [TL_DYNAMIC] = "dynamic", NULL};
-    tl_config_object horizon;
-    double prediction = 0;
-    size_t shape = TL_STATIC;
-    size_t measurements = TL_LAG;
-    (void)tl_config_member(object, "horizon", TL_CONFIG_OPTIONAL, "{\"prediction\": 2}", &horizon);
-    (void)tl_config_get_number(&horizon, "prediction", &rule, &prediction);
-    (void)tl_config_get_choice(&horizon, "shape", TL_CONFIG_OPTIONAL, shapes, &shape);
-    (void)tl_config_get_choice(&horizon, "measurements", TL_CONFIG_OPTIONAL, tl_measurements_names, &measurements);
-    config->prediction = (uint32_t)prediction;
-    config->shape = (tl_shape)shape;
-    config->measurements = (tl_measurements)measurements;
-    tl_config_done(&horizon);
-}
-
 /* The solver that an item means, by its name or by its number in the thesis; NULL: none. */
 static const tl_optimiser_class *solver_of(const cJSON *item) {
     if (cJSON_IsString(item)) {
@@ -320,7 +302,7 @@ void tl_config_read_synchronise(tl_config_object *root, tl_config *config) {
         read_match(&object, "match", config, true, read_epsilon(&object));
         check_weights(&object, config);
     }
-    read_horizon(&object, config);
+    tl_config_read_horizon(&object, config);
     read_solvers(&object, config);
     (void)tl_config_get_number(&object, "margin", &margin, &config->margin);
     (void)tl_config_get_number(&object, "noise_floor", &noise_floor, &config->noise_floor);

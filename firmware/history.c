@@ -314,10 +314,11 @@ tl_status tl_history_ticks_begin(tl_history *history, const tl_history_run *run,
                                      &begun->samples, error);
     }
     if (status == TL_OK) {
-        status = tl_database_prepare(history->database,
-                                     "SELECT step, outcome, stop, evaluations, flags, J_nominal IS NULL FROM steps"
-                                     " WHERE run = ?1 AND step >= ?2 AND step < ?3 ORDER BY step",
-                                     &begun->steps, error);
+        status = tl_database_prepare(
+            history->database,
+            "SELECT step, outcome, stop, evaluations, flags, J_nominal IS NULL, executions FROM steps"
+            " WHERE run = ?1 AND step >= ?2 AND step < ?3 ORDER BY step",
+            &begun->steps, error);
     }
     if (status != TL_OK) {
         tl_history_ticks_end(begun);
@@ -429,7 +430,7 @@ static bool add_step(tl_history_ticks *ticks, sqlite3_stmt *row, size_t *from) {
     int64_t step = sqlite3_column_int64(row, 0);
     int64_t outcome = sqlite3_column_int64(row, 1);
     int64_t stop = sqlite3_column_int64(row, 2);
-    if (outcome < TL_FREE || outcome > TL_MADE_UP || stop < TL_STOP_NONE || stop > TL_STOP_TIME) {
+    if (outcome < TL_FREE || outcome >= TL_OUTCOMES || stop < TL_STOP_NONE || stop > TL_STOP_TIME) {
         return false;
     }
     int64_t number = step + ticks->run->lead;
@@ -443,6 +444,7 @@ static bool add_step(tl_history_ticks *ticks, sqlite3_stmt *row, size_t *from) {
         tick->outcome = (tl_outcome)outcome;
         tick->stop = (tl_stop)stop;
         tick->evaluations = (uint32_t)sqlite3_column_int64(row, 3);
+        tick->executions = (uint64_t)sqlite3_column_int64(row, 6);
         tick->flags = read_flags(row, outcome, stop);
     }
     return true;

@@ -76,6 +76,7 @@ typedef struct tl_history_tick {
     tl_outcome outcome; /* TL_MADE_UP: the run missed this tick */
     tl_stop stop;       /* TL_STOP_TIME: there was time for no more than these evaluations */
     uint32_t evaluations;
+    uint64_t executions;
     uint32_t flags; /* tl_flag */
 } tl_history_tick;
 

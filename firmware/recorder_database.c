@@ -361,7 +361,7 @@ static const char *severity_name(tl_severity severity) {
 /* A database of an older program learns the names that came since. */
 static tl_status write_names(sqlite3 *connection, tl_error *error) {
     tl_status status = TL_OK;
-    for (int i = TL_FREE; i <= TL_MADE_UP && status == TL_OK; i++) {
+    for (int i = TL_FREE; i < TL_OUTCOMES && status == TL_OK; i++) {
         status = change(connection, "INSERT OR REPLACE INTO outcomes VALUES (?1, ?2)", i,
                         tl_outcome_name((tl_outcome)i), NULL, error);
     }
@@ -369,7 +369,7 @@ static tl_status write_names(sqlite3 *connection, tl_error *error) {
         status = change(connection, "INSERT OR REPLACE INTO stops VALUES (?1, ?2)", i, tl_stop_name((tl_stop)i), NULL,
                         error);
     }
-    for (unsigned bit = TL_FLAG_FALLBACK; bit <= TL_FLAG_WITHOUT_NOMINAL && status == TL_OK; bit <<= 1) {
+    for (unsigned bit = TL_FLAG_FALLBACK; bit <= TL_LAST_FLAG && status == TL_OK; bit <<= 1) {
         status = change(connection, "INSERT OR REPLACE INTO flags VALUES (?1, ?2)", bit, tl_flag_name((tl_flag)bit),
                         NULL, error);
     }

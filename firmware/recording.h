@@ -24,7 +24,8 @@ typedef struct tl_recording_tick {
     bool made_up;         /* the run missed this tick */
     bool cut_short;       /* the run's search at this tick ran out of time: */
     uint32_t evaluations; /* it had time for these, which may be none, */
-    bool without_nominal; /* and nominal's was not among them */
+    bool without_nominal; /* and nominal's was not among them, */
+    uint64_t executions;  /* and for so many executions */
 } tl_recording_tick;
 
 /* `path` is a CSV file, or a SQLite database (recognised by its first bytes), whose last run is taken. The database's

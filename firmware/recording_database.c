@@ -110,6 +110,7 @@ tl_status tl_recording_database_next(tl_recording_database *database, tl_recordi
     bool without_nominal = (read.flags & TL_FLAG_WITHOUT_NOMINAL) != 0;
     tick->cut_short = repeat && (read.stop == TL_STOP_TIME || without_nominal);
     tick->evaluations = tick->cut_short ? read.evaluations : 0;
+    tick->executions = tick->cut_short ? read.executions : 0;
     tick->without_nominal = tick->cut_short && (without_nominal || read.evaluations == 0);
     return TL_OK;
 }

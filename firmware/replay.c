@@ -31,6 +31,7 @@ static tl_budget budget_of(const tl_config *config, const tl_recording_tick *tic
         budget.evaluations = tick->evaluations < budget.evaluations ? tick->evaluations : budget.evaluations;
         budget.repeated = true;
         budget.without_nominal = tick->without_nominal;
+        budget.executions = tick->executions;
     }
     return budget;
 }

@@ -195,7 +195,7 @@ static tl_status print_wide(csv_line *line, tl_history_kind kind, tl_error *erro
 /* The names of set bits; nothing where there is none, or an older program did not say. */
 static void put_flags(FILE *file, uint32_t flags) {
     char text[128] = "";
-    for (unsigned bit = TL_FLAG_FALLBACK; bit <= TL_FLAG_WITHOUT_NOMINAL; bit <<= 1) {
+    for (unsigned bit = TL_FLAG_FALLBACK; bit <= TL_LAST_FLAG; bit <<= 1) {
         size_t length = strlen(text);
         if ((flags & bit) != 0) {
             (void)snprintf(text + length, sizeof text - length, "%s%s", length > 0 ? ", " : "",
@@ -223,7 +223,7 @@ static void take_step(void *context, struct sqlite3_stmt *row) {
     int64_t stop = sqlite3_column_int64(row, 3);
     put_instant(line, step);
     (void)fprintf(line->file, ",%lld,%s,%s", (long long)step,
-                  outcome < TL_FREE || outcome > TL_MADE_UP ? "unknown" : tl_outcome_name((tl_outcome)outcome),
+                  outcome < TL_FREE || outcome >= TL_OUTCOMES ? "unknown" : tl_outcome_name((tl_outcome)outcome),
                   stop < TL_STOP_NONE || stop > TL_STOP_TIME ? "unknown" : tl_stop_name((tl_stop)stop));
     for (int i = 4; i <= 9; i++) {
         char text[NUMBER];

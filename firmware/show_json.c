@@ -76,7 +76,7 @@ static void add_steps(cJSON *root, const tl_show_summary *summary) {
     add_count(root, "optimised_steps", summary->optimised_steps);
     add_count(root, "time_limited", summary->time_limited);
     outcomes = cJSON_AddObjectToObject(root, "outcomes");
-    for (int i = TL_FREE; i <= TL_MADE_UP; i++) {
+    for (int i = TL_FREE; i < TL_OUTCOMES; i++) {
         add_count(outcomes, tl_outcome_name((tl_outcome)i), summary->outcomes[i]);
     }
 }

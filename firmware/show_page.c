@@ -125,7 +125,7 @@ static void print_steps(const show_page *page) {
                   (unsigned long long)summary->steps, step, model, (unsigned)run->prediction,
                   run->prediction == 1 ? "step" : "steps", tl_measurements_name(run->measurements));
     const char *before = "                 ";
-    for (int i = TL_FREE; i <= TL_MADE_UP; i++) {
+    for (int i = TL_FREE; i < TL_OUTCOMES; i++) {
         if (summary->outcomes[i] > 0) {
             (void)fprintf(page->file, "%s%llu %s", before, (unsigned long long)summary->outcomes[i],
                           tl_outcome_name((tl_outcome)i));

@@ -73,7 +73,7 @@ static void take_step(void *context, struct sqlite3_stmt *row) {
     summary->optimised_steps += sqlite3_column_int64(row, 6) > 1 ? 1 : 0;
     summary->time_limited += sqlite3_column_int64(row, 3) == TL_STOP_TIME ? 1 : 0;
     summary->longest_ns = used > summary->longest_ns ? used : summary->longest_ns;
-    if (outcome >= TL_FREE && outcome <= TL_MADE_UP) {
+    if (outcome >= TL_FREE && outcome < TL_OUTCOMES) {
         summary->outcomes[outcome]++;
     } else {
         summary->unknown_outcomes++;

@@ -44,7 +44,7 @@ typedef struct tl_show_summary {
     uint64_t steps; /* all that were committed, those made up later too */
     uint64_t evaluations;
     uint64_t optimised_steps; /* that needed more than their first guess */
-    uint64_t outcomes[TL_MADE_UP + 1];
+    uint64_t outcomes[TL_OUTCOMES];
     uint64_t unknown_outcomes; /* of a newer program */
     uint64_t time_limited;
     int64_t longest_ns; /* the longest step took this long */

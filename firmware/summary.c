@@ -139,7 +139,7 @@ static void add_ledger(cJSON *root, const tl_twin *twin) {
 
 static void add_outcomes(cJSON *root, const tl_summary *summary) {
     cJSON *outcomes = cJSON_AddObjectToObject(root, "outcomes");
-    for (int i = 0; i <= TL_MADE_UP; i++) {
+    for (int i = 0; i < TL_OUTCOMES; i++) {
         (void)cJSON_AddNumberToObject(outcomes, tl_outcome_name((tl_outcome)i), (double)summary->outcomes[i]);
     }
 }
@@ -170,7 +170,7 @@ void tl_summary_print_json(const tl_summary *summary, const tl_config *config, c
 
 static void print_outcomes(const tl_summary *summary, FILE *file) {
     const char *separator = "";
-    for (int i = 0; i <= TL_MADE_UP; i++) {
+    for (int i = 0; i < TL_OUTCOMES; i++) {
         if (summary->outcomes[i] != 0) {
             (void)fprintf(file, "%s%" PRIu64 " %s", separator, summary->outcomes[i], tl_outcome_name((tl_outcome)i));
             separator = ", ";

@@ -23,7 +23,7 @@ typedef struct tl_summary {
     uint64_t steps; /* computed at their own tick; those made up later are in `outcomes` */
     uint64_t evaluations;
     uint64_t optimised_steps; /* steps that searched beyond the first guess */
-    uint64_t outcomes[TL_MADE_UP + 1];
+    uint64_t outcomes[TL_OUTCOMES];
     uint64_t time_limited; /* searches that the time budget ended */
     tl_summary_adjust adjust[TL_MAX_ADJUST];
     uint64_t ticks;           /* instants at which a step was due, counted by the clock; 0 where there is none */

@@ -113,6 +113,25 @@ static void print_components(const tl_assembly *assembly, FILE *output) {
     }
 }
 
+static const char *edge_name(const tl_plan_edge *edge) {
+    return edge->falls ? "not " : "";
+}
+
+/* An event horizon. */
+static void print_event(const tl_config *config, const tl_twin_facts *facts, FILE *output) {
+    const tl_plan_event *event = &config->event;
+    int64_t half = (event->window + config->step / 2) / config->step / 2;
+    (void)fprintf(output, "  search  %s; at most %" PRIu32 " evaluations a stroke, over as many cycles as they take\n",
+                  facts->algorithm, config->budget_evaluations);
+    (void)fprintf(output, "  stroke  from %s%s to %s%s, at most %g s; J over T_F = %" PRId64 " steps around its end\n",
+                  edge_name(&event->start), event->start.signal, edge_name(&event->end), event->end.signal,
+                  tl_seconds(event->longest), 2 * half);
+    (void)fprintf(output,
+                  "  timing  measurements %s: a search begins %" PRId64 " steps after the end; step i is computed "
+                  "at tick i + %" PRIu32 "\n",
+                  tl_measurements_name(config->measurements), config->measurements == TL_HOLD ? 0 : half, facts->lead);
+}
+
 static void print_mode(const tl_assembly *assembly, FILE *output) {
     const tl_config *config = &assembly->config;
     tl_twin_facts facts = tl_twin_get_facts(assembly->twin);
@@ -122,6 +141,10 @@ static void print_mode(const tl_assembly *assembly, FILE *output) {
         return;
     }
     (void)fprintf(output, "synchronised, one step every %g s\n", tl_seconds(config->step));
+    if (config->event.start.signal != NULL) {
+        print_event(config, &facts, output);
+        return;
+    }
     (void)fprintf(output, "  search  %s%s%s; at most %" PRIu32 " evaluations a step\n", facts.algorithm,
                   facts.fallback[0] != '\0' ? ", then " : "", facts.fallback, config->budget_evaluations);
     (void)fprintf(output, "  horizon T_D = %" PRIu32 ", T_P = %" PRIu32 ", %s: %zu unknown%s\n", facts.distance,
@@ -183,7 +206,7 @@ static void print_need(const tl_twin_ledger *entry, uint32_t prediction, tl_time
 static void print_needs(const tl_assembly *assembly, const tl_prognosis *prognosis, FILE *output) {
     tl_twin_facts facts = tl_twin_get_facts(assembly->twin);
     double plain = (double)prognosis->plain;
-    if (facts.unknowns == 0) {
+    if (facts.unknowns == 0 || assembly->config.event.start.signal != NULL) {
         return;
     }
     (void)fprintf(output,
@@ -213,6 +236,19 @@ static void print_worst(const tl_config *config, const tl_prognosis *prognosis, 
     }
 }
 
+/* The search of a stroke takes the time that the cycles leave. */
+static void print_stroke(const tl_config *config, const tl_prognosis *prognosis, FILE *output) {
+    tl_time each = config->budget_time - prognosis->step_time;
+    (void)fprintf(output, "  evaluation   %" PRIu64 " executions at most\n", prognosis->plain);
+    (void)fprintf(output, "  worst stroke %" PRIu64 " executions: %" PRIu32 " evaluations\n", prognosis->worst,
+                  config->budget_evaluations);
+    if (prognosis->worst_time != 0 && each > 0) {
+        (void)fprintf(output, "               %.4g ms here: %" PRId64 " cycles of the budget of %g ms\n",
+                      tl_seconds(prognosis->worst_time) * 1e3, prognosis->worst_time / each + 1,
+                      tl_seconds(config->budget_time) * 1e3);
+    }
+}
+
 static void print_costs(const tl_assembly *assembly, const tl_prognosis *prognosis, FILE *output) {
     const tl_config *config = &assembly->config;
     (void)fputs("cost\n", output);
@@ -222,7 +258,9 @@ static void print_costs(const tl_assembly *assembly, const tl_prognosis *prognos
                       tl_seconds(prognosis->step_time) * 1e6,
                       100.0 * tl_seconds(prognosis->step_time) / tl_seconds(config->step));
     }
-    if (config->adjust_count != 0) {
+    if (config->event.start.signal != NULL) {
+        print_stroke(config, prognosis, output);
+    } else if (config->adjust_count != 0) {
         print_worst(config, prognosis, output);
     }
     (void)fprintf(output, "  memory       %.1f KiB of ours, taken at start-up\n",

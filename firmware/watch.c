@@ -156,7 +156,64 @@ static void watch_stagnation(tl_watch *watch, int64_t tick, const tl_record *rec
     }
 }
 
+static bool has_moved(const tl_watch *watch, const tl_record *record) {
+    return record->u[0] < watch->stroke_u || record->u[0] > watch->stroke_u;
+}
+
+/* The search of a stroke has ended. While strokes agree with the u in force there is nothing to tell. */
+static void tell_stroke(tl_watch *watch, int64_t tick, const tl_record *record) {
+    const char *name = watch->config->adjust[0].variable;
+    bool out = record->outcome == TL_BEST_SO_FAR || record->outcome == TL_NOMINAL;
+    tl_severity severity = out ? TL_EVENT_WARNING : TL_EVENT_INFO;
+    char objective[32];
+    write_objective(record, objective, sizeof objective);
+    if (has_moved(watch, record)) {
+        tl_journal_event(watch->journal, tick, severity, "twin",
+                         "stroke: %s from %.6g to %.6g (%s, %s, %llu evaluations)", name, watch->stroke_u, record->u[0],
+                         tl_outcome_name(record->outcome), objective, (unsigned long long)watch->stroke_evaluations);
+    } else if (out != watch->out_of_tolerance) {
+        tl_journal_event(watch->journal, tick, severity, "twin", "stroke: %s with %s at %.6g (%s)",
+                         out ? "out of tolerance" : "within tolerance again", name, record->u[0], objective);
+    }
+    watch->out_of_tolerance = out;
+}
+
+static void tell_abandoned(const tl_watch *watch, int64_t tick, const tl_record *record) {
+    tl_journal_event(
+        watch->journal, tick, TL_EVENT_WARNING, "twin",
+        "stroke: not searched to its end; it lasted too long, its edges fell into a gap of the measurements, or "
+        "the next one began");
+    if (has_moved(watch, record)) {
+        tl_journal_event(watch->journal, tick, TL_EVENT_INFO, "twin", "stroke: %s from %.6g to %.6g, the best so far",
+                         watch->config->adjust[0].variable, watch->stroke_u, record->u[0]);
+    }
+}
+
+/* Event horizon: what became of a stroke. */
+static void watch_stroke(tl_watch *watch, int64_t tick, const tl_record *record) {
+    bool ended = record->outcome != TL_HELD && record->outcome != TL_SEARCHING && record->outcome != TL_MADE_UP;
+    bool abandoned = (record->flags & TL_FLAG_ABANDONED) != 0;
+    watch->stroke_evaluations += record->evaluations;
+    if (record->step == 0) {
+        watch->stroke_u = record->u_hat[0];
+    }
+    if (abandoned) {
+        tell_abandoned(watch, tick, record);
+    }
+    if (ended) {
+        tell_stroke(watch, tick, record);
+    }
+    if (ended || abandoned) {
+        watch->stroke_u = record->u[0];
+        watch->stroke_evaluations = 0;
+    }
+}
+
 void tl_watch_record(tl_watch *watch, int64_t tick, const tl_record *record) {
+    if (watch->config->event.start.signal != NULL) {
+        watch_stroke(watch, tick, record);
+        return;
+    }
     watch_free_run(watch, tick, record);
     watch_tolerance(watch, tick, record);
     for (size_t i = 0; i < watch->config->adjust_count; i++) {

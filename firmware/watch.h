@@ -1,7 +1,7 @@
 /* The watch: turns samples and records into events worth telling.
  *
  * Purpose: what a technician wants to read: a signal became bad or good, the twin runs free, is out of tolerance, or is
- *          in lock again, a variable does not matter, a solver had to be helped, ticks were missed. Changes are told, not
+ *          in lock again, a variable does not matter, a solver had to be helped, a stroke changed u, ticks were missed. Changes are told, not
  *          states, so that a bad hour is two lines.
  * Thread:  the thread that steps.
  */
@@ -40,6 +40,8 @@ typedef struct tl_watch {
     tl_watch_trouble held[TL_MAX_ADJUST]; /* variables that are not identifiable */
     tl_watch_trouble fallback;            /* the second solver takes over */
     tl_watch_trouble stagnation;          /* solvers make no progress */
+    double stroke_u;                      /* event horizon: u in force before the stroke at hand, */
+    uint64_t stroke_evaluations;          /* and what its search has evaluated so far */
     uint64_t skipped;                     /* not told yet */
     tl_time skipped_since;
 } tl_watch;

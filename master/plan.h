@@ -125,6 +125,24 @@ typedef struct tl_plan_saving {
     uint32_t nodes; /* most prefixes kept per component; 0: as many as the horizon and the budget can need, ≤ 4096 */
 } tl_plan_saving;
 
+/* A Boolean signal of the plant becomes true, or false. */
+typedef struct tl_plan_edge {
+    const char *signal; /* "plant.signal"; NULL: none */
+    bool falls;
+} tl_plan_edge;
+
+/* The longest stroke of an event horizon, in macro steps: its samples are kept twice. */
+enum { TL_LONGEST_STROKE = 10000 };
+
+/* A horizon around an event of the plant (sync/event_horizon.h) in place of one of T_P steps. */
+typedef struct tl_plan_event {
+    const char *where;
+    tl_plan_edge start; /* of a stroke; its signal NULL: there is no event horizon */
+    tl_plan_edge end;   /* the event; the signal is matched by a Boolean output */
+    tl_time window;     /* T_F, ns: J counts half of it before the event and half after */
+    tl_time longest;    /* ns; a stroke that lasts longer is not searched */
+} tl_plan_event;
+
 typedef struct tl_plan {
     tl_time step; /* T_S, ns, > 0 */
     const tl_plan_component *components;
@@ -142,6 +160,7 @@ typedef struct tl_plan {
     uint32_t prediction; /* T_P ≥ T_D ≥ 1; 0: as short as possible, T_P = T_D */
     tl_shape shape;
     tl_measurements measurements;
+    tl_plan_event event;
     const char *algorithm; /* see sync/optimiser.h */
     const char *fallback;  /* takes over where the first one fails or stagnates; NULL: none */
     uint32_t stagnation;   /* evaluations without progress that end a solver; 0: never */

@@ -28,7 +28,7 @@ typedef struct tl_twin tl_twin;
 /* Facts of a built twin, for `check`, `--json` and the recorder. Texts live as long as the twin. */
 typedef struct tl_twin_facts {
     size_t components;                  /* K, the plant included */
-    uint32_t prediction;                /* T_P in force */
+    uint32_t prediction;                /* T_P in force; of an event horizon, at most */
     uint32_t distance;                  /* T_D: the smallest over all pairs; 0 where nothing is adjusted */
     uint32_t lead;                      /* step i is computed at tick i + lead */
     size_t unknowns;                    /* of a search */

@@ -118,6 +118,23 @@ double tl_objective_at(const tl_objective *objective, uint32_t depth, double *re
     return sum;
 }
 
+double tl_objective_sample(const tl_objective *objective, int64_t tick, const double *y) {
+    double sum = 0.0;
+    size_t m = 0;
+    for (size_t i = 0; i < objective->term_count; i++) {
+        if (has_weight(&objective->terms[i])) {
+            tl_quality quality = TL_GOOD;
+            tl_objective_target target = objective->targets[m];
+            target.value = look_up(objective, i, tick, &quality);
+            target.scale = quality == TL_GOOD ? 1.0 / objective->terms[i].tolerance : 0.0;
+            double r = residual(&target, y[m]);
+            sum += r * r;
+            m++;
+        }
+    }
+    return sum;
+}
+
 double tl_objective_penalise(const tl_objective *objective, const double *u, const double *nominal,
                              const double *before, double *residuals) {
     const tl_horizon *horizon = objective->horizon;

@@ -88,6 +88,9 @@ void tl_objective_forecast(const tl_objective *objective, const double *course, 
 /* What the noise of the measurements contributes to the square of each residual, on average; penalties have none. */
 void tl_objective_noise(const tl_objective *objective, double *squares);
 
+/* What these y of the matched outputs cost against the plant of `tick`, wherever that lies. */
+double tl_objective_sample(const tl_objective *objective, int64_t tick, const double *y);
+
 /* Samples of the horizon: T_P − T_D + 1. */
 size_t tl_objective_samples(const tl_objective *objective);
 

@@ -2,8 +2,8 @@
 #include "master/sync/record.h"
 
 const char *tl_outcome_name(tl_outcome outcome) {
-    static const char *const names[] = {"free",    "first guess", "optimised", "best so far",
-                                        "nominal", "free run",    "made up"};
+    static const char *const names[] = {"free",     "first guess", "optimised", "best so far", "nominal",
+                                        "free run", "made up",     "held",      "searching"};
     return names[outcome];
 }
 
@@ -20,6 +20,10 @@ const char *tl_flag_name(tl_flag flag) {
         return "stagnated";
     case TL_FLAG_WITHOUT_NOMINAL:
         return "without nominal";
+    case TL_FLAG_PLATEAU:
+        return "plateau";
+    case TL_FLAG_ABANDONED:
+        return "abandoned";
     }
     return "unknown";
 }

@@ -21,6 +21,7 @@ typedef struct tl_budget {
     void *context;
     bool repeated;        /* a step that time cut short is repeated: `evaluations` are those it had, which may be 0, */
     bool without_nominal; /* and nominal's was not among them; else false */
+    uint64_t executions;  /* of such a step, where it is one of an event horizon's search */
 } tl_budget;
 
 /* How a step came about. */
@@ -31,8 +32,12 @@ typedef enum tl_outcome {
     TL_BEST_SO_FAR, /* the search ended outside the tolerance, yet better than nominal by the margin */
     TL_NOMINAL,     /* nothing found was better than nominal: nominal u committed */
     TL_FREE_RUN,    /* no matched signal was good: nominal u committed, nothing evaluated */
-    TL_MADE_UP      /* a missed tick: nominal plus the last Δu (a Boolean: the last u), nothing evaluated */
+    TL_MADE_UP,     /* a missed tick: nominal plus the last Δu (a Boolean: the last u), nothing evaluated */
+    TL_HELD, /* event horizon: the u found last; the outcomes above are those of a stroke, when its search is over */
+    TL_SEARCHING /* event horizon: the same, while a stroke is searched */
 } tl_outcome;
+
+enum { TL_OUTCOMES = TL_SEARCHING + 1 };
 
 /* Why the search ended. */
 typedef enum tl_stop {
@@ -45,9 +50,12 @@ typedef enum tl_stop {
 
 /* What else happened in a step; bits. */
 typedef enum tl_flag {
-    TL_FLAG_FALLBACK = 1,       /* the second solver took over */
-    TL_FLAG_STAGNATED = 2,      /* a solver made no progress and was ended */
-    TL_FLAG_WITHOUT_NOMINAL = 4 /* time cut the step short, and nominal was not evaluated */
+    TL_FLAG_FALLBACK = 1,        /* the second solver took over */
+    TL_FLAG_STAGNATED = 2,       /* a solver made no progress and was ended */
+    TL_FLAG_WITHOUT_NOMINAL = 4, /* time cut the step short, and nominal was not evaluated */
+    TL_FLAG_PLATEAU = 8,         /* event horizon: with the first guess the event fell outside the window */
+    TL_FLAG_ABANDONED = 16,      /* event horizon: a stroke was not searched, or not to the end */
+    TL_LAST_FLAG = TL_FLAG_ABANDONED
 } tl_flag;
 
 /* One committed step. Arrays are in the order of the plan's `match` and `adjust`, and filled as far as the plan has

@@ -83,7 +83,7 @@ void tl_made_record(int64_t step, tl_record *record) {
     uint64_t hash = mix((uint64_t)step + 7);
     memset(record, 0xA5, sizeof *record);
     record->step = step;
-    record->outcome = (tl_outcome)(hash % (TL_MADE_UP + 1));
+    record->outcome = (tl_outcome)(hash % TL_OUTCOMES);
     record->stop = (tl_stop)((hash >> 8) % (TL_STOP_TIME + 1));
     record->objective = record->outcome == TL_MADE_UP ? (double)NAN : number(step, 10);
     record->objective_nominal = record->outcome == TL_OPTIMISED ? (double)INFINITY : number(step, 11);

@@ -23,6 +23,9 @@ enum { LABEL_SIZE = 32 };
 /* How much an FMU that is `telling` adds at most to its first channel. */
 static const double TELLING = 1e-4;
 
+/* The y[0] at which one that `ends` has arrived. */
+#define END_POSITION 0.5
+
 /* How much higher its drives are while `flag` is true. */
 static const double RAISED = 0.25;
 
@@ -534,7 +537,10 @@ static void pass_on(instance *self) {
     now->integers[INTEGER_COUNT_OUT] =
         telling ? (fmi2Integer)(now->lineage & 0x7FFFFFFF) : now->integers[INTEGER_COUNT];
     now->integers[INTEGER_MODE_OUT] = now->integers[INTEGER_MODE];
-    now->booleans[BOOLEAN_FLAG_OUT] = now->booleans[BOOLEAN_FLAG];
+    bool ended = now->reals[REAL_Y] >= END_POSITION;
+    now->booleans[BOOLEAN_FLAG_OUT] = !self->fmu->control.ends ? now->booleans[BOOLEAN_FLAG]
+                                      : ended                  ? fmi2True
+                                                               : fmi2False;
 }
 
 static void advance(instance *self, double step) {

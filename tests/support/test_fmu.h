@@ -8,7 +8,7 @@
  *          h/lag·(drive − y[c]). `sum` is the sum of all y. Integers, booleans and the enumeration are passed on by a step.
  *          Before the first step y[c] is `start`, or drive where the FMU feeds through. One that is `telling` adds a little
  *          to each y after a step, and gives a `count_out`, that depend on every bit of all inputs of all steps so far;
- *          and a true `flag` raises its drives by 0.25.
+ *          and a true `flag` raises its drives by 0.25. One that `ends` has its y[0] watched by `flag_out`.
  *            u0 … u3      Real input           y0 … y3, sum  Real output
  *            gain, offset Real parameter, tunable            lag, start  Real parameter, fixed
  *            and if `discrete`: count, mode, flag (Integer, Enumeration, Boolean inputs), count_out, mode_out, flag_out
@@ -104,6 +104,7 @@ typedef struct tl_test_control {
     bool state_lies;   /* fmi2SetFMUstate says OK and brings nothing back but the time */
     bool feed_through; /* outputs follow inputs while initialising */
     bool raw_true;     /* booleans that are true are given as 7 */
+    bool ends;         /* `flag_out` says whether y[0] has reached 0.5, as an end position does */
     bool telling; /* outputs tell different inputs apart, whatever their channel and however small the difference */
     /* Called after each step, with a number that is the same for the same inputs since the start only (of steps that
      * succeeded);

@@ -325,7 +325,7 @@ static tl_time no_time(void *context) {
     return 0;
 }
 
-static uint64_t outcomes[TL_MADE_UP + 1];
+static uint64_t outcomes[TL_OUTCOMES];
 
 static uint64_t taken_in_all(void) {
     uint64_t sum = 0;

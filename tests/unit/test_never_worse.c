@@ -42,7 +42,7 @@ static double measured[STEPS + LONGEST + 2][CHANNELS]; /* by tick */
 static double known_y[CHANNELS];                       /* of the committed instant */
 
 /* How often what is tested was seen at all. */
-static uint32_t seen[TL_MADE_UP + 1];
+static uint32_t seen[TL_OUTCOMES];
 static uint32_t seen_failing_nominal;
 static uint32_t seen_failing_candidates;
 static uint32_t seen_without_nominal;

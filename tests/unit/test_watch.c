@@ -291,6 +291,51 @@ static void test_missed_ticks_are_told_once_a_second(void) {
     expect_told("");
 }
 
+static void stroke(tl_outcome outcome, double u, double objective, uint32_t evaluations) {
+    records(TL_HELD, 3);
+    record.outcome = TL_SEARCHING;
+    record.evaluations = evaluations;
+    records(TL_SEARCHING, 1);
+    record.evaluations = 1;
+    record.u[0] = u;
+    record.objective = objective;
+    records(outcome, 1);
+    record.evaluations = 0;
+    record.objective = (double)NAN;
+}
+
+static void test_strokes_are_told_where_they_change_something(void) {
+    config.event.start.signal = "plant.move";
+    config.adjust_count = 1;
+    record.u[0] = 0.01;
+    record.u_hat[0] = 0.01;
+    stroke(TL_FIRST_GUESS, 0.01, 0.0, 0);
+    expect_told("");
+    stroke(TL_OPTIMISED, 0.0231, 0.0, 7);
+    expect_told("twinlock: notice: twin: stroke: motor.d from 0.01 to 0.0231 (optimised, J = 0, 8 evaluations)\n");
+    stroke(TL_FIRST_GUESS, 0.0231, 0.0, 0);
+    expect_told("");
+    stroke(TL_NOMINAL, 0.01, 9.0, 20);
+    expect_told("twinlock: warning: twin: stroke: motor.d from 0.0231 to 0.01 (nominal, J = 9, 21 evaluations)\n");
+    stroke(TL_NOMINAL, 0.01, 9.0, 20);
+    expect_told("");
+    stroke(TL_FIRST_GUESS, 0.01, 0.0, 0);
+    expect_told("twinlock: notice: twin: stroke: within tolerance again with motor.d at 0.01 (J = 0)\n");
+    stroke(TL_BEST_SO_FAR, 0.01, 2.0, 20);
+    expect_told("twinlock: warning: twin: stroke: out of tolerance with motor.d at 0.01 (J = 2)\n");
+    record.flags = TL_FLAG_ABANDONED;
+    records(TL_HELD, 1);
+    expect_told_with("stroke: not searched to its end");
+    record.u[0] = 0.02;
+    records(TL_HELD, 1);
+    TEST_ASSERT_EQUAL_UINT64(2, journal.head - journal.tail);
+    expect_told(
+        "twinlock: warning: twin: stroke: not searched to its end; it lasted too long, its edges fell into a gap "
+        "of the measurements, or the next one began\n"
+        "twinlock: notice: twin: stroke: motor.d from 0.01 to 0.02, the best so far\n");
+    config.event.start.signal = NULL;
+}
+
 int main(void) {
     UNITY_BEGIN();
     RUN_TEST(test_good_signals_are_not_worth_a_word);
@@ -309,5 +354,6 @@ int main(void) {
     RUN_TEST(test_stagnation_is_told_apart);
     RUN_TEST(test_troubles_of_a_slow_twin);
     RUN_TEST(test_missed_ticks_are_told_once_a_second);
+    RUN_TEST(test_strokes_are_told_where_they_change_something);
     return UNITY_END();
 }

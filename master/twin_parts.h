@@ -1,0 +1,40 @@
+/* What a twin is made of.
+ *
+ * Purpose: private to twin.c (the life of a twin, tick by tick), twin_build.c (from a plan) and twin_facts.c (what is known
+ *          of it).
+ */
+#ifndef TL_MASTER_TWIN_PARTS_H
+#define TL_MASTER_TWIN_PARTS_H
+
+#include "master/base/arena.h"
+#include "master/graph/exchange.h"
+#include "master/graph/graph.h"
+#include "master/sync/event_horizon.h"
+#include "master/sync/lock.h"
+#include "master/twin.h"
+
+struct tl_twin {
+    tl_arena arena;
+    tl_graph graph;
+    tl_exchange exchange;
+    tl_lock lock;
+    tl_event_horizon *event; /* in place of the lock's own steps; NULL: no event horizon */
+    tl_objective_term terms[TL_MAX_MATCH];
+    const tl_port *match_ports[TL_MAX_MATCH];
+    const tl_port *adjust_ports[TL_MAX_ADJUST];
+    uint32_t *capacity; /* nodes of each component's cache; NULL: sequences are not saved */
+    uint64_t *worst;    /* and how many it can need at once */
+    const tl_port *outputs[TL_MAX_SIGNALS];
+    tl_metrics metrics[TL_MAX_MATCH];
+    tl_measurements measurements;
+    uint32_t lead;    /* step i is computed at tick i + lead */
+    double *proof;    /* for the proof at start: one value per port */
+    tl_status ended;  /* not TL_OK: a step has failed, nothing may follow */
+    bool has_pending; /* mode ahead: computed, its measurement not there yet */
+    tl_record pending;
+};
+
+/* fmi2Fatal is for all instances of an FMU: none of them may be called any more. */
+bool tl_twin_is_lost(const tl_twin *twin, const tl_component *component);
+
+#endif

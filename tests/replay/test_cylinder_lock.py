@@ -1,0 +1,75 @@
+#!/usr/bin/env python3
+"""The cylinder locked by its throttle at the end of each stroke: the throttle is found from any first step, in the tick in
+which it can be known, and the next stroke is right from its start."""
+from twinlock_test import (at_most, config_path, edited_config, expect, main, read_table, replay_csv, replay_json, run_well,
+                           scratch, within)
+
+END, AIR, THROTTLE = "cylinder.extend_signal", "cylinder.airflow", "cylinder.throttle_extend"
+LOCK = config_path("cylinder/lock.json")
+STEPS = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1)
+FIRST, SECOND = 0.765, 6.265  # s: the plant arrives
+T_S, HALF = 0.005, 8
+FREE = 3 * 1800
+
+
+def config(step=0.01, measurements="lag", **more):
+    return edited_config("cylinder/lock.json", {
+        "synchronise": {"adjust": {THROTTLE: {"step": step}}, "horizon": {"measurements": measurements}, **more}})
+
+
+def test_any_first_step():
+    for step in STEPS:
+        for measurements, late in (("lag", HALF), ("hold", 0)):
+            result = replay_json(config(step, measurements))
+            what = f"{measurements}, first step {step}"
+            within(result["adjust"][THROTTLE]["last"], 0.023, 0.002 / 0.023, f"{what}: throttle")
+            expect(result["match"][END]["mse"] == late / 1799, f"{what}: {result['match'][END]}")
+            at_most(result["executions"]["total"] / FREE, 1.5, f"{what}: executions per free-running one")
+            expect(result["ledger"]["total"]["difference"] == 0, f"{what}: {result['ledger']['total']}")
+
+
+def test_the_second_stroke_is_right_from_the_start():
+    for measurements, late in (("lag", HALF), ("hold", 0)):
+        rows = replay_csv(config(measurements=measurements))
+        wrong = [t for t, y, y_hat in zip(rows["time"], rows[END], rows["plant.extended"]) if y != y_hat]
+        expect(len(wrong) == late and all(FIRST <= t < FIRST + late * T_S for t in wrong), f"{measurements}: {wrong}")
+        ended = [(t, outcome, n) for t, outcome, n in zip(rows["time"], rows["outcome"], rows["evaluations"])
+                 if outcome not in ("held", "searching")]
+        instants = [round(t - late * T_S, 6) for t, _, _ in ended]
+        expect(instants == [FIRST, SECOND] and ended[1][1:] == ("first guess", 1), f"{measurements}: {ended}")
+
+
+def test_the_hidden_states_come_true():
+    """Nobody measures the airflow; on the second stroke it is the plant's, but for the noise of 0.03 l/s."""
+    rows = replay_csv("cylinder/lock.json")
+    errors = [y - y_hat for t, y, y_hat in zip(rows["time"], rows[AIR], rows["plant.airflow"]) if 6 < t < 9]
+    at_most(sum(e * e for e in errors) / len(errors), 1.5e-3, "airflow, second stroke: MSE, (l/s)\u00b2")
+
+
+def test_the_same_bits_from_the_database():
+    database = scratch() / "twin.db"
+    run_well(["replay", LOCK, "--db", database])
+    one, two = scratch() / "one.csv", scratch() / "two.csv"
+    run_well(["replay", LOCK, "--csv", one])
+    run_well(["replay", LOCK, "--recording", database, "--csv", two])
+    expect(one.read_bytes() == two.read_bytes(), "the replay of the database differs")
+    told = run_well(["show", database])
+    expect("stroke: cylinder.throttle_extend from 0.01 to 0.023" in told, told)
+    expect(read_table(one)["step"][-1] == 1799, "steps")
+
+
+def test_other_solvers():
+    for algorithm in ("bobyqa", "sbplx"):
+        result = replay_json(config(algorithm=algorithm))
+        within(result["adjust"][THROTTLE]["last"], 0.023, 0.002 / 0.023, f"{algorithm}: throttle")
+        expect(result["match"][END]["mse"] == HALF / 1799, f"{algorithm}: {result['match'][END]}")
+
+
+def test_check_tells_the_stroke():
+    told = run_well(["check", LOCK])
+    for words in ("from plant.move_out to plant.extended, at most 2 s; J over T_F = 16 steps around its end",
+                  "a search begins 8 steps after the end", "1224 executions at most", "no problem found"):
+        expect(words in told, f"\"{words}\" is not in\n{told}")
+
+
+main()

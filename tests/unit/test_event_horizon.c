@@ -1,0 +1,517 @@
+/* A twin that is matched at the end of each stroke: y[0] of the test FMU creeps to gain·cmd, and its flag is there from 0.5 on. */
+#include <math.h>
+#include <string.h>
+#include <unity.h>
+
+#include "tests/support/random_numbers.h"
+#include "tests/support/test_plan.h"
+
+enum { MOVE, CMD, THERE }; /* signals */
+enum { TICKS = 1100, MOST = 60, WINDOW = 16, LONGEST = 250 };
+
+static const tl_time STEP = TL_SECOND / 100;
+static const double NOMINAL = 0.8;
+
+static tl_test_log call_log;
+static tl_test_fmu fmu;
+static tl_test_plan plan;
+static tl_test_run run;
+static tl_record records[TICKS];
+static bool made_up[TICKS];
+
+/* The true plant, as the recording shows it. */
+static bool moves[TICKS];
+static bool there[TICKS];
+
+static struct {
+    tl_time now;
+    tl_time longest; /* that a tick has taken */
+} watch;
+
+void setUp(void) {
+    tl_test_log_clear(&call_log);
+    tl_test_fmu_init(&fmu, 1, true, &call_log);
+    fmu.control.ends = true;
+    memset(&run, 0, sizeof run);
+    memset(&watch, 0, sizeof watch);
+    memset(made_up, 0, sizeof made_up);
+    tl_test_plan_init(&plan, STEP);
+    tl_test_plan_component(&plan, "axis", &fmu);
+    tl_test_plan_set(&plan, "lag", 1.0);
+    tl_test_plan_set(&plan, "gain", NOMINAL);
+    tl_test_plan_set(&plan, "count", 0.0);
+    tl_test_plan_set(&plan, "mode", 0.0);
+    tl_test_plan_set_value(&plan, "flag", (tl_value){.type = TL_BOOLEAN});
+    tl_test_plan_signal(&plan, "move", TL_BOOLEAN, "");
+    tl_test_plan_signal(&plan, "cmd", TL_REAL, "");
+    tl_test_plan_signal(&plan, "there", TL_BOOLEAN, "");
+    tl_test_plan_connect(&plan, "plant.cmd", "axis.u0");
+    tl_test_plan_adjust(&plan, "axis.gain", 0.1)->lower = 0.1;
+    plan.adjust[0].upper = 20.0;
+    tl_test_plan_match(&plan, "axis.flag_out", "plant.there", 1.0);
+    plan.plan.event = (tl_plan_event){.where = "synchronise.horizon.event",
+                                      .start = {"plant.move", false},
+                                      .end = {"plant.there", false},
+                                      .window = WINDOW * STEP,
+                                      .longest = LONGEST * STEP};
+    plan.plan.evaluations = MOST;
+    plan.plan.margin = 0.01;
+}
+
+static void end(void) {
+    tl_twin_destroy(run.twin);
+    run.twin = NULL;
+    tl_test_fmu_end(&fmu);
+}
+
+void tearDown(void) {
+    end();
+    TEST_ASSERT_EQUAL_STRING("", call_log.first_violation);
+}
+
+/* ---- the plant ---- */
+
+/* Moves out from tick `from` for 200 ticks, every 800; its gain is `gain`. */
+static void make_plant(int64_t from, double gain) {
+    double y = 0.0;
+    for (int64_t tick = 0; tick < TICKS; tick++) {
+        moves[tick] = tick >= from && (tick - from) % 800 < 200;
+        there[tick] = y >= 0.5;
+        y += 0.01 * ((moves[tick] ? gain : 0.0) - y); /* from this instant to the next */
+    }
+}
+
+/* Tick of the n-th rise, counted from 1; −1: there is none. */
+static int64_t rise(const bool *signal, int number) {
+    for (int64_t tick = 1; tick < TICKS; tick++) {
+        number -= signal[tick] && !signal[tick - 1] ? 1 : 0;
+        if (number == 0) {
+            return tick;
+        }
+    }
+    return -1;
+}
+
+/* ---- the run ---- */
+
+static void build(void) {
+    tl_twin *twin = tl_test_plan_build(&plan);
+    TEST_ASSERT_EQUAL_STRING("", plan.problems[0].text);
+    tl_test_run_init(&run, twin);
+    run.budget.evaluations = MOST;
+}
+
+/* One tick; false where the twin is over. */
+static bool step(void) {
+    int64_t tick = run.sample.tick;
+    run.sample.values[MOVE] = moves[tick];
+    run.sample.values[CMD] = moves[tick];
+    run.sample.values[THERE] = there[tick];
+    run.budget.started = watch.now;
+    if (made_up[tick]) {
+        tl_test_run_make_up(&run);
+    } else {
+        tl_test_run_step(&run);
+    }
+    if (run.ready) {
+        TEST_ASSERT_EQUAL_INT64(tick - 1, run.record.step);
+        records[tick] = run.record;
+        watch.longest = run.record.used > watch.longest ? run.record.used : watch.longest;
+    }
+    return run.status == TL_OK;
+}
+
+static void run_to(int64_t tick) {
+    while (run.sample.tick <= tick) {
+        TEST_ASSERT_TRUE_MESSAGE(step(), run.error.text);
+    }
+}
+
+static void run_all(void) {
+    build();
+    run_to(TICKS - 1);
+}
+
+/* The tick at which a search has ended, after `from`; −1: none has. */
+static int64_t search_end(int64_t from) {
+    for (int64_t tick = from; tick < TICKS; tick++) {
+        if (records[tick].outcome != TL_HELD && records[tick].outcome != TL_SEARCHING &&
+            records[tick].outcome != TL_MADE_UP) {
+            return tick;
+        }
+    }
+    return -1;
+}
+
+static void assert_locked(int64_t from, int64_t to) {
+    for (int64_t tick = from; tick < to; tick++) {
+        TEST_ASSERT_EQUAL_INT(there[tick], records[tick].y[0] > 0.5);
+    }
+}
+
+/* It begins nearly where the first one did: a tick to one side is what u may be wrong by. */
+static void assert_next_stroke(void) {
+    int wrong = 0;
+    for (int64_t tick = 810; tick < 1010; tick++) {
+        wrong += there[tick] != (records[tick].y[0] > 0.5) ? 1 : 0;
+    }
+    TEST_ASSERT_TRUE(wrong <= 1);
+}
+
+/* ---- what is found ---- */
+
+static void the_winner_becomes_the_twin_and_the_next_stroke_is_right(void) {
+    static const tl_measurements modes[] = {TL_LAG, TL_HOLD};
+    tl_test_random chance = {3};
+    int at_once = 0;
+    for (int i = 0; i < 120; i++) {
+        tearDown();
+        setUp();
+        double gain = exp(tl_test_random_number(&chance, -0.2, 2.0));
+        plan.adjust[0].step = exp(tl_test_random_number(&chance, -6.0, 1.0));
+        plan.plan.measurements = modes[i % 2];
+        make_plant(10, gain);
+        run_all();
+        int64_t event = rise(there, 1);
+        int64_t found = event + (modes[i % 2] == TL_LAG ? WINDOW / 2 : 0);
+        TEST_ASSERT_EQUAL_INT64(found, search_end(1));
+        TEST_ASSERT_TRUE(records[found].outcome == TL_OPTIMISED || records[found].outcome == TL_FIRST_GUESS);
+        TEST_ASSERT_TRUE(records[found].objective < 1.0);
+        assert_locked(found, 210); /* until it goes back */
+        int64_t again = search_end(found + 1);
+        TEST_ASSERT_TRUE(records[again].objective < 1.0);
+        at_once += records[again].outcome == TL_FIRST_GUESS ? 1 : 0;
+        assert_next_stroke();
+        TEST_ASSERT_TRUE(records[TICKS - 1].u_hat[0] == NOMINAL);
+    }
+    TEST_ASSERT_TRUE(at_once > 60); /* the others are a tick off: strokes do not begin at quite the same place */
+}
+
+/* The live twin is the first candidate: what it did is known, and costs only what of the window lies ahead. */
+static void a_stroke_that_agrees_costs_nothing_or_half_the_window(void) {
+    for (int hold = 0; hold < 2; hold++) {
+        tearDown();
+        setUp();
+        plan.plan.measurements = hold != 0 ? TL_HOLD : TL_LAG;
+        make_plant(10, NOMINAL);
+        run_all();
+        int64_t found = search_end(1);
+        TEST_ASSERT_EQUAL_INT(TL_FIRST_GUESS, records[found].outcome);
+        TEST_ASSERT_EQUAL_UINT32(2 + (hold != 0 ? WINDOW / 2 * 2 : 0), records[found].executions);
+        TEST_ASSERT_EQUAL_INT(0, records[found].flags);
+    }
+}
+
+/* Γ and trees save nothing here, and the ledger agrees. */
+static void what_is_executed_is_predicted(void) {
+    make_plant(10, 2.0);
+    run_all();
+    uint64_t sum = 0;
+    for (int64_t tick = 1; tick < TICKS; tick++) {
+        TEST_ASSERT_EQUAL_UINT32(records[tick].predicted, records[tick].executions);
+        sum += records[tick].executions;
+    }
+    for (size_t k = 0; k < 2; k++) {
+        TEST_ASSERT_EQUAL_INT64(0, tl_twin_get_ledger(run.twin, k).difference);
+    }
+    TEST_ASSERT_EQUAL_UINT64(sum, tl_twin_executions(run.twin, 0) + tl_twin_executions(run.twin, 1));
+}
+
+/* ---- in time ---- */
+
+static tl_time read_clock(void *context) {
+    (void)context;
+    return watch.now;
+}
+
+static void use_clock(tl_time cost, tl_time budget) {
+    fmu.control.clock = &watch.now;
+    fmu.control.cost = cost;
+    run.budget.now = read_clock;
+    run.budget.time = budget;
+}
+
+/* The same u as without a clock, later; no tick takes longer than its budget. */
+static void a_search_spans_cycles_and_none_is_late(void) {
+    make_plant(10, 2.0);
+    run_all();
+    double u = records[TICKS - 1].u[0];
+    for (tl_time steps = 2; steps < 200; steps = steps * 3 / 2 + 1) {
+        tearDown();
+        setUp();
+        watch.longest = 0;
+        make_plant(10, 2.0);
+        build();
+        use_clock(STEP / 1000, steps * (STEP / 1000));
+        run_to(TICKS - 1);
+        TEST_ASSERT_TRUE(watch.longest <= run.budget.time);
+        if (steps > 4) {
+            TEST_ASSERT_TRUE(records[TICKS - 1].u[0] == u);
+            assert_next_stroke();
+        }
+    }
+}
+
+static tl_record first[TICKS];
+
+/* What the database keeps of a run: which ticks time cut short, and after how many executions. */
+static void a_repetition_without_a_clock_is_the_same_to_the_bit(void) {
+    for (tl_time steps = 2; steps < 100; steps += 7) {
+        tearDown();
+        setUp();
+        plan.plan.measurements = steps % 2 != 0 ? TL_HOLD : TL_LAG;
+        make_plant(10, 2.0);
+        build();
+        use_clock(STEP / 1000, steps * (STEP / 1000));
+        for (int64_t tick = 0; tick < TICKS; tick++) {
+            made_up[tick] = tick % 97 == 13;
+        }
+        run_to(TICKS - 1);
+        memcpy(first, records, sizeof first);
+        end();
+        tl_twin *twin = tl_test_plan_build(&plan);
+        tl_test_run_init(&run, twin);
+        for (int64_t tick = 0; tick < TICKS; tick++) {
+            run.budget.repeated = first[tick].stop == TL_STOP_TIME;
+            run.budget.executions = first[tick].executions;
+            TEST_ASSERT_TRUE(step());
+            TEST_ASSERT_EQUAL_INT(first[tick].outcome, records[tick].outcome);
+            TEST_ASSERT_EQUAL_UINT32(first[tick].evaluations, records[tick].evaluations);
+            TEST_ASSERT_EQUAL_UINT32(first[tick].executions, records[tick].executions);
+            TEST_ASSERT_EQUAL_MEMORY(first[tick].y, records[tick].y, sizeof first[tick].y[0]);
+            TEST_ASSERT_EQUAL_MEMORY(first[tick].u, records[tick].u, sizeof first[tick].u[0]);
+        }
+    }
+}
+
+/* There is time for the live step only: the search begins, gets nowhere, and is given up when the next stroke begins. */
+static void without_time_the_twin_runs_on_as_it_was(void) {
+    make_plant(10, 2.0);
+    build();
+    run_to(1); /* its cost is known */
+    use_clock(STEP / 1000, STEP / 1000);
+    run_to(TICKS - 1);
+    TEST_ASSERT_EQUAL_INT64(-1, search_end(1));
+    TEST_ASSERT_EQUAL_INT(TL_STOP_TIME, records[rise(there, 1) + WINDOW].stop);
+    TEST_ASSERT_EQUAL_INT(TL_SEARCHING, records[rise(there, 1) + WINDOW].outcome);
+    int64_t abandoned = 1;
+    while (abandoned < TICKS - 1 && (records[abandoned].flags & TL_FLAG_ABANDONED) == 0) {
+        abandoned++;
+    }
+    TEST_ASSERT_EQUAL_INT64(10 + 2 * LONGEST + WINDOW + 2, abandoned); /* its samples are gone then */
+    TEST_ASSERT_TRUE(records[TICKS - 1].u[0] == NOMINAL);
+}
+
+/* ---- doubt ---- */
+
+static void a_stroke_that_lasts_too_long_is_not_searched(void) {
+    make_plant(10, 2.0);
+    memset(there, 0, sizeof there);
+    plan.plan.event.longest = 100 * STEP;
+    run_all();
+    TEST_ASSERT_EQUAL_INT64(-1, search_end(1));
+    TEST_ASSERT_TRUE((records[10 + 101].flags & TL_FLAG_ABANDONED) != 0);
+    TEST_ASSERT_EQUAL_INT(0, records[10 + 102].flags);
+}
+
+static void run_with_gap(size_t signal, int64_t from, int64_t to) {
+    build();
+    while (run.sample.tick < TICKS) {
+        bool gap = run.sample.tick >= from && run.sample.tick < to;
+        run.sample.quality[signal] = gap ? TL_STALE : TL_GOOD;
+        TEST_ASSERT_TRUE(step());
+    }
+}
+
+static void an_edge_in_a_gap_is_not_trusted(void) {
+    make_plant(10, 2.0);
+    int64_t event = rise(there, 1);
+    run_with_gap(THERE, event - 2, event + 2);
+    TEST_ASSERT_TRUE((records[event + 2].flags & TL_FLAG_ABANDONED) != 0);
+    TEST_ASSERT_EQUAL_INT64(rise(there, 2) + WINDOW / 2, search_end(1)); /* the next stroke is */
+    tearDown();
+    setUp();
+    run_with_gap(MOVE, 8, 14);
+    TEST_ASSERT_EQUAL_INT64(rise(there, 2) + WINDOW / 2, search_end(1));
+}
+
+/* Bad samples beside the event have no weight, and change nothing. */
+static void a_gap_within_the_window_is_left_out(void) {
+    make_plant(10, 2.0);
+    int64_t event = rise(there, 1);
+    run_with_gap(THERE, event + 2, event + 5);
+    TEST_ASSERT_EQUAL_INT64(event + WINDOW / 2, search_end(1));
+    assert_next_stroke();
+}
+
+static void a_signal_that_goes_back_is_searched_again(void) {
+    plan.plan.measurements = TL_HOLD;
+    make_plant(10, 2.0);
+    int64_t event = rise(there, 1);
+    there[event - 3] = true; /* it bounces: there, gone, there */
+    run_all();
+    TEST_ASSERT_EQUAL_INT64(event - 3, search_end(1));
+    TEST_ASSERT_EQUAL_INT64(event - 3 + WINDOW / 2, search_end(event - 2));
+    TEST_ASSERT_TRUE(isfinite(records[event - 3 + WINDOW / 2].objective));
+    assert_locked(event - 3 + WINDOW / 2, 210);
+}
+
+/* ---- never worse ---- */
+
+static void what_cannot_be_had_leaves_nominal(void) {
+    make_plant(10, 2.0);
+    plan.adjust[0].lower = 0.7;
+    plan.adjust[0].upper = 0.9;
+    run_all();
+    int64_t found = search_end(1);
+    TEST_ASSERT_EQUAL_INT(TL_NOMINAL, records[found].outcome);
+    TEST_ASSERT_TRUE((records[found].flags & TL_FLAG_PLATEAU) != 0);
+    TEST_ASSERT_TRUE(records[found].u[0] == NOMINAL);
+    TEST_ASSERT_TRUE(records[found].objective_nominal > 1.0);
+}
+
+static void the_last_evaluation_is_kept_for_nominal(void) {
+    make_plant(10, 2.0);
+    plan.plan.evaluations = 4;
+    plan.adjust[0].step = 0.3;
+    run_all();
+    int64_t found = search_end(1);
+    TEST_ASSERT_EQUAL_INT(TL_STOP_EVALUATIONS, records[found].stop);
+    TEST_ASSERT_TRUE(isfinite(records[found].objective_nominal));
+    TEST_ASSERT_TRUE(records[found].objective <= records[found].objective_nominal);
+}
+
+static void a_candidate_that_fails_is_the_worst(void) {
+    make_plant(10, 2.0);
+    plan.adjust[0].step = 3.0;
+    build();
+    tl_test_fmu_fail_above(&fmu, TL_TEST_DISCARD, 3.0);
+    run_to(TICKS - 1);
+    assert_next_stroke();
+    for (size_t k = 0; k < 2; k++) {
+        TEST_ASSERT_EQUAL_INT64(0, tl_twin_get_ledger(run.twin, k).difference);
+    }
+}
+
+static void fatal_is_the_end(void) {
+    make_plant(10, 2.0);
+    plan.adjust[0].step = 3.0;
+    build();
+    tl_test_fmu_fail_above(&fmu, TL_TEST_FATAL, 3.0);
+    while (step()) {
+    }
+    TEST_ASSERT_EQUAL_INT(TL_FMU_FATAL, run.status);
+    TEST_ASSERT_EQUAL_INT64(rise(there, 1) + WINDOW / 2, run.sample.tick - 1);
+}
+
+static void a_missed_tick_is_made_up_and_its_edges_are_seen(void) {
+    make_plant(10, 2.0);
+    made_up[10] = true;
+    made_up[rise(there, 1)] = true;
+    run_all();
+    TEST_ASSERT_EQUAL_INT(TL_MADE_UP, records[10].outcome);
+    TEST_ASSERT_EQUAL_INT64(rise(there, 1) + WINDOW / 2, search_end(1));
+    assert_next_stroke();
+}
+
+/* ---- falling edges ---- */
+
+/* A stroke back: it is over where the end signal goes. */
+static void an_edge_may_fall(void) {
+    make_plant(10, 2.0);
+    for (int64_t tick = 0; tick < TICKS; tick++) {
+        moves[tick] = !moves[tick]; /* what starts is the end of this */
+    }
+    plan.plan.event.start.falls = true;
+    tl_test_plan_signal(&plan, "unused", TL_REAL, "");
+    build();
+    while (run.sample.tick < TICKS) {
+        int64_t tick = run.sample.tick;
+        run.sample.values[MOVE] = moves[tick];
+        run.sample.values[CMD] = !moves[tick];
+        run.sample.values[THERE] = there[tick];
+        tl_test_run_step(&run);
+        TEST_ASSERT_EQUAL_INT(TL_OK, run.status);
+        records[tick] = run.record;
+    }
+    TEST_ASSERT_EQUAL_INT(TL_OPTIMISED, records[rise(there, 1) + WINDOW / 2].outcome);
+    assert_next_stroke();
+}
+
+/* ---- plans ---- */
+
+static void assert_problem(const char *where, const char *words) {
+    tl_twin *twin = tl_test_plan_build(&plan);
+    TEST_ASSERT_NULL(twin);
+    TEST_ASSERT_NOT_NULL_MESSAGE(tl_test_plan_problem(&plan, where, words), words);
+    tearDown();
+    setUp();
+}
+
+static void what_does_not_go_with_an_event_is_said(void) {
+    static const char *const event = "synchronise.horizon.event";
+    plan.plan.event.start.signal = "plant.nothing";
+    assert_problem(event, "\"start\": found \"plant.nothing\"");
+    plan.plan.event.end.signal = "there";
+    assert_problem(event, "\"end\": found \"there\"");
+    plan.plan.event.start.signal = "plant.cmd";
+    assert_problem(event, "plant.cmd is Real, expected a Boolean signal");
+    plan.match[0].weight = 0.0;
+    assert_problem(event, "no match with a weight");
+    plan.plan.event.window = STEP;
+    assert_problem(event, "\"window_s\"");
+    plan.plan.event.longest = 10 * STEP;
+    assert_problem(event, "\"window_s\"");
+    plan.plan.event.longest = (TL_LONGEST_STROKE + 1) * STEP;
+    assert_problem(event, "\"longest_s\"");
+    plan.plan.prediction = 3;
+    assert_problem(event, "\"prediction\" and \"shape\"");
+    plan.plan.shape = TL_DYNAMIC;
+    assert_problem(event, "\"prediction\" and \"shape\"");
+    plan.plan.measurements = TL_AHEAD;
+    assert_problem("synchronise.horizon.measurements", "found \"ahead\"");
+    plan.plan.algorithm = "secant";
+    assert_problem("synchronise.algorithm", "found \"secant\"");
+    plan.plan.fallback = "bobyqa";
+    assert_problem("synchronise.fallback", "halving");
+    plan.match[0].condition.median = 3;
+    assert_problem(plan.match[0].where, "\"condition\"");
+    tl_test_plan_adjust(&plan, "axis.offset", 0.1);
+    assert_problem("synchronise.adjust", "expected one");
+    plan.adjust[0].variable = "axis.u0";
+    assert_problem(plan.adjust[0].where, "nothing is connected to");
+    plan.adjust[0].variable = "axis.flag";
+    assert_problem(plan.adjust[0].where, "adjusts a Real variable");
+}
+
+static void the_default_solver_is_nelder_mead(void) {
+    plan.plan.algorithm = NULL;
+    make_plant(10, 2.0);
+    build();
+    TEST_ASSERT_EQUAL_STRING("nelder-mead", tl_twin_get_facts(run.twin).algorithm);
+    TEST_ASSERT_EQUAL_UINT32(LONGEST + WINDOW / 2, tl_twin_get_facts(run.twin).prediction);
+    TEST_ASSERT_EQUAL_UINT32(1, tl_twin_get_facts(run.twin).lead);
+}
+
+int main(void) {
+    UNITY_BEGIN();
+    RUN_TEST(the_winner_becomes_the_twin_and_the_next_stroke_is_right);
+    RUN_TEST(a_stroke_that_agrees_costs_nothing_or_half_the_window);
+    RUN_TEST(what_is_executed_is_predicted);
+    RUN_TEST(a_search_spans_cycles_and_none_is_late);
+    RUN_TEST(a_repetition_without_a_clock_is_the_same_to_the_bit);
+    RUN_TEST(without_time_the_twin_runs_on_as_it_was);
+    RUN_TEST(a_stroke_that_lasts_too_long_is_not_searched);
+    RUN_TEST(an_edge_in_a_gap_is_not_trusted);
+    RUN_TEST(a_gap_within_the_window_is_left_out);
+    RUN_TEST(a_signal_that_goes_back_is_searched_again);
+    RUN_TEST(what_cannot_be_had_leaves_nominal);
+    RUN_TEST(the_last_evaluation_is_kept_for_nominal);
+    RUN_TEST(a_candidate_that_fails_is_the_worst);
+    RUN_TEST(fatal_is_the_end);
+    RUN_TEST(a_missed_tick_is_made_up_and_its_edges_are_seen);
+    RUN_TEST(an_edge_may_fall);
+    RUN_TEST(what_does_not_go_with_an_event_is_said);
+    RUN_TEST(the_default_solver_is_nelder_mead);
+    return UNITY_END();
+}
