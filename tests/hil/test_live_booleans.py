@@ -3,7 +3,7 @@
 locked by a Boolean in real time, recorded, and replayed to the bit."""
 import signal
 
-from live_test import COSTS, RESULTS, Program, check_database, end_well, expect_repeated, free_port, number, query
+from live_test import RESULTS, Program, check_database, end_well, expect_repeated, free_port, number, query
 from twinlock_test import SOURCE, edited_config, expect, main, read_table, replay_json, scratch
 
 U = "belt2.enabled"
@@ -67,7 +67,6 @@ def test_booleans_by_modbus():
     repeated = replay_json(config, "--recording", database, "--db", again)
     expect(repeated["adjust"] == told["adjust"] and repeated["match"] == told["match"], f"{repeated}\n{told}")
     expect_repeated(database, 1, again, RESULTS, 2 * rows)
-    expect_repeated(database, 1, again, COSTS, rows)
 
 
 if __name__ == "__main__":

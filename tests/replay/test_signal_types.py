@@ -6,7 +6,7 @@ import json
 import sqlite3
 from contextlib import closing
 
-from twinlock_test import expect, main, read_table, replay_json, run_well, scratch, write_config
+from twinlock_test import edited_config, expect, main, read_table, replay_json, run_well, scratch, write_config
 
 STEP_S = 0.05
 TICKS = 81
@@ -162,6 +162,8 @@ def test_tables():
     expect(f"{HELD} MSE 0, MAX 0\n" in table, table)
     out = run_well(["check", config])
     expect(f"adjust  {U}, off or on\n" in out and "no problem found\n" in out, out)
+    resting = edited_config(config, {"synchronise": {"adjust": {U: {"dwell_s": 0.2}}}})
+    expect(f"adjust  {U}, off or on, each for at least 0.2 s\n" in run_well(["check", resting]), "no dwell")
 
 
 main()
