@@ -6,7 +6,7 @@ import json
 import sqlite3
 from contextlib import closing
 
-from twinlock_test import edited_config, expect, main, read_table, replay_json, run_well, scratch, write_config
+from twinlock_test import edited_config, expect, main, read_config, read_table, replay_json, run_well, scratch, write_config
 
 STEP_S = 0.05
 TICKS = 81
@@ -90,6 +90,16 @@ def test_integers():
     counted = rows[COUNT]
     expect(counted == [float(messages(i + 2)) for i in range(len(counted))], f"counted {counted}")
     expect(rows["plant.messages"] == [float(messages(i + 1)) for i in range(len(counted))], "the plant's count")
+
+
+def test_integers_of_the_plant():
+    """The plant's own count in place of the process's: what it is behind the messages that came."""
+    config = configuration()
+    connect = [pair for pair in read_config(config)["connect"] if pair[0] != COUNT]
+    config = edited_config(config, {"connect": connect + [["plant.messages", "event_to_cyclic.messages"]]})
+    missed = read_table(csv_file(config))["event_to_cyclic.missed"]
+    expect(missed == [float(messages(i) - messages(i + 1)) for i in range(TICKS - 2)], f"missed {missed}")
+    expect(set(missed) == {0.0, -1.0}, f"missed {set(missed)}")
 
 
 def test_metrics():
