@@ -65,6 +65,7 @@ def test_free():
     mse, largest = mse_and_max(replay_json("transport/free.json"))
     within(mse, 16616, 0.01, "MSE, free, mm\u00b2")
     within(largest, 230.1, 0.01, "MAX, free, mm")
+    within(mse_and_max(replay_json("transport/five.json"))[0], 16941, 0.01, "MSE, free, five components, mm\u00b2")
 
 
 def test_slow():
