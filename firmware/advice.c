@@ -66,7 +66,14 @@ static void check_step(advice *given, const tl_config *config, const tl_prognosi
     }
 }
 
-static void check_budget(advice *given, const tl_config *config, const tl_prognosis *prognosis, size_t unknowns) {
+/* The guess, each unknown once, and nominal; of a lone Boolean, which is nominal or its negation, nothing is left after two. */
+static size_t fewest_evaluations(const tl_twin *twin) {
+    size_t unknowns = tl_twin_get_facts(twin).unknowns;
+    return unknowns == 1 && !tl_twin_get_adjusted(twin, 0).is_real ? 2 : unknowns + 2;
+}
+
+static void check_budget(advice *given, const tl_config *config, const tl_prognosis *prognosis, const tl_twin *twin) {
+    size_t unknowns = tl_twin_get_facts(twin).unknowns;
     if (config->budget_time >= config->step) {
         warn(given, "synchronise.budget.time_s",
              "%g s is not less than step_s, %g s: a search that uses it up makes the next tick late; the default is "
@@ -87,7 +94,7 @@ static void check_budget(advice *given, const tl_config *config, const tl_progno
              "more",
              config->stagnation, unknowns);
     }
-    if (config->budget_evaluations < unknowns + 2) {
+    if (config->budget_evaluations < fewest_evaluations(twin)) {
         warn(given, "synchronise.budget.evaluations",
              "%" PRIu32 " are not enough to try each of %zu unknowns once, beside the guess and nominal: give more, or "
              "make the horizon shorter or static",
@@ -220,7 +227,7 @@ size_t tl_advice_print(const tl_assembly *assembly, const tl_prognosis *prognosi
         check_stroke_budget(&given, config, prognosis);
         check_adjusted(&given, config, assembly->twin);
     } else if (config->adjust_count != 0) {
-        check_budget(&given, config, prognosis, tl_twin_get_facts(assembly->twin).unknowns);
+        check_budget(&given, config, prognosis, assembly->twin);
         check_saving(&given, config);
         check_nodes(&given, config, assembly->twin);
         check_adjusted(&given, config, assembly->twin);

@@ -234,6 +234,11 @@ static void add_numbers(tl_show_table *table, const tl_show_adjust *adjust) {
     }
 }
 
+/* A Boolean has none; its numbers are told instead. */
+static const char *unit_of(const tl_recorder_signal *signal) {
+    return signal->type == TL_BOOLEAN ? "0 off, 1 on" : signal->unit;
+}
+
 static tl_status print_adjust(const show_page *page, tl_error *error) {
     static const char *const names[] = {"variable", "first", "last", "mean", "least", "largest"};
     tl_show_table table;
@@ -247,7 +252,7 @@ static tl_status print_adjust(const show_page *page, tl_error *error) {
     for (size_t i = 0; i < page->summary.adjust_count; i++) {
         tl_show_table_add(&table, "%s", page->summary.adjust[i].signal->name);
         add_numbers(&table, &page->summary.adjust[i]);
-        tl_show_table_add(&table, "%s", page->summary.adjust[i].signal->unit);
+        tl_show_table_add(&table, "%s", unit_of(page->summary.adjust[i].signal));
     }
     return tl_show_table_end(&table, page->file, error);
 }
@@ -332,8 +337,8 @@ static void print_change(const show_page *page, const tl_show_adjust *adjust) {
     say_instant(page, tl_show_window_start(&page->summary, window), when, sizeof when);
     tl_show_number(tl_show_part_mean(&adjust->windows[window - 1]), true, before, sizeof before);
     tl_show_number(tl_show_part_mean(&adjust->windows[window]), true, after, sizeof after);
-    (void)fprintf(page->file, "  %s: changed most at %s, %s %s %s %s\n", name, when, before, page->arrow, after,
-                  clean(page, adjust->signal->unit, unit, sizeof unit));
+    (void)fprintf(page->file, "  %s: changed most at %s, %s %s %s%s%s\n", name, when, before, page->arrow, after,
+                  adjust->signal->unit[0] == '\0' ? "" : " ", clean(page, adjust->signal->unit, unit, sizeof unit));
 }
 
 static tl_status print_corrections(const show_page *page, tl_error *error) {

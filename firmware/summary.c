@@ -6,6 +6,7 @@
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
+#include <string.h>
 
 /* Rows of the run: each is one committed step of the twin. */
 static uint64_t committed(const tl_summary *summary) {
@@ -205,6 +206,19 @@ static void write_measure(double value, int digits, char *text, size_t size) {
     }
 }
 
+/* " mm²", " (rad/s)²", nothing for no unit. */
+static void write_square(const char *unit, char *text, size_t size) {
+    bool compound = strpbrk(unit, "./*^ 0123456789") != NULL;
+    (void)snprintf(text, size, "%s%s%s%s", unit[0] == '\0' ? "" : " ", compound ? "(" : "", unit,
+                   compound          ? ")\302\262"
+                   : unit[0] == '\0' ? ""
+                                     : "\302\262");
+}
+
+static const char *space_before(const char *unit) {
+    return unit[0] == '\0' ? "" : " ";
+}
+
 static void print_matches(const tl_config *config, const tl_twin *twin, FILE *file) {
     for (size_t i = 0; i < config->match_count; i++) {
         const tl_metrics *metrics = tl_twin_metrics(twin, i);
@@ -215,15 +229,41 @@ static void print_matches(const tl_config *config, const tl_twin *twin, FILE *fi
         } else {
             char mse[32];
             char maximum[32];
+            char square[128];
             write_measure(tl_metrics_mse(metrics), 5, mse, sizeof mse);
             write_measure(metrics->maximum, 4, maximum, sizeof maximum);
-            (void)fprintf(file, "  %-12s MSE %s (%s)\302\262, MAX %s %s%s\n", config->match[i].variable, mse, unit,
-                          maximum, unit,
+            write_square(unit, square, sizeof square);
+            (void)fprintf(file, "  %-12s MSE %s%s, MAX %s%s%s%s\n", config->match[i].variable, mse, square, maximum,
+                          space_before(unit), unit,
                           config->match[i].weight > 0.0 || config->adjust_count == 0 ? "" : ", compared only");
         }
         if (metrics->left_out != 0) {
             (void)fprintf(file, "  %-12s %" PRIu64 " of %" PRIu64 " measurements were not good and are left out\n", "",
                           metrics->left_out, metrics->left_out + metrics->pairs);
+        }
+    }
+}
+
+/* Of a Boolean: how often it was on, and how often it would have been. */
+static void print_boolean(const tl_summary_adjust *adjust, const char *name, uint64_t steps, FILE *file) {
+    double on = mean(adjust->sum, steps);
+    double nominal = mean(adjust->sum - adjust->delta_sum, steps);
+    (void)fprintf(file, "  %-12s on in %.1f %% of the steps, last %s; nominal in %.1f %%\n", name, 100 * on,
+                  adjust->last > 0.5 ? "on" : "off", 100 * nominal);
+}
+
+static void print_adjusted(const tl_summary *summary, const tl_config *config, const tl_twin *twin, FILE *file) {
+    for (size_t i = 0; i < config->adjust_count; i++) {
+        const tl_summary_adjust *adjust = &summary->adjust[i];
+        const char *name = config->adjust[i].variable;
+        const char *unit = tl_twin_adjust_unit(twin, i);
+        uint64_t steps = committed(summary);
+        if (!tl_twin_get_adjusted(twin, i).is_real) {
+            print_boolean(adjust, name, steps, file);
+        } else {
+            (void)fprintf(file, "  %-12s mean %.5g, last %.5g%s%s; mean \316\224u %+.4g\n", name,
+                          mean(adjust->sum, steps), adjust->last, space_before(unit), unit,
+                          mean(adjust->delta_sum, steps));
         }
     }
 }
@@ -237,12 +277,7 @@ void tl_summary_print_table(const tl_summary *summary, const tl_config *config, 
         print_ledger(twin, file);
     }
     print_matches(config, twin, file);
-    for (size_t i = 0; i < config->adjust_count; i++) {
-        const tl_summary_adjust *adjust = &summary->adjust[i];
-        (void)fprintf(file, "  %-12s mean %.5g, last %.5g %s; mean \316\224u %+.4g\n", config->adjust[i].variable,
-                      mean(adjust->sum, committed(summary)), adjust->last, tl_twin_adjust_unit(twin, i),
-                      mean(adjust->delta_sum, committed(summary)));
-    }
+    print_adjusted(summary, config, twin, file);
     if (summary->ticks != 0) {
         (void)fprintf(file,
                       "  real time    %" PRIu64 " ticks, %" PRIu64 " skipped, %" PRIu64

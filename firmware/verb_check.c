@@ -157,11 +157,16 @@ static void print_mode(const tl_assembly *assembly, FILE *output) {
 static void print_adjusted(const tl_assembly *assembly, size_t index, FILE *output) {
     const tl_plan_adjust *adjust = &assembly->config.adjust[index];
     (void)fprintf(output, "  adjust  %s", adjust->variable);
-    if (adjust->step > 0.0) {
+    if (!tl_twin_get_adjusted(assembly->twin, index).is_real) {
+        (void)fprintf(output, ", off or on");
+    } else if (adjust->step > 0.0) {
         (void)fprintf(output, ", first step %g %s", adjust->step, tl_twin_adjust_unit(assembly->twin, index));
     }
     if (isfinite(adjust->lower) || isfinite(adjust->upper)) {
         (void)fprintf(output, ", within %g \342\200\246 %g", adjust->lower, adjust->upper);
+    }
+    if (adjust->dwell > 0) {
+        (void)fprintf(output, ", each for at least %g s", tl_seconds(adjust->dwell));
     }
     (void)fputc('\n', output);
 }

@@ -2,7 +2,7 @@
  *
  * A macro step is taken in equal inner steps: as many as t_step fits into it, to the nearest integer. An inner
  * step is t_step itself where that fits within a millionth, so that rounding in the importer's clock cannot
- * change a result.
+ * change a result. A model of whole steps takes the macro step as its one inner step.
  */
 #include "fmus/common/instance.h"
 
@@ -107,8 +107,12 @@ fmi2Status fmi2EnterInitializationMode(fmi2Component component) {
     return fmi2OK;
 }
 
+/* s; HUGE_VAL where the model takes whole steps. */
 static double inner_step_of(const tl_fmu_state *state) {
-    double t_step;
+    double t_step = HUGE_VAL;
+    if (MODEL.t_step == TL_FMU_WHOLE_STEPS) {
+        return t_step;
+    }
     memcpy(&t_step, (const char *)state->model + MODEL.t_step, sizeof t_step);
     return t_step;
 }
@@ -159,7 +163,8 @@ static void take_inner_steps(tl_fmu_state *state, double size) {
     const double t_step = inner_step_of(state);
     const double fitting = floor(size / t_step + 0.5);
     const int count = fitting < 1 ? 1 : (int)fitting;
-    const double h = fabs(size - count * t_step) <= FIT * t_step ? t_step : size / count;
+    const bool fits = isfinite(t_step) && fabs(size - count * t_step) <= FIT * t_step;
+    const double h = fits ? t_step : size / count;
     for (int i = 0; i < count; i++) {
         MODEL.step(state->model, h);
     }

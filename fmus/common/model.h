@@ -9,6 +9,7 @@
 #define TL_FMUS_COMMON_MODEL_H
 
 #include <stddef.h>
+#include <stdint.h>
 
 #include <fmi2TypesPlatform.h>
 
@@ -30,17 +31,20 @@ typedef struct tl_fmu_variable {
     size_t offset; /* of the member in the model's struct */
 } tl_fmu_variable;
 
+/* For a model that integrates nothing: its step is a macro step, whatever the size. So an event lasts for one. */
+#define TL_FMU_WHOLE_STEPS SIZE_MAX
+
 typedef struct tl_fmu_model {
     size_t size;          /* of the model's struct, bytes */
     const void *defaults; /* the struct with the start values of modelDescription.xml */
     const tl_fmu_variable *variables;
     size_t variable_count;
-    size_t t_step; /* offset of the fmi2Real with the inner step, s; must be > 0 */
+    size_t t_step; /* offset of the fmi2Real with the inner step, s; must be > 0. Or TL_FMU_WHOLE_STEPS */
 
     /* Computes the start state and all results from parameters and inputs; may be called repeatedly. */
     void (*start)(void *model);
 
-    /* Advances states and results by `h` seconds with the inputs as they are; h > 0, about t_step. */
+    /* Advances states and results by `h` seconds with the inputs as they are; h > 0, about t_step where there is one. */
     void (*step)(void *model, double h);
 } tl_fmu_model;
 

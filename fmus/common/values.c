@@ -70,6 +70,14 @@ static fmi2Status check_set(const tl_fmu_instance *instance, const char *functio
     return fmi2OK;
 }
 
+/* Any number but 0 is true, and one number is true in a model: so that values can be compared. */
+static void normalise_boolean(void *member) {
+    fmi2Boolean value;
+    memcpy(&value, member, sizeof value);
+    value = value != fmi2False ? fmi2True : fmi2False;
+    memcpy(member, &value, sizeof value);
+}
+
 static fmi2Status set(fmi2Component component, const char *function, tl_fmu_type type,
                       const fmi2ValueReference references[], size_t count, const void *values) {
     tl_fmu_instance *instance = tl_fmu_enter(component, function, TL_FMU_SETTABLE);
@@ -79,7 +87,11 @@ static fmi2Status set(fmi2Component component, const char *function, tl_fmu_type
     char *model = (char *)instance->state->model;
     const size_t size = size_of(type);
     for (size_t i = 0; i < count; i++) {
-        memcpy(model + find(type, references[i])->offset, (const char *)values + i * size, size);
+        char *member = model + find(type, references[i])->offset;
+        memcpy(member, (const char *)values + i * size, size);
+        if (type == TL_FMU_BOOLEAN) {
+            normalise_boolean(member);
+        }
     }
     if (instance->state->mode == TL_FMU_INITIALISING) {
         MODEL.start(model); /* so that results read before fmi2ExitInitializationMode are right */

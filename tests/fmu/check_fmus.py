@@ -73,7 +73,7 @@ class Fmu:
         for name in names:
             variable = self.variables[name]
             values += getattr(slave, "get" + variable.type)([variable.valueReference])
-        return list(map(as_number, values))
+        return [value if isinstance(value, float) else int(value) for value in values]
 
     def set(self, slave, name, value):
         variable = self.variables[name]
@@ -81,11 +81,10 @@ class Fmu:
         getattr(slave, "set" + variable.type)([variable.valueReference], [convert(value)])
 
 
-def as_number(value):
-    """As files and comparisons have it: a Boolean is 0 or 1, whether FMPy gives it as a bool or XML as a word."""
-    if value in ("true", "false"):
-        return float(value == "true")
-    return float(value)
+def start_value(variable):
+    """The start value of the description as a number; of a Boolean 1 or 0."""
+    text = str(variable.start)
+    return {"true": 1, "false": 0}[text.lower()] if variable.type == "Boolean" else float(text)
 
 
 def initialise(slave):
@@ -172,7 +171,7 @@ def check_variables(fmu):
     slave.enterInitializationMode()
     for name, variable in fmu.variables.items():
         value = fmu.get(slave, [name])[0]
-        if variable.start is not None and value != as_number(variable.start):
+        if variable.start is not None and value != start_value(variable):
             yield f"{name} starts at {value!r}, but modelDescription.xml says {variable.start}"
     slave.exitInitializationMode()
     for name, variable in fmu.variables.items():
@@ -187,6 +186,18 @@ def check_variables(fmu):
                 yield f"fmi2Get{kind} of the unknown value reference {reference} is not refused"
             if status_of(getattr(slave, "set" + kind), [reference], ["" if kind == "String" else 0]) != fmi2.fmi2Error:
                 yield f"fmi2Set{kind} of the unknown value reference {reference} is not refused"
+    slave.freeInstance()
+
+
+def check_booleans(fmu):
+    """Any number but 0 is true, and reads back as 1."""
+    slave = fmu.start()
+    for name, variable in fmu.variables.items():
+        if variable.type == "Boolean" and variable.causality == "input":
+            for value, wanted in ((2, 1), (-1, 1), (0, 0)):
+                fmu.set(slave, name, value)
+                if fmu.get(slave, [name]) != [wanted]:
+                    yield f"{name} set to {value} reads {fmu.get(slave, [name])[0]}"
     slave.freeInstance()
 
 
@@ -257,12 +268,14 @@ def check_rollback(fmu):
 
 def refusals(fmu, slave):
     """(what, status) of calls that are illegal while `slave` is stepping at time 0."""
-    a_real = next(variable.valueReference for variable in fmu.variables.values()
-                  if variable.causality == "input" and variable.type == "Real")
-    yield "fmi2SetReal of NaN", status_of(slave.setReal, [a_real], [float("nan")])
-    yield "fmi2SetReal of infinity", status_of(slave.setReal, [a_real], [float("inf")])
-    yield "fmi2SetReal of a known and an unknown reference", status_of(
-        slave.setReal, [a_real, UNKNOWN_REFERENCE], [123.0, 0.0])
+    inputs = [variable for variable in fmu.variables.values() if variable.causality == "input"]
+    for a_real in [variable.valueReference for variable in inputs if variable.type == "Real"][:1]:
+        yield "fmi2SetReal of NaN", status_of(slave.setReal, [a_real], [float("nan")])
+        yield "fmi2SetReal of infinity", status_of(slave.setReal, [a_real], [float("inf")])
+    for kind in sorted({variable.type for variable in inputs}):
+        known = next(variable.valueReference for variable in inputs if variable.type == kind)
+        yield f"fmi2Set{kind} of a known and an unknown reference", status_of(
+            getattr(slave, "set" + kind), [known, UNKNOWN_REFERENCE], [1, 0])
     yield "a step from another time", status_of(slave.doStep, 5.0, STEP_S)
     yield "a step of negative size", status_of(slave.doStep, 0.0, -STEP_S)
     yield "a step of size NaN", status_of(slave.doStep, 0.0, float("nan"))
@@ -322,8 +335,8 @@ def check_divergence(fmu):
     wanted = bits(run(fmu, slave, inputs, 0, 1, fmu.results)[0])
     slave.setFMUstate(state)
     for name, variable in fmu.variables.items():
-        if variable.causality == "input":
-            fmu.set(slave, name, 1e308 if variable.type == "Real" else 1)
+        if variable.causality == "input" and variable.type == "Real":
+            fmu.set(slave, name, 1e308)
     statuses = [status_of(slave.doStep, i * STEP_S, STEP_S) for i in range(100)]
     if any(abs(value) == float("inf") or value != value for value in fmu.get(slave, fmu.results)):
         if statuses[-1] != fmi2.fmi2Error:
@@ -337,7 +350,7 @@ def check_divergence(fmu):
     slave.freeInstance()
 
 
-CHECKS = [check_description, check_variables, check_reference, check_repeatable, check_rollback, check_refusals,
+CHECKS = [check_description, check_variables, check_booleans, check_reference, check_repeatable, check_rollback, check_refusals,
           check_life, check_divergence]
 
 

@@ -10,6 +10,7 @@
 #include "tests/support/scratch.h"
 
 #define LOCK TL_SOURCE_DIR "/config/motor/lock.json"
+#define SLOW TL_SOURCE_DIR "/config/transport/slow.json"
 #define LIVE TL_SOURCE_DIR "/config/motor/live.json"
 
 static tl_scratch scratch;
@@ -100,6 +101,18 @@ static void test_too_few_evaluations(void) {
     tl_assembly_free(&assembly);
     load(LOCK, "\"evaluations\": 60", "\"evaluations\": 3");
     expect_advice(0, "");
+}
+
+/* The guess and its negation are all there is: nominal is one of them. */
+static void test_two_evaluations_for_a_boolean(void) {
+    load(SLOW, "\"evaluations\": 2", "\"evaluations\": 2");
+    expect_advice(0, "");
+    tl_assembly_free(&assembly);
+    load(SLOW, "\"prediction\": 2, \"shape\": \"static\"", "\"prediction\": 3, \"shape\": \"dynamic\"");
+    expect_advice(1, "warnings\n"
+                     "  synchronise.budget.evaluations: 2 are not enough to try each of 2 unknowns\n"
+                     "    once, beside the guess and nominal: give more, or make the horizon shorter\n"
+                     "    or static\n");
 }
 
 static void test_saving_that_is_off(void) {
@@ -222,6 +235,7 @@ int main(void) {
     RUN_TEST(test_a_budget_as_long_as_the_period);
     RUN_TEST(test_a_budget_that_cuts_searches_short);
     RUN_TEST(test_too_few_evaluations);
+    RUN_TEST(test_two_evaluations_for_a_boolean);
     RUN_TEST(test_saving_that_is_off);
     RUN_TEST(test_outputs_that_are_kept_in_place_of_states);
     RUN_TEST(test_a_source_that_nothing_uses);

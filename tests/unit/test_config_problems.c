@@ -490,7 +490,7 @@ static void test_the_rest_of_synchronise(void) {
          "synchronise.horizon.event.end", "found nothing, expected a text, for example \"plant.extended\"", NULL},
         {"\"shape\": \"dynamic\"",
          "\"event\": {\"start\": \"not omega\", \"end\": \"plant.omega\", \"window_s\": 0.1, \"longest_s\": 2}",
-         "synchronise.horizon.event.start", "found \"omega\", expected plant.signal, for example \"plant.omega\"",
+         "synchronise.horizon.event.start", "found \"omega\", expected a signal of the plant, for example \"plant.omega\"",
          NULL},
         {"\"shape\": \"dynamic\"",
          "\"event\": {\"start\": \"plant.omega\", \"end\": \"plant.omega\", \"window_s\": 0, \"longest_s\": 2}",

@@ -212,6 +212,30 @@ static void test_a_measure_beyond_all_numbers(void) {
     expect_in_table("  motor.omega  MSE - (rad/s)\302\262, MAX 1e+200 rad/s\n");
 }
 
+static void load(const char *path) {
+    tl_assembly_free(&assembly);
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_assembly_read(path, &assembly));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_assembly_build(&assembly));
+}
+
+/* Of a Boolean the table tells how often it was on; the unit of the MSE needs no brackets where it is one word. */
+static void test_a_boolean(void) {
+    load(TL_SOURCE_DIR "/config/transport/slow.json");
+    run(11, 0.0, TL_GOOD);
+    memset(&summary, 0, sizeof summary);
+    add(TL_OPTIMISED, 2, 0.0, 1.0);
+    add(TL_FIRST_GUESS, 1, 1.0, 1.0);
+    add(TL_FIRST_GUESS, 1, 0.0, 0.0);
+    add(TL_FIRST_GUESS, 1, 0.0, 1.0);
+    print(tl_summary_print_table);
+    expect_in_table("  belt2.enabled on in 25.0 % of the steps, last off; nominal in 75.0 %\n");
+    expect_in_table(" mm\302\262, MAX ");
+    add(TL_FIRST_GUESS, 1, 1.0, 0.0);
+    free(printed);
+    print(tl_summary_print_table);
+    expect_in_table("  belt2.enabled on in 40.0 % of the steps, last on; nominal in 60.0 %\n");
+}
+
 static void test_measurements_left_out(void) {
     run(11, 62.85, TL_STALE);
     print(tl_summary_print_table);
@@ -228,6 +252,7 @@ int main(void) {
     RUN_TEST(test_json_tells_what_the_twin_did);
     RUN_TEST(test_the_table);
     RUN_TEST(test_a_measure_beyond_all_numbers);
+    RUN_TEST(test_a_boolean);
     RUN_TEST(test_measurements_left_out);
     return UNITY_END();
 }
