@@ -159,7 +159,8 @@ fmi2Status fmi2SetString(fmi2Component component, const fmi2ValueReference refer
     }
     for (size_t i = 0; i < count; i++) {
         if (!values[i] || strlen(values[i]) >= sizeof(tl_fmu_text)) {
-            return tl_fmu_refuse(instance, "fmi2SetString: the text for value reference %u is missing or has more than %zu bytes",
+            return tl_fmu_refuse(instance,
+                                 "fmi2SetString: the text for value reference %u is missing or has more than %zu bytes",
                                  references[i], sizeof(tl_fmu_text) - 1);
         }
     }

@@ -39,8 +39,8 @@ struct tl_fmu_outside {
 static const csv defaults = {.time_column = "time", .t_step = 1e9};
 
 #define COLUMN(i)                                                                                                      \
-    {TL_FMU_REAL, 2 * (i), TL_FMU_RESULT, offsetof(csv, y[i])},                                                            \
-        {TL_FMU_REAL, 2 * (i) + 1, TL_FMU_FIXED, offsetof(csv, initial[i])}, {                                       \
+    {TL_FMU_REAL, 2 * (i), TL_FMU_RESULT, offsetof(csv, y[i])},                                                        \
+        {TL_FMU_REAL, 2 * (i) + 1, TL_FMU_FIXED, offsetof(csv, initial[i])}, {                                         \
         TL_FMU_STRING, 2 + (i), TL_FMU_FIXED, offsetof(csv, column[i])                                                 \
     }
 

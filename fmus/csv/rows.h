@@ -36,21 +36,22 @@ bool csv_rows_read(csv_rows *all, double instant, const csv_rows_error *error);
 /* Rows are numbered from 0 at the file's first one; csv_rows_end() is the number of the next one to come. */
 int64_t csv_rows_end(const csv_rows *all);
 
-/* True where `row` is there: read, and not forgotten. */
-bool csv_rows_has(const csv_rows *all, int64_t row);
+/* True where that row is there: read, and not forgotten. */
+bool csv_rows_has(const csv_rows *all, int64_t number);
 
 /* Of a row that is there: its time, s, and the `instant` at which it was read. */
-double csv_rows_time(const csv_rows *all, int64_t row);
-double csv_rows_since(const csv_rows *all, int64_t row);
+double csv_rows_time(const csv_rows *all, int64_t number);
+double csv_rows_since(const csv_rows *all, int64_t number);
 
 /* The cell's number into *value; an empty cell leaves it as it is. The row must be there. */
-bool csv_rows_number(const csv_rows *all, int64_t row, const char *column, double *value, const csv_rows_error *error);
+bool csv_rows_number(const csv_rows *all, int64_t number, const char *column, double *value,
+                     const csv_rows_error *error);
 
 /* True where the columns are known and `column` is one of them. */
 bool csv_rows_has_header(const csv_rows *all);
 bool csv_rows_check_column(const csv_rows *all, const char *column, const csv_rows_error *error);
 
-/* Rows before `row` are not needed any more: those of a FIFO are dropped now and then; a file's are kept. */
-void csv_rows_forget(csv_rows *all, int64_t row);
+/* Rows before that number are not needed any more: those of a FIFO are dropped now and then; a file's are kept. */
+void csv_rows_forget(csv_rows *all, int64_t number);
 
 #endif
