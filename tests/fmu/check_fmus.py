@@ -258,7 +258,7 @@ def check_rollback(fmu):
 def refusals(fmu, slave):
     """(what, status) of calls that are illegal while `slave` is stepping at time 0."""
     a_real = next(variable.valueReference for variable in fmu.variables.values()
-                  if variable.causality == "input" and variable.type == "Real")
+                  if variable.type == "Real" and (variable.causality, variable.variability) in SETTABLE_WHILE_STEPPING)
     yield "fmi2SetReal of NaN", status_of(slave.setReal, [a_real], [float("nan")])
     yield "fmi2SetReal of infinity", status_of(slave.setReal, [a_real], [float("inf")])
     yield "fmi2SetReal of a known and an unknown reference", status_of(
