@@ -2,7 +2,8 @@
  *
  * Purpose: shared by life.c, values.c, state.c and instance.c; a model never includes this.
  * Errors:  a call that FMI forbids here, or with wrong arguments, is refused: it changes nothing, is told to
- *          the logger and returns fmi2Error. Only a step whose result is not finite ends in TL_FMU_FAILED.
+ *          the logger and returns fmi2Error. Only a step whose result is not finite, or that does not find
+ *          outside what it needs, ends in TL_FMU_FAILED.
  * Thread:  one thread at a time for each instance.
  */
 #ifndef TL_FMUS_COMMON_INSTANCE_H

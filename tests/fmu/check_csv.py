@@ -130,7 +130,7 @@ def test_initial_until_there_is_a_value(bench):
 
 def test_eight_columns_in_any_order(bench):
     names = [f"c{i}" for i in range(8)]
-    file = bench.file("," .join(["time", *names]) + "\n0," + ",".join(map(str, range(8))) + "\n")
+    file = bench.file(",".join(["time", *names]) + "\n0," + ",".join(map(str, range(8))) + "\n")
     slave = bench.start(file=file, **{f"column{i + 1}": names[7 - i] for i in range(8)})
     equal(bench.y(slave, 8), [float(7 - i) for i in range(8)])
 
