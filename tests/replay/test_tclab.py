@@ -51,7 +51,7 @@ def test_lock_by_capacity():
     for free, sensor in zip(errors("tclab/free.json"), SENSORS):
         at_least(free / result["match"][sensor]["mse"], 5000, f"{sensor}: MSE falls by")
     within(result["adjust"]["board.mCp"]["mean"], TRUE, 0.03, "mean heat capacity, J/K")
-    within(result["adjust"]["board.mCp"]["last"], TRUE, 0.03, "last heat capacity, J/K")
+    within(result["adjust"]["board.mCp"]["last"], TRUE, 0.05, "last heat capacity, J/K")
 
 
 def test_what_cannot_be_at_fault_does_not_lock():
