@@ -1,6 +1,7 @@
 /* Memory, logging and the check of the state machine: what every FMI function of the glue needs. */
 #include "fmus/common/instance.h"
 
+#include <ctype.h>
 #include <math.h>
 #include <stdarg.h>
 #include <stdio.h>
@@ -24,15 +25,24 @@ static const char *mode_name(int64_t mode) {
     }
 }
 
-/* The message goes as the logger's format string, because many importers ignore further arguments; it is made
- * of our own texts and numbers only, so it holds neither '%' nor '#'. */
+/* The message goes as the logger's format string, because many importers ignore further arguments. Our own texts hold
+ * neither '%' nor '#', which mean something there; names of files and their contents may. */
+static void disarm(char *message) {
+    for (char *c = message; *c; c++) {
+        if (*c == '%' || *c == '#' || iscntrl((unsigned char)*c)) {
+            *c = '?';
+        }
+    }
+}
+
 fmi2Status tl_fmu_refuse(const tl_fmu_instance *instance, const char *format, ...) {
     if (instance->logger) {
-        char message[256];
+        char message[2048];
         va_list arguments;
         va_start(arguments, format);
         (void)vsnprintf(message, sizeof message, format, arguments);
         va_end(arguments);
+        disarm(message);
         instance->logger(instance->environment, instance->name, fmi2Error, "logStatusError", message);
     }
     return fmi2Error;
@@ -70,17 +80,26 @@ void tl_fmu_set_defaults(tl_fmu_instance *instance) {
     state->stop_time = HUGE_VAL;
 }
 
+static void close_outside(tl_fmu_outside *outside) {
+    if (outside) {
+        MODEL.close(outside);
+    }
+}
+
 tl_fmu_instance *tl_fmu_create(fmi2String name, const fmi2CallbackFunctions *functions) {
     tl_fmu_instance *instance = calloc(1, sizeof *instance);
     const size_t name_size = strlen(name) + 1;
     char *name_copy = malloc(name_size);
     tl_fmu_state *state = malloc(tl_fmu_state_size());
-    if (!instance || !name_copy || !state) {
+    tl_fmu_outside *outside = MODEL.open ? MODEL.open() : NULL;
+    if (!instance || !name_copy || !state || (MODEL.open && !outside)) {
+        close_outside(outside);
         free(state);
         free(name_copy);
         free(instance);
         return NULL;
     }
+    instance->outside = outside;
     memcpy(name_copy, name, name_size);
     instance->name = name_copy;
     instance->logger = functions->logger;
@@ -91,9 +110,19 @@ tl_fmu_instance *tl_fmu_create(fmi2String name, const fmi2CallbackFunctions *fun
 }
 
 void tl_fmu_release(tl_fmu_instance *instance) {
+    close_outside(instance->outside);
     free(instance->state);
     free(instance->name);
     free(instance);
+}
+
+fmi2Status tl_fmu_look_outside(const tl_fmu_instance *instance, const char *function, double ahead, bool may_forget) {
+    char why[1536] = "";
+    const tl_fmu_look look = {instance->state->time + ahead, may_forget, why, sizeof why};
+    if (instance->outside && !MODEL.look(instance->state->model, instance->outside, &look)) {
+        return tl_fmu_refuse(instance, "%s: %s", function, why);
+    }
+    return fmi2OK;
 }
 
 bool tl_fmu_results_finite(const tl_fmu_instance *instance) {

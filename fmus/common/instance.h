@@ -2,7 +2,8 @@
  *
  * Purpose: shared by life.c, values.c, state.c and instance.c; a model never includes this.
  * Errors:  a call that FMI forbids here, or with wrong arguments, is refused: it changes nothing, is told to
- *          the logger and returns fmi2Error. Only a step whose result is not finite ends in TL_FMU_FAILED.
+ *          the logger and returns fmi2Error. Only a step whose result is not finite, or that does not find
+ *          outside what it needs, ends in TL_FMU_FAILED.
  * Thread:  one thread at a time for each instance.
  */
 #ifndef TL_FMUS_COMMON_INSTANCE_H
@@ -47,6 +48,7 @@ typedef struct tl_fmu_instance {
     fmi2ComponentEnvironment environment;
     bool log_events;
     tl_fmu_state *state;
+    tl_fmu_outside *outside; /* NULL for a model that has none */
 } tl_fmu_instance;
 
 /* The instance behind `component` if `function` is legal in its present mode (one of `modes`); else NULL. */
@@ -63,8 +65,12 @@ void tl_fmu_log_event(const tl_fmu_instance *instance, const char *text);
 tl_fmu_instance *tl_fmu_create(fmi2String name, const fmi2CallbackFunctions *functions);
 void tl_fmu_release(tl_fmu_instance *instance);
 
-/* Back to the model's defaults and to TL_FMU_INSTANTIATED. */
+/* Back to the model's defaults and to TL_FMU_INSTANTIATED. What the model has outside is as it was. */
 void tl_fmu_set_defaults(tl_fmu_instance *instance);
+
+/* Lets the model look outside, where it does such things, for its results at the instance's time plus `ahead`
+ * seconds. fmi2Error, told to the logger, where it cannot. */
+fmi2Status tl_fmu_look_outside(const tl_fmu_instance *instance, const char *function, double ahead, bool may_forget);
 
 /* Bytes of a whole saved state, model included. */
 size_t tl_fmu_state_size(void);

@@ -126,6 +126,9 @@ fmi2Status fmi2ExitInitializationMode(fmi2Component component) {
         return tl_fmu_refuse(instance, "fmi2ExitInitializationMode: t_step is %g s and must be greater than 0",
                              inner_step_of(instance->state));
     }
+    if (tl_fmu_look_outside(instance, "fmi2ExitInitializationMode", 0, false) != fmi2OK) {
+        return fmi2Error;
+    }
     if (!tl_fmu_results_finite(instance)) {
         return tl_fmu_refuse(instance, "fmi2ExitInitializationMode: these parameters give no finite start; "
                                        "look for a division by zero");
@@ -171,13 +174,16 @@ static void take_inner_steps(tl_fmu_state *state, double size) {
 }
 
 fmi2Status fmi2DoStep(fmi2Component component, fmi2Real point, fmi2Real size, fmi2Boolean no_set_state_prior) {
-    (void)no_set_state_prior;
     tl_fmu_instance *instance = tl_fmu_enter(component, "fmi2DoStep", TL_FMU_STEPPING);
     if (!instance || check_step(instance, point, size) != fmi2OK) {
         return fmi2Error;
     }
     if (size > 0) {
         take_inner_steps(instance->state, size);
+    }
+    if (tl_fmu_look_outside(instance, "fmi2DoStep", size, no_set_state_prior != fmi2False) != fmi2OK) {
+        instance->state->mode = TL_FMU_FAILED;
+        return fmi2Error;
     }
     if (!tl_fmu_results_finite(instance)) {
         instance->state->mode = TL_FMU_FAILED;
@@ -209,6 +215,14 @@ fmi2Status fmi2Reset(fmi2Component component) {
     tl_fmu_instance *instance = tl_fmu_enter(component, "fmi2Reset", TL_FMU_ANY_MODE);
     if (!instance) {
         return fmi2Error;
+    }
+    if (instance->outside) {
+        tl_fmu_outside *anew = MODEL.open();
+        if (!anew) {
+            return tl_fmu_refuse(instance, "fmi2Reset: out of memory");
+        }
+        MODEL.close(instance->outside);
+        instance->outside = anew;
     }
     tl_fmu_set_defaults(instance);
     tl_fmu_log_event(instance, "reset");

@@ -29,6 +29,14 @@ static size_t size_of(tl_fmu_type type) {
     }
 }
 
+/* While initialising, results are made as late as they are asked for: parameters may come in any order. */
+static fmi2Status make_results(const tl_fmu_instance *instance, const char *function, tl_fmu_role role) {
+    if (instance->state->mode != TL_FMU_INITIALISING || role != TL_FMU_RESULT || !instance->outside) {
+        return fmi2OK;
+    }
+    return tl_fmu_look_outside(instance, function, 0, false);
+}
+
 static fmi2Status get(fmi2Component component, const char *function, tl_fmu_type type,
                       const fmi2ValueReference references[], size_t count, void *values) {
     tl_fmu_instance *instance = tl_fmu_enter(component, function, TL_FMU_GETTABLE);
@@ -42,6 +50,9 @@ static fmi2Status get(fmi2Component component, const char *function, tl_fmu_type
         if (!variable) {
             return tl_fmu_refuse(instance, "%s: no variable of this type has value reference %u", function,
                                  references[i]);
+        }
+        if (make_results(instance, function, variable->role) != fmi2OK) {
+            return fmi2Error;
         }
         memcpy((char *)values + i * size, model + variable->offset, size);
     }
@@ -135,29 +146,45 @@ fmi2Status fmi2SetBoolean(fmi2Component component, const fmi2ValueReference refe
     return set(component, "fmi2SetBoolean", TL_FMU_BOOLEAN, references, count, values);
 }
 
-/* No model has strings, so any reference is unknown; a call for none of them is legal. */
-static fmi2Status no_strings(fmi2Component component, const char *function, int modes,
-                             const fmi2ValueReference references[], size_t count) {
-    tl_fmu_instance *instance = tl_fmu_enter(component, function, modes);
+fmi2Status fmi2GetString(fmi2Component component, const fmi2ValueReference references[], size_t count,
+                         fmi2String values[]) {
+    tl_fmu_instance *instance = tl_fmu_enter(component, "fmi2GetString", TL_FMU_GETTABLE);
     if (!instance) {
         return fmi2Error;
     }
-    if (count > 0) {
-        return tl_fmu_refuse(instance, "%s: no variable of this type has value reference %u", function, references[0]);
+    for (size_t i = 0; i < count; i++) {
+        const tl_fmu_variable *variable = find(TL_FMU_STRING, references[i]);
+        if (!variable) {
+            return tl_fmu_refuse(instance, "fmi2GetString: no variable of this type has value reference %u",
+                                 references[i]);
+        }
+        values[i] = (const char *)instance->state->model + variable->offset;
     }
     return fmi2OK;
 }
 
-fmi2Status fmi2GetString(fmi2Component component, const fmi2ValueReference references[], size_t count,
-                         fmi2String values[]) {
-    (void)values;
-    return no_strings(component, "fmi2GetString", TL_FMU_GETTABLE, references, count);
-}
-
 fmi2Status fmi2SetString(fmi2Component component, const fmi2ValueReference references[], size_t count,
                          const fmi2String values[]) {
-    (void)values;
-    return no_strings(component, "fmi2SetString", TL_FMU_SETTABLE, references, count);
+    tl_fmu_instance *instance = tl_fmu_enter(component, "fmi2SetString", TL_FMU_SETTABLE);
+    if (!instance || check_set(instance, "fmi2SetString", TL_FMU_STRING, references, count) != fmi2OK) {
+        return fmi2Error;
+    }
+    for (size_t i = 0; i < count; i++) {
+        if (!values[i] || strlen(values[i]) >= sizeof(tl_fmu_text)) {
+            return tl_fmu_refuse(instance,
+                                 "fmi2SetString: the text for value reference %u is missing or has more than %zu bytes",
+                                 references[i], sizeof(tl_fmu_text) - 1);
+        }
+    }
+    for (size_t i = 0; i < count; i++) {
+        char *text = (char *)instance->state->model + find(TL_FMU_STRING, references[i])->offset;
+        memset(text, 0, sizeof(tl_fmu_text)); /* so that a serialised state says no more than it must */
+        memcpy(text, values[i], strlen(values[i]));
+    }
+    if (instance->state->mode == TL_FMU_INITIALISING) {
+        MODEL.start(instance->state->model);
+    }
+    return fmi2OK;
 }
 
 /* Refuses what modelDescription.xml says this FMU cannot do. */

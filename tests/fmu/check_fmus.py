@@ -268,7 +268,8 @@ def check_rollback(fmu):
 
 def refusals(fmu, slave):
     """(what, status) of calls that are illegal while `slave` is stepping at time 0."""
-    inputs = [variable for variable in fmu.variables.values() if variable.causality == "input"]
+    inputs = [variable for variable in fmu.variables.values()
+              if (variable.causality, variable.variability) in SETTABLE_WHILE_STEPPING]
     for a_real in [variable.valueReference for variable in inputs if variable.type == "Real"][:1]:
         yield "fmi2SetReal of NaN", status_of(slave.setReal, [a_real], [float("nan")])
         yield "fmi2SetReal of infinity", status_of(slave.setReal, [a_real], [float("inf")])

@@ -67,6 +67,21 @@ def test_a_closed_centre_holds_the_cylinder():
     expect(closed and set(closed) == {0.0}, f"air flows out of closed chambers: {max(map(abs, closed))} l/s")
 
 
+def test_a_valve_with_two_coils():
+    """move_in as a signal of its own: the negation of move_out does what the spring does."""
+    header, *lines = (BENCH / "recording.csv").read_text(encoding="utf-8").splitlines()
+    recording = scratch() / "coils.csv"
+    recording.write_text("\n".join([f"{header},move_in", *(f"{line},{1 - int(line.split(',')[1])}" for line in lines)])
+                         + "\n", encoding="utf-8")
+    config = edited_config("cylinder/free.json", {
+        "components": {"cylinder": {"set": {"move_in": None}}}, "plant": {"move_in": {"type": "boolean"}},
+        "connect": [["plant.move_in", "cylinder.move_in"], ["plant.move_out", "cylinder.move_out"],
+                    ["beam.F", "cylinder.F_ext"], ["cylinder.pos", "beam.pos"]]})
+    coils, spring = replay_csv(config, "--recording", recording), replay_csv("cylinder/free.json")
+    for column in (END, AIR):
+        expect(coils[column] == spring[column], f"{column} differs from that with a spring")
+
+
 def test_too_little_pressure_does_not_lift_the_beam():
     """134.9 N on 8.04 cm² are 1.68 bar; friction and the other chamber do not help."""
     expect(changes(replay_csv(with_set(power_supply=1.6)), END) == [], "1.6 bar extend the cylinder")

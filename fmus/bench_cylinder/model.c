@@ -1,0 +1,90 @@
+/* Bench cylinder: a pneumatic cylinder that a test bench pushes in and out at a set speed, against air of a set pressure.
+ *
+ *   dx/dt = v_out when it goes out, else −v_in          tau·dp/dt = p_set + R·A·dx/dt − p
+ *   F = p·A + friction_out when it goes out, else p·A − friction_in
+ *
+ * x is the stroke by which the bench has pressed the air, p above the pressure of the surroundings, F what the bench must
+ * push with. R is the resistance of the line to the pressure regulator: what goes out is pressed through it, so that the
+ * pressure is above p_set on the way out and below on the way in. Friction resists each way: it is what a seal is known by,
+ * and it differs by direction.
+ *
+ * Integrated by explicit Euler. There are no ends: the bench decides where to turn round.
+ */
+#include "fmus/common/model.h"
+
+static const double PI = 3.14159265358979323846;
+
+typedef struct bench_cylinder {
+    fmi2Boolean dir_out;                             /* input */
+    fmi2Real friction_out, friction_in;              /* tunable */
+    fmi2Real v_out, v_in, p_set;                     /* tunable */
+    fmi2Real bore, R, tau, x_start, p_start, t_step; /* fixed */
+    fmi2Real x, p, F;                                /* states, and a result of them */
+} bench_cylinder;
+
+static const bench_cylinder defaults = {
+    .dir_out = fmi2True,
+    .friction_out = 9.09,
+    .friction_in = 4.60,
+    .v_out = 8.80e-3,
+    .v_in = 1.369e-2,
+    .p_set = 499588,
+    .bore = 0.0257,
+    .R = 9.145e8,
+    .tau = 0.123,
+    .x_start = 0,
+    .p_start = 499588,
+    .t_step = 0.001,
+};
+
+static const tl_fmu_variable variables[] = {
+    {TL_FMU_BOOLEAN, 0, TL_FMU_INPUT, offsetof(bench_cylinder, dir_out)},
+    {TL_FMU_REAL, 0, TL_FMU_RESULT, offsetof(bench_cylinder, x)},
+    {TL_FMU_REAL, 1, TL_FMU_RESULT, offsetof(bench_cylinder, p)},
+    {TL_FMU_REAL, 2, TL_FMU_RESULT, offsetof(bench_cylinder, F)},
+    {TL_FMU_REAL, 3, TL_FMU_TUNABLE, offsetof(bench_cylinder, friction_out)},
+    {TL_FMU_REAL, 4, TL_FMU_TUNABLE, offsetof(bench_cylinder, friction_in)},
+    {TL_FMU_REAL, 5, TL_FMU_TUNABLE, offsetof(bench_cylinder, v_out)},
+    {TL_FMU_REAL, 6, TL_FMU_TUNABLE, offsetof(bench_cylinder, v_in)},
+    {TL_FMU_REAL, 7, TL_FMU_TUNABLE, offsetof(bench_cylinder, p_set)},
+    {TL_FMU_REAL, 8, TL_FMU_FIXED, offsetof(bench_cylinder, bore)},
+    {TL_FMU_REAL, 9, TL_FMU_FIXED, offsetof(bench_cylinder, R)},
+    {TL_FMU_REAL, 10, TL_FMU_FIXED, offsetof(bench_cylinder, tau)},
+    {TL_FMU_REAL, 11, TL_FMU_FIXED, offsetof(bench_cylinder, x_start)},
+    {TL_FMU_REAL, 12, TL_FMU_FIXED, offsetof(bench_cylinder, p_start)},
+    {TL_FMU_REAL, 13, TL_FMU_FIXED, offsetof(bench_cylinder, t_step)},
+};
+
+static double area(const bench_cylinder *c) {
+    return PI / 4 * c->bore * c->bore;
+}
+
+static void compute_force(bench_cylinder *c) {
+    c->F = c->p * area(c) + (c->dir_out ? c->friction_out : -c->friction_in);
+}
+
+static void start(void *model) {
+    bench_cylinder *c = model;
+    c->x = c->x_start;
+    c->p = c->p_start;
+    compute_force(c);
+}
+
+static void step(void *model, double h) {
+    bench_cylinder *c = model;
+    const double v = c->dir_out ? c->v_out : -c->v_in;
+
+    c->p += h * (c->p_set + c->R * area(c) * v - c->p) / c->tau;
+    c->x += h * v;
+    compute_force(c);
+}
+
+const tl_fmu_model tl_fmu_model_of_this_fmu = {
+    .size = sizeof(bench_cylinder),
+    .defaults = &defaults,
+    .variables = variables,
+    .variable_count = sizeof variables / sizeof variables[0],
+    .t_step = offsetof(bench_cylinder, t_step),
+    .start = start,
+    .step = step,
+};

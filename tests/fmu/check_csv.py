@@ -1,0 +1,464 @@
+#!/usr/bin/env python3
+"""Holds the CSV FMU against FMPy: files, FIFOs, rollback, and what is wrong with a file.
+
+Usage: check_csv.py FMU     exit 1 and a line for each test that failed
+"""
+
+import faulthandler
+import locale
+import os
+import random
+import struct
+import subprocess
+import sys
+import tempfile
+import traceback
+from contextlib import contextmanager
+from ctypes import CDLL, byref, c_char_p, c_uint
+from pathlib import Path
+
+from check_fmus import Fmu, fmi2, fmpy, status_of
+
+STEP_S = 0.01
+
+
+class Bench:
+    """The FMU, and a folder for the files of one test."""
+
+    def __init__(self, fmu, folder):
+        self.fmu, self.folder = fmu, Path(folder)
+
+    def file(self, text, name="data.csv"):
+        path = self.folder / name
+        path.write_bytes(text if isinstance(text, bytes) else text.encode())
+        return path
+
+    def fifo(self):
+        path = self.folder / "fifo"
+        os.mkfifo(path)
+        return path
+
+    def instance(self, **values):
+        """Set up, in no mode yet; values by the names of the FMU's variables."""
+        self.fmu.messages.clear()
+        slave = self.fmu.instantiate()
+        self.set(slave, **values)
+        slave.setupExperiment(startTime=0.0)
+        return slave
+
+    def set(self, slave, **values):
+        for name, value in values.items():
+            variable = self.fmu.variables[name]
+            if variable.type == "String":
+                slave.setString([variable.valueReference], [str(value)])
+            else:
+                self.fmu.set(slave, name, value)
+
+    def start(self, **values):
+        slave = self.instance(**values)
+        slave.enterInitializationMode()
+        slave.exitInitializationMode()
+        return slave
+
+    def y(self, slave, count=1):
+        values = self.fmu.get(slave, [f"y{i + 1}" for i in range(count)])
+        return values[0] if count == 1 else values
+
+    def run(self, slave, steps, first=0, count=1):
+        """y1 … y`count` after each of so many steps."""
+        values = []
+        for i in range(first, first + steps):
+            slave.doStep(i * STEP_S, STEP_S, fmi2.fmi2False)
+            values.append(self.y(slave, count))
+        return values
+
+    def expect_refused(self, call, *words):
+        """The call must end with fmi2Error, and its message must hold all of the words."""
+        self.fmu.messages.clear()
+        status = status_of(call)
+        said = " | ".join(self.fmu.messages)
+        expect(status == fmi2.fmi2Error, f"status {status}, wanted fmi2Error; {words}")
+        for word in words:
+            expect(str(word) in said, f"the message lacks {word!r}: {said!r}")
+
+
+def expect(condition, text):
+    if not condition:
+        raise AssertionError(text)
+
+
+def equal(found, wanted):
+    expect(found == wanted, f"found {found}, wanted {wanted}")
+
+
+def bits(values):
+    return [struct.pack("<d", value) for value in values]
+
+
+# ---- files ----
+
+
+def test_description(bench):
+    equal(fmpy.validation.validate_fmu(bench.fmu.path), [])
+
+
+def test_held_until_the_next_row(bench):
+    """Read at the step's end: a row at 0.02 shows after the step that ends there."""
+    file = bench.file("time,a\n0,1\n0.02,2\n0.035,3\n")
+    slave = bench.start(file=file, column1="a")
+    equal(bench.y(slave), 1.0)
+    equal(bench.run(slave, 5), [1.0, 2.0, 2.0, 3.0, 3.0])
+
+
+def test_every_row_of_a_grid_is_met(bench):
+    """A master's clock is rounded, by sums too; row i shows after step i all the same."""
+    file = bench.file("time,a\n" + "".join(f"{i / 100},{i}\n" for i in range(3001)))
+    slave = bench.start(file=file, column1="a")
+    time = 0.0
+    for i in range(1, 3001):
+        slave.doStep(time, STEP_S)
+        time += STEP_S
+        equal(bench.y(slave), float(i))
+
+
+def test_initial_until_there_is_a_value(bench):
+    file = bench.file("t,a,b\n0.015,,5\n0.03,7,\n")
+    slave = bench.start(file=file, time_column="t", column1="a", column2="b", initial1=-1, initial2=-2, initial3=-3)
+    equal(bench.y(slave, 3), [-1.0, -2.0, -3.0])
+    equal(bench.run(slave, 3, count=3), [[-1, -2, -3], [-1, 5, -3], [7, 5, -3]])
+
+
+def test_eight_columns_in_any_order(bench):
+    names = [f"c{i}" for i in range(8)]
+    file = bench.file(",".join(["time", *names]) + "\n0," + ",".join(map(str, range(8))) + "\n")
+    slave = bench.start(file=file, **{f"column{i + 1}": names[7 - i] for i in range(8)})
+    equal(bench.y(slave, 8), [float(7 - i) for i in range(8)])
+
+
+def test_spreadsheet_habits(bench):
+    """Byte order mark, CRLF, quotes with a comma in them, spaces, blank lines, an exponent."""
+    file = bench.file(b'\xef\xbb\xbf"time" , "speed, rad/s"\r\n\r\n0, "1.5e2" \r\n\t\r\n 0.01 ,-2\r\n')
+    slave = bench.start(file=file, column1="speed, rad/s")
+    equal([bench.y(slave), *bench.run(slave, 1)], [150.0, -2.0])
+
+
+def test_times_from_the_first_row(bench):
+    file = bench.file("time,a\n1700000000.5,1\n1700000000.52,2\n")
+    equal(bench.run(bench.start(file=file, column1="a", from_first=True), 3), [1.0, 2.0, 2.0])
+    equal(bench.run(bench.start(file=file, column1="a"), 3), [0.0, 0.0, 0.0])
+
+
+def test_parameters_while_initialising(bench):
+    """In any order; results are those of what is set last."""
+    one, two = bench.file("time,a\n0,1\n"), bench.file("t,b\n0,2\n", "other.csv")
+    slave = bench.instance()
+    slave.enterInitializationMode()
+    bench.set(slave, column1="a", file=one)
+    equal(bench.y(slave), 1.0)
+    bench.set(slave, column1="b", time_column="t", file=two)
+    equal(bench.y(slave), 2.0)
+    slave.exitInitializationMode()
+    equal(bench.run(slave, 1), [2.0])
+
+
+def test_a_file_that_grows(bench):
+    """A row counts once its line end is there."""
+    file = bench.file("time,a\n0,1\n0.02,")
+    slave = bench.start(file=file, column1="a")
+    equal(bench.run(slave, 2), [1.0, 1.0])
+    with open(file, "a", encoding="utf-8") as more:
+        more.write("25")
+        more.flush()
+        equal(bench.run(slave, 1, 2), [1.0])
+        more.write("0\n")
+    equal(bench.run(slave, 1, 3), [250.0])
+
+
+def test_reset_reads_anew(bench):
+    file = bench.file("time,a\n0,1\n0.01,2\n")
+    slave = bench.start(file=file, column1="a")
+    equal(bench.run(slave, 1), [2.0])
+    bench.file("time,a\n0,3\n0.01,4\n")
+    slave.reset()
+    bench.set(slave, file=file, column1="a")
+    slave.setupExperiment(startTime=0.0)
+    slave.enterInitializationMode()
+    slave.exitInitializationMode()
+    equal([bench.y(slave), *bench.run(slave, 1)], [3.0, 4.0])
+
+
+def test_texts_read_back(bench):
+    slave = bench.start(file=bench.file("time,ä\n0,1\n"), column1="ä")
+    variable = bench.fmu.variables["column1"]
+    value = c_char_p()
+    slave.fmi2GetString(slave.component, (c_uint * 1)(variable.valueReference), 1, byref(value))
+    equal(value.value.decode(), "ä")
+
+
+def decimal_comma(folder):
+    """Makes the C library write 1,5; False where this machine has no such locale and cannot make one."""
+    libc = CDLL(None)
+    libc.setlocale.restype = c_char_p
+    subprocess.run(["localedef", "-i", "de_DE", "-f", "UTF-8", folder / "de_DE.UTF-8"], stderr=subprocess.DEVNULL,
+                   check=False)
+    os.environ["LOCPATH"] = str(folder)
+    chosen = libc.setlocale(locale.LC_NUMERIC, b"de_DE.UTF-8") is not None
+    del os.environ["LOCPATH"]
+    return chosen or libc.setlocale(locale.LC_NUMERIC, b"de_DE.UTF-8") is not None
+
+
+def test_another_locale(bench):
+    """Numbers have a decimal point whatever the process has chosen."""
+    if not decimal_comma(bench.folder):
+        return "not tried: no locale with a decimal comma here"
+    try:
+        equal(bench.y(bench.start(file=bench.file("time,a\n0,1.5\n"), column1="a")), 1.5)
+        refused_at_the_start(bench, '"1,5"', file=bench.file('time,a\n0,"1,5"\n'), column1="a")
+    finally:
+        CDLL(None).setlocale(locale.LC_NUMERIC, b"C")
+    return None
+
+
+# ---- rollback ----
+
+
+def random_file(bench, rows=400):
+    numbers = random.Random(1)
+    time, lines = 0.0, ["time,a,b"]
+    for _ in range(rows):
+        time += numbers.uniform(0.001, 0.03)
+        lines.append(f"{time},{numbers.random()},{numbers.choice(['', numbers.random()])}")
+    return bench.file("\n".join(lines) + "\n")
+
+
+def test_rollback(bench):
+    """Back and forth at random: the same bits as in one go; also in another instance by serialised states."""
+    values = {"file": random_file(bench), "column1": "a", "column2": "b"}
+    wanted = bench.run(bench.start(**values), 300, count=2)
+    slave, other = bench.start(**values), bench.fmu.instantiate()
+    states, numbers, at = {0: slave.getFMUstate()}, random.Random(2), 0
+    for _ in range(60):
+        steps = min(numbers.randrange(1, 20), 300 - at)
+        equal(bench.run(slave, steps, at, 2), wanted[at:at + steps])
+        at += steps
+        states[at] = slave.getFMUstate()
+        at = numbers.choice(list(states))
+        slave.setFMUstate(states[at])
+        equal(bench.y(slave, 2), wanted[at - 1] if at else [0.0, 0.0])
+    other.setFMUstate(other.deSerializeFMUstate(slave.serializeFMUstate(states[at])))
+    equal(bench.run(other, 300 - at, at, 2), wanted[at:])
+
+
+def test_a_step_is_repeatable_though_rows_have_come(bench):
+    """What came late does not change a step that was taken without it."""
+    file = bench.file("time,a\n0,1\n")
+    slave = bench.start(file=file, column1="a")
+    state = slave.getFMUstate()
+    equal(bench.run(slave, 3), [1.0, 1.0, 1.0])
+    with open(file, "a", encoding="utf-8") as more:
+        more.write("0.015,2\n0.04,3\n")
+    slave.setFMUstate(state)
+    equal(bench.run(slave, 5), [1.0, 1.0, 1.0, 3.0, 3.0])
+    slave.setFMUstate(state)
+    equal(bench.run(slave, 5), [1.0, 1.0, 1.0, 3.0, 3.0])
+
+
+# ---- FIFOs ----
+
+
+@contextmanager
+def writer(path):
+    """The writing end; there must be a reader already."""
+    descriptor = os.open(path, os.O_WRONLY | os.O_NONBLOCK)
+    try:
+        yield lambda text: os.write(descriptor, text.encode())
+    finally:
+        os.close(descriptor)
+
+
+def test_fifo(bench):
+    """Nothing waits: without a writer, without a header, in the midst of a row, after the writer's end."""
+    path = bench.fifo()
+    slave = bench.start(file=path, column1="a", initial1=9)
+    equal(bench.run(slave, 1), [9.0])
+    with writer(path) as write:
+        write("time,a\n0.01,1\n0.0")
+        equal(bench.run(slave, 1, 1), [1.0])
+        write("3,2\n0.05,3\n")
+        equal(bench.run(slave, 1, 2), [2.0])
+        equal(bench.run(slave, 1, 3), [2.0])
+    equal(bench.run(slave, 2, 4), [3.0, 3.0])
+    with writer(path) as write:
+        write("0.07,4\n")
+        equal(bench.run(slave, 1, 6), [4.0])
+
+
+def test_fifo_rollback(bench):
+    path = bench.fifo()
+    slave = bench.start(file=path, column1="a")
+    with writer(path) as write:
+        write("time,a\n0.01,1\n0.02,2\n")
+        state = slave.getFMUstate()
+        equal(bench.run(slave, 3), [1.0, 2.0, 2.0])
+        slave.setFMUstate(state)
+        write("0.025,3\n")
+        equal(bench.run(slave, 4), [1.0, 2.0, 2.0, 3.0])
+
+
+def feed(bench, slave, write, steps, forget):
+    """`steps` steps, each with a row of 1 kB before it; y1 after each."""
+    values = []
+    for i in range(steps):
+        write(f"{(i + 1) * STEP_S},{i},{'0' * 1000}\n")
+        slave.doStep(i * STEP_S, STEP_S, fmi2.fmi2True if forget else fmi2.fmi2False)
+        values.append(bench.y(slave))
+    return values
+
+
+def test_fifo_rows_are_dropped_where_nothing_comes_back(bench):
+    """The steps are the same; a state from before is refused once its rows are gone, one from after is good."""
+    path = bench.fifo()
+    slave = bench.start(file=path, column1="a")
+    early = slave.getFMUstate()
+    with writer(path) as write:
+        write("time,a,ballast\n")
+        equal(feed(bench, slave, write, 300, True), [float(i) for i in range(300)])
+        late = slave.getFMUstate()
+        slave.setFMUstate(early)
+        bench.expect_refused(lambda: slave.doStep(0.0, STEP_S), "noSetFMUStatePriorToCurrentPoint", path)
+        slave.setFMUstate(late)
+        write("3.01,17,0\n")
+        equal(bench.run(slave, 1, 300), [17.0])
+
+
+def test_fifo_rows_are_kept_where_something_may_come_back(bench):
+    path = bench.fifo()
+    slave = bench.start(file=path, column1="a")
+    early = slave.getFMUstate()
+    with writer(path) as write:
+        write("time,a,ballast\n")
+        feed(bench, slave, write, 300, False)
+    slave.setFMUstate(early)
+    equal(bench.run(slave, 300), [float(i) for i in range(300)])
+
+
+def test_fifo_of_another_instance(bench):
+    """A state is worth nothing where the rows are not: that is said, and not passed over."""
+    path = bench.fifo()
+    slave = bench.start(file=path, column1="a")
+    with writer(path) as write:
+        write("time,a\n0,1\n")
+        bench.run(slave, 1)
+        other = bench.fmu.instantiate()
+        other.setFMUstate(other.deSerializeFMUstate(slave.serializeFMUstate(slave.getFMUstate())))
+        bench.expect_refused(lambda: other.doStep(STEP_S, STEP_S), "row 1", path)
+
+
+# ---- errors ----
+
+
+def refused_at_the_start(bench, *words, **values):
+    slave = bench.instance(**values)
+    slave.enterInitializationMode()
+    bench.expect_refused(slave.exitInitializationMode, *words)
+    return slave
+
+
+def test_no_file(bench):
+    refused_at_the_start(bench, "parameter file", "for example")
+    refused_at_the_start(bench, "cannot open", "nothing.csv", "No such file", file=bench.folder / "nothing.csv")
+    refused_at_the_start(bench, "neither a file nor a FIFO", file=bench.folder)
+    refused_at_the_start(bench, "no first line", file=bench.file(""))
+
+
+def test_the_file_may_be_named_again(bench):
+    slave = refused_at_the_start(bench, "cannot open", file=bench.folder / "nothing.csv", column1="a")
+    bench.set(slave, file=bench.file("time,a\n0,1\n"))
+    slave.exitInitializationMode()
+    equal(bench.run(slave, 1), [1.0])
+
+
+def test_no_column(bench):
+    file = bench.file("time,a,b,b\n0,1,2,3\n")
+    refused_at_the_start(bench, file, 'no column "c"', "time,a,b", file=file, column1="a", column2="c")
+    refused_at_the_start(bench, file, 'no column "t"', "time,a,b", file=file, time_column="t")
+    refused_at_the_start(bench, file, 'more than one column "b"', file=file, column1="b")
+
+
+def test_bad_rows(bench):
+    """Each is told with its line when it is come to, and again when it is tried again."""
+    head = "time,a\n0,1\n"
+    for bad, line, *words in (
+            ("0.01,x\n", 3, 'column "a"', '"x"', "12.5"), ("0.01,0x10\n", 3, "0x10"), ("0.01,nan\n", 3, "nan"),
+            ("0.01,1e999\n", 3, "1e999"), ("0.01,1 2\n", 3, '"1 2"'), ("soon,1\n", 3, 'column "time"', '"soon"'),
+            ("\n0.01,\"1\n", 4, '"1'), ("0.01," + 70 * "1" + "\n", 3, "1111"), (",1\n", 3, 'column "time"'),
+            ("0.01\n", 3, "1 cells", "2 columns"), ("0.01,1,2\n", 3, "3 cells"),
+            ("0.01,1\n0.01,2\n", 4, "does not come after"), ("-1,1\n", 3, "does not come after 0 s")):
+        file = bench.file(head)
+        slave = bench.start(file=file, column1="a")
+        state = slave.getFMUstate()
+        bench.file(head + bad)
+        for _ in range(2):
+            bench.expect_refused(lambda: bench.run(slave, 1), file, f"line {line}", *words)
+            bench.expect_refused(lambda: bench.run(slave, 1), "failed")
+            slave.setFMUstate(state)
+
+
+def test_a_bad_number_in_a_column_that_nobody_wants(bench):
+    file = bench.file("time,a,b\n0,1,x\n0.01,2,\n")
+    equal(bench.run(bench.start(file=file, column1="a"), 1), [2.0])
+
+
+def test_a_line_without_end(bench):
+    file = bench.file("time,a\n" + 70000 * "1")
+    refused_at_the_start(bench, file, "line 2", "65536 bytes", file=file, column1="a")
+
+
+def test_texts_that_a_logger_would_take_for_a_format(bench):
+    slave = bench.instance(file=bench.file("time,a\n0,%s%n#r1#\n"), column1="a")
+    slave.enterInitializationMode()
+    bench.expect_refused(slave.exitInitializationMode, '"?s?n?r1?"')
+
+
+def test_texts_that_are_too_long(bench):
+    slave = bench.instance()
+    bench.expect_refused(lambda: bench.set(slave, file=512 * "x"), "fmi2SetString", "511 bytes")
+    bench.set(slave, file=511 * "x")
+
+
+def test_parameters_are_fixed_while_stepping(bench):
+    slave = bench.start(file=bench.file("time,a\n0,1\n"), column1="a")
+    bench.expect_refused(lambda: bench.set(slave, column1="time"), "fixed parameter")
+    bench.expect_refused(lambda: slave.setString([99], ["x"]), "value reference 99")
+    bench.expect_refused(lambda: slave.getString([99]), "value reference 99")
+
+
+# ---- all of them ----
+
+
+def run_one(fmu, name, test):
+    """True where it passed."""
+    with tempfile.TemporaryDirectory() as folder:
+        try:
+            note = test(Bench(fmu, folder))
+            print(f"ok      {name}" + (f": {note}" if note else ""))
+            return True
+        except Exception:
+            print(f"FAILED  {name}\n{traceback.format_exc()}{' '.join(fmu.messages[-1:])}")
+            return False
+
+
+def main():
+    faulthandler.enable()
+    if len(sys.argv) != 2:
+        sys.exit(__doc__)
+    tests = [(name, value) for name, value in globals().items() if name.startswith("test_")]
+    with tempfile.TemporaryDirectory() as folder:
+        fmu = Fmu(Path(sys.argv[1]), folder)
+        failed = sum(not run_one(fmu, name, test) for name, test in tests)
+    print(f"{len(tests)} tests, {failed} failed")
+    return 1 if failed else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
