@@ -112,14 +112,14 @@ def is_sound(result):
 # ---- words ----
 
 class Progress:
-    """One line on a terminal that says what is being done; nothing elsewhere."""
+    """One line on a terminal that says what is being done; nothing elsewhere. `total` 0: not known."""
 
     def __init__(self, total):
         self.on, self.total, self.done = sys.stderr.isatty(), total, 0
 
     def say(self, text):
         self.done += 1
-        self._draw(f"[{self.done}/{self.total}] {text}")
+        self._draw(f"[{self.done}/{self.total}] {text}" if self.total else text)
 
     def end(self):
         self._draw("")

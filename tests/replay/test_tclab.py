@@ -54,6 +54,12 @@ def test_lock_by_capacity():
     within(result["adjust"]["board.mCp"]["last"], TRUE, 0.05, "last heat capacity, J/K")
 
 
+def test_lock_by_the_surroundings():
+    """One knob for two heaters: better than none, and no more."""
+    for free, locked, sensor in zip(errors("tclab/free.json"), errors("tclab/ambient.json"), SENSORS):
+        at_least(free / locked, 5, f"{sensor}: MSE falls by")
+
+
 def test_what_cannot_be_at_fault_does_not_lock():
     """Heat loss alone: with heaters as warm as the air it has no effect, and both heaters need different ones."""
     adjust = {"board.Q1": None, "board.Q2": None, "board.U": {"step": 2, "min": -100, "max": 200}}

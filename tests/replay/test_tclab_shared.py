@@ -37,6 +37,10 @@ def test_the_model_with_what_was_fitted():
         within(found, wanted, 0.05, f"{sensor}: MSE, K\u00b2")
 
 
+def test_lock_by_the_surroundings():
+    check_falls("tclab/ambient.json", 5, 5)
+
+
 def test_lock_by_heat():
     check_falls("tclab/lock.json", 5000, 2000)
 
