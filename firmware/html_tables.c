@@ -105,7 +105,7 @@ void tl_html_put_facts(const tl_html_report *report, const tl_html_figures *figu
     const tl_html_settings *settings = &report->settings;
     char duration[TEXT];
     tl_show_duration((double)report->recorded * tl_seconds(settings->step), duration, sizeof duration);
-    put_fact(file, settings->live ? "Plant" : "Recording", settings->source);
+    put_fact(file, settings->live ? "Source" : "Recording", settings->source);
     begin_fact(file, settings->live ? "Begun" : "Made");
     put_utc(settings->begun, file);
     end_fact(file);

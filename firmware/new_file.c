@@ -3,11 +3,17 @@
 
 #include <errno.h>
 #include <fcntl.h>
-#include <stdbool.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
 #include <unistd.h>
+
+bool tl_new_file_is(const char *path, const char *other) {
+    struct stat first;
+    struct stat second;
+    return strcmp(path, other) == 0 || (stat(path, &first) == 0 && stat(other, &second) == 0 &&
+                                        first.st_dev == second.st_dev && first.st_ino == second.st_ino);
+}
 
 /* Where it will be; `mode` is what the file at that place has, or what a new one gets. */
 static tl_status find_place(const char *given, char path[PATH_MAX], mode_t *mode, tl_error *error) {

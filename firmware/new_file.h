@@ -10,6 +10,7 @@
 #define TL_FIRMWARE_NEW_FILE_H
 
 #include <limits.h>
+#include <stdbool.h>
 #include <stdio.h>
 
 #include "master/base/status.h"
@@ -25,6 +26,9 @@ tl_status tl_new_file_open(const char *path, tl_new_file *new_file, tl_error *er
 
 /* Gives it its name. TL_TRY_AGAIN where not everything could be written; it is discarded then. */
 tl_status tl_new_file_keep(tl_new_file *new_file, tl_error *error);
+
+/* The same name, or one file by two names: what is made would take the other's place. */
+bool tl_new_file_is(const char *path, const char *other);
 
 /* A zeroed one is allowed. */
 void tl_new_file_discard(tl_new_file *new_file);

@@ -4,12 +4,12 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/stat.h>
 
 #include "firmware/assembly.h"
 #include "firmware/interrupt.h"
 #include "firmware/journal.h"
 #include "firmware/log.h"
+#include "firmware/new_file.h"
 #include "firmware/output.h"
 #include "firmware/recorder.h"
 #include "firmware/recording.h"
@@ -105,19 +105,11 @@ static int parse(int argc, char **argv, replay_options *options) {
     return 0;
 }
 
-/* The same name, or one file by two names. */
-static bool is_same_file(const char *one, const char *other) {
-    struct stat first;
-    struct stat second;
-    return strcmp(one, other) == 0 || (stat(one, &first) == 0 && stat(other, &second) == 0 &&
-                                       first.st_dev == second.st_dev && first.st_ino == second.st_ino);
-}
-
 /* What begins its file anew must not be given one that this run reads or writes. */
 static tl_status check_output(const char *option, const char *path, const char *const *taken, size_t count,
                               tl_error *error) {
     for (size_t i = 0; path != NULL && i < count; i++) {
-        if (taken[i] != NULL && is_same_file(path, taken[i])) {
+        if (taken[i] != NULL && tl_new_file_is(path, taken[i])) {
             return tl_fail(error, TL_BAD_USAGE, "%s %s would overwrite %s: give it another name", option, path,
                            taken[i]);
         }
