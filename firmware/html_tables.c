@@ -361,7 +361,7 @@ void tl_html_put_thinning(const tl_html_report *report, FILE *file) {
         (void)fputs(
             "<p class=\"note\" id=\"thinning\">Thinned: the plots show the least and the largest value of every ",
             file);
-        tl_html_put_count(file, (uint64_t)report->curves.width);
+        put_counted(file, "width", (uint64_t)report->curves.width);
         (void)fputs(" steps, in the order in which they came. No extreme is left out.</p>\n", file);
     }
     if (!report->settings.clock) {
@@ -392,7 +392,7 @@ static void put_event(const tl_html_settings *settings, const tl_html_entry *ent
     }
     (void)fputs("><td class=\"n\">", file);
     if (settings->live) {
-        tl_html_put_text(file, entry->at);
+        put_utc(entry->at, file);
     } else if (isfinite(time)) {
         (void)fprintf(file, "%.10g s", time);
     }

@@ -79,8 +79,8 @@ tl_status tl_new_file_keep(tl_new_file *new_file, tl_error *error) {
     errno = failed ? EIO : 0; /* what an earlier failure is called where nothing is left to fail */
     failed = fflush(file) != 0 || failed;
     failed = fsync(fileno(file)) != 0 || failed;
-    int cause = errno;
     failed = fclose(file) != 0 || failed;
+    int cause = errno;
     new_file->file = NULL;
     if (failed) {
         (void)unlink(new_file->name);

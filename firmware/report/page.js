@@ -101,8 +101,13 @@
 
     function hatch(context, area, from, to, colour) {
         const left = Math.max(from, area.x);
-        const right = Math.min(Math.max(to, from + 2), area.x + area.w);
+        const right = Math.min(Math.max(to, from + 3), area.x + area.w);
         if (right <= left) {
+            return;
+        }
+        if (right - left < 7) { // too narrow for a hatch to be seen
+            context.fillStyle = colour;
+            context.fillRect(left, area.y, right - left, area.h);
             return;
         }
         context.save();
@@ -398,7 +403,7 @@
         addPlot(group, {
             unit, offset: 0, height: 170, boolean: type === "Boolean",
             series: [
-                {name: "\u00fb nominal", values: adjust.nominal, colour: "nominal", width: 1.4, dash: [6, 4], stepped: true, unit, type},
+                {name: "\u00fb nominal", values: adjust.nominal, colour: "nominal", width: 2.6, stepped: true, unit, type},
                 {name: "u committed", values: adjust.u, colour: "simulated", stepped: true, unit, type},
             ],
         });
@@ -412,8 +417,8 @@
         addPlot(addGroup("Effort"), {
             offset: 0, height: 170, unit: "per step", counts: true,
             series: [
-                {name: "executions of components", values: data.executions, colour: "simulated", stepped: true},
-                {name: "evaluations", values: data.evaluations, colour: "measured", width: 2, stepped: true},
+                {name: "evaluations", values: data.evaluations, colour: "measured", stepped: true},
+                {name: "executions of components", values: data.executions, colour: "simulated", width: 1.2, stepped: true},
             ],
         });
     }
@@ -422,11 +427,11 @@
         const series = [{name: "time used", values: data.used, colour: "simulated", stepped: true, unit: "ms"}];
         if (data.budget > 0) {
             series.push({name: "budget of the search " + number(data.budget, 4) + " ms", dash: [6, 4], width: 1.2,
-                values: constant(data.budget, data.used), colour: "warning", stepped: true});
+                values: constant(data.budget, data.used), colour: "warning"});
         }
         const period = data.step * 1e3;
         series.push({name: "macro step " + number(period, 4) + " ms", dash: [2, 3], width: 1.2,
-            values: constant(period, data.used), colour: "error", stepped: true});
+            values: constant(period, data.used), colour: "error"});
         addPlot(addGroup("Time of a step"), {offset: 0, height: 170, unit: "ms", series});
     }
 
