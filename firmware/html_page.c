@@ -82,13 +82,15 @@ static const struct {
     {"data", put_data},
 };
 
-/* `name` has `length` characters; page.html has none that is not listed (a test looks). */
+/* `name` has `length` characters. One that is not listed stays as it is, for a test to find. */
 static void fill(const filling *page, const char *name, size_t length) {
     for (size_t i = 0; i < sizeof places / sizeof places[0]; i++) {
         if (strlen(places[i].name) == length && memcmp(places[i].name, name, length) == 0) {
             places[i].put(page);
+            return;
         }
     }
+    (void)fprintf(page->file, "{{%.*s}}", (int)length, name);
 }
 
 /* Where `mark` begins in what is left, or the end. */

@@ -318,7 +318,7 @@
         }
         return {
             ...paint(plot), labels: ["t", ...plot.series.map((one) => one.label)], legend: "never", labelsUTC: true,
-            includeZero: plot.counts, ylabel: escaped(plot.unit) || "\u00a0", xlabel: live ? "UTC" : "time in s", xLabelHeight: 15, yLabelWidth: 16,
+            includeZero: plot.counts || plot.zero, ylabel: escaped(plot.unit) || "\u00a0", xlabel: live ? "UTC" : "time in s", xLabelHeight: 15, yLabelWidth: 16,
             axes: {x: {axisLabelWidth: 70, pixelsPerLabel: 80}, y}, axisLabelFontSize: 12, rightGap: 12, yRangePad: 8,
             highlightCircleSize: 3, dateWindow: whole, valueRange: plot.range, animatedZooms: false,
             interactionModel: interaction(), drawCallback: follow, unhighlightCallback: hideCursor,
@@ -328,7 +328,7 @@
     }
 
     function addPlot(group, description) {
-        const plot = {bad: [], range: [null, null], unit: "", counts: false, ...description};
+        const plot = {bad: [], range: [null, null], unit: "", counts: false, zero: false, ...description};
         plot.series.forEach((one, index) => {
             one.label = "s" + index;
             one.width = one.width || 1.4;
@@ -432,7 +432,7 @@
         const period = data.step * 1e3;
         series.push({name: "macro step " + number(period, 4) + " ms", dash: [2, 3], width: 1.2,
             values: constant(period, data.used), colour: "error"});
-        addPlot(addGroup("Time of a step"), {offset: 0, height: 170, unit: "ms", series});
+        addPlot(addGroup("Time of a step"), {offset: 0, height: 170, unit: "ms", zero: true, series});
     }
 
     // Stretches without a step: lost, removed, or never recorded.
