@@ -19,6 +19,10 @@ static size_t buckets_for(size_t channels) {
     return buckets;
 }
 
+double tl_html_tolerance(const tl_plan_match *match, bool synchronise) {
+    return synchronise && match->weight > 0.0 ? match->tolerance : 0.0;
+}
+
 tl_status tl_html_report_create(const tl_html_settings *settings, tl_html_report **report, tl_error *error) {
     size_t channels = TL_HTML_STEP_CHANNELS + 3 * (settings->match_count + settings->adjust_count);
     tl_html_report *made = calloc(1, sizeof *made);

@@ -19,6 +19,7 @@
 #include "firmware/recorder.h"
 #include "firmware/utc.h"
 #include "master/metrics.h"
+#include "master/plan.h"
 
 enum { TL_HTML_EVENTS = 1000 };
 
@@ -72,6 +73,9 @@ typedef struct tl_html_event {
 } tl_html_event;
 
 typedef struct tl_html_report tl_html_report;
+
+/* The tolerance of a match; 0 where it is only compared, and so has none. */
+double tl_html_tolerance(const tl_plan_match *match, bool synchronise);
 
 tl_status tl_html_report_create(const tl_html_settings *settings, tl_html_report **report, tl_error *error);
 

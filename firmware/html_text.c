@@ -70,7 +70,8 @@ void tl_html_digest(const void *data, size_t size, char text[TL_HTML_DIGEST]) {
     static const char letters[] = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
     char digits[TL_SHA256_TEXT + 2];
     tl_sha256(data, size, digits);
-    memcpy(digits + 64, "00", 2); /* 32 bytes are 43 letters, the last of them with two bits to spare */
+    digits[64] = '0'; /* 32 bytes are 43 letters, the last of them with two bits to spare */
+    digits[65] = '0';
     char *end = text + sprintf(text, "sha256-");
     for (size_t i = 0; i < 66; i += 3) { /* three hexadecimal digits are two letters */
         uint32_t bits = hexadecimal(digits[i]) << 8 | hexadecimal(digits[i + 1]) << 4 | hexadecimal(digits[i + 2]);

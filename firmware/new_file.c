@@ -21,6 +21,10 @@ static tl_status find_place(const char *given, char path[PATH_MAX], mode_t *mode
     if (given[0] == '\0') {
         return tl_fail(error, TL_BAD_USAGE, "the name of the file is empty: give one, for example report.html");
     }
+    if (strcmp(given, "-") == 0) {
+        return tl_fail(error, TL_BAD_USAGE,
+                       "\"-\" is no file, and this cannot go to standard output: give a name, for example report.html");
+    }
     if (realpath(given, path) != NULL && stat(path, &file) == 0) {
         *mode = file.st_mode & 0777;
         return S_ISREG(file.st_mode)

@@ -25,7 +25,7 @@ static tl_status create(tl_replay_report *report, tl_error *error) {
     tl_twin_facts facts = tl_twin_get_facts(report->assembly->twin);
     tl_assembly_signals(report->assembly, report->match, report->adjust);
     for (size_t i = 0; i < config->match_count; i++) {
-        report->tolerance[i] = config->match[i].tolerance;
+        report->tolerance[i] = tl_html_tolerance(&config->match[i], config->synchronise);
     }
     tl_utc_text(tl_utc_now(), report->begun);
     const tl_html_settings settings = {

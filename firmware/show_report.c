@@ -48,7 +48,7 @@ static void find_tolerances(recorded_run *run) {
     for (size_t i = 0; i < run->summary.match_count; i++) {
         for (size_t k = 0; k < run->config.match_count; k++) {
             if (strcmp(run->config.match[k].variable, run->summary.match[i].signal->name) == 0) {
-                run->tolerance[i] = run->config.match[k].tolerance;
+                run->tolerance[i] = tl_html_tolerance(&run->config.match[k], run->config.synchronise);
             }
         }
     }

@@ -92,6 +92,7 @@
         for (const one of plot.series) {
             series[one.label] = {
                 color: palette[one.colour], strokeWidth: one.width, strokePattern: one.dash || null, stepPlot: one.stepped,
+                highlightCircleSize: one.name ? 3 : 0,
             };
         }
         return {series, axisLineColor: palette.line, gridLineColor: palette.grid};
@@ -310,7 +311,7 @@
     }
 
     function options(plot) {
-        const y = {axisLabelWidth: 58, axisLabelFormatter: (value, _, __, graph) => tick(value, graph)};
+        const y = {axisLabelWidth: 58, pixelsPerLabel: 24, axisLabelFormatter: (value, _, __, graph) => tick(value, graph)};
         if (plot.boolean) {
             y.ticker = () => [{v: 0, label: "false"}, {v: 1, label: "true"}];
         } else if (plot.counts) {
@@ -320,7 +321,7 @@
             ...paint(plot), labels: ["t", ...plot.series.map((one) => one.label)], legend: "never", labelsUTC: true,
             includeZero: plot.counts || plot.zero, ylabel: escaped(plot.unit) || "\u00a0", xlabel: live ? "UTC" : "time in s", xLabelHeight: 15, yLabelWidth: 16,
             axes: {x: {axisLabelWidth: 70, pixelsPerLabel: 80}, y}, axisLabelFontSize: 12, rightGap: 12, yRangePad: 8,
-            highlightCircleSize: 3, dateWindow: whole, valueRange: plot.range, animatedZooms: false,
+            dateWindow: whole, valueRange: plot.range, animatedZooms: false,
             interactionModel: interaction(), drawCallback: follow, unhighlightCallback: hideCursor,
             highlightCallback: (event, x) => showCursor(x, plot),
             underlayCallback: (context, area, graph) => drawBehind(plot, context, area, graph),

@@ -128,6 +128,14 @@ static void test_the_curves(void) {
     expect_once("A replay has no clock");
 }
 
+static void test_what_is_only_compared_has_no_tolerance(void) {
+    const tl_plan_match matched = {.tolerance = 2.0, .weight = 1.0};
+    const tl_plan_match compared = {.tolerance = 1.0, .weight = 0.0};
+    TEST_ASSERT_EQUAL_DOUBLE(2.0, tl_html_tolerance(&matched, true));
+    TEST_ASSERT_EQUAL_DOUBLE(0.0, tl_html_tolerance(&compared, true));
+    TEST_ASSERT_EQUAL_DOUBLE(0.0, tl_html_tolerance(&matched, false));
+}
+
 static void test_a_clock(void) {
     settings.clock = true;
     settings.live = true;
@@ -249,6 +257,7 @@ int main(void) {
     UNITY_BEGIN();
     RUN_TEST(test_every_place_is_filled);
     RUN_TEST(test_the_curves);
+    RUN_TEST(test_what_is_only_compared_has_no_tolerance);
     RUN_TEST(test_a_clock);
     RUN_TEST(test_a_late_step_is_told);
     RUN_TEST(test_names_are_text);

@@ -135,6 +135,11 @@ static void test_no_name(void) {
     expect_refused(TL_BAD_USAGE, "the name of the file is empty: give one, for example report.html");
 }
 
+static void test_standard_output(void) {
+    (void)snprintf(path, sizeof path, "-");
+    expect_refused(TL_BAD_USAGE, "cannot go to standard output");
+}
+
 static void test_a_name_that_is_too_long(void) {
     memset(path, 'x', sizeof path - 2);
     path[0] = '/';
@@ -192,6 +197,7 @@ int main(void) {
     RUN_TEST(test_a_folder_and_a_fifo_are_left);
     RUN_TEST(test_a_folder_that_is_not_there);
     RUN_TEST(test_no_name);
+    RUN_TEST(test_standard_output);
     RUN_TEST(test_a_name_that_is_too_long);
     RUN_TEST(test_a_full_disk);
     RUN_TEST(test_a_place_that_is_taken_at_the_end);
