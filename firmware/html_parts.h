@@ -23,9 +23,8 @@ typedef struct tl_html_entry {
 struct tl_html_report {
     tl_html_settings settings;
     tl_envelope curves;
-    uint64_t recorded;               /* steps */
-    uint8_t qualities[TL_MAX_MATCH]; /* bit q: quality q was seen of ŷ, but for good */
-    uint64_t event_count;            /* all that there were */
+    uint64_t recorded;    /* steps */
+    uint64_t event_count; /* all that there were */
     tl_html_entry events[TL_HTML_EVENTS];
 };
 

@@ -72,8 +72,9 @@ void tl_html_report_add_output(tl_html_report *report, int64_t step, size_t matc
     tl_envelope_put(&report->curves, channel, position, y);
     tl_envelope_put(&report->curves, channel + 1, position, good ? y_hat : (double)NAN);
     tl_envelope_put(&report->curves, channel + 2, position, good ? y - y_hat : (double)NAN);
-    tl_envelope_mark(&report->curves, channel, position, good ? 0 : (uint8_t)(1U << quality));
-    report->qualities[match] |= good ? 0 : (uint8_t)(1U << quality);
+    if (!good) {
+        tl_envelope_mark(&report->curves, channel, position, (uint8_t)(1U << (unsigned)quality));
+    }
 }
 
 void tl_html_report_add_adjustment(tl_html_report *report, int64_t step, size_t adjust, double u, double u_hat) {
