@@ -340,6 +340,8 @@
         const figure = element("figure", "");
         const canvas = element("div", "plot");
         canvas.style.height = plot.height + "px";
+        canvas.setAttribute("role", "img");
+        canvas.setAttribute("aria-label", plot.series.filter((one) => one.name).map((one) => one.name).join(", "));
         figure.append(legend(plot), canvas);
         group.append(figure);
         plot.place = canvas;

@@ -266,6 +266,9 @@ def test_paper():
         expect_plots(browser, LIGHT)
         widths = browser.ask("Array.from(document.querySelectorAll('.plot'), (plot) => plot.offsetWidth)")
         expect(set(widths) == {670}, f"widths on paper: {widths}")
+        browser.call("Emulation.setEmulatedMedia", media="print")
+        shown = browser.ask("Array.from(document.querySelectorAll('.plot canvas'), (one) => getComputedStyle(one).display)")
+        expect("none" not in shown[0::2] and set(shown[1::2]) == {"none"}, f"the upper canvas wipes the lower: {shown}")
 
 
 # ---- recorded runs ----
@@ -301,11 +304,14 @@ def test_a_live_run():
         labels = browser.ask("Array.from(document.querySelectorAll('.dygraph-axis-label-y'), (one) => one.textContent)")
         shown = figures(browser)
         warnings = coloured(browser, (179, 92, 0))
+        bad, gaps = coloured(browser, (190, 60, 40)), coloured(browser, (110, 120, 130))
     for wanted in ("2026-11-21 10:00:00 UTC", "no link", "budget of the search 6 ms", "macro step 10 ms", "not all",
                    "longest 11 ms of 10 ms", "10:00:04", "steps that are not in the database", "left out"):
         expect(wanted in text, f"the page does not say {wanted!r}")
     expect("true" in labels and "false" in labels, f"{labels}")
     expect(shown["late"] == 1, f"late: {shown}")
+    expect(bad[0]["count"] > 100 and 0.2 < bad[0]["left"] < bad[0]["right"] < 0.4 and bad[2]["count"] == 0, f"{bad}")
+    expect(all(plot["count"] > 100 for plot in gaps), f"gaps: {gaps}")
     expect(len(warnings) == 6 and all(plot["count"] > 20 for plot in warnings), f"marks of the event: {warnings}")
 
 
@@ -368,6 +374,23 @@ def test_hostile_database():
         expect_inert(browser, path)
         expect(HOSTILE in browser.ask("document.querySelector('figcaption').textContent"), "a name is another")
         expect(values["unit"] in browser.ask("document.querySelector('.dygraph-ylabel').textContent"), "a unit")
+        expect_plots(browser, LIGHT)
+
+
+def test_the_policy_holds():
+    """Should a name slip through one day, it is not run, and nothing is loaded for it."""
+    path, _ = report("replay", LOCK)
+    slipped = ("<script>window.hacked = 1</script><img src='https://plant.example/x.png' onerror='window.hacked = 2'>"
+               "<script src='https://plant.example/x.js'></script>")
+    page = path.read_text(encoding="utf-8")
+    path.write_text(page.replace("<main>", "<main>" + slipped), encoding="utf-8")
+    with Browser() as browser:
+        browser.open(path)
+        expect(browser.ask("document.scripts.length") == 5, "nothing slipped through")
+        expect(browser.ask("window.hacked") is None, "what slipped through was run")
+        refused = [event["entry"]["text"] for event in browser.happened("Log.entryAdded")]
+        expect(len(refused) >= 3 and all("Content Security Policy" in text for text in refused), f"{refused}")
+        expect(not browser.happened("Network.responseReceived")[1:], "something was loaded")
         expect_plots(browser, LIGHT)
 
 
