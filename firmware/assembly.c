@@ -147,6 +147,21 @@ static tl_type type_of(const tl_assembly *assembly, const char *reference) {
     return TL_REAL;
 }
 
+void tl_assembly_signals(const tl_assembly *assembly, tl_recorder_signal match[TL_MAX_MATCH],
+                         tl_recorder_signal adjust[TL_MAX_ADJUST]) {
+    const tl_config *config = &assembly->config;
+    for (size_t i = 0; i < config->match_count; i++) {
+        const char *variable = config->match[i].variable;
+        match[i] = (tl_recorder_signal){variable, tl_twin_match_unit(assembly->twin, i), config->match[i].to,
+                                        type_of(assembly, variable)};
+    }
+    for (size_t i = 0; i < config->adjust_count; i++) {
+        const char *variable = config->adjust[i].variable;
+        adjust[i] =
+            (tl_recorder_signal){variable, tl_twin_adjust_unit(assembly->twin, i), NULL, type_of(assembly, variable)};
+    }
+}
+
 tl_status tl_assembly_record(const tl_assembly *assembly, const char *verb, const char *path, bool wait_when_full,
                              tl_recorder **recorder, tl_error *error) {
     const tl_config *config = &assembly->config;
@@ -161,16 +176,7 @@ tl_status tl_assembly_record(const tl_assembly *assembly, const char *verb, cons
         (void)snprintf(names[i], sizeof names[i], "plant.%s", signal->name);
         plant[i] = (tl_recorder_signal){names[i], signal->unit, NULL, signal->type};
     }
-    for (size_t i = 0; i < config->match_count; i++) {
-        const char *variable = config->match[i].variable;
-        match[i] = (tl_recorder_signal){variable, tl_twin_match_unit(assembly->twin, i), config->match[i].to,
-                                        type_of(assembly, variable)};
-    }
-    for (size_t i = 0; i < config->adjust_count; i++) {
-        const char *variable = config->adjust[i].variable;
-        adjust[i] =
-            (tl_recorder_signal){variable, tl_twin_adjust_unit(assembly->twin, i), NULL, type_of(assembly, variable)};
-    }
+    tl_assembly_signals(assembly, match, adjust);
     assert(facts.components <= TL_RECORDER_COMPONENTS);
     for (size_t i = 0; i < facts.components; i++) {
         components[i] = tl_twin_component_name(assembly->twin, i);

@@ -37,6 +37,10 @@ tl_status tl_assembly_build(tl_assembly *assembly);
 tl_status tl_assembly_record(const tl_assembly *assembly, const char *verb, const char *path, bool wait_when_full,
                              tl_recorder **recorder, tl_error *error);
 
+/* The matched and the adjusted variables as the recorder and the report name them; texts live as long as the assembly. */
+void tl_assembly_signals(const tl_assembly *assembly, tl_recorder_signal match[TL_MAX_MATCH],
+                         tl_recorder_signal adjust[TL_MAX_ADJUST]);
+
 /* Puts a step with the twin's ledger as it stands. In mode ahead that is one step further than the record. */
 void tl_assembly_put_step(const tl_assembly *assembly, tl_recorder *recorder, const tl_record *record);
 

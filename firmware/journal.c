@@ -43,6 +43,9 @@ void tl_journal_event(tl_journal *journal, int64_t tick, tl_severity severity, c
     if (journal->recorder != NULL) {
         tl_recorder_event(journal->recorder, tick, severity, source, text);
     }
+    if (journal->hear != NULL) {
+        journal->hear(journal->listener, tick, severity, source, text);
+    }
     uint64_t number;
     tl_journal_entry *entry = claim(journal, &number);
     if (entry == NULL) {

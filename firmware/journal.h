@@ -24,8 +24,11 @@ typedef struct tl_journal_entry {
 
 typedef struct tl_journal {
     tl_recorder *recorder; /* NULL: events are only logged */
-    uint64_t head;         /* next to write */
-    uint64_t tail;         /* next to read */
+    /* Hears every event in the thread that tells it; NULL: nobody does. For a journal that has one such thread. */
+    void (*hear)(void *listener, int64_t tick, tl_severity severity, const char *source, const char *text);
+    void *listener;
+    uint64_t head; /* next to write */
+    uint64_t tail; /* next to read */
     uint64_t dropped;
     tl_journal_entry entries[TL_JOURNAL_ENTRIES];
 } tl_journal;

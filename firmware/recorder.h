@@ -65,6 +65,9 @@ typedef struct tl_recorder_settings {
 
 typedef enum tl_severity { TL_EVENT_INFO, TL_EVENT_WARNING, TL_EVENT_ERROR } tl_severity;
 
+/* "info", "warning", "error". */
+const char *tl_severity_name(tl_severity severity);
+
 /* What became of what was put: samples, steps and events alike. What the recorder itself says is not counted. */
 typedef struct tl_recorder_counts {
     uint64_t written; /* entries committed */

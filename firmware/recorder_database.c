@@ -346,7 +346,7 @@ static tl_status change(sqlite3 *connection, const char *sql, int64_t first, con
     return status;
 }
 
-static const char *severity_name(tl_severity severity) {
+const char *tl_severity_name(tl_severity severity) {
     switch (severity) {
     case TL_EVENT_INFO:
         return "info";
@@ -379,7 +379,7 @@ static tl_status write_names(sqlite3 *connection, tl_error *error) {
     }
     for (int i = TL_EVENT_INFO; i <= TL_EVENT_ERROR && status == TL_OK; i++) {
         status = change(connection, "INSERT OR REPLACE INTO severities VALUES (?1, ?2)", i,
-                        severity_name((tl_severity)i), NULL, error);
+                        tl_severity_name((tl_severity)i), NULL, error);
     }
     return status;
 }

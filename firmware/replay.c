@@ -22,6 +22,9 @@ static void keep(const tl_replay *replay, int64_t tick, const tl_record *record,
     if (replay->trajectory != NULL) {
         tl_trajectory_add(replay->trajectory, config, record);
     }
+    if (replay->report != NULL) {
+        tl_replay_report_add(replay->report, record);
+    }
 }
 
 /* As configured, but without a clock; where time cut the run's search short, exactly what it had time for. */

@@ -12,6 +12,7 @@
 #include "firmware/assembly.h"
 #include "firmware/recorder.h"
 #include "firmware/recording.h"
+#include "firmware/replay_report.h"
 #include "firmware/summary.h"
 #include "firmware/trajectory.h"
 #include "firmware/watch.h"
@@ -19,9 +20,10 @@
 typedef struct tl_replay {
     const tl_assembly *assembly;
     tl_recording *recording;
-    tl_recorder *recorder; /* NULL: none */
-    tl_watch *watch;       /* tells events as a live run's does; NULL: none */
-    FILE *trajectory;      /* NULL: none */
+    tl_recorder *recorder;    /* NULL: none */
+    tl_watch *watch;          /* tells events as a live run's does; NULL: none */
+    FILE *trajectory;         /* NULL: none */
+    tl_replay_report *report; /* NULL: none */
     bool realtime;
 } tl_replay;
 

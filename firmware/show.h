@@ -1,6 +1,6 @@
-/* What `twinlock show` shows of a database: a page for people, one JSON object, or a table as CSV.
+/* What `twinlock show` shows of a database: a page for people, one JSON object, a table as CSV, or a report.
  *
- * Purpose: one request, three ways to answer it. The request is checked; what it asks for is read while it is printed.
+ * Purpose: one request, four ways to answer it. The request is checked; what it asks for is read while it is printed.
  * Errors:  those of history.h.
  * Thread:  one thread.
  */
@@ -40,6 +40,9 @@ tl_status tl_show_json(const tl_show_request *request, FILE *file, tl_error *err
 
 /* With a header, quoted as RFC 4180 says; numbers so that they read back as they were. */
 tl_status tl_show_csv(const tl_show_request *request, tl_show_csv_table table, FILE *file, tl_error *error);
+
+/* An HTML page (html_report.h) as a file of its own, which may not be the database. Errors: those of new_file.h too. */
+tl_status tl_show_report(const tl_show_request *request, const char *path, tl_error *error);
 
 /* Steps of a live run were at a time of the world, those of a replay were not. */
 bool tl_show_is_live(const tl_history_run *run);

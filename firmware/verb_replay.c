@@ -4,12 +4,12 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/stat.h>
 
 #include "firmware/assembly.h"
 #include "firmware/interrupt.h"
 #include "firmware/journal.h"
 #include "firmware/log.h"
+#include "firmware/new_file.h"
 #include "firmware/output.h"
 #include "firmware/recorder.h"
 #include "firmware/recording.h"
@@ -23,13 +23,14 @@ typedef struct replay_options {
     const char *recording;
     const char *database;
     const char *trajectory;
+    const char *report;
     bool json;
     bool realtime;
     bool plain;
     FILE *output;
 } replay_options;
 
-/* Events on their way to the database. */
+/* Events on their way to the database and the report. */
 typedef struct event_way {
     tl_journal journal;
     tl_watch watch;
@@ -43,6 +44,7 @@ static void print_help(FILE *file) {
                 "  --json            print one JSON object instead of a table\n"
                 "  --db FILE         record into a SQLite database, as `run` does\n"
                 "  --csv FILE        write y, ŷ, u and û of every step (\"-\": standard output, without the table)\n"
+                "  --report FILE     write a page with key figures, plots and events, for a browser and for paper\n"
                 "  --realtime        at the plant's own pace\n"
                 "  --plain           execute everything: no saving by structure or sequences; the results are the\n"
                 "                    same to the bit\n"
@@ -57,6 +59,7 @@ static int parse(int argc, char **argv, replay_options *options) {
         {"json", no_argument, NULL, 'j'},
         {"db", required_argument, NULL, 'd'},
         {"csv", required_argument, NULL, 'c'},
+        {"report", required_argument, NULL, 'R'},
         {"realtime", no_argument, NULL, 't'},
         {"plain", no_argument, NULL, 'p'},
         {"help", no_argument, NULL, 'h'},
@@ -75,6 +78,9 @@ static int parse(int argc, char **argv, replay_options *options) {
             break;
         case 'c':
             options->trajectory = optarg;
+            break;
+        case 'R':
+            options->report = optarg;
             break;
         case 't':
             options->realtime = true;
@@ -99,40 +105,45 @@ static int parse(int argc, char **argv, replay_options *options) {
     return 0;
 }
 
-/* The same name, or one file by two names. */
-static bool is_same_file(const char *one, const char *other) {
-    struct stat first;
-    struct stat second;
-    return strcmp(one, other) == 0 || (stat(one, &first) == 0 && stat(other, &second) == 0 &&
-                                       first.st_dev == second.st_dev && first.st_ino == second.st_ino);
-}
-
-/* --csv begins its file anew: it must not be one that this run reads or writes. */
-static tl_status check_trajectory(const replay_options *options, const char *recording, tl_error *error) {
-    const char *taken[] = {options->config, recording, options->database};
-    for (size_t i = 0; options->trajectory != NULL && i < sizeof taken / sizeof *taken; i++) {
-        if (taken[i] != NULL && is_same_file(options->trajectory, taken[i])) {
-            return tl_fail(error, TL_BAD_USAGE, "--csv %s would overwrite %s: give it another name",
-                           options->trajectory, taken[i]);
+/* What begins its file anew must not be given one that this run reads or writes. */
+static tl_status check_output(const char *option, const char *path, const char *const *taken, size_t count,
+                              tl_error *error) {
+    for (size_t i = 0; path != NULL && i < count; i++) {
+        if (taken[i] != NULL && tl_new_file_is(path, taken[i])) {
+            return tl_fail(error, TL_BAD_USAGE, "%s %s would overwrite %s: give it another name", option, path,
+                           taken[i]);
         }
     }
     return TL_OK;
 }
 
-static tl_status open_recording(const tl_assembly *assembly, const replay_options *options, tl_recording **recording,
+static tl_status check_outputs(const replay_options *options, const char *recording, tl_error *error) {
+    const char *const taken[] = {options->config, recording, options->database, options->trajectory};
+    tl_status status = check_output("--csv", options->trajectory, taken, 3, error);
+    return status == TL_OK ? check_output("--report", options->report, taken, 4, error) : status;
+}
+
+/* Where the recording is goes to `path`. */
+static tl_status find_recording(const tl_config *config, const replay_options *options, char path[PATH_MAX],
                                 tl_error *error) {
-    const tl_config *config = &assembly->config;
-    char configured[PATH_MAX];
-    const char *path = options->recording;
-    if (path == NULL && config->recording_file == NULL) {
+    if (options->recording != NULL) {
+        (void)snprintf(path, PATH_MAX, "%s", options->recording);
+        return TL_OK;
+    }
+    if (config->recording_file == NULL) {
         return tl_fail(error, TL_BAD_USAGE, "%s names no recording: give one with --recording FILE", config->path);
     }
-    if (path == NULL) {
-        tl_config_file_path(config, config->recording_file, configured, sizeof configured);
-        path = configured;
+    tl_config_file_path(config, config->recording_file, path, PATH_MAX);
+    return TL_OK;
+}
+
+static tl_status open_recording(const tl_assembly *assembly, const replay_options *options, char path[PATH_MAX],
+                                tl_recording **recording, tl_error *error) {
+    tl_status status = find_recording(&assembly->config, options, path, error);
+    if (status == TL_OK) {
+        status = check_outputs(options, path, error);
     }
-    tl_status status = check_trajectory(options, path, error);
-    return status == TL_OK ? tl_recording_open(path, config, recording, error) : status;
+    return status == TL_OK ? tl_recording_open(path, &assembly->config, recording, error) : status;
 }
 
 static void print_summary(const tl_assembly *assembly, const replay_options *options, const tl_summary *summary) {
@@ -143,65 +154,92 @@ static void print_summary(const tl_assembly *assembly, const replay_options *opt
     }
 }
 
-/* The recorder, and the watch whose events it gets. They are not logged: who replays has the table. */
-static tl_status open_database(const tl_assembly *assembly, const replay_options *options, event_way *way,
-                               tl_replay *replay, tl_error *error) {
-    tl_status status = tl_assembly_record(assembly, "replay", options->database, true, &replay->recorder, error);
-    tl_journal_init(&way->journal, replay->recorder);
-    tl_watch_init(&way->watch, &assembly->config, &way->journal);
-    replay->watch = &way->watch;
-    return status;
-}
-
-static tl_status close_database(tl_replay *replay, const char *reason, tl_error *error) {
-    tl_recorder_counts counts;
-    return replay->recorder == NULL ? TL_OK : tl_recorder_close(replay->recorder, reason, &counts, error);
-}
-
-/* Runs, then closes what the run wrote; the first failure counts. */
-static tl_status replay_into(const tl_assembly *assembly, const replay_options *options, event_way *way,
-                             tl_replay *replay, tl_error *error) {
-    tl_summary summary;
+/* The recorder and the report, and the watch whose events they get. These are not logged: who replays has the table. */
+static tl_status open_outputs(const tl_assembly *assembly, const replay_options *options, const char *recording,
+                              event_way *way, tl_replay *replay, tl_error *error) {
     tl_status status = TL_OK;
     if (options->database != NULL) {
-        status = open_database(assembly, options, way, replay, error);
+        status = tl_assembly_record(assembly, "replay", options->database, true, &replay->recorder, error);
+    }
+    if (status == TL_OK && options->report != NULL) {
+        status = tl_replay_report_open(assembly, options->report, recording, &replay->report, error);
     }
     if (status == TL_OK && options->trajectory != NULL) {
         status =
             tl_trajectory_open(options->trajectory, options->output, &assembly->config, &replay->trajectory, error);
     }
-    if (status == TL_OK) {
-        status = tl_replay_run(replay, &summary, error);
-        if (status == TL_OK || status == TL_INTERRUPTED) {
-            print_summary(assembly, options, &summary);
-            tl_assembly_check_ledger(assembly, replay->recorder);
-        }
+    tl_journal_init(&way->journal, replay->recorder);
+    tl_watch_init(&way->watch, &assembly->config, &way->journal);
+    if (replay->report != NULL) {
+        tl_replay_report_listen(replay->report, &way->journal);
     }
-    tl_error later;
-    if (replay->trajectory != NULL &&
-        tl_trajectory_close(replay->trajectory, options->output, options->trajectory, &later) != TL_OK &&
-        status == TL_OK) {
-        *error = later;
-        status = later.status;
-    }
-    const char *reason = status == TL_OK            ? "end of recording"
-                         : status == TL_INTERRUPTED ? tl_interrupt_requested()
-                                                    : error->text;
-    if (close_database(replay, reason, &later) != TL_OK && status == TL_OK) {
-        *error = later;
-        status = later.status;
+    replay->watch = replay->recorder != NULL || replay->report != NULL ? &way->watch : NULL;
+    return status;
+}
+
+/* The first failure counts. */
+static tl_status first_of(tl_status status, tl_status later_status, const tl_error *later, tl_error *error) {
+    if (status == TL_OK && later_status != TL_OK) {
+        *error = *later;
+        return later_status;
     }
     return status;
 }
 
+static tl_status close_outputs(const replay_options *options, tl_replay *replay, tl_status status, tl_error *error) {
+    tl_error later;
+    if (replay->trajectory != NULL) {
+        tl_status closed = tl_trajectory_close(replay->trajectory, options->output, options->trajectory, &later);
+        status = first_of(status, closed, &later, error);
+    }
+    const char *reason = status == TL_OK            ? "end of recording"
+                         : status == TL_INTERRUPTED ? tl_interrupt_requested()
+                                                    : error->text;
+    if (replay->recorder != NULL) {
+        tl_recorder_counts counts;
+        tl_status closed = tl_recorder_close(replay->recorder, reason, &counts, &later);
+        status = first_of(status, closed, &later, error);
+    }
+    tl_replay_report_close(replay->report);
+    return status;
+}
+
+/* Of a run that came to its end, or was interrupted. */
+static tl_status tell(const tl_assembly *assembly, const replay_options *options, const tl_replay *replay,
+                      const tl_summary *summary, tl_status status, tl_error *error) {
+    tl_error later;
+    print_summary(assembly, options, summary);
+    tl_assembly_check_ledger(assembly, replay->recorder);
+    if (replay->report != NULL) {
+        const char *ended = status == TL_OK ? "end of recording" : error->text;
+        tl_status kept = tl_replay_report_keep(replay->report, summary, ended, &later);
+        status = first_of(status, kept, &later, error);
+    }
+    return status;
+}
+
+/* Runs, then closes what the run wrote. */
+static tl_status replay_into(const tl_assembly *assembly, const replay_options *options, const char *recording,
+                             event_way *way, tl_replay *replay, tl_error *error) {
+    tl_summary summary;
+    tl_status status = open_outputs(assembly, options, recording, way, replay, error);
+    if (status == TL_OK) {
+        status = tl_replay_run(replay, &summary, error);
+        if (status == TL_OK || status == TL_INTERRUPTED) {
+            status = tell(assembly, options, replay, &summary, status, error);
+        }
+    }
+    return close_outputs(options, replay, status, error);
+}
+
 /* With what is too large for a small stack. */
-static tl_status replay_and_tell(const tl_assembly *assembly, const replay_options *options, tl_replay *replay,
-                                 tl_error *error) {
+static tl_status replay_and_tell(const tl_assembly *assembly, const replay_options *options, const char *recording,
+                                 tl_replay *replay, tl_error *error) {
     event_way *made = calloc(1, sizeof *made);
     if (made == NULL) {
         return tl_fail(error, TL_TRY_AGAIN, "not enough memory");
     }
-    tl_status status = replay_into(assembly, options, made, replay, error);
+    tl_status status = replay_into(assembly, options, recording, made, replay, error);
     free(made);
     return status;
 }
@@ -231,9 +269,10 @@ int tl_verb_replay(int argc, char **argv) {
     tl_status status = load(&options, &assembly);
     if (status == TL_OK) {
         tl_replay replay = {.assembly = &assembly, .realtime = options.realtime};
-        status = open_recording(&assembly, &options, &replay.recording, &error);
+        char recording[PATH_MAX];
+        status = open_recording(&assembly, &options, recording, &replay.recording, &error);
         if (status == TL_OK) {
-            status = replay_and_tell(&assembly, &options, &replay, &error);
+            status = replay_and_tell(&assembly, &options, recording, &replay, &error);
         }
         tl_recording_close(replay.recording);
         if (status != TL_OK) {

@@ -19,6 +19,7 @@ typedef struct show_options {
     tl_show_csv_table table;
     bool all_events;
     const char *since;
+    const char *report;
 } show_options;
 
 static void print_help(FILE *file) {
@@ -31,6 +32,7 @@ static void print_help(FILE *file) {
                 "  --events      all events, not only the last ten\n"
                 "  --json        print one JSON object\n"
                 "  --csv TABLE   print a table as CSV: outputs, adjustments, steps, samples or events\n"
+                "  --report FILE write a page with key figures, plots and events, for a browser and for paper\n"
                 "  --help        this text\n",
                 file);
 }
@@ -107,6 +109,9 @@ static int take_option(int option, show_options *options) {
         return parse_table(optarg, &options->table)
                    ? 0
                    : refuse("--csv", optarg, "outputs, adjustments, steps, samples or events");
+    case 'R':
+        options->report = optarg;
+        return 0;
     case 'h':
         print_help(stdout);
         return 1;
@@ -118,13 +123,10 @@ static int take_option(int option, show_options *options) {
 
 static int parse(int argc, char **argv, show_options *options) {
     static const struct option LONG[] = {
-        {"run", required_argument, NULL, 'r'},
-        {"since", required_argument, NULL, 's'},
-        {"events", no_argument, NULL, 'e'},
-        {"json", no_argument, NULL, 'j'},
-        {"csv", required_argument, NULL, 'c'},
-        {"help", no_argument, NULL, 'h'},
-        {NULL, 0, NULL, 0},
+        {"run", required_argument, NULL, 'r'}, {"since", required_argument, NULL, 's'},
+        {"events", no_argument, NULL, 'e'},    {"json", no_argument, NULL, 'j'},
+        {"csv", required_argument, NULL, 'c'}, {"report", required_argument, NULL, 'R'},
+        {"help", no_argument, NULL, 'h'},      {NULL, 0, NULL, 0},
     };
     for (int option = 0; (option = getopt_long(argc, argv, "h", LONG, NULL)) != -1;) {
         int result = take_option(option, options);
@@ -132,8 +134,9 @@ static int parse(int argc, char **argv, show_options *options) {
             return result;
         }
     }
-    if (optind != argc - 1 || (options->json && options->csv)) {
-        (void)fputs("twinlock show: expected exactly one database, and at most one of --json and --csv\n\n", stderr);
+    if (optind != argc - 1 || options->json + options->csv + (options->report != NULL) > 1) {
+        (void)fputs("twinlock show: expected exactly one database, and at most one of --json, --csv and --report\n\n",
+                    stderr);
         print_help(stderr);
         return 3;
     }
@@ -193,6 +196,9 @@ static tl_status choose_since(tl_show_request *request, const char *since, tl_er
 static tl_status print(const tl_show_request *request, const show_options *options, tl_error *error) {
     if (options->csv) {
         return tl_show_csv(request, options->table, stdout, error);
+    }
+    if (options->report != NULL) {
+        return tl_show_report(request, options->report, error);
     }
     return options->json ? tl_show_json(request, stdout, error) : tl_show_page(request, stdout, error);
 }
