@@ -53,7 +53,7 @@ typedef struct tl_html_figures {
     uint64_t time_limited;
     uint64_t late; /* steps that took longer than their period */
     tl_time longest;
-    uint64_t outcomes[TL_MADE_UP + 1];
+    uint64_t outcomes[TL_OUTCOMES];
     tl_metrics match[TL_MAX_MATCH];
     struct {
         double first, last, mean, delta_mean; /* NaN: not known */

@@ -167,17 +167,21 @@ static void put_deviation_tile(const tl_html_report *report, const tl_html_figur
     end_tile(file);
 }
 
+/* Of an event horizon, which holds u in between, it is the searches of strokes that count. */
 static void put_lock_tile(const tl_html_report *report, const tl_html_figures *figures, FILE *file) {
-    uint64_t in = figures->outcomes[TL_FIRST_GUESS] + figures->outcomes[TL_OPTIMISED];
-    begin_tile(file, "Steps within tolerance");
+    const uint64_t *outcomes = figures->outcomes;
+    uint64_t in = outcomes[TL_FIRST_GUESS] + outcomes[TL_OPTIMISED];
+    bool strokes = outcomes[TL_HELD] > 0;
+    uint64_t all = strokes ? in + outcomes[TL_BEST_SO_FAR] + outcomes[TL_NOMINAL] : report->recorded;
+    begin_tile(file, strokes ? "Strokes within tolerance" : "Steps within tolerance");
     if (report->settings.adjust_count == 0) {
         (void)fputs("–</p><p class=\"sub\">not synchronised", file);
     } else {
-        double share = report->recorded == 0 ? 0.0 : 100.0 * (double)in / (double)report->recorded;
+        double share = all == 0 ? 0.0 : 100.0 * (double)in / (double)all;
         (void)fprintf(file, "%.4g <small>%%</small></p><p class=\"sub\">", share);
         tl_html_put_count(file, in);
         (void)fputs(" of ", file);
-        tl_html_put_count(file, report->recorded);
+        tl_html_put_count(file, all);
     }
     end_tile(file);
 }
@@ -318,7 +322,7 @@ static void put_row(FILE *file, const char *name, const char *key, uint64_t coun
 static void put_steps(const tl_html_report *report, const tl_html_figures *figures, FILE *file) {
     begin_table(file, "Steps", "<th></th><th class=\"n\">number</th>");
     put_row(file, "computed at their own tick", "steps", figures->steps);
-    for (int i = 0; i <= TL_MADE_UP; i++) {
+    for (int i = 0; i < TL_OUTCOMES; i++) {
         char key[TEXT];
         char name[TEXT];
         (void)snprintf(key, sizeof key, "outcomes.%s", tl_outcome_name((tl_outcome)i));
