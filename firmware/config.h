@@ -19,6 +19,7 @@
 #include "master/base/signal.h"
 #include "master/base/status.h"
 #include "master/plan.h"
+#include "master/sync/delay.h"
 
 enum { TL_CONFIG_MAX_BYTES = 256 * 1024 };
 
@@ -65,6 +66,36 @@ typedef struct tl_config_emulated {
     double noise;       /* standard deviation, in the variable's unit; 0: none */
 } tl_config_emulated;
 
+enum {
+    TL_CONFIG_PARTICIPANTS = 16,
+    TL_CONFIG_LONGEST_SHIFT = 1000 /* macro steps */
+};
+
+/* A chain of `delays`, and the density of its delay. */
+typedef struct tl_config_chain {
+    size_t length;
+    size_t parts[TL_DELAY_CHAIN]; /* indices of participants */
+    tl_delay_density density;
+} tl_config_chain;
+
+/* Two chains that begin with the same command. */
+typedef struct tl_config_pair {
+    tl_config_chain plant, simulation;
+    tl_time delay; /* by which the simulation's mode is later than the plant's: Δi, Δo */
+} tl_config_pair;
+
+/* `delays`: by how much plant and simulation are apart (eq. 4.14 to 4.16). */
+typedef struct tl_config_delays {
+    size_t participant_count;
+    const char *names[TL_CONFIG_PARTICIPANTS];
+    tl_delay_participant participants[TL_CONFIG_PARTICIPANTS];
+    bool has_input, has_output;
+    tl_config_pair input, output;
+    tl_time shift; /* the ŷ of y_j is looked up so long after t_j: Δi − Δo, and Δi is 0 where there is no `input` */
+    tl_time wait; /* and where no reading lies there, so long may the next one take; the cycle by which ŷ is renewed */
+    tl_delay_lookup input_lookup, output_lookup;
+} tl_config_delays;
+
 typedef struct tl_config {
     const char *path;      /* as given */
     const char *directory; /* of path; relative files start here */
@@ -102,6 +133,8 @@ typedef struct tl_config {
     tl_plan_saving saving;
     uint32_t budget_evaluations;
     tl_time budget_time; /* ns; 0: none but the step itself */
+
+    const tl_config_delays *delays; /* NULL: none */
 
     const char *recording_file;        /* NULL: none */
     const char *recording_time_column; /* default "time" */

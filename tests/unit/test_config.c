@@ -290,12 +290,34 @@ static void test_emulate(void) {
     TEST_ASSERT_EQUAL_DOUBLE(0.02, config->message_max_s);
 }
 
+/* Table 5.16 with a step of 10 ms. */
+static void test_delays(void) {
+    const tl_config_delays *delays = read_good(FULL)->delays;
+    TEST_ASSERT_EQUAL_size_t(4, delays->participant_count);
+    TEST_ASSERT_EQUAL_STRING("device", delays->names[1]);
+    TEST_ASSERT_EQUAL_INT64(10000000, delays->participants[1].dead);
+    TEST_ASSERT_EQUAL_INT64(100000, delays->participants[1].cycle);
+    TEST_ASSERT_EQUAL_size_t(2, delays->participants[3].base);
+    TEST_ASSERT_TRUE(delays->has_input && delays->has_output);
+    TEST_ASSERT_EQUAL_size_t(4, delays->output.simulation.length);
+    TEST_ASSERT_EQUAL_size_t(3, delays->output.simulation.parts[3]);
+    TEST_ASSERT_EQUAL_INT64(11900000, delays->input.delay);
+    TEST_ASSERT_EQUAL_INT64(8000000, delays->output.delay);
+    TEST_ASSERT_EQUAL_INT64(3900000, delays->shift);
+    TEST_ASSERT_EQUAL_INT64(8000000, delays->wait);
+    TEST_ASSERT_EQUAL_INT32(2, delays->input_lookup.ticks);
+    TEST_ASSERT_EQUAL_INT64(8100000, delays->input_lookup.look_back);
+    TEST_ASSERT_EQUAL_INT32(2, delays->output_lookup.ticks);
+    TEST_ASSERT_EQUAL_INT64(16100000, delays->output_lookup.look_back);
+}
+
 /* ---- what is not there ---- */
 
 static void test_defaults(void) {
     const tl_config *config = read_good(FREE);
     TEST_ASSERT_EQUAL_INT64(0, config->duration);
     TEST_ASSERT_EQUAL_size_t(0, config->source_count);
+    TEST_ASSERT_NULL(config->delays);
     TEST_ASSERT_NULL(config->recording_file);
     TEST_ASSERT_EQUAL_STRING("time", config->recording_time_column);
     TEST_ASSERT_NULL(config->record_file);
@@ -351,6 +373,18 @@ static void takes(const char *path, const char *old, const char *new) {
     judge_edited(path, old, new);
     TEST_ASSERT_EQUAL_STRING_MESSAGE("", verdict.problems[0].text, new);
     TEST_ASSERT_EQUAL_INT(TL_OK, verdict.status);
+}
+
+static void test_delays_of_outputs_alone(void) {
+    takes(FULL,
+          "\"input\": { \"plant\": [\"bus\", \"device\"], \"simulation\": [\"bus\", \"acquisition\", \"twin\"] },", "");
+    const tl_config_delays *delays = verdict.config.delays;
+    TEST_ASSERT_FALSE(delays->has_input);
+    TEST_ASSERT_EQUAL_INT64(-8000000, delays->shift);
+    TEST_ASSERT_EQUAL_INT32(0, delays->input_lookup.ticks);
+    TEST_ASSERT_EQUAL_INT64(0, delays->input_lookup.look_back);
+    TEST_ASSERT_EQUAL_INT32(0, delays->output_lookup.ticks);
+    TEST_ASSERT_EQUAL_INT64(8000000, delays->output_lookup.look_back);
 }
 
 static void test_nothing_to_compare(void) {
@@ -714,6 +748,8 @@ int main(void) {
     RUN_TEST(test_the_rest_of_synchronise);
     RUN_TEST(test_epsilon);
     RUN_TEST(test_emulate);
+    RUN_TEST(test_delays);
+    RUN_TEST(test_delays_of_outputs_alone);
     RUN_TEST(test_defaults);
     RUN_TEST(test_compare_only);
     RUN_TEST(test_nothing_to_compare);
