@@ -72,6 +72,10 @@ static void fill_plan(tl_assembly *assembly) {
     for (size_t i = 0; i < config->signal_count; i++) {
         assembly->signals[i] = config->signals[i].plan;
     }
+    for (size_t i = 0; i < config->match_count; i++) {
+        assembly->match[i] = config->match[i];
+        assembly->match[i].to = config->matched_as[i];
+    }
     assembly->plan = (tl_plan){
         .step = config->step,
         .components = assembly->components,
@@ -82,13 +86,15 @@ static void fill_plan(tl_assembly *assembly) {
         .connection_count = config->connection_count,
         .adjust = config->adjust,
         .adjust_count = config->adjust_count,
-        .match = config->match,
+        .match = assembly->match,
         .match_count = config->match_count,
         .outputs = assembly->outputs,
         .output_count = fill_outputs(assembly),
         .prediction = config->prediction,
         .shape = config->shape,
         .measurements = config->measurements,
+        .input_ticks = config->delays != NULL ? config->delays->input_lookup.ticks : 0,
+        .output_ticks = config->delays != NULL ? config->delays->output_lookup.ticks : 0,
         .algorithm = config->algorithm,
         .fallback = config->fallback,
         .stagnation = config->stagnation,
@@ -102,12 +108,14 @@ static void fill_plan(tl_assembly *assembly) {
 tl_status tl_assembly_build(tl_assembly *assembly) {
     const tl_config *config = &assembly->config;
     tl_report *report = &assembly->problems.report;
+    tl_config_use_lookups(&assembly->config);
     assembly->fmus = calloc(config->component_count, sizeof *assembly->fmus);
     assembly->components = calloc(config->component_count, sizeof *assembly->components);
     assembly->signals = calloc(config->signal_count, sizeof *assembly->signals);
+    assembly->match = calloc(config->match_count + 1, sizeof *assembly->match);
     assembly->outputs = calloc(config->emulated_count + 1, sizeof *assembly->outputs);
     if (assembly->fmus == NULL || assembly->components == NULL || assembly->signals == NULL ||
-        assembly->outputs == NULL) {
+        assembly->match == NULL || assembly->outputs == NULL) {
         tl_report_add(report, TL_TRY_AGAIN, "", "not enough memory");
         return report->worst;
     }
@@ -236,6 +244,7 @@ void tl_assembly_free(tl_assembly *assembly) {
     free(assembly->fmus);
     free(assembly->components);
     free(assembly->signals);
+    free(assembly->match);
     free(assembly->outputs);
     tl_config_free(&assembly->config);
     *assembly = (tl_assembly){0};

@@ -56,6 +56,9 @@ typedef struct tl_config_signal {
     const char *column;       /* in a recording or CSV source; default: the signal's name */
     size_t source;            /* index of its live source; SIZE_MAX: none (recordings only) */
     tl_modbus_channel modbus; /* where the source is Modbus */
+    tl_time look_back; /* a sample takes what was seen so long before its instant: see tl_plant_look (plant_input.h) */
+    bool next;         /* there, or next */
+    size_t of;         /* its own index; of a second look-up: that of the signal it is of */
 } tl_config_signal;
 
 /* `emulate`: what `twinlock plant` serves when it runs FMUs as the true plant. */
@@ -112,7 +115,8 @@ typedef struct tl_config {
     tl_config_source *sources;
     size_t source_count;
     tl_config_signal *signals;
-    size_t signal_count;
+    size_t signal_count; /* those of the file; once tl_config_use_lookups() was called, second look-ups too */
+    size_t second_count; /* second look-ups, behind those of the file */
     tl_plan_connection *connections;
     size_t connection_count;
 
@@ -121,6 +125,7 @@ typedef struct tl_config {
     size_t adjust_count;
     tl_plan_match *match;
     size_t match_count;
+    const char **matched_as; /* of each match: `to`, or the second look-up of that signal, "plant.NAME@match" */
     uint32_t prediction;
     tl_shape shape;
     tl_measurements measurements;
@@ -161,6 +166,12 @@ tl_status tl_config_read(const char *path, tl_config *config, tl_report *report)
 /* The same for `size` bytes that are already in memory; relative file names start at the folder of `path`, which need
  * not exist. */
 tl_status tl_config_read_text(const char *path, const char *text, size_t size, tl_config *config, tl_report *report);
+
+/* For who takes samples as `delays` have them: from now on the second look-ups are signals as well. */
+void tl_config_use_lookups(tl_config *config);
+
+/* For who is the plant: it has no delays. Before the above. */
+void tl_config_forget_delays(tl_config *config);
 
 /* An empty (zeroed) configuration is allowed. */
 void tl_config_free(tl_config *config);

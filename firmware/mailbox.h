@@ -32,6 +32,10 @@ typedef struct tl_mailbox {
 /* Writer. Stamps should not decrease; one that does is looked up in order of posting. */
 void tl_mailbox_post(tl_mailbox *mailbox, const tl_reading *reading);
 
+/* Reader: of the readings with stamp ≤ until the first with stamp ≥ from; where there is none, the newest before; else as
+ * below. */
+bool tl_mailbox_from(const tl_mailbox *mailbox, tl_time from, tl_time until, tl_reading *reading);
+
 /* Reader: the newest reading with stamp ≤ instant; the oldest kept one where all are later than `instant` and
  * something had to be forgotten. false where there is none; *reading is then as it was. */
 bool tl_mailbox_at(const tl_mailbox *mailbox, tl_time instant, tl_reading *reading);

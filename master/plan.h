@@ -142,6 +142,8 @@ typedef struct tl_plan {
     uint32_t prediction; /* T_P ≥ T_D ≥ 1; 0: as short as possible, T_P = T_D */
     tl_shape shape;
     tl_measurements measurements;
+    int32_t input_ticks;   /* what feeds inputs at t_i is in the sample of tick i + this (Δi; base/signal.h) */
+    int32_t output_ticks;  /* and the ŷ of t_j in that of tick j + this (Δo) */
     const char *algorithm; /* see sync/optimiser.h */
     const char *fallback;  /* takes over where the first one fails or stagnates; NULL: none */
     uint32_t stagnation;   /* evaluations without progress that end a solver; 0: never */

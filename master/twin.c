@@ -26,6 +26,7 @@ struct tl_twin {
     tl_metrics metrics[TL_MAX_MATCH];
     tl_measurements measurements;
     uint32_t lead;    /* step i is computed at tick i + lead */
+    int64_t begin;    /* tick at which the FMUs are initialised */
     double *proof;    /* for the proof at start: one value per port */
     tl_status ended;  /* not TL_OK: a step has failed, nothing may follow */
     bool has_pending; /* mode ahead: computed, its measurement not there yet */
@@ -47,6 +48,7 @@ static void build_matches(tl_twin *twin, const tl_plan *plan, tl_report *report)
         term->tolerance = match->tolerance;
         term->weight = match->weight;
         term->huber = match->huber;
+        term->shift = plan->output_ticks;
     }
     twin->lock.objective.terms = twin->terms;
     twin->lock.objective.term_count = plan->match_count;
@@ -171,6 +173,22 @@ static bool has_all_ports(const tl_twin *twin, const tl_plan *plan) {
     return all;
 }
 
+/* Ticks until all that belongs to an instant is there: inputs, and conditioned measurements. */
+static uint32_t find_wait(const tl_plan *plan) {
+    int64_t longest = plan->input_ticks > 0 ? plan->input_ticks : 0;
+    for (size_t i = 0; i < plan->match_count; i++) {
+        int64_t own = (int64_t)tl_conditioner_delay(&plan->match[i].condition, plan->step) + plan->output_ticks;
+        longest = own > longest ? own : longest;
+    }
+    return (uint32_t)longest;
+}
+
+/* Ticks by which what is looked up may be older than the instant it is for. */
+static size_t find_age(const tl_plan *plan) {
+    int32_t oldest = plan->input_ticks < plan->output_ticks ? plan->input_ticks : plan->output_ticks;
+    return oldest < 0 ? (size_t)-oldest : 0;
+}
+
 /* Paths, T_D, T_P; and at which tick a step is computed. */
 static void build_horizon(tl_twin *twin, const tl_plan *plan, tl_report *report) {
     tl_horizon *horizon = &twin->lock.horizon;
@@ -180,13 +198,11 @@ static void build_horizon(tl_twin *twin, const tl_plan *plan, tl_report *report)
     if (!tl_horizon_init(horizon, &twin->arena, &twin->graph, twin->adjust_ports, twin->match_ports, report)) {
         tl_report_add(report, TL_TRY_AGAIN, "", "not enough memory for the horizon");
     }
-    uint32_t delay = 0;
-    for (size_t i = 0; i < plan->match_count; i++) {
-        uint32_t own = tl_conditioner_delay(&plan->match[i].condition, plan->step);
-        delay = own > delay ? own : delay;
-    }
     twin->lock.held_inputs = plan->measurements == TL_AHEAD;
-    twin->lead = plan->measurements == TL_AHEAD ? 0 : delay + (plan->measurements == TL_LAG ? horizon->prediction : 1);
+    if (plan->measurements != TL_AHEAD) {
+        twin->lead = find_wait(plan) + (plan->measurements == TL_LAG ? horizon->prediction : 1);
+        twin->begin = plan->input_ticks > 0 ? plan->input_ticks : 0;
+    }
 }
 
 /* What the plant delivers before there is a good reading: configured, or the start value of what it drives. */
@@ -312,7 +328,8 @@ static bool condition_matches(tl_twin *twin, const tl_plan *plan) {
         const tl_plan_condition *condition = &plan->match[i].condition;
         if (tl_conditioner_is_needed(condition)) {
             tl_objective_term *term = &twin->terms[i];
-            term->conditioner = tl_conditioner_create(&twin->arena, condition, plan->step, twin->lead + 2);
+            term->conditioner =
+                tl_conditioner_create(&twin->arena, condition, plan->step, twin->lead + find_age(plan) + 2);
             term->delay = tl_conditioner_delay(condition, plan->step);
             placed = placed && term->conditioner != NULL;
         }
@@ -377,12 +394,13 @@ static bool save_executions(tl_twin *twin, const tl_plan *plan) {
 static void build_values(tl_twin *twin, const tl_plan *plan, tl_report *report) {
     tl_error error;
     /* As far back as a candidate that is remembered may have been fed. */
-    size_t window = (size_t)twin->lock.horizon.prediction + twin->lead + 3;
+    size_t window = (size_t)twin->lock.horizon.prediction + twin->lead + find_age(plan) + 3;
     tl_status status = tl_exchange_init(&twin->exchange, &twin->arena, &twin->graph, window, &error);
     if (status != TL_OK) {
         tl_report_add(report, status, "", "%s", error.text);
         return;
     }
+    twin->exchange.plant.shift = plan->input_ticks;
     build_initial_values(twin, plan);
     twin->lock.exchange = &twin->exchange;
     twin->proof = tl_arena_take(&twin->arena, twin->graph.port_count, sizeof *twin->proof);
@@ -503,7 +521,7 @@ static void hand_over_pending(tl_twin *twin, tl_record *record, bool *ready) {
 static tl_status advance(tl_twin *twin, const tl_sample *sample, const tl_budget *budget, tl_record *record,
                          bool *ready, tl_error *error) {
     push(twin, sample);
-    if (sample->tick == 0) {
+    if (sample->tick == twin->begin) {
         tl_status status = start(twin, error);
         if (status != TL_OK) {
             return status;

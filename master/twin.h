@@ -7,6 +7,8 @@
  *                   conditioned measurements, 0 without any.
  *            hold:  tick m ≥ 1 + D computes step i = m − 1 − D; complete at once.
  *            ahead: tick m computes step i = m; its record is complete when the sample m + 1 has come.
+ *          D grows by what the plan's input_ticks and output_ticks are above 0, whichever waits longer; the FMUs are then
+ *          initialised at tick input_ticks, with what the plant shows at t_0 (in mode ahead at tick 0).
  * Memory:  everything is taken in tl_twin_build(); nothing of ours allocates afterwards.
  * Thread:  one twin belongs to one thread at a time.
  */

@@ -311,6 +311,54 @@ static void test_delays(void) {
     TEST_ASSERT_EQUAL_INT64(16100000, delays->output_lookup.look_back);
 }
 
+/* A signal that feeds an input and is matched is looked up twice. */
+static void test_second_look_ups(void) {
+    char *text = tl_test_read_text(FULL);
+    char *fed = tl_test_replaced(text, "[\"drive.u_R\", \"motor.I_in\"]",
+                                 "[\"drive.u_R\", \"motor.I_in\"], [\"plant.omega\", \"drive.ref\"]");
+    TEST_ASSERT_NOT_NULL(fed);
+    tl_test_judge_text(fed, strlen(fed), &verdict);
+    free(fed);
+    free(text);
+    TEST_ASSERT_EQUAL_INT(TL_OK, verdict.status);
+    tl_config *config = &verdict.config;
+    TEST_ASSERT_EQUAL_size_t(5, config->signal_count);
+    TEST_ASSERT_EQUAL_size_t(1, config->second_count);
+    TEST_ASSERT_EQUAL_STRING("plant.omega@match", config->matched_as[0]);
+    TEST_ASSERT_EQUAL_STRING("plant.omega", config->match[0].to);
+    TEST_ASSERT_EQUAL_STRING("plant.current", config->matched_as[1]);
+    tl_config_use_lookups(config);
+    tl_config_use_lookups(config);
+    TEST_ASSERT_EQUAL_size_t(6, config->signal_count);
+    const tl_config_signal *first = &config->signals[3];
+    const tl_config_signal *second = &config->signals[5];
+    TEST_ASSERT_EQUAL_STRING("omega@match", second->plan.name);
+    TEST_ASSERT_EQUAL_size_t(3, second->of);
+    TEST_ASSERT_EQUAL_size_t(3, first->of);
+    TEST_ASSERT_EQUAL_STRING("omega", second->column);
+    TEST_ASSERT_EQUAL_size_t(2, second->source);
+    TEST_ASSERT_EQUAL_INT64(8100000, first->look_back);
+    TEST_ASSERT_FALSE(first->next);
+    TEST_ASSERT_EQUAL_INT64(16100000, second->look_back);
+    TEST_ASSERT_TRUE(second->next);
+    TEST_ASSERT_EQUAL_INT64(16100000, config->signals[4].look_back); /* current: matched only */
+    TEST_ASSERT_EQUAL_INT64(8100000, config->signals[0].look_back);  /* torque: feeds only */
+    TEST_ASSERT_EQUAL_INT64(0, config->signals[1].look_back);        /* running: neither */
+}
+
+static void test_a_plant_has_no_delays(void) {
+    tl_config *config = &verdict.config;
+    (void)read_good(FULL);
+    tl_config_forget_delays(config);
+    tl_config_use_lookups(config);
+    TEST_ASSERT_NULL(config->delays);
+    TEST_ASSERT_EQUAL_size_t(5, config->signal_count);
+    TEST_ASSERT_EQUAL_INT64(0, config->signals[0].look_back);
+    TEST_ASSERT_EQUAL_INT64(0, config->signals[4].look_back);
+    TEST_ASSERT_FALSE(config->signals[4].next);
+    TEST_ASSERT_EQUAL_STRING("plant.omega", config->matched_as[0]);
+}
+
 /* ---- what is not there ---- */
 
 static void test_defaults(void) {
@@ -750,6 +798,8 @@ int main(void) {
     RUN_TEST(test_emulate);
     RUN_TEST(test_delays);
     RUN_TEST(test_delays_of_outputs_alone);
+    RUN_TEST(test_second_look_ups);
+    RUN_TEST(test_a_plant_has_no_delays);
     RUN_TEST(test_defaults);
     RUN_TEST(test_compare_only);
     RUN_TEST(test_nothing_to_compare);

@@ -791,6 +791,30 @@ static void test_delays_without_chains(void) {
     EXPECT_EACH(free_running, changes);
 }
 
+/* 62 signals, three of which would be there twice. */
+static void test_too_many_look_ups(void) {
+    enum { SIGNALS = 62, ROOM = 16384 };
+    char text[ROOM];
+    size_t used = (size_t)snprintf(text, ROOM,
+                                   "{\"twinlock\": 1, \"name\": \"x\", \"step_s\": 0.01,\n\"components\": "
+                                   "{\"a\": {\"fmu\": \"lag.fmu\"}}, \"plant\": {\"s0\": {}");
+    for (int i = 1; i < SIGNALS; i++) {
+        used += (size_t)snprintf(text + used, ROOM - used, ", \"s%d\": {}", i);
+    }
+    (void)snprintf(
+        text + used, ROOM - used,
+        "},\n\"connect\": [[\"plant.s0\", \"a.u\"], [\"plant.s1\", \"a.v\"], [\"plant.s2\", \"a.w\"]],\n\"compare\": {\"a.y\": "
+        "{\"to\": \"plant.s0\"}, \"a.z\": {\"to\": \"plant.s1\"}, \"a.q\": {\"to\": \"plant.s2\"}},\n\"delays\": {\"participants\": "
+        "{\"bus\": {\"cycle_s\": 0.01}}, \"output\": {\"plant\": [\"bus\"], \"simulation\": [\"bus\"]}}}");
+    tl_test_judge_text(text, strlen(text), &verdict);
+    TEST_ASSERT_EQUAL_size_t(1, verdict.count);
+    TEST_ASSERT_EQUAL_STRING("delays", verdict.problems[0].where);
+    TEST_ASSERT_EQUAL_STRING(
+        "line 5: found 62 signals, and 3 of them feed an input and are matched, expected at most 64 "
+        "together: with delays such a signal is looked up twice, and counts twice",
+        verdict.problems[0].text);
+}
+
 static void test_doubled_keys(void) {
     static const change changes[] = {
         {"\"step_s\": 0.01", "\"step_s\": 0.01, \"step\\u005fs\": 0.02", "step_s",
@@ -1019,6 +1043,7 @@ int main(void) {
     RUN_TEST(test_emulate);
     RUN_TEST(test_delays);
     RUN_TEST(test_delays_without_chains);
+    RUN_TEST(test_too_many_look_ups);
     RUN_TEST(test_doubled_keys);
     RUN_TEST(test_everything_at_once);
     RUN_TEST(test_syntax_comes_alone);
