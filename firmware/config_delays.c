@@ -206,11 +206,18 @@ static void find_shifts(const tl_config_object *object, tl_time step, tl_config_
     }
     if (delays->has_output) {
         delays->shift = (delays->has_input ? delays->input.delay : 0) - delays->output.delay;
-        delays->wait = delays->participants[last->parts[last->length - 1]].cycle;
+        delays->wait = delays->next ? delays->participants[last->parts[last->length - 1]].cycle : 0;
         if (is_near(object, "output", delays->shift, delays->wait, step)) {
             delays->output_lookup = tl_delay_look_up(delays->shift, delays->wait, step);
         }
     }
+}
+
+static void read_take(tl_config_object *object, tl_config_delays *delays) {
+    static const char *const choices[] = {"next", "newest", NULL};
+    size_t take = 0;
+    (void)tl_config_get_choice(object, "take", TL_CONFIG_OPTIONAL, choices, &take);
+    delays->next = take == 0;
 }
 
 void tl_config_read_delays(tl_config_object *root, tl_config *config) {
@@ -229,6 +236,7 @@ void tl_config_read_delays(tl_config_object *root, tl_config *config) {
     read_synchronous(&object, delays);
     delays->has_input = read_pair(&object, "input", delays, &delays->input);
     delays->has_output = read_pair(&object, "output", delays, &delays->output);
+    read_take(&object, delays);
     if (!input && !output) {
         tl_config_wrong(root, "delays", "no chains", "\"input\", \"output\" or both", example);
     }

@@ -124,7 +124,8 @@ void tl_delay_page_print(const tl_config *config, FILE *file) {
     print_shift("inputs at t are those seen", delays->has_input ? delays->input.delay : 0, file);
     (void)fputs(",\n          ", file);
     print_shift("y at t is paired with the \305\267 seen", delays->shift, file);
-    if (delays->has_output) {
+    (void)fputs(delays->has_output && !delays->next ? ",\n          or with the newest before" : "", file);
+    if (delays->has_output && delays->next) {
         (void)fprintf(file, ",\n          or with the next one, for which a step waits %.6g ms",
                       milliseconds(delays->wait));
     }

@@ -182,8 +182,9 @@ def delays_hold(document):
     longest = 1000 * round(document["step_s"] * 1e9)
     shift = delay.get("input", 0) - delay.get("output", 0)
     wait = round(delays["participants"][delays["output"]["plant"][-1]]["cycle_s"] * 1e9) if "output" in delays else 0
+    wait = 0 if delays.get("take") == "newest" else max(wait, 1)
     return ("input" not in delay or -longest <= delay["input"] <= longest) and \
-           ("output" not in delay or -longest <= shift <= longest - max(wait, 1))
+           ("output" not in delay or -longest <= shift <= longest - wait)
 
 
 def beyond_schema(document):
