@@ -204,6 +204,11 @@ static void check_conditions(advice *given, const tl_config *config) {
 /* In mode ahead no step waits for what delays ask for. */
 static void check_delays(advice *given, const tl_config *config) {
     const tl_config_delays *delays = config->delays;
+    if (delays != NULL && delays->measure && config->adjust_count != 0) {
+        warn(given, "delays.measure",
+             "only steps that are not corrected tell a delay, and where it is not known yet what moves is corrected: "
+             "measure with \"compare\" first, and give chains that say what was found");
+    }
     if (delays == NULL || config->measurements != TL_AHEAD) {
         return;
     }

@@ -67,6 +67,19 @@ static size_t fill_outputs(tl_assembly *assembly) {
     return count;
 }
 
+/* N is one more than what is used, so that a peak at the end of the range is one. */
+static tl_plan_measure measure_of(const tl_config *config) {
+    const tl_config_delays *delays = config->delays;
+    if (delays == NULL || !delays->measure) {
+        return (tl_plan_measure){0};
+    }
+    return (tl_plan_measure){
+        .lags = (uint32_t)((delays->range + config->step - 1) / config->step) + 1,
+        .range = delays->range,
+        .look_back = delays->output_lookup.look_back,
+    };
+}
+
 static void fill_plan(tl_assembly *assembly) {
     const tl_config *config = &assembly->config;
     for (size_t i = 0; i < config->signal_count; i++) {
@@ -94,6 +107,7 @@ static void fill_plan(tl_assembly *assembly) {
         .shape = config->shape,
         .measurements = config->measurements,
         .input_ticks = config->delays != NULL ? config->delays->input_lookup.ticks : 0,
+        .measure = measure_of(config),
         .output_ticks = config->delays != NULL ? config->delays->output_lookup.ticks : 0,
         .algorithm = config->algorithm,
         .fallback = config->fallback,

@@ -93,7 +93,9 @@ typedef struct tl_config_delays {
     const char *names[TL_CONFIG_PARTICIPANTS];
     tl_delay_participant participants[TL_CONFIG_PARTICIPANTS];
     bool has_input, has_output;
-    bool next; /* where no reading lies at the instant of ŷ: the next one, else the newest before */
+    bool measure;  /* Δo is measured */
+    tl_time range; /* measured delays that are used: −range … range; where it is measured */
+    bool next;     /* where no reading lies at the instant of ŷ: the next one, else the newest before */
     tl_config_pair input, output;
     tl_time shift; /* the ŷ of y_j is looked up so long after t_j: Δi − Δo, and Δi is 0 where there is no `input` */
     tl_time wait; /* and so long may the next one take: the cycle by which ŷ is renewed; 0 where none is waited for */

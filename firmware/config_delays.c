@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include "firmware/config_names.h"
+#include "master/sync/delay_meter.h"
 
 enum { FOUND = 128, EXPECTED = 320, NOBODY = TL_CONFIG_PARTICIPANTS };
 
@@ -201,15 +202,17 @@ static bool is_near(const tl_config_object *object, const char *key, tl_time shi
 /* Eq. 4.15 counts from the command on, so Δo has Δi in it: where inputs are shifted, less is left for outputs. */
 static void find_shifts(const tl_config_object *object, tl_time step, tl_config_delays *delays) {
     const tl_config_chain *last = &delays->output.plant;
+    tl_time renewed = step;
     if (delays->has_input && is_near(object, "input", delays->input.delay, 0, step)) {
         delays->input_lookup = tl_delay_look_up(delays->input.delay, 0, step);
     }
     if (delays->has_output) {
+        renewed = delays->participants[last->parts[last->length - 1]].cycle;
         delays->shift = (delays->has_input ? delays->input.delay : 0) - delays->output.delay;
-        delays->wait = delays->next ? delays->participants[last->parts[last->length - 1]].cycle : 0;
-        if (is_near(object, "output", delays->shift, delays->wait, step)) {
-            delays->output_lookup = tl_delay_look_up(delays->shift, delays->wait, step);
-        }
+    }
+    delays->wait = (delays->has_output || delays->measure) && delays->next ? renewed : 0;
+    if (is_near(object, "output", delays->shift, delays->wait, step)) {
+        delays->output_lookup = tl_delay_look_up(delays->shift, delays->wait, step);
     }
 }
 
@@ -220,27 +223,79 @@ static void read_take(tl_config_object *object, tl_config_delays *delays) {
     delays->next = take == 0;
 }
 
-void tl_config_read_delays(tl_config_object *root, tl_config *config) {
-    static const char *const example = "{\"participants\": {…}, \"output\": {…}}";
-    tl_config_object object;
-    if (!tl_config_member(root, "delays", TL_CONFIG_OPTIONAL, example, &object)) {
+/* The most that N, one more than the range in steps, lets be. */
+static tl_time longest_range(tl_time step) {
+    return (TL_DELAY_LAGS - 1) * step;
+}
+
+/* `true`, or an object. */
+static void read_measure(tl_config_object *object, tl_time step, tl_config_delays *delays) {
+    static const char *const expected = "true or an object";
+    static const char *const example = "{\"range_s\": 0.1}";
+    static const tl_config_number rule = {
+        .above = true, .maximum = TL_CONFIG_LONGEST_S, .expected = TL_CONFIG_DURATION, .example = "0.1"};
+    const cJSON *item = tl_config_get(object, "measure", TL_CONFIG_OPTIONAL, expected, example);
+    tl_config_object measure;
+    double range_s = 0;
+    delays->measure = item != NULL;
+    delays->range = longest_range(step) / 2;
+    if (item == NULL || cJSON_IsTrue(item)) {
         return;
     }
-    tl_config_delays *delays = tl_config_take(root->reader, 1, sizeof *delays);
+    if (!cJSON_IsObject(item)) {
+        tl_config_wrong(object, "measure", NULL, expected, example);
+        return;
+    }
+    (void)tl_config_entry(object, item, example, &measure);
+    if (tl_config_get_number(&measure, "range_s", &rule, &range_s)) {
+        delays->range = tl_config_duration(range_s);
+    }
+    if (step > 0 && delays->range > longest_range(step)) {
+        char most[EXPECTED];
+        (void)snprintf(most, sizeof most, "at most %d times step_s, which is %.15g s", (int)TL_DELAY_LAGS - 1,
+                       tl_seconds(longest_range(step)));
+        tl_config_wrong(&measure, "range_s", NULL, most, NULL);
+    }
+    tl_config_done(&measure);
+}
+
+static void read_object(tl_config_object *root, tl_config_object *object, tl_time step, tl_config_delays *delays) {
+    bool input = cJSON_GetObjectItemCaseSensitive(object->json, "input") != NULL;
+    bool output = cJSON_GetObjectItemCaseSensitive(object->json, "output") != NULL;
+    read_participants(object, input || output ? TL_CONFIG_REQUIRED : TL_CONFIG_OPTIONAL, delays);
+    read_synchronous(object, delays);
+    delays->has_input = read_pair(object, "input", delays, &delays->input);
+    delays->has_output = read_pair(object, "output", delays, &delays->output);
+    read_take(object, delays);
+    read_measure(object, step, delays);
+    if (!input && !output && !delays->measure) {
+        tl_config_wrong(root, "delays", "nothing to make up for", "\"input\", \"output\" or \"measure\"",
+                        "{\"measure\": true}");
+    }
+    tl_config_done(object);
+}
+
+void tl_config_read_delays(tl_config_object *root, tl_config *config) {
+    static const char *const expected = "an object or \"measure\"";
+    static const char *const example = "{\"participants\": {…}, \"output\": {…}}";
+    const cJSON *item = tl_config_get(root, "delays", TL_CONFIG_OPTIONAL, expected, example);
+    tl_config_delays *delays = item != NULL ? tl_config_take(root->reader, 1, sizeof *delays) : NULL;
+    tl_config_object object;
     if (delays == NULL) {
         return;
     }
-    bool input = cJSON_GetObjectItemCaseSensitive(object.json, "input") != NULL;
-    bool output = cJSON_GetObjectItemCaseSensitive(object.json, "output") != NULL;
-    read_participants(&object, TL_CONFIG_REQUIRED, delays);
-    read_synchronous(&object, delays);
-    delays->has_input = read_pair(&object, "input", delays, &delays->input);
-    delays->has_output = read_pair(&object, "output", delays, &delays->output);
-    read_take(&object, delays);
-    if (!input && !output) {
-        tl_config_wrong(root, "delays", "no chains", "\"input\", \"output\" or both", example);
+    if (cJSON_IsString(item) && strcmp(item->valuestring, "measure") == 0) {
+        *delays = (tl_config_delays){.next = true, .measure = true, .range = longest_range(config->step) / 2};
+        find_shifts(root, config->step, delays);
+        config->delays = delays;
+        return;
     }
-    tl_config_done(&object);
+    if (!cJSON_IsObject(item)) {
+        tl_config_wrong(root, "delays", NULL, expected, example);
+        return;
+    }
+    (void)tl_config_entry(root, item, example, &object);
+    read_object(root, &object, config->step, delays);
     if (config->step > 0) {
         find_shifts(&object, config->step, delays);
     }

@@ -39,7 +39,7 @@ static void look_up_as_input(const tl_config_delays *delays, tl_config_signal *s
 
 static void look_up_as_output(const tl_config_delays *delays, tl_config_signal *signal) {
     signal->look_back = delays->output_lookup.look_back;
-    signal->next = delays->has_output && delays->next;
+    signal->next = (delays->has_output || delays->measure) && delays->next;
 }
 
 /* "plant.NAME@match"; NULL where memory is out. */

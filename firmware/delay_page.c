@@ -93,13 +93,22 @@ static void print_pair(const tl_config_delays *delays, const tl_config_pair *pai
     print_chain(delays, &pair->simulation, "simulation", file);
 }
 
-/* "0.5 ms later", "at its own instant". */
+/* "… seen at t", "… seen 0.5 ms after". */
 static void print_shift(const char *what, tl_time shift, FILE *file) {
     if (shift == 0) {
-        (void)fprintf(file, "%s at its own instant", what);
+        (void)fprintf(file, "%s at t", what);
     } else {
         (void)fprintf(file, "%s %.6g ms %s", what, milliseconds(shift < 0 ? -shift : shift),
                       shift < 0 ? "before" : "after");
+    }
+}
+
+static void print_measured(const tl_config_delays *delays, FILE *file) {
+    if (delays->measure) {
+        (void)fprintf(file,
+                      "  measure \316\224o, from y and \305\267, up to %.6g ms either way%s;\n"
+                      "          once it is sure it is used in whole steps, until then:\n",
+                      milliseconds(delays->range), delays->has_input ? " of \316\224i" : "");
     }
 }
 
@@ -117,15 +126,17 @@ void tl_delay_page_print(const tl_config *config, FILE *file) {
         print_modes(&delays->output, "output", "\316\224o", file);
         print_pair(delays, &delays->output, file);
         print_densities(&delays->output, file);
-    } else {
+    } else if (delays->has_input) {
         print_densities(&delays->input, file);
     }
+    print_measured(delays, file);
     (void)fputs("  used    ", file);
     print_shift("inputs at t are those seen", delays->has_input ? delays->input.delay : 0, file);
     (void)fputs(",\n          ", file);
     print_shift("y at t is paired with the \305\267 seen", delays->shift, file);
-    (void)fputs(delays->has_output && !delays->next ? ",\n          or with the newest before" : "", file);
-    if (delays->has_output && delays->next) {
+    (void)fputs(
+        (delays->has_output || delays->measure) && !delays->next ? ",\n          or with the newest before" : "", file);
+    if (delays->wait > 0) {
         (void)fprintf(file, ",\n          or with the next one, for which a step waits %.6g ms",
                       milliseconds(delays->wait));
     }

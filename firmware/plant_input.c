@@ -53,6 +53,7 @@ static bool look_up(const tl_mailbox *mailbox, const tl_plant_look *look, tl_tim
 
 void tl_plant_input_take(const tl_plant_input *input, int64_t tick, tl_time instant, tl_sample *sample) {
     sample->tick = tick;
+    sample->instant = instant;
     for (size_t i = 0; i < input->count; i++) {
         tl_reading reading = {.value = 0, .stamp = TL_TIME_NEVER, .quality = TL_NO_LINK};
         if (look_up(&input->mailboxes[i], &input->looks[i], instant, &reading)) {

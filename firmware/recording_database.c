@@ -18,11 +18,11 @@ struct tl_recording_database {
     bool same_configuration; /* repeat what the run skipped and had time for */
     int64_t next;            /* tick expected */
     const tl_config *config;
-    size_t recorded; /* signals of the run that are the configuration's, second look-ups included */
+    size_t recorded;   /* signals of the run that are the configuration's, second look-ups included */
+    bool by_recording; /* stamps are those of the recording that the run replayed … */
+    tl_time start;     /* … and so is t_start; else 0 */
     /* where signals are looked up anew */
     bool anew;
-    bool by_recording;              /* stamps are those of the recording that the run replayed … */
-    tl_time start;                  /* … and so is t_start; else 0 */
     tl_time posted[TL_MAX_SIGNALS]; /* stamp of the newest */
     tl_plant_input input;
 };
@@ -138,9 +138,6 @@ static void find_start(tl_recording_database *database, const tl_sample *sample)
 
 /* Readings that are new since the tick before, under their own stamps; then the sample as the configuration looks it up. */
 static void look_up_anew(tl_recording_database *database, const tl_sample *seen, tl_sample *sample) {
-    if (seen->tick == 0) {
-        find_start(database, seen);
-    }
     for (size_t i = 0; i < database->config->signal_count; i++) {
         size_t from = i < database->recorded ? i : database->config->signals[i].of;
         const tl_reading reading = {
@@ -150,8 +147,7 @@ static void look_up_anew(tl_recording_database *database, const tl_sample *seen,
             database->posted[i] = reading.stamp;
         }
     }
-    tl_time instant = tl_time_of_step(database->start, database->config->step, seen->tick);
-    tl_plant_input_take(&database->input, seen->tick, instant, sample);
+    tl_plant_input_take(&database->input, seen->tick, seen->instant, sample);
 }
 
 tl_status tl_recording_database_next(tl_recording_database *database, tl_recording_tick *tick, bool *end,
@@ -168,6 +164,10 @@ tl_status tl_recording_database_next(tl_recording_database *database, tl_recordi
     }
     bool repeat = database->same_configuration && read.has_step;
     database->next++;
+    if (read.sample.tick == 0) {
+        find_start(database, &read.sample);
+    }
+    read.sample.instant = tl_time_of_step(database->start, database->config->step, read.sample.tick);
     tick->sample = read.sample;
     if (database->anew) {
         look_up_anew(database, &read.sample, &tick->sample);

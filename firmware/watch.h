@@ -40,6 +40,8 @@ typedef struct tl_watch {
     tl_watch_trouble held[TL_MAX_ADJUST]; /* variables that are not identifiable */
     tl_watch_trouble fallback;            /* the second solver takes over */
     tl_watch_trouble stagnation;          /* solvers make no progress */
+    tl_delay_state delay_state;           /* as last told */
+    tl_time delay;                        /* the measured delay as last told */
     uint64_t skipped;                     /* not told yet */
     tl_time skipped_since;
 } tl_watch;

@@ -125,6 +125,13 @@ typedef struct tl_plan_saving {
     uint32_t nodes; /* most prefixes kept per component; 0: as many as the horizon and the budget can need, ≤ 4096 */
 } tl_plan_saving;
 
+/* Whether and how Δo is measured (sync/delay_meter.h). */
+typedef struct tl_plan_measure {
+    uint32_t lags;     /* N of the meters, at most TL_DELAY_LAGS; 0: Δo is not measured */
+    tl_time range;     /* the delays left to be shifted that are used: −range … range, less than (N − 1)·T_S */
+    tl_time look_back; /* of the samples of matched signals */
+} tl_plan_measure;
+
 typedef struct tl_plan {
     tl_time step; /* T_S, ns, > 0 */
     const tl_plan_component *components;
@@ -142,7 +149,8 @@ typedef struct tl_plan {
     uint32_t prediction; /* T_P ≥ T_D ≥ 1; 0: as short as possible, T_P = T_D */
     tl_shape shape;
     tl_measurements measurements;
-    int32_t input_ticks;   /* what feeds inputs at t_i is in the sample of tick i + this (Δi; base/signal.h) */
+    int32_t input_ticks; /* what feeds inputs at t_i is in the sample of tick i + this (Δi; base/signal.h) */
+    tl_plan_measure measure;
     int32_t output_ticks;  /* and the ŷ of t_j in that of tick j + this (Δo) */
     const char *algorithm; /* see sync/optimiser.h */
     const char *fallback;  /* takes over where the first one fails or stagnates; NULL: none */

@@ -9,6 +9,8 @@
 #include "master/graph/exchange.h"
 #include "master/graph/graph.h"
 #include "master/sync/attempt.h"
+#include "master/sync/delay.h"
+#include "master/sync/delay_meter.h"
 #include "master/sync/lock.h"
 #include "master/sync/proof.h"
 
@@ -25,6 +27,10 @@ struct tl_twin {
     const tl_port *outputs[TL_MAX_SIGNALS];
     tl_metrics metrics[TL_MAX_MATCH];
     tl_measurements measurements;
+    tl_plan_measure measure;
+    tl_delay_meter *meters[TL_MAX_MATCH]; /* where Δo is measured */
+    tl_twin_delay delay;
+    tl_time step;
     uint32_t lead;    /* step i is computed at tick i + lead */
     int64_t begin;    /* tick at which the FMUs are initialised */
     double *proof;    /* for the proof at start: one value per port */
@@ -173,11 +179,24 @@ static bool has_all_ports(const tl_twin *twin, const tl_plan *plan) {
     return all;
 }
 
+/* Of all that may come out of measuring, where that is done. */
+static int32_t most_output_ticks(const tl_plan *plan) {
+    const tl_plan_measure *measure = &plan->measure;
+    int32_t most = tl_delay_ticks(measure->look_back, -measure->range, plan->step);
+    return measure->lags != 0 && most > plan->output_ticks ? most : plan->output_ticks;
+}
+
+static int32_t least_output_ticks(const tl_plan *plan) {
+    const tl_plan_measure *measure = &plan->measure;
+    int32_t least = tl_delay_ticks(measure->look_back, measure->range, plan->step);
+    return measure->lags != 0 && least < plan->output_ticks ? least : plan->output_ticks;
+}
+
 /* Ticks until all that belongs to an instant is there: inputs, and conditioned measurements. */
 static uint32_t find_wait(const tl_plan *plan) {
     int64_t longest = plan->input_ticks > 0 ? plan->input_ticks : 0;
     for (size_t i = 0; i < plan->match_count; i++) {
-        int64_t own = (int64_t)tl_conditioner_delay(&plan->match[i].condition, plan->step) + plan->output_ticks;
+        int64_t own = (int64_t)tl_conditioner_delay(&plan->match[i].condition, plan->step) + most_output_ticks(plan);
         longest = own > longest ? own : longest;
     }
     return (uint32_t)longest;
@@ -185,7 +204,8 @@ static uint32_t find_wait(const tl_plan *plan) {
 
 /* Ticks by which what is looked up may be older than the instant it is for. */
 static size_t find_age(const tl_plan *plan) {
-    int32_t oldest = plan->input_ticks < plan->output_ticks ? plan->input_ticks : plan->output_ticks;
+    int32_t outputs = least_output_ticks(plan);
+    int32_t oldest = plan->input_ticks < outputs ? plan->input_ticks : outputs;
     return oldest < 0 ? (size_t)-oldest : 0;
 }
 
@@ -337,6 +357,19 @@ static bool condition_matches(tl_twin *twin, const tl_plan *plan) {
     return placed;
 }
 
+/* One for each match; they wait for what a step waits for, and the other way round. */
+static bool create_meters(tl_twin *twin, const tl_plan *plan) {
+    bool placed = true;
+    size_t late = twin->lead + find_age(plan) + (size_t)(plan->measure.look_back / plan->step) + 2;
+    twin->measure = plan->measure;
+    twin->step = plan->step;
+    for (size_t i = 0; plan->measure.lags != 0 && i < plan->match_count; i++) {
+        twin->meters[i] = tl_delay_meter_create(&twin->arena, plan->measure.lags, plan->step, late);
+        placed = placed && twin->meters[i] != NULL;
+    }
+    return placed;
+}
+
 /* Fewer would not hold a horizon's way and the next one's. */
 static uint64_t nodes_least(const tl_horizon *horizon) {
     return 3 * (uint64_t)horizon->prediction + 3;
@@ -405,8 +438,8 @@ static void build_values(tl_twin *twin, const tl_plan *plan, tl_report *report) 
     twin->lock.exchange = &twin->exchange;
     twin->proof = tl_arena_take(&twin->arena, twin->graph.port_count, sizeof *twin->proof);
     place_adjusted(twin, plan, report);
-    if (twin->proof == NULL || !condition_matches(twin, plan) || !save_executions(twin, plan) ||
-        !tl_lock_init(&twin->lock, &twin->arena, plan)) {
+    if (twin->proof == NULL || !condition_matches(twin, plan) || !create_meters(twin, plan) ||
+        !save_executions(twin, plan) || !tl_lock_init(&twin->lock, &twin->arena, plan)) {
         tl_report_add(report, TL_TRY_AGAIN, "", "not enough memory for the search");
     }
 }
@@ -467,6 +500,64 @@ static tl_status start(tl_twin *twin, tl_error *error) {
     return status == TL_OK ? tl_exchange_start(&twin->exchange, error) : status;
 }
 
+/* ---- a measured delay ---- */
+
+/* A hundredth of a first step of the search, or less, is no correction. */
+static bool is_free(const tl_twin *twin, const tl_record *record) {
+    static const double least = 0.01;
+    bool free = true;
+    for (size_t v = 0; v < twin->lock.horizon.variables; v++) {
+        free = free && fabs(record->u[v] - record->u_hat[v]) <= least * twin->lock.adjusted[v].step;
+    }
+    return free;
+}
+
+/* From the next step on. What is in the sample at a tick was seen at a fixed time before it, so only whole steps can change. */
+static void use_delay(tl_twin *twin) {
+    tl_time delay = twin->delay.delay;
+    tl_time range = twin->measure.range;
+    tl_time used = delay > range ? range : delay < -range ? -range : delay;
+    for (size_t i = 0; i < twin->lock.objective.term_count; i++) {
+        twin->terms[i].shift = tl_delay_ticks(twin->measure.look_back, used, twin->step);
+    }
+}
+
+/* The first matched output that knows it; one that has lost it only where none does. */
+static void judge_delay(tl_twin *twin) {
+    tl_twin_delay best = {.state = TL_DELAY_UNKNOWN, .confidence = 0.0};
+    for (size_t i = 0; i < twin->lock.objective.term_count; i++) {
+        tl_delay_measured found = tl_delay_meter_get(twin->meters[i]);
+        tl_delay_state state = !found.known ? TL_DELAY_UNKNOWN : found.lost ? TL_DELAY_LOST : TL_DELAY_KNOWN;
+        bool better = state == TL_DELAY_KNOWN ? best.state != TL_DELAY_KNOWN : best.state == TL_DELAY_UNKNOWN;
+        if (better && (state != TL_DELAY_UNKNOWN || found.confidence >= best.confidence)) {
+            best = (tl_twin_delay){.state = state, .delay = found.delay, .confidence = found.confidence};
+        }
+    }
+    if (best.state == TL_DELAY_LOST) {
+        best.delay = twin->delay.delay;
+    }
+    bool changed = best.state != TL_DELAY_UNKNOWN && best.delay != twin->delay.delay;
+    bool first = best.state != TL_DELAY_UNKNOWN && twin->delay.state == TL_DELAY_UNKNOWN;
+    twin->delay = best;
+    if (changed || first) {
+        use_delay(twin);
+    }
+}
+
+static void measure_delay(tl_twin *twin, tl_record *record) {
+    if (twin->measure.lags != 0) {
+        bool free = is_free(twin, record);
+        for (size_t i = 0; i < twin->lock.objective.term_count; i++) {
+            tl_delay_meter_step(twin->meters[i], record->step + 1, record->y[i], free);
+        }
+        judge_delay(twin);
+    }
+    record->delay_state = twin->delay.state;
+    record->delay = twin->delay.delay;
+}
+
+/* ---- records ---- */
+
 /* Completes a record with the measurement of its instant. */
 static void complete(tl_twin *twin, tl_record *record) {
     for (size_t i = 0; i < twin->lock.objective.term_count; i++) {
@@ -475,6 +566,7 @@ static void complete(tl_twin *twin, tl_record *record) {
         record->y_hat_quality[i] = (uint8_t)quality;
         tl_metrics_add(&twin->metrics[i], record->y[i], record->y_hat[i], quality);
     }
+    measure_delay(twin, record);
 }
 
 static uint64_t count_executions(const tl_twin *twin) {
@@ -506,6 +598,11 @@ static void push(tl_twin *twin, const tl_sample *sample) {
             const tl_sample *kept = tl_plant_sample(plant, sample->tick);
             tl_conditioner_push(term->conditioner, sample->tick, kept->values[term->signal],
                                 (tl_quality)kept->quality[term->signal]);
+        }
+        if (twin->meters[i] != NULL && sample->stamps[term->signal] != TL_TIME_NEVER) {
+            tl_time start = sample->instant - tl_time_of_step(0, twin->step, sample->tick);
+            tl_delay_meter_see(twin->meters[i], sample->stamps[term->signal] - start, sample->values[term->signal],
+                               sample->quality[term->signal] == TL_GOOD);
         }
     }
 }
@@ -660,6 +757,10 @@ tl_twin_adjusted tl_twin_get_adjusted(const tl_twin *twin, size_t adjust) {
         .lower = adjusted->lower,
         .upper = adjusted->upper,
     };
+}
+
+tl_twin_delay tl_twin_get_delay(const tl_twin *twin) {
+    return twin->delay;
 }
 
 const tl_metrics *tl_twin_metrics(const tl_twin *twin, size_t match) {

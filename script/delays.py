@@ -50,18 +50,27 @@ def last_before(instant, period, phase):
     return instant - (instant - phase) % period
 
 
-def make_rows(chance, noise=0.0, end=END):
-    """{stamp (ns): [u, y]}, None where there is no value: one command, as the acquisition hands it on, and what the plant
-    makes of it, as it comes by the bus. All clocks have phases of their own."""
+def make_chain(chance, noise=0.0, commands=(COMMAND,), end=END, later=(END, 0)):
+    """(rows, delay): {stamp (ns): [u, y]}, None where there is no value: commands that switch u on and off, as the acquisition
+    hands them on, and what the plant makes of them, as it comes by the bus; and by how much the twin's y is later than
+    y by its stamps (ns). All clocks have phases of their own, commands are whole multiples of all periods apart. From
+    `later`, an instant, on the stamps of y are so much later."""
     bus, plant, acquisition = (chance.randrange(period) for period in (BUS, PLANT, ACQUISITION))
     rows = {}
     for cycle in range(first_from(BEGIN, ACQUISITION, acquisition), end, ACQUISITION):
-        rows[cycle + DEAD] = [1.0 if cycle >= COMMAND else 0.0, None]
-    begun = first_from(COMMAND, PLANT, plant)
+        rows[cycle + DEAD] = [float(sum(cycle >= command for command in commands) % 2), None]
+    begun = [first_from(command, PLANT, plant) for command in commands]
     for cycle in range(first_from(min(rows), BUS, bus), end, BUS):
-        y = response((last_before(cycle, PLANT, plant) - begun) / 1e9) + chance.gauss(0, noise)
-        rows.setdefault(cycle, [None, None])[1] = y
-    return rows
+        at = last_before(cycle, PLANT, plant)
+        y = sum((-1) ** i * response((at - instant) / 1e9) for i, instant in enumerate(begun))
+        stamp = cycle + (later[1] if cycle >= later[0] else 0)
+        rows.setdefault(stamp, [None, None])[1] = y + chance.gauss(0, noise)
+    seen = first_from(commands[0], ACQUISITION, acquisition) + DEAD
+    return rows, seen + DEAD - begun[0]
+
+
+def make_rows(chance, noise=0.0):
+    return make_chain(chance, noise)[0]
 
 
 def write_recording(path, rows):

@@ -41,6 +41,7 @@ typedef struct tl_reading {
  * simulation are apart in time, the reading at a fixed time before it (sync/delay.h). */
 typedef struct tl_sample {
     int64_t tick;
+    tl_time instant; /* t_m, on the clock of the stamps */
     double values[TL_MAX_SIGNALS];
     tl_time stamps[TL_MAX_SIGNALS];  /* TL_TIME_NEVER where there never was a reading */
     uint8_t quality[TL_MAX_SIGNALS]; /* tl_quality */

@@ -91,3 +91,9 @@ tl_delay_lookup tl_delay_look_up(tl_time shift, tl_time wait, tl_time step) {
     tl_time ticks = until / step + (until % step > 0);
     return (tl_delay_lookup){.ticks = (int32_t)ticks, .look_back = ticks * step - shift};
 }
+
+int32_t tl_delay_ticks(tl_time look_back, tl_time delay, tl_time step) {
+    tl_time until = look_back - delay;
+    tl_time half = until < 0 ? -(step / 2) : step / 2;
+    return (int32_t)((until + half) / step);
+}

@@ -62,4 +62,7 @@ typedef struct tl_delay_lookup {
 /* The same at least `wait` later: so long may a sample wait for the next reading. |shift| + wait is less than 2^31 steps. */
 tl_delay_lookup tl_delay_look_up(tl_time shift, tl_time wait, tl_time step);
 
+/* The ticks, to the nearest whole one, by which a look-up moves so that ŷ is `delay` before y, where samples look back so far. */
+int32_t tl_delay_ticks(tl_time look_back, tl_time delay, tl_time step);
+
 #endif

@@ -168,23 +168,30 @@ def mode(document, chain):
 
 def delays_hold(document):
     delays = document.get("delays")
-    if delays is None:
+    if delays in (None, "measure"):
         return True
+    measure = delays.get("measure")
+    step = round(document["step_s"] * 1e9)
+    if isinstance(measure, dict) and max(round(measure.get("range_s", 0) * 1e9), 1) > 31 * step:
+        return False
     pairs = {key: delays[key] for key in ("input", "output") if key in delays}
     chains = [pair[key] for pair in pairs.values() for key in ("plant", "simulation")]
     grouped = [name for group in delays.get("synchronous", []) for name in group]
-    if not {name for chain in [grouped, *chains] for name in chain} <= set(delays["participants"]):
+    if not {name for chain in [grouped, *chains] for name in chain} <= set(delays.get("participants", {})):
         return False
     if len(set(grouped)) < len(grouped) or any(mode(document, chain)[1] > 7 for chain in chains):
         return False
     delay = {key: mode(document, pair["simulation"])[0] - mode(document, pair["plant"])[0]
              for key, pair in pairs.items()}
-    longest = 1000 * round(document["step_s"] * 1e9)
-    shift = delay.get("input", 0) - delay.get("output", 0)
-    wait = round(delays["participants"][delays["output"]["plant"][-1]]["cycle_s"] * 1e9) if "output" in delays else 0
-    wait = 0 if delays.get("take") == "newest" else max(wait, 1)
+    longest = 1000 * step
+    shift = delay.get("input", 0) - delay["output"] if "output" in delay else 0
+    wait = step
+    if "output" in delays:
+        wait = max(round(delays["participants"][delays["output"]["plant"][-1]]["cycle_s"] * 1e9), 1)
+    if delays.get("take") == "newest" or not ("output" in delays or measure):
+        wait = 0
     return ("input" not in delay or -longest <= delay["input"] <= longest) and \
-           ("output" not in delay or -longest <= shift <= longest - wait)
+           -longest <= shift <= longest - wait
 
 
 def beyond_schema(document):

@@ -780,13 +780,27 @@ static void test_delays(void) {
     EXPECT_EACH(full, changes);
 }
 
-static void test_delays_without_chains(void) {
+static void test_delays_of_other_kinds(void) {
     static const change changes[] = {
         {"\"step_s\": 0.1", "\"step_s\": 0.1, \"delays\": {\"participants\": {\"bus\": {\"cycle_s\": 1}}}", "delays",
-         "found no chains, expected \"input\", \"output\" or both, for example {\"participants\": {…}, \"output\": {…}}",
+         "found nothing to make up for, expected \"input\", \"output\" or \"measure\", for example {\"measure\": true}",
          NULL},
         {"\"step_s\": 0.1", "\"step_s\": 0.1, \"delays\": 5", "delays",
-         "found 5 (number), expected an object, for example {\"participants\": {…}, \"output\": {…}}", NULL},
+         "found 5 (number), expected an object or \"measure\", for example {\"participants\": {…}, \"output\": {…}}",
+         NULL},
+        {"\"step_s\": 0.1", "\"step_s\": 0.1, \"delays\": \"estimate\"", "delays",
+         "found \"estimate\" (text), expected an object or \"measure\", for example {\"participants\": {…}, \"output\": {…}}",
+         NULL},
+        {"\"step_s\": 0.1", "\"step_s\": 0.1, \"delays\": {\"measure\": false}", "delays.measure",
+         "found false, expected true or an object, for example {\"range_s\": 0.1}", NULL},
+        {"\"step_s\": 0.1", "\"step_s\": 0.1, \"delays\": {\"measure\": {\"range_s\": 0}}", "delays.measure.range_s",
+         "found 0 (number), expected a number > 0 (at most 1e9), for example 0.1", NULL},
+        {"\"step_s\": 0.1", "\"step_s\": 0.1, \"delays\": {\"measure\": {\"range_s\": 3.2}}", "delays.measure.range_s",
+         "found 3.2 (number), expected at most 31 times step_s, which is 3.1 s", NULL},
+        {"\"step_s\": 0.1", "\"step_s\": 0.1, \"delays\": {\"measure\": true, \"take\": \"nearest\"}", "delays.take",
+         "found \"nearest\" (text), expected \"next\" or \"newest\", for example \"next\"", NULL},
+        {"\"step_s\": 0.1", "\"step_s\": 0.1, \"delays\": {\"measure\": true, \"mesure\": 1}", "delays.mesure",
+         "found the unknown key \"mesure\", expected \"measure\"", NULL},
     };
     EXPECT_EACH(free_running, changes);
 }
@@ -1042,7 +1056,7 @@ int main(void) {
     RUN_TEST(test_running);
     RUN_TEST(test_emulate);
     RUN_TEST(test_delays);
-    RUN_TEST(test_delays_without_chains);
+    RUN_TEST(test_delays_of_other_kinds);
     RUN_TEST(test_too_many_look_ups);
     RUN_TEST(test_doubled_keys);
     RUN_TEST(test_everything_at_once);
