@@ -14,7 +14,7 @@
 
 #include "master/base/signal.h"
 
-enum { TL_MAILBOX_READINGS = 64 };
+enum { TL_MAILBOX_READINGS = 256 };
 
 typedef struct tl_mailbox_slot {
     uint64_t sequence; /* odd while the slot is written */

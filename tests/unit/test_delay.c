@@ -221,6 +221,17 @@ static void a_shift_is_ticks_and_what_is_left(void) {
     expect_look_up(1, 0, 4 * MS, 1, 4 * MS - 1);
 }
 
+static void a_measured_delay_moves_by_whole_ticks(void) {
+    TEST_ASSERT_EQUAL_INT32(0, tl_delay_ticks(0, 0, 4 * MS));
+    TEST_ASSERT_EQUAL_INT32(-2, tl_delay_ticks(0, 8 * MS, 4 * MS));
+    TEST_ASSERT_EQUAL_INT32(-2, tl_delay_ticks(0, 9 * MS, 4 * MS));
+    TEST_ASSERT_EQUAL_INT32(-3, tl_delay_ticks(0, 11 * MS, 4 * MS));
+    TEST_ASSERT_EQUAL_INT32(3, tl_delay_ticks(0, -11 * MS, 4 * MS));
+    TEST_ASSERT_EQUAL_INT32(0, tl_delay_ticks(8 * MS, 8 * MS, 4 * MS));
+    TEST_ASSERT_EQUAL_INT32(2, tl_delay_ticks(8 * MS, MS, 4 * MS));
+    TEST_ASSERT_EQUAL_INT32(-1, tl_delay_ticks(8 * MS, 13 * MS, 4 * MS));
+}
+
 int main(void) {
     UNITY_BEGIN();
     RUN_TEST(table_516_of_the_thesis);
@@ -233,5 +244,6 @@ int main(void) {
     RUN_TEST(random_sums_are_what_convolving_gives);
     RUN_TEST(the_density_is_one_in_all);
     RUN_TEST(a_shift_is_ticks_and_what_is_left);
+    RUN_TEST(a_measured_delay_moves_by_whole_ticks);
     return UNITY_END();
 }
