@@ -211,7 +211,8 @@ static void what_was_learned_stays_while_nothing_moves(void) {
     expect_delay(10, STEP);
     for (int64_t tick = 2001; tick < 100000; tick++) {
         tl_delay_meter_see(meter, tick * STEP * MS, 0.02 * normal(), true);
-        tl_delay_meter_step(meter, tick, 0.0, true);
+        tl_delay_meter_step(meter, tick, 1e-4 * sin(0.3 * (double)tick),
+                            true); /* of a model that is never quite at rest */
     }
     tl_delay_measured after = tl_delay_meter_get(meter);
     TEST_ASSERT_EQUAL_INT64(before.delay, after.delay);
@@ -238,6 +239,18 @@ static void drift(void) {
     }
     expect_delay(22, STEP);
     TEST_ASSERT_TRUE(changes >= 1 && changes <= 6);
+}
+
+/* Not even where they agree well. */
+static void a_few_steps_are_not_enough(void) {
+    scene s = CLEAN;
+    double first = 0.0;
+    s.length = STEP / 1e3;
+    for (int i = 0; i < 400 && first == 0.0; i++) {
+        play(&s, plant, i * STEP / 1e3, true);
+        first = tl_delay_meter_get(meter).confidence;
+    }
+    TEST_ASSERT_TRUE(first > 0.0 && first < 0.6);
 }
 
 static void lost_and_found_again(void) {
@@ -317,6 +330,7 @@ int main(void) {
     RUN_TEST(beyond_its_range_it_is_not_found);
     RUN_TEST(what_was_learned_stays_while_nothing_moves);
     RUN_TEST(drift);
+    RUN_TEST(a_few_steps_are_not_enough);
     RUN_TEST(lost_and_found_again);
     RUN_TEST(steps_that_were_corrected_do_not_count);
     RUN_TEST(a_gap_counts_nothing_and_breaks_nothing);

@@ -62,7 +62,8 @@ static void build(void) {
 
 /* What the plant shows at tick m; nothing changes before tick 0. */
 static double u_of(int64_t m) {
-    return m < 0 ? 0.0 : floor(3.0 * sin(0.4 * (double)m));
+    int64_t held = m % 3 == 2 ? m - 1 : m;
+    return m < 0 ? 0.0 : sin(0.9 * (double)held);
 }
 
 static double y_of(int64_t m) {
@@ -91,7 +92,8 @@ static void expect_ledger(void) {
     }
 }
 
-static const int32_t SHIFTS[][2] = {{0, 0}, {3, 0}, {0, 2}, {0, -2}, {2, 4}, {4, -3}, {-2, 1}, {-3, -1}};
+static const int32_t SHIFTS[][2] = {{0, 0},  {3, 0},  {0, 2},   {0, -2}, {2, 4},
+                                    {4, -3}, {-2, 1}, {-3, -1}, {1, 6},  {2, 3}};
 
 enum { PAIRS = sizeof SHIFTS / sizeof SHIFTS[0] };
 
@@ -175,6 +177,22 @@ static void nothing_is_called_before_the_inputs_of_the_start_are_there(void) {
     TEST_ASSERT_TRUE(tl_test_log_count(&call_log, NULL, TL_TEST_DO_STEP) > 0); /* the proof of its rollback */
 }
 
+/* What comes out of the median of a ramp is the ramp: y is brought onto it, as much earlier or later as is asked for. */
+static void expect_ramp(int32_t shift) {
+    make(TL_LAG, 0, shift);
+    plan.match[0].condition.median = 3;
+    build();
+    for (int64_t m = 0; m < TICKS; m++) {
+        run.sample.values[0] = 0.0;
+        run.sample.values[1] = 0.05 * (double)m;
+        tl_test_run_step(&run);
+        TEST_ASSERT_EQUAL_INT(TL_OK, run.status);
+        if (run.ready && run.record.step > LATEST) {
+            TEST_ASSERT_DOUBLE_WITHIN(0.06, 0.05 * (double)(run.record.step + 1 + shift), run.record.y[0]);
+        }
+    }
+}
+
 /* The median of three is a sample late, and adds to the shift. */
 static void conditioning_waits_as_well(void) {
     for (int32_t shift = -4; shift <= 4; shift += 2) {
@@ -186,6 +204,8 @@ static void conditioning_waits_as_well(void) {
         for (size_t i = LATEST; i < record_count; i++) {
             TEST_ASSERT_TRUE(records[i].y_hat[0] == y_of(records[i].step + 1 + shift));
         }
+        end();
+        expect_ramp(shift);
         end();
     }
 }
