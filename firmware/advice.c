@@ -219,6 +219,29 @@ static void check_conditions(advice *given, const tl_config *config) {
     }
 }
 
+/* In mode ahead no step waits for what delays ask for. */
+static void check_delays(advice *given, const tl_config *config) {
+    const tl_config_delays *delays = config->delays;
+    if (delays != NULL && delays->measure && config->adjust_count != 0) {
+        warn(given, "delays.measure",
+             "only steps that are not corrected tell a delay, and where it is not known yet what moves is corrected: "
+             "measure with \"compare\" first, and give chains that say what was found");
+    }
+    if (delays == NULL || config->measurements != TL_AHEAD) {
+        return;
+    }
+    int32_t inputs = delays->input_lookup.ticks;
+    int32_t outputs = delays->output_lookup.ticks;
+    if (inputs > 0 || outputs > 0) {
+        int32_t longest = inputs > outputs ? inputs : outputs;
+        warn(given, "delays",
+             "what belongs to an instant comes up to %" PRId32
+             " step%s later, and in mode ahead no step waits for it: the "
+             "newest there is stands for it",
+             longest, longest == 1 ? "" : "s");
+    }
+}
+
 size_t tl_advice_print(const tl_assembly *assembly, const tl_prognosis *prognosis, FILE *file) {
     const tl_config *config = &assembly->config;
     advice given = {.file = file};
@@ -234,6 +257,7 @@ size_t tl_advice_print(const tl_assembly *assembly, const tl_prognosis *prognosi
         check_conditions(&given, config);
         check_lead(&given, config, tl_twin_get_facts(assembly->twin).lead);
     }
+    check_delays(&given, config);
     check_sources(&given, config);
     return given.count;
 }

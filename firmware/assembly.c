@@ -67,10 +67,27 @@ static size_t fill_outputs(tl_assembly *assembly) {
     return count;
 }
 
+/* N is one more than what is used, so that a peak at the end of the range is one. */
+static tl_plan_measure measure_of(const tl_config *config) {
+    const tl_config_delays *delays = config->delays;
+    if (delays == NULL || !delays->measure) {
+        return (tl_plan_measure){0};
+    }
+    return (tl_plan_measure){
+        .lags = (uint32_t)((delays->range + config->step - 1) / config->step) + 1,
+        .range = delays->range,
+        .look_back = delays->output_lookup.look_back,
+    };
+}
+
 static void fill_plan(tl_assembly *assembly) {
     const tl_config *config = &assembly->config;
     for (size_t i = 0; i < config->signal_count; i++) {
         assembly->signals[i] = config->signals[i].plan;
+    }
+    for (size_t i = 0; i < config->match_count; i++) {
+        assembly->match[i] = config->match[i];
+        assembly->match[i].to = config->matched_as[i];
     }
     assembly->plan = (tl_plan){
         .step = config->step,
@@ -82,7 +99,7 @@ static void fill_plan(tl_assembly *assembly) {
         .connection_count = config->connection_count,
         .adjust = config->adjust,
         .adjust_count = config->adjust_count,
-        .match = config->match,
+        .match = assembly->match,
         .match_count = config->match_count,
         .outputs = assembly->outputs,
         .output_count = fill_outputs(assembly),
@@ -90,6 +107,9 @@ static void fill_plan(tl_assembly *assembly) {
         .shape = config->shape,
         .measurements = config->measurements,
         .event = config->event,
+        .input_ticks = config->delays != NULL ? config->delays->input_lookup.ticks : 0,
+        .measure = measure_of(config),
+        .output_ticks = config->delays != NULL ? config->delays->output_lookup.ticks : 0,
         .algorithm = config->algorithm,
         .fallback = config->fallback,
         .stagnation = config->stagnation,
@@ -103,12 +123,14 @@ static void fill_plan(tl_assembly *assembly) {
 tl_status tl_assembly_build(tl_assembly *assembly) {
     const tl_config *config = &assembly->config;
     tl_report *report = &assembly->problems.report;
+    tl_config_use_lookups(&assembly->config);
     assembly->fmus = calloc(config->component_count, sizeof *assembly->fmus);
     assembly->components = calloc(config->component_count, sizeof *assembly->components);
     assembly->signals = calloc(config->signal_count, sizeof *assembly->signals);
+    assembly->match = calloc(config->match_count + 1, sizeof *assembly->match);
     assembly->outputs = calloc(config->emulated_count + 1, sizeof *assembly->outputs);
     if (assembly->fmus == NULL || assembly->components == NULL || assembly->signals == NULL ||
-        assembly->outputs == NULL) {
+        assembly->match == NULL || assembly->outputs == NULL) {
         tl_report_add(report, TL_TRY_AGAIN, "", "not enough memory");
         return report->worst;
     }
@@ -243,6 +265,7 @@ void tl_assembly_free(tl_assembly *assembly) {
     free(assembly->fmus);
     free(assembly->components);
     free(assembly->signals);
+    free(assembly->match);
     free(assembly->outputs);
     tl_config_free(&assembly->config);
     *assembly = (tl_assembly){0};

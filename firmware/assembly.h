@@ -21,6 +21,7 @@ typedef struct tl_assembly {
     tl_plan plan;
     tl_plan_component *components; /* of the plan */
     tl_plan_signal *signals;
+    tl_plan_match *match;
     tl_plan_output *outputs; /* what `emulate` reads */
     tl_twin *twin;
 } tl_assembly;

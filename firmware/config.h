@@ -19,6 +19,7 @@
 #include "master/base/signal.h"
 #include "master/base/status.h"
 #include "master/plan.h"
+#include "master/sync/delay.h"
 
 enum { TL_CONFIG_MAX_BYTES = 256 * 1024 };
 
@@ -55,6 +56,9 @@ typedef struct tl_config_signal {
     const char *column;       /* in a recording or CSV source; default: the signal's name */
     size_t source;            /* index of its live source; SIZE_MAX: none (recordings only) */
     tl_modbus_channel modbus; /* where the source is Modbus */
+    tl_time look_back; /* a sample takes what was seen so long before its instant: see tl_plant_look (plant_input.h) */
+    bool next;         /* there, or next */
+    size_t of;         /* its own index; of a second look-up: that of the signal it is of */
 } tl_config_signal;
 
 /* `emulate`: what `twinlock plant` serves when it runs FMUs as the true plant. */
@@ -64,6 +68,39 @@ typedef struct tl_config_emulated {
     const char *from;   /* "component.variable" or "plant.signal" */
     double noise;       /* standard deviation, in the variable's unit; 0: none */
 } tl_config_emulated;
+
+enum {
+    TL_CONFIG_PARTICIPANTS = 16,
+    TL_CONFIG_LONGEST_SHIFT = 1000 /* macro steps */
+};
+
+/* A chain of `delays`, and the density of its delay. */
+typedef struct tl_config_chain {
+    size_t length;
+    size_t parts[TL_DELAY_CHAIN]; /* indices of participants */
+    tl_delay_density density;
+} tl_config_chain;
+
+/* Two chains that begin with the same command. */
+typedef struct tl_config_pair {
+    tl_config_chain plant, simulation;
+    tl_time delay; /* by which the simulation's mode is later than the plant's: Δi, Δo */
+} tl_config_pair;
+
+/* `delays`: by how much plant and simulation are apart (eq. 4.14 to 4.16). */
+typedef struct tl_config_delays {
+    size_t participant_count;
+    const char *names[TL_CONFIG_PARTICIPANTS];
+    tl_delay_participant participants[TL_CONFIG_PARTICIPANTS];
+    bool has_input, has_output;
+    bool measure;  /* Δo is measured */
+    tl_time range; /* measured delays that are used: −range … range; where it is measured */
+    bool next;     /* where no reading lies at the instant of ŷ: the next one, else the newest before */
+    tl_config_pair input, output;
+    tl_time shift; /* the ŷ of y_j is looked up so long after t_j: Δi − Δo, and Δi is 0 where there is no `input` */
+    tl_time wait; /* and so long may the next one take: the cycle by which ŷ is renewed; 0 where none is waited for */
+    tl_delay_lookup input_lookup, output_lookup;
+} tl_config_delays;
 
 typedef struct tl_config {
     const char *path;      /* as given */
@@ -81,7 +118,8 @@ typedef struct tl_config {
     tl_config_source *sources;
     size_t source_count;
     tl_config_signal *signals;
-    size_t signal_count;
+    size_t signal_count; /* those of the file; once tl_config_use_lookups() was called, second look-ups too */
+    size_t second_count; /* second look-ups, behind those of the file */
     tl_plan_connection *connections;
     size_t connection_count;
 
@@ -90,6 +128,7 @@ typedef struct tl_config {
     size_t adjust_count;
     tl_plan_match *match;
     size_t match_count;
+    const char **matched_as; /* of each match: `to`, or the second look-up of that signal, "plant.NAME@match" */
     uint32_t prediction;
     tl_shape shape;
     tl_measurements measurements;
@@ -103,6 +142,8 @@ typedef struct tl_config {
     tl_plan_saving saving;
     uint32_t budget_evaluations;
     tl_time budget_time; /* ns; 0: none but the step itself */
+
+    const tl_config_delays *delays; /* NULL: none */
 
     const char *recording_file;        /* NULL: none */
     const char *recording_time_column; /* default "time" */
@@ -129,6 +170,12 @@ tl_status tl_config_read(const char *path, tl_config *config, tl_report *report)
 /* The same for `size` bytes that are already in memory; relative file names start at the folder of `path`, which need
  * not exist. */
 tl_status tl_config_read_text(const char *path, const char *text, size_t size, tl_config *config, tl_report *report);
+
+/* For who takes samples as `delays` have them: from now on the second look-ups are signals as well. */
+void tl_config_use_lookups(tl_config *config);
+
+/* For who is the plant: it has no delays. Before the above. */
+void tl_config_forget_delays(tl_config *config);
 
 /* An empty (zeroed) configuration is allowed. */
 void tl_config_free(tl_config *config);

@@ -32,6 +32,12 @@ void tl_config_read_synchronise(tl_config_object *root, tl_config *config);
 void tl_config_read_sources(tl_config_object *root, tl_config *config);
 void tl_config_read_signals(tl_config_object *root, tl_config *config);
 
+/* delays */
+void tl_config_read_delays(tl_config_object *root, tl_config *config);
+
+/* Where they make each signal to be looked up: once all of the above is read. */
+void tl_config_place_lookups(tl_config_object *root, tl_config *config);
+
 /* recording, record, realtime, emulate */
 void tl_config_read_recording(tl_config_object *root, tl_config *config);
 void tl_config_read_record(tl_config_object *root, tl_config *config);

@@ -275,6 +275,7 @@ void tl_config_read_signals(tl_config_object *root, tl_config *config) {
     cJSON_ArrayForEach(item, map.json) {
         tl_config_object entry;
         tl_config_check_name(&map, item, "\"omega\"");
+        signal->of = (size_t)(signal - config->signals);
         signal->plan.name = item->string;
         signal->plan.unit = "";
         signal->column = item->string;

@@ -41,18 +41,40 @@ static bool look(const tl_mailbox *mailbox, uint64_t post, tl_reading *reading) 
     return true;
 }
 
-bool tl_mailbox_at(const tl_mailbox *mailbox, tl_time instant, tl_reading *reading) {
+/* What a look-up has found on its way back from the newest reading. */
+typedef struct find {
+    tl_time from;
+    tl_time until;
+    bool any;
+    tl_reading best;
+} find;
+
+/* true where nothing older can be better. */
+static bool settle(find *sought, const tl_reading *reading) {
+    bool before = reading->stamp <= sought->from;
+    bool first = !sought->any || reading->stamp < sought->best.stamp;
+    if (reading->stamp <= sought->until && first && (!before || !sought->any || reading->stamp == sought->from)) {
+        sought->best = *reading;
+        sought->any = true;
+    }
+    return before;
+}
+
+bool tl_mailbox_from(const tl_mailbox *mailbox, tl_time from, tl_time until, tl_reading *reading) {
     for (int attempt = 0; attempt < TL_MAILBOX_READINGS; attempt++) {
         uint64_t count = __atomic_load_n(&mailbox->count, __ATOMIC_ACQUIRE);
         uint64_t oldest = count > TL_MAILBOX_READINGS ? count - TL_MAILBOX_READINGS : 0;
+        find sought = {.from = from, .until = until};
         tl_reading found = {.quality = TL_NO_LINK};
         uint64_t post = count;
-        while (post > oldest && look(mailbox, post - 1, &found)) {
+        bool settled = false;
+        while (!settled && post > oldest && look(mailbox, post - 1, &found)) {
             post--;
-            if (found.stamp <= instant) {
-                *reading = found;
-                return true;
-            }
+            settled = settle(&sought, &found);
+        }
+        if (sought.any) {
+            *reading = sought.best;
+            return true;
         }
         if (post == 0) {
             return false; /* nothing was forgotten */
@@ -64,4 +86,8 @@ bool tl_mailbox_at(const tl_mailbox *mailbox, tl_time instant, tl_reading *readi
         /* Not even the newest was kept until we looked at it: the writer went once around meanwhile. */
     }
     return false;
+}
+
+bool tl_mailbox_at(const tl_mailbox *mailbox, tl_time instant, tl_reading *reading) {
+    return tl_mailbox_from(mailbox, instant, instant, reading);
 }

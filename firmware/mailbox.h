@@ -14,7 +14,7 @@
 
 #include "master/base/signal.h"
 
-enum { TL_MAILBOX_READINGS = 64 };
+enum { TL_MAILBOX_READINGS = 256 };
 
 typedef struct tl_mailbox_slot {
     uint64_t sequence; /* odd while the slot is written */
@@ -31,6 +31,10 @@ typedef struct tl_mailbox {
 
 /* Writer. Stamps should not decrease; one that does is looked up in order of posting. */
 void tl_mailbox_post(tl_mailbox *mailbox, const tl_reading *reading);
+
+/* Reader: of the readings with stamp ≤ until the first with stamp ≥ from; where there is none, the newest before; else as
+ * below. */
+bool tl_mailbox_from(const tl_mailbox *mailbox, tl_time from, tl_time until, tl_reading *reading);
 
 /* Reader: the newest reading with stamp ≤ instant; the oldest kept one where all are later than `instant` and
  * something had to be forgotten. false where there is none; *reading is then as it was. */

@@ -45,12 +45,19 @@ static tl_quality judge(const tl_plant_limits *limits, tl_time instant, tl_readi
     return quality;
 }
 
+/* By `instant`, as the signal's look says. */
+static bool look_up(const tl_mailbox *mailbox, const tl_plant_look *look, tl_time instant, tl_reading *reading) {
+    tl_time at = instant - look->back;
+    return (!look->next && tl_mailbox_at(mailbox, at, reading)) || tl_mailbox_from(mailbox, at, instant, reading);
+}
+
 void tl_plant_input_take(const tl_plant_input *input, int64_t tick, tl_time instant, tl_sample *sample) {
     sample->tick = tick;
+    sample->instant = instant;
     for (size_t i = 0; i < input->count; i++) {
         tl_reading reading = {.value = 0, .stamp = TL_TIME_NEVER, .quality = TL_NO_LINK};
-        if (tl_mailbox_at(&input->mailboxes[i], instant, &reading)) {
-            sample->quality[i] = (uint8_t)judge(&input->limits[i], instant, &reading);
+        if (look_up(&input->mailboxes[i], &input->looks[i], instant, &reading)) {
+            sample->quality[i] = (uint8_t)judge(&input->limits[i], instant - input->looks[i].back, &reading);
         } else {
             sample->quality[i] = (uint8_t)TL_NO_LINK;
         }

@@ -7,10 +7,18 @@
 #ifndef TL_FIRMWARE_PLANT_INPUT_H
 #define TL_FIRMWARE_PLANT_INPUT_H
 
+#include <stdbool.h>
 #include <stddef.h>
 
 #include "firmware/mailbox.h"
 #include "master/base/signal.h"
+
+/* Where a signal is looked up in a sample of the instant t. */
+typedef struct tl_plant_look {
+    tl_time back; /* ≥ 0: at t − back, */
+    bool next;    /* and where no reading lies there: the next one that is there by t, else the newest before.
+                     Otherwise the newest at or before, and where there is none yet, the next */
+} tl_plant_look;
 
 typedef struct tl_plant_limits {
     double minimum; /* −infinity: none */
@@ -22,6 +30,7 @@ typedef struct tl_plant_limits {
 typedef struct tl_plant_input {
     size_t count;
     tl_plant_limits limits[TL_MAX_SIGNALS];
+    tl_plant_look looks[TL_MAX_SIGNALS];
     tl_mailbox mailboxes[TL_MAX_SIGNALS];
 } tl_plant_input;
 
@@ -29,7 +38,8 @@ typedef struct tl_plant_input {
 void tl_plant_input_post(tl_plant_input *input, size_t signal, const tl_reading *reading);
 
 /* The sample of `tick` at `instant`, both of the cycle. The value of a signal whose quality is not good is what
- * was read (0 where nothing or no number was). Where several things are wrong with a value, the worst counts. */
+ * was read (0 where nothing or no number was). Where several things are wrong with a value, the worst counts. How old one is
+ * counts from where it is looked up. */
 void tl_plant_input_take(const tl_plant_input *input, int64_t tick, tl_time instant, tl_sample *sample);
 
 #endif

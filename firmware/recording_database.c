@@ -8,6 +8,8 @@
 #include <string.h>
 
 #include "firmware/history.h"
+#include "firmware/live_plant.h"
+#include "firmware/plant_input.h"
 
 struct tl_recording_database {
     char path[PATH_MAX]; /* for messages */
@@ -15,6 +17,14 @@ struct tl_recording_database {
     tl_history_ticks *ticks;
     bool same_configuration; /* repeat what the run skipped and had time for */
     int64_t next;            /* tick expected */
+    const tl_config *config;
+    size_t recorded;   /* signals of the run that are the configuration's, second look-ups included */
+    bool by_recording; /* stamps are those of the recording that the run replayed … */
+    tl_time start;     /* … and so is t_start; else 0 */
+    /* where signals are looked up anew */
+    bool anew;
+    tl_time posted[TL_MAX_SIGNALS]; /* stamp of the newest */
+    tl_plant_input input;
 };
 
 /* Whether a recorded signal is the configuration's: it is recorded as "plant.name". */
@@ -23,15 +33,34 @@ static bool is_same_signal(const char *recorded, const char *name) {
     return strncmp(recorded, PREFIX, sizeof PREFIX - 1) == 0 && strcmp(recorded + sizeof PREFIX - 1, name) == 0;
 }
 
+/* Of a run with delays: a signal that was looked up twice is behind the others, and its name is none of a configuration. */
+static size_t count_first_look_ups(const tl_recorder_signal *signals, size_t count) {
+    while (count > 0 && strchr(signals[count - 1].name, '@') != NULL) {
+        count--;
+    }
+    return count;
+}
+
+/* All second look-ups must be there; or none of them, and then they are made of the first ones. */
 static tl_status check_signals(const char *path, tl_history *history, const tl_history_run *run,
-                               const tl_config *config, tl_error *error) {
+                               const tl_config *config, size_t *recorded, tl_error *error) {
     const tl_recorder_signal *signals = NULL;
     size_t count = 0;
+    size_t own = config->signal_count;
+    while (own > 0 && config->signals[own - 1].of != own - 1) {
+        own--;
+    }
     tl_status status = tl_history_signals(history, run, TL_HISTORY_PLANT, &signals, &count, error);
     if (status != TL_OK) {
         return status;
     }
-    for (size_t i = 0; i < config->signal_count; i++) {
+    bool all = true;
+    for (size_t i = own; i < config->signal_count; i++) {
+        all = all && i < count && is_same_signal(signals[i].name, config->signals[i].plan.name);
+    }
+    *recorded = all ? config->signal_count : own;
+    count = count_first_look_ups(signals, count);
+    for (size_t i = 0; i < own; i++) {
         const char *name = config->signals[i].plan.name;
         if (i >= count || !is_same_signal(signals[i].name, name)) {
             return tl_fail(error, TL_BAD_DATA,
@@ -40,10 +69,10 @@ static tl_status check_signals(const char *path, tl_history *history, const tl_h
                            path, run->run, i < count ? signals[i].name : "nothing", i + 1, name);
         }
     }
-    if (count != config->signal_count || run->step != config->step) {
+    if (count != own || run->step != config->step) {
         return tl_fail(error, TL_BAD_DATA,
                        "%s: run %" PRId64 " has %zu signals every %g s, the configuration has %zu every %g s", path,
-                       run->run, count, tl_seconds(run->step), config->signal_count, tl_seconds(config->step));
+                       run->run, count, tl_seconds(run->step), own, tl_seconds(config->step));
     }
     return TL_OK;
 }
@@ -54,7 +83,7 @@ static tl_status open_run(tl_recording_database *database, const tl_config *conf
     int64_t last = 0;
     tl_status status = tl_history_find(database->history, 0, &run, error);
     if (status == TL_OK) {
-        status = check_signals(database->path, database->history, run, config, error);
+        status = check_signals(database->path, database->history, run, config, &database->recorded, error);
     }
     if (status == TL_OK) {
         status = tl_history_ticks_begin(database->history, run, &database->ticks, error);
@@ -68,6 +97,8 @@ static tl_status open_run(tl_recording_database *database, const tl_config *conf
                        database->path, run->run);
     }
     database->same_configuration = strcmp(run->configuration_hash, config->hash) == 0;
+    database->anew = config->delays != NULL && !database->same_configuration;
+    database->by_recording = strcmp(run->verb, "replay") == 0;
     *ticks = last + 1;
     return TL_OK;
 }
@@ -79,6 +110,11 @@ tl_status tl_recording_database_open(const char *path, const tl_config *config, 
         return tl_fail(error, TL_TRY_AGAIN, "%s: not enough memory", path);
     }
     (void)snprintf(opened->path, sizeof opened->path, "%s", path);
+    opened->config = config;
+    tl_live_plant_set_limits(&opened->input, config);
+    for (size_t i = 0; i < TL_MAX_SIGNALS; i++) {
+        opened->posted[i] = TL_TIME_NEVER;
+    }
     tl_status status = tl_history_open(path, &opened->history, error);
     if (status == TL_OK) {
         status = open_run(opened, config, ticks, error);
@@ -89,6 +125,29 @@ tl_status tl_recording_database_open(const char *path, const tl_config *config, 
     }
     *database = opened;
     return TL_OK;
+}
+
+/* t_start of a replayed recording is its first row, and what is known at tick 0 is of that row, or older. */
+static void find_start(tl_recording_database *database, const tl_sample *sample) {
+    tl_time newest = TL_TIME_NEVER;
+    for (size_t i = 0; i < database->recorded; i++) {
+        newest = sample->stamps[i] > newest ? sample->stamps[i] : newest;
+    }
+    database->start = database->by_recording && newest != TL_TIME_NEVER ? newest : 0;
+}
+
+/* Readings that are new since the tick before, under their own stamps; then the sample as the configuration looks it up. */
+static void look_up_anew(tl_recording_database *database, const tl_sample *seen, tl_sample *sample) {
+    for (size_t i = 0; i < database->config->signal_count; i++) {
+        size_t from = i < database->recorded ? i : database->config->signals[i].of;
+        const tl_reading reading = {
+            .value = seen->values[from], .stamp = seen->stamps[from], .quality = (tl_quality)seen->quality[from]};
+        if (reading.stamp != database->posted[i]) {
+            tl_plant_input_post(&database->input, i, &reading);
+            database->posted[i] = reading.stamp;
+        }
+    }
+    tl_plant_input_take(&database->input, seen->tick, seen->instant, sample);
 }
 
 tl_status tl_recording_database_next(tl_recording_database *database, tl_recording_tick *tick, bool *end,
@@ -105,7 +164,14 @@ tl_status tl_recording_database_next(tl_recording_database *database, tl_recordi
     }
     bool repeat = database->same_configuration && read.has_step;
     database->next++;
+    if (read.sample.tick == 0) {
+        find_start(database, &read.sample);
+    }
+    read.sample.instant = tl_time_of_step(database->start, database->config->step, read.sample.tick);
     tick->sample = read.sample;
+    if (database->anew) {
+        look_up_anew(database, &read.sample, &tick->sample);
+    }
     tick->made_up = repeat && read.outcome == TL_MADE_UP;
     bool without_nominal = (read.flags & TL_FLAG_WITHOUT_NOMINAL) != 0;
     tick->cut_short = repeat && (read.stop == TL_STOP_TIME || without_nominal);

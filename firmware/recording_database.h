@@ -2,6 +2,8 @@
  *
  * Purpose: the last run of the file, as it was seen. Where the configuration is the very one of the run, ticks it missed
  *          are made up again and searches it had no time for end where they ended, so that the same u come out.
+ * Delays:  with another configuration that has delays, signals are looked up anew, by the stamps of the readings that the run
+ *          saw: at most one a tick of each. So a run that was recorded without delays can be replayed with them.
  * Errors:  TL_BAD_DATA where the signals or the step are not the configuration's, or the run's beginning is gone.
  * Thread:  one thread.
  */

@@ -85,6 +85,33 @@ static void add_adjusted(cJSON *root, const tl_summary *summary, const tl_config
     }
 }
 
+/* Δo as measured: what the twin has found is left to be shifted, and Δi. */
+static double measured_delay(const tl_config *config, const tl_twin_delay *found) {
+    return tl_seconds(found->delay + (config->delays->has_input ? config->delays->input.delay : 0));
+}
+
+static const char *state_name(tl_delay_state state) {
+    static const char *const names[] = {
+        [TL_DELAY_UNKNOWN] = "unknown", [TL_DELAY_KNOWN] = "known", [TL_DELAY_LOST] = "lost"};
+    return names[state];
+}
+
+static void add_delays(cJSON *root, const tl_config *config, const tl_twin *twin) {
+    const tl_config_delays *delays = config->delays;
+    if (delays == NULL) {
+        return;
+    }
+    cJSON *object = cJSON_AddObjectToObject(root, "delays");
+    add_measure(object, "input_s", tl_seconds(delays->input.delay), delays->has_input);
+    add_measure(object, "output_s", tl_seconds(delays->output.delay), delays->has_output);
+    if (delays->measure) {
+        tl_twin_delay found = tl_twin_get_delay(twin);
+        add_measure(object, "measured_s", measured_delay(config, &found), found.state != TL_DELAY_UNKNOWN);
+        (void)cJSON_AddStringToObject(object, "state", state_name(found.state));
+        (void)cJSON_AddNumberToObject(object, "confidence", found.confidence);
+    }
+}
+
 /* Of all components together. */
 static tl_twin_ledger total_ledger(const tl_twin *twin) {
     tl_twin_ledger total = {0};
@@ -153,6 +180,7 @@ void tl_summary_print_json(const tl_summary *summary, const tl_config *config, c
     (void)cJSON_AddNumberToObject(root, "optimised_steps", (double)summary->optimised_steps);
     add_matches(root, config, twin);
     add_adjusted(root, summary, config, twin);
+    add_delays(root, config, twin);
     add_cache(root, twin);
     add_ledger(root, twin);
     add_outcomes(root, summary);
@@ -268,6 +296,20 @@ static void print_adjusted(const tl_summary *summary, const tl_config *config, c
     }
 }
 
+static void print_delays(const tl_config *config, const tl_twin *twin, FILE *file) {
+    if (config->delays == NULL || !config->delays->measure) {
+        return;
+    }
+    tl_twin_delay found = tl_twin_get_delay(twin);
+    if (found.state == TL_DELAY_UNKNOWN) {
+        (void)fprintf(file, "  delay        not found: confidence %.2f\n", found.confidence);
+    } else {
+        (void)fprintf(file, "  delay        measured \316\224o = %.4g ms, confidence %.2f%s\n",
+                      measured_delay(config, &found) * 1e3, found.confidence,
+                      found.state == TL_DELAY_LOST ? ": lost" : "");
+    }
+}
+
 void tl_summary_print_table(const tl_summary *summary, const tl_config *config, const tl_twin *twin, FILE *file) {
     (void)fprintf(file, "%s\n", config->name);
     (void)fprintf(file, "  steps        %" PRIu64 " of %g s: ", summary->steps, tl_seconds(config->step));
@@ -278,6 +320,7 @@ void tl_summary_print_table(const tl_summary *summary, const tl_config *config, 
     }
     print_matches(config, twin, file);
     print_adjusted(summary, config, twin, file);
+    print_delays(config, twin, file);
     if (summary->ticks != 0) {
         (void)fprintf(file,
                       "  real time    %" PRIu64 " ticks, %" PRIu64 " skipped, %" PRIu64

@@ -7,6 +7,7 @@
 
 #include "firmware/advice.h"
 #include "firmware/assembly.h"
+#include "firmware/delay_page.h"
 #include "firmware/log.h"
 #include "firmware/measurements.h"
 #include "firmware/output.h"
@@ -286,6 +287,7 @@ static void print_page(const tl_assembly *assembly, FILE *output) {
     print_components(assembly, output);
     print_mode(assembly, output);
     print_synchronisation(assembly, output);
+    tl_delay_page_print(config, output);
     print_needs(assembly, &prognosis, output);
     print_costs(assembly, &prognosis, output);
     size_t warnings = tl_advice_print(assembly, &prognosis, output);

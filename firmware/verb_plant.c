@@ -139,7 +139,11 @@ static tl_status open_emulation(player *self, const tl_config *config, tl_error 
     if (config->emulated_count == 0) {
         return tl_emulation_open_recording(path, config, &self->emulation, error);
     }
-    status = tl_assembly_load(config->path, &self->assembly);
+    status = tl_assembly_read(config->path, &self->assembly);
+    if (status == TL_OK) {
+        tl_config_forget_delays(&self->assembly.config);
+        status = tl_assembly_build(&self->assembly);
+    }
     if (status != TL_OK) {
         return tl_fail(error, status, "%s: the plant's model could not be built", config->path);
     }

@@ -209,6 +209,38 @@ static void watch_stroke(tl_watch *watch, int64_t tick, const tl_record *record)
     }
 }
 
+static double milliseconds(tl_time time) {
+    return tl_seconds(time) * 1e3;
+}
+
+/* What was measured for the first time, what has moved by more than a step, what is not sure any more. */
+static void watch_delay(tl_watch *watch, int64_t tick, const tl_record *record) {
+    tl_time input =
+        watch->config->delays != NULL && watch->config->delays->has_input ? watch->config->delays->input.delay : 0;
+    tl_time delay = record->delay + input;
+    tl_time moved = delay > watch->delay ? delay - watch->delay : watch->delay - delay;
+    tl_delay_state before = watch->delay_state;
+    if (record->delay_state == TL_DELAY_LOST && before != TL_DELAY_LOST) {
+        tl_journal_event(watch->journal, tick, TL_EVENT_WARNING, "twin",
+                         "delay: what is measured is not sure any more; \316\224o = %.3f ms stays in use",
+                         milliseconds(delay));
+    } else if (record->delay_state == TL_DELAY_KNOWN && before == TL_DELAY_UNKNOWN) {
+        tl_journal_event(watch->journal, tick, TL_EVENT_INFO, "twin",
+                         "delay: \316\224o = %.3f ms measured, and used from now on", milliseconds(delay));
+    } else if (record->delay_state == TL_DELAY_KNOWN && moved > watch->config->step) {
+        tl_journal_event(watch->journal, tick, TL_EVENT_WARNING, "twin",
+                         "delay: \316\224o has drifted from %.3f ms to %.3f ms", milliseconds(watch->delay),
+                         milliseconds(delay));
+    } else if (record->delay_state == TL_DELAY_KNOWN && before == TL_DELAY_LOST) {
+        tl_journal_event(watch->journal, tick, TL_EVENT_INFO, "twin",
+                         "delay: \316\224o = %.3f ms is measured surely again", milliseconds(delay));
+    } else {
+        return;
+    }
+    watch->delay_state = record->delay_state;
+    watch->delay = delay;
+}
+
 void tl_watch_record(tl_watch *watch, int64_t tick, const tl_record *record) {
     if (watch->config->event.start.signal != NULL) {
         watch_stroke(watch, tick, record);
@@ -221,6 +253,7 @@ void tl_watch_record(tl_watch *watch, int64_t tick, const tl_record *record) {
     }
     watch_fallback(watch, tick, record);
     watch_stagnation(watch, tick, record);
+    watch_delay(watch, tick, record);
 }
 
 void tl_watch_skipped(tl_watch *watch, int64_t tick, uint64_t count, tl_time now) {

@@ -42,6 +42,8 @@ typedef struct tl_watch {
     tl_watch_trouble stagnation;          /* solvers make no progress */
     double stroke_u;                      /* event horizon: u in force before the stroke at hand, */
     uint64_t stroke_evaluations;          /* and what its search has evaluated so far */
+    tl_delay_state delay_state;           /* as last told */
+    tl_time delay;                        /* the measured delay as last told */
     uint64_t skipped;                     /* not told yet */
     tl_time skipped_since;
 } tl_watch;

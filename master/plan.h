@@ -142,6 +142,12 @@ typedef struct tl_plan_event {
     tl_time window;     /* T_F, ns: J counts half of it before the event and half after */
     tl_time longest;    /* ns; a stroke that lasts longer is not searched */
 } tl_plan_event;
+/* Whether and how Δo is measured (sync/delay_meter.h). */
+typedef struct tl_plan_measure {
+    uint32_t lags;     /* N of the meters, at most TL_DELAY_LAGS; 0: Δo is not measured */
+    tl_time range;     /* the delays left to be shifted that are used: −range … range, less than (N − 1)·T_S */
+    tl_time look_back; /* of the samples of matched signals */
+} tl_plan_measure;
 
 typedef struct tl_plan {
     tl_time step; /* T_S, ns, > 0 */
@@ -161,6 +167,9 @@ typedef struct tl_plan {
     tl_shape shape;
     tl_measurements measurements;
     tl_plan_event event;
+    int32_t input_ticks; /* what feeds inputs at t_i is in the sample of tick i + this (Δi; base/signal.h) */
+    tl_plan_measure measure;
+    int32_t output_ticks;  /* and the ŷ of t_j in that of tick j + this (Δo) */
     const char *algorithm; /* see sync/optimiser.h */
     const char *fallback;  /* takes over where the first one fails or stagnates; NULL: none */
     uint32_t stagnation;   /* evaluations without progress that end a solver; 0: never */

@@ -1,5 +1,6 @@
 /* The life of a twin: see twin.h. */
 #include <assert.h>
+#include <math.h>
 
 #include "master/sync/proof.h"
 #include "master/twin_parts.h"
@@ -12,6 +13,64 @@ static tl_status start(tl_twin *twin, tl_error *error) {
     return status == TL_OK ? tl_exchange_start(&twin->exchange, error) : status;
 }
 
+/* ---- a measured delay ---- */
+
+/* A hundredth of a first step of the search, or less, is no correction. */
+static bool is_free(const tl_twin *twin, const tl_record *record) {
+    static const double least = 0.01;
+    bool free = true;
+    for (size_t v = 0; v < twin->lock.horizon.variables; v++) {
+        free = free && fabs(record->u[v] - record->u_hat[v]) <= least * twin->lock.adjusted[v].step;
+    }
+    return free;
+}
+
+/* From the next step on. What is in the sample at a tick was seen at a fixed time before it, so only whole steps can change. */
+static void use_delay(tl_twin *twin) {
+    tl_time delay = twin->delay.delay;
+    tl_time range = twin->measure.range;
+    tl_time used = delay > range ? range : delay < -range ? -range : delay;
+    for (size_t i = 0; i < twin->lock.objective.term_count; i++) {
+        twin->terms[i].shift = tl_delay_ticks(twin->measure.look_back, used, twin->step);
+    }
+}
+
+/* The first matched output that knows it; one that has lost it only where none does. */
+static void judge_delay(tl_twin *twin) {
+    tl_twin_delay best = {.state = TL_DELAY_UNKNOWN, .confidence = 0.0};
+    for (size_t i = 0; i < twin->lock.objective.term_count; i++) {
+        tl_delay_measured found = tl_delay_meter_get(twin->meters[i]);
+        tl_delay_state state = !found.known ? TL_DELAY_UNKNOWN : found.lost ? TL_DELAY_LOST : TL_DELAY_KNOWN;
+        bool better = state == TL_DELAY_KNOWN ? best.state != TL_DELAY_KNOWN : best.state == TL_DELAY_UNKNOWN;
+        if (better && (state != TL_DELAY_UNKNOWN || found.confidence >= best.confidence)) {
+            best = (tl_twin_delay){.state = state, .delay = found.delay, .confidence = found.confidence};
+        }
+    }
+    if (best.state == TL_DELAY_LOST) {
+        best.delay = twin->delay.delay;
+    }
+    bool changed = best.state != TL_DELAY_UNKNOWN && best.delay != twin->delay.delay;
+    bool first = best.state != TL_DELAY_UNKNOWN && twin->delay.state == TL_DELAY_UNKNOWN;
+    twin->delay = best;
+    if (changed || first) {
+        use_delay(twin);
+    }
+}
+
+static void measure_delay(tl_twin *twin, tl_record *record) {
+    if (twin->measure.lags != 0) {
+        bool free = is_free(twin, record);
+        for (size_t i = 0; i < twin->lock.objective.term_count; i++) {
+            tl_delay_meter_step(twin->meters[i], record->step + 1, record->y[i], free);
+        }
+        judge_delay(twin);
+    }
+    record->delay_state = twin->delay.state;
+    record->delay = twin->delay.delay;
+}
+
+/* ---- records ---- */
+
 /* Completes a record with the measurement of its instant. */
 static void complete(tl_twin *twin, tl_record *record) {
     for (size_t i = 0; i < twin->lock.objective.term_count; i++) {
@@ -20,6 +79,7 @@ static void complete(tl_twin *twin, tl_record *record) {
         record->y_hat_quality[i] = (uint8_t)quality;
         tl_metrics_add(&twin->metrics[i], record->y[i], record->y_hat[i], quality);
     }
+    measure_delay(twin, record);
 }
 
 static uint64_t count_executions(const tl_twin *twin) {
@@ -60,6 +120,11 @@ static void push(tl_twin *twin, const tl_sample *sample) {
             tl_conditioner_push(term->conditioner, sample->tick, kept->values[term->signal],
                                 (tl_quality)kept->quality[term->signal]);
         }
+        if (twin->meters[i] != NULL && sample->stamps[term->signal] != TL_TIME_NEVER) {
+            tl_time start = sample->instant - tl_time_of_step(0, twin->step, sample->tick);
+            tl_delay_meter_see(twin->meters[i], sample->stamps[term->signal] - start, sample->values[term->signal],
+                               sample->quality[term->signal] == TL_GOOD);
+        }
     }
 }
 
@@ -74,7 +139,7 @@ static void hand_over_pending(tl_twin *twin, tl_record *record, bool *ready) {
 static tl_status advance(tl_twin *twin, const tl_sample *sample, const tl_budget *budget, tl_record *record,
                          bool *ready, tl_error *error) {
     push(twin, sample);
-    if (sample->tick == 0) {
+    if (sample->tick == twin->begin) {
         tl_status status = start(twin, error);
         if (status != TL_OK) {
             return status;

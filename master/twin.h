@@ -7,6 +7,9 @@
  *                   conditioned measurements, 0 without any.
  *            hold:  tick m ≥ 1 + D computes step i = m − 1 − D; complete at once.
  *            ahead: tick m computes step i = m; its record is complete when the sample m + 1 has come.
+ *          D grows by what the plan's input_ticks and output_ticks are above 0, whichever waits longer; the FMUs are then
+ *          initialised at tick input_ticks, with what the plant shows at t_0 (in mode ahead at tick 0). Where Δo is measured
+ *          a step waits for the longest delay that can come out.
  * Memory:  everything is taken in tl_twin_build(); nothing of ours allocates afterwards.
  * Thread:  one twin belongs to one thread at a time.
  */
@@ -75,6 +78,13 @@ typedef struct tl_twin_adjusted {
     double upper;
 } tl_twin_adjusted;
 
+/* A measured delay: of the first matched output that is sure of one. */
+typedef struct tl_twin_delay {
+    tl_delay_state state;
+    tl_time delay;     /* in force: ŷ is looked up so long before y, in whole steps; 0 where not known */
+    double confidence; /* 0 … 1, of what the measurements say now */
+} tl_twin_delay;
+
 /* Checks the plan, reports every problem, and builds the twin: instantiates the FMUs and sets their
  * parameters. NULL when anything was reported. The plan itself need not outlive the call. */
 tl_twin *tl_twin_build(const tl_plan *plan, tl_report *report);
@@ -110,6 +120,9 @@ tl_twin_ledger tl_twin_get_ledger(const tl_twin *twin, size_t component);
 bool tl_twin_ledger_is_complete(const tl_twin *twin);
 
 tl_twin_adjusted tl_twin_get_adjusted(const tl_twin *twin, size_t adjust);
+
+/* What is measured of Δo, less Δi where inputs are shifted. */
+tl_twin_delay tl_twin_get_delay(const tl_twin *twin);
 
 /* MSE and MAX of match m over the records so far (eq. 5.2, 5.3). */
 const tl_metrics *tl_twin_metrics(const tl_twin *twin, size_t match);

@@ -17,6 +17,7 @@ static void build_matches(tl_twin *twin, const tl_plan *plan, tl_report *report)
         term->tolerance = match->tolerance;
         term->weight = match->weight;
         term->huber = match->huber;
+        term->shift = plan->output_ticks;
     }
     twin->lock.objective.terms = twin->terms;
     twin->lock.objective.term_count = plan->match_count;
@@ -187,6 +188,42 @@ static bool has_all_ports(const tl_twin *twin, const tl_plan *plan) {
     return all;
 }
 
+/* Of all that may come out of measuring, where that is done. */
+static int32_t most_output_ticks(const tl_plan *plan) {
+    const tl_plan_measure *measure = &plan->measure;
+    if (measure->lags == 0 || plan->step <= 0) {
+        return plan->output_ticks;
+    }
+    int32_t most = tl_delay_ticks(measure->look_back, -measure->range, plan->step);
+    return most > plan->output_ticks ? most : plan->output_ticks;
+}
+
+static int32_t least_output_ticks(const tl_plan *plan) {
+    const tl_plan_measure *measure = &plan->measure;
+    if (measure->lags == 0 || plan->step <= 0) {
+        return plan->output_ticks;
+    }
+    int32_t least = tl_delay_ticks(measure->look_back, measure->range, plan->step);
+    return least < plan->output_ticks ? least : plan->output_ticks;
+}
+
+/* Ticks until all that belongs to an instant is there: inputs, and conditioned measurements. */
+static uint32_t find_wait(const tl_plan *plan) {
+    int64_t longest = plan->input_ticks > 0 ? plan->input_ticks : 0;
+    for (size_t i = 0; i < plan->match_count; i++) {
+        int64_t own = (int64_t)tl_conditioner_delay(&plan->match[i].condition, plan->step) + most_output_ticks(plan);
+        longest = own > longest ? own : longest;
+    }
+    return (uint32_t)longest;
+}
+
+/* Ticks by which what is looked up may be older than the instant it is for. */
+static size_t find_age(const tl_plan *plan) {
+    int32_t outputs = least_output_ticks(plan);
+    int32_t oldest = plan->input_ticks < outputs ? plan->input_ticks : outputs;
+    return oldest < 0 ? (size_t)-oldest : 0;
+}
+
 /* Paths, T_D, T_P; and at which tick a step is computed. */
 static void build_horizon(tl_twin *twin, const tl_plan *plan, tl_report *report) {
     tl_horizon *horizon = &twin->lock.horizon;
@@ -196,14 +233,12 @@ static void build_horizon(tl_twin *twin, const tl_plan *plan, tl_report *report)
     if (!tl_horizon_init(horizon, &twin->arena, &twin->graph, twin->adjust_ports, twin->match_ports, report)) {
         tl_report_add(report, TL_TRY_AGAIN, "", "not enough memory for the horizon");
     }
-    uint32_t delay = 0;
-    for (size_t i = 0; i < plan->match_count; i++) {
-        uint32_t own = tl_conditioner_delay(&plan->match[i].condition, plan->step);
-        delay = own > delay ? own : delay;
-    }
     twin->lock.held_inputs = plan->measurements == TL_AHEAD;
-    uint32_t newest = plan->measurements == TL_LAG && plan->event.start.signal == NULL ? horizon->prediction : 1;
-    twin->lead = plan->measurements == TL_AHEAD ? 0 : delay + newest;
+    if (plan->measurements != TL_AHEAD) {
+        bool whole = plan->measurements == TL_LAG && plan->event.start.signal == NULL;
+        twin->lead = find_wait(plan) + (whole ? horizon->prediction : 1);
+        twin->begin = plan->input_ticks > 0 ? plan->input_ticks : 0;
+    }
 }
 
 /* What the plant delivers before there is a good reading: configured, or the start value of what it drives. */
@@ -319,10 +354,24 @@ static bool condition_matches(tl_twin *twin, const tl_plan *plan) {
         const tl_plan_condition *condition = &plan->match[i].condition;
         if (tl_conditioner_is_needed(condition)) {
             tl_objective_term *term = &twin->terms[i];
-            term->conditioner = tl_conditioner_create(&twin->arena, condition, plan->step, twin->lead + 2);
+            term->conditioner =
+                tl_conditioner_create(&twin->arena, condition, plan->step, twin->lead + find_age(plan) + 2);
             term->delay = tl_conditioner_delay(condition, plan->step);
             placed = placed && term->conditioner != NULL;
         }
+    }
+    return placed;
+}
+
+/* One for each match; they wait for what a step waits for, and the other way round. */
+static bool create_meters(tl_twin *twin, const tl_plan *plan) {
+    bool placed = true;
+    size_t late = twin->lead + find_age(plan) + (size_t)(plan->measure.look_back / plan->step) + 2;
+    twin->measure = plan->measure;
+    twin->step = plan->step;
+    for (size_t i = 0; plan->measure.lags != 0 && i < plan->match_count; i++) {
+        twin->meters[i] = tl_delay_meter_create(&twin->arena, plan->measure.lags, plan->step, late);
+        placed = placed && twin->meters[i] != NULL;
     }
     return placed;
 }
@@ -385,18 +434,20 @@ static void build_values(tl_twin *twin, const tl_plan *plan, tl_report *report) 
     tl_error error;
     /* As far back as a candidate that is remembered may have been fed. */
     bool by_event = plan->event.start.signal != NULL;
-    size_t window = by_event ? tl_event_horizon_window(plan) : (size_t)twin->lock.horizon.prediction + twin->lead + 3;
+    size_t back = by_event ? tl_event_horizon_window(plan) : twin->lock.horizon.prediction;
+    size_t window = back + twin->lead + find_age(plan) + 3;
     tl_status status = tl_exchange_init(&twin->exchange, &twin->arena, &twin->graph, window, &error);
     if (status != TL_OK) {
         tl_report_add(report, status, "", "%s", error.text);
         return;
     }
+    twin->exchange.plant.shift = plan->input_ticks;
     build_initial_values(twin, plan);
     twin->lock.exchange = &twin->exchange;
     twin->proof = tl_arena_take(&twin->arena, twin->graph.port_count, sizeof *twin->proof);
     place_adjusted(twin, plan, report);
-    if (twin->proof == NULL || !condition_matches(twin, plan) || !save_executions(twin, plan) ||
-        !tl_lock_init(&twin->lock, &twin->arena, plan)) {
+    if (twin->proof == NULL || !condition_matches(twin, plan) || !create_meters(twin, plan) ||
+        !save_executions(twin, plan) || !tl_lock_init(&twin->lock, &twin->arena, plan)) {
         tl_report_add(report, TL_TRY_AGAIN, "", "not enough memory for the search");
         return;
     }

@@ -9,6 +9,8 @@
 #include "master/base/arena.h"
 #include "master/graph/exchange.h"
 #include "master/graph/graph.h"
+#include "master/sync/delay.h"
+#include "master/sync/delay_meter.h"
 #include "master/sync/event_horizon.h"
 #include "master/sync/lock.h"
 #include "master/twin.h"
@@ -27,7 +29,12 @@ struct tl_twin {
     const tl_port *outputs[TL_MAX_SIGNALS];
     tl_metrics metrics[TL_MAX_MATCH];
     tl_measurements measurements;
+    tl_plan_measure measure;
+    tl_delay_meter *meters[TL_MAX_MATCH]; /* where Δo is measured */
+    tl_twin_delay delay;
+    tl_time step;
     uint32_t lead;    /* step i is computed at tick i + lead */
+    int64_t begin;    /* tick at which the FMUs are initialised */
     double *proof;    /* for the proof at start: one value per port */
     tl_status ended;  /* not TL_OK: a step has failed, nothing may follow */
     bool has_pending; /* mode ahead: computed, its measurement not there yet */

@@ -37,9 +37,11 @@ typedef struct tl_reading {
     tl_quality quality;
 } tl_reading;
 
-/* The plant as seen at one instant t_m = t_start + tick·T_S: for each signal the newest reading at or before it. */
+/* The plant as seen at one instant t_m = t_start + tick·T_S: for each signal the newest reading at or before it; or, where plant and
+ * simulation are apart in time, the reading at a fixed time before it (sync/delay.h). */
 typedef struct tl_sample {
     int64_t tick;
+    tl_time instant; /* t_m, on the clock of the stamps */
     double values[TL_MAX_SIGNALS];
     tl_time stamps[TL_MAX_SIGNALS];  /* TL_TIME_NEVER where there never was a reading */
     uint8_t quality[TL_MAX_SIGNALS]; /* tl_quality */

@@ -47,7 +47,7 @@ void tl_plant_push(tl_plant *plant, const tl_sample *sample) {
 
 const tl_sample *tl_plant_sample(const tl_plant *plant, int64_t tick) {
     int64_t known = tick < plant->newest ? tick : plant->newest;
-    return &plant->window[(size_t)known & plant->window_mask];
+    return &plant->window[(size_t)(known < 0 ? 0 : known) & plant->window_mask];
 }
 
 void tl_plant_placed(tl_plant *plant) {
@@ -58,6 +58,11 @@ void tl_plant_placed(tl_plant *plant) {
             plant->delivered_signals = i + 1;
         }
     }
+}
+
+int64_t tl_plant_shown(const tl_plant *plant, int64_t i, int64_t newest) {
+    int64_t tick = i + plant->shift < newest ? i + plant->shift : newest;
+    return tick < 0 ? 0 : tick;
 }
 
 void tl_plant_deliver(tl_plant *plant, int64_t tick) {
@@ -89,7 +94,7 @@ static bool is_known(tl_plant *plant, int64_t step, int64_t number) {
 }
 
 void tl_plant_step(tl_plant *plant, int64_t step) {
-    int64_t number = step + 1 < plant->newest ? step + 1 : plant->newest;
+    int64_t number = tl_plant_shown(plant, step + 1, plant->newest);
     if (plant->delivered == NULL || !is_known(plant, step, number)) {
         plant->executions++;
     }

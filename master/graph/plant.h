@@ -6,6 +6,8 @@
  *          was any); the quality stays with it.
  *          A value that calls itself good but is not finite, or too large for an integer signal, is not good.
  * Later:   a tick whose sample is not there yet is stood for by the newest one (modes `hold` and `ahead`).
+ * Shift:   what the plant shows at the instant t_i is the sample of tick i + shift, so that a delay of inputs is made up for.
+ *          What would be before tick 0 is that of tick 0.
  * Saving:  where executions are saved, the plant's key is the number of the sample it delivers, so that a value that was
  *          held for a tick is never taken for the real one. Its sequence has no branches: within a tick it is the same
  *          for every candidate.
@@ -38,6 +40,7 @@ typedef struct tl_plant {
     tl_sample *window;           /* ring by tick */
     size_t window_mask;          /* its size, a power of two, less one */
     int64_t newest;              /* tick; −1: none */
+    int64_t shift;               /* ticks; set after tl_plant_init(), where it is not 0 */
     int64_t known;      /* saving: the sample delivered at the end of each macro step before this one is known … */
     int64_t *delivered; /* … to be this, by step, in a ring; NULL: every step is an execution */
     size_t delivered_size;
@@ -53,12 +56,15 @@ bool tl_plant_save_executions(tl_plant *plant, tl_arena *arena, size_t horizon);
 /* Adds the sample of the next tick; its stamps are not kept. */
 void tl_plant_push(tl_plant *plant, const tl_sample *sample);
 
-/* The sample of a tick, values held where bad. A tick after the newest gives the newest. Ticks older than the window
- * must not be asked for. At least one sample must have been pushed. */
+/* The sample of a tick, values held where bad. A tick after the newest gives the newest, one before 0 that of 0. Ticks older
+ * than the window must not be asked for. At least one sample must have been pushed. */
 const tl_sample *tl_plant_sample(const tl_plant *plant, int64_t tick);
 
 /* Once the outputs are placed: finds out which signals are delivered at all. */
 void tl_plant_placed(tl_plant *plant);
+
+/* The tick of the sample that is shown at t_i where `newest` is the newest. */
+int64_t tl_plant_shown(const tl_plant *plant, int64_t i, int64_t newest);
 
 /* Delivers the sample of `tick` to the outputs. */
 void tl_plant_deliver(tl_plant *plant, int64_t tick);

@@ -21,6 +21,7 @@ typedef enum event_phase {
 typedef struct event_edge {
     size_t signal;
     bool falls;
+    bool effect; /* measured, else a command */
 } event_edge;
 
 struct tl_event_horizon {
@@ -124,6 +125,10 @@ void tl_event_horizon_check(const tl_plan *plan, tl_report *report) {
         tl_report_add(report, TL_BAD_DATA, "synchronise.horizon.measurements",
                       "found \"ahead\", expected \"lag\" or \"hold\" with horizon.event");
     }
+    if (plan->measure.lags != 0) {
+        tl_report_add(report, TL_BAD_DATA, "delays",
+                      "measured delays do not go with horizon.event: give them in chains");
+    }
     if (plan->shape == TL_DYNAMIC || plan->prediction != 0) {
         tl_report_add(report, TL_BAD_DATA, plan->event.where,
                       "\"prediction\" and \"shape\" do not go with \"event\": the stroke is the horizon, with one u");
@@ -141,7 +146,7 @@ static void place_event(tl_event_horizon *self) {
     for (size_t i = 0; i < objective->term_count; i++) {
         const tl_objective_term *term = &objective->terms[i];
         if (term->weight > 0.0 && term->signal == self->end.signal) {
-            self->stroke.event = (tl_stroke_event){match, self->end.signal, self->end.falls};
+            self->stroke.event = (tl_stroke_event){match, self->end.signal, term->shift, self->end.falls};
             return;
         }
         match += term->weight > 0.0;
@@ -157,6 +162,7 @@ tl_event_horizon *tl_event_horizon_create(tl_arena *arena, tl_lock *lock, const 
     self->lock = lock;
     self->start.falls = plan->event.start.falls;
     self->end.falls = plan->event.end.falls;
+    self->end.effect = true;
     (void)find_signal(plan, plan->event.start.signal, &self->start.signal);
     (void)find_signal(plan, plan->event.end.signal, &self->end.signal);
     self->half = (int64_t)half_of(plan);
@@ -195,14 +201,20 @@ void tl_event_horizon_end(tl_event_horizon *self) {
 
 /* ---- the plant ---- */
 
+/* The plant of t_tick: a command is looked up as inputs are, an effect as measurements are. */
+static const tl_sample *sample_of(const tl_event_horizon *self, event_edge edge, int64_t tick) {
+    const tl_plant *plant = &self->lock->exchange->plant;
+    return tl_plant_sample(plant, tick + (edge.effect ? self->stroke.event.shift : plant->shift));
+}
+
 static bool is_on(const tl_event_horizon *self, event_edge edge, int64_t tick) {
-    const tl_sample *sample = tl_plant_sample(&self->lock->exchange->plant, tick);
+    const tl_sample *sample = sample_of(self, edge, tick);
     bool on = sample->values[edge.signal] < 0.0 || sample->values[edge.signal] > 0.0;
     return on != edge.falls;
 }
 
 static bool is_good(const tl_event_horizon *self, event_edge edge, int64_t tick) {
-    return tl_plant_sample(&self->lock->exchange->plant, tick)->quality[edge.signal] == TL_GOOD;
+    return sample_of(self, edge, tick)->quality[edge.signal] == TL_GOOD;
 }
 
 /* Has it come at this tick? Values that are not good are held, so that it comes with the first good one; `sure`: just then. */
@@ -320,7 +332,7 @@ static tl_status try(tl_event_horizon *self, double u, tl_error *error) {
 
 /* The winner is the twin. */
 static void settle(tl_event_horizon *self, tl_record *record) {
-    bool stood_for = self->lock->exchange->plant.newest < self->stroke.last;
+    bool stood_for = self->stroke.now < self->stroke.last;
     const tl_event_trial *nominal = tl_event_search_find(&self->search, nominal_of(self));
     self->own_course = self->own_course && is_u(self, self->winner);
     self->u = self->winner;
@@ -395,7 +407,7 @@ static void tell(tl_event_horizon *self, bool failed, tl_record *record) {
 /* Is a candidate that is being searched, or the winner, where it has to be? */
 static bool has_arrived(const tl_event_horizon *self) {
     const tl_stroke *stroke = &self->stroke;
-    return self->phase == FOLLOWING ? stroke->at >= self->lock->exchange->plant.newest : stroke->at >= stroke->last;
+    return self->phase == FOLLOWING ? stroke->at >= stroke->now : stroke->at >= stroke->last;
 }
 
 static void arrive(tl_event_horizon *self, tl_record *record) {

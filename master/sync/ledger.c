@@ -20,7 +20,7 @@ bool tl_ledger_init(tl_ledger *ledger, tl_arena *arena, const tl_horizon *horizo
                     const tl_plan *plan, uint32_t evaluations) {
     *ledger = (tl_ledger){.horizon = horizon, .plant = plant, .saving = plan->saving};
     ledger->signal_count = plan->signal_count;
-    ledger->lead = plan->measurements == TL_AHEAD ? 0 : 1;
+    ledger->ahead = plan->measurements == TL_AHEAD;
     ledger->known = tl_arena_take(arena, horizon->nodes, sizeof *ledger->known);
     ledger->saved = tl_arena_take(arena, horizon->nodes, sizeof *ledger->saved);
     ledger->until = tl_arena_take(arena, horizon->nodes, sizeof *ledger->until);
@@ -78,13 +78,23 @@ static int64_t lesser(int64_t a, int64_t b) {
     return a < b ? a : b;
 }
 
+/* The sample that was or is shown at t_(step + after): of a committed step the one of its commit, at which, in mode ahead, the newest was that
+ * of its own tick. */
+static int64_t present_sample(const tl_ledger *ledger, int64_t step, int64_t after) {
+    int64_t newest = step < ledger->step && ledger->ahead ? step : ledger->plant->newest;
+    return tl_plant_shown(ledger->plant, step + after, newest);
+}
+
 /* The first absolute step that begins with another value of a plant signal than it began with then: a sample that was
  * not there yet was stood for by the newest. */
 static int64_t signal_differs(const tl_ledger *ledger, const tl_ledger_entry *entry, size_t signal, uint32_t length) {
     int64_t end = last_compared(ledger, entry, length);
-    for (int64_t step = lesser(entry->newest, end); step < end; step++) {
-        int64_t present = step < ledger->step ? step : lesser(step, ledger->plant->newest);
-        double was = tl_plant_sample(ledger->plant, lesser(step, entry->newest))->values[signal];
+    int64_t first = entry->newest - ledger->plant->shift;
+    first = first > entry->first ? first : entry->first;
+    for (int64_t step = lesser(first, end); step < end; step++) {
+        int64_t present = present_sample(ledger, step, 0);
+        int64_t then = tl_plant_shown(ledger->plant, step, entry->newest);
+        double was = tl_plant_sample(ledger->plant, then)->values[signal];
         double is = tl_plant_sample(ledger->plant, present)->values[signal];
         if (memcmp(&was, &is, sizeof is) != 0) {
             return step;
@@ -97,9 +107,7 @@ static int64_t signal_differs(const tl_ledger *ledger, const tl_ledger_entry *en
 static int64_t plant_differs(const tl_ledger *ledger, const tl_ledger_entry *entry, uint32_t length) {
     int64_t end = last_compared(ledger, entry, length);
     for (int64_t step = entry->first; step < end; step++) {
-        int64_t was = lesser(step + 1, entry->newest);
-        int64_t is = step < ledger->step ? step + ledger->lead : lesser(step + 1, ledger->plant->newest);
-        if (was != is) {
+        if (tl_plant_shown(ledger->plant, step + 1, entry->newest) != present_sample(ledger, step, 1)) {
             return step;
         }
     }
@@ -246,7 +254,7 @@ void tl_ledger_walked(tl_ledger *ledger, uint32_t depth, size_t failed) {
 /* A candidate from which what was committed has parted in every variable, and that knew all its samples: what it leaves
  * does not depend on candidates to come. */
 static bool is_settled(const tl_ledger *ledger, const tl_ledger_entry *entry) {
-    bool settled = entry->newest >= entry->first + (int64_t)ledger->horizon->prediction;
+    bool settled = entry->newest >= entry->first + (int64_t)ledger->horizon->prediction + ledger->plant->shift;
     for (size_t v = 0; v < ledger->horizon->variables && settled; v++) {
         settled = entry->differs[v] < ledger->step;
     }

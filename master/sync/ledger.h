@@ -39,7 +39,7 @@ typedef struct tl_ledger {
     const tl_plant *plant;
     size_t signal_count;
     tl_plan_saving saving;
-    int64_t lead; /* the sample delivered by committed step i is i + this: 1, or 0 in mode ahead */
+    bool ahead;   /* mode: when step i is committed, the newest sample is that of tick i */
     int64_t step; /* i */
     size_t capacity;
     size_t oldest; /* ring of entries */

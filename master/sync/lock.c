@@ -454,7 +454,8 @@ static tl_status commit_found(tl_attempt *attempt, const double *u, tl_record *r
 /* Input values that the plant feeds are those of t_i, also where they were stood for when step i − 1 was computed. */
 static void refresh(tl_lock *lock, int64_t step) {
     if (lock->held_inputs) {
-        tl_plant_deliver(&lock->exchange->plant, step);
+        tl_plant *plant = &lock->exchange->plant;
+        tl_plant_deliver(plant, tl_plant_shown(plant, step, plant->newest));
         tl_exchange_deliver(lock->exchange);
     }
 }

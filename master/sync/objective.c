@@ -55,7 +55,9 @@ static double look_up(const tl_objective *objective, size_t index, int64_t tick,
     if (term->conditioner == NULL) {
         return tl_objective_y_hat(objective, index, tick, quality);
     }
-    double value = tl_conditioner_value(term->conditioner, tick + (int64_t)term->delay, quality);
+    int64_t seen = tick + term->shift;
+    double value = tl_conditioner_value(term->conditioner, (seen < 0 ? 0 : seen) + (int64_t)term->delay, quality);
+    *quality = seen < 0 ? TL_NO_LINK : *quality;
     return term->conversion.factor * value + term->conversion.offset;
 }
 
@@ -205,7 +207,8 @@ double tl_objective_y(const tl_objective *objective, size_t term) {
 
 double tl_objective_y_hat(const tl_objective *objective, size_t term, int64_t tick, tl_quality *quality) {
     const tl_objective_term *description = &objective->terms[term];
-    const tl_sample *sample = tl_plant_sample(&objective->exchange->plant, tick);
-    *quality = (tl_quality)sample->quality[description->signal];
+    int64_t seen = tick + description->shift;
+    const tl_sample *sample = tl_plant_sample(&objective->exchange->plant, seen);
+    *quality = seen < 0 ? TL_NO_LINK : (tl_quality)sample->quality[description->signal];
     return description->conversion.factor * sample->values[description->signal] + description->conversion.offset;
 }

@@ -58,6 +58,13 @@ typedef enum tl_flag {
     TL_LAST_FLAG = TL_FLAG_ABANDONED
 } tl_flag;
 
+/* What is known of a measured delay. */
+typedef enum tl_delay_state {
+    TL_DELAY_UNKNOWN, /* nothing yet, or it is not measured */
+    TL_DELAY_KNOWN,
+    TL_DELAY_LOST /* it was known; what is measured now is not sure */
+} tl_delay_state;
+
 /* One committed step. Arrays are in the order of the plan's `match` and `adjust`, and filled as far as the plan has
  * entries: records are copied often, and cleared never. */
 typedef struct tl_record {
@@ -77,6 +84,8 @@ typedef struct tl_record {
     uint8_t y_hat_quality[TL_MAX_MATCH]; /* tl_quality; NaN never appears: a bad y_hat holds the last good one */
     double u[TL_MAX_ADJUST];
     double u_hat[TL_MAX_ADJUST]; /* nominal */
+    tl_delay_state delay_state;
+    tl_time delay; /* measured, by which ŷ of later steps is looked up before their y; 0 where it is not known */
 } tl_record;
 
 /* Text names for records and people: "free", "first guess", … and "tolerance", "evaluations", …. */

@@ -32,6 +32,7 @@ static double *course_at(const tl_stroke *stroke, int64_t tick) {
 }
 
 void tl_stroke_note(tl_stroke *stroke, int64_t tick) {
+    stroke->now = tick;
     tl_objective_matched(&stroke->lock->objective, course_at(stroke, tick));
 }
 
@@ -68,7 +69,7 @@ static bool is_there(const tl_stroke *stroke, double value) {
 }
 
 static bool plant_is_there(const tl_stroke *stroke, int64_t tick, bool *measured) {
-    const tl_sample *sample = tl_plant_sample(&stroke->lock->exchange->plant, tick);
+    const tl_sample *sample = tl_plant_sample(&stroke->lock->exchange->plant, tick + stroke->event.shift);
     *measured = sample->quality[stroke->event.signal] == TL_GOOD;
     return is_there(stroke, sample->values[stroke->event.signal]);
 }
@@ -134,8 +135,7 @@ tl_status tl_stroke_try(tl_stroke *stroke, double u, tl_error *error) {
 }
 
 tl_status tl_stroke_try_live(tl_stroke *stroke, double u, tl_error *error) {
-    int64_t newest = stroke->lock->exchange->plant.newest;
-    int64_t known = newest < stroke->last ? newest : stroke->last;
+    int64_t known = stroke->now < stroke->last ? stroke->now : stroke->last;
     tl_status status = known < stroke->last ? go_away(stroke, error) : TL_OK;
     begin_candidate(stroke, u, known);
     stroke->unkept = true;
@@ -155,8 +155,7 @@ tl_status tl_stroke_follow(tl_stroke *stroke, double u, bool kept, tl_error *err
 
 /* Keeps the candidate where it has used nothing that is only stood for, as late as that is. */
 static tl_status mark(tl_stroke *stroke, tl_error *error) {
-    int64_t newest = stroke->lock->exchange->plant.newest;
-    bool due = stroke->at == newest || (stroke->at == stroke->last && stroke->at < newest);
+    bool due = stroke->at == stroke->now || (stroke->at == stroke->last && stroke->at < stroke->now);
     if (!due || stroke->at > stroke->last || stroke->unkept) {
         return TL_OK;
     }

@@ -24,13 +24,15 @@
 typedef struct tl_stroke_event {
     size_t match; /* the output, among those with a weight */
     size_t signal;
-    bool falls; /* it is there while they are false */
+    int32_t shift; /* the plant of t_j is in the sample of tick j + this (Δo) */
+    bool falls;    /* it is there while they are false */
 } tl_stroke_event;
 
 typedef struct tl_stroke {
     tl_lock *lock;
     tl_stroke_event event;
-    int64_t begin;       /* tick of the stroke's start, */
+    int64_t now;         /* tick that the live twin has reached */
+    int64_t begin;       /* of the stroke's start, */
     int64_t first;       /* of the window's first sample, */
     int64_t last;        /* and of its last one */
     double *live_course; /* y of the matched outputs as committed, by tick in a ring */
@@ -40,7 +42,7 @@ typedef struct tl_stroke {
     tl_snapshot *start;
     tl_snapshot *live;
     tl_snapshot *walker; /* the candidate, when it is left for a cycle */
-    tl_snapshot *mark;   /* the candidate at the newest sample, or at the window's end */
+    tl_snapshot *mark;   /* the candidate at the present, or at the window's end */
     tl_snapshot *best;
     int64_t mark_at;
     int64_t best_at;

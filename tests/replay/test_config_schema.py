@@ -10,6 +10,7 @@ import collections
 import copy
 import decimal
 import glob
+import itertools
 import json
 import os
 import random
@@ -151,6 +152,48 @@ def is_short_enough(document, match):
     return round(low_pass * 1e9) <= 1000 * round(document["step_s"] * 1e9)
 
 
+def mode(document, chain):
+    """(rightmost mode in ns, asynchronous links) of a chain of participants."""
+    delays = document["delays"]
+    bases = {name: name for name in delays["participants"]}
+    bases.update({name: group[0] for group in delays.get("synchronous", []) for name in group})
+    times = {name: [round(one.get("dead_s", 0) * 1e9), max(round(one["cycle_s"] * 1e9), 1)]
+             for name, one in delays["participants"].items()}
+    groups = [list(group) for _, group in itertools.groupby(chain, key=bases.get)]
+    cycles = [times[group[0]][1] for group in groups[1:]]
+    dead = sum(times[name][0] for group in groups if len(group) > 1 for name in group)
+    largest = max(cycles, default=0)
+    return dead + (largest if 2 * largest > sum(cycles) else sum(cycles) // 2), len(cycles)
+
+
+def delays_hold(document):
+    delays = document.get("delays")
+    if delays in (None, "measure"):
+        return True
+    measure = delays.get("measure")
+    step = round(document["step_s"] * 1e9)
+    if isinstance(measure, dict) and max(round(measure.get("range_s", 0) * 1e9), 1) > 31 * step:
+        return False
+    pairs = {key: delays[key] for key in ("input", "output") if key in delays}
+    chains = [pair[key] for pair in pairs.values() for key in ("plant", "simulation")]
+    grouped = [name for group in delays.get("synchronous", []) for name in group]
+    if not {name for chain in [grouped, *chains] for name in chain} <= set(delays.get("participants", {})):
+        return False
+    if len(set(grouped)) < len(grouped) or any(mode(document, chain)[1] > 7 for chain in chains):
+        return False
+    delay = {key: mode(document, pair["simulation"])[0] - mode(document, pair["plant"])[0]
+             for key, pair in pairs.items()}
+    longest = 1000 * step
+    shift = delay.get("input", 0) - delay["output"] if "output" in delay else 0
+    wait = step
+    if "output" in delays:
+        wait = max(round(delays["participants"][delays["output"]["plant"][-1]]["cycle_s"] * 1e9), 1)
+    if delays.get("take") == "newest" or not ("output" in delays or measure):
+        wait = 0
+    return ("input" not in delay or -longest <= delay["input"] <= longest) and \
+           -longest <= shift <= longest - wait
+
+
 def beyond_schema(document):
     """True where a configuration that fits the schema also holds to the other rules."""
     nanoseconds = decimal.Decimal(repr(document["step_s"])) * 10**9
@@ -165,6 +208,7 @@ def beyond_schema(document):
             and len(set(targets)) == len(targets)
             and message[0] <= message[1]
             and all(is_short_enough(document, match) for match in synchronise.get("match", {}).values())
+            and delays_hold(document)
             and (solvers[0] is None or solvers[0] != solvers[1])
             and all(one.get("min", float("-inf")) < one.get("max", float("inf")) for one in adjusted))
 

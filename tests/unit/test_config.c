@@ -290,12 +290,82 @@ static void test_emulate(void) {
     TEST_ASSERT_EQUAL_DOUBLE(0.02, config->message_max_s);
 }
 
+/* Table 5.16 with a step of 10 ms. */
+static void test_delays(void) {
+    const tl_config_delays *delays = read_good(FULL)->delays;
+    TEST_ASSERT_EQUAL_size_t(4, delays->participant_count);
+    TEST_ASSERT_EQUAL_STRING("device", delays->names[1]);
+    TEST_ASSERT_EQUAL_INT64(10000000, delays->participants[1].dead);
+    TEST_ASSERT_EQUAL_INT64(100000, delays->participants[1].cycle);
+    TEST_ASSERT_EQUAL_size_t(2, delays->participants[3].base);
+    TEST_ASSERT_TRUE(delays->has_input && delays->has_output);
+    TEST_ASSERT_EQUAL_size_t(4, delays->output.simulation.length);
+    TEST_ASSERT_EQUAL_size_t(3, delays->output.simulation.parts[3]);
+    TEST_ASSERT_EQUAL_INT64(11900000, delays->input.delay);
+    TEST_ASSERT_EQUAL_INT64(8000000, delays->output.delay);
+    TEST_ASSERT_EQUAL_INT64(3900000, delays->shift);
+    TEST_ASSERT_EQUAL_INT64(8000000, delays->wait);
+    TEST_ASSERT_EQUAL_INT32(2, delays->input_lookup.ticks);
+    TEST_ASSERT_EQUAL_INT64(8100000, delays->input_lookup.look_back);
+    TEST_ASSERT_EQUAL_INT32(2, delays->output_lookup.ticks);
+    TEST_ASSERT_EQUAL_INT64(16100000, delays->output_lookup.look_back);
+}
+
+/* A signal that feeds an input and is matched is looked up twice. */
+static void test_second_look_ups(void) {
+    char *text = tl_test_read_text(FULL);
+    char *fed = tl_test_replaced(text, "[\"drive.u_R\", \"motor.I_in\"]",
+                                 "[\"drive.u_R\", \"motor.I_in\"], [\"plant.omega\", \"drive.ref\"]");
+    TEST_ASSERT_NOT_NULL(fed);
+    tl_test_judge_text(fed, strlen(fed), &verdict);
+    free(fed);
+    free(text);
+    TEST_ASSERT_EQUAL_INT(TL_OK, verdict.status);
+    tl_config *config = &verdict.config;
+    TEST_ASSERT_EQUAL_size_t(5, config->signal_count);
+    TEST_ASSERT_EQUAL_size_t(1, config->second_count);
+    TEST_ASSERT_EQUAL_STRING("plant.omega@match", config->matched_as[0]);
+    TEST_ASSERT_EQUAL_STRING("plant.omega", config->match[0].to);
+    TEST_ASSERT_EQUAL_STRING("plant.current", config->matched_as[1]);
+    tl_config_use_lookups(config);
+    tl_config_use_lookups(config);
+    TEST_ASSERT_EQUAL_size_t(6, config->signal_count);
+    const tl_config_signal *first = &config->signals[3];
+    const tl_config_signal *second = &config->signals[5];
+    TEST_ASSERT_EQUAL_STRING("omega@match", second->plan.name);
+    TEST_ASSERT_EQUAL_size_t(3, second->of);
+    TEST_ASSERT_EQUAL_size_t(3, first->of);
+    TEST_ASSERT_EQUAL_STRING("omega", second->column);
+    TEST_ASSERT_EQUAL_size_t(2, second->source);
+    TEST_ASSERT_EQUAL_INT64(8100000, first->look_back);
+    TEST_ASSERT_FALSE(first->next);
+    TEST_ASSERT_EQUAL_INT64(16100000, second->look_back);
+    TEST_ASSERT_TRUE(second->next);
+    TEST_ASSERT_EQUAL_INT64(16100000, config->signals[4].look_back); /* current: matched only */
+    TEST_ASSERT_EQUAL_INT64(8100000, config->signals[0].look_back);  /* torque: feeds only */
+    TEST_ASSERT_EQUAL_INT64(0, config->signals[1].look_back);        /* running: neither */
+}
+
+static void test_a_plant_has_no_delays(void) {
+    tl_config *config = &verdict.config;
+    (void)read_good(FULL);
+    tl_config_forget_delays(config);
+    tl_config_use_lookups(config);
+    TEST_ASSERT_NULL(config->delays);
+    TEST_ASSERT_EQUAL_size_t(5, config->signal_count);
+    TEST_ASSERT_EQUAL_INT64(0, config->signals[0].look_back);
+    TEST_ASSERT_EQUAL_INT64(0, config->signals[4].look_back);
+    TEST_ASSERT_FALSE(config->signals[4].next);
+    TEST_ASSERT_EQUAL_STRING("plant.omega", config->matched_as[0]);
+}
+
 /* ---- what is not there ---- */
 
 static void test_defaults(void) {
     const tl_config *config = read_good(FREE);
     TEST_ASSERT_EQUAL_INT64(0, config->duration);
     TEST_ASSERT_EQUAL_size_t(0, config->source_count);
+    TEST_ASSERT_NULL(config->delays);
     TEST_ASSERT_NULL(config->recording_file);
     TEST_ASSERT_EQUAL_STRING("time", config->recording_time_column);
     TEST_ASSERT_NULL(config->record_file);
@@ -351,6 +421,18 @@ static void takes(const char *path, const char *old, const char *new) {
     judge_edited(path, old, new);
     TEST_ASSERT_EQUAL_STRING_MESSAGE("", verdict.problems[0].text, new);
     TEST_ASSERT_EQUAL_INT(TL_OK, verdict.status);
+}
+
+static void test_delays_of_outputs_alone(void) {
+    takes(FULL,
+          "\"input\": { \"plant\": [\"bus\", \"device\"], \"simulation\": [\"bus\", \"acquisition\", \"twin\"] },", "");
+    const tl_config_delays *delays = verdict.config.delays;
+    TEST_ASSERT_FALSE(delays->has_input);
+    TEST_ASSERT_EQUAL_INT64(-8000000, delays->shift);
+    TEST_ASSERT_EQUAL_INT32(0, delays->input_lookup.ticks);
+    TEST_ASSERT_EQUAL_INT64(0, delays->input_lookup.look_back);
+    TEST_ASSERT_EQUAL_INT32(0, delays->output_lookup.ticks);
+    TEST_ASSERT_EQUAL_INT64(8000000, delays->output_lookup.look_back);
 }
 
 static void test_nothing_to_compare(void) {
@@ -714,6 +796,10 @@ int main(void) {
     RUN_TEST(test_the_rest_of_synchronise);
     RUN_TEST(test_epsilon);
     RUN_TEST(test_emulate);
+    RUN_TEST(test_delays);
+    RUN_TEST(test_delays_of_outputs_alone);
+    RUN_TEST(test_second_look_ups);
+    RUN_TEST(test_a_plant_has_no_delays);
     RUN_TEST(test_defaults);
     RUN_TEST(test_compare_only);
     RUN_TEST(test_nothing_to_compare);

@@ -107,7 +107,7 @@ static void test_the_root(void) {
         {"\"name\": \"motor bench\"", "\"name\": \"motor bench\", \"nam\": 1", "nam",
          "found the unknown key \"nam\", expected \"name\"", NULL},
         {"\"name\": \"motor bench\"", "\"name\": \"motor bench\", \"title\": 1", "title",
-         "found the unknown key \"title\", expected one of twinlock, name, step_s, duration_s, components, sources, plant, recording, connect, compare, synchronise, record, realtime, emulate, $schema",
+         "found the unknown key \"title\", expected one of twinlock, name, step_s, duration_s, components, sources, plant, recording, connect, compare, synchronise, delays, record, realtime, emulate, $schema",
          NULL},
         {"\"$schema\": \"../../config/schema/twinlock-1.json\"", "\"$schema\": 1", "$schema",
          "found 1 (number), expected a text, for example \"twinlock-1.json\"", NULL},
@@ -737,6 +737,108 @@ static void test_emulate(void) {
     EXPECT_EACH(full, changes);
 }
 
+static void test_delays(void) {
+    static const change changes[] = {
+        {"\"bus\": { \"cycle_s\": 0.008 }", "\"bus\": { \"cycle_s\": 0 }", "delays.participants.bus.cycle_s",
+         "found 0 (number), expected a number > 0, at most 3600, for example 0.008", NULL},
+        {"\"bus\": { \"cycle_s\": 0.008 }", "\"bus\": {}", "delays.participants.bus.cycle_s",
+         "found nothing, expected a number > 0, at most 3600, for example 0.008", NULL},
+        {"\"dead_s\": 0.01,", "\"dead_s\": -1,", "delays.participants.device.dead_s",
+         "found -1 (number), expected a number from 0 to 3600, for example 0.004", NULL},
+        {"\"dead_s\": 0.01,", "\"dead\": 0.01,", "delays.participants.device.dead",
+         "found the unknown key \"dead\", expected \"dead_s\"", NULL},
+        {"\"bus\": { \"cycle_s\": 0.008 }", "\"bus\": { \"cycle_s\": 0.008 }, \"a b\": { \"cycle_s\": 1 }",
+         "delays.participants.a b",
+         "found the name \"a b\", expected at most 63 letters, digits and _, no digit first, for example \"bus\"",
+         NULL},
+        {"\"bus\": { \"cycle_s\": 0.008 }", "\"bus\": { \"cycle_s\": 0.008 }, \"io\": 1", "delays.participants.io",
+         "found 1 (number), expected an object, for example {\"dead_s\": 0.004, \"cycle_s\": 0.008}", NULL},
+        {"[[\"acquisition\", \"twin\"]]", "[[\"acquisition\"]]", "delays.synchronous[0]",
+         "found an array of 1, expected an array of two or more participants, for example [\"acquisition\", \"simulation\"]",
+         NULL},
+        {"[[\"acquisition\", \"twin\"]]", "\"twin\"", "delays.synchronous",
+         "found \"twin\" (text), expected an array of groups, each an array of two or more participants, for example [[\"acquisition\", \"simulation\"]]",
+         NULL},
+        {"[[\"acquisition\", \"twin\"]]", "[[\"acquisition\", \"twins\"]]", "delays.synchronous[0][1]",
+         "found \"twins\" (text), expected the name of a participant: one of bus, device, acquisition, twin", NULL},
+        {"[[\"acquisition\", \"twin\"]]", "[[\"acquisition\", \"twin\"], [\"bus\", \"twin\"]]",
+         "delays.synchronous[1][1]",
+         "found \"twin\" (text), expected each participant at most once: what is synchronous to one of a group is so to all of it",
+         NULL},
+        {"{ \"plant\": [\"bus\", \"device\"], ", "{ ", "delays.input.plant",
+         "found nothing, expected an array of 1 to 16 participants, for example [\"bus\", \"plant\", \"bus\"]", NULL},
+        {"[\"bus\", \"device\"]", "[]", "delays.input.plant",
+         "found an array of 0, expected an array of 1 to 16 participants, for example [\"bus\", \"plant\", \"bus\"]",
+         NULL},
+        {"[\"bus\", \"device\"]", "[\"bus\", 5]", "delays.input.plant[1]",
+         "found 5 (number), expected the name of a participant: one of bus, device, acquisition, twin", NULL},
+        {"[\"bus\", \"device\", \"bus\"]",
+         "[\"bus\", \"device\", \"bus\", \"device\", \"bus\", \"device\", \"bus\", \"device\", \"bus\"]",
+         "delays.output.plant",
+         "found a chain with more, expected at most 7 links between participants that are not synchronous", NULL},
+        {"\"dead_s\": 0.01,", "\"dead_s\": 0.01, \"delay_s\": 1,", "delays.participants.device.delay_s",
+         "found the unknown key \"delay_s\", expected \"dead_s\"", NULL},
+        {"\"acquisition\": { \"dead_s\": 0.004", "\"acquisition\": { \"dead_s\": 12", "delays.input",
+         "found chains that shift by 12.0079 s, expected at most 1000 times step_s, which is 10 s",
+         "\"input\": { \"plant\""},
+        {"\"bus\": { \"cycle_s\": 0.008 }", "\"bus\": { \"cycle_s\": 10 }", "delays.output",
+         "found chains that shift by 19.9959 s, with the cycle of the plant's last participant, expected at most 1000 times step_s, which is 10 s",
+         "\"output\": { \"plant\""},
+        {"\"synchronous\": [[", "\"synchronus\": [[", "delays.synchronus",
+         "found the unknown key \"synchronus\", expected \"synchronous\"", NULL},
+    };
+    EXPECT_EACH(full, changes);
+}
+
+static void test_delays_of_other_kinds(void) {
+    static const change changes[] = {
+        {"\"step_s\": 0.1", "\"step_s\": 0.1, \"delays\": {\"participants\": {\"bus\": {\"cycle_s\": 1}}}", "delays",
+         "found nothing to make up for, expected \"input\", \"output\" or \"measure\", for example {\"measure\": true}",
+         NULL},
+        {"\"step_s\": 0.1", "\"step_s\": 0.1, \"delays\": 5", "delays",
+         "found 5 (number), expected an object or \"measure\", for example {\"participants\": {…}, \"output\": {…}}",
+         NULL},
+        {"\"step_s\": 0.1", "\"step_s\": 0.1, \"delays\": \"estimate\"", "delays",
+         "found \"estimate\" (text), expected an object or \"measure\", for example {\"participants\": {…}, \"output\": {…}}",
+         NULL},
+        {"\"step_s\": 0.1", "\"step_s\": 0.1, \"delays\": {\"measure\": false}", "delays.measure",
+         "found false, expected true or an object, for example {\"range_s\": 0.1}", NULL},
+        {"\"step_s\": 0.1", "\"step_s\": 0.1, \"delays\": {\"measure\": {\"range_s\": 0}}", "delays.measure.range_s",
+         "found 0 (number), expected a number > 0 (at most 1e9), for example 0.1", NULL},
+        {"\"step_s\": 0.1", "\"step_s\": 0.1, \"delays\": {\"measure\": {\"range_s\": 3.2}}", "delays.measure.range_s",
+         "found 3.2 (number), expected at most 31 times step_s, which is 3.1 s", NULL},
+        {"\"step_s\": 0.1", "\"step_s\": 0.1, \"delays\": {\"measure\": true, \"take\": \"nearest\"}", "delays.take",
+         "found \"nearest\" (text), expected \"next\" or \"newest\", for example \"next\"", NULL},
+        {"\"step_s\": 0.1", "\"step_s\": 0.1, \"delays\": {\"measure\": true, \"mesure\": 1}", "delays.mesure",
+         "found the unknown key \"mesure\", expected \"measure\"", NULL},
+    };
+    EXPECT_EACH(free_running, changes);
+}
+
+/* 62 signals, three of which would be there twice. */
+static void test_too_many_look_ups(void) {
+    enum { SIGNALS = 62, ROOM = 16384 };
+    char text[ROOM];
+    size_t used = (size_t)snprintf(text, ROOM,
+                                   "{\"twinlock\": 1, \"name\": \"x\", \"step_s\": 0.01,\n\"components\": "
+                                   "{\"a\": {\"fmu\": \"lag.fmu\"}}, \"plant\": {\"s0\": {}");
+    for (int i = 1; i < SIGNALS; i++) {
+        used += (size_t)snprintf(text + used, ROOM - used, ", \"s%d\": {}", i);
+    }
+    (void)snprintf(
+        text + used, ROOM - used,
+        "},\n\"connect\": [[\"plant.s0\", \"a.u\"], [\"plant.s1\", \"a.v\"], [\"plant.s2\", \"a.w\"]],\n\"compare\": {\"a.y\": "
+        "{\"to\": \"plant.s0\"}, \"a.z\": {\"to\": \"plant.s1\"}, \"a.q\": {\"to\": \"plant.s2\"}},\n\"delays\": {\"participants\": "
+        "{\"bus\": {\"cycle_s\": 0.01}}, \"output\": {\"plant\": [\"bus\"], \"simulation\": [\"bus\"]}}}");
+    tl_test_judge_text(text, strlen(text), &verdict);
+    TEST_ASSERT_EQUAL_size_t(1, verdict.count);
+    TEST_ASSERT_EQUAL_STRING("delays", verdict.problems[0].where);
+    TEST_ASSERT_EQUAL_STRING(
+        "line 5: found 62 signals, and 3 of them feed an input and are matched, expected at most 64 "
+        "together: with delays such a signal is looked up twice, and counts twice",
+        verdict.problems[0].text);
+}
+
 static void test_doubled_keys(void) {
     static const change changes[] = {
         {"\"step_s\": 0.01", "\"step_s\": 0.01, \"step\\u005fs\": 0.02", "step_s",
@@ -910,7 +1012,7 @@ static void test_a_long_text_is_cut(void) {
     TEST_ASSERT_NOT_NULL(strstr(verdict.problems[0].text,
                                 "nnnn…\", expected one of twinlock, name, step_s, duration_s, "
                                 "components, sources, plant, recording, connect, compare, "
-                                "synchronise, record, realtime, emulate"));
+                                "synchronise, delays, record, realtime, emulate"));
 }
 
 /* The longest names, wrong as often as a file can hold them: what is near is looked for each time. */
@@ -963,6 +1065,9 @@ int main(void) {
     RUN_TEST(test_synchronise_without_its_parts);
     RUN_TEST(test_running);
     RUN_TEST(test_emulate);
+    RUN_TEST(test_delays);
+    RUN_TEST(test_delays_of_other_kinds);
+    RUN_TEST(test_too_many_look_ups);
     RUN_TEST(test_doubled_keys);
     RUN_TEST(test_everything_at_once);
     RUN_TEST(test_syntax_comes_alone);

@@ -59,6 +59,39 @@ static void test_newest_at_or_before_the_instant(void) {
     expect(INT64_MAX, 3, 300);
 }
 
+static void expect_from(tl_time from, tl_time until, double value) {
+    tl_reading reading = {.value = -1};
+    TEST_ASSERT_TRUE(tl_mailbox_from(mailbox, from, until, &reading));
+    TEST_ASSERT_EQUAL_DOUBLE(value, reading.value);
+}
+
+static void test_first_from_an_instant_on(void) {
+    tl_reading reading = {.value = 7};
+    post(1, 100);
+    post(2, 200);
+    post(3, 300);
+    expect_from(50, 300, 1);
+    expect_from(100, 300, 1);
+    expect_from(101, 300, 2);
+    expect_from(200, 200, 2);
+    expect_from(201, 300, 3);
+    expect_from(201, 299, 2); /* the next has not come: the newest before */
+    expect_from(301, 400, 3);
+    expect_from(50, 100, 1);
+    TEST_ASSERT_FALSE(tl_mailbox_from(mailbox, 50, 99, &reading));
+    TEST_ASSERT_EQUAL_DOUBLE(7, reading.value);
+}
+
+static void test_first_of_equal_stamps_and_of_what_is_kept(void) {
+    post(1, 100);
+    post(2, 100);
+    expect_from(90, 110, 2);
+    for (int i = 0; i < TL_MAILBOX_READINGS; i++) {
+        post(10 + i, 200 + (tl_time)i);
+    }
+    expect_from(90, 1000, 10);
+}
+
 static void test_of_equal_stamps_the_later_post_counts(void) {
     post(1, 100);
     post(2, 100);
@@ -150,6 +183,8 @@ int main(void) {
     UNITY_BEGIN();
     RUN_TEST(test_empty);
     RUN_TEST(test_newest_at_or_before_the_instant);
+    RUN_TEST(test_first_from_an_instant_on);
+    RUN_TEST(test_first_of_equal_stamps_and_of_what_is_kept);
     RUN_TEST(test_of_equal_stamps_the_later_post_counts);
     RUN_TEST(test_stamps_that_decrease_are_looked_up_in_order_of_posting);
     RUN_TEST(test_quality_and_negative_stamps_are_kept);

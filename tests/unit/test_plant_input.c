@@ -55,6 +55,56 @@ static void test_later_than_the_instant_is_not_seen(void) {
     TEST_ASSERT_EQUAL_INT(TL_GOOD, sample.quality[0]);
 }
 
+/* ---- look-ups before the instant ---- */
+
+static void take_back(tl_time back, bool next, tl_time instant) {
+    input.looks[0] = (tl_plant_look){.back = back, .next = next};
+    tl_plant_input_take(&input, 0, instant, &sample);
+}
+
+static void test_looking_back(void) {
+    post(1, 100, TL_GOOD);
+    post(2, 200, TL_GOOD);
+    post(3, 300, TL_GOOD);
+    take_back(50, false, 300);
+    TEST_ASSERT_EQUAL_DOUBLE(2, sample.values[0]);
+    TEST_ASSERT_EQUAL_INT64(200, sample.stamps[0]);
+    take_back(100, false, 300);
+    TEST_ASSERT_EQUAL_DOUBLE(2, sample.values[0]);
+    take_back(50, false, 149); /* nothing yet at 99: the next */
+    TEST_ASSERT_EQUAL_DOUBLE(1, sample.values[0]);
+    TEST_ASSERT_EQUAL_INT(TL_GOOD, sample.quality[0]);
+    take_back(50, false, 99);
+    TEST_ASSERT_EQUAL_INT(TL_NO_LINK, sample.quality[0]);
+}
+
+static void test_the_next_available(void) {
+    post(1, 100, TL_GOOD);
+    post(2, 200, TL_GOOD);
+    post(3, 300, TL_GOOD);
+    take_back(100, true, 300);
+    TEST_ASSERT_EQUAL_DOUBLE(2, sample.values[0]);
+    take_back(99, true, 300);
+    TEST_ASSERT_EQUAL_DOUBLE(3, sample.values[0]);
+    take_back(99, true, 299); /* it has not come: the newest before */
+    TEST_ASSERT_EQUAL_DOUBLE(2, sample.values[0]);
+    take_back(1000, true, 300);
+    TEST_ASSERT_EQUAL_DOUBLE(1, sample.values[0]);
+}
+
+static void test_age_counts_from_where_it_is_looked_up(void) {
+    input.limits[0].stale = 50;
+    post(1, 100, TL_GOOD);
+    take_back(100, true, 250);
+    TEST_ASSERT_EQUAL_INT(TL_GOOD, sample.quality[0]);
+    take_back(100, true, 251);
+    TEST_ASSERT_EQUAL_INT(TL_STALE, sample.quality[0]);
+    post(2, 400, TL_GOOD);
+    take_back(100, true, 400);
+    TEST_ASSERT_EQUAL_INT(TL_GOOD, sample.quality[0]);
+    TEST_ASSERT_EQUAL_DOUBLE(2, sample.values[0]);
+}
+
 static void test_signals_are_apart(void) {
     input.count = 2;
     input.limits[1] = (tl_plant_limits){.minimum = 0, .maximum = 1, .type = TL_REAL};
@@ -160,6 +210,9 @@ int main(void) {
     RUN_TEST(test_good);
     RUN_TEST(test_never_read_is_no_link);
     RUN_TEST(test_later_than_the_instant_is_not_seen);
+    RUN_TEST(test_looking_back);
+    RUN_TEST(test_the_next_available);
+    RUN_TEST(test_age_counts_from_where_it_is_looked_up);
     RUN_TEST(test_signals_are_apart);
     RUN_TEST(test_range);
     RUN_TEST(test_not_a_number);

@@ -69,6 +69,42 @@ static void records(tl_outcome outcome, int count) {
     }
 }
 
+/* ---- a measured delay ---- */
+
+static void delay(tl_delay_state state, tl_time value) {
+    record.delay_state = state;
+    record.delay = value;
+    records(TL_FREE, 3);
+}
+
+static void test_a_delay_that_is_measured_drifts_and_is_lost(void) {
+    const tl_time ms = TL_SECOND / 1000;
+    delay(TL_DELAY_UNKNOWN, 0);
+    expect_told("");
+    delay(TL_DELAY_KNOWN, 8 * ms);
+    expect_told("twinlock: notice: twin: delay: \316\224o = 8.000 ms measured, and used from now on\n");
+    delay(TL_DELAY_KNOWN, 17 * ms); /* less than a step of 10 ms */
+    expect_told("");
+    delay(TL_DELAY_KNOWN, 19 * ms);
+    expect_told("twinlock: warning: twin: delay: \316\224o has drifted from 8.000 ms to 19.000 ms\n");
+    delay(TL_DELAY_KNOWN, 8 * ms);
+    expect_told_with("has drifted from 19.000 ms to 8.000 ms");
+    delay(TL_DELAY_LOST, 8 * ms);
+    expect_told("twinlock: warning: twin: delay: what is measured is not sure any more; \316\224o = 8.000 ms stays in "
+                "use\n");
+    delay(TL_DELAY_KNOWN, 9 * ms);
+    expect_told("twinlock: notice: twin: delay: \316\224o = 9.000 ms is measured surely again\n");
+}
+
+/* What is measured is what is left of Δo where inputs are shifted. */
+static void test_a_delay_is_told_with_that_of_the_inputs(void) {
+    const tl_config_delays delays = {.has_input = true, .input.delay = 5 * TL_SECOND / 1000, .measure = true};
+    config.delays = &delays;
+    delay(TL_DELAY_KNOWN, TL_SECOND / 1000);
+    config.delays = NULL;
+    expect_told_with("\316\224o = 6.000 ms measured");
+}
+
 static void test_good_signals_are_not_worth_a_word(void) {
     see(TL_GOOD, TL_GOOD);
     see(TL_GOOD, TL_GOOD);
@@ -338,6 +374,8 @@ static void test_strokes_are_told_where_they_change_something(void) {
 
 int main(void) {
     UNITY_BEGIN();
+    RUN_TEST(test_a_delay_that_is_measured_drifts_and_is_lost);
+    RUN_TEST(test_a_delay_is_told_with_that_of_the_inputs);
     RUN_TEST(test_good_signals_are_not_worth_a_word);
     RUN_TEST(test_a_signal_that_goes_bad_and_comes_back);
     RUN_TEST(test_signals_are_watched_one_by_one);

@@ -1,0 +1,116 @@
+#!/usr/bin/env python3
+"""Delays in a live run: each value is taken from where the delays say, the next one is waited for, Δo is measured; and a replay of
+what was recorded gives the same, to the bit."""
+import random
+import signal
+import sys
+
+from live_test import (Program, check_replay, check_rows, check_summary, end_well, expect_events, expect_same_events, query,
+                       wait_for_lock, wait_for_steps, wait_until)
+from twinlock_test import SOURCE, edited_config, expect, main, run_well, scratch
+
+sys.path.insert(0, str(SOURCE / "script"))
+import delays  # noqa: E402 (its folder is known only now)
+
+SECOND, MS = 10**9, 10**6
+
+
+def streamed(config, signals, recording, **changes):
+    """The configuration with these signals from a stream, and one of a plant that plays the recording into it."""
+    sources = {"stream": {"csv": {"file": "plant.fifo", "time_column": "time", "period_s": 0.001}}, "inverter": None}
+    plant = {name: {"modbus": None, "csv": {"source": "stream", "column": name}} for name in signals}
+    edits = {"sources": sources, "plant": plant, "record": {"file": "twin.db", "commit_s": 0.1}, "duration_s": None,
+             "recording": {"file": str(recording), "time_column": "time"}, **changes}
+    path = edited_config(config, edits)
+    return path, path.parent / "plant.fifo", path.parent / "twin.db"
+
+
+def chain(seconds, seed=1):
+    """(path, true delay in ms) of the chain of table 5.16, commands every half second."""
+    path = scratch() / "recording.csv"
+    commands = [SECOND + i * SECOND // 2 for i in range(2 * seconds)]
+    rows, delay = delays.make_chain(random.Random(seed), 0.01, commands, (seconds + 1) * SECOND)
+    delays.write_recording(path, rows)
+    return path, delay / 1e6
+
+
+def expect_looked_up(database, name, look_back, take_next):
+    """Every sample of a signal has the reading that is to be taken, of all that the run has ever seen of it."""
+    rows = query(database, """SELECT tick * step_ns, stamp_ns FROM samples JOIN signals USING (run, signal)
+                              JOIN runs USING (run) WHERE kind = 'plant' AND signals.name = ? AND run = 1 ORDER BY tick""", name)
+    stamps = sorted({stamp for _, stamp in rows if stamp is not None})
+    wrong = 0
+    for instant, stamp in rows[10:]:
+        at = instant - look_back
+        later = [other for other in stamps if at <= other <= instant]
+        before = [other for other in stamps if other <= at]
+        wanted = later[0] if take_next and later else before[-1]
+        wrong += stamp != wanted
+    # a reading that came only after its tick is in the database by way of a later one
+    expect(len(rows) > 300 and wrong <= len(rows) // 10, f"{name}: {wrong} of {len(rows)} are not as they should be")
+
+
+def play(path, fifo, database, steps):
+    """What a run told while its plant played into the FIFO."""
+    with Program("plant", path, "--fifo", fifo) as plant:
+        wait_until(fifo.exists, "the FIFO", plant.log)
+        with Program("run", path, "--json") as live:
+            wait_for_steps(live, database, steps)
+            told, _ = end_well(live, signal.SIGTERM)
+        plant.end(signal.SIGTERM)
+    return told
+
+
+def test_a_free_twin_that_measures():
+    recording, true = chain(12)
+    path, fifo, database = streamed("second_order/both.json", ("u", "y"), recording,
+                                    delays={"measure": {"range_s": 0.05}, "take": "next"})
+    told = play(path, fifo, database, 1800)
+    expect(told["skipped"] < told["steps"] // 10, f"{told['skipped']} skipped")
+    rows = query(database, "SELECT count(*) FROM steps")[0][0]
+    expect(rows == told["steps"] + told["skipped"], f"{rows} rows, {told}")
+    expect_looked_up(database, "plant.u", 100000, False)
+    found = told["delays"]
+    print(f"    {found}; true {true:.3f} ms as they were read")
+    # inputs are shifted by 11.9 ms, and taken as of the newest at or before: up to a step less
+    expect(found["state"] == "known" and true - 4.5 <= found["measured_s"] * 1e3 <= true + 8.5, f"{found}, true {true}")
+    expect_events(database, ("info", "ms measured, and used from now on"))
+    again = scratch() / "again.db"
+    run_well(["replay", path, "--recording", database, "--db", again])
+    for table, columns in (("outputs", "step, y, y_hat, quality"), ("steps", "step, t_ns, outcome")):
+        sql = f"SELECT {columns} FROM {table} WHERE run = 1 ORDER BY step"
+        expect(query(database, sql) == query(again, sql), f"{table} differ")
+    expect_same_events(database, 1, again)
+
+
+def test_a_synchronised_twin():
+    """The motor bench with its measurement 15 ms late and its inputs 12 ms: both are waited for."""
+    recording = SOURCE / "config" / "motor" / "recording.csv"
+    section = {
+        "participants": {"bus": {"cycle_s": 0.01}, "sensor": {"dead_s": 0.015, "cycle_s": 1}, "gate": {"dead_s": 0.012, "cycle_s": 1}},
+        "synchronous": [["bus", "sensor", "gate"]],
+        "input": {"plant": ["bus"], "simulation": ["bus", "gate"]},
+        "output": {"plant": ["sensor", "bus"], "simulation": ["bus", "gate"]},
+    }
+    path, fifo, database = streamed("motor/live.json", ("omega", "torque"), recording, delays=section)
+    document = {"plant": {"torque": {"csv": {"column": "M_brake"}}}, "recording": {"time_column": "t"},
+                "sources": {"stream": {"csv": {"time_column": "t", "file": str(fifo)}}}, "record": {"file": str(database)}}
+    path = edited_config(path, document)
+    with Program("plant", path, "--fifo", fifo) as plant:
+        wait_until(fifo.exists, "the FIFO", plant.log)
+        with Program("run", path, "--json") as live:
+            wait_for_lock(live, database)
+            wait_for_steps(live, database, 400)
+            told, _ = end_well(live, signal.SIGTERM)
+        plant.end(signal.SIGTERM)
+    rows = check_summary(told, database)
+    expect(check_rows(database) == rows, "rows are missing")
+    lead = query(database, "SELECT lead FROM runs")[0][0]
+    expect(lead == 1 + 3, f"lead {lead}")  # ceil((15 + 10)/10) = 3 of the output, 2 of the input, and T_P = 1
+    expect_looked_up(database, "plant.omega", 15 * MS, True)
+    expect_looked_up(database, "plant.torque", 8 * MS, False)
+    check_replay(path, database, rows)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,221 @@
+/* A twin whose inputs and measurements are shifted against its own instants: which samples it uses, when, and that saving
+ * executions knows of it. */
+#include <math.h>
+#include <string.h>
+#include <unity.h>
+
+#include "tests/support/test_plan.h"
+
+enum { TICKS = 40, LATEST = 8 };
+
+static tl_test_log call_log;
+static tl_test_fmu fmus[2];
+static tl_test_plan plan;
+static tl_test_run run;
+static tl_record records[TICKS];
+static size_t record_count;
+
+void setUp(void) {
+    tl_test_log_clear(&call_log);
+    tl_test_plan_init(&plan, TL_SECOND / 10);
+    memset(&run, 0, sizeof run);
+}
+
+static void end(void) {
+    tl_twin_destroy(run.twin);
+    run.twin = NULL;
+    for (size_t i = 0; i < 2; i++) {
+        tl_test_fmu_end(&fmus[i]);
+    }
+    TEST_ASSERT_EQUAL_STRING("", call_log.first_violation);
+}
+
+void tearDown(void) {
+    end();
+}
+
+/* "a" passes the plant's u on to "b", a step each, and b's offset is adjusted so that it matches the plant's y. */
+static void make(tl_measurements measurements, int32_t input_ticks, int32_t output_ticks) {
+    setUp();
+    for (size_t i = 0; i < 2; i++) {
+        tl_test_fmu_init(&fmus[i], 1, false, &call_log);
+        tl_test_plan_component(&plan, i == 0 ? "a" : "b", &fmus[i]);
+    }
+    tl_test_plan_signal(&plan, "u", TL_REAL, "");
+    tl_test_plan_signal(&plan, "y", TL_REAL, "");
+    tl_test_plan_connect(&plan, "plant.u", "a.u0");
+    tl_test_plan_connect(&plan, "a.y0", "b.u0");
+    tl_test_plan_match(&plan, "b.y0", "plant.y", 0.01);
+    tl_test_plan_adjust(&plan, "b.offset", 1.0);
+    plan.plan.measurements = measurements;
+    plan.plan.prediction = 3;
+    plan.plan.saving = (tl_plan_saving){.structure = true, .sequences = true};
+    plan.plan.input_ticks = input_ticks;
+    plan.plan.output_ticks = output_ticks;
+}
+
+static void build(void) {
+    tl_twin *twin = tl_test_plan_build(&plan);
+    TEST_ASSERT_EQUAL_STRING("", plan.problems[0].text);
+    tl_test_run_init(&run, twin);
+}
+
+/* What the plant shows at tick m; nothing changes before tick 0. */
+static double u_of(int64_t m) {
+    int64_t held = m % 3 == 2 ? m - 1 : m;
+    return m < 0 ? 0.0 : sin(0.9 * (double)held);
+}
+
+static double y_of(int64_t m) {
+    return m < 0 ? 0.5 : 2.0 * cos(0.3 * (double)m);
+}
+
+/* Runs the twin; the sample of tick m is that of m + `inputs` for u, of m + `outputs` for y. */
+static void play(int64_t inputs, int64_t outputs) {
+    record_count = 0;
+    for (int64_t m = 0; m < TICKS; m++) {
+        run.sample.values[0] = u_of(m + inputs);
+        run.sample.values[1] = y_of(m + outputs);
+        tl_test_run_step(&run);
+        TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, run.status, run.error.text);
+        if (run.ready) {
+            records[record_count++] = run.record;
+        }
+    }
+}
+
+static void expect_ledger(void) {
+    for (size_t k = 0; k < tl_twin_get_facts(run.twin).components; k++) {
+        tl_twin_ledger entry = tl_twin_get_ledger(run.twin, k);
+        TEST_ASSERT_EQUAL_INT64_MESSAGE(0, entry.difference, entry.name);
+        TEST_ASSERT_TRUE(entry.executions < entry.plain);
+    }
+}
+
+static const int32_t SHIFTS[][2] = {{0, 0},  {3, 0},  {0, 2},   {0, -2}, {2, 4},
+                                    {4, -3}, {-2, 1}, {-3, -1}, {1, 6},  {2, 3}};
+
+enum { PAIRS = sizeof SHIFTS / sizeof SHIFTS[0] };
+
+/* Shifting within the twin is the same as shifting what it is given: every bit, once nothing of before tick 0 is asked for. */
+static void a_shift_is_as_if_the_plant_were_shifted(void) {
+    for (size_t s = 0; s < PAIRS; s++) {
+        static tl_record expected[TICKS];
+        make(TL_LAG, 0, 0);
+        build();
+        play(SHIFTS[s][0], SHIFTS[s][1]);
+        memcpy(expected, records, sizeof expected);
+        size_t count = record_count;
+        end();
+        make(TL_LAG, SHIFTS[s][0], SHIFTS[s][1]);
+        build();
+        play(0, 0);
+        int32_t longest = SHIFTS[s][0] > SHIFTS[s][1] ? SHIFTS[s][0] : SHIFTS[s][1];
+        longest = longest > 0 ? longest : 0;
+        TEST_ASSERT_EQUAL_UINT32(3 + (uint32_t)longest, tl_twin_get_facts(run.twin).lead);
+        TEST_ASSERT_EQUAL_size_t(count - (size_t)longest, record_count);
+        bool before = SHIFTS[s][0] < 0 || SHIFTS[s][1] < 0;
+        for (size_t i = 0; i < record_count && !before; i++) {
+            TEST_ASSERT_EQUAL_INT64(expected[i].step, records[i].step);
+            TEST_ASSERT_EQUAL_INT(expected[i].outcome, records[i].outcome);
+            TEST_ASSERT_EQUAL_UINT32(expected[i].executions, records[i].executions);
+            TEST_ASSERT_TRUE(expected[i].y[0] == records[i].y[0]);
+            TEST_ASSERT_TRUE(expected[i].y_hat[0] == records[i].y_hat[0]);
+            TEST_ASSERT_TRUE(expected[i].u[0] == records[i].u[0]);
+        }
+        expect_ledger();
+        end();
+    }
+}
+
+static void y_is_paired_with_the_sample_so_many_ticks_away(void) {
+    for (size_t s = 0; s < PAIRS; s++) {
+        for (tl_measurements mode = TL_LAG; mode <= TL_HOLD; mode++) {
+            make(mode, SHIFTS[s][0], SHIFTS[s][1]);
+            build();
+            play(0, 0);
+            for (size_t i = 0; i < record_count; i++) {
+                int64_t seen = records[i].step + 1 + SHIFTS[s][1];
+                if (mode == TL_AHEAD && SHIFTS[s][1] > 0) { /* which waits for none */
+                    seen = records[i].step + 1;
+                }
+                TEST_ASSERT_EQUAL_INT(seen < 0 ? TL_NO_LINK : TL_GOOD, records[i].y_hat_quality[0]);
+                TEST_ASSERT_TRUE(records[i].y_hat[0] == y_of(seen < 0 ? 0 : seen));
+            }
+            expect_ledger();
+            end();
+        }
+    }
+}
+
+/* The first component's inputs, as the committing steps saw them. */
+static void inputs_are_those_of_the_shifted_instant(void) {
+    for (size_t s = 0; s < PAIRS; s++) {
+        make(TL_HOLD, SHIFTS[s][0], SHIFTS[s][1]);
+        build();
+        play(0, 0);
+        int64_t shift = SHIFTS[s][0];
+        for (size_t i = 3; i < record_count; i++) {
+            /* b shows at the end of step i what a was given in step i − 1, and its own offset */
+            int64_t given = records[i].step - 1 + shift;
+            double passed = records[i].y[0] - records[i].u[0];
+            TEST_ASSERT_DOUBLE_WITHIN(1e-12, u_of(given < 0 ? 0 : given), passed);
+        }
+        end();
+    }
+}
+
+static void nothing_is_called_before_the_inputs_of_the_start_are_there(void) {
+    make(TL_LAG, 3, 0);
+    build();
+    for (int64_t m = 0; m <= 3; m++) {
+        TEST_ASSERT_EQUAL_UINT64(0, tl_test_log_count(&call_log, NULL, TL_TEST_DO_STEP));
+        run.sample.values[0] = u_of(m);
+        tl_test_run_step(&run);
+        TEST_ASSERT_FALSE(run.ready);
+    }
+    TEST_ASSERT_TRUE(tl_test_log_count(&call_log, NULL, TL_TEST_DO_STEP) > 0); /* the proof of its rollback */
+}
+
+/* What comes out of the median of a ramp is the ramp: y is brought onto it, as much earlier or later as is asked for. */
+static void expect_ramp(int32_t shift) {
+    make(TL_LAG, 0, shift);
+    plan.match[0].condition.median = 3;
+    build();
+    for (int64_t m = 0; m < TICKS; m++) {
+        run.sample.values[0] = 0.0;
+        run.sample.values[1] = 0.05 * (double)m;
+        tl_test_run_step(&run);
+        TEST_ASSERT_EQUAL_INT(TL_OK, run.status);
+        if (run.ready && run.record.step > LATEST) {
+            TEST_ASSERT_DOUBLE_WITHIN(0.06, 0.05 * (double)(run.record.step + 1 + shift), run.record.y[0]);
+        }
+    }
+}
+
+/* The median of three is a sample late, and adds to the shift. */
+static void conditioning_waits_as_well(void) {
+    for (int32_t shift = -4; shift <= 4; shift += 2) {
+        make(TL_LAG, 0, shift);
+        plan.match[0].condition.median = 3;
+        build();
+        TEST_ASSERT_EQUAL_UINT32((uint32_t)(3 + (shift + 1 > 0 ? shift + 1 : 0)), tl_twin_get_facts(run.twin).lead);
+        play(0, 0);
+        for (size_t i = LATEST; i < record_count; i++) {
+            TEST_ASSERT_TRUE(records[i].y_hat[0] == y_of(records[i].step + 1 + shift));
+        }
+        end();
+        expect_ramp(shift);
+        end();
+    }
+}
+
+int main(void) {
+    UNITY_BEGIN();
+    RUN_TEST(a_shift_is_as_if_the_plant_were_shifted);
+    RUN_TEST(y_is_paired_with_the_sample_so_many_ticks_away);
+    RUN_TEST(inputs_are_those_of_the_shifted_instant);
+    RUN_TEST(nothing_is_called_before_the_inputs_of_the_start_are_there);
+    RUN_TEST(conditioning_waits_as_well);
+    return UNITY_END();
+}
