@@ -75,7 +75,7 @@ static double density_of_state(const tl_delay_density *density, size_t state, tl
 }
 
 double tl_delay_density_at(const tl_delay_density *density, tl_time delay) {
-    double values[MOST_STATES];
+    double values[MOST_STATES] = {0.0};
     size_t states = 1;
     for (size_t i = 0; i < density->count; i++) {
         states *= 3;
