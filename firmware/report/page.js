@@ -319,7 +319,8 @@
         }
         return {
             ...paint(plot), labels: ["t", ...plot.series.map((one) => one.label)], legend: "never", labelsUTC: true,
-            includeZero: plot.counts || plot.zero, ylabel: escaped(plot.unit) || "\u00a0", xlabel: live ? "UTC" : "time in s", xLabelHeight: 15, yLabelWidth: 16,
+            includeZero: plot.counts || plot.zero, xLabelHeight: 15, yLabelWidth: 16,
+            ylabel: escaped(plot.unit) || "\u00a0", xlabel: live ? "UTC" : "time in s",
             axes: {x: {axisLabelWidth: 70, pixelsPerLabel: 80}, y}, axisLabelFontSize: 12, rightGap: 12, yRangePad: 8,
             dateWindow: whole, valueRange: plot.range, animatedZooms: false,
             interactionModel: interaction(), drawCallback: follow, unhighlightCallback: hideCursor,
@@ -384,7 +385,8 @@
             unit, bad, offset: 1, height: 240, boolean: type === "Boolean",
             aside: seen ? "hatched: \u0177 is not good (" + namesOf(seen) + ") and left out" : "",
             series: [
-                {name: "\u0177 measured, " + match.to, values: match.measured, colour: "measured", width: 3.2, stepped, unit, type},
+                {name: "\u0177 measured, " + match.to, values: match.measured, colour: "measured", width: 3.2, stepped, unit,
+                    type},
                 {name: "y simulated", values: match.y, colour: "simulated", width: 1.3, stepped, unit, type},
             ],
         });
