@@ -16,7 +16,7 @@ static tl_test_log call_log;
 static tl_test_fmu fmu;
 static tl_test_plan plan;
 static tl_test_run run;
-static tl_record records[TICKS];
+static tl_record records[TICKS]; /* by the tick that the twin has reached */
 static bool made_up[TICKS];
 
 /* The true plant, as the recording shows it. */
@@ -101,12 +101,16 @@ static void build(void) {
     run.budget.evaluations = MOST;
 }
 
+static bool at(const bool *signal, int64_t tick) {
+    return signal[tick < 0 ? 0 : tick >= TICKS ? TICKS - 1 : tick];
+}
+
 /* One tick; false where the twin is over. */
 static bool step(void) {
     int64_t tick = run.sample.tick;
-    run.sample.values[MOVE] = moves[tick];
-    run.sample.values[CMD] = moves[tick];
-    run.sample.values[THERE] = there[tick];
+    run.sample.values[MOVE] = at(moves, tick - plan.plan.input_ticks);
+    run.sample.values[CMD] = at(moves, tick - plan.plan.input_ticks);
+    run.sample.values[THERE] = at(there, tick - plan.plan.output_ticks);
     run.budget.started = watch.now;
     if (made_up[tick]) {
         tl_test_run_make_up(&run);
@@ -114,8 +118,9 @@ static bool step(void) {
         tl_test_run_step(&run);
     }
     if (run.ready) {
-        TEST_ASSERT_EQUAL_INT64(tick - 1, run.record.step);
-        records[tick] = run.record;
+        int64_t lead = tl_twin_get_facts(run.twin).lead;
+        TEST_ASSERT_EQUAL_INT64(tick - lead, run.record.step);
+        records[run.record.step + 1] = run.record;
         watch.longest = run.record.used > watch.longest ? run.record.used : watch.longest;
     }
     return run.status == TL_OK;
@@ -217,6 +222,31 @@ static void what_is_executed_is_predicted(void) {
     TEST_ASSERT_EQUAL_UINT64(sum, tl_twin_executions(run.twin, 0) + tl_twin_executions(run.twin, 1));
 }
 
+static tl_record first[TICKS];
+
+/* Where commands and effects are seen earlier or later than they are, the twin does the same, at another tick. */
+static void delays_change_nothing_but_when(void) {
+    static const int32_t shifts[][2] = {{0, 0}, {3, 0}, {0, 4}, {-2, 0}, {0, -3}, {5, -4}, {-4, 5}, {4, 4}};
+    for (size_t i = 0; i < sizeof shifts / sizeof shifts[0]; i++) {
+        tearDown();
+        setUp();
+        make_plant(10, 2.0);
+        plan.plan.measurements = TL_LAG;
+        plan.plan.input_ticks = shifts[i][0];
+        plan.plan.output_ticks = shifts[i][1];
+        run_all();
+        if (i == 0) {
+            memcpy(first, records, sizeof first);
+        }
+        for (int64_t tick = 20; tick < TICKS - 10; tick++) {
+            TEST_ASSERT_EQUAL_INT(first[tick].outcome, records[tick].outcome);
+            TEST_ASSERT_EQUAL_MEMORY(first[tick].u, records[tick].u, sizeof first[tick].u[0]);
+            TEST_ASSERT_EQUAL_MEMORY(first[tick].y, records[tick].y, sizeof first[tick].y[0]);
+            TEST_ASSERT_EQUAL_UINT32(first[tick].executions, records[tick].executions);
+        }
+    }
+}
+
 /* ---- in time ---- */
 
 static tl_time read_clock(void *context) {
@@ -251,8 +281,6 @@ static void a_search_spans_cycles_and_none_is_late(void) {
         }
     }
 }
-
-static tl_record first[TICKS];
 
 /* What the database keeps of a run: which ticks time cut short, and after how many executions. */
 static void a_repetition_without_a_clock_is_the_same_to_the_bit(void) {
@@ -476,6 +504,8 @@ static void what_does_not_go_with_an_event_is_said(void) {
     assert_problem("synchronise.fallback", "halving");
     plan.match[0].condition.median = 3;
     assert_problem(plan.match[0].where, "\"condition\"");
+    plan.plan.measure = (tl_plan_measure){.lags = 8, .range = STEP, .look_back = STEP};
+    assert_problem("delays", "measured delays do not go with horizon.event");
     tl_test_plan_adjust(&plan, "axis.offset", 0.1);
     assert_problem("synchronise.adjust", "expected one");
     plan.adjust[0].variable = "axis.u0";
@@ -498,6 +528,7 @@ int main(void) {
     RUN_TEST(the_winner_becomes_the_twin_and_the_next_stroke_is_right);
     RUN_TEST(a_stroke_that_agrees_costs_nothing_or_half_the_window);
     RUN_TEST(what_is_executed_is_predicted);
+    RUN_TEST(delays_change_nothing_but_when);
     RUN_TEST(a_search_spans_cycles_and_none_is_late);
     RUN_TEST(a_repetition_without_a_clock_is_the_same_to_the_bit);
     RUN_TEST(without_time_the_twin_runs_on_as_it_was);
