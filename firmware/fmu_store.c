@@ -55,6 +55,12 @@ static bool has_write_back(const char *format) {
     return false;
 }
 
+/* FMI's messages are printf formats. PythonFMU gives texts instead, and what a Python exception says may have a %s in it, for
+ * which there is no argument. */
+static bool is_text(const tl_fmu *fmu, const char *message) {
+    return strncmp(fmu->model.generation_tool, "PythonFMU", strlen("PythonFMU")) == 0 || has_write_back(message);
+}
+
 static void on_message(fmi2ComponentEnvironment environment, fmi2String instance, fmi2Status status,
                        fmi2String category, fmi2String message, ...) TL_PRINTF(5, 6);
 
@@ -65,7 +71,7 @@ static void on_message(fmi2ComponentEnvironment environment, fmi2String instance
     if (fmu == NULL || message == NULL) {
         return;
     }
-    if (has_write_back(message)) {
+    if (is_text(fmu, message)) {
         (void)snprintf(text, sizeof text, "%s", message);
     } else {
         va_list arguments;
