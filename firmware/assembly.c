@@ -28,6 +28,21 @@ static void open_libraries(tl_assembly *assembly, const tl_config_component *com
     }
 }
 
+/* Python imports a name once: the second of two FMUs with modules of one name would silently run the first one's. */
+static bool check_module(tl_assembly *assembly, const tl_fmu *fmu, const char *where) {
+    for (const tl_fmu *other = assembly->fmus; other < fmu && fmu->module[0] != '\0'; other++) {
+        if (strcmp(other->module, fmu->module) == 0) {
+            tl_report_add(
+                &assembly->problems.report, TL_BAD_DATA, where,
+                "%.120s and %.120s both have a Python module \"%.60s\", and Python imports a name once: rename "
+                "one of the scripts and export it again, or use the same FMU for both",
+                fmu->path, other->path, fmu->module);
+            return false;
+        }
+    }
+    return true;
+}
+
 /* The FMU at `path`, loaded once; NULL where reported. */
 static const tl_fmu *load_fmu(tl_assembly *assembly, const char *path, const char *where) {
     for (size_t i = 0; i < assembly->fmu_count; i++) {
@@ -43,7 +58,7 @@ static const tl_fmu *load_fmu(tl_assembly *assembly, const char *path, const cha
         return NULL;
     }
     assembly->fmu_count++;
-    return fmu;
+    return check_module(assembly, fmu, where) ? fmu : NULL;
 }
 
 static void load_component(tl_assembly *assembly, size_t index) {

@@ -132,6 +132,20 @@ static tl_status make_resources(tl_fmu *fmu, const char *label, tl_error *error)
     return TL_OK;
 }
 
+/* PythonFMU's binary imports the module that the first line of this file names. */
+static void read_module(tl_fmu *fmu) {
+    char path[PATH_MAX + sizeof "/resources/slavemodule.txt"];
+    (void)snprintf(path, sizeof path, "%s/resources/slavemodule.txt", fmu->files->archive.folder);
+    FILE *file = fopen(path, "re");
+    if (file == NULL) {
+        return;
+    }
+    if (fgets(fmu->module, sizeof fmu->module, file) != NULL) {
+        fmu->module[strcspn(fmu->module, "\r\n")] = '\0';
+    }
+    (void)fclose(file);
+}
+
 /* ---- Loading ------------------------------------------------------------------------------------------- */
 
 static tl_status load(const char *path, const char *label, tl_fmu *fmu, tl_error *error) {
@@ -154,6 +168,7 @@ static tl_status load(const char *path, const char *label, tl_fmu *fmu, tl_error
     if (status != TL_OK) {
         return status;
     }
+    read_module(fmu);
     return tl_fmu_binary_open(files->archive.folder, &fmu->model, label, &fmu->functions, &files->binary, error);
 }
 
