@@ -84,6 +84,9 @@ class Slave(Fmi2Slave):
     def do_step(self, current_time, step_size):
         {body}
         return True
+
+    def terminate(self):
+        print("terminated")
 """
 
 
@@ -315,7 +318,7 @@ def test_extension_modules_work_until_the_end():
     expect(code == 0, f"exit code {code}\n{err}")
     found = read_table(table)["slave.y"]
     expect(found == [0.25 + i / 100 for i in range(21)], f"numpy gave {found}")
-    expect(err.count("stepped") == 21 and "stepped" not in out, f"what the FMU prints is lost, or a result\n{out}\n{err}")
+    expect(err.count("stepped") == 21 and err.count("terminated") == 1 and "stepped" not in out, f"what the FMU prints is lost, or a result\n{out}\n{err}")
 
 
 main()
