@@ -2,6 +2,7 @@
 #include "firmware/library.h"
 
 #include <dlfcn.h>
+#include <signal.h>
 #include <stdbool.h>
 #include <stddef.h>
 #include <stdio.h>
@@ -76,14 +77,31 @@ static void end_process(int code, void *unused) {
     _exit(code);
 }
 
-static bool prepare_end(void) {
+static void end_by_default(int number) {
+    (void)signal(number, SIG_DFL);
+    (void)raise(number);
+}
+
+/* Python takes SIGINT where nobody handles it, and then waits for its own main thread, which never comes; where somebody does,
+ * it leaves it alone. */
+static void claim_interrupt(void) {
+    struct sigaction now;
+    if (sigaction(SIGINT, NULL, &now) == 0 && now.sa_handler == SIG_DFL) {
+        (void)signal(SIGINT, end_by_default);
+    }
+}
+
+static bool prepare(void) {
     static bool prepared; /* of the process, as the libraries are */
-    prepared = prepared || on_exit(end_process, NULL) == 0;
+    if (!prepared && on_exit(end_process, NULL) == 0) {
+        claim_interrupt();
+        prepared = true;
+    }
     return prepared;
 }
 
 tl_status tl_library_open(const char *path, tl_error *error) {
-    if (!prepare_end()) {
+    if (!prepare()) {
         return tl_fail(error, TL_TRY_AGAIN, "out of memory; free some and try again");
     }
     void *opened = dlopen(path, RTLD_NOW | RTLD_GLOBAL | RTLD_NODELETE);

@@ -4,6 +4,7 @@
  *          that Python loads for them, take those of libpython from whoever has it. So such a library is opened with its
  *          symbols for everybody, before the FMU is.
  * Owner:   the process. Nothing closes a library again: an interpreter that has run cannot be unloaded safely.
+ *          With the first one, what the process does at its end and on SIGINT is arranged for such interpreters.
  * Trust:   opening a library executes code of it, as opening an FMU does.
  * Thread:  one thread at a time.
  */

@@ -66,4 +66,35 @@ def test_it_is_locked_in_real_time():
     expect("error" not in log, log)
 
 
+SLEEPER = """
+import time
+
+from pythonfmu import Fmi2Causality, Fmi2Slave, Real
+
+
+class Sleeper(Fmi2Slave):
+    def __init__(self, **kwargs):
+        super().__init__(**kwargs)
+        self.y = 0.0
+        self.register_variable(Real("y", causality=Fmi2Causality.output))
+
+    def do_step(self, current_time, step_size):
+        print("asleep", flush=True)
+        time.sleep(300)
+        return True
+"""
+
+
+def test_a_check_is_interrupted():
+    """Python takes SIGINT where nobody has; `check` has nothing to do then but to end."""
+    config = write_config({"twinlock": 1, "name": "sleeper", "step_s": 0.01, "plant": {"y": {}},
+                           "components": {"sleeper": {"fmu": str(export("sleeper", source=SLEEPER)), "libraries": [LIBRARY]}},
+                           "compare": {"sleeper.y": {"to": "plant.y"}}})
+    with Program("check", config) as program:
+        program.wait_for("asleep")
+        program.signal(signal.SIGINT)
+        wait_until(lambda: program.process.poll() is not None, "the end of check", program.log)
+        expect(program.process.returncode == -signal.SIGINT, f"ended with {program.process.returncode}")
+
+
 main()

@@ -13,8 +13,8 @@ import fmpy
 from fmpy.fmi2 import FMU2Slave
 
 from python_fmu import LIBRARY, export
-from twinlock_test import (FMUS, SANITIZER, Skip, expect, main, merge, read_table, replay_csv, replay_json, run, scratch,
-                           write_config)
+from twinlock_test import (BUILD, FMUS, SANITIZER, Skip, expect, main, merge, read_table, replay_csv, replay_json, run,
+                           scratch, write_config)
 
 STEP_NS = 10_000_000
 STEPS = 1000
@@ -95,10 +95,10 @@ def slave_that(body):
     return export("slave", "--handle-state", source=SLAVE.replace("{body}", body))
 
 
-def refused(document, code, *words):
-    """The verbs `check` and `replay` end with this code and say these words; nothing else is run."""
+def refused(document, code, *words, folder=None):
+    """The verbs `check` and `replay` end with this code and say these words."""
     for verb in ("check", "replay"):
-        found, _, err = run([verb, write_config(document)])
+        found, _, err = run([verb, write_config(document, folder)])
         expect(found == code, f"{verb} ended with {found}, wanted {code}\n{err}")
         expect(all(word in err for word in words), f"{verb}: wanted {words}\n{err}")
 
@@ -275,6 +275,20 @@ def test_a_library_that_is_not_there():
             "components.controller.libraries[0]: ", "libpython3.99.so.1.0: cannot open", "the package libpython3.99")
     refused(loop({"components": {"controller": {"libraries": ["./libmissing.so"]}}}), 65,
             "components.controller.libraries[0]: ", "/libmissing.so: cannot open", "starts at the configuration's folder")
+
+
+    for name in "x" * 5000, "./" + "x" * 5000:
+        refused(loop({"components": {"controller": {"libraries": [name]}}}), 65, "the path is too long")
+
+
+def test_two_pythons():
+    """The first one is a file beside the configuration, made for tests/unit/test_library.c."""
+    folder = scratch()
+    (folder / "lib").mkdir()
+    (folder / "lib" / "old.so").symlink_to(BUILD / "tests" / "interpreter-3.8.1.so")
+    refused(loop({"components": {"controller": {"libraries": ["lib/old.so", LIBRARY]}}}), 65,
+            "components.controller.libraries[1]: ", f'"{LIBRARY}" is Python {sys.version.split()[0]}',
+            "Python 3.8.1 is open already", folder=folder)
 
 
 def test_a_key_at_any_component_serves_all():
