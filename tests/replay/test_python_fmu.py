@@ -227,7 +227,7 @@ def resident_peak(document):
     with os.fdopen(read) as result:
         code = f"""if True:
             import os, resource, subprocess, sys
-            subprocess.run(sys.argv[2:], stdout=subprocess.DEVNULL, check=True)
+            subprocess.run(sys.argv[2:], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, check=True)
             os.write(int(sys.argv[1]), str(resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss).encode())"""
         subprocess.run([sys.executable, "-c", code, str(write), os.environ["TWINLOCK"], "replay", write_config(document)],
                        env={**os.environ, "TWINLOCK_FMU_PATH": str(FMUS), "TMPDIR": str(scratch())}, pass_fds=[write],

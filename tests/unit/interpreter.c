@@ -4,6 +4,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+/* Python's names, not ours. */
+// NOLINTBEGIN(readability-identifier-naming)
 const char *Py_GetVersion(void);
 int Py_cmp(const char *a, const char *b);
 
@@ -14,6 +16,7 @@ const char *Py_GetVersion(void) {
 int Py_cmp(const char *a, const char *b) {
     return strcmp(a, b);
 }
+// NOLINTEND(readability-identifier-naming)
 
 __attribute__((destructor)) static void be_ended(void) {
     const char *path = getenv("TL_TEST_ENDED");
