@@ -8,7 +8,40 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "firmware/library.h"
 #include "firmware/log.h"
+
+/* Of one component; FMUs are opened only when all of them are there. */
+static void open_libraries(tl_assembly *assembly, const tl_config_component *component) {
+    for (size_t i = 0; i < component->library_count; i++) {
+        const tl_config_library *library = &component->libraries[i];
+        char path[PATH_MAX];
+        tl_error error;
+        if (!tl_config_library_path(&assembly->config, library->name, path, sizeof path)) {
+            tl_report_add(&assembly->problems.report, TL_BAD_DATA, library->where, "the path is too long; shorten it");
+            continue;
+        }
+        tl_status status = tl_library_open(path, &error);
+        if (status != TL_OK) {
+            tl_report_add(&assembly->problems.report, status, library->where, "%s", error.text);
+        }
+    }
+}
+
+/* Python imports a name once: the second of two FMUs with modules of one name would silently run the first one's. */
+static bool check_module(tl_assembly *assembly, const tl_fmu *fmu, const char *where) {
+    for (const tl_fmu *other = assembly->fmus; other < fmu && fmu->module[0] != '\0'; other++) {
+        if (strcmp(other->module, fmu->module) == 0) {
+            tl_report_add(
+                &assembly->problems.report, TL_BAD_DATA, where,
+                "%.120s and %.120s both have a Python module \"%.60s\", and Python imports a name once: rename "
+                "one of the scripts and export it again, or use the same FMU for both",
+                fmu->path, other->path, fmu->module);
+            return false;
+        }
+    }
+    return true;
+}
 
 /* The FMU at `path`, loaded once; NULL where reported. */
 static const tl_fmu *load_fmu(tl_assembly *assembly, const char *path, const char *where) {
@@ -25,7 +58,7 @@ static const tl_fmu *load_fmu(tl_assembly *assembly, const char *path, const cha
         return NULL;
     }
     assembly->fmu_count++;
-    return fmu;
+    return check_module(assembly, fmu, where) ? fmu : NULL;
 }
 
 static void load_component(tl_assembly *assembly, size_t index) {
@@ -51,6 +84,7 @@ static void load_component(tl_assembly *assembly, size_t index) {
             .set = configured->set,
             .set_count = configured->set_count,
             .keep = configured->keep,
+            .logging = configured->logging,
         };
     }
 }
@@ -135,6 +169,10 @@ tl_status tl_assembly_build(tl_assembly *assembly) {
         return report->worst;
     }
     for (size_t i = 0; i < config->component_count; i++) {
+        open_libraries(assembly, &config->components[i]);
+    }
+    bool opened = report->count == 0; /* where a library is missing, each FMU that needs it would only say so again */
+    for (size_t i = 0; i < config->component_count && opened; i++) {
         load_component(assembly, i);
     }
     if (report->count == 0) {

@@ -241,6 +241,13 @@ bool tl_config_file_path(const tl_config *config, const char *file, char *path, 
     return join(folder, strlen(folder), file, path, size);
 }
 
+bool tl_config_library_path(const tl_config *config, const char *library, char *path, size_t size) {
+    if (strchr(library, '/') != NULL) {
+        return tl_config_file_path(config, library, path, size);
+    }
+    return (size_t)snprintf(path, size, "%s", library) < size;
+}
+
 static bool is_file(const char *path) {
     struct stat facts;
     return stat(path, &facts) == 0 && S_ISREG(facts.st_mode);

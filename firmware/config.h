@@ -23,10 +23,19 @@
 
 enum { TL_CONFIG_MAX_BYTES = 256 * 1024 };
 
+/* A shared library that an FMU expects the program to have. */
+typedef struct tl_config_library {
+    const char *where; /* JSON path */
+    const char *name;  /* as written; see tl_config_library_path */
+} tl_config_library;
+
 typedef struct tl_config_component {
     const char *where; /* JSON path */
     const char *name;
     const char *fmu; /* as written; see tl_config_fmu_path */
+    tl_config_library *libraries;
+    size_t library_count;
+    bool logging; /* debug logging of the FMU */
     tl_plan_set *set;
     size_t set_count;
     tl_keep keep;
@@ -192,5 +201,9 @@ bool tl_config_fmu_path(const tl_config *config, const char *fmu, char *path, si
 
 /* A file named in the configuration, relative to its folder. False, and "", where it does not fit. */
 bool tl_config_file_path(const tl_config *config, const char *file, char *path, size_t size);
+
+/* What to open a library by: a name without a slash stays as it is, for the loader to look up; any other is a file as
+ * above. */
+bool tl_config_library_path(const tl_config *config, const char *library, char *path, size_t size);
 
 #endif

@@ -60,6 +60,44 @@ static void read_keep(tl_config_object *entry, tl_config_component *component) {
     component->keep = (tl_keep)index;
 }
 
+/* One name of a library; NULL where it is wrong. */
+static const char *read_library(const tl_config_reader *reader, const cJSON *item, const char *path) {
+    if (cJSON_IsString(item) && item->valuestring[0] != '\0' && tl_text_is_plain(item->valuestring)) {
+        return item->valuestring;
+    }
+    char found[128];
+    tl_config_describe(item, found, sizeof found);
+    tl_config_problem(reader, path, tl_json_line(item), found, "the name of a shared library",
+                      "\"libpython3.11.so.1.0\"");
+    return NULL;
+}
+
+static void read_libraries(tl_config_object *entry, tl_config_component *component) {
+    static const char *const expected = "an array of names of shared libraries";
+    static const char *const example = "[\"libpython3.11.so.1.0\"]";
+    const cJSON *array = tl_config_get(entry, "libraries", TL_CONFIG_OPTIONAL, expected, example);
+    if (array != NULL && !cJSON_IsArray(array)) {
+        tl_config_wrong(entry, "libraries", NULL, expected, example);
+        array = NULL;
+    }
+    component->library_count = (size_t)cJSON_GetArraySize(array);
+    component->libraries = tl_config_take(entry->reader, component->library_count, sizeof *component->libraries);
+    if (component->libraries == NULL) {
+        return;
+    }
+    size_t i = 0;
+    const cJSON *item = NULL;
+    cJSON_ArrayForEach(item, array) {
+        char list[TL_JSON_PATH];
+        char path[TL_JSON_PATH];
+        tl_json_member_path(list, entry->path, "libraries");
+        tl_json_element_path(path, list, i);
+        component->libraries[i].where = tl_config_keep(entry->reader, path);
+        component->libraries[i].name = read_library(entry->reader, item, path);
+        i++;
+    }
+}
+
 void tl_config_read_components(tl_config_object *root, tl_config *config) {
     static const tl_config_map rule = {.need = TL_CONFIG_REQUIRED,
                                        .least = 1,
@@ -85,6 +123,8 @@ void tl_config_read_components(tl_config_object *root, tl_config *config) {
             (void)tl_config_get_text(&entry, "fmu", TL_CONFIG_REQUIRED, "\"motor.fmu\"", &component->fmu);
             read_set(&entry, component);
             read_keep(&entry, component);
+            read_libraries(&entry, component);
+            (void)tl_config_get_boolean(&entry, "logging", &component->logging);
             tl_config_done(&entry);
         }
         component->where = tl_config_keep(root->reader, entry.path);

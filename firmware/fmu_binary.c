@@ -258,12 +258,25 @@ static tl_status check_version(const tl_fmi2 *functions, const char *label, tl_e
 
 /* ---- Opening ------------------------------------------------------------------------------------------- */
 
-/* dlopen()'s own text names the file, and a neighbour that is missing. */
+/* Whether what dlopen() says names a symbol of Python's: "…/box.so: undefined symbol: Py_Initialize". */
+static bool needs_python(const char *path, const char *reason) {
+    const char *found = strstr(reason, path);
+    const char *said = found == NULL ? reason : found + strlen(path);
+    return strstr(said, " Py") != NULL || strstr(said, " _Py") != NULL;
+}
+
+/* dlopen()'s own text names the file, and a neighbour or a symbol that is missing. */
 static tl_status fail_open(const char *path, const char *label, const char *reason, tl_error *error) {
     struct statvfs system;
     bool no_programs = statvfs(path, &system) == 0 && (system.f_flag & ST_NOEXEC) != 0;
-    const char *advice = no_programs ? "the folder is mounted noexec; set TMPDIR to one that is not"
-                                     : "install what it needs, or export the FMU with it";
+    const char *advice = "install what it needs, export the FMU with it, or name the library that has the symbol in "
+                         "\"libraries\" of the component";
+    if (no_programs) {
+        advice = "the folder is mounted noexec; set TMPDIR to one that is not";
+    } else if (reason != NULL && needs_python(path, reason)) {
+        advice = "it needs Python's library; name the one of this machine in the component, for example \"libraries\": "
+                 "[\"libpython3.11.so.1.0\"]";
+    }
     return tl_fail(error, no_programs ? TL_TRY_AGAIN : TL_BAD_DATA, "%s: the binary cannot be opened: %.260s; %s",
                    label, reason == NULL ? "no reason given" : reason, advice);
 }

@@ -55,6 +55,12 @@ static bool has_write_back(const char *format) {
     return false;
 }
 
+/* FMI's messages are printf formats. PythonFMU gives texts instead, and what a Python exception says may have a %s in it, for
+ * which there is no argument. */
+static bool is_text(const tl_fmu *fmu, const char *message) {
+    return strncmp(fmu->model.generation_tool, "PythonFMU", strlen("PythonFMU")) == 0 || has_write_back(message);
+}
+
 static void on_message(fmi2ComponentEnvironment environment, fmi2String instance, fmi2Status status,
                        fmi2String category, fmi2String message, ...) TL_PRINTF(5, 6);
 
@@ -65,7 +71,7 @@ static void on_message(fmi2ComponentEnvironment environment, fmi2String instance
     if (fmu == NULL || message == NULL) {
         return;
     }
-    if (has_write_back(message)) {
+    if (is_text(fmu, message)) {
         (void)snprintf(text, sizeof text, "%s", message);
     } else {
         va_list arguments;
@@ -126,6 +132,20 @@ static tl_status make_resources(tl_fmu *fmu, const char *label, tl_error *error)
     return TL_OK;
 }
 
+/* PythonFMU's binary imports the module that the first line of this file names. */
+static void read_module(tl_fmu *fmu) {
+    char path[PATH_MAX + sizeof "/resources/slavemodule.txt"];
+    (void)snprintf(path, sizeof path, "%s/resources/slavemodule.txt", fmu->files->archive.folder);
+    FILE *file = fopen(path, "re");
+    if (file == NULL) {
+        return;
+    }
+    if (fgets(fmu->module, sizeof fmu->module, file) != NULL) {
+        fmu->module[strcspn(fmu->module, "\r\n")] = '\0';
+    }
+    (void)fclose(file);
+}
+
 /* ---- Loading ------------------------------------------------------------------------------------------- */
 
 static tl_status load(const char *path, const char *label, tl_fmu *fmu, tl_error *error) {
@@ -148,6 +168,7 @@ static tl_status load(const char *path, const char *label, tl_fmu *fmu, tl_error
     if (status != TL_OK) {
         return status;
     }
+    read_module(fmu);
     return tl_fmu_binary_open(files->archive.folder, &fmu->model, label, &fmu->functions, &files->binary, error);
 }
 

@@ -15,7 +15,7 @@
 #include "master/fmi/fmi2.h"
 #include "master/fmi/model.h"
 
-enum { TL_FMU_MESSAGES_PER_SECOND = 20 };
+enum { TL_FMU_MESSAGES_PER_SECOND = 20, TL_FMU_MODULE = 128 };
 
 /* Must stay where it is while it is loaded: callbacks.componentEnvironment points to it. */
 typedef struct tl_fmu {
@@ -24,6 +24,7 @@ typedef struct tl_fmu {
     tl_fmi2 functions;
     fmi2CallbackFunctions callbacks; /* the logger goes to firmware/log.h, limited per second */
     const char *resources;           /* file:/// URI; the folder exists also where the FMU has none */
+    char module[TL_FMU_MODULE];      /* the Python module that an FMU of PythonFMU imports, cut; "": none */
     struct tl_fmu_files *files;      /* private: memory, unpacked folder, dlopen handle */
 } tl_fmu;
 

@@ -43,6 +43,7 @@ typedef struct tl_plan_component {
     const tl_plan_set *set;
     size_t set_count;
     tl_keep keep;
+    bool logging; /* the FMU's debug logging is on */
 } tl_plan_component;
 
 /* A signal of the plant: an output of the component "plant". */

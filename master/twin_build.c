@@ -314,6 +314,7 @@ static void instantiate(tl_twin *twin, const tl_plan *plan, tl_report *report) {
         if (tl_twin_is_lost(twin, component)) {
             continue;
         }
+        component->logging = description->logging;
         tl_status status = tl_component_instantiate(component, description->callbacks, description->resources, &error);
         for (size_t k = 0; k < description->set_count && status == TL_OK; k++) {
             const tl_variable *variable = tl_model_variable(description->model, description->set[k].variable);

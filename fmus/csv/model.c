@@ -64,8 +64,8 @@ static void start(void *model) {
         c->y[i] = c->initial[i];
     }
     c->next = 0;
-    c->t_start = NAN;
-    c->offset = NAN;
+    c->t_start = (double)NAN;
+    c->offset = (double)NAN;
 }
 
 static void step(void *model, double h) {

@@ -48,19 +48,31 @@ static tl_status judge(tl_component *component, fmi2Status status, const char *c
         break;
     }
     component->mode = TL_MODE_DEAD;
-    return tl_fail(error, TL_FMU_FATAL, "%s: %s failed for good (fmi2Fatal); this FMU cannot be used any more",
-                   component->name, call);
+    return tl_fail(error, TL_FMU_FATAL, "%s: %s failed for good (fmi2Fatal); this FMU cannot be used any more; %s",
+                   component->name, call,
+                   component->logging
+                       ? "see its messages in the log"
+                       : "see its messages in the log; with \"logging\": true in its component it may tell more");
+}
+
+static fmi2Component instantiate(const tl_component *component, const fmi2CallbackFunctions *callbacks,
+                                 const char *resources, bool logging) {
+    return component->fmi->instantiate(component->name, fmi2CoSimulation, component->model->guid, resources, callbacks,
+                                       fmi2False, logging ? fmi2True : fmi2False);
 }
 
 tl_status tl_component_instantiate(tl_component *component, const fmi2CallbackFunctions *callbacks,
                                    const char *resources, tl_error *error) {
-    component->instance = component->fmi->instantiate(component->name, fmi2CoSimulation, component->model->guid,
-                                                      resources, callbacks, fmi2False, fmi2False);
+    component->instance = instantiate(component, callbacks, resources, component->logging);
+    if (component->instance == NULL && !component->logging) {
+        component->instance = instantiate(component, callbacks, resources, true);
+    }
     if (component->instance == NULL) {
-        return tl_fail(error, TL_FMU_FAILED,
-                       "%s: fmi2Instantiate refused; the usual cause is a GUID of "
-                       "modelDescription.xml (%s) that is not the binary's: export the FMU again",
-                       component->name, component->model->guid);
+        return tl_fail(
+            error, TL_FMU_FAILED,
+            "%s: fmi2Instantiate refused; see the FMU's messages in the log; where there are none, the usual "
+            "cause is a GUID of modelDescription.xml (%s) that is not the binary's: export the FMU again",
+            component->name, component->model->guid);
     }
     component->mode = TL_MODE_INSTANTIATED;
     return TL_OK;
@@ -240,10 +252,15 @@ tl_status tl_component_step(tl_component *component, double now, double step, bo
 }
 
 tl_status tl_component_save(tl_component *component, fmi2FMUstate *state, tl_error *error) {
+    if (component->replaces_states) {
+        tl_component_forget(component, state);
+    }
     if (component->mode == TL_MODE_DEAD) {
         return tl_fail(error, TL_FMU_FATAL, "%s: cannot be saved after fmi2Fatal", component->name);
     }
+    fmi2FMUstate reused = *state;
     fmi2Status result = component->fmi->get_fmu_state(component->instance, state);
+    component->replaces_states = component->replaces_states || (reused != NULL && *state != reused);
     return result <= fmi2Warning ? TL_OK : judge(component, result, "fmi2GetFMUstate", error);
 }
 

@@ -55,13 +55,16 @@ typedef struct tl_component {
     const tl_fmi2 *fmi;
     fmi2Component instance;
     tl_component_mode mode;
-    tl_ports inputs;     /* connected inputs and adjusted variables: set before each step */
-    tl_ports outputs;    /* connected and matched outputs: read after each step */
-    bool reals_only;     /* no other ports: set by the exchange, once they are placed */
-    uint64_t executions; /* fmi2DoStep calls */
+    tl_ports inputs;      /* connected inputs and adjusted variables: set before each step */
+    tl_ports outputs;     /* connected and matched outputs: read after each step */
+    bool logging;         /* fmi2Instantiate: loggingOn */
+    bool replaces_states; /* a handle to be reused is not: the FMU made another one */
+    bool reals_only;      /* no other ports: set by the exchange, once they are placed */
+    uint64_t executions;  /* fmi2DoStep calls */
 } tl_component;
 
-/* fmi2Instantiate; then `set_*` of start values may follow. */
+/* fmi2Instantiate; then `set_*` of start values may follow. An FMU that refuses is asked a second time with its logging on,
+ * because some say why only then. */
 tl_status tl_component_instantiate(tl_component *component, const fmi2CallbackFunctions *callbacks,
                                    const char *resources, tl_error *error);
 
@@ -92,7 +95,9 @@ tl_status tl_component_step_all(tl_component *components, size_t count, double n
 tl_status tl_component_check_outputs(const tl_component *component, tl_error *error);
 
 /* Snapshot of the FMU's hidden state; needs canGetAndSetFMUstate. Port values are the graph's business. A handle that is
- * not NULL is reused; one that is no longer wanted is given back by tl_component_forget(). */
+ * not NULL is reused; one that is no longer wanted is given back by tl_component_forget(). An FMU that was once seen to answer
+ * with another handle than the one it was to reuse has each freed first: some make a new state and lose the old one, which
+ * in a twin that runs for weeks is all of the memory. */
 tl_status tl_component_save(tl_component *component, fmi2FMUstate *state, tl_error *error);
 tl_status tl_component_restore(tl_component *component, fmi2FMUstate state, tl_error *error);
 

@@ -167,6 +167,33 @@ static void start_values_go_to_their_own_base_type(void) {
     TEST_ASSERT_EQUAL_INT32(4, integers[1]);
 }
 
+static fmi2InstantiateTYPE *real_instantiate;
+static unsigned asked_silent;
+static unsigned asked_logging;
+
+/* An FMU that says something about itself, and here exists, only with its logging on. */
+static fmi2Component instantiate_with_logging(fmi2String name, fmi2Type type, fmi2String guid, fmi2String resources,
+                                              const fmi2CallbackFunctions *callbacks, fmi2Boolean visible,
+                                              fmi2Boolean logging) {
+    asked_silent += logging == fmi2True ? 0 : 1;
+    asked_logging += logging == fmi2True ? 1 : 0;
+    return logging == fmi2True ? real_instantiate(name, type, guid, resources, callbacks, visible, logging) : NULL;
+}
+
+static void who_refuses_is_asked_again_with_logging(void) {
+    for (unsigned logging = 0; logging < 2; logging++) {
+        asked_silent = asked_logging = 0;
+        real_instantiate = fmu.functions.instantiate;
+        fmu.functions.instantiate = instantiate_with_logging;
+        component.logging = logging == 1;
+        TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_instantiate(&component, &fmu.callbacks, "file:///r", &error));
+        TEST_ASSERT_EQUAL_UINT(1 - logging, asked_silent);
+        TEST_ASSERT_EQUAL_UINT(1, asked_logging);
+        tl_component_free(&component);
+        fmu.functions.instantiate = real_instantiate;
+    }
+}
+
 static void a_refused_start_value_is_a_failure(void) {
     const tl_value real = {.type = TL_REAL, .real = 2.5};
     (void)tl_component_instantiate(&component, &fmu.callbacks, "file:///r", &error);
@@ -216,6 +243,28 @@ static void a_snapshot_reuses_its_handle_and_brings_the_state_back(void) {
     }
     TEST_ASSERT_EQUAL_UINT64(1, fmu.states);
     TEST_ASSERT_EQUAL_UINT64(5, tl_test_log_count(&call_log, &fmu, TL_TEST_GET_STATE));
+}
+
+static fmi2GetFMUstateTYPE *real_get;
+
+/* Does not reuse the handle, and loses it. */
+static fmi2Status get_new_state(fmi2Component instance, fmi2FMUstate *handle) {
+    *handle = NULL;
+    return real_get(instance, handle);
+}
+
+static void states_that_are_not_reused_are_freed_first(void) {
+    start();
+    real_get = fmu.functions.get_fmu_state;
+    fmu.functions.get_fmu_state = get_new_state;
+    for (int64_t i = 0; i < 100; i++) {
+        TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_save(&component, &state, &error));
+    }
+    TEST_ASSERT_EQUAL_UINT64(2, fmu.states); /* one that was lost before it was known, and the newest */
+    tl_test_fmu_fail(&fmu, TL_TEST_FREE_STATE, TL_TEST_FATAL, fmu.calls[TL_TEST_FREE_STATE] + 1, UINT64_MAX);
+    TEST_ASSERT_EQUAL_INT(TL_FMU_FATAL, tl_component_save(&component, &state, &error));
+    TEST_ASSERT_NULL(state);
+    fmu.functions.get_fmu_state = real_get;
 }
 
 static void a_discarded_step_can_be_taken_back(void) {
@@ -281,6 +330,7 @@ static void nothing_is_called_after_fatal(void) {
     tl_test_fmu_fail(&fmu, TL_TEST_DO_STEP, TL_TEST_FATAL, 1, 1);
     TEST_ASSERT_EQUAL_INT(TL_FMU_FATAL, step(0));
     TEST_ASSERT_NOT_NULL(strstr(error.text, "fmi2Fatal"));
+    TEST_ASSERT_NOT_NULL(strstr(error.text, "\"logging\": true"));
     size_t calls = call_log.count;
     TEST_ASSERT_EQUAL_INT(TL_FMU_FATAL, step(0));
     TEST_ASSERT_EQUAL_INT(TL_FMU_FATAL, tl_component_restore(&component, state, &error));
@@ -377,10 +427,12 @@ int main(void) {
     RUN_TEST(an_instance_is_freed_as_its_mode_allows);
     RUN_TEST(another_guid_is_refused_with_advice);
     RUN_TEST(start_values_go_to_their_own_base_type);
+    RUN_TEST(who_refuses_is_asked_again_with_logging);
     RUN_TEST(a_refused_start_value_is_a_failure);
     RUN_TEST(a_step_sets_steps_and_reads);
     RUN_TEST(a_true_of_7_is_plain_true);
     RUN_TEST(a_snapshot_reuses_its_handle_and_brings_the_state_back);
+    RUN_TEST(states_that_are_not_reused_are_freed_first);
     RUN_TEST(a_discarded_step_can_be_taken_back);
     RUN_TEST(after_an_error_only_a_restore_helps);
     RUN_TEST(a_failed_instance_is_freed_without_terminating);

@@ -87,6 +87,15 @@ static void test_components(void) {
     TEST_ASSERT_EQUAL_INT(TL_KEEP_STATES, config->components[0].keep);
     TEST_ASSERT_EQUAL_INT(TL_KEEP_OUTPUTS, config->components[1].keep);
     TEST_ASSERT_EQUAL_STRING("models/motor.fmu", config->components[1].fmu);
+    TEST_ASSERT_EQUAL_size_t(0, config->components[0].library_count);
+    TEST_ASSERT_FALSE(config->components[0].logging);
+    TEST_ASSERT_TRUE(config->components[1].logging);
+    TEST_ASSERT_EQUAL_size_t(2, config->components[1].library_count);
+    const tl_config_library *libraries = config->components[1].libraries;
+    TEST_ASSERT_EQUAL_STRING("components.motor.libraries[0]", libraries[0].where);
+    TEST_ASSERT_EQUAL_STRING("libpython3.11.so.1.0", libraries[0].name);
+    TEST_ASSERT_EQUAL_STRING("components.motor.libraries[1]", libraries[1].where);
+    TEST_ASSERT_EQUAL_STRING("lib/solver.so", libraries[1].name);
     TEST_ASSERT_EQUAL_size_t(4, config->components[1].set_count);
     const tl_plan_set *set = config->components[1].set;
     TEST_ASSERT_EQUAL_STRING("components.motor.set.J", set[0].where);

@@ -647,6 +647,16 @@ static void test_a_missing_library(void) {
     expect_refused("the binary cannot be opened: libq.so.6", "install what it needs");
 }
 
+static void test_a_missing_symbol(void) {
+    patch_binary("strcmp", "xtrcmp");
+    expect_refused("undefined symbol: xtrcmp",
+                   "name the library that has the symbol in \"libraries\" of the component");
+    patch_binary("xtrcmp", "Py_cmp");
+    expect_refused("undefined symbol: Py_cmp", "for example \"libraries\": [\"libpython3.11.so.1.0\"]");
+    patch_binary("Py_cmp", "_Pycmp");
+    expect_refused("undefined symbol: _Pycmp", "it needs Python's library");
+}
+
 static void test_missing_functions(void) {
     patch_binary("fmi2DoStep", "fmi2DoStop");
     expect_refused("no function fmi2DoStep", "demands of all FMUs");
@@ -823,6 +833,7 @@ int main(void) {
     RUN_TEST(test_a_binary_that_is_no_elf);
     RUN_TEST(test_a_binary_that_is_cut);
     RUN_TEST(test_a_missing_library);
+    RUN_TEST(test_a_missing_symbol);
     RUN_TEST(test_missing_functions);
     RUN_TEST(test_optional_functions);
     RUN_TEST(test_versions_of_the_binary);

@@ -1,0 +1,338 @@
+#!/usr/bin/env python3
+"""FMUs of another exporter: PythonFMU makes them here, from tests/fmu/python, and they run beside our own. What they give is held
+to the bit to an independent loop of FMPy; they are synchronised where they can save their state, and refused with words
+where they cannot, or where they lack what they need."""
+import csv
+import functools
+import math
+import os
+import subprocess
+import sys
+
+import fmpy
+from fmpy.fmi2 import FMU2Slave
+
+from python_fmu import LIBRARY, export
+from twinlock_test import (BUILD, FMUS, SANITIZER, Skip, expect, main, merge, read_table, replay_csv, replay_json, run,
+                           scratch, write_config)
+
+STEP_NS = 10_000_000
+STEPS = 1000
+
+
+# ---- FMUs and recordings ----
+
+@functools.cache
+def recording():
+    """Of a loop whose set-point jumps, whose valve is shut for a while, and whose controller changes its stage."""
+    path = scratch() / "recording.csv"
+    with open(path, "w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(["time", "ref", "open", "stage", "y"])
+        for i in range(STEPS + 1):
+            writer.writerow([i / 100, 0.8 if i // 250 % 2 else 0.2, int(not 600 <= i < 650), 1 + i // 400 % 2,
+                             0.5 + 0.3 * math.sin(i / 50)])
+    return path
+
+
+def loop(changes=None):
+    """A configuration: controller and plant of PythonFMU, and our own lag, the sensor between them."""
+    return merge({
+        "twinlock": 1, "name": "loop of two exporters", "step_s": STEP_NS / 1e9,
+        "components": {
+            "controller": {"fmu": str(export("controller", "--handle-state")), "set": {"law": "PI", "K": 1.5},
+                           "libraries": [LIBRARY]},
+            "process": {"fmu": str(export("plant", "--handle-state"))},
+            "sensor": {"fmu": "lag.fmu", "set": {"T": 0.05}},
+        },
+        "plant": {"ref": {}, "y": {}, "open": {"type": "boolean", "initial": True},
+                  "stage": {"type": "integer", "initial": 1}},
+        "recording": {"file": str(recording())},
+        "connect": [["plant.ref", "controller.ref"], ["plant.open", "controller.enable"],
+                    ["plant.stage", "controller.stage"], ["sensor.y", "controller.y"], ["plant.open", "process.open"],
+                    ["controller.u", "process.u"], ["process.y", "sensor.u"]],
+        "compare": {name: {"to": f"plant.{signal}"} for name, signal in COMPARED.items()},
+    }, changes or {})
+
+
+COMPARED = {"controller.u": "y", "controller.limited": "open", "controller.hits": "stage", "process.y": "y",
+            "process.above": "open", "process.count": "stage", "sensor.y": "y"}  # each with a signal of its type
+
+
+def alone(fmu, changes=None):
+    """A configuration of one FMU with an output y."""
+    return merge({
+        "twinlock": 1, "name": "alone", "step_s": STEP_NS / 1e9, "duration_s": 0.2, "plant": {"y": {}},
+        "components": {"slave": {"fmu": str(fmu), "libraries": [LIBRARY]}},
+        "recording": {"file": str(recording())}, "compare": {"slave.y": {"to": "plant.y"}},
+    }, changes or {})
+
+
+TUNED = {"compare": None, "duration_s": None, "synchronise": {
+    "adjust": {"slave.gain": {"step": 0.1}}, "match": {"slave.y": {"to": "plant.y", "tolerance": 0.001}}}}
+
+SLAVE = """
+from pythonfmu import Fmi2Causality, Fmi2Slave, Fmi2Variability, Real
+
+class Slave(Fmi2Slave):
+    def __init__(self, **kwargs):
+        super().__init__(**kwargs)
+        self.y, self.gain, self.hidden = 0.0, 1.0, 0.0
+        self.register_variable(Real("y", causality=Fmi2Causality.output))
+        self.register_variable(Real("gain", causality=Fmi2Causality.parameter, variability=Fmi2Variability.tunable))
+
+    def do_step(self, current_time, step_size):
+        {body}
+        return True
+
+    def terminate(self):
+        print("terminated")
+"""
+
+
+def slave_that(body):
+    """An FMU whose step is made of these words."""
+    return export("slave", "--handle-state", source=SLAVE.replace("{body}", body))
+
+
+def refused(document, code, *words, folder=None):
+    """The verbs `check` and `replay` end with this code and say these words."""
+    for verb in ("check", "replay"):
+        found, _, err = run([verb, write_config(document, folder)])
+        expect(found == code, f"{verb} ended with {found}, wanted {code}\n{err}")
+        expect(all(word in err for word in words), f"{verb}: wanted {words}\n{err}")
+
+
+# ---- the loop of FMPy ----
+
+class Peer:
+    """One FMU, stepped by FMPy."""
+
+    def __init__(self, path, name, start):
+        # PythonFMU leaves the variability of Booleans and Integers to FMI's default, "continuous", which is wrong for them.
+        description = fmpy.read_model_description(str(path), validate=False)
+        self.variables = {variable.name: variable for variable in description.modelVariables}
+        self.fmu = FMU2Slave(guid=description.guid, unzipDirectory=fmpy.extract(str(path), str(scratch())),
+                             modelIdentifier=description.coSimulation.modelIdentifier, instanceName=name)
+        self.fmu.instantiate()
+        for variable, value in start.items():
+            self.set(variable, value)
+        self.fmu.setupExperiment(startTime=0.0)
+        self.fmu.enterInitializationMode()
+        self.fmu.exitInitializationMode()
+
+    def set(self, name, value):
+        variable = self.variables[name]
+        getattr(self.fmu, f"set{variable.type}")([variable.valueReference], [value])
+
+    def get(self, name):
+        variable = self.variables[name]
+        return getattr(self.fmu, f"get{variable.type}")([variable.valueReference])[0]
+
+    def step(self, i):
+        self.fmu.doStep(currentCommunicationPoint=i * STEP_NS / 1e9, communicationStepSize=STEP_NS / 1e9)
+
+
+def simulate(document, steps):
+    """The compared outputs after each step: all inputs are what was there at its start."""
+    table = read_table(recording())
+    files = {name: part["fmu"] for name, part in document["components"].items()}
+    peers = {name: Peer(FMUS / file if file == "lag.fmu" else file, name, document["components"][name].get("set", {}))
+             for name, file in files.items()}
+    types = {"ref": float, "y": float, "open": bool, "stage": int}
+    found = {name: [] for name in COMPARED}
+    for i in range(steps):
+        values = {}
+        for origin, target in document["connect"]:
+            part, name = origin.split(".")
+            values[target] = types[name](table[name][i]) if part == "plant" else peers[part].get(name)
+        for target, value in values.items():
+            part, name = target.split(".")
+            peers[part].set(name, value)
+        for peer in peers.values():
+            peer.step(i)
+        for name in COMPARED:
+            part, variable = name.split(".")
+            found[name].append(float(peers[part].get(variable)))
+    return found
+
+
+def test_the_same_as_an_independent_loop_to_the_bit():
+    document = loop()
+    rows = replay_csv(write_config(document))
+    expect(len(rows["step"]) == STEPS, f"{len(rows['step'])} steps")
+    wanted = simulate(document, STEPS)
+    for name in COMPARED:
+        moves = len(set(wanted[name]))
+        expect(moves > 1, f"{name} does not move")
+        expect(rows[name] == wanted[name], f"{name} differs from FMPy's")
+        print(f"    {name}: {moves} values, the same bits")
+
+
+def test_several_instances_of_one_fmu():
+    """Three controllers, each its own: they answer as the one does, or as their parameters say."""
+    others = {"second": {"fmu": str(export("controller", "--handle-state")), "set": {"law": "PI", "K": 1.5}},
+              "third": {"fmu": str(export("controller", "--handle-state")), "set": {"law": "P", "K": 1.5}}}
+    inputs = {"ref": "plant.ref", "enable": "plant.open", "stage": "plant.stage", "y": "sensor.y"}
+    connect = loop()["connect"] + [[origin, f"{name}.{one}"] for name in others for one, origin in inputs.items()]
+    rows = replay_csv(write_config(loop({"components": others, "connect": connect,
+                                         "compare": {f"{name}.u": {"to": "plant.y"} for name in others}})))
+    expect(rows["second.u"] == rows["controller.u"], "an equal instance differs")
+    expect(rows["third.u"] != rows["controller.u"], "law is not set")
+
+
+# ---- synchronised ----
+
+LOCK = {"compare": None, "synchronise": {
+    "adjust": {"process.gain": {"step": 0.2, "min": 0.2, "max": 3}},
+    "match": {"process.y": {"to": "plant.y", "tolerance": 0.001}}}}
+STRONGER = 1.3  # the true plant's gain; the twin's is 1
+
+
+@functools.cache
+def true_plant():
+    """The recording, with the y of a plant that is stronger than its twin."""
+    rows = replay_csv(write_config(loop({"components": {"process": {"set": {"gain": STRONGER}}}})))
+    table = read_table(recording())
+    table["y"] = [0.0, *rows["process.y"]]
+    path = scratch() / "true.csv"
+    with open(path, "w", encoding="utf-8", newline="") as file:
+        csv.writer(file).writerows([table, *zip(*table.values())])
+    return path
+
+
+def test_it_is_synchronised_and_rolled_back():
+    """A tunable parameter of the one, an input of the other; saved or executed again, the bits are the same."""
+    free = replay_json(write_config(loop({"recording": {"file": str(true_plant())}})))["match"]["process.y"]["mse"]
+    for adjusted, settings in {"process.gain": {"step": 0.2, "min": 0.2, "max": 3}, "process.u": {"step": 0.2}}.items():
+        changes = {"recording": {"file": str(true_plant())}, "synchronise": {"adjust": {"process.gain": None, adjusted: settings}}}
+        config = write_config(loop(merge(LOCK, changes)))
+        saved, plain = replay_csv(config), replay_csv(config, "--plain")
+        expect(saved == plain, f"{adjusted}: with and without saving executions differ")
+        told, all_told = replay_json(config), replay_json(config, "--plain")
+        executions = told["executions"]["process"], all_told["executions"]["process"]
+        mse = told["match"]["process.y"]["mse"]
+        print(f"    {adjusted}: MSE {mse:.2g}, free {free:.2g}; executions {executions}")
+        expect(executions[0] < executions[1], f"executions {executions}")
+        expect(told["ledger"]["total"]["difference"] == 0, f"ledger {told['ledger']['total']}")
+        expect(mse < free / 100, "the twin does not follow")
+        if adjusted == "process.gain":
+            last = saved["process.gain"][-100:]
+            expect(all(abs(gain - STRONGER) < 0.1 for gain in last), f"the gain is not found: {last[-1]}")
+
+
+def resident_peak(document):
+    """The most memory of a replay, kB."""
+    read, write = os.pipe()
+    with os.fdopen(read) as result:
+        code = f"""if True:
+            import os, resource, subprocess, sys
+            subprocess.run(sys.argv[2:], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, check=True)
+            os.write(int(sys.argv[1]), str(resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss).encode())"""
+        subprocess.run([sys.executable, "-c", code, str(write), os.environ["TWINLOCK"], "replay", write_config(document)],
+                       env={**os.environ, "TWINLOCK_FMU_PATH": str(FMUS), "TMPDIR": str(scratch())}, pass_fds=[write],
+                       check=True)
+        os.close(write)
+        return int(result.read())
+
+
+def test_states_do_not_pile_up():
+    """PythonFMU makes a new state where it is to reuse one, and loses the old one; twinlock gives each back first. A state
+    of 200 variables has some 10 kB."""
+    if SANITIZER:
+        raise Skip("a sanitizer keeps memory that was freed")
+    variables = "for i in range(200): self.register_variable(Real('x' + str(i), getter=lambda: 1.0))\n        "
+    source = SLAVE.replace("{body}", "self.y = self.gain").replace("self.register", variables + "self.register", 1)
+    fmu = export("slave", "--handle-state", source=source)
+    short, long = (resident_peak(alone(fmu, merge(TUNED, {"duration_s": duration}))) for duration in (1, 10))
+    print(f"    {short} kB after 100 steps, {long} kB after {STEPS}")
+    expect(long - short < STEPS, f"memory has grown by {long - short} kB")
+
+
+def test_without_states_it_is_not_synchronised():
+    document = loop(merge(LOCK, {"components": {"process": {"fmu": str(export("plant"))}}}))
+    refused(document, 65, "components.process", "canGetAndSetFMUstate")
+
+
+def test_a_state_that_is_not_registered_is_found_out():
+    """PythonFMU saves registered variables and nothing else; an FMU that forgets one of its states says that it can be
+    rolled back, and cannot."""
+    fmu = slave_that("self.hidden += self.gain; self.y = self.hidden")
+    code, _, err = run(["replay", write_config(alone(fmu, TUNED))])
+    expect(code == 70 and "slave" in err and "state" in err, f"exit code {code}\n{err}")
+
+
+# ---- what goes wrong ----
+
+def test_without_the_key():
+    document = loop({"components": {"controller": {"libraries": None}}})
+    refused(document, 65, "components.controller: ", "Controller.fmu", "undefined symbol: _Py", "it needs Python's library",
+            '"libraries": ["libpython3.11.so.1.0"]')
+
+
+def test_a_library_that_is_not_there():
+    refused(loop({"components": {"controller": {"libraries": ["libpython3.99.so.1.0"]}}}), 65,
+            "components.controller.libraries[0]: ", "libpython3.99.so.1.0: cannot open", "the package libpython3.99")
+    refused(loop({"components": {"controller": {"libraries": ["./libmissing.so"]}}}), 65,
+            "components.controller.libraries[0]: ", "/libmissing.so: cannot open", "starts at the configuration's folder")
+
+
+    for name in "x" * 5000, "./" + "x" * 5000:
+        refused(loop({"components": {"controller": {"libraries": [name]}}}), 65, "the path is too long")
+
+
+def test_two_pythons():
+    """The first one is a file beside the configuration, made for tests/unit/test_library.c."""
+    folder = scratch()
+    (folder / "lib").mkdir()
+    (folder / "lib" / "old.so").symlink_to(BUILD / "tests" / "interpreter-3.8.1.so")
+    refused(loop({"components": {"controller": {"libraries": ["lib/old.so", LIBRARY]}}}), 65,
+            "components.controller.libraries[1]: ", f'"{LIBRARY}" is Python {sys.version.split()[0]}',
+            "Python 3.8.1 is open already", folder=folder)
+
+
+def test_a_key_at_any_component_serves_all():
+    document = loop({"components": {"controller": {"libraries": None}, "sensor": {"libraries": [LIBRARY, LIBRARY]}}})
+    found, wanted = replay_csv(write_config(document)), replay_csv(write_config(loop()))
+    expect(all(found[name] == wanted[name] for name in COMPARED), "the results differ")
+
+
+def test_two_modules_of_one_name():
+    """Python would import the first one's for both."""
+    first, second = (slave_that(f"self.y = {value}") for value in (1.0, 2.0))
+    document = alone(first, {"components": {"other": {"fmu": str(second)}}, "compare": {"other.y": {"to": "plant.y"}}})
+    refused(document, 65, "components.other: ", str(first), str(second), 'both have a Python module "slave"', "rename one")
+
+
+def test_what_python_says_is_told():
+    """A module that is missing, an exception in a step, and a text that would be a printf format of its own."""
+    refuses = export("slave", source=SLAVE.replace("{body}", "pass").replace(
+        "self.register", "if '/twinlock-fmu-' in self.resources: import nowhere_to_be_found\n        self.register", 1))
+    refused(alone(refuses), 70, "components.slave", "fmi2Instantiate refused", "No module named 'nowhere_to_be_found'")
+    fails = slave_that("raise ValueError('100%s %n off')")
+    code, _, err = run(["replay", write_config(alone(fails))])
+    expect(code == 70 and '"logging": true' in err and "off" not in err, f"exit code {code}\n{err}")
+    code, _, err = run(["replay", write_config(alone(fails, {"components": {"slave": {"logging": True}}}))])
+    expect(code == 70 and "ValueError('100%s %n off')" in err, f"exit code {code}\n{err}")
+
+
+# ---- the interpreter ----
+
+def test_extension_modules_work_until_the_end():
+    """numpy is found by way of the python3 that is first in PATH; its binaries take Python's symbols from the library, and
+    nothing breaks when the process ends."""
+    fmu = slave_that("import numpy; self.y = float(numpy.array([0.25, current_time]).sum()); print('stepped')")
+    path = os.environ["PATH"]
+    os.environ["PATH"] = os.path.dirname(sys.executable) + ":" + path
+    try:
+        table = scratch() / "steps.csv"
+        code, out, err = run(["replay", write_config(alone(fmu)), "--csv", table])
+    finally:
+        os.environ["PATH"] = path
+    expect(code == 0, f"exit code {code}\n{err}")
+    found = read_table(table)["slave.y"]
+    expect(found == [0.25 + i / 100 for i in range(21)], f"numpy gave {found}")
+    expect(err.count("stepped") == 21 and err.count("terminated") == 1 and "stepped" not in out, f"what the FMU prints is lost, or a result\n{out}\n{err}")
+
+
+main()

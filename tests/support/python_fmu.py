@@ -1,0 +1,34 @@
+"""FMUs that PythonFMU makes for tests, and what they need of this machine. To import this ends a test that cannot run here."""
+import functools
+import os
+import platform
+import subprocess
+import sys
+
+from twinlock_test import SOURCE, expect, scratch, SANITIZER, SKIPPED
+
+# The tests' own Python is Debian's: PythonFMU's FMUs run in the library of the same one.
+LIBRARY = f"libpython{sys.version_info.major}.{sys.version_info.minor}.so.1.0"
+
+if platform.machine() != "x86_64":
+    print(f"skipped: PythonFMU has binaries for x86-64, not for {platform.machine()}")
+    sys.exit(SKIPPED)
+if SANITIZER == "thread":
+    print("skipped: ThreadSanitizer does not see how Python's own threads wait for each other")
+    sys.exit(SKIPPED)
+
+
+@functools.cache
+def export(name, *options, source=None):
+    """The path of an FMU that PythonFMU makes of a slave, which is one of tests/fmu/python or a text."""
+    folder = scratch()
+    script = SOURCE / "tests" / "fmu" / "python" / f"{name}.py"
+    if source is not None:
+        script = folder / f"{name}.py"
+        script.write_text(source, encoding="utf-8")
+    done = subprocess.run([sys.executable, "-m", "pythonfmu", "build", "-f", script, "-d", folder, *options],
+                          stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, cwd=folder, check=False,
+                          env={**os.environ, "PYTHONDONTWRITEBYTECODE": "1"})
+    made = list(folder.glob("*.fmu"))
+    expect(done.returncode == 0 and len(made) == 1, f"PythonFMU cannot export {script}\n{done.stdout}")
+    return made[0]
