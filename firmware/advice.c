@@ -102,6 +102,24 @@ static void check_budget(advice *given, const tl_config *config, const tl_progno
     }
 }
 
+/* J of a candidate that is wrong in all of the window. */
+static void check_stroke_tolerance(advice *given, const tl_config *config) {
+    double samples = (double)(config->event.window / config->step / 2 * 2 + 1);
+    double most = 0.0;
+    for (size_t i = 0; i < config->match_count; i++) {
+        const tl_plan_match *match = &config->match[i];
+        bool is_event = strcmp(match->to, config->event.end.signal) == 0;
+        most += is_event ? samples * match->weight / (match->tolerance * match->tolerance) : 0.0;
+    }
+    if (most < 1.0) {
+        warn(
+            given, "synchronise.horizon.event",
+            "J of a stroke that is wrong in all of the window is %.3g, and below 1 nothing is searched: a tolerance of 1 "
+            "makes J the number of wrong samples",
+            most);
+    }
+}
+
 /* An event horizon goes on from cycle to cycle; but it has to get on. */
 static void check_stroke_budget(advice *given, const tl_config *config, const tl_prognosis *prognosis) {
     if (prognosis->steps != 0 && 2 * prognosis->step_time > config->budget_time) {
@@ -248,6 +266,7 @@ size_t tl_advice_print(const tl_assembly *assembly, const tl_prognosis *prognosi
     check_step(&given, config, prognosis);
     if (config->event.start.signal != NULL) {
         check_stroke_budget(&given, config, prognosis);
+        check_stroke_tolerance(&given, config);
         check_adjusted(&given, config, assembly->twin);
     } else if (config->adjust_count != 0) {
         check_budget(&given, config, prognosis, assembly->twin);

@@ -117,13 +117,15 @@ static void print_when(const show_page *page) {
 static void print_steps(const show_page *page) {
     const tl_history_run *run = page->request->run;
     const tl_show_summary *summary = &page->summary;
+    bool strokes = summary->outcomes[TL_HELD] > 0;
     char step[TEXT];
     char model[TEXT];
     tl_show_duration(tl_seconds(run->step), step, sizeof step);
     tl_show_duration(tl_seconds(run->step) * (double)summary->steps, model, sizeof model);
-    (void)fprintf(page->file, "  steps          %llu of %s, which is %s of the plant; looks %u %s ahead (%s)\n",
-                  (unsigned long long)summary->steps, step, model, (unsigned)run->prediction,
-                  run->prediction == 1 ? "step" : "steps", tl_measurements_name(run->measurements));
+    (void)fprintf(page->file, "  steps          %llu of %s, which is %s of the plant; looks %s%u %s%s (%s)\n",
+                  (unsigned long long)summary->steps, step, model, strokes ? "at strokes of at most " : "",
+                  (unsigned)run->prediction, run->prediction == 1 ? "step" : "steps", strokes ? "" : " ahead",
+                  tl_measurements_name(run->measurements));
     const char *before = "                 ";
     for (int i = TL_FREE; i < TL_OUTCOMES; i++) {
         if (summary->outcomes[i] > 0) {

@@ -178,15 +178,26 @@ static void tell_stroke(tl_watch *watch, int64_t tick, const tl_record *record) 
     watch->out_of_tolerance = out;
 }
 
-static void tell_abandoned(const tl_watch *watch, int64_t tick, const tl_record *record) {
-    tl_journal_event(
-        watch->journal, tick, TL_EVENT_WARNING, "twin",
-        "stroke: not searched to its end; it lasted too long, its edges fell into a gap of the measurements, or "
-        "the next one began");
+/* The first of a row is told, and how many there were when one is searched again. */
+static void tell_abandoned(tl_watch *watch, int64_t tick, const tl_record *record) {
+    if (watch->abandoned++ == 0) {
+        tl_journal_event(
+            watch->journal, tick, TL_EVENT_WARNING, "twin",
+            "stroke: not searched to its end; it lasted too long, an edge fell into a gap of the measurements, "
+            "there was no time before the next one, or what was found failed");
+    }
     if (has_moved(watch, record)) {
         tl_journal_event(watch->journal, tick, TL_EVENT_INFO, "twin", "stroke: %s from %.6g to %.6g, the best so far",
                          watch->config->adjust[0].variable, watch->stroke_u, record->u[0]);
     }
+}
+
+static void tell_searched_again(tl_watch *watch, int64_t tick) {
+    if (watch->abandoned > 1) {
+        tl_journal_event(watch->journal, tick, TL_EVENT_INFO, "twin",
+                         "stroke: searched again; strokes that were not: %llu", (unsigned long long)watch->abandoned);
+    }
+    watch->abandoned = 0;
 }
 
 /* Event horizon: what became of a stroke. */
@@ -201,6 +212,7 @@ static void watch_stroke(tl_watch *watch, int64_t tick, const tl_record *record)
         tell_abandoned(watch, tick, record);
     }
     if (ended) {
+        tell_searched_again(watch, tick);
         tell_stroke(watch, tick, record);
     }
     if (ended || abandoned) {

@@ -40,6 +40,7 @@ typedef struct tl_watch {
     tl_watch_trouble held[TL_MAX_ADJUST]; /* variables that are not identifiable */
     tl_watch_trouble fallback;            /* the second solver takes over */
     tl_watch_trouble stagnation;          /* solvers make no progress */
+    uint64_t abandoned;                   /* event horizon: strokes in a row that were not searched to their end; */
     double stroke_u;                      /* event horizon: u in force before the stroke at hand, */
     uint64_t stroke_evaluations;          /* and what its search has evaluated so far */
     tl_delay_state delay_state;           /* as last told */

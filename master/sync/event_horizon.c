@@ -41,7 +41,9 @@ struct tl_event_horizon {
     tl_outcome outcome; /* of the winner, */
     tl_stop stop;       /* why its search ended, */
     double value;       /* and its J */
-    tl_time leaving;    /* ns that leaving a candidate takes, at most, fading */
+    double before;      /* u at the start of the stroke */
+    tl_time going;      /* ns that going to a candidate and */
+    tl_time leaving;    /* leaving it take, at most, fading */
 };
 
 /* ---- build ---- */
@@ -178,8 +180,8 @@ tl_event_horizon *tl_event_horizon_create(tl_arena *arena, tl_lock *lock, const 
     self->stroke.lock = lock;
     place_event(self);
     uint32_t evaluations = plan->evaluations != 0 ? plan->evaluations : 60;
-    bool placed =
-        tl_stroke_init(&self->stroke, arena, half_of(plan)) && tl_event_search_init(&self->search, arena, evaluations);
+    bool placed = tl_stroke_init(&self->stroke, arena, tl_event_horizon_window(plan)) &&
+                  tl_event_search_init(&self->search, arena, evaluations);
     return placed ? self : NULL;
 }
 
@@ -257,6 +259,7 @@ static tl_status begin_stroke(tl_event_horizon *self, int64_t tick, bool sure, t
         abandon(self, record);
     }
     self->phase = sure ? STROKE : WAITING;
+    self->before = self->u;
     self->own_course = true;
     return tl_stroke_begin(&self->stroke, tick, error);
 }
@@ -270,6 +273,7 @@ static void meet_event(tl_event_horizon *self, int64_t tick, bool sure, tl_recor
     }
     stroke->first = first > stroke->begin ? first : stroke->begin + 1;
     stroke->last = tick + self->half;
+    stroke->met = tick;
     self->phase = WINDOW;
     if (self->stands_in) {
         begin_search(self, record);
@@ -349,13 +353,15 @@ static tl_status conclude(tl_event_horizon *self, tl_record *record, tl_error *e
     const tl_event_trial *nominal = tl_event_search_find(&self->search, nominal_of(self));
     bool worth = is_worth(self, best);
     bool within = best->value < TL_OBJECTIVE_TOLERANCE;
-    const tl_event_trial *winner = worth || nominal == NULL ? best : nominal;
+    const tl_event_trial *in_force = tl_event_search_find(&self->search, self->before);
+    bool stays = nominal != NULL && in_force != NULL && isfinite(in_force->value) && in_force->value <= nominal->value;
+    const tl_event_trial *winner = worth || nominal == NULL ? best : stays ? in_force : nominal;
     self->stop = within                                   ? TL_STOP_TOLERANCE
                  : tl_event_search_is_full(&self->search) ? TL_STOP_EVALUATIONS
                                                           : TL_STOP_SOLVER;
     self->winner = winner->u;
     self->value = winner->value;
-    self->outcome = !worth                            ? TL_NOMINAL
+    self->outcome = winner == nominal && !within      ? TL_NOMINAL
                     : !within                         ? TL_BEST_SO_FAR
                     : best == &self->search.trials[0] ? TL_FIRST_GUESS
                                                       : TL_OPTIMISED;
@@ -368,13 +374,16 @@ static tl_status conclude(tl_event_horizon *self, tl_record *record, tl_error *e
     return tl_stroke_follow(&self->stroke, self->winner, winner == best && isfinite(best->value), error);
 }
 
-/* No candidate is at hand: the next one, or the end of the search. The last place is kept for nominal. */
+/* No candidate is at hand: the next one, or the end of the search. The last place is kept for nominal. Where a search is made
+ * again, what was in force before the first one comes second. */
 static tl_status proceed(tl_event_horizon *self, tl_record *record, tl_error *error) {
     tl_event_search *search = &self->search;
-    double u = self->u;
+    double u = search->count == 0 ? self->u : self->before;
+    bool again = search->count == 1 && tl_event_search_find(search, u) == NULL;
+    double ignored = 0.0;
     bool nominal_known = tl_event_search_find(search, nominal_of(self)) != NULL;
     bool room = search->count + (nominal_known ? 0 : 1) < search->capacity;
-    if (search->count == 0 || (room && tl_event_search_next(search, &u))) {
+    if (search->count == 0 || (room && tl_event_search_next(search, again ? &ignored : &u))) {
         return try(self, u, error);
     }
     bool within = tl_event_search_best(search)->value < TL_OBJECTIVE_TOLERANCE;
@@ -442,27 +451,42 @@ static bool has_room(const tl_event_horizon *self, const tl_budget *budget, uint
     if (budget->now == NULL) {
         return true;
     }
-    tl_time cost = self->leaving;
+    tl_time cost = self->leaving + (self->stroke.loaded ? 0 : self->going);
     for (size_t k = 0; k < exchange->component_count; k++) {
         cost += exchange->cost[k];
     }
     return tl_duration(budget->started, budget->now(budget->context)) + cost <= budget->time;
 }
 
-/* As much of the search as there is room for. */
+static tl_time read_clock(const tl_budget *budget) {
+    return budget->now != NULL ? budget->now(budget->context) : 0;
+}
+
+/* One macro step of the candidate, from where it was left. */
+static tl_status walk(tl_event_horizon *self, const tl_budget *budget, tl_record *record, tl_error *error) {
+    tl_status status = TL_OK;
+    if (!self->stroke.loaded) {
+        tl_time begun = read_clock(budget);
+        status = tl_stroke_return(&self->stroke, error);
+        self->going = tl_duration_expect(self->going, tl_duration(begun, read_clock(budget)));
+    }
+    return status == TL_OK ? fail(self, tl_stroke_walk(&self->stroke, error), record) : status;
+}
+
+/* As much of the search as there is room for. The first candidate is the live twin as it is now, and cannot begin later. */
 static tl_status spend(tl_event_horizon *self, const tl_budget *budget, uint64_t begun, tl_record *record,
                        tl_error *error) {
     tl_status status = TL_OK;
     while (status == TL_OK && (self->phase == SEARCHING || self->phase == FOLLOWING)) {
-        if (!self->stroke.walking) {
-            status = proceed(self, record, error);
-        } else if (has_arrived(self)) {
+        if (self->stroke.walking && has_arrived(self)) {
             arrive(self, record);
-        } else if (has_room(self, budget, begun)) {
-            status = fail(self, tl_stroke_walk(&self->stroke, error), record);
-        } else {
+        } else if ((self->stroke.walking || self->search.count > 0) && !has_room(self, budget, begun)) {
             record->stop = TL_STOP_TIME;
             break;
+        } else if (!self->stroke.walking) {
+            status = proceed(self, record, error);
+        } else {
+            status = walk(self, budget, record, error);
         }
     }
     return status;
@@ -472,23 +496,42 @@ static tl_status spend(tl_event_horizon *self, const tl_budget *budget, uint64_t
 static tl_status search(tl_event_horizon *self, const tl_budget *budget, uint64_t begun, tl_record *record,
                         tl_error *error) {
     tl_status status = spend(self, budget, begun, record, error);
-    tl_time left = budget->now != NULL ? budget->now(budget->context) : 0;
-    if (status == TL_OK) {
-        bool away = self->stroke.away;
-        status = tl_stroke_leave(&self->stroke, error);
-        if (away && budget->now != NULL) {
-            self->leaving = tl_duration_expect(self->leaving, tl_duration(left, budget->now(budget->context)));
-        }
+    tl_time left = read_clock(budget);
+    if (status != TL_OK) {
+        return status;
     }
+    if (!self->stroke.away) {
+        self->going = tl_duration_fade(self->going); /* or one stall would end all searches */
+        self->leaving = tl_duration_fade(self->leaving);
+        return TL_OK;
+    }
+    status = tl_stroke_leave(&self->stroke, error);
+    self->leaving = tl_duration_expect(self->leaving, tl_duration(left, read_clock(budget)));
     return status;
 }
 
 /* ---- the step ---- */
 
-static tl_status step_live(tl_event_horizon *self, int64_t step, tl_error *error) {
+/* One macro step of the live twin. It is not the last word: it will be gone back. */
+static tl_status take_step(tl_event_horizon *self, int64_t step, tl_error *error) {
+    *self->lock->adjusted[0].real = self->u;
+    return tl_exchange_try(self->lock->exchange, step, 0, error);
+}
+
+/* Where an FMU fails with a u that was found, nominal is used again. */
+static tl_status step_live(tl_event_horizon *self, int64_t step, tl_record *record, tl_error *error) {
     tl_lock *lock = self->lock;
-    *lock->adjusted[0].real = self->u;
-    tl_status status = tl_exchange_try(lock->exchange, step, 0, error); /* not the last word: it will be gone back */
+    bool corrected = !is_u(self, nominal_of(self));
+    tl_status status = corrected ? tl_snapshot_take(self->stroke.live, error) : TL_OK;
+    status = status == TL_OK ? take_step(self, step, error) : status;
+    if (status == TL_FMU_FAILED && corrected) {
+        tl_ledger_walked(&lock->ledger, 0, lock->exchange->failed);
+        status = tl_snapshot_restore(self->stroke.live, error);
+        self->u = nominal_of(self);
+        self->own_course = false;
+        record->outcome = TL_NOMINAL;
+        status = status == TL_OK ? take_step(self, step, error) : status;
+    }
     if (status == TL_OK) {
         tl_ledger_commit(&lock->ledger, NULL);
         tl_stroke_note(&self->stroke, step + 1);
@@ -525,7 +568,7 @@ tl_status tl_event_horizon_step(tl_event_horizon *self, int64_t step, const tl_b
     uint64_t begun = exchange->executions + exchange->plant.executions;
     begin_record(self, step, record);
     tl_exchange_measure(exchange, budget == NULL ? NULL : budget->now, budget == NULL ? NULL : budget->context);
-    tl_status status = step_live(self, step, error);
+    tl_status status = step_live(self, step, record, error);
     status = status == TL_OK ? follow_plant(self, step + 1, record, error) : status;
     if (status == TL_OK && budget != NULL) {
         status = search(self, budget, begun, record, error);

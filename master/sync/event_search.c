@@ -9,7 +9,7 @@
 enum { WIDENINGS = 60 };
 
 /* Halving ends where the interval is this part of its ends, or of the step. */
-static const double NARROWEST = 1e-9;
+static const double NARROWEST = 1e-6;
 
 /* And towards what failed, this part of the step. */
 static const double NARROWEST_WALL = 1.0 / 64.0;

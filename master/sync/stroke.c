@@ -3,10 +3,10 @@
 
 enum { STATES = 5 };
 
-bool tl_stroke_init(tl_stroke *stroke, tl_arena *arena, size_t half) {
+bool tl_stroke_init(tl_stroke *stroke, tl_arena *arena, size_t samples) {
     tl_exchange *exchange = stroke->lock->exchange;
     tl_snapshot **const names[STATES] = {&stroke->start, &stroke->live, &stroke->walker, &stroke->mark, &stroke->best};
-    stroke->course_size = 2 * half + 2;
+    stroke->course_size = samples;
     stroke->live_course =
         tl_arena_take(arena, stroke->course_size * stroke->lock->objective.matched, sizeof *stroke->live_course);
     stroke->y = tl_arena_take(arena, stroke->lock->objective.matched, sizeof *stroke->y);
@@ -44,7 +44,7 @@ tl_status tl_stroke_begin(tl_stroke *stroke, int64_t tick, tl_error *error) {
 /* Keeps the live twin, before the FMUs are led elsewhere. */
 static tl_status go_away(tl_stroke *stroke, tl_error *error) {
     tl_status status = stroke->away ? TL_OK : tl_snapshot_take(stroke->live, error);
-    stroke->away = true;
+    stroke->away = stroke->away || status == TL_OK;
     return status;
 }
 
@@ -90,6 +90,7 @@ static void judge(tl_stroke *stroke, int64_t tick, const double *y) {
     stroke->sum += tl_objective_sample(&stroke->lock->objective, tick, y);
     stroke->here += simulated ? 1 : 0;
     stroke->missing += simulated ? 0 : 1;
+    stroke->arrival = simulated && tick < stroke->arrival ? tick : stroke->arrival;
     if (measured) {
         stroke->late += (int32_t)real - (int32_t)simulated;
     }
@@ -99,6 +100,8 @@ double tl_stroke_value(const tl_stroke *stroke) {
     return stroke->sum;
 }
 
+/* Which of two instants is the later one; of equals what else the window says: a signal that is soon gone again is there longer
+ * where it comes sooner. */
 tl_event_side tl_stroke_side(const tl_stroke *stroke) {
     if (stroke->missing == 0) {
         return TL_EVENT_BEFORE;
@@ -106,7 +109,8 @@ tl_event_side tl_stroke_side(const tl_stroke *stroke) {
     if (stroke->here == 0) {
         return TL_EVENT_AFTER;
     }
-    return stroke->late > 0 ? TL_EVENT_LATE : stroke->late < 0 ? TL_EVENT_EARLY : TL_EVENT_EXACT;
+    int64_t late = stroke->arrival != stroke->met ? stroke->arrival - stroke->met : stroke->late;
+    return late > 0 ? TL_EVENT_LATE : late < 0 ? TL_EVENT_EARLY : TL_EVENT_EXACT;
 }
 
 /* ---- candidates ---- */
@@ -117,10 +121,12 @@ static void begin_candidate(tl_stroke *stroke, double u, int64_t at) {
     stroke->sum = 0.0;
     stroke->here = 0;
     stroke->missing = 0;
+    stroke->arrival = INT64_MAX;
     stroke->late = 0;
     stroke->walking = true;
     stroke->loaded = true;
     stroke->unkept = false;
+    stroke->supposed = false;
 }
 
 static tl_status load(tl_stroke *stroke, const tl_snapshot *from, tl_error *error) {
@@ -156,27 +162,29 @@ tl_status tl_stroke_follow(tl_stroke *stroke, double u, bool kept, tl_error *err
 /* Keeps the candidate where it has used nothing that is only stood for, as late as that is. */
 static tl_status mark(tl_stroke *stroke, tl_error *error) {
     bool due = stroke->at == stroke->now || (stroke->at == stroke->last && stroke->at < stroke->now);
-    if (!due || stroke->at > stroke->last || stroke->unkept) {
+    if (!due || stroke->at > stroke->last || stroke->unkept || stroke->supposed) {
         return TL_OK;
     }
     stroke->mark_at = stroke->at;
     return tl_snapshot_take(stroke->mark, error);
 }
 
+tl_status tl_stroke_return(tl_stroke *stroke, tl_error *error) {
+    tl_status status = stroke->loaded ? TL_OK : load(stroke, stroke->walker, error);
+    stroke->loaded = stroke->loaded || status == TL_OK;
+    return status;
+}
+
 tl_status tl_stroke_walk(tl_stroke *stroke, tl_error *error) {
     tl_lock *lock = stroke->lock;
-    tl_status status = stroke->loaded ? TL_OK : load(stroke, stroke->walker, error);
-    if (status != TL_OK) {
-        return status;
-    }
-    stroke->loaded = true;
     *lock->adjusted[0].real = stroke->u;
-    status = tl_exchange_try(lock->exchange, stroke->at, 0, error);
+    tl_status status = tl_exchange_try(lock->exchange, stroke->at, 0, error);
     tl_ledger_walked(&lock->ledger, status == TL_OK, status == TL_OK ? SIZE_MAX : lock->exchange->failed);
     if (status != TL_OK) {
         return status;
     }
     stroke->at++;
+    stroke->supposed = stroke->supposed || stroke->at > stroke->now;
     if (stroke->at >= stroke->first && stroke->at <= stroke->last) {
         tl_objective_matched(&lock->objective, stroke->y);
         judge(stroke, stroke->at, stroke->y);

@@ -3,8 +3,8 @@
  * Purpose: brings the co-simulation from the state at the stroke's start over the stroke, a macro step at a time and over as
  *          many cycles as that takes, judges what it did in the window, and keeps the state in which the best candidate was
  *          when it met the present.
- * States:  tl_stroke_try(), _try_live(), _follow() and _walk() lead the FMUs away from the live twin; tl_stroke_leave() leads
- *          them back, and the next tl_stroke_walk() to the candidate again.
+ * States:  tl_stroke_try(), _try_live(), _follow() and _return() lead the FMUs away from the live twin, tl_stroke_leave() leads
+ *          them back.
  * Thread:  the twin's. Memory: the arena, at start-up; states are the FMUs' own.
  */
 #ifndef TL_MASTER_SYNC_STROKE_H
@@ -33,6 +33,7 @@ typedef struct tl_stroke {
     tl_stroke_event event;
     int64_t now;         /* tick that the live twin has reached */
     int64_t begin;       /* of the stroke's start, */
+    int64_t met;         /* of the plant's event, */
     int64_t first;       /* of the window's first sample, */
     int64_t last;        /* and of its last one */
     double *live_course; /* y of the matched outputs as committed, by tick in a ring */
@@ -50,16 +51,19 @@ typedef struct tl_stroke {
     bool walking;     /* there is a candidate */
     bool loaded;      /* and the FMUs are at it */
     bool unkept;      /* nothing of it need be kept: it goes on from the live twin, or is the winner */
+    bool supposed;    /* it has used a sample that is only stood for */
     double u;         /* of the candidate */
     int64_t at;       /* tick it has reached */
     double sum;       /* J so far */
     uint32_t here;    /* samples of the window at which the simulated event is there, */
     uint32_t missing; /* at which it is not, */
-    int32_t late; /* and by how many it is late: those at which only the plant's is, less those at which only it is */
+    int64_t arrival;  /* tick of the first sample of the window at which it is; INT64_MAX: none */
+    int32_t late;     /* samples at which only the plant's is there, less those at which only it is */
 } tl_stroke;
 
-/* `half`: T_F/2 in macro steps. The event and the lock are set before. False when memory is out. */
-bool tl_stroke_init(tl_stroke *stroke, tl_arena *arena, size_t half);
+/* `samples`: how many of the plant are kept, and so many outputs of the live twin: a search may begin late, after missed
+ * ticks. The event and the lock are set before. False when memory is out. */
+bool tl_stroke_init(tl_stroke *stroke, tl_arena *arena, size_t samples);
 void tl_stroke_forget(tl_stroke *stroke, size_t component);
 
 /* The live twin has reached tick: notes its outputs. */
@@ -78,7 +82,9 @@ tl_status tl_stroke_try_live(tl_stroke *stroke, double u, tl_error *error);
 /* The winner, to be led on to the present: from where it was kept, or from the start of the stroke. */
 tl_status tl_stroke_follow(tl_stroke *stroke, double u, bool kept, tl_error *error);
 
-/* One macro step of the candidate. Then, for this cycle: the FMUs are those of the live twin again. */
+/* To where the candidate was left, where it was. One macro step of it. Then, for this cycle: the FMUs are those of the live
+ * twin again. */
+tl_status tl_stroke_return(tl_stroke *stroke, tl_error *error);
 tl_status tl_stroke_walk(tl_stroke *stroke, tl_error *error);
 tl_status tl_stroke_leave(tl_stroke *stroke, tl_error *error);
 

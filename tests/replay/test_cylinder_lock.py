@@ -58,6 +58,23 @@ def test_the_same_bits_from_the_database():
     expect(read_table(one)["step"][-1] == 1799, "steps")
 
 
+def test_an_end_signal_that_is_soon_gone():
+    """The PLC takes its command back as soon as the cylinder has arrived, which is there for two steps only: halving goes on
+    where as many samples are too early as are too late."""
+    folder = scratch()
+    (folder / "valve.csv").write_text("t,move_out\n0,0\n0.5,1\n0.765,0\n2.5,1\n2.765,0\n4,0\n")
+    plant = edited_config("cylinder/plant.json", {"duration_s": 4, "recording": {"file": str(folder / "valve.csv")}})
+    recording = folder / "recording.csv"
+    run_well(["plant", plant, "--record", recording])
+    for step in STEPS:
+        for measurements in ("lag", "hold"):
+            rows = replay_csv(config(step, measurements), "--recording", recording)
+            ended = [(J, u) for J, u, outcome in zip(rows["J"], rows[THROTTLE], rows["outcome"])
+                     if outcome not in ("held", "searching")]
+            expect(ended[-1][0] < 1, f"{measurements}, first step {step}: J and throttle {ended}")
+            within(ended[-1][1], 0.023, 0.002 / 0.023, f"{measurements}, first step {step}: throttle")
+
+
 def test_other_solvers():
     for algorithm in ("bobyqa", "sbplx"):
         result = replay_json(config(algorithm=algorithm))

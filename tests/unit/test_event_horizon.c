@@ -384,6 +384,16 @@ static void a_signal_that_goes_back_is_searched_again(void) {
     assert_locked(event - 3 + WINDOW / 2, 210);
 }
 
+/* One sample that says too early that it is there: what was found before is found again when the window is complete. */
+static void a_false_sample_does_not_lose_what_was_found(void) {
+    plan.plan.measurements = TL_HOLD;
+    make_plant(10, 2.0);
+    there[820] = true; /* of the second stroke */
+    run_all();
+    int64_t first_found = search_end(1);
+    TEST_ASSERT_TRUE(records[820 + WINDOW / 2].u[0] == records[first_found].u[0]);
+}
+
 /* ---- never worse ---- */
 
 static void what_cannot_be_had_leaves_nominal(void) {
@@ -421,6 +431,21 @@ static void a_candidate_that_fails_is_the_worst(void) {
     }
 }
 
+/* The u that was found fails later, in a live step: nominal is used again, and the run goes on. */
+static void a_live_step_that_fails_falls_back_to_nominal(void) {
+    make_plant(10, 2.0);
+    build();
+    run_to(900);
+    TEST_ASSERT_TRUE(records[800].u[0] > 1.5);
+    tl_test_fmu_fail_above(&fmu, TL_TEST_DISCARD, 1.0);
+    run_to(TICKS - 1);
+    TEST_ASSERT_TRUE(records[901].u[0] == NOMINAL);
+    TEST_ASSERT_EQUAL_INT(TL_NOMINAL, records[901].outcome);
+    for (size_t k = 0; k < 2; k++) {
+        TEST_ASSERT_EQUAL_INT64(0, tl_twin_get_ledger(run.twin, k).difference);
+    }
+}
+
 static void fatal_is_the_end(void) {
     make_plant(10, 2.0);
     plan.adjust[0].step = 3.0;
@@ -439,6 +464,69 @@ static void a_missed_tick_is_made_up_and_its_edges_are_seen(void) {
     run_all();
     TEST_ASSERT_EQUAL_INT(TL_MADE_UP, records[10].outcome);
     TEST_ASSERT_EQUAL_INT64(rise(there, 1) + WINDOW / 2, search_end(1));
+    assert_next_stroke();
+}
+
+/* What the live twin did is known, however late the search begins. */
+static void a_search_may_begin_late(void) {
+    for (int missed = 0; missed < 2 * WINDOW; missed++) {
+        tearDown();
+        setUp();
+        make_plant(10, NOMINAL);
+        int64_t last = rise(there, 1) + WINDOW / 2;
+        for (int i = 0; i < missed; i++) {
+            made_up[last + i] = true;
+        }
+        run_all();
+        TEST_ASSERT_EQUAL_INT64(last + missed, search_end(1));
+        TEST_ASSERT_EQUAL_INT(TL_FIRST_GUESS, records[last + missed].outcome);
+        TEST_ASSERT_EQUAL_INT(0, records[last + missed].flags);
+    }
+}
+
+/* The twin cannot be saved, once: then it is not left either, or the run ends; it never goes on from a state that is not its. */
+static void what_cannot_be_saved_is_not_left(void) {
+    for (uint64_t call = 1; call < 40; call++) {
+        tearDown();
+        setUp();
+        make_plant(10, 2.0);
+        build();
+        run_to(20);
+        use_clock(STEP / 1000, 10 * (STEP / 1000));
+        uint64_t number = fmu.calls[TL_TEST_GET_STATE] + call;
+        fmu.control.fault = (tl_test_fault){TL_TEST_DISCARD, TL_TEST_GET_STATE, number, number, HUGE_VAL};
+        while (run.sample.tick < TICKS && step()) {
+        }
+        TEST_ASSERT_EQUAL_STRING("", call_log.first_violation);
+        end();
+    }
+}
+
+/* Leaving a candidate takes 50 ms in one tick: longer than any budget. */
+static uint64_t restored;
+static uint64_t stepped;
+static bool stalled;
+
+static tl_time read_stalling_clock(void *context) {
+    (void)context;
+    if (run.sample.tick == 49 && fmu.calls[TL_TEST_SET_STATE] > restored && fmu.calls[TL_TEST_DO_STEP] == stepped) {
+        watch.now += TL_SECOND / 20;
+        stalled = true;
+    }
+    restored = fmu.calls[TL_TEST_SET_STATE];
+    stepped = fmu.calls[TL_TEST_DO_STEP];
+    return watch.now;
+}
+
+static void one_stall_does_not_end_all_searches(void) {
+    make_plant(10, 2.0);
+    build();
+    use_clock(STEP / 1000, 20 * (STEP / 1000));
+    run.budget.now = read_stalling_clock;
+    stalled = false;
+    run_to(TICKS - 1);
+    TEST_ASSERT_TRUE(stalled);
+    TEST_ASSERT_TRUE(search_end(1) > 0);
     assert_next_stroke();
 }
 
@@ -539,8 +627,13 @@ int main(void) {
     RUN_TEST(what_cannot_be_had_leaves_nominal);
     RUN_TEST(the_last_evaluation_is_kept_for_nominal);
     RUN_TEST(a_candidate_that_fails_is_the_worst);
+    RUN_TEST(a_live_step_that_fails_falls_back_to_nominal);
+    RUN_TEST(a_false_sample_does_not_lose_what_was_found);
     RUN_TEST(fatal_is_the_end);
     RUN_TEST(a_missed_tick_is_made_up_and_its_edges_are_seen);
+    RUN_TEST(a_search_may_begin_late);
+    RUN_TEST(what_cannot_be_saved_is_not_left);
+    RUN_TEST(one_stall_does_not_end_all_searches);
     RUN_TEST(an_edge_may_fall);
     RUN_TEST(what_does_not_go_with_an_event_is_said);
     RUN_TEST(the_default_solver_is_nelder_mead);
