@@ -523,7 +523,10 @@ static tl_status step_live(tl_event_horizon *self, int64_t step, tl_record *reco
     tl_lock *lock = self->lock;
     bool corrected = !is_u(self, nominal_of(self));
     tl_status status = corrected ? tl_snapshot_take(self->stroke.live, error) : TL_OK;
-    status = status == TL_OK ? take_step(self, step, error) : status;
+    if (status != TL_OK) {
+        return status; /* what is in `live` is older: there is nothing to go back to */
+    }
+    status = take_step(self, step, error);
     if (status == TL_FMU_FAILED && corrected) {
         tl_ledger_walked(&lock->ledger, 0, lock->exchange->failed);
         status = tl_snapshot_restore(self->stroke.live, error);
