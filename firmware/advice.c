@@ -104,7 +104,8 @@ static void check_budget(advice *given, const tl_config *config, const tl_progno
 
 /* J of a candidate that is wrong in all of the window. */
 static void check_stroke_tolerance(advice *given, const tl_config *config) {
-    double samples = (double)(config->event.window / config->step / 2 * 2 + 1);
+    tl_time half = config->event.window / config->step / 2;
+    double samples = 2.0 * (double)half + 1.0;
     double most = 0.0;
     for (size_t i = 0; i < config->match_count; i++) {
         const tl_plan_match *match = &config->match[i];

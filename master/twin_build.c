@@ -2,6 +2,7 @@
 #include <math.h>
 #include <string.h>
 
+#include "master/sync/event_plan.h"
 #include "master/twin_parts.h"
 
 static void build_matches(tl_twin *twin, const tl_plan *plan, tl_report *report) {
@@ -169,7 +170,7 @@ static void check_event_ports(const tl_twin *twin, const tl_plan *plan, tl_repor
 
 static void check_event(const tl_twin *twin, const tl_plan *plan, tl_report *report) {
     if (plan->event.start.signal != NULL) {
-        tl_event_horizon_check(plan, report);
+        tl_event_plan_check(plan, report);
         check_event_solver(twin, plan, report);
         if (plan->adjust_count == 1) {
             check_event_ports(twin, plan, report);
@@ -435,7 +436,7 @@ static void build_values(tl_twin *twin, const tl_plan *plan, tl_report *report) 
     tl_error error;
     /* As far back as a candidate that is remembered may have been fed. */
     bool by_event = plan->event.start.signal != NULL;
-    size_t back = by_event ? tl_event_horizon_window(plan) : twin->lock.horizon.prediction;
+    size_t back = by_event ? tl_event_plan_window(plan) : twin->lock.horizon.prediction;
     size_t window = back + twin->lead + find_age(plan) + 3;
     tl_status status = tl_exchange_init(&twin->exchange, &twin->arena, &twin->graph, window, &error);
     if (status != TL_OK) {

@@ -2,9 +2,9 @@
 #include "master/sync/event_horizon.h"
 
 #include <math.h>
-#include <string.h>
 
 #include "master/base/duration.h"
+#include "master/sync/event_plan.h"
 #include "master/sync/event_search.h"
 #include "master/sync/stroke.h"
 
@@ -48,99 +48,6 @@ struct tl_event_horizon {
 
 /* ---- build ---- */
 
-static size_t steps_of(tl_time time, tl_time step) {
-    return (size_t)((time + step / 2) / step);
-}
-
-static size_t half_of(const tl_plan *plan) {
-    size_t half = steps_of(plan->event.window, plan->step) / 2;
-    return half > 0 ? half : 1;
-}
-
-static const tl_plan_signal *find_signal(const tl_plan *plan, const char *name, size_t *index) {
-    for (size_t i = 0; i < plan->signal_count; i++) {
-        if (strncmp(name, "plant.", 6) == 0 && strcmp(plan->signals[i].name, name + 6) == 0) {
-            *index = i;
-            return &plan->signals[i];
-        }
-    }
-    return NULL;
-}
-
-static void check_edge(const tl_plan *plan, const tl_plan_edge *edge, const char *key, tl_report *report) {
-    size_t index = 0;
-    const tl_plan_signal *signal = find_signal(plan, edge->signal, &index);
-    if (signal == NULL) {
-        tl_report_add(report, TL_BAD_DATA, plan->event.where, "\"%s\": found \"%s\", expected \"plant.SIGNAL\"", key,
-                      edge->signal);
-    } else if (signal->type != TL_BOOLEAN) {
-        tl_report_add(report, TL_BAD_DATA, plan->event.where,
-                      "\"%s\": %s is %s, expected a Boolean signal: give it \"type\": \"boolean\"", key, edge->signal,
-                      tl_type_name(signal->type));
-    }
-}
-
-static void check_matches(const tl_plan *plan, tl_report *report) {
-    bool matched = false;
-    for (size_t i = 0; i < plan->match_count; i++) {
-        const tl_plan_match *match = &plan->match[i];
-        matched = matched || (match->weight > 0.0 && strcmp(match->to, plan->event.end.signal) == 0);
-        if (match->condition.median > 1 || match->condition.low_pass > 0 || match->condition.gate > 0.0) {
-            tl_report_add(report, TL_BAD_DATA, match->where,
-                          "\"condition\" does not go with horizon.event: the event's instant would be blurred");
-        }
-    }
-    if (!matched) {
-        tl_report_add(report, TL_BAD_DATA, plan->event.where,
-                      "no match with a weight is compared with %s, the end of the stroke", plan->event.end.signal);
-    }
-}
-
-static void check_times(const tl_plan *plan, tl_report *report) {
-    const tl_plan_event *event = &plan->event;
-    if (plan->step <= 0) {
-        return;
-    }
-    if (event->window < 2 * plan->step || event->longest / 2 < event->window / 2) {
-        tl_report_add(report, TL_BAD_DATA, event->where,
-                      "\"window_s\": found %g s, expected at least two macro steps (%g s) and at most \"longest_s\"",
-                      tl_seconds(event->window), 2.0 * tl_seconds(plan->step));
-    }
-    if (event->longest / plan->step > TL_LONGEST_STROKE) {
-        tl_report_add(report, TL_BAD_DATA, event->where,
-                      "\"longest_s\": found %g s, expected at most %d macro steps (%g s)", tl_seconds(event->longest),
-                      TL_LONGEST_STROKE, TL_LONGEST_STROKE * tl_seconds(plan->step));
-    }
-}
-
-void tl_event_horizon_check(const tl_plan *plan, tl_report *report) {
-    check_edge(plan, &plan->event.start, "start", report);
-    check_edge(plan, &plan->event.end, "end", report);
-    check_matches(plan, report);
-    check_times(plan, report);
-    if (plan->adjust_count != 1) {
-        tl_report_add(report, TL_BAD_DATA, "synchronise.adjust",
-                      "found %u variables, expected one: an event horizon searches one u",
-                      (unsigned)plan->adjust_count);
-    }
-    if (plan->measurements == TL_AHEAD) {
-        tl_report_add(report, TL_BAD_DATA, "synchronise.horizon.measurements",
-                      "found \"ahead\", expected \"lag\" or \"hold\" with horizon.event");
-    }
-    if (plan->measure.lags != 0) {
-        tl_report_add(report, TL_BAD_DATA, "delays",
-                      "measured delays do not go with horizon.event: give them in chains");
-    }
-    if (plan->shape == TL_DYNAMIC || plan->prediction != 0) {
-        tl_report_add(report, TL_BAD_DATA, plan->event.where,
-                      "\"prediction\" and \"shape\" do not go with \"event\": the stroke is the horizon, with one u");
-    }
-}
-
-size_t tl_event_horizon_window(const tl_plan *plan) {
-    return 2 * steps_of(plan->event.longest, plan->step) + 2 * half_of(plan) + 4;
-}
-
 /* Which matched output tells of the event. */
 static void place_event(tl_event_horizon *self) {
     size_t match = 0;
@@ -165,11 +72,11 @@ tl_event_horizon *tl_event_horizon_create(tl_arena *arena, tl_lock *lock, const 
     self->start.falls = plan->event.start.falls;
     self->end.falls = plan->event.end.falls;
     self->end.effect = true;
-    (void)find_signal(plan, plan->event.start.signal, &self->start.signal);
-    (void)find_signal(plan, plan->event.end.signal, &self->end.signal);
-    self->half = (int64_t)half_of(plan);
-    self->longest = (int64_t)steps_of(plan->event.longest, plan->step);
-    self->kept = (int64_t)tl_event_horizon_window(plan) - 2;
+    self->start.signal = tl_event_plan_signal(plan, &plan->event.start);
+    self->end.signal = tl_event_plan_signal(plan, &plan->event.end);
+    self->half = (int64_t)tl_event_plan_half(plan);
+    self->longest = (int64_t)tl_event_plan_longest(plan);
+    self->kept = (int64_t)tl_event_plan_window(plan) - 2;
     self->stands_in = plan->measurements == TL_HOLD;
     self->u = adjusted->nominal;
     self->search = (tl_event_search){.solver = lock->solver,
@@ -180,7 +87,7 @@ tl_event_horizon *tl_event_horizon_create(tl_arena *arena, tl_lock *lock, const 
     self->stroke.lock = lock;
     place_event(self);
     uint32_t evaluations = plan->evaluations != 0 ? plan->evaluations : 60;
-    bool placed = tl_stroke_init(&self->stroke, arena, tl_event_horizon_window(plan)) &&
+    bool placed = tl_stroke_init(&self->stroke, arena, tl_event_plan_window(plan)) &&
                   tl_event_search_init(&self->search, arena, evaluations);
     return placed ? self : NULL;
 }

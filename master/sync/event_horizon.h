@@ -33,12 +33,6 @@
 
 typedef struct tl_event_horizon tl_event_horizon;
 
-/* Reports what in the plan does not go with an event horizon; for a plan that has one. */
-void tl_event_horizon_check(const tl_plan *plan, tl_report *report);
-
-/* How many samples of the plant must be kept. */
-size_t tl_event_horizon_window(const tl_plan *plan);
-
 /* Macro steps of the longest candidate: the longest stroke, and T_F/2. */
 uint32_t tl_event_horizon_steps(const tl_event_horizon *self);
 
