@@ -114,6 +114,17 @@ static tl_plan_measure measure_of(const tl_config *config) {
     };
 }
 
+/* The end of a stroke is an effect: it is looked up as what is matched. */
+static tl_plan_event event_of(const tl_config *config) {
+    tl_plan_event event = config->event;
+    for (size_t i = 0; i < config->match_count && event.start.signal != NULL; i++) {
+        if (strcmp(config->match[i].to, config->event.end.signal) == 0) {
+            event.end.signal = config->matched_as[i];
+        }
+    }
+    return event;
+}
+
 static void fill_plan(tl_assembly *assembly) {
     const tl_config *config = &assembly->config;
     for (size_t i = 0; i < config->signal_count; i++) {
@@ -140,7 +151,7 @@ static void fill_plan(tl_assembly *assembly) {
         .prediction = config->prediction,
         .shape = config->shape,
         .measurements = config->measurements,
-        .event = config->event,
+        .event = event_of(config),
         .input_ticks = config->delays != NULL ? config->delays->input_lookup.ticks : 0,
         .measure = measure_of(config),
         .output_ticks = config->delays != NULL ? config->delays->output_lookup.ticks : 0,

@@ -90,7 +90,7 @@ typedef struct tl_config_chain {
     tl_delay_density density;
 } tl_config_chain;
 
-/* Two chains that begin with the same command. */
+/* Two chains that begin with the same command; empty where the delay is given itself. */
 typedef struct tl_config_pair {
     tl_config_chain plant, simulation;
     tl_time delay; /* by which the simulation's mode is later than the plant's: Δi, Δo */

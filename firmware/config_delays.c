@@ -165,15 +165,35 @@ static bool read_chain(tl_config_object *object, const char *key, const char *ex
     return true;
 }
 
+/* The delay itself, in seconds: a measured one, say. */
+static bool read_seconds(tl_config_object *object, const char *key, tl_config_pair *pair) {
+    static const tl_config_number rule = {
+        .minimum = -TL_CONFIG_LONGEST_S, .maximum = TL_CONFIG_LONGEST_S, .example = "0.008"};
+    double seconds = 0;
+    bool right = tl_config_get_number(object, key, &rule, &seconds);
+    pair->delay = tl_time_of_seconds(seconds);
+    return right;
+}
+
 /* `input` or `output`; true where it is there and right, and then its delay is known: by how much the simulation is later. */
 static bool read_pair(tl_config_object *object, const char *key, tl_config_delays *delays, tl_config_pair *pair) {
     static const char *const plant = "[\"bus\", \"plant\", \"bus\"]";
     static const char *const simulation = "[\"bus\", \"acquisition\", \"simulation\"]";
+    static const char *const expected = "an object with two chains, or a number of seconds";
+    static const char *const example = "{\"plant\": [\"bus\", \"plant\"], \"simulation\": […]}";
+    const cJSON *item = tl_config_get(object, key, TL_CONFIG_OPTIONAL, expected, example);
     tl_config_object member;
-    if (!tl_config_member(object, key, TL_CONFIG_OPTIONAL, "{\"plant\": [\"bus\", \"plant\"], \"simulation\": […]}",
-                          &member)) {
+    if (item == NULL) {
         return false;
     }
+    if (cJSON_IsNumber(item)) {
+        return read_seconds(object, key, pair);
+    }
+    if (!cJSON_IsObject(item)) {
+        tl_config_wrong(object, key, NULL, expected, example);
+        return false;
+    }
+    (void)tl_config_entry(object, item, example, &member);
     bool right = read_chain(&member, "plant", plant, delays, &pair->plant);
     right = read_chain(&member, "simulation", simulation, delays, &pair->simulation) && right;
     tl_config_done(&member);
@@ -191,7 +211,7 @@ static bool is_near(const tl_config_object *object, const char *key, tl_time shi
     if (shift <= longest - wait && shift >= -longest) {
         return true;
     }
-    (void)snprintf(found, sizeof found, "chains that shift by %.9g s%s", tl_seconds(shift < 0 ? -shift : shift + wait),
+    (void)snprintf(found, sizeof found, "a shift by %.9g s%s", tl_seconds(shift < 0 ? -shift : shift + wait),
                    shift > 0 && wait > 0 ? ", with the cycle of the plant's last participant" : "");
     (void)snprintf(expected, sizeof expected, "at most %d times step_s, which is %.15g s", (int)TL_CONFIG_LONGEST_SHIFT,
                    tl_seconds(longest));
@@ -207,7 +227,7 @@ static void find_shifts(const tl_config_object *object, tl_time step, tl_config_
         delays->input_lookup = tl_delay_look_up(delays->input.delay, 0, step);
     }
     if (delays->has_output) {
-        renewed = delays->participants[last->parts[last->length - 1]].cycle;
+        renewed = last->length > 0 ? delays->participants[last->parts[last->length - 1]].cycle : step;
         delays->shift = (delays->has_input ? delays->input.delay : 0) - delays->output.delay;
     }
     delays->wait = (delays->has_output || delays->measure) && delays->next ? renewed : 0;
@@ -260,15 +280,16 @@ static void read_measure(tl_config_object *object, tl_time step, tl_config_delay
 }
 
 static void read_object(tl_config_object *root, tl_config_object *object, tl_time step, tl_config_delays *delays) {
-    bool input = cJSON_GetObjectItemCaseSensitive(object->json, "input") != NULL;
-    bool output = cJSON_GetObjectItemCaseSensitive(object->json, "output") != NULL;
-    read_participants(object, input || output ? TL_CONFIG_REQUIRED : TL_CONFIG_OPTIONAL, delays);
+    const cJSON *input = cJSON_GetObjectItemCaseSensitive(object->json, "input");
+    const cJSON *output = cJSON_GetObjectItemCaseSensitive(object->json, "output");
+    bool chains = cJSON_IsObject(input) || cJSON_IsObject(output);
+    read_participants(object, chains ? TL_CONFIG_REQUIRED : TL_CONFIG_OPTIONAL, delays);
     read_synchronous(object, delays);
     delays->has_input = read_pair(object, "input", delays, &delays->input);
     delays->has_output = read_pair(object, "output", delays, &delays->output);
     read_take(object, delays);
     read_measure(object, step, delays);
-    if (!input && !output && !delays->measure) {
+    if (input == NULL && output == NULL && !delays->measure) {
         tl_config_wrong(root, "delays", "nothing to make up for", "\"input\", \"output\" or \"measure\"",
                         "{\"measure\": true}");
     }

@@ -15,7 +15,11 @@ static bool leads_to(const char *reference, const tl_config_signal *signal) {
     return reference != NULL && strncmp(reference, "plant.", 6) == 0 && strcmp(reference + 6, signal->plan.name) == 0;
 }
 
+/* A command: what feeds an input, or starts a stroke. */
 static bool feeds(const tl_config *config, const tl_config_signal *signal) {
+    if (leads_to(config->event.start.signal, signal)) {
+        return true;
+    }
     for (size_t i = 0; i < config->connection_count; i++) {
         if (leads_to(config->connections[i].from, signal)) {
             return true;

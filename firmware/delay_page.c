@@ -82,13 +82,24 @@ static void print_densities(const tl_config_pair *pair, FILE *file) {
 
 /* ---- the page ---- */
 
+static bool has_chains(const tl_config_pair *pair) {
+    return pair->plant.length > 0;
+}
+
 static void print_modes(const tl_config_pair *pair, const char *what, const char *symbol, FILE *file) {
+    if (!has_chains(pair)) {
+        (void)fprintf(file, "  %-8s%s = %.6g ms, as given\n", what, symbol, milliseconds(pair->delay));
+        return;
+    }
     (void)fprintf(file, "  %-8s%s = %.6g ms: modes %.6g ms of the simulation, %.6g ms of the plant\n", what, symbol,
                   milliseconds(pair->delay), milliseconds(tl_delay_mode(&pair->simulation.density)),
                   milliseconds(tl_delay_mode(&pair->plant.density)));
 }
 
 static void print_pair(const tl_config_delays *delays, const tl_config_pair *pair, FILE *file) {
+    if (!has_chains(pair)) {
+        return;
+    }
     print_chain(delays, &pair->plant, "plant", file);
     print_chain(delays, &pair->simulation, "simulation", file);
 }
@@ -125,8 +136,10 @@ void tl_delay_page_print(const tl_config *config, FILE *file) {
     if (delays->has_output) {
         print_modes(&delays->output, "output", "\316\224o", file);
         print_pair(delays, &delays->output, file);
+    }
+    if (delays->has_output && has_chains(&delays->output)) {
         print_densities(&delays->output, file);
-    } else if (delays->has_input) {
+    } else if (delays->has_input && has_chains(&delays->input)) {
         print_densities(&delays->input, file);
     }
     print_measured(delays, file);

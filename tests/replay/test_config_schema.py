@@ -174,7 +174,8 @@ def delays_hold(document):
     step = round(document["step_s"] * 1e9)
     if isinstance(measure, dict) and max(round(measure.get("range_s", 0) * 1e9), 1) > 31 * step:
         return False
-    pairs = {key: delays[key] for key in ("input", "output") if key in delays}
+    given = {key: round(delays[key] * 1e9) for key in ("input", "output") if isinstance(delays.get(key), (int, float))}
+    pairs = {key: delays[key] for key in ("input", "output") if key in delays and key not in given}
     chains = [pair[key] for pair in pairs.values() for key in ("plant", "simulation")]
     grouped = [name for group in delays.get("synchronous", []) for name in group]
     if not {name for chain in [grouped, *chains] for name in chain} <= set(delays.get("participants", {})):
@@ -182,11 +183,11 @@ def delays_hold(document):
     if len(set(grouped)) < len(grouped) or any(mode(document, chain)[1] > 7 for chain in chains):
         return False
     delay = {key: mode(document, pair["simulation"])[0] - mode(document, pair["plant"])[0]
-             for key, pair in pairs.items()}
+             for key, pair in pairs.items()} | given
     longest = 1000 * step
     shift = delay.get("input", 0) - delay["output"] if "output" in delay else 0
     wait = step
-    if "output" in delays:
+    if "output" in pairs:
         wait = max(round(delays["participants"][delays["output"]["plant"][-1]]["cycle_s"] * 1e9), 1)
     if delays.get("take") == "newest" or not ("output" in delays or measure):
         wait = 0

@@ -1,10 +1,11 @@
 #!/usr/bin/env python3
 """The cylinder locked by its throttle at the end of each stroke: the throttle is found from any first step, in the tick in
 which it can be known, and the next stroke is right from its start."""
-from twinlock_test import (at_most, config_path, edited_config, expect, main, read_table, replay_csv, replay_json, run_well,
-                           scratch, within)
+from twinlock_test import (SOURCE, at_most, config_path, edited_config, expect, main, read_config, read_table,
+                           replay_csv, replay_json, run_well, scratch, within)
 
 END, AIR, THROTTLE = "cylinder.extend_signal", "cylinder.airflow", "cylinder.throttle_extend"
+BENCH = SOURCE / "config" / "cylinder"
 LOCK = config_path("cylinder/lock.json")
 STEPS = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1)
 FIRST, SECOND = 0.765, 6.265  # s: the plant arrives
@@ -73,6 +74,26 @@ def test_an_end_signal_that_is_soon_gone():
                      if outcome not in ("held", "searching")]
             expect(ended[-1][0] < 1, f"{measurements}, first step {step}: J and throttle {ended}")
             within(ended[-1][1], 0.023, 0.002 / 0.023, f"{measurements}, first step {step}: throttle")
+
+
+def test_delays():
+    """A bus that hands on commands at once and effects 12 ms later: what is found is the same."""
+    table = read_table(BENCH / "recording.csv")
+    late = scratch() / "late.csv"
+    rows = sorted([(t, f"{m:g}", "") for t, m in zip(table["t"], table["move_out"])]
+                  + [(t + 0.012, "", f"{e:g}") for t, e in zip(table["t"], table["extended"])])
+    late.write_text("t,move_out,extended,airflow\n" + "".join(f"{t:.9f},{m},{e},0\n" for t, m, e in rows))
+    apart, paired = (replay_json(edited_config("cylinder/lock.json", {"delays": delays}), "--recording", late)
+                     for delays in (None, {"output": -0.012}))
+    within(paired["adjust"][THROTTLE]["last"], 0.023, 0.02, "throttle, with the delay made up for")
+    expect(apart["adjust"][THROTTLE]["last"] < 0.0222, f"throttle, without: {apart['adjust']}")
+
+
+def test_an_end_signal_that_is_looked_up_twice():
+    """It feeds an input as well, and with delays that is another look-up; it is the measured one that ends a stroke."""
+    connect = [*read_config("cylinder/lock.json")["connect"], ["plant.extended", "cylinder.move_in"]]
+    out = run_well(["check", edited_config("cylinder/lock.json", {"connect": connect, "delays": {"output": -0.012}})])
+    expect("to plant.extended" in out and "\u0394o = -12 ms, as given" in out, out)
 
 
 def test_other_solvers():

@@ -5,7 +5,7 @@ import os
 import sys
 from pathlib import Path
 
-from twinlock_test import PROGRAM, SOURCE, at_most, expect, main, replay_json, run_well, within
+from twinlock_test import PROGRAM, SOURCE, at_most, edited_config, expect, main, replay_json, run_well, within
 
 sys.path.insert(0, str(SOURCE / "script"))
 import delays  # noqa: E402 (its folder is known only now)
@@ -31,6 +31,14 @@ def test_table_516_as_check_tells_it():
                  "          y at t is paired with the \u0177 seen 8 ms before,\n",
                  "          or with the next one, for which a step waits 8 ms\n"):
         expect(line in page, f"there is no line {line!r} in\n{page}")
+
+
+def test_seconds_are_as_good_as_chains():
+    """But for how long a step waits for the next value, which the chains know and a number does not: 8 ms here."""
+    config = edited_config("second_order/newest.json", {"delays": None})
+    given = edited_config(config, {"delays": {"output": 0.008, "take": "newest"}})
+    wanted = replay_json("second_order/newest.json")["match"]
+    expect(replay_json(given)["match"] == wanted, f"found {replay_json(given)['match']}, wanted {wanted}")
 
 
 def test_the_recording_of_the_configurations():
