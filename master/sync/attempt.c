@@ -9,6 +9,9 @@
 /* Progress is a J that is smaller by at least this part. */
 static const double PROGRESS = 0.01;
 
+/* In first steps of the search. */
+static const double LEAST_MOVE = 1e-9;
+
 /* Questions without progress after which a solver that asks outside its bounds is told to stop. */
 enum { MOST_IDLE = 1000 };
 
@@ -306,6 +309,19 @@ static bool is_sane(const tl_lock *lock, const double *u) {
     return true;
 }
 
+/* The point that is evaluated for one that is asked about: what is held is at nominal, and so is what differs from it by less
+ * than can matter. (Outputs would lose such a difference in rounding, and it be executed for nothing.) */
+static const double *settled(const tl_attempt *attempt, const double *u) {
+    const tl_lock *lock = attempt->lock;
+    double *trial = lock->memory.trial;
+    const double *nominal = lock->memory.nominal;
+    for (size_t i = 0; i < lock->horizon.count; i++) {
+        trial[i] = fabs(u[i] - nominal[i]) <= LEAST_MOVE * lock->space.step[i] ? nominal[i] : u[i];
+    }
+    tl_attempt_hold(attempt, trial);
+    return trial;
+}
+
 static bool is_over(const tl_attempt *attempt) {
     bool acquaints = attempt->acquaints && attempt->lock->solver->is_new(attempt->lock->optimiser);
     return attempt->fatal != TL_OK || attempt->late || (attempt->best_value < TL_OBJECTIVE_TOLERANCE && !acquaints) ||
@@ -339,11 +355,7 @@ bool tl_attempt_ask(void *context, const double *u, double *value, const double 
         attempt->idle++;
         return may_go_on(attempt) && attempt->idle < MOST_IDLE;
     }
-    if (attempt->held != 0) {
-        memcpy(lock->memory.trial, u, lock->horizon.count * sizeof *u);
-        tl_attempt_hold(attempt, lock->memory.trial);
-        u = lock->memory.trial;
-    }
+    u = settled(attempt, u);
     if (!tl_attempt_may_evaluate(attempt, u)) {
         return false;
     }

@@ -6,6 +6,9 @@
 
 #include "master/sync/attempt.h"
 
+/* Steps from one try of nominal to the next. */
+enum { TL_NOMINAL_EVERY = 10 };
+
 /* ---- build ---- */
 
 static size_t size_of_course(const tl_lock *lock) {
@@ -138,8 +141,15 @@ static bool guess_by_solver(const tl_attempt *attempt) {
     return lock->solver->guess(lock->optimiser, &forecast, memory->guess);
 }
 
+/* A u that is held as long as it is within tolerance is never asked whether it is still needed, and over an hour an integrator
+ * behind the outputs may run away with it. A solver that knows no nominal is therefore made to try it, now and then. */
+static bool is_time_for_nominal(const tl_attempt *attempt) {
+    const tl_optimiser_class *solver = attempt->lock->solver;
+    return solver->guess == NULL && !solver->booleans && attempt->step % TL_NOMINAL_EVERY == 0;
+}
+
 /* What is evaluated first: by the solver, or nominal at T_P = T_D; else, and for Booleans, what was committed last, so
- * that horizons overlap. A budget of one evaluation is the nominal's, but in a repetition, which guesses as was guessed
+ * that horizons overlap, but for every tenth step. A budget of one evaluation is the nominal's, but in a repetition, which guesses as was guessed
  * then. True where the solver made it. */
 static bool first_guess(const tl_attempt *attempt) {
     const tl_lock *lock = attempt->lock;
@@ -151,7 +161,8 @@ static bool first_guess(const tl_attempt *attempt) {
     if (guess_by_solver(attempt)) {
         return true;
     }
-    if (lock->horizon.prediction != lock->horizon.distance || lock->solver->booleans) {
+    bool held = lock->horizon.prediction != lock->horizon.distance || lock->solver->booleans;
+    if (held && !is_time_for_nominal(attempt)) {
         tl_horizon_hold(&lock->horizon, lock->memory.before, guess);
         clamp(lock, guess); /* an earlier nominal may have been outside */
     }

@@ -31,12 +31,12 @@ def make_recording(name, torque):
     return noisy
 
 
-def check(name, recording, mse):
+def check(name, recording, mse, algorithm="secant"):
     """MSE of the whole run in (rad/s)², and the mean friction at its end: the plant's is the twin's own."""
     steps = scratch() / "steps.csv"
-    edits = {"duration_s": SECONDS - 1}
+    edits = {"duration_s": SECONDS - 1, "synchronise": {"algorithm": algorithm}}
     result = replay_json(edited_config(f"motor/{name}.json", edits), "--recording", recording, "--csv", steps)
-    what = f"{name}, {recording.stem}"
+    what = f"{name}, {algorithm}, {recording.stem}"
     at_most(result["match"]["motor.omega"]["mse"], mse, f"{what}: MSE, (rad/s)\u00b2")
     with open(steps, encoding="utf-8") as file:
         friction = [float(row["motor.d"]) for row in csv.DictReader(file)][-10000:]
@@ -49,6 +49,13 @@ def check_all(recording):
     check("ahead", recording, 0.5)
     for name in ("c", "d", "e"):
         check(name, recording, 1.5)
+
+
+def test_black_box_solvers():
+    """Which hold a u for as long as it will do: they must let go of it."""
+    recording = make_recording("sine", lambda time: 1.0 + math.sin(0.7 * time))
+    for name in ("lock", "d", "e"):
+        check(name, recording, 1.5, "bobyqa")
 
 
 def test_at_rest():
