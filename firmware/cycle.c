@@ -79,6 +79,7 @@ static tl_status compute(tl_cycle *cycle, int64_t tick, const tl_budget *budget)
     tl_time instant = tl_time_of_step(cycle->start, cycle->settings.assembly->config.step, tick);
     tl_plant_input_take(cycle->settings.input, tick, instant, &sample);
     tl_watch_sample(&cycle->watch, &sample);
+    tl_summary_sample(&cycle->summary, &cycle->settings.assembly->config, &sample);
     keep_sample(cycle, &sample);
     tl_status status = budget == NULL ? tl_twin_make_up(twin, &sample, &record, &ready, &cycle->error)
                                       : tl_twin_step(twin, &sample, budget, &record, &ready, &cycle->error);

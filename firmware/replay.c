@@ -43,6 +43,7 @@ static tl_status step(const tl_replay *replay, const tl_recording_tick *tick, tl
     tl_budget budget = budget_of(&replay->assembly->config, tick);
     tl_record record;
     bool ready = false;
+    tl_summary_sample(summary, &replay->assembly->config, &tick->sample);
     tl_status status = tick->made_up
                            ? tl_twin_make_up(replay->assembly->twin, &tick->sample, &record, &ready, error)
                            : tl_twin_step(replay->assembly->twin, &tick->sample, &budget, &record, &ready, error);

@@ -31,6 +31,13 @@ void tl_summary_add(tl_summary *summary, const tl_config *config, const tl_recor
     summary->used_longest = record->used > summary->used_longest ? record->used : summary->used_longest;
 }
 
+void tl_summary_sample(tl_summary *summary, const tl_config *config, const tl_sample *sample) {
+    summary->samples++;
+    for (size_t i = 0; i < config->signal_count; i++) {
+        summary->not_good[i] += sample->quality[i] == TL_GOOD ? 0 : 1;
+    }
+}
+
 static double mean(double sum, uint64_t count) {
     return count == 0 ? 0.0 : sum / (double)count;
 }
@@ -112,6 +119,15 @@ static void add_delays(cJSON *root, const tl_config *config, const tl_twin *twin
     }
 }
 
+static void add_plant(cJSON *root, const tl_summary *summary, const tl_config *config) {
+    cJSON *plant = cJSON_AddObjectToObject(root, "plant");
+    for (size_t i = 0; i < config->signal_count; i++) {
+        cJSON *signal = cJSON_AddObjectToObject(plant, config->signals[i].plan.name);
+        (void)cJSON_AddNumberToObject(signal, "samples", (double)summary->samples);
+        (void)cJSON_AddNumberToObject(signal, "not_good", (double)summary->not_good[i]);
+    }
+}
+
 /* Of all components together. */
 static tl_twin_ledger total_ledger(const tl_twin *twin) {
     tl_twin_ledger total = {0};
@@ -179,6 +195,7 @@ void tl_summary_print_json(const tl_summary *summary, const tl_config *config, c
     (void)cJSON_AddNumberToObject(root, "evaluations", (double)summary->evaluations);
     (void)cJSON_AddNumberToObject(root, "optimised_steps", (double)summary->optimised_steps);
     add_matches(root, config, twin);
+    add_plant(root, summary, config);
     add_adjusted(root, summary, config, twin);
     add_delays(root, config, twin);
     add_cache(root, twin);
@@ -272,6 +289,28 @@ static void print_matches(const tl_config *config, const tl_twin *twin, FILE *fi
     }
 }
 
+static bool is_matched(const tl_config *config, size_t signal) {
+    const char *name = config->signals[signal].plan.name;
+    for (size_t i = 0; i < config->match_count; i++) {
+        if (strcmp(config->matched_as[i] + strlen("plant."), name) == 0) {
+            return true;
+        }
+    }
+    return false;
+}
+
+/* Of those that are matched it was told above. */
+static void print_inputs(const tl_summary *summary, const tl_config *config, FILE *file) {
+    for (size_t i = 0; i < config->signal_count; i++) {
+        if (summary->not_good[i] != 0 && !is_matched(config, i)) {
+            (void)fprintf(file,
+                          "  plant.%s: %" PRIu64 " of %" PRIu64
+                          " samples were not good; its last good value was held meanwhile\n",
+                          config->signals[i].plan.name, summary->not_good[i], summary->samples);
+        }
+    }
+}
+
 /* Of a Boolean: how often it was on, and how often it would have been. */
 static void print_boolean(const tl_summary_adjust *adjust, const char *name, uint64_t steps, FILE *file) {
     double on = mean(adjust->sum, steps);
@@ -319,6 +358,7 @@ void tl_summary_print_table(const tl_summary *summary, const tl_config *config, 
         print_ledger(twin, file);
     }
     print_matches(config, twin, file);
+    print_inputs(summary, config, file);
     print_adjusted(summary, config, twin, file);
     print_delays(config, twin, file);
     if (summary->ticks != 0) {

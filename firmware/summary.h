@@ -26,6 +26,8 @@ typedef struct tl_summary {
     uint64_t outcomes[TL_OUTCOMES];
     uint64_t time_limited; /* searches that the time budget ended */
     tl_summary_adjust adjust[TL_MAX_ADJUST];
+    uint64_t samples;                  /* of the plant, */
+    uint64_t not_good[TL_MAX_SIGNALS]; /* and those of them that were not good, by signal */
     uint64_t ticks;           /* instants at which a step was due, counted by the clock; 0 where there is none */
     uint64_t skipped;         /* of them missed, counted by whoever keeps the time; steps + skipped = ticks */
     uint64_t deadline_misses; /* steps that ended after their period */
@@ -34,6 +36,9 @@ typedef struct tl_summary {
 } tl_summary;
 
 void tl_summary_add(tl_summary *summary, const tl_config *config, const tl_record *record);
+
+/* A sample of the plant, as the twin was given it. */
+void tl_summary_sample(tl_summary *summary, const tl_config *config, const tl_sample *sample);
 
 /* One JSON object and a newline. */
 void tl_summary_print_json(const tl_summary *summary, const tl_config *config, const tl_twin *twin, FILE *file);

@@ -4,6 +4,7 @@ import json
 import math
 import os
 import random
+import signal
 import subprocess
 import sys
 import tempfile
@@ -141,9 +142,16 @@ def main():
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
     if options.write:
-        write_recording(options.write, make_rows(random.Random(f"{options.seed}/0"), options.noise))
+        try:
+            write_recording(options.write, make_rows(random.Random(f"{options.seed}/0"), options.noise))
+        except OSError as trouble:
+            sys.exit(f"delays: {trouble}")
         return
-    found = figures(measure(PROGRAM, options.phases, options.seed))
+    try:
+        found = figures(measure(PROGRAM, options.phases, options.seed))
+    except KeyboardInterrupt:
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
+        os.kill(os.getpid(), signal.SIGINT)
     if options.json:
         print(json.dumps(found, indent=1))
     else:

@@ -16,12 +16,14 @@ thesis.PROGRAM = Path(PROGRAM)
 
 def measure(*names, recordings=None):
     laboratory = thesis.Laboratory(scratch(), recordings, 2, thesis.Progress(0))
-    return thesis.measure(names, laboratory)
+    found = thesis.measure(names, laboratory)
+    expect(all(set(used) <= {"our own"} for used in laboratory.sources.values()), f"{laboratory.sources}")
+    return found
 
 
 def page(found):
     with contextlib.redirect_stdout(io.StringIO()) as told:
-        thesis.show(found)
+        thesis.show(found, {name: ["our own"] for name in found})
     return told.getvalue()
 
 
@@ -51,7 +53,16 @@ def test_plants_of_others():
         expect(one["recording"] == "stand-in" and one["outputs"], f"{plant}: {one}")
         for output, (free, locked, _) in one["outputs"].items():
             at_most(locked, free / 5, f"{plant}, {output}: locked MSE")
-    expect("Without --recordings these are stand-ins" in page(found), page(found))
+    expect("Stand-ins are models" in page(found) and "Recordings: our own." in page(found), page(found))
+
+
+def test_a_folder_without_recordings():
+    try:
+        thesis.check_recordings(scratch())
+    except thesis.Trouble as trouble:
+        expect("has none of thesis_motor_1.csv" in str(trouble), str(trouble))
+    else:
+        expect(False, "an empty folder is taken for recordings")
 
 
 def test_time():

@@ -145,6 +145,18 @@ def test_messages():
         expect(held[1:] == plant[:-1] and held[0] == 0, f"belt {belt}: what is held is not the plant of the step before")
 
 
+def test_inputs_that_are_no_booleans():
+    """They are held, and the summary says so."""
+    words = scratch() / "words.csv"
+    rows = (FOLDER / "slow_recording.csv").read_text().splitlines()
+    words.write_text("\n".join(line[:-1] + "true" if line.endswith("1") else line for line in rows) + "\n")
+    config = FOLDER / "slow.json"
+    told = run_well(["replay", config, "--recording", words])
+    expect("plant.enabled2: " in told and " of 163 samples were not good" in told, told)
+    bad = replay_json("transport/slow.json", "--recording", words)["plant"]
+    expect(bad["enabled1"]["not_good"] == 0 < bad["enabled2"]["not_good"] < bad["enabled2"]["samples"], f"{bad}")
+
+
 # ---- repeatable ----
 
 def csv_file(config, *options):
