@@ -177,8 +177,9 @@ static void print_synchronisation(const tl_assembly *assembly, FILE *output) {
     for (size_t i = 0; i < config->match_count; i++) {
         const tl_plan_match *match = &config->match[i];
         if (config->synchronise && match->weight > 0.0) {
-            (void)fprintf(output, "  match   %s \342\206\224 %s, tolerance %g %s, weight %g\n", match->variable,
-                          match->to, match->tolerance, tl_twin_match_unit(assembly->twin, i), match->weight);
+            const char *unit = tl_twin_match_unit(assembly->twin, i);
+            (void)fprintf(output, "  match   %s \342\206\224 %s, tolerance %g%s%s, weight %g\n", match->variable,
+                          match->to, match->tolerance, unit[0] != '\0' ? " " : "", unit, match->weight);
         } else {
             (void)fprintf(output, "  compare %s \342\206\224 %s\n", match->variable, match->to);
         }

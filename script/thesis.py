@@ -136,7 +136,10 @@ a search ends within tolerance; both spare evaluations in either column. BOBYQA 
 # ---- transport system: table 5.11, figure 5.18 ----
 
 def match_of(summary, variable):
-    return summary["match"][variable]["mse"], summary["match"][variable]["max"]
+    found = summary["match"][variable]["mse"], summary["match"][variable]["max"]
+    if None in found:
+        raise Trouble(f"{variable}: too few samples in the recording to compare anything")
+    return found
 
 
 def table_5_11(laboratory):
