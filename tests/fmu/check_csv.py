@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Holds the CSV FMU against FMPy: files, FIFOs, rollback, and what is wrong with a file.
 
-Usage: check_csv.py FMU     exit 1 and a line for each test that failed
+Usage: check_csv.py FMU [--write-reference]     exit 1 and a line for each test that failed
 """
 
 import faulthandler
@@ -100,6 +100,20 @@ def bits(values):
 
 def test_description(bench):
     equal(fmpy.validation.validate_fmu(bench.fmu.path), [])
+
+
+def test_reference(bench):
+    """fmus/csv/input.csv as it comes out every 10 ms: fmus/csv/reference.csv."""
+    folder = Path(__file__).resolve().parents[2] / "fmus" / "csv"
+    columns = ("force", "switch", "temperature", "force")
+    slave = bench.start(file=folder / "input.csv", **{f"column{i + 1}": name for i, name in enumerate(columns)})
+    rows = [[0.0, *bench.y(slave, 4)]]
+    rows += [[(i + 1) * STEP_S, *values] for i, values in enumerate(bench.run(slave, 100, 0, 4))]
+    lines = ["time,y1,y2,y3,y4", *(",".join(map(repr, [round(time, 9), *values])) for time, *values in rows)]
+    text = "\n".join(lines) + "\n"
+    if "--write-reference" in sys.argv:
+        (folder / "reference.csv").write_text(text, encoding="utf-8")
+    equal(text, (folder / "reference.csv").read_text(encoding="utf-8"))
 
 
 def test_held_until_the_next_row(bench):
@@ -450,7 +464,7 @@ def run_one(fmu, name, test):
 
 def main():
     faulthandler.enable()
-    if len(sys.argv) != 2:
+    if len(sys.argv) not in (2, 3) or sys.argv[2:] not in ([], ["--write-reference"]):
         sys.exit(__doc__)
     tests = [(name, value) for name, value in globals().items() if name.startswith("test_")]
     with tempfile.TemporaryDirectory() as folder:
