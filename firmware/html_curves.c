@@ -3,6 +3,7 @@
 
 #include "firmware/html_parts.h"
 #include "firmware/html_text.h"
+#include "firmware/show_text.h"
 
 /* One value per bucket while nothing is thinned, else two. */
 static void put_channel(const tl_html_report *report, const char *key, size_t channel, FILE *file) {
@@ -45,7 +46,7 @@ static void put_signal(const tl_recorder_signal *signal, FILE *file) {
     (void)fputs("\n{\"name\":", file);
     tl_html_put_string(file, signal->name);
     (void)fputs(",\"unit\":", file);
-    tl_html_put_string(file, signal->unit);
+    tl_html_put_string(file, tl_show_unit(signal->unit));
     (void)fputs(",\"type\":", file);
     tl_html_put_string(file, tl_type_name(signal->type));
 }

@@ -157,12 +157,12 @@ static void put_deviation_tile(const tl_html_report *report, const tl_html_figur
     begin_tile(file, "Largest deviation");
     put_value(file, "tile", i, "max", figures->match[i].pairs > 0 ? figures->match[i].maximum : (double)NAN, false);
     (void)fputs(" <small>", file);
-    tl_html_put_text(file, settings->match[i].unit);
+    tl_html_put_text(file, tl_show_unit(settings->match[i].unit));
     (void)fputs("</small></p><p class=\"sub\">", file);
     tl_html_put_text(file, settings->match[i].name);
     if (settings->tolerance[i] > 0.0) {
         (void)fprintf(file, ", tolerance %.4g ", settings->tolerance[i]);
-        tl_html_put_text(file, settings->match[i].unit);
+        tl_html_put_text(file, tl_show_unit(settings->match[i].unit));
     }
     end_tile(file);
 }
@@ -252,11 +252,11 @@ static void put_matches(const tl_html_report *report, const tl_html_figures *fig
         put_name_cell(file, signal->name);
         put_name_cell(file, signal->to);
         put_value_cell(file, "match", i, "mse", metrics->pairs > 1 ? tl_metrics_mse(metrics) : (double)NAN, false);
-        put_square(file, signal->unit);
+        put_square(file, tl_show_unit(signal->unit));
         put_value_cell(file, "match", i, "max", metrics->pairs > 0 ? metrics->maximum : (double)NAN, false);
         put_value_cell(file, "match", i, "tolerance",
                        settings->tolerance[i] > 0.0 ? settings->tolerance[i] : (double)NAN, false);
-        put_unit_cell(file, signal->unit);
+        put_unit_cell(file, tl_show_unit(signal->unit));
         put_count_cell(file, "match", i, "pairs", metrics->pairs);
         put_count_cell(file, "match", i, "left_out", metrics->left_out);
         (void)fputs("</tr>\n", file);
@@ -278,7 +278,7 @@ static void put_adjusted(const tl_html_report *report, const tl_html_figures *fi
         put_value_cell(file, "adjust", i, "last", figures->adjust[i].last, false);
         put_value_cell(file, "adjust", i, "mean", figures->adjust[i].mean, false);
         put_value_cell(file, "adjust", i, "delta_mean", figures->adjust[i].delta_mean, true);
-        put_unit_cell(file, report->settings.adjust[i].unit);
+        put_unit_cell(file, tl_show_unit(report->settings.adjust[i].unit));
         (void)fputs("</tr>\n", file);
     }
     end_table(file);

@@ -244,3 +244,7 @@ tl_status tl_show_table_end(tl_show_table *table, FILE *file, tl_error *error) {
     memset(table, 0, sizeof *table);
     return failed ? tl_fail(error, TL_TRY_AGAIN, "out of memory") : TL_OK;
 }
+
+const char *tl_show_unit(const char *unit) {
+    return strcmp(unit, "1") == 0 ? "" : unit;
+}

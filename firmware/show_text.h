@@ -62,4 +62,7 @@ void tl_show_table_add(tl_show_table *table, const char *format, ...) TL_PRINTF(
 /* Prints with two blanks before each row and between columns, and frees. The first row is a header. */
 tl_status tl_show_table_end(tl_show_table *table, FILE *file, tl_error *error);
 
+/* A unit as people read it: nothing where it is "1". */
+const char *tl_show_unit(const char *unit);
+
 #endif

@@ -8,6 +8,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "firmware/show_text.h"
+
 /* Rows of the run: each is one committed step of the twin. */
 static uint64_t committed(const tl_summary *summary) {
     return summary->steps + summary->outcomes[TL_MADE_UP];
@@ -267,7 +269,7 @@ static const char *space_before(const char *unit) {
 static void print_matches(const tl_config *config, const tl_twin *twin, FILE *file) {
     for (size_t i = 0; i < config->match_count; i++) {
         const tl_metrics *metrics = tl_twin_metrics(twin, i);
-        const char *unit = tl_twin_match_unit(twin, i);
+        const char *unit = tl_show_unit(tl_twin_match_unit(twin, i));
         if (metrics->pairs < 2) {
             (void)fprintf(file, "  %-12s fewer than two good measurements: nothing to compare\n",
                           config->match[i].variable);
@@ -323,7 +325,7 @@ static void print_adjusted(const tl_summary *summary, const tl_config *config, c
     for (size_t i = 0; i < config->adjust_count; i++) {
         const tl_summary_adjust *adjust = &summary->adjust[i];
         const char *name = config->adjust[i].variable;
-        const char *unit = tl_twin_adjust_unit(twin, i);
+        const char *unit = tl_show_unit(tl_twin_adjust_unit(twin, i));
         uint64_t steps = committed(summary);
         if (!tl_twin_get_adjusted(twin, i).is_real) {
             print_boolean(adjust, name, steps, file);
