@@ -5,9 +5,9 @@ import csv
 import math
 import signal
 
-from live_test import Program, check_replay, check_summary, end_well, number, wait_for_lock, wait_until
+from live_test import Program, check_replay, check_summary, end_well, number, wait_for_steps, wait_until
 from python_fmu import LIBRARY, export
-from twinlock_test import at_most, expect, main, merge, scratch, write_config
+from twinlock_test import expect, main, merge, scratch, write_config
 
 GAIN = 1.3  # of the true plant, whose twin has 1
 TICKS = 6000
@@ -47,6 +47,11 @@ def twin(fifo):
                                   "match": {"process.y": {"to": "plant.y", "tolerance": 0.005}}}})
 
 
+def found_it(database):
+    """Steps with about the true gain. (Where there is no time for a search, as on a busy machine, it is nominal.)"""
+    return number(database, "SELECT count(*) FROM adjustments WHERE run = 1 AND abs(u - ?) < 0.2", GAIN)
+
+
 def test_it_is_locked_in_real_time():
     fifo = scratch() / "fifo"
     config = twin(fifo)
@@ -54,14 +59,13 @@ def test_it_is_locked_in_real_time():
     with Program("plant", true_plant(), "--fifo", fifo) as plant:
         wait_until(fifo.exists, "the FIFO", plant.log)
         with Program("run", config, "--json") as live:
-            wait_for_lock(live, database, after=100)
+            wait_for_steps(live, database, 1)
+            wait_until(lambda: found_it(database) >= 20, "the true gain", live.log)
             told, log = end_well(live, signal.SIGINT)
         code, _, plant_log = plant.end(signal.SIGTERM)
     expect(code == 0, f"the plant ended with {code}\n{plant_log}")
     rows = check_summary(told, database, components=2)
-    gain = number(database, "SELECT u FROM adjustments WHERE run = 1 ORDER BY step DESC LIMIT 1")
-    print(f"    {rows} steps, {told['skipped']} skipped, the gain found is {gain:.4g}")
-    at_most(abs(gain - GAIN), 0.3, "distance from the true gain")
+    print(f"    {rows} steps, {told['skipped']} skipped, {found_it(database)} with about the true gain")
     check_replay(config, database, rows)
     expect("error" not in log, log)
 
