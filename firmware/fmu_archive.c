@@ -43,9 +43,10 @@ static int remove_entry(const char *path, const struct stat *status, int type, s
     return 0; /* what remains is found when the folder itself cannot be removed */
 }
 
-/* Without following links, and not into what is mounted there. */
+/* Without following links. Not with FTW_MOUNT: on an overlay, as a box may have it for its root, files and folders can be of
+ * different devices. */
 static void remove_tree(const char *folder) {
-    (void)nftw(folder, remove_entry, 16, FTW_DEPTH | FTW_PHYS | FTW_MOUNT);
+    (void)nftw(folder, remove_entry, 16, FTW_DEPTH | FTW_PHYS);
     struct stat status;
     if (lstat(folder, &status) == 0) {
         tl_log(TL_LOG_WARNING, "%s cannot be removed completely; remove it by hand", folder);
