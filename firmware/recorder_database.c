@@ -11,6 +11,7 @@
 #include <sys/stat.h>
 
 #include "firmware/database.h"
+#include "firmware/json_text.h"
 #include "firmware/measurements.h"
 #include "firmware/recorder_lock.h"
 #include "firmware/recorder_retention.h"
@@ -226,30 +227,16 @@ int tl_recorder_database_entry(tl_recorder_database *database, const tl_recorder
     return SQLITE_INTERNAL;
 }
 
-/* The length of a UTF-8 character at `text`, 0 where there is none (RFC 3629, section 4, overlong forms included). */
-static size_t character(const unsigned char *text) {
-    size_t length = text[0] < 0x80 ? 1 : text[0] < 0xC2 ? 0 : text[0] < 0xE0 ? 2 : text[0] < 0xF0 ? 3 : 4;
-    if (text[0] > 0xF4 || (text[0] == 0xE0 && text[1] < 0xA0) || (text[0] == 0xED && text[1] > 0x9F) ||
-        (text[0] == 0xF0 && text[1] < 0x90) || (text[0] == 0xF4 && text[1] > 0x8F)) {
-        return 0;
-    }
-    for (size_t i = 1; i < length; i++) {
-        if ((text[i] & 0xC0) != 0x80) {
-            return 0;
-        }
-    }
-    return length;
-}
-
 /* Texts come from anywhere, and were cut: what is no character becomes "?". */
 static void repair(char *text) {
-    while (*text != '\0') {
-        size_t length = character((const unsigned char *)text);
+    for (size_t left = strlen(text); left > 0;) {
+        size_t length = tl_utf8_length(text, left);
         if (length == 0) {
             *text = '?';
             length = 1;
         }
         text += length;
+        left -= length;
     }
 }
 

@@ -254,24 +254,40 @@ static void settle(tl_event_horizon *self, tl_record *record) {
     record->objective_nominal = nominal != NULL && isfinite(nominal->value) ? nominal->value : (double)NAN;
 }
 
+/* The best trial, if it is worth it. Else what was in force when the stroke began, if it is as good as nominal; else nominal,
+ * which has been tried then. */
+static const tl_event_trial *choose(const tl_event_horizon *self, const tl_event_trial *best) {
+    const tl_event_trial *nominal = tl_event_search_find(&self->search, nominal_of(self));
+    const tl_event_trial *in_force = tl_event_search_find(&self->search, self->before);
+    if (is_worth(self, best) || nominal == NULL) {
+        return best;
+    }
+    bool stays = in_force != NULL && isfinite(in_force->value) && in_force->value <= nominal->value;
+    return stays ? in_force : nominal;
+}
+
+static tl_stop why_ended(const tl_event_horizon *self, const tl_event_trial *best) {
+    if (best->value < TL_OBJECTIVE_TOLERANCE) {
+        return TL_STOP_TOLERANCE;
+    }
+    return tl_event_search_is_full(&self->search) ? TL_STOP_EVALUATIONS : TL_STOP_SOLVER;
+}
+
+static tl_outcome outcome_of(const tl_event_horizon *self, const tl_event_trial *best, const tl_event_trial *winner) {
+    if (best->value < TL_OBJECTIVE_TOLERANCE) {
+        return best == &self->search.trials[0] ? TL_FIRST_GUESS : TL_OPTIMISED;
+    }
+    return winner == tl_event_search_find(&self->search, nominal_of(self)) ? TL_NOMINAL : TL_BEST_SO_FAR;
+}
+
 /* Which trial wins, and how it becomes the twin. */
 static tl_status conclude(tl_event_horizon *self, tl_record *record, tl_error *error) {
     const tl_event_trial *best = tl_event_search_best(&self->search);
-    const tl_event_trial *nominal = tl_event_search_find(&self->search, nominal_of(self));
-    bool worth = is_worth(self, best);
-    bool within = best->value < TL_OBJECTIVE_TOLERANCE;
-    const tl_event_trial *in_force = tl_event_search_find(&self->search, self->before);
-    bool stays = nominal != NULL && in_force != NULL && isfinite(in_force->value) && in_force->value <= nominal->value;
-    const tl_event_trial *winner = worth || nominal == NULL ? best : stays ? in_force : nominal;
-    self->stop = within                                   ? TL_STOP_TOLERANCE
-                 : tl_event_search_is_full(&self->search) ? TL_STOP_EVALUATIONS
-                                                          : TL_STOP_SOLVER;
+    const tl_event_trial *winner = choose(self, best);
+    self->stop = why_ended(self, best);
+    self->outcome = outcome_of(self, best, winner);
     self->winner = winner->u;
     self->value = winner->value;
-    self->outcome = winner == nominal && !within      ? TL_NOMINAL
-                    : !within                         ? TL_BEST_SO_FAR
-                    : best == &self->search.trials[0] ? TL_FIRST_GUESS
-                                                      : TL_OPTIMISED;
     record->flags |= tl_event_search_met_plateau(&self->search) ? TL_FLAG_PLATEAU : 0U;
     if (is_live(self, self->winner)) {
         settle(self, record);
