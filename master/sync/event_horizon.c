@@ -156,7 +156,7 @@ static void abandon(tl_event_horizon *self, tl_record *record) {
 static void begin_search(tl_event_horizon *self, tl_record *record) {
     tl_event_search_begin(&self->search);
     self->phase = SEARCHING;
-    if (!tl_stroke_is_measured(&self->stroke)) {
+    if (!tl_stroke_begin_search(&self->stroke)) {
         abandon(self, record);
     }
 }
@@ -294,7 +294,7 @@ static tl_status conclude(tl_event_horizon *self, tl_record *record, tl_error *e
         return TL_OK;
     }
     self->phase = FOLLOWING;
-    return tl_stroke_follow(&self->stroke, self->winner, winner == best && isfinite(best->value), error);
+    return tl_stroke_follow(&self->stroke, self->winner, error);
 }
 
 /* No candidate is at hand: the next one, or the end of the search. The last place is kept for nominal. Where a search is made

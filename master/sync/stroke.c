@@ -1,6 +1,8 @@
 /* One stroke, run again: see stroke.h. */
 #include "master/sync/stroke.h"
 
+#include <math.h>
+
 enum { STATES = 5 };
 
 bool tl_stroke_init(tl_stroke *stroke, tl_arena *arena, size_t samples) {
@@ -74,8 +76,9 @@ static bool plant_is_there(const tl_stroke *stroke, int64_t tick, bool *measured
     return is_there(stroke, sample->values[stroke->event.signal]);
 }
 
-bool tl_stroke_is_measured(const tl_stroke *stroke) {
+bool tl_stroke_begin_search(tl_stroke *stroke) {
     bool measured = false;
+    stroke->best_u = (double)NAN;
     for (int64_t tick = stroke->first; tick <= stroke->last && !measured; tick++) {
         (void)plant_is_there(stroke, tick, &measured);
     }
@@ -152,7 +155,8 @@ tl_status tl_stroke_try_live(tl_stroke *stroke, double u, tl_error *error) {
     return status;
 }
 
-tl_status tl_stroke_follow(tl_stroke *stroke, double u, bool kept, tl_error *error) {
+tl_status tl_stroke_follow(tl_stroke *stroke, double u, tl_error *error) {
+    bool kept = stroke->best_u <= u && stroke->best_u >= u;
     tl_status status = load(stroke, kept ? stroke->best : stroke->start, error);
     begin_candidate(stroke, u, kept ? stroke->best_at : stroke->begin);
     stroke->unkept = true;
@@ -197,6 +201,7 @@ void tl_stroke_keep(tl_stroke *stroke) {
     stroke->mark = stroke->best;
     stroke->best = mark;
     stroke->best_at = stroke->mark_at;
+    stroke->best_u = stroke->u;
 }
 
 void tl_stroke_drop(tl_stroke *stroke) {

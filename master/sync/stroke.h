@@ -47,6 +47,7 @@ typedef struct tl_stroke {
     tl_snapshot *best;
     int64_t mark_at;
     int64_t best_at;
+    double best_u;    /* NaN: none is kept of this stroke */
     bool away;        /* the FMUs are not those of the live twin; `live` is */
     bool walking;     /* there is a candidate */
     bool loaded;      /* and the FMUs are at it */
@@ -72,15 +73,15 @@ void tl_stroke_note(tl_stroke *stroke, int64_t tick);
 /* The live twin is at the start of a stroke. */
 tl_status tl_stroke_begin(tl_stroke *stroke, int64_t tick, tl_error *error);
 
-/* Any good sample of the end signal in the window? */
-bool tl_stroke_is_measured(const tl_stroke *stroke);
+/* A search begins: nothing is kept. False: there is no good sample of the end signal in the window. */
+bool tl_stroke_begin_search(tl_stroke *stroke);
 
 /* A candidate: from the start of the stroke; or the live twin, whose u is that of the whole stroke. */
 tl_status tl_stroke_try(tl_stroke *stroke, double u, tl_error *error);
 tl_status tl_stroke_try_live(tl_stroke *stroke, double u, tl_error *error);
 
-/* The winner, to be led on to the present: from where it was kept, or from the start of the stroke. */
-tl_status tl_stroke_follow(tl_stroke *stroke, double u, bool kept, tl_error *error);
+/* The winner, to be led on to the present: from where it was kept, if it was, or from the start of the stroke. */
+tl_status tl_stroke_follow(tl_stroke *stroke, double u, tl_error *error);
 
 /* To where the candidate was left, where it was. One macro step of it. Then, for this cycle: the FMUs are those of the live
  * twin again. */

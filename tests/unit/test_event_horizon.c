@@ -446,6 +446,36 @@ static void a_live_step_that_fails_falls_back_to_nominal(void) {
     }
 }
 
+/* The live twin is the best candidate, and then it fails: what it was is gone, and is made again from the stroke's start. */
+static void a_winner_that_is_gone_is_made_again(void) {
+    static double wanted[TICKS];
+    for (int fails = 0; fails < 2; fails++) {
+        tearDown();
+        setUp();
+        tl_test_plan_match(&plan, "axis.y0", "plant.cmd", 1.0)->weight = 0.0;
+        plan.plan.evaluations = 2;
+        plan.adjust[0].step = 2.0 - NOMINAL; /* the second trial is right */
+        make_plant(10, 2.0);
+        int64_t event = rise(there, 2) - 3; /* of the second stroke, where it is a little wrong */
+        there[event] = there[event + 1] = there[event + 2] = true;
+        build();
+        run_to(event + WINDOW / 2 - 1);
+        use_clock(STEP / 1000, 8 * (STEP / 1000));
+        run_to(event + WINDOW / 2);
+        TEST_ASSERT_EQUAL_INT(TL_SEARCHING, records[event + WINDOW / 2].outcome);
+        if (fails != 0) {
+            uint64_t next = fmu.calls[TL_TEST_DO_STEP] + 1;
+            tl_test_fmu_fail(&fmu, TL_TEST_DO_STEP, TL_TEST_DISCARD, next, next);
+        }
+        run_to(TICKS - 1);
+        for (int64_t tick = 980; tick < 1010; tick++) {
+            wanted[tick] = fails == 0 ? records[tick].y[1] : wanted[tick];
+            TEST_ASSERT_TRUE(records[tick].u[0] == 2.0);
+            TEST_ASSERT_TRUE(records[tick].y[1] == wanted[tick]);
+        }
+    }
+}
+
 static void fatal_is_the_end(void) {
     make_plant(10, 2.0);
     plan.adjust[0].step = 3.0;
@@ -629,6 +659,7 @@ int main(void) {
     RUN_TEST(a_candidate_that_fails_is_the_worst);
     RUN_TEST(a_live_step_that_fails_falls_back_to_nominal);
     RUN_TEST(a_false_sample_does_not_lose_what_was_found);
+    RUN_TEST(a_winner_that_is_gone_is_made_again);
     RUN_TEST(fatal_is_the_end);
     RUN_TEST(a_missed_tick_is_made_up_and_its_edges_are_seen);
     RUN_TEST(a_search_may_begin_late);
