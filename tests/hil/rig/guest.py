@@ -1,0 +1,219 @@
+"""Boots the rig's guest and runs one command in it. script/rig is its command line; tests import it.
+
+The guest sees the host's whole file system read-only under a tmpfs, so every program and library of the host is there
+under its own path; only the build folder is written through. tests/hil/rig/init is what happens inside.
+"""
+import json
+import os
+import shlex
+import shutil
+import socket
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import initramfs
+
+SOURCE = Path(__file__).resolve().parents[3]
+RIG = SOURCE / ".deps" / "rig"
+CONSOLE_LINES = 25  # how much of the console is shown when something goes wrong
+
+# Exit codes beside the command's own, those of timeout(1).
+TIMED_OUT, NO_END = 124, 125
+
+
+@dataclass
+class Machine:
+    """What differs between the kernels."""
+    emulator: str
+    options: list
+    console: str
+
+
+MACHINES = {
+    # Two kvaser_pci on one bus are can0 and can1, with a bit rate and bus-off. The serial lines ttyS1 and ttyS2 are
+    # joined to each other.
+    "amd64": Machine(
+        "qemu-system-x86_64",
+        ["-machine", "q35,graphics=off", "-cpu", "max",
+         "-object", "can-bus,id=bus", "-device", "kvaser_pci,canbus=bus", "-device", "kvaser_pci,canbus=bus",
+         "-device", "i6300esb"],
+        "ttyS0"),
+}
+
+
+@dataclass
+class Outcome:
+    """How a run ended. `exit_code` is the command's, None where the guest did not come to its end."""
+    exit_code: int | None = None
+    timed_out: bool = False
+    console: str = ""
+    events: list = field(default_factory=list)
+    seconds: float = 0.0
+
+    def reset_by(self):
+        """The watchdog that reset the guest, or None."""
+        if any(event["event"] == "WATCHDOG" for event in self.events):
+            return "i6300esb"
+        return "softdog" if "softdog: Initiating system reboot" in self.console else None
+
+    def reason(self):
+        """Why there is no exit code."""
+        if self.timed_out:
+            return f"the guest did not end within {self.seconds:.0f} s"
+        if "Kernel panic" in self.console:
+            return "the guest's kernel panicked"
+        if self.reset_by():
+            return f"the watchdog {self.reset_by()} reset the guest"
+        return "the guest ended without an exit code"
+
+
+class Events(threading.Thread):
+    """Collects what QEMU tells through QMP."""
+
+    def __init__(self, path):
+        super().__init__(daemon=True)
+        self.path, self.found = path, []
+
+    def run(self):
+        with socket.socket(socket.AF_UNIX) as qmp:
+            qmp.connect(str(self.path))
+            qmp.sendall(b'{"execute": "qmp_capabilities"}\n')
+            with qmp.makefile(encoding="utf-8") as lines:
+                for line in lines:
+                    message = json.loads(line)
+                    if "event" in message:
+                        self.found.append(message)
+
+
+class Pump(threading.Thread):
+    """Hands what the guest writes to `target`, a binary file, as it comes."""
+
+    def __init__(self, target):
+        super().__init__(daemon=True)
+        self.source, self.sink = os.pipe()
+        self.target = target
+
+    def run(self):
+        with open(self.source, "rb", buffering=0) as source:
+            while block := source.read(65536):
+                self.target.write(block)
+                self.target.flush()
+
+
+class Guest:
+    """A guest that is booted anew for every run()."""
+
+    def __init__(self, kernel="amd64", source=SOURCE, build=None, root="/", timeout=120):
+        self.machine = MACHINES[kernel]
+        self.folder = RIG / kernel
+        self.source = Path(source).resolve()
+        self.build = Path(build or self.source / "build" / "host").resolve()
+        self.root = root
+        self.timeout = timeout
+
+    def script(self, command):
+        """What the guest runs: the command in the environment that CTest gives a test."""
+        environment = {
+            "PATH": "/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin:/run/busybox",
+            "HOME": "/root", "LANG": "C.UTF-8", "PYTHONDONTWRITEBYTECODE": "1",
+            "PYTHONPATH": self.source / "tests" / "support", "TL_SOURCE": self.source, "TL_BUILD": self.build,
+            "TWINLOCK": self.build / "bin" / "twinlock", "TL_RIG": self.source / "tests" / "hil" / "rig.json"}
+        lines = [f"export {name}={shlex.quote(str(value))}" for name, value in environment.items()]
+        lines += [f"cd {shlex.quote(str(self.source))} || exit 127", "exec " + shlex.join(map(str, command))]
+        return "\n".join(lines) + "\n"
+
+    def arguments(self, work, out, err):
+        shares = []
+        for tag, path, more in (("root", self.root, ",readonly=on"), ("tools", self.folder / "tools", ",readonly=on"),
+                                ("build", self.build, ""), ("control", work / "control", "")):
+            options = f"local,id={tag},path={path},security_model=none,multidevs=remap{more}"
+            shares += ["-fsdev", options, "-device", f"virtio-9p-pci,fsdev={tag},mount_tag={tag}"]
+        ports = ["-device", "virtio-serial-pci"]
+        for number, (name, pipe) in enumerate((("stdout", out), ("stderr", err)), 1):
+            ports += ["-add-fd", f"fd={pipe},set={number}",
+                      "-chardev", f"file,id={name},path=/dev/fdset/{number},append=on",
+                      "-device", f"virtserialport,chardev={name},name={name}"]
+        line = work / "line"
+        return [
+            self.machine.emulator, "-L", RIG / "host/usr/share/qemu", "-L", RIG / "host/usr/share/seabios",
+            "-no-user-config", "-nodefaults", "-display", "none", "-no-reboot", *self.machine.options,
+            "-accel", "tcg,thread=multi", "-smp", "2", "-m", "1024",
+            "-kernel", self.folder / "kernel", "-initrd", work / "initramfs",
+            "-append", f"console={self.machine.console} panic=-1 rdinit=/init " + os.environ.get("RIGAPPEND", ""),
+            "-chardev", f"file,id=console,path={work / 'console'}", "-serial", "chardev:console",
+            "-chardev", f"socket,id=here,path={line},server=on,wait=off", "-serial", "chardev:here",
+            "-chardev", f"socket,id=there,path={line}", "-serial", "chardev:there",
+            "-qmp", f"unix:{work / 'qmp'},server=on,wait=off", *shares, *ports]
+
+    def make_initramfs(self, path):
+        files = [("init", 0o755, Path(__file__).with_name("init").read_bytes()),
+                 ("bin/busybox", 0o755, (self.folder / "busybox").read_bytes())]
+        files += [(f"modules/{file.name}", 0o644, file.read_bytes()) for file in sorted((self.folder / "modules").iterdir())]
+        path.write_bytes(initramfs.archive(["bin", "modules"], files))
+
+    def run(self, command, stdout=None, stderr=None):
+        """Boots, runs the command, and gives its Outcome. Its output goes to two binary files, or to ours."""
+        work = Path(tempfile.mkdtemp(prefix="twinlock-rig-"))
+        try:
+            (work / "control").mkdir()
+            (work / "control/folders").write_text(f"{self.build}\n", encoding="utf-8")
+            (work / "control/run").write_text(self.script(command), encoding="utf-8")
+            self.make_initramfs(work / "initramfs")
+            return self.boot(work, stdout or sys.stdout.buffer, stderr or sys.stderr.buffer)
+        finally:
+            shutil.rmtree(work)
+
+    def boot(self, work, stdout, stderr):
+        outcome, begun = Outcome(), time.monotonic()
+        pumps = [Pump(stdout), Pump(stderr)]
+        libraries = ":".join(str(path) for path in sorted(RIG.glob("host/**/*-linux-gnu")))
+        environment = {**os.environ, "PATH": f"{os.environ['PATH']}:{RIG / 'host/usr/bin'}",
+                       "LD_LIBRARY_PATH": libraries}
+        sinks = [pump.sink for pump in pumps]
+        with open(work / "emulator", "wb") as log, subprocess.Popen(
+                [str(word) for word in self.arguments(work, *sinks)], env=environment, pass_fds=sinks,
+                stdin=subprocess.DEVNULL, stdout=log, stderr=log) as emulator:
+            for pump in pumps:
+                os.close(pump.sink)
+                pump.start()
+            events = watch(emulator, work / "qmp")
+            try:
+                emulator.wait(self.timeout)
+            except subprocess.TimeoutExpired:
+                outcome.timed_out = True
+            finally:
+                emulator.kill()
+        for thread in (*pumps, events):
+            if thread is not None:
+                thread.join()
+        outcome.seconds = time.monotonic() - begun
+        outcome.console = read(work / "emulator") + read(work / "console")
+        outcome.events = events.found if events else []
+        outcome.exit_code = int(read(work / "control/exit") or -1) if (work / "control/exit").exists() else None
+        return outcome
+
+
+def watch(emulator, path):
+    """Follows QEMU's events, as soon as it listens. None where it ends before that."""
+    while emulator.poll() is None and not path.exists():
+        time.sleep(0.01)
+    if not path.exists():
+        return None
+    events = Events(path)
+    events.start()
+    return events
+
+
+def read(path):
+    return path.read_text(encoding="utf-8", errors="replace") if path.exists() else ""
+
+
+def report(outcome):
+    lines = outcome.console.replace("\r", "").splitlines()[-CONSOLE_LINES:]
+    print(f"rig: error: {outcome.reason()}; the end of its console:", file=sys.stderr)
+    print("\n".join(f"  | {line}" for line in lines), file=sys.stderr)
