@@ -20,6 +20,7 @@ import initramfs
 
 SOURCE = Path(__file__).resolve().parents[3]
 RIG = SOURCE / ".deps" / "rig"
+DESCRIPTION = SOURCE / "tests" / "hil" / "rig.json"
 CONSOLE_LINES = 25  # how much of the console is shown when something goes wrong
 
 # Exit codes beside the command's own, those of timeout(1).
@@ -122,7 +123,7 @@ class Guest:
             "PATH": "/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin:/run/busybox",
             "HOME": "/root", "LANG": "C.UTF-8", "PYTHONDONTWRITEBYTECODE": "1",
             "PYTHONPATH": self.source / "tests" / "support", "TL_SOURCE": self.source, "TL_BUILD": self.build,
-            "TWINLOCK": self.build / "bin" / "twinlock", "TL_RIG": self.source / "tests" / "hil" / "rig.json"}
+            "TWINLOCK": self.build / "bin" / "twinlock", "TL_RIG": DESCRIPTION}
         lines = [f"export {name}={shlex.quote(str(value))}" for name, value in environment.items()]
         lines += [f"cd {shlex.quote(str(self.source))} || exit 127", "exec " + shlex.join(map(str, command))]
         return "\n".join(lines) + "\n"
@@ -142,9 +143,9 @@ class Guest:
         return [
             self.machine.emulator, "-L", RIG / "host/usr/share/qemu", "-L", RIG / "host/usr/share/seabios",
             "-no-user-config", "-nodefaults", "-display", "none", "-no-reboot", *self.machine.options,
-            "-accel", "tcg,thread=multi", "-smp", "2", "-m", "1024",
+            "-accel", "tcg,thread=multi", "-smp", "1", "-m", "1024",
             "-kernel", self.folder / "kernel", "-initrd", work / "initramfs",
-            "-append", f"console={self.machine.console} panic=-1 rdinit=/init " + os.environ.get("RIGAPPEND", ""),
+            "-append", f"console={self.machine.console} quiet panic=-1 rdinit=/init",
             "-chardev", f"file,id=console,path={work / 'console'}", "-serial", "chardev:console",
             "-chardev", f"socket,id=here,path={line},server=on,wait=off", "-serial", "chardev:here",
             "-chardev", f"socket,id=there,path={line}", "-serial", "chardev:there",
@@ -162,6 +163,9 @@ class Guest:
         try:
             (work / "control").mkdir()
             (work / "control/folders").write_text(f"{self.build}\n", encoding="utf-8")
+            chip = json.loads(DESCRIPTION.read_text(encoding="utf-8"))["gpio"]
+            names = [chip["chip"], *chip["lines"]]
+            (work / "control/gpio").write_text("".join(f"{name}\n" for name in names), encoding="utf-8")
             (work / "control/run").write_text(self.script(command), encoding="utf-8")
             self.make_initramfs(work / "initramfs")
             return self.boot(work, stdout or sys.stdout.buffer, stderr or sys.stderr.buffer)
