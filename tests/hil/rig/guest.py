@@ -1,10 +1,12 @@
 """Boots the rig's guest and runs one command in it. script/rig is its command line; tests import it.
 
 The guest sees the host's whole file system read-only under a tmpfs, so every program and library of the host is there
-under its own path; only the build folder is written through. tests/hil/rig/init is what happens inside.
+under its own path; only the folder rig in the build folder is written through. tests/hil/rig/init is what happens inside.
 """
+import contextlib
 import json
 import os
+import re
 import shlex
 import shutil
 import socket
@@ -66,8 +68,8 @@ class Outcome:
         """Why there is no exit code."""
         if self.timed_out:
             return f"the guest did not end within {self.seconds:.0f} s"
-        if "Kernel panic" in self.console:
-            return "the guest's kernel panicked"
+        if panic := re.search(r"Kernel panic - (.*)", self.console):
+            return f"the guest's kernel panicked ({panic[1].strip()})"
         if self.reset_by():
             return f"the watchdog {self.reset_by()} reset the guest"
         return "the guest ended without an exit code"
@@ -100,7 +102,7 @@ class Pump(threading.Thread):
         self.target = target
 
     def run(self):
-        with open(self.source, "rb", buffering=0) as source:
+        with open(self.source, "rb", buffering=0) as source, contextlib.suppress(BrokenPipeError):
             while block := source.read(65536):
                 self.target.write(block)
                 self.target.flush()
@@ -114,6 +116,7 @@ class Guest:
         self.folder = RIG / kernel
         self.source = Path(source).resolve()
         self.build = Path(build or self.source / "build" / "host").resolve()
+        self.results = self.build / "rig"
         self.root = root
         self.timeout = timeout
 
@@ -131,7 +134,7 @@ class Guest:
     def arguments(self, work, out, err):
         shares = []
         for tag, path, more in (("root", self.root, ",readonly=on"), ("tools", self.folder / "tools", ",readonly=on"),
-                                ("build", self.build, ""), ("control", work / "control", "")):
+                                ("results", self.results, ""), ("control", work / "control", "")):
             options = f"local,id={tag},path={path},security_model=none,multidevs=remap{more}"
             shares += ["-fsdev", options, "-device", f"virtio-9p-pci,fsdev={tag},mount_tag={tag}"]
         ports = ["-device", "virtio-serial-pci"]
@@ -141,7 +144,7 @@ class Guest:
                       "-device", f"virtserialport,chardev={name},name={name}"]
         line = work / "line"
         return [
-            self.machine.emulator, "-L", RIG / "host/usr/share/qemu", "-L", RIG / "host/usr/share/seabios",
+            "setpriv", "--pdeathsig", "KILL", self.machine.emulator, "-L", RIG / "host/usr/share/qemu", "-L", RIG / "host/usr/share/seabios",
             "-no-user-config", "-nodefaults", "-display", "none", "-no-reboot", *self.machine.options,
             "-accel", "tcg,thread=multi", "-smp", "1", "-m", "1024",
             "-kernel", self.folder / "kernel", "-initrd", work / "initramfs",
@@ -162,7 +165,8 @@ class Guest:
         work = Path(tempfile.mkdtemp(prefix="twinlock-rig-"))
         try:
             (work / "control").mkdir()
-            (work / "control/folders").write_text(f"{self.build}\n", encoding="utf-8")
+            self.results.mkdir(exist_ok=True)
+            (work / "control/results").write_text(f"{self.results}\n", encoding="utf-8")
             chip = json.loads(DESCRIPTION.read_text(encoding="utf-8"))["gpio"]
             names = [chip["chip"], *chip["lines"]]
             (work / "control/gpio").write_text("".join(f"{name}\n" for name in names), encoding="utf-8")

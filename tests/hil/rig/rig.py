@@ -16,14 +16,24 @@ Runs COMMAND as root in a virtual box: QEMU without hardware virtualisation, wit
   serial    /dev/ttyS1 and /dev/ttyS2, joined to each other
   watchdog  /dev/watchdog (softdog) and /dev/watchdog1 (i6300esb)
 It sees the files of this machine under their own paths, starts in the source folder, and has the environment of
-a CTest test. What it writes is forgotten, but for the build folder. It has no network but loopback, and no standard
-input. The first time, the box is made: some minutes' download; then it boots in seconds.
+a CTest test. What it writes is forgotten, but for the folder rig in the build folder. It has no network but loopback,
+and no standard input. The first time, the box is made: some minutes' download; then it boots in seconds.
   --kernel KERNEL    amd64 (default)
   --source DIR       where the command starts (default: this checkout)
   --build DIR        the build folder (default: build/host in the source folder)
   --timeout SECONDS  for boot and command (default: 120)
 Exit code: the command's; 124 after a timeout; 125 where the box did not come to an orderly end (panic, watchdog).
 """
+
+
+def seconds(text):
+    try:
+        value = float(text)
+    except ValueError:
+        value = 0
+    if not 0 < value < 1e6:
+        raise argparse.ArgumentTypeError(f"{text}: expected seconds, above 0, as 120")
+    return value
 
 
 def parse(arguments):
@@ -35,12 +45,13 @@ def parse(arguments):
     parser.add_argument("--kernel", choices=guest.MACHINES, default="amd64")
     parser.add_argument("--source", type=Path, default=guest.SOURCE)
     parser.add_argument("--build", type=Path)
-    parser.add_argument("--timeout", type=float, default=120)
-    parser.add_argument("command", nargs="+")
+    parser.add_argument("--timeout", type=seconds, default=120)
+    parser.add_argument("command", nargs="+", metavar="COMMAND")
     options = parser.parse_args(arguments)
     options.build = options.build or options.source / "build" / "host"
-    if not options.build.is_dir():
-        sys.exit(f"rig: error: --build {options.build}: no such folder; script/build makes build/host")
+    for name, folder in (("--source", options.source), ("--build", options.build)):
+        if not folder.is_dir():
+            parser.error(f"{name} {folder}: no such folder; script/build makes build/host")
     return options
 
 

@@ -1,0 +1,89 @@
+#!/usr/bin/env python3
+"""The box with its real kernel and drivers, as tests/hil/rig.json describes it: the tests of tests/hil/box run on it,
+its watchdog bites, and script/rig tells how a box came to its end that came to none."""
+import os
+import subprocess
+from pathlib import Path
+
+import box
+import twinlock_test
+from twinlock_test import BUILD, SOURCE, Failure, Skip, expect
+
+BOX_TESTS = "tests/hil/box"
+PREPARE = SOURCE / "tests" / "hil" / "rig" / "prepare"
+LOST = box.description()["reach"]["lost"]
+
+
+def rig(*arguments, timeout=60):
+    done = subprocess.run([SOURCE / "script" / "rig", *arguments], capture_output=True, encoding="utf-8",
+                          timeout=timeout, check=False)
+    return done.returncode, done.stdout, done.stderr
+
+
+def test_prepared():
+    done = subprocess.run([PREPARE], capture_output=True, encoding="utf-8", check=False)
+    if done.returncode != 0:
+        expect(os.environ.get("CI") != "true", f"{done.stderr} (CI=true does not allow to skip it)")
+        raise Skip(done.stderr.strip())
+
+
+def test_on_the_box():
+    """All of tests/hil/box in one boot."""
+    results = BUILD / "rig"
+    results.mkdir(exist_ok=True)
+    figures = twinlock_test.run_well(["replay", twinlock_test.config_path("motor/lock.json"), "--json"])
+    (results / "lock.json").write_text(figures, encoding="utf-8")
+    done = box.run([f"{BOX_TESTS}/run"], timeout=150)
+    print("".join(f"  {line}\n" for line in done.stdout.splitlines()), end="")
+    if done.returncode != 0:
+        raise Failure(f"the tests on the box ended with {done.returncode}\n{done.stderr}")
+
+
+def test_watchdog_bites():
+    done = box.run(["python3", f"{BOX_TESTS}/test_watchdog.py", "bite"], timeout=60)
+    expect("watchdog opened" in done.stdout, f"the watchdog was not opened\n{done.stdout}{done.stderr}")
+    expect(done.returncode == LOST, f"the box must be reset, not end with {done.returncode}\n{done.stderr}")
+    expect("the watchdog softdog reset the guest" in done.stderr, done.stderr)
+
+
+def test_a_panic_is_told():
+    code, out, err = rig("--", "sh", "-c", "echo out; echo err >&2; echo c >/proc/sysrq-trigger")
+    expect((code, out) == (125, "out\n"), f"found {code}, {out!r}\n{err}")
+    expect(err.startswith("err\nrig: error: the guest's kernel panicked (not syncing: sysrq triggered crash)"), err)
+    expect(err.count("\n  | ") > 10, f"the console is not shown\n{err}")
+
+
+def test_a_box_that_hangs_is_ended():
+    code, _, err = rig("--timeout", "2", "--", "sleep", "1000")
+    expect(code == 124, f"found {code}\n{err}")
+    expect("the guest did not end within 2 s" in err, err)
+
+
+def test_wrong_usage():
+    for arguments, code, words in (
+            (["--kernel", "pdp11", "--", "true"], 2, "invalid choice: 'pdp11'"),
+            (["--build", "/nowhere", "--", "true"], 2, "--build /nowhere: no such folder; script/build makes build/host"),
+            (["--timeout", "soon", "--", "true"], 2, "--timeout: soon: expected seconds, above 0, as 120"),
+            (["--timeout", "0", "--", "true"], 2, "--timeout: 0: expected seconds, above 0, as 120"),
+            ([], 2, "COMMAND")):
+        found, _, err = rig(*arguments)
+        expect(found == code and words in err, f"script/rig {' '.join(arguments)}: found {found}, {err}")
+
+
+def test_missing_tools_are_told():
+    """A machine without Debian's package tools: nothing can be made, and the sentence says what is missing."""
+    folder = twinlock_test.scratch()
+    copied = folder / "tests/hil/rig"
+    copied.mkdir(parents=True)
+    for name in ("prepare", "kernel.py"):
+        (copied / name).write_bytes((PREPARE.parent / name).read_bytes())
+    (folder / "bin").mkdir()
+    for name in ("bash", "dirname", "mkdir", "flock", "cat", "sha256sum"):
+        (folder / "bin" / name).symlink_to(Path("/usr/bin") / name)
+    done = subprocess.run(["/bin/bash", copied / "prepare"], env={"PATH": folder / "bin"}, capture_output=True,
+                          encoding="utf-8", check=False)
+    expect(done.returncode == 69, f"found {done.returncode}")
+    expect("rig: error: there is no apt-get" in done.stderr and "what to do: " in done.stderr, done.stderr)
+
+
+twinlock_test.main()
