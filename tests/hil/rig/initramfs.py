@@ -17,4 +17,3 @@ def archive(folders, files):
     entries += [(name, stat.S_IFREG | mode, content) for name, mode, content in files]
     entries.append(("TRAILER!!!", 0, b""))
     return b"".join(entry(*one, number) for number, one in enumerate(entries, 1))
-
