@@ -62,7 +62,7 @@ def test_a_box_that_hangs_is_ended():
 def test_wrong_usage():
     for arguments, code, words in (
             (["--kernel", "pdp11", "--", "true"], 2, "invalid choice: 'pdp11'"),
-            (["--build", "/nowhere", "--", "true"], 2, "--build /nowhere: no such folder; script/build makes build/host"),
+            (["--build", "/nowhere", "--", "true"], 2, "--build /nowhere: no such folder; script/build makes it"),
             (["--timeout", "soon", "--", "true"], 2, "--timeout: soon: expected seconds, above 0, as 120"),
             (["--timeout", "0", "--", "true"], 2, "--timeout: 0: expected seconds, above 0, as 120"),
             ([], 2, "COMMAND")):

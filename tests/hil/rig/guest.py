@@ -1,14 +1,14 @@
 """Boots the rig's guest and runs one command in it. script/rig is its command line; tests import it.
 
 The guest sees the host's whole file system read-only under a tmpfs, so every program and library of the host is there
-under its own path; only the folder rig in the build folder is written through. tests/hil/rig/init is what happens inside.
+under its own path; only the folder rig in the build folder is written through. tests/hil/rig/init is what
+happens inside.
 """
 import contextlib
 import json
 import os
 import re
 import shlex
-import shutil
 import socket
 import subprocess
 import sys
@@ -76,21 +76,20 @@ class Outcome:
 
 
 class Events(threading.Thread):
-    """Collects what QEMU tells through QMP."""
+    """Collects what QEMU tells through QMP, until it ends."""
 
-    def __init__(self, path):
+    def __init__(self):
         super().__init__(daemon=True)
-        self.path, self.found = path, []
+        self.ours, self.its = socket.socketpair()
+        self.found = []
 
     def run(self):
-        with socket.socket(socket.AF_UNIX) as qmp:
-            qmp.connect(str(self.path))
-            qmp.sendall(b'{"execute": "qmp_capabilities"}\n')
-            with qmp.makefile(encoding="utf-8") as lines:
-                for line in lines:
-                    message = json.loads(line)
-                    if "event" in message:
-                        self.found.append(message)
+        with self.ours, self.ours.makefile(encoding="utf-8") as lines, contextlib.suppress(ConnectionError):
+            self.ours.sendall(b'{"execute": "qmp_capabilities"}\n')
+            for line in lines:
+                message = json.loads(line)
+                if "event" in message:
+                    self.found.append(message)
 
 
 class Pump(threading.Thread):
@@ -121,7 +120,7 @@ class Guest:
         self.timeout = timeout
 
     def script(self, command):
-        """What the guest runs: the command in the environment that CTest gives a test."""
+        """The lines of what the guest runs: the command in the environment that CTest gives a test."""
         environment = {
             "PATH": "/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin:/run/busybox",
             "HOME": "/root", "LANG": "C.UTF-8", "PYTHONDONTWRITEBYTECODE": "1",
@@ -129,67 +128,67 @@ class Guest:
             "TWINLOCK": self.build / "bin" / "twinlock", "TL_RIG": DESCRIPTION}
         lines = [f"export {name}={shlex.quote(str(value))}" for name, value in environment.items()]
         lines += [f"cd {shlex.quote(str(self.source))} || exit 127", "exec " + shlex.join(map(str, command))]
-        return "\n".join(lines) + "\n"
+        return lines
 
-    def arguments(self, work, out, err):
-        shares = []
-        for tag, path, more in (("root", self.root, ",readonly=on"), ("tools", self.folder / "tools", ",readonly=on"),
-                                ("results", self.results, ""), ("control", work / "control", "")):
-            options = f"local,id={tag},path={path},security_model=none,multidevs=remap{more}"
-            shares += ["-fsdev", options, "-device", f"virtio-9p-pci,fsdev={tag},mount_tag={tag}"]
-        ports = ["-device", "virtio-serial-pci"]
-        for number, (name, pipe) in enumerate((("stdout", out), ("stderr", err)), 1):
-            ports += ["-add-fd", f"fd={pipe},set={number}",
-                      "-chardev", f"file,id={name},path=/dev/fdset/{number},append=on",
-                      "-device", f"virtserialport,chardev={name},name={name}"]
-        line = work / "line"
+    def shares(self, work):
+        folders = {"root": self.root, "tools": self.folder / "tools", "results": self.results,
+                   "control": work / "control"}
+        for tag, path in folders.items():
+            access = "readonly=on" if tag in ("root", "tools") else "readonly=off"
+            yield from ("-fsdev", f"local,id={tag},path={escaped(path)},security_model=none,multidevs=remap,{access}",
+                        "-device", f"virtio-9p-pci,fsdev={tag},mount_tag={tag}")
+
+    def arguments(self, work, out, err, qmp):
+        """QEMU's command line. The guest's output goes to the pipes `out` and `err`, QEMU's events to `qmp`."""
+        line, firmware = escaped(work / "line"), RIG / "host/usr/share"
         return [
-            "setpriv", "--pdeathsig", "KILL", self.machine.emulator, "-L", RIG / "host/usr/share/qemu", "-L", RIG / "host/usr/share/seabios",
+            "setpriv", "--pdeathsig", "KILL", self.machine.emulator,
+            "-L", firmware / "qemu", "-L", firmware / "seabios",
             "-no-user-config", "-nodefaults", "-display", "none", "-no-reboot", *self.machine.options,
-            "-accel", "tcg,thread=multi", "-smp", "1", "-m", "1024",
+            "-accel", "tcg", "-smp", "1", "-m", "1024",
             "-kernel", self.folder / "kernel", "-initrd", work / "initramfs",
             "-append", f"console={self.machine.console} quiet panic=-1 rdinit=/init",
-            "-chardev", f"file,id=console,path={work / 'console'}", "-serial", "chardev:console",
+            "-chardev", f"file,id=console,path={escaped(work / 'console')}", "-serial", "chardev:console",
             "-chardev", f"socket,id=here,path={line},server=on,wait=off", "-serial", "chardev:here",
             "-chardev", f"socket,id=there,path={line}", "-serial", "chardev:there",
-            "-qmp", f"unix:{work / 'qmp'},server=on,wait=off", *shares, *ports]
+            "-chardev", f"socket,id=qmp,fd={qmp}", "-mon", "chardev=qmp,mode=control",
+            "-device", "virtio-serial-pci", *port("stdout", out), *port("stderr", err), *self.shares(work)]
 
     def make_initramfs(self, path):
         files = [("init", 0o755, Path(__file__).with_name("init").read_bytes()),
                  ("bin/busybox", 0o755, (self.folder / "busybox").read_bytes())]
-        files += [(f"modules/{file.name}", 0o644, file.read_bytes()) for file in sorted((self.folder / "modules").iterdir())]
+        files += [(f"modules/{module.name}", 0o644, module.read_bytes())
+                  for module in sorted((self.folder / "modules").iterdir())]
         path.write_bytes(initramfs.archive(["bin", "modules"], files))
+
+    def write_control(self, folder, command):
+        """What the guest finds in /control."""
+        chip = json.loads(DESCRIPTION.read_text(encoding="utf-8"))["gpio"]
+        lines = {"results": [self.results], "gpio": [chip["chip"], *chip["lines"]], "run": self.script(command)}
+        folder.mkdir()
+        for name, content in lines.items():
+            (folder / name).write_text("".join(f"{line}\n" for line in content), encoding="utf-8")
 
     def run(self, command, stdout=None, stderr=None):
         """Boots, runs the command, and gives its Outcome. Its output goes to two binary files, or to ours."""
-        work = Path(tempfile.mkdtemp(prefix="twinlock-rig-"))
-        try:
-            (work / "control").mkdir()
-            self.results.mkdir(exist_ok=True)
-            (work / "control/results").write_text(f"{self.results}\n", encoding="utf-8")
-            chip = json.loads(DESCRIPTION.read_text(encoding="utf-8"))["gpio"]
-            names = [chip["chip"], *chip["lines"]]
-            (work / "control/gpio").write_text("".join(f"{name}\n" for name in names), encoding="utf-8")
-            (work / "control/run").write_text(self.script(command), encoding="utf-8")
+        self.results.mkdir(exist_ok=True)
+        with tempfile.TemporaryDirectory(prefix="twinlock-rig-") as folder:
+            work = Path(folder)
+            self.write_control(work / "control", command)
             self.make_initramfs(work / "initramfs")
             return self.boot(work, stdout or sys.stdout.buffer, stderr or sys.stderr.buffer)
-        finally:
-            shutil.rmtree(work)
 
     def boot(self, work, stdout, stderr):
         outcome, begun = Outcome(), time.monotonic()
-        pumps = [Pump(stdout), Pump(stderr)]
-        libraries = ":".join(str(path) for path in sorted(RIG.glob("host/**/*-linux-gnu")))
-        environment = {**os.environ, "PATH": f"{os.environ['PATH']}:{RIG / 'host/usr/bin'}",
-                       "LD_LIBRARY_PATH": libraries}
-        sinks = [pump.sink for pump in pumps]
+        pumps, events = [Pump(stdout), Pump(stderr)], Events()
+        handed = [pumps[0].sink, pumps[1].sink, events.its.detach()]
         with open(work / "emulator", "wb") as log, subprocess.Popen(
-                [str(word) for word in self.arguments(work, *sinks)], env=environment, pass_fds=sinks,
+                [str(word) for word in self.arguments(work, *handed)], env=emulator_environment(), pass_fds=handed,
                 stdin=subprocess.DEVNULL, stdout=log, stderr=log) as emulator:
-            for pump in pumps:
-                os.close(pump.sink)
-                pump.start()
-            events = watch(emulator, work / "qmp")
+            for end in handed:
+                os.close(end)
+            for thread in (*pumps, events):
+                thread.start()
             try:
                 emulator.wait(self.timeout)
             except subprocess.TimeoutExpired:
@@ -197,24 +196,31 @@ class Guest:
             finally:
                 emulator.kill()
         for thread in (*pumps, events):
-            if thread is not None:
-                thread.join()
+            thread.join()
         outcome.seconds = time.monotonic() - begun
         outcome.console = read(work / "emulator") + read(work / "console")
-        outcome.events = events.found if events else []
-        outcome.exit_code = int(read(work / "control/exit") or -1) if (work / "control/exit").exists() else None
+        outcome.events = events.found
+        exit_code = read(work / "control/exit").strip()
+        outcome.exit_code = int(exit_code) if exit_code else None
         return outcome
 
 
-def watch(emulator, path):
-    """Follows QEMU's events, as soon as it listens. None where it ends before that."""
-    while emulator.poll() is None and not path.exists():
-        time.sleep(0.01)
-    if not path.exists():
-        return None
-    events = Events(path)
-    events.start()
-    return events
+def escaped(path):
+    """A path as part of an option of QEMU's, where a comma ends it."""
+    return str(path).replace(",", ",,")
+
+
+def port(name, pipe):
+    """A virtio port of that name, whose other end is a pipe of ours."""
+    return ["-add-fd", f"fd={pipe},set={pipe}",
+            "-chardev", f"file,id={name},path=/dev/fdset/{pipe},append=on",
+            "-device", f"virtserialport,chardev={name},name={name}"]
+
+
+def emulator_environment():
+    """Where QEMU and its libraries are: the machine's, else those that rig/prepare has unpacked."""
+    libraries = ":".join(str(path) for path in sorted(RIG.glob("host/usr/lib/*-linux-gnu")))
+    return {**os.environ, "PATH": f"{os.environ['PATH']}:{RIG / 'host/usr/bin'}", "LD_LIBRARY_PATH": libraries}
 
 
 def read(path):
@@ -222,6 +228,6 @@ def read(path):
 
 
 def report(outcome):
-    lines = outcome.console.replace("\r", "").splitlines()[-CONSOLE_LINES:]
+    console = re.sub(r"\x1b(c|\[[0-9;?]*[A-Za-z])", "", outcome.console.replace("\r", ""))
     print(f"rig: error: {outcome.reason()}; the end of its console:", file=sys.stderr)
-    print("\n".join(f"  | {line}" for line in lines), file=sys.stderr)
+    print("\n".join(f"  | {line}" for line in console.splitlines()[-CONSOLE_LINES:]), file=sys.stderr)

@@ -12,12 +12,12 @@ usage: script/rig [--kernel KERNEL] [--source DIR] [--build DIR] [--timeout SECO
 
 Runs COMMAND as root in a virtual box: QEMU without hardware virtualisation, with a Debian 12 kernel and
   CAN       vcan0 (up); can0 and can1, two SJA1000 on one bus (down: ip link set can0 up type can bitrate 125000)
-  GPIO      gpio-sim: chips are made in /sys/kernel/config/gpio-sim
+  GPIO      /dev/gpiochip0 (gpio-sim), with the lines that tests/hil/rig.json names
   serial    /dev/ttyS1 and /dev/ttyS2, joined to each other
   watchdog  /dev/watchdog (softdog) and /dev/watchdog1 (i6300esb)
 It sees the files of this machine under their own paths, starts in the source folder, and has the environment of
 a CTest test. What it writes is forgotten, but for the folder rig in the build folder. It has no network but loopback,
-and no standard input. The first time, the box is made: some minutes' download; then it boots in seconds.
+and no standard input. The first time, the box is made: some 225 MB are fetched for it; then it boots in seconds.
   --kernel KERNEL    amd64 (default)
   --source DIR       where the command starts (default: this checkout)
   --build DIR        the build folder (default: build/host in the source folder)
@@ -51,7 +51,7 @@ def parse(arguments):
     options.build = options.build or options.source / "build" / "host"
     for name, folder in (("--source", options.source), ("--build", options.build)):
         if not folder.is_dir():
-            parser.error(f"{name} {folder}: no such folder; script/build makes build/host")
+            parser.error(f"{name} {folder}: no such folder; script/build makes it")
     return options
 
 
