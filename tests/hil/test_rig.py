@@ -3,7 +3,9 @@
 its watchdog bites, and script/rig tells how a box came to its end that came to none."""
 import functools
 import os
+import signal
 import subprocess
+import time
 from pathlib import Path
 
 import box
@@ -81,20 +83,60 @@ def test_wrong_usage():
         expect(found == code and words in err, f"script/rig {' '.join(arguments)}: found {found}, {err}")
 
 
-def test_missing_tools_are_told():
-    """A machine without Debian's package tools: nothing can be made, and the sentence says what is missing."""
-    folder = twinlock_test.scratch()
-    copied = folder / "tests/hil/rig"
+def emulator_of(process):
+    """The process id of the QEMU that script/rig has started."""
+    deadline = time.monotonic() + 30
+    while time.monotonic() < deadline:
+        children = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text(encoding="ascii").split()
+        for child in children:
+            if Path(f"/proc/{child}/comm").read_text(encoding="ascii").startswith("qemu"):
+                return child
+        time.sleep(0.05)
+    raise Failure("script/rig has not started QEMU within 30 s")
+
+
+def test_signals_leave_nothing_behind():
+    need_rig()
+    for number, code in ((signal.SIGTERM, 143), (signal.SIGKILL, -9)):
+        process = subprocess.Popen([SOURCE / "script" / "rig", "--", "sleep", "1000"], stderr=subprocess.DEVNULL,
+                                   env={**os.environ, "TMPDIR": str(twinlock_test.scratch())})
+        emulator = Path("/proc") / emulator_of(process)
+        process.send_signal(number)
+        expect(process.wait(10) == code, f"ended with {process.returncode}, not with {code}")
+        deadline = time.monotonic() + 5
+        while emulator.exists() and time.monotonic() < deadline:
+            time.sleep(0.05)
+        expect(not emulator.exists(), f"QEMU lives on after {number.name}")
+
+
+def prepare_elsewhere(environment):
+    """(exit code, standard error) of rig/prepare in a folder where nothing is made yet."""
+    copied = twinlock_test.scratch() / "tests" / "hil" / "rig"
     copied.mkdir(parents=True)
     for name in ("prepare", "kernel.py"):
         (copied / name).write_bytes((PREPARE.parent / name).read_bytes())
-    (folder / "bin").mkdir()
+    done = subprocess.run(["/bin/bash", copied / "prepare"], env=environment, capture_output=True, encoding="utf-8",
+                          check=False)
+    return done.returncode, done.stderr
+
+
+def test_missing_tools_are_told():
+    """A machine without Debian's package tools."""
+    tools = twinlock_test.scratch()
     for name in ("bash", "dirname", "mkdir", "flock", "cat", "sha256sum"):
-        (folder / "bin" / name).symlink_to(Path("/usr/bin") / name)
-    done = subprocess.run(["/bin/bash", copied / "prepare"], env={"PATH": folder / "bin"}, capture_output=True,
-                          encoding="utf-8", check=False)
-    expect(done.returncode == 69, f"found {done.returncode}")
-    expect("rig: error: there is no apt-get" in done.stderr and "what to do: " in done.stderr, done.stderr)
+        (tools / name).symlink_to(Path("/usr/bin") / name)
+    code, err = prepare_elsewhere({"PATH": tools})
+    expect(code == 69 and "rig: error: there is no apt-get" in err and "what to do: run script/bootstrap" in err, err)
+
+
+def test_missing_packages_are_told():
+    """A machine whose apt has no source of packages."""
+    setting = twinlock_test.scratch() / "apt.conf"
+    setting.write_text('Dir::Etc::SourceList "/dev/null"; Dir::Etc::SourceParts "/dev/null";\n', encoding="ascii")
+    code, err = prepare_elsewhere({**os.environ, "APT_CONFIG": str(setting)})
+    expect(code == 69, f"found {code}\n{err}")
+    expect("rig: error: apt finds no way to install: qemu-system-x86 busybox-static" in err, err)
+    expect("what to do: check that apt's sources are Debian 12's" in err, err)
 
 
 twinlock_test.main()

@@ -1,6 +1,7 @@
 #!/usr/bin/env python3
 """script/rig: see usage below."""
 import argparse
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -22,7 +23,8 @@ and no standard input. The first time, the box is made: some 225 MB are fetched 
   --source DIR       where the command starts (default: this checkout)
   --build DIR        the build folder (default: build/host in the source folder)
   --timeout SECONDS  for boot and command (default: 120)
-Exit code: the command's; 124 after a timeout; 125 where the box did not come to an orderly end (panic, watchdog).
+Exit code: the command's; 124 after a timeout; 125 where the box did not come to an orderly end (panic, watchdog)
+or cannot be made; 128 + N when ended by signal N.
 """
 
 
@@ -57,6 +59,8 @@ def parse(arguments):
 
 def main():
     options = parse(sys.argv[1:])
+    for number in (signal.SIGINT, signal.SIGTERM):  # so that QEMU and the temporary folder go too
+        signal.signal(number, lambda received, _: sys.exit(128 + received))
     prepared = subprocess.run([Path(__file__).with_name("prepare"), options.kernel], check=False)
     if prepared.returncode != 0:
         sys.exit(guest.NO_END)
