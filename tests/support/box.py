@@ -11,12 +11,15 @@ box itself, and finds interfaces, lines and devices by the other functions. The 
   serial    device and far_device, the ends of one line
   watchdog  device, and the identity that its driver gives
 """
+import fcntl
 import json
 import os
 import subprocess
 from pathlib import Path
 
 from twinlock_test import BUILD, SOURCE, expect
+
+GET_CHIP_INFO = 0x8044B401
 
 
 def description():
@@ -28,10 +31,9 @@ def filled(command, **values):
     return [word.format(**values) for word in command]
 
 
-def run(command, timeout, reach=None):
+def run(command, timeout):
     """The finished process of a command on the box, its output as text; at the longest `timeout` seconds."""
-    reach = reach or description()["reach"]["command"]
-    whole = [*filled(reach, source=SOURCE, build=BUILD), *map(str, command)]
+    whole = [*filled(description()["reach"]["command"], source=SOURCE, build=BUILD), *map(str, command)]
     return subprocess.run(whole, capture_output=True, encoding="utf-8", errors="backslashreplace", timeout=timeout,
                           check=False)
 
@@ -64,8 +66,7 @@ def gpio_chip():
 
 
 def chip_label(path):
-    """By the ioctl GPIO_GET_CHIPINFO_IOCTL of linux/gpio.h: name, label, number of lines."""
-    import fcntl  # only where there is Linux
+    """struct gpiochip_info of linux/gpio.h: name, label, number of lines."""
     with open(path, "rb") as chip:
-        info = fcntl.ioctl(chip, 0x8044B401, bytes(68))
+        info = fcntl.ioctl(chip, GET_CHIP_INFO, bytes(68))
     return info[32:64].split(b"\0")[0].decode()
