@@ -5,7 +5,9 @@ import fcntl
 import os
 import select
 import struct
+import subprocess
 import time
+from pathlib import Path
 
 import box
 import twinlock_test
@@ -65,6 +67,28 @@ def test_edges_are_seen():
         expect(before <= stamp <= time.monotonic_ns(), f"the edge's time {stamp} is not that of the pull")
     expect(not select.select([line], [], [], 0)[0], "more edges than pulls")
     os.close(line)
+
+
+def test_a_chip_goes_while_its_line_is_held():
+    """What a USB adapter does that is pulled out. Only where chips can be made: on the rig. The kernel warns that an
+    interrupt was still in use (its /proc entry leaks); it must not come to harm."""
+    made = Path("/sys/kernel/config/gpio-sim/second")
+    if not made.parent.is_dir():
+        raise twinlock_test.Skip("this box has no gpio-sim")
+    (made / "bank0").mkdir(parents=True)
+    (made / "live").write_text("1", encoding="ascii")
+    device = Path("/dev") / (made / "bank0/chip_name").read_text(encoding="ascii").strip()
+    with open(device, "rb") as chip:
+        line = requested(chip, 0)
+    (made / "live").write_text("0", encoding="ascii")
+    expect(not device.exists(), f"{device} is still there")
+    os.close(line)
+    (made / "bank0").rmdir()
+    made.rmdir()
+    log = subprocess.run(["dmesg"], capture_output=True, encoding="utf-8", check=True).stdout
+    harm = [line for line in log.splitlines() if "BUG:" in line or "Oops" in line or "general protection" in line]
+    expect(not harm, "\n".join(harm))
+    test_edges_are_seen()
 
 
 twinlock_test.main()
