@@ -1,0 +1,75 @@
+#!/usr/bin/env python3
+"""script/rig: see usage below."""
+import argparse
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import guest
+
+USAGE = """\
+usage: script/rig [--kernel KERNEL] [--source DIR] [--build DIR] [--timeout SECONDS] -- COMMAND...
+
+Runs COMMAND as root in a virtual box: QEMU without hardware virtualisation, with a Debian 12 kernel and
+  CAN       vcan0 (up); can0 and can1, two SJA1000 on one bus (down: ip link set can0 up type can bitrate 125000)
+  GPIO      /dev/gpiochip0 (gpio-sim), with the lines that tests/hil/rig.json names
+  serial    /dev/ttyS1 and /dev/ttyS2, joined to each other
+  watchdog  /dev/watchdog (softdog) and /dev/watchdog1 (i6300esb)
+It sees the files of this machine under their own paths, starts in the source folder, and has the environment of
+a CTest test. What it writes is forgotten, but for the folder rig in the build folder. It has no network but loopback,
+and no standard input. The first time, the box is made: some 225 MB are fetched for it; then it boots in seconds.
+  --kernel KERNEL    amd64 (default)
+  --source DIR       where the command starts (default: this checkout)
+  --build DIR        the build folder (default: build/host in the source folder)
+  --timeout SECONDS  for boot and command (default: 120)
+Exit code: the command's; 124 after a timeout; 125 where the box did not come to an orderly end (panic, watchdog)
+or cannot be made; 128 + N when ended by signal N.
+"""
+
+
+def seconds(text):
+    try:
+        value = float(text)
+    except ValueError:
+        value = 0
+    if not 0 < value < 1e6:
+        raise argparse.ArgumentTypeError(f"{text}: expected seconds, above 0, as 120")
+    return value
+
+
+def parse(arguments):
+    if "-h" in arguments[:1] or "--help" in arguments[:1]:
+        print(USAGE, end="")
+        sys.exit(0)
+    parser = argparse.ArgumentParser(prog="script/rig", usage=USAGE.removeprefix("usage: "), add_help=False,
+                                     allow_abbrev=False)
+    parser.add_argument("--kernel", choices=guest.MACHINES, default="amd64")
+    parser.add_argument("--source", type=Path, default=guest.SOURCE)
+    parser.add_argument("--build", type=Path)
+    parser.add_argument("--timeout", type=seconds, default=120)
+    parser.add_argument("command", nargs="+", metavar="COMMAND")
+    options = parser.parse_args(arguments)
+    options.build = options.build or options.source / "build" / "host"
+    for name, folder in (("--source", options.source), ("--build", options.build)):
+        if not folder.is_dir():
+            parser.error(f"{name} {folder}: no such folder; script/build makes it")
+    return options
+
+
+def main():
+    options = parse(sys.argv[1:])
+    for number in (signal.SIGINT, signal.SIGTERM):  # so that QEMU and the temporary folder go too
+        signal.signal(number, lambda received, _: sys.exit(128 + received))
+    prepared = subprocess.run([Path(__file__).with_name("prepare"), options.kernel], check=False)
+    if prepared.returncode != 0:
+        sys.exit(guest.NO_END)
+    outcome = guest.Guest(options.kernel, options.source, options.build, timeout=options.timeout).run(options.command)
+    if outcome.exit_code is not None:
+        sys.exit(outcome.exit_code)
+    guest.report(outcome)
+    sys.exit(guest.TIMED_OUT if outcome.timed_out else guest.NO_END)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,142 @@
+#!/usr/bin/env python3
+"""The box with its real kernel and drivers, as tests/hil/rig.json describes it: the tests of tests/hil/box run on it,
+its watchdog bites, and script/rig tells how a box came to its end that came to none."""
+import functools
+import os
+import signal
+import subprocess
+import time
+from pathlib import Path
+
+import box
+import twinlock_test
+from twinlock_test import BUILD, SOURCE, Failure, Skip, expect
+
+BOX_TESTS = "tests/hil/box"
+PREPARE = SOURCE / "tests" / "hil" / "rig" / "prepare"
+LOST = box.description()["reach"]["lost"]
+
+
+def rig(*arguments, timeout=130):
+    done = subprocess.run([SOURCE / "script" / "rig", *arguments], capture_output=True, encoding="utf-8",
+                          timeout=timeout, check=False)
+    return done.returncode, done.stdout, done.stderr
+
+
+@functools.cache
+def preparation():
+    """What keeps this machine from making the rig; empty when it is there."""
+    done = subprocess.run([PREPARE], capture_output=True, encoding="utf-8", check=False)
+    return done.stderr.strip() if done.returncode != 0 else ""
+
+
+def need_rig():
+    if preparation():
+        expect(os.environ.get("CI") != "true", f"{preparation()}\n(CI=true does not allow to skip it)")
+        raise Skip(preparation())
+
+
+def test_on_the_box():
+    """All of tests/hil/box in one boot."""
+    need_rig()
+    results = BUILD / "rig"
+    results.mkdir(exist_ok=True)
+    figures = twinlock_test.run_well(["replay", twinlock_test.config_path("motor/lock.json"), "--json"])
+    (results / "lock.json").write_text(figures, encoding="utf-8")
+    done = box.run([f"{BOX_TESTS}/run"], timeout=400)
+    print("".join(f"  {line}\n" for line in done.stdout.splitlines()), end="")
+    if done.returncode != 0:
+        raise Failure(f"the tests on the box ended with {done.returncode}\n{done.stderr}")
+
+
+def test_watchdog_bites():
+    need_rig()
+    done = box.run(["python3", f"{BOX_TESTS}/test_watchdog.py", "bite"], timeout=240)
+    expect("watchdog opened" in done.stdout, f"the watchdog was not opened\n{done.stdout}{done.stderr}")
+    expect(done.returncode == LOST, f"the box must be reset, not end with {done.returncode}\n{done.stderr}")
+    expect("the watchdog softdog reset the guest" in done.stderr, done.stderr)
+
+
+def test_a_panic_is_told():
+    need_rig()
+    code, out, err = rig("--", "sh", "-c", "echo out; echo err >&2; echo c >/proc/sysrq-trigger")
+    expect((code, out) == (125, "out\n"), f"found {code}, {out!r}\n{err}")
+    expect(err.startswith("err\nrig: error: the guest's kernel panicked (not syncing: sysrq triggered crash)"), err)
+    expect(err.count("\n  | ") > 10, f"the console is not shown\n{err}")
+
+
+def test_a_box_that_hangs_is_ended():
+    need_rig()
+    code, _, err = rig("--timeout", "2", "--", "sleep", "1000")
+    expect(code == 124, f"found {code}\n{err}")
+    expect("the guest did not end within 2 s" in err, err)
+
+
+def test_wrong_usage():
+    for arguments, code, words in (
+            (["--kernel", "pdp11", "--", "true"], 2, "invalid choice: 'pdp11'"),
+            (["--build", "/nowhere", "--", "true"], 2, "--build /nowhere: no such folder; script/build makes it"),
+            (["--timeout", "soon", "--", "true"], 2, "--timeout: soon: expected seconds, above 0, as 120"),
+            (["--timeout", "0", "--", "true"], 2, "--timeout: 0: expected seconds, above 0, as 120"),
+            ([], 2, "COMMAND")):
+        found, _, err = rig(*arguments)
+        expect(found == code and words in err, f"script/rig {' '.join(arguments)}: found {found}, {err}")
+
+
+def emulator_of(process):
+    """The process id of the QEMU that script/rig has started."""
+    deadline = time.monotonic() + 30
+    while time.monotonic() < deadline:
+        children = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text(encoding="ascii").split()
+        for child in children:
+            if Path(f"/proc/{child}/comm").read_text(encoding="ascii").startswith("qemu"):
+                return child
+        time.sleep(0.05)
+    raise Failure("script/rig has not started QEMU within 30 s")
+
+
+def test_signals_leave_nothing_behind():
+    need_rig()
+    for number, code in ((signal.SIGTERM, 143), (signal.SIGKILL, -9)):
+        process = subprocess.Popen([SOURCE / "script" / "rig", "--", "sleep", "1000"], stderr=subprocess.DEVNULL,
+                                   env={**os.environ, "TMPDIR": str(twinlock_test.scratch())})
+        emulator = Path("/proc") / emulator_of(process)
+        process.send_signal(number)
+        expect(process.wait(10) == code, f"ended with {process.returncode}, not with {code}")
+        deadline = time.monotonic() + 5
+        while emulator.exists() and time.monotonic() < deadline:
+            time.sleep(0.05)
+        expect(not emulator.exists(), f"QEMU lives on after {number.name}")
+
+
+def prepare_elsewhere(environment):
+    """(exit code, standard error) of rig/prepare in a folder where nothing is made yet."""
+    copied = twinlock_test.scratch() / "tests" / "hil" / "rig"
+    copied.mkdir(parents=True)
+    for name in ("prepare", "kernel.py"):
+        (copied / name).write_bytes((PREPARE.parent / name).read_bytes())
+    done = subprocess.run(["/bin/bash", copied / "prepare"], env=environment, capture_output=True, encoding="utf-8",
+                          check=False)
+    return done.returncode, done.stderr
+
+
+def test_missing_tools_are_told():
+    """A machine without Debian's package tools."""
+    tools = twinlock_test.scratch()
+    for name in ("bash", "dirname", "mkdir", "flock", "cat", "sha256sum"):
+        (tools / name).symlink_to(Path("/usr/bin") / name)
+    code, err = prepare_elsewhere({"PATH": tools})
+    expect(code == 69 and "rig: error: there is no apt-get" in err and "what to do: run script/bootstrap" in err, err)
+
+
+def test_missing_packages_are_told():
+    """A machine whose apt has no source of packages."""
+    setting = twinlock_test.scratch() / "apt.conf"
+    setting.write_text('Dir::Etc::SourceList "/dev/null"; Dir::Etc::SourceParts "/dev/null";\n', encoding="ascii")
+    code, err = prepare_elsewhere({**os.environ, "APT_CONFIG": str(setting)})
+    expect(code == 69, f"found {code}\n{err}")
+    expect("rig: error: apt finds no way to install: qemu-system-x86 busybox-static" in err, err)
+    expect("what to do: check that apt's sources are Debian 12's" in err, err)
+
+
+twinlock_test.main()
