@@ -71,6 +71,7 @@ static void read_frame(tl_config_object *object, tl_can_channel *channel) {
     double bytes = 8;
     if (tl_config_get_number(object, "bytes", &rule, &bytes) && !tl_can_is_length((unsigned)bytes)) {
         tl_config_wrong(object, "bytes", NULL, rule.expected, rule.example);
+        bytes = TL_CAN_BYTES; /* so that one mistake is one problem */
     }
     channel->bytes = (uint8_t)bytes;
     channel->fd = channel->bytes > 8;
@@ -79,8 +80,8 @@ static void read_frame(tl_config_object *object, tl_can_channel *channel) {
     }
 }
 
-/* Start, length and order. `length` is 0 where the file must say it. */
-static void read_field(tl_config_object *object, size_t most, size_t length, size_t bytes, tl_can_field *field) {
+/* Start, length and order. `length` is 0 where the file must say it. false: how many bits it has is not known. */
+static bool read_field(tl_config_object *object, size_t most, size_t length, size_t bytes, tl_can_field *field) {
     static const char *const orders[] = {"intel", "motorola", NULL};
     static const tl_config_number start_rule = {
         .need = TL_CONFIG_REQUIRED, .whole = true, .maximum = 8 * TL_CAN_BYTES - 1, .example = "0"};
@@ -94,7 +95,8 @@ static void read_field(tl_config_object *object, size_t most, size_t length, siz
     double bits = length == 0 ? 1 : (double)length;
     size_t order = 0;
     bool placed = tl_config_get_number(object, "start", &start_rule, &start);
-    if (tl_config_get_number(object, "length", &length_rule, &bits) && length != 0 && bits != (double)length) {
+    bool known = tl_config_get_number(object, "length", &length_rule, &bits) || length != 0;
+    if (length != 0 && bits != (double)length) {
         (void)snprintf(expected, sizeof expected, "%zu, because that is what a number of its type has", length);
         tl_config_wrong(object, "length", NULL, expected, NULL);
         bits = (double)length;
@@ -110,6 +112,7 @@ static void read_field(tl_config_object *object, size_t most, size_t length, siz
             (unsigned)field->length, orders[order], bytes, needed);
         tl_config_wrong(object, "start", NULL, expected, NULL);
     }
+    return known;
 }
 
 static void read_type(tl_config_object *object, tl_can_channel *channel) {
@@ -119,7 +122,7 @@ static void read_type(tl_config_object *object, tl_can_channel *channel) {
     size_t index = 0;
     (void)tl_config_get_choice(object, "type", TL_CONFIG_OPTIONAL, types, &index);
     channel->type = type_of[index];
-    read_field(object, 64, length_of[index], channel->bytes, &channel->field);
+    (void)read_field(object, 64, length_of[index], channel->bytes, &channel->field);
 }
 
 static void read_scale(tl_config_object *object, tl_can_channel *channel) {
@@ -139,9 +142,9 @@ static bool is_multiplexor_value(const cJSON *item, double most) {
 }
 
 /* One value, or an array of them. */
-static void read_values(tl_config_object *object, tl_can_condition *condition) {
+static void read_values(tl_config_object *object, int bits, tl_can_condition *condition) {
     char expected[EXPECTED];
-    double most = ldexp(1, condition->field.length) - 1;
+    double most = ldexp(1, bits) - 1;
     (void)snprintf(expected, sizeof expected, "a whole number from 0 to %.15g, or an array of 1 to %d of them", most,
                    (int)TL_CAN_CONDITION_VALUES);
     const cJSON *item = tl_config_get(object, "value", TL_CONFIG_REQUIRED, expected, "3");
@@ -172,8 +175,9 @@ static void read_multiplex(tl_config_object *outer, tl_can_channel *channel) {
             break;
         }
         object = &levels[i];
-        read_field(object, TL_CAN_MULTIPLEXOR_BITS, 0, channel->bytes, &channel->conditions[i].field);
-        read_values(object, &channel->conditions[i]);
+        tl_can_condition *condition = &channel->conditions[i];
+        bool known = read_field(object, TL_CAN_MULTIPLEXOR_BITS, 0, channel->bytes, &condition->field);
+        read_values(object, known ? condition->field.length : TL_CAN_MULTIPLEXOR_BITS, condition);
         channel->condition_count = i + 1;
     }
     if (channel->condition_count == TL_CAN_CONDITIONS &&

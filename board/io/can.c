@@ -223,7 +223,7 @@ static bool take(tl_plant_io *io, const tl_plant_io_sink *sink, tl_can_arrival a
         return io->link.socket >= 0;
     case TL_CAN_LOST:
         tl_can_link_close(&io->link);
-        give_up(io, sink, "it was removed: plug it in, or load its driver");
+        give_up(io, sink, "it is gone: plug it in, or load its driver");
         return false;
     case TL_CAN_NOTHING:
         break;
