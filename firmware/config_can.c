@@ -68,10 +68,11 @@ static void read_frame(tl_config_object *object, tl_can_channel *channel) {
                                           .maximum = TL_CAN_BYTES,
                                           .expected = "a length of a frame: 1 to 8, 12, 16, 20, 24, 32, 48 or 64",
                                           .example = "8"};
-    double bytes = 8;
+    bool given = tl_config_get(object, "bytes", TL_CONFIG_OPTIONAL, NULL, NULL) != NULL;
+    double bytes = given ? TL_CAN_BYTES : 8; /* of a wrong length all bits are in the frame: one mistake, one problem */
     if (tl_config_get_number(object, "bytes", &rule, &bytes) && !tl_can_is_length((unsigned)bytes)) {
         tl_config_wrong(object, "bytes", NULL, rule.expected, rule.example);
-        bytes = TL_CAN_BYTES; /* so that one mistake is one problem */
+        bytes = TL_CAN_BYTES;
     }
     channel->bytes = (uint8_t)bytes;
     channel->fd = channel->bytes > 8;

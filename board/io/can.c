@@ -96,12 +96,16 @@ static void tell_tally(tl_plant_io *io, const tl_plant_io_sink *sink) {
 
 /* Is it up and on the bus? Says so, or why not. */
 static void look_at_interface(tl_plant_io *io, const tl_plant_io_sink *sink) {
+    char text[TEXT];
     tl_can_state state;
     if (!tl_can_link_state(&io->link, &state)) {
         tl_can_link_close(&io->link);
         give_up(io, sink, "it is gone: plug it in, or load its driver");
     } else if (!state.up) {
-        give_up(io, sink, "it is down: set it up, for example `ip link set can0 up type can bitrate 500000`");
+        (void)snprintf(text, sizeof text,
+                       "it is down: set it up, for example `ip link set %s up type can bitrate 500000`",
+                       io->link.interface);
+        give_up(io, sink, text);
     } else if (!state.running) {
         io->bus_off = false; /* from now on its carrier tells */
         give_up(io, sink, "it is not on the bus (bus-off, or no carrier): check bit rate, termination and wiring");

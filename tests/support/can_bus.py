@@ -12,8 +12,11 @@ import threading
 import time
 from pathlib import Path
 
-from twinlock_test import SKIPPED, SOURCE, expect
+from live_test import GOOD, SAMPLES, events, query, wait_for_steps, wait_until
+from twinlock_test import SKIPPED, SOURCE, edited_config, expect
 
+LIVE = "motor/can.json"
+OMEGA = 62.981  # rad/s: where config/motor's twin starts
 INTERFACE = "vcan0"
 EXTENDED, REMOTE, ERROR = 0x80000000, 0x40000000, 0x20000000  # flags of an id
 CLASSIC, FD = struct.Struct("=IB3x8s"), struct.Struct("=IBB2x64s")
@@ -162,3 +165,27 @@ class Wire:
                 self.frames.append(self.socket.recv(72))
             except OSError:
                 continue
+
+
+# ---- runs ----
+
+def live_config(**changes):
+    """can.json without an end, committed ten times a second; and the database's path."""
+    config = edited_config(LIVE, {"duration_s": None, "record": {"commit_s": 0.1}, **changes})
+    return config, config.parent / "twin.db"
+
+
+def newest(database, name):
+    """(quality, value) of the newest sample."""
+    return query(database, SAMPLES + " ORDER BY tick DESC LIMIT 1", {"run": 1, "name": "plant." + name})[0][1:]
+
+
+def wait_for_value(live, database, name, value):
+    wait_for_steps(live, database, 1)
+    wait_until(lambda: newest(database, name) == (GOOD, value), f"{name} = {value}",
+               lambda: f"{newest(database, name)}\n{live.log()}")
+
+
+def events_with(database, words):
+    """How many events say that."""
+    return sum(words in text for _, text in events(database))
