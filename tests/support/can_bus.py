@@ -37,8 +37,8 @@ def in_rig(timeout=280):
     rig = SOURCE / "script" / "rig"
     if rig.exists() and "TL_RIG" not in os.environ:
         sys.stdout.flush()
-        os.execv(rig, [str(rig), "--build", os.environ["TL_BUILD"], "--timeout", str(timeout), "--", sys.executable,
-                       *sys.argv])
+        os.execv(rig, [str(rig), "--source", str(SOURCE), "--build", os.environ["TL_BUILD"], "--timeout", str(timeout),
+                       "--", sys.executable, *sys.argv])
     print(f"no CAN here: this test wants {INTERFACE} (modprobe vcan; ip link add {INTERFACE} type vcan; "
           f"ip link set {INTERFACE} mtu 72 up), or script/rig")
     sys.exit(1 if os.environ.get("CI") == "true" else SKIPPED)
