@@ -4,6 +4,7 @@
  */
 #include "board/io/can_codec.h"
 
+#include <assert.h>
 #include <float.h>
 #include <math.h>
 #include <string.h>
@@ -104,6 +105,7 @@ bool tl_can_is_present(const tl_can_channel *channel, const uint8_t *data) {
 
 /* Two's complement of so many bits. */
 static double signed_of(uint64_t bits, unsigned length) {
+    assert(length >= 1 && length <= 64);
     uint64_t sign = (uint64_t)1 << (length - 1);
     uint64_t extended = (bits ^ sign) - sign;
     int64_t number = 0;

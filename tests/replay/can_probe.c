@@ -29,17 +29,25 @@ static void report(void *context, tl_status status, const char *where, const cha
     (void)fprintf(stderr, "%s: %s\n", where, text);
 }
 
+/* Two hexadecimal digits; −1 where there are none. */
+static int byte_at(const char *text) {
+    char pair[3] = {text[0], text[0] != '\0' ? text[1] : '\0', '\0'};
+    char *end = NULL;
+    long byte = strtol(pair, &end, 16);
+    return end == pair + 2 ? (int)byte : -1;
+}
+
 static int decode_line(const char *line) {
-    unsigned id = 0;
-    int extended = 0;
-    int at = 0;
+    char *at = NULL;
     uint8_t data[TL_CAN_BYTES] = {0};
-    if (sscanf(line, "%x %d %n", &id, &extended, &at) < 2) {
+    uint32_t id = (uint32_t)strtoul(line, &at, 16);
+    long extended = strtol(at, &at, 10);
+    size_t length = 0;
+    if (*at != ' ') {
         return fail("a line is no frame");
     }
-    size_t length = 0;
-    for (unsigned byte = 0; length < TL_CAN_BYTES && sscanf(line + at, "%2x", &byte) == 1; at += 2) {
-        data[length++] = (uint8_t)byte;
+    for (at++; length < TL_CAN_BYTES && byte_at(at) >= 0; at += 2) {
+        data[length++] = (uint8_t)byte_at(at);
     }
     const tl_can_id *found = tl_can_map_find(&map, id, extended != 0);
     for (size_t i = 0; found != NULL && i < found->slots; i++) {

@@ -89,7 +89,7 @@ static void test_wrong_channels(void) {
     expect_refused("32 bits from 0 on do not fit");
     channels[1].scale = 0;
     expect_refused("scale 0, offset 0 must be finite");
-    channels[1].offset = NAN;
+    channels[1].offset = (double)NAN;
     expect_refused("must be finite");
 }
 

@@ -166,22 +166,22 @@ static void test_saturation(void) {
     tl_can_channel channel = channel_of(TL_CAN_INTEL, 0, 12, TL_CAN_UNSIGNED);
     TEST_ASSERT_EQUAL_HEX64(0xFFF, encoded(&channel, 4095.4));
     TEST_ASSERT_EQUAL_HEX64(0xFFF, encoded(&channel, 4095.5));
-    TEST_ASSERT_EQUAL_HEX64(0xFFF, encoded(&channel, INFINITY));
+    TEST_ASSERT_EQUAL_HEX64(0xFFF, encoded(&channel, HUGE_VAL));
     TEST_ASSERT_EQUAL_HEX64(0, encoded(&channel, -3));
-    TEST_ASSERT_EQUAL_HEX64(0, encoded(&channel, NAN));
+    TEST_ASSERT_EQUAL_HEX64(0, encoded(&channel, (double)NAN));
     channel.type = TL_CAN_SIGNED;
     TEST_ASSERT_EQUAL_HEX64(0x7FF, encoded(&channel, 2048));
     TEST_ASSERT_EQUAL_HEX64(0x800, encoded(&channel, -1e300));
-    TEST_ASSERT_EQUAL_HEX64(0, encoded(&channel, NAN));
+    TEST_ASSERT_EQUAL_HEX64(0, encoded(&channel, (double)NAN));
     channel = channel_of(TL_CAN_INTEL, 0, 64, TL_CAN_UNSIGNED);
     TEST_ASSERT_EQUAL_HEX64(UINT64_MAX, encoded(&channel, 18446744073709551616.0));
     TEST_ASSERT_EQUAL_HEX64(0xFFFFFFFFFFFFF800, encoded(&channel, 18446744073709549568.0));
     channel.type = TL_CAN_SIGNED;
     TEST_ASSERT_EQUAL_HEX64(INT64_MAX, encoded(&channel, 9223372036854775808.0));
-    TEST_ASSERT_EQUAL_HEX64((uint64_t)1 << 63, encoded(&channel, -INFINITY));
+    TEST_ASSERT_EQUAL_HEX64((uint64_t)1 << 63, encoded(&channel, -HUGE_VAL));
     channel = channel_of(TL_CAN_INTEL, 0, 32, TL_CAN_FLOAT32);
     TEST_ASSERT_EQUAL_HEX64(0x7F7FFFFF, encoded(&channel, 1e300));
-    TEST_ASSERT_EQUAL_HEX64(0x7F800000, encoded(&channel, INFINITY));
+    TEST_ASSERT_EQUAL_HEX64(0x7F800000, encoded(&channel, HUGE_VAL));
 }
 
 static void test_multiplexors(void) {
