@@ -162,7 +162,9 @@ static void test_wrong_frames(void) {
         {"\"bytes\": 64", "\"bytes\": \"64\"", "plant.wide.can.bytes", "found \"64\" (text), " BYTES, NULL},
         {"\"fd\": true", "\"fd\": false", "plant.wide.can.fd",
          "found false, expected true, because a classic frame has at most 8 bytes", NULL},
-        {"\"fd\": true", "\"fds\": true", "plant.wide.can.fds", "found the unknown key \"fds\", expected one of source, id, extended, bytes, fd, type, start, length, order, scale, offset, multiplex", NULL},
+        {"\"fd\": true", "\"fds\": true", "plant.wide.can.fds",
+         "found the unknown key \"fds\", expected one of source, id, extended, bytes, fd, type, start, length, order, scale, offset, multiplex",
+         NULL},
     };
     for (size_t i = 0; i < sizeof changes / sizeof changes[0]; i++) {
         expect_one(&changes[i]);
