@@ -221,6 +221,15 @@ static void check_sources(advice *given, const tl_config *config) {
             warn(given, config->sources[i].where, "no signal of the plant comes from it");
         }
     }
+    for (size_t k = 0; k < config->signal_count; k++) {
+        const tl_config_signal *signal = &config->signals[k];
+        bool by_can = signal->source != SIZE_MAX && config->sources[signal->source].kind == TL_SOURCE_CAN;
+        if (by_can && signal->stale_s == 0 && signal->of == k) {
+            warn(given, signal->plan.where,
+                 "a sender on a CAN bus that falls silent is noticed by nothing but the age of its values, and it has "
+                 "no stale_s: its last value would be taken for good for ever");
+        }
+    }
 }
 
 /* In the other modes a step waits until its measurement has come through. */

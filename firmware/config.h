@@ -15,6 +15,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#include "board/io/can.h"
 #include "board/io/modbus.h"
 #include "master/base/signal.h"
 #include "master/base/status.h"
@@ -41,7 +42,7 @@ typedef struct tl_config_component {
     tl_keep keep;
 } tl_config_component;
 
-typedef enum tl_source_kind { TL_SOURCE_MODBUS_TCP, TL_SOURCE_CSV } tl_source_kind;
+typedef enum tl_source_kind { TL_SOURCE_MODBUS_TCP, TL_SOURCE_CSV, TL_SOURCE_CAN } tl_source_kind;
 
 /* A device or stream that live signals come from. */
 typedef struct tl_config_source {
@@ -56,6 +57,8 @@ typedef struct tl_config_source {
     /* CSV */
     const char *file;        /* relative to the configuration's folder */
     const char *time_column; /* default "time" */
+    /* CAN */
+    const char *interface; /* "can0" */
 } tl_config_source;
 
 typedef struct tl_config_signal {
@@ -65,6 +68,7 @@ typedef struct tl_config_signal {
     const char *column;       /* in a recording or CSV source; default: the signal's name */
     size_t source;            /* index of its live source; SIZE_MAX: none (recordings only) */
     tl_modbus_channel modbus; /* where the source is Modbus */
+    tl_can_channel can;       /* where the source is CAN */
     tl_time look_back; /* a sample takes what was seen so long before its instant: see tl_plant_look (plant_input.h) */
     bool next;         /* there, or next */
     size_t of;         /* its own index; of a second look-up: that of the signal it is of */

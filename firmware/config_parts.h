@@ -32,6 +32,10 @@ void tl_config_read_synchronise(tl_config_object *root, tl_config *config);
 void tl_config_read_sources(tl_config_object *root, tl_config *config);
 void tl_config_read_signals(tl_config_object *root, tl_config *config);
 
+/* `can` of a source; of a signal (its `source` was read), whose object this is. */
+void tl_config_read_can_source(tl_config_object *entry, tl_config_source *source);
+void tl_config_read_can_channel(tl_config_object *object, tl_can_channel *channel);
+
 /* delays */
 void tl_config_read_delays(tl_config_object *root, tl_config *config);
 

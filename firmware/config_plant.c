@@ -7,6 +7,9 @@
 
 #include "firmware/config_names.h"
 
+/* Frames wake the reader, at most so often: those that come faster are taken together. */
+#define CAN_PERIOD_S 0.0005
+
 /* ---- sources ---- */
 
 /* Devices need not be asked more often than a step can be short. */
@@ -46,16 +49,22 @@ static void read_csv(tl_config_object *entry, tl_config_source *source, const tl
 static void read_source(tl_config_object *entry, tl_config_source *source, const tl_config *config) {
     bool modbus = tl_config_get(entry, "modbus_tcp", TL_CONFIG_OPTIONAL, NULL, NULL) != NULL;
     bool csv = tl_config_get(entry, "csv", TL_CONFIG_OPTIONAL, NULL, NULL) != NULL;
-    if (modbus == csv) {
+    bool can = tl_config_get(entry, "can", TL_CONFIG_OPTIONAL, NULL, NULL) != NULL;
+    int kinds = (modbus ? 1 : 0) + (csv ? 1 : 0) + (can ? 1 : 0);
+    if (kinds != 1) {
         tl_config_problem(entry->reader, entry->path, tl_json_line(entry->json),
-                          modbus ? "both modbus_tcp and csv" : "neither modbus_tcp nor csv", "exactly one of them",
-                          "{\"modbus_tcp\": {\"host\": \"192.0.2.10\"}}");
+                          kinds > 1 ? "several kinds of source" : "no kind of source",
+                          "exactly one of modbus_tcp, csv, can", "{\"modbus_tcp\": {\"host\": \"192.0.2.10\"}}");
     }
     if (modbus) {
         read_modbus_tcp(entry, source, config);
     }
     if (csv) {
         read_csv(entry, source, config);
+    }
+    if (can) {
+        tl_config_read_can_source(entry, source);
+        source->period_s = CAN_PERIOD_S;
     }
     tl_config_done(entry);
 }
@@ -206,6 +215,21 @@ static void read_signal_modbus(tl_config_object *entry, tl_config_signal *signal
     tl_config_done(&object);
 }
 
+/* ---- plant.NAME.can ---- */
+
+static void read_signal_can(tl_config_object *entry, tl_config_signal *signal) {
+    static const char *const example = "{\"source\": \"bus\", \"id\": \"0x123\", \"start\": 0, \"length\": 16}";
+    tl_config_object object;
+    if (!tl_config_member(entry, "can", TL_CONFIG_OPTIONAL, example, &object)) {
+        return;
+    }
+    if (signal->source != SIZE_MAX) {
+        tl_config_wrong(entry, "can", "can beside another live source", "at most one live source", NULL);
+    }
+    read_source_name(&object, TL_CONFIG_REQUIRED, "can", signal);
+    tl_config_read_can_channel(&object, &signal->can);
+}
+
 /* ---- plant.NAME ---- */
 
 static void read_initial(tl_config_object *entry, tl_plan_signal *plan) {
@@ -256,6 +280,7 @@ static void read_signal(tl_config_object *entry, tl_config_signal *signal) {
     }
     read_signal_csv(entry, signal);
     read_signal_modbus(entry, signal);
+    read_signal_can(entry, signal);
     tl_config_done(entry);
 }
 

@@ -5,6 +5,7 @@
 #include <stdint.h>
 #include <stdlib.h>
 
+#include "board/io/can.h"
 #include "board/io/csv.h"
 #include "board/io/modbus.h"
 #include "firmware/plant_reader.h"
@@ -66,6 +67,31 @@ static tl_status open_csv(const tl_config *config, const tl_config_source *confi
     return tl_csv_open_live(&settings, &source->io, error);
 }
 
+static tl_status open_can(const tl_config *config, const tl_config_source *configured, tl_plant_source *source,
+                          tl_error *error) {
+    tl_can_channel channels[TL_MAX_SIGNALS];
+    for (size_t i = 0; i < source->signal_count; i++) {
+        channels[i] = config->signals[source->signals[i]].can;
+    }
+    const tl_can_settings settings = {
+        .interface = configured->interface, .channels = channels, .channel_count = source->signal_count};
+    source->driver = &tl_can_driver;
+    return tl_can_open(&settings, &source->io, error);
+}
+
+static tl_status open_driver(const tl_config *config, const tl_config_source *configured, tl_plant_source *source,
+                             tl_error *error) {
+    switch (configured->kind) {
+    case TL_SOURCE_MODBUS_TCP:
+        return open_modbus(config, configured, source, error);
+    case TL_SOURCE_CSV:
+        return open_csv(config, configured, source, error);
+    case TL_SOURCE_CAN:
+        break;
+    }
+    return open_can(config, configured, source, error);
+}
+
 /* Opens one configured source; one that no signal uses is left out. */
 static tl_status open_source(tl_live_plant *plant, const tl_config *config, size_t index, tl_error *error) {
     const tl_config_source *configured = &config->sources[index];
@@ -83,8 +109,7 @@ static tl_status open_source(tl_live_plant *plant, const tl_config *config, size
     if (source->signal_count == 0) {
         return TL_OK;
     }
-    tl_status status = configured->kind == TL_SOURCE_MODBUS_TCP ? open_modbus(config, configured, source, error)
-                                                                : open_csv(config, configured, source, error);
+    tl_status status = open_driver(config, configured, source, error);
     if (status == TL_OK) {
         plant->source_count++;
     }
@@ -103,8 +128,8 @@ static tl_status check_sources(const tl_config *config, tl_error *error) {
         if (config->signals[i].source == SIZE_MAX) {
             return tl_fail(
                 error, TL_BAD_DATA,
-                "%s: plant.%s has no live source: give it \"modbus\", or \"csv\" with a \"source\"; to run a "
-                "recording use `twinlock replay`",
+                "%s: plant.%s has no live source: give it \"modbus\", \"can\", or \"csv\" with a \"source\"; to run "
+                "a recording use `twinlock replay`",
                 config->path, config->signals[i].plan.name);
         }
     }

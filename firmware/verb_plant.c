@@ -13,6 +13,7 @@
 #include "firmware/emulation.h"
 #include "firmware/interrupt.h"
 #include "firmware/log.h"
+#include "firmware/plant_bus.h"
 #include "firmware/plant_server.h"
 #include "firmware/plant_stream.h"
 #include "firmware/progress.h"
@@ -24,12 +25,14 @@ typedef struct plant_options {
     const char *recording;
     const char *fifo;
     const char *record;
+    bool real_bus;
     uint64_t seed;
 } plant_options;
 
-/* One Modbus server, and which row column feeds each of its channels. */
+/* One Modbus server or CAN bus, and which row column feeds each of its channels. */
 typedef struct served_source {
-    tl_plant_server *server;
+    tl_plant_server *server; /* NULL: a bus */
+    tl_plant_bus *bus;
     size_t columns[TL_MAX_SIGNALS];
     size_t channel_count;
 } served_source;
@@ -49,12 +52,13 @@ static void print_help(FILE *file) {
                 "Plays a plant in real time, for demonstrations and tests: the recording of CONFIG, or, where\n"
                 "CONFIG has \"emulate\", its FMUs as the true plant with seeded noise. Its signals are served by\n"
                 "Modbus TCP where the configuration says they are read (playing starts with the first request),\n"
-                "or written into a FIFO.\n\n"
+                "sent as CAN frames, or written into a FIFO.\n\n"
                 "  --for CONFIG2     serve what this configuration reads; default: CONFIG itself\n"
                 "  --recording FILE  the CSV file to play; with \"emulate\", what drives the FMUs; default: as\n"
                 "                    configured\n"
                 "  --fifo FILE       write rows into this FIFO instead (made where it does not exist)\n"
                 "  --record FILE     write all rows into a new CSV file, as fast as possible, and end\n"
+                "  --real-bus        send CAN frames on an interface that is hardware, too; default: vcan only\n"
                 "  --seed N          of the noise and the message times; default 1\n"
                 "  --help            this text\n",
                 file);
@@ -70,13 +74,10 @@ static bool parse_seed(const char *text, uint64_t *seed) {
 /* 0: go on; else the exit code + 1. */
 static int parse(int argc, char **argv, plant_options *options) {
     static const struct option LONG[] = {
-        {"for", required_argument, NULL, 'l'},
-        {"recording", required_argument, NULL, 'r'},
-        {"fifo", required_argument, NULL, 'f'},
-        {"record", required_argument, NULL, 'w'},
-        {"seed", required_argument, NULL, 's'},
-        {"help", no_argument, NULL, 'h'},
-        {NULL, 0, NULL, 0},
+        {"for", required_argument, NULL, 'l'},  {"recording", required_argument, NULL, 'r'},
+        {"fifo", required_argument, NULL, 'f'}, {"record", required_argument, NULL, 'w'},
+        {"real-bus", no_argument, NULL, 'b'},   {"seed", required_argument, NULL, 's'},
+        {"help", no_argument, NULL, 'h'},       {NULL, 0, NULL, 0},
     };
     for (int option = 0; (option = getopt_long(argc, argv, "h", LONG, NULL)) != -1;) {
         switch (option) {
@@ -91,6 +92,9 @@ static int parse(int argc, char **argv, plant_options *options) {
             break;
         case 'w':
             options->record = optarg;
+            break;
+        case 'b':
+            options->real_bus = true;
             break;
         case 's':
             if (!parse_seed(optarg, &options->seed)) {
@@ -159,11 +163,9 @@ static size_t find_column(const tl_emulation *emulation, const char *name) {
     return SIZE_MAX;
 }
 
-/* Starts one server for one Modbus source of the listener. */
-static tl_status serve_source(player *self, const tl_config *listener, size_t index, tl_error *error) {
-    const tl_config_source *source = &listener->sources[index];
-    served_source *served = &self->served[self->served_count];
-    tl_modbus_channel channels[TL_MAX_SIGNALS];
+/* The signals of one source, and the columns that feed them. */
+static tl_status find_signals(const player *self, const tl_config *listener, size_t index, served_source *served,
+                              size_t *signals, tl_error *error) {
     served->channel_count = 0;
     for (size_t i = 0; i < listener->signal_count; i++) {
         const tl_config_signal *signal = &listener->signals[i];
@@ -176,10 +178,16 @@ static tl_status serve_source(player *self, const tl_config *listener, size_t in
                            signal->plan.name, signal->column);
         }
         served->columns[served->channel_count] = column;
-        channels[served->channel_count++] = signal->modbus;
+        signals[served->channel_count++] = i;
     }
-    if (served->channel_count == 0) {
-        return TL_OK;
+    return TL_OK;
+}
+
+static tl_status serve_modbus(const tl_config *listener, const tl_config_source *source, const size_t *signals,
+                              served_source *served, tl_error *error) {
+    tl_modbus_channel channels[TL_MAX_SIGNALS];
+    for (size_t i = 0; i < served->channel_count; i++) {
+        channels[i] = listener->signals[signals[i]].modbus;
     }
     const tl_plant_server_settings settings = {
         .host = source->host,
@@ -189,7 +197,6 @@ static tl_status serve_source(player *self, const tl_config *listener, size_t in
     };
     tl_status status = tl_plant_server_start(&settings, &served->server, error);
     if (status == TL_OK) {
-        self->served_count++;
         tl_log(TL_LOG_NOTICE, "%s: %zu signal%s by Modbus TCP at %s:%u; playing starts with the first request",
                source->name, served->channel_count, served->channel_count == 1 ? "" : "s", source->host,
                (unsigned)tl_plant_server_port(served->server));
@@ -197,17 +204,53 @@ static tl_status serve_source(player *self, const tl_config *listener, size_t in
     return status;
 }
 
+static tl_status serve_can(const player *self, const tl_config *listener, const tl_config_source *source,
+                           const size_t *signals, served_source *served, tl_error *error) {
+    tl_can_channel channels[TL_MAX_SIGNALS];
+    for (size_t i = 0; i < served->channel_count; i++) {
+        channels[i] = listener->signals[signals[i]].can;
+    }
+    const tl_plant_bus_settings settings = {
+        .interface = source->interface,
+        .real = self->options->real_bus,
+        .channels = channels,
+        .channel_count = served->channel_count,
+    };
+    tl_status status = tl_plant_bus_open(&settings, &served->bus, error);
+    if (status == TL_OK) {
+        tl_log(TL_LOG_NOTICE, "%s: %zu signal%s by CAN at %s; playing starts at once", source->name,
+               served->channel_count, served->channel_count == 1 ? "" : "s", source->interface);
+    }
+    return status;
+}
+
+/* Serves one source of the listener; one without signals, and a CSV source, are left out. */
+static tl_status serve_source(player *self, const tl_config *listener, size_t index, tl_error *error) {
+    const tl_config_source *source = &listener->sources[index];
+    served_source *served = &self->served[self->served_count];
+    size_t signals[TL_MAX_SIGNALS];
+    if (source->kind == TL_SOURCE_CSV) {
+        return TL_OK;
+    }
+    tl_status status = find_signals(self, listener, index, served, signals, error);
+    if (status != TL_OK || served->channel_count == 0) {
+        return status;
+    }
+    status = source->kind == TL_SOURCE_CAN ? serve_can(self, listener, source, signals, served, error)
+                                           : serve_modbus(listener, source, signals, served, error);
+    self->served_count += status == TL_OK ? 1 : 0;
+    return status;
+}
+
 static tl_status open_servers(player *self, const tl_config *listener, tl_error *error) {
     tl_status status = TL_OK;
     for (size_t i = 0; i < listener->source_count && status == TL_OK; i++) {
-        if (listener->sources[i].kind == TL_SOURCE_MODBUS_TCP) {
-            status = serve_source(self, listener, i, error);
-        }
+        status = serve_source(self, listener, i, error);
     }
     if (status == TL_OK && self->served_count == 0) {
         return tl_fail(
             error, TL_BAD_USAGE,
-            "%s reads nothing by Modbus TCP: name a configuration that does with --for, or use --fifo or --record",
+            "%s reads nothing by Modbus TCP or CAN: name a configuration that does with --for, or use --fifo or --record",
             listener->path);
     }
     return status;
@@ -238,7 +281,11 @@ static tl_status show_row(player *self, const tl_emulation_row *row, tl_error *e
             values[k] = row->values[served->columns[k]];
             present[k] = row->present[served->columns[k]];
         }
-        tl_plant_server_set_all(served->server, values, present);
+        if (served->bus != NULL) {
+            tl_plant_bus_row(served->bus, values, present);
+        } else {
+            tl_plant_server_set_all(served->server, values, present);
+        }
     }
     if (self->stream == NULL) {
         return TL_OK;
@@ -247,11 +294,12 @@ static tl_status show_row(player *self, const tl_emulation_row *row, tl_error *e
     return tl_plant_stream_check(self->stream, error);
 }
 
-/* Until someone listens, the first row stands. */
+/* Until someone listens, the first row stands. Nobody can be heard listening on a bus. */
 static void wait_for_listener(player *self) {
     while (self->served_count != 0 && tl_interrupt_requested() == NULL) {
         for (size_t i = 0; i < self->served_count; i++) {
-            if (tl_plant_server_count(self->served[i].server).requests != 0) {
+            const served_source *served = &self->served[i];
+            if (served->bus != NULL || tl_plant_server_count(served->server).requests != 0) {
                 return;
             }
         }
@@ -296,12 +344,27 @@ static tl_status play(player *self, tl_error *error) {
     return status;
 }
 
+static void close_bus(tl_plant_bus *bus) {
+    tl_plant_bus_counts counts = tl_plant_bus_count(bus);
+    tl_log(TL_LOG_NOTICE, "%" PRIu64 " frames sent, %" PRIu64 " that the interface did not take", counts.sent,
+           counts.dropped);
+    tl_plant_bus_close(bus);
+}
+
+static void close_server(tl_plant_server *server) {
+    tl_plant_server_counts counts = tl_plant_server_count(server);
+    tl_log(TL_LOG_NOTICE, "%" PRIu64 " requests answered, %" PRIu64 " attempts to write refused", counts.requests,
+           counts.refused_writes);
+    tl_plant_server_stop(server);
+}
+
 static void close_all(player *self) {
     for (size_t i = 0; i < self->served_count; i++) {
-        tl_plant_server_counts counts = tl_plant_server_count(self->served[i].server);
-        tl_log(TL_LOG_NOTICE, "%" PRIu64 " requests answered, %" PRIu64 " attempts to write refused", counts.requests,
-               counts.refused_writes);
-        tl_plant_server_stop(self->served[i].server);
+        if (self->served[i].bus != NULL) {
+            close_bus(self->served[i].bus);
+        } else {
+            close_server(self->served[i].server);
+        }
     }
     if (self->stream != NULL) {
         tl_plant_stream_counts counts = tl_plant_stream_count(self->stream);

@@ -2,7 +2,8 @@
 """What the objects need and offer: `symbols.py ROOT BUILD`.
 
 The undefined symbols of every object of the master are held against master_symbols.txt: no malloc outside start-up,
-no printf, no clock, no file. And every symbol that our libraries offer has the prefix tl_.
+no printf, no clock, no file; those of the CAN driver against can_symbols.txt: nothing that could send. And every symbol
+that our libraries offer has the prefix tl_.
 """
 import fnmatch
 import os
@@ -12,14 +13,15 @@ import sys
 
 import tree
 
-ALLOWED = os.path.join(os.path.dirname(os.path.abspath(__file__)), "master_symbols.txt")
+HERE = os.path.dirname(os.path.abspath(__file__))
+NEEDS = {"master": ("*", "master_symbols.txt"), "board": ("io/can*", "can_symbols.txt")}  # floor: objects, what they may need
 FLOORS = {"master": "tl_master", "board": "tl_board", "firmware": "tl_firmware"}
 
 
-def read_allowed():
+def read_allowed(name):
     """[(object pattern, [symbol patterns])] in the file's order."""
     rules = []
-    with open(ALLOWED, encoding="utf-8") as file:
+    with open(os.path.join(HERE, name), encoding="utf-8") as file:
         for line in file:
             line = line.split("#")[0].strip()
             if line:
@@ -48,19 +50,22 @@ def objects(build, floor):
                 yield os.path.relpath(path, top), path
 
 
-def check_needs(build, rules):
-    own = {symbol for _, path in objects(build, "master") for symbol in offered(path)}
-    for name, path in objects(build, "master"):
+def check_needs(build, floor, chosen, listed):
+    rules = read_allowed(listed)
+    looked_at = [(name, path) for name, path in objects(build, floor) if fnmatch.fnmatch(name, chosen)]
+    own = {symbol for _, path in looked_at for symbol in offered(path)}
+    for name, path in looked_at:
         allowed = [symbol for pattern, some in rules if fnmatch.fnmatch(name, pattern) for symbol in some]
         for symbol in symbols(path, "--undefined-only"):
             plain = re.sub(r"^__(\w+)_chk$", r"\1", symbol)  # the checked variants of _FORTIFY_SOURCE
             if symbol not in own and not any(fnmatch.fnmatch(plain, pattern) for pattern in allowed):
-                tree.finding(f"master/{name}", 0, f"needs {symbol}, which master_symbols.txt does not allow there")
+                tree.finding(f"{floor}/{name}", 0, f"needs {symbol}, which {listed} does not allow there")
 
 
 def main():
     build = os.path.abspath(sys.argv[2])
-    check_needs(build, read_allowed())
+    for floor, (chosen, listed) in NEEDS.items():
+        check_needs(build, floor, chosen, listed)
     count = 0
     for floor in FLOORS:
         for name, path in objects(build, floor):

@@ -25,6 +25,7 @@ PROBE = os.path.join(os.environ["TL_BUILD"], "tests", "config_probe")
 FULL = os.path.join(SOURCE, "tests", "support", "configuration_full.json")
 FREE = os.path.join(SOURCE, "tests", "support", "configuration_free.json")
 EPSILON = os.path.join(SOURCE, "tests", "support", "configuration_epsilon.json")
+CAN = os.path.join(SOURCE, "tests", "support", "configuration_can.json")
 MUTANTS = 600
 SOLVERS = {1: "nelder-mead", 100: "l-bfgs", 1000: "bobyqa"}  # the dissertation's numbers
 REGISTERS = {"int32": 2, "uint32": 2, "float32": 2, "float64": 4}
@@ -33,7 +34,9 @@ VALUES = [None, True, False, "", "text", "a\tb", "plant.omega", "motor.omega", "
           62, 64, 65, 98, 99, 247, 248, 255, 1000, 1001, 65534, 65535, 65536, 100001, 2147483647, 2147483648, 1e9, 1.1e9,
           1e300, -1e300, [], {}, [1, 2], [2, 1], [0.1, 0.1], ["a", "b"], {"to": "plant.omega"}, {"step": 1}, {"fmu": "x"},
           4, 99, 100, 100000, 1000000, 1000001, 1e-3, "states", "outputs", "dynamic", "hold", "secant", "nelder-mead", "bobyqa",
-          {"median": 3}, {"rate": 0.1}, {"nodes": 2}, {"to": "plant.omega", "tolerance": 1}]
+          "bus", "can0", "a/b", "0x7FF", "0x800", "0x1FFFFFFF", "0x20000000", "x", 2047, 2048, 536870911, 536870912, 8, 12, 32, 33,
+          63, 511, 512, 4294967295, 4294967296, "signed", "float32", "intel", "motorola", [1, 2, 3], [0] * 16, [0] * 17,
+          {"start": 0, "length": 4, "value": 3}, {"median": 3}, {"rate": 0.1}, {"nodes": 2}, {"to": "plant.omega", "tolerance": 1}]
 
 
 class Members(list):
@@ -138,12 +141,42 @@ def names(document):
     yield from (column["from"] for column in document.get("emulate", {}).get("columns", {}).values())
 
 
+def field_holds(field, bytes_, length=None):
+    """All bits of a field of a CAN frame are in it."""
+    length = length or field["length"]
+    start = int(field["start"])
+    first = start if field.get("order", "intel") == "intel" else start // 8 * 8 + 7 - start % 8
+    return first + length <= 8 * bytes_
+
+
+def multiplex_holds(outer, bytes_, level=1):
+    multiplex = outer.get("multiplex")
+    if multiplex is None:
+        return True
+    values = multiplex["value"] if isinstance(multiplex["value"], list) else [multiplex["value"]]
+    return (level <= 4 and field_holds(multiplex, bytes_) and all(value < 2**multiplex["length"] for value in values)
+            and multiplex_holds(multiplex, bytes_, level + 1))
+
+
+def can_holds(can):
+    if can is None:
+        return True
+    number = int(can["id"], 16) if isinstance(can["id"], str) else can["id"]
+    bytes_ = can.get("bytes", 8)
+    length = {"float32": 32, "float64": 64}.get(can.get("type"), can.get("length"))
+    return (can.get("extended", True) or number <= 0x7FF) and (can.get("fd", True) or bytes_ <= 8) and \
+        field_holds(can, bytes_, length) and multiplex_holds(can, bytes_)
+
+
 def signal_holds(document, signal):
     modbus = signal.get("modbus")
+    can = signal.get("can")
     sources = document.get("sources", {})
-    live = [("csv", signal.get("csv", {}).get("source"))] + ([("modbus_tcp", modbus["source"])] if modbus else [])
+    live = [("csv", signal.get("csv", {}).get("source"))] + ([("modbus_tcp", modbus["source"])] if modbus else []) + \
+        ([("can", can["source"])] if can else [])
     return (signal.get("min", float("-inf")) <= signal.get("max", float("inf"))
             and all(name is None or kind in sources.get(name, {}) for kind, name in live)
+            and can_holds(can)
             and (not modbus or modbus["address"] + REGISTERS.get(modbus.get("type"), 1) <= 65536))
 
 
@@ -260,7 +293,7 @@ def compare(mutant, problems, validator):
 
 def check_repository(validator):
     paths = sorted(glob.glob(os.path.join(SOURCE, "config", "**", "*.json"), recursive=True))
-    paths = [path for path in paths if os.sep + "schema" + os.sep not in path] + [FULL, FREE, EPSILON]
+    paths = [path for path in paths if os.sep + "schema" + os.sep not in path] + [FULL, FREE, EPSILON, CAN]
     failures = 0
     for path, problems in zip(paths, probe(paths)):
         with open(path, encoding="utf-8") as file:
@@ -275,11 +308,11 @@ def check_repository(validator):
 
 def make_mutants(rng):
     bases = []
-    for path in (FULL, FREE, EPSILON):
+    for path in (FULL, FREE, EPSILON, CAN):
         with open(path, encoding="utf-8") as file:
             bases.append(parse(file.read()))
     for _ in range(MUTANTS):
-        mutant = copy.deepcopy(rng.choice([bases[0], bases[0], bases[0], *bases[1:]]))
+        mutant = copy.deepcopy(rng.choice([bases[0], bases[0], bases[0], *bases[1:], bases[-1]]))
         changes = [mutate(mutant, rng) for _ in range(rng.choice([1, 1, 1, 2, 3]))]
         yield changes, mutant
 

@@ -12,6 +12,7 @@
 #define LOCK TL_SOURCE_DIR "/config/motor/lock.json"
 #define SLOW TL_SOURCE_DIR "/config/transport/slow.json"
 #define LIVE TL_SOURCE_DIR "/config/motor/live.json"
+#define BUS TL_SOURCE_DIR "/config/motor/can.json"
 
 static tl_scratch scratch;
 static tl_assembly assembly;
@@ -138,6 +139,14 @@ static void test_a_source_that_nothing_uses(void) {
                      "  sources.meter: no signal of the plant comes from it\n");
 }
 
+static void test_a_signal_by_can_that_never_goes_stale(void) {
+    load(BUS, "\"min\": -20, \"max\": 20, \"stale_s\": 0.2", "\"min\": -20, \"max\": 20");
+    expect_advice(1, "warnings\n"
+                     "  plant.torque: a sender on a CAN bus that falls silent is noticed by nothing\n"
+                     "    but the age of its values, and it has no stale_s: its last value would be\n"
+                     "    taken for good for ever\n");
+}
+
 /* In mode lag the step waits for it. */
 static void test_a_conditioned_measurement_in_mode_ahead(void) {
     load(LOCK, "\"tolerance\": 1.0", "\"tolerance\": 1.0, \"condition\": { \"median\": 5 }");
@@ -239,6 +248,7 @@ int main(void) {
     RUN_TEST(test_saving_that_is_off);
     RUN_TEST(test_outputs_that_are_kept_in_place_of_states);
     RUN_TEST(test_a_source_that_nothing_uses);
+    RUN_TEST(test_a_signal_by_can_that_never_goes_stale);
     RUN_TEST(test_a_conditioned_measurement_in_mode_ahead);
     RUN_TEST(test_a_nominal_outside_its_bounds);
     RUN_TEST(test_a_step_that_means_nothing);

@@ -179,10 +179,10 @@ static void test_sources(void) {
     static const change changes[] = {
         {"\"gateway\": { \"modbus_tcp\": { \"host\": \"plc.example\" } }",
          "\"gateway\": { \"modbus_tcp\": { \"host\": \"plc.example\" } }, \"odd\": {}", "sources.odd",
-         "found neither modbus_tcp nor csv, expected exactly one of them, for example {\"modbus_tcp\": {\"host\": \"192.0.2.10\"}}",
+         "found no kind of source, expected exactly one of modbus_tcp, csv, can, for example {\"modbus_tcp\": {\"host\": \"192.0.2.10\"}}",
          NULL},
         {"\"stream\": { \"csv\": {", "\"stream\": { \"modbus_tcp\": { \"host\": \"x\" }, \"csv\": {", "sources.stream",
-         "found both modbus_tcp and csv, expected exactly one of them, for example {\"modbus_tcp\": {\"host\": \"192.0.2.10\"}}",
+         "found several kinds of source, expected exactly one of modbus_tcp, csv, can, for example {\"modbus_tcp\": {\"host\": \"192.0.2.10\"}}",
          NULL},
         {"{ \"host\": \"plc.example\" }", "{}", "sources.gateway.modbus_tcp.host",
          "found nothing, expected a text, for example \"192.0.2.10\"", NULL},

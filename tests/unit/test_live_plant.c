@@ -208,6 +208,19 @@ static void test_a_signal_without_a_source(void) {
     TEST_ASSERT_NULL(plant);
 }
 
+static void test_a_bus_that_is_not_there(void) {
+    static const char TEXT[] =
+        "{ \"twinlock\": 1, \"name\": \"test\", \"step_s\": 0.01, \"components\": { \"motor\": { \"fmu\": \"motor.fmu\" } },"
+        "  \"sources\": { \"bus\": { \"can\": { \"interface\": \"tl-none0\" } } },"
+        "  \"plant\": { \"omega\": { \"can\": { \"source\": \"bus\", \"id\": 1, \"start\": 0, \"length\": 8 } } },"
+        "  \"compare\": { \"motor.omega\": { \"to\": \"plant.omega\" } } }";
+    tl_test_judge_text(TEXT, strlen(TEXT), &verdict);
+    TEST_ASSERT_EQUAL_INT(TL_OK, verdict.status);
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_live_plant_open(&verdict.config, on_link, links, &plant, &error));
+    wait_until_told("bus down: CAN interface tl-none0: ");
+    TEST_ASSERT_FALSE(tl_live_plant_is_complete(plant));
+}
+
 static void test_closing_is_quick(void) {
     read_config(dead_port());
     for (int i = 0; i < 10; i++) {
@@ -227,6 +240,7 @@ int main(void) {
     RUN_TEST(test_a_dead_device_does_not_stop_the_others);
     RUN_TEST(test_a_missing_file_is_waited_for);
     RUN_TEST(test_a_signal_without_a_source);
+    RUN_TEST(test_a_bus_that_is_not_there);
     RUN_TEST(test_closing_is_quick);
     int failures = UNITY_END();
     tl_scratch_remove(&scratch);

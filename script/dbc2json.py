@@ -1,0 +1,214 @@
+"""`sources` and `plant` of a configuration out of a DBC file: see script/dbc2json, which starts this."""
+import argparse
+import difflib
+import json
+import re
+import sys
+
+import cantools
+import textparser
+
+SIGNALS, NAME, VALUES, LEVELS = 64, 63, 16, 4  # what a configuration takes: config/SPEC.md
+LENGTHS = [1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48, 64]
+STALE_CYCLES = 5
+INDEPENDENT = "VECTOR__INDEPENDENT_SIG_MSG"  # no message: where editors keep signals of none
+
+
+class Refused(Exception):
+    """In words, for the person who asked."""
+
+
+# ---- one signal ----
+
+def frame_bytes(message):
+    """The length of the frame that the message is in."""
+    fitting = [length for length in LENGTHS if length >= message.length]
+    if not fitting:
+        raise Refused(f"message {message.name} has {message.length} bytes, but a frame has at most 64")
+    return fitting[0]
+
+
+def field_of(signal, message):
+    """Where its bits stand, which must be in the frame."""
+    bits = signal.length
+    first = signal.start if signal.byte_order == "little_endian" else signal.start // 8 * 8 + 7 - signal.start % 8
+    if (first + bits + 7) // 8 > frame_bytes(message):
+        raise Refused(f"{message.name}.{signal.name}: {bits} bits from {signal.start} on reach beyond the frame's "
+                      f"{frame_bytes(message)} bytes")
+    field = {"start": signal.start, "length": bits}
+    if signal.byte_order == "big_endian":
+        field["order"] = "motorola"
+    return field
+
+
+def type_of(signal, message):
+    if signal.is_float:
+        if signal.length not in (32, 64):
+            raise Refused(f"{message.name}.{signal.name}: a float of {signal.length} bits; there are those of 32 and 64")
+        return f"float{signal.length}"
+    if not 1 <= signal.length <= 64:
+        raise Refused(f"{message.name}.{signal.name}: an integer of {signal.length} bits; there are those of 1 to 64")
+    return "signed" if signal.is_signed else "unsigned"
+
+
+def multiplex_of(signal, message, level=1):
+    """The multiplexor that says when the signal is there, with its own; None where it always is."""
+    if not signal.multiplexer_ids:
+        return None
+    if level > LEVELS:
+        raise Refused(f"{message.name}.{signal.name}: more than {LEVELS} multiplexors above each other")
+    if len(signal.multiplexer_ids) > VALUES:
+        raise Refused(f"{message.name}.{signal.name} is there at {len(signal.multiplexer_ids)} values of "
+                      f"{signal.multiplexer_signal}; at most {VALUES} can be given")
+    multiplexor = message.get_signal_by_name(signal.multiplexer_signal)
+    if multiplexor.length > 32:
+        raise Refused(f"{message.name}.{multiplexor.name}: a multiplexor of {multiplexor.length} bits; at most 32")
+    values = sorted(signal.multiplexer_ids)
+    condition = {**field_of(multiplexor, message), "value": values[0] if len(values) == 1 else values}
+    outer = multiplex_of(multiplexor, message, level + 1)
+    if outer:
+        condition["multiplex"] = outer
+    return condition
+
+
+def can_of(signal, message, source):
+    can = {"source": source, "id": f"0x{message.frame_id:X}"}
+    if message.is_extended_frame and message.frame_id <= 0x7FF:
+        can["extended"] = True
+    size = frame_bytes(message)
+    if size != 8:
+        can["bytes"] = size
+    if message.is_fd and size <= 8:
+        can["fd"] = True
+    kind = type_of(signal, message)
+    can.update(field_of(signal, message))
+    if kind != "unsigned":
+        can["type"] = kind
+    if signal.scale != 1:
+        can["scale"] = signal.scale
+    if signal.offset != 0:
+        can["offset"] = signal.offset
+    multiplex = multiplex_of(signal, message)
+    if multiplex:
+        can["multiplex"] = multiplex
+    return can
+
+
+def is_boolean(signal):
+    return (signal.length == 1 and not signal.is_signed and not signal.is_float and signal.scale == 1
+            and signal.offset == 0 and signal.minimum is None and signal.maximum is None)
+
+
+def entry_of(signal, message, source):
+    entry = {}
+    if is_boolean(signal):
+        entry["type"] = "boolean"
+    if signal.unit:
+        entry["unit"] = re.sub(r"[\x00-\x1f\x7f]", " ", signal.unit)
+    for key, value in (("min", signal.minimum), ("max", signal.maximum)):
+        if value is not None:
+            entry[key] = value
+    if message.cycle_time:
+        entry["stale_s"] = STALE_CYCLES * message.cycle_time / 1000
+    entry["can"] = can_of(signal, message, source)
+    return entry
+
+
+# ---- all of them ----
+
+def nearest(name, names):
+    found = difflib.get_close_matches(name, names, 1, 0.5)
+    some = ", ".join(names[:8]) + (", …" if len(names) > 8 else "")
+    return f"did you mean {found[0]}?" if found else f"there are: {some}" if names else "there is none"
+
+
+def choose(database, messages, signals):
+    """The (message, signal) pairs that were asked for."""
+    pairs = [(message, signal) for message in database.messages if message.name != INDEPENDENT
+             for signal in message.signals]
+    there = list(dict.fromkeys(message.name for message, _ in pairs))
+    for name in messages:
+        if name not in there:
+            raise Refused(f"no message {name} with signals; {nearest(name, there)}")
+    if messages:
+        pairs = [pair for pair in pairs if pair[0].name in messages]
+    for name in signals:
+        if not any(name in (signal.name, f"{message.name}.{signal.name}") for message, signal in pairs):
+            raise Refused(f"no signal {name}; {nearest(name, [signal.name for _, signal in pairs])}")
+    if signals:
+        pairs = [(message, signal) for message, signal in pairs
+                 if signal.name in signals or f"{message.name}.{signal.name}" in signals]
+    return pairs
+
+
+def name_of(message, signal, doubled):
+    name = f"{message.name}_{signal.name}" if signal.name in doubled else signal.name
+    if not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*", name) or len(name) > NAME:
+        raise Refused(f"{message.name}.{signal.name}: {name} is no name for a signal: at most {NAME} letters, digits and _")
+    return name
+
+
+def convert(pairs, source, strict):
+    """The entries of `plant`, and why others are left out."""
+    names = [signal.name for _, signal in pairs]
+    doubled = {name for name in names if names.count(name) > 1}
+    plant, left_out = {}, []
+    for message, signal in pairs:
+        try:
+            plant[name_of(message, signal, doubled)] = entry_of(signal, message, source)
+        except Refused as reason:
+            if strict:
+                raise
+            left_out.append(str(reason))
+    return plant, left_out
+
+
+def load(path):
+    database = cantools.database.Database(strict=False)  # overlapping bits are allowed; what is beyond a frame is ours to say
+    try:
+        database.add_dbc_file(path, encoding="cp1252")
+    except OSError as reason:
+        raise Refused(f"{path} cannot be read: {reason.strerror}") from reason
+    except (textparser.Error, cantools.Error, ValueError, KeyError, TypeError, AttributeError, IndexError) as reason:
+        raise Refused(f"{path} is not a DBC file that can be understood: {reason}") from reason
+    return database
+
+
+def dump(source, interface, plant):
+    lines = [f'    {json.dumps(name)}: {json.dumps(entry, ensure_ascii=False)}' for name, entry in plant.items()]
+    return ('{\n  "sources": { ' + json.dumps(source) + ': { "can": { "interface": ' + json.dumps(interface)
+            + ' } } },\n  "plant": {\n' + ",\n".join(lines) + "\n  }\n}\n")
+
+
+def run(options):
+    if not re.fullmatch(r"[^/: \t]{1,15}", options.interface):
+        raise Refused(f"--interface {options.interface}: the name of an interface has 1 to 15 characters, no space, slash "
+                      "or colon, for example can0")
+    source = options.interface if re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*", options.interface) else "can"
+    pairs = choose(load(options.file), options.message, options.signal)
+    plant, left_out = convert(pairs, source, bool(options.signal))
+    for reason in left_out:
+        print(f"dbc2json: left out: {reason}", file=sys.stderr)
+    if not plant:
+        raise Refused(f"{options.file} has no signal that can be read")
+    if len(plant) > SIGNALS:
+        raise Refused(f"these are {len(plant)} signals, but a configuration takes {SIGNALS}: choose with --message and "
+                      "--signal")
+    sys.stdout.write(dump(source, options.interface, plant))
+
+
+def main():
+    parser = argparse.ArgumentParser(prog="dbc2json")
+    parser.add_argument("file")
+    parser.add_argument("--interface", default="can0")
+    parser.add_argument("--message", action="append", default=[])
+    parser.add_argument("--signal", action="append", default=[])
+    try:
+        run(parser.parse_args())
+    except Refused as reason:
+        print(f"dbc2json: {reason}", file=sys.stderr)
+        sys.exit(65)
+
+
+if __name__ == "__main__":
+    main()

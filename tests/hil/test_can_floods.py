@@ -1,0 +1,101 @@
+#!/usr/bin/env python3
+"""More frames on a live CAN bus than anybody can read: those with other ids wake nobody, of those with our own the newest
+counts, and what is lost is told with its number.
+"""
+import re
+import signal
+import struct
+import time
+from pathlib import Path
+
+from can_bus import EXTENDED, OMEGA, Bus, Motor, events_with, in_rig, live_config, wait_for_value
+from live_test import (GOOD, STALE, Program, check_replay, check_summary, end_well, events, last_step, stop, wait_for_lock,
+                       wait_for_quality)
+from twinlock_test import at_most, expect, main
+
+FLOOD = 100000
+
+
+def reader_thread(pid):
+    """/proc of the thread that reads the bus."""
+    for task in Path(f"/proc/{pid}/task").iterdir():
+        if (task / "comm").read_text().strip() == "io bus":
+            return task
+    raise AssertionError("no thread \"io bus\"")
+
+
+def wake_ups(task):
+    return int(re.search(r"^voluntary_ctxt_switches:\s+(\d+)", (task / "status").read_text(), re.M)[1])
+
+
+def test_flood_of_other_ids():
+    """The kernel keeps them away: the reader wakes as rarely as on a silent bus."""
+    config, database = live_config()
+    with Motor(OMEGA) as motor, Program("run", config, "--json") as live:
+        wait_for_lock(live, database)
+        motor.quiet = True
+        wait_for_quality(live, database, "omega", STALE)
+        task = reader_thread(live.pid)
+        woken, begun = wake_ups(task), time.monotonic()
+        with Bus() as bus:
+            for i in range(FLOOD):
+                bus.send(0x183 if i % 2 else 0x18FEF101 | EXTENDED, bytes(8))
+        seconds = time.monotonic() - begun
+        woken = wake_ups(task) - woken
+        print(f"    {FLOOD} frames in {seconds:.1f} s, {woken} wake-ups of the reader")
+        at_most(woken, 60 * seconds + 60, "wake-ups while others talk (a poll of 50 ms and a rest make 40 a second)")
+        motor.quiet = False
+        wait_for_quality(live, database, "omega", GOOD)
+        told, _ = end_well(live, signal.SIGTERM)
+    rows = check_summary(told, database)
+    check_replay(config, database, rows)
+
+
+def test_flood_of_own_ids():
+    config, database = live_config()
+    with Motor(OMEGA) as motor, Program("run", config, "--json") as live:
+        wait_for_lock(live, database)
+        motor.quiet = True
+        begun = time.monotonic()
+        with Bus() as bus:
+            for i in range(FLOOD):
+                bus.send(0x182, struct.pack(">h6x", i % 1000))
+            bus.send(0x182, struct.pack(">h6x", 1234))
+        seconds = time.monotonic() - begun
+        wait_for_value(live, database, "torque", 1234 * 0.001)
+        print(f"    {FLOOD} frames in {seconds:.1f} s")
+        motor.quiet = False
+        wait_for_quality(live, database, "omega", GOOD)
+        wait_for_lock(live, database, last_step(database))
+        told, _ = end_well(live, signal.SIGTERM)
+    rows = check_summary(told, database)
+    lost = events_with(database, "frames lost")
+    at_most(lost, seconds + 2, "times that lost frames were told")
+    check_replay(config, database, rows)
+
+
+def test_frames_lost_are_counted():
+    """Whoever does not read loses frames, and hears how many when it reads again."""
+    config, database = live_config()
+    count = 20000
+    with Motor(OMEGA) as motor, Program("run", config, "--json") as live:
+        wait_for_lock(live, database)
+        motor.quiet = True
+        time.sleep(0.2)
+        stop(live)
+        for _ in range(count):
+            motor.send(0x182, struct.pack(">h6x", 55))
+        live.signal(signal.SIGCONT)
+        motor.quiet = False
+        live.wait_for("frames lost: they came faster than they were read")
+        wait_for_value(live, database, "torque", 0)
+        told, _ = end_well(live, signal.SIGTERM)
+    check_replay(config, database, check_summary(told, database))
+    counted = sum(int(match[1]) for _, text in events(database) if (match := re.search(r"(\d+) frames lost", text)))
+    expect(0 < counted < count, f"told that {counted} of {count} frames were lost")
+    print(f"    {counted} of {count} frames lost")
+
+
+if __name__ == "__main__":
+    in_rig()
+    main()

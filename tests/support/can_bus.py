@@ -1,0 +1,191 @@
+"""A CAN bus for tests: the kernel's own virtual one (vcan0), with Python's raw sockets at it.
+
+Where the machine has none, in_rig() starts the calling test again in the rig (script/rig), a virtual box whose kernel has
+CAN; where there is no rig either, the test is skipped.
+"""
+import os
+import socket
+import struct
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+from live_test import GOOD, SAMPLES, events, query, wait_for_steps, wait_until
+from twinlock_test import SKIPPED, SOURCE, edited_config, expect
+
+LIVE = "motor/can.json"
+OMEGA = 62.981  # rad/s: where config/motor's twin starts
+INTERFACE = "vcan0"
+EXTENDED, REMOTE, ERROR = 0x80000000, 0x40000000, 0x20000000  # flags of an id
+CLASSIC, FD = struct.Struct("=IB3x8s"), struct.Struct("=IBB2x64s")
+
+
+def has_can():
+    try:
+        socket.socket(socket.PF_CAN, socket.SOCK_RAW, socket.CAN_RAW).close()
+    except OSError:
+        return False
+    return Path("/sys/class/net", INTERFACE).exists()
+
+
+def in_rig(timeout=280):
+    """Returns where there is a CAN bus; else this process becomes the rig, or ends as skipped."""
+    if has_can():
+        return
+    rig = SOURCE / "script" / "rig"
+    if rig.exists() and "TL_RIG" not in os.environ:
+        sys.stdout.flush()
+        os.execv(rig, [str(rig), "--source", str(SOURCE), "--build", os.environ["TL_BUILD"], "--timeout", str(timeout),
+                       "--", sys.executable, *sys.argv])
+    print(f"no CAN here: this test wants {INTERFACE} (modprobe vcan; ip link add {INTERFACE} type vcan; "
+          f"ip link set {INTERFACE} mtu 72 up), or script/rig")
+    sys.exit(1 if os.environ.get("CI") == "true" else SKIPPED)
+
+
+def ip(*words):
+    """`ip link …`; iproute2 is where the machine has it, else busybox's."""
+    subprocess.run(["ip", "link", *words], check=True)
+
+
+def interface_up(name=INTERFACE):
+    ip("set", name, "up")
+
+
+def interface_down(name=INTERFACE):
+    ip("set", name, "down")
+
+
+def remove_interface():
+    ip("del", INTERFACE)
+
+
+def make_interface(mtu=72):
+    ip("add", INTERFACE, "type", "vcan")
+    ip("set", INTERFACE, "mtu", str(mtu))
+    interface_up()
+
+
+def transmitted(name=INTERFACE):
+    """Frames that anybody has sent at the interface, as the kernel counts them."""
+    return int(Path("/sys/class/net", name, "statistics", "tx_packets").read_text())
+
+
+def pack(identifier, data, fd=False):
+    form, room = (FD, 64) if fd else (CLASSIC, 8)
+    values = (identifier, len(data), 0, data.ljust(room, b"\0")) if fd else (identifier, len(data), data.ljust(room, b"\0"))
+    return form.pack(*values)
+
+
+class Bus:
+    """A socket at the bus that sends; it hears nothing."""
+
+    def __init__(self, name=INTERFACE):
+        self.socket = socket.socket(socket.PF_CAN, socket.SOCK_RAW, socket.CAN_RAW)
+        self.socket.setsockopt(socket.SOL_CAN_RAW, socket.CAN_RAW_FD_FRAMES, 1)
+        self.socket.setsockopt(socket.SOL_CAN_RAW, socket.CAN_RAW_FILTER, b"")
+        self.socket.bind((name,))
+        self.sent = 0
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *unused):
+        self.socket.close()
+
+    def send(self, identifier, data, fd=False):
+        frame = pack(identifier, data, fd)
+        while True:
+            try:
+                self.socket.send(frame)
+                self.sent += 1
+                return
+            except OSError as reason:
+                expect(reason.errno == 105, f"the bus does not take a frame: {reason}")  # ENOBUFS: later
+                time.sleep(0.001)
+
+
+class Motor(Bus):
+    """Sends what config/motor/can.json reads, every 5 ms from a thread of its own, until it is left."""
+
+    def __init__(self, omega, torque=0.0, name=INTERFACE):
+        super().__init__(name)
+        self.omega, self.torque, self.quiet = omega, torque, False
+        self.done = threading.Event()
+        self.thread = threading.Thread(target=self._run, daemon=True)
+
+    def __enter__(self):
+        self.thread.start()
+        return self
+
+    def __exit__(self, *unused):
+        self.done.set()
+        self.thread.join()
+        super().__exit__()
+
+    def tell(self):
+        self.send(0x18FEF100 | EXTENDED, struct.pack("<f4x", self.omega))
+        self.send(0x182, struct.pack(">h6x", round(self.torque * 1000)))
+
+    def _run(self):
+        while not self.done.wait(0.005):
+            if not self.quiet:
+                try:
+                    self.tell()
+                except (OSError, AssertionError):
+                    pass  # the interface is down, or away: a sender cannot help that
+
+
+class Wire:
+    """Hears every frame on the bus, whoever sent it."""
+
+    def __init__(self, name=INTERFACE):
+        self.socket = socket.socket(socket.PF_CAN, socket.SOCK_RAW, socket.CAN_RAW)
+        self.socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 8 * 1024 * 1024)
+        self.socket.setsockopt(socket.SOL_CAN_RAW, socket.CAN_RAW_FD_FRAMES, 1)
+        self.socket.bind((name,))
+        self.socket.settimeout(0.2)
+        self.frames = []
+        self.done = threading.Event()
+        self.thread = threading.Thread(target=self._run, daemon=True)
+
+    def __enter__(self):
+        self.thread.start()
+        return self
+
+    def __exit__(self, *unused):
+        self.done.set()
+        self.thread.join()
+        self.socket.close()
+
+    def _run(self):
+        while not self.done.is_set():
+            try:
+                self.frames.append(self.socket.recv(72))
+            except OSError:
+                continue
+
+
+# ---- runs ----
+
+def live_config(**changes):
+    """can.json without an end, committed ten times a second; and the database's path."""
+    config = edited_config(LIVE, {"duration_s": None, "record": {"commit_s": 0.1}, **changes})
+    return config, config.parent / "twin.db"
+
+
+def newest(database, name):
+    """(quality, value) of the newest sample."""
+    return query(database, SAMPLES + " ORDER BY tick DESC LIMIT 1", {"run": 1, "name": "plant." + name})[0][1:]
+
+
+def wait_for_value(live, database, name, value):
+    wait_for_steps(live, database, 1)
+    wait_until(lambda: newest(database, name) == (GOOD, value), f"{name} = {value}",
+               lambda: f"{newest(database, name)}\n{live.log()}")
+
+
+def events_with(database, words):
+    """How many events say that."""
+    return sum(words in text for _, text in events(database))
