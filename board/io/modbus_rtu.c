@@ -130,31 +130,31 @@ static void rtu_release(tl_modbus_link *link) {
 
 /* ---- a request and its response ---- */
 
+static bool is_readable(int descriptor) {
+    struct pollfd one = {.fd = descriptor, .events = POLLIN};
+    return poll(&one, 1, 0) > 0;
+}
+
 /* Waits until the line is quiet, and throws away what comes meanwhile. 0, or errno. */
 static int await_quiet(rtu_link *rtu) {
+    const int descriptor = rtu->link.descriptor;
     const tl_time quiet = rtu->failed ? QUIET_AFTER_FAILURE : rtu->quiet;
     const tl_time end = tl_modbus_link_now() + rtu->link.timeout + quiet;
-    for (;;) {
+    while (rtu->last <= end) {
         uint8_t waste[256];
-        int failure = tl_modbus_link_await(&rtu->link, rtu->link.descriptor, POLLIN, rtu->last + quiet);
-        if (failure == ETIMEDOUT) {
-            ssize_t count = read(rtu->link.descriptor, waste, sizeof waste); /* of a wait that was over at once */
-            if (count < 0 && errno == EAGAIN) {
-                return 0;
-            }
-            failure = count > 0 ? 0 : EIO;
-        } else if (failure == 0) {
-            ssize_t count = read(rtu->link.descriptor, waste, sizeof waste);
-            failure = count > 0 || (count < 0 && errno == EAGAIN) ? 0 : EIO;
+        int failure = tl_modbus_link_await(&rtu->link, descriptor, POLLIN, rtu->last + quiet);
+        if (failure == ETIMEDOUT && !is_readable(descriptor)) { /* there was perhaps nothing to wait for */
+            return 0;
         }
-        if (failure != 0) {
+        if (failure != 0 && failure != ETIMEDOUT) {
             return failure;
         }
-        rtu->last = tl_modbus_link_now();
-        if (rtu->last > end) {
-            return EBUSY;
+        if (read(descriptor, waste, sizeof waste) <= 0) { /* readable, and nothing there: it was hung up */
+            return EIO;
         }
+        rtu->last = tl_modbus_link_now();
     }
+    return EBUSY;
 }
 
 static size_t value_bytes(const tl_modbus_read *read) {
