@@ -29,7 +29,7 @@ static void read_line(tl_config_object *object, const cJSON *source, tl_gpio_cha
     if (tl_config_get_number(object, "offset", &rule, &offset)) {
         const cJSON *chip = cJSON_GetObjectItemCaseSensitive(cJSON_GetObjectItemCaseSensitive(source, "gpio"), "chip");
         channel->offset = (unsigned)offset;
-        if (source != NULL && chip == NULL) {
+        if (source != NULL && chip == NULL && !by_name) {
             tl_config_wrong(object, "offset", NULL, "line, or a source with a chip", NULL);
         }
     }

@@ -31,7 +31,8 @@ typedef enum link_state { LINK_UNKNOWN, LINK_DOWN, LINK_UP } link_state;
 
 typedef struct input_line {
     tl_gpio_channel channel;
-    char *name; /* copy of channel.line */
+    size_t first; /* index of the first channel that is the same line; of any other one nothing else is used */
+    char *name;   /* copy of channel.line */
     tl_gpio_line *line;
     tl_gpio_input input;
     size_t budget;      /* edges and looks for edges that are left in this poll */
@@ -103,7 +104,11 @@ static void note_missed(tl_plant_io *io, const tl_plant_io_sink *sink, input_lin
 
 static void post(const tl_plant_io *io, const tl_plant_io_sink *sink, const input_line *own,
                  const tl_reading *reading) {
-    sink->post(sink->context, (size_t)(own - io->lines), reading);
+    for (size_t i = own->first; i < io->count; i++) {
+        if (io->lines[i].first == own->first) {
+            sink->post(sink->context, i, reading);
+        }
+    }
 }
 
 static void post_no_link(const tl_plant_io *io, const tl_plant_io_sink *sink, const input_line *own) {
@@ -336,6 +341,9 @@ static tl_status gpio_poll(tl_plant_io *io, const tl_plant_io_sink *sink, bool *
     }
     for (size_t i = 0; i < io->count; i++) {
         input_line *own = &io->lines[i];
+        if (own->first != i) {
+            continue;
+        }
         own->budget = io->budget;
         if (own->line != NULL) {
             attend(io, sink, own, true);
@@ -412,6 +420,22 @@ static tl_status check(const tl_gpio_settings *settings, tl_error *error) {
     return TL_OK;
 }
 
+/* Both NULL, or both the same text. */
+static bool is_same_name(const char *a, const char *b) {
+    return a == NULL || b == NULL ? a == b : strcmp(a, b) == 0;
+}
+
+/* The index of the first channel that is the same line: a line can be requested once. */
+static size_t first_of(const tl_gpio_settings *settings, size_t index) {
+    const tl_gpio_channel *channel = &settings->channels[index];
+    size_t first = 0;
+    while (!is_same_name(settings->channels[first].line, channel->line) ||
+           (channel->line == NULL && settings->channels[first].offset != channel->offset)) {
+        first++;
+    }
+    return first;
+}
+
 /* false where memory is out. */
 static bool copy(const tl_gpio_settings *settings, tl_plant_io *io) {
     bool whole = true;
@@ -422,6 +446,7 @@ static bool copy(const tl_gpio_settings *settings, tl_plant_io *io) {
     for (size_t i = 0; i < io->count; i++) {
         input_line *own = &io->lines[i];
         own->channel = settings->channels[i];
+        own->first = first_of(settings, i);
         own->name = own->channel.line != NULL ? strdup(own->channel.line) : NULL;
         whole = whole && (own->name != NULL) == (own->channel.line != NULL);
         own->channel.line = own->name;

@@ -384,6 +384,27 @@ static void test_a_line_without_edges_is_debounced(void) {
     TEST_ASSERT_EQUAL_size_t(1, links); /* levels that nobody could see are not missed edges */
 }
 
+/* A signal with two look-ups (of `delays`) is there twice. */
+static void test_two_channels_of_one_line(void) {
+    channels[1].line = "A";
+    channels[0].line = "B";
+    channels[2] = channels[1];
+    open_driver(3, 0.005);
+    put_edge(0, true, now());
+    poll_once();
+    put_edge(0, false, now());
+    poll_once();
+    TEST_ASSERT_EQUAL_size_t(1, lines[0].requests);
+    TEST_ASSERT_EQUAL_size_t(post_count[1], post_count[2]);
+    TEST_ASSERT_EQUAL_MEMORY(posts[1], posts[2], post_count[1] * sizeof posts[1][0]);
+    expect(2, 0, TL_GOOD);
+    set_failures(0, ENODEV, 0);
+    poll_once();
+    expect(1, 0, TL_NO_LINK);
+    expect(2, 0, TL_NO_LINK);
+    expect(0, 0, TL_GOOD);
+}
+
 /* ---- lines that are not there ---- */
 
 static void expect_refused_then_there(const char *text) {
@@ -564,6 +585,7 @@ int main(void) {
     RUN_TEST(test_an_edge_that_never_comes);
     RUN_TEST(test_a_line_without_edges);
     RUN_TEST(test_a_line_without_edges_is_debounced);
+    RUN_TEST(test_two_channels_of_one_line);
     RUN_TEST(test_a_line_that_is_not_found);
     RUN_TEST(test_a_line_that_somebody_uses);
     RUN_TEST(test_a_line_that_cannot_be_requested);
