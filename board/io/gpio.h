@@ -40,8 +40,8 @@ typedef struct tl_gpio_channel {
 } tl_gpio_channel;
 
 typedef struct tl_gpio_settings {
-    const char *chip; /* name ("gpiochip0"), label, or path; NULL: any, where all lines have names */
-    double period_s;  /* between the beginnings of polls, as the reader does it; > 0 */
+    const char *chip;                /* name ("gpiochip0"), label, or path; NULL: any, where all lines have names */
+    double period_s;                 /* between the beginnings of polls, as the reader does it; > 0 */
     const tl_gpio_channel *channels; /* several may be one line, which is read as the first of them says */
     size_t channel_count;
 } tl_gpio_settings;

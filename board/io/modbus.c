@@ -10,6 +10,7 @@
 
 #include <errno.h>
 #include <math.h>
+#include <modbus.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>

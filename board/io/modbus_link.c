@@ -5,6 +5,7 @@
 #include "board/io/modbus_link.h"
 
 #include <errno.h>
+#include <modbus.h>
 #include <poll.h>
 #include <stdlib.h>
 #include <string.h>

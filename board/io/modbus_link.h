@@ -14,8 +14,6 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#include <modbus.h>
-
 #include "board/io/modbus_map.h"
 #include "master/base/simtime.h"
 
@@ -56,11 +54,11 @@ typedef struct tl_modbus_link_kind {
 
 struct tl_modbus_link {
     const tl_modbus_link_kind *kind;
-    char name[160];    /* for people: "Modbus server HOST:PORT" */
-    modbus_t *context; /* libmodbus's */
-    tl_time timeout;   /* ns; of one response */
-    int descriptor;    /* −1: not connected */
-    int wake;          /* eventfd: interrupted, and nobody has taken notice yet */
+    char name[160];          /* for people: "Modbus server HOST:PORT" */
+    struct _modbus *context; /* libmodbus's modbus_t */
+    tl_time timeout;         /* ns; of one response */
+    int descriptor;          /* −1: not connected */
+    int wake;                /* eventfd: interrupted, and nobody has taken notice yet */
     pthread_mutex_t lock;
 };
 
@@ -72,7 +70,8 @@ tl_modbus_link *tl_modbus_rtu_make(const tl_modbus_line *line, tl_time timeout);
 
 /* For the kinds: the part that all have. false where a resource is missing; then `context` is freed. A NULL context is
  * one that is missing. */
-bool tl_modbus_link_init(tl_modbus_link *link, const tl_modbus_link_kind *kind, modbus_t *context, tl_time timeout);
+bool tl_modbus_link_init(tl_modbus_link *link, const tl_modbus_link_kind *kind, struct _modbus *context,
+                         tl_time timeout);
 void tl_modbus_link_done(tl_modbus_link *link);
 
 /* Any thread: ends the waiting of the thread that connects or asks, or else its next one. */

@@ -13,6 +13,7 @@
 
 #include <errno.h>
 #include <linux/serial.h>
+#include <modbus.h>
 #include <poll.h>
 #include <stdio.h>
 #include <stdlib.h>

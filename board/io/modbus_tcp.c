@@ -9,6 +9,7 @@
 #include "board/io/modbus_link.h"
 
 #include <errno.h>
+#include <modbus.h>
 #include <netdb.h>
 #include <netinet/in.h>
 #include <netinet/tcp.h>
