@@ -19,7 +19,7 @@ tl_time tl_modbus_link_now(void) {
     return (tl_time)now.tv_sec * TL_SECOND + now.tv_nsec;
 }
 
-bool tl_modbus_link_init(tl_modbus_link *link, const tl_modbus_link_kind *kind, modbus_t *context, tl_time timeout) {
+bool tl_modbus_link_init(tl_modbus_link *link, const tl_modbus_link_kind *kind, void *context, tl_time timeout) {
     link->kind = kind;
     link->context = context;
     link->timeout = timeout;

@@ -54,11 +54,11 @@ typedef struct tl_modbus_link_kind {
 
 struct tl_modbus_link {
     const tl_modbus_link_kind *kind;
-    char name[160];          /* for people: "Modbus server HOST:PORT" */
-    struct _modbus *context; /* libmodbus's modbus_t */
-    tl_time timeout;         /* ns; of one response */
-    int descriptor;          /* −1: not connected */
-    int wake;                /* eventfd: interrupted, and nobody has taken notice yet */
+    char name[160];  /* for people: "Modbus server HOST:PORT" */
+    void *context;   /* modbus_t *, of libmodbus */
+    tl_time timeout; /* ns; of one response */
+    int descriptor;  /* −1: not connected */
+    int wake;        /* eventfd: interrupted, and nobody has taken notice yet */
     pthread_mutex_t lock;
 };
 
@@ -70,8 +70,7 @@ tl_modbus_link *tl_modbus_rtu_make(const tl_modbus_line *line, tl_time timeout);
 
 /* For the kinds: the part that all have. false where a resource is missing; then `context` is freed. A NULL context is
  * one that is missing. */
-bool tl_modbus_link_init(tl_modbus_link *link, const tl_modbus_link_kind *kind, struct _modbus *context,
-                         tl_time timeout);
+bool tl_modbus_link_init(tl_modbus_link *link, const tl_modbus_link_kind *kind, void *context, tl_time timeout);
 void tl_modbus_link_done(tl_modbus_link *link);
 
 /* Any thread: ends the waiting of the thread that connects or asks, or else its next one. */

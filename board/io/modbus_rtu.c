@@ -217,7 +217,7 @@ static void take_values(const tl_modbus_read *read, const uint8_t *data, tl_modb
 
 static int rtu_ask(tl_modbus_link *link, const tl_modbus_read *read, tl_modbus_values *values) {
     rtu_link *rtu = (rtu_link *)link;
-    uint8_t response[MODBUS_RTU_MAX_ADU_LENGTH];
+    uint8_t response[MODBUS_RTU_MAX_ADU_LENGTH] = {0};
     int failure = await_quiet(rtu);
     if (failure == 0) {
         failure = send_request(rtu, read);
