@@ -46,10 +46,11 @@ static void take_word(const char *word, tl_gpio_channel *channel) {
 }
 
 static tl_gpio_channel channel_of(char *text) {
-    char *word = strtok(text, ":");
+    char *rest = NULL;
+    char *word = strtok_r(text, ":", &rest);
     tl_gpio_channel channel = {.line = word[0] == '#' ? NULL : word};
     channel.offset = word[0] == '#' ? (unsigned)strtoul(word + 1, NULL, 10) : 0;
-    while ((word = strtok(NULL, ":")) != NULL) {
+    while ((word = strtok_r(NULL, ":", &rest)) != NULL) {
         take_word(word, &channel);
     }
     return channel;
