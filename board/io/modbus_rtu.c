@@ -208,9 +208,9 @@ static int check_response(const tl_modbus_read *read, const uint8_t *response, s
 static void take_values(const tl_modbus_read *read, const uint8_t *data, tl_modbus_values *values) {
     for (size_t i = 0; i < read->count; i++) {
         if (read->table == TL_MODBUS_COIL || read->table == TL_MODBUS_DISCRETE) {
-            values->bits[i] = data[i / 8] >> (i % 8) & 1U;
+            values->bits[i] = (uint8_t)((unsigned)data[i / 8] >> i % 8 & 1U);
         } else {
-            values->registers[i] = (uint16_t)(data[2 * i] << 8 | data[2 * i + 1]);
+            values->registers[i] = (uint16_t)((unsigned)data[2 * i] << 8 | data[2 * i + 1]);
         }
     }
 }

@@ -5,6 +5,7 @@ import fcntl
 import os
 import struct
 import subprocess
+import sys
 import termios
 import threading
 import time
@@ -172,23 +173,6 @@ def test_a_burst():
         expect(not any("goes back" in line for line in probe.said()), "\n".join(probe.said()[-5:]))
 
 
-def test_a_chip_that_is_pulled_out():
-    with Chip("bench", ["START"]) as chip, Probe(60, "bench", "START") as probe:
-        for _ in range(2):
-            chip.set("START", False)
-            probe.wait_for(0, 0)
-            chip.pull_out()
-            probe.wait_for(0, 0, NO_LINK)
-            before = probe.cpu_s()
-            time.sleep(1.5)
-            expect(probe.cpu_s() - before < 0.7, f"{probe.cpu_s() - before} s of CPU in 1.5 s without a chip")
-            chip.plug_in()
-            probe.wait_for(0, 0)
-            expect_stamp(probe, 0, 1, chip.set("START", True))
-        text = "\n".join(probe.said())
-        expect("down GPIO line START: its chip is gone" in text and "there is no chip bench" in text, text)
-
-
 def test_a_name_that_is_there_twice():
     with Chip("bench", ["A", "START"]) as chip, Chip("spare", ["START"]) as spare:
         with Probe(60, "-", "START") as probe:
@@ -263,7 +247,7 @@ class Unit:
 
 def configuration(port):
     return edited_config("cylinder/hold.json", {
-        "step_s": 0.02, "duration_s": 9,
+        "step_s": 0.02, "duration_s": 7,
         "sources": {"box": {"gpio": {"chip": "bench", "period_s": 0.01}},
                     "bus": {"modbus_rtu": {"device": "/dev/ttyS1", "period_s": 0.04}},
                     "plc": {"modbus_tcp": {"host": "127.0.0.1", "port": port, "period_s": 0.05}}},
@@ -302,20 +286,11 @@ def test_a_live_run_with_three_kinds_of_sources():
                 chip.set("DONE", True)
                 time.sleep(0.6)
                 unit.coil = 1
-            chip.pull_out()
-            run.wait_for("its chip is gone")
-            time.sleep(0.4)
-            chip.plug_in()
-            run.wait_for("connected", times=6)
             told, log = end_well(run)
     check_database(database)
-    for name, wanted in (("move_out", {(0, "good"), (1, "good"), (1, "no link"), (0, "no link")}),
-                         ("extended", {(0, "good"), (1, "good"), (1, "no link"), (0, "no link")}),
-                         ("retracted", {(0, "good"), (1, "good")}), ("airflow", {(1.5, "good")})):
+    for name, wanted in (("move_out", {0, 1}), ("extended", {0, 1}), ("retracted", {0, 1}), ("airflow", {1.5})):
         found = set(samples(database, name)[50:])
-        expect({pair for pair in found if pair[1] == "good"} == {pair for pair in wanted if pair[1] == "good"} and
-               found <= wanted, f"{name} was read as {found}")
-    expect("no link" in {quality for _, quality in samples(database, "move_out")}, "nobody noticed that the chip was gone")
+        expect(found == {(value, "good") for value in wanted}, f"{name} was read as {found}")
     expect(unit.requests > 50 and device.functions == {4}, f"{unit.requests} requests; functions {device.functions}")
     rows = number(database, "SELECT count(*) FROM steps")
     columns = number(database, "SELECT count(*) FROM signals WHERE kind = 'match'")
@@ -324,6 +299,27 @@ def test_a_live_run_with_three_kinds_of_sources():
     expect(repeated["adjust"] == told["adjust"] and repeated["match"] == told["match"], f"{repeated}\n{told}\n{log}")
     expect_repeated(database, 1, again, RESULTS, columns * rows)
     print(f"    {rows} steps, {unit.requests} requests on the line, outcomes {told['outcomes']}")
+
+
+def test_a_chip_that_is_pulled_out():
+    """In a boot of its own (tests/hil/test_live_gpio.py): a chip that goes while its lines are held damages the memory of
+    Linux 6.1, which shows sooner or later."""
+    if "pulled_out" not in sys.argv:
+        raise Skip("say pulled_out")
+    with Chip("bench", ["START"]) as chip, Probe(60, "bench", "START") as probe:
+        for _ in range(2):
+            chip.set("START", False)
+            probe.wait_for(0, 0)
+            chip.pull_out()
+            probe.wait_for(0, 0, NO_LINK)
+            before = probe.cpu_s()
+            time.sleep(1.5)
+            expect(probe.cpu_s() - before < 0.7, f"{probe.cpu_s() - before} s of CPU in 1.5 s without a chip")
+            chip.plug_in()
+            probe.wait_for(0, 0)
+            expect_stamp(probe, 0, 1, chip.set("START", True))
+        text = "\n".join(probe.said())
+        expect("down GPIO line START: its chip is gone" in text and "there is no chip bench" in text, text)
 
 
 if __name__ == "__main__":
