@@ -7,6 +7,7 @@
 
 #include "board/io/can.h"
 #include "board/io/csv.h"
+#include "board/io/gpio.h"
 #include "board/io/modbus.h"
 #include "firmware/plant_reader.h"
 
@@ -35,12 +36,20 @@ void tl_live_plant_set_limits(tl_plant_input *input, const tl_config *config) {
 static tl_status open_modbus(const tl_config *config, const tl_config_source *configured, tl_plant_source *source,
                              tl_error *error) {
     tl_modbus_channel channels[TL_MAX_SIGNALS];
+    char path[PATH_MAX];
     for (size_t i = 0; i < source->signal_count; i++) {
         channels[i] = config->signals[source->signals[i]].modbus;
+    }
+    tl_modbus_line line = configured->line;
+    line.device = NULL;
+    if (configured->kind == TL_SOURCE_MODBUS_RTU) {
+        tl_config_file_path(config, configured->line.device, path, sizeof path);
+        line.device = path;
     }
     const tl_modbus_settings settings = {
         .host = configured->host,
         .port = configured->port,
+        .line = line,
         .timeout_s = configured->timeout_s,
         .channels = channels,
         .channel_count = source->signal_count,
@@ -79,17 +88,36 @@ static tl_status open_can(const tl_config *config, const tl_config_source *confi
     return tl_can_open(&settings, &source->io, error);
 }
 
+static tl_status open_gpio(const tl_config *config, const tl_config_source *configured, tl_plant_source *source,
+                           tl_error *error) {
+    tl_gpio_channel channels[TL_MAX_SIGNALS];
+    for (size_t i = 0; i < source->signal_count; i++) {
+        channels[i] = config->signals[source->signals[i]].gpio;
+    }
+    const tl_gpio_settings settings = {
+        .chip = configured->chip,
+        .period_s = configured->period_s,
+        .channels = channels,
+        .channel_count = source->signal_count,
+    };
+    source->driver = &tl_gpio_driver;
+    return tl_gpio_open(&settings, &source->io, error);
+}
+
 static tl_status open_driver(const tl_config *config, const tl_config_source *configured, tl_plant_source *source,
                              tl_error *error) {
     switch (configured->kind) {
     case TL_SOURCE_MODBUS_TCP:
+    case TL_SOURCE_MODBUS_RTU:
         return open_modbus(config, configured, source, error);
-    case TL_SOURCE_CSV:
-        return open_csv(config, configured, source, error);
     case TL_SOURCE_CAN:
+        return open_can(config, configured, source, error);
+    case TL_SOURCE_GPIO:
+        return open_gpio(config, configured, source, error);
+    case TL_SOURCE_CSV:
         break;
     }
-    return open_can(config, configured, source, error);
+    return open_csv(config, configured, source, error);
 }
 
 /* Opens one configured source; one that no signal uses is left out. */
@@ -128,8 +156,8 @@ static tl_status check_sources(const tl_config *config, tl_error *error) {
         if (config->signals[i].source == SIZE_MAX) {
             return tl_fail(
                 error, TL_BAD_DATA,
-                "%s: plant.%s has no live source: give it \"modbus\", \"can\", or \"csv\" with a \"source\"; to run "
-                "a recording use `twinlock replay`",
+                "%s: plant.%s has no live source: give it \"modbus\", \"can\", \"gpio\", or \"csv\" with a \"source\"; to "
+                "run a recording use `twinlock replay`",
                 config->path, config->signals[i].plan.name);
         }
     }
