@@ -22,7 +22,7 @@
 static const tl_time LOOK = TL_SECOND / 20;
 
 /* The first pause before a restart that follows another, and the longest. */
-static const tl_time PAUSE_FIRST = TL_SECOND;
+static const tl_time PAUSE_FIRST = TL_SECOND / 4;
 static const tl_time PAUSE_LAST = 8 * TL_SECOND;
 
 /* Strokes are no more than this apart, and status lines. */
@@ -136,6 +136,13 @@ static void listen(supervisor *self) {
     }
 }
 
+static void note_ready(supervisor *self) {
+    if (!self->ran && tl_heartbeats_is_ready(self->beats)) {
+        self->ran = true;
+        tl_service_tell("READY=1");
+    }
+}
+
 /* Everybody alive? A child with a silent thread is ended: nothing in it can be trusted to end by itself. */
 static void look(supervisor *self, tl_time passed) {
     tl_time now = tl_clock_now(NULL);
@@ -154,11 +161,8 @@ static void look(supervisor *self, tl_time passed) {
     if (self->bad_holds < TL_RESTARTS_MOST) {
         stroke(self, now);
     }
+    note_ready(self);
     if (tl_heartbeats_is_ready(self->beats)) {
-        if (!self->ran) {
-            tl_service_tell("READY=1");
-        }
-        self->ran = true;
         tl_restarts_live(&self->restarts, passed);
         tell_status(self, now);
     }
@@ -173,6 +177,7 @@ static int watch(supervisor *self) {
         pid_t ended = waitpid(self->child, &how, WNOHANG);
         if (ended == self->child || (ended < 0 && errno != EINTR)) {
             self->child = 0;
+            note_ready(self);
             return how;
         }
         tl_time now = tl_clock_now(NULL);
