@@ -9,6 +9,7 @@
 #include "firmware/assembly.h"
 #include "firmware/clock.h"
 #include "firmware/cycle.h"
+#include "firmware/fmu_archive.h"
 #include "firmware/interrupt.h"
 #include "firmware/journal.h"
 #include "firmware/live_plant.h"
@@ -252,6 +253,7 @@ int tl_appliance_run(const tl_appliance_settings *settings, const tl_start *star
     self->output = tl_output_claim();
     tl_status status = TL_OK;
     if (self->holds) { /* no FMU is touched: it may be what the appliance fails by */
+        tl_fmu_archive_sweep();
         tl_config_use_lookups(&self->assembly->config);
     } else {
         status = tl_assembly_build(self->assembly);

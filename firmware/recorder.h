@@ -50,7 +50,7 @@ typedef struct tl_recorder_settings {
     const char *path;
     int64_t max_bytes;         /* 0: no bound; else at least 1,000,000 */
     tl_time commit;            /* ns between commits, > 0, default 0.5 s */
-    const char *verb;          /* "run", "replay" */
+    const char *verb;          /* "run", "hold", "replay" */
     const char *name;          /* of the configuration */
     const char *configuration; /* its text */
     tl_time step;              /* T_S */
