@@ -8,6 +8,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "firmware/identity.h"
 #include "firmware/library.h"
 #include "firmware/log.h"
 
@@ -193,6 +194,12 @@ tl_status tl_assembly_build(tl_assembly *assembly) {
     return report->worst;
 }
 
+tl_status tl_assembly_rebuild(tl_assembly *assembly) {
+    tl_twin_destroy(assembly->twin);
+    assembly->twin = tl_twin_build(&assembly->plan, &assembly->problems.report);
+    return assembly->twin != NULL ? TL_OK : assembly->problems.report.worst;
+}
+
 tl_status tl_assembly_read(const char *path, tl_assembly *assembly) {
     *assembly = (tl_assembly){0};
     tl_problems_init(&assembly->problems, path);
@@ -242,6 +249,12 @@ tl_status tl_assembly_record(const tl_assembly *assembly, const char *verb, cons
     tl_recorder_signal plant[TL_MAX_SIGNALS];
     tl_recorder_signal match[TL_MAX_MATCH];
     tl_recorder_signal adjust[TL_MAX_ADJUST];
+    char fmus[TL_SHA256_TEXT];
+    char boot[TL_IDENTITY_TEXT];
+    char format[TL_IDENTITY_TEXT];
+    tl_identity_fmus(assembly, fmus);
+    tl_identity_boot(boot);
+    tl_identity_format(format);
     for (size_t i = 0; i < config->signal_count; i++) {
         const tl_plan_signal *signal = &config->signals[i].plan;
         (void)snprintf(names[i], sizeof names[i], "plant.%s", signal->name);
@@ -269,6 +282,9 @@ tl_status tl_assembly_record(const tl_assembly *assembly, const char *verb, cons
         .plant_count = config->signal_count,
         .match_count = config->match_count,
         .adjust_count = config->adjust_count,
+        .fmus = fmus,
+        .boot = boot,
+        .format = format,
         .components = components,
         .component_count = facts.components,
         .wait_when_full = wait_when_full,

@@ -17,6 +17,7 @@
 #include "firmware/log.h"
 #include "firmware/output.h"
 #include "firmware/realtime.h"
+#include "firmware/resume.h"
 #include "firmware/verbs.h"
 
 typedef struct run_options {
@@ -36,6 +37,7 @@ typedef struct appliance {
     tl_recorder *recorder;
     tl_live_plant *plant;
     tl_cycle *cycle;
+    tl_summary resumed; /* what was done to go on with an earlier run */
 } appliance;
 
 /* How long the start waits for a first reading of every signal. */
@@ -110,17 +112,41 @@ static void on_link(void *context, const char *source, bool up, const char *text
     tl_journal_event(&self->journal, -1, up ? TL_EVENT_INFO : TL_EVENT_WARNING, "plant", "%s: %s", source, text);
 }
 
-static tl_status open_recorder(appliance *self, tl_error *error) {
+/* False: nothing is recorded. */
+static bool find_database(const appliance *self, char path[PATH_MAX]) {
     const tl_config *config = &self->assembly.config;
-    char path[PATH_MAX];
     if (self->options->database != NULL) {
-        (void)snprintf(path, sizeof path, "%s", self->options->database);
+        (void)snprintf(path, PATH_MAX, "%s", self->options->database);
     } else if (config->record_file != NULL) {
-        tl_config_file_path(config, config->record_file, path, sizeof path);
-    } else {
+        tl_config_file_path(config, config->record_file, path, PATH_MAX);
+    }
+    return self->options->database != NULL || config->record_file != NULL;
+}
+
+static tl_status open_recorder(appliance *self, tl_error *error) {
+    char path[PATH_MAX];
+    return find_database(self, path) ? tl_assembly_record(&self->assembly, "run", path, false, &self->recorder, error)
+                                     : TL_OK;
+}
+
+/* To where the run before was ended. An attempt that failed on its way has left a run of its own. */
+static tl_status resume(appliance *self, tl_error *error) {
+    char path[PATH_MAX];
+    bool spoilt = false;
+    if (!find_database(self, path)) {
         return TL_OK;
     }
-    return tl_assembly_record(&self->assembly, "run", path, false, &self->recorder, error);
+    const tl_resume_settings settings = {
+        .assembly = &self->assembly, .path = path, .recorder = self->recorder, .journal = &self->journal};
+    tl_status status = tl_resume(&settings, &self->resumed, &spoilt, error);
+    if (status == TL_OK && spoilt) {
+        self->journal.recorder = NULL;
+        status = tl_recorder_close(self->recorder, "could not go on with an earlier run", NULL, error);
+        self->recorder = NULL;
+        status = status == TL_OK ? open_recorder(self, error) : status;
+        self->journal.recorder = self->recorder;
+    }
+    return status;
 }
 
 /* A sample without unknown values is a better start; a dead device must not prevent one. */
@@ -143,7 +169,13 @@ static tl_status open_all(appliance *self, tl_error *error) {
         return status;
     }
     if (self->recorder == NULL) { /* said only of a run that begins */
-        tl_log(TL_LOG_NOTICE, "nothing is recorded: the configuration has no \"record\", and no --db was given");
+        tl_log(TL_LOG_NOTICE,
+               "nothing is recorded: the configuration has no \"record\", and no --db was given; after a restart "
+               "the twin begins anew");
+    }
+    status = resume(self, error);
+    if (status != TL_OK) {
+        return status;
     }
     wait_for_readings(self);
     if (config->realtime_lock_memory) {
@@ -154,6 +186,7 @@ static tl_status open_all(appliance *self, tl_error *error) {
         .input = tl_live_plant_input(self->plant),
         .recorder = self->recorder,
         .journal = &self->journal,
+        .resumed = self->resumed,
     };
     return tl_cycle_start(&settings, &self->cycle, error);
 }

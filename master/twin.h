@@ -34,6 +34,7 @@ typedef struct tl_twin_facts {
     uint32_t prediction;                /* T_P in force; of an event horizon, at most */
     uint32_t distance;                  /* T_D: the smallest over all pairs; 0 where nothing is adjusted */
     uint32_t lead;                      /* step i is computed at tick i + lead */
+    int64_t first;                      /* the first step that was, or will be: 0, or later after tl_twin_begin_at() */
     size_t unknowns;                    /* of a search */
     const char *algorithm;              /* the solver in force; "" where nothing is adjusted */
     const char *fallback;               /* "" where there is none */
