@@ -58,6 +58,7 @@ void tl_twin_begin_at(tl_twin *twin, int64_t tick) {
         twin->first = tick + twin->age;
         twin->begin += twin->first;
         twin->exchange.plant.newest = tick - 1;
+        twin->lock.ledger.step = twin->first;
     }
 }
 
@@ -127,6 +128,18 @@ static tl_status load_components(tl_twin *twin, tl_archive *archive, tl_error *e
     return status == TL_OK ? tl_exchange_start(&twin->exchange, error) : status;
 }
 
+/* Mode ahead: the step that waits for its measurement was the earlier run's, and so is what it cost. */
+static void disown_pending(tl_twin *twin) {
+    tl_record *pending = &twin->pending;
+    pending->outcome = TL_FOLLOWED;
+    pending->stop = TL_STOP_NONE;
+    pending->evaluations = 0;
+    pending->executions = 0;
+    pending->predicted = 0;
+    pending->flags = 0;
+    pending->used = 0;
+}
+
 tl_status tl_twin_load(tl_twin *twin, int64_t tick, const unsigned char *bytes, size_t size, tl_error *error) {
     tl_archive archive = tl_archive_loading(bytes, size);
     tl_status status = load_head(twin, tick, &archive, error);
@@ -136,6 +149,9 @@ tl_status tl_twin_load(tl_twin *twin, int64_t tick, const unsigned char *bytes, 
         status = same ? load_components(twin, &archive, error)
                       : tl_fail(error, TL_BAD_DATA, "the checkpoint of tick %lld ends too soon", (long long)tick);
     }
+    int64_t next = tick + 1 - (int64_t)twin->lead;
+    twin->lock.ledger.step = next > twin->first ? next : twin->first;
+    disown_pending(twin);
     twin->begin = -1;
     twin->ended = status;
     return status;
