@@ -3,17 +3,18 @@
 
 Steps are counted, not seconds, so that a slow machine fails nothing.
 """
+import hashlib
 import json
 import random
 import signal
+import sqlite3
 import time
+import zipfile
 from contextlib import closing
 
-import sqlite3
-
-from live_test import (FIRST_GUESS, MADE_UP, OPTIMISED, Program, bits, check_database, committed_steps, end_well,
-                       expect_reasons, free_port, number, query, wait_for_steps, wait_until, RESULTS)
-from twinlock_test import at_most, edited_config, expect, main, replay_json, run, run_well, scratch
+from live_test import (FIRST_GUESS, MADE_UP, OPTIMISED, RESULTS, Program, bits, check_database, end_well, expect_reasons,
+                       free_port, number, query, wait_until)
+from twinlock_test import FMUS, at_most, edited_config, expect, main, replay_json, run, run_well, scratch
 
 FOLLOWED = 9  # master/sync/record.h
 PERIOD = 0.01
@@ -116,7 +117,7 @@ def same_course(database, before, run_number):
 
 
 def kill_and_resume(pause, origin="checkpoint", **changes):
-    config, database = live_config(free_port_of_plant(), **changes)
+    config, database = live_config(free_port(), **changes)
     with Program("plant", config):
         live = begin(config, database, 1, 100 + random.randrange(60))
         live.kill()
@@ -128,10 +129,6 @@ def kill_and_resume(pause, origin="checkpoint", **changes):
     same_course(database, 1, 2)
     expect_reasons(database, "not ended cleanly", "SIGTERM")
     return config, database, told
-
-
-def free_port_of_plant():
-    return free_port()
 
 
 def expect_refused(wanted, words, *args):
@@ -256,6 +253,67 @@ def test_damaged_checkpoints():
     expect_refused(65, "is damaged", "replay", config, "--recording", database, "--run", "2")
 
 
+def without_serializing(config):
+    """The configuration with FMUs that cannot turn their state into bytes."""
+    for name in "drive.fmu", "motor.fmu":
+        with zipfile.ZipFile(FMUS / name) as source, zipfile.ZipFile(config.parent / name, "w") as changed:
+            for entry in source.infolist():
+                data = source.read(entry)
+                if entry.filename == "modelDescription.xml":
+                    expect(b'canSerializeFMUstate="true"' in data, f"{name} cannot be turned into bytes anyway")
+                    data = data.replace(b'canSerializeFMUstate="true"', b'canSerializeFMUstate="false"')
+                changed.writestr(entry, data)
+
+
+def test_fmus_that_cannot_be_turned_into_bytes():
+    config, database = live_config(free_port())
+    without_serializing(config)
+    with Program("plant", config):
+        begin(config, database, 1).kill()
+        expect(number(database, "SELECT count(*) FROM checkpoints") == 0, "there is a checkpoint")
+        told, log = end_well(begin(config, database, 2, 2 * LOCKED), signal.SIGTERM)
+    expect("canSerializeFMUstate" in log, log)
+    check_resumed(config, database, told, 2, 1, "start")
+    same_course(database, 1, 2)
+
+
+def test_an_fmu_that_refuses_its_bytes():
+    """They are whole, but not a state of this FMU: the twin is made anew, and led along from the start."""
+    config, database = live_config(free_port())
+    with Program("plant", config):
+        begin(config, database, 1).kill()
+        for tick, data in query(database, "SELECT tick, bytes FROM checkpoints"):
+            guid = data.index(b"{", 100)
+            data = data[:guid] + b"x" + data[guid + 1:]
+            execute(database, "UPDATE checkpoints SET bytes = ?, sha256 = ? WHERE tick = ?", data,
+                    hashlib.sha256(data).hexdigest(), tick)
+        told, _ = end_well(begin(config, database, 2, 2 * LOCKED), signal.SIGTERM)
+    expect_told(database, 2, "fmi2DeSerializeFMUstate", "goes on with run 1")
+    check_resumed(config, database, told, 2, 1, "start")
+
+
+# ---- a long pause ----
+
+def test_nobody_ran_for_most_of_a_minute():
+    """Some 5000 ticks are made up, each cycle as many as its budget has time for; then it is locked as ever."""
+    config, database = live_config(free_port())
+    with Program("plant", config):
+        begin(config, database, 1).kill()
+        execute(database, "UPDATE beginnings SET start_ns = start_ns - 50000000000")
+        begun = time.monotonic()
+        told, _ = end_well(begin(config, database, 2, 5000 + 2 * LOCKED), signal.SIGTERM)
+    print(f"    {told['skipped']} ticks made up, {time.monotonic() - begun:.2f} s in all, "
+          f"the run {told['wall_s']:.2f} s")
+    expect(told["skipped"] >= 5000, f"{told['skipped']} ticks were made up")
+    lead = number(database, "SELECT lead FROM runs WHERE run = 2")
+    first = number(database, "SELECT min(step) FROM steps WHERE run = 2 AND outcome NOT IN (?, ?)", MADE_UP, FOLLOWED)
+    late = number(database, "SELECT count(*) FROM steps WHERE run = 2 AND step > ? AND step < ? AND outcome NOT IN "
+                  "(?, ?)", first, first + LOCKED, *WITHIN)
+    print(f"    {late} of {LOCKED} steps after the first one that was searched (lead {lead}) were not locked")
+    expect(late < LOCKED // 2, f"{late} of {LOCKED} steps were not locked")
+    check_repeated(config, database, 2)
+
+
 # ---- it begins anew, and says why ----
 
 def expect_anew(prepare, *words, record=None):
@@ -290,6 +348,18 @@ def test_why_it_begins_anew():
                 "run 1 ended with: drive: fmi2DoStep failed")
     expect_anew(sql("DELETE FROM checkpoints", "DELETE FROM steps WHERE step = 20"), "has a hole")
     expect_anew(lambda *_: None, record={"resume_s": 0})
+
+
+def test_runs_that_get_nowhere():
+    """What kills one right after the start would kill all that go on with it."""
+    config, database = live_config(free_port())
+    with Program("plant", config):
+        begin(config, database, 1).kill()
+        for run_number in 2, 3, 4:
+            begin(config, database, run_number, 1).kill()
+            execute(database, "DELETE FROM steps WHERE run = ?", run_number)
+        told, log = end_well(begin(config, database, 5, 20), signal.SIGTERM)
+    expect(told["resumed"] is None and "begins anew: 3 runs in a row have got nowhere" in log, log)
 
 
 def test_after_a_reboot():
