@@ -80,6 +80,9 @@ static tl_status compute(tl_cycle *cycle, int64_t tick, const tl_budget *budget)
     tl_twin *twin = cycle->settings.assembly->twin;
     tl_time instant = tl_time_of_step(cycle->start, cycle->settings.assembly->config.step, tick);
     tl_plant_input_take(cycle->settings.input, tick, instant, &sample);
+    if (budget != NULL && cycle->settings.recorder != NULL) {
+        tl_recorder_go_live(cycle->settings.recorder); /* nobody is late any more after a restart */
+    }
     tl_watch_sample(&cycle->watch, &sample);
     tl_summary_sample(&cycle->summary, &cycle->settings.assembly->config, &sample);
     keep_sample(cycle, &sample);

@@ -107,7 +107,8 @@ tl_status tl_recorder_open(const tl_recorder_settings *settings, tl_recorder **r
  * `start` is 0 and the run began when the recorder was opened. */
 void tl_recorder_start(tl_recorder *recorder, tl_time start);
 
-/* The same for a run that goes on with an earlier one. Until tl_recorder_go_live() is called a put waits where there is no room. */
+/* The same for a run that goes on with an earlier one. Until tl_recorder_go_live() is called a put waits where there is no room, as
+ * with wait_when_full: what is made up then comes as fast as it can be computed, and nothing is late by it. */
 void tl_recorder_resume(tl_recorder *recorder, const tl_resumption *resumption);
 void tl_recorder_go_live(tl_recorder *recorder);
 

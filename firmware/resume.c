@@ -358,11 +358,11 @@ static tl_status go_on(const resume *self, const tl_history_checkpoint *checkpoi
         keep(self, checkpoint);
     }
     tl_status status = follow(self, summary, error);
-    tl_recorder_go_live(self->settings->recorder);
     if (status == TL_OK) {
         tell(self, tl_clock_now(NULL) - begun);
         return TL_OK;
     }
+    tl_recorder_go_live(self->settings->recorder);
     *spoilt = true;
     *summary = (tl_summary){0};
     if (status == TL_FMU_FATAL) {
