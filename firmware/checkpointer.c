@@ -65,6 +65,9 @@ static void put(tl_checkpointer *self, int64_t tick, size_t size) {
 static void begin(tl_checkpointer *self, int64_t tick, const tl_budget *budget) {
     tl_error error;
     size_t size = 0;
+    if (tl_recorder_checkpoint_is_waiting(self->recorder)) {
+        return; /* that which the run goes on with */
+    }
     if (tl_twin_save(self->twin, NULL, 0, &size, &error) != TL_OK) {
         end(self, error.text);
         return;

@@ -147,13 +147,13 @@ void tl_recorder_go_live(tl_recorder *recorder) {
     recorder->resumes = false;
 }
 
-static bool is_being_written(tl_recorder *recorder) {
+bool tl_recorder_checkpoint_is_waiting(const tl_recorder *recorder) {
     return __atomic_load_n(&recorder->checkpoint_is_full, __ATOMIC_ACQUIRE);
 }
 
 bool tl_recorder_reserve_checkpoint(tl_recorder *recorder, size_t capacity) {
     tl_recorder_checkpoint *checkpoint = &recorder->checkpoint;
-    if (is_being_written(recorder) || capacity > tl_recorder_database_most(recorder->database)) {
+    if (tl_recorder_checkpoint_is_waiting(recorder) || capacity > tl_recorder_database_most(recorder->database)) {
         return false;
     }
     unsigned char *bytes = malloc(capacity);
@@ -169,7 +169,7 @@ bool tl_recorder_reserve_checkpoint(tl_recorder *recorder, size_t capacity) {
 
 unsigned char *tl_recorder_checkpoint_room(tl_recorder *recorder, size_t *capacity) {
     *capacity = recorder->checkpoint.capacity;
-    return is_being_written(recorder) ? NULL : recorder->checkpoint.bytes;
+    return tl_recorder_checkpoint_is_waiting(recorder) ? NULL : recorder->checkpoint.bytes;
 }
 
 void tl_recorder_put_checkpoint(tl_recorder *recorder, int64_t tick, size_t size) {
@@ -370,7 +370,7 @@ static int write_batch(tl_recorder *recorder, size_t end, bool with_checkpoint, 
 
 /* Writes what is there now. */
 static int write_all(tl_recorder *recorder) {
-    bool with_checkpoint = is_being_written(recorder); /* asked first: what came before it is before the end then */
+    bool with_checkpoint = tl_recorder_checkpoint_is_waiting(recorder); /* asked first: what came before it is before the end then */
     size_t end = tl_recorder_ring_end(&recorder->ring);
     bool more = true;
     int code = SQLITE_OK;

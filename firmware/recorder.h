@@ -116,8 +116,9 @@ void tl_recorder_go_live(tl_recorder *recorder);
  * such a checkpoint is too large for the database's bound. */
 bool tl_recorder_reserve_checkpoint(tl_recorder *recorder, size_t capacity);
 
-/* Producer, wait-free: where the bytes of a checkpoint go; NULL where the one before is not written yet. Then: they are there. The two
+/* Producer, wait-free: is the one before not written yet? Where the bytes of a checkpoint go; NULL in that case. Then: they are there. The two
  * newest of a run are kept, and that which it began with. */
+bool tl_recorder_checkpoint_is_waiting(const tl_recorder *recorder);
 unsigned char *tl_recorder_checkpoint_room(tl_recorder *recorder, size_t *capacity);
 void tl_recorder_put_checkpoint(tl_recorder *recorder, int64_t tick, size_t size);
 

@@ -128,6 +128,8 @@ def kill_and_resume(pause, origin="checkpoint", **changes):
     check_resumed(config, database, told, 2, 1, origin)
     same_course(database, 1, 2)
     expect_reasons(database, "not ended cleanly", "SIGTERM")
+    own = number(database, "SELECT count(*) FROM checkpoints WHERE run = 2 AND tick >= ?", told["resumed"]["tick"])
+    expect(own == 1, f"the new run has saved {own} checkpoints of its own\n{log}")
     return config, database, told
 
 
