@@ -294,6 +294,21 @@ def test_an_fmu_that_refuses_its_bytes():
     check_resumed(config, database, told, 2, 1, "start")
 
 
+def test_an_fmu_that_fails_on_the_way():
+    """What was recorded leads nowhere: that attempt is a run of its own, and the next one begins anew."""
+    config, database = live_config(free_port())
+    with Program("plant", config):
+        begin(config, database, 1).kill()
+        execute(database, "UPDATE samples SET value = 1e308 WHERE signal = 0 AND tick > 20")
+        live = begin(config, database, 3, 20)
+        told, _ = end_well(live, signal.SIGTERM)
+        expect(told["resumed"] is None, f"{told['resumed']}")
+        expect_reasons(database, "not ended cleanly", "could not go on with an earlier run", "SIGTERM")
+        expect_told(database, 2, "begins anew: to go on with run 1 has failed: motor")
+        told, _ = end_well(begin(config, database, 4, 20), signal.SIGTERM)
+    expect(told["resumed"]["run"] == 3, f"{told['resumed']}")
+
+
 # ---- a long pause ----
 
 def test_nobody_ran_for_most_of_a_minute():
