@@ -207,7 +207,7 @@ static tl_status upgrade(sqlite3 *database, int64_t version, tl_error *error) {
     (void)snprintf(sql, sizeof sql, "PRAGMA user_version = %d; COMMIT", TL_DATABASE_VERSION);
     tl_status status = tl_database_execute(database, "BEGIN IMMEDIATE", error);
     for (int64_t from = version; from < TL_DATABASE_VERSION && status == TL_OK; from++) {
-        status = execute_all(database, tl_database_upgrades[from - 1], error);
+        status = execute_all(database, tl_database_upgrades[from], error);
     }
     if (status == TL_OK) {
         status = tl_database_execute(database, sql, error);
@@ -228,7 +228,7 @@ static tl_status adapt(sqlite3 *database, const char *path, bool write, tl_error
     if (status != TL_OK || version == TL_DATABASE_VERSION) {
         return status;
     }
-    return write ? upgrade(database, version, error) : execute_all(database, tl_database_bridges[version - 1], error);
+    return write ? upgrade(database, version, error) : execute_all(database, tl_database_bridges[version], error);
 }
 
 tl_status tl_database_open(const char *path, bool write, sqlite3 **database, tl_error *error) {

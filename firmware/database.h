@@ -24,7 +24,7 @@ enum {
 /* The schema: one statement each for tables, indices and views, then NULL; database_schema.c. */
 extern const char *const tl_database_schema[];
 
-/* By format, from 1 on: it made the next one, and it read as if it were the newest (by views in the connection's own memory); the
+/* By format (there is none of format 0): it made the next one, and it read as if it were the newest (by views in the connection's own memory); the
  * same file. */
 extern const char *const *const tl_database_upgrades[];
 extern const char *const *const tl_database_bridges[];

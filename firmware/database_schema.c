@@ -237,5 +237,5 @@ static const char *const bridge_1[] = {
 
 static const char *const bridge_2[] = {BRIDGE_2, NULL};
 
-const char *const *const tl_database_upgrades[] = {upgrade_1, upgrade_2};
-const char *const *const tl_database_bridges[] = {bridge_1, bridge_2};
+const char *const *const tl_database_upgrades[] = {NULL, upgrade_1, upgrade_2};
+const char *const *const tl_database_bridges[] = {NULL, bridge_1, bridge_2};

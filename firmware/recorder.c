@@ -370,7 +370,8 @@ static int write_batch(tl_recorder *recorder, size_t end, bool with_checkpoint, 
 
 /* Writes what is there now. */
 static int write_all(tl_recorder *recorder) {
-    bool with_checkpoint = tl_recorder_checkpoint_is_waiting(recorder); /* asked first: what came before it is before the end then */
+    bool with_checkpoint =
+        tl_recorder_checkpoint_is_waiting(recorder); /* asked first: what came before it is before the end then */
     size_t end = tl_recorder_ring_end(&recorder->ring);
     bool more = true;
     int code = SQLITE_OK;

@@ -103,8 +103,9 @@ tl_status tl_component_set_start(tl_component *component, const tl_variable *var
 
 tl_status tl_component_enter_initialization(tl_component *component, tl_error *error) {
     const tl_fmi2 *fmi = component->fmi;
-    tl_status status = judge(component, fmi->setup_experiment(component->instance, fmi2False, 0.0, component->start, fmi2False, 0.0),
-                             "fmi2SetupExperiment", error);
+    tl_status status =
+        judge(component, fmi->setup_experiment(component->instance, fmi2False, 0.0, component->start, fmi2False, 0.0),
+              "fmi2SetupExperiment", error);
     if (status != TL_OK) {
         return status;
     }
@@ -291,8 +292,7 @@ tl_status tl_component_serialized_size(tl_component *component, fmi2FMUstate sta
 
 tl_status tl_component_serialize(tl_component *component, fmi2FMUstate state, unsigned char *bytes, size_t size,
                                  tl_error *error) {
-    return judge(component,
-                 component->fmi->serialize_fmu_state(component->instance, state, (fmi2Byte *)bytes, size),
+    return judge(component, component->fmi->serialize_fmu_state(component->instance, state, (fmi2Byte *)bytes, size),
                  "fmi2SerializeFMUstate", error);
 }
 
