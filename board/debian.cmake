@@ -8,9 +8,10 @@ set(CMAKE_C_COMPILER ${TL_TRIPLET}-gcc)
 set(CMAKE_LIBRARY_ARCHITECTURE ${TL_TRIPLET})
 
 cmake_path(SET CMAKE_SYSROOT NORMALIZE "${CMAKE_CURRENT_LIST_DIR}/../.deps/sysroot/${TL_MACHINE}")
-find_program(TL_EMULATOR_FOUND NAMES ${TL_EMULATOR} NO_CACHE)
-find_program(TL_COMPILER_FOUND NAMES ${CMAKE_C_COMPILER} NO_CACHE)
-if(NOT EXISTS "${CMAKE_SYSROOT}/.complete" OR NOT TL_EMULATOR_FOUND OR NOT TL_COMPILER_FOUND)
+list(GET TL_EMULATOR 0 emulator)
+find_program(emulator_path "${emulator}" NO_CACHE)
+find_program(compiler_path "${CMAKE_C_COMPILER}" NO_CACHE)
+if(NOT EXISTS "${CMAKE_SYSROOT}/.complete" OR NOT emulator_path OR NOT compiler_path)
     message(FATAL_ERROR "Missing compiler, emulator or libraries for ${TL_MACHINE}: run script/bootstrap --cross first "
         "(script/build does it for you).")
 endif()

@@ -22,7 +22,9 @@ except ImportError as reason:
     print(f"no pymodbus here: {reason}")
     sys.exit(1 if os.environ.get("CI") == "true" else 77)
 
-PROBE = os.path.join(os.environ["TL_BUILD"], "tests", "modbus_probe")
+from twinlock_test import PATIENCE, program  # noqa: E402 (a skip comes first)
+
+PROBE = program("modbus_probe")
 GOOD, NO_LINK = 0, 4
 BIT = 0
 TYPES = {1: "h", 2: "H", 3: "i", 4: "I", 5: "f", 6: "d"}  # as board/io/modbus.h numbers them
@@ -150,7 +152,7 @@ def check_driver(channels):
         # One channel more, where nothing is: it costs nobody else's value.
         missing = Channel(UNITS[0], 3, 65000, 2, False, False, 0, 1.0, 0.0)
         done = subprocess.run([PROBE, "read", "127.0.0.1", str(server.port)], input=text_of(channels + [missing]),
-                              stdout=subprocess.PIPE, text=True, timeout=120, check=True)
+                              stdout=subprocess.PIPE, text=True, timeout=120 * PATIENCE, check=True)
         functions = list(server.functions)
     failures = 0
     lines = done.stdout.splitlines()
