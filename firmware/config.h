@@ -16,6 +16,7 @@
 #include <stdint.h>
 
 #include "board/io/can.h"
+#include "board/io/gpio.h"
 #include "board/io/modbus.h"
 #include "master/base/signal.h"
 #include "master/base/status.h"
@@ -42,7 +43,13 @@ typedef struct tl_config_component {
     tl_keep keep;
 } tl_config_component;
 
-typedef enum tl_source_kind { TL_SOURCE_MODBUS_TCP, TL_SOURCE_CSV, TL_SOURCE_CAN } tl_source_kind;
+typedef enum tl_source_kind {
+    TL_SOURCE_MODBUS_TCP,
+    TL_SOURCE_MODBUS_RTU,
+    TL_SOURCE_CAN,
+    TL_SOURCE_GPIO,
+    TL_SOURCE_CSV
+} tl_source_kind;
 
 /* A device or stream that live signals come from. */
 typedef struct tl_config_source {
@@ -53,7 +60,11 @@ typedef struct tl_config_source {
     /* Modbus TCP */
     const char *host;
     uint16_t port;    /* default 502 */
-    double timeout_s; /* default 0.5 */
+    double timeout_s; /* default 0.5; of both kinds of Modbus */
+    /* Modbus RTU; line.device is relative to the configuration's folder */
+    tl_modbus_line line;
+    /* GPIO */
+    const char *chip; /* NULL: any */
     /* CSV */
     const char *file;        /* relative to the configuration's folder */
     const char *time_column; /* default "time" */
@@ -69,6 +80,7 @@ typedef struct tl_config_signal {
     size_t source;            /* index of its live source; SIZE_MAX: none (recordings only) */
     tl_modbus_channel modbus; /* where the source is Modbus */
     tl_can_channel can;       /* where the source is CAN */
+    tl_gpio_channel gpio;     /* where the source is GPIO */
     tl_time look_back; /* a sample takes what was seen so long before its instant: see tl_plant_look (plant_input.h) */
     bool next;         /* there, or next */
     size_t of;         /* its own index; of a second look-up: that of the signal it is of */
@@ -167,6 +179,7 @@ typedef struct tl_config {
 
     int realtime_priority; /* SCHED_FIFO, 0: ordinary */
     bool realtime_lock_memory;
+    tl_time realtime_hang; /* a cycle that is silent for longer hangs */
 
     tl_config_emulated *emulated;
     size_t emulated_count;

@@ -8,6 +8,9 @@
 
 enum { EXPECTED = 160 };
 
+/* Frames wake the reader, at most so often: those that come faster are taken together. */
+#define PERIOD_S 0.0005
+
 /* ---- sources.NAME.can ---- */
 
 /* As the kernel has it: no slash, no space, no colon. */
@@ -17,10 +20,12 @@ static bool is_interface(const char *name) {
            strcmp(name, "..") != 0;
 }
 
-void tl_config_read_can_source(tl_config_object *entry, tl_config_source *source) {
+void tl_config_read_can_source(tl_config_object *entry, tl_config_source *source, const tl_config *config) {
+    (void)config; /* of one shape with the other kinds */
     tl_config_object object;
     (void)tl_config_member(entry, "can", TL_CONFIG_REQUIRED, "{\"interface\": \"can0\"}", &object);
     source->kind = TL_SOURCE_CAN;
+    source->period_s = PERIOD_S;
     if (tl_config_get_text(&object, "interface", TL_CONFIG_REQUIRED, "\"can0\"", &source->interface) &&
         !is_interface(source->interface)) {
         tl_config_wrong(&object, "interface", NULL,
@@ -190,11 +195,21 @@ static void read_multiplex(tl_config_object *outer, tl_can_channel *channel) {
     }
 }
 
-void tl_config_read_can_channel(tl_config_object *object, tl_can_channel *channel) {
-    read_id(object, channel);
-    read_frame(object, channel);
-    read_type(object, channel);
-    read_scale(object, channel);
-    read_multiplex(object, channel);
-    tl_config_done(object);
+void tl_config_read_can_signal(tl_config_object *entry, tl_config_signal *signal) {
+    static const char *const example = "{\"source\": \"bus\", \"id\": \"0x123\", \"start\": 0, \"length\": 16}";
+    static const char *const kinds[] = {"can", NULL};
+    tl_config_object object;
+    if (!tl_config_member(entry, "can", TL_CONFIG_OPTIONAL, example, &object)) {
+        return;
+    }
+    if (signal->source != SIZE_MAX) {
+        tl_config_wrong(entry, "can", "can beside another live source", "at most one live source", NULL);
+    }
+    (void)tl_config_read_source_name(&object, TL_CONFIG_REQUIRED, "the name of a can source", kinds, signal);
+    read_id(&object, &signal->can);
+    read_frame(&object, &signal->can);
+    read_type(&object, &signal->can);
+    read_scale(&object, &signal->can);
+    read_multiplex(&object, &signal->can);
+    tl_config_done(&object);
 }

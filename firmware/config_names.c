@@ -34,13 +34,20 @@ void tl_config_check_name(const tl_config_object *map, const cJSON *entry, const
     }
 }
 
-void tl_config_list_names(const char *what, const cJSON *section, const char *kind, char *text, size_t size) {
+bool tl_config_is_of_kind(const cJSON *entry, const char *const *kinds) {
+    while (*kinds != NULL && cJSON_GetObjectItemCaseSensitive(entry, *kinds) == NULL) {
+        kinds++;
+    }
+    return *kinds != NULL;
+}
+
+void tl_config_list_names(const char *what, const cJSON *section, const char *const *kinds, char *text, size_t size) {
     char name[TL_JSON_SHOWN];
     const char *before = ": one of ";
     const cJSON *entry = NULL;
     size_t used = (size_t)snprintf(text, size, "%s", what);
     cJSON_ArrayForEach(entry, section) {
-        if (used < size && (kind == NULL || cJSON_GetObjectItemCaseSensitive(entry, kind) != NULL)) {
+        if (used < size && (kinds == NULL || tl_config_is_of_kind(entry, kinds))) {
             tl_text_for_people(entry->string, name, sizeof name);
             used += (size_t)snprintf(text + used, size - used, "%s%s", before, name);
             before = ", ";

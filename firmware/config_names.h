@@ -17,9 +17,12 @@
 /* Reports the key of an entry where it is no name. */
 void tl_config_check_name(const tl_config_object *map, const cJSON *entry, const char *example);
 
-/* "WHAT: one of a, b, c", the keys of a section; where `kind` is given, of those entries that have such a member. Just
- * WHAT where there are none; cut where it does not fit. */
-void tl_config_list_names(const char *what, const cJSON *section, const char *kind, char *text, size_t size);
+/* Has the entry a member that is called as one of `kinds`, which end with NULL? */
+bool tl_config_is_of_kind(const cJSON *entry, const char *const *kinds);
+
+/* "WHAT: one of a, b, c", the keys of a section; where `kinds` are given, of those entries that are of one. Just WHAT
+ * where there are none; cut where it does not fit. */
+void tl_config_list_names(const char *what, const cJSON *section, const char *const *kinds, char *text, size_t size);
 
 /* What a reference may lead to. */
 typedef enum tl_config_target {

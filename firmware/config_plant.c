@@ -7,13 +7,9 @@
 
 #include "firmware/config_names.h"
 
-/* Frames wake the reader, at most so often: those that come faster are taken together. */
-#define CAN_PERIOD_S 0.0005
-
 /* ---- sources ---- */
 
-/* Devices need not be asked more often than a step can be short. */
-static void read_period(tl_config_object *object, tl_config_source *source, const tl_config *config) {
+void tl_config_read_period(tl_config_object *object, tl_config_source *source, const tl_config *config) {
     static const tl_config_number period = {.minimum = 1e-5, .maximum = 3600, .example = "0.1"};
     source->period_s = tl_seconds(config->step);
     (void)tl_config_get_number(object, "period_s", &period, &source->period_s);
@@ -30,8 +26,68 @@ static void read_modbus_tcp(tl_config_object *entry, tl_config_source *source, c
     (void)tl_config_get_text(&object, "host", TL_CONFIG_REQUIRED, "\"192.0.2.10\"", &source->host);
     (void)tl_config_get_number(&object, "port", &port_rule, &port);
     (void)tl_config_get_number(&object, "timeout_s", &timeout, &source->timeout_s);
-    read_period(&object, source, config);
+    tl_config_read_period(&object, source, config);
     source->port = (uint16_t)port;
+    tl_config_done(&object);
+}
+
+static void read_device(tl_config_object *object, tl_config_source *source, const tl_config *config) {
+    static const char *const example = "\"/dev/serial/by-id/usb-FTDI_FT232R_USB_UART_A50285BI-if00-port0\"";
+    source->line.device = "";
+    if (!tl_config_get_text(object, "device", TL_CONFIG_REQUIRED, example, &source->line.device)) {
+        return;
+    }
+    for (const tl_config_source *other = config->sources; other < source; other++) {
+        if (other->kind == TL_SOURCE_MODBUS_RTU && strcmp(other->line.device, source->line.device) == 0) {
+            char found[TL_JSON_PATH + 32];
+            (void)snprintf(found, sizeof found, "the device of %s", other->where);
+            tl_config_wrong(object, "device", found, "a line of its own: one source reads all units of a line", NULL);
+            return;
+        }
+    }
+}
+
+static void read_baud(tl_config_object *object, tl_config_source *source) {
+    char expected[160];
+    size_t used = (size_t)snprintf(expected, sizeof expected, "one of");
+    for (const uint32_t *baud = tl_modbus_bauds; *baud != 0; baud++) {
+        used += (size_t)snprintf(expected + used, sizeof expected - used, "%s %u", baud == tl_modbus_bauds ? "" : ",",
+                                 (unsigned)*baud);
+    }
+    const tl_config_number rule = {
+        .whole = true, .minimum = 1200, .maximum = 1000000, .expected = expected, .example = "19200"};
+    double given = 19200;
+    const uint32_t *known = tl_modbus_bauds;
+    if (tl_config_get_number(object, "baud", &rule, &given)) {
+        while (*known != 0 && *known != (uint32_t)given) {
+            known++;
+        }
+        if (*known == 0) {
+            tl_config_wrong(object, "baud", NULL, expected, "19200");
+        }
+    }
+    source->line.baud = (uint32_t)given;
+}
+
+static void read_modbus_rtu(tl_config_object *entry, tl_config_source *source, const tl_config *config) {
+    static const tl_config_number timeout = {.minimum = 0.001, .maximum = 60, .example = "0.5"};
+    static const tl_config_number stop_rule = {.whole = true, .minimum = 1, .maximum = 2, .example = "1"};
+    static const char *const parities[] = {"even", "odd", "none", NULL};
+    tl_config_object object;
+    size_t parity = 0;
+    (void)tl_config_member(entry, "modbus_rtu", TL_CONFIG_REQUIRED, "{\"device\": \"/dev/ttyUSB0\"}", &object);
+    source->kind = TL_SOURCE_MODBUS_RTU;
+    source->timeout_s = 0.5;
+    read_device(&object, source, config);
+    read_baud(&object, source);
+    (void)tl_config_get_choice(&object, "parity", TL_CONFIG_OPTIONAL, parities, &parity);
+    double stop_bits = parity == 2 ? 2 : 1;
+    (void)tl_config_get_number(&object, "stop_bits", &stop_rule, &stop_bits);
+    (void)tl_config_get_boolean(&object, "rs485", &source->line.rs485);
+    (void)tl_config_get_number(&object, "timeout_s", &timeout, &source->timeout_s);
+    tl_config_read_period(&object, source, config);
+    source->line.parity = "EON"[parity];
+    source->line.stop_bits = (uint8_t)stop_bits;
     tl_config_done(&object);
 }
 
@@ -42,29 +98,51 @@ static void read_csv(tl_config_object *entry, tl_config_source *source, const tl
     source->time_column = "time";
     (void)tl_config_get_text(&object, "file", TL_CONFIG_REQUIRED, "\"plant.fifo\"", &source->file);
     (void)tl_config_get_text(&object, "time_column", TL_CONFIG_OPTIONAL, "\"time\"", &source->time_column);
-    read_period(&object, source, config);
+    tl_config_read_period(&object, source, config);
     tl_config_done(&object);
 }
 
+/* Every kind of source, and who reads it. */
+static const struct kind {
+    const char *key;
+    void (*read)(tl_config_object *entry, tl_config_source *source, const tl_config *config);
+} KINDS[] = {
+    {"modbus_tcp", read_modbus_tcp},
+    {"modbus_rtu", read_modbus_rtu},
+    {"can", tl_config_read_can_source},
+    {"gpio", tl_config_read_gpio_source},
+    {"csv", read_csv},
+};
+
+enum { KIND_COUNT = sizeof KINDS / sizeof KINDS[0] };
+
+/* Names all kinds, or those that the entry has. */
+static void list_kinds(tl_config_object *entry, bool all, const char *before, char *text, size_t size) {
+    size_t used = (size_t)snprintf(text, size, "%s", before);
+    const char *comma = "";
+    for (size_t i = 0; i < KIND_COUNT; i++) {
+        if (all || tl_config_get(entry, KINDS[i].key, TL_CONFIG_OPTIONAL, NULL, NULL) != NULL) {
+            used += (size_t)snprintf(text + used, size - used, "%s%s", comma, KINDS[i].key);
+            comma = all ? ", " : " and ";
+        }
+    }
+}
+
 static void read_source(tl_config_object *entry, tl_config_source *source, const tl_config *config) {
-    bool modbus = tl_config_get(entry, "modbus_tcp", TL_CONFIG_OPTIONAL, NULL, NULL) != NULL;
-    bool csv = tl_config_get(entry, "csv", TL_CONFIG_OPTIONAL, NULL, NULL) != NULL;
-    bool can = tl_config_get(entry, "can", TL_CONFIG_OPTIONAL, NULL, NULL) != NULL;
-    int kinds = (modbus ? 1 : 0) + (csv ? 1 : 0) + (can ? 1 : 0);
-    if (kinds != 1) {
-        tl_config_problem(entry->reader, entry->path, tl_json_line(entry->json),
-                          kinds > 1 ? "several kinds of source" : "no kind of source",
-                          "exactly one of modbus_tcp, csv, can", "{\"modbus_tcp\": {\"host\": \"192.0.2.10\"}}");
+    size_t found = 0;
+    for (size_t i = 0; i < KIND_COUNT; i++) {
+        if (tl_config_get(entry, KINDS[i].key, TL_CONFIG_OPTIONAL, NULL, NULL) != NULL) {
+            found++;
+            KINDS[i].read(entry, source, config);
+        }
     }
-    if (modbus) {
-        read_modbus_tcp(entry, source, config);
-    }
-    if (csv) {
-        read_csv(entry, source, config);
-    }
-    if (can) {
-        tl_config_read_can_source(entry, source);
-        source->period_s = CAN_PERIOD_S;
+    if (found != 1) {
+        char what[128];
+        char expected[128];
+        list_kinds(entry, found == 0, found == 0 ? "none of " : "", what, sizeof what);
+        list_kinds(entry, true, "exactly one of ", expected, sizeof expected);
+        tl_config_problem(entry->reader, entry->path, tl_json_line(entry->json), what, expected,
+                          "{\"modbus_tcp\": {\"host\": \"192.0.2.10\"}}");
     }
     tl_config_done(entry);
 }
@@ -84,6 +162,7 @@ void tl_config_read_sources(tl_config_object *root, tl_config *config) {
         tl_config_object entry;
         tl_config_check_name(&map, item, "\"plc\"");
         source->name = item->string;
+        source->line.device = "";
         if (tl_config_entry(&map, item, "{\"modbus_tcp\": {\"host\": \"192.0.2.10\"}}", &entry)) {
             read_source(&entry, source, config);
         }
@@ -94,16 +173,15 @@ void tl_config_read_sources(tl_config_object *root, tl_config *config) {
 
 /* ---- where a signal's live values come from ---- */
 
-/* Reads the name of a source of that kind and finds its index. */
-static void read_source_name(tl_config_object *object, tl_config_need need, const char *kind,
-                             tl_config_signal *signal) {
+const cJSON *tl_config_read_source_name(tl_config_object *object, tl_config_need need, const char *what,
+                                        const char *const *kinds, tl_config_signal *signal) {
     const char *name = NULL;
     size_t index = 0;
     const cJSON *item = NULL;
     const cJSON *sources = cJSON_GetObjectItemCaseSensitive(object->reader->root, "sources");
     if (!tl_config_get_text(object, "source", need, "\"plc\"", &name) ||
         (sources != NULL && !cJSON_IsObject(sources))) { /* reported where it stands */
-        return;
+        return NULL;
     }
     cJSON_ArrayForEach(item, sources) {
         if (strcmp(item->string, name) == 0) {
@@ -111,34 +189,40 @@ static void read_source_name(tl_config_object *object, tl_config_need need, cons
         }
         index++;
     }
-    if (item != NULL && cJSON_GetObjectItemCaseSensitive(item, kind) != NULL) {
+    if (item != NULL && tl_config_is_of_kind(item, kinds)) {
         signal->source = index;
-    } else {
-        char what[64];
-        char expected[320];
-        (void)snprintf(what, sizeof what, "the name of a %s source", kind);
-        tl_config_list_names(what, sources, kind, expected, sizeof expected);
-        tl_config_wrong(object, "source", NULL, expected, NULL);
+        return item;
     }
+    char expected[320];
+    tl_config_list_names(what, sources, kinds, expected, sizeof expected);
+    tl_config_wrong(object, "source", NULL, expected, NULL);
+    return NULL;
 }
 
 static void read_signal_csv(tl_config_object *entry, tl_config_signal *signal) {
+    static const char *const kinds[] = {"csv", NULL};
     tl_config_object object;
     if (tl_config_member(entry, "csv", TL_CONFIG_OPTIONAL, "{\"column\": \"omega\"}", &object)) {
         (void)tl_config_get_text(&object, "column", TL_CONFIG_OPTIONAL, "\"omega\"", &signal->column);
-        read_source_name(&object, TL_CONFIG_OPTIONAL, "csv", signal);
+        (void)tl_config_read_source_name(&object, TL_CONFIG_OPTIONAL, "the name of a csv source", kinds, signal);
         tl_config_done(&object);
     }
 }
 
 /* ---- plant.NAME.modbus ---- */
 
-static void read_unit_id(tl_config_object *object, tl_modbus_channel *channel) {
+/* 0, 255: the device itself, behind no gateway; 0 on a line is everybody, and nobody answers. */
+static void read_unit_id(tl_config_object *object, const cJSON *source, tl_modbus_channel *channel) {
+    static const char *const line[] = {"modbus_rtu", NULL};
     static const tl_config_number rule = {
         .whole = true, .maximum = 255, .expected = "a whole number from 0 to 247, or 255", .example = "1"};
     double unit_id = 1;
-    if (tl_config_get_number(object, "unit_id", &rule, &unit_id) && unit_id > 247 && unit_id < 255) {
-        tl_config_wrong(object, "unit_id", NULL, rule.expected, rule.example);
+    if (tl_config_get_number(object, "unit_id", &rule, &unit_id)) {
+        if (unit_id > 247 && unit_id < 255) {
+            tl_config_wrong(object, "unit_id", NULL, rule.expected, rule.example);
+        } else if ((unit_id < 1 || unit_id > 247) && source != NULL && tl_config_is_of_kind(source, line)) {
+            tl_config_wrong(object, "unit_id", NULL, "a unit of a line, a whole number from 1 to 247", rule.example);
+        }
     }
     channel->unit_id = (uint8_t)unit_id;
 }
@@ -193,6 +277,7 @@ static void read_signal_modbus(tl_config_object *entry, tl_config_signal *signal
     static const char *const example =
         "{\"source\": \"plc\", \"table\": \"holding\", \"address\": 100, \"type\": \"int16\"}";
     static const tl_config_number any = {.minimum = -HUGE_VAL, .maximum = HUGE_VAL, .example = "0.1"};
+    static const char *const kinds[] = {"modbus_tcp", "modbus_rtu", NULL};
     tl_modbus_channel *channel = &signal->modbus;
     tl_config_object object;
     if (!tl_config_member(entry, "modbus", TL_CONFIG_OPTIONAL, example, &object)) {
@@ -201,8 +286,9 @@ static void read_signal_modbus(tl_config_object *entry, tl_config_signal *signal
     if (signal->source != SIZE_MAX) {
         tl_config_wrong(entry, "modbus", "modbus beside csv.source", "at most one live source", NULL);
     }
-    read_source_name(&object, TL_CONFIG_REQUIRED, "modbus_tcp", signal);
-    read_unit_id(&object, channel);
+    const cJSON *source = tl_config_read_source_name(&object, TL_CONFIG_REQUIRED,
+                                                     "the name of a modbus_tcp or modbus_rtu source", kinds, signal);
+    read_unit_id(&object, source, channel);
     read_table_and_type(&object, channel);
     read_address(&object, channel);
     channel->words_little = is_little(&object, "words");
@@ -213,21 +299,6 @@ static void read_signal_modbus(tl_config_object *entry, tl_config_signal *signal
     }
     (void)tl_config_get_number(&object, "offset", &any, &channel->offset);
     tl_config_done(&object);
-}
-
-/* ---- plant.NAME.can ---- */
-
-static void read_signal_can(tl_config_object *entry, tl_config_signal *signal) {
-    static const char *const example = "{\"source\": \"bus\", \"id\": \"0x123\", \"start\": 0, \"length\": 16}";
-    tl_config_object object;
-    if (!tl_config_member(entry, "can", TL_CONFIG_OPTIONAL, example, &object)) {
-        return;
-    }
-    if (signal->source != SIZE_MAX) {
-        tl_config_wrong(entry, "can", "can beside another live source", "at most one live source", NULL);
-    }
-    read_source_name(&object, TL_CONFIG_REQUIRED, "can", signal);
-    tl_config_read_can_channel(&object, &signal->can);
 }
 
 /* ---- plant.NAME ---- */
@@ -264,7 +335,7 @@ static void read_limits(tl_config_object *entry, tl_config_signal *signal) {
     }
 }
 
-static void read_signal(tl_config_object *entry, tl_config_signal *signal) {
+static void read_signal(tl_config_object *entry, const tl_config *config, tl_config_signal *signal) {
     static const char *const types[] = {"real", "integer", "boolean", NULL};
     static const tl_type type_of[] = {TL_REAL, TL_INTEGER, TL_BOOLEAN};
     size_t type = 0;
@@ -280,7 +351,8 @@ static void read_signal(tl_config_object *entry, tl_config_signal *signal) {
     }
     read_signal_csv(entry, signal);
     read_signal_modbus(entry, signal);
-    read_signal_can(entry, signal);
+    tl_config_read_can_signal(entry, signal);
+    tl_config_read_gpio_signal(entry, config, signal);
     tl_config_done(entry);
 }
 
@@ -306,7 +378,7 @@ void tl_config_read_signals(tl_config_object *root, tl_config *config) {
         signal->column = item->string;
         signal->source = SIZE_MAX;
         if (tl_config_entry(&map, item, "{\"unit\": \"rad/s\"}", &entry)) {
-            read_signal(&entry, signal);
+            read_signal(&entry, config, signal);
         }
         signal->plan.where = tl_config_keep(root->reader, entry.path);
         signal++;

@@ -7,8 +7,12 @@
 
 #include "board/io/can.h"
 #include "board/io/csv.h"
+#include "board/io/gpio.h"
 #include "board/io/modbus.h"
 #include "firmware/plant_reader.h"
+
+/* What a poll may take: the longest is to look up a host's name, which has time limits of its own. */
+static const tl_time PATIENCE = 60 * TL_SECOND;
 
 struct tl_live_plant {
     tl_plant_source *sources;
@@ -35,12 +39,20 @@ void tl_live_plant_set_limits(tl_plant_input *input, const tl_config *config) {
 static tl_status open_modbus(const tl_config *config, const tl_config_source *configured, tl_plant_source *source,
                              tl_error *error) {
     tl_modbus_channel channels[TL_MAX_SIGNALS];
+    char path[PATH_MAX];
     for (size_t i = 0; i < source->signal_count; i++) {
         channels[i] = config->signals[source->signals[i]].modbus;
+    }
+    tl_modbus_line line = configured->line;
+    line.device = NULL;
+    if (configured->kind == TL_SOURCE_MODBUS_RTU) {
+        tl_config_file_path(config, configured->line.device, path, sizeof path);
+        line.device = path;
     }
     const tl_modbus_settings settings = {
         .host = configured->host,
         .port = configured->port,
+        .line = line,
         .timeout_s = configured->timeout_s,
         .channels = channels,
         .channel_count = source->signal_count,
@@ -79,17 +91,36 @@ static tl_status open_can(const tl_config *config, const tl_config_source *confi
     return tl_can_open(&settings, &source->io, error);
 }
 
+static tl_status open_gpio(const tl_config *config, const tl_config_source *configured, tl_plant_source *source,
+                           tl_error *error) {
+    tl_gpio_channel channels[TL_MAX_SIGNALS];
+    for (size_t i = 0; i < source->signal_count; i++) {
+        channels[i] = config->signals[source->signals[i]].gpio;
+    }
+    const tl_gpio_settings settings = {
+        .chip = configured->chip,
+        .period_s = configured->period_s,
+        .channels = channels,
+        .channel_count = source->signal_count,
+    };
+    source->driver = &tl_gpio_driver;
+    return tl_gpio_open(&settings, &source->io, error);
+}
+
 static tl_status open_driver(const tl_config *config, const tl_config_source *configured, tl_plant_source *source,
                              tl_error *error) {
     switch (configured->kind) {
     case TL_SOURCE_MODBUS_TCP:
+    case TL_SOURCE_MODBUS_RTU:
         return open_modbus(config, configured, source, error);
-    case TL_SOURCE_CSV:
-        return open_csv(config, configured, source, error);
     case TL_SOURCE_CAN:
+        return open_can(config, configured, source, error);
+    case TL_SOURCE_GPIO:
+        return open_gpio(config, configured, source, error);
+    case TL_SOURCE_CSV:
         break;
     }
-    return open_can(config, configured, source, error);
+    return open_csv(config, configured, source, error);
 }
 
 /* Opens one configured source; one that no signal uses is left out. */
@@ -123,20 +154,27 @@ static void close_sources(tl_live_plant *plant) {
     }
 }
 
+static void begin_hearts(tl_live_plant *plant, tl_heartbeats *beats) {
+    for (size_t i = 0; i < plant->source_count; i++) {
+        tl_plant_source *source = &plant->sources[i];
+        source->heart = tl_heart_begin(beats, source->name, PATIENCE + source->period);
+    }
+}
+
 static tl_status check_sources(const tl_config *config, tl_error *error) {
     for (size_t i = 0; i < config->signal_count; i++) {
         if (config->signals[i].source == SIZE_MAX) {
             return tl_fail(
                 error, TL_BAD_DATA,
-                "%s: plant.%s has no live source: give it \"modbus\", \"can\", or \"csv\" with a \"source\"; to run "
-                "a recording use `twinlock replay`",
+                "%s: plant.%s has no live source: give it \"modbus\", \"can\", \"gpio\", or \"csv\" with a \"source\"; to "
+                "run a recording use `twinlock replay`",
                 config->path, config->signals[i].plan.name);
         }
     }
     return TL_OK;
 }
 
-static tl_status open_all(tl_live_plant *plant, const tl_config *config,
+static tl_status open_all(tl_live_plant *plant, const tl_config *config, tl_heartbeats *beats,
                           void (*on_link)(void *context, const char *source, bool up, const char *text), void *context,
                           tl_error *error) {
     plant->sources = calloc(config->source_count, sizeof *plant->sources);
@@ -152,11 +190,12 @@ static tl_status open_all(tl_live_plant *plant, const tl_config *config,
             return status;
         }
     }
+    begin_hearts(plant, beats);
     return tl_plant_readers_start(plant->sources, plant->source_count, &plant->input, on_link, context, &plant->readers,
                                   error);
 }
 
-tl_status tl_live_plant_open(const tl_config *config,
+tl_status tl_live_plant_open(const tl_config *config, tl_heartbeats *beats,
                              void (*on_link)(void *context, const char *source, bool up, const char *text),
                              void *context, tl_live_plant **plant, tl_error *error) {
     tl_status status = check_sources(config, error);
@@ -167,7 +206,7 @@ tl_status tl_live_plant_open(const tl_config *config,
     if (opened == NULL) {
         return tl_fail(error, TL_TRY_AGAIN, "not enough memory for the plant");
     }
-    status = open_all(opened, config, on_link, context, error);
+    status = open_all(opened, config, beats, on_link, context, error);
     if (status != TL_OK) {
         opened->readers = NULL;
         tl_live_plant_close(opened);

@@ -1,12 +1,10 @@
-/* The Modbus TCP driver: what to ask when, and what a missing answer means.
+/* The Modbus driver: what to ask when, and what a missing answer means. How it is asked is the link's business.
  *
  * A poll has two passes: first the requests that were answered last time, then, where their pause is over, those
- * that were silent. A response that does not come, or makes no sense, costs the connection: what arrives later
- * could be taken for the answer to the next request. If anything was answered in that poll, the device lives: the
- * one request is paused and the next poll connects again at once. If nothing was, the link is down and connecting
- * is paused. An exception is an answer.
- *
- * Of libmodbus only the reading functions are used; it neither connects nor recovers here (its own recovery sleeps).
+ * that were silent. A response that does not come, or makes no sense, costs a TCP connection, since what arrives later
+ * could be taken for the answer to the next request; a line is used again as soon as it is quiet. If anything was answered
+ * in that poll, the device lives: the one request is paused, and so for a moment is its unit on a line. If nothing was,
+ * the link is down and trying it is paused. An exception is an answer.
  */
 #include "board/io/modbus.h"
 
@@ -23,36 +21,42 @@
 #define PAUSE_FIRST (TL_SECOND / 10)
 #define PAUSE_LAST (2 * TL_SECOND)
 
-enum { TEXT = 256 };
+/* So many times as long as waiting for silent requests has taken, none of them is tried again. */
+#define REST 4
+
+enum { TEXT = 256, SILENCES_ON_A_LINE = 2 };
+
+const uint32_t tl_modbus_bauds[] = {1200,   2400,   4800,   9600,   19200,  38400,   57600,
+                                    115200, 230400, 460800, 500000, 921600, 1000000, 0};
 
 typedef enum link_state { LINK_UNKNOWN, LINK_DOWN, LINK_UP } link_state;
 
 struct tl_plant_io {
-    tl_modbus_link link;
-    modbus_t *context;
+    tl_modbus_link *link;
     tl_modbus_map map;
-    tl_time timeout;
     link_state state;
     tl_time pause;  /* between attempts to connect; 0: none is due */
     tl_time due;    /* of the next attempt */
+    tl_time rest;   /* until then no silent request is tried again */
     size_t start;   /* the request that the next poll begins with */
     uint64_t polls; /* so far */
-    uint8_t bits[TL_MODBUS_MAX_BITS];
-    uint16_t registers[TL_MODBUS_MAX_REGISTERS];
+    tl_modbus_values values;
 };
 
 /* What one poll has come to. */
 typedef struct progress {
     const tl_plant_io_sink *sink;
     bool answered;    /* something did */
-    bool lost;        /* the connection is no more */
+    size_t silent;    /* requests that were not answered */
+    tl_time waited;   /* for these */
+    bool over;        /* no more requests in this poll */
     bool interrupted; /* nobody wants to know */
-    int failure;      /* errno of libmodbus, where it is lost */
+    int failure;      /* errno of the last silence */
 } progress;
 
 static void say(const tl_plant_io *io, const tl_plant_io_sink *sink, bool up, const char *text) {
-    char whole[TEXT + 128];
-    (void)snprintf(whole, sizeof whole, "Modbus server %.80s:%s: %s", io->link.host, io->link.service, text);
+    char whole[TEXT + sizeof io->link->name + 2];
+    (void)snprintf(whole, sizeof whole, "%s: %s", io->link->name, text);
     sink->link(sink->context, up, whole);
 }
 
@@ -70,10 +74,14 @@ static tl_time longer(tl_time pause) {
     return next < PAUSE_LAST ? next : PAUSE_LAST;
 }
 
-/* libmodbus's errno in words; a time-out in our own. */
+/* A link's errno in words. */
 static void describe(const tl_plant_io *io, int failure, char *text, size_t size) {
     if (failure == ETIMEDOUT) {
-        (void)snprintf(text, size, "no answer within %g s", tl_seconds(io->timeout));
+        (void)snprintf(text, size, "no answer within %g s", tl_seconds(io->link->timeout));
+    } else if (failure == EPROTO) {
+        (void)snprintf(text, size, "its answer breaks off");
+    } else if (failure == EBUSY) {
+        (void)snprintf(text, size, "the line is never quiet: is there another master, or another speed?");
     } else {
         (void)snprintf(text, size, "%s", modbus_strerror(failure));
     }
@@ -108,40 +116,14 @@ static void post_values(const tl_plant_io *io, const tl_plant_io_sink *sink, con
     for (size_t i = read->first; i < read->first + read->slots; i++) {
         const tl_modbus_slot *slot = &io->map.slots[i];
         size_t at = (size_t)(slot->channel.address - read->address);
-        uint16_t bit = io->bits[at];
-        const uint16_t *raw = slot->channel.type == TL_MODBUS_BIT ? &bit : &io->registers[at];
+        uint16_t bit = io->values.bits[at];
+        const uint16_t *raw = slot->channel.type == TL_MODBUS_BIT ? &bit : &io->values.registers[at];
         tl_reading reading = {.stamp = stamp, .quality = TL_GOOD};
         if (!tl_modbus_decode(&slot->channel, raw, &reading.value)) {
             reading.quality = TL_NOT_A_NUMBER;
         }
         sink->post(sink->context, slot->index, &reading);
     }
-}
-
-/* One request and its response: 0, or errno. */
-static int ask(tl_plant_io *io, const tl_modbus_read *read) {
-    int count = -1;
-    if (modbus_set_slave(io->context, read->unit_id) != 0) {
-        return errno;
-    }
-    switch (read->table) {
-    case TL_MODBUS_COIL:
-        count = modbus_read_bits(io->context, read->address, read->count, io->bits);
-        break;
-    case TL_MODBUS_DISCRETE:
-        count = modbus_read_input_bits(io->context, read->address, read->count, io->bits);
-        break;
-    case TL_MODBUS_HOLDING:
-        count = modbus_read_registers(io->context, read->address, read->count, io->registers);
-        break;
-    case TL_MODBUS_INPUT:
-        count = modbus_read_input_registers(io->context, read->address, read->count, io->registers);
-        break;
-    }
-    if (count == read->count) {
-        return 0;
-    }
-    return count < 0 ? errno : EMBBADDATA;
 }
 
 /* The device answered, but with an exception. EMBBADEXC: one that the specification does not know. */
@@ -154,11 +136,11 @@ static bool is_refused_shape(int failure) {
     return failure == EMBXILADD || failure == EMBXILVAL;
 }
 
-/* Asks one request and posts what came of it; splits it first where the device does not like its shape. */
-static void serve(tl_plant_io *io, size_t index, progress *now) {
+/* Asks; in smaller requests where the device does not like the shape of a large one. 0, or errno. */
+static int ask(tl_plant_io *io, size_t index, tl_time *stamp) {
     tl_modbus_read *read = &io->map.reads[index];
-    int failure = ask(io, read);
-    tl_time stamp = tl_modbus_link_now();
+    int failure = io->link->kind->ask(io->link, read, &io->values);
+    *stamp = tl_modbus_link_now();
     while (is_refused_shape(failure)) {
         size_t parts = tl_modbus_map_split(&io->map, index);
         if (parts == 1) {
@@ -167,20 +149,35 @@ static void serve(tl_plant_io *io, size_t index, progress *now) {
         if (index < io->start) {
             io->start += parts - 1;
         }
-        failure = ask(io, read);
-        stamp = tl_modbus_link_now();
+        failure = io->link->kind->ask(io->link, read, &io->values);
+        *stamp = tl_modbus_link_now();
     }
+    return failure;
+}
+
+/* No answer, or none that makes sense. What it means is known when the poll is over. */
+static void note_silence(tl_plant_io *io, size_t index, int failure, progress *now) {
+    tl_modbus_read *read = &io->map.reads[index];
+    io->link->kind->failed(io->link, failure);
+    io->start = (index + 1) % io->map.read_count;
+    read->silent = io->polls;
+    read->failure = failure;
+    now->failure = failure;
+    now->silent++;
+    now->over = io->link->descriptor < 0 || now->silent >= SILENCES_ON_A_LINE || tl_modbus_link_is_woken(io->link);
+}
+
+/* Asks one request and posts what came of it. */
+static void serve(tl_plant_io *io, size_t index, progress *now) {
+    tl_time begun = tl_modbus_link_now();
+    tl_time stamp = begun;
+    int failure = ask(io, index, &stamp);
     if (failure != 0 && !is_exception(failure)) {
-        now->lost = true;
-        now->failure = failure;
-        io->start = (index + 1) % io->map.read_count;
-        if (now->answered) {
-            note_trouble(io, now->sink, read, failure);
-            read->pause = longer(read->pause);
-            read->due = stamp + read->pause;
-        }
+        note_silence(io, index, failure, now);
+        now->waited += tl_modbus_link_now() - begun;
         return;
     }
+    tl_modbus_read *read = &io->map.reads[index];
     now->answered = true;
     set_link(io, now->sink, true, "connected");
     read->polled = io->polls;
@@ -193,50 +190,85 @@ static void serve(tl_plant_io *io, size_t index, progress *now) {
     }
 }
 
+/* Has that unit been silent in this poll? */
+static bool is_unit_silent(const tl_plant_io *io, uint8_t unit_id) {
+    for (size_t i = 0; i < io->map.read_count; i++) {
+        if (io->map.reads[i].unit_id == unit_id && io->map.reads[i].silent == io->polls) {
+            return true;
+        }
+    }
+    return false;
+}
+
+/* Is it the turn of that request? */
+static bool is_due(const tl_plant_io *io, const tl_modbus_read *read, bool silent_ones) {
+    tl_time now = tl_modbus_link_now();
+    bool wanted = silent_ones ? read->pause > 0 && now >= read->due && now >= io->rest : read->pause == 0;
+    return wanted && now >= read->hold && read->polled != io->polls &&
+           !(io->link->kind->is_line && is_unit_silent(io, read->unit_id));
+}
+
 /* One pass over the requests; the list may grow while we go. */
 static void pass(tl_plant_io *io, bool silent_ones, progress *now) {
-    for (size_t visited = 0; visited < io->map.read_count && !now->lost; visited++) {
-        size_t index = (io->start + visited) % io->map.read_count;
-        const tl_modbus_read *read = &io->map.reads[index];
-        bool wanted = silent_ones ? read->pause > 0 && tl_modbus_link_now() >= read->due : read->pause == 0;
-        if (wanted && read->polled != io->polls) {
+    size_t start = io->start;
+    size_t count = io->map.read_count;
+    for (size_t visited = 0; visited < io->map.read_count && !now->over; visited++) {
+        size_t index = (start + visited) % io->map.read_count;
+        if (is_due(io, &io->map.reads[index], silent_ones)) {
             serve(io, index, now);
         }
+        if (index < start) { /* the list has grown before the start */
+            start += io->map.read_count - count;
+        }
+        count = io->map.read_count;
     }
 }
 
-/* No answer from anything: the link is down, and the next attempt waits. */
+/* No answer from anything: the link is down, and the next attempt waits. Silence of a single request is forgotten. */
 static void give_up(tl_plant_io *io, const tl_plant_io_sink *sink, const char *cause) {
     io->pause = longer(io->pause);
     io->due = tl_modbus_link_now() + io->pause;
+    io->rest = 0;
     set_link(io, sink, false, cause);
 }
 
 /* Is there a connection, now? */
 static bool connected(tl_plant_io *io, progress *now) {
-    if (io->link.socket >= 0 && tl_modbus_link_stray(&io->link)) {
-        tl_modbus_link_close(&io->link); /* closed by the device while idle: no reason to complain */
-    }
-    if (io->link.socket >= 0) {
-        return true;
+    if (io->link->descriptor >= 0 && !io->link->kind->is_sound(io->link)) {
+        io->link->kind->close(io->link); /* closed by the device while idle: no reason to complain */
     }
     if (io->pause > 0 && tl_modbus_link_now() < io->due) {
         return false;
     }
     char cause[TEXT];
-    if (!tl_modbus_link_connect(&io->link, io->timeout, cause, sizeof cause)) {
-        now->interrupted = tl_modbus_link_interrupted(&io->link);
+    if (io->link->descriptor < 0 && !io->link->kind->connect(io->link, cause, sizeof cause)) {
+        now->interrupted = tl_modbus_link_interrupted(io->link);
         if (!now->interrupted) {
             give_up(io, now->sink, cause);
         }
         return false;
     }
-    (void)modbus_set_socket(io->context, io->link.socket);
     if (io->state != LINK_UP) {
         tl_modbus_map_reset(&io->map); /* it may be another device by now */
         io->start = io->start < io->map.read_count ? io->start : 0;
     }
     return true;
+}
+
+/* Others were answered, so it is these requests that are in trouble: asked later, and less often. */
+static void pause_silent(tl_plant_io *io, const progress *now) {
+    tl_time at = tl_modbus_link_now();
+    io->rest = at + REST * now->waited;
+    for (size_t i = 0; i < io->map.read_count; i++) {
+        tl_modbus_read *read = &io->map.reads[i];
+        if (read->silent == io->polls) {
+            note_trouble(io, now->sink, read, read->failure);
+            read->pause = longer(read->pause);
+            read->due = at + read->pause;
+        } else if (io->link->kind->is_line && is_unit_silent(io, read->unit_id)) {
+            read->hold = at + io->link->timeout;
+        }
+    }
 }
 
 /* Asks everything that is due. */
@@ -246,11 +278,13 @@ static void converse(tl_plant_io *io, progress *now) {
     if (now->answered) {
         io->pause = 0;
     }
-    if (now->lost) {
-        tl_modbus_link_close(&io->link);
-        now->interrupted = tl_modbus_link_interrupted(&io->link);
+    now->interrupted = now->silent > 0 && tl_modbus_link_interrupted(io->link);
+    if (now->silent == 0 || now->interrupted) {
+        return;
     }
-    if (now->lost && !now->answered && !now->interrupted) {
+    if (now->answered) {
+        pause_silent(io, now);
+    } else {
         char text[TEXT];
         describe(io, now->failure, text, sizeof text);
         give_up(io, now->sink, text);
@@ -259,7 +293,7 @@ static void converse(tl_plant_io *io, progress *now) {
 
 static tl_status modbus_poll(tl_plant_io *io, const tl_plant_io_sink *sink, bool *finished, tl_error *error) {
     (void)error;
-    progress now = {.sink = sink, .interrupted = tl_modbus_link_interrupted(&io->link)};
+    progress now = {.sink = sink, .interrupted = tl_modbus_link_interrupted(io->link)};
     *finished = false;
     io->polls++;
     if (!now.interrupted && connected(io, &now)) {
@@ -274,18 +308,31 @@ static tl_status modbus_poll(tl_plant_io *io, const tl_plant_io_sink *sink, bool
 }
 
 static void modbus_interrupt(tl_plant_io *io) {
-    tl_modbus_link_interrupt(&io->link);
+    tl_modbus_link_interrupt(io->link);
 }
 
 static void modbus_close_io(tl_plant_io *io) {
-    modbus_free(io->context);
     tl_modbus_map_release(&io->map);
-    tl_modbus_link_release(&io->link);
+    io->link->kind->release(io->link);
     free(io);
 }
 
 const tl_plant_io_driver tl_modbus_driver = {
-    .name = "modbus_tcp", .poll = modbus_poll, .interrupt = modbus_interrupt, .close = modbus_close_io};
+    .name = "modbus", .poll = modbus_poll, .interrupt = modbus_interrupt, .close = modbus_close_io};
+
+/* ---- settings ---- */
+
+static tl_status check_unit(const tl_modbus_channel *channel, size_t index, bool on_a_line, tl_error *error) {
+    if (on_a_line && (channel->unit_id < 1 || channel->unit_id > 247)) {
+        return tl_fail(error, TL_BAD_DATA, "Modbus channel %zu: unit id %u is not one of a serial line, 1 to 247",
+                       index, (unsigned)channel->unit_id);
+    }
+    if (channel->unit_id > 247 && channel->unit_id != 255) {
+        return tl_fail(error, TL_BAD_DATA, "Modbus channel %zu: unit id %u is neither 0 to 247 nor 255", index,
+                       (unsigned)channel->unit_id);
+    }
+    return TL_OK;
+}
 
 static tl_status check_channel(const tl_modbus_channel *channel, size_t index, tl_error *error) {
     bool bit_table = channel->table == TL_MODBUS_COIL || channel->table == TL_MODBUS_DISCRETE;
@@ -297,10 +344,6 @@ static tl_status check_channel(const tl_modbus_channel *channel, size_t index, t
                        bit_table ? "coils and discrete inputs hold bits, nothing else"
                                  : "registers hold numbers, not bits");
     }
-    if (channel->unit_id > 247 && channel->unit_id != 255) {
-        return tl_fail(error, TL_BAD_DATA, "Modbus channel %zu: unit id %u is neither 0 to 247 nor 255", index,
-                       (unsigned)channel->unit_id);
-    }
     if (channel->address + tl_modbus_registers(channel->type) > 65536) {
         return tl_fail(error, TL_BAD_DATA, "Modbus channel %zu: its last register is beyond address 65535", index);
     }
@@ -310,32 +353,57 @@ static tl_status check_channel(const tl_modbus_channel *channel, size_t index, t
     return TL_OK;
 }
 
+static bool is_baud(uint32_t baud) {
+    const uint32_t *known = tl_modbus_bauds;
+    while (*known != 0 && *known != baud) {
+        known++;
+    }
+    return *known != 0;
+}
+
+static tl_status check_line(const tl_modbus_line *line, tl_error *error) {
+    if (line->device[0] == '\0') {
+        return tl_fail(error, TL_BAD_DATA, "a Modbus line needs a device, for example /dev/serial/by-id/usb-0-port0");
+    }
+    if (!is_baud(line->baud)) {
+        return tl_fail(error, TL_BAD_DATA, "Modbus line %s: %u Bd is no speed of a serial line", line->device,
+                       (unsigned)line->baud);
+    }
+    if (line->parity != 'N' && line->parity != 'E' && line->parity != 'O') {
+        return tl_fail(error, TL_BAD_DATA, "Modbus line %s: parity is none of N, E, O", line->device);
+    }
+    if (line->stop_bits != 1 && line->stop_bits != 2) {
+        return tl_fail(error, TL_BAD_DATA, "Modbus line %s: %u stop bits, but must be 1 or 2", line->device,
+                       (unsigned)line->stop_bits);
+    }
+    return TL_OK;
+}
+
 static tl_status check(const tl_modbus_settings *settings, tl_error *error) {
-    if (settings->host == NULL || settings->host[0] == '\0') {
+    const char *device = settings->line.device;
+    if (device == NULL && (settings->host == NULL || settings->host[0] == '\0')) {
         return tl_fail(error, TL_BAD_DATA, "a Modbus server needs a name or an address, for example 192.168.1.17");
     }
     if (!(settings->timeout_s >= 0.001 && settings->timeout_s <= 3600)) {
-        return tl_fail(error, TL_BAD_DATA, "Modbus server %s: timeout_s is %g, but must be 0.001 to 3600",
-                       settings->host, settings->timeout_s);
+        return tl_fail(error, TL_BAD_DATA, "Modbus %s: timeout_s is %g, but must be 0.001 to 3600",
+                       device != NULL ? device : settings->host, settings->timeout_s);
+    }
+    if (device != NULL && check_line(&settings->line, error) != TL_OK) {
+        return TL_BAD_DATA;
     }
     for (size_t i = 0; i < settings->channel_count; i++) {
-        if (check_channel(&settings->channels[i], i, error) != TL_OK) {
+        if (check_channel(&settings->channels[i], i, error) != TL_OK ||
+            check_unit(&settings->channels[i], i, device != NULL, error) != TL_OK) {
             return TL_BAD_DATA;
         }
     }
     return TL_OK;
 }
 
-/* libmodbus's context, told to take the whole response into account, and to recover nothing by itself. */
-static modbus_t *new_context(tl_time timeout) {
-    modbus_t *context = modbus_new_tcp("127.0.0.1", 502); /* neither is used: the socket is ours */
-    if (context != NULL) {
-        (void)modbus_set_error_recovery(context, MODBUS_ERROR_RECOVERY_NONE);
-        (void)modbus_set_response_timeout(context, (uint32_t)(timeout / TL_SECOND),
-                                          (uint32_t)(timeout % TL_SECOND / 1000));
-        (void)modbus_set_byte_timeout(context, 0, 0); /* none of its own: the response's goes on */
-    }
-    return context;
+static tl_modbus_link *make_link(const tl_modbus_settings *settings) {
+    tl_time timeout = tl_time_of_seconds(settings->timeout_s);
+    return settings->line.device != NULL ? tl_modbus_rtu_make(&settings->line, timeout)
+                                         : tl_modbus_tcp_make(settings->host, settings->port, timeout);
 }
 
 tl_status tl_modbus_open(const tl_modbus_settings *settings, tl_plant_io **io, tl_error *error) {
@@ -343,19 +411,17 @@ tl_status tl_modbus_open(const tl_modbus_settings *settings, tl_plant_io **io, t
     if (status != TL_OK) {
         return status;
     }
+    const char *name = settings->line.device != NULL ? settings->line.device : settings->host;
     tl_plant_io *made = calloc(1, sizeof *made);
-    if (made == NULL || !tl_modbus_link_make(&made->link, settings->host, settings->port)) {
-        status = tl_fail(error, TL_TRY_AGAIN, "Modbus server %s: %s", settings->host, strerror(errno));
+    if (made == NULL || (made->link = make_link(settings)) == NULL) {
+        status = tl_fail(error, TL_TRY_AGAIN, "Modbus %s: %s", name, strerror(errno));
         free(made);
         return status;
     }
-    made->timeout = tl_time_of_seconds(settings->timeout_s);
-    made->context = new_context(made->timeout);
-    if (made->context == NULL || !tl_modbus_map_make(&made->map, settings->channels, settings->channel_count)) {
-        modbus_free(made->context);
-        tl_modbus_link_release(&made->link);
+    if (!tl_modbus_map_make(&made->map, settings->channels, settings->channel_count)) {
+        made->link->kind->release(made->link);
         free(made);
-        return tl_fail(error, TL_TRY_AGAIN, "Modbus server %s: out of memory", settings->host);
+        return tl_fail(error, TL_TRY_AGAIN, "Modbus %s: out of memory", name);
     }
     *io = made;
     return TL_OK;

@@ -1,8 +1,10 @@
-/* The TCP connection below the Modbus driver: one that can be waited for and given up. Private to the driver.
+/* What is below the Modbus driver: a TCP connection (modbus_tcp.c) or a serial line (modbus_rtu.c). Private to the driver.
  *
- * Purpose: connects within a time, to each address a name has; any other thread can end the wait, and the wait of
- *          whoever reads from the socket.
- * Owner:   one thread makes, connects, closes, releases; tl_modbus_link_interrupt() is for any other.
+ * Purpose: asks one request and waits for its response; any other thread can end the wait.
+ * Owner:   one thread makes, connects, asks, closes, releases; tl_modbus_link_interrupt() is for any other.
+ * Discipline: a failure that is no exception is told by failed() before the next request, so that what still
+ *          arrives of the old response is not taken for the answer to another: TCP begins a new connection, a serial line is
+ *          listened to until it is quiet.
  */
 #ifndef TL_BOARD_IO_MODBUS_LINK_H
 #define TL_BOARD_IO_MODBUS_LINK_H
@@ -12,35 +14,77 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#include "board/io/modbus_map.h"
 #include "master/base/simtime.h"
 
-typedef struct tl_modbus_link {
-    char *host;
-    char service[8];
-    int socket; /* −1: not connected. Written under the lock, for interrupt() */
-    int wake;   /* eventfd: interrupted, and nobody has taken notice yet */
+typedef struct tl_modbus_link tl_modbus_link;
+
+/* Where the values of a response go; enough for any. */
+typedef struct tl_modbus_values {
+    uint8_t bits[TL_MODBUS_MAX_BITS];
+    uint16_t registers[TL_MODBUS_MAX_REGISTERS];
+} tl_modbus_values;
+
+typedef struct tl_modbus_link_kind {
+    /* Devices are asked in turn on one line: after silence the next unit may be asked at once, over the same link. */
+    bool is_line;
+
+    /* Waits at most the link's timeout. Else false, and `cause` says why; the cause means nothing where it was
+     * interrupted. */
+    bool (*connect)(tl_modbus_link *link, char *cause, size_t cause_size);
+
+    /* Nothing has happened to an open link since it was asked last? */
+    bool (*is_sound)(const tl_modbus_link *link);
+
+    /* 0, or errno: libmodbus's for exceptions and nonsense; ETIMEDOUT for no answer, EPROTO for half of one, EBUSY for a
+     * line that is never quiet. */
+    int (*ask)(tl_modbus_link *link, const tl_modbus_read *read, tl_modbus_values *values);
+
+    /* The last request failed so: closes the link, or makes it ready for another. */
+    void (*failed)(tl_modbus_link *link, int failure);
+
+    void (*close)(tl_modbus_link *link);
+
+    /* Under the lock: ends a wait that does not look at `wake`. NULL: there is none. */
+    void (*cut)(tl_modbus_link *link);
+
+    /* Closes, and frees what the kind has added, and the link. */
+    void (*release)(tl_modbus_link *link);
+} tl_modbus_link_kind;
+
+struct tl_modbus_link {
+    const tl_modbus_link_kind *kind;
+    char name[160];  /* for people: "Modbus server HOST:PORT" */
+    void *context;   /* modbus_t *, of libmodbus */
+    tl_time timeout; /* ns; of one response */
+    int descriptor;  /* −1: not connected */
+    int wake;        /* eventfd: interrupted, and nobody has taken notice yet */
     pthread_mutex_t lock;
-} tl_modbus_link;
+};
 
-/* false where a resource is missing; errno says which. Does not connect. */
-bool tl_modbus_link_make(tl_modbus_link *link, const char *host, uint16_t port);
+/* To an address or name; NULL where a resource is missing, errno says which. Does not connect. */
+tl_modbus_link *tl_modbus_tcp_make(const char *host, uint16_t port, tl_time timeout);
 
-/* Waits at most `timeout` ns. The socket does not block. Else false, and `cause` says why; the cause means nothing
- * where it was interrupted. */
-bool tl_modbus_link_connect(tl_modbus_link *link, tl_time timeout, char *cause, size_t cause_size);
+/* To a serial line; the same. */
+tl_modbus_link *tl_modbus_rtu_make(const tl_modbus_line *line, tl_time timeout);
 
-/* true where something comes while nothing was asked for: the other side has closed, or talks out of turn. */
-bool tl_modbus_link_stray(const tl_modbus_link *link);
+/* For the kinds: the part that all have. false where a resource is missing; then `context` is freed. A NULL context is
+ * one that is missing. */
+bool tl_modbus_link_init(tl_modbus_link *link, const tl_modbus_link_kind *kind, void *context, tl_time timeout);
+void tl_modbus_link_done(tl_modbus_link *link);
 
-void tl_modbus_link_close(tl_modbus_link *link);
-
-/* Any thread: ends the waiting of the thread that connects or reads, or else its next one. */
+/* Any thread: ends the waiting of the thread that connects or asks, or else its next one. */
 void tl_modbus_link_interrupt(tl_modbus_link *link);
 
 /* Was it interrupted? Takes notice of it, so that the next call says no. */
 bool tl_modbus_link_interrupted(tl_modbus_link *link);
 
-void tl_modbus_link_release(tl_modbus_link *link);
+/* The same, taking no notice. */
+bool tl_modbus_link_is_woken(const tl_modbus_link *link);
+
+/* Waits until `descriptor` has one of `events` (of poll()), or is hung up. 0, or errno: ETIMEDOUT, EINTR where the link was
+ * interrupted. */
+int tl_modbus_link_await(const tl_modbus_link *link, int descriptor, short events, tl_time deadline);
 
 /* CLOCK_MONOTONIC in ns. */
 tl_time tl_modbus_link_now(void);

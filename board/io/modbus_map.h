@@ -33,7 +33,10 @@ typedef struct tl_modbus_read {
     int trouble;     /* errno of libmodbus; 0: none. For the driver, as are the next */
     tl_time pause;   /* ns; > 0: it was silent while others answered */
     tl_time due;     /* not to be asked earlier */
+    tl_time hold;    /* nor than this: its unit owes an answer to another request */
     uint64_t polled; /* the poll that has seen to it */
+    uint64_t silent; /* the poll in which it was last asked, and was silent or made no sense */
+    int failure;     /* errno of that */
 } tl_modbus_read;
 
 typedef struct tl_modbus_slot {

@@ -1,6 +1,7 @@
 /* The Modbus driver and the emulated device as a program, for test_modbus_oracle.py.
  *
  *   modbus_probe read HOST PORT   reads every channel once it can; prints "quality value" for each
+ *   modbus_probe read DEVICE      the same on a serial line
  *   modbus_probe serve            prints its port, serves until its input ends, prints "requests refused_writes"
  * Channels are lines of the standard input, "unit table address type words_little bytes_little scale offset value", up
  * to a line "go"; tables and types are the numbers of board/io/modbus.h.
@@ -64,11 +65,13 @@ static void on_link(void *context, bool up, const char *text) {
 }
 
 static int run_read(const char *host, const char *port) {
-    const tl_modbus_settings settings = {.host = host,
-                                         .port = (uint16_t)strtoul(port, NULL, 10),
-                                         .timeout_s = 10,
-                                         .channels = channels,
-                                         .channel_count = count};
+    const tl_modbus_settings settings = {
+        .host = host,
+        .port = (uint16_t)(port != NULL ? strtoul(port, NULL, 10) : 0),
+        .line = {.device = port != NULL ? NULL : host, .baud = 115200, .parity = 'E', .stop_bits = 1},
+        .timeout_s = 10,
+        .channels = channels,
+        .channel_count = count};
     const tl_plant_io_sink sink = {.post = on_post, .link = on_link};
     const struct timespec pause = {.tv_sec = 0, .tv_nsec = 50000000};
     tl_plant_io *io = NULL;
@@ -113,11 +116,11 @@ int main(int argc, char **argv) {
     if (!read_channels()) {
         return fail("a line is no channel, or there are too many");
     }
-    if (argc == 4 && strcmp(argv[1], "read") == 0) {
-        return run_read(argv[2], argv[3]);
+    if ((argc == 4 || argc == 3) && strcmp(argv[1], "read") == 0) {
+        return run_read(argv[2], argc == 4 ? argv[3] : NULL);
     }
     if (argc == 2 && strcmp(argv[1], "serve") == 0) {
         return run_serve();
     }
-    return fail("say read HOST PORT, or serve");
+    return fail("say read HOST PORT, read DEVICE, or serve");
 }

@@ -170,15 +170,31 @@ def can_holds(can):
         field_holds(can, bytes_, length) and multiplex_holds(can, bytes_)
 
 
-def signal_holds(document, signal):
-    modbus = signal.get("modbus")
-    can = signal.get("can")
+def gpio_holds(sources, gpio):
+    return "line" in gpio or "chip" in sources[gpio["source"]]["gpio"]
+
+
+def is_each_line_used_once(document):
+    """Serial lines by one source, GPIO lines by one signal."""
     sources = document.get("sources", {})
-    live = [("csv", signal.get("csv", {}).get("source"))] + ([("modbus_tcp", modbus["source"])] if modbus else []) + \
-        ([("can", can["source"])] if can else [])
+    devices = [source["modbus_rtu"]["device"] for source in sources.values() if "modbus_rtu" in source]
+    lines = [(sources[gpio["source"]]["gpio"].get("chip"), gpio.get("line"), gpio.get("offset"))
+             for gpio in (signal["gpio"] for signal in document["plant"].values() if "gpio" in signal)]
+    return len(set(devices)) == len(devices) and len(set(lines)) == len(lines)
+
+
+def signal_holds(document, signal):
+    modbus, can, gpio = signal.get("modbus"), signal.get("can"), signal.get("gpio")
+    sources = document.get("sources", {})
+    live = [(("csv",), signal.get("csv", {}).get("source"))]
+    live += [(("modbus_tcp", "modbus_rtu"), modbus["source"])] if modbus else []
+    live += [(("can",), can["source"])] if can else []
+    live += [(("gpio",), gpio["source"])] if gpio else []
     return (signal.get("min", float("-inf")) <= signal.get("max", float("inf"))
-            and all(name is None or kind in sources.get(name, {}) for kind, name in live)
+            and all(name is None or any(kind in sources.get(name, {}) for kind in kinds) for kinds, name in live)
             and can_holds(can)
+            and (not gpio or gpio_holds(sources, gpio))
+            and (not modbus or "modbus_rtu" not in sources[modbus["source"]] or 1 <= modbus.get("unit_id", 1) <= 247)
             and (not modbus or modbus["address"] + REGISTERS.get(modbus.get("type"), 1) <= 65536))
 
 
@@ -241,6 +257,7 @@ def beyond_schema(document):
     return (abs(nanoseconds - round(nanoseconds)) < 1e-6  # 0.30000000000000004 means 0.3
             and all(exists(document, name) for name in names(document))
             and all(signal_holds(document, signal) for signal in document["plant"].values())
+            and is_each_line_used_once(document)
             and len(set(targets)) == len(targets)
             and message[0] <= message[1]
             and all(is_short_enough(document, match) for match in synchronise.get("match", {}).values())

@@ -1,7 +1,8 @@
 #!/usr/bin/env python3
 """Our Modbus driver and our emulated device against pymodbus, an implementation that is not ours.
 
-The driver reads a pymodbus server, a pymodbus client reads the device: all tables, types and orders, at random
+The driver reads a pymodbus server, by TCP and by RTU on a pseudo-terminal, a pymodbus client reads the device: all tables,
+types and orders, at random
 addresses with holes between them. What the registers must hold is computed here, by `struct`. pymodbus's server also
 sees every request of the driver: reads, and nothing else.
 """
@@ -9,12 +10,16 @@ import asyncio
 import logging
 import os
 import random
+import select
+import socket
 import struct
 import subprocess
 import sys
 import threading
+import tty
 
 try:
+    from pymodbus import FramerType
     from pymodbus.client import ModbusTcpClient
     from pymodbus.server import ModbusTcpServer
     from pymodbus.simulator import DataType, SimData, SimDevice
@@ -112,8 +117,9 @@ def device_of(unit, channels):
 class Server:
     """A pymodbus server in a thread of its own."""
 
-    def __init__(self, channels):
+    def __init__(self, channels, framer):
         self.functions = []
+        self.framer = framer
         self.loop = asyncio.new_event_loop()
         self.ready = threading.Event()
         self.channels = channels
@@ -126,7 +132,7 @@ class Server:
 
     async def serve(self):
         devices = [device_of(unit, self.channels) for unit in UNITS]
-        self.server = ModbusTcpServer(devices, address=("127.0.0.1", 0), trace_pdu=self.trace)
+        self.server = ModbusTcpServer(devices, framer=self.framer, address=("127.0.0.1", 0), trace_pdu=self.trace)
         await self.server.serve_forever(background=True)
         self.port = self.server.transport.sockets[0].getsockname()[1]
         self.ready.set()
@@ -147,12 +153,53 @@ class Server:
         self.thread.join(30)
 
 
-def check_driver(channels):
-    with Server(channels) as server:
+class Line:
+    """A serial line to a server that speaks RTU by TCP: what is written at `device` goes there, and back."""
+
+    def __init__(self, server):
+        self.master, self.slave = os.openpty()
+        tty.setraw(self.slave)
+        self.device = os.ttyname(self.slave)
+        self.server = socket.create_connection(("127.0.0.1", server.port))
+        self.stop, self.stopped = os.pipe()
+        self.thread = threading.Thread(target=self.run, daemon=True)
+
+    def run(self):
+        while True:
+            ready, _, _ = select.select([self.master, self.server, self.stop], [], [])
+            if self.stop in ready:
+                return
+            if self.master in ready:
+                self.server.sendall(os.read(self.master, 4096))
+            if self.server in ready:
+                os.write(self.master, self.server.recv(4096))
+
+    def __enter__(self):
+        self.thread.start()
+        return self
+
+    def __exit__(self, *_):
+        os.close(self.stopped)
+        self.thread.join(30)
+        self.server.close()
+        for descriptor in (self.master, self.slave, self.stop):
+            os.close(descriptor)
+
+
+def run_probe(channels, *where):
+    return subprocess.run([PROBE, "read", *where], input=text_of(channels), stdout=subprocess.PIPE, text=True,
+                          timeout=120 * PATIENCE, check=True)
+
+
+def check_driver(channels, framer):
+    with Server(channels, framer) as server:
         # One channel more, where nothing is: it costs nobody else's value.
         missing = Channel(UNITS[0], 3, 65000, 2, False, False, 0, 1.0, 0.0)
-        done = subprocess.run([PROBE, "read", "127.0.0.1", str(server.port)], input=text_of(channels + [missing]),
-                              stdout=subprocess.PIPE, text=True, timeout=120 * PATIENCE, check=True)
+        if framer == FramerType.RTU:
+            with Line(server) as line:
+                done = run_probe(channels + [missing], line.device)
+        else:
+            done = run_probe(channels + [missing], "127.0.0.1", str(server.port))
         functions = list(server.functions)
     failures = 0
     lines = done.stdout.splitlines()
@@ -240,9 +287,13 @@ def main():
     logging.disable(logging.CRITICAL)  # pymodbus tells of each exception it sends
     seed = int(os.environ.get("TL_SEED", "4711"))
     channels = make_channels(random.Random(seed))
-    driver_failures, requests = check_driver(channels)
-    failures = driver_failures + check_device(channels)
-    print(f"{len(channels)} channels, {requests} requests, {failures} failures (TL_SEED={seed})")
+    failures, requests = check_driver(channels, FramerType.SOCKET)
+    line_failures, line_requests = check_driver(channels, FramerType.RTU)
+    if line_requests != requests:  # one map for both
+        line_failures += 1
+        print(f"driver: {requests} requests by TCP, {line_requests} by RTU")
+    failures += line_failures + check_device(channels)
+    print(f"{len(channels)} channels, {requests} requests each by TCP and RTU, {failures} failures (TL_SEED={seed})")
     sys.exit(1 if failures else 0)
 
 

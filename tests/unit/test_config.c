@@ -59,6 +59,7 @@ static void test_root(void) {
     TEST_ASSERT_EQUAL_INT64(TL_SECOND / 4, config->record_commit);
     TEST_ASSERT_EQUAL_INT(0, config->realtime_priority);
     TEST_ASSERT_FALSE(config->realtime_lock_memory);
+    TEST_ASSERT_EQUAL_INT64(3 * TL_SECOND / 2, config->realtime_hang);
 }
 
 static void test_text_and_fingerprint(void) {
@@ -113,7 +114,7 @@ static void test_components(void) {
 static void test_sources(void) {
     const tl_config *config = read_good(FULL);
     const tl_config_source *source = config->sources;
-    TEST_ASSERT_EQUAL_size_t(3, config->source_count);
+    TEST_ASSERT_EQUAL_size_t(6, config->source_count);
     TEST_ASSERT_EQUAL_STRING("sources.plc", source[0].where);
     TEST_ASSERT_EQUAL_STRING("plc", source[0].name);
     TEST_ASSERT_EQUAL_INT(TL_SOURCE_MODBUS_TCP, source[0].kind);
@@ -131,10 +132,77 @@ static void test_sources(void) {
     TEST_ASSERT_EQUAL_DOUBLE(0.005, source[2].period_s);
 }
 
+static void test_a_serial_line(void) {
+    const tl_config *config = read_good(FULL);
+    const tl_config_source *bus = &config->sources[3];
+    const tl_config_signal *level = &config->signals[5];
+    TEST_ASSERT_EQUAL_INT(TL_SOURCE_MODBUS_RTU, bus->kind);
+    TEST_ASSERT_EQUAL_STRING("ttyPLC", bus->line.device);
+    TEST_ASSERT_EQUAL_UINT32(38400, bus->line.baud);
+    TEST_ASSERT_EQUAL_INT('N', bus->line.parity);
+    TEST_ASSERT_EQUAL_UINT8(1, bus->line.stop_bits);
+    TEST_ASSERT_TRUE(bus->line.rs485);
+    TEST_ASSERT_EQUAL_DOUBLE(0.05, bus->period_s);
+    TEST_ASSERT_EQUAL_DOUBLE(0.1, bus->timeout_s);
+    TEST_ASSERT_EQUAL_size_t(3, level->source);
+    TEST_ASSERT_EQUAL_UINT8(247, level->modbus.unit_id);
+    TEST_ASSERT_EQUAL_INT(TL_MODBUS_DISCRETE, level->modbus.table);
+}
+
+static void expect_line(const char *keys, uint32_t baud, char parity, uint8_t stop_bits) {
+    char text[512];
+    const tl_config *config = &verdict.config;
+    (void)snprintf(
+        text, sizeof text,
+        "{ \"twinlock\": 1, \"name\": \"line\", \"step_s\": 0.01, \"components\": { \"a\": { \"fmu\": \"a\" } },"
+        "  \"sources\": { \"bus\": { \"modbus_rtu\": { \"device\": \"/dev/ttyS1\"%s } } },"
+        "  \"plant\": { \"y\": {} } }",
+        keys);
+    tl_config_free(&verdict.config);
+    tl_test_judge_text(text, strlen(text), &verdict);
+    TEST_ASSERT_EQUAL_STRING("", verdict.problems[0].text);
+    TEST_ASSERT_EQUAL_UINT32(baud, config->sources[0].line.baud);
+    TEST_ASSERT_EQUAL_INT(parity, config->sources[0].line.parity);
+    TEST_ASSERT_EQUAL_UINT8(stop_bits, config->sources[0].line.stop_bits);
+    TEST_ASSERT_FALSE(config->sources[0].line.rs485);
+    TEST_ASSERT_EQUAL_DOUBLE(0.5, config->sources[0].timeout_s);
+    TEST_ASSERT_EQUAL_DOUBLE(0.01, config->sources[0].period_s);
+}
+
+/* As the standard of the line has them. */
+static void test_defaults_of_a_serial_line(void) {
+    expect_line("", 19200, 'E', 1);
+    expect_line(", \"parity\": \"odd\"", 19200, 'O', 1);
+    expect_line(", \"parity\": \"none\", \"baud\": 1000000", 1000000, 'N', 2);
+    expect_line(", \"parity\": \"even\", \"stop_bits\": 2", 19200, 'E', 2);
+}
+
+static void test_gpio(void) {
+    const tl_config *config = read_good(FULL);
+    const tl_config_signal *start = &config->signals[6];
+    const tl_config_signal *stop = &config->signals[7];
+    TEST_ASSERT_EQUAL_INT(TL_SOURCE_GPIO, config->sources[4].kind);
+    TEST_ASSERT_EQUAL_STRING("bench", config->sources[4].chip);
+    TEST_ASSERT_EQUAL_DOUBLE(0.002, config->sources[4].period_s);
+    TEST_ASSERT_NULL(config->sources[5].chip);
+    TEST_ASSERT_EQUAL_DOUBLE(0.01, config->sources[5].period_s);
+    TEST_ASSERT_EQUAL_size_t(5, start->source);
+    TEST_ASSERT_EQUAL_STRING("START", start->gpio.line);
+    TEST_ASSERT_TRUE(start->gpio.active_low);
+    TEST_ASSERT_EQUAL_INT(TL_GPIO_PULL_UP, start->gpio.bias);
+    TEST_ASSERT_EQUAL_DOUBLE(0.004, start->gpio.debounce_s);
+    TEST_ASSERT_EQUAL_size_t(4, stop->source);
+    TEST_ASSERT_NULL(stop->gpio.line);
+    TEST_ASSERT_EQUAL_UINT(5, stop->gpio.offset);
+    TEST_ASSERT_FALSE(stop->gpio.active_low);
+    TEST_ASSERT_EQUAL_INT(TL_GPIO_NO_PULL, stop->gpio.bias);
+    TEST_ASSERT_EQUAL_DOUBLE(0, stop->gpio.debounce_s);
+}
+
 static void test_a_modbus_signal(void) {
     const tl_config *config = read_good(FULL);
     const tl_config_signal *torque = &config->signals[0];
-    TEST_ASSERT_EQUAL_size_t(5, config->signal_count);
+    TEST_ASSERT_EQUAL_size_t(8, config->signal_count);
     TEST_ASSERT_EQUAL_STRING("plant.torque", torque->plan.where);
     TEST_ASSERT_EQUAL_STRING("torque", torque->plan.name);
     TEST_ASSERT_EQUAL_INT(TL_REAL, torque->plan.type);
@@ -331,16 +399,16 @@ static void test_second_look_ups(void) {
     free(text);
     TEST_ASSERT_EQUAL_INT(TL_OK, verdict.status);
     tl_config *config = &verdict.config;
-    TEST_ASSERT_EQUAL_size_t(5, config->signal_count);
+    TEST_ASSERT_EQUAL_size_t(8, config->signal_count);
     TEST_ASSERT_EQUAL_size_t(1, config->second_count);
     TEST_ASSERT_EQUAL_STRING("plant.omega@match", config->matched_as[0]);
     TEST_ASSERT_EQUAL_STRING("plant.omega", config->match[0].to);
     TEST_ASSERT_EQUAL_STRING("plant.current", config->matched_as[1]);
     tl_config_use_lookups(config);
     tl_config_use_lookups(config);
-    TEST_ASSERT_EQUAL_size_t(6, config->signal_count);
+    TEST_ASSERT_EQUAL_size_t(9, config->signal_count);
     const tl_config_signal *first = &config->signals[3];
-    const tl_config_signal *second = &config->signals[5];
+    const tl_config_signal *second = &config->signals[8];
     TEST_ASSERT_EQUAL_STRING("omega@match", second->plan.name);
     TEST_ASSERT_EQUAL_size_t(3, second->of);
     TEST_ASSERT_EQUAL_size_t(3, first->of);
@@ -361,7 +429,7 @@ static void test_a_plant_has_no_delays(void) {
     tl_config_forget_delays(config);
     tl_config_use_lookups(config);
     TEST_ASSERT_NULL(config->delays);
-    TEST_ASSERT_EQUAL_size_t(5, config->signal_count);
+    TEST_ASSERT_EQUAL_size_t(8, config->signal_count);
     TEST_ASSERT_EQUAL_INT64(0, config->signals[0].look_back);
     TEST_ASSERT_EQUAL_INT64(0, config->signals[4].look_back);
     TEST_ASSERT_FALSE(config->signals[4].next);
@@ -382,6 +450,7 @@ static void test_defaults(void) {
     TEST_ASSERT_EQUAL_INT64(TL_SECOND / 2, config->record_commit);
     TEST_ASSERT_EQUAL_INT(50, config->realtime_priority);
     TEST_ASSERT_TRUE(config->realtime_lock_memory);
+    TEST_ASSERT_EQUAL_INT64(2 * TL_SECOND, config->realtime_hang);
     TEST_ASSERT_EQUAL_size_t(0, config->emulated_count);
     TEST_ASSERT_EQUAL_DOUBLE(0, config->message_min_s);
     TEST_ASSERT_EQUAL_DOUBLE(0, config->message_max_s);
@@ -795,6 +864,9 @@ int main(void) {
     RUN_TEST(test_text_and_fingerprint);
     RUN_TEST(test_components);
     RUN_TEST(test_sources);
+    RUN_TEST(test_a_serial_line);
+    RUN_TEST(test_defaults_of_a_serial_line);
+    RUN_TEST(test_gpio);
     RUN_TEST(test_a_modbus_signal);
     RUN_TEST(test_other_signals);
     RUN_TEST(test_a_signal_without_keys);

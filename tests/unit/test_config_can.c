@@ -124,7 +124,7 @@ static void test_wrong_sources(void) {
          "found the unknown key \"bitrate\", expected only interface", NULL},
         {"{ \"can\": { \"interface\": \"vcan0\" } }",
          "{ \"can\": { \"interface\": \"vcan0\" }, \"csv\": { \"file\": \"x\" } }", "sources.other",
-         "found several kinds of source, expected exactly one of modbus_tcp, csv, can, for example {\"modbus_tcp\": {\"host\": \"192.0.2.10\"}}",
+         "found can and csv, expected exactly one of modbus_tcp, modbus_rtu, can, gpio, csv, for example {\"modbus_tcp\": {\"host\": \"192.0.2.10\"}}",
          NULL},
         {"\"source\": \"other\"", "\"source\": \"stream\"", "plant.wide.can.source",
          "found \"stream\" (text), expected the name of a can source: one of bus, other", NULL},

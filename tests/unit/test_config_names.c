@@ -75,9 +75,10 @@ static void test_references(void) {
 }
 
 static void expect_list(const char *json, const char *kind, size_t size, const char *expected) {
+    const char *const kinds[] = {"none", kind, NULL};
     char text[64];
     cJSON *section = cJSON_Parse(json);
-    tl_config_list_names("a name", section, kind, text, size);
+    tl_config_list_names("a name", section, kind != NULL ? kinds : NULL, text, size);
     cJSON_Delete(section);
     TEST_ASSERT_EQUAL_STRING(expected, text);
 }

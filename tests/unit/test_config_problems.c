@@ -179,10 +179,10 @@ static void test_sources(void) {
     static const change changes[] = {
         {"\"gateway\": { \"modbus_tcp\": { \"host\": \"plc.example\" } }",
          "\"gateway\": { \"modbus_tcp\": { \"host\": \"plc.example\" } }, \"odd\": {}", "sources.odd",
-         "found no kind of source, expected exactly one of modbus_tcp, csv, can, for example {\"modbus_tcp\": {\"host\": \"192.0.2.10\"}}",
+         "found none of modbus_tcp, modbus_rtu, can, gpio, csv, expected exactly one of modbus_tcp, modbus_rtu, can, gpio, csv, for example {\"modbus_tcp\": {\"host\": \"192.0.2.10\"}}",
          NULL},
         {"\"stream\": { \"csv\": {", "\"stream\": { \"modbus_tcp\": { \"host\": \"x\" }, \"csv\": {", "sources.stream",
-         "found several kinds of source, expected exactly one of modbus_tcp, csv, can, for example {\"modbus_tcp\": {\"host\": \"192.0.2.10\"}}",
+         "found modbus_tcp and csv, expected exactly one of modbus_tcp, modbus_rtu, can, gpio, csv, for example {\"modbus_tcp\": {\"host\": \"192.0.2.10\"}}",
          NULL},
         {"{ \"host\": \"plc.example\" }", "{}", "sources.gateway.modbus_tcp.host",
          "found nothing, expected a text, for example \"192.0.2.10\"", NULL},
@@ -256,9 +256,11 @@ static void test_live_sources(void) {
         {"\"source\": \"stream\"", "\"source\": \"plc\"", "plant.omega.csv.source",
          "found \"plc\" (text), expected the name of a csv source: one of stream", NULL},
         {"\"source\": \"gateway\"", "\"source\": \"stream\"", "plant.running.modbus.source",
-         "found \"stream\" (text), expected the name of a modbus_tcp source: one of plc, gateway", NULL},
+         "found \"stream\" (text), expected the name of a modbus_tcp or modbus_rtu source: one of plc, gateway, bus",
+         NULL},
         {"\"source\": \"gateway\"", "\"source\": \"nobody\"", "plant.running.modbus.source",
-         "found \"nobody\" (text), expected the name of a modbus_tcp source: one of plc, gateway", NULL},
+         "found \"nobody\" (text), expected the name of a modbus_tcp or modbus_rtu source: one of plc, gateway, bus",
+         NULL},
         {"\"source\": \"gateway\"", "\"source\": 1", "plant.running.modbus.source",
          "found 1 (number), expected a text, for example \"plc\"", NULL},
         {"\"source\": \"gateway\", ", "", "plant.running.modbus.source",
@@ -275,6 +277,85 @@ static void test_live_sources_where_there_are_none(void) {
          "found \"x\" (text), expected the name of a csv source", NULL},
     };
     EXPECT_EACH(free_running, changes);
+}
+
+static void test_a_serial_line(void) {
+    static const char bauds[] =
+        "one of 1200, 2400, 4800, 9600, 19200, 38400, 57600, 115200, 230400, 460800, 500000, 921600, "
+        "1000000, for example 19200";
+    static char odd[256];
+    static char low[256];
+    (void)snprintf(odd, sizeof odd, "found 9601 (number), expected %s", bauds);
+    (void)snprintf(low, sizeof low, "found 300 (number), expected %s", bauds);
+    const change changes[] = {
+        {"\"device\": \"ttyPLC\", ", "", "sources.bus.modbus_rtu.device",
+         "found nothing, expected a text, for example "
+         "\"/dev/serial/by-id/usb-FTDI_FT232R_USB_UART_A50285BI-if00-port0\"",
+         "\"modbus_rtu\": {\n"},
+        {"\"any\": {", "\"other\": { \"modbus_rtu\": { \"device\": \"ttyPLC\" } }, \"any\": {",
+         "sources.other.modbus_rtu.device",
+         "found the device of sources.bus, expected a line of its own: one source reads all units of a line", NULL},
+        {"\"baud\": 38400", "\"baud\": 9601", "sources.bus.modbus_rtu.baud", odd, NULL},
+        {"\"baud\": 38400", "\"baud\": 300", "sources.bus.modbus_rtu.baud", low, NULL},
+        {"\"parity\": \"none\"", "\"parity\": \"N\"", "sources.bus.modbus_rtu.parity",
+         "found \"N\" (text), expected \"even\", \"odd\" or \"none\", for example \"even\"", NULL},
+        {"\"stop_bits\": 1", "\"stop_bits\": 1.5", "sources.bus.modbus_rtu.stop_bits",
+         "found 1.5 (number), expected a whole number from 1 to 2, for example 1", NULL},
+        {"\"rs485\": true", "\"rs485\": 1", "sources.bus.modbus_rtu.rs485",
+         "found 1 (number), expected true or false, for example true", NULL},
+        {"\"timeout_s\": 0.1", "\"timeout_s\": 0", "sources.bus.modbus_rtu.timeout_s",
+         "found 0 (number), expected a number from 0.001 to 60, for example 0.5", NULL},
+        {"\"rs485\": true", "\"data_bits\": 7", "sources.bus.modbus_rtu.data_bits",
+         "found the unknown key \"data_bits\", expected one of device, baud, parity, stop_bits, rs485, timeout_s, period_s",
+         NULL},
+        {"\"unit_id\": 247", "\"unit_id\": 0", "plant.level.modbus.unit_id",
+         "found 0 (number), expected a unit of a line, a whole number from 1 to 247, for example 1", NULL},
+        {"\"unit_id\": 247", "\"unit_id\": 255", "plant.level.modbus.unit_id",
+         "found 255 (number), expected a unit of a line, a whole number from 1 to 247, for example 1", NULL},
+    };
+    EXPECT_EACH(full, changes);
+}
+
+static void test_gpio(void) {
+    static const change changes[] = {
+        {"\"chip\": \"bench\"", "\"chip\": 0", "sources.box.gpio.chip",
+         "found 0 (number), expected a text, for example \"gpiochip0\"", NULL},
+        {"\"period_s\": 0.002", "\"timeout_s\": 1", "sources.box.gpio.timeout_s",
+         "found the unknown key \"timeout_s\", expected one of chip, period_s", NULL},
+        {"\"any\": { \"gpio\": {} }", "\"any\": { \"gpio\": 1 }", "sources.any.gpio",
+         "found 1 (number), expected an object, for example {\"chip\": \"gpiochip0\"}", NULL},
+        {"\"source\": \"any\"", "\"source\": \"plc\"", "plant.start.gpio.source",
+         "found \"plc\" (text), expected the name of a gpio source: one of box, any", NULL},
+        {"\"line\": \"START\"", "\"line\": 4", "plant.start.gpio.line",
+         "found 4 (number), expected a text, for example \"START\"", NULL},
+        {"\"line\": \"START\"", "\"line\": \"START\", \"offset\": 1", "plant.start.gpio",
+         "found both line and offset, expected exactly one of them, for example {\"source\": \"box\", \"line\": \"START\"}",
+         NULL},
+        {"\"line\": \"START\", ", "", "plant.start.gpio",
+         "found neither line nor offset, expected exactly one of them, for example {\"source\": \"box\", \"line\": "
+         "\"START\"}",
+         "\"gpio\": { \"source\": \"any\""},
+        {"\"line\": \"START\"", "\"offset\": 1", "plant.start.gpio.offset",
+         "found 1 (number), expected line, or a source with a chip", NULL},
+        {"\"offset\": 5", "\"offset\": -1", "plant.stop.gpio.offset",
+         "found -1 (number), expected a whole number from 0 to 65535, for example 3", NULL},
+        {"\"active_low\": true", "\"active_low\": 1", "plant.start.gpio.active_low",
+         "found 1 (number), expected true or false, for example true", NULL},
+        {"\"bias\": \"none\"", "\"bias\": \"up\"", "plant.stop.gpio.bias",
+         "found \"up\" (text), expected \"pull-up\", \"pull-down\" or \"none\", for example \"pull-up\"", NULL},
+        {"\"debounce_s\": 0.004", "\"debounce_s\": -1", "plant.start.gpio.debounce_s",
+         "found -1 (number), expected a number from 0 to 60, for example 0.01", NULL},
+        {"\"source\": \"box\", \"offset\": 5", "\"source\": \"any\", \"line\": \"START\"", "plant.stop.gpio.line",
+         "found the line of plant.start, expected a line that no other signal has: it can be requested once", NULL},
+        {"\"current\": {},", "\"current\": { \"gpio\": { \"source\": \"box\", \"offset\": 5 } },",
+         "plant.stop.gpio.offset",
+         "found the line of plant.current, expected a line that no other signal has: it can be requested once",
+         "\"offset\": 5, \"bias\""},
+        {"\"csv\": { \"column\": \"omega\", \"source\": \"stream\" }",
+         "\"csv\": { \"source\": \"stream\" }, \"gpio\": { \"source\": \"any\", \"line\": \"A\" }", "plant.omega.gpio",
+         "found gpio beside another live source, expected at most one live source", NULL},
+    };
+    EXPECT_EACH(full, changes);
 }
 
 static void test_modbus(void) {
@@ -335,7 +416,7 @@ static void test_connections(void) {
         {"[\"plant.torque\", \"motor.M_w\"]", "[\"plant.torqe\", \"motor.M_w\"]", "connect[0][0]",
          "found \"plant.torqe\", expected a signal that \"plant\" has, for example \"plant.torque\"", NULL},
         {"[\"plant.torque\", \"motor.M_w\"]", "[\"plant.x\", \"motor.M_w\"]", "connect[0][0]",
-         "found \"plant.x\", expected a signal that \"plant\" has: one of torque, running, stage, omega, current",
+         "found \"plant.x\", expected a signal that \"plant\" has: one of torque, running, stage, omega, current, level, start, stop",
          NULL},
         {"[\"plant.torque\", \"motor.M_w\"]", "[\"drve.u_R\", \"motor.M_w\"]", "connect[0][0]",
          "found \"drve.u_R\", expected a variable of one of \"components\", for example \"drive.u_R\"", NULL},
@@ -709,6 +790,8 @@ static void test_running(void) {
          "found -1 (number), expected a whole number from 0 to 98, for example 50", NULL},
         {"\"lock_memory\": false", "\"lock_memory\": 1", "realtime.lock_memory",
          "found 1 (number), expected true or false, for example true", NULL},
+        {"\"hang_s\": 1.5", "\"hang_s\": 0", "realtime.hang_s",
+         "found 0 (number), expected a number from 0.1 to 3600, for example 2", NULL},
         {"\"lock_memory\": false", "\"lockmemory\": true", "realtime.lockmemory",
          "found the unknown key \"lockmemory\", expected \"lock_memory\"", NULL},
     };
@@ -864,7 +947,7 @@ static void test_doubled_keys(void) {
         {"\"step_s\": 0.01", "\"step_s\": 0.01, \"step\\u005fs\": 0.02", "step_s",
          "found the key \"step_s\" again, expected it once; the first is on line 4", NULL},
         {"\"unit\": \"N.m\"", "\"unit\": \"N.m\", \"unit\": \"N.m\"", "plant.torque.unit",
-         "found the key \"unit\" again, expected it once; the first is on line 17", NULL},
+         "found the key \"unit\" again, expected it once; the first is on line 25", NULL},
     };
     EXPECT_EACH(full, changes);
 }
@@ -920,8 +1003,8 @@ static void test_the_most_entries(void) {
         size_t there, most;
     } maps[] = {
         {"\"components\": {", "c", "{\"fmu\": \"x\"}", "components", 2, 62},
-        {"\"sources\": {", "s", "{\"csv\": {\"file\": \"x\"}}", "sources", 3, 64},
-        {"\"plant\": {", "p", "{}", "plant", 5, 64},
+        {"\"sources\": {", "s", "{\"csv\": {\"file\": \"x\"}}", "sources", 6, 64},
+        {"\"plant\": {", "p", "{}", "plant", 8, 64},
         {"\"adjust\": {", "motor.a", "{\"step\": 1}", "synchronise.adjust", 3, 8},
         {"\"match\": {", "motor.m", "{\"to\": \"plant.omega\", \"weight\": 0}", "synchronise.match", 2, 16},
         {"\"columns\": {", "c", "{\"from\": \"motor.x\"}", "emulate.columns", 2, 64},
@@ -1070,6 +1153,8 @@ int main(void) {
     RUN_TEST(test_signals);
     RUN_TEST(test_live_sources);
     RUN_TEST(test_live_sources_where_there_are_none);
+    RUN_TEST(test_a_serial_line);
+    RUN_TEST(test_gpio);
     RUN_TEST(test_modbus);
     RUN_TEST(test_connections);
     RUN_TEST(test_connections_that_are_no_array);
