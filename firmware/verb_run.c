@@ -98,7 +98,7 @@ static int take(int option, run_options *options) {
         options->database = optarg;
         return 0;
     case 'n':
-        return parse_seconds("--duration", optarg, "seconds > 0 and below 1e9, for example 14", 1e9,
+        return parse_seconds("--duration", optarg, "seconds > 0 and below 1e9, for example 14", 1e9 - 1,
                              &options->duration_s)
                    ? 0
                    : 3;
