@@ -55,7 +55,7 @@ static void set_date(stamp *utc, int64_t day) {
 /* ---- Texts ---------------------------------------------------------------------------------------------- */
 
 int64_t tl_utc_now(void) {
-    struct timespec now;
+    struct timespec now = {.tv_sec = 0}; /* what it stays where time_t has 4 bytes and 2038 is over */
     (void)clock_gettime(CLOCK_REALTIME, &now);
     return (int64_t)now.tv_sec * MS + now.tv_nsec / 1000000;
 }
