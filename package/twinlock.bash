@@ -37,7 +37,7 @@ _twinlock() {
         compopt -o filenames 2>/dev/null
         mapfile -t COMPREPLY < <(_twinlock_value "$value" "$word" | sort -u)
     elif [[ $word == -* ]]; then
-        mapfile -t COMPREPLY < <(compgen -W "${options//[ ][A-Z]*/}" -- "$word")
+        mapfile -t COMPREPLY < <(compgen -W "$(cut -d ' ' -f 1 <<<"$options")" -- "$word")
     else
         compopt -o filenames 2>/dev/null
         if [[ $verb == show ]]; then
