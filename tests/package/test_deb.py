@@ -62,7 +62,7 @@ def test_only_places_that_are_ours():
         expect(path.startswith(ours) or (path.endswith("/") and any(name.startswith(path) for name in ours)), path)
     for name in ours:
         expect(any(path.startswith(name) for path in paths), f"{name} is missing")
-    expect(not any(path.startswith("./etc/twinlock/?") for path in paths), "a configuration of ours in /etc")
+    expect([path for path in paths if path.startswith("./etc/")] == ["./etc/", "./etc/twinlock/"], "more in /etc")
 
 
 def test_sums_and_control_files():
