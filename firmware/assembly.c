@@ -11,6 +11,8 @@
 #include "firmware/library.h"
 #include "firmware/log.h"
 
+enum { PLANT_NAME = 80 }; /* "plant." and at most 63 characters */
+
 /* Of one component; FMUs are opened only when all of them are there. */
 static void open_libraries(tl_assembly *assembly, const tl_config_component *component) {
     for (size_t i = 0; i < component->library_count; i++) {
@@ -234,26 +236,26 @@ void tl_assembly_signals(const tl_assembly *assembly, tl_recorder_signal match[T
     }
 }
 
+/* The plant's signals as the recorder names them. */
+static void plant_signals(const tl_config *config, char names[TL_MAX_SIGNALS][PLANT_NAME],
+                          tl_recorder_signal plant[TL_MAX_SIGNALS]) {
+    for (size_t i = 0; i < config->signal_count; i++) {
+        const tl_plan_signal *signal = &config->signals[i].plan;
+        (void)snprintf(names[i], PLANT_NAME, "plant.%s", signal->name);
+        plant[i] = (tl_recorder_signal){names[i], signal->unit, NULL, signal->type};
+    }
+}
+
 tl_status tl_assembly_record(const tl_assembly *assembly, const char *verb, const char *path, bool wait_when_full,
-                             tl_recorder **recorder, tl_error *error) {
+                             tl_heartbeats *beats, tl_recorder **recorder, tl_error *error) {
     const tl_config *config = &assembly->config;
-    tl_twin_facts facts = tl_twin_get_facts(assembly->twin);
     const char *components[TL_RECORDER_COMPONENTS];
-    char names[TL_MAX_SIGNALS][80]; /* "plant." and at most 63 characters */
+    char names[TL_MAX_SIGNALS][PLANT_NAME];
     tl_recorder_signal plant[TL_MAX_SIGNALS];
     tl_recorder_signal match[TL_MAX_MATCH];
     tl_recorder_signal adjust[TL_MAX_ADJUST];
-    for (size_t i = 0; i < config->signal_count; i++) {
-        const tl_plan_signal *signal = &config->signals[i].plan;
-        (void)snprintf(names[i], sizeof names[i], "plant.%s", signal->name);
-        plant[i] = (tl_recorder_signal){names[i], signal->unit, NULL, signal->type};
-    }
-    tl_assembly_signals(assembly, match, adjust);
-    assert(facts.components <= TL_RECORDER_COMPONENTS);
-    for (size_t i = 0; i < facts.components; i++) {
-        components[i] = tl_twin_component_name(assembly->twin, i);
-    }
-    const tl_recorder_settings settings = {
+    plant_signals(config, names, plant);
+    tl_recorder_settings settings = {
         .path = path,
         .max_bytes = config->record_max_bytes,
         .commit = config->record_commit,
@@ -261,19 +263,28 @@ tl_status tl_assembly_record(const tl_assembly *assembly, const char *verb, cons
         .name = config->name,
         .configuration = config->text,
         .step = config->step,
-        .prediction = facts.prediction,
-        .lead = facts.lead,
         .measurements = config->measurements,
         .plant = plant,
         .match = match,
         .adjust = adjust,
         .plant_count = config->signal_count,
-        .match_count = config->match_count,
-        .adjust_count = config->adjust_count,
         .components = components,
-        .component_count = facts.components,
         .wait_when_full = wait_when_full,
+        .beats = beats,
     };
+    if (assembly->twin != NULL) {
+        tl_twin_facts facts = tl_twin_get_facts(assembly->twin);
+        tl_assembly_signals(assembly, match, adjust);
+        assert(facts.components <= TL_RECORDER_COMPONENTS);
+        for (size_t i = 0; i < facts.components; i++) {
+            components[i] = tl_twin_component_name(assembly->twin, i);
+        }
+        settings.prediction = facts.prediction;
+        settings.lead = facts.lead;
+        settings.match_count = config->match_count;
+        settings.adjust_count = config->adjust_count;
+        settings.component_count = facts.components;
+    }
     return tl_recorder_open(&settings, recorder, error);
 }
 

@@ -34,9 +34,10 @@ tl_status tl_assembly_load(const char *path, tl_assembly *assembly);
 tl_status tl_assembly_read(const char *path, tl_assembly *assembly);
 tl_status tl_assembly_build(tl_assembly *assembly);
 
-/* Opens the recorder for this assembly; `path` is the database. wait_when_full as in recorder.h. */
+/* Opens the recorder for this assembly; `path` is the database. wait_when_full and beats as in recorder.h. One that was not built
+ * records samples and events only. */
 tl_status tl_assembly_record(const tl_assembly *assembly, const char *verb, const char *path, bool wait_when_full,
-                             tl_recorder **recorder, tl_error *error);
+                             tl_heartbeats *beats, tl_recorder **recorder, tl_error *error);
 
 /* The matched and the adjusted variables as the recorder and the report name them; texts live as long as the assembly. */
 void tl_assembly_signals(const tl_assembly *assembly, tl_recorder_signal match[TL_MAX_MATCH],

@@ -179,6 +179,7 @@ typedef struct tl_config {
 
     int realtime_priority; /* SCHED_FIFO, 0: ordinary */
     bool realtime_lock_memory;
+    tl_time realtime_hang; /* a cycle that is silent for longer hangs */
 
     tl_config_emulated *emulated;
     size_t emulated_count;

@@ -35,13 +35,17 @@ void tl_config_read_record(tl_config_object *root, tl_config *config) {
 
 void tl_config_read_realtime(tl_config_object *root, tl_config *config) {
     static const tl_config_number rule = {.whole = true, .maximum = 98, .example = "50"};
+    static const tl_config_number hang = {.minimum = 0.1, .maximum = 3600, .example = "2"};
     tl_config_object object;
     double priority = 50;
+    double hang_s = 2;
     config->realtime_lock_memory = true;
     (void)tl_config_member(root, "realtime", TL_CONFIG_OPTIONAL, "{\"priority\": 50}", &object);
     (void)tl_config_get_number(&object, "priority", &rule, &priority);
     (void)tl_config_get_boolean(&object, "lock_memory", &config->realtime_lock_memory);
+    (void)tl_config_get_number(&object, "hang_s", &hang, &hang_s);
     config->realtime_priority = (int)priority;
+    config->realtime_hang = tl_config_duration(hang_s);
     tl_config_done(&object);
 }
 

@@ -18,6 +18,7 @@ enum { WAKE_AGAIN = 20000000 }; /* ns */
 struct tl_cycle {
     tl_cycle_settings settings;
     pthread_t thread;
+    tl_heart *heart;
     tl_time start;     /* t_0 */
     int64_t next_tick; /* not yet computed */
     int64_t warm_up;   /* ticks at which no step is due yet */
@@ -72,6 +73,7 @@ static void keep_sample(tl_cycle *cycle, const tl_sample *sample) {
 
 /* One tick: searched within `budget`, or made up where that is NULL. */
 static tl_status compute(tl_cycle *cycle, int64_t tick, const tl_budget *budget) {
+    tl_heart_beat(cycle->heart);
     tl_sample sample;
     tl_record record;
     bool ready = false;
@@ -161,6 +163,7 @@ static void *run(void *context) {
     finish(cycle);
     cycle->shown.ended = true;
     show(cycle);
+    tl_heart_end(cycle->heart);
     return NULL;
 }
 
@@ -182,6 +185,7 @@ tl_status tl_cycle_start(const tl_cycle_settings *settings, tl_cycle **cycle, tl
     struct sigaction action = {.sa_handler = wake};
     (void)sigemptyset(&action.sa_mask);
     (void)sigaction(SIGUSR1, &action, NULL);
+    started->heart = tl_heart_begin(settings->beats, "cycle", config->realtime_hang + 2 * config->step);
     started->start = tl_clock_now(NULL) + config->step;
     int result = tl_realtime_start(&started->thread, config->realtime_priority, run, started, settings->journal);
     if (result != 0) {

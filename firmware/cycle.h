@@ -15,6 +15,7 @@
 #include <stdint.h>
 
 #include "firmware/assembly.h"
+#include "firmware/heartbeat.h"
 #include "firmware/journal.h"
 #include "firmware/plant_input.h"
 #include "firmware/recorder.h"
@@ -27,6 +28,7 @@ typedef struct tl_cycle_settings {
     const tl_plant_input *input;
     tl_recorder *recorder; /* NULL: none */
     tl_journal *journal;
+    tl_heartbeats *beats; /* NULL: nobody listens */
 } tl_cycle_settings;
 
 /* What the cycle is doing, for a status line. */

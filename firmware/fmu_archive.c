@@ -109,13 +109,27 @@ static void sweep(const char *parent_path) {
     (void)closedir(parent);
 }
 
+/* The folder for temporary files, without links in it. False, with errno, where it cannot be used. */
+static bool find_parent(const char **name, char parent[PATH_MAX]) {
+    const char *wanted = getenv("TMPDIR");
+    *name = wanted != NULL && wanted[0] != '\0' ? wanted : "/tmp";
+    return realpath(*name, parent) != NULL;
+}
+
+void tl_fmu_archive_sweep(void) {
+    char parent[PATH_MAX];
+    const char *name = NULL;
+    if (find_parent(&name, parent)) {
+        sweep(parent);
+    }
+}
+
 /* ---- The folder ---------------------------------------------------------------------------------------- */
 
 static tl_status make_folder(const char *label, tl_fmu_archive *archive, tl_error *error) {
-    const char *wanted = getenv("TMPDIR");
-    const char *name = wanted != NULL && wanted[0] != '\0' ? wanted : "/tmp";
+    const char *name = NULL;
     char parent[PATH_MAX];
-    if (realpath(name, parent) == NULL) {
+    if (!find_parent(&name, parent)) {
         return tl_fail(error, TL_TRY_AGAIN, "%s: the folder for temporary files, %s, cannot be used: %s; set TMPDIR",
                        label, name, strerror(errno));
     }

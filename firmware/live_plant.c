@@ -11,6 +11,9 @@
 #include "board/io/modbus.h"
 #include "firmware/plant_reader.h"
 
+/* What a poll may take: the longest is to look up a host's name, which has time limits of its own. */
+static const tl_time PATIENCE = 60 * TL_SECOND;
+
 struct tl_live_plant {
     tl_plant_source *sources;
     size_t source_count;
@@ -151,6 +154,13 @@ static void close_sources(tl_live_plant *plant) {
     }
 }
 
+static void begin_hearts(tl_live_plant *plant, tl_heartbeats *beats) {
+    for (size_t i = 0; i < plant->source_count; i++) {
+        tl_plant_source *source = &plant->sources[i];
+        source->heart = tl_heart_begin(beats, source->name, PATIENCE + source->period);
+    }
+}
+
 static tl_status check_sources(const tl_config *config, tl_error *error) {
     for (size_t i = 0; i < config->signal_count; i++) {
         if (config->signals[i].source == SIZE_MAX) {
@@ -164,7 +174,7 @@ static tl_status check_sources(const tl_config *config, tl_error *error) {
     return TL_OK;
 }
 
-static tl_status open_all(tl_live_plant *plant, const tl_config *config,
+static tl_status open_all(tl_live_plant *plant, const tl_config *config, tl_heartbeats *beats,
                           void (*on_link)(void *context, const char *source, bool up, const char *text), void *context,
                           tl_error *error) {
     plant->sources = calloc(config->source_count, sizeof *plant->sources);
@@ -180,11 +190,12 @@ static tl_status open_all(tl_live_plant *plant, const tl_config *config,
             return status;
         }
     }
+    begin_hearts(plant, beats);
     return tl_plant_readers_start(plant->sources, plant->source_count, &plant->input, on_link, context, &plant->readers,
                                   error);
 }
 
-tl_status tl_live_plant_open(const tl_config *config,
+tl_status tl_live_plant_open(const tl_config *config, tl_heartbeats *beats,
                              void (*on_link)(void *context, const char *source, bool up, const char *text),
                              void *context, tl_live_plant **plant, tl_error *error) {
     tl_status status = check_sources(config, error);
@@ -195,7 +206,7 @@ tl_status tl_live_plant_open(const tl_config *config,
     if (opened == NULL) {
         return tl_fail(error, TL_TRY_AGAIN, "not enough memory for the plant");
     }
-    status = open_all(opened, config, on_link, context, error);
+    status = open_all(opened, config, beats, on_link, context, error);
     if (status != TL_OK) {
         opened->readers = NULL;
         tl_live_plant_close(opened);

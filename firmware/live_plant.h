@@ -9,14 +9,15 @@
 #include <stdbool.h>
 
 #include "firmware/config.h"
+#include "firmware/heartbeat.h"
 #include "firmware/plant_input.h"
 #include "master/base/status.h"
 
 typedef struct tl_live_plant tl_live_plant;
 
 /* Errors: TL_BAD_DATA where a signal has no live source, TL_PLANT_DOWN where a source can never work. A device that is
- * merely absent is no error: on_link says so, and it is tried again. */
-tl_status tl_live_plant_open(const tl_config *config,
+ * merely absent is no error: on_link says so, and it is tried again. Each source beats in `beats` (NULL: nobody listens). */
+tl_status tl_live_plant_open(const tl_config *config, tl_heartbeats *beats,
                              void (*on_link)(void *context, const char *source, bool up, const char *text),
                              void *context, tl_live_plant **plant, tl_error *error);
 

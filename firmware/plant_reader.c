@@ -81,6 +81,7 @@ static void *run(void *context) {
     tl_time next = tl_clock_now(NULL);
     do {
         tl_error error = {.status = TL_OK};
+        tl_heart_beat(source->heart);
         if (source->driver->poll(source->io, &sink, &finished, &error) != TL_OK) {
             give_up(own, &error);
             finished = true;
@@ -88,6 +89,10 @@ static void *run(void *context) {
         tl_time now = tl_clock_now(NULL);
         next += source->period * (now > next ? (now - next) / source->period + 1 : 1);
     } while (!finished && !rest(own->readers, next));
+    if (source->driver->finish != NULL) {
+        source->driver->finish(source->io, &sink);
+    }
+    tl_heart_end(source->heart);
     (void)__atomic_sub_fetch(&own->readers->running, 1, __ATOMIC_RELEASE);
     return NULL;
 }

@@ -11,6 +11,7 @@
 #define TL_FIRMWARE_PLANT_READER_H
 
 #include "board/io/plant_io.h"
+#include "firmware/heartbeat.h"
 #include "firmware/plant_input.h"
 
 typedef struct tl_plant_source {
@@ -19,7 +20,8 @@ typedef struct tl_plant_source {
     tl_plant_io *io;                  /* owned by the reader from start on: closed by stop */
     const size_t *signals;            /* channel → signal index of the plant input */
     size_t signal_count;
-    tl_time period; /* ns between polls, > 0 */
+    tl_time period;  /* ns between polls, > 0 */
+    tl_heart *heart; /* of its thread, which beats at each poll; NULL: nobody listens */
 } tl_plant_source;
 
 typedef struct tl_plant_readers tl_plant_readers;

@@ -30,7 +30,8 @@ enum {
     EVENT_BYTES = 256 /* what an event counts in a batch */
 };
 
-static const tl_time PATIENCE = 2 * TL_SECOND;     /* with a disk that refuses, in close and in a put that waits */
+static const tl_time PATIENCE = 2 * TL_SECOND; /* with a disk that refuses, in close and in a put that waits */
+static const tl_time PATIENCE_OF_WRITER = 60 * TL_SECOND; /* a worn-out memory card takes its time for one commit */
 static const tl_time WAKE = TL_SECOND;             /* the writer looks at least this often how full the ring is */
 static const tl_time LOSS_PAUSE = 10 * TL_SECOND;  /* between two events that say what a slow disk has cost */
 static const tl_time RETRY_PAUSE = TL_SECOND / 20; /* between two tries in close */
@@ -49,6 +50,7 @@ struct tl_recorder {
     tl_time commit;
     bool wait_when_full;
     int64_t run;
+    tl_heart *heart; /* the writer's */
 
     /* between threads, by atomics */
     tl_recorder_ring ring;
@@ -319,6 +321,7 @@ static int write_all(tl_recorder *recorder) {
     bool more = true;
     int code = SQLITE_OK;
     while (more && code == SQLITE_OK) {
+        tl_heart_beat(recorder->heart);
         code = write_batch(recorder, end, &more);
     }
     if (code == SQLITE_OK) {
@@ -354,6 +357,7 @@ static void *run_writer(void *argument) {
     tl_recorder *recorder = argument;
     tl_time due = now() + recorder->commit;
     while (!is_stopped(recorder)) {
+        tl_heart_beat(recorder->heart);
         tl_time look = now() + WAKE;
         bool hurry = sleep_until(recorder, due < look ? due : look);
         if (now() >= due || (hurry && recorder->refusal == SQLITE_OK)) {
@@ -361,6 +365,7 @@ static void *run_writer(void *argument) {
             due = now() + recorder->commit;
         }
     }
+    tl_heart_end(recorder->heart);
     return NULL;
 }
 
@@ -434,6 +439,7 @@ static tl_status start(tl_recorder *recorder, const tl_recorder_settings *settin
         return status;
     }
     recorder->run = tl_recorder_database_run(recorder->database);
+    recorder->heart = tl_heart_begin(settings->beats, "recorder", PATIENCE_OF_WRITER);
     int code = start_thread(recorder);
     return code == 0 ? TL_OK
                      : tl_fail(error, TL_TRY_AGAIN, "%s: no thread to write it: %s", settings->path, strerror(code));

@@ -19,6 +19,7 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+#include "firmware/heartbeat.h"
 #include "master/base/signal.h"
 #include "master/base/status.h"
 #include "master/twin.h"
@@ -49,7 +50,7 @@ typedef struct tl_recorder_settings {
     const char *path;
     int64_t max_bytes;         /* 0: no bound; else at least 1,000,000 */
     tl_time commit;            /* ns between commits, > 0, default 0.5 s */
-    const char *verb;          /* "run", "replay" */
+    const char *verb;          /* "run", "hold", "replay" */
     const char *name;          /* of the configuration */
     const char *configuration; /* its text */
     tl_time step;              /* T_S */
@@ -60,7 +61,8 @@ typedef struct tl_recorder_settings {
     size_t plant_count, match_count, adjust_count;
     const char *const *components; /* names, in the order of the ledger */
     size_t component_count;
-    bool wait_when_full; /* replay: put waits instead of losing, but not once the disk has refused for 2 s */
+    tl_heartbeats *beats; /* whom the recorder's thread tells that it is alive; NULL: nobody */
+    bool wait_when_full;  /* replay: put waits instead of losing, but not once the disk has refused for 2 s */
 } tl_recorder_settings;
 
 typedef enum tl_severity { TL_EVENT_INFO, TL_EVENT_WARNING, TL_EVENT_ERROR } tl_severity;

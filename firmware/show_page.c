@@ -24,7 +24,7 @@ typedef struct show_page {
 } show_page;
 
 bool tl_show_is_live(const tl_history_run *run) {
-    return strcmp(run->verb, "run") == 0;
+    return strcmp(run->verb, "replay") != 0;
 }
 
 int64_t tl_show_instant(const tl_history_run *run, int64_t step) {

@@ -159,7 +159,7 @@ static tl_status open_outputs(const tl_assembly *assembly, const replay_options 
                               event_way *way, tl_replay *replay, tl_error *error) {
     tl_status status = TL_OK;
     if (options->database != NULL) {
-        status = tl_assembly_record(assembly, "replay", options->database, true, &replay->recorder, error);
+        status = tl_assembly_record(assembly, "replay", options->database, true, NULL, &replay->recorder, error);
     }
     if (status == TL_OK && options->report != NULL) {
         status = tl_replay_report_open(assembly, options->report, recording, &replay->report, error);

@@ -71,7 +71,7 @@ static void tell_tally(tl_plant_io *io, const tl_plant_io_sink *sink) {
     tally *now = &io->tally;
     char text[TEXT] = "";
     size_t used = 0;
-    if (now->dropped + now->overflows + now->bus_errors == 0 || tl_can_link_now() < now->due) {
+    if (now->dropped + now->overflows + now->bus_errors == 0) {
         return;
     }
     if (now->dropped > 0) {
@@ -258,7 +258,9 @@ static tl_status can_poll(tl_plant_io *io, const tl_plant_io_sink *sink, bool *f
             break;
         }
     }
-    tell_tally(io, sink);
+    if (tl_can_link_now() >= io->tally.due) {
+        tell_tally(io, sink);
+    }
     if (io->state != LINK_UP) {
         post_no_link(io, sink);
     }
@@ -269,6 +271,10 @@ static void can_interrupt(tl_plant_io *io) {
     tl_can_link_interrupt(&io->link);
 }
 
+static void can_finish(tl_plant_io *io, const tl_plant_io_sink *sink) {
+    tell_tally(io, sink);
+}
+
 static void can_close(tl_plant_io *io) {
     tl_can_link_release(&io->link);
     tl_can_map_release(&io->map);
@@ -276,7 +282,7 @@ static void can_close(tl_plant_io *io) {
 }
 
 const tl_plant_io_driver tl_can_driver = {
-    .name = "can", .poll = can_poll, .interrupt = can_interrupt, .close = can_close};
+    .name = "can", .poll = can_poll, .interrupt = can_interrupt, .finish = can_finish, .close = can_close};
 
 /* ---- open ---- */
 

@@ -2,7 +2,7 @@
  *
  * Purpose: a driver reads one device (one Modbus server, one CSV stream) and posts what it read. It only ever
  *          listens: no driver has a function that writes to the plant.
- * Life:    open → poll … poll → close, all from one thread that firmware owns (plant_reader.h). interrupt() may
+ * Life:    open → poll … poll → finish → close, all from one thread that firmware owns (plant_reader.h). interrupt() may
  *          be called from any other thread and makes a poll that waits, or else the next one, return soon.
  * Discipline: open() never waits for a device: a device that is absent, dies or returns is the business of
  *          poll(), which posts TL_NO_LINK for each of its channels, backs off by itself, and goes on.
@@ -41,6 +41,9 @@ typedef struct tl_plant_io_driver {
 
     /* From any thread: a poll that waits returns soon. Not lost where none waits: the next one returns at once. */
     void (*interrupt)(tl_plant_io *io);
+
+    /* After the last poll, in its thread: says at once what was kept back to be told later. NULL: there is never anything. */
+    void (*finish)(tl_plant_io *io, const tl_plant_io_sink *sink);
 
     void (*close)(tl_plant_io *io);
 } tl_plant_io_driver;

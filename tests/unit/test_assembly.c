@@ -183,7 +183,7 @@ static void test_recording_names_and_units(void) {
     tl_error error;
     const char *database = tl_scratch_path(&scratch, "run.db");
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_assembly_load(LOCK, &assembly));
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_assembly_record(&assembly, "replay", database, true, &recorder, &error));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_assembly_record(&assembly, "replay", database, true, NULL, &recorder, &error));
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_recorder_close(recorder, "test", NULL, &error));
     TEST_ASSERT_EQUAL_INT64(4, tl_sql_integer(database, "SELECT count(*) FROM signals"));
     TEST_ASSERT_EQUAL_INT64(
@@ -239,7 +239,7 @@ static void test_recording_types(void) {
         tl_error error;
         TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, load_text(matched_torque(types[i][0], types[i][1])), said);
         const char *database = tl_scratch_path(&scratch, "types.db");
-        TEST_ASSERT_EQUAL_INT(TL_OK, tl_assembly_record(&assembly, "replay", database, true, &recorder, &error));
+        TEST_ASSERT_EQUAL_INT(TL_OK, tl_assembly_record(&assembly, "replay", database, true, NULL, &recorder, &error));
         TEST_ASSERT_EQUAL_INT(TL_OK, tl_recorder_close(recorder, "test", NULL, &error));
         TEST_ASSERT_EQUAL_STRING(types[i][0], tl_sql_text(database, "SELECT type FROM signals WHERE kind = 'match' AND "
                                                                     "name = 'motor.M_m'"));

@@ -59,6 +59,7 @@ static void test_root(void) {
     TEST_ASSERT_EQUAL_INT64(TL_SECOND / 4, config->record_commit);
     TEST_ASSERT_EQUAL_INT(0, config->realtime_priority);
     TEST_ASSERT_FALSE(config->realtime_lock_memory);
+    TEST_ASSERT_EQUAL_INT64(3 * TL_SECOND / 2, config->realtime_hang);
 }
 
 static void test_text_and_fingerprint(void) {
@@ -449,6 +450,7 @@ static void test_defaults(void) {
     TEST_ASSERT_EQUAL_INT64(TL_SECOND / 2, config->record_commit);
     TEST_ASSERT_EQUAL_INT(50, config->realtime_priority);
     TEST_ASSERT_TRUE(config->realtime_lock_memory);
+    TEST_ASSERT_EQUAL_INT64(2 * TL_SECOND, config->realtime_hang);
     TEST_ASSERT_EQUAL_size_t(0, config->emulated_count);
     TEST_ASSERT_EQUAL_DOUBLE(0, config->message_min_s);
     TEST_ASSERT_EQUAL_DOUBLE(0, config->message_max_s);

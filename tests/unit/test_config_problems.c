@@ -790,6 +790,8 @@ static void test_running(void) {
          "found -1 (number), expected a whole number from 0 to 98, for example 50", NULL},
         {"\"lock_memory\": false", "\"lock_memory\": 1", "realtime.lock_memory",
          "found 1 (number), expected true or false, for example true", NULL},
+        {"\"hang_s\": 1.5", "\"hang_s\": 0", "realtime.hang_s",
+         "found 0 (number), expected a number from 0.1 to 3600, for example 2", NULL},
         {"\"lock_memory\": false", "\"lockmemory\": true", "realtime.lockmemory",
          "found the unknown key \"lockmemory\", expected \"lock_memory\"", NULL},
     };

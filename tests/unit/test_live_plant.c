@@ -107,7 +107,7 @@ static void read_config(unsigned port) {
 }
 
 static void open_plant(void) {
-    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_live_plant_open(&verdict.config, on_link, links, &plant, &error),
+    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_live_plant_open(&verdict.config, NULL, on_link, links, &plant, &error),
                                   error.text);
 }
 
@@ -203,7 +203,7 @@ static void test_a_signal_without_a_source(void) {
         "  \"plant\": { \"omega\": {} }, \"compare\": { \"motor.omega\": { \"to\": \"plant.omega\" } } }";
     tl_test_judge_text(TEXT, strlen(TEXT), &verdict);
     TEST_ASSERT_EQUAL_INT(TL_OK, verdict.status);
-    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, tl_live_plant_open(&verdict.config, on_link, links, &plant, &error));
+    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, tl_live_plant_open(&verdict.config, NULL, on_link, links, &plant, &error));
     TEST_ASSERT_NOT_NULL(strstr(error.text, "plant.omega has no live source"));
     TEST_ASSERT_NULL(plant);
 }
@@ -216,7 +216,7 @@ static void test_a_bus_that_is_not_there(void) {
         "  \"compare\": { \"motor.omega\": { \"to\": \"plant.omega\" } } }";
     tl_test_judge_text(TEXT, strlen(TEXT), &verdict);
     TEST_ASSERT_EQUAL_INT(TL_OK, verdict.status);
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_live_plant_open(&verdict.config, on_link, links, &plant, &error));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_live_plant_open(&verdict.config, NULL, on_link, links, &plant, &error));
     wait_until_told("bus down: CAN interface tl-none0: ");
     TEST_ASSERT_FALSE(tl_live_plant_is_complete(plant));
 }

@@ -95,7 +95,7 @@ static tl_time unsteady_clock(void *context) {
 
 static void open_run(const char *database) {
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_assembly_load(config_path, &assembly));
-    expect_ok(tl_assembly_record(&assembly, "run", database, true, &recorder, &error));
+    expect_ok(tl_assembly_record(&assembly, "run", database, true, NULL, &recorder, &error));
 }
 
 static void close_run(void) {

@@ -1,0 +1,267 @@
+/* The appliance: see appliance.h. */
+#include "firmware/appliance.h"
+
+#include <limits.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <unistd.h>
+
+#include "firmware/assembly.h"
+#include "firmware/clock.h"
+#include "firmware/cycle.h"
+#include "firmware/fmu_archive.h"
+#include "firmware/interrupt.h"
+#include "firmware/journal.h"
+#include "firmware/live_plant.h"
+#include "firmware/log.h"
+#include "firmware/output.h"
+#include "firmware/realtime.h"
+#include "firmware/safe_hold.h"
+#include "firmware/status_line.h"
+
+/* How long the start waits for a first reading of every signal. */
+static const tl_time FIRST_READING = 2 * TL_SECOND;
+
+/* What the main thread's silence may last: while FMUs are loaded, and later (the log may be slow). */
+static const tl_time PATIENCE_AT_START = 120 * TL_SECOND;
+static const tl_time PATIENCE = 30 * TL_SECOND;
+
+static const tl_time LOOK = TL_SECOND / 20;
+
+/* Everything that is open while the appliance runs. */
+typedef struct appliance {
+    const tl_appliance_settings *settings;
+    const tl_start *start; /* NULL: nobody supervises */
+    tl_heartbeats *beats;  /* the same */
+    tl_heart *heart;
+    bool holds; /* safe hold */
+    FILE *output;
+    tl_assembly *assembly;
+    tl_journal journal;
+    tl_recorder *recorder;
+    tl_live_plant *plant;
+    tl_cycle *cycle;
+} appliance;
+
+/* ---- begin ---- */
+
+static void on_link(void *context, const char *source, bool up, const char *text) {
+    appliance *self = context;
+    tl_journal_event(&self->journal, -1, up ? TL_EVENT_INFO : TL_EVENT_WARNING, "plant", "%s: %s", source, text);
+}
+
+static tl_status open_recorder(appliance *self, tl_error *error) {
+    const tl_config *config = &self->assembly->config;
+    char path[PATH_MAX];
+    if (self->settings->database != NULL) {
+        (void)snprintf(path, sizeof path, "%s", self->settings->database);
+    } else if (config->record_file != NULL) {
+        tl_config_file_path(config, config->record_file, path, sizeof path);
+    } else {
+        return TL_OK;
+    }
+    return tl_assembly_record(self->assembly, self->holds ? "hold" : "run", path, false, self->beats, &self->recorder,
+                              error);
+}
+
+/* Which start this is, and why: the box's memory of its own troubles. */
+static void tell_start(appliance *self) {
+    if (self->start == NULL) {
+        return;
+    }
+    const tl_restarts *restarts = self->start->restarts;
+    tl_journal_event(&self->journal, -1, self->start->again ? TL_EVENT_WARNING : TL_EVENT_INFO, "supervisor",
+                     "start %llu, %llu of them after a failure; reason: %s", (unsigned long long)restarts->starts,
+                     (unsigned long long)restarts->restarts, restarts->reason);
+}
+
+/* A sample without unknown values is a better start; a dead device must not prevent one. */
+static void wait_for_readings(const appliance *self) {
+    tl_time until = tl_clock_now(NULL) + FIRST_READING;
+    while (tl_clock_now(NULL) < until && tl_interrupt_requested() == NULL && !tl_live_plant_is_complete(self->plant)) {
+        tl_clock_sleep_until(tl_clock_now(NULL) + TL_SECOND / 100);
+    }
+}
+
+/* Recorder, events, plant. */
+static tl_status open_all(appliance *self, tl_error *error) {
+    tl_status status = open_recorder(self, error);
+    if (status != TL_OK) {
+        return status;
+    }
+    tl_journal_init(&self->journal, self->recorder);
+    tell_start(self);
+    status = tl_live_plant_open(&self->assembly->config, self->beats, on_link, self, &self->plant, error);
+    if (status == TL_OK && self->recorder == NULL) { /* said only of a run that begins */
+        tl_log(TL_LOG_NOTICE, "nothing is recorded: the configuration has no \"record\", and no --db was given");
+    }
+    return status;
+}
+
+/* ---- the twin ---- */
+
+static tl_status start_cycle(appliance *self, tl_error *error) {
+    wait_for_readings(self);
+    if (self->assembly->config.realtime_lock_memory) {
+        tl_realtime_lock_memory(&self->journal);
+    }
+    const tl_cycle_settings settings = {
+        .assembly = self->assembly,
+        .input = tl_live_plant_input(self->plant),
+        .recorder = self->recorder,
+        .journal = &self->journal,
+        .beats = self->beats,
+    };
+    return tl_cycle_start(&settings, &self->cycle, error);
+}
+
+static void show_status(const appliance *self, const tl_cycle_status *status, bool terminal) {
+    char line[TL_STATUS_LINE];
+    tl_status_line_write(&self->assembly->config, status, line);
+    tl_heartbeats_set_status(self->beats, line);
+    if (terminal || self->settings->status) {
+        tl_status_line_print(line, terminal);
+    }
+}
+
+/* Watches until the cycle ends or a signal comes; the cycle needs nothing of this. */
+static void look_on(appliance *self) {
+    bool terminal = isatty(STDERR_FILENO) == 1;
+    tl_time interval = terminal ? TL_SECOND / 10 : TL_SECOND;
+    tl_time next = tl_clock_now(NULL) + interval;
+    tl_cycle_status status = {0};
+    while (tl_interrupt_requested() == NULL && !status.ended) {
+        tl_clock_sleep_until(tl_clock_now(NULL) + LOOK);
+        tl_heart_beat(self->heart);
+        if (terminal && tl_journal_has_events(&self->journal)) {
+            (void)fputs("\r\033[K", stderr); /* an event begins its own line */
+        }
+        tl_journal_drain(&self->journal);
+        if (tl_cycle_status_now(self->cycle, &status) && status.steps != 0 && tl_clock_now(NULL) >= next) {
+            show_status(self, &status, terminal);
+            next += interval;
+        }
+    }
+    if (terminal) {
+        (void)fputs("\r\033[K", stderr);
+    }
+}
+
+/* ---- safe hold ---- */
+
+static void hold(appliance *self) {
+    const tl_safe_hold_settings settings = {
+        .config = &self->assembly->config,
+        .input = tl_live_plant_input(self->plant),
+        .recorder = self->recorder,
+        .journal = &self->journal,
+        .beats = self->beats,
+        .heart = self->heart,
+        .reason = self->start->restarts->reason,
+    };
+    tl_safe_hold(&settings);
+}
+
+/* ---- end ---- */
+
+static tl_status close_cycle(appliance *self, tl_status status, tl_summary *summary, tl_error *error) {
+    tl_error later;
+    if (self->cycle == NULL) {
+        return status;
+    }
+    tl_status ended = tl_cycle_stop(self->cycle, summary, &later);
+    if (ended != TL_OK && status == TL_OK) {
+        *error = later;
+        status = ended;
+        tl_journal_event(&self->journal, -1, TL_EVENT_ERROR, "twin", "%s", later.text);
+    }
+    tl_assembly_check_ledger(self->assembly, self->recorder);
+    return status;
+}
+
+static tl_status close_all(appliance *self, tl_status status, tl_summary *summary, tl_error *error) {
+    tl_heart_be_patient(self->heart, PATIENCE);
+    status = close_cycle(self, status, summary, error);
+    tl_live_plant_close(self->plant);
+    if (self->recorder != NULL) {
+        tl_error later;
+        tl_recorder_counts counts;
+        const char *signal = tl_interrupt_requested();
+        const char *reason = status != TL_OK ? error->text : signal != NULL ? signal : "end of duration";
+        tl_status closed = tl_recorder_close(self->recorder, reason, &counts, &later);
+        if (closed != TL_OK && status == TL_OK) {
+            *error = later;
+            status = closed;
+        }
+        self->journal.recorder = NULL;
+    }
+    tl_journal_drain(&self->journal);
+    return status;
+}
+
+static void print_summary(const appliance *self, const tl_summary *summary) {
+    const tl_assembly *assembly = self->assembly;
+    if (self->settings->json) {
+        tl_summary_print_json(summary, &assembly->config, assembly->twin, self->output);
+    } else {
+        tl_summary_print_table(summary, &assembly->config, assembly->twin, self->output);
+    }
+}
+
+static tl_status run(appliance *self) {
+    tl_error error = {0};
+    tl_summary summary = {0};
+    tl_time started = tl_clock_now(NULL);
+    tl_status status = open_all(self, &error);
+    if (status == TL_OK && !self->holds) {
+        status = start_cycle(self, &error);
+    }
+    tl_heart_be_patient(self->heart, PATIENCE);
+    if (status == TL_OK) {
+        tl_heartbeats_set_ready(self->beats);
+        if (self->holds) {
+            hold(self);
+        } else {
+            look_on(self);
+        }
+    }
+    bool ran = self->cycle != NULL;
+    status = close_all(self, status, &summary, &error);
+    summary.wall_s = tl_seconds(tl_clock_now(NULL) - started);
+    if (ran) {
+        print_summary(self, &summary);
+    }
+    if (status != TL_OK) {
+        tl_log(TL_LOG_ERROR, "%s", error.text);
+    }
+    return status;
+}
+
+int tl_appliance_run(const tl_appliance_settings *settings, const tl_start *start) {
+    tl_interrupt_install();
+    appliance *self = calloc(1, sizeof *self);
+    if (self == NULL) {
+        tl_log(TL_LOG_ERROR, "not enough memory");
+        return tl_exit_code(TL_TRY_AGAIN);
+    }
+    self->settings = settings;
+    self->start = start;
+    self->assembly = settings->assembly;
+    self->beats = start != NULL ? start->beats : NULL;
+    self->holds = start != NULL && start->hold;
+    self->heart = tl_heart_begin(self->beats, "main", PATIENCE_AT_START);
+    self->output = tl_output_claim();
+    tl_status status = TL_OK;
+    if (self->holds) { /* no FMU is touched: it may be what the appliance fails by */
+        tl_fmu_archive_sweep();
+        tl_config_use_lookups(&self->assembly->config);
+    } else {
+        status = tl_assembly_build(self->assembly);
+    }
+    if (status == TL_OK) {
+        status = run(self);
+    }
+    status = tl_output_finish(self->output, status);
+    free(self);
+    return tl_exit_code(status);
+}

@@ -1,0 +1,116 @@
+/* Heartbeats: see heartbeat.h. */
+#include "firmware/heartbeat.h"
+
+#include <stdio.h>
+#include <string.h>
+#include <sys/mman.h>
+
+#include "firmware/snapshot.h"
+
+struct tl_heartbeats {
+    tl_heart hearts[TL_HEARTBEATS];
+    size_t count;
+    bool ready;
+    tl_snapshot status;
+};
+
+tl_heartbeats *tl_heartbeats_new(void) {
+    /* cppcheck-suppress invalidFunctionArg ; an anonymous mapping has no file, which is -1 */
+    void *mapped = mmap(NULL, sizeof(tl_heartbeats), PROT_READ | PROT_WRITE, MAP_SHARED | MAP_ANONYMOUS, -1, 0);
+    /* cppcheck-suppress memleak ; it is what is returned */
+    return mapped == MAP_FAILED ? NULL : mapped;
+}
+
+void tl_heartbeats_free(tl_heartbeats *beats) {
+    if (beats != NULL) {
+        (void)munmap(beats, sizeof *beats);
+    }
+}
+
+void tl_heartbeats_clear(tl_heartbeats *beats) {
+    memset(beats, 0, sizeof *beats);
+}
+
+/* ---- in the appliance ---- */
+
+tl_heart *tl_heart_begin(tl_heartbeats *beats, const char *name, tl_time patience) {
+    if (beats == NULL) {
+        return NULL;
+    }
+    size_t place = __atomic_fetch_add(&beats->count, 1, __ATOMIC_RELAXED);
+    if (place >= TL_HEARTBEATS) {
+        return NULL;
+    }
+    tl_heart *heart = &beats->hearts[place];
+    (void)snprintf(heart->name, sizeof heart->name, "%s", name);
+    __atomic_store_n(&heart->patience, patience, __ATOMIC_RELEASE);
+    return heart;
+}
+
+void tl_heart_beat(tl_heart *heart) {
+    if (heart != NULL) {
+        (void)__atomic_add_fetch(&heart->beats, 1, __ATOMIC_RELAXED);
+    }
+}
+
+void tl_heart_be_patient(tl_heart *heart, tl_time patience) {
+    if (heart != NULL) {
+        __atomic_store_n(&heart->patience, patience, __ATOMIC_RELAXED);
+        tl_heart_beat(heart);
+    }
+}
+
+void tl_heart_end(tl_heart *heart) {
+    if (heart != NULL) {
+        __atomic_store_n(&heart->patience, 0, __ATOMIC_RELAXED);
+    }
+}
+
+void tl_heartbeats_set_ready(tl_heartbeats *beats) {
+    if (beats != NULL) {
+        __atomic_store_n(&beats->ready, true, __ATOMIC_RELAXED);
+    }
+}
+
+void tl_heartbeats_set_status(tl_heartbeats *beats, const char *text) {
+    char line[TL_HEARTBEAT_STATUS] = "";
+    if (beats != NULL) {
+        (void)snprintf(line, sizeof line, "%s", text);
+        tl_snapshot_publish(&beats->status, line, sizeof line);
+    }
+}
+
+/* ---- in the supervisor ---- */
+
+/* How long this heart has been silent, as seen until now. */
+static tl_time listen(const tl_heart *heart, tl_heartbeats_seen *seen, size_t place, tl_time passed) {
+    uint64_t beats = __atomic_load_n(&heart->beats, __ATOMIC_RELAXED);
+    seen->silence[place] = beats == seen->beats[place] ? seen->silence[place] + passed : 0;
+    seen->beats[place] = beats;
+    return seen->silence[place];
+}
+
+const char *tl_heartbeats_look(const tl_heartbeats *beats, tl_heartbeats_seen *seen, tl_time now, tl_time *silence) {
+    tl_time passed = seen->looked == 0 ? 0 : now - seen->looked;
+    passed = passed > TL_HEARTBEAT_LOOK ? TL_HEARTBEAT_LOOK : passed;
+    seen->looked = now;
+    const char *silent = NULL;
+    for (size_t i = 0; i < TL_HEARTBEATS; i++) {
+        const tl_heart *heart = &beats->hearts[i];
+        tl_time patience = __atomic_load_n(&heart->patience, __ATOMIC_ACQUIRE);
+        tl_time since = listen(heart, seen, i, passed);
+        if (patience > 0 && since > patience && silent == NULL) {
+            silent = heart->name;
+            *silence = since;
+        }
+    }
+    return silent;
+}
+
+bool tl_heartbeats_is_ready(const tl_heartbeats *beats) {
+    return __atomic_load_n(&beats->ready, __ATOMIC_RELAXED);
+}
+
+bool tl_heartbeats_get_status(const tl_heartbeats *beats, char text[TL_HEARTBEAT_STATUS]) {
+    return tl_snapshot_read(&beats->status, text, TL_HEARTBEAT_STATUS);
+}

@@ -1,0 +1,12 @@
+/* Built without libsystemd, for a box that has no systemd: see service.h. */
+#include "firmware/service.h"
+
+void tl_service_tell(const char *state) {
+    (void)state;
+}
+
+tl_time tl_service_patience(void) {
+    return 0;
+}
+
+void tl_service_leave(void) {}

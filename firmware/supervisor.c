@@ -1,0 +1,336 @@
+/* The supervisor: see supervisor.h. */
+#include "firmware/supervisor.h"
+
+#include <errno.h>
+#include <sched.h>
+#include <signal.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/mman.h>
+#include <sys/prctl.h>
+#include <sys/resource.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include "board/watchdog/watchdog.h"
+#include "firmware/clock.h"
+#include "firmware/log.h"
+#include "firmware/service.h"
+
+/* Between two looks at the child: what a hang costs beyond the patience. */
+static const tl_time LOOK = TL_SECOND / 20;
+
+/* The first pause before a restart that follows another, and the longest. */
+static const tl_time PAUSE_FIRST = TL_SECOND / 4;
+static const tl_time PAUSE_LAST = 8 * TL_SECOND;
+
+/* Strokes are no more than this apart, and status lines. */
+static const tl_time STROKE = TL_SECOND;
+static const tl_time STATUS = 5 * TL_SECOND;
+
+enum { BAD_USAGE = 2, BAD_DATA = 65, TRY_AGAIN = 75 };
+
+typedef struct supervisor {
+    const tl_supervisor_settings *settings;
+    tl_heartbeats *beats;
+    tl_heartbeats_seen seen;
+    tl_restarts restarts;
+    tl_watchdog watchdog;
+    tl_time stroke; /* interval */
+    tl_time stroked, told;
+    sigset_t signals; /* that are waited for */
+    sigset_t before;  /* the caller's mask */
+    pid_t child;      /* 0: none */
+    bool killed;      /* by us, because it was silent; */
+    char silent[TL_RESTARTS_REASON];
+    bool ran;           /* a child has been ready */
+    bool stop;          /* asked to end */
+    unsigned bad_holds; /* safe holds in a row that failed */
+} supervisor;
+
+/* ---- the child ---- */
+
+static void enter_child(supervisor *self, const tl_start *start, pid_t parent) {
+    (void)prctl(PR_SET_PDEATHSIG, SIGKILL);
+    if (getppid() != parent) {
+        _exit(TRY_AGAIN); /* it was too late for that */
+    }
+    tl_watchdog_leave(&self->watchdog);
+    tl_service_leave();
+    (void)sigprocmask(SIG_SETMASK, &self->before, NULL);
+    exit(self->settings->run(self->settings->context, start));
+}
+
+/* False where there can be no process. */
+static bool begin_child(supervisor *self, bool again) {
+    const tl_start start = {
+        .beats = self->beats,
+        .restarts = &self->restarts,
+        .again = again,
+        .hold = tl_restarts_is_loop(&self->restarts),
+    };
+    pid_t parent = getpid();
+    tl_heartbeats_clear(self->beats);
+    self->seen = (tl_heartbeats_seen){0};
+    self->killed = false;
+    tl_restarts_begin(&self->restarts, again);
+    if (again) {
+        tl_log(TL_LOG_WARNING, "%s %s",
+               start.hold ? "safe hold, no twin any more: the last reason is that" : "starts again:",
+               self->restarts.reason);
+    }
+    (void)fflush(NULL);
+    self->child = fork();
+    if (self->child == 0) {
+        enter_child(self, &start, parent);
+    }
+    if (self->child < 0) {
+        self->child = 0;
+        tl_log(TL_LOG_ERROR, "no process for the twin: %s", strerror(errno));
+        return false;
+    }
+    return true;
+}
+
+/* ---- strokes ---- */
+
+/* The last one is not retracted by what comes after it: a look that is late is a stroke that is missing. */
+static void stroke(supervisor *self, tl_time now) {
+    if (now - self->stroked < self->stroke) {
+        return;
+    }
+    self->stroked = now;
+    if (self->watchdog.file >= 0 && !tl_watchdog_stroke(&self->watchdog)) {
+        tl_log(TL_LOG_WARNING, "watchdog %s cannot be stroked: %s", self->settings->watchdog, strerror(errno));
+    }
+    tl_service_tell("WATCHDOG=1");
+}
+
+static void tell_status(supervisor *self, tl_time now) {
+    char text[TL_HEARTBEAT_STATUS];
+    char line[TL_HEARTBEAT_STATUS + 16];
+    if (now - self->told >= STATUS && tl_heartbeats_get_status(self->beats, text) && text[0] != '\0') {
+        self->told = now;
+        (void)snprintf(line, sizeof line, "STATUS=%s", text);
+        tl_service_tell(line);
+    }
+}
+
+/* ---- watching ---- */
+
+/* Waits a little for a signal. */
+static void listen(supervisor *self) {
+    const struct timespec most = {.tv_sec = 0, .tv_nsec = LOOK};
+    siginfo_t info;
+    int signal = sigtimedwait(&self->signals, &info, &most);
+    if (signal != SIGTERM && signal != SIGINT) {
+        return;
+    }
+    if (!self->stop) {
+        tl_service_tell("STOPPING=1");
+    }
+    self->stop = true;
+    if (self->child > 0 && info.si_code != SI_KERNEL) { /* a terminal's Ctrl-C has reached it already */
+        (void)kill(self->child, signal);
+    }
+}
+
+static void note_ready(supervisor *self) {
+    if (!self->ran && tl_heartbeats_is_ready(self->beats)) {
+        self->ran = true;
+        tl_service_tell("READY=1");
+    }
+}
+
+/* Everybody alive? A child with a silent thread is ended: nothing in it can be trusted to end by itself. */
+static void look(supervisor *self, tl_time passed) {
+    tl_time now = tl_clock_now(NULL);
+    tl_time silence = 0;
+    const char *silent = tl_heartbeats_look(self->beats, &self->seen, now, &silence);
+    if (silent != NULL && !self->killed) {
+        (void)snprintf(self->silent, sizeof self->silent, "it hung: \"%.40s\" gave no sign of life for %.1f s", silent,
+                       tl_seconds(silence));
+        tl_log(TL_LOG_ERROR, "%s; it is killed", self->silent);
+        self->killed = true;
+        (void)kill(self->child, SIGKILL);
+    }
+    if (silent != NULL) {
+        return;
+    }
+    if (self->bad_holds < TL_RESTARTS_MOST) {
+        stroke(self, now);
+    }
+    note_ready(self);
+    if (tl_heartbeats_is_ready(self->beats)) {
+        tl_restarts_live(&self->restarts, passed);
+        tell_status(self, now);
+    }
+}
+
+/* Until the child has ended; how it did. */
+static int watch(supervisor *self) {
+    int how = 0;
+    tl_time looked = tl_clock_now(NULL);
+    for (;;) {
+        listen(self);
+        pid_t ended = waitpid(self->child, &how, WNOHANG);
+        if (ended == self->child || (ended < 0 && errno != EINTR)) {
+            self->child = 0;
+            note_ready(self);
+            return how;
+        }
+        tl_time now = tl_clock_now(NULL);
+        look(self, now - looked);
+        looked = now;
+    }
+}
+
+/* Nobody is there to be alive. */
+static void rest(supervisor *self, tl_time pause) {
+    tl_time until = tl_clock_now(NULL) + pause;
+    while (!self->stop && tl_clock_now(NULL) < until) {
+        listen(self);
+        if (self->bad_holds < TL_RESTARTS_MOST) {
+            stroke(self, tl_clock_now(NULL));
+        }
+    }
+}
+
+/* ---- what an end means ---- */
+
+static void describe(const supervisor *self, int how, char reason[TL_RESTARTS_REASON]) {
+    if (self->killed) {
+        (void)snprintf(reason, TL_RESTARTS_REASON, "%s", self->silent);
+    } else if (WIFSIGNALED(how)) {
+        (void)snprintf(reason, TL_RESTARTS_REASON, "it was ended by signal %d, %s", WTERMSIG(how),
+                       strsignal(WTERMSIG(how)));
+    } else {
+        (void)snprintf(reason, TL_RESTARTS_REASON, "it ended with exit code %d", WEXITSTATUS(how));
+    }
+}
+
+/* The supervisor ends with it: it was asked to, the run is over, or nothing would be better the next time. */
+static bool is_final(const supervisor *self, int how) {
+    if (self->stop || (WIFEXITED(how) && WEXITSTATUS(how) == 0)) {
+        return true;
+    }
+    if (!WIFEXITED(how)) {
+        return false;
+    }
+    int code = WEXITSTATUS(how);
+    return code == BAD_USAGE || code == BAD_DATA || !self->ran;
+}
+
+/* None after the first failure. */
+static tl_time pause_of(const supervisor *self) {
+    tl_time pause = 0;
+    for (unsigned i = 1; i < self->restarts.failures && pause < PAUSE_LAST; i++) {
+        pause = pause == 0 ? PAUSE_FIRST : 2 * pause;
+    }
+    return pause;
+}
+
+/* Children one after the other; the exit code of the last. */
+static int supervise(supervisor *self) {
+    for (bool again = self->restarts.failures > 0;; again = true) {
+        bool held = tl_restarts_is_loop(&self->restarts);
+        char reason[TL_RESTARTS_REASON] = "no process could be made for it";
+        int how = 0;
+        bool began = begin_child(self, again);
+        if (began) {
+            how = watch(self);
+            if (is_final(self, how)) {
+                return WIFEXITED(how) ? WEXITSTATUS(how) : TRY_AGAIN;
+            }
+            describe(self, how, reason);
+        }
+        self->bad_holds += held ? 1 : 0;
+        tl_restarts_fail(&self->restarts, reason);
+        rest(self, pause_of(self));
+        if (self->stop) {
+            return 0;
+        }
+    }
+}
+
+/* ---- begin and end ---- */
+
+/* Above the cycle, so that one that never ends cannot keep us from looking; the children begin as ordinary ones. */
+static void be_urgent(void) {
+    struct sched_param parameter = {.sched_priority = sched_get_priority_max(SCHED_FIFO)};
+    struct rlimit limit;
+    if (geteuid() != 0 && getrlimit(RLIMIT_RTPRIO, &limit) == 0 && limit.rlim_cur < (rlim_t)parameter.sched_priority) {
+        parameter.sched_priority = (int)limit.rlim_cur;
+    }
+    if (sched_setscheduler(0, SCHED_FIFO | SCHED_RESET_ON_FORK, &parameter) == 0) {
+        (void)mlockall(MCL_CURRENT | MCL_FUTURE);
+    }
+}
+
+static tl_status open_watchdog(supervisor *self, tl_error *error) {
+    tl_watchdog *watchdog = &self->watchdog;
+    if (self->settings->watchdog == NULL) {
+        return TL_OK;
+    }
+    tl_status status = tl_watchdog_open(self->settings->watchdog, self->settings->watchdog_s, watchdog, error);
+    if (status == TL_OK) {
+        tl_log(TL_LOG_NOTICE, "watchdog %s (%s) resets the box unless it is stroked within %d s%s",
+               self->settings->watchdog, watchdog->name, watchdog->timeout_s,
+               watchdog->can_be_disarmed ? "" : ", and cannot be disarmed");
+    }
+    return status;
+}
+
+/* A quarter of the shorter patience, and at most STROKE. */
+static tl_time stroke_interval(const supervisor *self) {
+    tl_time interval = STROKE;
+    tl_time service = tl_service_patience() / 4;
+    tl_time watchdog = self->watchdog.file >= 0 ? self->watchdog.timeout_s * TL_SECOND / 4 : 0;
+    interval = service > 0 && service < interval ? service : interval;
+    return watchdog > 0 && watchdog < interval ? watchdog : interval;
+}
+
+static tl_status open_all(supervisor *self, tl_error *error) {
+    self->watchdog.file = -1;
+    self->beats = tl_heartbeats_new();
+    if (self->beats == NULL) {
+        return tl_fail(error, TL_TRY_AGAIN, "not enough memory for the supervisor");
+    }
+    tl_status status = open_watchdog(self, error);
+    if (status == TL_OK) {
+        status = tl_restarts_open(self->settings->state, self->watchdog.has_reset_the_box, &self->restarts, error);
+    }
+    self->stroke = stroke_interval(self);
+    return status;
+}
+
+static void close_all(supervisor *self) {
+    if (self->watchdog.file >= 0 && !tl_watchdog_close(&self->watchdog)) {
+        tl_log(TL_LOG_WARNING, "watchdog %s could not be disarmed, and will reset the box", self->settings->watchdog);
+    }
+    tl_heartbeats_free(self->beats);
+}
+
+int tl_supervise(const tl_supervisor_settings *settings) {
+    supervisor self = {.settings = settings};
+    tl_error error = {0};
+    (void)sigemptyset(&self.signals);
+    (void)sigaddset(&self.signals, SIGCHLD);
+    (void)sigaddset(&self.signals, SIGTERM);
+    (void)sigaddset(&self.signals, SIGINT);
+    (void)sigprocmask(SIG_BLOCK, &self.signals, &self.before);
+    int code = 0;
+    tl_status status = open_all(&self, &error);
+    if (status == TL_OK) {
+        be_urgent();
+        code = supervise(&self);
+        tl_restarts_end(&self.restarts);
+    } else {
+        tl_log(TL_LOG_ERROR, "%s", error.text);
+        code = tl_exit_code(status);
+    }
+    close_all(&self);
+    (void)sigprocmask(SIG_SETMASK, &self.before, NULL);
+    return code;
+}

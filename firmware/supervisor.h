@@ -1,0 +1,42 @@
+/* The supervisor: a small process that keeps the appliance alive.
+ *
+ * Purpose: the appliance runs in a child process, since an FMU may hang, or destroy the memory of the process that it is in.
+ *          The supervisor has no FMU, no thread and no plant. It listens to the child's heartbeats (heartbeat.h), ends a child that
+ *          is silent, begins a new one, and strokes the box's watchdog and systemd's.
+ * Stroked: while everybody is alive, and while the supervisor does something about it if not: in the pause before a restart.
+ *          Not while a thread is silent, and no more once even safe hold could not be kept up TL_RESTARTS_MOST times.
+ * Restart: at once after the first failure; the pause doubles with each that is not forgiven, up to 8 s. What ended by itself
+ *          before it ever ran is not begun again: who started the supervisor is told by the exit code.
+ * Hold:    after a restart loop (restarts.h) the child is told to hold: no twin.
+ * Signals: SIGTERM and SIGINT end the child, and then the supervisor, orderly. A supervisor that is killed takes the child with it.
+ */
+#ifndef TL_FIRMWARE_SUPERVISOR_H
+#define TL_FIRMWARE_SUPERVISOR_H
+
+#include <stdbool.h>
+
+#include "firmware/heartbeat.h"
+#include "firmware/restarts.h"
+
+/* What a child is told at its start. NULL in its place: nobody supervises. */
+typedef struct tl_start {
+    tl_heartbeats *beats;
+    const tl_restarts *restarts; /* which start this is, and why */
+    bool again;                  /* after a failure */
+    bool hold;                   /* safe hold */
+} tl_start;
+
+typedef struct tl_supervisor_settings {
+    const char *state;    /* a folder for the account of restarts; NULL: none */
+    const char *watchdog; /* the device; NULL: none */
+    int watchdog_s;
+    /* The appliance: called in the child, which ends with what this returns, an exit code. */
+    int (*run)(void *context, const tl_start *start);
+    void *context;
+} tl_supervisor_settings;
+
+/* Returns an exit code once there is no child any more: that of the child that ended by itself, 75 where it had to be killed.
+ * The caller must be the only thread of its process. */
+int tl_supervise(const tl_supervisor_settings *settings);
+
+#endif

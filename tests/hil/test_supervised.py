@@ -1,0 +1,298 @@
+#!/usr/bin/env python3
+"""`run --supervise`: what hangs or dies is begun again, a loop ends in safe hold, the service manager is told, and nothing that is
+only dead around it makes it restart."""
+import json
+import os
+import signal
+import socket
+import time
+from pathlib import Path
+
+from live_test import (Device, Program, check_database, number, query, stop, wait_for_lock, wait_for_steps,
+                       wait_until)
+from twinlock_test import at_least, edited_config, expect, main, run, run_well, scratch, write_config
+
+OMEGA = 62.981  # rad/s: where config/motor's twin starts
+
+
+def live_config(device, **changes):
+    """live.json without an end, committed ten times a second. The port's, and the database's path."""
+    config = edited_config("motor/live.json", {"duration_s": None, "record": {"commit_s": 0.1},
+                                               "sources": {"inverter": {"modbus_tcp": {"port": device.port}}}, **changes})
+    return config, config.parent / "twin.db"
+
+
+class Supervised(Program):
+    """A supervised run, and the process that it has begun."""
+
+    def __init__(self, config, *args, **options):
+        self.state = scratch() / "state"
+        super().__init__("run", config, "--supervise", "--state", self.state, *args, **options)
+
+    def children(self):
+        return [int(pid) for pid in Path(f"/proc/{self.pid}/task/{self.pid}/children").read_text(encoding="utf-8").split()]
+
+    def child(self, other_than=0):
+        return wait_until(lambda: [pid for pid in self.children() if pid != other_than], "a child", self.log)[0]
+
+    def account(self):
+        return json.loads((self.state / "supervisor.json").read_text(encoding="utf-8"))
+
+
+def wait_for_run(live, database, which):
+    """Until run `which` is recorded, and is in lock."""
+    wait_until(lambda: database.exists() and query(database, "SELECT 1 FROM runs WHERE run = ?", which), f"run {which}", live.log)
+    wait_until(lambda: number(database, "SELECT count(*) FROM steps WHERE run = ? AND outcome = 1", which) >= 20, "lock", live.log)
+
+
+def starts(database):
+    """What the supervisor told, of each run."""
+    return [text for (text,) in query(database, "SELECT text FROM events WHERE source = 'supervisor' ORDER BY event")]
+
+
+def expect_starts(database, *reasons):
+    told = starts(database)
+    expect(len(told) == len(reasons) and all(reason in text for reason, text in zip(reasons, told)), f"{told}")
+
+
+def end_orderly(live, number_=signal.SIGTERM):
+    code, _, log = live.end(number_)
+    expect(code == 0, f"ended with {code}\n{log}")
+    expect(live.account()["running"] is False and live.account()["failures"] == 0, f"{live.account()}")
+
+
+def test_killed_and_stopped():
+    with Device(OMEGA) as device:
+        config, database = live_config(device)
+        with Supervised(config) as live:
+            wait_for_run(live, database, 1)
+            first = live.child()
+            os.kill(first, signal.SIGKILL)
+            wait_for_run(live, database, 2)
+            second = live.child(first)
+            os.kill(second, signal.SIGSTOP)
+            wait_for_run(live, database, 3)
+            expect(live.child() not in (first, second), "the same process")
+            end_orderly(live)
+            expect(live.account()["starts"] == 3 and live.account()["restarts"] == 2, f"{live.account()}")
+    expect_starts(database, "start 1, 0 of them after a failure; reason: it was told to",
+                  "start 2, 1 of them after a failure; reason: it was ended by signal 9, Killed",
+                  "start 3, 2 of them after a failure; reason: it hung: \"")
+    check_database(database)
+
+
+def test_a_file_that_changed_meanwhile():
+    """A restart runs what ran before."""
+    with Device(OMEGA) as device:
+        config, database = live_config(device)
+        with Supervised(config) as live:
+            wait_for_run(live, database, 1)
+            Path(config).write_text("no configuration", encoding="utf-8")
+            os.kill(live.child(), signal.SIGKILL)
+            wait_for_run(live, database, 2)
+            end_orderly(live, signal.SIGINT)
+    expect(number(database, "SELECT count(DISTINCT configuration) FROM runs") == 1, "another configuration")
+
+
+def test_a_dead_device_is_no_reason():
+    with Device(OMEGA) as device:
+        config, database = live_config(device, realtime={"hang_s": 0.5})
+        with Supervised(config) as live:
+            wait_for_run(live, database, 1)
+            device.silent = True
+            live.wait_for("runs free")
+            wait_for_steps(live, database, number(database, "SELECT max(step) FROM steps") + 300)
+            device.silent = False
+            wait_for_lock(live, database, number(database, "SELECT max(step) FROM steps"))
+            end_orderly(live)
+            expect(live.account()["starts"] == 1, f"{live.account()}")
+    expect(number(database, "SELECT count(*) FROM runs") == 1, "restarted")
+
+
+def test_the_supervisor_is_killed():
+    """Nobody is left; who comes next says why."""
+    with Device(OMEGA) as device:
+        config, database = live_config(device)
+        with Supervised(config) as live:
+            wait_for_run(live, database, 1)
+            child = live.child()
+            live.kill()
+            wait_until(lambda: not Path(f"/proc/{child}").exists(), "the end of the child")
+            state = live.state
+        with Program("run", config, "--supervise", "--state", state) as again:
+            wait_for_run(again, database, 2)
+            expect(again.end(signal.SIGTERM)[0] == 0, "ended badly")
+    expect_starts(database, "it was told to", "start 2, 1 of them after a failure; reason: the supervisor was killed")
+
+
+def test_a_stopped_supervisor_blames_nobody():
+    """All were stopped for long, as on a suspended box."""
+    with Device(OMEGA) as device:
+        config, database = live_config(device, realtime={"hang_s": 0.5})
+        with Supervised(config) as live:
+            wait_for_run(live, database, 1)
+            child = live.child()
+            stop(live)
+            os.kill(child, signal.SIGSTOP)
+            time.sleep(3)
+            os.kill(child, signal.SIGCONT)
+            live.signal(signal.SIGCONT)
+            begun = number(database, "SELECT max(step) FROM steps")
+            wait_for_lock(live, database, begun)
+            end_orderly(live)
+            expect(live.account()["starts"] == 1, f"{live.account()}\n{live.log()}")
+
+
+# ---- an FMU that hangs ----
+
+HANGS = """
+import os
+import time
+
+from pythonfmu import Fmi2Causality, Fmi2Slave, Fmi2Variability, Real
+
+
+class hangs(Fmi2Slave):
+    def __init__(self, **kwargs):
+        super().__init__(**kwargs)
+        self.u = 0.0
+        self.y = 0.0
+        self.register_variable(Real("u", causality=Fmi2Causality.input))
+        self.register_variable(Real("y", causality=Fmi2Causality.output))
+
+    def do_step(self, current_time, step_size):
+        self.y = self.u
+        while current_time > 0.3 and os.path.exists({path!r}):
+            time.sleep(0.01)
+        return True
+"""
+
+
+def hanging_config(device, path):
+    from python_fmu import LIBRARY, export  # pylint: disable=import-outside-toplevel
+    fmu = export("hangs", "--handle-state", source=HANGS.format(path=str(path)))
+    omega = {"unit": "rad/s", "stale_s": 0.2,
+             "modbus": {"source": "inverter", "unit_id": 1, "table": "input", "address": 0, "type": "float32"}}
+    return write_config({
+        "twinlock": 1, "name": "an FMU that hangs", "step_s": 0.01,
+        "components": {"hangs": {"fmu": str(fmu), "libraries": [LIBRARY]}},
+        "sources": {"inverter": {"modbus_tcp": {"host": "127.0.0.1", "port": device.port, "period_s": 0.005}}},
+        "plant": {"omega": {key: value for key, value in omega.items() if key != "unit"}},
+        "connect": [["plant.omega", "hangs.u"]],
+        "compare": {"hangs.y": {"to": "plant.omega"}},
+        "record": {"file": "twin.db", "commit_s": 0.1}, "realtime": {"hang_s": 0.5},
+    })
+
+
+def test_a_loop_ends_in_safe_hold():
+    path = scratch() / "hang"
+    path.write_text("now", encoding="utf-8")
+    with Device(OMEGA) as device:
+        config = hanging_config(device, path)
+        database = Path(config).parent / "twin.db"
+        with Supervised(config) as live:
+            live.wait_for("safe hold: the twin failed 5 times, the last time because it hung: \"cycle\"")
+            wait_until(lambda: number(database, "SELECT count(*) FROM samples JOIN runs USING (run) WHERE verb = 'hold'") > 100,
+                       "samples in safe hold", live.log)
+            held = live.child()
+            time.sleep(1)
+            expect(live.child() == held, "safe hold was not held")
+            end_orderly(live)
+        expect(number(database, "SELECT count(*) FROM steps JOIN runs USING (run) WHERE verb = 'hold'") == 0, "a twin ran")
+        expect_starts(database, "it was told to", *["it hung: \"cycle\""] * 5, "safe hold: the twin failed 5 times")
+        shown = run_well(["show", database])
+        expect("hold" in shown, shown)
+        path.unlink()
+        told = json.loads(run_well(["replay", config, "--recording", database, "--json"]))
+        at_least(told["steps"], 100, "steps of what was recorded in safe hold")
+        with Program("run", config, "--supervise", "--state", live.state) as again:  # the fault is gone, and it was stopped
+            again.wait_for("reason: it was told to")
+            wait_for_steps(again, database, 100, run=7)
+            expect(again.end(signal.SIGTERM)[0] == 0, "ended badly")
+    check_database(database)
+
+
+# ---- the service manager ----
+
+class ServiceManager:
+    """What systemd hears."""
+
+    def __init__(self):
+        self.path = scratch() / "notify"
+        self.socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+        self.socket.bind(str(self.path))
+        self.socket.settimeout(30)
+        self.heard = []
+
+    def wait_for(self, text, times=1):
+        while sum(text in line for line in self.heard) < times:
+            self.heard += self.socket.recv(4096).decode().splitlines()
+
+    def rest(self):
+        self.socket.setblocking(False)
+        try:
+            while True:
+                self.heard += self.socket.recv(4096).decode().splitlines()
+        except BlockingIOError:
+            return self.heard
+
+
+def told_service_manager(config, database):
+    manager = ServiceManager()
+    os.environ.update(NOTIFY_SOCKET=str(manager.path), WATCHDOG_USEC="1000000")
+    try:
+        with Supervised(config) as live:
+            manager.wait_for("READY=1")
+            manager.wait_for("WATCHDOG=1", 5)
+            expect(number(database, "SELECT count(*) FROM runs") == 1, "ready before anything ran")
+            manager.wait_for("STATUS=")
+            os.kill(live.child(), signal.SIGKILL)
+            wait_for_run(live, database, 2)
+            end_orderly(live)
+    finally:
+        del os.environ["NOTIFY_SOCKET"], os.environ["WATCHDOG_USEC"]
+    return manager.rest()
+
+
+def test_the_service_manager_is_told():
+    with Device(OMEGA) as device:
+        config, database = live_config(device)
+        heard = told_service_manager(config, database)
+    expect(heard.count("READY=1") == 1, f"{heard}")
+    expect(heard[-1] == "STOPPING=1" or "STOPPING=1" in heard[-5:], f"{heard[-5:]}")
+    expect(any("rad/s" in line or "motor.d" in line for line in heard if line.startswith("STATUS=")), f"{heard}")
+
+
+# ---- wrong usage ----
+
+def expect_usage(words, *options, code=2):
+    config, _ = live_config_without_device()
+    found, _, log = run(["run", config, *options])
+    expect(found == code and words in log, f"{options}: ended with {found}\n{log}")
+
+
+def live_config_without_device():
+    config = edited_config("motor/live.json", {})
+    return config, config.parent / "twin.db"
+
+
+def test_wrong_usage():
+    expect_usage("--watchdog needs --supervise: it is the supervisor's", "--watchdog", "/dev/watchdog")
+    expect_usage("--state needs --supervise: it is the supervisor's", "--state", "/tmp")
+    expect_usage("--watchdog-timeout needs --watchdog DEVICE", "--supervise", "--watchdog-timeout", "30")
+    for wrong in "0", "-3", "2.5", "4000", "soon", "":
+        expect_usage(f"--watchdog-timeout: found \"{wrong}\", expected whole seconds from 1 to 3600, for example 30",
+                     "--supervise", "--watchdog", "/dev/null", "--watchdog-timeout", wrong)
+    expect_usage("watchdog /nowhere/dog: no such device", "--supervise", "--watchdog", "/nowhere/dog", code=69)
+    expect_usage("watchdog /dev/null: is no watchdog", "--supervise", "--watchdog", "/dev/null", code=69)
+    expect_usage("--state /nowhere/state: cannot be made", "--supervise", "--state", "/nowhere/state", code=65)
+
+
+def test_a_bad_configuration_is_told_at_once():
+    config = scratch() / "bad.json"
+    config.write_text("{}", encoding="utf-8")
+    code, _, log = run(["run", config, "--supervise", "--watchdog", "/nowhere/dog"])
+    expect(code == 65 and "twinlock" in log and "watchdog" not in log, f"ended with {code}\n{log}")
+
+
+main()

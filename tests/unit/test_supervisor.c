@@ -1,0 +1,270 @@
+/* The supervisor: real processes that hang, die, end and loop. What each child does is one letter of a plan:
+ *
+ *   k  killed by a signal      h  becomes ready, then silent      s  silent before it is ready
+ *   0  ready, ends with 0      7  ready, ends with 70             8  ends with 70 before it is ready
+ *   6  ends with 65, ready     w  ready, beats until SIGTERM
+ */
+#include <signal.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/mman.h>
+#include <sys/wait.h>
+#include <time.h>
+#include <unistd.h>
+
+#include <unity.h>
+
+#include "firmware/supervisor.h"
+#include "tests/support/scratch.h"
+#include "tests/support/stderr_capture.h"
+
+enum { MOST_STARTS = 32 };
+
+/* Shared by all processes of a test. */
+typedef struct stage {
+    const char *plan;
+    int starts;
+    bool hold[MOST_STARTS];
+    bool again[MOST_STARTS];
+    char reason[MOST_STARTS][TL_RESTARTS_REASON];
+    pid_t last;
+} stage;
+
+static stage *shared;
+static tl_scratch scratch;
+static tl_supervisor_settings settings;
+
+static void pause_ms(long ms) {
+    const struct timespec time = {.tv_sec = ms / 1000, .tv_nsec = ms % 1000 * 1000000};
+    (void)nanosleep(&time, NULL);
+}
+
+/* ---- children ---- */
+
+static volatile sig_atomic_t told;
+
+static void note(int signal) {
+    told = signal;
+}
+
+static void be_well(tl_heart *heart) {
+    (void)signal(SIGTERM, note);
+    for (int i = 0; told == 0 && i < 3000; i++) {
+        tl_heart_beat(heart);
+        pause_ms(10);
+    }
+}
+
+static void hang(void) {
+    for (;;) {
+        pause_ms(1000);
+    }
+}
+
+static int play(char what, tl_heart *heart, tl_heartbeats *beats) {
+    if (what == 'k') {
+        (void)kill(getpid(), SIGSEGV);
+    }
+    if (what == 's') {
+        hang();
+    }
+    if (what != '8') {
+        tl_heartbeats_set_ready(beats);
+    }
+    if (what == 'h') {
+        hang();
+    }
+    if (what == 'w') {
+        be_well(heart);
+    }
+    return what == '6' ? 65 : what == '7' || what == '8' ? 70 : 0;
+}
+
+static int appliance(void *context, const tl_start *start) {
+    stage *on = context;
+    int which = on->starts++;
+    if (which >= (int)strlen(on->plan)) {
+        return 99; /* more starts than planned */
+    }
+    on->last = getpid();
+    on->hold[which] = start->hold;
+    on->again[which] = start->again;
+    (void)snprintf(on->reason[which], TL_RESTARTS_REASON, "%s", start->restarts->reason);
+    return play(on->plan[which], tl_heart_begin(start->beats, "cycle", TL_SECOND), start->beats);
+}
+
+/* ---- tests ---- */
+
+void setUp(void) {
+    tl_scratch_empty(&scratch);
+    memset(shared, 0, sizeof *shared);
+    settings = (tl_supervisor_settings){.run = appliance, .context = shared};
+    (void)unsetenv("NOTIFY_SOCKET");
+    TEST_ASSERT_TRUE(tl_stderr_capture_begin());
+}
+
+void tearDown(void) {
+    free(tl_stderr_capture_end());
+}
+
+static void expect_code(const char *plan, int code) {
+    shared->plan = plan;
+    TEST_ASSERT_EQUAL_INT(code, tl_supervise(&settings));
+    TEST_ASSERT_EQUAL_INT((int)strlen(plan), shared->starts);
+}
+
+static void test_ends_with_its_child(void) {
+    expect_code("0", 0);
+    TEST_ASSERT_FALSE(shared->hold[0]);
+    TEST_ASSERT_FALSE(shared->again[0]);
+    TEST_ASSERT_EQUAL_STRING("it was told to", shared->reason[0]);
+}
+
+static void test_a_bad_configuration_is_not_tried_again(void) {
+    expect_code("6", 65);
+}
+
+/* Who starts it is told at once. */
+static void test_what_never_ran_is_not_tried_again(void) {
+    expect_code("8", 70);
+}
+
+static void test_what_ran_is_tried_again(void) {
+    expect_code("780", 0);
+    TEST_ASSERT_TRUE(shared->again[1]);
+    TEST_ASSERT_EQUAL_STRING("it ended with exit code 70", shared->reason[1]);
+}
+
+static void test_a_crash(void) {
+    expect_code("k0", 0);
+    TEST_ASSERT_EQUAL_STRING("it was ended by signal 11, Segmentation fault", shared->reason[1]);
+}
+
+static void test_a_hang(void) {
+    expect_code("h0", 0);
+    TEST_ASSERT_EQUAL_STRING_LEN("it hung: \"cycle\" gave no sign of life for 1.", shared->reason[1], 44);
+}
+
+static void test_a_hang_at_start(void) {
+    expect_code("s0", 0);
+}
+
+static void test_a_loop_ends_in_safe_hold(void) {
+    expect_code("khkkk0", 0);
+    for (int i = 0; i < TL_RESTARTS_MOST; i++) {
+        TEST_ASSERT_FALSE(shared->hold[i]);
+    }
+    TEST_ASSERT_TRUE(shared->hold[TL_RESTARTS_MOST]);
+}
+
+static void test_safe_hold_is_held(void) {
+    expect_code("kkkkkk0", 0);
+    TEST_ASSERT_TRUE(shared->hold[5]);
+    TEST_ASSERT_TRUE(shared->hold[6]);
+}
+
+/* The account survives the supervisor: here one in a process of its own, which is killed. */
+static void supervise_and_kill(void) {
+    (void)fflush(NULL);
+    pid_t supervisor = fork();
+    if (supervisor == 0) {
+        _exit(tl_supervise(&settings));
+    }
+    for (int i = 0; i < 1000 && __atomic_load_n(&shared->last, __ATOMIC_ACQUIRE) == 0; i++) {
+        pause_ms(10);
+    }
+    pause_ms(100);
+    TEST_ASSERT_EQUAL_INT(0, kill(supervisor, SIGKILL));
+    TEST_ASSERT_EQUAL_INT(supervisor, waitpid(supervisor, NULL, 0));
+}
+
+static void test_a_killed_supervisor_takes_its_child_along(void) {
+    shared->plan = "w";
+    settings.state = scratch.folder;
+    supervise_and_kill();
+    for (int i = 0; i < 500 && kill(shared->last, 0) == 0; i++) {
+        pause_ms(10); /* until init has reaped it */
+    }
+    TEST_ASSERT_EQUAL_INT(-1, kill(shared->last, 0));
+    memset(shared, 0, sizeof *shared);
+    expect_code("0", 0);
+    TEST_ASSERT_EQUAL_STRING("the supervisor was killed", shared->reason[0]);
+    TEST_ASSERT_TRUE(shared->again[0]);
+}
+
+static void test_told_to_end(void) {
+    shared->plan = "w";
+    pid_t self = getpid();
+    pid_t killer = fork();
+    if (killer == 0) {
+        for (int i = 0; i < 1000 && __atomic_load_n(&shared->last, __ATOMIC_ACQUIRE) == 0; i++) {
+            pause_ms(10);
+        }
+        pause_ms(200);
+        (void)kill(self, SIGTERM);
+        _exit(0);
+    }
+    TEST_ASSERT_EQUAL_INT(0, tl_supervise(&settings));
+    TEST_ASSERT_EQUAL_INT(1, shared->starts);
+    TEST_ASSERT_EQUAL_INT(killer, waitpid(killer, NULL, 0));
+}
+
+/* A child that does not end when it is told to is ended once it is silent; nobody begins a new one. */
+static void test_told_to_end_while_it_hangs(void) {
+    shared->plan = "s";
+    pid_t self = getpid();
+    pid_t killer = fork();
+    if (killer == 0) {
+        for (int i = 0; i < 1000 && __atomic_load_n(&shared->last, __ATOMIC_ACQUIRE) == 0; i++) {
+            pause_ms(10);
+        }
+        (void)kill(self, SIGINT);
+        _exit(0);
+    }
+    int code = tl_supervise(&settings);
+    TEST_ASSERT_TRUE(code == 75);
+    TEST_ASSERT_EQUAL_INT(1, shared->starts);
+    TEST_ASSERT_EQUAL_INT(killer, waitpid(killer, NULL, 0));
+}
+
+static void test_a_watchdog_that_is_none(void) {
+    settings.watchdog = "/dev/null";
+    settings.watchdog_s = 10;
+    shared->plan = "";
+    TEST_ASSERT_EQUAL_INT(69, tl_supervise(&settings));
+    TEST_ASSERT_EQUAL_INT(0, shared->starts);
+}
+
+static void test_a_folder_that_is_none(void) {
+    settings.state = "/nowhere/state";
+    shared->plan = "";
+    TEST_ASSERT_EQUAL_INT(65, tl_supervise(&settings));
+    TEST_ASSERT_EQUAL_INT(0, shared->starts);
+}
+
+int main(void) {
+    UNITY_BEGIN();
+    tl_scratch_make(&scratch, TL_BINARY_DIR, "test_supervisor");
+    /* cppcheck-suppress invalidFunctionArg ; an anonymous mapping has no file, which is -1 */
+    shared = mmap(NULL, sizeof *shared, PROT_READ | PROT_WRITE, MAP_SHARED | MAP_ANONYMOUS, -1, 0);
+    if (shared == MAP_FAILED) {
+        return 1;
+    }
+    RUN_TEST(test_ends_with_its_child);
+    RUN_TEST(test_a_bad_configuration_is_not_tried_again);
+    RUN_TEST(test_what_never_ran_is_not_tried_again);
+    RUN_TEST(test_what_ran_is_tried_again);
+    RUN_TEST(test_a_crash);
+    RUN_TEST(test_a_hang);
+    RUN_TEST(test_a_hang_at_start);
+    RUN_TEST(test_a_loop_ends_in_safe_hold);
+    RUN_TEST(test_safe_hold_is_held);
+    RUN_TEST(test_a_killed_supervisor_takes_its_child_along);
+    RUN_TEST(test_told_to_end);
+    RUN_TEST(test_told_to_end_while_it_hangs);
+    RUN_TEST(test_a_watchdog_that_is_none);
+    RUN_TEST(test_a_folder_that_is_none);
+    tl_scratch_remove(&scratch);
+    return UNITY_END();
+}
