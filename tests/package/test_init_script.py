@@ -46,7 +46,7 @@ class Box:
         self.pidfile = self.folder / "pid"
         self.log = self.folder / "log"
         values = {"PROGRAM": PROGRAM, "CONFIG": edited_config("motor/live.json", NO_PLANT), "DATA": self.folder,
-                  "WATCHDOG": "", "OPTIONS": f"--db {self.folder}/twin.db", "LOGGER": f"tee -a {self.log}", "PIDFILE": self.pidfile, "PATIENCE": 10, **settings}
+                  "WATCHDOG": "", "LOGGER": f"tee -a {self.log}", "PIDFILE": self.pidfile, "PATIENCE": 10, **settings}
         self.settings = self.folder / "settings"
         self.settings.write_text("".join(f"{name}='{value}'\n" for name, value in values.items()), encoding="utf-8")
 
@@ -108,7 +108,7 @@ def test_a_day(shell):
         expect("does not run" in box.call("stop"), "it ran")
         box.call("status", 3)
         left = sorted(path.name for path in box.folder.iterdir() if not path.name.startswith("twin.db"))
-        expect(left == ["log", "settings"], f"left: {left}")
+        expect(left == ["log", "settings", "supervisor.json"], f"left: {left}")
         reasons = subprocess.run([PROGRAM, "show", box.folder / "twin.db"], stdout=subprocess.PIPE, check=True, text=True)
         expect("SIGTERM" in reasons.stdout, reasons.stdout)
 
