@@ -37,8 +37,9 @@ def test_fields():
 
 
 def test_it_depends_on_what_it_is_linked_to_and_nothing_else():
-    libraries = {name for elf in elves() for name in debian.needed(elf)} - {"ld-linux-x86-64.so.2"}
-    wanted = {debian.package_of(name) for name in libraries} | {"systemd"}
+    libraries = {name for elf in elves() for name in debian.needed(elf)}
+    expect(len(libraries) >= 9, f"{libraries}")
+    wanted = {debian.package_of(name) for name in libraries if not name.startswith("ld-linux")} | {"systemd"}
     found = {part.split()[0] for part in debian.fields(PACKAGE)["Depends"].split(", ")}
     expect(found == wanted, f"Depends has {found - wanted} too much and {wanted - found} too little")
     expect("libc6 (>= " in debian.fields(PACKAGE)["Depends"], "no version of libc6")
@@ -124,9 +125,11 @@ def test_the_same_bytes_from_sources_elsewhere():
             shutil.copyfile(SOURCE / name, copy / name, follow_symlinks=False)
             shutil.copymode(SOURCE / name, copy / name)
     (copy / ".deps").mkdir()
-    for part in ("fmi2", "unity"):  # no link: gcc says where a system header is in truth
-        shutil.copytree(SOURCE / ".deps" / part, copy / ".deps" / part)
-    (copy / ".deps/venv").symlink_to(SOURCE / ".deps/venv")
+    for part in (SOURCE / ".deps").iterdir():
+        if part.name in ("fmi2", "unity"):  # no link: gcc says where a system header is in truth
+            shutil.copytree(part, copy / ".deps" / part.name)
+        elif part.is_dir():
+            (copy / ".deps" / part.name).symlink_to(part)
     output_of("cmake", "--preset", "host", cwd=copy)
     output_of("cmake", "--build", "--preset", "host", "-j", "2", "--target", "tl_package", cwd=copy)
     expect(sum_of(debian.make(copy / "build/host")) == sum_of(PACKAGE), "another package from sources elsewhere")

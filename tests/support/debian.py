@@ -53,8 +53,8 @@ def unpacked(package):
 
 
 def needed(program):
-    """Names of the libraries that a program is linked to."""
-    return re.findall(r"^\s*NEEDED\s+(\S+)$", output_of("objdump", "-p", program), re.M)
+    """Names of the libraries that a program is linked to; whatever machine it is for."""
+    return re.findall(r"\(NEEDED\).*\[(.+)\]$", output_of("readelf", "--dynamic", "--wide", program), re.M)
 
 
 def package_of(library):
