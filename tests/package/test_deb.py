@@ -66,6 +66,17 @@ def test_only_places_that_are_ours():
     expect([path for path in paths if path.startswith("./etc/")] == ["./etc/", "./etc/twinlock/"], "more in /etc")
 
 
+def test_the_examples_are_those_of_the_sources():
+    """And nothing that somebody's run has left beside them."""
+    listed = output_of("git", "-C", SOURCE, "ls-files", "--cached", "--others", "--exclude-standard", "config").split()
+    wanted = {name.removeprefix("config/") for name in listed if not name.startswith(("config/SPEC.md", "config/schema/"))}
+    wanted = {name for name in wanted if ".db" not in name}
+    folder = ROOT / "usr/share/doc/twinlock/examples"
+    found = {str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file()}
+    found = {name for name in found if not name.startswith(("systemd/", "schema/"))}
+    expect(found == wanted, f"{found - wanted} too much, {wanted - found} too little")
+
+
 def test_sums_and_control_files():
     expect(sorted(os.listdir(ROOT / "DEBIAN")) == ["control", "md5sums", "postinst", "postrm", "prerm"],
            f"{os.listdir(ROOT / 'DEBIAN')}")
