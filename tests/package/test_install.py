@@ -196,11 +196,11 @@ def check_a_bite(machine):
     """A supervisor that is stopped strokes nobody: systemd begins a new one. WatchdogSec= is made shorter."""
     folder = place("/etc/systemd/system/twinlock@motor.service.d")
     folder.mkdir()
-    (folder / "short.conf").write_text("[Service]\nWatchdogSec=1\nRestartSec=0\nTimeoutAbortSec=1\n", encoding="utf-8")
+    (folder / "short.conf").write_text("[Service]\nWatchdogSec=3\nRestartSec=0\nTimeoutAbortSec=1\n", encoding="utf-8")
     machine.run_well("systemctl", "daemon-reload")
     machine.run_well("systemctl", "restart", "twinlock@motor")
     main_ = machine.property("twinlock@motor", "MainPID")
-    time.sleep(3)
+    time.sleep(5)
     expect(machine.property("twinlock@motor", "MainPID") == main_, f"bitten\n{machine.journal('twinlock@motor')}")
     machine.run_well("sh", "-c", f"kill -STOP {main_}")
     wait_until(lambda: machine.property("twinlock@motor", "NRestarts") == "1", "a new supervisor", machine.log)
@@ -232,7 +232,7 @@ def check_packages(machine):
     expect(machine.property("twinlock@motor", "ActiveState") == "inactive", "started by an upgrade")
     start_motor(machine)
     machine.run_well("dpkg", "--remove", "twinlock")
-    machine.run_well("systemctl", "stop", "plant")
+    machine.call("stop", "plant")  # it may have ended by itself: its recording does
     left = machine.run("sh", "-c", "grep -ls '^twinlock$' /proc/[0-9]*/comm").stdout
     expect(left == "", f"twinlock is removed, and runs: {left}")
     inside("dpkg", "--install", AGAIN)
