@@ -23,7 +23,7 @@ printf '%s\\n' "${COMPREPLY[@]}"
 def offered(*words, folder="."):
     """What completes the last of the words behind "twinlock"."""
     path = f"{os.path.dirname(PROGRAM)}:{os.environ['PATH']}"
-    lines = output_of("bash", "--norc", "-c", PRESS, "bash", SOURCE / "package/twinlock.bash", folder, "twinlock",
+    lines = output_of("bash", "--norc", "-c", PRESS, "bash", SOURCE / "board/debian/twinlock.bash", folder, "twinlock",
                       *words, env={**os.environ, "PATH": path})
     return [line for line in lines.splitlines() if line]
 
@@ -72,7 +72,7 @@ def test_values_of_options():
 
 
 def test_nothing_where_the_program_is_missing():
-    lines = output_of("bash", "--norc", "-c", PRESS, "bash", SOURCE / "package/twinlock.bash", scratch(), "twinlock",
+    lines = output_of("bash", "--norc", "-c", PRESS, "bash", SOURCE / "board/debian/twinlock.bash", scratch(), "twinlock",
                       "run", "--", env={"PATH": "/usr/bin:/bin"})
     expect(lines.strip() == "", lines)
 

@@ -27,7 +27,7 @@ def elves():
 
 def test_fields():
     fields = debian.fields(PACKAGE)
-    with open(SOURCE / "package/changelog", encoding="utf-8") as file:
+    with open(SOURCE / "board/debian/changelog", encoding="utf-8") as file:
         version = file.readline().split()[1].strip("()")
     expect(fields["Package"] == "twinlock" and fields["Version"] == version, f"{fields}")
     expect(fields["Architecture"] == output_of("dpkg", "--print-architecture").strip(), fields["Architecture"])
@@ -96,7 +96,7 @@ def test_links_lead_somewhere():
 def test_documents():
     folder = ROOT / "usr/share/doc/twinlock"
     with gzip.open(folder / "changelog.Debian.gz", "rt", encoding="utf-8") as file:
-        expect(file.read() == (SOURCE / "package/changelog").read_text(encoding="utf-8"), "another changelog")
+        expect(file.read() == (SOURCE / "board/debian/changelog").read_text(encoding="utf-8"), "another changelog")
     copyright_ = (folder / "copyright").read_text(encoding="utf-8")
     for part in ("/usr/share/common-licenses/Apache-2.0", "Dan Vanderkam", "Permission is hereby granted"):
         expect(part in copyright_, f"copyright has no \"{part}\"")

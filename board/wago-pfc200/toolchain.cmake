@@ -7,4 +7,4 @@ set(TL_TRIPLET arm-linux-gnueabihf)
 set(TL_EMULATOR qemu-arm-static -cpu cortex-a8) # refuses instructions that the box has not
 set(CMAKE_SYSTEM_PROCESSOR armv7l)
 set(CMAKE_C_FLAGS_INIT "-mcpu=cortex-a8 -mfpu=neon -mfloat-abi=hard")
-include("${CMAKE_CURRENT_LIST_DIR}/../debian.cmake")
+include("${CMAKE_CURRENT_LIST_DIR}/../debian/cross.cmake")

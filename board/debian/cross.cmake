@@ -7,7 +7,7 @@ set(CMAKE_SYSTEM_NAME Linux)
 set(CMAKE_C_COMPILER ${TL_TRIPLET}-gcc)
 set(CMAKE_LIBRARY_ARCHITECTURE ${TL_TRIPLET})
 
-cmake_path(SET CMAKE_SYSROOT NORMALIZE "${CMAKE_CURRENT_LIST_DIR}/../.deps/sysroot/${TL_MACHINE}")
+cmake_path(SET CMAKE_SYSROOT NORMALIZE "${CMAKE_CURRENT_LIST_DIR}/../../.deps/sysroot/${TL_MACHINE}")
 list(GET TL_EMULATOR 0 emulator)
 find_program(emulator_path "${emulator}" NO_CACHE)
 find_program(compiler_path "${CMAKE_C_COMPILER}" NO_CACHE)
