@@ -13,7 +13,7 @@ import zipfile
 from contextlib import closing
 
 from live_test import (FIRST_GUESS, MADE_UP, OPTIMISED, RESULTS, Program, bits, check_database, end_well, expect_reasons,
-                       free_port, number, query, wait_until)
+                       expect_same_events, free_port, number, query, wait_until)
 from twinlock_test import FMUS, at_most, edited_config, expect, main, replay_json, run, run_well, scratch
 
 FOLLOWED = 9  # master/sync/record.h
@@ -102,6 +102,7 @@ def check_repeated(config, database, run_number):
     expect(len(found) == len(wanted) and not different,
            f"{len(found)} steps replayed, {len(wanted)} recorded, {len(different)} differ: "
            f"{[(query(database, RESULTS, run_number)[i], query(again, RESULTS, 1)[i]) for i in different[:1]]}")
+    expect_same_events(database, run_number, again)
     return told
 
 
