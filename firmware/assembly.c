@@ -243,6 +243,18 @@ void tl_assembly_signals(const tl_assembly *assembly, tl_recorder_signal match[T
     }
 }
 
+void tl_assembly_identify(const tl_assembly *assembly, char text[TL_SHA256_TEXT]) {
+    const char *paths[TL_RECORDER_COMPONENTS];
+    for (size_t i = 0; i < assembly->plan.component_count; i++) {
+        const tl_fmu *fmu = assembly->fmus;
+        while (&fmu->model != assembly->components[i].model) {
+            fmu++;
+        }
+        paths[i] = fmu->path;
+    }
+    tl_identity_files(paths, assembly->plan.component_count, text);
+}
+
 /* The plant's signals as the recorder names them. */
 static void plant_signals(const tl_config *config, char names[TL_MAX_SIGNALS][PLANT_NAME],
                           tl_recorder_signal plant[TL_MAX_SIGNALS]) {
@@ -265,7 +277,7 @@ tl_status tl_assembly_record(const tl_assembly *assembly, const char *verb, cons
     char boot[TL_IDENTITY_TEXT];
     char format[TL_IDENTITY_TEXT];
     plant_signals(config, names, plant);
-    tl_identity_fmus(assembly, fmus);
+    tl_assembly_identify(assembly, fmus);
     tl_identity_boot(boot);
     tl_identity_format(format);
     tl_recorder_settings settings = {

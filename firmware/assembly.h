@@ -11,6 +11,7 @@
 #include "firmware/fmu_store.h"
 #include "firmware/problems.h"
 #include "firmware/recorder.h"
+#include "firmware/sha256.h"
 #include "master/twin.h"
 
 typedef struct tl_assembly {
@@ -36,6 +37,9 @@ tl_status tl_assembly_build(tl_assembly *assembly);
 
 /* The twin anew, of an assembly that has had one. Problems are said on the log. */
 tl_status tl_assembly_rebuild(tl_assembly *assembly);
+
+/* What its FMUs are: tl_identity_files() of the components'. */
+void tl_assembly_identify(const tl_assembly *assembly, char text[TL_SHA256_TEXT]);
 
 /* Opens the recorder for this assembly; `path` is the database. wait_when_full and beats as in recorder.h. One that was not built
  * records samples and events only. */

@@ -1,6 +1,7 @@
 /* What must be the same: see identity.h. */
 #include "firmware/identity.h"
 
+#include <stdbool.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -41,21 +42,15 @@ static bool digest_file(const char *path, char text[TL_SHA256_TEXT]) {
     return true;
 }
 
-void tl_identity_fmus(const tl_assembly *assembly, char text[TL_SHA256_TEXT]) {
-    char digests[TL_RECORDER_COMPONENTS * TL_SHA256_TEXT];
-    size_t length = 0;
+void tl_identity_files(const char *const *paths, size_t count, char text[TL_SHA256_TEXT]) {
+    char digests[TL_IDENTITY_FILES * TL_SHA256_TEXT];
     text[0] = '\0';
-    for (size_t i = 0; i < assembly->plan.component_count; i++) {
-        const tl_fmu *fmu = assembly->fmus;
-        while (&fmu->model != assembly->components[i].model) {
-            fmu++;
-        }
-        if (!digest_file(fmu->path, digests + length)) {
+    for (size_t i = 0; i < count; i++) {
+        if (!digest_file(paths[i], digests + i * TL_SHA256_TEXT)) {
             return;
         }
-        length += TL_SHA256_TEXT;
     }
-    tl_sha256(digests, length, text);
+    tl_sha256(digests, count * TL_SHA256_TEXT, text);
 }
 
 void tl_identity_boot(char text[TL_IDENTITY_TEXT]) {

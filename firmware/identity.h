@@ -5,13 +5,14 @@
 #ifndef TL_FIRMWARE_IDENTITY_H
 #define TL_FIRMWARE_IDENTITY_H
 
-#include "firmware/assembly.h"
+#include <stddef.h>
+
 #include "firmware/sha256.h"
 
-enum { TL_IDENTITY_TEXT = 128 };
+enum { TL_IDENTITY_TEXT = 128, TL_IDENTITY_FILES = 64 };
 
-/* SHA-256 over those of the components' FMU files, in their order. "" where one cannot be read (any more). */
-void tl_identity_fmus(const tl_assembly *assembly, char text[TL_SHA256_TEXT]);
+/* SHA-256 over those of files, in their order; at most TL_IDENTITY_FILES. "" where one cannot be read (any more). */
+void tl_identity_files(const char *const *paths, size_t count, char text[TL_SHA256_TEXT]);
 
 /* Another one after each boot; "" where the kernel tells none. Times of CLOCK_MONOTONIC belong to it. */
 void tl_identity_boot(char text[TL_IDENTITY_TEXT]);

@@ -18,18 +18,6 @@ enum { FILE_BYTES = 4096 };
 
 /* ---- the file ---- */
 
-/* Which boot of the box this is; "" where the kernel does not say. */
-static void read_boot(char boot[TL_RESTARTS_BOOT]) {
-    FILE *file = fopen("/proc/sys/kernel/random/boot_id", "r");
-    boot[0] = '\0';
-    if (file != NULL) {
-        if (fgets(boot, TL_RESTARTS_BOOT, file) != NULL) {
-            boot[strcspn(boot, "\n")] = '\0';
-        }
-        (void)fclose(file);
-    }
-}
-
 static bool get_count(const cJSON *root, const char *key, uint64_t *count) {
     const cJSON *item = cJSON_GetObjectItemCaseSensitive(root, key);
     bool right = cJSON_IsNumber(item) && item->valuedouble >= 0 && item->valuedouble < 9e15;
@@ -41,7 +29,7 @@ static bool get_count(const cJSON *root, const char *key, uint64_t *count) {
 typedef struct kept {
     uint64_t starts, restarts, failures;
     bool running; /* it did not end orderly */
-    char boot[TL_RESTARTS_BOOT];
+    char boot[TL_IDENTITY_TEXT];
 } kept;
 
 static bool understand(const char *text, kept *before) {
@@ -129,7 +117,7 @@ static tl_status set_folder(const char *folder, tl_restarts *restarts, tl_error 
 tl_status tl_restarts_open(const char *folder, bool watchdog, tl_restarts *restarts, tl_error *error) {
     kept before;
     *restarts = (tl_restarts){.reason = "it was told to"};
-    read_boot(restarts->boot);
+    tl_identity_boot(restarts->boot);
     if (folder == NULL) {
         return TL_OK;
     }

@@ -14,10 +14,11 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+#include "firmware/identity.h"
 #include "master/base/simtime.h"
 #include "master/base/status.h"
 
-enum { TL_RESTARTS_MOST = 5, TL_RESTARTS_REASON = 192, TL_RESTARTS_BOOT = 40 };
+enum { TL_RESTARTS_MOST = 5, TL_RESTARTS_REASON = 192 };
 
 #define TL_RESTARTS_FORGIVEN (120 * TL_SECOND)
 
@@ -28,7 +29,7 @@ typedef struct tl_restarts {
     char reason[TL_RESTARTS_REASON]; /* why the appliance starts: "the box was reset by its watchdog" */
     /* private */
     char path[PATH_MAX]; /* "": nowhere */
-    char boot[TL_RESTARTS_BOOT];
+    char boot[TL_IDENTITY_TEXT];
     tl_time healthy; /* since one was forgiven */
     bool unwritten;  /* said so */
 } tl_restarts;

@@ -99,7 +99,7 @@ static bool is_same(resume *self) {
     if (strcmp(self->run->configuration_hash, config_of(self)->hash) != 0) {
         return refuse(self, "the configuration is not that of run %" PRId64, self->run->run);
     }
-    tl_identity_fmus(self->settings->assembly, fmus);
+    tl_assembly_identify(self->settings->assembly, fmus);
     return strcmp(self->run->fmus, fmus) == 0 || refuse(self, "the FMUs are not those of run %" PRId64, self->run->run);
 }
 
@@ -432,7 +432,7 @@ tl_status tl_resume_replayed(const tl_assembly *assembly, const tl_recording_beg
         tl_twin_begin_at(assembly->twin, beginning->tick);
         return TL_OK;
     }
-    tl_identity_fmus(assembly, text);
+    tl_assembly_identify(assembly, text);
     if (strcmp(text, beginning->fmus) != 0) {
         return tl_fail(error, TL_BAD_DATA,
                        "run %" PRId64 " goes on with run %" PRId64
