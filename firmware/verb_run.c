@@ -23,24 +23,23 @@ typedef struct run_options {
 static const double WATCHDOG_S = 30;
 
 static void print_help(FILE *file) {
-    (void)fputs(
-        "usage: twinlock run CONFIG [options]\n\n"
-        "Keeps the twin locked to the plant in real time, until SIGTERM or Ctrl-C, or for the configured\n"
-        "duration.\n"
-        "It only listens: nothing it does can reach the plant.\n\n"
-        "  --db FILE      record into this SQLite database; default: as configured\n"
-        "  --duration S   end after S seconds of plant time\n"
-        "  --status       a status line per second also where the output is no terminal\n"
-        "  --json         print the summary as one JSON object at the end\n"
-        "  --supervise    run the twin in a process of its own, and start it again when it hangs or dies, and\n"
-        "                 without a twin after a restart loop (safe hold); tell systemd, where it started it\n"
-        "  --state DIR    with --supervise: count restarts in DIR/supervisor.json, across resets of the box\n"
-        "  --watchdog DEVICE\n"
-        "                 with --supervise: stroke this watchdog (/dev/watchdog) while every thread is alive\n"
-        "  --watchdog-timeout S\n"
-        "                 whole seconds after which it resets the box; default 30\n"
-        "  --help         this text\n",
-        file);
+    (void)fputs("usage: twinlock run CONFIG [options]\n\n"
+                "Keeps the twin locked to the plant in real time, until SIGTERM or Ctrl-C, or for the configured\n"
+                "duration.\n"
+                "It only listens: nothing it does can reach the plant.\n\n"
+                "  --db FILE      record into this SQLite database; default: as configured\n"
+                "  --duration S   end after S seconds of plant time\n"
+                "  --status       a status line per second also where the output is no terminal\n"
+                "  --json         print the summary as one JSON object at the end\n"
+                "  --supervise    run the twin in a process of its own, and start it again when it hangs or dies, and\n"
+                "                 without a twin after a restart loop (safe hold); tell systemd, where it started it\n"
+                "  --state DIR    with --supervise: count restarts in DIR/supervisor.json, across resets of the box\n"
+                "  --watchdog DEVICE\n"
+                "                 with --supervise: stroke this watchdog (/dev/watchdog) while every thread is alive\n"
+                "  --watchdog-timeout S\n"
+                "                 whole seconds after which it resets the box; default 30\n"
+                "  --help         this text\n",
+                file);
 }
 
 /* Says what is wrong with it. */
