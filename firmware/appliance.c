@@ -246,10 +246,10 @@ static tl_status run(appliance *self) {
     tl_summary summary = {0};
     tl_time started = tl_clock_now(NULL);
     tl_status status = open_all(self, &error);
+    tl_heart_be_patient(self->heart, PATIENCE);
     if (status == TL_OK && !self->holds) {
         status = start_cycle(self, &error);
     }
-    tl_heart_be_patient(self->heart, PATIENCE);
     if (status == TL_OK) {
         tl_heartbeats_set_ready(self->beats);
         if (self->holds) {
