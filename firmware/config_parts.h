@@ -32,7 +32,10 @@ void tl_config_read_synchronise(tl_config_object *root, tl_config *config);
 void tl_config_read_sources(tl_config_object *root, tl_config *config);
 void tl_config_read_signals(tl_config_object *root, tl_config *config);
 
-/* The parts of these that are about CAN and GPIO: the source `entry`.can, and the signal `entry`.can; so with gpio. */
+/* The parts of these that are about one kind: the source `entry`.KIND, and the signal `entry`.KIND. */
+void tl_config_read_modbus_tcp_source(tl_config_object *entry, tl_config_source *source, const tl_config *config);
+void tl_config_read_modbus_rtu_source(tl_config_object *entry, tl_config_source *source, const tl_config *config);
+void tl_config_read_modbus_signal(tl_config_object *entry, tl_config_signal *signal);
 void tl_config_read_can_source(tl_config_object *entry, tl_config_source *source, const tl_config *config);
 void tl_config_read_can_signal(tl_config_object *entry, tl_config_signal *signal);
 void tl_config_read_gpio_source(tl_config_object *entry, tl_config_source *source, const tl_config *config);

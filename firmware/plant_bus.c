@@ -108,7 +108,7 @@ static int open_socket(const tl_plant_bus *bus) {
         return -1;
     }
     (void)setsockopt(made, SOL_CAN_RAW, CAN_RAW_FD_FRAMES, &one, sizeof one);
-    if (setsockopt(made, SOL_CAN_RAW, CAN_RAW_FILTER, NULL, 0) == 0 && ask(bus, made, SIOCGIFINDEX, &answer)) {
+    if (setsockopt(made, SOL_CAN_RAW, CAN_RAW_FILTER, &one, 0) == 0 && ask(bus, made, SIOCGIFINDEX, &answer)) {
         struct sockaddr_can address = {.can_family = AF_CAN, .can_ifindex = answer.ifr_ifindex};
         if (bind(made, (const struct sockaddr *)&address, sizeof address) == 0) {
             return made;

@@ -75,11 +75,6 @@ static bool begin_child(supervisor *self, bool again) {
     self->seen = (tl_heartbeats_seen){0};
     self->killed = false;
     tl_restarts_begin(&self->restarts, again);
-    if (again) {
-        tl_log(TL_LOG_WARNING, "%s %s",
-               start.hold ? "safe hold, no twin any more: the last reason is that" : "starts again:",
-               self->restarts.reason);
-    }
     (void)fflush(NULL);
     self->child = fork();
     if (self->child == 0) {
@@ -151,7 +146,6 @@ static void look(supervisor *self, tl_time passed) {
     if (silent != NULL && !self->killed) {
         (void)snprintf(self->silent, sizeof self->silent, "it hung: \"%.40s\" gave no sign of life for %.1f s", silent,
                        tl_seconds(silence));
-        tl_log(TL_LOG_ERROR, "%s; it is killed", self->silent);
         self->killed = true;
         (void)kill(self->child, SIGKILL);
     }
@@ -210,6 +204,14 @@ static void describe(const supervisor *self, int how, char reason[TL_RESTARTS_RE
     }
 }
 
+/* The child may have left a status line on a terminal. */
+static void say_failure(const char *reason) {
+    if (isatty(STDERR_FILENO) == 1) {
+        (void)fputs("\r\033[K", stderr);
+    }
+    tl_log(TL_LOG_ERROR, "the twin failed: %s", reason);
+}
+
 /* The supervisor ends with it: it was asked to, the run is over, or nothing would be better the next time. */
 static bool is_final(const supervisor *self, int how) {
     if (self->stop || (WIFEXITED(how) && WEXITSTATUS(how) == 0)) {
@@ -245,6 +247,7 @@ static int supervise(supervisor *self) {
             }
             describe(self, how, reason);
         }
+        say_failure(reason);
         self->bad_holds += held ? 1 : 0;
         tl_restarts_fail(&self->restarts, reason);
         rest(self, pause_of(self));

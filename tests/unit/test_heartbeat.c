@@ -65,7 +65,7 @@ static void test_one_beat_in_time_is_enough(void) {
 /* The others' beats are no life of this one. */
 static void test_the_silent_one_of_many(void) {
     tl_heart *hearts[TL_HEARTBEATS];
-    char name[16];
+    char name[24];
     for (int i = 0; i < TL_HEARTBEATS; i++) {
         (void)snprintf(name, sizeof name, "thread %d", i);
         hearts[i] = tl_heart_begin(beats, name, TL_SECOND);
