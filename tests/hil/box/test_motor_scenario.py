@@ -13,7 +13,7 @@ from pathlib import Path
 
 import box
 import can_bus
-from live_test import (FREE_RUN, GOOD, MADE_UP, Program, check_database, check_free_run, check_replay, check_summary,
+from live_test import (FREE_RUN, GOOD, MADE_UP, STOP_TIME, Program, check_database, check_free_run, check_replay, check_summary,
                        end_well, number, query, refused_writes)
 from supervised import Supervised, expect_starts
 from twinlock_test import SOURCE, at_least, config_path, edited_config, expect, main, read_table
@@ -114,12 +114,14 @@ def test_motor_scenario():
     expect_no_stale_sample_used(database)
     check_free_run(database)
     expect_start_bit(database, pulls)
-    outcomes = dict(query(database, "SELECT outcome, count(*) FROM steps GROUP BY outcome"))
-    free = outcomes.get(FREE_RUN, 0) + outcomes.get(MADE_UP, 0)
-    within = number(database, "SELECT count(*) FROM steps WHERE J < 1 AND outcome NOT IN (?, ?)", FREE_RUN, MADE_UP)
+    # an emulated processor has not always the time for a search; where it had, and the measurement was good, there is lock
+    done = "outcome NOT IN (:free, :made) AND stop <> :time"
+    wanted = {"free": FREE_RUN, "made": MADE_UP, "time": STOP_TIME}
+    searched = number(database, f"SELECT count(*) FROM steps WHERE {done}", wanted)
+    within = number(database, f"SELECT count(*) FROM steps WHERE J < 1 AND {done}", wanted)
     print(f"    {told['ticks']} ticks = {told['steps']} steps + {told['skipped']} skipped; {told['outcomes']}; {frames} frames; "
           f"MSE {told['match']['motor.omega']['mse']:.4g}, MAX {told['match']['motor.omega']['max']:.3g} rad/s")
-    at_least(within / max(1, rows - free), 0.8, "of the steps with a good measurement are within tolerance")
+    at_least(within / searched, 0.8, f"of {searched} searched steps are within tolerance")
     # the end
     expect(not watchdog_is_armed(), f"the watchdog is still armed\n{log}")
     expect_starts(database, "start 1, 0 of them after a failure; reason: it was told to")
