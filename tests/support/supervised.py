@@ -3,8 +3,10 @@ import json
 import signal
 from pathlib import Path
 
-from live_test import Program, number, query, wait_until
-from twinlock_test import expect, scratch
+from live_test import FIRST_GUESS, OPTIMISED, Program, number, query, wait_until
+from twinlock_test import Failure, at_most, expect, scratch
+
+LOCK_STEPS = 220  # of 10 ms
 
 
 class Supervised(Program):
@@ -28,6 +30,21 @@ def wait_for_run(live, database, which):
     """Until run `which` is recorded, and is in lock."""
     wait_until(lambda: database.exists() and query(database, "SELECT 1 FROM runs WHERE run = ?", which), f"run {which}", live.log)
     wait_until(lambda: number(database, "SELECT count(*) FROM steps WHERE run = ? AND outcome = 1", which) >= 20, "lock", live.log)
+
+
+def first_lock(database, run):
+    """The first of 20 steps in a row that are within tolerance."""
+    row = 0
+    for step, outcome in query(database, "SELECT step, outcome FROM steps WHERE run = ? ORDER BY step", run):
+        row = row + 1 if outcome in (FIRST_GUESS, OPTIMISED) else 0
+        if row == 20:
+            return step - 19
+    raise Failure(f"run {run} was never in lock")
+
+
+def expect_in_lock(database, run, limit=LOCK_STEPS):
+    """Back in lock so many steps after it began: 2 s and 20 periods, counted in steps, since a busy machine has no other clock."""
+    at_most(first_lock(database, run), limit, f"steps until run {run} was in lock")
 
 
 def starts(database):
