@@ -16,6 +16,7 @@
 #include "firmware/log.h"
 #include "firmware/output.h"
 #include "firmware/realtime.h"
+#include "firmware/resume.h"
 #include "firmware/safe_hold.h"
 #include "firmware/status_line.h"
 
@@ -41,6 +42,7 @@ typedef struct appliance {
     tl_recorder *recorder;
     tl_live_plant *plant;
     tl_cycle *cycle;
+    tl_summary resumed; /* what was done to go on with an earlier run */
 } appliance;
 
 /* ---- begin ---- */
@@ -50,18 +52,22 @@ static void on_link(void *context, const char *source, bool up, const char *text
     tl_journal_event(&self->journal, -1, up ? TL_EVENT_INFO : TL_EVENT_WARNING, "plant", "%s: %s", source, text);
 }
 
-static tl_status open_recorder(appliance *self, tl_error *error) {
+/* False: nothing is recorded. */
+static bool find_database(const appliance *self, char path[PATH_MAX]) {
     const tl_config *config = &self->assembly->config;
-    char path[PATH_MAX];
     if (self->settings->database != NULL) {
-        (void)snprintf(path, sizeof path, "%s", self->settings->database);
+        (void)snprintf(path, PATH_MAX, "%s", self->settings->database);
     } else if (config->record_file != NULL) {
-        tl_config_file_path(config, config->record_file, path, sizeof path);
-    } else {
-        return TL_OK;
+        tl_config_file_path(config, config->record_file, path, PATH_MAX);
     }
-    return tl_assembly_record(self->assembly, self->holds ? "hold" : "run", path, false, self->beats, &self->recorder,
-                              error);
+    return self->settings->database != NULL || config->record_file != NULL;
+}
+
+static tl_status open_recorder(appliance *self, tl_error *error) {
+    char path[PATH_MAX];
+    return find_database(self, path) ? tl_assembly_record(self->assembly, self->holds ? "hold" : "run", path, false,
+                                                          self->beats, &self->recorder, error)
+                                     : TL_OK;
 }
 
 /* Which start this is, and why: the box's memory of its own troubles. */
@@ -93,14 +99,40 @@ static tl_status open_all(appliance *self, tl_error *error) {
     tell_start(self);
     status = tl_live_plant_open(&self->assembly->config, self->beats, on_link, self, &self->plant, error);
     if (status == TL_OK && self->recorder == NULL) { /* said only of a run that begins */
-        tl_log(TL_LOG_NOTICE, "nothing is recorded: the configuration has no \"record\", and no --db was given");
+        tl_log(TL_LOG_NOTICE,
+               "nothing is recorded: the configuration has no \"record\", and no --db was given; after a restart "
+               "the twin begins anew");
     }
     return status;
 }
 
 /* ---- the twin ---- */
 
+/* To where the run before was ended. An attempt that failed on its way has left a run of its own. */
+static tl_status resume(appliance *self, tl_error *error) {
+    char path[PATH_MAX];
+    bool spoilt = false;
+    if (!find_database(self, path)) {
+        return TL_OK;
+    }
+    const tl_resume_settings settings = {
+        .assembly = self->assembly, .path = path, .recorder = self->recorder, .journal = &self->journal};
+    tl_status status = tl_resume(&settings, &self->resumed, &spoilt, error);
+    if (status == TL_OK && spoilt) {
+        self->journal.recorder = NULL;
+        status = tl_recorder_close(self->recorder, "could not go on with an earlier run", NULL, error);
+        self->recorder = NULL;
+        status = status == TL_OK ? open_recorder(self, error) : status;
+        self->journal.recorder = self->recorder;
+    }
+    return status;
+}
+
 static tl_status start_cycle(appliance *self, tl_error *error) {
+    tl_status status = resume(self, error);
+    if (status != TL_OK) {
+        return status;
+    }
     wait_for_readings(self);
     if (self->assembly->config.realtime_lock_memory) {
         tl_realtime_lock_memory(&self->journal);
@@ -111,6 +143,7 @@ static tl_status start_cycle(appliance *self, tl_error *error) {
         .recorder = self->recorder,
         .journal = &self->journal,
         .beats = self->beats,
+        .resumed = self->resumed,
     };
     return tl_cycle_start(&settings, &self->cycle, error);
 }

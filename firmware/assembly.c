@@ -8,6 +8,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "firmware/identity.h"
 #include "firmware/library.h"
 #include "firmware/log.h"
 
@@ -195,6 +196,12 @@ tl_status tl_assembly_build(tl_assembly *assembly) {
     return report->worst;
 }
 
+tl_status tl_assembly_rebuild(tl_assembly *assembly) {
+    tl_twin_destroy(assembly->twin);
+    assembly->twin = tl_twin_build(&assembly->plan, &assembly->problems.report);
+    return assembly->twin != NULL ? TL_OK : assembly->problems.report.worst;
+}
+
 tl_status tl_assembly_read(const char *path, tl_assembly *assembly) {
     *assembly = (tl_assembly){0};
     tl_problems_init(&assembly->problems, path);
@@ -253,7 +260,13 @@ tl_status tl_assembly_record(const tl_assembly *assembly, const char *verb, cons
     tl_recorder_signal plant[TL_MAX_SIGNALS];
     tl_recorder_signal match[TL_MAX_MATCH];
     tl_recorder_signal adjust[TL_MAX_ADJUST];
+    char fmus[TL_SHA256_TEXT];
+    char boot[TL_IDENTITY_TEXT];
+    char format[TL_IDENTITY_TEXT];
     plant_signals(config, names, plant);
+    tl_identity_fmus(assembly, fmus);
+    tl_identity_boot(boot);
+    tl_identity_format(format);
     tl_recorder_settings settings = {
         .path = path,
         .max_bytes = config->record_max_bytes,
@@ -267,6 +280,9 @@ tl_status tl_assembly_record(const tl_assembly *assembly, const char *verb, cons
         .match = match,
         .adjust = adjust,
         .plant_count = config->signal_count,
+        .fmus = fmus,
+        .boot = boot,
+        .format = format,
         .components = components,
         .wait_when_full = wait_when_full,
         .beats = beats,

@@ -34,6 +34,9 @@ tl_status tl_assembly_load(const char *path, tl_assembly *assembly);
 tl_status tl_assembly_read(const char *path, tl_assembly *assembly);
 tl_status tl_assembly_build(tl_assembly *assembly);
 
+/* The twin anew, of an assembly that has had one. Problems are said on the log. */
+tl_status tl_assembly_rebuild(tl_assembly *assembly);
+
 /* Opens the recorder for this assembly; `path` is the database. wait_when_full and beats as in recorder.h. One that was not built
  * records samples and events only. */
 tl_status tl_assembly_record(const tl_assembly *assembly, const char *verb, const char *path, bool wait_when_full,

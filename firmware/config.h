@@ -176,6 +176,8 @@ typedef struct tl_config {
     const char *record_file; /* NULL: the verb's default */
     int64_t record_max_bytes;
     tl_time record_commit;
+    tl_time record_resume; /* a run goes on with one that ended at most so long ago; 0: with none */
+    int64_t recording_run; /* of a database; 0: the last one. Set by the verb */
 
     int realtime_priority; /* SCHED_FIFO, 0: ordinary */
     bool realtime_lock_memory;

@@ -21,13 +21,17 @@ void tl_config_read_recording(tl_config_object *root, tl_config *config) {
 void tl_config_read_record(tl_config_object *root, tl_config *config) {
     static const tl_config_number size = {.minimum = 1, .maximum = 1e9, .example = "1000"};
     static const tl_config_number commit = {.minimum = 0.05, .maximum = 10, .example = "0.5"};
+    static const tl_config_number resume = {.minimum = 0, .maximum = 3600, .example = "60"};
     tl_config_object object;
+    double resume_s = 60;
     double max_mb = 1000;
     double commit_s = 0.5;
     (void)tl_config_member(root, "record", TL_CONFIG_OPTIONAL, "{\"file\": \"bench.db\"}", &object);
     (void)tl_config_get_text(&object, "file", TL_CONFIG_REQUIRED, "\"bench.db\"", &config->record_file);
     (void)tl_config_get_number(&object, "max_mb", &size, &max_mb);
     (void)tl_config_get_number(&object, "commit_s", &commit, &commit_s);
+    (void)tl_config_get_number(&object, "resume_s", &resume, &resume_s);
+    config->record_resume = resume_s > 0.0 ? tl_config_duration(resume_s) : 0;
     config->record_max_bytes = llround(max_mb * BYTES_PER_MB);
     config->record_commit = tl_config_duration(commit_s);
     tl_config_done(&object);

@@ -8,6 +8,7 @@
 #include <string.h>
 #include <time.h>
 
+#include "firmware/checkpointer.h"
 #include "firmware/clock.h"
 #include "firmware/realtime.h"
 #include "firmware/snapshot.h"
@@ -26,6 +27,7 @@ struct tl_cycle {
     bool stop;
     tl_summary summary;
     tl_watch watch;
+    tl_checkpointer checkpointer;
     tl_status status;
     tl_error error;
     tl_cycle_status shown;
@@ -80,6 +82,9 @@ static tl_status compute(tl_cycle *cycle, int64_t tick, const tl_budget *budget)
     tl_twin *twin = cycle->settings.assembly->twin;
     tl_time instant = tl_time_of_step(cycle->start, cycle->settings.assembly->config.step, tick);
     tl_plant_input_take(cycle->settings.input, tick, instant, &sample);
+    if (budget != NULL && cycle->settings.recorder != NULL) {
+        tl_recorder_go_live(cycle->settings.recorder); /* nobody is late any more after a restart */
+    }
     tl_watch_sample(&cycle->watch, &sample);
     tl_summary_sample(&cycle->summary, &cycle->settings.assembly->config, &sample);
     keep_sample(cycle, &sample);
@@ -91,6 +96,7 @@ static tl_status compute(tl_cycle *cycle, int64_t tick, const tl_budget *budget)
     if (status == TL_OK) {
         cycle->summary.skipped += budget == NULL && tick >= cycle->warm_up ? 1 : 0;
         cycle->next_tick = tick + 1;
+        tl_checkpointer_after(&cycle->checkpointer, tick, budget);
     }
     return status;
 }
@@ -167,6 +173,19 @@ static void *run(void *context) {
     return NULL;
 }
 
+/* Tick 0 is a period away, unless there were ticks before. */
+static void find_start(tl_cycle *cycle) {
+    const tl_resumption *resumption = &cycle->settings.resumed.resumption;
+    tl_twin_facts facts = tl_twin_get_facts(cycle->settings.assembly->twin);
+    cycle->warm_up = facts.first + facts.lead;
+    cycle->start = tl_clock_now(NULL) + cycle->settings.assembly->config.step;
+    if (resumption->from != TL_RESUMED_NOT) {
+        cycle->start = resumption->start;
+        cycle->next_tick = resumption->tick;
+        cycle->warm_up = cycle->warm_up > resumption->tick ? cycle->warm_up : resumption->tick;
+    }
+}
+
 /* Steps i = 0 … n with n = duration/T_S. */
 static int64_t last_tick(const tl_config *config, int64_t delay) {
     return config->duration == 0 ? INT64_MAX - 1 : config->duration / config->step + delay;
@@ -179,14 +198,15 @@ tl_status tl_cycle_start(const tl_cycle_settings *settings, tl_cycle **cycle, tl
         return tl_fail(error, TL_TRY_AGAIN, "not enough memory for the cycle");
     }
     started->settings = *settings;
-    started->warm_up = tl_twin_get_facts(settings->assembly->twin).lead;
-    started->last_tick = last_tick(config, started->warm_up);
+    started->summary = settings->resumed;
+    started->last_tick = last_tick(config, tl_twin_get_facts(settings->assembly->twin).lead);
     tl_watch_init(&started->watch, config, settings->journal);
     struct sigaction action = {.sa_handler = wake};
     (void)sigemptyset(&action.sa_mask);
     (void)sigaction(SIGUSR1, &action, NULL);
     started->heart = tl_heart_begin(settings->beats, "cycle", config->realtime_hang + 2 * config->step);
-    started->start = tl_clock_now(NULL) + config->step;
+    tl_checkpointer_init(&started->checkpointer, settings->assembly, settings->recorder, settings->journal);
+    find_start(started);
     int result = tl_realtime_start(&started->thread, config->realtime_priority, run, started, settings->journal);
     if (result != 0) {
         free(started);

@@ -29,6 +29,8 @@ typedef struct tl_cycle_settings {
     tl_recorder *recorder; /* NULL: none */
     tl_journal *journal;
     tl_heartbeats *beats; /* NULL: nobody listens */
+    tl_summary
+        resumed; /* what was done before the first tick, where the twin goes on with an earlier run; else zeroes */
 } tl_cycle_settings;
 
 /* What the cycle is doing, for a status line. */
@@ -41,7 +43,8 @@ typedef struct tl_cycle_status {
     tl_record record; /* the newest */
 } tl_cycle_status;
 
-/* Tick 0 is due one period from now. Settings and what they point to must outlive the cycle. */
+/* Tick 0 is due one period from now; of a twin that goes on with an earlier run, its next tick at that run's own time, and
+ * all ticks since then are missed ones. Settings and what they point to must outlive the cycle. */
 tl_status tl_cycle_start(const tl_cycle_settings *settings, tl_cycle **cycle, tl_error *error);
 
 /* false where nothing new could be read without waiting. */

@@ -202,12 +202,12 @@ static tl_status ask_version(sqlite3 *database, int64_t *version, tl_error *erro
 }
 
 /* All of it or nothing. */
-static tl_status upgrade(sqlite3 *database, tl_error *error) {
+static tl_status upgrade(sqlite3 *database, int64_t version, tl_error *error) {
     char sql[64];
     (void)snprintf(sql, sizeof sql, "PRAGMA user_version = %d; COMMIT", TL_DATABASE_VERSION);
     tl_status status = tl_database_execute(database, "BEGIN IMMEDIATE", error);
-    if (status == TL_OK) {
-        status = execute_all(database, tl_database_upgrade, error);
+    for (int64_t from = version; from < TL_DATABASE_VERSION && status == TL_OK; from++) {
+        status = execute_all(database, tl_database_upgrades[from], error);
     }
     if (status == TL_OK) {
         status = tl_database_execute(database, sql, error);
@@ -228,7 +228,7 @@ static tl_status adapt(sqlite3 *database, const char *path, bool write, tl_error
     if (status != TL_OK || version == TL_DATABASE_VERSION) {
         return status;
     }
-    return write ? upgrade(database, error) : execute_all(database, tl_database_bridge, error);
+    return write ? upgrade(database, version, error) : execute_all(database, tl_database_bridges[version], error);
 }
 
 tl_status tl_database_open(const char *path, bool write, sqlite3 **database, tl_error *error) {

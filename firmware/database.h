@@ -18,15 +18,16 @@
 
 enum {
     TL_DATABASE_APPLICATION = 0x74776C6B, /* "twlk" */
-    TL_DATABASE_VERSION = 2
+    TL_DATABASE_VERSION = 3
 };
 
 /* The schema: one statement each for tables, indices and views, then NULL; database_schema.c. */
 extern const char *const tl_database_schema[];
 
-/* Format 1 made format 2, and format 1 read as if it were 2 (by views in the connection's own memory); the same file. */
-extern const char *const tl_database_upgrade[];
-extern const char *const tl_database_bridge[];
+/* By format (there is none of format 0): it made the next one, and it read as if it were the newest (by views in the connection's own memory); the
+ * same file. */
+extern const char *const *const tl_database_upgrades[];
+extern const char *const *const tl_database_bridges[];
 
 /* The file must exist. An older format is brought up to date where it is to be written, and only then: read, it looks as
  * if it were. Reading does not create, recover or change anything but SQLite's own -wal and -shm files, and

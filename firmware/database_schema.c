@@ -20,6 +20,26 @@
     "  unstored INTEGER NOT NULL DEFAULT 0,"                                                                           \
     "  PRIMARY KEY (run, component)) WITHOUT ROWID"
 
+/* What format 3 has that format 2 has not: what it takes to go on with a run after a restart. */
+#define CREATE_BEGINNINGS                                                                                              \
+    "CREATE TABLE beginnings ("                                                                                        \
+    "  run INTEGER PRIMARY KEY REFERENCES runs (run),"                                                                 \
+    "  fmus TEXT NOT NULL," /* SHA-256 over those of the files */                                                      \
+    "  boot TEXT NOT NULL," /* of the system; start_ns is of its clock */                                              \
+    "  start_ns INTEGER,"                                                                                              \
+    "  resumed_run INTEGER,"                                                                                           \
+    "  resumed_tick INTEGER,"                                                                                          \
+    "  resumed_from TEXT)"
+
+#define CREATE_CHECKPOINTS                                                                                             \
+    "CREATE TABLE checkpoints ("                                                                                       \
+    "  run INTEGER NOT NULL REFERENCES runs (run),"                                                                    \
+    "  tick INTEGER NOT NULL,"                                                                                         \
+    "  format TEXT NOT NULL,"                                                                                          \
+    "  sha256 TEXT NOT NULL,"                                                                                          \
+    "  bytes BLOB NOT NULL,"                                                                                           \
+    "  PRIMARY KEY (run, tick))"
+
 /* Bits as names; NULL where none is set. */
 #define CREATE_V_STEPS                                                                                                 \
     "CREATE VIEW v_steps AS SELECT s.run, s.step, s.t_ns / 1e9 AS time_s,"                                             \
@@ -130,6 +150,10 @@ const char *const tl_database_schema[] = {
 
     CREATE_COMPONENTS,
 
+    CREATE_BEGINNINGS,
+
+    CREATE_CHECKPOINTS,
+
     "CREATE TABLE events ("
     "  event INTEGER PRIMARY KEY,"
     "  run INTEGER NOT NULL,"
@@ -180,7 +204,7 @@ const char *const tl_database_schema[] = {
     NULL,
 };
 
-const char *const tl_database_upgrade[] = {
+static const char *const upgrade_1[] = {
     CREATE_FLAGS,
     CREATE_COMPONENTS,
     "ALTER TABLE runs ADD COLUMN lead INTEGER NOT NULL DEFAULT 0",
@@ -194,10 +218,24 @@ const char *const tl_database_upgrade[] = {
     NULL,
 };
 
-const char *const tl_database_bridge[] = {
+static const char *const upgrade_2[] = {CREATE_BEGINNINGS, CREATE_CHECKPOINTS, NULL};
+
+/* Nobody can go on with a run of an older program. */
+#define BRIDGE_2                                                                                                       \
+    "CREATE TEMP VIEW beginnings AS SELECT 0 AS run, '' AS fmus, '' AS boot, 0 AS start_ns, 0 AS resumed_run,"         \
+    "  0 AS resumed_tick, '' AS resumed_from WHERE 0",                                                                 \
+        "CREATE TEMP VIEW checkpoints AS SELECT 0 AS run, 0 AS tick, '' AS format, '' AS sha256, x'' AS bytes WHERE 0"
+
+static const char *const bridge_1[] = {
     "CREATE TEMP VIEW runs AS SELECT *, " LEAD " AS lead FROM main.runs",
     "CREATE TEMP VIEW steps AS SELECT *, NULL AS predicted, NULL AS flags, NULL AS held FROM main.steps",
     "CREATE TEMP VIEW components AS SELECT 0 AS run, 0 AS component, '' AS name, 0 AS plain, 0 AS predicted,"
     "  0 AS executions, 0 AS caught_up, 0 AS unstored WHERE 0",
+    BRIDGE_2,
     NULL,
 };
+
+static const char *const bridge_2[] = {BRIDGE_2, NULL};
+
+const char *const *const tl_database_upgrades[] = {NULL, upgrade_1, upgrade_2};
+const char *const *const tl_database_bridges[] = {NULL, bridge_1, bridge_2};

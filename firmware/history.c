@@ -10,6 +10,7 @@
 
 #include "firmware/database.h"
 #include "firmware/measurements.h"
+#include "firmware/sha256.h"
 #include "master/base/arena.h"
 
 enum { TICKS_AT_ONCE = 64 };
@@ -27,6 +28,7 @@ struct tl_history_ticks {
     sqlite3_stmt *first_sample;
     sqlite3_stmt *samples;
     sqlite3_stmt *steps;
+    sqlite3_stmt *adjustments;
     size_t count; /* of ticks in the buffer */
     size_t given; /* of them, handed out */
     tl_history_tick buffer[TICKS_AT_ONCE];
@@ -102,6 +104,17 @@ static bool read_run(tl_history *history, sqlite3_stmt *row, tl_history_run *run
     run->removed_before = (int64_t)count_of(row, 16);
     sqlite3_int64 lead = sqlite3_column_int64(row, 17);
     run->lead = (uint32_t)lead;
+    run->fmus = text_of(history, row, 18);
+    run->boot = text_of(history, row, 19);
+    run->has_start = sqlite3_column_type(row, 20) != SQLITE_NULL;
+    run->start = sqlite3_column_int64(row, 20);
+    run->fmus = run->fmus == NULL ? "" : run->fmus;
+    run->boot = run->boot == NULL ? "" : run->boot;
+    run->resumption = (tl_resumption){
+        .from = tl_resumed_from_named((const char *)sqlite3_column_text(row, 23)),
+        .run = sqlite3_column_int64(row, 21),
+        .tick = sqlite3_column_int64(row, 22),
+    };
     run->committed = run->committed == NULL ? run->started : run->committed;
     return run->verb != NULL && run->name != NULL && run->version != NULL && run->configuration_hash != NULL &&
            run->started != NULL && run->step > 0 && lead >= 0 && lead <= INT32_MAX;
@@ -143,7 +156,8 @@ static tl_status read_runs(tl_history *history, sqlite3_stmt *statement, const t
 
 #define RUN_COLUMNS                                                                                                    \
     "SELECT run, verb, name, version, configuration, started, ended, ended_reason, committed, step_ns, prediction,"    \
-    " measurements, samples_written, steps_written, events_written, entries_lost, removed_before, lead FROM runs "
+    " measurements, samples_written, steps_written, events_written, entries_lost, removed_before, lead,"               \
+    " fmus, boot, start_ns, resumed_run, resumed_tick, resumed_from FROM runs LEFT JOIN beginnings USING (run) "
 
 tl_status tl_history_runs(tl_history *history, const tl_history_run **runs, size_t *count, tl_error *error) {
     sqlite3_stmt *statement = NULL;
@@ -289,6 +303,81 @@ tl_status tl_history_ledger(tl_history *history, const tl_history_run *run, cons
     return status;
 }
 
+/* ---- Checkpoints ------------------------------------------------------------------------------------------------- */
+
+static tl_status read_checkpoint(tl_history *history, sqlite3_stmt *row, const tl_history_checkpoint **checkpoint,
+                                 tl_error *error) {
+    char digest[TL_SHA256_TEXT];
+    tl_history_checkpoint *read = tl_arena_take(&history->arena, 1, sizeof *read);
+    const void *bytes = sqlite3_column_blob(row, 3);
+    size_t size = (size_t)sqlite3_column_bytes(row, 3);
+    unsigned char *copy = tl_arena_take(&history->arena, size, 1);
+    const char *format = text_of(history, row, 1);
+    const char *expected = (const char *)sqlite3_column_text(row, 2);
+    if (read == NULL || copy == NULL) {
+        return fail_memory(error);
+    }
+    if (size != 0) {
+        memcpy(copy, bytes, size);
+    }
+    tl_sha256(copy, size, digest);
+    *read = (tl_history_checkpoint){
+        .tick = sqlite3_column_int64(row, 0),
+        .format = format == NULL ? "" : format,
+        .bytes = copy,
+        .size = size,
+        .whole = expected != NULL && strcmp(expected, digest) == 0,
+    };
+    *checkpoint = read;
+    return TL_OK;
+}
+
+tl_status tl_history_checkpoint_before(tl_history *history, const tl_history_run *run, int64_t before,
+                                       const tl_history_checkpoint **checkpoint, tl_error *error) {
+    static const char sql[] = "SELECT tick, format, sha256, bytes FROM checkpoints WHERE run = ?1 AND tick < ?2"
+                              " ORDER BY tick DESC LIMIT 1";
+    sqlite3_stmt *statement = NULL;
+    *checkpoint = NULL;
+    tl_status status = tl_database_prepare(history->database, sql, &statement, error);
+    if (status == TL_OK) {
+        (void)sqlite3_bind_int64(statement, 1, run->run);
+        (void)sqlite3_bind_int64(statement, 2, before);
+        int code = sqlite3_step(statement);
+        if (code == SQLITE_ROW) {
+            status = read_checkpoint(history, statement, checkpoint, error);
+        } else if (code != SQLITE_DONE) {
+            status = tl_database_fail(history->database, code, error);
+        }
+    }
+    (void)sqlite3_finalize(statement);
+    return status;
+}
+
+/* The one number that a question about a run gives; `otherwise` where it is NULL, or cannot be read. */
+static int64_t ask_number(tl_history *history, const tl_history_run *run, const char *sql, int64_t otherwise) {
+    sqlite3_stmt *statement = NULL;
+    int64_t number = otherwise;
+    if (sqlite3_prepare_v2(history->database, sql, -1, &statement, NULL) == SQLITE_OK) {
+        (void)sqlite3_bind_int64(statement, 1, run->run);
+        if (sqlite3_step(statement) == SQLITE_ROW && sqlite3_column_type(statement, 0) == SQLITE_INTEGER) {
+            number = sqlite3_column_int64(statement, 0);
+        }
+    }
+    (void)sqlite3_finalize(statement);
+    return number;
+}
+
+tl_time tl_history_execution_cost(tl_history *history, const tl_history_run *run) {
+    return ask_number(history, run,
+                      "SELECT sum(used_ns) / max(sum(executions), 1) FROM (SELECT used_ns, executions FROM steps"
+                      " WHERE run = ?1 AND used_ns > 0 ORDER BY step DESC LIMIT 1000)",
+                      0);
+}
+
+int64_t tl_history_last_step(tl_history *history, const tl_history_run *run) {
+    return ask_number(history, run, "SELECT max(step) FROM steps WHERE run = ?1", -1);
+}
+
 /* ---- Ticks ------------------------------------------------------------------------------------------------------- */
 
 tl_status tl_history_ticks_begin(tl_history *history, const tl_history_run *run, tl_history_ticks **ticks,
@@ -320,6 +409,12 @@ tl_status tl_history_ticks_begin(tl_history *history, const tl_history_run *run,
             " WHERE run = ?1 AND step >= ?2 AND step < ?3 ORDER BY step",
             &begun->steps, error);
     }
+    if (status == TL_OK) {
+        status = tl_database_prepare(history->database,
+                                     "SELECT step, signal, u FROM adjustments"
+                                     " WHERE run = ?1 AND step >= ?2 AND step < ?3 ORDER BY step, signal",
+                                     &begun->adjustments, error);
+    }
     if (status != TL_OK) {
         tl_history_ticks_end(begun);
         return status;
@@ -333,6 +428,7 @@ void tl_history_ticks_end(tl_history_ticks *ticks) {
         (void)sqlite3_finalize(ticks->first_sample);
         (void)sqlite3_finalize(ticks->samples);
         (void)sqlite3_finalize(ticks->steps);
+        (void)sqlite3_finalize(ticks->adjustments);
         free(ticks);
     }
 }
@@ -468,6 +564,35 @@ static tl_status read_steps(tl_history_ticks *ticks, int64_t first, tl_error *er
     return status;
 }
 
+/* The signals of a step come in their order; what is not a number ends the row. */
+static void add_adjustment(tl_history_ticks *ticks, sqlite3_stmt *row, size_t *from) {
+    int64_t number = sqlite3_column_int64(row, 0) + ticks->run->lead;
+    int64_t signal = sqlite3_column_int64(row, 1);
+    while (*from < ticks->count && ticks->buffer[*from].sample.tick < number) {
+        (*from)++;
+    }
+    if (*from == ticks->count || ticks->buffer[*from].sample.tick != number) {
+        return;
+    }
+    tl_history_tick *tick = &ticks->buffer[*from];
+    if (tick->adjusted < TL_MAX_ADJUST && signal == (int64_t)tick->adjusted &&
+        sqlite3_column_type(row, 2) != SQLITE_NULL) {
+        tick->u[tick->adjusted++] = sqlite3_column_double(row, 2);
+    }
+}
+
+static tl_status read_adjustments(tl_history_ticks *ticks, int64_t first, tl_error *error) {
+    int code = SQLITE_ROW;
+    size_t from = 0;
+    int64_t first_step = first - ticks->run->lead;
+    bind_range(ticks->adjustments, ticks->run->run, first_step, first_step + TICKS_AT_ONCE);
+    while ((code = sqlite3_step(ticks->adjustments)) == SQLITE_ROW) {
+        add_adjustment(ticks, ticks->adjustments, &from);
+    }
+    (void)sqlite3_reset(ticks->adjustments);
+    return code == SQLITE_DONE ? TL_OK : tl_database_fail(ticks->history->database, code, error);
+}
+
 /* Fills the buffer, from the first tick that is there, in one transaction. */
 static tl_status read_ticks(tl_history_ticks *ticks, tl_error *error) {
     sqlite3 *database = ticks->history->database;
@@ -493,6 +618,9 @@ static tl_status read_ticks(tl_history_ticks *ticks, tl_error *error) {
     if (status == TL_OK && code == SQLITE_ROW) {
         status = read_steps(ticks, first, error);
     }
+    if (status == TL_OK && code == SQLITE_ROW) {
+        status = read_adjustments(ticks, first, error);
+    }
     if (status == TL_OK && ticks->count > 0) {
         ticks->next = ticks->buffer[ticks->count - 1].sample.tick + 1;
     }
@@ -514,4 +642,10 @@ tl_status tl_history_ticks_next(tl_history_ticks *ticks, tl_history_tick *tick, 
     }
     *tick = ticks->buffer[ticks->given++];
     return TL_OK;
+}
+
+void tl_history_ticks_seek(tl_history_ticks *ticks, int64_t tick) {
+    ticks->next = tick;
+    ticks->count = 0;
+    ticks->given = 0;
 }

@@ -35,7 +35,12 @@ typedef struct tl_history_run {
     uint32_t lead;                  /* step i was computed at tick i + lead */
     tl_measurements measurements;
     uint64_t samples, steps, events, lost; /* written, and lost */
-    int64_t removed_before;                /* retention has removed the ticks and steps before this one; 0: none */
+    tl_resumption resumption;              /* `start` and `started` are not in it: */
+    bool has_start;                        /* t_start is known on the clock of that boot, */
+    tl_time start;                         /* ns */
+    const char *boot;
+    const char *fmus;       /* SHA-256 over those of the FMUs; all three "" of an older program's run */
+    int64_t removed_before; /* retention has removed the ticks and steps before this one; 0: none */
 } tl_history_run;
 
 typedef enum tl_history_kind { TL_HISTORY_PLANT, TL_HISTORY_MATCH, TL_HISTORY_ADJUST } tl_history_kind;
@@ -68,6 +73,25 @@ typedef struct tl_history_component {
 tl_status tl_history_ledger(tl_history *history, const tl_history_run *run, const tl_history_component **components,
                             size_t *count, tl_error *error);
 
+/* The twin after a tick, as the run had saved it. */
+typedef struct tl_history_checkpoint {
+    int64_t tick;
+    const char *format; /* who can read it */
+    const unsigned char *bytes;
+    size_t size;
+    bool whole; /* false: damaged */
+} tl_history_checkpoint;
+
+/* The newest before `before`; NULL where there is none. */
+tl_status tl_history_checkpoint_before(tl_history *history, const tl_history_run *run, int64_t before,
+                                       const tl_history_checkpoint **checkpoint, tl_error *error);
+
+/* What the newest steps took, ns per execution; 0 where that is not known. */
+tl_time tl_history_execution_cost(tl_history *history, const tl_history_run *run);
+
+/* The newest step that is there; −1: none. */
+int64_t tl_history_last_step(tl_history *history, const tl_history_run *run);
+
 /* One tick, and the step that was computed at it: tick − lead. */
 typedef struct tl_history_tick {
     tl_sample sample;   /* stamps count from t_start; signals that the run does not have: no link */
@@ -77,7 +101,9 @@ typedef struct tl_history_tick {
     tl_stop stop;       /* TL_STOP_TIME: there was time for no more than these evaluations */
     uint32_t evaluations;
     uint64_t executions;
-    uint32_t flags; /* tl_flag */
+    uint32_t flags;          /* tl_flag */
+    double u[TL_MAX_ADJUST]; /* of the adjusted variables, */
+    size_t adjusted;         /* of which so many have one */
 } tl_history_tick;
 
 /* A walk through the ticks of a run, from the first that is still there. */
@@ -86,6 +112,9 @@ typedef struct tl_history_ticks tl_history_ticks;
 /* The history must outlive the walk. Several walks may be under way. */
 tl_status tl_history_ticks_begin(tl_history *history, const tl_history_run *run, tl_history_ticks **ticks,
                                  tl_error *error);
+
+/* The next tick to be given is this one, or the first after it that is there. */
+void tl_history_ticks_seek(tl_history_ticks *ticks, int64_t tick);
 
 /* The first and the last tick that are there now; false where there is none. */
 bool tl_history_ticks_range(const tl_history_ticks *ticks, int64_t *first, int64_t *last);

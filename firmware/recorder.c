@@ -60,6 +60,11 @@ struct tl_recorder {
 
     /* the producer's */
     tl_time start;
+    bool resumes; /* puts wait, though the run is live */
+
+    /* the producer's while it is not full, else the writer's */
+    tl_recorder_checkpoint checkpoint;
+    bool checkpoint_is_full;
 
     /* between threads, by the lock */
     pthread_mutex_t lock;
@@ -123,14 +128,56 @@ static void wait_for_room(tl_recorder *recorder, size_t size) {
 
 static void prepare_put(tl_recorder *recorder, tl_recorder_kind kind) {
     size_t size = tl_recorder_entry_size(&recorder->shape, kind);
-    if (recorder->wait_when_full && !tl_recorder_ring_has_room(&recorder->ring, size)) {
+    if ((recorder->wait_when_full || recorder->resumes) && !tl_recorder_ring_has_room(&recorder->ring, size)) {
         wait_for_room(recorder, size);
     }
 }
 
 void tl_recorder_start(tl_recorder *recorder, tl_time start) {
+    const tl_resumption beginning = {.start = start, .started = tl_utc_now()};
     recorder->start = start;
-    (void)tl_recorder_entry_put_start(&recorder->ring, &recorder->shape, tl_utc_now());
+    (void)tl_recorder_entry_put_start(&recorder->ring, &recorder->shape, &beginning);
+}
+
+void tl_recorder_resume(tl_recorder *recorder, const tl_resumption *resumption) {
+    recorder->start = resumption->start;
+    recorder->resumes = true;
+    (void)tl_recorder_entry_put_start(&recorder->ring, &recorder->shape, resumption);
+}
+
+void tl_recorder_go_live(tl_recorder *recorder) {
+    recorder->resumes = false;
+}
+
+bool tl_recorder_checkpoint_is_waiting(const tl_recorder *recorder) {
+    return __atomic_load_n(&recorder->checkpoint_is_full, __ATOMIC_ACQUIRE);
+}
+
+bool tl_recorder_reserve_checkpoint(tl_recorder *recorder, size_t capacity) {
+    tl_recorder_checkpoint *checkpoint = &recorder->checkpoint;
+    if (tl_recorder_checkpoint_is_waiting(recorder) || capacity > tl_recorder_database_most(recorder->database)) {
+        return false;
+    }
+    unsigned char *bytes = malloc(capacity);
+    if (bytes == NULL) {
+        return false;
+    }
+    memset(bytes, 0, capacity); /* so that the cycle meets no page fault */
+    free(checkpoint->bytes);
+    checkpoint->bytes = bytes;
+    checkpoint->capacity = capacity;
+    return true;
+}
+
+unsigned char *tl_recorder_checkpoint_room(tl_recorder *recorder, size_t *capacity) {
+    *capacity = recorder->checkpoint.capacity;
+    return tl_recorder_checkpoint_is_waiting(recorder) ? NULL : recorder->checkpoint.bytes;
+}
+
+void tl_recorder_put_checkpoint(tl_recorder *recorder, int64_t tick, size_t size) {
+    recorder->checkpoint.tick = tick;
+    recorder->checkpoint.size = size;
+    __atomic_store_n(&recorder->checkpoint_is_full, true, __ATOMIC_RELEASE);
 }
 
 void tl_recorder_put_sample(tl_recorder *recorder, const tl_sample *sample) {
@@ -278,7 +325,7 @@ static void release(tl_recorder *recorder, const transaction *batch) {
 
 /* One transaction, of entries up to `end` of the ring and events as far as they fit. *more says whether it should be
  * followed by another one. */
-static int write_batch(tl_recorder *recorder, size_t end, bool *more) {
+static int write_batch(tl_recorder *recorder, size_t end, bool with_checkpoint, bool *more) {
     transaction batch = {.cursor = tl_recorder_ring_begin(&recorder->ring), .totals = recorder->totals};
     size_t limit = tl_recorder_database_batch(recorder->database);
     size_t bytes = end - batch.cursor < limit ? end - batch.cursor : limit;
@@ -287,16 +334,21 @@ static int write_batch(tl_recorder *recorder, size_t end, bool *more) {
         events++;
     }
     *more = false;
-    if (bytes == 0 && events == 0 && recorder->own.count == 0) {
+    if (bytes == 0 && events == 0 && recorder->own.count == 0 && !with_checkpoint) {
         return SQLITE_OK;
     }
     batch.totals.lost = get(&recorder->lost);
+    bytes += with_checkpoint ? recorder->checkpoint.size : 0;
     int code = tl_recorder_database_begin(recorder->database, bytes + events * (size_t)EVENT_BYTES);
     if (code == SQLITE_OK) {
         code = write_events(recorder, &batch, events);
     }
     if (code == SQLITE_OK) {
         code = write_entries(recorder, &batch, end, limit);
+    }
+    with_checkpoint = with_checkpoint && batch.cursor == end; /* what it goes on from is there before it */
+    if (code == SQLITE_OK && with_checkpoint) {
+        code = tl_recorder_database_checkpoint(recorder->database, &recorder->checkpoint);
     }
     if (code == SQLITE_OK) {
         code = tl_recorder_database_commit(recorder->database, &batch.totals);
@@ -307,6 +359,9 @@ static int write_batch(tl_recorder *recorder, size_t end, bool *more) {
         return code;
     }
     release(recorder, &batch);
+    if (with_checkpoint) {
+        __atomic_store_n(&recorder->checkpoint_is_full, false, __ATOMIC_RELEASE);
+    }
     *more = batch.cursor != end;
     code = tl_recorder_database_tidy(recorder->database);
     if (code != SQLITE_OK) {
@@ -317,18 +372,20 @@ static int write_batch(tl_recorder *recorder, size_t end, bool *more) {
 
 /* Writes what is there now. */
 static int write_all(tl_recorder *recorder) {
+    bool with_checkpoint =
+        tl_recorder_checkpoint_is_waiting(recorder); /* asked first: what came before it is before the end then */
     size_t end = tl_recorder_ring_end(&recorder->ring);
     bool more = true;
     int code = SQLITE_OK;
     while (more && code == SQLITE_OK) {
         tl_heart_beat(recorder->heart);
-        code = write_batch(recorder, end, &more);
+        code = write_batch(recorder, end, with_checkpoint, &more);
     }
     if (code == SQLITE_OK) {
         note_success(recorder);
     }
     if (code == SQLITE_OK && recorder->own.count > 0) {
-        code = write_batch(recorder, end, &more);
+        code = write_batch(recorder, end, false, &more);
     }
     return code;
 }
@@ -417,6 +474,7 @@ static void destroy(tl_recorder *recorder) {
     (void)pthread_mutex_destroy(&recorder->lock);
     (void)pthread_cond_destroy(&recorder->wake);
     (void)pthread_cond_destroy(&recorder->room);
+    free(recorder->checkpoint.bytes);
     free(recorder->path);
     free(recorder);
 }

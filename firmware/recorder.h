@@ -46,6 +46,27 @@ typedef struct tl_recorder_component {
 /* FMUs and the plant. */
 enum { TL_RECORDER_COMPONENTS = 64 };
 
+/* How a run began; of one that goes on with an earlier one, what it began with. */
+typedef enum tl_resumed_from {
+    TL_RESUMED_NOT,
+    TL_RESUMED_CHECKPOINT, /* the twin as that run had saved it */
+    TL_RESUMED_START,      /* the FMUs' start values, where that run began */
+    TL_RESUMED_INPUTS      /* the same, some time before it ended */
+} tl_resumed_from;
+
+/* "", "checkpoint", "start", "inputs"; and from a name, TL_RESUMED_NOT where it is none. */
+const char *tl_resumed_from_name(tl_resumed_from from);
+tl_resumed_from tl_resumed_from_named(const char *name);
+
+/* How a run goes on with an earlier one. */
+typedef struct tl_resumption {
+    tl_resumed_from from; /* TL_RESUMED_NOT: it does not, and nothing below means anything */
+    int64_t run;          /* which */
+    int64_t tick;         /* the first of its own: those before it were that run's, and are followed */
+    tl_time start;        /* t_start on the clock of the samples' stamps; both are that run's */
+    int64_t started;      /* and UTC, ms */
+} tl_resumption;
+
 typedef struct tl_recorder_settings {
     const char *path;
     int64_t max_bytes;         /* 0: no bound; else at least 1,000,000 */
@@ -53,6 +74,9 @@ typedef struct tl_recorder_settings {
     const char *verb;          /* "run", "hold", "replay" */
     const char *name;          /* of the configuration */
     const char *configuration; /* its text */
+    const char *fmus;          /* SHA-256 over those of the FMUs, */
+    const char *boot;          /* of the system, */
+    const char *format;        /* and of the bytes of checkpoints; each may be NULL */
     tl_time step;              /* T_S */
     uint32_t prediction;
     uint32_t lead; /* step i is computed at tick i + lead */
@@ -84,6 +108,21 @@ tl_status tl_recorder_open(const tl_recorder_settings *settings, tl_recorder **r
 /* Producer, before the first put: now is t_start, which is `start` on the clock of the samples' stamps. Without it,
  * `start` is 0 and the run began when the recorder was opened. */
 void tl_recorder_start(tl_recorder *recorder, tl_time start);
+
+/* The same for a run that goes on with an earlier one. Until tl_recorder_go_live() is called a put waits where there is no room, as
+ * with wait_when_full: what is made up then comes as fast as it can be computed, and nothing is late by it. */
+void tl_recorder_resume(tl_recorder *recorder, const tl_resumption *resumption);
+void tl_recorder_go_live(tl_recorder *recorder);
+
+/* Producer: room for checkpoints of up to `capacity` bytes, once, or again while none is being written. False where memory is out, or
+ * such a checkpoint is too large for the database's bound. */
+bool tl_recorder_reserve_checkpoint(tl_recorder *recorder, size_t capacity);
+
+/* Producer, wait-free: is the one before not written yet? Where the bytes of a checkpoint go; NULL in that case. Then: they are there. The two
+ * newest of a run are kept, and that which it began with. */
+bool tl_recorder_checkpoint_is_waiting(const tl_recorder *recorder);
+unsigned char *tl_recorder_checkpoint_room(tl_recorder *recorder, size_t *capacity);
+void tl_recorder_put_checkpoint(tl_recorder *recorder, int64_t tick, size_t size);
 
 /* Producer. Wait-free unless wait_when_full. `ledger` has an entry for each of settings.components, as of this step: so
  * that what is committed of both belongs together, whatever comes next. */

@@ -29,6 +29,9 @@ typedef enum statement {
     COMMIT,
     ROLLBACK,
     START,
+    BEGINNING,
+    CHECKPOINT,
+    OLD_CHECKPOINTS,
     SAMPLE,
     STEP,
     OUTPUT,
@@ -46,6 +49,13 @@ static const char *const sql_of[STATEMENTS] = {
     [COMMIT] = "COMMIT",
     [ROLLBACK] = "ROLLBACK",
     [START] = "UPDATE runs SET started = ?2 WHERE run = ?1",
+    [BEGINNING] = "UPDATE beginnings SET start_ns = ?2, resumed_run = ?3, resumed_tick = ?4, resumed_from = ?5"
+                  " WHERE run = ?1",
+    [CHECKPOINT] = "INSERT OR REPLACE INTO checkpoints (run, tick, format, sha256, bytes) VALUES (?1, ?2, ?3, ?4, ?5)",
+    /* But the two newest, and what the run began with. */
+    [OLD_CHECKPOINTS] = "DELETE FROM checkpoints WHERE run = ?1"
+                        " AND tick NOT IN (SELECT tick FROM checkpoints WHERE run = ?1 ORDER BY tick DESC LIMIT 2)"
+                        " AND tick >= (SELECT coalesce(resumed_tick, 0) FROM beginnings WHERE run = ?1)",
     [SAMPLE] = "INSERT OR REPLACE INTO samples (run, tick, signal, value, quality, stamp_ns)"
                " VALUES (?1, ?2, ?3, ?4, ?5, ?6)",
     [STEP] = "INSERT OR REPLACE INTO steps (run, step, t_ns, outcome, stop, J, J_nominal, evaluations, executions,"
@@ -69,7 +79,8 @@ struct tl_recorder_database {
     tl_recorder_shape shape;
     tl_time step;
     int64_t run;
-    bool has_ledger; /* a step of this batch has brought one */
+    char format[128]; /* of checkpoints */
+    bool has_ledger;  /* a step of this batch has brought one */
     tl_recorder_component ledger[TL_RECORDER_COMPONENTS];
 };
 
@@ -121,13 +132,49 @@ int tl_recorder_database_begin(tl_recorder_database *database, size_t bytes) {
     return code == SQLITE_OK ? run_statement(database->statements[BEGIN]) : code;
 }
 
-static int write_start(tl_recorder_database *database, int64_t started) {
+static int write_resumption(tl_recorder_database *database, const tl_resumption *beginning) {
+    sqlite3_stmt *prepared = database->statements[BEGINNING];
+    (void)sqlite3_bind_int64(prepared, 1, database->run);
+    (void)sqlite3_bind_int64(prepared, 2, beginning->start);
+    if (beginning->from != TL_RESUMED_NOT) {
+        (void)sqlite3_bind_int64(prepared, 3, beginning->run);
+        (void)sqlite3_bind_int64(prepared, 4, beginning->tick);
+        bind_text(prepared, 5, tl_resumed_from_name(beginning->from));
+    }
+    return run_statement(prepared);
+}
+
+static int write_start(tl_recorder_database *database, const tl_resumption *beginning) {
     char text[TL_UTC_TEXT];
     sqlite3_stmt *prepared = database->statements[START];
-    tl_utc_text(started, text);
+    tl_utc_text(beginning->started, text);
     (void)sqlite3_bind_int64(prepared, 1, database->run);
     bind_text(prepared, 2, text);
-    return run_statement(prepared);
+    int code = run_statement(prepared);
+    return code == SQLITE_OK ? write_resumption(database, beginning) : code;
+}
+
+int tl_recorder_database_checkpoint(tl_recorder_database *database, const tl_recorder_checkpoint *checkpoint) {
+    char digest[TL_SHA256_TEXT];
+    sqlite3_stmt *prepared = database->statements[CHECKPOINT];
+    tl_sha256(checkpoint->bytes, checkpoint->size, digest);
+    (void)sqlite3_bind_int64(prepared, 1, database->run);
+    (void)sqlite3_bind_int64(prepared, 2, checkpoint->tick);
+    bind_text(prepared, 3, database->format);
+    bind_text(prepared, 4, digest);
+    (void)sqlite3_bind_blob64(prepared, 5, checkpoint->bytes, checkpoint->size, SQLITE_STATIC);
+    int code = run_statement(prepared);
+    (void)sqlite3_clear_bindings(prepared);
+    if (code == SQLITE_OK) {
+        prepared = database->statements[OLD_CHECKPOINTS];
+        (void)sqlite3_bind_int64(prepared, 1, database->run);
+        code = run_statement(prepared);
+    }
+    return code;
+}
+
+size_t tl_recorder_database_most(const tl_recorder_database *database) {
+    return (size_t)database->retention.log_limit;
 }
 
 static int write_sample(tl_recorder_database *database, const tl_sample *sample) {
@@ -217,7 +264,7 @@ static int write_ledger(tl_recorder_database *database) {
 int tl_recorder_database_entry(tl_recorder_database *database, const tl_recorder_entry *entry) {
     switch (entry->kind) {
     case TL_ENTRY_START:
-        return write_start(database, entry->started);
+        return write_start(database, &entry->beginning);
     case TL_ENTRY_SAMPLE:
         return write_sample(database, &entry->sample);
     case TL_ENTRY_STEP:
@@ -331,6 +378,20 @@ static tl_status change(sqlite3 *connection, const char *sql, int64_t first, con
     }
     (void)sqlite3_finalize(prepared);
     return status;
+}
+
+static const char *const resumed_from_names[] = {"", "checkpoint", "start", "inputs"};
+
+const char *tl_resumed_from_name(tl_resumed_from from) {
+    return resumed_from_names[from];
+}
+
+tl_resumed_from tl_resumed_from_named(const char *name) {
+    int from = TL_RESUMED_INPUTS;
+    while (from != TL_RESUMED_NOT && (name == NULL || strcmp(name, resumed_from_names[from]) != 0)) {
+        from--;
+    }
+    return (tl_resumed_from)from;
 }
 
 const char *tl_severity_name(tl_severity severity) {
@@ -478,6 +539,11 @@ static tl_status begin_run(tl_recorder_database *database, const tl_recorder_set
         status = write_run(database, settings, hash, error);
     }
     if (status == TL_OK) {
+        status =
+            change(connection, "INSERT INTO beginnings (run, fmus, boot) VALUES (?1, ?2, ?3)", database->run,
+                   settings->fmus != NULL ? settings->fmus : "", settings->boot != NULL ? settings->boot : "", error);
+    }
+    if (status == TL_OK) {
         status = write_all_signals(database, settings, error);
     }
     if (status == TL_OK) {
@@ -549,6 +615,7 @@ tl_status tl_recorder_database_open(const tl_recorder_settings *settings, tl_rec
     }
     opened->lock.file = -1;
     opened->step = settings->step;
+    (void)snprintf(opened->format, sizeof opened->format, "%s", settings->format != NULL ? settings->format : "");
     opened->shape.plant = settings->plant_count;
     opened->shape.match = settings->match_count;
     opened->shape.adjust = settings->adjust_count;

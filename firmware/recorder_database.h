@@ -17,6 +17,14 @@
 
 typedef struct tl_recorder_database tl_recorder_database;
 
+/* The twin after a tick, as bytes; whoever has it frees them. */
+typedef struct tl_recorder_checkpoint {
+    unsigned char *bytes;
+    size_t capacity;
+    size_t size;
+    int64_t tick;
+} tl_recorder_checkpoint;
+
 /* What a run has brought so far, committed and in this batch. */
 typedef struct tl_recorder_totals {
     uint64_t samples;
@@ -33,6 +41,9 @@ void tl_recorder_database_close(tl_recorder_database *database);
 
 int64_t tl_recorder_database_run(const tl_recorder_database *database);
 
+/* Bytes that a checkpoint may have, so that the file stays within its bound. Any thread. */
+size_t tl_recorder_database_most(const tl_recorder_database *database);
+
 /* Bytes of ring that a batch should not exceed by more than one entry. */
 size_t tl_recorder_database_batch(const tl_recorder_database *database);
 
@@ -41,6 +52,7 @@ int tl_recorder_database_begin(tl_recorder_database *database, size_t bytes);
 
 /* Within a batch. Entries: TL_ENTRY_START sets when the run began. */
 int tl_recorder_database_entry(tl_recorder_database *database, const tl_recorder_entry *entry);
+int tl_recorder_database_checkpoint(tl_recorder_database *database, const tl_recorder_checkpoint *checkpoint);
 int tl_recorder_database_event(tl_recorder_database *database, const tl_recorder_event_entry *event);
 
 /* Ends a batch: all of it is on disk, or the caller must roll back. */

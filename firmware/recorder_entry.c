@@ -22,7 +22,7 @@ typedef struct step_head {
 size_t tl_recorder_entry_size(const tl_recorder_shape *shape, tl_recorder_kind kind) {
     switch (kind) {
     case TL_ENTRY_START:
-        return 1 + sizeof(int64_t);
+        return 1 + sizeof(tl_resumption);
     case TL_ENTRY_SAMPLE:
         return 1 + sizeof(int64_t) + shape->plant * (sizeof(double) + sizeof(tl_time) + 1);
     case TL_ENTRY_STEP:
@@ -42,11 +42,12 @@ static bool begin_entry(tl_recorder_ring *ring, const tl_recorder_shape *shape, 
     return true;
 }
 
-bool tl_recorder_entry_put_start(tl_recorder_ring *ring, const tl_recorder_shape *shape, int64_t started) {
+bool tl_recorder_entry_put_start(tl_recorder_ring *ring, const tl_recorder_shape *shape,
+                                 const tl_resumption *beginning) {
     if (!begin_entry(ring, shape, TL_ENTRY_START)) {
         return false;
     }
-    tl_recorder_ring_append(ring, &started, sizeof started);
+    tl_recorder_ring_append(ring, beginning, sizeof *beginning);
     tl_recorder_ring_publish(ring);
     return true;
 }
@@ -130,7 +131,7 @@ void tl_recorder_entry_take(const tl_recorder_ring *ring, const tl_recorder_shap
     entry->kind = (tl_recorder_kind)byte;
     switch (entry->kind) {
     case TL_ENTRY_START:
-        tl_recorder_ring_read(ring, cursor, &entry->started, sizeof entry->started);
+        tl_recorder_ring_read(ring, cursor, &entry->beginning, sizeof entry->beginning);
         break;
     case TL_ENTRY_SAMPLE:
         take_sample(ring, shape, cursor, &entry->sample);

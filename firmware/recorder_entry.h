@@ -28,7 +28,7 @@ typedef enum tl_recorder_kind { TL_ENTRY_START, TL_ENTRY_SAMPLE, TL_ENTRY_STEP }
 
 typedef struct tl_recorder_entry {
     tl_recorder_kind kind;
-    int64_t started; /* TL_ENTRY_START: UTC of t_start, ms */
+    tl_resumption beginning; /* TL_ENTRY_START */
     tl_sample sample;
     tl_record record;
     tl_recorder_component ledger[TL_RECORDER_COMPONENTS]; /* as of the record */
@@ -38,7 +38,8 @@ typedef struct tl_recorder_entry {
 size_t tl_recorder_entry_size(const tl_recorder_shape *shape, tl_recorder_kind kind);
 
 /* False, and nothing is put, where the ring has no room. Stamps are put relative to `start`. */
-bool tl_recorder_entry_put_start(tl_recorder_ring *ring, const tl_recorder_shape *shape, int64_t started);
+bool tl_recorder_entry_put_start(tl_recorder_ring *ring, const tl_recorder_shape *shape,
+                                 const tl_resumption *beginning);
 bool tl_recorder_entry_put_sample(tl_recorder_ring *ring, const tl_recorder_shape *shape, const tl_sample *sample,
                                   tl_time start);
 bool tl_recorder_entry_put_step(tl_recorder_ring *ring, const tl_recorder_shape *shape, const tl_record *record,

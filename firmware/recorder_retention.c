@@ -136,8 +136,9 @@ static int newest_tick(tl_recorder_retention *retention, int64_t run, int64_t *t
 
 static int remove_ticks_before(tl_recorder_retention *retention, int64_t run, int64_t tick) {
     static const char *const statements[] = {
-        "DELETE FROM samples WHERE run = ?1 AND tick < ?2",     "DELETE FROM outputs WHERE run = ?1 AND step < ?2",
-        "DELETE FROM adjustments WHERE run = ?1 AND step < ?2", "DELETE FROM steps WHERE run = ?1 AND step < ?2",
+        "DELETE FROM samples WHERE run = ?1 AND tick < ?2",         "DELETE FROM outputs WHERE run = ?1 AND step < ?2",
+        "DELETE FROM adjustments WHERE run = ?1 AND step < ?2",     "DELETE FROM steps WHERE run = ?1 AND step < ?2",
+        "DELETE FROM checkpoints WHERE run = ?1 AND tick + 1 < ?2", /* what came after it is gone */
         "UPDATE runs SET removed_before = ?2 WHERE run = ?1",
     };
     int code = SQLITE_OK;
@@ -153,6 +154,8 @@ static int remove_rest(tl_recorder_retention *retention, int64_t run) {
         "DELETE FROM events WHERE event IN (SELECT event FROM events WHERE run = ?1 ORDER BY event LIMIT 4096)",
         "DELETE FROM signals WHERE run = ?1 AND NOT EXISTS (SELECT 1 FROM events WHERE run = ?1)",
         "DELETE FROM components WHERE run = ?1 AND NOT EXISTS (SELECT 1 FROM events WHERE run = ?1)",
+        "DELETE FROM checkpoints WHERE run = ?1 AND NOT EXISTS (SELECT 1 FROM events WHERE run = ?1)",
+        "DELETE FROM beginnings WHERE run = ?1 AND NOT EXISTS (SELECT 1 FROM events WHERE run = ?1)",
         "DELETE FROM runs WHERE run = ?1 AND NOT EXISTS (SELECT 1 FROM events WHERE run = ?1)",
         "DELETE FROM configurations WHERE hash NOT IN (SELECT configuration FROM runs)",
     };

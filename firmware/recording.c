@@ -111,6 +111,7 @@ static tl_status next_from_csv(tl_recording *recording, tl_recording_tick *tick,
     tick->cut_short = false;
     tick->evaluations = 0;
     tick->without_nominal = false;
+    tick->followed = false;
     return TL_OK;
 }
 
@@ -140,6 +141,11 @@ tl_status tl_recording_open(const char *path, const tl_config *config, tl_record
                        "`twinlock run`",
                        path);
     }
+    if (config->recording_run != 0 && !is_database(path)) {
+        free(opened);
+        return tl_fail(error, TL_BAD_USAGE, "%s: is no database, and has no run %lld: remove --run", path,
+                       (long long)config->recording_run);
+    }
     tl_status status = is_database(path)
                            ? tl_recording_database_open(path, config, &opened->database, &opened->ticks, error)
                            : open_csv(path, config, opened, error);
@@ -147,8 +153,14 @@ tl_status tl_recording_open(const char *path, const tl_config *config, tl_record
         tl_recording_close(opened);
         return status;
     }
+    const tl_recording_beginning *beginning = tl_recording_get_beginning(opened);
+    opened->next = beginning != NULL ? beginning->tick : 0;
     *recording = opened;
     return TL_OK;
+}
+
+const tl_recording_beginning *tl_recording_get_beginning(const tl_recording *recording) {
+    return recording->database != NULL ? tl_recording_database_beginning(recording->database) : NULL;
 }
 
 tl_status tl_recording_next(tl_recording *recording, tl_recording_tick *tick, bool *end, tl_error *error) {

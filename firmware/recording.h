@@ -13,6 +13,7 @@
 #include <stdint.h>
 
 #include "firmware/config.h"
+#include "firmware/history.h"
 #include "master/base/signal.h"
 #include "master/base/status.h"
 
@@ -21,18 +22,33 @@ typedef struct tl_recording tl_recording;
 /* One tick of a recording. */
 typedef struct tl_recording_tick {
     tl_sample sample;
-    bool made_up;         /* the run missed this tick */
-    bool cut_short;       /* the run's search at this tick ran out of time: */
-    uint32_t evaluations; /* it had time for these, which may be none, */
-    bool without_nominal; /* and nominal's was not among them, */
-    uint64_t executions;  /* and for so many executions */
+    bool made_up;            /* the run missed this tick */
+    bool cut_short;          /* the run's search at this tick ran out of time: */
+    uint32_t evaluations;    /* it had time for these, which may be none, */
+    bool without_nominal;    /* and nominal's was not among them, */
+    uint64_t executions;     /* and for so many executions */
+    bool followed;           /* it is one of the run that this one goes on with, */
+    double u[TL_MAX_ADJUST]; /* which committed this */
 } tl_recording_tick;
 
-/* `path` is a CSV file, or a SQLite database (recognised by its first bytes), whose last run is taken. The database's
+/* Of a run that does not begin at tick 0 with the FMUs' start values. Lives as long as the recording. */
+typedef struct tl_recording_beginning {
+    int64_t run;                             /* of the database */
+    int64_t tick;                            /* its first */
+    bool follows;                            /* false: with another configuration its steps are made anew from there */
+    tl_resumption resumption;                /* how it went on with an earlier one, */
+    const char *fmus;                        /* with which FMUs (tl_identity_fmus()), */
+    const tl_history_checkpoint *checkpoint; /* and from where; NULL: from start values */
+} tl_recording_beginning;
+
+/* `path` is a CSV file, or a SQLite database (recognised by its first bytes), whose run `config->recording_run` is taken, or the last one. The database's
  * signal names, step and horizon must agree with the configuration's. A CSV file is checked completely here. */
 tl_status tl_recording_open(const char *path, const tl_config *config, tl_recording **recording, tl_error *error);
 
-/* The next tick, from 0. *end where the recording does not reach the tick's instant. */
+/* NULL: it begins at tick 0, as any twin does. */
+const tl_recording_beginning *tl_recording_get_beginning(const tl_recording *recording);
+
+/* The next tick, from 0, or where it begins. *end where the recording does not reach the tick's instant. */
 tl_status tl_recording_next(tl_recording *recording, tl_recording_tick *tick, bool *end, tl_error *error);
 
 /* Ticks the recording holds, for progress. */

@@ -21,6 +21,7 @@ struct tl_recording_database {
     size_t recorded;   /* signals of the run that are the configuration's, second look-ups included */
     bool by_recording; /* stamps are those of the recording that the run replayed … */
     tl_time start;     /* … and so is t_start; else 0 */
+    tl_recording_beginning beginning;
     /* where signals are looked up anew */
     bool anew;
     tl_time posted[TL_MAX_SIGNALS]; /* stamp of the newest */
@@ -77,11 +78,55 @@ static tl_status check_signals(const char *path, tl_history *history, const tl_h
     return TL_OK;
 }
 
+static tl_status fail_beginning(const tl_recording_database *database, const tl_history_run *run, tl_error *error) {
+    return tl_fail(error, TL_BAD_DATA,
+                   "%s: the beginning of run %" PRId64 " is not there (any more): it cannot be replayed",
+                   database->path, run->run);
+}
+
+/* A checkpoint that its bytes do not fit to is as good as none. */
+static tl_status find_checkpoint(tl_recording_database *database, const tl_history_run *run, tl_error *error) {
+    tl_recording_beginning *beginning = &database->beginning;
+    const tl_history_checkpoint *checkpoint = NULL;
+    tl_status status = tl_history_checkpoint_before(database->history, run, beginning->tick, &checkpoint, error);
+    if (status != TL_OK) {
+        return status;
+    }
+    if (checkpoint == NULL || checkpoint->tick != beginning->tick - 1) {
+        return fail_beginning(database, run, error);
+    }
+    beginning->checkpoint = checkpoint;
+    return checkpoint->whole ? TL_OK
+                             : tl_fail(error, TL_BAD_DATA,
+                                       "%s: the checkpoint that run %" PRId64 " began with is damaged: it cannot be "
+                                       "replayed",
+                                       database->path, run->run);
+}
+
+/* Where the twin has to stand before the first tick. */
+static tl_status find_beginning(tl_recording_database *database, const tl_history_run *run, int64_t first,
+                                tl_error *error) {
+    bool resumed = run->resumption.from != TL_RESUMED_NOT;
+    if (run->removed_before > 0 || (first != 0 && !resumed)) {
+        return fail_beginning(database, run, error);
+    }
+    database->next = first;
+    database->beginning = (tl_recording_beginning){
+        .run = run->run,
+        .tick = first,
+        .follows = database->same_configuration && resumed,
+        .resumption = run->resumption,
+        .fmus = run->fmus,
+    };
+    bool loads = database->beginning.follows && run->resumption.from == TL_RESUMED_CHECKPOINT;
+    return loads ? find_checkpoint(database, run, error) : TL_OK;
+}
+
 static tl_status open_run(tl_recording_database *database, const tl_config *config, int64_t *ticks, tl_error *error) {
     const tl_history_run *run = NULL;
     int64_t first = 0;
     int64_t last = 0;
-    tl_status status = tl_history_find(database->history, 0, &run, error);
+    tl_status status = tl_history_find(database->history, config->recording_run, &run, error);
     if (status == TL_OK) {
         status = check_signals(database->path, database->history, run, config, &database->recorded, error);
     }
@@ -91,16 +136,14 @@ static tl_status open_run(tl_recording_database *database, const tl_config *conf
     if (status != TL_OK) {
         return status;
     }
-    if (!tl_history_ticks_range(database->ticks, &first, &last) || first != 0) {
-        return tl_fail(error, TL_BAD_DATA,
-                       "%s: the beginning of run %" PRId64 " is not there (any more): it cannot be replayed",
-                       database->path, run->run);
-    }
     database->same_configuration = strcmp(run->configuration_hash, config->hash) == 0;
+    if (!tl_history_ticks_range(database->ticks, &first, &last)) {
+        return fail_beginning(database, run, error);
+    }
     database->anew = config->delays != NULL && !database->same_configuration;
     database->by_recording = strcmp(run->verb, "replay") == 0;
     *ticks = last + 1;
-    return TL_OK;
+    return find_beginning(database, run, first, error);
 }
 
 tl_status tl_recording_database_open(const char *path, const tl_config *config, tl_recording_database **database,
@@ -172,6 +215,8 @@ tl_status tl_recording_database_next(tl_recording_database *database, tl_recordi
     if (database->anew) {
         look_up_anew(database, &read.sample, &tick->sample);
     }
+    tick->followed = database->beginning.follows && read.sample.tick < database->beginning.resumption.tick;
+    memcpy(tick->u, read.u, sizeof tick->u);
     tick->made_up = repeat && read.outcome == TL_MADE_UP;
     bool without_nominal = (read.flags & TL_FLAG_WITHOUT_NOMINAL) != 0;
     tick->cut_short = repeat && (read.stop == TL_STOP_TIME || without_nominal);
@@ -188,4 +233,9 @@ void tl_recording_database_close(tl_recording_database *database) {
     tl_history_ticks_end(database->ticks);
     tl_history_close(database->history);
     free(database);
+}
+
+const tl_recording_beginning *tl_recording_database_beginning(const tl_recording_database *database) {
+    bool begins_at_0 = database->beginning.tick == 0 && !database->beginning.follows;
+    return begins_at_0 ? NULL : &database->beginning;
 }

@@ -4,6 +4,7 @@
 #include "firmware/clock.h"
 #include "firmware/interrupt.h"
 #include "firmware/progress.h"
+#include "firmware/resume.h"
 
 /* Steps i = 0 … n with n = duration/T_S. */
 static int64_t last_step(const tl_config *config) {
@@ -39,14 +40,23 @@ static tl_budget budget_of(const tl_config *config, const tl_recording_tick *tic
     return budget;
 }
 
-static tl_status step(const tl_replay *replay, const tl_recording_tick *tick, tl_summary *summary, tl_error *error) {
+/* As the run did: led along, made up, or searched. */
+static tl_status step_twin(const tl_replay *replay, const tl_recording_tick *tick, tl_record *record, bool *ready,
+                           tl_error *error) {
+    tl_twin *twin = replay->assembly->twin;
     tl_budget budget = budget_of(&replay->assembly->config, tick);
+    if (tick->followed) {
+        return tl_twin_follow(twin, &tick->sample, tick->u, record, ready, error);
+    }
+    return tick->made_up ? tl_twin_make_up(twin, &tick->sample, record, ready, error)
+                         : tl_twin_step(twin, &tick->sample, &budget, record, ready, error);
+}
+
+static tl_status step(const tl_replay *replay, const tl_recording_tick *tick, tl_summary *summary, tl_error *error) {
     tl_record record;
     bool ready = false;
     tl_summary_sample(summary, &replay->assembly->config, &tick->sample);
-    tl_status status = tick->made_up
-                           ? tl_twin_make_up(replay->assembly->twin, &tick->sample, &record, &ready, error)
-                           : tl_twin_step(replay->assembly->twin, &tick->sample, &budget, &record, &ready, error);
+    tl_status status = step_twin(replay, tick, &record, &ready, error);
     if (ready) {
         keep(replay, tick->sample.tick, &record, summary);
         summary->skipped += record.outcome == TL_MADE_UP ? 1 : 0;
@@ -98,7 +108,7 @@ static void take_sample(const tl_replay *replay, const tl_recording_tick *tick, 
         tl_watch_skipped(replay->watch, sample->tick, *missed, instant);
         *missed = 0;
     }
-    if (replay->watch != NULL) {
+    if (replay->watch != NULL && !tick->followed) { /* that was told by the run that it is of */
         tl_watch_sample(replay->watch, sample);
     }
     if (replay->recorder != NULL) {
@@ -148,6 +158,18 @@ static unsigned ticks_needed(const tl_replay *replay) {
     return replay->assembly->config.measurements == TL_AHEAD ? lead + 1 : lead;
 }
 
+/* Where the recorded run began, if that is not where any twin does. */
+static tl_status begin(const tl_replay *replay, tl_summary *summary, tl_error *error) {
+    const tl_recording_beginning *beginning = tl_recording_get_beginning(replay->recording);
+    if (beginning == NULL) {
+        return TL_OK;
+    }
+    if (beginning->follows) {
+        summary->resumption = beginning->resumption;
+    }
+    return tl_resume_replayed(replay->assembly, beginning, error);
+}
+
 tl_status tl_replay_run(const tl_replay *replay, tl_summary *summary, tl_error *error) {
     tl_progress progress;
     int64_t ticks = tl_recording_ticks(replay->recording);
@@ -155,7 +177,10 @@ tl_status tl_replay_run(const tl_replay *replay, tl_summary *summary, tl_error *
     *summary = (tl_summary){0};
     tl_time started = tl_clock_now(NULL);
     tl_progress_begin(&progress, "replay", last < ticks ? last : ticks);
-    tl_status status = run(replay, &progress, summary, error);
+    tl_status status = begin(replay, summary, error);
+    if (status == TL_OK) {
+        status = run(replay, &progress, summary, error);
+    }
     tl_progress_end(&progress);
     if (status == TL_OK && summary->steps + summary->skipped == 0) {
         status =

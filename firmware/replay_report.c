@@ -83,7 +83,7 @@ void tl_replay_report_listen(tl_replay_report *report, tl_journal *journal) {
 }
 
 static void gather_adjusted(const tl_config *config, const tl_summary *summary, tl_html_figures *figures) {
-    double rows = (double)(summary->steps + summary->outcomes[TL_MADE_UP]);
+    double rows = (double)(summary->steps + summary->outcomes[TL_MADE_UP] + summary->outcomes[TL_FOLLOWED]);
     for (size_t i = 0; i < config->adjust_count; i++) {
         const tl_summary_adjust *adjust = &summary->adjust[i];
         figures->adjust[i].first = adjust->first;

@@ -31,6 +31,18 @@ static void add_text(cJSON *object, const char *key, const char *text) {
     }
 }
 
+/* Null where the run has begun anew. */
+static void add_resumption(cJSON *run, const tl_resumption *resumption) {
+    if (resumption->from == TL_RESUMED_NOT) {
+        (void)cJSON_AddNullToObject(run, "resumed");
+        return;
+    }
+    cJSON *object = cJSON_AddObjectToObject(run, "resumed");
+    add_number(object, "run", (double)resumption->run);
+    add_number(object, "tick", (double)resumption->tick);
+    add_text(object, "from", tl_resumed_from_name(resumption->from));
+}
+
 static void add_run(cJSON *array, const tl_history_run *run) {
     cJSON *object = cJSON_CreateObject();
     (void)cJSON_AddItemToArray(array, object);
@@ -52,6 +64,7 @@ static void add_run(cJSON *array, const tl_history_run *run) {
     add_count(object, "events", run->events);
     add_count(object, "lost", run->lost);
     add_number(object, "removed_before", (double)run->removed_before);
+    add_resumption(object, &run->resumption);
 }
 
 static tl_status add_runs(cJSON *root, const tl_show_request *request, tl_error *error) {
@@ -67,7 +80,7 @@ static tl_status add_runs(cJSON *root, const tl_show_request *request, tl_error 
 
 static void add_steps(cJSON *root, const tl_show_summary *summary) {
     cJSON *outcomes = NULL;
-    add_count(root, "steps", summary->steps - summary->outcomes[TL_MADE_UP]);
+    add_count(root, "steps", summary->steps - summary->outcomes[TL_MADE_UP] - summary->outcomes[TL_FOLLOWED]);
     if (summary->any) {
         add_number(root, "first_step", (double)summary->range[0]);
         add_number(root, "last_step", (double)summary->range[1]);

@@ -167,6 +167,10 @@ static void print_recorded(const show_page *page) {
         (void)fprintf(page->file, "; steps before %lld were removed to make room", (long long)run->removed_before);
     }
     (void)fputc('\n', page->file);
+    if (run->resumption.from != TL_RESUMED_NOT) {
+        (void)fprintf(page->file, "  goes on with   run %lld, from tick %lld on\n", (long long)run->resumption.run,
+                      (long long)run->resumption.tick);
+    }
     if (page->request->from_step > 0) {
         (void)fprintf(page->file, "  shown          since step %lld\n", (long long)page->request->from_step);
     }

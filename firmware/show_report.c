@@ -190,7 +190,7 @@ static void gather_figures(recorded_run *run) {
     tl_html_figures *figures = &run->figures;
     const tl_history_run *recorded = run->request->run;
     figures->ended = recorded->ended == NULL ? "is being written, or was killed" : recorded->ended_reason;
-    figures->steps = summary->steps - summary->outcomes[TL_MADE_UP];
+    figures->steps = summary->steps - summary->outcomes[TL_MADE_UP] - summary->outcomes[TL_FOLLOWED];
     figures->skipped = summary->outcomes[TL_MADE_UP];
     figures->evaluations = summary->evaluations;
     figures->optimised_steps = summary->optimised_steps;

@@ -12,7 +12,7 @@
 
 /* Rows of the run: each is one committed step of the twin. */
 static uint64_t committed(const tl_summary *summary) {
-    return summary->steps + summary->outcomes[TL_MADE_UP];
+    return summary->steps + summary->outcomes[TL_MADE_UP] + summary->outcomes[TL_FOLLOWED];
 }
 
 void tl_summary_add(tl_summary *summary, const tl_config *config, const tl_record *record) {
@@ -25,7 +25,7 @@ void tl_summary_add(tl_summary *summary, const tl_config *config, const tl_recor
         adjust->sum += record->u[i];
         adjust->delta_sum += record->u[i] - record->u_hat[i];
     }
-    summary->steps += record->outcome == TL_MADE_UP ? 0 : 1;
+    summary->steps += record->outcome == TL_MADE_UP || record->outcome == TL_FOLLOWED ? 0 : 1;
     summary->evaluations += record->evaluations;
     summary->optimised_steps += record->evaluations > 1 ? 1 : 0;
     summary->outcomes[record->outcome]++;
@@ -190,6 +190,18 @@ static void add_outcomes(cJSON *root, const tl_summary *summary) {
     }
 }
 
+/* Null where the run has begun anew. */
+static void add_resumption(cJSON *root, const tl_resumption *resumption) {
+    if (resumption->from == TL_RESUMED_NOT) {
+        (void)cJSON_AddNullToObject(root, "resumed");
+        return;
+    }
+    cJSON *object = cJSON_AddObjectToObject(root, "resumed");
+    (void)cJSON_AddNumberToObject(object, "run", (double)resumption->run);
+    (void)cJSON_AddNumberToObject(object, "tick", (double)resumption->tick);
+    (void)cJSON_AddStringToObject(object, "from", tl_resumed_from_name(resumption->from));
+}
+
 void tl_summary_print_json(const tl_summary *summary, const tl_config *config, const tl_twin *twin, FILE *file) {
     cJSON *root = cJSON_CreateObject();
     (void)cJSON_AddNumberToObject(root, "steps", (double)summary->steps);
@@ -207,6 +219,7 @@ void tl_summary_print_json(const tl_summary *summary, const tl_config *config, c
     (void)cJSON_AddNumberToObject(root, "skipped", (double)summary->skipped);
     (void)cJSON_AddNumberToObject(root, "deadline_misses", (double)summary->deadline_misses);
     (void)cJSON_AddNumberToObject(root, "time_limited", (double)summary->time_limited);
+    add_resumption(root, &summary->resumption);
     (void)cJSON_AddNumberToObject(root, "wall_s", summary->wall_s);
     char *text = cJSON_Print(root);
     if (text != NULL) {

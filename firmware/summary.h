@@ -11,6 +11,7 @@
 #include <stdio.h>
 
 #include "firmware/config.h"
+#include "firmware/recorder.h"
 #include "master/twin.h"
 
 typedef struct tl_summary_adjust {
@@ -20,7 +21,7 @@ typedef struct tl_summary_adjust {
 } tl_summary_adjust;
 
 typedef struct tl_summary {
-    uint64_t steps; /* computed at their own tick; those made up later are in `outcomes` */
+    uint64_t steps; /* computed at their own tick; those made up later and those followed are in `outcomes` */
     uint64_t evaluations;
     uint64_t optimised_steps; /* steps that searched beyond the first guess */
     uint64_t outcomes[TL_OUTCOMES];
@@ -33,6 +34,7 @@ typedef struct tl_summary {
     uint64_t deadline_misses; /* steps that ended after their period */
     tl_time used_longest;     /* ns */
     double wall_s;
+    tl_resumption resumption; /* of a run that goes on with an earlier one, whose last steps are among the outcomes */
 } tl_summary;
 
 void tl_summary_add(tl_summary *summary, const tl_config *config, const tl_record *record);

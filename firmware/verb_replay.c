@@ -1,4 +1,5 @@
 /* twinlock replay: a recording through the twin. */
+#include <errno.h>
 #include <getopt.h>
 #include <limits.h>
 #include <stdio.h>
@@ -24,6 +25,7 @@ typedef struct replay_options {
     const char *database;
     const char *trajectory;
     const char *report;
+    int64_t run; /* of a database; 0: the last one */
     bool json;
     bool realtime;
     bool plain;
@@ -41,6 +43,7 @@ static void print_help(FILE *file) {
                 "Runs a recording of the plant through the twin and tells how well they agree. Time budgets are\n"
                 "ignored, so the same recording gives the same result to the bit.\n\n"
                 "  --recording FILE  a CSV file, or a database that `twinlock run` wrote; default: as configured\n"
+                "  --run N           of a database; default: its last run\n"
                 "  --json            print one JSON object instead of a table\n"
                 "  --db FILE         record into a SQLite database, as `run` does\n"
                 "  --csv FILE        write y, ŷ, u and û of every step (\"-\": standard output, without the table)\n"
@@ -52,10 +55,23 @@ static void print_help(FILE *file) {
                 file);
 }
 
+static bool parse_run(const char *text, int64_t *run) {
+    char *end = NULL;
+    errno = 0;
+    *run = strtoll(text, &end, 10);
+    if (errno != 0 || end == text || *end != '\0' || *run < 1) {
+        (void)fprintf(stderr, "twinlock replay: --run: found \"%s\", expected the number of a run, for example 3\n",
+                      text);
+        return false;
+    }
+    return true;
+}
+
 /* 0: go on; else the exit code + 1. */
 static int parse(int argc, char **argv, replay_options *options) {
     static const struct option LONG[] = {
         {"recording", required_argument, NULL, 'r'},
+        {"run", required_argument, NULL, 'n'},
         {"json", no_argument, NULL, 'j'},
         {"db", required_argument, NULL, 'd'},
         {"csv", required_argument, NULL, 'c'},
@@ -69,6 +85,11 @@ static int parse(int argc, char **argv, replay_options *options) {
         switch (option) {
         case 'r':
             options->recording = optarg;
+            break;
+        case 'n':
+            if (!parse_run(optarg, &options->run)) {
+                return 3;
+            }
             break;
         case 'j':
             options->json = true;
@@ -249,6 +270,7 @@ static tl_status load(const replay_options *options, tl_assembly *assembly) {
     if (status != TL_OK) {
         return status;
     }
+    assembly->config.recording_run = options->run;
     if (options->plain) {
         assembly->config.saving.structure = false;
         assembly->config.saving.sequences = false;

@@ -254,6 +254,9 @@ static void watch_delay(tl_watch *watch, int64_t tick, const tl_record *record) 
 }
 
 void tl_watch_record(tl_watch *watch, int64_t tick, const tl_record *record) {
+    if (record->outcome == TL_FOLLOWED) {
+        return; /* told by the run that it is of */
+    }
     if (watch->config->event.start.signal != NULL) {
         watch_stroke(watch, tick, record);
         return;

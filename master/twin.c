@@ -5,11 +5,19 @@
 #include "master/sync/proof.h"
 #include "master/twin_parts.h"
 
-static tl_status start(tl_twin *twin, tl_error *error) {
+tl_status tl_twin_start(tl_twin *twin, tl_error *error) {
+    for (size_t i = 0; i < twin->graph.component_count; i++) {
+        twin->graph.components[i].start = tl_seconds(tl_time_of_step(0, twin->step, twin->first));
+    }
     tl_status status = tl_exchange_initialize(&twin->exchange, error);
     if (status == TL_OK && twin->lock.horizon.variables != 0) {
-        status = tl_proof_of_rollback(&twin->lock, &twin->graph, twin->proof, error);
+        status = tl_proof_of_rollback(&twin->lock, &twin->graph, twin->first, twin->proof, error);
     }
+    return status;
+}
+
+static tl_status start(tl_twin *twin, tl_error *error) {
+    tl_status status = tl_twin_start(twin, error);
     return status == TL_OK ? tl_exchange_start(&twin->exchange, error) : status;
 }
 
@@ -86,20 +94,35 @@ static uint64_t count_executions(const tl_twin *twin) {
     return twin->exchange.executions + twin->exchange.plant.executions;
 }
 
-static tl_status step_or_make_up(tl_twin *twin, int64_t step, const tl_budget *budget, tl_record *record,
-                                 tl_error *error) {
-    if (twin->event != NULL) {
-        return tl_event_horizon_step(twin->event, step, budget, record, error);
-    }
-    return budget == NULL ? tl_lock_make_up(&twin->lock, step, record, error)
-                          : tl_lock_step(&twin->lock, step, budget, record, error);
+/* How a tick's step comes about. */
+typedef struct tick_way {
+    const tl_budget *budget; /* it is searched within; NULL: it is not searched */
+    bool follows;            /* an earlier run, */
+    const double *u;         /* which has committed this; NULL where nothing is adjusted. Else it is made up */
+} tick_way;
+
+static tl_status step_by_event(tl_twin *twin, int64_t step, const tick_way *way, tl_record *record, tl_error *error) {
+    return way->follows ? tl_event_horizon_follow(twin->event, step, way->u[0], record, error)
+                        : tl_event_horizon_step(twin->event, step, way->budget, record, error);
 }
 
-/* Computes one step: searched within the budget, or made up where there is none. */
-static tl_status compute(tl_twin *twin, int64_t step, const tl_budget *budget, tl_record *record, tl_error *error) {
+static tl_status step_by(tl_twin *twin, int64_t step, const tick_way *way, tl_record *record, tl_error *error) {
+    if (twin->event != NULL) {
+        return step_by_event(twin, step, way, record, error);
+    }
+    if (way->follows) {
+        return tl_lock_follow(&twin->lock, step, way->u, record, error);
+    }
+    return way->budget == NULL ? tl_lock_make_up(&twin->lock, step, record, error)
+                               : tl_lock_step(&twin->lock, step, way->budget, record, error);
+}
+
+/* Computes one step. */
+static tl_status compute(tl_twin *twin, int64_t step, const tick_way *way, tl_record *record, tl_error *error) {
+    const tl_budget *budget = way->budget;
     uint64_t before = count_executions(twin);
     uint64_t predicted = tl_ledger_total(&twin->lock.ledger);
-    tl_status status = step_or_make_up(twin, step, budget, record, error);
+    tl_status status = step_by(twin, step, way, record, error);
     record->executions = (uint32_t)(count_executions(twin) - before);
     record->predicted = (uint32_t)(tl_ledger_total(&twin->lock.ledger) - predicted);
     record->used = 0;
@@ -136,8 +159,8 @@ static void hand_over_pending(tl_twin *twin, tl_record *record, bool *ready) {
     twin->has_pending = false;
 }
 
-static tl_status advance(tl_twin *twin, const tl_sample *sample, const tl_budget *budget, tl_record *record,
-                         bool *ready, tl_error *error) {
+static tl_status advance(tl_twin *twin, const tl_sample *sample, const tick_way *way, tl_record *record, bool *ready,
+                         tl_error *error) {
     push(twin, sample);
     if (sample->tick == twin->begin) {
         tl_status status = start(twin, error);
@@ -150,10 +173,10 @@ static tl_status advance(tl_twin *twin, const tl_sample *sample, const tl_budget
         hand_over_pending(twin, record, ready);
     }
     int64_t step = sample->tick - (int64_t)twin->lead;
-    if (step < 0) {
+    if (step < twin->first) {
         return TL_OK;
     }
-    tl_status status = compute(twin, step, budget, ahead ? &twin->pending : record, error);
+    tl_status status = compute(twin, step, way, ahead ? &twin->pending : record, error);
     if (status != TL_OK) {
         return status;
     }
@@ -165,24 +188,32 @@ static tl_status advance(tl_twin *twin, const tl_sample *sample, const tl_budget
     return TL_OK;
 }
 
-static tl_status tick(tl_twin *twin, const tl_sample *sample, const tl_budget *budget, tl_record *record, bool *ready,
+static tl_status tick(tl_twin *twin, const tl_sample *sample, const tick_way *way, tl_record *record, bool *ready,
                       tl_error *error) {
     *ready = false;
     if (twin->ended != TL_OK) {
         return tl_fail(error, twin->ended, "the twin has ended with an earlier failure of an FMU: build a new one");
     }
     assert(sample->tick == twin->exchange.plant.newest + 1);
-    twin->ended = advance(twin, sample, budget, record, ready, error);
+    twin->ended = advance(twin, sample, way, record, ready, error);
     return twin->ended;
 }
 
 tl_status tl_twin_step(tl_twin *twin, const tl_sample *sample, const tl_budget *budget, tl_record *record, bool *ready,
                        tl_error *error) {
-    return tick(twin, sample, budget, record, ready, error);
+    const tick_way searched = {.budget = budget};
+    return tick(twin, sample, &searched, record, ready, error);
 }
 
 tl_status tl_twin_make_up(tl_twin *twin, const tl_sample *sample, tl_record *record, bool *ready, tl_error *error) {
-    return tick(twin, sample, NULL, record, ready, error);
+    const tick_way made_up = {0};
+    return tick(twin, sample, &made_up, record, ready, error);
+}
+
+tl_status tl_twin_follow(tl_twin *twin, const tl_sample *sample, const double *u, tl_record *record, bool *ready,
+                         tl_error *error) {
+    const tick_way followed = {.follows = true, .u = u};
+    return tick(twin, sample, &followed, record, ready, error);
 }
 
 void tl_twin_finish(tl_twin *twin, const tl_sample *sample, tl_record *record, bool *ready) {

@@ -34,6 +34,7 @@ typedef struct tl_twin_facts {
     uint32_t prediction;                /* T_P in force; of an event horizon, at most */
     uint32_t distance;                  /* T_D: the smallest over all pairs; 0 where nothing is adjusted */
     uint32_t lead;                      /* step i is computed at tick i + lead */
+    int64_t first;                      /* the first step that was, or will be: 0, or later after tl_twin_begin_at() */
     size_t unknowns;                    /* of a search */
     const char *algorithm;              /* the solver in force; "" where nothing is adjusted */
     const char *fallback;               /* "" where there is none */
@@ -103,6 +104,33 @@ tl_status tl_twin_step(tl_twin *twin, const tl_sample *sample, const tl_budget *
 /* As tl_twin_step() for a tick that was missed: one step with nominal plus the last Δu (a Boolean: the last u), no
  * search. */
 tl_status tl_twin_make_up(tl_twin *twin, const tl_sample *sample, tl_record *record, bool *ready, tl_error *error);
+
+/* As tl_twin_make_up() for a tick of an earlier run, of whose step this u was committed: a value for each adjusted variable, of no
+ * meaning where none is due at this tick; NULL where nothing is adjusted. The outcome is TL_FOLLOWED. */
+tl_status tl_twin_follow(tl_twin *twin, const tl_sample *sample, const double *u, tl_record *record, bool *ready,
+                         tl_error *error);
+
+/* ---- to begin where an earlier run has ended: before the first tick, one of the two ---- */
+
+/* The first sample is that of `tick` ≥ 0. The FMUs begin with their start values at that instant, or as many ticks later as older
+ * values are looked up; so does the first step. */
+void tl_twin_begin_at(tl_twin *twin, int64_t tick);
+
+/* The twin as it was saved after `tick`: FMUs, values, samples, what the filters of the measurements know, u. The solver's head is
+ * empty. The next tick is tick + 1. The FMUs are initialised for it.
+ * Errors: TL_BAD_DATA where the bytes are not of such a twin at that tick; TL_FMU_FAILED, TL_FMU_FATAL where an FMU refuses.
+ *         In any case the twin is of no use then but to be destroyed. */
+tl_status tl_twin_load(tl_twin *twin, int64_t tick, const unsigned char *bytes, size_t size, tl_error *error);
+
+/* Whether all FMUs say that they can turn their state into bytes. */
+bool tl_twin_can_save(const tl_twin *twin);
+
+/* The twin after the newest tick, to `bytes` (NULL: only how many there are). *size is how many it takes; above `capacity` they are
+ * not written. 0: not at this tick, since an FMU would have to be executed again for it (TL_KEEP_OUTPUTS), or nothing has
+ * begun. They are for the same program, machine and FMUs only; whoever keeps them sees to that, and to their integrity. Results of
+ * the twin are the same as without saving.
+ * Errors: TL_FMU_FAILED, TL_FMU_FATAL where an FMU refuses; the twin goes on, unless an FMU's state was lost or it was fatal. */
+tl_status tl_twin_save(tl_twin *twin, unsigned char *bytes, size_t capacity, size_t *size, tl_error *error);
 
 /* Completes the last record in mode ahead with the sample that follows, without a step. */
 void tl_twin_finish(tl_twin *twin, const tl_sample *sample, tl_record *record, bool *ready);

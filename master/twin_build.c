@@ -437,7 +437,8 @@ static void build_values(tl_twin *twin, const tl_plan *plan, tl_report *report) 
     /* As far back as a candidate that is remembered may have been fed. */
     bool by_event = plan->event.start.signal != NULL;
     size_t back = by_event ? tl_event_plan_window(plan) : twin->lock.horizon.prediction;
-    size_t window = back + twin->lead + find_age(plan) + 3;
+    twin->age = (uint32_t)find_age(plan);
+    size_t window = back + twin->lead + twin->age + 3;
     tl_status status = tl_exchange_init(&twin->exchange, &twin->arena, &twin->graph, window, &error);
     if (status != TL_OK) {
         tl_report_add(report, status, "", "%s", error.text);

@@ -15,6 +15,7 @@ tl_twin_facts tl_twin_get_facts(const tl_twin *twin) {
         .prediction = prediction,
         .distance = lock->horizon.distance,
         .lead = twin->lead,
+        .first = twin->first,
         .unknowns = lock->horizon.count,
         .algorithm = lock->solver != NULL ? lock->solver->name : "",
         .fallback = lock->fallback != NULL ? lock->fallback->name : "",

@@ -34,12 +34,17 @@ struct tl_twin {
     tl_twin_delay delay;
     tl_time step;
     uint32_t lead;    /* step i is computed at tick i + lead */
-    int64_t begin;    /* tick at which the FMUs are initialised */
+    uint32_t age;     /* ticks by which what is looked up may be older than the instant it is for */
+    int64_t first;    /* step: that which the FMUs are initialised for */
+    int64_t begin;    /* tick at which they are */
     double *proof;    /* for the proof at start: one value per port */
     tl_status ended;  /* not TL_OK: a step has failed, nothing may follow */
     bool has_pending; /* mode ahead: computed, its measurement not there yet */
     tl_record pending;
 };
+
+/* The FMUs stand initialised at the newest sample, and their rollback is tested; not known to the caches yet. */
+tl_status tl_twin_start(tl_twin *twin, tl_error *error);
 
 /* fmi2Fatal is for all instances of an FMU: none of them may be called any more. */
 bool tl_twin_is_lost(const tl_twin *twin, const tl_component *component);

@@ -87,6 +87,15 @@ static tl_status load(tl_cached_component *cached, uint32_t node, tl_error *erro
     return status;
 }
 
+bool tl_cached_component_can_stand(const tl_cached_component *cached) {
+    return cached->at == cached->root || cached->tree.nodes[cached->root].state != NULL;
+}
+
+tl_status tl_cached_component_stand(tl_cached_component *cached, tl_error *error) {
+    cached->position = cached->root;
+    return cached->at == cached->root ? TL_OK : load(cached, cached->root, error);
+}
+
 /* Whether no state before the one of this node can be wanted any more: it is saved, and every candidate passes it. */
 static bool is_final(const tl_cached_component *cached, uint32_t node) {
     const tl_sequence_cache *tree = &cached->tree;

@@ -54,6 +54,11 @@ tl_status tl_cached_component_start(tl_cached_component *cached, tl_error *error
 /* The candidate goes back to the root. */
 void tl_cached_component_rewind(tl_cached_component *cached);
 
+/* Brings the FMU itself to the root, without an execution. False: it cannot be done, since the state there is not kept
+ * (TL_KEEP_OUTPUTS). */
+bool tl_cached_component_can_stand(const tl_cached_component *cached);
+tl_status tl_cached_component_stand(tl_cached_component *cached, tl_error *error);
+
 /* One step of the candidate, macro step `step`, with the inputs in the ports; the outputs are in the ports afterwards. */
 tl_status tl_cached_component_step(tl_cached_component *cached, int64_t step, tl_error *error);
 

@@ -103,8 +103,9 @@ tl_status tl_component_set_start(tl_component *component, const tl_variable *var
 
 tl_status tl_component_enter_initialization(tl_component *component, tl_error *error) {
     const tl_fmi2 *fmi = component->fmi;
-    tl_status status = judge(component, fmi->setup_experiment(component->instance, fmi2False, 0.0, 0.0, fmi2False, 0.0),
-                             "fmi2SetupExperiment", error);
+    tl_status status =
+        judge(component, fmi->setup_experiment(component->instance, fmi2False, 0.0, component->start, fmi2False, 0.0),
+              "fmi2SetupExperiment", error);
     if (status != TL_OK) {
         return status;
     }
@@ -274,6 +275,35 @@ tl_status tl_component_restore(tl_component *component, fmi2FMUstate state, tl_e
     }
     component->mode = TL_MODE_STEPPING;
     return TL_OK;
+}
+
+bool tl_component_can_serialize(const tl_component *component) {
+    const tl_fmi2 *fmi = component->fmi;
+    return component->model->capabilities.can_get_and_set_state && component->model->capabilities.can_serialize_state &&
+           fmi->get_fmu_state != NULL && fmi->set_fmu_state != NULL && fmi->free_fmu_state != NULL &&
+           fmi->serialized_fmu_state_size != NULL && fmi->serialize_fmu_state != NULL &&
+           fmi->deserialize_fmu_state != NULL;
+}
+
+tl_status tl_component_serialized_size(tl_component *component, fmi2FMUstate state, size_t *size, tl_error *error) {
+    return judge(component, component->fmi->serialized_fmu_state_size(component->instance, state, size),
+                 "fmi2SerializedFMUstateSize", error);
+}
+
+tl_status tl_component_serialize(tl_component *component, fmi2FMUstate state, unsigned char *bytes, size_t size,
+                                 tl_error *error) {
+    return judge(component, component->fmi->serialize_fmu_state(component->instance, state, (fmi2Byte *)bytes, size),
+                 "fmi2SerializeFMUstate", error);
+}
+
+tl_status tl_component_deserialize(tl_component *component, const unsigned char *bytes, size_t size,
+                                   fmi2FMUstate *state, tl_error *error) {
+    if (component->replaces_states) {
+        tl_component_forget(component, state);
+    }
+    return judge(component,
+                 component->fmi->deserialize_fmu_state(component->instance, (const fmi2Byte *)bytes, size, state),
+                 "fmi2DeSerializeFMUstate", error);
 }
 
 void tl_component_forget(tl_component *component, fmi2FMUstate *state) {

@@ -57,6 +57,7 @@ typedef struct tl_component {
     tl_component_mode mode;
     tl_ports inputs;      /* connected inputs and adjusted variables: set before each step */
     tl_ports outputs;     /* connected and matched outputs: read after each step */
+    double start;         /* s of simulated time at which the FMU is initialised */
     bool logging;         /* fmi2Instantiate: loggingOn */
     bool replaces_states; /* a handle to be reused is not: the FMU made another one */
     bool reals_only;      /* no other ports: set by the exchange, once they are placed */
@@ -72,7 +73,7 @@ tl_status tl_component_instantiate(tl_component *component, const fmi2CallbackFu
 tl_status tl_component_set_start(tl_component *component, const tl_variable *variable, const tl_value *value,
                                  tl_error *error);
 
-/* fmi2SetupExperiment (start 0, no stop time, no tolerance) and fmi2EnterInitializationMode. */
+/* fmi2SetupExperiment (from `start`, no stop time, no tolerance) and fmi2EnterInitializationMode. */
 tl_status tl_component_enter_initialization(tl_component *component, tl_error *error);
 
 /* fmi2ExitInitializationMode. */
@@ -100,6 +101,17 @@ tl_status tl_component_check_outputs(const tl_component *component, tl_error *er
  * in a twin that runs for weeks is all of the memory. */
 tl_status tl_component_save(tl_component *component, fmi2FMUstate *state, tl_error *error);
 tl_status tl_component_restore(tl_component *component, fmi2FMUstate state, tl_error *error);
+
+/* Whether the FMU says that it can turn a saved state into bytes and back. */
+bool tl_component_can_serialize(const tl_component *component);
+
+/* A saved state as bytes: how many there are, the bytes, and a state from bytes. Bytes are for the same FMU binary only. A handle
+ * that is not NULL is reused. */
+tl_status tl_component_serialized_size(tl_component *component, fmi2FMUstate state, size_t *size, tl_error *error);
+tl_status tl_component_serialize(tl_component *component, fmi2FMUstate state, unsigned char *bytes, size_t size,
+                                 tl_error *error);
+tl_status tl_component_deserialize(tl_component *component, const unsigned char *bytes, size_t size,
+                                   fmi2FMUstate *state, tl_error *error);
 
 /* Frees a handle and makes it NULL; nothing where it is NULL or the FMU may not be called any more. */
 void tl_component_forget(tl_component *component, fmi2FMUstate *state);

@@ -210,3 +210,24 @@ tl_status tl_exchange_save(tl_exchange *exchange, tl_error *error) {
 tl_status tl_exchange_restore(tl_exchange *exchange, tl_error *error) {
     return tl_snapshot_restore(&exchange->home, error);
 }
+
+static bool can_stand(const tl_exchange *exchange) {
+    bool can = true;
+    for (size_t i = 0; exchange->cached != NULL && i < exchange->component_count; i++) {
+        can = can && tl_cached_component_can_stand(&exchange->cached[i]);
+    }
+    return can;
+}
+
+tl_status tl_exchange_take(tl_exchange *exchange, bool *taken, tl_error *error) {
+    tl_status status = TL_OK;
+    *taken = can_stand(exchange);
+    for (size_t i = 0; *taken && exchange->cached != NULL && i < exchange->component_count && status == TL_OK; i++) {
+        status = tl_cached_component_stand(&exchange->cached[i], error);
+    }
+    return *taken && status == TL_OK ? tl_snapshot_take(&exchange->home, error) : status;
+}
+
+tl_status tl_exchange_return(tl_exchange *exchange, tl_error *error) {
+    return tl_snapshot_restore(&exchange->home, error);
+}

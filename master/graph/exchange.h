@@ -118,6 +118,11 @@ tl_status tl_exchange_save(tl_exchange *exchange, tl_error *error);
 tl_status tl_exchange_restore(tl_exchange *exchange, tl_error *error);
 tl_status tl_exchange_step(tl_exchange *exchange, int64_t step, tl_error *error);
 
+/* The committed instant into `home`, where each FMU can be brought there without an execution; else *taken is false. Between
+ * steps only. And from what was loaded into `home` to it: everything stands there, before tl_exchange_start(). */
+tl_status tl_exchange_take(tl_exchange *exchange, bool *taken, tl_error *error);
+tl_status tl_exchange_return(tl_exchange *exchange, tl_error *error);
+
 /* Gives back what a component's cache holds of its FMU, before the component is freed. Not for one whose FMU may not be called
  * any more. */
 void tl_exchange_end_component(tl_exchange *exchange, size_t component);

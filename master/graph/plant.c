@@ -50,6 +50,17 @@ const tl_sample *tl_plant_sample(const tl_plant *plant, int64_t tick) {
     return &plant->window[(size_t)(known < 0 ? 0 : known) & plant->window_mask];
 }
 
+void tl_plant_archive(tl_plant *plant, tl_archive *archive) {
+    tl_archive_part(archive, &plant->newest, sizeof plant->newest);
+    tl_archive_part(archive, plant->held, plant->signal_count * sizeof plant->held[0]);
+    for (size_t i = 0; i <= plant->window_mask; i++) {
+        tl_sample *sample = &plant->window[i];
+        tl_archive_part(archive, &sample->tick, sizeof sample->tick);
+        tl_archive_part(archive, sample->values, plant->signal_count * sizeof sample->values[0]);
+        tl_archive_part(archive, sample->quality, plant->signal_count * sizeof sample->quality[0]);
+    }
+}
+
 void tl_plant_placed(tl_plant *plant) {
     plant->delivered_signals = 0;
     for (size_t i = 0; i < plant->signal_count; i++) {

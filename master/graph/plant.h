@@ -21,6 +21,7 @@
 #include <stdint.h>
 
 #include "fmi2TypesPlatform.h"
+#include "master/base/archive.h"
 #include "master/base/arena.h"
 #include "master/base/signal.h"
 
@@ -59,6 +60,9 @@ void tl_plant_push(tl_plant *plant, const tl_sample *sample);
 /* The sample of a tick, values held where bad. A tick after the newest gives the newest, one before 0 that of 0. Ticks older
  * than the window must not be asked for. At least one sample must have been pushed. */
 const tl_sample *tl_plant_sample(const tl_plant *plant, int64_t tick);
+
+/* All of it that came with samples. */
+void tl_plant_archive(tl_plant *plant, tl_archive *archive);
 
 /* Once the outputs are placed: finds out which signals are delivered at all. */
 void tl_plant_placed(tl_plant *plant);

@@ -1,6 +1,7 @@
 /* The co-simulation at one instant: see snapshot.h. */
 #include "master/graph/snapshot.h"
 
+#include <stdint.h>
 #include <string.h>
 
 bool tl_snapshot_init(tl_snapshot *snapshot, tl_arena *arena, tl_component *components, size_t component_count,
@@ -36,4 +37,38 @@ void tl_snapshot_forget(tl_snapshot *snapshot, size_t component) {
     if (snapshot->states != NULL) {
         tl_component_forget(&snapshot->components[component], &snapshot->states[component]);
     }
+}
+
+static tl_status save_state(tl_component *component, fmi2FMUstate state, tl_archive *archive, tl_error *error) {
+    uint64_t size = 0;
+    size_t bytes = 0;
+    tl_status status = tl_component_serialized_size(component, state, &bytes, error);
+    if (status != TL_OK) {
+        return status;
+    }
+    size = bytes;
+    tl_archive_part(archive, &size, sizeof size);
+    unsigned char *room = tl_archive_room(archive, bytes);
+    return room != NULL ? tl_component_serialize(component, state, room, bytes, error) : TL_OK;
+}
+
+static tl_status load_state(tl_component *component, fmi2FMUstate *state, tl_archive *archive, tl_error *error) {
+    uint64_t size = 0;
+    tl_archive_part(archive, &size, sizeof size);
+    const unsigned char *bytes = tl_archive_bytes(archive, size <= SIZE_MAX ? (size_t)size : SIZE_MAX);
+    if (bytes == NULL) {
+        return tl_fail(error, TL_BAD_DATA, "%s: the bytes of its state are not all there", component->name);
+    }
+    return tl_component_deserialize(component, bytes, (size_t)size, state, error);
+}
+
+tl_status tl_snapshot_archive(tl_snapshot *snapshot, tl_archive *archive, tl_error *error) {
+    tl_status status = TL_OK;
+    for (size_t i = 0; i < snapshot->component_count && status == TL_OK; i++) {
+        tl_component *component = &snapshot->components[i];
+        status = tl_archive_is_loading(archive) ? load_state(component, &snapshot->states[i], archive, error)
+                                                : save_state(component, snapshot->states[i], archive, error);
+    }
+    tl_archive_part(archive, snapshot->values, snapshot->values_size);
+    return status;
 }

@@ -12,6 +12,7 @@
 #include <stdbool.h>
 #include <stddef.h>
 
+#include "master/base/archive.h"
 #include "master/base/arena.h"
 #include "master/base/status.h"
 #include "master/fmi/component.h"
@@ -32,6 +33,10 @@ bool tl_snapshot_init(tl_snapshot *snapshot, tl_arena *arena, tl_component *comp
 /* Keeps the present instant in place of what was kept before; and leads back to what is kept, as often as wanted. */
 tl_status tl_snapshot_take(tl_snapshot *snapshot, tl_error *error);
 tl_status tl_snapshot_restore(const tl_snapshot *snapshot, tl_error *error);
+
+/* What is kept, as bytes: of each FMU its own, then all values. Loading fills the snapshot; tl_snapshot_restore() then leads there.
+ * TL_BAD_DATA where the bytes end too soon. Every component must be able to serialise. */
+tl_status tl_snapshot_archive(tl_snapshot *snapshot, tl_archive *archive, tl_error *error);
 
 /* Gives one component's state back to its FMU, before the component is freed. */
 void tl_snapshot_forget(tl_snapshot *snapshot, size_t component);

@@ -205,3 +205,17 @@ double tl_conditioner_value(const tl_conditioner *conditioner, int64_t tick, tl_
     *quality = found->quality;
     return found->value;
 }
+
+/* The whole of it; what points to other memory stays, and that memory follows. */
+void tl_conditioner_archive(tl_conditioner *conditioner, tl_archive *archive) {
+    const tl_conditioner own = *conditioner;
+    tl_archive_part(archive, conditioner, sizeof *conditioner);
+    conditioner->median.size = own.median.size;
+    conditioner->median.values = own.median.values;
+    conditioner->median.order = own.median.order;
+    conditioner->window = own.window;
+    conditioner->window_size = own.window_size;
+    tl_archive_part(archive, own.median.values, own.median.size * sizeof *own.median.values);
+    tl_archive_part(archive, own.median.order, own.median.size * sizeof *own.median.order);
+    tl_archive_part(archive, own.window, own.window_size * sizeof *own.window);
+}

@@ -28,6 +28,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#include "master/base/archive.h"
 #include "master/base/arena.h"
 #include "master/base/signal.h"
 #include "master/base/simtime.h"
@@ -55,5 +56,8 @@ void tl_conditioner_push(tl_conditioner *conditioner, int64_t tick, double value
 /* What came out at `tick` ≥ 0; a tick after the newest gives the newest. Ticks older than the window must not be asked
  * for. 0 and TL_NO_LINK before the first push. */
 double tl_conditioner_value(const tl_conditioner *conditioner, int64_t tick, tl_quality *quality);
+
+/* All that it has learned. */
+void tl_conditioner_archive(tl_conditioner *conditioner, tl_archive *archive);
 
 #endif

@@ -231,3 +231,20 @@ void tl_delay_meter_step(tl_delay_meter *meter, int64_t j, double y, bool free) 
 tl_delay_measured tl_delay_meter_get(const tl_delay_meter *meter) {
     return meter->measured;
 }
+
+/* The whole of it; the rings stay where they are, and what is in them follows. */
+void tl_delay_meter_archive(tl_delay_meter *meter, tl_archive *archive) {
+    ring *const rings[] = {&meter->seen, &meter->simulated};
+    const ring own[] = {meter->seen, meter->simulated};
+    size_t mask = meter->mask;
+    int64_t lags = meter->lags;
+    tl_archive_part(archive, meter, sizeof *meter);
+    meter->mask = mask;
+    meter->lags = lags;
+    for (size_t i = 0; i < 2; i++) {
+        rings[i]->values = own[i].values;
+        rings[i]->good = own[i].good;
+        tl_archive_part(archive, own[i].values, (mask + 1) * sizeof *own[i].values);
+        tl_archive_part(archive, own[i].good, (mask + 1) * sizeof *own[i].good);
+    }
+}

@@ -20,6 +20,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#include "master/base/archive.h"
 #include "master/base/arena.h"
 #include "master/base/simtime.h"
 
@@ -50,5 +51,8 @@ void tl_delay_meter_see(tl_delay_meter *meter, tl_time stamp, double value, bool
 void tl_delay_meter_step(tl_delay_meter *meter, int64_t j, double y, bool free);
 
 tl_delay_measured tl_delay_meter_get(const tl_delay_meter *meter);
+
+/* All that it has learned. */
+void tl_delay_meter_archive(tl_delay_meter *meter, tl_archive *archive);
 
 #endif

@@ -503,3 +503,15 @@ tl_status tl_event_horizon_step(tl_event_horizon *self, int64_t step, const tl_b
     record->outcome = budget == NULL ? TL_MADE_UP : record->outcome;
     return status;
 }
+
+tl_status tl_event_horizon_follow(tl_event_horizon *self, int64_t step, double u, tl_record *record, tl_error *error) {
+    self->own_course = self->own_course && is_u(self, u);
+    self->u = u;
+    tl_status status = tl_event_horizon_step(self, step, NULL, record, error);
+    record->outcome = TL_FOLLOWED;
+    return status;
+}
+
+void tl_event_horizon_archive(tl_event_horizon *self, tl_archive *archive) {
+    tl_archive_part(archive, &self->u, sizeof self->u);
+}

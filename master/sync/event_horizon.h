@@ -25,6 +25,7 @@
 #include <stdbool.h>
 #include <stddef.h>
 
+#include "master/base/archive.h"
 #include "master/base/arena.h"
 #include "master/base/status.h"
 #include "master/plan.h"
@@ -47,5 +48,11 @@ void tl_event_horizon_end(tl_event_horizon *self);
  * search. */
 tl_status tl_event_horizon_step(tl_event_horizon *self, int64_t step, const tl_budget *budget, tl_record *record,
                                 tl_error *error);
+
+/* A step that is not searched, with this u in force from now on, which an earlier run has committed. */
+tl_status tl_event_horizon_follow(tl_event_horizon *self, int64_t step, double u, tl_record *record, tl_error *error);
+
+/* The u in force. A stroke that was under way is not known when it is loaded. */
+void tl_event_horizon_archive(tl_event_horizon *self, tl_archive *archive);
 
 #endif

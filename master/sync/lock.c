@@ -451,7 +451,8 @@ static tl_status commit_found(tl_attempt *attempt, const double *u, tl_record *r
     const double *nominal = lock->memory.nominal;
     tl_status status = commit(attempt, u, record);
     if (status == TL_FMU_FAILED && !is_nominal(lock, u)) {
-        record->outcome = record->outcome == TL_MADE_UP ? TL_MADE_UP : TL_NOMINAL;
+        bool unsearched = record->outcome == TL_MADE_UP || record->outcome == TL_FOLLOWED;
+        record->outcome = unsearched ? record->outcome : TL_NOMINAL;
         record->objective = record->objective_nominal;
         u = nominal;
         status = commit(attempt, u, record);
@@ -567,18 +568,38 @@ static void extrapolate(const tl_lock *lock, const double *nominal, double *valu
     }
 }
 
-tl_status tl_lock_make_up(tl_lock *lock, int64_t step, tl_record *record, tl_error *error) {
+/* One step with what is known before; u NULL: the last Δu. */
+static tl_status step_unsearched(tl_lock *lock, int64_t step, tl_outcome outcome, const double *u, tl_record *record,
+                                 tl_error *error) {
     if (lock->horizon.variables == 0) {
-        return step_free(lock, step, TL_MADE_UP, record, error);
+        return step_free(lock, step, outcome, record, error);
     }
     tl_attempt attempt;
     tl_status status = begin(&attempt, lock, step, NULL, record, error);
     if (status != TL_OK) {
         return status;
     }
-    record->outcome = TL_MADE_UP;
+    record->outcome = outcome;
     double values[TL_MAX_ADJUST];
-    extrapolate(lock, attempt.nominal, values);
-    tl_horizon_hold(&lock->horizon, values, lock->memory.guess);
+    if (u == NULL) {
+        extrapolate(lock, attempt.nominal, values);
+    }
+    tl_horizon_hold(&lock->horizon, u != NULL ? u : values, lock->memory.guess);
     return commit_found(&attempt, lock->memory.guess, record);
+}
+
+tl_status tl_lock_make_up(tl_lock *lock, int64_t step, tl_record *record, tl_error *error) {
+    return step_unsearched(lock, step, TL_MADE_UP, NULL, record, error);
+}
+
+tl_status tl_lock_follow(tl_lock *lock, int64_t step, const double *u, tl_record *record, tl_error *error) {
+    return step_unsearched(lock, step, TL_FOLLOWED, u, record, error);
+}
+
+void tl_lock_archive(tl_lock *lock, tl_archive *archive) {
+    const tl_objective *objective = &lock->objective;
+    tl_archive_part(archive, &lock->has_last, sizeof lock->has_last);
+    tl_archive_part(archive, lock->memory.before, sizeof lock->memory.before);
+    tl_archive_part(archive, lock->last_delta, sizeof lock->last_delta);
+    tl_archive_part(archive, objective->jitters, objective->matched * sizeof *objective->jitters);
 }

@@ -13,6 +13,7 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+#include "master/base/archive.h"
 #include "master/graph/exchange.h"
 #include "master/graph/track.h"
 #include "master/sync/horizon.h"
@@ -91,5 +92,11 @@ tl_status tl_lock_step(tl_lock *lock, int64_t step, const tl_budget *budget, tl_
 
 /* Commits step i with nominal and the Δu committed last, without a search. */
 tl_status tl_lock_make_up(tl_lock *lock, int64_t step, tl_record *record, tl_error *error);
+
+/* Commits step i with this u, which an earlier run has committed, without a search. */
+tl_status tl_lock_follow(tl_lock *lock, int64_t step, const double *u, tl_record *record, tl_error *error);
+
+/* What a step without a search needs of the steps before it, and the noise of the measurements; solvers begin anew. */
+void tl_lock_archive(tl_lock *lock, tl_archive *archive);
 
 #endif

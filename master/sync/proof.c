@@ -38,7 +38,7 @@ static tl_status compare_outputs(const tl_exchange *exchange, const tl_graph *gr
 }
 
 /* Leads all states away from where they were: a horizon with other inputs. It may fail, as any candidate may. */
-static tl_status lead_astray(const tl_lock *lock, tl_error *error) {
+static tl_status lead_astray(const tl_lock *lock, int64_t first, tl_error *error) {
     double *u = lock->memory.trial;
     tl_status status = TL_OK;
     for (size_t v = 0; v < lock->horizon.variables; v++) {
@@ -49,21 +49,21 @@ static tl_status lead_astray(const tl_lock *lock, tl_error *error) {
         }
     }
     tl_attempt_set_inputs(lock, u, 0);
-    for (int64_t step = 0; step < lock->horizon.prediction && status == TL_OK; step++) {
-        status = tl_exchange_step(lock->exchange, step, error);
+    for (uint32_t depth = 0; depth < lock->horizon.prediction && status == TL_OK; depth++) {
+        status = tl_exchange_step(lock->exchange, first + depth, error);
     }
     return status == TL_FMU_FATAL ? status : TL_OK;
 }
 
-tl_status tl_proof_of_rollback(tl_lock *lock, const tl_graph *graph, double *outputs, tl_error *error) {
+tl_status tl_proof_of_rollback(tl_lock *lock, const tl_graph *graph, int64_t first, double *outputs, tl_error *error) {
     tl_exchange *exchange = lock->exchange;
     tl_status status = tl_exchange_save(exchange, error);
-    status = status == TL_OK ? tl_exchange_step(exchange, 0, error) : status;
+    status = status == TL_OK ? tl_exchange_step(exchange, first, error) : status;
     note_outputs(exchange, graph, outputs);
     status = status == TL_OK ? tl_exchange_restore(exchange, error) : status;
-    status = status == TL_OK ? lead_astray(lock, error) : status;
+    status = status == TL_OK ? lead_astray(lock, first, error) : status;
     status = status == TL_OK ? tl_exchange_restore(exchange, error) : status;
-    status = status == TL_OK ? tl_exchange_step(exchange, 0, error) : status;
+    status = status == TL_OK ? tl_exchange_step(exchange, first, error) : status;
     status = status == TL_OK ? compare_outputs(exchange, graph, outputs, error) : status;
     status = status == TL_OK ? tl_exchange_restore(exchange, error) : status;
     for (size_t i = 0; i < exchange->component_count; i++) {

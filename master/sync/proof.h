@@ -11,8 +11,9 @@
 #include "master/graph/graph.h"
 #include "master/sync/lock.h"
 
-/* After initialisation, before tl_exchange_start(); leaves everything at t_0, and no executions counted. `outputs` is scratch: a
+/* After initialisation, before tl_exchange_start(); leaves everything where it was, at the beginning of step `first`, and
+ * no executions counted. `outputs` is scratch: a
  * place for each port of the graph. TL_FMU_FAILED, and which output it is, where the rollback does not hold. */
-tl_status tl_proof_of_rollback(tl_lock *lock, const tl_graph *graph, double *outputs, tl_error *error);
+tl_status tl_proof_of_rollback(tl_lock *lock, const tl_graph *graph, int64_t first, double *outputs, tl_error *error);
 
 #endif

@@ -3,7 +3,7 @@
 
 const char *tl_outcome_name(tl_outcome outcome) {
     static const char *const names[] = {"free",     "first guess", "optimised", "best so far", "nominal",
-                                        "free run", "made up",     "held",      "searching"};
+                                        "free run", "made up",     "held",      "searching",   "followed"};
     return names[outcome];
 }
 

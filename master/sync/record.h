@@ -34,10 +34,11 @@ typedef enum tl_outcome {
     TL_FREE_RUN,    /* no matched signal was good: nominal u committed, nothing evaluated */
     TL_MADE_UP,     /* a missed tick: nominal plus the last Δu (a Boolean: the last u), nothing evaluated */
     TL_HELD, /* event horizon: the u found last; the outcomes above are those of a stroke, when its search is over */
-    TL_SEARCHING /* event horizon: the same, while a stroke is searched */
+    TL_SEARCHING, /* event horizon: the same, while a stroke is searched */
+    TL_FOLLOWED   /* the u that an earlier run has committed, so as to go on from where that one ended */
 } tl_outcome;
 
-enum { TL_OUTCOMES = TL_SEARCHING + 1 };
+enum { TL_OUTCOMES = TL_FOLLOWED + 1 };
 
 /* Why the search ended. */
 typedef enum tl_stop {

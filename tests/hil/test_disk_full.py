@@ -22,7 +22,7 @@ OMEGA = 62.981  # rad/s: where config/motor's twin starts
 
 
 def disk_config(device):
-    return edited_config("motor/live.json", {"duration_s": None, "record": {"commit_s": 0.1},
+    return edited_config("motor/live.json", {"duration_s": None, "record": {"commit_s": 0.1, "resume_s": 0},
                                              "sources": {"inverter": {"modbus_tcp": {"port": device.port}}}})
 
 

@@ -597,6 +597,16 @@ static fmi2Status do_step(fmi2Component component, fmi2Real time, fmi2Real step,
 
 /* ---- states ---- */
 
+static saved *new_state(instance *self) {
+    saved *handle = calloc(1, sizeof *handle);
+    assert(handle != NULL);
+    self->fmu->states++;
+    handle->owner = self;
+    handle->next = self->states;
+    self->states = handle;
+    return handle;
+}
+
 static fmi2Status get_state(fmi2Component component, fmi2FMUstate *state) {
     instance *self = component;
     saved *handle = *state;
@@ -605,14 +615,7 @@ static fmi2Status get_state(fmi2Component component, fmi2FMUstate *state) {
         if (handle != NULL && handle->owner != self) {
             violate(self, TL_TEST_GET_STATE, "the handle is another instance's");
         }
-        if (handle == NULL) {
-            handle = calloc(1, sizeof *handle);
-            assert(handle != NULL);
-            self->fmu->states++;
-            handle->next = self->states;
-            self->states = handle;
-        }
-        handle->owner = self;
+        handle = handle != NULL ? handle : new_state(self);
         handle->values = self->now;
         *state = handle;
     }
@@ -674,6 +677,39 @@ static fmi2Status free_state(fmi2Component component, fmi2FMUstate *state) {
     return fmi2OK;
 }
 
+static fmi2Status serialized_size(fmi2Component component, fmi2FMUstate state, size_t *size) {
+    const saved *handle = state;
+    const instance *self = component;
+    if (handle == NULL || handle->owner != self) {
+        violate(self, TL_TEST_SERIALIZED_SIZE, "the handle is not of this instance");
+    }
+    *size = sizeof handle->values;
+    return plain(component, TL_TEST_SERIALIZED_SIZE, ~0U);
+}
+
+static fmi2Status serialize(fmi2Component component, fmi2FMUstate state, fmi2Byte *bytes, size_t size) {
+    const saved *handle = state;
+    fmi2Status status = plain(component, TL_TEST_SERIALIZE, ~0U);
+    if (size < sizeof handle->values) {
+        violate(component, TL_TEST_SERIALIZE, "into fewer bytes than it said");
+        return fmi2Error;
+    }
+    memcpy(bytes, &handle->values, sizeof handle->values);
+    return status;
+}
+
+static fmi2Status deserialize(fmi2Component component, const fmi2Byte *bytes, size_t size, fmi2FMUstate *state) {
+    saved *handle = *state;
+    fmi2Status status = plain(component, TL_TEST_DESERIALIZE, ~0U);
+    if (status != fmi2OK || size != sizeof handle->values) {
+        return status != fmi2OK ? status : fmi2Error;
+    }
+    handle = handle != NULL ? handle : new_state(component);
+    memcpy(&handle->values, bytes, size);
+    *state = handle;
+    return fmi2OK;
+}
+
 /* ---- the FMU ---- */
 
 static const char *get_types_platform(void) {
@@ -714,6 +750,9 @@ void tl_test_fmu_init(tl_test_fmu *fmu, size_t width, bool discrete, tl_test_log
         .get_fmu_state = get_state,
         .set_fmu_state = set_state,
         .free_fmu_state = free_state,
+        .serialized_fmu_state_size = serialized_size,
+        .serialize_fmu_state = serialize,
+        .deserialize_fmu_state = deserialize,
         .do_step = do_step,
     };
     assert(width >= 1 && width <= TL_TEST_WIDTH);
@@ -807,6 +846,9 @@ const char *tl_test_call_name(tl_test_call call) {
                                                      "fmi2GetFMUstate",
                                                      "fmi2SetFMUstate",
                                                      "fmi2FreeFMUstate",
+                                                     "fmi2SerializedFMUstateSize",
+                                                     "fmi2SerializeFMUstate",
+                                                     "fmi2DeSerializeFMUstate",
                                                      "fmi2DoStep",
                                                      "fmi2Terminate",
                                                      "fmi2FreeInstance"};

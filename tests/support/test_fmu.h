@@ -56,6 +56,9 @@ typedef enum tl_test_call {
     TL_TEST_GET_STATE,
     TL_TEST_SET_STATE,
     TL_TEST_FREE_STATE,
+    TL_TEST_SERIALIZED_SIZE,
+    TL_TEST_SERIALIZE,
+    TL_TEST_DESERIALIZE,
     TL_TEST_DO_STEP,
     TL_TEST_TERMINATE,
     TL_TEST_FREE_INSTANCE,
@@ -118,8 +121,9 @@ typedef struct tl_test_control {
 struct tl_test_fmu {
     tl_model model;
     tl_variable variables[TL_TEST_VARIABLES]; /* the model's; a test may change them before the twin is built */
-    tl_fmi2 functions;                        /* what no master of ours calls is NULL */
-    fmi2CallbackFunctions callbacks;          /* to be given to fmi2Instantiate: leads back to this FMU */
+    tl_fmi2
+        functions; /* what no master of ours calls is NULL; it can serialise, but does not say so unless a test does */
+    fmi2CallbackFunctions callbacks; /* to be given to fmi2Instantiate: leads back to this FMU */
     tl_test_control control;
     tl_test_log *log;
     uint64_t calls[TL_TEST_CALLS]; /* by kind */

@@ -143,3 +143,8 @@ void tl_test_run_make_up(tl_test_run *run) {
     run->status = tl_twin_make_up(run->twin, &run->sample, &run->record, &run->ready, &run->error);
     move_on(run);
 }
+
+void tl_test_run_follow(tl_test_run *run, const double *u) {
+    run->status = tl_twin_follow(run->twin, &run->sample, u, &run->record, &run->ready, &run->error);
+    move_on(run);
+}

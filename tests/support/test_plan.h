@@ -81,7 +81,8 @@ void tl_test_run_init(tl_test_run *run, tl_twin *twin);
 /* One tick with the sample as it stands; then the sample's tick and stamps move on. */
 void tl_test_run_step(tl_test_run *run);
 
-/* As above, for a tick that was missed. */
+/* As above, for a tick that was missed; and for one of an earlier run. */
 void tl_test_run_make_up(tl_test_run *run);
+void tl_test_run_follow(tl_test_run *run, const double *u);
 
 #endif

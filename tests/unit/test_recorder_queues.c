@@ -89,6 +89,7 @@ static bool put_both(int64_t i) {
 
 static void test_a_full_ring_refuses_and_stays_whole(void) {
     TEST_ASSERT_TRUE(tl_recorder_ring_open(&ring, 4096));
+    const tl_resumption beginning = {.started = 1234};
     int64_t put = 0;
     int64_t taken = 0;
     for (int round = 0; round < 100; round++) { /* wraps around at every offset */
@@ -99,7 +100,7 @@ static void test_a_full_ring_refuses_and_stays_whole(void) {
         tl_sample sample;
         tl_made_sample(0, &sample);
         while (tl_recorder_ring_has_room(&ring, tl_recorder_entry_size(&shape, TL_ENTRY_SAMPLE))) {
-            TEST_ASSERT_TRUE(tl_recorder_entry_put_start(&ring, &shape, 1234));
+            TEST_ASSERT_TRUE(tl_recorder_entry_put_start(&ring, &shape, &beginning));
             filled += tl_recorder_entry_size(&shape, TL_ENTRY_START);
         }
         TEST_ASSERT_FALSE(tl_recorder_entry_put_sample(&ring, &shape, &sample, 0));
@@ -108,7 +109,7 @@ static void test_a_full_ring_refuses_and_stays_whole(void) {
         while (cursor != tl_recorder_ring_end(&ring)) {
             tl_recorder_entry_take(&ring, &shape, &cursor, &entry);
             if (entry.kind == TL_ENTRY_START) {
-                TEST_ASSERT_EQUAL_INT64(1234, entry.started);
+                TEST_ASSERT_EQUAL_INT64(1234, entry.beginning.started);
                 continue;
             }
             expect_sample(taken);
