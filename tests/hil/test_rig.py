@@ -43,7 +43,7 @@ def test_on_the_box():
     results.mkdir(exist_ok=True)
     figures = twinlock_test.run_well(["replay", twinlock_test.config_path("motor/lock.json"), "--json"])
     (results / "lock.json").write_text(figures, encoding="utf-8")
-    done = box.run([f"{BOX_TESTS}/run"], timeout=400)
+    done = box.run([f"{BOX_TESTS}/run"], timeout=620)
     print("".join(f"  {line}\n" for line in done.stdout.splitlines()), end="")
     if done.returncode != 0:
         raise Failure(f"the tests on the box ended with {done.returncode}\n{done.stderr}")
