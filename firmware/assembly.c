@@ -71,7 +71,8 @@ static void load_component(tl_assembly *assembly, size_t index) {
     if (!tl_config_fmu_path(&assembly->config, configured->fmu, path, sizeof path)) {
         tl_report_add(
             &assembly->problems.report, TL_BAD_DATA, configured->where,
-            "no file \"%s\" here, in TWINLOCK_FMU_PATH, or in ../fmus beside the program (looked for \"%s\" first)",
+            "no file \"%s\" here, in TWINLOCK_FMU_PATH, or in ../fmus or ../lib/twinlock/fmus beside the program (looked "
+            "for \"%s\" first)",
             configured->fmu, path);
         return;
     }

@@ -79,7 +79,11 @@ static void begin(tl_checkpointer *self, int64_t tick, const tl_budget *budget) 
         end(self, "it is too large for the database (record.max_mb), or there is not enough memory");
         return;
     }
-    if (save(self, &size) && save(self, &size)) {
+    bool saved = save(self, &size);
+    if (saved) {
+        saved = save(self, &size);
+    }
+    if (saved) {
         self->is_ready = true;
         put(self, tick, size);
     }

@@ -270,6 +270,15 @@ static size_t program_folder(char *folder, size_t size) {
     return slash != NULL ? (size_t)(slash - folder) : 0;
 }
 
+/* In `folder`, seen from where the program is: as the build leaves it, or as it is installed. */
+static bool is_beside_program(const char *folder, const char *fmu, char *path, size_t size) {
+    char program[4096];
+    char whole[4096 + 32];
+    size_t length = program_folder(program, sizeof program);
+    return length > 0 && join(program, length, folder, whole, sizeof whole) &&
+           is_file_in(whole, strlen(whole), fmu, path, size);
+}
+
 bool tl_config_fmu_path(const tl_config *config, const char *fmu, char *path, size_t size) {
     if (tl_config_file_path(config, fmu, path, size) && is_file(path)) {
         return true;
@@ -285,9 +294,5 @@ bool tl_config_fmu_path(const tl_config *config, const char *fmu, char *path, si
         }
         folder += length;
     }
-    char program[4096];
-    char folder[4096 + 16];
-    size_t length = program_folder(program, sizeof program);
-    return length > 0 && join(program, length, "../fmus", folder, sizeof folder) &&
-           is_file_in(folder, strlen(folder), fmu, path, size);
+    return is_beside_program("../fmus", fmu, path, size) || is_beside_program("../lib/twinlock/fmus", fmu, path, size);
 }

@@ -214,7 +214,7 @@ void tl_config_free(tl_config *config);
 size_t tl_config_line(const tl_config *config, const char *where);
 
 /* Where an FMU is: beside the configuration, then in each folder of TWINLOCK_FMU_PATH (colon separated), then in
- * ../fmus beside the program. False where it is nowhere; `path` then holds the first place looked at. An absolute
+ * ../fmus and (where it is installed) ../lib/twinlock/fmus beside the program. False where it is nowhere; `path` then holds the first place looked at. An absolute
  * name is looked for only where it says. */
 bool tl_config_fmu_path(const tl_config *config, const char *fmu, char *path, size_t size);
 

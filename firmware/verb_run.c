@@ -32,8 +32,8 @@ static void print_help(FILE *file) {
         "  --duration S   end after S seconds of plant time\n"
         "  --status       a status line per second also where the output is no terminal\n"
         "  --json         print the summary as one JSON object at the end\n"
-        "  --supervise    run the twin in a process of its own, and start it again when it hangs or dies; after\n"
-        "                 a restart loop without a twin (safe hold). Tells systemd, where that started it\n"
+        "  --supervise    run the twin in a process of its own, and start it again when it hangs or dies, and\n"
+        "                 without a twin after a restart loop (safe hold); tell systemd, where it started it\n"
         "  --state DIR    with --supervise: count restarts in DIR/supervisor.json, across resets of the box\n"
         "  --watchdog DEVICE\n"
         "                 with --supervise: stroke this watchdog (/dev/watchdog) while every thread is alive\n"
@@ -98,7 +98,7 @@ static int take(int option, run_options *options) {
         options->database = optarg;
         return 0;
     case 'n':
-        return parse_seconds("--duration", optarg, "seconds > 0 and below 1e9, for example 14", 1e9,
+        return parse_seconds("--duration", optarg, "seconds > 0 and below 1e9, for example 14", 1e9 - 1,
                              &options->duration_s)
                    ? 0
                    : 3;

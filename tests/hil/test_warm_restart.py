@@ -13,12 +13,13 @@ import zipfile
 from contextlib import closing
 
 from live_test import (FIRST_GUESS, MADE_UP, OPTIMISED, RESULTS, Program, bits, check_database, end_well, expect_reasons,
-                       free_port, number, query, wait_until)
+                       expect_same_events, free_port, number, query, wait_until)
 from twinlock_test import FMUS, at_most, edited_config, expect, main, replay_json, run, run_well, scratch
 
 FOLLOWED = 9  # master/sync/record.h
 PERIOD = 0.01
 LOCKED = 220  # steps: 2 s and 20 periods
+ENOUGH = LOCKED + 30
 WITHIN = FIRST_GUESS, OPTIMISED
 
 
@@ -102,6 +103,7 @@ def check_repeated(config, database, run_number):
     expect(len(found) == len(wanted) and not different,
            f"{len(found)} steps replayed, {len(wanted)} recorded, {len(different)} differ: "
            f"{[(query(database, RESULTS, run_number)[i], query(again, RESULTS, 1)[i]) for i in different[:1]]}")
+    expect_same_events(database, run_number, again)
     return told
 
 
@@ -122,7 +124,7 @@ def kill_and_resume(pause, origin="checkpoint", **changes):
         live = begin(config, database, 1, 100 + random.randrange(60))
         live.kill()
         time.sleep(pause)
-        again = begin(config, database, 2, 2 * LOCKED)
+        again = begin(config, database, 2, ENOUGH)
         told, log = end_well(again, signal.SIGTERM)
     expect("goes on with run 1" in log, log)
     check_resumed(config, database, told, 2, 1, origin)
@@ -171,12 +173,12 @@ def test_killed_twice_in_quick_succession():
         second = Program("run", config, "--json")
         wait_until(lambda: number(database, "SELECT count(*) FROM runs") == 2, "the second run", second.log)
         second.kill()
-        third = begin(config, database, 3, 2 * LOCKED)
+        third = begin(config, database, 3, ENOUGH)
         told, _ = end_well(third, signal.SIGTERM)
         before = told["resumed"]["run"]
         check_resumed(config, database, told, 3, before, "checkpoint")
         begin(config, database, 4, 20).kill()
-        told, _ = end_well(begin(config, database, 5, 2 * LOCKED), signal.SIGTERM)
+        told, _ = end_well(begin(config, database, 5, ENOUGH), signal.SIGTERM)
     expect(told["resumed"]["run"] == 4, f"{told['resumed']}")
     check_resumed(config, database, told, 5, 4, "checkpoint")
 
@@ -195,7 +197,7 @@ def test_killed_at_any_moment():
             check_database(database)
             expect(number(database, "SELECT max(step) FROM steps") >= newest, "steps went back")
         last = number(database, "SELECT max(run) FROM runs") + 1
-        told, log = end_well(begin(config, database, last, 2 * LOCKED), signal.SIGTERM)
+        told, log = end_well(begin(config, database, last, ENOUGH), signal.SIGTERM)
     if told["resumed"] is None:
         expect("got nowhere" in log, log)
     else:
@@ -207,7 +209,7 @@ def test_asked_to_stop_and_started_again():
     config, database = live_config(free_port())
     with Program("plant", config):
         end_well(begin(config, database, 1), signal.SIGTERM)
-        told, _ = end_well(begin(config, database, 2, 2 * LOCKED), signal.SIGTERM)
+        told, _ = end_well(begin(config, database, 2, ENOUGH), signal.SIGTERM)
         check_resumed(config, database, told, 2, 1, "checkpoint")
         last = number(database, "SELECT max(step) FROM steps")
         code, out, log = Program("run", config, "--json", "--duration", str((last + 150) * PERIOD)).end()
@@ -225,12 +227,12 @@ def test_without_checkpoints():
     with Program("plant", config):
         begin(config, database, 1).kill()
         execute(database, "DELETE FROM checkpoints")
-        told, _ = end_well(begin(config, database, 2, 2 * LOCKED), signal.SIGTERM)
+        told, _ = end_well(begin(config, database, 2, ENOUGH), signal.SIGTERM)
         check_resumed(config, database, told, 2, 1, "start")
         same_course(database, 1, 2)
         execute(database, "DELETE FROM checkpoints")
         execute(database, "DELETE FROM samples WHERE run = 2 AND tick < 100")
-        told, _ = end_well(begin(config, database, 3, 2 * LOCKED), signal.SIGTERM)
+        told, _ = end_well(begin(config, database, 3, ENOUGH), signal.SIGTERM)
     check_resumed(config, database, told, 3, 2, "inputs")
 
 
@@ -273,7 +275,7 @@ def test_fmus_that_cannot_be_turned_into_bytes():
     with Program("plant", config):
         begin(config, database, 1).kill()
         expect(number(database, "SELECT count(*) FROM checkpoints") == 0, "there is a checkpoint")
-        told, log = end_well(begin(config, database, 2, 2 * LOCKED), signal.SIGTERM)
+        told, log = end_well(begin(config, database, 2, ENOUGH), signal.SIGTERM)
     expect("canSerializeFMUstate" in log, log)
     check_resumed(config, database, told, 2, 1, "start")
     same_course(database, 1, 2)
@@ -289,7 +291,7 @@ def test_an_fmu_that_refuses_its_bytes():
             data = data[:guid] + b"x" + data[guid + 1:]
             execute(database, "UPDATE checkpoints SET bytes = ?, sha256 = ? WHERE tick = ?", data,
                     hashlib.sha256(data).hexdigest(), tick)
-        told, _ = end_well(begin(config, database, 2, 2 * LOCKED), signal.SIGTERM)
+        told, _ = end_well(begin(config, database, 2, ENOUGH), signal.SIGTERM)
     expect_told(database, 2, "fmi2DeSerializeFMUstate", "goes on with run 1")
     check_resumed(config, database, told, 2, 1, "start")
 
@@ -389,7 +391,7 @@ def test_after_a_reboot():
         begin(config, database, 1).kill()
         execute(database, other)
         execute(database, "UPDATE beginnings SET start_ns = 12345")
-        told, _ = end_well(begin(config, database, 2, 2 * LOCKED), signal.SIGTERM)
+        told, _ = end_well(begin(config, database, 2, ENOUGH), signal.SIGTERM)
     expect(told["resumed"]["run"] == 1 and told["skipped"] < 1000, f"{told['resumed']} {told['skipped']}")
     check_repeated(config, database, 2)
 

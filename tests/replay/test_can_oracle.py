@@ -15,6 +15,8 @@ import subprocess
 import sys
 import tempfile
 
+from twinlock_test import PATIENCE, program
+
 SOURCE = os.environ["TL_SOURCE"]
 sys.path.insert(0, os.path.join(SOURCE, "script"))
 try:
@@ -24,7 +26,7 @@ except ImportError as reason:
     print(f"no cantools here: {reason}")
     sys.exit(1 if os.environ.get("CI") == "true" else 77)
 
-PROBE = os.path.join(os.environ["TL_BUILD"], "tests", "can_probe")
+PROBE = program("can_probe")
 SCRIPT = os.path.join(SOURCE, "script", "dbc2json")
 FILES, FRAMES = 60, 6
 FD_LENGTHS = [1, 4, 8, 12, 16, 20, 24, 32, 48, 64]
@@ -153,7 +155,7 @@ def write_configuration(folder, part):
 
 def probe(path, what, lines):
     done = subprocess.run([PROBE, path, what], input="".join(line + "\n" for line in lines), stdout=subprocess.PIPE,
-                          text=True, timeout=60, check=True)
+                          text=True, timeout=60 * PATIENCE, check=True)
     return done.stdout.splitlines()
 
 

@@ -20,8 +20,10 @@ import tempfile
 
 import jsonschema
 
+from twinlock_test import program
+
 SOURCE = os.environ["TL_SOURCE"]
-PROBE = os.path.join(os.environ["TL_BUILD"], "tests", "config_probe")
+PROBE = program("config_probe")
 FULL = os.path.join(SOURCE, "tests", "support", "configuration_full.json")
 FREE = os.path.join(SOURCE, "tests", "support", "configuration_free.json")
 EPSILON = os.path.join(SOURCE, "tests", "support", "configuration_epsilon.json")

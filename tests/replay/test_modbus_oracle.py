@@ -27,7 +27,9 @@ except ImportError as reason:
     print(f"no pymodbus here: {reason}")
     sys.exit(1 if os.environ.get("CI") == "true" else 77)
 
-PROBE = os.path.join(os.environ["TL_BUILD"], "tests", "modbus_probe")
+from twinlock_test import PATIENCE, program  # noqa: E402 (a skip comes first)
+
+PROBE = program("modbus_probe")
 GOOD, NO_LINK = 0, 4
 BIT = 0
 TYPES = {1: "h", 2: "H", 3: "i", 4: "I", 5: "f", 6: "d"}  # as board/io/modbus.h numbers them
@@ -185,8 +187,8 @@ class Line:
 
 
 def run_probe(channels, *where):
-    return subprocess.run([PROBE, "read", *where], input=text_of(channels), stdout=subprocess.PIPE, text=True, timeout=120,
-                          check=True)
+    return subprocess.run([PROBE, "read", *where], input=text_of(channels), stdout=subprocess.PIPE, text=True,
+                          timeout=120 * PATIENCE, check=True)
 
 
 def check_driver(channels, framer):

@@ -9,7 +9,7 @@ import subprocess
 import sys
 import time
 
-from twinlock_test import BUILD, PROGRAM, SANITIZER, SOURCE, at_most, expect, main, run_well, scratch, write_config
+from twinlock_test import BUILD, PATIENCE, PROGRAM, SANITIZER, SOURCE, at_most, expect, main, run_well, scratch, write_config
 
 sys.path.insert(0, str(SOURCE / "script"))
 import motor_bench  # noqa: E402 (its folder is known only now)
@@ -101,7 +101,7 @@ def start(*arguments):
 def command(*arguments):
     """(exit code, stdout, stderr) of it."""
     process = start(*arguments)
-    out, err = process.communicate(timeout=120)
+    out, err = process.communicate(timeout=120 * PATIENCE)
     return process.returncode, out, err
 
 
@@ -153,7 +153,7 @@ def test_it_can_be_interrupted():
     process = start("--campaign", "1000")
     time.sleep(2.0 if SANITIZER else 0.7)
     process.send_signal(signal.SIGINT)
-    out, err = process.communicate(timeout=30)
+    out, err = process.communicate(timeout=30 * PATIENCE)
     expect(process.returncode == 130 and out == "" and err == "scenarios: interrupted\n", f"{process.returncode}\n{err}")
 
 

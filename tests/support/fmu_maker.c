@@ -1,6 +1,8 @@
 /* FMUs put together in memory and written by libzip. */
 #include "tests/support/fmu_maker.h"
 
+#include <elf.h>
+#include <stddef.h>
 #include <stdint.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -212,6 +214,45 @@ static bool copy_entry(tl_fmu_maker *maker, zip_t *zip, zip_uint64_t index) {
     return put(maker, facts.name, bytes, (size_t)facts.size);
 }
 
+/* What an ELF file says about its machine: class, byte order, processor. */
+typedef struct elf_machine {
+    unsigned char bytes[4];
+} elf_machine;
+
+static elf_machine machine_of(const unsigned char *head) {
+    size_t processor = offsetof(Elf32_Ehdr, e_machine);
+    return (elf_machine){{head[EI_CLASS], head[EI_DATA], head[processor], head[processor + 1]}};
+}
+
+static bool read_own_machine(elf_machine *own) {
+    unsigned char head[sizeof(Elf32_Ehdr)];
+    FILE *self = fopen("/proc/self/exe", "rb");
+    size_t got = self == NULL ? 0 : fread(head, 1, sizeof head, self);
+    bool read = self != NULL && fclose(self) == 0 && got == sizeof head;
+    if (read) {
+        *own = machine_of(head);
+    }
+    return read;
+}
+
+/* Of the binaries, leaves those for the machine that this program is for. */
+static bool drop_foreign_binaries(tl_fmu_maker *maker) {
+    elf_machine own;
+    if (!read_own_machine(&own)) {
+        return false;
+    }
+    for (size_t i = maker->count; i-- > 0;) {
+        const maker_entry *entry = &maker->entries[i];
+        if (entry->size >= sizeof(Elf32_Ehdr) && memcmp(entry->bytes, ELFMAG, SELFMAG) == 0) {
+            elf_machine theirs = machine_of(entry->bytes);
+            if (memcmp(&theirs, &own, sizeof own) != 0 && !tl_fmu_maker_remove(maker, entry->name)) {
+                return false;
+            }
+        }
+    }
+    return true;
+}
+
 tl_fmu_maker *tl_fmu_maker_new(const char *path) {
     tl_fmu_maker *maker = calloc(1, sizeof *maker);
     if (maker == NULL || path == NULL) {
@@ -226,7 +267,7 @@ tl_fmu_maker *tl_fmu_maker_new(const char *path) {
     if (zip != NULL) {
         zip_discard(zip);
     }
-    if (!ok) {
+    if (!ok || !drop_foreign_binaries(maker)) {
         tl_fmu_maker_free(maker);
         return NULL;
     }

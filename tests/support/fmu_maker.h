@@ -12,7 +12,7 @@
 
 typedef struct tl_fmu_maker tl_fmu_maker;
 
-/* With all entries of the FMU at `path`, or without any where `path` is NULL. NULL where that cannot be read. */
+/* With all entries of the FMU at `path` but its binaries for other machines, or without any where `path` is NULL. NULL where that cannot be read. */
 tl_fmu_maker *tl_fmu_maker_new(const char *path);
 void tl_fmu_maker_free(tl_fmu_maker *maker);
 

@@ -23,6 +23,8 @@ SOURCE = Path(os.environ["TL_SOURCE"])
 BUILD = Path(os.environ["TL_BUILD"])
 FMUS = BUILD / "fmus"
 PROGRAM = os.environ["TWINLOCK"]
+EMULATED = os.environ.get("TL_EMULATED")  # folder of programs that start the build's in an emulator, or None
+PATIENCE = int(os.environ.get("TL_PATIENCE", "1"))  # times as long for everything that ends by itself
 SANITIZER = os.environ.get("TL_SANITIZER", "")
 EXIT_CODES = (0, 2, 65, 69, 70, 75)  # firmware/verbs.h
 SKIPPED = 77
@@ -77,6 +79,11 @@ def scratch():
 
 # ---- the program ----
 
+def program(name):
+    """The path of one of the tests' programs, to be started."""
+    return str(Path(EMULATED or BUILD / "tests") / name)
+
+
 def environment(temporary):
     """What the program runs with: our FMUs, and a folder of its own for temporary files."""
     return {**os.environ, "TWINLOCK_FMU_PATH": str(FMUS), "TMPDIR": str(temporary)}
@@ -95,11 +102,11 @@ def start(args, **options):
 def finish(process, timeout=30):
     """(exit code, stdout, stderr) of a started program at its end, which must be an orderly one."""
     try:
-        out, err = process.communicate(timeout=timeout)
+        out, err = process.communicate(timeout=timeout * PATIENCE)
     except subprocess.TimeoutExpired:
         process.kill()
         out, err = process.communicate()
-        said = f"{describe(process)} has not ended after {timeout} s\n{out or ''}{err or ''}"
+        said = f"{describe(process)} has not ended after {timeout * PATIENCE} s\n{out or ''}{err or ''}"
         raise Failure(said) from None
     said = f"{describe(process)} ended with {process.returncode}\n{err or ''}"
     expect(process.returncode in EXIT_CODES, said)

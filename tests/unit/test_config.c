@@ -842,22 +842,30 @@ static void test_where_an_fmu_is(void) {
     TEST_ASSERT_EQUAL_INT(0, unsetenv("TWINLOCK_FMU_PATH"));
 }
 
-/* This program is in BUILD/tests, so BUILD/fmus is "../fmus beside the program". */
-static void test_an_fmu_beside_the_program(void) {
+/* This program is in BUILD/tests, so BUILD/x is "../x beside the program". */
+static void expect_an_fmu_found_in(const char *below_build) {
     char expected[256];
     char path[256];
     char name[64];
     (void)snprintf(name, sizeof name, "test_config_%ld.fmu", (long)getpid());
-    (void)snprintf(expected, sizeof expected, TL_BINARY_DIR "/tests/../fmus/%s", name);
-    (void)mkdir(TL_BINARY_DIR "/fmus", 0755);
+    (void)snprintf(expected, sizeof expected, TL_BINARY_DIR "/tests/../%s/%s", below_build, name);
     FILE *file = fopen(expected, "wb");
     TEST_ASSERT_NOT_NULL(file);
     TEST_ASSERT_EQUAL_INT(0, fclose(file));
-    (void)read_good(FREE);
     bool found = tl_config_fmu_path(&verdict.config, name, path, sizeof path);
     TEST_ASSERT_EQUAL_INT(0, remove(expected));
     TEST_ASSERT_TRUE(found);
     TEST_ASSERT_EQUAL_STRING(expected, path);
+}
+
+static void test_an_fmu_beside_the_program(void) {
+    (void)mkdir(TL_BINARY_DIR "/fmus", 0755);
+    (void)mkdir(TL_BINARY_DIR "/lib", 0755);
+    (void)mkdir(TL_BINARY_DIR "/lib/twinlock", 0755);
+    (void)mkdir(TL_BINARY_DIR "/lib/twinlock/fmus", 0755);
+    (void)read_good(FREE);
+    expect_an_fmu_found_in("fmus");
+    expect_an_fmu_found_in("lib/twinlock/fmus");
 }
 
 int main(void) {

@@ -392,7 +392,7 @@ static void test_changed_bytes(void) {
     TEST_ASSERT_EQUAL_INT(0, stat(made, &status));
     FILE *file = fopen(made, "r+b");
     TEST_ASSERT_NOT_NULL(file);
-    TEST_ASSERT_EQUAL_INT(0, fseek(file, status.st_size / 3, SEEK_SET));
+    TEST_ASSERT_EQUAL_INT(0, fseeko(file, status.st_size / 3, SEEK_SET));
     int byte = fgetc(file);
     TEST_ASSERT_EQUAL_INT(0, fseek(file, -1, SEEK_CUR));
     (void)fputc(byte ^ 0x10, file);

@@ -5,6 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
+#include <time.h>
 #include <unistd.h>
 
 #include <unity.h>
@@ -657,6 +658,29 @@ static void test_the_largest_run(void) {
 
 /* ---- Times ------------------------------------------------------------------------------------------------------- */
 
+/* Our calendar against the system's, every fifth day of 10,000 years: each date comes often. */
+static void test_utc_calendar(void) {
+    enum { DAYS = 3652425, STEP = 5, DAY = 86400 };
+    for (int day = 0; day < DAYS; day += STEP) {
+        int64_t second = INT64_C(-62167219200) + (int64_t)day * DAY + 3723;
+        time_t system = (time_t)second;
+        struct tm utc;
+        char wanted[96];
+        char text[TL_UTC_TEXT];
+        int64_t ms = 0;
+        if (system != second) {
+            continue; /* where time_t has 4 bytes, it knows 136 years only */
+        }
+        TEST_ASSERT_NOT_NULL(gmtime_r(&system, &utc));
+        (void)snprintf(wanted, sizeof wanted, "%04d-%02d-%02dT01:02:03.004Z", utc.tm_year + 1900, utc.tm_mon + 1,
+                       utc.tm_mday);
+        tl_utc_text(second * 1000 + 4, text);
+        TEST_ASSERT_EQUAL_STRING(wanted, text);
+        TEST_ASSERT_TRUE(tl_utc_parse(text, &ms));
+        TEST_ASSERT_EQUAL_INT64(second * 1000 + 4, ms);
+    }
+}
+
 static void test_utc_texts(void) {
     char text[TL_UTC_TEXT];
     int64_t ms = 0;
@@ -723,6 +747,7 @@ int main(void) {
     RUN_TEST(test_a_run_without_an_end_gets_one);
     RUN_TEST(test_a_tick_that_comes_twice);
     RUN_TEST(test_the_largest_run);
+    RUN_TEST(test_utc_calendar);
     RUN_TEST(test_utc_texts);
     int failures = UNITY_END();
     tl_scratch_remove(&scratch);

@@ -60,6 +60,9 @@ static void end(void) {
 
 void tearDown(void) {
     tl_twin_destroy(run.twin);
+    for (size_t i = 0; i < FMUS; i++) {
+        tl_test_fmu_end(&fmus[i]); /* what nobody may free after fmi2Fatal */
+    }
     free(bytes);
     bytes = NULL;
 }

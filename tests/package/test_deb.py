@@ -1,0 +1,149 @@
+#!/usr/bin/env python3
+"""The Debian package by itself: what is in it, for whom, what it depends on, and that it is the same each time."""
+import gzip
+import hashlib
+import os
+import shutil
+import zipfile
+
+import debian
+from debian import output_of
+from twinlock_test import BUILD, SOURCE, expect, main, scratch
+
+PACKAGE = debian.make()
+ROOT = debian.unpacked(PACKAGE)
+
+
+def elves():
+    """The programs of the package: the main one, and those in the FMUs."""
+    folder = scratch()
+    for fmu in (ROOT / "usr/lib/twinlock/fmus").glob("*.fmu"):
+        with zipfile.ZipFile(fmu) as archive:
+            archive.extractall(folder / fmu.stem)
+    models = list(folder.glob("*/binaries/*/*.so"))
+    expect(len(models) >= 14, f"{len(models)} models")
+    return [ROOT / "usr/bin/twinlock", *models]
+
+
+def test_fields():
+    fields = debian.fields(PACKAGE)
+    with open(SOURCE / "board/debian/changelog", encoding="utf-8") as file:
+        version = file.readline().split()[1].strip("()")
+    expect(fields["Package"] == "twinlock" and fields["Version"] == version, f"{fields}")
+    expect(fields["Architecture"] == output_of("dpkg", "--print-architecture").strip(), fields["Architecture"])
+    expect(PACKAGE.name == f"twinlock_{version}_{fields['Architecture']}.deb", PACKAGE.name)
+    program = output_of(ROOT / "usr/bin/twinlock", "--version").split()
+    expect(version.rsplit("-", 1)[0] == program[1], f"{version}, but the program is {program}")
+
+
+def test_it_depends_on_what_it_is_linked_to_and_nothing_else():
+    libraries = {name for elf in elves() for name in debian.needed(elf)}
+    expect(len(libraries) >= 9, f"{libraries}")
+    wanted = {debian.package_of(name) for name in libraries if not name.startswith("ld-linux")} | {"systemd"}
+    found = {part.split()[0] for part in debian.fields(PACKAGE)["Depends"].split(", ")}
+    expect(found == wanted, f"Depends has {found - wanted} too much and {wanted - found} too little")
+    expect("libc6 (>= " in debian.fields(PACKAGE)["Depends"], "no version of libc6")
+
+
+def test_owners_and_modes():
+    """Whatever umask whoever makes it has."""
+    for mode, owner, path, _ in debian.contents(debian.make(umask=0o077)):
+        wanted = {"d": "drwxr-xr-x", "l": "lrwxrwxrwx"}.get(
+            mode[0], "-rwxr-xr-x" if path == "./usr/bin/twinlock" else "-rw-r--r--")
+        expect(mode == wanted and owner == "root/root", f"{mode} {owner} {path}")
+
+
+def test_only_places_that_are_ours():
+    ours = ("./etc/twinlock/", "./usr/bin/twinlock", "./usr/lib/systemd/system/twinlock@.service",
+            "./usr/lib/sysusers.d/twinlock.conf", "./usr/lib/twinlock/", "./usr/share/bash-completion/completions/twinlock",
+            "./usr/share/doc/twinlock/", "./usr/share/lintian/overrides/twinlock", "./usr/share/man/man1/twinlock.1.gz",
+            "./usr/share/twinlock/")
+    paths = [path for _, _, path, _ in debian.contents(PACKAGE)]
+    for path in paths:
+        expect(path.startswith(ours) or (path.endswith("/") and any(name.startswith(path) for name in ours)), path)
+    for name in ours:
+        expect(any(path.startswith(name) for path in paths), f"{name} is missing")
+    expect([path for path in paths if path.startswith("./etc/")] == ["./etc/", "./etc/twinlock/"], "more in /etc")
+
+
+def test_the_examples_are_those_of_the_sources():
+    """And nothing that somebody's run has left beside them."""
+    listed = output_of("git", "-C", SOURCE, "ls-files", "--cached", "--others", "--exclude-standard", "config").split()
+    wanted = {name.removeprefix("config/") for name in listed if not name.startswith(("config/SPEC.md", "config/schema/"))}
+    wanted = {name for name in wanted if ".db" not in name}
+    folder = ROOT / "usr/share/doc/twinlock/examples"
+    found = {str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file()}
+    found = {name for name in found if not name.startswith(("systemd/", "schema/"))}
+    expect(found == wanted, f"{found - wanted} too much, {wanted - found} too little")
+
+
+def test_sums_and_control_files():
+    expect(sorted(os.listdir(ROOT / "DEBIAN")) == ["control", "md5sums", "postinst", "postrm", "prerm"],
+           f"{os.listdir(ROOT / 'DEBIAN')}")
+    output_of("md5sum", "--check", "--strict", "--quiet", "DEBIAN/md5sums", cwd=ROOT)
+    files = sum(mode[0] == "-" for mode, _, _, _ in debian.contents(PACKAGE))
+    lines = len((ROOT / "DEBIAN/md5sums").read_text(encoding="utf-8").splitlines())
+    expect(lines == files, f"{lines} sums of {files} files")
+
+
+def test_links_lead_somewhere():
+    links = [path for mode, _, path, _ in debian.contents(PACKAGE) if mode[0] == "l"]
+    expect(links, "no link")
+    for path in links:
+        expect((ROOT / path).exists(), f"{path} leads nowhere")
+
+
+def test_documents():
+    folder = ROOT / "usr/share/doc/twinlock"
+    with gzip.open(folder / "changelog.Debian.gz", "rt", encoding="utf-8") as file:
+        expect(file.read() == (SOURCE / "board/debian/changelog").read_text(encoding="utf-8"), "another changelog")
+    copyright_ = (folder / "copyright").read_text(encoding="utf-8")
+    for part in ("/usr/share/common-licenses/Apache-2.0", "Dan Vanderkam", "Permission is hereby granted"):
+        expect(part in copyright_, f"copyright has no \"{part}\"")
+    expect("@" not in copyright_.replace("<maintainers@", ""), copyright_)
+
+
+def test_no_place_of_the_build_in_it():
+    for elf in elves():
+        content = elf.read_bytes()
+        for place in {str(SOURCE), str(BUILD), os.path.expanduser("~/")} - {"/root/"}:
+            expect(place.encode() not in content, f"{elf.name} has {place} in it")
+
+
+def sum_of(path):
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def test_the_same_bytes_again():
+    """Whoever makes it, and when."""
+    again = debian.make(TZ="Pacific/Auckland", LC_ALL="C.UTF-8", HOME="/nonexistent")
+    expect(sum_of(again) == sum_of(PACKAGE), "another package in another time zone")
+    other = debian.make(SOURCE_DATE_EPOCH="1000000000")
+    expect(sum_of(other) != sum_of(PACKAGE), "SOURCE_DATE_EPOCH changes nothing")
+    times = {line.split()[3] for line in output_of("dpkg-deb", "--contents", other, env={**os.environ, "TZ": "UTC"})
+             .splitlines()}
+    expect(times == {"2001-09-09"}, f"{times}")
+
+
+def test_the_same_bytes_from_sources_elsewhere():
+    """Built again from the beginning, in another folder; tests and checks are left out, since they are not packed."""
+    copy = scratch() / "elsewhere"
+    copy.mkdir()
+    listed = output_of("git", "-C", SOURCE, "ls-files", "-z", "--cached", "--others", "--exclude-standard")
+    for name in filter(None, listed.split("\0")):
+        if (SOURCE / name).is_file():
+            (copy / name).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(SOURCE / name, copy / name, follow_symlinks=False)
+            shutil.copymode(SOURCE / name, copy / name)
+    (copy / ".deps").mkdir()
+    for part in (SOURCE / ".deps").iterdir():
+        if part.name in ("fmi2", "unity"):  # no link: gcc says where a system header is in truth
+            shutil.copytree(part, copy / ".deps" / part.name)
+        elif part.is_dir():
+            (copy / ".deps" / part.name).symlink_to(part)
+    output_of("cmake", "--preset", "host", cwd=copy)
+    output_of("cmake", "--build", "--preset", "host", "-j", "2", "--target", "tl_package", cwd=copy)
+    expect(sum_of(debian.make(copy / "build/host")) == sum_of(PACKAGE), "another package from sources elsewhere")
+
+
+main()

@@ -1,0 +1,306 @@
+#!/usr/bin/env python3
+"""The package on a bare Debian 12: apt finds all it depends on; what it installs runs and can be administered; and it
+goes away as it should. The Debian is made for this test, in a folder (mmdebstrap), and forgotten.
+
+`test_install.py` makes it; `test_install.py --inside ROOT` is what runs in it, before it is forgotten.
+"""
+import contextlib
+import json
+import os
+import re
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import debian
+import twinlock_test
+from booted import Booted
+from debian import output_of
+from live_test import wait_until
+from twinlock_test import Skip, at_most, expect, scratch
+
+SCORE = 2.5  # of `systemd-analyze security`: 0 is a cell, 10 is the whole machine
+EXAMPLES = "/usr/share/doc/twinlock/examples"
+AGAIN = "/srv/again.deb"  # the package inside, where a boot leaves it
+ROOT = Path(sys.argv[2]) if sys.argv[1:2] == ["--inside"] else None
+
+
+# ---- The Debian ------------------------------------------------------------------------------------------------------
+def sources():
+    """Debian's archive as this machine is configured to reach it: lines for sources.list."""
+    line = "deb [signed-by=/usr/share/keyrings/debian-archive-keyring.gpg] $(REPO_URI) $(RELEASE) $(COMPONENT)"
+    found = output_of("apt-get", "indextargets", "--format", line, "Created-By: Packages", "Origin: Debian",
+                      "Label: Debian")
+    if not found:
+        raise Skip("apt knows no archive of Debian's here")
+    return "".join(f"{line}\n" for line in sorted(set(found.splitlines())))
+
+
+def make_and_enter():
+    """The exit code of the tests inside; raises Skip where there is no network."""
+    debian.need("mmdebstrap")
+    package = debian.make()
+    copied = scratch() / "twinlock.deb"  # under the same name inside
+    copied.write_bytes(package.read_bytes())
+    command = ["mmdebstrap", "--quiet", "--variant=apt", "--format=null", f"--include={copied}",
+               f"--setup-hook=mkdir -p \"$1{copied.parent}\" \"$1/srv\" && cp '{copied}' \"$1{copied}\"",
+               f"--customize-hook=cp '{copied}' \"$1{AGAIN}\"",
+               f"--customize-hook='{sys.executable}' '{__file__}' --inside \"$1\"", "bookworm", "-", "-"]
+    done = subprocess.run(command, input=sources(), stdout=subprocess.PIPE, stderr=subprocess.STDOUT, check=False,
+                          encoding="utf-8", errors="replace")
+    print(done.stdout, end="")
+    if done.returncode != 0 and "apt-get update" in done.stdout and "test_" not in done.stdout:
+        raise Skip("Debian's archive cannot be reached")
+    expect(done.returncode == 0, f"mmdebstrap ended with {done.returncode}; see above")
+
+
+# ---- Inside ----------------------------------------------------------------------------------------------------------
+def inside(*args, user="root"):
+    """Standard output of a command in the Debian, which must succeed."""
+    return output_of("chroot", f"--userspec={user}:{user}", ROOT, *args,
+                     env={"PATH": "/usr/sbin:/usr/bin:/sbin:/bin", "LC_ALL": "C.UTF-8", "DEBIAN_FRONTEND": "noninteractive"})
+
+
+def place(path):
+    return ROOT / path.lstrip("/")
+
+
+def of_ours():
+    """Every path with our name in it, outside of what the kernel shows."""
+    found = inside("find", "/", "-xdev", "(", "-path", "/proc", "-o", "-path", "/sys", "-o", "-path", "/tmp", "-o",
+                   "-path", "/var/lib/dpkg", ")", "-prune", "-o", "-name", "*twinlock*", "-print")
+    return sorted(found.splitlines())
+
+
+def test_the_program_runs():
+    expect(inside("twinlock", "--help").startswith("usage: twinlock VERB"), "another help")
+
+
+def test_the_examples_are_good():
+    """As installed: their FMUs, recordings and schema are found."""
+    for folder in sorted(path for path in place(EXAMPLES).iterdir() if path.is_dir() and list(path.glob("*.json"))):
+        if folder.name == "schema":
+            continue
+        names = [path.name for path in sorted(folder.glob("*.json")) if "emulate" not in path.read_text("utf-8")]
+        for name in names[:2] + names[-1:]:
+            inside("twinlock", "check", f"{EXAMPLES}/{folder.name}/{name}")
+    said = inside("twinlock", "replay", f"{EXAMPLES}/motor/lock.json")
+    expect("MSE" in said, said)
+
+
+def test_a_user_of_its_own():
+    _, _, uid, _, _, home, shell = inside("getent", "passwd", "twinlock").strip().split(":")
+    expect(int(uid) < 1000 and home == "/var/lib/twinlock" and shell == "/usr/sbin/nologin", f"{uid} {home} {shell}")
+    expect(set(inside("id", "-nG", "twinlock").split()) == {"twinlock", "dialout"}, inside("id", "twinlock"))
+
+
+def test_nothing_is_enabled():
+    found = inside("find", "/etc/systemd", "-name", "*twinlock*")
+    expect(found == "", found)
+    expect(list(place("/etc/twinlock").iterdir()) == [], "a configuration of ours")
+
+
+def exposure_of(unit):
+    """After systemd has found nothing wrong with it."""
+    inside("systemd-analyze", "verify", "--man=no", unit)
+    said = inside("systemd-analyze", "security", "--offline=true", "--no-pager", unit)
+    return float(re.search(r"Overall exposure level.*: ([0-9.]+)", said)[1])
+
+
+def test_the_unit():
+    at_most(exposure_of("twinlock@motor.service"), SCORE, "exposure")
+
+
+def test_the_unit_with_the_drop_ins_of_the_examples():
+    folder = place("/etc/systemd/system/twinlock@dropped.service.d")
+    folder.mkdir(parents=True)
+    for drop_in in place(f"{EXAMPLES}/systemd").glob("*.conf"):
+        (folder / drop_in.name).write_bytes(drop_in.read_bytes())
+    expect(len(list(folder.iterdir())) == 2, "other drop-ins")
+    at_most(exposure_of("twinlock@dropped.service"), SCORE, "exposure")
+    inside("rm", "-r", "/etc/systemd/system/twinlock@dropped.service.d")
+
+
+def command_of_the_unit(name):
+    """What the unit starts."""
+    unit = place("/usr/lib/systemd/system/twinlock@.service").read_text(encoding="utf-8")
+    command = re.search(r"^ExecStart=(.*)$", unit, re.M)[1]
+    return command.replace("%i", name).replace("%S", "/var/lib")
+
+
+def test_it_runs_as_its_user():
+    """The command, the configuration and the places of the unit, and a plant beside it."""
+    live = json.loads(place(f"{EXAMPLES}/motor/live.json").read_text(encoding="utf-8"))
+    del live["duration_s"]
+    place("/etc/twinlock/motor.json").write_text(json.dumps(live), encoding="utf-8")
+    inside("install", "-d", "-o", "twinlock", "-g", "twinlock", "-m", "750", "/var/lib/twinlock", "/var/lib/twinlock/motor")
+    script = (f"twinlock plant {EXAMPLES}/motor/live.json >/dev/null 2>&1 & plant=$!; "
+              f"{command_of_the_unit('motor')} --duration 1; code=$?; kill $plant; exit $code")
+    said = inside("sh", "-c", script, user="twinlock")
+    expect("MSE" in said, said)
+    expect("motor bench" in inside("twinlock", "show", "/var/lib/twinlock/motor.db"), "no run in the database")
+
+
+def test_enabled_by_the_administrator():
+    inside("systemctl", "enable", "twinlock@motor")
+    expect(place("/etc/systemd/system/multi-user.target.wants/twinlock@motor.service").is_symlink(), "not enabled")
+
+
+# ---- Under systemd -----------------------------------------------------------------------------------------------------
+def children_of(machine, unit):
+    """The processes of a unit, but for the main one; numbers of the machine."""
+    group = machine.property(unit, "ControlGroup")
+    pids = machine.run_well("cat", f"/sys/fs/cgroup{group}/cgroup.procs").split()
+    return [pid for pid in pids if pid != machine.property(unit, "MainPID")]
+
+
+def check_confinement(machine, unit):
+    """What the kernel says of the appliance: no right of root's, and none to be had."""
+    pid = children_of(machine, unit)[0]
+    status = dict(re.findall(r"^(\w+):\t(.*)$", machine.run_well("cat", f"/proc/{pid}/status"), re.M))
+    sets = {name: int(value, 16) for name, value in status.items() if name.startswith("Cap")}
+    expect(len(sets) == 5 and not any(sets.values()), f"capabilities: {sets}")
+    expect(status["NoNewPrivs"] == "1" and status["Seccomp"] == "2", f"{status}")
+    expect(status["Uid"].split()[0] == inside("id", "-u", "twinlock").strip(), status["Uid"])
+    limits = machine.run_well("cat", f"/proc/{pid}/limits")
+    realtime = re.search(r"Max realtime priority +(\d+)", limits)[1]
+    if subprocess.run(["prlimit", "--rtprio=99", "true"], stderr=subprocess.DEVNULL, check=False).returncode == 0:
+        expect(realtime == "99" and "SCHED_FIFO" in threads(machine, pid), f"{limits}{threads(machine, pid)}")
+        expect(int(status["VmLck"].split()[0]) > 0, "memory is not locked")
+    else:
+        print("    this machine's root may not raise limits: SCHED_FIFO and locked memory are not looked at")
+
+
+def threads(machine, pid):
+    return machine.run_well("sh", "-c", f"for thread in /proc/{pid}/task/*; do chrt -p ${{thread##*/}}; done")
+
+
+def start_motor(machine):
+    """The main process, and its only child."""
+    machine.run_well("systemctl", "start", "twinlock@motor")
+    wait_until(lambda: len(children_of(machine, "twinlock@motor")) == 1, "the appliance", machine.log)
+    return machine.property("twinlock@motor", "MainPID"), children_of(machine, "twinlock@motor")[0]
+
+
+def check_a_kill(machine):
+    """The supervisor begins a new one; for systemd nothing has happened."""
+    main_, child = start_motor(machine)
+    machine.run_well("sh", "-c", f"kill -KILL {child}")
+    wait_until(lambda: children_of(machine, "twinlock@motor") not in ([], [child]), "a new appliance", machine.log)
+    expect(machine.property("twinlock@motor", "MainPID") == main_, "another supervisor")
+    expect(machine.property("twinlock@motor", "NRestarts") == "0", "systemd has restarted it")
+
+
+def check_a_bite(machine):
+    """A supervisor that is stopped strokes nobody: systemd begins a new one. WatchdogSec= is made shorter."""
+    folder = place("/etc/systemd/system/twinlock@motor.service.d")
+    folder.mkdir()
+    (folder / "short.conf").write_text("[Service]\nWatchdogSec=3\nRestartSec=0\nTimeoutAbortSec=1\n", encoding="utf-8")
+    machine.run_well("systemctl", "daemon-reload")
+    machine.run_well("systemctl", "restart", "twinlock@motor")
+    main_ = machine.property("twinlock@motor", "MainPID")
+    time.sleep(5)
+    expect(machine.property("twinlock@motor", "MainPID") == main_, f"bitten\n{machine.journal('twinlock@motor')}")
+    machine.run_well("sh", "-c", f"kill -STOP {main_}")
+    wait_until(lambda: machine.property("twinlock@motor", "NRestarts") == "1", "a new supervisor", machine.log)
+    inside("rm", "-r", "/etc/systemd/system/twinlock@motor.service.d")
+    machine.run_well("systemctl", "daemon-reload")
+
+
+def check_what_is_wrong_for_ever(machine):
+    """Begun once, and left."""
+    place("/etc/twinlock/bad.json").write_text("{}\n", encoding="utf-8")
+    expect(machine.call("start", "twinlock@bad").returncode != 0, "a bad configuration runs")
+    wait_until(lambda: machine.property("twinlock@bad", "ActiveState") == "failed", "its failure", machine.log)
+    expect(machine.property("twinlock@bad", "ExecMainStatus") == "65", machine.journal("twinlock@bad"))
+    expect(machine.property("twinlock@bad", "NRestarts") == "0", "begun again")
+    machine.run_well("systemctl", "reset-failed", "twinlock@bad")
+    inside("rm", "/etc/twinlock/bad.json")
+
+
+def check_packages(machine):
+    """An upgrade goes on with what ran, and starts nothing else; removal leaves nothing running."""
+    before, _ = start_motor(machine)
+    machine.run_well("dpkg", "--install", AGAIN)
+    wait_until(lambda: machine.property("twinlock@motor", "ActiveState") == "active", "the twin", machine.log)
+    expect(machine.property("twinlock@motor", "MainPID") != before, "the old program runs on")
+    units = machine.run_well("systemctl", "list-units", "--plain", "--no-legend", "twinlock@*").splitlines()
+    expect(len(units) == 1, f"{units}")
+    machine.run_well("systemctl", "stop", "twinlock@motor")
+    machine.run_well("dpkg", "--install", AGAIN)
+    expect(machine.property("twinlock@motor", "ActiveState") == "inactive", "started by an upgrade")
+    start_motor(machine)
+    machine.run_well("dpkg", "--remove", "twinlock")
+    machine.call("stop", "plant")  # it may have ended by itself: its recording does
+    left = machine.run("sh", "-c", "grep -ls '^twinlock$' /proc/[0-9]*/comm").stdout
+    expect(left == "", f"twinlock is removed, and runs: {left}")
+    inside("dpkg", "--install", AGAIN)
+
+
+@contextlib.contextmanager
+def services_allowed():
+    """While mmdebstrap is at work, packages may not start services; where a Debian runs, nothing forbids it."""
+    policy, aside = place("/usr/sbin/policy-rc.d"), place("/usr/sbin/policy-rc.d-aside")
+    there = policy.exists()
+    if there:
+        policy.rename(aside)
+    try:
+        yield
+    finally:
+        if there:
+            aside.rename(policy)
+
+
+def test_under_systemd():
+    """The unit as it is, in a Debian that is booted."""
+    with services_allowed(), Booted(ROOT) as machine:
+        machine.run_well("systemd-run", "--unit=plant", "twinlock", "plant", f"{EXAMPLES}/motor/plant.json", "--for",
+                         f"{EXAMPLES}/motor/live.json")
+        start_motor(machine)
+        said = wait_until(lambda: machine.property("twinlock@motor", "StatusText"), "a word of how it is", machine.log)
+        print(f"    {said}")
+        check_confinement(machine, "twinlock@motor")
+        check_a_kill(machine)
+        check_a_bite(machine)
+        machine.run_well("systemctl", "stop", "twinlock@motor")
+        expect(machine.property("twinlock@motor", "Result") == "success", machine.journal("twinlock@motor"))
+        expect("SIGTERM" in machine.run_well("twinlock", "show", "/var/lib/twinlock/motor.db"), "not ended orderly")
+        check_what_is_wrong_for_ever(machine)
+        check_packages(machine)
+
+
+# ---- Upgrade, removal, purge -------------------------------------------------------------------------------------------
+def test_an_upgrade_keeps_everything():
+    before = place("/var/lib/twinlock/motor.db").read_bytes()
+    inside("dpkg", "--install", AGAIN)
+    expect(place("/var/lib/twinlock/motor.db").read_bytes() == before, "another database")
+    expect(place("/etc/twinlock/motor.json").exists(), "the configuration is gone")
+    expect(place("/etc/systemd/system/multi-user.target.wants/twinlock@motor.service").is_symlink(), "disabled")
+
+
+def test_removal_leaves_what_is_not_ours():
+    inside("dpkg", "--remove", "twinlock")
+    found = of_ours()
+    expect(found == ["/etc/systemd/system/multi-user.target.wants/twinlock@motor.service", "/etc/twinlock",
+                     "/var/lib/twinlock"], f"{found}")
+    expect(place("/var/lib/twinlock/motor.db").exists(), "the database is gone")
+
+
+def test_a_purge_takes_the_databases_too():
+    inside("dpkg", "--purge", "twinlock")
+    found = of_ours()
+    expect(found == ["/etc/twinlock"], f"{found}")
+    expect(place("/etc/twinlock/motor.json").exists(), "the administrator's configuration is gone")
+    expect(inside("getent", "passwd", "twinlock"), "the user is gone")
+
+
+if ROOT is None:
+    try:
+        make_and_enter()
+    except Skip as skip:
+        print(f"skipped: {skip.why}")
+        raise
+else:
+    sys.argv[1:] = []
+    twinlock_test.main()

@@ -1,0 +1,125 @@
+"""A Debian in a folder, booted: its systemd is the first process of namespaces of its own, network too. It takes some
+two seconds. Needs root, as a user namespace around it would be in the way of the ones that services ask for."""
+import os
+import shutil
+import subprocess
+import time
+from pathlib import Path
+
+from live_test import wait_until
+from twinlock_test import Failure, Skip, scratch
+
+# In a root that is a mount of its own and no chroot: in one, nobody may make user namespaces.
+BOOT = """
+set -e
+cd "$1"
+mount --make-rprivate /
+mount --bind . .
+cd "$1"
+mount -t proc proc proc
+mount -t sysfs sysfs sys
+mount -t cgroup2 cgroup2 sys/fs/cgroup
+mount -t tmpfs tmpfs run
+mount -t tmpfs -o mode=755 tmpfs dev
+for name in null zero full random urandom tty; do
+    touch dev/$name
+    mount --bind /dev/$name dev/$name
+done
+mkdir dev/pts dev/shm
+mount -t devpts -o newinstance,ptmxmode=666 devpts dev/pts
+mount -t tmpfs tmpfs dev/shm
+ln -s pts/ptmx dev/ptmx
+ln -s /proc/self/fd dev/fd
+touch dev/console
+mount --bind "$2" dev/console
+mkdir -p old-root
+pivot_root . old-root
+cd /
+umount -l old-root
+exec env -i container=other PATH=/usr/sbin:/usr/bin:/sbin:/bin /lib/systemd/systemd --unit=sysinit.target
+"""
+
+
+class Booted:
+    """Booted within `with`; all of its processes end with it."""
+
+    def __init__(self, root):
+        self.root = root
+        self.console = scratch() / "console"
+        self.console.touch()
+        self.cgroups = scratch()
+        self.group = self.cgroups / f"twinlock-test-{os.getpid()}"
+        self.process = None
+        self.first = 0
+
+    def __enter__(self):
+        if os.geteuid() != 0 or Path("/proc/self/uid_map").read_text().split() != ["0", "0", "4294967295"]:
+            raise Skip("systemd is booted by root only")
+        mounted = subprocess.run(["mount", "-t", "cgroup2", "cgroup2", self.cgroups], check=False)
+        try:
+            self.group.mkdir()
+        except OSError as error:
+            if mounted.returncode == 0:
+                subprocess.run(["umount", self.cgroups], check=False)
+            raise Skip(f"no control group can be made here: {error}") from None
+        enter = 'echo $$ >"$0/cgroup.procs" && exec unshare --mount --pid --fork --kill-child --cgroup --uts --ipc --net "$@"'
+        with open(self.console, "wb") as file:
+            self.process = subprocess.Popen(["sh", "-c", enter, self.group, "sh", "-c", BOOT, "sh", self.root, self.console],
+                                            stdin=subprocess.DEVNULL, stdout=file, stderr=file)
+        try:
+            self.first = wait_until(self._find_first, "systemd", self.log)
+            wait_until(lambda: self.call("is-active", "sysinit.target").returncode == 0, "sysinit.target", self.log)
+        except BaseException:
+            self.__exit__()
+            raise
+        return self
+
+    def __exit__(self, *unused):
+        self.process.kill()
+        self.process.wait()
+        until = time.monotonic() + 10
+        while self.group.exists() and time.monotonic() < until:  # until the kernel has ended all of them
+            for folder, _, _ in os.walk(self.group, topdown=False):
+                try:
+                    os.rmdir(folder)
+                except OSError:
+                    time.sleep(0.05)
+        subprocess.run(["umount", self.cgroups], check=True)
+        shutil.rmtree(self.root / "old-root", ignore_errors=True)
+
+    def _find_first(self):
+        """The number, here, of systemd, once it is that."""
+        if self.process.poll() is not None:
+            raise Failure(f"not booted\n{self.log()}")
+        for pid in Path(f"/proc/{self.process.pid}/task/{self.process.pid}/children").read_text().split():
+            if Path(f"/proc/{pid}/comm").read_text().strip() == "systemd":
+                return int(pid)
+        return 0
+
+    def log(self):
+        return self.console.read_text(encoding="utf-8", errors="replace")[-4000:]
+
+    def run(self, *args):
+        """A command in it."""
+        enter = ["nsenter", "--target", str(self.first), "--mount", "--pid", "--cgroup", "--uts", "--ipc", "--net", "--root",
+                 "--wdns=/"]
+        environment = {"PATH": "/usr/sbin:/usr/bin:/sbin:/bin", "LC_ALL": "C.UTF-8", "DEBIAN_FRONTEND": "noninteractive",
+                       "SYSTEMD_PAGER": "", "SYSTEMD_COLORS": "0"}
+        return subprocess.run([*enter, *map(str, args)], env=environment, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
+                              stderr=subprocess.STDOUT, encoding="utf-8", errors="replace", timeout=60, check=False)
+
+    def run_well(self, *args):
+        """Its output; it must succeed."""
+        done = self.run(*args)
+        if done.returncode != 0:
+            raise Failure(f"{' '.join(map(str, args))} ended with {done.returncode}\n{done.stdout}")
+        return done.stdout
+
+    def call(self, *args):
+        return self.run("systemctl", *args)
+
+    def property(self, unit, name):
+        return self.run_well("systemctl", "show", "--property", name, "--value", unit).strip()
+
+    def journal(self, unit):
+        return self.run_well("journalctl", "--no-pager", "--output", "cat", "--unit", unit)

@@ -1,0 +1,70 @@
+"""What the tests of the Debian package share: making it, and looking into it."""
+import os
+import re
+import subprocess
+from pathlib import Path
+
+from twinlock_test import BUILD, Failure, Skip, expect, scratch
+
+
+def need(*programs):
+    """Skips the test where a program is missing that script/bootstrap installs only on request."""
+    for name in programs:
+        if not any(os.access(os.path.join(folder, name), os.X_OK) for folder in os.environ["PATH"].split(":")):
+            raise Skip(f"{name} is missing")
+
+
+def output_of(*args, **options):
+    """Standard output of a command, which must succeed."""
+    done = subprocess.run(list(map(str, args)), stdout=subprocess.PIPE, stderr=subprocess.PIPE, encoding="utf-8",
+                          check=False, **options)
+    if done.returncode != 0:
+        raise Failure(f"{' '.join(map(str, args))} ended with {done.returncode}\n{done.stdout}{done.stderr}")
+    return done.stdout
+
+
+def make(build=BUILD, umask=0o022, **environment):
+    """The path of a package that is made now, of what is built in `build`, with a given umask and environment."""
+    folder = scratch()
+    output_of("cpack", "--config", build / "CPackConfig.cmake", "-B", folder, umask=umask,
+              env={**os.environ, **environment})
+    packages = list(folder.glob("*.deb"))
+    expect(len(packages) == 1, f"cpack has made {packages}")
+    return packages[0]
+
+
+def fields(package):
+    """{name: value} of the control file."""
+    control = re.sub(r"\n ", " ", output_of("dpkg-deb", "--field", package))
+    return dict(line.split(": ", 1) for line in control.splitlines() if line)
+
+
+def contents(package):
+    """[(mode as "-rw-r--r--", "owner/group", path, target of a link or None)]"""
+    rows = [line.split(None, 5) for line in output_of("dpkg-deb", "--contents", package).splitlines()]
+    return [(mode, owner, *(path.split(" -> ") + [None])[:2]) for mode, owner, _, _, _, path in rows]
+
+
+def unpacked(package):
+    """A folder with what the package installs, and with its control files in DEBIAN."""
+    folder = scratch()
+    output_of("dpkg-deb", "--raw-extract", package, folder / "root")
+    return folder / "root"
+
+
+def needed(program):
+    """Names of the libraries that a program is linked to; whatever machine it is for."""
+    return re.findall(r"\(NEEDED\).*\[(.+)\]$", output_of("readelf", "--dynamic", "--wide", program), re.M)
+
+
+def package_of(library):
+    """The Debian package, of this machine's kind, that has a library."""
+    paths = re.findall(rf"^\t?\s*{re.escape(library)} .* => (\S+)$", output_of("/sbin/ldconfig", "-p"), re.M)
+    expect(paths, f"ldconfig does not know {library}")
+    names = {name for path in paths for name in {path, os.path.realpath(path), str(Path("/usr") / path[1:])}}
+    for name in sorted(names):
+        done = subprocess.run(["dpkg", "-S", name], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, check=False,
+                              encoding="utf-8")
+        if done.returncode == 0:
+            return done.stdout.split(":")[0]
+    raise Failure(f"no package has {library}: {paths}")
