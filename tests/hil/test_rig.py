@@ -76,6 +76,7 @@ def test_wrong_usage():
     for arguments, code, words in (
             (["--kernel", "pdp11", "--", "true"], 2, "invalid choice: 'pdp11'"),
             (["--build", "/nowhere", "--", "true"], 2, "--build /nowhere: no such folder; script/build makes it"),
+            (["--disk", "/nowhere", "--", "true"], 2, "--disk /nowhere: no such file; mke2fs -t ext4 makes one"),
             (["--timeout", "soon", "--", "true"], 2, "--timeout: soon: expected seconds, above 0, as 120"),
             (["--timeout", "0", "--", "true"], 2, "--timeout: 0: expected seconds, above 0, as 120"),
             ([], 2, "COMMAND")):
