@@ -77,6 +77,24 @@ tl_status tl_new_file_open(const char *path, tl_new_file *new_file, tl_error *er
     return status;
 }
 
+/* So that the name survives a power cut, as the content does. Not every file system can, and then nothing is wrong with the
+ * file. */
+static void keep_name(const char *path) {
+    char folder[PATH_MAX];
+    (void)snprintf(folder, sizeof folder, "%s", path);
+    char *end = strrchr(folder, '/');
+    if (end == NULL) {
+        (void)snprintf(folder, sizeof folder, ".");
+    } else {
+        end[end == folder ? 1 : 0] = '\0';
+    }
+    int opened = open(folder, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+    if (opened >= 0) {
+        (void)fsync(opened);
+        (void)close(opened);
+    }
+}
+
 tl_status tl_new_file_keep(tl_new_file *new_file, tl_error *error) {
     FILE *file = new_file->file;
     bool failed = ferror(file) != 0;
@@ -96,6 +114,7 @@ tl_status tl_new_file_keep(tl_new_file *new_file, tl_error *error) {
         (void)unlink(new_file->name);
         return tl_fail(error, TL_TRY_AGAIN, "%.300s: cannot be put in place: %s", new_file->path, strerror(cause));
     }
+    keep_name(new_file->path);
     return TL_OK;
 }
 

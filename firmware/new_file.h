@@ -24,7 +24,7 @@ typedef struct tl_new_file {
 /* Errors: TL_BAD_USAGE (no name), TL_BAD_DATA (there is something that must not be replaced), TL_TRY_AGAIN. */
 tl_status tl_new_file_open(const char *path, tl_new_file *new_file, tl_error *error);
 
-/* Gives it its name. TL_TRY_AGAIN where not everything could be written; it is discarded then. */
+/* Gives it its name; content and name survive a power cut from here on. TL_TRY_AGAIN where not everything could be written; it is discarded then. */
 tl_status tl_new_file_keep(tl_new_file *new_file, tl_error *error);
 
 /* The same name, or one file by two names: what is made would take the other's place. */

@@ -52,7 +52,7 @@ static void print_help(FILE *file) {
                 "Plays a plant in real time, for demonstrations and tests: the recording of CONFIG, or, where\n"
                 "CONFIG has \"emulate\", its FMUs as the true plant with seeded noise. Its signals are served by\n"
                 "Modbus TCP where the configuration says they are read (playing starts with the first request),\n"
-                "sent as CAN frames, or written into a FIFO.\n\n"
+                "sent as CAN frames, or written into a FIFO; not by Modbus RTU, nor of GPIO lines.\n\n"
                 "  --for CONFIG2     serve what this configuration reads; default: CONFIG itself\n"
                 "  --recording FILE  the CSV file to play; with \"emulate\", what drives the FMUs; default: as\n"
                 "                    configured\n"
@@ -224,12 +224,21 @@ static tl_status serve_can(const player *self, const tl_config *listener, const 
     return status;
 }
 
-/* Serves one source of the listener; one without signals, and a CSV source, are left out. */
+/* A serial line has its units at the other end, and a GPIO line is pulled by somebody: nothing here can be either. */
+static bool can_be_served(const tl_config_source *source) {
+    if (source->kind == TL_SOURCE_MODBUS_RTU || source->kind == TL_SOURCE_GPIO) {
+        tl_log(TL_LOG_NOTICE, "%s: signals %s are not played", source->name,
+               source->kind == TL_SOURCE_GPIO ? "of GPIO lines" : "by Modbus RTU");
+    }
+    return source->kind == TL_SOURCE_MODBUS_TCP || source->kind == TL_SOURCE_CAN;
+}
+
+/* Serves one source of the listener; one without signals is left out. */
 static tl_status serve_source(player *self, const tl_config *listener, size_t index, tl_error *error) {
     const tl_config_source *source = &listener->sources[index];
     served_source *served = &self->served[self->served_count];
     size_t signals[TL_MAX_SIGNALS];
-    if (source->kind == TL_SOURCE_CSV) {
+    if (!can_be_served(source)) {
         return TL_OK;
     }
     tl_status status = find_signals(self, listener, index, served, signals, error);

@@ -43,7 +43,7 @@ def test_on_the_box():
     results.mkdir(exist_ok=True)
     figures = twinlock_test.run_well(["replay", twinlock_test.config_path("motor/lock.json"), "--json"])
     (results / "lock.json").write_text(figures, encoding="utf-8")
-    done = box.run([f"{BOX_TESTS}/run"], timeout=400)
+    done = box.run([f"{BOX_TESTS}/run"], timeout=620)
     print("".join(f"  {line}\n" for line in done.stdout.splitlines()), end="")
     if done.returncode != 0:
         raise Failure(f"the tests on the box ended with {done.returncode}\n{done.stderr}")
@@ -76,6 +76,7 @@ def test_wrong_usage():
     for arguments, code, words in (
             (["--kernel", "pdp11", "--", "true"], 2, "invalid choice: 'pdp11'"),
             (["--build", "/nowhere", "--", "true"], 2, "--build /nowhere: no such folder; script/build makes it"),
+            (["--disk", "/nowhere", "--", "true"], 2, "--disk /nowhere: no such file; mke2fs -t ext4 makes one"),
             (["--timeout", "soon", "--", "true"], 2, "--timeout: soon: expected seconds, above 0, as 120"),
             (["--timeout", "0", "--", "true"], 2, "--timeout: 0: expected seconds, above 0, as 120"),
             ([], 2, "COMMAND")):

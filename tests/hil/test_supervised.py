@@ -9,8 +9,8 @@ import socket
 import time
 from pathlib import Path
 
-from live_test import (Device, Program, check_database, number, query, stop, wait_for_lock, wait_for_steps,
-                       wait_until)
+from live_test import Device, Program, check_database, number, stop, wait_for_lock, wait_for_steps, wait_until
+from supervised import Supervised, end_orderly, expect_starts, wait_for_run
 from twinlock_test import at_least, edited_config, expect, main, run, run_well, scratch, write_config
 
 OMEGA = 62.981  # rad/s: where config/motor's twin starts
@@ -21,45 +21,6 @@ def live_config(device, **changes):
     config = edited_config("motor/live.json", {"duration_s": None, "record": {"commit_s": 0.1},
                                                "sources": {"inverter": {"modbus_tcp": {"port": device.port}}}, **changes})
     return config, config.parent / "twin.db"
-
-
-class Supervised(Program):
-    """A supervised run, and the process that it has begun."""
-
-    def __init__(self, config, *args, **options):
-        self.state = scratch() / "state"
-        super().__init__("run", config, "--supervise", "--state", self.state, *args, **options)
-
-    def children(self):
-        return [int(pid) for pid in Path(f"/proc/{self.pid}/task/{self.pid}/children").read_text(encoding="utf-8").split()]
-
-    def child(self, other_than=0):
-        return wait_until(lambda: [pid for pid in self.children() if pid != other_than], "a child", self.log)[0]
-
-    def account(self):
-        return json.loads((self.state / "supervisor.json").read_text(encoding="utf-8"))
-
-
-def wait_for_run(live, database, which):
-    """Until run `which` is recorded, and is in lock."""
-    wait_until(lambda: database.exists() and query(database, "SELECT 1 FROM runs WHERE run = ?", which), f"run {which}", live.log)
-    wait_until(lambda: number(database, "SELECT count(*) FROM steps WHERE run = ? AND outcome = 1", which) >= 20, "lock", live.log)
-
-
-def starts(database):
-    """What the supervisor told, of each run."""
-    return [text for (text,) in query(database, "SELECT text FROM events WHERE source = 'supervisor' ORDER BY event")]
-
-
-def expect_starts(database, *reasons):
-    told = starts(database)
-    expect(len(told) == len(reasons) and all(reason in text for reason, text in zip(reasons, told)), f"{told}")
-
-
-def end_orderly(live, number_=signal.SIGTERM):
-    code, _, log = live.end(number_)
-    expect(code == 0, f"ended with {code}\n{log}")
-    expect(live.account()["running"] is False and live.account()["failures"] == 0, f"{live.account()}")
 
 
 def test_killed_and_stopped():

@@ -496,6 +496,16 @@ def test_wrong_usage():
     expect_refused(["plant", FREE], BAD_USAGE, "reads nothing by Modbus TCP", "--for", "--record")
 
 
+def test_a_plant_leaves_out_what_it_cannot_serve():
+    """GPIO lines and serial lines of the listener are said, and are no error by themselves."""
+    lines = edited_config("motor/box.json", {
+        "sources": {"bus": None, "inverter": {"modbus_tcp": None, "modbus_rtu": {"device": "/dev/ttyS1"}}},
+        "plant": {"omega": {"can": None}}})
+    expect_refused(["plant", SOURCE / "config" / "motor" / "box_plant.json", "--for", lines], BAD_USAGE,
+                   "panel: signals of GPIO lines are not played", "inverter: signals by Modbus RTU are not played",
+                   "reads nothing by Modbus TCP or CAN")
+
+
 def test_words_of_usage_and_start():
     for duration in ("1e300", "1e9", "0", "nan"):
         expect_refused(["run", LIVE, "--duration", duration], BAD_USAGE, "expected seconds > 0 and below 1e9")

@@ -1,47 +1,19 @@
-"""A CAN bus for tests: the kernel's own virtual one (vcan0), with Python's raw sockets at it.
-
-Where the machine has none, in_rig() starts the calling test again in the rig (script/rig), a virtual box whose kernel has
-CAN; where there is no rig either, the test is skipped.
-"""
-import os
+"""A CAN bus for tests on the box: the kernel's own virtual one (vcan0), with Python's raw sockets at it."""
 import socket
 import struct
 import subprocess
-import sys
 import threading
 import time
 from pathlib import Path
 
 from live_test import GOOD, SAMPLES, events, query, wait_for_steps, wait_until
-from twinlock_test import SKIPPED, SOURCE, edited_config, expect
+from twinlock_test import edited_config, expect
 
 LIVE = "motor/can.json"
 OMEGA = 62.981  # rad/s: where config/motor's twin starts
 INTERFACE = "vcan0"
 EXTENDED, REMOTE, ERROR = 0x80000000, 0x40000000, 0x20000000  # flags of an id
 CLASSIC, FD = struct.Struct("=IB3x8s"), struct.Struct("=IBB2x64s")
-
-
-def has_can():
-    try:
-        socket.socket(socket.PF_CAN, socket.SOCK_RAW, socket.CAN_RAW).close()
-    except OSError:
-        return False
-    return Path("/sys/class/net", INTERFACE).exists()
-
-
-def in_rig(timeout=280):
-    """Returns where there is a CAN bus; else this process becomes the rig, or ends as skipped."""
-    if has_can():
-        return
-    rig = SOURCE / "script" / "rig"
-    if rig.exists() and "TL_RIG" not in os.environ:
-        sys.stdout.flush()
-        os.execv(rig, [str(rig), "--source", str(SOURCE), "--build", os.environ["TL_BUILD"], "--timeout", str(timeout),
-                       "--", sys.executable, *sys.argv])
-    print(f"no CAN here: this test wants {INTERFACE} (modprobe vcan; ip link add {INTERFACE} type vcan; "
-          f"ip link set {INTERFACE} mtu 72 up), or script/rig")
-    sys.exit(1 if os.environ.get("CI") == "true" else SKIPPED)
 
 
 def ip(*words):

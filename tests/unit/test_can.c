@@ -1,5 +1,5 @@
 /* The CAN driver without a bus: settings that are wrong, an interface that is not there, interruption. With one it is
- * tested in tests/hil/test_live_can.py.
+ * tested in tests/hil/box/test_live_can.py.
  */
 #include <math.h>
 #include <pthread.h>

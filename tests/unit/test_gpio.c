@@ -1,5 +1,5 @@
 /* The GPIO driver on lines that a test makes: what it does with edges that come, that do not come, and with lines that are
- * not there. The chips and lines of a real kernel are in tests/hil/test_live_gpio.py.
+ * not there. The chips and lines of a real kernel are in tests/hil/box/test_live_gpio.py.
  */
 #include <errno.h>
 #include <math.h>

@@ -1,5 +1,5 @@
 /* The frames that the emulated plant sends, as planned; and an interface that it cannot use. What goes over a real bus is
- * tested in tests/hil/test_live_can.py.
+ * tested in tests/hil/box/test_live_can.py.
  */
 #include <string.h>
 

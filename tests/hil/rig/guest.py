@@ -1,7 +1,7 @@
 """Boots the rig's guest and runs one command in it. script/rig is its command line; tests import it.
 
 The guest sees the host's whole file system read-only under a tmpfs, so every program and library of the host is there
-under its own path; only the folder rig in the build folder is written through. tests/hil/rig/init is what
+under its own path; only the folder rig in the build folder is written through, and a disk that is given. tests/hil/rig/init is what
 happens inside.
 """
 import contextlib
@@ -108,9 +108,10 @@ class Pump(threading.Thread):
 
 
 class Guest:
-    """A guest that is booted anew for every run()."""
+    """A guest that is booted anew for every run(). `disk`: an image of ext4, which it has as /disk. With `reboots` a reset
+    boots it again, which runs the command again; else it is the end."""
 
-    def __init__(self, kernel="amd64", source=SOURCE, build=None, root="/", timeout=120):
+    def __init__(self, kernel="amd64", source=SOURCE, build=None, root="/", timeout=120, disk=None, reboots=False):
         self.machine = MACHINES[kernel]
         self.folder = RIG / kernel
         self.source = Path(source).resolve()
@@ -118,6 +119,9 @@ class Guest:
         self.results = self.build / "rig"
         self.root = root
         self.timeout = timeout
+        self.disk = disk
+        self.reboots = reboots
+        self.emulator = None
 
     def script(self, command):
         """The lines of what the guest runs: the command in the environment that CTest gives a test."""
@@ -138,13 +142,22 @@ class Guest:
             yield from ("-fsdev", f"local,id={tag},path={escaped(path)},security_model=none,multidevs=remap,{access}",
                         "-device", f"virtio-9p-pci,fsdev={tag},mount_tag={tag}")
 
+    def drive(self):
+        """The disk. What QEMU has been given is safe when it is killed, whether it was flushed or not, so nothing waits for
+        the host's disk (cache=unsafe)."""
+        if self.disk is None:
+            return []
+        return ["-drive", f"file={escaped(Path(self.disk).resolve())},if=none,id=disk,format=raw,cache=unsafe",
+                "-device", "virtio-blk-pci,drive=disk"]
+
     def arguments(self, work, out, err, qmp):
         """QEMU's command line. The guest's output goes to the pipes `out` and `err`, QEMU's events to `qmp`."""
         line, firmware = escaped(work / "line"), RIG / "host/usr/share"
         return [
             "setpriv", "--pdeathsig", "KILL", self.machine.emulator,
             "-L", firmware / "qemu", "-L", firmware / "seabios",
-            "-no-user-config", "-nodefaults", "-display", "none", "-no-reboot", *self.machine.options,
+            "-no-user-config", "-nodefaults", "-display", "none", *([] if self.reboots else ["-no-reboot"]),
+            *self.machine.options, *self.drive(),
             "-accel", "tcg", "-smp", "1", "-m", "1024",
             "-kernel", self.folder / "kernel", "-initrd", work / "initramfs",
             "-append", f"console={self.machine.console} quiet panic=-1 rdinit=/init",
@@ -165,6 +178,8 @@ class Guest:
         """What the guest finds in /control."""
         chip = json.loads(DESCRIPTION.read_text(encoding="utf-8"))["gpio"]
         lines = {"results": [self.results], "gpio": [chip["chip"], *chip["lines"]], "run": self.script(command)}
+        if self.disk is not None:
+            lines["disk"] = ["/disk"]
         folder.mkdir()
         for name, content in lines.items():
             (folder / name).write_text("".join(f"{line}\n" for line in content), encoding="utf-8")
@@ -178,6 +193,10 @@ class Guest:
             self.make_initramfs(work / "initramfs")
             return self.boot(work, stdout or sys.stdout.buffer, stderr or sys.stderr.buffer)
 
+    def cut_power(self):
+        """Ends a guest that another thread runs, as it is. What it has said until then is handed on."""
+        self.emulator.kill()
+
     def boot(self, work, stdout, stderr):
         outcome, begun = Outcome(), time.monotonic()
         pumps, events = [Pump(stdout), Pump(stderr)], Events()
@@ -187,6 +206,7 @@ class Guest:
                 stdin=subprocess.DEVNULL, stdout=log, stderr=log) as emulator:
             for end in handed:
                 os.close(end)
+            self.emulator = emulator
             for thread in (*pumps, events):
                 thread.start()
             try:

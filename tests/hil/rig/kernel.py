@@ -5,7 +5,7 @@ usage: kernel.py BOOT_IMAGE MODULES OUT
 
 BOOT_IMAGE is vmlinuz, MODULES a tree that holds *.ko. Written are OUT/kernel, unpacked, since an emulated processor
 takes seconds for it; OUT/modules/*.ko, the rig's drivers and what they need; and OUT/modules/order, their names in the
-order in which they can be loaded.
+order in which they can be loaded, and OUT/modules/disk_order, those that come after them for a disk.
 """
 import lzma
 import re
@@ -17,6 +17,8 @@ from pathlib import Path
 # virtio_pci to overlay: the shares; the rest: the drivers under test. softdog is the first watchdog.
 DRIVERS = ["virtio_pci", "virtio_console", "9pnet_virtio", "9p", "overlay", "configfs",
            "vcan", "can_raw", "kvaser_pci", "irq_sim", "gpio_sim", "softdog", "i6300esb"]
+# What a disk with a file system needs beyond them, for a guest that has one. Nothing in ext4 names crc32c, but it asks for it.
+DISK_DRIVERS = ["virtio_blk", "crc32c_generic", "ext4"]
 OPTIONAL = {"kvaser_pci", "i6300esb"}  # not in every architecture's kernel
 
 
@@ -67,10 +69,12 @@ def main():
     image, tree, out = map(Path, sys.argv[1:])
     modules = {name_of(path): path for path in sorted(tree.rglob("*.ko"))}
     order = load_order(modules, DRIVERS)
+    whole = load_order(modules, DRIVERS + DISK_DRIVERS)
     (out / "modules").mkdir(parents=True)
-    for name, content in order:
+    for name, content in whole:
         (out / "modules" / f"{name}.ko").write_bytes(content)
-    (out / "modules" / "order").write_text("".join(f"{name}.ko\n" for name, _ in order), encoding="ascii")
+    for file, part in ("order", order), ("disk_order", whole[len(order):]):
+        (out / "modules" / file).write_text("".join(f"{name}.ko\n" for name, _ in part), encoding="ascii")
     (out / "kernel").write_bytes(unpacked(image.read_bytes()))
 
 

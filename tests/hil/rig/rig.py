@@ -9,7 +9,8 @@ from pathlib import Path
 import guest
 
 USAGE = """\
-usage: script/rig [--kernel KERNEL] [--source DIR] [--build DIR] [--timeout SECONDS] -- COMMAND...
+usage: script/rig [--kernel KERNEL] [--source DIR] [--build DIR] [--timeout SECONDS]
+                  [--disk FILE] [--reboots] -- COMMAND...
 
 Runs COMMAND as root in a virtual box: QEMU without hardware virtualisation, with a Debian 12 kernel and
   CAN       vcan0 (up); can0 and can1, two SJA1000 on one bus (down: ip link set can0 up type can bitrate 125000)
@@ -23,6 +24,8 @@ and no standard input. The first time, the box is made: some 225 MB are fetched 
   --source DIR       where the command starts (default: this checkout)
   --build DIR        the build folder (default: build/host in the source folder)
   --timeout SECONDS  for boot and command (default: 120)
+  --disk FILE        an image of an ext4 file system, which is mounted at /disk and keeps what is written to it
+  --reboots          a reset, as by a watchdog, boots it again and runs COMMAND again; else it is the end (125)
 Exit code: the command's; 124 after a timeout; 125 where the box did not come to an orderly end (panic, watchdog)
 or cannot be made; 128 + N when ended by signal N.
 """
@@ -48,12 +51,16 @@ def parse(arguments):
     parser.add_argument("--source", type=Path, default=guest.SOURCE)
     parser.add_argument("--build", type=Path)
     parser.add_argument("--timeout", type=seconds, default=120)
+    parser.add_argument("--disk", type=Path)
+    parser.add_argument("--reboots", action="store_true")
     parser.add_argument("command", nargs="+", metavar="COMMAND")
     options = parser.parse_args(arguments)
     options.build = options.build or options.source / "build" / "host"
     for name, folder in (("--source", options.source), ("--build", options.build)):
         if not folder.is_dir():
             parser.error(f"{name} {folder}: no such folder; script/build makes it")
+    if options.disk is not None and not options.disk.is_file():
+        parser.error(f"--disk {options.disk}: no such file; mke2fs -t ext4 makes one")
     return options
 
 
@@ -64,7 +71,9 @@ def main():
     prepared = subprocess.run([Path(__file__).with_name("prepare"), options.kernel], check=False)
     if prepared.returncode != 0:
         sys.exit(guest.NO_END)
-    outcome = guest.Guest(options.kernel, options.source, options.build, timeout=options.timeout).run(options.command)
+    box = guest.Guest(options.kernel, options.source, options.build, timeout=options.timeout, disk=options.disk,
+                      reboots=options.reboots)
+    outcome = box.run(options.command)
     if outcome.exit_code is not None:
         sys.exit(outcome.exit_code)
     guest.report(outcome)

@@ -1,5 +1,6 @@
 #!/usr/bin/env python3
-"""A live plant on a real CAN bus: in lock and replayed, every kind of frame, real controllers. And that a run sends nothing.
+"""On the box: a live plant on a CAN bus: in lock and replayed, every kind of frame, real controllers. And that a run sends
+nothing.
 """
 import re
 import signal
@@ -7,7 +8,7 @@ import struct
 import time
 from pathlib import Path
 
-from can_bus import (ERROR, EXTENDED, LIVE, OMEGA, REMOTE, Bus, Motor, Wire, events_with, in_rig, interface_down, interface_up,
+from can_bus import (ERROR, EXTENDED, LIVE, OMEGA, REMOTE, Bus, Motor, Wire, events_with, interface_down, interface_up,
                      ip, live_config, make_interface, remove_interface, transmitted, wait_for_value)
 from live_test import (GOOD, NO_LINK, NOT_A_NUMBER, Program, check_database, check_replay, check_summary, end_well, events,
                        wait_for_lock, wait_for_quality, wait_for_steps, wait_until)
@@ -174,10 +175,11 @@ def test_controllers():
             wait_for_quality(live, database, "omega", GOOD)
             told, _ = end_well(live, signal.SIGTERM)
             plant.end(signal.SIGTERM)
+    for name in "can0", "can1":
+        interface_down(name)
     expect(transmitted("can0") == before, "the run's controller has sent frames")
     check_replay(config, database, check_summary(told, database))
 
 
 if __name__ == "__main__":
-    in_rig()
     main()

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""More frames on a live CAN bus than anybody can read: those with other ids wake nobody, of those with our own the newest
+"""On the box: more frames on a live CAN bus than anybody can read: those with other ids wake nobody, of those with our own the newest
 counts, and what is lost is told with its number.
 """
 import re
@@ -8,7 +8,7 @@ import struct
 import time
 from pathlib import Path
 
-from can_bus import EXTENDED, OMEGA, Bus, Motor, events_with, in_rig, live_config, wait_for_value
+from can_bus import EXTENDED, OMEGA, Bus, Motor, events_with, live_config, wait_for_value
 from live_test import (GOOD, STALE, Program, check_replay, check_summary, end_well, events, last_step, stop, wait_for_lock,
                        wait_for_quality)
 from twinlock_test import at_most, expect, main
@@ -97,5 +97,4 @@ def test_frames_lost_are_counted():
 
 
 if __name__ == "__main__":
-    in_rig()
     main()

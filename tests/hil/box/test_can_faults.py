@@ -1,12 +1,12 @@
 #!/usr/bin/env python3
-"""What may happen to a live CAN bus: link down, interface gone, errors, clocks that are set. The twin goes on, the
+"""On the box: what may happen to a live CAN bus: link down, interface gone, errors, clocks that are set. The twin goes on, the
 database says what happened, and a replay of it gives the same steps.
 """
 import re
 import signal
 import time
 
-from can_bus import (ERROR, OMEGA, Motor, events_with, in_rig, interface_down, interface_up, live_config, make_interface,
+from can_bus import (ERROR, OMEGA, Motor, events_with, interface_down, interface_up, live_config, make_interface,
                      newest, remove_interface)
 from live_test import (GOOD, NO_LINK, STALE, Program, check_free_run, check_replay, check_summary, end_well, events,
                        expect_events, expect_in_order, last_step, qualities, query, wait_for_lock, wait_for_quality,
@@ -159,5 +159,4 @@ def test_wall_clock_is_set():
 
 
 if __name__ == "__main__":
-    in_rig()
     main()

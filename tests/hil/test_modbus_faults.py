@@ -1,0 +1,117 @@
+#!/usr/bin/env python3
+"""A Modbus device that is silent, talks garbage, refuses, breaks off in the middle of an answer, answers another question, and
+drops every connection: one supervised run goes through all of it, in lock again after each, and never started anew.
+"""
+import os
+import struct
+import time
+
+from live_test import (Device, GOOD, NO_LINK, check_database, check_free_run, check_replay, check_rows, events, expect_events,
+                       expect_in_order, last_step, qualities, wait_for_lock, wait_for_quality, wait_for_steps)
+from supervised import Supervised, end_orderly, wait_for_run
+from twinlock_test import at_most, edited_config, expect, main
+
+OMEGA = 62.981  # rad/s: where config/motor's twin starts
+GARBAGE = struct.Struct(">HHHB")
+
+
+class FaultyDevice(Device):
+    """Does as `fault` says: None, or the name of a method below, which gives what is sent instead of the answer."""
+
+    fault, connections = None, 0
+
+    def _serve(self, client):
+        self.connections += 1
+        with client, client.makefile("rb") as requests:
+            try:
+                while len(header := requests.read(7)) == 7:
+                    transaction, _, length, unit = GARBAGE.unpack(header)
+                    request = requests.read(length - 1)
+                    self.functions.add(request[0])
+                    reply = self._reply(request)
+                    whole = GARBAGE.pack(transaction, 0, len(reply) + 1, unit) + reply
+                    sent = whole if self.fault is None else getattr(self, self.fault)(whole)
+                    if sent is None:
+                        return
+                    client.sendall(sent)
+            except OSError:
+                return
+
+    def silence(self, _):
+        return b""
+
+    def garbage(self, _):
+        return os.urandom(23)
+
+    def exception(self, whole):
+        return GARBAGE.pack(*GARBAGE.unpack(whole[:7])[:2], 3, whole[6]) + bytes((whole[7] | 0x80, 4))
+
+    def half_frame(self, whole):
+        return whole[:len(whole) // 2]
+
+    def other_answer(self, whole):
+        """Of another transaction, as one that was given up."""
+        return bytes((whole[0] ^ 0x55, whole[1] ^ 0x55)) + whole[2:]
+
+    def storm(self, _):
+        """The connection is dropped."""
+        return None
+
+
+# What is told of each, and of its end. A device that refuses is there all the same.
+TOLD = {
+    "silence": ("warning", "no answer within 0.1 s", "connected"),
+    "garbage": ("warning", "inverter: Modbus server", "connected"),
+    "exception": ("info", "unit 1, input register 0 to 2: Slave device or server failure", "answers again"),
+    "half_frame": ("warning", "no answer within 0.1 s", "connected"),
+    "other_answer": ("warning", "Invalid data", "connected"),
+    "storm": ("warning", "inverter: Modbus server", "connected"),
+}
+FAULT_STEPS = 60
+
+
+def live_config(device):
+    config = edited_config("motor/live.json", {
+        "duration_s": None, "record": {"commit_s": 0.1},
+        "sources": {"inverter": {"modbus_tcp": {"port": device.port, "timeout_s": 0.1}}}})
+    return config, config.parent / "twin.db"
+
+
+def bear(fault, device, live, database):
+    """Until it is over, and the twin in lock again. How many connections it took."""
+    before, begun = device.connections, time.monotonic()
+    device.fault = fault
+    wait_for_quality(live, database, "omega", NO_LINK)
+    wait_for_steps(live, database, last_step(database) + FAULT_STEPS)
+    device.fault = None
+    seconds = time.monotonic() - begun
+    wait_for_quality(live, database, "omega", GOOD)
+    wait_for_lock(live, database, last_step(database))
+    return device.connections - before, seconds
+
+
+def test_campaign():
+    with FaultyDevice(OMEGA) as device:
+        config, database = live_config(device)
+        with Supervised(config) as live:
+            wait_for_run(live, database, 1)
+            for fault in TOLD:
+                connections, seconds = bear(fault, device, live, database)
+                print(f"    {fault}: {connections} connections in {seconds:.1f} s")
+                # a pause of 0.1 s, doubled each time, up to 2 s
+                at_most(connections, 10 * seconds + 3, f"connections during {fault}")
+            end_orderly(live)
+            expect(live.account()["starts"] == 1, f"restarted: {live.account()}\n{live.log()}")
+        expect(device.functions == {4}, f"function codes {device.functions} were sent")
+    expect_in_order(qualities(database, "omega"), [GOOD, NO_LINK] * len(TOLD) + [GOOD], "quality of omega")
+    for severity, words, again in TOLD.values():
+        expect_events(database, (severity, words), ("warning", "plant.omega: no link"), ("warning", "runs free"),
+                      ("info", again), ("info", "plant.omega: good again"), ("info", "synchronising again"))
+    told = sum("inverter: Modbus server" in text for _, text in events(database))
+    at_most(told, 1 + 3 * len(TOLD), "events of the device")
+    check_database(database)
+    check_free_run(database)
+    check_replay(config, database, check_rows(database))
+
+
+main()

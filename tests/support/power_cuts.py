@@ -1,0 +1,160 @@
+"""A box whose power is cut while it records onto its disk, at a random moment; and what must be there afterwards.
+
+The box is the rig (QEMU, killed by SIGKILL), its disk an image of ext4. What the guest's kernel had not yet given to the
+disk is gone, as with a power cut; what the disk was given is there, so a disk that lies about its cache is not shown.
+"""
+import json
+import random
+import re
+import subprocess
+import sys
+import threading
+import time
+
+from live_test import GOOD, PATIENCE, check_replay, check_rows, number, query
+from twinlock_test import BUILD, SOURCE, Failure, expect, merge, read_config, run_well, scratch
+
+OMEGA = 62.981  # rad/s: where config/motor's twin starts
+STEP_S = 0.01
+MOST_MISSING = 100  # samples: one second
+DISK_SIZE = "64M"
+FIRST_S, LAST_S = 0.3, 4.0  # a cut is so long after the first commit
+
+
+def configuration(port, version):
+    """Version N of the configuration that the box runs, some 100 kB of it."""
+    count = {"modbus": {"source": "inverter", "unit_id": 1, "table": "input", "address": 3, "type": "uint32"}}
+    edits = {"$schema": f"{version} " * (50000 // len(str(version))), "name": f"version {version}", "duration_s": None,
+             "recording": None, "plant": {"count": count}, "realtime": {"hang_s": 20},
+             "sources": {"inverter": {"modbus_tcp": {"port": port, "period_s": STEP_S, "timeout_s": 1}}}}
+    return json.dumps(merge(read_config("motor/live.json"), edits))
+
+
+class Told:
+    """What the box tells, as it comes: the newest number of each kind."""
+
+    def __init__(self):
+        self.numbers, self.rest, self.recording = {}, b"", threading.Event()
+
+    def write(self, block):
+        *lines, self.rest = (self.rest + block).split(b"\n")
+        for line in lines:
+            kind, _, value = line.decode(errors="replace").partition(" ")
+            if value.isdigit():
+                self.numbers[kind] = int(value)
+        if self.numbers.get("committed", 0) > 0:
+            self.recording.set()
+
+    def flush(self):
+        pass
+
+
+def make_disk(folder):
+    disk = folder / "disk.img"
+    command(["mke2fs", "-q", "-t", "ext4", disk, DISK_SIZE])
+    return disk
+
+
+def command(words):
+    """Standard output of a tool of e2fsprogs, which must succeed."""
+    try:
+        done = subprocess.run([*map(str, words)], capture_output=True, encoding="utf-8", errors="replace", check=False,
+                              env={"PATH": "/usr/sbin:/sbin:/usr/bin:/bin"})
+    except FileNotFoundError as missing:
+        raise Failure(f"there is no {words[0]}: apt install e2fsprogs") from missing
+    expect(done.returncode == 0, f"{' '.join(done.args)} ended with {done.returncode}\n{done.stdout}{done.stderr}")
+    return done.stdout
+
+
+def record_and_cut(guest_module, folder, after_s):
+    """(the disk, what the box told): the power was cut `after_s` seconds after the first commit."""
+    told, disk = Told(), make_disk(folder)
+    guest = guest_module.Guest(build=BUILD, disk=disk, timeout=240)
+    with open(folder / "log", "wb") as log:
+        runner = threading.Thread(target=guest.run, args=(["python3", SOURCE / "tests/hil/box/record.py"], told, log))
+        runner.start()
+        until = time.monotonic() + 200
+        while runner.is_alive() and time.monotonic() < until and not told.recording.wait(0.1):
+            pass
+        if told.recording.is_set():
+            time.sleep(after_s)
+        ended = not runner.is_alive()
+        if not ended:
+            guest.cut_power()
+        runner.join()
+    log = (folder / "log").read_text(encoding="utf-8", errors="replace")
+    expect(told.recording.is_set() and not ended, f"the box has not recorded, or ended by itself: {told.numbers}\n{log}")
+    return disk, told.numbers
+
+
+def files_of(disk, folder):
+    """The files of the disk after its journal was played back; its file system must be without a fault then."""
+    command(["e2fsck", "-E", "journal_only", "-y", disk])
+    command(["e2fsck", "-f", "-n", disk])
+    files = folder / "files"
+    files.mkdir()
+    command(["debugfs", "-R", f"rdump / {files}", disk])
+    return files
+
+
+def check_configuration(files, told):
+    """Old or new, whole. Returns its version."""
+    text = (files / "config.json").read_text(encoding="utf-8")
+    found = re.search(r'"name": "version (\d+)"', text)
+    expect(found is not None, f"the configuration is neither old nor new: {len(text)} bytes, {text[:80]!r}")
+    version, port = int(found[1]), json.loads(text)["sources"]["inverter"]["modbus_tcp"]["port"]
+    expect(text == configuration(port, version), f"version {version} of the configuration is not whole")
+    newest = told.get("replacing", 1)
+    expect(newest - 2 <= version <= newest, f"version {version}, though {newest} was being put in its place")
+    return newest - version
+
+
+def check_accounts(files, told):
+    """What was told to be kept is kept."""
+    account = json.loads((files / "account" / "supervisor.json").read_text(encoding="utf-8"))
+    expect(account["starts"] >= told["starts"], f"{account}, though start {told['starts']} was kept")
+    account = json.loads((files / "state" / "supervisor.json").read_text(encoding="utf-8"))
+    expect(account["running"] is True and account["starts"] == 1, f"{account}")
+
+
+COUNTED = """SELECT max(value) FROM samples JOIN signals USING (run, signal)
+             WHERE kind = 'plant' AND name = 'plant.count' AND quality = ?"""
+
+
+def check_database(files, told, folder):
+    """(samples missing, steps): it is intact, has what a reader saw, and a replay repeats it to the bit."""
+    database = files / "twin.db"
+    expect(query(database, "PRAGMA integrity_check") == [("ok",)], "the database is not intact")
+    tick = number(database, "SELECT max(tick) FROM samples")
+    expect(tick >= told["committed"], f"tick {tick} is the last, though {told['committed']} was seen in the database")
+    missing = told["served"] - number(database, COUNTED, GOOD)
+    expect(missing <= MOST_MISSING, f"{missing} samples are missing")
+    rows = check_rows(database)
+    config = folder / "run.json"
+    config.write_text(query(database, "SELECT text FROM configurations")[0][0], encoding="utf-8")
+    check_replay(config, database, rows)
+    run_well(["show", database], timeout=PATIENCE)
+    return max(0, int(missing)), rows
+
+
+def one_cut(guest_module, after_s):
+    """The figures of one cut, as a dictionary; raises a Failure where something is lost."""
+    folder = scratch()
+    disk, told = record_and_cut(guest_module, folder, after_s)
+    files = files_of(disk, folder)
+    behind = check_configuration(files, told)
+    check_accounts(files, told)
+    missing, rows = check_database(files, told, folder)
+    disk.unlink()
+    return {"after_s": after_s, "steps": rows, "missing": missing, "behind": behind, "kept": told["starts"]}
+
+
+def cuts(count, seed, each=lambda number, figures: None):
+    """The figures of so many cuts."""
+    sys.path.insert(0, str(SOURCE / "tests" / "hil" / "rig"))
+    import guest  # pylint: disable=import-outside-toplevel
+    chance, table = random.Random(seed), []
+    for i in range(count):
+        table.append(one_cut(guest, chance.uniform(FIRST_S, LAST_S)))
+        each(i + 1, table[-1])
+    return table
