@@ -2,10 +2,12 @@
 #include "firmware/restarts.h"
 
 #include <errno.h>
+#include <fcntl.h>
 #include <inttypes.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/file.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
@@ -109,6 +111,12 @@ static tl_status set_folder(const char *folder, tl_restarts *restarts, tl_error 
     if (stat(folder, &about) != 0 || !S_ISDIR(about.st_mode) || access(folder, W_OK | X_OK) != 0) {
         return tl_fail(error, TL_BAD_DATA, "--state %.300s: expected a folder that this user may write into", folder);
     }
+    restarts->lock = open(folder, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+    if (restarts->lock >= 0 && flock(restarts->lock, LOCK_EX | LOCK_NB) != 0) {
+        tl_restarts_close(restarts);
+        return tl_fail(error, TL_TRY_AGAIN,
+                       "--state %.300s: another supervisor has it: give each twin a folder of its own", folder);
+    }
     int length = snprintf(restarts->path, sizeof restarts->path, "%s/supervisor.json", folder);
     return length < (int)sizeof restarts->path ? TL_OK
                                                : tl_fail(error, TL_BAD_DATA, "--state %.100s…: is too long", folder);
@@ -116,7 +124,7 @@ static tl_status set_folder(const char *folder, tl_restarts *restarts, tl_error 
 
 tl_status tl_restarts_open(const char *folder, bool watchdog, tl_restarts *restarts, tl_error *error) {
     kept before;
-    *restarts = (tl_restarts){.reason = "it was told to"};
+    *restarts = (tl_restarts){.reason = "it was told to", .lock = -1};
     tl_identity_boot(restarts->boot);
     if (folder == NULL) {
         return TL_OK;
@@ -163,4 +171,11 @@ bool tl_restarts_is_loop(const tl_restarts *restarts) {
 void tl_restarts_end(tl_restarts *restarts) {
     restarts->failures = 0;
     keep(restarts, false);
+}
+
+void tl_restarts_close(tl_restarts *restarts) {
+    if (restarts->lock >= 0) {
+        (void)close(restarts->lock);
+        restarts->lock = -1;
+    }
 }

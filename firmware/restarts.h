@@ -30,13 +30,14 @@ typedef struct tl_restarts {
     /* private */
     char path[PATH_MAX]; /* "": nowhere */
     char boot[TL_IDENTITY_TEXT];
+    int lock;        /* the folder, held; -1: none */
     tl_time healthy; /* since one was forgiven */
     bool unwritten;  /* said so */
 } tl_restarts;
 
 /* Reads what is kept, and finds out why there is a start: at best an orderly end before. `watchdog` says that the box was reset
  * by it. A file that is damaged is told on the log, and counting begins anew. Errors: TL_BAD_DATA where the folder cannot be
- * used, with nothing changed. */
+ * used, TL_TRY_AGAIN where another supervisor has it; nothing is changed then. */
 tl_status tl_restarts_open(const char *folder, bool watchdog, tl_restarts *restarts, tl_error *error);
 
 /* A start of the appliance; `again`: after a failure. */
@@ -52,5 +53,8 @@ bool tl_restarts_is_loop(const tl_restarts *restarts);
 
 /* The supervisor ends orderly. */
 void tl_restarts_end(tl_restarts *restarts);
+
+/* Lets go of the folder. */
+void tl_restarts_close(tl_restarts *restarts);
 
 #endif

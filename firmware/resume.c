@@ -84,11 +84,8 @@ static tl_status find_run(resume *self, tl_error *error) {
 /* A run that came to its end, or failed, is not gone on with: it would come to the same end. */
 static bool was_interrupted(resume *self) {
     const char *reason = self->run->ended_reason != NULL ? self->run->ended_reason : "not ended cleanly";
-    if (strcmp(reason, "end of duration") == 0) {
-        return false;
-    }
     bool interrupted = strcmp(reason, "not ended cleanly") == 0 || strncmp(reason, "SIG", 3) == 0;
-    return interrupted || refuse(self, "run %" PRId64 " ended with: %.100s", self->run->run, reason);
+    return interrupted || refuse(self, "run %" PRId64 " ended: %.100s", self->run->run, reason);
 }
 
 static bool is_same(resume *self) {
@@ -144,9 +141,11 @@ static bool find_time(resume *self) {
 }
 
 /* Has the run, as it is asked for now, anything left to do? */
-static bool is_under_way(const resume *self) {
+static bool is_under_way(resume *self) {
     const tl_config *config = config_of(self);
-    return config->duration == 0 || self->last < config->duration / config->step + (int64_t)self->run->lead;
+    int64_t now = self->last + self->gap / config->step;
+    return config->duration == 0 || now < config->duration / config->step + (int64_t)self->run->lead ||
+           refuse(self, "the duration of run %" PRId64 " is over", self->run->run);
 }
 
 /* ---- from where ---- */

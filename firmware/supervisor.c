@@ -29,7 +29,7 @@ static const tl_time PAUSE_LAST = 8 * TL_SECOND;
 static const tl_time STROKE = TL_SECOND;
 static const tl_time STATUS = 5 * TL_SECOND;
 
-enum { BAD_USAGE = 2, BAD_DATA = 65, TRY_AGAIN = 75 };
+enum { TRY_AGAIN = 75 };
 
 typedef struct supervisor {
     const tl_supervisor_settings *settings;
@@ -212,7 +212,7 @@ static void say_failure(const char *reason) {
     tl_log(TL_LOG_ERROR, "the twin failed: %s", reason);
 }
 
-/* The supervisor ends with it: it was asked to, the run is over, or nothing would be better the next time. */
+/* The supervisor ends with it: it was asked to, the run is over, or it never ran, and who started it is told why. */
 static bool is_final(const supervisor *self, int how) {
     if (self->stop || (WIFEXITED(how) && WEXITSTATUS(how) == 0)) {
         return true;
@@ -220,8 +220,7 @@ static bool is_final(const supervisor *self, int how) {
     if (!WIFEXITED(how)) {
         return false;
     }
-    int code = WEXITSTATUS(how);
-    return code == BAD_USAGE || code == BAD_DATA || !self->ran;
+    return !self->ran;
 }
 
 /* None after the first failure. */
@@ -296,6 +295,7 @@ static tl_time stroke_interval(const supervisor *self) {
 
 static tl_status open_all(supervisor *self, tl_error *error) {
     self->watchdog.file = -1;
+    self->restarts.lock = -1;
     self->beats = tl_heartbeats_new();
     if (self->beats == NULL) {
         return tl_fail(error, TL_TRY_AGAIN, "not enough memory for the supervisor");
@@ -312,6 +312,7 @@ static void close_all(supervisor *self) {
     if (self->watchdog.file >= 0 && !tl_watchdog_close(&self->watchdog)) {
         tl_log(TL_LOG_WARNING, "watchdog %s could not be disarmed, and will reset the box", self->settings->watchdog);
     }
+    tl_restarts_close(&self->restarts);
     tl_heartbeats_free(self->beats);
 }
 

@@ -6,7 +6,7 @@
  * Stroked: while everybody is alive, and while the supervisor does something about it if not: in the pause before a restart.
  *          Not while a thread is silent, and no more once even safe hold could not be kept up TL_RESTARTS_MOST times.
  * Restart: at once after the first failure; the pause doubles with each that is not forgiven, up to 8 s. What ended by itself
- *          before it ever ran is not begun again: who started the supervisor is told by the exit code.
+ *          before anything ever ran is not begun again: who started the supervisor is told by the exit code.
  * Hold:    after a restart loop (restarts.h) the child is told to hold: no twin.
  * Signals: SIGTERM and SIGINT end the child, and then the supervisor, orderly. A supervisor that is killed takes the child with it.
  */
@@ -27,7 +27,7 @@ typedef struct tl_start {
 } tl_start;
 
 typedef struct tl_supervisor_settings {
-    const char *state;    /* a folder for the account of restarts; NULL: none */
+    const char *state;    /* a folder for the account of restarts, of one supervisor at a time; NULL: none */
     const char *watchdog; /* the device; NULL: none */
     int watchdog_s;
     /* The appliance: called in the child, which ends with what this returns, an exit code. */

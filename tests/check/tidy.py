@@ -8,11 +8,14 @@ import concurrent.futures
 import hashlib
 import json
 import os
+import re
 import shlex
 import subprocess
 import sys
 
 import tree
+
+GCC_ONLY = re.compile(r" -fno-ipa-[a-z-]+")
 
 
 def run(command, folder):
@@ -52,13 +55,19 @@ def key(entry, version):
     return digest.hexdigest()
 
 
+def write_commands(entries, folder):
+    """The commands as clang understands them: it refuses flags that are gcc's alone."""
+    with open(os.path.join(folder, "compile_commands.json"), "w", encoding="utf-8") as file:
+        json.dump([{**entry, "command": GCC_ONLY.sub("", entry["command"])} for entry in entries], file)
+
+
 def check(entry, build, version):
     """None if the file is clean, else what clang-tidy says."""
     name = key(entry, version)
     stamp = os.path.join(build, "tidy", name) if name else None
     if stamp and os.path.exists(stamp):
         return None
-    done = run(["clang-tidy", "--quiet", "-p", build, entry["file"]], entry["directory"])
+    done = run(["clang-tidy", "--quiet", "-p", os.path.join(build, "tidy"), entry["file"]], entry["directory"])
     if done.returncode != 0:
         return done.stdout.strip() or done.stderr.strip()
     if stamp:
@@ -74,6 +83,7 @@ def main():
         once = {entry["file"]: entry for entry in reversed(json.load(file))}  # shared sources are compiled often
     entries = [entry for name, entry in sorted(once.items())
                if not os.path.relpath(name, tree.root).startswith((".", "build"))]
+    write_commands(entries, os.path.join(build, "tidy"))
     with concurrent.futures.ThreadPoolExecutor(2) as pool:
         for entry, report in zip(entries, pool.map(lambda entry: check(entry, build, version), entries)):
             if report is not None:

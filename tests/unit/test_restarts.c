@@ -19,11 +19,15 @@ static tl_error error;
 void setUp(void) {
     tl_scratch_empty(&scratch);
     error = (tl_error){TL_OK, ""};
+    restarts.lock = -1;
 }
 
-void tearDown(void) {}
+void tearDown(void) {
+    tl_restarts_close(&restarts);
+}
 
 static void open_here(bool watchdog) {
+    tl_restarts_close(&restarts);
     TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_restarts_open(scratch.folder, watchdog, &restarts, &error), error.text);
 }
 
@@ -167,6 +171,18 @@ static void test_folders_that_will_not_do(void) {
     TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, tl_restarts_open(path, false, &restarts, &error));
 }
 
+static void test_one_supervisor_at_a_time(void) {
+    tl_restarts other;
+    open_here(false);
+    tl_restarts_begin(&restarts, false);
+    TEST_ASSERT_EQUAL_INT(TL_TRY_AGAIN, tl_restarts_open(scratch.folder, false, &other, &error));
+    TEST_ASSERT_NOT_NULL(strstr(error.text, "another supervisor has it: give each twin a folder of its own"));
+    tl_restarts_close(&restarts);
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_restarts_open(scratch.folder, false, &other, &error));
+    TEST_ASSERT_EQUAL_UINT64(1, other.starts);
+    tl_restarts_close(&other);
+}
+
 /* Told once; the supervisor goes on. */
 static void test_a_folder_that_disappears(void) {
     open_here(false);
@@ -196,6 +212,7 @@ int main(void) {
     RUN_TEST(test_more_failures_than_make_a_loop);
     RUN_TEST(test_no_folder);
     RUN_TEST(test_folders_that_will_not_do);
+    RUN_TEST(test_one_supervisor_at_a_time);
     RUN_TEST(test_a_folder_that_disappears);
     tl_scratch_remove(&scratch);
     return UNITY_END();

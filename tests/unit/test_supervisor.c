@@ -2,7 +2,7 @@
  *
  *   k  killed by a signal      h  becomes ready, then silent      s  silent before it is ready
  *   0  ready, ends with 0      7  ready, ends with 70             8  ends with 70 before it is ready
- *   6  ends with 65, ready     w  ready, beats until SIGTERM
+ *   6  ends with 65, never ready   w  ready, beats until SIGTERM
  */
 #include <signal.h>
 #include <stdio.h>
@@ -70,7 +70,7 @@ static int play(char what, tl_heart *heart, tl_heartbeats *beats) {
     if (what == 's') {
         hang();
     }
-    if (what != '8') {
+    if (what != '8' && what != '6') {
         tl_heartbeats_set_ready(beats);
     }
     if (what == 'h') {
@@ -129,6 +129,13 @@ static void test_a_bad_configuration_is_not_tried_again(void) {
 /* Who starts it is told at once. */
 static void test_what_never_ran_is_not_tried_again(void) {
     expect_code("8", 70);
+}
+
+/* An FMU that was removed meanwhile: it may come back, and if not, the plant is recorded at least. */
+static void test_what_ran_and_cannot_begin_any_more(void) {
+    expect_code("766660", 0);
+    TEST_ASSERT_TRUE(shared->hold[5]);
+    TEST_ASSERT_EQUAL_STRING("it ended with exit code 65", shared->reason[5]);
 }
 
 static void test_what_ran_is_tried_again(void) {
@@ -255,6 +262,7 @@ int main(void) {
     RUN_TEST(test_ends_with_its_child);
     RUN_TEST(test_a_bad_configuration_is_not_tried_again);
     RUN_TEST(test_what_never_ran_is_not_tried_again);
+    RUN_TEST(test_what_ran_and_cannot_begin_any_more);
     RUN_TEST(test_what_ran_is_tried_again);
     RUN_TEST(test_a_crash);
     RUN_TEST(test_a_hang);
