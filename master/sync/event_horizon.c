@@ -241,7 +241,7 @@ static tl_status try(tl_event_horizon *self, double u, tl_error *error) {
     return is_live(self, u) ? tl_stroke_try_live(&self->stroke, u, error) : tl_stroke_try(&self->stroke, u, error);
 }
 
-/* The winner is the twin. */
+/* The winner is the twin. All that is told of the search is told now: in which step it was known depends on the time there was. */
 static void settle(tl_event_horizon *self, tl_record *record) {
     bool stood_for = self->stroke.now < self->stroke.last;
     const tl_event_trial *nominal = tl_event_search_find(&self->search, nominal_of(self));
@@ -252,6 +252,7 @@ static void settle(tl_event_horizon *self, tl_record *record) {
     record->stop = self->stop;
     record->objective = isfinite(self->value) ? self->value : (double)NAN;
     record->objective_nominal = nominal != NULL && isfinite(nominal->value) ? nominal->value : (double)NAN;
+    record->flags |= tl_event_search_met_plateau(&self->search) ? TL_FLAG_PLATEAU : 0U;
 }
 
 /* The best trial, if it is worth it. Else what was in force when the stroke began, if it is as good as nominal; else nominal,
@@ -288,7 +289,6 @@ static tl_status conclude(tl_event_horizon *self, tl_record *record, tl_error *e
     self->outcome = outcome_of(self, best, winner);
     self->winner = winner->u;
     self->value = winner->value;
-    record->flags |= tl_event_search_met_plateau(&self->search) ? TL_FLAG_PLATEAU : 0U;
     if (is_live(self, self->winner)) {
         settle(self, record);
         return TL_OK;
