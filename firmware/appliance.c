@@ -190,6 +190,7 @@ static void hold(appliance *self) {
         .journal = &self->journal,
         .beats = self->beats,
         .heart = self->heart,
+        .failures = self->start->restarts->failures,
         .reason = self->start->restarts->reason,
     };
     tl_safe_hold(&settings);

@@ -22,7 +22,8 @@ typedef struct tl_safe_hold_settings {
     tl_journal *journal;
     tl_heartbeats *beats; /* NULL: nobody supervises */
     tl_heart *heart;      /* of the thread; the same */
-    const char *reason;   /* of the last failure */
+    unsigned failures;    /* that are not forgiven, */
+    const char *reason;   /* and why the last of them */
 } tl_safe_hold_settings;
 
 /* Returns once a signal to end has come. */

@@ -15,8 +15,11 @@ void tl_status_line_write(const tl_config *config, const tl_cycle_status *status
     }
     length += snprintf(line + length, TL_STATUS_LINE - (size_t)length, "  %-12s", tl_outcome_name(record->outcome));
     for (size_t i = 0; i < config->match_count && i < 2; i++) {
-        length += snprintf(line + length, TL_STATUS_LINE - (size_t)length, "  %.63s %.4g (plant %.4g)",
-                           config->match[i].variable, record->y[i], record->y_hat[i]);
+        length += snprintf(line + length, TL_STATUS_LINE - (size_t)length,
+                           record->y_hat_quality[i] == TL_GOOD ? "  %.63s %.4g (plant %.4g)"
+                                                               : "  %.63s %.4g (plant %.4g, %s)",
+                           config->match[i].variable, record->y[i], record->y_hat[i],
+                           tl_quality_name((tl_quality)record->y_hat_quality[i]));
     }
     (void)snprintf(line + length, TL_STATUS_LINE - (size_t)length, "  %.2f ms  skipped %llu",
                    tl_seconds(record->used) * 1e3, (unsigned long long)status->skipped);
