@@ -10,7 +10,7 @@ import time
 from pathlib import Path
 
 from live_test import Device, Program, check_database, number, stop, wait_for_lock, wait_for_steps, wait_until
-from supervised import Supervised, end_orderly, expect_starts, wait_for_run
+from supervised import Supervised, end_orderly, expect_starts, starts, wait_for_run
 from twinlock_test import at_least, edited_config, expect, main, run, run_well, scratch, write_config
 
 OMEGA = 62.981  # rad/s: where config/motor's twin starts

@@ -198,8 +198,9 @@ def expect_fmu_refused(change, *words, base="motor/free.json", code=BAD_DATA):
         expect_refused([verb, config], code, "components.drive", "line 7", *words)
 
 
-def binary(entries):
-    return next(entry for entry in entries if entry.startswith("binaries/") and entry.endswith(".so"))
+def binaries(entries):
+    """One for each machine that this build knows."""
+    return [entry for entry in entries if entry.startswith("binaries/") and entry.endswith(".so")]
 
 
 def replace(entry, old, new):
@@ -211,14 +212,16 @@ def replace(entry, old, new):
 
 def set_machine(machine):
     def change(entries):
-        content = bytearray(entries[binary(entries)])
-        content[18:20] = machine.to_bytes(2, "little")
-        entries[binary(entries)] = bytes(content)
+        for name in binaries(entries):
+            content = bytearray(entries[name])
+            content[18:20] = machine.to_bytes(2, "little")
+            entries[name] = bytes(content)
     return change
 
 
 def move_to_windows(entries):
-    entries["binaries/win64/drive.dll"] = entries.pop(binary(entries))
+    for name in binaries(entries):
+        entries["binaries/win64/drive.dll"] = entries.pop(name)
 
 
 def test_no_fmu():
@@ -288,7 +291,7 @@ def test_a_wrong_guid():
 def test_another_machine():
     expect_fmu_refused(set_machine(8), "drive.so")  # MIPS
     expect_fmu_refused(move_to_windows, "win64")
-    expect_fmu_refused(lambda entries: entries.update({binary(entries): b"MZ"}), "drive.so")
+    expect_fmu_refused(lambda entries: entries.update({name: b"MZ" for name in binaries(entries)}), "drive.so")
 
 
 def test_no_state():
