@@ -2,7 +2,7 @@
  *
  * Purpose: what `twinlock run` does, supervised or not. Where it is told to hold (supervisor.h) there is no twin: the plant is read and
  *          recorded all the same, so that nothing that happens meanwhile is lost to a later replay.
- * Ends:    on SIGTERM, SIGINT, or when the duration is over.
+ * Ends:    on SIGTERM, SIGINT, SIGHUP, or when the duration is over.
  * Thread:  the main thread of its process; the cycle, the recorder and each plant source have their own.
  */
 #ifndef TL_FIRMWARE_APPLIANCE_H

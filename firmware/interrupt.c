@@ -1,4 +1,4 @@
-/* SIGINT and SIGTERM as a flag: see interrupt.h. */
+/* SIGINT, SIGTERM and SIGHUP as a flag: see interrupt.h. */
 #include "firmware/interrupt.h"
 
 #include <signal.h>
@@ -10,15 +10,32 @@ static void note(int signal) {
     received = signal;
 }
 
+bool tl_interrupt_ignores_hangup(void) {
+    struct sigaction now;
+    return sigaction(SIGHUP, NULL, &now) == 0 && now.sa_handler == SIG_IGN;
+}
+
 void tl_interrupt_install(void) {
     struct sigaction action = {.sa_handler = note};
     (void)sigemptyset(&action.sa_mask);
     (void)sigaction(SIGINT, &action, NULL);
     (void)sigaction(SIGTERM, &action, NULL);
+    if (!tl_interrupt_ignores_hangup()) {
+        (void)sigaction(SIGHUP, &action, NULL);
+    }
     action.sa_handler = SIG_IGN;
     (void)sigaction(SIGPIPE, &action, NULL);
 }
 
 const char *tl_interrupt_requested(void) {
-    return received == 0 ? NULL : received == SIGTERM ? "SIGTERM" : "SIGINT";
+    switch (received) {
+    case 0:
+        return NULL;
+    case SIGTERM:
+        return "SIGTERM";
+    case SIGHUP:
+        return "SIGHUP";
+    default:
+        return "SIGINT";
+    }
 }

@@ -1,4 +1,4 @@
-/* SIGINT and SIGTERM as a flag: whoever works long looks at it and ends in good order.
+/* SIGINT, SIGTERM and SIGHUP as a flag: whoever works long looks at it and ends in good order.
  *
  * Thread: install once, before threads are started; requested() from any thread.
  */
@@ -7,11 +7,14 @@
 
 #include <stdbool.h>
 
-/* From now on the first SIGINT or SIGTERM sets the flag (and lets sleeping calls return with EINTR); SIGPIPE is
- * ignored, so that writing into a closed pipe is an ordinary error. */
+/* From now on the first SIGINT, SIGTERM or SIGHUP sets the flag (and lets sleeping calls return with EINTR); SIGPIPE is
+ * ignored, so that writing into a closed pipe is an ordinary error. SIGHUP stays ignored where it is. */
 void tl_interrupt_install(void);
 
-/* The signal that came ("SIGTERM", "SIGINT"), or NULL. */
+/* Does who started us (nohup) want to outlive the terminal? */
+bool tl_interrupt_ignores_hangup(void);
+
+/* The signal that came ("SIGTERM", "SIGINT", "SIGHUP"), or NULL. */
 const char *tl_interrupt_requested(void);
 
 #endif

@@ -15,6 +15,7 @@
 
 #include "board/watchdog/watchdog.h"
 #include "firmware/clock.h"
+#include "firmware/interrupt.h"
 #include "firmware/log.h"
 #include "firmware/service.h"
 
@@ -119,7 +120,7 @@ static void listen(supervisor *self) {
     const struct timespec most = {.tv_sec = 0, .tv_nsec = LOOK};
     siginfo_t info;
     int signal = sigtimedwait(&self->signals, &info, &most);
-    if (signal != SIGTERM && signal != SIGINT) {
+    if (signal != SIGTERM && signal != SIGINT && signal != SIGHUP) {
         return;
     }
     if (!self->stop) {
@@ -323,6 +324,9 @@ int tl_supervise(const tl_supervisor_settings *settings) {
     (void)sigaddset(&self.signals, SIGCHLD);
     (void)sigaddset(&self.signals, SIGTERM);
     (void)sigaddset(&self.signals, SIGINT);
+    if (!tl_interrupt_ignores_hangup()) {
+        (void)sigaddset(&self.signals, SIGHUP);
+    }
     (void)sigprocmask(SIG_BLOCK, &self.signals, &self.before);
     int code = 0;
     tl_status status = open_all(&self, &error);

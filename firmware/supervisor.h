@@ -8,7 +8,7 @@
  * Restart: at once after the first failure; the pause doubles with each that is not forgiven, up to 8 s. What ended by itself
  *          before anything ever ran is not begun again: who started the supervisor is told by the exit code.
  * Hold:    after a restart loop (restarts.h) the child is told to hold: no twin.
- * Signals: SIGTERM and SIGINT end the child, and then the supervisor, orderly. A supervisor that is killed takes the child with it.
+ * Signals: SIGTERM, SIGINT and SIGHUP (but not under nohup) end the child, and then the supervisor, orderly. A supervisor that is killed takes the child with it.
  */
 #ifndef TL_FIRMWARE_SUPERVISOR_H
 #define TL_FIRMWARE_SUPERVISOR_H

@@ -9,7 +9,7 @@ import socket
 import time
 from pathlib import Path
 
-from live_test import Device, Program, check_database, number, stop, wait_for_lock, wait_for_steps, wait_until
+from live_test import Device, Program, check_database, number, query, stop, wait_for_lock, wait_for_steps, wait_until
 from supervised import Supervised, end_orderly, expect_starts, starts, wait_for_run
 from twinlock_test import at_least, edited_config, expect, main, run, run_well, scratch, write_config
 
@@ -41,6 +41,15 @@ def test_killed_and_stopped():
                   "start 2, 1 of them after a failure; reason: it was ended by signal 9, Killed",
                   "start 3, 2 of them after a failure; reason: it hung: \"")
     check_database(database)
+
+
+def test_the_terminal_goes():
+    with Device(OMEGA) as device:
+        config, database = live_config(device)
+        with Supervised(config) as live:
+            wait_for_run(live, database, 1)
+            end_orderly(live, signal.SIGHUP)
+    expect(query(database, "SELECT ended_reason FROM runs") == [("SIGHUP",)], "another end")
 
 
 def test_a_file_that_changed_meanwhile():
