@@ -12,6 +12,7 @@ import collections
 import json
 import os
 import re
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -135,6 +136,9 @@ def main():
     for build, how in ((arguments.build, "script/build"), (arguments.arm, "script/build armhf")):
         if not (build / "bin" / "twinlock").exists():
             sys.exit(f"cycle_time.py: there is no {build}/bin/twinlock: run {how} first")
+    for tool in ("valgrind", "qemu-arm", "gcc"):
+        if shutil.which(tool) is None:
+            sys.exit(f"cycle_time.py: there is no {tool}: install it (qemu-arm is in Debian's qemu-user)")
     with tempfile.TemporaryDirectory() as folder:
         print_table(measure(arguments, build_plugin(folder)))
 
