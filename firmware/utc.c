@@ -46,7 +46,7 @@ static void set_date(stamp *utc, int64_t day) {
     }
     int within = (int)(day - days_before_year(utc->year));
     utc->month = 1;
-    while (days_before_month(utc->year, utc->month + 1) <= within) {
+    while (utc->month < 12 && days_before_month(utc->year, utc->month + 1) <= within) {
         utc->month++;
     }
     utc->day = within - days_before_month(utc->year, utc->month) + 1;

@@ -364,7 +364,7 @@ def test_why_it_begins_anew():
     expect_anew(sql("UPDATE beginnings SET start_ns = start_ns - 120000000000"), "more than record.resume_s")
     expect_anew(sql("UPDATE beginnings SET boot = ''"), "does not tell what it takes")
     expect_anew(sql("UPDATE runs SET ended = committed, ended_reason = 'drive: fmi2DoStep failed'"),
-                "run 1 ended with: drive: fmi2DoStep failed")
+                "run 1 ended: drive: fmi2DoStep failed")
     expect_anew(sql("DELETE FROM checkpoints", "DELETE FROM steps WHERE step = 20"), "has a hole")
     expect_anew(lambda *_: None, record={"resume_s": 0})
 
