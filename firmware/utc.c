@@ -2,6 +2,7 @@
  * that of a 32-bit time_t ends in 2038. */
 #include "firmware/utc.h"
 
+#include <assert.h>
 #include <stdio.h>
 #include <string.h>
 #include <time.h>
@@ -34,6 +35,7 @@ static int64_t days_before_year(int year) {
 
 /* Days of a year before a month, 1 … 13. */
 static int days_before_month(int year, int month) {
+    assert(month >= 1 && month <= 13);
     static const int before[] = {0, 31, 59, 90, 120, 151, 181, 212, 243, 273, 304, 334, 365};
     return before[month - 1] + (month > 2 && is_leap(year) ? 1 : 0);
 }
@@ -46,7 +48,7 @@ static void set_date(stamp *utc, int64_t day) {
     }
     int within = (int)(day - days_before_year(utc->year));
     utc->month = 1;
-    while (utc->month < 12 && days_before_month(utc->year, utc->month + 1) <= within) {
+    while (days_before_month(utc->year, utc->month + 1) <= within) {
         utc->month++;
     }
     utc->day = within - days_before_month(utc->year, utc->month) + 1;
