@@ -87,7 +87,9 @@ static bool rtu_connect(tl_modbus_link *link, char *cause, size_t cause_size) {
     rtu_link *rtu = (rtu_link *)link;
     int failure = open_port(rtu);
     if (failure != 0) {
-        const char *why = failure == EBUSY ? " (another program has it)" : failure == ENOTTY ? " (it is no serial line)" : "";
+        const char *why = failure == EBUSY    ? " (another program has it)"
+                          : failure == ENOTTY ? " (it is no serial line)"
+                                              : "";
         (void)snprintf(cause, cause_size, "cannot be opened: %s%s", strerror(failure), why);
         rtu_close(link);
         return false;
