@@ -13,12 +13,16 @@ DEPS = SOURCE / ".deps"
 APT = """#!/bin/sh
 for word in "$@"; do case $word in Dir::Cache=*) cache=${word#*=} ;; esac; done
 case " $* " in
+    *Dir::State=*) ;;
+    *) exec %s "$@" ;; # the machine's own lists, which a fresh container has not
+esac
+case " $* " in
     *" $TL_FAILS "*) echo "this fails on purpose" >&2; exit 100 ;;
     *" update "*) ;;
     *" install "*) echo "this is no package" >"$cache/archives/broken.deb" ;;
     *) exec %s "$@" ;;
 esac
-""" % shutil.which("apt-get")  # fetches nothing, so that no network is needed
+""" % (shutil.which("apt-get"), shutil.which("apt-get"))  # fetches nothing else
 
 
 def copy():
