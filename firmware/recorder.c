@@ -323,16 +323,35 @@ static void release(tl_recorder *recorder, const transaction *batch) {
     }
 }
 
+/* What is in a transaction, inside of it. *with_checkpoint: it is; false where there are entries before it still. */
+static int fill(tl_recorder *recorder, transaction *batch, size_t end, uint32_t events, bool *with_checkpoint) {
+    size_t limit = tl_recorder_database_batch(recorder->database);
+    int code = write_events(recorder, batch, events);
+    if (code == SQLITE_OK) {
+        code = write_entries(recorder, batch, end, limit);
+    }
+    *with_checkpoint = *with_checkpoint && batch->cursor == end; /* what it goes on from is there before it */
+    if (code == SQLITE_OK && *with_checkpoint) {
+        code = tl_recorder_database_checkpoint(recorder->database, &recorder->checkpoint);
+    }
+    return code == SQLITE_OK ? tl_recorder_database_commit(recorder->database, &batch->totals) : code;
+}
+
+static uint32_t count_events(tl_recorder *recorder, size_t most) {
+    uint32_t events = 0;
+    while (events < most && tl_recorder_events_peek(&recorder->events, events) != NULL) {
+        events++;
+    }
+    return events;
+}
+
 /* One transaction, of entries up to `end` of the ring and events as far as they fit. *more says whether it should be
  * followed by another one. */
 static int write_batch(tl_recorder *recorder, size_t end, bool with_checkpoint, bool *more) {
     transaction batch = {.cursor = tl_recorder_ring_begin(&recorder->ring), .totals = recorder->totals};
     size_t limit = tl_recorder_database_batch(recorder->database);
     size_t bytes = end - batch.cursor < limit ? end - batch.cursor : limit;
-    uint32_t events = 0;
-    while (events < limit / EVENT_BYTES && tl_recorder_events_peek(&recorder->events, events) != NULL) {
-        events++;
-    }
+    uint32_t events = count_events(recorder, limit / EVENT_BYTES);
     *more = false;
     if (bytes == 0 && events == 0 && recorder->own.count == 0 && !with_checkpoint) {
         return SQLITE_OK;
@@ -341,17 +360,7 @@ static int write_batch(tl_recorder *recorder, size_t end, bool with_checkpoint, 
     bytes += with_checkpoint ? recorder->checkpoint.size : 0;
     int code = tl_recorder_database_begin(recorder->database, bytes + events * (size_t)EVENT_BYTES);
     if (code == SQLITE_OK) {
-        code = write_events(recorder, &batch, events);
-    }
-    if (code == SQLITE_OK) {
-        code = write_entries(recorder, &batch, end, limit);
-    }
-    with_checkpoint = with_checkpoint && batch.cursor == end; /* what it goes on from is there before it */
-    if (code == SQLITE_OK && with_checkpoint) {
-        code = tl_recorder_database_checkpoint(recorder->database, &recorder->checkpoint);
-    }
-    if (code == SQLITE_OK) {
-        code = tl_recorder_database_commit(recorder->database, &batch.totals);
+        code = fill(recorder, &batch, end, events, &with_checkpoint);
     }
     if (code != SQLITE_OK) {
         note_refusal(recorder, code); /* before the roll-back, which has words of its own */
