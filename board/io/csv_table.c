@@ -128,7 +128,7 @@ static const char *cut_cell(char **rest) {
     return cell;
 }
 
-/* A finite decimal number, and nothing else. No text of ours depends on a locale: none is ever set. */
+/* A finite decimal number, and nothing else. The thread has a locale with a decimal point (firmware/c_locale.h). */
 static bool number_of(const char *text, double *number) {
     char *end = NULL;
     *number = 0;
