@@ -8,6 +8,7 @@
 #include <string.h>
 #include <time.h>
 
+#include "firmware/c_locale.h"
 #include "firmware/checkpointer.h"
 #include "firmware/clock.h"
 #include "firmware/fmu_guard.h"
@@ -154,6 +155,7 @@ static void finish(tl_cycle *cycle) {
 static void *run(void *context) {
     tl_cycle *cycle = context;
     const tl_config *config = &cycle->settings.assembly->config;
+    tl_locale_use();
     while (!is_stopped(cycle) && cycle->status == TL_OK && cycle->next_tick <= cycle->last_tick) {
         tl_time instant = tl_time_of_step(cycle->start, config->step, cycle->next_tick);
         tl_clock_sleep_until(instant);
