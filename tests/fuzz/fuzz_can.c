@@ -78,7 +78,7 @@ static void read_channels(void) {
                                   .bytes = BYTES[head / 32],
                                   .type = (tl_can_type)(what % 4),
                                   .scale = SCALES[what / 4 % 4],
-                                  .offset = what / 16 % 2};
+                                  .offset = what >> 4 & 1};
         channel.field = read_field();
         if (channel.type == TL_CAN_FLOAT32 || channel.type == TL_CAN_FLOAT64) {
             channel.field.length = channel.type == TL_CAN_FLOAT32 ? 32 : 64;
@@ -207,7 +207,7 @@ static uint64_t bits_of(const tl_can_field *field, const uint8_t *data) {
     for (unsigned i = 0; i < field->length; i++) {
         unsigned bit = field->order == TL_CAN_INTEL ? field->start + field->length - 1U - i : at;
         hold(bit / 8 < TL_CAN_BYTES);
-        bits = bits << 1 | (data[bit / 8] >> bit % 8 & 1U);
+        bits = bits << 1 | ((unsigned)data[bit / 8] >> bit % 8 & 1U);
         at = at % 8 == 0 ? at + 15 : at - 1; /* from bit 0 of a byte to bit 7 of the next */
     }
     return bits;

@@ -56,7 +56,7 @@ static void read_channels(void) {
                                           .bytes_little = (where & 0x80) != 0,
                                           .type = (tl_modbus_type)(what % 8 % 7),
                                           .scale = SCALES[what / 8 % 4],
-                                          .offset = what / 32,
+                                          .offset = what >> 5,
                                           .address = (uint16_t)(address | take())};
     }
 }
