@@ -49,8 +49,8 @@ static void leave_descriptors(rlim_t count) {
     TEST_ASSERT_EQUAL_INT(0, setrlimit(RLIMIT_NOFILE, &tight));
 }
 
-static void put_back(int which) {
-    TEST_ASSERT_EQUAL_INT(0, setrlimit(which, &usual));
+static void put_back(void) {
+    TEST_ASSERT_EQUAL_INT(0, setrlimit(RLIMIT_NOFILE, &usual));
 }
 
 static void test_what_is_a_shortage(void) {
@@ -66,7 +66,7 @@ static void test_no_descriptor_for_a_binary(void) {
     void *handle = NULL;
     leave_descriptors(0);
     tl_status status = tl_fmu_binary_open(archive.folder, &model, "motor", &functions, &handle, &error);
-    put_back(RLIMIT_NOFILE);
+    put_back();
     expect_try_again(status, "motor.so cannot be opened: Too many open files; try again");
     TEST_ASSERT_NULL(handle);
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_fmu_binary_open(archive.folder, &model, "motor", &functions, &handle, &error));
@@ -76,7 +76,7 @@ static void test_no_descriptor_for_a_binary(void) {
 static void test_no_descriptor_for_a_library(void) {
     leave_descriptors(0);
     tl_status status = tl_library_open(TL_BINARY_DIR "/tests/interpreter-3.8.1.so", &error);
-    put_back(RLIMIT_NOFILE);
+    put_back();
     expect_try_again(status, "Too many open files; try again");
 }
 
@@ -85,7 +85,7 @@ static void test_no_descriptor_for_a_recording(void) {
     tl_csv_reader *reader = NULL;
     leave_descriptors(0);
     tl_status status = tl_csv_open(&settings, &reader, &error);
-    put_back(RLIMIT_NOFILE);
+    put_back();
     expect_try_again(status, "recording.csv cannot be opened: Too many open files");
 }
 
@@ -104,7 +104,7 @@ static void test_no_memory_for_a_binary(void) {
     const struct rlimit tight = {.rlim_cur = 4096, .rlim_max = usual.rlim_max};
     TEST_ASSERT_EQUAL_INT(0, setrlimit(RLIMIT_AS, &tight));
     tl_status status = tl_fmu_binary_open(archive.folder, &model, "motor", &functions, &handle, &error);
-    put_back(RLIMIT_AS);
+    TEST_ASSERT_EQUAL_INT(0, setrlimit(RLIMIT_AS, &usual));
     expect_try_again(status, "failed to map segment from shared object; free memory or descriptors and try again");
 #endif
 }
@@ -117,7 +117,7 @@ static void test_descriptors_one_by_one(void) {
         tl_fmu fmu;
         leave_descriptors((rlim_t)count);
         tl_status status = tl_fmu_load(MOTOR, &fmu, &error);
-        put_back(RLIMIT_NOFILE);
+        put_back();
         if (status == TL_OK) {
             enough = enough < 0 ? count : enough;
             tl_fmu_unload(&fmu);
