@@ -3,7 +3,7 @@
  * Purpose: from a folder to a guard with its functions. What can be checked without running the binary (ELF class, byte order,
  *          machine, kind) is checked before it is opened, so that the text can say what is wrong with it.
  * Errors:  TL_BAD_DATA; the text names the binary, what was found and what this machine needs. TL_TRY_AGAIN where
- *          the folder is mounted noexec.
+ *          the folder is mounted noexec, or descriptors, memory or disk are missing.
  * Thread:  one thread at a time.
  */
 #ifndef TL_FIRMWARE_FMU_BINARY_H
