@@ -1,0 +1,24 @@
+/* Crashes when the process ends: in its destructor, or in what it has registered for the end (AT_EXIT). */
+#include "tests/fmu/hostile/hostile.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+static void crash(void) {
+    abort();
+}
+
+#ifndef AT_EXIT
+__attribute__((destructor)) static void end(void) {
+    crash();
+}
+#endif
+
+bool hostile_before(const char *function) {
+#ifdef AT_EXIT
+    if (strcmp(function, "fmi2Instantiate") == 0) {
+        return atexit(crash) == 0;
+    }
+#endif
+    return function != NULL;
+}

@@ -1,0 +1,20 @@
+/* Leaves a thread behind that works in its code, and holds stdin's lock, until the process is gone. */
+#include "tests/fmu/hostile/hostile.h"
+
+#include <pthread.h>
+#include <stdio.h>
+#include <string.h>
+#include <unistd.h>
+
+static void *work(void *unused) {
+    (void)unused;
+    flockfile(stdin);
+    for (;;) {
+        (void)usleep(1);
+    }
+}
+
+bool hostile_before(const char *function) {
+    static pthread_t thread;
+    return strcmp(function, "fmi2Instantiate") != 0 || pthread_create(&thread, NULL, work, NULL) == 0;
+}
