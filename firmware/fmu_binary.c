@@ -282,9 +282,8 @@ static tl_status fail_open(const char *path, const char *label, const char *reas
 }
 
 tl_status tl_fmu_binary_open(const char *folder, const tl_model *model, const char *label, tl_fmi2 *functions,
-                             void **handle, tl_error *error) {
+                             tl_error *error) {
     char path[PATH_MAX];
-    *handle = NULL;
     tl_status status = find_binary(folder, model, label, path, sizeof path, error);
     if (status != TL_OK) {
         return status;
@@ -294,19 +293,5 @@ tl_status tl_fmu_binary_open(const char *folder, const tl_model *model, const ch
         return fail_open(path, label, dlerror(), error);
     }
     status = resolve(opened, model, label, functions, error);
-    if (status == TL_OK) {
-        status = check_version(functions, label, error);
-    }
-    if (status != TL_OK) {
-        tl_fmu_binary_close(opened);
-        return status;
-    }
-    *handle = opened;
-    return TL_OK;
-}
-
-void tl_fmu_binary_close(void *handle) {
-    if (handle != NULL) {
-        (void)dlclose(handle);
-    }
+    return status == TL_OK ? check_version(functions, label, error) : status;
 }

@@ -21,7 +21,6 @@ enum { LABEL = 120 };
 typedef struct tl_fmu_files {
     tl_arena arena;
     tl_fmu_archive archive;
-    void *binary;
     tl_log_limiter limiter;
 } tl_fmu_files;
 
@@ -169,7 +168,7 @@ static tl_status load(const char *path, const char *label, tl_fmu *fmu, tl_error
         return status;
     }
     read_module(fmu);
-    return tl_fmu_binary_open(files->archive.folder, &fmu->model, label, &fmu->functions, &files->binary, error);
+    return tl_fmu_binary_open(files->archive.folder, &fmu->model, label, &fmu->functions, error);
 }
 
 tl_status tl_fmu_load(const char *path, tl_fmu *fmu, tl_error *error) {
@@ -197,7 +196,6 @@ tl_status tl_fmu_load(const char *path, tl_fmu *fmu, tl_error *error) {
 void tl_fmu_unload(tl_fmu *fmu) {
     tl_fmu_files *files = fmu->files;
     if (files != NULL) {
-        tl_fmu_binary_close(files->binary);
         tl_log_limiter_end(&files->limiter);
         tl_fmu_archive_remove(&files->archive);
         tl_arena_release(&files->arena);

@@ -2,6 +2,8 @@
 #include <stdio.h>
 #include <string.h>
 
+#include "firmware/crash.h"
+#include "firmware/process_end.h"
 #include "firmware/verbs.h"
 
 typedef struct verb {
@@ -33,7 +35,7 @@ static void print_usage(FILE *file) {
         file);
 }
 
-int main(int argc, char **argv) {
+static int run_command_line(int argc, char **argv) {
     if (argc < 2) {
         print_usage(stderr);
         return 2;
@@ -57,4 +59,10 @@ int main(int argc, char **argv) {
     (void)fprintf(stderr, "twinlock: there is no verb \"%s\"\n\n", argv[1]);
     print_usage(stderr);
     return 2;
+}
+
+int main(int argc, char **argv) {
+    tl_process_begin();
+    tl_crash_install();
+    tl_process_end(run_command_line(argc, argv));
 }

@@ -15,6 +15,7 @@
 #include <time.h>
 
 #include "firmware/clock.h"
+#include "firmware/crash.h"
 
 /* Drivers need little; the name resolver is the deepest. With mlockall() all of it is real memory. */
 enum { STACK = 512 * 1024, NAME = 16 };
@@ -79,6 +80,7 @@ static void *run(void *context) {
     const tl_plant_io_sink sink = {.post = post, .link = link_changed, .context = own};
     bool finished = false;
     tl_time next = tl_clock_now(NULL);
+    tl_crash_enter(TL_CRASH_OURS);
     do {
         tl_error error = {.status = TL_OK};
         tl_heart_beat(source->heart);

@@ -4,6 +4,7 @@
  * who does not take the answer is disconnected.
  */
 #include "firmware/plant_server.h"
+#include "firmware/crash.h"
 
 #include <errno.h>
 #include <netdb.h>
@@ -295,6 +296,7 @@ static void dismiss(tl_plant_server *server, size_t index) {
 
 static void *run(void *context) {
     tl_plant_server *server = context;
+    tl_crash_enter(TL_CRASH_OURS);
     for (;;) {
         struct pollfd ready[2 + TL_PLANT_SERVER_CLIENTS] = {{.fd = server->wake, .events = POLLIN},
                                                             {.fd = server->listener, .events = POLLIN}};
