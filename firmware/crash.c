@@ -9,6 +9,7 @@
 #include <unistd.h>
 
 #include "firmware/fmu_call.h"
+#include "firmware/host_state.h"
 #include "firmware/log.h"
 #include "firmware/process_end.h"
 
@@ -233,7 +234,7 @@ void tl_crash_install(void) {
         struct sigaction now;
         if (sigaction(signals[i].number, NULL, &now) == 0 && !is_own(&now) && now.sa_handler != SIG_IGN) {
             signals[i].before = now;
-            (void)sigaction(signals[i].number, &own, NULL);
+            (void)tl_host_state_handle(signals[i].number, &own);
         }
     }
 }

@@ -4,8 +4,11 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "firmware/c_locale.h"
 #include "firmware/checkpointer.h"
 #include "firmware/clock.h"
+#include "firmware/fmu_guard.h"
+#include "firmware/host_state.h"
 #include "firmware/realtime.h"
 #include "firmware/snapshot.h"
 #include "firmware/watch.h"
@@ -140,6 +143,7 @@ static void finish(tl_cycle *cycle) {
 static void run(void *context) {
     tl_cycle *cycle = context;
     const tl_config *config = &cycle->settings.assembly->config;
+    tl_locale_use();
     tl_realtime_touch_stack();
     while (!is_stopped(cycle) && cycle->status == TL_OK && cycle->next_tick <= cycle->last_tick) {
         tl_time instant = tl_time_of_step(cycle->start, config->step, cycle->next_tick);
@@ -152,6 +156,7 @@ static void run(void *context) {
         };
         if (!is_stopped(cycle) && budget.started >= instant) {
             cycle->status = catch_up(cycle, &budget);
+            tl_fmu_guard_tick();
             show(cycle);
         }
     }

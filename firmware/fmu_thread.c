@@ -6,10 +6,12 @@
 #include <string.h>
 #include <time.h>
 
+#include "firmware/c_locale.h"
 #include "firmware/clock.h"
 #include "firmware/crash.h"
 #include "firmware/fmu_call.h"
 #include "firmware/fmu_patience.h"
+#include "firmware/host_state.h"
 #include "firmware/interrupt.h"
 #include "firmware/log.h"
 
@@ -57,6 +59,7 @@ static void *run(void *context) {
     tl_fmu_thread *thread = context;
     tl_crash_enter(TL_CRASH_CALLS_FMUS);
     for (tl_fmu_job *job = next_job(thread); job != NULL; job = next_job(thread)) {
+        tl_locale_use();
         job(thread->context);
         set_job(thread, NULL, NULL);
     }
@@ -100,7 +103,7 @@ tl_status tl_fmu_thread_start(tl_time limit, tl_fmu_thread **thread, tl_error *e
     }
     struct sigaction action = {.sa_handler = wake_up};
     (void)sigemptyset(&action.sa_mask);
-    (void)sigaction(SIGUSR1, &action, NULL);
+    (void)tl_host_state_handle(SIGUSR1, &action);
     (void)pthread_mutex_init(&made->lock, NULL);
     make_condition(&made->changed);
     made->patience.limit = limit;

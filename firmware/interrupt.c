@@ -4,6 +4,8 @@
 #include <signal.h>
 #include <stddef.h>
 
+#include "firmware/host_state.h"
+
 static volatile sig_atomic_t received; /* global state: a signal handler can have no other */
 static unsigned times;
 static bool hears_hangup;
@@ -21,7 +23,7 @@ bool tl_interrupt_ignores_hangup(void) {
 static void claim(int signal) {
     struct sigaction action = {.sa_handler = note};
     (void)sigemptyset(&action.sa_mask);
-    (void)sigaction(signal, &action, NULL);
+    (void)tl_host_state_handle(signal, &action);
 }
 
 void tl_interrupt_install(void) {
@@ -32,13 +34,15 @@ void tl_interrupt_install(void) {
     if (hears_hangup) {
         claim(SIGHUP);
     }
-    (void)sigaction(SIGPIPE, &ignored, NULL);
+    (void)tl_host_state_handle(SIGPIPE, &ignored);
 }
 
 static void reclaim(int signal) {
     struct sigaction now;
+    struct sigaction own = {.sa_handler = note};
+    (void)sigemptyset(&own.sa_mask);
     if (sigaction(signal, NULL, &now) == 0 && now.sa_handler != note) {
-        claim(signal);
+        (void)sigaction(signal, &own, NULL);
     }
 }
 

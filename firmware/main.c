@@ -2,6 +2,7 @@
 #include <stdio.h>
 #include <string.h>
 
+#include "firmware/c_locale.h"
 #include "firmware/crash.h"
 #include "firmware/process_end.h"
 #include "firmware/verbs.h"
@@ -36,6 +37,7 @@ static void print_usage(FILE *file) {
 }
 
 static int run_command_line(int argc, char **argv) {
+    tl_locale_use();
     if (argc < 2) {
         print_usage(stderr);
         return 2;

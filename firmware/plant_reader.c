@@ -14,6 +14,7 @@
 #include <string.h>
 #include <time.h>
 
+#include "firmware/c_locale.h"
 #include "firmware/clock.h"
 #include "firmware/crash.h"
 
@@ -80,6 +81,7 @@ static void *run(void *context) {
     const tl_plant_io_sink sink = {.post = post, .link = link_changed, .context = own};
     bool finished = false;
     tl_time next = tl_clock_now(NULL);
+    tl_locale_use();
     tl_crash_enter(TL_CRASH_OURS);
     do {
         tl_error error = {.status = TL_OK};

@@ -4,7 +4,6 @@
  * who does not take the answer is disconnected.
  */
 #include "firmware/plant_server.h"
-#include "firmware/crash.h"
 
 #include <errno.h>
 #include <netdb.h>
@@ -19,6 +18,9 @@
 #include <sys/eventfd.h>
 #include <sys/socket.h>
 #include <unistd.h>
+
+#include "firmware/c_locale.h"
+#include "firmware/crash.h"
 
 enum {
     PREFIX = 6,               /* transaction, protocol, length */
@@ -296,6 +298,7 @@ static void dismiss(tl_plant_server *server, size_t index) {
 
 static void *run(void *context) {
     tl_plant_server *server = context;
+    tl_locale_use();
     tl_crash_enter(TL_CRASH_OURS);
     for (;;) {
         struct pollfd ready[2 + TL_PLANT_SERVER_CLIENTS] = {{.fd = server->wake, .events = POLLIN},

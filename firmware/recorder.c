@@ -14,6 +14,7 @@
 #include <string.h>
 #include <time.h>
 
+#include "firmware/c_locale.h"
 #include "firmware/crash.h"
 #include "firmware/log.h"
 #include "firmware/recorder_database.h"
@@ -422,6 +423,7 @@ static bool is_stopped(tl_recorder *recorder) {
 
 static void *run_writer(void *argument) {
     tl_recorder *recorder = argument;
+    tl_locale_use();
     tl_time due = now() + recorder->commit;
     tl_crash_enter(TL_CRASH_OURS);
     while (!is_stopped(recorder)) {
