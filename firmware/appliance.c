@@ -94,9 +94,9 @@ static void wait_for_readings(const appliance *self) {
 
 /* The process ends while an FMU has not returned. What was recorded is on the disk after a commit or two. */
 static void keep(void *context, const char *why) {
-    appliance *self = context;
-    tl_journal_event(&self->journal, -1, TL_EVENT_ERROR, "twin", "%s", why);
+    const appliance *self = context;
     if (self->recorder != NULL) {
+        tl_recorder_event(self->recorder, -1, TL_EVENT_ERROR, "twin", why);
         tl_clock_sleep_until(tl_clock_now(NULL) + 2 * self->assembly->config.record_commit);
     }
 }

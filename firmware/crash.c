@@ -77,7 +77,7 @@ static bool is_overflow(int number, const siginfo_t *info) {
 
 static void add_blame(told *line, const char *signal, bool overflow) {
     tl_fmu_call call;
-    const char *how = overflow ? "it needs more stack than its thread has" : signal;
+    const char *how = overflow ? "it needs more stack than its thread has (8 MiB)" : signal;
     if (kind == TL_CRASH_CALLS_FMUS && tl_fmu_calls_look(tl_fmu_calls_here(), &call)) {
         add(line, "FMU ");
         add(line, call.fmu);

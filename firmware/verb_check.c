@@ -333,6 +333,7 @@ static void check(void *context) {
     if (options->variables) {
         print_variables(&assembly, options->output);
     }
+    (void)fflush(options->output); /* an FMU may crash in being freed */
     tl_assembly_free(&assembly);
 }
 

@@ -326,6 +326,7 @@ static void replay(void *context) {
             tl_log(TL_LOG_ERROR, "%s", error.text);
         }
     }
+    (void)fflush(options->output); /* an FMU may crash in being freed */
     tl_assembly_free(&assembly);
 }
 
