@@ -2,6 +2,7 @@
 #include "firmware/host_state.h"
 
 #include <fcntl.h>
+#include <locale.h>
 #include <stdbool.h>
 #include <stdint.h>
 #include <stdio.h>
@@ -12,7 +13,7 @@
 #include "firmware/crash.h"
 #include "firmware/fp_control.h"
 
-enum { HANDLED = 16 };
+enum { HANDLED = 16, LOCALES = 512 };
 
 /* A handler of ours. */
 typedef struct handled {
@@ -24,6 +25,8 @@ typedef struct handled {
 static struct {
     bool kept;
     uint32_t rounding;
+    locale_t locale;         /* of the thread */
+    char languages[LOCALES]; /* of the process: what setlocale() calls it */
     sigset_t mask;
     mode_t umask;
     int folder; /* O_PATH; -1: none */
@@ -49,6 +52,8 @@ static void keep_folder(void) {
 
 void tl_host_state_keep(void) {
     host.rounding = tl_fp_control_get();
+    host.locale = uselocale((locale_t)0);
+    (void)snprintf(host.languages, sizeof host.languages, "%s", setlocale(LC_ALL, NULL));
     (void)pthread_sigmask(SIG_SETMASK, NULL, &host.mask);
     host.umask = umask(S_IRWXG | S_IRWXO); /* there is no way but setting it to read it */
     (void)umask(host.umask);
@@ -79,6 +84,20 @@ static unsigned put_back_rounding(void) {
     }
     tl_fp_control_set(host.rounding);
     return TL_HOST_ROUNDING;
+}
+
+/* The thread's is what we and FMUs called by us go by, the process's is what threads of an FMU do. */
+static unsigned put_back_locale(void) {
+    unsigned changed = 0;
+    if (uselocale((locale_t)0) != host.locale) {
+        (void)uselocale(host.locale);
+        changed = TL_HOST_LOCALE;
+    }
+    if (strcmp(setlocale(LC_ALL, NULL), host.languages) != 0) {
+        (void)setlocale(LC_ALL, host.languages);
+        changed = TL_HOST_LOCALE;
+    }
+    return changed;
 }
 
 static unsigned put_back_mask(void) {
@@ -129,7 +148,8 @@ unsigned tl_host_state_put_back(void) {
     if (!host.kept) {
         return 0;
     }
-    return put_back_rounding() | put_back_mask() | put_back_handlers() | put_back_folder() | put_back_umask();
+    return put_back_rounding() | put_back_locale() | put_back_mask() | put_back_handlers() | put_back_folder() |
+           put_back_umask();
 }
 
 /* ---- describe ---- */

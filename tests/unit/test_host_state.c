@@ -3,11 +3,13 @@
 
 #include <fenv.h>
 #include <float.h>
+#include <locale.h>
 #include <pthread.h>
 #include <signal.h>
 #include <stdbool.h>
 #include <stdio.h>
 #include <stdlib.h>
+#include <string.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
@@ -88,6 +90,23 @@ static void flushed_denormals_and_traps_are_put_back(void) {
 }
 #endif
 
+/* Every system has these two. */
+static void locales_of_thread_and_process_are_put_back(void) {
+    locale_t before = uselocale((locale_t)0);
+    char *process = strdup(setlocale(LC_ALL, NULL));
+    locale_t other = newlocale(LC_ALL_MASK, "POSIX", (locale_t)0);
+    locale_t changed = newlocale(LC_CTYPE_MASK, "C.UTF-8", other);
+    TEST_ASSERT_TRUE(changed != (locale_t)0);
+    (void)uselocale(changed);
+    TEST_ASSERT_EQUAL_UINT(TL_HOST_LOCALE, tl_host_state_put_back());
+    TEST_ASSERT_TRUE(uselocale((locale_t)0) == before);
+    TEST_ASSERT_NOT_NULL(setlocale(LC_CTYPE, "C.UTF-8"));
+    TEST_ASSERT_EQUAL_UINT(TL_HOST_LOCALE, tl_host_state_put_back());
+    TEST_ASSERT_EQUAL_STRING(process, setlocale(LC_ALL, NULL));
+    freelocale(changed);
+    free(process);
+}
+
 static void a_signal_mask_is_put_back(void) {
     sigset_t all;
     sigset_t now;
@@ -158,6 +177,7 @@ int main(void) {
 #if defined(__x86_64__)
     RUN_TEST(flushed_denormals_and_traps_are_put_back);
 #endif
+    RUN_TEST(locales_of_thread_and_process_are_put_back);
     RUN_TEST(a_signal_mask_is_put_back);
     RUN_TEST(handlers_of_ours_are_put_back_and_others_left_alone);
     RUN_TEST(the_newest_handler_of_ours_is_kept);
