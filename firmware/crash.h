@@ -26,7 +26,7 @@ typedef enum tl_crash_thread {
 void tl_crash_install(void);
 
 /* The calling thread is ours from now on. At most one at a time calls FMUs. */
-void tl_crash_enter(tl_crash_thread kind);
+void tl_crash_enter(tl_crash_thread entered);
 
 /* An FMU has installed `foreign` for one of these signals, and its caller has put back the handler that was there before, ours. From
  * now on ours calls `foreign` first; where that returns or jumps away, the signal is handled: a virtual machine's null pointers are

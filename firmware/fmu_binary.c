@@ -231,10 +231,11 @@ static tl_status resolve(void *handle, const tl_model *model, const char *label,
         }
         void *address = dlsym(handle, symbols[i].name);
         if (address == NULL) {
-            return tl_fail(
+            (void)tl_fail(
                 error, TL_BAD_DATA, "%s: the binary has no function %s, which FMI 2.0 %s; export the FMU again", label,
                 symbols[i].name,
                 symbols[i].need == ALWAYS ? "demands of all FMUs" : "demands where its description claims it");
+            return TL_BAD_DATA;
         }
         /* POSIX makes an address a function pointer; ISO C knows no cast for that. */
         memcpy((char *)functions + symbols[i].offset, &address, sizeof address);

@@ -8,7 +8,7 @@
 #include "firmware/interrupt.h"
 #include "firmware/process_end.h"
 
-/* Signals that come together, from a terminal and a supervisor, ask once. */
+/* Signals that come within this time, from a terminal and a supervisor, ask once. */
 static const tl_time AGAIN = TL_SECOND;
 
 bool tl_fmu_patience_parse(const char *verb, const char *text, tl_time *limit) {
@@ -32,6 +32,7 @@ static void note_time(tl_fmu_patience *patience, const tl_fmu_patience_view *vie
     patience->lasted = same ? patience->lasted + passed : 0;
     patience->begun = view->call != NULL ? view->call->begun : patience->begun;
     patience->asked = view->asked != NULL ? patience->asked + passed : 0;
+    patience->times = patience->asked < AGAIN ? view->times : patience->times;
 }
 
 bool tl_fmu_patience_is_over(tl_fmu_patience *patience, const tl_fmu_patience_view *view, char *text, size_t size) {
@@ -40,7 +41,7 @@ bool tl_fmu_patience_is_over(tl_fmu_patience *patience, const tl_fmu_patience_vi
     if (call == NULL) {
         return false;
     }
-    if (view->times > 1 && patience->asked >= AGAIN) {
+    if (view->times > patience->times) {
         (void)snprintf(text, size, "asked twice to end, by %s: ended at once, in FMU %s's %s", view->asked, call->fmu,
                        call->function);
         return true;

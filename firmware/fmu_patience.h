@@ -31,7 +31,8 @@ typedef struct tl_fmu_patience {
     tl_time looked; /* private, as all below; 0: never */
     uint32_t begun; /* the call seen last */
     tl_time lasted; /* as seen: how long that call is under way */
-    tl_time asked;  /* and how long ago the program was asked to end */
+    tl_time asked;  /* how long ago the program was asked to end, */
+    unsigned times; /* and how often, within the first second */
 } tl_fmu_patience;
 
 /* What is seen in a look. */

@@ -182,7 +182,7 @@ tl_status tl_fmu_thread_run(tl_time limit, tl_fmu_job *job, void *context) {
     tl_error error;
     tl_fmu_thread *thread = NULL;
     tl_status status = tl_fmu_thread_start(limit, &thread, &error);
-    if (status != TL_OK) {
+    if (thread == NULL) {
         tl_log(TL_LOG_ERROR, "%s", error.text);
         return status;
     }

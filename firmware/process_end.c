@@ -113,9 +113,9 @@ void tl_process_end(int code) {
 
 void tl_process_give_up(const char *why) {
     set_ending(FMU_FAILED);
-    tl_log(TL_LOG_ERROR, "%s", why);
     tl_process_keeper *keeper = __atomic_load_n(&kept_by, __ATOMIC_ACQUIRE);
     limit(TL_PROCESS_END_S);
+    tl_log(TL_LOG_ERROR, "%s", why);
     if (keeper != NULL) {
         keeper(kept_for, why);
     }

@@ -289,6 +289,8 @@ static void print_costs(const tl_assembly *assembly, const tl_prognosis *prognos
     }
     (void)fprintf(output, "  memory       %.1f KiB of ours, taken at start-up\n",
                   (double)tl_twin_get_facts(assembly->twin).memory / 1024.0);
+    (void)fprintf(output, "               and %d MiB of stack for FMUs%s\n", TL_FMU_THREAD_STACK >> 20,
+                  config->realtime_lock_memory ? ", all of it resident in `run`" : "");
     if (prognosis->steps != 0) {
         (void)fprintf(output, "  measured by %zu free steps on the plant's initial values, without a solver\n",
                       prognosis->steps);

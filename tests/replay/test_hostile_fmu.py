@@ -2,7 +2,6 @@
 """What an FMU may do to the process that it is in, and what the four verbs that call FMUs make of it: one thread with enough stack,
 a call that never returns, an end by exit() or by a crash, and what an FMU leaves behind for the end."""
 import json
-import os
 import signal
 import sqlite3
 import subprocess
@@ -144,6 +143,14 @@ def test_what_is_left_behind_costs_nothing():
         expect(code == 0 and json.loads(out)["steps"], f"no result\n{log}")
 
 
+def test_exit_handlers_of_an_interpreter():
+    """Where a library is named they run; a crash there costs nothing, nor does one that never returns."""
+    libraries = {"components": {"hostile": {"libraries": ["libm.so.6"]}}}
+    for fmu, text in ((make("bad_end", AT_EXIT=True), "ending"), (make("bad_end", AT_EXIT=True, HANGS=True), "ending")):
+        code, out, log = run(("replay", config(fmu, libraries), "--json"))
+        expect(code == 0 and text in log and json.loads(out)["steps"], f"ended with {code}\n{log}")
+
+
 def test_results_outlive_a_crash_in_freeing():
     code, log, out = end_of(("replay", config(make("end", AT="fmi2FreeInstance", HOW="abort();")), "--json"))
     expect(code == -signal.SIGABRT or SANITIZER, f"ended with {code}\n{log}")
@@ -222,6 +229,19 @@ def test_a_hanging_fmu_does_not_keep_the_program_from_ending():
     at_least(time.monotonic() - begun, 9.5, "seconds until all have ended")
     if not SANITIZER:
         at_most(time.monotonic() - begun, 25 * PATIENCE, "seconds until all have ended")
+
+
+def test_a_call_that_returns_in_time_ends_in_order():
+    """`run` has then done what it was told, `check` and `replay` have not."""
+    for args, wanted in zip(verbs(config(make("hang", AT="load", SECONDS=3, IGNORE=True))), (75, 75, 0)):
+        program = Hanging(args)
+        wait_until_it_hangs(program.process, program.log)
+        time.sleep(0.2)
+        program.process.send_signal(signal.SIGTERM)
+        time.sleep(0.2)
+        program.process.send_signal(signal.SIGTERM)  # a supervisor's, at the same time
+        code, log = program.end(30)
+        expect(code == wanted, f"{args[0]} ended with {code}\n{log}")
 
 
 def test_asked_twice():
