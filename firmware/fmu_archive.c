@@ -6,6 +6,7 @@
 #include <errno.h>
 #include <fcntl.h>
 #include <ftw.h>
+#include <pthread.h>
 #include <signal.h>
 #include <stdbool.h>
 #include <stdint.h>
@@ -54,8 +55,39 @@ static void remove_tree(const char *folder) {
     }
 }
 
+/* Those with a folder. */
+static tl_fmu_archive *in_use;
+static pthread_mutex_t in_use_lock = PTHREAD_MUTEX_INITIALIZER;
+
+static void enlist(tl_fmu_archive *archive) {
+    (void)pthread_mutex_lock(&in_use_lock);
+    archive->next = in_use;
+    in_use = archive;
+    (void)pthread_mutex_unlock(&in_use_lock);
+}
+
+static void strike_off(const tl_fmu_archive *archive) {
+    (void)pthread_mutex_lock(&in_use_lock);
+    for (tl_fmu_archive **place = &in_use; *place != NULL; place = &(*place)->next) {
+        if (*place == archive) {
+            *place = archive->next;
+            break;
+        }
+    }
+    (void)pthread_mutex_unlock(&in_use_lock);
+}
+
+void tl_fmu_archive_remove_all(void) {
+    (void)pthread_mutex_lock(&in_use_lock);
+    for (const tl_fmu_archive *archive = in_use; archive != NULL; archive = archive->next) {
+        remove_tree(archive->folder);
+    }
+    (void)pthread_mutex_unlock(&in_use_lock);
+}
+
 void tl_fmu_archive_remove(tl_fmu_archive *archive) {
     if (archive->folder[0] != '\0') {
+        strike_off(archive);
         remove_tree(archive->folder);
         (void)close(archive->lock);
     }
@@ -147,6 +179,7 @@ static tl_status make_folder(const char *label, tl_fmu_archive *archive, tl_erro
         return tl_fail(error, TL_TRY_AGAIN, "%s: no folder can be made in %s: %s; free space or set TMPDIR", label,
                        parent, strerror(code));
     }
+    enlist(archive);
     archive->lock = open(archive->folder, O_RDONLY | O_DIRECTORY | O_NOFOLLOW | O_CLOEXEC);
     if (archive->lock < 0 || flock(archive->lock, LOCK_EX | LOCK_NB) != 0) {
         return tl_fail(error, TL_TRY_AGAIN, "%s: %s cannot be locked: %s; try again", label, archive->folder,

@@ -238,10 +238,11 @@ static tl_status resolve(void *handle, const tl_model *model, const char *label,
         }
         void *address = dlsym(handle, symbols[i].name);
         if (address == NULL) {
-            return tl_fail(
+            (void)tl_fail(
                 error, TL_BAD_DATA, "%s: the binary has no function %s, which FMI 2.0 %s; export the FMU again", label,
                 symbols[i].name,
                 symbols[i].need == ALWAYS ? "demands of all FMUs" : "demands where its description claims it");
+            return TL_BAD_DATA;
         }
         /* POSIX makes an address a function pointer; ISO C knows no cast for that. */
         memcpy((char *)functions + symbols[i].offset, &address, sizeof address);
@@ -310,10 +311,9 @@ static void *open_guarded(tl_fmu_guard *guard, const char *path) {
 }
 
 tl_status tl_fmu_binary_open(const char *folder, const tl_model *model, const char *label, tl_fmu_guard *guard,
-                             void **handle, tl_error *error) {
+                             tl_error *error) {
     char path[PATH_MAX];
     tl_fmi2 functions;
-    *handle = NULL;
     tl_status status = find_binary(folder, model, label, path, sizeof path, error);
     if (status != TL_OK) {
         return status;
@@ -326,17 +326,8 @@ tl_status tl_fmu_binary_open(const char *folder, const tl_model *model, const ch
     if (status == TL_OK) {
         status = check_version(guard, &functions, label, error);
     }
-    if (status != TL_OK) {
-        tl_fmu_binary_close(opened);
-        return status;
+    if (status == TL_OK) {
+        tl_fmu_guard_front(guard, &functions);
     }
-    tl_fmu_guard_front(guard, &functions);
-    *handle = opened;
-    return TL_OK;
-}
-
-void tl_fmu_binary_close(void *handle) {
-    if (handle != NULL) {
-        (void)dlclose(handle);
-    }
+    return status;
 }

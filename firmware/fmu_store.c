@@ -20,7 +20,6 @@ enum { LABEL = 120 };
 typedef struct tl_fmu_files {
     tl_arena arena;
     tl_fmu_archive archive;
-    void *binary;
 } tl_fmu_files;
 
 /* ---- Resources ----------------------------------------------------------------------------------------- */
@@ -108,7 +107,7 @@ static tl_status load(const char *path, const char *label, tl_fmu *fmu, tl_error
         return status;
     }
     tl_fmu_guard_open(&fmu->guard, fmu->model.name, fmu->model.generation_tool);
-    return tl_fmu_binary_open(files->archive.folder, &fmu->model, label, &fmu->guard, &files->binary, error);
+    return tl_fmu_binary_open(files->archive.folder, &fmu->model, label, &fmu->guard, error);
 }
 
 tl_status tl_fmu_load(const char *path, tl_fmu *fmu, tl_error *error) {
@@ -134,7 +133,6 @@ tl_status tl_fmu_load(const char *path, tl_fmu *fmu, tl_error *error) {
 void tl_fmu_unload(tl_fmu *fmu) {
     tl_fmu_files *files = fmu->files;
     if (files != NULL) {
-        tl_fmu_binary_close(files->binary);
         tl_fmu_guard_close(&fmu->guard);
         tl_fmu_archive_remove(&files->archive);
         tl_arena_release(&files->arena);

@@ -15,6 +15,7 @@
 #include <time.h>
 
 #include "firmware/c_locale.h"
+#include "firmware/crash.h"
 #include "firmware/log.h"
 #include "firmware/recorder_database.h"
 #include "firmware/recorder_entry.h"
@@ -424,6 +425,7 @@ static void *run_writer(void *argument) {
     tl_recorder *recorder = argument;
     tl_locale_use();
     tl_time due = now() + recorder->commit;
+    tl_crash_enter(TL_CRASH_OURS);
     while (!is_stopped(recorder)) {
         tl_heart_beat(recorder->heart);
         tl_time look = now() + WAKE;

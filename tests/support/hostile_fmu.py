@@ -17,6 +17,7 @@ if EMULATED:
 
 FOLDER = SOURCE / "tests" / "fmu" / "hostile"
 COMMON = SOURCE / "fmus" / "common"
+GOOD = [COMMON / f"{name}.c" for name in ("instance", "life", "values", "state")] + [SOURCE / "fmus" / "lag" / "model.c"]
 DESCRIPTION = SOURCE / "fmus" / "lag" / "modelDescription.xml"
 PLATFORMS = {"x86_64": "linux64", "aarch64": "aarch64-linux", "armv7l": "aarch32-linux"}
 
@@ -26,23 +27,29 @@ def _run(*command):
     expect(done.returncode == 0, f"{' '.join(map(str, command))}\n{done.stdout}")
 
 
+FLAGS = ("-std=gnu99", "-O1", "-g0", "-fPIC", "-fvisibility=hidden", "-I", SOURCE, "-isystem", SOURCE / ".deps" / "fmi2")
+COMPILER = os.environ.get("CC", "cc")
+
+
+@functools.cache
+def _good():
+    """The objects of the good FMU."""
+    folder = scratch()
+    guid = re.search(r' guid="([^"]+)"', DESCRIPTION.read_text(encoding="utf-8"))[1]
+    made = [folder / f"{source.stem}.o" for source in GOOD]
+    for source, binary in zip(GOOD, made):
+        _run(COMPILER, *FLAGS, "-include", FOLDER / "inner.h", f'-DTL_FMU_GUID="{guid}"', "-c", source, "-o", binary)
+    return made
+
+
 @functools.cache
 def make(name, **macros):
     """The path of an FMU with the behaviour `name`: tests/fmu/hostile/NAME.c. A macro's text is a C text where its value is a str that
     is no statement (which ends with ";"), its value else; True: only defined."""
     folder = scratch()
-    guid = re.search(r' guid="([^"]+)"', DESCRIPTION.read_text(encoding="utf-8"))[1]
-    flags = ["-std=gnu99", "-O1", "-g0", "-fPIC", "-fvisibility=hidden", "-I", SOURCE, "-isystem", SOURCE / ".deps" / "fmi2"]
     defined = [f"-D{macro}={_text(value)}" for macro, value in macros.items()]
-    compiler = os.environ.get("CC", "cc")
-    inner = []
-    for source in ("instance", "life", "values", "state"):
-        inner.append(folder / f"{source}.o")
-        _run(compiler, *flags, "-include", FOLDER / "inner.h", f'-DTL_FMU_GUID="{guid}"', "-c", COMMON / f"{source}.c",
-             "-o", inner[-1])
     binary = folder / "lag.so"
-    _run(compiler, *flags, *defined, "-shared", "-pthread", "-o", binary, FOLDER / f"{name}.c", FOLDER / "frame.c",
-         SOURCE / "fmus" / "lag" / "model.c", *inner, "-lm")
+    _run(COMPILER, *FLAGS, *defined, "-shared", "-pthread", "-o", binary, FOLDER / f"{name}.c", FOLDER / "frame.c", *_good(), "-lm")
     fmu = folder / f"{name}.fmu"
     _run(sys.executable, COMMON / "package.py", fmu, f"modelDescription.xml={DESCRIPTION}",
          f"binaries/{PLATFORMS[os.uname().machine]}/lag.so={binary}")
@@ -64,11 +71,13 @@ def recording(steps=100):
 
 
 def config(fmu, changes=None):
-    """A configuration whose only component, "hostile", is that FMU."""
+    """A configuration whose only component, "hostile", is that FMU: for every verb."""
     return write_config(merge({
         "twinlock": 1, "name": "hostile", "step_s": 0.01, "components": {"hostile": {"fmu": str(fmu)}},
-        "plant": {"u": {}, "y": {}}, "recording": {"file": str(recording())}, "connect": [["plant.u", "hostile.u"]],
-        "compare": {"hostile.y": {"to": "plant.y"}},
+        "sources": {"rows": {"csv": {"file": str(recording())}}},
+        "plant": {name: {"csv": {"source": "rows"}} for name in ("u", "y")},
+        "recording": {"file": str(recording())}, "connect": [["plant.u", "hostile.u"]],
+        "compare": {"hostile.y": {"to": "plant.y"}}, "emulate": {"columns": {"y": {"from": "hostile.y"}}},
     }, changes or {}))
 
 

@@ -1,10 +1,18 @@
-/* Crashes when the process ends: in its destructor, or in what it has registered for the end (AT_EXIT). */
+/* Crashes, or hangs (HANGS), when the process ends: in its destructor, or in what it has registered for the end (AT_EXIT). */
 #include "tests/fmu/hostile/hostile.h"
 
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 
 static void crash(void) {
+    (void)fputs("ending\n", stderr);
+#ifdef HANGS
+    for (;;) {
+        (void)pause();
+    }
+#endif
     abort();
 }
 

@@ -1,4 +1,4 @@
-/* Never returns from the function AT, the CALL-th time that it is called; before that it does what keeps others from ending it:
+/* Never returns from the function AT, the CALL-th time that it is called, or only after so many SECONDS; before that it does what keeps others from ending it:
  * SIGTERM, SIGINT and SIGHUP are ignored (IGNORE), blocked in its thread (BLOCK), or swallowed by handlers of its own (HANDLE). */
 #include "tests/fmu/hostile/hostile.h"
 
@@ -40,6 +40,9 @@ bool hostile_before(const char *function) {
     (void)pthread_sigmask(SIG_BLOCK, &set, NULL);
 #endif
     (void)fputs("hanging\n", stderr);
+#if defined(SECONDS)
+    return sleep(SECONDS) == 0;
+#endif
     for (;;) {
         (void)pause();
     }

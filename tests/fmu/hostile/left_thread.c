@@ -1,8 +1,9 @@
-/* Leaves a thread behind that works in its code, and holds stdin's lock, until the process is gone. */
+/* Leaves a thread behind that works in its code, and holds stdin's lock, until the process is gone; or until it does HOW, a statement. */
 #include "tests/fmu/hostile/hostile.h"
 
 #include <pthread.h>
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
 
@@ -10,7 +11,10 @@ static void *work(void *unused) {
     (void)unused;
     flockfile(stdin);
     for (;;) {
-        (void)usleep(1);
+        (void)usleep(1000);
+#ifdef HOW
+        HOW;
+#endif
     }
 }
 
