@@ -257,12 +257,17 @@ static tl_status print_steps(csv_line *line, tl_error *error) {
     return status;
 }
 
-static void take_event(void *context, struct sqlite3_stmt *row) {
+static void take_event(void *context, const tl_show_event *event) {
     const csv_line *line = context;
-    for (int i = 0; i < 5; i++) {
-        const unsigned char *text = sqlite3_column_text(row, i);
-        (void)fputs(i > 0 ? "," : "", line->file);
-        put_text(line->file, text == NULL ? "" : (const char *)text);
+    const char *const texts[] = {event->severity, event->source, event->text};
+    put_text(line->file, event->at);
+    (void)fputc(',', line->file);
+    if (event->has_tick) {
+        (void)fprintf(line->file, "%lld", (long long)event->tick);
+    }
+    for (size_t i = 0; i < sizeof texts / sizeof texts[0]; i++) {
+        (void)fputc(',', line->file);
+        put_text(line->file, texts[i]);
     }
     end_line(line->file);
 }
@@ -271,8 +276,8 @@ static tl_status print_events(csv_line *line, tl_error *error) {
     const tl_show_request *request = line->request;
     (void)fputs("at,tick,severity,source,text", line->file);
     end_line(line->file);
-    return tl_show_event_rows(request->history, request->run, request->from_at, -1, (tl_show_taker){take_event, line},
-                              error);
+    return tl_show_event_rows(request->history, request->run, request->from_at, -1,
+                              (tl_show_event_taker){take_event, line}, error);
 }
 
 tl_status tl_show_csv(const tl_show_request *request, tl_show_csv_table table, FILE *file, tl_error *error) {
