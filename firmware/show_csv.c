@@ -1,7 +1,7 @@
 /* Tables as CSV (quoted as RFC 4180 says), one line per step or tick, so that a spreadsheet or a plot can take them as they are.
  *
  * A line of samples has the signals' names (without "plant.") as columns, and "time" in front: `replay --recording` takes it. A value that was
- * missing or old at its tick is left empty there; its quality is in a column beside it. */
+ * missing or old at its tick is left empty there; its quality is in a column beside it. Control characters become "?". */
 #include <math.h>
 #include <sqlite3.h>
 #include <string.h>
@@ -24,19 +24,21 @@ typedef struct csv_line {
     char fields[MOST_FIELDS][NUMBER];
 } csv_line;
 
+/* Texts come from FMUs and devices too: none breaks a line, or commands the terminal. */
 static void put_text(FILE *file, const char *text) {
-    if (strpbrk(text, ",\"\r\n") == NULL) {
-        (void)fputs(text, file);
-        return;
-    }
-    (void)fputc('"', file);
-    for (; *text != '\0'; text++) {
-        (void)fputs(*text == '"' ? "\"\"" : "", file);
-        if (*text != '"') {
-            (void)fputc(*text, file);
+    bool quoted = strpbrk(text, ",\"") != NULL;
+    (void)fputs(quoted ? "\"" : "", file);
+    while (*text != '\0') {
+        size_t length = tl_show_character(text);
+        if (tl_show_is_control(text, length)) {
+            (void)fputc('?', file);
+        } else {
+            (void)fputs(*text == '"' ? "\"" : "", file);
+            (void)fwrite(text, 1, length, file);
         }
+        text += length;
     }
-    (void)fputc('"', file);
+    (void)fputs(quoted ? "\"" : "", file);
 }
 
 static void end_line(FILE *file) {

@@ -527,6 +527,22 @@ static void test_a_ledger_without_names(void) {
     expect_in("is damaged: the components of run 1 are incomplete or wrong", errors);
 }
 
+/* What an FMU says, or what a plant is called, drives no terminal and begins no row of its own. */
+static void test_csv_without_control_characters(void) {
+    record_known("replay");
+    tl_sql_execute(path, "UPDATE events SET at = '2026-11-21T10:00:05.000Z', source = 'F' || char(27) || 'MU', text ="
+                         " char(27) || ']0;x' || char(7) || char(13, 10) || '=1,2' || char(0x7f, 0x9b) || 'é'");
+    tl_sql_execute(path, "UPDATE signals SET name = 'plant.' || char(27) || '[2J', compared_with = 'a' || char(10)");
+    TEST_ASSERT_EQUAL_INT(0, SHOW(path, "--csv", "events"));
+    expect_shown("\n2026-11-21T10:00:05.000Z,17,warning,F?MU,\"?]0;x?\?\?=1,2?\?é\"\n");
+    for (size_t i = 0; i < 3; i++) {
+        static const char *const tables[] = {"samples", "outputs", "adjustments"};
+        TEST_ASSERT_EQUAL_INT(0, SHOW(path, "--csv", tables[i]));
+        expect_shown("?[2J");
+        expect_not_shown("\x1b");
+    }
+}
+
 static void test_csv_of_a_live_run_has_dates(void) {
     record_known("run");
     tl_sql_execute(path, "UPDATE runs SET started = '2026-11-21T10:00:00.000Z'");
@@ -733,6 +749,7 @@ int main(void) {
     RUN_TEST(test_csv_of_the_other_tables);
     RUN_TEST(test_an_older_file);
     RUN_TEST(test_a_ledger_without_names);
+    RUN_TEST(test_csv_without_control_characters);
     RUN_TEST(test_csv_of_a_live_run_has_dates);
     RUN_TEST(test_usage);
     RUN_TEST(test_files_that_cannot_be_shown);
