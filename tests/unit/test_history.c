@@ -579,7 +579,7 @@ static void test_impossible_values_are_damage(void) {
 /* The first rows of tables with a key of several columns, on every page: in the order 0, 3, 6, … 1, 4, 7, …, by their pointers
  * alone. Of samples that is signal after signal of 64 ticks, which are read at once. */
 static void shuffle_rows(void) {
-    enum { PAGE = 4096, LEAF = 0x0A, POINTERS = 8, ROWS = 64 * TL_MADE_PLANT };
+    enum { PAGE = 4096, LEAF = 0x0A, POINTERS = 8, ROWS = 64 * TL_MADE_PLANT, FEW = 20 };
     unsigned char page[PAGE];
     FILE *file = fopen(path, "r+b");
     TEST_ASSERT_NOT_NULL(file);
@@ -587,7 +587,7 @@ static void shuffle_rows(void) {
         unsigned char pointers[PAGE];
         size_t count = (size_t)page[3] << 8 | page[4];
         count = count < ROWS ? count : ROWS;
-        if (page[0] != LEAF || POINTERS + 2 * count > PAGE) {
+        if (page[0] != LEAF || count < FEW || POINTERS + 2 * count > PAGE) {
             continue;
         }
         memcpy(pointers, page + POINTERS, 2 * count);
