@@ -181,8 +181,8 @@ static void test_a_fault_at_any_write(void) {
         uint64_t before = tl_faulty_vfs_refusals();
         tl_faulty_vfs_refuse(after % 2 == 0 ? SQLITE_FULL : SQLITE_IOERR_WRITE, after);
         for (int i = 0; i < 400 && tl_faulty_vfs_refusals() == before; i++) {
-            tl_made_put(recorder, tick, 20);
-            tick += 20;
+            tl_made_put(recorder, tick, 100);
+            tick += 100;
             wait_for_written_or_refused((uint64_t)(2 * tick - 2), before);
         }
         tl_faulty_vfs_refuse(SQLITE_OK, 0);
