@@ -59,7 +59,8 @@ typedef struct tl_config_source {
     double period_s; /* default: step_s */
     /* Modbus TCP */
     const char *host;
-    uint16_t port;    /* default 502 */
+    uint16_t port; /* default 502 */
+    bool any_unit_id;
     double timeout_s; /* default 0.5; of both kinds of Modbus */
     /* Modbus RTU; line.device is relative to the configuration's folder */
     tl_modbus_line line;

@@ -223,6 +223,9 @@ static bool is_near(const tl_config_object *object, const char *key, tl_time shi
 static void find_shifts(const tl_config_object *object, tl_time step, tl_config_delays *delays) {
     const tl_config_chain *last = &delays->output.plant;
     tl_time renewed = step;
+    if (step <= 0) {
+        return; /* it is wrong, and that was said */
+    }
     if (delays->has_input && is_near(object, "input", delays->input.delay, 0, step)) {
         delays->input_lookup = tl_delay_look_up(delays->input.delay, 0, step);
     }
@@ -317,8 +320,6 @@ void tl_config_read_delays(tl_config_object *root, tl_config *config) {
     }
     (void)tl_config_entry(root, item, example, &object);
     read_object(root, &object, config->step, delays);
-    if (config->step > 0) {
-        find_shifts(&object, config->step, delays);
-    }
+    find_shifts(&object, config->step, delays);
     config->delays = delays;
 }

@@ -18,6 +18,7 @@ void tl_config_read_modbus_tcp_source(tl_config_object *entry, tl_config_source 
     source->timeout_s = 0.5;
     (void)tl_config_get_text(&object, "host", TL_CONFIG_REQUIRED, "\"192.0.2.10\"", &source->host);
     (void)tl_config_get_number(&object, "port", &port_rule, &port);
+    (void)tl_config_get_boolean(&object, "any_unit_id", &source->any_unit_id);
     (void)tl_config_get_number(&object, "timeout_s", &timeout, &source->timeout_s);
     tl_config_read_period(&object, source, config);
     source->port = (uint16_t)port;

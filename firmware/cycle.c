@@ -8,8 +8,11 @@
 #include <string.h>
 #include <time.h>
 
+#include "firmware/c_locale.h"
 #include "firmware/checkpointer.h"
 #include "firmware/clock.h"
+#include "firmware/fmu_guard.h"
+#include "firmware/host_state.h"
 #include "firmware/realtime.h"
 #include "firmware/snapshot.h"
 #include "firmware/watch.h"
@@ -152,6 +155,7 @@ static void finish(tl_cycle *cycle) {
 static void *run(void *context) {
     tl_cycle *cycle = context;
     const tl_config *config = &cycle->settings.assembly->config;
+    tl_locale_use();
     while (!is_stopped(cycle) && cycle->status == TL_OK && cycle->next_tick <= cycle->last_tick) {
         tl_time instant = tl_time_of_step(cycle->start, config->step, cycle->next_tick);
         tl_clock_sleep_until(instant);
@@ -163,6 +167,7 @@ static void *run(void *context) {
         };
         if (!is_stopped(cycle) && budget.started >= instant) {
             cycle->status = catch_up(cycle, &budget);
+            tl_fmu_guard_tick();
             show(cycle);
         }
     }
@@ -203,7 +208,7 @@ tl_status tl_cycle_start(const tl_cycle_settings *settings, tl_cycle **cycle, tl
     tl_watch_init(&started->watch, config, settings->journal);
     struct sigaction action = {.sa_handler = wake};
     (void)sigemptyset(&action.sa_mask);
-    (void)sigaction(SIGUSR1, &action, NULL);
+    (void)tl_host_state_handle(SIGUSR1, &action);
     started->heart = tl_heart_begin(settings->beats, "cycle", config->realtime_hang + 2 * config->step);
     tl_checkpointer_init(&started->checkpointer, settings->assembly, settings->recorder, settings->journal);
     find_start(started);

@@ -242,9 +242,13 @@ static tl_status resolve(void *handle, const tl_model *model, const char *label,
     return TL_OK;
 }
 
-static tl_status check_version(const tl_fmi2 *functions, const char *label, tl_error *error) {
+static tl_status check_version(tl_fmu_guard *guard, const tl_fmi2 *functions, const char *label, tl_error *error) {
+    tl_fmu_guard_enter(guard, TL_FMU_GET_TYPES_PLATFORM);
     const char *platform = functions->get_types_platform();
+    tl_fmu_guard_leave(guard);
+    tl_fmu_guard_enter(guard, TL_FMU_GET_VERSION);
     const char *version = functions->get_version();
+    tl_fmu_guard_leave(guard);
     if (platform == NULL || strcmp(platform, fmi2TypesPlatform) != 0) {
         return tl_fail(error, TL_BAD_DATA, "%s: the binary's types are those of platform \"%.40s\", not \"%s\"", label,
                        platform == NULL ? "" : platform, fmi2TypesPlatform);
@@ -281,26 +285,36 @@ static tl_status fail_open(const char *path, const char *label, const char *reas
                    label, reason == NULL ? "no reason given" : reason, advice);
 }
 
-tl_status tl_fmu_binary_open(const char *folder, const tl_model *model, const char *label, tl_fmi2 *functions,
+/* What is behind it runs code of the FMU. */
+static void *open_guarded(tl_fmu_guard *guard, const char *path) {
+    tl_fmu_guard_enter(guard, TL_FMU_LOADING);
+    void *opened = dlopen(path, RTLD_NOW | RTLD_LOCAL);
+    tl_fmu_guard_leave(guard);
+    return opened;
+}
+
+tl_status tl_fmu_binary_open(const char *folder, const tl_model *model, const char *label, tl_fmu_guard *guard,
                              void **handle, tl_error *error) {
     char path[PATH_MAX];
+    tl_fmi2 functions;
     *handle = NULL;
     tl_status status = find_binary(folder, model, label, path, sizeof path, error);
     if (status != TL_OK) {
         return status;
     }
-    void *opened = dlopen(path, RTLD_NOW | RTLD_LOCAL);
+    void *opened = open_guarded(guard, path);
     if (opened == NULL) {
         return fail_open(path, label, dlerror(), error);
     }
-    status = resolve(opened, model, label, functions, error);
+    status = resolve(opened, model, label, &functions, error);
     if (status == TL_OK) {
-        status = check_version(functions, label, error);
+        status = check_version(guard, &functions, label, error);
     }
     if (status != TL_OK) {
         tl_fmu_binary_close(opened);
         return status;
     }
+    tl_fmu_guard_front(guard, &functions);
     *handle = opened;
     return TL_OK;
 }

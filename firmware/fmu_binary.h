@@ -1,6 +1,6 @@
 /* Finds, checks and opens the binary of an unpacked FMU.
  *
- * Purpose: from a folder to a function table. What can be checked without running the binary (ELF class, byte order,
+ * Purpose: from a folder to a guard with its functions. What can be checked without running the binary (ELF class, byte order,
  *          machine, kind) is checked before it is opened, so that the text can say what is wrong with it.
  * Errors:  TL_BAD_DATA; the text names the binary, what was found and what this machine needs. TL_TRY_AGAIN where
  *          the folder is mounted noexec.
@@ -9,14 +9,14 @@
 #ifndef TL_FIRMWARE_FMU_BINARY_H
 #define TL_FIRMWARE_FMU_BINARY_H
 
+#include "firmware/fmu_guard.h"
 #include "master/base/status.h"
-#include "master/fmi/fmi2.h"
 #include "master/fmi/model.h"
 
 /* `folder` is that of the unpacked FMU, absolute. The whole folder of the binary must be there: it may load its
  * neighbours. On success *handle is for tl_fmu_binary_close(); on failure it is NULL. Optional functions that the
  * model does not claim are NULL in the table. */
-tl_status tl_fmu_binary_open(const char *folder, const tl_model *model, const char *label, tl_fmi2 *functions,
+tl_status tl_fmu_binary_open(const char *folder, const tl_model *model, const char *label, tl_fmu_guard *guard,
                              void **handle, tl_error *error);
 
 /* NULL is allowed. */

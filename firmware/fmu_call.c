@@ -33,50 +33,39 @@ static const char *const FUNCTIONS[TL_FMU_FUNCTIONS] = {
     [TL_FMU_DO_STEP] = "fmi2DoStep",
 };
 
-enum { FUNCTION_BITS = 8 };
-
 /* The state of a process, so there is one of it. */
 static tl_fmu_calls own;
-static tl_fmu_calls *here = &own;
+tl_fmu_calls *tl_fmu_calls_block = &own;
 
 void tl_fmu_calls_use(tl_fmu_calls *block) {
-    here = block == NULL ? &own : block;
+    tl_fmu_calls_block = block == NULL ? &own : block;
 }
 
 const tl_fmu_calls *tl_fmu_calls_here(void) {
-    return here;
+    return tl_fmu_calls_block;
 }
 
 uint32_t tl_fmu_calls_name(const char *name) {
     char kept[TL_FMU_CALL_NAME];
-    uint32_t used = here->fmus;
+    uint32_t used = tl_fmu_calls_block->fmus;
     (void)snprintf(kept, sizeof kept, "%s", name);
     for (uint32_t i = 0; i < used && i < TL_FMU_CALL_FMUS; i++) {
-        if (strcmp(here->names[i], kept) == 0) {
+        if (strcmp(tl_fmu_calls_block->names[i], kept) == 0) {
             return i;
         }
     }
     if (used >= TL_FMU_CALL_FMUS) {
         return TL_FMU_CALL_FMUS - 1;
     }
-    memcpy(here->names[used], kept, sizeof kept);
-    __atomic_store_n(&here->fmus, used + 1, __ATOMIC_RELEASE);
+    memcpy(tl_fmu_calls_block->names[used], kept, sizeof kept);
+    __atomic_store_n(&tl_fmu_calls_block->fmus, used + 1, __ATOMIC_RELEASE);
     return used;
-}
-
-void tl_fmu_call_begin(uint32_t fmu, tl_fmu_function function) {
-    __atomic_store_n(&here->begun, __atomic_load_n(&here->begun, __ATOMIC_RELAXED) + 1, __ATOMIC_RELAXED);
-    __atomic_store_n(&here->now, fmu << FUNCTION_BITS | (uint32_t)function, __ATOMIC_RELAXED);
-}
-
-void tl_fmu_call_end(void) {
-    __atomic_store_n(&here->now, 0, __ATOMIC_RELAXED);
 }
 
 bool tl_fmu_calls_look(const tl_fmu_calls *block, tl_fmu_call *call) {
     uint32_t now = __atomic_load_n(&block->now, __ATOMIC_RELAXED);
-    uint32_t function = now & ((1U << FUNCTION_BITS) - 1);
-    uint32_t fmu = now >> FUNCTION_BITS;
+    uint32_t function = now & ((1U << TL_FMU_CALL_FUNCTION_BITS) - 1);
+    uint32_t fmu = now >> TL_FMU_CALL_FUNCTION_BITS;
     call->begun = __atomic_load_n(&block->begun, __ATOMIC_RELAXED);
     if (function == TL_FMU_NO_CALL || function >= TL_FMU_FUNCTIONS) {
         return false;

@@ -73,13 +73,30 @@ const tl_fmu_calls *tl_fmu_calls_here(void);
 /* The number that stands for an FMU of this name, a component's name for example; the same for the same name. */
 uint32_t tl_fmu_calls_name(const char *name);
 
-/* Between these two the FMU may do what it likes. */
-void tl_fmu_call_begin(uint32_t fmu, tl_fmu_function function);
-void tl_fmu_call_end(void);
+/* Between these two the FMU may do what it likes. A call that begins before the one before it has ended takes its place. Inline,
+ * since an FMU's step may take no longer than a function call. */
+static inline void tl_fmu_call_begin(uint32_t fmu, tl_fmu_function function);
+static inline void tl_fmu_call_end(void);
 
 /* ---- who looks ---- */
 
 /* False: no FMU is being called. Safe in a signal handler. */
 bool tl_fmu_calls_look(const tl_fmu_calls *block, tl_fmu_call *call);
+
+/* ---- inline ---- */
+
+extern tl_fmu_calls *tl_fmu_calls_block; /* private: tl_fmu_calls_here() */
+
+enum { TL_FMU_CALL_FUNCTION_BITS = 8 };
+
+static inline void tl_fmu_call_begin(uint32_t fmu, tl_fmu_function function) {
+    tl_fmu_calls *block = tl_fmu_calls_block;
+    __atomic_store_n(&block->begun, __atomic_load_n(&block->begun, __ATOMIC_RELAXED) + 1, __ATOMIC_RELAXED);
+    __atomic_store_n(&block->now, fmu << TL_FMU_CALL_FUNCTION_BITS | (uint32_t)function, __ATOMIC_RELAXED);
+}
+
+static inline void tl_fmu_call_end(void) {
+    __atomic_store_n(&tl_fmu_calls_block->now, 0, __ATOMIC_RELAXED);
+}
 
 #endif

@@ -1,8 +1,7 @@
-/* Archive, description and binary joined into one loaded FMU, and the callbacks that an FMU gets from us. */
+/* Archive, description, guard and binary joined into one loaded FMU. */
 #include "firmware/fmu_store.h"
 
 #include <errno.h>
-#include <stdarg.h>
 #include <stdbool.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -11,7 +10,6 @@
 
 #include "firmware/fmu_archive.h"
 #include "firmware/fmu_binary.h"
-#include "firmware/log.h"
 #include "firmware/model_description.h"
 #include "master/base/arena.h"
 
@@ -22,74 +20,7 @@ typedef struct tl_fmu_files {
     tl_arena arena;
     tl_fmu_archive archive;
     void *binary;
-    tl_log_limiter limiter;
 } tl_fmu_files;
-
-/* ---- Logger -------------------------------------------------------------------------------------------- */
-
-static tl_log_level level_of(fmi2Status status) {
-    switch (status) {
-    case fmi2OK:
-    case fmi2Pending:
-        return TL_LOG_DEBUG;
-    case fmi2Warning:
-    case fmi2Discard:
-        return TL_LOG_WARNING;
-    case fmi2Error:
-    case fmi2Fatal:
-        return TL_LOG_ERROR;
-    }
-    return TL_LOG_WARNING;
-}
-
-/* %n would write into memory; a fortified C library ends the process over it. */
-static bool has_write_back(const char *format) {
-    for (const char *c = strchr(format, '%'); c != NULL; c = strchr(c, '%')) {
-        c++;
-        c += strspn(c, "0123456789 #+-'.*$hlLqjzt");
-        if (*c == 'n') {
-            return true;
-        }
-        c += *c == '\0' ? 0 : 1;
-    }
-    return false;
-}
-
-/* FMI's messages are printf formats. PythonFMU gives texts instead, and what a Python exception says may have a %s in it, for
- * which there is no argument. */
-static bool is_text(const tl_fmu *fmu, const char *message) {
-    return strncmp(fmu->model.generation_tool, "PythonFMU", strlen("PythonFMU")) == 0 || has_write_back(message);
-}
-
-static void on_message(fmi2ComponentEnvironment environment, fmi2String instance, fmi2Status status,
-                       fmi2String category, fmi2String message, ...) TL_PRINTF(5, 6);
-
-static void on_message(fmi2ComponentEnvironment environment, fmi2String instance, fmi2Status status,
-                       fmi2String category, fmi2String message, ...) {
-    const tl_fmu *fmu = environment;
-    char text[TL_LOG_TEXT];
-    if (fmu == NULL || message == NULL) {
-        return;
-    }
-    if (is_text(fmu, message)) {
-        (void)snprintf(text, sizeof text, "%s", message);
-    } else {
-        va_list arguments;
-        va_start(arguments, message);
-        if (vsnprintf(text, sizeof text, message, arguments) < 0) {
-            (void)snprintf(text, sizeof text, "%s", message);
-        }
-        va_end(arguments);
-    }
-    for (size_t end = strlen(text); end > 0 && (unsigned char)text[end - 1] <= ' '; end--) {
-        text[end - 1] = '\0'; /* many end with a newline */
-    }
-    bool is_named = instance != NULL && instance[0] != '\0';
-    bool is_sorted = category != NULL && category[0] != '\0';
-    tl_log_limited(&fmu->files->limiter, level_of(status), "FMU %s%s%s: %s%s%s%s", fmu->model.name,
-                   is_named ? ", instance " : "", is_named ? instance : "", text, is_sorted ? " [" : "",
-                   is_sorted ? category : "", is_sorted ? "]" : "");
-}
 
 /* ---- Resources ----------------------------------------------------------------------------------------- */
 
@@ -169,7 +100,8 @@ static tl_status load(const char *path, const char *label, tl_fmu *fmu, tl_error
         return status;
     }
     read_module(fmu);
-    return tl_fmu_binary_open(files->archive.folder, &fmu->model, label, &fmu->functions, &files->binary, error);
+    tl_fmu_guard_open(&fmu->guard, fmu->model.name, fmu->model.generation_tool);
+    return tl_fmu_binary_open(files->archive.folder, &fmu->model, label, &fmu->guard, &files->binary, error);
 }
 
 tl_status tl_fmu_load(const char *path, tl_fmu *fmu, tl_error *error) {
@@ -183,8 +115,6 @@ tl_status tl_fmu_load(const char *path, tl_fmu *fmu, tl_error *error) {
         return tl_fail(error, TL_TRY_AGAIN, "%s: out of memory; free some and try again", label);
     }
     tl_arena_init(&fmu->files->arena);
-    fmu->files->limiter.per_second = TL_FMU_MESSAGES_PER_SECOND;
-    fmu->callbacks = (fmi2CallbackFunctions){on_message, calloc, free, NULL, fmu};
     tl_status status = load(path, label, fmu, error);
     if (status != TL_OK) {
         tl_fmu_unload(fmu);
@@ -198,7 +128,7 @@ void tl_fmu_unload(tl_fmu *fmu) {
     tl_fmu_files *files = fmu->files;
     if (files != NULL) {
         tl_fmu_binary_close(files->binary);
-        tl_log_limiter_end(&files->limiter);
+        tl_fmu_guard_close(&fmu->guard);
         tl_fmu_archive_remove(&files->archive);
         tl_arena_release(&files->arena);
         free(files);

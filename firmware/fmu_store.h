@@ -4,28 +4,26 @@
  * Owner:   the store owns all of it until tl_fmu_unload(), which also removes the unpacked folder. Each load has a
  *          folder, and so a binary with globals, of its own: an FMU that can be instantiated only once can be loaded
  *          twice.
- * Limits:  see fmu_archive.h (size, count, path of entries) and model_description.h (size of the XML); at most
- *          TL_FMU_MESSAGES_PER_SECOND lines of an FMU go into the log.
- * Thread:  one thread at a time; the logger callback may be called from any thread.
+ * Limits:  see fmu_archive.h (size, count, path of entries) and model_description.h (size of the XML); for its messages fmu_logger.h.
+ * Thread:  that of the FMUs (fmu_guard.h).
  */
 #ifndef TL_FIRMWARE_FMU_STORE_H
 #define TL_FIRMWARE_FMU_STORE_H
 
+#include "firmware/fmu_guard.h"
 #include "master/base/status.h"
-#include "master/fmi/fmi2.h"
 #include "master/fmi/model.h"
 
-enum { TL_FMU_MESSAGES_PER_SECOND = 20, TL_FMU_MODULE = 128 };
+enum { TL_FMU_MODULE = 128 };
 
-/* Must stay where it is while it is loaded: callbacks.componentEnvironment points to it. */
+/* Must stay where it is while it is loaded: the FMU knows the guard. */
 typedef struct tl_fmu {
     const char *path; /* as given */
     tl_model model;
-    tl_fmi2 functions;
-    fmi2CallbackFunctions callbacks; /* the logger goes to firmware/log.h, limited per second */
-    const char *resources;           /* file:/// URI; the folder exists also where the FMU has none */
-    char module[TL_FMU_MODULE];      /* the Python module that an FMU of PythonFMU imports, cut; "": none */
-    struct tl_fmu_files *files;      /* private: memory, unpacked folder, dlopen handle */
+    tl_fmu_guard guard;         /* its functions, and the callbacks to instantiate it with */
+    const char *resources;      /* file:/// URI; the folder exists also where the FMU has none */
+    char module[TL_FMU_MODULE]; /* the Python module that an FMU of PythonFMU imports, cut; "": none */
+    struct tl_fmu_files *files; /* private: memory, unpacked folder, dlopen handle */
 } tl_fmu;
 
 /* Errors: TL_BAD_DATA for anything wrong in the file, TL_TRY_AGAIN where disk or memory is missing.

@@ -4,6 +4,8 @@
 #include <signal.h>
 #include <stddef.h>
 
+#include "firmware/host_state.h"
+
 static volatile sig_atomic_t received; /* the only global state: a signal handler can have no other */
 
 static void note(int signal) {
@@ -18,13 +20,13 @@ bool tl_interrupt_ignores_hangup(void) {
 void tl_interrupt_install(void) {
     struct sigaction action = {.sa_handler = note};
     (void)sigemptyset(&action.sa_mask);
-    (void)sigaction(SIGINT, &action, NULL);
-    (void)sigaction(SIGTERM, &action, NULL);
+    (void)tl_host_state_handle(SIGINT, &action);
+    (void)tl_host_state_handle(SIGTERM, &action);
     if (!tl_interrupt_ignores_hangup()) {
-        (void)sigaction(SIGHUP, &action, NULL);
+        (void)tl_host_state_handle(SIGHUP, &action);
     }
     action.sa_handler = SIG_IGN;
-    (void)sigaction(SIGPIPE, &action, NULL);
+    (void)tl_host_state_handle(SIGPIPE, &action);
 }
 
 const char *tl_interrupt_requested(void) {

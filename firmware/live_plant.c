@@ -52,6 +52,7 @@ static tl_status open_modbus(const tl_config *config, const tl_config_source *co
     const tl_modbus_settings settings = {
         .host = configured->host,
         .port = configured->port,
+        .any_unit_id = configured->any_unit_id,
         .line = line,
         .timeout_s = configured->timeout_s,
         .channels = channels,

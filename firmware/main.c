@@ -2,6 +2,7 @@
 #include <stdio.h>
 #include <string.h>
 
+#include "firmware/c_locale.h"
 #include "firmware/verbs.h"
 
 typedef struct verb {
@@ -34,6 +35,7 @@ static void print_usage(FILE *file) {
 }
 
 int main(int argc, char **argv) {
+    tl_locale_use();
     if (argc < 2) {
         print_usage(stderr);
         return 2;

@@ -14,6 +14,7 @@
 #include <string.h>
 #include <time.h>
 
+#include "firmware/c_locale.h"
 #include "firmware/clock.h"
 
 /* Drivers need little; the name resolver is the deepest. With mlockall() all of it is real memory. */
@@ -79,6 +80,7 @@ static void *run(void *context) {
     const tl_plant_io_sink sink = {.post = post, .link = link_changed, .context = own};
     bool finished = false;
     tl_time next = tl_clock_now(NULL);
+    tl_locale_use();
     do {
         tl_error error = {.status = TL_OK};
         tl_heart_beat(source->heart);

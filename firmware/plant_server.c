@@ -19,6 +19,8 @@
 #include <sys/socket.h>
 #include <unistd.h>
 
+#include "firmware/c_locale.h"
+
 enum {
     PREFIX = 6,               /* transaction, protocol, length */
     HEADER = 7,               /* and the unit id; the length counts from there */
@@ -295,6 +297,7 @@ static void dismiss(tl_plant_server *server, size_t index) {
 
 static void *run(void *context) {
     tl_plant_server *server = context;
+    tl_locale_use();
     for (;;) {
         struct pollfd ready[2 + TL_PLANT_SERVER_CLIENTS] = {{.fd = server->wake, .events = POLLIN},
                                                             {.fd = server->listener, .events = POLLIN}};

@@ -14,6 +14,7 @@
 #include <string.h>
 #include <time.h>
 
+#include "firmware/c_locale.h"
 #include "firmware/log.h"
 #include "firmware/recorder_database.h"
 #include "firmware/recorder_entry.h"
@@ -421,6 +422,7 @@ static bool is_stopped(tl_recorder *recorder) {
 
 static void *run_writer(void *argument) {
     tl_recorder *recorder = argument;
+    tl_locale_use();
     tl_time due = now() + recorder->commit;
     while (!is_stopped(recorder)) {
         tl_heart_beat(recorder->heart);

@@ -41,6 +41,25 @@ static tl_status open_reader(const char *path, const tl_config *config, tl_csv_r
     return tl_csv_open(&settings, reader, error);
 }
 
+/* A row is no further from the one before, and from the first one, than a replay can go. */
+static tl_status check_gap(const char *path, tl_time step, tl_time first, tl_time before, tl_time now,
+                           tl_error *error) {
+    if ((now - before) / step > TL_RECORDING_GAP) {
+        return tl_fail(error, TL_BAD_DATA,
+                       "%s: between the rows at %.9f s and %.9f s there are %lld steps of %.9g s, at most %lld are "
+                       "allowed: correct the time, or cut the recording there",
+                       path, tl_seconds(before), tl_seconds(now), (long long)((now - before) / step), tl_seconds(step),
+                       (long long)TL_RECORDING_GAP);
+    }
+    if ((now - first) / step >= TL_RECORDING_TICKS) {
+        return tl_fail(error, TL_BAD_DATA,
+                       "%s: from the first row to that at %.9f s there are more than %lld steps of %.9g s: cut the "
+                       "recording, or replay it with a larger step_s",
+                       path, tl_seconds(now), (long long)TL_RECORDING_TICKS, tl_seconds(step));
+    }
+    return TL_OK;
+}
+
 /* Reads the file once: every row is checked before the first is used, and its length is known. */
 static tl_status survey(const char *path, const tl_config *config, tl_recording *recording, tl_error *error) {
     tl_csv_reader *reader = NULL;
@@ -51,7 +70,9 @@ static tl_status survey(const char *path, const tl_config *config, tl_recording 
     while (status == TL_OK && !end) {
         status = tl_csv_next(reader, &recording->row, &end, error);
         if (status == TL_OK && !end) {
-            recording->start = rows++ == 0 ? recording->row.time : recording->start;
+            recording->start = rows == 0 ? recording->row.time : recording->start;
+            last = rows++ == 0 ? recording->start : last;
+            status = check_gap(path, config->step, recording->start, last, recording->row.time, error);
             last = recording->row.time;
         }
     }
@@ -59,7 +80,7 @@ static tl_status survey(const char *path, const tl_config *config, tl_recording 
     if (status == TL_OK && rows == 0) {
         return tl_fail(error, TL_BAD_DATA, "%s: there is a header, but no row", path);
     }
-    recording->ticks = (last - recording->start) / config->step + 1;
+    recording->ticks = status == TL_OK ? (last - recording->start) / config->step + 1 : 0;
     return status;
 }
 

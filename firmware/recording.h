@@ -19,6 +19,11 @@
 
 typedef struct tl_recording tl_recording;
 
+/* A CSV recording has at most so many ticks, and between two rows at most so many: a time that is wrong, such as that of a clock
+ * that was not yet set, would be replayed for days. */
+#define TL_RECORDING_TICKS ((int64_t)10000000000)
+#define TL_RECORDING_GAP ((int64_t)100000000)
+
 /* One tick of a recording. */
 typedef struct tl_recording_tick {
     tl_sample sample;
@@ -42,7 +47,7 @@ typedef struct tl_recording_beginning {
 } tl_recording_beginning;
 
 /* `path` is a CSV file, or a SQLite database (recognised by its first bytes), whose run `config->recording_run` is taken, or the last one. The database's
- * signal names, step and horizon must agree with the configuration's. A CSV file is checked completely here. */
+ * signal names, step and horizon must agree with the configuration's. A CSV file is checked completely here, the limits above too. */
 tl_status tl_recording_open(const char *path, const tl_config *config, tl_recording **recording, tl_error *error);
 
 /* NULL: it begins at tick 0, as any twin does. */

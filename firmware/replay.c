@@ -2,9 +2,12 @@
 #include "firmware/replay.h"
 
 #include "firmware/clock.h"
+#include "firmware/fmu_guard.h"
 #include "firmware/interrupt.h"
 #include "firmware/progress.h"
 #include "firmware/resume.h"
+
+enum { GUARD_INTERVAL = 16 }; /* ticks */
 
 /* Steps i = 0 … n with n = duration/T_S. */
 static int64_t last_step(const tl_config *config) {
@@ -116,6 +119,13 @@ static void take_sample(const tl_replay *replay, const tl_recording_tick *tick, 
     }
 }
 
+/* What takes system calls is done now and then: a replayed tick may last a few microseconds. */
+static void look_after_host(const tl_recording_tick *tick) {
+    if (tick->sample.tick % GUARD_INTERVAL == 0) {
+        tl_fmu_guard_tick();
+    }
+}
+
 /* One tick is read ahead: in mode ahead a step is computed only if its measurement will come. */
 static tl_status run(const tl_replay *replay, tl_progress *progress, tl_summary *summary, tl_error *error) {
     tl_recording_tick tick;
@@ -141,6 +151,7 @@ static tl_status run(const tl_replay *replay, tl_progress *progress, tl_summary 
         pace(replay, started, tick.sample.tick, summary);
         take_sample(replay, &tick, &missed);
         status = step(replay, &tick, summary, error);
+        look_after_host(&tick);
         if (status == TL_OK && tl_interrupt_requested() != NULL) {
             return tl_fail(error, TL_INTERRUPTED, "interrupted by %s after %llu steps", tl_interrupt_requested(),
                            (unsigned long long)summary->steps);

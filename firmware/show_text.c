@@ -1,4 +1,4 @@
-/* Text for people. No setlocale(): numbers are written and read with a point everywhere in the process. */
+/* Text for people. Numbers are written and read with a point, whatever the locale (c_locale.h). */
 #include "firmware/show_text.h"
 
 #include <math.h>

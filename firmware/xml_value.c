@@ -1,9 +1,7 @@
-/* Attribute texts to values: the form is checked by hand, then the C locale's strtod reads the number. */
+/* Attribute texts to values: the form is checked by hand, then strtod() reads the number. */
 #include "firmware/xml_value.h"
 
-#include <locale.h>
 #include <math.h>
-#include <pthread.h>
 #include <stddef.h>
 #include <stdlib.h>
 #include <string.h>
@@ -70,13 +68,6 @@ static bool is_decimal(span text) {
     return at == text.length;
 }
 
-static pthread_once_t once = PTHREAD_ONCE_INIT;
-static locale_t c_locale; /* lives as long as the process */
-
-static void make_locale(void) {
-    c_locale = newlocale(LC_ALL_MASK, "C", (locale_t)0);
-}
-
 bool tl_xml_double(const char *text, double *value) {
     static const struct {
         const char *word;
@@ -93,11 +84,10 @@ bool tl_xml_double(const char *text, double *value) {
     if (!is_decimal(number)) {
         return false;
     }
-    (void)pthread_once(&once, make_locale);
     char *end = NULL;
-    double result = c_locale == (locale_t)0 ? strtod(number.start, &end) : strtod_l(number.start, &end, c_locale);
+    double result = strtod(number.start, &end);
     if (end != number.start + number.length) {
-        return false; /* no C locale, and the present one has no decimal point */
+        return false; /* this thread has a locale without a decimal point: see c_locale.h */
     }
     *value = result;
     return true;

@@ -1,9 +1,8 @@
 /* Texts of XML attributes to values: xs:double, xs:int, xs:unsignedInt, xs:boolean.
  *
- * Purpose: strict and the same in every locale (an FMU may call setlocale). White space around a value is allowed,
- *          as XML Schema says; anything else that is not part of it is not.
+ * Purpose: strict. White space around a value is allowed, as XML Schema says; anything else that is not part of it is not.
  * Errors:  false, and *value is unchanged.
- * Thread:  any.
+ * Thread:  any that has a locale with a decimal point (c_locale.h).
  */
 #ifndef TL_FIRMWARE_XML_VALUE_H
 #define TL_FIRMWARE_XML_VALUE_H

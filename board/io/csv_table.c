@@ -9,8 +9,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* |seconds| that tl_time can hold. */
-#define LAST_SECOND 9.2e9
+/* |seconds| of a row: so that tl_time can hold how far two rows are apart. */
+#define LAST_SECOND 4.6e9
 
 /* ---- lines ---- */
 
@@ -128,7 +128,7 @@ static const char *cut_cell(char **rest) {
     return cell;
 }
 
-/* A finite decimal number, and nothing else. No text of ours depends on a locale: none is ever set. */
+/* A finite decimal number, and nothing else. The thread has a locale with a decimal point (firmware/c_locale.h). */
 static bool number_of(const char *text, double *number) {
     char *end = NULL;
     *number = 0;
@@ -299,7 +299,8 @@ tl_status tl_csv_table_row(tl_csv_table *table, char *line, int64_t number, tl_c
     }
     const char *time = table->cells[table->time_cell];
     if (!number_of(time, &seconds) || fabs(seconds) > LAST_SECOND) {
-        return tl_fail(error, TL_BAD_DATA, "%s, line %lld: the time is \"%.40s\", but must be a number of seconds",
+        return tl_fail(error, TL_BAD_DATA,
+                       "%s, line %lld: the time is \"%.40s\", but must be a number of seconds from -4.6e9 to 4.6e9",
                        table->path, (long long)number, time);
     }
     row->time = tl_time_of_seconds(seconds);

@@ -1,16 +1,15 @@
 /* The Modbus driver: what to ask when, and what a missing answer means. How it is asked is the link's business.
  *
  * A poll has two passes: first the requests that were answered last time, then, where their pause is over, those
- * that were silent. A response that does not come, or makes no sense, costs a TCP connection, since what arrives later
- * could be taken for the answer to the next request; a line is used again as soon as it is quiet. If anything was answered
- * in that poll, the device lives: the one request is paused, and so for a moment is its unit on a line. If nothing was,
+ * that were silent. A response that does not come, or is wrong, costs a TCP connection, since what arrives later could be
+ * taken for the answer to the next request; a line is used again as soon as it is quiet. So does what comes beside a
+ * response, but then the next request just gets another connection. If anything was answered in that poll, the device lives: the one request is paused, and so for a moment is its unit on a line. If nothing was,
  * the link is down and trying it is paused. An exception is an answer.
  */
 #include "board/io/modbus.h"
 
 #include <errno.h>
 #include <math.h>
-#include <modbus.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -24,7 +23,10 @@
 /* So many times as long as waiting for silent requests has taken, none of them is tried again. */
 #define REST 4
 
-enum { TEXT = 256, SILENCES_ON_A_LINE = 2 };
+enum { TEXT = 320, SILENCES_ON_A_LINE = 2 };
+
+/* Exceptions. */
+enum { ILLEGAL_ADDRESS = 2, ILLEGAL_VALUE = 3 };
 
 const uint32_t tl_modbus_bauds[] = {1200,   2400,   4800,   9600,   19200,  38400,   57600,
                                     115200, 230400, 460800, 500000, 921600, 1000000, 0};
@@ -35,6 +37,7 @@ struct tl_plant_io {
     tl_modbus_link *link;
     tl_modbus_map map;
     link_state state;
+    bool talkative; /* it was told that more comes than was asked for */
     tl_time pause;  /* between attempts to connect; 0: none is due */
     tl_time due;    /* of the next attempt */
     tl_time rest;   /* until then no silent request is tried again */
@@ -46,12 +49,12 @@ struct tl_plant_io {
 /* What one poll has come to. */
 typedef struct progress {
     const tl_plant_io_sink *sink;
-    bool answered;    /* something did */
-    size_t silent;    /* requests that were not answered */
-    tl_time waited;   /* for these */
-    bool over;        /* no more requests in this poll */
-    bool interrupted; /* nobody wants to know */
-    int failure;      /* errno of the last silence */
+    bool answered;             /* something did */
+    size_t silent;             /* requests that were not answered */
+    tl_time waited;            /* for these */
+    bool over;                 /* no more requests in this poll */
+    bool interrupted;          /* nobody wants to know */
+    tl_modbus_outcome failure; /* the last silence */
 } progress;
 
 static void say(const tl_plant_io *io, const tl_plant_io_sink *sink, bool up, const char *text) {
@@ -64,6 +67,7 @@ static void set_link(tl_plant_io *io, const tl_plant_io_sink *sink, bool up, con
     link_state state = up ? LINK_UP : LINK_DOWN;
     if (io->state != state) {
         io->state = state;
+        io->talkative = io->talkative && up;
         say(io, sink, up, text);
     }
 }
@@ -74,28 +78,20 @@ static tl_time longer(tl_time pause) {
     return next < PAUSE_LAST ? next : PAUSE_LAST;
 }
 
-/* A link's errno in words. */
-static void describe(const tl_plant_io *io, int failure, char *text, size_t size) {
-    if (failure == ETIMEDOUT) {
-        (void)snprintf(text, size, "no answer within %g s", tl_seconds(io->link->timeout));
-    } else if (failure == EPROTO) {
-        (void)snprintf(text, size, "its answer breaks off");
-    } else if (failure == EBUSY) {
-        (void)snprintf(text, size, "the line is never quiet: is there another master, or another speed?");
-    } else {
-        (void)snprintf(text, size, "%s", modbus_strerror(failure));
-    }
+static void describe(const tl_plant_io *io, const tl_modbus_outcome *outcome, char *text, size_t size) {
+    tl_modbus_outcome_text(outcome, io->link->kind->is_line, io->link->timeout, text, size);
 }
 
 /* Says once that a request gives no values, and once that it does again. */
-static void note_trouble(tl_plant_io *io, const tl_plant_io_sink *sink, tl_modbus_read *read, int trouble) {
+static void note_trouble(tl_plant_io *io, const tl_plant_io_sink *sink, tl_modbus_read *read,
+                         tl_modbus_outcome trouble) {
     static const char *const TABLES[] = {"", "coil", "discrete input", "holding register", "input register"};
-    if (read->trouble == trouble) {
+    if (tl_modbus_outcome_is_same(&read->trouble, &trouble)) {
         return;
     }
     char reason[TEXT / 2] = "answers again";
-    if (trouble != 0) {
-        describe(io, trouble, reason, sizeof reason);
+    if (trouble.kind != TL_MODBUS_VALUES) {
+        describe(io, &trouble, reason, sizeof reason);
     }
     char text[TEXT];
     (void)snprintf(text, sizeof text, "unit %u, %s %u to %u: %s", (unsigned)read->unit_id, TABLES[read->table],
@@ -126,39 +122,16 @@ static void post_values(const tl_plant_io *io, const tl_plant_io_sink *sink, con
     }
 }
 
-/* The device answered, but with an exception. EMBBADEXC: one that the specification does not know. */
-static bool is_exception(int failure) {
-    return (failure >= EMBXILFUN && failure <= EMBXGTAR) || failure == EMBBADEXC;
-}
-
 /* Would the device perhaps answer a smaller request? */
-static bool is_refused_shape(int failure) {
-    return failure == EMBXILADD || failure == EMBXILVAL;
+static bool is_refused_shape(const tl_modbus_outcome *outcome) {
+    return outcome->kind == TL_MODBUS_EXCEPTION &&
+           (outcome->found == ILLEGAL_ADDRESS || outcome->found == ILLEGAL_VALUE);
 }
 
-/* Asks; in smaller requests where the device does not like the shape of a large one. 0, or errno. */
-static int ask(tl_plant_io *io, size_t index, tl_time *stamp) {
+/* No answer, or a wrong one. What it means is known when the poll is over. */
+static void note_silence(tl_plant_io *io, size_t index, tl_modbus_outcome failure, progress *now) {
     tl_modbus_read *read = &io->map.reads[index];
-    int failure = io->link->kind->ask(io->link, read, &io->values);
-    *stamp = tl_modbus_link_now();
-    while (is_refused_shape(failure)) {
-        size_t parts = tl_modbus_map_split(&io->map, index);
-        if (parts == 1) {
-            break;
-        }
-        if (index < io->start) {
-            io->start += parts - 1;
-        }
-        failure = io->link->kind->ask(io->link, read, &io->values);
-        *stamp = tl_modbus_link_now();
-    }
-    return failure;
-}
-
-/* No answer, or none that makes sense. What it means is known when the poll is over. */
-static void note_silence(tl_plant_io *io, size_t index, int failure, progress *now) {
-    tl_modbus_read *read = &io->map.reads[index];
-    io->link->kind->failed(io->link, failure);
+    io->link->kind->failed(io->link, &failure);
     io->start = (index + 1) % io->map.read_count;
     read->silent = io->polls;
     read->failure = failure;
@@ -167,13 +140,58 @@ static void note_silence(tl_plant_io *io, size_t index, int failure, progress *n
     now->over = io->link->descriptor < 0 || now->silent >= SILENCES_ON_A_LINE || tl_modbus_link_is_woken(io->link);
 }
 
+/* A connection on which anything has happened meanwhile is given up. */
+static void look_after(tl_plant_io *io, const tl_plant_io_sink *sink) {
+    tl_modbus_health health = io->link->descriptor < 0 ? TL_MODBUS_SOUND : io->link->kind->look(io->link);
+    if (health == TL_MODBUS_SOUND) {
+        return;
+    }
+    io->link->kind->close(io->link); /* closed by the device while idle: no reason to complain */
+    if (health == TL_MODBUS_TALKATIVE && !io->talkative) {
+        io->talkative = true;
+        say(io, sink, io->state == LINK_UP,
+            "sends more than was asked for, which is not used, and costs a connection each time: check the device and "
+            "the gateway before it");
+    }
+}
+
+/* Is there a connection on which nothing but the answer can come? The next poll says why not. */
+static bool is_ready(tl_plant_io *io, progress *now) {
+    char cause[TEXT];
+    look_after(io, now->sink);
+    now->over = io->link->descriptor < 0 && !io->link->kind->connect(io->link, cause, sizeof cause);
+    return !now->over;
+}
+
+/* Asks; in smaller requests where the device does not like the shape of a large one. */
+static tl_modbus_outcome ask(tl_plant_io *io, size_t index, tl_time *stamp, progress *now) {
+    tl_modbus_read *read = &io->map.reads[index];
+    tl_modbus_outcome outcome = io->link->kind->ask(io->link, read, &io->values);
+    *stamp = tl_modbus_link_now();
+    while (is_refused_shape(&outcome)) {
+        size_t parts = tl_modbus_map_split(&io->map, index);
+        if (parts == 1) {
+            break;
+        }
+        if (index < io->start) {
+            io->start += parts - 1;
+        }
+        if (!is_ready(io, now)) {
+            break;
+        }
+        outcome = io->link->kind->ask(io->link, read, &io->values);
+        *stamp = tl_modbus_link_now();
+    }
+    return outcome;
+}
+
 /* Asks one request and posts what came of it. */
 static void serve(tl_plant_io *io, size_t index, progress *now) {
     tl_time begun = tl_modbus_link_now();
     tl_time stamp = begun;
-    int failure = ask(io, index, &stamp);
-    if (failure != 0 && !is_exception(failure)) {
-        note_silence(io, index, failure, now);
+    tl_modbus_outcome outcome = ask(io, index, &stamp, now);
+    if (outcome.kind != TL_MODBUS_VALUES && outcome.kind != TL_MODBUS_EXCEPTION) {
+        note_silence(io, index, outcome, now);
         now->waited += tl_modbus_link_now() - begun;
         return;
     }
@@ -182,8 +200,8 @@ static void serve(tl_plant_io *io, size_t index, progress *now) {
     set_link(io, now->sink, true, "connected");
     read->polled = io->polls;
     read->pause = 0;
-    note_trouble(io, now->sink, read, failure);
-    if (failure == 0) {
+    note_trouble(io, now->sink, read, outcome);
+    if (outcome.kind == TL_MODBUS_VALUES) {
         post_values(io, now->sink, read, stamp);
     } else {
         post_no_link(io, now->sink, read);
@@ -214,7 +232,7 @@ static void pass(tl_plant_io *io, bool silent_ones, progress *now) {
     size_t count = io->map.read_count;
     for (size_t visited = 0; visited < io->map.read_count && !now->over; visited++) {
         size_t index = (start + visited) % io->map.read_count;
-        if (is_due(io, &io->map.reads[index], silent_ones)) {
+        if (is_due(io, &io->map.reads[index], silent_ones) && is_ready(io, now)) {
             serve(io, index, now);
         }
         if (index < start) { /* the list has grown before the start */
@@ -234,9 +252,7 @@ static void give_up(tl_plant_io *io, const tl_plant_io_sink *sink, const char *c
 
 /* Is there a connection, now? */
 static bool connected(tl_plant_io *io, progress *now) {
-    if (io->link->descriptor >= 0 && !io->link->kind->is_sound(io->link)) {
-        io->link->kind->close(io->link); /* closed by the device while idle: no reason to complain */
-    }
+    look_after(io, now->sink);
     if (io->pause > 0 && tl_modbus_link_now() < io->due) {
         return false;
     }
@@ -278,7 +294,7 @@ static void converse(tl_plant_io *io, progress *now) {
     if (now->answered) {
         io->pause = 0;
     }
-    now->interrupted = now->silent > 0 && tl_modbus_link_interrupted(io->link);
+    now->interrupted = (now->silent > 0 || now->over) && tl_modbus_link_interrupted(io->link);
     if (now->silent == 0 || now->interrupted) {
         return;
     }
@@ -286,7 +302,7 @@ static void converse(tl_plant_io *io, progress *now) {
         pause_silent(io, now);
     } else {
         char text[TEXT];
-        describe(io, now->failure, text, sizeof text);
+        describe(io, &now->failure, text, sizeof text);
         give_up(io, now->sink, text);
     }
 }
@@ -402,8 +418,9 @@ static tl_status check(const tl_modbus_settings *settings, tl_error *error) {
 
 static tl_modbus_link *make_link(const tl_modbus_settings *settings) {
     tl_time timeout = tl_time_of_seconds(settings->timeout_s);
-    return settings->line.device != NULL ? tl_modbus_rtu_make(&settings->line, timeout)
-                                         : tl_modbus_tcp_make(settings->host, settings->port, timeout);
+    return settings->line.device != NULL
+               ? tl_modbus_rtu_make(&settings->line, timeout)
+               : tl_modbus_tcp_make(settings->host, settings->port, settings->any_unit_id, timeout);
 }
 
 tl_status tl_modbus_open(const tl_modbus_settings *settings, tl_plant_io **io, tl_error *error) {

@@ -5,8 +5,11 @@
  *          most 2 s). The link is up while anything answers. One unit behind a gateway or on a line that is silent, or
  *          answers with an exception, costs its own channels only: it is asked last, with the same back-off, and so
  *          rarely that waiting for such units takes at most a fifth of the time.
- * Bound:   a poll waits at most timeout_s to connect and timeout_s for each response; by TCP the first response that
- *          does not come ends it, on a line the second. Where `host` is a name, resolving it comes on top (once per
+ * Believed: only an answer that is right in transaction, protocol, length, unit, function and number of bytes. Of any
+ *          other nothing is posted, and the connection is given up, so that nothing late or extra on it is taken for a
+ *          later answer; what was wrong is told once.
+ * Bound:   a poll waits at most timeout_s to connect (before each request, where the server sends more than it was asked
+ *          for) and timeout_s for each response; by TCP the first response that does not come, or is wrong, ends it, on a line the second. Where `host` is a name, resolving it comes on top (once per
  *          attempt to connect) and cannot be interrupted. On a line the time on the wire is added, and up to 50 ms (after
  *          a failure) until it is quiet; a response that has begun can only be interrupted where it breaks off, after 0.2 s.
  * Line:    it has one master, us, and is opened exclusively. Parameters are 8 data bits, and those of tl_modbus_line. A
@@ -68,6 +71,7 @@ extern const uint32_t tl_modbus_bauds[];
 typedef struct tl_modbus_settings {
     const char *host; /* name or address; not read where line.device is given */
     uint16_t port;
+    bool any_unit_id;    /* TCP: an answer may name another unit than was asked, as some devices and gateways do */
     tl_modbus_line line; /* line.device: NULL for TCP */
     double timeout_s;    /* of one response and of a connect, > 0 */
     const tl_modbus_channel *channels;

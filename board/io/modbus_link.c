@@ -1,14 +1,8 @@
-/* The part that every link has: being interrupted.
- *
- * Under one lock interrupt() makes the eventfd readable and cuts the connection, where the kind has one to cut.
- */
+/* The part that every link has: being interrupted. Whoever waits looks at an eventfd too. */
 #include "board/io/modbus_link.h"
 
 #include <errno.h>
-#include <modbus.h>
 #include <poll.h>
-#include <stdlib.h>
-#include <string.h>
 #include <sys/eventfd.h>
 #include <time.h>
 #include <unistd.h>
@@ -19,49 +13,28 @@ tl_time tl_modbus_link_now(void) {
     return (tl_time)now.tv_sec * TL_SECOND + now.tv_nsec;
 }
 
-bool tl_modbus_link_init(tl_modbus_link *link, const tl_modbus_link_kind *kind, void *context, tl_time timeout) {
+bool tl_modbus_link_init(tl_modbus_link *link, const tl_modbus_link_kind *kind, tl_time timeout) {
     link->kind = kind;
-    link->context = context;
     link->timeout = timeout;
     link->descriptor = -1;
     link->wake = eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC);
-    if (context == NULL || link->wake < 0 || pthread_mutex_init(&link->lock, NULL) != 0) {
-        if (link->wake >= 0) {
-            (void)close(link->wake);
-        }
-        modbus_free(context);
-        return false;
-    }
-    /* It recovers nothing by itself: its own recovery sleeps. */
-    (void)modbus_set_error_recovery(context, MODBUS_ERROR_RECOVERY_NONE);
-    (void)modbus_set_byte_timeout(context, 0, 0); /* none of its own: the response's goes on */
-    return true;
+    return link->wake >= 0;
 }
 
 void tl_modbus_link_done(tl_modbus_link *link) {
-    modbus_free(link->context);
     (void)close(link->wake);
-    (void)pthread_mutex_destroy(&link->lock);
 }
 
 void tl_modbus_link_interrupt(tl_modbus_link *link) {
     uint64_t one = 1;
-    (void)pthread_mutex_lock(&link->lock);
     /* It can only fail where the counter is full, and then it is set anyway. */
     ssize_t written = write(link->wake, &one, sizeof one);
     (void)written;
-    if (link->kind->cut != NULL) {
-        link->kind->cut(link);
-    }
-    (void)pthread_mutex_unlock(&link->lock);
 }
 
 bool tl_modbus_link_interrupted(tl_modbus_link *link) {
     uint64_t count = 0;
-    (void)pthread_mutex_lock(&link->lock); /* not between the two things that interrupt() does */
-    bool was = read(link->wake, &count, sizeof count) == (ssize_t)sizeof count;
-    (void)pthread_mutex_unlock(&link->lock);
-    return was;
+    return read(link->wake, &count, sizeof count) == (ssize_t)sizeof count;
 }
 
 bool tl_modbus_link_is_woken(const tl_modbus_link *link) {

@@ -1,7 +1,7 @@
 /* What is below the Modbus driver: a TCP connection (modbus_tcp.c) or a serial line (modbus_rtu.c). Private to the driver.
  *
  * Purpose: asks one request and waits for its response; any other thread can end the wait.
- * Owner:   one thread makes, connects, asks, closes, releases; tl_modbus_link_interrupt() is for any other.
+ * Owner:   one thread makes, connects, looks, asks, closes, releases; tl_modbus_link_interrupt() is for any other.
  * Discipline: a failure that is no exception is told by failed() before the next request, so that what still
  *          arrives of the old response is not taken for the answer to another: TCP begins a new connection, a serial line is
  *          listened to until it is quiet.
@@ -9,21 +9,16 @@
 #ifndef TL_BOARD_IO_MODBUS_LINK_H
 #define TL_BOARD_IO_MODBUS_LINK_H
 
-#include <pthread.h>
-#include <stdbool.h>
-#include <stddef.h>
-#include <stdint.h>
-
-#include "board/io/modbus_map.h"
-#include "master/base/simtime.h"
+#include "board/io/modbus_frame.h"
 
 typedef struct tl_modbus_link tl_modbus_link;
 
-/* Where the values of a response go; enough for any. */
-typedef struct tl_modbus_values {
-    uint8_t bits[TL_MODBUS_MAX_BITS];
-    uint16_t registers[TL_MODBUS_MAX_REGISTERS];
-} tl_modbus_values;
+/* What has happened to an open link since it was asked last. */
+typedef enum tl_modbus_health {
+    TL_MODBUS_SOUND,
+    TL_MODBUS_GONE,     /* closed by the other end */
+    TL_MODBUS_TALKATIVE /* more came than was asked for */
+} tl_modbus_health;
 
 typedef struct tl_modbus_link_kind {
     /* Devices are asked in turn on one line: after silence the next unit may be asked at once, over the same link. */
@@ -33,20 +28,16 @@ typedef struct tl_modbus_link_kind {
      * interrupted. */
     bool (*connect)(tl_modbus_link *link, char *cause, size_t cause_size);
 
-    /* Nothing has happened to an open link since it was asked last? */
-    bool (*is_sound)(const tl_modbus_link *link);
+    /* What is not sound must be closed before it is asked: what came could be taken for an answer. */
+    tl_modbus_health (*look)(const tl_modbus_link *link);
 
-    /* 0, or errno: libmodbus's for exceptions and nonsense; ETIMEDOUT for no answer, EPROTO for half of one, EBUSY for a
-     * line that is never quiet. */
-    int (*ask)(tl_modbus_link *link, const tl_modbus_read *read, tl_modbus_values *values);
+    /* `values` are those of the answer where the outcome is TL_MODBUS_VALUES, else anything. */
+    tl_modbus_outcome (*ask)(tl_modbus_link *link, const tl_modbus_read *read, tl_modbus_values *values);
 
-    /* The last request failed so: closes the link, or makes it ready for another. */
-    void (*failed)(tl_modbus_link *link, int failure);
+    /* The last request came to this, neither values nor an exception: closes the link, or makes it ready for another. */
+    void (*failed)(tl_modbus_link *link, const tl_modbus_outcome *outcome);
 
     void (*close)(tl_modbus_link *link);
-
-    /* Under the lock: ends a wait that does not look at `wake`. NULL: there is none. */
-    void (*cut)(tl_modbus_link *link);
 
     /* Closes, and frees what the kind has added, and the link. */
     void (*release)(tl_modbus_link *link);
@@ -55,22 +46,20 @@ typedef struct tl_modbus_link_kind {
 struct tl_modbus_link {
     const tl_modbus_link_kind *kind;
     char name[160];  /* for people: "Modbus server HOST:PORT" */
-    void *context;   /* modbus_t *, of libmodbus */
     tl_time timeout; /* ns; of one response */
     int descriptor;  /* −1: not connected */
     int wake;        /* eventfd: interrupted, and nobody has taken notice yet */
-    pthread_mutex_t lock;
 };
 
-/* To an address or name; NULL where a resource is missing, errno says which. Does not connect. */
-tl_modbus_link *tl_modbus_tcp_make(const char *host, uint16_t port, tl_time timeout);
+/* To an address or name; NULL where a resource is missing, errno says which. Does not connect. any_unit_id: answers may name
+ * another unit than was asked. */
+tl_modbus_link *tl_modbus_tcp_make(const char *host, uint16_t port, bool any_unit_id, tl_time timeout);
 
 /* To a serial line; the same. */
 tl_modbus_link *tl_modbus_rtu_make(const tl_modbus_line *line, tl_time timeout);
 
-/* For the kinds: the part that all have. false where a resource is missing; then `context` is freed. A NULL context is
- * one that is missing. */
-bool tl_modbus_link_init(tl_modbus_link *link, const tl_modbus_link_kind *kind, void *context, tl_time timeout);
+/* For the kinds: the part that all have. false where a resource is missing. */
+bool tl_modbus_link_init(tl_modbus_link *link, const tl_modbus_link_kind *kind, tl_time timeout);
 void tl_modbus_link_done(tl_modbus_link *link);
 
 /* Any thread: ends the waiting of the thread that connects or asks, or else its next one. */

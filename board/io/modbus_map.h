@@ -10,6 +10,7 @@
 #define TL_BOARD_IO_MODBUS_MAP_H
 
 #include "board/io/modbus.h"
+#include "board/io/modbus_outcome.h"
 
 enum {
     TL_MODBUS_MAX_REGISTERS = 125,
@@ -30,13 +31,13 @@ typedef struct tl_modbus_read {
     size_t first;   /* of its slots */
     size_t slots;
     tl_modbus_grain grain;
-    int trouble;     /* errno of libmodbus; 0: none. For the driver, as are the next */
-    tl_time pause;   /* ns; > 0: it was silent while others answered */
-    tl_time due;     /* not to be asked earlier */
-    tl_time hold;    /* nor than this: its unit owes an answer to another request */
-    uint64_t polled; /* the poll that has seen to it */
-    uint64_t silent; /* the poll in which it was last asked, and was silent or made no sense */
-    int failure;     /* errno of that */
+    tl_modbus_outcome trouble; /* that was told last; values: none. For the driver, as are the next */
+    tl_time pause;             /* ns; > 0: it was silent while others answered */
+    tl_time due;               /* not to be asked earlier */
+    tl_time hold;              /* nor than this: its unit owes an answer to another request */
+    uint64_t polled;           /* the poll that has seen to it */
+    uint64_t silent;           /* the poll in which it was last asked, and was silent or made no sense */
+    tl_modbus_outcome failure; /* what came of that */
 } tl_modbus_read;
 
 typedef struct tl_modbus_slot {

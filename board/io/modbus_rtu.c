@@ -29,10 +29,12 @@
 #define QUIET_WHERE_FAST (1750000) /* above 19200 Bd, whatever the speed */
 #define GAPS_IN_A_FRAME (200 * MILLISECOND)
 
-enum { REQUEST = 8, OVERHEAD = 5 }; /* bytes of a request; of a response, besides its values */
+enum { CHECK_SUM = 2, REQUEST = TL_MODBUS_BODY_REQUEST + CHECK_SUM };
+enum { OVERHEAD = 3 + CHECK_SUM }; /* bytes of a response, besides its values */
 
 typedef struct rtu_link {
     tl_modbus_link link;
+    modbus_t *context;
     char *device;
     bool rs485;
     tl_time character; /* ns on the wire */
@@ -47,7 +49,7 @@ static void rtu_close(tl_modbus_link *link) {
     if (link->descriptor >= 0) {
         (void)tcflush(link->descriptor, TCIOFLUSH); /* else closing may wait until all is sent */
         (void)ioctl(link->descriptor, TIOCNXCL);
-        modbus_close(link->context);
+        modbus_close(((rtu_link *)link)->context);
         link->descriptor = -1;
     }
 }
@@ -73,10 +75,10 @@ static int open_port(rtu_link *rtu) {
     if (!S_ISCHR(what.st_mode)) {
         return ENOTTY;
     }
-    if (modbus_connect(rtu->link.context) != 0) {
+    if (modbus_connect(rtu->context) != 0) {
         return errno;
     }
-    rtu->link.descriptor = modbus_get_socket(rtu->link.context);
+    rtu->link.descriptor = modbus_get_socket(rtu->context);
     if (rtu->link.descriptor >= FD_SETSIZE) { /* libmodbus waits with select() */
         return EMFILE;
     }
@@ -109,16 +111,24 @@ static bool rtu_connect(tl_modbus_link *link, char *cause, size_t cause_size) {
 }
 
 /* A device that was pulled out hangs up. Bytes that nobody asked for are seen to before the next request. */
-static bool rtu_is_sound(const tl_modbus_link *link) {
+static tl_modbus_health rtu_look(const tl_modbus_link *link) {
     struct pollfd one = {.fd = link->descriptor, .events = POLLIN};
-    return poll(&one, 1, 0) >= 0 && (one.revents & (POLLHUP | POLLERR | POLLNVAL)) == 0;
+    bool there = poll(&one, 1, 0) >= 0 && (one.revents & (POLLHUP | POLLERR | POLLNVAL)) == 0;
+    return there ? TL_MODBUS_SOUND : TL_MODBUS_GONE;
 }
 
-static void rtu_failed(tl_modbus_link *link, int failure) {
+/* Did the port fail, and not who is asked? */
+static bool is_of_the_port(const tl_modbus_outcome *outcome) {
+    const int failure = outcome->found;
+    return outcome->kind == TL_MODBUS_FAILED && failure != EINTR && failure != ETIMEDOUT && failure != EPROTO &&
+           failure != EBUSY && failure < MODBUS_ENOBASE;
+}
+
+static void rtu_failed(tl_modbus_link *link, const tl_modbus_outcome *outcome) {
     rtu_link *rtu = (rtu_link *)link;
     rtu->failed = true;
     rtu->last = tl_modbus_link_now();
-    if (failure != EINTR && failure != ETIMEDOUT && failure != EPROTO && failure != EBUSY && failure < MODBUS_ENOBASE) {
+    if (is_of_the_port(outcome)) {
         rtu_close(link);
     }
 }
@@ -127,6 +137,7 @@ static void rtu_release(tl_modbus_link *link) {
     rtu_link *rtu = (rtu_link *)link;
     rtu_close(link);
     tl_modbus_link_done(link);
+    modbus_free(rtu->context);
     free(rtu->device);
     free(rtu);
 }
@@ -160,19 +171,13 @@ static int await_quiet(rtu_link *rtu) {
     return EBUSY;
 }
 
-static size_t value_bytes(const tl_modbus_read *read) {
-    return read->table == TL_MODBUS_COIL || read->table == TL_MODBUS_DISCRETE ? (read->count + 7U) / 8
-                                                                              : 2U * read->count;
-}
-
 /* 0, or errno. */
 static int send_request(rtu_link *rtu, const tl_modbus_read *read) {
-    const uint8_t request[REQUEST - 2] = {
-        read->unit_id,          (uint8_t)read->table,        (uint8_t)(read->address >> 8),
-        (uint8_t)read->address, (uint8_t)(read->count >> 8), (uint8_t)read->count};
+    uint8_t request[TL_MODBUS_BODY_REQUEST];
+    tl_modbus_put_body(read, request);
     errno = EIO;
-    return modbus_set_slave(rtu->link.context, read->unit_id) == 0 &&
-                   modbus_send_raw_request(rtu->link.context, request, sizeof request) == REQUEST
+    return modbus_set_slave(rtu->context, read->unit_id) == 0 &&
+                   modbus_send_raw_request(rtu->context, request, sizeof request) == REQUEST
                ? 0
                : errno;
 }
@@ -183,41 +188,27 @@ static int receive(rtu_link *rtu, const tl_modbus_read *read, uint8_t *response,
     if (failure != 0) {
         return -failure;
     }
-    tl_time patience = (tl_time)(value_bytes(read) + OVERHEAD) * rtu->character + GAPS_IN_A_FRAME;
-    (void)modbus_set_response_timeout(rtu->link.context, (uint32_t)(patience / TL_SECOND),
+    tl_time patience = (tl_time)(tl_modbus_value_bytes(read) + OVERHEAD) * rtu->character + GAPS_IN_A_FRAME;
+    (void)modbus_set_response_timeout(rtu->context, (uint32_t)(patience / TL_SECOND),
                                       (uint32_t)(patience % TL_SECOND / 1000));
-    int length = modbus_receive_confirmation(rtu->link.context, response);
+    int length = modbus_receive_confirmation(rtu->context, response);
     if (length >= 0) {
         return length;
     }
     return errno == ETIMEDOUT ? -EPROTO : -errno;
 }
 
-/* Is this the answer to that? 0, or errno. */
-static int check_response(const tl_modbus_read *read, const uint8_t *response, size_t length) {
-    if (length < OVERHEAD || response[0] != read->unit_id) { /* of another unit libmodbus says that it has no length */
-        return EMBBADSLAVE;
-    }
-    if (response[1] == ((unsigned)read->table | 0x80U)) {
-        bool known = response[2] > 0 && response[2] < MODBUS_EXCEPTION_MAX;
-        return known ? MODBUS_ENOBASE + response[2] : EMBBADEXC;
-    }
-    bool fits = response[1] == (unsigned)read->table && response[2] == value_bytes(read) &&
-                length == value_bytes(read) + OVERHEAD;
-    return fits ? 0 : EMBBADDATA;
+static tl_modbus_outcome failed_with(int failure) {
+    tl_modbus_outcome outcome = {.kind = TL_MODBUS_FAILED, .found = failure};
+    return outcome;
 }
 
-static void take_values(const tl_modbus_read *read, const uint8_t *data, tl_modbus_values *values) {
-    for (size_t i = 0; i < read->count; i++) {
-        if (read->table == TL_MODBUS_COIL || read->table == TL_MODBUS_DISCRETE) {
-            values->bits[i] = (uint8_t)((unsigned)data[i / 8] >> i % 8 & 1U);
-        } else {
-            values->registers[i] = (uint16_t)((unsigned)data[2 * i] << 8 | data[2 * i + 1]);
-        }
-    }
+/* libmodbus has checked the sum, but not where another unit answers: then it says that the length is 0. */
+static tl_modbus_outcome check(const tl_modbus_read *read, const uint8_t *response, size_t length) {
+    return tl_modbus_check_rtu(read, response, length < OVERHEAD ? OVERHEAD - CHECK_SUM : length - CHECK_SUM);
 }
 
-static int rtu_ask(tl_modbus_link *link, const tl_modbus_read *read, tl_modbus_values *values) {
+static tl_modbus_outcome rtu_ask(tl_modbus_link *link, const tl_modbus_read *read, tl_modbus_values *values) {
     rtu_link *rtu = (rtu_link *)link;
     uint8_t response[MODBUS_RTU_MAX_ADU_LENGTH] = {0};
     int failure = await_quiet(rtu);
@@ -225,25 +216,25 @@ static int rtu_ask(tl_modbus_link *link, const tl_modbus_read *read, tl_modbus_v
         failure = send_request(rtu, read);
     }
     if (failure != 0) {
-        return failure;
+        return failed_with(failure);
     }
     tl_time deadline = tl_modbus_link_now() + link->timeout + REQUEST * rtu->character;
     int length = receive(rtu, read, response, deadline);
     rtu->last = tl_modbus_link_now();
     rtu->failed = false;
     if (length < 0) {
-        return -length;
+        return failed_with(-length);
     }
-    failure = check_response(read, response, (size_t)length);
-    if (failure == 0) {
-        take_values(read, response + 3, values);
+    tl_modbus_outcome outcome = check(read, response, (size_t)length);
+    if (outcome.kind == TL_MODBUS_VALUES) {
+        tl_modbus_take_values(read, response + 3, values);
     }
-    return failure;
+    return outcome;
 }
 
 static const tl_modbus_link_kind RTU = {.is_line = true,
                                         .connect = rtu_connect,
-                                        .is_sound = rtu_is_sound,
+                                        .look = rtu_look,
                                         .ask = rtu_ask,
                                         .failed = rtu_failed,
                                         .close = rtu_close,
@@ -260,17 +251,19 @@ tl_modbus_link *tl_modbus_rtu_make(const tl_modbus_line *line, tl_time timeout) 
         return NULL;
     }
     rtu->device = strdup(line->device);
+    rtu->context = modbus_new_rtu(line->device, (int)line->baud, line->parity, 8, line->stop_bits);
     rtu->rs485 = line->rs485;
     rtu->character = character_time(line);
     rtu->quiet = line->baud > 19200 ? QUIET_WHERE_FAST : 7 * rtu->character / 2;
     (void)snprintf(rtu->link.name, sizeof rtu->link.name, "Modbus line %.120s", line->device);
-    if (rtu->device == NULL ||
-        !tl_modbus_link_init(&rtu->link, &RTU,
-                             modbus_new_rtu(line->device, (int)line->baud, line->parity, 8, line->stop_bits),
-                             timeout)) {
+    if (rtu->device == NULL || rtu->context == NULL || !tl_modbus_link_init(&rtu->link, &RTU, timeout)) {
+        modbus_free(rtu->context);
         free(rtu->device);
         free(rtu);
         return NULL;
     }
+    /* It recovers nothing by itself: its own recovery sleeps. */
+    (void)modbus_set_error_recovery(rtu->context, MODBUS_ERROR_RECOVERY_NONE);
+    (void)modbus_set_byte_timeout(rtu->context, 0, 0); /* none of its own: the response's goes on */
     return &rtu->link;
 }

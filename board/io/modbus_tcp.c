@@ -1,15 +1,12 @@
 /* The TCP connection of the Modbus driver.
  *
- * interrupt() shuts the socket down, under the lock under which the owner publishes its socket. So either interrupt() sees
- * the socket, or the owner, who looks at the eventfd after it has published, sees that it was interrupted; and nobody
- * shuts a descriptor down that has just been closed and given to somebody else.
- *
- * Of libmodbus only the reading functions are used; it does not connect.
+ * libmodbus is not used here: its reading functions take the answer of any unit and of most protocols, and do not look at the
+ * length; what it sends for others to check is always transaction 0, so that a late answer looks like the next one. A request is
+ * 12 bytes and only such that read are made (modbus_frame.h); an answer is received as far as it is right.
  */
 #include "board/io/modbus_link.h"
 
 #include <errno.h>
-#include <modbus.h>
 #include <netdb.h>
 #include <netinet/in.h>
 #include <netinet/tcp.h>
@@ -17,7 +14,6 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/select.h>
 #include <sys/socket.h>
 #include <unistd.h>
 
@@ -25,17 +21,9 @@ typedef struct tcp_link {
     tl_modbus_link link;
     char *host;
     char service[8];
+    bool any_unit_id;
+    uint16_t transaction; /* of the last request */
 } tcp_link;
-
-static void publish(tl_modbus_link *link, int descriptor) {
-    (void)pthread_mutex_lock(&link->lock);
-    int old = link->descriptor;
-    link->descriptor = descriptor;
-    (void)pthread_mutex_unlock(&link->lock);
-    if (old >= 0) {
-        (void)close(old);
-    }
-}
 
 /* errno of the connection that was begun, 0 where it stands. */
 static int await_connection(const tl_modbus_link *link, int descriptor, tl_time deadline) {
@@ -69,9 +57,7 @@ static int connect_to(tl_modbus_link *link, const struct addrinfo *address, tl_t
         return errno;
     }
     int failure = 0;
-    if (descriptor >= FD_SETSIZE) { /* libmodbus waits with select() */
-        failure = EMFILE;
-    } else if (connect(descriptor, address->ai_addr, address->ai_addrlen) != 0) {
+    if (connect(descriptor, address->ai_addr, address->ai_addrlen) != 0) {
         failure = errno == EINPROGRESS || errno == EINTR ? await_connection(link, descriptor, deadline) : errno;
     }
     if (failure == 0 && is_own_echo(descriptor)) {
@@ -82,7 +68,7 @@ static int connect_to(tl_modbus_link *link, const struct addrinfo *address, tl_t
         return failure;
     }
     (void)setsockopt(descriptor, IPPROTO_TCP, TCP_NODELAY, &one, sizeof one);
-    publish(link, descriptor);
+    link->descriptor = descriptor;
     return 0;
 }
 
@@ -116,91 +102,109 @@ static bool tcp_connect(tl_modbus_link *link, char *cause, size_t cause_size) {
         (void)snprintf(cause, cause_size, "no connection: %s", strerror(failure));
         return false;
     }
-    if (tl_modbus_link_is_woken(link)) { /* between the wait and the publication, or by the one who has seen it */
-        publish(link, -1);
-        return false;
-    }
-    (void)modbus_set_socket(link->context, link->descriptor);
     return true;
 }
 
 /* Nothing comes while nothing was asked for: else the other side has closed, or talks out of turn. */
-static bool tcp_is_sound(const tl_modbus_link *link) {
-    struct pollfd one = {.fd = link->descriptor, .events = POLLIN};
-    return poll(&one, 1, 0) == 0;
+static tl_modbus_health tcp_look(const tl_modbus_link *link) {
+    uint8_t byte = 0;
+    ssize_t count = recv(link->descriptor, &byte, 1, MSG_PEEK | MSG_DONTWAIT);
+    if (count > 0) {
+        return TL_MODBUS_TALKATIVE;
+    }
+    return count < 0 && (errno == EAGAIN || errno == EINTR) ? TL_MODBUS_SOUND : TL_MODBUS_GONE;
 }
 
-static int tcp_ask(tl_modbus_link *link, const tl_modbus_read *read, tl_modbus_values *values) {
-    int count = -1;
-    if (modbus_set_slave(link->context, read->unit_id) != 0) {
-        return errno;
+static tl_modbus_outcome failed_with(int failure) {
+    tl_modbus_outcome outcome = {.kind = TL_MODBUS_FAILED, .found = failure};
+    return outcome;
+}
+
+/* Waits for some of at most `room` bytes. 0, or errno. */
+static int receive(const tl_modbus_link *link, uint8_t *bytes, size_t room, tl_time deadline, size_t *size) {
+    int failure = tl_modbus_link_await(link, link->descriptor, POLLIN, deadline);
+    if (failure != 0) {
+        return failure;
     }
-    switch (read->table) {
-    case TL_MODBUS_COIL:
-        count = modbus_read_bits(link->context, read->address, read->count, values->bits);
-        break;
-    case TL_MODBUS_DISCRETE:
-        count = modbus_read_input_bits(link->context, read->address, read->count, values->bits);
-        break;
-    case TL_MODBUS_HOLDING:
-        count = modbus_read_registers(link->context, read->address, read->count, values->registers);
-        break;
-    case TL_MODBUS_INPUT:
-        count = modbus_read_input_registers(link->context, read->address, read->count, values->registers);
-        break;
+    ssize_t count = recv(link->descriptor, bytes, room, 0);
+    if (count == 0) {
+        return *size == 0 ? ECONNRESET : EPROTO;
     }
-    if (count == read->count) {
-        return 0;
+    if (count < 0) {
+        return errno == EAGAIN || errno == EINTR ? 0 : errno;
     }
-    return count < 0 ? errno : EMBBADDATA;
+    *size += (size_t)count;
+    return 0;
+}
+
+static tl_modbus_outcome tcp_ask(tl_modbus_link *link, const tl_modbus_read *read, tl_modbus_values *values) {
+    tcp_link *tcp = (tcp_link *)link;
+    uint8_t request[TL_MODBUS_TCP_REQUEST];
+    uint8_t answer[TL_MODBUS_TCP_ANSWER];
+    tcp->transaction++;
+    const tl_modbus_question asked = {.read = read, .transaction = tcp->transaction, .any_unit_id = tcp->any_unit_id};
+    tl_modbus_put_request(&asked, request);
+    errno = EIO;
+    if (send(link->descriptor, request, sizeof request, MSG_NOSIGNAL) != (ssize_t)sizeof request) {
+        return failed_with(errno);
+    }
+    tl_time deadline = tl_modbus_link_now() + link->timeout;
+    size_t size = 0;
+    size_t missing = 0;
+    tl_modbus_outcome outcome = tl_modbus_check_tcp(&asked, answer, size, &missing);
+    while (missing > 0) {
+        int failure = receive(link, answer + size, missing, deadline, &size);
+        if (failure != 0) {
+            return failed_with(failure);
+        }
+        outcome = tl_modbus_check_tcp(&asked, answer, size, &missing);
+    }
+    if (outcome.kind == TL_MODBUS_VALUES) {
+        tl_modbus_take_values(read, answer + TL_MODBUS_TCP_FIRST, values);
+    }
+    return outcome;
 }
 
 static void tcp_close(tl_modbus_link *link) {
-    publish(link, -1);
-}
-
-static void tcp_failed(tl_modbus_link *link, int failure) {
-    (void)failure;
-    publish(link, -1);
-}
-
-static void tcp_cut(tl_modbus_link *link) {
     if (link->descriptor >= 0) {
-        (void)shutdown(link->descriptor, SHUT_RDWR);
+        (void)close(link->descriptor);
+        link->descriptor = -1;
     }
+}
+
+static void tcp_failed(tl_modbus_link *link, const tl_modbus_outcome *outcome) {
+    (void)outcome;
+    tcp_close(link);
 }
 
 static void tcp_release(tl_modbus_link *link) {
     tcp_link *tcp = (tcp_link *)link;
-    publish(link, -1);
+    tcp_close(link);
     tl_modbus_link_done(link);
     free(tcp->host);
     free(tcp);
 }
 
 static const tl_modbus_link_kind TCP = {.connect = tcp_connect,
-                                        .is_sound = tcp_is_sound,
+                                        .look = tcp_look,
                                         .ask = tcp_ask,
                                         .failed = tcp_failed,
                                         .close = tcp_close,
-                                        .cut = tcp_cut,
                                         .release = tcp_release};
 
-tl_modbus_link *tl_modbus_tcp_make(const char *host, uint16_t port, tl_time timeout) {
+tl_modbus_link *tl_modbus_tcp_make(const char *host, uint16_t port, bool any_unit_id, tl_time timeout) {
     tcp_link *tcp = calloc(1, sizeof *tcp);
     if (tcp == NULL) {
         return NULL;
     }
     tcp->host = strdup(host);
+    tcp->any_unit_id = any_unit_id;
     (void)snprintf(tcp->service, sizeof tcp->service, "%u", (unsigned)port);
     (void)snprintf(tcp->link.name, sizeof tcp->link.name, "Modbus server %.80s:%s", host, tcp->service);
-    /* Neither address nor port is used: the socket is ours. */
-    if (tcp->host == NULL || !tl_modbus_link_init(&tcp->link, &TCP, modbus_new_tcp("127.0.0.1", 502), timeout)) {
+    if (tcp->host == NULL || !tl_modbus_link_init(&tcp->link, &TCP, timeout)) {
         free(tcp->host);
         free(tcp);
         return NULL;
     }
-    (void)modbus_set_response_timeout(tcp->link.context, (uint32_t)(timeout / TL_SECOND),
-                                      (uint32_t)(timeout % TL_SECOND / 1000));
     return &tcp->link;
 }

@@ -9,6 +9,16 @@
 
 #include "fmi2FunctionTypes.h"
 
+struct tl_ports;
+
+/* Not FMI's: fmi2SetReal, fmi2DoStep and fmi2GetReal of one instance in one go, of an instance that has no other ports. Whoever stands
+ * in front of an FMU has its own work once and not three times, which for a small FMU is the difference.
+ * final: no earlier state will be restored. last: no other instance is stepped at once after this one.
+ * *done counts the calls that succeeded; the status is that of the last one made. */
+typedef fmi2Status tl_fmi2_step_reals(fmi2Component instance, const struct tl_ports *inputs,
+                                      const struct tl_ports *outputs, fmi2Real now, fmi2Real step, fmi2Boolean final,
+                                      fmi2Boolean last, unsigned *done);
+
 /* Functions an FMU may omit (its capability flags say so) are NULL. */
 typedef struct tl_fmi2 {
     fmi2GetTypesPlatformTYPE *get_types_platform;
@@ -39,6 +49,7 @@ typedef struct tl_fmi2 {
     fmi2CancelStepTYPE *cancel_step;
     fmi2GetStatusTYPE *get_status;
     fmi2GetBooleanStatusTYPE *get_boolean_status;
+    tl_fmi2_step_reals *step_reals; /* NULL: the three are called one by one */
 } tl_fmi2;
 
 #endif

@@ -22,13 +22,13 @@ static fmi2ValueReference reference_of(const tl_fmu *fmu, const char *name) {
 
 void bench_chain_open(bench_chain *chain, const tl_fmu *fmu, size_t count) {
     memset(chain, 0, sizeof *chain);
-    chain->fmi = &fmu->functions;
+    chain->fmi = &fmu->guard.own;
     chain->count = count;
     chain->input = reference_of(fmu, "u");
     chain->output = reference_of(fmu, "y");
     for (size_t k = 0; k < count; k++) {
         fmi2Component instance = chain->fmi->instantiate("floor", fmi2CoSimulation, fmu->model.guid, fmu->resources,
-                                                         &fmu->callbacks, fmi2False, fmi2False);
+                                                         &fmu->guard.given, fmi2False, fmi2False);
         if (instance == NULL) {
             bench_fail(fmu->path, "cannot be instantiated");
         }

@@ -38,8 +38,8 @@ static void draft_chain(bench_draft *draft, const bench_setup *setup) {
         draft->components[k] = (tl_plan_component){.where = draft->names[k],
                                                    .name = draft->names[k],
                                                    .model = &setup->fmu->model,
-                                                   .functions = &setup->fmu->functions,
-                                                   .callbacks = &setup->fmu->callbacks,
+                                                   .functions = &setup->fmu->guard.functions,
+                                                   .callbacks = &setup->fmu->guard.callbacks,
                                                    .resources = setup->fmu->resources};
         if (k > 0) {
             connect(draft, draft->outputs[k - 1], draft->inputs[k]);

@@ -64,7 +64,7 @@ TOLD = {
     "garbage": ("warning", "inverter: Modbus server", "connected"),
     "exception": ("info", "unit 1, input register 0 to 2: Slave device or server failure", "answers again"),
     "half_frame": ("warning", "no answer within 0.1 s", "connected"),
-    "other_answer": ("warning", "Invalid data", "connected"),
+    "other_answer": ("warning", "answered transaction ", "connected"),
     "storm": ("warning", "inverter: Modbus server", "connected"),
 }
 FAULT_STEPS = 60

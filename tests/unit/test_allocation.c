@@ -204,9 +204,9 @@ static bool wasteful; /* the FMU takes and gives back memory in each step */
 
 static fmi2Status fmu_step(fmi2Component component, fmi2Real time, fmi2Real step, fmi2Boolean final) {
     in_fmu = true;
-    void *block = wasteful ? lag.callbacks.allocateMemory(3, 8) : NULL;
+    void *block = wasteful ? lag.guard.callbacks.allocateMemory(3, 8) : NULL;
     fmi2Status status = of_lag.do_step(component, time, step, final);
-    lag.callbacks.freeMemory(block);
+    lag.guard.callbacks.freeMemory(block);
     in_fmu = false;
     return status;
 }
@@ -228,10 +228,11 @@ static fmi2Status fmu_set_state(fmi2Component component, fmi2FMUstate state) {
 void setUp(void) {
     tl_error error = {TL_OK, ""};
     TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_fmu_load(TL_BINARY_DIR "/fmus/lag.fmu", &lag, &error), error.text);
-    of_lag = lag.functions;
-    lag.functions.do_step = fmu_step;
-    lag.functions.get_fmu_state = fmu_get_state;
-    lag.functions.set_fmu_state = fmu_set_state;
+    of_lag = lag.guard.functions;
+    lag.guard.functions.do_step = fmu_step;
+    lag.guard.functions.get_fmu_state = fmu_get_state;
+    lag.guard.functions.set_fmu_state = fmu_set_state;
+    lag.guard.functions.step_reals = NULL; /* so that do_step is called */
     wasteful = false;
     run.twin = NULL;
     tl_test_log_clear(&call_log);
@@ -252,8 +253,8 @@ void tearDown(void) {
 static void add_lag(const char *name) {
     tl_plan_component *component = tl_test_plan_component(&plan, name, &discrete);
     component->model = &lag.model;
-    component->functions = &lag.functions;
-    component->callbacks = &lag.callbacks;
+    component->functions = &lag.guard.functions;
+    component->callbacks = &lag.guard.callbacks;
     component->resources = lag.resources;
 }
 

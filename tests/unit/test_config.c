@@ -123,7 +123,9 @@ static void test_sources(void) {
     TEST_ASSERT_EQUAL_UINT16(1502, source[0].port);
     TEST_ASSERT_EQUAL_DOUBLE(0.02, source[0].period_s);
     TEST_ASSERT_EQUAL_DOUBLE(0.25, source[0].timeout_s);
+    TEST_ASSERT_TRUE(source[0].any_unit_id);
     TEST_ASSERT_EQUAL_STRING("plc.example", source[1].host);
+    TEST_ASSERT_FALSE(source[1].any_unit_id);
     TEST_ASSERT_EQUAL_UINT16(502, source[1].port);
     TEST_ASSERT_EQUAL_DOUBLE(0.01, source[1].period_s);
     TEST_ASSERT_EQUAL_DOUBLE(0.5, source[1].timeout_s);

@@ -194,6 +194,10 @@ static void test_sources(void) {
          "found 65536 (number), expected a whole number from 1 to 65535, for example 502", NULL},
         {"\"port\": 1502", "\"port\": 1.5", "sources.plc.modbus_tcp.port",
          "found 1.5 (number), expected a whole number from 1 to 65535, for example 502", NULL},
+        {"\"any_unit_id\": true", "\"any_unit_id\": 1", "sources.plc.modbus_tcp.any_unit_id",
+         "found 1 (number), expected true or false, for example true", NULL},
+        {"\"any_unit_id\": true", "\"any_unit\": true", "sources.plc.modbus_tcp.any_unit",
+         "found the unknown key \"any_unit\", expected one of host, port, any_unit_id, timeout_s, period_s", NULL},
         {"\"period_s\": 0.02", "\"period_s\": 0", "sources.plc.modbus_tcp.period_s",
          "found 0 (number), expected a number from 1e-05 to 3600, for example 0.1", NULL},
         {"\"timeout_s\": 0.25", "\"timeout_s\": 61", "sources.plc.modbus_tcp.timeout_s",
@@ -922,6 +926,21 @@ static void test_delays_of_other_kinds(void) {
     EXPECT_EACH(free_running, changes);
 }
 
+/* Delays count in steps: without one, only the step is wrong. */
+static void test_delays_without_a_step(void) {
+    static const change changes[] = {
+        {"\"step_s\": 0.1", "\"delays\": \"measure\"", "step_s",
+         "found nothing, expected a number from 1e-05 to 3600, for example 0.01", "{"},
+        {"\"step_s\": 0.1", "\"step_s\": 0, \"delays\": \"measure\"", "step_s",
+         "found 0 (number), expected a number from 1e-05 to 3600, for example 0.01", NULL},
+        {"\"step_s\": 0.1", "\"step_s\": \"0.1\", \"delays\": \"measure\"", "step_s",
+         "found \"0.1\" (text), expected a number from 1e-05 to 3600, for example 0.01", NULL},
+        {"\"step_s\": 0.1", "\"step_s\": 0, \"delays\": {\"measure\": true, \"input\": 0.5}", "step_s",
+         "found 0 (number), expected a number from 1e-05 to 3600, for example 0.01", NULL},
+    };
+    EXPECT_EACH(free_running, changes);
+}
+
 /* 62 signals, three of which would be there twice. */
 static void test_too_many_look_ups(void) {
     enum { SIGNALS = 62, ROOM = 16384 };
@@ -1176,6 +1195,7 @@ int main(void) {
     RUN_TEST(test_emulate);
     RUN_TEST(test_delays);
     RUN_TEST(test_delays_of_other_kinds);
+    RUN_TEST(test_delays_without_a_step);
     RUN_TEST(test_too_many_look_ups);
     RUN_TEST(test_doubled_keys);
     RUN_TEST(test_everything_at_once);

@@ -169,11 +169,11 @@ static bool exists(const char *path) {
 /* ---- A good FMU ---------------------------------------------------------------------------------------- */
 
 static double run_ten_steps(void) {
-    const tl_fmi2 *fmi = &fmu.functions;
+    const tl_fmi2 *fmi = &fmu.guard.functions;
     const tl_variable *omega = tl_model_variable(&fmu.model, "omega");
     TEST_ASSERT_NOT_NULL(omega);
-    fmi2Component instance =
-        fmi->instantiate("one", fmi2CoSimulation, fmu.model.guid, fmu.resources, &fmu.callbacks, fmi2False, fmi2False);
+    fmi2Component instance = fmi->instantiate("one", fmi2CoSimulation, fmu.model.guid, fmu.resources,
+                                              &fmu.guard.callbacks, fmi2False, fmi2False);
     TEST_ASSERT_NOT_NULL(instance);
     TEST_ASSERT_EQUAL_INT(fmi2OK, fmi->setup_experiment(instance, fmi2False, 0, 0, fmi2False, 0));
     TEST_ASSERT_EQUAL_INT(fmi2OK, fmi->enter_initialization_mode(instance));
@@ -192,11 +192,11 @@ static void test_a_good_fmu_runs(void) {
     expect_loaded(GOOD);
     TEST_ASSERT_EQUAL_STRING(GOOD, fmu.path);
     TEST_ASSERT_EQUAL_STRING("motor", fmu.model.identifier);
-    TEST_ASSERT_EQUAL_PTR(&fmu, fmu.callbacks.componentEnvironment);
-    TEST_ASSERT_NULL(fmu.callbacks.stepFinished);
+    TEST_ASSERT_EQUAL_PTR(&fmu.guard, fmu.guard.callbacks.componentEnvironment);
+    TEST_ASSERT_NULL(fmu.guard.callbacks.stepFinished);
     TEST_ASSERT_TRUE(fmu.model.capabilities.can_get_and_set_state);
-    TEST_ASSERT_NOT_NULL(fmu.functions.get_fmu_state);
-    TEST_ASSERT_NOT_NULL(fmu.functions.deserialize_fmu_state);
+    TEST_ASSERT_NOT_NULL(fmu.guard.functions.get_fmu_state);
+    TEST_ASSERT_NOT_NULL(fmu.guard.functions.deserialize_fmu_state);
     TEST_ASSERT_TRUE(isfinite(run_ten_steps()));
     tl_fmu_unload(&fmu);
     TEST_ASSERT_EQUAL_size_t(0, count_all(temporary));
@@ -208,7 +208,7 @@ static void test_each_load_has_a_binary_of_its_own(void) {
     expect_loaded(GOOD);
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_fmu_load(GOOD, &other, &error));
     TEST_ASSERT_EQUAL_size_t(2, count_unpacked());
-    TEST_ASSERT_TRUE(fmu.functions.do_step != other.functions.do_step);
+    TEST_ASSERT_TRUE(fmu.guard.own.do_step != other.guard.own.do_step);
     TEST_ASSERT_EQUAL_DOUBLE(run_ten_steps(), run_ten_steps());
     tl_fmu_unload(&other);
     TEST_ASSERT_EQUAL_size_t(1, count_unpacked());
@@ -669,9 +669,9 @@ static void test_optional_functions(void) {
     replace_in_description("canSerializeFMUstate=\"true\"", "");
     write_made();
     expect_loaded(made);
-    TEST_ASSERT_NULL(fmu.functions.set_fmu_state);
-    TEST_ASSERT_NULL(fmu.functions.get_fmu_state);
-    TEST_ASSERT_NULL(fmu.functions.serialize_fmu_state);
+    TEST_ASSERT_NULL(fmu.guard.functions.set_fmu_state);
+    TEST_ASSERT_NULL(fmu.guard.functions.get_fmu_state);
+    TEST_ASSERT_NULL(fmu.guard.functions.serialize_fmu_state);
 }
 
 static void test_versions_of_the_binary(void) {
@@ -701,8 +701,8 @@ static void test_a_wrong_guid(void) {
     write_made();
     expect_loaded(made);
     TEST_ASSERT_TRUE(tl_stderr_capture_begin());
-    fmi2Component instance = fmu.functions.instantiate("pump1", fmi2CoSimulation, fmu.model.guid, fmu.resources,
-                                                       &fmu.callbacks, fmi2False, fmi2False);
+    fmi2Component instance = fmu.guard.functions.instantiate("pump1", fmi2CoSimulation, fmu.model.guid, fmu.resources,
+                                                             &fmu.guard.callbacks, fmi2False, fmi2False);
     char *text = tl_stderr_capture_end();
     TEST_ASSERT_NULL(instance);
     TEST_ASSERT_NOT_NULL(text);
@@ -721,8 +721,8 @@ static void expect_messages(const char *expected) {
 
 static void test_messages(void) {
     expect_loaded(GOOD);
-    fmi2CallbackLogger logger = fmu.callbacks.logger;
-    fmi2ComponentEnvironment environment = fmu.callbacks.componentEnvironment;
+    fmi2CallbackLogger logger = fmu.guard.callbacks.logger;
+    fmi2ComponentEnvironment environment = fmu.guard.given.componentEnvironment;
     TEST_ASSERT_TRUE(tl_stderr_capture_begin());
     logger(environment, "m1", fmi2OK, "logEvents", "not shown");
     logger(environment, "m1", fmi2Pending, "logEvents", "not shown");
@@ -735,7 +735,8 @@ static void test_messages(void) {
     expect_messages("twinlock: warning: FMU motor, instance m1: omega is 5 or 2.5 [logStatusWarning]\n"
                     "twinlock: warning: FMU motor, instance m1: step [c]\n"
                     "twinlock: error: FMU motor: 100 % wrong\n"
-                    "twinlock: error: FMU motor, instance m1: dead [c]\n");
+                    "twinlock: error: FMU motor, instance m1: dead [c]\n"
+                    "twinlock: error: FMU (unknown), instance m1: whose? [c]\n");
     tl_log_set_level(TL_LOG_DEBUG);
     TEST_ASSERT_TRUE(tl_stderr_capture_begin());
     logger(environment, "m1", fmi2OK, "logEvents", "shown now");
@@ -750,7 +751,7 @@ static void test_messages_that_write_back(void) {
         char expected[128];
         TEST_ASSERT_TRUE(tl_stderr_capture_begin());
         fmi2String message = texts[i];
-        fmu.callbacks.logger(&fmu, "m", fmi2Error, "c", message);
+        fmu.guard.given.logger(&fmu.guard.logger, "m", fmi2Error, "c", message);
         (void)snprintf(expected, sizeof expected, "twinlock: error: FMU motor, instance m: %s [c]\n", message);
         expect_messages(expected);
     }
@@ -761,9 +762,9 @@ static void test_messages_are_bounded(void) {
     memset(large, 'x', sizeof large - 1);
     expect_loaded(GOOD);
     TEST_ASSERT_TRUE(tl_stderr_capture_begin());
-    fmu.callbacks.logger(&fmu, "m", fmi2Error, "c", "%s", large);
+    fmu.guard.given.logger(&fmu.guard.logger, "m", fmi2Error, "c", "%s", large);
     for (int i = 0; i < 1000; i++) {
-        fmu.callbacks.logger(&fmu, "m", fmi2Error, "c", "again and again %d", i);
+        fmu.guard.given.logger(&fmu.guard.logger, "m", fmi2Error, "c", "again and again %d", i);
     }
     tl_fmu_unload(&fmu); /* says what was dropped */
     char *text = tl_stderr_capture_end();

@@ -101,12 +101,13 @@ static int load_with_library(void) {
     if (tl_fmu_load(made, &fmu, NULL) != TL_OK) {
         return 3;
     }
-    fmi2Component instance = fmu.functions.instantiate("one", fmi2CoSimulation, fmu.model.guid, fmu.resources,
-                                                       &fmu.callbacks, fmi2False, fmi2False); /* compares the GUIDs */
+    fmi2Component instance =
+        fmu.guard.functions.instantiate("one", fmi2CoSimulation, fmu.model.guid, fmu.resources, &fmu.guard.callbacks,
+                                        fmi2False, fmi2False); /* compares the GUIDs */
     if (instance == NULL) {
         return 4;
     }
-    fmu.functions.free_instance(instance);
+    fmu.guard.functions.free_instance(instance);
     tl_fmu_unload(&fmu);
     return 0;
 }

@@ -290,6 +290,21 @@ static void unit_2_fails_strangely(int line, const uint8_t *request) {
     request[0] == 2 ? exception(line, request, 0x50) : sane(line, request);
 }
 
+static void unit_2_fails_with_0(int line, const uint8_t *request) {
+    request[0] == 2 ? exception(line, request, 0) : sane(line, request);
+}
+
+static void too_many_values(int line, const uint8_t *request) {
+    uint8_t frame[FRAME] = {request[0], request[1], 6, 0, 1, 0, 2, 0, 3};
+    say(line, frame, finish(frame, 9));
+}
+
+/* The number of bytes is another than there are. */
+static void wrong_number_of_bytes(int line, const uint8_t *request) {
+    uint8_t frame[FRAME] = {request[0], request[1], 3, 0, 1, 0, 2};
+    say(line, frame, finish(frame, 7));
+}
+
 static void unit_2_is_silent(int line, const uint8_t *request) {
     request[0] == 2 ? silent(line, request) : sane(line, request);
 }
@@ -580,15 +595,23 @@ static void test_garbage(void) {
 }
 
 static void test_an_answer_of_another_unit(void) {
-    expect_down_and_up(another_unit, "not from requested slave");
+    expect_down_and_up(another_unit, "answered as unit 2 when asked for unit 1: is there another master on the line?");
 }
 
 static void test_an_answer_of_another_function(void) {
-    expect_down_and_up(another_function, "Invalid data");
+    expect_down_and_up(another_function, "answered function 4 when asked for function 3: ");
 }
 
 static void test_too_few_values(void) {
-    expect_down_and_up(too_few_values, "Invalid data");
+    expect_down_and_up(too_few_values, "answered 2 bytes of values when asked for 4: ");
+}
+
+static void test_too_many_values(void) {
+    expect_down_and_up(too_many_values, "answered 6 bytes of values when asked for 4: ");
+}
+
+static void test_a_wrong_number_of_bytes(void) {
+    expect_down_and_up(wrong_number_of_bytes, "Invalid CRC");
 }
 
 static void test_more_than_was_asked_for(void) {
@@ -705,7 +728,13 @@ static void test_an_exception_costs_its_own_channels_only(void) {
 }
 
 static void test_an_exception_that_nobody_knows(void) {
-    expect_own_channels_only(unit_2_fails_strangely, "unit 2, holding register 2 to 2: Invalid exception code");
+    expect_own_channels_only(unit_2_fails_strangely,
+                             "unit 2, holding register 2 to 2: exception 80, which Modbus does not define: ");
+}
+
+static void test_the_exception_0(void) {
+    expect_own_channels_only(unit_2_fails_with_0,
+                             "unit 2, holding register 2 to 2: exception 0, which Modbus does not define: ");
 }
 
 /* Not even in the poll in which that is found. */
@@ -884,12 +913,15 @@ int main(void) {
     RUN_TEST(test_an_answer_of_another_unit);
     RUN_TEST(test_an_answer_of_another_function);
     RUN_TEST(test_too_few_values);
+    RUN_TEST(test_too_many_values);
+    RUN_TEST(test_a_wrong_number_of_bytes);
     RUN_TEST(test_more_than_was_asked_for);
     RUN_TEST(test_noise_between_polls);
     RUN_TEST(test_a_late_answer_is_not_taken_for_another);
     RUN_TEST(test_a_line_that_is_never_quiet);
     RUN_TEST(test_an_exception_costs_its_own_channels_only);
     RUN_TEST(test_an_exception_that_nobody_knows);
+    RUN_TEST(test_the_exception_0);
     RUN_TEST(test_garbage_costs_its_own_channels_only);
     RUN_TEST(test_a_hole_is_not_read);
     RUN_TEST(test_a_silent_unit_does_not_stop_the_others);

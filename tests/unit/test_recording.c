@@ -90,6 +90,7 @@ static void expect_refused(const char *text) {
     TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, text), error.text);
     TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, path), error.text);
     TEST_ASSERT_NULL(recording);
+    error = (tl_error){TL_OK, ""};
 }
 
 /* Time is the recording's own; tick 0 is at the first row. */
@@ -185,6 +186,52 @@ static void test_what_is_wrong_is_said_at_once(void) {
     expect_refused("\"door\"");
     (void)remove(path);
     expect_refused("No such file");
+}
+
+/* A clock that was set between two rows would have it replayed for days. */
+static void test_a_gap_that_is_too_wide(void) {
+    write_csv("time,speed,torque,door\n0,1,1,0\n1000000,1,1,0\n");
+    open_recording();
+    TEST_ASSERT_EQUAL_INT64(TL_RECORDING_GAP + 1, tl_recording_ticks(recording));
+    tl_recording_close(recording);
+    recording = NULL;
+    write_csv("time,speed,torque,door\n0,1,1,0\n5,1,1,0\n1000005.01,1,1,0\n1000006,1,1,0\n");
+    expect_refused(
+        "between the rows at 5.000000000 s and 1000005.010000000 s there are 100000001 steps of 0.01 s, at most "
+        "100000000 are allowed: correct the time, or cut the recording there");
+    write_csv("time,speed,torque,door\n0.5,1,1,0\n900000000,1,1,0\n");
+    expect_refused("there are 89999999950 steps of 0.01 s");
+}
+
+/* As far apart as rows may be: what is between them fits into a time, and is told. */
+static void test_rows_at_the_ends_of_time(void) {
+    write_csv("time,speed,torque,door\n-4.6e9,1,1,0\n4.6e9,1,1,0\n");
+    expect_refused(
+        "between the rows at -4600000000.000000000 s and 4600000000.000000000 s there are 920000000000 steps");
+    write_csv("time,speed,torque,door\n-4.600001e9,1,1,0\n");
+    expect_refused("line 2: the time is \"-4.600001e9\", but must be a number of seconds from -4.6e9 to 4.6e9");
+    write_csv("time,speed,torque,door\n4.6e9,1,1,0\n4600000000.02,3,1,0\n");
+    expect_refused("line 3");
+    write_csv("time,speed,torque,door\n4599999999,1,1,0\n4600000000,3,1,0\n");
+    open_recording();
+    for (int i = 0; i <= 100; i++) {
+        TEST_ASSERT_TRUE(next());
+    }
+    expect_signal(1, 3, TL_GOOD);
+    TEST_ASSERT_FALSE(next());
+}
+
+static void test_a_recording_that_is_too_long(void) {
+    FILE *file = fopen(path, "w");
+    TEST_ASSERT_NOT_NULL(file);
+    (void)fputs("time,speed,torque,door\n", file);
+    for (int i = 0; i <= 100; i++) {
+        (void)fprintf(file, "%d,1,1,0\n", i * 1000000);
+    }
+    (void)fclose(file);
+    expect_refused(
+        "from the first row to that at 100000000.000000000 s there are more than 10000000000 steps of 0.01 s: cut "
+        "the recording, or replay it with a larger step_s");
 }
 
 /* ---- a database -------------------------------------------------------------------------------------------------- */
@@ -322,6 +369,9 @@ int main(void) {
     RUN_TEST(test_stale_values);
     RUN_TEST(test_empty_cells);
     RUN_TEST(test_many_rows_between_two_ticks);
+    RUN_TEST(test_a_gap_that_is_too_wide);
+    RUN_TEST(test_rows_at_the_ends_of_time);
+    RUN_TEST(test_a_recording_that_is_too_long);
     RUN_TEST(test_what_is_wrong_is_said_at_once);
     RUN_TEST(test_a_run_comes_back);
     RUN_TEST(test_what_the_run_could_spend);

@@ -1,0 +1,41 @@
+/* An FMU's ZIP archive: unpacked, and removed again without a trace. */
+#include <dirent.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "firmware/fmu_archive.h"
+#include "tests/fuzz/harness.h"
+
+/* Nothing but the folder that the archive may have: neither beside it, nor after it. */
+static int count_entries(const char *folder) {
+    int count = -2; /* . and .. */
+    DIR *entries = opendir(folder);
+    if (entries == NULL) {
+        abort();
+    }
+    while (readdir(entries) != NULL) {
+        count++;
+    }
+    (void)closedir(entries);
+    return count;
+}
+
+int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
+    tl_fmu_archive archive;
+    tl_error error = {TL_OK, ""};
+    int before = count_entries(tl_fuzz_folder());
+    tl_status status = tl_fmu_archive_unpack(tl_fuzz_file(data, size), "input.fmu", &archive, &error);
+    if (status != TL_OK && error.text[0] == '\0') {
+        abort();
+    }
+    if (count_entries(tl_fuzz_folder()) != before + (status == TL_OK ? 1 : 0)) {
+        abort();
+    }
+    if (status == TL_OK) {
+        tl_fmu_archive_remove(&archive);
+    }
+    if (count_entries(tl_fuzz_folder()) != before) {
+        abort();
+    }
+    return 0;
+}
