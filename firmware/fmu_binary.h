@@ -5,7 +5,7 @@
  * Owner:   the process. A binary is never closed: it may have left threads behind, or registered what runs at the end, and both would
  *          be in memory that is gone.
  * Errors:  TL_BAD_DATA; the text names the binary, what was found and what this machine needs. TL_TRY_AGAIN where
- *          the folder is mounted noexec.
+ *          the folder is mounted noexec, or descriptors, memory or disk are missing.
  * Thread:  one thread, that which calls the FMU's functions.
  */
 #ifndef TL_FIRMWARE_FMU_BINARY_H

@@ -11,6 +11,7 @@
 #include "firmware/fmu_archive.h"
 #include "firmware/fmu_binary.h"
 #include "firmware/model_description.h"
+#include "firmware/shortage.h"
 #include "master/base/arena.h"
 
 /* Bytes of a path that an error shows: its end. */
@@ -63,17 +64,21 @@ static tl_status make_resources(tl_fmu *fmu, const char *label, tl_error *error)
 }
 
 /* PythonFMU's binary imports the module that the first line of this file names. */
-static void read_module(tl_fmu *fmu) {
+static tl_status read_module(tl_fmu *fmu, const char *label, tl_error *error) {
     char path[PATH_MAX + sizeof "/resources/slavemodule.txt"];
     (void)snprintf(path, sizeof path, "%s/resources/slavemodule.txt", fmu->files->archive.folder);
     FILE *file = fopen(path, "re");
     if (file == NULL) {
-        return;
+        return tl_shortage_is(errno)
+                   ? tl_fail(error, TL_TRY_AGAIN, "%s: resources/slavemodule.txt cannot be opened: %s", label,
+                             strerror(errno))
+                   : TL_OK;
     }
     if (fgets(fmu->module, sizeof fmu->module, file) != NULL) {
         fmu->module[strcspn(fmu->module, "\r\n")] = '\0';
     }
     (void)fclose(file);
+    return TL_OK;
 }
 
 /* ---- Loading ------------------------------------------------------------------------------------------- */
@@ -95,10 +100,12 @@ static tl_status load(const char *path, const char *label, tl_fmu *fmu, tl_error
         return status;
     }
     status = make_resources(fmu, label, error);
+    if (status == TL_OK) {
+        status = read_module(fmu, label, error);
+    }
     if (status != TL_OK) {
         return status;
     }
-    read_module(fmu);
     tl_fmu_guard_open(&fmu->guard, fmu->model.name, fmu->model.generation_tool);
     return tl_fmu_binary_open(files->archive.folder, &fmu->model, label, &fmu->guard, error);
 }

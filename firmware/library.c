@@ -7,6 +7,8 @@
 #include <stdio.h>
 #include <string.h>
 
+#include "firmware/shortage.h"
+
 /* ---- Python -------------------------------------------------------------------------------------------- */
 
 typedef const char *version_function(void);
@@ -49,6 +51,9 @@ static tl_status check_python(const char *path, void *opened, tl_error *error) {
 static tl_status fail_open(const char *path, const char *reason, tl_error *error) {
     static const char python[] = "libpython";
     const char *said = reason == NULL ? path : reason;
+    if (tl_shortage_is_told(said)) {
+        return tl_fail(error, TL_TRY_AGAIN, "the library cannot be opened: %.240s; try again", said);
+    }
     if (strncmp(path, python, strlen(python)) == 0) {
         int length = (int)(strstr(path, ".so") == NULL ? strlen(path) : (size_t)(strstr(path, ".so") - path));
         return tl_fail(
