@@ -37,7 +37,8 @@ typedef struct appliance {
     const tl_start *start; /* NULL: nobody supervises */
     tl_heartbeats *beats;  /* the same */
     tl_heart *heart;
-    bool holds; /* safe hold */
+    bool holds;     /* safe hold */
+    bool was_ready; /* it did what it is there for */
     FILE *output;
     tl_fmu_thread *fmus; /* NULL in safe hold */
     tl_assembly *assembly;
@@ -282,6 +283,7 @@ static tl_status run(appliance *self) {
     }
     if (status == TL_OK) {
         tl_heartbeats_set_ready(self->beats);
+        self->was_ready = true;
         if (self->holds) {
             hold(self);
         } else {
@@ -332,17 +334,28 @@ static void release(appliance *self) {
     }
 }
 
+/* What it says of its end to the supervisor. What is left to do then, such as to unload FMUs, loses nothing if it fails. */
+static void announce(tl_heartbeats *beats, bool was_ready, int code) {
+    if (code != 0) {
+        tl_heartbeats_announce(beats, was_ready ? TL_FAREWELL_FAILED : TL_FAREWELL_REFUSED, code);
+    } else {
+        tl_heartbeats_announce(beats, tl_interrupt_requested() != NULL ? TL_FAREWELL_ASKED : TL_FAREWELL_OVER, 0);
+    }
+}
+
 int tl_appliance_run(const tl_appliance_settings *settings, const tl_start *start) {
     tl_interrupt_install();
+    tl_heartbeats *beats = start != NULL ? start->beats : NULL;
     appliance *self = calloc(1, sizeof *self);
     if (self == NULL) {
         tl_log(TL_LOG_ERROR, "not enough memory");
+        announce(beats, false, tl_exit_code(TL_TRY_AGAIN));
         return tl_exit_code(TL_TRY_AGAIN);
     }
     self->settings = settings;
     self->start = start;
     self->assembly = settings->assembly;
-    self->beats = start != NULL ? start->beats : NULL;
+    self->beats = beats;
     self->holds = start != NULL && start->hold;
     self->heart = tl_heart_begin(self->beats, "main", PATIENCE_AT_START);
     self->output = tl_output_claim();
@@ -357,7 +370,9 @@ int tl_appliance_run(const tl_appliance_settings *settings, const tl_start *star
         status = run(self);
     }
     status = tl_output_finish(self->output, status);
+    int code = tl_exit_code(status);
+    announce(beats, self->was_ready, code);
     release(self);
     free(self);
-    return tl_exit_code(status);
+    return code;
 }

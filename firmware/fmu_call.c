@@ -7,7 +7,7 @@
 
 static const char *const FUNCTIONS[TL_FMU_FUNCTIONS] = {
     [TL_FMU_NO_CALL] = "nothing",
-    [TL_FMU_LOADING] = "the loading of its library",
+    [TL_FMU_LOADING] = "the loading of the library",
     [TL_FMU_GET_TYPES_PLATFORM] = "fmi2GetTypesPlatform",
     [TL_FMU_GET_VERSION] = "fmi2GetVersion",
     [TL_FMU_INSTANTIATE] = "fmi2Instantiate",

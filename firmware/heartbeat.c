@@ -11,8 +11,12 @@ struct tl_heartbeats {
     tl_heart hearts[TL_HEARTBEATS];
     size_t count;
     bool ready;
+    uint32_t farewell; /* exit code · 256 + why */
+    tl_fmu_calls calls;
     tl_snapshot status;
 };
+
+enum { FAREWELL_BITS = 8 };
 
 tl_heartbeats *tl_heartbeats_new(void) {
     /* cppcheck-suppress invalidFunctionArg ; an anonymous mapping has no file, which is -1 */
@@ -80,6 +84,16 @@ void tl_heartbeats_set_status(tl_heartbeats *beats, const char *text) {
     }
 }
 
+void tl_heartbeats_announce(tl_heartbeats *beats, tl_farewell why, int code) {
+    if (beats != NULL) {
+        __atomic_store_n(&beats->farewell, (uint32_t)code << FAREWELL_BITS | (uint32_t)why, __ATOMIC_RELAXED);
+    }
+}
+
+tl_fmu_calls *tl_heartbeats_calls(tl_heartbeats *beats) {
+    return beats == NULL ? NULL : &beats->calls;
+}
+
 /* ---- in the supervisor ---- */
 
 /* How long this heart has been silent, as seen until now. */
@@ -90,10 +104,19 @@ static tl_time listen(const tl_heart *heart, tl_heartbeats_seen *seen, size_t pl
     return seen->silence[place];
 }
 
+/* How long the FMU call that is under way has been so, as seen until now. */
+static void follow_call(const tl_heartbeats *beats, tl_heartbeats_seen *seen, tl_time passed) {
+    tl_fmu_call call;
+    bool same = tl_fmu_calls_look(&beats->calls, &call) && call.begun == seen->call;
+    seen->lasted = same ? seen->lasted + passed : 0;
+    seen->call = call.begun;
+}
+
 const char *tl_heartbeats_look(const tl_heartbeats *beats, tl_heartbeats_seen *seen, tl_time now, tl_time *silence) {
     tl_time passed = seen->looked == 0 ? 0 : now - seen->looked;
     passed = passed > TL_HEARTBEAT_LOOK ? TL_HEARTBEAT_LOOK : passed;
     seen->looked = now;
+    follow_call(beats, seen, passed);
     const char *silent = NULL;
     for (size_t i = 0; i < TL_HEARTBEATS; i++) {
         const tl_heart *heart = &beats->hearts[i];
@@ -105,6 +128,19 @@ const char *tl_heartbeats_look(const tl_heartbeats *beats, tl_heartbeats_seen *s
         }
     }
     return silent;
+}
+
+bool tl_heartbeats_get_call(const tl_heartbeats *beats, const tl_heartbeats_seen *seen, tl_time least,
+                            tl_fmu_call *call) {
+    bool under_way = tl_fmu_calls_look(&beats->calls, call);
+    return under_way && (least == 0 || (call->begun == seen->call && seen->lasted >= least));
+}
+
+tl_farewell tl_heartbeats_get_farewell(const tl_heartbeats *beats, int *code) {
+    uint32_t farewell = __atomic_load_n(&beats->farewell, __ATOMIC_RELAXED);
+    uint32_t why = farewell & ((1U << FAREWELL_BITS) - 1);
+    *code = (int)(farewell >> FAREWELL_BITS & 0xFFU);
+    return why <= TL_FAREWELL_FAILED ? (tl_farewell)why : TL_FAREWELL_NONE;
 }
 
 bool tl_heartbeats_is_ready(const tl_heartbeats *beats) {

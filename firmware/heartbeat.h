@@ -1,6 +1,7 @@
-/* Heartbeats: that a thread is alive, seen from another process.
+/* Heartbeats: that a thread is alive, seen from another process; with them, what else the supervisor knows of the appliance.
  *
- * Purpose: the threads of the appliance beat, the supervisor (supervisor.h) looks.
+ * Purpose: the threads of the appliance beat, the supervisor (supervisor.h) looks. Beside the beats: whether the appliance is ready, a
+ *          line about how it is, the FMU call that is under way (fmu_call.h), and, before it ends, why it will.
  * Clock:   beats are counted, not timed. How long a thread has been silent is added up by the one who looks, and of the
  *          time between two looks at most TL_HEARTBEAT_LOOK counts: a clock that is set, a box that was suspended and a
  *          supervisor that slept make nobody look dead.
@@ -15,6 +16,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#include "firmware/fmu_call.h"
 #include "master/base/signal.h"
 #include "master/base/simtime.h"
 
@@ -36,11 +38,20 @@ typedef struct tl_heart {
 
 typedef struct tl_heartbeats tl_heartbeats;
 
+/* Why the appliance ends. An FMU can end the process too, with any exit code, so an end is what it was announced to be. */
+typedef enum tl_farewell {
+    TL_FAREWELL_NONE,    /* nothing was announced */
+    TL_FAREWELL_ASKED,   /* a signal asked for it */
+    TL_FAREWELL_OVER,    /* the duration is over */
+    TL_FAREWELL_REFUSED, /* it could not begin: a configuration, an FMU, a source */
+    TL_FAREWELL_FAILED   /* it was ready, and could not go on */
+} tl_farewell;
+
 /* NULL where memory is out. */
 tl_heartbeats *tl_heartbeats_new(void);
 void tl_heartbeats_free(tl_heartbeats *beats);
 
-/* For a process that begins anew: no heart, no status, not ready. */
+/* For a process that begins anew: no heart, no status, no call, not ready, nothing announced. */
 void tl_heartbeats_clear(tl_heartbeats *beats);
 
 /* ---- in the appliance; everything takes NULL, and does nothing then: nobody supervises ---- */
@@ -58,6 +69,12 @@ void tl_heartbeats_set_ready(tl_heartbeats *beats);
 /* A line for who asks how it is; by one thread. */
 void tl_heartbeats_set_status(tl_heartbeats *beats, const char *text);
 
+/* Its work is done, all that was to be kept is kept, and it will end with this exit code, 0 … 255. Once. */
+void tl_heartbeats_announce(tl_heartbeats *beats, tl_farewell why, int code);
+
+/* For tl_fmu_calls_use(). */
+tl_fmu_calls *tl_heartbeats_calls(tl_heartbeats *beats);
+
 /* ---- in the supervisor ---- */
 
 /* What was seen so far; zeroed at first, and when the appliance begins anew. Private. */
@@ -65,10 +82,19 @@ typedef struct tl_heartbeats_seen {
     uint64_t beats[TL_HEARTBEATS];
     tl_time silence[TL_HEARTBEATS];
     tl_time looked; /* 0: never */
+    uint32_t call;  /* FMU call, */
+    tl_time lasted; /* and how long it was seen to be under way */
 } tl_heartbeats_seen;
 
 /* Looks. NULL: everybody is alive. Else the name of one that has been silent for longer than its patience, and in `silence` for how long. */
 const char *tl_heartbeats_look(const tl_heartbeats *beats, tl_heartbeats_seen *seen, tl_time now, tl_time *silence);
+
+/* The FMU call that is under way, where it has lasted for at least so long when tl_heartbeats_look() looked last; 0: any. False where there is none. */
+bool tl_heartbeats_get_call(const tl_heartbeats *beats, const tl_heartbeats_seen *seen, tl_time least,
+                            tl_fmu_call *call);
+
+/* What was announced, and the exit code. */
+tl_farewell tl_heartbeats_get_farewell(const tl_heartbeats *beats, int *code);
 
 bool tl_heartbeats_is_ready(const tl_heartbeats *beats);
 

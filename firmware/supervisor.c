@@ -15,12 +15,19 @@
 
 #include "board/watchdog/watchdog.h"
 #include "firmware/clock.h"
+#include "firmware/crash.h"
 #include "firmware/interrupt.h"
 #include "firmware/log.h"
+#include "firmware/process_end.h"
+#include "firmware/reaper.h"
 #include "firmware/service.h"
 
 /* Between two looks at the child: what a hang costs beyond the patience. */
 static const tl_time LOOK = TL_SECOND / 20;
+
+/* The same at the reaper, who has next to nothing to do; and for how long he is worth a stroke. */
+static const tl_time LOOK_AT_REAPER = TL_SECOND / 500;
+static const tl_time REAPING = 30 * TL_SECOND;
 
 /* The first pause before a restart that follows another, and the longest. */
 static const tl_time PAUSE_FIRST = TL_SECOND / 4;
@@ -30,7 +37,19 @@ static const tl_time PAUSE_LAST = 8 * TL_SECOND;
 static const tl_time STROKE = TL_SECOND;
 static const tl_time STATUS = 5 * TL_SECOND;
 
+/* What an appliance may take to end when it is asked to. */
+static const tl_time GRACE = 10 * TL_SECOND;
+
 enum { TRY_AGAIN = 75 };
+
+/* How a child ended. */
+typedef struct ending {
+    bool known;
+    bool by_signal;
+    int number; /* of the signal, or the exit code */
+    tl_farewell farewell;
+    int code; /* announced */
+} ending;
 
 typedef struct supervisor {
     const tl_supervisor_settings *settings;
@@ -43,10 +62,13 @@ typedef struct supervisor {
     sigset_t signals; /* that are waited for */
     sigset_t before;  /* the caller's mask */
     pid_t child;      /* 0: none */
-    bool killed;      /* by us, because it was silent; */
-    char silent[TL_RESTARTS_REASON];
+    tl_reaper reaper;
+    bool killed; /* by us, and why; */
+    char fault[TL_RESTARTS_REASON];
+    tl_time blamed;     /* the FMU call that is to blame has lasted for so long */
     bool ran;           /* a child has been ready */
-    bool stop;          /* asked to end */
+    bool stop;          /* asked to end, */
+    tl_time stopping;   /* and what has passed since, of the child's life */
     unsigned bad_holds; /* safe holds in a row that failed */
 } supervisor;
 
@@ -59,8 +81,12 @@ static void enter_child(supervisor *self, const tl_start *start, pid_t parent) {
     }
     tl_watchdog_leave(&self->watchdog);
     tl_service_leave();
+    tl_process_begin();
+    tl_crash_install();
+    tl_fmu_calls_use(tl_heartbeats_calls(self->beats));
+    tl_interrupt_install(); /* before a signal can come: it is a wish, and no reason to drop dead */
     (void)sigprocmask(SIG_SETMASK, &self->before, NULL);
-    exit(self->settings->run(self->settings->context, start));
+    tl_process_end(self->settings->run(self->settings->context, start));
 }
 
 /* False where there can be no process. */
@@ -115,9 +141,9 @@ static void tell_status(supervisor *self, tl_time now) {
 
 /* ---- watching ---- */
 
-/* Waits a little for a signal. */
-static void listen(supervisor *self) {
-    const struct timespec most = {.tv_sec = 0, .tv_nsec = LOOK};
+/* Waits a little for a signal: `most` < 1 s. */
+static void listen(supervisor *self, tl_time time) {
+    const struct timespec most = {.tv_sec = 0, .tv_nsec = (long)time};
     siginfo_t info;
     int signal = sigtimedwait(&self->signals, &info, &most);
     if (signal != SIGTERM && signal != SIGINT && signal != SIGHUP) {
@@ -139,19 +165,38 @@ static void note_ready(supervisor *self) {
     }
 }
 
+/* The fault is in self->fault. An FMU call is to blame for it where it has lasted for most of the `time` that was waited. */
+static void end_child(supervisor *self, tl_time time) {
+    self->killed = true;
+    self->blamed = time / 2;
+    (void)kill(self->child, SIGKILL);
+}
+
+/* Asked to end, it has not: it is deaf, or hangs with a heart that beats or has more patience than we have now. */
+static void look_at_clock(supervisor *self, tl_time passed) {
+    self->stopping += passed < TL_HEARTBEAT_LOOK ? passed : TL_HEARTBEAT_LOOK;
+    if (self->stopping > GRACE && !self->killed) {
+        (void)snprintf(self->fault, sizeof self->fault, "it was told to end, and had not after %.0f s",
+                       tl_seconds(GRACE));
+        end_child(self, GRACE);
+    }
+}
+
 /* Everybody alive? A child with a silent thread is ended: nothing in it can be trusted to end by itself. */
 static void look(supervisor *self, tl_time passed) {
     tl_time now = tl_clock_now(NULL);
     tl_time silence = 0;
     const char *silent = tl_heartbeats_look(self->beats, &self->seen, now, &silence);
     if (silent != NULL && !self->killed) {
-        (void)snprintf(self->silent, sizeof self->silent, "it hung: \"%.40s\" gave no sign of life for %.1f s", silent,
+        (void)snprintf(self->fault, sizeof self->fault, "it hung: \"%.40s\" gave no sign of life for %.1f s", silent,
                        tl_seconds(silence));
-        self->killed = true;
-        (void)kill(self->child, SIGKILL);
+        end_child(self, silence);
     }
     if (silent != NULL) {
         return;
+    }
+    if (self->stop) {
+        look_at_clock(self, passed);
     }
     if (self->bad_holds < TL_RESTARTS_MOST) {
         stroke(self, now);
@@ -163,15 +208,25 @@ static void look(supervisor *self, tl_time passed) {
     }
 }
 
+/* Not reaped: that may take long (reaper.h). */
+static bool has_ended(supervisor *self, ending *how) {
+    siginfo_t info = {0};
+    int result = waitid(P_PID, (id_t)self->child, &info, WEXITED | WNOHANG | WNOWAIT);
+    if (result == 0 ? info.si_pid == 0 : errno == EINTR) {
+        return false;
+    }
+    *how = (ending){.known = result == 0, .by_signal = info.si_code != CLD_EXITED, .number = info.si_status};
+    how->farewell = tl_heartbeats_get_farewell(self->beats, &how->code);
+    return true;
+}
+
 /* Until the child has ended; how it did. */
-static int watch(supervisor *self) {
-    int how = 0;
+static ending watch(supervisor *self) {
+    ending how;
     tl_time looked = tl_clock_now(NULL);
     for (;;) {
-        listen(self);
-        pid_t ended = waitpid(self->child, &how, WNOHANG);
-        if (ended == self->child || (ended < 0 && errno != EINTR)) {
-            self->child = 0;
+        listen(self, LOOK);
+        if (has_ended(self, &how)) {
             note_ready(self);
             return how;
         }
@@ -181,47 +236,92 @@ static int watch(supervisor *self) {
     }
 }
 
-/* Nobody is there to be alive. */
+/* Nobody is there to be alive, until the dead child is reaped and the pause is over. */
 static void rest(supervisor *self, tl_time pause) {
-    tl_time until = tl_clock_now(NULL) + pause;
-    while (!self->stop && tl_clock_now(NULL) < until) {
-        listen(self);
-        if (self->bad_holds < TL_RESTARTS_MOST) {
-            stroke(self, tl_clock_now(NULL));
+    tl_time begun = tl_clock_now(NULL);
+    tl_time now = begun;
+    bool reaped = tl_reaper_rests(&self->reaper);
+    while (!self->stop && (!reaped || now - begun < pause)) {
+        listen(self, reaped ? LOOK : LOOK_AT_REAPER);
+        now = tl_clock_now(NULL);
+        if (self->bad_holds < TL_RESTARTS_MOST && now - begun < pause + REAPING) {
+            stroke(self, now);
         }
+        reaped = reaped || tl_reaper_rests(&self->reaper);
     }
+}
+
+/* How it ended is known. */
+static void bury(supervisor *self, const ending *how) {
+    if (how->known) {
+        tl_reaper_take(&self->reaper, self->child);
+    }
+    self->child = 0;
 }
 
 /* ---- what an end means ---- */
 
-static void describe(const supervisor *self, int how, char reason[TL_RESTARTS_REASON]) {
+/* Names are those of a process that may have lost its mind. */
+static void append_call(const supervisor *self, char reason[TL_RESTARTS_REASON]) {
+    tl_fmu_call call;
+    size_t length = strlen(reason);
+    tl_time least = self->killed ? self->blamed : 0;
+    if (!tl_heartbeats_get_call(self->beats, &self->seen, least, &call)) {
+        return;
+    }
+    for (char *letter = call.fmu; *letter != '\0'; letter++) {
+        *letter = (char)(*letter >= ' ' && *letter <= '~' ? *letter : '?');
+    }
+    (void)snprintf(reason + length, TL_RESTARTS_REASON - length, ", in %s of %s", call.function, call.fmu);
+}
+
+static void describe(const supervisor *self, const ending *how, char reason[TL_RESTARTS_REASON]) {
+    bool announced = how->farewell != TL_FAREWELL_NONE;
     if (self->killed) {
-        (void)snprintf(reason, TL_RESTARTS_REASON, "%s", self->silent);
-    } else if (WIFSIGNALED(how)) {
-        (void)snprintf(reason, TL_RESTARTS_REASON, "it was ended by signal %d, %s", WTERMSIG(how),
-                       strsignal(WTERMSIG(how)));
+        (void)snprintf(reason, TL_RESTARTS_REASON, "%s", self->fault);
+    } else if (!how->known) {
+        (void)snprintf(reason, TL_RESTARTS_REASON, "it ended, and nobody knows how");
+    } else if (how->by_signal) {
+        (void)snprintf(reason, TL_RESTARTS_REASON, "it was ended by signal %d, %s", how->number,
+                       strsignal(how->number));
+    } else if (how->farewell == TL_FAREWELL_ASKED) {
+        (void)snprintf(reason, TL_RESTARTS_REASON, "it was told to end, and not by its supervisor");
     } else {
-        (void)snprintf(reason, TL_RESTARTS_REASON, "it ended with exit code %d", WEXITSTATUS(how));
+        (void)snprintf(reason, TL_RESTARTS_REASON, "it ended with exit code %d%s", how->number,
+                       announced ? "" : " and without a word");
+    }
+    if (self->killed || how->by_signal || !announced) {
+        append_call(self, reason);
     }
 }
 
 /* The child may have left a status line on a terminal. */
-static void say_failure(const char *reason) {
+static void say(tl_log_level level, const char *what, const char *reason) {
     if (isatty(STDERR_FILENO) == 1) {
         (void)fputs("\r\033[K", stderr);
     }
-    tl_log(TL_LOG_ERROR, "the twin failed: %s", reason);
+    tl_log(level, "%s: %s", what, reason);
 }
 
 /* The supervisor ends with it: it was asked to, the run is over, or it never ran, and who started it is told why. */
-static bool is_final(const supervisor *self, int how) {
-    if (self->stop || (WIFEXITED(how) && WEXITSTATUS(how) == 0)) {
-        return true;
+static bool is_final(const supervisor *self, const ending *how) {
+    return self->stop || how->farewell == TL_FAREWELL_OVER || (how->farewell == TL_FAREWELL_REFUSED && !self->ran);
+}
+
+/* Says so where the end was no good one. */
+static int final_code(const supervisor *self, const ending *how) {
+    char reason[TL_RESTARTS_REASON];
+    bool announced = how->farewell != TL_FAREWELL_NONE;
+    bool as_announced = how->known && !how->by_signal && how->number == how->code;
+    describe(self, how, reason);
+    if (self->killed || !announced) {
+        say(TL_LOG_ERROR, "the twin failed when it was to end", reason);
+        return TRY_AGAIN;
     }
-    if (!WIFEXITED(how)) {
-        return false;
+    if (!as_announced) {
+        say(TL_LOG_WARNING, "the twin failed when all was done", reason);
     }
-    return !self->ran;
+    return how->code;
 }
 
 /* None after the first failure. */
@@ -238,16 +338,15 @@ static int supervise(supervisor *self) {
     for (bool again = self->restarts.failures > 0;; again = true) {
         bool held = tl_restarts_is_loop(&self->restarts);
         char reason[TL_RESTARTS_REASON] = "no process could be made for it";
-        int how = 0;
-        bool began = begin_child(self, again);
-        if (began) {
-            how = watch(self);
-            if (is_final(self, how)) {
-                return WIFEXITED(how) ? WEXITSTATUS(how) : TRY_AGAIN;
+        if (begin_child(self, again)) {
+            ending how = watch(self);
+            if (is_final(self, &how)) {
+                return final_code(self, &how);
             }
-            describe(self, how, reason);
+            bury(self, &how);
+            describe(self, &how, reason);
         }
-        say_failure(reason);
+        say(TL_LOG_ERROR, "the twin failed", reason);
         self->bad_holds += held ? 1 : 0;
         tl_restarts_fail(&self->restarts, reason);
         rest(self, pause_of(self));
@@ -313,6 +412,7 @@ static void close_all(supervisor *self) {
     if (self->watchdog.file >= 0 && !tl_watchdog_close(&self->watchdog)) {
         tl_log(TL_LOG_WARNING, "watchdog %s could not be disarmed, and will reset the box", self->settings->watchdog);
     }
+    tl_reaper_leave(&self->reaper);
     tl_restarts_close(&self->restarts);
     tl_heartbeats_free(self->beats);
 }
@@ -328,6 +428,8 @@ int tl_supervise(const tl_supervisor_settings *settings) {
         (void)sigaddset(&self.signals, SIGHUP);
     }
     (void)sigprocmask(SIG_BLOCK, &self.signals, &self.before);
+    (void)signal(SIGCHLD,
+                 SIG_DFL); /* whoever started us may have ignored it, and the kernel tells nobody of an end then */
     int code = 0;
     tl_status status = open_all(&self, &error);
     if (status == TL_OK) {

@@ -20,6 +20,7 @@ MAY_INCLUDE = {
     "firmware": ["firmware", "board", "master"],
     "fmus": ["fmus"],
     "tests": ["tests", "firmware", "board", "master"],
+    "tests/hil/fmus": ["fmus/common"],  # FMUs as ours are
 }
 DRIVERS = "board/io"  # a driver (modbus.c, modbus_link.h, ...) sees itself, this contract and master/base
 CONTRACT = "board/io/plant_io.h"

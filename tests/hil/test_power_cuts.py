@@ -1,13 +1,14 @@
 #!/usr/bin/env python3
 """The power of a box is cut while it records (tests/support/power_cuts.py): three times here, as often as you like by
 tests/hil/power_cuts."""
+import json
 import os
 import subprocess
 import sys
 import time
 
-from power_cuts import cuts
-from twinlock_test import SOURCE, Skip, expect, main
+from power_cuts import PATIENCE_S, check_accounts, cuts
+from twinlock_test import SOURCE, Failure, Skip, expect, main, scratch
 
 CUTS = 3
 
@@ -18,18 +19,63 @@ def show(number, figures):
           flush=True)
 
 
-def test_power_cuts():
+def show_late(number, why):
+    print(f"    cut {number}: {why}", flush=True)
+
+
+def need_rig():
     prepared = subprocess.run([SOURCE / "tests" / "hil" / "rig" / "prepare"], capture_output=True, encoding="utf-8", check=False)
     if prepared.returncode != 0:
         expect(os.environ.get("CI") != "true", f"{prepared.stderr}\n(CI=true does not allow to skip it)")
         raise Skip(prepared.stderr.strip())
-    cuts(CUTS, time.time_ns(), show)
+
+
+def test_power_cuts():
+    need_rig()
+    cuts(CUTS, time.time_ns(), show, show_late)
+
+
+def test_a_box_that_boots_late_costs_one_cut():
+    """One that nobody waits for, and one that is waited for."""
+    need_rig()
+    late = []
+    table = cuts(2, time.time_ns(), show, lambda number, why: late.append((number, why)), lambda number: 0.5 if number == 1 else PATIENCE_S)
+    expect(late == [(1, "nothing was recorded within 0.5 s")] and len(table) == 1, f"late {late}, {table}")
+
+
+def accounts(probe, state):
+    """A disk on which both accounts say this; None: there is none."""
+    files = scratch()
+    for name, account in ("account", probe), ("state", state):
+        (files / name).mkdir()
+        if account is not None:
+            (files / name / "supervisor.json").write_text(json.dumps(account), encoding="utf-8")
+    return files
+
+
+def refused(files, told):
+    try:
+        check_accounts(files, told)
+    except Failure:
+        return True
+    return False
+
+
+def test_accounts_of_a_slow_box():
+    first = {"starts": 1, "restarts": 0, "failures": 0, "running": True}
+    second = {"starts": 2, "restarts": 1, "failures": 1, "running": True}
+    check_accounts(accounts(None, first), {"committed": 1})  # cut before the probe said anything
+    check_accounts(accounts({"starts": 8}, second), {"starts": 8, "begun": 2})  # its twin was begun again
+    check_accounts(accounts({"starts": 8}, second), {"starts": 8, "begun": 1})
+    expect(refused(accounts({"starts": 7}, first), {"starts": 8, "begun": 1}), "a lost account of the probe")
+    expect(refused(accounts({"starts": 8}, first), {"starts": 8, "begun": 2}), "a lost account of the supervisor")
+    expect(refused(accounts({"starts": 8}, {**first, "running": False}), {"starts": 8}), "an orderly end")
 
 
 def by_hand(count, seed):
-    table = cuts(count, seed, show)
+    table = cuts(count, seed, show, show_late)
     missing = sorted(figures["missing"] for figures in table)
-    print(f"{count} cuts (seed {seed}): integrity ok, file system without a fault and replay to the bit each time; samples "
+    print(f"{len(table)} of {count} cuts (seed {seed}; the others were late): integrity ok, file system without a fault and replay to the bit each time; samples "
           f"missing: median {missing[len(missing) // 2]}, most {missing[-1]} of 100; configuration as of the newest replacement "
           f"{sum(figures['behind'] == 0 for figures in table)} times, of the one before it "
           f"{sum(figures['behind'] == 1 for figures in table)} times, neither 0 times")

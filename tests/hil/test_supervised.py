@@ -4,11 +4,13 @@ only dead around it makes it restart."""
 import json
 import os
 import re
+import shutil
 import signal
 import socket
 import time
 from pathlib import Path
 
+import kills
 from live_test import Device, Program, check_database, number, query, stop, wait_for_lock, wait_for_steps, wait_until
 from supervised import Supervised, end_orderly, expect_starts, starts, wait_for_run
 from twinlock_test import at_least, edited_config, expect, main, run, run_well, scratch, write_config
@@ -190,6 +192,71 @@ def test_a_loop_ends_in_safe_hold():
             wait_for_steps(again, database, 100, run=7)
             expect(again.end(signal.SIGTERM)[0] == 0, "ended badly")
     check_database(database)
+
+
+# ---- an FMU that is to blame ----
+
+class Unruly:
+    """A supervised twin with an FMU that obeys (tests/hil/fmus/unruly)."""
+
+    def __init__(self, device, pace=kills.Pace()):
+        config = kills.configuration(device.port, pace)
+        self.database, self.word = config.parent / "twin.db", scratch() / "word"
+        os.environ["TL_UNRULY"] = str(self.word)
+        self.live = Supervised(config)
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *unused):
+        del os.environ["TL_UNRULY"]
+        self.live.__exit__()
+
+    def wait_for_tick(self, run):
+        wait_until(lambda: kills.first_tick(self.database, run), f"a tick of run {run}", self.live.log)
+
+    def tell(self, word):
+        self.word.write_text(word, encoding="utf-8")
+        wait_until(lambda: not self.word.exists(), "a step that takes the word", self.live.log)
+
+
+def test_an_fmu_is_named():
+    """Whatever it does, it is a failure of the twin; also to end the process as if all was well."""
+    with Device(OMEGA) as device, Unruly(device) as unruly:
+        for run, word in enumerate(("exit", "crash", "hang"), 1):
+            unruly.wait_for_tick(run)
+            unruly.tell(word)
+        unruly.wait_for_tick(4)
+        end_orderly(unruly.live)
+        expect(unruly.live.account()["starts"] == 4 and unruly.live.account()["restarts"] == 3, f"{unruly.live.account()}")
+    expect_starts(unruly.database, "it was told to", "reason: it ended with exit code 0 and without a word, in fmi2DoStep of unruly",
+                  "reason: it was ended by signal 11, Segmentation fault, in fmi2DoStep of unruly", " s, in fmi2DoStep of unruly")
+
+
+def test_told_to_end_while_an_fmu_hangs():
+    """For longer than anybody wants to wait."""
+    with Device(OMEGA) as device, Unruly(device, kills.Pace(hang_s=60)) as unruly:
+        live = unruly.live
+        unruly.wait_for_tick(1)
+        unruly.tell("hang")
+        live.signal(signal.SIGTERM)
+        live.process.wait(60)
+        for left in Path(live.process.temporary).iterdir():  # by a process that was killed; the next one would remove it
+            shutil.rmtree(left)
+        code, _, log = live.end()
+        wanted = "the twin failed when it was to end: it was told to end, and had not after 10 s, in fmi2DoStep of unruly"
+        expect(code == 75 and wanted in log, f"ended with {code}\n{log}")
+        expect(live.account()["running"] is False and live.account()["failures"] == 0, f"{live.account()}")
+
+
+def test_told_to_end_by_somebody_else():
+    """A friend of the memory, for example, who asks before he kills. Nobody wanted to be without a twin."""
+    with Device(OMEGA) as device, Unruly(device) as unruly:
+        unruly.wait_for_tick(1)
+        os.kill(unruly.live.child(), signal.SIGTERM)
+        unruly.wait_for_tick(2)
+        end_orderly(unruly.live)
+    expect_starts(unruly.database, "it was told to", "reason: it was told to end, and not by its supervisor")
 
 
 # ---- the service manager ----

@@ -6,6 +6,7 @@
 
 #include <unity.h>
 
+#include "firmware/fmu_call.h"
 #include "firmware/heartbeat.h"
 
 static tl_heartbeats *beats;
@@ -102,6 +103,8 @@ static void test_more_patience_and_none(void) {
 }
 
 static void test_nobody_supervises(void) {
+    TEST_ASSERT_NULL(tl_heartbeats_calls(NULL));
+    tl_heartbeats_announce(NULL, TL_FAREWELL_OVER, 0);
     tl_heart *heart = tl_heart_begin(NULL, "cycle", TL_SECOND);
     TEST_ASSERT_NULL(heart);
     tl_heart_beat(heart);
@@ -137,6 +140,54 @@ static void test_seen_from_another_process(void) {
     TEST_ASSERT_NULL(look_for(2 * TL_SECOND));
 }
 
+/* ---- calls of FMUs ---- */
+
+static void test_a_call_is_as_old_as_it_was_seen(void) {
+    tl_fmu_call call;
+    tl_fmu_calls_use(tl_heartbeats_calls(beats));
+    TEST_ASSERT_FALSE(tl_heartbeats_get_call(beats, &seen, 0, &call));
+    tl_fmu_call_begin(tl_fmu_calls_name("motor"), TL_FMU_DO_STEP);
+    TEST_ASSERT_TRUE(tl_heartbeats_get_call(beats, &seen, 0, &call));
+    TEST_ASSERT_FALSE(tl_heartbeats_get_call(beats, &seen, TL_SECOND, &call));
+    (void)look_after(0);
+    (void)look_for(TL_SECOND);
+    TEST_ASSERT_TRUE(tl_heartbeats_get_call(beats, &seen, TL_SECOND, &call));
+    TEST_ASSERT_EQUAL_STRING("motor", call.fmu);
+    TEST_ASSERT_EQUAL_STRING("fmi2DoStep", call.function);
+    TEST_ASSERT_FALSE(tl_heartbeats_get_call(beats, &seen, 2 * TL_SECOND, &call));
+    tl_fmu_calls_use(NULL);
+}
+
+static void test_another_call_is_a_new_one(void) {
+    tl_fmu_call call;
+    tl_fmu_calls_use(tl_heartbeats_calls(beats));
+    for (int i = 0; i < 20; i++) {
+        tl_fmu_call_begin(tl_fmu_calls_name("motor"), TL_FMU_DO_STEP);
+        (void)look_after(TL_SECOND / 10);
+    }
+    TEST_ASSERT_TRUE(tl_heartbeats_get_call(beats, &seen, 0, &call));
+    TEST_ASSERT_FALSE(tl_heartbeats_get_call(beats, &seen, TL_SECOND / 10, &call));
+    tl_fmu_calls_use(NULL);
+}
+
+/* ---- farewells ---- */
+
+static void test_a_farewell(void) {
+    int code = -1;
+    TEST_ASSERT_EQUAL_INT(TL_FAREWELL_NONE, tl_heartbeats_get_farewell(beats, &code));
+    tl_heartbeats_announce(beats, TL_FAREWELL_REFUSED, 65);
+    TEST_ASSERT_EQUAL_INT(TL_FAREWELL_REFUSED, tl_heartbeats_get_farewell(beats, &code));
+    TEST_ASSERT_EQUAL_INT(65, code);
+    tl_heartbeats_clear(beats);
+    TEST_ASSERT_EQUAL_INT(TL_FAREWELL_NONE, tl_heartbeats_get_farewell(beats, &code));
+}
+
+static void test_a_farewell_that_was_spoilt(void) {
+    int code = -1;
+    tl_heartbeats_announce(beats, (tl_farewell)(TL_FAREWELL_FAILED + 1), 1);
+    TEST_ASSERT_EQUAL_INT(TL_FAREWELL_NONE, tl_heartbeats_get_farewell(beats, &code));
+}
+
 int main(void) {
     UNITY_BEGIN();
     RUN_TEST(test_nobody_is_silent_where_nobody_is);
@@ -147,5 +198,9 @@ int main(void) {
     RUN_TEST(test_more_patience_and_none);
     RUN_TEST(test_nobody_supervises);
     RUN_TEST(test_seen_from_another_process);
+    RUN_TEST(test_a_call_is_as_old_as_it_was_seen);
+    RUN_TEST(test_another_call_is_a_new_one);
+    RUN_TEST(test_a_farewell);
+    RUN_TEST(test_a_farewell_that_was_spoilt);
     return UNITY_END();
 }

@@ -22,15 +22,18 @@
 static const tl_model model = {.name = "motor", .identifier = "motor"};
 static tl_scratch scratch;
 static tl_fmu_archive archive;
+static tl_fmu_guard guard;
 static tl_error error;
 static struct rlimit usual;
 
 void setUp(void) {
     error = (tl_error){TL_OK, ""};
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_fmu_archive_unpack(MOTOR, "motor", &archive, &error));
+    tl_fmu_guard_open(&guard, "motor", "");
 }
 
 void tearDown(void) {
+    tl_fmu_guard_close(&guard);
     tl_fmu_archive_remove(&archive);
 }
 
@@ -62,15 +65,11 @@ static void test_what_is_a_shortage(void) {
 }
 
 static void test_no_descriptor_for_a_binary(void) {
-    tl_fmi2 functions;
-    void *handle = NULL;
     leave_descriptors(0);
-    tl_status status = tl_fmu_binary_open(archive.folder, &model, "motor", &functions, &handle, &error);
+    tl_status status = tl_fmu_binary_open(archive.folder, &model, "motor", &guard, &error);
     put_back();
     expect_try_again(status, "motor.so cannot be opened: Too many open files; try again");
-    TEST_ASSERT_NULL(handle);
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_fmu_binary_open(archive.folder, &model, "motor", &functions, &handle, &error));
-    tl_fmu_binary_close(handle);
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_fmu_binary_open(archive.folder, &model, "motor", &guard, &error));
 }
 
 static void test_no_descriptor_for_a_library(void) {
@@ -97,13 +96,11 @@ static void test_no_memory_for_a_binary(void) {
     if (getenv("TL_EMULATOR") != NULL) {
         TEST_IGNORE_MESSAGE("an emulator does not limit the address space");
     }
-    tl_fmi2 functions;
-    void *handle = NULL;
     free(malloc(64 * 1024)); /* the heap has room for all that is no map */
     TEST_ASSERT_EQUAL_INT(0, getrlimit(RLIMIT_AS, &usual));
     const struct rlimit tight = {.rlim_cur = 4096, .rlim_max = usual.rlim_max};
     TEST_ASSERT_EQUAL_INT(0, setrlimit(RLIMIT_AS, &tight));
-    tl_status status = tl_fmu_binary_open(archive.folder, &model, "motor", &functions, &handle, &error);
+    tl_status status = tl_fmu_binary_open(archive.folder, &model, "motor", &guard, &error);
     TEST_ASSERT_EQUAL_INT(0, setrlimit(RLIMIT_AS, &usual));
     expect_try_again(status, "failed to map segment from shared object; free memory or descriptors and try again");
 #endif

@@ -3,6 +3,11 @@
  *   k  killed by a signal      h  becomes ready, then silent      s  silent before it is ready
  *   0  ready, ends with 0      7  ready, ends with 70             8  ends with 70 before it is ready
  *   6  ends with 65, never ready   w  ready, beats until SIGTERM
+ *   d  the same, and deaf: it ignores SIGTERM                     l  has done all, and crashes then
+ *   t  the same, and told to end by somebody else
+ * and in an FMU, which nobody announces:
+ *   c  crashes    f  hangs    x  ends with 0    y  ends with 65 before it is ready    n  crashes, and has spoilt its name
+ *   r  a thread of ours hangs, while FMUs are called as ever      b  called while it is told to end, deaf
  */
 #include <signal.h>
 #include <stdio.h>
@@ -15,6 +20,7 @@
 
 #include <unity.h>
 
+#include "firmware/fmu_call.h"
 #include "firmware/supervisor.h"
 #include "tests/support/scratch.h"
 #include "tests/support/stderr_capture.h"
@@ -28,6 +34,7 @@ typedef struct stage {
     bool hold[MOST_STARTS];
     bool again[MOST_STARTS];
     char reason[MOST_STARTS][TL_RESTARTS_REASON];
+    unsigned processes[MOST_STARTS]; /* of the supervisor, that are there, dead or alive */
     pid_t last;
 } stage;
 
@@ -49,7 +56,6 @@ static void note(int signal) {
 }
 
 static void be_well(tl_heart *heart) {
-    (void)signal(SIGTERM, note);
     for (int i = 0; told == 0 && i < 3000; i++) {
         tl_heart_beat(heart);
         pause_ms(10);
@@ -62,24 +68,113 @@ static void hang(void) {
     }
 }
 
+static void crash(void) {
+    (void)signal(SIGSEGV, SIG_DFL); /* a sanitizer's is another end */
+    (void)kill(getpid(), SIGSEGV);
+}
+
+static void spoil_name(void) {
+    tl_fmu_calls *calls = (tl_fmu_calls *)(uintptr_t)tl_fmu_calls_here();
+    memset(calls->names, '\n', sizeof calls->names);
+}
+
+/* What an FMU does. */
+static void misbehave(char what, tl_heart *heart) {
+    tl_fmu_call_begin(tl_fmu_calls_name("motor"), TL_FMU_DO_STEP);
+    switch (what) {
+    case 'n':
+        spoil_name();
+        crash();
+        break;
+    case 'c':
+        crash();
+        break;
+    case 'x':
+        _exit(0);
+    case 'y':
+        _exit(65);
+    case 'b':
+        (void)signal(SIGTERM, SIG_IGN);
+        be_well(heart);
+        break;
+    default:
+        hang();
+    }
+}
+
+static void call_fmus(void) {
+    for (;;) {
+        tl_fmu_call_begin(tl_fmu_calls_name("motor"), TL_FMU_DO_STEP);
+        pause_ms(20);
+        tl_fmu_call_end();
+    }
+}
+
+/* What goes wrong in the appliance itself. */
+static void suffer(char what, tl_heart *heart) {
+    switch (what) {
+    case 'h':
+        hang();
+        break;
+    case 'r':
+        call_fmus();
+        break;
+    case 'd':
+        (void)signal(SIGTERM, SIG_IGN);
+        be_well(heart);
+        break;
+    case 't':
+        (void)kill(getpid(), SIGTERM);
+        break;
+    default:
+        break;
+    }
+}
+
+static int finish(char what, bool asked, tl_heartbeats *beats) {
+    int code = what == '6' ? 65 : what == '7' || what == '8' ? 70 : 0;
+    tl_farewell why = asked ? TL_FAREWELL_ASKED : TL_FAREWELL_OVER;
+    why = code == 0 ? why : what == '7' ? TL_FAREWELL_FAILED : TL_FAREWELL_REFUSED;
+    tl_heartbeats_announce(beats, why, code);
+    if (what == 'l') {
+        crash();
+    }
+    return code;
+}
+
 static int play(char what, tl_heart *heart, tl_heartbeats *beats) {
     if (what == 'k') {
-        (void)signal(SIGSEGV, SIG_DFL); /* a sanitizer's is another end */
-        (void)kill(getpid(), SIGSEGV);
+        crash();
     }
     if (what == 's') {
         hang();
     }
-    if (what != '8' && what != '6') {
+    if (strchr("68y", what) == NULL) {
         tl_heartbeats_set_ready(beats);
     }
-    if (what == 'h') {
-        hang();
+    if (strchr("cfxynb", what) != NULL) {
+        misbehave(what, heart);
     }
+    suffer(what, heart);
     if (what == 'w') {
+        (void)signal(SIGTERM, note);
         be_well(heart);
     }
-    return what == '6' ? 65 : what == '7' || what == '8' ? 70 : 0;
+    return finish(what, what == 'w' || what == 't', beats);
+}
+
+static unsigned processes_of(pid_t parent) {
+    char path[64];
+    unsigned count = 0;
+    (void)snprintf(path, sizeof path, "/proc/%d/task/%d/children", (int)parent, (int)parent);
+    FILE *file = fopen(path, "r");
+    for (int process = 0; file != NULL && fscanf(file, "%d", &process) == 1;) {
+        count++;
+    }
+    if (file != NULL) {
+        (void)fclose(file);
+    }
+    return count;
 }
 
 static int appliance(void *context, const tl_start *start) {
@@ -91,6 +186,7 @@ static int appliance(void *context, const tl_start *start) {
     on->last = getpid();
     on->hold[which] = start->hold;
     on->again[which] = start->again;
+    on->processes[which] = processes_of(getppid());
     (void)snprintf(on->reason[which], TL_RESTARTS_REASON, "%s", start->restarts->reason);
     return play(on->plan[which], tl_heart_begin(start->beats, "cycle", TL_SECOND), start->beats);
 }
@@ -149,6 +245,78 @@ static void test_a_crash(void) {
     TEST_ASSERT_EQUAL_STRING("it was ended by signal 11, Segmentation fault", shared->reason[1]);
 }
 
+/* Whoever started us may not have wanted to hear of its children. */
+static void test_a_crash_where_children_are_ignored(void) {
+    (void)signal(SIGCHLD, SIG_IGN);
+    expect_code("k0", 0);
+    TEST_ASSERT_EQUAL_STRING("it was ended by signal 11, Segmentation fault", shared->reason[1]);
+}
+
+/* The next child may look for what the dead one left, and must not find a process of its number. */
+static void test_the_dead_are_reaped(void) {
+    unsigned before = processes_of(getpid());
+    expect_code("kkk0", 0);
+    for (int i = 0; i < 4; i++) {
+        TEST_ASSERT_EQUAL_UINT(before + 1, shared->processes[i]);
+    }
+}
+
+/* Only what was announced is an orderly end, whatever the exit code says. */
+static void test_an_fmu_that_ends_the_process(void) {
+    expect_code("x0", 0);
+    TEST_ASSERT_EQUAL_STRING("it ended with exit code 0 and without a word, in fmi2DoStep of motor", shared->reason[1]);
+    TEST_ASSERT_TRUE(shared->again[1]);
+}
+
+static void test_an_fmu_that_ends_the_process_at_start(void) {
+    expect_code("y0", 0);
+    TEST_ASSERT_EQUAL_STRING("it ended with exit code 65 and without a word, in fmi2DoStep of motor",
+                             shared->reason[1]);
+}
+
+static void test_an_fmu_that_crashes(void) {
+    expect_code("c0", 0);
+    TEST_ASSERT_EQUAL_STRING("it was ended by signal 11, Segmentation fault, in fmi2DoStep of motor",
+                             shared->reason[1]);
+}
+
+static void test_an_fmu_that_spoils_its_name(void) {
+    char expected[TL_FMU_CALL_NAME];
+    memset(expected, '?', sizeof expected - 1);
+    expected[sizeof expected - 1] = '\0';
+    expect_code("n0", 0);
+    TEST_ASSERT_EQUAL_STRING(expected, strrchr(shared->reason[1], ' ') + 1);
+}
+
+static void test_an_fmu_that_hangs(void) {
+    const char *end = " s, in fmi2DoStep of motor";
+    expect_code("f0", 0);
+    size_t length = strlen(shared->reason[1]);
+    TEST_ASSERT_EQUAL_STRING_LEN("it hung: \"cycle\" gave no sign of life for 1.", shared->reason[1], 44);
+    TEST_ASSERT_TRUE(length > strlen(end));
+    TEST_ASSERT_EQUAL_STRING(end, shared->reason[1] + length - strlen(end));
+}
+
+/* An FMU is not to blame for what hangs beside it. */
+static void test_a_hang_beside_fmus(void) {
+    expect_code("r0", 0);
+    TEST_ASSERT_NULL(strstr(shared->reason[1], "fmi2"));
+}
+
+/* Nothing is lost, and nothing would be gained if it were done again. */
+static void test_a_crash_after_all_was_done(void) {
+    expect_code("l", 0);
+    char *log = tl_stderr_capture_end();
+    TEST_ASSERT_TRUE(tl_stderr_capture_begin());
+    TEST_ASSERT_NOT_NULL(strstr(log, "the twin failed when all was done: it was ended by signal 11"));
+    free(log);
+}
+
+static void test_told_to_end_by_somebody_else(void) {
+    expect_code("t0", 0);
+    TEST_ASSERT_EQUAL_STRING("it was told to end, and not by its supervisor", shared->reason[1]);
+}
+
 static void test_a_hang(void) {
     expect_code("h0", 0);
     TEST_ASSERT_EQUAL_STRING_LEN("it hung: \"cycle\" gave no sign of life for 1.", shared->reason[1], 44);
@@ -201,39 +369,54 @@ static void test_a_killed_supervisor_takes_its_child_along(void) {
     TEST_ASSERT_TRUE(shared->again[0]);
 }
 
-static void test_told_to_end(void) {
-    shared->plan = "w";
+/* The exit code of a supervisor that gets the signal `after_ms` after the first start. */
+static int supervise_and_tell(const char *plan, int number, long after_ms) {
+    shared->plan = plan;
     pid_t self = getpid();
     pid_t killer = fork();
     if (killer == 0) {
         for (int i = 0; i < 1000 && __atomic_load_n(&shared->last, __ATOMIC_ACQUIRE) == 0; i++) {
             pause_ms(10);
         }
-        pause_ms(200);
-        (void)kill(self, SIGTERM);
+        pause_ms(after_ms);
+        (void)kill(self, number);
         _exit(0);
     }
-    TEST_ASSERT_EQUAL_INT(0, tl_supervise(&settings));
+    int code = tl_supervise(&settings);
     TEST_ASSERT_EQUAL_INT(1, shared->starts);
     TEST_ASSERT_EQUAL_INT(killer, waitpid(killer, NULL, 0));
+    return code;
+}
+
+static void test_told_to_end(void) {
+    TEST_ASSERT_EQUAL_INT(0, supervise_and_tell("w", SIGTERM, 200));
 }
 
 /* A child that does not end when it is told to is ended once it is silent; nobody begins a new one. */
 static void test_told_to_end_while_it_hangs(void) {
-    shared->plan = "s";
-    pid_t self = getpid();
-    pid_t killer = fork();
-    if (killer == 0) {
-        for (int i = 0; i < 1000 && __atomic_load_n(&shared->last, __ATOMIC_ACQUIRE) == 0; i++) {
-            pause_ms(10);
-        }
-        (void)kill(self, SIGINT);
-        _exit(0);
-    }
-    int code = tl_supervise(&settings);
-    TEST_ASSERT_TRUE(code == 75);
-    TEST_ASSERT_EQUAL_INT(1, shared->starts);
-    TEST_ASSERT_EQUAL_INT(killer, waitpid(killer, NULL, 0));
+    TEST_ASSERT_EQUAL_INT(75, supervise_and_tell("s", SIGINT, 0));
+}
+
+static void expect_deaf(const char *plan, const char *text) {
+    settings.state = scratch.folder;
+    TEST_ASSERT_EQUAL_INT(75, supervise_and_tell(plan, SIGTERM, 200));
+    char *log = tl_stderr_capture_end();
+    TEST_ASSERT_TRUE(tl_stderr_capture_begin());
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(log, text), log);
+    free(log);
+    /* An orderly end of the supervisor all the same. */
+    memset(shared, 0, sizeof *shared);
+    expect_code("0", 0);
+    TEST_ASSERT_EQUAL_STRING("it was told to", shared->reason[0]);
+    TEST_ASSERT_FALSE(shared->again[0]);
+}
+
+static void test_told_to_end_and_deaf(void) {
+    expect_deaf("d", "the twin failed when it was to end: it was told to end, and had not after 10 s\n");
+}
+
+static void test_told_to_end_and_deaf_in_an_fmu(void) {
+    expect_deaf("b", "it was told to end, and had not after 10 s, in fmi2DoStep of motor\n");
 }
 
 static void test_a_watchdog_that_is_none(void) {
@@ -265,6 +448,16 @@ int main(void) {
     RUN_TEST(test_what_ran_and_cannot_begin_any_more);
     RUN_TEST(test_what_ran_is_tried_again);
     RUN_TEST(test_a_crash);
+    RUN_TEST(test_a_crash_where_children_are_ignored);
+    RUN_TEST(test_the_dead_are_reaped);
+    RUN_TEST(test_an_fmu_that_ends_the_process);
+    RUN_TEST(test_an_fmu_that_ends_the_process_at_start);
+    RUN_TEST(test_an_fmu_that_crashes);
+    RUN_TEST(test_an_fmu_that_spoils_its_name);
+    RUN_TEST(test_an_fmu_that_hangs);
+    RUN_TEST(test_a_hang_beside_fmus);
+    RUN_TEST(test_a_crash_after_all_was_done);
+    RUN_TEST(test_told_to_end_by_somebody_else);
     RUN_TEST(test_a_hang);
     RUN_TEST(test_a_hang_at_start);
     RUN_TEST(test_a_loop_ends_in_safe_hold);
@@ -272,6 +465,8 @@ int main(void) {
     RUN_TEST(test_a_killed_supervisor_takes_its_child_along);
     RUN_TEST(test_told_to_end);
     RUN_TEST(test_told_to_end_while_it_hangs);
+    RUN_TEST(test_told_to_end_and_deaf);
+    RUN_TEST(test_told_to_end_and_deaf_in_an_fmu);
     RUN_TEST(test_a_watchdog_that_is_none);
     RUN_TEST(test_a_folder_that_is_none);
     tl_scratch_remove(&scratch);

@@ -4,9 +4,11 @@ the cut must not undo, a line each time:
   served N       the plant, a Modbus device, has answered N requests; each answer has its number in it
   committed N    a reader of the database has seen tick N
   replacing N    an administrator begins to replace the configuration by version N: new file, fsync, rename
+  begun N        the supervisor has begun its twin for the Nth time
   starts N       an account of restarts was kept N times, by the supervisor's own code (tests/hil/restarts_probe.c)
 """
 import os
+import re
 import struct
 import subprocess
 import sys
@@ -14,6 +16,7 @@ import threading
 import time
 from pathlib import Path
 
+import live_test
 import power_cuts
 from live_test import Device, query
 from supervised import Supervised
@@ -53,11 +56,17 @@ def replace_for_ever(port):
         os.rename(DISK / "config.json.tmp", DISK / "config.json")
 
 
+def begun(live):
+    """After it was kept: the twin says so itself."""
+    return max(map(int, re.findall(r"supervisor: start (\d+), ", live.log())), default=None)
+
+
 def committed(database):
     return query(database, "SELECT max(tick) FROM samples")[0][0] if database.exists() else None
 
 
 def main():
+    live_test.PATIENCE = 3600  # whoever cuts the power knows how long he waits
     with CountingDevice(power_cuts.OMEGA) as device:
         (DISK / "config.json").write_text(power_cuts.configuration(device.port, 1), encoding="utf-8")
         os.sync()
@@ -69,6 +78,8 @@ def main():
                     for _ in range(4):
                         say("served", device.served)
                         time.sleep(0.05)
+                    if (start := begun(live)) is not None:
+                        say("begun", start)
                     if (tick := committed(DISK / "twin.db")) is not None:
                         say("committed", tick)
 

@@ -1,0 +1,77 @@
+/* Unruly: y = u, until it is told otherwise. The file that TL_UNRULY names holds one word, which the next step takes
+ * out and does:
+ *
+ *   hang   never returns      crash   is ended by SIGSEGV      exit   calls exit(0)
+ *
+ * The word is taken out first, so that the process that is begun after this one is a well-behaved one. */
+#include <signal.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "fmus/common/model.h"
+
+typedef struct unruly {
+    fmi2Real u, y, t_step;
+} unruly;
+
+static const unruly defaults = {.u = 0, .y = 0, .t_step = 0.01};
+
+static const tl_fmu_variable variables[] = {
+    {TL_FMU_REAL, 0, TL_FMU_INPUT, offsetof(unruly, u)},
+    {TL_FMU_REAL, 1, TL_FMU_RESULT, offsetof(unruly, y)},
+    {TL_FMU_REAL, 2, TL_FMU_FIXED, offsetof(unruly, t_step)},
+};
+
+static void start(void *model) {
+    unruly *self = model;
+    self->y = self->u;
+}
+
+/* False where nobody wants anything. */
+static bool take_word(char word[16]) {
+    const char *path = getenv("TL_UNRULY");
+    FILE *file = path == NULL ? NULL : fopen(path, "r");
+    if (file == NULL) {
+        return false;
+    }
+    bool found = fscanf(file, "%15s", word) == 1;
+    (void)fclose(file);
+    return found && remove(path) == 0;
+}
+
+static void hang(void) {
+    for (volatile unsigned long i = 0;; i++) {
+    }
+}
+
+static void obey(const char *word) {
+    if (strcmp(word, "hang") == 0) {
+        hang();
+    } else if (strcmp(word, "exit") == 0) {
+        exit(0);
+    } else if (strcmp(word, "crash") == 0) {
+        (void)signal(SIGSEGV, SIG_DFL);
+        (void)raise(SIGSEGV);
+    }
+}
+
+static void step(void *model, double h) {
+    unruly *self = model;
+    char word[16];
+    (void)h;
+    self->y = self->u;
+    if (take_word(word)) {
+        obey(word);
+    }
+}
+
+const tl_fmu_model tl_fmu_model_of_this_fmu = {
+    .size = sizeof(unruly),
+    .defaults = &defaults,
+    .variables = variables,
+    .variable_count = sizeof variables / sizeof variables[0],
+    .t_step = offsetof(unruly, t_step),
+    .start = start,
+    .step = step,
+};
