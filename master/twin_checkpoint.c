@@ -71,7 +71,7 @@ static void require_sound(const tl_twin *twin, const int32_t configured[TL_MAX_M
 
 /* All that is ours and not a port value. */
 static void archive_ours(tl_twin *twin, tl_archive *archive) {
-    int32_t configured[TL_MAX_MATCH];
+    int32_t configured[TL_MAX_MATCH] = {0};
     tl_plant_archive(&twin->exchange.plant, archive);
     if (twin->lock.horizon.variables != 0) {
         tl_lock_archive(&twin->lock, archive);
