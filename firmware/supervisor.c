@@ -64,7 +64,8 @@ typedef struct supervisor {
     bool killed; /* by us, and why; */
     char fault[TL_RESTARTS_REASON];
     tl_time blamed;     /* the FMU call that is to blame has lasted for so long */
-    bool ran;           /* a child has been ready */
+    bool ran;           /* a child has been ready, */
+    bool told_ready;    /* and the service manager has heard of it */
     bool stop;          /* asked to end, */
     tl_time stopping;   /* and what has passed since, of the child's life */
     unsigned bad_holds; /* safe holds in a row that failed */
@@ -122,7 +123,7 @@ static void stroke(supervisor *self, tl_time now) {
     if (self->watchdog.file >= 0 && !tl_watchdog_stroke(&self->watchdog)) {
         tl_log(TL_LOG_WARNING, "watchdog %s cannot be stroked: %s", self->settings->watchdog, strerror(errno));
     }
-    tl_service_tell("WATCHDOG=1");
+    (void)tl_service_tell("WATCHDOG=1");
 }
 
 static void tell_status(supervisor *self, tl_time now) {
@@ -131,7 +132,7 @@ static void tell_status(supervisor *self, tl_time now) {
     if (now - self->told >= STATUS && tl_heartbeats_get_status(self->beats, text) && text[0] != '\0') {
         self->told = now;
         (void)snprintf(line, sizeof line, "STATUS=%s", text);
-        tl_service_tell(line);
+        (void)tl_service_tell(line);
     }
 }
 
@@ -146,7 +147,7 @@ static void listen(supervisor *self, tl_time time) {
         return;
     }
     if (!self->stop) {
-        tl_service_tell("STOPPING=1");
+        (void)tl_service_tell("STOPPING=1");
     }
     self->stop = true;
     if (self->child > 0 && info.si_code != SI_KERNEL) { /* a terminal's Ctrl-C has reached it already */
@@ -155,9 +156,9 @@ static void listen(supervisor *self, tl_time time) {
 }
 
 static void note_ready(supervisor *self) {
-    if (!self->ran && tl_heartbeats_is_ready(self->beats)) {
-        self->ran = true;
-        tl_service_tell("READY=1");
+    self->ran = self->ran || tl_heartbeats_is_ready(self->beats);
+    if (self->ran && !self->told_ready) {
+        self->told_ready = tl_service_tell("READY=1");
     }
 }
 
