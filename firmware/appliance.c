@@ -10,11 +10,13 @@
 #include "firmware/clock.h"
 #include "firmware/cycle.h"
 #include "firmware/fmu_archive.h"
+#include "firmware/fmu_thread.h"
 #include "firmware/interrupt.h"
 #include "firmware/journal.h"
 #include "firmware/live_plant.h"
 #include "firmware/log.h"
 #include "firmware/output.h"
+#include "firmware/process_end.h"
 #include "firmware/realtime.h"
 #include "firmware/resume.h"
 #include "firmware/safe_hold.h"
@@ -38,6 +40,7 @@ typedef struct appliance {
     bool holds;     /* safe hold */
     bool was_ready; /* it did what it is there for */
     FILE *output;
+    tl_fmu_thread *fmus; /* NULL in safe hold */
     tl_assembly *assembly;
     tl_journal journal;
     tl_recorder *recorder;
@@ -90,6 +93,15 @@ static void wait_for_readings(const appliance *self) {
     }
 }
 
+/* The process ends while an FMU has not returned. What was recorded is on the disk after a commit or two. */
+static void keep(void *context, const char *why) {
+    const appliance *self = context;
+    if (self->recorder != NULL) {
+        tl_recorder_event(self->recorder, -1, TL_EVENT_ERROR, "twin", why);
+        tl_clock_sleep_until(tl_clock_now(NULL) + 2 * self->assembly->config.record_commit);
+    }
+}
+
 /* Recorder, events, plant. */
 static tl_status open_all(appliance *self, tl_error *error) {
     tl_status status = open_recorder(self, error);
@@ -97,6 +109,7 @@ static tl_status open_all(appliance *self, tl_error *error) {
         return status;
     }
     tl_journal_init(&self->journal, self->recorder);
+    tl_process_keep(keep, self);
     tell_start(self);
     status = tl_live_plant_open(&self->assembly->config, self->beats, on_link, self, &self->plant, error);
     if (status == TL_OK && self->recorder == NULL) { /* said only of a run that begins */
@@ -129,10 +142,23 @@ static tl_status resume(appliance *self, tl_error *error) {
     return status;
 }
 
+/* A job of the FMUs' thread, and what came of it. */
+typedef struct appliance_job {
+    appliance *self;
+    tl_error *error;
+    tl_status status;
+} appliance_job;
+
+static void resume_job(void *context) {
+    appliance_job *job = context;
+    job->status = resume(job->self, job->error);
+}
+
 static tl_status start_cycle(appliance *self, tl_error *error) {
-    tl_status status = resume(self, error);
-    if (status != TL_OK) {
-        return status;
+    appliance_job job = {.self = self, .error = error};
+    tl_fmu_thread_call(self->fmus, resume_job, &job);
+    if (job.status != TL_OK) {
+        return job.status;
     }
     wait_for_readings(self);
     if (self->assembly->config.realtime_lock_memory) {
@@ -140,6 +166,7 @@ static tl_status start_cycle(appliance *self, tl_error *error) {
     }
     const tl_cycle_settings settings = {
         .assembly = self->assembly,
+        .thread = self->fmus,
         .input = tl_live_plant_input(self->plant),
         .recorder = self->recorder,
         .journal = &self->journal,
@@ -167,6 +194,7 @@ static void look_on(appliance *self) {
     while (tl_interrupt_requested() == NULL && !status.ended) {
         tl_clock_sleep_until(tl_clock_now(NULL) + LOOK);
         tl_heart_beat(self->heart);
+        tl_fmu_thread_watch(self->fmus);
         if (terminal && tl_journal_has_events(&self->journal)) {
             (void)fputs("\r\033[K", stderr); /* an event begins its own line */
         }
@@ -218,6 +246,7 @@ static tl_status close_all(appliance *self, tl_status status, tl_summary *summar
     tl_heart_be_patient(self->heart, PATIENCE);
     status = close_cycle(self, status, summary, error);
     tl_live_plant_close(self->plant);
+    tl_process_keep(NULL, NULL);
     if (self->recorder != NULL) {
         tl_error later;
         tl_recorder_counts counts;
@@ -273,6 +302,38 @@ static tl_status run(appliance *self) {
     return status;
 }
 
+static void build_job(void *context) {
+    appliance_job *job = context;
+    job->status = tl_assembly_build(job->self->assembly);
+}
+
+static void free_job(void *context) {
+    tl_assembly_free(context);
+}
+
+/* The FMUs' thread, and the twin built in it. */
+static tl_status build(appliance *self) {
+    tl_error error;
+    appliance_job job = {.self = self};
+    tl_status status = tl_fmu_thread_start(0, &self->fmus, &error);
+    if (status != TL_OK) {
+        tl_log(TL_LOG_ERROR, "%s", error.text);
+        return status;
+    }
+    tl_fmu_thread_call(self->fmus, build_job, &job);
+    return job.status;
+}
+
+/* Everything that was built, and the thread. */
+static void release(appliance *self) {
+    if (self->fmus != NULL) {
+        tl_fmu_thread_call(self->fmus, free_job, self->assembly);
+        tl_fmu_thread_end(self->fmus);
+    } else {
+        tl_assembly_free(self->assembly);
+    }
+}
+
 /* What it says of its end to the supervisor. What is left to do then, such as to unload FMUs, loses nothing if it fails. */
 static void announce(tl_heartbeats *beats, bool was_ready, int code) {
     if (code != 0) {
@@ -303,7 +364,7 @@ int tl_appliance_run(const tl_appliance_settings *settings, const tl_start *star
         tl_fmu_archive_sweep();
         tl_config_use_lookups(&self->assembly->config);
     } else {
-        status = tl_assembly_build(self->assembly);
+        status = build(self);
     }
     if (status == TL_OK) {
         status = run(self);
@@ -311,6 +372,7 @@ int tl_appliance_run(const tl_appliance_settings *settings, const tl_start *star
     status = tl_output_finish(self->output, status);
     int code = tl_exit_code(status);
     announce(beats, self->was_ready, code);
+    release(self);
     free(self);
     return code;
 }

@@ -3,7 +3,7 @@
  * Purpose: what `twinlock run` does, supervised or not. Where it is told to hold (supervisor.h) there is no twin: the plant is read and
  *          recorded all the same, so that nothing that happens meanwhile is lost to a later replay.
  * Ends:    on SIGTERM, SIGINT, SIGHUP, or when the duration is over.
- * Thread:  the main thread of its process; the cycle, the recorder and each plant source have their own.
+ * Thread:  the main thread of its process; the FMUs with the cycle, the recorder and each plant source have their own.
  */
 #ifndef TL_FIRMWARE_APPLIANCE_H
 #define TL_FIRMWARE_APPLIANCE_H
@@ -14,7 +14,7 @@
 #include "firmware/supervisor.h"
 
 typedef struct tl_appliance_settings {
-    tl_assembly *assembly; /* read, not built: built here; the caller frees it */
+    tl_assembly *assembly; /* read, not built: built and freed here, in the FMUs' thread */
     const char *database;  /* NULL: as configured */
     bool json;             /* the summary at the end */
     bool status;           /* a status line also where the output is no terminal */

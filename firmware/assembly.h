@@ -2,7 +2,7 @@
  *
  * Purpose: what every verb that simulates starts from, put together and taken apart in one place.
  * Owner:   the assembly owns all of it until tl_assembly_free().
- * Thread:  one thread; the twin may then be given to the cycle's.
+ * Thread:  one thread, that of the FMUs (fmu_thread.h), from load or build to free; read may come before, in another one.
  */
 #ifndef TL_FIRMWARE_ASSEMBLY_H
 #define TL_FIRMWARE_ASSEMBLY_H

@@ -14,6 +14,7 @@
 #include "firmware/config_reader.h"
 #include "firmware/json_document.h"
 #include "firmware/sha256.h"
+#include "firmware/shortage.h"
 
 struct tl_config_memory {
     tl_arena arena;
@@ -179,7 +180,7 @@ static ssize_t read_all(int file, char *buffer, size_t room) {
 
 /* The report knows the file's name. */
 static tl_status report_file(tl_report *report) {
-    bool passing = errno == ENOMEM || errno == EMFILE || errno == ENFILE || errno == EIO;
+    bool passing = tl_shortage_is(errno) || errno == EIO;
     tl_status status = passing ? TL_TRY_AGAIN : TL_BAD_DATA;
     tl_report_add(report, status, "", "the configuration cannot be read: %s", strerror(errno));
     return status;

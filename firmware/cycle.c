@@ -1,12 +1,8 @@
 /* The real-time cycle: see cycle.h. */
 #include "firmware/cycle.h"
 
-#include <errno.h>
-#include <pthread.h>
-#include <signal.h>
 #include <stdlib.h>
 #include <string.h>
-#include <time.h>
 
 #include "firmware/c_locale.h"
 #include "firmware/checkpointer.h"
@@ -17,11 +13,8 @@
 #include "firmware/snapshot.h"
 #include "firmware/watch.h"
 
-enum { WAKE_AGAIN = 20000000 }; /* ns */
-
 struct tl_cycle {
     tl_cycle_settings settings;
-    pthread_t thread;
     tl_heart *heart;
     tl_time start;     /* t_0 */
     int64_t next_tick; /* not yet computed */
@@ -36,11 +29,6 @@ struct tl_cycle {
     tl_cycle_status shown;
     tl_snapshot snapshot;
 };
-
-/* Wakes the thread from its sleep; nothing else. */
-static void wake(int signal) {
-    (void)signal;
-}
 
 static bool is_stopped(const tl_cycle *cycle) {
     return __atomic_load_n(&cycle->stop, __ATOMIC_RELAXED);
@@ -152,10 +140,11 @@ static void finish(tl_cycle *cycle) {
     }
 }
 
-static void *run(void *context) {
+static void run(void *context) {
     tl_cycle *cycle = context;
     const tl_config *config = &cycle->settings.assembly->config;
     tl_locale_use();
+    tl_realtime_touch_stack();
     while (!is_stopped(cycle) && cycle->status == TL_OK && cycle->next_tick <= cycle->last_tick) {
         tl_time instant = tl_time_of_step(cycle->start, config->step, cycle->next_tick);
         tl_clock_sleep_until(instant);
@@ -175,7 +164,6 @@ static void *run(void *context) {
     cycle->shown.ended = true;
     show(cycle);
     tl_heart_end(cycle->heart);
-    return NULL;
 }
 
 /* Tick 0 is a period away, unless there were ticks before. */
@@ -206,17 +194,11 @@ tl_status tl_cycle_start(const tl_cycle_settings *settings, tl_cycle **cycle, tl
     started->summary = settings->resumed;
     started->last_tick = last_tick(config, tl_twin_get_facts(settings->assembly->twin).lead);
     tl_watch_init(&started->watch, config, settings->journal);
-    struct sigaction action = {.sa_handler = wake};
-    (void)sigemptyset(&action.sa_mask);
-    (void)tl_host_state_handle(SIGUSR1, &action);
     started->heart = tl_heart_begin(settings->beats, "cycle", config->realtime_hang + 2 * config->step);
     tl_checkpointer_init(&started->checkpointer, settings->assembly, settings->recorder, settings->journal);
     find_start(started);
-    int result = tl_realtime_start(&started->thread, config->realtime_priority, run, started, settings->journal);
-    if (result != 0) {
-        free(started);
-        return tl_fail(error, TL_TRY_AGAIN, "cannot start the cycle's thread: %s", strerror(result));
-    }
+    tl_realtime_raise(tl_fmu_thread_handle(settings->thread), config->realtime_priority, settings->journal);
+    tl_fmu_thread_begin(settings->thread, run, started);
     *cycle = started;
     return TL_OK;
 }
@@ -225,21 +207,10 @@ bool tl_cycle_status_now(const tl_cycle *cycle, tl_cycle_status *status) {
     return tl_snapshot_read(&cycle->snapshot, status, sizeof *status);
 }
 
-/* One signal may come just before the thread goes to sleep, and periods may be long. */
-static void wake_until_ended(const tl_cycle *cycle) {
-    struct timespec until;
-    do {
-        (void)pthread_kill(cycle->thread, SIGUSR1);
-        (void)clock_gettime(CLOCK_REALTIME, &until);
-        until.tv_nsec += WAKE_AGAIN;
-        until.tv_sec += until.tv_nsec / (long)TL_SECOND;
-        until.tv_nsec %= (long)TL_SECOND;
-    } while (pthread_timedjoin_np(cycle->thread, NULL, &until) == ETIMEDOUT);
-}
-
 tl_status tl_cycle_stop(tl_cycle *cycle, tl_summary *summary, tl_error *error) {
     __atomic_store_n(&cycle->stop, true, __ATOMIC_RELAXED);
-    wake_until_ended(cycle);
+    tl_fmu_thread_hurry(cycle->settings.thread);
+    tl_realtime_lower(tl_fmu_thread_handle(cycle->settings.thread));
     *summary = cycle->summary;
     *error = cycle->error;
     tl_status status = cycle->status;

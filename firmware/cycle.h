@@ -1,4 +1,4 @@
-/* The real-time cycle: one thread that wakes at absolute instants, takes a sample, and steps the twin.
+/* The real-time cycle: the thread of the FMUs wakes at absolute instants, takes a sample, and steps the twin.
  *
  * Purpose: the heart of `twinlock run`. Nothing in it waits: samples come from mailboxes, records go into rings.
  * Ticks:   tick m is due at t_start + m·T_S (CLOCK_MONOTONIC). A tick whose whole period has passed before it could be
@@ -6,7 +6,8 @@
  *          plus the last Δu (a Boolean: the last u), within the time budget of a later tick, so that model time stays plant
  *          time. Of the ticks at which a step was due,
  *          ticks = steps + skipped.
- * Thread:  start and stop from one thread; status from any.
+ * Thread:  start and stop from one thread; status from any. Between them the thread of the FMUs has the configured real-time
+ *          priority, and an ordinary one before and after, while FMUs are loaded and freed.
  */
 #ifndef TL_FIRMWARE_CYCLE_H
 #define TL_FIRMWARE_CYCLE_H
@@ -15,6 +16,7 @@
 #include <stdint.h>
 
 #include "firmware/assembly.h"
+#include "firmware/fmu_thread.h"
 #include "firmware/heartbeat.h"
 #include "firmware/journal.h"
 #include "firmware/plant_input.h"
@@ -25,6 +27,7 @@ typedef struct tl_cycle tl_cycle;
 
 typedef struct tl_cycle_settings {
     const tl_assembly *assembly;
+    tl_fmu_thread *thread; /* in which the assembly was built; it belongs to the cycle from start to stop */
     const tl_plant_input *input;
     tl_recorder *recorder; /* NULL: none */
     tl_journal *journal;

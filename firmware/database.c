@@ -21,6 +21,8 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include "firmware/database_guard.h"
+
 enum { HEADER = 100, VERSION_AT = 60, APPLICATION_AT = 68, JOURNAL = sizeof "-journal" };
 
 tl_status tl_database_status(int code) {
@@ -36,6 +38,7 @@ tl_status tl_database_status(int code) {
     case SQLITE_CONSTRAINT:
     case SQLITE_SCHEMA:
     case SQLITE_TOOBIG:
+    case SQLITE_INTERRUPT:
         return TL_BAD_DATA;
     default:
         return TL_TRY_AGAIN;
@@ -55,6 +58,8 @@ void tl_database_text(sqlite3 *database, int code, char *text, size_t size) {
     const char *message = known ? sqlite3_errmsg(database) : sqlite3_errstr(code);
     if (code == SQLITE_READONLY_DBMOVED) {
         (void)snprintf(text, size, "its file was moved or removed while it is written");
+    } else if ((code & 0xFF) == SQLITE_INTERRUPT) {
+        (void)snprintf(text, size, "a question about it does not come to an end");
     } else if ((code & 0xFF) == SQLITE_BUSY) {
         (void)snprintf(text, size, "another program has locked the database, or has been reading it for too long");
     } else if (number != 0 && is_system_failure(code)) {
@@ -68,6 +73,9 @@ tl_status tl_database_fail(sqlite3 *database, int code, tl_error *error) {
     char text[TL_ERROR_TEXT];
     const char *path = database == NULL ? NULL : sqlite3_db_filename(database, "main");
     tl_database_text(database, code, text, sizeof text);
+    if (database != NULL && tl_database_status(code) == TL_BAD_DATA) {
+        return tl_database_damaged(database, error, "%s", text);
+    }
     return tl_fail(error, tl_database_status(code), "%s: %s", path == NULL ? "database" : path, text);
 }
 
@@ -124,6 +132,7 @@ static tl_status check_header(sqlite3 *database, const char *path, tl_error *err
 static tl_status open_connection(const char *name, int flags, sqlite3 **database, tl_error *error) {
     int code = sqlite3_open_v2(name, database, flags | SQLITE_OPEN_NOMUTEX | SQLITE_OPEN_EXRESCODE, NULL);
     if (code == SQLITE_OK) {
+        tl_database_guard(*database);
         return TL_OK;
     }
     tl_status status = tl_database_fail(*database, code, error);
@@ -167,7 +176,7 @@ static bool has_wal(const char *path) {
 
 /* The first SQL: with -wal and -shm files where that is possible, without where it must and can be. */
 static tl_status first_read(const char *path, sqlite3 **database, tl_error *error) {
-    static const char question[] = "SELECT count(*) FROM sqlite_schema";
+    static const char question[] = "SELECT 1 FROM sqlite_schema LIMIT 1";
     int code = sqlite3_exec(*database, question, NULL, NULL, NULL);
     if (((code & 0xFF) == SQLITE_CANTOPEN || (code & 0xFF) == SQLITE_READONLY) && !has_wal(path)) {
         (void)sqlite3_close(*database);
@@ -232,7 +241,7 @@ static tl_status adapt(sqlite3 *database, const char *path, bool write, tl_error
 }
 
 tl_status tl_database_open(const char *path, bool write, sqlite3 **database, tl_error *error) {
-    static const char both[] = "PRAGMA trusted_schema = OFF; PRAGMA cell_size_check = ON; PRAGMA temp_store = MEMORY;";
+    static const char both[] = "PRAGMA cell_size_check = ON; PRAGMA mmap_size = 0; PRAGMA temp_store = MEMORY;";
     struct stat file;
     *database = NULL;
     if (stat(path, &file) != 0) {
@@ -258,6 +267,9 @@ tl_status tl_database_open(const char *path, bool write, sqlite3 **database, tl_
     }
     if (status == TL_OK) {
         status = tl_database_execute(*database, both, error);
+    }
+    if (status == TL_OK) {
+        status = tl_database_check_schema(*database, error);
     }
     if (status == TL_OK) {
         status = adapt(*database, path, write, error);
@@ -359,7 +371,7 @@ static tl_status take_name(const char *path, char name[PATH_MAX], tl_error *erro
         if (snprintf(name, PATH_MAX, "%s.new-%ld-%d", path, (long)getpid(), i) + JOURNAL >= PATH_MAX) {
             return tl_fail(error, TL_TRY_AGAIN, "%.200sâ¦: the name is too long", path);
         }
-        int file = open(name, O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0644);
+        int file = open(name, O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0640);
         if (file >= 0) {
             (void)close(file);
             return TL_OK;

@@ -2,6 +2,8 @@
  *
  * Purpose: the one place that decides whether a file is ours, before a single byte of it can change.
  * Format:  SQLite; application_id and user_version in its header say what and which; config/SPEC.md, "Database".
+ * Mode:    a new one is 0640 less the umask, and what SQLite puts beside it the same: what a plant does is not everybody's.
+ * Trust:   none: every connection is guarded (database_guard.h).
  * Errors:  TL_BAD_DATA for a file that is not ours, newer than us, or damaged; TL_TRY_AGAIN for everything the
  *          system refuses (no room, no permission, locked).
  * Thread:  a connection belongs to one thread at a time.
@@ -23,6 +25,13 @@ enum {
 
 /* The schema: one statement each for tables, indices and views, then NULL; database_schema.c. */
 extern const char *const tl_database_schema[];
+
+/* The columns of the primary key of each table that is read in its order, ", " between them; then NULL. */
+typedef struct tl_database_key {
+    const char *table;
+    const char *columns;
+} tl_database_key;
+extern const tl_database_key tl_database_keys[];
 
 /* By format (there is none of format 0): it made the next one, and it read as if it were the newest (by views in the connection's own memory); the
  * same file. */

@@ -204,6 +204,22 @@ const char *const tl_database_schema[] = {
     NULL,
 };
 
+const tl_database_key tl_database_keys[] = {
+    {"configurations", "hash"},
+    {"runs", "run"},
+    {"signals", "run, kind, signal"},
+    {"samples", "run, tick, signal"},
+    {"steps", "run, step"},
+    {"outputs", "run, step, signal"},
+    {"adjustments", "run, step, signal"},
+    {"components", "run, component"},
+    {"beginnings", "run"},
+    {"checkpoints", "run, tick"},
+    {"events", "event"},
+    {"severities", "code"},
+    {NULL, NULL},
+};
+
 static const char *const upgrade_1[] = {
     CREATE_FLAGS,
     CREATE_COMPONENTS,

@@ -6,6 +6,7 @@
 #include <errno.h>
 #include <fcntl.h>
 #include <ftw.h>
+#include <pthread.h>
 #include <signal.h>
 #include <stdbool.h>
 #include <stdint.h>
@@ -18,6 +19,7 @@
 #include <zip.h>
 
 #include "firmware/log.h"
+#include "firmware/shortage.h"
 
 #define PREFIX "twinlock-fmu-"
 
@@ -43,18 +45,49 @@ static int remove_entry(const char *path, const struct stat *status, int type, s
     return 0; /* what remains is found when the folder itself cannot be removed */
 }
 
-/* Without following links. Not with FTW_MOUNT: on an overlay, as a box may have it for its root, files and folders can be of
+/* Without following links, with one descriptor, since there may be no more. Not with FTW_MOUNT: on an overlay, as a box may have it for its root, files and folders can be of
  * different devices. */
 static void remove_tree(const char *folder) {
-    (void)nftw(folder, remove_entry, 16, FTW_DEPTH | FTW_PHYS);
+    (void)nftw(folder, remove_entry, 1, FTW_DEPTH | FTW_PHYS);
     struct stat status;
     if (lstat(folder, &status) == 0) {
         tl_log(TL_LOG_WARNING, "%s cannot be removed completely; remove it by hand", folder);
     }
 }
 
+/* Those with a folder. */
+static tl_fmu_archive *in_use;
+static pthread_mutex_t in_use_lock = PTHREAD_MUTEX_INITIALIZER;
+
+static void enlist(tl_fmu_archive *archive) {
+    (void)pthread_mutex_lock(&in_use_lock);
+    archive->next = in_use;
+    in_use = archive;
+    (void)pthread_mutex_unlock(&in_use_lock);
+}
+
+static void strike_off(const tl_fmu_archive *archive) {
+    (void)pthread_mutex_lock(&in_use_lock);
+    for (tl_fmu_archive **place = &in_use; *place != NULL; place = &(*place)->next) {
+        if (*place == archive) {
+            *place = archive->next;
+            break;
+        }
+    }
+    (void)pthread_mutex_unlock(&in_use_lock);
+}
+
+void tl_fmu_archive_remove_all(void) {
+    (void)pthread_mutex_lock(&in_use_lock);
+    for (const tl_fmu_archive *archive = in_use; archive != NULL; archive = archive->next) {
+        remove_tree(archive->folder);
+    }
+    (void)pthread_mutex_unlock(&in_use_lock);
+}
+
 void tl_fmu_archive_remove(tl_fmu_archive *archive) {
     if (archive->folder[0] != '\0') {
+        strike_off(archive);
         remove_tree(archive->folder);
         (void)close(archive->lock);
     }
@@ -146,6 +179,7 @@ static tl_status make_folder(const char *label, tl_fmu_archive *archive, tl_erro
         return tl_fail(error, TL_TRY_AGAIN, "%s: no folder can be made in %s: %s; free space or set TMPDIR", label,
                        parent, strerror(code));
     }
+    enlist(archive);
     archive->lock = open(archive->folder, O_RDONLY | O_DIRECTORY | O_NOFOLLOW | O_CLOEXEC);
     if (archive->lock < 0 || flock(archive->lock, LOCK_EX | LOCK_NB) != 0) {
         return tl_fail(error, TL_TRY_AGAIN, "%s: %s cannot be locked: %s; try again", label, archive->folder,
@@ -239,9 +273,10 @@ static tl_status fail_system(const unpacking *work, const char *path, const char
     if (code == EEXIST || code == ENOTDIR || code == ELOOP || code == EISDIR) {
         return refuse(work, path, "another entry has the same name");
     }
-    return tl_fail(work->error, TL_TRY_AGAIN,
-                   "%s: entry \"%.*s\" cannot be %s: %s; free space, or set TMPDIR to a folder with more", work->label,
-                   NAME_SHOWN, path, doing, strerror(code));
+    return tl_fail(work->error, TL_TRY_AGAIN, "%s: entry \"%.*s\" cannot be %s: %s; %s", work->label, NAME_SHOWN, path,
+                   doing, strerror(code),
+                   code == EMFILE || code == ENFILE ? "raise the limit of open files (ulimit -n)"
+                                                    : "free space, or set TMPDIR to a folder with more");
 }
 
 /* Makes all folders of a safe path, opens the last of them and puts what is left of the path into *last, "" where the
@@ -295,9 +330,13 @@ static tl_status write_all(const unpacking *work, const char *path, int file, si
     return TL_OK;
 }
 
+/* libzip's ways to say that it is not the archive's fault; it opens the file a second time. */
+static tl_status zip_status(int code) {
+    return code == ZIP_ER_MEMORY || code == ZIP_ER_OPEN || code == ZIP_ER_READ ? TL_TRY_AGAIN : TL_BAD_DATA;
+}
+
 static tl_status fail_zip(const unpacking *work, const char *path, zip_error_t *problem) {
-    int code = zip_error_code_zip(problem);
-    tl_status status = code == ZIP_ER_MEMORY || code == ZIP_ER_READ ? TL_TRY_AGAIN : TL_BAD_DATA;
+    tl_status status = zip_status(zip_error_code_zip(problem));
     return tl_fail(work->error, status, "%s: entry \"%.*s\" cannot be unpacked: %s; copy or export the FMU again",
                    work->label, NAME_SHOWN, path, zip_error_strerror(problem));
 }
@@ -434,8 +473,8 @@ static tl_status open_file(const char *path, unpacking *work, int *file) {
     *file = open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK);
     if (*file < 0) {
         int code = errno;
-        tl_status kind = code == EMFILE || code == ENFILE || code == ENOMEM ? TL_TRY_AGAIN : TL_BAD_DATA;
-        return tl_fail(work->error, kind, "%s: cannot be opened: %s", work->label, strerror(code));
+        return tl_fail(work->error, tl_shortage_is(code) ? TL_TRY_AGAIN : TL_BAD_DATA, "%s: cannot be opened: %s",
+                       work->label, strerror(code));
     }
     const char *fault = NULL;
     if (fstat(*file, &status) != 0 || !S_ISREG(status.st_mode)) {
@@ -462,9 +501,11 @@ static tl_status open_zip(const char *path, unpacking *work) {
     if (work->zip == NULL) {
         zip_error_t problem;
         zip_error_init_with_code(&problem, code);
-        status = code == ZIP_ER_MEMORY ? TL_TRY_AGAIN : TL_BAD_DATA;
-        (void)tl_fail(work->error, status, "%s: no readable ZIP archive: %s; copy or export the FMU again", work->label,
-                      zip_error_strerror(&problem));
+        status = zip_status(code);
+        (void)tl_fail(work->error, status,
+                      status == TL_BAD_DATA ? "%s: no readable ZIP archive: %s; copy or export the FMU again"
+                                            : "%s: cannot be read: %s; free memory or descriptors and try again",
+                      work->label, zip_error_strerror(&problem));
         zip_error_fini(&problem);
         (void)close(file);
         return status;

@@ -9,7 +9,7 @@
  * Skipped: documentation/, sources/ and binaries of other systems are checked by name, and only folders are created
  *          for them: they would fill the memory of a small box.
  * Errors:  TL_BAD_DATA for anything wrong in the file, TL_TRY_AGAIN where disk, memory or descriptors are missing.
- * Thread:  one thread at a time for each archive.
+ * Thread:  one thread at a time for each archive; remove_all from any.
  */
 #ifndef TL_FIRMWARE_FMU_ARCHIVE_H
 #define TL_FIRMWARE_FMU_ARCHIVE_H
@@ -31,11 +31,12 @@ enum {
 };
 
 typedef struct tl_fmu_archive {
-    char folder[PATH_MAX]; /* absolute, without a slash at the end; "" where nothing is unpacked */
-    int lock;              /* private: open and locked while the folder is used */
+    char folder[PATH_MAX];       /* absolute, without a slash at the end; "" where nothing is unpacked */
+    int lock;                    /* private: open and locked while the folder is used */
+    struct tl_fmu_archive *next; /* private: of those in use */
 } tl_fmu_archive;
 
-/* `label` names the FMU in errors. On failure the archive is empty and nothing remains. */
+/* `label` names the FMU in errors. On failure the archive is empty and nothing remains. It must stay where it is until it is removed. */
 tl_status tl_fmu_archive_unpack(const char *path, const char *label, tl_fmu_archive *archive, tl_error *error);
 
 /* Removes the folders that killed processes left, as each unpacking does: for who unpacks nothing. */
@@ -43,5 +44,8 @@ void tl_fmu_archive_sweep(void);
 
 /* Removes the folder with all that is in it. An empty (zeroed) archive is allowed. */
 void tl_fmu_archive_remove(tl_fmu_archive *archive);
+
+/* Removes the folders of all that are in use: for a process that ends without their owners. */
+void tl_fmu_archive_remove_all(void);
 
 #endif

@@ -14,6 +14,8 @@
 #include <sys/statvfs.h>
 #include <unistd.h>
 
+#include "firmware/shortage.h"
+
 /* ---- This machine -------------------------------------------------------------------------------------- */
 
 /* Names of the folder in binaries/: those of FMI 2.0 (linux64, linux32), the tuples that FMI 2.0.x recommends for other
@@ -72,13 +74,14 @@ static const char *machine_name(unsigned machine) {
     return "an unknown machine";
 }
 
-/* false where the file is no ELF file at all. */
+/* false where the file is no ELF file at all; errno is then 0, or why it cannot be opened. */
 static bool read_elf(const char *path, elf_facts *facts) {
     unsigned char head[sizeof(Elf32_Ehdr)];
     int file = open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK);
     if (file < 0) {
         return false;
     }
+    errno = 0;
     ssize_t got = read(file, head, sizeof head);
     (void)close(file);
     if (got != (ssize_t)sizeof head || memcmp(head, ELFMAG, SELFMAG) != 0) {
@@ -98,7 +101,11 @@ static bool read_elf(const char *path, elf_facts *facts) {
 /* `shown` is the path within the FMU. */
 static tl_status check_elf(const char *path, const char *shown, const char *label, tl_error *error) {
     elf_facts facts;
-    if (!read_elf(path, &facts)) {
+    bool is_elf = read_elf(path, &facts);
+    if (!is_elf && tl_shortage_is(errno)) {
+        return tl_fail(error, TL_TRY_AGAIN, "%s: %s cannot be opened: %s; try again", label, shown, strerror(errno));
+    }
+    if (!is_elf) {
         return tl_fail(error, TL_BAD_DATA, "%s: %s is not an ELF shared object; export the FMU for Linux on %s", label,
                        shown, machine_name(OWN_MACHINE));
     }
@@ -231,10 +238,11 @@ static tl_status resolve(void *handle, const tl_model *model, const char *label,
         }
         void *address = dlsym(handle, symbols[i].name);
         if (address == NULL) {
-            return tl_fail(
+            (void)tl_fail(
                 error, TL_BAD_DATA, "%s: the binary has no function %s, which FMI 2.0 %s; export the FMU again", label,
                 symbols[i].name,
                 symbols[i].need == ALWAYS ? "demands of all FMUs" : "demands where its description claims it");
+            return TL_BAD_DATA;
         }
         /* POSIX makes an address a function pointer; ISO C knows no cast for that. */
         memcpy((char *)functions + symbols[i].offset, &address, sizeof address);
@@ -269,20 +277,29 @@ static bool needs_python(const char *path, const char *reason) {
     return strstr(said, " Py") != NULL || strstr(said, " _Py") != NULL;
 }
 
+/* The loader says that there was no room for a binary without saying why: by far the likeliest is that memory is out. */
+static bool is_shortage(const char *reason) {
+    return reason != NULL && (tl_shortage_is_told(reason) || strstr(reason, "failed to map segment") != NULL);
+}
+
 /* dlopen()'s own text names the file, and a neighbour or a symbol that is missing. */
 static tl_status fail_open(const char *path, const char *label, const char *reason, tl_error *error) {
     struct statvfs system;
     bool no_programs = statvfs(path, &system) == 0 && (system.f_flag & ST_NOEXEC) != 0;
+    bool shortage = is_shortage(reason);
     const char *advice = "install what it needs, export the FMU with it, or name the library that has the symbol in "
                          "\"libraries\" of the component";
     if (no_programs) {
         advice = "the folder is mounted noexec; set TMPDIR to one that is not";
+    } else if (shortage) {
+        advice = "free memory or descriptors and try again";
     } else if (reason != NULL && needs_python(path, reason)) {
         advice = "it needs Python's library; name the one of this machine in the component, for example \"libraries\": "
                  "[\"libpython3.11.so.1.0\"]";
     }
-    return tl_fail(error, no_programs ? TL_TRY_AGAIN : TL_BAD_DATA, "%s: the binary cannot be opened: %.260s; %s",
-                   label, reason == NULL ? "no reason given" : reason, advice);
+    return tl_fail(error, no_programs || shortage ? TL_TRY_AGAIN : TL_BAD_DATA,
+                   "%s: the binary cannot be opened: %.260s; %s", label, reason == NULL ? "no reason given" : reason,
+                   advice);
 }
 
 /* What is behind it runs code of the FMU. */
@@ -294,10 +311,9 @@ static void *open_guarded(tl_fmu_guard *guard, const char *path) {
 }
 
 tl_status tl_fmu_binary_open(const char *folder, const tl_model *model, const char *label, tl_fmu_guard *guard,
-                             void **handle, tl_error *error) {
+                             tl_error *error) {
     char path[PATH_MAX];
     tl_fmi2 functions;
-    *handle = NULL;
     tl_status status = find_binary(folder, model, label, path, sizeof path, error);
     if (status != TL_OK) {
         return status;
@@ -310,17 +326,8 @@ tl_status tl_fmu_binary_open(const char *folder, const tl_model *model, const ch
     if (status == TL_OK) {
         status = check_version(guard, &functions, label, error);
     }
-    if (status != TL_OK) {
-        tl_fmu_binary_close(opened);
-        return status;
+    if (status == TL_OK) {
+        tl_fmu_guard_front(guard, &functions);
     }
-    tl_fmu_guard_front(guard, &functions);
-    *handle = opened;
-    return TL_OK;
-}
-
-void tl_fmu_binary_close(void *handle) {
-    if (handle != NULL) {
-        (void)dlclose(handle);
-    }
+    return status;
 }

@@ -2,9 +2,11 @@
  *
  * Purpose: from a folder to a guard with its functions. What can be checked without running the binary (ELF class, byte order,
  *          machine, kind) is checked before it is opened, so that the text can say what is wrong with it.
+ * Owner:   the process. A binary is never closed: it may have left threads behind, or registered what runs at the end, and both would
+ *          be in memory that is gone.
  * Errors:  TL_BAD_DATA; the text names the binary, what was found and what this machine needs. TL_TRY_AGAIN where
- *          the folder is mounted noexec.
- * Thread:  one thread at a time.
+ *          the folder is mounted noexec, or descriptors, memory or disk are missing.
+ * Thread:  one thread, that which calls the FMU's functions.
  */
 #ifndef TL_FIRMWARE_FMU_BINARY_H
 #define TL_FIRMWARE_FMU_BINARY_H
@@ -14,12 +16,8 @@
 #include "master/fmi/model.h"
 
 /* `folder` is that of the unpacked FMU, absolute. The whole folder of the binary must be there: it may load its
- * neighbours. On success *handle is for tl_fmu_binary_close(); on failure it is NULL. Optional functions that the
- * model does not claim are NULL in the table. */
+ * neighbours. Optional functions that the model does not claim are NULL in the table. */
 tl_status tl_fmu_binary_open(const char *folder, const tl_model *model, const char *label, tl_fmu_guard *guard,
-                             void **handle, tl_error *error);
-
-/* NULL is allowed. */
-void tl_fmu_binary_close(void *handle);
+                             tl_error *error);
 
 #endif

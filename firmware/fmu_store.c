@@ -11,6 +11,7 @@
 #include "firmware/fmu_archive.h"
 #include "firmware/fmu_binary.h"
 #include "firmware/model_description.h"
+#include "firmware/shortage.h"
 #include "master/base/arena.h"
 
 /* Bytes of a path that an error shows: its end. */
@@ -19,7 +20,6 @@ enum { LABEL = 120 };
 typedef struct tl_fmu_files {
     tl_arena arena;
     tl_fmu_archive archive;
-    void *binary;
 } tl_fmu_files;
 
 /* ---- Resources ----------------------------------------------------------------------------------------- */
@@ -64,17 +64,21 @@ static tl_status make_resources(tl_fmu *fmu, const char *label, tl_error *error)
 }
 
 /* PythonFMU's binary imports the module that the first line of this file names. */
-static void read_module(tl_fmu *fmu) {
+static tl_status read_module(tl_fmu *fmu, const char *label, tl_error *error) {
     char path[PATH_MAX + sizeof "/resources/slavemodule.txt"];
     (void)snprintf(path, sizeof path, "%s/resources/slavemodule.txt", fmu->files->archive.folder);
     FILE *file = fopen(path, "re");
     if (file == NULL) {
-        return;
+        return tl_shortage_is(errno)
+                   ? tl_fail(error, TL_TRY_AGAIN, "%s: resources/slavemodule.txt cannot be opened: %s", label,
+                             strerror(errno))
+                   : TL_OK;
     }
     if (fgets(fmu->module, sizeof fmu->module, file) != NULL) {
         fmu->module[strcspn(fmu->module, "\r\n")] = '\0';
     }
     (void)fclose(file);
+    return TL_OK;
 }
 
 /* ---- Loading ------------------------------------------------------------------------------------------- */
@@ -96,12 +100,14 @@ static tl_status load(const char *path, const char *label, tl_fmu *fmu, tl_error
         return status;
     }
     status = make_resources(fmu, label, error);
+    if (status == TL_OK) {
+        status = read_module(fmu, label, error);
+    }
     if (status != TL_OK) {
         return status;
     }
-    read_module(fmu);
     tl_fmu_guard_open(&fmu->guard, fmu->model.name, fmu->model.generation_tool);
-    return tl_fmu_binary_open(files->archive.folder, &fmu->model, label, &fmu->guard, &files->binary, error);
+    return tl_fmu_binary_open(files->archive.folder, &fmu->model, label, &fmu->guard, error);
 }
 
 tl_status tl_fmu_load(const char *path, tl_fmu *fmu, tl_error *error) {
@@ -127,7 +133,6 @@ tl_status tl_fmu_load(const char *path, tl_fmu *fmu, tl_error *error) {
 void tl_fmu_unload(tl_fmu *fmu) {
     tl_fmu_files *files = fmu->files;
     if (files != NULL) {
-        tl_fmu_binary_close(files->binary);
         tl_fmu_guard_close(&fmu->guard);
         tl_fmu_archive_remove(&files->archive);
         tl_arena_release(&files->arena);

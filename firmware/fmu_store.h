@@ -1,7 +1,7 @@
 /* Loads FMU files: unpacks, reads the description, checks and opens the binary.
  *
  * Purpose: from a path to a tl_model, a function table and a resources URI; what a plan needs of an FMU.
- * Owner:   the store owns all of it until tl_fmu_unload(), which also removes the unpacked folder. Each load has a
+ * Owner:   the store owns all of it but the opened binary, which stays until the process ends, until tl_fmu_unload(), which also removes the unpacked folder. Each load has a
  *          folder, and so a binary with globals, of its own: an FMU that can be instantiated only once can be loaded
  *          twice.
  * Limits:  see fmu_archive.h (size, count, path of entries) and model_description.h (size of the XML); for its messages fmu_logger.h.
@@ -23,7 +23,7 @@ typedef struct tl_fmu {
     tl_fmu_guard guard;         /* its functions, and the callbacks to instantiate it with */
     const char *resources;      /* file:/// URI; the folder exists also where the FMU has none */
     char module[TL_FMU_MODULE]; /* the Python module that an FMU of PythonFMU imports, cut; "": none */
-    struct tl_fmu_files *files; /* private: memory, unpacked folder, dlopen handle */
+    struct tl_fmu_files *files; /* private: memory, unpacked folder */
 } tl_fmu;
 
 /* Errors: TL_BAD_DATA for anything wrong in the file, TL_TRY_AGAIN where disk or memory is missing.

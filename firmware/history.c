@@ -1,19 +1,26 @@
 /* Reading what the recorder wrote.
  *
  * A walk through the ticks reads TICKS_AT_ONCE of them in one transaction and hands them out one by one. Nothing in a
- * database is believed: indices and codes outside of what the program knows are damage, and said. */
+ * database is believed, not even that rows come in the order that was asked for: SQLite takes them as they lie in pages,
+ * which may be damaged. What the recorder does not write is damage, and said. */
 #include "firmware/history.h"
 
+#include <inttypes.h>
 #include <sqlite3.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "firmware/database.h"
+#include "firmware/database_guard.h"
+#include "firmware/database_row.h"
 #include "firmware/measurements.h"
 #include "firmware/sha256.h"
+#include "firmware/utc.h"
 #include "master/base/arena.h"
 
 enum { TICKS_AT_ONCE = 64 };
+
+static const tl_time LONGEST_STEP = 3600 * TL_SECOND; /* of a configuration */
 
 struct tl_history {
     sqlite3 *database;
@@ -72,58 +79,105 @@ static const char *file_of(tl_history *history) {
 
 /* ---- Runs, signals, configurations ------------------------------------------------------------------------------- */
 
-/* A copy of a column's text; NULL where it is NULL, or memory is out. */
-static const char *text_of(tl_history *history, sqlite3_stmt *row, int column) {
-    const unsigned char *text = sqlite3_column_text(row, column);
-    return text == NULL ? NULL : tl_arena_text(&history->arena, (const char *)text);
+int64_t tl_history_last_possible(const tl_history_run *run) {
+    return TL_ROW_LARGEST / run->step;
 }
 
-static uint64_t count_of(sqlite3_stmt *row, int column) {
-    sqlite3_int64 value = sqlite3_column_int64(row, column);
-    return value < 0 ? 0 : (uint64_t)value;
+/* Copies of a column's text. False: it is none of at most `most` bytes, or memory is out. */
+static bool take_text(tl_history *history, sqlite3_stmt *row, int column, size_t most, const char **copy) {
+    const char *text = NULL;
+    *copy = tl_row_text(row, column, most, &text) ? tl_arena_text(&history->arena, text) : NULL;
+    return *copy != NULL;
 }
 
-/* False where the row cannot be one that the recorder wrote. Damaged counts must not lead beyond all ticks. */
-static bool read_run(tl_history *history, sqlite3_stmt *row, tl_history_run *run) {
-    run->run = sqlite3_column_int64(row, 0);
-    run->verb = text_of(history, row, 1);
-    run->name = text_of(history, row, 2);
-    run->version = text_of(history, row, 3);
-    run->configuration_hash = text_of(history, row, 4);
-    run->started = text_of(history, row, 5);
-    run->ended = text_of(history, row, 6);
-    run->ended_reason = text_of(history, row, 7);
-    run->committed = text_of(history, row, 8);
-    run->step = sqlite3_column_int64(row, 9);
-    run->prediction = (uint32_t)sqlite3_column_int64(row, 10);
-    run->measurements = tl_measurements_named((const char *)sqlite3_column_text(row, 11));
-    run->samples = count_of(row, 12);
-    run->steps = count_of(row, 13);
-    run->events = count_of(row, 14);
-    run->lost = count_of(row, 15);
-    run->removed_before = (int64_t)count_of(row, 16);
-    sqlite3_int64 lead = sqlite3_column_int64(row, 17);
-    run->lead = (uint32_t)lead;
-    run->fmus = text_of(history, row, 18);
-    run->boot = text_of(history, row, 19);
-    run->has_start = sqlite3_column_type(row, 20) != SQLITE_NULL;
-    run->start = sqlite3_column_int64(row, 20);
+static bool take_text_or_null(tl_history *history, sqlite3_stmt *row, int column, const char **copy) {
+    *copy = NULL;
+    return tl_row_is_null(row, column) || take_text(history, row, column, TL_ROW_NAME, copy);
+}
+
+static bool take_utc_or_null(tl_history *history, sqlite3_stmt *row, int column, const char **copy) {
+    int64_t time = 0;
+    *copy = NULL;
+    return tl_row_is_null(row, column) ||
+           (take_text(history, row, column, TL_UTC_TEXT, copy) && tl_utc_parse(*copy, &time));
+}
+
+static bool take_count(sqlite3_stmt *row, int column, uint64_t *count) {
+    int64_t value = 0;
+    bool taken = tl_row_integer(row, column, 0, TL_ROW_LARGEST, &value);
+    *count = (uint64_t)value;
+    return taken;
+}
+
+static bool take_small(sqlite3_stmt *row, int column, uint32_t *number) {
+    int64_t value = 0;
+    bool taken = tl_row_integer(row, column, 0, INT32_MAX, &value);
+    *number = (uint32_t)value;
+    return taken;
+}
+
+static bool read_names(tl_history *history, sqlite3_stmt *row, tl_history_run *run) {
+    return take_text(history, row, 1, TL_ROW_NAME, &run->verb) && take_text(history, row, 2, TL_ROW_NAME, &run->name) &&
+           take_text(history, row, 3, TL_ROW_NAME, &run->version) &&
+           take_text(history, row, 4, TL_SHA256_TEXT, &run->configuration_hash);
+}
+
+/* A run that has an end has a reason for it. */
+static bool read_times(tl_history *history, sqlite3_stmt *row, tl_history_run *run) {
+    bool read = take_utc_or_null(history, row, 5, &run->started) && take_utc_or_null(history, row, 6, &run->ended) &&
+                take_text_or_null(history, row, 7, &run->ended_reason) &&
+                take_utc_or_null(history, row, 8, &run->committed) && run->started != NULL;
+    run->committed = run->committed == NULL ? run->started : run->committed;
+    return read && (run->ended == NULL) == (run->ended_reason == NULL);
+}
+
+static bool read_rule(sqlite3_stmt *row, tl_history_run *run) {
+    const char *measurements = NULL;
+    bool read = tl_row_integer(row, 9, 1, LONGEST_STEP, &run->step) && take_small(row, 10, &run->prediction) &&
+                tl_row_text(row, 11, TL_ROW_NAME, &measurements) && take_small(row, 17, &run->lead);
+    run->measurements = tl_measurements_named(measurements);
+    return read && strcmp(measurements, tl_measurements_name(run->measurements)) == 0;
+}
+
+static bool read_counts(sqlite3_stmt *row, tl_history_run *run) {
+    return take_count(row, 12, &run->samples) && take_count(row, 13, &run->steps) &&
+           take_count(row, 14, &run->events) && take_count(row, 15, &run->lost) &&
+           tl_row_integer_or_null(row, 16, 0, TL_ROW_LARGEST, &run->removed_before);
+}
+
+/* Of an older program's run all of it is NULL. */
+static bool read_resumption(tl_history *history, sqlite3_stmt *row, tl_history_run *run) {
+    const char *from = NULL;
+    bool read = take_text_or_null(history, row, 18, &run->fmus) && take_text_or_null(history, row, 19, &run->boot) &&
+                tl_row_integer_or_null(row, 20, -TL_ROW_LARGEST, TL_ROW_LARGEST, &run->start) &&
+                tl_row_integer_or_null(row, 21, 0, TL_ROW_LARGEST, &run->resumption.run) &&
+                tl_row_integer_or_null(row, 22, 0, tl_history_last_possible(run), &run->resumption.tick) &&
+                tl_row_text_or_null(row, 23, TL_ROW_NAME, &from);
+    run->has_start = !tl_row_is_null(row, 20);
     run->fmus = run->fmus == NULL ? "" : run->fmus;
     run->boot = run->boot == NULL ? "" : run->boot;
-    run->resumption = (tl_resumption){
-        .from = tl_resumed_from_named((const char *)sqlite3_column_text(row, 23)),
-        .run = sqlite3_column_int64(row, 21),
-        .tick = sqlite3_column_int64(row, 22),
-    };
-    run->committed = run->committed == NULL ? run->started : run->committed;
-    return run->verb != NULL && run->name != NULL && run->version != NULL && run->configuration_hash != NULL &&
-           run->started != NULL && run->step > 0 && lead >= 0 && lead <= INT32_MAX;
+    run->resumption.from = tl_resumed_from_named(from);
+    return read && (from == NULL || strcmp(from, tl_resumed_from_name(run->resumption.from)) == 0);
+}
+
+/* False where the row cannot be one that the recorder wrote. */
+static bool read_run(tl_history *history, sqlite3_stmt *row, tl_history_run *run) {
+    return tl_row_integer(row, 0, 1, TL_ROW_LARGEST, &run->run) && read_names(history, row, run) &&
+           read_times(history, row, run) && read_rule(row, run) && read_counts(row, run) &&
+           read_resumption(history, row, run);
 }
 
 static tl_status count_rows(tl_history *history, sqlite3_stmt *statement, size_t *count, tl_error *error) {
     int code = SQLITE_ROW;
+    int64_t last = INT64_MIN;
     *count = 0;
     while ((code = sqlite3_step(statement)) == SQLITE_ROW) {
+        int64_t run = sqlite3_column_int64(statement, 0);
+        if (*count > 0 && run <= last) {
+            (void)sqlite3_reset(statement);
+            return tl_database_damaged(history->database, error, "its runs are not in their order");
+        }
+        last = run;
         (*count)++;
     }
     (void)sqlite3_reset(statement);
@@ -144,8 +198,9 @@ static tl_status read_runs(tl_history *history, sqlite3_stmt *statement, const t
     int code = SQLITE_DONE;
     while (done < *count && (code = sqlite3_step(statement)) == SQLITE_ROW) {
         if (!read_run(history, statement, &read[done])) {
-            return tl_fail(error, TL_BAD_DATA, "%s: is damaged: run %lld is incomplete", file_of(history),
-                           (long long)read[done].run);
+            return tl_database_damaged(history->database, error,
+                                       "what it tells of run %" PRId64 " is incomplete or wrong",
+                                       (int64_t)sqlite3_column_int64(statement, 0));
         }
         done++;
     }
@@ -188,15 +243,15 @@ tl_status tl_history_find(tl_history *history, int64_t id, const tl_history_run 
 
 tl_status tl_history_configuration(tl_history *history, const tl_history_run *run, const char **text, tl_error *error) {
     sqlite3_stmt *statement = NULL;
+    *text = NULL;
     tl_status status =
         tl_database_prepare(history->database, "SELECT text FROM configurations WHERE hash = ?1", &statement, error);
     if (status == TL_OK) {
         (void)sqlite3_bind_text(statement, 1, run->configuration_hash, -1, SQLITE_STATIC);
         int code = sqlite3_step(statement);
-        *text = code == SQLITE_ROW ? text_of(history, statement, 0) : NULL;
-        if (code == SQLITE_DONE || (code == SQLITE_ROW && *text == NULL)) {
-            status = tl_fail(error, TL_BAD_DATA, "%s: is damaged: the configuration of run %lld is missing",
-                             file_of(history), (long long)run->run);
+        if (code == SQLITE_DONE || (code == SQLITE_ROW && !take_text(history, statement, 0, TL_ROW_TEXT, text))) {
+            status = tl_database_damaged(history->database, error, "the configuration of run %" PRId64 " is missing",
+                                         run->run);
         } else if (code != SQLITE_ROW) {
             status = tl_database_fail(history->database, code, error);
         }
@@ -205,12 +260,23 @@ tl_status tl_history_configuration(tl_history *history, const tl_history_run *ru
     return status;
 }
 
-static tl_type type_named(const char *name) {
-    int type = TL_REAL;
-    while (type < TL_ENUMERATION && (name == NULL || strcmp(name, tl_type_name((tl_type)type)) != 0)) {
-        type++;
+static bool take_type(sqlite3_stmt *row, int column, tl_type *type) {
+    const char *name = NULL;
+    int code = TL_REAL;
+    if (!tl_row_text(row, column, TL_ROW_NAME, &name)) {
+        return false;
     }
-    return (tl_type)type;
+    while (code < TL_ENUMERATION && strcmp(name, tl_type_name((tl_type)code)) != 0) {
+        code++;
+    }
+    *type = (tl_type)code;
+    return strcmp(name, tl_type_name(*type)) == 0;
+}
+
+static bool read_signal(tl_history *history, sqlite3_stmt *row, tl_recorder_signal *signal) {
+    return take_text(history, row, 1, TL_ROW_NAME, &signal->name) &&
+           take_text(history, row, 2, TL_ROW_NAME, &signal->unit) && take_type(row, 3, &signal->type) &&
+           take_text_or_null(history, row, 4, &signal->to);
 }
 
 /* Rows are in the order of their indices; an index that is missing is damage. */
@@ -218,25 +284,22 @@ static tl_status read_signals(tl_history *history, const tl_history_run *run, sq
                               const tl_recorder_signal **signals, size_t *count, tl_error *error) {
     tl_recorder_signal *read = tl_arena_take(&history->arena, most, sizeof *read);
     int code = SQLITE_ROW;
+    size_t done = 0;
     *count = 0;
     if (read == NULL) {
         return fail_memory(error);
     }
     while ((code = sqlite3_step(statement)) == SQLITE_ROW) {
-        const char *name = text_of(history, statement, 1);
-        const char *unit = text_of(history, statement, 2);
-        if (sqlite3_column_int64(statement, 0) != (sqlite3_int64)*count || *count >= most || name == NULL ||
-            unit == NULL) {
-            return tl_fail(error, TL_BAD_DATA, "%s: is damaged: the signals of run %lld are incomplete",
-                           file_of(history), (long long)run->run);
+        int64_t index = -1;
+        if (done >= most || !tl_row_integer(statement, 0, (int64_t)done, (int64_t)done, &index) ||
+            !read_signal(history, statement, &read[done])) {
+            return tl_database_damaged(history->database, error,
+                                       "the signals of run %" PRId64 " are incomplete or wrong", run->run);
         }
-        read[*count].name = name;
-        read[*count].unit = unit;
-        read[*count].type = type_named((const char *)sqlite3_column_text(statement, 3));
-        read[*count].to = text_of(history, statement, 4);
-        (*count)++;
+        done++;
     }
     *signals = read;
+    *count = done;
     return code == SQLITE_DONE ? TL_OK : tl_database_fail(history->database, code, error);
 }
 
@@ -258,41 +321,40 @@ tl_status tl_history_signals(tl_history *history, const tl_history_run *run, tl_
     return status;
 }
 
-static bool read_component(tl_history *history, sqlite3_stmt *row, tl_history_component *component) {
-    component->name = text_of(history, row, 0);
-    component->counts = (tl_recorder_component){
-        .plain = count_of(row, 1),
-        .predicted = count_of(row, 2),
-        .executions = count_of(row, 3),
-        .caught_up = count_of(row, 4),
-        .unstored = count_of(row, 5),
-    };
-    return component->name != NULL;
+static bool read_component(tl_history *history, sqlite3_stmt *row, int64_t index, tl_history_component *component) {
+    tl_recorder_component *counts = &component->counts;
+    return take_text(history, row, 0, TL_ROW_NAME, &component->name) && take_count(row, 1, &counts->plain) &&
+           take_count(row, 2, &counts->predicted) && take_count(row, 3, &counts->executions) &&
+           take_count(row, 4, &counts->caught_up) && take_count(row, 5, &counts->unstored) &&
+           tl_row_integer(row, 6, index, index, &index);
 }
 
 static tl_status read_ledger(tl_history *history, const tl_history_run *run, sqlite3_stmt *statement,
                              const tl_history_component **components, size_t *count, tl_error *error) {
     tl_history_component *read = tl_arena_take(&history->arena, TL_RECORDER_COMPONENTS, sizeof *read);
-    int code = SQLITE_DONE;
+    int code = SQLITE_ROW;
+    size_t done = 0;
     *count = 0;
     if (read == NULL) {
         return fail_memory(error);
     }
-    while (*count < TL_RECORDER_COMPONENTS && (code = sqlite3_step(statement)) == SQLITE_ROW) {
-        if (!read_component(history, statement, &read[(*count)++])) {
-            return tl_fail(error, TL_BAD_DATA, "%s: is damaged: a component of run %lld has no name", file_of(history),
-                           (long long)run->run);
+    while ((code = sqlite3_step(statement)) == SQLITE_ROW) {
+        if (done >= TL_RECORDER_COMPONENTS || !read_component(history, statement, (int64_t)done, &read[done])) {
+            return tl_database_damaged(history->database, error,
+                                       "the components of run %" PRId64 " are incomplete or wrong", run->run);
         }
+        done++;
     }
     *components = read;
-    return code == SQLITE_DONE || code == SQLITE_ROW ? TL_OK : tl_database_fail(history->database, code, error);
+    *count = done;
+    return code == SQLITE_DONE ? TL_OK : tl_database_fail(history->database, code, error);
 }
 
 tl_status tl_history_ledger(tl_history *history, const tl_history_run *run, const tl_history_component **components,
                             size_t *count, tl_error *error) {
     sqlite3_stmt *statement = NULL;
     tl_status status = tl_database_prepare(history->database,
-                                           "SELECT name, plain, predicted, executions, caught_up, unstored"
+                                           "SELECT name, plain, predicted, executions, caught_up, unstored, component"
                                            " FROM components WHERE run = ?1 ORDER BY component",
                                            &statement, error);
     if (status == TL_OK) {
@@ -305,29 +367,33 @@ tl_status tl_history_ledger(tl_history *history, const tl_history_run *run, cons
 
 /* ---- Checkpoints ------------------------------------------------------------------------------------------------- */
 
-static tl_status read_checkpoint(tl_history *history, sqlite3_stmt *row, const tl_history_checkpoint **checkpoint,
-                                 tl_error *error) {
+static tl_status read_checkpoint(tl_history *history, const tl_history_run *run, sqlite3_stmt *row, int64_t before,
+                                 const tl_history_checkpoint **checkpoint, tl_error *error) {
     char digest[TL_SHA256_TEXT];
     tl_history_checkpoint *read = tl_arena_take(&history->arena, 1, sizeof *read);
-    const void *bytes = sqlite3_column_blob(row, 3);
-    size_t size = (size_t)sqlite3_column_bytes(row, 3);
-    unsigned char *copy = tl_arena_take(&history->arena, size, 1);
-    const char *format = text_of(history, row, 1);
-    const char *expected = (const char *)sqlite3_column_text(row, 2);
-    if (read == NULL || copy == NULL) {
+    const char *expected = NULL;
+    if (read == NULL) {
         return fail_memory(error);
     }
-    if (size != 0) {
-        memcpy(copy, bytes, size);
+    int64_t last = tl_history_last_possible(run);
+    if (!tl_row_integer(row, 0, 0, before <= last ? before - 1 : last, &read->tick) ||
+        !take_text(history, row, 1, TL_ROW_NAME, &read->format) || !tl_row_text(row, 2, TL_ROW_NAME, &expected) ||
+        sqlite3_column_type(row, 3) != SQLITE_BLOB) {
+        return tl_database_damaged(history->database, error, "a checkpoint of run %" PRId64 " is incomplete or wrong",
+                                   run->run);
     }
-    tl_sha256(copy, size, digest);
-    *read = (tl_history_checkpoint){
-        .tick = sqlite3_column_int64(row, 0),
-        .format = format == NULL ? "" : format,
-        .bytes = copy,
-        .size = size,
-        .whole = expected != NULL && strcmp(expected, digest) == 0,
-    };
+    const void *bytes = sqlite3_column_blob(row, 3);
+    read->size = bytes == NULL ? 0 : (size_t)sqlite3_column_bytes(row, 3);
+    unsigned char *copy = tl_arena_take(&history->arena, read->size, 1);
+    if (copy == NULL) {
+        return fail_memory(error);
+    }
+    if (read->size != 0) {
+        memcpy(copy, bytes, read->size);
+    }
+    tl_sha256(copy, read->size, digest);
+    read->bytes = copy;
+    read->whole = strcmp(expected, digest) == 0;
     *checkpoint = read;
     return TL_OK;
 }
@@ -344,7 +410,7 @@ tl_status tl_history_checkpoint_before(tl_history *history, const tl_history_run
         (void)sqlite3_bind_int64(statement, 2, before);
         int code = sqlite3_step(statement);
         if (code == SQLITE_ROW) {
-            status = read_checkpoint(history, statement, checkpoint, error);
+            status = read_checkpoint(history, run, statement, before, checkpoint, error);
         } else if (code != SQLITE_DONE) {
             status = tl_database_fail(history->database, code, error);
         }
@@ -353,29 +419,46 @@ tl_status tl_history_checkpoint_before(tl_history *history, const tl_history_run
     return status;
 }
 
-/* The one number that a question about a run gives; `otherwise` where it is NULL, or cannot be read. */
-static int64_t ask_number(tl_history *history, const tl_history_run *run, const char *sql, int64_t otherwise) {
+/* The one tick, step or time that a question about a run gives. *any: it is one, and not NULL. */
+static tl_status ask_number(tl_history *history, const tl_history_run *run, const char *sql, bool *any, int64_t *number,
+                            tl_error *error) {
     sqlite3_stmt *statement = NULL;
-    int64_t number = otherwise;
-    if (sqlite3_prepare_v2(history->database, sql, -1, &statement, NULL) == SQLITE_OK) {
-        (void)sqlite3_bind_int64(statement, 1, run->run);
-        if (sqlite3_step(statement) == SQLITE_ROW && sqlite3_column_type(statement, 0) == SQLITE_INTEGER) {
-            number = sqlite3_column_int64(statement, 0);
-        }
+    *any = false;
+    tl_status status = tl_database_prepare(history->database, sql, &statement, error);
+    if (status != TL_OK) {
+        return status;
+    }
+    (void)sqlite3_bind_int64(statement, 1, run->run);
+    int code = sqlite3_step(statement);
+    if (code == SQLITE_ROW && !tl_row_is_null(statement, 0)) {
+        *any = tl_row_integer(statement, 0, 0, tl_history_last_possible(run), number);
+        status =
+            *any ? TL_OK
+                 : tl_database_damaged(history->database, error, "run %" PRId64 " has ticks that cannot be", run->run);
+    } else if (code != SQLITE_ROW && code != SQLITE_DONE) {
+        status = tl_database_fail(history->database, code, error);
     }
     (void)sqlite3_finalize(statement);
-    return number;
+    return status;
 }
 
 tl_time tl_history_execution_cost(tl_history *history, const tl_history_run *run) {
-    return ask_number(history, run,
-                      "SELECT sum(used_ns) / max(sum(executions), 1) FROM (SELECT used_ns, executions FROM steps"
-                      " WHERE run = ?1 AND used_ns > 0 ORDER BY step DESC LIMIT 1000)",
-                      0);
+    tl_error ignored;
+    bool any = false;
+    int64_t cost = 0;
+    tl_status status = ask_number(
+        history, run,
+        "SELECT min(sum(used_ns) / max(sum(executions), 1), 1000000000) FROM (SELECT used_ns, executions FROM steps"
+        " WHERE run = ?1 AND used_ns > 0 ORDER BY step DESC LIMIT 1000)",
+        &any, &cost, &ignored);
+    return status == TL_OK && any ? cost : 0;
 }
 
-int64_t tl_history_last_step(tl_history *history, const tl_history_run *run) {
-    return ask_number(history, run, "SELECT max(step) FROM steps WHERE run = ?1", -1);
+tl_status tl_history_last_step(tl_history *history, const tl_history_run *run, int64_t *step, tl_error *error) {
+    bool any = false;
+    *step = -1;
+    return ask_number(history, run, "SELECT step FROM steps WHERE run = ?1 ORDER BY step DESC LIMIT 1", &any, step,
+                      error);
 }
 
 /* ---- Ticks ------------------------------------------------------------------------------------------------------- */
@@ -403,11 +486,11 @@ tl_status tl_history_ticks_begin(tl_history *history, const tl_history_run *run,
                                      &begun->samples, error);
     }
     if (status == TL_OK) {
-        status = tl_database_prepare(
-            history->database,
-            "SELECT step, outcome, stop, evaluations, flags, J_nominal IS NULL, executions FROM steps"
-            " WHERE run = ?1 AND step >= ?2 AND step < ?3 ORDER BY step",
-            &begun->steps, error);
+        status =
+            tl_database_prepare(history->database,
+                                "SELECT step, 0, outcome, stop, evaluations, flags, J_nominal, executions FROM steps"
+                                " WHERE run = ?1 AND step >= ?2 AND step < ?3 ORDER BY step",
+                                &begun->steps, error);
     }
     if (status == TL_OK) {
         status = tl_database_prepare(history->database,
@@ -433,24 +516,19 @@ void tl_history_ticks_end(tl_history_ticks *ticks) {
     }
 }
 
-/* False where there is none, or where it cannot be read. */
-static bool ask_tick(tl_history *history, const tl_history_run *run, const char *sql, int64_t *tick) {
-    sqlite3_stmt *statement = NULL;
-    bool found = false;
-    if (sqlite3_prepare_v2(history->database, sql, -1, &statement, NULL) == SQLITE_OK) {
-        (void)sqlite3_bind_int64(statement, 1, run->run);
-        found = sqlite3_step(statement) == SQLITE_ROW;
-        *tick = found ? sqlite3_column_int64(statement, 0) : 0;
+tl_status tl_history_ticks_range(const tl_history_ticks *ticks, bool *any, int64_t *first, int64_t *last,
+                                 tl_error *error) {
+    tl_status status = ask_number(ticks->history, ticks->run,
+                                  "SELECT tick FROM samples WHERE run = ?1 ORDER BY tick LIMIT 1", any, first, error);
+    if (status == TL_OK && *any) {
+        status = ask_number(ticks->history, ticks->run,
+                            "SELECT tick FROM samples WHERE run = ?1 ORDER BY tick DESC LIMIT 1", any, last, error);
     }
-    (void)sqlite3_finalize(statement);
-    return found;
-}
-
-bool tl_history_ticks_range(const tl_history_ticks *ticks, int64_t *first, int64_t *last) {
-    return ask_tick(ticks->history, ticks->run, "SELECT tick FROM samples WHERE run = ?1 ORDER BY tick LIMIT 1",
-                    first) &&
-           ask_tick(ticks->history, ticks->run, "SELECT tick FROM samples WHERE run = ?1 ORDER BY tick DESC LIMIT 1",
-                    last);
+    if (status == TL_OK && *any && *last < *first) {
+        status = tl_database_damaged(ticks->history->database, error,
+                                     "the ticks of run %" PRId64 " are not in their order", ticks->run->run);
+    }
+    return status;
 }
 
 static void bind_range(sqlite3_stmt *statement, int64_t run, int64_t first, int64_t end) {
@@ -471,129 +549,171 @@ static void begin_tick(tl_history_tick *tick, int64_t number) {
 }
 
 static tl_status fail_damaged(tl_history_ticks *ticks, const char *what, int64_t number, tl_error *error) {
-    return tl_fail(error, TL_BAD_DATA, "%s: is damaged: %s %lld of run %lld is none that the recorder writes",
-                   file_of(ticks->history), what, (long long)number, (long long)ticks->run->run);
+    return tl_database_damaged(ticks->history->database, error,
+                               "%s %" PRId64 " of run %" PRId64 " is none that the recorder writes", what, number,
+                               ticks->run->run);
+}
+
+/* Where a table is read: (tick or step, signal) of its last row, and what its rows must be in. */
+typedef struct table_walk {
+    int64_t first; /* tick or step */
+    int64_t number;
+    int64_t signal;
+    size_t slot; /* ticks are in their order, so the search goes on from this one */
+} table_walk;
+
+static table_walk walk_from(int64_t first) {
+    return (table_walk){.first = first, .number = first < 0 ? 0 : first, .signal = -1};
+}
+
+/* The key of the next row, which is in the range and behind the one before. `signals`: how many there can be. */
+static bool take_key(table_walk *walk, sqlite3_stmt *row, int64_t signals, int64_t *number, int64_t *signal) {
+    if (!tl_row_integer(row, 0, walk->number, walk->first + TICKS_AT_ONCE - 1, number) ||
+        !tl_row_integer(row, 1, 0, signals - 1, signal) || (*number == walk->number && *signal <= walk->signal)) {
+        return false;
+    }
+    walk->number = *number;
+    walk->signal = *signal;
+    return true;
+}
+
+/* The tick with this number; NULL: it is not in the buffer. */
+static tl_history_tick *find_tick(tl_history_ticks *ticks, table_walk *walk, int64_t number) {
+    while (walk->slot < ticks->count && ticks->buffer[walk->slot].sample.tick < number) {
+        walk->slot++;
+    }
+    bool found = walk->slot < ticks->count && ticks->buffer[walk->slot].sample.tick == number;
+    return found ? &ticks->buffer[walk->slot] : NULL;
 }
 
 /* One row: one signal of one tick. A value that is missing was no number. */
-static bool add_sample(tl_history_ticks *ticks, sqlite3_stmt *row) {
-    int64_t number = sqlite3_column_int64(row, 0);
-    int64_t signal = sqlite3_column_int64(row, 1);
-    int64_t quality = sqlite3_column_int64(row, 3);
-    bool missing = sqlite3_column_type(row, 2) == SQLITE_NULL;
-    if (signal < 0 || (size_t)signal >= ticks->signals || quality < TL_GOOD || quality > TL_OUTLIER) {
+static bool add_sample(tl_history_ticks *ticks, sqlite3_stmt *row, table_walk *walk) {
+    int64_t number = 0;
+    int64_t signal = 0;
+    int64_t quality = 0;
+    int64_t stamp = TL_TIME_NEVER;
+    double value = 0.0;
+    if (!take_key(walk, row, (int64_t)ticks->signals, &number, &signal) || !tl_row_number(row, 2, &value) ||
+        !tl_row_integer(row, 3, TL_GOOD, TL_OUTLIER, &quality) ||
+        !tl_row_integer_or_null(row, 4, -TL_ROW_LARGEST, TL_ROW_LARGEST, &stamp)) {
         return false;
     }
+    /* Ascending within TICKS_AT_ONCE numbers: there is room. */
     if (ticks->count == 0 || ticks->buffer[ticks->count - 1].sample.tick != number) {
         begin_tick(&ticks->buffer[ticks->count++], number);
     }
+    bool missing = tl_row_is_null(row, 2);
     tl_sample *sample = &ticks->buffer[ticks->count - 1].sample;
-    sample->values[signal] = sqlite3_column_double(row, 2);
+    sample->values[signal] = missing ? 0.0 : value;
     sample->quality[signal] = (uint8_t)(missing && quality == TL_GOOD ? TL_NOT_A_NUMBER : quality);
-    if (sqlite3_column_type(row, 4) != SQLITE_NULL) {
-        sample->stamps[signal] = sqlite3_column_int64(row, 4);
-    }
+    sample->stamps[signal] = stamp;
     return true;
-}
-
-static tl_status read_samples(tl_history_ticks *ticks, int64_t first, tl_error *error) {
-    int code = SQLITE_ROW;
-    tl_status status = TL_OK;
-    bind_range(ticks->samples, ticks->run->run, first, first + TICKS_AT_ONCE);
-    while (status == TL_OK && (code = sqlite3_step(ticks->samples)) == SQLITE_ROW) {
-        if (!add_sample(ticks, ticks->samples)) {
-            status = fail_damaged(ticks, "the sample of tick", sqlite3_column_int64(ticks->samples, 0), error);
-        }
-    }
-    if (status == TL_OK && code != SQLITE_DONE) {
-        status = tl_database_fail(ticks->history->database, code, error);
-    }
-    (void)sqlite3_reset(ticks->samples);
-    return status;
 }
 
 /* An older program did not say it: there it was so where nothing is known of nominal. */
-static uint32_t read_flags(sqlite3_stmt *row, int64_t outcome, int64_t stop) {
-    if (sqlite3_column_type(row, 4) != SQLITE_NULL) {
-        return (uint32_t)sqlite3_column_int64(row, 4);
-    }
-    bool unknown = sqlite3_column_int64(row, 5) != 0;
-    return stop == TL_STOP_TIME && outcome == TL_NOMINAL && unknown ? TL_FLAG_WITHOUT_NOMINAL : 0;
-}
-
-/* One row: one step. Ticks and steps are both in order, so the search goes on from `*from`. */
-static bool add_step(tl_history_ticks *ticks, sqlite3_stmt *row, size_t *from) {
-    int64_t step = sqlite3_column_int64(row, 0);
-    int64_t outcome = sqlite3_column_int64(row, 1);
-    int64_t stop = sqlite3_column_int64(row, 2);
-    if (outcome < TL_FREE || outcome >= TL_OUTCOMES || stop < TL_STOP_NONE || stop > TL_STOP_TIME) {
+static bool take_flags(sqlite3_stmt *row, tl_history_tick *tick) {
+    int64_t flags = 0;
+    bool unknown = tl_row_is_null(row, 6);
+    if (!tl_row_integer_or_null(row, 5, 0, UINT32_MAX, &flags)) {
         return false;
     }
-    int64_t number = step + ticks->run->lead;
-    while (*from < ticks->count && ticks->buffer[*from].sample.tick < number) {
-        (*from)++;
+    if (tl_row_is_null(row, 5) && tick->stop == TL_STOP_TIME && tick->outcome == TL_NOMINAL && unknown) {
+        flags = TL_FLAG_WITHOUT_NOMINAL;
     }
-    if (*from < ticks->count && ticks->buffer[*from].sample.tick == number) {
-        tl_history_tick *tick = &ticks->buffer[*from];
-        tick->has_step = true;
-        tick->step = step;
-        tick->outcome = (tl_outcome)outcome;
-        tick->stop = (tl_stop)stop;
-        tick->evaluations = (uint32_t)sqlite3_column_int64(row, 3);
-        tick->executions = (uint64_t)sqlite3_column_int64(row, 6);
-        tick->flags = read_flags(row, outcome, stop);
+    tick->flags = (uint32_t)flags;
+    return true;
+}
+
+/* One row: one step. */
+static bool add_step(tl_history_ticks *ticks, sqlite3_stmt *row, table_walk *walk) {
+    int64_t step = 0;
+    int64_t none = 0;
+    int64_t outcome = 0;
+    int64_t stop = 0;
+    int64_t evaluations = 0;
+    int64_t executions = 0;
+    tl_history_tick unwanted = {0};
+    if (!take_key(walk, row, 1, &step, &none) || !tl_row_integer(row, 2, TL_FREE, TL_OUTCOMES - 1, &outcome) ||
+        !tl_row_integer(row, 3, TL_STOP_NONE, TL_STOP_TIME, &stop) ||
+        !tl_row_integer(row, 4, 0, UINT32_MAX, &evaluations) ||
+        !tl_row_integer(row, 7, 0, TL_ROW_LARGEST, &executions)) {
+        return false;
+    }
+    tl_history_tick *tick = find_tick(ticks, walk, step + ticks->run->lead);
+    tick = tick == NULL ? &unwanted : tick;
+    tick->has_step = true;
+    tick->step = step;
+    tick->outcome = (tl_outcome)outcome;
+    tick->stop = (tl_stop)stop;
+    tick->evaluations = (uint32_t)evaluations;
+    tick->executions = (uint64_t)executions;
+    return take_flags(row, tick);
+}
+
+/* The signals of a step come in their order; what is not a number ends the row. */
+static bool add_adjustment(tl_history_ticks *ticks, sqlite3_stmt *row, table_walk *walk) {
+    int64_t step = 0;
+    int64_t signal = 0;
+    double u = 0.0;
+    if (!take_key(walk, row, TL_MAX_ADJUST, &step, &signal) || !tl_row_number(row, 2, &u)) {
+        return false;
+    }
+    tl_history_tick *tick = find_tick(ticks, walk, step + ticks->run->lead);
+    if (tick != NULL && signal == (int64_t)tick->adjusted && !tl_row_is_null(row, 2)) {
+        tick->u[tick->adjusted++] = u;
     }
     return true;
 }
 
-static tl_status read_steps(tl_history_ticks *ticks, int64_t first, tl_error *error) {
+/* All rows of one table that belong to TICKS_AT_ONCE ticks or steps. */
+static tl_status read_rows(tl_history_ticks *ticks, sqlite3_stmt *statement, int64_t first, const char *what,
+                           bool (*add)(tl_history_ticks *ticks, sqlite3_stmt *row, table_walk *walk), tl_error *error) {
     int code = SQLITE_ROW;
     tl_status status = TL_OK;
-    size_t from = 0;
-    int64_t first_step = first - ticks->run->lead;
-    bind_range(ticks->steps, ticks->run->run, first_step, first_step + TICKS_AT_ONCE);
-    while (status == TL_OK && (code = sqlite3_step(ticks->steps)) == SQLITE_ROW) {
-        if (!add_step(ticks, ticks->steps, &from)) {
-            status = fail_damaged(ticks, "step", sqlite3_column_int64(ticks->steps, 0), error);
+    table_walk walk = walk_from(first);
+    bind_range(statement, ticks->run->run, first, first + TICKS_AT_ONCE);
+    while (status == TL_OK && (code = sqlite3_step(statement)) == SQLITE_ROW) {
+        if (!add(ticks, statement, &walk)) {
+            status = fail_damaged(ticks, what, sqlite3_column_int64(statement, 0), error);
         }
     }
     if (status == TL_OK && code != SQLITE_DONE) {
         status = tl_database_fail(ticks->history->database, code, error);
     }
-    (void)sqlite3_reset(ticks->steps);
+    (void)sqlite3_reset(statement);
     return status;
 }
 
-/* The signals of a step come in their order; what is not a number ends the row. */
-static void add_adjustment(tl_history_ticks *ticks, sqlite3_stmt *row, size_t *from) {
-    int64_t number = sqlite3_column_int64(row, 0) + ticks->run->lead;
-    int64_t signal = sqlite3_column_int64(row, 1);
-    while (*from < ticks->count && ticks->buffer[*from].sample.tick < number) {
-        (*from)++;
+/* The first tick from `next` on that is there, and the TICKS_AT_ONCE − 1 after it. */
+static tl_status read_block(tl_history_ticks *ticks, tl_error *error) {
+    sqlite3 *database = ticks->history->database;
+    tl_status status = TL_OK;
+    int64_t first = 0;
+    bind_range(ticks->first_sample, ticks->run->run, ticks->next, 0);
+    int code = sqlite3_step(ticks->first_sample);
+    if (code == SQLITE_ROW &&
+        !tl_row_integer(ticks->first_sample, 0, ticks->next, tl_history_last_possible(ticks->run), &first)) {
+        status = fail_damaged(ticks, "the sample of tick", sqlite3_column_int64(ticks->first_sample, 0), error);
+    } else if (code != SQLITE_ROW && code != SQLITE_DONE) {
+        status = tl_database_fail(database, code, error);
     }
-    if (*from == ticks->count || ticks->buffer[*from].sample.tick != number) {
-        return;
+    (void)sqlite3_reset(ticks->first_sample);
+    if (status != TL_OK || code != SQLITE_ROW) {
+        return status;
     }
-    tl_history_tick *tick = &ticks->buffer[*from];
-    if (tick->adjusted < TL_MAX_ADJUST && signal == (int64_t)tick->adjusted &&
-        sqlite3_column_type(row, 2) != SQLITE_NULL) {
-        tick->u[tick->adjusted++] = sqlite3_column_double(row, 2);
-    }
-}
-
-static tl_status read_adjustments(tl_history_ticks *ticks, int64_t first, tl_error *error) {
-    int code = SQLITE_ROW;
-    size_t from = 0;
     int64_t first_step = first - ticks->run->lead;
-    bind_range(ticks->adjustments, ticks->run->run, first_step, first_step + TICKS_AT_ONCE);
-    while ((code = sqlite3_step(ticks->adjustments)) == SQLITE_ROW) {
-        add_adjustment(ticks, ticks->adjustments, &from);
+    status = read_rows(ticks, ticks->samples, first, "the sample of tick", add_sample, error);
+    if (status == TL_OK && (ticks->count == 0 || ticks->buffer[0].sample.tick != first)) {
+        status = fail_damaged(ticks, "the sample of tick", first, error); /* it was there a moment ago */
     }
-    (void)sqlite3_reset(ticks->adjustments);
-    return code == SQLITE_DONE ? TL_OK : tl_database_fail(ticks->history->database, code, error);
+    if (status == TL_OK) {
+        status = read_rows(ticks, ticks->steps, first_step, "step", add_step, error);
+    }
+    return status == TL_OK ? read_rows(ticks, ticks->adjustments, first_step, "u of step", add_adjustment, error)
+                           : status;
 }
 
-/* Fills the buffer, from the first tick that is there, in one transaction. */
+/* Fills the buffer, in one transaction. What cannot be read whole is not handed out at all. */
 static tl_status read_ticks(tl_history_ticks *ticks, tl_error *error) {
     sqlite3 *database = ticks->history->database;
     ticks->count = 0;
@@ -602,29 +722,13 @@ static tl_status read_ticks(tl_history_ticks *ticks, tl_error *error) {
     if (status != TL_OK) {
         return status;
     }
-    bind_range(ticks->first_sample, ticks->run->run, ticks->next, 0);
-    int code = sqlite3_step(ticks->first_sample);
-    int64_t first = code == SQLITE_ROW ? sqlite3_column_int64(ticks->first_sample, 0) : 0;
-    if (code != SQLITE_ROW && code != SQLITE_DONE) {
-        status = tl_database_fail(database, code, error);
-    }
-    (void)sqlite3_reset(ticks->first_sample);
-    if (status == TL_OK && first > INT64_MAX / 4) {
-        status = fail_damaged(ticks, "the sample of tick", first, error);
-    }
-    if (status == TL_OK && code == SQLITE_ROW) {
-        status = read_samples(ticks, first, error);
-    }
-    if (status == TL_OK && code == SQLITE_ROW) {
-        status = read_steps(ticks, first, error);
-    }
-    if (status == TL_OK && code == SQLITE_ROW) {
-        status = read_adjustments(ticks, first, error);
-    }
-    if (status == TL_OK && ticks->count > 0) {
+    status = read_block(ticks, error);
+    (void)sqlite3_exec(database, "COMMIT", NULL, NULL, NULL);
+    if (status != TL_OK) {
+        ticks->count = 0;
+    } else if (ticks->count > 0) {
         ticks->next = ticks->buffer[ticks->count - 1].sample.tick + 1;
     }
-    (void)sqlite3_exec(database, "COMMIT", NULL, NULL, NULL);
     return status;
 }
 
@@ -645,7 +749,7 @@ tl_status tl_history_ticks_next(tl_history_ticks *ticks, tl_history_tick *tick, 
 }
 
 void tl_history_ticks_seek(tl_history_ticks *ticks, int64_t tick) {
-    ticks->next = tick;
+    ticks->next = tick < 0 ? 0 : tick;
     ticks->count = 0;
     ticks->given = 0;
 }

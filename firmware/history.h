@@ -3,6 +3,7 @@
  * Purpose: runs, their signals and configurations, and the ticks of a run one by one, for `show` and for replaying what
  *          a box saw. config/SPEC.md, "Database", says what everything means.
  * Reading: in short transactions, so that a slow reader does not keep the recorder from writing its log back.
+ * Trust:   none. Whatever is given out is what the recorder writes: in range, in order, finite, UTF-8. Anything else is damage.
  * Owner:   texts and arrays that are given out live until tl_history_close().
  * Errors:  TL_BAD_DATA (no database of ours, damaged, no such run), TL_TRY_AGAIN (locked, no permission).
  * Thread:  one thread at a time.
@@ -86,11 +87,14 @@ typedef struct tl_history_checkpoint {
 tl_status tl_history_checkpoint_before(tl_history *history, const tl_history_run *run, int64_t before,
                                        const tl_history_checkpoint **checkpoint, tl_error *error);
 
-/* What the newest steps took, ns per execution; 0 where that is not known. */
+/* What the newest steps took, ns per execution, at most a second; 0 where that is not known. */
 tl_time tl_history_execution_cost(tl_history *history, const tl_history_run *run);
 
 /* The newest step that is there; −1: none. */
-int64_t tl_history_last_step(tl_history *history, const tl_history_run *run);
+tl_status tl_history_last_step(tl_history *history, const tl_history_run *run, int64_t *step, tl_error *error);
+
+/* The last tick or step that a run can have: no time of it is out of range. */
+int64_t tl_history_last_possible(const tl_history_run *run);
 
 /* One tick, and the step that was computed at it: tick − lead. */
 typedef struct tl_history_tick {
@@ -116,8 +120,9 @@ tl_status tl_history_ticks_begin(tl_history *history, const tl_history_run *run,
 /* The next tick to be given is this one, or the first after it that is there. */
 void tl_history_ticks_seek(tl_history_ticks *ticks, int64_t tick);
 
-/* The first and the last tick that are there now; false where there is none. */
-bool tl_history_ticks_range(const tl_history_ticks *ticks, int64_t *first, int64_t *last);
+/* The first and the last tick that are there now, where there is *any. */
+tl_status tl_history_ticks_range(const tl_history_ticks *ticks, bool *any, int64_t *first, int64_t *last,
+                                 tl_error *error);
 
 /* The next tick that is there; ticks that were lost or removed are left out, so look at sample.tick. *end where there
  * is none (yet, in a run that is being written). */

@@ -10,6 +10,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include "firmware/crash.h"
 #include "firmware/fp_control.h"
 
 enum { HANDLED = 16, LOCALES = 512 };
@@ -124,6 +125,7 @@ static unsigned put_back_handlers(void) {
         const handled *own = &host.handlers[i];
         if (sigaction(own->signal, NULL, &now) == 0 && !is_same_handler(&now, &own->action)) {
             (void)sigaction(own->signal, &own->action, NULL);
+            tl_crash_chain(own->signal, &now);
             changed = TL_HOST_HANDLERS;
         }
     }

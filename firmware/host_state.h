@@ -4,7 +4,8 @@
  *          that takes SIGTERM cannot be ended, one that changes the folder makes relative file names wrong. What was so before the
  *          FMU was loaded is put back.
  * Covers:  the floating-point control bits, the locale and the signal mask of the thread; the locale, the handlers of the signals
- *          that the program itself handles, the current folder and the umask of the process.
+ *          that the program itself handles, the current folder and the umask of the process. A handler of a crash that was displaced
+ *          is called by ours from then on (crash.h).
  * Left alone: handlers of all other signals, timers, limits, environment, open files.
  * Thread:  that of the FMUs, but for tl_host_state_handle(), which is for a time when no FMU is being called.
  */

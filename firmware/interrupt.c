@@ -6,10 +6,13 @@
 
 #include "firmware/host_state.h"
 
-static volatile sig_atomic_t received; /* the only global state: a signal handler can have no other */
+static volatile sig_atomic_t received; /* global state: a signal handler can have no other */
+static unsigned times;
+static bool hears_hangup;
 
 static void note(int signal) {
     received = signal;
+    (void)__atomic_add_fetch(&times, 1, __ATOMIC_RELAXED);
 }
 
 bool tl_interrupt_ignores_hangup(void) {
@@ -17,16 +20,42 @@ bool tl_interrupt_ignores_hangup(void) {
     return sigaction(SIGHUP, NULL, &now) == 0 && now.sa_handler == SIG_IGN;
 }
 
-void tl_interrupt_install(void) {
+static void claim(int signal) {
     struct sigaction action = {.sa_handler = note};
     (void)sigemptyset(&action.sa_mask);
-    (void)tl_host_state_handle(SIGINT, &action);
-    (void)tl_host_state_handle(SIGTERM, &action);
-    if (!tl_interrupt_ignores_hangup()) {
-        (void)tl_host_state_handle(SIGHUP, &action);
+    (void)tl_host_state_handle(signal, &action);
+}
+
+void tl_interrupt_install(void) {
+    struct sigaction ignored = {.sa_handler = SIG_IGN};
+    hears_hangup = !tl_interrupt_ignores_hangup();
+    claim(SIGINT);
+    claim(SIGTERM);
+    if (hears_hangup) {
+        claim(SIGHUP);
     }
-    action.sa_handler = SIG_IGN;
-    (void)tl_host_state_handle(SIGPIPE, &action);
+    (void)tl_host_state_handle(SIGPIPE, &ignored);
+}
+
+static void reclaim(int signal) {
+    struct sigaction now;
+    struct sigaction own = {.sa_handler = note};
+    (void)sigemptyset(&own.sa_mask);
+    if (sigaction(signal, NULL, &now) == 0 && now.sa_handler != note) {
+        (void)sigaction(signal, &own, NULL);
+    }
+}
+
+void tl_interrupt_reclaim(void) {
+    reclaim(SIGINT);
+    reclaim(SIGTERM);
+    if (hears_hangup) {
+        reclaim(SIGHUP);
+    }
+}
+
+unsigned tl_interrupt_times(void) {
+    return __atomic_load_n(&times, __ATOMIC_RELAXED);
 }
 
 const char *tl_interrupt_requested(void) {

@@ -1,6 +1,7 @@
 /* SIGINT, SIGTERM and SIGHUP as a flag: whoever works long looks at it and ends in good order.
  *
- * Thread: install once, before threads are started; requested() from any thread.
+ * Thread: install once, before threads are started; requested() and times() from any thread; reclaim() from the main thread, which
+ *         takes the signals before all others as long as it does not block them.
  */
 #ifndef TL_FIRMWARE_INTERRUPT_H
 #define TL_FIRMWARE_INTERRUPT_H
@@ -16,5 +17,12 @@ bool tl_interrupt_ignores_hangup(void);
 
 /* The signal that came ("SIGTERM", "SIGINT", "SIGHUP"), or NULL. */
 const char *tl_interrupt_requested(void);
+
+/* How many of them came. */
+unsigned tl_interrupt_times(void);
+
+/* Puts our handlers back where others have taken their place since they were installed, or ignore the signals: an FMU whose call lasts
+ * shall not keep the program from being ended. */
+void tl_interrupt_reclaim(void);
 
 #endif

@@ -2,13 +2,12 @@
 #include "firmware/library.h"
 
 #include <dlfcn.h>
-#include <signal.h>
 #include <stdbool.h>
 #include <stddef.h>
 #include <stdio.h>
-#include <stdlib.h>
 #include <string.h>
-#include <unistd.h>
+
+#include "firmware/shortage.h"
 
 /* ---- Python -------------------------------------------------------------------------------------------- */
 
@@ -52,6 +51,9 @@ static tl_status check_python(const char *path, void *opened, tl_error *error) {
 static tl_status fail_open(const char *path, const char *reason, tl_error *error) {
     static const char python[] = "libpython";
     const char *said = reason == NULL ? path : reason;
+    if (tl_shortage_is_told(said)) {
+        return tl_fail(error, TL_TRY_AGAIN, "the library cannot be opened: %.240s; try again", said);
+    }
     if (strncmp(path, python, strlen(python)) == 0) {
         int length = (int)(strstr(path, ".so") == NULL ? strlen(path) : (size_t)(strstr(path, ".so") - path));
         return tl_fail(
@@ -67,46 +69,17 @@ static tl_status fail_open(const char *path, const char *reason, tl_error *error
         said);
 }
 
-/* Runs after what FMUs have registered for the end of the process, since it was registered before they were opened. What the
- * loader would do then is left out: PythonFMU's binaries cannot be unloaded (they define unique symbols), they end the
- * interpreter both as a registered destructor and once more when the loader ends them, and the second time is in memory that
- * was freed. */
-static void end_process(int code, void *unused) {
-    (void)unused;
-    (void)fflush(NULL);
-    _exit(code);
-}
+static bool is_open; /* any: of the process, as the libraries are */
 
-static void end_by_default(int number) {
-    (void)signal(number, SIG_DFL);
-    (void)raise(number);
-}
-
-/* Python takes SIGINT where nobody handles it, and then waits for its own main thread, which never comes; where somebody does,
- * it leaves it alone. */
-static void claim_interrupt(void) {
-    struct sigaction now;
-    if (sigaction(SIGINT, NULL, &now) == 0 && now.sa_handler == SIG_DFL) {
-        (void)signal(SIGINT, end_by_default);
-    }
-}
-
-static bool prepare(void) {
-    static bool prepared; /* of the process, as the libraries are */
-    if (!prepared && on_exit(end_process, NULL) == 0) {
-        claim_interrupt();
-        prepared = true;
-    }
-    return prepared;
+bool tl_library_is_open(void) {
+    return __atomic_load_n(&is_open, __ATOMIC_RELAXED);
 }
 
 tl_status tl_library_open(const char *path, tl_error *error) {
-    if (!prepare()) {
-        return tl_fail(error, TL_TRY_AGAIN, "out of memory; free some and try again");
-    }
     void *opened = dlopen(path, RTLD_NOW | RTLD_GLOBAL | RTLD_NODELETE);
     if (opened == NULL) {
         return fail_open(path, dlerror(), error);
     }
+    __atomic_store_n(&is_open, true, __ATOMIC_RELAXED);
     return check_python(path, opened, error);
 }

@@ -4,18 +4,23 @@
  *          that Python loads for them, take those of libpython from whoever has it. So such a library is opened with its
  *          symbols for everybody, before the FMU is.
  * Owner:   the process. Nothing closes a library again: an interpreter that has run cannot be unloaded safely.
- *          With the first one, what the process does at its end and on SIGINT is arranged for such interpreters.
+ *          Where one is open, its exit handlers run at the end of the process (process_end.h).
  * Trust:   opening a library executes code of it, as opening an FMU does.
  * Thread:  one thread at a time.
  */
 #ifndef TL_FIRMWARE_LIBRARY_H
 #define TL_FIRMWARE_LIBRARY_H
 
+#include <stdbool.h>
+
 #include "master/base/status.h"
 
 /* `path` without a slash is looked up by the loader. Opening one that is open is allowed.
  * Errors:  TL_BAD_DATA where it cannot be opened, and where it is a Python beside another one: the symbols of the first
- *          would hide its own, and all FMUs would run in that. */
+ *          would hide its own, and all FMUs would run in that. TL_TRY_AGAIN where memory or descriptors are missing. */
 tl_status tl_library_open(const char *path, tl_error *error);
+
+/* Has one been opened? Any thread. */
+bool tl_library_is_open(void);
 
 #endif

@@ -13,7 +13,7 @@
 #include <time.h>
 #include <unistd.h>
 
-enum { LINE = TL_LOG_TEXT + 64 }; /* prefix, colours, newline */
+enum { LINE = TL_LOG_TEXT + TL_LOG_PREFIX + 1 }; /* with the newline */
 
 typedef enum style { STYLE_UNKNOWN, STYLE_PLAIN, STYLE_COLOUR, STYLE_JOURNAL } style;
 
@@ -103,27 +103,31 @@ static void format_text(char *text, const char *format, va_list arguments) {
     }
 }
 
-static int format_line(char *line, size_t size, tl_log_level level, const char *text) {
+void tl_log_prefix(tl_log_level level, char *prefix, size_t size) {
     switch (current_style()) {
     case STYLE_JOURNAL:
-        return snprintf(line, size, "<%d>%s\n", (int)level, text);
+        (void)snprintf(prefix, size, "<%d>", (int)level);
+        return;
     case STYLE_COLOUR:
-        return snprintf(line, size, "twinlock: \x1b[%sm%s:\x1b[0m %s\n",
-                        level <= TL_LOG_ERROR     ? "1;31"
-                        : level == TL_LOG_WARNING ? "1;33"
-                                                  : "1",
-                        level_name(level), text);
+        (void)snprintf(prefix, size, "twinlock: \x1b[%sm%s:\x1b[0m ",
+                       level <= TL_LOG_ERROR     ? "1;31"
+                       : level == TL_LOG_WARNING ? "1;33"
+                                                 : "1",
+                       level_name(level));
+        return;
     case STYLE_PLAIN:
     case STYLE_UNKNOWN:
         break;
     }
-    return snprintf(line, size, "twinlock: %s: %s\n", level_name(level), text);
+    (void)snprintf(prefix, size, "twinlock: %s: ", level_name(level));
 }
 
 /* false where `wait` is not wanted and stderr takes nothing now. */
 static bool write_line(tl_log_level level, const char *text, bool wait) {
+    char prefix[TL_LOG_PREFIX];
     char line[LINE];
-    int length = format_line(line, sizeof line, level, text);
+    tl_log_prefix(level, prefix, sizeof prefix);
+    int length = snprintf(line, sizeof line, "%s%s\n", prefix, text);
     if (!wait) {
         struct pollfd ready = {.fd = STDERR_FILENO, .events = POLLOUT};
         if (poll(&ready, 1, 0) != 1 || (ready.revents & POLLOUT) == 0) {

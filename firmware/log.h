@@ -12,11 +12,12 @@
 #ifndef TL_FIRMWARE_LOG_H
 #define TL_FIRMWARE_LOG_H
 
+#include <stddef.h>
 #include <stdint.h>
 
 #include "master/base/status.h"
 
-enum { TL_LOG_TEXT = 1024 };
+enum { TL_LOG_TEXT = 1024, TL_LOG_PREFIX = 64 };
 
 typedef enum tl_log_level {
     TL_LOG_ERROR = 3,
@@ -30,6 +31,9 @@ typedef enum tl_log_level {
 void tl_log_set_level(tl_log_level level);
 
 void tl_log(tl_log_level level, const char *format, ...) TL_PRINTF(2, 3);
+
+/* What a line of this level begins with, of at most TL_LOG_PREFIX bytes: for who cannot call tl_log() when it has something to say. */
+void tl_log_prefix(tl_log_level level, char *prefix, size_t size);
 
 /* Set `per_second`, zero the rest. */
 typedef struct tl_log_limiter {

@@ -3,6 +3,8 @@
 #include <string.h>
 
 #include "firmware/c_locale.h"
+#include "firmware/crash.h"
+#include "firmware/process_end.h"
 #include "firmware/verbs.h"
 
 typedef struct verb {
@@ -34,7 +36,7 @@ static void print_usage(FILE *file) {
         file);
 }
 
-int main(int argc, char **argv) {
+static int run_command_line(int argc, char **argv) {
     tl_locale_use();
     if (argc < 2) {
         print_usage(stderr);
@@ -59,4 +61,10 @@ int main(int argc, char **argv) {
     (void)fprintf(stderr, "twinlock: there is no verb \"%s\"\n\n", argv[1]);
     print_usage(stderr);
     return 2;
+}
+
+int main(int argc, char **argv) {
+    tl_process_begin();
+    tl_crash_install();
+    tl_process_end(run_command_line(argc, argv));
 }

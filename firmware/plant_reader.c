@@ -16,6 +16,7 @@
 
 #include "firmware/c_locale.h"
 #include "firmware/clock.h"
+#include "firmware/crash.h"
 
 /* Drivers need little; the name resolver is the deepest. With mlockall() all of it is real memory. */
 enum { STACK = 512 * 1024, NAME = 16 };
@@ -81,6 +82,7 @@ static void *run(void *context) {
     bool finished = false;
     tl_time next = tl_clock_now(NULL);
     tl_locale_use();
+    tl_crash_enter(TL_CRASH_OURS);
     do {
         tl_error error = {.status = TL_OK};
         tl_heart_beat(source->heart);

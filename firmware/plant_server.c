@@ -20,6 +20,7 @@
 #include <unistd.h>
 
 #include "firmware/c_locale.h"
+#include "firmware/crash.h"
 
 enum {
     PREFIX = 6,               /* transaction, protocol, length */
@@ -298,6 +299,7 @@ static void dismiss(tl_plant_server *server, size_t index) {
 static void *run(void *context) {
     tl_plant_server *server = context;
     tl_locale_use();
+    tl_crash_enter(TL_CRASH_OURS);
     for (;;) {
         struct pollfd ready[2 + TL_PLANT_SERVER_CLIENTS] = {{.fd = server->wake, .events = POLLIN},
                                                             {.fd = server->listener, .events = POLLIN}};

@@ -2,12 +2,13 @@
 #include "firmware/realtime.h"
 
 #include <errno.h>
+#include <stddef.h>
 #include <string.h>
 #include <sys/mman.h>
 #include <sys/resource.h>
 
-/* Room for an FMU's own stack; small enough to be locked. */
-enum { STACK_BYTES = 1024 * 1024 };
+/* The smallest there is. */
+enum { PAGE = 4096 };
 
 void tl_realtime_lock_memory(tl_journal *journal) {
     struct rlimit limit;
@@ -20,31 +21,23 @@ void tl_realtime_lock_memory(tl_journal *journal) {
     }
 }
 
-static int start(pthread_t *thread, int priority, void *(*run)(void *), void *context) {
-    pthread_attr_t attributes;
-    int result = pthread_attr_init(&attributes);
-    if (result != 0) {
-        return result;
-    }
-    (void)pthread_attr_setstacksize(&attributes, STACK_BYTES);
-    if (priority > 0) {
-        const struct sched_param parameter = {.sched_priority = priority};
-        (void)pthread_attr_setinheritsched(&attributes, PTHREAD_EXPLICIT_SCHED);
-        (void)pthread_attr_setschedpolicy(&attributes, SCHED_FIFO);
-        (void)pthread_attr_setschedparam(&attributes, &parameter);
-    }
-    result = pthread_create(thread, &attributes, run, context);
-    (void)pthread_attr_destroy(&attributes);
-    return result;
-}
-
-int tl_realtime_start(pthread_t *thread, int priority, void *(*run)(void *), void *context, tl_journal *journal) {
-    int result = start(thread, priority, run, context);
-    if (result == EPERM && priority > 0) {
+void tl_realtime_raise(pthread_t thread, int priority, tl_journal *journal) {
+    const struct sched_param parameter = {.sched_priority = priority};
+    if (priority > 0 && pthread_setschedparam(thread, SCHED_FIFO, &parameter) != 0) {
         tl_journal_event(journal, -1, TL_EVENT_INFO, "cycle",
                          "no permission for SCHED_FIFO: ordinary scheduling is used and ticks may be missed; grant "
                          "CAP_SYS_NICE or raise LimitRTPRIO to permit it");
-        result = start(thread, 0, run, context);
     }
-    return result;
+}
+
+void tl_realtime_lower(pthread_t thread) {
+    const struct sched_param parameter = {.sched_priority = 0};
+    (void)pthread_setschedparam(thread, SCHED_OTHER, &parameter);
+}
+
+__attribute__((noinline)) void tl_realtime_touch_stack(void) {
+    volatile char room[TL_REALTIME_STACK];
+    for (size_t i = 0; i < sizeof room; i += PAGE) {
+        room[i] = 0;
+    }
 }

@@ -13,7 +13,15 @@
 /* mlockall: what is mapped, and what will be where the limit allows it. */
 void tl_realtime_lock_memory(tl_journal *journal);
 
-/* Starts a thread with SCHED_FIFO `priority` (0: ordinary). 0 or an errno. */
-int tl_realtime_start(pthread_t *thread, int priority, void *(*run)(void *), void *context, tl_journal *journal);
+/* From now on `thread` has SCHED_FIFO `priority` (0: ordinary); an event where that is not permitted. */
+void tl_realtime_raise(pthread_t thread, int priority, tl_journal *journal);
+
+/* Ordinary scheduling again. */
+void tl_realtime_lower(pthread_t thread);
+
+/* The calling thread has touched the next TL_REALTIME_STACK bytes of its stack: what the cycle calls does not fault for pages where memory is
+ * not locked. */
+enum { TL_REALTIME_STACK = 256 * 1024 };
+void tl_realtime_touch_stack(void);
 
 #endif

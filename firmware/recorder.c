@@ -15,6 +15,7 @@
 #include <time.h>
 
 #include "firmware/c_locale.h"
+#include "firmware/crash.h"
 #include "firmware/log.h"
 #include "firmware/recorder_database.h"
 #include "firmware/recorder_entry.h"
@@ -31,7 +32,7 @@ enum {
     EVENT_BYTES = 256 /* what an event counts in a batch */
 };
 
-static const tl_time PATIENCE = 2 * TL_SECOND; /* with a disk that refuses, in close and in a put that waits */
+static const tl_time PATIENCE = 2 * TL_SECOND;            /* where the settings do not say it */
 static const tl_time PATIENCE_OF_WRITER = 60 * TL_SECOND; /* a worn-out memory card takes its time for one commit */
 static const tl_time WAKE = TL_SECOND;             /* the writer looks at least this often how full the ring is */
 static const tl_time LOSS_PAUSE = 10 * TL_SECOND;  /* between two events that say what a slow disk has cost */
@@ -50,6 +51,7 @@ struct tl_recorder {
     tl_recorder_shape shape;
     tl_time commit;
     bool wait_when_full;
+    tl_time patience;
     int64_t run;
     tl_heart *heart; /* the writer's */
 
@@ -116,7 +118,7 @@ static void wait_for_room(tl_recorder *recorder, size_t size) {
     (void)pthread_mutex_lock(&recorder->lock);
     while (!tl_recorder_ring_has_room(&recorder->ring, size)) {
         tl_time at = now();
-        if (recorder->refused_since != 0 && at - recorder->refused_since >= PATIENCE) {
+        if (recorder->refused_since != 0 && at - recorder->refused_since >= recorder->patience) {
             break;
         }
         struct timespec until = timespec_of(at + TL_SECOND / 10);
@@ -424,6 +426,7 @@ static void *run_writer(void *argument) {
     tl_recorder *recorder = argument;
     tl_locale_use();
     tl_time due = now() + recorder->commit;
+    tl_crash_enter(TL_CRASH_OURS);
     while (!is_stopped(recorder)) {
         tl_heart_beat(recorder->heart);
         tl_time look = now() + WAKE;
@@ -498,6 +501,7 @@ static tl_status start(tl_recorder *recorder, const tl_recorder_settings *settin
     recorder->shape.components = settings->component_count;
     recorder->commit = settings->commit;
     recorder->wait_when_full = settings->wait_when_full;
+    recorder->patience = settings->patience != 0 ? settings->patience : PATIENCE;
     recorder->lost_said_at = now() - LOSS_PAUSE;
     recorder->limiter.per_second = 5;
     if (recorder->path == NULL || !tl_recorder_ring_open(&recorder->ring, ring_size(settings, &recorder->shape))) {
@@ -576,7 +580,7 @@ static int finish(tl_recorder *recorder, const char *reason) {
     const struct timespec pause = timespec_of(RETRY_PAUSE);
     tl_time began = now();
     int code = write_rest(recorder, reason);
-    while (code != SQLITE_OK && now() - began < PATIENCE) {
+    while (code != SQLITE_OK && now() - began < recorder->patience) {
         (void)nanosleep(&pause, NULL);
         code = write_rest(recorder, reason);
     }

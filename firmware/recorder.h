@@ -86,7 +86,8 @@ typedef struct tl_recorder_settings {
     const char *const *components; /* names, in the order of the ledger */
     size_t component_count;
     tl_heartbeats *beats; /* whom the recorder's thread tells that it is alive; NULL: nobody */
-    bool wait_when_full;  /* replay: put waits instead of losing, but not once the disk has refused for 2 s */
+    bool wait_when_full;  /* replay: put waits instead of losing, but not once the disk has refused for `patience` */
+    tl_time patience;     /* ns, with a disk that refuses: of close, and of a put that waits; 0: 2 s */
 } tl_recorder_settings;
 
 typedef enum tl_severity { TL_EVENT_INFO, TL_EVENT_WARNING, TL_EVENT_ERROR } tl_severity;
@@ -136,7 +137,7 @@ void tl_recorder_event(tl_recorder *recorder, int64_t tick, tl_severity severity
 tl_recorder_counts tl_recorder_get_counts(const tl_recorder *recorder);
 
 /* Writes what is left, ends the run with `reason` ("end of recording", "SIGTERM", …) and closes. Tries for at most
- * 2 s where the disk refuses, then counts what is left as lost and fails with TL_TRY_AGAIN; the run then has no end, and
+ * settings.patience where the disk refuses, then counts what is left as lost and fails with TL_TRY_AGAIN; the run then has no end, and
  * the next recorder marks it as not ended cleanly. `counts` may be NULL, and so may `recorder`. */
 tl_status tl_recorder_close(tl_recorder *recorder, const char *reason, tl_recorder_counts *counts, tl_error *error);
 

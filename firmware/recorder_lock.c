@@ -53,7 +53,7 @@ static bool is_ours(const tl_recorder_lock *lock) {
 
 /* 1: taken, 0: somebody else has it, −1: errno. */
 static int try_once(tl_recorder_lock *lock) {
-    lock->file = open(lock->path, O_RDWR | O_CREAT | O_CLOEXEC | O_NOFOLLOW | O_NONBLOCK, 0644);
+    lock->file = open(lock->path, O_RDWR | O_CREAT | O_CLOEXEC | O_NOFOLLOW | O_NONBLOCK, 0640);
     if (lock->file < 0) {
         return -1;
     }

@@ -126,6 +126,7 @@ static tl_status open_run(tl_recording_database *database, const tl_config *conf
     const tl_history_run *run = NULL;
     int64_t first = 0;
     int64_t last = 0;
+    bool any = false;
     tl_status status = tl_history_find(database->history, config->recording_run, &run, error);
     if (status == TL_OK) {
         status = check_signals(database->path, database->history, run, config, &database->recorded, error);
@@ -133,11 +134,14 @@ static tl_status open_run(tl_recording_database *database, const tl_config *conf
     if (status == TL_OK) {
         status = tl_history_ticks_begin(database->history, run, &database->ticks, error);
     }
+    if (status == TL_OK) {
+        status = tl_history_ticks_range(database->ticks, &any, &first, &last, error);
+    }
     if (status != TL_OK) {
         return status;
     }
     database->same_configuration = strcmp(run->configuration_hash, config->hash) == 0;
-    if (!tl_history_ticks_range(database->ticks, &first, &last)) {
+    if (!any) {
         return fail_beginning(database, run, error);
     }
     database->anew = config->delays != NULL && !database->same_configuration;

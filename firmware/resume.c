@@ -12,8 +12,9 @@
 #include "firmware/utc.h"
 
 enum {
-    FRUITLESS_MOST = 3,  /* restarts in a row that got no further than the run they went on with */
-    FOLLOWED_MOST = 5000 /* ticks; what records them takes some 0.1 ms each */
+    FRUITLESS_MOST = 3,   /* restarts in a row that got no further than the run they went on with */
+    CHECKPOINTS_MOST = 8, /* that are looked at; a run keeps three */
+    FOLLOWED_MOST = 5000  /* ticks; what records them takes some 0.1 ms each */
 };
 
 static const tl_time FOLLOW_TIME = TL_SECOND / 2; /* for as many ticks as are led along again */
@@ -48,16 +49,21 @@ static const tl_config *config_of(const resume *self) {
 
 /* ---- which run ---- */
 
-/* The last tick whose step is there. */
-static int64_t last_tick(resume *self, const tl_history_run *run) {
-    int64_t step = tl_history_last_step(self->history, run);
-    return step < 0 ? -1 : step + (int64_t)run->lead;
+/* The last tick whose step is there; −1: none. */
+static tl_status last_tick(resume *self, const tl_history_run *run, int64_t *tick, tl_error *error) {
+    int64_t step = -1;
+    tl_status status = tl_history_last_step(self->history, run, &step, error);
+    *tick = step < 0 ? -1 : step + (int64_t)run->lead;
+    return status;
 }
 
 /* One that was ended before it had a step of its own has nothing that the run before it has not. */
-static bool is_fruitless(resume *self, const tl_history_run *run) {
+static tl_status is_fruitless(resume *self, const tl_history_run *run, bool *without, tl_error *error) {
     int64_t own = run->resumption.from == TL_RESUMED_NOT ? 0 : run->resumption.tick;
-    return last_tick(self, run) < own;
+    int64_t last = -1;
+    tl_status status = last_tick(self, run, &last, error);
+    *without = last < own;
+    return status;
 }
 
 /* The newest run before ours that got anywhere. */
@@ -71,7 +77,8 @@ static tl_status find_run(resume *self, tl_error *error) {
         if (runs[i].run >= own || strcmp(runs[i].verb, "run") != 0) {
             continue;
         }
-        bool without = is_fruitless(self, &runs[i]);
+        bool without = false;
+        status = is_fruitless(self, &runs[i], &without, error);
         fruitless += without ? 1 : 0;
         self->run = without ? NULL : &runs[i];
     }
@@ -154,8 +161,9 @@ static bool has_u(const resume *self, const tl_history_tick *tick) {
     return tick->has_step && tick->adjusted == config_of(self)->adjust_count;
 }
 
-/* The last tick that can be followed from `from` on without a hole; from − 1: none. */
-static tl_status survey(resume *self, int64_t from, int64_t *last, tl_error *error) {
+/* The last tick that can be followed from `from` on without a hole; from − 1: none. Looks at no more than it takes to see
+ * that there are more than `most`. */
+static tl_status survey(resume *self, int64_t from, int64_t most, int64_t *last, tl_error *error) {
     tl_history_ticks *ticks = NULL;
     tl_history_tick tick;
     bool end = false;
@@ -166,7 +174,8 @@ static tl_status survey(resume *self, int64_t from, int64_t *last, tl_error *err
         tl_history_ticks_seek(ticks, from);
         status = tl_history_ticks_next(ticks, &tick, &end, error);
     }
-    while (status == TL_OK && !end && tick.sample.tick == *last + 1 && (has_u(self, &tick) || !stepped)) {
+    while (status == TL_OK && !end && *last - from <= most && tick.sample.tick == *last + 1 &&
+           (has_u(self, &tick) || !stepped)) {
         stepped = has_u(self, &tick);
         *last = tick.sample.tick;
         status = tl_history_ticks_next(ticks, &tick, &end, error);
@@ -227,9 +236,10 @@ static void keep(const resume *self, const tl_history_checkpoint *checkpoint) {
 /* Where one checkpoint leads to. */
 static tl_status try_checkpoint(resume *self, const tl_history_checkpoint *checkpoint, bool *loaded, tl_error *error) {
     int64_t last = 0;
+    int64_t most = most_followed(self);
     *loaded = false;
-    tl_status status = survey(self, checkpoint->tick + 1, &last, error);
-    if (status != TL_OK || last < self->last || last - checkpoint->tick > most_followed(self)) {
+    tl_status status = survey(self, checkpoint->tick + 1, most, &last, error);
+    if (status != TL_OK || last < self->last || last - checkpoint->tick > most) {
         return status;
     }
     status = load(self, checkpoint, loaded, error);
@@ -251,7 +261,7 @@ static tl_status find_checkpoint(resume *self, const tl_history_checkpoint **use
     int64_t before = INT64_MAX;
     tl_status status = TL_OK;
     *used = NULL;
-    while (status == TL_OK && !loaded) {
+    for (int i = 0; i < CHECKPOINTS_MOST && status == TL_OK && !loaded; i++) {
         status = tl_history_checkpoint_before(self->history, self->run, before, &checkpoint, error);
         if (status != TL_OK || checkpoint == NULL) {
             return status;
@@ -271,12 +281,15 @@ static tl_status find_inputs(resume *self, bool *found, tl_error *error) {
     int64_t last = -1;
     int64_t most = most_followed(self);
     tl_status status = tl_history_ticks_begin(self->history, self->run, &ticks, error);
-    bool any = status == TL_OK && tl_history_ticks_range(ticks, &first, &newest);
+    bool any = false;
+    if (status == TL_OK) {
+        status = tl_history_ticks_range(ticks, &any, &first, &newest, error);
+    }
     tl_history_ticks_end(ticks);
-    if (any) {
+    if (status == TL_OK && any) {
         self->from = self->last - first + 1 > most ? self->last - most + 1 : first;
         self->origin = self->from == 0 ? TL_RESUMED_START : TL_RESUMED_INPUTS;
-        status = survey(self, self->from, &last, error);
+        status = survey(self, self->from, most, &last, error);
     }
     *found = status == TL_OK && any && last == self->last;
     if (*found) {
@@ -320,7 +333,8 @@ static tl_status follow(const resume *self, tl_summary *summary, tl_error *error
         status = tl_history_ticks_next(ticks, &tick, &end, error);
         if (status == TL_OK) {
             status =
-                end ? tl_fail(error, TL_BAD_DATA, "tick %" PRId64 " of run %" PRId64 " is gone", number, self->run->run)
+                end || tick.sample.tick != number
+                    ? tl_fail(error, TL_BAD_DATA, "tick %" PRId64 " of run %" PRId64 " is gone", number, self->run->run)
                     : follow_tick(self, &tick, summary, error);
         }
     }
@@ -379,9 +393,9 @@ static tl_status find(resume *self, bool *found, tl_error *error) {
     if (status != TL_OK || self->run == NULL) {
         return status;
     }
-    self->last = last_tick(self, self->run);
-    *found = was_interrupted(self) && is_same(self) && find_time(self) && is_under_way(self);
-    return TL_OK;
+    status = last_tick(self, self->run, &self->last, error);
+    *found = status == TL_OK && was_interrupted(self) && is_same(self) && find_time(self) && is_under_way(self);
+    return status;
 }
 
 static tl_status resume_run(resume *self, tl_summary *summary, bool *spoilt, tl_error *error) {

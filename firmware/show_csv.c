@@ -1,7 +1,7 @@
 /* Tables as CSV (quoted as RFC 4180 says), one line per step or tick, so that a spreadsheet or a plot can take them as they are.
  *
  * A line of samples has the signals' names (without "plant.") as columns, and "time" in front: `replay --recording` takes it. A value that was
- * missing or old at its tick is left empty there; its quality is in a column beside it. */
+ * missing or old at its tick is left empty there; its quality is in a column beside it. Control characters become "?". */
 #include <math.h>
 #include <sqlite3.h>
 #include <string.h>
@@ -24,19 +24,21 @@ typedef struct csv_line {
     char fields[MOST_FIELDS][NUMBER];
 } csv_line;
 
+/* Texts come from FMUs and devices too: none breaks a line, or commands the terminal. */
 static void put_text(FILE *file, const char *text) {
-    if (strpbrk(text, ",\"\r\n") == NULL) {
-        (void)fputs(text, file);
-        return;
-    }
-    (void)fputc('"', file);
-    for (; *text != '\0'; text++) {
-        (void)fputs(*text == '"' ? "\"\"" : "", file);
-        if (*text != '"') {
-            (void)fputc(*text, file);
+    bool quoted = strpbrk(text, ",\"") != NULL;
+    (void)fputs(quoted ? "\"" : "", file);
+    while (*text != '\0') {
+        size_t length = tl_show_character(text);
+        if (tl_show_is_control(text, length)) {
+            (void)fputc('?', file);
+        } else {
+            (void)fputs(*text == '"' ? "\"" : "", file);
+            (void)fwrite(text, 1, length, file);
         }
+        text += length;
     }
-    (void)fputc('"', file);
+    (void)fputs(quoted ? "\"" : "", file);
 }
 
 static void end_line(FILE *file) {
@@ -257,12 +259,17 @@ static tl_status print_steps(csv_line *line, tl_error *error) {
     return status;
 }
 
-static void take_event(void *context, struct sqlite3_stmt *row) {
+static void take_event(void *context, const tl_show_event *event) {
     const csv_line *line = context;
-    for (int i = 0; i < 5; i++) {
-        const unsigned char *text = sqlite3_column_text(row, i);
-        (void)fputs(i > 0 ? "," : "", line->file);
-        put_text(line->file, text == NULL ? "" : (const char *)text);
+    const char *const texts[] = {event->severity, event->source, event->text};
+    put_text(line->file, event->at);
+    (void)fputc(',', line->file);
+    if (event->has_tick) {
+        (void)fprintf(line->file, "%lld", (long long)event->tick);
+    }
+    for (size_t i = 0; i < sizeof texts / sizeof texts[0]; i++) {
+        (void)fputc(',', line->file);
+        put_text(line->file, texts[i]);
     }
     end_line(line->file);
 }
@@ -271,8 +278,8 @@ static tl_status print_events(csv_line *line, tl_error *error) {
     const tl_show_request *request = line->request;
     (void)fputs("at,tick,severity,source,text", line->file);
     end_line(line->file);
-    return tl_show_event_rows(request->history, request->run, request->from_at, -1, (tl_show_taker){take_event, line},
-                              error);
+    return tl_show_event_rows(request->history, request->run, request->from_at, -1,
+                              (tl_show_event_taker){take_event, line}, error);
 }
 
 tl_status tl_show_csv(const tl_show_request *request, tl_show_csv_table table, FILE *file, tl_error *error) {

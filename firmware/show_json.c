@@ -1,7 +1,6 @@
 /* The same numbers as the page, for programs: one JSON object. */
 #include <cjson/cJSON.h>
 #include <math.h>
-#include <sqlite3.h>
 
 #include "firmware/measurements.h"
 #include "firmware/show.h"
@@ -169,17 +168,14 @@ static void add_adjusted(cJSON *root, const tl_show_request *request, const tl_s
     }
 }
 
-static void take_event(void *context, struct sqlite3_stmt *row) {
-    static const char *const keys[] = {"at", "tick", "severity", "source", "text"};
+static void take_event(void *context, const tl_show_event *event) {
     cJSON *object = cJSON_CreateObject();
     (void)cJSON_AddItemToArray(context, object);
-    for (int i = 0; i < 5; i++) {
-        if (sqlite3_column_type(row, i) == SQLITE_INTEGER) {
-            add_number(object, keys[i], (double)sqlite3_column_int64(row, i));
-        } else {
-            add_text(object, keys[i], (const char *)sqlite3_column_text(row, i));
-        }
-    }
+    add_text(object, "at", event->at);
+    add_number(object, "tick", event->has_tick ? (double)event->tick : (double)NAN);
+    add_text(object, "severity", event->severity);
+    add_text(object, "source", event->source);
+    add_text(object, "text", event->text);
 }
 
 static tl_status fill(cJSON *root, const tl_show_request *request, tl_error *error) {
@@ -198,7 +194,7 @@ static tl_status fill(cJSON *root, const tl_show_request *request, tl_error *err
     add_matches(root, &summary);
     add_adjusted(root, request, &summary);
     add_ledger(root, &summary);
-    const tl_show_taker taker = {take_event, cJSON_AddArrayToObject(root, "events")};
+    const tl_show_event_taker taker = {take_event, cJSON_AddArrayToObject(root, "events")};
     return tl_show_event_rows(request->history, request->run, request->from_at, request->all_events ? -1 : EVENTS_SHOWN,
                               taker, error);
 }

@@ -1,7 +1,6 @@
 /* The page of `show`: for somebody who looks after the plant. First the runs, then what was recorded of the chosen one,
  * how well the twin followed, what had to be corrected and since when, and what happened. */
 #include <math.h>
-#include <sqlite3.h>
 #include <string.h>
 #include <sys/stat.h>
 
@@ -380,32 +379,24 @@ static tl_status print_corrections(const show_page *page, tl_error *error) {
 
 /* ---- Events ------------------------------------------------------------------------------------------------------ */
 
-static const char *text_at(sqlite3_stmt *row, int column) {
-    const unsigned char *text = sqlite3_column_text(row, column);
-    return text == NULL ? "" : (const char *)text;
-}
-
-static void take_event(void *context, struct sqlite3_stmt *row) {
+static void take_event(void *context, const tl_show_event *event) {
     const show_page *page = context;
     bool colour = page->request->style.colour;
-    const char *severity = text_at(row, 2);
-    const char *paint = strcmp(severity, "error") == 0     ? "\x1b[31m"
-                        : strcmp(severity, "warning") == 0 ? "\x1b[33m"
-                                                           : "";
+    const char *paint = strcmp(event->severity, "error") == 0     ? "\x1b[31m"
+                        : strcmp(event->severity, "warning") == 0 ? "\x1b[33m"
+                                                                  : "";
     char when[TEXT];
     char word[TEXT];
     char source[TEXT];
     char text[TEXT * 8];
     char tick[TEXT] = "";
-    short_time(text_at(row, 0), text, sizeof when);
-    (void)clean(page, text, when, sizeof when);
-    if (sqlite3_column_type(row, 1) == SQLITE_INTEGER) {
-        (void)snprintf(tick, sizeof tick, " (tick %lld)", (long long)sqlite3_column_int64(row, 1));
+    short_time(event->at, when, sizeof when);
+    if (event->has_tick) {
+        (void)snprintf(tick, sizeof tick, " (tick %lld)", (long long)event->tick);
     }
     (void)fprintf(page->file, "  %s  %s%-7s%s  %-8s  %s%s\n", when, colour ? paint : "",
-                  clean(page, severity, word, sizeof word), colour && paint[0] != '\0' ? "\x1b[0m" : "",
-                  clean(page, text_at(row, 3), source, sizeof source), clean(page, text_at(row, 4), text, sizeof text),
-                  tick);
+                  clean(page, event->severity, word, sizeof word), colour && paint[0] != '\0' ? "\x1b[0m" : "",
+                  clean(page, event->source, source, sizeof source), clean(page, event->text, text, sizeof text), tick);
 }
 
 static tl_status print_events(show_page *page, tl_error *error) {
@@ -415,7 +406,7 @@ static tl_status print_events(show_page *page, tl_error *error) {
     }
     heading(page, request->all_events ? "Events (UTC)" : "Last events (UTC)");
     return tl_show_event_rows(request->history, request->run, request->from_at, request->all_events ? -1 : EVENTS_SHOWN,
-                              (tl_show_taker){take_event, page}, error);
+                              (tl_show_event_taker){take_event, page}, error);
 }
 
 /* ---- All of it --------------------------------------------------------------------------------------------------- */

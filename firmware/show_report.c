@@ -131,20 +131,14 @@ static void take_adjustment(void *context, struct sqlite3_stmt *row) {
                                   number(row, 2), number(row, 3));
 }
 
-static const char *text_of(sqlite3_stmt *row, int column) {
-    const unsigned char *text = sqlite3_column_text(row, column);
-    return text == NULL ? "" : (const char *)text;
-}
-
-static void take_event(void *context, struct sqlite3_stmt *row) {
+static void take_event(void *context, const tl_show_event *taken) {
     const recorded_run *run = context;
-    bool has_tick = sqlite3_column_type(row, 1) == SQLITE_INTEGER;
     const tl_html_event event = {
-        .at = text_of(row, 0),
-        .tick = has_tick ? sqlite3_column_int64(row, 1) : -1,
-        .severity = text_of(row, 2),
-        .source = text_of(row, 3),
-        .text = text_of(row, 4),
+        .at = taken->at,
+        .tick = taken->has_tick ? taken->tick : -1,
+        .severity = taken->severity,
+        .source = taken->source,
+        .text = taken->text,
     };
     tl_html_report_add_event(run->report, &event);
 }
@@ -167,7 +161,7 @@ static tl_status gather(recorded_run *run, tl_error *error) {
         const tl_show_taker taker = {tables[i].take, run};
         status = tl_show_rows(history, recorded, tables[i].source, summary->range, tables[i].signals, taker, error);
     }
-    const tl_show_taker taker = {take_event, run};
+    const tl_show_event_taker taker = {take_event, run};
     return status == TL_OK ? tl_show_event_rows(history, recorded, run->request->from_at, -1, taker, error) : status;
 }
 

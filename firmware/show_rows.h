@@ -15,6 +15,16 @@
 
 struct sqlite3_stmt;
 
+/* An event as it is in the database; texts are valid while it is handed out. */
+typedef struct tl_show_event {
+    const char *at; /* UTC */
+    bool has_tick;
+    int64_t tick;
+    const char *severity;
+    const char *source;
+    const char *text;
+} tl_show_event;
+
 typedef enum tl_show_source {
     TL_SHOW_FROM_SAMPLES, /* tick, signal, value, quality, stamp_ns */
     TL_SHOW_FROM_STEPS,   /* step, 0, outcome, stop, J, J_nominal, evaluations, executions, used_ns, predicted, flags,
@@ -33,14 +43,19 @@ typedef struct tl_show_taker {
     void *context;
 } tl_show_taker;
 
-/* Hands out each row with range[0] ≤ tick or step ≤ range[1], in the order of the key. Signals are below `signals`, else
- * the database is damaged. */
+/* Hands out each row with range[0] ≤ tick or step ≤ range[1], in the order of the key. Signals are below `signals`, values
+ * finite numbers or NULL, codes and counts ≥ 0, times in range; else the database is damaged. */
 tl_status tl_show_rows(tl_history *history, const tl_history_run *run, tl_show_source source, const int64_t range[2],
                        size_t signals, tl_show_taker taker, tl_error *error);
 
-/* Events of the run since `from_at` ("": all), the last `most` of them (−1: all), the oldest first: at, tick, severity,
- * source, text. */
+/* Who takes the events. */
+typedef struct tl_show_event_taker {
+    void (*take)(void *context, const tl_show_event *event);
+    void *context;
+} tl_show_event_taker;
+
+/* Events of the run since `from_at` ("": all), the last `most` of them (−1: all), the oldest first. */
 tl_status tl_show_event_rows(tl_history *history, const tl_history_run *run, const char *from_at, int64_t most,
-                             tl_show_taker taker, tl_error *error);
+                             tl_show_event_taker taker, tl_error *error);
 
 #endif

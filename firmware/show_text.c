@@ -39,9 +39,8 @@ tl_show_style tl_show_style_of(FILE *file) {
 
 /* ---- Characters -------------------------------------------------------------------------------------------------- */
 
-/* Bytes of the UTF-8 character at `text`; 1 for a byte that begins none. The database holds valid UTF-8, and what does
- * not is still only bytes. */
-static size_t character(const char *text) {
+/* The database holds valid UTF-8, and what does not is still only bytes. */
+size_t tl_show_character(const char *text) {
     unsigned char first = (unsigned char)text[0];
     size_t length = first < 0xC0 ? 1 : first < 0xE0 ? 2 : first < 0xF0 ? 3 : 4;
     for (size_t i = 1; i < length; i++) {
@@ -52,8 +51,7 @@ static size_t character(const char *text) {
     return length;
 }
 
-/* C0, DEL, and C1 also as UTF-8 writes it. */
-static bool is_control(const char *text, size_t length) {
+bool tl_show_is_control(const char *text, size_t length) {
     unsigned char first = (unsigned char)text[0];
     return first < 0x20 || first == 0x7F || (length == 1 && first >= 0x80) ||
            (length == 2 && first == 0xC2 && (unsigned char)text[1] < 0xA0);
@@ -62,8 +60,8 @@ static bool is_control(const char *text, size_t length) {
 void tl_show_clean(tl_show_style style, const char *text, char *clean, size_t size) {
     size_t end = 0;
     while (*text != '\0') {
-        size_t length = character(text);
-        bool replace = is_control(text, length) || (style.ascii && length > 1);
+        size_t length = tl_show_character(text);
+        bool replace = tl_show_is_control(text, length) || (style.ascii && length > 1);
         if (end + (replace ? 1 : length) >= size) {
             break;
         }
@@ -81,7 +79,7 @@ void tl_show_clean(tl_show_style style, const char *text, char *clean, size_t si
 /* Columns on a terminal, one per character. */
 static size_t width_of(const char *text) {
     size_t width = 0;
-    for (; *text != '\0'; text += character(text)) {
+    for (; *text != '\0'; text += tl_show_character(text)) {
         width++;
     }
     return width;

@@ -15,8 +15,10 @@
 
 #include "board/watchdog/watchdog.h"
 #include "firmware/clock.h"
+#include "firmware/crash.h"
 #include "firmware/interrupt.h"
 #include "firmware/log.h"
+#include "firmware/process_end.h"
 #include "firmware/reaper.h"
 #include "firmware/service.h"
 
@@ -80,10 +82,12 @@ static void enter_child(supervisor *self, const tl_start *start, pid_t parent) {
     }
     tl_watchdog_leave(&self->watchdog);
     tl_service_leave();
+    tl_process_begin();
+    tl_crash_install();
     tl_fmu_calls_use(tl_heartbeats_calls(self->beats));
     tl_interrupt_install(); /* before a signal can come: it is a wish, and no reason to drop dead */
     (void)sigprocmask(SIG_SETMASK, &self->before, NULL);
-    exit(self->settings->run(self->settings->context, start));
+    tl_process_end(self->settings->run(self->settings->context, start));
 }
 
 /* False where there can be no process. */

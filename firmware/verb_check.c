@@ -8,6 +8,9 @@
 #include "firmware/advice.h"
 #include "firmware/assembly.h"
 #include "firmware/delay_page.h"
+#include "firmware/fmu_patience.h"
+#include "firmware/fmu_thread.h"
+#include "firmware/interrupt.h"
 #include "firmware/log.h"
 #include "firmware/measurements.h"
 #include "firmware/output.h"
@@ -17,16 +20,24 @@
 typedef struct check_options {
     const char *config;
     bool variables;
+    tl_time limit;
     FILE *output;
 } check_options;
+
+/* What is done in the FMUs' thread. */
+typedef struct check_job {
+    const check_options *options;
+    tl_status status;
+} check_job;
 
 static void print_help(FILE *file) {
     (void)fputs("usage: twinlock check CONFIG [options]\n\n"
                 "Validates a configuration with its FMUs: keys, variables, types, units, connections, paths,\n"
                 "horizon. Tells what a step will cost, in executions and, by a short dry run, in time. Warns of\n"
                 "what is right and perhaps not meant. Nothing is read from the plant.\n\n"
-                "  --variables  list all variables of the FMUs\n"
-                "  --help       this text\n",
+                "  --variables     list all variables of the FMUs\n"
+                "  --call-limit S  end with 70 where an FMU does not return from a call for S seconds; default 60\n"
+                "  --help          this text\n",
                 file);
 }
 
@@ -34,6 +45,7 @@ static void print_help(FILE *file) {
 static int parse(int argc, char **argv, check_options *options) {
     static const struct option LONG[] = {
         {"variables", no_argument, NULL, 'v'},
+        {"call-limit", required_argument, NULL, 'L'},
         {"help", no_argument, NULL, 'h'},
         {NULL, 0, NULL, 0},
     };
@@ -41,6 +53,11 @@ static int parse(int argc, char **argv, check_options *options) {
         switch (option) {
         case 'v':
             options->variables = true;
+            break;
+        case 'L':
+            if (!tl_fmu_patience_parse("check", optarg, &options->limit)) {
+                return 3;
+            }
             break;
         case 'h':
             print_help(stdout);
@@ -272,6 +289,8 @@ static void print_costs(const tl_assembly *assembly, const tl_prognosis *prognos
     }
     (void)fprintf(output, "  memory       %.1f KiB of ours, taken at start-up\n",
                   (double)tl_twin_get_facts(assembly->twin).memory / 1024.0);
+    (void)fprintf(output, "               and %d MiB of stack for FMUs%s\n", TL_FMU_THREAD_STACK >> 20,
+                  config->realtime_lock_memory ? ", all of it resident in `run`" : "");
     if (prognosis->steps != 0) {
         (void)fprintf(output, "  measured by %zu free steps on the plant's initial values, without a solver\n",
                       prognosis->steps);
@@ -299,23 +318,36 @@ static void print_page(const tl_assembly *assembly, FILE *output) {
     (void)fputc('\n', output);
 }
 
+static void check(void *context) {
+    check_job *job = context;
+    const check_options *options = job->options;
+    tl_assembly assembly;
+    job->status = tl_assembly_load(options->config, &assembly);
+    if (job->status == TL_OK && tl_interrupt_requested() != NULL) {
+        tl_log(TL_LOG_ERROR, "interrupted by %s", tl_interrupt_requested());
+        job->status = TL_INTERRUPTED;
+    }
+    if (job->status == TL_OK) {
+        print_page(&assembly, options->output);
+    } else if (assembly.problems.report.count > 1) {
+        tl_log(TL_LOG_ERROR, "%zu problems", assembly.problems.report.count);
+    }
+    if (options->variables) {
+        print_variables(&assembly, options->output);
+    }
+    (void)fflush(options->output); /* an FMU may crash in being freed */
+    tl_assembly_free(&assembly);
+}
+
 int tl_verb_check(int argc, char **argv) {
-    check_options options = {0};
+    check_options options = {.limit = TL_FMU_PATIENCE_CALL};
     int parsed = parse(argc, argv, &options);
     if (parsed != 0) {
         return parsed - 1;
     }
+    tl_interrupt_install();
     options.output = tl_output_claim();
-    tl_assembly assembly;
-    tl_status status = tl_assembly_load(options.config, &assembly);
-    if (status == TL_OK) {
-        print_page(&assembly, options.output);
-    } else if (assembly.problems.report.count > 1) {
-        tl_log(TL_LOG_ERROR, "%zu problems", assembly.problems.report.count);
-    }
-    if (options.variables) {
-        print_variables(&assembly, options.output);
-    }
-    tl_assembly_free(&assembly);
-    return tl_exit_code(tl_output_finish(options.output, status));
+    check_job job = {.options = &options};
+    tl_status status = tl_fmu_thread_run(options.limit, check, &job);
+    return tl_exit_code(tl_output_finish(options.output, status == TL_OK ? job.status : status));
 }

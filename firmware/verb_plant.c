@@ -11,6 +11,8 @@
 #include "firmware/assembly.h"
 #include "firmware/clock.h"
 #include "firmware/emulation.h"
+#include "firmware/fmu_patience.h"
+#include "firmware/fmu_thread.h"
 #include "firmware/interrupt.h"
 #include "firmware/log.h"
 #include "firmware/plant_bus.h"
@@ -27,7 +29,14 @@ typedef struct plant_options {
     const char *record;
     bool real_bus;
     uint64_t seed;
+    tl_time limit;
 } plant_options;
+
+/* What is done in the FMUs' thread. */
+typedef struct plant_job {
+    const plant_options *options;
+    tl_status status;
+} plant_job;
 
 /* One Modbus server or CAN bus, and which row column feeds each of its channels. */
 typedef struct served_source {
@@ -60,6 +69,7 @@ static void print_help(FILE *file) {
                 "  --record FILE     write all rows into a new CSV file, as fast as possible, and end\n"
                 "  --real-bus        send CAN frames on an interface that is hardware, too; default: vcan only\n"
                 "  --seed N          of the noise and the message times; default 1\n"
+                "  --call-limit S    end with 70 where an FMU does not return from a call for S seconds; default 60\n"
                 "  --help            this text\n",
                 file);
 }
@@ -74,10 +84,15 @@ static bool parse_seed(const char *text, uint64_t *seed) {
 /* 0: go on; else the exit code + 1. */
 static int parse(int argc, char **argv, plant_options *options) {
     static const struct option LONG[] = {
-        {"for", required_argument, NULL, 'l'},  {"recording", required_argument, NULL, 'r'},
-        {"fifo", required_argument, NULL, 'f'}, {"record", required_argument, NULL, 'w'},
-        {"real-bus", no_argument, NULL, 'b'},   {"seed", required_argument, NULL, 's'},
-        {"help", no_argument, NULL, 'h'},       {NULL, 0, NULL, 0},
+        {"for", required_argument, NULL, 'l'},
+        {"recording", required_argument, NULL, 'r'},
+        {"fifo", required_argument, NULL, 'f'},
+        {"record", required_argument, NULL, 'w'},
+        {"real-bus", no_argument, NULL, 'b'},
+        {"seed", required_argument, NULL, 's'},
+        {"call-limit", required_argument, NULL, 'L'},
+        {"help", no_argument, NULL, 'h'},
+        {NULL, 0, NULL, 0},
     };
     for (int option = 0; (option = getopt_long(argc, argv, "h", LONG, NULL)) != -1;) {
         switch (option) {
@@ -95,6 +110,11 @@ static int parse(int argc, char **argv, plant_options *options) {
             break;
         case 'b':
             options->real_bus = true;
+            break;
+        case 'L':
+            if (!tl_fmu_patience_parse("plant", optarg, &options->limit)) {
+                return 3;
+            }
             break;
         case 's':
             if (!parse_seed(optarg, &options->seed)) {
@@ -414,28 +434,34 @@ static tl_status run_for_listener(player *self, const tl_config *config, tl_erro
     return status;
 }
 
-int tl_verb_plant(int argc, char **argv) {
-    plant_options options = {.seed = 1};
-    int parsed = parse(argc, argv, &options);
-    if (parsed != 0) {
-        return parsed - 1;
-    }
-    tl_interrupt_install();
+static void be_plant(void *context) {
+    plant_job *job = context;
     player *self = calloc(1, sizeof *self);
     tl_config config;
     tl_problems problems;
-    tl_problems_init(&problems, options.config);
-    tl_status status = self == NULL ? TL_TRY_AGAIN : tl_config_read(options.config, &config, &problems.report);
-    if (status == TL_OK) {
+    tl_problems_init(&problems, job->options->config);
+    job->status = self == NULL ? TL_TRY_AGAIN : tl_config_read(job->options->config, &config, &problems.report);
+    if (job->status == TL_OK) {
         tl_error error;
-        self->options = &options;
-        status = run_for_listener(self, &config, &error);
-        if (status != TL_OK) {
+        self->options = job->options;
+        job->status = run_for_listener(self, &config, &error);
+        if (job->status != TL_OK) {
             tl_log(TL_LOG_ERROR, "%s", error.text);
         }
         close_all(self);
         tl_config_free(&config);
     }
     free(self);
-    return tl_exit_code(status);
+}
+
+int tl_verb_plant(int argc, char **argv) {
+    plant_options options = {.seed = 1, .limit = TL_FMU_PATIENCE_CALL};
+    int parsed = parse(argc, argv, &options);
+    if (parsed != 0) {
+        return parsed - 1;
+    }
+    tl_interrupt_install();
+    plant_job job = {.options = &options};
+    tl_status status = tl_fmu_thread_run(options.limit, be_plant, &job);
+    return tl_exit_code(status == TL_OK ? job.status : status);
 }

@@ -7,11 +7,15 @@
 #include <string.h>
 
 #include "firmware/assembly.h"
+#include "firmware/clock.h"
+#include "firmware/fmu_patience.h"
+#include "firmware/fmu_thread.h"
 #include "firmware/interrupt.h"
 #include "firmware/journal.h"
 #include "firmware/log.h"
 #include "firmware/new_file.h"
 #include "firmware/output.h"
+#include "firmware/process_end.h"
 #include "firmware/recorder.h"
 #include "firmware/recording.h"
 #include "firmware/replay.h"
@@ -29,8 +33,15 @@ typedef struct replay_options {
     bool json;
     bool realtime;
     bool plain;
+    tl_time limit;
     FILE *output;
 } replay_options;
+
+/* What is done in the FMUs' thread. */
+typedef struct replay_job {
+    const replay_options *options;
+    tl_status status;
+} replay_job;
 
 /* Events on their way to the database and the report. */
 typedef struct event_way {
@@ -51,6 +62,7 @@ static void print_help(FILE *file) {
                 "  --realtime        at the plant's own pace\n"
                 "  --plain           execute everything: no saving by structure or sequences; the results are the\n"
                 "                    same to the bit\n"
+                "  --call-limit S    end with 70 where an FMU does not return from a call for S seconds; default 60\n"
                 "  --help            this text\n",
                 file);
 }
@@ -78,6 +90,7 @@ static int parse(int argc, char **argv, replay_options *options) {
         {"report", required_argument, NULL, 'R'},
         {"realtime", no_argument, NULL, 't'},
         {"plain", no_argument, NULL, 'p'},
+        {"call-limit", required_argument, NULL, 'L'},
         {"help", no_argument, NULL, 'h'},
         {NULL, 0, NULL, 0},
     };
@@ -108,6 +121,11 @@ static int parse(int argc, char **argv, replay_options *options) {
             break;
         case 'p':
             options->plain = true;
+            break;
+        case 'L':
+            if (!tl_fmu_patience_parse("replay", optarg, &options->limit)) {
+                return 3;
+            }
             break;
         case 'h':
             print_help(stdout);
@@ -175,6 +193,16 @@ static void print_summary(const tl_assembly *assembly, const replay_options *opt
     }
 }
 
+/* The process ends while an FMU has not returned. What was recorded is on the disk after a commit or two. */
+static void keep(void *context, const char *why) {
+    const tl_replay *replay = context;
+    if (replay->recorder != NULL) {
+        tl_recorder_event(replay->recorder, -1, TL_EVENT_ERROR, "twin", why);
+        tl_clock_sleep_until(tl_clock_now(NULL) + 2 * replay->assembly->config.record_commit);
+    }
+    tl_replay_report_close(replay->report);
+}
+
 /* The recorder and the report, and the watch whose events they get. These are not logged: who replays has the table. */
 static tl_status open_outputs(const tl_assembly *assembly, const replay_options *options, const char *recording,
                               event_way *way, tl_replay *replay, tl_error *error) {
@@ -195,6 +223,7 @@ static tl_status open_outputs(const tl_assembly *assembly, const replay_options 
         tl_replay_report_listen(replay->report, &way->journal);
     }
     replay->watch = replay->recorder != NULL || replay->report != NULL ? &way->watch : NULL;
+    tl_process_keep(keep, replay);
     return status;
 }
 
@@ -209,6 +238,7 @@ static tl_status first_of(tl_status status, tl_status later_status, const tl_err
 
 static tl_status close_outputs(const replay_options *options, tl_replay *replay, tl_status status, tl_error *error) {
     tl_error later;
+    tl_process_keep(NULL, NULL);
     if (replay->trajectory != NULL) {
         tl_status closed = tl_trajectory_close(replay->trajectory, options->output, options->trajectory, &later);
         status = first_of(status, closed, &later, error);
@@ -278,29 +308,37 @@ static tl_status load(const replay_options *options, tl_assembly *assembly) {
     return tl_assembly_build(assembly);
 }
 
+static void replay(void *context) {
+    replay_job *job = context;
+    const replay_options *options = job->options;
+    tl_assembly assembly;
+    tl_error error;
+    job->status = load(options, &assembly);
+    if (job->status == TL_OK) {
+        tl_replay replay = {.assembly = &assembly, .realtime = options->realtime};
+        char recording[PATH_MAX];
+        job->status = open_recording(&assembly, options, recording, &replay.recording, &error);
+        if (job->status == TL_OK) {
+            job->status = replay_and_tell(&assembly, options, recording, &replay, &error);
+        }
+        tl_recording_close(replay.recording);
+        if (job->status != TL_OK) {
+            tl_log(TL_LOG_ERROR, "%s", error.text);
+        }
+    }
+    (void)fflush(options->output); /* an FMU may crash in being freed */
+    tl_assembly_free(&assembly);
+}
+
 int tl_verb_replay(int argc, char **argv) {
-    replay_options options = {0};
+    replay_options options = {.limit = TL_FMU_PATIENCE_CALL};
     int parsed = parse(argc, argv, &options);
     if (parsed != 0) {
         return parsed - 1;
     }
     tl_interrupt_install();
     options.output = tl_output_claim();
-    tl_assembly assembly;
-    tl_error error;
-    tl_status status = load(&options, &assembly);
-    if (status == TL_OK) {
-        tl_replay replay = {.assembly = &assembly, .realtime = options.realtime};
-        char recording[PATH_MAX];
-        status = open_recording(&assembly, &options, recording, &replay.recording, &error);
-        if (status == TL_OK) {
-            status = replay_and_tell(&assembly, &options, recording, &replay, &error);
-        }
-        tl_recording_close(replay.recording);
-        if (status != TL_OK) {
-            tl_log(TL_LOG_ERROR, "%s", error.text);
-        }
-    }
-    tl_assembly_free(&assembly);
-    return tl_exit_code(tl_output_finish(options.output, status));
+    replay_job job = {.options = &options};
+    tl_status status = tl_fmu_thread_run(options.limit, replay, &job);
+    return tl_exit_code(tl_output_finish(options.output, status == TL_OK ? job.status : status));
 }

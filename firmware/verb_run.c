@@ -5,6 +5,8 @@
 #include <stdlib.h>
 
 #include "firmware/appliance.h"
+#include "firmware/crash.h"
+#include "firmware/process_end.h"
 #include "firmware/supervisor.h"
 #include "firmware/verbs.h"
 
@@ -146,11 +148,11 @@ static int parse(int argc, char **argv, run_options *options) {
     return check_options(options, timeout) ? 0 : 3;
 }
 
+/* In a process of its own, or in the only one. */
 static int run(void *context, const tl_start *start) {
-    const tl_appliance_settings *settings = context;
-    int code = tl_appliance_run(settings, start);
-    tl_assembly_free(settings->assembly);
-    return code;
+    tl_process_begin();
+    tl_crash_install();
+    tl_process_end(tl_appliance_run(context, start));
 }
 
 int tl_verb_run(int argc, char **argv) {

@@ -2,11 +2,16 @@
  *
  * Bytes: a head that says of what twin they are, what is ours, then the FMUs' states and all port values (snapshot.h). The
  *        caches are not in it: they begin anew at the root. Nor is what the solver has learned, which costs one search.
+ * Trust: none in the bytes: what was loaded is looked at before it is used. Only an FMU knows its own state; what it makes of
+ *        foreign bytes is its own affair.
  */
 #include <string.h>
 
 #include "master/base/archive.h"
 #include "master/twin_parts.h"
+
+/* ns; sums and differences of a few times below it are in range. */
+static const tl_time FAR = INT64_MAX / 4;
 
 /* Of what twin, and when. All must be equal but `first`, which is taken over. */
 typedef struct head {
@@ -18,7 +23,7 @@ typedef struct head {
 
 static head head_of(const tl_twin *twin, int64_t tick) {
     return (head){
-        .magic = {'t', 'w', 'l', 'k', 't', 'w', 'n', '1'},
+        .magic = {'t', 'w', 'l', 'k', 't', 'w', 'n', '2'},
         .components = twin->graph.component_count,
         .signals = twin->exchange.plant.signal_count,
         .matches = twin->lock.objective.term_count,
@@ -30,8 +35,43 @@ static head head_of(const tl_twin *twin, int64_t tick) {
     };
 }
 
+/* Whether a shift of look-ups is one that a delay in the range that is measured can make. */
+static bool is_shift(const tl_twin *twin, int32_t shift, int32_t configured) {
+    if (twin->measure.lags == 0 || twin->delay.state == TL_DELAY_UNKNOWN) {
+        return shift == configured;
+    }
+    int32_t least = tl_delay_ticks(twin->measure.look_back, twin->measure.range, twin->step);
+    int32_t most = tl_delay_ticks(twin->measure.look_back, -twin->measure.range, twin->step);
+    return shift == configured || (shift >= (least < most ? least : most) && shift <= (least < most ? most : least));
+}
+
+/* Mode ahead: the step that waits for its measurement. */
+static bool is_pending(const tl_twin *twin) {
+    const tl_record *pending = &twin->pending;
+    return !twin->has_pending ||
+           (twin->measurements == TL_AHEAD && pending->step == twin->exchange.plant.newest - (int64_t)twin->lead);
+}
+
+/* When loading: `configured` are the shifts that the twin was built with. */
+static void require_sound(const tl_twin *twin, const int32_t configured[TL_MAX_MATCH], tl_archive *archive) {
+    const tl_twin_delay *delay = &twin->delay;
+    tl_archive_require(archive, delay->state >= TL_DELAY_UNKNOWN && delay->state <= TL_DELAY_LOST);
+    tl_archive_require(archive, delay->delay >= -FAR && delay->delay <= FAR);
+    tl_archive_require_finite(archive, &delay->confidence, 1);
+    tl_archive_require(archive, is_pending(twin));
+    for (size_t i = 0; i < twin->lock.objective.term_count; i++) {
+        tl_archive_require(archive, is_shift(twin, twin->terms[i].shift, configured[i]));
+    }
+    if (twin->has_pending) {
+        tl_archive_require_finite(archive, twin->pending.y, twin->lock.objective.term_count);
+        tl_archive_require_finite(archive, twin->pending.u, twin->lock.horizon.variables);
+        tl_archive_require_finite(archive, twin->pending.u_hat, twin->lock.horizon.variables);
+    }
+}
+
 /* All that is ours and not a port value. */
 static void archive_ours(tl_twin *twin, tl_archive *archive) {
+    int32_t configured[TL_MAX_MATCH];
     tl_plant_archive(&twin->exchange.plant, archive);
     if (twin->lock.horizon.variables != 0) {
         tl_lock_archive(&twin->lock, archive);
@@ -46,11 +86,15 @@ static void archive_ours(tl_twin *twin, tl_archive *archive) {
         if (twin->meters[i] != NULL) {
             tl_delay_meter_archive(twin->meters[i], archive);
         }
+        configured[i] = twin->terms[i].shift;
         tl_archive_part(archive, &twin->terms[i].shift, sizeof twin->terms[i].shift);
     }
     tl_archive_part(archive, &twin->delay, sizeof twin->delay);
-    tl_archive_part(archive, &twin->has_pending, sizeof twin->has_pending);
+    tl_archive_flag(archive, &twin->has_pending);
     tl_archive_part(archive, &twin->pending, sizeof twin->pending);
+    if (tl_archive_is_loading(archive) && tl_archive_is_whole(archive)) {
+        require_sound(twin, configured, archive);
+    }
 }
 
 void tl_twin_begin_at(tl_twin *twin, int64_t tick) {
@@ -105,7 +149,8 @@ static tl_status load_head(tl_twin *twin, int64_t tick, tl_archive *archive, tl_
     tl_archive_part(archive, &found, sizeof found);
     int64_t first = found.first;
     found.first = own.first;
-    if (!tl_archive_is_whole(archive) || memcmp(&found, &own, sizeof own) != 0) {
+    if (!tl_archive_is_whole(archive) || memcmp(&found, &own, sizeof own) != 0 || first < 0 || first > tick ||
+        tick > FAR / twin->step) {
         return tl_fail(error, TL_BAD_DATA, "the checkpoint is not of this twin at tick %lld", (long long)tick);
     }
     twin->first = first;
@@ -118,7 +163,13 @@ static tl_status load_components(tl_twin *twin, tl_archive *archive, tl_error *e
     if (status == TL_OK) {
         status = tl_snapshot_archive(&twin->exchange.home, archive, error);
     }
-    if (status == TL_OK && archive->at != archive->size) {
+    if (status == TL_OK) {
+        tl_archive_require_finite(archive, (const double *)(const void *)twin->exchange.home.values,
+                                  twin->exchange.real_count);
+    }
+    if (status == TL_OK && archive->at == SIZE_MAX) {
+        status = tl_fail(error, TL_BAD_DATA, "the checkpoint is damaged: a value in it is not finite");
+    } else if (status == TL_OK && archive->at != archive->size) {
         status = tl_fail(error, TL_BAD_DATA, "the checkpoint has %zu bytes where %zu were expected", archive->size,
                          archive->at);
     }
@@ -147,7 +198,8 @@ tl_status tl_twin_load(tl_twin *twin, int64_t tick, const unsigned char *bytes, 
         archive_ours(twin, &archive);
         bool same = tl_archive_is_whole(&archive) && twin->exchange.plant.newest == tick;
         status = same ? load_components(twin, &archive, error)
-                      : tl_fail(error, TL_BAD_DATA, "the checkpoint of tick %lld ends too soon", (long long)tick);
+                      : tl_fail(error, TL_BAD_DATA, "the checkpoint of tick %lld ends too soon, or is damaged",
+                                (long long)tick);
     }
     int64_t next = tick + 1 - (int64_t)twin->lead;
     twin->lock.ledger.step = next > twin->first ? next : twin->first;

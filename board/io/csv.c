@@ -69,7 +69,9 @@ tl_status tl_csv_open(const tl_csv_settings *settings, tl_csv_reader **reader, t
     }
     made->file = open(settings->path, O_RDONLY | O_CLOEXEC);
     if (made->file < 0) {
-        status = tl_fail(error, TL_BAD_DATA, "%s cannot be opened: %s", settings->path, strerror(errno));
+        bool shortage = errno == EMFILE || errno == ENFILE || errno == ENOMEM;
+        status = tl_fail(error, shortage ? TL_TRY_AGAIN : TL_BAD_DATA, "%s cannot be opened: %s", settings->path,
+                         strerror(errno));
     } else {
         status = read_header(made, error);
     }

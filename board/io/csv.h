@@ -33,7 +33,8 @@ typedef struct tl_csv_row {
 } tl_csv_row;
 
 /* Errors TL_BAD_DATA: file absent or empty, column missing (names those that are there) or there twice, cells
- * separated by semicolons, more columns than TL_MAX_SIGNALS. Everything is copied. */
+ * separated by semicolons, more columns than TL_MAX_SIGNALS; TL_TRY_AGAIN: memory or descriptors are out. Everything is
+ * copied. */
 tl_status tl_csv_open(const tl_csv_settings *settings, tl_csv_reader **reader, tl_error *error);
 
 /* *end is set at the end of the file, and *row is then as it was. Errors TL_BAD_DATA with file and line: time not a

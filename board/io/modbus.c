@@ -3,8 +3,9 @@
  * A poll has two passes: first the requests that were answered last time, then, where their pause is over, those
  * that were silent. A response that does not come, or is wrong, costs a TCP connection, since what arrives later could be
  * taken for the answer to the next request; a line is used again as soon as it is quiet. So does what comes beside a
- * response, but then the next request just gets another connection. If anything was answered in that poll, the device lives: the one request is paused, and so for a moment is its unit on a line. If nothing was,
- * the link is down and trying it is paused. An exception is an answer.
+ * response, but then the next request just gets another connection. If anything was answered in that poll, the device
+ * lives: the one request is paused, and so for a moment is its unit on a line. If nothing was, the link is down and trying
+ * it is paused. An exception is an answer.
  */
 #include "board/io/modbus.h"
 

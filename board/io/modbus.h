@@ -9,8 +9,9 @@
  *          other nothing is posted, and the connection is given up, so that nothing late or extra on it is taken for a
  *          later answer; what was wrong is told once.
  * Bound:   a poll waits at most timeout_s to connect (before each request, where the server sends more than it was asked
- *          for) and timeout_s for each response; by TCP the first response that does not come, or is wrong, ends it, on a line the second. Where `host` is a name, resolving it comes on top (once per
- *          attempt to connect) and cannot be interrupted. On a line the time on the wire is added, and up to 50 ms (after
+ *          for) and timeout_s for each response; by TCP the first response that does not come, or is wrong, ends it, on a
+ *          line the second. Where `host` is a name, resolving it comes on top (once per attempt to connect) and cannot be
+ *          interrupted. On a line the time on the wire is added, and up to 50 ms (after
  *          a failure) until it is quiet; a response that has begun can only be interrupted where it breaks off, after 0.2 s.
  * Line:    it has one master, us, and is opened exclusively. Parameters are 8 data bits, and those of tl_modbus_line. A
  *          response has no number: one that comes later than timeout_s and the silence after it could be taken for that

@@ -1,6 +1,7 @@
 /* An archive: see archive.h. */
 #include "master/base/archive.h"
 
+#include <math.h>
 #include <stdint.h>
 #include <string.h>
 
@@ -43,6 +44,27 @@ unsigned char *tl_archive_room(tl_archive *archive, size_t size) {
 const unsigned char *tl_archive_bytes(tl_archive *archive, size_t size) {
     size_t begin = 0;
     return move_on(archive, size, &begin) && archive->from != NULL ? archive->from + begin : NULL;
+}
+
+void tl_archive_flag(tl_archive *archive, bool *flag) {
+    unsigned char byte = *flag ? 1 : 0;
+    tl_archive_part(archive, &byte, sizeof byte);
+    tl_archive_require(archive, byte <= 1);
+    *flag = byte == 1;
+}
+
+void tl_archive_require(tl_archive *archive, bool right) {
+    if (archive->from != NULL && !right) {
+        archive->at = SIZE_MAX;
+    }
+}
+
+void tl_archive_require_finite(tl_archive *archive, const double *values, size_t count) {
+    bool finite = true;
+    for (size_t i = 0; i < count; i++) {
+        finite = finite && isfinite(values[i]);
+    }
+    tl_archive_require(archive, finite);
 }
 
 bool tl_archive_is_whole(const tl_archive *archive) {

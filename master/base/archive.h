@@ -30,7 +30,17 @@ void tl_archive_part(tl_archive *archive, void *memory, size_t size);
 unsigned char *tl_archive_room(tl_archive *archive, size_t size);
 const unsigned char *tl_archive_bytes(tl_archive *archive, size_t size);
 
-/* False: something did not fit, or was not there. */
+/* The next byte is this flag. A byte that is none is refused when loading: a bool must never hold it. */
+void tl_archive_flag(tl_archive *archive, bool *flag);
+
+/* When loading: what came so far must be so, else the archive is not whole. Bytes may be damaged, or made to do harm, so whoever
+ * loads an index, a count, a time or a number says what it has to be. */
+void tl_archive_require(tl_archive *archive, bool right);
+
+/* The same of numbers: they must be finite. */
+void tl_archive_require_finite(tl_archive *archive, const double *values, size_t count);
+
+/* False: something did not fit, was not there, or was refused. */
 bool tl_archive_is_whole(const tl_archive *archive);
 
 #endif

@@ -57,6 +57,7 @@ typedef struct tl_exchange {
     const fmi2Real *outputs; /* the Real outputs of all components lie together */
     size_t output_count;
     size_t values_size;
+    size_t real_count; /* of `values`, at its front */
     tl_real_copy *copies; /* unit conversion is the identity */
     size_t copy_count;
     tl_real_copy *conversions;

@@ -135,6 +135,7 @@ static bool take_tables(tl_exchange *exchange, tl_arena *arena, const tl_graph *
     size_t connections = graph->connection_count;
     count_values(graph, layout);
     exchange->values_size = layout->reals * sizeof(double) + layout->integers * sizeof(fmi2Integer);
+    exchange->real_count = layout->reals;
     exchange->values = tl_arena_take(arena, exchange->values_size, 1);
     exchange->copies = tl_arena_take(arena, connections, sizeof *exchange->copies);
     exchange->conversions = tl_arena_take(arena, connections, sizeof *exchange->conversions);

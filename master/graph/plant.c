@@ -50,14 +50,25 @@ const tl_sample *tl_plant_sample(const tl_plant *plant, int64_t tick) {
     return &plant->window[(size_t)(known < 0 ? 0 : known) & plant->window_mask];
 }
 
+/* What is held stands for what is not good, so it must be as good. */
+static void require_value(const tl_plant_output *output, double value, uint8_t quality, tl_archive *archive) {
+    tl_archive_require(archive, verify(output, value, TL_GOOD) == TL_GOOD && quality <= TL_OUTLIER);
+}
+
 void tl_plant_archive(tl_plant *plant, tl_archive *archive) {
     tl_archive_part(archive, &plant->newest, sizeof plant->newest);
     tl_archive_part(archive, plant->held, plant->signal_count * sizeof plant->held[0]);
+    for (size_t i = 0; i < plant->signal_count; i++) {
+        require_value(&plant->outputs[i], plant->held[i], TL_GOOD, archive);
+    }
     for (size_t i = 0; i <= plant->window_mask; i++) {
         tl_sample *sample = &plant->window[i];
         tl_archive_part(archive, &sample->tick, sizeof sample->tick);
         tl_archive_part(archive, sample->values, plant->signal_count * sizeof sample->values[0]);
         tl_archive_part(archive, sample->quality, plant->signal_count * sizeof sample->quality[0]);
+        for (size_t k = 0; k < plant->signal_count; k++) {
+            require_value(&plant->outputs[k], sample->values[k], sample->quality[k], archive);
+        }
     }
 }
 

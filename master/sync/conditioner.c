@@ -206,16 +206,64 @@ double tl_conditioner_value(const tl_conditioner *conditioner, int64_t tick, tl_
     return found->value;
 }
 
-/* The whole of it; what points to other memory stays, and that memory follows. */
+/* Of the slots, the order holds those that were filled, each once; they were filled in turn. */
+static bool is_in_order(const median *self) {
+    bool right = self->count <= self->size && self->next < (self->size > 0 ? self->size : 1) &&
+                 (self->count == self->size || self->next == self->count);
+    for (size_t i = 0; right && i < self->count; i++) {
+        right = self->order[i] < self->count;
+        for (size_t k = 0; right && k < i; k++) {
+            right = self->order[k] != self->order[i];
+        }
+    }
+    return right;
+}
+
+static void require_output(tl_archive *archive, const output *out) {
+    tl_archive_require_finite(archive, &out->value, 1);
+    tl_archive_require(archive, out->quality >= TL_GOOD && out->quality <= TL_OUTLIER);
+}
+
+static void require_arrival(tl_archive *archive, const arrival *sample, int64_t newest) {
+    tl_archive_require_finite(archive, &sample->value, 1);
+    tl_archive_require(archive, sample->tick >= 0 && sample->tick <= newest);
+}
+
+/* Ticks are not ahead of the newest, slots are there, and numbers are numbers. */
+static void require_sound(const tl_conditioner *self, tl_archive *archive) {
+    int64_t newest = self->newest > 0 ? self->newest : 0;
+    tl_archive_require(archive, self->newest >= -1 && self->start >= 0 && self->start <= newest);
+    tl_archive_require(archive, is_in_order(&self->median) && self->pending_count <= PENDING);
+    tl_archive_require_finite(archive, self->median.values, self->median.size);
+    tl_archive_require_finite(archive, &self->filtered, 1);
+    require_arrival(archive, &self->accepted, newest);
+    for (size_t i = 0; i < PENDING; i++) {
+        require_arrival(archive, &self->pending[i], newest);
+    }
+    require_output(archive, &self->latest);
+    for (size_t i = 0; i < self->window_size; i++) {
+        require_output(archive, &self->window[i]);
+    }
+}
+
+/* Member by member: what was configured, and what points to other memory, is not in it. */
 void tl_conditioner_archive(tl_conditioner *conditioner, tl_archive *archive) {
-    const tl_conditioner own = *conditioner;
-    tl_archive_part(archive, conditioner, sizeof *conditioner);
-    conditioner->median.size = own.median.size;
-    conditioner->median.values = own.median.values;
-    conditioner->median.order = own.median.order;
-    conditioner->window = own.window;
-    conditioner->window_size = own.window_size;
-    tl_archive_part(archive, own.median.values, own.median.size * sizeof *own.median.values);
-    tl_archive_part(archive, own.median.order, own.median.size * sizeof *own.median.order);
-    tl_archive_part(archive, own.window, own.window_size * sizeof *own.window);
+    median *middle = &conditioner->median;
+    tl_archive_part(archive, &middle->count, sizeof middle->count);
+    tl_archive_part(archive, &middle->next, sizeof middle->next);
+    tl_archive_part(archive, &conditioner->filtered, sizeof conditioner->filtered);
+    tl_archive_flag(archive, &conditioner->is_empty);
+    tl_archive_part(archive, &conditioner->start, sizeof conditioner->start);
+    tl_archive_flag(archive, &conditioner->has_accepted);
+    tl_archive_part(archive, &conditioner->accepted, sizeof conditioner->accepted);
+    tl_archive_part(archive, conditioner->pending, sizeof conditioner->pending);
+    tl_archive_part(archive, &conditioner->pending_count, sizeof conditioner->pending_count);
+    tl_archive_part(archive, &conditioner->latest, sizeof conditioner->latest);
+    tl_archive_part(archive, &conditioner->newest, sizeof conditioner->newest);
+    tl_archive_part(archive, middle->values, middle->size * sizeof *middle->values);
+    tl_archive_part(archive, middle->order, middle->size * sizeof *middle->order);
+    tl_archive_part(archive, conditioner->window, conditioner->window_size * sizeof *conditioner->window);
+    if (tl_archive_is_loading(archive) && tl_archive_is_whole(archive)) {
+        require_sound(conditioner, archive);
+    }
 }

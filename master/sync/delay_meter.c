@@ -10,6 +10,9 @@
 #define INDEPENDENT 4.0 /* steps that tell as much as one would whose noise is its own */
 #define DISTINCT 0.02
 
+/* Times in ns and instants stay below it, so that sums and differences of two are in range. */
+static const int64_t FAR = INT64_MAX / 4;
+
 /* By instant, in a ring. */
 typedef struct ring {
     double *values;
@@ -232,19 +235,79 @@ tl_delay_measured tl_delay_meter_get(const tl_delay_meter *meter) {
     return meter->measured;
 }
 
-/* The whole of it; the rings stay where they are, and what is in them follows. */
+/* No product is more than its squares permit, so that no coefficient is beyond 1. */
+static bool are_moments(const tl_delay_meter *meter) {
+    bool right = meter->weight >= 0.0 && meter->square_y >= 0.0;
+    for (int64_t i = 0; i <= 2 * meter->lags; i++) {
+        double most = 1.001 * sqrt(meter->square_y) * sqrt(meter->square[i]);
+        right =
+            right && meter->square[i] >= 0.0 && fabs(meter->product[i]) <= most && fabs(meter->coefficient[i]) <= 1.001;
+    }
+    return right;
+}
+
+static bool is_time(tl_time time) {
+    return time >= -FAR && time <= FAR;
+}
+
+static bool is_instant(int64_t instant) {
+    return instant >= 0 && instant <= FAR;
+}
+
+static void require_sound(const tl_delay_meter *meter, tl_archive *archive) {
+    const double numbers[] = {meter->last_value, meter->weight, meter->mean_y, meter->square_y,
+                              meter->measured.confidence};
+    size_t lags = sizeof meter->mean / sizeof meter->mean[0];
+    tl_archive_require_finite(archive, numbers, sizeof numbers / sizeof numbers[0]);
+    tl_archive_require_finite(archive, meter->mean, lags);
+    tl_archive_require_finite(archive, meter->square, lags);
+    tl_archive_require_finite(archive, meter->product, lags);
+    tl_archive_require_finite(archive, meter->coefficient, lags);
+    tl_archive_require_finite(archive, meter->seen.values, meter->mask + 1);
+    tl_archive_require_finite(archive, meter->simulated.values, meter->mask + 1);
+    tl_archive_require(archive, are_moments(meter) && is_instant(meter->seen.end) && is_instant(meter->simulated.end) &&
+                                    is_instant(meter->next) && is_instant(meter->free) && is_instant(meter->steady));
+    tl_archive_require(archive, is_time(meter->last_stamp) && is_time(meter->about) &&
+                                    is_time(meter->measured.newest) && is_time(meter->measured.delay));
+}
+
+static void archive_ring(const tl_delay_meter *meter, ring *own, tl_archive *archive) {
+    tl_archive_part(archive, &own->end, sizeof own->end);
+    tl_archive_part(archive, own->values, (meter->mask + 1) * sizeof *own->values);
+    for (size_t i = 0; i <= meter->mask; i++) {
+        tl_archive_flag(archive, &own->good[i]);
+    }
+}
+
+static void archive_moments(tl_delay_meter *meter, tl_archive *archive) {
+    tl_archive_part(archive, &meter->weight, sizeof meter->weight);
+    tl_archive_part(archive, &meter->mean_y, sizeof meter->mean_y);
+    tl_archive_part(archive, &meter->square_y, sizeof meter->square_y);
+    tl_archive_part(archive, meter->mean, sizeof meter->mean);
+    tl_archive_part(archive, meter->square, sizeof meter->square);
+    tl_archive_part(archive, meter->product, sizeof meter->product);
+    tl_archive_part(archive, meter->coefficient, sizeof meter->coefficient);
+}
+
+/* Member by member: what was configured, and what points to other memory, is not in it. */
 void tl_delay_meter_archive(tl_delay_meter *meter, tl_archive *archive) {
-    ring *const rings[] = {&meter->seen, &meter->simulated};
-    const ring own[] = {meter->seen, meter->simulated};
-    size_t mask = meter->mask;
-    int64_t lags = meter->lags;
-    tl_archive_part(archive, meter, sizeof *meter);
-    meter->mask = mask;
-    meter->lags = lags;
-    for (size_t i = 0; i < 2; i++) {
-        rings[i]->values = own[i].values;
-        rings[i]->good = own[i].good;
-        tl_archive_part(archive, own[i].values, (mask + 1) * sizeof *own[i].values);
-        tl_archive_part(archive, own[i].good, (mask + 1) * sizeof *own[i].good);
+    tl_delay_measured *measured = &meter->measured;
+    archive_ring(meter, &meter->seen, archive);
+    archive_ring(meter, &meter->simulated, archive);
+    tl_archive_part(archive, &meter->next, sizeof meter->next);
+    tl_archive_part(archive, &meter->free, sizeof meter->free);
+    tl_archive_flag(archive, &meter->has_last);
+    tl_archive_part(archive, &meter->last_stamp, sizeof meter->last_stamp);
+    tl_archive_part(archive, &meter->last_value, sizeof meter->last_value);
+    archive_moments(meter, archive);
+    tl_archive_part(archive, &meter->steady, sizeof meter->steady);
+    tl_archive_part(archive, &meter->about, sizeof meter->about);
+    tl_archive_flag(archive, &measured->known);
+    tl_archive_flag(archive, &measured->lost);
+    tl_archive_part(archive, &measured->delay, sizeof measured->delay);
+    tl_archive_part(archive, &measured->newest, sizeof measured->newest);
+    tl_archive_part(archive, &measured->confidence, sizeof measured->confidence);
+    if (tl_archive_is_loading(archive) && tl_archive_is_whole(archive)) {
+        require_sound(meter, archive);
     }
 }

@@ -514,4 +514,5 @@ tl_status tl_event_horizon_follow(tl_event_horizon *self, int64_t step, double u
 
 void tl_event_horizon_archive(tl_event_horizon *self, tl_archive *archive) {
     tl_archive_part(archive, &self->u, sizeof self->u);
+    tl_archive_require_finite(archive, &self->u, 1);
 }

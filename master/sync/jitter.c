@@ -40,3 +40,10 @@ void tl_jitter_push(tl_jitter *jitter, double value) {
 double tl_jitter_variance(const tl_jitter *jitter) {
     return jitter->count > BEGINNING ? fmax(jitter->covariance / OF_NOISE, 0.0) : 0.0;
 }
+
+void tl_jitter_archive(tl_jitter *jitter, tl_archive *archive) {
+    tl_archive_part(archive, jitter, sizeof *jitter);
+    const double numbers[] = {jitter->values[0], jitter->values[1], jitter->bend, jitter->square, jitter->covariance};
+    tl_archive_require_finite(archive, numbers, sizeof numbers / sizeof numbers[0]);
+    tl_archive_require(archive, jitter->count <= MEMORY);
+}

@@ -13,6 +13,8 @@
 
 #include <stdint.h>
 
+#include "master/base/archive.h"
+
 typedef struct tl_jitter {
     double values[2];  /* the newest, and the one before */
     double bend;       /* the newest second difference */
@@ -23,6 +25,8 @@ typedef struct tl_jitter {
 
 /* The next good measurement. */
 void tl_jitter_push(tl_jitter *jitter, double value);
+
+void tl_jitter_archive(tl_jitter *jitter, tl_archive *archive);
 
 /* σ², in the measurement's unit squared, ≥ 0; 0 while nothing is known. */
 double tl_jitter_variance(const tl_jitter *jitter);

@@ -598,8 +598,12 @@ tl_status tl_lock_follow(tl_lock *lock, int64_t step, const double *u, tl_record
 
 void tl_lock_archive(tl_lock *lock, tl_archive *archive) {
     const tl_objective *objective = &lock->objective;
-    tl_archive_part(archive, &lock->has_last, sizeof lock->has_last);
+    tl_archive_flag(archive, &lock->has_last);
     tl_archive_part(archive, lock->memory.before, sizeof lock->memory.before);
     tl_archive_part(archive, lock->last_delta, sizeof lock->last_delta);
-    tl_archive_part(archive, objective->jitters, objective->matched * sizeof *objective->jitters);
+    tl_archive_require_finite(archive, lock->memory.before, TL_MAX_ADJUST);
+    tl_archive_require_finite(archive, lock->last_delta, TL_MAX_ADJUST);
+    for (size_t i = 0; i < objective->matched; i++) {
+        tl_jitter_archive(&objective->jitters[i], archive);
+    }
 }

@@ -1,5 +1,6 @@
 #!/usr/bin/env python3
 """The checks bite: each rule is broken once in a small tree of its own, and the check must say so."""
+import json
 import os
 import subprocess
 import sys
@@ -98,6 +99,28 @@ BOARD_SYMBOLS = [
 ]
 
 
+# what a command for a file of the board has, and what hardening.py must say
+HARDENING = [
+    ("-fstack-protector-strong -fstack-clash-protection -D_FORTIFY_SOURCE=2", "0 findings"),
+    ("-fstack-protector-strong -D_FORTIFY_SOURCE=2", "without -fstack-clash-protection"),
+    ("-fstack-clash-protection -D_FORTIFY_SOURCE=2", "without -fstack-protector-strong"),
+    ("-fstack-protector-strong -fstack-clash-protection", "without -D_FORTIFY_SOURCE=2"),
+]
+
+
+def run_hardening(flags, fmu_flags):
+    """The exit code and the output of hardening.py on a build of one file and one FMU."""
+    with tempfile.TemporaryDirectory() as root:
+        entry = {"file": os.path.join(root, "board/a.c"), "command": f"gcc {flags} -c board/a.c"}
+        with open(os.path.join(root, "compile_commands.json"), "w", encoding="utf-8") as file:
+            json.dump([entry], file)
+        with open(os.path.join(root, "build.ninja"), "w", encoding="utf-8") as file:
+            file.write(f"  COMMAND = cd x && gcc -fvisibility=hidden -shared {fmu_flags} -o {root}/fmus/linux64/m.so m.c -lm\n")
+        done = subprocess.run([sys.executable, os.path.join(HERE, "hardening.py"), root, root],
+                              stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, check=False)
+        return done.returncode, done.stdout
+
+
 def run_symbols(floor, source, text):
     """The exit code and the output of symbols.py on one object of a floor."""
     with tempfile.TemporaryDirectory() as root:
@@ -131,7 +154,14 @@ def main():
         if code != (0 if expected.startswith("0 ") else 1) or expected not in output:
             failures += 1
             print(f"symbols does not say '{expected}' about {source}; it ends with {code} and says:\n{output}")
-    print(f"{len(BROKEN) + len(objects)} broken rules, {failures} unnoticed")
+    whole = HARDENING[0][0]
+    commands = [(flags, whole, said) for flags, said in HARDENING] + [(whole, flags, said) for flags, said in HARDENING]
+    for flags, fmu_flags, expected in commands:
+        code, output = run_hardening(flags, fmu_flags)
+        if code != (0 if expected.startswith("0 ") else 1) or expected not in output:
+            failures += 1
+            print(f"hardening does not say '{expected}'; it ends with {code} and says:\n{output}")
+    print(f"{len(BROKEN) + len(objects) + len(commands)} broken rules, {failures} unnoticed")
     sys.exit(1 if failures else 0)
 
 

@@ -19,7 +19,7 @@ def test_run():
     table = read_table(steps)
     read = set(table["comma.y"])
     expect(table["comma.commas"][-1] > 0, "the FMU did not find the locale")
-    expect(read <= {0.0, *values} and len(read) > ROWS // 2, f"not what the file has: {table['comma.y']}")
+    expect(read <= {0.0, *values} and len(read) > 5, f"not what the file has: {table['comma.y']}")
     expect(qualities(database, "u")[-1] == GOOD, f"qualities: {qualities(database, 'u')}")
 
 

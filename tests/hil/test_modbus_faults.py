@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
-"""A Modbus device that is silent, talks garbage, refuses, breaks off in the middle of an answer, answers another question, and
-drops every connection: one supervised run goes through all of it, in lock again after each, and never started anew.
+"""A Modbus device that is silent, talks garbage, refuses, breaks off in the middle of an answer, answers another question, as
+another unit, in another protocol or with another length, and drops every connection: one supervised run goes through all of it, in lock again after each, and never started anew.
 """
 import os
 import struct
@@ -46,6 +46,18 @@ class FaultyDevice(Device):
     def exception(self, whole):
         return GARBAGE.pack(*GARBAGE.unpack(whole[:7])[:2], 3, whole[6]) + bytes((whole[7] | 0x80, 4))
 
+    def exception_0(self, whole):
+        return self.exception(whole)[:8] + bytes((0,))
+
+    def other_unit(self, whole):
+        return whole[:6] + bytes((whole[6] ^ 7,)) + whole[7:]
+
+    def other_protocol(self, whole):
+        return whole[:3] + bytes((1,)) + whole[4:]
+
+    def other_length(self, whole):
+        return whole[:4] + bytes((255, 255)) + whole[6:]
+
     def half_frame(self, whole):
         return whole[:len(whole) // 2]
 
@@ -63,6 +75,10 @@ TOLD = {
     "silence": ("warning", "no answer within 0.1 s", "connected"),
     "garbage": ("warning", "inverter: Modbus server", "connected"),
     "exception": ("info", "unit 1, input register 0 to 2: Slave device or server failure", "answers again"),
+    "exception_0": ("info", "unit 1, input register 0 to 2: exception 0, which Modbus does not define", "answers again"),
+    "other_unit": ("warning", "answered as unit 6 when asked for unit 1: if it always does, give its source", "connected"),
+    "other_protocol": ("warning", "answered in protocol 1, and Modbus is 0", "connected"),
+    "other_length": ("warning", "gives 65535 bytes as the length of an answer of 9", "connected"),
     "half_frame": ("warning", "no answer within 0.1 s", "connected"),
     "other_answer": ("warning", "answered transaction ", "connected"),
     "storm": ("warning", "inverter: Modbus server", "connected"),

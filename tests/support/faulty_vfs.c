@@ -51,6 +51,8 @@ static int refusal;
 static uint64_t writes_left;
 static uint64_t refusals;
 static uint64_t writes;
+static uint64_t locked;
+static uint64_t moved;
 static int64_t delay;
 
 /* ---- Faults ------------------------------------------------------------------------------------------------------ */
@@ -109,6 +111,20 @@ uint64_t tl_faulty_vfs_refusals(void) {
 
 uint64_t tl_faulty_vfs_writes(void) {
     return read_counter(&writes);
+}
+
+uint64_t tl_faulty_vfs_locked(void) {
+    return read_counter(&locked);
+}
+
+uint64_t tl_faulty_vfs_moved(void) {
+    return read_counter(&moved);
+}
+
+static void count_one(uint64_t *counter) {
+    (void)pthread_mutex_lock(&lock);
+    (*counter)++;
+    (void)pthread_mutex_unlock(&lock);
 }
 
 void tl_faulty_vfs_slow(int64_t nanoseconds) {
@@ -334,7 +350,11 @@ static int shim_check_reserved(sqlite3_file *file, int *reserved) {
 
 static int shim_control(sqlite3_file *file, int operation, void *argument) {
     sqlite3_file *real = shim_of(file)->real;
-    return real->pMethods->xFileControl(real, operation, argument);
+    int code = real->pMethods->xFileControl(real, operation, argument);
+    if (operation == SQLITE_FCNTL_HAS_MOVED && code == SQLITE_OK && *(const int *)argument != 0) {
+        count_one(&moved);
+    }
+    return code;
 }
 
 static int shim_sector_size(sqlite3_file *file) {
@@ -355,7 +375,11 @@ static int shim_shm_map(sqlite3_file *file, int page, int size, int extend, void
 
 static int shim_shm_lock(sqlite3_file *file, int offset, int count, int flags) {
     sqlite3_file *real = shim_of(file)->real;
-    return real->pMethods->xShmLock(real, offset, count, flags);
+    int code = real->pMethods->xShmLock(real, offset, count, flags);
+    if (code == SQLITE_BUSY) {
+        count_one(&locked);
+    }
+    return code;
 }
 
 static void shim_shm_barrier(sqlite3_file *file) {

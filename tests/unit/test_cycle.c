@@ -24,6 +24,7 @@ static tl_assembly assembly;
 static tl_plant_input input;
 static tl_journal journal;
 static tl_recorder *recorder;
+static tl_fmu_thread *thread;
 static tl_cycle *cycle;
 static tl_cycle_status shown;
 static tl_summary summary;
@@ -56,6 +57,7 @@ void setUp(void) {
     slow_call = 0;
     recorder = NULL;
     cycle = NULL;
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_fmu_thread_start(0, &thread, &error));
     (void)snprintf(database, sizeof database, "%s", tl_scratch_path(&scratch, "twin.db"));
 }
 
@@ -66,6 +68,7 @@ void tearDown(void) {
     if (recorder != NULL) {
         (void)tl_recorder_close(recorder, "torn down", NULL, &error);
     }
+    tl_fmu_thread_end(thread);
     tl_twin_destroy(assembly.twin);
     tl_test_fmu_end(&fmu);
     tl_scratch_empty(&scratch);
@@ -138,7 +141,7 @@ static void start(void) {
     tl_journal_init(&journal, recorder);
     post(5.0);
     const tl_cycle_settings settings = {
-        .assembly = &assembly, .input = &input, .recorder = recorder, .journal = &journal};
+        .assembly = &assembly, .thread = thread, .input = &input, .recorder = recorder, .journal = &journal};
     TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_cycle_start(&settings, &cycle, &error), error.text);
 }
 

@@ -3,10 +3,12 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include <unity.h>
 
+#include "firmware/database.h"
 #include "firmware/history.h"
 #include "firmware/utc.h"
 #include "tests/support/faulty_vfs.h"
@@ -184,12 +186,14 @@ static void expect_step(const tl_history_tick *tick, int64_t step) {
 static void test_ticks_come_back_bit_for_bit(void) {
     tl_history_tick tick;
     bool end = false;
+    bool any = false;
     int64_t first = -1;
     int64_t last = -1;
     record_run(TICKS);
     open_history();
     begin_ticks(0);
-    TEST_ASSERT_TRUE(tl_history_ticks_range(ticks, &first, &last));
+    expect_ok(tl_history_ticks_range(ticks, &any, &first, &last, &error));
+    TEST_ASSERT_TRUE(any);
     TEST_ASSERT_EQUAL_INT64(0, first);
     TEST_ASSERT_EQUAL_INT64(TICKS - 1, last);
     for (int64_t number = 0; number < TICKS; number++) {
@@ -570,6 +574,164 @@ static void test_impossible_values_are_damage(void) {
     expect_damage("UPDATE runs SET step_ns = 0");
 }
 
+/* ---- What was made to do harm ------------------------------------------------------------------------------------ */
+
+/* The first rows of tables with a key of several columns, on every page: in the order 0, 3, 6, … 1, 4, 7, …, by their pointers
+ * alone. Of samples that is signal after signal of 64 ticks, which are read at once. */
+static void shuffle_rows(void) {
+    enum { PAGE = 4096, LEAF = 0x0A, POINTERS = 8, ROWS = 64 * TL_MADE_PLANT, FEW = 20 };
+    unsigned char page[PAGE];
+    FILE *file = fopen(path, "r+b");
+    TEST_ASSERT_NOT_NULL(file);
+    for (long at = PAGE; fseek(file, at, SEEK_SET) == 0 && fread(page, 1, PAGE, file) == PAGE; at += PAGE) {
+        unsigned char pointers[PAGE];
+        size_t count = (size_t)page[3] << 8 | page[4];
+        count = count < ROWS ? count : ROWS;
+        if (page[0] != LEAF || count < FEW || POINTERS + 2 * count > PAGE) {
+            continue;
+        }
+        memcpy(pointers, page + POINTERS, 2 * count);
+        for (size_t from = 0, to = 0, start = 0; to < count; to++) {
+            memcpy(page + POINTERS + 2 * to, pointers + 2 * from, 2);
+            from += 3;
+            if (from >= count) {
+                from = ++start;
+            }
+        }
+        (void)fseek(file, at, SEEK_SET);
+        TEST_ASSERT_EQUAL_size_t(PAGE, fwrite(page, 1, PAGE, file));
+    }
+    (void)fclose(file);
+}
+
+/* All of the last run, in the order of its ticks. */
+static tl_status walk_through(void) {
+    tl_history_tick tick;
+    bool end = false;
+    tl_status status = tl_history_open(path, &history, &error);
+    if (status == TL_OK) {
+        status = tl_history_find(history, 0, &run, &error);
+    }
+    if (status == TL_OK) {
+        status = tl_history_ticks_begin(history, run, &ticks, &error);
+    }
+    while (status == TL_OK && !end) {
+        status = tl_history_ticks_next(ticks, &tick, &end, &error);
+    }
+    close_history();
+    return status;
+}
+
+/* SQLite hands rows out as they lie; 64 ticks were read into room for 64, and three times as many came. */
+static void test_rows_that_are_not_in_their_order(void) {
+    record_run(TICKS);
+    shuffle_rows();
+    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, walk_through());
+    TEST_ASSERT_NOT_NULL(strstr(error.text, "is damaged"));
+}
+
+/* What stands in the file would be run by whoever reads it. */
+static void test_code_in_a_file_is_not_run(void) {
+    static const char *const attacks[] = {
+        "CREATE TRIGGER t AFTER UPDATE ON runs BEGIN DELETE FROM samples; END",
+        "CREATE VIRTUAL TABLE v USING fts5(x)",
+        "ALTER TABLE samples RENAME TO other; CREATE VIEW samples AS SELECT * FROM other",
+        "ALTER TABLE samples RENAME TO other; CREATE VIEW samples AS WITH RECURSIVE r (run, tick, signal, value, quality,"
+        " stamp_ns) AS (SELECT 1, 0, 0, 0.0, 0, 0 UNION ALL SELECT 1, tick + 1, 0, 0.0, 0, 0 FROM r) SELECT * FROM r",
+        "ALTER TABLE samples RENAME TO other; CREATE TABLE samples AS SELECT * FROM other",
+        "ALTER TABLE runs RENAME TO other; CREATE TABLE runs AS SELECT * FROM other",
+    };
+    const tl_recorder_settings settings = tl_made_settings(path);
+    for (size_t i = 0; i < sizeof attacks / sizeof attacks[0]; i++) {
+        error = (tl_error){TL_OK, ""};
+        record_run(20);
+        tl_sql_execute(path, attacks[i]);
+        TEST_ASSERT_EQUAL_INT_MESSAGE(TL_BAD_DATA, walk_through(), attacks[i]);
+        TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, "is damaged: "), error.text);
+        TEST_ASSERT_EQUAL_INT_MESSAGE(TL_BAD_DATA, tl_recorder_open(&settings, &recorder, &error), attacks[i]);
+        tl_scratch_empty(&scratch);
+    }
+    error = (tl_error){TL_OK, ""};
+}
+
+/* Pages may lead back to each other; whatever makes a question endless, it is given up, and the next one is not. */
+static void test_a_question_without_an_end(void) {
+    static const char endless[] =
+        "WITH RECURSIVE r (i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM r) SELECT count(*) FROM r";
+    record_run(20);
+    open_history();
+    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, tl_database_execute(tl_history_database(history), endless, &error));
+    TEST_ASSERT_NOT_NULL(strstr(error.text, "a question about it does not come to an end"));
+    error = (tl_error){TL_OK, ""};
+    expect_ok(tl_history_find(history, 0, &run, &error));
+}
+
+static void test_more_impossible_values(void) {
+    expect_damage("UPDATE samples SET value = 'text' WHERE tick = 4 AND signal = 0");
+    expect_damage("UPDATE samples SET value = x'00' WHERE tick = 4 AND signal = 0");
+    expect_damage("UPDATE samples SET value = 9e999 WHERE tick = 4 AND signal = 0");
+    expect_damage("UPDATE samples SET stamp_ns = -9223372036854775808 WHERE tick = 4 AND signal = 0");
+    expect_damage("UPDATE samples SET stamp_ns = 1.5 WHERE tick = 4 AND signal = 0");
+    expect_damage("UPDATE samples SET quality = 0.5 WHERE tick = 4 AND signal = 0");
+    expect_damage("UPDATE samples SET tick = 3e17 WHERE tick = 9");
+    expect_damage("UPDATE steps SET step = -2 WHERE step = 3");
+    expect_damage("UPDATE steps SET evaluations = -1 WHERE step = 3");
+    expect_damage("UPDATE steps SET evaluations = 4294967296 WHERE step = 3");
+    expect_damage("UPDATE steps SET executions = 'many' WHERE step = 3");
+    expect_damage("UPDATE steps SET flags = -1 WHERE step = 3");
+    expect_damage("UPDATE adjustments SET signal = 8 WHERE step = 3 AND signal = 1");
+    expect_damage("UPDATE adjustments SET u = 'text' WHERE step = 3 AND signal = 1");
+    expect_damage("UPDATE adjustments SET u = -9e999 WHERE step = 3 AND signal = 1");
+    expect_damage("UPDATE signals SET type = 'Complex' WHERE kind = 'match'");
+    expect_damage("UPDATE signals SET unit = x'41' WHERE kind = 'match'");
+    expect_damage("UPDATE runs SET step_ns = 3600000000001");
+    expect_damage("UPDATE runs SET step_ns = 'long'");
+    expect_damage("UPDATE runs SET lead = -1");
+    expect_damage("UPDATE runs SET prediction = 4294967297");
+    expect_damage("UPDATE runs SET ended_reason = NULL");
+    expect_damage("UPDATE runs SET started = '2026-13-01T00:00:00.000Z'");
+    expect_damage("UPDATE runs SET measurements = 'often'");
+    expect_damage("UPDATE runs SET run = -1");
+    expect_damage("UPDATE beginnings SET start_ns = 9223372036854775807");
+    expect_damage("UPDATE beginnings SET resumed_tick = -1, resumed_from = 'start', resumed_run = 1");
+    expect_damage("UPDATE beginnings SET resumed_from = 'nowhere'");
+}
+
+/* ---- Whose it is ------------------------------------------------------------------------------------------------- */
+
+static void expect_mode(const char *end, mode_t mode) {
+    char name[PATH_MAX + 16];
+    struct stat file;
+    (void)snprintf(name, sizeof name, "%s%s", path, end);
+    TEST_ASSERT_EQUAL_INT_MESSAGE(0, stat(name, &file), name);
+    TEST_ASSERT_EQUAL_HEX_MESSAGE(mode, file.st_mode & 0777, name);
+}
+
+static void test_the_mode_of_a_new_database(void) {
+    static const struct {
+        mode_t mask;
+        mode_t mode;
+    } cases[] = {{0022, 0640}, {0077, 0600}, {0, 0640}};
+    static const char *const ends[] = {"", "-wal", "-shm", "-writer"};
+    const tl_recorder_settings settings = tl_made_settings(path);
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+        mode_t before = umask(cases[i].mask);
+        tl_status status = tl_recorder_open(&settings, &recorder, &error);
+        (void)umask(before);
+        expect_ok(status);
+        tl_made_put(recorder, 0, 20);
+        for (size_t k = 0; k < sizeof ends / sizeof ends[0]; k++) {
+            expect_mode(ends[k], cases[i].mode);
+        }
+        close_recorder();
+        open_history(); /* a reader makes no file that others can read either */
+        expect_mode("-shm", cases[i].mode);
+        close_history();
+        expect_mode("", cases[i].mode);
+        tl_scratch_empty(&scratch);
+    }
+}
+
 int main(void) {
     tl_faulty_vfs_install();
     tl_scratch_make(&scratch, TL_BINARY_DIR, "test_history");
@@ -595,6 +757,11 @@ int main(void) {
     RUN_TEST(test_files_that_are_none);
     RUN_TEST(test_a_damaged_file_is_said);
     RUN_TEST(test_impossible_values_are_damage);
+    RUN_TEST(test_more_impossible_values);
+    RUN_TEST(test_rows_that_are_not_in_their_order);
+    RUN_TEST(test_code_in_a_file_is_not_run);
+    RUN_TEST(test_a_question_without_an_end);
+    RUN_TEST(test_the_mode_of_a_new_database);
     int failures = UNITY_END();
     tl_scratch_remove(&scratch);
     return failures;

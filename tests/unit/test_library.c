@@ -12,6 +12,7 @@
 
 #include "firmware/fmu_store.h"
 #include "firmware/library.h"
+#include "firmware/process_end.h"
 #include "tests/support/fmu_maker.h"
 
 #define OLD TL_BINARY_DIR "/tests/interpreter-3.8.1.so"
@@ -52,7 +53,8 @@ static void expect_in_child(int (*body)(void), int code) {
     (void)fflush(NULL);
     pid_t child = fork();
     if (child == 0) {
-        exit(body()); // NOLINT(concurrency-mt-unsafe): what a process does at its end is what is tested
+        tl_process_begin();
+        tl_process_end(body());
     }
     TEST_ASSERT_GREATER_THAN_INT(0, child);
     TEST_ASSERT_EQUAL_INT(child, waitpid(child, &status, 0));

@@ -225,6 +225,11 @@ static size_t exception(const uint8_t *request, uint8_t *answer, size_t size) {
     return 9;
 }
 
+static size_t another_exception_each_time(const uint8_t *request, uint8_t *answer, size_t size) {
+    exception_code = (exception_code + 1) % 256;
+    return exception(request, answer, size);
+}
+
 static size_t long_exception(const uint8_t *request, uint8_t *answer, size_t size) {
     (void)exception(request, answer, size);
     answer[5] = 4;
@@ -599,6 +604,20 @@ static void test_the_exception_0(void) {
     }
 }
 
+static void test_another_exception_each_time(void) {
+    exception_code = 3;
+    set_lie(another_exception_each_time);
+    close_driver();
+    add_of(1, TL_MODBUS_INPUT, 300);
+    open_with(10, false);
+    for (int i = 0; i < 300; i++) {
+        poll_once();
+    }
+    TEST_ASSERT_EQUAL_size_t(0, good_ones);
+    TEST_ASSERT_EQUAL_size_t(2, links); /* connected, and the first one */
+    expect_text("300 to 300: Slave device or server failure");
+}
+
 static void test_exceptions_that_are_wrong(void) {
     exception_code = 4;
     set_lie(long_exception);
@@ -814,6 +833,7 @@ int main(void) {
     RUN_TEST(test_other_values_than_were_asked_for);
     RUN_TEST(test_every_exception);
     RUN_TEST(test_the_exception_0);
+    RUN_TEST(test_another_exception_each_time);
     RUN_TEST(test_exceptions_that_are_wrong);
     RUN_TEST(test_an_answer_in_single_bytes);
     RUN_TEST(test_an_answer_that_trickles_within_the_timeout);

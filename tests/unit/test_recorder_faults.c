@@ -1,6 +1,7 @@
 /* The recorder on a disk that is full, broken, locked or slow, that loses its power, and in a process that is killed.
  *
  * Run with `--write PATH`, the program is the process that is killed. */
+#include <fcntl.h>
 #include <pthread.h>
 #include <signal.h>
 #include <spawn.h>
@@ -22,7 +23,9 @@
 #include "tests/support/scratch.h"
 #include "tests/support/sql.h"
 
-enum { THREADS = 6, EVENTS_EACH = 2000 };
+enum { THREADS = 6, EVENTS_EACH = 2000, WRITTEN_AT_ONCE = 400 };
+
+static const tl_time HURRY = TL_SECOND / 5; /* the patience of a recorder that is to give up */
 
 extern char **environ;
 
@@ -74,17 +77,33 @@ static tl_status close_recorder(void) {
     return tl_recorder_close(closing, "end", &counts, &error);
 }
 
-/* Waits until this many refusals have been seen, so that the recorder has met the fault. */
-static void wait_for_refusals(uint64_t wanted) {
-    for (int i = 0; i < 2000 && tl_faulty_vfs_refusals() < wanted; i++) {
-        usleep(5000);
+/* The writer is a thread like any other and may not get to run for long, so tests wait for what it does and never for so long
+ * that it should have done it. What never comes is found after WAITS. */
+enum { WAITS = 24000, WAIT_US = 5000 };
+
+/* Waits until a counter of the faulty disk has got so far, so that the recorder has met the fault. */
+static void wait_for(uint64_t (*counter)(void), uint64_t wanted) {
+    for (int i = 0; i < WAITS && counter() < wanted; i++) {
+        usleep(WAIT_US);
     }
-    TEST_ASSERT_GREATER_OR_EQUAL_UINT64(wanted, tl_faulty_vfs_refusals());
+    TEST_ASSERT_GREATER_OR_EQUAL_UINT64(wanted, counter());
+}
+
+static void wait_for_refusals(uint64_t wanted) {
+    wait_for(tl_faulty_vfs_refusals, wanted);
 }
 
 static void wait_for_written(uint64_t wanted) {
-    for (int i = 0; i < 2000 && tl_recorder_get_counts(recorder).written < wanted; i++) {
-        usleep(5000);
+    for (int i = 0; i < WAITS && tl_recorder_get_counts(recorder).written < wanted; i++) {
+        usleep(WAIT_US);
+    }
+}
+
+/* Until so much is written, or a write was refused. */
+static void wait_for_written_or_refused(uint64_t wanted, uint64_t refusals) {
+    for (int i = 0;
+         i < WAITS && tl_recorder_get_counts(recorder).written < wanted && tl_faulty_vfs_refusals() == refusals; i++) {
+        usleep(WAIT_US / 5);
     }
 }
 
@@ -162,9 +181,9 @@ static void test_a_fault_at_any_write(void) {
         uint64_t before = tl_faulty_vfs_refusals();
         tl_faulty_vfs_refuse(after % 2 == 0 ? SQLITE_FULL : SQLITE_IOERR_WRITE, after);
         for (int i = 0; i < 400 && tl_faulty_vfs_refusals() == before; i++) {
-            tl_made_put(recorder, tick, 20);
-            tick += 20;
-            usleep(2000);
+            tl_made_put(recorder, tick, 100);
+            tick += 100;
+            wait_for_written_or_refused((uint64_t)(2 * tick - 2), before);
         }
         tl_faulty_vfs_refuse(SQLITE_OK, 0);
         wait_for_written((uint64_t)(2 * tick - 2));
@@ -201,7 +220,9 @@ static void test_what_a_long_fault_costs_is_counted(void) {
 }
 
 static void test_close_gives_up_on_a_disk_that_stays_full(void) {
-    open_recorder();
+    tl_recorder_settings settings = tl_made_settings(path);
+    settings.patience = HURRY;
+    open_with(&settings);
     tl_made_put(recorder, 0, 100);
     wait_for_written(198);
     tl_faulty_vfs_refuse(SQLITE_FULL, 0);
@@ -250,9 +271,10 @@ static void test_a_file_that_is_moved_away(void) {
     open_recorder();
     tl_made_put(recorder, 0, 100);
     wait_for_written(198);
+    uint64_t moved = tl_faulty_vfs_moved();
     TEST_ASSERT_EQUAL_INT(0, rename(path, elsewhere));
     tl_made_put(recorder, 100, 100);
-    usleep(200000);
+    wait_for(tl_faulty_vfs_moved, moved + 1);
     TEST_ASSERT_EQUAL_UINT64(198, tl_recorder_get_counts(recorder).written);
     TEST_ASSERT_EQUAL_INT(0, rename(elsewhere, path));
     TEST_ASSERT_EQUAL_INT(TL_OK, close_recorder());
@@ -297,6 +319,7 @@ static void test_a_replay_waits_for_a_slow_disk(void) {
 static void test_a_replay_does_not_hang_on_a_full_disk(void) {
     tl_recorder_settings settings = tl_made_settings(path);
     settings.wait_when_full = true;
+    settings.patience = HURRY;
     open_with(&settings);
     tl_faulty_vfs_refuse(SQLITE_FULL, 0);
     double began = seconds();
@@ -315,8 +338,9 @@ static void test_a_lock_of_another_program_is_survived(void) {
     TEST_ASSERT_EQUAL_INT(SQLITE_OK, sqlite3_open(path, &other));
     (void)sqlite3_busy_timeout(other, 5000);
     TEST_ASSERT_EQUAL_INT(SQLITE_OK, sqlite3_exec(other, "BEGIN IMMEDIATE", NULL, NULL, NULL));
+    uint64_t locked = tl_faulty_vfs_locked();
     tl_made_put(recorder, 100, 100);
-    usleep(500000);
+    wait_for(tl_faulty_vfs_locked, locked + 20); /* SQLite asks at most 9 times in the recorder's 100 ms */
     TEST_ASSERT_EQUAL_UINT64(198, tl_recorder_get_counts(recorder).written);
     TEST_ASSERT_EQUAL_INT(SQLITE_OK, sqlite3_exec(other, "COMMIT", NULL, NULL, NULL));
     wait_for_written(398);
@@ -393,25 +417,44 @@ static int write_for_ever(const char *where) {
         (void)fprintf(stderr, "%s\n", error.text);
         return EXIT_FAILURE;
     }
+    uint64_t told = 0;
     for (int64_t tick = 0;; tick += 10) {
         tl_made_put(recorder, tick, 10);
         tl_recorder_event(recorder, tick, TL_EVENT_INFO, "cycle", "ten ticks");
+        for (; told < tl_recorder_get_counts(recorder).written / WRITTEN_AT_ONCE; told++) {
+            if (write(STDOUT_FILENO, "", 1) != 1) {
+                return EXIT_FAILURE;
+            }
+        }
     }
 }
 
-static void write_and_kill(uint32_t microseconds) {
+/* Killed so long after it has written so many times WRITTEN_AT_ONCE entries. */
+static void write_and_kill(uint32_t times, uint32_t microseconds) {
     pid_t child = 0;
     int status = 0;
+    int told[2];
+    char byte = 0;
+    posix_spawn_file_actions_t actions;
     char self[PATH_MAX] = "";
     char option[] = "--write";
     char *arguments[] = {self, self, option, path, NULL};
     const char *emulator = getenv("TL_EMULATOR"); /* the system cannot start a program for another machine */
     TEST_ASSERT_TRUE(readlink("/proc/self/exe", self, sizeof self - 1) > 0);
-    TEST_ASSERT_EQUAL_INT(0, emulator == NULL ? posix_spawn(&child, self, NULL, NULL, arguments + 1, environ)
-                                              : posix_spawn(&child, emulator, NULL, NULL, arguments, environ));
+    TEST_ASSERT_EQUAL_INT(0, pipe2(told, O_CLOEXEC));
+    (void)posix_spawn_file_actions_init(&actions);
+    (void)posix_spawn_file_actions_adddup2(&actions, told[1], STDOUT_FILENO);
+    TEST_ASSERT_EQUAL_INT(0, emulator == NULL ? posix_spawn(&child, self, &actions, NULL, arguments + 1, environ)
+                                              : posix_spawn(&child, emulator, &actions, NULL, arguments, environ));
+    (void)posix_spawn_file_actions_destroy(&actions);
+    (void)close(told[1]);
+    for (uint32_t i = 0; i < times; i++) {
+        TEST_ASSERT_EQUAL_INT(1, read(told[0], &byte, 1));
+    }
     usleep(microseconds);
     TEST_ASSERT_EQUAL_INT(0, kill(child, SIGKILL));
     TEST_ASSERT_EQUAL_INT(child, waitpid(child, &status, 0));
+    (void)close(told[0]);
     TEST_ASSERT_TRUE(WIFSIGNALED(status)); /* it did not end by itself */
 }
 
@@ -449,7 +492,8 @@ static void test_a_process_that_is_killed(void) {
     uint64_t state = 20261121;
     int64_t seen = 0;
     for (int i = 0; i < 20; i++) {
-        write_and_kill(2000 + random_below(&state, i % 2 == 0 ? 60000 : 400000));
+        bool early = i % 2 == 0; /* also before there is a database, and while it is made */
+        write_and_kill(early ? 0 : 1 + random_below(&state, 20), 2000 + random_below(&state, early ? 60000 : 20000));
         if (access(path, F_OK) == 0) { /* else it was killed before there was a database */
             expect_one_piece();
             seen += tl_sql_integer(path, "SELECT sum(samples_written) FROM runs");
@@ -477,6 +521,7 @@ static void test_a_power_cut_loses_nothing_that_was_committed(void) {
         settings.max_bytes = i % 2 == 0 ? 2000000 : 0; /* a log that is written back all the time, and never */
         settings.commit = TL_SECOND / 200;
         settings.wait_when_full = true;
+        settings.patience = HURRY;
         tl_faulty_vfs_arm_power_cut();
         open_with(&settings);
         int64_t ticks = 200 + (int64_t)random_below(&state, 8000);

@@ -519,7 +519,28 @@ static void test_a_ledger_without_names(void) {
                    "ALTER TABLE components RENAME TO other; CREATE TABLE components AS SELECT run, component, NULL"
                    " AS name, plain, predicted, executions, caught_up, unstored FROM other");
     TEST_ASSERT_EQUAL_INT(65, SHOW(path));
-    expect_in("is damaged: a component of run 1 has no name", errors);
+    expect_in("is damaged: its table components has not the key that twinlock gives it", errors);
+    (void)unlink(path);
+    record_known("replay");
+    tl_sql_execute(path, "UPDATE components SET name = x'41'");
+    TEST_ASSERT_EQUAL_INT(65, SHOW(path));
+    expect_in("is damaged: the components of run 1 are incomplete or wrong", errors);
+}
+
+/* What an FMU says, or what a plant is called, drives no terminal and begins no row of its own. */
+static void test_csv_without_control_characters(void) {
+    record_known("replay");
+    tl_sql_execute(path, "UPDATE events SET at = '2026-11-21T10:00:05.000Z', source = 'F' || char(27) || 'MU', text ="
+                         " char(27) || ']0;x' || char(7) || char(13, 10) || '=1,2' || char(0x7f, 0x9b) || 'é'");
+    tl_sql_execute(path, "UPDATE signals SET name = 'plant.' || char(27) || '[2J', compared_with = 'a' || char(10)");
+    TEST_ASSERT_EQUAL_INT(0, SHOW(path, "--csv", "events"));
+    expect_shown("\n2026-11-21T10:00:05.000Z,17,warning,F?MU,\"?]0;x?\?\?=1,2?\?é\"\n");
+    for (size_t i = 0; i < 3; i++) {
+        static const char *const tables[] = {"samples", "outputs", "adjustments"};
+        TEST_ASSERT_EQUAL_INT(0, SHOW(path, "--csv", tables[i]));
+        expect_shown("?[2J");
+        expect_not_shown("\x1b");
+    }
 }
 
 static void test_csv_of_a_live_run_has_dates(void) {
@@ -599,19 +620,48 @@ static void test_damage_is_said(void) {
     }
 }
 
-/* Nonsense in numbers and texts is shown as well as it can be. */
-static void test_nonsense_does_no_harm(void) {
-    record_known("run");
-    tl_sql_execute(path,
-                   "UPDATE runs SET started = 'x', committed = '', step_ns = 9223372036854775807, prediction = -1;"
-                   " UPDATE adjustments SET u = 'text' WHERE step % 2 = 0; UPDATE outputs SET y = x'00', quality = 77"
-                   " WHERE step % 3 = 0; UPDATE steps SET outcome = 1234, J = 'a', used_ns = -5");
-    TEST_ASSERT_EQUAL_INT(0, SHOW(path));
-    TEST_ASSERT_EQUAL_INT(0, SHOW(path, "--json"));
-    TEST_ASSERT_EQUAL_INT(0, SHOW(path, "--since", "1d"));
-    TEST_ASSERT_EQUAL_INT(0, SHOW(path, "--csv", "steps"));
-    TEST_ASSERT_EQUAL_INT(0, SHOW(path, "--csv", "outputs"));
-    TEST_ASSERT_EQUAL_INT(0, SHOW(path, "--csv", "adjustments"));
+/* What the recorder never writes: each by itself is damage, and what is shown before it is whole rows. */
+static void test_nonsense_is_damage(void) {
+    static const char *const nonsense[] = {
+        "UPDATE runs SET started = 'x'",
+        "UPDATE runs SET committed = ''",
+        "UPDATE runs SET ended_reason = NULL",
+        "UPDATE runs SET step_ns = 9223372036854775807",
+        "UPDATE runs SET prediction = -1",
+        "UPDATE runs SET measurements = 'often'",
+        "UPDATE runs SET name = CAST(x'ff41' AS TEXT)",
+        "UPDATE runs SET name = printf('%5000d', 1)",
+        "UPDATE runs SET steps_written = -1",
+        "UPDATE adjustments SET u = 'text' WHERE step = 20",
+        "UPDATE adjustments SET u_hat = 9e999 WHERE step = 20",
+        "UPDATE outputs SET y = x'00' WHERE step = 20",
+        "UPDATE outputs SET quality = -1 WHERE step = 20",
+        "UPDATE steps SET J = 'a' WHERE step = 20",
+        "UPDATE steps SET used_ns = -5 WHERE step = 20",
+        "UPDATE steps SET evaluations = 1.5 WHERE step = 20",
+        "UPDATE signals SET type = 'Complex' WHERE kind = 'match'",
+        "UPDATE events SET at = 'now'",
+        "UPDATE events SET text = x'00'",
+        "UPDATE events SET tick = -7",
+        "UPDATE components SET plain = -1",
+    };
+    static const char *const tables[] = {"outputs", "adjustments", "steps", "events"};
+    for (size_t i = 0; i < sizeof nonsense / sizeof nonsense[0]; i++) {
+        record_known("run");
+        tl_sql_execute(path, "INSERT INTO events (run, at, severity, source, text)"
+                             " SELECT run, committed, 0, 'cycle', 'text' FROM runs");
+        tl_sql_execute(path, "UPDATE runs SET events_written = 1");
+        tl_sql_execute(path, nonsense[i]);
+        TEST_ASSERT_EQUAL_INT_MESSAGE(65, SHOW(path), nonsense[i]);
+        expect_in("is damaged: ", errors);
+        expect_in("take an earlier copy of it, or record into a new file", errors);
+        TEST_ASSERT_EQUAL_INT_MESSAGE(65, SHOW(path, "--json"), nonsense[i]);
+        for (size_t k = 0; k < sizeof tables / sizeof tables[0]; k++) {
+            int code = SHOW(path, "--csv", tables[k]);
+            TEST_ASSERT_TRUE_MESSAGE(code == 0 || code == 65, nonsense[i]);
+        }
+        (void)unlink(path);
+    }
 }
 
 static void test_a_run_that_is_being_written(void) {
@@ -699,13 +749,14 @@ int main(void) {
     RUN_TEST(test_csv_of_the_other_tables);
     RUN_TEST(test_an_older_file);
     RUN_TEST(test_a_ledger_without_names);
+    RUN_TEST(test_csv_without_control_characters);
     RUN_TEST(test_csv_of_a_live_run_has_dates);
     RUN_TEST(test_usage);
     RUN_TEST(test_files_that_cannot_be_shown);
     RUN_TEST(test_a_database_without_runs);
     RUN_TEST(test_a_locked_database);
     RUN_TEST(test_damage_is_said);
-    RUN_TEST(test_nonsense_does_no_harm);
+    RUN_TEST(test_nonsense_is_damage);
     RUN_TEST(test_a_run_that_is_being_written);
     RUN_TEST(test_durations_and_sizes);
     RUN_TEST(test_curves);

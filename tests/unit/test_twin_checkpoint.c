@@ -437,6 +437,72 @@ static void test_bytes_of_another_twin(void) {
     end();
 }
 
+/* Somewhere in the bytes: a bit, a byte, or a word of eight that is the worst there is. */
+static void damage(tl_test_random *random) {
+    static const uint64_t words[] = {0,
+                                     1,
+                                     UINT64_MAX,
+                                     INT64_MAX,
+                                     (uint64_t)INT64_MIN,
+                                     UINT64_C(0x7FF0000000000000), /* infinite */
+                                     UINT64_C(0x7FF8000000000000), /* no number */
+                                     UINT64_C(0x7FEFFFFFFFFFFFFF),
+                                     UINT64_C(0x0202020202020202),
+                                     1000000};
+    size_t at = tl_test_random_below(random, size);
+    switch (tl_test_random_below(random, 3)) {
+    case 0:
+        bytes[at] ^= (unsigned char)(1U << tl_test_random_below(random, 8));
+        break;
+    case 1:
+        bytes[at] = (unsigned char)tl_test_random_below(random, 256);
+        break;
+    default:
+        at -= at % 8;
+        if (at + 8 <= size) {
+            memcpy(bytes + at, &words[tl_test_random_below(random, sizeof words / sizeof words[0])], 8);
+        }
+        break;
+    }
+}
+
+/* Whoever can write the bytes can write their hash too. They are refused, or the twin goes on in some state of its own: nothing is
+ * read or written beside what is there, and no flag is neither true nor false (the sanitizers look). */
+static void test_bytes_that_were_made_to_do_harm(void) {
+    enum { DAMAGED = 150, MORE = 12 };
+    tl_test_random random = {20261122};
+    size_t refused = 0;
+    for (scene of = LAG; of < SCENES; of++) {
+        run_whole(of, 60);
+        if (size == 0) {
+            continue; /* LONG: an FMU would have to be executed again */
+        }
+        unsigned char *whole_bytes = malloc(size);
+        TEST_ASSERT_NOT_NULL(whole_bytes);
+        memcpy(whole_bytes, bytes, size);
+        for (int i = 0; i < DAMAGED; i++) {
+            memcpy(bytes, whole_bytes, size);
+            for (size_t k = tl_test_random_below(&random, 4) + 1; k > 0; k--) {
+                damage(&random);
+            }
+            build(of);
+            tl_status status = tl_twin_load(run.twin, 60, bytes, size, &run.error);
+            refused += status == TL_BAD_DATA ? 1 : 0;
+            TEST_ASSERT_NOT_EQUAL_INT(TL_BAD_USAGE, status);
+            run.sample.tick = 61;
+            run.sample.instant = 61 * plan.plan.step;
+            for (int k = 0; k < MORE && status == TL_OK && run.status == TL_OK; k++) {
+                show_plant(of);
+                tl_test_run_step(&run);
+            }
+            tl_test_log_clear(&call_log); /* an FMU whose own state was damaged says what it likes */
+            end();
+        }
+        free(whole_bytes);
+    }
+    TEST_ASSERT_GREATER_THAN_size_t(SCENES * DAMAGED / 8, refused);
+}
+
 static void test_an_fmu_that_refuses_bytes(void) {
     run_whole(LAG, 20);
     build(LAG);
@@ -494,6 +560,7 @@ int main(void) {
     RUN_TEST(test_begun_at_a_tick);
     RUN_TEST(test_bytes_that_end_too_soon_or_too_late);
     RUN_TEST(test_bytes_of_another_twin);
+    RUN_TEST(test_bytes_that_were_made_to_do_harm);
     RUN_TEST(test_an_fmu_that_refuses_bytes);
     RUN_TEST(test_an_fmu_that_refuses_to_be_saved);
     RUN_TEST(test_what_can_be_saved);

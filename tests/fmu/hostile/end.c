@@ -1,0 +1,19 @@
+/* Ends the process in the function AT, the CALL-th time that it is called, by HOW, which is a statement. */
+#include "tests/fmu/hostile/hostile.h"
+
+#include <signal.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#ifndef CALL
+#define CALL 1
+#endif
+
+bool hostile_before(const char *function) {
+    static int calls;
+    if (strcmp(function, AT) == 0 && ++calls == CALL) {
+        HOW;
+    }
+    return true;
+}

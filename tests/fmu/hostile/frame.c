@@ -1,0 +1,93 @@
+/* The FMI functions of a hostile FMU: what it does against its importer comes first, then the good FMU's own function. */
+#include <fmi2Functions.h>
+
+#include "tests/fmu/hostile/hostile.h"
+
+fmi2InstantiateTYPE inner_instantiate;
+fmi2FreeInstanceTYPE inner_free_instance;
+fmi2SetupExperimentTYPE inner_setup_experiment;
+fmi2EnterInitializationModeTYPE inner_enter_initialization_mode;
+fmi2ExitInitializationModeTYPE inner_exit_initialization_mode;
+fmi2TerminateTYPE inner_terminate;
+fmi2GetRealTYPE inner_get_real;
+fmi2SetRealTYPE inner_set_real;
+fmi2GetFMUstateTYPE inner_get_state;
+fmi2SetFMUstateTYPE inner_set_state;
+fmi2FreeFMUstateTYPE inner_free_state;
+fmi2SerializedFMUstateSizeTYPE inner_serialized_size;
+fmi2SerializeFMUstateTYPE inner_serialize;
+fmi2DeSerializeFMUstateTYPE inner_deserialize;
+fmi2DoStepTYPE inner_do_step;
+
+__attribute__((constructor)) static void load(void) {
+    (void)hostile_before("load");
+}
+
+fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, fmi2String resources,
+                              const fmi2CallbackFunctions *functions, fmi2Boolean visible, fmi2Boolean logging) {
+    return hostile_before("fmi2Instantiate")
+               ? inner_instantiate(name, type, guid, resources, functions, visible, logging)
+               : NULL;
+}
+
+void fmi2FreeInstance(fmi2Component component) {
+    (void)hostile_before("fmi2FreeInstance");
+    inner_free_instance(component);
+}
+
+fmi2Status fmi2SetupExperiment(fmi2Component component, fmi2Boolean has_tolerance, fmi2Real tolerance, fmi2Real start,
+                               fmi2Boolean has_stop, fmi2Real stop) {
+    return hostile_before("fmi2SetupExperiment")
+               ? inner_setup_experiment(component, has_tolerance, tolerance, start, has_stop, stop)
+               : fmi2Error;
+}
+
+fmi2Status fmi2EnterInitializationMode(fmi2Component component) {
+    return hostile_before("fmi2EnterInitializationMode") ? inner_enter_initialization_mode(component) : fmi2Error;
+}
+
+fmi2Status fmi2ExitInitializationMode(fmi2Component component) {
+    return hostile_before("fmi2ExitInitializationMode") ? inner_exit_initialization_mode(component) : fmi2Error;
+}
+
+fmi2Status fmi2Terminate(fmi2Component component) {
+    return hostile_before("fmi2Terminate") ? inner_terminate(component) : fmi2Error;
+}
+
+fmi2Status fmi2GetReal(fmi2Component component, const fmi2ValueReference references[], size_t count,
+                       fmi2Real values[]) {
+    return hostile_before("fmi2GetReal") ? inner_get_real(component, references, count, values) : fmi2Error;
+}
+
+fmi2Status fmi2SetReal(fmi2Component component, const fmi2ValueReference references[], size_t count,
+                       const fmi2Real values[]) {
+    return hostile_before("fmi2SetReal") ? inner_set_real(component, references, count, values) : fmi2Error;
+}
+
+fmi2Status fmi2GetFMUstate(fmi2Component component, fmi2FMUstate *state) {
+    return hostile_before("fmi2GetFMUstate") ? inner_get_state(component, state) : fmi2Error;
+}
+
+fmi2Status fmi2SetFMUstate(fmi2Component component, fmi2FMUstate state) {
+    return hostile_before("fmi2SetFMUstate") ? inner_set_state(component, state) : fmi2Error;
+}
+
+fmi2Status fmi2FreeFMUstate(fmi2Component component, fmi2FMUstate *state) {
+    return hostile_before("fmi2FreeFMUstate") ? inner_free_state(component, state) : fmi2Error;
+}
+
+fmi2Status fmi2SerializedFMUstateSize(fmi2Component component, fmi2FMUstate state, size_t *size) {
+    return hostile_before("fmi2SerializedFMUstateSize") ? inner_serialized_size(component, state, size) : fmi2Error;
+}
+
+fmi2Status fmi2SerializeFMUstate(fmi2Component component, fmi2FMUstate state, fmi2Byte bytes[], size_t size) {
+    return hostile_before("fmi2SerializeFMUstate") ? inner_serialize(component, state, bytes, size) : fmi2Error;
+}
+
+fmi2Status fmi2DeSerializeFMUstate(fmi2Component component, const fmi2Byte bytes[], size_t size, fmi2FMUstate *state) {
+    return hostile_before("fmi2DeSerializeFMUstate") ? inner_deserialize(component, bytes, size, state) : fmi2Error;
+}
+
+fmi2Status fmi2DoStep(fmi2Component component, fmi2Real point, fmi2Real size, fmi2Boolean no_set_state_prior) {
+    return hostile_before("fmi2DoStep") ? inner_do_step(component, point, size, no_set_state_prior) : fmi2Error;
+}

@@ -1,0 +1,49 @@
+/* Never returns from the function AT, the CALL-th time that it is called, or only after so many SECONDS; before that it does what keeps others from ending it:
+ * SIGTERM, SIGINT and SIGHUP are ignored (IGNORE), blocked in its thread (BLOCK), or swallowed by handlers of its own (HANDLE). */
+#include "tests/fmu/hostile/hostile.h"
+
+#include <signal.h>
+#include <stddef.h>
+#include <stdio.h>
+#include <string.h>
+#include <unistd.h>
+
+#ifndef CALL
+#define CALL 1
+#endif
+
+static void swallow(int number) {
+    (void)number;
+}
+
+static void become_deaf(int number, sigset_t *set) {
+#if defined(IGNORE)
+    (void)signal(number, SIG_IGN);
+#elif defined(HANDLE)
+    (void)signal(number, swallow);
+#endif
+    (void)swallow;
+    (void)sigaddset(set, number);
+}
+
+bool hostile_before(const char *function) {
+    static int calls;
+    sigset_t set;
+    if (strcmp(function, AT) != 0 || ++calls != CALL) {
+        return true;
+    }
+    (void)sigemptyset(&set);
+    become_deaf(SIGTERM, &set);
+    become_deaf(SIGINT, &set);
+    become_deaf(SIGHUP, &set);
+#if defined(BLOCK)
+    (void)pthread_sigmask(SIG_BLOCK, &set, NULL);
+#endif
+    (void)fputs("hanging\n", stderr);
+#if defined(SECONDS)
+    return sleep(SECONDS) == 0;
+#endif
+    for (;;) {
+        (void)pause();
+    }
+}

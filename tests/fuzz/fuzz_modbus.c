@@ -1,0 +1,356 @@
+/* What a Modbus device answers: through the checks of an answer, the driver, its map of requests, its codec.
+ *
+ * The harness takes the place of modbus_link.c, modbus_tcp.c and modbus_rtu.c: a link on which answers are bytes of the input,
+ * and a clock that the input moves. So nothing waits, and the same bytes do the same. An input is channels, then what happens
+ * at each poll: see read_channels(), answer_tcp(), happen().
+ */
+#include <errno.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "board/io/modbus_link.h"
+#include "tests/fuzz/harness.h"
+
+enum { CHANNELS = 12, POLLS = 64, HEADER = 9 };
+enum { BAD_CHECK_SUM = 112345690 }; /* EMBBADCRC of libmodbus, whose header belongs to board/ */
+
+static void hold(bool what) {
+    if (!what) {
+        abort();
+    }
+}
+
+/* ---- the input ---- */
+
+static const uint8_t *input;
+static size_t left;
+
+static unsigned take(void) {
+    if (left == 0) {
+        return 0;
+    }
+    left--;
+    return *input++;
+}
+
+static tl_modbus_channel channels[CHANNELS];
+static size_t channel_count;
+static bool any_unit_id;
+static bool on_a_line;
+
+/* Each is 4 bytes: unit, table and order; type, scale; address. */
+static void read_channels(void) {
+    static const double SCALES[] = {1, 0.1, -3, 1e300};
+    unsigned head = take();
+    on_a_line = (head & 0x80) != 0;
+    any_unit_id = (head & 0x40) != 0;
+    channel_count = 1 + head % CHANNELS;
+    for (size_t i = 0; i < channel_count; i++) {
+        unsigned where = take();
+        unsigned what = take();
+        unsigned address = take() << 8;
+        channels[i] = (tl_modbus_channel){.unit_id = (uint8_t)(where % 4),
+                                          .table = (tl_modbus_table)(where / 4 % 8),
+                                          .words_little = (where & 0x40) != 0,
+                                          .bytes_little = (where & 0x80) != 0,
+                                          .type = (tl_modbus_type)(what % 8 % 7),
+                                          .scale = SCALES[what / 8 % 4],
+                                          .offset = what >> 5,
+                                          .address = (uint16_t)(address | take())};
+    }
+}
+
+/* ---- the link ---- */
+
+static tl_modbus_link bytes_link;
+static tl_time clock_now;
+static uint16_t transaction;
+static bool woken;     /* and nobody has taken notice yet */
+static bool disturbed; /* in this poll */
+static tl_modbus_outcome last;
+
+static void wake(bool really) {
+    woken = woken || really;
+    disturbed = disturbed || woken;
+}
+
+/* A right answer; its size. */
+static size_t right_answer(const uint8_t request[TL_MODBUS_TCP_REQUEST], uint8_t *answer) {
+    unsigned count = (unsigned)request[10] << 8 | request[11];
+    unsigned bytes = request[7] <= 2 ? (count + 7) / 8 : 2 * count;
+    memcpy(answer, request, 8);
+    answer[4] = 0;
+    answer[5] = (uint8_t)(bytes + 3);
+    answer[8] = (uint8_t)bytes;
+    for (unsigned i = 0; i < bytes; i++) {
+        answer[HEADER + i] = (uint8_t)take();
+    }
+    return HEADER + bytes;
+}
+
+/* Bytes that answer a request: any, or right ones of which some are others; its size. */
+static size_t some_answer(const uint8_t request[TL_MODBUS_TCP_REQUEST], uint8_t *answer) {
+    unsigned how = take();
+    if ((how & 1) != 0) {
+        size_t size = take();
+        for (size_t i = 0; i < size; i++) {
+            answer[i] = (uint8_t)take();
+        }
+        return size;
+    }
+    size_t size = right_answer(request, answer);
+    if ((how & 2) != 0) { /* an exception */
+        answer[5] = 3;
+        answer[7] = (uint8_t)(request[7] | 0x80U);
+        answer[8] = (uint8_t)take();
+        size = HEADER;
+    }
+    for (unsigned i = 0; i < how / 4 % 4; i++) {
+        answer[take() % size] ^= (uint8_t)take();
+    }
+    return (how & 0x80) != 0 && size > 1 ? size - 1 - take() % (size - 1) : size;
+}
+
+/* Only what reads, within the limits of Modbus. */
+static void check_request(const uint8_t request[TL_MODBUS_TCP_REQUEST]) {
+    static const uint8_t HEAD[] = {0, 0, 0, 6};
+    unsigned count = (unsigned)request[10] << 8 | request[11];
+    hold(memcmp(request + 2, HEAD, sizeof HEAD) == 0);
+    hold(request[7] >= 1 && request[7] <= 4);
+    hold(count >= 1 && count <= (request[7] <= 2 ? 2000 : 125));
+    hold(((unsigned)request[8] << 8 | request[9]) + count <= 65536);
+}
+
+/* Believed: then nothing in it is other than it must be. */
+static void check_belief(const uint8_t request[TL_MODBUS_TCP_REQUEST], const uint8_t *answer, size_t size) {
+    unsigned count = (unsigned)request[10] << 8 | request[11];
+    unsigned bytes = request[7] <= 2 ? (count + 7) / 8 : 2 * count;
+    hold(memcmp(answer, request, 4) == 0);
+    hold(((unsigned)answer[4] << 8 | answer[5]) == 3 + bytes);
+    hold(any_unit_id || answer[6] == request[6]);
+    hold(answer[7] == request[7] && answer[8] == bytes && size >= HEADER + bytes);
+}
+
+/* As modbus_tcp.c does it, from bytes that come a few at a time; too few of them are silence. */
+static tl_modbus_outcome answer_tcp(const tl_modbus_read *read, tl_modbus_values *values) {
+    uint8_t request[TL_MODBUS_TCP_REQUEST];
+    uint8_t answer[512] = {0};
+    const tl_modbus_question asked = {.read = read, .transaction = ++transaction, .any_unit_id = any_unit_id};
+    tl_modbus_put_request(&asked, request);
+    check_request(request);
+    size_t there = some_answer(request, answer);
+    size_t size = 0;
+    size_t missing = 0;
+    tl_modbus_outcome outcome = tl_modbus_check_tcp(&asked, answer, size, &missing);
+    while (missing > 0) {
+        hold(size + missing <= TL_MODBUS_TCP_ANSWER);
+        if (size == there) {
+            return (tl_modbus_outcome){.kind = TL_MODBUS_FAILED, .found = size > 0 ? EPROTO : ETIMEDOUT};
+        }
+        size_t some = 1 + take() % missing;
+        size += some < there - size ? some : there - size;
+        outcome = tl_modbus_check_tcp(&asked, answer, size, &missing);
+    }
+    if (outcome.kind == TL_MODBUS_VALUES) {
+        check_belief(request, answer, size);
+        tl_modbus_take_values(read, answer + HEADER, values);
+    }
+    return outcome;
+}
+
+/* As modbus_rtu.c does it: libmodbus has taken the check sum off. */
+static tl_modbus_outcome answer_rtu(const tl_modbus_read *read, tl_modbus_values *values) {
+    uint8_t request[TL_MODBUS_TCP_REQUEST] = {0, 0, 0, 0, 0, 6};
+    uint8_t answer[512] = {0};
+    tl_modbus_put_body(read, request + TL_MODBUS_TCP_PREFIX);
+    check_request(request);
+    size_t size = some_answer(request, answer);
+    if (size < HEADER) {
+        return (tl_modbus_outcome){.kind = TL_MODBUS_FAILED, .found = BAD_CHECK_SUM};
+    }
+    tl_modbus_outcome outcome = tl_modbus_check_rtu(read, answer + TL_MODBUS_TCP_PREFIX, size - TL_MODBUS_TCP_PREFIX);
+    if (outcome.kind == TL_MODBUS_VALUES) {
+        memcpy(answer + 4, (uint8_t[]){0, (uint8_t)(size - TL_MODBUS_TCP_PREFIX)}, 2); /* has no header */
+        memcpy(answer, request, 4);
+        check_belief(request, answer, size);
+        tl_modbus_take_values(read, answer + HEADER, values);
+    }
+    return outcome;
+}
+
+/* What happens to a request beside an answer. */
+static tl_modbus_outcome ask(tl_modbus_link *link, const tl_modbus_read *read, tl_modbus_values *values) {
+    static const int FAILURES[] = {ETIMEDOUT, EPROTO, EBUSY, ECONNRESET, BAD_CHECK_SUM, EINTR, EIO, ETIMEDOUT};
+    unsigned what = take();
+    hold(link->descriptor >= 0);
+    clock_now += (what & 0x80) != 0 ? link->timeout : TL_SECOND / 1000;
+    wake(what % 128 == 127);
+    if (what % 4 == 3) {
+        last = (tl_modbus_outcome){.kind = TL_MODBUS_FAILED, .found = woken ? EINTR : FAILURES[what / 4 % 8]};
+    } else {
+        last = on_a_line ? answer_rtu(read, values) : answer_tcp(read, values);
+    }
+    return last;
+}
+
+static bool connect_link(tl_modbus_link *link, char *cause, size_t cause_size) {
+    unsigned what = take();
+    wake(what == 255);
+    link->descriptor = what % 8 == 7 ? -1 : 100;
+    (void)strncpy(cause, "no connection", cause_size);
+    return link->descriptor >= 0;
+}
+
+static tl_modbus_health look(const tl_modbus_link *link) {
+    unsigned what = take();
+    hold(link->descriptor >= 0);
+    if (what < 240) {
+        return TL_MODBUS_SOUND;
+    }
+    return what % 2 == 0 && !on_a_line ? TL_MODBUS_TALKATIVE : TL_MODBUS_GONE;
+}
+
+static void close_link(tl_modbus_link *link) {
+    link->descriptor = -1;
+}
+
+static void failed(tl_modbus_link *link, const tl_modbus_outcome *outcome) {
+    hold(outcome->kind != TL_MODBUS_VALUES && outcome->kind != TL_MODBUS_EXCEPTION);
+    if (!on_a_line || outcome->found == EIO) {
+        close_link(link);
+    }
+}
+
+static tl_modbus_link *make(tl_time timeout) {
+    static const tl_modbus_link_kind TCP = {.connect = connect_link,
+                                            .look = look,
+                                            .ask = ask,
+                                            .failed = failed,
+                                            .close = close_link,
+                                            .release = close_link};
+    static const tl_modbus_link_kind LINE = {.is_line = true,
+                                             .connect = connect_link,
+                                             .look = look,
+                                             .ask = ask,
+                                             .failed = failed,
+                                             .close = close_link,
+                                             .release = close_link};
+    bytes_link = (tl_modbus_link){
+        .kind = on_a_line ? &LINE : &TCP, .name = "Modbus server fuzz", .timeout = timeout, .descriptor = -1};
+    return &bytes_link;
+}
+
+tl_modbus_link *tl_modbus_tcp_make(const char *host, uint16_t port, bool any_unit, tl_time timeout) {
+    (void)port;
+    hold(!on_a_line && any_unit == any_unit_id && host[0] != '\0');
+    return make(timeout);
+}
+
+tl_modbus_link *tl_modbus_rtu_make(const tl_modbus_line *line, tl_time timeout) {
+    hold(on_a_line && line->device[0] != '\0');
+    return make(timeout);
+}
+
+tl_time tl_modbus_link_now(void) {
+    return clock_now;
+}
+
+bool tl_modbus_link_is_woken(const tl_modbus_link *link) {
+    (void)link;
+    return woken;
+}
+
+bool tl_modbus_link_interrupted(tl_modbus_link *link) {
+    bool was = woken;
+    (void)link;
+    woken = false;
+    return was;
+}
+
+void tl_modbus_link_interrupt(tl_modbus_link *link) {
+    (void)link;
+    wake(true);
+}
+
+/* ---- what the driver says ---- */
+
+static size_t posted[CHANNELS];
+
+/* What a value is written as is read as the same value; where nothing is rounded. */
+static void check_codec(const tl_modbus_channel *channel, double value) {
+    uint16_t registers[4] = {0};
+    double again = 0;
+    if (channel->scale == 1 && channel->offset == 0) {
+        tl_modbus_encode(channel, value, registers);
+        hold(tl_modbus_decode(channel, registers, &again) && again == value);
+    }
+}
+
+static void post(void *context, size_t channel, const tl_reading *reading) {
+    (void)context;
+    hold(channel < channel_count && isfinite(reading->value) && reading->stamp <= clock_now);
+    hold(reading->quality == TL_NO_LINK || last.kind == TL_MODBUS_VALUES);
+    posted[channel]++;
+    if (reading->quality == TL_GOOD) {
+        check_codec(&channels[channel], reading->value);
+    } else {
+        hold(reading->value == 0);
+    }
+}
+
+static void say(void *context, bool up, const char *text) {
+    (void)context;
+    (void)up;
+    hold(strncmp(text, "Modbus server fuzz: ", 20) == 0 && strlen(text) > 24 && strstr(text, "11234") == NULL);
+}
+
+/* A poll says something of each channel once, unless it was interrupted. */
+static void check_posts(void) {
+    for (size_t i = 0; i < channel_count; i++) {
+        hold(posted[i] == 1 || (disturbed && posted[i] == 0));
+    }
+    memset(posted, 0, sizeof posted);
+}
+
+static void happen(tl_plant_io *io) {
+    const tl_plant_io_sink sink = {.post = post, .link = say};
+    tl_error error;
+    bool finished = false;
+    unsigned what = take();
+    clock_now += (tl_time)(what % 64) * (TL_SECOND / 20);
+    disturbed = woken;
+    if (what >= 0xF0) {
+        tl_modbus_driver.interrupt(io);
+    }
+    hold(tl_modbus_driver.poll(io, &sink, &finished, &error) == TL_OK && !finished);
+}
+
+int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
+    tl_plant_io *io = NULL;
+    tl_error error;
+    input = data;
+    left = size;
+    clock_now = TL_SECOND;
+    transaction = 0;
+    woken = false;
+    memset(posted, 0, sizeof posted);
+    read_channels();
+    const tl_modbus_settings settings = {
+        .host = "fuzz",
+        .any_unit_id = any_unit_id,
+        .line = {.device = on_a_line ? "fuzz" : NULL, .baud = 19200, .parity = 'N', .stop_bits = 2},
+        .timeout_s = 0.5,
+        .channels = channels,
+        .channel_count = channel_count};
+    if (tl_modbus_open(&settings, &io, &error) != TL_OK) {
+        hold(error.text[0] != '\0');
+        return 0;
+    }
+    for (int i = 0; i < POLLS && left > 0; i++) {
+        happen(io);
+        check_posts();
+    }
+    tl_modbus_driver.close(io);
+    return 0;
+}

@@ -1,0 +1,51 @@
+#!/usr/bin/env python3
+"""Too few file descriptors, one more each time: "try again" with a sentence and nothing left behind, until there are enough."""
+import os
+import resource
+
+from twinlock_test import Skip, config_path, expect, main, run
+
+MOST = 40
+TRY_AGAIN = 75
+os.environ["ASAN_OPTIONS"] = os.environ.get("ASAN_OPTIONS", "") + ":detect_leaks=0"  # wants descriptors itself
+
+
+def with_limit(limit, args):
+    """As run(), with descriptors 0 to limit − 1 only."""
+    return run(args, preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_NOFILE, (limit, limit)))
+
+
+def least():
+    """The limit from which on the loader can open the program's libraries."""
+    for limit in range(3, MOST):
+        try:
+            if with_limit(limit, ["--version"])[0] == 0:
+                return limit
+        except AssertionError:
+            pass
+    raise Skip("no such limit here")
+
+
+def expect_try_again_until_done(args, most_descriptors):
+    begin = least()
+    codes = []
+    for limit in range(begin, begin + most_descriptors):
+        code, _, err = with_limit(limit, args)
+        expect(code in (0, TRY_AGAIN), f"{limit} descriptors: ended with {code}\n{err}")
+        expect(code == 0 or "error: " in err, f"{limit} descriptors: no word why\n{err}")
+        expect("cannot be removed" not in err, f"{limit} descriptors: something was left\n{err}")
+        codes.append(code)
+    print(f"    {' '.join(map(str, codes))}")
+    expect(codes[0] == TRY_AGAIN and codes[-1] == 0, f"the limits are not those that matter: {codes}")
+    expect(codes == sorted(codes, reverse=True), f"not enough after it was enough: {codes}")
+
+
+def test_check():
+    expect_try_again_until_done(["check", config_path("motor/free.json")], 12)
+
+
+def test_replay():
+    expect_try_again_until_done(["replay", config_path("motor/free.json")], 12)
+
+
+main()

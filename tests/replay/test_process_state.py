@@ -1,0 +1,58 @@
+#!/usr/bin/env python3
+"""FMUs that change something of the whole process and leave it so: nobody else computes, reads or writes otherwise for it."""
+import stat
+
+import hostile_fmu
+from twinlock_test import expect, finish, main, scratch, start
+
+NOWHERE = "nowhere"
+KINDS = {"ROUNDING": 0, "FOLDER": 1, "UMASK": 2}
+
+
+def replay(at, kind, changes=None):
+    """Folder and messages of a replay that writes its steps into the current folder."""
+    fmu = hostile_fmu.make("meddle", AT=at, CHANGE=KINDS[kind])
+    folder = scratch()
+    started = start(["replay", hostile_fmu.config(fmu, changes), "--csv", "steps.csv"], cwd=folder)
+    code, _, messages = finish(started)
+    expect(code == 0, f"{at}, {kind}: ended with {code}\n{messages}")
+    return folder, messages
+
+
+def expect_same_steps(at, kind, changes=None):
+    plain, _ = replay(NOWHERE, kind, changes)
+    folder, messages = replay(at, kind, changes)
+    expect((folder / "steps.csv").read_bytes() == (plain / "steps.csv").read_bytes(), f"{at}, {kind}: other values")
+    return folder, messages
+
+
+def expect_said(messages, kind, at):
+    said = [line for line in messages.splitlines() if "of the whole process" in line]
+    expect(len(said) == 1 and kind in said[0] and at in said[0], f"expected one warning of {kind} in {at}:\n{messages}")
+
+
+def test_rounding_mode():
+    for changes in (None, hostile_fmu.LOCKED):
+        _, messages = expect_same_steps("fmi2GetReal", "ROUNDING", changes)
+        expect_said(messages, "floating-point control", "fmi2GetReal")
+        _, messages = expect_same_steps("fmi2Instantiate", "ROUNDING", changes)
+        expect_said(messages, "floating-point control", "fmi2Instantiate")
+        _, messages = expect_same_steps("load", "ROUNDING", changes)
+        expect_said(messages, "floating-point control", "the loading of its library")
+
+
+def test_current_folder():
+    for at in ("load", "fmi2Instantiate", "fmi2ExitInitializationMode", "fmi2FreeInstance"):
+        _, messages = expect_same_steps(at, "FOLDER")
+        expect_said(messages, "the current folder", "its library" if at == "load" else at)
+
+
+def test_umask():
+    plain, _ = replay(NOWHERE, "UMASK")
+    folder, messages = expect_same_steps("fmi2Instantiate", "UMASK")
+    expect_said(messages, "the umask", "fmi2Instantiate")
+    modes = [stat.S_IMODE((place / "steps.csv").stat().st_mode) for place in (plain, folder)]
+    expect(modes[0] == modes[1], f"the file has mode {modes[1]:o}, not {modes[0]:o}")
+
+
+main()

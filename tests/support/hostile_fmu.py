@@ -1,0 +1,86 @@
+"""FMUs that do to their importer what no FMU should: made here from tests/fmu/hostile, with the machine's compiler. To import this
+ends a test that cannot run here.
+
+Such an FMU is fmus/lag (input u, output y, tunable T) whose functions first do what a file of that folder says.
+"""
+import functools
+import os
+import re
+import subprocess
+import sys
+
+from twinlock_test import EMULATED, SKIPPED, SOURCE, expect, merge, scratch, write_config
+
+if EMULATED:
+    print("skipped: FMUs are compiled here for this machine, and the program is for another one")
+    sys.exit(SKIPPED)
+
+FOLDER = SOURCE / "tests" / "fmu" / "hostile"
+COMMON = SOURCE / "fmus" / "common"
+GOOD = [COMMON / f"{name}.c" for name in ("instance", "life", "values", "state")] + [SOURCE / "fmus" / "lag" / "model.c"]
+DESCRIPTION = SOURCE / "fmus" / "lag" / "modelDescription.xml"
+PLATFORMS = {"x86_64": "linux64", "aarch64": "aarch64-linux", "armv7l": "aarch32-linux"}
+
+
+def _run(*command):
+    done = subprocess.run([str(word) for word in command], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, check=False)
+    expect(done.returncode == 0, f"{' '.join(map(str, command))}\n{done.stdout}")
+
+
+FLAGS = ("-std=gnu99", "-O1", "-g0", "-fPIC", "-fvisibility=hidden", "-I", SOURCE, "-isystem", SOURCE / ".deps" / "fmi2")
+COMPILER = os.environ.get("CC", "cc")
+
+
+@functools.cache
+def _good():
+    """The objects of the good FMU."""
+    folder = scratch()
+    guid = re.search(r' guid="([^"]+)"', DESCRIPTION.read_text(encoding="utf-8"))[1]
+    made = [folder / f"{source.stem}.o" for source in GOOD]
+    for source, binary in zip(GOOD, made):
+        _run(COMPILER, *FLAGS, "-include", FOLDER / "inner.h", f'-DTL_FMU_GUID="{guid}"', "-c", source, "-o", binary)
+    return made
+
+
+@functools.cache
+def make(name, **macros):
+    """The path of an FMU with the behaviour `name`: tests/fmu/hostile/NAME.c. A macro's text is a C text where its value is a str that
+    is no statement (which ends with ";"), its value else; True: only defined."""
+    folder = scratch()
+    defined = [f"-D{macro}={_text(value)}" for macro, value in macros.items()]
+    binary = folder / "lag.so"
+    _run(COMPILER, *FLAGS, *defined, "-shared", "-pthread", "-o", binary, FOLDER / f"{name}.c", FOLDER / "frame.c", *_good(), "-lm")
+    fmu = folder / f"{name}.fmu"
+    _run(sys.executable, COMMON / "package.py", fmu, f"modelDescription.xml={DESCRIPTION}",
+         f"binaries/{PLATFORMS[os.uname().machine]}/lag.so={binary}")
+    return fmu
+
+
+def _text(value):
+    if value is True:
+        return ""
+    return f'"{value}"' if isinstance(value, str) and not value.endswith(";") else value
+
+
+@functools.cache
+def recording(steps=100):
+    """Of a plant whose y stands still, in steps of 10 ms."""
+    path = scratch() / "recording.csv"
+    path.write_text("time,u,y\n" + "".join(f"{i / 100},1,0.5\n" for i in range(steps + 1)), encoding="utf-8")
+    return path
+
+
+def config(fmu, changes=None):
+    """A configuration whose only component, "hostile", is that FMU: for every verb."""
+    return write_config(merge({
+        "twinlock": 1, "name": "hostile", "step_s": 0.01, "components": {"hostile": {"fmu": str(fmu)}},
+        "sources": {"rows": {"csv": {"file": str(recording())}}},
+        "plant": {name: {"csv": {"source": "rows"}} for name in ("u", "y")},
+        "recording": {"file": str(recording())}, "connect": [["plant.u", "hostile.u"]],
+        "compare": {"hostile.y": {"to": "plant.y"}}, "emulate": {"columns": {"y": {"from": "hostile.y"}}},
+    }, changes or {}))
+
+
+# What makes twinlock correct it, and so save and restore its states.
+LOCKED = {"compare": None, "synchronise": {"adjust": {"hostile.T": {"step": 0.01}},
+                                           "match": {"hostile.y": {"to": "plant.y", "tolerance": 0.01}}}}
