@@ -15,9 +15,11 @@
 
 #include "board/watchdog/watchdog.h"
 #include "firmware/clock.h"
+#include "firmware/fmu_patience.h"
 #include "firmware/crash.h"
 #include "firmware/interrupt.h"
 #include "firmware/log.h"
+#include "firmware/process_end.h"
 #include "firmware/process_end.h"
 #include "firmware/reaper.h"
 #include "firmware/service.h"
@@ -37,8 +39,9 @@ static const tl_time PAUSE_LAST = 8 * TL_SECOND;
 static const tl_time STROKE = TL_SECOND;
 static const tl_time STATUS = 5 * TL_SECOND;
 
-/* What an appliance may take to end when it is asked to. */
-static const tl_time GRACE = 10 * TL_SECOND;
+/* What an appliance may take to end when it is asked to: that it ends by itself without an FMU that does not return, and keeps what can
+ * be kept then, is better than to be killed. */
+static const tl_time GRACE = TL_FMU_PATIENCE_END + (TL_PROCESS_END_S + 1) * TL_SECOND;
 
 enum { TRY_AGAIN = 75 };
 
