@@ -7,10 +7,13 @@
 #ifndef TL_FIRMWARE_SERVICE_H
 #define TL_FIRMWARE_SERVICE_H
 
+#include <stdbool.h>
+
 #include "master/base/simtime.h"
 
-/* Lines of sd_notify(3): "READY=1", "WATCHDOG=1", "STATUS=…", "STOPPING=1". */
-void tl_service_tell(const char *state);
+/* Lines of sd_notify(3): "READY=1", "WATCHDOG=1", "STATUS=…", "STOPPING=1". Does not wait: false where the service manager has not
+ * heard the last ones yet, which it does not where it has no turn, and whoever must not wait for it is perhaps the one to give it one. */
+bool tl_service_tell(const char *state);
 
 /* WatchdogSec: at least so often it wants to hear "WATCHDOG=1" (ns); 0: never. */
 tl_time tl_service_patience(void);

@@ -15,9 +15,11 @@
 
 #include "board/watchdog/watchdog.h"
 #include "firmware/clock.h"
+#include "firmware/fmu_patience.h"
 #include "firmware/crash.h"
 #include "firmware/interrupt.h"
 #include "firmware/log.h"
+#include "firmware/process_end.h"
 #include "firmware/process_end.h"
 #include "firmware/reaper.h"
 #include "firmware/service.h"
@@ -37,8 +39,9 @@ static const tl_time PAUSE_LAST = 8 * TL_SECOND;
 static const tl_time STROKE = TL_SECOND;
 static const tl_time STATUS = 5 * TL_SECOND;
 
-/* What an appliance may take to end when it is asked to. */
-static const tl_time GRACE = 10 * TL_SECOND;
+/* What an appliance may take to end when it is asked to: that it ends by itself without an FMU that does not return, and keeps what can
+ * be kept then, is better than to be killed. */
+static const tl_time GRACE = TL_FMU_PATIENCE_END + (TL_PROCESS_END_S + 1) * TL_SECOND;
 
 enum { TRY_AGAIN = 75 };
 
@@ -66,7 +69,8 @@ typedef struct supervisor {
     bool killed; /* by us, and why; */
     char fault[TL_RESTARTS_REASON];
     tl_time blamed;     /* the FMU call that is to blame has lasted for so long */
-    bool ran;           /* a child has been ready */
+    bool ran;           /* a child has been ready, */
+    bool told_ready;    /* and the service manager has heard of it */
     bool stop;          /* asked to end, */
     tl_time stopping;   /* and what has passed since, of the child's life */
     unsigned bad_holds; /* safe holds in a row that failed */
@@ -126,7 +130,7 @@ static void stroke(supervisor *self, tl_time now) {
     if (self->watchdog.file >= 0 && !tl_watchdog_stroke(&self->watchdog)) {
         tl_log(TL_LOG_WARNING, "watchdog %s cannot be stroked: %s", self->settings->watchdog, strerror(errno));
     }
-    tl_service_tell("WATCHDOG=1");
+    (void)tl_service_tell("WATCHDOG=1");
 }
 
 static void tell_status(supervisor *self, tl_time now) {
@@ -135,7 +139,7 @@ static void tell_status(supervisor *self, tl_time now) {
     if (now - self->told >= STATUS && tl_heartbeats_get_status(self->beats, text) && text[0] != '\0') {
         self->told = now;
         (void)snprintf(line, sizeof line, "STATUS=%s", text);
-        tl_service_tell(line);
+        (void)tl_service_tell(line);
     }
 }
 
@@ -150,7 +154,7 @@ static void listen(supervisor *self, tl_time time) {
         return;
     }
     if (!self->stop) {
-        tl_service_tell("STOPPING=1");
+        (void)tl_service_tell("STOPPING=1");
     }
     self->stop = true;
     if (self->child > 0 && info.si_code != SI_KERNEL) { /* a terminal's Ctrl-C has reached it already */
@@ -159,9 +163,9 @@ static void listen(supervisor *self, tl_time time) {
 }
 
 static void note_ready(supervisor *self) {
-    if (!self->ran && tl_heartbeats_is_ready(self->beats)) {
-        self->ran = true;
-        tl_service_tell("READY=1");
+    self->ran = self->ran || tl_heartbeats_is_ready(self->beats);
+    if (self->ran && !self->told_ready) {
+        self->told_ready = tl_service_tell("READY=1");
     }
 }
 

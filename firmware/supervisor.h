@@ -11,8 +11,8 @@
  *          child. Any other end is a failure, which is named, with the FMU and its function if one was being called.
  * Restart: of what failed. At once after the first failure; the pause doubles with each that is not forgiven, up to 8 s.
  * Hold:    after a restart loop (restarts.h) the child is told to hold: no twin.
- * Signals: SIGTERM, SIGINT and SIGHUP (but not under nohup) end the child, and then the supervisor. A child that has not ended 10 s
- *          later is killed. An orderly end in any case: all failures are forgiven. A supervisor that is killed takes the child with it.
+ * Signals: SIGTERM, SIGINT and SIGHUP (but not under nohup) end the child, and then the supervisor. A child that has not ended 16 s
+ *          later is killed, some seconds after it would have given up an FMU that does not return (fmu_patience.h). An orderly end in any case: all failures are forgiven. A supervisor that is killed takes the child with it.
  */
 #ifndef TL_FIRMWARE_SUPERVISOR_H
 #define TL_FIRMWARE_SUPERVISOR_H

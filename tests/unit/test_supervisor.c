@@ -3,8 +3,7 @@
  *   k  killed by a signal      h  becomes ready, then silent      s  silent before it is ready
  *   0  ready, ends with 0      7  ready, ends with 70             8  ends with 70 before it is ready
  *   6  ends with 65, never ready   w  ready, beats until SIGTERM
- *   d  the same, and deaf: it ignores SIGTERM                     l  has done all, and crashes then
- *   t  the same, and told to end by somebody else
+ *   l  has done all, and crashes then              t  told to end by somebody else
  * and in an FMU, which nobody announces:
  *   c  crashes    f  hangs    x  ends with 0    y  ends with 65 before it is ready    n  crashes, and has spoilt its name
  *   r  a thread of ours hangs, while FMUs are called as ever      b  called while it is told to end, deaf
@@ -14,6 +13,8 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/mman.h>
+#include <sys/socket.h>
+#include <sys/un.h>
 #include <sys/wait.h>
 #include <time.h>
 #include <unistd.h>
@@ -21,6 +22,7 @@
 #include <unity.h>
 
 #include "firmware/fmu_call.h"
+#include "firmware/service.h"
 #include "firmware/supervisor.h"
 #include "tests/support/scratch.h"
 #include "tests/support/stderr_capture.h"
@@ -111,17 +113,13 @@ static void call_fmus(void) {
 }
 
 /* What goes wrong in the appliance itself. */
-static void suffer(char what, tl_heart *heart) {
+static void suffer(char what) {
     switch (what) {
     case 'h':
         hang();
         break;
     case 'r':
         call_fmus();
-        break;
-    case 'd':
-        (void)signal(SIGTERM, SIG_IGN);
-        be_well(heart);
         break;
     case 't':
         (void)kill(getpid(), SIGTERM);
@@ -155,7 +153,7 @@ static int play(char what, tl_heart *heart, tl_heartbeats *beats) {
     if (strchr("cfxynb", what) != NULL) {
         misbehave(what, heart);
     }
-    suffer(what, heart);
+    suffer(what);
     if (what == 'w') {
         (void)signal(SIGTERM, note);
         be_well(heart);
@@ -198,6 +196,7 @@ void setUp(void) {
     memset(shared, 0, sizeof *shared);
     settings = (tl_supervisor_settings){.run = appliance, .context = shared};
     (void)unsetenv("NOTIFY_SOCKET");
+    (void)unsetenv("WATCHDOG_USEC");
     TEST_ASSERT_TRUE(tl_stderr_capture_begin());
 }
 
@@ -397,26 +396,82 @@ static void test_told_to_end_while_it_hangs(void) {
     TEST_ASSERT_EQUAL_INT(75, supervise_and_tell("s", SIGINT, 0));
 }
 
-static void expect_deaf(const char *plan, const char *text) {
+/* It hangs, and yet its heart beats. That it was killed is an orderly end of the supervisor all the same. */
+static void test_told_to_end_and_deaf(void) {
     settings.state = scratch.folder;
-    TEST_ASSERT_EQUAL_INT(75, supervise_and_tell(plan, SIGTERM, 200));
+    TEST_ASSERT_EQUAL_INT(75, supervise_and_tell("b", SIGTERM, 200));
     char *log = tl_stderr_capture_end();
     TEST_ASSERT_TRUE(tl_stderr_capture_begin());
-    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(log, text), log);
+    TEST_ASSERT_NOT_NULL_MESSAGE(
+        strstr(log, "the twin failed when it was to end: it was told to end, and had not after 16 s, "
+                    "in fmi2DoStep of motor\n"),
+        log);
     free(log);
-    /* An orderly end of the supervisor all the same. */
     memset(shared, 0, sizeof *shared);
     expect_code("0", 0);
     TEST_ASSERT_EQUAL_STRING("it was told to", shared->reason[0]);
     TEST_ASSERT_FALSE(shared->again[0]);
 }
 
-static void test_told_to_end_and_deaf(void) {
-    expect_deaf("d", "the twin failed when it was to end: it was told to end, and had not after 10 s\n");
+/* ---- a service manager that has no turn ---- */
+
+/* A socket that holds nothing more, and that nobody reads. */
+static int fill_notify_socket(void) {
+    struct sockaddr_un address = {.sun_family = AF_UNIX};
+    (void)snprintf(address.sun_path, sizeof address.sun_path, "/tmp/twinlock-notify-%d", (int)getpid());
+    (void)unlink(address.sun_path);
+    int socket_ = socket(AF_UNIX, SOCK_DGRAM | SOCK_NONBLOCK, 0);
+    int sender = socket(AF_UNIX, SOCK_DGRAM | SOCK_NONBLOCK, 0);
+    TEST_ASSERT_EQUAL_INT(0, bind(socket_, (struct sockaddr *)&address, sizeof address));
+    while (sendto(sender, "X", 1, 0, (struct sockaddr *)&address, sizeof address) == 1) {
+    }
+    (void)close(sender);
+    TEST_ASSERT_EQUAL_INT(0, setenv("NOTIFY_SOCKET", address.sun_path, 1));
+    return socket_;
 }
 
-static void test_told_to_end_and_deaf_in_an_fmu(void) {
-    expect_deaf("b", "it was told to end, and had not after 10 s, in fmi2DoStep of motor\n");
+/* It may be the hanging child that keeps it from having one. */
+static void test_nobody_waits_for_the_service_manager(void) {
+    int socket_ = fill_notify_socket();
+    expect_code("h0", 0);
+    (void)close(socket_);
+    (void)unlink(getenv("NOTIFY_SOCKET"));
+}
+
+static bool hears(int socket_, const char *wanted) {
+    char text[TL_HEARTBEAT_STATUS] = "";
+    for (int i = 0; i < 500; i++) {
+        ssize_t size = recv(socket_, text, sizeof text - 1, 0);
+        text[size < 0 ? 0 : size] = '\0';
+        if (strcmp(text, wanted) == 0) {
+            return true;
+        }
+        pause_ms(size < 0 ? 10 : 0);
+    }
+    return false;
+}
+
+/* A service that is never ready is ended by systemd. */
+static void test_ready_is_told_until_it_is_heard(void) {
+    int socket_ = fill_notify_socket();
+    (void)setenv("WATCHDOG_USEC", "100000000", 1); /* who does not know that word was built without libsystemd */
+    pid_t self = getpid();
+    pid_t manager = fork();
+    if (manager == 0) {
+        pause_ms(500);
+        bool heard = hears(socket_, "READY=1");
+        (void)kill(self, SIGTERM);
+        _exit(heard ? 0 : 1);
+    }
+    expect_code("w", 0);
+    int how = 1;
+    TEST_ASSERT_EQUAL_INT(manager, waitpid(manager, &how, 0));
+    (void)close(socket_);
+    (void)unlink(getenv("NOTIFY_SOCKET"));
+    if (tl_service_patience() == 0) {
+        TEST_IGNORE_MESSAGE("built without libsystemd");
+    }
+    TEST_ASSERT_EQUAL_INT(0, how);
 }
 
 static void test_a_watchdog_that_is_none(void) {
@@ -466,7 +521,8 @@ int main(void) {
     RUN_TEST(test_told_to_end);
     RUN_TEST(test_told_to_end_while_it_hangs);
     RUN_TEST(test_told_to_end_and_deaf);
-    RUN_TEST(test_told_to_end_and_deaf_in_an_fmu);
+    RUN_TEST(test_nobody_waits_for_the_service_manager);
+    RUN_TEST(test_ready_is_told_until_it_is_heard);
     RUN_TEST(test_a_watchdog_that_is_none);
     RUN_TEST(test_a_folder_that_is_none);
     tl_scratch_remove(&scratch);

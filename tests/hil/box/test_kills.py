@@ -7,7 +7,7 @@ from kills import Pace, campaign, describe
 from twinlock_test import expect, main
 
 THROTTLE = Path("/proc/sys/kernel/sched_rt_runtime_us")
-PACE = Pace(step_s=0.1, hang_s=2)
+PACE = Pace(step_s=0.1, hang_s=6)
 
 
 def unthrottled(kind, count):
