@@ -3,8 +3,6 @@
 
 #include <string.h>
 
-#include "master/base/duration.h"
-
 /* The depth of the committed step: all components take part, whatever their reach. */
 #define TL_ALL_DEPTHS UINT32_MAX
 
@@ -88,6 +86,9 @@ static tl_status execute_all(tl_exchange *exchange, int64_t step, uint32_t depth
     tl_status status = tl_component_step_all(exchange->components, exchange->component_count, now, exchange->step_s,
                                              depth == TL_ALL_DEPTHS, &exchange->failed, error);
     exchange->executions += exchange->failed + 1;
+    if (status == TL_OK) {
+        tl_costs_ran_all(&exchange->costs);
+    }
     if (status == TL_OK && !are_finite(exchange->outputs, exchange->output_count)) {
         status = check_outputs(exchange, error);
     }
@@ -103,17 +104,14 @@ static tl_status advance(tl_exchange *exchange, size_t index, int64_t step, uint
     return tl_component_step(&exchange->components[index], now, exchange->step_s, depth == TL_ALL_DEPTHS, error);
 }
 
-/* Watched: what was executed, and under the clock what it cost. What was known says nothing about the cost. */
+/* Watched: what was executed. What was known says nothing about the cost. */
 tl_status tl_exchange_advance(tl_exchange *exchange, size_t component, int64_t step, uint32_t depth, tl_error *error) {
     uint64_t before = exchange->components[component].executions;
-    tl_time begun = exchange->now != NULL ? exchange->now(exchange->clock) : 0;
     tl_status status = advance(exchange, component, step, depth, error);
     uint64_t made = exchange->components[component].executions - before;
     exchange->executions += made;
-    if (exchange->now != NULL && made != 0) {
-        tl_time took = tl_duration(begun, exchange->now(exchange->clock));
-        exchange->spent += took;
-        exchange->cost[component] = tl_duration_expect(exchange->cost[component], took);
+    if (made != 0) {
+        tl_costs_ran(&exchange->costs, component);
     }
     return status;
 }
@@ -133,9 +131,11 @@ static tl_status walk_components(tl_exchange *exchange, int64_t step, uint32_t d
 
 /* One macro step of the components that take part at `depth`. */
 static tl_status step_components(tl_exchange *exchange, int64_t step, uint32_t depth, tl_error *error) {
-    tl_status status = exchange->whole || (depth == TL_ALL_DEPTHS && exchange->cached == NULL && exchange->now == NULL)
-                           ? execute_all(exchange, step, depth, error)
-                           : walk_components(exchange, step, depth, error);
+    const tl_costs *costs = &exchange->costs;
+    bool unsaved = depth == TL_ALL_DEPTHS && exchange->cached == NULL && costs->now == NULL;
+    bool in_one_go = (exchange->whole && !costs->closely) || unsaved;
+    tl_status status =
+        in_one_go ? execute_all(exchange, step, depth, error) : walk_components(exchange, step, depth, error);
     if (status != TL_OK) {
         return status;
     }
@@ -146,10 +146,15 @@ static tl_status step_components(tl_exchange *exchange, int64_t step, uint32_t d
     return TL_OK;
 }
 
-void tl_exchange_measure(tl_exchange *exchange, tl_time (*now)(void *clock), void *clock) {
-    exchange->now = now;
-    exchange->clock = clock;
-    exchange->whole = now == NULL && exchange->reach == NULL && exchange->cached == NULL;
+tl_time tl_exchange_cost(const tl_exchange *exchange, tl_time steps) {
+    tl_time sum = 0;
+    if (exchange->whole) {
+        return steps * exchange->costs.all;
+    }
+    for (size_t k = 0; k < exchange->component_count; k++) {
+        sum += exchange->costs.each[k];
+    }
+    return steps * sum;
 }
 
 tl_status tl_exchange_begin(tl_exchange *exchange, tl_error *error) {

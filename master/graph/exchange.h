@@ -19,6 +19,7 @@
 #include "master/base/arena.h"
 #include "master/base/status.h"
 #include "master/cache/cached_component.h"
+#include "master/graph/costs.h"
 #include "master/graph/graph.h"
 #include "master/graph/plant.h"
 #include "master/graph/snapshot.h"
@@ -44,17 +45,13 @@ typedef struct tl_exchange {
     double step_s;               /* the same, s */
     uint32_t *reach;             /* Γ_k of each component, the plant last; NULL: all take part in all steps */
     tl_cached_component *cached; /* one per component; NULL: everything is executed */
-    bool whole;                  /* nothing is saved, nothing is measured: all components execute in one go */
-    tl_time (*now)(void *clock); /* measures executions; NULL: nothing is measured */
-    void *clock;
-    uint64_t executions; /* of all components, the plant not counted */
-    tl_time spent;       /* ns of all measured executions */
-    size_t failed;       /* the component at which the last macro step failed */
-    tl_time
-        *cost; /* ns of one execution of each component, at most: the last, or an earlier one that was longer, fading */
-    unsigned char *values;   /* reals, then integers, then booleans, of all ports; then û of cut connections */
-    tl_snapshot home;        /* where candidates begin; of caches, its values only */
-    const fmi2Real *outputs; /* the Real outputs of all components lie together */
+    bool whole;                  /* nothing is saved: all components execute in one go */
+    tl_costs costs;              /* what executions take */
+    uint64_t executions;         /* of all components, the plant not counted */
+    size_t failed;               /* the component at which the last macro step failed */
+    unsigned char *values;       /* reals, then integers, then booleans, of all ports; then û of cut connections */
+    tl_snapshot home;            /* where candidates begin; of caches, its values only */
+    const fmi2Real *outputs;     /* the Real outputs of all components lie together */
     size_t output_count;
     size_t values_size;
     tl_real_copy *copies; /* unit conversion is the identity */
@@ -86,8 +83,8 @@ void tl_exchange_deliver(tl_exchange *exchange);
 bool tl_exchange_save_executions(tl_exchange *exchange, tl_arena *arena, const tl_keep *keep, uint32_t *reach,
                                  const uint32_t *capacity, uint32_t prediction);
 
-/* From now on executions are measured by this clock; NULL: they are not. */
-void tl_exchange_measure(tl_exchange *exchange, tl_time (*now)(void *clock), void *clock);
+/* What `steps` macro steps of everything take, ns. */
+tl_time tl_exchange_cost(const tl_exchange *exchange, tl_time steps);
 
 /* After initialisation: t_0 is the committed instant. Saves first states where there are caches. */
 tl_status tl_exchange_start(tl_exchange *exchange, tl_error *error);

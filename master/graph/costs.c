@@ -1,0 +1,92 @@
+/* What executions take: see costs.h. */
+#include "master/graph/costs.h"
+
+#include "master/base/duration.h"
+
+/* Steps from one close look to the next. */
+enum { CLOSELY_EVERY = 16 };
+
+bool tl_costs_init(tl_costs *costs, tl_arena *arena, size_t count) {
+    costs->count = count;
+    costs->each = tl_arena_take(arena, count, sizeof *costs->each);
+    costs->ran = tl_arena_take(arena, count, sizeof *costs->ran);
+    return costs->each != NULL && costs->ran != NULL;
+}
+
+static void forget_lap(tl_costs *costs) {
+    costs->ran_count = 0;
+    costs->ran_all = false;
+}
+
+static void end_look(tl_costs *costs) {
+    costs->looked = 0;
+    costs->seen = 0;
+}
+
+void tl_costs_begin(tl_costs *costs, tl_time (*now)(void *clock), void *clock) {
+    costs->now = now;
+    costs->clock = clock;
+    costs->closely = now != NULL && costs->steps++ % CLOSELY_EVERY == 0;
+    forget_lap(costs);
+    end_look(costs);
+    if (now != NULL) {
+        costs->read = now(clock);
+    }
+}
+
+static tl_time read_clock(tl_costs *costs) {
+    tl_time now = costs->now(costs->clock);
+    tl_time took = tl_duration(costs->read, now);
+    costs->read = now;
+    return took;
+}
+
+/* In equal parts where nothing is known of any. Where it took longer than was expected it is not known whose time that was. */
+static void share_out(tl_costs *costs, tl_time took) {
+    tl_time expected = 0;
+    for (size_t i = 0; i < costs->ran_count; i++) {
+        expected += costs->each[costs->ran[i]];
+    }
+    double part = expected > 0 ? (double)took / (double)expected : 0.0;
+    for (size_t i = 0; i < costs->ran_count; i++) {
+        tl_time *each = &costs->each[costs->ran[i]];
+        tl_time share = expected > 0 ? (tl_time)(part * (double)*each) : took / (tl_time)costs->ran_count;
+        *each = tl_duration_expect(*each, share);
+    }
+    costs->closely = costs->closely || (costs->ran_count > 1 && took > expected + expected / 2);
+}
+
+void tl_costs_ran(tl_costs *costs, size_t component) {
+    if (costs->now == NULL) {
+        return;
+    }
+    if (costs->closely) {
+        tl_time took = read_clock(costs);
+        costs->each[component] = tl_duration_expect(costs->each[component], took);
+        costs->seen += took;
+        costs->looked++;
+    } else if (costs->ran_count < costs->count) {
+        costs->ran[costs->ran_count++] = component;
+    }
+}
+
+void tl_costs_ran_all(tl_costs *costs) {
+    costs->ran_all = true;
+}
+
+tl_time tl_costs_lap(tl_costs *costs) {
+    tl_time took = read_clock(costs);
+    bool ran = costs->ran_all || costs->ran_count != 0;
+    if (costs->ran_all) {
+        costs->all = tl_duration_expect(costs->all, took);
+    } else if (ran) {
+        share_out(costs, took);
+    }
+    forget_lap(costs);
+    if (costs->looked != 0) {
+        costs->all = costs->looked == costs->count ? tl_duration_expect(costs->all, costs->seen) : costs->all;
+        costs->closely = false;
+        end_look(costs);
+    }
+    return ran ? 0 : took;
+}
