@@ -31,6 +31,8 @@ typedef struct tl_ledger_entry {
     int64_t newest;                 /* sample that was the plant's newest then */
     uint32_t depth;                 /* macro steps it completed */
     size_t partial;                 /* components before this one took one more */
+    int64_t compared;               /* step up to which it has been held against what was committed, */
+    int64_t parted[TL_MAX_ADJUST];  /* and the first one of these at which each variable differs */
     int64_t differs[TL_MAX_ADJUST]; /* scratch: first step at which each variable differs from the candidate at hand */
 } tl_ledger_entry;
 
