@@ -53,7 +53,7 @@ tl_twin_ledger tl_twin_get_ledger(const tl_twin *twin, size_t component) {
         .executions = tl_twin_executions(twin, component),
     };
     fill_needs(twin, component, &entry);
-    entry.cost = plant ? 0 : exchange->costs.each[component];
+    entry.cost = plant ? 0 : exchange->costs.each[component].most;
     if (!plant && exchange->cached != NULL) {
         const tl_cached_component *cached = &exchange->cached[component];
         entry.nodes = cached->tree.capacity;

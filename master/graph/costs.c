@@ -6,6 +6,19 @@
 /* Steps from one close look to the next. */
 enum { CLOSELY_EVERY = 16 };
 
+/* Executions that may all be as long as the longest; and what a mean is made of. */
+enum { FEW = 16, MEMORY = 16 };
+
+tl_time tl_cost_of(const tl_cost *cost, tl_time times) {
+    tl_time more = times > FEW ? times - FEW : 0;
+    return (times - more) * cost->most + (tl_time)((double)more * cost->mean);
+}
+
+static void learn(tl_cost *cost, tl_time took) {
+    cost->mean = cost->most == 0 ? (double)took : cost->mean + ((double)took - cost->mean) / MEMORY;
+    cost->most = tl_duration_expect(cost->most, took);
+}
+
 bool tl_costs_init(tl_costs *costs, tl_arena *arena, size_t count) {
     costs->count = count;
     costs->each = tl_arena_take(arena, count, sizeof *costs->each);
@@ -45,13 +58,12 @@ static tl_time read_clock(tl_costs *costs) {
 static void share_out(tl_costs *costs, tl_time took) {
     tl_time expected = 0;
     for (size_t i = 0; i < costs->ran_count; i++) {
-        expected += costs->each[costs->ran[i]];
+        expected += costs->each[costs->ran[i]].most;
     }
     double part = expected > 0 ? (double)took / (double)expected : 0.0;
     for (size_t i = 0; i < costs->ran_count; i++) {
-        tl_time *each = &costs->each[costs->ran[i]];
-        tl_time share = expected > 0 ? (tl_time)(part * (double)*each) : took / (tl_time)costs->ran_count;
-        *each = tl_duration_expect(*each, share);
+        tl_cost *each = &costs->each[costs->ran[i]];
+        learn(each, expected > 0 ? (tl_time)(part * (double)each->most) : took / (tl_time)costs->ran_count);
     }
     costs->closely = costs->closely || (costs->ran_count > 1 && took > expected + expected / 2);
 }
@@ -62,7 +74,7 @@ void tl_costs_ran(tl_costs *costs, size_t component) {
     }
     if (costs->closely) {
         tl_time took = read_clock(costs);
-        costs->each[component] = tl_duration_expect(costs->each[component], took);
+        learn(&costs->each[component], took);
         costs->seen += took;
         costs->looked++;
     } else if (costs->ran_count < costs->count) {
@@ -78,13 +90,15 @@ tl_time tl_costs_lap(tl_costs *costs) {
     tl_time took = read_clock(costs);
     bool ran = costs->ran_all || costs->ran_count != 0;
     if (costs->ran_all) {
-        costs->all = tl_duration_expect(costs->all, took);
+        learn(&costs->all, took);
     } else if (ran) {
         share_out(costs, took);
     }
     forget_lap(costs);
+    if (costs->looked == costs->count) {
+        learn(&costs->all, costs->seen);
+    }
     if (costs->looked != 0) {
-        costs->all = costs->looked == costs->count ? tl_duration_expect(costs->all, costs->seen) : costs->all;
         costs->closely = false;
         end_look(costs);
     }

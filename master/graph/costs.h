@@ -6,7 +6,6 @@
  *          share out.
  * Closely: now and then a macro step is looked at component by component, which is what keeps the proportions true: in every
  *          sixteenth step, and where a shared lap took longer than was expected.
- * Expects: the longest lately, fading (base/duration.h).
  * Thread:  the twin's. Memory: the arena, at start-up.
  */
 #ifndef TL_MASTER_GRAPH_COSTS_H
@@ -19,12 +18,21 @@
 #include "master/base/arena.h"
 #include "master/base/simtime.h"
 
+typedef struct tl_cost {
+    tl_time most; /* ns: the longest lately, fading */
+    double mean;  /* ns, of late */
+} tl_cost;
+
+/* Of so many executions, one after the other: a few as if each were as long as the longest lately. Of many, most are not, and who is about
+ * to make them asks again after each: the others are as on average. */
+tl_time tl_cost_of(const tl_cost *cost, tl_time times);
+
 typedef struct tl_costs {
     tl_time (*now)(void *clock); /* NULL: nothing is measured */
     void *clock;
     tl_time read;  /* the clock, when it was read last */
-    tl_time *each; /* ns of one execution of each component, saving its state included */
-    tl_time all;   /* ns of one execution of all of them, in one go */
+    tl_cost *each; /* of one execution of each component, saving its state included */
+    tl_cost all;   /* of one execution of all of them, in one go */
     size_t count;
     size_t *ran; /* components that were executed in this lap */
     size_t ran_count;

@@ -149,12 +149,12 @@ static tl_status step_components(tl_exchange *exchange, int64_t step, uint32_t d
 tl_time tl_exchange_cost(const tl_exchange *exchange, tl_time steps) {
     tl_time sum = 0;
     if (exchange->whole) {
-        return steps * exchange->costs.all;
+        return tl_cost_of(&exchange->costs.all, steps);
     }
     for (size_t k = 0; k < exchange->component_count; k++) {
-        sum += exchange->costs.each[k];
+        sum += tl_cost_of(&exchange->costs.each[k], steps);
     }
-    return steps * sum;
+    return sum;
 }
 
 tl_status tl_exchange_begin(tl_exchange *exchange, tl_error *error) {

@@ -95,7 +95,7 @@ static tl_time cost_of_rest(const tl_attempt *attempt) {
     tl_time sum = 0;
     for (size_t k = 0; k < exchange->component_count; k++) {
         tl_time reach = exchange->reach != NULL ? (tl_time)exchange->reach[k] : horizon;
-        sum += exchange->costs.each[k] * (exchange->cached != NULL && reach > 0 ? reach : reach + 1);
+        sum += tl_cost_of(&exchange->costs.each[k], exchange->cached != NULL && reach > 0 ? reach : reach + 1);
     }
     return sum;
 }

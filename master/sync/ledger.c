@@ -229,12 +229,12 @@ static uint32_t reach_of(const tl_ledger *ledger, size_t node) {
     return ledger->saving.structure ? ledger->horizon->reach[node] : ledger->horizon->prediction;
 }
 
-tl_time tl_ledger_cost(const tl_ledger *ledger, const tl_time *cost, uint32_t depth) {
+tl_time tl_ledger_cost(const tl_ledger *ledger, const tl_cost *cost, uint32_t depth) {
     tl_time sum = 0;
     for (size_t k = 0; k + 1 < ledger->horizon->nodes; k++) {
         uint32_t from = ledger->known[k] > depth ? ledger->known[k] : depth;
         uint32_t reach = reach_of(ledger, k);
-        sum += reach > from ? (tl_time)(reach - from) * cost[k] : 0;
+        sum += reach > from ? tl_cost_of(&cost[k], reach - from) : 0;
     }
     return sum;
 }
