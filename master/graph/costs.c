@@ -14,9 +14,14 @@ tl_time tl_cost_of(const tl_cost *cost, tl_time times) {
     return (times - more) * cost->most + (tl_time)((double)more * cost->mean);
 }
 
-static void learn(tl_cost *cost, tl_time took) {
-    cost->mean = cost->most == 0 ? (double)took : cost->mean + ((double)took - cost->mean) / MEMORY;
+static void learn(tl_costs *costs, tl_cost *cost, tl_time took) {
+    if (cost->most == 0) {
+        cost->mean = (double)took;
+    } else if (!costs->apart) {
+        cost->mean += ((double)took - cost->mean) / MEMORY;
+    }
     cost->most = tl_duration_expect(cost->most, took);
+    costs->walked = costs->walked || !costs->apart;
 }
 
 bool tl_costs_init(tl_costs *costs, tl_arena *arena, size_t count) {
@@ -40,11 +45,24 @@ void tl_costs_begin(tl_costs *costs, tl_time (*now)(void *clock), void *clock) {
     costs->now = now;
     costs->clock = clock;
     costs->closely = now != NULL && costs->steps++ % CLOSELY_EVERY == 0;
+    costs->walked = false;
+    costs->apart = false;
     forget_lap(costs);
     end_look(costs);
     if (now != NULL) {
         costs->read = now(clock);
     }
+}
+
+void tl_costs_rest(tl_costs *costs) {
+    for (size_t k = 0; k < costs->count && !costs->walked; k++) {
+        costs->each[k].mean -= costs->each[k].mean / MEMORY;
+    }
+    costs->all.mean -= costs->walked ? 0.0 : costs->all.mean / MEMORY;
+}
+
+void tl_costs_commit(tl_costs *costs) {
+    costs->apart = true;
 }
 
 static tl_time read_clock(tl_costs *costs) {
@@ -63,7 +81,7 @@ static void share_out(tl_costs *costs, tl_time took) {
     double part = expected > 0 ? (double)took / (double)expected : 0.0;
     for (size_t i = 0; i < costs->ran_count; i++) {
         tl_cost *each = &costs->each[costs->ran[i]];
-        learn(each, expected > 0 ? (tl_time)(part * (double)each->most) : took / (tl_time)costs->ran_count);
+        learn(costs, each, expected > 0 ? (tl_time)(part * (double)each->most) : took / (tl_time)costs->ran_count);
     }
     costs->closely = costs->closely || (costs->ran_count > 1 && took > expected + expected / 2);
 }
@@ -74,7 +92,7 @@ void tl_costs_ran(tl_costs *costs, size_t component) {
     }
     if (costs->closely) {
         tl_time took = read_clock(costs);
-        learn(&costs->each[component], took);
+        learn(costs, &costs->each[component], took);
         costs->seen += took;
         costs->looked++;
     } else if (costs->ran_count < costs->count) {
@@ -90,17 +108,18 @@ tl_time tl_costs_lap(tl_costs *costs) {
     tl_time took = read_clock(costs);
     bool ran = costs->ran_all || costs->ran_count != 0;
     if (costs->ran_all) {
-        learn(&costs->all, took);
+        learn(costs, &costs->all, took);
     } else if (ran) {
         share_out(costs, took);
     }
-    forget_lap(costs);
     if (costs->looked == costs->count) {
-        learn(&costs->all, costs->seen);
+        learn(costs, &costs->all, costs->seen);
     }
     if (costs->looked != 0) {
         costs->closely = false;
         end_look(costs);
     }
+    forget_lap(costs);
+    costs->apart = false;
     return ran ? 0 : took;
 }

@@ -20,7 +20,8 @@
 
 typedef struct tl_cost {
     tl_time most; /* ns: the longest lately, fading */
-    double mean;  /* ns, of late */
+    double
+        mean; /* ns, of late, in candidates: made once in a while, as in the committed step, it may take many times as long */
 } tl_cost;
 
 /* Of so many executions, one after the other: a few as if each were as long as the longest lately. Of many, most are not, and who is about
@@ -40,6 +41,8 @@ typedef struct tl_costs {
     bool closely;   /* the macro step at hand is looked at component by component, */
     size_t looked;  /* and so were this many, */
     tl_time seen;   /* which took as long */
+    bool apart;     /* what is executed now is the committed step */
+    bool walked;    /* something else was, in this step */
     uint32_t steps; /* that were begun under a clock */
 } tl_costs;
 
@@ -48,6 +51,12 @@ bool tl_costs_init(tl_costs *costs, tl_arena *arena, size_t count);
 
 /* A step begins, under this clock, which is read; NULL: without one. */
 void tl_costs_begin(tl_costs *costs, tl_time (*now)(void *clock), void *clock);
+
+/* The step before had no time for something. Where that was all its candidates, what they take on average is tried again some time. */
+void tl_costs_rest(tl_costs *costs);
+
+/* From here to the next lap it is the committed step that is executed. */
+void tl_costs_commit(tl_costs *costs);
 
 /* This component was executed; all of them were, in one go. */
 void tl_costs_ran(tl_costs *costs, size_t component);

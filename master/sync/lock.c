@@ -406,6 +406,7 @@ static tl_status commit(tl_attempt *attempt, const double *u, tl_record *record)
     attempt->dirty = true;
     tl_attempt_set_inputs(lock, u, 0);
     take_time(lock);
+    tl_costs_commit(&lock->exchange->costs);
     status = tl_exchange_commit(lock->exchange, attempt->step, attempt->error);
     take_time(lock);
     if (status != TL_OK) {
@@ -518,6 +519,9 @@ static void begin_time(tl_lock *lock, const tl_budget *budget) {
             tl_estimate_rest(parts[i]);
         }
         parts[i]->tried = false;
+    }
+    if (times->refused) {
+        tl_costs_rest(&lock->exchange->costs);
     }
     times->refused = false;
     times->beside = 0;
