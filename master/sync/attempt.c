@@ -127,10 +127,13 @@ static bool fits(tl_attempt *attempt, uint32_t depth) {
     return has_time(attempt, cost_from(lock, depth) + within + (attempt->closing ? 0 : times->thinking.most));
 }
 
-/* The part of the step at hand ends here. */
+/* The part of the step at hand ends here; NULL: it is none that is predicted. */
 static void end_part(tl_attempt *attempt, tl_estimate *part) {
     tl_lock *lock = attempt->lock;
-    tl_estimate_took(part, lock->times.beside + tl_costs_lap(&lock->exchange->costs));
+    tl_time took = lock->times.beside + tl_costs_lap(&lock->exchange->costs);
+    if (part != NULL) {
+        tl_estimate_took(part, took);
+    }
     lock->times.beside = 0;
 }
 
@@ -144,7 +147,7 @@ static void find_follower(tl_attempt *attempt, const double *u) {
 static bool is_in_time(tl_attempt *attempt, const double *u) {
     tl_lock *lock = attempt->lock;
     tl_lock_times *times = &lock->times;
-    tl_estimate *before = attempt->walked ? &times->thinking : &times->opening;
+    tl_estimate *before = attempt->walked ? &times->thinking : NULL;
     bool predicts = lock->ledger.saving.sequences;
     if (predicts) {
         end_part(attempt, before);
@@ -159,8 +162,19 @@ static bool is_in_time(tl_attempt *attempt, const double *u) {
 }
 
 bool tl_attempt_may_guess(tl_attempt *attempt) {
-    attempt->nominal_follows = false;
-    return attempt->budget->now == NULL || has_time(attempt, attempt->lock->times.opening.most);
+    if (attempt->budget->now != NULL) {
+        end_part(attempt, NULL);
+        attempt->guessed = has_time(attempt, attempt->lock->times.guessing.most);
+    } else {
+        attempt->guessed = true;
+    }
+    return attempt->guessed;
+}
+
+void tl_attempt_has_guess(tl_attempt *attempt) {
+    if (attempt->budget->now != NULL) {
+        end_part(attempt, &attempt->lock->times.guessing);
+    }
 }
 
 /* Beyond the limit there may be room that was kept for nominal, which this is. */

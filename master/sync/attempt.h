@@ -49,8 +49,9 @@ void tl_attempt_begin(tl_attempt *attempt, tl_lock *lock, int64_t step, const tl
 /* Sets the adjusted inputs to a candidate's values at a depth. */
 void tl_attempt_set_inputs(const tl_lock *lock, const double *u, uint32_t depth);
 
-/* Whether there is time to look for a first guess; else sets `stop`. */
+/* Whether there is time to ask the solver for a guess; else sets `stop`. And: it has answered. */
 bool tl_attempt_may_guess(tl_attempt *attempt);
+void tl_attempt_has_guess(tl_attempt *attempt);
 
 /* Whether an evaluation of u fits the budget, room for nominal's kept; else sets `stop`. */
 bool tl_attempt_may_evaluate(tl_attempt *attempt, const double *u);

@@ -128,7 +128,7 @@ static bool guess_by_solver(tl_attempt *attempt) {
     const tl_lock *lock = attempt->lock;
     const tl_lock_memory *memory = &lock->memory;
     int needed = tl_objective_samples(&lock->objective) > 1 ? 1 : 2;
-    if (lock->solver->guess == NULL || lock->courses < needed || lock->was_blind) {
+    if (lock->solver->guess == NULL || lock->courses < needed || lock->was_blind || !tl_attempt_may_guess(attempt)) {
         return false;
     }
     memcpy(memory->start, memory->committed, size_of_sequence(lock));
@@ -137,9 +137,10 @@ static bool guess_by_solver(tl_attempt *attempt) {
     tl_objective_forecast(&lock->objective, memory->course, memory->earlier, memory->forecast);
     (void)tl_objective_penalise(&lock->objective, memory->start, attempt->nominal, memory->before, memory->forecast);
     tl_objective_noise(&lock->objective, memory->noise);
-    attempt->guessed = true;
     const tl_forecast forecast = {memory->start, memory->forecast, memory->noise, memory->free, memory->nominal};
-    return lock->solver->guess(lock->optimiser, &forecast, memory->guess);
+    bool guessed = lock->solver->guess(lock->optimiser, &forecast, memory->guess);
+    tl_attempt_has_guess(attempt);
+    return guessed;
 }
 
 /* A u that is held as long as it is within tolerance is never asked whether it is still needed, and over an hour an integrator
@@ -354,10 +355,10 @@ static bool is_blind_guess(tl_attempt *attempt, double value) {
 static tl_outcome find(tl_attempt *attempt) {
     tl_lock *lock = attempt->lock;
     double *guess = lock->memory.guess;
-    if (!tl_attempt_may_guess(attempt)) {
-        return TL_NOMINAL;
-    }
     bool by_solver = first_guess(attempt);
+    if (attempt->stop == TL_STOP_TIME) {
+        return TL_NOMINAL; /* there was none for a guess */
+    }
     if (!is_nominal(lock, guess) && !attempt->budget->without_nominal && attempt->limit > 0) {
         attempt->limit--; /* kept for the nominal */
     }
@@ -512,7 +513,7 @@ static tl_status step_free(tl_lock *lock, int64_t step, tl_outcome outcome, tl_r
 
 static void begin_time(tl_lock *lock, const tl_budget *budget) {
     tl_lock_times *times = &lock->times;
-    tl_estimate *const parts[] = {&times->opening, &times->asking, &times->within, &times->thinking,
+    tl_estimate *const parts[] = {&times->guessing, &times->asking, &times->within, &times->thinking,
                                   &times->committing};
     for (size_t i = 0; i < sizeof parts / sizeof parts[0]; i++) {
         if (times->refused) {

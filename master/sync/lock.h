@@ -24,14 +24,12 @@
 #include "master/sync/optimiser.h"
 #include "master/sync/record.h"
 
-/* What the parts of a step take beside executions. Under a clock, every instant of a step is one of these or an execution. */
+/* What the parts of a step take beside executions. Under a clock, all of a search is one of these or an execution. */
 typedef struct tl_lock_times {
-    tl_estimate opening; /* from the step's beginning to its first question; the solver's guess is in it */
-    tl_estimate
-        asking; /* from a question to where its candidate may begin: the ledger, and the way back; by sequences only */
-    tl_estimate within; /* an evaluation */
-    tl_estimate
-        thinking; /* from there to the next question: the solver; and where there is no `asking`, the way back */
+    tl_estimate guessing; /* the solver, before a step's first question */
+    tl_estimate asking;   /* by sequences: a question, up to where its candidate may begin: the ledger, the way back */
+    tl_estimate within;   /* an evaluation */
+    tl_estimate thinking; /* from there to the next question: the solver; and the way back, where nothing is asking */
     tl_estimate committing; /* from the last of these to the end of the step */
     tl_time beside;         /* ns of the one at hand, so far */
     bool refused;           /* there was no time for something in the step */
