@@ -233,6 +233,18 @@ static void what_is_never_in_time_is_hardly_ever_late(void) {
 
 /* ---- repeated ---- */
 
+/* One output that can be had, and tolerance enough for the solver to lean to a side. */
+static void build_loose(void) {
+    build("secant", 1, true);
+    tl_twin_destroy(run.twin);
+    plan.plan.match_count = 1;
+    plan.match[0].tolerance = 0.1;
+    const tl_budget budget = run.budget;
+    tl_test_run_init(&run, tl_test_plan_build(&plan));
+    run.budget = budget;
+    wrap_solver(&run.twin->lock);
+}
+
 static bool was_late(const tl_record *record) {
     return record->stop == TL_STOP_TIME || (record->flags & TL_FLAG_WITHOUT_NOMINAL) != 0;
 }
@@ -242,15 +254,15 @@ static bool was_late(const tl_record *record) {
 static void a_guess_that_was_not_evaluated_leaves_nothing_behind(void) {
     static tl_record live[TICKS];
     uint32_t unguessed = 0;
-    build("secant", 3, true);
+    build_loose();
     for (int64_t tick = 0; tick < TICKS; tick++) {
-        watch.work.guessing = tick % 7 == 0 ? 55 * (TL_SECOND / 1000) : tick % 3 * (TL_SECOND / 50);
+        watch.work.guessing = tick % 20 == 0 ? 7 * (TL_SECOND / 100) : TL_SECOND / 1000;
         step();
         live[tick] = run.record;
         unguessed += was_late(&run.record) && run.record.evaluations == 0 ? 1 : 0;
     }
-    TEST_ASSERT_TRUE(unguessed > 5 && unguessed < TICKS / 2);
-    build("secant", 3, true);
+    TEST_ASSERT_TRUE(unguessed > 5 && unguessed < TICKS - 20);
+    build_loose();
     run.budget.now = NULL;
     for (int64_t tick = 0; tick < TICKS; tick++) {
         const tl_record *first = &live[tick];
@@ -262,7 +274,7 @@ static void a_guess_that_was_not_evaluated_leaves_nothing_behind(void) {
             TEST_ASSERT_EQUAL_INT(first->outcome, run.record.outcome);
             TEST_ASSERT_EQUAL_UINT32(first->evaluations, run.record.evaluations);
             TEST_ASSERT_EQUAL_MEMORY(first->u, run.record.u, sizeof first->u[0]);
-            TEST_ASSERT_EQUAL_MEMORY(first->y, run.record.y, 2 * sizeof first->y[0]);
+            TEST_ASSERT_EQUAL_MEMORY(first->y, run.record.y, sizeof first->y[0]);
         }
     }
 }
