@@ -18,7 +18,7 @@ tl_status tl_twin_start(tl_twin *twin, tl_error *error) {
 
 static tl_status start(tl_twin *twin, tl_error *error) {
     tl_status status = tl_twin_start(twin, error);
-    return status == TL_OK ? tl_exchange_start(&twin->exchange, error) : status;
+    return status == TL_OK ? tl_exchange_start(&twin->exchange, twin->state_bytes, twin->heap, error) : status;
 }
 
 /* ---- a measured delay ---- */

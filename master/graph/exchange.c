@@ -35,7 +35,9 @@ bool tl_exchange_save_executions(tl_exchange *exchange, tl_arena *arena, const t
         return true;
     }
     exchange->cached = tl_arena_take(arena, exchange->component_count, sizeof *exchange->cached);
-    bool placed = exchange->cached != NULL && tl_plant_save_executions(&exchange->plant, arena, prediction);
+    exchange->rooms = tl_arena_take(arena, exchange->component_count, sizeof *exchange->rooms);
+    bool placed = exchange->cached != NULL && exchange->rooms != NULL &&
+                  tl_plant_save_executions(&exchange->plant, arena, prediction);
     for (size_t i = 0; placed && i < exchange->component_count; i++) {
         placed = tl_cached_component_init(&exchange->cached[i], arena, &exchange->components[i], keep[i],
                                           exchange->step, prediction, capacity[i]);
@@ -43,9 +45,17 @@ bool tl_exchange_save_executions(tl_exchange *exchange, tl_arena *arena, const t
     return placed;
 }
 
-tl_status tl_exchange_start(tl_exchange *exchange, tl_error *error) {
+tl_status tl_exchange_start(tl_exchange *exchange, uint64_t bytes, size_t (*heap)(void), tl_error *error) {
+    size_t count = exchange->cached != NULL ? exchange->component_count : 0;
     tl_status status = TL_OK;
-    for (size_t i = 0; exchange->cached != NULL && i < exchange->component_count && status == TL_OK; i++) {
+    for (size_t i = 0; i < count && status == TL_OK; i++) {
+        tl_cached_component *cached = &exchange->cached[i];
+        exchange->rooms[i].most = cached->tree.capacity;
+        status = tl_cached_component_measure(cached, heap, &exchange->rooms[i].size, error);
+    }
+    tl_state_room_share(exchange->rooms, count, bytes);
+    for (size_t i = 0; i < count && status == TL_OK; i++) {
+        tl_cached_component_limit(&exchange->cached[i], exchange->rooms[i].kept);
         status = tl_cached_component_start(&exchange->cached[i], error);
     }
     return status;
@@ -180,14 +190,28 @@ tl_status tl_exchange_try(tl_exchange *exchange, int64_t step, uint32_t depth, t
     return step_components(exchange, step, depth, error);
 }
 
+static tl_status gather(tl_exchange *exchange, size_t component, int64_t step, tl_error *error) {
+    uint64_t before = exchange->components[component].executions;
+    tl_status status = tl_cached_component_gather(&exchange->cached[component], step, error);
+    uint64_t made = exchange->components[component].executions - before;
+    exchange->executions += made;
+    if (made != 0) {
+        tl_costs_ran(&exchange->costs, component);
+    }
+    exchange->failed = component;
+    return status;
+}
+
 tl_status tl_exchange_commit(tl_exchange *exchange, int64_t step, tl_error *error) {
     if (exchange->cached == NULL) {
         return step_components(exchange, step, TL_ALL_DEPTHS, error);
     }
-    for (size_t i = 0; i < exchange->component_count; i++) {
+    tl_status status = TL_OK;
+    for (size_t i = 0; i < exchange->component_count && status == TL_OK; i++) {
+        status = gather(exchange, i, step, error);
         tl_cached_component_make_room(&exchange->cached[i]);
     }
-    tl_status status = step_components(exchange, step, TL_ALL_DEPTHS, error);
+    status = status == TL_OK ? step_components(exchange, step, TL_ALL_DEPTHS, error) : status;
     for (size_t i = 0; i < exchange->component_count && status == TL_OK; i++) {
         tl_cached_component_commit(&exchange->cached[i]);
     }

@@ -23,6 +23,7 @@
 #include "master/graph/graph.h"
 #include "master/graph/plant.h"
 #include "master/graph/snapshot.h"
+#include "master/graph/state_room.h"
 
 typedef struct tl_real_copy {
     fmi2Real *to;
@@ -45,6 +46,7 @@ typedef struct tl_exchange {
     double step_s;               /* the same, s */
     uint32_t *reach;             /* Γ_k of each component, the plant last; NULL: all take part in all steps */
     tl_cached_component *cached; /* one per component; NULL: everything is executed */
+    tl_state_room *rooms;        /* one per component, of its cache; filled by tl_exchange_start() */
     bool whole;                  /* nothing is saved: all components execute in one go */
     tl_costs costs;              /* what executions take */
     uint64_t executions;         /* of all components, the plant not counted */
@@ -86,8 +88,10 @@ bool tl_exchange_save_executions(tl_exchange *exchange, tl_arena *arena, const t
 /* What `steps` macro steps of everything take, ns. */
 tl_time tl_exchange_cost(const tl_exchange *exchange, tl_time steps);
 
-/* After initialisation: t_0 is the committed instant. Saves first states where there are caches. */
-tl_status tl_exchange_start(tl_exchange *exchange, tl_error *error);
+/* After initialisation: t_0 is the committed instant. Saves first states where there are caches; all their states together, as large as
+ * they are now, stay within `bytes` (0: there is no bound), but for the two that each component must have. `heap` as in
+ * tl_cached_component_measure(). */
+tl_status tl_exchange_start(tl_exchange *exchange, uint64_t bytes, size_t (*heap)(void), tl_error *error);
 
 /* The values and states as committed are where candidates begin. Once per step, before the first candidate. Saves all
  * states where there are no caches; else no FMU is called, and nothing can fail. */
