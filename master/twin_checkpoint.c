@@ -176,7 +176,7 @@ static tl_status load_components(tl_twin *twin, tl_archive *archive, tl_error *e
     if (status == TL_OK) {
         status = tl_exchange_return(&twin->exchange, error);
     }
-    return status == TL_OK ? tl_exchange_start(&twin->exchange, error) : status;
+    return status == TL_OK ? tl_exchange_start(&twin->exchange, twin->state_bytes, twin->heap, error) : status;
 }
 
 /* Mode ahead: the step that waits for its measurement was the earlier run's, and so is what it cost. */
