@@ -65,20 +65,20 @@ static tl_time read_clock(void *context) {
 
 /* ---- parts that take time ---- */
 
-/* The names are the linker's. */
-void __real_tl_ledger_expect(tl_ledger *ledger, const double *u);
-void __wrap_tl_ledger_expect(tl_ledger *ledger, const double *u);
-void __real_tl_ledger_commit(tl_ledger *ledger, const double *values);
-void __wrap_tl_ledger_commit(tl_ledger *ledger, const double *values);
+/* To the linker the first of each two is __real_NAME, and the second, called in its place, __wrap_NAME. */
+void plain_expect(tl_ledger *ledger, const double *u) __asm__("__real_tl_ledger_expect");
+void slow_expect(tl_ledger *ledger, const double *u) __asm__("__wrap_tl_ledger_expect");
+void plain_commit(tl_ledger *ledger, const double *values) __asm__("__real_tl_ledger_commit");
+void slow_commit(tl_ledger *ledger, const double *values) __asm__("__wrap_tl_ledger_commit");
 
-void __wrap_tl_ledger_expect(tl_ledger *ledger, const double *u) {
+void slow_expect(tl_ledger *ledger, const double *u) {
     watch.now += watch.work.expecting;
-    __real_tl_ledger_expect(ledger, u);
+    plain_expect(ledger, u);
 }
 
-void __wrap_tl_ledger_commit(tl_ledger *ledger, const double *values) {
+void slow_commit(tl_ledger *ledger, const double *values) {
     watch.now += watch.work.committing;
-    __real_tl_ledger_commit(ledger, values);
+    plain_commit(ledger, values);
 }
 
 static fmi2Status (*plain_get)(fmi2Component, fmi2FMUstate *);
