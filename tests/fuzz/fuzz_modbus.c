@@ -136,7 +136,8 @@ static void check_belief(const uint8_t request[TL_MODBUS_TCP_REQUEST], const uin
 static tl_modbus_outcome answer_tcp(const tl_modbus_read *read, tl_modbus_values *values) {
     uint8_t request[TL_MODBUS_TCP_REQUEST];
     uint8_t answer[512] = {0};
-    const tl_modbus_question asked = {.read = read, .transaction = ++transaction, .any_unit_id = any_unit_id};
+    transaction++;
+    const tl_modbus_question asked = {.read = read, .transaction = transaction, .any_unit_id = any_unit_id};
     tl_modbus_put_request(&asked, request);
     check_request(request);
     size_t there = some_answer(request, answer);
