@@ -15,11 +15,10 @@
 
 #include "board/watchdog/watchdog.h"
 #include "firmware/clock.h"
-#include "firmware/fmu_patience.h"
 #include "firmware/crash.h"
+#include "firmware/fmu_patience.h"
 #include "firmware/interrupt.h"
 #include "firmware/log.h"
-#include "firmware/process_end.h"
 #include "firmware/process_end.h"
 #include "firmware/reaper.h"
 #include "firmware/service.h"
