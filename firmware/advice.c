@@ -182,6 +182,24 @@ static void check_nodes(advice *given, const tl_config *config, const tl_twin *t
     }
 }
 
+/* Likewise of their states. */
+static void check_states(advice *given, const tl_config *config, const tl_twin *twin) {
+    tl_twin_ledger worst = {0};
+    for (size_t i = 0; i < config->component_count; i++) {
+        tl_twin_ledger entry = tl_twin_get_ledger(twin, i);
+        if (entry.states < entry.nodes && entry.state_size > worst.state_size) {
+            worst = entry;
+        }
+    }
+    if (worst.state_size != 0) {
+        warn(
+            given, "synchronise.saving.memory_mb",
+            "there is room for %" PRIu32 " states of %s of %.3g MB each, and it may keep %" PRIu32
+            " executions: those without a state are caught up with; give more, or fewer evaluations, or a shorter horizon",
+            worst.states, worst.name, (double)worst.state_size / 1048576.0, worst.nodes);
+    }
+}
+
 /* The search squares what it divides by its step. */
 static bool is_lost_step(const tl_twin_adjusted *adjusted) {
     double size = adjusted->is_fed ? 0.0 : fabs(adjusted->nominal);
@@ -282,6 +300,7 @@ size_t tl_advice_print(const tl_assembly *assembly, const tl_prognosis *prognosi
         check_budget(&given, config, prognosis, assembly->twin);
         check_saving(&given, config);
         check_nodes(&given, config, assembly->twin);
+        check_states(&given, config, assembly->twin);
         check_adjusted(&given, config, assembly->twin);
         check_conditions(&given, config);
         check_lead(&given, config, tl_twin_get_facts(assembly->twin).lead);

@@ -8,6 +8,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "firmware/heap.h"
 #include "firmware/identity.h"
 #include "firmware/library.h"
 #include "firmware/log.h"
@@ -166,6 +167,8 @@ static void fill_plan(tl_assembly *assembly) {
         .noise_floor = config->noise_floor,
         .evaluations = config->budget_evaluations,
         .saving = config->saving,
+        .state_bytes = (uint64_t)config->saving_memory << 20,
+        .heap = tl_heap_used,
     };
 }
 

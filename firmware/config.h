@@ -166,6 +166,7 @@ typedef struct tl_config {
     double noise_floor;
     double margin;
     tl_plan_saving saving;
+    uint32_t saving_memory; /* MB that the FMUs' saved states may take */
     uint32_t budget_evaluations;
     tl_time budget_time; /* ns; 0: none but the step itself */
 

@@ -264,14 +264,18 @@ static void read_solvers(tl_config_object *object, tl_config *config) {
 
 static void read_saving(tl_config_object *object, tl_config *config) {
     static const tl_config_number rule = {.whole = true, .minimum = 2, .maximum = 1000000, .example = "4096"};
+    static const tl_config_number megabytes = {.whole = true, .minimum = 1, .maximum = 1000000, .example = "128"};
     tl_config_object saving;
     double nodes = 0;
+    double memory = 128;
     config->saving = (tl_plan_saving){.structure = true, .sequences = true};
     (void)tl_config_member(object, "saving", TL_CONFIG_OPTIONAL, "{\"nodes\": 4096}", &saving);
     (void)tl_config_get_boolean(&saving, "structure", &config->saving.structure);
     (void)tl_config_get_boolean(&saving, "sequences", &config->saving.sequences);
     (void)tl_config_get_number(&saving, "nodes", &rule, &nodes);
     config->saving.nodes = (uint32_t)nodes;
+    (void)tl_config_get_number(&saving, "memory_mb", &megabytes, &memory);
+    config->saving_memory = (uint32_t)memory;
     tl_config_done(&saving);
 }
 

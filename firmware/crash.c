@@ -3,6 +3,7 @@
 
 #include <errno.h>
 #include <pthread.h>
+#include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
 #include <string.h>
@@ -249,8 +250,4 @@ void tl_crash_chain(int number, const struct sigaction *foreign) {
         signal->foreign = *foreign;
         __atomic_store_n(&signal->has_foreign, true, __ATOMIC_RELEASE);
     }
-}
-
-bool tl_crash_is_signal(int number) {
-    return find(number) != NULL;
 }

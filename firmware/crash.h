@@ -13,7 +13,6 @@
 #define TL_FIRMWARE_CRASH_H
 
 #include <signal.h>
-#include <stdbool.h>
 
 typedef enum tl_crash_thread {
     TL_CRASH_FOREIGN, /* what a thread is that has not entered */
@@ -33,8 +32,5 @@ void tl_crash_enter(tl_crash_thread entered);
  * no crash. Where it gives the signal to its predecessor, as Python's faulthandler does, that is us. Another signal, SIG_DFL,
  * SIG_IGN and our own handler are no foreign ones: the chain of that signal is empty then. */
 void tl_crash_chain(int number, const struct sigaction *foreign);
-
-/* Is it one of the five? */
-bool tl_crash_is_signal(int number);
 
 #endif

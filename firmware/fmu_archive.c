@@ -45,8 +45,8 @@ static int remove_entry(const char *path, const struct stat *status, int type, s
     return 0; /* what remains is found when the folder itself cannot be removed */
 }
 
-/* Without following links, with one descriptor, since there may be no more. Not with FTW_MOUNT: on an overlay, as a box may have it for its root, files and folders can be of
- * different devices. */
+/* Without following links; with one descriptor, since there may be no more. Not with FTW_MOUNT: on an overlay, as a box may
+ * have it for its root, files and folders can be of different devices. */
 static void remove_tree(const char *folder) {
     (void)nftw(folder, remove_entry, 1, FTW_DEPTH | FTW_PHYS);
     struct stat status;

@@ -57,6 +57,7 @@ static void set_job(tl_fmu_thread *thread, tl_fmu_job *job, void *context) {
 
 static void *run(void *context) {
     tl_fmu_thread *thread = context;
+    (void)pthread_setname_np(pthread_self(), "fmus");
     tl_crash_enter(TL_CRASH_CALLS_FMUS);
     for (tl_fmu_job *job = next_job(thread); job != NULL; job = next_job(thread)) {
         tl_locale_use();

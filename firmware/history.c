@@ -65,6 +65,12 @@ void tl_history_close(tl_history *history) {
     }
 }
 
+void tl_history_diagnose(tl_history *history, tl_error *error) {
+    if (history != NULL) {
+        tl_database_diagnose(history->database, error);
+    }
+}
+
 struct sqlite3 *tl_history_database(tl_history *history) {
     return history->database;
 }

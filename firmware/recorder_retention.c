@@ -174,6 +174,11 @@ static int ticks_at_once(tl_recorder_retention *retention, int64_t run, int64_t 
     return code;
 }
 
+/* Ticks of a run that is damaged may be anywhere. */
+static int64_t tick_after(int64_t first, int64_t ticks) {
+    return first < INT64_MAX - ticks ? first + ticks : INT64_MAX;
+}
+
 static int remove_of_old_run(tl_recorder_retention *retention, int64_t run) {
     int64_t first = 0;
     int64_t ticks = 0;
@@ -182,7 +187,7 @@ static int remove_of_old_run(tl_recorder_retention *retention, int64_t run) {
         return code != SQLITE_OK ? code : remove_rest(retention, run);
     }
     code = ticks_at_once(retention, run, &ticks);
-    return code != SQLITE_OK ? code : remove_ticks_before(retention, run, first + ticks);
+    return code != SQLITE_OK ? code : remove_ticks_before(retention, run, tick_after(first, ticks));
 }
 
 static int remove_of_this_run(tl_recorder_retention *retention, bool *removed) {
@@ -196,7 +201,8 @@ static int remove_of_this_run(tl_recorder_retention *retention, bool *removed) {
         return code;
     }
     if (first != INT64_MAX && first < last) {
-        return remove_ticks_before(retention, retention->run, first + ticks < last ? first + ticks : last);
+        int64_t until = tick_after(first, ticks);
+        return remove_ticks_before(retention, retention->run, until < last ? until : last);
     }
     int64_t events = 0;
     code = ask_once(retention, "SELECT count(*) FROM events WHERE run = ?1", retention->run, 0, &events);

@@ -166,6 +166,9 @@ tl_status tl_recording_database_open(const char *path, const tl_config *config, 
     if (status == TL_OK) {
         status = open_run(opened, config, ticks, error);
     }
+    if (status == TL_BAD_DATA) {
+        tl_history_diagnose(opened->history, error);
+    }
     if (status != TL_OK) {
         tl_recording_database_close(opened);
         return status;
@@ -201,6 +204,9 @@ tl_status tl_recording_database_next(tl_recording_database *database, tl_recordi
                                      tl_error *error) {
     tl_history_tick read;
     tl_status status = tl_history_ticks_next(database->ticks, &read, end, error);
+    if (status == TL_BAD_DATA) {
+        tl_history_diagnose(database->history, error);
+    }
     if (status != TL_OK || *end) {
         return status;
     }

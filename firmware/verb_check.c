@@ -246,7 +246,7 @@ static void print_needs(const tl_assembly *assembly, const tl_prognosis *prognos
     (void)fprintf(output, "  %-26s %6.3f %6.3f %6.3f\n", "ratio", 1.0, (double)prognosis->first / plain,
                   (double)prognosis->next / plain);
     (void)fputs("  plain: if nothing were saved; first: at most, of a step's first evaluation;\n"
-                "  then: of each later one; each node: up to one state of its FMU, not in KiB\n",
+                "  then: of each later one; the FMUs' states are not in KiB\n",
                 output);
 }
 
@@ -273,6 +273,20 @@ static void print_stroke(const tl_config *config, const tl_prognosis *prognosis,
     }
 }
 
+/* They are the FMUs' own, beside `memory`. */
+static void print_states(const tl_assembly *assembly, FILE *output) {
+    tl_twin_facts facts = tl_twin_get_facts(assembly->twin);
+    tl_twin_ledger largest = {0};
+    for (size_t k = 0; k + 1 < facts.components; k++) {
+        tl_twin_ledger entry = tl_twin_get_ledger(assembly->twin, k);
+        largest = entry.state_size > largest.state_size ? entry : largest;
+    }
+    if (largest.state_size != 0) {
+        (void)fprintf(output, "  states       %.1f KiB of the FMUs' own at most; one of %s takes %.1f\n",
+                      (double)facts.state_memory / 1024.0, largest.name, (double)largest.state_size / 1024.0);
+    }
+}
+
 static void print_costs(const tl_assembly *assembly, const tl_prognosis *prognosis, FILE *output) {
     const tl_config *config = &assembly->config;
     (void)fputs("cost\n", output);
@@ -291,6 +305,7 @@ static void print_costs(const tl_assembly *assembly, const tl_prognosis *prognos
                   (double)tl_twin_get_facts(assembly->twin).memory / 1024.0);
     (void)fprintf(output, "               and %d MiB of stack for FMUs%s\n", TL_FMU_THREAD_STACK >> 20,
                   config->realtime_lock_memory ? ", all of it resident in `run`" : "");
+    print_states(assembly, output);
     if (prognosis->steps != 0) {
         (void)fprintf(output, "  measured by %zu free steps on the plant's initial values, without a solver\n",
                       prognosis->steps);

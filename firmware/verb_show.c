@@ -216,6 +216,9 @@ static tl_status show(const show_options *options, tl_error *error) {
     if (status == TL_OK) {
         status = print(&request, options, error);
     }
+    if (status == TL_BAD_DATA) {
+        tl_history_diagnose(request.history, error);
+    }
     tl_history_close(request.history);
     if ((fflush(stdout) != 0 || ferror(stdout)) && status == TL_OK) {
         status = tl_fail(error, TL_TRY_AGAIN, "standard output: %s", strerror(errno));

@@ -179,6 +179,8 @@ typedef struct tl_plan {
                               identifiable and held at nominal for the step; 0: never */
     uint32_t evaluations;  /* the most a step's budget will allow, ≥ 1: sizes caches and ledger; 0: 60 */
     tl_plan_saving saving;
+    uint64_t state_bytes; /* that the states of all FMUs that are saved by sequences may take; 0: there is no bound */
+    size_t (*heap)(void); /* bytes allocated in this process, to see how large states are; NULL: nobody knows */
 } tl_plan;
 
 /* Reports numbers that are out of their ranges. false: there is more of something than a twin has room for, and

@@ -18,7 +18,7 @@ tl_status tl_twin_start(tl_twin *twin, tl_error *error) {
 
 static tl_status start(tl_twin *twin, tl_error *error) {
     tl_status status = tl_twin_start(twin, error);
-    return status == TL_OK ? tl_exchange_start(&twin->exchange, error) : status;
+    return status == TL_OK ? tl_exchange_start(&twin->exchange, twin->state_bytes, twin->heap, error) : status;
 }
 
 /* ---- a measured delay ---- */
@@ -119,16 +119,12 @@ static tl_status step_by(tl_twin *twin, int64_t step, const tick_way *way, tl_re
 
 /* Computes one step. */
 static tl_status compute(tl_twin *twin, int64_t step, const tick_way *way, tl_record *record, tl_error *error) {
-    const tl_budget *budget = way->budget;
     uint64_t before = count_executions(twin);
     uint64_t predicted = tl_ledger_total(&twin->lock.ledger);
     tl_status status = step_by(twin, step, way, record, error);
     record->executions = (uint32_t)(count_executions(twin) - before);
     record->predicted = (uint32_t)(tl_ledger_total(&twin->lock.ledger) - predicted);
     record->used = 0;
-    if (budget != NULL && budget->now != NULL) {
-        record->used = budget->now(budget->context) - budget->started;
-    }
     return status;
 }
 
@@ -184,6 +180,9 @@ static tl_status advance(tl_twin *twin, const tl_sample *sample, const tick_way 
     if (!ahead) {
         complete(twin, record);
         *ready = true;
+    }
+    if (way->budget != NULL && way->budget->now != NULL) {
+        (ahead ? &twin->pending : record)->used = tl_lock_end_step(&twin->lock, way->budget);
     }
     return TL_OK;
 }

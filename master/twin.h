@@ -39,6 +39,7 @@ typedef struct tl_twin_facts {
     const char *algorithm;              /* the solver in force; "" where nothing is adjusted */
     const char *fallback;               /* "" where there is none */
     size_t memory;                      /* bytes of ours, all taken at start-up */
+    uint64_t state_memory;              /* bytes of the FMUs' saved states at most; 0: not begun, or not known */
     uint64_t executions_per_step;       /* K: of a step that runs free */
     uint64_t executions_per_evaluation; /* K·T_P: if nothing were saved */
     bool structure;                     /* what is saved */
@@ -57,15 +58,18 @@ typedef struct tl_twin_ledger {
     uint64_t nodes_worst; /* that could be needed at once */
     uint32_t nodes_peak;  /* used at most, so far */
     size_t memory;        /* bytes of ours for them, in those of the facts; the FMU's states are beside them */
-    uint64_t plain;       /* executions if nothing were saved */
-    uint64_t predicted;   /* by the graph for the same evaluations */
-    uint64_t executions;  /* done */
-    uint64_t caught_up;   /* executions done again to bring an FMU to a place (TL_KEEP_OUTPUTS) */
-    uint64_t unstored;    /* results that found no room: what they cost again is not predicted */
-    int64_t difference; /* executions that were neither predicted nor to catch up. Above 0: results found no room, or a
+    size_t
+        state_size; /* bytes of one saved state of the FMU, and how many of the nodes may have one; 0: not begun, or not known */
+    uint32_t states;
+    uint64_t plain;      /* executions if nothing were saved */
+    uint64_t predicted;  /* by the graph for the same evaluations */
+    uint64_t executions; /* done */
+    uint64_t caught_up;  /* executions done again to bring an FMU to a place (TL_KEEP_OUTPUTS) */
+    uint64_t unstored;   /* results that found no room: what they cost again is not predicted */
+    int64_t difference;  /* executions that were neither predicted nor to catch up. Above 0: results found no room, or a
                             committed step that failed was repeated. Below: inputs came out the same for another u, or
                             the ledger is not complete. Else 0 */
-    tl_time cost;       /* ns of one execution, saving its state included: the last, or an earlier one that was longer,
+    tl_time cost;        /* ns of one execution, saving its state included: the last, or an earlier one that was longer,
                             fading; 0 where none ran under a budget with a clock */
 } tl_twin_ledger;
 

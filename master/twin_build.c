@@ -488,6 +488,8 @@ tl_twin *tl_twin_build(const tl_plan *plan, tl_report *report) {
     size_t before = report->count;
     twin->arena = arena;
     twin->measurements = plan->measurements;
+    twin->state_bytes = plan->state_bytes;
+    twin->heap = plan->heap;
     tl_plan own = *plan;
     if (own.event.start.signal != NULL) {
         own.saving = (tl_plan_saving){0}; /* candidates differ from the first step on: there is nothing to save */

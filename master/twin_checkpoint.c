@@ -71,7 +71,7 @@ static void require_sound(const tl_twin *twin, const int32_t configured[TL_MAX_M
 
 /* All that is ours and not a port value. */
 static void archive_ours(tl_twin *twin, tl_archive *archive) {
-    int32_t configured[TL_MAX_MATCH];
+    int32_t configured[TL_MAX_MATCH] = {0};
     tl_plant_archive(&twin->exchange.plant, archive);
     if (twin->lock.horizon.variables != 0) {
         tl_lock_archive(&twin->lock, archive);
@@ -176,7 +176,7 @@ static tl_status load_components(tl_twin *twin, tl_archive *archive, tl_error *e
     if (status == TL_OK) {
         status = tl_exchange_return(&twin->exchange, error);
     }
-    return status == TL_OK ? tl_exchange_start(&twin->exchange, error) : status;
+    return status == TL_OK ? tl_exchange_start(&twin->exchange, twin->state_bytes, twin->heap, error) : status;
 }
 
 /* Mode ahead: the step that waits for its measurement was the earlier run's, and so is what it cost. */

@@ -5,6 +5,16 @@ static uint32_t prediction_of(const tl_twin *twin) {
     return twin->event != NULL ? tl_event_horizon_steps(twin->event) : twin->lock.horizon.prediction;
 }
 
+/* Those of the caches, and of each component one more: where candidates begin, kept for the proof at the start and for checkpoints. */
+static uint64_t state_memory(const tl_twin *twin) {
+    const tl_exchange *exchange = &twin->exchange;
+    uint64_t sum = 0;
+    for (size_t k = 0; k < exchange->component_count && exchange->rooms != NULL; k++) {
+        sum += exchange->rooms[k].size;
+    }
+    return exchange->rooms != NULL ? sum + tl_state_room_bytes(exchange->rooms, exchange->component_count) : 0;
+}
+
 tl_twin_facts tl_twin_get_facts(const tl_twin *twin) {
     const tl_lock *lock = &twin->lock;
     uint64_t components = twin->graph.component_count + 1;
@@ -20,6 +30,7 @@ tl_twin_facts tl_twin_get_facts(const tl_twin *twin) {
         .algorithm = lock->solver != NULL ? lock->solver->name : "",
         .fallback = lock->fallback != NULL ? lock->fallback->name : "",
         .memory = tl_arena_used(&twin->arena),
+        .state_memory = state_memory(twin),
         .executions_per_step = components,
         .executions_per_evaluation = searches ? components * prediction : 0,
         .structure = searches && lock->ledger.saving.structure,
@@ -53,12 +64,14 @@ tl_twin_ledger tl_twin_get_ledger(const tl_twin *twin, size_t component) {
         .executions = tl_twin_executions(twin, component),
     };
     fill_needs(twin, component, &entry);
-    entry.cost = plant ? 0 : exchange->cost[component];
+    entry.cost = plant ? 0 : exchange->costs.each[component].most;
     if (!plant && exchange->cached != NULL) {
         const tl_cached_component *cached = &exchange->cached[component];
         entry.nodes = cached->tree.capacity;
         entry.nodes_worst = twin->worst[component];
         entry.memory = tl_sequence_cache_memory(&cached->tree);
+        entry.state_size = exchange->rooms[component].size;
+        entry.states = exchange->rooms[component].kept;
         entry.nodes_peak = cached->tree.peak;
         entry.caught_up = cached->caught_up;
         entry.unstored = cached->unstored;

@@ -33,13 +33,15 @@ struct tl_twin {
     tl_delay_meter *meters[TL_MAX_MATCH]; /* where Δo is measured */
     tl_twin_delay delay;
     tl_time step;
-    uint32_t lead;    /* step i is computed at tick i + lead */
-    uint32_t age;     /* ticks by which what is looked up may be older than the instant it is for */
-    int64_t first;    /* step: that which the FMUs are initialised for */
-    int64_t begin;    /* tick at which they are */
-    double *proof;    /* for the proof at start: one value per port */
-    tl_status ended;  /* not TL_OK: a step has failed, nothing may follow */
-    bool has_pending; /* mode ahead: computed, its measurement not there yet */
+    uint32_t lead;        /* step i is computed at tick i + lead */
+    uint32_t age;         /* ticks by which what is looked up may be older than the instant it is for */
+    int64_t first;        /* step: that which the FMUs are initialised for */
+    int64_t begin;        /* tick at which they are */
+    uint64_t state_bytes; /* that saved states may take; 0: there is no bound */
+    size_t (*heap)(void); /* as in the plan */
+    double *proof;        /* for the proof at start: one value per port */
+    tl_status ended;      /* not TL_OK: a step has failed, nothing may follow */
+    bool has_pending;     /* mode ahead: computed, its measurement not there yet */
     tl_record pending;
 };
 

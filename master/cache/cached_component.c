@@ -3,7 +3,8 @@
 
 bool tl_cached_component_init(tl_cached_component *cached, tl_arena *arena, tl_component *component, tl_keep keep,
                               tl_time size, uint32_t spacing, uint32_t capacity) {
-    *cached = (tl_cached_component){.component = component, .keep = keep, .size = size, .spacing = spacing};
+    *cached = (tl_cached_component){
+        .component = component, .keep = keep, .size = size, .spacing = spacing, .states = capacity};
     size_t key_size = tl_ports_size(&component->inputs);
     size_t value_size = tl_ports_size(&component->outputs);
     cached->key = tl_arena_take(arena, key_size + 1, 1);
@@ -16,13 +17,57 @@ bool tl_cached_component_init(tl_cached_component *cached, tl_arena *arena, tl_c
  * made for the worst case, and may be thousands; an FMU may need a megabyte for each. */
 enum { READY = 256 };
 
+/* States that are made to see how large they are: what else is allocated meanwhile is hardly so in each of them. */
+enum { MEASURED = 3 };
+
+static tl_status make_state(tl_cached_component *cached, fmi2FMUstate *state, tl_error *error) {
+    *state = NULL;
+    tl_status status = tl_component_save(cached->component, state, error);
+    cached->made += *state != NULL ? 1 : 0;
+    return status;
+}
+
+static tl_status make_spare(tl_cached_component *cached, tl_error *error) {
+    fmi2FMUstate state;
+    tl_status status = make_state(cached, &state, error);
+    tl_sequence_cache_put_spare(&cached->tree, state);
+    return status;
+}
+
+tl_status tl_cached_component_measure(tl_cached_component *cached, size_t (*heap)(void), size_t *size,
+                                      tl_error *error) {
+    tl_status status = TL_OK;
+    size_t least = SIZE_MAX;
+    size_t told = 0;
+    bool tells = tl_component_can_serialize(cached->component);
+    for (int i = 0; i < MEASURED && (heap != NULL || tells) && status == TL_OK; i++) {
+        size_t before = heap != NULL ? heap() : 0;
+        status = make_spare(cached, error);
+        size_t after = heap != NULL ? heap() : 0;
+        size_t grown = after > before ? after - before : 0;
+        least = grown < least ? grown : least;
+    }
+    if (tells && status == TL_OK) {
+        status = tl_component_serialized_size(cached->component, cached->tree.spare[0], &told, error);
+    }
+    *size = heap != NULL && least > told ? least : told;
+    return status;
+}
+
+void tl_cached_component_limit(tl_cached_component *cached, uint32_t states) {
+    cached->states = states;
+    while (cached->tree.spare_count > states) {
+        fmi2FMUstate spare = tl_sequence_cache_take_spare(&cached->tree);
+        tl_component_forget(cached->component, &spare);
+        cached->made--;
+    }
+}
+
 tl_status tl_cached_component_start(tl_cached_component *cached, tl_error *error) {
     tl_status status = TL_OK;
-    uint32_t ready = cached->tree.capacity < READY ? cached->tree.capacity : READY;
-    for (uint32_t i = 0; cached->keep == TL_KEEP_STATES && i < ready && status == TL_OK; i++) {
-        fmi2FMUstate state = NULL;
-        status = tl_component_save(cached->component, &state, error);
-        tl_sequence_cache_put_spare(&cached->tree, state);
+    uint32_t ready = cached->states < READY ? cached->states : READY;
+    while (cached->keep == TL_KEEP_STATES && cached->made < ready && status == TL_OK) {
+        status = make_spare(cached, error);
     }
     cached->root = tl_sequence_cache_plant(&cached->tree);
     cached->position = cached->root;
@@ -54,19 +99,27 @@ static uint32_t distance_to_state(const tl_sequence_cache *tree, uint32_t node) 
     return node == TL_NO_NODE ? UINT32_MAX : distance;
 }
 
+/* Whether the state of the node that the FMU is at must be saved, or may be. What has one above it can be caught up with; the last handle
+ * is for what has none. */
+static bool is_to_be_saved(const tl_cached_component *cached, bool onwards) {
+    uint32_t distance = distance_to_state(&cached->tree, cached->at);
+    uint32_t free = cached->tree.spare_count + (cached->states - cached->made);
+    if (distance == UINT32_MAX) {
+        return true;
+    }
+    bool wanted = cached->keep == TL_KEEP_STATES || (onwards && distance >= cached->spacing);
+    return wanted && (cached->states == cached->tree.capacity || free > 1);
+}
+
 /* The FMU is about to leave the node it is at: saves its state where it will be wanted again. */
 static tl_status leave(tl_cached_component *cached, bool onwards, tl_error *error) {
-    if (cached->at == TL_NO_NODE || cached->tree.nodes[cached->at].state != NULL) {
+    if (cached->at == TL_NO_NODE || cached->tree.nodes[cached->at].state != NULL || !is_to_be_saved(cached, onwards)) {
         return TL_OK;
     }
-    if (cached->keep == TL_KEEP_OUTPUTS) {
-        uint32_t distance = distance_to_state(&cached->tree, cached->at);
-        if (distance != UINT32_MAX && !(onwards && distance >= cached->spacing)) {
-            return TL_OK;
-        }
-    }
+    bool is_new = cached->tree.spare_count == 0;
     fmi2FMUstate state = tl_sequence_cache_take_spare(&cached->tree);
     tl_status status = tl_component_save(cached->component, &state, error);
+    cached->made += is_new && state != NULL ? 1 : 0;
     if (status == TL_OK) {
         cached->tree.nodes[cached->at].state = state;
     } else {
@@ -143,6 +196,24 @@ static tl_status bring(tl_cached_component *cached, int64_t step, tl_error *erro
         cached->caught_up++;
     }
     tl_ports_write(&cached->component->inputs, cached->key);
+    return status;
+}
+
+tl_status tl_cached_component_gather(tl_cached_component *cached, int64_t step, tl_error *error) {
+    tl_sequence_cache *tree = &cached->tree;
+    tl_status status = TL_OK;
+    if (cached->states == tree->capacity || tree->nodes[cached->root].state != NULL ||
+        distance_to_state(tree, cached->root) < cached->spacing) {
+        return TL_OK;
+    }
+    if (cached->at != cached->root) {
+        tl_ports_read(&cached->component->inputs, cached->key);
+        cached->position = cached->root;
+        status = bring(cached, step, error);
+    }
+    if (status == TL_OK) {
+        tl_sequence_cache_keep(tree, cached->root, cached->root);
+    }
     return status;
 }
 

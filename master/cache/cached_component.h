@@ -11,10 +11,12 @@
  *          no earlier one comes back, so that it can give up what it has buffered; the state itself may come back.
  *          While each horizon finds its first steps known from the one before, there is no such step.
  * Full:    a result for which the pool has no room is used and not stored, and counted.
+ * Room:    where not all nodes may have a state (`states`), those that find no room go without one, and the FMU catches up from the one
+ *          above, as with TL_KEEP_OUTPUTS. One handle is held back for the committed instant, which must have one.
  * Failure: a failed step leaves the FMU nowhere; the next execution begins with loading a state.
  * Thread:  the twin's. Memory: the arena, at start-up; state handles belong to the FMU, at most one for
- *          each node. With TL_KEEP_STATES as many as are mostly used are made at start-up too, up to 256; all others as they are
- *          needed, and then kept.
+ *          each node, and never more than `states`. With TL_KEEP_STATES as many as are mostly used are made at start-up too, up to
+ *          256; all others as they are needed, and then kept.
  */
 #ifndef TL_MASTER_CACHE_CACHED_COMPONENT_H
 #define TL_MASTER_CACHE_CACHED_COMPONENT_H
@@ -40,6 +42,8 @@ typedef struct tl_cached_component {
     uint32_t at;          /* where the FMU is; TL_NO_NODE: nowhere, or with the candidate beyond the pool */
     unsigned char *key;   /* scratch: inputs of the step at hand, */
     unsigned char *value; /* and outputs */
+    uint32_t states;      /* handles that there may be, ≥ 2 */
+    uint32_t made;        /* handles that there are */
     uint64_t caught_up;   /* executions repeated to bring the FMU to a place */
     uint64_t unstored;    /* executions whose result found no room */
 } tl_cached_component;
@@ -47,6 +51,13 @@ typedef struct tl_cached_component {
 /* For a component whose ports are placed. `capacity` in nodes, ≥ 2·spacing + 2; false when memory is out. */
 bool tl_cached_component_init(tl_cached_component *cached, tl_arena *arena, tl_component *component, tl_keep keep,
                               tl_time size, uint32_t spacing, uint32_t capacity);
+
+/* The FMU stands initialised: bytes that one state of it takes, by what it says and by what its heap grows by when some are made; 0 where
+ * neither is to be had. `heap`: bytes that are allocated in this process; NULL: nobody knows. */
+tl_status tl_cached_component_measure(tl_cached_component *cached, size_t (*heap)(void), size_t *size, tl_error *error);
+
+/* From here on there may be so many handles. Before the start. */
+void tl_cached_component_limit(tl_cached_component *cached, uint32_t states);
 
 /* The FMU stands initialised at t_0: plants the root and makes the first state handles. */
 tl_status tl_cached_component_start(tl_cached_component *cached, tl_error *error);
@@ -61,6 +72,10 @@ tl_status tl_cached_component_stand(tl_cached_component *cached, tl_error *error
 
 /* One step of the candidate, macro step `step`, with the inputs in the ports; the outputs are in the ports afterwards. */
 tl_status tl_cached_component_step(tl_cached_component *cached, int64_t step, tl_error *error);
+
+/* Before the step that will be committed, macro step `step`, with its inputs in the ports and the candidate at the root: where no state
+ * found room for `spacing` steps, the FMU is brought to the root, so that what is above it can be given up. */
+tl_status tl_cached_component_gather(tl_cached_component *cached, int64_t step, tl_error *error);
 
 /* Before the step that will be committed, with its inputs in the ports: if it is not known and the pool is full, all other
  * candidates are given up, so that it finds room. */

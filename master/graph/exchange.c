@@ -3,8 +3,6 @@
 
 #include <string.h>
 
-#include "master/base/duration.h"
-
 /* The depth of the committed step: all components take part, whatever their reach. */
 #define TL_ALL_DEPTHS UINT32_MAX
 
@@ -37,7 +35,9 @@ bool tl_exchange_save_executions(tl_exchange *exchange, tl_arena *arena, const t
         return true;
     }
     exchange->cached = tl_arena_take(arena, exchange->component_count, sizeof *exchange->cached);
-    bool placed = exchange->cached != NULL && tl_plant_save_executions(&exchange->plant, arena, prediction);
+    exchange->rooms = tl_arena_take(arena, exchange->component_count, sizeof *exchange->rooms);
+    bool placed = exchange->cached != NULL && exchange->rooms != NULL &&
+                  tl_plant_save_executions(&exchange->plant, arena, prediction);
     for (size_t i = 0; placed && i < exchange->component_count; i++) {
         placed = tl_cached_component_init(&exchange->cached[i], arena, &exchange->components[i], keep[i],
                                           exchange->step, prediction, capacity[i]);
@@ -45,9 +45,17 @@ bool tl_exchange_save_executions(tl_exchange *exchange, tl_arena *arena, const t
     return placed;
 }
 
-tl_status tl_exchange_start(tl_exchange *exchange, tl_error *error) {
+tl_status tl_exchange_start(tl_exchange *exchange, uint64_t bytes, size_t (*heap)(void), tl_error *error) {
+    size_t count = exchange->cached != NULL ? exchange->component_count : 0;
     tl_status status = TL_OK;
-    for (size_t i = 0; exchange->cached != NULL && i < exchange->component_count && status == TL_OK; i++) {
+    for (size_t i = 0; i < count && status == TL_OK; i++) {
+        tl_cached_component *cached = &exchange->cached[i];
+        exchange->rooms[i].most = cached->tree.capacity;
+        status = tl_cached_component_measure(cached, heap, &exchange->rooms[i].size, error);
+    }
+    tl_state_room_share(exchange->rooms, count, bytes);
+    for (size_t i = 0; i < count && status == TL_OK; i++) {
+        tl_cached_component_limit(&exchange->cached[i], exchange->rooms[i].kept);
         status = tl_cached_component_start(&exchange->cached[i], error);
     }
     return status;
@@ -88,6 +96,9 @@ static tl_status execute_all(tl_exchange *exchange, int64_t step, uint32_t depth
     tl_status status = tl_component_step_all(exchange->components, exchange->component_count, now, exchange->step_s,
                                              depth == TL_ALL_DEPTHS, &exchange->failed, error);
     exchange->executions += exchange->failed + 1;
+    if (status == TL_OK) {
+        tl_costs_ran_all(&exchange->costs);
+    }
     if (status == TL_OK && !are_finite(exchange->outputs, exchange->output_count)) {
         status = check_outputs(exchange, error);
     }
@@ -103,17 +114,14 @@ static tl_status advance(tl_exchange *exchange, size_t index, int64_t step, uint
     return tl_component_step(&exchange->components[index], now, exchange->step_s, depth == TL_ALL_DEPTHS, error);
 }
 
-/* Watched: what was executed, and under the clock what it cost. What was known says nothing about the cost. */
+/* Watched: what was executed. What was known says nothing about the cost. */
 tl_status tl_exchange_advance(tl_exchange *exchange, size_t component, int64_t step, uint32_t depth, tl_error *error) {
     uint64_t before = exchange->components[component].executions;
-    tl_time begun = exchange->now != NULL ? exchange->now(exchange->clock) : 0;
     tl_status status = advance(exchange, component, step, depth, error);
     uint64_t made = exchange->components[component].executions - before;
     exchange->executions += made;
-    if (exchange->now != NULL && made != 0) {
-        tl_time took = tl_duration(begun, exchange->now(exchange->clock));
-        exchange->spent += took;
-        exchange->cost[component] = tl_duration_expect(exchange->cost[component], took);
+    if (made != 0) {
+        tl_costs_ran(&exchange->costs, component);
     }
     return status;
 }
@@ -133,9 +141,11 @@ static tl_status walk_components(tl_exchange *exchange, int64_t step, uint32_t d
 
 /* One macro step of the components that take part at `depth`. */
 static tl_status step_components(tl_exchange *exchange, int64_t step, uint32_t depth, tl_error *error) {
-    tl_status status = exchange->whole || (depth == TL_ALL_DEPTHS && exchange->cached == NULL && exchange->now == NULL)
-                           ? execute_all(exchange, step, depth, error)
-                           : walk_components(exchange, step, depth, error);
+    const tl_costs *costs = &exchange->costs;
+    bool unsaved = depth == TL_ALL_DEPTHS && exchange->cached == NULL && costs->now == NULL;
+    bool in_one_go = (exchange->whole && !costs->closely) || unsaved;
+    tl_status status =
+        in_one_go ? execute_all(exchange, step, depth, error) : walk_components(exchange, step, depth, error);
     if (status != TL_OK) {
         return status;
     }
@@ -146,10 +156,15 @@ static tl_status step_components(tl_exchange *exchange, int64_t step, uint32_t d
     return TL_OK;
 }
 
-void tl_exchange_measure(tl_exchange *exchange, tl_time (*now)(void *clock), void *clock) {
-    exchange->now = now;
-    exchange->clock = clock;
-    exchange->whole = now == NULL && exchange->reach == NULL && exchange->cached == NULL;
+tl_time tl_exchange_cost(const tl_exchange *exchange, tl_time steps) {
+    tl_time sum = 0;
+    if (exchange->whole) {
+        return tl_cost_of(&exchange->costs.all, steps);
+    }
+    for (size_t k = 0; k < exchange->component_count; k++) {
+        sum += tl_cost_of(&exchange->costs.each[k], steps);
+    }
+    return sum;
 }
 
 tl_status tl_exchange_begin(tl_exchange *exchange, tl_error *error) {
@@ -175,14 +190,28 @@ tl_status tl_exchange_try(tl_exchange *exchange, int64_t step, uint32_t depth, t
     return step_components(exchange, step, depth, error);
 }
 
+static tl_status gather(tl_exchange *exchange, size_t component, int64_t step, tl_error *error) {
+    uint64_t before = exchange->components[component].executions;
+    tl_status status = tl_cached_component_gather(&exchange->cached[component], step, error);
+    uint64_t made = exchange->components[component].executions - before;
+    exchange->executions += made;
+    if (made != 0) {
+        tl_costs_ran(&exchange->costs, component);
+    }
+    exchange->failed = component;
+    return status;
+}
+
 tl_status tl_exchange_commit(tl_exchange *exchange, int64_t step, tl_error *error) {
     if (exchange->cached == NULL) {
         return step_components(exchange, step, TL_ALL_DEPTHS, error);
     }
-    for (size_t i = 0; i < exchange->component_count; i++) {
+    tl_status status = TL_OK;
+    for (size_t i = 0; i < exchange->component_count && status == TL_OK; i++) {
+        status = gather(exchange, i, step, error);
         tl_cached_component_make_room(&exchange->cached[i]);
     }
-    tl_status status = step_components(exchange, step, TL_ALL_DEPTHS, error);
+    status = status == TL_OK ? step_components(exchange, step, TL_ALL_DEPTHS, error) : status;
     for (size_t i = 0; i < exchange->component_count && status == TL_OK; i++) {
         tl_cached_component_commit(&exchange->cached[i]);
     }

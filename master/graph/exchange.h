@@ -19,9 +19,11 @@
 #include "master/base/arena.h"
 #include "master/base/status.h"
 #include "master/cache/cached_component.h"
+#include "master/graph/costs.h"
 #include "master/graph/graph.h"
 #include "master/graph/plant.h"
 #include "master/graph/snapshot.h"
+#include "master/graph/state_room.h"
 
 typedef struct tl_real_copy {
     fmi2Real *to;
@@ -44,20 +46,17 @@ typedef struct tl_exchange {
     double step_s;               /* the same, s */
     uint32_t *reach;             /* Γ_k of each component, the plant last; NULL: all take part in all steps */
     tl_cached_component *cached; /* one per component; NULL: everything is executed */
-    bool whole;                  /* nothing is saved, nothing is measured: all components execute in one go */
-    tl_time (*now)(void *clock); /* measures executions; NULL: nothing is measured */
-    void *clock;
-    uint64_t executions; /* of all components, the plant not counted */
-    tl_time spent;       /* ns of all measured executions */
-    size_t failed;       /* the component at which the last macro step failed */
-    tl_time
-        *cost; /* ns of one execution of each component, at most: the last, or an earlier one that was longer, fading */
-    unsigned char *values;   /* reals, then integers, then booleans, of all ports; then û of cut connections */
-    tl_snapshot home;        /* where candidates begin; of caches, its values only */
-    const fmi2Real *outputs; /* the Real outputs of all components lie together */
+    tl_state_room *rooms;        /* one per component, of its cache; filled by tl_exchange_start() */
+    bool whole;                  /* nothing is saved: all components execute in one go */
+    tl_costs costs;              /* what executions take */
+    uint64_t executions;         /* of all components, the plant not counted */
+    size_t failed;               /* the component at which the last macro step failed */
+    unsigned char *values;       /* reals, then integers, then booleans, of all ports; then û of cut connections */
+    tl_snapshot home;            /* where candidates begin; of caches, its values only */
+    const fmi2Real *outputs;     /* the Real outputs of all components lie together */
     size_t output_count;
     size_t values_size;
-    size_t real_count; /* of `values`, at its front */
+    size_t real_count;    /* of `values`, at its front */
     tl_real_copy *copies; /* unit conversion is the identity */
     size_t copy_count;
     tl_real_copy *conversions;
@@ -87,11 +86,13 @@ void tl_exchange_deliver(tl_exchange *exchange);
 bool tl_exchange_save_executions(tl_exchange *exchange, tl_arena *arena, const tl_keep *keep, uint32_t *reach,
                                  const uint32_t *capacity, uint32_t prediction);
 
-/* From now on executions are measured by this clock; NULL: they are not. */
-void tl_exchange_measure(tl_exchange *exchange, tl_time (*now)(void *clock), void *clock);
+/* What `steps` macro steps of everything take, ns. */
+tl_time tl_exchange_cost(const tl_exchange *exchange, tl_time steps);
 
-/* After initialisation: t_0 is the committed instant. Saves first states where there are caches. */
-tl_status tl_exchange_start(tl_exchange *exchange, tl_error *error);
+/* After initialisation: t_0 is the committed instant. Saves first states where there are caches; all their states together, as large as
+ * they are now, stay within `bytes` (0: there is no bound), but for the two that each component must have. `heap` as in
+ * tl_cached_component_measure(). */
+tl_status tl_exchange_start(tl_exchange *exchange, uint64_t bytes, size_t (*heap)(void), tl_error *error);
 
 /* The values and states as committed are where candidates begin. Once per step, before the first candidate. Saves all
  * states where there are no caches; else no FMU is called, and nothing can fail. */

@@ -140,13 +140,12 @@ static bool take_tables(tl_exchange *exchange, tl_arena *arena, const tl_graph *
     exchange->copies = tl_arena_take(arena, connections, sizeof *exchange->copies);
     exchange->conversions = tl_arena_take(arena, connections, sizeof *exchange->conversions);
     exchange->integer_copies = tl_arena_take(arena, connections, sizeof *exchange->integer_copies);
-    exchange->cost = tl_arena_take(arena, graph->component_count, sizeof *exchange->cost);
     layout->block = exchange->values;
     return exchange->values != NULL &&
            tl_snapshot_init(&exchange->home, arena, graph->components, graph->component_count, exchange->values,
                             exchange->values_size) &&
            exchange->copies != NULL && exchange->conversions != NULL && exchange->integer_copies != NULL &&
-           exchange->cost != NULL;
+           tl_costs_init(&exchange->costs, arena, graph->component_count);
 }
 
 tl_status tl_exchange_init(tl_exchange *exchange, tl_arena *arena, tl_graph *graph, size_t window, tl_error *error) {

@@ -31,6 +31,10 @@ void tl_attempt_begin(tl_attempt *attempt, tl_lock *lock, int64_t step, const tl
     attempt->limit = budget == NULL ? 0 : budget->evaluations;
     attempt->evaluations = 0;
     attempt->dirty = false;
+    attempt->back = TL_OK;
+    attempt->walked = false;
+    attempt->closing = false;
+    attempt->guessed = false;
     attempt->late = false;
     attempt->nominal_follows = false;
     attempt->stop = TL_STOP_NONE;
@@ -45,7 +49,6 @@ void tl_attempt_begin(tl_attempt *attempt, tl_lock *lock, int64_t step, const tl
     attempt->nominal_value = (double)NAN;
     attempt->fatal = TL_OK;
     attempt->error = error;
-    lock->overhead = tl_duration_fade(lock->overhead); /* also where it lets nothing be evaluated */
     read_nominal(lock, attempt->nominal);
     tl_horizon_hold(&lock->horizon, attempt->nominal, lock->memory.nominal);
     if (lock->solver->rest != NULL) {
@@ -66,45 +69,112 @@ void tl_attempt_set_inputs(const tl_lock *lock, const double *u, uint32_t depth)
 
 /* ---- time ---- */
 
-static tl_time elapsed(const tl_budget *budget) {
-    return tl_duration(budget->started, budget->now(budget->context));
+tl_status tl_attempt_go_back(tl_attempt *attempt) {
+    if (attempt->dirty) {
+        attempt->back = tl_track_rewind(attempt->lock->track, attempt->error);
+        attempt->dirty = false;
+    }
+    return attempt->back;
 }
 
-/* What must follow the present candidate: the committing step, and nominal's evaluation where it is to come. */
-static tl_time reserve(const tl_attempt *attempt) {
+/* What all the rest of a candidate will execute, from `depth` on. */
+static tl_time cost_from(const tl_lock *lock, uint32_t depth) {
+    const tl_exchange *exchange = lock->exchange;
+    return exchange->whole ? tl_exchange_cost(exchange, lock->horizon.prediction - depth)
+                           : tl_ledger_cost(&lock->ledger, exchange->costs.each, depth);
+}
+
+/* Nominal's candidate at most, where it is still to come, and the committed step, which is the first one of a candidate's. */
+static tl_time cost_of_rest(const tl_attempt *attempt) {
     const tl_lock *lock = attempt->lock;
     const tl_exchange *exchange = lock->exchange;
-    bool known = exchange->cached != NULL && attempt->nominal_follows; /* the first step of what is committed then */
-    tl_time sum = lock->overhead + (attempt->nominal_follows ? lock->overhead : 0);
+    tl_time horizon = attempt->nominal_follows ? (tl_time)lock->horizon.prediction : 0;
+    if (exchange->whole || horizon == 0) {
+        return tl_exchange_cost(exchange, horizon + 1);
+    }
+    tl_time sum = 0;
     for (size_t k = 0; k < exchange->component_count; k++) {
-        tl_time reach = (tl_time)(exchange->reach != NULL ? exchange->reach[k] : lock->horizon.prediction);
-        tl_time horizon = attempt->nominal_follows ? reach : 0;
-        sum += exchange->cost[k] * (known && horizon > 0 ? horizon : horizon + 1);
+        tl_time reach = exchange->reach != NULL ? (tl_time)exchange->reach[k] : horizon;
+        sum += tl_cost_of(&exchange->costs.each[k], exchange->cached != NULL && reach > 0 ? reach : reach + 1);
     }
     return sum;
 }
 
-/* Whether the candidate, from `depth` on, and what must follow fit into the time. Without a clock everything does. */
-static bool fits(tl_attempt *attempt, uint32_t depth) {
-    const tl_lock *lock = attempt->lock;
+/* What must follow the present candidate: the committing step, and nominal's evaluation where it is to come. */
+static tl_time reserve(const tl_attempt *attempt) {
+    const tl_lock_times *times = &attempt->lock->times;
+    tl_time nominal = attempt->nominal_follows ? times->asking.most + times->within.most : 0;
+    return times->committing.most + nominal + cost_of_rest(attempt);
+}
+
+/* Whether so much, and what must follow, fits into the time that is left since the clock was read. */
+static bool has_time(tl_attempt *attempt, tl_time wanted) {
     const tl_budget *budget = attempt->budget;
-    if (budget->now == NULL) {
-        return true;
-    }
-    tl_time cost = tl_ledger_cost(&lock->ledger, lock->exchange->cost, depth) + lock->overhead;
-    if (elapsed(budget) + cost + reserve(attempt) <= budget->time) {
+    tl_time elapsed = tl_duration(budget->started, attempt->lock->exchange->costs.read);
+    if (elapsed + wanted + reserve(attempt) <= budget->time) {
         return true;
     }
     attempt->stop = TL_STOP_TIME;
+    attempt->lock->times.refused = true;
     return false;
 }
 
-/* u is about to be evaluated: what is known of it, and whether nominal is still to come after it. */
-static void expect(tl_attempt *attempt, const double *u) {
+/* Whether the candidate, from `depth` on, and what must follow fit into the time. */
+static bool fits(tl_attempt *attempt, uint32_t depth) {
     const tl_lock *lock = attempt->lock;
-    tl_ledger_expect(&attempt->lock->ledger, u);
+    const tl_lock_times *times = &lock->times;
+    tl_time within = times->within.most > times->beside ? times->within.most - times->beside : 0;
+    return has_time(attempt, cost_from(lock, depth) + within + (attempt->closing ? 0 : times->thinking.most));
+}
+
+/* The part of the step at hand ends here; NULL: it is none that is predicted. */
+static void end_part(tl_attempt *attempt, tl_estimate *part) {
+    tl_lock *lock = attempt->lock;
+    tl_time took = lock->times.beside + tl_costs_lap(&lock->exchange->costs);
+    if (part != NULL) {
+        tl_estimate_took(part, took);
+    }
+    lock->times.beside = 0;
+}
+
+static void find_follower(tl_attempt *attempt, const double *u) {
+    const tl_lock *lock = attempt->lock;
     attempt->nominal_follows =
         isnan(attempt->nominal_value) && memcmp(u, lock->memory.nominal, lock->horizon.count * sizeof *u) != 0;
+}
+
+/* u is about to be evaluated, under the clock. */
+static bool is_in_time(tl_attempt *attempt, const double *u) {
+    tl_lock *lock = attempt->lock;
+    tl_lock_times *times = &lock->times;
+    tl_estimate *before = attempt->walked ? &times->thinking : NULL;
+    bool predicts = lock->ledger.saving.sequences;
+    if (predicts) {
+        end_part(attempt, before);
+        if (!has_time(attempt, times->asking.most)) {
+            return false;
+        }
+    }
+    tl_ledger_expect(&lock->ledger, u);
+    (void)tl_attempt_go_back(attempt);
+    end_part(attempt, predicts ? &times->asking : before);
+    return fits(attempt, 0);
+}
+
+bool tl_attempt_may_guess(tl_attempt *attempt) {
+    if (attempt->budget->now != NULL) {
+        end_part(attempt, NULL);
+        attempt->guessed = has_time(attempt, attempt->lock->times.guessing.most);
+    } else {
+        attempt->guessed = true;
+    }
+    return attempt->guessed;
+}
+
+void tl_attempt_has_guess(tl_attempt *attempt) {
+    if (attempt->budget->now != NULL) {
+        end_part(attempt, &attempt->lock->times.guessing);
+    }
 }
 
 /* Beyond the limit there may be room that was kept for nominal, which this is. */
@@ -119,18 +189,23 @@ bool tl_attempt_may_evaluate(tl_attempt *attempt, const double *u) {
         attempt->stop = attempt->budget->repeated ? TL_STOP_TIME : TL_STOP_EVALUATIONS;
         return false;
     }
-    if (attempt->budget->now == NULL) {
-        return true;
+    find_follower(attempt, u);
+    if (attempt->budget->now != NULL) {
+        return is_in_time(attempt, u);
     }
-    expect(attempt, u);
-    return fits(attempt, 0);
+    tl_ledger_expect(&attempt->lock->ledger, u);
+    return true;
 }
 
 /* ---- one candidate ---- */
 
 /* Whether a candidate that has been walked to `depth` had better be left. */
 static bool runs_late(tl_attempt *attempt, uint32_t depth) {
-    attempt->late = depth > 0 && !fits(attempt, depth);
+    if (depth == 0 || attempt->budget->now == NULL) {
+        return false;
+    }
+    attempt->lock->times.beside += tl_costs_lap(&attempt->lock->exchange->costs);
+    attempt->late = !fits(attempt, depth);
     return attempt->late;
 }
 
@@ -161,7 +236,7 @@ static tl_status walk(tl_attempt *attempt, const double *u, double *sum) {
 /* J of u, or HUGE_VAL where an FMU fails, a result is not finite, or time runs out. */
 static double simulate(tl_attempt *attempt, const double *u) {
     tl_lock *lock = attempt->lock;
-    tl_status status = attempt->dirty ? tl_track_rewind(lock->track, attempt->error) : TL_OK;
+    tl_status status = tl_attempt_go_back(attempt);
     attempt->dirty = true;
     double sum =
         tl_objective_penalise(&lock->objective, u, attempt->nominal, lock->memory.before, lock->memory.residuals);
@@ -172,15 +247,11 @@ static double simulate(tl_attempt *attempt, const double *u) {
     return status == TL_OK && !attempt->late && isfinite(sum) ? sum : HUGE_VAL;
 }
 
-/* The same under the clock: learns what an evaluation costs beside its executions. */
+/* The same under the clock: learns what an evaluation takes beside its executions. */
 static double simulate_measured(tl_attempt *attempt, const double *u) {
-    tl_lock *lock = attempt->lock;
-    const tl_budget *budget = attempt->budget;
-    tl_time before = budget->now(budget->context);
-    tl_time executing = lock->exchange->spent;
     double value = simulate(attempt, u);
-    tl_time beside = tl_duration(before, budget->now(budget->context)) - (lock->exchange->spent - executing);
-    lock->overhead = tl_duration_expect(lock->overhead, beside);
+    end_part(attempt, &attempt->lock->times.within);
+    attempt->walked = true;
     return value;
 }
 
@@ -200,7 +271,6 @@ static void keep_best(tl_attempt *attempt, const double *u, double value) {
 /* J of u, counted; HUGE_VAL also where it is late, which is not an evaluation: a repetition without a clock will not make
  * it either. Whoever asks about nominal, it is evaluated once. */
 static double evaluate(tl_attempt *attempt, const double *u) {
-    expect(attempt, u);
     bool nominal = isnan(attempt->nominal_value) && !attempt->nominal_follows;
     double value = attempt->budget->now == NULL ? simulate(attempt, u) : simulate_measured(attempt, u);
     if (attempt->late) {

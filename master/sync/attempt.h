@@ -22,6 +22,10 @@ typedef struct tl_attempt {
     uint32_t limit;       /* evaluations that may be used */
     uint32_t evaluations; /* used so far */
     bool dirty;           /* values and states are not those of t_i */
+    tl_status back;       /* how the way back to them went */
+    bool walked;          /* a candidate was; what follows it is the solver's thinking */
+    bool closing;         /* no question will follow the one at hand */
+    bool guessed;         /* the solver was asked for a guess */
     bool late;            /* a candidate was left because time ran out */
     bool nominal_follows; /* after the candidate at hand: time is kept for it */
     tl_stop stop;
@@ -45,10 +49,17 @@ void tl_attempt_begin(tl_attempt *attempt, tl_lock *lock, int64_t step, const tl
 /* Sets the adjusted inputs to a candidate's values at a depth. */
 void tl_attempt_set_inputs(const tl_lock *lock, const double *u, uint32_t depth);
 
+/* Whether there is time to ask the solver for a guess; else sets `stop`. And: it has answered. */
+bool tl_attempt_may_guess(tl_attempt *attempt);
+void tl_attempt_has_guess(tl_attempt *attempt);
+
 /* Whether an evaluation of u fits the budget, room for nominal's kept; else sets `stop`. */
 bool tl_attempt_may_evaluate(tl_attempt *attempt, const double *u);
 
-/* J of u: HUGE_VAL where an FMU fails on it or time ran out. Its residuals are in the lock's memory. Keeps the best. */
+/* Back to the committed instant, where values and states are not those already. */
+tl_status tl_attempt_go_back(tl_attempt *attempt);
+
+/* J of u, which may be evaluated: HUGE_VAL where an FMU fails on it or time ran out. Its residuals are in the lock's memory. Keeps the best. */
 double tl_attempt_evaluate(tl_attempt *attempt, const double *u);
 
 /* A solver's question: see tl_search. The context is a tl_attempt. */

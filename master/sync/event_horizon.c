@@ -367,31 +367,30 @@ static tl_status fail(tl_event_horizon *self, tl_status status, tl_record *recor
 
 /* Has this cycle room for one more macro step, and for leaving the candidate? A repetition takes as many executions. */
 static bool has_room(const tl_event_horizon *self, const tl_budget *budget, uint64_t begun) {
-    const tl_exchange *exchange = self->lock->exchange;
+    tl_exchange *exchange = self->lock->exchange;
     if (budget->repeated) {
         return exchange->executions + exchange->plant.executions - begun < budget->executions;
     }
     if (budget->now == NULL) {
         return true;
     }
-    tl_time cost = self->leaving + (self->stroke.loaded ? 0 : self->going);
-    for (size_t k = 0; k < exchange->component_count; k++) {
-        cost += exchange->cost[k];
-    }
-    return tl_duration(budget->started, budget->now(budget->context)) + cost <= budget->time;
+    (void)tl_costs_lap(&exchange->costs);
+    tl_time cost = self->leaving + (self->stroke.loaded ? 0 : self->going) + tl_exchange_cost(exchange, 1);
+    return tl_duration(budget->started, exchange->costs.read) + cost <= budget->time;
 }
 
-static tl_time read_clock(const tl_budget *budget) {
-    return budget->now != NULL ? budget->now(budget->context) : 0;
+/* ns since the clock was read last, beside executions; 0 without a clock. */
+static tl_time lap(const tl_event_horizon *self) {
+    tl_costs *costs = &self->lock->exchange->costs;
+    return costs->now != NULL ? tl_costs_lap(costs) : 0;
 }
 
 /* One macro step of the candidate, from where it was left. */
-static tl_status walk(tl_event_horizon *self, const tl_budget *budget, tl_record *record, tl_error *error) {
+static tl_status walk(tl_event_horizon *self, tl_record *record, tl_error *error) {
     tl_status status = TL_OK;
     if (!self->stroke.loaded) {
-        tl_time begun = read_clock(budget);
         status = tl_stroke_return(&self->stroke, error);
-        self->going = tl_duration_expect(self->going, tl_duration(begun, read_clock(budget)));
+        self->going = tl_duration_expect(self->going, lap(self));
     }
     return status == TL_OK ? fail(self, tl_stroke_walk(&self->stroke, error), record) : status;
 }
@@ -409,7 +408,7 @@ static tl_status spend(tl_event_horizon *self, const tl_budget *budget, uint64_t
         } else if (!self->stroke.walking) {
             status = proceed(self, record, error);
         } else {
-            status = walk(self, budget, record, error);
+            status = walk(self, record, error);
         }
     }
     return status;
@@ -419,7 +418,6 @@ static tl_status spend(tl_event_horizon *self, const tl_budget *budget, uint64_t
 static tl_status search(tl_event_horizon *self, const tl_budget *budget, uint64_t begun, tl_record *record,
                         tl_error *error) {
     tl_status status = spend(self, budget, begun, record, error);
-    tl_time left = read_clock(budget);
     if (status != TL_OK) {
         return status;
     }
@@ -428,8 +426,9 @@ static tl_status search(tl_event_horizon *self, const tl_budget *budget, uint64_
         self->leaving = tl_duration_fade(self->leaving);
         return TL_OK;
     }
+    (void)lap(self);
     status = tl_stroke_leave(&self->stroke, error);
-    self->leaving = tl_duration_expect(self->leaving, tl_duration(left, read_clock(budget)));
+    self->leaving = tl_duration_expect(self->leaving, lap(self));
     return status;
 }
 
@@ -493,8 +492,9 @@ tl_status tl_event_horizon_step(tl_event_horizon *self, int64_t step, const tl_b
     tl_exchange *exchange = self->lock->exchange;
     uint64_t begun = exchange->executions + exchange->plant.executions;
     begin_record(self, step, record);
-    tl_exchange_measure(exchange, budget == NULL ? NULL : budget->now, budget == NULL ? NULL : budget->context);
+    tl_costs_begin(&exchange->costs, budget == NULL ? NULL : budget->now, budget == NULL ? NULL : budget->context);
     tl_status status = step_live(self, step, record, error);
+    (void)lap(self);
     status = status == TL_OK ? follow_plant(self, step + 1, record, error) : status;
     if (status == TL_OK && budget != NULL) {
         status = search(self, budget, begun, record, error);

@@ -44,11 +44,14 @@ static size_t slot_of(const tl_ledger *ledger, size_t index) {
     return (ledger->oldest + index) % ledger->capacity;
 }
 
-/* u of the present course of things at an absolute step: committed before i, the candidate's from i on. */
-static double present_value(const tl_ledger *ledger, int64_t step, size_t variable) {
+/* u at an absolute step, of what was committed; and of the candidate at hand, from i on. */
+static const double *committed_value(const tl_ledger *ledger, int64_t step, size_t variable) {
     const tl_horizon *horizon = ledger->horizon;
-    return step < ledger->step ? ledger->committed[(size_t)(step % horizon->prediction) * horizon->variables + variable]
-                               : ledger->current[(size_t)(step - ledger->step) * horizon->variables + variable];
+    return &ledger->committed[(size_t)(step % horizon->prediction) * horizon->variables + variable];
+}
+
+static const double *candidate_value(const tl_ledger *ledger, int64_t step, size_t variable) {
+    return &ledger->current[(size_t)(step - ledger->step) * ledger->horizon->variables + variable];
 }
 
 /* Steps of an entry and of the candidate that can be compared: up to `length` of the candidate. */
@@ -58,16 +61,39 @@ static int64_t last_compared(const tl_ledger *ledger, const tl_ledger_entry *ent
     return end < present ? end : present;
 }
 
-/* The first absolute step at which a variable's u differs. */
-static int64_t variable_differs(const tl_ledger *ledger, size_t slot, size_t variable, uint32_t length) {
+/* u of an entry at an absolute step. */
+static const double *entry_value(const tl_ledger *ledger, size_t slot, int64_t step, size_t variable) {
     const tl_horizon *horizon = ledger->horizon;
-    const tl_ledger_entry *entry = &ledger->entries[slot];
     const double *sequence = &ledger->sequences[slot * horizon->prediction * horizon->variables];
+    return &sequence[(size_t)(step - ledger->entries[slot].first) * horizon->variables + variable];
+}
+
+/* Holds an entry against what was committed since it was held against that the last time: that does not change any more. */
+static void compare_with_committed(const tl_ledger *ledger, size_t slot) {
+    tl_ledger_entry *entry = &ledger->entries[slot];
+    int64_t end = entry->first + ledger->horizon->prediction;
+    for (; entry->compared < end && entry->compared < ledger->step; entry->compared++) {
+        for (size_t v = 0; v < ledger->horizon->variables; v++) {
+            const double *was = entry_value(ledger, slot, entry->compared, v);
+            if (entry->parted[v] == FOREVER &&
+                memcmp(was, committed_value(ledger, entry->compared, v), sizeof *was) != 0) {
+                entry->parted[v] = entry->compared;
+            }
+        }
+    }
+}
+
+/* The first absolute step at which a variable's u differs from that of the present course of things: what was committed before i, the
+ * candidate's from i on. */
+static int64_t variable_differs(const tl_ledger *ledger, size_t slot, size_t variable, uint32_t length) {
+    const tl_ledger_entry *entry = &ledger->entries[slot];
     int64_t end = last_compared(ledger, entry, length);
-    for (int64_t step = entry->first; step < end; step++) {
-        double was = sequence[(size_t)(step - entry->first) * horizon->variables + variable];
-        double is = present_value(ledger, step, variable);
-        if (memcmp(&was, &is, sizeof is) != 0) {
+    if (entry->parted[variable] != FOREVER) {
+        return entry->parted[variable];
+    }
+    for (int64_t step = ledger->step; step < end; step++) {
+        const double *was = entry_value(ledger, slot, step, variable);
+        if (memcmp(was, candidate_value(ledger, step, variable), sizeof *was) != 0) {
             return step;
         }
     }
@@ -103,10 +129,13 @@ static int64_t signal_differs(const tl_ledger *ledger, const tl_ledger_entry *en
     return FOREVER;
 }
 
-/* The first absolute step at which the plant delivered a sample of another number. */
+/* The first absolute step at which the plant delivered a sample of another number. Of those that were there then, it delivers the same
+ * ones; but in mode ahead, where what was committed knew fewer. */
 static int64_t plant_differs(const tl_ledger *ledger, const tl_ledger_entry *entry, uint32_t length) {
     int64_t end = last_compared(ledger, entry, length);
-    for (int64_t step = entry->first; step < end; step++) {
+    int64_t stood_for = entry->newest - ledger->plant->shift;
+    int64_t first = !ledger->ahead && stood_for > entry->first ? stood_for : entry->first;
+    for (int64_t step = first; step < end; step++) {
         if (tl_plant_shown(ledger->plant, step + 1, entry->newest) != present_sample(ledger, step, 1)) {
             return step;
         }
@@ -125,6 +154,7 @@ static void agree_until(int64_t *until, int64_t differs, const uint32_t *ways, s
 
 /* The steps at which the variables differ. */
 static void find_differences(const tl_ledger *ledger, size_t slot, uint32_t length) {
+    compare_with_committed(ledger, slot);
     for (size_t v = 0; v < ledger->horizon->variables; v++) {
         ledger->entries[slot].differs[v] = variable_differs(ledger, slot, v, length);
     }
@@ -199,12 +229,12 @@ static uint32_t reach_of(const tl_ledger *ledger, size_t node) {
     return ledger->saving.structure ? ledger->horizon->reach[node] : ledger->horizon->prediction;
 }
 
-tl_time tl_ledger_cost(const tl_ledger *ledger, const tl_time *cost, uint32_t depth) {
+tl_time tl_ledger_cost(const tl_ledger *ledger, const tl_cost *cost, uint32_t depth) {
     tl_time sum = 0;
     for (size_t k = 0; k + 1 < ledger->horizon->nodes; k++) {
         uint32_t from = ledger->known[k] > depth ? ledger->known[k] : depth;
         uint32_t reach = reach_of(ledger, k);
-        sum += reach > from ? (tl_time)(reach - from) * cost[k] : 0;
+        sum += reach > from ? tl_cost_of(&cost[k], reach - from) : 0;
     }
     return sum;
 }
@@ -230,8 +260,15 @@ static void remember(tl_ledger *ledger, uint32_t depth, size_t partial) {
     }
     size_t slot = slot_of(ledger, ledger->count++);
     size_t sequence = (size_t)horizon->prediction * horizon->variables;
-    ledger->entries[slot] =
-        (tl_ledger_entry){.first = ledger->step, .newest = ledger->plant->newest, .depth = depth, .partial = partial};
+    tl_ledger_entry *entry = &ledger->entries[slot];
+    *entry = (tl_ledger_entry){.first = ledger->step,
+                               .newest = ledger->plant->newest,
+                               .depth = depth,
+                               .partial = partial,
+                               .compared = ledger->step};
+    for (size_t v = 0; v < horizon->variables; v++) {
+        entry->parted[v] = FOREVER;
+    }
     memcpy(&ledger->sequences[slot * sequence], ledger->current, sequence * sizeof *ledger->current);
 }
 
@@ -270,28 +307,42 @@ static void settle(tl_ledger *ledger, size_t slot) {
     }
 }
 
-/* After a commit: candidates that have ended say nothing any more, those that are settled all they ever will. */
+/* A candidate that has ended says nothing any more, one that is settled all it ever will. */
+static bool is_done(tl_ledger *ledger, size_t slot) {
+    const tl_ledger_entry *entry = &ledger->entries[slot];
+    if (entry->first + (int64_t)ledger->horizon->prediction <= ledger->step) {
+        return true;
+    }
+    find_differences(ledger, slot, 0);
+    bool settled = is_settled(ledger, entry);
+    if (settled) {
+        settle(ledger, slot);
+    }
+    return settled;
+}
+
+static void move_entry(tl_ledger *ledger, size_t to, size_t from) {
+    size_t sequence = (size_t)ledger->horizon->prediction * ledger->horizon->variables;
+    ledger->entries[to] = ledger->entries[from];
+    memcpy(&ledger->sequences[to * sequence], &ledger->sequences[from * sequence],
+           sequence * sizeof *ledger->sequences);
+}
+
+/* After a commit. It is the oldest that mostly go, so that the others need not be moved. */
 static void tidy(tl_ledger *ledger) {
-    const tl_horizon *horizon = ledger->horizon;
-    size_t sequence = (size_t)horizon->prediction * horizon->variables;
-    size_t kept = 0;
-    for (size_t i = 0; i < ledger->count; i++) {
+    while (ledger->count != 0 && is_done(ledger, ledger->oldest)) {
+        ledger->oldest = (ledger->oldest + 1) % ledger->capacity;
+        ledger->count--;
+    }
+    size_t kept = ledger->count != 0 ? 1 : 0;
+    for (size_t i = 1; i < ledger->count; i++) {
         size_t from = slot_of(ledger, i);
-        size_t to = slot_of(ledger, kept);
-        if (ledger->entries[from].first + (int64_t)horizon->prediction <= ledger->step) {
-            continue;
+        if (!is_done(ledger, from)) {
+            size_t to = slot_of(ledger, kept++);
+            if (to != from) {
+                move_entry(ledger, to, from);
+            }
         }
-        find_differences(ledger, from, 0);
-        if (is_settled(ledger, &ledger->entries[from])) {
-            settle(ledger, from);
-            continue;
-        }
-        if (from != to) {
-            ledger->entries[to] = ledger->entries[from];
-            memcpy(&ledger->sequences[to * sequence], &ledger->sequences[from * sequence],
-                   sequence * sizeof *ledger->sequences);
-        }
-        kept++;
     }
     ledger->count = kept;
 }

@@ -21,6 +21,7 @@
 
 #include "master/base/arena.h"
 #include "master/base/simtime.h"
+#include "master/graph/costs.h"
 #include "master/graph/plant.h"
 #include "master/plan.h"
 #include "master/sync/horizon.h"
@@ -31,6 +32,8 @@ typedef struct tl_ledger_entry {
     int64_t newest;                 /* sample that was the plant's newest then */
     uint32_t depth;                 /* macro steps it completed */
     size_t partial;                 /* components before this one took one more */
+    int64_t compared;               /* step up to which it has been held against what was committed, */
+    int64_t parted[TL_MAX_ADJUST];  /* and the first one of these at which each variable differs */
     int64_t differs[TL_MAX_ADJUST]; /* scratch: first step at which each variable differs from the candidate at hand */
 } tl_ledger_entry;
 
@@ -65,7 +68,7 @@ bool tl_ledger_init(tl_ledger *ledger, tl_arena *arena, const tl_horizon *horizo
 void tl_ledger_expect(tl_ledger *ledger, const double *u);
 
 /* Expected cost of the candidate from `depth` on, ns, from that of one execution of each component. */
-tl_time tl_ledger_cost(const tl_ledger *ledger, const tl_time *cost, uint32_t depth);
+tl_time tl_ledger_cost(const tl_ledger *ledger, const tl_cost *cost, uint32_t depth);
 
 /* The candidate has been walked for `depth` whole steps, and where one failed in the next step, up to that component;
  * SIZE_MAX: none did. */

@@ -124,11 +124,11 @@ static bool is_nominal(const tl_lock *lock, const double *u) {
 }
 
 /* The solver's own guess, from where the outputs seem to go if u goes on. */
-static bool guess_by_solver(const tl_attempt *attempt) {
+static bool guess_by_solver(tl_attempt *attempt) {
     const tl_lock *lock = attempt->lock;
     const tl_lock_memory *memory = &lock->memory;
     int needed = tl_objective_samples(&lock->objective) > 1 ? 1 : 2;
-    if (lock->solver->guess == NULL || lock->courses < needed || lock->was_blind) {
+    if (lock->solver->guess == NULL || lock->courses < needed || lock->was_blind || !tl_attempt_may_guess(attempt)) {
         return false;
     }
     memcpy(memory->start, memory->committed, size_of_sequence(lock));
@@ -138,7 +138,9 @@ static bool guess_by_solver(const tl_attempt *attempt) {
     (void)tl_objective_penalise(&lock->objective, memory->start, attempt->nominal, memory->before, memory->forecast);
     tl_objective_noise(&lock->objective, memory->noise);
     const tl_forecast forecast = {memory->start, memory->forecast, memory->noise, memory->free, memory->nominal};
-    return lock->solver->guess(lock->optimiser, &forecast, memory->guess);
+    bool guessed = lock->solver->guess(lock->optimiser, &forecast, memory->guess);
+    tl_attempt_has_guess(attempt);
+    return guessed;
 }
 
 /* A u that is held as long as it is within tolerance is never asked whether it is still needed, and over an hour an integrator
@@ -151,7 +153,7 @@ static bool is_time_for_nominal(const tl_attempt *attempt) {
 /* What is evaluated first: by the solver, or nominal at T_P = T_D; else, and for Booleans, what was committed last, so
  * that horizons overlap, but for every tenth step. A budget of one evaluation is the nominal's, but in a repetition, which guesses as was guessed
  * then. True where the solver made it. */
-static bool first_guess(const tl_attempt *attempt) {
+static bool first_guess(tl_attempt *attempt) {
     const tl_lock *lock = attempt->lock;
     double *guess = lock->memory.guess;
     memcpy(guess, lock->memory.nominal, size_of_sequence(lock));
@@ -272,6 +274,7 @@ static void evaluate_nominal(tl_attempt *attempt) {
  * nominal is not committed. */
 static tl_outcome defend_nominal(tl_attempt *attempt) {
     tl_stop stop = attempt->stop;
+    attempt->closing = true;
     evaluate_nominal(attempt);
     attempt->stop = stop;
     bool better = attempt->best_value <= (1.0 - attempt->lock->margin) * attempt->nominal_value &&
@@ -353,6 +356,9 @@ static tl_outcome find(tl_attempt *attempt) {
     tl_lock *lock = attempt->lock;
     double *guess = lock->memory.guess;
     bool by_solver = first_guess(attempt);
+    if (attempt->stop == TL_STOP_TIME) {
+        return TL_NOMINAL; /* there was none for a guess */
+    }
     if (!is_nominal(lock, guess) && !attempt->budget->without_nominal && attempt->limit > 0) {
         attempt->limit--; /* kept for the nominal */
     }
@@ -383,17 +389,27 @@ static void record_outputs(const tl_lock *lock, tl_record *record) {
     }
 }
 
+/* Under a clock: what has passed is committing's, unless it was an execution's. */
+static void take_time(tl_lock *lock) {
+    if (lock->exchange->costs.now != NULL) {
+        lock->times.beside += tl_costs_lap(&lock->exchange->costs);
+    }
+}
+
 /* Executes step i with u and records it. */
 static tl_status commit(tl_attempt *attempt, const double *u, tl_record *record) {
     tl_lock *lock = attempt->lock;
     const tl_horizon *horizon = &lock->horizon;
-    tl_status status = attempt->dirty ? tl_track_rewind(lock->track, attempt->error) : TL_OK;
+    tl_status status = tl_attempt_go_back(attempt);
     if (status != TL_OK) {
         return status;
     }
     attempt->dirty = true;
     tl_attempt_set_inputs(lock, u, 0);
+    take_time(lock);
+    tl_costs_commit(&lock->exchange->costs);
     status = tl_exchange_commit(lock->exchange, attempt->step, attempt->error);
+    take_time(lock);
     if (status != TL_OK) {
         return status;
     }
@@ -495,6 +511,35 @@ static tl_status step_free(tl_lock *lock, int64_t step, tl_outcome outcome, tl_r
     return status;
 }
 
+static void begin_time(tl_lock *lock, const tl_budget *budget) {
+    tl_lock_times *times = &lock->times;
+    tl_estimate *const parts[] = {&times->guessing, &times->asking, &times->within, &times->thinking,
+                                  &times->committing};
+    for (size_t i = 0; i < sizeof parts / sizeof parts[0]; i++) {
+        if (times->refused) {
+            tl_estimate_rest(parts[i]);
+        }
+        parts[i]->tried = false;
+    }
+    if (times->refused) {
+        tl_costs_rest(&lock->exchange->costs);
+    }
+    times->refused = false;
+    times->beside = 0;
+    tl_costs_begin(&lock->exchange->costs, budget == NULL ? NULL : budget->now,
+                   budget == NULL ? NULL : budget->context);
+}
+
+tl_time tl_lock_end_step(tl_lock *lock, const tl_budget *budget) {
+    tl_costs *costs = &lock->exchange->costs;
+    if (costs->now == NULL) {
+        return budget->now(budget->context) - budget->started; /* nothing is searched */
+    }
+    take_time(lock);
+    tl_estimate_took(&lock->times.committing, lock->times.beside);
+    return costs->read - budget->started;
+}
+
 /* Begins the step; then û is known. */
 static tl_status begin(tl_attempt *attempt, tl_lock *lock, int64_t step, const tl_budget *budget, tl_record *record,
                        tl_error *error) {
@@ -505,7 +550,7 @@ static tl_status begin(tl_attempt *attempt, tl_lock *lock, int64_t step, const t
     if (!lock->has_last) {
         memcpy(lock->memory.before, attempt->nominal, lock->horizon.variables * sizeof *record->u_hat);
     }
-    tl_exchange_measure(lock->exchange, budget == NULL ? NULL : budget->now, budget == NULL ? NULL : budget->context);
+    begin_time(lock, budget);
     return tl_track_begin(lock->track, error);
 }
 
@@ -541,6 +586,9 @@ tl_status tl_lock_step(tl_lock *lock, int64_t step, const tl_budget *budget, tl_
         return commit_found(&attempt, lock->memory.nominal, record);
     }
     record->outcome = find(&attempt);
+    if (attempt.guessed && attempt.evaluations == 0) {
+        lock->solver->retract(lock->optimiser);
+    }
     if (attempt.fatal != TL_OK) {
         return attempt.fatal;
     }

@@ -2,9 +2,10 @@
  *
  * Purpose: finds the u of step i within a budget and commits the step with it; never worse than nominal, never later
  *          than the budget, never nothing.
- * Time:    what a candidate will cost is known before it is begun, from the executions the ledger expects and the time
- *          each component's executions have taken; room is kept for the committing step, and for nominal's evaluation
- *          where that is to come. A candidate that turns out slower is left between two macro steps.
+ * Time:    what a candidate will cost is known before it is begun, from the executions the ledger expects, the time that
+ *          executions have taken, and all that is done beside them; room is kept for the solver's thinking after it, for the
+ *          committing step, and for nominal's evaluation where that is to come. A candidate that turns out slower is left between
+ *          two macro steps. The clock is read once for each macro step, once or twice for each question, and a few times a step.
  * Thread:  the twin's. Memory: the arena, at start-up.
  */
 #ifndef TL_MASTER_SYNC_LOCK_H
@@ -14,6 +15,7 @@
 #include <stdint.h>
 
 #include "master/base/archive.h"
+#include "master/base/estimate.h"
 #include "master/graph/exchange.h"
 #include "master/graph/track.h"
 #include "master/sync/horizon.h"
@@ -21,6 +23,17 @@
 #include "master/sync/objective.h"
 #include "master/sync/optimiser.h"
 #include "master/sync/record.h"
+
+/* What the parts of a step take beside executions. Under a clock, all of a search is one of these or an execution. */
+typedef struct tl_lock_times {
+    tl_estimate guessing; /* the solver, before a step's first question */
+    tl_estimate asking;   /* by sequences: a question, up to where its candidate may begin: the ledger, the way back */
+    tl_estimate within;   /* an evaluation */
+    tl_estimate thinking; /* from there to the next question: the solver; and the way back, where nothing is asking */
+    tl_estimate committing; /* from the last of these to the end of the step */
+    tl_time beside;         /* ns of the one at hand, so far */
+    bool refused;           /* there was no time for something in the step */
+} tl_lock_times;
 
 /* One adjusted variable: where u is set and where û is delivered, as its type says. */
 typedef struct tl_adjusted {
@@ -78,7 +91,7 @@ typedef struct tl_lock {
     bool held_inputs; /* mode ahead: what the plant feeds was stood for when the step before was computed */
     bool was_blind;   /* nothing was identifiable in the step before */
     bool met;         /* the solver has been let search though all was within tolerance: once is enough */
-    tl_time overhead; /* ns of an evaluation beside its executions, at most, fading */
+    tl_lock_times times;
 } tl_lock;
 
 /* Creates the solvers and takes what the lock needs. Set before: exchange, objective (but what its init fills), horizon,
@@ -89,6 +102,9 @@ void tl_lock_end(tl_lock *lock);
 
 /* Finds and commits step i. Fills the record but y_hat and `used`. */
 tl_status tl_lock_step(tl_lock *lock, int64_t step, const tl_budget *budget, tl_record *record, tl_error *error);
+
+/* The step's record is made: ns since the budget was begun. There must be a clock. */
+tl_time tl_lock_end_step(tl_lock *lock, const tl_budget *budget);
 
 /* Commits step i with nominal and the Δu committed last, without a search. */
 tl_status tl_lock_make_up(tl_lock *lock, int64_t step, tl_record *record, tl_error *error);

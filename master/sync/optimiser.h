@@ -68,6 +68,9 @@ typedef struct tl_optimiser_class {
     /* A first guess that is better than nominal, from a forecast and from what the solver remembers of earlier searches;
      * false: it has none yet. NULL: it never has. */
     bool (*guess)(tl_optimiser *optimiser, const tl_forecast *forecast, double *u);
+    /* Takes the last guess back, because nothing was evaluated in its step: as if it had not been asked for. There must have been one.
+     * NULL where `guess` is. */
+    void (*retract)(tl_optimiser *optimiser);
     tl_search_end (*minimise)(tl_optimiser *optimiser, const tl_search *search);
     /* Has it nothing yet to make guesses from? Then it is let search once, though all is within tolerance, until it has.
      * NULL: it never guesses. */

@@ -74,6 +74,7 @@ struct tl_optimiser {
     double *expected; /* residuals after the moves that are fixed; then what the move changes */
     double *further;  /* what going on from the move to nominal changes */
     double *lean;     /* slow mean of u − nominal, in steps */
+    double *leaned;   /* what it was before the last guess */
     double value;     /* J at point */
     double promised;  /* J at the guess, where trial is one; else NaN */
     const tl_search *search;
@@ -98,9 +99,10 @@ static tl_optimiser *create(tl_arena *arena, const tl_optimiser_space *space) {
     self->expected = tl_arena_take(arena, self->residuals, sizeof *self->expected);
     self->further = tl_arena_take(arena, self->residuals, sizeof *self->further);
     self->lean = tl_arena_take(arena, self->unknowns, sizeof *self->lean);
+    self->leaned = tl_arena_take(arena, self->unknowns, sizeof *self->leaned);
     bool taken = self->slope != NULL && self->normal != NULL && self->move != NULL && self->fixed != NULL &&
                  self->point != NULL && self->trial != NULL && self->r != NULL && self->expected != NULL &&
-                 self->further != NULL && self->lean != NULL;
+                 self->further != NULL && self->lean != NULL && self->leaned != NULL;
     return taken ? self : NULL;
 }
 
@@ -607,6 +609,7 @@ static double squares(const tl_optimiser *self, const double *r) {
 
 /* A u that is to be held stays as long as it will do. */
 static bool guess(tl_optimiser *self, const tl_forecast *forecast, double *u) {
+    memcpy(self->leaned, self->lean, self->unknowns * sizeof *self->lean);
     if (!self->has_slope) {
         return false;
     }
@@ -626,6 +629,12 @@ static bool guess(tl_optimiser *self, const tl_forecast *forecast, double *u) {
     return true;
 }
 
+static void retract(tl_optimiser *self) {
+    memcpy(self->lean, self->leaned, self->unknowns * sizeof *self->lean);
+    memcpy(self->trial, self->point, self->unknowns * sizeof *self->point);
+    self->promised = (double)NAN;
+}
+
 static bool is_new(const tl_optimiser *self) {
     return !self->has_slope;
 }
@@ -634,6 +643,7 @@ const tl_optimiser_class tl_secant = {
     .name = "secant",
     .create = create,
     .guess = guess,
+    .retract = retract,
     .minimise = minimise,
     .is_new = is_new,
     .destroy = destroy,

@@ -1,7 +1,7 @@
 /* Benchmark: what the twin costs beyond the FMUs' own work. README.md says what is measured and how to read it.
  *
  * usage: bench FOLDER                                        the table; FOLDER holds lag.fmu and van_der_pol.fmu
- *        bench FOLDER --cases                                the cases' names
+ *        bench FOLDER --cases                                the names of the cases that can be counted
  *        bench FOLDER --count CASE SIDE STEPS EVALUATIONS    one side (floor, twin) of one case, for callgrind
  *
  * Floor and twin take turns in one process, in blocks of at least 10 ms; the fastest block of many counts. What is read is
@@ -21,7 +21,7 @@ enum { ROUNDS = 40, MOST_STEPS = 1 << 20, BUDGET = 20, SMALL_BUDGET = 2 };
 
 static const double SHORTEST_BLOCK = 10e6; /* ns */
 
-typedef enum bench_kind { FREE, LOCKED, CHAIN } bench_kind;
+typedef enum bench_kind { FREE, LOCKED, CHAIN, LIVE } bench_kind;
 
 typedef struct bench_case {
     const char *name;
@@ -55,6 +55,9 @@ static const bench_case cases[] = {
     {"chain/lag/32", CHAIN, "lag", 32, "nelder-mead", 0.0},
     {"chain/van_der_pol/2", CHAIN, "van_der_pol", 2, "nelder-mead", 0.0},
     {"chain/van_der_pol/4", CHAIN, "van_der_pol", 4, "nelder-mead", 0.0},
+    {"live/lag/32", LIVE, "lag", 32, "nelder-mead", 2.5},
+    {"live/lag/2", LIVE, "lag", 2, "secant", 0.0},
+    {"live/van_der_pol/2", LIVE, "van_der_pol", 2, "secant", 0.0},
 };
 
 enum { CASES = sizeof cases / sizeof cases[0] };
@@ -274,6 +277,41 @@ static void bench_growth(const bench_case *c, const tl_fmu *fmu) {
     bench_twin_close(&twins[1]);
 }
 
+/* ns of an execution of one twin, per component step of the floor's that was timed just before. */
+static double floors_of(bench_twin *twin, int64_t steps, double floor) {
+    uint64_t before = bench_twin_executions(twin);
+    double took = time_twin(twin, steps, NULL);
+    return took / (double)(bench_twin_executions(twin) - before) / floor;
+}
+
+/* The same search without a clock and with one. Nothing is saved, so that nothing but the clock differs. */
+static void bench_live(const bench_case *c, const tl_fmu *fmu) {
+    bench_twin twins[2];
+    double floors[2][ROUNDS];
+    bench_chain chain;
+    for (size_t i = 0; i < 2; i++) {
+        bench_setup setup = setup_of(c, fmu, BUDGET);
+        setup.live = i == 1;
+        if (!bench_twin_open(&twins[i], &setup)) {
+            bench_fail(c->name, "the master has no such solver");
+        }
+    }
+    bench_chain_open(&chain, fmu, c->count);
+    int64_t steps = block_of_twin(&twins[0]);
+    int64_t floor_steps = block_of_floor(&chain, FREE);
+    for (int round = 0; round < ROUNDS; round++) {
+        double floor = time_floor(&chain, FREE, floor_steps) / (double)floor_steps / (double)c->count;
+        for (size_t i = 0; i < 2; i++) {
+            floors[i][round] = floors_of(&twins[i], steps, floor);
+        }
+    }
+    (void)printf("%-32s %13.2f %9.2f", c->name, median(floors[0]), median(floors[1]));
+    print_limit(c->most);
+    bench_chain_close(&chain);
+    bench_twin_close(&twins[0]);
+    bench_twin_close(&twins[1]);
+}
+
 /* The absolute figure that ratios refer to. */
 static void print_floor(const tl_fmu *fmu, const char *model) {
     bench_chain chain;
@@ -305,8 +343,11 @@ static void print_table(const char *folder) {
         "                                 evaluations     floor      twin   ratio    of 20",
         "One more evaluation of a chain of 2 ... 32, T_P = T_D, saved by structure and by sequences\n"
         "                                  executions   ns each    floors   further",
+        "A search in time: T_P = T_D, nothing saved; floors of a free step for each execution\n"
+        "                                without clock      with",
     };
-    static void (*const benches[])(const bench_case *, const tl_fmu *) = {bench_free, bench_locked, bench_growth};
+    static void (*const benches[])(const bench_case *, const tl_fmu *) = {bench_free, bench_locked, bench_growth,
+                                                                          bench_live};
     static const char *const models[] = {"lag", "van_der_pol"};
     tl_fmu fmus[2];
     pin();
@@ -375,7 +416,9 @@ int main(int argc, char **argv) {
     }
     if (argc == 3 && strcmp(argv[2], "--cases") == 0) {
         for (size_t i = 0; i < CASES; i++) {
-            (void)printf("%s\n", cases[i].name);
+            if (cases[i].kind != LIVE) { /* a clock is no matter of instructions */
+                (void)printf("%s\n", cases[i].name);
+            }
         }
         return 0;
     }

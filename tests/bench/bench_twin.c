@@ -4,6 +4,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <time.h>
 
 enum { NAME_SIZE = 16, WARM_UP_TICKS = 2 * BENCH_LONGEST };
 
@@ -92,6 +93,14 @@ static void take_problem(void *context, tl_status status, const char *where, con
     draft->unknown_solver = true;
 }
 
+/* The cycle's clock. */
+static tl_time read_clock(void *context) {
+    (void)context;
+    struct timespec now;
+    (void)clock_gettime(CLOCK_MONOTONIC, &now);
+    return (tl_time)now.tv_sec * TL_SECOND + now.tv_nsec;
+}
+
 bool bench_twin_open(bench_twin *twin, const bench_setup *setup) {
     bench_draft draft;
     tl_report report = {.add = take_problem, .context = &draft};
@@ -100,6 +109,9 @@ bool bench_twin_open(bench_twin *twin, const bench_setup *setup) {
     twin->locked = setup->solver != NULL;
     twin->count = setup->count;
     twin->budget.evaluations = setup->evaluations;
+    twin->live = setup->live;
+    twin->budget.now = setup->live ? read_clock : NULL;
+    twin->budget.time = TL_SECOND;
     twin->twin = tl_twin_build(&draft.plan, &report);
     if (twin->twin == NULL) {
         return false;
@@ -144,6 +156,7 @@ void bench_twin_run(bench_twin *twin, int64_t ticks, uint32_t *evaluations) {
         tl_error error;
         bool ready = false;
         twin->sample.values[0] = twin->signal[i];
+        twin->budget.started = twin->live ? read_clock(NULL) : 0;
         if (tl_twin_step(twin->twin, &twin->sample, &twin->budget, &record, &ready, &error) != TL_OK) {
             bench_fail("the twin", error.text);
         }

@@ -22,10 +22,12 @@ typedef struct bench_setup {
     const char *solver;   /* NULL: free */
     uint32_t evaluations; /* budget of a step */
     bool saving;          /* by structure and by sequences */
+    bool live;            /* the budget has a clock, as in the cycle, and time enough */
 } bench_setup;
 
 typedef struct bench_twin {
     bool locked;
+    bool live;
     size_t count;
     tl_twin *twin;
     tl_sample sample; /* of the next tick */

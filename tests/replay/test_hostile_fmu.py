@@ -35,7 +35,7 @@ def end_of(args, timeout=60):
 
 def named(function):
     """How the log calls it: an FMU has the component's name once there is an instance of it."""
-    return ("lag", "the loading of its library") if function == "load" else ("hostile", function)
+    return ("lag", "the loading of the library") if function == "load" else ("hostile", function)
 
 
 # ---- one thread ----

@@ -38,13 +38,13 @@ def test_rounding_mode():
         _, messages = expect_same_steps("fmi2Instantiate", "ROUNDING", changes)
         expect_said(messages, "floating-point control", "fmi2Instantiate")
         _, messages = expect_same_steps("load", "ROUNDING", changes)
-        expect_said(messages, "floating-point control", "the loading of its library")
+        expect_said(messages, "floating-point control", "the loading of the library")
 
 
 def test_current_folder():
     for at in ("load", "fmi2Instantiate", "fmi2ExitInitializationMode", "fmi2FreeInstance"):
         _, messages = expect_same_steps(at, "FOLDER")
-        expect_said(messages, "the current folder", "its library" if at == "load" else at)
+        expect_said(messages, "the current folder", "the library" if at == "load" else at)
 
 
 def test_umask():

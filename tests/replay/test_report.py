@@ -364,7 +364,7 @@ def test_hostile_database():
                     ("UPDATE signals SET compared_with = :hostile WHERE kind = 'match'", values),
                     ("UPDATE components SET name = :hostile", values),
                     ("INSERT INTO events (run, at, tick, severity, source, text)"
-                     " VALUES (1, :hostile, 5, :hostile, :hostile, :hostile)", values))
+                     " VALUES (1, '2026-11-22T10:00:00.000Z', 5, :hostile, :hostile, :hostile)", values))
     with Browser() as browser:
         browser.open(path)
         picture(browser, "hostile")

@@ -110,6 +110,7 @@ typedef struct saved {
     struct saved *next;
     const struct tl_test_instance *owner;
     values values;
+    unsigned char ballast[];
 } saved;
 
 typedef struct tl_test_instance {
@@ -598,8 +599,9 @@ static fmi2Status do_step(fmi2Component component, fmi2Real time, fmi2Real step,
 /* ---- states ---- */
 
 static saved *new_state(instance *self) {
-    saved *handle = calloc(1, sizeof *handle);
+    saved *handle = calloc(1, sizeof *handle + self->fmu->control.ballast);
     assert(handle != NULL);
+    memset(handle->ballast, 1, self->fmu->control.ballast);
     self->fmu->states++;
     handle->owner = self;
     handle->next = self->states;

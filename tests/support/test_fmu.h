@@ -104,6 +104,7 @@ typedef struct tl_test_fault {
 /* How an FMU behaves; may be changed at any time. */
 typedef struct tl_test_control {
     tl_test_fault fault;
+    size_t ballast;    /* bytes by which each of its state handles is larger, all of them written to */
     bool state_lies;   /* fmi2SetFMUstate says OK and brings nothing back but the time */
     bool feed_through; /* outputs follow inputs while initialising */
     bool raw_true;     /* booleans that are true are given as 7 */

@@ -337,6 +337,7 @@ static void test_the_rest_of_synchronise(void) {
     TEST_ASSERT_FALSE(config->saving.structure);
     TEST_ASSERT_FALSE(config->saving.sequences);
     TEST_ASSERT_EQUAL_UINT32(500, config->saving.nodes);
+    TEST_ASSERT_EQUAL_UINT32(300, config->saving_memory);
     TEST_ASSERT_EQUAL_UINT32(40, config->budget_evaluations);
     TEST_ASSERT_EQUAL_INT64(4000000, config->budget_time);
 }
@@ -484,6 +485,7 @@ static void test_compare_only(void) {
     TEST_ASSERT_TRUE(config->saving.structure);
     TEST_ASSERT_TRUE(config->saving.sequences);
     TEST_ASSERT_EQUAL_UINT32(0, config->saving.nodes);
+    TEST_ASSERT_EQUAL_UINT32(128, config->saving_memory);
     TEST_ASSERT_EQUAL_UINT32(60, config->budget_evaluations);
     TEST_ASSERT_EQUAL_INT64(60000000, config->budget_time);
 }

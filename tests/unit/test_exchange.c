@@ -472,7 +472,7 @@ static void what_is_known_is_not_executed_again(void) {
     TEST_ASSERT_TRUE(tl_exchange_save_executions(&exchange, &arena, keep, NULL, capacity, 4));
     push(1.0);
     initialize();
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_exchange_start(&exchange, &error));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_exchange_start(&exchange, 0, NULL, &error));
     for (int64_t i = 1; i < 5; i++) {
         push(1.0 / 7.0 + (double)i);
     }

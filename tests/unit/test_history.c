@@ -632,12 +632,14 @@ static void test_rows_that_are_not_in_their_order(void) {
 
 /* What stands in the file would be run by whoever reads it. */
 static void test_code_in_a_file_is_not_run(void) {
-    static const char *const attacks[] = {
+    static const char endless[] = "ALTER TABLE samples RENAME TO other; CREATE VIEW samples AS WITH RECURSIVE"
+                                  " r (run, tick, signal, value, quality, stamp_ns) AS (SELECT 1, 0, 0, 0.0, 0, 0"
+                                  " UNION ALL SELECT 1, tick + 1, 0, 0.0, 0, 0 FROM r) SELECT * FROM r";
+    const char *const attacks[] = {
         "CREATE TRIGGER t AFTER UPDATE ON runs BEGIN DELETE FROM samples; END",
         "CREATE VIRTUAL TABLE v USING fts5(x)",
         "ALTER TABLE samples RENAME TO other; CREATE VIEW samples AS SELECT * FROM other",
-        "ALTER TABLE samples RENAME TO other; CREATE VIEW samples AS WITH RECURSIVE r (run, tick, signal, value, quality,"
-        " stamp_ns) AS (SELECT 1, 0, 0, 0.0, 0, 0 UNION ALL SELECT 1, tick + 1, 0, 0.0, 0, 0 FROM r) SELECT * FROM r",
+        endless,
         "ALTER TABLE samples RENAME TO other; CREATE TABLE samples AS SELECT * FROM other",
         "ALTER TABLE runs RENAME TO other; CREATE TABLE runs AS SELECT * FROM other",
     };

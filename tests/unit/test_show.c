@@ -620,6 +620,23 @@ static void test_damage_is_said(void) {
     }
 }
 
+/* Where pages are wrong, SQLite's own look at all of them tells more than the reader that met it. */
+static void test_damaged_pages_are_named(void) {
+    enum { PAGE = 4096 };
+    record_known("replay");
+    int64_t root = tl_sql_integer(path, "SELECT rootpage FROM sqlite_schema WHERE name = 'steps'");
+    FILE *file = fopen(path, "r+b");
+    TEST_ASSERT_NOT_NULL(file);
+    TEST_ASSERT_EQUAL_INT(0, fseek(file, (long)(root - 1) * PAGE, SEEK_SET));
+    for (int i = 0; i < PAGE; i++) {
+        (void)fputc('U', file);
+    }
+    (void)fclose(file);
+    TEST_ASSERT_EQUAL_INT(65, SHOW(path));
+    expect_in("is damaged: database disk image is malformed: take an earlier copy of it", errors);
+    expect_in("(SQLite finds: ", errors);
+}
+
 /* What the recorder never writes: each by itself is damage, and what is shown before it is whole rows. */
 static void test_nonsense_is_damage(void) {
     static const char *const nonsense[] = {
@@ -756,6 +773,7 @@ int main(void) {
     RUN_TEST(test_a_database_without_runs);
     RUN_TEST(test_a_locked_database);
     RUN_TEST(test_damage_is_said);
+    RUN_TEST(test_damaged_pages_are_named);
     RUN_TEST(test_nonsense_is_damage);
     RUN_TEST(test_a_run_that_is_being_written);
     RUN_TEST(test_durations_and_sizes);

@@ -1,0 +1,125 @@
+/* What executions take: see costs.h. */
+#include "master/graph/costs.h"
+
+#include "master/base/duration.h"
+
+/* Steps from one close look to the next. */
+enum { CLOSELY_EVERY = 16 };
+
+/* Executions that may all be as long as the longest; and what a mean is made of. */
+enum { FEW = 16, MEMORY = 16 };
+
+tl_time tl_cost_of(const tl_cost *cost, tl_time times) {
+    tl_time more = times > FEW ? times - FEW : 0;
+    return (times - more) * cost->most + (tl_time)((double)more * cost->mean);
+}
+
+static void learn(tl_costs *costs, tl_cost *cost, tl_time took) {
+    if (cost->most == 0) {
+        cost->mean = (double)took;
+    } else if (!costs->apart) {
+        cost->mean += ((double)took - cost->mean) / MEMORY;
+    }
+    cost->most = tl_duration_expect(cost->most, took);
+    costs->walked = costs->walked || !costs->apart;
+}
+
+bool tl_costs_init(tl_costs *costs, tl_arena *arena, size_t count) {
+    costs->count = count;
+    costs->each = tl_arena_take(arena, count, sizeof *costs->each);
+    costs->ran = tl_arena_take(arena, count, sizeof *costs->ran);
+    return costs->each != NULL && costs->ran != NULL;
+}
+
+static void forget_lap(tl_costs *costs) {
+    costs->ran_count = 0;
+    costs->ran_all = false;
+}
+
+static void end_look(tl_costs *costs) {
+    costs->looked = 0;
+    costs->seen = 0;
+}
+
+void tl_costs_begin(tl_costs *costs, tl_time (*now)(void *clock), void *clock) {
+    costs->now = now;
+    costs->clock = clock;
+    costs->closely = now != NULL && costs->steps++ % CLOSELY_EVERY == 0;
+    costs->walked = false;
+    costs->apart = false;
+    forget_lap(costs);
+    end_look(costs);
+    if (now != NULL) {
+        costs->read = now(clock);
+    }
+}
+
+void tl_costs_rest(tl_costs *costs) {
+    for (size_t k = 0; k < costs->count && !costs->walked; k++) {
+        costs->each[k].mean -= costs->each[k].mean / MEMORY;
+    }
+    costs->all.mean -= costs->walked ? 0.0 : costs->all.mean / MEMORY;
+}
+
+void tl_costs_commit(tl_costs *costs) {
+    costs->apart = true;
+}
+
+static tl_time read_clock(tl_costs *costs) {
+    tl_time now = costs->now(costs->clock);
+    tl_time took = tl_duration(costs->read, now);
+    costs->read = now;
+    return took;
+}
+
+/* In equal parts where nothing is known of any. Where it took longer than was expected it is not known whose time that was. */
+static void share_out(tl_costs *costs, tl_time took) {
+    tl_time expected = 0;
+    for (size_t i = 0; i < costs->ran_count; i++) {
+        expected += costs->each[costs->ran[i]].most;
+    }
+    double part = expected > 0 ? (double)took / (double)expected : 0.0;
+    for (size_t i = 0; i < costs->ran_count; i++) {
+        tl_cost *each = &costs->each[costs->ran[i]];
+        learn(costs, each, expected > 0 ? (tl_time)(part * (double)each->most) : took / (tl_time)costs->ran_count);
+    }
+    costs->closely = costs->closely || (costs->ran_count > 1 && took > expected + expected / 2);
+}
+
+void tl_costs_ran(tl_costs *costs, size_t component) {
+    if (costs->now == NULL) {
+        return;
+    }
+    if (costs->closely) {
+        tl_time took = read_clock(costs);
+        learn(costs, &costs->each[component], took);
+        costs->seen += took;
+        costs->looked++;
+    } else if (costs->ran_count < costs->count) {
+        costs->ran[costs->ran_count++] = component;
+    }
+}
+
+void tl_costs_ran_all(tl_costs *costs) {
+    costs->ran_all = true;
+}
+
+tl_time tl_costs_lap(tl_costs *costs) {
+    tl_time took = read_clock(costs);
+    bool ran = costs->ran_all || costs->ran_count != 0;
+    if (costs->ran_all) {
+        learn(costs, &costs->all, took);
+    } else if (ran) {
+        share_out(costs, took);
+    }
+    if (costs->looked == costs->count) {
+        learn(costs, &costs->all, costs->seen);
+    }
+    if (costs->looked != 0) {
+        costs->closely = false;
+        end_look(costs);
+    }
+    forget_lap(costs);
+    costs->apart = false;
+    return ran ? 0 : took;
+}
