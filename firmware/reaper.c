@@ -1,9 +1,10 @@
 /* The reaper: see reaper.h. */
 #include "firmware/reaper.h"
 
+#include <errno.h>
 #include <sched.h>
 #include <stddef.h>
-#include <stdint.h>
+#include <stdlib.h>
 #include <string.h>
 #include <sys/wait.h>
 
@@ -13,13 +14,16 @@
 enum { STACK_BYTES = 256 * 1024 };
 
 static void *reap(void *context) {
+    pid_t *dead = context;
     siginfo_t info;
-    (void)waitid(P_PID, (id_t)(intptr_t)context, &info, WEXITED);
+    id_t number = (id_t)*dead;
+    free(dead);
+    (void)waitid(P_PID, number, &info, WEXITED);
     return NULL;
 }
 
 /* 0 or an errno. */
-static int start(pthread_t *thread, pid_t dead) {
+static int start(pthread_t *thread, pid_t *dead) {
     const struct sched_param ordinary = {.sched_priority = 0};
     pthread_attr_t attributes;
     int result = pthread_attr_init(&attributes);
@@ -30,16 +34,21 @@ static int start(pthread_t *thread, pid_t dead) {
     (void)pthread_attr_setinheritsched(&attributes, PTHREAD_EXPLICIT_SCHED);
     (void)pthread_attr_setschedpolicy(&attributes, SCHED_OTHER);
     (void)pthread_attr_setschedparam(&attributes, &ordinary);
-    /* The number, and not the address of one: the thread may begin after whoever made it has gone on. */
-    result = pthread_create(thread, &attributes, reap, (void *)(intptr_t)dead);
+    result = pthread_create(thread, &attributes, reap, dead);
     (void)pthread_attr_destroy(&attributes);
     return result;
 }
 
 void tl_reaper_take(tl_reaper *reaper, pid_t dead) {
-    int result = start(&reaper->thread, dead);
+    pid_t *copy = malloc(sizeof *copy); /* the thread's: it may begin after whoever made it is gone */
+    int result = ENOMEM;
+    if (copy != NULL) {
+        *copy = dead;
+        result = start(&reaper->thread, copy);
+    }
     reaper->works = result == 0;
     if (result != 0) {
+        free(copy);
         tl_log(TL_LOG_WARNING, "the dead process %d stays in the list of processes until this one ends: %s", (int)dead,
                strerror(result));
     }

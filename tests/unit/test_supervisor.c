@@ -75,17 +75,17 @@ static void crash(void) {
     (void)kill(getpid(), SIGSEGV);
 }
 
-static void spoil_name(void) {
-    tl_fmu_calls *calls = (tl_fmu_calls *)(uintptr_t)tl_fmu_calls_here();
+static void spoil_name(tl_heartbeats *beats) {
+    tl_fmu_calls *calls = tl_heartbeats_calls(beats);
     memset(calls->names, '\n', sizeof calls->names);
 }
 
 /* What an FMU does. */
-static void misbehave(char what, tl_heart *heart) {
+static void misbehave(char what, tl_heart *heart, tl_heartbeats *beats) {
     tl_fmu_call_begin(tl_fmu_calls_name("motor"), TL_FMU_DO_STEP);
     switch (what) {
     case 'n':
-        spoil_name();
+        spoil_name(beats);
         crash();
         break;
     case 'c':
@@ -151,7 +151,7 @@ static int play(char what, tl_heart *heart, tl_heartbeats *beats) {
         tl_heartbeats_set_ready(beats);
     }
     if (strchr("cfxynb", what) != NULL) {
-        misbehave(what, heart);
+        misbehave(what, heart, beats);
     }
     suffer(what);
     if (what == 'w') {
@@ -166,8 +166,8 @@ static unsigned processes_of(pid_t parent) {
     unsigned count = 0;
     (void)snprintf(path, sizeof path, "/proc/%d/task/%d/children", (int)parent, (int)parent);
     FILE *file = fopen(path, "r");
-    for (int process = 0; file != NULL && fscanf(file, "%d", &process) == 1;) {
-        count++;
+    for (int letter = 0; file != NULL && letter != EOF; letter = getc(file)) {
+        count += letter == ' ' ? 1 : 0; /* after each number */
     }
     if (file != NULL) {
         (void)fclose(file);
@@ -415,18 +415,21 @@ static void test_told_to_end_and_deaf(void) {
 
 /* ---- a service manager that has no turn ---- */
 
+static char notify_path[64];
+
 /* A socket that holds nothing more, and that nobody reads. */
 static int fill_notify_socket(void) {
     struct sockaddr_un address = {.sun_family = AF_UNIX};
-    (void)snprintf(address.sun_path, sizeof address.sun_path, "/tmp/twinlock-notify-%d", (int)getpid());
-    (void)unlink(address.sun_path);
+    (void)snprintf(notify_path, sizeof notify_path, "/tmp/twinlock-notify-%d", (int)getpid());
+    (void)snprintf(address.sun_path, sizeof address.sun_path, "%s", notify_path);
+    (void)unlink(notify_path);
     int socket_ = socket(AF_UNIX, SOCK_DGRAM | SOCK_NONBLOCK, 0);
     int sender = socket(AF_UNIX, SOCK_DGRAM | SOCK_NONBLOCK, 0);
     TEST_ASSERT_EQUAL_INT(0, bind(socket_, (struct sockaddr *)&address, sizeof address));
     while (sendto(sender, "X", 1, 0, (struct sockaddr *)&address, sizeof address) == 1) {
     }
     (void)close(sender);
-    TEST_ASSERT_EQUAL_INT(0, setenv("NOTIFY_SOCKET", address.sun_path, 1));
+    TEST_ASSERT_EQUAL_INT(0, setenv("NOTIFY_SOCKET", notify_path, 1));
     return socket_;
 }
 
@@ -435,7 +438,7 @@ static void test_nobody_waits_for_the_service_manager(void) {
     int socket_ = fill_notify_socket();
     expect_code("h0", 0);
     (void)close(socket_);
-    (void)unlink(getenv("NOTIFY_SOCKET"));
+    (void)unlink(notify_path);
 }
 
 static bool hears(int socket_, const char *wanted) {
@@ -467,7 +470,7 @@ static void test_ready_is_told_until_it_is_heard(void) {
     int how = 1;
     TEST_ASSERT_EQUAL_INT(manager, waitpid(manager, &how, 0));
     (void)close(socket_);
-    (void)unlink(getenv("NOTIFY_SOCKET"));
+    (void)unlink(notify_path);
     if (tl_service_patience() == 0) {
         TEST_IGNORE_MESSAGE("built without libsystemd");
     }
