@@ -192,11 +192,11 @@ static void check_states(advice *given, const tl_config *config, const tl_twin *
         }
     }
     if (worst.state_size != 0) {
-        warn(
-            given, "synchronise.saving.memory_mb",
-            "there is room for %" PRIu32 " states of %s of %.3g MB each, and it may keep %" PRIu32
-            " executions: those without a state are caught up with; give more, or fewer evaluations, or a shorter horizon",
-            worst.states, worst.name, (double)worst.state_size / 1048576.0, worst.nodes);
+        warn(given, "synchronise.saving.memory_mb",
+             "there is room for %" PRIu32 " states of %s of %.4g KiB each, and it may keep %" PRIu32
+             " executions: those without a state are caught up with; give more, or fewer evaluations, or a shorter "
+             "horizon",
+             worst.states, worst.name, (double)worst.state_size / 1024.0, worst.nodes);
     }
 }
 

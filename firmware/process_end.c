@@ -101,13 +101,13 @@ void tl_process_begin(void) {
 
 void tl_process_end(int code) {
     set_ending(code);
-#if defined(__SANITIZE_ADDRESS__) || defined(TL_FINDS_LEAKS)
-    __lsan_do_leak_check();
-#endif
-    if (tl_library_is_open()) {
+    if (tl_library_is_open()) { /* an interpreter: it frees what it has at its exit, if ever */
         limit(TL_PROCESS_END_S);
         exit(code); // NOLINT(concurrency-mt-unsafe): nobody else of ours ends the process
     }
+#if defined(__SANITIZE_ADDRESS__) || defined(TL_FINDS_LEAKS)
+    __lsan_do_leak_check();
+#endif
     flush_and_end();
 }
 

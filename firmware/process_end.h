@@ -16,7 +16,7 @@ enum { TL_PROCESS_END_S = 5 };
 /* At the start of the process, before anything is loaded, and again in one that was forked from it. */
 void tl_process_begin(void);
 
-/* Ends the process with this exit code. Sanitizers look for leaks first. */
+/* Ends the process with this exit code. Sanitizers look for leaks first, unless an interpreter is open. */
 void tl_process_end(int code) __attribute__((noreturn));
 
 /* Ends the process, with exit code 70, while an FMU has not returned, or at its will. Says `why` on the log, keeps what can be kept, and removes

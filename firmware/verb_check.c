@@ -274,6 +274,13 @@ static void print_stroke(const tl_config *config, const tl_prognosis *prognosis,
 }
 
 /* They are the FMUs' own, beside `memory`. */
+/* Bytes for people: "10.6 KiB", "130.1 MiB". */
+static void print_size(FILE *output, double bytes) {
+    double kibibytes = bytes / 1024.0;
+    bool large = kibibytes >= 10000.0;
+    (void)fprintf(output, "%.1f %s", large ? kibibytes / 1024.0 : kibibytes, large ? "MiB" : "KiB");
+}
+
 static void print_states(const tl_assembly *assembly, FILE *output) {
     tl_twin_facts facts = tl_twin_get_facts(assembly->twin);
     tl_twin_ledger largest = {0};
@@ -282,8 +289,11 @@ static void print_states(const tl_assembly *assembly, FILE *output) {
         largest = entry.state_size > largest.state_size ? entry : largest;
     }
     if (largest.state_size != 0) {
-        (void)fprintf(output, "  states       %.1f KiB of the FMUs' own at most; one of %s takes %.1f\n",
-                      (double)facts.state_memory / 1024.0, largest.name, (double)largest.state_size / 1024.0);
+        (void)fputs("  states       ", output);
+        print_size(output, (double)facts.state_memory);
+        (void)fprintf(output, " of the FMUs' own at most; one of %s takes ", largest.name);
+        print_size(output, (double)largest.state_size);
+        (void)fputs("\n", output);
     }
 }
 

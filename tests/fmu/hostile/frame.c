@@ -1,5 +1,7 @@
 /* The FMI functions of a hostile FMU: what it does against its importer comes first, then the good FMU's own function. */
 #include <fmi2Functions.h>
+#include <stdlib.h>
+#include <string.h>
 
 #include "tests/fmu/hostile/hostile.h"
 
@@ -64,28 +66,64 @@ fmi2Status fmi2SetReal(fmi2Component component, const fmi2ValueReference referen
     return hostile_before("fmi2SetReal") ? inner_set_real(component, references, count, values) : fmi2Error;
 }
 
+/* A state of the good FMU, and BALLAST bytes that nobody needs. */
+#ifndef BALLAST
+#define BALLAST 0
+#endif
+
+typedef struct heavy_state {
+    fmi2FMUstate inner;
+    unsigned char ballast[BALLAST + 1];
+} heavy_state;
+
+/* The one that is there, or a new one whose memory is really there. */
+static heavy_state *ready(fmi2FMUstate *state) {
+    if (*state == NULL) {
+        heavy_state *made = malloc(sizeof *made);
+        if (made != NULL) {
+            memset(made, 1, sizeof *made);
+            made->inner = NULL;
+        }
+        *state = made;
+    }
+    return *state;
+}
+
 fmi2Status fmi2GetFMUstate(fmi2Component component, fmi2FMUstate *state) {
-    return hostile_before("fmi2GetFMUstate") ? inner_get_state(component, state) : fmi2Error;
+    return hostile_before("fmi2GetFMUstate") && ready(state) != NULL
+               ? inner_get_state(component, &((heavy_state *)*state)->inner)
+               : fmi2Error;
 }
 
 fmi2Status fmi2SetFMUstate(fmi2Component component, fmi2FMUstate state) {
-    return hostile_before("fmi2SetFMUstate") ? inner_set_state(component, state) : fmi2Error;
+    return hostile_before("fmi2SetFMUstate") ? inner_set_state(component, ((heavy_state *)state)->inner) : fmi2Error;
 }
 
 fmi2Status fmi2FreeFMUstate(fmi2Component component, fmi2FMUstate *state) {
-    return hostile_before("fmi2FreeFMUstate") ? inner_free_state(component, state) : fmi2Error;
+    heavy_state *heavy = *state;
+    bool allowed = hostile_before("fmi2FreeFMUstate");
+    *state = NULL;
+    fmi2Status status = allowed && heavy != NULL ? inner_free_state(component, &heavy->inner) : fmi2Error;
+    free(heavy);
+    return status;
 }
 
 fmi2Status fmi2SerializedFMUstateSize(fmi2Component component, fmi2FMUstate state, size_t *size) {
-    return hostile_before("fmi2SerializedFMUstateSize") ? inner_serialized_size(component, state, size) : fmi2Error;
+    return hostile_before("fmi2SerializedFMUstateSize")
+               ? inner_serialized_size(component, ((heavy_state *)state)->inner, size)
+               : fmi2Error;
 }
 
 fmi2Status fmi2SerializeFMUstate(fmi2Component component, fmi2FMUstate state, fmi2Byte bytes[], size_t size) {
-    return hostile_before("fmi2SerializeFMUstate") ? inner_serialize(component, state, bytes, size) : fmi2Error;
+    return hostile_before("fmi2SerializeFMUstate")
+               ? inner_serialize(component, ((heavy_state *)state)->inner, bytes, size)
+               : fmi2Error;
 }
 
 fmi2Status fmi2DeSerializeFMUstate(fmi2Component component, const fmi2Byte bytes[], size_t size, fmi2FMUstate *state) {
-    return hostile_before("fmi2DeSerializeFMUstate") ? inner_deserialize(component, bytes, size, state) : fmi2Error;
+    return hostile_before("fmi2DeSerializeFMUstate") && ready(state) != NULL
+               ? inner_deserialize(component, bytes, size, &((heavy_state *)*state)->inner)
+               : fmi2Error;
 }
 
 fmi2Status fmi2DoStep(fmi2Component component, fmi2Real point, fmi2Real size, fmi2Boolean no_set_state_prior) {
