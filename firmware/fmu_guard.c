@@ -206,16 +206,16 @@ static fmi2Status do_step(fmi2Component component, fmi2Real now, fmi2Real step, 
 
 /* Between two instances of one macro step the control bits are judged by what they do to numbers, which costs a third of
  * reading them; after the last one they are read. */
-static inline fmi2Status leave_step(guarded *self, fmi2Boolean last, fmi2Status status) {
-    if (last != fmi2False || !tl_fp_computes_as_usual()) {
+static inline fmi2Status leave_step(guarded *self, bool last, fmi2Status status) {
+    if (last || !tl_fp_computes_as_usual()) {
         return leave(self, status);
     }
     tl_fmu_call_end();
     return status;
 }
 
-static fmi2Status step_reals(fmi2Component component, const tl_ports *inputs, const tl_ports *outputs, fmi2Real now,
-                             fmi2Real step, fmi2Boolean final, fmi2Boolean last, unsigned *done) {
+static fmi2Status step_reals(fmi2Component component, const tl_ports *inputs, const tl_ports *outputs,
+                             const tl_fmi2_step *step, unsigned *done) {
     guarded *self = component;
     fmi2Component instance = self->instance;
     *done = 0;
@@ -224,14 +224,14 @@ static fmi2Status step_reals(fmi2Component component, const tl_ports *inputs, co
     if (status <= fmi2Warning) {
         *done = 1;
         enter(self, TL_FMU_DO_STEP);
-        status = self->own.do_step(instance, now, step, final);
+        status = self->own.do_step(instance, step->now, step->size, step->final);
     }
     if (status <= fmi2Warning) {
         *done = 2;
         enter(self, TL_FMU_GET_REAL);
         status = self->own.get_real(instance, outputs->real_references, outputs->real_count, outputs->reals);
     }
-    return leave_step(self, last, status);
+    return leave_step(self, step->last, status);
 }
 
 /* ---- states ---- */
@@ -321,9 +321,11 @@ void tl_fmu_guard_front(tl_fmu_guard *guard, const tl_fmi2 *own) {
 }
 
 void tl_fmu_guard_close(tl_fmu_guard *guard) {
-    while (guard->instances != NULL) {
-        forget(guard->instances);
+    for (guarded *self = guard->instances, *next = NULL; self != NULL; self = next) {
+        next = self->next;
+        free(self);
     }
+    guard->instances = NULL;
     tl_fmu_logger_close(&guard->logger);
 }
 

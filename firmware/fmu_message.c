@@ -117,7 +117,7 @@ static conversion read_conversion(const char *format, va_list *arguments) {
         c = take_number(c, arguments, &found, &width);
     }
     if (*c == '.') {
-        (void)strcat(found.text, ".");
+        found.text[strlen(found.text)] = '.'; /* the rest of it is zeros */
         c = take_number(c + 1, arguments, &found, &found.precision);
     }
     c = take_size(c, &found);
@@ -145,22 +145,21 @@ static bool has_write_back(const char *format) {
 static void skip_integer(const conversion *found, va_list *arguments) {
     bool wide = strcmp(found->size, "ll") == 0 || strcmp(found->size, "q") == 0 || strcmp(found->size, "j") == 0;
     bool is_long = strcmp(found->size, "l") == 0 || strcmp(found->size, "z") == 0 || strcmp(found->size, "t") == 0;
-    if (wide) {
-        (void)va_arg(*arguments, long long);
-    } else if (is_long) {
-        (void)va_arg(*arguments, long);
-    } else {
-        (void)va_arg(*arguments, int);
-    }
+    long long value = wide      ? va_arg(*arguments, long long)
+                      : is_long ? va_arg(*arguments, long)
+                                : va_arg(*arguments, int);
+    (void)value;
+}
+
+static void skip_number(const conversion *found, va_list *arguments) {
+    long double value =
+        found->size[0] == 'L' ? va_arg(*arguments, long double) : (long double)va_arg(*arguments, double);
+    (void)value;
 }
 
 static void skip(const conversion *found, va_list *arguments) {
     if (strchr("aAeEfFgG", found->kind) != NULL) {
-        if (found->size[0] == 'L') {
-            (void)va_arg(*arguments, long double);
-        } else {
-            (void)va_arg(*arguments, double);
-        }
+        skip_number(found, arguments);
     } else if (found->kind == 'p') {
         (void)va_arg(*arguments, void *);
     } else if (found->kind != 'm' && found->kind != '%') {

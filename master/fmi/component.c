@@ -193,13 +193,13 @@ tl_status tl_component_get_outputs(tl_component *component, tl_error *error) {
 }
 
 /* Any kinds of ports. */
-static tl_status step_all_types(tl_component *component, double now, double step, fmi2Boolean final, tl_error *error) {
+static tl_status step_all_types(tl_component *component, const tl_fmi2_step *step, tl_error *error) {
     tl_status status = tl_component_set_inputs(component, error);
     if (status != TL_OK) {
         return status;
     }
     component->executions++;
-    fmi2Status result = component->fmi->do_step(component->instance, now, step, final);
+    fmi2Status result = component->fmi->do_step(component->instance, step->now, step->size, step->final);
     if (result > fmi2Warning) {
         return judge(component, result, "fmi2DoStep", error);
     }
@@ -207,12 +207,11 @@ static tl_status step_all_types(tl_component *component, double now, double step
 }
 
 /* The same three calls in one, if there is nothing but reals. */
-static inline tl_status step_reals(tl_component *component, double now, double step, fmi2Boolean final, bool last,
-                                   tl_error *error) {
+static inline tl_status step_reals(tl_component *component, const tl_fmi2_step *step, tl_error *error) {
     static const char *const calls[] = {"fmi2SetReal", "fmi2DoStep", "fmi2GetReal"};
     unsigned done = 0;
-    fmi2Status result = component->fmi->step_reals(component->instance, &component->inputs, &component->outputs, now,
-                                                   step, final, last ? fmi2True : fmi2False, &done);
+    fmi2Status result =
+        component->fmi->step_reals(component->instance, &component->inputs, &component->outputs, step, &done);
     component->executions += done > 0 ? 1 : 0;
     return result <= fmi2Warning ? TL_OK : judge(component, result, calls[done], error);
 }
@@ -224,16 +223,16 @@ static tl_status refuse_to_step(const tl_component *component, tl_error *error) 
 
 tl_status tl_component_step_all(tl_component *components, size_t count, double now, double step, bool final,
                                 size_t *failed, tl_error *error) {
-    fmi2Boolean no_return = final ? fmi2True : fmi2False;
+    tl_fmi2_step what = {.now = now, .size = step, .final = final ? fmi2True : fmi2False};
     for (tl_component *component = components; component < components + count; component++) {
-        bool last = component + 1 == components + count;
         tl_status status = TL_OK;
+        what.last = component + 1 == components + count;
         if (component->mode != TL_MODE_STEPPING) {
             status = refuse_to_step(component, error);
         } else if (component->reals_only && component->fmi->step_reals != NULL) {
-            status = step_reals(component, now, step, no_return, last, error);
+            status = step_reals(component, &what, error);
         } else {
-            status = step_all_types(component, now, step, no_return, error);
+            status = step_all_types(component, &what, error);
         }
         if (status != TL_OK) {
             *failed = (size_t)(component - components);

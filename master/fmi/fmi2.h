@@ -7,17 +7,25 @@
 #ifndef TL_MASTER_FMI_FMI2_H
 #define TL_MASTER_FMI_FMI2_H
 
+#include <stdbool.h>
+
 #include "fmi2FunctionTypes.h"
 
 struct tl_ports;
 
+/* A step of an instance. */
+typedef struct tl_fmi2_step {
+    fmi2Real now;      /* s: communication point */
+    fmi2Real size;     /* s */
+    fmi2Boolean final; /* no earlier state will be restored */
+    bool last;         /* no other instance is stepped right after this one */
+} tl_fmi2_step;
+
 /* Not FMI's: fmi2SetReal, fmi2DoStep and fmi2GetReal of one instance in one go, of an instance that has no other ports. Whoever stands
- * in front of an FMU has its own work once and not three times, which for a small FMU is the difference.
- * final: no earlier state will be restored. last: no other instance is stepped at once after this one.
- * *done counts the calls that succeeded; the status is that of the last one made. */
+ * in front of an FMU has its own work once and not three times, which for a small FMU is the difference. *done counts the calls that
+ * were followed by another one; the status is that of the last one made. */
 typedef fmi2Status tl_fmi2_step_reals(fmi2Component instance, const struct tl_ports *inputs,
-                                      const struct tl_ports *outputs, fmi2Real now, fmi2Real step, fmi2Boolean final,
-                                      fmi2Boolean last, unsigned *done);
+                                      const struct tl_ports *outputs, const tl_fmi2_step *step, unsigned *done);
 
 /* Functions an FMU may omit (its capability flags say so) are NULL. */
 typedef struct tl_fmi2 {
