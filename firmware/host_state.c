@@ -13,7 +13,12 @@
 #include "firmware/crash.h"
 #include "firmware/fp_control.h"
 
-enum { HANDLED = 16, LOCALES = 512 };
+enum { HANDLED = 16, LOCALE_NAME = 64 };
+
+/* Of the process's locale: all but the type of characters, which an interpreter sets for itself, and which changes no number. */
+static const int categories[] = {LC_NUMERIC, LC_TIME, LC_COLLATE, LC_MONETARY, LC_MESSAGES};
+
+enum { CATEGORIES = sizeof categories / sizeof categories[0] };
 
 /* A handler of ours. */
 typedef struct handled {
@@ -25,8 +30,8 @@ typedef struct handled {
 static struct {
     bool kept;
     uint32_t rounding;
-    locale_t locale;         /* of the thread */
-    char languages[LOCALES]; /* of the process: what setlocale() calls it */
+    locale_t locale;                       /* of the thread */
+    char locales[CATEGORIES][LOCALE_NAME]; /* of the process */
     sigset_t mask;
     mode_t umask;
     int folder; /* O_PATH; -1: none */
@@ -53,7 +58,9 @@ static void keep_folder(void) {
 void tl_host_state_keep(void) {
     host.rounding = tl_fp_control_get();
     host.locale = uselocale((locale_t)0);
-    (void)snprintf(host.languages, sizeof host.languages, "%s", setlocale(LC_ALL, NULL));
+    for (size_t i = 0; i < CATEGORIES; i++) {
+        (void)snprintf(host.locales[i], LOCALE_NAME, "%s", setlocale(categories[i], NULL));
+    }
     (void)pthread_sigmask(SIG_SETMASK, NULL, &host.mask);
     host.umask = umask(S_IRWXG | S_IRWXO); /* there is no way but setting it to read it */
     (void)umask(host.umask);
@@ -93,9 +100,11 @@ static unsigned put_back_locale(void) {
         (void)uselocale(host.locale);
         changed = TL_HOST_LOCALE;
     }
-    if (strcmp(setlocale(LC_ALL, NULL), host.languages) != 0) {
-        (void)setlocale(LC_ALL, host.languages);
-        changed = TL_HOST_LOCALE;
+    for (size_t i = 0; i < CATEGORIES; i++) {
+        if (strcmp(setlocale(categories[i], NULL), host.locales[i]) != 0) {
+            (void)setlocale(categories[i], host.locales[i]);
+            changed = TL_HOST_LOCALE;
+        }
     }
     return changed;
 }

@@ -56,7 +56,7 @@ static void test_executions_without_saving(void) {
 /* The plant costs nothing. */
 static void test_time(void) {
     make("\"time_s\": 0.006", "\"time_s\": 0.006");
-    TEST_ASSERT_EQUAL_size_t(200, prognosis.steps);
+    TEST_ASSERT_EQUAL_size_t(1600, prognosis.steps);
     TEST_ASSERT_GREATER_THAN_INT64(0, prognosis.step_time);
     TEST_ASSERT_GREATER_THAN_INT64(0, prognosis.cost[0]);
     TEST_ASSERT_GREATER_THAN_INT64(0, prognosis.cost[1]);
