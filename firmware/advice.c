@@ -55,9 +55,12 @@ static void warn(advice *given, const char *where, const char *format, ...) {
 
 static void check_step(advice *given, const tl_config *config, const tl_prognosis *prognosis) {
     if (prognosis->steps == 0) {
-        warn(given, "plant",
-             "the FMUs cannot step with its initial values, and until there is a good measurement there is nothing "
-             "else: give its signals an \"initial\"");
+        const char *why = prognosis->error.text;
+        warn(
+            given, "plant",
+            "the FMUs cannot step with its initial values%s%s%s, and until there is a good measurement there is nothing "
+            "else: give its signals an \"initial\"",
+            why[0] != '\0' ? " (" : "", why, why[0] != '\0' ? ")" : "");
     }
     if (prognosis->step_time >= config->step) {
         warn(given, "step_s",

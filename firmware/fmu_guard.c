@@ -1,6 +1,7 @@
 /* The guard in front of an FMU's functions: see fmu_guard.h. */
 #include "firmware/fmu_guard.h"
 
+#include <locale.h>
 #include <stdbool.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -15,36 +16,43 @@ typedef struct tl_fmu_guarded {
     fmi2Component instance;
     uint32_t name;
     uint32_t control;
+    locale_t locale;
+    unsigned told; /* changes that were said of this instance */
     tl_fmu_guard *guard;
     struct tl_fmu_guarded *next;
 } guarded;
 
 /* ---- what was changed ---- */
 
-static void say_changes(tl_fmu_guard *guard, unsigned changes) {
+/* `told`: what was said before, of the same instance or file. `where`: in which call. */
+static void say_changes(tl_fmu_guard *guard, unsigned *told, unsigned changes, const char *where) {
     char names[TL_HOST_CHANGE_TEXT];
     char text[TL_HOST_CHANGE_TEXT + 160];
-    tl_fmu_call call = {.function = "a call"};
-    unsigned fresh = changes & ~guard->told;
+    tl_fmu_call call = {.fmu = ""};
+    unsigned fresh = changes & ~*told;
     if (fresh == 0) {
         return;
     }
-    guard->told |= fresh;
+    *told |= fresh;
     (void)tl_fmu_calls_look(tl_fmu_calls_here(), &call);
     tl_host_state_describe(fresh, names);
-    (void)snprintf(text, sizeof text, "it changed %s of the whole process in %s; that was put back (said once)", names,
-                   call.function);
-    tl_fmu_logger_say(&guard->logger, TL_LOG_WARNING, text);
+    (void)snprintf(text, sizeof text, "changed %s of the whole process in %s; that was put back, and is said once",
+                   names, where != NULL ? where : call.function);
+    tl_fmu_logger_say(&guard->logger, TL_LOG_WARNING, call.fmu, text);
 }
 
 /* Out of line: it hardly ever happens. */
-static void __attribute__((noinline, cold)) put_back_control(guarded *self) {
-    tl_fp_control_set(self->control);
-    say_changes(self->guard, TL_HOST_ROUNDING);
-}
-
-static void put_back_all(tl_fmu_guard *guard) {
-    say_changes(guard, tl_host_state_put_back());
+static void __attribute__((noinline, cold)) put_back_some(guarded *self, const char *where) {
+    unsigned changes = 0;
+    if (tl_fp_control_get() != self->control) {
+        tl_fp_control_set(self->control);
+        changes |= TL_HOST_ROUNDING;
+    }
+    if (uselocale((locale_t)0) != self->locale) {
+        (void)uselocale(self->locale);
+        changes |= TL_HOST_LOCALE;
+    }
+    say_changes(self->guard, &self->told, changes, where);
 }
 
 /* ---- around a call ---- */
@@ -55,8 +63,8 @@ static inline void enter(const guarded *self, tl_fmu_function function) {
 
 /* After an ordinary call: no system call. */
 static inline fmi2Status leave(guarded *self, fmi2Status status) {
-    if (tl_fp_control_get() != self->control) {
-        put_back_control(self);
+    if (tl_fp_control_get() != self->control || uselocale((locale_t)0) != self->locale) {
+        put_back_some(self, NULL);
     }
     tl_fmu_call_end();
     return status;
@@ -64,7 +72,7 @@ static inline fmi2Status leave(guarded *self, fmi2Status status) {
 
 /* After a call in which much may have been set up. */
 static fmi2Status leave_slowly(guarded *self, fmi2Status status) {
-    put_back_all(self->guard);
+    say_changes(self->guard, &self->told, tl_host_state_put_back(), NULL);
     tl_fmu_call_end();
     return status;
 }
@@ -74,7 +82,7 @@ void tl_fmu_guard_enter(tl_fmu_guard *guard, tl_fmu_function function) {
 }
 
 void tl_fmu_guard_leave(tl_fmu_guard *guard) {
-    put_back_all(guard);
+    say_changes(guard, &guard->told, tl_host_state_put_back(), NULL);
     tl_fmu_call_end();
 }
 
@@ -87,7 +95,9 @@ static fmi2Component instantiate(fmi2String name, fmi2Type type, fmi2String guid
     if (self == NULL) {
         return NULL;
     }
-    *self = (guarded){.own = guard->own, .name = tl_fmu_calls_name(name), .control = guard->control, .guard = guard};
+    *self = (guarded){.own = guard->own, .name = tl_fmu_calls_name(name), .guard = guard};
+    self->control = tl_fp_control_get();
+    self->locale = uselocale((locale_t)0);
     enter(self, TL_FMU_INSTANTIATE);
     self->instance = guard->own.instantiate(name, type, guid, resources, &guard->given, visible, logging);
     (void)leave_slowly(self, fmi2OK);
@@ -204,11 +214,11 @@ static fmi2Status do_step(fmi2Component component, fmi2Real now, fmi2Real step, 
     return leave(self, self->own.do_step(self->instance, now, step, final));
 }
 
-/* Between two instances of one macro step the control bits are judged by what they do to numbers, which costs a third of
- * reading them; after the last one they are read. */
+/* Between two instances of one macro step there is a cheaper way to see, and to put back, what counts (fp_control.h). */
 static inline fmi2Status leave_step(guarded *self, bool last, fmi2Status status) {
-    if (last || !tl_fp_computes_as_usual()) {
-        return leave(self, status);
+    bool holds = last ? tl_fp_control_get() == self->control : tl_fp_control_holds(self->control);
+    if (!holds || uselocale((locale_t)0) != self->locale) {
+        put_back_some(self, "a step");
     }
     tl_fmu_call_end();
     return status;
@@ -238,9 +248,11 @@ static fmi2Status step_reals(fmi2Component component, const tl_ports *inputs, co
 
 /* Claimed success without a state would be found when the twin is to go back to it. */
 static fmi2Status expect_state(guarded *self, const fmi2FMUstate *state, fmi2Status status) {
+    tl_fmu_call call = {.fmu = ""};
     if (status <= fmi2Warning && *state == NULL) {
-        tl_fmu_logger_say(&self->guard->logger, TL_LOG_ERROR,
-                          "it answered fmi2OK and gave no state (NULL), which is taken for fmi2Error");
+        (void)tl_fmu_calls_look(tl_fmu_calls_here(), &call);
+        tl_fmu_logger_say(&self->guard->logger, TL_LOG_ERROR, call.fmu,
+                          "answered fmi2OK and gave no state (NULL), which is taken for fmi2Error");
         return fmi2Error;
     }
     return status;
@@ -249,7 +261,7 @@ static fmi2Status expect_state(guarded *self, const fmi2FMUstate *state, fmi2Sta
 static fmi2Status get_fmu_state(fmi2Component component, fmi2FMUstate *state) {
     guarded *self = component;
     enter(self, TL_FMU_GET_STATE);
-    return expect_state(self, state, leave(self, self->own.get_fmu_state(self->instance, state)));
+    return leave(self, expect_state(self, state, self->own.get_fmu_state(self->instance, state)));
 }
 
 static fmi2Status set_fmu_state(fmi2Component component, fmi2FMUstate state) {
@@ -280,13 +292,13 @@ static fmi2Status deserialize_fmu_state(fmi2Component component, const fmi2Byte 
                                         fmi2FMUstate *state) {
     guarded *self = component;
     enter(self, TL_FMU_DESERIALIZE);
-    return expect_state(self, state, leave(self, self->own.deserialize_fmu_state(self->instance, bytes, size, state)));
+    return leave(self, expect_state(self, state, self->own.deserialize_fmu_state(self->instance, bytes, size, state)));
 }
 
 /* ---- the guard ---- */
 
 void tl_fmu_guard_open(tl_fmu_guard *guard, const char *name, const char *generator) {
-    *guard = (tl_fmu_guard){.name = tl_fmu_calls_name(name), .control = tl_fp_control_get()};
+    *guard = (tl_fmu_guard){.name = tl_fmu_calls_name(name)};
     tl_host_state_keep();
     tl_fmu_logger_open(&guard->logger, name, generator);
     guard->callbacks = (fmi2CallbackFunctions){tl_fmu_logger_take, calloc, free, NULL, guard};
@@ -338,6 +350,7 @@ void tl_fmu_guard_tick(void) {
         told |= fresh;
         tl_host_state_describe(fresh, names);
         tl_log_limited(&limiter, TL_LOG_WARNING,
-                       "an FMU changed %s of the whole process; that was put back (said once)", names);
+                       "an FMU changed %s of the whole process in its steps; that was put back, and is said once",
+                       names);
     }
 }

@@ -2,7 +2,7 @@
  *
  * Purpose: everything that calls an FMU comes through here, so this is the place for what must be done around each call:
  *            - note the call, so that a crash, a hang or an exit in it is told by name (fmu_call.h);
- *            - put back the floating-point control bits (fp_control.h), without a system call;
+ *            - put back the floating-point control bits (fp_control.h) and the locale of the thread, without a system call;
  *            - after loading, instantiating, initialising, freeing, and once a tick: put back the rest of what an FMU may have
  *              changed of the process (host_state.h), and say so once;
  *            - take for a failure what claims success and is none: no state with fmi2OK.
@@ -26,9 +26,8 @@ typedef struct tl_fmu_guard {
     tl_fmi2 own;                     /* private, from here on: the FMU's functions */
     fmi2CallbackFunctions given;     /* to the FMU */
     tl_fmu_logger logger;
-    uint32_t name;    /* of the file, for calls without an instance */
-    uint32_t control; /* floating-point control bits that are right */
-    unsigned told;    /* changes of the process that were said */
+    uint32_t name; /* of the file, for calls without an instance */
+    unsigned told; /* changes of the process that were said of the file */
     struct tl_fmu_guarded *instances;
 } tl_fmu_guard;
 

@@ -94,6 +94,6 @@ void tl_fmu_logger_take(fmi2ComponentEnvironment environment, fmi2String instanc
                    kind[0] != '\0' ? " [" : "", kind, kind[0] != '\0' ? "]" : "");
 }
 
-void tl_fmu_logger_say(tl_fmu_logger *logger, tl_log_level level, const char *text) {
-    tl_log_limited(&logger->limiter, level, "FMU %s: %s", logger->name, text);
+void tl_fmu_logger_say(tl_fmu_logger *logger, tl_log_level level, const char *who, const char *text) {
+    tl_log_limited(&logger->limiter, level, "FMU %s %s", who[0] != '\0' ? who : logger->name, text);
 }

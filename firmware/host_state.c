@@ -8,6 +8,7 @@
 #include <stdio.h>
 #include <string.h>
 #include <sys/stat.h>
+#include <sys/syscall.h>
 #include <unistd.h>
 
 #include "firmware/crash.h"
@@ -26,6 +27,16 @@ typedef struct handled {
     struct sigaction action;
 } handled;
 
+/* As the kernel has it for a thread: struct sched_attr, up to what was there from its beginning (Linux 3.14). */
+typedef struct scheduling {
+    uint32_t size;
+    uint32_t policy;
+    uint64_t flags;
+    int32_t nice;
+    uint32_t priority;
+    uint64_t deadline[3];
+} scheduling;
+
 /* The state of a process, so there is one of it. */
 static struct {
     bool kept;
@@ -33,6 +44,7 @@ static struct {
     locale_t locale;                       /* of the thread */
     char locales[CATEGORIES][LOCALE_NAME]; /* of the process */
     sigset_t mask;
+    scheduling scheduling;
     mode_t umask;
     int folder; /* O_PATH; -1: none */
     dev_t device;
@@ -43,11 +55,15 @@ static struct {
 
 /* ---- keep ---- */
 
+/* The C library has no function for it. A kernel that has none either answers zeros. */
+static scheduling read_scheduling(void) {
+    scheduling now = {0};
+    (void)syscall(SYS_sched_getattr, 0, &now, (unsigned)sizeof now, 0);
+    return now;
+}
+
 static void keep_folder(void) {
     struct stat status;
-    if (host.folder >= 0) {
-        (void)close(host.folder);
-    }
     host.folder = open(".", O_PATH | O_DIRECTORY | O_CLOEXEC);
     if (host.folder >= 0 && fstat(host.folder, &status) == 0) {
         host.device = status.st_dev;
@@ -62,9 +78,12 @@ void tl_host_state_keep(void) {
         (void)snprintf(host.locales[i], LOCALE_NAME, "%s", setlocale(categories[i], NULL));
     }
     (void)pthread_sigmask(SIG_SETMASK, NULL, &host.mask);
-    host.umask = umask(S_IRWXG | S_IRWXO); /* there is no way but setting it to read it */
-    (void)umask(host.umask);
-    keep_folder();
+    host.scheduling = read_scheduling();
+    if (!host.kept) {
+        host.umask = umask(S_IRWXG | S_IRWXO); /* there is no way but setting it to read it */
+        (void)umask(host.umask);
+        keep_folder();
+    }
     host.kept = true;
 }
 
@@ -153,19 +172,28 @@ static unsigned put_back_umask(void) {
     return umask(host.umask) == host.umask ? 0 : TL_HOST_UMASK;
 }
 
+static unsigned put_back_scheduling(void) {
+    const scheduling now = read_scheduling();
+    if (memcmp(&now, &host.scheduling, sizeof now) == 0) {
+        return 0;
+    }
+    return syscall(SYS_sched_setattr, 0, &host.scheduling, 0) == 0 ? TL_HOST_SCHEDULING : 0;
+}
+
 unsigned tl_host_state_put_back(void) {
     if (!host.kept) {
         return 0;
     }
     return put_back_rounding() | put_back_locale() | put_back_mask() | put_back_handlers() | put_back_folder() |
-           put_back_umask();
+           put_back_umask() | put_back_scheduling();
 }
 
 /* ---- describe ---- */
 
 void tl_host_state_describe(unsigned changes, char text[TL_HOST_CHANGE_TEXT]) {
     static const char *const names[TL_HOST_CHANGES] = {
-        "floating-point control", "the locale", "the signal mask", "signal handlers", "the current folder", "the umask",
+        "floating-point control", "the locale", "the signal mask", "signal handlers",
+        "the current folder",     "the umask",  "the scheduling",
     };
     size_t used = 0;
     text[0] = '\0';

@@ -3,7 +3,7 @@
  * Purpose: an FMU shares the process with us and with other FMUs. One that sets another rounding mode changes bits in silence, one
  *          that takes SIGTERM cannot be ended, one that changes the folder makes relative file names wrong. What was so before the
  *          FMU was loaded is put back.
- * Covers:  the floating-point control bits, the locale and the signal mask of the thread; the locale, the handlers of the signals
+ * Covers:  the floating-point control bits, the locale, the signal mask and the scheduling of the thread; the locale, the handlers of the signals
  *          that the program itself handles, the current folder and the umask of the process. A handler of a crash that was displaced
  *          is called by ours from then on (crash.h).
  * Left alone: handlers of all other signals, timers, limits, environment, open files.
@@ -22,15 +22,16 @@ typedef enum tl_host_change {
     TL_HOST_SIGNAL_MASK = 4,
     TL_HOST_HANDLERS = 8,
     TL_HOST_FOLDER = 16,
-    TL_HOST_UMASK = 32
+    TL_HOST_UMASK = 32,
+    TL_HOST_SCHEDULING = 64
 } tl_host_change;
 
-enum { TL_HOST_CHANGES = 6, TL_HOST_CHANGE_TEXT = 160 };
+enum { TL_HOST_CHANGES = 7, TL_HOST_CHANGE_TEXT = 192 };
 
-/* What is in force now is right. */
+/* What is in force now is right: for the thread that calls, before FMUs are called in it. Folder and umask are those of the first time. */
 void tl_host_state_keep(void);
 
-/* Puts back what differs from what was kept; the bits of what did. Nothing was ever kept: does nothing. Costs some 12 system calls. */
+/* Puts back what differs from what was kept; the bits of what did. Nothing was ever kept: does nothing. Costs some 14 system calls. */
 unsigned tl_host_state_put_back(void);
 
 /* sigaction(), for a handler of the program itself: it is kept from now on. 0, or -1 with errno. */

@@ -32,13 +32,12 @@ static void count_executions(const tl_assembly *assembly, tl_prognosis *prognosi
 
 /* ---- time ---- */
 
-static tl_status take_step(const tl_assembly *assembly, tl_sample *sample) {
+static tl_status take_step(const tl_assembly *assembly, tl_sample *sample, tl_error *error) {
     const tl_budget budget = {
         .evaluations = 1, .time = INT64_MAX / 4, .started = tl_clock_now(NULL), .now = tl_clock_now};
     tl_record record;
-    tl_error error;
     bool ready = false;
-    tl_status status = tl_twin_step(assembly->twin, sample, &budget, &record, &ready, &error);
+    tl_status status = tl_twin_step(assembly->twin, sample, &budget, &record, &ready, error);
     sample->tick++;
     return status;
 }
@@ -60,11 +59,11 @@ static void run_dry(const tl_assembly *assembly, tl_prognosis *prognosis) {
     tl_status status = TL_OK;
     memset(sample.quality, TL_NO_LINK, assembly->config.signal_count);
     while (status == TL_OK && sample.tick < before) {
-        status = take_step(assembly, &sample);
+        status = take_step(assembly, &sample, &prognosis->error);
     }
     tl_time begun = tl_clock_now(NULL);
     while (status == TL_OK && prognosis->steps < DRY_STEPS && tl_clock_now(NULL) - begun < LONGEST) {
-        status = take_step(assembly, &sample);
+        status = take_step(assembly, &sample, &prognosis->error);
         note_costs(assembly, prognosis);
         prognosis->steps++;
     }

@@ -22,7 +22,8 @@ typedef struct tl_prognosis {
     uint64_t worst; /* of a step that uses all its evaluations, the committing step included */
 
     /* ns here; 0: not known */
-    size_t steps;                         /* of the dry run; 0: the FMUs cannot step with the plant's initial values */
+    size_t steps;                         /* of the dry run; 0: the FMUs cannot step with the plant's initial values: */
+    tl_error error;                       /* why */
     tl_time step_time;                    /* of a free step */
     tl_time cost[TL_RECORDER_COMPONENTS]; /* of one execution of each component, saving its state included */
     tl_time worst_time;                   /* of `worst`; INT64_MAX stands for all that is more */

@@ -3,6 +3,7 @@
 
 #include <errno.h>
 #include <fcntl.h>
+#include <pthread.h>
 #include <stdbool.h>
 #include <stdio.h>
 #include <string.h>
@@ -51,6 +52,21 @@ static bool is_ours(const tl_recorder_lock *lock) {
     return strcmp(text + digits, digits == 0 ? "" : "\n") == 0;
 }
 
+/* What this process holds. A child that an FMU forks has the file too, and would hold the lock for as long as it lives: it lets go. */
+static int held = -1;
+
+static void let_go(void) {
+    if (held >= 0) {
+        (void)close(held);
+    }
+}
+
+static void hold(int file) {
+    static bool prepared;
+    prepared = prepared || pthread_atfork(NULL, NULL, let_go) == 0;
+    held = file;
+}
+
 /* 1: taken, 0: somebody else has it, −1: errno. */
 static int try_once(tl_recorder_lock *lock) {
     lock->file = open(lock->path, O_RDWR | O_CREAT | O_CLOEXEC | O_NOFOLLOW | O_NONBLOCK, 0640);
@@ -87,6 +103,7 @@ tl_status tl_recorder_lock_take(const char *database, tl_recorder_lock *lock, tl
         int result = try_once(lock);
         if (result == 1) {
             say_owner(lock);
+            hold(lock->file);
             return TL_OK;
         }
         tl_status status = TL_OK;
@@ -108,6 +125,7 @@ tl_status tl_recorder_lock_take(const char *database, tl_recorder_lock *lock, tl
 
 void tl_recorder_lock_release(tl_recorder_lock *lock) {
     if (lock->file >= 0) {
+        hold(-1);
         (void)unlink(lock->path);
         (void)close(lock->file); /* in this order: who finds the file finds it locked */
         lock->file = -1;

@@ -179,7 +179,7 @@ static void end_child(supervisor *self, tl_time time) {
 static void look_at_clock(supervisor *self, tl_time passed) {
     self->stopping += passed < TL_HEARTBEAT_LOOK ? passed : TL_HEARTBEAT_LOOK;
     if (self->stopping > GRACE && !self->killed) {
-        (void)snprintf(self->fault, sizeof self->fault, "it was told to end, and had not after %.0f s",
+        (void)snprintf(self->fault, sizeof self->fault, "it was told to end, and was still there %.0f s later",
                        tl_seconds(GRACE));
         end_child(self, GRACE);
     }
@@ -278,8 +278,14 @@ static void append_call(const supervisor *self, char reason[TL_RESTARTS_REASON])
     (void)snprintf(reason + length, TL_RESTARTS_REASON - length, ", in %s of %s", call.function, call.fmu);
 }
 
+/* It said that it would end, and then it did as it had said. */
+static bool is_as_announced(const ending *how) {
+    return how->farewell != TL_FAREWELL_NONE && how->known && !how->by_signal && how->number == how->code;
+}
+
 static void describe(const supervisor *self, const ending *how, char reason[TL_RESTARTS_REASON]) {
     bool announced = how->farewell != TL_FAREWELL_NONE;
+    bool as_announced = is_as_announced(how);
     if (self->killed) {
         (void)snprintf(reason, TL_RESTARTS_REASON, "%s", self->fault);
     } else if (!how->known) {
@@ -287,13 +293,13 @@ static void describe(const supervisor *self, const ending *how, char reason[TL_R
     } else if (how->by_signal) {
         (void)snprintf(reason, TL_RESTARTS_REASON, "it was ended by signal %d, %s", how->number,
                        strsignal(how->number));
-    } else if (how->farewell == TL_FAREWELL_ASKED) {
+    } else if (how->farewell == TL_FAREWELL_ASKED && as_announced) {
         (void)snprintf(reason, TL_RESTARTS_REASON, "it was told to end, and not by its supervisor");
     } else {
-        (void)snprintf(reason, TL_RESTARTS_REASON, "it ended with exit code %d%s", how->number,
-                       announced ? "" : " and without a word");
+        (void)snprintf(reason, TL_RESTARTS_REASON, "it ended %swith exit code %d", announced ? "" : "unannounced, ",
+                       how->number);
     }
-    if (self->killed || how->by_signal || !announced) {
+    if (self->killed || !as_announced) {
         append_call(self, reason);
     }
 }
@@ -315,13 +321,12 @@ static bool is_final(const supervisor *self, const ending *how) {
 static int final_code(const supervisor *self, const ending *how) {
     char reason[TL_RESTARTS_REASON];
     bool announced = how->farewell != TL_FAREWELL_NONE;
-    bool as_announced = how->known && !how->by_signal && how->number == how->code;
     describe(self, how, reason);
     if (self->killed || !announced) {
         say(TL_LOG_ERROR, "the twin failed when it was to end", reason);
         return TRY_AGAIN;
     }
-    if (!as_announced) {
+    if (!is_as_announced(how)) {
         say(TL_LOG_WARNING, "the twin failed when all was done", reason);
     }
     return how->code;

@@ -324,10 +324,14 @@ static void print_costs(const tl_assembly *assembly, const tl_prognosis *prognos
     }
 }
 
-static void print_page(const tl_assembly *assembly, FILE *output) {
+static tl_status print_page(const tl_assembly *assembly, FILE *output) {
     const tl_config *config = &assembly->config;
     tl_prognosis prognosis;
     tl_prognosis_make(assembly, &prognosis);
+    if (tl_twin_get_facts(assembly->twin).cannot_return) {
+        tl_log(TL_LOG_ERROR, "%s", prognosis.error.text);
+        return prognosis.error.status;
+    }
     (void)fprintf(output, "%s: %s\n", config->path, config->name);
     print_components(assembly, output);
     print_mode(assembly, output);
@@ -341,6 +345,7 @@ static void print_page(const tl_assembly *assembly, FILE *output) {
         (void)fprintf(output, ", %zu warning%s", warnings, warnings == 1 ? "" : "s");
     }
     (void)fputc('\n', output);
+    return TL_OK;
 }
 
 static void check(void *context) {
@@ -353,7 +358,7 @@ static void check(void *context) {
         job->status = TL_INTERRUPTED;
     }
     if (job->status == TL_OK) {
-        print_page(&assembly, options->output);
+        job->status = print_page(&assembly, options->output);
     } else if (assembly.problems.report.count > 1) {
         tl_log(TL_LOG_ERROR, "%zu problems", assembly.problems.report.count);
     }

@@ -11,7 +11,10 @@ tl_status tl_twin_start(tl_twin *twin, tl_error *error) {
     }
     tl_status status = tl_exchange_initialize(&twin->exchange, error);
     if (status == TL_OK && twin->lock.horizon.variables != 0) {
-        status = tl_proof_of_rollback(&twin->lock, &twin->graph, twin->first, twin->proof, error);
+        bool stepped = true;
+        const tl_proof_place place = {.outputs = twin->proof, .stepped = &stepped};
+        status = tl_proof_of_rollback(&twin->lock, &twin->graph, twin->first, &place, error);
+        twin->cannot_return = status != TL_OK && stepped;
     }
     return status;
 }

@@ -42,6 +42,7 @@ typedef struct tl_twin_facts {
     uint64_t state_memory;              /* bytes of the FMUs' saved states at most; 0: not begun, or not known */
     uint64_t executions_per_step;       /* K: of a step that runs free */
     uint64_t executions_per_evaluation; /* K·T_P: if nothing were saved */
+    bool cannot_return;                 /* begun, and an FMU's rollback was found not to hold */
     bool structure;                     /* what is saved */
     bool sequences;
 } tl_twin_facts;

@@ -33,6 +33,7 @@ tl_twin_facts tl_twin_get_facts(const tl_twin *twin) {
         .state_memory = state_memory(twin),
         .executions_per_step = components,
         .executions_per_evaluation = searches ? components * prediction : 0,
+        .cannot_return = twin->cannot_return,
         .structure = searches && lock->ledger.saving.structure,
         .sequences = searches && lock->ledger.saving.sequences,
     };

@@ -19,6 +19,7 @@ struct tl_twin {
     tl_arena arena;
     tl_graph graph;
     tl_exchange exchange;
+    bool cannot_return; /* the proof of the rollback has failed */
     tl_lock lock;
     tl_event_horizon *event; /* in place of the lock's own steps; NULL: no event horizon */
     tl_objective_term terms[TL_MAX_MATCH];

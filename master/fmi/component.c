@@ -48,6 +48,11 @@ static tl_status judge(tl_component *component, fmi2Status status, const char *c
         break;
     }
     component->mode = TL_MODE_DEAD;
+    if (status != fmi2Fatal) {
+        return tl_fail(error, TL_FMU_FATAL,
+                       "%s: %s answered %d, which is no fmi2Status; this FMU cannot be used any more: export it again",
+                       component->name, call, (int)status);
+    }
     return tl_fail(error, TL_FMU_FATAL, "%s: %s failed for good (fmi2Fatal); this FMU cannot be used any more; %s",
                    component->name, call,
                    component->logging

@@ -55,16 +55,25 @@ static tl_status lead_astray(const tl_lock *lock, int64_t first, tl_error *error
     return status == TL_FMU_FATAL ? status : TL_OK;
 }
 
-tl_status tl_proof_of_rollback(tl_lock *lock, const tl_graph *graph, int64_t first, double *outputs, tl_error *error) {
+/* One step as it is. */
+static tl_status step(tl_exchange *exchange, int64_t first, bool *stepped, tl_error *error) {
+    tl_status status = tl_exchange_step(exchange, first, error);
+    *stepped = status == TL_OK;
+    return status;
+}
+
+tl_status tl_proof_of_rollback(tl_lock *lock, const tl_graph *graph, int64_t first, const tl_proof_place *place,
+                               tl_error *error) {
     tl_exchange *exchange = lock->exchange;
+    *place->stepped = true;
     tl_status status = tl_exchange_save(exchange, error);
-    status = status == TL_OK ? tl_exchange_step(exchange, first, error) : status;
-    note_outputs(exchange, graph, outputs);
+    status = status == TL_OK ? step(exchange, first, place->stepped, error) : status;
+    note_outputs(exchange, graph, place->outputs);
     status = status == TL_OK ? tl_exchange_restore(exchange, error) : status;
     status = status == TL_OK ? lead_astray(lock, first, error) : status;
     status = status == TL_OK ? tl_exchange_restore(exchange, error) : status;
-    status = status == TL_OK ? tl_exchange_step(exchange, first, error) : status;
-    status = status == TL_OK ? compare_outputs(exchange, graph, outputs, error) : status;
+    status = status == TL_OK ? step(exchange, first, place->stepped, error) : status;
+    status = status == TL_OK ? compare_outputs(exchange, graph, place->outputs, error) : status;
     status = status == TL_OK ? tl_exchange_restore(exchange, error) : status;
     for (size_t i = 0; i < exchange->component_count; i++) {
         exchange->components[i].executions = 0;

@@ -7,13 +7,21 @@
 #ifndef TL_MASTER_SYNC_PROOF_H
 #define TL_MASTER_SYNC_PROOF_H
 
+#include <stdbool.h>
+
 #include "master/base/status.h"
 #include "master/graph/graph.h"
 #include "master/sync/lock.h"
 
+/* Where a proof puts what it finds. */
+typedef struct tl_proof_place {
+    double *outputs; /* scratch: for each port of the graph */
+    bool *stepped;   /* false: what failed was a step, which says nothing about the rollback */
+} tl_proof_place;
+
 /* After initialisation, before tl_exchange_start(); leaves everything where it was, at the beginning of step `first`, and
- * no executions counted. `outputs` is scratch: a
- * place for each port of the graph. TL_FMU_FAILED, and which output it is, where the rollback does not hold. */
-tl_status tl_proof_of_rollback(tl_lock *lock, const tl_graph *graph, int64_t first, double *outputs, tl_error *error);
+ * no executions counted. TL_FMU_FAILED, and which output it is, if the rollback does not hold. */
+tl_status tl_proof_of_rollback(tl_lock *lock, const tl_graph *graph, int64_t first, const tl_proof_place *place,
+                               tl_error *error);
 
 #endif

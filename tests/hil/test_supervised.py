@@ -228,7 +228,7 @@ def test_an_fmu_is_named():
         unruly.wait_for_tick(4)
         end_orderly(unruly.live)
         expect(unruly.live.account()["starts"] == 4 and unruly.live.account()["restarts"] == 3, f"{unruly.live.account()}")
-    expect_starts(unruly.database, "it was told to", "reason: it ended with exit code 70 and without a word, in fmi2DoStep of unruly",
+    expect_starts(unruly.database, "it was told to", "reason: it ended unannounced, with exit code 70, in fmi2DoStep of unruly",
                   "reason: it was ended by signal 11, Segmentation fault, in fmi2DoStep of unruly", " s, in fmi2DoStep of unruly")
 
 
@@ -240,7 +240,7 @@ def test_told_to_end_while_an_fmu_hangs():
         unruly.tell("hang")
         live.signal(signal.SIGTERM)
         code, _, log = live.end()
-        wanted = "the twin failed when it was to end: it ended with exit code 70 and without a word, in fmi2DoStep of unruly"
+        wanted = "the twin failed when it was to end: it ended unannounced, with exit code 70, in fmi2DoStep of unruly"
         expect(code == 75 and wanted in log, f"ended with {code}\n{log}")
         expect(live.account()["running"] is False and live.account()["failures"] == 0, f"{live.account()}")
 

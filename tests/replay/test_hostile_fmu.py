@@ -157,6 +157,15 @@ def test_results_outlive_a_crash_in_freeing():
     expect(json.loads(out)["steps"], "no result")
 
 
+# ---- states that are none ----
+
+def test_a_state_that_cannot_be_saved_is_an_error_of_the_fmu():
+    path = config(make("no_state"), LOCKED)
+    for verb in ("check", "replay"):
+        code, log, _ = end_of((verb, path))
+        expect(code == 70 and "hostile: fmi2GetFMUstate failed" in log, f"{verb} ended with {code}\n{log}")
+
+
 # ---- calls that never return ----
 
 def test_a_call_that_never_returns():

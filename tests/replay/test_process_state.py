@@ -3,10 +3,11 @@
 import stat
 
 import hostile_fmu
+from comma_locale import comma_locale
 from twinlock_test import expect, finish, main, scratch, start
 
 NOWHERE = "nowhere"
-KINDS = {"ROUNDING": 0, "FOLDER": 1, "UMASK": 2}
+KINDS = {"ROUNDING": 0, "FOLDER": 1, "UMASK": 2, "LOCALE": 3}
 
 
 def replay(at, kind, changes=None):
@@ -45,6 +46,15 @@ def test_current_folder():
     for at in ("load", "fmi2Instantiate", "fmi2ExitInitializationMode", "fmi2FreeInstance"):
         _, messages = expect_same_steps(at, "FOLDER")
         expect_said(messages, "the current folder", "the library" if at == "load" else at)
+
+
+def test_locale():
+    with comma_locale():
+        for changes in (None, hostile_fmu.LOCKED):
+            _, messages = expect_same_steps("fmi2DoStep", "LOCALE", changes)
+            expect_said(messages, "the locale", "a step")
+        _, messages = expect_same_steps("fmi2GetFMUstate", "LOCALE", hostile_fmu.LOCKED)
+        expect_said(messages, "the locale", "fmi2GetFMUstate")
 
 
 def test_umask():

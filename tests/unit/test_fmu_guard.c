@@ -2,6 +2,7 @@
 #include "firmware/fmu_guard.h"
 
 #include <fenv.h>
+#include <locale.h>
 #include <signal.h>
 #include <stdbool.h>
 #include <stdio.h>
@@ -11,6 +12,7 @@
 
 #include <unity.h>
 
+#include "firmware/fp_control.h"
 #include "firmware/host_state.h"
 #include "master/fmi/component.h"
 #include "tests/support/stderr_capture.h"
@@ -40,16 +42,50 @@ static fmi2Status note_call(fmi2Component instance, fmi2Real now, fmi2Real step,
     return fmu.functions.do_step(instance, now, step, final);
 }
 
-static fmi2Status round_upwards(fmi2Component instance, fmi2Real now, fmi2Real step, fmi2Boolean final) {
+static fmi2Status step_and_round_upwards(fmi2Component instance, fmi2Real now, fmi2Real step, fmi2Boolean final) {
     fmi2Status status = fmu.functions.do_step(instance, now, step, final);
     (void)fesetround(FE_UPWARD);
     return status;
 }
 
-static fmi2Status round_upwards_while_reading(fmi2Component instance, const fmi2ValueReference references[],
-                                              size_t count, fmi2Real values[]) {
+static void round_upwards(void) {
     (void)fesetround(FE_UPWARD);
-    return fmu.functions.get_real(instance, references, count, values);
+}
+
+static void use_another_locale(void) {
+    static locale_t other;
+    other = other == (locale_t)0 ? newlocale(LC_ALL_MASK, "POSIX", (locale_t)0) : other;
+    other = newlocale(LC_CTYPE_MASK, "C.UTF-8", other);
+    (void)uselocale(other);
+}
+
+#if defined(__x86_64__)
+static void enable_traps(void) {
+    (void)feenableexcept(FE_DIVBYZERO | FE_INVALID);
+}
+
+static void enable_an_sse_trap(void) {
+    tl_fp_control_set(tl_fp_control_get() & ~0x0200U);
+}
+
+static void use_single_precision(void) {
+    uint16_t single = 0x007F;
+    __asm__ volatile("fldcw %0" : : "m"(single));
+}
+#endif
+
+static void (*meddle)(void);
+
+static fmi2Status meddle_and_get_real(fmi2Component instance, const fmi2ValueReference references[], size_t count,
+                                      fmi2Real values[]) {
+    fmi2Status status = fmu.functions.get_real(instance, references, count, values);
+    meddle();
+    return status;
+}
+
+static fmi2Status meddle_and_get_state(fmi2Component instance, fmi2FMUstate *state) {
+    meddle();
+    return fmu.functions.get_fmu_state(instance, state);
 }
 
 static fmi2Status ignore_signals(fmi2Component instance) {
@@ -165,7 +201,7 @@ static void a_failing_call_of_a_step_is_named(void) {
 }
 
 static void the_rounding_mode_is_put_back_and_said_once(void) {
-    vendor.do_step = round_upwards;
+    vendor.do_step = step_and_round_upwards;
     start();
     TEST_ASSERT_TRUE(tl_stderr_capture_begin());
     for (int i = 0; i < 3; i++) {
@@ -173,25 +209,54 @@ static void the_rounding_mode_is_put_back_and_said_once(void) {
         TEST_ASSERT_EQUAL_INT(FE_TONEAREST, fegetround());
     }
     expect_said(
-        "twinlock: warning: FMU box: it changed floating-point control of the whole process in fmi2GetReal; that "
-        "was put back (said once)\n");
+        "twinlock: warning: FMU box1 changed floating-point control of the whole process in a step; that was put back, "
+        "and is said once\n");
 }
 
-/* Between two components of a macro step too: the second one must not compute with the mode of the first. */
-static void the_rounding_mode_is_put_back_before_the_next_instance_steps(void) {
-    tl_component both[2];
-    size_t failed = 0;
-    vendor.get_real = round_upwards_while_reading;
+/* Between two components of a macro step too: the second one must not compute with what the first one has set. */
+static void what_counts_is_put_back_before_the_next_instance_steps(void) {
+    static void (*const kinds[])(void) = {
+        round_upwards,
+        use_another_locale,
+#if defined(__x86_64__)
+        enable_traps,
+        enable_an_sse_trap,
+        use_single_precision,
+#endif
+    };
+    vendor.get_real = meddle_and_get_real;
     start();
-    both[0] = component;
-    both[1] = component;
-    both[1].instance = NULL; /* it must be found to be wrong before it is called */
-    both[1].mode = TL_MODE_FAILED;
+    const uint32_t control = tl_fp_control_get();
+    const locale_t locale = uselocale((locale_t)0);
+    for (size_t i = 0; i < sizeof kinds / sizeof kinds[0]; i++) {
+        tl_component both[2] = {component, component};
+        size_t failed = 0;
+        meddle = kinds[i];
+        both[1].instance = NULL; /* it must be found to be wrong before it is called */
+        both[1].mode = TL_MODE_FAILED;
+        TEST_ASSERT_TRUE(tl_stderr_capture_begin());
+        tl_status status = tl_component_step_all(both, 2, 0.1 * (double)i, 0.1, false, &failed, &error);
+        free(tl_stderr_capture_end());
+        TEST_ASSERT_EQUAL_INT(TL_FMU_FAILED, status);
+        TEST_ASSERT_EQUAL_size_t(1, failed);
+        TEST_ASSERT_EQUAL_HEX32(control, tl_fp_control_get());
+        TEST_ASSERT_TRUE(uselocale((locale_t)0) == locale);
+    }
+}
+
+static void the_locale_is_put_back_after_each_call(void) {
+    fmi2FMUstate state = NULL;
+    const locale_t locale = uselocale((locale_t)0);
+    vendor.get_fmu_state = meddle_and_get_state;
+    meddle = use_another_locale;
+    start();
     TEST_ASSERT_TRUE(tl_stderr_capture_begin());
-    TEST_ASSERT_EQUAL_INT(TL_FMU_FAILED, tl_component_step_all(both, 2, 0.0, 0.1, false, &failed, &error));
-    free(tl_stderr_capture_end());
-    TEST_ASSERT_EQUAL_size_t(1, failed);
-    TEST_ASSERT_EQUAL_INT(FE_TONEAREST, fegetround());
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_save(&component, &state, &error));
+    expect_said(
+        "twinlock: warning: FMU box1 changed the locale of the whole process in fmi2GetFMUstate; that was put back, "
+        "and is said once\n");
+    TEST_ASSERT_TRUE(uselocale((locale_t)0) == locale);
+    tl_component_forget(&component, &state);
 }
 
 static void what_initialising_changes_is_put_back(void) {
@@ -203,8 +268,8 @@ static void what_initialising_changes_is_put_back(void) {
     vendor.exit_initialization_mode = ignore_signals;
     TEST_ASSERT_TRUE(tl_stderr_capture_begin());
     start();
-    expect_said("twinlock: warning: FMU box: it changed the signal mask, signal handlers and the current folder of the "
-                "whole process in fmi2ExitInitializationMode; that was put back (said once)\n");
+    expect_said("twinlock: warning: FMU box1 changed the signal mask, signal handlers and the current folder of the "
+                "whole process in fmi2ExitInitializationMode; that was put back, and is said once\n");
     (void)pthread_sigmask(SIG_SETMASK, NULL, &mask);
     TEST_ASSERT_EQUAL_INT(0, sigismember(&mask, SIGTERM));
     TEST_ASSERT_EQUAL_INT(0, sigaction(SIGTERM, NULL, &action));
@@ -222,8 +287,8 @@ static void what_a_step_changes_is_put_back_with_the_tick(void) {
     tl_fmu_guard_tick();
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_step(&component, 0.1, 0.1, false, &error));
     tl_fmu_guard_tick();
-    expect_said("twinlock: warning: an FMU changed signal handlers of the whole process; that was put back (said "
-                "once)\n");
+    expect_said("twinlock: warning: an FMU changed signal handlers of the whole process in its steps; that was put "
+                "back, and is said once\n");
     TEST_ASSERT_EQUAL_INT(0, sigaction(SIGTERM, NULL, &action));
     TEST_ASSERT_TRUE(action.sa_handler == take_sigterm);
 }
@@ -271,7 +336,8 @@ int main(void) {
     RUN_TEST(a_call_is_noted_with_the_instance_while_it_lasts);
     RUN_TEST(a_failing_call_of_a_step_is_named);
     RUN_TEST(the_rounding_mode_is_put_back_and_said_once);
-    RUN_TEST(the_rounding_mode_is_put_back_before_the_next_instance_steps);
+    RUN_TEST(what_counts_is_put_back_before_the_next_instance_steps);
+    RUN_TEST(the_locale_is_put_back_after_each_call);
     RUN_TEST(what_initialising_changes_is_put_back);
     RUN_TEST(what_a_step_changes_is_put_back_with_the_tick);
     RUN_TEST(success_without_a_state_is_a_failure);

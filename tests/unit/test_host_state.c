@@ -5,6 +5,7 @@
 #include <float.h>
 #include <locale.h>
 #include <pthread.h>
+#include <sched.h>
 #include <signal.h>
 #include <stdbool.h>
 #include <stdio.h>
@@ -55,15 +56,16 @@ static void nothing_is_found_where_nothing_was_changed(void) {
 }
 
 static void each_rounding_mode_is_put_back(void) {
+    const uint32_t control = tl_fp_control_get();
     static const int modes[] = {FE_UPWARD, FE_DOWNWARD, FE_TOWARDZERO};
     for (size_t i = 0; i < sizeof modes / sizeof modes[0]; i++) {
         TEST_ASSERT_EQUAL_INT(0, fesetround(modes[i]));
-        bool usual = tl_fp_computes_as_usual();
+        bool usual = tl_fp_control_holds(control);
         unsigned changes = tl_host_state_put_back();
         TEST_ASSERT_FALSE(usual);
         TEST_ASSERT_EQUAL_UINT(TL_HOST_ROUNDING, changes);
         TEST_ASSERT_EQUAL_INT(FE_TONEAREST, fegetround());
-        TEST_ASSERT_TRUE(tl_fp_computes_as_usual());
+        TEST_ASSERT_TRUE(tl_fp_control_holds(control));
     }
 }
 
@@ -71,18 +73,24 @@ static void each_rounding_mode_is_put_back(void) {
 static void flushed_denormals_and_traps_are_put_back(void) {
     static const unsigned bits[] = {0x8000, 0x0040}; /* flush to zero, denormals are zeros */
     volatile double least = DBL_MIN / 4.0;
+    const uint32_t control = tl_fp_control_get();
     for (size_t i = 0; i < sizeof bits / sizeof bits[0]; i++) {
         tl_fp_control_set(tl_fp_control_get() | bits[i]);
-        bool usual = tl_fp_computes_as_usual();
+        bool usual = tl_fp_control_holds(control);
         TEST_ASSERT_EQUAL_UINT(TL_HOST_ROUNDING, tl_host_state_put_back());
         TEST_ASSERT_FALSE(usual);
         TEST_ASSERT_TRUE(least + least > 0.0);
     }
+    tl_fp_control_set(control & ~0x0200U); /* a trap of SSE alone: put back unseen */
+    TEST_ASSERT_TRUE(tl_fp_control_holds(control));
+    TEST_ASSERT_EQUAL_HEX32(control, tl_fp_control_get());
     TEST_ASSERT_NOT_EQUAL_INT(-1, feenableexcept(FE_INVALID | FE_DIVBYZERO));
+    TEST_ASSERT_FALSE(tl_fp_control_holds(control));
     TEST_ASSERT_EQUAL_UINT(TL_HOST_ROUNDING, tl_host_state_put_back());
     TEST_ASSERT_EQUAL_INT(0, fegetexcept());
     uint16_t single = 0x007F; /* x87: 24 bits of precision */
     __asm__ volatile("fldcw %0" : : "m"(single));
+    TEST_ASSERT_FALSE(tl_fp_control_holds(control));
     TEST_ASSERT_EQUAL_UINT(TL_HOST_ROUNDING, tl_host_state_put_back());
     volatile long double third = 1.0L;
     third /= 3.0L;
@@ -150,12 +158,18 @@ static void the_folder_is_put_back_even_if_the_other_one_is_gone(void) {
 }
 
 static void the_umask_is_put_back(void) {
-    mode_t before = umask(0027);
-    tl_host_state_keep();
-    (void)umask(0);
+    mode_t before = umask(0);
+    TEST_ASSERT_NOT_EQUAL_UINT(0, before);
     TEST_ASSERT_EQUAL_UINT(TL_HOST_UMASK, tl_host_state_put_back());
-    TEST_ASSERT_EQUAL_UINT(0027, umask(before));
-    tl_host_state_keep();
+    TEST_ASSERT_EQUAL_UINT(before, umask(before));
+}
+
+static void the_scheduling_of_the_thread_is_put_back_as_far_as_permitted(void) {
+    const struct sched_param idle = {.sched_priority = 0};
+    TEST_ASSERT_EQUAL_INT(0, sched_setscheduler(0, SCHED_BATCH, &idle));
+    TEST_ASSERT_EQUAL_UINT(TL_HOST_SCHEDULING, tl_host_state_put_back());
+    TEST_ASSERT_EQUAL_INT(SCHED_OTHER, sched_getscheduler(0));
+    TEST_ASSERT_EQUAL_UINT(0, tl_host_state_put_back());
 }
 
 static void all_at_once_is_told_in_one_sentence(void) {
@@ -168,8 +182,8 @@ static void all_at_once_is_told_in_one_sentence(void) {
     tl_host_state_describe(TL_HOST_HANDLERS, text);
     TEST_ASSERT_EQUAL_STRING("signal handlers", text);
     tl_host_state_describe((1U << TL_HOST_CHANGES) - 1, text);
-    TEST_ASSERT_EQUAL_STRING("floating-point control, the locale, the signal mask, signal handlers, the current folder "
-                             "and the umask",
+    TEST_ASSERT_EQUAL_STRING("floating-point control, the locale, the signal mask, signal handlers, the current "
+                             "folder, the umask and the scheduling",
                              text);
 }
 
@@ -186,6 +200,7 @@ int main(void) {
     RUN_TEST(the_newest_handler_of_ours_is_kept);
     RUN_TEST(the_folder_is_put_back_even_if_the_other_one_is_gone);
     RUN_TEST(the_umask_is_put_back);
+    RUN_TEST(the_scheduling_of_the_thread_is_put_back_as_far_as_permitted);
     RUN_TEST(all_at_once_is_told_in_one_sentence);
     return UNITY_END();
 }

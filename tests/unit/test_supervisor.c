@@ -263,13 +263,13 @@ static void test_the_dead_are_reaped(void) {
 /* Only what was announced is an orderly end, whatever the exit code says. */
 static void test_an_fmu_that_ends_the_process(void) {
     expect_code("x0", 0);
-    TEST_ASSERT_EQUAL_STRING("it ended with exit code 0 and without a word, in fmi2DoStep of motor", shared->reason[1]);
+    TEST_ASSERT_EQUAL_STRING("it ended unannounced, with exit code 0, in fmi2DoStep of motor", shared->reason[1]);
     TEST_ASSERT_TRUE(shared->again[1]);
 }
 
 static void test_an_fmu_that_ends_the_process_at_start(void) {
     expect_code("y0", 0);
-    TEST_ASSERT_EQUAL_STRING("it ended with exit code 65 and without a word, in fmi2DoStep of motor",
+    TEST_ASSERT_EQUAL_STRING("it ended unannounced, with exit code 65, in fmi2DoStep of motor",
                              shared->reason[1]);
 }
 
@@ -403,7 +403,7 @@ static void test_told_to_end_and_deaf(void) {
     char *log = tl_stderr_capture_end();
     TEST_ASSERT_TRUE(tl_stderr_capture_begin());
     TEST_ASSERT_NOT_NULL_MESSAGE(
-        strstr(log, "the twin failed when it was to end: it was told to end, and had not after 16 s, "
+        strstr(log, "the twin failed when it was to end: it was told to end, and was still there 16 s later, "
                     "in fmi2DoStep of motor\n"),
         log);
     free(log);

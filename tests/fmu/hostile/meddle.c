@@ -1,12 +1,14 @@
-/* Changes something of the whole process at the beginning of the function AT, and leaves it so: CHANGE is ROUNDING, FOLDER or UMASK. */
+/* Changes something of the whole process at the beginning of the function AT, and leaves it so: CHANGE is ROUNDING, FOLDER, UMASK or LOCALE
+ * (of the thread: a decimal comma). */
 #include "tests/fmu/hostile/hostile.h"
 
 #include <fenv.h>
+#include <locale.h>
 #include <string.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
-enum { ROUNDING, FOLDER, UMASK };
+enum { ROUNDING, FOLDER, UMASK, LOCALE };
 
 static bool change(void) {
     switch (CHANGE) {
@@ -14,6 +16,8 @@ static bool change(void) {
         return fesetround(FE_UPWARD) == 0;
     case FOLDER:
         return chdir("/") == 0;
+    case LOCALE:
+        return uselocale(newlocale(LC_ALL_MASK, "de_DE.UTF-8", (locale_t)0)) != (locale_t)0;
     default:
         (void)umask(0);
         return true;
