@@ -1,6 +1,7 @@
 /* The guard in front of an FMU's functions: see fmu_guard.h. */
 #include "firmware/fmu_guard.h"
 
+#include <ctype.h>
 #include <locale.h>
 #include <stdbool.h>
 #include <stdio.h>
@@ -17,7 +18,9 @@ typedef struct tl_fmu_guarded {
     uint32_t name;
     uint32_t control;
     locale_t locale;
-    unsigned told; /* changes that were said of this instance */
+    const unsigned short *const *characters; /* where the C library keeps the thread's table of characters, and which */
+    const unsigned short *table;             /* it is: a glance at the locale */
+    unsigned told;                           /* changes that were said of this instance */
     tl_fmu_guard *guard;
     struct tl_fmu_guarded *next;
 } guarded;
@@ -57,13 +60,17 @@ static void __attribute__((noinline, cold)) put_back_some(guarded *self, const c
 
 /* ---- around a call ---- */
 
+static bool holds_all(const guarded *self) {
+    return tl_fp_control_get() == self->control && uselocale((locale_t)0) == self->locale;
+}
+
 static inline void enter(const guarded *self, tl_fmu_function function) {
     tl_fmu_call_begin(self->name, function);
 }
 
 /* After an ordinary call: no system call. */
 static inline fmi2Status leave(guarded *self, fmi2Status status) {
-    if (tl_fp_control_get() != self->control || uselocale((locale_t)0) != self->locale) {
+    if (!holds_all(self)) {
         put_back_some(self, NULL);
     }
     tl_fmu_call_end();
@@ -98,6 +105,8 @@ static fmi2Component instantiate(fmi2String name, fmi2Type type, fmi2String guid
     *self = (guarded){.own = guard->own, .name = tl_fmu_calls_name(name), .guard = guard};
     self->control = tl_fp_control_get();
     self->locale = uselocale((locale_t)0);
+    self->characters = (const unsigned short *const *)__ctype_b_loc();
+    self->table = *self->characters;
     enter(self, TL_FMU_INSTANTIATE);
     self->instance = guard->own.instantiate(name, type, guid, resources, &guard->given, visible, logging);
     (void)leave_slowly(self, fmi2OK);
@@ -214,10 +223,11 @@ static fmi2Status do_step(fmi2Component component, fmi2Real now, fmi2Real step, 
     return leave(self, self->own.do_step(self->instance, now, step, final));
 }
 
-/* Between two instances of one macro step there is a cheaper way to see, and to put back, what counts (fp_control.h). */
+/* Between two instances of one macro step a glance must do, since for a small FMU more would take as long as its step: at what the control
+ * bits do (fp_control.h), and at the table of characters, which another locale brings with it unless it was made from ours. */
 static inline fmi2Status leave_step(guarded *self, bool last, fmi2Status status) {
-    bool holds = last ? tl_fp_control_get() == self->control : tl_fp_control_holds(self->control);
-    if (!holds || uselocale((locale_t)0) != self->locale) {
+    bool holds = last ? holds_all(self) : tl_fp_control_holds(self->control) && *self->characters == self->table;
+    if (!holds) {
         put_back_some(self, "a step");
     }
     tl_fmu_call_end();

@@ -269,8 +269,7 @@ static void test_an_fmu_that_ends_the_process(void) {
 
 static void test_an_fmu_that_ends_the_process_at_start(void) {
     expect_code("y0", 0);
-    TEST_ASSERT_EQUAL_STRING("it ended unannounced, with exit code 65, in fmi2DoStep of motor",
-                             shared->reason[1]);
+    TEST_ASSERT_EQUAL_STRING("it ended unannounced, with exit code 65, in fmi2DoStep of motor", shared->reason[1]);
 }
 
 static void test_an_fmu_that_crashes(void) {
