@@ -49,7 +49,7 @@ typedef enum tl_fmu_function {
 
 /* Fields are private. A zeroed block is one without calls. */
 typedef struct tl_fmu_calls {
-    uint32_t begun; /* calls so far; wraps around */
+    uint32_t begun; /* calls so far, those of a step together; wraps around */
     uint32_t now;   /* FMU · 256 + function; 0: none */
     uint32_t fmus;  /* names in use */
     char names[TL_FMU_CALL_FMUS][TL_FMU_CALL_NAME];
@@ -76,6 +76,8 @@ uint32_t tl_fmu_calls_name(const char *name);
 /* Between these two the FMU may do what it likes. A call that begins before the one before it has ended takes its place. Inline,
  * since an FMU's step may take no longer than a function call. */
 static inline void tl_fmu_call_begin(uint32_t fmu, tl_fmu_function function);
+/* Goes on with another function, under the number of the call that began: to count costs more than to note. */
+static inline void tl_fmu_call_go_on(uint32_t fmu, tl_fmu_function function);
 static inline void tl_fmu_call_end(void);
 
 /* ---- who looks ---- */
@@ -89,10 +91,14 @@ extern tl_fmu_calls *tl_fmu_calls_block; /* private: tl_fmu_calls_here() */
 
 enum { TL_FMU_CALL_FUNCTION_BITS = 8 };
 
+static inline void tl_fmu_call_go_on(uint32_t fmu, tl_fmu_function function) {
+    __atomic_store_n(&tl_fmu_calls_block->now, fmu << TL_FMU_CALL_FUNCTION_BITS | (uint32_t)function, __ATOMIC_RELAXED);
+}
+
 static inline void tl_fmu_call_begin(uint32_t fmu, tl_fmu_function function) {
-    tl_fmu_calls *block = tl_fmu_calls_block;
-    __atomic_store_n(&block->begun, __atomic_load_n(&block->begun, __ATOMIC_RELAXED) + 1, __ATOMIC_RELAXED);
-    __atomic_store_n(&block->now, fmu << TL_FMU_CALL_FUNCTION_BITS | (uint32_t)function, __ATOMIC_RELAXED);
+    uint32_t *begun = &tl_fmu_calls_block->begun;
+    __atomic_store_n(begun, __atomic_load_n(begun, __ATOMIC_RELAXED) + 1, __ATOMIC_RELAXED);
+    tl_fmu_call_go_on(fmu, function);
 }
 
 static inline void tl_fmu_call_end(void) {

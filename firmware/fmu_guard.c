@@ -11,16 +11,20 @@
 #include "firmware/host_state.h"
 #include "master/fmi/component.h"
 
-/* One instance. The table's callers get this in place of the FMU's own handle. */
+/* One instance. The table's callers get this in place of the FMU's own handle. What a step needs comes first, in one line of a
+ * processor's cache: with many small FMUs that is most of what a step costs. */
 typedef struct tl_fmu_guarded {
-    tl_fmi2 own; /* a copy, near at hand */
     fmi2Component instance;
-    uint32_t name;
-    uint32_t control;
-    locale_t locale;
+    fmi2SetRealTYPE *set_real;
+    fmi2DoStepTYPE *do_step;
+    fmi2GetRealTYPE *get_real;
     const unsigned short *const *characters; /* where the C library keeps the thread's table of characters, and which */
     const unsigned short *table;             /* it is: a glance at the locale */
-    unsigned told;                           /* changes that were said of this instance */
+    uint32_t name;
+    uint32_t control;
+    const tl_fmi2 *own; /* all functions */
+    locale_t locale;
+    unsigned told; /* changes that were said of this instance */
     tl_fmu_guard *guard;
     struct tl_fmu_guarded *next;
 } guarded;
@@ -102,7 +106,10 @@ static fmi2Component instantiate(fmi2String name, fmi2Type type, fmi2String guid
     if (self == NULL) {
         return NULL;
     }
-    *self = (guarded){.own = guard->own, .name = tl_fmu_calls_name(name), .guard = guard};
+    *self = (guarded){.own = &guard->own, .name = tl_fmu_calls_name(name), .guard = guard};
+    self->set_real = guard->own.set_real;
+    self->do_step = guard->own.do_step;
+    self->get_real = guard->own.get_real;
     self->control = tl_fp_control_get();
     self->locale = uselocale((locale_t)0);
     self->characters = (const unsigned short *const *)__ctype_b_loc();
@@ -133,7 +140,7 @@ static void forget(guarded *self) {
 static void free_instance(fmi2Component component) {
     guarded *self = component;
     enter(self, TL_FMU_FREE_INSTANCE);
-    self->own.free_instance(self->instance);
+    self->own->free_instance(self->instance);
     (void)leave_slowly(self, fmi2OK);
     forget(self);
 }
@@ -143,25 +150,25 @@ static fmi2Status setup_experiment(fmi2Component component, fmi2Boolean has_tole
     guarded *self = component;
     enter(self, TL_FMU_SETUP_EXPERIMENT);
     return leave_slowly(self,
-                        self->own.setup_experiment(self->instance, has_tolerance, tolerance, start, has_stop, stop));
+                        self->own->setup_experiment(self->instance, has_tolerance, tolerance, start, has_stop, stop));
 }
 
 static fmi2Status enter_initialization_mode(fmi2Component component) {
     guarded *self = component;
     enter(self, TL_FMU_ENTER_INITIALIZATION_MODE);
-    return leave_slowly(self, self->own.enter_initialization_mode(self->instance));
+    return leave_slowly(self, self->own->enter_initialization_mode(self->instance));
 }
 
 static fmi2Status exit_initialization_mode(fmi2Component component) {
     guarded *self = component;
     enter(self, TL_FMU_EXIT_INITIALIZATION_MODE);
-    return leave_slowly(self, self->own.exit_initialization_mode(self->instance));
+    return leave_slowly(self, self->own->exit_initialization_mode(self->instance));
 }
 
 static fmi2Status terminate(fmi2Component component) {
     guarded *self = component;
     enter(self, TL_FMU_TERMINATE);
-    return leave_slowly(self, self->own.terminate(self->instance));
+    return leave_slowly(self, self->own->terminate(self->instance));
 }
 
 /* ---- values ---- */
@@ -170,49 +177,49 @@ static fmi2Status get_real(fmi2Component component, const fmi2ValueReference ref
                            fmi2Real values[]) {
     guarded *self = component;
     enter(self, TL_FMU_GET_REAL);
-    return leave(self, self->own.get_real(self->instance, references, count, values));
+    return leave(self, self->own->get_real(self->instance, references, count, values));
 }
 
 static fmi2Status get_integer(fmi2Component component, const fmi2ValueReference references[], size_t count,
                               fmi2Integer values[]) {
     guarded *self = component;
     enter(self, TL_FMU_GET_INTEGER);
-    return leave(self, self->own.get_integer(self->instance, references, count, values));
+    return leave(self, self->own->get_integer(self->instance, references, count, values));
 }
 
 static fmi2Status get_boolean(fmi2Component component, const fmi2ValueReference references[], size_t count,
                               fmi2Boolean values[]) {
     guarded *self = component;
     enter(self, TL_FMU_GET_BOOLEAN);
-    return leave(self, self->own.get_boolean(self->instance, references, count, values));
+    return leave(self, self->own->get_boolean(self->instance, references, count, values));
 }
 
 static fmi2Status set_real(fmi2Component component, const fmi2ValueReference references[], size_t count,
                            const fmi2Real values[]) {
     guarded *self = component;
     enter(self, TL_FMU_SET_REAL);
-    return leave(self, self->own.set_real(self->instance, references, count, values));
+    return leave(self, self->own->set_real(self->instance, references, count, values));
 }
 
 static fmi2Status set_integer(fmi2Component component, const fmi2ValueReference references[], size_t count,
                               const fmi2Integer values[]) {
     guarded *self = component;
     enter(self, TL_FMU_SET_INTEGER);
-    return leave(self, self->own.set_integer(self->instance, references, count, values));
+    return leave(self, self->own->set_integer(self->instance, references, count, values));
 }
 
 static fmi2Status set_boolean(fmi2Component component, const fmi2ValueReference references[], size_t count,
                               const fmi2Boolean values[]) {
     guarded *self = component;
     enter(self, TL_FMU_SET_BOOLEAN);
-    return leave(self, self->own.set_boolean(self->instance, references, count, values));
+    return leave(self, self->own->set_boolean(self->instance, references, count, values));
 }
 
 static fmi2Status set_string(fmi2Component component, const fmi2ValueReference references[], size_t count,
                              const fmi2String values[]) {
     guarded *self = component;
     enter(self, TL_FMU_SET_STRING);
-    return leave(self, self->own.set_string(self->instance, references, count, values));
+    return leave(self, self->own->set_string(self->instance, references, count, values));
 }
 
 /* ---- steps ---- */
@@ -220,7 +227,7 @@ static fmi2Status set_string(fmi2Component component, const fmi2ValueReference r
 static fmi2Status do_step(fmi2Component component, fmi2Real now, fmi2Real step, fmi2Boolean final) {
     guarded *self = component;
     enter(self, TL_FMU_DO_STEP);
-    return leave(self, self->own.do_step(self->instance, now, step, final));
+    return leave(self, self->own->do_step(self->instance, now, step, final));
 }
 
 /* Between two instances of one macro step a glance must do, since for a small FMU more would take as long as its step: at what the control
@@ -240,16 +247,16 @@ static fmi2Status step_reals(fmi2Component component, const tl_ports *inputs, co
     fmi2Component instance = self->instance;
     *done = 0;
     enter(self, TL_FMU_SET_REAL);
-    fmi2Status status = self->own.set_real(instance, inputs->real_references, inputs->real_count, inputs->reals);
+    fmi2Status status = self->set_real(instance, inputs->real_references, inputs->real_count, inputs->reals);
     if (status <= fmi2Warning) {
         *done = 1;
-        enter(self, TL_FMU_DO_STEP);
-        status = self->own.do_step(instance, step->now, step->size, step->final);
+        tl_fmu_call_go_on(self->name, TL_FMU_DO_STEP);
+        status = self->do_step(instance, step->now, step->size, step->final);
     }
     if (status <= fmi2Warning) {
         *done = 2;
-        enter(self, TL_FMU_GET_REAL);
-        status = self->own.get_real(instance, outputs->real_references, outputs->real_count, outputs->reals);
+        tl_fmu_call_go_on(self->name, TL_FMU_GET_REAL);
+        status = self->get_real(instance, outputs->real_references, outputs->real_count, outputs->reals);
     }
     return leave_step(self, step->last, status);
 }
@@ -271,38 +278,38 @@ static fmi2Status expect_state(guarded *self, const fmi2FMUstate *state, fmi2Sta
 static fmi2Status get_fmu_state(fmi2Component component, fmi2FMUstate *state) {
     guarded *self = component;
     enter(self, TL_FMU_GET_STATE);
-    return leave(self, expect_state(self, state, self->own.get_fmu_state(self->instance, state)));
+    return leave(self, expect_state(self, state, self->own->get_fmu_state(self->instance, state)));
 }
 
 static fmi2Status set_fmu_state(fmi2Component component, fmi2FMUstate state) {
     guarded *self = component;
     enter(self, TL_FMU_SET_STATE);
-    return leave(self, self->own.set_fmu_state(self->instance, state));
+    return leave(self, self->own->set_fmu_state(self->instance, state));
 }
 
 static fmi2Status free_fmu_state(fmi2Component component, fmi2FMUstate *state) {
     guarded *self = component;
     enter(self, TL_FMU_FREE_STATE);
-    return leave(self, self->own.free_fmu_state(self->instance, state));
+    return leave(self, self->own->free_fmu_state(self->instance, state));
 }
 
 static fmi2Status serialized_fmu_state_size(fmi2Component component, fmi2FMUstate state, size_t *size) {
     guarded *self = component;
     enter(self, TL_FMU_SERIALIZED_SIZE);
-    return leave(self, self->own.serialized_fmu_state_size(self->instance, state, size));
+    return leave(self, self->own->serialized_fmu_state_size(self->instance, state, size));
 }
 
 static fmi2Status serialize_fmu_state(fmi2Component component, fmi2FMUstate state, fmi2Byte bytes[], size_t size) {
     guarded *self = component;
     enter(self, TL_FMU_SERIALIZE);
-    return leave(self, self->own.serialize_fmu_state(self->instance, state, bytes, size));
+    return leave(self, self->own->serialize_fmu_state(self->instance, state, bytes, size));
 }
 
 static fmi2Status deserialize_fmu_state(fmi2Component component, const fmi2Byte bytes[], size_t size,
                                         fmi2FMUstate *state) {
     guarded *self = component;
     enter(self, TL_FMU_DESERIALIZE);
-    return leave(self, expect_state(self, state, self->own.deserialize_fmu_state(self->instance, bytes, size, state)));
+    return leave(self, expect_state(self, state, self->own->deserialize_fmu_state(self->instance, bytes, size, state)));
 }
 
 /* ---- the guard ---- */
