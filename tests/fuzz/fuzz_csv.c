@@ -17,22 +17,8 @@ static const char configuration[] =
 
 /* ---- as a recording ---- */
 
-static void note(void *context, tl_status status, const char *where, const char *text) {
-    (void)context;
-    (void)status;
-    (void)where;
-    (void)text;
-}
-
 static const tl_config *config(void) {
-    static tl_config config;
-    if (config.memory == NULL) {
-        tl_report report = {.add = note};
-        if (tl_config_read_text("fuzz.json", configuration, sizeof configuration - 1, &config, &report) != TL_OK) {
-            abort();
-        }
-    }
-    return &config;
+    return tl_fuzz_config(configuration);
 }
 
 static void check_sample(const tl_sample *sample) {

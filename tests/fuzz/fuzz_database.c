@@ -20,22 +20,8 @@ static const char configuration[] =
     " \"plant\": {\"torque\": {\"unit\": \"N.m\"}, \"omega\": {\"unit\": \"rad/s\"}},\n"
     " \"connect\": [[\"plant.torque\", \"motor.M_w\"]]}";
 
-static void note(void *context, tl_status status, const char *where, const char *text) {
-    (void)context;
-    (void)status;
-    (void)where;
-    (void)text;
-}
-
 static const tl_config *config(void) {
-    static tl_config config;
-    if (config.memory == NULL) {
-        tl_report report = {.add = note};
-        if (tl_config_read_text("fuzz.json", configuration, sizeof configuration - 1, &config, &report) != TL_OK) {
-            abort();
-        }
-    }
-    return &config;
+    return tl_fuzz_config(configuration);
 }
 
 /* What is refused has a reason, and is damage, never an accident of ours. */

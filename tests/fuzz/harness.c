@@ -4,6 +4,7 @@
 #include <fcntl.h>
 #include <stdio.h>
 #include <stdlib.h>
+#include <string.h>
 #include <sys/mman.h>
 #include <unistd.h>
 
@@ -15,6 +16,24 @@ static void need(int right, const char *what) {
         perror(what);
         exit(1);
     }
+}
+
+static void note(void *context, tl_status status, const char *where, const char *text) {
+    (void)context;
+    (void)status;
+    (void)where;
+    (void)text;
+}
+
+const tl_config *tl_fuzz_config(const char *text) {
+    static tl_config config;
+    if (config.memory == NULL) {
+        tl_report report = {.add = note};
+        if (tl_config_read_text("fuzz.json", text, strlen(text), &config, &report) != TL_OK) {
+            abort();
+        }
+    }
+    return &config;
 }
 
 const char *tl_fuzz_folder(void) {

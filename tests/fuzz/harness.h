@@ -11,8 +11,13 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#include "firmware/config.h"
+
 /* Gives the bytes to what is under test, and returns 0. What it finds out has to depend on these bytes alone. */
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);
+
+/* What this text configures, read once: always the same text in one program. */
+const tl_config *tl_fuzz_config(const char *text);
 
 /* A folder for this process: $TMPDIR, or /tmp. */
 const char *tl_fuzz_folder(void);
