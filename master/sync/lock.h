@@ -18,10 +18,10 @@
 #include "master/base/estimate.h"
 #include "master/graph/exchange.h"
 #include "master/graph/track.h"
+#include "master/solve/optimiser.h"
 #include "master/sync/horizon.h"
 #include "master/sync/ledger.h"
 #include "master/sync/objective.h"
-#include "master/sync/optimiser.h"
 #include "master/sync/record.h"
 
 /* What the parts of a step take beside executions. Under a clock, all of a search is one of these or an execution. */

@@ -16,9 +16,9 @@
 #include <stdint.h>
 
 #include "master/graph/exchange.h"
-#include "master/sync/conditioner.h"
+#include "master/measure/conditioner.h"
+#include "master/measure/jitter.h"
 #include "master/sync/horizon.h"
-#include "master/sync/jitter.h"
 
 typedef struct tl_objective_term {
     const tl_port *port;      /* y */
