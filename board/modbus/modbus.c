@@ -29,9 +29,6 @@ enum { TEXT = 320, SILENCES_ON_A_LINE = 2 };
 /* Exceptions. */
 enum { ILLEGAL_ADDRESS = 2, ILLEGAL_VALUE = 3 };
 
-const uint32_t tl_modbus_bauds[] = {1200,   2400,   4800,   9600,   19200,  38400,   57600,
-                                    115200, 230400, 460800, 500000, 921600, 1000000, 0};
-
 struct tl_plant_io {
     tl_modbus_link *link;
     tl_modbus_map map;
@@ -338,7 +335,7 @@ static tl_status check_unit(const tl_modbus_channel *channel, size_t index, bool
 }
 
 static tl_status check_channel(const tl_modbus_channel *channel, size_t index, tl_error *error) {
-    bool bit_table = channel->table == TL_MODBUS_COIL || channel->table == TL_MODBUS_DISCRETE;
+    bool bit_table = tl_modbus_is_bit_table(channel->table);
     if (channel->table < TL_MODBUS_COIL || channel->table > TL_MODBUS_INPUT) {
         return tl_fail(error, TL_BAD_DATA, "Modbus channel %zu: there is no table %d", index, (int)channel->table);
     }
@@ -356,32 +353,6 @@ static tl_status check_channel(const tl_modbus_channel *channel, size_t index, t
     return TL_OK;
 }
 
-static bool is_baud(uint32_t baud) {
-    const uint32_t *known = tl_modbus_bauds;
-    while (*known != 0 && *known != baud) {
-        known++;
-    }
-    return *known != 0;
-}
-
-static tl_status check_line(const tl_modbus_line *line, tl_error *error) {
-    if (line->device[0] == '\0') {
-        return tl_fail(error, TL_BAD_DATA, "a Modbus line needs a device, for example /dev/serial/by-id/usb-0-port0");
-    }
-    if (!is_baud(line->baud)) {
-        return tl_fail(error, TL_BAD_DATA, "Modbus line %s: %u Bd is no speed of a serial line", line->device,
-                       (unsigned)line->baud);
-    }
-    if (line->parity != 'N' && line->parity != 'E' && line->parity != 'O') {
-        return tl_fail(error, TL_BAD_DATA, "Modbus line %s: parity is none of N, E, O", line->device);
-    }
-    if (line->stop_bits != 1 && line->stop_bits != 2) {
-        return tl_fail(error, TL_BAD_DATA, "Modbus line %s: %u stop bits, but must be 1 or 2", line->device,
-                       (unsigned)line->stop_bits);
-    }
-    return TL_OK;
-}
-
 static tl_status check(const tl_modbus_settings *settings, tl_error *error) {
     const char *device = settings->line.device;
     if (device == NULL && (settings->host == NULL || settings->host[0] == '\0')) {
@@ -391,7 +362,7 @@ static tl_status check(const tl_modbus_settings *settings, tl_error *error) {
         return tl_fail(error, TL_BAD_DATA, "Modbus %s: timeout_s is %g, but must be 0.001 to 3600",
                        device != NULL ? device : settings->host, settings->timeout_s);
     }
-    if (device != NULL && check_line(&settings->line, error) != TL_OK) {
+    if (device != NULL && tl_modbus_line_check(&settings->line, error) != TL_OK) {
         return TL_BAD_DATA;
     }
     for (size_t i = 0; i < settings->channel_count; i++) {

@@ -11,6 +11,7 @@
 
 #include "board/io/wake.h"
 #include "board/modbus/modbus_frame.h"
+#include "board/modbus/modbus_line.h"
 
 typedef struct tl_modbus_link tl_modbus_link;
 

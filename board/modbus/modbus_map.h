@@ -10,7 +10,7 @@
 #define TL_BOARD_MODBUS_MODBUS_MAP_H
 
 #include "board/io/backoff.h"
-#include "board/modbus/modbus.h"
+#include "board/modbus/modbus_codec.h"
 #include "board/modbus/modbus_outcome.h"
 
 enum {
