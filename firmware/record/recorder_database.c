@@ -13,6 +13,7 @@
 #include "firmware/base/sha256.h"
 #include "firmware/config/measurements.h"
 #include "firmware/database/database.h"
+#include "firmware/database/database_sql.h"
 #include "firmware/record/recorder_lock.h"
 #include "firmware/record/recorder_retention.h"
 #include "firmware/text/json_text.h"
