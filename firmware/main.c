@@ -2,10 +2,10 @@
 #include <stdio.h>
 #include <string.h>
 
-#include "firmware/c_locale.h"
-#include "firmware/crash.h"
-#include "firmware/process_end.h"
-#include "firmware/verbs.h"
+#include "firmware/base/c_locale.h"
+#include "firmware/process/crash.h"
+#include "firmware/process/process_end.h"
+#include "firmware/verbs/verbs.h"
 
 typedef struct verb {
     const char *name;

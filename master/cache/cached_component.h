@@ -29,7 +29,7 @@
 #include "master/base/status.h"
 #include "master/cache/sequence_cache.h"
 #include "master/fmi/component.h"
-#include "master/plan.h"
+#include "master/plan/plan.h"
 
 typedef struct tl_cached_component {
     tl_component *component;

@@ -16,7 +16,7 @@
 #include "master/base/status.h"
 #include "master/fmi/component.h"
 #include "master/graph/units.h"
-#include "master/plan.h"
+#include "master/plan/plan.h"
 
 /* No path. */
 #define TL_UNREACHABLE SIZE_MAX

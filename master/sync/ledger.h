@@ -23,7 +23,7 @@
 #include "master/base/simtime.h"
 #include "master/graph/costs.h"
 #include "master/graph/plant.h"
-#include "master/plan.h"
+#include "master/plan/plan.h"
 #include "master/sync/horizon.h"
 
 /* One candidate that was walked. */

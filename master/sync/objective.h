@@ -16,9 +16,9 @@
 #include <stdint.h>
 
 #include "master/graph/exchange.h"
-#include "master/sync/conditioner.h"
+#include "master/measure/conditioner.h"
+#include "master/measure/jitter.h"
 #include "master/sync/horizon.h"
-#include "master/sync/jitter.h"
 
 typedef struct tl_objective_term {
     const tl_port *port;      /* y */
@@ -61,9 +61,6 @@ typedef struct tl_objective {
     tl_jitter *jitters;           /* of the matched ŷ, in y's unit */
     size_t residual_count;        /* of the samples, then of the penalties */
 } tl_objective;
-
-/* Within tolerance. */
-#define TL_OBJECTIVE_TOLERANCE 1.0
 
 /* Takes what it needs; exchange, horizon, terms, term_count and penalties are set. False when memory is out. */
 bool tl_objective_init(tl_objective *objective, tl_arena *arena);

@@ -13,7 +13,7 @@
 #include <string.h>
 #include <time.h>
 
-#include "firmware/fmu_store.h"
+#include "firmware/fmu/fmu_store.h"
 #include "tests/bench/bench_floor.h"
 #include "tests/bench/bench_twin.h"
 

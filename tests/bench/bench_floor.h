@@ -10,7 +10,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#include "firmware/fmu_store.h"
+#include "firmware/fmu/fmu_store.h"
 
 enum { BENCH_LONGEST = 32 };
 

@@ -13,7 +13,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#include "master/twin.h"
+#include "master/twin/twin.h"
 #include "tests/bench/bench_floor.h"
 
 typedef struct bench_setup {

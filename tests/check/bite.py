@@ -18,29 +18,29 @@ def header(path, *lines):
 
 CLEAN = {
     "master/base/a.h": header("master/base/a.h", "#include <stddef.h>"),
-    "master/sync/s.h": header("master/sync/s.h", '#include "master/base/a.h"'),
-    "master/sync/s.c": '#include "master/sync/s.h"\n#include <nlopt.h>\n',
+    "master/solve/s.h": header("master/solve/s.h", '#include "master/base/a.h"'),
+    "master/solve/s.c": '#include "master/solve/s.h"\n#include <nlopt.h>\n',
     "board/io/plant_io.h": header("board/io/plant_io.h", '#include "master/base/a.h"'),
-    "board/io/csv.h": header("board/io/csv.h", '#include "board/io/plant_io.h"'),
-    "board/io/csv.c": '#include "board/io/csv.h"\n#include <unistd.h>\n',
-    "board/io/csv_row.c": '#include "board/io/csv.h"\n',
-    "firmware/f.c": '#include "board/io/csv.h"\n#include "master/sync/s.h"\n',
+    "board/csv/csv.h": header("board/csv/csv.h", '#include "board/io/plant_io.h"'),
+    "board/csv/csv.c": '#include "board/csv/csv.h"\n#include <unistd.h>\n',
+    "board/csv/csv_row.c": '#include "board/csv/csv.h"\n',
+    "firmware/f.c": '#include "board/csv/csv.h"\n#include "master/solve/s.h"\n',
     "README.md": "# One title\nSee [this](master/base/a.h) and [that](#one-title).\n```sh\nscript/go --now\n```\n",
     "script/go": "#!/usr/bin/env bash\nset -e\n",
 }
 
 # check, the file that breaks a rule, its text, what the check must say
 BROKEN = [
-    ("layers", "master/base/a.h", header("master/base/a.h", '#include "master/sync/s.h"'), "master/base may not know"),
-    ("layers", "master/sync/s.c", "#include <unistd.h>\n", "plain C99 only"),
-    ("layers", "master/sync/s.c", "#include <time.h>\n", "plain C99 only"),
-    ("layers", "master/base/b.c", "#include <nlopt.h>\n", "belongs to master/sync"),
+    ("layers", "master/base/a.h", header("master/base/a.h", '#include "master/solve/s.h"'), "master/base may not know"),
+    ("layers", "master/solve/s.c", "#include <unistd.h>\n", "plain C99 only"),
+    ("layers", "master/solve/s.c", "#include <time.h>\n", "plain C99 only"),
+    ("layers", "master/base/b.c", "#include <nlopt.h>\n", "belongs to master/solve"),
     ("layers", "master/base/b.c", '#include "firmware/f.h"\n', "there is no"),
     ("layers", "master/base/b.c", '#include "a.h"\n', "from the root"),
-    ("layers", "board/io/can.c", '#include "board/io/csv.h"\n', "another driver"),
-    ("layers", "board/io/can.c", '#include "master/sync/s.h"\n', "board/io may not know"),
-    ("layers", "master/plan.h", header("master/plan.h", '#include "master/sync/s.h"'), "may not know"),
-    ("layers", "firmware/f.c", '#include "board/io/csv.c"\n', "includes a source file"),
+    ("layers", "board/can/can.c", '#include "board/csv/csv.h"\n', "board/can may not know"),
+    ("layers", "board/can/can.c", '#include "master/solve/s.h"\n', "board/can may not know"),
+    ("layers", "master/plan/plan.h", header("master/plan/plan.h", '#include "master/solve/s.h"'), "may not know"),
+    ("layers", "firmware/f.c", '#include "board/csv/csv.c"\n', "includes a source file"),
     ("layers", "fmus/m/model.c", '#include "master/base/a.h"\n', "fmus/m may not know"),
     ("layers", "tests/support/t.h", header("tests/support/t.h", '#include "tests/support/t.h"'), "include cycle"),
     ("headers", "master/base/a.h", header("master/base/a.h", "size_t tl_a(void);"), "does not compile alone"),
@@ -90,12 +90,12 @@ SYMBOLS = [
 
 # The same of a driver of the board.
 BOARD_SYMBOLS = [
-    ("io/can_link.c", "#include <sys/socket.h>\nlong tl_a(int s, void *m) {\n    return recvmsg(s, m, 0);\n}\n", "0 findings"),
-    ("io/can_link.c", "#include <unistd.h>\nlong tl_a(int s) {\n    return write(s, \"\", 1);\n}\n", "needs write"),
-    ("io/can_x.c", "#include <sys/socket.h>\nlong tl_a(int s) {\n    return send(s, \"\", 1, 0);\n}\n", "needs send"),
-    ("io/can.c", "#include <sys/socket.h>\nlong tl_a(int s, void *m) {\n    return recvmsg(s, m, 0);\n}\n", "needs recvmsg"),
-    ("io/can_link.c", "long syscall(long n, ...);\nlong tl_a(void) {\n    return syscall(1);\n}\n", "needs syscall"),
-    ("io/csv.c", "#include <unistd.h>\nlong tl_a(int s) {\n    return write(s, \"\", 1);\n}\n", "0 findings"),
+    ("can/can_link.c", "#include <sys/socket.h>\nlong tl_a(int s, void *m) {\n    return recvmsg(s, m, 0);\n}\n", "0 findings"),
+    ("can/can_link.c", "#include <unistd.h>\nlong tl_a(int s) {\n    return write(s, \"\", 1);\n}\n", "needs write"),
+    ("can/can_x.c", "#include <sys/socket.h>\nlong tl_a(int s) {\n    return send(s, \"\", 1, 0);\n}\n", "needs send"),
+    ("can/can.c", "#include <sys/socket.h>\nlong tl_a(int s, void *m) {\n    return recvmsg(s, m, 0);\n}\n", "needs recvmsg"),
+    ("can/can_link.c", "long syscall(long n, ...);\nlong tl_a(void) {\n    return syscall(1);\n}\n", "needs syscall"),
+    ("csv/csv.c", "#include <unistd.h>\nlong tl_a(int s) {\n    return write(s, \"\", 1);\n}\n", "0 findings"),
 ]
 
 

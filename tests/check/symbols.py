@@ -14,7 +14,7 @@ import sys
 import tree
 
 HERE = os.path.dirname(os.path.abspath(__file__))
-NEEDS = {"master": ("*", "master_symbols.txt"), "board": ("io/can*", "can_symbols.txt")}  # floor: objects, what they may need
+NEEDS = {"master": ("*", "master_symbols.txt"), "board": ("can/*", "can_symbols.txt")}  # floor: objects, what they may need
 FLOORS = {"master": "tl_master", "board": "tl_board", "firmware": "tl_firmware"}
 
 

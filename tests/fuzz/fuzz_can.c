@@ -8,8 +8,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "board/io/can.h"
-#include "board/io/can_link.h"
+#include "board/can/can.h"
+#include "board/can/can_link.h"
 #include "tests/fuzz/harness.h"
 
 enum { CHANNELS = 12, POLLS = 200 };

@@ -2,7 +2,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "firmware/config.h"
+#include "firmware/config/config.h"
 #include "tests/fuzz/harness.h"
 
 /* Each problem has a text, and a place that leads somewhere or is "". */

@@ -3,9 +3,9 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "board/io/csv.h"
-#include "firmware/config.h"
-#include "firmware/recording.h"
+#include "board/csv/csv.h"
+#include "firmware/config/config.h"
+#include "firmware/plant/recording.h"
 #include "tests/fuzz/harness.h"
 
 enum { MOST_TICKS = 2000 };

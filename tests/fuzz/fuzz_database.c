@@ -4,12 +4,12 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "firmware/config.h"
-#include "firmware/database.h"
-#include "firmware/history.h"
-#include "firmware/log.h"
-#include "firmware/recording.h"
-#include "firmware/show.h"
+#include "firmware/base/log.h"
+#include "firmware/config/config.h"
+#include "firmware/database/database.h"
+#include "firmware/plant/recording.h"
+#include "firmware/record/history.h"
+#include "firmware/show/show.h"
 #include "tests/fuzz/harness.h"
 
 enum { MOST_TICKS = 500 };

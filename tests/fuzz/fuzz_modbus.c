@@ -9,7 +9,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "board/io/modbus_link.h"
+#include "board/modbus/modbus_link.h"
 #include "tests/fuzz/harness.h"
 
 enum { CHANNELS = 12, POLLS = 64, HEADER = 9 };

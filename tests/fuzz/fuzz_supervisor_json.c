@@ -3,8 +3,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "firmware/log.h"
-#include "firmware/restarts.h"
+#include "firmware/base/log.h"
+#include "firmware/supervise/restarts.h"
 #include "tests/fuzz/harness.h"
 
 static void write_account(const uint8_t *data, size_t size) {

@@ -3,7 +3,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "firmware/fmu_archive.h"
+#include "firmware/fmu/fmu_archive.h"
 #include "tests/fuzz/harness.h"
 
 /* Nothing but the folder that the archive may have: neither beside it, nor after it. */

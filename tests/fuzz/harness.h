@@ -11,7 +11,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#include "firmware/config.h"
+#include "firmware/config/config.h"
 
 /* Gives the bytes to what is under test, and returns 0. What it finds out has to depend on these bytes alone. */
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);

@@ -233,7 +233,7 @@ def test_an_fmu_is_named():
 
 
 def test_told_to_end_while_an_fmu_hangs():
-    """For longer than anybody wants to wait. The twin gives it up; what does not is tests/unit/test_supervisor.c's."""
+    """For longer than anybody wants to wait. The twin gives it up; what does not is tests/unit/firmware/supervise/test_supervisor.c's."""
     with Device(OMEGA) as device, Unruly(device, kills.Pace(hang_s=60)) as unruly:
         live = unruly.live
         unruly.wait_for_tick(1)

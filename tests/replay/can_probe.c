@@ -10,9 +10,9 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "board/io/can_map.h"
-#include "firmware/config.h"
-#include "firmware/plant_bus.h"
+#include "board/can/can_map.h"
+#include "firmware/config/config.h"
+#include "firmware/emulate/plant_bus.h"
 
 static tl_config config;
 static tl_can_channel channels[TL_MAX_SIGNALS];

@@ -5,7 +5,7 @@
  */
 #include <stdio.h>
 
-#include "firmware/config.h"
+#include "firmware/config/config.h"
 
 static void print(void *context, tl_status status, const char *where, const char *text) {
     (void)context;

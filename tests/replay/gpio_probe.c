@@ -9,7 +9,7 @@
 #include <string.h>
 #include <time.h>
 
-#include "board/io/gpio.h"
+#include "board/gpio/gpio.h"
 
 enum { LINES = 16 };
 

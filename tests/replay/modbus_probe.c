@@ -4,15 +4,15 @@
  *   modbus_probe read DEVICE      the same on a serial line
  *   modbus_probe serve            prints its port, serves until its input ends, prints "requests refused_writes"
  * Channels are lines of the standard input, "unit table address type words_little bytes_little scale offset value", up
- * to a line "go"; tables and types are the numbers of board/io/modbus.h.
+ * to a line "go"; tables and types are the numbers of board/modbus/modbus.h.
  */
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <time.h>
 
-#include "board/io/modbus.h"
-#include "firmware/plant_server.h"
+#include "board/modbus/modbus.h"
+#include "firmware/emulate/plant_server.h"
 
 enum { CHANNELS = 4096, FIELDS = 9, POLLS = 200 };
 

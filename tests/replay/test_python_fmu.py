@@ -282,7 +282,7 @@ def test_a_library_that_is_not_there():
 
 
 def test_two_pythons():
-    """The first one is a file beside the configuration, made for tests/unit/test_library.c."""
+    """The first one is a file beside the configuration, made for tests/unit/firmware/fmu/test_library.c."""
     folder = scratch()
     (folder / "lib").mkdir()
     (folder / "lib" / "old.so").symlink_to(BUILD / "tests" / "interpreter-3.8.1.so")

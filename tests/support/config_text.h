@@ -10,7 +10,7 @@
 #include <stdbool.h>
 #include <stddef.h>
 
-#include "firmware/config.h"
+#include "firmware/config/config.h"
 #include "master/base/status.h"
 
 enum { TL_TEST_PROBLEMS = 24 };

@@ -8,7 +8,7 @@
 
 #include <stdint.h>
 
-#include "firmware/recorder.h"
+#include "firmware/record/recorder.h"
 
 enum { TL_MADE_PLANT = 3, TL_MADE_MATCH = 2, TL_MADE_ADJUST = 2, TL_MADE_COMPONENTS = 3, TL_MADE_PREDICTION = 2 };
 

@@ -12,8 +12,8 @@
 #include <stddef.h>
 
 #include "master/base/status.h"
-#include "master/plan.h"
-#include "master/twin.h"
+#include "master/plan/plan.h"
+#include "master/twin/twin.h"
 #include "tests/support/test_fmu.h"
 
 enum {

@@ -1,0 +1,365 @@
+/* The SocketCAN driver: when the link is up, what a frame means, and what is told.
+ *
+ * The socket stays good while its interface is set down and up again, so it is kept; only where the interface is gone is
+ * it opened anew. Nothing tells that an interface has come up, so its state is asked for, with back-off, until it has.
+ * The kernel says so itself when it goes down (ENETDOWN), is removed (ENODEV), or has left the bus (an error frame).
+ */
+#include "board/can/can.h"
+
+#include <inttypes.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "board/can/can_link.h"
+#include "board/can/can_map.h"
+
+#define PAUSE_FIRST (TL_SECOND / 10)
+#define PAUSE_LAST (2 * TL_SECOND)
+
+enum { WAIT_MS = 50, FRAMES = 512, TEXT = 384 };
+
+typedef enum link_state { LINK_UNKNOWN, LINK_DOWN, LINK_UP } link_state;
+
+/* What goes on all the time, and is told at most once a second. */
+typedef struct tally {
+    uint64_t dropped;    /* by the kernel */
+    uint64_t overflows;  /* of the controller */
+    uint64_t bus_errors; /* frames that tell of one */
+    const char *bus_error;
+    tl_time due;
+} tally;
+
+struct tl_plant_io {
+    tl_can_link link;
+    tl_can_map map;
+    link_state state;
+    tl_can_health health;
+    bool wants_fd; /* a signal that no classic frame can hold */
+    bool bus_off;  /* said an error frame, and nothing since that it is over */
+    tl_time pause; /* between looks for the interface; 0: none is due */
+    tl_time due;   /* of the next look */
+    tally tally;
+};
+
+/* ---- telling ---- */
+
+static void say(const tl_plant_io *io, const tl_plant_io_sink *sink, bool up, const char *text) {
+    char whole[TEXT + 64];
+    (void)snprintf(whole, sizeof whole, "CAN interface %s: %s", io->link.interface, text);
+    sink->link(sink->context, up, whole);
+}
+
+static void set_link(tl_plant_io *io, const tl_plant_io_sink *sink, bool up, const char *text) {
+    link_state state = up ? LINK_UP : LINK_DOWN;
+    if (io->state != state) {
+        io->state = state;
+        say(io, sink, up, text);
+    }
+}
+
+/* The link is down, and the next look waits. */
+static void give_up(tl_plant_io *io, const tl_plant_io_sink *sink, const char *cause) {
+    tl_time next = io->pause > 0 ? 2 * io->pause : PAUSE_FIRST;
+    io->pause = next < PAUSE_LAST ? next : PAUSE_LAST;
+    io->due = tl_can_link_now() + io->pause;
+    set_link(io, sink, false, cause);
+}
+
+static void tell_tally(tl_plant_io *io, const tl_plant_io_sink *sink) {
+    tally *now = &io->tally;
+    char text[TEXT] = "";
+    size_t used = 0;
+    if (now->dropped + now->overflows + now->bus_errors == 0) {
+        return;
+    }
+    if (now->dropped > 0) {
+        used += (size_t)snprintf(text + used, sizeof text - used,
+                                 "%" PRIu64 " frames lost: they came faster than they were read. ", now->dropped);
+    }
+    if (now->overflows > 0) {
+        used += (size_t)snprintf(text + used, sizeof text - used, "the controller lost frames %" PRIu64 " times. ",
+                                 now->overflows);
+    }
+    if (now->bus_errors > 0) {
+        used += (size_t)snprintf(text + used, sizeof text - used,
+                                 "%" PRIu64 " errors on the bus (%s): check bit rate, termination and wiring. ",
+                                 now->bus_errors, now->bus_error);
+    }
+    text[used - 2] = '\0'; /* without the last stop */
+    say(io, sink, io->state == LINK_UP, text);
+    *now = (tally){.due = tl_can_link_now() + TL_SECOND};
+}
+
+/* ---- the interface ---- */
+
+/* Is it up and on the bus? Says so, or why not. */
+static void look_at_interface(tl_plant_io *io, const tl_plant_io_sink *sink) {
+    char text[TEXT];
+    tl_can_state state;
+    if (!tl_can_link_state(&io->link, &state)) {
+        tl_can_link_close(&io->link);
+        give_up(io, sink, "it is gone: plug it in, or load its driver");
+    } else if (!state.up) {
+        (void)snprintf(text, sizeof text,
+                       "it is down: set it up, for example `ip link set %s up type can bitrate 500000`",
+                       io->link.interface);
+        give_up(io, sink, text);
+    } else if (!state.running) {
+        io->bus_off = false; /* from now on its carrier tells */
+        give_up(io, sink, "it is not on the bus (bus-off, or no carrier): check bit rate, termination and wiring");
+    } else if (io->bus_off) {
+        give_up(io, sink, tl_can_health_text(TL_CAN_BUS_OFF));
+    } else {
+        io->pause = 0;
+        set_link(io, sink, true,
+                 state.fd || !io->wants_fd
+                     ? "is up"
+                     : "is up, but not for CAN FD, which its signals need: set it up with `fd on`");
+    }
+}
+
+/* Opens the socket where there is none, and finds out how things are. */
+static void look(tl_plant_io *io, const tl_plant_io_sink *sink) {
+    char cause[TEXT];
+    if (io->pause > 0 && tl_can_link_now() < io->due) {
+        return;
+    }
+    if (io->link.socket < 0) {
+        io->bus_off = false;
+        io->health = TL_CAN_ACTIVE;
+        if (!tl_can_link_open(&io->link, &io->map, cause, sizeof cause)) {
+            give_up(io, sink, cause);
+            return;
+        }
+    }
+    look_at_interface(io, sink);
+}
+
+/* ---- frames ---- */
+
+static void post(const tl_plant_io_sink *sink, const tl_can_slot *slot, const tl_can_frame *frame) {
+    tl_reading reading = {.stamp = frame->stamp, .quality = TL_GOOD};
+    if (frame->length < slot->bytes || !tl_can_decode(&slot->channel, frame->data, &reading.value)) {
+        reading.quality = TL_NOT_A_NUMBER;
+    }
+    sink->post(sink->context, slot->index, &reading);
+}
+
+/* Says once that frames of an id are too short, and once that they no longer are. */
+static void note_length(tl_plant_io *io, const tl_plant_io_sink *sink, tl_can_id *id, const tl_can_frame *frame,
+                        size_t needed) {
+    char text[TEXT];
+    bool too_short = frame->length < needed;
+    if (id->too_short != too_short) {
+        id->too_short = too_short;
+        (void)snprintf(text, sizeof text, "frames of id 0x%" PRIX32 " have %u bytes, %s", id->id,
+                       (unsigned)frame->length,
+                       too_short ? "and not all bits of its signals are in them" : "and all their signals again");
+        say(io, sink, io->state == LINK_UP, text);
+    }
+}
+
+static void take_data(tl_plant_io *io, const tl_plant_io_sink *sink, const tl_can_frame *frame) {
+    tl_can_id *id = tl_can_map_find(&io->map, frame->id, frame->extended);
+    size_t needed = 0;
+    if (id == NULL) {
+        return;
+    }
+    io->bus_off = false;
+    if (io->state != LINK_UP) {
+        io->pause = 0; /* where frames come there is nothing to wait for */
+        look(io, sink);
+    }
+    for (size_t i = id->first; i < id->first + id->slots; i++) {
+        const tl_can_slot *slot = &io->map.slots[i];
+        if (tl_can_is_present(&slot->channel, frame->data)) {
+            needed = slot->bytes > needed ? slot->bytes : needed;
+            post(sink, slot, frame);
+        }
+    }
+    note_length(io, sink, id, frame, needed);
+}
+
+static void take_health(tl_plant_io *io, const tl_plant_io_sink *sink, tl_can_health health) {
+    if (health == TL_CAN_SAME || health == io->health) {
+        return;
+    }
+    io->health = health;
+    io->bus_off = health == TL_CAN_BUS_OFF;
+    if (io->bus_off) {
+        give_up(io, sink, tl_can_health_text(health));
+    } else if (io->state == LINK_UP) {
+        say(io, sink, true, tl_can_health_text(health));
+    } else {
+        io->pause = 0; /* it may be back */
+        look(io, sink);
+    }
+}
+
+static void take_error(tl_plant_io *io, const tl_plant_io_sink *sink, const tl_can_fault *fault) {
+    io->tally.overflows += fault->overflow ? 1 : 0;
+    if (fault->bus_error != NULL) {
+        io->tally.bus_errors++;
+        io->tally.bus_error = fault->bus_error;
+    }
+    take_health(io, sink, fault->health);
+}
+
+/* One arrival. false: that was the last one for now. */
+static bool take(tl_plant_io *io, const tl_plant_io_sink *sink, tl_can_arrival arrival, const tl_can_frame *frame) {
+    io->tally.dropped += frame->lost;
+    switch (arrival) {
+    case TL_CAN_DATA:
+        take_data(io, sink, frame);
+        return io->link.socket >= 0;
+    case TL_CAN_ERROR:
+        take_error(io, sink, &frame->fault);
+        return io->link.socket >= 0;
+    case TL_CAN_OTHER:
+        return true;
+    case TL_CAN_DOWN: /* and its state with it */
+        io->bus_off = false;
+        io->health = TL_CAN_ACTIVE;
+        io->pause = 0;
+        look(io, sink);
+        return io->link.socket >= 0;
+    case TL_CAN_LOST:
+        tl_can_link_close(&io->link);
+        give_up(io, sink, "it is gone: plug it in, or load its driver");
+        return false;
+    case TL_CAN_NOTHING:
+        break;
+    }
+    return false;
+}
+
+static void post_no_link(const tl_plant_io *io, const tl_plant_io_sink *sink) {
+    const tl_reading reading = {.value = 0, .stamp = tl_can_link_now(), .quality = TL_NO_LINK};
+    for (size_t i = 0; i < io->map.slot_count; i++) {
+        sink->post(sink->context, io->map.slots[i].index, &reading);
+    }
+}
+
+/* ---- the driver ---- */
+
+static tl_status can_poll(tl_plant_io *io, const tl_plant_io_sink *sink, bool *finished, tl_error *error) {
+    (void)error;
+    *finished = false;
+    if (io->state != LINK_UP) {
+        look(io, sink);
+    }
+    bool undisturbed = tl_can_link_await(&io->link, WAIT_MS);
+    for (int i = 0; undisturbed && i < FRAMES && io->link.socket >= 0; i++) {
+        tl_can_frame frame;
+        tl_can_arrival arrival = tl_can_link_receive(&io->link, &frame);
+        if (!take(io, sink, arrival, &frame)) {
+            break;
+        }
+    }
+    if (tl_can_link_now() >= io->tally.due) {
+        tell_tally(io, sink);
+    }
+    if (io->state != LINK_UP) {
+        post_no_link(io, sink);
+    }
+    return TL_OK;
+}
+
+static void can_interrupt(tl_plant_io *io) {
+    tl_can_link_interrupt(&io->link);
+}
+
+static void can_finish(tl_plant_io *io, const tl_plant_io_sink *sink) {
+    tell_tally(io, sink);
+}
+
+static void can_close(tl_plant_io *io) {
+    tl_can_link_release(&io->link);
+    tl_can_map_release(&io->map);
+    free(io);
+}
+
+const tl_plant_io_driver tl_can_driver = {
+    .name = "can", .poll = can_poll, .interrupt = can_interrupt, .finish = can_finish, .close = can_close};
+
+/* ---- open ---- */
+
+static bool fits_field(const tl_can_field *field, unsigned most, unsigned bytes) {
+    return field->length >= 1 && field->length <= most && tl_can_field_bytes(field) <= bytes;
+}
+
+static bool fits_type(const tl_can_channel *channel) {
+    return (channel->type != TL_CAN_FLOAT32 || channel->field.length == 32) &&
+           (channel->type != TL_CAN_FLOAT64 || channel->field.length == 64);
+}
+
+static bool fits_conditions(const tl_can_channel *channel) {
+    bool fits = channel->condition_count <= TL_CAN_CONDITIONS;
+    for (size_t i = 0; fits && i < channel->condition_count; i++) {
+        const tl_can_condition *condition = &channel->conditions[i];
+        fits = condition->value_count >= 1 && condition->value_count <= TL_CAN_CONDITION_VALUES &&
+               fits_field(&condition->field, TL_CAN_MULTIPLEXOR_BITS, channel->bytes);
+    }
+    return fits;
+}
+
+static tl_status check_channel(const tl_can_channel *channel, size_t index, tl_error *error) {
+    if (channel->id > (channel->extended ? 0x1FFFFFFFU : 0x7FFU)) {
+        return tl_fail(error, TL_BAD_DATA, "CAN channel %zu: id 0x%" PRIX32 " has more than %d bits", index,
+                       channel->id, channel->extended ? 29 : 11);
+    }
+    if (!tl_can_is_length(channel->bytes)) {
+        return tl_fail(error, TL_BAD_DATA, "CAN channel %zu: no frame has %u bytes", index, (unsigned)channel->bytes);
+    }
+    if (!fits_field(&channel->field, 64, channel->bytes) || !fits_type(channel)) {
+        return tl_fail(error, TL_BAD_DATA, "CAN channel %zu: %u bits from %u on do not fit its frame or its type",
+                       index, (unsigned)channel->field.length, (unsigned)channel->field.start);
+    }
+    if (!fits_conditions(channel)) {
+        return tl_fail(error, TL_BAD_DATA, "CAN channel %zu: a multiplexor does not fit its frame", index);
+    }
+    if (!isfinite(channel->scale) || channel->scale == 0 || !isfinite(channel->offset)) {
+        return tl_fail(error, TL_BAD_DATA, "CAN channel %zu: scale %g, offset %g must be finite, scale not 0", index,
+                       channel->scale, channel->offset);
+    }
+    return TL_OK;
+}
+
+static tl_status check(const tl_can_settings *settings, tl_error *error) {
+    size_t length = strlen(settings->interface);
+    if (length == 0 || length > TL_CAN_INTERFACE) {
+        return tl_fail(error, TL_BAD_DATA, "CAN interface \"%s\": a name has 1 to %d characters", settings->interface,
+                       (int)TL_CAN_INTERFACE);
+    }
+    for (size_t i = 0; i < settings->channel_count; i++) {
+        tl_status status = check_channel(&settings->channels[i], i, error);
+        if (status != TL_OK) {
+            return status;
+        }
+    }
+    return TL_OK;
+}
+
+tl_status tl_can_open(const tl_can_settings *settings, tl_plant_io **io, tl_error *error) {
+    tl_status status = check(settings, error);
+    if (status != TL_OK) {
+        return status;
+    }
+    tl_plant_io *made = calloc(1, sizeof *made);
+    if (made == NULL || !tl_can_map_make(&made->map, settings->channels, settings->channel_count)) {
+        free(made);
+        return tl_fail(error, TL_TRY_AGAIN, "CAN interface %s: out of memory", settings->interface);
+    }
+    if (!tl_can_link_make(&made->link, settings->interface)) {
+        tl_can_map_release(&made->map);
+        free(made);
+        return tl_fail(error, TL_TRY_AGAIN, "CAN interface %s: no event descriptor", settings->interface);
+    }
+    for (size_t i = 0; i < made->map.slot_count; i++) {
+        made->wants_fd = made->wants_fd || made->map.slots[i].bytes > 8;
+    }
+    *io = made;
+    return TL_OK;
+}

@@ -1,0 +1,212 @@
+/* CAN signals to values and back: see can_codec.h.
+ *
+ * A field is walked in pieces, each as much of it as one byte holds: at most nine of them.
+ */
+#include "board/can/can_codec.h"
+
+#include <assert.h>
+#include <float.h>
+#include <math.h>
+#include <string.h>
+
+/* One piece of a field: `count` bits of a byte, from its bit `low` on. */
+typedef struct piece {
+    size_t byte;
+    unsigned low;
+    unsigned count;
+} piece;
+
+bool tl_can_is_length(unsigned bytes) {
+    static const uint8_t longer[] = {12, 16, 20, 24, 32, 48, 64};
+    bool found = bytes <= 8;
+    for (size_t i = 0; i < sizeof longer; i++) {
+        found = found || bytes == longer[i];
+    }
+    return found;
+}
+
+/* How many bits are before the most significant one of a Motorola field, counted as they are sent. */
+static unsigned sent_before(const tl_can_field *field) {
+    return (unsigned)field->start / 8 * 8 + (7 - (unsigned)field->start % 8);
+}
+
+size_t tl_can_field_bytes(const tl_can_field *field) {
+    unsigned first = field->order == TL_CAN_INTEL ? field->start : sent_before(field);
+    return (first + field->length + 7U) / 8;
+}
+
+size_t tl_can_channel_bytes(const tl_can_channel *channel) {
+    size_t bytes = tl_can_field_bytes(&channel->field);
+    for (size_t i = 0; i < channel->condition_count; i++) {
+        size_t needed = tl_can_field_bytes(&channel->conditions[i].field);
+        bytes = needed > bytes ? needed : bytes;
+    }
+    return bytes;
+}
+
+/* The piece that begins `done` bits behind the field's start, in the order in which its bits follow. */
+static piece piece_at(const tl_can_field *field, unsigned done) {
+    unsigned left = field->length - done;
+    unsigned at = (field->order == TL_CAN_INTEL ? field->start : sent_before(field)) + done;
+    unsigned room = 8 - at % 8;
+    piece found = {.byte = at / 8, .count = left < room ? left : room};
+    found.low = field->order == TL_CAN_INTEL ? at % 8 : room - found.count;
+    return found;
+}
+
+static uint64_t mask_of(unsigned count) {
+    return count < 64 ? ((uint64_t)1 << count) - 1 : UINT64_MAX;
+}
+
+/* How far the bits of a piece are from the least significant end of the value. */
+static unsigned shift_of(const tl_can_field *field, unsigned done, const piece *one) {
+    return field->order == TL_CAN_INTEL ? done : field->length - done - one->count;
+}
+
+uint64_t tl_can_take(const tl_can_field *field, const uint8_t *data) {
+    uint64_t bits = 0;
+    for (unsigned done = 0; done < field->length;) {
+        piece one = piece_at(field, done);
+        uint64_t part = (uint64_t)data[one.byte] >> one.low & mask_of(one.count);
+        bits |= part << shift_of(field, done, &one);
+        done += one.count;
+    }
+    return bits;
+}
+
+void tl_can_put(const tl_can_field *field, uint64_t bits, uint8_t *data) {
+    for (unsigned done = 0; done < field->length;) {
+        piece one = piece_at(field, done);
+        uint64_t mask = mask_of(one.count);
+        uint64_t part = bits >> shift_of(field, done, &one) & mask;
+        data[one.byte] = (uint8_t)((data[one.byte] & ~(mask << one.low)) | part << one.low);
+        done += one.count;
+    }
+}
+
+static bool holds(const tl_can_condition *condition, const uint8_t *data) {
+    uint64_t found = tl_can_take(&condition->field, data);
+    for (size_t i = 0; i < condition->value_count; i++) {
+        if (condition->values[i] == found) {
+            return true;
+        }
+    }
+    return false;
+}
+
+bool tl_can_is_present(const tl_can_channel *channel, const uint8_t *data) {
+    for (size_t i = 0; i < channel->condition_count; i++) {
+        if (!holds(&channel->conditions[i], data)) {
+            return false;
+        }
+    }
+    return true;
+}
+
+/* Two's complement of so many bits. */
+static double signed_of(uint64_t bits, unsigned length) {
+    assert(length >= 1 && length <= 64);
+    uint64_t sign = (uint64_t)1 << (length - 1);
+    uint64_t extended = (bits ^ sign) - sign;
+    int64_t number = 0;
+    memcpy(&number, &extended, sizeof number);
+    return (double)number;
+}
+
+static double float32_of(uint64_t bits) {
+    uint32_t word = (uint32_t)bits;
+    float value = 0;
+    memcpy(&value, &word, sizeof value);
+    return (double)value;
+}
+
+static double float64_of(uint64_t bits) {
+    double value = 0;
+    memcpy(&value, &bits, sizeof value);
+    return value;
+}
+
+bool tl_can_decode(const tl_can_channel *channel, const uint8_t *data, double *value) {
+    uint64_t bits = tl_can_take(&channel->field, data);
+    double raw = 0;
+    switch (channel->type) {
+    case TL_CAN_UNSIGNED:
+        raw = (double)bits;
+        break;
+    case TL_CAN_SIGNED:
+        raw = signed_of(bits, channel->field.length);
+        break;
+    case TL_CAN_FLOAT32:
+        raw = float32_of(bits);
+        break;
+    case TL_CAN_FLOAT64:
+        raw = float64_of(bits);
+        break;
+    }
+    *value = raw * channel->scale + channel->offset;
+    if (!isfinite(*value)) {
+        *value = 0;
+        return false;
+    }
+    return true;
+}
+
+/* The nearest integer of so many bits. The limits of 64 bits are no doubles: what reaches them saturates. */
+static uint64_t unsigned_bits(double raw, unsigned length) {
+    double nearest = round(raw);
+    if (!(nearest > 0)) {
+        return 0;
+    }
+    return nearest < ldexp(1, (int)length) ? (uint64_t)nearest : mask_of(length);
+}
+
+static uint64_t signed_bits(double raw, unsigned length) {
+    double limit = ldexp(1, (int)length - 1);
+    double nearest = round(raw);
+    if (isnan(nearest)) {
+        return 0;
+    }
+    if (nearest >= limit) {
+        return mask_of(length - 1);
+    }
+    return (uint64_t)(int64_t)fmax(nearest, -limit) & mask_of(length);
+}
+
+static uint64_t float32_bits(double raw) {
+    float value = (float)raw;
+    if (isfinite(raw)) {
+        value = (float)fmin(fmax(raw, -(double)FLT_MAX), (double)FLT_MAX);
+    }
+    uint32_t word = 0;
+    memcpy(&word, &value, sizeof word);
+    return word;
+}
+
+static uint64_t float64_bits(double raw) {
+    uint64_t bits = 0;
+    memcpy(&bits, &raw, sizeof bits);
+    return bits;
+}
+
+void tl_can_encode(const tl_can_channel *channel, double value, uint8_t *data) {
+    double raw = (value - channel->offset) / channel->scale;
+    uint64_t bits = 0;
+    switch (channel->type) {
+    case TL_CAN_UNSIGNED:
+        bits = unsigned_bits(raw, channel->field.length);
+        break;
+    case TL_CAN_SIGNED:
+        bits = signed_bits(raw, channel->field.length);
+        break;
+    case TL_CAN_FLOAT32:
+        bits = float32_bits(raw);
+        break;
+    case TL_CAN_FLOAT64:
+        bits = float64_bits(raw);
+        break;
+    }
+    tl_can_put(&channel->field, bits, data);
+    for (size_t i = 0; i < channel->condition_count; i++) {
+        tl_can_put(&channel->conditions[i].field, channel->conditions[i].values[0], data);
+    }
+}

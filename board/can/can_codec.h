@@ -1,0 +1,79 @@
+/* CAN signals: bits of a frame to values and back, as a DBC file describes them.
+ *
+ * Purpose: pure arithmetic, for the driver, for the emulated plant and for tests.
+ * Bits:    bit b of a frame is bit b % 8 (0: least significant) of byte b / 8. Intel: `start` is the least significant
+ *          bit of the value, the others follow upwards. Motorola: `start` is its most significant bit, the others follow
+ *          downwards within a byte, then from bit 7 of the next byte on.
+ * Values:  value = raw·scale + offset; raw is carried through 64 bits.
+ * Source:  DBC file format (start bits, byte order, multiplexing); ISO 11898-1 (lengths of frames).
+ */
+#ifndef TL_BOARD_CAN_CAN_CODEC_H
+#define TL_BOARD_CAN_CAN_CODEC_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+enum {
+    TL_CAN_BYTES = 64,     /* of the longest frame (CAN FD); 8 of a classic one */
+    TL_CAN_CONDITIONS = 4, /* multiplexors above each other */
+    TL_CAN_CONDITION_VALUES = 16,
+    TL_CAN_MULTIPLEXOR_BITS = 32
+};
+
+typedef enum tl_can_order { TL_CAN_INTEL, TL_CAN_MOTOROLA } tl_can_order;
+
+typedef enum tl_can_type { TL_CAN_UNSIGNED, TL_CAN_SIGNED, TL_CAN_FLOAT32, TL_CAN_FLOAT64 } tl_can_type;
+
+/* Where some bits stand. */
+typedef struct tl_can_field {
+    uint16_t start;  /* 0..511 */
+    uint16_t length; /* bits, 1..64 */
+    tl_can_order order;
+} tl_can_field;
+
+/* A multiplexor, and the raw values (unsigned) at which the signal is in the frame. */
+typedef struct tl_can_condition {
+    tl_can_field field; /* of at most TL_CAN_MULTIPLEXOR_BITS */
+    uint32_t values[TL_CAN_CONDITION_VALUES];
+    size_t value_count; /* 1 or more */
+} tl_can_condition;
+
+/* Where one signal stands on the bus, and what its bits mean. */
+typedef struct tl_can_channel {
+    uint32_t id; /* 11 or 29 bits */
+    bool extended;
+    bool fd;       /* what the emulated plant sends; the driver takes either */
+    uint8_t bytes; /* of the whole frame */
+    tl_can_field field;
+    tl_can_type type; /* a float's field has 32 or 64 bits */
+    double scale;     /* not 0 */
+    double offset;
+    tl_can_condition conditions[TL_CAN_CONDITIONS]; /* all must hold */
+    size_t condition_count;
+} tl_can_channel;
+
+/* Is that a length which a frame can have: 0 to 8, with CAN FD also 12, 16, 20, 24, 32, 48, 64? */
+bool tl_can_is_length(unsigned bytes);
+
+/* Bytes that a frame needs so that all bits of a field are in it; more than TL_CAN_BYTES where none is long enough. */
+size_t tl_can_field_bytes(const tl_can_field *field);
+
+/* The same for a channel, its multiplexors included. */
+size_t tl_can_channel_bytes(const tl_can_channel *channel);
+
+/* The bits of a field, most significant first; put leaves the other bits of `data` alone. */
+uint64_t tl_can_take(const tl_can_field *field, const uint8_t *data);
+void tl_can_put(const tl_can_field *field, uint64_t bits, uint8_t *data);
+
+/* Do all multiplexors say that the signal is in this frame? */
+bool tl_can_is_present(const tl_can_channel *channel, const uint8_t *data);
+
+/* The signal's value; `data` has at least tl_can_channel_bytes(). false, and 0, where it is not finite. */
+bool tl_can_decode(const tl_can_channel *channel, const uint8_t *data, double *value);
+
+/* Writes the value's bits, and those of its multiplexors (the first value of each). Rounds to the nearest integer; what
+ * is out of range saturates; NaN as an integer is 0. */
+void tl_can_encode(const tl_can_channel *channel, double value, uint8_t *data);
+
+#endif

@@ -1,0 +1,232 @@
+/* A raw CAN socket that only listens: see can_link.h.
+ *
+ * What is set before bind() holds from the first frame on. Loopback and own messages are off, although nothing is sent.
+ */
+#include "board/can/can_link.h"
+
+#include <errno.h>
+#include <linux/can.h>
+#include <linux/can/raw.h>
+#include <net/if.h>
+#include <poll.h>
+#include <stdio.h>
+#include <string.h>
+#include <sys/eventfd.h>
+#include <sys/ioctl.h>
+#include <sys/socket.h>
+#include <time.h>
+#include <unistd.h>
+
+enum { QUEUE = 1024 * 1024 }; /* bytes; the kernel gives at most net.core.rmem_max */
+
+/* What comes beside a frame. */
+typedef union ancillary {
+    struct cmsghdr align;
+    char bytes[CMSG_SPACE(sizeof(struct timespec)) + CMSG_SPACE(sizeof(uint32_t))];
+} ancillary;
+
+static tl_time clock_of(clockid_t id) {
+    struct timespec now;
+    (void)clock_gettime(id, &now);
+    return (tl_time)now.tv_sec * TL_SECOND + now.tv_nsec;
+}
+
+tl_time tl_can_link_now(void) {
+    return clock_of(CLOCK_MONOTONIC);
+}
+
+static void look_at_clocks(tl_can_link *link) {
+    link->monotonic = clock_of(CLOCK_MONOTONIC);
+    link->wall = clock_of(CLOCK_REALTIME);
+}
+
+bool tl_can_link_make(tl_can_link *link, const char *interface) {
+    memset(link, 0, sizeof *link);
+    (void)snprintf(link->interface, sizeof link->interface, "%s", interface);
+    link->socket = -1;
+    link->wake = eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC);
+    return link->wake >= 0;
+}
+
+/* ---- open ---- */
+
+static bool set(int socket, int level, int option, int value) {
+    return setsockopt(socket, level, option, &value, sizeof value) == 0;
+}
+
+/* Whole ids: no remote requests, and a standard id is no extended one. */
+static bool set_filters(int socket, const tl_can_map *map) {
+    struct can_filter filters[CAN_RAW_FILTER_MAX];
+    if (map->id_count > CAN_RAW_FILTER_MAX) {
+        errno = EINVAL;
+        return false;
+    }
+    for (size_t i = 0; i < map->id_count; i++) {
+        bool extended = map->ids[i].extended;
+        filters[i].can_id = map->ids[i].id | (extended ? CAN_EFF_FLAG : 0U);
+        filters[i].can_mask = CAN_EFF_FLAG | CAN_RTR_FLAG | (extended ? CAN_EFF_MASK : CAN_SFF_MASK);
+    }
+    return setsockopt(socket, SOL_CAN_RAW, CAN_RAW_FILTER, filters, (socklen_t)(map->id_count * sizeof filters[0])) ==
+           0;
+}
+
+static bool set_options(int socket, const tl_can_map *map) {
+    can_err_mask_t errors = tl_can_fault_classes;
+    (void)set(socket, SOL_SOCKET, SO_RCVBUF, QUEUE);
+    (void)set(socket, SOL_CAN_RAW, CAN_RAW_FD_FRAMES, 1); /* a kernel without CAN FD has none to give */
+    return set_filters(socket, map) &&
+           setsockopt(socket, SOL_CAN_RAW, CAN_RAW_ERR_FILTER, &errors, sizeof errors) == 0 &&
+           set(socket, SOL_CAN_RAW, CAN_RAW_LOOPBACK, 0) && set(socket, SOL_CAN_RAW, CAN_RAW_RECV_OWN_MSGS, 0) &&
+           set(socket, SOL_SOCKET, SO_TIMESTAMPNS, 1) && set(socket, SOL_SOCKET, SO_RXQ_OVFL, 1);
+}
+
+/* A question about the interface. */
+static bool ask(const tl_can_link *link, int socket, unsigned long question, struct ifreq *answer) {
+    memset(answer, 0, sizeof *answer);
+    memcpy(answer->ifr_name, link->interface, sizeof answer->ifr_name);
+    return ioctl(socket, question, answer) == 0;
+}
+
+static void explain(const char *reason, char *cause, size_t cause_size) {
+    (void)snprintf(cause, cause_size, "%s", reason);
+}
+
+static bool bind_to(const tl_can_link *link, int socket, char *cause, size_t cause_size) {
+    struct ifreq answer;
+    if (!ask(link, socket, SIOCGIFINDEX, &answer)) {
+        explain(errno == ENODEV ? "there is none of that name: see `ip link`; plug it in, or load its driver"
+                                : strerror(errno),
+                cause, cause_size);
+        return false;
+    }
+    struct sockaddr_can address = {.can_family = AF_CAN, .can_ifindex = answer.ifr_ifindex};
+    if (bind(socket, (const struct sockaddr *)&address, sizeof address) != 0) {
+        explain(errno == ENODEV ? "it is no CAN interface: see `ip -details link`" : strerror(errno), cause,
+                cause_size);
+        return false;
+    }
+    return true;
+}
+
+bool tl_can_link_open(tl_can_link *link, const tl_can_map *map, char *cause, size_t cause_size) {
+    int made = socket(PF_CAN, SOCK_RAW | SOCK_NONBLOCK | SOCK_CLOEXEC, CAN_RAW);
+    if (made < 0) {
+        bool none = errno == EAFNOSUPPORT || errno == EPROTONOSUPPORT;
+        explain(none ? "this kernel has no CAN: load its modules (`modprobe can-raw`)" : strerror(errno), cause,
+                cause_size);
+        return false;
+    }
+    bool done = set_options(made, map);
+    if (!done) {
+        (void)snprintf(cause, cause_size, "an option of the socket is refused: %s", strerror(errno));
+    }
+    if (!done || !bind_to(link, made, cause, cause_size)) {
+        (void)close(made);
+        return false;
+    }
+    link->socket = made;
+    link->overflow = 0;
+    look_at_clocks(link);
+    tl_can_clock_empty(&link->clock, link->monotonic, link->wall);
+    return true;
+}
+
+bool tl_can_link_state(const tl_can_link *link, tl_can_state *state) {
+    struct ifreq flags;
+    struct ifreq size;
+    if (!ask(link, link->socket, SIOCGIFFLAGS, &flags) || !ask(link, link->socket, SIOCGIFMTU, &size)) {
+        return false;
+    }
+    state->up = (flags.ifr_flags & IFF_UP) != 0;
+    state->running = (flags.ifr_flags & IFF_RUNNING) != 0;
+    state->fd = size.ifr_mtu >= (int)CANFD_MTU;
+    return true;
+}
+
+void tl_can_link_close(tl_can_link *link) {
+    if (link->socket >= 0) {
+        (void)close(link->socket);
+        link->socket = -1;
+    }
+}
+
+void tl_can_link_release(tl_can_link *link) {
+    tl_can_link_close(link);
+    (void)close(link->wake);
+}
+
+/* ---- receive ---- */
+
+bool tl_can_link_await(const tl_can_link *link, int timeout_ms) {
+    struct pollfd both[2] = {{.fd = link->wake, .events = POLLIN}, {.fd = link->socket, .events = POLLIN}};
+    eventfd_t count = 0;
+    return poll(both, 2, timeout_ms) <= 0 || both[0].revents == 0 || eventfd_read(link->wake, &count) != 0;
+}
+
+void tl_can_link_interrupt(const tl_can_link *link) {
+    /* It can only fail where the counter is full, and then it is set anyway. */
+    (void)eventfd_write(link->wake, 1);
+}
+
+/* The wall clock's stamp of a message, 0 where it has none; takes the kernel's count of lost frames with it. */
+static tl_time read_ancillary(tl_can_link *link, struct msghdr *message, tl_can_frame *frame) {
+    struct timespec stamp = {.tv_sec = 0};
+    uint32_t overflow = link->overflow;
+    for (struct cmsghdr *one = CMSG_FIRSTHDR(message); one != NULL; one = CMSG_NXTHDR(message, one)) {
+        if (one->cmsg_level == SOL_SOCKET && one->cmsg_type == SCM_TIMESTAMPNS) {
+            memcpy(&stamp, CMSG_DATA(one), sizeof stamp);
+        } else if (one->cmsg_level == SOL_SOCKET && one->cmsg_type == SO_RXQ_OVFL) {
+            memcpy(&overflow, CMSG_DATA(one), sizeof overflow);
+        }
+    }
+    frame->lost = overflow - link->overflow; /* modulo 2³², as the kernel counts */
+    link->overflow = overflow;
+    return (tl_time)stamp.tv_sec * TL_SECOND + stamp.tv_nsec;
+}
+
+static tl_can_arrival take_frame(const struct canfd_frame *from, size_t size, tl_can_frame *frame) {
+    if (size != CAN_MTU && size != CANFD_MTU) {
+        return TL_CAN_OTHER;
+    }
+    if ((from->can_id & CAN_ERR_FLAG) != 0) {
+        frame->fault = tl_can_fault_of(from->can_id, from->data);
+        return TL_CAN_ERROR;
+    }
+    size_t room = size == CAN_MTU ? CAN_MAX_DLEN : CANFD_MAX_DLEN;
+    frame->extended = (from->can_id & CAN_EFF_FLAG) != 0;
+    frame->id = from->can_id & (frame->extended ? CAN_EFF_MASK : CAN_SFF_MASK);
+    frame->length = (uint8_t)(from->len < room ? from->len : room);
+    memcpy(frame->data, from->data, frame->length);
+    return (from->can_id & CAN_RTR_FLAG) != 0 ? TL_CAN_OTHER : TL_CAN_DATA;
+}
+
+static tl_can_arrival failure_of(int reason) {
+    if (reason == EAGAIN || reason == EINTR) {
+        return TL_CAN_NOTHING;
+    }
+    return reason == ENETDOWN ? TL_CAN_DOWN : TL_CAN_LOST;
+}
+
+tl_can_arrival tl_can_link_receive(tl_can_link *link, tl_can_frame *frame) {
+    struct canfd_frame from;
+    ancillary beside;
+    struct iovec place = {.iov_base = &from, .iov_len = sizeof from};
+    struct msghdr message = {
+        .msg_iov = &place, .msg_iovlen = 1, .msg_control = &beside, .msg_controllen = sizeof beside};
+    memset(&from, 0, sizeof from);
+    memset(frame, 0, sizeof *frame);
+    ssize_t size = recvmsg(link->socket, &message, MSG_DONTWAIT);
+    int reason = errno;
+    if (size < 0) {
+        if (reason == EAGAIN) { /* empty when the clocks were looked at last, or it has become so since */
+            tl_can_clock_empty(&link->clock, link->monotonic, link->wall);
+            look_at_clocks(link);
+        }
+        errno = reason;
+        return failure_of(reason);
+    }
+    look_at_clocks(link);
+    tl_time received = read_ancillary(link, &message, frame);
+    frame->stamp = tl_can_clock_stamp(&link->clock, received, link->monotonic, link->wall);
+    return take_frame(&from, (size_t)size, frame);
+}

@@ -1,0 +1,116 @@
+/* Reads a CSV recording row by row, from a file that is complete. */
+#include "board/csv/csv.h"
+
+#include <errno.h>
+#include <fcntl.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "board/csv/csv_table.h"
+
+struct tl_csv_reader {
+    int file;
+    bool at_end;  /* of the bytes */
+    bool any;     /* row so far */
+    tl_time time; /* of the row before */
+    tl_csv_table table;
+    tl_csv_lines lines;
+};
+
+/* The next line; NULL at the end of the file. */
+static tl_status next_line(tl_csv_reader *reader, char **line, tl_error *error) {
+    for (;;) {
+        switch (tl_csv_lines_take(&reader->lines, reader->at_end, line)) {
+        case TL_CSV_A_LINE:
+            return TL_OK;
+        case TL_CSV_TOO_LONG:
+            return tl_csv_table_too_long(&reader->table, reader->lines.number, error);
+        case TL_CSV_NOTHING:
+            break;
+        }
+        if (reader->at_end) {
+            *line = NULL;
+            return TL_OK;
+        }
+        size_t room = 0;
+        char *bytes = tl_csv_lines_room(&reader->lines, &room);
+        ssize_t count = read(reader->file, bytes, room);
+        if (count < 0 && errno != EINTR) {
+            return tl_fail(error, TL_BAD_DATA, "%s cannot be read: %s", reader->table.path, strerror(errno));
+        }
+        reader->at_end = count == 0;
+        tl_csv_lines_added(&reader->lines, count > 0 ? (size_t)count : 0);
+    }
+}
+
+static tl_status read_header(tl_csv_reader *reader, tl_error *error) {
+    char *line = NULL;
+    tl_status status = next_line(reader, &line, error);
+    if (status != TL_OK) {
+        return status;
+    }
+    if (line == NULL) {
+        return tl_fail(error, TL_BAD_DATA, "%s is empty, but should begin with the names of its columns",
+                       reader->table.path);
+    }
+    return tl_csv_table_header(&reader->table, line, reader->lines.number, error);
+}
+
+tl_status tl_csv_open(const tl_csv_settings *settings, tl_csv_reader **reader, tl_error *error) {
+    tl_csv_reader *made = calloc(1, sizeof *made);
+    if (made == NULL) {
+        return tl_fail(error, TL_TRY_AGAIN, "%s: out of memory", settings->path);
+    }
+    tl_status status = tl_csv_table_make(&made->table, settings, error);
+    if (status != TL_OK) {
+        free(made);
+        return status;
+    }
+    made->file = open(settings->path, O_RDONLY | O_CLOEXEC);
+    if (made->file < 0) {
+        bool shortage = errno == EMFILE || errno == ENFILE || errno == ENOMEM;
+        status = tl_fail(error, shortage ? TL_TRY_AGAIN : TL_BAD_DATA, "%s cannot be opened: %s", settings->path,
+                         strerror(errno));
+    } else {
+        status = read_header(made, error);
+    }
+    if (status != TL_OK) {
+        tl_csv_close(made);
+        return status;
+    }
+    *reader = made;
+    return TL_OK;
+}
+
+tl_status tl_csv_next(tl_csv_reader *reader, tl_csv_row *row, bool *end, tl_error *error) {
+    char *line = NULL;
+    tl_status status = next_line(reader, &line, error);
+    *end = status == TL_OK && line == NULL;
+    if (status != TL_OK || *end) {
+        return status;
+    }
+    status = tl_csv_table_row(&reader->table, line, reader->lines.number, row, error);
+    if (status != TL_OK) {
+        return status;
+    }
+    if (reader->any && row->time <= reader->time) {
+        return tl_fail(
+            error, TL_BAD_DATA, "%s, line %lld: the time is %.9f s, which is not after %.9f s in the row before",
+            reader->table.path, (long long)reader->lines.number, tl_seconds(row->time), tl_seconds(reader->time));
+    }
+    reader->any = true;
+    reader->time = row->time;
+    return TL_OK;
+}
+
+void tl_csv_close(tl_csv_reader *reader) {
+    if (reader == NULL) {
+        return;
+    }
+    if (reader->file >= 0) {
+        (void)close(reader->file);
+    }
+    tl_csv_table_release(&reader->table);
+    free(reader);
+}

@@ -1,0 +1,369 @@
+/* The live CSV driver: a file played in its own time, or a FIFO that somebody writes to.
+ */
+#include "board/csv/csv.h"
+
+#include <errno.h>
+#include <fcntl.h>
+#include <poll.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/eventfd.h>
+#include <sys/stat.h>
+#include <time.h>
+#include <unistd.h>
+
+#include "board/csv/csv_anchor.h"
+#include "board/csv/csv_table.h"
+
+enum {
+    WAIT_MS = 50,
+    READS = 16,      /* per poll at most, however fast the writer is */
+    TEXT = 512 + 96, /* an error and its circumstances */
+};
+
+typedef enum link_state { LINK_UNKNOWN, LINK_DOWN, LINK_UP } link_state;
+
+struct tl_plant_io {
+    tl_csv_table table;
+    tl_csv_row row;
+    int file; /* −1: not open */
+    int wake; /* eventfd: interrupted */
+    bool is_file;
+    bool at_end;    /* of a regular file */
+    bool row_waits; /* `row` of a regular file is not due yet */
+    bool went_back; /* the row before was not later than the one before it */
+    tl_csv_anchor anchor;
+    tl_time time; /* of the row before, where the anchor is set */
+    link_state state;
+    tl_time report_due; /* no complaint about a row earlier */
+    uint64_t skipped;   /* rows since the last complaint */
+    tl_csv_lines lines;
+    char copy[TL_CSV_LINE + 1];
+};
+
+static tl_time now(void) {
+    struct timespec time;
+    (void)clock_gettime(CLOCK_MONOTONIC, &time);
+    return (tl_time)time.tv_sec * TL_SECOND + time.tv_nsec;
+}
+
+/* ---- what is said and posted ---- */
+
+static void set_link(tl_plant_io *io, const tl_plant_io_sink *sink, bool up, const char *text) {
+    link_state state = up ? LINK_UP : LINK_DOWN;
+    if (io->state != state) {
+        char whole[TEXT];
+        io->state = state;
+        (void)snprintf(whole, sizeof whole, "%s: %s", io->table.path, text);
+        sink->link(sink->context, up, whole);
+    }
+}
+
+static void post_no_link(const tl_plant_io *io, const tl_plant_io_sink *sink) {
+    tl_reading reading = {.value = 0, .stamp = now(), .quality = TL_NO_LINK};
+    for (size_t i = 0; i < io->table.column_count; i++) {
+        sink->post(sink->context, i, &reading);
+    }
+}
+
+static void post_row(const tl_plant_io *io, const tl_plant_io_sink *sink, tl_time stamp) {
+    for (size_t i = 0; i < io->table.column_count; i++) {
+        if (io->row.present[i]) {
+            tl_reading reading = {.value = io->row.values[i], .stamp = stamp, .quality = io->row.quality[i]};
+            sink->post(sink->context, i, &reading);
+        }
+    }
+}
+
+/* A row of a FIFO that is no row: said once per second at most. */
+static void complain(tl_plant_io *io, const tl_plant_io_sink *sink, const char *text) {
+    io->skipped++;
+    if (now() >= io->report_due) {
+        char whole[TEXT];
+        (void)snprintf(whole, sizeof whole, "%s (skipped; %llu since the last report)", text,
+                       (unsigned long long)io->skipped);
+        io->report_due = now() + TL_SECOND;
+        io->skipped = 0;
+        sink->link(sink->context, io->state == LINK_UP, whole);
+    }
+}
+
+/* ---- reading ---- */
+
+/* Opens what is there now; the old one is closed after that, so that a writer never finds nobody there. */
+static bool open_path(tl_plant_io *io, const tl_plant_io_sink *sink) {
+    int file = open(io->table.path, O_RDONLY | O_NONBLOCK | O_CLOEXEC);
+    int failure = errno;
+    struct stat what;
+    if (file >= 0 && (fstat(file, &what) != 0 || S_ISDIR(what.st_mode))) {
+        (void)close(file);
+        file = -1;
+        failure = EISDIR;
+    }
+    if (io->file >= 0) {
+        (void)close(io->file);
+    }
+    io->file = file;
+    if (file < 0) {
+        set_link(io, sink, false, strerror(failure));
+        return false;
+    }
+    io->is_file = S_ISREG(what.st_mode) != 0;
+    return true;
+}
+
+/* Reads what is there. 0: the end; −1: nothing now. */
+static ssize_t read_some(tl_plant_io *io) {
+    size_t room = 0;
+    char *bytes = tl_csv_lines_room(&io->lines, &room);
+    ssize_t count = read(io->file, bytes, room);
+    if (count > 0) {
+        tl_csv_lines_added(&io->lines, (size_t)count);
+    }
+    return count;
+}
+
+/* ---- a regular file ---- */
+
+/* The next row into io->row; io->at_end where there is none. */
+static tl_status next_row(tl_plant_io *io, tl_error *error) {
+    char *line = NULL;
+    for (;;) {
+        bool drained = io->at_end;
+        tl_csv_found found = tl_csv_lines_take(&io->lines, drained, &line);
+        if (found == TL_CSV_TOO_LONG) {
+            return tl_csv_table_too_long(&io->table, io->lines.number, error);
+        }
+        if (found == TL_CSV_A_LINE && io->table.cell_count > 0) {
+            tl_status status = tl_csv_table_row(&io->table, line, io->lines.number, &io->row, error);
+            io->row_waits = status == TL_OK;
+            return status;
+        }
+        if (found == TL_CSV_A_LINE) {
+            tl_status status = tl_csv_table_header(&io->table, line, io->lines.number, error);
+            if (status != TL_OK) {
+                return status;
+            }
+        } else if (drained) {
+            return TL_OK;
+        } else {
+            ssize_t count = read_some(io);
+            if (count < 0 && errno != EINTR && errno != EAGAIN) {
+                return tl_fail(error, TL_BAD_DATA, "%s cannot be read: %s", io->table.path, strerror(errno));
+            }
+            io->at_end = count == 0;
+        }
+    }
+}
+
+static tl_status check_order(const tl_plant_io *io, tl_error *error) {
+    if (io->anchor.set && io->row.time <= io->time) {
+        return tl_fail(error, TL_BAD_DATA,
+                       "%s, line %lld: the time is %.9f s, which is not after %.9f s in the row before", io->table.path,
+                       (long long)io->lines.number, tl_seconds(io->row.time), tl_seconds(io->time));
+    }
+    return TL_OK;
+}
+
+/* Posts every row that is due. */
+static tl_status play_file(tl_plant_io *io, const tl_plant_io_sink *sink, bool *finished, tl_error *error) {
+    for (;;) {
+        if (!io->row_waits) {
+            tl_status status = next_row(io, error);
+            if (status == TL_OK && io->table.cell_count == 0) {
+                status = tl_fail(error, TL_BAD_DATA, "%s is empty, but should begin with the names of its columns",
+                                 io->table.path);
+            }
+            if (status == TL_OK && io->row_waits) {
+                status = check_order(io, error);
+            }
+            if (status != TL_OK) {
+                return status;
+            }
+            set_link(io, sink, true, "open");
+            if (!io->row_waits) {
+                *finished = true;
+                return TL_OK;
+            }
+            if (!io->anchor.set) {
+                tl_csv_anchor_set(&io->anchor, io->row.time, now());
+            }
+            io->time = io->row.time;
+        }
+        tl_time due = io->anchor.base + io->row.time;
+        if (due > now()) {
+            return TL_OK;
+        }
+        io->row_waits = false;
+        post_row(io, sink, due);
+    }
+}
+
+/* ---- a FIFO ---- */
+
+/* A row with its place in time: false where it goes back once; twice in a row is a new beginning. */
+static bool in_time(tl_plant_io *io, tl_time at) {
+    bool back = io->anchor.set && io->row.time <= io->time;
+    if (back && !io->went_back) {
+        io->went_back = true;
+        return false;
+    }
+    if (back || !io->anchor.set) {
+        tl_csv_anchor_set(&io->anchor, io->row.time, at);
+    }
+    io->went_back = false;
+    io->time = io->row.time;
+    return true;
+}
+
+static void take_line(tl_plant_io *io, const tl_plant_io_sink *sink, char *line) {
+    tl_error why_no_row = {.status = TL_OK};
+    tl_error why_no_header = {.status = TL_OK};
+    bool had_header = io->table.cell_count > 0;
+    memcpy(io->copy, line, strlen(line) + 1);
+    if (had_header && tl_csv_table_row(&io->table, io->copy, io->lines.number, &io->row, &why_no_row) == TL_OK) {
+        tl_time at = now();
+        if (in_time(io, at)) {
+            set_link(io, sink, true, "rows are coming");
+            post_row(io, sink, tl_csv_anchor_stamp(&io->anchor, io->row.time, at));
+        } else {
+            (void)tl_fail(&why_no_row, TL_BAD_DATA, "%s, line %lld: the time goes back from %.9f s to %.9f s",
+                          io->table.path, (long long)io->lines.number, tl_seconds(io->time), tl_seconds(io->row.time));
+            complain(io, sink, why_no_row.text);
+        }
+    } else if (tl_csv_table_header(&io->table, line, io->lines.number, &why_no_header) == TL_OK) {
+        io->anchor.set = false; /* the writer begins again */
+    } else {
+        complain(io, sink, had_header ? why_no_row.text : why_no_header.text);
+    }
+}
+
+static void take_lines(tl_plant_io *io, const tl_plant_io_sink *sink) {
+    for (;;) {
+        char *line = NULL;
+        tl_csv_found found = tl_csv_lines_take(&io->lines, false, &line);
+        if (found == TL_CSV_NOTHING) {
+            return;
+        }
+        if (found == TL_CSV_A_LINE) {
+            take_line(io, sink, line);
+        } else {
+            tl_error error;
+            (void)tl_csv_table_too_long(&io->table, io->lines.number, &error);
+            complain(io, sink, error.text);
+        }
+    }
+}
+
+/* The writer is gone, or there was none yet. */
+static void lose_writer(tl_plant_io *io, const tl_plant_io_sink *sink) {
+    bool had_one = io->state == LINK_UP;
+    tl_csv_lines_drop(&io->lines);
+    io->anchor.set = false;
+    io->went_back = false;
+    set_link(io, sink, false, had_one ? "its writer has closed it" : "nobody writes to it");
+}
+
+static bool interrupted(const tl_plant_io *io) {
+    uint64_t count = 0;
+    return read(io->wake, &count, sizeof count) == (ssize_t)sizeof count;
+}
+
+/* Waits until there is something to read, or somebody interrupts. false: nothing to read. */
+static bool await(const tl_plant_io *io) {
+    struct pollfd both[2] = {{.fd = io->file, .events = POLLIN}, {.fd = io->wake, .events = POLLIN}};
+    return poll(both, 2, WAIT_MS) > 0 && !interrupted(io) && (both[0].revents & POLLIN) != 0;
+}
+
+typedef enum drained { DRAINED_NOTHING, DRAINED_SOME, DRAINED_END } drained;
+
+/* Reads all there is now. */
+static drained drain(tl_plant_io *io, const tl_plant_io_sink *sink) {
+    drained result = DRAINED_NOTHING;
+    for (int i = 0; i < READS; i++) {
+        ssize_t count = read_some(io);
+        if (count == 0) {
+            return DRAINED_END;
+        }
+        if (count < 0) {
+            break;
+        }
+        result = DRAINED_SOME;
+        take_lines(io, sink);
+    }
+    return result;
+}
+
+static void read_stream(tl_plant_io *io, const tl_plant_io_sink *sink) {
+    drained result = drain(io, sink);
+    if (result == DRAINED_END) {
+        lose_writer(io, sink);
+        post_no_link(io, sink);
+        if (!open_path(io, sink)) { /* clears the hang-up, and finds a FIFO that was made anew */
+            return;
+        }
+    }
+    if (result != DRAINED_SOME && await(io)) {
+        (void)drain(io, sink); /* where this is the end already, the next poll finds it again */
+    }
+}
+
+/* ---- the driver ---- */
+
+static tl_status csv_poll(tl_plant_io *io, const tl_plant_io_sink *sink, bool *finished, tl_error *error) {
+    *finished = false;
+    if (interrupted(io)) {
+        return TL_OK;
+    }
+    if (io->file < 0 && !open_path(io, sink)) {
+        post_no_link(io, sink);
+        return TL_OK;
+    }
+    if (io->is_file) {
+        return play_file(io, sink, finished, error);
+    }
+    read_stream(io, sink);
+    return TL_OK;
+}
+
+static void csv_interrupt(tl_plant_io *io) {
+    uint64_t one = 1;
+    /* It can only fail where the counter is full, and then it is set anyway. */
+    ssize_t written = write(io->wake, &one, sizeof one);
+    (void)written;
+}
+
+static void csv_close(tl_plant_io *io) {
+    if (io->file >= 0) {
+        (void)close(io->file);
+    }
+    (void)close(io->wake);
+    tl_csv_table_release(&io->table);
+    free(io);
+}
+
+const tl_plant_io_driver tl_csv_driver = {
+    .name = "csv", .poll = csv_poll, .interrupt = csv_interrupt, .close = csv_close};
+
+tl_status tl_csv_open_live(const tl_csv_settings *settings, tl_plant_io **io, tl_error *error) {
+    tl_plant_io *made = calloc(1, sizeof *made);
+    if (made == NULL) {
+        return tl_fail(error, TL_TRY_AGAIN, "%s: out of memory", settings->path);
+    }
+    tl_status status = tl_csv_table_make(&made->table, settings, error);
+    if (status != TL_OK) {
+        free(made);
+        return status;
+    }
+    made->file = -1;
+    made->wake = eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC);
+    if (made->wake < 0) {
+        status = tl_fail(error, TL_TRY_AGAIN, "%s: no event descriptor: %s", settings->path, strerror(errno));
+        tl_csv_table_release(&made->table);
+        free(made);
+        return status;
+    }
+    *io = made;
+    return TL_OK;
+}

@@ -1,0 +1,319 @@
+/* Cuts a stream into lines and lines into cells.
+ *
+ * Cells are cut in place: each cell's end becomes a zero byte, quotes are taken off by moving the text to the left.
+ */
+#include "board/csv/csv_table.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+/* |seconds| of a row: so that tl_time can hold how far two rows are apart. */
+#define LAST_SECOND 4.6e9
+
+/* ---- lines ---- */
+
+char *tl_csv_lines_room(tl_csv_lines *lines, size_t *room) {
+    if (lines->begin > 0) {
+        memmove(lines->bytes, lines->bytes + lines->begin, lines->end - lines->begin);
+        lines->end -= lines->begin;
+        lines->begin = 0;
+    }
+    *room = TL_CSV_LINE - lines->end;
+    return lines->bytes + lines->end;
+}
+
+void tl_csv_lines_added(tl_csv_lines *lines, size_t count) {
+    lines->end += count;
+}
+
+void tl_csv_lines_drop(tl_csv_lines *lines) {
+    lines->begin = 0;
+    lines->end = 0;
+    lines->skipping = false;
+}
+
+static bool is_blank(const char *text) {
+    return text[strspn(text, " \t")] == '\0';
+}
+
+/* Makes a text of the bytes from `begin` on. A zero byte would end it early and hide what follows. */
+static char *terminated(tl_csv_lines *lines, size_t length) {
+    char *line = lines->bytes + lines->begin;
+    for (size_t i = 0; i < length; i++) {
+        if (line[i] == '\0') {
+            line[i] = '?';
+        }
+    }
+    if (length > 0 && line[length - 1] == '\r') {
+        length--;
+    }
+    line[length] = '\0';
+    return line;
+}
+
+/* The bytes up to the next line end, without it; *whole where there is one. */
+static size_t measure(const tl_csv_lines *lines, bool *whole) {
+    const char *begin = lines->bytes + lines->begin;
+    const char *newline = memchr(begin, '\n', lines->end - lines->begin);
+    *whole = newline != NULL;
+    return newline != NULL ? (size_t)(newline - begin) : lines->end - lines->begin;
+}
+
+tl_csv_found tl_csv_lines_take(tl_csv_lines *lines, bool last, char **line) {
+    for (;;) {
+        bool whole = false;
+        size_t length = measure(lines, &whole);
+        bool full = !whole && length == TL_CSV_LINE;
+        if (!whole && !full && (!last || length == 0)) {
+            lines->begin = lines->skipping ? lines->end : lines->begin;
+            return TL_CSV_NOTHING;
+        }
+        bool was_skipping = lines->skipping;
+        lines->skipping = full;
+        lines->number += was_skipping ? 0 : 1;
+        *line = terminated(lines, length);
+        lines->begin += length + (whole ? 1 : 0);
+        if (full && !was_skipping) {
+            return TL_CSV_TOO_LONG;
+        }
+        if (!full && !was_skipping && !is_blank(*line)) {
+            return TL_CSV_A_LINE;
+        }
+    }
+}
+
+/* ---- cells ---- */
+
+static char *skip_spaces(char *text) {
+    return text + strspn(text, " \t");
+}
+
+/* Takes the quotes off a cell that begins with one. Returns what comes after it, or NULL where no quote ends it. */
+static char *unquote(char *cell) {
+    char *to = cell;
+    for (char *from = cell + 1; *from != '\0'; from++) {
+        if (*from == '"') {
+            if (from[1] != '"') {
+                *to = '\0';
+                return from + 1;
+            }
+            from++;
+        }
+        *to++ = *from;
+    }
+    return NULL;
+}
+
+/* Cuts the next cell off *rest, which is NULL after the last one. NULL where it is malformed. */
+static const char *cut_cell(char **rest) {
+    char *cell = skip_spaces(*rest);
+    char *end;
+    if (*cell == '"') {
+        end = unquote(cell);
+        end = end != NULL ? skip_spaces(end) : NULL;
+        if (end == NULL || (*end != ',' && *end != '\0')) {
+            return NULL;
+        }
+        *rest = *end == ',' ? end + 1 : NULL;
+        return cell;
+    }
+    end = cell + strcspn(cell, ",");
+    *rest = *end == ',' ? end + 1 : NULL;
+    while (end > cell && (end[-1] == ' ' || end[-1] == '\t')) {
+        end--;
+    }
+    *end = '\0';
+    return cell;
+}
+
+/* A finite decimal number, and nothing else. The thread has a locale with a decimal point (firmware/base/c_locale.h). */
+static bool number_of(const char *text, double *number) {
+    char *end = NULL;
+    *number = 0;
+    if (text[0] == '\0' || text[strspn(text, "+-.0123456789eE")] != '\0') {
+        return false;
+    }
+    double value = strtod(text, &end);
+    if (*end != '\0' || !isfinite(value)) {
+        return false;
+    }
+    *number = value;
+    return true;
+}
+
+static char *copy_of(const char *text) {
+    size_t size = strlen(text) + 1;
+    char *copy = malloc(size);
+    if (copy != NULL) {
+        memcpy(copy, text, size);
+    }
+    return copy;
+}
+
+tl_status tl_csv_table_make(tl_csv_table *table, const tl_csv_settings *settings, tl_error *error) {
+    memset(table, 0, sizeof *table);
+    if (settings->column_count > TL_MAX_SIGNALS) {
+        return tl_fail(error, TL_BAD_DATA, "%s: %zu columns are wanted, but at most %d can be read", settings->path,
+                       settings->column_count, (int)TL_MAX_SIGNALS);
+    }
+    table->path = copy_of(settings->path);
+    table->time_column = copy_of(settings->time_column);
+    table->columns = calloc(settings->column_count + 1, sizeof *table->columns);
+    bool complete = table->path != NULL && table->time_column != NULL && table->columns != NULL;
+    for (size_t i = 0; complete && i < settings->column_count; i++) {
+        table->columns[i] = copy_of(settings->columns[i]);
+        complete = table->columns[i] != NULL;
+        table->column_count++;
+    }
+    if (!complete) {
+        tl_csv_table_release(table);
+        return tl_fail(error, TL_TRY_AGAIN, "%s: out of memory", settings->path);
+    }
+    return TL_OK;
+}
+
+void tl_csv_table_release(tl_csv_table *table) {
+    for (size_t i = 0; table->columns != NULL && i < table->column_count; i++) {
+        free(table->columns[i]);
+    }
+    free(table->columns);
+    free(table->cells);
+    free(table->time_column);
+    free(table->path);
+    memset(table, 0, sizeof *table);
+}
+
+/* Cuts a line into at most `room` cells; 0 where it is malformed, else how many there are (perhaps more). */
+static size_t cut_line(char *line, const char **cells, size_t room) {
+    size_t count = 0;
+    for (char *rest = line; rest != NULL; count++) {
+        const char *cell = cut_cell(&rest);
+        if (cell == NULL) {
+            return 0;
+        }
+        if (count < room) {
+            cells[count] = cell;
+        }
+    }
+    return count;
+}
+
+/* Names the columns that are there, as far as there is room. */
+static tl_status missing(const tl_csv_table *table, const char *column, int64_t number, const char *const *cells,
+                         size_t count, tl_error *error) {
+    char there[280] = "";
+    size_t used = 0;
+    for (size_t i = 0; i < count; i++) {
+        size_t needed = strlen(cells[i]) + 2;
+        if (used + needed + sizeof ", ..." > sizeof there) {
+            (void)snprintf(there + used, sizeof there - used, ", ...");
+            break;
+        }
+        (void)snprintf(there + used, sizeof there - used, "%s%s", i > 0 ? ", " : "", cells[i]);
+        used = strlen(there);
+    }
+    return tl_fail(error, TL_BAD_DATA, "%.100s, line %lld: there is no column \"%.64s\", but: %s", table->path,
+                   (long long)number, column, there);
+}
+
+/* The cell of a column. */
+static tl_status find_column(const tl_csv_table *table, const char *column, int64_t number, const char *const *cells,
+                             size_t count, size_t *found, tl_error *error) {
+    size_t times = 0;
+    for (size_t i = count; i-- > 0;) {
+        if (strcmp(cells[i], column) == 0) {
+            *found = i;
+            times++;
+        }
+    }
+    if (times > 1) {
+        return tl_fail(error, TL_BAD_DATA, "%s, line %lld: the column \"%.64s\" is there %zu times", table->path,
+                       (long long)number, column, times);
+    }
+    return times == 1 ? TL_OK : missing(table, column, number, cells, count, error);
+}
+
+static tl_status find_columns(tl_csv_table *table, int64_t number, const char *const *cells, size_t count,
+                              tl_error *error) {
+    size_t time_cell = 0;
+    size_t cell_of[TL_MAX_SIGNALS] = {0};
+    tl_status status = find_column(table, table->time_column, number, cells, count, &time_cell, error);
+    for (size_t i = 0; i < table->column_count && status == TL_OK; i++) {
+        status = find_column(table, table->columns[i], number, cells, count, &cell_of[i], error);
+    }
+    if (status == TL_OK) {
+        table->time_cell = time_cell;
+        memcpy(table->cell_of, cell_of, sizeof cell_of);
+    }
+    return status;
+}
+
+tl_status tl_csv_table_header(tl_csv_table *table, char *line, int64_t number, tl_error *error) {
+    size_t room = 1;
+    if (strncmp(line, "\xEF\xBB\xBF", 3) == 0) {
+        line += 3;
+    }
+    for (const char *at = strchr(line, ','); at != NULL; at = strchr(at + 1, ',')) {
+        room++;
+    }
+    if (room == 1 && strchr(line, ';') != NULL) {
+        return tl_fail(
+            error, TL_BAD_DATA,
+            "%s, line %lld: the columns are separated by semicolons, but must be by commas, as in \"%.64s,u\"",
+            table->path, (long long)number, table->time_column);
+    }
+    const char **cells = calloc(room, sizeof *cells);
+    if (cells == NULL) {
+        return tl_fail(error, TL_TRY_AGAIN, "%s: out of memory", table->path);
+    }
+    size_t count = cut_line(line, cells, room);
+    tl_status status = TL_OK;
+    if (count == 0) {
+        status = tl_fail(error, TL_BAD_DATA, "%s, line %lld: a quote in the header is not closed, or text follows it",
+                         table->path, (long long)number);
+    } else {
+        status = find_columns(table, number, cells, count, error);
+    }
+    if (status != TL_OK) {
+        free(cells);
+        return status;
+    }
+    free(table->cells);
+    table->cells = cells;
+    table->cell_count = count;
+    return TL_OK;
+}
+
+tl_status tl_csv_table_row(tl_csv_table *table, char *line, int64_t number, tl_csv_row *row, tl_error *error) {
+    double seconds = 0;
+    size_t count = cut_line(line, table->cells, table->cell_count);
+    if (count == 0) {
+        return tl_fail(error, TL_BAD_DATA, "%s, line %lld: a quote is not closed, or text follows it", table->path,
+                       (long long)number);
+    }
+    if (count != table->cell_count) {
+        return tl_fail(error, TL_BAD_DATA, "%s, line %lld: %zu cells, but the header has %zu", table->path,
+                       (long long)number, count, table->cell_count);
+    }
+    const char *time = table->cells[table->time_cell];
+    if (!number_of(time, &seconds) || fabs(seconds) > LAST_SECOND) {
+        return tl_fail(error, TL_BAD_DATA,
+                       "%s, line %lld: the time is \"%.40s\", but must be a number of seconds from -4.6e9 to 4.6e9",
+                       table->path, (long long)number, time);
+    }
+    row->time = tl_time_of_seconds(seconds);
+    for (size_t i = 0; i < table->column_count; i++) {
+        const char *cell = table->cells[table->cell_of[i]];
+        bool good = number_of(cell, &row->values[i]);
+        row->present[i] = cell[0] != '\0';
+        row->quality[i] = good ? TL_GOOD : TL_NOT_A_NUMBER;
+    }
+    return TL_OK;
+}
+
+tl_status tl_csv_table_too_long(const tl_csv_table *table, int64_t number, tl_error *error) {
+    return tl_fail(error, TL_BAD_DATA, "%s, line %lld: the line is longer than %d bytes", table->path,
+                   (long long)number, (int)TL_CSV_LINE);
+}

@@ -1,0 +1,477 @@
+/* The GPIO driver: looks for its lines, waits for their edges, and reads their levels.
+ *
+ * A chip that was removed makes waiting for its lines return at once, for ever. So whatever ends a wait without an edge to
+ * take costs a part of the line's budget in this poll, as an edge does; and the level, which is read in each poll, says that
+ * the chip is gone.
+ */
+#include "board/gpio/gpio.h"
+
+#include <errno.h>
+#include <math.h>
+#include <poll.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/eventfd.h>
+#include <time.h>
+#include <unistd.h>
+
+#include "board/gpio/gpio_find.h"
+#include "board/gpio/gpio_input.h"
+
+#define MILLISECOND (TL_SECOND / 1000)
+#define PAUSE_FIRST (TL_SECOND / 10)
+#define PAUSE_LAST (2 * TL_SECOND)
+#define DOUBT (2 * MILLISECOND) /* an edge that is on its way is here by then */
+#define MISSED_AGAIN (10 * TL_SECOND)
+
+enum { TEXT = 384, NAME = 96, BATCH = 16 };
+
+typedef enum link_state { LINK_UNKNOWN, LINK_DOWN, LINK_UP } link_state;
+
+typedef struct input_line {
+    tl_gpio_channel channel;
+    size_t first; /* index of the first channel that is the same line; of any other one nothing else is used */
+    char *name;   /* copy of channel.line */
+    tl_gpio_line *line;
+    tl_gpio_input input;
+    size_t budget;      /* edges and looks for edges that are left in this poll */
+    bool flooded;       /* there were more than it takes: what is between the last edge and now is not known */
+    char trouble[TEXT]; /* as it was told; empty: none */
+    tl_time pause;
+    tl_time due;      /* of the next attempt to open it */
+    tl_time recheck;  /* when a level that was not expected is looked at again, where the input is in doubt */
+    uint64_t told;    /* of input.missed */
+    tl_time tell_due; /* not earlier again */
+} input_line;
+
+struct tl_plant_io {
+    char *chip;
+    tl_time wait;  /* per poll */
+    size_t budget; /* per poll and line */
+    int wake;      /* eventfd: interrupted */
+    link_state state;
+    size_t count;
+    struct pollfd *waits; /* wake, then those of lines that can be waited for */
+    size_t *waited;       /* which line each is of */
+    input_line lines[];
+};
+
+static tl_time now(void) {
+    struct timespec time;
+    (void)clock_gettime(CLOCK_MONOTONIC, &time);
+    return (tl_time)time.tv_sec * TL_SECOND + time.tv_nsec;
+}
+
+/* ---- what is said and posted ---- */
+
+static void say(const tl_plant_io *io, const tl_plant_io_sink *sink, const input_line *own, const char *text) {
+    char whole[TEXT + NAME];
+    if (own->name != NULL) {
+        (void)snprintf(whole, sizeof whole, "GPIO line %.48s: %s", own->name, text);
+    } else {
+        (void)snprintf(whole, sizeof whole, "GPIO line %u of %.64s: %s", own->channel.offset, io->chip, text);
+    }
+    sink->link(sink->context, io->state == LINK_UP, whole);
+}
+
+/* A line is open, or not; the link is up while any is. Each trouble is told once. */
+static void note_state(tl_plant_io *io, const tl_plant_io_sink *sink, input_line *own, const char *trouble,
+                       const char *text) {
+    bool any = false;
+    for (size_t i = 0; i < io->count; i++) {
+        any = any || io->lines[i].line != NULL;
+    }
+    link_state before = io->state;
+    io->state = any ? LINK_UP : LINK_DOWN;
+    if (io->state != before || trouble[0] == '\0' || strcmp(own->trouble, trouble) != 0) {
+        say(io, sink, own, text);
+    }
+    (void)snprintf(own->trouble, sizeof own->trouble, "%s", trouble);
+}
+
+static void note_missed(tl_plant_io *io, const tl_plant_io_sink *sink, input_line *own, tl_time at) {
+    if (own->input.missed != own->told && at >= own->tell_due) {
+        char text[TEXT];
+        (void)snprintf(text, sizeof text,
+                       "edges come faster than they are read: at least %llu missed; the newest level counts",
+                       (unsigned long long)(own->input.missed - own->told));
+        own->told = own->input.missed;
+        own->tell_due = at + MISSED_AGAIN;
+        say(io, sink, own, text);
+    }
+}
+
+static void post(const tl_plant_io *io, const tl_plant_io_sink *sink, const input_line *own,
+                 const tl_reading *reading) {
+    for (size_t i = own->first; i < io->count; i++) {
+        if (io->lines[i].first == own->first) {
+            sink->post(sink->context, i, reading);
+        }
+    }
+}
+
+static void post_no_link(const tl_plant_io *io, const tl_plant_io_sink *sink, const input_line *own) {
+    const tl_reading none = {.value = 0, .stamp = now(), .quality = TL_NO_LINK};
+    post(io, sink, own, &none);
+}
+
+/* ---- a line comes and goes ---- */
+
+static void put_off(input_line *own) {
+    own->pause = own->pause > 0 ? 2 * own->pause : PAUSE_FIRST;
+    own->pause = own->pause < PAUSE_LAST ? own->pause : PAUSE_LAST;
+    own->due = now() + own->pause;
+}
+
+static void lose(tl_plant_io *io, const tl_plant_io_sink *sink, input_line *own, int failure) {
+    char text[TEXT];
+    (void)snprintf(text, sizeof text, "%s", failure == ENODEV ? "its chip is gone" : strerror(failure));
+    tl_gpio_line_release(own->line);
+    own->line = NULL;
+    put_off(own);
+    note_state(io, sink, own, text, text);
+}
+
+static void describe_refusal(const tl_gpio_place *place, int failure, char *text, size_t size) {
+    const char *where = place->chip;
+    if (failure == EBUSY && place->state.used) {
+        (void)snprintf(text, size, "line %u of %s is in use by \"%s\"", place->offset, where,
+                       place->state.consumer[0] != '\0' ? place->state.consumer : "?");
+    } else {
+        (void)snprintf(text, size, "line %u of %s cannot be requested: %s", place->offset, where, strerror(failure));
+    }
+}
+
+/* Finds and requests it. true, or `trouble` says why not. */
+static bool request(const tl_plant_io *io, input_line *own, tl_gpio_place *place, char *trouble, size_t size) {
+    if (!tl_gpio_find(io->chip, &own->channel, place, trouble, size)) {
+        return false;
+    }
+    if (place->state.output && !place->state.used) { /* to make it an input would be to act */
+        (void)snprintf(trouble, size, "line %u of %s is an output; twinlock reads inputs only", place->offset,
+                       place->chip);
+        return false;
+    }
+    int failure =
+        place->state.used ? EBUSY : tl_gpio_line_request(place->path, place->offset, &own->channel, &own->line);
+    if (failure != 0) {
+        describe_refusal(place, failure, trouble, size);
+    }
+    return failure == 0;
+}
+
+static void open_line(tl_plant_io *io, const tl_plant_io_sink *sink, input_line *own) {
+    char text[TEXT] = "";
+    tl_gpio_place place;
+    bool level = false;
+    if (!request(io, own, &place, text, sizeof text)) {
+        put_off(own);
+        note_state(io, sink, own, text, text);
+        return;
+    }
+    tl_time stamp = now();
+    int failure = tl_gpio_line_level(own->line, &level);
+    if (failure != 0) {
+        lose(io, sink, own, failure);
+        return;
+    }
+    tl_reading reading;
+    tl_gpio_input_start(&own->input, tl_time_of_seconds(own->channel.debounce_s), level, stamp, &reading);
+    own->pause = 0;
+    (void)snprintf(text, sizeof text, "connected: line %u of %s%s", place.offset, place.chip,
+                   tl_gpio_line_descriptor(own->line) < 0 ? ", without edges" : "");
+    note_state(io, sink, own, "", text);
+    post(io, sink, own, &reading);
+}
+
+/* ---- edges and levels ---- */
+
+/* Takes what waits, within the budget. 0, or errno. */
+static int take_edges(tl_plant_io *io, const tl_plant_io_sink *sink, input_line *own) {
+    tl_gpio_edge edges[BATCH];
+    size_t taken = 0;
+    int failure = 0;
+    while (failure == 0 && own->budget > 0) {
+        size_t count = 0;
+        failure = tl_gpio_line_edges(own->line, edges, own->budget < BATCH ? own->budget : BATCH, &count);
+        tl_time at = now();
+        taken += count;
+        own->budget -= count > 0 ? count : 1;
+        for (size_t i = 0; i < count; i++) {
+            tl_reading reading;
+            if (tl_gpio_input_edge(&own->input, edges[i].level, edges[i].stamp, at, &reading)) {
+                post(io, sink, own, &reading);
+            }
+        }
+    }
+    /* The kernel keeps sixteen edges of a line at least, and may have dropped others where it kept so many. */
+    own->flooded = own->flooded || taken >= BATCH || own->budget == 0;
+    return failure == EAGAIN ? 0 : failure;
+}
+
+/* Reads the level. 0, or errno. */
+static int take_level(tl_plant_io *io, const tl_plant_io_sink *sink, input_line *own) {
+    tl_reading reading;
+    bool level = false;
+    tl_time stamp = now();
+    int failure = tl_gpio_line_level(own->line, &level);
+    if (failure != 0) {
+        return failure;
+    }
+    bool was_in_doubt = own->input.doubtful;
+    bool some = false;
+    if (own->flooded) {
+        some = tl_gpio_input_newest(&own->input, level, stamp, &reading);
+    } else if (tl_gpio_line_descriptor(own->line) < 0 && level != own->input.level) {
+        some = tl_gpio_input_edge(&own->input, level, stamp, stamp, &reading); /* as good as it gets */
+    } else {
+        some = tl_gpio_input_level(&own->input, level, stamp, &reading);
+    }
+    own->recheck = was_in_doubt ? own->recheck : stamp + DOUBT;
+    own->flooded = false;
+    if (some) {
+        post(io, sink, own, &reading);
+    }
+    return 0;
+}
+
+/* Edges, and the level where it is wanted or where edges are not enough; of a line that is open. */
+static void attend(tl_plant_io *io, const tl_plant_io_sink *sink, input_line *own, bool and_level) {
+    bool has_edges = tl_gpio_line_descriptor(own->line) >= 0;
+    int failure = has_edges && own->budget > 0 ? take_edges(io, sink, own) : 0;
+    bool used_up = has_edges && own->budget == 0;
+    if (failure == 0 && (and_level || own->flooded)) {
+        failure = take_level(io, sink, own);
+    }
+    if (failure != 0) {
+        lose(io, sink, own, failure);
+        post_no_link(io, sink, own);
+        return;
+    }
+    own->input.missed += used_up && !own->flooded ? 1 : 0;
+    own->flooded = used_up;
+    note_missed(io, sink, own, now());
+}
+
+/* ---- waiting ---- */
+
+/* What to wait for; returns how many, and when to look again at the latest. */
+static nfds_t list_waits(tl_plant_io *io, tl_time *until) {
+    nfds_t count = 1;
+    io->waits[0] = (struct pollfd){.fd = io->wake, .events = POLLIN};
+    for (size_t i = 0; i < io->count; i++) {
+        const input_line *own = &io->lines[i];
+        if (own->line == NULL) {
+            continue;
+        }
+        bool has_edges = tl_gpio_line_descriptor(own->line) >= 0;
+        if (own->budget == 0 && has_edges) { /* the next poll goes on */
+            continue;
+        }
+        tl_time due = own->input.doubtful ? own->recheck : tl_gpio_input_due(&own->input);
+        *until = due < *until ? due : *until;
+        if (has_edges) {
+            io->waits[count] = (struct pollfd){.fd = tl_gpio_line_descriptor(own->line), .events = POLLIN};
+            io->waited[count] = i;
+            count++;
+        }
+    }
+    return count;
+}
+
+/* Sees to a line that time alone has changed. */
+static void pass_time(tl_plant_io *io, const tl_plant_io_sink *sink, input_line *own) {
+    tl_reading reading;
+    if (own->input.doubtful && now() >= own->recheck) {
+        attend(io, sink, own, true);
+        return;
+    }
+    tl_time at = now();
+    if (tl_gpio_input_due(&own->input) > at) {
+        return;
+    }
+    attend(io, sink, own, false); /* an edge may have come meanwhile, which is earlier */
+    if (own->line != NULL && !own->flooded && tl_gpio_input_pass(&own->input, at, &reading)) {
+        post(io, sink, own, &reading);
+    }
+}
+
+static void pass_time_of_all(tl_plant_io *io, const tl_plant_io_sink *sink) {
+    for (size_t i = 0; i < io->count; i++) {
+        if (io->lines[i].line != NULL && io->lines[i].budget > 0) {
+            pass_time(io, sink, &io->lines[i]);
+        }
+    }
+}
+
+static bool interrupted(const tl_plant_io *io) {
+    uint64_t count = 0;
+    return read(io->wake, &count, sizeof count) == (ssize_t)sizeof count;
+}
+
+/* Waits once. false where it is enough: time is up, or somebody interrupts. */
+static bool wait_once(tl_plant_io *io, const tl_plant_io_sink *sink, tl_time end) {
+    tl_time until = end;
+    nfds_t count = list_waits(io, &until);
+    tl_time left = until - now();
+    const struct timespec longest = {.tv_sec = (time_t)(left > 0 ? left / TL_SECOND : 0),
+                                     .tv_nsec = (long)(left > 0 ? left % TL_SECOND : 0)};
+    int ready = ppoll(io->waits, count, &longest, NULL);
+    if (ready > 0 && io->waits[0].revents != 0 && interrupted(io)) {
+        return false;
+    }
+    for (nfds_t i = 1; i < count && ready > 0; i++) {
+        if (io->waits[i].revents != 0) {
+            attend(io, sink, &io->lines[io->waited[i]], (io->waits[i].revents & POLLIN) == 0);
+        }
+    }
+    pass_time_of_all(io, sink);
+    return now() < end;
+}
+
+/* ---- the driver ---- */
+
+static tl_status gpio_poll(tl_plant_io *io, const tl_plant_io_sink *sink, bool *finished, tl_error *error) {
+    (void)error;
+    *finished = false;
+    tl_time end = now() + io->wait;
+    if (interrupted(io)) {
+        return TL_OK;
+    }
+    for (size_t i = 0; i < io->count; i++) {
+        input_line *own = &io->lines[i];
+        if (own->first != i) {
+            continue;
+        }
+        own->budget = io->budget;
+        if (own->line != NULL) {
+            attend(io, sink, own, true);
+            continue;
+        }
+        if (now() >= own->due) {
+            open_line(io, sink, own);
+        }
+        if (own->line == NULL) {
+            post_no_link(io, sink, own);
+        }
+    }
+    while (wait_once(io, sink, end)) {
+    }
+    return TL_OK;
+}
+
+static void gpio_interrupt(tl_plant_io *io) {
+    uint64_t one = 1;
+    /* It can only fail where the counter is full, and then it is set anyway. */
+    ssize_t written = write(io->wake, &one, sizeof one);
+    (void)written;
+}
+
+static void gpio_close(tl_plant_io *io) {
+    for (size_t i = 0; i < io->count; i++) {
+        tl_gpio_line_release(io->lines[i].line);
+        free(io->lines[i].name);
+    }
+    if (io->wake >= 0) {
+        (void)close(io->wake);
+    }
+    free(io->waits);
+    free(io->waited);
+    free(io->chip);
+    free(io);
+}
+
+const tl_plant_io_driver tl_gpio_driver = {
+    .name = "gpio", .poll = gpio_poll, .interrupt = gpio_interrupt, .close = gpio_close};
+
+/* ---- settings ---- */
+
+static tl_status check_channel(const tl_gpio_settings *settings, size_t index, tl_error *error) {
+    const tl_gpio_channel *channel = &settings->channels[index];
+    if (channel->line != NULL && channel->line[0] == '\0') {
+        return tl_fail(error, TL_BAD_DATA, "GPIO channel %zu: the name of its line is empty", index);
+    }
+    if (channel->line == NULL && settings->chip == NULL) {
+        return tl_fail(error, TL_BAD_DATA, "GPIO channel %zu: an offset needs a chip, for example gpiochip0", index);
+    }
+    if (!(channel->debounce_s >= 0 && channel->debounce_s <= 60)) {
+        return tl_fail(error, TL_BAD_DATA, "GPIO channel %zu: debounce_s is %g, but must be 0 to 60", index,
+                       channel->debounce_s);
+    }
+    if (channel->bias < TL_GPIO_AS_IS || channel->bias > TL_GPIO_NO_PULL) {
+        return tl_fail(error, TL_BAD_DATA, "GPIO channel %zu: there is no bias %d", index, (int)channel->bias);
+    }
+    return TL_OK;
+}
+
+static tl_status check(const tl_gpio_settings *settings, tl_error *error) {
+    if (settings->chip != NULL && settings->chip[0] == '\0') {
+        return tl_fail(error, TL_BAD_DATA, "the name of a GPIO chip is empty");
+    }
+    if (!(settings->period_s >= 1e-5 && settings->period_s <= 3600)) {
+        return tl_fail(error, TL_BAD_DATA, "GPIO: period_s is %g, but must be 1e-5 to 3600", settings->period_s);
+    }
+    for (size_t i = 0; i < settings->channel_count; i++) {
+        if (check_channel(settings, i, error) != TL_OK) {
+            return TL_BAD_DATA;
+        }
+    }
+    return TL_OK;
+}
+
+/* Both NULL, or both the same text. */
+static bool is_same_name(const char *a, const char *b) {
+    return a == NULL || b == NULL ? a == b : strcmp(a, b) == 0;
+}
+
+/* The index of the first channel that is the same line: a line can be requested once. */
+static size_t first_of(const tl_gpio_settings *settings, size_t index) {
+    const tl_gpio_channel *channel = &settings->channels[index];
+    size_t first = 0;
+    while (!is_same_name(settings->channels[first].line, channel->line) ||
+           (channel->line == NULL && settings->channels[first].offset != channel->offset)) {
+        first++;
+    }
+    return first;
+}
+
+/* false where memory is out. */
+static bool copy(const tl_gpio_settings *settings, tl_plant_io *io) {
+    bool whole = true;
+    io->count = settings->channel_count;
+    io->waits = calloc(io->count + 1, sizeof *io->waits);
+    io->waited = calloc(io->count + 1, sizeof *io->waited);
+    io->chip = settings->chip != NULL ? strdup(settings->chip) : NULL;
+    for (size_t i = 0; i < io->count; i++) {
+        input_line *own = &io->lines[i];
+        own->channel = settings->channels[i];
+        own->first = first_of(settings, i);
+        own->name = own->channel.line != NULL ? strdup(own->channel.line) : NULL;
+        whole = whole && (own->name != NULL) == (own->channel.line != NULL);
+        own->channel.line = own->name;
+    }
+    return whole && io->waits != NULL && io->waited != NULL && (io->chip != NULL) == (settings->chip != NULL);
+}
+
+tl_status tl_gpio_open(const tl_gpio_settings *settings, tl_plant_io **io, tl_error *error) {
+    tl_status status = check(settings, error);
+    if (status != TL_OK) {
+        return status;
+    }
+    tl_plant_io *made = calloc(1, sizeof *made + settings->channel_count * sizeof made->lines[0]);
+    if (made == NULL) {
+        return tl_fail(error, TL_TRY_AGAIN, "GPIO: out of memory");
+    }
+    tl_time period = tl_time_of_seconds(settings->period_s);
+    made->wait = period - (period / 10 < MILLISECOND ? period / 10 : MILLISECOND);
+    made->budget = TL_GPIO_EDGES + (size_t)(period / MILLISECOND) * TL_GPIO_EDGES_PER_MS;
+    made->wake = eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC);
+    if (made->wake < 0 || !copy(settings, made)) {
+        status = tl_fail(error, TL_TRY_AGAIN, "GPIO: %s", strerror(errno));
+        gpio_close(made);
+        return status;
+    }
+    *io = made;
+    return TL_OK;
+}

@@ -1,0 +1,76 @@
+/* One input: see gpio_input.h. */
+#include "board/gpio/gpio_input.h"
+
+static void fill(tl_gpio_input *input, tl_time stamp, tl_reading *reading) {
+    input->posted = stamp > input->posted ? stamp : input->posted;
+    *reading = (tl_reading){.value = input->debounce.level ? 1 : 0, .stamp = input->posted, .quality = TL_GOOD};
+}
+
+void tl_gpio_input_start(tl_gpio_input *input, tl_time debounce, bool level, tl_time stamp, tl_reading *reading) {
+    uint64_t missed = input->missed;
+    *input = (tl_gpio_input){.level = level, .seen = stamp, .posted = stamp, .missed = missed};
+    tl_gpio_debounce_start(&input->debounce, debounce, level);
+    fill(input, stamp, reading);
+}
+
+static bool move(tl_gpio_input *input, bool level, tl_time stamp, tl_reading *reading) {
+    tl_time since = stamp;
+    input->level = level;
+    input->seen = stamp;
+    input->doubtful = false;
+    bool changed = tl_gpio_debounce_edge(&input->debounce, level, stamp, &since);
+    if (changed) {
+        fill(input, since, reading);
+    }
+    return changed;
+}
+
+bool tl_gpio_input_edge(tl_gpio_input *input, bool level, tl_time stamp, tl_time now, tl_reading *reading) {
+    if (stamp > now) { /* of another clock */
+        stamp = now;
+    }
+    if (stamp < input->seen) {
+        return false;
+    }
+    input->missed += level == input->level ? 1 : 0;
+    return move(input, level, stamp, reading);
+}
+
+bool tl_gpio_input_level(tl_gpio_input *input, bool level, tl_time stamp, tl_reading *reading) {
+    if (level != input->level) {
+        bool believed = input->doubtful;
+        input->doubtful = true;
+        return believed && tl_gpio_input_newest(input, level, stamp, reading);
+    }
+    input->doubtful = false;
+    bool changed = tl_gpio_input_pass(input, stamp, reading);
+    if (!changed && !input->debounce.pending) {
+        fill(input, stamp, reading);
+        return true;
+    }
+    return changed;
+}
+
+bool tl_gpio_input_newest(tl_gpio_input *input, bool level, tl_time stamp, tl_reading *reading) {
+    input->missed += level != input->level ? 1 : 0;
+    tl_time at = stamp > input->seen ? stamp : input->seen;
+    bool changed = move(input, level, at, reading);
+    if (!changed && !input->debounce.pending) {
+        fill(input, at, reading);
+        return true;
+    }
+    return changed;
+}
+
+bool tl_gpio_input_pass(tl_gpio_input *input, tl_time now, tl_reading *reading) {
+    tl_time since = now;
+    bool changed = tl_gpio_debounce_pass(&input->debounce, now, &since);
+    if (changed) {
+        fill(input, since, reading);
+    }
+    return changed;
+}
+
+tl_time tl_gpio_input_due(const tl_gpio_input *input) {
+    return input->debounce.pending ? input->debounce.since + input->debounce.time : INT64_MAX;
+}

@@ -1,0 +1,45 @@
+/* One input: from edges and levels to readings. Private to the GPIO driver; pure.
+ *
+ * Purpose: an edge says when, a level says that nothing was missed. A level that is not that of the last edge is believed
+ *          when it is seen a second time: the edge may just be on its way.
+ * Missed:  two edges in a row to the same level, and a level without an edge, each count as one at least.
+ * Stamps:  of readings never go back. Edges that are older than a level that was believed are left out.
+ */
+#ifndef TL_BOARD_GPIO_GPIO_INPUT_H
+#define TL_BOARD_GPIO_GPIO_INPUT_H
+
+#include <stdint.h>
+
+#include "board/gpio/gpio_debounce.h"
+#include "board/io/plant_io.h"
+
+typedef struct tl_gpio_input {
+    tl_gpio_debounce debounce;
+    bool level;      /* by the last edge, or the level that was believed */
+    bool doubtful;   /* another level was seen since */
+    tl_time seen;    /* stamp of that edge or level */
+    tl_time posted;  /* stamp of the last reading */
+    uint64_t missed; /* edges, at least */
+} tl_gpio_input;
+
+/* The first level; *reading is it. */
+void tl_gpio_input_start(tl_gpio_input *input, tl_time debounce, bool level, tl_time stamp, tl_reading *reading);
+
+/* Each of these returns true where there is something to post, and puts it into *reading. */
+
+/* `now`: when it was read; no stamp is later. */
+bool tl_gpio_input_edge(tl_gpio_input *input, bool level, tl_time stamp, tl_time now, tl_reading *reading);
+
+/* A level that was read at `stamp`, or later. */
+bool tl_gpio_input_level(tl_gpio_input *input, bool level, tl_time stamp, tl_reading *reading);
+
+/* The same; it is believed at once, and what came before it is not wanted any more. */
+bool tl_gpio_input_newest(tl_gpio_input *input, bool level, tl_time stamp, tl_reading *reading);
+
+/* Time has passed. */
+bool tl_gpio_input_pass(tl_gpio_input *input, tl_time now, tl_reading *reading);
+
+/* When to call the one before, at the latest; INT64_MAX: there is no need. */
+tl_time tl_gpio_input_due(const tl_gpio_input *input);
+
+#endif

@@ -1,0 +1,446 @@
+/* The Modbus driver: what to ask when, and what a missing answer means. How it is asked is the link's business.
+ *
+ * A poll has two passes: first the requests that were answered last time, then, where their pause is over, those
+ * that were silent. A response that does not come, or is wrong, costs a TCP connection, since what arrives later could be
+ * taken for the answer to the next request; a line is used again as soon as it is quiet. So does what comes beside a
+ * response, but then the next request just gets another connection. If anything was answered in that poll, the device
+ * lives: the one request is paused, and so for a moment is its unit on a line. If nothing was, the link is down and trying
+ * it is paused. An exception is an answer.
+ */
+#include "board/modbus/modbus.h"
+
+#include <errno.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "board/modbus/modbus_link.h"
+#include "board/modbus/modbus_map.h"
+
+#define PAUSE_FIRST (TL_SECOND / 10)
+#define PAUSE_LAST (2 * TL_SECOND)
+
+/* So many times as long as waiting for silent requests has taken, none of them is tried again. */
+#define REST 4
+
+enum { TEXT = 320, SILENCES_ON_A_LINE = 2 };
+
+/* Exceptions. */
+enum { ILLEGAL_ADDRESS = 2, ILLEGAL_VALUE = 3 };
+
+const uint32_t tl_modbus_bauds[] = {1200,   2400,   4800,   9600,   19200,  38400,   57600,
+                                    115200, 230400, 460800, 500000, 921600, 1000000, 0};
+
+typedef enum link_state { LINK_UNKNOWN, LINK_DOWN, LINK_UP } link_state;
+
+struct tl_plant_io {
+    tl_modbus_link *link;
+    tl_modbus_map map;
+    link_state state;
+    bool talkative; /* it was told that more comes than was asked for */
+    tl_time pause;  /* between attempts to connect; 0: none is due */
+    tl_time due;    /* of the next attempt */
+    tl_time rest;   /* until then no silent request is tried again */
+    size_t start;   /* the request that the next poll begins with */
+    uint64_t polls; /* so far */
+    tl_modbus_values values;
+};
+
+/* What one poll has come to. */
+typedef struct progress {
+    const tl_plant_io_sink *sink;
+    bool answered;             /* something did */
+    size_t silent;             /* requests that were not answered */
+    tl_time waited;            /* for these */
+    bool over;                 /* no more requests in this poll */
+    bool interrupted;          /* nobody wants to know */
+    tl_modbus_outcome failure; /* the last silence */
+} progress;
+
+static void say(const tl_plant_io *io, const tl_plant_io_sink *sink, bool up, const char *text) {
+    char whole[TEXT + sizeof io->link->name + 2];
+    (void)snprintf(whole, sizeof whole, "%s: %s", io->link->name, text);
+    sink->link(sink->context, up, whole);
+}
+
+static void set_link(tl_plant_io *io, const tl_plant_io_sink *sink, bool up, const char *text) {
+    link_state state = up ? LINK_UP : LINK_DOWN;
+    if (io->state != state) {
+        io->state = state;
+        io->talkative = io->talkative && up;
+        say(io, sink, up, text);
+    }
+}
+
+/* The next pause after one of that length. */
+static tl_time longer(tl_time pause) {
+    tl_time next = pause > 0 ? 2 * pause : PAUSE_FIRST;
+    return next < PAUSE_LAST ? next : PAUSE_LAST;
+}
+
+static void describe(const tl_plant_io *io, const tl_modbus_outcome *outcome, char *text, size_t size) {
+    tl_modbus_outcome_text(outcome, io->link->kind->is_line, io->link->timeout, text, size);
+}
+
+/* Says once that a request gives no values, and once that it does again. */
+static void note_trouble(tl_plant_io *io, const tl_plant_io_sink *sink, tl_modbus_read *read,
+                         tl_modbus_outcome trouble) {
+    static const char *const TABLES[] = {"", "coil", "discrete input", "holding register", "input register"};
+    if (tl_modbus_outcome_is_same(&read->trouble, &trouble)) {
+        return;
+    }
+    char reason[TEXT / 2] = "answers again";
+    if (trouble.kind != TL_MODBUS_VALUES) {
+        describe(io, &trouble, reason, sizeof reason);
+    }
+    char text[TEXT];
+    (void)snprintf(text, sizeof text, "unit %u, %s %u to %u: %s", (unsigned)read->unit_id, TABLES[read->table],
+                   (unsigned)read->address, (unsigned)read->address + read->count - 1U, reason);
+    read->trouble = trouble;
+    say(io, sink, true, text);
+}
+
+static void post_no_link(const tl_plant_io *io, const tl_plant_io_sink *sink, const tl_modbus_read *read) {
+    tl_reading reading = {.value = 0, .stamp = tl_modbus_link_now(), .quality = TL_NO_LINK};
+    for (size_t i = read->first; i < read->first + read->slots; i++) {
+        sink->post(sink->context, io->map.slots[i].index, &reading);
+    }
+}
+
+static void post_values(const tl_plant_io *io, const tl_plant_io_sink *sink, const tl_modbus_read *read,
+                        tl_time stamp) {
+    for (size_t i = read->first; i < read->first + read->slots; i++) {
+        const tl_modbus_slot *slot = &io->map.slots[i];
+        size_t at = (size_t)(slot->channel.address - read->address);
+        uint16_t bit = io->values.bits[at];
+        const uint16_t *raw = slot->channel.type == TL_MODBUS_BIT ? &bit : &io->values.registers[at];
+        tl_reading reading = {.stamp = stamp, .quality = TL_GOOD};
+        if (!tl_modbus_decode(&slot->channel, raw, &reading.value)) {
+            reading.quality = TL_NOT_A_NUMBER;
+        }
+        sink->post(sink->context, slot->index, &reading);
+    }
+}
+
+/* Would the device perhaps answer a smaller request? */
+static bool is_refused_shape(const tl_modbus_outcome *outcome) {
+    return outcome->kind == TL_MODBUS_EXCEPTION &&
+           (outcome->found == ILLEGAL_ADDRESS || outcome->found == ILLEGAL_VALUE);
+}
+
+/* No answer, or a wrong one. What it means is known when the poll is over. */
+static void note_silence(tl_plant_io *io, size_t index, tl_modbus_outcome failure, progress *now) {
+    tl_modbus_read *read = &io->map.reads[index];
+    io->link->kind->failed(io->link, &failure);
+    io->start = (index + 1) % io->map.read_count;
+    read->silent = io->polls;
+    read->failure = failure;
+    now->failure = failure;
+    now->silent++;
+    now->over = io->link->descriptor < 0 || now->silent >= SILENCES_ON_A_LINE || tl_modbus_link_is_woken(io->link);
+}
+
+/* A connection on which anything has happened meanwhile is given up. */
+static void look_after(tl_plant_io *io, const tl_plant_io_sink *sink) {
+    tl_modbus_health health = io->link->descriptor < 0 ? TL_MODBUS_SOUND : io->link->kind->look(io->link);
+    if (health == TL_MODBUS_SOUND) {
+        return;
+    }
+    io->link->kind->close(io->link); /* closed by the device while idle: no reason to complain */
+    if (health == TL_MODBUS_TALKATIVE && !io->talkative) {
+        io->talkative = true;
+        say(io, sink, io->state == LINK_UP,
+            "sends more than was asked for, which is not used, and costs a connection each time: check the device and "
+            "the gateway before it");
+    }
+}
+
+/* Is there a connection on which nothing but the answer can come? The next poll says why not. */
+static bool is_ready(tl_plant_io *io, progress *now) {
+    char cause[TEXT];
+    look_after(io, now->sink);
+    now->over = io->link->descriptor < 0 && !io->link->kind->connect(io->link, cause, sizeof cause);
+    return !now->over;
+}
+
+/* Asks; in smaller requests where the device does not like the shape of a large one. */
+static tl_modbus_outcome ask(tl_plant_io *io, size_t index, tl_time *stamp, progress *now) {
+    tl_modbus_read *read = &io->map.reads[index];
+    tl_modbus_outcome outcome = io->link->kind->ask(io->link, read, &io->values);
+    *stamp = tl_modbus_link_now();
+    while (is_refused_shape(&outcome)) {
+        size_t parts = tl_modbus_map_split(&io->map, index);
+        if (parts == 1) {
+            break;
+        }
+        if (index < io->start) {
+            io->start += parts - 1;
+        }
+        if (!is_ready(io, now)) {
+            break;
+        }
+        outcome = io->link->kind->ask(io->link, read, &io->values);
+        *stamp = tl_modbus_link_now();
+    }
+    return outcome;
+}
+
+/* Asks one request and posts what came of it. */
+static void serve(tl_plant_io *io, size_t index, progress *now) {
+    tl_time begun = tl_modbus_link_now();
+    tl_time stamp = begun;
+    tl_modbus_outcome outcome = ask(io, index, &stamp, now);
+    if (outcome.kind != TL_MODBUS_VALUES && outcome.kind != TL_MODBUS_EXCEPTION) {
+        note_silence(io, index, outcome, now);
+        now->waited += tl_modbus_link_now() - begun;
+        return;
+    }
+    tl_modbus_read *read = &io->map.reads[index];
+    now->answered = true;
+    set_link(io, now->sink, true, "connected");
+    read->polled = io->polls;
+    read->pause = 0;
+    note_trouble(io, now->sink, read, outcome);
+    if (outcome.kind == TL_MODBUS_VALUES) {
+        post_values(io, now->sink, read, stamp);
+    } else {
+        post_no_link(io, now->sink, read);
+    }
+}
+
+/* Has that unit been silent in this poll? */
+static bool is_unit_silent(const tl_plant_io *io, uint8_t unit_id) {
+    for (size_t i = 0; i < io->map.read_count; i++) {
+        if (io->map.reads[i].unit_id == unit_id && io->map.reads[i].silent == io->polls) {
+            return true;
+        }
+    }
+    return false;
+}
+
+/* Is it the turn of that request? */
+static bool is_due(const tl_plant_io *io, const tl_modbus_read *read, bool silent_ones) {
+    tl_time now = tl_modbus_link_now();
+    bool wanted = silent_ones ? read->pause > 0 && now >= read->due && now >= io->rest : read->pause == 0;
+    return wanted && now >= read->hold && read->polled != io->polls &&
+           !(io->link->kind->is_line && is_unit_silent(io, read->unit_id));
+}
+
+/* One pass over the requests; the list may grow while we go. */
+static void pass(tl_plant_io *io, bool silent_ones, progress *now) {
+    size_t start = io->start;
+    size_t count = io->map.read_count;
+    for (size_t visited = 0; visited < io->map.read_count && !now->over; visited++) {
+        size_t index = (start + visited) % io->map.read_count;
+        if (is_due(io, &io->map.reads[index], silent_ones) && is_ready(io, now)) {
+            serve(io, index, now);
+        }
+        if (index < start) { /* the list has grown before the start */
+            start += io->map.read_count - count;
+        }
+        count = io->map.read_count;
+    }
+}
+
+/* No answer from anything: the link is down, and the next attempt waits. Silence of a single request is forgotten. */
+static void give_up(tl_plant_io *io, const tl_plant_io_sink *sink, const char *cause) {
+    io->pause = longer(io->pause);
+    io->due = tl_modbus_link_now() + io->pause;
+    io->rest = 0;
+    set_link(io, sink, false, cause);
+}
+
+/* Is there a connection, now? */
+static bool connected(tl_plant_io *io, progress *now) {
+    look_after(io, now->sink);
+    if (io->pause > 0 && tl_modbus_link_now() < io->due) {
+        return false;
+    }
+    char cause[TEXT];
+    if (io->link->descriptor < 0 && !io->link->kind->connect(io->link, cause, sizeof cause)) {
+        now->interrupted = tl_modbus_link_interrupted(io->link);
+        if (!now->interrupted) {
+            give_up(io, now->sink, cause);
+        }
+        return false;
+    }
+    if (io->state != LINK_UP) {
+        tl_modbus_map_reset(&io->map); /* it may be another device by now */
+        io->start = io->start < io->map.read_count ? io->start : 0;
+    }
+    return true;
+}
+
+/* Others were answered, so it is these requests that are in trouble: asked later, and less often. */
+static void pause_silent(tl_plant_io *io, const progress *now) {
+    tl_time at = tl_modbus_link_now();
+    io->rest = at + REST * now->waited;
+    for (size_t i = 0; i < io->map.read_count; i++) {
+        tl_modbus_read *read = &io->map.reads[i];
+        if (read->silent == io->polls) {
+            note_trouble(io, now->sink, read, read->failure);
+            read->pause = longer(read->pause);
+            read->due = at + read->pause;
+        } else if (io->link->kind->is_line && is_unit_silent(io, read->unit_id)) {
+            read->hold = at + io->link->timeout;
+        }
+    }
+}
+
+/* Asks everything that is due. */
+static void converse(tl_plant_io *io, progress *now) {
+    pass(io, false, now);
+    pass(io, true, now);
+    if (now->answered) {
+        io->pause = 0;
+    }
+    now->interrupted = (now->silent > 0 || now->over) && tl_modbus_link_interrupted(io->link);
+    if (now->silent == 0 || now->interrupted) {
+        return;
+    }
+    if (now->answered) {
+        pause_silent(io, now);
+    } else {
+        char text[TEXT];
+        describe(io, &now->failure, text, sizeof text);
+        give_up(io, now->sink, text);
+    }
+}
+
+static tl_status modbus_poll(tl_plant_io *io, const tl_plant_io_sink *sink, bool *finished, tl_error *error) {
+    (void)error;
+    progress now = {.sink = sink, .interrupted = tl_modbus_link_interrupted(io->link)};
+    *finished = false;
+    io->polls++;
+    if (!now.interrupted && connected(io, &now)) {
+        converse(io, &now);
+    }
+    for (size_t i = 0; i < io->map.read_count && !now.interrupted; i++) {
+        if (io->map.reads[i].polled != io->polls) {
+            post_no_link(io, sink, &io->map.reads[i]);
+        }
+    }
+    return TL_OK;
+}
+
+static void modbus_interrupt(tl_plant_io *io) {
+    tl_modbus_link_interrupt(io->link);
+}
+
+static void modbus_close_io(tl_plant_io *io) {
+    tl_modbus_map_release(&io->map);
+    io->link->kind->release(io->link);
+    free(io);
+}
+
+const tl_plant_io_driver tl_modbus_driver = {
+    .name = "modbus", .poll = modbus_poll, .interrupt = modbus_interrupt, .close = modbus_close_io};
+
+/* ---- settings ---- */
+
+static tl_status check_unit(const tl_modbus_channel *channel, size_t index, bool on_a_line, tl_error *error) {
+    if (on_a_line && (channel->unit_id < 1 || channel->unit_id > 247)) {
+        return tl_fail(error, TL_BAD_DATA, "Modbus channel %zu: unit id %u is not one of a serial line, 1 to 247",
+                       index, (unsigned)channel->unit_id);
+    }
+    if (channel->unit_id > 247 && channel->unit_id != 255) {
+        return tl_fail(error, TL_BAD_DATA, "Modbus channel %zu: unit id %u is neither 0 to 247 nor 255", index,
+                       (unsigned)channel->unit_id);
+    }
+    return TL_OK;
+}
+
+static tl_status check_channel(const tl_modbus_channel *channel, size_t index, tl_error *error) {
+    bool bit_table = channel->table == TL_MODBUS_COIL || channel->table == TL_MODBUS_DISCRETE;
+    if (channel->table < TL_MODBUS_COIL || channel->table > TL_MODBUS_INPUT) {
+        return tl_fail(error, TL_BAD_DATA, "Modbus channel %zu: there is no table %d", index, (int)channel->table);
+    }
+    if (bit_table != (channel->type == TL_MODBUS_BIT)) {
+        return tl_fail(error, TL_BAD_DATA, "Modbus channel %zu: %s", index,
+                       bit_table ? "coils and discrete inputs hold bits, nothing else"
+                                 : "registers hold numbers, not bits");
+    }
+    if (channel->address + tl_modbus_registers(channel->type) > 65536) {
+        return tl_fail(error, TL_BAD_DATA, "Modbus channel %zu: its last register is beyond address 65535", index);
+    }
+    if (!isfinite(channel->scale) || channel->scale == 0 || !isfinite(channel->offset)) {
+        return tl_fail(error, TL_BAD_DATA, "Modbus channel %zu: scale must be finite and not 0, offset finite", index);
+    }
+    return TL_OK;
+}
+
+static bool is_baud(uint32_t baud) {
+    const uint32_t *known = tl_modbus_bauds;
+    while (*known != 0 && *known != baud) {
+        known++;
+    }
+    return *known != 0;
+}
+
+static tl_status check_line(const tl_modbus_line *line, tl_error *error) {
+    if (line->device[0] == '\0') {
+        return tl_fail(error, TL_BAD_DATA, "a Modbus line needs a device, for example /dev/serial/by-id/usb-0-port0");
+    }
+    if (!is_baud(line->baud)) {
+        return tl_fail(error, TL_BAD_DATA, "Modbus line %s: %u Bd is no speed of a serial line", line->device,
+                       (unsigned)line->baud);
+    }
+    if (line->parity != 'N' && line->parity != 'E' && line->parity != 'O') {
+        return tl_fail(error, TL_BAD_DATA, "Modbus line %s: parity is none of N, E, O", line->device);
+    }
+    if (line->stop_bits != 1 && line->stop_bits != 2) {
+        return tl_fail(error, TL_BAD_DATA, "Modbus line %s: %u stop bits, but must be 1 or 2", line->device,
+                       (unsigned)line->stop_bits);
+    }
+    return TL_OK;
+}
+
+static tl_status check(const tl_modbus_settings *settings, tl_error *error) {
+    const char *device = settings->line.device;
+    if (device == NULL && (settings->host == NULL || settings->host[0] == '\0')) {
+        return tl_fail(error, TL_BAD_DATA, "a Modbus server needs a name or an address, for example 192.168.1.17");
+    }
+    if (!(settings->timeout_s >= 0.001 && settings->timeout_s <= 3600)) {
+        return tl_fail(error, TL_BAD_DATA, "Modbus %s: timeout_s is %g, but must be 0.001 to 3600",
+                       device != NULL ? device : settings->host, settings->timeout_s);
+    }
+    if (device != NULL && check_line(&settings->line, error) != TL_OK) {
+        return TL_BAD_DATA;
+    }
+    for (size_t i = 0; i < settings->channel_count; i++) {
+        if (check_channel(&settings->channels[i], i, error) != TL_OK ||
+            check_unit(&settings->channels[i], i, device != NULL, error) != TL_OK) {
+            return TL_BAD_DATA;
+        }
+    }
+    return TL_OK;
+}
+
+static tl_modbus_link *make_link(const tl_modbus_settings *settings) {
+    tl_time timeout = tl_time_of_seconds(settings->timeout_s);
+    return settings->line.device != NULL
+               ? tl_modbus_rtu_make(&settings->line, timeout)
+               : tl_modbus_tcp_make(settings->host, settings->port, settings->any_unit_id, timeout);
+}
+
+tl_status tl_modbus_open(const tl_modbus_settings *settings, tl_plant_io **io, tl_error *error) {
+    tl_status status = check(settings, error);
+    if (status != TL_OK) {
+        return status;
+    }
+    const char *name = settings->line.device != NULL ? settings->line.device : settings->host;
+    tl_plant_io *made = calloc(1, sizeof *made);
+    if (made == NULL || (made->link = make_link(settings)) == NULL) {
+        status = tl_fail(error, TL_TRY_AGAIN, "Modbus %s: %s", name, strerror(errno));
+        free(made);
+        return status;
+    }
+    if (!tl_modbus_map_make(&made->map, settings->channels, settings->channel_count)) {
+        made->link->kind->release(made->link);
+        free(made);
+        return tl_fail(error, TL_TRY_AGAIN, "Modbus %s: out of memory", name);
+    }
+    *io = made;
+    return TL_OK;
+}

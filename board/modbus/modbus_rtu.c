@@ -1,0 +1,269 @@
+/* The serial line of the Modbus driver: RTU, one request at a time, and silence between them.
+ *
+ * libmodbus opens the port, makes the frames and receives and checks them. But its wait for a response cannot be ended by
+ * another thread, and a port has no shutdown(). So we send by it, wait for the first byte ourselves, and let it receive: a
+ * response that has begun is over soon.
+ *
+ * A response carries no number. What is late, half or garbled must therefore be over before the next request is made: a
+ * request begins when the line has been quiet for 3.5 characters, after a failure for 50 ms (an adapter at USB hands its
+ * bytes over every 16 ms).
+ * Source: MODBUS over Serial Line 1.02, section 2.5.1.
+ */
+#include "board/modbus/modbus_link.h"
+
+#include <errno.h>
+#include <linux/serial.h>
+#include <modbus.h>
+#include <poll.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/ioctl.h>
+#include <sys/select.h>
+#include <sys/stat.h>
+#include <termios.h>
+#include <unistd.h>
+
+#define MILLISECOND (TL_SECOND / 1000)
+#define QUIET_AFTER_FAILURE (50 * MILLISECOND)
+#define QUIET_WHERE_FAST (1750000) /* above 19200 Bd, whatever the speed */
+#define GAPS_IN_A_FRAME (200 * MILLISECOND)
+
+enum { CHECK_SUM = 2, REQUEST = TL_MODBUS_BODY_REQUEST + CHECK_SUM };
+enum { OVERHEAD = 3 + CHECK_SUM }; /* bytes of a response, besides its values */
+
+typedef struct rtu_link {
+    tl_modbus_link link;
+    modbus_t *context;
+    char *device;
+    bool rs485;
+    tl_time character; /* ns on the wire */
+    tl_time quiet;     /* between two frames */
+    tl_time last;      /* when a byte was last seen or sent */
+    bool failed;       /* the last request */
+} rtu_link;
+
+/* ---- the port ---- */
+
+static void rtu_close(tl_modbus_link *link) {
+    if (link->descriptor >= 0) {
+        (void)tcflush(link->descriptor, TCIOFLUSH); /* else closing may wait until all is sent */
+        (void)ioctl(link->descriptor, TIOCNXCL);
+        modbus_close(((rtu_link *)link)->context);
+        link->descriptor = -1;
+    }
+}
+
+/* The driver of the port switches between sending and receiving, and does not hear itself. */
+static int switch_rs485(int descriptor) {
+    struct serial_rs485 setting;
+    memset(&setting, 0, sizeof setting);
+    if (ioctl(descriptor, TIOCGRS485, &setting) != 0) {
+        return errno;
+    }
+    setting.flags |= SER_RS485_ENABLED | SER_RS485_RTS_ON_SEND;
+    setting.flags &= ~(__u32)(SER_RS485_RTS_AFTER_SEND | SER_RS485_RX_DURING_TX);
+    return ioctl(descriptor, TIOCSRS485, &setting) == 0 ? 0 : errno;
+}
+
+/* No device but a character device is opened: to open is to act, on some. 0, or errno. */
+static int open_port(rtu_link *rtu) {
+    struct stat what;
+    if (stat(rtu->device, &what) != 0) {
+        return errno;
+    }
+    if (!S_ISCHR(what.st_mode)) {
+        return ENOTTY;
+    }
+    if (modbus_connect(rtu->context) != 0) {
+        return errno;
+    }
+    rtu->link.descriptor = modbus_get_socket(rtu->context);
+    if (rtu->link.descriptor >= FD_SETSIZE) { /* libmodbus waits with select() */
+        return EMFILE;
+    }
+    return ioctl(rtu->link.descriptor, TIOCEXCL) == 0 ? 0 : errno;
+}
+
+static bool rtu_connect(tl_modbus_link *link, char *cause, size_t cause_size) {
+    rtu_link *rtu = (rtu_link *)link;
+    int failure = open_port(rtu);
+    if (failure != 0) {
+        const char *why = failure == EBUSY    ? " (another program has it)"
+                          : failure == ENOTTY ? " (it is no serial line)"
+                                              : "";
+        (void)snprintf(cause, cause_size, "cannot be opened: %s%s", strerror(failure), why);
+        rtu_close(link);
+        return false;
+    }
+    failure = rtu->rs485 ? switch_rs485(link->descriptor) : 0;
+    if (failure != 0) {
+        (void)snprintf(cause, cause_size,
+                       "its driver does not switch RS-485: %s; leave rs485 out where the adapter does that by itself",
+                       strerror(failure));
+        rtu_close(link);
+        return false;
+    }
+    (void)tcflush(link->descriptor, TCIFLUSH);
+    rtu->last = tl_modbus_link_now();
+    rtu->failed = true; /* nobody knows what is going on there */
+    return true;
+}
+
+/* A device that was pulled out hangs up. Bytes that nobody asked for are seen to before the next request. */
+static tl_modbus_health rtu_look(const tl_modbus_link *link) {
+    struct pollfd one = {.fd = link->descriptor, .events = POLLIN};
+    bool there = poll(&one, 1, 0) >= 0 && (one.revents & (POLLHUP | POLLERR | POLLNVAL)) == 0;
+    return there ? TL_MODBUS_SOUND : TL_MODBUS_GONE;
+}
+
+/* Did the port fail, and not who is asked? */
+static bool is_of_the_port(const tl_modbus_outcome *outcome) {
+    const int failure = outcome->found;
+    return outcome->kind == TL_MODBUS_FAILED && failure != EINTR && failure != ETIMEDOUT && failure != EPROTO &&
+           failure != EBUSY && failure < MODBUS_ENOBASE;
+}
+
+static void rtu_failed(tl_modbus_link *link, const tl_modbus_outcome *outcome) {
+    rtu_link *rtu = (rtu_link *)link;
+    rtu->failed = true;
+    rtu->last = tl_modbus_link_now();
+    if (is_of_the_port(outcome)) {
+        rtu_close(link);
+    }
+}
+
+static void rtu_release(tl_modbus_link *link) {
+    rtu_link *rtu = (rtu_link *)link;
+    rtu_close(link);
+    tl_modbus_link_done(link);
+    modbus_free(rtu->context);
+    free(rtu->device);
+    free(rtu);
+}
+
+/* ---- a request and its response ---- */
+
+static bool is_readable(int descriptor) {
+    struct pollfd one = {.fd = descriptor, .events = POLLIN};
+    return poll(&one, 1, 0) > 0;
+}
+
+/* Waits until the line is quiet, and throws away what comes meanwhile. 0, or errno. */
+static int await_quiet(rtu_link *rtu) {
+    const int descriptor = rtu->link.descriptor;
+    const tl_time quiet = rtu->failed ? QUIET_AFTER_FAILURE : rtu->quiet;
+    const tl_time end = tl_modbus_link_now() + rtu->link.timeout + quiet;
+    while (rtu->last <= end) {
+        uint8_t waste[256];
+        int failure = tl_modbus_link_await(&rtu->link, descriptor, POLLIN, rtu->last + quiet);
+        if (failure == ETIMEDOUT && !is_readable(descriptor)) { /* there was perhaps nothing to wait for */
+            return 0;
+        }
+        if (failure != 0 && failure != ETIMEDOUT) {
+            return failure;
+        }
+        if (read(descriptor, waste, sizeof waste) <= 0) { /* readable, and nothing there: it was hung up */
+            return EIO;
+        }
+        rtu->last = tl_modbus_link_now();
+    }
+    return EBUSY;
+}
+
+/* 0, or errno. */
+static int send_request(rtu_link *rtu, const tl_modbus_read *read) {
+    uint8_t request[TL_MODBUS_BODY_REQUEST];
+    tl_modbus_put_body(read, request);
+    errno = EIO;
+    return modbus_set_slave(rtu->context, read->unit_id) == 0 &&
+                   modbus_send_raw_request(rtu->context, request, sizeof request) == REQUEST
+               ? 0
+               : errno;
+}
+
+/* Receives the whole response once its first byte is there. Its length, or −errno. */
+static int receive(rtu_link *rtu, const tl_modbus_read *read, uint8_t *response, tl_time deadline) {
+    int failure = tl_modbus_link_await(&rtu->link, rtu->link.descriptor, POLLIN, deadline);
+    if (failure != 0) {
+        return -failure;
+    }
+    tl_time patience = (tl_time)(tl_modbus_value_bytes(read) + OVERHEAD) * rtu->character + GAPS_IN_A_FRAME;
+    (void)modbus_set_response_timeout(rtu->context, (uint32_t)(patience / TL_SECOND),
+                                      (uint32_t)(patience % TL_SECOND / 1000));
+    int length = modbus_receive_confirmation(rtu->context, response);
+    if (length >= 0) {
+        return length;
+    }
+    return errno == ETIMEDOUT ? -EPROTO : -errno;
+}
+
+static tl_modbus_outcome failed_with(int failure) {
+    tl_modbus_outcome outcome = {.kind = TL_MODBUS_FAILED, .found = failure};
+    return outcome;
+}
+
+/* libmodbus has checked the sum, but not where another unit answers: then it says that the length is 0. */
+static tl_modbus_outcome check(const tl_modbus_read *read, const uint8_t *response, size_t length) {
+    return tl_modbus_check_rtu(read, response, length < OVERHEAD ? OVERHEAD - CHECK_SUM : length - CHECK_SUM);
+}
+
+static tl_modbus_outcome rtu_ask(tl_modbus_link *link, const tl_modbus_read *read, tl_modbus_values *values) {
+    rtu_link *rtu = (rtu_link *)link;
+    uint8_t response[MODBUS_RTU_MAX_ADU_LENGTH] = {0};
+    int failure = await_quiet(rtu);
+    if (failure == 0) {
+        failure = send_request(rtu, read);
+    }
+    if (failure != 0) {
+        return failed_with(failure);
+    }
+    tl_time deadline = tl_modbus_link_now() + link->timeout + REQUEST * rtu->character;
+    int length = receive(rtu, read, response, deadline);
+    rtu->last = tl_modbus_link_now();
+    rtu->failed = false;
+    if (length < 0) {
+        return failed_with(-length);
+    }
+    tl_modbus_outcome outcome = check(read, response, (size_t)length);
+    if (outcome.kind == TL_MODBUS_VALUES) {
+        tl_modbus_take_values(read, response + 3, values);
+    }
+    return outcome;
+}
+
+static const tl_modbus_link_kind RTU = {.is_line = true,
+                                        .connect = rtu_connect,
+                                        .look = rtu_look,
+                                        .ask = rtu_ask,
+                                        .failed = rtu_failed,
+                                        .close = rtu_close,
+                                        .release = rtu_release};
+
+static tl_time character_time(const tl_modbus_line *line) {
+    unsigned bits = 1 + 8 + (line->parity == 'N' ? 0U : 1U) + line->stop_bits;
+    return (tl_time)bits * TL_SECOND / line->baud;
+}
+
+tl_modbus_link *tl_modbus_rtu_make(const tl_modbus_line *line, tl_time timeout) {
+    rtu_link *rtu = calloc(1, sizeof *rtu);
+    if (rtu == NULL) {
+        return NULL;
+    }
+    rtu->device = strdup(line->device);
+    rtu->context = modbus_new_rtu(line->device, (int)line->baud, line->parity, 8, line->stop_bits);
+    rtu->rs485 = line->rs485;
+    rtu->character = character_time(line);
+    rtu->quiet = line->baud > 19200 ? QUIET_WHERE_FAST : 7 * rtu->character / 2;
+    (void)snprintf(rtu->link.name, sizeof rtu->link.name, "Modbus line %.120s", line->device);
+    if (rtu->device == NULL || rtu->context == NULL || !tl_modbus_link_init(&rtu->link, &RTU, timeout)) {
+        modbus_free(rtu->context);
+        free(rtu->device);
+        free(rtu);
+        return NULL;
+    }
+    /* It recovers nothing by itself: its own recovery sleeps. */
+    (void)modbus_set_error_recovery(rtu->context, MODBUS_ERROR_RECOVERY_NONE);
+    (void)modbus_set_byte_timeout(rtu->context, 0, 0); /* none of its own: the response's goes on */
+    return &rtu->link;
+}

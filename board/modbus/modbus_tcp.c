@@ -1,0 +1,210 @@
+/* The TCP connection of the Modbus driver.
+ *
+ * libmodbus is not used here: its reading functions take the answer of any unit and of most protocols, and do not look at the
+ * length; what it sends for others to check is always transaction 0, so that a late answer looks like the next one. A request is
+ * 12 bytes and only such that read are made (modbus_frame.h); an answer is received as far as it is right.
+ */
+#include "board/modbus/modbus_link.h"
+
+#include <errno.h>
+#include <netdb.h>
+#include <netinet/in.h>
+#include <netinet/tcp.h>
+#include <poll.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/socket.h>
+#include <unistd.h>
+
+typedef struct tcp_link {
+    tl_modbus_link link;
+    char *host;
+    char service[8];
+    bool any_unit_id;
+    uint16_t transaction; /* of the last request */
+} tcp_link;
+
+/* errno of the connection that was begun, 0 where it stands. */
+static int await_connection(const tl_modbus_link *link, int descriptor, tl_time deadline) {
+    int failure = tl_modbus_link_await(link, descriptor, POLLOUT, deadline);
+    socklen_t size = sizeof failure;
+    if (failure == 0 && getsockopt(descriptor, SOL_SOCKET, SO_ERROR, &failure, &size) != 0) {
+        failure = errno;
+    }
+    return failure;
+}
+
+/* TCP may connect a socket to itself, where nobody listens on a port from which the system also serves itself. */
+static bool is_own_echo(int descriptor) {
+    struct sockaddr_storage own;
+    struct sockaddr_storage other;
+    memset(&own, 0, sizeof own);
+    memset(&other, 0, sizeof other);
+    socklen_t own_size = sizeof own;
+    socklen_t other_size = sizeof other;
+    return getsockname(descriptor, (struct sockaddr *)&own, &own_size) == 0 &&
+           getpeername(descriptor, (struct sockaddr *)&other, &other_size) == 0 && own_size == other_size &&
+           memcmp(&own, &other, own_size) == 0;
+}
+
+/* One address: 0, or errno. */
+static int connect_to(tl_modbus_link *link, const struct addrinfo *address, tl_time deadline) {
+    int one = 1;
+    int descriptor =
+        socket(address->ai_family, address->ai_socktype | SOCK_NONBLOCK | SOCK_CLOEXEC, address->ai_protocol);
+    if (descriptor < 0) {
+        return errno;
+    }
+    int failure = 0;
+    if (connect(descriptor, address->ai_addr, address->ai_addrlen) != 0) {
+        failure = errno == EINPROGRESS || errno == EINTR ? await_connection(link, descriptor, deadline) : errno;
+    }
+    if (failure == 0 && is_own_echo(descriptor)) {
+        failure = ECONNREFUSED;
+    }
+    if (failure != 0) {
+        (void)close(descriptor);
+        return failure;
+    }
+    (void)setsockopt(descriptor, IPPROTO_TCP, TCP_NODELAY, &one, sizeof one);
+    link->descriptor = descriptor;
+    return 0;
+}
+
+static bool tcp_connect(tl_modbus_link *link, char *cause, size_t cause_size) {
+    const tcp_link *tcp = (const tcp_link *)link;
+    struct addrinfo hints = {.ai_family = AF_UNSPEC, .ai_socktype = SOCK_STREAM, .ai_flags = AI_NUMERICSERV};
+    struct addrinfo *addresses = NULL;
+    int resolved = getaddrinfo(tcp->host, tcp->service, &hints, &addresses);
+    if (resolved != 0) {
+        (void)snprintf(cause, cause_size, "the name cannot be resolved: %s", gai_strerror(resolved));
+        return false;
+    }
+    tl_time left_addresses = 0;
+    for (const struct addrinfo *address = addresses; address != NULL; address = address->ai_next) {
+        left_addresses++;
+    }
+    /* Each address gets its share of what is left, so that a silent first one leaves time for the second. */
+    tl_time deadline = tl_modbus_link_now() + link->timeout;
+    int failure = EADDRNOTAVAIL;
+    for (const struct addrinfo *address = addresses; address != NULL && failure != 0; address = address->ai_next) {
+        tl_time now = tl_modbus_link_now();
+        failure =
+            tl_modbus_link_is_woken(link) ? EINTR : connect_to(link, address, now + (deadline - now) / left_addresses);
+        left_addresses--;
+        if (failure == EINTR) {
+            break;
+        }
+    }
+    freeaddrinfo(addresses);
+    if (failure != 0) {
+        (void)snprintf(cause, cause_size, "no connection: %s", strerror(failure));
+        return false;
+    }
+    return true;
+}
+
+/* Nothing comes while nothing was asked for: else the other side has closed, or talks out of turn. */
+static tl_modbus_health tcp_look(const tl_modbus_link *link) {
+    uint8_t byte = 0;
+    ssize_t count = recv(link->descriptor, &byte, 1, MSG_PEEK | MSG_DONTWAIT);
+    if (count > 0) {
+        return TL_MODBUS_TALKATIVE;
+    }
+    return count < 0 && (errno == EAGAIN || errno == EINTR) ? TL_MODBUS_SOUND : TL_MODBUS_GONE;
+}
+
+static tl_modbus_outcome failed_with(int failure) {
+    tl_modbus_outcome outcome = {.kind = TL_MODBUS_FAILED, .found = failure};
+    return outcome;
+}
+
+/* Waits for some of at most `room` bytes. 0, or errno. */
+static int receive(const tl_modbus_link *link, uint8_t *bytes, size_t room, tl_time deadline, size_t *size) {
+    int failure = tl_modbus_link_await(link, link->descriptor, POLLIN, deadline);
+    if (failure != 0) {
+        return failure;
+    }
+    ssize_t count = recv(link->descriptor, bytes, room, 0);
+    if (count == 0) {
+        return *size == 0 ? ECONNRESET : EPROTO;
+    }
+    if (count < 0) {
+        return errno == EAGAIN || errno == EINTR ? 0 : errno;
+    }
+    *size += (size_t)count;
+    return 0;
+}
+
+static tl_modbus_outcome tcp_ask(tl_modbus_link *link, const tl_modbus_read *read, tl_modbus_values *values) {
+    tcp_link *tcp = (tcp_link *)link;
+    uint8_t request[TL_MODBUS_TCP_REQUEST];
+    uint8_t answer[TL_MODBUS_TCP_ANSWER];
+    tcp->transaction++;
+    const tl_modbus_question asked = {.read = read, .transaction = tcp->transaction, .any_unit_id = tcp->any_unit_id};
+    tl_modbus_put_request(&asked, request);
+    errno = EIO;
+    if (send(link->descriptor, request, sizeof request, MSG_NOSIGNAL) != (ssize_t)sizeof request) {
+        return failed_with(errno);
+    }
+    tl_time deadline = tl_modbus_link_now() + link->timeout;
+    size_t size = 0;
+    size_t missing = 0;
+    tl_modbus_outcome outcome = tl_modbus_check_tcp(&asked, answer, size, &missing);
+    while (missing > 0) {
+        int failure = receive(link, answer + size, missing, deadline, &size);
+        if (failure != 0) {
+            return failed_with(failure);
+        }
+        outcome = tl_modbus_check_tcp(&asked, answer, size, &missing);
+    }
+    if (outcome.kind == TL_MODBUS_VALUES) {
+        tl_modbus_take_values(read, answer + TL_MODBUS_TCP_FIRST, values);
+    }
+    return outcome;
+}
+
+static void tcp_close(tl_modbus_link *link) {
+    if (link->descriptor >= 0) {
+        (void)close(link->descriptor);
+        link->descriptor = -1;
+    }
+}
+
+static void tcp_failed(tl_modbus_link *link, const tl_modbus_outcome *outcome) {
+    (void)outcome;
+    tcp_close(link);
+}
+
+static void tcp_release(tl_modbus_link *link) {
+    tcp_link *tcp = (tcp_link *)link;
+    tcp_close(link);
+    tl_modbus_link_done(link);
+    free(tcp->host);
+    free(tcp);
+}
+
+static const tl_modbus_link_kind TCP = {.connect = tcp_connect,
+                                        .look = tcp_look,
+                                        .ask = tcp_ask,
+                                        .failed = tcp_failed,
+                                        .close = tcp_close,
+                                        .release = tcp_release};
+
+tl_modbus_link *tl_modbus_tcp_make(const char *host, uint16_t port, bool any_unit_id, tl_time timeout) {
+    tcp_link *tcp = calloc(1, sizeof *tcp);
+    if (tcp == NULL) {
+        return NULL;
+    }
+    tcp->host = strdup(host);
+    tcp->any_unit_id = any_unit_id;
+    (void)snprintf(tcp->service, sizeof tcp->service, "%u", (unsigned)port);
+    (void)snprintf(tcp->link.name, sizeof tcp->link.name, "Modbus server %.80s:%s", host, tcp->service);
+    if (tcp->host == NULL || !tl_modbus_link_init(&tcp->link, &TCP, timeout)) {
+        free(tcp->host);
+        free(tcp);
+        return NULL;
+    }
+    return &tcp->link;
+}

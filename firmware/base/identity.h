@@ -1,0 +1,23 @@
+/* What must be the same so that a run can be gone on with: the FMUs, the system since it was booted, and who reads a checkpoint.
+ *
+ * Thread: any.
+ */
+#ifndef TL_FIRMWARE_BASE_IDENTITY_H
+#define TL_FIRMWARE_BASE_IDENTITY_H
+
+#include <stddef.h>
+
+#include "firmware/base/sha256.h"
+
+enum { TL_IDENTITY_TEXT = 128, TL_IDENTITY_FILES = 64 };
+
+/* SHA-256 over those of files, in their order; at most TL_IDENTITY_FILES. "" where one cannot be read (any more). */
+void tl_identity_files(const char *const *paths, size_t count, char text[TL_SHA256_TEXT]);
+
+/* Another one after each boot; "" where the kernel tells none. Times of CLOCK_MONOTONIC belong to it. */
+void tl_identity_boot(char text[TL_IDENTITY_TEXT]);
+
+/* Version of this program, machine, size of a pointer: the bytes of a checkpoint are for the same ones only. */
+void tl_identity_format(char text[TL_IDENTITY_TEXT]);
+
+#endif

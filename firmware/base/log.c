@@ -1,0 +1,216 @@
+/* Log lines on stderr. A line is put together in one buffer and written at once, so that lines of several threads do
+ * not mix: a write of up to PIPE_BUF bytes is whole on a pipe, and a terminal or a socket takes one write at a time. */
+#include "firmware/base/log.h"
+
+#include <errno.h>
+#include <poll.h>
+#include <stdarg.h>
+#include <stdbool.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <time.h>
+#include <unistd.h>
+
+enum { LINE = TL_LOG_TEXT + TL_LOG_PREFIX + 1 }; /* with the newline */
+
+typedef enum style { STYLE_UNKNOWN, STYLE_PLAIN, STYLE_COLOUR, STYLE_JOURNAL } style;
+
+static int top_level = TL_LOG_NOTICE;
+static int known_style = STYLE_UNKNOWN;
+
+void tl_log_set_level(tl_log_level level) {
+    __atomic_store_n(&top_level, (int)level, __ATOMIC_RELAXED);
+}
+
+/* JOURNAL_STREAM is "device:inode" of the socket; it is inherited also where stderr was redirected since. */
+static bool is_journal(void) {
+    const char *stream = getenv("JOURNAL_STREAM");
+    struct stat status;
+    char own[64];
+    if (stream == NULL || fstat(STDERR_FILENO, &status) != 0) {
+        return false;
+    }
+    (void)snprintf(own, sizeof own, "%llu:%llu", (unsigned long long)status.st_dev, (unsigned long long)status.st_ino);
+    return strcmp(stream, own) == 0;
+}
+
+static style find_style(void) {
+    if (is_journal()) {
+        return STYLE_JOURNAL;
+    }
+    const char *terminal = getenv("TERM");
+    const char *no_colour = getenv("NO_COLOR");
+    bool colour = isatty(STDERR_FILENO) && terminal != NULL && strcmp(terminal, "dumb") != 0 &&
+                  (no_colour == NULL || no_colour[0] == '\0');
+    return colour ? STYLE_COLOUR : STYLE_PLAIN;
+}
+
+static style current_style(void) {
+    int found = __atomic_load_n(&known_style, __ATOMIC_RELAXED);
+    if (found == STYLE_UNKNOWN) {
+        found = (int)find_style();
+        __atomic_store_n(&known_style, found, __ATOMIC_RELAXED);
+    }
+    return (style)found;
+}
+
+static const char *level_name(tl_log_level level) {
+    switch (level) {
+    case TL_LOG_ERROR:
+        return "error";
+    case TL_LOG_WARNING:
+        return "warning";
+    case TL_LOG_NOTICE:
+        return "notice";
+    case TL_LOG_INFO:
+        return "info";
+    case TL_LOG_DEBUG:
+        return "debug";
+    }
+    return "notice";
+}
+
+/* Cuts before the first byte of a UTF-8 character that would not be whole. */
+static size_t whole_characters(const char *text, size_t length) {
+    while (length > 0 && ((unsigned char)text[length] & 0xC0U) == 0x80U) {
+        length--;
+    }
+    return length;
+}
+
+/* Formats into text[TL_LOG_TEXT]; one line, without a newline. */
+static void format_text(char *text, const char *format, va_list arguments) TL_PRINTF(2, 0);
+
+static void format_text(char *text, const char *format, va_list arguments) {
+    static const char more[] = "…";
+    int length = vsnprintf(text, TL_LOG_TEXT, format, arguments);
+    if (length < 0) {
+        (void)snprintf(text, TL_LOG_TEXT, "(a message that cannot be formatted: %.100s)", format);
+    }
+    if (length >= TL_LOG_TEXT) {
+        memcpy(text + whole_characters(text, TL_LOG_TEXT - sizeof more), more, sizeof more);
+    }
+    size_t end = strlen(text);
+    while (end > 0 && (unsigned char)text[end - 1] <= ' ') {
+        text[--end] = '\0';
+    }
+    for (char *c = text; *c != '\0'; c++) {
+        if ((unsigned char)*c < ' ' || *c == '\x7f') {
+            *c = ' ';
+        }
+    }
+}
+
+void tl_log_prefix(tl_log_level level, char *prefix, size_t size) {
+    switch (current_style()) {
+    case STYLE_JOURNAL:
+        (void)snprintf(prefix, size, "<%d>", (int)level);
+        return;
+    case STYLE_COLOUR:
+        (void)snprintf(prefix, size, "twinlock: \x1b[%sm%s:\x1b[0m ",
+                       level <= TL_LOG_ERROR     ? "1;31"
+                       : level == TL_LOG_WARNING ? "1;33"
+                                                 : "1",
+                       level_name(level));
+        return;
+    case STYLE_PLAIN:
+    case STYLE_UNKNOWN:
+        break;
+    }
+    (void)snprintf(prefix, size, "twinlock: %s: ", level_name(level));
+}
+
+/* false where `wait` is not wanted and stderr takes nothing now. */
+static bool write_line(tl_log_level level, const char *text, bool wait) {
+    char prefix[TL_LOG_PREFIX];
+    char line[LINE];
+    tl_log_prefix(level, prefix, sizeof prefix);
+    int length = snprintf(line, sizeof line, "%s%s\n", prefix, text);
+    if (!wait) {
+        struct pollfd ready = {.fd = STDERR_FILENO, .events = POLLOUT};
+        if (poll(&ready, 1, 0) != 1 || (ready.revents & POLLOUT) == 0) {
+            return false;
+        }
+    }
+    size_t written = 0;
+    while (length > 0 && written < (size_t)length) {
+        ssize_t now = write(STDERR_FILENO, line + written, (size_t)length - written);
+        if (now < 0 && errno != EINTR) {
+            return false; /* nowhere to say it */
+        }
+        written += now > 0 ? (size_t)now : 0;
+    }
+    return true;
+}
+
+static bool is_wanted(tl_log_level level) {
+    return (int)level <= __atomic_load_n(&top_level, __ATOMIC_RELAXED);
+}
+
+void tl_log(tl_log_level level, const char *format, ...) {
+    if (!is_wanted(level)) {
+        return;
+    }
+    int saved = errno;
+    char text[TL_LOG_TEXT];
+    va_list arguments;
+    va_start(arguments, format);
+    format_text(text, format, arguments);
+    va_end(arguments);
+    (void)write_line(level, text, true);
+    errno = saved;
+}
+
+static void say_dropped(tl_log_limiter *limiter, bool wait) {
+    uint32_t dropped = __atomic_exchange_n(&limiter->dropped, 0, __ATOMIC_RELAXED);
+    if (dropped > 0) {
+        char text[128];
+        (void)snprintf(text, sizeof text, "%u messages of the same source were dropped (limit: %u per second)",
+                       (unsigned)dropped, (unsigned)limiter->per_second);
+        if (!write_line(TL_LOG_WARNING, text, wait)) {
+            (void)__atomic_add_fetch(&limiter->dropped, dropped, __ATOMIC_RELAXED);
+        }
+    }
+}
+
+/* true where the limiter has room. A few messages more may pass where two threads enter a new second together. */
+static bool may_pass(tl_log_limiter *limiter) {
+    struct timespec now = {0};
+    (void)clock_gettime(CLOCK_MONOTONIC, &now);
+    uint32_t second = (uint32_t)now.tv_sec;
+    uint32_t last = __atomic_load_n(&limiter->second, __ATOMIC_RELAXED);
+    if (last != second &&
+        __atomic_compare_exchange_n(&limiter->second, &last, second, false, __ATOMIC_RELAXED, __ATOMIC_RELAXED)) {
+        __atomic_store_n(&limiter->in_second, 0, __ATOMIC_RELAXED);
+        say_dropped(limiter, false);
+    }
+    return __atomic_fetch_add(&limiter->in_second, 1, __ATOMIC_RELAXED) < limiter->per_second;
+}
+
+void tl_log_limited(tl_log_limiter *limiter, tl_log_level level, const char *format, ...) {
+    if (!is_wanted(level)) {
+        return;
+    }
+    int saved = errno;
+    bool passed = may_pass(limiter);
+    if (passed) {
+        char text[TL_LOG_TEXT];
+        va_list arguments;
+        va_start(arguments, format);
+        format_text(text, format, arguments);
+        va_end(arguments);
+        passed = write_line(level, text, false);
+    }
+    if (!passed) {
+        (void)__atomic_add_fetch(&limiter->dropped, 1, __ATOMIC_RELAXED);
+    }
+    errno = saved;
+}
+
+void tl_log_limiter_end(tl_log_limiter *limiter) {
+    int saved = errno;
+    say_dropped(limiter, true);
+    errno = saved;
+}

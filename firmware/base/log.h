@@ -1,0 +1,52 @@
+/* The log: one line per message on stderr, in journald's style.
+ *
+ * Purpose: "<4>text" where stderr goes to the journal (JOURNAL_STREAM names it), else "twinlock: warning: text"
+ *          (coloured on a terminal, unless NO_COLOR is set). Whole lines only, also from many threads; control
+ *          characters become spaces.
+ * Limits:  a line holds TL_LOG_TEXT bytes, what exceeds is cut and marked "…". tl_log_limited() drops what exceeds
+ *          `per_second` per limiter, and what stderr cannot take at once; it says how many with the limiter's next
+ *          message in a later second, or when the limiter ends.
+ * Thread:  tl_log() may block on stderr: any thread but the cycle's. tl_log_limited() takes no lock and does not
+ *          wait for a reader of stderr, so an FMU may come here from within a step.
+ */
+#ifndef TL_FIRMWARE_BASE_LOG_H
+#define TL_FIRMWARE_BASE_LOG_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+#include "master/base/status.h"
+
+enum { TL_LOG_TEXT = 1024, TL_LOG_PREFIX = 64 };
+
+typedef enum tl_log_level {
+    TL_LOG_ERROR = 3,
+    TL_LOG_WARNING = 4,
+    TL_LOG_NOTICE = 5,
+    TL_LOG_INFO = 6,
+    TL_LOG_DEBUG = 7
+} tl_log_level;
+
+/* Messages above this level are dropped. Default TL_LOG_NOTICE. */
+void tl_log_set_level(tl_log_level level);
+
+void tl_log(tl_log_level level, const char *format, ...) TL_PRINTF(2, 3);
+
+/* What a line of this level begins with, of at most TL_LOG_PREFIX bytes: for who cannot call tl_log() when it has something to say. */
+void tl_log_prefix(tl_log_level level, char *prefix, size_t size);
+
+/* Set `per_second`, zero the rest. */
+typedef struct tl_log_limiter {
+    uint32_t per_second;
+    uint32_t second;    /* private */
+    uint32_t in_second; /* private */
+    uint32_t dropped;   /* private */
+} tl_log_limiter;
+
+/* May be called from several threads with the same limiter. */
+void tl_log_limited(tl_log_limiter *limiter, tl_log_level level, const char *format, ...) TL_PRINTF(3, 4);
+
+/* Says how many were dropped, where that was not yet said. */
+void tl_log_limiter_end(tl_log_limiter *limiter);
+
+#endif

@@ -1,0 +1,299 @@
+/* Reads a configuration: the file, its fingerprint, its JSON, its sections; and finds the files it names. */
+#include "firmware/config/config.h"
+
+#include <errno.h>
+#include <fcntl.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include "firmware/base/sha256.h"
+#include "firmware/base/shortage.h"
+#include "firmware/config/config_parts.h"
+#include "firmware/config/config_reader.h"
+#include "firmware/config/json_document.h"
+
+struct tl_config_memory {
+    tl_arena arena;
+    cJSON *tree; /* texts of the configuration point into it */
+};
+
+/* ---- the root's own keys ---- */
+
+static void read_version(tl_config_object *root) {
+    static const tl_config_number rule = {.need = TL_CONFIG_REQUIRED,
+                                          .minimum = 1,
+                                          .maximum = 1,
+                                          .expected = "1, the version of the format that this program reads",
+                                          .example = "\"twinlock\": 1"};
+    double version = 0;
+    (void)tl_config_get_number(root, "twinlock", &rule, &version);
+}
+
+/* A double cannot hold most decimal fractions: what is as near as rounding explains counts as whole. */
+static bool is_whole_nanoseconds(double seconds) {
+    double nanoseconds = seconds * 1e9;
+    return fabs(nanoseconds - round(nanoseconds)) <= 1e-6 + 1e-15 * nanoseconds;
+}
+
+static void read_times(tl_config_object *root, tl_config *config) {
+    static const tl_config_number step_rule = {
+        .need = TL_CONFIG_REQUIRED, .minimum = 1e-5, .maximum = 3600, .example = "0.01"};
+    static const tl_config_number duration_rule = {
+        .above = true, .maximum = TL_CONFIG_LONGEST_S, .expected = TL_CONFIG_DURATION, .example = "14"};
+    double seconds = 0;
+    if (tl_config_get_number(root, "step_s", &step_rule, &seconds)) {
+        config->step = tl_time_of_seconds(seconds);
+        if (!is_whole_nanoseconds(seconds)) {
+            tl_config_wrong(root, "step_s", NULL, "a whole number of nanoseconds", step_rule.example);
+        }
+    }
+    if (tl_config_get_number(root, "duration_s", &duration_rule, &seconds)) {
+        config->duration = tl_config_duration(seconds);
+    }
+}
+
+/* Editors look for the schema there. */
+static void ignore_schema(tl_config_object *root) {
+    const char *schema = NULL;
+    (void)tl_config_get_text(root, "$schema", TL_CONFIG_OPTIONAL, "\"twinlock-1.json\"", &schema);
+}
+
+static void read_sections(tl_config_reader *reader, tl_config *config) {
+    tl_config_object root;
+    tl_config_root(reader, &root);
+    read_version(&root);
+    (void)tl_config_get_text(&root, "name", TL_CONFIG_REQUIRED, "\"motor bench\"", &config->name);
+    read_times(&root, config);
+    tl_config_read_components(&root, config);
+    tl_config_read_sources(&root, config);
+    tl_config_read_signals(&root, config);
+    tl_config_read_recording(&root, config);
+    tl_config_read_connections(&root, config);
+    tl_config_read_compare(&root, config);
+    tl_config_read_synchronise(&root, config);
+    tl_config_read_delays(&root, config);
+    tl_config_place_lookups(&root, config);
+    tl_config_read_record(&root, config);
+    tl_config_read_realtime(&root, config);
+    tl_config_read_emulate(&root, config);
+    ignore_schema(&root);
+    tl_config_done(&root);
+}
+
+/* ---- the text ---- */
+
+static tl_status out_of_memory(tl_report *report) {
+    tl_report_add(report, TL_TRY_AGAIN, "", "not enough memory for a configuration");
+    return TL_TRY_AGAIN;
+}
+
+/* A copy of the part of a path before its last slash; "." where there is none. */
+static char *directory_of(tl_arena *arena, const char *path) {
+    const char *slash = strrchr(path, '/');
+    if (slash == NULL) {
+        return tl_arena_text(arena, ".");
+    }
+    size_t size = slash == path ? 1 : (size_t)(slash - path);
+    char *directory = tl_arena_take(arena, size + 1, 1);
+    if (directory != NULL) {
+        memcpy(directory, path, size);
+    }
+    return directory;
+}
+
+/* Takes the memory and what is known before the text is understood. */
+static bool begin(const char *path, const char *text, size_t size, tl_config *config) {
+    memset(config, 0, sizeof *config);
+    config->memory = calloc(1, sizeof *config->memory);
+    if (config->memory == NULL) {
+        return false;
+    }
+    tl_arena *arena = &config->memory->arena;
+    tl_arena_init(arena);
+    char *copy = tl_arena_take(arena, size + 1, 1);
+    if (copy != NULL && size > 0) {
+        memcpy(copy, text, size);
+    }
+    config->text = copy;
+    config->size = size;
+    config->path = tl_arena_text(arena, path);
+    config->directory = directory_of(arena, path);
+    tl_sha256(text, size, config->hash);
+    return copy != NULL && config->path != NULL && config->directory != NULL;
+}
+
+static tl_status parse(tl_config *config, tl_report *report) {
+    tl_arena scratch;
+    tl_arena_init(&scratch);
+    tl_status status = tl_json_parse(config->text, config->size, &scratch, report, &config->memory->tree);
+    tl_arena_release(&scratch);
+    return status;
+}
+
+tl_status tl_config_read_text(const char *path, const char *text, size_t size, tl_config *config, tl_report *report) {
+    if (size > TL_CONFIG_MAX_BYTES) {
+        memset(config, 0, sizeof *config);
+        tl_report_add(report, TL_BAD_DATA, "", "found more than 256 KiB, expected a configuration of at most that");
+        return TL_BAD_DATA;
+    }
+    if (!begin(path, text, size, config)) {
+        tl_config_free(config);
+        return out_of_memory(report);
+    }
+    size_t before = report->count;
+    tl_status status = parse(config, report);
+    if (config->memory->tree != NULL) {
+        tl_config_reader reader = {.root = config->memory->tree, .arena = &config->memory->arena, .report = report};
+        read_sections(&reader, config);
+        status = reader.out_of_memory ? out_of_memory(report) : report->count > before ? TL_BAD_DATA : TL_OK;
+    }
+    if (status != TL_OK) {
+        tl_config_free(config);
+    }
+    return status;
+}
+
+/* ---- the file ---- */
+
+/* Reads at most `room` bytes; -1 with errno. */
+static ssize_t read_all(int file, char *buffer, size_t room) {
+    size_t size = 0;
+    while (size < room) {
+        ssize_t got = read(file, buffer + size, room - size);
+        if (got < 0 && errno == EINTR) {
+            continue;
+        }
+        if (got < 0) {
+            return -1;
+        }
+        if (got == 0) {
+            break;
+        }
+        size += (size_t)got;
+    }
+    return (ssize_t)size;
+}
+
+/* The report knows the file's name. */
+static tl_status report_file(tl_report *report) {
+    bool passing = tl_shortage_is(errno) || errno == EIO;
+    tl_status status = passing ? TL_TRY_AGAIN : TL_BAD_DATA;
+    tl_report_add(report, status, "", "the configuration cannot be read: %s", strerror(errno));
+    return status;
+}
+
+tl_status tl_config_read(const char *path, tl_config *config, tl_report *report) {
+    enum { ROOM = TL_CONFIG_MAX_BYTES + 1 }; /* one more than allowed, so that too much is seen */
+    memset(config, 0, sizeof *config);
+    int file = open(path, O_RDONLY | O_CLOEXEC | O_NOCTTY);
+    if (file < 0) {
+        return report_file(report);
+    }
+    tl_status status = TL_OK;
+    char *buffer = malloc(ROOM);
+    if (buffer == NULL) {
+        status = out_of_memory(report);
+    } else {
+        ssize_t size = read_all(file, buffer, ROOM);
+        status = size < 0 ? report_file(report) : tl_config_read_text(path, buffer, (size_t)size, config, report);
+    }
+    free(buffer);
+    (void)close(file);
+    return status;
+}
+
+void tl_config_free(tl_config *config) {
+    if (config->memory != NULL) {
+        cJSON_Delete(config->memory->tree);
+        tl_arena_release(&config->memory->arena);
+        free(config->memory);
+    }
+    memset(config, 0, sizeof *config);
+}
+
+/* ---- places ---- */
+
+size_t tl_config_line(const tl_config *config, const char *where) {
+    if (config->memory == NULL || where[0] == '\0') {
+        return 0;
+    }
+    const cJSON *item = tl_json_nearest(config->memory->tree, where);
+    return item != NULL ? tl_json_line(item) : 0;
+}
+
+/* folder/name, and whether it fits; "" where it does not, so that no other file is opened. */
+static bool join(const char *folder, size_t folder_size, const char *name, char *path, size_t size) {
+    bool here = folder_size == 0 || (folder_size == 1 && folder[0] == '.');
+    bool slash = !here && folder[folder_size - 1] != '/';
+    int length = snprintf(path, size, "%.*s%s%s", here ? 0 : (int)folder_size, folder, slash ? "/" : "", name);
+    bool fits = length >= 0 && (size_t)length < size;
+    if (!fits && size > 0) {
+        path[0] = '\0';
+    }
+    return fits;
+}
+
+bool tl_config_file_path(const tl_config *config, const char *file, char *path, size_t size) {
+    const char *folder = file[0] == '/' ? "" : config->directory;
+    return join(folder, strlen(folder), file, path, size);
+}
+
+bool tl_config_library_path(const tl_config *config, const char *library, char *path, size_t size) {
+    if (strchr(library, '/') != NULL) {
+        return tl_config_file_path(config, library, path, size);
+    }
+    return (size_t)snprintf(path, size, "%s", library) < size;
+}
+
+static bool is_file(const char *path) {
+    struct stat facts;
+    return stat(path, &facts) == 0 && S_ISREG(facts.st_mode);
+}
+
+/* A candidate; replaces `path` only where it is a file. */
+static bool is_file_in(const char *folder, size_t folder_size, const char *name, char *path, size_t size) {
+    char candidate[4096];
+    if (!join(folder, folder_size, name, candidate, sizeof candidate) || !is_file(candidate)) {
+        return false;
+    }
+    return join(folder, folder_size, name, path, size);
+}
+
+/* The folder of the running program; "" where the system does not say. */
+static size_t program_folder(char *folder, size_t size) {
+    ssize_t length = readlink("/proc/self/exe", folder, size - 1);
+    folder[length > 0 ? length : 0] = '\0';
+    char *slash = strrchr(folder, '/');
+    return slash != NULL ? (size_t)(slash - folder) : 0;
+}
+
+/* In `folder`, seen from where the program is: as the build leaves it, or as it is installed. */
+static bool is_beside_program(const char *folder, const char *fmu, char *path, size_t size) {
+    char program[4096];
+    char whole[4096 + 32];
+    size_t length = program_folder(program, sizeof program);
+    return length > 0 && join(program, length, folder, whole, sizeof whole) &&
+           is_file_in(whole, strlen(whole), fmu, path, size);
+}
+
+bool tl_config_fmu_path(const tl_config *config, const char *fmu, char *path, size_t size) {
+    if (tl_config_file_path(config, fmu, path, size) && is_file(path)) {
+        return true;
+    }
+    if (fmu[0] == '/') {
+        return false;
+    }
+    const char *list = getenv("TWINLOCK_FMU_PATH");
+    for (const char *folder = list; folder != NULL; folder = folder[0] == ':' ? folder + 1 : NULL) {
+        size_t length = strcspn(folder, ":");
+        if (length > 0 && is_file_in(folder, length, fmu, path, size)) {
+            return true;
+        }
+        folder += length;
+    }
+    return is_beside_program("../fmus", fmu, path, size) || is_beside_program("../lib/twinlock/fmus", fmu, path, size);
+}

@@ -1,0 +1,230 @@
+/* The configuration: one JSON file, checked completely, as plain data.
+ *
+ * Purpose: the border at which every user value is checked once. What it holds is described key by key in
+ *          config/SPEC.md; names of variables are resolved later, by the twin, against the FMUs.
+ * Errors:  all of one file at once, each with JSON path, line, what was found, what was expected, an example.
+ *          ("line 12: found "0.1" (text), expected a number > 0, for example 0.1").
+ * Owner:   tl_config owns all its memory, `where` and all other texts too; valid until tl_config_free(). It may be
+ *          moved by assignment.
+ * Thread:  one thread.
+ */
+#ifndef TL_FIRMWARE_CONFIG_CONFIG_H
+#define TL_FIRMWARE_CONFIG_CONFIG_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "board/can/can.h"
+#include "board/gpio/gpio.h"
+#include "board/modbus/modbus.h"
+#include "master/base/signal.h"
+#include "master/base/status.h"
+#include "master/measure/delay.h"
+#include "master/plan/plan.h"
+
+enum { TL_CONFIG_MAX_BYTES = 256 * 1024 };
+
+/* A shared library that an FMU expects the program to have. */
+typedef struct tl_config_library {
+    const char *where; /* JSON path */
+    const char *name;  /* as written; see tl_config_library_path */
+} tl_config_library;
+
+typedef struct tl_config_component {
+    const char *where; /* JSON path */
+    const char *name;
+    const char *fmu; /* as written; see tl_config_fmu_path */
+    tl_config_library *libraries;
+    size_t library_count;
+    bool logging; /* debug logging of the FMU */
+    tl_plan_set *set;
+    size_t set_count;
+    tl_keep keep;
+} tl_config_component;
+
+typedef enum tl_source_kind {
+    TL_SOURCE_MODBUS_TCP,
+    TL_SOURCE_MODBUS_RTU,
+    TL_SOURCE_CAN,
+    TL_SOURCE_GPIO,
+    TL_SOURCE_CSV
+} tl_source_kind;
+
+/* A device or stream that live signals come from. */
+typedef struct tl_config_source {
+    const char *where;
+    const char *name;
+    tl_source_kind kind;
+    double period_s; /* default: step_s */
+    /* Modbus TCP */
+    const char *host;
+    uint16_t port; /* default 502 */
+    bool any_unit_id;
+    double timeout_s; /* default 0.5; of both kinds of Modbus */
+    /* Modbus RTU; line.device is relative to the configuration's folder */
+    tl_modbus_line line;
+    /* GPIO */
+    const char *chip; /* NULL: any */
+    /* CSV */
+    const char *file;        /* relative to the configuration's folder */
+    const char *time_column; /* default "time" */
+    /* CAN */
+    const char *interface; /* "can0" */
+} tl_config_source;
+
+typedef struct tl_config_signal {
+    tl_plan_signal plan;
+    double minimum, maximum;  /* ∓infinity: none */
+    double stale_s;           /* 0: never stale */
+    const char *column;       /* in a recording or CSV source; default: the signal's name */
+    size_t source;            /* index of its live source; SIZE_MAX: none (recordings only) */
+    tl_modbus_channel modbus; /* where the source is Modbus */
+    tl_can_channel can;       /* where the source is CAN */
+    tl_gpio_channel gpio;     /* where the source is GPIO */
+    tl_time look_back; /* a sample takes what was seen so long before its instant: see tl_plant_look (plant_input.h) */
+    bool next;         /* there, or next */
+    size_t of;         /* its own index; of a second look-up: that of the signal it is of */
+} tl_config_signal;
+
+/* `emulate`: what `twinlock plant` serves when it runs FMUs as the true plant. */
+typedef struct tl_config_emulated {
+    const char *where;
+    const char *column; /* of the recording it makes; the signal's `column` in the configuration that reads it */
+    const char *from;   /* "component.variable" or "plant.signal" */
+    double noise;       /* standard deviation, in the variable's unit; 0: none */
+} tl_config_emulated;
+
+enum {
+    TL_CONFIG_PARTICIPANTS = 16,
+    TL_CONFIG_LONGEST_SHIFT = 1000 /* macro steps */
+};
+
+/* A chain of `delays`, and the density of its delay. */
+typedef struct tl_config_chain {
+    size_t length;
+    size_t parts[TL_DELAY_CHAIN]; /* indices of participants */
+    tl_delay_density density;
+} tl_config_chain;
+
+/* Two chains that begin with the same command; empty where the delay is given itself. */
+typedef struct tl_config_pair {
+    tl_config_chain plant, simulation;
+    tl_time delay; /* by which the simulation's mode is later than the plant's: Δi, Δo */
+} tl_config_pair;
+
+/* `delays`: by how much plant and simulation are apart (eq. 4.14 to 4.16). */
+typedef struct tl_config_delays {
+    size_t participant_count;
+    const char *names[TL_CONFIG_PARTICIPANTS];
+    tl_delay_participant participants[TL_CONFIG_PARTICIPANTS];
+    bool has_input, has_output;
+    bool measure;  /* Δo is measured */
+    tl_time range; /* measured delays that are used: −range … range; where it is measured */
+    bool next;     /* where no reading lies at the instant of ŷ: the next one, else the newest before */
+    tl_config_pair input, output;
+    tl_time shift; /* the ŷ of y_j is looked up so long after t_j: Δi − Δo, and Δi is 0 where there is no `input` */
+    tl_time wait; /* and so long may the next one take: the cycle by which ŷ is renewed; 0 where none is waited for */
+    tl_delay_lookup input_lookup, output_lookup;
+} tl_config_delays;
+
+typedef struct tl_config {
+    const char *path;      /* as given */
+    const char *directory; /* of path; relative files start here */
+    const char *text;      /* the file's bytes, and a NUL behind them */
+    size_t size;
+    char hash[65]; /* SHA-256 of the text, hexadecimal */
+
+    const char *name;
+    tl_time step;     /* T_S, ns */
+    tl_time duration; /* ns; 0: to the end of the recording, or until told to stop */
+
+    tl_config_component *components;
+    size_t component_count;
+    tl_config_source *sources;
+    size_t source_count;
+    tl_config_signal *signals;
+    size_t signal_count; /* those of the file; once tl_config_use_lookups() was called, second look-ups too */
+    size_t second_count; /* second look-ups, behind those of the file */
+    tl_plan_connection *connections;
+    size_t connection_count;
+
+    bool synchronise; /* false: adjust_count is 0 */
+    tl_plan_adjust *adjust;
+    size_t adjust_count;
+    tl_plan_match *match;
+    size_t match_count;
+    const char **matched_as; /* of each match: `to`, or the second look-up of that signal, "plant.NAME@match" */
+    uint32_t prediction;
+    tl_shape shape;
+    tl_measurements measurements;
+    tl_plan_event event;
+    const char
+        *algorithm; /* a name of master/solve/optimiser.h; NULL: secant for Real variables, boolean for Boolean ones */
+    const char *fallback; /* the same; NULL: none */
+    uint32_t stagnation;  /* 0: never */
+    double noise_floor;
+    double margin;
+    tl_plan_saving saving;
+    uint32_t saving_memory; /* MB that the FMUs' saved states may take */
+    uint32_t budget_evaluations;
+    tl_time budget_time; /* ns; 0: none but the step itself */
+
+    const tl_config_delays *delays; /* NULL: none */
+
+    const char *recording_file;        /* NULL: none */
+    const char *recording_time_column; /* default "time" */
+
+    const char *record_file; /* NULL: the verb's default */
+    int64_t record_max_bytes;
+    tl_time record_commit;
+    tl_time record_resume; /* a run goes on with one that ended at most so long ago; 0: with none */
+    int64_t recording_run; /* of a database; 0: the last one. Set by the verb */
+
+    int realtime_priority; /* SCHED_FIFO, 0: ordinary */
+    bool realtime_lock_memory;
+    tl_time realtime_hang; /* a cycle that is silent for longer hangs */
+
+    tl_config_emulated *emulated;
+    size_t emulated_count;
+    double message_min_s, message_max_s; /* time between rows of an emulated recording; both 0: every step */
+
+    struct tl_config_memory *memory; /* private */
+} tl_config;
+
+/* Reads and checks the file. On failure every problem was reported and `config` is empty: nothing to free.
+ * Errors: TL_BAD_DATA (also for a file that is absent or unreadable), TL_TRY_AGAIN where memory or the disk fails.
+ * Syntax stops at its first error; else everything that is wrong is said, in the order of the sections. */
+tl_status tl_config_read(const char *path, tl_config *config, tl_report *report);
+
+/* The same for `size` bytes that are already in memory; relative file names start at the folder of `path`, which need
+ * not exist. */
+tl_status tl_config_read_text(const char *path, const char *text, size_t size, tl_config *config, tl_report *report);
+
+/* For who takes samples as `delays` have them: from now on the second look-ups are signals as well. */
+void tl_config_use_lookups(tl_config *config);
+
+/* For who is the plant: it has no delays. Before the above. */
+void tl_config_forget_delays(tl_config *config);
+
+/* An empty (zeroed) configuration is allowed. */
+void tl_config_free(tl_config *config);
+
+/* The line (from 1) of the item at a JSON path of this configuration, or of the innermost item around it that is
+ * there ("plant.omega" for "plant.omega.unit" where no unit is given); 0 for "" and for a path that leads nowhere.
+ * For problems found later, by the twin. */
+size_t tl_config_line(const tl_config *config, const char *where);
+
+/* Where an FMU is: beside the configuration, then in each folder of TWINLOCK_FMU_PATH (colon separated), then in
+ * ../fmus and (where it is installed) ../lib/twinlock/fmus beside the program. False where it is nowhere; `path` then holds the first place looked at. An absolute
+ * name is looked for only where it says. */
+bool tl_config_fmu_path(const tl_config *config, const char *fmu, char *path, size_t size);
+
+/* A file named in the configuration, relative to its folder. False, and "", where it does not fit. */
+bool tl_config_file_path(const tl_config *config, const char *file, char *path, size_t size);
+
+/* What to open a library by: a name without a slash stays as it is, for the loader to look up; any other is a file as
+ * above. */
+bool tl_config_library_path(const tl_config *config, const char *library, char *path, size_t size);
+
+#endif

@@ -1,0 +1,215 @@
+/* `sources.NAME.can` and `plant.NAME.can`: a CAN interface, and where a signal stands in the frames of its bus. */
+#include "firmware/config/config_parts.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+enum { EXPECTED = 160 };
+
+/* Frames wake the reader, at most so often: those that come faster are taken together. */
+#define PERIOD_S 0.0005
+
+/* ---- sources.NAME.can ---- */
+
+/* As the kernel has it: no slash, no space, no colon. */
+static bool is_interface(const char *name) {
+    size_t length = strlen(name);
+    return length <= TL_CAN_INTERFACE && strcspn(name, "/: \t") == length && strcmp(name, ".") != 0 &&
+           strcmp(name, "..") != 0;
+}
+
+void tl_config_read_can_source(tl_config_object *entry, tl_config_source *source, const tl_config *config) {
+    (void)config; /* of one shape with the other kinds */
+    tl_config_object object;
+    (void)tl_config_member(entry, "can", TL_CONFIG_REQUIRED, "{\"interface\": \"can0\"}", &object);
+    source->kind = TL_SOURCE_CAN;
+    source->period_s = PERIOD_S;
+    if (tl_config_get_text(&object, "interface", TL_CONFIG_REQUIRED, "\"can0\"", &source->interface) &&
+        !is_interface(source->interface)) {
+        tl_config_wrong(&object, "interface", NULL,
+                        "the name of a network interface: at most 15 characters, no space, slash or colon", "\"can0\"");
+    }
+    tl_config_done(&object);
+}
+
+/* ---- plant.NAME.can ---- */
+
+/* A number, or hexadecimal text. */
+static bool understand_id(const cJSON *item, double *id) {
+    if (cJSON_IsNumber(item)) {
+        *id = item->valuedouble;
+        return *id == floor(*id);
+    }
+    const char *text = cJSON_IsString(item) ? item->valuestring : "";
+    size_t digits = strlen(text) > 2 ? strspn(text + 2, "0123456789abcdefABCDEF") : 0;
+    if (strncmp(text, "0x", 2) != 0 || digits == 0 || digits > 8 || text[2 + digits] != '\0') {
+        return false;
+    }
+    *id = (double)strtoul(text + 2, NULL, 16);
+    return true;
+}
+
+static void read_id(tl_config_object *object, tl_can_channel *channel) {
+    static const char *const expected = "an id from 0 to 0x1FFFFFFF, a whole number or a hexadecimal text";
+    static const char *const example = "\"0x18FEF100\"";
+    double id = 0;
+    const cJSON *item = tl_config_get(object, "id", TL_CONFIG_REQUIRED, expected, example);
+    bool understood = item != NULL && understand_id(item, &id) && id >= 0 && id <= 0x1FFFFFFF;
+    if (item != NULL && !understood) {
+        tl_config_wrong(object, "id", NULL, expected, example);
+    }
+    channel->id = understood ? (uint32_t)id : 0;
+    channel->extended = channel->id > 0x7FF;
+    if (tl_config_get_boolean(object, "extended", &channel->extended) && !channel->extended && channel->id > 0x7FF) {
+        tl_config_wrong(object, "extended", NULL, "true, because the id has more than 11 bits", NULL);
+    }
+}
+
+static void read_frame(tl_config_object *object, tl_can_channel *channel) {
+    static const tl_config_number rule = {.whole = true,
+                                          .minimum = 1,
+                                          .maximum = TL_CAN_BYTES,
+                                          .expected = "a length of a frame: 1 to 8, 12, 16, 20, 24, 32, 48 or 64",
+                                          .example = "8"};
+    bool given = tl_config_get(object, "bytes", TL_CONFIG_OPTIONAL, NULL, NULL) != NULL;
+    double bytes = given ? TL_CAN_BYTES : 8; /* of a wrong length all bits are in the frame: one mistake, one problem */
+    if (tl_config_get_number(object, "bytes", &rule, &bytes) && !tl_can_is_length((unsigned)bytes)) {
+        tl_config_wrong(object, "bytes", NULL, rule.expected, rule.example);
+        bytes = TL_CAN_BYTES;
+    }
+    channel->bytes = (uint8_t)bytes;
+    channel->fd = channel->bytes > 8;
+    if (tl_config_get_boolean(object, "fd", &channel->fd) && !channel->fd && channel->bytes > 8) {
+        tl_config_wrong(object, "fd", NULL, "true, because a classic frame has at most 8 bytes", NULL);
+    }
+}
+
+/* Start, length and order. `length` is 0 where the file must say it. false: how many bits it has is not known. */
+static bool read_field(tl_config_object *object, size_t most, size_t length, size_t bytes, tl_can_field *field) {
+    static const char *const orders[] = {"intel", "motorola", NULL};
+    static const tl_config_number start_rule = {
+        .need = TL_CONFIG_REQUIRED, .whole = true, .maximum = 8 * TL_CAN_BYTES - 1, .example = "0"};
+    const tl_config_number length_rule = {.need = length == 0 ? TL_CONFIG_REQUIRED : TL_CONFIG_OPTIONAL,
+                                          .whole = true,
+                                          .minimum = 1,
+                                          .maximum = (double)most,
+                                          .example = "16"};
+    char expected[EXPECTED];
+    double start = 0;
+    double bits = length == 0 ? 1 : (double)length;
+    size_t order = 0;
+    bool placed = tl_config_get_number(object, "start", &start_rule, &start);
+    bool known = tl_config_get_number(object, "length", &length_rule, &bits) || length != 0;
+    if (length != 0 && bits != (double)length) {
+        (void)snprintf(expected, sizeof expected, "%zu, because that is what a number of its type has", length);
+        tl_config_wrong(object, "length", NULL, expected, NULL);
+        bits = (double)length;
+    }
+    (void)tl_config_get_choice(object, "order", TL_CONFIG_OPTIONAL, orders, &order);
+    *field = (tl_can_field){
+        .start = (uint16_t)start, .length = (uint16_t)bits, .order = order == 0 ? TL_CAN_INTEL : TL_CAN_MOTOROLA};
+    size_t needed = tl_can_field_bytes(field);
+    if (placed && needed > bytes) {
+        (void)snprintf(
+            expected, sizeof expected,
+            "a start from which all %u bits (%s) are within the frame's %zu bytes, not reaching into byte %zu",
+            (unsigned)field->length, orders[order], bytes, needed);
+        tl_config_wrong(object, "start", NULL, expected, NULL);
+    }
+    return known;
+}
+
+static void read_type(tl_config_object *object, tl_can_channel *channel) {
+    static const char *const types[] = {"unsigned", "signed", "float32", "float64", NULL};
+    static const tl_can_type type_of[] = {TL_CAN_UNSIGNED, TL_CAN_SIGNED, TL_CAN_FLOAT32, TL_CAN_FLOAT64};
+    static const size_t length_of[] = {0, 0, 32, 64};
+    size_t index = 0;
+    (void)tl_config_get_choice(object, "type", TL_CONFIG_OPTIONAL, types, &index);
+    channel->type = type_of[index];
+    (void)read_field(object, 64, length_of[index], channel->bytes, &channel->field);
+}
+
+static void read_scale(tl_config_object *object, tl_can_channel *channel) {
+    static const tl_config_number any = {.minimum = -HUGE_VAL, .maximum = HUGE_VAL, .example = "0.1"};
+    channel->scale = 1;
+    if (tl_config_get_number(object, "scale", &any, &channel->scale) && channel->scale == 0) {
+        tl_config_wrong(object, "scale", NULL, "a number other than 0", "0.1");
+    }
+    (void)tl_config_get_number(object, "offset", &any, &channel->offset);
+}
+
+/* ---- multiplexors ---- */
+
+static bool is_multiplexor_value(const cJSON *item, double most) {
+    return cJSON_IsNumber(item) && item->valuedouble >= 0 && item->valuedouble <= most &&
+           item->valuedouble == floor(item->valuedouble);
+}
+
+/* One value, or an array of them. */
+static void read_values(tl_config_object *object, int bits, tl_can_condition *condition) {
+    char expected[EXPECTED];
+    double most = ldexp(1, bits) - 1;
+    (void)snprintf(expected, sizeof expected, "a whole number from 0 to %.15g, or an array of 1 to %d of them", most,
+                   (int)TL_CAN_CONDITION_VALUES);
+    const cJSON *item = tl_config_get(object, "value", TL_CONFIG_REQUIRED, expected, "3");
+    if (item == NULL) {
+        return;
+    }
+    int count = cJSON_IsArray(item) ? cJSON_GetArraySize(item) : 1;
+    bool right = count >= 1 && count <= TL_CAN_CONDITION_VALUES;
+    const cJSON *one = cJSON_IsArray(item) ? item->child : item;
+    for (int i = 0; right && i < count; i++) {
+        right = is_multiplexor_value(one, most);
+        condition->values[i] = right ? (uint32_t)one->valuedouble : 0;
+        one = one->next;
+    }
+    condition->value_count = (size_t)count;
+    if (!right) {
+        tl_config_wrong(object, "value", NULL, expected, "3");
+    }
+}
+
+/* A multiplexor, and the one that it depends on itself, and so on. */
+static void read_multiplex(tl_config_object *outer, tl_can_channel *channel) {
+    static const char *const example = "{\"start\": 0, \"length\": 4, \"value\": 3}";
+    tl_config_object levels[TL_CAN_CONDITIONS];
+    tl_config_object *object = outer;
+    for (size_t i = 0; i < TL_CAN_CONDITIONS; i++) {
+        if (!tl_config_member(object, "multiplex", TL_CONFIG_OPTIONAL, example, &levels[i])) {
+            break;
+        }
+        object = &levels[i];
+        tl_can_condition *condition = &channel->conditions[i];
+        bool known = read_field(object, TL_CAN_MULTIPLEXOR_BITS, 0, channel->bytes, &condition->field);
+        read_values(object, known ? condition->field.length : TL_CAN_MULTIPLEXOR_BITS, condition);
+        channel->condition_count = i + 1;
+    }
+    if (channel->condition_count == TL_CAN_CONDITIONS &&
+        tl_config_get(object, "multiplex", TL_CONFIG_OPTIONAL, NULL, NULL) != NULL) {
+        tl_config_wrong(object, "multiplex", NULL, "at most 4 multiplexors above each other", NULL);
+    }
+    for (size_t i = 0; i < channel->condition_count; i++) {
+        tl_config_done(&levels[i]);
+    }
+}
+
+void tl_config_read_can_signal(tl_config_object *entry, tl_config_signal *signal) {
+    static const char *const example = "{\"source\": \"bus\", \"id\": \"0x123\", \"start\": 0, \"length\": 16}";
+    static const char *const kinds[] = {"can", NULL};
+    tl_config_object object;
+    if (!tl_config_member(entry, "can", TL_CONFIG_OPTIONAL, example, &object)) {
+        return;
+    }
+    if (signal->source != SIZE_MAX) {
+        tl_config_wrong(entry, "can", "can beside another live source", "at most one live source", NULL);
+    }
+    (void)tl_config_read_source_name(&object, TL_CONFIG_REQUIRED, "the name of a can source", kinds, signal);
+    read_id(&object, &signal->can);
+    read_frame(&object, &signal->can);
+    read_type(&object, &signal->can);
+    read_scale(&object, &signal->can);
+    read_multiplex(&object, &signal->can);
+    tl_config_done(&object);
+}

@@ -1,0 +1,295 @@
+/* Typed access to cJSON items; every problem passes through tl_config_problem(). */
+#include "firmware/config/config_reader.h"
+
+#include <assert.h>
+#include <math.h>
+#include <stdint.h>
+#include <stdio.h>
+#include <string.h>
+
+#include "firmware/text/json_text.h"
+#include "firmware/text/nearest.h"
+
+enum { FOUND = 128, EXPECTED = 320 };
+
+/* ---- problems ---- */
+
+void tl_config_problem(const tl_config_reader *reader, const char *path, size_t line, const char *found,
+                       const char *expected, const char *example) {
+    tl_report_add(reader->report, TL_BAD_DATA, path, "line %zu: found %s, expected %s%s%s", line, found, expected,
+                  example != NULL ? ", for example " : "", example != NULL ? example : "");
+}
+
+void tl_config_describe(const cJSON *item, char *found, size_t size) {
+    char shown[TL_JSON_SHOWN];
+    if (item == NULL) {
+        (void)snprintf(found, size, "nothing");
+    } else if (cJSON_IsString(item)) {
+        tl_text_for_people(item->valuestring, shown, sizeof shown);
+        (void)snprintf(found, size, "\"%s\" (text)", shown);
+    } else if (cJSON_IsNumber(item)) {
+        (void)snprintf(found, size, "%.15g (number)", item->valuedouble);
+    } else if (cJSON_IsBool(item)) {
+        (void)snprintf(found, size, "%s", cJSON_IsTrue(item) ? "true" : "false");
+    } else if (cJSON_IsObject(item)) {
+        int count = cJSON_GetArraySize(item);
+        (void)snprintf(found, size, "an object with %d key%s", count, count == 1 ? "" : "s");
+    } else if (cJSON_IsArray(item)) {
+        (void)snprintf(found, size, "an array of %d", cJSON_GetArraySize(item));
+    } else {
+        (void)snprintf(found, size, "null");
+    }
+}
+
+void tl_config_wrong(const tl_config_object *object, const char *key, const char *found, const char *expected,
+                     const char *example) {
+    const cJSON *item = cJSON_GetObjectItemCaseSensitive(object->json, key);
+    char path[TL_JSON_PATH];
+    char described[FOUND];
+    tl_json_member_path(path, object->path, key);
+    tl_config_describe(item, described, sizeof described);
+    tl_config_problem(object->reader, path, tl_json_line(item != NULL ? item : object->json),
+                      found != NULL ? found : described, expected, example);
+}
+
+/* ---- memory ---- */
+
+void *tl_config_take(tl_config_reader *reader, size_t count, size_t size) {
+    void *memory = tl_arena_take(reader->arena, count, size);
+    reader->out_of_memory = reader->out_of_memory || memory == NULL;
+    return memory;
+}
+
+const char *tl_config_keep(tl_config_reader *reader, const char *path) {
+    const char *kept = tl_arena_text(reader->arena, path);
+    reader->out_of_memory = reader->out_of_memory || kept == NULL;
+    return kept != NULL ? kept : "";
+}
+
+/* ---- objects ---- */
+
+static void begin(tl_config_object *object, tl_config_reader *reader) {
+    object->reader = reader;
+    object->json = NULL;
+    object->path[0] = '\0';
+    object->known_count = 0;
+}
+
+void tl_config_root(tl_config_reader *reader, tl_config_object *root) {
+    begin(root, reader);
+    if (cJSON_IsObject(reader->root)) {
+        root->json = reader->root;
+    } else {
+        char found[FOUND];
+        tl_config_describe(reader->root, found, sizeof found);
+        tl_config_problem(reader, "", tl_json_line(reader->root), found, "an object",
+                          "{\"twinlock\": 1, \"name\": \"motor bench\", …}");
+    }
+}
+
+static bool is_known(const tl_config_object *object, const char *key) {
+    for (size_t i = 0; i < object->known_count; i++) {
+        if (strcmp(object->known[i], key) == 0) {
+            return true;
+        }
+    }
+    return false;
+}
+
+const cJSON *tl_config_get(tl_config_object *object, const char *key, tl_config_need need, const char *expected,
+                           const char *example) {
+    if (!is_known(object, key)) {
+        assert(object->known_count < TL_CONFIG_KEYS);
+        object->known[object->known_count++] = key;
+    }
+    if (object->json == NULL) {
+        return NULL;
+    }
+    const cJSON *item = cJSON_GetObjectItemCaseSensitive(object->json, key);
+    if (item == NULL && need == TL_CONFIG_REQUIRED) {
+        tl_config_wrong(object, key, NULL, expected, example);
+    }
+    return item;
+}
+
+bool tl_config_member(tl_config_object *object, const char *key, tl_config_need need, const char *example,
+                      tl_config_object *member) {
+    begin(member, object->reader);
+    tl_json_member_path(member->path, object->path, key);
+    const cJSON *item = tl_config_get(object, key, need, "an object", example);
+    return item != NULL && tl_config_entry(object, item, example, member);
+}
+
+bool tl_config_entry(const tl_config_object *map, const cJSON *item, const char *example, tl_config_object *entry) {
+    begin(entry, map->reader);
+    tl_json_member_path(entry->path, map->path, item->string);
+    if (cJSON_IsObject(item)) {
+        entry->json = item;
+        return true;
+    }
+    tl_config_wrong(map, item->string, NULL, "an object", example);
+    return false;
+}
+
+size_t tl_config_entries(tl_config_object *object, const char *key, const tl_config_map *rule, tl_config_object *map) {
+    char expected[EXPECTED];
+    if (rule->most == SIZE_MAX) {
+        (void)snprintf(expected, sizeof expected, "an object");
+    } else {
+        (void)snprintf(expected, sizeof expected, "an object with %zu to %zu entries", rule->least, rule->most);
+    }
+    begin(map, object->reader);
+    tl_json_member_path(map->path, object->path, key);
+    const cJSON *item = tl_config_get(object, key, rule->need, expected, rule->example);
+    if (item == NULL) {
+        return 0;
+    }
+    size_t count = (size_t)cJSON_GetArraySize(item);
+    if (!cJSON_IsObject(item) || count < rule->least || count > rule->most) {
+        tl_config_wrong(object, key, NULL, expected, rule->example);
+    }
+    if (!cJSON_IsObject(item)) {
+        return 0;
+    }
+    map->json = item;
+    return count;
+}
+
+/* ---- unknown keys ---- */
+
+/* "one of a, b, c"; "only a". */
+static void list_known(const tl_config_object *object, char *list, size_t size) {
+    size_t used = (size_t)snprintf(list, size, object->known_count == 1 ? "only" : "one of");
+    for (size_t i = 0; i < object->known_count && used < size; i++) {
+        used += (size_t)snprintf(list + used, size - used, "%s %s", i == 0 ? "" : ",", object->known[i]);
+    }
+}
+
+static void report_unknown(const tl_config_object *object, const cJSON *item) {
+    char path[TL_JSON_PATH];
+    char key[TL_JSON_SHOWN];
+    char found[FOUND];
+    char expected[EXPECTED];
+    tl_nearest nearest = {.text = item->string};
+    for (size_t i = 0; i < object->known_count; i++) {
+        tl_nearest_offer(&nearest, object->known[i]);
+    }
+    tl_json_member_path(path, object->path, item->string);
+    tl_text_for_people(item->string, key, sizeof key);
+    (void)snprintf(found, sizeof found, "the unknown key \"%s\"", key);
+    if (nearest.best != NULL) {
+        (void)snprintf(expected, sizeof expected, "\"%s\"", nearest.best);
+    } else {
+        list_known(object, expected, sizeof expected);
+    }
+    tl_config_problem(object->reader, path, tl_json_line(item), found, expected, NULL);
+}
+
+void tl_config_done(const tl_config_object *object) {
+    const cJSON *item = NULL;
+    cJSON_ArrayForEach(item, object->json) {
+        if (!is_known(object, item->string)) {
+            report_unknown(object, item);
+        }
+    }
+}
+
+/* ---- values ---- */
+
+/* "a whole number from 1 to 65535", "a number > 0, at most 1e+09", "a number". */
+static void describe_range(const tl_config_number *rule, char *expected, size_t size) {
+    char low[64] = "";
+    char high[64] = "";
+    if (rule->minimum > -HUGE_VAL) {
+        (void)snprintf(low, sizeof low, "%s%.15g", rule->above ? " > " : " from ", rule->minimum);
+    }
+    if (rule->maximum < HUGE_VAL) {
+        const char *word = rule->below ? " to below " : rule->above ? ", at most " : " to ";
+        (void)snprintf(high, sizeof high, "%s%.15g", word, rule->maximum);
+    } else if (rule->minimum > -HUGE_VAL && !rule->above) {
+        (void)snprintf(high, sizeof high, " up");
+    }
+    (void)snprintf(expected, size, "a %snumber%s%s", rule->whole ? "whole " : "", low, high);
+}
+
+static bool in_range(const tl_config_number *rule, double value) {
+    bool low = rule->above ? value > rule->minimum : value >= rule->minimum;
+    bool high = rule->below ? value < rule->maximum : value <= rule->maximum;
+    return low && high && (!rule->whole || value == floor(value));
+}
+
+bool tl_config_get_number(tl_config_object *object, const char *key, const tl_config_number *rule, double *value) {
+    char expected[EXPECTED];
+    if (rule->expected != NULL) {
+        (void)snprintf(expected, sizeof expected, "%s", rule->expected);
+    } else {
+        describe_range(rule, expected, sizeof expected);
+    }
+    const cJSON *item = tl_config_get(object, key, rule->need, expected, rule->example);
+    if (item == NULL) {
+        return false;
+    }
+    if (!cJSON_IsNumber(item) || !in_range(rule, item->valuedouble)) {
+        tl_config_wrong(object, key, NULL, expected, rule->example);
+        return false;
+    }
+    *value = item->valuedouble;
+    return true;
+}
+
+bool tl_config_get_boolean(tl_config_object *object, const char *key, bool *value) {
+    const cJSON *item = tl_config_get(object, key, TL_CONFIG_OPTIONAL, "true or false", NULL);
+    if (item == NULL) {
+        return false;
+    }
+    if (!cJSON_IsBool(item)) {
+        tl_config_wrong(object, key, NULL, "true or false", "true");
+        return false;
+    }
+    *value = cJSON_IsTrue(item);
+    return true;
+}
+
+bool tl_config_get_text(tl_config_object *object, const char *key, tl_config_need need, const char *example,
+                        const char **value) {
+    const cJSON *item = tl_config_get(object, key, need, "a text", example);
+    if (item == NULL) {
+        return false;
+    }
+    bool text = cJSON_IsString(item);
+    if (text && item->valuestring[0] == '\0' && need != TL_CONFIG_MAY_BE_EMPTY) {
+        tl_config_wrong(object, key, NULL, "a text that is not empty", example);
+        return false;
+    }
+    if (!text || !tl_text_is_plain(item->valuestring)) {
+        tl_config_wrong(object, key, NULL, text ? "a text without control characters" : "a text", example);
+        return false;
+    }
+    *value = item->valuestring;
+    return true;
+}
+
+bool tl_config_get_choice(tl_config_object *object, const char *key, tl_config_need need, const char *const *choices,
+                          size_t *index) {
+    char expected[EXPECTED] = "";
+    char quoted[TL_JSON_SHOWN];
+    size_t used = 0;
+    for (size_t i = 0; choices[i] != NULL && used < sizeof expected; i++) {
+        const char *before = i == 0 ? "" : choices[i + 1] == NULL ? " or " : ", ";
+        used += (size_t)snprintf(expected + used, sizeof expected - used, "%s\"%s\"", before, choices[i]);
+    }
+    (void)snprintf(quoted, sizeof quoted, "\"%s\"", choices[0]);
+    const char *example = choices[1] != NULL ? quoted : NULL; /* of one choice nobody needs an example */
+    const cJSON *item = tl_config_get(object, key, need, expected, example);
+    if (item == NULL) {
+        return false;
+    }
+    for (size_t i = 0; cJSON_IsString(item) && choices[i] != NULL; i++) {
+        if (strcmp(item->valuestring, choices[i]) == 0) {
+            *index = i;
+            return true;
+        }
+    }
+    tl_config_wrong(object, key, NULL, expected, example);
+    return false;
+}

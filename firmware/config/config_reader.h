@@ -1,0 +1,115 @@
+/* Reads typed values out of a parsed configuration and says what is wrong with them.
+ *
+ * Purpose: so that each key of config/SPEC.md is one call that names its type, range, default and example.
+ * Problems: all have one shape, "line 12: found "0.1" (text), expected a number > 0, for example 0.1", reported at
+ *          the JSON path of the value. Reading goes on after a problem.
+ * Defaults: a function that returns false left its target alone: set the default before the call.
+ * Unknown keys: an object remembers which keys were asked for; tl_config_done() reports the others.
+ * Owner:   texts point into the JSON tree, paths into the reader's arena.
+ */
+#ifndef TL_FIRMWARE_CONFIG_CONFIG_READER_H
+#define TL_FIRMWARE_CONFIG_CONFIG_READER_H
+
+#include <stdbool.h>
+#include <stddef.h>
+
+#include <cjson/cJSON.h>
+
+#include "firmware/config/json_document.h"
+#include "master/base/arena.h"
+#include "master/base/status.h"
+
+enum { TL_CONFIG_KEYS = 16 }; /* the most keys that one object of the format knows */
+
+typedef struct tl_config_reader {
+    const cJSON *root;
+    tl_arena *arena;
+    tl_report *report;
+    bool out_of_memory; /* reported once, by whoever owns the reader */
+} tl_config_reader;
+
+/* One object of the file. */
+typedef struct tl_config_object {
+    tl_config_reader *reader;
+    const cJSON *json; /* NULL: not there, or of a wrong type; nothing in it is found, and nothing reported */
+    char path[TL_JSON_PATH];
+    const char *known[TL_CONFIG_KEYS];
+    size_t known_count;
+} tl_config_object;
+
+typedef enum tl_config_need {
+    TL_CONFIG_OPTIONAL,
+    TL_CONFIG_REQUIRED,
+    TL_CONFIG_MAY_BE_EMPTY /* optional; for a text: may be "" */
+} tl_config_need;
+
+typedef struct tl_config_number {
+    tl_config_need need;
+    double minimum, maximum; /* ∓HUGE_VAL: none */
+    bool above, below;       /* minimum, maximum itself is excluded */
+    bool whole;
+    const char *expected; /* NULL: made from the above */
+    const char *example;
+} tl_config_number;
+
+/* An object of named entries. */
+typedef struct tl_config_map {
+    tl_config_need need;
+    size_t least, most; /* SIZE_MAX: any number */
+    const char *example;
+} tl_config_map;
+
+/* ---- objects ---- */
+
+void tl_config_root(tl_config_reader *reader, tl_config_object *root);
+bool tl_config_member(tl_config_object *object, const char *key, tl_config_need need, const char *example,
+                      tl_config_object *member);
+
+/* An object of which every key is a name: go through json->child. Returns the number of entries. */
+size_t tl_config_entries(tl_config_object *object, const char *key, const tl_config_map *rule, tl_config_object *map);
+
+/* One entry of such an object (or a member found in another way) as an object of its own. */
+bool tl_config_entry(const tl_config_object *map, const cJSON *item, const char *example, tl_config_object *entry);
+
+/* Reports the keys nobody asked for, each with the nearest known one. */
+void tl_config_done(const tl_config_object *object);
+
+/* ---- values: true where the key is there and right ---- */
+
+bool tl_config_get_number(tl_config_object *object, const char *key, const tl_config_number *rule, double *value);
+bool tl_config_get_boolean(tl_config_object *object, const char *key, bool *value);
+
+/* A text without control characters; not empty unless TL_CONFIG_MAY_BE_EMPTY. */
+bool tl_config_get_text(tl_config_object *object, const char *key, tl_config_need need, const char *example,
+                        const char **value);
+
+/* One of `choices`, which ends with NULL; the first is the example. */
+bool tl_config_get_choice(tl_config_object *object, const char *key, tl_config_need need, const char *const *choices,
+                          size_t *index);
+
+/* Whatever stands there; NULL where nothing does (reported where it is required). */
+const cJSON *tl_config_get(tl_config_object *object, const char *key, tl_config_need need, const char *expected,
+                           const char *example);
+
+/* ---- problems ---- */
+
+/* The one shape. `example` NULL: none. */
+void tl_config_problem(const tl_config_reader *reader, const char *path, size_t line, const char *found,
+                       const char *expected, const char *example);
+
+/* At a key of an object; `found` NULL: what stands there. */
+void tl_config_wrong(const tl_config_object *object, const char *key, const char *found, const char *expected,
+                     const char *example);
+
+/* Describes an item in a few words: "0.1" (text), 5 (number), true, an array of 3; nothing for NULL. */
+void tl_config_describe(const cJSON *item, char *found, size_t size);
+
+/* ---- memory ---- */
+
+/* Zeroed memory of the configuration; NULL is noted in the reader. */
+void *tl_config_take(tl_config_reader *reader, size_t count, size_t size);
+
+/* A path to keep; "" where memory is out. */
+const char *tl_config_keep(tl_config_reader *reader, const char *path);
+
+#endif

@@ -1,0 +1,316 @@
+/* `compare` and `synchronise`: what the twin is held against, and how it is corrected. */
+#include "firmware/config/config_parts.h"
+
+#include <limits.h>
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+
+#include "firmware/config/config_names.h"
+#include "firmware/text/json_text.h"
+#include "master/solve/optimiser.h"
+
+/* ---- match and compare ---- */
+
+/* An entry whose key is a variable. */
+static void begin_variable(const tl_config_object *map, const cJSON *item, const char *example,
+                           tl_config_object *entry) {
+    (void)tl_config_entry(map, item, example, entry);
+    tl_config_check_reference(map->reader, entry->path, tl_json_line(item), item->string, TL_CONFIG_VARIABLE);
+}
+
+static void read_target(tl_config_object *entry, tl_plan_match *match) {
+    if (tl_config_get_text(entry, "to", TL_CONFIG_REQUIRED, "\"plant.omega\"", &match->to)) {
+        char path[TL_JSON_PATH];
+        const cJSON *item = cJSON_GetObjectItemCaseSensitive(entry->json, "to");
+        tl_json_member_path(path, entry->path, "to");
+        tl_config_check_reference(entry->reader, path, tl_json_line(item), match->to, TL_CONFIG_SIGNAL);
+    }
+}
+
+/* `low_pass_s`, `dwell_s`, `time_s`: `duration` is left alone where there is none. */
+static void read_duration(tl_config_object *object, const char *key, const char *example, tl_time *duration) {
+    const tl_config_number rule = {
+        .above = true, .maximum = TL_CONFIG_LONGEST_S, .expected = TL_CONFIG_DURATION, .example = example};
+    double seconds = 0;
+    if (tl_config_get_number(object, key, &rule, &seconds)) {
+        *duration = tl_config_duration(seconds);
+    }
+}
+
+/* `general` > 0: the tolerance of every match, which then may have none of its own. */
+static void read_tolerance(tl_config_object *entry, double general, tl_plan_match *match) {
+    static const tl_config_number weight = {.maximum = HUGE_VAL, .example = "1"};
+    tl_config_number tolerance = {.above = true, .maximum = HUGE_VAL, .example = "0.5"};
+    match->weight = 1;
+    (void)tl_config_get_number(entry, "weight", &weight, &match->weight);
+    if (general > 0 && tl_config_get(entry, "tolerance", TL_CONFIG_OPTIONAL, NULL, NULL) != NULL) {
+        tl_config_wrong(entry, "tolerance", "a tolerance beside synchronise.epsilon",
+                        "one of them: epsilon is the square of every match's tolerance", NULL);
+    } else if (general > 0) {
+        match->tolerance = general;
+    } else {
+        tolerance.need = match->weight > 0 ? TL_CONFIG_REQUIRED : TL_CONFIG_OPTIONAL;
+        (void)tl_config_get_number(entry, "tolerance", &tolerance, &match->tolerance);
+    }
+}
+
+/* How long a measurement may be made to wait is a matter of steps. */
+static void read_low_pass(tl_config_object *object, tl_time step, tl_time *low_pass) {
+    char expected[96];
+    read_duration(object, "low_pass_s", "0.05", low_pass);
+    if (step > 0 && *low_pass > TL_LONGEST_LOW_PASS * step) {
+        (void)snprintf(expected, sizeof expected, "at most %d times step_s, which is %.15g s", TL_LONGEST_LOW_PASS,
+                       tl_seconds(TL_LONGEST_LOW_PASS * step));
+        tl_config_wrong(object, "low_pass_s", NULL, expected, NULL);
+    }
+}
+
+static void read_condition(tl_config_object *entry, tl_time step, tl_plan_condition *condition) {
+    static const tl_config_number median_rule = {
+        .whole = true, .minimum = 1, .maximum = 99, .expected = "an odd whole number from 1 to 99", .example = "5"};
+    static const tl_config_number gate = {.above = true, .maximum = HUGE_VAL, .example = "10"};
+    tl_config_object object;
+    double median = 0;
+    (void)tl_config_member(entry, "condition", TL_CONFIG_OPTIONAL, "{\"median\": 5}", &object);
+    if (tl_config_get_number(&object, "median", &median_rule, &median)) {
+        condition->median = (uint32_t)median;
+        if (condition->median % 2 == 0) {
+            tl_config_wrong(&object, "median", NULL, median_rule.expected, median_rule.example);
+        }
+    }
+    read_low_pass(&object, step, &condition->low_pass);
+    (void)tl_config_get_number(&object, "gate", &gate, &condition->gate);
+    tl_config_done(&object);
+}
+
+/* What only an output that is matched has. */
+static void read_matched(tl_config_object *entry, double tolerance, tl_time step, tl_plan_match *match) {
+    static const tl_config_number huber = {.above = true, .maximum = HUGE_VAL, .example = "3"};
+    read_tolerance(entry, tolerance, match);
+    (void)tl_config_get_number(entry, "huber", &huber, &match->huber);
+    read_condition(entry, step, &match->condition);
+}
+
+/* `synchronise.match`, `tolerance` as in read_tolerance(); or `compare`, where every weight is 0. */
+static void read_match(tl_config_object *parent, const char *key, tl_config *config, bool weighted, double tolerance) {
+    static const char *const weighted_example = "{\"to\": \"plant.omega\", \"tolerance\": 1.0}";
+    static const char *const compared_example = "{\"to\": \"plant.omega\"}";
+    const char *example = weighted ? weighted_example : compared_example;
+    const tl_config_map rule = {
+        .need = weighted ? TL_CONFIG_REQUIRED : TL_CONFIG_OPTIONAL,
+        .least = 1,
+        .most = TL_MAX_MATCH,
+        .example = weighted ? "{\"motor.omega\": {\"to\": \"plant.omega\", \"tolerance\": 1.0}}"
+                            : "{\"motor.omega\": {\"to\": \"plant.omega\"}}",
+    };
+    tl_config_object map;
+    config->match_count = tl_config_entries(parent, key, &rule, &map);
+    config->match = tl_config_take(parent->reader, config->match_count, sizeof *config->match);
+    if (config->match == NULL) {
+        return;
+    }
+    tl_plan_match *match = config->match;
+    const cJSON *item = NULL;
+    cJSON_ArrayForEach(item, map.json) {
+        tl_config_object entry;
+        begin_variable(&map, item, example, &entry);
+        match->where = tl_config_keep(parent->reader, entry.path);
+        match->variable = item->string;
+        match->tolerance = 1;
+        read_target(&entry, match);
+        if (weighted) {
+            read_matched(&entry, tolerance, config->step, match);
+        }
+        tl_config_done(&entry);
+        match++;
+    }
+}
+
+void tl_config_read_compare(tl_config_object *root, tl_config *config) {
+    bool both = cJSON_GetObjectItemCaseSensitive(root->json, "compare") != NULL &&
+                cJSON_GetObjectItemCaseSensitive(root->json, "synchronise") != NULL;
+    if (both) {
+        tl_config_wrong(root, "compare", "compare beside synchronise",
+                        "one of them: in synchronise.match, weight 0 means compared only", NULL);
+    }
+    read_match(root, "compare", config, false, 0);
+}
+
+/* ---- synchronise ---- */
+
+static void read_nominal(tl_config_object *entry, tl_plan_adjust *adjust) {
+    static const char *const expected = "a number, true or false";
+    const cJSON *item = tl_config_get(entry, "nominal", TL_CONFIG_OPTIONAL, expected, "0");
+    adjust->has_nominal = cJSON_IsNumber(item) || cJSON_IsBool(item);
+    if (adjust->has_nominal) {
+        adjust->nominal = cJSON_IsNumber(item) ? item->valuedouble : cJSON_IsTrue(item) ? 1 : 0;
+    } else if (item != NULL) {
+        tl_config_wrong(entry, "nominal", NULL, expected, "0");
+    }
+}
+
+static void read_bounds(tl_config_object *entry, tl_plan_adjust *adjust) {
+    static const tl_config_number any = {.minimum = -HUGE_VAL, .maximum = HUGE_VAL, .example = "0"};
+    adjust->lower = -HUGE_VAL;
+    adjust->upper = HUGE_VAL;
+    bool low = tl_config_get_number(entry, "min", &any, &adjust->lower);
+    bool high = tl_config_get_number(entry, "max", &any, &adjust->upper);
+    if (low && high && adjust->lower >= adjust->upper) {
+        char expected[64];
+        (void)snprintf(expected, sizeof expected, "more than min, which is %.15g", adjust->lower);
+        tl_config_wrong(entry, "max", NULL, expected, NULL);
+    }
+}
+
+static void read_penalty(tl_config_object *entry, tl_plan_adjust *adjust) {
+    static const tl_config_number rule = {.maximum = HUGE_VAL, .example = "0.01"};
+    tl_config_object penalty;
+    (void)tl_config_member(entry, "penalty", TL_CONFIG_OPTIONAL, "{\"rate\": 0.01}", &penalty);
+    (void)tl_config_get_number(&penalty, "deviation", &rule, &adjust->deviation_penalty);
+    (void)tl_config_get_number(&penalty, "rate", &rule, &adjust->rate_penalty);
+    tl_config_done(&penalty);
+}
+
+/* Whether the variable is a Boolean, which needs no step, only its FMU can tell: a step of 0 is one that was not given. */
+static void read_adjusted(tl_config_object *entry, tl_plan_adjust *adjust) {
+    static const tl_config_number step = {.above = true, .maximum = HUGE_VAL, .example = "0.05"};
+    (void)tl_config_get_number(entry, "step", &step, &adjust->step);
+    read_nominal(entry, adjust);
+    read_bounds(entry, adjust);
+    read_penalty(entry, adjust);
+    read_duration(entry, "dwell_s", "0.5", &adjust->dwell);
+    tl_config_done(entry);
+}
+
+static void read_adjust(tl_config_object *object, tl_config *config) {
+    static const tl_config_map rule = {
+        .need = TL_CONFIG_REQUIRED, .least = 1, .most = TL_MAX_ADJUST, .example = "{\"motor.d\": {\"step\": 0.05}}"};
+    tl_config_object map;
+    config->adjust_count = tl_config_entries(object, "adjust", &rule, &map);
+    config->adjust = tl_config_take(object->reader, config->adjust_count, sizeof *config->adjust);
+    if (config->adjust == NULL) {
+        return;
+    }
+    tl_plan_adjust *adjust = config->adjust;
+    const cJSON *item = NULL;
+    cJSON_ArrayForEach(item, map.json) {
+        tl_config_object entry;
+        begin_variable(&map, item, "{\"step\": 0.05}", &entry);
+        adjust->where = tl_config_keep(object->reader, entry.path);
+        adjust->variable = item->string;
+        read_adjusted(&entry, adjust);
+        adjust++;
+    }
+}
+
+/* A match list whose weights are all 0 leaves nothing to optimise. */
+static void check_weights(const tl_config_object *object, const tl_config *config) {
+    bool any = config->match_count == 0; /* reported already */
+    for (size_t i = 0; i < config->match_count; i++) {
+        any = any || config->match[i].weight > 0;
+    }
+    if (!any) {
+        tl_config_wrong(object, "match", "weight 0 everywhere",
+                        "at least one weight above 0 (it is 1 where none is given)", NULL);
+    }
+}
+
+/* J = Σ weight·(y − ŷ)²/ε is J with a tolerance of √ε for every match. Returns that, 0 where there is no epsilon; where
+ * it is wrong, something > 0, so that no tolerance is missed. */
+static double read_epsilon(tl_config_object *object) {
+    static const tl_config_number rule = {.above = true, .maximum = HUGE_VAL, .example = "0.01"};
+    double epsilon = 1;
+    (void)tl_config_get_number(object, "epsilon", &rule, &epsilon);
+    return cJSON_GetObjectItemCaseSensitive(object->json, "epsilon") != NULL ? sqrt(epsilon) : 0;
+}
+
+/* The solver that an item means, by its name or by its number in the thesis; NULL: none. */
+static const tl_optimiser_class *solver_of(const cJSON *item) {
+    if (cJSON_IsString(item)) {
+        return tl_optimiser_find(item->valuestring);
+    }
+    double number = cJSON_IsNumber(item) ? item->valuedouble : 0;
+    bool possible = number >= 1 && number <= INT_MAX && number == floor(number);
+    return possible ? tl_optimiser_numbered((int)number) : NULL;
+}
+
+/* NULL where none is given. */
+static const char *read_solver(tl_config_object *object, const char *key) {
+    static const char *const example = "\"secant\"";
+    char expected[256];
+    (void)snprintf(expected, sizeof expected, "one of %s, or the thesis's number 1, 100 or 1000", tl_optimiser_names());
+    const cJSON *item = tl_config_get(object, key, TL_CONFIG_OPTIONAL, expected, example);
+    const tl_optimiser_class *solver = solver_of(item);
+    if (item != NULL && solver == NULL) {
+        tl_config_wrong(object, key, NULL, expected, example);
+    }
+    return solver != NULL ? solver->name : NULL;
+}
+
+static void read_solvers(tl_config_object *object, tl_config *config) {
+    static const tl_config_number rule = {.whole = true, .minimum = 1, .maximum = 100000, .example = "30"};
+    double stagnation = 0;
+    config->algorithm = read_solver(object, "algorithm");
+    config->fallback = read_solver(object, "fallback");
+    if (config->algorithm != NULL && config->fallback != NULL && strcmp(config->algorithm, config->fallback) == 0) {
+        char expected[64];
+        (void)snprintf(expected, sizeof expected, "another than algorithm, which is \"%s\"", config->algorithm);
+        tl_config_wrong(object, "fallback", NULL, expected, NULL);
+    }
+    (void)tl_config_get_number(object, "stagnation", &rule, &stagnation);
+    config->stagnation = (uint32_t)stagnation;
+}
+
+static void read_saving(tl_config_object *object, tl_config *config) {
+    static const tl_config_number rule = {.whole = true, .minimum = 2, .maximum = 1000000, .example = "4096"};
+    static const tl_config_number megabytes = {.whole = true, .minimum = 1, .maximum = 1000000, .example = "128"};
+    tl_config_object saving;
+    double nodes = 0;
+    double memory = 128;
+    config->saving = (tl_plan_saving){.structure = true, .sequences = true};
+    (void)tl_config_member(object, "saving", TL_CONFIG_OPTIONAL, "{\"nodes\": 4096}", &saving);
+    (void)tl_config_get_boolean(&saving, "structure", &config->saving.structure);
+    (void)tl_config_get_boolean(&saving, "sequences", &config->saving.sequences);
+    (void)tl_config_get_number(&saving, "nodes", &rule, &nodes);
+    config->saving.nodes = (uint32_t)nodes;
+    (void)tl_config_get_number(&saving, "memory_mb", &megabytes, &memory);
+    config->saving_memory = (uint32_t)memory;
+    tl_config_done(&saving);
+}
+
+static void read_budget(tl_config_object *object, tl_config *config) {
+    static const tl_config_number rule = {.whole = true, .minimum = 2, .maximum = 100000, .example = "60"};
+    tl_config_object budget;
+    double evaluations = 60;
+    config->budget_time = config->step * 6 / 10;
+    (void)tl_config_member(object, "budget", TL_CONFIG_OPTIONAL, "{\"evaluations\": 60}", &budget);
+    (void)tl_config_get_number(&budget, "evaluations", &rule, &evaluations);
+    config->budget_evaluations = (uint32_t)evaluations;
+    read_duration(&budget, "time_s", "0.006", &config->budget_time);
+    tl_config_done(&budget);
+}
+
+void tl_config_read_synchronise(tl_config_object *root, tl_config *config) {
+    static const tl_config_number margin = {.maximum = 1, .below = true, .example = "0.01"};
+    static const tl_config_number noise_floor = {.maximum = HUGE_VAL, .example = "0.001"};
+    tl_config_object object;
+    config->margin = 0.01;
+    config->noise_floor = 1e-3;
+    config->synchronise = tl_config_member(
+        root, "synchronise", TL_CONFIG_OPTIONAL,
+        "{\"adjust\": {\"motor.d\": {\"step\": 0.05}}, \"match\": {\"motor.omega\": {\"to\": \"plant.omega\", …}}}",
+        &object);
+    if (config->synchronise) {
+        read_adjust(&object, config);
+        read_match(&object, "match", config, true, read_epsilon(&object));
+        check_weights(&object, config);
+    }
+    tl_config_read_horizon(&object, config);
+    read_solvers(&object, config);
+    (void)tl_config_get_number(&object, "margin", &margin, &config->margin);
+    (void)tl_config_get_number(&object, "noise_floor", &noise_floor, &config->noise_floor);
+    read_saving(&object, config);
+    read_budget(&object, config);
+    tl_config_done(&object);
+}

@@ -1,0 +1,224 @@
+/* `components` and `connect`: what the twin is built from. */
+#include "firmware/config/config_parts.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "firmware/config/config_names.h"
+#include "firmware/text/json_text.h"
+
+enum { MOST_COMPONENTS = 62 };
+
+/* ---- components ---- */
+
+/* JSON knows one kind of number: TL_REAL. The twin makes an Integer of it where the variable is one. */
+static void fill_value(const cJSON *item, tl_value *value) {
+    if (cJSON_IsString(item)) {
+        value->type = TL_STRING;
+        value->text = item->valuestring;
+    } else if (cJSON_IsBool(item)) {
+        value->type = TL_BOOLEAN;
+        value->integer = cJSON_IsTrue(item) ? 1 : 0;
+    } else {
+        value->type = TL_REAL;
+        value->real = item->valuedouble;
+    }
+}
+
+static void read_set(tl_config_object *entry, tl_config_component *component) {
+    static const tl_config_map rule = {.most = SIZE_MAX, .example = "{\"J\": 0.0515}"};
+    tl_config_object map;
+    component->set_count = tl_config_entries(entry, "set", &rule, &map);
+    component->set = tl_config_take(entry->reader, component->set_count, sizeof *component->set);
+    if (component->set == NULL) {
+        return;
+    }
+    tl_plan_set *set = component->set;
+    const cJSON *item = NULL;
+    cJSON_ArrayForEach(item, map.json) {
+        char path[TL_JSON_PATH];
+        tl_json_member_path(path, map.path, item->string);
+        set->where = tl_config_keep(entry->reader, path);
+        set->variable = item->string;
+        if (cJSON_IsString(item) || cJSON_IsBool(item) || cJSON_IsNumber(item)) {
+            fill_value(item, &set->value);
+        } else {
+            tl_config_wrong(&map, item->string, NULL, "a number, true, false or a text", "0.0515");
+        }
+        if (item->string[0] == '\0' || !tl_text_is_plain(item->string)) {
+            tl_config_wrong(&map, item->string, "an unusable name", "the name of a variable of the FMU", "\"J\"");
+        }
+        set++;
+    }
+}
+
+static void read_keep(tl_config_object *entry, tl_config_component *component) {
+    static const char *const choices[] = {[TL_KEEP_STATES] = "states", [TL_KEEP_OUTPUTS] = "outputs", NULL};
+    size_t index = TL_KEEP_STATES;
+    (void)tl_config_get_choice(entry, "keep", TL_CONFIG_OPTIONAL, choices, &index);
+    component->keep = (tl_keep)index;
+}
+
+/* One name of a library; NULL where it is wrong. */
+static const char *read_library(const tl_config_reader *reader, const cJSON *item, const char *path) {
+    if (cJSON_IsString(item) && item->valuestring[0] != '\0' && tl_text_is_plain(item->valuestring)) {
+        return item->valuestring;
+    }
+    char found[128];
+    tl_config_describe(item, found, sizeof found);
+    tl_config_problem(reader, path, tl_json_line(item), found, "the name of a shared library",
+                      "\"libpython3.11.so.1.0\"");
+    return NULL;
+}
+
+static void read_libraries(tl_config_object *entry, tl_config_component *component) {
+    static const char *const expected = "an array of names of shared libraries";
+    static const char *const example = "[\"libpython3.11.so.1.0\"]";
+    const cJSON *array = tl_config_get(entry, "libraries", TL_CONFIG_OPTIONAL, expected, example);
+    if (array != NULL && !cJSON_IsArray(array)) {
+        tl_config_wrong(entry, "libraries", NULL, expected, example);
+        array = NULL;
+    }
+    component->library_count = (size_t)cJSON_GetArraySize(array);
+    component->libraries = tl_config_take(entry->reader, component->library_count, sizeof *component->libraries);
+    if (component->libraries == NULL) {
+        return;
+    }
+    size_t i = 0;
+    const cJSON *item = NULL;
+    cJSON_ArrayForEach(item, array) {
+        char list[TL_JSON_PATH];
+        char path[TL_JSON_PATH];
+        tl_json_member_path(list, entry->path, "libraries");
+        tl_json_element_path(path, list, i);
+        component->libraries[i].where = tl_config_keep(entry->reader, path);
+        component->libraries[i].name = read_library(entry->reader, item, path);
+        i++;
+    }
+}
+
+void tl_config_read_components(tl_config_object *root, tl_config *config) {
+    static const tl_config_map rule = {.need = TL_CONFIG_REQUIRED,
+                                       .least = 1,
+                                       .most = MOST_COMPONENTS,
+                                       .example = "{\"motor\": {\"fmu\": \"motor.fmu\"}}"};
+    tl_config_object map;
+    config->component_count = tl_config_entries(root, "components", &rule, &map);
+    config->components = tl_config_take(root->reader, config->component_count, sizeof *config->components);
+    if (config->components == NULL) {
+        return;
+    }
+    tl_config_component *component = config->components;
+    const cJSON *item = NULL;
+    cJSON_ArrayForEach(item, map.json) {
+        tl_config_object entry;
+        tl_config_check_name(&map, item, "\"motor\"");
+        if (strcmp(item->string, "plant") == 0) {
+            tl_config_wrong(&map, item->string, "the name \"plant\"", "another: that name means the plant itself",
+                            "\"motor\"");
+        }
+        component->name = item->string;
+        if (tl_config_entry(&map, item, "{\"fmu\": \"motor.fmu\"}", &entry)) {
+            (void)tl_config_get_text(&entry, "fmu", TL_CONFIG_REQUIRED, "\"motor.fmu\"", &component->fmu);
+            read_set(&entry, component);
+            read_keep(&entry, component);
+            read_libraries(&entry, component);
+            (void)tl_config_get_boolean(&entry, "logging", &component->logging);
+            tl_config_done(&entry);
+        }
+        component->where = tl_config_keep(root->reader, entry.path);
+        component++;
+    }
+}
+
+/* ---- connect ---- */
+
+/* One end of a connection; NULL where it is wrong. */
+static const char *read_end(const tl_config_reader *reader, const cJSON *item, const char *path,
+                            tl_config_target target) {
+    if (!cJSON_IsString(item)) {
+        char found[128];
+        tl_config_describe(item, found, sizeof found);
+        tl_config_problem(reader, path, tl_json_line(item), found, "a text", "\"motor.omega\"");
+        return NULL;
+    }
+    tl_config_check_reference(reader, path, tl_json_line(item), item->valuestring, target);
+    return item->valuestring;
+}
+
+static void read_connection(tl_config_reader *reader, const cJSON *item, const char *path,
+                            tl_plan_connection *connection) {
+    char end_path[TL_JSON_PATH];
+    connection->where = tl_config_keep(reader, path);
+    if (!cJSON_IsArray(item) || cJSON_GetArraySize(item) != 2) {
+        char found[128];
+        tl_config_describe(item, found, sizeof found);
+        tl_config_problem(reader, path, tl_json_line(item), found, "an array of two texts, from and to",
+                          "[\"plant.torque\", \"motor.M_w\"]");
+        return;
+    }
+    tl_json_element_path(end_path, path, 0);
+    connection->from = read_end(reader, item->child, end_path, TL_CONFIG_EITHER);
+    tl_json_element_path(end_path, path, 1);
+    connection->to = read_end(reader, item->child->next, end_path, TL_CONFIG_VARIABLE);
+}
+
+/* Connections by their target, then by their order in the file. */
+static int by_target(const void *left, const void *right) {
+    const tl_plan_connection *a = *(tl_plan_connection *const *)left;
+    const tl_plan_connection *b = *(tl_plan_connection *const *)right;
+    int order = strcmp(a->to, b->to);
+    return order != 0 ? order : (a > b) - (a < b);
+}
+
+/* Each input may be connected once. */
+static void check_targets(tl_config_reader *reader, const tl_config *config) {
+    const tl_plan_connection **sorted = tl_config_take(reader, config->connection_count, sizeof *sorted);
+    size_t count = 0;
+    if (sorted == NULL) {
+        return;
+    }
+    for (size_t i = 0; i < config->connection_count; i++) {
+        if (config->connections[i].to != NULL) {
+            sorted[count++] = &config->connections[i];
+        }
+    }
+    qsort(sorted, count, sizeof *sorted, by_target);
+    for (size_t i = 1; i < count; i++) {
+        if (strcmp(sorted[i - 1]->to, sorted[i]->to) == 0) {
+            char path[TL_JSON_PATH];
+            char shown[TL_JSON_SHOWN];
+            char found[128];
+            tl_json_element_path(path, sorted[i]->where, 1);
+            tl_text_for_people(sorted[i]->to, shown, sizeof shown);
+            (void)snprintf(found, sizeof found, "\"%s\", which %s leads to already", shown, sorted[i - 1]->where);
+            tl_config_problem(reader, path, tl_json_line(tl_json_nearest(reader->root, path)), found,
+                              "each input to be connected at most once", NULL);
+        }
+    }
+}
+
+void tl_config_read_connections(tl_config_object *root, tl_config *config) {
+    static const char *const expected = "an array of connections [from, to]";
+    static const char *const example = "[[\"plant.torque\", \"motor.M_w\"]]";
+    const cJSON *array = tl_config_get(root, "connect", TL_CONFIG_OPTIONAL, expected, example);
+    if (array != NULL && !cJSON_IsArray(array)) {
+        tl_config_wrong(root, "connect", NULL, expected, example);
+        array = NULL;
+    }
+    config->connection_count = (size_t)cJSON_GetArraySize(array);
+    config->connections = tl_config_take(root->reader, config->connection_count, sizeof *config->connections);
+    if (config->connections == NULL) {
+        return;
+    }
+    size_t i = 0;
+    const cJSON *item = NULL;
+    cJSON_ArrayForEach(item, array) {
+        char path[TL_JSON_PATH];
+        tl_json_element_path(path, "connect", i);
+        read_connection(root->reader, item, path, &config->connections[i]);
+        i++;
+    }
+    check_targets(root->reader, config);
+}

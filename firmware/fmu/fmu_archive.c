@@ -1,0 +1,536 @@
+/* From a ZIP file to a folder. An entry's path is made safe first, then opened folder by folder from the root's
+ * descriptor without following links, so that no name and no link made by an earlier entry leads outside. */
+#include "firmware/fmu/fmu_archive.h"
+
+#include <dirent.h>
+#include <errno.h>
+#include <fcntl.h>
+#include <ftw.h>
+#include <pthread.h>
+#include <signal.h>
+#include <stdbool.h>
+#include <stdint.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/file.h>
+#include <sys/stat.h>
+#include <unistd.h>
+#include <zip.h>
+
+#include "firmware/base/log.h"
+#include "firmware/base/shortage.h"
+#include "firmware/process/process_end.h"
+
+#define PREFIX "twinlock-fmu-"
+
+enum { BUFFER = 64 * 1024, NAME_SHOWN = 120 };
+
+/* One unpacking. */
+typedef struct unpacking {
+    const char *label;
+    zip_t *zip;
+    uint64_t file_bytes;
+    uint64_t written; /* all entries so far */
+    int root;         /* descriptor of the folder */
+    char *buffer;     /* of BUFFER bytes */
+    tl_error *error;
+} unpacking;
+
+/* ---- Removing ------------------------------------------------------------------------------------------ */
+
+static int remove_entry(const char *path, const struct stat *status, int type, struct FTW *place) {
+    (void)status;
+    (void)place;
+    (void)(type == FTW_DP || type == FTW_DNR ? rmdir(path) : unlink(path));
+    return 0; /* what remains is found when the folder itself cannot be removed */
+}
+
+/* Without following links; with one descriptor, since there may be no more. Not with FTW_MOUNT: on an overlay, as a box may
+ * have it for its root, files and folders can be of different devices. */
+static void remove_tree(const char *folder) {
+    (void)nftw(folder, remove_entry, 1, FTW_DEPTH | FTW_PHYS);
+    struct stat status;
+    if (lstat(folder, &status) == 0) {
+        tl_log(TL_LOG_WARNING, "%s cannot be removed completely; remove it by hand", folder);
+    }
+}
+
+/* Those with a folder. */
+static tl_fmu_archive *in_use;
+static pthread_mutex_t in_use_lock = PTHREAD_MUTEX_INITIALIZER;
+
+static void remove_all(void) {
+    (void)pthread_mutex_lock(&in_use_lock);
+    for (const tl_fmu_archive *archive = in_use; archive != NULL; archive = archive->next) {
+        remove_tree(archive->folder);
+    }
+    (void)pthread_mutex_unlock(&in_use_lock);
+}
+
+static void enlist(tl_fmu_archive *archive) {
+    tl_process_remove_by(remove_all);
+    (void)pthread_mutex_lock(&in_use_lock);
+    archive->next = in_use;
+    in_use = archive;
+    (void)pthread_mutex_unlock(&in_use_lock);
+}
+
+static void strike_off(const tl_fmu_archive *archive) {
+    (void)pthread_mutex_lock(&in_use_lock);
+    for (tl_fmu_archive **place = &in_use; *place != NULL; place = &(*place)->next) {
+        if (*place == archive) {
+            *place = archive->next;
+            break;
+        }
+    }
+    (void)pthread_mutex_unlock(&in_use_lock);
+}
+
+void tl_fmu_archive_remove(tl_fmu_archive *archive) {
+    if (archive->folder[0] != '\0') {
+        strike_off(archive);
+        remove_tree(archive->folder);
+        (void)close(archive->lock);
+    }
+    archive->folder[0] = '\0';
+    archive->lock = -1;
+}
+
+/* ---- What killed processes left ------------------------------------------------------------------------ */
+
+/* The process in twinlock-fmu-PID-XXXXXX, 0 where the name has another form. */
+static pid_t owner_of(const char *name) {
+    if (strncmp(name, PREFIX, strlen(PREFIX)) != 0) {
+        return 0;
+    }
+    const char *digits = name + strlen(PREFIX);
+    char *end = NULL;
+    errno = 0;
+    long pid = digits[0] >= '1' && digits[0] <= '9' ? strtol(digits, &end, 10) : 0;
+    bool is_whole = pid > 0 && errno == 0 && pid <= INT32_MAX && end[0] == '-' && strlen(end) == 7;
+    return is_whole ? (pid_t)pid : 0;
+}
+
+/* A process of that number may be alive in another container that shares the folder: then it holds the lock. */
+static void sweep_one(int parent, const char *parent_path, const char *name) {
+    struct stat status;
+    int folder = openat(parent, name, O_RDONLY | O_DIRECTORY | O_NOFOLLOW | O_CLOEXEC);
+    if (folder < 0) {
+        return;
+    }
+    char path[PATH_MAX];
+    int length = snprintf(path, sizeof path, "%s/%s", parent_path, name);
+    if (fstat(folder, &status) == 0 && status.st_uid == geteuid() && flock(folder, LOCK_EX | LOCK_NB) == 0 &&
+        length > 0 && (size_t)length < sizeof path) {
+        tl_log(TL_LOG_INFO, "removing %s, left by a process that was killed", path);
+        remove_tree(path);
+    }
+    (void)close(folder);
+}
+
+static void sweep(const char *parent_path) {
+    DIR *parent = opendir(parent_path);
+    if (parent == NULL) {
+        return;
+    }
+    for (struct dirent *entry = readdir(parent); entry != NULL; entry = readdir(parent)) {
+        pid_t pid = owner_of(entry->d_name);
+        /* Our own number counts as gone: in a container it is always the same, and our own folders are locked. */
+        if (pid > 0 && (pid == getpid() || (kill(pid, 0) != 0 && errno == ESRCH))) {
+            sweep_one(dirfd(parent), parent_path, entry->d_name);
+        }
+    }
+    (void)closedir(parent);
+}
+
+/* The folder for temporary files, without links in it. False, with errno, where it cannot be used. */
+static bool find_parent(const char **name, char parent[PATH_MAX]) {
+    const char *wanted = getenv("TMPDIR");
+    *name = wanted != NULL && wanted[0] != '\0' ? wanted : "/tmp";
+    return realpath(*name, parent) != NULL;
+}
+
+void tl_fmu_archive_sweep(void) {
+    char parent[PATH_MAX];
+    const char *name = NULL;
+    if (find_parent(&name, parent)) {
+        sweep(parent);
+    }
+}
+
+/* ---- The folder ---------------------------------------------------------------------------------------- */
+
+static tl_status make_folder(const char *label, tl_fmu_archive *archive, tl_error *error) {
+    const char *name = NULL;
+    char parent[PATH_MAX];
+    if (!find_parent(&name, parent)) {
+        return tl_fail(error, TL_TRY_AGAIN, "%s: the folder for temporary files, %s, cannot be used: %s; set TMPDIR",
+                       label, name, strerror(errno));
+    }
+    sweep(parent);
+    int length = snprintf(archive->folder, sizeof archive->folder, "%s/" PREFIX "%ld-XXXXXX", parent, (long)getpid());
+    /* Room for the longest path in it. */
+    if (length < 0 || (size_t)length > sizeof archive->folder - TL_FMU_ENTRY_PATH - 2) {
+        archive->folder[0] = '\0';
+        return tl_fail(error, TL_TRY_AGAIN, "%s: TMPDIR is too long a path; set a shorter one", label);
+    }
+    if (mkdtemp(archive->folder) == NULL) {
+        int code = errno;
+        archive->folder[0] = '\0';
+        return tl_fail(error, TL_TRY_AGAIN, "%s: no folder can be made in %s: %s; free space or set TMPDIR", label,
+                       parent, strerror(code));
+    }
+    enlist(archive);
+    archive->lock = open(archive->folder, O_RDONLY | O_DIRECTORY | O_NOFOLLOW | O_CLOEXEC);
+    if (archive->lock < 0 || flock(archive->lock, LOCK_EX | LOCK_NB) != 0) {
+        return tl_fail(error, TL_TRY_AGAIN, "%s: %s cannot be locked: %s; try again", label, archive->folder,
+                       strerror(errno));
+    }
+    return TL_OK;
+}
+
+/* ---- Paths --------------------------------------------------------------------------------------------- */
+
+static tl_status refuse(const unpacking *work, const char *name, const char *why) {
+    char shown[NAME_SHOWN + 1];
+    (void)snprintf(shown, sizeof shown, "%s", name);
+    for (char *c = shown; *c != '\0'; c++) {
+        if ((unsigned char)*c < ' ' || *c == '\x7f') {
+            *c = '?';
+        }
+    }
+    return tl_fail(work->error, TL_BAD_DATA, "%s: entry \"%s\" is refused: %s; this FMU is broken or hostile",
+                   work->label, shown, why);
+}
+
+/* The part of a path up to the next separator of either kind; *path moves behind that. false at the end. */
+static bool next_part(const char **path, const char **part, size_t *length) {
+    while (**path == '/' || **path == '\\') {
+        ++*path;
+    }
+    *part = *path;
+    *length = strcspn(*path, "/\\");
+    *path += *length;
+    return *length > 0;
+}
+
+static bool is_word(const char *part, size_t length, const char *word) {
+    return strlen(word) == length && memcmp(part, word, length) == 0;
+}
+
+/* Why a path cannot be allowed, or NULL. */
+static const char *path_fault(const char *name) {
+    size_t length = strlen(name);
+    if (length == 0 || length > TL_FMU_ENTRY_PATH) {
+        return length == 0 ? "it has no name" : "its path is longer than 1024 bytes";
+    }
+    if (name[0] == '/' || name[0] == '\\' || name[1] == ':') {
+        return "its path is absolute";
+    }
+    for (const char *c = name; *c != '\0'; c++) {
+        if ((unsigned char)*c < ' ' || *c == '\x7f') {
+            return "there are control characters in its name";
+        }
+    }
+    return NULL;
+}
+
+/* `name` with slashes, without "." and empty parts; it ends with a slash where it names a folder. */
+static tl_status safe_path(const unpacking *work, const char *name, char *path) {
+    const char *fault = path_fault(name);
+    if (fault != NULL) {
+        return refuse(work, name, fault);
+    }
+    const char *rest = name;
+    const char *part;
+    size_t length;
+    size_t end = 0;
+    int depth = 0;
+    while (next_part(&rest, &part, &length)) {
+        if (is_word(part, length, ".")) {
+            continue;
+        }
+        if (is_word(part, length, "..")) {
+            return refuse(work, name, "its path leads out of the FMU by \"..\"");
+        }
+        if (length > NAME_MAX || depth == TL_FMU_ENTRY_DEPTH) {
+            return refuse(work, name,
+                          length > NAME_MAX ? "a part of its path is longer than 255 bytes"
+                                            : "it is in more than 64 nested folders");
+        }
+        memcpy(path + end, part, length);
+        end += length;
+        depth++;
+        path[end] = *rest == '\0' ? '\0' : '/';
+        end += *rest == '\0' ? 0 : 1;
+    }
+    path[end] = '\0';
+    return TL_OK;
+}
+
+/* ---- One entry ----------------------------------------------------------------------------------------- */
+
+static tl_status fail_system(const unpacking *work, const char *path, const char *doing, int code) {
+    if (code == EEXIST || code == ENOTDIR || code == ELOOP || code == EISDIR) {
+        return refuse(work, path, "another entry has the same name");
+    }
+    return tl_fail(work->error, TL_TRY_AGAIN, "%s: entry \"%.*s\" cannot be %s: %s; %s", work->label, NAME_SHOWN, path,
+                   doing, strerror(code),
+                   code == EMFILE || code == ENFILE ? "raise the limit of open files (ulimit -n)"
+                                                    : "free space, or set TMPDIR to a folder with more");
+}
+
+/* Makes all folders of a safe path, opens the last of them and puts what is left of the path into *last, "" where the
+ * path names a folder. Descriptor or −errno. */
+static int open_folders(int root, const char *path, const char **last) {
+    int folder = dup(root);
+    const char *slash = strchr(path, '/');
+    while (folder >= 0 && slash != NULL) {
+        char name[NAME_MAX + 1];
+        size_t length = (size_t)(slash - path);
+        memcpy(name, path, length);
+        name[length] = '\0';
+        int inner = -1;
+        if (mkdirat(folder, name, 0700) == 0 || errno == EEXIST) {
+            inner = openat(folder, name, O_RDONLY | O_DIRECTORY | O_NOFOLLOW | O_CLOEXEC);
+        }
+        int code = errno;
+        (void)close(folder);
+        errno = code;
+        folder = inner;
+        path = slash + 1;
+        slash = strchr(path, '/');
+    }
+    *last = path;
+    return folder >= 0 ? folder : -errno;
+}
+
+static tl_status count_bytes(unpacking *work, const char *path, uint64_t entry, uint64_t more) {
+    work->written += more;
+    if (entry > TL_FMU_ENTRY_BYTES) {
+        return refuse(work, path, "it unpacks to more than 512 MiB");
+    }
+    if (work->written > TL_FMU_TOTAL_BYTES) {
+        return refuse(work, path, "with it, the FMU unpacks to more than 1 GiB");
+    }
+    if (work->written > TL_FMU_RATIO_FROM_BYTES && work->written / TL_FMU_RATIO > work->file_bytes) {
+        return refuse(work, path, "with it, the FMU unpacks to more than 200 times its size, as compression bombs do");
+    }
+    return TL_OK;
+}
+
+static tl_status write_all(const unpacking *work, const char *path, int file, size_t size) {
+    size_t done = 0;
+    while (done < size) {
+        ssize_t now = write(file, work->buffer + done, size - done);
+        if (now < 0 && errno != EINTR) {
+            return fail_system(work, path, "written", errno);
+        }
+        done += now > 0 ? (size_t)now : 0;
+    }
+    return TL_OK;
+}
+
+/* libzip's ways to say that it is not the archive's fault; it opens the file a second time. */
+static tl_status zip_status(int code) {
+    return code == ZIP_ER_MEMORY || code == ZIP_ER_OPEN || code == ZIP_ER_READ ? TL_TRY_AGAIN : TL_BAD_DATA;
+}
+
+static tl_status fail_zip(const unpacking *work, const char *path, zip_error_t *problem) {
+    tl_status status = zip_status(zip_error_code_zip(problem));
+    return tl_fail(work->error, status, "%s: entry \"%.*s\" cannot be unpacked: %s; copy or export the FMU again",
+                   work->label, NAME_SHOWN, path, zip_error_strerror(problem));
+}
+
+static tl_status copy_entry(unpacking *work, zip_uint64_t index, const char *path, int file) {
+    zip_file_t *entry = zip_fopen_index(work->zip, index, 0);
+    if (entry == NULL) {
+        return fail_zip(work, path, zip_get_error(work->zip));
+    }
+    tl_status status = TL_OK;
+    uint64_t bytes = 0;
+    zip_int64_t got = 0;
+    do {
+        got = zip_fread(entry, work->buffer, BUFFER);
+        if (got > 0) {
+            bytes += (uint64_t)got;
+            status = count_bytes(work, path, bytes, (uint64_t)got);
+            if (status == TL_OK) {
+                status = write_all(work, path, file, (size_t)got);
+            }
+        } else if (got < 0) {
+            status = fail_zip(work, path, zip_file_get_error(entry));
+        }
+    } while (got > 0 && status == TL_OK);
+    (void)zip_fclose(entry);
+    return status;
+}
+
+static bool begins_with(const char *text, const char *prefix) {
+    return strncmp(text, prefix, strlen(prefix)) == 0;
+}
+
+static bool is_skipped(const char *path) {
+    return begins_with(path, "documentation/") || begins_with(path, "sources/") || begins_with(path, "binaries/win") ||
+           begins_with(path, "binaries/darwin");
+}
+
+/* Creates what a safe path names. */
+static tl_status write_entry(unpacking *work, zip_uint64_t index, const char *path, mode_t mode) {
+    const char *name;
+    int folder = open_folders(work->root, path, &name);
+    if (folder < 0) {
+        return fail_system(work, path, "created", -folder);
+    }
+    tl_status status = TL_OK;
+    if (name[0] != '\0' && !is_skipped(path)) {
+        int file = openat(folder, name, O_WRONLY | O_CREAT | O_EXCL | O_NOFOLLOW | O_CLOEXEC, mode);
+        if (file < 0) {
+            status = fail_system(work, path, "created", errno);
+        } else {
+            status = copy_entry(work, index, path, file);
+            if (close(file) != 0 && status == TL_OK) {
+                status = fail_system(work, path, "written", errno);
+            }
+        }
+    }
+    (void)close(folder);
+    return status;
+}
+
+/* Refuses what is not a plain file or folder by its Unix mode, which other systems leave 0. *mode is for open(). */
+static tl_status check_kind(const unpacking *work, zip_uint64_t index, const char *name, mode_t *mode) {
+    zip_uint8_t system = 0;
+    zip_uint32_t attributes = 0;
+    (void)zip_file_get_external_attributes(work->zip, index, 0, &system, &attributes);
+    uint32_t unix_mode = attributes >> 16;
+    uint32_t kind = unix_mode & (uint32_t)S_IFMT;
+    if (kind == (uint32_t)S_IFLNK) {
+        return refuse(work, name, "it is a symbolic link");
+    }
+    if (kind != 0 && kind != (uint32_t)S_IFREG && kind != (uint32_t)S_IFDIR) {
+        return refuse(work, name, "it is neither a file nor a folder");
+    }
+    *mode = (unix_mode & 0111U) != 0 ? 0700 : 0600;
+    return TL_OK;
+}
+
+static tl_status check_form(const unpacking *work, zip_uint64_t index, const char *name) {
+    zip_stat_t facts;
+    zip_stat_init(&facts);
+    if (zip_stat_index(work->zip, index, 0, &facts) != 0) {
+        return fail_zip(work, name, zip_get_error(work->zip));
+    }
+    if ((facts.valid & ZIP_STAT_ENCRYPTION_METHOD) != 0 && facts.encryption_method != ZIP_EM_NONE) {
+        return refuse(work, name, "it is encrypted");
+    }
+    if ((facts.valid & ZIP_STAT_COMP_METHOD) != 0 && facts.comp_method != ZIP_CM_STORE &&
+        facts.comp_method != ZIP_CM_DEFLATE) {
+        return refuse(work, name, "it is neither stored nor deflated, as FMI demands");
+    }
+    return TL_OK;
+}
+
+static tl_status unpack_entry(unpacking *work, zip_uint64_t index) {
+    char path[TL_FMU_ENTRY_PATH + 2];
+    mode_t mode = 0600;
+    const char *name = zip_get_name(work->zip, index, 0);
+    if (name == NULL) {
+        return fail_zip(work, "?", zip_get_error(work->zip));
+    }
+    tl_status status = safe_path(work, name, path);
+    if (status == TL_OK) {
+        status = check_kind(work, index, name, &mode);
+    }
+    if (status == TL_OK) {
+        status = check_form(work, index, name);
+    }
+    return status == TL_OK ? write_entry(work, index, path, mode) : status;
+}
+
+/* ---- The archive --------------------------------------------------------------------------------------- */
+
+static tl_status unpack_all(unpacking *work) {
+    zip_int64_t count = zip_get_num_entries(work->zip, 0);
+    if (count > TL_FMU_ENTRIES) {
+        return tl_fail(work->error, TL_BAD_DATA, "%s: %lld entries, an FMU may have %d; this is no FMU", work->label,
+                       (long long)count, (int)TL_FMU_ENTRIES);
+    }
+    work->buffer = malloc(BUFFER);
+    if (work->buffer == NULL) {
+        return tl_fail(work->error, TL_TRY_AGAIN, "%s: out of memory; free some and try again", work->label);
+    }
+    tl_status status = TL_OK;
+    for (zip_int64_t i = 0; i < count && status == TL_OK; i++) {
+        status = unpack_entry(work, (zip_uint64_t)i);
+    }
+    free(work->buffer);
+    return status;
+}
+
+/* Opens the file for reading; nothing that is not a file is read. */
+static tl_status open_file(const char *path, unpacking *work, int *file) {
+    struct stat status;
+    *file = open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK);
+    if (*file < 0) {
+        int code = errno;
+        return tl_fail(work->error, tl_shortage_is(code) ? TL_TRY_AGAIN : TL_BAD_DATA, "%s: cannot be opened: %s",
+                       work->label, strerror(code));
+    }
+    const char *fault = NULL;
+    if (fstat(*file, &status) != 0 || !S_ISREG(status.st_mode)) {
+        fault = "is not a file; give the .fmu file itself, not an unpacked one";
+    } else if (status.st_size > TL_FMU_FILE_BYTES) {
+        fault = "is larger than 1 GiB; this is no FMU";
+    }
+    if (fault != NULL) {
+        (void)close(*file);
+        return tl_fail(work->error, TL_BAD_DATA, "%s: %s", work->label, fault);
+    }
+    work->file_bytes = (uint64_t)status.st_size;
+    return TL_OK;
+}
+
+static tl_status open_zip(const char *path, unpacking *work) {
+    int file = -1;
+    tl_status status = open_file(path, work, &file);
+    if (status != TL_OK) {
+        return status;
+    }
+    int code = ZIP_ER_OK;
+    work->zip = zip_fdopen(file, 0, &code);
+    if (work->zip == NULL) {
+        zip_error_t problem;
+        zip_error_init_with_code(&problem, code);
+        status = zip_status(code);
+        (void)tl_fail(work->error, status,
+                      status == TL_BAD_DATA ? "%s: no readable ZIP archive: %s; copy or export the FMU again"
+                                            : "%s: cannot be read: %s; free memory or descriptors and try again",
+                      work->label, zip_error_strerror(&problem));
+        zip_error_fini(&problem);
+        (void)close(file);
+        return status;
+    }
+    return TL_OK; /* the descriptor is libzip's now */
+}
+
+tl_status tl_fmu_archive_unpack(const char *path, const char *label, tl_fmu_archive *archive, tl_error *error) {
+    unpacking work = {.label = label, .error = error};
+    archive->folder[0] = '\0';
+    archive->lock = -1;
+    tl_status status = open_zip(path, &work);
+    if (status != TL_OK) {
+        return status;
+    }
+    status = make_folder(label, archive, error);
+    if (status == TL_OK) {
+        work.root = archive->lock;
+        status = unpack_all(&work);
+    }
+    zip_discard(work.zip);
+    if (status != TL_OK) {
+        tl_fmu_archive_remove(archive);
+    }
+    return status;
+}

@@ -1,0 +1,48 @@
+/* Unpacks an FMU, a ZIP file from a stranger, into a fresh folder of its own.
+ *
+ * Purpose: nothing is created outside of that folder, and nothing remains when unpacking fails. Folders are named
+ *          twinlock-fmu-PID-XXXXXX in $TMPDIR or /tmp, mode 0700, and locked as long as they are used; each unpacking
+ *          first removes those of this user whose process is gone and whose lock is free.
+ * Limits:  below; bytes are counted as they are written, whatever sizes the archive claims. Only stored and deflated
+ *          entries, as FMI demands. Refused: absolute paths, drive letters, "..", symbolic links and devices, encrypted
+ *          entries, a name twice, control characters in names. Backslashes are taken for separators.
+ * Skipped: documentation/, sources/ and binaries of other systems are checked by name, and only folders are created
+ *          for them: they would fill the memory of a small box.
+ * Errors:  TL_BAD_DATA for anything wrong in the file, TL_TRY_AGAIN where disk, memory or descriptors are missing.
+ * Thread:  one thread at a time for each archive; remove_all from any.
+ */
+#ifndef TL_FIRMWARE_FMU_FMU_ARCHIVE_H
+#define TL_FIRMWARE_FMU_FMU_ARCHIVE_H
+
+#include <limits.h>
+
+#include "master/base/status.h"
+
+enum {
+    TL_FMU_FILE_BYTES = 1024 * 1024 * 1024,  /* of the FMU itself */
+    TL_FMU_TOTAL_BYTES = 1024 * 1024 * 1024, /* unpacked */
+    TL_FMU_ENTRY_BYTES = 512 * 1024 * 1024,  /* one entry, unpacked */
+    TL_FMU_ENTRIES = 10000,
+    TL_FMU_ENTRY_PATH = 1024, /* bytes in the path of an entry */
+    TL_FMU_ENTRY_DEPTH = 64,  /* folders in it */
+    /* Unpacked more than this, an archive may not have grown by more than this factor. */
+    TL_FMU_RATIO_FROM_BYTES = 16 * 1024 * 1024,
+    TL_FMU_RATIO = 200
+};
+
+typedef struct tl_fmu_archive {
+    char folder[PATH_MAX];       /* absolute, without a slash at the end; "" where nothing is unpacked */
+    int lock;                    /* private: open and locked while the folder is used */
+    struct tl_fmu_archive *next; /* private: of those in use */
+} tl_fmu_archive;
+
+/* `label` names the FMU in errors. On failure the archive is empty and nothing remains. It must stay where it is until it is removed. */
+tl_status tl_fmu_archive_unpack(const char *path, const char *label, tl_fmu_archive *archive, tl_error *error);
+
+/* Removes the folders that killed processes left, as each unpacking does: for who unpacks nothing. */
+void tl_fmu_archive_sweep(void);
+
+/* Removes the folder with all that is in it. An empty (zeroed) archive is allowed. */
+void tl_fmu_archive_remove(tl_fmu_archive *archive);
+
+#endif

@@ -1,0 +1,333 @@
+/* The shared object of an FMU: which folder it is in, whether it is for this machine, and its functions. */
+#include "firmware/fmu/fmu_binary.h"
+
+#include <dirent.h>
+#include <dlfcn.h>
+#include <elf.h>
+#include <errno.h>
+#include <fcntl.h>
+#include <limits.h>
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdio.h>
+#include <string.h>
+#include <sys/statvfs.h>
+#include <unistd.h>
+
+#include "firmware/base/shortage.h"
+
+/* ---- This machine -------------------------------------------------------------------------------------- */
+
+/* Names of the folder in binaries/: those of FMI 2.0 (linux64, linux32), the tuples that FMI 2.0.x recommends for other
+ * machines, then what exporters write in practice. The first that holds a binary for this machine is taken. */
+#if defined(__x86_64__)
+#define OWN_MACHINE EM_X86_64
+#define FOLDERS "linux64", "x86_64-linux", "x86_64-linux-gnu"
+#elif defined(__aarch64__)
+#define OWN_MACHINE EM_AARCH64
+#define FOLDERS "aarch64-linux", "aarch64-linux-gnu", "linux64"
+#elif defined(__arm__)
+#define OWN_MACHINE EM_ARM
+#define FOLDERS "aarch32-linux", "armv7l-linux-gnueabihf", "arm-linux-gnueabihf", "linux32"
+#elif defined(__i386__)
+#define OWN_MACHINE EM_386
+#define FOLDERS "linux32", "x86-linux", "i686-linux"
+#elif defined(__riscv) && __riscv_xlen == 64
+#define OWN_MACHINE EM_RISCV
+#define FOLDERS "riscv64-linux", "riscv64-linux-gnu", "linux64"
+#else
+#error "Add the FMI platform folders and the ELF machine of this architecture"
+#endif
+
+#define OWN_CLASS (sizeof(void *) == 8 ? ELFCLASS64 : ELFCLASS32)
+#if __BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__
+#define OWN_ORDER ELFDATA2LSB
+#else
+#define OWN_ORDER ELFDATA2MSB
+#endif
+
+static const char *const folder_names[] = {FOLDERS};
+enum { FOLDER_COUNT = sizeof folder_names / sizeof folder_names[0] };
+
+/* ---- ELF ----------------------------------------------------------------------------------------------- */
+
+/* What the first bytes of a binary say. */
+typedef struct elf_facts {
+    unsigned char class;
+    unsigned char order;
+    unsigned type;
+    unsigned machine;
+} elf_facts;
+
+static const char *machine_name(unsigned machine) {
+    static const struct {
+        unsigned machine;
+        const char *name;
+    } names[] = {{EM_X86_64, "x86-64"}, {EM_386, "x86"},      {EM_AARCH64, "AArch64"},
+                 {EM_ARM, "ARM"},       {EM_RISCV, "RISC-V"}, {EM_PPC, "PowerPC"},
+                 {EM_PPC64, "PowerPC"}, {EM_MIPS, "MIPS"},    {EM_S390, "S/390"}};
+    for (size_t i = 0; i < sizeof names / sizeof names[0]; i++) {
+        if (names[i].machine == machine) {
+            return names[i].name;
+        }
+    }
+    return "an unknown machine";
+}
+
+/* false where the file is no ELF file at all; errno is then 0, or why it cannot be opened. */
+static bool read_elf(const char *path, elf_facts *facts) {
+    unsigned char head[sizeof(Elf32_Ehdr)];
+    int file = open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK);
+    if (file < 0) {
+        return false;
+    }
+    errno = 0;
+    ssize_t got = read(file, head, sizeof head);
+    (void)close(file);
+    if (got != (ssize_t)sizeof head || memcmp(head, ELFMAG, SELFMAG) != 0) {
+        return false;
+    }
+    facts->class = head[EI_CLASS];
+    facts->order = head[EI_DATA];
+    /* Both fields are in the same place for 32 and 64 bits. */
+    unsigned high = head[EI_DATA] == ELFDATA2MSB ? 0 : 1;
+    size_t type = offsetof(Elf32_Ehdr, e_type);
+    size_t machine = offsetof(Elf32_Ehdr, e_machine);
+    facts->type = (unsigned)head[type + high] << 8 | head[type + 1 - high];
+    facts->machine = (unsigned)head[machine + high] << 8 | head[machine + 1 - high];
+    return true;
+}
+
+/* `shown` is the path within the FMU. */
+static tl_status check_elf(const char *path, const char *shown, const char *label, tl_error *error) {
+    elf_facts facts;
+    bool is_elf = read_elf(path, &facts);
+    if (!is_elf && tl_shortage_is(errno)) {
+        return tl_fail(error, TL_TRY_AGAIN, "%s: %s cannot be opened: %s; try again", label, shown, strerror(errno));
+    }
+    if (!is_elf) {
+        return tl_fail(error, TL_BAD_DATA, "%s: %s is not an ELF shared object; export the FMU for Linux on %s", label,
+                       shown, machine_name(OWN_MACHINE));
+    }
+    if (facts.class != OWN_CLASS || facts.order != OWN_ORDER || facts.machine != OWN_MACHINE) {
+        return tl_fail(error, TL_BAD_DATA,
+                       "%s: %s is for %s (ELF machine %u, %d bits, %s endian), this machine is %s (ELF machine %d, %d "
+                       "bits); export the FMU for it",
+                       label, shown, machine_name(facts.machine), facts.machine, facts.class == ELFCLASS32 ? 32 : 64,
+                       facts.order == ELFDATA2MSB ? "big" : "little", machine_name(OWN_MACHINE), OWN_MACHINE,
+                       (int)sizeof(void *) * CHAR_BIT);
+    }
+    if (facts.type != ET_DYN) {
+        return tl_fail(error, TL_BAD_DATA,
+                       "%s: %s is an ELF file but not a shared object (type %u, not %d); export the FMU again", label,
+                       shown, facts.type, ET_DYN);
+    }
+    return TL_OK;
+}
+
+/* ---- The right binary ---------------------------------------------------------------------------------- */
+
+/* The names in binaries/, separated by commas. */
+static void list_platforms(const char *folder, char *text, size_t size) {
+    char path[PATH_MAX];
+    size_t used = 0;
+    text[0] = '\0';
+    if ((size_t)snprintf(path, sizeof path, "%s/binaries", folder) >= sizeof path) {
+        return;
+    }
+    DIR *binaries = opendir(path);
+    if (binaries == NULL) {
+        return;
+    }
+    for (struct dirent *entry = readdir(binaries); entry != NULL && used < size - 1; entry = readdir(binaries)) {
+        if (entry->d_name[0] != '.') {
+            int length = snprintf(text + used, size - used, "%s%.40s", used == 0 ? "" : ", ", entry->d_name);
+            used += length > 0 ? (size_t)length : 0;
+        }
+    }
+    (void)closedir(binaries);
+}
+
+static tl_status fail_missing(const char *folder, const tl_model *model, const char *label, tl_error *error) {
+    char found[160];
+    list_platforms(folder, found, sizeof found);
+    return tl_fail(error, TL_BAD_DATA,
+                   "%s: there is no binaries/%s/%.100s.so for this machine (%s); binaries/ has %s; export the FMU for "
+                   "Linux on %s",
+                   label, folder_names[0], model->identifier, machine_name(OWN_MACHINE),
+                   found[0] == '\0' ? "nothing" : found, machine_name(OWN_MACHINE));
+}
+
+/* The path of the binary for this machine. */
+static tl_status find_binary(const char *folder, const tl_model *model, const char *label, char *path, size_t size,
+                             tl_error *error) {
+    tl_error first = {TL_OK, ""};
+    for (size_t i = 0; i < FOLDER_COUNT; i++) {
+        int length = snprintf(path, size, "%s/binaries/%s/%s.so", folder, folder_names[i], model->identifier);
+        if (length < 0 || (size_t)length >= size || access(path, F_OK) != 0) {
+            continue;
+        }
+        /* The first fault is the one to tell; a later folder may still hold the right binary. */
+        tl_error *fault = first.status == TL_OK ? &first : NULL;
+        if (check_elf(path, path + strlen(folder) + 1, label, fault) == TL_OK) {
+            return TL_OK;
+        }
+    }
+    return first.status != TL_OK ? tl_fail(error, first.status, "%s", first.text)
+                                 : fail_missing(folder, model, label, error);
+}
+
+/* ---- Functions ----------------------------------------------------------------------------------------- */
+
+typedef enum need { ALWAYS, FOR_STATE, FOR_SERIALIZING } need;
+
+typedef struct symbol {
+    const char *name;
+    size_t offset; /* in tl_fmi2 */
+    need need;
+} symbol;
+
+static const symbol symbols[] = {
+    {"fmi2GetTypesPlatform", offsetof(tl_fmi2, get_types_platform), ALWAYS},
+    {"fmi2GetVersion", offsetof(tl_fmi2, get_version), ALWAYS},
+    {"fmi2SetDebugLogging", offsetof(tl_fmi2, set_debug_logging), ALWAYS},
+    {"fmi2Instantiate", offsetof(tl_fmi2, instantiate), ALWAYS},
+    {"fmi2FreeInstance", offsetof(tl_fmi2, free_instance), ALWAYS},
+    {"fmi2SetupExperiment", offsetof(tl_fmi2, setup_experiment), ALWAYS},
+    {"fmi2EnterInitializationMode", offsetof(tl_fmi2, enter_initialization_mode), ALWAYS},
+    {"fmi2ExitInitializationMode", offsetof(tl_fmi2, exit_initialization_mode), ALWAYS},
+    {"fmi2Terminate", offsetof(tl_fmi2, terminate), ALWAYS},
+    {"fmi2Reset", offsetof(tl_fmi2, reset), ALWAYS},
+    {"fmi2GetReal", offsetof(tl_fmi2, get_real), ALWAYS},
+    {"fmi2GetInteger", offsetof(tl_fmi2, get_integer), ALWAYS},
+    {"fmi2GetBoolean", offsetof(tl_fmi2, get_boolean), ALWAYS},
+    {"fmi2GetString", offsetof(tl_fmi2, get_string), ALWAYS},
+    {"fmi2SetReal", offsetof(tl_fmi2, set_real), ALWAYS},
+    {"fmi2SetInteger", offsetof(tl_fmi2, set_integer), ALWAYS},
+    {"fmi2SetBoolean", offsetof(tl_fmi2, set_boolean), ALWAYS},
+    {"fmi2SetString", offsetof(tl_fmi2, set_string), ALWAYS},
+    {"fmi2GetFMUstate", offsetof(tl_fmi2, get_fmu_state), FOR_STATE},
+    {"fmi2SetFMUstate", offsetof(tl_fmi2, set_fmu_state), FOR_STATE},
+    {"fmi2FreeFMUstate", offsetof(tl_fmi2, free_fmu_state), FOR_STATE},
+    {"fmi2SerializedFMUstateSize", offsetof(tl_fmi2, serialized_fmu_state_size), FOR_SERIALIZING},
+    {"fmi2SerializeFMUstate", offsetof(tl_fmi2, serialize_fmu_state), FOR_SERIALIZING},
+    {"fmi2DeSerializeFMUstate", offsetof(tl_fmi2, deserialize_fmu_state), FOR_SERIALIZING},
+    {"fmi2DoStep", offsetof(tl_fmi2, do_step), ALWAYS},
+    {"fmi2CancelStep", offsetof(tl_fmi2, cancel_step), ALWAYS},
+    {"fmi2GetStatus", offsetof(tl_fmi2, get_status), ALWAYS},
+    {"fmi2GetBooleanStatus", offsetof(tl_fmi2, get_boolean_status), ALWAYS},
+};
+
+static bool is_needed(need need_of_symbol, const tl_capabilities *capabilities) {
+    switch (need_of_symbol) {
+    case ALWAYS:
+        return true;
+    case FOR_STATE:
+        return capabilities->can_get_and_set_state;
+    case FOR_SERIALIZING:
+        return capabilities->can_serialize_state;
+    }
+    return true;
+}
+
+static tl_status resolve(void *handle, const tl_model *model, const char *label, tl_fmi2 *functions, tl_error *error) {
+    memset(functions, 0, sizeof *functions);
+    for (size_t i = 0; i < sizeof symbols / sizeof symbols[0]; i++) {
+        if (!is_needed(symbols[i].need, &model->capabilities)) {
+            continue;
+        }
+        void *address = dlsym(handle, symbols[i].name);
+        if (address == NULL) {
+            (void)tl_fail(
+                error, TL_BAD_DATA, "%s: the binary has no function %s, which FMI 2.0 %s; export the FMU again", label,
+                symbols[i].name,
+                symbols[i].need == ALWAYS ? "demands of all FMUs" : "demands where its description claims it");
+            return TL_BAD_DATA;
+        }
+        /* POSIX makes an address a function pointer; ISO C knows no cast for that. */
+        memcpy((char *)functions + symbols[i].offset, &address, sizeof address);
+    }
+    return TL_OK;
+}
+
+static tl_status check_version(tl_fmu_guard *guard, const tl_fmi2 *functions, const char *label, tl_error *error) {
+    tl_fmu_guard_enter(guard, TL_FMU_GET_TYPES_PLATFORM);
+    const char *platform = functions->get_types_platform();
+    tl_fmu_guard_leave(guard);
+    tl_fmu_guard_enter(guard, TL_FMU_GET_VERSION);
+    const char *version = functions->get_version();
+    tl_fmu_guard_leave(guard);
+    if (platform == NULL || strcmp(platform, fmi2TypesPlatform) != 0) {
+        return tl_fail(error, TL_BAD_DATA, "%s: the binary's types are those of platform \"%.40s\", not \"%s\"", label,
+                       platform == NULL ? "" : platform, fmi2TypesPlatform);
+    }
+    if (version == NULL || strcmp(version, "2.0") != 0) {
+        return tl_fail(error, TL_BAD_DATA, "%s: the binary is FMI %.20s although its description says 2.0", label,
+                       version == NULL ? "?" : version);
+    }
+    return TL_OK;
+}
+
+/* ---- Opening ------------------------------------------------------------------------------------------- */
+
+/* Whether what dlopen() says names a symbol of Python's: "…/box.so: undefined symbol: Py_Initialize". */
+static bool needs_python(const char *path, const char *reason) {
+    const char *found = strstr(reason, path);
+    const char *said = found == NULL ? reason : found + strlen(path);
+    return strstr(said, " Py") != NULL || strstr(said, " _Py") != NULL;
+}
+
+/* The loader says that there was no room for a binary without saying why: by far the likeliest is that memory is out. */
+static bool is_shortage(const char *reason) {
+    return reason != NULL && (tl_shortage_is_told(reason) || strstr(reason, "failed to map segment") != NULL);
+}
+
+/* dlopen()'s own text names the file, and a neighbour or a symbol that is missing. */
+static tl_status fail_open(const char *path, const char *label, const char *reason, tl_error *error) {
+    struct statvfs system;
+    bool no_programs = statvfs(path, &system) == 0 && (system.f_flag & ST_NOEXEC) != 0;
+    bool shortage = is_shortage(reason);
+    const char *advice = "install what it needs, export the FMU with it, or name the library that has the symbol in "
+                         "\"libraries\" of the component";
+    if (no_programs) {
+        advice = "the folder is mounted noexec; set TMPDIR to one that is not";
+    } else if (shortage) {
+        advice = "free memory or descriptors and try again";
+    } else if (reason != NULL && needs_python(path, reason)) {
+        advice = "it needs Python's library; name the one of this machine in the component, for example \"libraries\": "
+                 "[\"libpython3.11.so.1.0\"]";
+    }
+    return tl_fail(error, no_programs || shortage ? TL_TRY_AGAIN : TL_BAD_DATA,
+                   "%s: the binary cannot be opened: %.260s; %s", label, reason == NULL ? "no reason given" : reason,
+                   advice);
+}
+
+/* What is behind it runs code of the FMU. */
+static void *open_guarded(tl_fmu_guard *guard, const char *path) {
+    tl_fmu_guard_enter(guard, TL_FMU_LOADING);
+    void *opened = dlopen(path, RTLD_NOW | RTLD_LOCAL);
+    tl_fmu_guard_leave(guard);
+    return opened;
+}
+
+tl_status tl_fmu_binary_open(const char *folder, const tl_model *model, const char *label, tl_fmu_guard *guard,
+                             tl_error *error) {
+    char path[PATH_MAX];
+    tl_fmi2 functions;
+    tl_status status = find_binary(folder, model, label, path, sizeof path, error);
+    if (status != TL_OK) {
+        return status;
+    }
+    void *opened = open_guarded(guard, path);
+    if (opened == NULL) {
+        return fail_open(path, label, dlerror(), error);
+    }
+    status = resolve(opened, model, label, &functions, error);
+    if (status == TL_OK) {
+        status = check_version(guard, &functions, label, error);
+    }
+    if (status == TL_OK) {
+        tl_fmu_guard_front(guard, &functions);
+    }
+    return status;
+}

@@ -1,0 +1,51 @@
+/* The guard: a table of FMI functions of ours in front of an FMU's own.
+ *
+ * Purpose: everything that calls an FMU comes through here, so this is the place for what must be done around each call:
+ *            - note the call, so that a crash, a hang or an exit in it is told by name (fmu_call.h);
+ *            - put back the floating-point control bits (fp_control.h) and the locale of the thread, without a system call;
+ *            - after loading, instantiating, initialising, freeing, and once a tick: put back the rest of what an FMU may have
+ *              changed of the process (host_state.h), and say so once;
+ *            - take for a failure what claims success and is none: no state with fmi2OK.
+ *          A caller of the table cannot tell the difference. Ways of rolling back other than the FMU's own will stand here too.
+ * Owner:   the caller places a guard and keeps it where it is until tl_fmu_guard_close(); instances made through it, and their
+ *          states, are the guard's.
+ * Thread:  that of the FMUs.
+ */
+#ifndef TL_FIRMWARE_FMU_FMU_GUARD_H
+#define TL_FIRMWARE_FMU_FMU_GUARD_H
+
+#include <stdint.h>
+
+#include "firmware/fmu/fmu_logger.h"
+#include "firmware/process/fmu_call.h"
+#include "master/fmi/fmi2.h"
+
+typedef struct tl_fmu_guard {
+    tl_fmi2 functions;               /* ours, to be called; functions that the FMU has not, or nobody calls, are NULL */
+    fmi2CallbackFunctions callbacks; /* what functions.instantiate wants: leads it back here */
+    tl_fmi2 own;                     /* private, from here on: the FMU's functions */
+    fmi2CallbackFunctions given;     /* to the FMU */
+    tl_fmu_logger logger;
+    uint32_t name; /* of the file, for calls without an instance */
+    unsigned told; /* changes of the process that were said of the file */
+    struct tl_fmu_guarded *instances;
+} tl_fmu_guard;
+
+/* Before the FMU is loaded: from now on it may be called. `name` and `generator` are those of its
+ * description. */
+void tl_fmu_guard_open(tl_fmu_guard *guard, const char *name, const char *generator);
+
+/* Around what calls the FMU without the table: opening its library, asking for its version. */
+void tl_fmu_guard_enter(tl_fmu_guard *guard, tl_fmu_function function);
+void tl_fmu_guard_leave(tl_fmu_guard *guard);
+
+/* The FMU's functions are known: fills the table. */
+void tl_fmu_guard_front(tl_fmu_guard *guard, const tl_fmi2 *own);
+
+/* No instance is called any more; those that were never freed are given up. A zeroed guard is allowed. */
+void tl_fmu_guard_close(tl_fmu_guard *guard);
+
+/* Once a tick: puts back what any FMU may have changed of the process since; said once a process for each kind. */
+void tl_fmu_guard_tick(void);
+
+#endif

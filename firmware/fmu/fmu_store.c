@@ -1,0 +1,142 @@
+/* Archive, description, guard and binary joined into one loaded FMU. */
+#include "firmware/fmu/fmu_store.h"
+
+#include <errno.h>
+#include <stdbool.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+
+#include "firmware/base/shortage.h"
+#include "firmware/fmu/fmu_archive.h"
+#include "firmware/fmu/fmu_binary.h"
+#include "firmware/fmu/model_description.h"
+#include "master/base/arena.h"
+
+/* Bytes of a path that an error shows: its end. */
+enum { LABEL = 120 };
+
+typedef struct tl_fmu_files {
+    tl_arena arena;
+    tl_fmu_archive archive;
+} tl_fmu_files;
+
+/* ---- Resources ----------------------------------------------------------------------------------------- */
+
+/* file:///… of an absolute path; all but unreserved characters (RFC 3986) is percent-encoded. NULL: out of memory. */
+static const char *file_uri(tl_arena *arena, const char *path) {
+    static const char unreserved[] = "/-._~ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789";
+    static const char scheme[] = "file://";
+    char *uri = tl_arena_take(arena, sizeof scheme + 3 * strlen(path), 1);
+    if (uri == NULL) {
+        return NULL;
+    }
+    char *end = uri + snprintf(uri, sizeof scheme, "%s", scheme);
+    for (const char *c = path; *c != '\0'; c++) {
+        if (strchr(unreserved, *c) != NULL) {
+            *end = *c;
+            end++;
+        } else {
+            end += snprintf(end, 4, "%%%02X", (unsigned)(unsigned char)*c);
+        }
+    }
+    return uri;
+}
+
+static tl_status make_resources(tl_fmu *fmu, const char *label, tl_error *error) {
+    char path[PATH_MAX + sizeof "/resources"];
+    struct stat status;
+    (void)snprintf(path, sizeof path, "%s/resources", fmu->files->archive.folder);
+    if (mkdir(path, 0700) != 0 && errno != EEXIST) {
+        return tl_fail(error, TL_TRY_AGAIN, "%s: no folder for resources can be made: %s; free space or set TMPDIR",
+                       label, strerror(errno));
+    }
+    if (stat(path, &status) != 0 || !S_ISDIR(status.st_mode)) {
+        return tl_fail(error, TL_BAD_DATA, "%s: its entry \"resources\" is a file, not a folder; export the FMU again",
+                       label);
+    }
+    fmu->resources = file_uri(&fmu->files->arena, path);
+    if (fmu->resources == NULL) {
+        return tl_fail(error, TL_TRY_AGAIN, "%s: out of memory; free some and try again", label);
+    }
+    return TL_OK;
+}
+
+/* PythonFMU's binary imports the module that the first line of this file names. */
+static tl_status read_module(tl_fmu *fmu, const char *label, tl_error *error) {
+    char path[PATH_MAX + sizeof "/resources/slavemodule.txt"];
+    (void)snprintf(path, sizeof path, "%s/resources/slavemodule.txt", fmu->files->archive.folder);
+    FILE *file = fopen(path, "re");
+    if (file == NULL) {
+        return tl_shortage_is(errno)
+                   ? tl_fail(error, TL_TRY_AGAIN, "%s: resources/slavemodule.txt cannot be opened: %s", label,
+                             strerror(errno))
+                   : TL_OK;
+    }
+    if (fgets(fmu->module, sizeof fmu->module, file) != NULL) {
+        fmu->module[strcspn(fmu->module, "\r\n")] = '\0';
+    }
+    (void)fclose(file);
+    return TL_OK;
+}
+
+/* ---- Loading ------------------------------------------------------------------------------------------- */
+
+static tl_status load(const char *path, const char *label, tl_fmu *fmu, tl_error *error) {
+    tl_fmu_files *files = fmu->files;
+    char description[PATH_MAX + sizeof "/modelDescription.xml"];
+    fmu->path = tl_arena_text(&files->arena, path);
+    if (fmu->path == NULL) {
+        return tl_fail(error, TL_TRY_AGAIN, "%s: out of memory; free some and try again", label);
+    }
+    tl_status status = tl_fmu_archive_unpack(path, label, &files->archive, error);
+    if (status != TL_OK) {
+        return status;
+    }
+    (void)snprintf(description, sizeof description, "%s/modelDescription.xml", files->archive.folder);
+    status = tl_model_description_read(description, label, &files->arena, &fmu->model, error);
+    if (status != TL_OK) {
+        return status;
+    }
+    status = make_resources(fmu, label, error);
+    if (status == TL_OK) {
+        status = read_module(fmu, label, error);
+    }
+    if (status != TL_OK) {
+        return status;
+    }
+    tl_fmu_guard_open(&fmu->guard, fmu->model.name, fmu->model.generation_tool);
+    return tl_fmu_binary_open(files->archive.folder, &fmu->model, label, &fmu->guard, error);
+}
+
+tl_status tl_fmu_load(const char *path, tl_fmu *fmu, tl_error *error) {
+    size_t length = strlen(path);
+    const char *label = length > LABEL ? path + length - LABEL : path;
+    while (((unsigned char)*label & 0xC0U) == 0x80U) {
+        label++; /* to the start of a UTF-8 character */
+    }
+    *fmu = (tl_fmu){.files = calloc(1, sizeof(tl_fmu_files))};
+    if (fmu->files == NULL) {
+        return tl_fail(error, TL_TRY_AGAIN, "%s: out of memory; free some and try again", label);
+    }
+    tl_arena_init(&fmu->files->arena);
+    tl_status status = load(path, label, fmu, error);
+    if (status != TL_OK) {
+        tl_fmu_unload(fmu);
+        return status;
+    }
+    tl_arena_seal(&fmu->files->arena);
+    return TL_OK;
+}
+
+void tl_fmu_unload(tl_fmu *fmu) {
+    tl_fmu_files *files = fmu->files;
+    if (files != NULL) {
+        tl_fmu_guard_close(&fmu->guard);
+        tl_fmu_archive_remove(&files->archive);
+        tl_arena_release(&files->arena);
+        free(files);
+    }
+    *fmu = (tl_fmu){0};
+}

@@ -1,0 +1,36 @@
+/* Loads FMU files: unpacks, reads the description, checks and opens the binary.
+ *
+ * Purpose: from a path to a tl_model, a function table and a resources URI; what a plan needs of an FMU.
+ * Owner:   the store owns all of it but the opened binary, which stays until the process ends, until tl_fmu_unload(), which also removes the unpacked folder. Each load has a
+ *          folder, and so a binary with globals, of its own: an FMU that can be instantiated only once can be loaded
+ *          twice.
+ * Limits:  see fmu_archive.h (size, count, path of entries) and model_description.h (size of the XML); for its messages fmu_logger.h.
+ * Thread:  that of the FMUs (fmu_guard.h).
+ */
+#ifndef TL_FIRMWARE_FMU_FMU_STORE_H
+#define TL_FIRMWARE_FMU_FMU_STORE_H
+
+#include "firmware/fmu/fmu_guard.h"
+#include "master/base/status.h"
+#include "master/fmi/model.h"
+
+enum { TL_FMU_MODULE = 128 };
+
+/* Must stay where it is while it is loaded: the FMU knows the guard. */
+typedef struct tl_fmu {
+    const char *path; /* as given */
+    tl_model model;
+    tl_fmu_guard guard;         /* its functions, and the callbacks to instantiate it with */
+    const char *resources;      /* file:/// URI; the folder exists also where the FMU has none */
+    char module[TL_FMU_MODULE]; /* the Python module that an FMU of PythonFMU imports, cut; "": none */
+    struct tl_fmu_files *files; /* private: memory, unpacked folder */
+} tl_fmu;
+
+/* Errors: TL_BAD_DATA for anything wrong in the file, TL_TRY_AGAIN where disk or memory is missing.
+ * On failure nothing is left behind and *fmu is zeroed. */
+tl_status tl_fmu_load(const char *path, tl_fmu *fmu, tl_error *error);
+
+/* No instance of it may exist any more. A zeroed tl_fmu is allowed. */
+void tl_fmu_unload(tl_fmu *fmu);
+
+#endif

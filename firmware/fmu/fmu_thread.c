@@ -1,0 +1,202 @@
+/* The thread of the FMUs: see fmu_thread.h. */
+#include "firmware/fmu/fmu_thread.h"
+
+#include <signal.h>
+#include <stdlib.h>
+#include <string.h>
+#include <time.h>
+
+#include "firmware/base/c_locale.h"
+#include "firmware/base/clock.h"
+#include "firmware/base/log.h"
+#include "firmware/process/crash.h"
+#include "firmware/process/fmu_call.h"
+#include "firmware/process/fmu_patience.h"
+#include "firmware/process/host_state.h"
+#include "firmware/process/interrupt.h"
+
+/* Between two looks of who waits; and a guard that a large frame cannot jump over. */
+static const tl_time LOOK = TL_SECOND / 50;
+enum { GUARD = 1024 * 1024 };
+
+struct tl_fmu_thread {
+    pthread_t handle;
+    pthread_mutex_t lock;
+    pthread_cond_t changed;
+    tl_fmu_job *job; /* under way, or to be begun; NULL: none */
+    void *context;
+    bool end;
+    tl_fmu_patience patience; /* of who waits */
+};
+
+/* ---- in the thread ---- */
+
+/* Wakes it from its sleep; nothing else. */
+static void wake_up(int signal) {
+    (void)signal;
+}
+
+/* NULL: the end. */
+static tl_fmu_job *next_job(tl_fmu_thread *thread) {
+    (void)pthread_mutex_lock(&thread->lock);
+    while (thread->job == NULL && !thread->end) {
+        (void)pthread_cond_wait(&thread->changed, &thread->lock);
+    }
+    tl_fmu_job *job = thread->job;
+    (void)pthread_mutex_unlock(&thread->lock);
+    return job;
+}
+
+static void set_job(tl_fmu_thread *thread, tl_fmu_job *job, void *context) {
+    (void)pthread_mutex_lock(&thread->lock);
+    thread->job = job;
+    thread->context = context;
+    (void)pthread_cond_broadcast(&thread->changed);
+    (void)pthread_mutex_unlock(&thread->lock);
+}
+
+static void *run(void *context) {
+    tl_fmu_thread *thread = context;
+    (void)pthread_setname_np(pthread_self(), "fmus");
+    tl_crash_enter(TL_CRASH_CALLS_FMUS);
+    for (tl_fmu_job *job = next_job(thread); job != NULL; job = next_job(thread)) {
+        tl_locale_use();
+        tl_host_state_keep();
+        job(thread->context);
+        set_job(thread, NULL, NULL);
+    }
+    return NULL;
+}
+
+/* ---- for who started it ---- */
+
+static int make_thread(tl_fmu_thread *thread) {
+    pthread_attr_t attributes;
+    int result = pthread_attr_init(&attributes);
+    if (result != 0) {
+        return result;
+    }
+    (void)pthread_attr_setstacksize(&attributes, TL_FMU_THREAD_STACK + GUARD);
+    (void)pthread_attr_setguardsize(&attributes, GUARD);
+    result = pthread_create(&thread->handle, &attributes, run, thread);
+    (void)pthread_attr_destroy(&attributes);
+    return result;
+}
+
+static void make_condition(pthread_cond_t *condition) {
+    pthread_condattr_t attributes;
+    (void)pthread_condattr_init(&attributes);
+    (void)pthread_condattr_setclock(&attributes, CLOCK_MONOTONIC);
+    (void)pthread_cond_init(condition, &attributes);
+    (void)pthread_condattr_destroy(&attributes);
+}
+
+static void destroy(tl_fmu_thread *thread) {
+    (void)pthread_cond_destroy(&thread->changed);
+    (void)pthread_mutex_destroy(&thread->lock);
+    free(thread);
+}
+
+tl_status tl_fmu_thread_start(tl_time limit, tl_fmu_thread **thread, tl_error *error) {
+    tl_fmu_thread *made = calloc(1, sizeof *made);
+    *thread = NULL;
+    if (made == NULL) {
+        return tl_fail(error, TL_TRY_AGAIN, "not enough memory for the thread of the FMUs");
+    }
+    struct sigaction action = {.sa_handler = wake_up};
+    (void)sigemptyset(&action.sa_mask);
+    (void)tl_host_state_handle(SIGUSR1, &action, NULL);
+    (void)pthread_mutex_init(&made->lock, NULL);
+    make_condition(&made->changed);
+    made->patience.limit = limit;
+    int result = make_thread(made);
+    if (result != 0) {
+        destroy(made);
+        return tl_fail(error, TL_TRY_AGAIN,
+                       "no thread for the FMUs, with %d MiB of stack: %s; free memory, or raise ulimit -v",
+                       TL_FMU_THREAD_STACK >> 20, strerror(result));
+    }
+    *thread = made;
+    return TL_OK;
+}
+
+void tl_fmu_thread_end(tl_fmu_thread *thread) {
+    if (thread == NULL) {
+        return;
+    }
+    tl_fmu_thread_wait(thread);
+    (void)pthread_mutex_lock(&thread->lock);
+    thread->end = true;
+    (void)pthread_cond_broadcast(&thread->changed);
+    (void)pthread_mutex_unlock(&thread->lock);
+    (void)pthread_join(thread->handle, NULL);
+    destroy(thread);
+}
+
+void tl_fmu_thread_begin(tl_fmu_thread *thread, tl_fmu_job *job, void *context) {
+    set_job(thread, job, context);
+}
+
+/* Waits a little; true: the job is done. */
+static bool is_done_soon(tl_fmu_thread *thread) {
+    tl_time until = tl_clock_now(NULL) + LOOK;
+    const struct timespec instant = {.tv_sec = (time_t)(until / TL_SECOND), .tv_nsec = (long)(until % TL_SECOND)};
+    (void)pthread_mutex_lock(&thread->lock);
+    int result = 0;
+    while (thread->job != NULL && result == 0) {
+        result = pthread_cond_timedwait(&thread->changed, &thread->lock, &instant);
+    }
+    bool done = thread->job == NULL;
+    (void)pthread_mutex_unlock(&thread->lock);
+    return done;
+}
+
+/* Not in an FMU: a signal would end a vendor's system calls too. It may come just before the thread goes to sleep, so it is sent again. */
+static void wake(const tl_fmu_thread *thread) {
+    tl_fmu_call call;
+    if (!tl_fmu_calls_look(tl_fmu_calls_here(), &call)) {
+        (void)pthread_kill(thread->handle, SIGUSR1);
+    }
+}
+
+void tl_fmu_thread_wait(tl_fmu_thread *thread) {
+    while (!is_done_soon(thread)) {
+        tl_fmu_patience_look(&thread->patience);
+        if (tl_interrupt_requested() != NULL) {
+            wake(thread);
+        }
+    }
+}
+
+void tl_fmu_thread_hurry(tl_fmu_thread *thread) {
+    do {
+        tl_fmu_patience_look(&thread->patience);
+        wake(thread);
+    } while (!is_done_soon(thread));
+}
+
+void tl_fmu_thread_call(tl_fmu_thread *thread, tl_fmu_job *job, void *context) {
+    tl_fmu_thread_begin(thread, job, context);
+    tl_fmu_thread_wait(thread);
+}
+
+tl_status tl_fmu_thread_run(tl_time limit, tl_fmu_job *job, void *context) {
+    tl_error error;
+    tl_fmu_thread *thread = NULL;
+    tl_status status = tl_fmu_thread_start(limit, &thread, &error);
+    if (thread == NULL) {
+        tl_log(TL_LOG_ERROR, "%s", error.text);
+        return status;
+    }
+    tl_fmu_thread_call(thread, job, context);
+    tl_fmu_thread_end(thread);
+    return TL_OK;
+}
+
+void tl_fmu_thread_watch(tl_fmu_thread *thread) {
+    tl_fmu_patience_look(&thread->patience);
+}
+
+pthread_t tl_fmu_thread_handle(const tl_fmu_thread *thread) {
+    return thread->handle;
+}

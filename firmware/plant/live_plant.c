@@ -1,0 +1,244 @@
+/* The live plant: see live_plant.h. */
+#include "firmware/plant/live_plant.h"
+
+#include <limits.h>
+#include <stdint.h>
+#include <stdlib.h>
+
+#include "board/can/can.h"
+#include "board/csv/csv.h"
+#include "board/gpio/gpio.h"
+#include "board/modbus/modbus.h"
+#include "firmware/plant/plant_reader.h"
+
+/* What a poll may take: the longest is to look up a host's name, which has time limits of its own. */
+static const tl_time PATIENCE = 60 * TL_SECOND;
+
+struct tl_live_plant {
+    tl_plant_source *sources;
+    size_t source_count;
+    size_t (*signals)[TL_MAX_SIGNALS]; /* per source: channel → signal */
+    tl_plant_readers *readers;
+    tl_plant_input input;
+};
+
+void tl_live_plant_set_limits(tl_plant_input *input, const tl_config *config) {
+    input->count = config->signal_count;
+    for (size_t i = 0; i < config->signal_count; i++) {
+        const tl_config_signal *signal = &config->signals[i];
+        input->limits[i] = (tl_plant_limits){
+            .minimum = signal->minimum,
+            .maximum = signal->maximum,
+            .stale = tl_time_of_seconds(signal->stale_s),
+            .type = signal->plan.type,
+        };
+        input->looks[i] = (tl_plant_look){.back = signal->look_back, .next = signal->next};
+    }
+}
+
+static tl_status open_modbus(const tl_config *config, const tl_config_source *configured, tl_plant_source *source,
+                             tl_error *error) {
+    tl_modbus_channel channels[TL_MAX_SIGNALS];
+    char path[PATH_MAX];
+    for (size_t i = 0; i < source->signal_count; i++) {
+        channels[i] = config->signals[source->signals[i]].modbus;
+    }
+    tl_modbus_line line = configured->line;
+    line.device = NULL;
+    if (configured->kind == TL_SOURCE_MODBUS_RTU) {
+        tl_config_file_path(config, configured->line.device, path, sizeof path);
+        line.device = path;
+    }
+    const tl_modbus_settings settings = {
+        .host = configured->host,
+        .port = configured->port,
+        .any_unit_id = configured->any_unit_id,
+        .line = line,
+        .timeout_s = configured->timeout_s,
+        .channels = channels,
+        .channel_count = source->signal_count,
+    };
+    source->driver = &tl_modbus_driver;
+    return tl_modbus_open(&settings, &source->io, error);
+}
+
+static tl_status open_csv(const tl_config *config, const tl_config_source *configured, tl_plant_source *source,
+                          tl_error *error) {
+    const char *columns[TL_MAX_SIGNALS];
+    char path[PATH_MAX];
+    for (size_t i = 0; i < source->signal_count; i++) {
+        columns[i] = config->signals[source->signals[i]].column;
+    }
+    tl_config_file_path(config, configured->file, path, sizeof path);
+    const tl_csv_settings settings = {
+        .path = path,
+        .time_column = configured->time_column,
+        .columns = columns,
+        .column_count = source->signal_count,
+    };
+    source->driver = &tl_csv_driver;
+    return tl_csv_open_live(&settings, &source->io, error);
+}
+
+static tl_status open_can(const tl_config *config, const tl_config_source *configured, tl_plant_source *source,
+                          tl_error *error) {
+    tl_can_channel channels[TL_MAX_SIGNALS];
+    for (size_t i = 0; i < source->signal_count; i++) {
+        channels[i] = config->signals[source->signals[i]].can;
+    }
+    const tl_can_settings settings = {
+        .interface = configured->interface, .channels = channels, .channel_count = source->signal_count};
+    source->driver = &tl_can_driver;
+    return tl_can_open(&settings, &source->io, error);
+}
+
+static tl_status open_gpio(const tl_config *config, const tl_config_source *configured, tl_plant_source *source,
+                           tl_error *error) {
+    tl_gpio_channel channels[TL_MAX_SIGNALS];
+    for (size_t i = 0; i < source->signal_count; i++) {
+        channels[i] = config->signals[source->signals[i]].gpio;
+    }
+    const tl_gpio_settings settings = {
+        .chip = configured->chip,
+        .period_s = configured->period_s,
+        .channels = channels,
+        .channel_count = source->signal_count,
+    };
+    source->driver = &tl_gpio_driver;
+    return tl_gpio_open(&settings, &source->io, error);
+}
+
+static tl_status open_driver(const tl_config *config, const tl_config_source *configured, tl_plant_source *source,
+                             tl_error *error) {
+    switch (configured->kind) {
+    case TL_SOURCE_MODBUS_TCP:
+    case TL_SOURCE_MODBUS_RTU:
+        return open_modbus(config, configured, source, error);
+    case TL_SOURCE_CAN:
+        return open_can(config, configured, source, error);
+    case TL_SOURCE_GPIO:
+        return open_gpio(config, configured, source, error);
+    case TL_SOURCE_CSV:
+        break;
+    }
+    return open_csv(config, configured, source, error);
+}
+
+/* Opens one configured source; one that no signal uses is left out. */
+static tl_status open_source(tl_live_plant *plant, const tl_config *config, size_t index, tl_error *error) {
+    const tl_config_source *configured = &config->sources[index];
+    tl_plant_source *source = &plant->sources[plant->source_count];
+    size_t *signals = plant->signals[plant->source_count];
+    source->name = configured->name;
+    source->signals = signals;
+    source->signal_count = 0;
+    source->period = tl_time_of_seconds(configured->period_s);
+    for (size_t i = 0; i < config->signal_count; i++) {
+        if (config->signals[i].source == index) {
+            signals[source->signal_count++] = i;
+        }
+    }
+    if (source->signal_count == 0) {
+        return TL_OK;
+    }
+    tl_status status = open_driver(config, configured, source, error);
+    if (status == TL_OK) {
+        plant->source_count++;
+    }
+    return status;
+}
+
+/* Until the readers own them. */
+static void close_sources(tl_live_plant *plant) {
+    for (size_t i = 0; i < plant->source_count; i++) {
+        plant->sources[i].driver->close(plant->sources[i].io);
+    }
+}
+
+static void begin_hearts(tl_live_plant *plant, tl_heartbeats *beats) {
+    for (size_t i = 0; i < plant->source_count; i++) {
+        tl_plant_source *source = &plant->sources[i];
+        source->heart = tl_heart_begin(beats, source->name, PATIENCE + source->period);
+    }
+}
+
+static tl_status check_sources(const tl_config *config, tl_error *error) {
+    for (size_t i = 0; i < config->signal_count; i++) {
+        if (config->signals[i].source == SIZE_MAX) {
+            return tl_fail(
+                error, TL_BAD_DATA,
+                "%s: plant.%s has no live source: give it \"modbus\", \"can\", \"gpio\", or \"csv\" with a \"source\"; to "
+                "run a recording use `twinlock replay`",
+                config->path, config->signals[i].plan.name);
+        }
+    }
+    return TL_OK;
+}
+
+static tl_status open_all(tl_live_plant *plant, const tl_config *config, tl_heartbeats *beats,
+                          void (*on_link)(void *context, const char *source, bool up, const char *text), void *context,
+                          tl_error *error) {
+    plant->sources = calloc(config->source_count, sizeof *plant->sources);
+    plant->signals = calloc(config->source_count, sizeof *plant->signals);
+    if (plant->sources == NULL || plant->signals == NULL) {
+        return tl_fail(error, TL_TRY_AGAIN, "not enough memory for the plant's sources");
+    }
+    tl_live_plant_set_limits(&plant->input, config);
+    for (size_t i = 0; i < config->source_count; i++) {
+        tl_status status = open_source(plant, config, i, error);
+        if (status != TL_OK) {
+            close_sources(plant);
+            return status;
+        }
+    }
+    begin_hearts(plant, beats);
+    return tl_plant_readers_start(plant->sources, plant->source_count, &plant->input, on_link, context, &plant->readers,
+                                  error);
+}
+
+tl_status tl_live_plant_open(const tl_config *config, tl_heartbeats *beats,
+                             void (*on_link)(void *context, const char *source, bool up, const char *text),
+                             void *context, tl_live_plant **plant, tl_error *error) {
+    tl_status status = check_sources(config, error);
+    if (status != TL_OK) {
+        return status;
+    }
+    tl_live_plant *opened = calloc(1, sizeof *opened);
+    if (opened == NULL) {
+        return tl_fail(error, TL_TRY_AGAIN, "not enough memory for the plant");
+    }
+    status = open_all(opened, config, beats, on_link, context, error);
+    if (status != TL_OK) {
+        opened->readers = NULL;
+        tl_live_plant_close(opened);
+        return status;
+    }
+    *plant = opened;
+    return TL_OK;
+}
+
+const tl_plant_input *tl_live_plant_input(const tl_live_plant *plant) {
+    return &plant->input;
+}
+
+bool tl_live_plant_is_complete(const tl_live_plant *plant) {
+    for (size_t i = 0; i < plant->input.count; i++) {
+        tl_reading reading;
+        if (!tl_mailbox_at(&plant->input.mailboxes[i], INT64_MAX, &reading) || reading.quality != TL_GOOD) {
+            return false;
+        }
+    }
+    return true;
+}
+
+void tl_live_plant_close(tl_live_plant *plant) {
+    if (plant == NULL) {
+        return;
+    }
+    if (plant->readers != NULL) {
+        tl_plant_readers_stop(plant->readers);
+    }
+    free(plant->sources);
+    free(plant->signals);
+    free(plant);
+}

@@ -1,0 +1,45 @@
+/* Plant input: from posted readings to one quality-flagged sample per tick.
+ *
+ * Purpose: the one place where a value of the plant is judged: finite, in range, fresh. Live sources
+ *          (plant_reader.h) and recordings (recording.h) both post here, so replay judges as live does.
+ * Thread:  tl_plant_input_post: one thread per signal; tl_plant_input_take: the cycle thread. Wait-free.
+ */
+#ifndef TL_FIRMWARE_PLANT_PLANT_INPUT_H
+#define TL_FIRMWARE_PLANT_PLANT_INPUT_H
+
+#include <stdbool.h>
+#include <stddef.h>
+
+#include "firmware/plant/mailbox.h"
+#include "master/base/signal.h"
+
+/* Where a signal is looked up in a sample of the instant t. */
+typedef struct tl_plant_look {
+    tl_time back; /* ≥ 0: at t − back, */
+    bool next;    /* and where no reading lies there: the next one that is there by t, else the newest before.
+                     Otherwise the newest at or before, and where there is none yet, the next */
+} tl_plant_look;
+
+typedef struct tl_plant_limits {
+    double minimum; /* −infinity: none */
+    double maximum; /* +infinity: none */
+    tl_time stale;  /* ns after which a reading is stale; 0: never */
+    tl_type type;   /* an Integer or Boolean that is not one is out of range */
+} tl_plant_limits;
+
+typedef struct tl_plant_input {
+    size_t count;
+    tl_plant_limits limits[TL_MAX_SIGNALS];
+    tl_plant_look looks[TL_MAX_SIGNALS];
+    tl_mailbox mailboxes[TL_MAX_SIGNALS];
+} tl_plant_input;
+
+/* Any driver thread, one per signal. */
+void tl_plant_input_post(tl_plant_input *input, size_t signal, const tl_reading *reading);
+
+/* The sample of `tick` at `instant`, both of the cycle. The value of a signal whose quality is not good is what
+ * was read (0 where nothing or no number was). Where several things are wrong with a value, the worst counts. How old one is
+ * counts from where it is looked up. */
+void tl_plant_input_take(const tl_plant_input *input, int64_t tick, tl_time instant, tl_sample *sample);
+
+#endif

@@ -1,0 +1,213 @@
+/* One polling thread per plant source.
+ *
+ * Between polls a thread waits for the absolute instant of the next one on a condition variable, not in
+ * clock_nanosleep(): both wake at the same instant, but this wait ends at once when the readers are stopped.
+ */
+#include "firmware/plant/plant_reader.h"
+
+#include <errno.h>
+#include <pthread.h>
+#include <sched.h>
+#include <signal.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <time.h>
+
+#include "firmware/base/c_locale.h"
+#include "firmware/base/clock.h"
+#include "firmware/process/crash.h"
+
+/* Drivers need little; the name resolver is the deepest. With mlockall() all of it is real memory. */
+enum { STACK = 512 * 1024, NAME = 16 };
+
+typedef struct worker {
+    tl_plant_readers *readers;
+    const tl_plant_source *source;
+    pthread_t thread;
+} worker;
+
+struct tl_plant_readers {
+    tl_plant_input *input;
+    void (*on_link)(void *context, const char *source, bool up, const char *text);
+    void *context;
+    pthread_mutex_t lock;
+    pthread_cond_t stopped;
+    bool stop;      /* under the lock */
+    size_t running; /* threads; atomic */
+    const tl_plant_source *sources;
+    size_t source_count;
+    size_t started;   /* threads */
+    worker workers[]; /* one per source */
+};
+
+static void post(void *context, size_t channel, const tl_reading *reading) {
+    const worker *own = context;
+    if (channel < own->source->signal_count) {
+        tl_plant_input_post(own->readers->input, own->source->signals[channel], reading);
+    }
+}
+
+static void link_changed(void *context, bool up, const char *text) {
+    const worker *own = context;
+    own->readers->on_link(own->readers->context, own->source->name, up, text);
+}
+
+/* Waits until the instant. true where it is time to stop. */
+static bool rest(tl_plant_readers *readers, tl_time instant) {
+    struct timespec until = {.tv_sec = (time_t)(instant / TL_SECOND), .tv_nsec = (long)(instant % TL_SECOND)};
+    int waited = 0;
+    (void)pthread_mutex_lock(&readers->lock);
+    while (!readers->stop && waited != ETIMEDOUT) {
+        waited = pthread_cond_timedwait(&readers->stopped, &readers->lock, &until);
+    }
+    bool stop = readers->stop;
+    (void)pthread_mutex_unlock(&readers->lock);
+    return stop;
+}
+
+/* The driver can never go on: its last word, and no value of it is taken for a fresh one any more. */
+static void give_up(worker *own, const tl_error *error) {
+    tl_reading none = {.value = 0, .stamp = tl_clock_now(NULL), .quality = TL_NO_LINK};
+    for (size_t i = 0; i < own->source->signal_count; i++) {
+        post(own, i, &none);
+    }
+    link_changed(own, false, error->text);
+}
+
+static void *run(void *context) {
+    worker *own = context;
+    const tl_plant_source *source = own->source;
+    const tl_plant_io_sink sink = {.post = post, .link = link_changed, .context = own};
+    bool finished = false;
+    tl_time next = tl_clock_now(NULL);
+    tl_locale_use();
+    tl_crash_enter(TL_CRASH_OURS);
+    do {
+        tl_error error = {.status = TL_OK};
+        tl_heart_beat(source->heart);
+        if (source->driver->poll(source->io, &sink, &finished, &error) != TL_OK) {
+            give_up(own, &error);
+            finished = true;
+        }
+        tl_time now = tl_clock_now(NULL);
+        next += source->period * (now > next ? (now - next) / source->period + 1 : 1);
+    } while (!finished && !rest(own->readers, next));
+    if (source->driver->finish != NULL) {
+        source->driver->finish(source->io, &sink);
+    }
+    tl_heart_end(source->heart);
+    (void)__atomic_sub_fetch(&own->readers->running, 1, __ATOMIC_RELEASE);
+    return NULL;
+}
+
+static void close_all(const tl_plant_source *sources, size_t count) {
+    for (size_t i = 0; i < count; i++) {
+        sources[i].driver->close(sources[i].io);
+    }
+}
+
+void tl_plant_readers_stop(tl_plant_readers *readers) {
+    (void)pthread_mutex_lock(&readers->lock);
+    readers->stop = true;
+    (void)pthread_cond_broadcast(&readers->stopped);
+    (void)pthread_mutex_unlock(&readers->lock);
+    for (size_t i = 0; i < readers->started; i++) {
+        readers->sources[i].driver->interrupt(readers->sources[i].io);
+    }
+    for (size_t i = 0; i < readers->started; i++) {
+        (void)pthread_join(readers->workers[i].thread, NULL);
+    }
+    close_all(readers->sources, readers->source_count);
+    (void)pthread_cond_destroy(&readers->stopped);
+    (void)pthread_mutex_destroy(&readers->lock);
+    free(readers);
+}
+
+/* Ordinary scheduling, whatever the caller runs under. */
+static int make_attributes(pthread_attr_t *attributes) {
+    int failure = pthread_attr_init(attributes);
+    if (failure == 0) {
+        const struct sched_param ordinary = {.sched_priority = 0};
+        (void)pthread_attr_setstacksize(attributes, STACK);
+        (void)pthread_attr_setinheritsched(attributes, PTHREAD_EXPLICIT_SCHED);
+        (void)pthread_attr_setschedpolicy(attributes, SCHED_OTHER);
+        (void)pthread_attr_setschedparam(attributes, &ordinary);
+    }
+    return failure;
+}
+
+static int start_thread(worker *own, const pthread_attr_t *attributes) {
+    char name[NAME];
+    sigset_t all;
+    sigset_t before;
+    (void)sigfillset(&all);
+    (void)pthread_sigmask(SIG_SETMASK, &all, &before); /* inherited by the thread */
+    (void)__atomic_add_fetch(&own->readers->running, 1, __ATOMIC_RELAXED);
+    int failure = pthread_create(&own->thread, attributes, run, own);
+    (void)pthread_sigmask(SIG_SETMASK, &before, NULL);
+    if (failure == 0) {
+        (void)snprintf(name, sizeof name, "io %.12s", own->source->name);
+        (void)pthread_setname_np(own->thread, name);
+    }
+    return failure;
+}
+
+static tl_plant_readers *make(const tl_plant_source *sources, size_t count) {
+    tl_plant_readers *readers = calloc(1, sizeof *readers + count * sizeof readers->workers[0]);
+    pthread_condattr_t clock;
+    if (readers == NULL || pthread_condattr_init(&clock) != 0) {
+        free(readers);
+        return NULL;
+    }
+    (void)pthread_condattr_setclock(&clock, CLOCK_MONOTONIC);
+    (void)pthread_mutex_init(&readers->lock, NULL); /* cannot fail on Linux, nor can the next */
+    (void)pthread_cond_init(&readers->stopped, &clock);
+    (void)pthread_condattr_destroy(&clock);
+    readers->sources = sources;
+    readers->source_count = count;
+    for (size_t i = 0; i < count; i++) {
+        readers->workers[i].readers = readers;
+        readers->workers[i].source = &sources[i];
+    }
+    return readers;
+}
+
+/* 0, or errno of the first thread that could not be started. */
+static int start_all(tl_plant_readers *readers) {
+    pthread_attr_t attributes;
+    int failure = make_attributes(&attributes);
+    if (failure != 0) {
+        return failure;
+    }
+    while (readers->started < readers->source_count && failure == 0) {
+        failure = start_thread(&readers->workers[readers->started], &attributes);
+        readers->started += failure == 0 ? 1 : 0;
+    }
+    (void)pthread_attr_destroy(&attributes);
+    return failure;
+}
+
+tl_status tl_plant_readers_start(const tl_plant_source *sources, size_t count, tl_plant_input *input,
+                                 void (*on_link)(void *context, const char *source, bool up, const char *text),
+                                 void *context, tl_plant_readers **readers, tl_error *error) {
+    tl_plant_readers *made = make(sources, count);
+    if (made == NULL) {
+        close_all(sources, count);
+        return tl_fail(error, TL_TRY_AGAIN, "out of memory for %zu plant sources", count);
+    }
+    made->input = input;
+    made->on_link = on_link;
+    made->context = context;
+    int failure = start_all(made);
+    if (failure != 0) {
+        tl_plant_readers_stop(made);
+        return tl_fail(error, TL_TRY_AGAIN, "no thread for a plant source: %s", strerror(failure));
+    }
+    *readers = made;
+    return TL_OK;
+}
+
+bool tl_plant_readers_finished(const tl_plant_readers *readers) {
+    return __atomic_load_n(&readers->running, __ATOMIC_ACQUIRE) == 0;
+}

@@ -1,0 +1,41 @@
+/* Recordings: the plant as it was, tick by tick; from a CSV file or from a database that `run` wrote.
+ *
+ * Purpose: gives replay and the emulated plant their samples. From CSV: rows are posted into a plant input at their own
+ *          time and a sample is taken at each tick, as live would; tick 0 is at the first row. From a database: the
+ *          samples as they were seen, qualities included, and per tick what the run could spend on it, so that the
+ *          same u come out.
+ * Thread:  one thread.
+ */
+#ifndef TL_FIRMWARE_PLANT_RECORDING_H
+#define TL_FIRMWARE_PLANT_RECORDING_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+#include "firmware/config/config.h"
+#include "firmware/plant/recording_tick.h"
+#include "master/base/status.h"
+
+typedef struct tl_recording tl_recording;
+
+/* A CSV recording has at most so many ticks, and between two rows at most so many: a time that is wrong, such as that of a clock
+ * that was not yet set, would be replayed for days. */
+#define TL_RECORDING_TICKS ((int64_t)10000000000)
+#define TL_RECORDING_GAP ((int64_t)100000000)
+
+/* `path` is a CSV file, or a SQLite database (recognised by its first bytes), whose run `config->recording_run` is taken, or the last one. The database's
+ * signal names, step and horizon must agree with the configuration's. A CSV file is checked completely here, the limits above too. */
+tl_status tl_recording_open(const char *path, const tl_config *config, tl_recording **recording, tl_error *error);
+
+/* NULL: it begins at tick 0, as any twin does. */
+const tl_recording_beginning *tl_recording_get_beginning(const tl_recording *recording);
+
+/* The next tick, from 0, or where it begins. *end where the recording does not reach the tick's instant. */
+tl_status tl_recording_next(tl_recording *recording, tl_recording_tick *tick, bool *end, tl_error *error);
+
+/* Ticks the recording holds, for progress. */
+int64_t tl_recording_ticks(const tl_recording *recording);
+
+void tl_recording_close(tl_recording *recording);
+
+#endif

@@ -1,0 +1,251 @@
+/* The ticks of a recorded run: see recording_database.h. */
+#include "firmware/plant/recording_database.h"
+
+#include <inttypes.h>
+#include <limits.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "firmware/plant/live_plant.h"
+#include "firmware/plant/plant_input.h"
+#include "firmware/record/history.h"
+
+struct tl_recording_database {
+    char path[PATH_MAX]; /* for messages */
+    tl_history *history;
+    tl_history_ticks *ticks;
+    bool same_configuration; /* repeat what the run skipped and had time for */
+    int64_t next;            /* tick expected */
+    const tl_config *config;
+    size_t recorded;   /* signals of the run that are the configuration's, second look-ups included */
+    bool by_recording; /* stamps are those of the recording that the run replayed … */
+    tl_time start;     /* … and so is t_start; else 0 */
+    tl_recording_beginning beginning;
+    /* where signals are looked up anew */
+    bool anew;
+    tl_time posted[TL_MAX_SIGNALS]; /* stamp of the newest */
+    tl_plant_input input;
+};
+
+/* Whether a recorded signal is the configuration's: it is recorded as "plant.name". */
+static bool is_same_signal(const char *recorded, const char *name) {
+    static const char PREFIX[] = "plant.";
+    return strncmp(recorded, PREFIX, sizeof PREFIX - 1) == 0 && strcmp(recorded + sizeof PREFIX - 1, name) == 0;
+}
+
+/* Of a run with delays: a signal that was looked up twice is behind the others, and its name is none of a configuration. */
+static size_t count_first_look_ups(const tl_recorder_signal *signals, size_t count) {
+    while (count > 0 && strchr(signals[count - 1].name, '@') != NULL) {
+        count--;
+    }
+    return count;
+}
+
+/* All second look-ups must be there; or none of them, and then they are made of the first ones. */
+static tl_status check_signals(const char *path, tl_history *history, const tl_history_run *run,
+                               const tl_config *config, size_t *recorded, tl_error *error) {
+    const tl_recorder_signal *signals = NULL;
+    size_t count = 0;
+    size_t own = config->signal_count;
+    while (own > 0 && config->signals[own - 1].of != own - 1) {
+        own--;
+    }
+    tl_status status = tl_history_signals(history, run, TL_HISTORY_PLANT, &signals, &count, error);
+    if (status != TL_OK) {
+        return status;
+    }
+    bool all = true;
+    for (size_t i = own; i < config->signal_count; i++) {
+        all = all && i < count && is_same_signal(signals[i].name, config->signals[i].plan.name);
+    }
+    *recorded = all ? config->signal_count : own;
+    count = count_first_look_ups(signals, count);
+    for (size_t i = 0; i < own; i++) {
+        const char *name = config->signals[i].plan.name;
+        if (i >= count || !is_same_signal(signals[i].name, name)) {
+            return tl_fail(error, TL_BAD_DATA,
+                           "%s: run %" PRId64 " has %s as signal %zu, the configuration has plant.%s: the plant's "
+                           "signals must be the same, in the same order",
+                           path, run->run, i < count ? signals[i].name : "nothing", i + 1, name);
+        }
+    }
+    if (count != own || run->step != config->step) {
+        return tl_fail(error, TL_BAD_DATA,
+                       "%s: run %" PRId64 " has %zu signals every %g s, the configuration has %zu every %g s", path,
+                       run->run, count, tl_seconds(run->step), own, tl_seconds(config->step));
+    }
+    return TL_OK;
+}
+
+static tl_status fail_beginning(const tl_recording_database *database, const tl_history_run *run, tl_error *error) {
+    return tl_fail(error, TL_BAD_DATA,
+                   "%s: the beginning of run %" PRId64 " is not there (any more): it cannot be replayed",
+                   database->path, run->run);
+}
+
+/* A checkpoint that its bytes do not fit to is as good as none. */
+static tl_status find_checkpoint(tl_recording_database *database, const tl_history_run *run, tl_error *error) {
+    tl_recording_beginning *beginning = &database->beginning;
+    const tl_history_checkpoint *checkpoint = NULL;
+    tl_status status = tl_history_checkpoint_before(database->history, run, beginning->tick, &checkpoint, error);
+    if (status != TL_OK) {
+        return status;
+    }
+    if (checkpoint == NULL || checkpoint->tick != beginning->tick - 1) {
+        return fail_beginning(database, run, error);
+    }
+    beginning->checkpoint = checkpoint;
+    return checkpoint->whole ? TL_OK
+                             : tl_fail(error, TL_BAD_DATA,
+                                       "%s: the checkpoint that run %" PRId64 " began with is damaged: it cannot be "
+                                       "replayed",
+                                       database->path, run->run);
+}
+
+/* Where the twin has to stand before the first tick. */
+static tl_status find_beginning(tl_recording_database *database, const tl_history_run *run, int64_t first,
+                                tl_error *error) {
+    bool resumed = run->resumption.from != TL_RESUMED_NOT;
+    if (run->removed_before > 0 || (first != 0 && !resumed)) {
+        return fail_beginning(database, run, error);
+    }
+    database->next = first;
+    database->beginning = (tl_recording_beginning){
+        .run = run->run,
+        .tick = first,
+        .follows = database->same_configuration && resumed,
+        .resumption = run->resumption,
+        .fmus = run->fmus,
+    };
+    bool loads = database->beginning.follows && run->resumption.from == TL_RESUMED_CHECKPOINT;
+    return loads ? find_checkpoint(database, run, error) : TL_OK;
+}
+
+static tl_status open_run(tl_recording_database *database, const tl_config *config, int64_t *ticks, tl_error *error) {
+    const tl_history_run *run = NULL;
+    int64_t first = 0;
+    int64_t last = 0;
+    bool any = false;
+    tl_status status = tl_history_find(database->history, config->recording_run, &run, error);
+    if (status == TL_OK) {
+        status = check_signals(database->path, database->history, run, config, &database->recorded, error);
+    }
+    if (status == TL_OK) {
+        status = tl_history_ticks_begin(database->history, run, &database->ticks, error);
+    }
+    if (status == TL_OK) {
+        status = tl_history_ticks_range(database->ticks, &any, &first, &last, error);
+    }
+    if (status != TL_OK) {
+        return status;
+    }
+    database->same_configuration = strcmp(run->configuration_hash, config->hash) == 0;
+    if (!any) {
+        return fail_beginning(database, run, error);
+    }
+    database->anew = config->delays != NULL && !database->same_configuration;
+    database->by_recording = strcmp(run->verb, "replay") == 0;
+    *ticks = last + 1;
+    return find_beginning(database, run, first, error);
+}
+
+tl_status tl_recording_database_open(const char *path, const tl_config *config, tl_recording_database **database,
+                                     int64_t *ticks, tl_error *error) {
+    tl_recording_database *opened = calloc(1, sizeof *opened);
+    if (opened == NULL) {
+        return tl_fail(error, TL_TRY_AGAIN, "%s: not enough memory", path);
+    }
+    (void)snprintf(opened->path, sizeof opened->path, "%s", path);
+    opened->config = config;
+    tl_live_plant_set_limits(&opened->input, config);
+    for (size_t i = 0; i < TL_MAX_SIGNALS; i++) {
+        opened->posted[i] = TL_TIME_NEVER;
+    }
+    tl_status status = tl_history_open(path, &opened->history, error);
+    if (status == TL_OK) {
+        status = open_run(opened, config, ticks, error);
+    }
+    if (status == TL_BAD_DATA) {
+        tl_history_diagnose(opened->history, error);
+    }
+    if (status != TL_OK) {
+        tl_recording_database_close(opened);
+        return status;
+    }
+    *database = opened;
+    return TL_OK;
+}
+
+/* t_start of a replayed recording is its first row, and what is known at tick 0 is of that row, or older. */
+static void find_start(tl_recording_database *database, const tl_sample *sample) {
+    tl_time newest = TL_TIME_NEVER;
+    for (size_t i = 0; i < database->recorded; i++) {
+        newest = sample->stamps[i] > newest ? sample->stamps[i] : newest;
+    }
+    database->start = database->by_recording && newest != TL_TIME_NEVER ? newest : 0;
+}
+
+/* Readings that are new since the tick before, under their own stamps; then the sample as the configuration looks it up. */
+static void look_up_anew(tl_recording_database *database, const tl_sample *seen, tl_sample *sample) {
+    for (size_t i = 0; i < database->config->signal_count; i++) {
+        size_t from = i < database->recorded ? i : database->config->signals[i].of;
+        const tl_reading reading = {
+            .value = seen->values[from], .stamp = seen->stamps[from], .quality = (tl_quality)seen->quality[from]};
+        if (reading.stamp != database->posted[i]) {
+            tl_plant_input_post(&database->input, i, &reading);
+            database->posted[i] = reading.stamp;
+        }
+    }
+    tl_plant_input_take(&database->input, seen->tick, seen->instant, sample);
+}
+
+tl_status tl_recording_database_next(tl_recording_database *database, tl_recording_tick *tick, bool *end,
+                                     tl_error *error) {
+    tl_history_tick read;
+    tl_status status = tl_history_ticks_next(database->ticks, &read, end, error);
+    if (status == TL_BAD_DATA) {
+        tl_history_diagnose(database->history, error);
+    }
+    if (status != TL_OK || *end) {
+        return status;
+    }
+    if (read.sample.tick != database->next) {
+        return tl_fail(error, TL_BAD_DATA,
+                       "%s: tick %" PRId64 " was lost while it was recorded: it cannot be replayed further",
+                       database->path, database->next);
+    }
+    bool repeat = database->same_configuration && read.has_step;
+    database->next++;
+    if (read.sample.tick == 0) {
+        find_start(database, &read.sample);
+    }
+    read.sample.instant = tl_time_of_step(database->start, database->config->step, read.sample.tick);
+    tick->sample = read.sample;
+    if (database->anew) {
+        look_up_anew(database, &read.sample, &tick->sample);
+    }
+    tick->followed = database->beginning.follows && read.sample.tick < database->beginning.resumption.tick;
+    memcpy(tick->u, read.u, sizeof tick->u);
+    tick->made_up = repeat && read.outcome == TL_MADE_UP;
+    bool without_nominal = (read.flags & TL_FLAG_WITHOUT_NOMINAL) != 0;
+    tick->cut_short = repeat && (read.stop == TL_STOP_TIME || without_nominal);
+    tick->evaluations = tick->cut_short ? read.evaluations : 0;
+    tick->executions = tick->cut_short ? read.executions : 0;
+    tick->without_nominal = tick->cut_short && (without_nominal || read.evaluations == 0);
+    return TL_OK;
+}
+
+void tl_recording_database_close(tl_recording_database *database) {
+    if (database == NULL) {
+        return;
+    }
+    tl_history_ticks_end(database->ticks);
+    tl_history_close(database->history);
+    free(database);
+}
+
+const tl_recording_beginning *tl_recording_database_beginning(const tl_recording_database *database) {
+    bool begins_at_0 = database->beginning.tick == 0 && !database->beginning.follows;
+    return begins_at_0 ? NULL : &database->beginning;
+}

@@ -1,0 +1,256 @@
+/* Telling of a crash: see crash.h. What runs in the handler calls nothing that is not safe there. */
+#include "firmware/process/crash.h"
+
+#include <errno.h>
+#include <pthread.h>
+#include <signal.h>
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "firmware/base/log.h"
+#include "firmware/process/fmu_call.h"
+#include "firmware/process/host_state.h"
+#include "firmware/process/process_end.h"
+
+enum { ALTERNATE_STACK = 64 * 1024, LINE = 512 };
+
+typedef struct crash_signal {
+    int number;
+    const char *name;
+    struct sigaction before;  /* who had it when we came */
+    struct sigaction foreign; /* an FMU's */
+    bool has_foreign;
+} crash_signal;
+
+/* All of it is the process's, as signals are. */
+static crash_signal signals[] = {
+    {.number = SIGSEGV, .name = "Segmentation fault"},
+    {.number = SIGBUS, .name = "Bus error"},
+    {.number = SIGFPE, .name = "Floating point exception"},
+    {.number = SIGILL, .name = "Illegal instruction"},
+    {.number = SIGABRT, .name = "Aborted"},
+};
+
+enum { SIGNALS = sizeof signals / sizeof signals[0] };
+
+static pid_t process;
+static char prefix[TL_LOG_PREFIX];
+static pid_t teller; /* the thread that tells; 0: none does */
+
+/* Of the main thread and of the one that calls FMUs. */
+static unsigned char alternate[2][ALTERNATE_STACK] __attribute__((aligned(64)));
+
+static __thread tl_crash_thread kind;
+static __thread uintptr_t stack_end; /* the lowest address of its stack, */
+static __thread uintptr_t stack_guard;
+static __thread uintptr_t in_foreign; /* the frame from which an FMU's handler is called; 0: none is */
+
+static crash_signal *find(int number) {
+    for (size_t i = 0; i < SIGNALS; i++) {
+        if (signals[i].number == number) {
+            return &signals[i];
+        }
+    }
+    return NULL;
+}
+
+/* ---- the line ---- */
+
+typedef struct told {
+    char text[LINE];
+    size_t length;
+} told;
+
+static void add(told *line, const char *text) {
+    for (; *text != '\0' && line->length < sizeof line->text - 1; text++) {
+        line->text[line->length++] = *text;
+    }
+}
+
+/* A guard page, or what a large frame has reached beyond it. */
+static bool is_overflow(int number, const siginfo_t *info) {
+    uintptr_t address = (uintptr_t)info->si_addr;
+    return number == SIGSEGV && info->si_code > 0 && stack_end != 0 && address >= stack_end - stack_guard &&
+           address < stack_end + stack_guard;
+}
+
+static void add_blame(told *line, const char *signal, bool overflow) {
+    tl_fmu_call call;
+    const char *how = overflow ? "it needs more stack than its thread has (8 MiB)" : signal;
+    if (kind == TL_CRASH_CALLS_FMUS && tl_fmu_calls_look(tl_fmu_calls_here(), &call)) {
+        add(line, "FMU ");
+        add(line, call.fmu);
+        add(line, " crashed in ");
+        add(line, call.function);
+        add(line, ": ");
+        add(line, how);
+        add(line, "; export it again, or ask who made it");
+    } else if (kind == TL_CRASH_FOREIGN) {
+        add(line, "a thread that an FMU has begun crashed: ");
+        add(line, how);
+        add(line, "; export the FMU again, or ask who made it");
+    } else {
+        add(line, "twinlock crashed outside of its FMUs: ");
+        add(line, how);
+        add(line, "; a bug of twinlock, or an FMU has destroyed memory that is not its own: please report it");
+    }
+}
+
+static void tell(const crash_signal *signal, const siginfo_t *info) {
+    told line = {.length = 0};
+    add(&line, prefix);
+    add_blame(&line, signal->name, is_overflow(signal->number, info));
+    add(&line, "\n");
+    ssize_t written = write(STDERR_FILENO, line.text, line.length);
+    (void)written; /* there is nowhere to say that there is nowhere to say it */
+}
+
+/* ---- the handler ---- */
+
+static void call(const struct sigaction *action, int number, siginfo_t *info, void *context) {
+    if ((action->sa_flags & SA_SIGINFO) != 0) {
+        action->sa_sigaction(number, info, context);
+    } else {
+        action->sa_handler(number);
+    }
+}
+
+static bool is_handler(const struct sigaction *action) {
+    return (action->sa_flags & SA_SIGINFO) != 0 || (action->sa_handler != SIG_DFL && action->sa_handler != SIG_IGN);
+}
+
+static bool is_pending(int number) {
+    sigset_t pending;
+    return sigpending(&pending) == 0 && sigismember(&pending, number) == 1;
+}
+
+static void unblock(int number) {
+    sigset_t set;
+    (void)sigemptyset(&set);
+    (void)sigaddset(&set, number);
+    (void)pthread_sigmask(SIG_UNBLOCK, &set, NULL);
+}
+
+/* True: an FMU's handler has dealt with it. False: there is none, or it has passed the signal on: raised it within itself, or left it to
+ * be delivered once this returns. A frame that it has jumped away from was at least as high as this one. */
+static bool is_dealt_with(const crash_signal *signal, siginfo_t *info, void *context) {
+    uintptr_t frame = (uintptr_t)__builtin_frame_address(0);
+    bool passed_on = info->si_code <= 0 && in_foreign != 0 && frame < in_foreign;
+    if (!__atomic_load_n(&signal->has_foreign, __ATOMIC_ACQUIRE) || passed_on) {
+        return false;
+    }
+    in_foreign = frame;
+    if ((signal->foreign.sa_flags & SA_NODEFER) != 0) {
+        unblock(signal->number);
+    }
+    call(&signal->foreign, signal->number, info, context);
+    in_foreign = 0;
+    return !is_pending(signal->number);
+}
+
+/* One thread tells; others that crash wait until the process is gone. */
+static bool may_tell(void) {
+    pid_t nobody = 0;
+    pid_t self = gettid();
+    if (__atomic_compare_exchange_n(&teller, &nobody, self, false, __ATOMIC_RELAXED, __ATOMIC_RELAXED)) {
+        return true;
+    }
+    while (nobody != self) {
+        (void)pause();
+    }
+    return false;
+}
+
+static void on_crash(int number, siginfo_t *info, void *context) {
+    int saved = errno;
+    const crash_signal *signal = find(number);
+    tl_process_end_if_ending();
+    if (is_dealt_with(signal, info, context)) {
+        errno = saved;
+        return;
+    }
+    if (process == getpid() && may_tell()) {
+        tell(signal, info);
+        if (is_handler(&signal->before)) {
+            call(&signal->before, number, info, context);
+        }
+    }
+    const struct sigaction standard = {.sa_handler = SIG_DFL};
+    (void)sigaction(number, &standard, NULL);
+    if (info->si_code <= 0) {
+        (void)raise(number); /* sent by somebody: it does not come back by itself, as a fault does */
+    }
+}
+
+/* ---- installing ---- */
+
+static bool is_own(const struct sigaction *action) {
+    return (action->sa_flags & SA_SIGINFO) != 0 && action->sa_sigaction == on_crash;
+}
+
+/* An FMU has installed `foreign`, and ours has been put back: ours calls it first from now on. SIG_DFL, SIG_IGN and our own handler are
+ * no foreign ones: there is none to call then. */
+static void chain(int number, const struct sigaction *foreign) {
+    crash_signal *signal = find(number);
+    if (signal == NULL) {
+        return;
+    }
+    __atomic_store_n(&signal->has_foreign, false, __ATOMIC_RELEASE);
+    if (is_handler(foreign) && !is_own(foreign)) {
+        signal->foreign = *foreign;
+        __atomic_store_n(&signal->has_foreign, true, __ATOMIC_RELEASE);
+    }
+}
+
+static void use_alternate_stack(unsigned char *stack) {
+    stack_t now;
+    const stack_t own = {.ss_sp = stack, .ss_size = ALTERNATE_STACK};
+    if (sigaltstack(NULL, &now) == 0 && (now.ss_flags & SS_DISABLE) != 0) { /* a sanitizer gives its own */
+        (void)sigaltstack(&own, NULL);
+    }
+}
+
+/* Where this thread's stack ends. */
+static void find_stack(void) {
+    pthread_attr_t attributes;
+    void *lowest = NULL;
+    size_t size = 0;
+    size_t guard = 0;
+    if (pthread_getattr_np(pthread_self(), &attributes) != 0) {
+        return;
+    }
+    if (pthread_attr_getstack(&attributes, &lowest, &size) == 0 &&
+        pthread_attr_getguardsize(&attributes, &guard) == 0) {
+        stack_end = (uintptr_t)lowest;
+        stack_guard = guard;
+    }
+    (void)pthread_attr_destroy(&attributes);
+}
+
+void tl_crash_enter(tl_crash_thread entered) {
+    kind = entered;
+    if (entered == TL_CRASH_CALLS_FMUS) {
+        use_alternate_stack(alternate[1]);
+        find_stack();
+    }
+}
+
+void tl_crash_install(void) {
+    struct sigaction own = {.sa_flags = SA_SIGINFO | SA_ONSTACK};
+    own.sa_sigaction = on_crash;
+    (void)sigemptyset(&own.sa_mask);
+    process = getpid();
+    tl_log_prefix(TL_LOG_ERROR, prefix, sizeof prefix);
+    use_alternate_stack(alternate[0]);
+    tl_crash_enter(TL_CRASH_OURS);
+    for (size_t i = 0; i < SIGNALS; i++) {
+        struct sigaction now;
+        if (sigaction(signals[i].number, NULL, &now) == 0 && !is_own(&now) && now.sa_handler != SIG_IGN) {
+            signals[i].before = now;
+            (void)tl_host_state_handle(signals[i].number, &own, chain);
+        }
+    }
+}

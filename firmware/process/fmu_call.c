@@ -1,0 +1,77 @@
+/* The FMU call that is under way: see fmu_call.h. */
+#include "firmware/process/fmu_call.h"
+
+#include <stddef.h>
+#include <stdio.h>
+#include <string.h>
+
+static const char *const FUNCTIONS[TL_FMU_FUNCTIONS] = {
+    [TL_FMU_NO_CALL] = "nothing",
+    [TL_FMU_LOADING] = "the loading of the library",
+    [TL_FMU_GET_TYPES_PLATFORM] = "fmi2GetTypesPlatform",
+    [TL_FMU_GET_VERSION] = "fmi2GetVersion",
+    [TL_FMU_INSTANTIATE] = "fmi2Instantiate",
+    [TL_FMU_FREE_INSTANCE] = "fmi2FreeInstance",
+    [TL_FMU_SETUP_EXPERIMENT] = "fmi2SetupExperiment",
+    [TL_FMU_ENTER_INITIALIZATION_MODE] = "fmi2EnterInitializationMode",
+    [TL_FMU_EXIT_INITIALIZATION_MODE] = "fmi2ExitInitializationMode",
+    [TL_FMU_TERMINATE] = "fmi2Terminate",
+    [TL_FMU_GET_REAL] = "fmi2GetReal",
+    [TL_FMU_GET_INTEGER] = "fmi2GetInteger",
+    [TL_FMU_GET_BOOLEAN] = "fmi2GetBoolean",
+    [TL_FMU_GET_STRING] = "fmi2GetString",
+    [TL_FMU_SET_REAL] = "fmi2SetReal",
+    [TL_FMU_SET_INTEGER] = "fmi2SetInteger",
+    [TL_FMU_SET_BOOLEAN] = "fmi2SetBoolean",
+    [TL_FMU_SET_STRING] = "fmi2SetString",
+    [TL_FMU_GET_STATE] = "fmi2GetFMUstate",
+    [TL_FMU_SET_STATE] = "fmi2SetFMUstate",
+    [TL_FMU_FREE_STATE] = "fmi2FreeFMUstate",
+    [TL_FMU_SERIALIZED_SIZE] = "fmi2SerializedFMUstateSize",
+    [TL_FMU_SERIALIZE] = "fmi2SerializeFMUstate",
+    [TL_FMU_DESERIALIZE] = "fmi2DeSerializeFMUstate",
+    [TL_FMU_DO_STEP] = "fmi2DoStep",
+};
+
+/* The state of a process, so there is one of it. */
+static tl_fmu_calls own;
+tl_fmu_calls *tl_fmu_calls_block = &own;
+
+void tl_fmu_calls_use(tl_fmu_calls *block) {
+    tl_fmu_calls_block = block == NULL ? &own : block;
+}
+
+const tl_fmu_calls *tl_fmu_calls_here(void) {
+    return tl_fmu_calls_block;
+}
+
+uint32_t tl_fmu_calls_name(const char *name) {
+    char kept[TL_FMU_CALL_NAME];
+    uint32_t used = tl_fmu_calls_block->fmus;
+    (void)snprintf(kept, sizeof kept, "%s", name);
+    for (uint32_t i = 0; i < used && i < TL_FMU_CALL_FMUS; i++) {
+        if (strcmp(tl_fmu_calls_block->names[i], kept) == 0) {
+            return i;
+        }
+    }
+    if (used >= TL_FMU_CALL_FMUS) {
+        return TL_FMU_CALL_FMUS - 1;
+    }
+    memcpy(tl_fmu_calls_block->names[used], kept, sizeof kept);
+    __atomic_store_n(&tl_fmu_calls_block->fmus, used + 1, __ATOMIC_RELEASE);
+    return used;
+}
+
+bool tl_fmu_calls_look(const tl_fmu_calls *block, tl_fmu_call *call) {
+    uint32_t now = __atomic_load_n(&block->now, __ATOMIC_RELAXED);
+    uint32_t function = now & ((1U << TL_FMU_CALL_FUNCTION_BITS) - 1);
+    uint32_t fmu = now >> TL_FMU_CALL_FUNCTION_BITS;
+    call->begun = __atomic_load_n(&block->begun, __ATOMIC_RELAXED);
+    if (function == TL_FMU_NO_CALL || function >= TL_FMU_FUNCTIONS) {
+        return false;
+    }
+    call->function = FUNCTIONS[function];
+    memcpy(call->fmu, block->names[fmu % TL_FMU_CALL_FMUS], sizeof call->fmu);
+    call->fmu[sizeof call->fmu - 1] = '\0';
+    return true;
+}

@@ -1,0 +1,80 @@
+/* Patience with FMUs: see fmu_patience.h. */
+#include "firmware/process/fmu_patience.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+
+#include "firmware/base/clock.h"
+#include "firmware/process/interrupt.h"
+#include "firmware/process/process_end.h"
+
+/* Signals that come within this time, from a terminal and a supervisor, ask once. */
+static const tl_time AGAIN = TL_SECOND;
+
+bool tl_fmu_patience_parse(const char *verb, const char *text, tl_time *limit) {
+    char *end = NULL;
+    double seconds = strtod(text, &end);
+    if (end == text || *end != '\0' || !(seconds > 0.0 && seconds < 1e9)) {
+        (void)fprintf(stderr,
+                      "twinlock %s: --call-limit: found \"%s\", expected seconds > 0 and below 1e9, for example 600\n",
+                      verb, text);
+        return false;
+    }
+    *limit = tl_time_of_seconds(seconds);
+    return true;
+}
+
+static void note_time(tl_fmu_patience *patience, const tl_fmu_patience_view *view) {
+    tl_time passed = patience->looked == 0 ? 0 : view->now - patience->looked;
+    bool same = view->call != NULL && view->call->begun == patience->begun;
+    passed = passed > TL_SECOND ? TL_SECOND : passed;
+    patience->looked = view->now;
+    patience->lasted = same ? patience->lasted + passed : 0;
+    patience->begun = view->call != NULL ? view->call->begun : patience->begun;
+    patience->asked = view->asked != NULL ? patience->asked + passed : 0;
+    patience->times = patience->asked < AGAIN ? view->times : patience->times;
+}
+
+bool tl_fmu_patience_is_over(tl_fmu_patience *patience, const tl_fmu_patience_view *view, char *text, size_t size) {
+    const tl_fmu_call *call = view->call;
+    note_time(patience, view);
+    if (call == NULL) {
+        return false;
+    }
+    if (view->times > patience->times) {
+        (void)snprintf(text, size, "asked twice to end, by %s: ended at once, in FMU %s's %s", view->asked, call->fmu,
+                       call->function);
+        return true;
+    }
+    if (patience->asked >= TL_FMU_PATIENCE_END && patience->lasted >= TL_FMU_PATIENCE_END) {
+        (void)snprintf(text, size, "%s asked to end, and FMU %s has not returned from %s for %.0f s: ended without it",
+                       view->asked, call->fmu, call->function, tl_seconds(patience->lasted));
+        return true;
+    }
+    if (patience->limit > 0 && patience->lasted >= patience->limit) {
+        (void)snprintf(text, size,
+                       "FMU %s has not returned from %s for %g s: it hangs, or needs longer, which --call-limit S "
+                       "permits",
+                       call->fmu, call->function, tl_seconds(patience->limit));
+        return true;
+    }
+    return false;
+}
+
+void tl_fmu_patience_look(tl_fmu_patience *patience) {
+    char text[256];
+    tl_fmu_call call;
+    bool is_called = tl_fmu_calls_look(tl_fmu_calls_here(), &call);
+    const tl_fmu_patience_view view = {
+        .now = tl_clock_now(NULL),
+        .call = is_called ? &call : NULL,
+        .asked = tl_interrupt_requested(),
+        .times = tl_interrupt_times(),
+    };
+    if (tl_fmu_patience_is_over(patience, &view, text, sizeof text)) {
+        tl_process_give_up(text);
+    }
+    if (patience->lasted > 0) {
+        tl_interrupt_reclaim();
+    }
+}

@@ -1,0 +1,53 @@
+/* Patience with FMUs: how long a call may last before the process ends without it.
+ *
+ * Purpose: an FMU that never returns must not keep a program from telling what it waits for, nor from ending when it is asked to. A
+ *          thread cannot be taken out of a vendor's code, so the process ends: with 70, the FMU, its function, and how long.
+ * Limits:  of a single call where there is nobody to watch (`check`, `replay`, `plant`; not `run`, which has its supervisor); and
+ *          TL_FMU_PATIENCE_END once the program was asked to end. Asked again after a second, it ends at once.
+ * Clock:   what passes between two looks, of which at most a second counts: who was stopped, or suspended, was not patient.
+ * Thread:  the main thread, which looks some times a second while FMUs are called in another one.
+ */
+#ifndef TL_FIRMWARE_PROCESS_FMU_PATIENCE_H
+#define TL_FIRMWARE_PROCESS_FMU_PATIENCE_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "firmware/process/fmu_call.h"
+#include "master/base/simtime.h"
+
+#define TL_FMU_PATIENCE_END (10 * TL_SECOND)
+
+/* Unless told otherwise: loading and instantiating may take long. */
+#define TL_FMU_PATIENCE_CALL (60 * TL_SECOND)
+
+/* The value of an option --call-limit: seconds. False: it is none, which was said. */
+bool tl_fmu_patience_parse(const char *verb, const char *text, tl_time *limit);
+
+/* Set `limit`, zero the rest. */
+typedef struct tl_fmu_patience {
+    tl_time limit;  /* ns of one call; 0: none */
+    tl_time looked; /* private, as all below; 0: never */
+    uint32_t begun; /* the call seen last */
+    tl_time lasted; /* as seen: how long that call is under way */
+    tl_time asked;  /* how long ago the program was asked to end, */
+    unsigned times; /* and how often, within the first second */
+} tl_fmu_patience;
+
+/* What is seen in a look. */
+typedef struct tl_fmu_patience_view {
+    tl_time now;             /* CLOCK_MONOTONIC */
+    const tl_fmu_call *call; /* NULL: none is under way */
+    const char *asked;       /* the signal that asked to end; NULL: none */
+    unsigned times;          /* how often */
+} tl_fmu_patience_view;
+
+/* False: there is patience left. True: it is over, and `text` says why. */
+bool tl_fmu_patience_is_over(tl_fmu_patience *patience, const tl_fmu_patience_view *view, char *text, size_t size);
+
+/* Looks at the FMU call under way and at the signals that came, and takes these back from an FMU whose call lasts. Where patience is over the
+ * process ends here. */
+void tl_fmu_patience_look(tl_fmu_patience *patience);
+
+#endif

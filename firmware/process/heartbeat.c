@@ -1,0 +1,152 @@
+/* Heartbeats: see heartbeat.h. */
+#include "firmware/process/heartbeat.h"
+
+#include <stdio.h>
+#include <string.h>
+#include <sys/mman.h>
+
+#include "firmware/base/snapshot.h"
+
+struct tl_heartbeats {
+    tl_heart hearts[TL_HEARTBEATS];
+    size_t count;
+    bool ready;
+    uint32_t farewell; /* exit code · 256 + why */
+    tl_fmu_calls calls;
+    tl_snapshot status;
+};
+
+enum { FAREWELL_BITS = 8 };
+
+tl_heartbeats *tl_heartbeats_new(void) {
+    /* cppcheck-suppress invalidFunctionArg ; an anonymous mapping has no file, which is -1 */
+    void *mapped = mmap(NULL, sizeof(tl_heartbeats), PROT_READ | PROT_WRITE, MAP_SHARED | MAP_ANONYMOUS, -1, 0);
+    /* cppcheck-suppress memleak ; it is what is returned */
+    return mapped == MAP_FAILED ? NULL : mapped;
+}
+
+void tl_heartbeats_free(tl_heartbeats *beats) {
+    if (beats != NULL) {
+        (void)munmap(beats, sizeof *beats);
+    }
+}
+
+void tl_heartbeats_clear(tl_heartbeats *beats) {
+    memset(beats, 0, sizeof *beats);
+}
+
+/* ---- in the appliance ---- */
+
+tl_heart *tl_heart_begin(tl_heartbeats *beats, const char *name, tl_time patience) {
+    if (beats == NULL) {
+        return NULL;
+    }
+    size_t place = __atomic_fetch_add(&beats->count, 1, __ATOMIC_RELAXED);
+    if (place >= TL_HEARTBEATS) {
+        return NULL;
+    }
+    tl_heart *heart = &beats->hearts[place];
+    (void)snprintf(heart->name, sizeof heart->name, "%s", name);
+    __atomic_store_n(&heart->patience, patience, __ATOMIC_RELEASE);
+    return heart;
+}
+
+void tl_heart_beat(tl_heart *heart) {
+    if (heart != NULL) {
+        (void)__atomic_add_fetch(&heart->beats, 1, __ATOMIC_RELAXED);
+    }
+}
+
+void tl_heart_be_patient(tl_heart *heart, tl_time patience) {
+    if (heart != NULL) {
+        __atomic_store_n(&heart->patience, patience, __ATOMIC_RELAXED);
+        tl_heart_beat(heart);
+    }
+}
+
+void tl_heart_end(tl_heart *heart) {
+    if (heart != NULL) {
+        __atomic_store_n(&heart->patience, 0, __ATOMIC_RELAXED);
+    }
+}
+
+void tl_heartbeats_set_ready(tl_heartbeats *beats) {
+    if (beats != NULL) {
+        __atomic_store_n(&beats->ready, true, __ATOMIC_RELAXED);
+    }
+}
+
+void tl_heartbeats_set_status(tl_heartbeats *beats, const char *text) {
+    char line[TL_HEARTBEAT_STATUS] = "";
+    if (beats != NULL) {
+        (void)snprintf(line, sizeof line, "%s", text);
+        tl_snapshot_publish(&beats->status, line, sizeof line);
+    }
+}
+
+void tl_heartbeats_announce(tl_heartbeats *beats, tl_farewell why, int code) {
+    if (beats != NULL) {
+        __atomic_store_n(&beats->farewell, (uint32_t)code << FAREWELL_BITS | (uint32_t)why, __ATOMIC_RELAXED);
+    }
+}
+
+tl_fmu_calls *tl_heartbeats_calls(tl_heartbeats *beats) {
+    return beats == NULL ? NULL : &beats->calls;
+}
+
+/* ---- in the supervisor ---- */
+
+/* How long this heart has been silent, as seen until now. */
+static tl_time listen(const tl_heart *heart, tl_heartbeats_seen *seen, size_t place, tl_time passed) {
+    uint64_t beats = __atomic_load_n(&heart->beats, __ATOMIC_RELAXED);
+    seen->silence[place] = beats == seen->beats[place] ? seen->silence[place] + passed : 0;
+    seen->beats[place] = beats;
+    return seen->silence[place];
+}
+
+/* How long the FMU call that is under way has been so, as seen until now. */
+static void follow_call(const tl_heartbeats *beats, tl_heartbeats_seen *seen, tl_time passed) {
+    tl_fmu_call call;
+    bool same = tl_fmu_calls_look(&beats->calls, &call) && call.begun == seen->call;
+    seen->lasted = same ? seen->lasted + passed : 0;
+    seen->call = call.begun;
+}
+
+const char *tl_heartbeats_look(const tl_heartbeats *beats, tl_heartbeats_seen *seen, tl_time now, tl_time *silence) {
+    tl_time passed = seen->looked == 0 ? 0 : now - seen->looked;
+    passed = passed > TL_HEARTBEAT_LOOK ? TL_HEARTBEAT_LOOK : passed;
+    seen->looked = now;
+    follow_call(beats, seen, passed);
+    const char *silent = NULL;
+    for (size_t i = 0; i < TL_HEARTBEATS; i++) {
+        const tl_heart *heart = &beats->hearts[i];
+        tl_time patience = __atomic_load_n(&heart->patience, __ATOMIC_ACQUIRE);
+        tl_time since = listen(heart, seen, i, passed);
+        if (patience > 0 && since > patience && silent == NULL) {
+            silent = heart->name;
+            *silence = since;
+        }
+    }
+    return silent;
+}
+
+bool tl_heartbeats_get_call(const tl_heartbeats *beats, const tl_heartbeats_seen *seen, tl_time least,
+                            tl_fmu_call *call) {
+    bool under_way = tl_fmu_calls_look(&beats->calls, call);
+    return under_way && (least == 0 || (call->begun == seen->call && seen->lasted >= least));
+}
+
+tl_farewell tl_heartbeats_get_farewell(const tl_heartbeats *beats, int *code) {
+    uint32_t farewell = __atomic_load_n(&beats->farewell, __ATOMIC_RELAXED);
+    uint32_t why = farewell & ((1U << FAREWELL_BITS) - 1);
+    *code = (int)(farewell >> FAREWELL_BITS & 0xFFU);
+    return why <= TL_FAREWELL_FAILED ? (tl_farewell)why : TL_FAREWELL_NONE;
+}
+
+bool tl_heartbeats_is_ready(const tl_heartbeats *beats) {
+    return __atomic_load_n(&beats->ready, __ATOMIC_RELAXED);
+}
+
+bool tl_heartbeats_get_status(const tl_heartbeats *beats, char text[TL_HEARTBEAT_STATUS]) {
+    return tl_snapshot_read(&beats->status, text, TL_HEARTBEAT_STATUS);
+}

@@ -1,0 +1,104 @@
+/* Heartbeats: that a thread is alive, seen from another process; with them, what else the supervisor knows of the appliance.
+ *
+ * Purpose: the threads of the appliance beat, the supervisor (supervisor.h) looks. Beside the beats: whether the appliance is ready, a
+ *          line about how it is, the FMU call that is under way (fmu_call.h), and, before it ends, why it will.
+ * Clock:   beats are counted, not timed. How long a thread has been silent is added up by the one who looks, and of the
+ *          time between two looks at most TL_HEARTBEAT_LOOK counts: a clock that is set, a box that was suspended and a
+ *          supervisor that slept make nobody look dead.
+ * Memory:  one mapping that survives fork(), so that both processes see it; TL_HEARTBEATS places.
+ * Thread:  a heart belongs to one thread, which begins it before any other thread looks for it; the one who looks is in another
+ *          process. Wait-free.
+ */
+#ifndef TL_FIRMWARE_PROCESS_HEARTBEAT_H
+#define TL_FIRMWARE_PROCESS_HEARTBEAT_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "firmware/process/fmu_call.h"
+#include "master/base/signal.h"
+#include "master/base/simtime.h"
+
+enum {
+    TL_HEARTBEATS = TL_MAX_SIGNALS + 8, /* one per plant source, and those of the appliance itself */
+    TL_HEARTBEAT_NAME = 40,
+    TL_HEARTBEAT_STATUS = 512
+};
+
+/* Of the time between two looks, what counts at most. */
+#define TL_HEARTBEAT_LOOK (TL_SECOND / 5)
+
+/* One thread's heart. Fields are private. */
+typedef struct tl_heart {
+    uint64_t beats;
+    tl_time patience; /* silence that is taken for life; 0: nobody looks */
+    char name[TL_HEARTBEAT_NAME];
+} tl_heart;
+
+typedef struct tl_heartbeats tl_heartbeats;
+
+/* Why the appliance ends. An FMU can end the process too, with any exit code, so an end is what it was announced to be. */
+typedef enum tl_farewell {
+    TL_FAREWELL_NONE,    /* nothing was announced */
+    TL_FAREWELL_ASKED,   /* a signal asked for it */
+    TL_FAREWELL_OVER,    /* the duration is over */
+    TL_FAREWELL_REFUSED, /* it could not begin: a configuration, an FMU, a source */
+    TL_FAREWELL_FAILED   /* it was ready, and could not go on */
+} tl_farewell;
+
+/* NULL where memory is out. */
+tl_heartbeats *tl_heartbeats_new(void);
+void tl_heartbeats_free(tl_heartbeats *beats);
+
+/* For a process that begins anew: no heart, no status, no call, not ready, nothing announced. */
+void tl_heartbeats_clear(tl_heartbeats *beats);
+
+/* ---- in the appliance; everything takes NULL, and does nothing then: nobody supervises ---- */
+
+/* A heart of that name ("cycle", "plant.gateway"; cut to what fits), watched from now on with `patience` (ns, > 0). NULL where there
+ * is no place left. */
+tl_heart *tl_heart_begin(tl_heartbeats *beats, const char *name, tl_time patience);
+void tl_heart_beat(tl_heart *heart);
+void tl_heart_be_patient(tl_heart *heart, tl_time patience); /* from now on; beats */
+void tl_heart_end(tl_heart *heart);                          /* the thread ends, as it should */
+
+/* The appliance does what it is there for. */
+void tl_heartbeats_set_ready(tl_heartbeats *beats);
+
+/* A line for who asks how it is; by one thread. */
+void tl_heartbeats_set_status(tl_heartbeats *beats, const char *text);
+
+/* Its work is done, all that was to be kept is kept, and it will end with this exit code, 0 … 255. Once. */
+void tl_heartbeats_announce(tl_heartbeats *beats, tl_farewell why, int code);
+
+/* For tl_fmu_calls_use(). */
+tl_fmu_calls *tl_heartbeats_calls(tl_heartbeats *beats);
+
+/* ---- in the supervisor ---- */
+
+/* What was seen so far; zeroed at first, and when the appliance begins anew. Private. */
+typedef struct tl_heartbeats_seen {
+    uint64_t beats[TL_HEARTBEATS];
+    tl_time silence[TL_HEARTBEATS];
+    tl_time looked; /* 0: never */
+    uint32_t call;  /* FMU call, */
+    tl_time lasted; /* and how long it was seen to be under way */
+} tl_heartbeats_seen;
+
+/* Looks. NULL: everybody is alive. Else the name of one that has been silent for longer than its patience, and in `silence` for how long. */
+const char *tl_heartbeats_look(const tl_heartbeats *beats, tl_heartbeats_seen *seen, tl_time now, tl_time *silence);
+
+/* The FMU call that is under way, where it has lasted for at least so long when tl_heartbeats_look() looked last; 0: any. False where there is none. */
+bool tl_heartbeats_get_call(const tl_heartbeats *beats, const tl_heartbeats_seen *seen, tl_time least,
+                            tl_fmu_call *call);
+
+/* What was announced, and the exit code. */
+tl_farewell tl_heartbeats_get_farewell(const tl_heartbeats *beats, int *code);
+
+bool tl_heartbeats_is_ready(const tl_heartbeats *beats);
+
+/* False where nothing new could be read without waiting. */
+bool tl_heartbeats_get_status(const tl_heartbeats *beats, char text[TL_HEARTBEAT_STATUS]);
+
+#endif

@@ -1,0 +1,209 @@
+/* The state of this process that an FMU can change: see host_state.h. */
+#include "firmware/process/host_state.h"
+
+#include <fcntl.h>
+#include <locale.h>
+#include <stdbool.h>
+#include <stdint.h>
+#include <stdio.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <sys/syscall.h>
+#include <unistd.h>
+
+#include "firmware/process/fp_control.h"
+
+enum { HANDLED = 16, LOCALE_NAME = 64 };
+
+/* Of the process's locale: all but the type of characters, which an interpreter sets for itself, and which changes no number. */
+static const int categories[] = {LC_NUMERIC, LC_TIME, LC_COLLATE, LC_MONETARY, LC_MESSAGES};
+
+enum { CATEGORIES = sizeof categories / sizeof categories[0] };
+
+/* A handler of ours. */
+typedef struct handled {
+    int signal;
+    struct sigaction action;
+    tl_host_state_displaced *displaced;
+} handled;
+
+/* As the kernel has it for a thread: struct sched_attr, up to what was there from its beginning (Linux 3.14). */
+typedef struct scheduling {
+    uint32_t size;
+    uint32_t policy;
+    uint64_t flags;
+    int32_t nice;
+    uint32_t priority;
+    uint64_t deadline[3];
+} scheduling;
+
+/* The state of a process, so there is one of it. */
+static struct {
+    bool kept;
+    uint32_t rounding;
+    locale_t locale;                       /* of the thread */
+    char locales[CATEGORIES][LOCALE_NAME]; /* of the process */
+    sigset_t mask;
+    scheduling scheduling;
+    mode_t umask;
+    int folder; /* O_PATH; -1: none */
+    dev_t device;
+    ino_t inode; /* of the folder */
+    handled handlers[HANDLED];
+    size_t handler_count;
+} host = {.folder = -1};
+
+/* ---- keep ---- */
+
+/* The C library has no function for it. A kernel that has none either answers zeros. */
+static scheduling read_scheduling(void) {
+    scheduling now = {0};
+    (void)syscall(SYS_sched_getattr, 0, &now, (unsigned)sizeof now, 0);
+    return now;
+}
+
+static void keep_folder(void) {
+    struct stat status;
+    host.folder = open(".", O_PATH | O_DIRECTORY | O_CLOEXEC);
+    if (host.folder >= 0 && fstat(host.folder, &status) == 0) {
+        host.device = status.st_dev;
+        host.inode = status.st_ino;
+    }
+}
+
+void tl_host_state_keep(void) {
+    host.rounding = tl_fp_control_get();
+    host.locale = uselocale((locale_t)0);
+    for (size_t i = 0; i < CATEGORIES; i++) {
+        (void)snprintf(host.locales[i], LOCALE_NAME, "%s", setlocale(categories[i], NULL));
+    }
+    (void)pthread_sigmask(SIG_SETMASK, NULL, &host.mask);
+    host.scheduling = read_scheduling();
+    if (!host.kept) {
+        host.umask = umask(S_IRWXG | S_IRWXO); /* there is no way but setting it to read it */
+        (void)umask(host.umask);
+        keep_folder();
+    }
+    host.kept = true;
+}
+
+int tl_host_state_handle(int signal, const struct sigaction *action, tl_host_state_displaced *displaced) {
+    if (sigaction(signal, action, NULL) != 0) {
+        return -1;
+    }
+    size_t place = 0;
+    while (place < host.handler_count && host.handlers[place].signal != signal) {
+        place++;
+    }
+    if (place < HANDLED) {
+        host.handlers[place] = (handled){signal, *action, displaced};
+        host.handler_count = place == host.handler_count ? place + 1 : host.handler_count;
+    }
+    return 0;
+}
+
+/* ---- put back ---- */
+
+static unsigned put_back_rounding(void) {
+    if (tl_fp_control_get() == host.rounding) {
+        return 0;
+    }
+    tl_fp_control_set(host.rounding);
+    return TL_HOST_ROUNDING;
+}
+
+/* The thread's is what we and FMUs called by us go by, the process's is what threads of an FMU do. */
+static unsigned put_back_locale(void) {
+    unsigned changed = 0;
+    if (uselocale((locale_t)0) != host.locale) {
+        (void)uselocale(host.locale);
+        changed = TL_HOST_LOCALE;
+    }
+    for (size_t i = 0; i < CATEGORIES; i++) {
+        if (strcmp(setlocale(categories[i], NULL), host.locales[i]) != 0) {
+            (void)setlocale(categories[i], host.locales[i]);
+            changed = TL_HOST_LOCALE;
+        }
+    }
+    return changed;
+}
+
+static unsigned put_back_mask(void) {
+    sigset_t now;
+    if (pthread_sigmask(SIG_SETMASK, NULL, &now) != 0) {
+        return 0;
+    }
+    for (int signal = 1; signal < NSIG; signal++) {
+        if (sigismember(&now, signal) != sigismember(&host.mask, signal)) {
+            (void)pthread_sigmask(SIG_SETMASK, &host.mask, NULL);
+            return TL_HOST_SIGNAL_MASK;
+        }
+    }
+    return 0;
+}
+
+static bool is_same_handler(const struct sigaction *one, const struct sigaction *other) {
+    return (one->sa_flags & SA_SIGINFO) == (other->sa_flags & SA_SIGINFO) && one->sa_handler == other->sa_handler;
+}
+
+static unsigned put_back_handlers(void) {
+    unsigned changed = 0;
+    for (size_t i = 0; i < host.handler_count; i++) {
+        struct sigaction now;
+        const handled *own = &host.handlers[i];
+        if (sigaction(own->signal, NULL, &now) == 0 && !is_same_handler(&now, &own->action)) {
+            (void)sigaction(own->signal, &own->action, NULL);
+            if (own->displaced != NULL) {
+                own->displaced(own->signal, &now);
+            }
+            changed = TL_HOST_HANDLERS;
+        }
+    }
+    return changed;
+}
+
+static unsigned put_back_folder(void) {
+    struct stat now;
+    if (host.folder < 0 || (stat(".", &now) == 0 && now.st_dev == host.device && now.st_ino == host.inode)) {
+        return 0;
+    }
+    return fchdir(host.folder) == 0 ? TL_HOST_FOLDER : 0;
+}
+
+static unsigned put_back_umask(void) {
+    return umask(host.umask) == host.umask ? 0 : TL_HOST_UMASK;
+}
+
+static unsigned put_back_scheduling(void) {
+    const scheduling now = read_scheduling();
+    if (memcmp(&now, &host.scheduling, sizeof now) == 0) {
+        return 0;
+    }
+    return syscall(SYS_sched_setattr, 0, &host.scheduling, 0) == 0 ? TL_HOST_SCHEDULING : 0;
+}
+
+unsigned tl_host_state_put_back(void) {
+    if (!host.kept) {
+        return 0;
+    }
+    return put_back_rounding() | put_back_locale() | put_back_mask() | put_back_handlers() | put_back_folder() |
+           put_back_umask() | put_back_scheduling();
+}
+
+/* ---- describe ---- */
+
+void tl_host_state_describe(unsigned changes, char text[TL_HOST_CHANGE_TEXT]) {
+    static const char *const names[TL_HOST_CHANGES] = {
+        "floating-point control", "the locale", "the signal mask", "signal handlers",
+        "the current folder",     "the umask",  "the scheduling",
+    };
+    size_t used = 0;
+    text[0] = '\0';
+    for (size_t i = 0; i < TL_HOST_CHANGES && used < TL_HOST_CHANGE_TEXT; i++) {
+        if ((changes & 1U << i) != 0) {
+            const char *between = used == 0 ? "" : (changes >> (i + 1)) == 0 ? " and " : ", ";
+            int length = snprintf(text + used, TL_HOST_CHANGE_TEXT - used, "%s%s", between, names[i]);
+            used += length > 0 ? (size_t)length : 0;
+        }
+    }
+}

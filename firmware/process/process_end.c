@@ -1,0 +1,147 @@
+/* The end of the process: see process_end.h. */
+#include "firmware/process/process_end.h"
+
+#include <signal.h>
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <unistd.h>
+
+#include "firmware/base/log.h"
+#include "firmware/process/fmu_call.h"
+
+#if defined(__has_feature)
+#if __has_feature(address_sanitizer)
+#define TL_FINDS_LEAKS
+#endif
+#endif
+#if defined(__SANITIZE_ADDRESS__) || defined(TL_FINDS_LEAKS)
+#include <sanitizer/lsan_interface.h>
+#endif
+#if defined(TL_COVERAGE)
+#include <gcov.h>
+#endif
+
+enum { FMU_FAILED = 70, FLUSH_S = 1 };
+
+/* Of the process, which ends but once. */
+static pid_t process; /* whose end is ours; what an FMU forks ends as it likes */
+static volatile sig_atomic_t ending;
+static volatile sig_atomic_t end_code;
+static tl_process_keeper *kept_by;
+static void *kept_for;
+static tl_process_remover *remover;
+static bool runs_exit_handlers;
+
+static void end_late(int number) {
+    (void)number;
+    _exit(end_code);
+}
+
+/* After so many seconds nobody is waited for any more. */
+static void limit(unsigned seconds) {
+    struct sigaction action = {.sa_handler = end_late};
+    sigset_t set;
+    (void)sigemptyset(&action.sa_mask);
+    (void)sigaction(SIGALRM, &action, NULL);
+    (void)sigemptyset(&set);
+    (void)sigaddset(&set, SIGALRM);
+    (void)pthread_sigmask(SIG_UNBLOCK, &set, NULL);
+    (void)alarm(seconds);
+}
+
+/* A thread that an FMU has left behind may hold the lock of a stream for ever. */
+static void flush_and_end(void) __attribute__((noreturn));
+
+static void flush_and_end(void) {
+    limit(FLUSH_S);
+    (void)fflush(NULL);
+#if defined(TL_COVERAGE)
+    __gcov_dump();
+#endif
+    _exit(end_code);
+}
+
+static void set_ending(int code) {
+    end_code = code;
+    ending = 1;
+}
+
+/* exit() was called: by us, and what was registered after this has run, or by an FMU. */
+static void on_exit_called(int code, void *unused) {
+    char why[256];
+    tl_fmu_call call;
+    (void)unused;
+    if (process != getpid()) {
+        return;
+    }
+    if (ending != 0) {
+        flush_and_end();
+    }
+    if (tl_fmu_calls_look(tl_fmu_calls_here(), &call)) {
+        (void)snprintf(why, sizeof why,
+                       "FMU %s called exit(%d) in %s, which ends the program it is in; export it again, or ask who "
+                       "made it",
+                       call.fmu, code, call.function);
+    } else {
+        (void)snprintf(why, sizeof why,
+                       "an FMU called exit(%d) outside of its functions, in a thread of its own, which ends the "
+                       "program it is in; export it again, or ask who made it",
+                       code);
+    }
+    tl_process_give_up(why);
+}
+
+void tl_process_begin(void) {
+    static bool registered;
+    process = getpid();
+    registered = registered || on_exit(on_exit_called, NULL) == 0;
+}
+
+void tl_process_end(int code) {
+    set_ending(code);
+    if (__atomic_load_n(&runs_exit_handlers, __ATOMIC_RELAXED)) { /* an interpreter frees what it has there, if ever */
+        limit(TL_PROCESS_END_S);
+        exit(code); // NOLINT(concurrency-mt-unsafe): nobody else of ours ends the process
+    }
+#if defined(__SANITIZE_ADDRESS__) || defined(TL_FINDS_LEAKS)
+    __lsan_do_leak_check();
+#endif
+    flush_and_end();
+}
+
+void tl_process_give_up(const char *why) {
+    set_ending(FMU_FAILED);
+    tl_process_keeper *keeper = __atomic_load_n(&kept_by, __ATOMIC_ACQUIRE);
+    limit(TL_PROCESS_END_S);
+    tl_log(TL_LOG_ERROR, "%s", why);
+    if (keeper != NULL) {
+        keeper(kept_for, why);
+    }
+    tl_process_remover *remove_all = __atomic_load_n(&remover, __ATOMIC_ACQUIRE);
+    if (remove_all != NULL) {
+        remove_all();
+    }
+    flush_and_end();
+}
+
+void tl_process_keep(tl_process_keeper *keeper, void *context) {
+    __atomic_store_n(&kept_by, NULL, __ATOMIC_RELEASE);
+    kept_for = context;
+    __atomic_store_n(&kept_by, keeper, __ATOMIC_RELEASE);
+}
+
+void tl_process_remove_by(tl_process_remover *remove_all) {
+    __atomic_store_n(&remover, remove_all, __ATOMIC_RELEASE);
+}
+
+void tl_process_run_exit_handlers(void) {
+    __atomic_store_n(&runs_exit_handlers, true, __ATOMIC_RELAXED);
+}
+
+void tl_process_end_if_ending(void) {
+    if (ending != 0 && process == getpid()) {
+        _exit(end_code);
+    }
+}

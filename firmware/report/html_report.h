@@ -1,0 +1,102 @@
+/* The report of a run: one HTML page with its key figures, its curves and its events, which needs nothing else.
+ *
+ * Purpose: what a person looks at, mails and prints; the same for a replay and for a recorded run.
+ * Bound:   memory and page do not grow with the run: curves are thinned to envelopes (envelope.h), of the events the
+ *          newest TL_HTML_EVENTS are listed.
+ * Safety:  what comes from outside is written by html_text.h; the page's policy runs only the two scripts that the build
+ *          put into it, and lets nothing be loaded.
+ * Format:  config/SPEC.md, "The report".
+ * Owner:   texts and arrays of the settings must outlive the report.
+ * Thread:  one thread.
+ */
+#ifndef TL_FIRMWARE_REPORT_HTML_REPORT_H
+#define TL_FIRMWARE_REPORT_HTML_REPORT_H
+
+#include <stdbool.h>
+#include <stdint.h>
+#include <stdio.h>
+
+#include "firmware/record/run_types.h"
+#include "firmware/text/utc.h"
+#include "master/plan/plan.h"
+#include "master/twin/metrics.h"
+#include "master/twin/twin.h"
+
+enum { TL_HTML_EVENTS = 1000 };
+
+typedef struct tl_html_settings {
+    const char *name;    /* of the configuration */
+    const char *source;  /* what was run: the recording's file, or database and run */
+    const char *begun;   /* UTC */
+    const char *version; /* of the program that stepped */
+    const char *solver;  /* "": nothing is adjusted */
+    const char *fallback;
+    const char *measurements;
+    tl_time step;        /* T_S */
+    uint32_t prediction; /* T_P */
+    bool live;           /* steps were at a time of the world: step 0 began at `origin` */
+    int64_t origin;      /* UTC, ms */
+    bool clock;          /* a clock limited the searches, and `used` means something */
+    tl_time budget;      /* ns for a search; 0: not known */
+    int64_t first;       /* the first step that there may be */
+    const tl_recorder_signal *match, *adjust;
+    size_t match_count, adjust_count;
+    const double *tolerance; /* of each match; 0: none */
+} tl_html_settings;
+
+/* What was added up elsewhere; arrays in the order of the settings. */
+typedef struct tl_html_figures {
+    const char *ended; /* why, in words */
+    uint64_t steps;    /* computed at their own tick */
+    uint64_t skipped;
+    uint64_t evaluations;
+    uint64_t optimised_steps;
+    uint64_t time_limited;
+    uint64_t late; /* steps that took longer than their period */
+    tl_time longest;
+    uint64_t outcomes[TL_OUTCOMES];
+    tl_metrics match[TL_MAX_MATCH];
+    struct {
+        double first, last, mean, delta_mean; /* NaN: not known */
+    } adjust[TL_MAX_ADJUST];
+    const char *components[TL_RECORDER_COMPONENTS];
+    tl_recorder_component ledger[TL_RECORDER_COMPONENTS];
+    size_t component_count; /* 0: no ledger was kept */
+} tl_html_figures;
+
+/* Texts are copied, and cut to what an entry holds. */
+typedef struct tl_html_event {
+    const char *at;       /* UTC; "" in a replay */
+    int64_t tick;         /* −1: none */
+    const char *severity; /* "info", "warning", "error" */
+    const char *source;
+    const char *text;
+} tl_html_event;
+
+typedef struct tl_html_report tl_html_report;
+
+/* The tolerance of a match; 0 where it is only compared, and so has none. */
+double tl_html_tolerance(const tl_plan_match *match, bool synchronise);
+
+tl_status tl_html_report_create(const tl_html_settings *settings, tl_html_report **report, tl_error *error);
+
+/* NULL is allowed. */
+void tl_html_report_destroy(tl_html_report *report);
+
+/* Each kind in the order of the steps; the kinds may follow each other. Of a record only what these arguments say is
+ * used. */
+void tl_html_report_add_step(tl_html_report *report, const tl_record *record);
+void tl_html_report_add_output(tl_html_report *report, int64_t step, size_t match, double y, double y_hat,
+                               tl_quality quality);
+void tl_html_report_add_adjustment(tl_html_report *report, int64_t step, size_t adjust, double u, double u_hat);
+
+/* All three of one record. */
+void tl_html_report_add_record(tl_html_report *report, const tl_record *record);
+
+/* In the order in which they were. */
+void tl_html_report_add_event(tl_html_report *report, const tl_html_event *event);
+
+/* The page. What could not be written is seen on the stream. */
+void tl_html_report_write(const tl_html_report *report, const tl_html_figures *figures, FILE *file);
+
+#endif

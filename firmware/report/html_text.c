@@ -1,0 +1,83 @@
+/* Text on an HTML page: see html_text.h. */
+#include "firmware/report/html_text.h"
+
+#include <inttypes.h>
+#include <math.h>
+#include <string.h>
+
+#include "firmware/base/sha256.h"
+
+void tl_html_put_text(FILE *file, const char *text) {
+    for (const char *c = text; *c != '\0'; c++) {
+        switch (*c) {
+        case '&':
+            (void)fputs("&amp;", file);
+            break;
+        case '<':
+            (void)fputs("&lt;", file);
+            break;
+        case '>':
+            (void)fputs("&gt;", file);
+            break;
+        case '"':
+            (void)fputs("&quot;", file);
+            break;
+        case '\'':
+            (void)fputs("&#39;", file);
+            break;
+        default:
+            (void)fputc((unsigned char)*c < 0x20 || *c == 0x7F ? ' ' : *c, file);
+        }
+    }
+}
+
+void tl_html_put_string(FILE *file, const char *text) {
+    (void)fputc('"', file);
+    for (const char *c = text; *c != '\0'; c++) {
+        if ((unsigned char)*c < 0x20 || strchr("\"\\<>&'\x7F", *c) != NULL) {
+            (void)fprintf(file, "\\u%04x", (unsigned)(unsigned char)*c);
+        } else {
+            (void)fputc(*c, file);
+        }
+    }
+    (void)fputc('"', file);
+}
+
+void tl_html_put_number(FILE *file, double value) {
+    if (isfinite(value)) {
+        (void)fprintf(file, "%.9g", value);
+    } else {
+        (void)fputs("null", file);
+    }
+}
+
+void tl_html_put_count(FILE *file, uint64_t count) {
+    char digits[24];
+    int length = snprintf(digits, sizeof digits, "%" PRIu64, count);
+    for (int i = 0; i < length; i++) {
+        if (i > 0 && (length - i) % 3 == 0) {
+            (void)fputs("\342\200\257", file); /* U+202F, narrow no-break space */
+        }
+        (void)fputc(digits[i], file);
+    }
+}
+
+static uint32_t hexadecimal(char digit) {
+    return (uint32_t)(digit <= '9' ? digit - '0' : digit - 'a' + 10);
+}
+
+void tl_html_digest(const void *data, size_t size, char text[TL_HTML_DIGEST]) {
+    static const char letters[] = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+    char digits[TL_SHA256_TEXT + 2];
+    tl_sha256(data, size, digits);
+    digits[64] = '0'; /* 32 bytes are 43 letters, the last of them with two bits to spare */
+    digits[65] = '0';
+    char *end = text + sprintf(text, "sha256-");
+    for (size_t i = 0; i < 66; i += 3) { /* three hexadecimal digits are two letters */
+        uint32_t bits = hexadecimal(digits[i]) << 8 | hexadecimal(digits[i + 1]) << 4 | hexadecimal(digits[i + 2]);
+        *end++ = letters[bits >> 6];
+        *end++ = letters[bits & 63];
+    }
+    end[-1] = '='; /* the 44th letter stands for no bits at all */
+    *end = '\0';
+}

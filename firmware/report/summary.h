@@ -1,0 +1,50 @@
+/* The summary of a run: what `replay --json`, the closing table of `replay` and `run`, and the demo show.
+ *
+ * Purpose: adds up records as they come; prints itself as one JSON object (keys: config/SPEC.md, "Results", --json) or as
+ *          a table for people.
+ * Thread:  add() from the thread that steps; printing afterwards.
+ */
+#ifndef TL_FIRMWARE_REPORT_SUMMARY_H
+#define TL_FIRMWARE_REPORT_SUMMARY_H
+
+#include <stdint.h>
+#include <stdio.h>
+
+#include "firmware/config/config.h"
+#include "firmware/record/run_types.h"
+#include "master/twin/twin.h"
+
+typedef struct tl_summary_adjust {
+    double first, last;
+    double sum;       /* of u */
+    double delta_sum; /* of u − û */
+} tl_summary_adjust;
+
+typedef struct tl_summary {
+    uint64_t steps; /* computed at their own tick; those made up later and those followed are in `outcomes` */
+    uint64_t evaluations;
+    uint64_t optimised_steps; /* steps that searched beyond the first guess */
+    uint64_t outcomes[TL_OUTCOMES];
+    uint64_t time_limited; /* searches that the time budget ended */
+    tl_summary_adjust adjust[TL_MAX_ADJUST];
+    uint64_t samples;                  /* of the plant, */
+    uint64_t not_good[TL_MAX_SIGNALS]; /* and those of them that were not good, by signal */
+    uint64_t ticks;           /* instants at which a step was due, counted by the clock; 0 where there is none */
+    uint64_t skipped;         /* of them missed, counted by whoever keeps the time; steps + skipped = ticks */
+    uint64_t deadline_misses; /* steps that ended after their period */
+    tl_time used_longest;     /* ns */
+    double wall_s;
+    tl_resumption resumption; /* of a run that goes on with an earlier one, whose last steps are among the outcomes */
+} tl_summary;
+
+void tl_summary_add(tl_summary *summary, const tl_config *config, const tl_record *record);
+
+/* A sample of the plant, as the twin was given it. */
+void tl_summary_sample(tl_summary *summary, const tl_config *config, const tl_sample *sample);
+
+/* One JSON object and a newline. */
+void tl_summary_print_json(const tl_summary *summary, const tl_config *config, const tl_twin *twin, FILE *file);
+
+void tl_summary_print_table(const tl_summary *summary, const tl_config *config, const tl_twin *twin, FILE *file);
+
+#endif

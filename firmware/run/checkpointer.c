@@ -1,0 +1,116 @@
+/* The checkpointer: see checkpointer.h. */
+#include "firmware/run/checkpointer.h"
+
+#include "firmware/base/clock.h"
+
+static const tl_time INTERVAL = 10 * TL_SECOND;
+enum { INTERVAL_MOST = 2000, LATE = 3 /* intervals without one that are told */ };
+
+static int64_t interval_of(tl_time step) {
+    int64_t ticks = INTERVAL / step;
+    return ticks < 1 ? 1 : ticks < INTERVAL_MOST ? ticks : INTERVAL_MOST;
+}
+
+void tl_checkpointer_init(tl_checkpointer *self, const tl_assembly *assembly, tl_recorder *recorder,
+                          tl_journal *journal) {
+    *self = (tl_checkpointer){
+        .twin = assembly->twin,
+        .recorder = recorder,
+        .journal = journal,
+        .interval = interval_of(assembly->config.step),
+        .is_off = recorder == NULL || assembly->config.record_resume == 0,
+    };
+    if (!self->is_off && !tl_twin_can_save(self->twin)) {
+        self->is_off = true;
+        tl_journal_event(
+            journal, -1, TL_EVENT_INFO, "checkpoint",
+            "not every FMU can turn its state into bytes (canSerializeFMUstate): after a restart the newest "
+            "inputs are run again");
+    }
+}
+
+static void end(tl_checkpointer *self, const char *why) {
+    self->is_off = true;
+    tl_journal_event(self->journal, -1, TL_EVENT_WARNING, "checkpoint",
+                     "no more are saved, and after a restart the inputs since the last one are run again: %s", why);
+}
+
+/* Into the recorder's room; what it took. False where nothing was saved. */
+static bool save(tl_checkpointer *self, size_t *size) {
+    size_t capacity = 0;
+    unsigned char *room = tl_recorder_checkpoint_room(self->recorder, &capacity);
+    tl_error error;
+    if (room == NULL) {
+        return false; /* the one before is still being written */
+    }
+    tl_time begun = tl_clock_now(NULL);
+    if (tl_twin_save(self->twin, room, capacity, size, &error) != TL_OK) {
+        end(self, error.text);
+        return false;
+    }
+    self->cost = tl_clock_now(NULL) - begun;
+    if (*size > capacity) {
+        end(self, "the state has grown to more than twice its size");
+        return false;
+    }
+    return *size != 0;
+}
+
+static void put(tl_checkpointer *self, int64_t tick, size_t size) {
+    tl_recorder_put_checkpoint(self->recorder, tick, size);
+    self->next = tick + self->interval;
+}
+
+/* The first one: takes room for twice as much, and is saved twice, since the first time is the longest. */
+static void begin(tl_checkpointer *self, int64_t tick, const tl_budget *budget) {
+    tl_error error;
+    size_t size = 0;
+    if (tl_recorder_checkpoint_is_waiting(self->recorder)) {
+        return; /* that which the run goes on with */
+    }
+    if (tl_twin_save(self->twin, NULL, 0, &size, &error) != TL_OK) {
+        end(self, error.text);
+        return;
+    }
+    if (size == 0) {
+        return;
+    }
+    if (!tl_recorder_reserve_checkpoint(self->recorder, 2 * size)) {
+        end(self, "it is too large for the database (record.max_mb), or there is not enough memory");
+        return;
+    }
+    bool saved = save(self, &size);
+    if (saved) {
+        saved = save(self, &size);
+    }
+    if (saved) {
+        self->is_ready = true;
+        put(self, tick, size);
+    }
+    if (self->cost > budget->time) {
+        end(self, "it takes longer than the budget of a step");
+    }
+}
+
+static void tell_late(tl_checkpointer *self, int64_t tick) {
+    if (!self->has_told && tick > self->next + LATE * self->interval) {
+        self->has_told = true;
+        tl_journal_event(self->journal, tick, TL_EVENT_WARNING, "checkpoint",
+                         "none was saved for %lld ticks, since no step had %.3g ms left",
+                         (long long)(tick - self->next), tl_seconds(self->cost) * 1e3);
+    }
+}
+
+void tl_checkpointer_after(tl_checkpointer *self, int64_t tick, const tl_budget *budget) {
+    size_t size = 0;
+    if (self->is_off || budget == NULL || tick < self->next) {
+        return;
+    }
+    if (!self->is_ready) {
+        begin(self, tick, budget);
+    } else if (tl_clock_now(NULL) - budget->started + self->cost > budget->time) {
+        tell_late(self, tick);
+    } else if (save(self, &size)) {
+        put(self, tick, size);
+    }
+}

@@ -1,0 +1,219 @@
+/* The real-time cycle: see cycle.h. */
+#include "firmware/run/cycle.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#include "firmware/base/c_locale.h"
+#include "firmware/base/clock.h"
+#include "firmware/base/snapshot.h"
+#include "firmware/fmu/fmu_guard.h"
+#include "firmware/process/host_state.h"
+#include "firmware/run/checkpointer.h"
+#include "firmware/run/realtime.h"
+#include "firmware/run/watch.h"
+
+struct tl_cycle {
+    tl_cycle_settings settings;
+    tl_heart *heart;
+    tl_time start;     /* t_0 */
+    int64_t next_tick; /* not yet computed */
+    int64_t warm_up;   /* ticks at which no step is due yet */
+    int64_t last_tick; /* after it the duration is over */
+    bool stop;
+    tl_summary summary;
+    tl_watch watch;
+    tl_checkpointer checkpointer;
+    tl_status status;
+    tl_error error;
+    tl_cycle_status shown;
+    tl_snapshot snapshot;
+};
+
+static bool is_stopped(const tl_cycle *cycle) {
+    return __atomic_load_n(&cycle->stop, __ATOMIC_RELAXED);
+}
+
+static void show(tl_cycle *cycle) {
+    int64_t due = cycle->next_tick - cycle->warm_up;
+    cycle->summary.ticks = due > 0 ? (uint64_t)due : 0;
+    cycle->shown.steps = cycle->summary.steps;
+    cycle->shown.ticks = cycle->summary.ticks;
+    cycle->shown.skipped = cycle->summary.skipped;
+    cycle->shown.deadline_misses = cycle->summary.deadline_misses;
+    tl_snapshot_publish(&cycle->snapshot, &cycle->shown, sizeof cycle->shown);
+}
+
+static void keep(tl_cycle *cycle, int64_t tick, const tl_record *record) {
+    tl_summary_add(&cycle->summary, &cycle->settings.assembly->config, record);
+    tl_watch_record(&cycle->watch, tick, record);
+    if (cycle->settings.recorder != NULL) {
+        tl_assembly_put_step(cycle->settings.assembly, cycle->settings.recorder, record);
+    }
+    cycle->shown.record = *record;
+}
+
+/* The run begins for the recorder with its first sample: t_start is tick 0. */
+static void keep_sample(tl_cycle *cycle, const tl_sample *sample) {
+    if (cycle->settings.recorder == NULL) {
+        return;
+    }
+    if (sample->tick == 0) {
+        tl_recorder_start(cycle->settings.recorder, cycle->start);
+    }
+    tl_recorder_put_sample(cycle->settings.recorder, sample);
+}
+
+/* One tick: searched within `budget`, or made up where that is NULL. */
+static tl_status compute(tl_cycle *cycle, int64_t tick, const tl_budget *budget) {
+    tl_heart_beat(cycle->heart);
+    tl_sample sample;
+    tl_record record;
+    bool ready = false;
+    tl_twin *twin = cycle->settings.assembly->twin;
+    tl_time instant = tl_time_of_step(cycle->start, cycle->settings.assembly->config.step, tick);
+    tl_plant_input_take(cycle->settings.input, tick, instant, &sample);
+    if (budget != NULL && cycle->settings.recorder != NULL) {
+        tl_recorder_go_live(cycle->settings.recorder); /* nobody is late any more after a restart */
+    }
+    tl_watch_sample(&cycle->watch, &sample);
+    tl_summary_sample(&cycle->summary, &cycle->settings.assembly->config, &sample);
+    keep_sample(cycle, &sample);
+    tl_status status = budget == NULL ? tl_twin_make_up(twin, &sample, &record, &ready, &cycle->error)
+                                      : tl_twin_step(twin, &sample, budget, &record, &ready, &cycle->error);
+    if (ready) {
+        keep(cycle, tick, &record);
+    }
+    if (status == TL_OK) {
+        cycle->summary.skipped += budget == NULL && tick >= cycle->warm_up ? 1 : 0;
+        cycle->next_tick = tick + 1;
+        tl_checkpointer_after(&cycle->checkpointer, tick, budget);
+    }
+    return status;
+}
+
+/* All that is due: missed ticks first, as many as the budget allows, then the present one. */
+static tl_status catch_up(tl_cycle *cycle, const tl_budget *budget) {
+    tl_time period = cycle->settings.assembly->config.step;
+    int64_t present = (budget->started - cycle->start) / period;
+    int64_t missed_from = cycle->next_tick;
+    uint64_t skipped_before = cycle->summary.skipped;
+    tl_status status = TL_OK;
+    present = present < cycle->last_tick ? present : cycle->last_tick;
+    while (status == TL_OK && cycle->next_tick < present) {
+        if (cycle->next_tick != missed_from && tl_clock_now(NULL) - budget->started >= budget->time) {
+            break; /* the rest at the next tick */
+        }
+        status = compute(cycle, cycle->next_tick, NULL);
+    }
+    tl_watch_skipped(&cycle->watch, present, cycle->summary.skipped - skipped_before,
+                     tl_time_of_step(cycle->start, period, present));
+    if (status == TL_OK && cycle->next_tick == present) {
+        status = compute(cycle, present, budget);
+        tl_time deadline = tl_time_of_step(cycle->start, period, present + 1);
+        cycle->summary.deadline_misses += tl_clock_now(NULL) > deadline ? 1 : 0;
+    }
+    return status;
+}
+
+/* Mode ahead: the last step's measurement is one period away. Asked to stop, nobody waits for it. */
+static void finish(tl_cycle *cycle) {
+    const tl_config *config = &cycle->settings.assembly->config;
+    tl_time instant = tl_time_of_step(cycle->start, config->step, cycle->next_tick);
+    tl_sample sample;
+    tl_record record;
+    bool ready = false;
+    if (config->measurements != TL_AHEAD || cycle->next_tick == 0) {
+        return;
+    }
+    if (!is_stopped(cycle)) {
+        tl_clock_sleep_until(instant);
+    }
+    tl_plant_input_take(cycle->settings.input, cycle->next_tick, instant, &sample);
+    if (tl_clock_now(NULL) < instant) {
+        memset(sample.quality, TL_STALE, config->signal_count);
+    }
+    tl_twin_finish(cycle->settings.assembly->twin, &sample, &record, &ready);
+    if (ready) {
+        keep_sample(cycle, &sample);
+        keep(cycle, cycle->next_tick, &record);
+    }
+}
+
+static void run(void *context) {
+    tl_cycle *cycle = context;
+    const tl_config *config = &cycle->settings.assembly->config;
+    tl_locale_use();
+    tl_realtime_touch_stack();
+    while (!is_stopped(cycle) && cycle->status == TL_OK && cycle->next_tick <= cycle->last_tick) {
+        tl_time instant = tl_time_of_step(cycle->start, config->step, cycle->next_tick);
+        tl_clock_sleep_until(instant);
+        const tl_budget budget = {
+            .evaluations = config->budget_evaluations,
+            .time = config->budget_time,
+            .started = tl_clock_now(NULL),
+            .now = tl_clock_now,
+        };
+        if (!is_stopped(cycle) && budget.started >= instant) {
+            cycle->status = catch_up(cycle, &budget);
+            tl_fmu_guard_tick();
+            show(cycle);
+        }
+    }
+    finish(cycle);
+    cycle->shown.ended = true;
+    show(cycle);
+    tl_heart_end(cycle->heart);
+}
+
+/* Tick 0 is a period away, unless there were ticks before. */
+static void find_start(tl_cycle *cycle) {
+    const tl_resumption *resumption = &cycle->settings.resumed.resumption;
+    tl_twin_facts facts = tl_twin_get_facts(cycle->settings.assembly->twin);
+    cycle->warm_up = facts.first + facts.lead;
+    cycle->start = tl_clock_now(NULL) + cycle->settings.assembly->config.step;
+    if (resumption->from != TL_RESUMED_NOT) {
+        cycle->start = resumption->start;
+        cycle->next_tick = resumption->tick;
+        cycle->warm_up = cycle->warm_up > resumption->tick ? cycle->warm_up : resumption->tick;
+    }
+}
+
+/* Steps i = 0 … n with n = duration/T_S. */
+static int64_t last_tick(const tl_config *config, int64_t delay) {
+    return config->duration == 0 ? INT64_MAX - 1 : config->duration / config->step + delay;
+}
+
+tl_status tl_cycle_start(const tl_cycle_settings *settings, tl_cycle **cycle, tl_error *error) {
+    const tl_config *config = &settings->assembly->config;
+    tl_cycle *started = calloc(1, sizeof *started);
+    if (started == NULL) {
+        return tl_fail(error, TL_TRY_AGAIN, "not enough memory for the cycle");
+    }
+    started->settings = *settings;
+    started->summary = settings->resumed;
+    started->last_tick = last_tick(config, tl_twin_get_facts(settings->assembly->twin).lead);
+    tl_watch_init(&started->watch, config, settings->journal);
+    started->heart = tl_heart_begin(settings->beats, "cycle", config->realtime_hang + 2 * config->step);
+    tl_checkpointer_init(&started->checkpointer, settings->assembly, settings->recorder, settings->journal);
+    find_start(started);
+    tl_realtime_raise(tl_fmu_thread_handle(settings->thread), config->realtime_priority, settings->journal);
+    tl_fmu_thread_begin(settings->thread, run, started);
+    *cycle = started;
+    return TL_OK;
+}
+
+bool tl_cycle_status_now(const tl_cycle *cycle, tl_cycle_status *status) {
+    return tl_snapshot_read(&cycle->snapshot, status, sizeof *status);
+}
+
+tl_status tl_cycle_stop(tl_cycle *cycle, tl_summary *summary, tl_error *error) {
+    __atomic_store_n(&cycle->stop, true, __ATOMIC_RELAXED);
+    tl_fmu_thread_hurry(cycle->settings.thread);
+    tl_realtime_lower(tl_fmu_thread_handle(cycle->settings.thread));
+    *summary = cycle->summary;
+    *error = cycle->error;
+    tl_status status = cycle->status;
+    free(cycle);
+    return status;
+}

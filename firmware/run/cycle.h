@@ -1,0 +1,60 @@
+/* The real-time cycle: the thread of the FMUs wakes at absolute instants, takes a sample, and steps the twin.
+ *
+ * Purpose: the heart of `twinlock run`. Nothing in it waits: samples come from mailboxes, records go into rings.
+ * Ticks:   tick m is due at t_start + m·T_S (CLOCK_MONOTONIC). A tick whose whole period has passed before it could be
+ *          begun is skipped: its sample is looked up at its own instant and its step made up without a search, with nominal
+ *          plus the last Δu (a Boolean: the last u), within the time budget of a later tick, so that model time stays plant
+ *          time. Of the ticks at which a step was due,
+ *          ticks = steps + skipped.
+ * Thread:  start and stop from one thread; status from any. Between them the thread of the FMUs has the configured real-time
+ *          priority, and an ordinary one before and after, while FMUs are loaded and freed.
+ */
+#ifndef TL_FIRMWARE_RUN_CYCLE_H
+#define TL_FIRMWARE_RUN_CYCLE_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+#include "firmware/fmu/fmu_thread.h"
+#include "firmware/plant/plant_input.h"
+#include "firmware/process/heartbeat.h"
+#include "firmware/record/recorder.h"
+#include "firmware/report/summary.h"
+#include "firmware/run/assembly.h"
+#include "firmware/run/journal.h"
+
+typedef struct tl_cycle tl_cycle;
+
+typedef struct tl_cycle_settings {
+    const tl_assembly *assembly;
+    tl_fmu_thread *thread; /* in which the assembly was built; it belongs to the cycle from start to stop */
+    const tl_plant_input *input;
+    tl_recorder *recorder; /* NULL: none */
+    tl_journal *journal;
+    tl_heartbeats *beats; /* NULL: nobody listens */
+    tl_summary
+        resumed; /* what was done before the first tick, where the twin goes on with an earlier run; else zeroes */
+} tl_cycle_settings;
+
+/* What the cycle is doing, for a status line. */
+typedef struct tl_cycle_status {
+    uint64_t steps;
+    uint64_t ticks;
+    uint64_t skipped;
+    uint64_t deadline_misses;
+    bool ended;       /* the duration is over, or the twin failed */
+    tl_record record; /* the newest */
+} tl_cycle_status;
+
+/* Tick 0 is due one period from now; of a twin that goes on with an earlier run, its next tick at that run's own time, and
+ * all ticks since then are missed ones. Settings and what they point to must outlive the cycle. */
+tl_status tl_cycle_start(const tl_cycle_settings *settings, tl_cycle **cycle, tl_error *error);
+
+/* false where nothing new could be read without waiting. */
+bool tl_cycle_status_now(const tl_cycle *cycle, tl_cycle_status *status);
+
+/* Ends the cycle within one period at most, fills the summary, and frees it. The status is that of the twin's last step;
+ * TL_OK where it was only asked to stop. */
+tl_status tl_cycle_stop(tl_cycle *cycle, tl_summary *summary, tl_error *error);
+
+#endif

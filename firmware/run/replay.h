@@ -1,0 +1,33 @@
+/* A replay: a recording through the twin, as fast as it can or in real time.
+ *
+ * Purpose: the loop of `twinlock replay`. Budgets in time are ignored, so that it is repeatable to the bit.
+ * Thread:  the caller's.
+ */
+#ifndef TL_FIRMWARE_RUN_REPLAY_H
+#define TL_FIRMWARE_RUN_REPLAY_H
+
+#include <stdbool.h>
+#include <stdio.h>
+
+#include "firmware/plant/recording.h"
+#include "firmware/record/recorder.h"
+#include "firmware/report/summary.h"
+#include "firmware/report/trajectory.h"
+#include "firmware/run/assembly.h"
+#include "firmware/run/replay_report.h"
+#include "firmware/run/watch.h"
+
+typedef struct tl_replay {
+    const tl_assembly *assembly;
+    tl_recording *recording;
+    tl_recorder *recorder;    /* NULL: none */
+    tl_watch *watch;          /* tells events as a live run's does; NULL: none */
+    FILE *trajectory;         /* NULL: none */
+    tl_replay_report *report; /* NULL: none */
+    bool realtime;
+} tl_replay;
+
+/* Runs to the end, to the configured duration, or until interrupted (TL_INTERRUPTED; the summary holds what was done). */
+tl_status tl_replay_run(const tl_replay *replay, tl_summary *summary, tl_error *error);
+
+#endif

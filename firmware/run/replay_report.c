@@ -1,0 +1,132 @@
+/* The report that `replay --report` writes: see replay_report.h. */
+#include "firmware/run/replay_report.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "firmware/base/new_file.h"
+#include "firmware/config/measurements.h"
+#include "firmware/report/html_report.h"
+
+struct tl_replay_report {
+    const tl_assembly *assembly;
+    tl_new_file file;
+    tl_html_report *report;
+    char recording[PATH_MAX];
+    char begun[TL_UTC_TEXT];
+    tl_recorder_signal match[TL_MAX_MATCH];
+    tl_recorder_signal adjust[TL_MAX_ADJUST];
+    double tolerance[TL_MAX_MATCH];
+};
+
+static tl_status create(tl_replay_report *report, tl_error *error) {
+    const tl_config *config = &report->assembly->config;
+    tl_twin_facts facts = tl_twin_get_facts(report->assembly->twin);
+    tl_assembly_signals(report->assembly, report->match, report->adjust);
+    for (size_t i = 0; i < config->match_count; i++) {
+        report->tolerance[i] = tl_html_tolerance(&config->match[i], config->synchronise);
+    }
+    tl_utc_text(tl_utc_now(), report->begun);
+    const tl_html_settings settings = {
+        .name = config->name,
+        .source = report->recording,
+        .begun = report->begun,
+        .version = TL_VERSION,
+        .solver = facts.algorithm,
+        .fallback = facts.fallback,
+        .measurements = tl_measurements_name(config->measurements),
+        .step = config->step,
+        .prediction = facts.prediction,
+        .match = report->match,
+        .adjust = report->adjust,
+        .match_count = config->match_count,
+        .adjust_count = config->adjust_count,
+        .tolerance = report->tolerance,
+    };
+    return tl_html_report_create(&settings, &report->report, error);
+}
+
+tl_status tl_replay_report_open(const tl_assembly *assembly, const char *path, const char *recording,
+                                tl_replay_report **report, tl_error *error) {
+    tl_replay_report *made = calloc(1, sizeof *made);
+    if (made == NULL) {
+        return tl_fail(error, TL_TRY_AGAIN, "not enough memory for a report");
+    }
+    made->assembly = assembly;
+    (void)snprintf(made->recording, sizeof made->recording, "%s", recording);
+    tl_status status = create(made, error);
+    if (status == TL_OK) {
+        status = tl_new_file_open(path, &made->file, error);
+    }
+    if (status != TL_OK) {
+        tl_replay_report_close(made);
+        return status;
+    }
+    *report = made;
+    return TL_OK;
+}
+
+void tl_replay_report_add(tl_replay_report *report, const tl_record *record) {
+    tl_html_report_add_record(report->report, record);
+}
+
+static void hear(void *context, int64_t tick, tl_severity severity, const char *source, const char *text) {
+    tl_replay_report *report = context;
+    const tl_html_event event = {"", tick, tl_severity_name(severity), source, text};
+    tl_html_report_add_event(report->report, &event);
+}
+
+void tl_replay_report_listen(tl_replay_report *report, tl_journal *journal) {
+    journal->hear = hear;
+    journal->listener = report;
+}
+
+static void gather_adjusted(const tl_config *config, const tl_summary *summary, tl_html_figures *figures) {
+    double rows = (double)(summary->steps + summary->outcomes[TL_MADE_UP] + summary->outcomes[TL_FOLLOWED]);
+    for (size_t i = 0; i < config->adjust_count; i++) {
+        const tl_summary_adjust *adjust = &summary->adjust[i];
+        figures->adjust[i].first = adjust->first;
+        figures->adjust[i].last = adjust->last;
+        figures->adjust[i].mean = rows > 0.0 ? adjust->sum / rows : (double)NAN;
+        figures->adjust[i].delta_mean = rows > 0.0 ? adjust->delta_sum / rows : (double)NAN;
+    }
+}
+
+static void gather_ledger(const tl_twin *twin, tl_html_figures *figures) {
+    figures->component_count = tl_twin_get_facts(twin).components;
+    for (size_t i = 0; i < figures->component_count; i++) {
+        tl_twin_ledger entry = tl_twin_get_ledger(twin, i);
+        figures->components[i] = entry.name;
+        figures->ledger[i] =
+            (tl_recorder_component){entry.plain, entry.predicted, entry.executions, entry.caught_up, entry.unstored};
+    }
+}
+
+tl_status tl_replay_report_keep(tl_replay_report *report, const tl_summary *summary, const char *ended,
+                                tl_error *error) {
+    const tl_assembly *assembly = report->assembly;
+    tl_html_figures figures = {
+        .ended = ended,
+        .steps = summary->steps,
+        .skipped = summary->skipped,
+        .evaluations = summary->evaluations,
+        .optimised_steps = summary->optimised_steps,
+    };
+    memcpy(figures.outcomes, summary->outcomes, sizeof figures.outcomes);
+    for (size_t i = 0; i < assembly->config.match_count; i++) {
+        figures.match[i] = *tl_twin_metrics(assembly->twin, i);
+    }
+    gather_adjusted(&assembly->config, summary, &figures);
+    gather_ledger(assembly->twin, &figures);
+    tl_html_report_write(report->report, &figures, report->file.file);
+    return tl_new_file_keep(&report->file, error);
+}
+
+void tl_replay_report_close(tl_replay_report *report) {
+    if (report != NULL) {
+        tl_new_file_discard(&report->file);
+        tl_html_report_destroy(report->report);
+        free(report);
+    }
+}

@@ -1,0 +1,55 @@
+/* Safe hold: see safe_hold.h. */
+#include "firmware/run/safe_hold.h"
+
+#include <stdio.h>
+
+#include "firmware/base/clock.h"
+#include "firmware/base/log.h"
+#include "firmware/process/interrupt.h"
+
+/* How often the log repeats what is wrong, and how long the thread sleeps at most. */
+static const tl_time REMIND = 600 * TL_SECOND;
+static const tl_time LOOK = TL_SECOND / 20;
+
+/* Takes what is due up to now; returns the next tick. */
+static int64_t take_samples(const tl_safe_hold_settings *settings, tl_time start, int64_t tick) {
+    tl_time step = settings->config->step;
+    tl_time now = tl_clock_now(NULL);
+    for (; tl_time_of_step(start, step, tick) <= now; tick++) {
+        tl_sample sample;
+        tl_plant_input_take(settings->input, tick, tl_time_of_step(start, step, tick), &sample);
+        if (settings->recorder != NULL) {
+            tl_recorder_put_sample(settings->recorder, &sample);
+        }
+        tl_heart_beat(settings->heart);
+    }
+    return tick;
+}
+
+void tl_safe_hold(const tl_safe_hold_settings *settings) {
+    char text[TL_HEARTBEAT_STATUS];
+    (void)snprintf(
+        text, sizeof text,
+        "safe hold: the twin failed %u times, the last time because %s. The plant is read and recorded. Find the "
+        "fault, then stop and start again",
+        settings->failures, settings->reason);
+    tl_journal_event(settings->journal, -1, TL_EVENT_ERROR, "supervisor", "%s", text);
+    tl_heartbeats_set_status(settings->beats, text);
+    tl_time start = tl_clock_now(NULL) + settings->config->step;
+    tl_time remind = start + REMIND;
+    if (settings->recorder != NULL) {
+        tl_recorder_start(settings->recorder, start);
+    }
+    for (int64_t tick = 0; tl_interrupt_requested() == NULL;) {
+        tl_time due = tl_time_of_step(start, settings->config->step, tick);
+        tl_time most = tl_clock_now(NULL) + LOOK;
+        tl_clock_sleep_until(due < most ? due : most);
+        tick = take_samples(settings, start, tick);
+        tl_heart_beat(settings->heart);
+        tl_journal_drain(settings->journal);
+        if (tl_clock_now(NULL) >= remind) {
+            tl_log(TL_LOG_ERROR, "%s", text);
+            remind += REMIND;
+        }
+    }
+}

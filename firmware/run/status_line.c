@@ -1,0 +1,50 @@
+/* The status line: see status_line.h. */
+#include "firmware/run/status_line.h"
+
+#include <stdio.h>
+#include <sys/ioctl.h>
+#include <unistd.h>
+
+void tl_status_line_write(const tl_config *config, const tl_cycle_status *status, char line[TL_STATUS_LINE]) {
+    const tl_record *record = &status->record;
+    int length =
+        snprintf(line, TL_STATUS_LINE, "%8.2f s", tl_seconds(tl_time_of_step(0, config->step, record->step + 1)));
+    for (size_t i = 0; i < config->adjust_count && i < 2; i++) {
+        length += snprintf(line + length, TL_STATUS_LINE - (size_t)length, "  \316\224%.63s %+.4g",
+                           config->adjust[i].variable, record->u[i] - record->u_hat[i]);
+    }
+    length += snprintf(line + length, TL_STATUS_LINE - (size_t)length, "  %-12s", tl_outcome_name(record->outcome));
+    for (size_t i = 0; i < config->match_count && i < 2; i++) {
+        length += snprintf(line + length, TL_STATUS_LINE - (size_t)length,
+                           record->y_hat_quality[i] == TL_GOOD ? "  %.63s %.4g (plant %.4g)"
+                                                               : "  %.63s %.4g (plant %.4g, %s)",
+                           config->match[i].variable, record->y[i], record->y_hat[i],
+                           tl_quality_name((tl_quality)record->y_hat_quality[i]));
+    }
+    (void)snprintf(line + length, TL_STATUS_LINE - (size_t)length, "  %.2f ms  skipped %llu",
+                   tl_seconds(record->used) * 1e3, (unsigned long long)status->skipped);
+}
+
+/* Writes what the terminal has columns for: a line that wraps cannot be redrawn. Two are left for the ^C that the terminal
+ * itself writes behind it. */
+static void print_cut(const char *line) {
+    struct winsize size = {0};
+    size_t columns = ioctl(STDERR_FILENO, TIOCGWINSZ, &size) == 0 && size.ws_col > 3 ? size.ws_col - 3U : 77U;
+    size_t end = 0;
+    for (size_t shown = 0; line[end] != '\0'; end++) {
+        bool begins_character = ((unsigned char)line[end] & 0xc0U) != 0x80U;
+        if (begins_character && shown++ == columns) {
+            break;
+        }
+    }
+    (void)fprintf(stderr, "\r\033[K%.*s", (int)end, line);
+}
+
+void tl_status_line_print(const char *line, bool terminal) {
+    if (terminal) {
+        print_cut(line);
+    } else {
+        (void)fprintf(stderr, "%s\n", line);
+    }
+    (void)fflush(stderr);
+}

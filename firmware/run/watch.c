@@ -1,0 +1,286 @@
+/* The watch: see watch.h. */
+#include "firmware/run/watch.h"
+
+#include <math.h>
+#include <stdio.h>
+
+/* What a record is to a trouble. */
+typedef enum turn { NOTHING_NEW, BEGUN, ENDED } turn;
+
+void tl_watch_init(tl_watch *watch, const tl_config *config, tl_journal *journal) {
+    *watch = (tl_watch){.config = config, .journal = journal, .skipped_since = TL_TIME_NEVER};
+}
+
+void tl_watch_sample(tl_watch *watch, const tl_sample *sample) {
+    for (size_t i = 0; i < watch->config->signal_count; i++) {
+        if (sample->quality[i] == watch->quality[i]) {
+            continue;
+        }
+        watch->quality[i] = sample->quality[i];
+        const char *name = watch->config->signals[i].plan.name;
+        if (sample->quality[i] == TL_GOOD) {
+            tl_journal_event(watch->journal, sample->tick, TL_EVENT_INFO, "plant", "plant.%s: good again", name);
+        } else {
+            tl_journal_event(watch->journal, sample->tick, TL_EVENT_WARNING, "plant",
+                             "plant.%s: %s; its last good value is held and takes no part in matching", name,
+                             tl_quality_name((tl_quality)sample->quality[i]));
+        }
+    }
+}
+
+static void watch_free_run(tl_watch *watch, int64_t tick, const tl_record *record) {
+    bool free_run = record->outcome == TL_FREE_RUN;
+    if (free_run == watch->free_run || record->outcome == TL_MADE_UP) {
+        return;
+    }
+    watch->free_run = free_run;
+    if (free_run) {
+        tl_journal_event(watch->journal, tick, TL_EVENT_WARNING, "twin",
+                         "no matched signal is good: the twin runs free on the last good values");
+    } else {
+        tl_journal_event(watch->journal, tick, TL_EVENT_INFO, "twin", "matched signals are good: synchronising again");
+    }
+}
+
+/* Of a step out of tolerance. A J that is not there had no time, or was beyond what a number can be. */
+static void write_objective(const tl_record *record, char *text, size_t size) {
+    if (isfinite(record->objective)) {
+        (void)snprintf(text, size, "J = %.3g", record->objective);
+    } else if (record->stop == TL_STOP_TIME || (record->flags & TL_FLAG_WITHOUT_NOMINAL) != 0) {
+        (void)snprintf(text, size, "no time to evaluate");
+    } else {
+        (void)snprintf(text, size, "J is not finite");
+    }
+}
+
+static void tell_tolerance(const tl_watch *watch, int64_t tick, const tl_record *record) {
+    char objective[32];
+    if (!watch->out_of_tolerance) {
+        tl_journal_event(watch->journal, tick, TL_EVENT_INFO, "twin", "in lock again");
+        return;
+    }
+    write_objective(record, objective, sizeof objective);
+    tl_journal_event(watch->journal, tick, TL_EVENT_WARNING, "twin",
+                     "out of tolerance for %d steps (%s): in most of them %s was used", TL_WATCH_STEPS, objective,
+                     watch->nominal > TL_WATCH_STEPS / 2 ? "nominal" : "the best correction found");
+}
+
+static void watch_tolerance(tl_watch *watch, int64_t tick, const tl_record *record) {
+    bool out = record->outcome == TL_BEST_SO_FAR || record->outcome == TL_NOMINAL;
+    bool in = record->outcome == TL_FIRST_GUESS || record->outcome == TL_OPTIMISED;
+    if (!out && !in) {
+        return;
+    }
+    if (out == watch->out_of_tolerance) {
+        watch->run_length = 0;
+        watch->nominal = 0;
+        return;
+    }
+    watch->run_length++;
+    watch->nominal += record->outcome == TL_NOMINAL ? 1 : 0;
+    if (watch->run_length == TL_WATCH_STEPS) {
+        watch->out_of_tolerance = out;
+        tell_tolerance(watch, tick, record);
+        watch->run_length = 0;
+        watch->nominal = 0;
+    }
+}
+
+/* Only a search can show that a trouble is over, and one that was cut short shows nothing: it takes many of them, and some
+ * time, so that what comes and goes is told once. */
+static turn follow(const tl_watch *watch, tl_watch_trouble *trouble, const tl_record *record, bool has) {
+    if (has) {
+        bool told = trouble->told;
+        trouble->told = true;
+        trouble->last = record->step;
+        trouble->without = 0;
+        trouble->count = told ? trouble->count + 1 : 1;
+        return told ? NOTHING_NEW : BEGUN;
+    }
+    trouble->without += trouble->told && record->stop != TL_STOP_NONE ? 1 : 0;
+    if (trouble->without < TL_WATCH_STEPS || record->step - trouble->last < TL_WATCH_REST / watch->config->step) {
+        return NOTHING_NEW;
+    }
+    trouble->told = false;
+    trouble->without = 0;
+    return ENDED;
+}
+
+static void watch_variable(tl_watch *watch, int64_t tick, const tl_record *record, size_t index) {
+    tl_watch_trouble *held = &watch->held[index];
+    const char *name = watch->config->adjust[index].variable;
+    switch (follow(watch, held, record, (record->held >> index & 1U) != 0)) {
+    case BEGUN:
+        tl_journal_event(watch->journal, tick, TL_EVENT_WARNING, "twin",
+                         "%s: the matched outputs do not react to it; held at nominal", name);
+        break;
+    case ENDED:
+        tl_journal_event(watch->journal, tick, TL_EVENT_INFO, "twin",
+                         "%s: the matched outputs react to it again; steps held: %llu", name,
+                         (unsigned long long)held->count);
+        break;
+    case NOTHING_NEW:
+        break;
+    }
+}
+
+static void watch_fallback(tl_watch *watch, int64_t tick, const tl_record *record) {
+    const char *name = watch->config->fallback;
+    switch (follow(watch, &watch->fallback, record, (record->flags & TL_FLAG_FALLBACK) != 0)) {
+    case BEGUN:
+        tl_journal_event(watch->journal, tick, TL_EVENT_WARNING, "twin",
+                         "the solver finds no more; the second one, %s, takes over", name);
+        break;
+    case ENDED:
+        tl_journal_event(watch->journal, tick, TL_EVENT_INFO, "twin",
+                         "the solver does without the second one, %s, again; searches it took over: %llu", name,
+                         (unsigned long long)watch->fallback.count);
+        break;
+    case NOTHING_NEW:
+        break;
+    }
+}
+
+static void watch_stagnation(tl_watch *watch, int64_t tick, const tl_record *record) {
+    switch (follow(watch, &watch->stagnation, record, (record->flags & TL_FLAG_STAGNATED) != 0)) {
+    case BEGUN:
+        tl_journal_event(watch->journal, tick, TL_EVENT_WARNING, "twin", "a search made no progress and was ended");
+        break;
+    case ENDED:
+        tl_journal_event(watch->journal, tick, TL_EVENT_INFO, "twin",
+                         "searches make progress again; ended before: %llu",
+                         (unsigned long long)watch->stagnation.count);
+        break;
+    case NOTHING_NEW:
+        break;
+    }
+}
+
+static bool has_moved(const tl_watch *watch, const tl_record *record) {
+    return record->u[0] < watch->stroke_u || record->u[0] > watch->stroke_u;
+}
+
+/* The search of a stroke has ended. While strokes agree with the u in force there is nothing to tell. */
+static void tell_stroke(tl_watch *watch, int64_t tick, const tl_record *record) {
+    const char *name = watch->config->adjust[0].variable;
+    bool out = record->outcome == TL_BEST_SO_FAR || record->outcome == TL_NOMINAL;
+    tl_severity severity = out ? TL_EVENT_WARNING : TL_EVENT_INFO;
+    char objective[32];
+    write_objective(record, objective, sizeof objective);
+    if (has_moved(watch, record)) {
+        tl_journal_event(watch->journal, tick, severity, "twin",
+                         "stroke: %s from %.6g to %.6g (%s, %s, %llu evaluations)", name, watch->stroke_u, record->u[0],
+                         tl_outcome_name(record->outcome), objective, (unsigned long long)watch->stroke_evaluations);
+    } else if (out != watch->out_of_tolerance) {
+        tl_journal_event(watch->journal, tick, severity, "twin", "stroke: %s with %s at %.6g (%s)",
+                         out ? "out of tolerance" : "within tolerance again", name, record->u[0], objective);
+    }
+    watch->out_of_tolerance = out;
+}
+
+/* The first of a row is told, and how many there were when one is searched again. */
+static void tell_abandoned(tl_watch *watch, int64_t tick, const tl_record *record) {
+    if (watch->abandoned++ == 0) {
+        tl_journal_event(
+            watch->journal, tick, TL_EVENT_WARNING, "twin",
+            "stroke: not searched to its end; it lasted too long, an edge fell into a gap of the measurements, "
+            "there was no time before the next one, or what was found failed");
+    }
+    if (has_moved(watch, record)) {
+        tl_journal_event(watch->journal, tick, TL_EVENT_INFO, "twin", "stroke: %s from %.6g to %.6g, the best so far",
+                         watch->config->adjust[0].variable, watch->stroke_u, record->u[0]);
+    }
+}
+
+static void tell_searched_again(tl_watch *watch, int64_t tick) {
+    if (watch->abandoned > 1) {
+        tl_journal_event(watch->journal, tick, TL_EVENT_INFO, "twin",
+                         "stroke: searched again; strokes that were not: %llu", (unsigned long long)watch->abandoned);
+    }
+    watch->abandoned = 0;
+}
+
+/* Event horizon: what became of a stroke. */
+static void watch_stroke(tl_watch *watch, int64_t tick, const tl_record *record) {
+    bool ended = record->outcome != TL_HELD && record->outcome != TL_SEARCHING && record->outcome != TL_MADE_UP;
+    bool abandoned = (record->flags & TL_FLAG_ABANDONED) != 0;
+    watch->stroke_evaluations += record->evaluations;
+    if (record->step == 0) {
+        watch->stroke_u = record->u_hat[0];
+    }
+    if (abandoned) {
+        tell_abandoned(watch, tick, record);
+    }
+    if (ended) {
+        tell_searched_again(watch, tick);
+        tell_stroke(watch, tick, record);
+    }
+    if (ended || abandoned) {
+        watch->stroke_u = record->u[0];
+        watch->stroke_evaluations = 0;
+    }
+}
+
+static double milliseconds(tl_time time) {
+    return tl_seconds(time) * 1e3;
+}
+
+/* What was measured for the first time, what has moved by more than a step, what is not sure any more. */
+static void watch_delay(tl_watch *watch, int64_t tick, const tl_record *record) {
+    tl_time input =
+        watch->config->delays != NULL && watch->config->delays->has_input ? watch->config->delays->input.delay : 0;
+    tl_time delay = record->delay + input;
+    tl_time moved = delay > watch->delay ? delay - watch->delay : watch->delay - delay;
+    tl_delay_state before = watch->delay_state;
+    if (record->delay_state == TL_DELAY_LOST && before != TL_DELAY_LOST) {
+        tl_journal_event(watch->journal, tick, TL_EVENT_WARNING, "twin",
+                         "delay: what is measured is not sure any more; \316\224o = %.3f ms stays in use",
+                         milliseconds(delay));
+    } else if (record->delay_state == TL_DELAY_KNOWN && before == TL_DELAY_UNKNOWN) {
+        tl_journal_event(watch->journal, tick, TL_EVENT_INFO, "twin",
+                         "delay: \316\224o = %.3f ms measured, and used from now on", milliseconds(delay));
+    } else if (record->delay_state == TL_DELAY_KNOWN && moved > watch->config->step) {
+        tl_journal_event(watch->journal, tick, TL_EVENT_WARNING, "twin",
+                         "delay: \316\224o has drifted from %.3f ms to %.3f ms", milliseconds(watch->delay),
+                         milliseconds(delay));
+    } else if (record->delay_state == TL_DELAY_KNOWN && before == TL_DELAY_LOST) {
+        tl_journal_event(watch->journal, tick, TL_EVENT_INFO, "twin",
+                         "delay: \316\224o = %.3f ms is measured surely again", milliseconds(delay));
+    } else {
+        return;
+    }
+    watch->delay_state = record->delay_state;
+    watch->delay = delay;
+}
+
+void tl_watch_record(tl_watch *watch, int64_t tick, const tl_record *record) {
+    if (record->outcome == TL_FOLLOWED) {
+        return; /* told by the run that it is of */
+    }
+    if (watch->config->event.start.signal != NULL) {
+        watch_stroke(watch, tick, record);
+        return;
+    }
+    watch_free_run(watch, tick, record);
+    watch_tolerance(watch, tick, record);
+    for (size_t i = 0; i < watch->config->adjust_count; i++) {
+        watch_variable(watch, tick, record, i);
+    }
+    watch_fallback(watch, tick, record);
+    watch_stagnation(watch, tick, record);
+    watch_delay(watch, tick, record);
+}
+
+void tl_watch_skipped(tl_watch *watch, int64_t tick, uint64_t count, tl_time now) {
+    watch->skipped += count;
+    if (watch->skipped == 0) {
+        return;
+    }
+    if (watch->skipped_since != TL_TIME_NEVER && now - watch->skipped_since < TL_SECOND) {
+        return;
+    }
+    watch->skipped_since = now;
+    tl_journal_event(watch->journal, tick, TL_EVENT_WARNING, "cycle", "%llu ticks missed and made up without a search",
+                     (unsigned long long)watch->skipped);
+    watch->skipped = 0;
+}

@@ -1,0 +1,63 @@
+/* The watch: turns samples and records into events worth telling.
+ *
+ * Purpose: what a technician wants to read: a signal became bad or good, the twin runs free, is out of tolerance, or is
+ *          in lock again, a variable does not matter, a solver had to be helped, a stroke changed u, ticks were missed. Changes are told, not
+ *          states, so that a bad hour is two lines.
+ * Thread:  the thread that steps.
+ */
+#ifndef TL_FIRMWARE_RUN_WATCH_H
+#define TL_FIRMWARE_RUN_WATCH_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+#include "firmware/config/config.h"
+#include "firmware/run/journal.h"
+#include "master/twin/twin.h"
+
+/* Steps in a row before "out of tolerance", "in lock again", and the end of a trouble are told. */
+enum { TL_WATCH_STEPS = 20 };
+
+/* A trouble's last step is at least this long ago before its end is told. */
+#define TL_WATCH_REST (60 * TL_SECOND)
+
+/* Something that may be so in many steps, and not in all of a row: its beginning is told, and its end. */
+typedef struct tl_watch_trouble {
+    bool told;        /* its beginning */
+    uint32_t without; /* searches since `last`, none of which had it */
+    uint64_t count;   /* steps that had it */
+    int64_t last;     /* of them */
+} tl_watch_trouble;
+
+typedef struct tl_watch {
+    const tl_config *config;
+    tl_journal *journal;
+    uint8_t quality[TL_MAX_SIGNALS]; /* as last told */
+    bool free_run;
+    bool out_of_tolerance;
+    uint32_t run_length;                  /* steps in a row that contradict out_of_tolerance, */
+    uint32_t nominal;                     /* and those of them that used nominal */
+    tl_watch_trouble held[TL_MAX_ADJUST]; /* variables that are not identifiable */
+    tl_watch_trouble fallback;            /* the second solver takes over */
+    tl_watch_trouble stagnation;          /* solvers make no progress */
+    uint64_t abandoned;                   /* event horizon: strokes in a row that were not searched to their end; */
+    double stroke_u;                      /* event horizon: u in force before the stroke at hand, */
+    uint64_t stroke_evaluations;          /* and what its search has evaluated so far */
+    tl_delay_state delay_state;           /* as last told */
+    tl_time delay;                        /* the measured delay as last told */
+    uint64_t skipped;                     /* not told yet */
+    tl_time skipped_since;
+} tl_watch;
+
+void tl_watch_init(tl_watch *watch, const tl_config *config, tl_journal *journal);
+
+void tl_watch_sample(tl_watch *watch, const tl_sample *sample);
+
+/* `tick`: at which the record was complete. Events carry it, and not the step, so that they follow each other. */
+void tl_watch_record(tl_watch *watch, int64_t tick, const tl_record *record);
+
+/* `count` ticks before `tick`, at which a step was due, were missed; told at most once a second, so call it with 0 too.
+ * `now` is any clock's that does not go back. */
+void tl_watch_skipped(tl_watch *watch, int64_t tick, uint64_t count, tl_time now);
+
+#endif

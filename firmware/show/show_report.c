@@ -1,0 +1,254 @@
+/* The report of a recorded run: what is in the database, on the page that html_report.h makes. */
+#include <math.h>
+#include <sqlite3.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "firmware/base/new_file.h"
+#include "firmware/config/config.h"
+#include "firmware/config/measurements.h"
+#include "firmware/report/html_report.h"
+#include "firmware/show/show.h"
+#include "firmware/show/show_rows.h"
+#include "firmware/show/show_summary.h"
+
+typedef struct recorded_run {
+    const tl_show_request *request;
+    tl_show_summary summary;
+    tl_html_settings settings;
+    tl_html_figures figures;
+    tl_html_report *report;
+    tl_config config; /* as the run had it; empty where this program does not understand it */
+    char source[512];
+    double tolerance[TL_MAX_MATCH];
+} recorded_run;
+
+/* ---- Settings ---------------------------------------------------------------------------------------------------- */
+
+static void ignore(void *context, tl_status status, const char *where, const char *text) {
+    (void)context;
+    (void)status;
+    (void)where;
+    (void)text;
+}
+
+/* Tolerances, solver and budget are in the configuration alone. A text that this program refuses, of a newer one perhaps,
+ * leaves them unknown. */
+static tl_status read_configuration(recorded_run *run, tl_error *error) {
+    tl_report report = {.add = ignore};
+    const char *text = NULL;
+    tl_status status = tl_history_configuration(run->request->history, run->request->run, &text, error);
+    if (status == TL_OK && tl_config_read_text("configuration", text, strlen(text), &run->config, &report) != TL_OK) {
+        run->config = (tl_config){0};
+    }
+    return status;
+}
+
+static void find_tolerances(recorded_run *run) {
+    for (size_t i = 0; i < run->summary.match_count; i++) {
+        for (size_t k = 0; k < run->config.match_count; k++) {
+            if (strcmp(run->config.match[k].variable, run->summary.match[i].signal->name) == 0) {
+                run->tolerance[i] = tl_html_tolerance(&run->config.match[k], run->config.synchronise);
+            }
+        }
+    }
+}
+
+static const char *solver_of(const recorded_run *run) {
+    if (run->summary.adjust_count == 0) {
+        return "";
+    }
+    if (run->config.algorithm != NULL) {
+        return run->config.algorithm;
+    }
+    if (run->config.name == NULL) {
+        return "not known";
+    }
+    return run->summary.adjust[0].signal->type == TL_BOOLEAN ? "boolean" : "secant";
+}
+
+static void describe(recorded_run *run) {
+    const tl_history_run *recorded = run->request->run;
+    const tl_show_summary *summary = &run->summary;
+    bool live = tl_show_is_live(recorded);
+    (void)snprintf(run->source, sizeof run->source, "run %lld of %s", (long long)recorded->run, run->request->path);
+    find_tolerances(run);
+    run->settings = (tl_html_settings){
+        .name = recorded->name,
+        .source = run->source,
+        .begun = recorded->started,
+        .version = recorded->version,
+        .solver = solver_of(run),
+        .fallback = run->config.fallback == NULL ? "" : run->config.fallback,
+        .measurements = tl_measurements_name(recorded->measurements),
+        .step = recorded->step,
+        .prediction = recorded->prediction,
+        .live = live,
+        .origin = tl_show_instant(recorded, 0),
+        .clock = live,
+        .budget = run->config.budget_time,
+        .first = summary->range[0],
+        .match = summary->match_count == 0 ? NULL : summary->match[0].signal,
+        .adjust = summary->adjust_count == 0 ? NULL : summary->adjust[0].signal,
+        .match_count = summary->match_count,
+        .adjust_count = summary->adjust_count,
+        .tolerance = run->tolerance,
+    };
+}
+
+/* ---- Rows -------------------------------------------------------------------------------------------------------- */
+
+/* NULL stands for what was not finite. */
+static double number(sqlite3_stmt *row, int column) {
+    return sqlite3_column_type(row, column) == SQLITE_NULL ? (double)NAN : sqlite3_column_double(row, column);
+}
+
+static void take_step(void *context, struct sqlite3_stmt *row) {
+    recorded_run *run = context;
+    tl_record record = {.step = sqlite3_column_int64(row, 0)};
+    record.evaluations = (uint32_t)sqlite3_column_int64(row, 6);
+    record.executions = (uint32_t)sqlite3_column_int64(row, 7);
+    record.used = sqlite3_column_int64(row, 8);
+    run->figures.late += record.used > run->request->run->step ? 1 : 0;
+    tl_html_report_add_step(run->report, &record);
+}
+
+/* A quality of a newer program is not good, and no more is known of it. */
+static tl_quality quality_of(sqlite3_stmt *row, int column) {
+    int64_t code = sqlite3_column_int64(row, column);
+    return code >= TL_GOOD && code <= TL_OUTLIER ? (tl_quality)code : TL_NOT_A_NUMBER;
+}
+
+static void take_output(void *context, struct sqlite3_stmt *row) {
+    const recorded_run *run = context;
+    tl_html_report_add_output(run->report, sqlite3_column_int64(row, 0), (size_t)sqlite3_column_int64(row, 1),
+                              number(row, 2), number(row, 3), quality_of(row, 4));
+}
+
+static void take_adjustment(void *context, struct sqlite3_stmt *row) {
+    const recorded_run *run = context;
+    tl_html_report_add_adjustment(run->report, sqlite3_column_int64(row, 0), (size_t)sqlite3_column_int64(row, 1),
+                                  number(row, 2), number(row, 3));
+}
+
+static void take_event(void *context, const tl_show_event *taken) {
+    const recorded_run *run = context;
+    const tl_html_event event = {
+        .at = taken->at,
+        .tick = taken->has_tick ? taken->tick : -1,
+        .severity = taken->severity,
+        .source = taken->source,
+        .text = taken->text,
+    };
+    tl_html_report_add_event(run->report, &event);
+}
+
+static tl_status gather(recorded_run *run, tl_error *error) {
+    tl_history *history = run->request->history;
+    const tl_history_run *recorded = run->request->run;
+    const tl_show_summary *summary = &run->summary;
+    const struct {
+        tl_show_source source;
+        size_t signals;
+        void (*take)(void *context, struct sqlite3_stmt *row);
+    } tables[] = {
+        {TL_SHOW_FROM_STEPS, 1, take_step},
+        {TL_SHOW_FROM_OUTPUTS, summary->match_count, take_output},
+        {TL_SHOW_FROM_ADJUSTMENTS, summary->adjust_count, take_adjustment},
+    };
+    tl_status status = TL_OK;
+    for (size_t i = 0; status == TL_OK && summary->any && i < sizeof tables / sizeof tables[0]; i++) {
+        const tl_show_taker taker = {tables[i].take, run};
+        status = tl_show_rows(history, recorded, tables[i].source, summary->range, tables[i].signals, taker, error);
+    }
+    const tl_show_event_taker taker = {take_event, run};
+    return status == TL_OK ? tl_show_event_rows(history, recorded, run->request->from_at, -1, taker, error) : status;
+}
+
+/* ---- Figures ----------------------------------------------------------------------------------------------------- */
+
+static void gather_adjusted(recorded_run *run) {
+    for (size_t i = 0; i < run->summary.adjust_count; i++) {
+        const tl_show_adjust *adjust = &run->summary.adjust[i];
+        bool any = adjust->count != 0;
+        double count = (double)adjust->count;
+        run->figures.adjust[i].first = any ? adjust->first : (double)NAN;
+        run->figures.adjust[i].last = any ? adjust->last : (double)NAN;
+        run->figures.adjust[i].mean = any ? adjust->sum / count : (double)NAN;
+        run->figures.adjust[i].delta_mean = any ? adjust->delta_sum / count : (double)NAN;
+    }
+}
+
+static void gather_figures(recorded_run *run) {
+    const tl_show_summary *summary = &run->summary;
+    tl_html_figures *figures = &run->figures;
+    const tl_history_run *recorded = run->request->run;
+    figures->ended = recorded->ended == NULL ? "is being written, or was killed" : recorded->ended_reason;
+    figures->steps = summary->steps - summary->outcomes[TL_MADE_UP] - summary->outcomes[TL_FOLLOWED];
+    figures->skipped = summary->outcomes[TL_MADE_UP];
+    figures->evaluations = summary->evaluations;
+    figures->optimised_steps = summary->optimised_steps;
+    figures->time_limited = summary->time_limited;
+    figures->longest = summary->longest_ns;
+    memcpy(figures->outcomes, summary->outcomes, sizeof figures->outcomes);
+    for (size_t i = 0; i < summary->match_count; i++) {
+        figures->match[i] = summary->match[i].metrics;
+    }
+    gather_adjusted(run);
+    figures->component_count =
+        summary->ledger_count < TL_RECORDER_COMPONENTS ? summary->ledger_count : TL_RECORDER_COMPONENTS;
+    for (size_t i = 0; i < figures->component_count; i++) {
+        figures->components[i] = summary->ledger[i].name;
+        figures->ledger[i] = summary->ledger[i].counts;
+    }
+}
+
+/* ---- The page ---------------------------------------------------------------------------------------------------- */
+
+/* The file is begun when all is known: a reader that is interrupted leaves none behind. */
+static tl_status write_page(const recorded_run *run, const char *path, tl_error *error) {
+    tl_new_file file;
+    tl_status status = tl_new_file_open(path, &file, error);
+    if (status != TL_OK) {
+        return status;
+    }
+    tl_html_report_write(run->report, &run->figures, file.file);
+    return tl_new_file_keep(&file, error);
+}
+
+static tl_status report_into(recorded_run *run, const char *path, tl_error *error) {
+    const tl_show_request *request = run->request;
+    tl_status status = tl_show_summarise(request->history, request->run, request->from_step, &run->summary, error);
+    if (status == TL_OK) {
+        status = read_configuration(run, error);
+    }
+    if (status != TL_OK) {
+        return status;
+    }
+    describe(run);
+    status = tl_html_report_create(&run->settings, &run->report, error);
+    if (status == TL_OK) {
+        status = gather(run, error);
+    }
+    if (status == TL_OK) {
+        gather_figures(run);
+        status = write_page(run, path, error);
+    }
+    return status;
+}
+
+tl_status tl_show_report(const tl_show_request *request, const char *path, tl_error *error) {
+    if (tl_new_file_is(path, request->path)) {
+        return tl_fail(error, TL_BAD_USAGE, "--report %.200s would overwrite the database: give it another name", path);
+    }
+    recorded_run *run = calloc(1, sizeof *run);
+    if (run == NULL) {
+        return tl_fail(error, TL_TRY_AGAIN, "not enough memory for a report");
+    }
+    run->request = request;
+    tl_status status = report_into(run, path, error);
+    tl_html_report_destroy(run->report);
+    tl_config_free(&run->config);
+    free(run);
+    return status;
+}

@@ -1,0 +1,181 @@
+/* The account of restarts: see restarts.h. */
+#include "firmware/supervise/restarts.h"
+
+#include <errno.h>
+#include <fcntl.h>
+#include <inttypes.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/file.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <cjson/cJSON.h>
+
+#include "firmware/base/log.h"
+#include "firmware/base/new_file.h"
+
+enum { FILE_BYTES = 4096 };
+
+/* ---- the file ---- */
+
+static bool get_count(const cJSON *root, const char *key, uint64_t *count) {
+    const cJSON *item = cJSON_GetObjectItemCaseSensitive(root, key);
+    bool right = cJSON_IsNumber(item) && item->valuedouble >= 0 && item->valuedouble < 9e15;
+    *count = right ? (uint64_t)item->valuedouble : 0;
+    return right;
+}
+
+/* What the supervisor before this one left. */
+typedef struct kept {
+    uint64_t starts, restarts, failures;
+    bool running; /* it did not end orderly */
+    char boot[TL_IDENTITY_TEXT];
+} kept;
+
+static bool understand(const char *text, kept *before) {
+    cJSON *root = cJSON_Parse(text);
+    const cJSON *running = cJSON_GetObjectItemCaseSensitive(root, "running");
+    const cJSON *boot = cJSON_GetObjectItemCaseSensitive(root, "boot");
+    bool right = get_count(root, "starts", &before->starts) && get_count(root, "restarts", &before->restarts) &&
+                 get_count(root, "failures", &before->failures) && cJSON_IsBool(running) && cJSON_IsString(boot);
+    if (right) {
+        before->running = cJSON_IsTrue(running) != 0;
+        (void)snprintf(before->boot, sizeof before->boot, "%s", boot->valuestring);
+    }
+    cJSON_Delete(root);
+    return right;
+}
+
+/* False where there is none, or none that can be understood. */
+static bool read_kept(const char *path, kept *before) {
+    char text[FILE_BYTES + 1];
+    FILE *file = fopen(path, "r");
+    *before = (kept){0};
+    if (file == NULL) {
+        return false;
+    }
+    size_t size = fread(text, 1, FILE_BYTES, file);
+    (void)fclose(file);
+    text[size] = '\0';
+    bool right = understand(text, before);
+    if (!right) {
+        tl_log(TL_LOG_WARNING, "%s: is damaged; restarts are counted anew", path);
+        *before = (kept){0};
+    }
+    return right;
+}
+
+static tl_status write_file(const tl_restarts *restarts, bool running, tl_error *error) {
+    tl_new_file file;
+    tl_status status = tl_new_file_open(restarts->path, &file, error);
+    if (status != TL_OK) {
+        return status;
+    }
+    (void)fprintf(file.file,
+                  "{\"starts\": %" PRIu64 ", \"restarts\": %" PRIu64
+                  ", \"failures\": %u, \"running\": %s, \"boot\": \"%s\"}\n",
+                  restarts->starts, restarts->restarts, restarts->failures, running ? "true" : "false", restarts->boot);
+    return tl_new_file_keep(&file, error);
+}
+
+/* A full disk does not keep anybody from going on; it is told once. */
+static void keep(tl_restarts *restarts, bool running) {
+    tl_error error;
+    if (restarts->path[0] == '\0') {
+        return;
+    }
+    bool failed = write_file(restarts, running, &error) != TL_OK;
+    if (failed && !restarts->unwritten) {
+        tl_log(TL_LOG_WARNING, "restarts are not kept: %s", error.text);
+    }
+    restarts->unwritten = failed;
+}
+
+/* ---- the account ---- */
+
+/* Why there is a start, where the supervisor before ended without a word. */
+static const char *reason_of(const tl_restarts *restarts, const kept *before, bool watchdog) {
+    if (restarts->boot[0] != '\0' && strcmp(restarts->boot, before->boot) == 0) {
+        return "the supervisor was killed";
+    }
+    return watchdog ? "the box was reset by its watchdog" : "the box was reset, or lost its power";
+}
+
+static tl_status set_folder(const char *folder, tl_restarts *restarts, tl_error *error) {
+    struct stat about;
+    if (mkdir(folder, 0755) != 0 && errno != EEXIST) {
+        return tl_fail(error, TL_BAD_DATA, "--state %.300s: cannot be made: %s", folder, strerror(errno));
+    }
+    if (stat(folder, &about) != 0 || !S_ISDIR(about.st_mode) || access(folder, W_OK | X_OK) != 0) {
+        return tl_fail(error, TL_BAD_DATA, "--state %.300s: expected a folder that this user may write into", folder);
+    }
+    restarts->lock = open(folder, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+    if (restarts->lock >= 0 && flock(restarts->lock, LOCK_EX | LOCK_NB) != 0) {
+        tl_restarts_close(restarts);
+        return tl_fail(error, TL_TRY_AGAIN,
+                       "--state %.300s: another supervisor has it: give each twin a folder of its own", folder);
+    }
+    int length = snprintf(restarts->path, sizeof restarts->path, "%s/supervisor.json", folder);
+    return length < (int)sizeof restarts->path ? TL_OK
+                                               : tl_fail(error, TL_BAD_DATA, "--state %.100s…: is too long", folder);
+}
+
+tl_status tl_restarts_open(const char *folder, bool watchdog, tl_restarts *restarts, tl_error *error) {
+    kept before;
+    *restarts = (tl_restarts){.reason = "it was told to", .lock = -1};
+    tl_identity_boot(restarts->boot);
+    if (folder == NULL) {
+        return TL_OK;
+    }
+    tl_status status = set_folder(folder, restarts, error);
+    if (status == TL_OK && read_kept(restarts->path, &before)) {
+        restarts->starts = before.starts;
+        restarts->restarts = before.restarts;
+        restarts->failures = (unsigned)(before.failures < TL_RESTARTS_MOST ? before.failures : TL_RESTARTS_MOST);
+        if (before.running) {
+            tl_restarts_fail(restarts, reason_of(restarts, &before, watchdog));
+        }
+    }
+    return status;
+}
+
+void tl_restarts_begin(tl_restarts *restarts, bool again) {
+    restarts->starts++;
+    restarts->restarts += again ? 1 : 0;
+    restarts->healthy = 0;
+    keep(restarts, true);
+}
+
+void tl_restarts_fail(tl_restarts *restarts, const char *reason) {
+    restarts->failures++;
+    (void)snprintf(restarts->reason, sizeof restarts->reason, "%s", reason);
+}
+
+void tl_restarts_live(tl_restarts *restarts, tl_time passed) {
+    restarts->healthy += passed;
+    if (restarts->healthy >= TL_RESTARTS_FORGIVEN) {
+        restarts->healthy = 0;
+        if (restarts->failures > 0) {
+            restarts->failures--;
+            keep(restarts, true);
+        }
+    }
+}
+
+bool tl_restarts_is_loop(const tl_restarts *restarts) {
+    return restarts->failures >= TL_RESTARTS_MOST;
+}
+
+void tl_restarts_end(tl_restarts *restarts) {
+    restarts->failures = 0;
+    keep(restarts, false);
+}
+
+void tl_restarts_close(tl_restarts *restarts) {
+    if (restarts->lock >= 0) {
+        (void)close(restarts->lock);
+        restarts->lock = -1;
+    }
+}

@@ -1,0 +1,60 @@
+/* The account of restarts: how often the appliance was started, why, and whether that is a loop.
+ *
+ * Purpose: what the supervisor knows beyond its own life, and a reset of the box. Kept in FOLDER/supervisor.json, replaced
+ *          whole at each change; without a folder it lasts as long as the supervisor.
+ * Loop:    an end that nobody asked for is a failure. For each TL_RESTARTS_FORGIVEN of life one is forgiven; with
+ *          TL_RESTARTS_MOST of them it is a loop. No clock is asked, since a box may come up without one. An orderly end forgives
+ *          them all: who stops the service and starts it again wants it tried again.
+ * Thread:  the supervisor's.
+ */
+#ifndef TL_FIRMWARE_SUPERVISE_RESTARTS_H
+#define TL_FIRMWARE_SUPERVISE_RESTARTS_H
+
+#include <limits.h>
+#include <stdbool.h>
+#include <stdint.h>
+
+#include "firmware/base/identity.h"
+#include "master/base/simtime.h"
+#include "master/base/status.h"
+
+enum { TL_RESTARTS_MOST = 5, TL_RESTARTS_REASON = 192 };
+
+#define TL_RESTARTS_FORGIVEN (120 * TL_SECOND)
+
+typedef struct tl_restarts {
+    uint64_t starts;                 /* of the appliance, all that were ever counted here, */
+    uint64_t restarts;               /* and those of them after a failure */
+    unsigned failures;               /* not forgiven */
+    char reason[TL_RESTARTS_REASON]; /* why the appliance starts: "the box was reset by its watchdog" */
+    /* private */
+    char path[PATH_MAX]; /* "": nowhere */
+    char boot[TL_IDENTITY_TEXT];
+    int lock;        /* the folder, held; -1: none */
+    tl_time healthy; /* since one was forgiven */
+    bool unwritten;  /* said so */
+} tl_restarts;
+
+/* Reads what is kept, and finds out why there is a start: at best an orderly end before. `watchdog` says that the box was reset
+ * by it. A file that is damaged is told on the log, and counting begins anew. Errors: TL_BAD_DATA where the folder cannot be
+ * used, TL_TRY_AGAIN where another supervisor has it; nothing is changed then. */
+tl_status tl_restarts_open(const char *folder, bool watchdog, tl_restarts *restarts, tl_error *error);
+
+/* A start of the appliance; `again`: after a failure. */
+void tl_restarts_begin(tl_restarts *restarts, bool again);
+
+/* Its end that nobody asked for. */
+void tl_restarts_fail(tl_restarts *restarts, const char *reason);
+
+/* It has been alive for so long, since this was last called. */
+void tl_restarts_live(tl_restarts *restarts, tl_time passed);
+
+bool tl_restarts_is_loop(const tl_restarts *restarts);
+
+/* The supervisor ends orderly. */
+void tl_restarts_end(tl_restarts *restarts);
+
+/* Lets go of the folder. */
+void tl_restarts_close(tl_restarts *restarts);
+
+#endif

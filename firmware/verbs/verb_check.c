@@ -1,0 +1,383 @@
+/* twinlock check: validates everything without running. */
+#include <getopt.h>
+#include <inttypes.h>
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+
+#include "firmware/base/log.h"
+#include "firmware/config/measurements.h"
+#include "firmware/fmu/fmu_thread.h"
+#include "firmware/process/fmu_patience.h"
+#include "firmware/process/interrupt.h"
+#include "firmware/run/assembly.h"
+#include "firmware/text/output.h"
+#include "firmware/verbs/advice.h"
+#include "firmware/verbs/delay_page.h"
+#include "firmware/verbs/prognosis.h"
+#include "firmware/verbs/verbs.h"
+
+typedef struct check_options {
+    const char *config;
+    bool variables;
+    tl_time limit;
+    FILE *output;
+} check_options;
+
+/* What is done in the FMUs' thread. */
+typedef struct check_job {
+    const check_options *options;
+    tl_status status;
+} check_job;
+
+static void print_help(FILE *file) {
+    (void)fputs("usage: twinlock check CONFIG [options]\n\n"
+                "Validates a configuration with its FMUs: keys, variables, types, units, connections, paths,\n"
+                "horizon. Tells what a step will cost, in executions and, by a short dry run, in time. Warns of\n"
+                "what is right and perhaps not meant. Nothing is read from the plant.\n\n"
+                "  --variables     list all variables of the FMUs\n"
+                "  --call-limit S  end with 70 where an FMU does not return from a call for S seconds; default 60\n"
+                "  --help          this text\n",
+                file);
+}
+
+/* 0: go on; else the exit code + 1. */
+static int parse(int argc, char **argv, check_options *options) {
+    static const struct option LONG[] = {
+        {"variables", no_argument, NULL, 'v'},
+        {"call-limit", required_argument, NULL, 'L'},
+        {"help", no_argument, NULL, 'h'},
+        {NULL, 0, NULL, 0},
+    };
+    for (int option = 0; (option = getopt_long(argc, argv, "h", LONG, NULL)) != -1;) {
+        switch (option) {
+        case 'v':
+            options->variables = true;
+            break;
+        case 'L':
+            if (!tl_fmu_patience_parse("check", optarg, &options->limit)) {
+                return 3;
+            }
+            break;
+        case 'h':
+            print_help(stdout);
+            return 1;
+        default:
+            print_help(stderr);
+            return 3;
+        }
+    }
+    if (optind != argc - 1) {
+        (void)fputs("twinlock check: expected exactly one configuration\n\n", stderr);
+        print_help(stderr);
+        return 3;
+    }
+    options->config = argv[optind];
+    return 0;
+}
+
+static void print_start(const tl_variable *variable, FILE *output) {
+    if (!variable->has_start) {
+        (void)fprintf(output, "%12s", "");
+        return;
+    }
+    switch (variable->type) {
+    case TL_REAL:
+        (void)fprintf(output, "%12.6g", variable->start.real);
+        return;
+    case TL_STRING:
+        (void)fprintf(output, "%12.12s", variable->start.text);
+        return;
+    case TL_BOOLEAN:
+        (void)fprintf(output, "%12s", variable->start.integer != 0 ? "true" : "false");
+        return;
+    case TL_INTEGER:
+    case TL_ENUMERATION:
+        (void)fprintf(output, "%12" PRId32, variable->start.integer);
+        return;
+    }
+}
+
+static void print_variables(const tl_assembly *assembly, FILE *output) {
+    for (size_t i = 0; i < assembly->fmu_count; i++) {
+        const tl_model *model = &assembly->fmus[i].model;
+        (void)fprintf(output, "\nvariables of %s (%s)\n", model->name, assembly->fmus[i].path);
+        for (size_t k = 0; k < model->variable_count; k++) {
+            const tl_variable *variable = &model->variables[k];
+            (void)fprintf(output, "  %-20s %-11s %-10s %-9s", variable->name, tl_type_name(variable->type),
+                          tl_variability_name(variable->variability), tl_causality_name(variable->causality));
+            print_start(variable, output);
+            (void)fprintf(output, " %-12s %s\n", variable->unit == NULL ? "" : variable->unit->name,
+                          variable->description);
+        }
+    }
+}
+
+static void print_components(const tl_assembly *assembly, FILE *output) {
+    (void)fputs("components\n", output);
+    for (size_t i = 0; i < assembly->plan.component_count; i++) {
+        const tl_plan_component *component = &assembly->components[i];
+        (void)fprintf(output, "  %-12s %s, %zu variables, %s\n", component->name, assembly->config.components[i].fmu,
+                      component->model->variable_count,
+                      component->model->capabilities.can_get_and_set_state ? "can save its state"
+                                                                           : "cannot save its state");
+    }
+    (void)fprintf(output, "  %-12s %zu signal%s\n", "plant", assembly->plan.signal_count,
+                  assembly->plan.signal_count == 1 ? "" : "s");
+    (void)fputs("connections\n", output);
+    for (size_t i = 0; i < assembly->plan.connection_count; i++) {
+        (void)fprintf(output, "  %s \342\206\222 %s\n", assembly->plan.connections[i].from,
+                      assembly->plan.connections[i].to);
+    }
+}
+
+static const char *edge_name(const tl_plan_edge *edge) {
+    return edge->falls ? "not " : "";
+}
+
+/* An event horizon. */
+static void print_event(const tl_config *config, const tl_twin_facts *facts, FILE *output) {
+    const tl_plan_event *event = &config->event;
+    int64_t half = (event->window + config->step / 2) / config->step / 2;
+    (void)fprintf(output, "  search  %s; at most %" PRIu32 " evaluations a stroke, over as many cycles as they take\n",
+                  facts->algorithm, config->budget_evaluations);
+    (void)fprintf(output, "  stroke  from %s%s to %s%s, at most %g s; J over T_F = %" PRId64 " steps around its end\n",
+                  edge_name(&event->start), event->start.signal, edge_name(&event->end), event->end.signal,
+                  tl_seconds(event->longest), 2 * half);
+    (void)fprintf(output,
+                  "  timing  measurements %s: a search begins %" PRId64 " steps after the end; step i is computed "
+                  "at tick i + %" PRIu32 "\n",
+                  tl_measurements_name(config->measurements), config->measurements == TL_HOLD ? 0 : half, facts->lead);
+}
+
+static void print_mode(const tl_assembly *assembly, FILE *output) {
+    const tl_config *config = &assembly->config;
+    tl_twin_facts facts = tl_twin_get_facts(assembly->twin);
+    if (!config->synchronise) {
+        (void)fprintf(output, "free-running, one step every %g s; step i is computed at tick i + %" PRIu32 "\n",
+                      tl_seconds(config->step), facts.lead);
+        return;
+    }
+    (void)fprintf(output, "synchronised, one step every %g s\n", tl_seconds(config->step));
+    if (config->event.start.signal != NULL) {
+        print_event(config, &facts, output);
+        return;
+    }
+    (void)fprintf(output, "  search  %s%s%s; at most %" PRIu32 " evaluations a step\n", facts.algorithm,
+                  facts.fallback[0] != '\0' ? ", then " : "", facts.fallback, config->budget_evaluations);
+    (void)fprintf(output, "  horizon T_D = %" PRIu32 ", T_P = %" PRIu32 ", %s: %zu unknown%s\n", facts.distance,
+                  facts.prediction, config->shape == TL_DYNAMIC ? "dynamic" : "static", facts.unknowns,
+                  facts.unknowns == 1 ? "" : "s");
+    (void)fprintf(output, "  timing  measurements %s: step i is computed at tick i + %" PRIu32 "\n",
+                  tl_measurements_name(config->measurements), facts.lead);
+}
+
+static void print_adjusted(const tl_assembly *assembly, size_t index, FILE *output) {
+    const tl_plan_adjust *adjust = &assembly->config.adjust[index];
+    (void)fprintf(output, "  adjust  %s", adjust->variable);
+    if (!tl_twin_get_adjusted(assembly->twin, index).is_real) {
+        (void)fprintf(output, ", off or on");
+    } else if (adjust->step > 0.0) {
+        (void)fprintf(output, ", first step %g %s", adjust->step, tl_twin_adjust_unit(assembly->twin, index));
+    }
+    if (isfinite(adjust->lower) || isfinite(adjust->upper)) {
+        (void)fprintf(output, ", within %g \342\200\246 %g", adjust->lower, adjust->upper);
+    }
+    if (adjust->dwell > 0) {
+        (void)fprintf(output, ", each for at least %g s", tl_seconds(adjust->dwell));
+    }
+    (void)fputc('\n', output);
+}
+
+static void print_synchronisation(const tl_assembly *assembly, FILE *output) {
+    const tl_config *config = &assembly->config;
+    for (size_t i = 0; i < config->match_count; i++) {
+        const tl_plan_match *match = &config->match[i];
+        if (config->synchronise && match->weight > 0.0) {
+            const char *unit = tl_twin_match_unit(assembly->twin, i);
+            (void)fprintf(output, "  match   %s \342\206\224 %s, tolerance %g%s%s, weight %g\n", match->variable,
+                          match->to, match->tolerance, unit[0] != '\0' ? " " : "", unit, match->weight);
+        } else {
+            (void)fprintf(output, "  compare %s \342\206\224 %s\n", match->variable, match->to);
+        }
+    }
+    for (size_t i = 0; i < config->adjust_count; i++) {
+        print_adjusted(assembly, i, output);
+    }
+}
+
+static void print_need(const tl_twin_ledger *entry, uint32_t prediction, tl_time cost, FILE *output) {
+    (void)fprintf(output, "  %-16s %4" PRIu32, entry->name, entry->reach);
+    if (entry->on_a_way) {
+        (void)fprintf(output, " %4" PRIu32, entry->longer);
+    } else {
+        (void)fprintf(output, " %4s", "-");
+    }
+    (void)fprintf(output, " %6" PRIu32 " %6" PRIu32 " %6" PRIu32, prediction, entry->first_need, entry->next_need);
+    if (entry->nodes != 0) {
+        (void)fprintf(output, " %6" PRIu32 " %9.1f", entry->nodes, (double)entry->memory / 1024.0);
+    } else {
+        (void)fprintf(output, " %6s %9s", "-", "-");
+    }
+    if (cost != 0) {
+        (void)fprintf(output, " %8.2f\n", tl_seconds(cost) * 1e6);
+    } else {
+        (void)fprintf(output, " %8s\n", "-");
+    }
+}
+
+/* The graph's part of the bill: eq. 4.5 and 4.13. */
+static void print_needs(const tl_assembly *assembly, const tl_prognosis *prognosis, FILE *output) {
+    tl_twin_facts facts = tl_twin_get_facts(assembly->twin);
+    double plain = (double)prognosis->plain;
+    if (facts.unknowns == 0 || assembly->config.event.start.signal != NULL) {
+        return;
+    }
+    (void)fprintf(output,
+                  "executions of an evaluation, saved by structure: %s, by sequences: %s\n"
+                  "  component         \316\223_k  C_k  plain  first   then  nodes cache KiB  \302\265s each\n",
+                  facts.structure ? "yes" : "no", facts.sequences ? "yes" : "no");
+    for (size_t k = 0; k < facts.components; k++) {
+        tl_twin_ledger entry = tl_twin_get_ledger(assembly->twin, k);
+        print_need(&entry, facts.prediction, prognosis->cost[k], output);
+    }
+    (void)fprintf(output, "  %-26s %6" PRIu64 " %6" PRIu64 " %6" PRIu64 "\n", "sum", prognosis->plain, prognosis->first,
+                  prognosis->next);
+    (void)fprintf(output, "  %-26s %6.3f %6.3f %6.3f\n", "ratio", 1.0, (double)prognosis->first / plain,
+                  (double)prognosis->next / plain);
+    (void)fputs("  plain: if nothing were saved; first: at most, of a step's first evaluation;\n"
+                "  then: of each later one; the FMUs' states are not in KiB\n",
+                output);
+}
+
+static void print_worst(const tl_config *config, const tl_prognosis *prognosis, FILE *output) {
+    (void)fprintf(output, "  worst step   %" PRIu64 " executions: %" PRIu32 " evaluations and the commit\n",
+                  prognosis->worst, config->budget_evaluations);
+    if (prognosis->worst_time != 0) {
+        double worst = tl_seconds(prognosis->worst_time);
+        (void)fprintf(output, "               %.4g \302\265s here: %.3g %% of its budget of %g ms\n", worst * 1e6,
+                      100.0 * worst / tl_seconds(config->budget_time), tl_seconds(config->budget_time) * 1e3);
+    }
+}
+
+/* The search of a stroke takes the time that the cycles leave. */
+static void print_stroke(const tl_config *config, const tl_prognosis *prognosis, FILE *output) {
+    tl_time each = config->budget_time - prognosis->step_time;
+    (void)fprintf(output, "  evaluation   %" PRIu64 " executions at most\n", prognosis->plain);
+    (void)fprintf(output, "  worst stroke %" PRIu64 " executions: %" PRIu32 " evaluations\n", prognosis->worst,
+                  config->budget_evaluations);
+    if (prognosis->worst_time != 0 && each > 0) {
+        (void)fprintf(output, "               %.4g ms here: %" PRId64 " cycles of the budget of %g ms\n",
+                      tl_seconds(prognosis->worst_time) * 1e3, prognosis->worst_time / each + 1,
+                      tl_seconds(config->budget_time) * 1e3);
+    }
+}
+
+/* They are the FMUs' own, beside `memory`. */
+/* Bytes for people: "10.6 KiB", "130.1 MiB". */
+static void print_size(FILE *output, double bytes) {
+    double kibibytes = bytes / 1024.0;
+    bool large = kibibytes >= 10000.0;
+    (void)fprintf(output, "%.1f %s", large ? kibibytes / 1024.0 : kibibytes, large ? "MiB" : "KiB");
+}
+
+static void print_states(const tl_assembly *assembly, FILE *output) {
+    tl_twin_facts facts = tl_twin_get_facts(assembly->twin);
+    tl_twin_ledger largest = {0};
+    for (size_t k = 0; k + 1 < facts.components; k++) {
+        tl_twin_ledger entry = tl_twin_get_ledger(assembly->twin, k);
+        largest = entry.state_size > largest.state_size ? entry : largest;
+    }
+    if (largest.state_size != 0) {
+        (void)fputs("  states       ", output);
+        print_size(output, (double)facts.state_memory);
+        (void)fprintf(output, " of the FMUs' own at most; one of %s takes ", largest.name);
+        print_size(output, (double)largest.state_size);
+        (void)fputs("\n", output);
+    }
+}
+
+static void print_costs(const tl_assembly *assembly, const tl_prognosis *prognosis, FILE *output) {
+    const tl_config *config = &assembly->config;
+    (void)fputs("cost\n", output);
+    (void)fprintf(output, "  free step    %" PRIu64 " executions\n", prognosis->step);
+    if (prognosis->steps != 0) {
+        (void)fprintf(output, "               %.4g \302\265s here: %.3g %% of the period\n",
+                      tl_seconds(prognosis->step_time) * 1e6,
+                      100.0 * tl_seconds(prognosis->step_time) / tl_seconds(config->step));
+    }
+    if (config->event.start.signal != NULL) {
+        print_stroke(config, prognosis, output);
+    } else if (config->adjust_count != 0) {
+        print_worst(config, prognosis, output);
+    }
+    (void)fprintf(output, "  memory       %.1f KiB of ours, taken at start-up\n",
+                  (double)tl_twin_get_facts(assembly->twin).memory / 1024.0);
+    (void)fprintf(output, "               and %d MiB of stack for FMUs%s\n", TL_FMU_THREAD_STACK >> 20,
+                  config->realtime_lock_memory ? ", all of it resident in `run`" : "");
+    print_states(assembly, output);
+    if (prognosis->steps != 0) {
+        (void)fprintf(output, "  measured by %zu free steps on the plant's initial values, without a solver\n",
+                      prognosis->steps);
+    } else {
+        (void)fputs("  time is not told: the FMUs cannot step with the plant's initial values\n", output);
+    }
+}
+
+static tl_status print_page(const tl_assembly *assembly, FILE *output) {
+    const tl_config *config = &assembly->config;
+    tl_prognosis prognosis;
+    tl_prognosis_make(assembly, &prognosis);
+    if (tl_twin_get_facts(assembly->twin).cannot_return) {
+        tl_log(TL_LOG_ERROR, "%s", prognosis.error.text);
+        return prognosis.error.status;
+    }
+    (void)fprintf(output, "%s: %s\n", config->path, config->name);
+    print_components(assembly, output);
+    print_mode(assembly, output);
+    print_synchronisation(assembly, output);
+    tl_delay_page_print(config, output);
+    print_needs(assembly, &prognosis, output);
+    print_costs(assembly, &prognosis, output);
+    size_t warnings = tl_advice_print(assembly, &prognosis, output);
+    (void)fputs("no problem found", output);
+    if (warnings > 0) {
+        (void)fprintf(output, ", %zu warning%s", warnings, warnings == 1 ? "" : "s");
+    }
+    (void)fputc('\n', output);
+    return TL_OK;
+}
+
+static void check(void *context) {
+    check_job *job = context;
+    const check_options *options = job->options;
+    tl_assembly assembly;
+    job->status = tl_assembly_load(options->config, &assembly);
+    if (job->status == TL_OK && tl_interrupt_requested() != NULL) {
+        tl_log(TL_LOG_ERROR, "interrupted by %s", tl_interrupt_requested());
+        job->status = TL_INTERRUPTED;
+    }
+    if (job->status == TL_OK) {
+        job->status = print_page(&assembly, options->output);
+    } else if (assembly.problems.report.count > 1) {
+        tl_log(TL_LOG_ERROR, "%zu problems", assembly.problems.report.count);
+    }
+    if (options->variables) {
+        print_variables(&assembly, options->output);
+    }
+    (void)fflush(options->output); /* an FMU may crash in being freed */
+    tl_assembly_free(&assembly);
+}
+
+int tl_verb_check(int argc, char **argv) {
+    check_options options = {.limit = TL_FMU_PATIENCE_CALL};
+    int parsed = parse(argc, argv, &options);
+    if (parsed != 0) {
+        return parsed - 1;
+    }
+    tl_interrupt_install();
+    options.output = tl_output_claim();
+    check_job job = {.options = &options};
+    tl_status status = tl_fmu_thread_run(options.limit, check, &job);
+    return tl_exit_code(tl_output_finish(options.output, status == TL_OK ? job.status : status));
+}

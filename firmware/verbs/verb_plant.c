@@ -1,0 +1,467 @@
+/* twinlock plant: a recording or a plant model, played as a real plant. */
+#include <errno.h>
+#include <getopt.h>
+#include <inttypes.h>
+#include <limits.h>
+#include <stdint.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "firmware/base/clock.h"
+#include "firmware/base/log.h"
+#include "firmware/emulate/emulation.h"
+#include "firmware/emulate/plant_bus.h"
+#include "firmware/emulate/plant_server.h"
+#include "firmware/emulate/plant_stream.h"
+#include "firmware/fmu/fmu_thread.h"
+#include "firmware/process/fmu_patience.h"
+#include "firmware/process/interrupt.h"
+#include "firmware/run/assembly.h"
+#include "firmware/text/progress.h"
+#include "firmware/verbs/verbs.h"
+
+typedef struct plant_options {
+    const char *config;
+    const char *listener; /* --for */
+    const char *recording;
+    const char *fifo;
+    const char *record;
+    bool real_bus;
+    uint64_t seed;
+    tl_time limit;
+} plant_options;
+
+/* What is done in the FMUs' thread. */
+typedef struct plant_job {
+    const plant_options *options;
+    tl_status status;
+} plant_job;
+
+/* One Modbus server or CAN bus, and which row column feeds each of its channels. */
+typedef struct served_source {
+    tl_plant_server *server; /* NULL: a bus */
+    tl_plant_bus *bus;
+    size_t columns[TL_MAX_SIGNALS];
+    size_t channel_count;
+} served_source;
+
+typedef struct player {
+    const plant_options *options;
+    tl_config listener; /* whose signals are served; a copy of the plant's where there is no --for */
+    tl_assembly assembly;
+    tl_emulation *emulation;
+    tl_plant_stream *stream;
+    served_source served[TL_MAX_SIGNALS];
+    size_t served_count;
+} player;
+
+static void print_help(FILE *file) {
+    (void)fputs("usage: twinlock plant CONFIG [options]\n\n"
+                "Plays a plant in real time, for demonstrations and tests: the recording of CONFIG, or, where\n"
+                "CONFIG has \"emulate\", its FMUs as the true plant with seeded noise. Its signals are served by\n"
+                "Modbus TCP where the configuration says they are read (playing starts with the first request),\n"
+                "sent as CAN frames, or written into a FIFO; not by Modbus RTU, nor of GPIO lines.\n\n"
+                "  --for CONFIG2     serve what this configuration reads; default: CONFIG itself\n"
+                "  --recording FILE  the CSV file to play; with \"emulate\", what drives the FMUs; default: as\n"
+                "                    configured\n"
+                "  --fifo FILE       write rows into this FIFO instead (made where it does not exist)\n"
+                "  --record FILE     write all rows into a new CSV file, as fast as possible, and end\n"
+                "  --real-bus        send CAN frames on an interface that is hardware, too; default: vcan only\n"
+                "  --seed N          of the noise and the message times; default 1\n"
+                "  --call-limit S    end with 70 where an FMU does not return from a call for S seconds; default 60\n"
+                "  --help            this text\n",
+                file);
+}
+
+static bool parse_seed(const char *text, uint64_t *seed) {
+    char *end = NULL;
+    errno = 0;
+    *seed = strtoull(text, &end, 10);
+    return errno == 0 && end != text && *end == '\0' && text[0] != '-';
+}
+
+/* 0: go on; else the exit code + 1. */
+static int parse(int argc, char **argv, plant_options *options) {
+    static const struct option LONG[] = {
+        {"for", required_argument, NULL, 'l'},
+        {"recording", required_argument, NULL, 'r'},
+        {"fifo", required_argument, NULL, 'f'},
+        {"record", required_argument, NULL, 'w'},
+        {"real-bus", no_argument, NULL, 'b'},
+        {"seed", required_argument, NULL, 's'},
+        {"call-limit", required_argument, NULL, 'L'},
+        {"help", no_argument, NULL, 'h'},
+        {NULL, 0, NULL, 0},
+    };
+    for (int option = 0; (option = getopt_long(argc, argv, "h", LONG, NULL)) != -1;) {
+        switch (option) {
+        case 'l':
+            options->listener = optarg;
+            break;
+        case 'r':
+            options->recording = optarg;
+            break;
+        case 'f':
+            options->fifo = optarg;
+            break;
+        case 'w':
+            options->record = optarg;
+            break;
+        case 'b':
+            options->real_bus = true;
+            break;
+        case 'L':
+            if (!tl_fmu_patience_parse("plant", optarg, &options->limit)) {
+                return 3;
+            }
+            break;
+        case 's':
+            if (!parse_seed(optarg, &options->seed)) {
+                (void)fprintf(stderr, "twinlock plant: --seed: found \"%s\", expected a whole number\n", optarg);
+                return 3;
+            }
+            break;
+        case 'h':
+            print_help(stdout);
+            return 1;
+        default:
+            print_help(stderr);
+            return 3;
+        }
+    }
+    if (optind != argc - 1 || (options->fifo != NULL && options->record != NULL)) {
+        (void)fputs("twinlock plant: expected exactly one configuration, and at most one of --fifo and --record\n\n",
+                    stderr);
+        print_help(stderr);
+        return 3;
+    }
+    options->config = argv[optind];
+    return 0;
+}
+
+static tl_status find_recording(const player *self, const tl_config *config, char *path, size_t size, tl_error *error) {
+    const char *given = self->options->recording;
+    if (given == NULL && config->recording_file == NULL) {
+        return tl_fail(error, TL_BAD_USAGE, "%s names no recording: give one with --recording FILE", config->path);
+    }
+    if (given != NULL) {
+        (void)snprintf(path, size, "%s", given);
+    } else {
+        tl_config_file_path(config, config->recording_file, path, size);
+    }
+    return TL_OK;
+}
+
+/* The rows: from FMUs where the configuration has `emulate`, else from its recording. */
+static tl_status open_emulation(player *self, const tl_config *config, tl_error *error) {
+    char path[PATH_MAX];
+    tl_status status = find_recording(self, config, path, sizeof path, error);
+    if (status != TL_OK) {
+        return status;
+    }
+    if (config->emulated_count == 0) {
+        return tl_emulation_open_recording(path, config, &self->emulation, error);
+    }
+    status = tl_assembly_read(config->path, &self->assembly);
+    if (status == TL_OK) {
+        tl_config_forget_delays(&self->assembly.config);
+        status = tl_assembly_build(&self->assembly);
+    }
+    if (status != TL_OK) {
+        return tl_fail(error, status, "%s: the plant's model could not be built", config->path);
+    }
+    return tl_emulation_open_model(&self->assembly, path, self->options->seed, &self->emulation, error);
+}
+
+static size_t find_column(const tl_emulation *emulation, const char *name) {
+    for (size_t i = 0; i < tl_emulation_column_count(emulation); i++) {
+        if (strcmp(tl_emulation_column(emulation, i), name) == 0) {
+            return i;
+        }
+    }
+    return SIZE_MAX;
+}
+
+/* The signals of one source, and the columns that feed them. */
+static tl_status find_signals(const player *self, const tl_config *listener, size_t index, served_source *served,
+                              size_t *signals, tl_error *error) {
+    served->channel_count = 0;
+    for (size_t i = 0; i < listener->signal_count; i++) {
+        const tl_config_signal *signal = &listener->signals[i];
+        if (signal->source != index) {
+            continue;
+        }
+        size_t column = find_column(self->emulation, signal->column);
+        if (column == SIZE_MAX) {
+            return tl_fail(error, TL_BAD_DATA, "plant.%s is read from column \"%s\", which this plant does not have",
+                           signal->plan.name, signal->column);
+        }
+        served->columns[served->channel_count] = column;
+        signals[served->channel_count++] = i;
+    }
+    return TL_OK;
+}
+
+static tl_status serve_modbus(const tl_config *listener, const tl_config_source *source, const size_t *signals,
+                              served_source *served, tl_error *error) {
+    tl_modbus_channel channels[TL_MAX_SIGNALS];
+    for (size_t i = 0; i < served->channel_count; i++) {
+        channels[i] = listener->signals[signals[i]].modbus;
+    }
+    const tl_plant_server_settings settings = {
+        .host = source->host,
+        .port = source->port,
+        .channels = channels,
+        .channel_count = served->channel_count,
+    };
+    tl_status status = tl_plant_server_start(&settings, &served->server, error);
+    if (status == TL_OK) {
+        tl_log(TL_LOG_NOTICE, "%s: %zu signal%s by Modbus TCP at %s:%u; playing starts with the first request",
+               source->name, served->channel_count, served->channel_count == 1 ? "" : "s", source->host,
+               (unsigned)tl_plant_server_port(served->server));
+    }
+    return status;
+}
+
+static tl_status serve_can(const player *self, const tl_config *listener, const tl_config_source *source,
+                           const size_t *signals, served_source *served, tl_error *error) {
+    tl_can_channel channels[TL_MAX_SIGNALS];
+    for (size_t i = 0; i < served->channel_count; i++) {
+        channels[i] = listener->signals[signals[i]].can;
+    }
+    const tl_plant_bus_settings settings = {
+        .interface = source->interface,
+        .real = self->options->real_bus,
+        .channels = channels,
+        .channel_count = served->channel_count,
+    };
+    tl_status status = tl_plant_bus_open(&settings, &served->bus, error);
+    if (status == TL_OK) {
+        tl_log(TL_LOG_NOTICE, "%s: %zu signal%s by CAN at %s; playing starts at once", source->name,
+               served->channel_count, served->channel_count == 1 ? "" : "s", source->interface);
+    }
+    return status;
+}
+
+/* A serial line has its units at the other end, and a GPIO line is pulled by somebody: nothing here can be either. */
+static bool can_be_served(const tl_config_source *source) {
+    if (source->kind == TL_SOURCE_MODBUS_RTU || source->kind == TL_SOURCE_GPIO) {
+        tl_log(TL_LOG_NOTICE, "%s: signals %s are not played", source->name,
+               source->kind == TL_SOURCE_GPIO ? "of GPIO lines" : "by Modbus RTU");
+    }
+    return source->kind == TL_SOURCE_MODBUS_TCP || source->kind == TL_SOURCE_CAN;
+}
+
+/* Serves one source of the listener; one without signals is left out. */
+static tl_status serve_source(player *self, const tl_config *listener, size_t index, tl_error *error) {
+    const tl_config_source *source = &listener->sources[index];
+    served_source *served = &self->served[self->served_count];
+    size_t signals[TL_MAX_SIGNALS];
+    if (!can_be_served(source)) {
+        return TL_OK;
+    }
+    tl_status status = find_signals(self, listener, index, served, signals, error);
+    if (status != TL_OK || served->channel_count == 0) {
+        return status;
+    }
+    status = source->kind == TL_SOURCE_CAN ? serve_can(self, listener, source, signals, served, error)
+                                           : serve_modbus(listener, source, signals, served, error);
+    self->served_count += status == TL_OK ? 1 : 0;
+    return status;
+}
+
+static tl_status open_servers(player *self, const tl_config *listener, tl_error *error) {
+    tl_status status = TL_OK;
+    for (size_t i = 0; i < listener->source_count && status == TL_OK; i++) {
+        status = serve_source(self, listener, i, error);
+    }
+    if (status == TL_OK && self->served_count == 0) {
+        return tl_fail(
+            error, TL_BAD_USAGE,
+            "%s reads nothing by Modbus TCP or CAN: name a configuration that does with --for, or use --fifo or --record",
+            listener->path);
+    }
+    return status;
+}
+
+static tl_status open_stream(player *self, const tl_config *listener, tl_error *error) {
+    const char *columns[TL_MAX_SIGNALS];
+    size_t count = tl_emulation_column_count(self->emulation);
+    for (size_t i = 0; i < count; i++) {
+        columns[i] = tl_emulation_column(self->emulation, i);
+    }
+    const tl_plant_stream_settings settings = {
+        .path = self->options->fifo != NULL ? self->options->fifo : self->options->record,
+        .make_fifo = self->options->fifo != NULL,
+        .time_column = listener->recording_time_column,
+        .columns = columns,
+        .column_count = count,
+    };
+    return tl_plant_stream_open(&settings, &self->stream, error);
+}
+
+static tl_status show_row(player *self, const tl_emulation_row *row, tl_error *error) {
+    for (size_t i = 0; i < self->served_count; i++) {
+        served_source *served = &self->served[i];
+        double values[TL_MAX_SIGNALS];
+        bool present[TL_MAX_SIGNALS];
+        for (size_t k = 0; k < served->channel_count; k++) {
+            values[k] = row->values[served->columns[k]];
+            present[k] = row->present[served->columns[k]];
+        }
+        if (served->bus != NULL) {
+            tl_plant_bus_row(served->bus, values, present);
+        } else {
+            tl_plant_server_set_all(served->server, values, present);
+        }
+    }
+    if (self->stream == NULL) {
+        return TL_OK;
+    }
+    (void)tl_plant_stream_row(self->stream, row->time, row->values, row->present);
+    return tl_plant_stream_check(self->stream, error);
+}
+
+/* Until someone listens, the first row stands. Nobody can be heard listening on a bus. */
+static void wait_for_listener(player *self) {
+    while (self->served_count != 0 && tl_interrupt_requested() == NULL) {
+        for (size_t i = 0; i < self->served_count; i++) {
+            const served_source *served = &self->served[i];
+            if (served->bus != NULL || tl_plant_server_count(served->server).requests != 0) {
+                return;
+            }
+        }
+        tl_clock_sleep_until(tl_clock_now(NULL) + TL_SECOND / 1000);
+    }
+}
+
+/* The first row comes at once; a file is written as fast as it can be. */
+static void pace(const player *self, uint64_t rows, tl_time instant) {
+    if (self->options->record == NULL && rows != 0) {
+        tl_clock_sleep_until(instant);
+    }
+}
+
+static tl_status play(player *self, tl_error *error) {
+    bool end = false;
+    uint64_t rows = 0;
+    tl_emulation_row row;
+    tl_progress progress;
+    tl_status status = tl_emulation_next(self->emulation, &row, &end, error);
+    tl_time started = tl_clock_now(NULL);
+    tl_progress_begin(&progress, "row", 0);
+    while (status == TL_OK && !end && tl_interrupt_requested() == NULL) {
+        pace(self, rows, started + row.time);
+        if (tl_interrupt_requested() != NULL) {
+            break;
+        }
+        status = show_row(self, &row, error);
+        if (rows++ == 0) {
+            wait_for_listener(self);
+            started = tl_clock_now(NULL);
+        }
+        tl_progress_update(&progress, (int64_t)rows);
+        if (status == TL_OK) {
+            status = tl_emulation_next(self->emulation, &row, &end, error);
+        }
+    }
+    tl_progress_end(&progress);
+    if (status == TL_OK) {
+        tl_log(TL_LOG_NOTICE, "%s after %" PRIu64 " rows", end ? "played to the end" : "stopped", rows);
+    }
+    return status;
+}
+
+static void close_bus(tl_plant_bus *bus) {
+    tl_plant_bus_counts counts = tl_plant_bus_count(bus);
+    tl_log(TL_LOG_NOTICE, "%" PRIu64 " frames sent, %" PRIu64 " that the interface did not take", counts.sent,
+           counts.dropped);
+    tl_plant_bus_close(bus);
+}
+
+static void close_server(tl_plant_server *server) {
+    tl_plant_server_counts counts = tl_plant_server_count(server);
+    tl_log(TL_LOG_NOTICE, "%" PRIu64 " requests answered, %" PRIu64 " attempts to write refused", counts.requests,
+           counts.refused_writes);
+    tl_plant_server_stop(server);
+}
+
+static void close_all(player *self) {
+    for (size_t i = 0; i < self->served_count; i++) {
+        if (self->served[i].bus != NULL) {
+            close_bus(self->served[i].bus);
+        } else {
+            close_server(self->served[i].server);
+        }
+    }
+    if (self->stream != NULL) {
+        tl_plant_stream_counts counts = tl_plant_stream_count(self->stream);
+        if (self->options->fifo != NULL) {
+            tl_log(TL_LOG_NOTICE, "%" PRIu64 " rows written, %" PRIu64 " dropped for want of a reader", counts.written,
+                   counts.dropped);
+        } else {
+            tl_log(TL_LOG_NOTICE, "%" PRIu64 " rows written", counts.written);
+        }
+        tl_plant_stream_close(self->stream);
+    }
+    tl_emulation_close(self->emulation);
+    tl_assembly_free(&self->assembly);
+}
+
+static tl_status run(player *self, const tl_config *config, const tl_config *listener, tl_error *error) {
+    tl_status status = open_emulation(self, config, error);
+    if (status == TL_OK) {
+        status = self->options->fifo != NULL || self->options->record != NULL ? open_stream(self, listener, error)
+                                                                              : open_servers(self, listener, error);
+    }
+    return status == TL_OK ? play(self, error) : status;
+}
+
+/* Reads the listener's configuration where it is another one, then plays. */
+static tl_status run_for_listener(player *self, const tl_config *config, tl_error *error) {
+    if (self->options->listener == NULL) {
+        return run(self, config, config, error);
+    }
+    tl_problems problems;
+    tl_problems_init(&problems, self->options->listener);
+    tl_status status = tl_config_read(self->options->listener, &self->listener, &problems.report);
+    if (status != TL_OK) {
+        return tl_fail(error, status, "%s cannot be used with --for", self->options->listener);
+    }
+    status = run(self, config, &self->listener, error);
+    tl_config_free(&self->listener);
+    return status;
+}
+
+static void be_plant(void *context) {
+    plant_job *job = context;
+    player *self = calloc(1, sizeof *self);
+    tl_config config;
+    tl_problems problems;
+    tl_problems_init(&problems, job->options->config);
+    job->status = self == NULL ? TL_TRY_AGAIN : tl_config_read(job->options->config, &config, &problems.report);
+    if (job->status == TL_OK) {
+        tl_error error;
+        self->options = job->options;
+        job->status = run_for_listener(self, &config, &error);
+        if (job->status != TL_OK) {
+            tl_log(TL_LOG_ERROR, "%s", error.text);
+        }
+        close_all(self);
+        tl_config_free(&config);
+    }
+    free(self);
+}
+
+int tl_verb_plant(int argc, char **argv) {
+    plant_options options = {.seed = 1, .limit = TL_FMU_PATIENCE_CALL};
+    int parsed = parse(argc, argv, &options);
+    if (parsed != 0) {
+        return parsed - 1;
+    }
+    tl_interrupt_install();
+    plant_job job = {.options = &options};
+    tl_status status = tl_fmu_thread_run(options.limit, be_plant, &job);
+    return tl_exit_code(status == TL_OK ? job.status : status);
+}

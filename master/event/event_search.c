@@ -1,0 +1,240 @@
+/* The search of an event horizon: see event_search.h. */
+#include "master/event/event_search.h"
+
+#include <math.h>
+
+#include "master/sync/objective.h"
+
+/* Twice as wide each time: from any step to any bound, within the range of a double that matters. */
+enum { WIDENINGS = 60 };
+
+/* Halving ends where the interval is this part of its ends, or of the step. */
+static const double NARROWEST = 1e-6;
+
+/* And towards what failed, this part of the step. */
+static const double NARROWEST_WALL = 1.0 / 64.0;
+
+static const double BOUNDLESS = HUGE_VAL;
+
+bool tl_event_search_init(tl_event_search *search, tl_arena *arena, uint32_t evaluations) {
+    search->capacity = evaluations;
+    search->trials = tl_arena_take(arena, evaluations, sizeof *search->trials);
+    search->stagnation = search->stagnation != 0 ? search->stagnation : TL_EVENT_STAGNATION;
+    search->z_step = 1.0;
+    search->z_lower = -BOUNDLESS;
+    search->z_upper = BOUNDLESS;
+    search->space = (tl_optimiser_space){.count = 1,
+                                         .step = &search->z_step,
+                                         .lower = &search->z_lower,
+                                         .upper = &search->z_upper,
+                                         .residual_count = 0,
+                                         .held = true};
+    search->optimiser = search->solver->create(arena, &search->space);
+    tl_event_search_begin(search);
+    return search->trials != NULL && search->optimiser != NULL;
+}
+
+void tl_event_search_end(tl_event_search *search) {
+    if (search->optimiser != NULL) {
+        search->solver->destroy(search->optimiser);
+        search->optimiser = NULL;
+    }
+}
+
+void tl_event_search_begin(tl_event_search *search) {
+    search->count = 0;
+}
+
+void tl_event_search_tell(tl_event_search *search, double u, double value, tl_event_side side) {
+    search->trials[search->count++] = (tl_event_trial){u, value, side};
+}
+
+bool tl_event_search_is_full(const tl_event_search *search) {
+    return search->count == search->capacity;
+}
+
+const tl_event_trial *tl_event_search_best(const tl_event_search *search) {
+    const tl_event_trial *best = &search->trials[0];
+    for (size_t i = 1; i < search->count; i++) {
+        best = search->trials[i].value < best->value ? &search->trials[i] : best;
+    }
+    return best;
+}
+
+const tl_event_trial *tl_event_search_find(const tl_event_search *search, double u) {
+    for (size_t i = 0; i < search->count; i++) {
+        if (!(search->trials[i].u < u) && !(search->trials[i].u > u)) {
+            return &search->trials[i];
+        }
+    }
+    return NULL;
+}
+
+static bool is_plateau(tl_event_side side) {
+    return side == TL_EVENT_BEFORE || side == TL_EVENT_AFTER;
+}
+
+bool tl_event_search_met_plateau(const tl_event_search *search) {
+    return search->count > 0 && is_plateau(search->trials[0].side);
+}
+
+/* ---- away from the plateau ---- */
+
+static bool comes_first(tl_event_side side) {
+    return side == TL_EVENT_BEFORE || side == TL_EVENT_EARLY;
+}
+
+static bool comes_last(tl_event_side side) {
+    return side == TL_EVENT_AFTER || side == TL_EVENT_LATE;
+}
+
+/* The nearest two of which one is too early and the other too late. */
+static bool find_bracket(const tl_event_search *search, double *early, double *late) {
+    double nearest = HUGE_VAL;
+    for (size_t i = 0; i < search->count; i++) {
+        for (size_t k = 0; k < search->count && comes_first(search->trials[i].side); k++) {
+            double distance = fabs(search->trials[i].u - search->trials[k].u);
+            if (comes_last(search->trials[k].side) && distance < nearest) {
+                nearest = distance;
+                *early = search->trials[i].u;
+                *late = search->trials[k].u;
+            }
+        }
+    }
+    return isfinite(nearest);
+}
+
+static bool halve(const tl_event_search *search, double early, double late, double *u) {
+    double size = fmax(fmax(fabs(early), fabs(late)), search->step);
+    *u = early + (late - early) / 2.0;
+    return fabs(early - late) > NARROWEST * size && tl_event_search_find(search, *u) == NULL;
+}
+
+/* On one side of the guess, of the trials that failed the nearest; HUGE_VAL: none did. And of those nearer than `limit` that
+ * did not fail the furthest. Both as distances from the guess. */
+static double nearest_failure(const tl_event_search *search, double sign) {
+    double nearest = HUGE_VAL;
+    for (size_t i = 1; i < search->count; i++) {
+        double distance = sign * (search->trials[i].u - search->trials[0].u);
+        if (search->trials[i].side == TL_EVENT_UNKNOWN && distance > 0.0) {
+            nearest = fmin(nearest, distance);
+        }
+    }
+    return nearest;
+}
+
+static double furthest_success(const tl_event_search *search, double sign, double limit) {
+    double furthest = 0.0;
+    for (size_t i = 1; i < search->count; i++) {
+        double distance = sign * (search->trials[i].u - search->trials[0].u);
+        if (search->trials[i].side != TL_EVENT_UNKNOWN && distance < limit) {
+            furthest = fmax(furthest, distance);
+        }
+    }
+    return furthest;
+}
+
+/* How far to go to one side: `width`, but not beyond what failed; up to there by halves. 0: nowhere. */
+static double reach_out(const tl_event_search *search, double sign, double width) {
+    double wall = nearest_failure(search, sign);
+    if (width < wall) {
+        return width;
+    }
+    double from = furthest_success(search, sign, wall);
+    return wall - from > NARROWEST_WALL * search->step ? from + (wall - from) / 2.0 : 0.0;
+}
+
+/* A step to either side of the guess in turn, each twice as wide; what lies beyond a bound becomes the bound. */
+static bool widen(const tl_event_search *search, double *u) {
+    double width = search->step;
+    for (int i = 0; i < WIDENINGS; i++) {
+        for (int sign = 1; sign >= -1; sign -= 2) {
+            double out = search->trials[0].u + sign * reach_out(search, sign, width);
+            *u = fmin(fmax(out, search->lower), search->upper);
+            if (isfinite(*u) && tl_event_search_find(search, *u) == NULL) {
+                return true;
+            }
+        }
+        width *= 2.0;
+    }
+    return false;
+}
+
+static bool leave_plateau(const tl_event_search *search, double *u) {
+    double early = 0.0;
+    double late = 0.0;
+    return find_bracket(search, &early, &late) ? halve(search, early, late, u) : widen(search, u);
+}
+
+/* ---- the solver ---- */
+
+typedef struct replayed {
+    tl_event_search *search;
+    double best;
+    uint32_t idle;
+} replayed;
+
+/* What the solver asks for: known, or the next to be tried. */
+static bool answer(void *context, const double *z, double *value, const double **residuals) {
+    replayed *replay = context;
+    tl_event_search *search = replay->search;
+    double u = fmin(fmax(search->origin + search->scale * z[0], search->lower), search->upper);
+    const tl_event_trial *known = tl_event_search_find(search, u);
+    if (residuals != NULL) {
+        *residuals = NULL;
+    }
+    if (replay->idle >= search->stagnation) {
+        return false;
+    }
+    if (known == NULL) {
+        search->asked = u;
+        search->asks = true;
+        return false;
+    }
+    *value = known->value;
+    replay->idle = known->value < replay->best ? 0 : replay->idle + 1;
+    replay->best = fmin(replay->best, known->value);
+    return true;
+}
+
+/* How far from the start the solver is to go first: a step, or half-way to what was tried nearest to it. */
+static double first_move(const tl_event_search *search, size_t start) {
+    double nearest = 2.0 * search->step;
+    for (size_t i = 0; i < start; i++) {
+        double distance = fabs(search->trials[i].u - search->trials[start].u);
+        nearest = i == 0 || distance < nearest ? distance : nearest;
+    }
+    return nearest / 2.0;
+}
+
+/* Leads the solver through what is known, from the first trial within the window. */
+static bool ask_solver(tl_event_search *search, size_t start, double *u) {
+    static const double zero = 0.0;
+    replayed replay = {search, search->trials[start].value, 0};
+    search->origin = search->trials[start].u;
+    search->scale = first_move(search, start);
+    search->z_lower = (search->lower - search->origin) / search->scale;
+    search->z_upper = (search->upper - search->origin) / search->scale;
+    search->asks = false;
+    const tl_search led = {
+        .start = &zero,
+        .start_value = search->trials[start].value,
+        .evaluate = answer,
+        .context = &replay,
+    };
+    (void)search->solver->minimise(search->optimiser, &led);
+    *u = search->asked;
+    return search->asks;
+}
+
+bool tl_event_search_next(tl_event_search *search, double *u) {
+    if (tl_event_search_is_full(search) || tl_event_search_best(search)->value < TL_OBJECTIVE_TOLERANCE) {
+        return false;
+    }
+    for (size_t i = 0; i < search->count; i++) {
+        if (!is_plateau(search->trials[i].side) && search->trials[i].side != TL_EVENT_UNKNOWN) {
+            return ask_solver(search, i, u) || leave_plateau(search, u);
+        }
+    }
+    return leave_plateau(search, u);
+}

@@ -1,0 +1,137 @@
+/* The numbers of a plan: see plan.h. Names are the graph's business. */
+#include "master/plan/plan.h"
+
+#include <math.h>
+
+#include "master/base/status.h"
+
+/* NaN is in no range. */
+static bool is_positive(double value) {
+    return value > 0.0 && isfinite(value);
+}
+
+static bool is_from_zero(double value) {
+    return value >= 0.0 && isfinite(value);
+}
+
+static bool check_count(size_t count, size_t most, const char *where, tl_report *report) {
+    if (count > most) {
+        tl_report_add(report, TL_BAD_DATA, where, "found %u, expected at most %u", (unsigned)count, (unsigned)most);
+    }
+    return count <= most;
+}
+
+static void check_signal(const tl_plan_signal *signal, tl_report *report) {
+    if (signal->has_initial && !(fabs(signal->initial) <= (signal->type == TL_INTEGER ? 2147483647.0 : HUGE_VAL) &&
+                                 isfinite(signal->initial))) {
+        tl_report_add(report, TL_BAD_DATA, signal->where, "\"initial\": found %g, expected a finite number%s",
+                      signal->initial, signal->type == TL_INTEGER ? " of at most 2147483647 in size" : "");
+    }
+}
+
+static void check_penalty(const char *kind, double penalty, const tl_plan_adjust *adjust, tl_report *report) {
+    if (!is_from_zero(penalty)) {
+        tl_report_add(report, TL_BAD_DATA, adjust->where,
+                      "\"penalty\": found a penalty on the %s of %g, expected a number from 0", kind, penalty);
+    }
+}
+
+static void check_adjust(const tl_plan_adjust *adjust, tl_report *report) {
+    if (!(adjust->step >= 0.0 && isfinite(adjust->step))) {
+        tl_report_add(report, TL_BAD_DATA, adjust->where, "\"step\": found %g, expected a number above 0",
+                      adjust->step);
+    }
+    if (adjust->has_nominal && !isfinite(adjust->nominal)) {
+        tl_report_add(report, TL_BAD_DATA, adjust->where, "\"nominal\": found %g, expected a finite number",
+                      adjust->nominal);
+    }
+    if (isnan(adjust->lower) || isnan(adjust->upper)) {
+        tl_report_add(report, TL_BAD_DATA, adjust->where, "a bound is not a number");
+    }
+    check_penalty("deviation", adjust->deviation_penalty, adjust, report);
+    check_penalty("rate", adjust->rate_penalty, adjust, report);
+    if (adjust->dwell < 0) {
+        tl_report_add(report, TL_BAD_DATA, adjust->where, "\"dwell_s\": found %g s, expected a time from 0",
+                      tl_seconds(adjust->dwell));
+    }
+}
+
+static void check_condition(const tl_plan_match *match, tl_time step, tl_report *report) {
+    const tl_plan_condition *condition = &match->condition;
+    if (condition->median > 1 && (condition->median % 2 == 0 || condition->median > 99)) {
+        tl_report_add(report, TL_BAD_DATA, match->where,
+                      "\"condition.median\": found %u samples, expected an odd number from 3 to 99, or 0 or 1 for none",
+                      (unsigned)condition->median);
+    }
+    if (condition->low_pass < 0) {
+        tl_report_add(report, TL_BAD_DATA, match->where,
+                      "\"condition.low_pass_s\": found %g s, expected a time constant from 0",
+                      tl_seconds(condition->low_pass));
+    }
+    if (condition->low_pass > 0 && step > 0 && (condition->low_pass - 1) / TL_LONGEST_LOW_PASS >= step) {
+        tl_report_add(report, TL_BAD_DATA, match->where,
+                      "\"condition.low_pass_s\": found %g s, expected at most %d macro steps, which are %g s",
+                      tl_seconds(condition->low_pass), TL_LONGEST_LOW_PASS, tl_seconds(step) * TL_LONGEST_LOW_PASS);
+    }
+    if (!is_from_zero(condition->gate)) {
+        tl_report_add(report, TL_BAD_DATA, match->where, "\"condition.gate\": found %g, expected a number from 0",
+                      condition->gate);
+    }
+}
+
+static void check_match(const tl_plan_match *match, tl_time step, tl_report *report) {
+    if (!is_from_zero(match->weight)) {
+        tl_report_add(report, TL_BAD_DATA, match->where, "\"weight\": found %g, expected a number from 0",
+                      match->weight);
+    }
+    if (!is_positive(match->tolerance) && !(match->weight >= 0.0 && match->weight <= 0.0)) {
+        tl_report_add(report, TL_BAD_DATA, match->where, "\"tolerance\": found %g, expected a number above 0",
+                      match->tolerance);
+    }
+    if (!is_from_zero(match->huber)) {
+        tl_report_add(report, TL_BAD_DATA, match->where, "\"huber\": found %g, expected a number from 0", match->huber);
+    }
+    check_condition(match, step, report);
+}
+
+static void check_choice(unsigned choice, unsigned last, const char *where, tl_report *report) {
+    if (choice > last) {
+        tl_report_add(report, TL_BAD_DATA, where, "found the choice number %u, expected one from 0 to %u", choice,
+                      last);
+    }
+}
+
+static void check_search(const tl_plan *plan, tl_report *report) {
+    if (!(plan->margin >= 0.0 && plan->margin < 1.0)) {
+        tl_report_add(report, TL_BAD_DATA, "synchronise.margin", "found a margin of %g, expected one from 0 to below 1",
+                      plan->margin);
+    }
+    if (!is_from_zero(plan->noise_floor)) {
+        tl_report_add(report, TL_BAD_DATA, "synchronise.noise_floor",
+                      "found a noise floor of %g, expected a number from 0", plan->noise_floor);
+    }
+    check_choice((unsigned)plan->shape, TL_DYNAMIC, "synchronise.horizon.shape", report);
+    check_choice((unsigned)plan->measurements, TL_HOLD, "synchronise.horizon.measurements", report);
+}
+
+bool tl_plan_check(const tl_plan *plan, tl_report *report) {
+    bool fits = check_count(plan->signal_count, TL_MAX_SIGNALS, "plant", report);
+    fits = check_count(plan->adjust_count, TL_MAX_ADJUST, "synchronise.adjust", report) && fits;
+    fits = check_count(plan->match_count, TL_MAX_MATCH, "synchronise.match", report) && fits;
+    fits = check_count(plan->output_count, TL_MAX_SIGNALS, "outputs", report) && fits;
+    if (plan->step <= 0) {
+        tl_report_add(report, TL_BAD_DATA, "step_s", "found %g s, expected a macro step above 0",
+                      tl_seconds(plan->step));
+    }
+    check_search(plan, report);
+    for (size_t i = 0; i < plan->signal_count; i++) {
+        check_signal(&plan->signals[i], report);
+    }
+    for (size_t i = 0; i < plan->adjust_count; i++) {
+        check_adjust(&plan->adjust[i], report);
+    }
+    for (size_t i = 0; i < plan->match_count; i++) {
+        check_match(&plan->match[i], plan->step, report);
+    }
+    return fits;
+}

@@ -1,0 +1,190 @@
+/* The plan of a twin: everything a twin is built from, names not yet resolved.
+ *
+ * Purpose: the one description that a configuration becomes and that tests write by hand. twin.h checks it
+ *          (names, types, units, paths, horizon) and builds the twin from it.
+ * Owner:   the caller; everything a plan points to must outlive the twin (models, functions, texts).
+ * Names:   "component.variable" for a variable of an FMU, "plant.signal" for a signal of the plant.
+ * Where:   each item carries `where`, its JSON path ("synchronise.adjust.motor.d"), so that a problem can be reported
+ *          where the user wrote it; "" is allowed.
+ */
+#ifndef TL_MASTER_PLAN_PLAN_H
+#define TL_MASTER_PLAN_PLAN_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "master/base/signal.h"
+#include "master/base/simtime.h"
+#include "master/base/status.h"
+#include "master/fmi/fmi2.h"
+#include "master/fmi/model.h"
+
+/* A variable that gets a value before the FMU is initialised. */
+typedef struct tl_plan_set {
+    const char *where;
+    const char *variable;
+    tl_value value; /* TL_REAL for any number (also for an Integer or Enumeration variable), TL_BOOLEAN or TL_STRING */
+} tl_plan_set;
+
+/* How the executions of a component are saved (approach 2, see cache/cached_component.h). */
+typedef enum tl_keep {
+    TL_KEEP_STATES, /* outputs and states of every input prefix: nothing is ever executed twice */
+    TL_KEEP_OUTPUTS /* outputs only, and a state now and then: for FMUs whose state costs more than a step */
+} tl_keep;
+
+typedef struct tl_plan_component {
+    const char *where;
+    const char *name; /* unique; not "plant" */
+    const tl_model *model;
+    const tl_fmi2 *functions;
+    const fmi2CallbackFunctions *callbacks;
+    const char *resources; /* file:/// URI of the unpacked resources folder */
+    const tl_plan_set *set;
+    size_t set_count;
+    tl_keep keep;
+    bool logging; /* the FMU's debug logging is on */
+} tl_plan_component;
+
+/* A signal of the plant: an output of the component "plant". */
+typedef struct tl_plan_signal {
+    const char *where;
+    const char *name;
+    tl_type type;     /* TL_REAL, TL_INTEGER or TL_BOOLEAN */
+    const char *unit; /* "" where none is given */
+    bool has_initial;
+    double initial; /* delivered until there is a first good reading; else the start value of what it drives */
+} tl_plan_signal;
+
+typedef struct tl_plan_connection {
+    const char *where;
+    const char *from;
+    const char *to;
+} tl_plan_connection;
+
+/* A variable the optimiser may change: an input or a tunable parameter, Real or Boolean. Of a Boolean, step, bounds and
+ * penalties are not used. */
+typedef struct tl_plan_adjust {
+    const char *where;
+    const char *variable;
+    bool has_nominal;
+    double nominal;           /* used where no connection delivers û; default: the start value; Boolean: 0 or 1 */
+    double step;              /* first step of the search, in the variable's unit; > 0 for a Real, 0: not given */
+    double lower;             /* −infinity: none; the variable's declared minimum holds as well */
+    double upper;             /* +infinity: none */
+    double deviation_penalty; /* ≥ 0: J grows by this times ((u − û)/step)² at each unknown */
+    double rate_penalty;      /* ≥ 0: J grows by this times ((u − the u before it)/step)² */
+    tl_time dwell;            /* Boolean: after it has changed it stays for at least this long; ns, 0: no limit */
+} tl_plan_adjust;
+
+/* The longest time constant of a low-pass, in macro steps: its delay is as long. */
+enum { TL_LONGEST_LOW_PASS = 1000 };
+
+/* What is done to a measurement before it is matched. All zero: nothing. */
+typedef struct tl_plan_condition {
+    uint32_t median; /* odd number of samples, 3 … 99; 0 and 1: none. Delay (median − 1)/2 samples */
+    tl_time
+        low_pass; /* time constant τ of a first-order low-pass, ns; 0: none, at most TL_LONGEST_LOW_PASS T_S. Delay about τ − T_S/2, see
+                         tl_conditioner_delay() */
+    double gate;  /* > 0: a sample further than this (signal's unit) from the last accepted one is an outlier */
+} tl_plan_condition;
+
+/* A simulated output and the plant signal it is compared with. */
+typedef struct tl_plan_match {
+    const char *where;
+    const char *variable; /* "component.variable" */
+    const char *to;       /* "plant.signal" */
+    double tolerance;     /* > 0, in the variable's unit; may be 1 where weight is 0 */
+    double weight;        /* 0: compared and reported, not matched */
+    double huber;         /* > 0: differences beyond this many tolerances count linearly; 0: all quadratically */
+    tl_plan_condition condition;
+} tl_plan_match;
+
+/* An output that is only read, by tl_twin_output(). */
+typedef struct tl_plan_output {
+    const char *where;
+    const char *variable; /* "component.variable" */
+} tl_plan_output;
+
+/* Which measurements a step uses (METHOD decision 4, see DESIGN.md "Time"). */
+typedef enum tl_measurements {
+    TL_LAG,   /* step i → i+1 is computed at the tick t_(i+T_P), all measurements are known */
+    TL_AHEAD, /* step i → i+1 is computed at t_i, the newest measurement stands for the later ones */
+    TL_HOLD   /* step i → i+1 is computed at t_(i+1), the newest measurement stands for the later ones */
+} tl_measurements;
+
+/* What is searched over a horizon that is longer than T_D. */
+typedef enum tl_shape {
+    TL_STATIC, /* one u, held over the horizon (eq. 4.3) */
+    TL_DYNAMIC /* T_P − T_D + 1 values of u, one after the other (eq. 4.4); the first is committed */
+} tl_shape;
+
+/* Which executions are saved. None of it changes a result by a bit. All zero: none. */
+typedef struct tl_plan_saving {
+    bool structure; /* approach 1: no execution that can no longer reach a matched output (Γ_k, eq. 4.5) */
+    bool sequences; /* approach 2: no execution whose input prefix is known */
+    uint32_t nodes; /* most prefixes kept per component; 0: as many as the horizon and the budget can need, ≤ 4096 */
+} tl_plan_saving;
+
+/* A Boolean signal of the plant becomes true, or false. */
+typedef struct tl_plan_edge {
+    const char *signal; /* "plant.signal"; NULL: none */
+    bool falls;
+} tl_plan_edge;
+
+/* The longest stroke of an event horizon, in macro steps: its samples are kept twice. */
+enum { TL_LONGEST_STROKE = 10000 };
+
+/* A horizon around an event of the plant (sync/event_horizon.h) in place of one of T_P steps. */
+typedef struct tl_plan_event {
+    const char *where;
+    tl_plan_edge start; /* of a stroke; its signal NULL: there is no event horizon */
+    tl_plan_edge end;   /* the event; the signal is matched by a Boolean output */
+    tl_time window;     /* T_F, ns: J counts half of it before the event and half after */
+    tl_time longest;    /* ns; a stroke that lasts longer is not searched */
+} tl_plan_event;
+/* Whether and how Δo is measured (sync/delay_meter.h). */
+typedef struct tl_plan_measure {
+    uint32_t lags;     /* N of the meters, at most TL_DELAY_LAGS; 0: Δo is not measured */
+    tl_time range;     /* the delays left to be shifted that are used: −range … range, less than (N − 1)·T_S */
+    tl_time look_back; /* of the samples of matched signals */
+} tl_plan_measure;
+
+typedef struct tl_plan {
+    tl_time step; /* T_S, ns, > 0 */
+    const tl_plan_component *components;
+    size_t component_count;
+    const tl_plan_signal *signals;
+    size_t signal_count;
+    const tl_plan_connection *connections;
+    size_t connection_count;
+    const tl_plan_adjust *adjust; /* none: the twin runs free and only compares */
+    size_t adjust_count;
+    const tl_plan_match *match;
+    size_t match_count;
+    const tl_plan_output *outputs;
+    size_t output_count; /* at most TL_MAX_SIGNALS */
+    uint32_t prediction; /* T_P ≥ T_D ≥ 1; 0: as short as possible, T_P = T_D */
+    tl_shape shape;
+    tl_measurements measurements;
+    tl_plan_event event;
+    int32_t input_ticks; /* what feeds inputs at t_i is in the sample of tick i + this (Δi; base/signal.h) */
+    tl_plan_measure measure;
+    int32_t output_ticks;  /* and the ŷ of t_j in that of tick j + this (Δo) */
+    const char *algorithm; /* see sync/optimiser.h */
+    const char *fallback;  /* takes over where the first one fails or stagnates; NULL: none */
+    uint32_t stagnation;   /* evaluations without progress that end a solver; 0: never */
+    double margin;         /* a correction must lower J to at most (1 − margin) of the nominal's, [0, 1) */
+    double noise_floor;    /* ≥ 0: a variable whose `step` moves no matched output by this many tolerances is not
+                              identifiable and held at nominal for the step; 0: never */
+    uint32_t evaluations;  /* the most a step's budget will allow, ≥ 1: sizes caches and ledger; 0: 60 */
+    tl_plan_saving saving;
+    uint64_t state_bytes; /* that the states of all FMUs that are saved by sequences may take; 0: there is no bound */
+    size_t (*heap)(void); /* bytes allocated in this process, to see how large states are; NULL: nobody knows */
+} tl_plan;
+
+/* Reports numbers that are out of their ranges. false: there is more of something than a twin has room for, and
+ * nothing may be built from the plan. */
+bool tl_plan_check(const tl_plan *plan, tl_report *report);
+
+#endif

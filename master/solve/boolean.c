@@ -1,0 +1,98 @@
+/* Boolean unknowns: the better of a value and its negation.
+ *
+ * Each unknown in turn is negated, with the ones before it at their better value, and stays negated where that lowers J.
+ * Every unknown is asked about once at most, so one of them costs one question beyond the start. After a change an
+ * unknown rests for its dwell: it is as the start has it, whatever that is.
+ *
+ * Unknowns are independent, also where several belong to one variable, one after the other in time: each has a dwell of
+ * its own, counted from its own changes.
+ */
+#include <string.h>
+
+#include "master/solve/optimiser.h"
+
+struct tl_optimiser {
+    const tl_optimiser_space *space;
+    bool has_committed;
+    double *committed; /* what was committed last */
+    uint32_t *resting; /* steps until it may change again */
+    double *u;         /* the best so far, and the point that is asked about */
+};
+
+static tl_optimiser *create(tl_arena *arena, const tl_optimiser_space *space) {
+    tl_optimiser *self = tl_arena_take(arena, 1, sizeof *self);
+    double *numbers = tl_arena_take(arena, space->count, 2 * sizeof *numbers);
+    uint32_t *resting = tl_arena_take(arena, space->count, sizeof *resting);
+    if (self == NULL || numbers == NULL || resting == NULL) {
+        return NULL;
+    }
+    self->space = space;
+    self->committed = numbers;
+    self->u = numbers + space->count;
+    self->resting = resting;
+    return self;
+}
+
+static double negation(double value) {
+    return value < 0.5 ? 1.0 : 0.0;
+}
+
+static tl_search_end minimise(tl_optimiser *self, const tl_search *search) {
+    double best = search->start_value;
+    memcpy(self->u, search->start, self->space->count * sizeof *self->u);
+    for (size_t i = 0; i < self->space->count; i++) {
+        if (self->resting[i] > 0) {
+            continue;
+        }
+        const double before = self->u[i];
+        double value = best;
+        self->u[i] = negation(before);
+        if (!search->evaluate(search->context, self->u, &value, NULL)) {
+            return TL_SEARCH_STOPPED;
+        }
+        if (value < best) {
+            best = value;
+        } else {
+            self->u[i] = before;
+        }
+    }
+    return TL_SEARCH_DONE;
+}
+
+/* Not even nominal is a reason to change. */
+static void rest(const tl_optimiser *self, double *u) {
+    for (size_t i = 0; i < self->space->count; i++) {
+        if (self->resting[i] > 0) {
+            u[i] = self->committed[i];
+        }
+    }
+}
+
+/* A value stays for its dwell, the step it was new in included. The first commit is no change: there was nothing before. */
+static void committed(tl_optimiser *self, const double *u) {
+    for (size_t i = 0; i < self->space->count; i++) {
+        const bool changed = self->has_committed && negation(u[i]) != negation(self->committed[i]);
+        if (changed && self->space->dwell[i] > 0) {
+            self->resting[i] = self->space->dwell[i] - 1;
+        } else if (self->resting[i] > 0) {
+            self->resting[i]--;
+        }
+        self->committed[i] = u[i];
+    }
+    self->has_committed = true;
+}
+
+/* All memory is the arena's. */
+static void destroy(tl_optimiser *self) {
+    (void)self;
+}
+
+const tl_optimiser_class tl_boolean = {
+    .name = "boolean",
+    .booleans = true,
+    .create = create,
+    .minimise = minimise,
+    .rest = rest,
+    .committed = committed,
+    .destroy = destroy,
+};

@@ -1,0 +1,649 @@
+/* Our own solver: damped least squares on the residual vector, with a secant slope that is remembered between steps.
+ *
+ * Method:  the slope G = ∂residuals/∂u is measured once, one question per unknown, and then kept true by Broyden's rank-one
+ *          update from every question that is asked anyway. A move Δ minimises |r + GΔ|² + damping·|Δ/step|² within the
+ *          bounds. For one unknown and one residual that is the secant method. Where G leads nowhere it is measured anew.
+ * Guess:   the same move from the forecast: where the outputs would go if u stayed, and what the slope can do about it.
+ * Return:  a guess takes back what of the move is more than is needed: it goes to nominal as far as what it changes stays good
+ *          enough. To make every residual nothing would be to follow the noise with an input that the plant never felt;
+ *          states behind the matched outputs (a controller's integrator) are pushed away by it, and what would bring them
+ *          back, the outputs' own way, is what is corrected away. In hours that grows beyond all bounds. What is good enough is
+ *          therefore the wider, the noisier the measurement is, and the longer u has been leaning to one side.
+ * Hold:    of a u that is held over a long horizon the move goes only as far as makes J small enough. All the way would be the
+ *          best line through the horizon, which leaves the tolerance on the other side soon after; each new u costs a whole
+ *          horizon of executions, and a held one nothing but its newest step.
+ * Rows:    a sample's residual of exactly 0 is one that was not measured: it tells nothing, and takes no part. A penalty's
+ *          is one at nominal, and does.
+ * Source:  Broyden 1965 (update), Levenberg 1944 (damping).
+ */
+#include <math.h>
+#include <string.h>
+
+#include "master/solve/optimiser.h"
+
+/* Of one move, in steps: a slope is a local thing, and models fed with wild values answer with infinities. */
+static const double LONGEST_MOVE = 25.0;
+
+/* In steps: no move worth a question. */
+static const double SHORTEST_MOVE = 1e-6;
+
+/* Relative to the mean diagonal of GᵀG: what keeps it solvable, and where damping begins after a failure. */
+static const double LEAST_DAMPING = 1e-12;
+static const double FIRST_DAMPING = 1e-3;
+
+/* The squares up to which a guess goes back to nominal: this, or this part of what is noise in them. */
+static const double GOOD_ENOUGH = 0.03;
+static const double OF_NOISE = 0.45;
+static const double MOST_ENOUGH = 0.5; /* the tolerance must hold, whatever the noise is */
+
+/* Or what this part of the mean correction of so many steps would change in one, but no residual by more than that. */
+static const double OF_LEAN = 0.8;
+static const double MOST_OF_LEAN = 0.5;
+static const double MEMORY = 256.0;
+
+/* The J that a move to a held u aims at. */
+static const double HELD_GOAL = 0.3;
+
+/* The last move has confirmed the slope where it missed the promised gain by less than this part; then a further one that
+ * promises less than the other part of J, and no tolerance, is not worth a question. */
+static const double CONFIRMED = 0.2;
+static const double WORTHWHILE = 0.01;
+
+/* A J that is better by less than this part, so often in a row, is no progress. */
+static const double PROGRESS = 1e-3;
+enum { MOST_IDLE = 3, MOST_FAILURES = 8, FAILURES_TO_MEASURE = 2 };
+
+/* For each unknown, to find which ones are at a bound. */
+enum { PASSES = 4 };
+
+struct tl_optimiser {
+    const tl_optimiser_space *space;
+    size_t unknowns;
+    size_t residuals;
+    bool has_slope;
+    double damping;
+    double longest; /* of a move, in steps */
+    double *slope;  /* [residual · unknowns + unknown], per step of the unknown */
+    double *normal; /* GᵀG, then its Cholesky factor */
+    double *move;   /* in steps */
+    bool *fixed;    /* at a bound */
+    double *point;
+    double *r; /* at point */
+    double *trial;
+    double *expected; /* residuals after the moves that are fixed; then what the move changes */
+    double *further;  /* what going on from the move to nominal changes */
+    double *lean;     /* slow mean of u − nominal, in steps */
+    double *leaned;   /* what it was before the last guess */
+    double value;     /* J at point */
+    double promised;  /* J at the guess, where trial is one; else NaN */
+    const tl_search *search;
+};
+
+static tl_optimiser *create(tl_arena *arena, const tl_optimiser_space *space) {
+    tl_optimiser *self = tl_arena_take(arena, 1, sizeof *self);
+    if (self == NULL) {
+        return NULL;
+    }
+    self->space = space;
+    self->promised = (double)NAN;
+    self->unknowns = space->count;
+    self->residuals = space->residual_count;
+    self->slope = tl_arena_take(arena, self->residuals * self->unknowns, sizeof *self->slope);
+    self->normal = tl_arena_take(arena, self->unknowns * self->unknowns, sizeof *self->normal);
+    self->move = tl_arena_take(arena, self->unknowns, sizeof *self->move);
+    self->fixed = tl_arena_take(arena, self->unknowns, sizeof *self->fixed);
+    self->point = tl_arena_take(arena, self->unknowns, sizeof *self->point);
+    self->trial = tl_arena_take(arena, self->unknowns, sizeof *self->trial);
+    self->r = tl_arena_take(arena, self->residuals, sizeof *self->r);
+    self->expected = tl_arena_take(arena, self->residuals, sizeof *self->expected);
+    self->further = tl_arena_take(arena, self->residuals, sizeof *self->further);
+    self->lean = tl_arena_take(arena, self->unknowns, sizeof *self->lean);
+    self->leaned = tl_arena_take(arena, self->unknowns, sizeof *self->leaned);
+    bool taken = self->slope != NULL && self->normal != NULL && self->move != NULL && self->fixed != NULL &&
+                 self->point != NULL && self->trial != NULL && self->r != NULL && self->expected != NULL &&
+                 self->further != NULL && self->lean != NULL && self->leaned != NULL;
+    return taken ? self : NULL;
+}
+
+static void destroy(tl_optimiser *self) {
+    (void)self;
+}
+
+static double within(const tl_optimiser *self, size_t k, double value) {
+    return fmin(fmax(value, self->space->lower[k]), self->space->upper[k]);
+}
+
+/* Whether a residual at `point` takes part. */
+static bool counts(const tl_optimiser *self, size_t i) {
+    return i >= self->space->sample_count || fabs(self->r[i]) > 0.0;
+}
+
+/* ---- the move ---- */
+
+/* GᵀG over the measured rows and the free unknowns into `normal`, −Gᵀr into `move`; the mean of its diagonal. */
+static double form_normal(tl_optimiser *self, const double *r) {
+    size_t n = self->unknowns;
+    memset(self->normal, 0, n * n * sizeof *self->normal);
+    memset(self->move, 0, n * sizeof *self->move);
+    for (size_t i = 0; i < self->residuals; i++) {
+        const double *row = &self->slope[i * n];
+        for (size_t k = 0; k < n && counts(self, i); k++) {
+            self->move[k] -= row[k] * r[i];
+            for (size_t l = 0; l <= k; l++) {
+                self->normal[k * n + l] += row[k] * row[l];
+            }
+        }
+    }
+    double trace = 0.0;
+    for (size_t k = 0; k < n; k++) {
+        trace += self->normal[k * n + k];
+    }
+    return trace / (double)n;
+}
+
+/* Takes an unknown that is at a bound out of the system. */
+static void take_out_fixed(tl_optimiser *self) {
+    size_t n = self->unknowns;
+    for (size_t k = 0; k < n; k++) {
+        for (size_t l = 0; l <= k; l++) {
+            if (self->fixed[k] || self->fixed[l]) {
+                self->normal[k * n + l] = k == l ? 1.0 : 0.0;
+            }
+        }
+        self->move[k] = self->fixed[k] ? 0.0 : self->move[k];
+    }
+}
+
+/* Cholesky; false where the matrix is not positive definite. */
+static bool factor(double *a, size_t n) {
+    for (size_t k = 0; k < n; k++) {
+        for (size_t l = 0; l <= k; l++) {
+            double sum = a[k * n + l];
+            for (size_t i = 0; i < l; i++) {
+                sum -= a[k * n + i] * a[l * n + i];
+            }
+            if (k != l) {
+                a[k * n + l] = sum / a[l * n + l];
+            } else if (sum > 0.0 && isfinite(sum)) {
+                a[k * n + k] = sqrt(sum);
+            } else {
+                return false;
+            }
+        }
+    }
+    return true;
+}
+
+static void substitute(const double *a, size_t n, double *x) {
+    for (size_t k = 0; k < n; k++) {
+        for (size_t l = 0; l < k; l++) {
+            x[k] -= a[k * n + l] * x[l];
+        }
+        x[k] /= a[k * n + k];
+    }
+    for (size_t k = n; k-- > 0;) {
+        for (size_t l = k + 1; l < n; l++) {
+            x[k] -= a[l * n + k] * x[l];
+        }
+        x[k] /= a[k * n + k];
+    }
+}
+
+/* The same for one unknown, the usual case: a quotient. */
+static bool solve_one(tl_optimiser *self, const double *r) {
+    double square = 0.0;
+    double slope = 0.0;
+    for (size_t i = 0; i < self->residuals; i++) {
+        if (counts(self, i)) {
+            square += self->slope[i] * self->slope[i];
+            slope -= self->slope[i] * r[i];
+        }
+    }
+    if (!(square > 0.0) || !isfinite(square)) {
+        return false;
+    }
+    self->move[0] = self->fixed[0] ? 0.0 : slope / (square * (1.0 + self->damping + LEAST_DAMPING));
+    return true;
+}
+
+/* The damped move of the free unknowns from residuals r; false where there is none. */
+static bool solve(tl_optimiser *self, const double *r) {
+    size_t n = self->unknowns;
+    if (n == 1) {
+        return solve_one(self, r);
+    }
+    double mean = form_normal(self, r);
+    if (!(mean > 0.0) || !isfinite(mean)) {
+        return false;
+    }
+    for (size_t k = 0; k < n; k++) {
+        self->normal[k * n + k] += mean * (self->damping + LEAST_DAMPING);
+    }
+    take_out_fixed(self);
+    if (!factor(self->normal, n)) {
+        return false;
+    }
+    substitute(self->normal, n, self->move);
+    return true;
+}
+
+/* What the slope says that the move from point to trial changes, into `expected`. */
+static void expect_changes(tl_optimiser *self) {
+    size_t n = self->unknowns;
+    for (size_t i = 0; i < self->residuals; i++) {
+        self->expected[i] = 0.0;
+        for (size_t k = 0; k < n; k++) {
+            double move = (self->trial[k] - self->point[k]) / self->space->step[k];
+            self->expected[i] += self->slope[i * n + k] * move;
+        }
+    }
+}
+
+/* r after the moves that are fixed, into `expected`. */
+static void expect_fixed(tl_optimiser *self) {
+    memcpy(self->expected, self->r, self->residuals * sizeof *self->r);
+    for (size_t k = 0; k < self->unknowns; k++) {
+        double made = (self->trial[k] - self->point[k]) / self->space->step[k];
+        for (size_t i = 0; i < self->residuals && self->fixed[k]; i++) {
+            self->expected[i] += self->slope[i * self->unknowns + k] * made;
+        }
+    }
+}
+
+/* Where the move leads, into `trial`. An unknown that would leave its bounds is fixed there; true where that happened. */
+static bool fix_at_bounds(tl_optimiser *self) {
+    const tl_optimiser_space *space = self->space;
+    bool any = false;
+    double largest = self->longest;
+    for (size_t k = 0; k < self->unknowns; k++) {
+        largest = fmax(largest, self->fixed[k] ? 0.0 : fabs(self->move[k]));
+    }
+    for (size_t k = 0; k < self->unknowns; k++) {
+        if (self->fixed[k]) {
+            continue;
+        }
+        double move = self->move[k] * (self->longest / largest); /* shorter, in the same direction */
+        double wanted = self->point[k] + move * space->step[k];
+        self->trial[k] = within(self, k, wanted);
+        self->fixed[k] = wanted < space->lower[k] || wanted > space->upper[k];
+        any = any || self->fixed[k];
+    }
+    return any;
+}
+
+/* Of J by unknown k, as the slope sees it at `trial`, whose changes are in `expected`. */
+static double derivative(const tl_optimiser *self, size_t k) {
+    double sum = 0.0;
+    for (size_t i = 0; i < self->residuals; i++) {
+        if (counts(self, i)) {
+            sum += self->slope[i * self->unknowns + k] * (self->r[i] + self->expected[i]);
+        }
+    }
+    return sum;
+}
+
+/* An unknown that was fixed at a bound together with others may be wanted back inside; true where one is let go. */
+static bool let_go(tl_optimiser *self, const bool *free) {
+    const tl_optimiser_space *space = self->space;
+    for (size_t k = 0; k < self->unknowns && self->unknowns > 1; k++) {
+        if (!self->fixed[k] || (free != NULL && !free[k])) {
+            continue;
+        }
+        expect_changes(self);
+        double slope = derivative(self, k);
+        if (self->trial[k] >= space->upper[k] ? slope > 0.0 : slope < 0.0) {
+            self->fixed[k] = false;
+            return true;
+        }
+    }
+    return false;
+}
+
+/* The best point within the bounds as the slope sees it, into `trial`. `free`: the unknowns that may move; NULL: all. */
+static bool propose(tl_optimiser *self, const bool *free) {
+    for (size_t k = 0; k < self->unknowns; k++) {
+        self->fixed[k] = free != NULL && !free[k];
+    }
+    memcpy(self->trial, self->point, self->unknowns * sizeof *self->point);
+    bool again = true;
+    for (size_t pass = 0; again && pass < PASSES * self->unknowns; pass++) {
+        expect_fixed(self);
+        if (!solve(self, self->expected)) {
+            return false;
+        }
+        again = fix_at_bounds(self) || let_go(self, free);
+    }
+    return true;
+}
+
+/* ---- what it promises ---- */
+
+/* Squares of the residuals after the part `share` of the move whose changes are in `expected`; rows as in propose(). */
+static double promise(const tl_optimiser *self, double share) {
+    double sum = 0.0;
+    for (size_t i = 0; i < self->residuals; i++) {
+        double r = counts(self, i) ? self->r[i] + share * self->expected[i] : 0.0;
+        sum += r * r;
+    }
+    return sum;
+}
+
+/* The part of the move at which the promise, a parabola over it, comes down to the goal; 1 where it does not. */
+static double share_for(const tl_optimiser *self, double goal) {
+    double here = promise(self, 0.0);
+    double bend = 0.5 * (promise(self, 1.0) + promise(self, -1.0)) - here;
+    double fall = 0.5 * (promise(self, -1.0) - promise(self, 1.0));
+    double root = fall * fall - 4.0 * bend * (here - goal);
+    if (!(here > goal) || !(bend > 0.0) || !(root > 0.0)) {
+        return 1.0;
+    }
+    double share = (fall - sqrt(root)) / (2.0 * bend);
+    return share > 0.0 && share < 1.0 ? share : 1.0;
+}
+
+/* Makes a move of a held u as short as will do. What the move promises. */
+static double shorten(tl_optimiser *self) {
+    expect_changes(self);
+    double share = self->space->held ? share_for(self, HELD_GOAL) : 1.0;
+    if (share < 1.0) {
+        for (size_t k = 0; k < self->unknowns; k++) {
+            self->trial[k] = self->point[k] + share * (self->trial[k] - self->point[k]);
+        }
+    }
+    return promise(self, share);
+}
+
+/* ---- no more than is needed ---- */
+
+/* What going from trial to nominal with the free unknowns changes, into `further`. */
+static void expect_return(tl_optimiser *self, const tl_forecast *forecast) {
+    size_t n = self->unknowns;
+    for (size_t i = 0; i < self->residuals; i++) {
+        self->further[i] = 0.0;
+        for (size_t k = 0; k < n && counts(self, i); k++) {
+            double way = forecast->free[k] ? within(self, k, forecast->nominal[k]) - self->trial[k] : 0.0;
+            self->further[i] += self->slope[i * n + k] * way / self->space->step[k];
+        }
+    }
+}
+
+/* Takes note of how far u is from nominal. */
+static void watch_lean(tl_optimiser *self, const tl_forecast *forecast) {
+    for (size_t k = 0; k < self->unknowns; k++) {
+        double away = (forecast->u[k] - forecast->nominal[k]) / self->space->step[k];
+        self->lean[k] += (away - self->lean[k]) / MEMORY;
+    }
+}
+
+/* Square of what a residual may be because u has been leaning to one side for long. */
+static double leaning(const tl_optimiser *self, const tl_forecast *forecast, size_t i) {
+    double effect = 0.0;
+    for (size_t k = 0; k < self->unknowns; k++) {
+        effect += forecast->free[k] ? self->slope[i * self->unknowns + k] * self->lean[k] : 0.0;
+    }
+    double allowed = fmin(OF_LEAN * fabs(effect), MOST_OF_LEAN);
+    return allowed * allowed;
+}
+
+/* How far trial can go back to nominal while the residuals that this changes promise no more than is good enough; their
+ * squares are a parabola over the way. */
+static double share_of_return(const tl_optimiser *self, const tl_forecast *forecast) {
+    double here = 0.0;
+    double rise = 0.0;
+    double bend = 0.0;
+    double jitter = 0.0;
+    double lean = 0.0;
+    for (size_t i = 0; i < self->residuals; i++) {
+        if (fabs(self->further[i]) > 0.0) {
+            double r = self->r[i] + self->expected[i];
+            here += r * r;
+            rise += 2.0 * r * self->further[i];
+            bend += self->further[i] * self->further[i];
+            jitter += forecast->noise[i];
+            lean += leaning(self, forecast, i);
+        }
+    }
+    double goal = fmin(fmax(fmax(GOOD_ENOUGH, OF_NOISE * jitter), lean), MOST_ENOUGH);
+    if (here >= goal) {
+        return 0.0;
+    }
+    if (here + rise + bend <= goal) {
+        return 1.0;
+    }
+    return (sqrt(rise * rise - 4.0 * bend * (here - goal)) - rise) / (2.0 * bend);
+}
+
+/* Takes back what of the move to trial is more than is needed. What is left promises. */
+static double relax(tl_optimiser *self, const tl_forecast *forecast) {
+    expect_return(self, forecast);
+    double share = share_of_return(self, forecast);
+    for (size_t k = 0; k < self->unknowns; k++) {
+        double nominal = within(self, k, forecast->nominal[k]);
+        if (forecast->free[k]) {
+            self->trial[k] = share < 1.0 ? self->trial[k] + share * (nominal - self->trial[k]) : nominal;
+        }
+    }
+    for (size_t i = 0; i < self->residuals; i++) {
+        self->expected[i] += share * self->further[i];
+    }
+    return promise(self, 1.0);
+}
+
+/* ---- the slope ---- */
+
+/* Broyden: the smallest change of G that explains what was seen when going from point to `u`. */
+static void learn(tl_optimiser *self, const double *u, const double *r) {
+    size_t n = self->unknowns;
+    double length = 0.0;
+    for (size_t k = 0; k < n; k++) {
+        self->move[k] = (u[k] - self->point[k]) / self->space->step[k];
+        length += self->move[k] * self->move[k];
+    }
+    for (size_t i = 0; i < self->residuals && length > 0.0; i++) {
+        double error = r[i] - self->r[i];
+        if (!(fabs(r[i]) > 0.0) && !(fabs(self->r[i]) > 0.0)) {
+            continue;
+        }
+        for (size_t k = 0; k < n; k++) {
+            error -= self->slope[i * n + k] * self->move[k];
+        }
+        for (size_t k = 0; k < n; k++) {
+            self->slope[i * n + k] += error / length * self->move[k];
+        }
+    }
+}
+
+static void go_to(tl_optimiser *self, const double *u, const double *r, double value) {
+    memmove(self->point, u, self->unknowns * sizeof *u);
+    memmove(self->r, r, self->residuals * sizeof *r);
+    self->value = value;
+}
+
+/* A step up, or down where there is more room. */
+static double probe_point(const tl_optimiser *self, size_t k) {
+    double at = self->point[k];
+    double up = self->space->upper[k] - at;
+    double down = at - self->space->lower[k];
+    return up >= self->space->step[k] || up >= down ? fmin(at + self->space->step[k], self->space->upper[k])
+                                                    : fmax(at - self->space->step[k], self->space->lower[k]);
+}
+
+/* One question per unknown; the column is what it changes. Goes on from the best point seen. False: told to stop. */
+static bool measure(tl_optimiser *self) {
+    const tl_search *search = self->search;
+    size_t n = self->unknowns;
+    for (size_t k = 0; k < n; k++) {
+        double value = HUGE_VAL;
+        const double *r = NULL;
+        memcpy(self->trial, self->point, n * sizeof *self->trial);
+        self->trial[k] = probe_point(self, k);
+        bool go_on = search->evaluate(search->context, self->trial, &value, &r);
+        double made = (self->trial[k] - self->point[k]) / self->space->step[k];
+        for (size_t i = 0; i < self->residuals && isfinite(value); i++) {
+            self->slope[i * n + k] = (r[i] - self->r[i]) / made;
+        }
+        if (isfinite(value) && value < self->value) {
+            go_to(self, self->trial, r, value);
+        }
+        if (!go_on) {
+            self->has_slope = self->has_slope || (k + 1 == n && isfinite(value));
+            return false;
+        }
+    }
+    self->has_slope = true;
+    return true;
+}
+
+/* ---- the search ---- */
+
+static double largest_move(const tl_optimiser *self) {
+    double largest = 0.0;
+    for (size_t k = 0; k < self->unknowns; k++) {
+        largest = fmax(largest, fabs(self->trial[k] - self->point[k]) / self->space->step[k]);
+    }
+    return largest;
+}
+
+/* How a search goes. */
+typedef struct tl_course {
+    int failures;   /* in a row */
+    int idle;       /* moves with little progress in a row */
+    bool fresh;     /* the slope was measured at this point */
+    bool confirmed; /* by the last move */
+} tl_course;
+
+/* Has the move from point kept what it promised? */
+static bool is_confirmed(const tl_optimiser *self, double promised, double value) {
+    return fabs(value - promised) < CONFIRMED * (self->value - promised);
+}
+
+/* Takes note of a candidate: better, or damped more. */
+static void judge(tl_optimiser *self, tl_course *course, double promised, double value, const double *r) {
+    course->confirmed = is_confirmed(self, promised, value);
+    if (isfinite(value)) {
+        learn(self, self->trial, r);
+    }
+    if (value < self->value) {
+        course->idle = value > self->value * (1.0 - PROGRESS) ? course->idle + 1 : 0;
+        course->failures = 0;
+        course->fresh = false;
+        self->damping = self->damping > FIRST_DAMPING ? self->damping / 8.0 : 0.0;
+        go_to(self, self->trial, r, value);
+    } else {
+        self->longest = isfinite(value) ? self->longest : 0.5 * largest_move(self);
+        course->failures++;
+        self->damping = fmax(8.0 * self->damping, FIRST_DAMPING);
+    }
+}
+
+/* Nothing is to be had by a move that promises this J. */
+static bool is_at_end(const tl_optimiser *self, const tl_course *course, double promised) {
+    return course->confirmed && promised >= TL_OBJECTIVE_TOLERANCE && promised > (1.0 - WORTHWHILE) * self->value;
+}
+
+static void begin(tl_optimiser *self, tl_course *course, const tl_search *search) {
+    self->search = search;
+    self->damping = 0.0;
+    self->longest = LONGEST_MOVE;
+    bool guessed = memcmp(self->trial, search->start, self->unknowns * sizeof *self->trial) == 0;
+    course->confirmed = guessed && is_confirmed(self, self->promised, search->start_value);
+    self->promised = (double)NAN;
+    go_to(self, search->start, search->start_residuals, search->start_value);
+}
+
+/* Measures the slope where it leads nowhere or there is none. False: told to stop. */
+static bool renew_slope(tl_optimiser *self, tl_course *course) {
+    if (self->has_slope && (course->failures < FAILURES_TO_MEASURE || course->fresh)) {
+        return true;
+    }
+    course->fresh = measure(self);
+    return course->fresh;
+}
+
+/* Asks about the move to trial. False: told to stop. */
+static bool ask(tl_optimiser *self, tl_course *course, double promised) {
+    double value = HUGE_VAL;
+    const double *r = NULL;
+    bool go_on = self->search->evaluate(self->search->context, self->trial, &value, &r);
+    judge(self, course, promised, value, r);
+    return go_on;
+}
+
+static tl_search_end minimise(tl_optimiser *self, const tl_search *search) {
+    tl_course course = {0};
+    if (!isfinite(search->start_value)) {
+        return TL_SEARCH_FAILED;
+    }
+    begin(self, &course, search);
+    while (course.failures < MOST_FAILURES && course.idle < MOST_IDLE) {
+        if (!renew_slope(self, &course)) {
+            return TL_SEARCH_STOPPED;
+        }
+        bool found = propose(self, NULL) && largest_move(self) > SHORTEST_MOVE;
+        if (!found && (course.fresh || course.confirmed)) {
+            return TL_SEARCH_DONE;
+        }
+        if (!found) {
+            course.failures = FAILURES_TO_MEASURE;
+            continue;
+        }
+        double promised = shorten(self);
+        if (is_at_end(self, &course, promised)) {
+            return TL_SEARCH_DONE;
+        }
+        if (!ask(self, &course, promised)) {
+            return TL_SEARCH_STOPPED;
+        }
+    }
+    return TL_SEARCH_DONE;
+}
+
+static double squares(const tl_optimiser *self, const double *r) {
+    double sum = 0.0;
+    for (size_t i = 0; i < self->residuals; i++) {
+        sum += r[i] * r[i];
+    }
+    return sum;
+}
+
+/* A u that is to be held stays as long as it will do. */
+static bool guess(tl_optimiser *self, const tl_forecast *forecast, double *u) {
+    memcpy(self->leaned, self->lean, self->unknowns * sizeof *self->lean);
+    if (!self->has_slope) {
+        return false;
+    }
+    self->damping = 0.0;
+    self->longest = LONGEST_MOVE;
+    go_to(self, forecast->u, forecast->residuals, squares(self, forecast->residuals));
+    watch_lean(self, forecast);
+    bool stays = self->space->held && self->value < TL_OBJECTIVE_TOLERANCE;
+    if (!stays && !propose(self, forecast->free)) {
+        return false;
+    }
+    self->promised = stays ? (double)NAN : shorten(self);
+    if (!stays && !self->space->held) {
+        self->promised = relax(self, forecast);
+    }
+    memcpy(u, stays ? self->point : self->trial, self->unknowns * sizeof *u);
+    return true;
+}
+
+static void retract(tl_optimiser *self) {
+    memcpy(self->lean, self->leaned, self->unknowns * sizeof *self->lean);
+    memcpy(self->trial, self->point, self->unknowns * sizeof *self->point);
+    self->promised = (double)NAN;
+}
+
+static bool is_new(const tl_optimiser *self) {
+    return !self->has_slope;
+}
+
+const tl_optimiser_class tl_secant = {
+    .name = "secant",
+    .create = create,
+    .guess = guess,
+    .retract = retract,
+    .minimise = minimise,
+    .is_new = is_new,
+    .destroy = destroy,
+};

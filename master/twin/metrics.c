@@ -1,0 +1,21 @@
+/* MSE and MAX: see metrics.h. */
+#include "master/twin/metrics.h"
+
+#include <math.h>
+
+void tl_metrics_add(tl_metrics *metrics, double y, double y_hat, tl_quality quality) {
+    if (quality != TL_GOOD) {
+        metrics->left_out++;
+        return;
+    }
+    double difference = fabs(y - y_hat);
+    metrics->pairs++;
+    metrics->sum_of_squares += difference * difference;
+    if (difference > metrics->maximum) {
+        metrics->maximum = difference;
+    }
+}
+
+double tl_metrics_mse(const tl_metrics *metrics) {
+    return metrics->pairs < 2 ? 0.0 : metrics->sum_of_squares / (double)(metrics->pairs - 1);
+}

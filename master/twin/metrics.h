@@ -1,0 +1,25 @@
+/* MSE and MAX of a simulated output against the plant, paired by instant.
+ *
+ * Source: thesis eq. 5.2 (MSE = Σ_{i=0..n}(y_i − ŷ_i)²/n, n + 1 pairs) and 5.3. Pairs whose ŷ is not good are
+ *         left out and counted.
+ */
+#ifndef TL_MASTER_TWIN_METRICS_H
+#define TL_MASTER_TWIN_METRICS_H
+
+#include <stdint.h>
+
+#include "master/base/signal.h"
+
+typedef struct tl_metrics {
+    uint64_t pairs;
+    uint64_t left_out;
+    double sum_of_squares;
+    double maximum; /* of |y − ŷ| */
+} tl_metrics;
+
+void tl_metrics_add(tl_metrics *metrics, double y, double y_hat, tl_quality quality);
+
+/* Σ/(pairs − 1); 0 with fewer than two pairs. */
+double tl_metrics_mse(const tl_metrics *metrics);
+
+#endif

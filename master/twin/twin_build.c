@@ -1,0 +1,504 @@
+/* A twin from a plan: see twin.h. */
+#include <math.h>
+#include <string.h>
+
+#include "master/event/event_plan.h"
+#include "master/twin/twin_parts.h"
+
+static void build_matches(tl_twin *twin, const tl_plan *plan, tl_report *report) {
+    for (size_t i = 0; i < plan->match_count; i++) {
+        const tl_plan_match *match = &plan->match[i];
+        tl_objective_term *term = &twin->terms[i];
+        const tl_port *port = tl_graph_output(&twin->graph, match->variable, match->where, report);
+        twin->match_ports[i] = port;
+        term->port = port;
+        if (port != NULL) {
+            term->signal = tl_graph_match_signal(&twin->graph, match, port, &term->conversion, report);
+        }
+        term->tolerance = match->tolerance;
+        term->weight = match->weight;
+        term->huber = match->huber;
+        term->shift = plan->output_ticks;
+    }
+    twin->lock.objective.terms = twin->terms;
+    twin->lock.objective.term_count = plan->match_count;
+    twin->lock.objective.exchange = &twin->exchange;
+    twin->lock.objective.horizon = &twin->lock.horizon;
+}
+
+static void check_state(const tl_plan *plan, tl_report *report) {
+    for (size_t i = 0; i < plan->component_count; i++) {
+        const tl_plan_component *component = &plan->components[i];
+        const tl_fmi2 *fmi = component->functions;
+        if (!component->model->capabilities.can_get_and_set_state || fmi->get_fmu_state == NULL ||
+            fmi->set_fmu_state == NULL || fmi->free_fmu_state == NULL) {
+            tl_report_add(
+                report, TL_BAD_DATA, component->where,
+                "the FMU of %s cannot save and restore its state "
+                "(canGetAndSetFMUstate), which synchronising needs; have it exported with that capability, or "
+                "remove \"synchronise\"",
+                component->name);
+        }
+    }
+}
+
+/* Bounds and first step of a Real: those configured within those the FMU declares. */
+static void build_real(tl_adjusted *adjusted, const tl_plan_adjust *adjust, const tl_variable *variable,
+                       tl_report *report) {
+    adjusted->step = adjust->step;
+    adjusted->lower = fmax(adjust->lower, variable->minimum);
+    adjusted->upper = fmin(adjust->upper, variable->maximum);
+    if (!(adjust->step > 0.0)) {
+        tl_report_add(report, TL_BAD_DATA, adjust->where,
+                      "\"step\" is missing: %s is Real, and its search needs a first step above 0", adjust->variable);
+    }
+    if (adjust->dwell != 0) {
+        tl_report_add(report, TL_BAD_DATA, adjust->where,
+                      "\"dwell_s\" is for a Boolean, and %s is Real: remove it, or have a look at penalty.rate",
+                      adjust->variable);
+    }
+    if (!(adjusted->lower < adjusted->upper)) {
+        tl_report_add(report, TL_BAD_DATA, adjust->where,
+                      "nothing is left to adjust between the bounds %g and %g "
+                      "(those configured and those the FMU declares)",
+                      adjusted->lower, adjusted->upper);
+    }
+}
+
+/* Whole steps that last at least so long; what is longer than can be counted rests that long. */
+static uint32_t steps_for(tl_time time, tl_time step) {
+    tl_time steps = time / step + (time % step != 0);
+    return steps < UINT32_MAX ? (uint32_t)steps : UINT32_MAX;
+}
+
+static void build_boolean(tl_adjusted *adjusted, const tl_plan *plan, const tl_plan_adjust *adjust) {
+    adjusted->step = 1.0;
+    adjusted->lower = 0.0;
+    adjusted->upper = 1.0;
+    adjusted->dwell = steps_for(adjust->dwell, plan->step);
+}
+
+static void build_adjusted(tl_twin *twin, const tl_plan *plan, tl_report *report) {
+    for (size_t i = 0; i < plan->adjust_count; i++) {
+        const tl_plan_adjust *adjust = &plan->adjust[i];
+        tl_adjusted *adjusted = &twin->lock.adjusted[i];
+        const tl_port *port = tl_graph_adjust(&twin->graph, adjust, report);
+        twin->adjust_ports[i] = port;
+        if (port == NULL) {
+            continue;
+        }
+        if (port->type == TL_REAL) {
+            build_real(adjusted, adjust, port->variable, report);
+        } else {
+            build_boolean(adjusted, plan, adjust);
+        }
+        twin->lock.objective.penalties[i] =
+            (tl_objective_penalty){adjust->deviation_penalty, adjust->rate_penalty, adjusted->step};
+    }
+}
+
+/* A solver by name; NULL where it is unknown, or not for what is adjusted. */
+static const tl_optimiser_class *find_solver(const tl_twin *twin, const tl_plan *plan, const char *name,
+                                             const char *where, tl_report *report) {
+    const tl_optimiser_class *solver = tl_optimiser_find(name);
+    if (solver == NULL) {
+        tl_report_add(report, TL_BAD_DATA, where, "found \"%s\", expected one of %s", name, tl_optimiser_names());
+        return NULL;
+    }
+    for (size_t i = 0; i < plan->adjust_count; i++) {
+        const tl_port *port = twin->adjust_ports[i];
+        if (port != NULL && (port->type == TL_BOOLEAN) != solver->booleans) {
+            tl_report_add(report, TL_BAD_DATA, where, "\"%s\" is for %s variables, but %s is %s", name,
+                          solver->booleans ? "Boolean" : "Real", plan->adjust[i].variable, tl_type_name(port->type));
+        }
+    }
+    return solver;
+}
+
+static void build_solvers(tl_twin *twin, const tl_plan *plan, tl_report *report) {
+    tl_lock *lock = &twin->lock;
+    lock->margin = plan->margin;
+    lock->stagnation = plan->stagnation;
+    lock->noise_floor = plan->noise_floor;
+    if (plan->adjust_count == 0) {
+        return;
+    }
+    const tl_port *first = twin->adjust_ports[0];
+    const char *fitting = plan->event.start.signal != NULL             ? "nelder-mead"
+                          : first != NULL && first->type == TL_BOOLEAN ? "boolean"
+                                                                       : "secant";
+    lock->solver =
+        find_solver(twin, plan, plan->algorithm != NULL ? plan->algorithm : fitting, "synchronise.algorithm", report);
+    if (plan->fallback != NULL) {
+        lock->fallback = find_solver(twin, plan, plan->fallback, "synchronise.fallback", report);
+    }
+}
+
+/* What goes with an event horizon is searched without a memory, from one number to the next. */
+static void check_event_solver(const tl_twin *twin, const tl_plan *plan, tl_report *report) {
+    const tl_optimiser_class *solver = twin->lock.solver;
+    if (solver != NULL && solver != &tl_nelder_mead && solver != &tl_bobyqa && solver != &tl_sbplx) {
+        tl_report_add(report, TL_BAD_DATA, "synchronise.algorithm",
+                      "found \"%s\", expected \"nelder-mead\", \"bobyqa\" or \"sbplx\" with horizon.event",
+                      solver->name);
+    }
+    if (plan->fallback != NULL) {
+        tl_report_add(report, TL_BAD_DATA, "synchronise.fallback",
+                      "does not go with horizon.event: where the solver ends, the search goes on by halving");
+    }
+}
+
+/* The variables of an event horizon. */
+static void check_event_ports(const tl_twin *twin, const tl_plan *plan, tl_report *report) {
+    const tl_port *adjusted = twin->adjust_ports[0];
+    if (adjusted != NULL && (adjusted->type != TL_REAL || tl_graph_connection_to(&twin->graph, adjusted) != NULL)) {
+        tl_report_add(report, TL_BAD_DATA, plan->adjust[0].where,
+                      "an event horizon adjusts a Real variable that nothing is connected to, and %s is not one",
+                      plan->adjust[0].variable);
+    }
+    for (size_t i = 0; i < plan->match_count; i++) {
+        const tl_plan_match *match = &plan->match[i];
+        const tl_port *port = twin->match_ports[i];
+        if (match->weight > 0.0 && port != NULL && port->type != TL_BOOLEAN &&
+            strcmp(match->to, plan->event.end.signal) == 0) {
+            tl_report_add(report, TL_BAD_DATA, match->where,
+                          "the end of the stroke is to be matched by a Boolean output, and %s is %s", match->variable,
+                          tl_type_name(port->type));
+        }
+    }
+}
+
+static void check_event(const tl_twin *twin, const tl_plan *plan, tl_report *report) {
+    if (plan->event.start.signal != NULL) {
+        tl_event_plan_check(plan, report);
+        check_event_solver(twin, plan, report);
+        if (plan->adjust_count == 1) {
+            check_event_ports(twin, plan, report);
+        }
+    }
+}
+
+static bool has_all_ports(const tl_twin *twin, const tl_plan *plan) {
+    bool all = true;
+    for (size_t i = 0; i < plan->adjust_count; i++) {
+        all = all && twin->adjust_ports[i] != NULL;
+    }
+    for (size_t i = 0; i < plan->match_count; i++) {
+        all = all && twin->match_ports[i] != NULL;
+    }
+    return all;
+}
+
+/* Of all that may come out of measuring, where that is done. */
+static int32_t most_output_ticks(const tl_plan *plan) {
+    const tl_plan_measure *measure = &plan->measure;
+    if (measure->lags == 0 || plan->step <= 0) {
+        return plan->output_ticks;
+    }
+    int32_t most = tl_delay_ticks(measure->look_back, -measure->range, plan->step);
+    return most > plan->output_ticks ? most : plan->output_ticks;
+}
+
+static int32_t least_output_ticks(const tl_plan *plan) {
+    const tl_plan_measure *measure = &plan->measure;
+    if (measure->lags == 0 || plan->step <= 0) {
+        return plan->output_ticks;
+    }
+    int32_t least = tl_delay_ticks(measure->look_back, measure->range, plan->step);
+    return least < plan->output_ticks ? least : plan->output_ticks;
+}
+
+/* Ticks until all that belongs to an instant is there: inputs, and conditioned measurements. */
+static uint32_t find_wait(const tl_plan *plan) {
+    int64_t longest = plan->input_ticks > 0 ? plan->input_ticks : 0;
+    for (size_t i = 0; i < plan->match_count; i++) {
+        int64_t own = (int64_t)tl_conditioner_delay(&plan->match[i].condition, plan->step) + most_output_ticks(plan);
+        longest = own > longest ? own : longest;
+    }
+    return (uint32_t)longest;
+}
+
+/* Ticks by which what is looked up may be older than the instant it is for. */
+static size_t find_age(const tl_plan *plan) {
+    int32_t outputs = least_output_ticks(plan);
+    int32_t oldest = plan->input_ticks < outputs ? plan->input_ticks : outputs;
+    return oldest < 0 ? (size_t)-oldest : 0;
+}
+
+/* Paths, T_D, T_P; and at which tick a step is computed. */
+static void build_horizon(tl_twin *twin, const tl_plan *plan, tl_report *report) {
+    tl_horizon *horizon = &twin->lock.horizon;
+    if (!has_all_ports(twin, plan)) {
+        return;
+    }
+    if (!tl_horizon_init(horizon, &twin->arena, &twin->graph, twin->adjust_ports, twin->match_ports, report)) {
+        tl_report_add(report, TL_TRY_AGAIN, "", "not enough memory for the horizon");
+    }
+    twin->lock.held_inputs = plan->measurements == TL_AHEAD;
+    if (plan->measurements != TL_AHEAD) {
+        bool whole = plan->measurements == TL_LAG && plan->event.start.signal == NULL;
+        twin->lead = find_wait(plan) + (whole ? horizon->prediction : 1);
+        twin->begin = plan->input_ticks > 0 ? plan->input_ticks : 0;
+    }
+}
+
+/* What the plant delivers before there is a good reading: configured, or the start value of what it drives. */
+static void build_initial_values(tl_twin *twin, const tl_plan *plan) {
+    for (size_t i = 0; i < plan->signal_count; i++) {
+        double *held = &twin->exchange.plant.held[i];
+        *held = plan->signals[i].has_initial ? plan->signals[i].initial : 0.0;
+        for (size_t k = 0; k < twin->graph.connection_count && !plan->signals[i].has_initial; k++) {
+            const tl_connection *connection = &twin->graph.connections[k];
+            if (connection->from->variable == NULL && connection->from->signal == i &&
+                connection->to->variable->has_start) {
+                const tl_value *start = &connection->to->variable->start;
+                *held = start->type == TL_REAL
+                            ? (start->real - connection->conversion.offset) / connection->conversion.factor
+                            : (double)start->integer;
+                break;
+            }
+        }
+    }
+}
+
+static double number_of(const tl_value *value, tl_type type) {
+    return type == TL_REAL ? value->real : (double)(value->integer != 0);
+}
+
+/* û of an adjusted variable that nothing delivers: configured, else set, else its start value. */
+static bool find_nominal(const tl_plan *plan, const tl_plan_adjust *adjust, const tl_port *port, double *nominal) {
+    const tl_plan_component *component = &plan->components[port->node];
+    *nominal = number_of(&port->variable->start, port->type);
+    bool found = port->variable->has_start;
+    for (size_t i = 0; i < component->set_count; i++) {
+        tl_value value;
+        const char *expected;
+        if (strcmp(component->set[i].variable, port->variable->name) == 0 &&
+            tl_graph_fit_value(port->variable, &component->set[i].value, &value, &expected)) {
+            *nominal = number_of(&value, port->type);
+            found = true;
+        }
+    }
+    if (adjust->has_nominal) {
+        *nominal = adjust->nominal;
+        found = true;
+    }
+    return found;
+}
+
+static void place_adjusted(tl_twin *twin, const tl_plan *plan, tl_report *report) {
+    for (size_t i = 0; i < plan->adjust_count; i++) {
+        tl_adjusted *adjusted = &twin->lock.adjusted[i];
+        const tl_port *port = twin->adjust_ports[i];
+        const tl_connection *connection = tl_graph_connection_to(&twin->graph, port);
+        if (connection == NULL && !find_nominal(plan, &plan->adjust[i], port, &adjusted->nominal)) {
+            tl_report_add(report, TL_BAD_DATA, plan->adjust[i].where, "%s has no start value: give it \"nominal\"",
+                          plan->adjust[i].variable);
+        }
+        if (port->type == TL_REAL) {
+            adjusted->real = tl_exchange_input(&twin->exchange, port);
+            adjusted->delivered_real = connection != NULL ? connection->nominal : NULL;
+            *adjusted->real = adjusted->nominal;
+        } else {
+            adjusted->boolean = tl_exchange_input(&twin->exchange, port);
+            adjusted->delivered_boolean = connection != NULL ? connection->nominal : NULL;
+            *adjusted->boolean = adjusted->nominal != 0.0 ? fmi2True : fmi2False;
+        }
+    }
+}
+
+static void instantiate(tl_twin *twin, const tl_plan *plan, tl_report *report) {
+    for (size_t i = 0; i < plan->component_count; i++) {
+        const tl_plan_component *description = &plan->components[i];
+        tl_component *component = &twin->graph.components[i];
+        tl_error error;
+        if (tl_twin_is_lost(twin, component)) {
+            continue;
+        }
+        component->logging = description->logging;
+        tl_status status = tl_component_instantiate(component, description->callbacks, description->resources, &error);
+        for (size_t k = 0; k < description->set_count && status == TL_OK; k++) {
+            const tl_variable *variable = tl_model_variable(description->model, description->set[k].variable);
+            tl_value value;
+            const char *expected;
+            (void)tl_graph_fit_value(variable, &description->set[k].value, &value, &expected);
+            status = tl_component_set_start(component, variable, &value, &error);
+        }
+        if (status != TL_OK) {
+            tl_report_add(report, status, description->where, "%s", error.text);
+        }
+    }
+}
+
+/* Everything that needs no FMU call, problems to the report. */
+static void build_structure(tl_twin *twin, const tl_plan *plan, tl_report *report) {
+    tl_graph_build(&twin->graph, &twin->arena, plan, report);
+    if (twin->graph.connections == NULL) {
+        return;
+    }
+    build_matches(twin, plan, report);
+    for (size_t i = 0; i < plan->output_count; i++) {
+        twin->outputs[i] = tl_graph_output(&twin->graph, plan->outputs[i].variable, plan->outputs[i].where, report);
+    }
+    build_adjusted(twin, plan, report);
+    build_solvers(twin, plan, report);
+    tl_graph_check_inputs(&twin->graph, report);
+    build_horizon(twin, plan, report);
+    check_event(twin, plan, report);
+    if (plan->adjust_count != 0) {
+        check_state(plan, report);
+    }
+}
+
+static bool condition_matches(tl_twin *twin, const tl_plan *plan) {
+    bool placed = true;
+    for (size_t i = 0; i < plan->match_count; i++) {
+        const tl_plan_condition *condition = &plan->match[i].condition;
+        if (tl_conditioner_is_needed(condition)) {
+            tl_objective_term *term = &twin->terms[i];
+            term->conditioner =
+                tl_conditioner_create(&twin->arena, condition, plan->step, twin->lead + find_age(plan) + 2);
+            term->delay = tl_conditioner_delay(condition, plan->step);
+            placed = placed && term->conditioner != NULL;
+        }
+    }
+    return placed;
+}
+
+/* One for each match; they wait for what a step waits for, and the other way round. */
+static bool create_meters(tl_twin *twin, const tl_plan *plan) {
+    bool placed = true;
+    size_t late = twin->lead + find_age(plan) + (size_t)(plan->measure.look_back / plan->step) + 2;
+    twin->measure = plan->measure;
+    twin->step = plan->step;
+    for (size_t i = 0; plan->measure.lags != 0 && i < plan->match_count; i++) {
+        twin->meters[i] = tl_delay_meter_create(&twin->arena, plan->measure.lags, plan->step, late);
+        placed = placed && twin->meters[i] != NULL;
+    }
+    return placed;
+}
+
+/* Fewer would not hold a horizon's way and the next one's. */
+static uint64_t nodes_least(const tl_horizon *horizon) {
+    return 3 * (uint64_t)horizon->prediction + 3;
+}
+
+/* Nodes that a component can need at once: the root and the horizon, what each candidate adds, and what is left of earlier
+ * ones when the root moves on; with outputs only, the way back to the last state as well. Candidates differ in a component
+ * only from `nearest` steps on: all of them stay for as many ticks, and then one node less of each from tick to tick. The
+ * same goes for courses that began with values which stood for later ones: T_P²/4 at most. */
+static uint64_t nodes_worst(const tl_twin *twin, const tl_plan *plan, size_t node) {
+    const tl_horizon *horizon = &twin->lock.horizon;
+    uint64_t evaluations = plan->evaluations != 0 ? plan->evaluations : 60;
+    uint32_t reach = plan->saving.structure ? horizon->reach[node] : horizon->prediction;
+    uint64_t span = tl_horizon_next_need(horizon, node, reach);
+    uint64_t longest = horizon->prediction;
+    uint64_t worst = nodes_least(horizon) + longest * longest / 4;
+    return worst + (span == 0 ? 0 : evaluations * (span * horizon->nearest[node] + span * (span + 1) / 2));
+}
+
+/* Of those, what there is to be room for. */
+static uint32_t nodes_kept(const tl_twin *twin, const tl_plan *plan, uint64_t worst) {
+    static const uint64_t most = 4096;
+    uint64_t limit = plan->saving.nodes != 0 ? plan->saving.nodes : most;
+    uint64_t least = nodes_least(&twin->lock.horizon);
+    uint64_t wanted = worst < limit ? worst : limit;
+    return (uint32_t)(wanted > least ? wanted : least);
+}
+
+/* What is saved where something is adjusted; a free run executes everything once anyway. */
+static bool save_executions(tl_twin *twin, const tl_plan *plan) {
+    if (plan->adjust_count == 0) {
+        return true;
+    }
+    tl_keep *keep = tl_arena_take(&twin->arena, plan->component_count, sizeof *keep);
+    uint32_t *capacity = tl_arena_take(&twin->arena, plan->component_count, sizeof *capacity);
+    twin->worst = tl_arena_take(&twin->arena, plan->component_count, sizeof *twin->worst);
+    if (keep == NULL || capacity == NULL || twin->worst == NULL) {
+        return false;
+    }
+    for (size_t i = 0; i < plan->component_count; i++) {
+        keep[i] = plan->components[i].keep;
+        twin->worst[i] = nodes_worst(twin, plan, i);
+        capacity[i] = nodes_kept(twin, plan, twin->worst[i]);
+    }
+    twin->capacity = plan->saving.sequences ? capacity : NULL;
+    uint32_t *reach = plan->saving.structure ? twin->lock.horizon.reach : NULL;
+    if (!tl_exchange_save_executions(&twin->exchange, &twin->arena, keep, reach, twin->capacity,
+                                     twin->lock.horizon.prediction)) {
+        return false;
+    }
+    twin->lock.track = tl_track_create(&twin->arena, &twin->exchange, &twin->graph, twin->lock.horizon.prediction);
+    return twin->lock.track != NULL;
+}
+
+static void build_values(tl_twin *twin, const tl_plan *plan, tl_report *report) {
+    tl_error error;
+    /* As far back as a candidate that is remembered may have been fed. */
+    bool by_event = plan->event.start.signal != NULL;
+    size_t back = by_event ? tl_event_plan_window(plan) : twin->lock.horizon.prediction;
+    twin->age = (uint32_t)find_age(plan);
+    size_t window = back + twin->lead + twin->age + 3;
+    tl_status status = tl_exchange_init(&twin->exchange, &twin->arena, &twin->graph, window, &error);
+    if (status != TL_OK) {
+        tl_report_add(report, status, "", "%s", error.text);
+        return;
+    }
+    twin->exchange.plant.shift = plan->input_ticks;
+    build_initial_values(twin, plan);
+    twin->lock.exchange = &twin->exchange;
+    twin->proof = tl_arena_take(&twin->arena, twin->graph.port_count, sizeof *twin->proof);
+    place_adjusted(twin, plan, report);
+    if (twin->proof == NULL || !condition_matches(twin, plan) || !create_meters(twin, plan) ||
+        !save_executions(twin, plan) || !tl_lock_init(&twin->lock, &twin->arena, plan)) {
+        tl_report_add(report, TL_TRY_AGAIN, "", "not enough memory for the search");
+        return;
+    }
+    if (by_event) {
+        twin->event = tl_event_horizon_create(&twin->arena, &twin->lock, plan);
+        if (twin->event == NULL) {
+            tl_report_add(report, TL_TRY_AGAIN, "", "not enough memory for the strokes of the event horizon");
+        }
+    }
+}
+
+/* Everything but the twin's own memory. */
+static void build(tl_twin *twin, const tl_plan *plan, tl_report *report) {
+    size_t before = report->count;
+    if (tl_plan_check(plan, report)) {
+        build_structure(twin, plan, report);
+    }
+    if (report->count == before) {
+        build_values(twin, plan, report);
+    }
+    if (report->count == before) {
+        instantiate(twin, plan, report);
+    }
+    twin->graph.plan = NULL;
+}
+
+tl_twin *tl_twin_build(const tl_plan *plan, tl_report *report) {
+    tl_arena arena;
+    tl_arena_init(&arena);
+    tl_twin *twin = tl_arena_take(&arena, 1, sizeof *twin);
+    if (twin == NULL) {
+        tl_report_add(report, TL_TRY_AGAIN, "", "not enough memory for the twin");
+        return NULL;
+    }
+    size_t before = report->count;
+    twin->arena = arena;
+    twin->measurements = plan->measurements;
+    twin->state_bytes = plan->state_bytes;
+    twin->heap = plan->heap;
+    tl_plan own = *plan;
+    if (own.event.start.signal != NULL) {
+        own.saving = (tl_plan_saving){0}; /* candidates differ from the first step on: there is nothing to save */
+    }
+    build(twin, &own, report);
+    if (report->count != before) {
+        tl_twin_destroy(twin);
+        return NULL;
+    }
+    tl_arena_seal(&twin->arena);
+    return twin;
+}

@@ -1,0 +1,210 @@
+/* A twin as bytes, and from where an earlier run has ended: see twin.h.
+ *
+ * Bytes: a head that says of what twin they are, what is ours, then the FMUs' states and all port values (snapshot.h). The
+ *        caches are not in it: they begin anew at the root. Nor is what the solver has learned, which costs one search.
+ * Trust: none in the bytes: what was loaded is looked at before it is used. Only an FMU knows its own state; what it makes of
+ *        foreign bytes is its own affair.
+ */
+#include <string.h>
+
+#include "master/base/archive.h"
+#include "master/twin/twin_parts.h"
+
+/* ns; sums and differences of a few times below it are in range. */
+static const tl_time FAR = INT64_MAX / 4;
+
+/* Of what twin, and when. All must be equal but `first`, which is taken over. */
+typedef struct head {
+    char magic[8]; /* its last character changes with the layout */
+    uint64_t components, signals, matches, adjusted, values, window;
+    int64_t tick;
+    int64_t first;
+} head;
+
+static head head_of(const tl_twin *twin, int64_t tick) {
+    return (head){
+        .magic = {'t', 'w', 'l', 'k', 't', 'w', 'n', '2'},
+        .components = twin->graph.component_count,
+        .signals = twin->exchange.plant.signal_count,
+        .matches = twin->lock.objective.term_count,
+        .adjusted = twin->lock.horizon.variables,
+        .values = twin->exchange.values_size,
+        .window = twin->exchange.plant.window_mask + 1,
+        .tick = tick,
+        .first = twin->first,
+    };
+}
+
+/* Whether a shift of look-ups is one that a delay in the range that is measured can make. */
+static bool is_shift(const tl_twin *twin, int32_t shift, int32_t configured) {
+    if (twin->measure.lags == 0 || twin->delay.state == TL_DELAY_UNKNOWN) {
+        return shift == configured;
+    }
+    int32_t least = tl_delay_ticks(twin->measure.look_back, twin->measure.range, twin->step);
+    int32_t most = tl_delay_ticks(twin->measure.look_back, -twin->measure.range, twin->step);
+    return shift == configured || (shift >= (least < most ? least : most) && shift <= (least < most ? most : least));
+}
+
+/* Mode ahead: the step that waits for its measurement. */
+static bool is_pending(const tl_twin *twin) {
+    const tl_record *pending = &twin->pending;
+    return !twin->has_pending ||
+           (twin->measurements == TL_AHEAD && pending->step == twin->exchange.plant.newest - (int64_t)twin->lead);
+}
+
+/* When loading: `configured` are the shifts that the twin was built with. */
+static void require_sound(const tl_twin *twin, const int32_t configured[TL_MAX_MATCH], tl_archive *archive) {
+    const tl_twin_delay *delay = &twin->delay;
+    tl_archive_require(archive, delay->state >= TL_DELAY_UNKNOWN && delay->state <= TL_DELAY_LOST);
+    tl_archive_require(archive, delay->delay >= -FAR && delay->delay <= FAR);
+    tl_archive_require_finite(archive, &delay->confidence, 1);
+    tl_archive_require(archive, is_pending(twin));
+    for (size_t i = 0; i < twin->lock.objective.term_count; i++) {
+        tl_archive_require(archive, is_shift(twin, twin->terms[i].shift, configured[i]));
+    }
+    if (twin->has_pending) {
+        tl_archive_require_finite(archive, twin->pending.y, twin->lock.objective.term_count);
+        tl_archive_require_finite(archive, twin->pending.u, twin->lock.horizon.variables);
+        tl_archive_require_finite(archive, twin->pending.u_hat, twin->lock.horizon.variables);
+    }
+}
+
+/* All that is ours and not a port value. */
+static void archive_ours(tl_twin *twin, tl_archive *archive) {
+    int32_t configured[TL_MAX_MATCH] = {0};
+    tl_plant_archive(&twin->exchange.plant, archive);
+    if (twin->lock.horizon.variables != 0) {
+        tl_lock_archive(&twin->lock, archive);
+    }
+    if (twin->event != NULL) {
+        tl_event_horizon_archive(twin->event, archive);
+    }
+    for (size_t i = 0; i < twin->lock.objective.term_count; i++) {
+        if (twin->terms[i].conditioner != NULL) {
+            tl_conditioner_archive(twin->terms[i].conditioner, archive);
+        }
+        if (twin->meters[i] != NULL) {
+            tl_delay_meter_archive(twin->meters[i], archive);
+        }
+        configured[i] = twin->terms[i].shift;
+        tl_archive_part(archive, &twin->terms[i].shift, sizeof twin->terms[i].shift);
+    }
+    tl_archive_part(archive, &twin->delay, sizeof twin->delay);
+    tl_archive_flag(archive, &twin->has_pending);
+    tl_archive_part(archive, &twin->pending, sizeof twin->pending);
+    if (tl_archive_is_loading(archive) && tl_archive_is_whole(archive)) {
+        require_sound(twin, configured, archive);
+    }
+}
+
+void tl_twin_begin_at(tl_twin *twin, int64_t tick) {
+    if (tick > 0) {
+        twin->first = tick + twin->age;
+        twin->begin += twin->first;
+        twin->exchange.plant.newest = tick - 1;
+        twin->lock.ledger.step = twin->first;
+    }
+}
+
+bool tl_twin_can_save(const tl_twin *twin) {
+    bool can = true;
+    for (size_t i = 0; i < twin->graph.component_count; i++) {
+        can = can && tl_component_can_serialize(&twin->graph.components[i]);
+    }
+    return can;
+}
+
+/* An FMU that has answered an error can be led back to the state that was to become bytes. */
+static tl_status refused(tl_twin *twin, tl_status status) {
+    tl_error ignored;
+    twin->ended = status == TL_FMU_FATAL ? status : tl_exchange_return(&twin->exchange, &ignored);
+    return status;
+}
+
+tl_status tl_twin_save(tl_twin *twin, unsigned char *bytes, size_t capacity, size_t *size, tl_error *error) {
+    bool taken = false;
+    *size = 0;
+    if (twin->ended != TL_OK || twin->exchange.plant.newest < twin->begin) {
+        return TL_OK;
+    }
+    tl_status status = tl_exchange_take(&twin->exchange, &taken, error);
+    if (status != TL_OK || !taken) {
+        return status;
+    }
+    tl_archive archive = tl_archive_saving(bytes, capacity);
+    head own = head_of(twin, twin->exchange.plant.newest);
+    tl_archive_part(&archive, &own, sizeof own);
+    archive_ours(twin, &archive);
+    status = tl_snapshot_archive(&twin->exchange.home, &archive, error);
+    if (status != TL_OK) {
+        return refused(twin, status);
+    }
+    *size = archive.at;
+    return TL_OK;
+}
+
+static tl_status load_head(tl_twin *twin, int64_t tick, tl_archive *archive, tl_error *error) {
+    head own = head_of(twin, tick);
+    head found = {.tick = -1};
+    tl_archive_part(archive, &found, sizeof found);
+    int64_t first = found.first;
+    found.first = own.first;
+    if (!tl_archive_is_whole(archive) || memcmp(&found, &own, sizeof own) != 0 || first < 0 || first > tick ||
+        tick > FAR / twin->step) {
+        return tl_fail(error, TL_BAD_DATA, "the checkpoint is not of this twin at tick %lld", (long long)tick);
+    }
+    twin->first = first;
+    return TL_OK;
+}
+
+/* The FMUs are initialised where they once were; then they get their states. */
+static tl_status load_components(tl_twin *twin, tl_archive *archive, tl_error *error) {
+    tl_status status = tl_twin_start(twin, error);
+    if (status == TL_OK) {
+        status = tl_snapshot_archive(&twin->exchange.home, archive, error);
+    }
+    if (status == TL_OK) {
+        tl_archive_require_finite(archive, (const double *)(const void *)twin->exchange.home.values,
+                                  twin->exchange.real_count);
+    }
+    if (status == TL_OK && archive->at == SIZE_MAX) {
+        status = tl_fail(error, TL_BAD_DATA, "the checkpoint is damaged: a value in it is not finite");
+    } else if (status == TL_OK && archive->at != archive->size) {
+        status = tl_fail(error, TL_BAD_DATA, "the checkpoint has %zu bytes where %zu were expected", archive->size,
+                         archive->at);
+    }
+    if (status == TL_OK) {
+        status = tl_exchange_return(&twin->exchange, error);
+    }
+    return status == TL_OK ? tl_exchange_start(&twin->exchange, twin->state_bytes, twin->heap, error) : status;
+}
+
+/* Mode ahead: the step that waits for its measurement was the earlier run's, and so is what it cost. */
+static void disown_pending(tl_twin *twin) {
+    tl_record *pending = &twin->pending;
+    pending->outcome = TL_FOLLOWED;
+    pending->stop = TL_STOP_NONE;
+    pending->evaluations = 0;
+    pending->executions = 0;
+    pending->predicted = 0;
+    pending->flags = 0;
+    pending->used = 0;
+}
+
+tl_status tl_twin_load(tl_twin *twin, int64_t tick, const unsigned char *bytes, size_t size, tl_error *error) {
+    tl_archive archive = tl_archive_loading(bytes, size);
+    tl_status status = load_head(twin, tick, &archive, error);
+    if (status == TL_OK) {
+        archive_ours(twin, &archive);
+        bool same = tl_archive_is_whole(&archive) && twin->exchange.plant.newest == tick;
+        status = same ? load_components(twin, &archive, error)
+                      : tl_fail(error, TL_BAD_DATA, "the checkpoint of tick %lld ends too soon, or is damaged",
+                                (long long)tick);
+    }
+    int64_t next = tick + 1 - (int64_t)twin->lead;
+    twin->lock.ledger.step = next > twin->first ? next : twin->first;
+    disown_pending(twin);
+    twin->begin = -1;
+    twin->ended = status;
+    return status;
+}

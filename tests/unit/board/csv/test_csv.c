@@ -1,0 +1,419 @@
+/* The CSV reader: what is a row, what is an error, and what the error says. */
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <unity.h>
+
+#include "board/csv/csv.h"
+#include "board/csv/csv_table.h"
+
+static char folder[] = TL_BINARY_DIR "/test_csv_XXXXXX";
+static char path[sizeof folder + 16];
+static tl_csv_reader *reader;
+static tl_csv_row row;
+static tl_error error;
+
+static const char *const UV[] = {"u", "v"};
+
+void setUp(void) {
+    reader = NULL;
+    error = (tl_error){TL_OK, ""};
+    memset(&row, 0xA5, sizeof row);
+}
+
+static void close_reader(void) {
+    if (reader != NULL) {
+        tl_csv_close(reader);
+        reader = NULL;
+    }
+}
+
+void tearDown(void) {
+    close_reader();
+    (void)unlink(path);
+}
+
+static void put(const char *bytes, size_t size) {
+    FILE *file = fopen(path, "wb");
+    TEST_ASSERT_NOT_NULL(file);
+    TEST_ASSERT_EQUAL_size_t(size, fwrite(bytes, 1, size, file));
+    TEST_ASSERT_EQUAL_INT(0, fclose(file));
+}
+
+/* Opens a file with that text for the columns u and v. */
+static tl_status open_text(const char *text) {
+    const tl_csv_settings settings = {.path = path, .time_column = "time", .columns = UV, .column_count = 2};
+    close_reader();
+    error = (tl_error){TL_OK, ""};
+    put(text, strlen(text));
+    return tl_csv_open(&settings, &reader, &error);
+}
+
+static void expect_open(const char *text) {
+    tl_status status = open_text(text);
+    TEST_ASSERT_EQUAL_STRING("", error.text);
+    TEST_ASSERT_EQUAL_INT(TL_OK, status);
+}
+
+static void next(void) {
+    bool end = true;
+    tl_status status = tl_csv_next(reader, &row, &end, &error);
+    TEST_ASSERT_EQUAL_STRING("", error.text);
+    TEST_ASSERT_EQUAL_INT(TL_OK, status);
+    TEST_ASSERT_FALSE(end);
+}
+
+static void expect_row(tl_time time, double u, double v) {
+    next();
+    TEST_ASSERT_EQUAL_INT64(time, row.time);
+    TEST_ASSERT_TRUE(row.present[0]);
+    TEST_ASSERT_TRUE(row.present[1]);
+    TEST_ASSERT_EQUAL_INT(TL_GOOD, row.quality[0]);
+    TEST_ASSERT_EQUAL_INT(TL_GOOD, row.quality[1]);
+    TEST_ASSERT_EQUAL_DOUBLE(u, row.values[0]);
+    TEST_ASSERT_EQUAL_DOUBLE(v, row.values[1]);
+}
+
+static void expect_end(void) {
+    bool end = false;
+    row.time = 77;
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_csv_next(reader, &row, &end, &error));
+    TEST_ASSERT_TRUE(end);
+    TEST_ASSERT_EQUAL_INT64(77, row.time);
+}
+
+static void expect_text(const char *part) {
+    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, error.status);
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, path), error.text);
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, part), error.text);
+}
+
+static void expect_bad_open(const char *text, const char *part) {
+    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, open_text(text));
+    TEST_ASSERT_NULL(reader);
+    expect_text(part);
+}
+
+static void expect_bad_row(const char *part) {
+    bool end = true;
+    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, tl_csv_next(reader, &row, &end, &error));
+    TEST_ASSERT_FALSE(end);
+    expect_text(part);
+}
+
+/* ---- rows ---- */
+
+static void test_rows(void) {
+    expect_open("time,u,v\n0,1,2\n0.01,-1.5e3,+0.25\n");
+    expect_row(0, 1, 2);
+    expect_row(10000000, -1500, 0.25);
+    expect_end();
+    expect_end();
+}
+
+static void test_columns_in_another_order_and_further_ones(void) {
+    expect_open("v,label,time,u\n2,first row,0,1\n4,\"a, b\",1,3\n");
+    expect_row(0, 1, 2);
+    expect_row(TL_SECOND, 3, 4);
+    expect_end();
+}
+
+static void test_crlf_mark_blanks_and_no_last_line_end(void) {
+    expect_open("\xEF\xBB\xBFtime,u,v\r\n\r\n0,1,2\r\n  \t\r\n1,3,4");
+    expect_row(0, 1, 2);
+    expect_row(TL_SECOND, 3, 4);
+    expect_end();
+}
+
+static void test_quotes_and_spaces(void) {
+    expect_open(" \"time\" ,\t\"u\", v \n \"0\" , 1 ,\t2\t\n");
+    expect_row(0, 1, 2);
+    expect_end();
+}
+
+static void test_names_with_quotes_and_commas(void) {
+    const char *const columns[] = {"a \"b\", c", "d e"};
+    const tl_csv_settings settings = {.path = path, .time_column = "t [s]", .columns = columns, .column_count = 2};
+    const char text[] = "t [s],\"a \"\"b\"\", c\",d e\n0,1,2\n";
+    put(text, sizeof text - 1);
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_csv_open(&settings, &reader, &error));
+    expect_row(0, 1, 2);
+}
+
+static void test_one_column_for_two_channels(void) {
+    const char *const columns[] = {"u", "u"};
+    const tl_csv_settings settings = {.path = path, .time_column = "time", .columns = columns, .column_count = 2};
+    put("time,u\n0,5\n", 11);
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_csv_open(&settings, &reader, &error));
+    expect_row(0, 5, 5);
+}
+
+static void test_time_alone(void) {
+    const tl_csv_settings settings = {.path = path, .time_column = "time", .columns = NULL, .column_count = 0};
+    put("time\n3\n\n4\n", 10);
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_csv_open(&settings, &reader, &error));
+    next();
+    TEST_ASSERT_EQUAL_INT64(3 * TL_SECOND, row.time);
+    next();
+    TEST_ASSERT_EQUAL_INT64(4 * TL_SECOND, row.time);
+    expect_end();
+}
+
+static void test_empty_cells_are_no_news(void) {
+    expect_open("time,u,v\n0,,2\n1,\"\", \n");
+    next();
+    TEST_ASSERT_FALSE(row.present[0]);
+    TEST_ASSERT_TRUE(row.present[1]);
+    next();
+    TEST_ASSERT_FALSE(row.present[0]);
+    TEST_ASSERT_FALSE(row.present[1]);
+}
+
+static void test_cells_that_are_no_number(void) {
+    static const char *const CELLS[] = {"nan", "NaN", "inf", "-Infinity", "0x10", "1e999", "abc",
+                                        "1 2", "-",   ".",   "1e",        "--1",  "1.2.3", "true"};
+    for (size_t i = 0; i < sizeof CELLS / sizeof CELLS[0]; i++) {
+        char text[64];
+        (void)snprintf(text, sizeof text, "time,u,v\n0,%s,1\n", CELLS[i]);
+        expect_open(text);
+        next();
+        TEST_ASSERT_TRUE_MESSAGE(row.present[0], CELLS[i]);
+        TEST_ASSERT_EQUAL_INT_MESSAGE(TL_NOT_A_NUMBER, row.quality[0], CELLS[i]);
+        TEST_ASSERT_EQUAL_DOUBLE(0, row.values[0]);
+        TEST_ASSERT_EQUAL_INT(TL_GOOD, row.quality[1]);
+    }
+}
+
+static void test_a_zero_byte_does_not_hide_what_follows(void) {
+    const tl_csv_settings settings = {.path = path, .time_column = "time", .columns = UV, .column_count = 2};
+    const char text[] = "time,u,v\n0,1,2\0junk\n";
+    put(text, sizeof text - 1);
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_csv_open(&settings, &reader, &error));
+    next();
+    TEST_ASSERT_EQUAL_INT(TL_NOT_A_NUMBER, row.quality[1]);
+}
+
+static void test_time_to_the_nearest_nanosecond(void) {
+    expect_open("time,u,v\n-0.0000000016,0,0\n0.1,0,0\n0.3,0,0\n4600000000,0,0\n");
+    expect_row(-2, 0, 0);
+    expect_row(100000000, 0, 0);
+    expect_row(300000000, 0, 0);
+    expect_row(4600000000 * TL_SECOND, 0, 0);
+}
+
+/* Longer than what one read() brings, and lines across its border. */
+static void test_a_long_file(void) {
+    enum { ROWS = 30000 };
+    const tl_csv_settings settings = {.path = path, .time_column = "time", .columns = UV, .column_count = 2};
+    FILE *file = fopen(path, "wb");
+    TEST_ASSERT_NOT_NULL(file);
+    TEST_ASSERT_TRUE(fprintf(file, "time,u,v\n") > 0);
+    for (int i = 0; i < ROWS; i++) {
+        TEST_ASSERT_TRUE(fprintf(file, "%d,%d.5,%d\n", i, i, -i) > 0);
+    }
+    TEST_ASSERT_EQUAL_INT(0, fclose(file));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_csv_open(&settings, &reader, &error));
+    for (int i = 0; i < ROWS; i++) {
+        expect_row(i * TL_SECOND, i + 0.5, -i);
+    }
+    expect_end();
+}
+
+/* ---- errors ---- */
+
+static void test_no_file(void) {
+    const tl_csv_settings settings = {.path = path, .time_column = "time", .columns = UV, .column_count = 2};
+    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, tl_csv_open(&settings, &reader, &error));
+    expect_text("No such file");
+}
+
+static void test_a_folder(void) {
+    const tl_csv_settings settings = {.path = folder, .time_column = "time", .columns = UV, .column_count = 2};
+    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, tl_csv_open(&settings, &reader, &error));
+    TEST_ASSERT_NOT_NULL(strstr(error.text, "directory"));
+}
+
+static void test_an_empty_file(void) {
+    expect_bad_open("", "is empty");
+    expect_bad_open("\r\n  \n", "is empty");
+}
+
+static void test_a_missing_column_names_those_that_are_there(void) {
+    expect_bad_open("time,u,w\n", "line 1: there is no column \"v\", but: time, u, w");
+    expect_bad_open("Time,u,v\n", "there is no column \"time\", but: Time, u, v");
+}
+
+static void test_a_missing_column_among_very_many(void) {
+    char text[4096] = "time";
+    for (int i = 0; i < 300; i++) {
+        (void)snprintf(text + strlen(text), sizeof text - strlen(text), ",column%d", i);
+    }
+    expect_bad_open(text, "column1");
+    expect_text(", ...");
+}
+
+static void test_a_column_twice(void) {
+    expect_bad_open("time,u,v,u\n", "the column \"u\" is there 2 times");
+    expect_bad_open("time,u,v,time\n", "the column \"time\" is there 2 times");
+}
+
+static void test_semicolons(void) {
+    expect_bad_open("time;u;v\n0;1;2\n", "semicolons");
+}
+
+static void test_quotes_that_do_not_end(void) {
+    expect_bad_open("time,\"u,v\n", "quote");
+    expect_bad_open("time,\"u\"x,v\n", "quote");
+    expect_open("time,u,v\n0,\"1,2\n");
+    expect_bad_row("line 2: a quote");
+}
+
+static void test_wrong_number_of_cells(void) {
+    expect_open("time,u,v\n0,1,2\n1,1\n");
+    expect_row(0, 1, 2);
+    expect_bad_row("line 3: 2 cells, but the header has 3");
+    expect_open("time,u,v\n\n0,1,2,\n");
+    expect_bad_row("line 3: 4 cells, but the header has 3");
+}
+
+static void test_times_that_are_none(void) {
+    static const char *const TIMES[] = {"", "now", "nan", "inf", "1e10", "-1e10", "0:01"};
+    for (size_t i = 0; i < sizeof TIMES / sizeof TIMES[0]; i++) {
+        char text[64];
+        (void)snprintf(text, sizeof text, "time,u,v\n%s,1,1\n", TIMES[i]);
+        expect_open(text);
+        expect_bad_row("line 2: the time is ");
+    }
+}
+
+static void test_time_must_increase(void) {
+    expect_open("time,u,v\n0,1,1\n1,1,1\n1,1,1\n");
+    expect_row(0, 1, 1);
+    expect_row(TL_SECOND, 1, 1);
+    expect_bad_row("line 4: the time is 1.000000000 s, which is not after 1.000000000 s");
+    expect_open("time,u,v\n-5,1,1\n-6,1,1\n");
+    next();
+    expect_bad_row("line 3: the time is -6.000000000 s");
+}
+
+/* A file with a header, then a line of that many bytes, its end included. */
+static tl_status open_with_line_of(size_t size) {
+    const tl_csv_settings settings = {.path = path, .time_column = "time", .columns = UV, .column_count = 2};
+    char *text = malloc(size + 64);
+    TEST_ASSERT_NOT_NULL(text);
+    int length = snprintf(text, size + 64, "time,u,v\n%-*s\n1,3,4\n", (int)size - 1, "0,1,2");
+    put(text, (size_t)length);
+    free(text);
+    return tl_csv_open(&settings, &reader, &error);
+}
+
+static void test_the_longest_line(void) {
+    TEST_ASSERT_EQUAL_INT(TL_OK, open_with_line_of(65536));
+    expect_row(0, 1, 2);
+    expect_row(TL_SECOND, 3, 4);
+    expect_end();
+}
+
+static void test_a_line_that_is_too_long(void) {
+    TEST_ASSERT_EQUAL_INT(TL_OK, open_with_line_of(65537));
+    expect_bad_row("line 2: the line is longer than 65536 bytes");
+}
+
+static void test_a_header_that_is_too_long(void) {
+    char *text = malloc(70001);
+    TEST_ASSERT_NOT_NULL(text);
+    memset(text, 'x', 70000);
+    text[70000] = '\0';
+    tl_status status = open_text(text);
+    free(text);
+    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, status);
+    expect_text("line 1: the line is longer");
+}
+
+static void feed(tl_csv_lines *lines, const char *text) {
+    size_t room = 0;
+    char *bytes = tl_csv_lines_room(lines, &room);
+    TEST_ASSERT_TRUE(strlen(text) <= room);
+    memcpy(bytes, text, strlen(text));
+    tl_csv_lines_added(lines, strlen(text));
+}
+
+static void test_lines_after_one_that_is_too_long(void) {
+    static tl_csv_lines lines;
+    char *line = NULL;
+    int told = 0;
+    feed(&lines, "first\n");
+    TEST_ASSERT_EQUAL_INT(TL_CSV_A_LINE, tl_csv_lines_take(&lines, false, &line));
+    TEST_ASSERT_EQUAL_STRING("first", line);
+    for (int i = 0; i < 20000; i++) {
+        feed(&lines, "01234567");
+        told += tl_csv_lines_take(&lines, false, &line) == TL_CSV_TOO_LONG ? 1 : 0;
+    }
+    TEST_ASSERT_EQUAL_INT(1, told);
+    TEST_ASSERT_EQUAL_INT64(2, lines.number);
+    feed(&lines, "its end\nthird\n\nfif");
+    TEST_ASSERT_EQUAL_INT(TL_CSV_A_LINE, tl_csv_lines_take(&lines, false, &line));
+    TEST_ASSERT_EQUAL_STRING("third", line);
+    TEST_ASSERT_EQUAL_INT64(3, lines.number);
+    TEST_ASSERT_EQUAL_INT(TL_CSV_NOTHING, tl_csv_lines_take(&lines, false, &line));
+    feed(&lines, "th");
+    TEST_ASSERT_EQUAL_INT(TL_CSV_A_LINE, tl_csv_lines_take(&lines, true, &line));
+    TEST_ASSERT_EQUAL_STRING("fifth", line);
+    TEST_ASSERT_EQUAL_INT64(5, lines.number);
+    TEST_ASSERT_EQUAL_INT(TL_CSV_NOTHING, tl_csv_lines_take(&lines, true, &line));
+}
+
+static void test_too_many_columns(void) {
+    const char *columns[TL_MAX_SIGNALS + 1];
+    const tl_csv_settings settings = {
+        .path = path, .time_column = "time", .columns = columns, .column_count = TL_MAX_SIGNALS + 1};
+    for (size_t i = 0; i <= TL_MAX_SIGNALS; i++) {
+        columns[i] = "u";
+    }
+    put("time,u\n", 7);
+    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, tl_csv_open(&settings, &reader, &error));
+    expect_text("65 columns are wanted, but at most 64");
+}
+
+int main(void) {
+    if (mkdtemp(folder) == NULL) {
+        return 1;
+    }
+    (void)snprintf(path, sizeof path, "%s/recording.csv", folder);
+    UNITY_BEGIN();
+    RUN_TEST(test_rows);
+    RUN_TEST(test_columns_in_another_order_and_further_ones);
+    RUN_TEST(test_crlf_mark_blanks_and_no_last_line_end);
+    RUN_TEST(test_quotes_and_spaces);
+    RUN_TEST(test_names_with_quotes_and_commas);
+    RUN_TEST(test_one_column_for_two_channels);
+    RUN_TEST(test_time_alone);
+    RUN_TEST(test_empty_cells_are_no_news);
+    RUN_TEST(test_cells_that_are_no_number);
+    RUN_TEST(test_a_zero_byte_does_not_hide_what_follows);
+    RUN_TEST(test_time_to_the_nearest_nanosecond);
+    RUN_TEST(test_a_long_file);
+    RUN_TEST(test_no_file);
+    RUN_TEST(test_a_folder);
+    RUN_TEST(test_an_empty_file);
+    RUN_TEST(test_a_missing_column_names_those_that_are_there);
+    RUN_TEST(test_a_missing_column_among_very_many);
+    RUN_TEST(test_a_column_twice);
+    RUN_TEST(test_semicolons);
+    RUN_TEST(test_quotes_that_do_not_end);
+    RUN_TEST(test_wrong_number_of_cells);
+    RUN_TEST(test_times_that_are_none);
+    RUN_TEST(test_time_must_increase);
+    RUN_TEST(test_the_longest_line);
+    RUN_TEST(test_a_line_that_is_too_long);
+    RUN_TEST(test_a_header_that_is_too_long);
+    RUN_TEST(test_lines_after_one_that_is_too_long);
+    RUN_TEST(test_too_many_columns);
+    int failures = UNITY_END();
+    (void)rmdir(folder);
+    return failures;
+}

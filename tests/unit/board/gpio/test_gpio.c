@@ -1,0 +1,602 @@
+/* The GPIO driver on lines that a test makes: what it does with edges that come, that do not come, and with lines that are
+ * not there. The chips and lines of a real kernel are in tests/hil/box/test_live_gpio.py.
+ */
+#include <errno.h>
+#include <math.h>
+#include <poll.h>
+#include <pthread.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/eventfd.h>
+#include <time.h>
+#include <unistd.h>
+
+#include <unity.h>
+
+#include "board/gpio/gpio.h"
+#include "board/gpio/gpio_find.h"
+
+#define MS (TL_SECOND / 1000)
+
+enum { CHANNELS = 3, QUEUE = 4096, POSTS = 16384 };
+
+static tl_time now(void) {
+    struct timespec time;
+    (void)clock_gettime(CLOCK_MONOTONIC, &time);
+    return (tl_time)time.tv_sec * TL_SECOND + time.tv_nsec;
+}
+
+static void pause_ms(long ms) {
+    const struct timespec time = {.tv_sec = ms / 1000, .tv_nsec = ms % 1000 * 1000000};
+    (void)nanosleep(&time, NULL);
+}
+
+/* ---- lines as a test wants them ---- */
+
+struct tl_gpio_line {
+    bool open;
+    bool without_edges;
+    bool level;
+    int level_failure, edges_failure, request_failure;
+    const char *trouble; /* it cannot be found; NULL: it can */
+    tl_gpio_line_state state;
+    int ready; /* eventfd, or what hangs up */
+    tl_gpio_edge queue[QUEUE];
+    size_t first, last;
+    size_t requests;
+    size_t looks; /* for edges */
+    tl_gpio_channel asked;
+};
+
+static struct tl_gpio_line lines[CHANNELS];
+static pthread_mutex_t lock = PTHREAD_MUTEX_INITIALIZER; /* of their queues and levels */
+
+static struct tl_gpio_line *find(const tl_gpio_channel *channel) {
+    return &lines[channel->line == NULL ? channel->offset : (unsigned)(channel->line[0] - 'A')];
+}
+
+bool tl_gpio_find(const char *chip, const tl_gpio_channel *channel, tl_gpio_place *place, char *text, size_t size) {
+    const struct tl_gpio_line *line = find(channel);
+    (void)chip;
+    *place = (tl_gpio_place){.path = "/dev/gpiochip9", .chip = "gpiochip9 (bench)", .state = line->state};
+    place->offset = (unsigned)(line - lines);
+    (void)snprintf(text, size, "%s", line->trouble != NULL ? line->trouble : "");
+    return line->trouble == NULL;
+}
+
+int tl_gpio_line_request(const char *path, unsigned offset, const tl_gpio_channel *channel, tl_gpio_line **line) {
+    TEST_ASSERT_EQUAL_STRING("/dev/gpiochip9", path);
+    TEST_ASSERT_FALSE(lines[offset].open);
+    lines[offset].requests++;
+    lines[offset].asked = *channel;
+    lines[offset].open = lines[offset].request_failure == 0;
+    if (lines[offset].open) {
+        *line = &lines[offset];
+    }
+    return lines[offset].request_failure;
+}
+
+int tl_gpio_line_descriptor(const tl_gpio_line *line) {
+    return line->without_edges ? -1 : line->ready;
+}
+
+int tl_gpio_line_level(tl_gpio_line *line, bool *level) {
+    (void)pthread_mutex_lock(&lock);
+    *level = line->level;
+    int failure = line->level_failure;
+    (void)pthread_mutex_unlock(&lock);
+    return failure;
+}
+
+int tl_gpio_line_edges(tl_gpio_line *line, tl_gpio_edge *edges, size_t room, size_t *count) {
+    uint64_t waste = 0;
+    (void)pthread_mutex_lock(&lock);
+    int failure = line->edges_failure;
+    line->looks++;
+    for (*count = 0; failure == 0 && *count < room && line->first < line->last; (*count)++) {
+        edges[*count] = line->queue[line->first % QUEUE];
+        line->first++;
+    }
+    if (failure == 0 && *count == 0) {
+        ssize_t was = read(line->ready, &waste, sizeof waste);
+        (void)was;
+        failure = EAGAIN;
+    }
+    (void)pthread_mutex_unlock(&lock);
+    return failure;
+}
+
+void tl_gpio_line_release(tl_gpio_line *line) {
+    if (line != NULL) {
+        line->open = false;
+    }
+}
+
+static void put_edge(size_t line, bool level, tl_time stamp) {
+    const uint64_t one = 1;
+    (void)pthread_mutex_lock(&lock);
+    lines[line].level = level;
+    lines[line].queue[lines[line].last % QUEUE] = (tl_gpio_edge){.level = level, .stamp = stamp};
+    lines[line].last++;
+    (void)pthread_mutex_unlock(&lock);
+    ssize_t written = write(lines[line].ready, &one, sizeof one);
+    (void)written;
+}
+
+static void set_level(size_t line, bool level) {
+    (void)pthread_mutex_lock(&lock);
+    lines[line].level = level;
+    (void)pthread_mutex_unlock(&lock);
+}
+
+static void set_failures(size_t line, int level, int edges) {
+    (void)pthread_mutex_lock(&lock);
+    lines[line].level_failure = level;
+    lines[line].edges_failure = edges;
+    (void)pthread_mutex_unlock(&lock);
+}
+
+/* ---- what the driver says ---- */
+
+static tl_reading posts[CHANNELS][POSTS];
+static size_t post_count[CHANNELS];
+static size_t links;
+static bool link_up;
+static char link_text[1024];
+
+static void on_post(void *context, size_t channel, const tl_reading *reading) {
+    (void)context;
+    TEST_ASSERT_TRUE(channel < CHANNELS && post_count[channel] < POSTS);
+    if (reading->quality == TL_GOOD && post_count[channel] > 0) {
+        TEST_ASSERT_TRUE(reading->stamp >= posts[channel][post_count[channel] - 1].stamp);
+    }
+    TEST_ASSERT_TRUE(reading->stamp <= now());
+    posts[channel][post_count[channel]] = *reading;
+    post_count[channel]++;
+}
+
+static void on_link(void *context, bool up, const char *text) {
+    (void)context;
+    links++;
+    link_up = up;
+    (void)snprintf(link_text, sizeof link_text, "%s", text);
+}
+
+static const tl_plant_io_sink SINK = {.post = on_post, .link = on_link, .context = NULL};
+
+static void expect_link(bool up, const char *text) {
+    TEST_ASSERT_EQUAL_STRING(text, link_text);
+    TEST_ASSERT_EQUAL_INT(up, link_up);
+}
+
+static const tl_reading *newest(size_t channel) {
+    TEST_ASSERT_TRUE(post_count[channel] > 0);
+    return &posts[channel][post_count[channel] - 1];
+}
+
+static void expect(size_t channel, double value, tl_quality quality) {
+    TEST_ASSERT_EQUAL_INT(quality, newest(channel)->quality);
+    TEST_ASSERT_EQUAL_DOUBLE(value, newest(channel)->value);
+}
+
+/* ---- the driver under test ---- */
+
+static tl_plant_io *io;
+static tl_error error;
+static tl_gpio_channel channels[CHANNELS];
+
+static void open_driver(size_t count, double period_s) {
+    const tl_gpio_settings settings = {
+        .chip = "bench", .period_s = period_s, .channels = channels, .channel_count = count};
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_gpio_open(&settings, &io, &error));
+}
+
+static void poll_once(void) {
+    bool finished = true;
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_gpio_driver.poll(io, &SINK, &finished, &error));
+    TEST_ASSERT_FALSE(finished);
+}
+
+static void poll_until(size_t channel, tl_quality quality) {
+    tl_time end = now() + 60 * TL_SECOND;
+    do {
+        TEST_ASSERT_TRUE_MESSAGE(now() < end, link_text);
+        poll_once();
+    } while (newest(channel)->quality != quality);
+}
+
+void setUp(void) {
+    static const char *const names[] = {"A", "B", NULL};
+    memset(lines, 0, sizeof lines);
+    memset(post_count, 0, sizeof post_count);
+    for (size_t i = 0; i < CHANNELS; i++) {
+        lines[i].ready = eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC);
+        channels[i] = (tl_gpio_channel){.line = names[i], .offset = (unsigned)i};
+    }
+    links = 0;
+    link_up = false;
+    link_text[0] = '\0';
+    io = NULL;
+    error = (tl_error){TL_OK, ""};
+}
+
+void tearDown(void) {
+    if (io != NULL) {
+        tl_gpio_driver.close(io);
+    }
+    for (size_t i = 0; i < CHANNELS; i++) {
+        TEST_ASSERT_FALSE(lines[i].open);
+        (void)close(lines[i].ready);
+    }
+}
+
+/* ---- edges ---- */
+
+static void test_levels_and_edges(void) {
+    set_level(1, true);
+    open_driver(3, 0.005);
+    poll_once();
+    expect(0, 0, TL_GOOD);
+    expect(1, 1, TL_GOOD);
+    expect(2, 0, TL_GOOD);
+    TEST_ASSERT_EQUAL_size_t(3, links);
+    expect_link(true, "GPIO line 2 of bench: connected: line 2 of gpiochip9 (bench)");
+    tl_time stamp = now();
+    put_edge(0, true, stamp);
+    poll_once();
+    TEST_ASSERT_EQUAL_INT64(stamp, posts[0][1].stamp); /* the edge's, then the level's */
+    TEST_ASSERT_EQUAL_DOUBLE(1, posts[0][1].value);
+    TEST_ASSERT_EQUAL_size_t(3, post_count[0]);
+    TEST_ASSERT_TRUE(newest(0)->stamp > stamp);
+    TEST_ASSERT_EQUAL_size_t(2, post_count[1]);
+    TEST_ASSERT_EQUAL_size_t(3, links);
+}
+
+static tl_time edge_stamp;
+
+static void *edge_soon(void *context) {
+    (void)context;
+    pause_ms(50);
+    edge_stamp = now();
+    put_edge(0, true, edge_stamp);
+    return NULL;
+}
+
+/* Not at the end of its period. */
+static void test_an_edge_is_posted_when_it_comes(void) {
+    pthread_t thread;
+    open_driver(1, 1);
+    TEST_ASSERT_EQUAL_INT(0, pthread_create(&thread, NULL, edge_soon, NULL));
+    tl_time begin = now();
+    poll_once();
+    TEST_ASSERT_TRUE(now() - begin >= 990 * MS); /* it waited to its end all the same */
+    (void)pthread_join(thread, NULL);
+    TEST_ASSERT_EQUAL_size_t(2, post_count[0]);
+    TEST_ASSERT_EQUAL_INT64(edge_stamp, newest(0)->stamp);
+    expect(0, 1, TL_GOOD);
+}
+
+static void *bounce_soon(void *context) {
+    (void)context;
+    pause_ms(20);
+    for (int i = 0; i < 7; i++) {
+        edge_stamp = now();
+        put_edge(0, i % 2 == 0, edge_stamp);
+        pause_ms(1);
+    }
+    return NULL;
+}
+
+static void test_a_bounce(void) {
+    pthread_t thread;
+    channels[0].debounce_s = 0.1;
+    open_driver(1, 0.5);
+    TEST_ASSERT_EQUAL_INT(0, pthread_create(&thread, NULL, bounce_soon, NULL));
+    poll_once();
+    (void)pthread_join(thread, NULL);
+    TEST_ASSERT_EQUAL_size_t(2, post_count[0]);
+    TEST_ASSERT_EQUAL_INT64(edge_stamp, newest(0)->stamp);
+    expect(0, 1, TL_GOOD);
+}
+
+static void test_a_burst_is_bounded_and_the_newest_wins(void) {
+    open_driver(2, 0.005);
+    poll_once();
+    tl_time begin = now();
+    for (int i = 0; i < 3001; i++) {
+        put_edge(0, i % 2 == 0, begin + i);
+    }
+    poll_once();
+    TEST_ASSERT_TRUE(lines[0].looks <= 200);
+    TEST_ASSERT_TRUE(post_count[0] <= 200);
+    expect(0, 1, TL_GOOD); /* as the line is, not as the edge was that the budget ended with */
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(link_text, "GPIO line A: edges come faster than they are read: at least"),
+                                 link_text);
+    TEST_ASSERT_TRUE(link_up);
+    size_t before = links;
+    for (int i = 0; i < 40; i++) {
+        poll_once();
+    }
+    TEST_ASSERT_EQUAL_size_t(before, links); /* not again so soon */
+    TEST_ASSERT_EQUAL_size_t(3001, lines[0].first);
+    expect(0, 1, TL_GOOD);
+    expect(1, 0, TL_GOOD);
+}
+
+/* What a debounced line did beyond the budget is not known: it must stand still after that. */
+static void test_a_burst_does_not_pass_for_stillness(void) {
+    channels[0].debounce_s = 0.05;
+    open_driver(1, 0.01);
+    poll_once();
+    tl_time end = now() + 500 * MS;
+    size_t before = post_count[0];
+    for (int i = 0; now() < end; i++) {
+        for (int k = 0; k < 200; k++) {
+            put_edge(0, k % 2 == 0, now());
+        }
+        put_edge(0, true, now());
+        poll_once();
+    }
+    TEST_ASSERT_EQUAL_size_t(before, post_count[0]);
+    poll_until(0, TL_GOOD);
+    for (end = now() + 300 * MS; now() < end;) {
+        poll_once();
+    }
+    expect(0, 1, TL_GOOD);
+}
+
+static void test_an_edge_that_never_comes(void) {
+    open_driver(1, 0.02);
+    poll_once();
+    set_level(0, true);
+    poll_once();
+    expect(0, 1, TL_GOOD);
+    expect_link(true, "GPIO line A: edges come faster than they are read: at least 1 missed; the newest level counts");
+}
+
+static void test_a_line_without_edges(void) {
+    lines[0].without_edges = true;
+    open_driver(1, 0.005);
+    poll_once();
+    expect_link(true, "GPIO line A: connected: line 0 of gpiochip9 (bench), without edges");
+    set_level(0, true);
+    poll_once();
+    expect(0, 1, TL_GOOD);
+    set_level(0, false);
+    poll_once();
+    expect(0, 0, TL_GOOD);
+    TEST_ASSERT_EQUAL_size_t(0, lines[0].looks);
+}
+
+static void test_a_line_without_edges_is_debounced(void) {
+    lines[0].without_edges = true;
+    channels[0].debounce_s = 0.05;
+    open_driver(1, 0.005);
+    poll_once();
+    set_level(0, true);
+    tl_time begin = now();
+    while (newest(0)->value == 0) {
+        TEST_ASSERT_TRUE(now() < begin + 60 * TL_SECOND);
+        poll_once();
+    }
+    TEST_ASSERT_TRUE(now() - begin >= 50 * MS);
+    TEST_ASSERT_EQUAL_size_t(1, links); /* levels that nobody could see are not missed edges */
+}
+
+/* A signal with two look-ups (of `delays`) is there twice. */
+static void test_two_channels_of_one_line(void) {
+    channels[1].line = "A";
+    channels[0].line = "B";
+    channels[2] = channels[1];
+    open_driver(3, 0.005);
+    put_edge(0, true, now());
+    poll_once();
+    put_edge(0, false, now());
+    poll_once();
+    TEST_ASSERT_EQUAL_size_t(1, lines[0].requests);
+    TEST_ASSERT_EQUAL_size_t(post_count[1], post_count[2]);
+    TEST_ASSERT_EQUAL_MEMORY(posts[1], posts[2], post_count[1] * sizeof posts[1][0]);
+    expect(2, 0, TL_GOOD);
+    set_failures(0, ENODEV, 0);
+    poll_once();
+    expect(1, 0, TL_NO_LINK);
+    expect(2, 0, TL_NO_LINK);
+    expect(0, 0, TL_GOOD);
+}
+
+/* ---- lines that are not there ---- */
+
+static void expect_refused_then_there(const char *text) {
+    open_driver(1, 0.005);
+    poll_once();
+    expect(0, 0, TL_NO_LINK);
+    expect_link(false, text);
+    for (int i = 0; i < 30; i++) {
+        poll_once();
+    }
+    TEST_ASSERT_EQUAL_size_t(1, links); /* once */
+    TEST_ASSERT_TRUE(lines[0].requests <= 3);
+    lines[0].trouble = NULL;
+    lines[0].request_failure = 0;
+    lines[0].state = (tl_gpio_line_state){.used = false};
+    poll_until(0, TL_GOOD);
+    expect_link(true, "GPIO line A: connected: line 0 of gpiochip9 (bench)");
+}
+
+static void test_a_line_that_is_not_found(void) {
+    lines[0].trouble = "it is there twice";
+    expect_refused_then_there("GPIO line A: it is there twice");
+    TEST_ASSERT_EQUAL_size_t(1, lines[0].requests);
+}
+
+static void test_a_line_that_somebody_uses(void) {
+    lines[0].state = (tl_gpio_line_state){.used = true, .consumer = "door"};
+    expect_refused_then_there("GPIO line A: line 0 of gpiochip9 (bench) is in use by \"door\"");
+}
+
+static void test_a_line_that_cannot_be_requested(void) {
+    lines[0].request_failure = EPERM;
+    expect_refused_then_there("GPIO line A: line 0 of gpiochip9 (bench) cannot be requested: Operation not permitted");
+}
+
+static void test_an_output_is_left_alone(void) {
+    lines[0].state = (tl_gpio_line_state){.output = true};
+    expect_refused_then_there("GPIO line A: line 0 of gpiochip9 (bench) is an output; twinlock reads inputs only");
+    TEST_ASSERT_EQUAL_size_t(1, lines[0].requests);
+}
+
+static void test_one_line_does_not_stop_the_others(void) {
+    lines[1].trouble = "no line has that name";
+    open_driver(2, 0.005);
+    poll_once();
+    expect(0, 0, TL_GOOD);
+    expect(1, 0, TL_NO_LINK);
+    expect_link(true, "GPIO line B: no line has that name");
+    set_failures(0, ENODEV, 0);
+    poll_once();
+    expect(0, 0, TL_NO_LINK);
+    expect_link(false, "GPIO line A: its chip is gone");
+}
+
+static void test_a_level_that_fails_at_once(void) {
+    set_failures(0, EIO, 0);
+    open_driver(1, 0.005);
+    poll_once();
+    expect(0, 0, TL_NO_LINK);
+    expect_link(false, "GPIO line A: Input/output error");
+}
+
+/* ---- a chip that goes away ---- */
+
+static void expect_gone_and_back(void) {
+    poll_until(0, TL_NO_LINK);
+    expect_link(false, "GPIO line A: its chip is gone");
+    TEST_ASSERT_FALSE(lines[0].open);
+    set_failures(0, 0, 0);
+    set_level(0, true);
+    poll_until(0, TL_GOOD);
+    expect(0, 1, TL_GOOD);
+    TEST_ASSERT_EQUAL_size_t(2, lines[0].requests);
+}
+
+static void test_a_chip_that_only_the_level_misses(void) {
+    open_driver(1, 0.005);
+    poll_once();
+    set_failures(0, ENODEV, 0);
+    expect_gone_and_back();
+}
+
+static void test_a_chip_that_reading_edges_misses(void) {
+    open_driver(1, 0.005);
+    poll_once();
+    set_failures(0, 0, ENODEV);
+    expect_gone_and_back();
+}
+
+/* Waiting returns at once, for ever, and there is neither an edge nor an error. */
+static void test_waiting_that_returns_at_once_for_ever(void) {
+    int ends[2];
+    open_driver(1, 0.2);
+    poll_once();
+    TEST_ASSERT_EQUAL_INT(0, pipe(ends));
+    int ready = lines[0].ready;
+    (void)close(ends[1]);
+    lines[0].ready = ends[0]; /* hung up */
+    lines[0].looks = 0;
+    tl_time begin = now();
+    poll_once();
+    TEST_ASSERT_TRUE(now() - begin >= 190 * MS);
+    TEST_ASSERT_TRUE(lines[0].looks <= 600);
+    (void)close(ends[0]);
+    lines[0].ready = ready;
+}
+
+/* ---- interrupt ---- */
+
+static void *interrupt_soon(void *context) {
+    (void)context;
+    pause_ms(50);
+    tl_gpio_driver.interrupt(io);
+    return NULL;
+}
+
+static void test_interrupt(void) {
+    pthread_t thread;
+    open_driver(1, 60);
+    tl_time begin = now();
+    TEST_ASSERT_EQUAL_INT(0, pthread_create(&thread, NULL, interrupt_soon, NULL));
+    poll_once();
+    (void)pthread_join(thread, NULL);
+    TEST_ASSERT_TRUE(now() - begin < 20 * TL_SECOND);
+    size_t before = post_count[0];
+    tl_gpio_driver.interrupt(io); /* not lost where nobody waits */
+    poll_once();
+    TEST_ASSERT_TRUE(now() - begin < 20 * TL_SECOND);
+    TEST_ASSERT_EQUAL_size_t(before, post_count[0]);
+}
+
+/* ---- settings ---- */
+
+static void expect_refused(const tl_gpio_settings *settings, const char *part) {
+    tl_plant_io *none = NULL;
+    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, tl_gpio_open(settings, &none, &error));
+    TEST_ASSERT_NULL(none);
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, part), error.text);
+}
+
+static void test_settings_are_passed_on(void) {
+    channels[0].active_low = true;
+    channels[0].bias = TL_GPIO_PULL_UP;
+    open_driver(1, 0.005);
+    poll_once();
+    TEST_ASSERT_TRUE(lines[0].asked.active_low);
+    TEST_ASSERT_EQUAL_INT(TL_GPIO_PULL_UP, lines[0].asked.bias);
+}
+
+static void test_settings_that_are_wrong(void) {
+    tl_gpio_settings settings = {.chip = "", .period_s = 1, .channels = channels, .channel_count = 3};
+    expect_refused(&settings, "name of a GPIO chip is empty");
+    settings.chip = NULL;
+    expect_refused(&settings, "GPIO channel 2: an offset needs a chip, for example gpiochip0");
+    settings.chip = "bench";
+    settings.period_s = 0;
+    expect_refused(&settings, "period_s is 0");
+    settings.period_s = (double)NAN;
+    expect_refused(&settings, "period_s is ");
+    settings.period_s = 1;
+    channels[1].line = "";
+    expect_refused(&settings, "GPIO channel 1: the name of its line is empty");
+    channels[1].line = "B";
+    channels[1].debounce_s = 61;
+    expect_refused(&settings, "debounce_s is 61");
+    channels[1].debounce_s = 0;
+    channels[1].bias = (tl_gpio_bias)4;
+    expect_refused(&settings, "there is no bias 4");
+}
+
+int main(void) {
+    UNITY_BEGIN();
+    RUN_TEST(test_levels_and_edges);
+    RUN_TEST(test_an_edge_is_posted_when_it_comes);
+    RUN_TEST(test_a_bounce);
+    RUN_TEST(test_a_burst_is_bounded_and_the_newest_wins);
+    RUN_TEST(test_a_burst_does_not_pass_for_stillness);
+    RUN_TEST(test_an_edge_that_never_comes);
+    RUN_TEST(test_a_line_without_edges);
+    RUN_TEST(test_a_line_without_edges_is_debounced);
+    RUN_TEST(test_two_channels_of_one_line);
+    RUN_TEST(test_a_line_that_is_not_found);
+    RUN_TEST(test_a_line_that_somebody_uses);
+    RUN_TEST(test_a_line_that_cannot_be_requested);
+    RUN_TEST(test_an_output_is_left_alone);
+    RUN_TEST(test_one_line_does_not_stop_the_others);
+    RUN_TEST(test_a_level_that_fails_at_once);
+    RUN_TEST(test_a_chip_that_only_the_level_misses);
+    RUN_TEST(test_a_chip_that_reading_edges_misses);
+    RUN_TEST(test_waiting_that_returns_at_once_for_ever);
+    RUN_TEST(test_interrupt);
+    RUN_TEST(test_settings_are_passed_on);
+    RUN_TEST(test_settings_that_are_wrong);
+    return UNITY_END();
+}

@@ -1,0 +1,1248 @@
+/* The Modbus driver, against the emulated device and against a peer that misbehaves on purpose.
+ *
+ * Nothing leaves 127.0.0.1, ports are the system's choice. Whatever any test lets the driver send is recorded by the
+ * peer, and tearDown() looks at each byte of it: only requests that read.
+ */
+#include <errno.h>
+#include <fcntl.h>
+#include <math.h>
+#include <netinet/in.h>
+#include <poll.h>
+#include <pthread.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/eventfd.h>
+#include <sys/resource.h>
+#include <sys/select.h>
+#include <sys/socket.h>
+#include <time.h>
+#include <unistd.h>
+
+#include <unity.h>
+
+#include "board/modbus/modbus.h"
+#include "firmware/emulate/plant_server.h"
+
+/* ---- what the driver says ---- */
+
+enum { CHANNELS = 2200 };
+
+static tl_reading readings[CHANNELS];
+static size_t posts[CHANNELS];
+static size_t links;
+static size_t downs;
+static bool link_up;
+static char link_text[1024];
+
+static void on_post(void *context, size_t channel, const tl_reading *reading) {
+    (void)context;
+    TEST_ASSERT_TRUE(channel < CHANNELS);
+    readings[channel] = *reading;
+    posts[channel]++;
+}
+
+static void on_link(void *context, bool up, const char *text) {
+    (void)context;
+    links++;
+    downs += up ? 0 : 1;
+    link_up = up;
+    (void)snprintf(link_text, sizeof link_text, "%s", text);
+}
+
+static const tl_plant_io_sink SINK = {.post = on_post, .link = on_link, .context = NULL};
+
+/* ---- a peer that does what a test wants ---- */
+
+enum { NO_ANSWER = 0, HANG_UP = -1, RECORD = 65536, FRAME = 300 };
+
+/* Makes the reply to a request; returns its size, NO_ANSWER or HANG_UP. Runs in the peer's thread. */
+typedef int answer_function(const uint8_t *request, uint8_t *reply);
+
+typedef struct peer {
+    pthread_t thread;
+    bool runs;
+    int listener;
+    int wake;
+    uint16_t port;
+    pthread_mutex_t lock; /* of what follows */
+    answer_function *answer;
+    size_t requests;
+    size_t connections;
+    size_t recorded;
+    uint8_t record[RECORD];
+} peer;
+
+static peer other = {.lock = PTHREAD_MUTEX_INITIALIZER};
+
+static tl_time now(void) {
+    struct timespec time;
+    (void)clock_gettime(CLOCK_MONOTONIC, &time);
+    return (tl_time)time.tv_sec * TL_SECOND + time.tv_nsec;
+}
+
+static void pause_ms(long ms) {
+    const struct timespec time = {.tv_sec = ms / 1000, .tv_nsec = ms % 1000 * 1000000};
+    (void)nanosleep(&time, NULL);
+}
+
+/* A socket that is bound to a free port, but does not listen yet. */
+static int bind_somewhere(uint16_t *port) {
+    struct sockaddr_in address = {.sin_family = AF_INET, .sin_addr = {htonl(INADDR_LOOPBACK)}};
+    socklen_t size = sizeof address;
+    int bound = socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
+    TEST_ASSERT_TRUE(bound >= 0);
+    TEST_ASSERT_EQUAL_INT(0, bind(bound, (struct sockaddr *)&address, sizeof address));
+    TEST_ASSERT_EQUAL_INT(0, getsockname(bound, (struct sockaddr *)&address, &size));
+    *port = ntohs(address.sin_port);
+    return bound;
+}
+
+static answer_function *note_request(const uint8_t *request, size_t size) {
+    (void)pthread_mutex_lock(&other.lock);
+    size_t room = RECORD - other.recorded;
+    memcpy(other.record + other.recorded, request, size < room ? size : room);
+    other.recorded += size < room ? size : room;
+    other.requests++;
+    answer_function *answer = other.answer;
+    (void)pthread_mutex_unlock(&other.lock);
+    return answer;
+}
+
+/* false: the connection is over. */
+static bool serve(int client) {
+    uint8_t request[FRAME];
+    uint8_t reply[FRAME];
+    ssize_t size = recv(client, request, sizeof request, 0);
+    if (size <= 0) {
+        return false;
+    }
+    int length = note_request(request, (size_t)size)(request, reply);
+    return length == NO_ANSWER || (length > 0 && send(client, reply, (size_t)length, MSG_NOSIGNAL) == length);
+}
+
+static void *run_peer(void *context) {
+    int client = -1;
+    (void)context;
+    for (;;) {
+        struct pollfd all[3] = {{.fd = other.wake, .events = POLLIN},
+                                {.fd = other.listener, .events = POLLIN},
+                                {.fd = client, .events = POLLIN}};
+        (void)poll(all, 3, -1);
+        bool stopped = all[0].revents != 0;
+        if (client >= 0 && (stopped || (all[2].revents != 0 && !serve(client)))) {
+            (void)close(client);
+            client = -1;
+        }
+        if (stopped) {
+            return NULL;
+        }
+        if (all[1].revents != 0) {
+            if (client >= 0) {
+                (void)close(client);
+            }
+            client = accept(other.listener, NULL, NULL);
+            (void)pthread_mutex_lock(&other.lock);
+            other.connections++;
+            (void)pthread_mutex_unlock(&other.lock);
+        }
+    }
+}
+
+static void set_answer(answer_function *answer) {
+    (void)pthread_mutex_lock(&other.lock);
+    other.answer = answer;
+    (void)pthread_mutex_unlock(&other.lock);
+}
+
+static size_t requests(void) {
+    (void)pthread_mutex_lock(&other.lock);
+    size_t count = other.requests;
+    (void)pthread_mutex_unlock(&other.lock);
+    return count;
+}
+
+static size_t connections(void) {
+    (void)pthread_mutex_lock(&other.lock);
+    size_t count = other.connections;
+    (void)pthread_mutex_unlock(&other.lock);
+    return count;
+}
+
+static void start_peer(answer_function *answer) {
+    if (other.listener < 0) {
+        other.listener = bind_somewhere(&other.port);
+    }
+    set_answer(answer);
+    other.wake = eventfd(0, EFD_CLOEXEC);
+    TEST_ASSERT_EQUAL_INT(0, listen(other.listener, 4));
+    TEST_ASSERT_EQUAL_INT(0, pthread_create(&other.thread, NULL, run_peer, NULL));
+    other.runs = true;
+}
+
+static void stop_peer(void) {
+    const uint64_t one = 1;
+    if (other.runs) {
+        ssize_t written = write(other.wake, &one, sizeof one);
+        (void)written;
+        (void)pthread_join(other.thread, NULL);
+        (void)close(other.wake);
+        other.runs = false;
+    }
+    if (other.listener >= 0) {
+        (void)close(other.listener);
+        other.listener = -1;
+    }
+}
+
+/* Transaction, protocol, length, unit, function; then what the caller puts. */
+static int reply_with(const uint8_t *request, uint8_t *reply, uint8_t function, const uint8_t *data, size_t size) {
+    memcpy(reply, request, 7);
+    reply[4] = 0;
+    reply[5] = (uint8_t)(2 + size);
+    reply[7] = function;
+    memcpy(reply + 8, data, size);
+    return (int)(8 + size);
+}
+
+static unsigned address_of(const uint8_t *request) {
+    return (unsigned)request[8] * 256 + request[9];
+}
+
+static unsigned count_of(const uint8_t *request) {
+    return (unsigned)request[10] * 256 + request[11];
+}
+
+/* ---- answers ---- */
+
+/* Each register holds its own address, each bit whether its address is odd. */
+static int sane(const uint8_t *request, uint8_t *reply) {
+    uint8_t data[256] = {0};
+    unsigned count = count_of(request);
+    data[0] = (uint8_t)(request[7] <= 2 ? (count + 7) / 8 : 2 * count);
+    for (unsigned i = 0; i < count; i++) {
+        unsigned address = address_of(request) + i;
+        if (request[7] <= 2) {
+            data[1 + i / 8] = (uint8_t)(data[1 + i / 8] | address % 2 << i % 8);
+        } else {
+            data[1 + 2 * i] = (uint8_t)(address / 256);
+            data[2 + 2 * i] = (uint8_t)(address % 256);
+        }
+    }
+    return reply_with(request, reply, request[7], data, 1U + data[0]);
+}
+
+static int silent(const uint8_t *request, uint8_t *reply) {
+    (void)request;
+    (void)reply;
+    return NO_ANSWER;
+}
+
+static int hang_up(const uint8_t *request, uint8_t *reply) {
+    (void)request;
+    (void)reply;
+    return HANG_UP;
+}
+
+static int exception(const uint8_t *request, uint8_t *reply, uint8_t code) {
+    return reply_with(request, reply, request[7] | 0x80, &code, 1);
+}
+
+static int garbage(const uint8_t *request, uint8_t *reply) {
+    (void)request;
+    for (int i = 0; i < 40; i++) {
+        reply[i] = (uint8_t)(251 * i + 17);
+    }
+    return 40;
+}
+
+static int half_a_frame(const uint8_t *request, uint8_t *reply) {
+    return sane(request, reply) / 2;
+}
+
+static int another_transaction(const uint8_t *request, uint8_t *reply) {
+    int size = sane(request, reply);
+    reply[1] ^= 1;
+    return size;
+}
+
+static int another_function(const uint8_t *request, uint8_t *reply) {
+    int size = sane(request, reply);
+    reply[7] ^= 7; /* 3 becomes 4 */
+    return size;
+}
+
+static int too_few_values(const uint8_t *request, uint8_t *reply) {
+    const uint8_t data[3] = {2, 0, 0};
+    return reply_with(request, reply, request[7], data, sizeof data);
+}
+
+static int talkative(const uint8_t *request, uint8_t *reply) {
+    int size = sane(request, reply);
+    memset(reply + size, 0xEE, 5);
+    return size + 5;
+}
+
+static int not_a_number(const uint8_t *request, uint8_t *reply) {
+    const uint8_t data[5] = {4, 0x7F, 0xC0, 0, 0};
+    return reply_with(request, reply, request[7], data, sizeof data);
+}
+
+static int unit_2_fails(const uint8_t *request, uint8_t *reply) {
+    return request[6] == 2 ? exception(request, reply, 4) : sane(request, reply);
+}
+
+static int unit_2_fails_strangely(const uint8_t *request, uint8_t *reply) {
+    return request[6] == 2 ? exception(request, reply, 0x50) : sane(request, reply);
+}
+
+static int unit_2_is_silent(const uint8_t *request, uint8_t *reply) {
+    return request[6] == 2 ? NO_ANSWER : sane(request, reply);
+}
+
+static int units_1_and_3_are_silent(const uint8_t *request, uint8_t *reply) {
+    return request[6] == 1 || request[6] == 3 ? NO_ANSWER : sane(request, reply);
+}
+
+/* There are registers at 0 to 3 and from 10 on. */
+static int has_a_hole(const uint8_t *request, uint8_t *reply) {
+    unsigned end = address_of(request) + count_of(request);
+    return end > 4 && address_of(request) < 10 ? exception(request, reply, 2) : sane(request, reply);
+}
+
+/* Two registers at a time, no more. */
+static int is_narrow(const uint8_t *request, uint8_t *reply) {
+    return count_of(request) > 2 ? exception(request, reply, 3) : sane(request, reply);
+}
+
+/* ---- the driver under test ---- */
+
+static tl_plant_io *io;
+static tl_error error;
+static tl_modbus_channel channels[CHANNELS];
+static size_t channel_count;
+
+static void add_of(uint8_t unit_id, tl_modbus_table table, unsigned address, tl_modbus_type type) {
+    channels[channel_count] =
+        (tl_modbus_channel){.unit_id = unit_id, .table = table, .address = (uint16_t)address, .type = type, .scale = 1};
+    channel_count++;
+}
+
+static void add(unsigned address) {
+    add_of(1, TL_MODBUS_HOLDING, address, TL_MODBUS_UINT16);
+}
+
+static void open_driver(const char *host, uint16_t port, double timeout_s) {
+    const tl_modbus_settings settings = {
+        .host = host, .port = port, .timeout_s = timeout_s, .channels = channels, .channel_count = channel_count};
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_modbus_open(&settings, &io, &error));
+}
+
+static void poll_once(void) {
+    bool finished = true;
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_modbus_driver.poll(io, &SINK, &finished, &error));
+    TEST_ASSERT_FALSE(finished);
+}
+
+/* Polls until a channel has that quality. */
+static void poll_until(size_t channel, tl_quality quality) {
+    tl_time deadline = now() + 60 * TL_SECOND;
+    do {
+        TEST_ASSERT_TRUE_MESSAGE(now() < deadline, link_text);
+        poll_once();
+        if (readings[channel].quality != quality) {
+            pause_ms(5);
+        }
+    } while (posts[channel] == 0 || readings[channel].quality != quality);
+}
+
+static void expect(size_t channel, double value, tl_quality quality) {
+    TEST_ASSERT_TRUE(posts[channel] > 0);
+    TEST_ASSERT_EQUAL_INT(quality, readings[channel].quality);
+    TEST_ASSERT_EQUAL_DOUBLE(value, readings[channel].value);
+}
+
+static void expect_link(bool up, const char *part) {
+    TEST_ASSERT_EQUAL_INT(up, link_up);
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(link_text, part), link_text);
+}
+
+void setUp(void) {
+    memset(posts, 0, sizeof posts);
+    memset(readings, 0, sizeof readings);
+    memset(channels, 0, sizeof channels);
+    channel_count = 0;
+    links = 0;
+    downs = 0;
+    link_up = false;
+    link_text[0] = '\0';
+    io = NULL;
+    error = (tl_error){TL_OK, ""};
+    other.listener = -1;
+    other.requests = 0;
+    other.connections = 0;
+    other.recorded = 0;
+}
+
+/* Whatever was sent: whole requests of functions 1 to 4, within the protocol's limits. */
+static void expect_only_reads_on_the_wire(void) {
+    TEST_ASSERT_EQUAL_size_t(0, other.recorded % 12);
+    for (size_t at = 0; at < other.recorded; at += 12) {
+        const uint8_t *request = other.record + at;
+        unsigned count = count_of(request);
+        TEST_ASSERT_EQUAL_HEX8(0, request[2]);
+        TEST_ASSERT_EQUAL_HEX8(0, request[3]);
+        TEST_ASSERT_EQUAL_HEX8(0, request[4]);
+        TEST_ASSERT_EQUAL_HEX8(6, request[5]);
+        TEST_ASSERT_TRUE(request[7] >= 1 && request[7] <= 4);
+        TEST_ASSERT_TRUE(count >= 1 && count <= (request[7] <= 2 ? 2000 : 125));
+        TEST_ASSERT_TRUE(address_of(request) + count <= 65536);
+    }
+}
+
+void tearDown(void) {
+    if (io != NULL) {
+        tl_modbus_driver.close(io);
+    }
+    stop_peer();
+    expect_only_reads_on_the_wire();
+}
+
+/* ---- values ---- */
+
+static tl_plant_server *start_device(uint16_t port) {
+    const tl_plant_server_settings settings = {
+        .host = "127.0.0.1", .port = port, .channels = channels, .channel_count = channel_count};
+    tl_plant_server *device = NULL;
+    tl_time deadline = now() + 30 * TL_SECOND;
+    while (tl_plant_server_start(&settings, &device, &error) != TL_OK) {
+        TEST_ASSERT_TRUE_MESSAGE(now() < deadline, error.text);
+        pause_ms(5); /* what is left of a former one may still hold the port */
+    }
+    return device;
+}
+
+static void test_every_type_order_and_table(void) {
+    static const tl_modbus_type TYPES[] = {TL_MODBUS_INT16,  TL_MODBUS_UINT16,  TL_MODBUS_INT32,
+                                           TL_MODBUS_UINT32, TL_MODBUS_FLOAT32, TL_MODBUS_FLOAT64};
+    double values[128];
+    unsigned address = 7;
+    for (int table = TL_MODBUS_HOLDING; table <= TL_MODBUS_INPUT; table++) {
+        for (int order = 0; order < 4; order++) {
+            for (size_t i = 0; i < 6; i++) {
+                add_of((uint8_t)(order % 2), (tl_modbus_table)table, address, TYPES[i]);
+                channels[channel_count - 1].words_little = order % 2 != 0;
+                channels[channel_count - 1].bytes_little = order / 2 != 0;
+                channels[channel_count - 1].scale = 0.5;
+                channels[channel_count - 1].offset = -100;
+                address += (unsigned)tl_modbus_registers(TYPES[i]);
+            }
+        }
+    }
+    for (unsigned i = 0; i < 20; i++) {
+        add_of(255, i % 2 == 0 ? TL_MODBUS_COIL : TL_MODBUS_DISCRETE, 3 * i, TL_MODBUS_BIT);
+    }
+    tl_plant_server *device = start_device(0);
+    for (size_t i = 0; i < channel_count; i++) {
+        values[i] = channels[i].type == TL_MODBUS_BIT ? (double)(i / 3 % 2) : 50.5 + (double)i;
+    }
+    tl_plant_server_set_all(device, values, NULL);
+    open_driver("127.0.0.1", tl_plant_server_port(device), 10);
+    tl_time before = now();
+    poll_once();
+    tl_time after = now();
+    for (size_t i = 0; i < channel_count; i++) {
+        expect(i, values[i], TL_GOOD);
+        TEST_ASSERT_EQUAL_size_t(1, posts[i]);
+        TEST_ASSERT_TRUE(readings[i].stamp >= before && readings[i].stamp <= after);
+    }
+    TEST_ASSERT_EQUAL_size_t(1, links);
+    expect_link(true, "connected");
+    TEST_ASSERT_EQUAL_UINT64(0, tl_plant_server_count(device).refused_writes);
+    TEST_ASSERT_EQUAL_UINT64(6, tl_plant_server_count(device).requests); /* 2 units x 2 tables, coils, discretes */
+    tl_plant_server_stop(device);
+}
+
+static void test_more_than_one_request_holds(void) {
+    for (unsigned i = 0; i < 40; i++) {
+        add_of(1, TL_MODBUS_INPUT, 4 * i, TL_MODBUS_FLOAT64);
+    }
+    for (unsigned i = 0; i < 2100; i++) {
+        add_of(1, TL_MODBUS_DISCRETE, i, TL_MODBUS_BIT);
+    }
+    tl_plant_server *device = start_device(0);
+    for (size_t i = 0; i < channel_count; i++) {
+        tl_plant_server_set(device, i, i < 40 ? 1.0 / (double)(i + 1) : (double)(i % 3 == 0));
+    }
+    open_driver("127.0.0.1", tl_plant_server_port(device), 10);
+    poll_once();
+    for (size_t i = 0; i < channel_count; i++) {
+        expect(i, i < 40 ? 1.0 / (double)(i + 1) : (double)(i % 3 == 0), TL_GOOD);
+    }
+    TEST_ASSERT_EQUAL_UINT64(4, tl_plant_server_count(device).requests);
+    tl_plant_server_stop(device);
+}
+
+static void test_a_float_that_is_no_number(void) {
+    add_of(1, TL_MODBUS_INPUT, 0, TL_MODBUS_FLOAT32);
+    start_peer(not_a_number);
+    open_driver("127.0.0.1", other.port, 10);
+    poll_once();
+    expect(0, 0, TL_NOT_A_NUMBER);
+    expect_link(true, "connected");
+}
+
+static void test_the_request_as_it_is_written(void) {
+    static const uint8_t EXPECTED[] = {0, 0, 0, 6, 17, 4, 0x12, 0x34, 0, 4}; /* after the transaction */
+    add_of(17, TL_MODBUS_INPUT, 0x1234, TL_MODBUS_FLOAT64);
+    start_peer(sane);
+    open_driver("127.0.0.1", other.port, 10);
+    poll_once();
+    TEST_ASSERT_EQUAL_size_t(1, requests());
+    TEST_ASSERT_EQUAL_HEX8_ARRAY(EXPECTED, other.record + 2, sizeof EXPECTED);
+}
+
+static void test_no_channels(void) {
+    start_peer(sane);
+    open_driver("127.0.0.1", other.port, 10);
+    poll_once();
+    poll_once();
+    TEST_ASSERT_EQUAL_size_t(0, requests());
+}
+
+/* ---- the server is absent, dies, returns ---- */
+
+static void test_an_absent_server_that_comes(void) {
+    add(1);
+    add(2);
+    other.listener = bind_somewhere(&other.port); /* nobody else gets this port, and nobody listens */
+    open_driver("127.0.0.1", other.port, 10);
+    for (size_t i = 1; i <= 20; i++) {
+        poll_once();
+        TEST_ASSERT_EQUAL_size_t(i, posts[0]); /* also while it waits with the next attempt */
+        TEST_ASSERT_EQUAL_size_t(i, posts[1]);
+    }
+    expect(0, 0, TL_NO_LINK);
+    TEST_ASSERT_EQUAL_size_t(1, links);
+    expect_link(false, "refused");
+    TEST_ASSERT_NOT_NULL(strstr(link_text, "127.0.0.1:"));
+    start_peer(sane);
+    poll_until(0, TL_GOOD);
+    expect(1, 2, TL_GOOD);
+    TEST_ASSERT_EQUAL_size_t(2, links);
+    expect_link(true, "connected");
+}
+
+static void test_a_server_that_dies_and_returns(void) {
+    add(5);
+    tl_plant_server *device = start_device(0);
+    uint16_t port = tl_plant_server_port(device);
+    tl_plant_server_set(device, 0, 11);
+    open_driver("127.0.0.1", port, 10);
+    poll_once();
+    expect(0, 11, TL_GOOD);
+    tl_plant_server_stop(device);
+    poll_until(0, TL_NO_LINK);
+    TEST_ASSERT_EQUAL_size_t(2, links);
+    expect_link(false, "refused");
+    device = start_device(port);
+    tl_plant_server_set(device, 0, 12);
+    poll_until(0, TL_GOOD);
+    expect(0, 12, TL_GOOD);
+    TEST_ASSERT_EQUAL_size_t(3, links);
+    expect_link(true, "connected");
+    tl_plant_server_stop(device);
+}
+
+static void test_attempts_are_paused(void) {
+    add(0);
+    start_peer(hang_up);
+    open_driver("127.0.0.1", other.port, 10);
+    tl_time begin = now();
+    size_t polls = 0;
+    while (now() < begin + TL_SECOND) {
+        poll_once();
+        polls++;
+        pause_ms(5);
+    }
+    /* 0.1, 0.3, 0.7 s: four attempts in the first second. */
+    TEST_ASSERT_TRUE(connections() >= 1 && connections() <= 4);
+    TEST_ASSERT_EQUAL_size_t(polls, posts[0]);
+    TEST_ASSERT_EQUAL_size_t(1, links);
+    expect_link(false, "Connection reset");
+    set_answer(sane);
+    poll_until(0, TL_GOOD);
+}
+
+/* What came before an answer does not make the next outage longer. */
+static void test_pauses_begin_anew(void) {
+    add(0);
+    start_peer(hang_up);
+    open_driver("127.0.0.1", other.port, 10);
+    for (size_t wanted = 1; wanted <= 4; wanted++) { /* pauses of 0.1, 0.2, 0.4 s, and 0.8 s to come */
+        while (connections() < wanted) {
+            poll_once();
+            pause_ms(5);
+        }
+    }
+    set_answer(sane);
+    poll_until(0, TL_GOOD);
+    set_answer(hang_up);
+    poll_until(0, TL_NO_LINK);
+    tl_time begin = now();
+    for (size_t before = connections(); connections() == before; pause_ms(5)) {
+        poll_once();
+    }
+    TEST_ASSERT_TRUE(now() - begin < TL_SECOND); /* 0.1 s; else it were 1.6 s */
+}
+
+static void test_a_name(void) {
+    add(3);
+    start_peer(sane);
+    open_driver("localhost", other.port, 10);
+    poll_once();
+    expect(0, 3, TL_GOOD);
+}
+
+static void test_a_name_that_is_none(void) {
+    char name[80];
+    memset(name, 'x', sizeof name - 1); /* no label may be that long, so nobody is asked */
+    name[sizeof name - 1] = '\0';
+    add(3);
+    open_driver(name, 502, 10);
+    poll_once();
+    expect(0, 0, TL_NO_LINK);
+    expect_link(false, "the name cannot be resolved: ");
+}
+
+/* ---- the server does not answer as it should ---- */
+
+/* The peer answers so; the poll finds no link and says why. Then it comes to its senses. */
+static void expect_down_and_up(answer_function *answer, double timeout_s, const char *why) {
+    add(1);
+    add(2);
+    start_peer(answer);
+    open_driver("127.0.0.1", other.port, timeout_s);
+    poll_once();
+    expect(0, 0, TL_NO_LINK);
+    expect(1, 0, TL_NO_LINK);
+    TEST_ASSERT_EQUAL_size_t(1, links);
+    expect_link(false, why);
+    set_answer(sane);
+    poll_until(0, TL_GOOD);
+    expect(0, 1, TL_GOOD);
+    expect(1, 2, TL_GOOD);
+    TEST_ASSERT_EQUAL_size_t(2, links);
+    expect_link(true, "connected");
+    TEST_ASSERT_TRUE(connections() >= 2); /* a new connection each time: nothing old can be taken for an answer */
+}
+
+/* The same in the middle of a conversation. */
+static void expect_lost_and_found(answer_function *answer, double timeout_s) {
+    add(1);
+    start_peer(sane);
+    open_driver("127.0.0.1", other.port, timeout_s);
+    poll_once();
+    expect(0, 1, TL_GOOD);
+    set_answer(answer);
+    poll_until(0, TL_NO_LINK);
+    TEST_ASSERT_EQUAL_size_t(1, downs);
+    set_answer(sane);
+    poll_until(0, TL_GOOD);
+    expect(0, 1, TL_GOOD);
+    TEST_ASSERT_EQUAL_size_t(1, downs);
+    TEST_ASSERT_EQUAL_size_t(3, links);
+}
+
+static void test_silence(void) {
+    tl_time begin = now();
+    expect_down_and_up(silent, 0.4, "no answer within 0.4 s");
+    TEST_ASSERT_TRUE(now() >= begin + 400000000);
+}
+
+static void test_silence_later(void) {
+    expect_lost_and_found(silent, 0.4);
+}
+
+static void test_half_a_frame(void) {
+    expect_down_and_up(half_a_frame, 0.4, "no answer within 0.4 s");
+}
+
+static void test_hanging_up(void) {
+    expect_down_and_up(hang_up, 10, "Connection reset");
+}
+
+static void test_garbage(void) {
+    expect_down_and_up(garbage, 10, "answered transaction 4364 when asked for 1: ");
+}
+
+static void test_garbage_later(void) {
+    expect_lost_and_found(garbage, 10);
+}
+
+static void test_another_transaction(void) {
+    expect_down_and_up(another_transaction, 10, "answered transaction 0 when asked for 1: ");
+}
+
+static void test_another_function(void) {
+    expect_down_and_up(another_function, 10, "answered function 4 when asked for function 3: ");
+}
+
+static void test_too_few_values(void) {
+    expect_down_and_up(too_few_values, 10, "answered 2 bytes of values when asked for 4: ");
+}
+
+/* One byte each 40 ms, of an answer of 259 bytes: the time is that of the whole answer, not of its next byte. */
+static int trickle_client = -1;
+
+static void *trickle(void *context) {
+    uint8_t request[FRAME];
+    int listener = *(const int *)context;
+    int client = accept(listener, NULL, NULL);
+    uint8_t reply[FRAME];
+    if (client >= 0 && recv(client, request, sizeof request, 0) == 12) {
+        int size = sane(request, reply);
+        for (int i = 0; i < size && send(client, reply + i, 1, MSG_NOSIGNAL) == 1; i++) {
+            pause_ms(40);
+        }
+    }
+    trickle_client = client;
+    return NULL;
+}
+
+static void test_an_answer_that_trickles(void) {
+    pthread_t thread;
+    for (unsigned i = 0; i < 125; i++) {
+        add(i);
+    }
+    other.listener = bind_somewhere(&other.port);
+    TEST_ASSERT_EQUAL_INT(0, listen(other.listener, 1));
+    TEST_ASSERT_EQUAL_INT(0, pthread_create(&thread, NULL, trickle, &other.listener));
+    open_driver("127.0.0.1", other.port, 0.2);
+    tl_time begin = now();
+    poll_once();
+    TEST_ASSERT_TRUE(now() - begin < 5 * TL_SECOND);
+    expect(0, 0, TL_NO_LINK);
+    expect_link(false, "no answer within 0.2 s");
+    TEST_ASSERT_EQUAL_INT(0, pthread_join(thread, NULL));
+    (void)close(trickle_client);
+}
+
+static void test_more_than_was_asked_for(void) {
+    add(1);
+    start_peer(talkative);
+    open_driver("127.0.0.1", other.port, 10);
+    for (int i = 0; i < 5; i++) {
+        poll_once();
+        expect(0, 1, TL_GOOD); /* what came too much is never taken for an answer */
+        pause_ms(5);
+    }
+    TEST_ASSERT_EQUAL_size_t(2, links); /* connected, and this, once */
+    expect_link(true, "sends more than was asked for");
+    TEST_ASSERT_TRUE(connections() > 1);
+}
+
+static int answers_left; /* of the peer's thread, once it runs */
+
+static int answers_once(const uint8_t *request, uint8_t *reply) {
+    answers_left--;
+    return answers_left >= 0 ? sane(request, reply) : NO_ANSWER;
+}
+
+/* A device that closes idle connections. */
+static void test_a_connection_that_was_closed_between_polls(void) {
+    add(1);
+    start_peer(sane);
+    open_driver("127.0.0.1", other.port, 10);
+    poll_once();
+    for (int i = 0; i < 3; i++) {
+        int extra = socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
+        struct sockaddr_in address = {
+            .sin_family = AF_INET, .sin_port = htons(other.port), .sin_addr = {htonl(INADDR_LOOPBACK)}};
+        /* The peer leaves one client for the next: it hangs up on the driver, then, when this one goes, listens. */
+        TEST_ASSERT_EQUAL_INT(0, connect(extra, (struct sockaddr *)&address, sizeof address));
+        size_t wanted = connections();
+        while (wanted < 2 + 2 * (size_t)i) {
+            pause_ms(1);
+            wanted = connections();
+        }
+        pause_ms(5);
+        (void)close(extra);
+        poll_once();
+        expect(0, 1, TL_GOOD);
+    }
+    TEST_ASSERT_EQUAL_size_t(1, links); /* nobody was told: nothing was lost */
+}
+
+/* Dies in the middle of a poll that has begun well. */
+static void test_a_poll_that_is_half_answered(void) {
+    add(0);
+    add(1000);
+    answers_left = 1;
+    start_peer(answers_once);
+    open_driver("127.0.0.1", other.port, 0.4);
+    poll_once();
+    expect(0, 0, TL_GOOD);
+    expect(1, 0, TL_NO_LINK);
+    expect_link(true, "unit 1, holding register 1000 to 1000: no answer within 0.4 s");
+    poll_until(0, TL_NO_LINK);
+    expect_link(false, "no answer within 0.4 s");
+    set_answer(sane);
+    poll_until(1, TL_GOOD);
+    poll_until(0, TL_GOOD);
+    expect(1, 1000, TL_GOOD);
+}
+
+/* ---- exceptions ---- */
+
+static void add_three_units(void) {
+    for (uint8_t unit = 1; unit <= 3; unit++) {
+        add_of(unit, TL_MODBUS_HOLDING, unit, TL_MODBUS_UINT16);
+    }
+}
+
+static void test_an_exception_costs_its_own_channels_only(void) {
+    add_three_units();
+    start_peer(unit_2_fails);
+    open_driver("127.0.0.1", other.port, 10);
+    for (int i = 0; i < 3; i++) {
+        poll_once();
+        expect(0, 1, TL_GOOD);
+        expect(1, 0, TL_NO_LINK);
+        expect(2, 3, TL_GOOD);
+    }
+    TEST_ASSERT_EQUAL_size_t(2, links); /* connected, and this, once */
+    expect_link(true, "unit 2, holding register 2 to 2: Slave device or server failure");
+    TEST_ASSERT_EQUAL_size_t(1, connections());
+    set_answer(sane);
+    poll_once();
+    expect(1, 2, TL_GOOD);
+    TEST_ASSERT_EQUAL_size_t(3, links);
+    expect_link(true, "answers again");
+}
+
+static void test_an_exception_that_nobody_knows(void) {
+    add_three_units();
+    start_peer(unit_2_fails_strangely);
+    open_driver("127.0.0.1", other.port, 10);
+    poll_once();
+    poll_once();
+    expect(0, 1, TL_GOOD);
+    expect(1, 0, TL_NO_LINK);
+    expect(2, 3, TL_GOOD);
+    TEST_ASSERT_EQUAL_size_t(1, connections());
+    TEST_ASSERT_EQUAL_size_t(2, links);
+}
+
+static void test_a_hole_is_not_read(void) {
+    add(0);
+    add(3);
+    add(10);
+    add(11);
+    start_peer(has_a_hole);
+    open_driver("127.0.0.1", other.port, 10);
+    poll_once();
+    const double values[] = {0, 3, 10, 11};
+    for (size_t i = 0; i < 4; i++) {
+        expect(i, values[i], TL_GOOD);
+    }
+    TEST_ASSERT_EQUAL_size_t(4, requests()); /* all of it; then 0, 3, and 10 with 11 */
+    poll_once();
+    TEST_ASSERT_EQUAL_size_t(7, requests());
+    TEST_ASSERT_EQUAL_size_t(1, links); /* not worth a word */
+}
+
+/* The requests that come before the one a poll begins with are more all at once: none is forgotten. */
+static void test_a_hole_behind_the_beginning(void) {
+    add(0);
+    add(3);
+    add(10);
+    add_of(2, TL_MODBUS_HOLDING, 0, TL_MODBUS_UINT16);
+    start_peer(silent);
+    open_driver("127.0.0.1", other.port, 0.4);
+    poll_once(); /* the next poll begins with unit 2 */
+    expect_link(false, "no answer");
+    set_answer(has_a_hole);
+    poll_until(3, TL_GOOD);
+    expect(0, 0, TL_GOOD);
+    expect(1, 3, TL_GOOD);
+    expect(2, 10, TL_GOOD);
+}
+
+static void test_one_wrong_address_does_not_spoil_its_neighbours(void) {
+    add(2);
+    add(3);
+    add(4); /* is in the hole */
+    start_peer(has_a_hole);
+    open_driver("127.0.0.1", other.port, 10);
+    poll_once();
+    expect(0, 2, TL_GOOD);
+    expect(1, 3, TL_GOOD);
+    expect(2, 0, TL_NO_LINK);
+    expect_link(true, "unit 1, holding register 4 to 4: Illegal data address");
+}
+
+static void test_a_device_that_wants_small_requests(void) {
+    add_of(1, TL_MODBUS_INPUT, 0, TL_MODBUS_UINT32);
+    add_of(1, TL_MODBUS_INPUT, 2, TL_MODBUS_UINT32);
+    add_of(1, TL_MODBUS_INPUT, 4, TL_MODBUS_FLOAT64); /* too large for it, and is not cut */
+    start_peer(is_narrow);
+    open_driver("127.0.0.1", other.port, 10);
+    poll_once();
+    expect(0, 1, TL_GOOD);
+    expect(1, 0x00020003, TL_GOOD);
+    expect(2, 0, TL_NO_LINK);
+    expect_link(true, "unit 1, input register 4 to 7: Illegal data value");
+}
+
+/* After the link was down it may be another device: everything is tried anew. */
+static void test_a_new_device_gets_the_large_requests(void) {
+    add(0);
+    add(1);
+    add(2);
+    start_peer(is_narrow);
+    open_driver("127.0.0.1", other.port, 0.4);
+    poll_once();
+    expect(2, 2, TL_GOOD);
+    set_answer(silent);
+    poll_until(0, TL_NO_LINK);
+    set_answer(sane);
+    poll_until(0, TL_GOOD);
+    size_t before = requests();
+    poll_once();
+    TEST_ASSERT_EQUAL_size_t(before + 1, requests());
+}
+
+/* ---- a silent unit behind a gateway ---- */
+
+/* Polls for a second: are channels `a` and `b` good all the time, `c` never, is there nothing to tell, and does the
+ * silence delay few of the polls? */
+static bool is_steady(size_t a, size_t b, size_t c) {
+    size_t links_before = links;
+    size_t polls = 0;
+    bool steady = true;
+    tl_time end = now() + TL_SECOND;
+    for (; now() < end; polls++) {
+        poll_once();
+        steady = steady && readings[a].quality == TL_GOOD && readings[b].quality == TL_GOOD;
+        TEST_ASSERT_EQUAL_INT(TL_NO_LINK, readings[c].quality);
+        pause_ms(5);
+    }
+    return steady && polls >= 20 && link_up && links == links_before;
+}
+
+/* On a machine that is too busy to answer in time it may not be at first. */
+static void expect_steady(size_t a, size_t b, size_t c) {
+    bool steady = false;
+    for (int i = 0; i < 20 && !steady; i++) {
+        steady = is_steady(a, b, c);
+    }
+    TEST_ASSERT_TRUE_MESSAGE(steady, link_text);
+}
+
+static void test_a_silent_unit_does_not_stop_the_others(void) {
+    add_three_units();
+    start_peer(unit_2_is_silent);
+    open_driver("127.0.0.1", other.port, 0.2);
+    poll_until(0, TL_GOOD);
+    poll_until(2, TL_GOOD);
+    expect_steady(0, 2, 1);
+    size_t before = links;
+    set_answer(sane);
+    poll_until(1, TL_GOOD);
+    expect(1, 2, TL_GOOD);
+    TEST_ASSERT_EQUAL_size_t(before + 1, links);
+    expect_link(true, "unit 2, holding register 2 to 2: answers again");
+}
+
+static void test_silent_units_that_are_asked_first(void) {
+    add_three_units();
+    add_of(4, TL_MODBUS_HOLDING, 4, TL_MODBUS_UINT16);
+    start_peer(units_1_and_3_are_silent);
+    open_driver("127.0.0.1", other.port, 0.2);
+    poll_until(1, TL_GOOD);
+    poll_until(3, TL_GOOD);
+    expect_steady(1, 3, 0);
+    expect(2, 0, TL_NO_LINK);
+    set_answer(sane);
+    poll_until(0, TL_GOOD);
+    poll_until(2, TL_GOOD);
+    expect(0, 1, TL_GOOD);
+    expect(2, 3, TL_GOOD);
+}
+
+/* ---- interrupt ---- */
+
+static bool polling; /* atomic */
+
+static void *poll_in_thread(void *context) {
+    (void)context;
+    bool finished = false;
+    (void)tl_modbus_driver.poll(io, &SINK, &finished, &error);
+    __atomic_store_n(&polling, false, __ATOMIC_RELEASE);
+    return NULL;
+}
+
+/* Interrupts a poll that would wait for a minute. */
+static void expect_interruptible(void) {
+    pthread_t thread;
+    __atomic_store_n(&polling, true, __ATOMIC_RELEASE);
+    size_t asked = requests();
+    TEST_ASSERT_EQUAL_INT(0, pthread_create(&thread, NULL, poll_in_thread, NULL));
+    for (int i = 0; i < 100 && requests() == asked; i++) {
+        pause_ms(1); /* until it waits for the answer; the one that connects just gets some time */
+    }
+    TEST_ASSERT_TRUE(__atomic_load_n(&polling, __ATOMIC_ACQUIRE));
+    tl_time begin = now();
+    tl_modbus_driver.interrupt(io);
+    TEST_ASSERT_EQUAL_INT(0, pthread_join(thread, NULL));
+    TEST_ASSERT_TRUE(now() - begin < 10 * TL_SECOND);
+    TEST_ASSERT_EQUAL_size_t(0, posts[0]); /* nothing is known, nothing is said */
+    TEST_ASSERT_EQUAL_size_t(0, links);
+}
+
+static void test_interrupt_while_it_waits_for_an_answer(void) {
+    add(1);
+    start_peer(silent);
+    open_driver("127.0.0.1", other.port, 60);
+    expect_interruptible();
+    set_answer(sane);
+    poll_once(); /* not interrupted any more, and no pause */
+    expect(0, 1, TL_GOOD);
+    TEST_ASSERT_EQUAL_size_t(0, downs);
+}
+
+enum { BACKLOG = 16 };
+
+/* Fills the queue of a listener that never accepts: the next one to connect waits. */
+static void fill_backlog(int *fillers) {
+    struct sockaddr_in address = {
+        .sin_family = AF_INET, .sin_port = htons(other.port), .sin_addr = {htonl(INADDR_LOOPBACK)}};
+    TEST_ASSERT_EQUAL_INT(0, listen(other.listener, 0));
+    for (int i = 0; i < BACKLOG; i++) {
+        fillers[i] = socket(AF_INET, SOCK_STREAM | SOCK_NONBLOCK | SOCK_CLOEXEC, 0);
+        struct pollfd done = {.fd = fillers[i], .events = POLLOUT};
+        TEST_ASSERT_TRUE(fillers[i] >= 0);
+        (void)connect(fillers[i], (struct sockaddr *)&address, sizeof address);
+        if (poll(&done, 1, 100) == 0) {
+            return;
+        }
+    }
+    TEST_IGNORE_MESSAGE("this system lets everybody connect");
+}
+
+static void close_fillers(const int *fillers) {
+    for (int i = 0; i < BACKLOG; i++) {
+        if (fillers[i] >= 0) {
+            (void)close(fillers[i]);
+        }
+    }
+}
+
+static void test_interrupt_while_it_connects(void) {
+    int fillers[BACKLOG];
+    memset(fillers, -1, sizeof fillers);
+    add(1);
+    other.listener = bind_somewhere(&other.port);
+    fill_backlog(fillers);
+    open_driver("127.0.0.1", other.port, 60);
+    expect_interruptible();
+    close_fillers(fillers);
+}
+
+static void test_connecting_takes_no_longer_than_the_timeout(void) {
+    int fillers[BACKLOG];
+    memset(fillers, -1, sizeof fillers);
+    add(1);
+    other.listener = bind_somewhere(&other.port);
+    fill_backlog(fillers);
+    open_driver("127.0.0.1", other.port, 0.1);
+    tl_time begin = now();
+    poll_once();
+    TEST_ASSERT_TRUE(now() - begin >= 100000000);
+    TEST_ASSERT_TRUE(now() - begin < 10 * TL_SECOND);
+    expect(0, 0, TL_NO_LINK);
+    expect_link(false, "timed out");
+    close_fillers(fillers);
+}
+
+static void test_an_interrupt_is_not_lost(void) {
+    add(1);
+    start_peer(sane);
+    open_driver("127.0.0.1", other.port, 10);
+    tl_modbus_driver.interrupt(io);
+    tl_modbus_driver.interrupt(io);
+    poll_once(); /* this one returns at once */
+    TEST_ASSERT_EQUAL_size_t(0, posts[0]);
+    poll_once();
+    expect(0, 1, TL_GOOD);
+    tl_modbus_driver.interrupt(io); /* its connection is gone with that */
+    poll_once();
+    TEST_ASSERT_EQUAL_size_t(1, posts[0]);
+    poll_once();
+    TEST_ASSERT_EQUAL_size_t(2, posts[0]);
+    expect(0, 1, TL_GOOD);
+    TEST_ASSERT_EQUAL_size_t(1, links);
+}
+
+static void *interrupt_often(void *context) {
+    (void)context;
+    while (__atomic_load_n(&polling, __ATOMIC_ACQUIRE)) {
+        tl_modbus_driver.interrupt(io);
+        pause_ms(1);
+    }
+    return NULL;
+}
+
+/* For ThreadSanitizer; and a driver that was interrupted anywhere goes on. */
+static void test_interrupts_at_any_time(void) {
+    pthread_t thread;
+    add(1);
+    tl_plant_server *device = start_device(0);
+    tl_plant_server_set(device, 0, 9);
+    open_driver("127.0.0.1", tl_plant_server_port(device), 10);
+    __atomic_store_n(&polling, true, __ATOMIC_RELEASE);
+    TEST_ASSERT_EQUAL_INT(0, pthread_create(&thread, NULL, interrupt_often, NULL));
+    tl_time end = now() + TL_SECOND / 5;
+    while (now() < end) {
+        poll_once();
+    }
+    __atomic_store_n(&polling, false, __ATOMIC_RELEASE);
+    TEST_ASSERT_EQUAL_INT(0, pthread_join(thread, NULL));
+    poll_once();
+    poll_until(0, TL_GOOD);
+    expect(0, 9, TL_GOOD);
+    TEST_ASSERT_EQUAL_size_t(0, downs);
+    tl_plant_server_stop(device);
+}
+
+/* ---- resources and settings ---- */
+
+static void test_descriptors_beyond_those_of_select(void) {
+    static int many[FD_SETSIZE];
+    struct rlimit before;
+    TEST_ASSERT_EQUAL_INT(0, getrlimit(RLIMIT_NOFILE, &before));
+    struct rlimit wanted = before;
+    wanted.rlim_cur = (rlim_t)2 * FD_SETSIZE;
+    if (wanted.rlim_cur > before.rlim_max || setrlimit(RLIMIT_NOFILE, &wanted) != 0) {
+        TEST_IGNORE_MESSAGE("not so many descriptors here");
+    }
+    add(1);
+    start_peer(sane);
+    open_driver("127.0.0.1", other.port, 10);
+    size_t count = 0;
+    do {
+        many[count] = open("/dev/null", O_RDONLY | O_CLOEXEC);
+        TEST_ASSERT_TRUE(many[count] >= 0);
+        count++;
+    } while (many[count - 1] < FD_SETSIZE);
+    poll_once();
+    expect(0, 1, TL_GOOD);
+    while (count > 0) {
+        count--;
+        (void)close(many[count]);
+    }
+    TEST_ASSERT_EQUAL_INT(0, setrlimit(RLIMIT_NOFILE, &before));
+}
+
+static void expect_refused(const tl_modbus_settings *settings, const char *part) {
+    tl_plant_io *none = NULL;
+    error = (tl_error){TL_OK, ""};
+    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, tl_modbus_open(settings, &none, &error));
+    TEST_ASSERT_NULL(none);
+    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, error.status);
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, part), error.text);
+}
+
+static void test_settings_that_are_wrong(void) {
+    tl_modbus_settings settings = {.host = "127.0.0.1", .port = 502, .timeout_s = 1};
+    settings.host = "";
+    expect_refused(&settings, "a name or an address");
+    settings.host = NULL;
+    expect_refused(&settings, "a name or an address");
+    settings.host = "127.0.0.1";
+    settings.timeout_s = 0;
+    expect_refused(&settings, "timeout_s is 0");
+    settings.timeout_s = (double)NAN;
+    expect_refused(&settings, "timeout_s is ");
+    settings.timeout_s = HUGE_VAL;
+    expect_refused(&settings, "timeout_s is inf");
+}
+
+static void test_channels_that_are_wrong(void) {
+    const tl_modbus_channel good = {
+        .unit_id = 1, .table = TL_MODBUS_HOLDING, .address = 0, .type = TL_MODBUS_INT16, .scale = 1};
+    tl_modbus_channel pair[2] = {good, good};
+    const tl_modbus_settings settings = {
+        .host = "127.0.0.1", .port = 502, .timeout_s = 1, .channels = pair, .channel_count = 2};
+    pair[1].table = (tl_modbus_table)5;
+    expect_refused(&settings, "channel 1: there is no table 5");
+    pair[1].table = (tl_modbus_table)0;
+    expect_refused(&settings, "there is no table 0");
+    pair[1].table = TL_MODBUS_COIL;
+    expect_refused(&settings, "hold bits, nothing else");
+    pair[1] = good;
+    pair[1].type = TL_MODBUS_BIT;
+    expect_refused(&settings, "hold numbers, not bits");
+    pair[1] = good;
+    pair[1].unit_id = 248;
+    expect_refused(&settings, "unit id 248");
+    pair[1] = good;
+    pair[1].type = TL_MODBUS_FLOAT64;
+    pair[1].address = 65533;
+    expect_refused(&settings, "beyond address 65535");
+    pair[1] = good;
+    pair[1].scale = 0;
+    expect_refused(&settings, "scale must be finite and not 0");
+    pair[1].scale = HUGE_VAL;
+    expect_refused(&settings, "scale must be finite and not 0");
+    pair[1] = good;
+    pair[1].offset = (double)NAN;
+    expect_refused(&settings, "offset finite");
+}
+
+int main(void) {
+    UNITY_BEGIN();
+    RUN_TEST(test_every_type_order_and_table);
+    RUN_TEST(test_more_than_one_request_holds);
+    RUN_TEST(test_a_float_that_is_no_number);
+    RUN_TEST(test_the_request_as_it_is_written);
+    RUN_TEST(test_no_channels);
+    RUN_TEST(test_an_absent_server_that_comes);
+    RUN_TEST(test_a_server_that_dies_and_returns);
+    RUN_TEST(test_attempts_are_paused);
+    RUN_TEST(test_pauses_begin_anew);
+    RUN_TEST(test_a_name);
+    RUN_TEST(test_a_name_that_is_none);
+    RUN_TEST(test_silence);
+    RUN_TEST(test_silence_later);
+    RUN_TEST(test_half_a_frame);
+    RUN_TEST(test_hanging_up);
+    RUN_TEST(test_garbage);
+    RUN_TEST(test_garbage_later);
+    RUN_TEST(test_another_transaction);
+    RUN_TEST(test_another_function);
+    RUN_TEST(test_too_few_values);
+    RUN_TEST(test_an_answer_that_trickles);
+    RUN_TEST(test_more_than_was_asked_for);
+    RUN_TEST(test_a_connection_that_was_closed_between_polls);
+    RUN_TEST(test_a_poll_that_is_half_answered);
+    RUN_TEST(test_an_exception_costs_its_own_channels_only);
+    RUN_TEST(test_an_exception_that_nobody_knows);
+    RUN_TEST(test_a_hole_is_not_read);
+    RUN_TEST(test_a_hole_behind_the_beginning);
+    RUN_TEST(test_one_wrong_address_does_not_spoil_its_neighbours);
+    RUN_TEST(test_a_device_that_wants_small_requests);
+    RUN_TEST(test_a_new_device_gets_the_large_requests);
+    RUN_TEST(test_a_silent_unit_does_not_stop_the_others);
+    RUN_TEST(test_silent_units_that_are_asked_first);
+    RUN_TEST(test_interrupt_while_it_waits_for_an_answer);
+    RUN_TEST(test_interrupt_while_it_connects);
+    RUN_TEST(test_connecting_takes_no_longer_than_the_timeout);
+    RUN_TEST(test_an_interrupt_is_not_lost);
+    RUN_TEST(test_interrupts_at_any_time);
+    RUN_TEST(test_descriptors_beyond_those_of_select);
+    RUN_TEST(test_settings_that_are_wrong);
+    RUN_TEST(test_channels_that_are_wrong);
+    return UNITY_END();
+}

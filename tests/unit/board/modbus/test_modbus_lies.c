@@ -1,0 +1,853 @@
+/* The Modbus driver against a server by TCP that lies: in each number of an answer, for every function that reads.
+ *
+ * Nothing of a wrong answer may be posted, what was wrong is told once, and whatever comes late or twice is never taken for
+ * a later answer. tearDown() looks at each byte that was sent: only requests that read, each with another number.
+ */
+#include <netinet/in.h>
+#include <poll.h>
+#include <pthread.h>
+#include <stdio.h>
+#include <string.h>
+#include <sys/eventfd.h>
+#include <sys/socket.h>
+#include <time.h>
+#include <unistd.h>
+
+#include <unity.h>
+
+#include "board/modbus/modbus.h"
+
+enum { REQUEST = 12, FRAME = 1024, RECORD = 65536, VALUES = 5, CHANNELS = 3 * VALUES };
+
+/* ---- the server ---- */
+
+/* Spoils `size` bytes of a right answer; returns the size of what is sent then. Runs in the server's thread. */
+typedef size_t lie_function(const uint8_t *request, uint8_t *answer, size_t size);
+
+static struct server {
+    pthread_t thread;
+    int listener;
+    int wake;
+    uint16_t port;
+    pthread_mutex_t lock; /* of what follows */
+    lie_function *lie;
+    size_t piece;  /* bytes that are sent at once; 0: all */
+    long pause_ms; /* between them */
+    size_t connections;
+    size_t recorded;
+    uint8_t record[RECORD];
+} server = {.lock = PTHREAD_MUTEX_INITIALIZER};
+
+static void pause_ms(long ms) {
+    const struct timespec time = {.tv_sec = ms / 1000, .tv_nsec = ms % 1000 * 1000000};
+    (void)nanosleep(&time, NULL);
+}
+
+static tl_time now(void) {
+    struct timespec time;
+    (void)clock_gettime(CLOCK_MONOTONIC, &time);
+    return (tl_time)time.tv_sec * TL_SECOND + time.tv_nsec;
+}
+
+static bool is_of_bits(unsigned function) {
+    return function <= TL_MODBUS_DISCRETE;
+}
+
+/* A register holds its address and one more, so that none is 0; a bit is 1. */
+static size_t right_answer(const uint8_t *request, uint8_t *answer) {
+    unsigned address = (unsigned)request[8] * 256 + request[9];
+    unsigned count = (unsigned)request[10] * 256 + request[11];
+    unsigned bytes = is_of_bits(request[7]) ? (count + 7) / 8 : 2 * count;
+    memset(answer, 0xFF, FRAME);
+    memcpy(answer, request, 8);
+    answer[4] = 0;
+    answer[5] = (uint8_t)(3 + bytes);
+    answer[8] = (uint8_t)bytes;
+    for (unsigned i = 0; i < count && !is_of_bits(request[7]); i++) {
+        answer[9 + 2 * i] = (uint8_t)((address + i + 1) / 256);
+        answer[10 + 2 * i] = (uint8_t)((address + i + 1) % 256);
+    }
+    return 9 + bytes;
+}
+
+static bool send_all(int client, const uint8_t *bytes, size_t size, size_t piece, long pause) {
+    bool sent = true;
+    for (size_t at = 0; sent && at < size; at += piece) {
+        size_t some = size - at < piece ? size - at : piece;
+        sent = send(client, bytes + at, some, MSG_NOSIGNAL) == (ssize_t)some;
+        if (pause > 0) {
+            pause_ms(pause);
+        }
+    }
+    return sent;
+}
+
+/* false: the connection is over. */
+static bool serve(int client) {
+    uint8_t request[REQUEST];
+    uint8_t answer[FRAME];
+    if (recv(client, request, sizeof request, MSG_WAITALL) != (ssize_t)sizeof request) {
+        return false;
+    }
+    (void)pthread_mutex_lock(&server.lock);
+    if (server.recorded + REQUEST <= RECORD) {
+        memcpy(server.record + server.recorded, request, REQUEST);
+        server.recorded += REQUEST;
+    }
+    lie_function *lie = server.lie;
+    size_t piece = server.piece > 0 ? server.piece : FRAME;
+    long pause = server.pause_ms;
+    (void)pthread_mutex_unlock(&server.lock);
+    size_t size = right_answer(request, answer);
+    return send_all(client, answer, lie(request, answer, size), piece, pause);
+}
+
+static void *run_server(void *context) {
+    int client = -1;
+    (void)context;
+    for (;;) {
+        struct pollfd all[3] = {{.fd = server.wake, .events = POLLIN},
+                                {.fd = server.listener, .events = POLLIN},
+                                {.fd = client, .events = POLLIN}};
+        (void)poll(all, 3, -1);
+        bool stopped = all[0].revents != 0;
+        if (client >= 0 && (stopped || all[1].revents != 0 || (all[2].revents != 0 && !serve(client)))) {
+            (void)close(client);
+            client = -1;
+        }
+        if (stopped) {
+            return NULL;
+        }
+        if (all[1].revents != 0) {
+            client = accept(server.listener, NULL, NULL);
+            (void)pthread_mutex_lock(&server.lock);
+            server.connections++;
+            (void)pthread_mutex_unlock(&server.lock);
+        }
+    }
+}
+
+static void set_lie(lie_function *lie) {
+    (void)pthread_mutex_lock(&server.lock);
+    server.lie = lie;
+    (void)pthread_mutex_unlock(&server.lock);
+}
+
+static size_t count_of(const size_t *what) {
+    (void)pthread_mutex_lock(&server.lock);
+    size_t count = *what;
+    (void)pthread_mutex_unlock(&server.lock);
+    return count;
+}
+
+static void start_server(void) {
+    struct sockaddr_in address = {.sin_family = AF_INET, .sin_addr = {htonl(INADDR_LOOPBACK)}};
+    socklen_t size = sizeof address;
+    server.listener = socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
+    server.wake = eventfd(0, EFD_CLOEXEC);
+    TEST_ASSERT_EQUAL_INT(0, bind(server.listener, (struct sockaddr *)&address, sizeof address));
+    TEST_ASSERT_EQUAL_INT(0, getsockname(server.listener, (struct sockaddr *)&address, &size));
+    TEST_ASSERT_EQUAL_INT(0, listen(server.listener, 16));
+    server.port = ntohs(address.sin_port);
+    TEST_ASSERT_EQUAL_INT(0, pthread_create(&server.thread, NULL, run_server, NULL));
+}
+
+static void stop_server(void) {
+    const uint64_t one = 1;
+    TEST_ASSERT_EQUAL_INT(sizeof one, write(server.wake, &one, sizeof one));
+    (void)pthread_join(server.thread, NULL);
+    (void)close(server.wake);
+    (void)close(server.listener);
+}
+
+/* ---- lies ---- */
+
+static size_t truth(const uint8_t *request, uint8_t *answer, size_t size) {
+    (void)request;
+    (void)answer;
+    return size;
+}
+
+/* The lie of the moment: these bytes of the answer become these. Set while the server waits. */
+static struct {
+    size_t at;
+    size_t count;
+    unsigned number;
+} forged;
+
+static size_t forge(const uint8_t *request, uint8_t *answer, size_t size) {
+    (void)request;
+    for (size_t i = 0; i < forged.count; i++) {
+        answer[forged.at + i] = (uint8_t)(forged.number >> 8 * (forged.count - 1 - i));
+    }
+    return size;
+}
+
+static void set_forged(size_t at, size_t count, unsigned number) {
+    (void)pthread_mutex_lock(&server.lock);
+    forged.at = at;
+    forged.count = count;
+    forged.number = number;
+    server.lie = forge;
+    (void)pthread_mutex_unlock(&server.lock);
+}
+
+/* An answer that is right in itself, with other values than were asked for. */
+static size_t shaped(uint8_t *answer, size_t bytes) {
+    answer[4] = 0;
+    answer[5] = (uint8_t)(3 + bytes);
+    answer[8] = (uint8_t)bytes;
+    return 9 + bytes;
+}
+
+static size_t more_values(const uint8_t *request, uint8_t *answer, size_t size) {
+    (void)request;
+    return shaped(answer, size - 9 + 2);
+}
+
+static size_t fewer_values(const uint8_t *request, uint8_t *answer, size_t size) {
+    return shaped(answer, is_of_bits(request[7]) ? 0 : size - 9 - 2);
+}
+
+static size_t as_many_as_there_can_be(const uint8_t *request, uint8_t *answer, size_t size) {
+    (void)request;
+    (void)size;
+    return shaped(answer, 251);
+}
+
+static unsigned exception_code;
+
+static size_t exception(const uint8_t *request, uint8_t *answer, size_t size) {
+    (void)size;
+    answer[5] = 3;
+    answer[7] = (uint8_t)(request[7] | 0x80U);
+    answer[8] = (uint8_t)exception_code;
+    return 9;
+}
+
+static size_t another_exception_each_time(const uint8_t *request, uint8_t *answer, size_t size) {
+    exception_code = (exception_code + 1) % 256;
+    return exception(request, answer, size);
+}
+
+static size_t long_exception(const uint8_t *request, uint8_t *answer, size_t size) {
+    (void)exception(request, answer, size);
+    answer[5] = 4;
+    return 10;
+}
+
+static size_t exception_of_another_function(const uint8_t *request, uint8_t *answer, size_t size) {
+    (void)exception(request, answer, size);
+    answer[7] = 0x90;
+    return 9;
+}
+
+/* Ends with the header, so that there is nothing behind the length. */
+static size_t bare_header(const uint8_t *request, uint8_t *answer, size_t size) {
+    (void)request;
+    (void)size;
+    answer[5] = 1;
+    return 7;
+}
+
+static size_t unit_and_function(const uint8_t *request, uint8_t *answer, size_t size) {
+    (void)request;
+    (void)size;
+    answer[5] = 2;
+    return 8;
+}
+
+static size_t trailing_bytes(const uint8_t *request, uint8_t *answer, size_t size) {
+    (void)request;
+    memset(answer + size, 0xEE, 7);
+    return size + 7;
+}
+
+/* Behind the answer another one, as to the next request, with other values. */
+static size_t two_answers(const uint8_t *request, uint8_t *answer, size_t size) {
+    (void)request;
+    memcpy(answer + size, answer, size);
+    answer[size + 1]++;
+    memset(answer + size + 9, 0xAA, size - 9);
+    return 2 * size;
+}
+
+static size_t two_answers_but_refuses_large_requests(const uint8_t *request, uint8_t *answer, size_t size) {
+    if (request[11] > 1) {
+        exception_code = 3;
+        size = exception(request, answer, size);
+    }
+    return two_answers(request, answer, size);
+}
+
+/* Always what would have been right the last time. */
+static size_t one_behind(const uint8_t *request, uint8_t *answer, size_t size) {
+    static uint8_t last[FRAME];
+    static size_t last_size;
+    uint8_t own[FRAME];
+    size_t answered = last_size;
+    (void)request;
+    memcpy(own, answer, size);
+    memcpy(answer, last, last_size);
+    memcpy(last, own, size);
+    last_size = size;
+    return answered;
+}
+
+/* As another unit, and each time as yet another. */
+static size_t unit_2_is_somebody_else(const uint8_t *request, uint8_t *answer, size_t size) {
+    static uint8_t count;
+    if (request[6] == 2) {
+        count = (uint8_t)(count % 200 + 1);
+        answer[6] = (uint8_t)(2 + count);
+    }
+    return size;
+}
+
+static size_t half(const uint8_t *request, uint8_t *answer, size_t size) {
+    (void)request;
+    (void)answer;
+    return size / 2;
+}
+
+/* ---- the driver under test ---- */
+
+static tl_plant_io *io;
+static tl_error error;
+static tl_modbus_channel channels[CHANNELS];
+static size_t channel_count;
+static tl_reading readings[CHANNELS];
+static size_t posts[CHANNELS];
+static size_t good_ones;
+static size_t links;
+static size_t told_of_more; /* than was asked for */
+static bool link_up;
+static char link_text[1024];
+
+static void on_post(void *context, size_t channel, const tl_reading *reading) {
+    (void)context;
+    readings[channel] = *reading;
+    posts[channel]++;
+    good_ones += reading->quality == TL_GOOD ? 1 : 0;
+}
+
+static void on_link(void *context, bool up, const char *text) {
+    (void)context;
+    links++;
+    told_of_more += strstr(text, "sends more than was asked for, which is not used") != NULL ? 1 : 0;
+    link_up = up;
+    (void)snprintf(link_text, sizeof link_text, "%s", text);
+}
+
+static const tl_plant_io_sink SINK = {.post = on_post, .link = on_link};
+
+static void close_driver(void) {
+    if (io != NULL) {
+        tl_modbus_driver.close(io);
+    }
+    io = NULL;
+    channel_count = 0;
+    links = 0;
+    told_of_more = 0;
+    good_ones = 0;
+    memset(posts, 0, sizeof posts);
+    link_text[0] = '\0';
+}
+
+static void add_of(uint8_t unit_id, unsigned function, unsigned address) {
+    channels[channel_count] = (tl_modbus_channel){.unit_id = unit_id,
+                                                  .table = (tl_modbus_table)function,
+                                                  .address = (uint16_t)address,
+                                                  .type = is_of_bits(function) ? TL_MODBUS_BIT : TL_MODBUS_UINT16,
+                                                  .scale = 1};
+    channel_count++;
+}
+
+static double value_of(size_t channel) {
+    return is_of_bits((unsigned)channels[channel].table) ? 1 : channels[channel].address + 1.0;
+}
+
+static void open_with(double timeout_s, bool any_unit_id) {
+    const tl_modbus_settings settings = {.host = "127.0.0.1",
+                                         .port = server.port,
+                                         .any_unit_id = any_unit_id,
+                                         .timeout_s = timeout_s,
+                                         .channels = channels,
+                                         .channel_count = channel_count};
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_modbus_open(&settings, &io, &error));
+}
+
+/* One request, for VALUES values of a table of unit 1. */
+static void open_for(unsigned function, double timeout_s, bool any_unit_id) {
+    close_driver();
+    for (unsigned i = 0; i < VALUES; i++) {
+        add_of(1, function, 300 + i);
+    }
+    open_with(timeout_s, any_unit_id);
+}
+
+static void poll_once(void) {
+    bool finished = true;
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_modbus_driver.poll(io, &SINK, &finished, &error));
+}
+
+static void poll_until(size_t channel, tl_quality quality) {
+    tl_time deadline = now() + 60 * TL_SECOND;
+    do {
+        TEST_ASSERT_TRUE_MESSAGE(now() < deadline, link_text);
+        pause_ms(2);
+        poll_once();
+    } while (readings[channel].quality != quality);
+}
+
+static void expect_values(void) {
+    for (size_t i = 0; i < channel_count; i++) {
+        TEST_ASSERT_EQUAL_INT_MESSAGE(TL_GOOD, readings[i].quality, link_text);
+        TEST_ASSERT_EQUAL_DOUBLE(value_of(i), readings[i].value);
+    }
+}
+
+static void expect_text(const char *part) {
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(link_text, part), link_text);
+}
+
+/* The poll finds no link, and says so and why. */
+static void expect_disbelief(unsigned function, const char *why) {
+    open_for(function, 10, false);
+    poll_once();
+    for (size_t i = 0; i < channel_count; i++) {
+        TEST_ASSERT_EQUAL_INT_MESSAGE(TL_NO_LINK, readings[i].quality, why);
+        TEST_ASSERT_EQUAL_DOUBLE(0, readings[i].value);
+        TEST_ASSERT_EQUAL_size_t(1, posts[i]);
+    }
+    TEST_ASSERT_EQUAL_size_t(1, links);
+    TEST_ASSERT_FALSE(link_up);
+    expect_text(why);
+}
+
+static void expect_disbelief_of_all(const char *why) {
+    for (unsigned function = 1; function <= 4; function++) {
+        expect_disbelief(function, why);
+    }
+}
+
+void setUp(void) {
+    server.lie = truth;
+    server.piece = 0;
+    server.pause_ms = 0;
+    server.connections = 0;
+    server.recorded = 0;
+    io = NULL;
+    error = (tl_error){TL_OK, ""};
+    close_driver();
+    start_server();
+}
+
+/* Whole requests of functions 1 to 4. */
+static void expect_only_reads_on_the_wire(void) {
+    for (size_t at = 0; at < server.recorded; at += REQUEST) {
+        static const uint8_t HEAD[] = {0, 0, 0, 6};
+        TEST_ASSERT_EQUAL_HEX8_ARRAY(HEAD, server.record + at + 2, sizeof HEAD);
+        TEST_ASSERT_TRUE(server.record[at + 7] >= 1 && server.record[at + 7] <= 4);
+    }
+}
+
+void tearDown(void) {
+    close_driver();
+    stop_server();
+    expect_only_reads_on_the_wire();
+}
+
+/* ---- each number of an answer ---- */
+
+static void test_the_truth_is_believed(void) {
+    for (unsigned function = 1; function <= 4; function++) {
+        open_for(function, 10, false);
+        poll_once();
+        poll_once();
+        expect_values();
+        TEST_ASSERT_EQUAL_size_t(1, links);
+    }
+    TEST_ASSERT_EQUAL_size_t(4, count_of(&server.connections));
+}
+
+static void test_another_transaction(void) {
+    set_forged(0, 2, 0);
+    expect_disbelief_of_all("answered transaction 0 when asked for 1: ");
+    set_forged(0, 2, 2); /* the next one's */
+    expect_disbelief_of_all("answered transaction 2 when asked for 1: ");
+}
+
+static void test_another_protocol(void) {
+    set_forged(2, 2, 1);
+    expect_disbelief_of_all("answered in protocol 1, and Modbus is 0: ");
+    set_forged(2, 2, 0x0100);
+    expect_disbelief_of_all("answered in protocol 256, and Modbus is 0: ");
+    set_forged(2, 2, 0xFFFF);
+    expect_disbelief_of_all("answered in protocol 65535, ");
+}
+
+static void test_another_length(void) {
+    static const unsigned LENGTHS[] = {0, 1, 2, 3, 255, 256 + 4, 65535};
+    for (size_t i = 0; i < sizeof LENGTHS / sizeof LENGTHS[0]; i++) {
+        char why[64];
+        set_forged(4, 2, LENGTHS[i]);
+        (void)snprintf(why, sizeof why, "gives %u bytes as the length of an answer of 4: ", LENGTHS[i]);
+        expect_disbelief(1, why);
+        expect_disbelief(2, why);
+        (void)snprintf(why, sizeof why, "gives %u bytes as the length of an answer of 13: ", LENGTHS[i]);
+        expect_disbelief(3, why);
+        expect_disbelief(4, why);
+    }
+    set_forged(4, 2, 14);
+    expect_disbelief(3, "gives 14 bytes as the length of an answer of 13: ");
+    set_forged(4, 2, 12);
+    expect_disbelief(4, "gives 12 bytes as the length of an answer of 13: ");
+}
+
+static void test_a_length_with_nothing_behind_it(void) {
+    set_lie(bare_header);
+    expect_disbelief(3, "gives 1 bytes as the length of an answer of 13: ");
+    set_lie(unit_and_function);
+    expect_disbelief(3, "gives 2 bytes as the length of an answer of 13: ");
+}
+
+static void test_another_unit(void) {
+    set_forged(6, 1, 7);
+    expect_disbelief_of_all("answered as unit 7 when asked for unit 1: if it always does, give its source "
+                            "\"any_unit_id\": true");
+    set_forged(6, 1, 0);
+    expect_disbelief_of_all("answered as unit 0 when asked for unit 1: ");
+    set_forged(6, 1, 255);
+    expect_disbelief_of_all("answered as unit 255 when asked for unit 1: ");
+}
+
+static void test_another_function(void) {
+    for (unsigned function = 1; function <= 4; function++) {
+        static const unsigned OTHERS[] = {0, 5, 16, 0x2B, 0x80, 0x90, 255};
+        char why[64];
+        set_forged(7, 1, function ^ 1U);
+        (void)snprintf(why, sizeof why, "answered function %u when asked for function %u: ", function ^ 1U, function);
+        expect_disbelief(function, why);
+        set_forged(7, 1, function ^ 7U);
+        (void)snprintf(why, sizeof why, "answered function %u when asked for function %u: ", function ^ 7U, function);
+        expect_disbelief(function, why);
+        for (size_t i = 0; i < sizeof OTHERS / sizeof OTHERS[0]; i++) {
+            set_forged(7, 1, OTHERS[i]);
+            (void)snprintf(why, sizeof why, "answered function %u when asked for function %u: ", OTHERS[i], function);
+            expect_disbelief(function, why);
+        }
+    }
+}
+
+static void test_another_number_of_bytes(void) {
+    static const unsigned NUMBERS[] = {0, 9, 11, 250, 255};
+    for (size_t i = 0; i < sizeof NUMBERS / sizeof NUMBERS[0]; i++) {
+        char why[64];
+        set_forged(8, 1, NUMBERS[i]);
+        (void)snprintf(why, sizeof why, "answered %u bytes of values when asked for 1: ", NUMBERS[i]);
+        expect_disbelief(1, why);
+        expect_disbelief(2, why);
+        (void)snprintf(why, sizeof why, "answered %u bytes of values when asked for 10: ", NUMBERS[i]);
+        expect_disbelief(3, why);
+        expect_disbelief(4, why);
+    }
+}
+
+static void test_other_values_than_were_asked_for(void) {
+    set_lie(more_values);
+    expect_disbelief(1, "answered 3 bytes of values when asked for 1: ");
+    expect_disbelief(2, "answered 3 bytes of values when asked for 1: ");
+    expect_disbelief(3, "answered 12 bytes of values when asked for 10: ");
+    expect_disbelief(4, "answered 12 bytes of values when asked for 10: ");
+    set_lie(fewer_values);
+    expect_disbelief(1, "answered 0 bytes of values when asked for 1: ");
+    expect_disbelief(4, "answered 8 bytes of values when asked for 10: ");
+    set_lie(as_many_as_there_can_be);
+    expect_disbelief_of_all("answered 251 bytes of values when asked for 1");
+}
+
+/* ---- exceptions ---- */
+
+/* Each is a sentence, and costs its own channels only. */
+static void test_every_exception(void) {
+    for (unsigned code = 0; code <= 255; code++) {
+        bool defined = (code >= 1 && code <= 8) || code == 10 || code == 11;
+        exception_code = code;
+        set_lie(exception);
+        open_for(1 + code % 4, 10, false);
+        poll_once();
+        for (size_t i = 0; i < channel_count; i++) {
+            TEST_ASSERT_EQUAL_INT(TL_NO_LINK, readings[i].quality);
+        }
+        TEST_ASSERT_TRUE_MESSAGE(link_up, link_text);
+        TEST_ASSERT_NULL_MESSAGE(strstr(link_text, "nknown"), link_text);
+        TEST_ASSERT_EQUAL_MESSAGE(!defined, strstr(link_text, ", which Modbus does not define: ") != NULL, link_text);
+        set_lie(truth);
+        poll_once();
+        expect_values();
+        expect_text("answers again");
+    }
+}
+
+static void test_the_exception_0(void) {
+    exception_code = 0;
+    set_lie(exception);
+    for (unsigned function = 1; function <= 4; function++) {
+        open_for(function, 10, false);
+        poll_once();
+        poll_once();
+        TEST_ASSERT_EQUAL_size_t(0, good_ones);
+        TEST_ASSERT_TRUE(link_up);
+        TEST_ASSERT_EQUAL_size_t(2, links); /* connected, and this, once */
+        expect_text(" 300 to 304: exception 0, which Modbus does not define: see the manual of the device");
+    }
+}
+
+static void test_another_exception_each_time(void) {
+    exception_code = 3;
+    set_lie(another_exception_each_time);
+    close_driver();
+    add_of(1, TL_MODBUS_INPUT, 300);
+    open_with(10, false);
+    for (int i = 0; i < 300; i++) {
+        poll_once();
+    }
+    TEST_ASSERT_EQUAL_size_t(0, good_ones);
+    TEST_ASSERT_EQUAL_size_t(2, links); /* connected, and the first one */
+    expect_text("300 to 300: Slave device or server failure");
+}
+
+static void test_exceptions_that_are_wrong(void) {
+    exception_code = 4;
+    set_lie(long_exception);
+    expect_disbelief_of_all("gives 4 bytes as the length of an answer of 3: ");
+    set_lie(exception_of_another_function);
+    expect_disbelief(3, "answered function 144 when asked for function 3: ");
+}
+
+/* ---- how bytes come ---- */
+
+static void test_an_answer_in_single_bytes(void) {
+    server.piece = 1;
+    server.pause_ms = 1;
+    for (unsigned function = 1; function <= 4; function++) {
+        open_for(function, 10, false);
+        poll_once();
+        expect_values();
+    }
+}
+
+static void test_an_answer_that_trickles_within_the_timeout(void) {
+    server.piece = 1;
+    server.pause_ms = 20; /* 19 bytes: 0.4 s */
+    open_for(TL_MODBUS_HOLDING, 10, false);
+    poll_once();
+    expect_values();
+}
+
+/* Each byte comes soon after the one before, and the whole too late. */
+static void test_an_answer_that_trickles_beyond_the_timeout(void) {
+    server.piece = 1;
+    server.pause_ms = 20;
+    open_for(TL_MODBUS_HOLDING, 0.1, false);
+    tl_time begun = now();
+    poll_once();
+    TEST_ASSERT_TRUE(now() - begun >= TL_SECOND / 10);
+    TEST_ASSERT_TRUE(now() - begun < 10 * TL_SECOND);
+    TEST_ASSERT_EQUAL_size_t(0, good_ones);
+    expect_text("no answer within 0.1 s");
+}
+
+static void test_half_an_answer(void) {
+    set_lie(half);
+    open_for(TL_MODBUS_INPUT, 0.1, false);
+    poll_once();
+    TEST_ASSERT_EQUAL_size_t(0, good_ones);
+    expect_text("no answer within 0.1 s");
+}
+
+static void *interrupt_soon(void *context) {
+    (void)context;
+    pause_ms(100);
+    tl_modbus_driver.interrupt(io);
+    return NULL;
+}
+
+static void test_half_an_answer_can_be_interrupted(void) {
+    pthread_t thread;
+    set_lie(half);
+    open_for(TL_MODBUS_INPUT, 60, false);
+    tl_time begun = now();
+    TEST_ASSERT_EQUAL_INT(0, pthread_create(&thread, NULL, interrupt_soon, NULL));
+    poll_once();
+    TEST_ASSERT_TRUE(now() - begun < 10 * TL_SECOND);
+    TEST_ASSERT_EQUAL_INT(0, pthread_join(thread, NULL));
+    TEST_ASSERT_EQUAL_size_t(0, posts[0]); /* nothing is known, nothing is said */
+    TEST_ASSERT_EQUAL_size_t(0, links);
+    set_lie(truth);
+    poll_once();
+    expect_values(); /* and what was left of the half is no part of it */
+}
+
+/* ---- what comes beside an answer ---- */
+
+/* Several requests in each poll: all values are right, each time, and it is told once. */
+static void expect_right_and_told_once(lie_function *lie) {
+    set_lie(lie);
+    close_driver();
+    for (unsigned function = 1; function <= 4; function++) {
+        add_of(1, function, 20);
+        add_of(1, function, 600);
+        add_of(2, function, 20);
+    }
+    open_with(10, false);
+    for (int i = 0; i < 50; i++) {
+        poll_once();
+        expect_values();
+    }
+    TEST_ASSERT_EQUAL_size_t(2, links);
+    TEST_ASSERT_TRUE(link_up);
+    TEST_ASSERT_EQUAL_size_t(1, told_of_more);
+    TEST_ASSERT_EQUAL_size_t(50 * 12, good_ones);
+}
+
+static void test_trailing_bytes(void) {
+    expect_right_and_told_once(trailing_bytes);
+}
+
+static void test_two_answers_at_once(void) {
+    expect_right_and_told_once(two_answers);
+}
+
+/* Also where the second answer comes while a request is made anew in smaller ones. */
+static void test_two_answers_to_a_request_that_is_split(void) {
+    set_lie(two_answers_but_refuses_large_requests);
+    open_for(TL_MODBUS_HOLDING, 10, false);
+    poll_once();
+    expect_values();
+    TEST_ASSERT_EQUAL_size_t(1, told_of_more);
+}
+
+/* Told again after it was gone in between. */
+static void test_what_is_told_again(void) {
+    set_lie(trailing_bytes);
+    open_for(TL_MODBUS_COIL, 0.2, false);
+    poll_once();
+    poll_once();
+    expect_text("sends more than was asked for");
+    set_lie(half);
+    poll_until(0, TL_NO_LINK);
+    set_lie(trailing_bytes);
+    poll_until(0, TL_GOOD);
+    expect_text("connected");
+    poll_once();
+    expect_text("sends more than was asked for");
+}
+
+static void test_answers_that_are_one_behind(void) {
+    set_lie(one_behind);
+    close_driver();
+    add_of(1, TL_MODBUS_HOLDING, 20);
+    add_of(1, TL_MODBUS_HOLDING, 600);
+    open_with(0.05, false);
+    for (tl_time end = now() + TL_SECOND; now() < end; pause_ms(5)) {
+        poll_once();
+    }
+    TEST_ASSERT_EQUAL_size_t(0, good_ones);
+    TEST_ASSERT_EQUAL_size_t(1, links);
+}
+
+static void test_each_request_has_another_number(void) {
+    open_for(TL_MODBUS_HOLDING, 10, false);
+    for (unsigned i = 1; i <= 300; i++) {
+        poll_once();
+        const uint8_t *request = server.record + (size_t)(i - 1) * REQUEST;
+        TEST_ASSERT_EQUAL_UINT(i, (unsigned)request[0] * 256 + request[1]);
+    }
+    expect_values();
+}
+
+/* ---- units ---- */
+
+/* Only their own channels, and told once, although it is another unit each time. */
+static void test_one_unit_that_is_somebody_else(void) {
+    set_lie(unit_2_is_somebody_else);
+    close_driver();
+    for (uint8_t unit = 1; unit <= 3; unit++) {
+        add_of(unit, TL_MODBUS_HOLDING, unit);
+    }
+    open_with(10, false);
+    for (tl_time end = now() + TL_SECOND; now() < end; pause_ms(5)) {
+        poll_once();
+        TEST_ASSERT_EQUAL_INT(TL_NO_LINK, readings[1].quality);
+    }
+    TEST_ASSERT_EQUAL_INT(TL_GOOD, readings[0].quality);
+    TEST_ASSERT_EQUAL_INT(TL_GOOD, readings[2].quality);
+    TEST_ASSERT_EQUAL_size_t(2, links);
+    TEST_ASSERT_TRUE(link_up);
+    expect_text("unit 2, holding register 2 to 2: answered as unit ");
+    TEST_ASSERT_TRUE(count_of(&server.connections) < 20); /* paused: 0.1, 0.2, 0.4 s */
+    set_lie(truth);
+    poll_until(1, TL_GOOD);
+    expect_values();
+    expect_text("unit 2, holding register 2 to 2: answers again");
+}
+
+static void test_any_unit_id(void) {
+    static const unsigned UNITS[] = {0, 1, 7, 255};
+    for (size_t i = 0; i < sizeof UNITS / sizeof UNITS[0]; i++) {
+        for (unsigned function = 1; function <= 4; function++) {
+            set_forged(6, 1, UNITS[i]);
+            open_for(function, 10, true);
+            poll_once();
+            poll_once();
+            expect_values();
+            TEST_ASSERT_EQUAL_size_t(1, links);
+        }
+    }
+}
+
+/* Nothing else is any more believed with it. */
+static void test_any_unit_id_and_nothing_else(void) {
+    static const size_t PLACES[] = {0, 1, 2, 3, 4, 5, 7, 8};
+    for (size_t i = 0; i < sizeof PLACES / sizeof PLACES[0]; i++) {
+        set_forged(PLACES[i], 1, 0x55);
+        open_for(TL_MODBUS_INPUT, 10, true);
+        poll_once();
+        TEST_ASSERT_EQUAL_size_t(0, good_ones);
+        TEST_ASSERT_FALSE(link_up);
+    }
+}
+
+int main(void) {
+    UNITY_BEGIN();
+    RUN_TEST(test_the_truth_is_believed);
+    RUN_TEST(test_another_transaction);
+    RUN_TEST(test_another_protocol);
+    RUN_TEST(test_another_length);
+    RUN_TEST(test_a_length_with_nothing_behind_it);
+    RUN_TEST(test_another_unit);
+    RUN_TEST(test_another_function);
+    RUN_TEST(test_another_number_of_bytes);
+    RUN_TEST(test_other_values_than_were_asked_for);
+    RUN_TEST(test_every_exception);
+    RUN_TEST(test_the_exception_0);
+    RUN_TEST(test_another_exception_each_time);
+    RUN_TEST(test_exceptions_that_are_wrong);
+    RUN_TEST(test_an_answer_in_single_bytes);
+    RUN_TEST(test_an_answer_that_trickles_within_the_timeout);
+    RUN_TEST(test_an_answer_that_trickles_beyond_the_timeout);
+    RUN_TEST(test_half_an_answer);
+    RUN_TEST(test_half_an_answer_can_be_interrupted);
+    RUN_TEST(test_trailing_bytes);
+    RUN_TEST(test_two_answers_at_once);
+    RUN_TEST(test_two_answers_to_a_request_that_is_split);
+    RUN_TEST(test_what_is_told_again);
+    RUN_TEST(test_answers_that_are_one_behind);
+    RUN_TEST(test_each_request_has_another_number);
+    RUN_TEST(test_one_unit_that_is_somebody_else);
+    RUN_TEST(test_any_unit_id);
+    RUN_TEST(test_any_unit_id_and_nothing_else);
+    return UNITY_END();
+}

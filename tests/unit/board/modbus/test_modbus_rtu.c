@@ -1,0 +1,934 @@
+/* The Modbus driver on a serial line, against a peer at the other end of a pseudo-terminal.
+ *
+ * Whatever any test lets the driver send is recorded by the peer, and tearDown() looks at each byte of it: only whole
+ * requests that read, each with its check sum.
+ */
+#include <errno.h>
+#include <fcntl.h>
+#include <poll.h>
+#include <pthread.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/eventfd.h>
+#include <sys/ioctl.h>
+#include <termios.h>
+#include <time.h>
+#include <unistd.h>
+
+#include <unity.h>
+
+#include "board/modbus/modbus.h"
+
+/* ---- what the driver says ---- */
+
+enum { CHANNELS = 16, REQUEST = 8, FRAME = 256, RECORD = 65536 };
+
+static tl_reading readings[CHANNELS];
+static size_t posts[CHANNELS];
+static size_t links;
+static size_t downs;
+static bool link_up;
+static char link_text[1024];
+
+static void on_post(void *context, size_t channel, const tl_reading *reading) {
+    (void)context;
+    TEST_ASSERT_TRUE(channel < CHANNELS);
+    readings[channel] = *reading;
+    posts[channel]++;
+}
+
+static void on_link(void *context, bool up, const char *text) {
+    (void)context;
+    links++;
+    downs += up ? 0 : 1;
+    link_up = up;
+    (void)snprintf(link_text, sizeof link_text, "%s", text);
+}
+
+static const tl_plant_io_sink SINK = {.post = on_post, .link = on_link, .context = NULL};
+
+static tl_time now(void) {
+    struct timespec time;
+    (void)clock_gettime(CLOCK_MONOTONIC, &time);
+    return (tl_time)time.tv_sec * TL_SECOND + time.tv_nsec;
+}
+
+static void pause_ms(long ms) {
+    const struct timespec time = {.tv_sec = ms / 1000, .tv_nsec = ms % 1000 * 1000000};
+    (void)nanosleep(&time, NULL);
+}
+
+/* ---- a peer that does what a test wants ---- */
+
+/* Answers a request on the line. Runs in the peer's thread. */
+typedef void answer_function(int line, const uint8_t *request);
+
+typedef struct peer {
+    pthread_t thread;
+    bool runs;
+    int master;
+    int wake;
+    pthread_mutex_t lock; /* of what follows */
+    answer_function *answer;
+    size_t recorded;
+    tl_time heard; /* when the last request came */
+    uint8_t record[RECORD];
+} peer;
+
+static peer other = {.lock = PTHREAD_MUTEX_INITIALIZER};
+static char path[64]; /* a link to the other end */
+
+static uint16_t check_sum(const uint8_t *bytes, size_t size) {
+    unsigned sum = 0xFFFF;
+    for (size_t i = 0; i < 8 * size; i++) {
+        sum ^= i % 8 == 0 ? bytes[i / 8] : 0U;
+        sum = (sum & 1) != 0 ? sum >> 1 ^ 0xA001U : sum >> 1;
+    }
+    return (uint16_t)sum;
+}
+
+static answer_function *note(const uint8_t *request) {
+    (void)pthread_mutex_lock(&other.lock);
+    if (other.recorded + REQUEST <= RECORD) {
+        memcpy(other.record + other.recorded, request, REQUEST);
+        other.recorded += REQUEST;
+    }
+    other.heard = now();
+    answer_function *answer = other.answer;
+    (void)pthread_mutex_unlock(&other.lock);
+    return answer;
+}
+
+static void *run_peer(void *context) {
+    uint8_t request[REQUEST];
+    size_t size = 0;
+    (void)context;
+    for (;;) {
+        struct pollfd both[2] = {{.fd = other.wake, .events = POLLIN}, {.fd = other.master, .events = POLLIN}};
+        (void)poll(both, 2, -1);
+        if (both[0].revents != 0) {
+            return NULL;
+        }
+        ssize_t count = read(other.master, request + size, REQUEST - size);
+        if (count <= 0) { /* nobody has the other end open */
+            pause_ms(1);
+            continue;
+        }
+        size += (size_t)count;
+        if (size == REQUEST) {
+            size = 0;
+            note(request)(other.master, request);
+        }
+    }
+}
+
+static void set_answer(answer_function *answer) {
+    (void)pthread_mutex_lock(&other.lock);
+    other.answer = answer;
+    (void)pthread_mutex_unlock(&other.lock);
+}
+
+static size_t requests(void) {
+    (void)pthread_mutex_lock(&other.lock);
+    size_t count = other.recorded / REQUEST;
+    (void)pthread_mutex_unlock(&other.lock);
+    return count;
+}
+
+static void plug_in(answer_function *answer) {
+    set_answer(answer);
+    other.master = posix_openpt(O_RDWR | O_NOCTTY | O_CLOEXEC);
+    TEST_ASSERT_TRUE(other.master >= 0);
+    TEST_ASSERT_EQUAL_INT(0, grantpt(other.master));
+    TEST_ASSERT_EQUAL_INT(0, unlockpt(other.master));
+    TEST_ASSERT_EQUAL_INT(0, symlink(ptsname(other.master), path));
+    other.wake = eventfd(0, EFD_CLOEXEC);
+    TEST_ASSERT_EQUAL_INT(0, pthread_create(&other.thread, NULL, run_peer, NULL));
+    other.runs = true;
+}
+
+static void pull_out(void) {
+    const uint64_t one = 1;
+    if (other.runs) {
+        ssize_t written = write(other.wake, &one, sizeof one);
+        (void)written;
+        (void)pthread_join(other.thread, NULL);
+        (void)close(other.wake);
+        (void)close(other.master);
+        other.runs = false;
+    }
+    (void)unlink(path);
+}
+
+static void say(int line, const uint8_t *bytes, size_t size) {
+    ssize_t written = write(line, bytes, size);
+    (void)written;
+}
+
+static unsigned address_of(const uint8_t *request) {
+    return (unsigned)request[2] * 256 + request[3];
+}
+
+static unsigned count_of(const uint8_t *request) {
+    return (unsigned)request[4] * 256 + request[5];
+}
+
+static size_t finish(uint8_t *frame, size_t size) {
+    uint16_t sum = check_sum(frame, size);
+    frame[size] = (uint8_t)sum;
+    frame[size + 1] = (uint8_t)(sum >> 8);
+    return size + 2;
+}
+
+/* ---- answers ---- */
+
+/* Each register holds its own address, each bit whether its address is odd. */
+static size_t right_answer(const uint8_t *request, uint8_t *frame) {
+    unsigned count = count_of(request);
+    memset(frame, 0, FRAME);
+    frame[0] = request[0];
+    frame[1] = request[1];
+    frame[2] = (uint8_t)(request[1] <= 2 ? (count + 7) / 8 : 2 * count);
+    for (unsigned i = 0; i < count; i++) {
+        unsigned address = address_of(request) + i;
+        if (request[1] <= 2) {
+            frame[3 + i / 8] = (uint8_t)(frame[3 + i / 8] | address % 2 << i % 8);
+        } else {
+            frame[3 + 2 * i] = (uint8_t)(address / 256);
+            frame[4 + 2 * i] = (uint8_t)(address % 256);
+        }
+    }
+    return finish(frame, 3U + frame[2]);
+}
+
+static void sane(int line, const uint8_t *request) {
+    uint8_t frame[FRAME];
+    say(line, frame, right_answer(request, frame));
+}
+
+static void silent(int line, const uint8_t *request) {
+    (void)line;
+    (void)request;
+}
+
+static void exception(int line, const uint8_t *request, uint8_t code) {
+    uint8_t frame[5] = {request[0], request[1] | 0x80, code};
+    say(line, frame, finish(frame, 3));
+}
+
+static void half_a_frame(int line, const uint8_t *request) {
+    uint8_t frame[FRAME];
+    say(line, frame, right_answer(request, frame) / 2);
+}
+
+static void wrong_check_sum(int line, const uint8_t *request) {
+    uint8_t frame[FRAME];
+    size_t size = right_answer(request, frame);
+    frame[size - 1] ^= 1;
+    say(line, frame, size);
+}
+
+static void garbage(int line, const uint8_t *request) {
+    uint8_t frame[40];
+    (void)request;
+    for (size_t i = 0; i < sizeof frame; i++) {
+        frame[i] = (uint8_t)(251 * i + 17);
+    }
+    say(line, frame, sizeof frame);
+}
+
+static void another_unit(int line, const uint8_t *request) {
+    uint8_t other_request[REQUEST];
+    memcpy(other_request, request, REQUEST);
+    other_request[0]++;
+    sane(line, other_request);
+}
+
+static void another_function(int line, const uint8_t *request) {
+    uint8_t other_request[REQUEST];
+    memcpy(other_request, request, REQUEST);
+    other_request[1] ^= 7; /* 3 becomes 4 */
+    sane(line, other_request);
+}
+
+static void too_few_values(int line, const uint8_t *request) {
+    uint8_t frame[7] = {request[0], request[1], 2, 0, 0};
+    say(line, frame, finish(frame, 5));
+}
+
+/* More than was asked for, and later. */
+static void talkative(int line, const uint8_t *request) {
+    static const uint8_t more[5] = {0xEE, 0xEE, 0xEE, 0xEE, 0xEE};
+    sane(line, request);
+    say(line, more, sizeof more);
+}
+
+static void trickle(int line, const uint8_t *request) {
+    uint8_t frame[FRAME];
+    size_t size = right_answer(request, frame);
+    for (size_t i = 0; i < size; i++) {
+        say(line, frame + i, 1);
+        pause_ms(5);
+    }
+}
+
+static void too_late(int line, const uint8_t *request) {
+    pause_ms(260);
+    sane(line, request);
+}
+
+static void first_too_late(int line, const uint8_t *request) {
+    address_of(request) == 1 ? too_late(line, request) : sane(line, request);
+}
+
+static void unit_2_fails(int line, const uint8_t *request) {
+    request[0] == 2 ? exception(line, request, 4) : sane(line, request);
+}
+
+static void unit_2_fails_strangely(int line, const uint8_t *request) {
+    request[0] == 2 ? exception(line, request, 0x50) : sane(line, request);
+}
+
+static void unit_2_fails_with_0(int line, const uint8_t *request) {
+    request[0] == 2 ? exception(line, request, 0) : sane(line, request);
+}
+
+static void too_many_values(int line, const uint8_t *request) {
+    uint8_t frame[FRAME] = {request[0], request[1], 6, 0, 1, 0, 2, 0, 3};
+    say(line, frame, finish(frame, 9));
+}
+
+/* The number of bytes is another than there are. */
+static void wrong_number_of_bytes(int line, const uint8_t *request) {
+    uint8_t frame[FRAME] = {request[0], request[1], 3, 0, 1, 0, 2};
+    say(line, frame, finish(frame, 7));
+}
+
+static void unit_2_is_silent(int line, const uint8_t *request) {
+    request[0] == 2 ? silent(line, request) : sane(line, request);
+}
+
+static void unit_2_garbles(int line, const uint8_t *request) {
+    request[0] == 2 ? garbage(line, request) : sane(line, request);
+}
+
+static void units_1_and_3_are_silent(int line, const uint8_t *request) {
+    request[0] == 1 || request[0] == 3 ? silent(line, request) : sane(line, request);
+}
+
+static void has_a_hole(int line, const uint8_t *request) {
+    unsigned end = address_of(request) + count_of(request);
+    end > 4 && address_of(request) < 10 ? exception(line, request, 2) : sane(line, request);
+}
+
+/* ---- the driver under test ---- */
+
+static tl_plant_io *io;
+static tl_error error;
+static tl_modbus_channel channels[CHANNELS];
+static size_t channel_count;
+static uint32_t baud;
+
+static void add_of(uint8_t unit_id, tl_modbus_table table, unsigned address, tl_modbus_type type) {
+    channels[channel_count] =
+        (tl_modbus_channel){.unit_id = unit_id, .table = table, .address = (uint16_t)address, .type = type, .scale = 1};
+    channel_count++;
+}
+
+static void add(uint8_t unit_id, unsigned address) {
+    add_of(unit_id, TL_MODBUS_HOLDING, address, TL_MODBUS_UINT16);
+}
+
+static tl_modbus_settings settings_with(double timeout_s) {
+    return (tl_modbus_settings){.line = {.device = path, .baud = 115200, .parity = 'E', .stop_bits = 1},
+                                .timeout_s = timeout_s,
+                                .channels = channels,
+                                .channel_count = channel_count};
+}
+
+static void open_driver(double timeout_s) {
+    tl_modbus_settings settings = settings_with(timeout_s);
+    settings.line.baud = baud;
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_modbus_open(&settings, &io, &error));
+}
+
+static void poll_once(void) {
+    bool finished = true;
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_modbus_driver.poll(io, &SINK, &finished, &error));
+    TEST_ASSERT_FALSE(finished);
+}
+
+static void poll_until(size_t channel, tl_quality quality) {
+    tl_time deadline = now() + 60 * TL_SECOND;
+    do {
+        TEST_ASSERT_TRUE_MESSAGE(now() < deadline, link_text);
+        poll_once();
+        if (readings[channel].quality != quality) {
+            pause_ms(5);
+        }
+    } while (posts[channel] == 0 || readings[channel].quality != quality);
+}
+
+static void expect(size_t channel, double value, tl_quality quality) {
+    TEST_ASSERT_TRUE(posts[channel] > 0);
+    TEST_ASSERT_EQUAL_INT(quality, readings[channel].quality);
+    TEST_ASSERT_EQUAL_DOUBLE(value, readings[channel].value);
+}
+
+static void expect_link(bool up, const char *part) {
+    TEST_ASSERT_EQUAL_INT(up, link_up);
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(link_text, part), link_text);
+}
+
+void setUp(void) {
+    memset(posts, 0, sizeof posts);
+    memset(readings, 0, sizeof readings);
+    memset(channels, 0, sizeof channels);
+    channel_count = 0;
+    baud = 115200;
+    links = 0;
+    downs = 0;
+    link_up = false;
+    link_text[0] = '\0';
+    io = NULL;
+    error = (tl_error){TL_OK, ""};
+    other.recorded = 0;
+    (void)snprintf(path, sizeof path, "/tmp/test_modbus_rtu.%ld", (long)getpid());
+}
+
+void tearDown(void) {
+    if (io != NULL) {
+        tl_modbus_driver.close(io);
+    }
+    pull_out();
+    for (size_t at = 0; at < other.recorded; at += REQUEST) {
+        const uint8_t *request = other.record + at;
+        unsigned sum = check_sum(request, REQUEST - 2);
+        TEST_ASSERT_EQUAL_HEX8(sum & 0xFF, request[6]);
+        TEST_ASSERT_EQUAL_HEX8(sum >> 8, request[7]);
+        TEST_ASSERT_TRUE(request[0] >= 1 && request[0] <= 247);
+        TEST_ASSERT_TRUE(request[1] >= 1 && request[1] <= 4);
+        TEST_ASSERT_TRUE(count_of(request) >= 1 && count_of(request) <= (request[1] <= 2 ? 2000 : 125));
+    }
+}
+
+/* ---- values ---- */
+
+static void test_every_table(void) {
+    add_of(1, TL_MODBUS_COIL, 11, TL_MODBUS_BIT);
+    add_of(1, TL_MODBUS_COIL, 29, TL_MODBUS_BIT);
+    add_of(1, TL_MODBUS_COIL, 30, TL_MODBUS_BIT);
+    add_of(247, TL_MODBUS_DISCRETE, 65535, TL_MODBUS_BIT);
+    add_of(1, TL_MODBUS_INPUT, 513, TL_MODBUS_UINT16);
+    add_of(1, TL_MODBUS_HOLDING, 1, TL_MODBUS_UINT32);
+    plug_in(sane);
+    open_driver(5);
+    poll_once();
+    expect(0, 1, TL_GOOD);
+    expect(1, 1, TL_GOOD);
+    expect(2, 0, TL_GOOD);
+    expect(3, 1, TL_GOOD);
+    expect(4, 513, TL_GOOD);
+    expect(5, 65538, TL_GOOD);
+    TEST_ASSERT_EQUAL_size_t(4, requests());
+    expect_link(true, "Modbus line /tmp/test_modbus_rtu.");
+    expect_link(true, ": connected");
+    TEST_ASSERT_EQUAL_size_t(1, links);
+}
+
+static void test_the_request_as_it_is_on_the_line(void) {
+    static const uint8_t known[REQUEST] = {0x01, 0x03, 0x00, 0x00, 0x00, 0x0A, 0xC5, 0xCD};
+    add(1, 0);
+    add(1, 9);
+    plug_in(sane);
+    open_driver(5);
+    poll_once();
+    TEST_ASSERT_EQUAL_size_t(1, requests());
+    TEST_ASSERT_EQUAL_HEX8_ARRAY(known, other.record, REQUEST);
+}
+
+static void test_an_answer_that_comes_byte_by_byte(void) {
+    add(1, 7);
+    plug_in(trickle);
+    open_driver(5);
+    poll_once();
+    expect(0, 7, TL_GOOD);
+}
+
+/* ---- the device comes and goes ---- */
+
+static void test_a_device_that_is_plugged_in_later(void) {
+    add(1, 3);
+    open_driver(5);
+    poll_once();
+    expect(0, 0, TL_NO_LINK);
+    expect_link(false, "cannot be opened: No such file or directory");
+    poll_once();
+    TEST_ASSERT_EQUAL_size_t(1, links);
+    plug_in(sane);
+    poll_until(0, TL_GOOD);
+    expect(0, 3, TL_GOOD);
+    expect_link(true, "connected");
+}
+
+static void test_a_device_that_is_pulled_out_and_comes_back(void) {
+    add(1, 3);
+    plug_in(sane);
+    open_driver(5);
+    poll_until(0, TL_GOOD);
+    for (size_t i = 1; i <= 3; i++) {
+        pull_out();
+        tl_time begin = now();
+        poll_until(0, TL_NO_LINK);
+        TEST_ASSERT_TRUE(now() - begin < TL_SECOND); /* not the timeout */
+        TEST_ASSERT_EQUAL_size_t(i, downs);
+        expect_link(false, "No such file");
+        plug_in(sane);
+        poll_until(0, TL_GOOD);
+        TEST_ASSERT_EQUAL_size_t(2 * i + 1, links);
+    }
+}
+
+static void *pull_out_soon(void *context) {
+    (void)context;
+    pause_ms(100);
+    pull_out();
+    return NULL;
+}
+
+static void test_a_device_that_is_pulled_out_while_it_is_asked(void) {
+    pthread_t thread;
+    add(1, 3);
+    plug_in(silent);
+    open_driver(50);
+    tl_time begin = now();
+    TEST_ASSERT_EQUAL_INT(0, pthread_create(&thread, NULL, pull_out_soon, NULL));
+    poll_once();
+    (void)pthread_join(thread, NULL);
+    TEST_ASSERT_TRUE(now() - begin < 10 * TL_SECOND);
+    expect(0, 0, TL_NO_LINK);
+    TEST_ASSERT_FALSE(link_up);
+}
+
+static void test_what_is_no_serial_port(void) {
+    tl_modbus_settings settings = settings_with(1);
+    add(1, 3);
+    settings.channel_count = 1;
+    static const char *const none[] = {"/dev/null", "/tmp", TL_SOURCE_DIR "/README.md"};
+    for (size_t i = 0; i < sizeof none / sizeof none[0]; i++) {
+        settings.line.device = none[i];
+        TEST_ASSERT_EQUAL_INT(TL_OK, tl_modbus_open(&settings, &io, &error));
+        poll_once();
+        expect_link(false, "cannot be opened: Inappropriate ioctl for device");
+        tl_modbus_driver.close(io);
+        io = NULL;
+    }
+}
+
+static void test_the_port_is_ours_alone(void) {
+    if (getenv("TL_EMULATOR") != NULL) {
+        TEST_IGNORE_MESSAGE("an emulator cannot reserve a port");
+    }
+    int exclusive = 0;
+    add(1, 3);
+    plug_in(sane);
+    open_driver(5);
+    poll_once();
+    int second = open(path, O_RDWR | O_NOCTTY | O_CLOEXEC);
+    if (second < 0) { /* nobody but root gets that far */
+        TEST_ASSERT_EQUAL_INT(EBUSY, errno);
+        return;
+    }
+    TEST_ASSERT_EQUAL_INT(0, ioctl(second, TIOCGEXCL, &exclusive));
+    (void)close(second);
+    TEST_ASSERT_TRUE(exclusive);
+}
+
+static void test_a_port_that_cannot_switch_rs485(void) {
+    tl_modbus_settings settings = settings_with(1);
+    settings.line.rs485 = true;
+    plug_in(sane);
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_modbus_open(&settings, &io, &error));
+    poll_once();
+    expect_link(false, "its driver does not switch RS-485: ");
+    expect_link(false, "leave rs485 out");
+}
+
+/* ---- the unit does not answer as it should ---- */
+
+/* The peer answers so; the poll finds no link and says why. Then it comes to its senses, on the same port. */
+static void expect_down_and_up(answer_function *answer, const char *why) {
+    add(1, 1);
+    add(1, 2);
+    plug_in(answer);
+    open_driver(0.4);
+    poll_once();
+    expect(0, 0, TL_NO_LINK);
+    expect(1, 0, TL_NO_LINK);
+    TEST_ASSERT_EQUAL_size_t(1, links);
+    expect_link(false, why);
+    set_answer(sane);
+    poll_until(0, TL_GOOD);
+    expect(0, 1, TL_GOOD);
+    expect(1, 2, TL_GOOD);
+    TEST_ASSERT_EQUAL_size_t(2, links);
+    expect_link(true, "connected");
+}
+
+static void test_silence(void) {
+    tl_time begin = now();
+    expect_down_and_up(silent, "no answer within 0.4 s");
+    TEST_ASSERT_TRUE(now() >= begin + 400000000);
+}
+
+static void test_half_a_frame(void) {
+    expect_down_and_up(half_a_frame, "its answer breaks off");
+}
+
+static void test_a_wrong_check_sum(void) {
+    expect_down_and_up(wrong_check_sum, "Invalid CRC");
+}
+
+static void test_garbage(void) {
+    expect_down_and_up(garbage, ": ");
+}
+
+static void test_an_answer_of_another_unit(void) {
+    expect_down_and_up(another_unit, "answered as unit 2 when asked for unit 1: is there another master on the line?");
+}
+
+static void test_an_answer_of_another_function(void) {
+    expect_down_and_up(another_function, "answered function 4 when asked for function 3: ");
+}
+
+static void test_too_few_values(void) {
+    expect_down_and_up(too_few_values, "answered 2 bytes of values when asked for 4: ");
+}
+
+static void test_too_many_values(void) {
+    expect_down_and_up(too_many_values, "answered 6 bytes of values when asked for 4: ");
+}
+
+static void test_a_wrong_number_of_bytes(void) {
+    expect_down_and_up(wrong_number_of_bytes, "Invalid CRC");
+}
+
+static void test_more_than_was_asked_for(void) {
+    add(1, 1);
+    add(1, 1000);
+    plug_in(talkative);
+    open_driver(5);
+    for (int i = 0; i < 20; i++) {
+        poll_once();
+        expect(0, 1, TL_GOOD);
+        expect(1, 1000, TL_GOOD);
+    }
+    TEST_ASSERT_EQUAL_size_t(1, links);
+}
+
+static void test_noise_between_polls(void) {
+    static const uint8_t noise[] = {1, 3, 2, 0x55, 0x55};
+    add(1, 1);
+    plug_in(sane);
+    open_driver(5);
+    for (int i = 0; i < 20; i++) {
+        poll_once();
+        expect(0, 1, TL_GOOD);
+        say(other.master, noise, sizeof noise);
+    }
+    TEST_ASSERT_EQUAL_size_t(1, links);
+}
+
+/* The value of one register is never that of another, though both answers look the same. */
+static void test_a_late_answer_is_not_taken_for_another(void) {
+    add(1, 1);
+    add(1, 1000);
+    add(2, 1);
+    plug_in(first_too_late);
+    open_driver(0.2);
+    for (int i = 0; i < 12; i++) {
+        poll_once();
+        for (size_t k = 0; k < channel_count; k++) {
+            TEST_ASSERT_TRUE(readings[k].quality == TL_NO_LINK || readings[k].value == channels[k].address);
+        }
+        pause_ms(5);
+    }
+    set_answer(sane);
+    poll_until(0, TL_GOOD);
+    poll_until(1, TL_GOOD);
+    expect(1, 1000, TL_GOOD);
+}
+
+static bool chatting; /* atomic */
+
+static void *chat(void *context) {
+    static const uint8_t word = 0x42;
+    (void)context;
+    while (__atomic_load_n(&chatting, __ATOMIC_RELAXED)) {
+        say(other.master, &word, 1);
+        pause_ms(2);
+    }
+    return NULL;
+}
+
+static void test_a_line_that_is_never_quiet(void) {
+    if (getenv("TL_EMULATOR") != NULL) {
+        TEST_IGNORE_MESSAGE("an emulator has no real time");
+    }
+    pthread_t thread;
+    baud = 1200; /* quiet is 32 ms then, which that thread can keep below */
+    add(1, 1);
+    plug_in(sane);
+    open_driver(0.3);
+    poll_once();
+    expect(0, 1, TL_GOOD);
+    __atomic_store_n(&chatting, true, __ATOMIC_RELAXED);
+    TEST_ASSERT_EQUAL_INT(0, pthread_create(&thread, NULL, chat, NULL));
+    poll_until(0, TL_NO_LINK);
+    size_t before = requests();
+    for (int i = 0; i < 3; i++) {
+        poll_once();
+        pause_ms(120);
+    }
+    __atomic_store_n(&chatting, false, __ATOMIC_RELAXED);
+    (void)pthread_join(thread, NULL);
+    TEST_ASSERT_EQUAL_size_t(before, requests()); /* and nobody is talked into */
+    expect_link(false, "never quiet");
+    poll_until(0, TL_GOOD);
+}
+
+/* ---- several units ---- */
+
+static void add_three_units(void) {
+    add(1, 1);
+    add(2, 2);
+    add(3, 3);
+}
+
+static void expect_own_channels_only(answer_function *answer, const char *why) {
+    add_three_units();
+    plug_in(answer);
+    open_driver(5);
+    poll_once();
+    expect(0, 1, TL_GOOD);
+    expect(1, 0, TL_NO_LINK);
+    expect(2, 3, TL_GOOD);
+    TEST_ASSERT_EQUAL_size_t(2, links);
+    expect_link(true, why);
+    set_answer(sane);
+    poll_until(1, TL_GOOD);
+    expect(1, 2, TL_GOOD);
+    expect_link(true, "unit 2, holding register 2 to 2: answers again");
+    TEST_ASSERT_EQUAL_size_t(0, downs);
+}
+
+static void test_an_exception_costs_its_own_channels_only(void) {
+    expect_own_channels_only(unit_2_fails, "unit 2, holding register 2 to 2: Slave device or server failure");
+}
+
+static void test_an_exception_that_nobody_knows(void) {
+    expect_own_channels_only(unit_2_fails_strangely,
+                             "unit 2, holding register 2 to 2: exception 80, which Modbus does not define: ");
+}
+
+static void test_the_exception_0(void) {
+    expect_own_channels_only(unit_2_fails_with_0,
+                             "unit 2, holding register 2 to 2: exception 0, which Modbus does not define: ");
+}
+
+/* Not even in the poll in which that is found. */
+static void test_garbage_costs_its_own_channels_only(void) {
+    expect_own_channels_only(unit_2_garbles, "unit 2, holding register 2 to 2: ");
+}
+
+static void test_a_hole_is_not_read(void) {
+    add(1, 2);
+    add(1, 12);
+    plug_in(has_a_hole);
+    open_driver(5);
+    poll_once();
+    expect(0, 2, TL_GOOD);
+    expect(1, 12, TL_GOOD);
+    TEST_ASSERT_EQUAL_size_t(3, requests());
+    poll_once();
+    TEST_ASSERT_EQUAL_size_t(5, requests());
+}
+
+/* Polls for so long; the unit of `channel` answers in each. Returns how many requests were none of units 1 and 3. */
+static size_t requests_beside(size_t channel, int seconds) {
+    size_t before = requests();
+    size_t polls = 0;
+    for (tl_time end = now() + seconds * TL_SECOND; now() < end; pause_ms(5)) {
+        posts[channel] = 0;
+        poll_once();
+        polls++;
+        TEST_ASSERT_TRUE(posts[channel] > 0 && readings[channel].quality == TL_GOOD);
+    }
+    return requests() - before - 2 * polls;
+}
+
+static void test_a_silent_unit_does_not_stop_the_others(void) {
+    add_three_units();
+    plug_in(sane);
+    open_driver(0.2);
+    poll_until(2, TL_GOOD);
+    set_answer(unit_2_is_silent);
+    poll_once();
+    expect(0, 1, TL_GOOD); /* not even in the poll in which it dies */
+    expect(1, 0, TL_NO_LINK);
+    expect(2, 3, TL_GOOD);
+    expect_link(true, "unit 2, holding register 2 to 2: no answer within 0.2 s");
+    size_t before = links;
+    tl_time begun = now();
+    size_t waited = requests_beside(2, 4); /* each for 0.2 s: at least three quarters of the time are the others' */
+    TEST_ASSERT_TRUE((tl_time)waited * TL_SECOND / 5 <= (now() - begun) / 4);
+    TEST_ASSERT_EQUAL_size_t(before, links);
+    set_answer(sane);
+    poll_until(1, TL_GOOD);
+    TEST_ASSERT_EQUAL_size_t(before + 1, links);
+    TEST_ASSERT_EQUAL_size_t(0, downs);
+}
+
+static void test_silent_units_that_are_asked_first(void) {
+    add_three_units();
+    add(4, 4);
+    plug_in(units_1_and_3_are_silent);
+    open_driver(0.2);
+    poll_until(1, TL_GOOD);
+    poll_until(3, TL_GOOD);
+    size_t before = downs;
+    for (int poll = 0; poll < 20; poll++) {
+        posts[3] = 0;
+        poll_once();
+        TEST_ASSERT_TRUE(posts[3] > 0 && readings[3].quality == TL_GOOD);
+    }
+    TEST_ASSERT_EQUAL_size_t(before, downs);
+    expect(1, 2, TL_GOOD);
+    expect(0, 0, TL_NO_LINK);
+    expect(2, 0, TL_NO_LINK);
+    set_answer(sane);
+    poll_until(0, TL_GOOD);
+    poll_until(2, TL_GOOD);
+}
+
+/* All units of a dead line are not waited for in each poll. */
+static void test_a_poll_of_a_dead_line_is_short(void) {
+    for (uint8_t unit = 1; unit <= 10; unit++) {
+        add(unit, unit);
+    }
+    plug_in(silent);
+    open_driver(0.3);
+    tl_time begin = now();
+    poll_once();
+    TEST_ASSERT_TRUE(now() - begin < 2 * TL_SECOND); /* twice 0.3 s and the silence between */
+    TEST_ASSERT_EQUAL_size_t(2, requests());
+    expect_link(false, "no answer within 0.3 s");
+}
+
+/* ---- interrupt ---- */
+
+static void *interrupt_soon(void *context) {
+    (void)context;
+    pause_ms(100);
+    tl_modbus_driver.interrupt(io);
+    return NULL;
+}
+
+static void test_interrupt_while_it_waits(void) {
+    pthread_t thread;
+    add(1, 1);
+    plug_in(silent);
+    open_driver(50);
+    tl_time begin = now();
+    TEST_ASSERT_EQUAL_INT(0, pthread_create(&thread, NULL, interrupt_soon, NULL));
+    poll_once();
+    (void)pthread_join(thread, NULL);
+    TEST_ASSERT_TRUE(now() - begin < 10 * TL_SECOND);
+    TEST_ASSERT_EQUAL_size_t(0, links);
+    TEST_ASSERT_EQUAL_size_t(0, posts[0]);
+    set_answer(sane);
+    poll_once();
+    expect(0, 1, TL_GOOD);
+}
+
+static void test_an_interrupt_is_not_lost(void) {
+    add(1, 1);
+    plug_in(sane);
+    open_driver(5);
+    tl_modbus_driver.interrupt(io);
+    poll_once();
+    TEST_ASSERT_EQUAL_size_t(0, posts[0]);
+    poll_once();
+    expect(0, 1, TL_GOOD);
+}
+
+/* ---- settings ---- */
+
+static void expect_refused(const tl_modbus_settings *settings, const char *part) {
+    tl_plant_io *none = NULL;
+    error = (tl_error){TL_OK, ""};
+    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, tl_modbus_open(settings, &none, &error));
+    TEST_ASSERT_NULL(none);
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, part), error.text);
+}
+
+static void test_settings_that_are_wrong(void) {
+    tl_modbus_settings settings = settings_with(1);
+    settings.line.device = "";
+    expect_refused(&settings, "a Modbus line needs a device");
+    settings = settings_with(1);
+    settings.line.baud = 12345;
+    expect_refused(&settings, "12345 Bd is no speed");
+    settings = settings_with(1);
+    settings.line.parity = 'e';
+    expect_refused(&settings, "parity is none of N, E, O");
+    settings = settings_with(1);
+    settings.line.stop_bits = 3;
+    expect_refused(&settings, "3 stop bits");
+    settings = settings_with(0);
+    expect_refused(&settings, "timeout_s is 0");
+    add(0, 1);
+    settings = settings_with(1);
+    expect_refused(&settings, "unit id 0 is not one of a serial line, 1 to 247");
+    channels[0].unit_id = 255;
+    expect_refused(&settings, "unit id 255");
+}
+
+int main(void) {
+    UNITY_BEGIN();
+    RUN_TEST(test_every_table);
+    RUN_TEST(test_the_request_as_it_is_on_the_line);
+    RUN_TEST(test_an_answer_that_comes_byte_by_byte);
+    RUN_TEST(test_a_device_that_is_plugged_in_later);
+    RUN_TEST(test_a_device_that_is_pulled_out_and_comes_back);
+    RUN_TEST(test_a_device_that_is_pulled_out_while_it_is_asked);
+    RUN_TEST(test_what_is_no_serial_port);
+    RUN_TEST(test_the_port_is_ours_alone);
+    RUN_TEST(test_a_port_that_cannot_switch_rs485);
+    RUN_TEST(test_silence);
+    RUN_TEST(test_half_a_frame);
+    RUN_TEST(test_a_wrong_check_sum);
+    RUN_TEST(test_garbage);
+    RUN_TEST(test_an_answer_of_another_unit);
+    RUN_TEST(test_an_answer_of_another_function);
+    RUN_TEST(test_too_few_values);
+    RUN_TEST(test_too_many_values);
+    RUN_TEST(test_a_wrong_number_of_bytes);
+    RUN_TEST(test_more_than_was_asked_for);
+    RUN_TEST(test_noise_between_polls);
+    RUN_TEST(test_a_late_answer_is_not_taken_for_another);
+    RUN_TEST(test_a_line_that_is_never_quiet);
+    RUN_TEST(test_an_exception_costs_its_own_channels_only);
+    RUN_TEST(test_an_exception_that_nobody_knows);
+    RUN_TEST(test_the_exception_0);
+    RUN_TEST(test_garbage_costs_its_own_channels_only);
+    RUN_TEST(test_a_hole_is_not_read);
+    RUN_TEST(test_a_silent_unit_does_not_stop_the_others);
+    RUN_TEST(test_silent_units_that_are_asked_first);
+    RUN_TEST(test_a_poll_of_a_dead_line_is_short);
+    RUN_TEST(test_interrupt_while_it_waits);
+    RUN_TEST(test_an_interrupt_is_not_lost);
+    RUN_TEST(test_settings_that_are_wrong);
+    return UNITY_END();
+}

@@ -1,0 +1,212 @@
+/* The log: style, levels, whole lines, and the limit per second. */
+#include <fcntl.h>
+#include <pthread.h>
+#include <stdbool.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <unity.h>
+
+#include "firmware/base/log.h"
+#include "tests/support/stderr_capture.h"
+
+void setUp(void) {
+    tl_log_set_level(TL_LOG_NOTICE);
+}
+
+void tearDown(void) {}
+
+static void begin(void) {
+    TEST_ASSERT_TRUE(tl_stderr_capture_begin());
+}
+
+static void expect_log(const char *expected) {
+    char *text = tl_stderr_capture_end();
+    TEST_ASSERT_NOT_NULL(text);
+    TEST_ASSERT_EQUAL_STRING(expected, text);
+    free(text);
+}
+
+static size_t count_lines(const char *text) {
+    size_t count = 0;
+    for (const char *c = strchr(text, '\n'); c != NULL; c = strchr(c + 1, '\n')) {
+        count++;
+    }
+    return count;
+}
+
+static void test_plain_lines(void) {
+    begin();
+    tl_log(TL_LOG_ERROR, "no disk: %d", 7);
+    tl_log(TL_LOG_WARNING, "slow");
+    tl_log(TL_LOG_NOTICE, "ready");
+    expect_log("twinlock: error: no disk: 7\ntwinlock: warning: slow\ntwinlock: notice: ready\n");
+}
+
+static void test_levels(void) {
+    begin();
+    tl_log(TL_LOG_INFO, "not yet");
+    tl_log_set_level(TL_LOG_DEBUG);
+    tl_log(TL_LOG_INFO, "now");
+    tl_log(TL_LOG_DEBUG, "this too");
+    tl_log_set_level(TL_LOG_ERROR);
+    tl_log(TL_LOG_WARNING, "no more");
+    expect_log("twinlock: info: now\ntwinlock: debug: this too\n");
+}
+
+static void test_one_message_is_one_line(void) {
+    begin();
+    tl_log(TL_LOG_ERROR, "two\nlines\t\x1b[31m and an end\r\n\n");
+    expect_log("twinlock: error: two lines  [31m and an end\n");
+}
+
+static void test_long_messages_are_cut_between_characters(void) {
+    static char message[2 * TL_LOG_TEXT];
+    for (size_t i = 0; i + 2 < sizeof message; i += 2) { /* two bytes each */
+        memcpy(message + i, "\xC3\xA4", 3);
+    }
+    for (size_t shift = 0; shift < 2; shift++) {
+        begin();
+        tl_log(TL_LOG_ERROR, "%.*s%s", (int)shift, "x", message);
+        char *text = tl_stderr_capture_end();
+        TEST_ASSERT_NOT_NULL(text);
+        size_t length = strlen(text);
+        TEST_ASSERT_LESS_OR_EQUAL_size_t(TL_LOG_TEXT + 20, length);
+        TEST_ASSERT_GREATER_THAN_size_t(TL_LOG_TEXT, length + 8);
+        TEST_ASSERT_EQUAL_STRING("\xC3\xA4\xE2\x80\xA6\n", text + length - 6); /* whole, then the ellipsis */
+        free(text);
+    }
+}
+
+static void test_the_limit(void) {
+    tl_log_limiter limiter = {.per_second = 5};
+    begin();
+    for (int i = 0; i < 1000; i++) {
+        tl_log_limited(&limiter, TL_LOG_WARNING, "again");
+        tl_log_limited(&limiter, TL_LOG_DEBUG, "not counted");
+    }
+    tl_log_limiter_end(&limiter);
+    tl_log_limiter_end(&limiter); /* says it once */
+    char *text = tl_stderr_capture_end();
+    TEST_ASSERT_NOT_NULL(text);
+    size_t lines = count_lines(text);
+    TEST_ASSERT_TRUE(lines == 6 || lines == 12); /* 12 where a second ended meanwhile */
+    TEST_ASSERT_NOT_NULL(strstr(text, "messages of the same source were dropped (limit: 5 per second)\n"));
+    TEST_ASSERT_TRUE(lines == 12 || strstr(text, "warning: 995 messages") != NULL);
+    free(text);
+}
+
+static void test_a_new_second_has_room_again(void) {
+    tl_log_limiter limiter = {.per_second = 1};
+    begin();
+    for (int i = 0; i < 60; i++) { /* 1.2 s */
+        tl_log_limited(&limiter, TL_LOG_WARNING, "message %d", i);
+        (void)usleep(20 * 1000);
+    }
+    char *text = tl_stderr_capture_end();
+    TEST_ASSERT_NOT_NULL(text);
+    TEST_ASSERT_NOT_NULL(strstr(text, "warning: message 0\n"));
+    TEST_ASSERT_NOT_NULL(strstr(text, "were dropped (limit: 1 per second)\ntwinlock: warning: message "));
+    free(text);
+}
+
+/* Nobody reads this pipe: the message is dropped, and the caller goes on. */
+static void test_a_limited_message_does_not_wait(void) {
+    int pipes[2];
+    TEST_ASSERT_EQUAL_INT(0, pipe(pipes));
+    int flags = fcntl(pipes[1], F_GETFL);
+    (void)fcntl(pipes[1], F_SETFL, flags | O_NONBLOCK);
+    char block[4096] = {0};
+    while (write(pipes[1], block, sizeof block) > 0) {
+    }
+    (void)fcntl(pipes[1], F_SETFL, flags);
+    int saved = dup(STDERR_FILENO);
+    (void)dup2(pipes[1], STDERR_FILENO);
+    tl_log_limiter limiter = {.per_second = 20};
+    (void)alarm(10); /* a hang ends the test */
+    for (int i = 0; i < 10; i++) {
+        tl_log_limited(&limiter, TL_LOG_ERROR, "from within a step");
+    }
+    (void)alarm(0);
+    (void)dup2(saved, STDERR_FILENO);
+    (void)close(saved);
+    (void)close(pipes[0]);
+    (void)close(pipes[1]);
+    begin();
+    tl_log_limiter_end(&limiter);
+    expect_log("twinlock: warning: 10 messages of the same source were dropped (limit: 20 per second)\n");
+}
+
+static void *write_lines(void *limiter) {
+    for (int i = 0; i < 500; i++) {
+        tl_log(TL_LOG_ERROR, "a line of some length that must stay whole");
+        tl_log_limited(limiter, TL_LOG_ERROR, "a line of some length that must stay whole");
+    }
+    return NULL;
+}
+
+static void test_lines_of_many_threads_stay_whole(void) {
+    enum { THREADS = 4 };
+    static tl_log_limiter limiter = {.per_second = 100000};
+    pthread_t threads[THREADS];
+    begin();
+    for (int i = 0; i < THREADS; i++) {
+        TEST_ASSERT_EQUAL_INT(0, pthread_create(&threads[i], NULL, write_lines, &limiter));
+    }
+    for (int i = 0; i < THREADS; i++) {
+        (void)pthread_join(threads[i], NULL);
+    }
+    char *text = tl_stderr_capture_end();
+    TEST_ASSERT_NOT_NULL(text);
+    size_t length = strlen("twinlock: error: a line of some length that must stay whole\n");
+    TEST_ASSERT_EQUAL_size_t(length * THREADS * 1000, strlen(text));
+    for (const char *line = text; *line != '\0'; line += length) {
+        TEST_ASSERT_EQUAL_INT(0, memcmp(line, "twinlock: error: a line of some length that must stay whole\n", length));
+    }
+    free(text);
+}
+
+/* The style is found once in a process, so this needs one of its own. `stream` as in JOURNAL_STREAM, NULL: ours. */
+static char *log_of_child(const char *stream) {
+    begin();
+    pid_t child = fork();
+    if (child == 0) {
+        struct stat status;
+        char own[64];
+        (void)fstat(STDERR_FILENO, &status);
+        (void)snprintf(own, sizeof own, "%llu:%llu", (unsigned long long)status.st_dev,
+                       (unsigned long long)status.st_ino);
+        (void)setenv("JOURNAL_STREAM", stream == NULL ? own : stream, 1);
+        tl_log(TL_LOG_WARNING, "hello");
+        _exit(0);
+    }
+    (void)waitpid(child, NULL, 0);
+    return tl_stderr_capture_end();
+}
+
+static void test_journal(void) {
+    char *ours = log_of_child(NULL);
+    char *other = log_of_child("1:2"); /* stderr was redirected away from the journal */
+    TEST_ASSERT_EQUAL_STRING("<4>hello\n", ours);
+    TEST_ASSERT_EQUAL_STRING("twinlock: warning: hello\n", other);
+    free(ours);
+    free(other);
+}
+
+int main(void) {
+    UNITY_BEGIN();
+    RUN_TEST(test_journal); /* first: no style is known yet */
+    RUN_TEST(test_plain_lines);
+    RUN_TEST(test_levels);
+    RUN_TEST(test_one_message_is_one_line);
+    RUN_TEST(test_long_messages_are_cut_between_characters);
+    RUN_TEST(test_the_limit);
+    RUN_TEST(test_a_new_second_has_room_again);
+    RUN_TEST(test_a_limited_message_does_not_wait);
+    RUN_TEST(test_lines_of_many_threads_stay_whole);
+    return UNITY_END();
+}

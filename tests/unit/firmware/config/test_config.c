@@ -1,0 +1,924 @@
+/* A configuration that is right: every key, every default, the lines and files behind it; and files that are none. */
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/resource.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <unity.h>
+
+#include "master/solve/optimiser.h"
+#include "tests/support/config_text.h"
+
+#define FULL TL_SOURCE_DIR "/tests/support/configuration_full.json"
+#define FREE TL_SOURCE_DIR "/tests/support/configuration_free.json"
+#define EPSILON TL_SOURCE_DIR "/tests/support/configuration_epsilon.json"
+
+static tl_test_verdict verdict;
+static char folder[64]; /* temporary */
+
+void setUp(void) {
+    (void)snprintf(folder, sizeof folder, "/tmp/twinlock-test-XXXXXX");
+    TEST_ASSERT_NOT_NULL(mkdtemp(folder));
+    memset(&verdict, 0, sizeof verdict);
+}
+
+void tearDown(void) {
+    static const char *const left[] = {"/fmus/a.fmu", "/fmus", "/plant/a.fmu", "/plant", "/config.json", ""};
+    char path[128];
+    tl_config_free(&verdict.config);
+    for (size_t i = 0; i < sizeof left / sizeof left[0]; i++) {
+        (void)snprintf(path, sizeof path, "%s%s", folder, left[i]);
+        (void)remove(path);
+    }
+}
+
+static const tl_config *read_good(const char *path) {
+    tl_test_judge_file(path, &verdict);
+    TEST_ASSERT_EQUAL_STRING("", verdict.problems[0].text);
+    TEST_ASSERT_EQUAL_size_t(0, verdict.count);
+    TEST_ASSERT_EQUAL_INT(TL_OK, verdict.status);
+    return &verdict.config;
+}
+
+/* ---- every key ---- */
+
+static void test_root(void) {
+    const tl_config *config = read_good(FULL);
+    TEST_ASSERT_EQUAL_STRING(FULL, config->path);
+    TEST_ASSERT_EQUAL_STRING(TL_SOURCE_DIR "/tests/support", config->directory);
+    TEST_ASSERT_EQUAL_STRING("motor bench", config->name);
+    TEST_ASSERT_EQUAL_INT64(10000000, config->step);
+    TEST_ASSERT_EQUAL_INT64(14 * TL_SECOND, config->duration);
+    TEST_ASSERT_EQUAL_STRING("bench.csv", config->recording_file);
+    TEST_ASSERT_EQUAL_STRING("seconds", config->recording_time_column);
+    TEST_ASSERT_EQUAL_STRING("bench.db", config->record_file);
+    TEST_ASSERT_EQUAL_INT64(250500000, config->record_max_bytes);
+    TEST_ASSERT_EQUAL_INT64(TL_SECOND / 4, config->record_commit);
+    TEST_ASSERT_EQUAL_INT64(30 * TL_SECOND, config->record_resume);
+    TEST_ASSERT_EQUAL_INT(0, config->realtime_priority);
+    TEST_ASSERT_FALSE(config->realtime_lock_memory);
+    TEST_ASSERT_EQUAL_INT64(3 * TL_SECOND / 2, config->realtime_hang);
+}
+
+static void test_text_and_fingerprint(void) {
+    const tl_config *config = read_good(FULL);
+    char *text = tl_test_read_text(FULL);
+    char command[256];
+    char sum[65] = "";
+    TEST_ASSERT_EQUAL_size_t(strlen(text), config->size);
+    TEST_ASSERT_EQUAL_STRING(text, config->text);
+    free(text);
+    (void)snprintf(command, sizeof command, "sha256sum '%s'", FULL);
+    FILE *pipe = popen(command, "r");
+    TEST_ASSERT_NOT_NULL(pipe);
+    TEST_ASSERT_EQUAL_size_t(64, fread(sum, 1, 64, pipe));
+    (void)pclose(pipe);
+    TEST_ASSERT_EQUAL_STRING(sum, config->hash);
+}
+
+static void test_components(void) {
+    const tl_config *config = read_good(FULL);
+    TEST_ASSERT_EQUAL_size_t(2, config->component_count);
+    TEST_ASSERT_EQUAL_STRING("components.drive", config->components[0].where);
+    TEST_ASSERT_EQUAL_STRING("drive", config->components[0].name);
+    TEST_ASSERT_EQUAL_STRING("drive.fmu", config->components[0].fmu);
+    TEST_ASSERT_EQUAL_size_t(0, config->components[0].set_count);
+    TEST_ASSERT_EQUAL_INT(TL_KEEP_STATES, config->components[0].keep);
+    TEST_ASSERT_EQUAL_INT(TL_KEEP_OUTPUTS, config->components[1].keep);
+    TEST_ASSERT_EQUAL_STRING("models/motor.fmu", config->components[1].fmu);
+    TEST_ASSERT_EQUAL_size_t(0, config->components[0].library_count);
+    TEST_ASSERT_FALSE(config->components[0].logging);
+    TEST_ASSERT_TRUE(config->components[1].logging);
+    TEST_ASSERT_EQUAL_size_t(2, config->components[1].library_count);
+    const tl_config_library *libraries = config->components[1].libraries;
+    TEST_ASSERT_EQUAL_STRING("components.motor.libraries[0]", libraries[0].where);
+    TEST_ASSERT_EQUAL_STRING("libpython3.11.so.1.0", libraries[0].name);
+    TEST_ASSERT_EQUAL_STRING("components.motor.libraries[1]", libraries[1].where);
+    TEST_ASSERT_EQUAL_STRING("lib/solver.so", libraries[1].name);
+    TEST_ASSERT_EQUAL_size_t(4, config->components[1].set_count);
+    const tl_plan_set *set = config->components[1].set;
+    TEST_ASSERT_EQUAL_STRING("components.motor.set.J", set[0].where);
+    TEST_ASSERT_EQUAL_STRING("J", set[0].variable);
+    TEST_ASSERT_EQUAL_INT(TL_REAL, set[0].value.type);
+    TEST_ASSERT_EQUAL_DOUBLE(0.0515, set[0].value.real);
+    TEST_ASSERT_EQUAL_INT(TL_REAL, set[1].value.type);
+    TEST_ASSERT_EQUAL_DOUBLE(4, set[1].value.real);
+    TEST_ASSERT_EQUAL_INT(TL_BOOLEAN, set[2].value.type);
+    TEST_ASSERT_EQUAL_INT(1, set[2].value.integer);
+    TEST_ASSERT_EQUAL_INT(TL_STRING, set[3].value.type);
+    TEST_ASSERT_EQUAL_STRING("", set[3].value.text);
+}
+
+static void test_sources(void) {
+    const tl_config *config = read_good(FULL);
+    const tl_config_source *source = config->sources;
+    TEST_ASSERT_EQUAL_size_t(6, config->source_count);
+    TEST_ASSERT_EQUAL_STRING("sources.plc", source[0].where);
+    TEST_ASSERT_EQUAL_STRING("plc", source[0].name);
+    TEST_ASSERT_EQUAL_INT(TL_SOURCE_MODBUS_TCP, source[0].kind);
+    TEST_ASSERT_EQUAL_STRING("192.0.2.10", source[0].host);
+    TEST_ASSERT_EQUAL_UINT16(1502, source[0].port);
+    TEST_ASSERT_EQUAL_DOUBLE(0.02, source[0].period_s);
+    TEST_ASSERT_EQUAL_DOUBLE(0.25, source[0].timeout_s);
+    TEST_ASSERT_TRUE(source[0].any_unit_id);
+    TEST_ASSERT_EQUAL_STRING("plc.example", source[1].host);
+    TEST_ASSERT_FALSE(source[1].any_unit_id);
+    TEST_ASSERT_EQUAL_UINT16(502, source[1].port);
+    TEST_ASSERT_EQUAL_DOUBLE(0.01, source[1].period_s);
+    TEST_ASSERT_EQUAL_DOUBLE(0.5, source[1].timeout_s);
+    TEST_ASSERT_EQUAL_INT(TL_SOURCE_CSV, source[2].kind);
+    TEST_ASSERT_EQUAL_STRING("plant.fifo", source[2].file);
+    TEST_ASSERT_EQUAL_STRING("t", source[2].time_column);
+    TEST_ASSERT_EQUAL_DOUBLE(0.005, source[2].period_s);
+}
+
+static void test_a_serial_line(void) {
+    const tl_config *config = read_good(FULL);
+    const tl_config_source *bus = &config->sources[3];
+    const tl_config_signal *level = &config->signals[5];
+    TEST_ASSERT_EQUAL_INT(TL_SOURCE_MODBUS_RTU, bus->kind);
+    TEST_ASSERT_EQUAL_STRING("ttyPLC", bus->line.device);
+    TEST_ASSERT_EQUAL_UINT32(38400, bus->line.baud);
+    TEST_ASSERT_EQUAL_INT('N', bus->line.parity);
+    TEST_ASSERT_EQUAL_UINT8(1, bus->line.stop_bits);
+    TEST_ASSERT_TRUE(bus->line.rs485);
+    TEST_ASSERT_EQUAL_DOUBLE(0.05, bus->period_s);
+    TEST_ASSERT_EQUAL_DOUBLE(0.1, bus->timeout_s);
+    TEST_ASSERT_EQUAL_size_t(3, level->source);
+    TEST_ASSERT_EQUAL_UINT8(247, level->modbus.unit_id);
+    TEST_ASSERT_EQUAL_INT(TL_MODBUS_DISCRETE, level->modbus.table);
+}
+
+static void expect_line(const char *keys, uint32_t baud, char parity, uint8_t stop_bits) {
+    char text[512];
+    const tl_config *config = &verdict.config;
+    (void)snprintf(
+        text, sizeof text,
+        "{ \"twinlock\": 1, \"name\": \"line\", \"step_s\": 0.01, \"components\": { \"a\": { \"fmu\": \"a\" } },"
+        "  \"sources\": { \"bus\": { \"modbus_rtu\": { \"device\": \"/dev/ttyS1\"%s } } },"
+        "  \"plant\": { \"y\": {} } }",
+        keys);
+    tl_config_free(&verdict.config);
+    tl_test_judge_text(text, strlen(text), &verdict);
+    TEST_ASSERT_EQUAL_STRING("", verdict.problems[0].text);
+    TEST_ASSERT_EQUAL_UINT32(baud, config->sources[0].line.baud);
+    TEST_ASSERT_EQUAL_INT(parity, config->sources[0].line.parity);
+    TEST_ASSERT_EQUAL_UINT8(stop_bits, config->sources[0].line.stop_bits);
+    TEST_ASSERT_FALSE(config->sources[0].line.rs485);
+    TEST_ASSERT_EQUAL_DOUBLE(0.5, config->sources[0].timeout_s);
+    TEST_ASSERT_EQUAL_DOUBLE(0.01, config->sources[0].period_s);
+}
+
+/* As the standard of the line has them. */
+static void test_defaults_of_a_serial_line(void) {
+    expect_line("", 19200, 'E', 1);
+    expect_line(", \"parity\": \"odd\"", 19200, 'O', 1);
+    expect_line(", \"parity\": \"none\", \"baud\": 1000000", 1000000, 'N', 2);
+    expect_line(", \"parity\": \"even\", \"stop_bits\": 2", 19200, 'E', 2);
+}
+
+static void test_gpio(void) {
+    const tl_config *config = read_good(FULL);
+    const tl_config_signal *start = &config->signals[6];
+    const tl_config_signal *stop = &config->signals[7];
+    TEST_ASSERT_EQUAL_INT(TL_SOURCE_GPIO, config->sources[4].kind);
+    TEST_ASSERT_EQUAL_STRING("bench", config->sources[4].chip);
+    TEST_ASSERT_EQUAL_DOUBLE(0.002, config->sources[4].period_s);
+    TEST_ASSERT_NULL(config->sources[5].chip);
+    TEST_ASSERT_EQUAL_DOUBLE(0.01, config->sources[5].period_s);
+    TEST_ASSERT_EQUAL_size_t(5, start->source);
+    TEST_ASSERT_EQUAL_STRING("START", start->gpio.line);
+    TEST_ASSERT_TRUE(start->gpio.active_low);
+    TEST_ASSERT_EQUAL_INT(TL_GPIO_PULL_UP, start->gpio.bias);
+    TEST_ASSERT_EQUAL_DOUBLE(0.004, start->gpio.debounce_s);
+    TEST_ASSERT_EQUAL_size_t(4, stop->source);
+    TEST_ASSERT_NULL(stop->gpio.line);
+    TEST_ASSERT_EQUAL_UINT(5, stop->gpio.offset);
+    TEST_ASSERT_FALSE(stop->gpio.active_low);
+    TEST_ASSERT_EQUAL_INT(TL_GPIO_NO_PULL, stop->gpio.bias);
+    TEST_ASSERT_EQUAL_DOUBLE(0, stop->gpio.debounce_s);
+}
+
+static void test_a_modbus_signal(void) {
+    const tl_config *config = read_good(FULL);
+    const tl_config_signal *torque = &config->signals[0];
+    TEST_ASSERT_EQUAL_size_t(8, config->signal_count);
+    TEST_ASSERT_EQUAL_STRING("plant.torque", torque->plan.where);
+    TEST_ASSERT_EQUAL_STRING("torque", torque->plan.name);
+    TEST_ASSERT_EQUAL_INT(TL_REAL, torque->plan.type);
+    TEST_ASSERT_EQUAL_STRING("N.m", torque->plan.unit);
+    TEST_ASSERT_TRUE(torque->plan.has_initial);
+    TEST_ASSERT_EQUAL_DOUBLE(0.5, torque->plan.initial);
+    TEST_ASSERT_EQUAL_DOUBLE(-5, torque->minimum);
+    TEST_ASSERT_EQUAL_DOUBLE(5, torque->maximum);
+    TEST_ASSERT_EQUAL_DOUBLE(0.1, torque->stale_s);
+    TEST_ASSERT_EQUAL_STRING("M_w", torque->column);
+    TEST_ASSERT_EQUAL_size_t(0, torque->source);
+    TEST_ASSERT_EQUAL_UINT8(255, torque->modbus.unit_id);
+    TEST_ASSERT_EQUAL_INT(TL_MODBUS_HOLDING, torque->modbus.table);
+    TEST_ASSERT_EQUAL_UINT16(100, torque->modbus.address);
+    TEST_ASSERT_EQUAL_INT(TL_MODBUS_INT16, torque->modbus.type);
+    TEST_ASSERT_TRUE(torque->modbus.words_little);
+    TEST_ASSERT_TRUE(torque->modbus.bytes_little);
+    TEST_ASSERT_EQUAL_DOUBLE(0.001, torque->modbus.scale);
+    TEST_ASSERT_EQUAL_DOUBLE(-1.5, torque->modbus.offset);
+}
+
+static void test_other_signals(void) {
+    const tl_config *config = read_good(FULL);
+    const tl_config_signal *running = &config->signals[1];
+    const tl_config_signal *stage = &config->signals[2];
+    TEST_ASSERT_EQUAL_INT(TL_BOOLEAN, running->plan.type);
+    TEST_ASSERT_TRUE(running->plan.has_initial);
+    TEST_ASSERT_EQUAL_DOUBLE(1, running->plan.initial);
+    TEST_ASSERT_EQUAL_size_t(1, running->source);
+    TEST_ASSERT_EQUAL_UINT8(1, running->modbus.unit_id);
+    TEST_ASSERT_EQUAL_INT(TL_MODBUS_COIL, running->modbus.table);
+    TEST_ASSERT_EQUAL_INT(TL_MODBUS_BIT, running->modbus.type);
+    TEST_ASSERT_EQUAL_UINT16(65535, running->modbus.address);
+    TEST_ASSERT_FALSE(running->modbus.words_little);
+    TEST_ASSERT_FALSE(running->modbus.bytes_little);
+    TEST_ASSERT_EQUAL_DOUBLE(1, running->modbus.scale);
+    TEST_ASSERT_EQUAL_DOUBLE(0, running->modbus.offset);
+    TEST_ASSERT_EQUAL_INT(TL_INTEGER, stage->plan.type);
+    TEST_ASSERT_EQUAL_DOUBLE(3, stage->plan.initial);
+    TEST_ASSERT_EQUAL_INT(TL_MODBUS_INPUT, stage->modbus.table);
+    TEST_ASSERT_EQUAL_INT(TL_MODBUS_FLOAT64, stage->modbus.type);
+    TEST_ASSERT_EQUAL_STRING("omega", config->signals[3].column);
+    TEST_ASSERT_EQUAL_size_t(2, config->signals[3].source);
+}
+
+static void test_a_signal_without_keys(void) {
+    const tl_config *config = read_good(FULL);
+    const tl_config_signal *current = &config->signals[4];
+    TEST_ASSERT_EQUAL_INT(TL_REAL, current->plan.type);
+    TEST_ASSERT_EQUAL_STRING("", current->plan.unit);
+    TEST_ASSERT_FALSE(current->plan.has_initial);
+    TEST_ASSERT_TRUE(isinf(current->minimum) && current->minimum < 0);
+    TEST_ASSERT_TRUE(isinf(current->maximum) && current->maximum > 0);
+    TEST_ASSERT_EQUAL_DOUBLE(0, current->stale_s);
+    TEST_ASSERT_EQUAL_STRING("current", current->column);
+    TEST_ASSERT_EQUAL_size_t(SIZE_MAX, current->source);
+}
+
+static void test_connections(void) {
+    const tl_config *config = read_good(FULL);
+    TEST_ASSERT_EQUAL_size_t(3, config->connection_count);
+    TEST_ASSERT_EQUAL_STRING("connect[2]", config->connections[2].where);
+    TEST_ASSERT_EQUAL_STRING("plant.torque", config->connections[0].from);
+    TEST_ASSERT_EQUAL_STRING("motor.M_w", config->connections[0].to);
+    TEST_ASSERT_EQUAL_STRING("drive.y", config->connections[2].to);
+}
+
+static void test_adjust(void) {
+    const tl_config *config = read_good(FULL);
+    TEST_ASSERT_TRUE(config->synchronise);
+    TEST_ASSERT_EQUAL_size_t(3, config->adjust_count);
+    TEST_ASSERT_EQUAL_STRING("synchronise.adjust.motor.d", config->adjust[0].where);
+    TEST_ASSERT_EQUAL_STRING("motor.d", config->adjust[0].variable);
+    TEST_ASSERT_TRUE(config->adjust[0].has_nominal);
+    TEST_ASSERT_EQUAL_DOUBLE(0.0031, config->adjust[0].nominal);
+    TEST_ASSERT_EQUAL_DOUBLE(0.05, config->adjust[0].step);
+    TEST_ASSERT_EQUAL_DOUBLE(0, config->adjust[0].lower);
+    TEST_ASSERT_EQUAL_DOUBLE(1, config->adjust[0].upper);
+    TEST_ASSERT_EQUAL_DOUBLE(0.25, config->adjust[0].deviation_penalty);
+    TEST_ASSERT_EQUAL_DOUBLE(0.125, config->adjust[0].rate_penalty);
+    TEST_ASSERT_EQUAL_INT64(0, config->adjust[0].dwell);
+    TEST_ASSERT_EQUAL_STRING("motor.x[1].bias", config->adjust[1].variable);
+    TEST_ASSERT_FALSE(config->adjust[1].has_nominal);
+    TEST_ASSERT_TRUE(isinf(config->adjust[1].lower) && config->adjust[1].lower < 0);
+    TEST_ASSERT_TRUE(isinf(config->adjust[1].upper) && config->adjust[1].upper > 0);
+    TEST_ASSERT_EQUAL_DOUBLE(0, config->adjust[1].deviation_penalty);
+    TEST_ASSERT_EQUAL_DOUBLE(0, config->adjust[1].rate_penalty);
+}
+
+static void test_a_boolean_that_is_adjusted(void) {
+    const tl_plan_adjust *brake = &read_good(FULL)->adjust[2];
+    TEST_ASSERT_EQUAL_STRING("motor.brake", brake->variable);
+    TEST_ASSERT_EQUAL_DOUBLE(0, brake->step); /* not given */
+    TEST_ASSERT_TRUE(brake->has_nominal);
+    TEST_ASSERT_EQUAL_DOUBLE(1, brake->nominal);
+    TEST_ASSERT_EQUAL_INT64(200000000, brake->dwell);
+}
+
+static void test_match(void) {
+    const tl_config *config = read_good(FULL);
+    TEST_ASSERT_EQUAL_size_t(2, config->match_count);
+    TEST_ASSERT_EQUAL_STRING("synchronise.match.motor.omega", config->match[0].where);
+    TEST_ASSERT_EQUAL_STRING("motor.omega", config->match[0].variable);
+    TEST_ASSERT_EQUAL_STRING("plant.omega", config->match[0].to);
+    TEST_ASSERT_EQUAL_DOUBLE(0.5, config->match[0].tolerance);
+    TEST_ASSERT_EQUAL_DOUBLE(2, config->match[0].weight);
+    TEST_ASSERT_EQUAL_DOUBLE(1, config->match[1].tolerance);
+    TEST_ASSERT_EQUAL_DOUBLE(0, config->match[1].weight);
+    TEST_ASSERT_EQUAL_DOUBLE(3, config->match[0].huber);
+    TEST_ASSERT_EQUAL_UINT32(5, config->match[0].condition.median);
+    TEST_ASSERT_EQUAL_INT64(30000000, config->match[0].condition.low_pass);
+    TEST_ASSERT_EQUAL_DOUBLE(45, config->match[0].condition.gate);
+    TEST_ASSERT_EQUAL_DOUBLE(0, config->match[1].huber);
+    TEST_ASSERT_EQUAL_UINT32(0, config->match[1].condition.median);
+    TEST_ASSERT_EQUAL_INT64(0, config->match[1].condition.low_pass);
+    TEST_ASSERT_EQUAL_DOUBLE(0, config->match[1].condition.gate);
+}
+
+static void test_the_rest_of_synchronise(void) {
+    const tl_config *config = read_good(FULL);
+    TEST_ASSERT_EQUAL_UINT32(2, config->prediction);
+    TEST_ASSERT_EQUAL_INT(TL_DYNAMIC, config->shape);
+    TEST_ASSERT_EQUAL_INT(TL_AHEAD, config->measurements);
+    TEST_ASSERT_EQUAL_STRING("nelder-mead", config->algorithm);
+    TEST_ASSERT_EQUAL_STRING("bobyqa", config->fallback);
+    TEST_ASSERT_EQUAL_UINT32(30, config->stagnation);
+    TEST_ASSERT_EQUAL_DOUBLE(0.02, config->margin);
+    TEST_ASSERT_EQUAL_DOUBLE(0.002, config->noise_floor);
+    TEST_ASSERT_FALSE(config->saving.structure);
+    TEST_ASSERT_FALSE(config->saving.sequences);
+    TEST_ASSERT_EQUAL_UINT32(500, config->saving.nodes);
+    TEST_ASSERT_EQUAL_UINT32(300, config->saving_memory);
+    TEST_ASSERT_EQUAL_UINT32(40, config->budget_evaluations);
+    TEST_ASSERT_EQUAL_INT64(4000000, config->budget_time);
+}
+
+/* One ε for all, in place of tolerances; and the defaults of a configuration that synchronises. */
+static void test_epsilon(void) {
+    const tl_config *config = read_good(EPSILON);
+    TEST_ASSERT_TRUE(config->synchronise);
+    TEST_ASSERT_EQUAL_DOUBLE(0.5, config->match[0].tolerance);
+    TEST_ASSERT_EQUAL_DOUBLE(1, config->match[0].weight);
+    TEST_ASSERT_EQUAL_DOUBLE(2, config->match[0].huber);
+    TEST_ASSERT_EQUAL_DOUBLE(0.5, config->match[1].tolerance);
+    TEST_ASSERT_EQUAL_DOUBLE(0, config->match[1].weight);
+    TEST_ASSERT_EQUAL_STRING("l-bfgs", config->algorithm);
+    TEST_ASSERT_NULL(config->fallback);
+    TEST_ASSERT_EQUAL_UINT32(0, config->stagnation);
+    TEST_ASSERT_EQUAL_DOUBLE(0.001, config->noise_floor);
+    TEST_ASSERT_EQUAL_DOUBLE(0.01, config->margin);
+}
+
+static void test_emulate(void) {
+    const tl_config *config = read_good(FULL);
+    TEST_ASSERT_EQUAL_size_t(2, config->emulated_count);
+    TEST_ASSERT_EQUAL_STRING("emulate.columns.omega", config->emulated[0].where);
+    TEST_ASSERT_EQUAL_STRING("omega", config->emulated[0].column);
+    TEST_ASSERT_EQUAL_STRING("motor.omega", config->emulated[0].from);
+    TEST_ASSERT_EQUAL_DOUBLE(0.01, config->emulated[0].noise);
+    TEST_ASSERT_EQUAL_STRING("plant.torque", config->emulated[1].from);
+    TEST_ASSERT_EQUAL_DOUBLE(0, config->emulated[1].noise);
+    TEST_ASSERT_EQUAL_DOUBLE(0.005, config->message_min_s);
+    TEST_ASSERT_EQUAL_DOUBLE(0.02, config->message_max_s);
+}
+
+/* Table 5.16 with a step of 10 ms. */
+static void test_delays(void) {
+    const tl_config_delays *delays = read_good(FULL)->delays;
+    TEST_ASSERT_EQUAL_size_t(4, delays->participant_count);
+    TEST_ASSERT_EQUAL_STRING("device", delays->names[1]);
+    TEST_ASSERT_EQUAL_INT64(10000000, delays->participants[1].dead);
+    TEST_ASSERT_EQUAL_INT64(100000, delays->participants[1].cycle);
+    TEST_ASSERT_EQUAL_size_t(2, delays->participants[3].base);
+    TEST_ASSERT_TRUE(delays->has_input && delays->has_output);
+    TEST_ASSERT_EQUAL_size_t(4, delays->output.simulation.length);
+    TEST_ASSERT_EQUAL_size_t(3, delays->output.simulation.parts[3]);
+    TEST_ASSERT_EQUAL_INT64(11900000, delays->input.delay);
+    TEST_ASSERT_EQUAL_INT64(8000000, delays->output.delay);
+    TEST_ASSERT_EQUAL_INT64(3900000, delays->shift);
+    TEST_ASSERT_EQUAL_INT64(8000000, delays->wait);
+    TEST_ASSERT_EQUAL_INT32(2, delays->input_lookup.ticks);
+    TEST_ASSERT_EQUAL_INT64(8100000, delays->input_lookup.look_back);
+    TEST_ASSERT_EQUAL_INT32(2, delays->output_lookup.ticks);
+    TEST_ASSERT_EQUAL_INT64(16100000, delays->output_lookup.look_back);
+}
+
+/* A signal that feeds an input and is matched is looked up twice. */
+static void test_second_look_ups(void) {
+    char *text = tl_test_read_text(FULL);
+    char *fed = tl_test_replaced(text, "[\"drive.u_R\", \"motor.I_in\"]",
+                                 "[\"drive.u_R\", \"motor.I_in\"], [\"plant.omega\", \"drive.ref\"]");
+    TEST_ASSERT_NOT_NULL(fed);
+    tl_test_judge_text(fed, strlen(fed), &verdict);
+    free(fed);
+    free(text);
+    TEST_ASSERT_EQUAL_INT(TL_OK, verdict.status);
+    tl_config *config = &verdict.config;
+    TEST_ASSERT_EQUAL_size_t(8, config->signal_count);
+    TEST_ASSERT_EQUAL_size_t(1, config->second_count);
+    TEST_ASSERT_EQUAL_STRING("plant.omega@match", config->matched_as[0]);
+    TEST_ASSERT_EQUAL_STRING("plant.omega", config->match[0].to);
+    TEST_ASSERT_EQUAL_STRING("plant.current", config->matched_as[1]);
+    tl_config_use_lookups(config);
+    tl_config_use_lookups(config);
+    TEST_ASSERT_EQUAL_size_t(9, config->signal_count);
+    const tl_config_signal *first = &config->signals[3];
+    const tl_config_signal *second = &config->signals[8];
+    TEST_ASSERT_EQUAL_STRING("omega@match", second->plan.name);
+    TEST_ASSERT_EQUAL_size_t(3, second->of);
+    TEST_ASSERT_EQUAL_size_t(3, first->of);
+    TEST_ASSERT_EQUAL_STRING("omega", second->column);
+    TEST_ASSERT_EQUAL_size_t(2, second->source);
+    TEST_ASSERT_EQUAL_INT64(8100000, first->look_back);
+    TEST_ASSERT_FALSE(first->next);
+    TEST_ASSERT_EQUAL_INT64(16100000, second->look_back);
+    TEST_ASSERT_TRUE(second->next);
+    TEST_ASSERT_EQUAL_INT64(16100000, config->signals[4].look_back); /* current: matched only */
+    TEST_ASSERT_EQUAL_INT64(8100000, config->signals[0].look_back);  /* torque: feeds only */
+    TEST_ASSERT_EQUAL_INT64(0, config->signals[1].look_back);        /* running: neither */
+}
+
+static void test_a_plant_has_no_delays(void) {
+    tl_config *config = &verdict.config;
+    (void)read_good(FULL);
+    tl_config_forget_delays(config);
+    tl_config_use_lookups(config);
+    TEST_ASSERT_NULL(config->delays);
+    TEST_ASSERT_EQUAL_size_t(8, config->signal_count);
+    TEST_ASSERT_EQUAL_INT64(0, config->signals[0].look_back);
+    TEST_ASSERT_EQUAL_INT64(0, config->signals[4].look_back);
+    TEST_ASSERT_FALSE(config->signals[4].next);
+    TEST_ASSERT_EQUAL_STRING("plant.omega", config->matched_as[0]);
+}
+
+/* ---- what is not there ---- */
+
+static void test_defaults(void) {
+    const tl_config *config = read_good(FREE);
+    TEST_ASSERT_EQUAL_INT64(0, config->duration);
+    TEST_ASSERT_EQUAL_size_t(0, config->source_count);
+    TEST_ASSERT_NULL(config->delays);
+    TEST_ASSERT_NULL(config->recording_file);
+    TEST_ASSERT_EQUAL_STRING("time", config->recording_time_column);
+    TEST_ASSERT_NULL(config->record_file);
+    TEST_ASSERT_EQUAL_INT64(1000000000, config->record_max_bytes);
+    TEST_ASSERT_EQUAL_INT64(TL_SECOND / 2, config->record_commit);
+    TEST_ASSERT_EQUAL_INT64(60 * TL_SECOND, config->record_resume);
+    TEST_ASSERT_EQUAL_INT(50, config->realtime_priority);
+    TEST_ASSERT_TRUE(config->realtime_lock_memory);
+    TEST_ASSERT_EQUAL_INT64(2 * TL_SECOND, config->realtime_hang);
+    TEST_ASSERT_EQUAL_size_t(0, config->emulated_count);
+    TEST_ASSERT_EQUAL_DOUBLE(0, config->message_min_s);
+    TEST_ASSERT_EQUAL_DOUBLE(0, config->message_max_s);
+}
+
+static void test_compare_only(void) {
+    const tl_config *config = read_good(FREE);
+    TEST_ASSERT_FALSE(config->synchronise);
+    TEST_ASSERT_EQUAL_size_t(0, config->adjust_count);
+    TEST_ASSERT_EQUAL_size_t(1, config->match_count);
+    TEST_ASSERT_EQUAL_STRING("compare.motor.omega", config->match[0].where);
+    TEST_ASSERT_EQUAL_STRING("motor.omega", config->match[0].variable);
+    TEST_ASSERT_EQUAL_STRING("plant.omega", config->match[0].to);
+    TEST_ASSERT_EQUAL_DOUBLE(0, config->match[0].weight);
+    TEST_ASSERT_EQUAL_DOUBLE(1, config->match[0].tolerance);
+    TEST_ASSERT_EQUAL_DOUBLE(0, config->match[0].huber);
+    TEST_ASSERT_EQUAL_UINT32(0, config->match[0].condition.median);
+    TEST_ASSERT_EQUAL_INT(TL_KEEP_STATES, config->components[0].keep);
+    TEST_ASSERT_EQUAL_UINT32(0, config->prediction);
+    TEST_ASSERT_EQUAL_INT(TL_STATIC, config->shape);
+    TEST_ASSERT_EQUAL_INT(TL_LAG, config->measurements);
+    TEST_ASSERT_NULL(config->algorithm);
+    TEST_ASSERT_NULL(config->fallback);
+    TEST_ASSERT_EQUAL_UINT32(0, config->stagnation);
+    TEST_ASSERT_EQUAL_DOUBLE(0.01, config->margin);
+    TEST_ASSERT_EQUAL_DOUBLE(0.001, config->noise_floor);
+    TEST_ASSERT_TRUE(config->saving.structure);
+    TEST_ASSERT_TRUE(config->saving.sequences);
+    TEST_ASSERT_EQUAL_UINT32(0, config->saving.nodes);
+    TEST_ASSERT_EQUAL_UINT32(128, config->saving_memory);
+    TEST_ASSERT_EQUAL_UINT32(60, config->budget_evaluations);
+    TEST_ASSERT_EQUAL_INT64(60000000, config->budget_time);
+}
+
+static void judge_edited(const char *path, const char *old, const char *new) {
+    char *text = tl_test_read_text(path);
+    TEST_ASSERT_NOT_NULL(text);
+    char *edited = tl_test_replaced(text, old, new);
+    TEST_ASSERT_NOT_NULL_MESSAGE(edited, old);
+    tl_config_free(&verdict.config);
+    tl_test_judge_text(edited, strlen(edited), &verdict);
+    free(edited);
+    free(text);
+}
+
+static void takes(const char *path, const char *old, const char *new) {
+    judge_edited(path, old, new);
+    TEST_ASSERT_EQUAL_STRING_MESSAGE("", verdict.problems[0].text, new);
+    TEST_ASSERT_EQUAL_INT(TL_OK, verdict.status);
+}
+
+static void test_delays_of_outputs_alone(void) {
+    takes(FULL,
+          "\"input\": { \"plant\": [\"bus\", \"device\"], \"simulation\": [\"bus\", \"acquisition\", \"twin\"] },", "");
+    const tl_config_delays *delays = verdict.config.delays;
+    TEST_ASSERT_FALSE(delays->has_input);
+    TEST_ASSERT_EQUAL_INT64(-8000000, delays->shift);
+    TEST_ASSERT_EQUAL_INT32(0, delays->input_lookup.ticks);
+    TEST_ASSERT_EQUAL_INT64(0, delays->input_lookup.look_back);
+    TEST_ASSERT_EQUAL_INT32(0, delays->output_lookup.ticks);
+    TEST_ASSERT_EQUAL_INT64(8000000, delays->output_lookup.look_back);
+}
+
+static void test_nothing_to_compare(void) {
+    takes(FREE, ",\n  \"compare\": { \"motor.omega\": { \"to\": \"plant.omega\" } }", "");
+    TEST_ASSERT_FALSE(verdict.config.synchronise);
+    TEST_ASSERT_EQUAL_size_t(0, verdict.config.match_count);
+    takes(FREE, "[[\"plant.torque\", \"motor.M_w\"]]", "[]");
+    TEST_ASSERT_EQUAL_size_t(0, verdict.config.connection_count);
+}
+
+static void test_weights_and_tolerances(void) {
+    takes(FULL, "\"tolerance\": 0.5, \"weight\": 2", "\"tolerance\": 0.5");
+    TEST_ASSERT_EQUAL_DOUBLE(1, verdict.config.match[0].weight);
+    takes(FULL, "\"plant.current\", \"weight\": 0", "\"plant.current\", \"weight\": 0, \"tolerance\": 3");
+    TEST_ASSERT_EQUAL_DOUBLE(3, verdict.config.match[1].tolerance);
+}
+
+/* Every name, and the numbers of the dissertation (table 5.1): reader, registry, schema and SPEC.md mean the same. */
+static void test_solvers(void) {
+    static const struct {
+        const char *text, *name;
+    } cases[] = {
+        {"\"secant\"", "secant"}, {"\"nelder-mead\"", "nelder-mead"},
+        {"\"bobyqa\"", "bobyqa"}, {"\"l-bfgs\"", "l-bfgs"},
+        {"\"sbplx\"", "sbplx"},   {"\"boolean\"", "boolean"},
+        {"1", "nelder-mead"},     {"100", "l-bfgs"},
+        {"1000", "bobyqa"},       {"1e2", "l-bfgs"},
+    };
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+        char new[64];
+        (void)snprintf(new, sizeof new, "\"algorithm\": %s", cases[i].text);
+        takes(EPSILON, "\"algorithm\": 100", new);
+        TEST_ASSERT_EQUAL_STRING(cases[i].name, verdict.config.algorithm);
+        TEST_ASSERT_EQUAL_STRING(cases[i].name, tl_optimiser_find(cases[i].name)->name);
+        (void)snprintf(new, sizeof new, "\"fallback\": %s", cases[i].text);
+        takes(EPSILON, "\"algorithm\": 100", new);
+        TEST_ASSERT_NULL(verdict.config.algorithm);
+        TEST_ASSERT_EQUAL_STRING(cases[i].name, verdict.config.fallback);
+    }
+}
+
+static void test_modes_and_shapes(void) {
+    takes(FULL, "\"measurements\": \"ahead\"", "\"measurements\": \"hold\"");
+    TEST_ASSERT_EQUAL_INT(TL_HOLD, verdict.config.measurements);
+    takes(FULL, "\"measurements\": \"ahead\"", "\"measurements\": \"lag\"");
+    TEST_ASSERT_EQUAL_INT(TL_LAG, verdict.config.measurements);
+    takes(FULL, "\"shape\": \"dynamic\"", "\"shape\": \"static\"");
+    TEST_ASSERT_EQUAL_INT(TL_STATIC, verdict.config.shape);
+    takes(FULL, "\"keep\": \"outputs\"", "\"keep\": \"states\"");
+    TEST_ASSERT_EQUAL_INT(TL_KEEP_STATES, verdict.config.components[1].keep);
+    takes(FULL, "\"nominal\": true", "\"nominal\": false");
+    TEST_ASSERT_TRUE(verdict.config.adjust[2].has_nominal);
+    TEST_ASSERT_EQUAL_DOUBLE(0, verdict.config.adjust[2].nominal);
+}
+
+/* Objects that are there and say nothing, or one thing of several. */
+static void test_objects_in_part(void) {
+    takes(FULL, "\"deviation\": 0.25, \"rate\": 0.125", "\"rate\": 0.125");
+    TEST_ASSERT_EQUAL_DOUBLE(0, verdict.config.adjust[0].deviation_penalty);
+    TEST_ASSERT_EQUAL_DOUBLE(0.125, verdict.config.adjust[0].rate_penalty);
+    takes(FULL, "\"median\": 5, \"low_pass_s\": 0.03, \"gate\": 45", "");
+    TEST_ASSERT_EQUAL_UINT32(0, verdict.config.match[0].condition.median);
+    TEST_ASSERT_EQUAL_INT64(0, verdict.config.match[0].condition.low_pass);
+    TEST_ASSERT_EQUAL_DOUBLE(0, verdict.config.match[0].condition.gate);
+    takes(FULL, "\"structure\": false, \"sequences\": false, \"nodes\": 500", "\"sequences\": false");
+    TEST_ASSERT_TRUE(verdict.config.saving.structure);
+    TEST_ASSERT_FALSE(verdict.config.saving.sequences);
+    TEST_ASSERT_EQUAL_UINT32(0, verdict.config.saving.nodes);
+    takes(FULL, "{ \"nominal\": true, \"dwell_s\": 0.2 }", "{}");
+    TEST_ASSERT_FALSE(verdict.config.adjust[2].has_nominal);
+    TEST_ASSERT_EQUAL_INT64(0, verdict.config.adjust[2].dwell);
+}
+
+/* Decimal fractions that no double can hold, and the limits. */
+static void test_steps_in_nanoseconds(void) {
+    static const struct {
+        const char *text;
+        tl_time step;
+    } cases[] = {
+        {"1e-5", 10000},
+        {"0.000123457", 123457},
+        {"0.3", 300000000},
+        {"0.30000000000000004", 300000000},
+        {"1.1", 1100000000},
+        {"3599.1", INT64_C(3599100000000)},
+        {"3599.999999999", INT64_C(3599999999999)},
+        {"3600", INT64_C(3600000000000)},
+    };
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+        char new[64];
+        (void)snprintf(new, sizeof new, "\"step_s\": %s", cases[i].text);
+        takes(FREE, "\"step_s\": 0.1", new);
+        TEST_ASSERT_EQUAL_INT64(cases[i].step, verdict.config.step);
+    }
+}
+
+static void test_durations_at_their_limits(void) {
+    takes(FULL, "\"duration_s\": 14", "\"duration_s\": 1e9");
+    TEST_ASSERT_EQUAL_INT64(INT64_C(1000000000) * TL_SECOND, verdict.config.duration);
+    takes(FULL, "\"duration_s\": 14", "\"duration_s\": 1e-300");
+    TEST_ASSERT_EQUAL_INT64(1, verdict.config.duration);
+    takes(FULL, "\"stale_s\": 0.1", "\"stale_s\": 1e-300");
+    TEST_ASSERT_EQUAL_DOUBLE(1e-9, verdict.config.signals[0].stale_s);
+    takes(FULL, "[0.005, 0.02]", "[1e-300, 1e-300]");
+    TEST_ASSERT_EQUAL_DOUBLE(1e-9, verdict.config.message_min_s);
+    TEST_ASSERT_EQUAL_DOUBLE(1e-9, verdict.config.message_max_s);
+    takes(FULL, "\"dwell_s\": 0.2", "\"dwell_s\": 1e-300");
+    TEST_ASSERT_EQUAL_INT64(1, verdict.config.adjust[2].dwell);
+    takes(FULL, "\"low_pass_s\": 0.03", "\"low_pass_s\": 10");
+    TEST_ASSERT_EQUAL_INT64(10 * TL_SECOND, verdict.config.match[0].condition.low_pass);
+    takes(FULL, "\"time_s\": 0.004", "\"time_s\": 1e-300");
+    TEST_ASSERT_EQUAL_INT64(1, verdict.config.budget_time);
+}
+
+static void test_the_default_budget_is_six_tenths_of_a_step(void) {
+    takes(FULL, "\"evaluations\": 40, \"time_s\": 0.004", "");
+    TEST_ASSERT_EQUAL_UINT32(60, verdict.config.budget_evaluations);
+    TEST_ASSERT_EQUAL_INT64(6000000, verdict.config.budget_time);
+    takes(FREE, "\"step_s\": 0.1", "\"step_s\": 0.000010001");
+    TEST_ASSERT_EQUAL_INT64(6000, verdict.config.budget_time);
+}
+
+static void test_other_ways_to_write_the_same(void) {
+    takes(FULL, "\"port\": 1502", "\"port\": 1.502e3");
+    TEST_ASSERT_EQUAL_UINT16(1502, verdict.config.sources[0].port);
+    takes(FULL, "\"name\": \"motor bench\"", "\"n\\u0061me\": \"m\\u00f6tor \\ud83d\\ude00\"");
+    TEST_ASSERT_EQUAL_STRING("mötor \U0001F600", verdict.config.name);
+    takes(FULL, "\"unit\": \"N.m\"", "\"unit\": \"\"");
+    TEST_ASSERT_EQUAL_STRING("", verdict.config.signals[0].plan.unit);
+    takes(FULL, "\"label\": \"\"", "\"label\": \"two\\nlines\"");
+    TEST_ASSERT_EQUAL_STRING("two\nlines", verdict.config.components[1].set[3].value.text);
+}
+
+static void test_values_at_their_limits(void) {
+    takes(FULL, "\"min\": -5, \"max\": 5", "\"min\": 5, \"max\": 5");
+    takes(FULL, "\"unit_id\": 255", "\"unit_id\": 247");
+    takes(FULL, "\"unit_id\": 255", "\"unit_id\": 0");
+    takes(FULL, "\"address\": 100", "\"address\": 65535");
+    takes(FULL, "\"prediction\": 2", "\"prediction\": 1000");
+    takes(FULL, "\"margin\": 0.02", "\"margin\": 0");
+    takes(FULL, "\"evaluations\": 40", "\"evaluations\": 2");
+    takes(FULL, "\"median\": 5", "\"median\": 1");
+    takes(FULL, "\"median\": 5", "\"median\": 99");
+    takes(FULL, "\"deviation\": 0.25", "\"deviation\": 0");
+    takes(FULL, "\"rate\": 0.125", "\"rate\": 0");
+    takes(FULL, "\"stagnation\": 30", "\"stagnation\": 1");
+    takes(FULL, "\"stagnation\": 30", "\"stagnation\": 100000");
+    takes(FULL, "\"noise_floor\": 0.002", "\"noise_floor\": 0");
+    takes(FULL, "\"nodes\": 500", "\"nodes\": 2");
+    takes(FULL, "\"nodes\": 500", "\"nodes\": 1000000");
+    takes(EPSILON, "\"epsilon\": 0.25", "\"epsilon\": 1e-300");
+    TEST_ASSERT_EQUAL_DOUBLE(1e-150, verdict.config.match[0].tolerance);
+    takes(FULL, "\"priority\": 0", "\"priority\": 98");
+    takes(FULL, "\"initial\": 3", "\"initial\": -2147483647");
+}
+
+static void test_a_boolean_without_initial(void) {
+    takes(FULL, "\"type\": \"boolean\", \"initial\": true", "\"type\": \"boolean\"");
+    TEST_ASSERT_FALSE(verdict.config.signals[1].plan.has_initial);
+    takes(FULL, "\"initial\": true", "\"initial\": false");
+    TEST_ASSERT_TRUE(verdict.config.signals[1].plan.has_initial);
+    TEST_ASSERT_EQUAL_DOUBLE(0, verdict.config.signals[1].plan.initial);
+}
+
+/* ---- lines ---- */
+
+static void test_lines(void) {
+    const tl_config *config = read_good(FULL);
+    TEST_ASSERT_EQUAL_size_t(0, tl_config_line(config, ""));
+    TEST_ASSERT_EQUAL_size_t(0, tl_config_line(config, "nothing"));
+    TEST_ASSERT_EQUAL_size_t(4, tl_config_line(config, "step_s"));
+    TEST_ASSERT_EQUAL_size_t(tl_test_line_of(config->text, "\"J\""), tl_config_line(config, "components.motor.set.J"));
+    TEST_ASSERT_EQUAL_size_t(tl_test_line_of(config->text, "\"drive.y\""), tl_config_line(config, "connect[2][1]"));
+    TEST_ASSERT_EQUAL_size_t(tl_test_line_of(config->text, "\"motor.x[1].bias\""),
+                             tl_config_line(config, "synchronise.adjust.motor.x[1].bias.nominal"));
+    tl_config empty = {.memory = NULL};
+    TEST_ASSERT_EQUAL_size_t(0, tl_config_line(&empty, "step_s"));
+}
+
+/* ---- files that are none ---- */
+
+static void expect_file_problem(const char *path, tl_status status, const char *text) {
+    tl_test_judge_file(path, &verdict);
+    TEST_ASSERT_EQUAL_INT(status, verdict.status);
+    TEST_ASSERT_EQUAL_size_t(1, verdict.count);
+    TEST_ASSERT_EQUAL_INT(status, verdict.problems[0].status);
+    TEST_ASSERT_EQUAL_STRING("", verdict.problems[0].where);
+    TEST_ASSERT_EQUAL_STRING(text, verdict.problems[0].text);
+    TEST_ASSERT_NULL(verdict.config.memory);
+    TEST_ASSERT_NULL(verdict.config.text);
+}
+
+/* A file `name` in the temporary folder. */
+static const char *make_file(const char *name, const char *text, size_t size) {
+    static char path[128];
+    (void)snprintf(path, sizeof path, "%s/%s", folder, name);
+    FILE *file = fopen(path, "wb");
+    TEST_ASSERT_NOT_NULL(file);
+    TEST_ASSERT_EQUAL_size_t(size, fwrite(text, 1, size, file));
+    TEST_ASSERT_EQUAL_INT(0, fclose(file));
+    return path;
+}
+
+static void test_a_missing_file(void) {
+    expect_file_problem("/nowhere/plant.json", TL_BAD_DATA,
+                        "the configuration cannot be read: No such file or directory");
+}
+
+static void test_a_directory(void) {
+    expect_file_problem("/tmp", TL_BAD_DATA, "the configuration cannot be read: Is a directory");
+}
+
+/* What passes by itself is not the configuration's fault. */
+static void test_no_file_handle_is_left(void) {
+    struct rlimit limit;
+    TEST_ASSERT_EQUAL_INT(0, getrlimit(RLIMIT_NOFILE, &limit));
+    struct rlimit none = {.rlim_cur = 0, .rlim_max = limit.rlim_max};
+    TEST_ASSERT_EQUAL_INT(0, setrlimit(RLIMIT_NOFILE, &none));
+    tl_test_judge_file(FREE, &verdict);
+    TEST_ASSERT_EQUAL_INT(0, setrlimit(RLIMIT_NOFILE, &limit));
+    TEST_ASSERT_EQUAL_INT(TL_TRY_AGAIN, verdict.status);
+    TEST_ASSERT_EQUAL_STRING("the configuration cannot be read: Too many open files", verdict.problems[0].text);
+}
+
+static void test_an_empty_file(void) {
+    expect_file_problem(make_file("config.json", "", 0), TL_BAD_DATA,
+                        "line 1, column 1: found the end of the file, expected a value: an object, an array, a text in "
+                        "\", a number, true, false or null");
+}
+
+static void test_a_nul_byte(void) {
+    expect_file_problem(make_file("config.json", "{}\0", 3), TL_BAD_DATA,
+                        "line 1, column 3: found the control character U+0000, expected nothing after the end");
+}
+
+static void test_a_file_that_never_ends(void) {
+    expect_file_problem("/dev/zero", TL_BAD_DATA, "found more than 256 KiB, expected a configuration of at most that");
+}
+
+static void test_the_largest_file(void) {
+    size_t size = TL_CONFIG_MAX_BYTES + 1;
+    char *text = malloc(size);
+    char *good = tl_test_read_text(FREE);
+    TEST_ASSERT_NOT_NULL(text);
+    TEST_ASSERT_NOT_NULL(good);
+    memset(text, ' ', size);
+    memcpy(text + size - strlen(good), good, strlen(good));
+    const char *path = make_file("config.json", text + 1, size - 1);
+    TEST_ASSERT_EQUAL_size_t(TL_CONFIG_MAX_BYTES, read_good(path)->size);
+    tl_config_free(&verdict.config);
+    expect_file_problem(make_file("config.json", text, size), TL_BAD_DATA,
+                        "found more than 256 KiB, expected a configuration of at most that");
+    free(good);
+    free(text);
+}
+
+static void test_freeing_an_empty_configuration(void) {
+    tl_config config = {.memory = NULL};
+    tl_config_free(&config);
+    TEST_ASSERT_NULL(config.memory);
+}
+
+/* ---- files that a configuration names ---- */
+
+static void expect_path(const char *config_path, const char *file, const char *expected) {
+    char path[128];
+    tl_config config;
+    tl_report report = {.add = NULL};
+    char *text = tl_test_read_text(FREE);
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_config_read_text(config_path, text, strlen(text), &config, &report));
+    free(text);
+    TEST_ASSERT_TRUE(tl_config_file_path(&config, file, path, sizeof path));
+    TEST_ASSERT_EQUAL_STRING(expected, path);
+    TEST_ASSERT_FALSE(tl_config_file_path(&config, file, path, strlen(expected)));
+    TEST_ASSERT_EQUAL_STRING("", path);
+    tl_config_free(&config);
+}
+
+static void test_file_paths(void) {
+    expect_path("bench/motor.json", "a.csv", "bench/a.csv");
+    expect_path("bench/motor.json", "../a.csv", "bench/../a.csv");
+    expect_path("bench/motor.json", "/data/a.csv", "/data/a.csv");
+    expect_path("motor.json", "a.csv", "a.csv");
+    expect_path("/motor.json", "a.csv", "/a.csv");
+}
+
+static void expect_fmu(const char *fmu, bool found, const char *expected) {
+    char path[256];
+    TEST_ASSERT_EQUAL(found, tl_config_fmu_path(&verdict.config, fmu, path, sizeof path));
+    TEST_ASSERT_EQUAL_STRING(expected, path);
+}
+
+static void make_folder(const char *name, char path[128]) {
+    (void)snprintf(path, 128, "%s/%s", folder, name);
+    TEST_ASSERT_EQUAL_INT(0, mkdir(path, 0700));
+}
+
+static void test_where_an_fmu_is(void) {
+    char plant[128];
+    char fmus[128];
+    char list[400];
+    char first[256];
+    char second[256];
+    make_folder("plant", plant);
+    make_folder("fmus", fmus);
+    (void)snprintf(first, sizeof first, "%s/plant/a.fmu", folder);
+    (void)snprintf(second, sizeof second, "%s/a.fmu", fmus);
+    (void)snprintf(list, sizeof list, "/nowhere::%s:/elsewhere", fmus);
+    TEST_ASSERT_EQUAL_INT(0, unsetenv("TWINLOCK_FMU_PATH"));
+
+    char *text = tl_test_read_text(FREE);
+    tl_report report = {.add = NULL};
+    char config_path[160];
+    (void)snprintf(config_path, sizeof config_path, "%s/motor.json", plant);
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_config_read_text(config_path, text, strlen(text), &verdict.config, &report));
+    free(text);
+
+    expect_fmu("a.fmu", false, first);
+    (void)make_file("fmus/a.fmu", "x", 1);
+    expect_fmu("a.fmu", false, first);
+    TEST_ASSERT_EQUAL_INT(0, setenv("TWINLOCK_FMU_PATH", list, 1));
+    expect_fmu("a.fmu", true, second);
+    expect_fmu(second, true, second);
+    expect_fmu("/nowhere/a.fmu", false, "/nowhere/a.fmu");
+    (void)make_file("plant/a.fmu", "x", 1);
+    expect_fmu("a.fmu", true, first);
+    TEST_ASSERT_EQUAL_INT(0, unsetenv("TWINLOCK_FMU_PATH"));
+}
+
+/* This program is in BUILD/tests, so BUILD/x is "../x beside the program". */
+static void expect_an_fmu_found_in(const char *below_build) {
+    char expected[256];
+    char path[256];
+    char name[64];
+    (void)snprintf(name, sizeof name, "test_config_%ld.fmu", (long)getpid());
+    (void)snprintf(expected, sizeof expected, TL_BINARY_DIR "/tests/../%s/%s", below_build, name);
+    FILE *file = fopen(expected, "wb");
+    TEST_ASSERT_NOT_NULL(file);
+    TEST_ASSERT_EQUAL_INT(0, fclose(file));
+    bool found = tl_config_fmu_path(&verdict.config, name, path, sizeof path);
+    TEST_ASSERT_EQUAL_INT(0, remove(expected));
+    TEST_ASSERT_TRUE(found);
+    TEST_ASSERT_EQUAL_STRING(expected, path);
+}
+
+static void test_an_fmu_beside_the_program(void) {
+    (void)mkdir(TL_BINARY_DIR "/fmus", 0755);
+    (void)mkdir(TL_BINARY_DIR "/lib", 0755);
+    (void)mkdir(TL_BINARY_DIR "/lib/twinlock", 0755);
+    (void)mkdir(TL_BINARY_DIR "/lib/twinlock/fmus", 0755);
+    (void)read_good(FREE);
+    expect_an_fmu_found_in("fmus");
+    expect_an_fmu_found_in("lib/twinlock/fmus");
+}
+
+int main(void) {
+    UNITY_BEGIN();
+    RUN_TEST(test_root);
+    RUN_TEST(test_text_and_fingerprint);
+    RUN_TEST(test_components);
+    RUN_TEST(test_sources);
+    RUN_TEST(test_a_serial_line);
+    RUN_TEST(test_defaults_of_a_serial_line);
+    RUN_TEST(test_gpio);
+    RUN_TEST(test_a_modbus_signal);
+    RUN_TEST(test_other_signals);
+    RUN_TEST(test_a_signal_without_keys);
+    RUN_TEST(test_connections);
+    RUN_TEST(test_adjust);
+    RUN_TEST(test_a_boolean_that_is_adjusted);
+    RUN_TEST(test_match);
+    RUN_TEST(test_the_rest_of_synchronise);
+    RUN_TEST(test_epsilon);
+    RUN_TEST(test_emulate);
+    RUN_TEST(test_delays);
+    RUN_TEST(test_delays_of_outputs_alone);
+    RUN_TEST(test_second_look_ups);
+    RUN_TEST(test_a_plant_has_no_delays);
+    RUN_TEST(test_defaults);
+    RUN_TEST(test_compare_only);
+    RUN_TEST(test_nothing_to_compare);
+    RUN_TEST(test_weights_and_tolerances);
+    RUN_TEST(test_solvers);
+    RUN_TEST(test_modes_and_shapes);
+    RUN_TEST(test_objects_in_part);
+    RUN_TEST(test_steps_in_nanoseconds);
+    RUN_TEST(test_durations_at_their_limits);
+    RUN_TEST(test_the_default_budget_is_six_tenths_of_a_step);
+    RUN_TEST(test_other_ways_to_write_the_same);
+    RUN_TEST(test_values_at_their_limits);
+    RUN_TEST(test_a_boolean_without_initial);
+    RUN_TEST(test_lines);
+    RUN_TEST(test_a_missing_file);
+    RUN_TEST(test_a_directory);
+    RUN_TEST(test_no_file_handle_is_left);
+    RUN_TEST(test_an_empty_file);
+    RUN_TEST(test_a_nul_byte);
+    RUN_TEST(test_a_file_that_never_ends);
+    RUN_TEST(test_the_largest_file);
+    RUN_TEST(test_freeing_an_empty_configuration);
+    RUN_TEST(test_file_paths);
+    RUN_TEST(test_where_an_fmu_is);
+    RUN_TEST(test_an_fmu_beside_the_program);
+    return UNITY_END();
+}

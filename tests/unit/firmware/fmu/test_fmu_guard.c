@@ -1,0 +1,347 @@
+/* The guard in front of an FMU's functions: calls pass through, are noted, and leave the process as it was. */
+#include "firmware/fmu/fmu_guard.h"
+
+#include <fenv.h>
+#include <locale.h>
+#include <signal.h>
+#include <stdbool.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include <unity.h>
+
+#include "firmware/process/fp_control.h"
+#include "firmware/process/host_state.h"
+#include "master/fmi/component.h"
+#include "tests/support/stderr_capture.h"
+#include "tests/support/test_fmu.h"
+
+static tl_test_log call_log;
+static tl_test_fmu fmu;
+static tl_fmi2 vendor; /* the FMU's table; single functions are replaced by those below */
+static tl_fmu_guard guard;
+static tl_component component;
+static tl_error error;
+static tl_fmu_call seen; /* by the FMU, in the call */
+static fmi2CallbackFunctions given;
+
+/* ---- an FMU that does as it likes ---- */
+
+/* It also is told who it is: a test FMU has an environment of its own. */
+static fmi2Component note_callbacks(fmi2String name, fmi2Type type, fmi2String guid, fmi2String resources,
+                                    const fmi2CallbackFunctions *callbacks, fmi2Boolean visible, fmi2Boolean logging) {
+    given = *callbacks;
+    TEST_ASSERT_TRUE(tl_fmu_calls_look(tl_fmu_calls_here(), &seen));
+    return fmu.functions.instantiate(name, type, guid, resources, &fmu.callbacks, visible, logging);
+}
+
+static fmi2Status note_call(fmi2Component instance, fmi2Real now, fmi2Real step, fmi2Boolean final) {
+    TEST_ASSERT_TRUE(tl_fmu_calls_look(tl_fmu_calls_here(), &seen));
+    return fmu.functions.do_step(instance, now, step, final);
+}
+
+static fmi2Status step_and_round_upwards(fmi2Component instance, fmi2Real now, fmi2Real step, fmi2Boolean final) {
+    fmi2Status status = fmu.functions.do_step(instance, now, step, final);
+    (void)fesetround(FE_UPWARD);
+    return status;
+}
+
+static void round_upwards(void) {
+    (void)fesetround(FE_UPWARD);
+}
+
+static void use_another_locale(void) {
+    static locale_t other;
+    other = other == (locale_t)0 ? newlocale(LC_ALL_MASK, "POSIX", (locale_t)0) : other;
+    other = newlocale(LC_CTYPE_MASK, "C.UTF-8", other);
+    (void)uselocale(other);
+}
+
+#if defined(__x86_64__)
+static void enable_traps(void) {
+    (void)feenableexcept(FE_DIVBYZERO | FE_INVALID);
+}
+
+static void enable_an_sse_trap(void) {
+    tl_fp_control_set(tl_fp_control_get() & ~0x0200U);
+}
+
+static void use_single_precision(void) {
+    uint16_t single = 0x007F;
+    __asm__ volatile("fldcw %0" : : "m"(single));
+}
+#endif
+
+static void (*meddle)(void);
+
+static fmi2Status meddle_and_get_real(fmi2Component instance, const fmi2ValueReference references[], size_t count,
+                                      fmi2Real values[]) {
+    fmi2Status status = fmu.functions.get_real(instance, references, count, values);
+    meddle();
+    return status;
+}
+
+static fmi2Status meddle_and_get_state(fmi2Component instance, fmi2FMUstate *state) {
+    meddle();
+    return fmu.functions.get_fmu_state(instance, state);
+}
+
+static fmi2Status ignore_signals(fmi2Component instance) {
+    sigset_t all;
+    (void)sigfillset(&all);
+    (void)pthread_sigmask(SIG_BLOCK, &all, NULL);
+    (void)signal(SIGTERM, SIG_IGN);
+    TEST_ASSERT_EQUAL_INT(0, chdir("/"));
+    return fmu.functions.exit_initialization_mode(instance);
+}
+
+static fmi2Status ignore_sigterm(fmi2Component instance, fmi2Real now, fmi2Real step, fmi2Boolean final) {
+    (void)signal(SIGTERM, SIG_IGN);
+    return fmu.functions.do_step(instance, now, step, final);
+}
+
+static fmi2Status give_no_state(fmi2Component instance, fmi2FMUstate *state) {
+    (void)instance;
+    *state = NULL;
+    return fmi2OK;
+}
+
+static fmi2Status make_no_state(fmi2Component instance, const fmi2Byte bytes[], size_t size, fmi2FMUstate *state) {
+    (void)bytes;
+    (void)size;
+    return give_no_state(instance, state);
+}
+
+/* ---- set-up ---- */
+
+static void take_sigterm(int signal) {
+    (void)signal;
+}
+
+void setUp(void) {
+    const struct sigaction action = {.sa_handler = take_sigterm};
+    TEST_ASSERT_EQUAL_INT(0, tl_host_state_handle(SIGTERM, &action, NULL));
+    tl_test_log_clear(&call_log);
+    tl_test_fmu_init(&fmu, 1, false, &call_log);
+    vendor = fmu.functions;
+    vendor.instantiate = note_callbacks;
+    error = (tl_error){TL_OK, ""};
+}
+
+static void start(void) {
+    static fmi2ValueReference zero;
+    static fmi2Real u;
+    static fmi2Real y;
+    tl_fmu_guard_open(&guard, "box", "tests");
+    tl_fmu_guard_front(&guard, &vendor);
+    component = (tl_component){.name = "box1", .model = &fmu.model, .fmi = &guard.functions, .reals_only = true};
+    component.inputs = (tl_ports){.real_count = 1, .real_references = &zero, .reals = &u};
+    component.outputs = (tl_ports){.real_count = 1, .real_references = &zero, .reals = &y};
+    u = 1.0;
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_instantiate(&component, &guard.callbacks, "file:///tmp", &error));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_enter_initialization(&component, &error));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_exit_initialization(&component, &error));
+}
+
+void tearDown(void) {
+    tl_component_free(&component);
+    tl_fmu_guard_close(&guard);
+    tl_test_fmu_end(&fmu);
+    TEST_ASSERT_EQUAL_size_t_MESSAGE(0, call_log.violations, call_log.first_violation);
+}
+
+static void expect_said(const char *expected) {
+    char *text = tl_stderr_capture_end();
+    TEST_ASSERT_NOT_NULL(text);
+    TEST_ASSERT_EQUAL_STRING(expected, text);
+    free(text);
+}
+
+/* ---- tests ---- */
+
+static void steps_pass_through(void) {
+    start();
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_step(&component, 0.0, 0.1, false, &error));
+    TEST_ASSERT_EQUAL_DOUBLE(1.0, component.outputs.reals[0]);
+    TEST_ASSERT_EQUAL_UINT64(1, component.executions);
+    TEST_ASSERT_EQUAL_size_t(1, tl_test_log_count(&call_log, &fmu, TL_TEST_DO_STEP));
+}
+
+static void a_call_is_noted_with_the_instance_while_it_lasts(void) {
+    vendor.do_step = note_call;
+    start();
+    TEST_ASSERT_EQUAL_STRING("fmi2Instantiate", seen.function);
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_step(&component, 0.0, 0.1, false, &error));
+    TEST_ASSERT_EQUAL_STRING("fmi2DoStep", seen.function);
+    TEST_ASSERT_EQUAL_STRING("box1", seen.fmu);
+    TEST_ASSERT_FALSE(tl_fmu_calls_look(tl_fmu_calls_here(), &seen));
+}
+
+/* The one of three calls that fails is named, and an execution is counted once the step was made. */
+static void a_failing_call_of_a_step_is_named(void) {
+    static const struct {
+        tl_test_call call;
+        const char *name;
+        uint64_t executions;
+    } cases[] = {
+        {TL_TEST_SET_REAL, "fmi2SetReal", 0}, {TL_TEST_DO_STEP, "fmi2DoStep", 1}, {TL_TEST_GET_REAL, "fmi2GetReal", 1}};
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+        start();
+        tl_test_fmu_fail(&fmu, cases[i].call, TL_TEST_ERROR, fmu.calls[cases[i].call] + 1,
+                         fmu.calls[cases[i].call] + 1);
+        TEST_ASSERT_EQUAL_INT(TL_FMU_FAILED, tl_component_step(&component, 0.0, 0.1, false, &error));
+        TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, cases[i].name), error.text);
+        TEST_ASSERT_EQUAL_UINT64(cases[i].executions, component.executions);
+        tl_component_free(&component);
+        tl_fmu_guard_close(&guard);
+    }
+    start();
+}
+
+static void the_rounding_mode_is_put_back_and_said_once(void) {
+    vendor.do_step = step_and_round_upwards;
+    start();
+    TEST_ASSERT_TRUE(tl_stderr_capture_begin());
+    for (int i = 0; i < 3; i++) {
+        TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_step(&component, 0.1 * i, 0.1, false, &error));
+        TEST_ASSERT_EQUAL_INT(FE_TONEAREST, fegetround());
+    }
+    expect_said(
+        "twinlock: warning: FMU box1 changed floating-point control of the whole process in a step; that was put back, "
+        "and is said once\n");
+}
+
+/* Between two components of a macro step too: the second one must not compute with what the first one has set. */
+static void what_counts_is_put_back_before_the_next_instance_steps(void) {
+    static void (*const kinds[])(void) = {
+        round_upwards,
+        use_another_locale,
+#if defined(__x86_64__)
+        enable_traps,
+        enable_an_sse_trap,
+        use_single_precision,
+#endif
+    };
+    vendor.get_real = meddle_and_get_real;
+    start();
+    const uint32_t control = tl_fp_control_get();
+    const locale_t locale = uselocale((locale_t)0);
+    for (size_t i = 0; i < sizeof kinds / sizeof kinds[0]; i++) {
+        tl_component both[2] = {component, component};
+        size_t failed = 0;
+        meddle = kinds[i];
+        both[1].instance = NULL; /* it must be found to be wrong before it is called */
+        both[1].mode = TL_MODE_FAILED;
+        TEST_ASSERT_TRUE(tl_stderr_capture_begin());
+        tl_status status = tl_component_step_all(both, 2, 0.1 * (double)i, 0.1, false, &failed, &error);
+        free(tl_stderr_capture_end());
+        TEST_ASSERT_EQUAL_INT(TL_FMU_FAILED, status);
+        TEST_ASSERT_EQUAL_size_t(1, failed);
+        TEST_ASSERT_EQUAL_HEX32(control, tl_fp_control_get());
+        TEST_ASSERT_TRUE(uselocale((locale_t)0) == locale);
+    }
+}
+
+static void the_locale_is_put_back_after_each_call(void) {
+    fmi2FMUstate state = NULL;
+    const locale_t locale = uselocale((locale_t)0);
+    vendor.get_fmu_state = meddle_and_get_state;
+    meddle = use_another_locale;
+    start();
+    TEST_ASSERT_TRUE(tl_stderr_capture_begin());
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_save(&component, &state, &error));
+    expect_said(
+        "twinlock: warning: FMU box1 changed the locale of the whole process in fmi2GetFMUstate; that was put back, "
+        "and is said once\n");
+    TEST_ASSERT_TRUE(uselocale((locale_t)0) == locale);
+    tl_component_forget(&component, &state);
+}
+
+static void what_initialising_changes_is_put_back(void) {
+    char before[4096];
+    char after[4096];
+    sigset_t mask;
+    struct sigaction action;
+    TEST_ASSERT_NOT_NULL(getcwd(before, sizeof before));
+    vendor.exit_initialization_mode = ignore_signals;
+    TEST_ASSERT_TRUE(tl_stderr_capture_begin());
+    start();
+    expect_said("twinlock: warning: FMU box1 changed the signal mask, signal handlers and the current folder of the "
+                "whole process in fmi2ExitInitializationMode; that was put back, and is said once\n");
+    (void)pthread_sigmask(SIG_SETMASK, NULL, &mask);
+    TEST_ASSERT_EQUAL_INT(0, sigismember(&mask, SIGTERM));
+    TEST_ASSERT_EQUAL_INT(0, sigaction(SIGTERM, NULL, &action));
+    TEST_ASSERT_TRUE(action.sa_handler == take_sigterm);
+    TEST_ASSERT_NOT_NULL(getcwd(after, sizeof after));
+    TEST_ASSERT_EQUAL_STRING(before, after);
+}
+
+static void what_a_step_changes_is_put_back_with_the_tick(void) {
+    struct sigaction action;
+    vendor.do_step = ignore_sigterm;
+    start();
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_step(&component, 0.0, 0.1, false, &error));
+    TEST_ASSERT_TRUE(tl_stderr_capture_begin());
+    tl_fmu_guard_tick();
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_step(&component, 0.1, 0.1, false, &error));
+    tl_fmu_guard_tick();
+    expect_said("twinlock: warning: an FMU changed signal handlers of the whole process in its steps; that was put "
+                "back, and is said once\n");
+    TEST_ASSERT_EQUAL_INT(0, sigaction(SIGTERM, NULL, &action));
+    TEST_ASSERT_TRUE(action.sa_handler == take_sigterm);
+}
+
+static void success_without_a_state_is_a_failure(void) {
+    fmi2FMUstate state = NULL;
+    unsigned char byte = 0;
+    vendor.get_fmu_state = give_no_state;
+    vendor.deserialize_fmu_state = make_no_state;
+    start();
+    TEST_ASSERT_TRUE(tl_stderr_capture_begin());
+    TEST_ASSERT_EQUAL_INT(TL_FMU_FAILED, tl_component_save(&component, &state, &error));
+    TEST_ASSERT_EQUAL_INT(TL_FMU_FAILED, tl_component_deserialize(&component, &byte, 1, &state, &error));
+    char *said = tl_stderr_capture_end();
+    TEST_ASSERT_NOT_NULL(strstr(said, "gave no state (NULL)"));
+    free(said);
+}
+
+static void functions_that_the_fmu_has_not_are_not_there(void) {
+    vendor.get_fmu_state = NULL;
+    vendor.serialize_fmu_state = NULL;
+    start();
+    TEST_ASSERT_NULL(guard.functions.get_fmu_state);
+    TEST_ASSERT_NULL(guard.functions.serialize_fmu_state);
+    TEST_ASSERT_NOT_NULL(guard.functions.set_fmu_state);
+}
+
+/* Three of four FMUs of one exporter pass NULL; others pass what they like. */
+static void a_message_from_an_unknown_environment_is_told_for_who_is_called(void) {
+    start();
+    TEST_ASSERT_TRUE(tl_stderr_capture_begin());
+    tl_fmu_guard_enter(&guard, TL_FMU_GET_VERSION);
+    given.logger(NULL, NULL, fmi2Error, NULL, "no environment");
+    given.logger((void *)8, (const char *)8, fmi2Error, (const char *)8, "no pointer");
+    tl_fmu_guard_leave(&guard);
+    given.logger(given.componentEnvironment, "box1", fmi2Error, "c", "known");
+    expect_said("twinlock: error: FMU box: no environment\n"
+                "twinlock: error: FMU box, instance (unreadable): no pointer [(unreadable)]\n"
+                "twinlock: error: FMU box, instance box1: known [c]\n");
+}
+
+int main(void) {
+    UNITY_BEGIN();
+    RUN_TEST(steps_pass_through);
+    RUN_TEST(a_call_is_noted_with_the_instance_while_it_lasts);
+    RUN_TEST(a_failing_call_of_a_step_is_named);
+    RUN_TEST(the_rounding_mode_is_put_back_and_said_once);
+    RUN_TEST(what_counts_is_put_back_before_the_next_instance_steps);
+    RUN_TEST(the_locale_is_put_back_after_each_call);
+    RUN_TEST(what_initialising_changes_is_put_back);
+    RUN_TEST(what_a_step_changes_is_put_back_with_the_tick);
+    RUN_TEST(success_without_a_state_is_a_failure);
+    RUN_TEST(functions_that_the_fmu_has_not_are_not_there);
+    RUN_TEST(a_message_from_an_unknown_environment_is_told_for_who_is_called);
+    return UNITY_END();
+}

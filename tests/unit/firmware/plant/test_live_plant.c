@@ -1,0 +1,248 @@
+/* The live plant: which reading reaches which signal, and what becomes of sources that are dead, unused or missing. */
+#include <math.h>
+#include <pthread.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <unity.h>
+
+#include "firmware/base/clock.h"
+#include "firmware/emulate/plant_server.h"
+#include "firmware/plant/live_plant.h"
+#include "tests/support/config_text.h"
+#include "tests/support/scratch.h"
+
+#define PATIENCE (60 * TL_SECOND)
+
+/* Signals of two sources in turn; `idle` feeds none of them. */
+static const char CONFIG[] =
+    "{ \"twinlock\": 1, \"name\": \"test\", \"step_s\": 0.01, \"components\": { \"motor\": { \"fmu\": \"motor.fmu\" } },"
+    "  \"sources\": {"
+    "    \"idle\": { \"modbus_tcp\": { \"host\": \"127.0.0.1\", \"port\": 1 } },"
+    "    \"device\": { \"modbus_tcp\": { \"host\": \"127.0.0.1\", \"port\": %u, \"timeout_s\": 0.2 } },"
+    "    \"rows\": { \"csv\": { \"file\": \"%s\" } } },"
+    "  \"plant\": {"
+    "    \"a\": { \"modbus\": { \"source\": \"device\", \"table\": \"input\", \"address\": 0, \"type\": \"float32\" },"
+    "             \"min\": -10, \"max\": 10, \"stale_s\": 0.5 },"
+    "    \"b\": { \"csv\": { \"source\": \"rows\", \"column\": \"second\" } },"
+    "    \"c\": { \"modbus\": { \"source\": \"device\", \"table\": \"coil\", \"address\": 3 }, \"type\": \"boolean\" },"
+    "    \"d\": { \"csv\": { \"source\": \"rows\", \"column\": \"first\" } } },"
+    "  \"compare\": { \"motor.omega\": { \"to\": \"plant.b\" } } }";
+
+static const tl_modbus_channel CHANNELS[] = {
+    {.unit_id = 1, .table = TL_MODBUS_INPUT, .address = 0, .type = TL_MODBUS_FLOAT32, .scale = 1.0},
+    {.unit_id = 1, .table = TL_MODBUS_COIL, .address = 3, .type = TL_MODBUS_BIT, .scale = 1.0},
+};
+
+static tl_scratch scratch;
+static tl_test_verdict verdict;
+static tl_plant_server *server;
+static tl_live_plant *plant;
+static tl_error error;
+
+/* What on_link was told, from any source's thread. */
+static pthread_mutex_t lock = PTHREAD_MUTEX_INITIALIZER;
+static char links[1024];
+
+static void on_link(void *context, const char *source, bool up, const char *text) {
+    TEST_ASSERT_EQUAL_PTR(links, context);
+    (void)pthread_mutex_lock(&lock);
+    size_t length = strlen(links);
+    (void)snprintf(links + length, sizeof links - length, "%s %s: %s\n", source, up ? "up" : "down", text);
+    (void)pthread_mutex_unlock(&lock);
+}
+
+static bool was_told(const char *words) {
+    (void)pthread_mutex_lock(&lock);
+    bool told = strstr(links, words) != NULL;
+    (void)pthread_mutex_unlock(&lock);
+    return told;
+}
+
+static void wait_until_told(const char *words) {
+    tl_time until = tl_clock_now(NULL) + PATIENCE;
+    while (!was_told(words)) {
+        TEST_ASSERT_TRUE_MESSAGE(tl_clock_now(NULL) < until, words);
+        tl_clock_sleep_until(tl_clock_now(NULL) + TL_SECOND / 1000);
+    }
+}
+
+void setUp(void) {
+    verdict = (tl_test_verdict){.count = 0};
+    links[0] = '\0';
+    server = NULL;
+    plant = NULL;
+}
+
+void tearDown(void) {
+    tl_live_plant_close(plant);
+    if (server != NULL) {
+        tl_plant_server_stop(server);
+    }
+    tl_config_free(&verdict.config);
+    tl_scratch_empty(&scratch);
+}
+
+static void start_server(uint16_t port) {
+    const tl_plant_server_settings settings = {
+        .host = "127.0.0.1", .port = port, .channels = CHANNELS, .channel_count = 2};
+    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_plant_server_start(&settings, &server, &error), error.text);
+    tl_plant_server_set(server, 0, 1.5);
+    tl_plant_server_set(server, 1, 1.0);
+}
+
+static void write_rows(void) {
+    FILE *file = fopen(tl_scratch_path(&scratch, "rows.csv"), "w");
+    TEST_ASSERT_NOT_NULL(file);
+    (void)fputs("time,first,second\n0,10,20\n1000,11,21\n", file);
+    (void)fclose(file);
+}
+
+static void read_config(unsigned port) {
+    char text[sizeof CONFIG + PATH_MAX + 16];
+    (void)snprintf(text, sizeof text, CONFIG, port, tl_scratch_path(&scratch, "rows.csv"));
+    tl_test_judge_text(text, strlen(text), &verdict);
+    TEST_ASSERT_EQUAL_STRING("", verdict.problems[0].text);
+}
+
+static void open_plant(void) {
+    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_live_plant_open(&verdict.config, NULL, on_link, links, &plant, &error),
+                                  error.text);
+}
+
+static void wait_until_complete(void) {
+    tl_time until = tl_clock_now(NULL) + PATIENCE;
+    while (!tl_live_plant_is_complete(plant)) {
+        TEST_ASSERT_TRUE_MESSAGE(tl_clock_now(NULL) < until, "signals without a good reading");
+        tl_clock_sleep_until(tl_clock_now(NULL) + TL_SECOND / 1000);
+    }
+}
+
+static tl_sample take(void) {
+    tl_sample sample;
+    tl_plant_input_take(tl_live_plant_input(plant), 0, tl_clock_now(NULL), &sample);
+    return sample;
+}
+
+static void test_each_reading_reaches_its_signal(void) {
+    start_server(0);
+    write_rows();
+    read_config(tl_plant_server_port(server));
+    open_plant();
+    wait_until_complete();
+    tl_sample sample = take();
+    TEST_ASSERT_EQUAL_DOUBLE(1.5, sample.values[0]);
+    TEST_ASSERT_EQUAL_DOUBLE(20.0, sample.values[1]);
+    TEST_ASSERT_EQUAL_DOUBLE(1.0, sample.values[2]);
+    TEST_ASSERT_EQUAL_DOUBLE(10.0, sample.values[3]);
+    TEST_ASSERT_TRUE(was_told("device up: "));
+    TEST_ASSERT_TRUE(was_told("rows up: "));
+    TEST_ASSERT_FALSE(was_told("idle"));
+}
+
+static void test_values_are_judged_as_configured(void) {
+    start_server(0);
+    write_rows();
+    read_config(tl_plant_server_port(server));
+    open_plant();
+    wait_until_complete();
+    tl_plant_server_set(server, 0, 10.5);
+    tl_time until = tl_clock_now(NULL) + PATIENCE;
+    while (take().quality[0] != TL_OUT_OF_RANGE) {
+        TEST_ASSERT_TRUE_MESSAGE(tl_clock_now(NULL) < until, "never out of range");
+    }
+    const tl_plant_input *input = tl_live_plant_input(plant);
+    TEST_ASSERT_EQUAL_UINT(4, input->count);
+    TEST_ASSERT_EQUAL_INT64(TL_SECOND / 2, input->limits[0].stale);
+    TEST_ASSERT_TRUE(isinf(input->limits[1].minimum) && isinf(input->limits[1].maximum));
+    TEST_ASSERT_EQUAL_INT64(0, input->limits[1].stale);
+    TEST_ASSERT_EQUAL_INT(TL_BOOLEAN, input->limits[2].type);
+}
+
+/* The port of a server that was there. */
+static uint16_t dead_port(void) {
+    start_server(0);
+    uint16_t port = tl_plant_server_port(server);
+    tl_plant_server_stop(server);
+    server = NULL;
+    return port;
+}
+
+static void test_a_dead_device_does_not_stop_the_others(void) {
+    uint16_t port = dead_port();
+    write_rows();
+    read_config(port);
+    open_plant();
+    wait_until_told("device down: ");
+    wait_until_told("rows up: ");
+    TEST_ASSERT_FALSE(tl_live_plant_is_complete(plant));
+    tl_time until = tl_clock_now(NULL) + PATIENCE;
+    while (take().quality[1] != TL_GOOD) {
+        TEST_ASSERT_TRUE_MESSAGE(tl_clock_now(NULL) < until, "the other source is not read");
+    }
+    TEST_ASSERT_EQUAL_INT(TL_NO_LINK, take().quality[0]);
+    start_server(port); /* it comes later */
+    wait_until_told("device up: ");
+    wait_until_complete();
+}
+
+static void test_a_missing_file_is_waited_for(void) {
+    start_server(0);
+    read_config(tl_plant_server_port(server));
+    open_plant();
+    wait_until_told("rows down: ");
+    TEST_ASSERT_FALSE(tl_live_plant_is_complete(plant));
+    write_rows();
+    wait_until_complete();
+}
+
+static void test_a_signal_without_a_source(void) {
+    static const char TEXT[] =
+        "{ \"twinlock\": 1, \"name\": \"test\", \"step_s\": 0.01, \"components\": { \"motor\": { \"fmu\": \"motor.fmu\" } },"
+        "  \"plant\": { \"omega\": {} }, \"compare\": { \"motor.omega\": { \"to\": \"plant.omega\" } } }";
+    tl_test_judge_text(TEXT, strlen(TEXT), &verdict);
+    TEST_ASSERT_EQUAL_INT(TL_OK, verdict.status);
+    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, tl_live_plant_open(&verdict.config, NULL, on_link, links, &plant, &error));
+    TEST_ASSERT_NOT_NULL(strstr(error.text, "plant.omega has no live source"));
+    TEST_ASSERT_NULL(plant);
+}
+
+static void test_a_bus_that_is_not_there(void) {
+    static const char TEXT[] =
+        "{ \"twinlock\": 1, \"name\": \"test\", \"step_s\": 0.01, \"components\": { \"motor\": { \"fmu\": \"motor.fmu\" } },"
+        "  \"sources\": { \"bus\": { \"can\": { \"interface\": \"tl-none0\" } } },"
+        "  \"plant\": { \"omega\": { \"can\": { \"source\": \"bus\", \"id\": 1, \"start\": 0, \"length\": 8 } } },"
+        "  \"compare\": { \"motor.omega\": { \"to\": \"plant.omega\" } } }";
+    tl_test_judge_text(TEXT, strlen(TEXT), &verdict);
+    TEST_ASSERT_EQUAL_INT(TL_OK, verdict.status);
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_live_plant_open(&verdict.config, NULL, on_link, links, &plant, &error));
+    wait_until_told("bus down: CAN interface tl-none0: ");
+    TEST_ASSERT_FALSE(tl_live_plant_is_complete(plant));
+}
+
+static void test_closing_is_quick(void) {
+    read_config(dead_port());
+    for (int i = 0; i < 10; i++) {
+        open_plant();
+        tl_clock_sleep_until(tl_clock_now(NULL) + i * TL_SECOND / 1000);
+        tl_live_plant_close(plant);
+        plant = NULL;
+    }
+    tl_live_plant_close(NULL);
+}
+
+int main(void) {
+    tl_scratch_make(&scratch, TL_BINARY_DIR, "test_live_plant");
+    UNITY_BEGIN();
+    RUN_TEST(test_each_reading_reaches_its_signal);
+    RUN_TEST(test_values_are_judged_as_configured);
+    RUN_TEST(test_a_dead_device_does_not_stop_the_others);
+    RUN_TEST(test_a_missing_file_is_waited_for);
+    RUN_TEST(test_a_signal_without_a_source);
+    RUN_TEST(test_a_bus_that_is_not_there);
+    RUN_TEST(test_closing_is_quick);
+    int failures = UNITY_END();
+    tl_scratch_remove(&scratch);
+    return failures;
+}

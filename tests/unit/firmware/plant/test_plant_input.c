@@ -1,0 +1,226 @@
+/* Plant input: how a value of the plant is judged. */
+#include <float.h>
+#include <math.h>
+#include <string.h>
+
+#include <unity.h>
+
+#include "firmware/plant/plant_input.h"
+
+static tl_plant_input input;
+static tl_sample sample;
+
+void setUp(void) {
+    memset(&input, 0, sizeof input);
+    memset(&sample, 0xA5, sizeof sample);
+    input.count = 1;
+    input.limits[0] = (tl_plant_limits){.minimum = -HUGE_VAL, .maximum = HUGE_VAL, .stale = 0, .type = TL_REAL};
+}
+
+void tearDown(void) {}
+
+static void post(double value, tl_time stamp, tl_quality quality) {
+    tl_reading reading = {.value = value, .stamp = stamp, .quality = quality};
+    tl_plant_input_post(&input, 0, &reading);
+}
+
+/* Posts a value at 1000 and looks at 1000. */
+static void expect(double value, tl_quality quality) {
+    memset(input.mailboxes, 0, sizeof input.mailboxes);
+    post(value, 1000, TL_GOOD);
+    tl_plant_input_take(&input, 3, 1000, &sample);
+    TEST_ASSERT_EQUAL_INT(quality, sample.quality[0]);
+    TEST_ASSERT_EQUAL_DOUBLE(isfinite(value) ? value : 0, sample.values[0]);
+    TEST_ASSERT_EQUAL_INT64(1000, sample.stamps[0]);
+}
+
+static void test_good(void) {
+    expect(1.5, TL_GOOD);
+    expect(-DBL_MAX, TL_GOOD);
+    TEST_ASSERT_EQUAL_INT64(3, sample.tick);
+}
+
+static void test_never_read_is_no_link(void) {
+    tl_plant_input_take(&input, 0, 1000, &sample);
+    TEST_ASSERT_EQUAL_INT(TL_NO_LINK, sample.quality[0]);
+    TEST_ASSERT_EQUAL_DOUBLE(0, sample.values[0]);
+    TEST_ASSERT_EQUAL_INT64(TL_TIME_NEVER, sample.stamps[0]);
+}
+
+static void test_later_than_the_instant_is_not_seen(void) {
+    post(1, 1001, TL_GOOD);
+    tl_plant_input_take(&input, 0, 1000, &sample);
+    TEST_ASSERT_EQUAL_INT(TL_NO_LINK, sample.quality[0]);
+    tl_plant_input_take(&input, 1, 1001, &sample);
+    TEST_ASSERT_EQUAL_INT(TL_GOOD, sample.quality[0]);
+}
+
+/* ---- look-ups before the instant ---- */
+
+static void take_back(tl_time back, bool next, tl_time instant) {
+    input.looks[0] = (tl_plant_look){.back = back, .next = next};
+    tl_plant_input_take(&input, 0, instant, &sample);
+}
+
+static void test_looking_back(void) {
+    post(1, 100, TL_GOOD);
+    post(2, 200, TL_GOOD);
+    post(3, 300, TL_GOOD);
+    take_back(50, false, 300);
+    TEST_ASSERT_EQUAL_DOUBLE(2, sample.values[0]);
+    TEST_ASSERT_EQUAL_INT64(200, sample.stamps[0]);
+    take_back(100, false, 300);
+    TEST_ASSERT_EQUAL_DOUBLE(2, sample.values[0]);
+    take_back(50, false, 149); /* nothing yet at 99: the next */
+    TEST_ASSERT_EQUAL_DOUBLE(1, sample.values[0]);
+    TEST_ASSERT_EQUAL_INT(TL_GOOD, sample.quality[0]);
+    take_back(50, false, 99);
+    TEST_ASSERT_EQUAL_INT(TL_NO_LINK, sample.quality[0]);
+}
+
+static void test_the_next_available(void) {
+    post(1, 100, TL_GOOD);
+    post(2, 200, TL_GOOD);
+    post(3, 300, TL_GOOD);
+    take_back(100, true, 300);
+    TEST_ASSERT_EQUAL_DOUBLE(2, sample.values[0]);
+    take_back(99, true, 300);
+    TEST_ASSERT_EQUAL_DOUBLE(3, sample.values[0]);
+    take_back(99, true, 299); /* it has not come: the newest before */
+    TEST_ASSERT_EQUAL_DOUBLE(2, sample.values[0]);
+    take_back(1000, true, 300);
+    TEST_ASSERT_EQUAL_DOUBLE(1, sample.values[0]);
+}
+
+static void test_age_counts_from_where_it_is_looked_up(void) {
+    input.limits[0].stale = 50;
+    post(1, 100, TL_GOOD);
+    take_back(100, true, 250);
+    TEST_ASSERT_EQUAL_INT(TL_GOOD, sample.quality[0]);
+    take_back(100, true, 251);
+    TEST_ASSERT_EQUAL_INT(TL_STALE, sample.quality[0]);
+    post(2, 400, TL_GOOD);
+    take_back(100, true, 400);
+    TEST_ASSERT_EQUAL_INT(TL_GOOD, sample.quality[0]);
+    TEST_ASSERT_EQUAL_DOUBLE(2, sample.values[0]);
+}
+
+static void test_signals_are_apart(void) {
+    input.count = 2;
+    input.limits[1] = (tl_plant_limits){.minimum = 0, .maximum = 1, .type = TL_REAL};
+    tl_reading reading = {.value = 2, .stamp = 5, .quality = TL_GOOD};
+    tl_plant_input_post(&input, 0, &reading);
+    tl_plant_input_post(&input, 1, &reading);
+    tl_plant_input_take(&input, 0, 5, &sample);
+    TEST_ASSERT_EQUAL_INT(TL_GOOD, sample.quality[0]);
+    TEST_ASSERT_EQUAL_INT(TL_OUT_OF_RANGE, sample.quality[1]);
+    TEST_ASSERT_EQUAL_INT(0xA5, sample.quality[2]); /* beyond count: not touched */
+}
+
+static void test_range(void) {
+    input.limits[0].minimum = -1;
+    input.limits[0].maximum = 2;
+    expect(-1, TL_GOOD);
+    expect(2, TL_GOOD);
+    expect(nextafter(-1, -2), TL_OUT_OF_RANGE);
+    expect(nextafter(2, 3), TL_OUT_OF_RANGE);
+}
+
+static void test_not_a_number(void) {
+    expect((double)NAN, TL_NOT_A_NUMBER);
+    expect(HUGE_VAL, TL_NOT_A_NUMBER);
+    expect(-HUGE_VAL, TL_NOT_A_NUMBER);
+    post(7, 1001, TL_NOT_A_NUMBER); /* as the driver says: the value is what was read */
+    tl_plant_input_take(&input, 0, 1001, &sample);
+    TEST_ASSERT_EQUAL_INT(TL_NOT_A_NUMBER, sample.quality[0]);
+    TEST_ASSERT_EQUAL_DOUBLE(7, sample.values[0]);
+}
+
+static void test_no_link_stays(void) {
+    input.limits[0].minimum = 10;
+    input.limits[0].stale = 1;
+    post(1, 1000, TL_NO_LINK);
+    tl_plant_input_take(&input, 0, 9000, &sample);
+    TEST_ASSERT_EQUAL_INT(TL_NO_LINK, sample.quality[0]);
+    post((double)NAN, 1001, TL_NO_LINK);
+    tl_plant_input_take(&input, 0, 9000, &sample);
+    TEST_ASSERT_EQUAL_INT(TL_NO_LINK, sample.quality[0]);
+    TEST_ASSERT_EQUAL_DOUBLE(0, sample.values[0]); /* whatever the driver says, nothing that is not finite */
+}
+
+static void test_stale(void) {
+    input.limits[0].stale = 100;
+    post(1, 1000, TL_GOOD);
+    tl_plant_input_take(&input, 0, 1100, &sample);
+    TEST_ASSERT_EQUAL_INT(TL_GOOD, sample.quality[0]);
+    tl_plant_input_take(&input, 1, 1101, &sample);
+    TEST_ASSERT_EQUAL_INT(TL_STALE, sample.quality[0]);
+    TEST_ASSERT_EQUAL_DOUBLE(1, sample.values[0]);
+    TEST_ASSERT_EQUAL_INT64(1000, sample.stamps[0]);
+    input.limits[0].stale = 0; /* never */
+    tl_plant_input_take(&input, 2, INT64_MAX, &sample);
+    TEST_ASSERT_EQUAL_INT(TL_GOOD, sample.quality[0]);
+}
+
+static void test_the_worst_counts(void) {
+    input.limits[0].stale = 100;
+    input.limits[0].maximum = 5;
+    post(6, 1000, TL_GOOD);
+    tl_plant_input_take(&input, 0, 5000, &sample);
+    TEST_ASSERT_EQUAL_INT(TL_OUT_OF_RANGE, sample.quality[0]);
+    post(1, 1000, TL_OUT_OF_RANGE); /* a driver that knows better */
+    tl_plant_input_take(&input, 0, 5000, &sample);
+    TEST_ASSERT_EQUAL_INT(TL_OUT_OF_RANGE, sample.quality[0]);
+}
+
+static void test_a_reading_after_a_forgotten_instant_is_not_stale(void) {
+    input.limits[0].stale = 1;
+    for (int i = 0; i <= TL_MAILBOX_READINGS; i++) {
+        post(i, 1000 + i, TL_GOOD);
+    }
+    tl_plant_input_take(&input, 0, 500, &sample); /* the oldest kept, from the future of that instant */
+    TEST_ASSERT_EQUAL_INT(TL_GOOD, sample.quality[0]);
+    TEST_ASSERT_EQUAL_INT64(1001, sample.stamps[0]);
+}
+
+static void test_boolean(void) {
+    input.limits[0].type = TL_BOOLEAN;
+    expect(0, TL_GOOD);
+    expect(1, TL_GOOD);
+    expect(2, TL_OUT_OF_RANGE);
+    expect(0.5, TL_OUT_OF_RANGE);
+    expect(-1, TL_OUT_OF_RANGE);
+}
+
+static void test_integer(void) {
+    const tl_type types[] = {TL_INTEGER, TL_ENUMERATION};
+    for (size_t i = 0; i < 2; i++) {
+        input.limits[0].type = types[i];
+        expect(-3, TL_GOOD);
+        expect(2147483647.0, TL_GOOD);
+        expect(-2147483647.0, TL_GOOD);
+        expect(2147483648.0, TL_OUT_OF_RANGE);
+        expect(-2147483648.0, TL_OUT_OF_RANGE);
+        expect(1.5, TL_OUT_OF_RANGE);
+    }
+}
+
+int main(void) {
+    UNITY_BEGIN();
+    RUN_TEST(test_good);
+    RUN_TEST(test_never_read_is_no_link);
+    RUN_TEST(test_later_than_the_instant_is_not_seen);
+    RUN_TEST(test_looking_back);
+    RUN_TEST(test_the_next_available);
+    RUN_TEST(test_age_counts_from_where_it_is_looked_up);
+    RUN_TEST(test_signals_are_apart);
+    RUN_TEST(test_range);
+    RUN_TEST(test_not_a_number);
+    RUN_TEST(test_no_link_stays);
+    RUN_TEST(test_stale);
+    RUN_TEST(test_the_worst_counts);
+    RUN_TEST(test_a_reading_after_a_forgotten_instant_is_not_stale);
+    RUN_TEST(test_boolean);
+    RUN_TEST(test_integer);
+    return UNITY_END();
+}

@@ -1,0 +1,340 @@
+/* Plant readers: threads, their drivers' ends and errors, and that they stop at once.
+ *
+ * The driver here is a toy that does what a test wants.
+ */
+#include <pthread.h>
+#include <sched.h>
+#include <signal.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/resource.h>
+#include <time.h>
+#include <unistd.h>
+
+#include <unity.h>
+
+#include "firmware/base/clock.h"
+#include "firmware/plant/plant_reader.h"
+
+/* ---- the toy ---- */
+
+struct tl_plant_io {
+    double value;       /* of channel c it posts value + c */
+    size_t channels;    /* that it posts */
+    size_t ends_after;  /* polls; 0: never */
+    size_t fails_after; /* polls; 0: never */
+    bool says_link;     /* at each poll */
+    bool waits;         /* until it is interrupted */
+    long busy_ms;       /* of each poll */
+    size_t polls;       /* atomic, as all that follow */
+    size_t closes;
+    bool interrupted;
+    int policy;
+    bool signals_blocked;
+    char name[16];
+};
+
+static void pause_ms(long ms) {
+    const struct timespec time = {.tv_sec = ms / 1000, .tv_nsec = ms % 1000 * 1000000};
+    (void)nanosleep(&time, NULL);
+}
+
+static void note_thread(tl_plant_io *io) {
+    struct sched_param parameter;
+    sigset_t blocked;
+    (void)pthread_getschedparam(pthread_self(), &io->policy, &parameter);
+    (void)pthread_sigmask(SIG_SETMASK, NULL, &blocked);
+    io->signals_blocked = sigismember(&blocked, SIGINT) == 1 && sigismember(&blocked, SIGTERM) == 1 &&
+                          sigismember(&blocked, SIGUSR1) == 1;
+    (void)pthread_getname_np(pthread_self(), io->name, sizeof io->name);
+}
+
+static tl_status toy_poll(tl_plant_io *io, const tl_plant_io_sink *sink, bool *finished, tl_error *error) {
+    size_t poll = __atomic_load_n(&io->polls, __ATOMIC_ACQUIRE) + 1;
+    for (size_t c = 0; c < io->channels; c++) {
+        tl_reading reading = {.value = io->value + (double)c, .stamp = (tl_time)poll, .quality = TL_GOOD};
+        sink->post(sink->context, c, &reading);
+    }
+    if (io->says_link) {
+        sink->link(sink->context, true, "here I am");
+    }
+    if (io->busy_ms > 0) {
+        pause_ms(io->busy_ms);
+    }
+    if (poll == 2) { /* by now the name is set */
+        note_thread(io);
+    }
+    __atomic_store_n(&io->polls, poll, __ATOMIC_RELEASE);
+    while (io->waits && !__atomic_load_n(&io->interrupted, __ATOMIC_ACQUIRE)) {
+        pause_ms(1);
+    }
+    *finished = poll == io->ends_after;
+    return poll == io->fails_after ? tl_fail(error, TL_BAD_DATA, "broken for good") : TL_OK;
+}
+
+static void toy_interrupt(tl_plant_io *io) {
+    __atomic_store_n(&io->interrupted, true, __ATOMIC_RELEASE);
+}
+
+static void toy_close(tl_plant_io *io) {
+    (void)__atomic_add_fetch(&io->closes, 1, __ATOMIC_RELEASE);
+}
+
+static const tl_plant_io_driver TOY = {.name = "toy", .poll = toy_poll, .interrupt = toy_interrupt, .close = toy_close};
+
+/* ---- under test ---- */
+
+enum { SOURCES = 200 };
+
+static tl_plant_input input;
+static tl_plant_io toys[SOURCES];
+static tl_plant_source sources[SOURCES];
+static const size_t SIGNALS[] = {4, 2};
+static tl_plant_readers *readers;
+static tl_error error;
+
+static pthread_mutex_t lock = PTHREAD_MUTEX_INITIALIZER;
+static size_t links;
+static bool link_up;
+static char link_source[32];
+static char link_text[128];
+
+static void on_link(void *context, const char *source, bool up, const char *text) {
+    TEST_ASSERT_EQUAL_PTR(&input, context);
+    (void)pthread_mutex_lock(&lock);
+    links++;
+    link_up = up;
+    (void)snprintf(link_source, sizeof link_source, "%s", source);
+    (void)snprintf(link_text, sizeof link_text, "%s", text);
+    (void)pthread_mutex_unlock(&lock);
+}
+
+void setUp(void) {
+    memset(&input, 0, sizeof input);
+    memset(toys, 0, sizeof toys);
+    input.count = 8;
+    for (size_t i = 0; i < SOURCES; i++) {
+        sources[i] = (tl_plant_source){.name = "bench of the north wing",
+                                       .driver = &TOY,
+                                       .io = &toys[i],
+                                       .signals = SIGNALS,
+                                       .signal_count = 2,
+                                       .period = 1000000};
+    }
+    readers = NULL;
+    links = 0;
+    error = (tl_error){TL_OK, ""};
+}
+
+void tearDown(void) {}
+
+static void start(size_t count) {
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_plant_readers_start(sources, count, &input, on_link, &input, &readers, &error));
+}
+
+static void stop(size_t count) {
+    tl_plant_readers_stop(readers);
+    for (size_t i = 0; i < count; i++) {
+        TEST_ASSERT_EQUAL_size_t(1, toys[i].closes);
+    }
+}
+
+static size_t polls(size_t toy) {
+    return __atomic_load_n(&toys[toy].polls, __ATOMIC_ACQUIRE);
+}
+
+static void wait_for_polls(size_t toy, size_t count) {
+    tl_time deadline = tl_clock_now(NULL) + 60 * TL_SECOND;
+    while (polls(toy) < count) {
+        TEST_ASSERT_TRUE(tl_clock_now(NULL) < deadline);
+        pause_ms(1);
+    }
+}
+
+static void wait_until_finished(void) {
+    tl_time deadline = tl_clock_now(NULL) + 60 * TL_SECOND;
+    while (!tl_plant_readers_finished(readers)) {
+        TEST_ASSERT_TRUE(tl_clock_now(NULL) < deadline);
+        pause_ms(1);
+    }
+}
+
+static void expect_reading(size_t signal, double value, tl_quality quality) {
+    tl_reading reading;
+    TEST_ASSERT_TRUE(tl_mailbox_at(&input.mailboxes[signal], INT64_MAX, &reading));
+    TEST_ASSERT_EQUAL_DOUBLE(value, reading.value);
+    TEST_ASSERT_EQUAL_INT(quality, reading.quality);
+}
+
+static void test_readings_go_to_their_signals(void) {
+    toys[0].value = 10;
+    toys[0].channels = 3; /* one more than there are signals: goes nowhere */
+    start(1);
+    wait_for_polls(0, 3);
+    TEST_ASSERT_FALSE(tl_plant_readers_finished(readers));
+    stop(1);
+    expect_reading(4, 10, TL_GOOD);
+    expect_reading(2, 11, TL_GOOD);
+    for (size_t i = 0; i < input.count; i++) {
+        TEST_ASSERT_EQUAL_INT(i == 4 || i == 2, input.mailboxes[i].count > 0);
+    }
+}
+
+static void test_each_source_has_its_thread(void) {
+    toys[0].waits = true; /* stands still, and hinders nobody */
+    start(3);
+    wait_for_polls(0, 1);
+    wait_for_polls(1, 5);
+    wait_for_polls(2, 5);
+    TEST_ASSERT_EQUAL_size_t(1, polls(0));
+    stop(3);
+}
+
+static void test_threads_are_ordinary_named_and_take_no_signals(void) {
+    struct sched_param realtime = {.sched_priority = 1};
+    (void)pthread_setschedparam(pthread_self(), SCHED_FIFO, &realtime); /* where we may */
+    start(1);
+    struct sched_param ordinary = {.sched_priority = 0};
+    TEST_ASSERT_EQUAL_INT(0, pthread_setschedparam(pthread_self(), SCHED_OTHER, &ordinary));
+    wait_for_polls(0, 2);
+    stop(1);
+    TEST_ASSERT_EQUAL_INT(SCHED_OTHER, toys[0].policy);
+    TEST_ASSERT_TRUE(toys[0].signals_blocked);
+    TEST_ASSERT_EQUAL_STRING("io bench of the", toys[0].name);
+    sigset_t blocked;
+    TEST_ASSERT_EQUAL_INT(0, pthread_sigmask(SIG_SETMASK, NULL, &blocked));
+    TEST_ASSERT_EQUAL_INT(0, sigismember(&blocked, SIGTERM)); /* ours is as it was */
+}
+
+static void test_links_are_told_by_name(void) {
+    toys[0].says_link = true;
+    start(1);
+    wait_for_polls(0, 2);
+    stop(1);
+    TEST_ASSERT_EQUAL_size_t(polls(0), links);
+    TEST_ASSERT_TRUE(link_up);
+    TEST_ASSERT_EQUAL_STRING("bench of the north wing", link_source);
+    TEST_ASSERT_EQUAL_STRING("here I am", link_text);
+}
+
+static void test_finished_is_when_all_are(void) {
+    toys[0].ends_after = 1;
+    toys[1].ends_after = 20;
+    start(2);
+    wait_until_finished();
+    TEST_ASSERT_EQUAL_size_t(1, polls(0));
+    TEST_ASSERT_EQUAL_size_t(20, polls(1));
+    TEST_ASSERT_EQUAL_size_t(0, links);
+    stop(2);
+}
+
+static void test_one_that_goes_on_is_not_finished(void) {
+    toys[0].ends_after = 1;
+    start(2);
+    wait_for_polls(0, 1); /* on a loaded machine its thread may be the last to begin */
+    wait_for_polls(1, 20);
+    TEST_ASSERT_FALSE(tl_plant_readers_finished(readers));
+    TEST_ASSERT_EQUAL_size_t(1, polls(0));
+    stop(2);
+}
+
+static void test_a_driver_that_can_never_go_on(void) {
+    toys[0].channels = 2;
+    toys[0].fails_after = 3;
+    start(1);
+    wait_until_finished();
+    stop(1);
+    TEST_ASSERT_EQUAL_size_t(3, polls(0));
+    TEST_ASSERT_EQUAL_size_t(1, links);
+    TEST_ASSERT_FALSE(link_up);
+    TEST_ASSERT_EQUAL_STRING("broken for good", link_text);
+    expect_reading(4, 0, TL_NO_LINK); /* its last good value is not taken for a fresh one for ever */
+    expect_reading(2, 0, TL_NO_LINK);
+}
+
+static void test_no_sources(void) {
+    start(0);
+    TEST_ASSERT_TRUE(tl_plant_readers_finished(readers));
+    stop(0);
+}
+
+/* A period of an hour, or a driver that waits for ever. */
+static void test_stop_does_not_wait(void) {
+    sources[0].period = 3600 * TL_SECOND;
+    toys[1].waits = true;
+    start(2);
+    wait_for_polls(0, 1);
+    wait_for_polls(1, 1);
+    tl_time begin = tl_clock_now(NULL);
+    stop(2);
+    TEST_ASSERT_TRUE(tl_clock_now(NULL) - begin < 10 * TL_SECOND);
+}
+
+static void test_periods(void) {
+    sources[0].period = 20000000;
+    tl_time begin = tl_clock_now(NULL);
+    start(1);
+    wait_for_polls(0, 6);
+    TEST_ASSERT_TRUE(tl_clock_now(NULL) - begin >= 100000000); /* five periods: never earlier */
+    stop(1);
+}
+
+/* A poll of 25 ms with a period of 10 ms: at 0, 30, 60, 90 ms. What was missed is not made up in a burst. */
+static void test_a_slow_poll_leaves_instants_out(void) {
+    sources[0].period = 10000000;
+    toys[0].busy_ms = 25;
+    tl_time begin = tl_clock_now(NULL);
+    start(1);
+    wait_for_polls(0, 4);
+    TEST_ASSERT_TRUE(tl_clock_now(NULL) - begin >= 115000000);
+    stop(1);
+}
+
+static void test_no_memory_for_threads(void) {
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+    TEST_IGNORE_MESSAGE("a sanitizer needs its address space");
+#else
+    if (getenv("TL_EMULATOR") != NULL) {
+        TEST_IGNORE_MESSAGE("an emulator does not limit the address space");
+    }
+    struct rlimit before;
+    TEST_ASSERT_EQUAL_INT(0, getrlimit(RLIMIT_AS, &before));
+    char text[128] = "";
+    FILE *statm = fopen("/proc/self/statm", "r");
+    TEST_ASSERT_NOT_NULL(statm);
+    TEST_ASSERT_NOT_NULL(fgets(text, sizeof text, statm)); /* begins with the pages that it has */
+    TEST_ASSERT_EQUAL_INT(0, fclose(statm));
+    struct rlimit tight = before;
+    tight.rlim_cur = strtoul(text, NULL, 10) * (rlim_t)sysconf(_SC_PAGESIZE) + ((rlim_t)8 << 20); /* not 200 stacks */
+    TEST_ASSERT_EQUAL_INT(0, setrlimit(RLIMIT_AS, &tight));
+    tl_status status = tl_plant_readers_start(sources, SOURCES, &input, on_link, &input, &readers, &error);
+    TEST_ASSERT_EQUAL_INT(0, setrlimit(RLIMIT_AS, &before));
+    TEST_ASSERT_EQUAL_INT(TL_TRY_AGAIN, status);
+    TEST_ASSERT_NULL(readers);
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, "no thread for a plant source"), error.text);
+    for (size_t i = 0; i < SOURCES; i++) {
+        TEST_ASSERT_EQUAL_size_t(1, toys[i].closes); /* those that were started, and those that were not */
+    }
+    size_t before_rest = polls(0);
+    pause_ms(20);
+    TEST_ASSERT_EQUAL_size_t(before_rest, polls(0)); /* no thread is left */
+#endif
+}
+
+int main(void) {
+    UNITY_BEGIN();
+    RUN_TEST(test_readings_go_to_their_signals);
+    RUN_TEST(test_each_source_has_its_thread);
+    RUN_TEST(test_threads_are_ordinary_named_and_take_no_signals);
+    RUN_TEST(test_links_are_told_by_name);
+    RUN_TEST(test_finished_is_when_all_are);
+    RUN_TEST(test_one_that_goes_on_is_not_finished);
+    RUN_TEST(test_a_driver_that_can_never_go_on);
+    RUN_TEST(test_no_sources);
+    RUN_TEST(test_stop_does_not_wait);
+    RUN_TEST(test_periods);
+    RUN_TEST(test_a_slow_poll_leaves_instants_out);
+    RUN_TEST(test_no_memory_for_threads);
+    return UNITY_END();
+}

@@ -1,0 +1,386 @@
+/* Recordings: the newest row at or before each tick from CSV; the very ticks of a run from a database. */
+#include <limits.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <unity.h>
+
+#include "firmware/plant/recording.h"
+#include "firmware/record/recorder.h"
+#include "tests/support/made_run.h"
+#include "tests/support/scratch.h"
+#include "tests/support/sql.h"
+
+#define CONFIGURATION                                                                                                  \
+    "{ \"twinlock\": 1, \"name\": \"motor bench\", \"step_s\": 0.01,\n"                                                \
+    "  \"components\": { \"motor\": { \"fmu\": \"motor.fmu\" } },\n"                                                   \
+    "  \"plant\": { \"torque\": { \"min\": -10, \"max\": 10, \"stale_s\": 0.03 },\n"                                   \
+    "             \"omega\": { \"csv\": { \"column\": \"speed\" } },\n"                                                \
+    "             \"door\": { \"type\": \"boolean\" } } }\n"
+
+static tl_scratch scratch;
+static char path[PATH_MAX];
+static tl_config config;
+static tl_recording *recording;
+static tl_recording_tick tick;
+static tl_error error;
+static size_t problems;
+
+static void count_problem(void *context, tl_status status, const char *where, const char *text) {
+    (void)context;
+    (void)status;
+    (void)printf("%s: %s\n", where, text);
+    problems++;
+}
+
+static void configure(const char *text) {
+    tl_report report = {.add = count_problem};
+    tl_config_free(&config);
+    problems = 0;
+    (void)tl_config_read_text("config.json", text, strlen(text), &config, &report);
+    TEST_ASSERT_EQUAL_size_t(0, problems);
+}
+
+void setUp(void) {
+    (void)snprintf(path, sizeof path, "%s", tl_scratch_path(&scratch, "plant.csv"));
+    recording = NULL;
+    error = (tl_error){TL_OK, ""};
+    configure(CONFIGURATION);
+}
+
+void tearDown(void) {
+    tl_recording_close(recording);
+    tl_config_free(&config);
+    tl_scratch_empty(&scratch);
+}
+
+/* ---- CSV --------------------------------------------------------------------------------------------------------- */
+
+static void write_csv(const char *text) {
+    FILE *file = fopen(path, "w");
+    TEST_ASSERT_NOT_NULL(file);
+    (void)fputs(text, file);
+    (void)fclose(file);
+}
+
+static void open_recording(void) {
+    tl_status status = tl_recording_open(path, &config, &recording, &error);
+    TEST_ASSERT_EQUAL_STRING("", error.text);
+    TEST_ASSERT_EQUAL_INT(TL_OK, status);
+}
+
+static bool next(void) {
+    bool end = false;
+    tl_status status = tl_recording_next(recording, &tick, &end, &error);
+    TEST_ASSERT_EQUAL_STRING("", error.text);
+    TEST_ASSERT_EQUAL_INT(TL_OK, status);
+    return !end;
+}
+
+static void expect_signal(size_t signal, double value, tl_quality quality) {
+    char what[64];
+    (void)snprintf(what, sizeof what, "signal %zu at tick %d", signal, (int)tick.sample.tick);
+    TEST_ASSERT_EQUAL_DOUBLE_MESSAGE(value, tick.sample.values[signal], what);
+    TEST_ASSERT_EQUAL_INT_MESSAGE(quality, tick.sample.quality[signal], what);
+}
+
+static void expect_refused(const char *text) {
+    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, tl_recording_open(path, &config, &recording, &error));
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, text), error.text);
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, path), error.text);
+    TEST_ASSERT_NULL(recording);
+    error = (tl_error){TL_OK, ""};
+}
+
+/* Time is the recording's own; tick 0 is at the first row. */
+static void test_each_tick_is_the_newest_row(void) {
+    static const double speeds[] = {1, 1, 2, 4, 4};
+    write_csv("time,speed,torque,door\n100,1,0,0\n100.015,2,0,0\n100.021,3,0,1\n100.03,4,0,1\n100.0499,5,0,1\n");
+    open_recording();
+    TEST_ASSERT_EQUAL_INT64(5, tl_recording_ticks(recording));
+    for (int i = 0; i < 5; i++) {
+        TEST_ASSERT_TRUE(next());
+        TEST_ASSERT_EQUAL_INT64(i, tick.sample.tick);
+        TEST_ASSERT_FALSE(tick.made_up || tick.cut_short || tick.without_nominal);
+        expect_signal(1, speeds[i], TL_GOOD);
+    }
+    TEST_ASSERT_FALSE(next());
+    TEST_ASSERT_FALSE(next());
+}
+
+static void test_a_row_exactly_at_a_tick_counts(void) {
+    write_csv("time,speed,torque,door\n0,1,0,0\n0.01,2,0,0\n0.02,3,0,0\n");
+    open_recording();
+    TEST_ASSERT_EQUAL_INT64(3, tl_recording_ticks(recording));
+    for (int i = 1; i <= 3; i++) {
+        TEST_ASSERT_TRUE(next());
+        expect_signal(1, i, TL_GOOD);
+        TEST_ASSERT_EQUAL_INT64((i - 1) * (TL_SECOND / 100), tick.sample.stamps[1]);
+    }
+}
+
+/* A recording is judged as live values are: range, type, age, and what is no number. */
+static void test_qualities(void) {
+    write_csv("time,speed,torque,door\n0,1,11,0.5\n0.01,n/a,2,1\n0.05,3,2,1\n");
+    open_recording();
+    TEST_ASSERT_TRUE(next());
+    expect_signal(0, 11, TL_OUT_OF_RANGE);
+    expect_signal(2, 0.5, TL_OUT_OF_RANGE);
+    TEST_ASSERT_TRUE(next());
+    expect_signal(0, 2, TL_GOOD);
+    expect_signal(1, 0, TL_NOT_A_NUMBER);
+    expect_signal(2, 1, TL_GOOD);
+    TEST_ASSERT_TRUE(next() && next() && next()); /* 0.04: the torque is 0.03 s old, which is allowed */
+    expect_signal(0, 2, TL_GOOD);
+}
+
+static void test_stale_values(void) {
+    write_csv("time,speed,torque,door\n0,1,1,0\n0.06,3,2,1\n");
+    open_recording();
+    for (int i = 0; i < 7; i++) {
+        TEST_ASSERT_TRUE(next());
+        expect_signal(0, i < 6 ? 1 : 2, i > 3 && i < 6 ? TL_STALE : TL_GOOD);
+        expect_signal(1, i < 6 ? 1 : 3, TL_GOOD); /* never stale */
+    }
+}
+
+/* A cell that is empty says nothing: the value before stands. */
+static void test_empty_cells(void) {
+    write_csv("time,speed,torque,door\n0,1,,1\n0.01,,5,\n0.02,3,,\n");
+    open_recording();
+    TEST_ASSERT_TRUE(next());
+    expect_signal(0, 0, TL_NO_LINK);
+    TEST_ASSERT_EQUAL_INT64(TL_TIME_NEVER, tick.sample.stamps[0]);
+    TEST_ASSERT_TRUE(next());
+    expect_signal(0, 5, TL_GOOD);
+    expect_signal(1, 1, TL_GOOD);
+    TEST_ASSERT_TRUE(next());
+    expect_signal(1, 3, TL_GOOD);
+    expect_signal(2, 1, TL_GOOD);
+}
+
+static void test_many_rows_between_two_ticks(void) {
+    FILE *file = fopen(path, "w");
+    TEST_ASSERT_NOT_NULL(file);
+    (void)fputs("time,speed,torque,door\n", file);
+    for (int i = 0; i <= 3000; i++) {
+        (void)fprintf(file, "%.5f,%d,0,0\n", i * 0.00001, i);
+    }
+    (void)fclose(file);
+    open_recording();
+    for (int i = 0; i <= 3; i++) {
+        TEST_ASSERT_TRUE(next());
+        expect_signal(1, 1000 * i, TL_GOOD);
+    }
+    TEST_ASSERT_FALSE(next());
+}
+
+/* All rows are checked before the first is used. */
+static void test_what_is_wrong_is_said_at_once(void) {
+    write_csv("time,speed,torque,door\n0,1,1,0\n1,1,1,0\n2,1,1,0\n1.5,1,1,0\n");
+    expect_refused("line 5");
+    write_csv("time,speed,torque,door\n");
+    expect_refused("no row");
+    write_csv("time,speed,torque\n0,1,1\n");
+    expect_refused("\"door\"");
+    (void)remove(path);
+    expect_refused("No such file");
+}
+
+/* A clock that was set between two rows would have it replayed for days. */
+static void test_a_gap_that_is_too_wide(void) {
+    write_csv("time,speed,torque,door\n0,1,1,0\n1000000,1,1,0\n");
+    open_recording();
+    TEST_ASSERT_EQUAL_INT64(TL_RECORDING_GAP + 1, tl_recording_ticks(recording));
+    tl_recording_close(recording);
+    recording = NULL;
+    write_csv("time,speed,torque,door\n0,1,1,0\n5,1,1,0\n1000005.01,1,1,0\n1000006,1,1,0\n");
+    expect_refused(
+        "between the rows at 5.000000000 s and 1000005.010000000 s there are 100000001 steps of 0.01 s, at most "
+        "100000000 are allowed: correct the time, or cut the recording there");
+    write_csv("time,speed,torque,door\n0.5,1,1,0\n900000000,1,1,0\n");
+    expect_refused("there are 89999999950 steps of 0.01 s");
+}
+
+/* As far apart as rows may be: what is between them fits into a time, and is told. */
+static void test_rows_at_the_ends_of_time(void) {
+    write_csv("time,speed,torque,door\n-4.6e9,1,1,0\n4.6e9,1,1,0\n");
+    expect_refused(
+        "between the rows at -4600000000.000000000 s and 4600000000.000000000 s there are 920000000000 steps");
+    write_csv("time,speed,torque,door\n-4.600001e9,1,1,0\n");
+    expect_refused("line 2: the time is \"-4.600001e9\", but must be a number of seconds from -4.6e9 to 4.6e9");
+    write_csv("time,speed,torque,door\n4.6e9,1,1,0\n4600000000.02,3,1,0\n");
+    expect_refused("line 3");
+    write_csv("time,speed,torque,door\n4599999999,1,1,0\n4600000000,3,1,0\n");
+    open_recording();
+    for (int i = 0; i <= 100; i++) {
+        TEST_ASSERT_TRUE(next());
+    }
+    expect_signal(1, 3, TL_GOOD);
+    TEST_ASSERT_FALSE(next());
+}
+
+static void test_a_recording_that_is_too_long(void) {
+    FILE *file = fopen(path, "w");
+    TEST_ASSERT_NOT_NULL(file);
+    (void)fputs("time,speed,torque,door\n", file);
+    for (int i = 0; i <= 100; i++) {
+        (void)fprintf(file, "%d,1,1,0\n", i * 1000000);
+    }
+    (void)fclose(file);
+    expect_refused(
+        "from the first row to that at 100000000.000000000 s there are more than 10000000000 steps of 0.01 s: cut "
+        "the recording, or replay it with a larger step_s");
+}
+
+/* ---- a database -------------------------------------------------------------------------------------------------- */
+
+/* A made run whose configuration is CONFIGURATION; named as assembly.c names signals. */
+static void record_run(int64_t ticks) {
+    tl_recorder *recorder = NULL;
+    const tl_recorder_signal plant[] = {
+        {"plant.torque", "", NULL, TL_REAL}, {"plant.omega", "", NULL, TL_REAL}, {"plant.door", "", NULL, TL_BOOLEAN}};
+    tl_recorder_settings settings = tl_made_settings(path);
+    settings.configuration = CONFIGURATION;
+    settings.plant = plant;
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_recorder_open(&settings, &recorder, &error));
+    tl_made_put(recorder, 0, ticks);
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_recorder_close(recorder, "end of recording", NULL, &error));
+}
+
+static void test_a_run_comes_back(void) {
+    record_run(100);
+    open_recording();
+    TEST_ASSERT_EQUAL_INT64(100, tl_recording_ticks(recording));
+    for (int64_t i = 0; i < 100; i++) {
+        tl_sample expected;
+        tl_made_sample(i, &expected);
+        TEST_ASSERT_TRUE(next());
+        TEST_ASSERT_EQUAL_INT64(i, tick.sample.tick);
+        TEST_ASSERT_EQUAL_MEMORY(expected.values, tick.sample.values, TL_MADE_PLANT * sizeof expected.values[0]);
+        TEST_ASSERT_EQUAL_MEMORY(expected.quality, tick.sample.quality, TL_MADE_PLANT);
+        TEST_ASSERT_EQUAL_MEMORY(expected.stamps, tick.sample.stamps, TL_MADE_PLANT * sizeof expected.stamps[0]);
+    }
+    TEST_ASSERT_FALSE(next());
+}
+
+/* With the run's own configuration, what it skipped and had no time for is done again as it was. */
+static void test_what_the_run_could_spend(void) {
+    int made_up = 0;
+    int limited = 0;
+    int without = 0;
+    record_run(300);
+    open_recording();
+    for (int64_t i = 0; i < 300; i++) {
+        tl_record expected;
+        TEST_ASSERT_TRUE(next());
+        if (i < TL_MADE_PREDICTION) {
+            TEST_ASSERT_FALSE(tick.made_up);
+            continue;
+        }
+        tl_made_record(i - TL_MADE_PREDICTION, &expected);
+        bool without_nominal = (expected.flags & TL_FLAG_WITHOUT_NOMINAL) != 0;
+        bool by_time = expected.stop == TL_STOP_TIME || without_nominal;
+        TEST_ASSERT_EQUAL_INT(expected.outcome == TL_MADE_UP, tick.made_up);
+        TEST_ASSERT_EQUAL_INT(by_time, tick.cut_short);
+        TEST_ASSERT_EQUAL_UINT32(by_time ? expected.evaluations : 0, tick.evaluations);
+        TEST_ASSERT_EQUAL_INT(without_nominal || (by_time && expected.evaluations == 0), tick.without_nominal);
+        made_up += tick.made_up ? 1 : 0;
+        limited += by_time ? 1 : 0;
+        without += without_nominal && expected.stop != TL_STOP_TIME ? 1 : 0;
+    }
+    TEST_ASSERT_GREATER_THAN_INT(5, without);
+    TEST_ASSERT_GREATER_THAN_INT(5, made_up);
+    TEST_ASSERT_GREATER_THAN_INT(5, limited);
+}
+
+static void test_another_configuration_is_not_bound_by_it(void) {
+    record_run(300);
+    configure(CONFIGURATION " ");
+    open_recording();
+    for (int i = 0; i < 300; i++) {
+        TEST_ASSERT_TRUE(next());
+        TEST_ASSERT_FALSE(tick.made_up || tick.cut_short || tick.without_nominal);
+    }
+}
+
+/* Not even for the first evaluation: nothing may be tried. */
+static void test_no_evaluation_at_all(void) {
+    record_run(10);
+    tl_sql_execute(path, "UPDATE steps SET outcome = 4, stop = 4, flags = 0, evaluations = 0");
+    open_recording();
+    for (int i = 0; i < 10; i++) {
+        TEST_ASSERT_TRUE(next());
+        TEST_ASSERT_EQUAL_INT(i >= TL_MADE_PREDICTION, tick.cut_short);
+        TEST_ASSERT_EQUAL_INT(i >= TL_MADE_PREDICTION, tick.without_nominal);
+        TEST_ASSERT_EQUAL_UINT32(0, tick.evaluations);
+    }
+}
+
+static void test_the_last_run_counts(void) {
+    record_run(50);
+    record_run(20);
+    open_recording();
+    TEST_ASSERT_EQUAL_INT64(20, tl_recording_ticks(recording));
+}
+
+static void test_runs_that_do_not_fit(void) {
+    record_run(10);
+    tl_sql_execute(path, "UPDATE signals SET name = 'plant.brake' WHERE kind = 'plant' AND signal = 0");
+    expect_refused("plant.brake as signal 1, the configuration has plant.torque");
+    tl_sql_execute(path, "DELETE FROM signals WHERE kind = 'plant' AND signal = 2");
+    tl_sql_execute(path, "UPDATE signals SET name = 'plant.torque' WHERE kind = 'plant' AND signal = 0");
+    expect_refused("nothing as signal 3");
+    tl_sql_execute(path, "INSERT INTO signals VALUES (1, 'plant', 2, 'plant.door', '', 'Boolean', NULL)");
+    tl_sql_execute(path, "UPDATE runs SET step_ns = 20000000");
+    expect_refused("3 signals every 0.02 s, the configuration has 3 every 0.01 s");
+}
+
+static void test_a_run_whose_beginning_is_gone(void) {
+    record_run(10);
+    tl_sql_execute(path, "DELETE FROM samples WHERE tick < 3");
+    expect_refused("the beginning of run 1 is not there");
+}
+
+/* The path in the text is the recording's own copy. */
+static void test_a_tick_that_was_lost(void) {
+    char name[PATH_MAX];
+    bool end = false;
+    record_run(10);
+    tl_sql_execute(path, "DELETE FROM samples WHERE tick = 4");
+    (void)snprintf(name, sizeof name, "%s", path);
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_recording_open(name, &config, &recording, &error));
+    memset(name, 'x', sizeof name - 1);
+    for (int i = 0; i < 4; i++) {
+        TEST_ASSERT_TRUE(next());
+    }
+    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, tl_recording_next(recording, &tick, &end, &error));
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, "tick 4 was lost"), error.text);
+    TEST_ASSERT_EQUAL_STRING_LEN(path, error.text, strlen(path));
+}
+
+int main(void) {
+    tl_scratch_make(&scratch, TL_BINARY_DIR, "test_recording");
+    UNITY_BEGIN();
+    RUN_TEST(test_each_tick_is_the_newest_row);
+    RUN_TEST(test_a_row_exactly_at_a_tick_counts);
+    RUN_TEST(test_qualities);
+    RUN_TEST(test_stale_values);
+    RUN_TEST(test_empty_cells);
+    RUN_TEST(test_many_rows_between_two_ticks);
+    RUN_TEST(test_a_gap_that_is_too_wide);
+    RUN_TEST(test_rows_at_the_ends_of_time);
+    RUN_TEST(test_a_recording_that_is_too_long);
+    RUN_TEST(test_what_is_wrong_is_said_at_once);
+    RUN_TEST(test_a_run_comes_back);
+    RUN_TEST(test_what_the_run_could_spend);
+    RUN_TEST(test_another_configuration_is_not_bound_by_it);
+    RUN_TEST(test_no_evaluation_at_all);
+    RUN_TEST(test_the_last_run_counts);
+    RUN_TEST(test_runs_that_do_not_fit);
+    RUN_TEST(test_a_run_whose_beginning_is_gone);
+    RUN_TEST(test_a_tick_that_was_lost);
+    tl_scratch_remove(&scratch);
+    return UNITY_END();
+}

@@ -1,0 +1,206 @@
+/* Heartbeats: who is silent for too long, seen from another process, whatever the clock does. */
+#include <stdio.h>
+#include <string.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <unity.h>
+
+#include "firmware/process/fmu_call.h"
+#include "firmware/process/heartbeat.h"
+
+static tl_heartbeats *beats;
+static tl_heartbeats_seen seen;
+static tl_time now;
+static tl_time silence;
+
+void setUp(void) {
+    beats = tl_heartbeats_new();
+    TEST_ASSERT_NOT_NULL(beats);
+    memset(&seen, 0, sizeof seen);
+    now = 1000 * TL_SECOND;
+    silence = 0;
+}
+
+void tearDown(void) {
+    tl_heartbeats_free(beats);
+}
+
+/* Looks once, `passed` later. */
+static const char *look_after(tl_time passed) {
+    now += passed;
+    return tl_heartbeats_look(beats, &seen, now, &silence);
+}
+
+/* Looks every 0.1 s for `time`; the first answer that is not NULL. */
+static const char *look_for(tl_time time) {
+    const char *silent = NULL;
+    for (tl_time t = 0; t < time && silent == NULL; t += TL_SECOND / 10) {
+        silent = look_after(TL_SECOND / 10);
+    }
+    return silent;
+}
+
+static void test_nobody_is_silent_where_nobody_is(void) {
+    TEST_ASSERT_NULL(look_for(100 * TL_SECOND));
+}
+
+static void test_silence(void) {
+    tl_heart *heart = tl_heart_begin(beats, "cycle", 2 * TL_SECOND);
+    (void)look_after(0);
+    TEST_ASSERT_NULL(look_for(2 * TL_SECOND));
+    TEST_ASSERT_EQUAL_STRING("cycle", look_after(TL_SECOND / 10));
+    TEST_ASSERT_EQUAL_INT64(21 * TL_SECOND / 10, silence);
+    tl_heart_beat(heart);
+    TEST_ASSERT_NULL(look_for(2 * TL_SECOND));
+}
+
+static void test_one_beat_in_time_is_enough(void) {
+    tl_heart *heart = tl_heart_begin(beats, "cycle", 2 * TL_SECOND);
+    for (int i = 0; i < 50; i++) {
+        TEST_ASSERT_NULL(look_for(19 * TL_SECOND / 10));
+        tl_heart_beat(heart);
+    }
+}
+
+/* The others' beats are no life of this one. */
+static void test_the_silent_one_of_many(void) {
+    tl_heart *hearts[TL_HEARTBEATS];
+    char name[24];
+    for (int i = 0; i < TL_HEARTBEATS; i++) {
+        (void)snprintf(name, sizeof name, "thread %d", i);
+        hearts[i] = tl_heart_begin(beats, name, TL_SECOND);
+        TEST_ASSERT_NOT_NULL(hearts[i]);
+    }
+    const char *silent = NULL;
+    for (int round = 0; round < 12 && silent == NULL; round++) {
+        for (int i = 0; i < TL_HEARTBEATS; i++) {
+            if (i != 41) {
+                tl_heart_beat(hearts[i]);
+            }
+        }
+        silent = look_after(TL_SECOND / 10);
+    }
+    TEST_ASSERT_EQUAL_STRING("thread 41", silent);
+    TEST_ASSERT_NULL(tl_heart_begin(beats, "one too many", TL_SECOND));
+}
+
+/* A supervisor that slept an hour, a suspended box, a clock that jumped: of it all one look's worth counts. */
+static void test_the_looker_slept(void) {
+    (void)tl_heart_begin(beats, "cycle", TL_SECOND);
+    (void)look_after(0);
+    TEST_ASSERT_NULL(look_after(3600 * TL_SECOND));
+    TEST_ASSERT_NULL(look_after(3600 * TL_SECOND));
+}
+
+static void test_more_patience_and_none(void) {
+    tl_heart *heart = tl_heart_begin(beats, "main", TL_SECOND);
+    (void)look_after(0);
+    tl_heart_be_patient(heart, 5 * TL_SECOND);
+    TEST_ASSERT_NULL(look_for(5 * TL_SECOND));
+    tl_heart_end(heart);
+    TEST_ASSERT_NULL(look_for(100 * TL_SECOND));
+}
+
+static void test_nobody_supervises(void) {
+    TEST_ASSERT_NULL(tl_heartbeats_calls(NULL));
+    tl_heartbeats_announce(NULL, TL_FAREWELL_OVER, 0);
+    tl_heart *heart = tl_heart_begin(NULL, "cycle", TL_SECOND);
+    TEST_ASSERT_NULL(heart);
+    tl_heart_beat(heart);
+    tl_heart_be_patient(heart, TL_SECOND);
+    tl_heart_end(heart);
+    tl_heartbeats_set_ready(NULL);
+    tl_heartbeats_set_status(NULL, "well");
+    tl_heartbeats_free(NULL);
+}
+
+static void test_seen_from_another_process(void) {
+    char text[TL_HEARTBEAT_STATUS];
+    TEST_ASSERT_FALSE(tl_heartbeats_is_ready(beats));
+    TEST_ASSERT_TRUE(tl_heartbeats_get_status(beats, text));
+    TEST_ASSERT_EQUAL_STRING("", text);
+    pid_t child = fork();
+    if (child == 0) {
+        (void)tl_heart_begin(beats, "a name that is longer than there is room for it, and cut", TL_SECOND);
+        tl_heartbeats_set_ready(beats);
+        tl_heartbeats_set_status(beats, "in lock");
+        _exit(0);
+    }
+    TEST_ASSERT_EQUAL_INT(child, waitpid(child, NULL, 0));
+    TEST_ASSERT_TRUE(tl_heartbeats_is_ready(beats));
+    TEST_ASSERT_TRUE(tl_heartbeats_get_status(beats, text));
+    TEST_ASSERT_EQUAL_STRING("in lock", text);
+    (void)look_after(0);
+    const char *silent = look_for(2 * TL_SECOND);
+    TEST_ASSERT_NOT_NULL(silent);
+    TEST_ASSERT_EQUAL_STRING_LEN("a name that is longer", silent, 21);
+    tl_heartbeats_clear(beats);
+    TEST_ASSERT_FALSE(tl_heartbeats_is_ready(beats));
+    TEST_ASSERT_NULL(look_for(2 * TL_SECOND));
+}
+
+/* ---- calls of FMUs ---- */
+
+static void test_a_call_is_as_old_as_it_was_seen(void) {
+    tl_fmu_call call;
+    tl_fmu_calls_use(tl_heartbeats_calls(beats));
+    TEST_ASSERT_FALSE(tl_heartbeats_get_call(beats, &seen, 0, &call));
+    tl_fmu_call_begin(tl_fmu_calls_name("motor"), TL_FMU_DO_STEP);
+    TEST_ASSERT_TRUE(tl_heartbeats_get_call(beats, &seen, 0, &call));
+    TEST_ASSERT_FALSE(tl_heartbeats_get_call(beats, &seen, TL_SECOND, &call));
+    (void)look_after(0);
+    (void)look_for(TL_SECOND);
+    TEST_ASSERT_TRUE(tl_heartbeats_get_call(beats, &seen, TL_SECOND, &call));
+    TEST_ASSERT_EQUAL_STRING("motor", call.fmu);
+    TEST_ASSERT_EQUAL_STRING("fmi2DoStep", call.function);
+    TEST_ASSERT_FALSE(tl_heartbeats_get_call(beats, &seen, 2 * TL_SECOND, &call));
+    tl_fmu_calls_use(NULL);
+}
+
+static void test_another_call_is_a_new_one(void) {
+    tl_fmu_call call;
+    tl_fmu_calls_use(tl_heartbeats_calls(beats));
+    for (int i = 0; i < 20; i++) {
+        tl_fmu_call_begin(tl_fmu_calls_name("motor"), TL_FMU_DO_STEP);
+        (void)look_after(TL_SECOND / 10);
+    }
+    TEST_ASSERT_TRUE(tl_heartbeats_get_call(beats, &seen, 0, &call));
+    TEST_ASSERT_FALSE(tl_heartbeats_get_call(beats, &seen, TL_SECOND / 10, &call));
+    tl_fmu_calls_use(NULL);
+}
+
+/* ---- farewells ---- */
+
+static void test_a_farewell(void) {
+    int code = -1;
+    TEST_ASSERT_EQUAL_INT(TL_FAREWELL_NONE, tl_heartbeats_get_farewell(beats, &code));
+    tl_heartbeats_announce(beats, TL_FAREWELL_REFUSED, 65);
+    TEST_ASSERT_EQUAL_INT(TL_FAREWELL_REFUSED, tl_heartbeats_get_farewell(beats, &code));
+    TEST_ASSERT_EQUAL_INT(65, code);
+    tl_heartbeats_clear(beats);
+    TEST_ASSERT_EQUAL_INT(TL_FAREWELL_NONE, tl_heartbeats_get_farewell(beats, &code));
+}
+
+static void test_a_farewell_that_was_spoilt(void) {
+    int code = -1;
+    tl_heartbeats_announce(beats, (tl_farewell)(TL_FAREWELL_FAILED + 1), 1);
+    TEST_ASSERT_EQUAL_INT(TL_FAREWELL_NONE, tl_heartbeats_get_farewell(beats, &code));
+}
+
+int main(void) {
+    UNITY_BEGIN();
+    RUN_TEST(test_nobody_is_silent_where_nobody_is);
+    RUN_TEST(test_silence);
+    RUN_TEST(test_one_beat_in_time_is_enough);
+    RUN_TEST(test_the_silent_one_of_many);
+    RUN_TEST(test_the_looker_slept);
+    RUN_TEST(test_more_patience_and_none);
+    RUN_TEST(test_nobody_supervises);
+    RUN_TEST(test_seen_from_another_process);
+    RUN_TEST(test_a_call_is_as_old_as_it_was_seen);
+    RUN_TEST(test_another_call_is_a_new_one);
+    RUN_TEST(test_a_farewell);
+    RUN_TEST(test_a_farewell_that_was_spoilt);
+    return UNITY_END();
+}

@@ -1,0 +1,206 @@
+/* What an FMU can change of the process is put back, and told: each kind by doing it. */
+#include "firmware/process/host_state.h"
+
+#include <fenv.h>
+#include <float.h>
+#include <locale.h>
+#include <pthread.h>
+#include <sched.h>
+#include <signal.h>
+#include <stdbool.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <unity.h>
+
+#include "firmware/process/fp_control.h"
+
+static char folder[4096];
+
+static void ours(int signal) {
+    (void)signal;
+}
+
+static void theirs(int signal) {
+    (void)signal;
+}
+
+void setUp(void) {
+    TEST_ASSERT_NOT_NULL(getcwd(folder, sizeof folder));
+    const struct sigaction action = {.sa_handler = ours};
+    TEST_ASSERT_EQUAL_INT(0, tl_host_state_handle(SIGTERM, &action, NULL));
+    tl_host_state_keep();
+}
+
+void tearDown(void) {
+    (void)tl_host_state_put_back();
+}
+
+static void expect_handler(int signal, void (*handler)(int)) {
+    struct sigaction now;
+    TEST_ASSERT_EQUAL_INT(0, sigaction(signal, NULL, &now));
+    TEST_ASSERT_TRUE(now.sa_handler == handler);
+}
+
+static void expect_folder(const char *expected) {
+    char now[4096];
+    TEST_ASSERT_NOT_NULL(getcwd(now, sizeof now));
+    TEST_ASSERT_EQUAL_STRING(expected, now);
+}
+
+static void nothing_is_found_where_nothing_was_changed(void) {
+    TEST_ASSERT_EQUAL_UINT(0, tl_host_state_put_back());
+}
+
+static void each_rounding_mode_is_put_back(void) {
+    const uint32_t control = tl_fp_control_get();
+    static const int modes[] = {FE_UPWARD, FE_DOWNWARD, FE_TOWARDZERO};
+    for (size_t i = 0; i < sizeof modes / sizeof modes[0]; i++) {
+        TEST_ASSERT_EQUAL_INT(0, fesetround(modes[i]));
+        bool usual = tl_fp_control_holds(control);
+        unsigned changes = tl_host_state_put_back();
+        TEST_ASSERT_FALSE(usual);
+        TEST_ASSERT_EQUAL_UINT(TL_HOST_ROUNDING, changes);
+        TEST_ASSERT_EQUAL_INT(FE_TONEAREST, fegetround());
+        TEST_ASSERT_TRUE(tl_fp_control_holds(control));
+    }
+}
+
+#if defined(__x86_64__)
+static void flushed_denormals_and_traps_are_put_back(void) {
+    static const unsigned bits[] = {0x8000, 0x0040}; /* flush to zero, denormals are zeros */
+    volatile double least = DBL_MIN / 4.0;
+    const uint32_t control = tl_fp_control_get();
+    for (size_t i = 0; i < sizeof bits / sizeof bits[0]; i++) {
+        tl_fp_control_set(tl_fp_control_get() | bits[i]);
+        bool usual = tl_fp_control_holds(control);
+        TEST_ASSERT_EQUAL_UINT(TL_HOST_ROUNDING, tl_host_state_put_back());
+        TEST_ASSERT_FALSE(usual);
+        TEST_ASSERT_TRUE(least + least > 0.0);
+    }
+    tl_fp_control_set(control & ~0x0200U); /* a trap of SSE alone: put back unseen */
+    TEST_ASSERT_TRUE(tl_fp_control_holds(control));
+    TEST_ASSERT_EQUAL_HEX32(control, tl_fp_control_get());
+    TEST_ASSERT_NOT_EQUAL_INT(-1, feenableexcept(FE_INVALID | FE_DIVBYZERO));
+    TEST_ASSERT_FALSE(tl_fp_control_holds(control));
+    TEST_ASSERT_EQUAL_UINT(TL_HOST_ROUNDING, tl_host_state_put_back());
+    TEST_ASSERT_EQUAL_INT(0, fegetexcept());
+    uint16_t single = 0x007F; /* x87: 24 bits of precision */
+    __asm__ volatile("fldcw %0" : : "m"(single));
+    TEST_ASSERT_FALSE(tl_fp_control_holds(control));
+    TEST_ASSERT_EQUAL_UINT(TL_HOST_ROUNDING, tl_host_state_put_back());
+    volatile long double third = 1.0L;
+    third /= 3.0L;
+    TEST_ASSERT_TRUE(third != (long double)(float)third);
+}
+#endif
+
+/* Every system has these two. */
+static void locales_of_thread_and_process_are_put_back(void) {
+    locale_t before = uselocale((locale_t)0);
+    char *process = strdup(setlocale(LC_ALL, NULL));
+    locale_t other = newlocale(LC_ALL_MASK, "POSIX", (locale_t)0);
+    locale_t changed = newlocale(LC_CTYPE_MASK, "C.UTF-8", other);
+    TEST_ASSERT_TRUE(changed != (locale_t)0);
+    (void)uselocale(changed);
+    TEST_ASSERT_EQUAL_UINT(TL_HOST_LOCALE, tl_host_state_put_back());
+    TEST_ASSERT_TRUE(uselocale((locale_t)0) == before);
+    TEST_ASSERT_NOT_NULL(setlocale(LC_NUMERIC, "C.UTF-8"));
+    TEST_ASSERT_EQUAL_UINT(TL_HOST_LOCALE, tl_host_state_put_back());
+    TEST_ASSERT_EQUAL_STRING(process, setlocale(LC_ALL, NULL));
+    TEST_ASSERT_NOT_NULL(setlocale(LC_CTYPE, "C.UTF-8")); /* an interpreter does */
+    TEST_ASSERT_EQUAL_UINT(0, tl_host_state_put_back());
+    TEST_ASSERT_NOT_NULL(setlocale(LC_CTYPE, "C"));
+    freelocale(changed);
+    free(process);
+}
+
+static void a_signal_mask_is_put_back(void) {
+    sigset_t all;
+    sigset_t now;
+    (void)sigfillset(&all);
+    TEST_ASSERT_EQUAL_INT(0, pthread_sigmask(SIG_BLOCK, &all, NULL));
+    TEST_ASSERT_EQUAL_UINT(TL_HOST_SIGNAL_MASK, tl_host_state_put_back());
+    TEST_ASSERT_EQUAL_INT(0, pthread_sigmask(SIG_SETMASK, NULL, &now));
+    TEST_ASSERT_EQUAL_INT(0, sigismember(&now, SIGTERM));
+}
+
+static void handlers_of_ours_are_put_back_and_others_left_alone(void) {
+    TEST_ASSERT_TRUE(signal(SIGTERM, SIG_IGN) != SIG_ERR);
+    TEST_ASSERT_TRUE(signal(SIGUSR2, theirs) != SIG_ERR);
+    TEST_ASSERT_EQUAL_UINT(TL_HOST_HANDLERS, tl_host_state_put_back());
+    expect_handler(SIGTERM, ours);
+    expect_handler(SIGUSR2, theirs);
+    TEST_ASSERT_EQUAL_UINT(0, tl_host_state_put_back());
+}
+
+static void the_newest_handler_of_ours_is_kept(void) {
+    const struct sigaction ignore = {.sa_handler = SIG_IGN};
+    TEST_ASSERT_EQUAL_INT(0, tl_host_state_handle(SIGTERM, &ignore, NULL));
+    TEST_ASSERT_EQUAL_UINT(0, tl_host_state_put_back());
+    expect_handler(SIGTERM, SIG_IGN);
+    TEST_ASSERT_EQUAL_INT(-1, tl_host_state_handle(SIGKILL, &ignore, NULL));
+}
+
+static void the_folder_is_put_back_even_if_the_other_one_is_gone(void) {
+    char other[] = "/tmp/twinlock-test-XXXXXX";
+    TEST_ASSERT_NOT_NULL(mkdtemp(other));
+    TEST_ASSERT_EQUAL_INT(0, chdir(other));
+    TEST_ASSERT_EQUAL_UINT(TL_HOST_FOLDER, tl_host_state_put_back());
+    expect_folder(folder);
+    TEST_ASSERT_EQUAL_INT(0, chdir(other));
+    TEST_ASSERT_EQUAL_INT(0, rmdir(other));
+    TEST_ASSERT_EQUAL_UINT(TL_HOST_FOLDER, tl_host_state_put_back());
+    expect_folder(folder);
+}
+
+static void the_umask_is_put_back(void) {
+    mode_t before = umask(0);
+    TEST_ASSERT_NOT_EQUAL_UINT(0, before);
+    TEST_ASSERT_EQUAL_UINT(TL_HOST_UMASK, tl_host_state_put_back());
+    TEST_ASSERT_EQUAL_UINT(before, umask(before));
+}
+
+static void the_scheduling_of_the_thread_is_put_back_as_far_as_permitted(void) {
+    const struct sched_param idle = {.sched_priority = 0};
+    TEST_ASSERT_EQUAL_INT(0, sched_setscheduler(0, SCHED_BATCH, &idle));
+    TEST_ASSERT_EQUAL_UINT(TL_HOST_SCHEDULING, tl_host_state_put_back());
+    TEST_ASSERT_EQUAL_INT(SCHED_OTHER, sched_getscheduler(0));
+    TEST_ASSERT_EQUAL_UINT(0, tl_host_state_put_back());
+}
+
+static void all_at_once_is_told_in_one_sentence(void) {
+    char text[TL_HOST_CHANGE_TEXT];
+    (void)umask(umask(0) ^ 0007);
+    TEST_ASSERT_EQUAL_INT(0, chdir("/"));
+    TEST_ASSERT_EQUAL_INT(0, fesetround(FE_UPWARD));
+    tl_host_state_describe(tl_host_state_put_back(), text);
+    TEST_ASSERT_EQUAL_STRING("floating-point control, the current folder and the umask", text);
+    tl_host_state_describe(TL_HOST_HANDLERS, text);
+    TEST_ASSERT_EQUAL_STRING("signal handlers", text);
+    tl_host_state_describe((1U << TL_HOST_CHANGES) - 1, text);
+    TEST_ASSERT_EQUAL_STRING("floating-point control, the locale, the signal mask, signal handlers, the current "
+                             "folder, the umask and the scheduling",
+                             text);
+}
+
+int main(void) {
+    UNITY_BEGIN();
+    RUN_TEST(nothing_is_found_where_nothing_was_changed);
+    RUN_TEST(each_rounding_mode_is_put_back);
+#if defined(__x86_64__)
+    RUN_TEST(flushed_denormals_and_traps_are_put_back);
+#endif
+    RUN_TEST(locales_of_thread_and_process_are_put_back);
+    RUN_TEST(a_signal_mask_is_put_back);
+    RUN_TEST(handlers_of_ours_are_put_back_and_others_left_alone);
+    RUN_TEST(the_newest_handler_of_ours_is_kept);
+    RUN_TEST(the_folder_is_put_back_even_if_the_other_one_is_gone);
+    RUN_TEST(the_umask_is_put_back);
+    RUN_TEST(the_scheduling_of_the_thread_is_put_back_as_far_as_permitted);
+    RUN_TEST(all_at_once_is_told_in_one_sentence);
+    return UNITY_END();
+}

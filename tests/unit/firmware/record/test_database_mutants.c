@@ -1,0 +1,288 @@
+/* A database whose bytes were damaged by chance, and one that was made to do harm: whoever reads it says so, or reads it; a
+ * warm restart begins anew and says why. Nothing crashes (the sanitizers look), and nothing takes long. */
+#include <sqlite3.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <time.h>
+#include <unistd.h>
+
+#include <unity.h>
+
+#include "firmware/base/clock.h"
+#include "firmware/base/log.h"
+#include "firmware/plant/recording.h"
+#include "firmware/run/resume.h"
+#include "firmware/show/show.h"
+#include "tests/support/random_numbers.h"
+#include "tests/support/scratch.h"
+#include "tests/support/sql.h"
+
+enum { TICKS = 120, SAVED_AT = 60, PAGE = 4096, MUTANTS = 150 };
+
+static tl_scratch scratch;
+static char path[PATH_MAX];
+static tl_assembly assembly;
+static tl_recorder *recorder;
+static tl_error error;
+
+/* The file of the run that was ended. */
+static unsigned char *whole;
+static size_t size;
+
+void setUp(void) {
+    (void)snprintf(path, sizeof path, "%s", tl_scratch_path(&scratch, "run.db"));
+    error = (tl_error){TL_OK, ""};
+}
+
+void tearDown(void) {
+    (void)tl_recorder_close(recorder, "test failed", NULL, NULL);
+    recorder = NULL;
+    tl_assembly_free(&assembly);
+    assembly = (tl_assembly){0};
+    free(whole);
+    whole = NULL;
+    tl_scratch_empty(&scratch);
+}
+
+static void expect_ok(tl_status status) {
+    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, status, error.text);
+}
+
+/* ---- A run that was ended by a signal just now ------------------------------------------------------------------- */
+
+static void load_assembly(void) {
+    expect_ok(tl_assembly_load(TL_SOURCE_DIR "/config/motor/lock.json", &assembly));
+    assembly.config.record_resume = 3600 * TL_SECOND;
+    assembly.config.duration = 0;
+}
+
+static void open_run(void) {
+    expect_ok(tl_assembly_record(&assembly, "run", path, true, NULL, &recorder, &error));
+}
+
+static void close_run(const char *reason) {
+    tl_recorder *closing = recorder;
+    recorder = NULL;
+    expect_ok(tl_recorder_close(closing, reason, NULL, &error));
+}
+
+static void save_checkpoint(int64_t tick) {
+    size_t capacity = 0;
+    size_t needed = 0;
+    expect_ok(tl_twin_save(assembly.twin, NULL, 0, &capacity, &error));
+    TEST_ASSERT_TRUE(tl_recorder_reserve_checkpoint(recorder, capacity));
+    unsigned char *room = tl_recorder_checkpoint_room(recorder, &capacity);
+    expect_ok(tl_twin_save(assembly.twin, room, capacity, &needed, &error));
+    tl_recorder_put_checkpoint(recorder, tick, needed);
+}
+
+static void read_whole(void) {
+    FILE *file = fopen(path, "rb");
+    TEST_ASSERT_NOT_NULL(file);
+    (void)fseek(file, 0, SEEK_END);
+    size = (size_t)ftell(file);
+    rewind(file);
+    whole = malloc(size);
+    TEST_ASSERT_NOT_NULL(whole);
+    TEST_ASSERT_EQUAL_size_t(size, fread(whole, 1, size, file));
+    (void)fclose(file);
+}
+
+static void record_run(void) {
+    static tl_sample sample;
+    tl_record record;
+    bool ready = false;
+    const tl_budget budget = {.evaluations = assembly.config.budget_evaluations};
+    open_run();
+    tl_recorder_start(recorder, tl_clock_now(NULL) - TICKS * assembly.config.step);
+    for (int64_t tick = 0; tick < TICKS; tick++) {
+        sample.tick = tick;
+        sample.values[0] = 0.01 * (double)(tick % 17);
+        sample.values[1] = 60.0 + 0.1 * (double)(tick % 23);
+        tl_recorder_put_sample(recorder, &sample);
+        expect_ok(tl_twin_step(assembly.twin, &sample, &budget, &record, &ready, &error));
+        if (ready) {
+            tl_assembly_put_step(&assembly, recorder, &record);
+        }
+        if (tick == SAVED_AT) {
+            save_checkpoint(tick);
+        }
+    }
+    tl_recorder_event(recorder, 5, TL_EVENT_WARNING, "plant", "the drive does not answer");
+    close_run("SIGTERM");
+    read_whole();
+}
+
+/* ---- Readers ----------------------------------------------------------------------------------------------------- */
+
+static void expect_told(tl_status status, const char *what) {
+    bool told = status == TL_OK || (status == TL_BAD_DATA && error.text[0] != '\0');
+    TEST_ASSERT_TRUE_MESSAGE(told, error.text[0] != '\0' ? error.text : what);
+}
+
+static void show(void) {
+    tl_show_request request = {.path = path, .all_events = true};
+    FILE *file = fopen("/dev/null", "w");
+    TEST_ASSERT_NOT_NULL(file);
+    tl_status status = tl_history_open(path, &request.history, &error);
+    if (status == TL_OK) {
+        status = tl_history_find(request.history, 0, &request.run, &error);
+    }
+    expect_told(status, "run");
+    if (status == TL_OK) {
+        expect_told(tl_show_page(&request, file, &error), "page");
+        expect_told(tl_show_json(&request, file, &error), "json");
+        for (int table = TL_SHOW_OUTPUTS; table <= TL_SHOW_EVENTS; table++) {
+            expect_told(tl_show_csv(&request, (tl_show_csv_table)table, file, &error), "csv");
+        }
+        expect_told(tl_show_report(&request, tl_scratch_path(&scratch, "report.html"), &error), "report");
+    }
+    tl_history_close(request.history);
+    (void)fclose(file);
+}
+
+static tl_status replay(void) {
+    tl_recording *recording = NULL;
+    tl_recording_tick tick;
+    bool end = false;
+    tl_status status = tl_recording_open(path, &assembly.config, &recording, &error);
+    expect_told(status, "open");
+    while (status == TL_OK && !end) {
+        status = tl_recording_next(recording, &tick, &end, &error);
+    }
+    expect_told(status, "next");
+    tl_recording_close(recording);
+    return status;
+}
+
+/* As the appliance does it. False: nobody can record into this file, so nothing is gone on with. */
+static bool restart(tl_summary *summary) {
+    static tl_journal journal; /* too large for a small stack */
+    bool spoilt = false;
+    tl_status status = tl_assembly_rebuild(&assembly);
+    TEST_ASSERT_EQUAL_INT(TL_OK, status);
+    if (tl_assembly_record(&assembly, "run", path, true, NULL, &recorder, &error) != TL_OK) {
+        return false;
+    }
+    tl_journal_init(&journal, recorder);
+    const tl_resume_settings settings = {
+        .assembly = &assembly, .path = path, .recorder = recorder, .journal = &journal};
+    expect_ok(tl_resume(&settings, summary, &spoilt, &error));
+    tl_recorder_go_live(recorder);
+    return true;
+}
+
+/* ---- Tests ------------------------------------------------------------------------------------------------------- */
+
+/* What the others are held against: undamaged, it is gone on with. */
+static void test_a_run_that_is_whole(void) {
+    tl_summary summary;
+    load_assembly();
+    record_run();
+    show();
+    TEST_ASSERT_EQUAL_INT(TL_OK, replay());
+    TEST_ASSERT_TRUE(restart(&summary));
+    TEST_ASSERT_EQUAL_INT(TL_RESUMED_CHECKPOINT, summary.resumption.from);
+    TEST_ASSERT_EQUAL_INT64(TICKS, summary.resumption.tick);
+    close_run("end");
+}
+
+static void test_damaged_runs_are_not_gone_on_with(void) {
+    static const char *const damages[] = {
+        "UPDATE runs SET step_ns = -1",
+        "UPDATE runs SET started = 'x'",
+        "UPDATE runs SET lead = 9e15",
+        "UPDATE steps SET step = 4e18 WHERE step = (SELECT max(step) FROM steps)",
+        "UPDATE steps SET outcome = 77 WHERE step > 100",
+        "UPDATE samples SET value = 9e999 WHERE tick > 100",
+        "UPDATE samples SET stamp_ns = 9223372036854775807 WHERE tick > 100",
+        "UPDATE samples SET signal = 60 WHERE tick > 100 AND signal = 1",
+        "UPDATE adjustments SET u = x'00' WHERE step > 100",
+        "UPDATE beginnings SET start_ns = 9223372036854775807",
+        "UPDATE checkpoints SET tick = -1",
+        "UPDATE checkpoints SET bytes = 'text'",
+        "DELETE FROM signals WHERE signal = 0",
+    };
+    load_assembly();
+    for (size_t i = 0; i < sizeof damages / sizeof damages[0]; i++) {
+        tl_summary summary;
+        expect_ok(tl_assembly_rebuild(&assembly));
+        record_run();
+        free(whole);
+        whole = NULL;
+        tl_sql_execute(path, damages[i]);
+        TEST_ASSERT_TRUE_MESSAGE(restart(&summary), damages[i]);
+        TEST_ASSERT_EQUAL_INT_MESSAGE(TL_RESUMED_NOT, summary.resumption.from, damages[i]);
+        close_run("end");
+        TEST_ASSERT_EQUAL_INT64_MESSAGE(1,
+                                        tl_sql_integer(path, "SELECT count(*) FROM events WHERE run = 2 AND source ="
+                                                             " 'resume' AND text LIKE 'begins anew: %is damaged: %'"),
+                                        damages[i]);
+        tl_scratch_empty(&scratch);
+    }
+}
+
+/* One to a few bytes of any page; half of the time in what says where its rows are. */
+static void write_mutant(tl_test_random *random) {
+    static const unsigned char worst[] = {0, 1, 0x7F, 0x80, 0xFF};
+    unsigned char *mutant = malloc(size);
+    TEST_ASSERT_NOT_NULL(mutant);
+    memcpy(mutant, whole, size);
+    for (size_t k = tl_test_random_between(random, 1, 6); k > 0; k--) {
+        size_t page = tl_test_random_below(random, size / PAGE) * PAGE;
+        size_t at = page + tl_test_random_below(random, tl_test_random_chance(random, 50) ? 120 : PAGE);
+        at = at < 100 ? at + 100 : at; /* not what it is recognised by */
+        if (tl_test_random_chance(random, 50)) {
+            mutant[at] = worst[tl_test_random_below(random, sizeof worst)];
+        } else {
+            mutant[at] ^= (unsigned char)(1U << tl_test_random_below(random, 8));
+        }
+    }
+    FILE *file = fopen(path, "wb");
+    TEST_ASSERT_NOT_NULL(file);
+    TEST_ASSERT_EQUAL_size_t(size, fwrite(mutant, 1, size, file));
+    (void)fclose(file);
+    free(mutant);
+}
+
+static void test_mutants(void) {
+    tl_test_random random = {20261122};
+    size_t mutants = tl_test_campaign("TL_MUTANTS", MUTANTS);
+    size_t refused = 0;
+    load_assembly();
+    record_run();
+    tl_log_set_level(TL_LOG_ERROR - 1);
+    for (size_t i = 0; i < mutants; i++) {
+        tl_summary summary;
+        tl_time began = tl_clock_now(NULL);
+        tl_scratch_empty(&scratch);
+        write_mutant(&random);
+        show();
+        error = (tl_error){TL_OK, ""};
+        refused += replay() == TL_BAD_DATA ? 1 : 0;
+        error = (tl_error){TL_OK, ""};
+        if (restart(&summary)) {
+            tl_recorder *closing = recorder;
+            recorder = NULL;
+            (void)tl_recorder_close(closing, "end", NULL, NULL); /* nobody can write into some of them */
+        }
+        TEST_ASSERT_TRUE(tl_clock_now(NULL) - began < 60 * TL_SECOND);
+    }
+    tl_log_set_level(TL_LOG_NOTICE);
+    TEST_ASSERT_GREATER_THAN_size_t(mutants / 10, refused);
+}
+
+int main(void) {
+    if (setenv("TWINLOCK_FMU_PATH", TL_BINARY_DIR "/fmus", 1) != 0) {
+        return EXIT_FAILURE;
+    }
+    tl_scratch_make(&scratch, access("/dev/shm", W_OK) == 0 ? "/dev/shm" : TL_BINARY_DIR, "test_database_mutants");
+    UNITY_BEGIN();
+    RUN_TEST(test_a_run_that_is_whole);
+    RUN_TEST(test_damaged_runs_are_not_gone_on_with);
+    RUN_TEST(test_mutants);
+    int failures = UNITY_END();
+    tl_scratch_remove(&scratch);
+    return failures;
+}

@@ -1,0 +1,570 @@
+/* The recorder on a disk that is full, broken, locked or slow, that loses its power, and in a process that is killed.
+ *
+ * Run with `--write PATH`, the program is the process that is killed. */
+#include <fcntl.h>
+#include <pthread.h>
+#include <signal.h>
+#include <spawn.h>
+#include <sqlite3.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <sys/wait.h>
+#include <time.h>
+#include <unistd.h>
+
+#include <unity.h>
+
+#include "firmware/base/log.h"
+#include "firmware/record/recorder.h"
+#include "tests/support/faulty_vfs.h"
+#include "tests/support/made_run.h"
+#include "tests/support/scratch.h"
+#include "tests/support/sql.h"
+
+enum { THREADS = 6, EVENTS_EACH = 2000, WRITTEN_AT_ONCE = 400 };
+
+static const tl_time HURRY = TL_SECOND / 5; /* the patience of a recorder that is to give up */
+
+extern char **environ;
+
+static tl_scratch scratch;
+static char path[PATH_MAX];
+static tl_recorder *recorder;
+static tl_recorder_counts counts;
+static tl_error error;
+
+void setUp(void) {
+    (void)snprintf(path, sizeof path, "%s", tl_scratch_path(&scratch, "run.db"));
+    recorder = NULL;
+    error = (tl_error){TL_OK, ""};
+}
+
+static void repair_disk(void) {
+    tl_faulty_vfs_refuse(SQLITE_OK, 0);
+    tl_faulty_vfs_slow(0);
+}
+
+void tearDown(void) {
+    repair_disk();
+    if (recorder != NULL) {
+        (void)tl_recorder_close(recorder, "test failed", NULL, NULL);
+    }
+    tl_scratch_empty(&scratch);
+}
+
+static double seconds(void) {
+    struct timespec time;
+    (void)clock_gettime(CLOCK_MONOTONIC, &time);
+    return (double)time.tv_sec + (double)time.tv_nsec / 1e9;
+}
+
+static void open_with(const tl_recorder_settings *settings) {
+    tl_status status = tl_recorder_open(settings, &recorder, &error);
+    TEST_ASSERT_EQUAL_STRING("", error.text);
+    TEST_ASSERT_EQUAL_INT(TL_OK, status);
+}
+
+static void open_recorder(void) {
+    const tl_recorder_settings settings = tl_made_settings(path);
+    open_with(&settings);
+}
+
+static tl_status close_recorder(void) {
+    tl_recorder *closing = recorder;
+    recorder = NULL;
+    return tl_recorder_close(closing, "end", &counts, &error);
+}
+
+/* The writer is a thread like any other and may not get to run for long, so tests wait for what it does and never for so long
+ * that it should have done it. What never comes is found after WAITS. */
+enum { WAITS = 24000, WAIT_US = 5000 };
+
+/* Waits until a counter of the faulty disk has got so far, so that the recorder has met the fault. */
+static void wait_for(uint64_t (*counter)(void), uint64_t wanted) {
+    for (int i = 0; i < WAITS && counter() < wanted; i++) {
+        usleep(WAIT_US);
+    }
+    TEST_ASSERT_GREATER_OR_EQUAL_UINT64(wanted, counter());
+}
+
+static void wait_for_refusals(uint64_t wanted) {
+    wait_for(tl_faulty_vfs_refusals, wanted);
+}
+
+static void wait_for_written(uint64_t wanted) {
+    for (int i = 0; i < WAITS && tl_recorder_get_counts(recorder).written < wanted; i++) {
+        usleep(WAIT_US);
+    }
+}
+
+/* Until so much is written, or a write was refused. */
+static void wait_for_written_or_refused(uint64_t wanted, uint64_t refusals) {
+    for (int i = 0;
+         i < WAITS && tl_recorder_get_counts(recorder).written < wanted && tl_faulty_vfs_refusals() == refusals; i++) {
+        usleep(WAIT_US / 5);
+    }
+}
+
+/* What is in the database is what the counts and the run's own row say, and every batch is whole. */
+static void expect_whole(int64_t written) {
+    TEST_ASSERT_EQUAL_STRING("ok", tl_sql_text(path, "PRAGMA integrity_check"));
+    TEST_ASSERT_EQUAL_INT64(0, tl_sql_integer(path,
+                                              "SELECT count(*) FROM runs WHERE samples_written <>"
+                                              " (SELECT count(DISTINCT tick) FROM samples s WHERE s.run = runs.run)"));
+    TEST_ASSERT_EQUAL_INT64(0, tl_sql_integer(path, "SELECT count(*) FROM runs WHERE steps_written <>"
+                                                    " (SELECT count(*) FROM steps s WHERE s.run = runs.run)"));
+    TEST_ASSERT_EQUAL_INT64(0, tl_sql_integer(path, "SELECT count(*) FROM runs WHERE events_written <>"
+                                                    " (SELECT count(*) FROM events s WHERE s.run = runs.run)"));
+    TEST_ASSERT_EQUAL_INT64(0, tl_sql_integer(path, "SELECT count(*) FROM (SELECT count(*) AS n FROM samples"
+                                                    " GROUP BY run, tick) WHERE n <> 3"));
+    TEST_ASSERT_EQUAL_INT64(0, tl_sql_integer(path, "SELECT count(*) FROM steps s WHERE 2 <> (SELECT count(*) FROM"
+                                                    " outputs o WHERE o.run = s.run AND o.step = s.step)"));
+    TEST_ASSERT_EQUAL_INT64(0, tl_sql_integer(path, "SELECT count(*) FROM steps s WHERE 2 <> (SELECT count(*) FROM"
+                                                    " adjustments o WHERE o.run = s.run AND o.step = s.step)"));
+    if (written >= 0) {
+        TEST_ASSERT_EQUAL_INT64(
+            written, tl_sql_integer(path, "SELECT (SELECT count(DISTINCT tick) FROM samples) + (SELECT count(*)"
+                                          " FROM steps) + (SELECT count(*) FROM events WHERE source <>"
+                                          " 'recorder')"));
+    }
+}
+
+static int64_t events_like(const char *pattern) {
+    char sql[256];
+    (void)snprintf(sql, sizeof sql, "SELECT count(*) FROM events WHERE source = 'recorder' AND text LIKE '%s'",
+                   pattern);
+    return tl_sql_integer(path, sql);
+}
+
+/* ---- Full and broken --------------------------------------------------------------------------------------------- */
+
+static void expect_recovery(int code, const char *words) {
+    char pattern[128];
+    open_recorder();
+    tl_made_put(recorder, 0, 100);
+    wait_for_written(198);
+    uint64_t before = tl_faulty_vfs_refusals();
+    tl_faulty_vfs_refuse(code, 0);
+    tl_made_put(recorder, 100, 200);
+    wait_for_refusals(before + 4); /* several tries */
+    tl_made_put(recorder, 300, 200);
+    TEST_ASSERT_EQUAL_UINT64(198, tl_recorder_get_counts(recorder).written);
+    repair_disk();
+    wait_for_written(998);
+    tl_made_put(recorder, 500, 100);
+    TEST_ASSERT_EQUAL_INT(TL_OK, close_recorder());
+    TEST_ASSERT_EQUAL_UINT64(0, counts.lost);
+    TEST_ASSERT_EQUAL_UINT64(1198, counts.written);
+    expect_whole(1198);
+    (void)snprintf(pattern, sizeof pattern, "cannot write: %s%%", words);
+    TEST_ASSERT_EQUAL_INT64(1, events_like(pattern));
+    TEST_ASSERT_EQUAL_INT64(1, events_like("writes again after %"));
+    TEST_ASSERT_EQUAL_INT64(0, events_like("%lost%"));
+    TEST_ASSERT_EQUAL_INT64(1, tl_sql_integer(path, "SELECT severity = 2 FROM events WHERE text LIKE 'cannot%'"));
+}
+
+static void test_a_full_disk_is_survived(void) {
+    expect_recovery(SQLITE_FULL, "database or disk is full");
+}
+
+static void test_a_broken_disk_is_survived(void) {
+    expect_recovery(SQLITE_IOERR_WRITE, "disk I/O error");
+}
+
+/* At every single write of a batch, a checkpoint, a roll-back. */
+static void test_a_fault_at_any_write(void) {
+    open_recorder();
+    int64_t tick = 0;
+    for (uint64_t after = 0; after < 60; after++) {
+        uint64_t before = tl_faulty_vfs_refusals();
+        tl_faulty_vfs_refuse(after % 2 == 0 ? SQLITE_FULL : SQLITE_IOERR_WRITE, after);
+        for (int i = 0; i < 400 && tl_faulty_vfs_refusals() == before; i++) {
+            tl_made_put(recorder, tick, 100);
+            tick += 100;
+            wait_for_written_or_refused((uint64_t)(2 * tick - 2), before);
+        }
+        tl_faulty_vfs_refuse(SQLITE_OK, 0);
+        wait_for_written((uint64_t)(2 * tick - 2));
+    }
+    TEST_ASSERT_EQUAL_INT(TL_OK, close_recorder());
+    TEST_ASSERT_EQUAL_UINT64(0, counts.lost);
+    TEST_ASSERT_EQUAL_UINT64(2 * tick - 2, counts.written);
+    expect_whole(2 * tick - 2);
+}
+
+/* The ring overflows: what is lost is counted, said, and adds up. */
+static void test_what_a_long_fault_costs_is_counted(void) {
+    enum { TICKS = 20000 };
+    open_recorder();
+    tl_made_put(recorder, 0, 100);
+    wait_for_written(198);
+    uint64_t before = tl_faulty_vfs_refusals();
+    tl_faulty_vfs_refuse(SQLITE_FULL, 0);
+    double began = seconds();
+    tl_made_put(recorder, 100, TICKS - 100); /* 4 MB into a ring of 1 MiB */
+    TEST_ASSERT_TRUE(seconds() - began < 5.0);
+    wait_for_refusals(before + 2);
+    uint64_t lost = tl_recorder_get_counts(recorder).lost;
+    TEST_ASSERT_GREATER_THAN_UINT64(1000, lost);
+    repair_disk();
+    TEST_ASSERT_EQUAL_INT(TL_OK, close_recorder());
+    TEST_ASSERT_EQUAL_UINT64(lost, counts.lost);
+    TEST_ASSERT_EQUAL_UINT64(2 * TICKS - 2, counts.written + counts.lost);
+    expect_whole((int64_t)counts.written);
+    TEST_ASSERT_EQUAL_INT64(lost, tl_sql_integer(path, "SELECT entries_lost FROM runs"));
+    char pattern[64];
+    (void)snprintf(pattern, sizeof pattern, "%llu samples, steps or events were lost:%%", (unsigned long long)lost);
+    TEST_ASSERT_EQUAL_INT64(1, events_like(pattern));
+}
+
+static void test_close_gives_up_on_a_disk_that_stays_full(void) {
+    tl_recorder_settings settings = tl_made_settings(path);
+    settings.patience = HURRY;
+    open_with(&settings);
+    tl_made_put(recorder, 0, 100);
+    wait_for_written(198);
+    tl_faulty_vfs_refuse(SQLITE_FULL, 0);
+    tl_made_put(recorder, 100, 100);
+    tl_recorder_event(recorder, 5, TL_EVENT_INFO, "cycle", "the last word");
+    double began = seconds();
+    TEST_ASSERT_EQUAL_INT(TL_TRY_AGAIN, close_recorder());
+    TEST_ASSERT_TRUE(seconds() - began < 5.0);
+    TEST_ASSERT_NOT_NULL(strstr(error.text, "its last 201 entries could not be written: database or disk is full"));
+    TEST_ASSERT_EQUAL_UINT64(198, counts.written);
+    TEST_ASSERT_EQUAL_UINT64(201, counts.lost);
+    repair_disk();
+    expect_whole(198);
+    TEST_ASSERT_EQUAL_INT64(1, tl_sql_integer(path, "SELECT ended IS NULL FROM runs"));
+    error = (tl_error){TL_OK, ""};
+    open_recorder();
+    TEST_ASSERT_EQUAL_INT(TL_OK, close_recorder());
+    TEST_ASSERT_EQUAL_STRING("not ended cleanly", tl_sql_text(path, "SELECT ended_reason FROM runs WHERE run = 1"));
+}
+
+static void test_a_disk_that_is_full_from_the_start(void) {
+    const tl_recorder_settings settings = tl_made_settings(path);
+    tl_faulty_vfs_refuse(SQLITE_FULL, 0);
+    TEST_ASSERT_EQUAL_INT(TL_TRY_AGAIN, tl_recorder_open(&settings, &recorder, &error));
+    TEST_ASSERT_NULL(recorder);
+    TEST_ASSERT_EQUAL_INT(0, tl_scratch_count(&scratch)); /* nothing half made is left */
+    for (uint64_t writes = 1; writes < 60; writes++) {    /* and wherever it gets full while it is made */
+        tl_faulty_vfs_refuse(SQLITE_FULL, writes);
+        tl_status status = tl_recorder_open(&settings, &recorder, &error);
+        TEST_ASSERT_TRUE(status == TL_OK || status == TL_TRY_AGAIN);
+        repair_disk();
+        if (recorder != NULL) {
+            (void)close_recorder();
+        }
+    }
+    error = (tl_error){TL_OK, ""};
+    open_recorder();
+    TEST_ASSERT_EQUAL_INT(TL_OK, close_recorder());
+    TEST_ASSERT_EQUAL_STRING("ok", tl_sql_text(path, "PRAGMA integrity_check"));
+}
+
+/* Data must not vanish into a file without a name; put back, it is used again. */
+static void test_a_file_that_is_moved_away(void) {
+    char elsewhere[PATH_MAX + 8];
+    (void)snprintf(elsewhere, sizeof elsewhere, "%s.moved", path);
+    open_recorder();
+    tl_made_put(recorder, 0, 100);
+    wait_for_written(198);
+    uint64_t moved = tl_faulty_vfs_moved();
+    TEST_ASSERT_EQUAL_INT(0, rename(path, elsewhere));
+    tl_made_put(recorder, 100, 100);
+    wait_for(tl_faulty_vfs_moved, moved + 1);
+    TEST_ASSERT_EQUAL_UINT64(198, tl_recorder_get_counts(recorder).written);
+    TEST_ASSERT_EQUAL_INT(0, rename(elsewhere, path));
+    TEST_ASSERT_EQUAL_INT(TL_OK, close_recorder());
+    TEST_ASSERT_EQUAL_UINT64(398, counts.written);
+    expect_whole(398);
+    TEST_ASSERT_EQUAL_INT64(1, events_like("cannot write: its file was moved or removed while it is written%"));
+}
+
+/* ---- Slow and locked --------------------------------------------------------------------------------------------- */
+
+static void test_a_slow_disk_does_not_slow_the_cycle(void) {
+    open_recorder();
+    tl_faulty_vfs_slow(300000000);
+    usleep(50000);
+    double began = seconds();
+    for (int64_t tick = 0; tick < 5000; tick += 100) {
+        tl_made_put(recorder, tick, 100);
+        tl_recorder_event(recorder, tick, TL_EVENT_INFO, "cycle", "tick");
+        usleep(1000);
+    }
+    TEST_ASSERT_TRUE(seconds() - began < 10.0); /* 300 ms for each of more than 100 writes else */
+    tl_faulty_vfs_slow(0);
+    TEST_ASSERT_EQUAL_INT(TL_OK, close_recorder());
+    TEST_ASSERT_EQUAL_UINT64(9998 + 50, counts.written + counts.lost);
+    expect_whole((int64_t)counts.written);
+}
+
+static void test_a_replay_waits_for_a_slow_disk(void) {
+    tl_recorder_settings settings = tl_made_settings(path);
+    settings.wait_when_full = true;
+    open_with(&settings);
+    tl_faulty_vfs_slow(200000);
+    tl_made_put(recorder, 0, 20000);
+    tl_faulty_vfs_slow(0);
+    TEST_ASSERT_EQUAL_INT(TL_OK, close_recorder());
+    TEST_ASSERT_EQUAL_UINT64(0, counts.lost);
+    TEST_ASSERT_EQUAL_UINT64(39998, counts.written);
+    expect_whole(39998);
+}
+
+/* But not for ever for one that refuses. */
+static void test_a_replay_does_not_hang_on_a_full_disk(void) {
+    tl_recorder_settings settings = tl_made_settings(path);
+    settings.wait_when_full = true;
+    settings.patience = HURRY;
+    open_with(&settings);
+    tl_faulty_vfs_refuse(SQLITE_FULL, 0);
+    double began = seconds();
+    tl_made_put(recorder, 0, 20000);
+    TEST_ASSERT_TRUE(seconds() - began < 10.0);
+    TEST_ASSERT_EQUAL_INT(TL_TRY_AGAIN, close_recorder());
+    TEST_ASSERT_EQUAL_UINT64(39998, counts.written + counts.lost);
+    TEST_ASSERT_EQUAL_UINT64(0, counts.written);
+}
+
+static void test_a_lock_of_another_program_is_survived(void) {
+    sqlite3 *other = NULL;
+    open_recorder();
+    tl_made_put(recorder, 0, 100);
+    wait_for_written(198);
+    TEST_ASSERT_EQUAL_INT(SQLITE_OK, sqlite3_open(path, &other));
+    (void)sqlite3_busy_timeout(other, 5000);
+    TEST_ASSERT_EQUAL_INT(SQLITE_OK, sqlite3_exec(other, "BEGIN IMMEDIATE", NULL, NULL, NULL));
+    uint64_t locked = tl_faulty_vfs_locked();
+    tl_made_put(recorder, 100, 100);
+    wait_for(tl_faulty_vfs_locked, locked + 20); /* SQLite asks at most 9 times in the recorder's 100 ms */
+    TEST_ASSERT_EQUAL_UINT64(198, tl_recorder_get_counts(recorder).written);
+    TEST_ASSERT_EQUAL_INT(SQLITE_OK, sqlite3_exec(other, "COMMIT", NULL, NULL, NULL));
+    wait_for_written(398);
+    (void)sqlite3_close(other);
+    TEST_ASSERT_EQUAL_INT(TL_OK, close_recorder());
+    TEST_ASSERT_EQUAL_UINT64(398, counts.written);
+    TEST_ASSERT_EQUAL_INT64(1, events_like("cannot write: another program has locked the database%"));
+    TEST_ASSERT_EQUAL_INT64(1, events_like("writes again after %"));
+}
+
+static void test_a_locked_database_cannot_be_opened(void) {
+    const tl_recorder_settings settings = tl_made_settings(path);
+    sqlite3 *other = NULL;
+    open_recorder();
+    TEST_ASSERT_EQUAL_INT(TL_OK, close_recorder());
+    TEST_ASSERT_EQUAL_INT(SQLITE_OK, sqlite3_open(path, &other));
+    TEST_ASSERT_EQUAL_INT(SQLITE_OK, sqlite3_exec(other, "BEGIN IMMEDIATE", NULL, NULL, NULL));
+    double began = seconds();
+    TEST_ASSERT_EQUAL_INT(TL_TRY_AGAIN, tl_recorder_open(&settings, &recorder, &error));
+    TEST_ASSERT_TRUE(seconds() - began > 1.5);
+    TEST_ASSERT_NOT_NULL(strstr(error.text, "another program has locked the database"));
+    (void)sqlite3_close(other);
+}
+
+/* ---- Many threads ------------------------------------------------------------------------------------------------ */
+
+static void *tell(void *context) {
+    for (int i = 0; i < EVENTS_EACH; i++) {
+        tl_recorder_event(recorder, i, TL_EVENT_INFO, "thread", context);
+        if (i % 50 == 0) {
+            usleep(1000);
+        }
+    }
+    return NULL;
+}
+
+static void test_events_of_many_threads(void) {
+    static char names[THREADS][8] = {"one", "two", "three", "four", "five", "six"};
+    pthread_t threads[THREADS];
+    open_recorder();
+    for (int i = 0; i < THREADS; i++) {
+        TEST_ASSERT_EQUAL_INT(0, pthread_create(&threads[i], NULL, tell, names[i]));
+    }
+    for (int64_t tick = 0; tick < 2000; tick += 20) {
+        tl_made_put(recorder, tick, 20);
+        tl_recorder_event(recorder, tick, TL_EVENT_INFO, "cycle", "tick");
+        (void)tl_recorder_get_counts(recorder);
+        usleep(1000);
+    }
+    for (int i = 0; i < THREADS; i++) {
+        TEST_ASSERT_EQUAL_INT(0, pthread_join(threads[i], NULL));
+    }
+    TEST_ASSERT_EQUAL_INT(TL_OK, close_recorder());
+    TEST_ASSERT_EQUAL_UINT64(3998 + 100 + THREADS * EVENTS_EACH, counts.written + counts.lost);
+    expect_whole((int64_t)counts.written);
+}
+
+/* ---- Kill -9 and power cuts -------------------------------------------------------------------------------------- */
+
+/* A repeatable number below `limit`. */
+static uint32_t random_below(uint64_t *state, uint32_t limit) {
+    *state = *state * UINT64_C(6364136223846793005) + UINT64_C(1442695040888963407);
+    return (uint32_t)(*state >> 33) % limit;
+}
+
+/* The process that is killed: writes for ever, with a bound so that retention is met too. */
+static int write_for_ever(const char *where) {
+    tl_recorder_settings settings = tl_made_settings(where);
+    settings.wait_when_full = true;
+    settings.commit = TL_SECOND / 500;
+    settings.max_bytes = 4000000;
+    tl_log_set_level(TL_LOG_ERROR);
+    if (tl_recorder_open(&settings, &recorder, &error) != TL_OK) {
+        (void)fprintf(stderr, "%s\n", error.text);
+        return EXIT_FAILURE;
+    }
+    uint64_t told = 0;
+    for (int64_t tick = 0;; tick += 10) {
+        tl_made_put(recorder, tick, 10);
+        tl_recorder_event(recorder, tick, TL_EVENT_INFO, "cycle", "ten ticks");
+        for (; told < tl_recorder_get_counts(recorder).written / WRITTEN_AT_ONCE; told++) {
+            if (write(STDOUT_FILENO, "", 1) != 1) {
+                return EXIT_FAILURE;
+            }
+        }
+    }
+}
+
+/* Killed so long after it has written so many times WRITTEN_AT_ONCE entries. */
+static void write_and_kill(uint32_t times, uint32_t microseconds) {
+    pid_t child = 0;
+    int status = 0;
+    int told[2];
+    char byte = 0;
+    posix_spawn_file_actions_t actions;
+    char self[PATH_MAX] = "";
+    char option[] = "--write";
+    char *arguments[] = {self, self, option, path, NULL};
+    const char *emulator = getenv("TL_EMULATOR"); /* the system cannot start a program for another machine */
+    TEST_ASSERT_TRUE(readlink("/proc/self/exe", self, sizeof self - 1) > 0);
+    TEST_ASSERT_EQUAL_INT(0, pipe2(told, O_CLOEXEC));
+    (void)posix_spawn_file_actions_init(&actions);
+    (void)posix_spawn_file_actions_adddup2(&actions, told[1], STDOUT_FILENO);
+    TEST_ASSERT_EQUAL_INT(0, emulator == NULL ? posix_spawn(&child, self, &actions, NULL, arguments + 1, environ)
+                                              : posix_spawn(&child, emulator, &actions, NULL, arguments, environ));
+    (void)posix_spawn_file_actions_destroy(&actions);
+    (void)close(told[1]);
+    for (uint32_t i = 0; i < times; i++) {
+        TEST_ASSERT_EQUAL_INT(1, read(told[0], &byte, 1));
+    }
+    usleep(microseconds);
+    TEST_ASSERT_EQUAL_INT(0, kill(child, SIGKILL));
+    TEST_ASSERT_EQUAL_INT(child, waitpid(child, &status, 0));
+    (void)close(told[0]);
+    TEST_ASSERT_TRUE(WIFSIGNALED(status)); /* it did not end by itself */
+}
+
+/* As expect_whole(), for runs whose oldest ticks may have gone: what is left is one piece to the end. */
+static void expect_one_piece(void) {
+    TEST_ASSERT_EQUAL_STRING("ok", tl_sql_text(path, "PRAGMA integrity_check"));
+    TEST_ASSERT_EQUAL_INT64(
+        0, tl_sql_integer(path, "SELECT count(*) FROM runs WHERE samples_written > 0 AND"
+                                " max(0, samples_written - coalesce(removed_before, 0)) <> (SELECT count(*)"
+                                " FROM samples s WHERE s.run = runs.run AND signal = 0)"));
+    TEST_ASSERT_EQUAL_INT64(
+        0,
+        tl_sql_integer(path, "SELECT count(*) FROM runs WHERE samples_written >"
+                             " coalesce(removed_before, 0) AND samples_written - 1 <> (SELECT max(tick) FROM samples s"
+                             " WHERE s.run = runs.run)"));
+    TEST_ASSERT_EQUAL_INT64(
+        0, tl_sql_integer(path,
+                          "SELECT count(*) FROM runs WHERE steps_written >"
+                          " coalesce(removed_before, 0) AND steps_written - 1 <> (SELECT max(step) FROM steps s WHERE"
+                          " s.run = runs.run)"));
+    TEST_ASSERT_EQUAL_INT64(0, tl_sql_integer(path, "SELECT count(*) FROM (SELECT count(*) AS n FROM samples"
+                                                    " GROUP BY run, tick) WHERE n <> 3"));
+    TEST_ASSERT_EQUAL_INT64(0, tl_sql_integer(path, "SELECT count(*) FROM steps s WHERE 2 <> (SELECT count(*) FROM"
+                                                    " outputs o WHERE o.run = s.run AND o.step = s.step)"));
+    /* Of the last step that was committed, neither earlier nor later: see tl_made_ledger(). */
+    TEST_ASSERT_EQUAL_INT64(
+        0,
+        tl_sql_integer(path, "SELECT count(*) FROM components JOIN runs USING (run) WHERE plain <> 40 * steps_written"
+                             " OR executions <> (21 + component) * steps_written"));
+    TEST_ASSERT_EQUAL_INT64(0, tl_sql_integer(path, "SELECT count(*) FROM runs WHERE 3 <> (SELECT count(*) FROM"
+                                                    " components c WHERE c.run = runs.run)"));
+}
+
+static void test_a_process_that_is_killed(void) {
+    uint64_t state = 20261121;
+    int64_t seen = 0;
+    for (int i = 0; i < 20; i++) {
+        bool early = i % 2 == 0; /* also before there is a database, and while it is made */
+        write_and_kill(early ? 0 : 1 + random_below(&state, 20), 2000 + random_below(&state, early ? 60000 : 20000));
+        if (access(path, F_OK) == 0) { /* else it was killed before there was a database */
+            expect_one_piece();
+            seen += tl_sql_integer(path, "SELECT sum(samples_written) FROM runs");
+        }
+        error = (tl_error){TL_OK, ""};
+        open_recorder();
+        tl_made_put(recorder, 0, 10);
+        TEST_ASSERT_EQUAL_INT(TL_OK, close_recorder());
+        TEST_ASSERT_EQUAL_INT64(0, tl_sql_integer(path, "SELECT count(*) FROM runs WHERE ended IS NULL"));
+        TEST_ASSERT_EQUAL_INT64(0, tl_sql_integer(path, "SELECT count(*) FROM runs WHERE ended < started"));
+    }
+    TEST_ASSERT_GREATER_THAN_INT64(1000, seen); /* the test has met what it is for */
+    TEST_ASSERT_GREATER_THAN_INT64(
+        0, tl_sql_integer(path, "SELECT count(*) FROM runs WHERE ended_reason = 'not ended cleanly'"));
+}
+
+/* What was counted as written is there after the power came back, whatever else of the disk was written or not. */
+static void test_a_power_cut_loses_nothing_that_was_committed(void) {
+    uint64_t state = 4711;
+    uint64_t written = 0;
+    char sql[128];
+    tl_log_set_level(TL_LOG_ERROR - 1);
+    for (int i = 0; i < 8; i++) {
+        tl_recorder_settings settings = tl_made_settings(path);
+        settings.max_bytes = i % 2 == 0 ? 2000000 : 0; /* a log that is written back all the time, and never */
+        settings.commit = TL_SECOND / 200;
+        settings.wait_when_full = true;
+        settings.patience = HURRY;
+        tl_faulty_vfs_arm_power_cut();
+        open_with(&settings);
+        int64_t ticks = 200 + (int64_t)random_below(&state, 8000);
+        tl_made_put(recorder, 0, ticks);
+        usleep(random_below(&state, 20000));
+        tl_faulty_vfs_cut_power();
+        (void)close_recorder();
+        tl_faulty_vfs_restore_power(state + (uint64_t)i);
+        expect_one_piece();
+        (void)snprintf(sql, sizeof sql, "SELECT samples_written + steps_written FROM runs WHERE run = %lld",
+                       (long long)counts.run);
+        TEST_ASSERT_EQUAL_INT64(counts.run, tl_sql_integer(path, "SELECT max(run) FROM runs"));
+        TEST_ASSERT_GREATER_OR_EQUAL_INT64((int64_t)counts.written, tl_sql_integer(path, sql));
+        written += counts.written;
+        error = (tl_error){TL_OK, ""};
+    }
+    TEST_ASSERT_GREATER_THAN_UINT64(1000, written); /* the test has met what it is for */
+    tl_log_set_level(TL_LOG_NOTICE);
+}
+
+int main(int argc, char **argv) {
+    if (argc == 3 && strcmp(argv[1], "--write") == 0) {
+        return write_for_ever(argv[2]);
+    }
+    tl_faulty_vfs_install();
+    tl_scratch_make(&scratch, TL_BINARY_DIR, "test_recorder_faults");
+    UNITY_BEGIN();
+    RUN_TEST(test_a_full_disk_is_survived);
+    RUN_TEST(test_a_broken_disk_is_survived);
+    RUN_TEST(test_a_fault_at_any_write);
+    RUN_TEST(test_what_a_long_fault_costs_is_counted);
+    RUN_TEST(test_close_gives_up_on_a_disk_that_stays_full);
+    RUN_TEST(test_a_disk_that_is_full_from_the_start);
+    RUN_TEST(test_a_file_that_is_moved_away);
+    RUN_TEST(test_a_slow_disk_does_not_slow_the_cycle);
+    RUN_TEST(test_a_replay_waits_for_a_slow_disk);
+    RUN_TEST(test_a_replay_does_not_hang_on_a_full_disk);
+    RUN_TEST(test_a_lock_of_another_program_is_survived);
+    RUN_TEST(test_a_locked_database_cannot_be_opened);
+    RUN_TEST(test_events_of_many_threads);
+    RUN_TEST(test_a_process_that_is_killed);
+    RUN_TEST(test_a_power_cut_loses_nothing_that_was_committed);
+    int failures = UNITY_END();
+    tl_scratch_remove(&scratch);
+    return failures;
+}

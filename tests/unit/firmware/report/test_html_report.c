@@ -1,0 +1,271 @@
+/* The report's page: all of its places are filled, names are text wherever they stand, and it stays small. How it looks
+ * and that its scripts run is tests/replay/test_report.py's. */
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <unity.h>
+
+#include "firmware/report/html_report.h"
+
+static const char hostile[] = "</script><script>alert(1)</script><!--\"'&{{data}}";
+
+static tl_recorder_signal match[TL_MAX_MATCH];
+static tl_recorder_signal adjust[TL_MAX_ADJUST];
+static double tolerance[TL_MAX_MATCH];
+static tl_html_settings settings;
+static tl_html_figures figures;
+static tl_html_report *report;
+static tl_error error;
+static char *page;
+static size_t size;
+
+void setUp(void) {
+    for (size_t i = 0; i < TL_MAX_MATCH; i++) {
+        match[i] = (tl_recorder_signal){"motor.omega", "rad/s", "plant.omega", TL_REAL};
+        tolerance[i] = 0.0;
+    }
+    for (size_t i = 0; i < TL_MAX_ADJUST; i++) {
+        adjust[i] = (tl_recorder_signal){"motor.d", "N.m", NULL, TL_REAL};
+    }
+    settings = (tl_html_settings){
+        .name = "bench",
+        .source = "recording.csv",
+        .begun = "2026-11-21T10:02:03.456Z",
+        .version = "1.2.3",
+        .solver = "secant",
+        .fallback = "",
+        .measurements = "lag",
+        .step = TL_SECOND / 100,
+        .prediction = 3,
+        .match = match,
+        .adjust = adjust,
+        .match_count = 1,
+        .adjust_count = 1,
+        .tolerance = tolerance,
+    };
+    figures = (tl_html_figures){.ended = "end of recording", .component_count = 1, .components = {"motor"}};
+    report = NULL;
+    page = NULL;
+}
+
+void tearDown(void) {
+    tl_html_report_destroy(report);
+    free(page);
+}
+
+static void create(void) {
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_html_report_create(&settings, &report, &error));
+}
+
+static void write_page(void) {
+    FILE *file = open_memstream(&page, &size);
+    tl_html_report_write(report, &figures, file);
+    TEST_ASSERT_EQUAL_INT(0, fclose(file));
+}
+
+static void add(int64_t step, double value, tl_quality quality) {
+    tl_record record = {.step = step, .executions = 3, .evaluations = 1};
+    for (size_t i = 0; i < TL_MAX_MATCH; i++) {
+        record.y[i] = value;
+        record.y_hat[i] = value + 0.5;
+        record.y_hat_quality[i] = (uint8_t)quality;
+    }
+    for (size_t i = 0; i < TL_MAX_ADJUST; i++) {
+        record.u[i] = value / 7.0;
+        record.u_hat[i] = value / 3.0;
+    }
+    tl_html_report_add_record(report, &record);
+}
+
+static size_t count(const char *text) {
+    size_t found = 0;
+    for (const char *at = page; (at = strstr(at, text)) != NULL; at++) {
+        found++;
+    }
+    return found;
+}
+
+static void expect_once(const char *text) {
+    TEST_ASSERT_EQUAL_size_t_MESSAGE(1, count(text), text);
+}
+
+static void test_every_place_is_filled(void) {
+    create();
+    add(0, 1.0, TL_GOOD);
+    write_page();
+    for (const char *open = page; (open = strstr(open, "{{")) != NULL;
+         open++) { /* one of the library's is none of ours */
+        const char *close = open + 2 + strspn(open + 2, "abcdefghijklmnopqrstuvwxyz-");
+        TEST_ASSERT_NOT_EQUAL_INT_MESSAGE(0, strncmp(close, "}}", 2), open);
+    }
+    expect_once("<!doctype html>");
+    expect_once("<h1>bench</h1>");
+    expect_once("2026-11-21 10:02:03 UTC");
+    expect_once("T<sub>P</sub> = 3, lag");
+    expect_once("<dd>1.2.3</dd>");
+    TEST_ASSERT_EQUAL_size_t(2, count("'sha256-"));
+    TEST_ASSERT_GREATER_THAN_size_t(0, count("Permission is hereby granted"));
+    TEST_ASSERT_EQUAL_STRING("</html>\n", page + size - 8);
+}
+
+static void test_the_curves(void) {
+    tolerance[0] = 0.25;
+    create();
+    add(0, 1.0, TL_GOOD);
+    add(1, 2.0, TL_STALE);
+    add(2, 3.0, TL_GOOD);
+    write_page();
+    expect_once("{\"step\":0.010000000,\"first\":0,\"steps\":3,\"width\":1,\"origin\":null,");
+    expect_once("\"tolerance\":0.25");
+    expect_once("\"y\":[1,2,3]");
+    expect_once("\"measured\":[1.5,null,3.5]");
+    expect_once("\"delta\":[-0.5,null,-0.5]");
+    expect_once("\"bad\":[[1,1,2]]");
+    expect_once("\"u\":[0.142857143,0.285714286,0.428571429]");
+    expect_once("\"executions\":[3,3,3]");
+    TEST_ASSERT_EQUAL_size_t(0, count("\"used\""));
+    expect_once("A replay has no clock");
+}
+
+static void test_what_is_only_compared_has_no_tolerance(void) {
+    const tl_plan_match matched = {.tolerance = 2.0, .weight = 1.0};
+    const tl_plan_match compared = {.tolerance = 1.0, .weight = 0.0};
+    TEST_ASSERT_EQUAL_DOUBLE(2.0, tl_html_tolerance(&matched, true));
+    TEST_ASSERT_EQUAL_DOUBLE(0.0, tl_html_tolerance(&compared, true));
+    TEST_ASSERT_EQUAL_DOUBLE(0.0, tl_html_tolerance(&matched, false));
+}
+
+static void test_a_clock(void) {
+    settings.clock = true;
+    settings.live = true;
+    settings.origin = 1000;
+    settings.budget = 6 * TL_SECOND / 1000;
+    figures.longest = 4 * TL_SECOND / 1000;
+    create();
+    add(0, 1.0, TL_GOOD);
+    write_page();
+    expect_once("\"budget\":6,");
+    expect_once("\"used\":[0]");
+    expect_once("\"origin\":1000");
+    expect_once("all steps</p><p class=\"sub\">longest 4 ms of 10 ms");
+    TEST_ASSERT_EQUAL_size_t(0, count("A replay has no clock"));
+}
+
+static void test_a_late_step_is_told(void) {
+    settings.clock = true;
+    figures.late = 1;
+    create();
+    write_page();
+    expect_once("not all</p>");
+}
+
+static void test_names_are_text(void) {
+    char unit[] = "<i>rad/s";
+    settings.name = hostile;
+    settings.source = hostile;
+    settings.begun = hostile;
+    settings.version = hostile;
+    settings.solver = hostile;
+    settings.fallback = hostile;
+    figures.ended = hostile;
+    figures.components[0] = hostile;
+    match[0] = (tl_recorder_signal){hostile, unit, hostile, TL_REAL};
+    adjust[0] = (tl_recorder_signal){hostile, unit, NULL, TL_REAL};
+    create();
+    add(0, 1.0, TL_GOOD);
+    const tl_html_event event = {hostile, 0, "\"><i>", hostile, hostile};
+    tl_html_report_add_event(report, &event);
+    write_page();
+    TEST_ASSERT_EQUAL_size_t(0, count("<script>alert"));
+    TEST_ASSERT_EQUAL_size_t(0, count("<i>"));
+    TEST_ASSERT_EQUAL_size_t(0, count("<!--\""));
+    TEST_ASSERT_EQUAL_size_t(3, count("</script>")); /* data, library, ours */
+    TEST_ASSERT_GREATER_THAN_size_t(10, count("&lt;/script&gt;&lt;script&gt;alert(1)"));
+    TEST_ASSERT_EQUAL_size_t(3, count("\"\\u003c/script\\u003e")); /* match, to, adjust */
+}
+
+static void test_a_figure_that_is_not_known(void) {
+    figures.adjust[0].delta_mean = (double)NAN;
+    create();
+    write_page();
+    expect_once("<data data-key=\"match.0.mse\" value=\"\">–</data>");
+    expect_once("<data data-key=\"match.0.max\" value=\"\">–</data>");
+    expect_once("<data data-key=\"adjust.0.delta_mean\" value=\"\">–</data>");
+}
+
+static void test_a_run_without_a_ledger(void) {
+    figures.component_count = 0;
+    create();
+    write_page();
+    expect_once("no ledger was kept");
+}
+
+static void test_a_twin_that_runs_free(void) {
+    settings.adjust_count = 0;
+    settings.solver = "";
+    create();
+    write_page();
+    expect_once("none: the twin runs free");
+    expect_once("not synchronised");
+    expect_once("\"adjust\":[]");
+}
+
+static void test_the_newest_events_are_listed(void) {
+    create();
+    for (int i = 0; i < TL_HTML_EVENTS + 5; i++) {
+        char text[32];
+        (void)snprintf(text, sizeof text, "event %d.", i);
+        const tl_html_event event = {"", i, "info", "twin", text};
+        tl_html_report_add_event(report, &event);
+    }
+    write_page();
+    expect_once("The newest 1000 of 1\342\200\257005.");
+    TEST_ASSERT_EQUAL_size_t(0, count("event 4."));
+    expect_once(">event 5.");
+    expect_once(">event 1004.");
+    expect_once("data-time=\"0.05\""); /* of tick 5 */
+    TEST_ASSERT_TRUE(strstr(page, ">event 5.") < strstr(page, ">event 1004."));
+}
+
+static void test_an_event_without_a_tick(void) {
+    settings.live = true;
+    create();
+    tl_html_report_add_event(report, &(tl_html_event){"1970-01-01T00:00:02.500Z", -1, "error", "cycle", "late"});
+    tl_html_report_add_event(report, &(tl_html_event){"rubbish", -1, "error", "cycle", "never"});
+    write_page();
+    expect_once("<tr class=\"error\" data-time=\"2500\">");
+    expect_once("<tr class=\"error\">");
+}
+
+/* The largest configuration there can be, and a long run. */
+static void test_a_page_is_bounded(void) {
+    settings.match_count = TL_MAX_MATCH;
+    settings.adjust_count = TL_MAX_ADJUST;
+    create();
+    for (int64_t i = 0; i < 100000; i++) {
+        add(i, 1e5 * sin((double)i * 0.7), TL_GOOD);
+    }
+    add(100000, 123456.75, TL_GOOD); /* an extreme at the end */
+    write_page();
+    TEST_ASSERT_LESS_THAN_size_t(8000000, size);
+    expect_once("the least and the largest value of every <data");
+    TEST_ASSERT_EQUAL_size_t(TL_MAX_MATCH, count("123456.75]"));
+}
+
+int main(void) {
+    UNITY_BEGIN();
+    RUN_TEST(test_every_place_is_filled);
+    RUN_TEST(test_the_curves);
+    RUN_TEST(test_what_is_only_compared_has_no_tolerance);
+    RUN_TEST(test_a_clock);
+    RUN_TEST(test_a_late_step_is_told);
+    RUN_TEST(test_names_are_text);
+    RUN_TEST(test_a_figure_that_is_not_known);
+    RUN_TEST(test_a_run_without_a_ledger);
+    RUN_TEST(test_a_twin_that_runs_free);
+    RUN_TEST(test_the_newest_events_are_listed);
+    RUN_TEST(test_an_event_without_a_tick);
+    RUN_TEST(test_a_page_is_bounded);
+    return UNITY_END();
+}

@@ -1,0 +1,258 @@
+/* The summary: what it adds up, and that the JSON object and the table say the same as the twin. */
+#include <cjson/cJSON.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <unity.h>
+
+#include "firmware/report/summary.h"
+#include "firmware/run/assembly.h"
+
+static tl_assembly assembly;
+static tl_summary summary;
+static char *printed;
+static size_t printed_size;
+static cJSON *root;
+
+void setUp(void) {
+    TEST_ASSERT_EQUAL_INT(0, setenv("TWINLOCK_FMU_PATH", TL_BINARY_DIR "/fmus", 1));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_assembly_read(TL_SOURCE_DIR "/config/motor/lock.json", &assembly));
+    assembly.config.algorithm = "nelder-mead"; /* whatever is best at present */
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_assembly_build(&assembly));
+    memset(&summary, 0, sizeof summary);
+}
+
+void tearDown(void) {
+    tl_assembly_free(&assembly);
+    cJSON_Delete(root);
+    root = NULL;
+    free(printed);
+    printed = NULL;
+}
+
+/* A record as lock.json's twin would give it. */
+static void add(tl_outcome outcome, uint32_t evaluations, double u, double u_hat) {
+    tl_record record = {.outcome = outcome, .evaluations = evaluations};
+    record.u[0] = u;
+    record.u_hat[0] = u_hat;
+    tl_summary_add(&summary, &assembly.config, &record);
+}
+
+/* Ticks with the motor held at `omega` by the plant, and their records. */
+static void run(int ticks, double omega, tl_quality quality) {
+    const tl_budget budget = {.evaluations = 40};
+    static tl_sample sample;
+    for (int i = 0; i < ticks; i++) {
+        tl_record record;
+        tl_error error;
+        bool ready = false;
+        sample.tick = i;
+        sample.values[1] = omega;
+        sample.quality[1] = (uint8_t)quality;
+        TEST_ASSERT_EQUAL_INT(TL_OK, tl_twin_step(assembly.twin, &sample, &budget, &record, &ready, &error));
+        if (ready) {
+            tl_summary_add(&summary, &assembly.config, &record);
+        }
+    }
+}
+
+static void print(void (*how)(const tl_summary *, const tl_config *, const tl_twin *, FILE *)) {
+    FILE *file = open_memstream(&printed, &printed_size);
+    how(&summary, &assembly.config, assembly.twin, file);
+    (void)fclose(file);
+}
+
+static void print_json(void) {
+    print(tl_summary_print_json);
+    root = cJSON_Parse(printed);
+    TEST_ASSERT_NOT_NULL(root);
+    TEST_ASSERT_EQUAL_CHAR('\n', printed[printed_size - 1]);
+}
+
+/* What stands at "a/b/c". */
+static const cJSON *find(const char *path) {
+    char copy[128];
+    char *rest = NULL;
+    const cJSON *item = root;
+    (void)snprintf(copy, sizeof copy, "%s", path);
+    for (const char *key = strtok_r(copy, "/", &rest); key != NULL; key = strtok_r(NULL, "/", &rest)) {
+        item = cJSON_GetObjectItemCaseSensitive(item, key);
+    }
+    return item;
+}
+
+static double number(const char *path) {
+    const cJSON *item = find(path);
+    TEST_ASSERT_TRUE_MESSAGE(cJSON_IsNumber(item), path);
+    return item->valuedouble;
+}
+
+static void expect_number(double expected, const char *path) {
+    TEST_ASSERT_EQUAL_DOUBLE_MESSAGE(expected, number(path), path);
+}
+
+static void expect_in_table(const char *text) {
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(printed, text), printed);
+}
+
+static void test_what_is_added_up(void) {
+    add(TL_FIRST_GUESS, 1, 1.0, 1.0);
+    add(TL_OPTIMISED, 7, 4.0, 2.0);
+    add(TL_BEST_SO_FAR, 40, -2.0, 3.0);
+    add(TL_NOMINAL, 2, 5.0, 5.0);
+    add(TL_FREE_RUN, 0, 2.0, 2.0);
+    print_json();
+    expect_number(5, "steps");
+    expect_number(50, "evaluations");
+    expect_number(3, "optimised_steps");
+    expect_number(1, "adjust/motor.d/first");
+    expect_number(2, "adjust/motor.d/last");
+    expect_number(2, "adjust/motor.d/mean");
+    expect_number(-0.6, "adjust/motor.d/delta_mean");
+    expect_number(1, "outcomes/first guess");
+    expect_number(1, "outcomes/free run");
+    expect_number(0, "outcomes/made up");
+}
+
+/* Steps and skipped are counted apart: together they are the ticks. Means are over all that were committed. */
+static void test_steps_that_were_made_up(void) {
+    add(TL_MADE_UP, 0, 9.0, 1.0);
+    add(TL_FIRST_GUESS, 1, 3.0, 1.0);
+    summary.ticks = 2;
+    summary.skipped = 1;
+    print_json();
+    expect_number(1, "steps");
+    expect_number(1, "skipped");
+    expect_number(2, "ticks");
+    expect_number(1, "outcomes/made up");
+    expect_number(9, "adjust/motor.d/first");
+    expect_number(6, "adjust/motor.d/mean");
+    expect_number(5, "adjust/motor.d/delta_mean");
+}
+
+static void test_time_limits_and_the_longest_step(void) {
+    tl_record record = {.outcome = TL_BEST_SO_FAR, .stop = TL_STOP_TIME, .used = 3000000};
+    tl_summary_add(&summary, &assembly.config, &record);
+    record.stop = TL_STOP_SOLVER;
+    record.used = 1000000;
+    tl_summary_add(&summary, &assembly.config, &record);
+    TEST_ASSERT_EQUAL_UINT64(1, summary.time_limited);
+    TEST_ASSERT_EQUAL_INT64(3000000, summary.used_longest);
+    summary.ticks = 2;
+    summary.deadline_misses = 1;
+    print(tl_summary_print_table);
+    expect_in_table("2 ticks, 0 skipped, 1 deadlines missed, longest cycle 3.000 ms");
+}
+
+static void test_nothing_happened(void) {
+    print_json();
+    expect_number(0, "steps");
+    expect_number(0, "executions/total");
+    TEST_ASSERT_TRUE(cJSON_IsNull(find("match/motor.omega/mse")));
+    TEST_ASSERT_TRUE(cJSON_IsNull(find("match/motor.omega/max")));
+    expect_number(0, "adjust/motor.d/mean");
+    free(printed);
+    print(tl_summary_print_table);
+    expect_in_table("steps        0 of 0.01 s");
+    expect_in_table("fewer than two good measurements: nothing to compare");
+    TEST_ASSERT_NULL(strstr(printed, "nan"));
+}
+
+static void test_json_tells_what_the_twin_did(void) {
+    run(11, 70.0, TL_GOOD);
+    print_json();
+    const tl_metrics *metrics = tl_twin_metrics(assembly.twin, 0);
+    expect_number(10, "steps");
+    expect_number(3.0 * (10 + number("evaluations")), "ledger/total/plain");
+    expect_number(number("executions/total"), "ledger/total/executions");
+    expect_number(number("executions/total"), "ledger/total/predicted");
+    expect_number((double)tl_twin_executions(assembly.twin, 1), "executions/motor");
+    expect_number((double)tl_twin_executions(assembly.twin, 1), "ledger/components/motor/executions");
+    expect_number(10 + number("evaluations"), "ledger/components/motor/plain");
+    expect_number(0, "ledger/total/caught_up");
+    expect_number(0, "ledger/total/unstored");
+    TEST_ASSERT_TRUE(cJSON_IsTrue(find("ledger/complete")));
+    expect_number(10, "executions/plant");
+    expect_number(tl_metrics_mse(metrics), "match/motor.omega/mse");
+    expect_number(metrics->maximum, "match/motor.omega/max");
+    expect_number(10, "match/motor.omega/pairs");
+    TEST_ASSERT_TRUE(metrics->maximum > 0.0);
+    TEST_ASSERT_NOT_NULL(strstr(printed, "\"unit\":\t\"N.m.s/rad\""));
+    expect_number(0, "ledger/components/motor/difference");
+    expect_number(0, "ledger/total/difference");
+    expect_number(number("ledger/total/plain") - number("executions/total"), "ledger/total/saved");
+    expect_number(number("ledger/total/saved"), "cache/saved");
+    TEST_ASSERT_TRUE(number("cache/saved") > 0);
+    TEST_ASSERT_TRUE(number("cache/nodes_peak") > 0);
+    expect_number(0, "cache/full");
+    expect_number(0, "deadline_misses");
+}
+
+static void test_the_table(void) {
+    run(11, 62.85, TL_GOOD);
+    print(tl_summary_print_table);
+    expect_in_table("motor bench, locked by the motor's friction\n");
+    expect_in_table("  steps        10 of 0.01 s: 10 first guess\n");
+    expect_in_table("  executions   30 (1.000 per free-running one), 10 evaluations\n");
+    expect_in_table("  ledger       predicted 30, without saving 60, saved 30\n");
+    expect_in_table("  motor.d      mean 0.0031, last 0.0031 N.m.s/rad; mean \316\224u +0\n");
+    expect_in_table("rad/s)\302\262, MAX ");
+    TEST_ASSERT_NULL(strstr(printed, "real time"));
+    TEST_ASSERT_NULL(strstr(printed, "left out"));
+}
+
+static void test_a_measure_beyond_all_numbers(void) {
+    run(11, 1e200, TL_GOOD);
+    print_json();
+    TEST_ASSERT_TRUE(cJSON_IsNull(find("match/motor.omega/mse")));
+    free(printed);
+    print(tl_summary_print_table);
+    expect_in_table("  motor.omega  MSE - (rad/s)\302\262, MAX 1e+200 rad/s\n");
+}
+
+static void load(const char *path) {
+    tl_assembly_free(&assembly);
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_assembly_read(path, &assembly));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_assembly_build(&assembly));
+}
+
+/* Of a Boolean the table tells how often it was on; the unit of the MSE needs no brackets where it is one word. */
+static void test_a_boolean(void) {
+    load(TL_SOURCE_DIR "/config/transport/slow.json");
+    run(11, 0.0, TL_GOOD);
+    memset(&summary, 0, sizeof summary);
+    add(TL_OPTIMISED, 2, 0.0, 1.0);
+    add(TL_FIRST_GUESS, 1, 1.0, 1.0);
+    add(TL_FIRST_GUESS, 1, 0.0, 0.0);
+    add(TL_FIRST_GUESS, 1, 0.0, 1.0);
+    print(tl_summary_print_table);
+    expect_in_table("  belt2.enabled on in 25.0 % of the steps, last off; nominal in 75.0 %\n");
+    expect_in_table(" mm\302\262, MAX ");
+    add(TL_FIRST_GUESS, 1, 1.0, 0.0);
+    free(printed);
+    print(tl_summary_print_table);
+    expect_in_table("  belt2.enabled on in 40.0 % of the steps, last on; nominal in 60.0 %\n");
+}
+
+static void test_measurements_left_out(void) {
+    run(11, 62.85, TL_STALE);
+    print(tl_summary_print_table);
+    expect_in_table("10 free run");
+    expect_in_table("10 of 10 measurements were not good and are left out\n");
+}
+
+int main(void) {
+    UNITY_BEGIN();
+    RUN_TEST(test_what_is_added_up);
+    RUN_TEST(test_steps_that_were_made_up);
+    RUN_TEST(test_time_limits_and_the_longest_step);
+    RUN_TEST(test_nothing_happened);
+    RUN_TEST(test_json_tells_what_the_twin_did);
+    RUN_TEST(test_the_table);
+    RUN_TEST(test_a_measure_beyond_all_numbers);
+    RUN_TEST(test_a_boolean);
+    RUN_TEST(test_measurements_left_out);
+    return UNITY_END();
+}

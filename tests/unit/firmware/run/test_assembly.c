@@ -1,0 +1,270 @@
+/* An assembly: what is built, what is shared, what is said where it cannot be built, and that all of it ends. */
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <unity.h>
+
+#include "firmware/run/assembly.h"
+#include "tests/support/config_text.h"
+#include "tests/support/fmu_maker.h"
+#include "tests/support/scratch.h"
+#include "tests/support/sql.h"
+#include "tests/support/stderr_capture.h"
+
+#define LOCK TL_SOURCE_DIR "/config/motor/lock.json"
+
+static tl_scratch scratch;
+static char path[PATH_MAX];
+static tl_assembly assembly;
+static char *said;
+
+void setUp(void) {
+    TEST_ASSERT_EQUAL_INT(0, setenv("TWINLOCK_FMU_PATH", TL_BINARY_DIR "/fmus", 1));
+    (void)snprintf(path, sizeof path, "%s", tl_scratch_path(&scratch, "config.json"));
+    memset(&assembly, 0xA5, sizeof assembly); /* load() starts anew */
+}
+
+void tearDown(void) {
+    tl_assembly_free(&assembly);
+    free(said);
+    said = NULL;
+    tl_scratch_empty(&scratch);
+}
+
+/* The text with a part replaced; the text itself is given back. */
+static char *replaced(char *text, const char *old, const char *new) {
+    char *changed = tl_test_replaced(text, old, new);
+    TEST_ASSERT_NOT_NULL_MESSAGE(changed, old);
+    free(text);
+    return changed;
+}
+
+/* Loads a configuration, whose text is given back, and keeps what that said. */
+static tl_status load_text(char *text) {
+    FILE *file = fopen(path, "w");
+    (void)fputs(text, file);
+    (void)fclose(file);
+    free(text);
+    TEST_ASSERT_TRUE(tl_stderr_capture_begin());
+    tl_status status = tl_assembly_load(path, &assembly);
+    said = tl_stderr_capture_end();
+    return status;
+}
+
+/* The same for lock.json with a part of its text replaced. */
+static tl_status load(const char *old, const char *new) {
+    return load_text(replaced(tl_test_read_text(LOCK), old, new));
+}
+
+static void expect_said(const char *text) {
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(said, text), said);
+}
+
+static void test_a_good_one(void) {
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_assembly_load(LOCK, &assembly));
+    TEST_ASSERT_NOT_NULL(assembly.twin);
+    TEST_ASSERT_EQUAL_size_t(2, assembly.fmu_count);
+    TEST_ASSERT_EQUAL_size_t(3, tl_twin_get_facts(assembly.twin).components);
+    TEST_ASSERT_EQUAL_UINT32(1, tl_twin_get_facts(assembly.twin).distance);
+    TEST_ASSERT_EQUAL_UINT32(1, tl_twin_get_facts(assembly.twin).prediction);
+    TEST_ASSERT_EQUAL_STRING("motor", tl_twin_component_name(assembly.twin, 1));
+    TEST_ASSERT_EQUAL_STRING("rad/s", tl_twin_match_unit(assembly.twin, 0));
+}
+
+/* What a configuration says about the search reaches the plan. */
+static void test_the_plan(void) {
+    TEST_ASSERT_EQUAL_INT(TL_OK, load("\"synchronise\": {",
+                                      "\"synchronise\": { \"fallback\": 1000, \"stagnation\": 7, \"noise_floor\": 0.5,"
+                                      " \"saving\": { \"structure\": false, \"nodes\": 9 },"));
+    TEST_ASSERT_EQUAL_STRING("", said);
+    TEST_ASSERT_EQUAL_STRING(assembly.config.algorithm, assembly.plan.algorithm);
+    TEST_ASSERT_EQUAL_STRING("bobyqa", assembly.plan.fallback);
+    TEST_ASSERT_EQUAL_UINT32(7, assembly.plan.stagnation);
+    TEST_ASSERT_EQUAL_DOUBLE(0.5, assembly.plan.noise_floor);
+    TEST_ASSERT_EQUAL_INT(TL_STATIC, assembly.plan.shape);
+    TEST_ASSERT_FALSE(assembly.plan.saving.structure);
+    TEST_ASSERT_TRUE(assembly.plan.saving.sequences);
+    TEST_ASSERT_EQUAL_UINT32(9, assembly.plan.saving.nodes);
+    TEST_ASSERT_EQUAL_UINT32(assembly.config.budget_evaluations, assembly.plan.evaluations);
+    TEST_ASSERT_EQUAL_INT(TL_KEEP_STATES, assembly.plan.components[0].keep);
+}
+
+static void test_modes_reach_the_plan(void) {
+    TEST_ASSERT_EQUAL_INT(TL_OK, load("{ \"prediction\": 1, \"measurements\": \"lag\" }",
+                                      "{ \"shape\": \"dynamic\", \"measurements\": \"hold\" }"));
+    TEST_ASSERT_EQUAL_INT(TL_DYNAMIC, assembly.plan.shape);
+    TEST_ASSERT_EQUAL_INT(TL_HOLD, assembly.plan.measurements);
+    tl_assembly_free(&assembly);
+    free(said);
+    TEST_ASSERT_EQUAL_INT(TL_OK, load("\"drive\": {", "\"drive\": { \"keep\": \"outputs\","));
+    TEST_ASSERT_EQUAL_INT(TL_KEEP_OUTPUTS, assembly.plan.components[0].keep);
+    TEST_ASSERT_EQUAL_INT(TL_KEEP_STATES, assembly.plan.components[1].keep);
+}
+
+/* Between reading and building a verb may change the configuration. */
+static void test_in_two_parts(void) {
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_assembly_read(LOCK, &assembly));
+    TEST_ASSERT_NULL(assembly.twin);
+    TEST_ASSERT_EQUAL_size_t(0, assembly.fmu_count);
+    assembly.config.saving.sequences = false;
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_assembly_build(&assembly));
+    TEST_ASSERT_NOT_NULL(assembly.twin);
+    TEST_ASSERT_FALSE(assembly.plan.saving.sequences);
+}
+
+/* One file is loaded once, however many components use it. */
+static void test_components_share_an_fmu(void) {
+    TEST_ASSERT_EQUAL_INT(TL_OK, load("\"drive\": { \"fmu\"", "\"other\": { \"fmu\": \"motor.fmu\", \"set\": "
+                                                              "{ \"I_in\": 0.3, \"M_w\": 0 } },\n"
+                                                              "    \"drive\": { \"fmu\""));
+    TEST_ASSERT_EQUAL_STRING("", said);
+    TEST_ASSERT_EQUAL_size_t(2, assembly.fmu_count);
+    TEST_ASSERT_EQUAL_size_t(4, tl_twin_get_facts(assembly.twin).components);
+    TEST_ASSERT_EQUAL_PTR(assembly.components[0].model, assembly.components[2].model);
+}
+
+static void test_all_fmus_that_are_missing_are_said(void) {
+    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA,
+                          load("\"drive.fmu\", \"set\": { \"ref\": 10 } },\n    \"motor\": { \"fmu\": \"motor.fmu\"",
+                               "\"absent1.fmu\" },\n    \"motor\": { \"fmu\": \"absent2.fmu\""));
+    TEST_ASSERT_EQUAL_size_t(2, assembly.problems.report.count);
+    expect_said("components.drive: no file \"absent1.fmu\"");
+    expect_said("components.motor: no file \"absent2.fmu\"");
+    TEST_ASSERT_NULL(assembly.twin);
+}
+
+static void test_a_configuration_that_is_wrong(void) {
+    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, load("\"step_s\": 0.01", "\"step_s\": 0"));
+    expect_said("step_s");
+    TEST_ASSERT_NULL(assembly.twin);
+    TEST_ASSERT_EQUAL_size_t(0, assembly.fmu_count);
+}
+
+/* Problems of the twin are told with the lines of the file. */
+static void test_a_twin_that_cannot_be_built(void) {
+    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, load("\"motor.d\"", "\"motor.J\""));
+    char place[128];
+    char *text = tl_test_read_text(path);
+    (void)snprintf(place, sizeof place, "line %zu: synchronise.adjust.motor.J: motor.J is a fixed parameter",
+                   tl_test_line_of(text, "\"motor.J\""));
+    free(text);
+    expect_said(place);
+    TEST_ASSERT_EQUAL_size_t(1, assembly.problems.report.count);
+    TEST_ASSERT_NULL(assembly.twin);
+    TEST_ASSERT_EQUAL_size_t(2, assembly.fmu_count); /* to be unloaded all the same */
+}
+
+static void test_no_file(void) {
+    TEST_ASSERT_TRUE(tl_stderr_capture_begin());
+    tl_status status = tl_assembly_load(tl_scratch_path(&scratch, "absent.json"), &assembly);
+    said = tl_stderr_capture_end();
+    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, status);
+    expect_said("absent.json");
+}
+
+static void test_freeing_twice(void) {
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_assembly_load(LOCK, &assembly));
+    tl_assembly_free(&assembly);
+    TEST_ASSERT_NULL(assembly.twin);
+    tl_assembly_free(&assembly);
+}
+
+/* What `emulate` reads from FMUs is the plan's outputs; what it reads from the plant is not. */
+static void test_outputs_of_an_emulated_plant(void) {
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_assembly_load(TL_SOURCE_DIR "/config/motor/plant.json", &assembly));
+    TEST_ASSERT_EQUAL_size_t(2, assembly.config.emulated_count);
+    TEST_ASSERT_EQUAL_size_t(1, assembly.plan.output_count);
+    TEST_ASSERT_EQUAL_STRING("motor.omega", assembly.outputs[0].variable);
+}
+
+static void test_recording_names_and_units(void) {
+    tl_recorder *recorder = NULL;
+    tl_error error;
+    const char *database = tl_scratch_path(&scratch, "run.db");
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_assembly_load(LOCK, &assembly));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_assembly_record(&assembly, "replay", database, true, NULL, &recorder, &error));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_recorder_close(recorder, "test", NULL, &error));
+    TEST_ASSERT_EQUAL_INT64(4, tl_sql_integer(database, "SELECT count(*) FROM signals"));
+    TEST_ASSERT_EQUAL_INT64(
+        1, tl_sql_integer(database, "SELECT count(*) FROM signals WHERE kind = 'match' AND name = 'motor.omega' AND "
+                                    "unit = 'rad/s' AND compared_with = 'plant.omega'"));
+    TEST_ASSERT_EQUAL_INT64(
+        1, tl_sql_integer(database, "SELECT count(*) FROM signals WHERE kind = 'adjust' AND name = 'motor.d' AND "
+                                    "unit = 'N.m.s/rad'"));
+    TEST_ASSERT_EQUAL_STRING("N.m",
+                             tl_sql_text(database, "SELECT unit FROM signals WHERE kind = 'plant' AND signal = 0"));
+    TEST_ASSERT_EQUAL_STRING("replay", tl_sql_text(database, "SELECT verb FROM runs"));
+    TEST_ASSERT_EQUAL_INT64(10000000, tl_sql_integer(database, "SELECT step_ns FROM runs"));
+    TEST_ASSERT_EQUAL_STRING(assembly.config.hash, tl_sql_text(database, "SELECT configuration FROM runs"));
+    TEST_ASSERT_EQUAL_STRING(assembly.config.text, tl_sql_text(database, "SELECT text FROM configurations"));
+}
+
+/* A copy of motor.fmu whose torque is an output of another type; nothing is stepped. */
+static const char *typed_motor(const char *type) {
+    static char written[PATH_MAX];
+    static const char entry[] = "modelDescription.xml";
+    char output[64];
+    (void)snprintf(output, sizeof output, "<%s/>", type);
+    (void)snprintf(written, sizeof written, "%s", tl_scratch_path(&scratch, "typed.fmu"));
+    tl_fmu_maker *maker = tl_fmu_maker_new(TL_BINARY_DIR "/fmus/motor.fmu");
+    TEST_ASSERT_NOT_NULL(maker);
+    TEST_ASSERT_TRUE(tl_fmu_maker_replace(maker, entry,
+                                          "valueReference=\"15\" causality=\"local\" variability=\"continuous\"",
+                                          "valueReference=\"1\" causality=\"local\" variability=\"discrete\""));
+    TEST_ASSERT_TRUE(tl_fmu_maker_replace(maker, entry, "<Real unit=\"N.m\"/>", output));
+    TEST_ASSERT_TRUE(tl_fmu_maker_write(maker, written));
+    tl_fmu_maker_free(maker);
+    return written;
+}
+
+/* lock.json with that torque matched as well. */
+static char *matched_torque(const char *type, const char *plant_type) {
+    char fmu[PATH_MAX + 16];
+    char signal[128];
+    (void)snprintf(fmu, sizeof fmu, "\"fmu\": \"%s\"", typed_motor(type));
+    (void)snprintf(signal, sizeof signal,
+                   "\"plant\": { \"raw\": { \"type\": \"%s\", \"csv\": { \"column\": \"raw\" } },", plant_type);
+    char *text = replaced(tl_test_read_text(LOCK), "\"fmu\": \"motor.fmu\"", fmu);
+    text = replaced(text, "\"plant\": {", signal);
+    return replaced(text, "\"match\": {",
+                    "\"match\": { \"motor.M_m\": { \"to\": \"plant.raw\", \"tolerance\": 1, \"weight\": 0 },");
+}
+
+/* A variable that is matched is recorded with the type that it has. */
+static void test_recording_types(void) {
+    static const char *const types[][2] = {{"Boolean", "boolean"}, {"Integer", "integer"}};
+    for (size_t i = 0; i < 2; i++) {
+        tl_recorder *recorder = NULL;
+        tl_error error;
+        TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, load_text(matched_torque(types[i][0], types[i][1])), said);
+        const char *database = tl_scratch_path(&scratch, "types.db");
+        TEST_ASSERT_EQUAL_INT(TL_OK, tl_assembly_record(&assembly, "replay", database, true, NULL, &recorder, &error));
+        TEST_ASSERT_EQUAL_INT(TL_OK, tl_recorder_close(recorder, "test", NULL, &error));
+        TEST_ASSERT_EQUAL_STRING(types[i][0], tl_sql_text(database, "SELECT type FROM signals WHERE kind = 'match' AND "
+                                                                    "name = 'motor.M_m'"));
+        TEST_ASSERT_EQUAL_STRING("Real", tl_sql_text(database, "SELECT type FROM signals WHERE kind = 'match' AND "
+                                                               "name = 'motor.omega'"));
+        tearDown();
+    }
+}
+
+int main(void) {
+    tl_scratch_make(&scratch, TL_BINARY_DIR, "test_assembly");
+    UNITY_BEGIN();
+    RUN_TEST(test_a_good_one);
+    RUN_TEST(test_the_plan);
+    RUN_TEST(test_modes_reach_the_plan);
+    RUN_TEST(test_in_two_parts);
+    RUN_TEST(test_components_share_an_fmu);
+    RUN_TEST(test_all_fmus_that_are_missing_are_said);
+    RUN_TEST(test_a_configuration_that_is_wrong);
+    RUN_TEST(test_a_twin_that_cannot_be_built);
+    RUN_TEST(test_no_file);
+    RUN_TEST(test_freeing_twice);
+    RUN_TEST(test_outputs_of_an_emulated_plant);
+    RUN_TEST(test_recording_names_and_units);
+    RUN_TEST(test_recording_types);
+    tl_scratch_remove(&scratch);
+    return UNITY_END();
+}

@@ -1,0 +1,362 @@
+/* The real-time cycle: which ticks there are, what becomes of missed ones, how it ends, and that it can be watched. */
+#include <pthread.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <time.h>
+
+#include <unity.h>
+
+#include "firmware/base/clock.h"
+#include "firmware/run/cycle.h"
+#include "tests/support/scratch.h"
+#include "tests/support/sql.h"
+#include "tests/support/test_plan.h"
+
+#define MILLISECOND (TL_SECOND / 1000)
+#define PATIENCE (60 * TL_SECOND)
+
+static tl_test_log call_log;
+static tl_test_fmu fmu;
+static tl_test_plan plan;
+static tl_config_signal config_signal;
+static tl_assembly assembly;
+static tl_plant_input input;
+static tl_journal journal;
+static tl_recorder *recorder;
+static tl_fmu_thread *thread;
+static tl_cycle *cycle;
+static tl_cycle_status shown;
+static tl_summary summary;
+static tl_error error;
+static tl_scratch scratch;
+static char database[PATH_MAX];
+
+/* ---- an FMU that takes its time ---- */
+
+static fmi2DoStepTYPE *quick_step;
+static unsigned long slow_call; /* counted from 1; 0: none */
+static tl_time slow_time;
+
+static fmi2Status slow_step(fmi2Component component, fmi2Real point, fmi2Real size, fmi2Boolean final) {
+    static unsigned long calls; /* of the cycle's thread alone */
+    calls = fmu.calls[TL_TEST_DO_STEP] == 0 ? 1 : calls + 1;
+    if (calls == slow_call) {
+        tl_clock_sleep_until(tl_clock_now(NULL) + slow_time);
+    }
+    return quick_step(component, point, size, final);
+}
+
+/* ---- one twin: motor.y0 follows plant.speed, which is 5, by adjusting motor.u0 from 0 ---- */
+
+void setUp(void) {
+    tl_test_log_clear(&call_log);
+    memset(&assembly, 0, sizeof assembly);
+    memset(&input, 0, sizeof input);
+    memset(&shown, 0, sizeof shown);
+    slow_call = 0;
+    recorder = NULL;
+    cycle = NULL;
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_fmu_thread_start(0, &thread, &error));
+    (void)snprintf(database, sizeof database, "%s", tl_scratch_path(&scratch, "twin.db"));
+}
+
+void tearDown(void) {
+    if (cycle != NULL) {
+        (void)tl_cycle_stop(cycle, &summary, &error);
+    }
+    if (recorder != NULL) {
+        (void)tl_recorder_close(recorder, "torn down", NULL, &error);
+    }
+    tl_fmu_thread_end(thread);
+    tl_twin_destroy(assembly.twin);
+    tl_test_fmu_end(&fmu);
+    tl_scratch_empty(&scratch);
+    TEST_ASSERT_EQUAL_STRING("", call_log.first_violation);
+}
+
+static void make_twin(tl_time step, tl_time duration, tl_measurements measurements) {
+    tl_test_fmu_init(&fmu, 1, false, &call_log);
+    quick_step = fmu.functions.do_step;
+    fmu.functions.do_step = slow_step;
+    tl_test_plan_init(&plan, step);
+    plan.plan.measurements = measurements;
+    (void)tl_test_plan_component(&plan, "motor", &fmu);
+    config_signal.plan = *tl_test_plan_signal(&plan, "speed", TL_REAL, "");
+    (void)tl_test_plan_adjust(&plan, "motor.u0", 1.0);
+    (void)tl_test_plan_match(&plan, "motor.y0", "plant.speed", 0.5);
+    assembly.twin = tl_test_plan_build(&plan);
+    TEST_ASSERT_EQUAL_STRING("", plan.problems[0].text);
+    assembly.config = (tl_config){
+        .name = "test",
+        .step = step,
+        .duration = duration,
+        .signals = &config_signal,
+        .signal_count = 1,
+        .adjust = plan.adjust,
+        .adjust_count = 1,
+        .match = plan.match,
+        .match_count = 1,
+        .measurements = measurements,
+        .budget_evaluations = 60,
+        .budget_time = step,
+    };
+}
+
+static void make_recorder(void) {
+    static const char *const COMPONENTS[] = {"motor", "plant"};
+    static const tl_recorder_signal SPEED = {.name = "speed", .unit = "", .type = TL_REAL};
+    static const tl_recorder_signal OUTPUT = {.name = "motor.y0", .unit = "", .to = "plant.speed", .type = TL_REAL};
+    static const tl_recorder_signal ADJUSTED = {.name = "motor.u0", .unit = "", .type = TL_REAL};
+    const tl_recorder_settings settings = {
+        .path = database,
+        .commit = 20 * MILLISECOND,
+        .verb = "run",
+        .name = "test",
+        .configuration = "{}",
+        .step = assembly.config.step,
+        .prediction = tl_twin_get_facts(assembly.twin).prediction,
+        .lead = tl_twin_get_facts(assembly.twin).lead,
+        .measurements = assembly.config.measurements,
+        .plant = &SPEED,
+        .match = &OUTPUT,
+        .adjust = &ADJUSTED,
+        .plant_count = 1,
+        .match_count = 1,
+        .adjust_count = 1,
+        .components = COMPONENTS,
+        .component_count = 2,
+    };
+    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_recorder_open(&settings, &recorder, &error), error.text);
+}
+
+static void post(double speed) {
+    const tl_reading reading = {.value = speed, .stamp = tl_clock_now(NULL), .quality = TL_GOOD};
+    tl_plant_input_post(&input, 0, &reading);
+}
+
+static void start(void) {
+    input.count = 1;
+    input.limits[0] = (tl_plant_limits){.minimum = -1e9, .maximum = 1e9, .type = TL_REAL};
+    tl_journal_init(&journal, recorder);
+    post(5.0);
+    const tl_cycle_settings settings = {
+        .assembly = &assembly, .thread = thread, .input = &input, .recorder = recorder, .journal = &journal};
+    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_cycle_start(&settings, &cycle, &error), error.text);
+}
+
+/* Watches until there were `ticks` or the cycle has ended. */
+static void watch(uint64_t ticks) {
+    uint64_t steps = 0;
+    uint64_t pending =
+        assembly.config.measurements == TL_AHEAD ? 1 : 0; /* the newest record is complete a tick later */
+    tl_time until = tl_clock_now(NULL) + PATIENCE;
+    while (!shown.ended && shown.ticks < ticks) {
+        TEST_ASSERT_TRUE_MESSAGE(tl_clock_now(NULL) < until, "the cycle does not go on");
+        if (tl_cycle_status_now(cycle, &shown)) {
+            TEST_ASSERT_TRUE(shown.ended || shown.ticks - shown.steps - shown.skipped <= pending);
+            TEST_ASSERT_TRUE(shown.steps >= steps);
+            TEST_ASSERT_TRUE(shown.steps == 0 || shown.record.u_hat[0] == 0.0);
+            steps = shown.steps;
+        }
+        tl_clock_sleep_until(tl_clock_now(NULL) + MILLISECOND / 5);
+    }
+}
+
+static tl_status end(void) {
+    tl_status status = tl_cycle_stop(cycle, &summary, &error);
+    cycle = NULL;
+    if (recorder != NULL) {
+        tl_error later;
+        TEST_ASSERT_EQUAL_INT(TL_OK, tl_recorder_close(recorder, "end", NULL, &later));
+        recorder = NULL;
+    }
+    return status;
+}
+
+static void expect_rows(int64_t rows) {
+    TEST_ASSERT_EQUAL_INT64(rows, tl_sql_integer(database, "SELECT count(*) FROM steps"));
+    TEST_ASSERT_EQUAL_INT64(rows - 1, tl_sql_integer(database, "SELECT max(step) FROM steps"));
+    TEST_ASSERT_EQUAL_INT64((int64_t)summary.skipped,
+                            tl_sql_integer(database, "SELECT count(*) FROM steps WHERE outcome = 6"));
+}
+
+/* The ledger's executions are those of the steps. */
+static void expect_ledger(void) {
+    TEST_ASSERT_EQUAL_INT64(tl_sql_integer(database, "SELECT sum(executions) FROM steps"),
+                            tl_sql_integer(database, "SELECT sum(executions) FROM components"));
+    TEST_ASSERT_EQUAL_INT64(tl_sql_integer(database, "SELECT sum(predicted) FROM steps"),
+                            tl_sql_integer(database, "SELECT sum(predicted) FROM components"));
+    for (size_t i = 0; i < 2; i++) {
+        char sql[96];
+        tl_twin_ledger entry = tl_twin_get_ledger(assembly.twin, i);
+        (void)snprintf(sql, sizeof sql, "SELECT executions FROM components WHERE name = '%s'", entry.name);
+        TEST_ASSERT_EQUAL_INT64((int64_t)entry.executions, tl_sql_integer(database, sql));
+    }
+}
+
+/* ---- ticks ---- */
+
+static void run_for_a_duration(tl_measurements measurements) {
+    make_twin(2 * MILLISECOND, 100 * MILLISECOND, measurements);
+    make_recorder();
+    start();
+    watch(UINT64_MAX);
+    TEST_ASSERT_TRUE(shown.ended);
+    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, end(), error.text);
+    TEST_ASSERT_EQUAL_UINT64(51, summary.ticks);
+    TEST_ASSERT_EQUAL_UINT64(51, summary.steps + summary.skipped);
+    TEST_ASSERT_EQUAL_UINT64(51, shown.ticks);
+    TEST_ASSERT_EQUAL_UINT64(summary.skipped, summary.outcomes[TL_MADE_UP]);
+    expect_rows(51);
+    expect_ledger();
+    TEST_ASSERT_EQUAL_INT64(52, tl_sql_integer(database, "SELECT count(*) FROM samples"));
+    TEST_ASSERT_EQUAL_INT64(51, tl_sql_integer(database, "SELECT max(tick) FROM samples"));
+}
+
+static void test_a_duration_in_mode_lag(void) {
+    run_for_a_duration(TL_LAG);
+    TEST_ASSERT_TRUE(summary.evaluations > 0);
+}
+
+static void test_a_duration_in_mode_hold(void) {
+    run_for_a_duration(TL_HOLD);
+    TEST_ASSERT_TRUE(summary.evaluations > 0);
+}
+
+static void test_a_duration_in_mode_ahead(void) {
+    run_for_a_duration(TL_AHEAD);
+    TEST_ASSERT_EQUAL_DOUBLE(5.0, tl_sql_number(database, "SELECT y_hat FROM outputs WHERE step = 50"));
+}
+
+static void test_stamps_are_recorded_relative_to_the_first_tick(void) {
+    make_twin(10 * MILLISECOND, 20 * MILLISECOND, TL_LAG);
+    make_recorder();
+    start(); /* its only reading is posted less than a minute before tick 0 */
+    watch(UINT64_MAX);
+    TEST_ASSERT_EQUAL_INT(TL_OK, end());
+    int64_t stamp = tl_sql_integer(database, "SELECT stamp_ns FROM samples WHERE tick = 0");
+    TEST_ASSERT_TRUE(stamp < 0 && stamp > -PATIENCE);
+}
+
+static void test_missed_ticks_are_made_up(void) {
+    make_twin(2 * MILLISECOND, 200 * MILLISECOND, TL_LAG);
+    make_recorder();
+    slow_call = 20;
+    slow_time = 50 * MILLISECOND; /* 25 periods: 24 of them are over when it returns */
+    start();
+    watch(UINT64_MAX);
+    TEST_ASSERT_EQUAL_INT(TL_OK, end());
+    TEST_ASSERT_TRUE(summary.skipped >= 24);
+    /* Not where the machine itself was late, so that the slow step was one that was made up. */
+    TEST_ASSERT_TRUE(summary.deadline_misses >= 1 || summary.used_longest < slow_time);
+    TEST_ASSERT_EQUAL_UINT64(101, summary.ticks);
+    TEST_ASSERT_EQUAL_UINT64(101, summary.steps + summary.skipped);
+    expect_rows(101);
+    TEST_ASSERT_EQUAL_INT64(0, tl_sql_integer(database,
+                                              "SELECT count(*) FROM steps s JOIN adjustments a USING (run, step) "
+                                              "JOIN adjustments b ON b.run = a.run AND b.step = a.step - 1 "
+                                              "WHERE s.outcome = 6 AND a.u <> b.u"));
+    TEST_ASSERT_TRUE(tl_sql_integer(database, "SELECT count(*) FROM events WHERE text LIKE '%made up%'") >= 1);
+}
+
+/* Made up with a budget that is over at once: one at a time, and still all of them. */
+static void test_missed_ticks_without_time(void) {
+    make_twin(2 * MILLISECOND, 100 * MILLISECOND, TL_LAG);
+    make_recorder();
+    assembly.config.budget_time = 1;
+    slow_call = 5;
+    slow_time = 30 * MILLISECOND;
+    start();
+    watch(UINT64_MAX);
+    TEST_ASSERT_EQUAL_INT(TL_OK, end());
+    TEST_ASSERT_TRUE(summary.skipped >= 14);
+    TEST_ASSERT_EQUAL_UINT64(51, summary.steps + summary.skipped);
+    TEST_ASSERT_EQUAL_UINT64(0, summary.evaluations);
+    expect_rows(51);
+}
+
+/* ---- ends ---- */
+
+static void test_stops_though_the_next_tick_is_far_away(void) {
+    make_twin(3600 * TL_SECOND, 0, TL_LAG);
+    for (int i = 0; i < 20; i++) { /* at different places of the way to sleep */
+        start();
+        tl_clock_sleep_until(tl_clock_now(NULL) + i * MILLISECOND / 20);
+        tl_time before = tl_clock_now(NULL);
+        TEST_ASSERT_EQUAL_INT(TL_OK, end());
+        TEST_ASSERT_TRUE(tl_clock_now(NULL) - before < PATIENCE);
+        TEST_ASSERT_EQUAL_UINT64(0, summary.ticks);
+        TEST_ASSERT_EQUAL_UINT64(0, summary.steps);
+    }
+}
+
+static void test_stops_when_asked(void) {
+    make_twin(MILLISECOND, 0, TL_LAG);
+    make_recorder();
+    start();
+    watch(30);
+    TEST_ASSERT_FALSE(shown.ended);
+    TEST_ASSERT_EQUAL_INT(TL_OK, end());
+    TEST_ASSERT_TRUE(summary.ticks >= 30);
+    TEST_ASSERT_EQUAL_UINT64(summary.ticks, summary.steps + summary.skipped);
+    expect_rows((int64_t)summary.ticks);
+}
+
+/* In mode ahead the last measurement is one period away: nobody waits for it. */
+static void test_stops_without_the_last_measurement(void) {
+    const tl_time step = TL_SECOND / 2;
+    make_twin(step, 0, TL_AHEAD);
+    make_recorder();
+    tl_time before = tl_clock_now(NULL);
+    start();
+    watch(1);
+    TEST_ASSERT_EQUAL_INT(TL_OK, end());
+    bool in_time = tl_clock_now(NULL) < before + 2 * step; /* tick 1 cannot have been due yet */
+    expect_rows((int64_t)summary.ticks);
+    TEST_ASSERT_EQUAL_INT64((int64_t)summary.ticks + 1, tl_sql_integer(database, "SELECT count(*) FROM samples"));
+    if (in_time) {
+        TEST_ASSERT_EQUAL_INT64(TL_STALE, tl_sql_integer(database, "SELECT quality FROM outputs ORDER BY step DESC"));
+    }
+}
+
+static void test_a_twin_that_fails_ends_it(void) {
+    make_twin(MILLISECOND, 0, TL_LAG);
+    make_recorder();
+    tl_test_fmu_fail(&fmu, TL_TEST_DO_STEP, TL_TEST_ERROR, 30, UINT64_MAX);
+    start();
+    watch(UINT64_MAX);
+    TEST_ASSERT_TRUE(shown.ended);
+    TEST_ASSERT_EQUAL_INT(TL_FMU_FAILED, end());
+    TEST_ASSERT_NOT_NULL(strstr(error.text, "motor"));
+    TEST_ASSERT_TRUE(summary.steps >= 1);
+    TEST_ASSERT_EQUAL_INT64((int64_t)(summary.steps + summary.outcomes[TL_MADE_UP]),
+                            tl_sql_integer(database, "SELECT count(*) FROM steps"));
+}
+
+static void test_nothing_is_recorded_where_nobody_records(void) {
+    make_twin(MILLISECOND, 20 * MILLISECOND, TL_AHEAD);
+    start();
+    watch(UINT64_MAX);
+    TEST_ASSERT_EQUAL_INT(TL_OK, end());
+    TEST_ASSERT_EQUAL_UINT64(21, summary.steps + summary.skipped);
+}
+
+int main(void) {
+    tl_scratch_make(&scratch, TL_BINARY_DIR, "test_cycle");
+    UNITY_BEGIN();
+    RUN_TEST(test_a_duration_in_mode_lag);
+    RUN_TEST(test_a_duration_in_mode_hold);
+    RUN_TEST(test_a_duration_in_mode_ahead);
+    RUN_TEST(test_stamps_are_recorded_relative_to_the_first_tick);
+    RUN_TEST(test_missed_ticks_are_made_up);
+    RUN_TEST(test_missed_ticks_without_time);
+    RUN_TEST(test_stops_though_the_next_tick_is_far_away);
+    RUN_TEST(test_stops_when_asked);
+    RUN_TEST(test_stops_without_the_last_measurement);
+    RUN_TEST(test_a_twin_that_fails_ends_it);
+    RUN_TEST(test_nothing_is_recorded_where_nobody_records);
+    int failures = UNITY_END();
+    tl_scratch_remove(&scratch);
+    return failures;
+}

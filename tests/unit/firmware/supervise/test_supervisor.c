@@ -1,0 +1,532 @@
+/* The supervisor: real processes that hang, die, end and loop. What each child does is one letter of a plan:
+ *
+ *   k  killed by a signal      h  becomes ready, then silent      s  silent before it is ready
+ *   0  ready, ends with 0      7  ready, ends with 70             8  ends with 70 before it is ready
+ *   6  ends with 65, never ready   w  ready, beats until SIGTERM
+ *   l  has done all, and crashes then              t  told to end by somebody else
+ * and in an FMU, which nobody announces:
+ *   c  crashes    f  hangs    x  ends with 0    y  ends with 65 before it is ready    n  crashes, and has spoilt its name
+ *   r  a thread of ours hangs, while FMUs are called as ever      b  called while it is told to end, deaf
+ */
+#include <signal.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/mman.h>
+#include <sys/socket.h>
+#include <sys/un.h>
+#include <sys/wait.h>
+#include <time.h>
+#include <unistd.h>
+
+#include <unity.h>
+
+#include "firmware/process/fmu_call.h"
+#include "firmware/supervise/service.h"
+#include "firmware/supervise/supervisor.h"
+#include "tests/support/scratch.h"
+#include "tests/support/stderr_capture.h"
+
+enum { MOST_STARTS = 32 };
+
+/* Shared by all processes of a test. */
+typedef struct stage {
+    const char *plan;
+    int starts;
+    bool hold[MOST_STARTS];
+    bool again[MOST_STARTS];
+    char reason[MOST_STARTS][TL_RESTARTS_REASON];
+    unsigned processes[MOST_STARTS]; /* of the supervisor, that are there, dead or alive */
+    pid_t last;
+} stage;
+
+static stage *shared;
+static tl_scratch scratch;
+static tl_supervisor_settings settings;
+
+static void pause_ms(long ms) {
+    const struct timespec time = {.tv_sec = ms / 1000, .tv_nsec = ms % 1000 * 1000000};
+    (void)nanosleep(&time, NULL);
+}
+
+/* ---- children ---- */
+
+static volatile sig_atomic_t told;
+
+static void note(int signal) {
+    told = signal;
+}
+
+static void be_well(tl_heart *heart) {
+    for (int i = 0; told == 0 && i < 3000; i++) {
+        tl_heart_beat(heart);
+        pause_ms(10);
+    }
+}
+
+static void hang(void) {
+    for (;;) {
+        pause_ms(1000);
+    }
+}
+
+static void crash(void) {
+    (void)signal(SIGSEGV, SIG_DFL); /* a sanitizer's is another end */
+    (void)kill(getpid(), SIGSEGV);
+}
+
+static void spoil_name(tl_heartbeats *beats) {
+    tl_fmu_calls *calls = tl_heartbeats_calls(beats);
+    memset(calls->names, '\n', sizeof calls->names);
+}
+
+/* What an FMU does. */
+static void misbehave(char what, tl_heart *heart, tl_heartbeats *beats) {
+    tl_fmu_call_begin(tl_fmu_calls_name("motor"), TL_FMU_DO_STEP);
+    switch (what) {
+    case 'n':
+        spoil_name(beats);
+        crash();
+        break;
+    case 'c':
+        crash();
+        break;
+    case 'x':
+        _exit(0);
+    case 'y':
+        _exit(65);
+    case 'b':
+        (void)signal(SIGTERM, SIG_IGN);
+        be_well(heart);
+        break;
+    default:
+        hang();
+    }
+}
+
+static void call_fmus(void) {
+    for (;;) {
+        tl_fmu_call_begin(tl_fmu_calls_name("motor"), TL_FMU_DO_STEP);
+        pause_ms(20);
+        tl_fmu_call_end();
+    }
+}
+
+/* What goes wrong in the appliance itself. */
+static void suffer(char what) {
+    switch (what) {
+    case 'h':
+        hang();
+        break;
+    case 'r':
+        call_fmus();
+        break;
+    case 't':
+        (void)kill(getpid(), SIGTERM);
+        break;
+    default:
+        break;
+    }
+}
+
+static int finish(char what, bool asked, tl_heartbeats *beats) {
+    int code = what == '6' ? 65 : what == '7' || what == '8' ? 70 : 0;
+    tl_farewell why = asked ? TL_FAREWELL_ASKED : TL_FAREWELL_OVER;
+    why = code == 0 ? why : what == '7' ? TL_FAREWELL_FAILED : TL_FAREWELL_REFUSED;
+    tl_heartbeats_announce(beats, why, code);
+    if (what == 'l') {
+        crash();
+    }
+    return code;
+}
+
+static int play(char what, tl_heart *heart, tl_heartbeats *beats) {
+    if (what == 'k') {
+        crash();
+    }
+    if (what == 's') {
+        hang();
+    }
+    if (strchr("68y", what) == NULL) {
+        tl_heartbeats_set_ready(beats);
+    }
+    if (strchr("cfxynb", what) != NULL) {
+        misbehave(what, heart, beats);
+    }
+    suffer(what);
+    if (what == 'w') {
+        (void)signal(SIGTERM, note);
+        be_well(heart);
+    }
+    return finish(what, what == 'w' || what == 't', beats);
+}
+
+static unsigned processes_of(pid_t parent) {
+    char path[64];
+    unsigned count = 0;
+    (void)snprintf(path, sizeof path, "/proc/%d/task/%d/children", (int)parent, (int)parent);
+    FILE *file = fopen(path, "r");
+    for (int letter = 0; file != NULL && letter != EOF; letter = getc(file)) {
+        count += letter == ' ' ? 1 : 0; /* after each number */
+    }
+    if (file != NULL) {
+        (void)fclose(file);
+    }
+    return count;
+}
+
+static int appliance(void *context, const tl_start *start) {
+    stage *on = context;
+    int which = on->starts++;
+    if (which >= (int)strlen(on->plan)) {
+        return 99; /* more starts than planned */
+    }
+    on->last = getpid();
+    on->hold[which] = start->hold;
+    on->again[which] = start->again;
+    on->processes[which] = processes_of(getppid());
+    (void)snprintf(on->reason[which], TL_RESTARTS_REASON, "%s", start->restarts->reason);
+    return play(on->plan[which], tl_heart_begin(start->beats, "cycle", TL_SECOND), start->beats);
+}
+
+/* ---- tests ---- */
+
+void setUp(void) {
+    tl_scratch_empty(&scratch);
+    memset(shared, 0, sizeof *shared);
+    settings = (tl_supervisor_settings){.run = appliance, .context = shared};
+    (void)unsetenv("NOTIFY_SOCKET");
+    (void)unsetenv("WATCHDOG_USEC");
+    TEST_ASSERT_TRUE(tl_stderr_capture_begin());
+}
+
+void tearDown(void) {
+    free(tl_stderr_capture_end());
+}
+
+static void expect_code(const char *plan, int code) {
+    shared->plan = plan;
+    TEST_ASSERT_EQUAL_INT(code, tl_supervise(&settings));
+    TEST_ASSERT_EQUAL_INT((int)strlen(plan), shared->starts);
+}
+
+static void test_ends_with_its_child(void) {
+    expect_code("0", 0);
+    TEST_ASSERT_FALSE(shared->hold[0]);
+    TEST_ASSERT_FALSE(shared->again[0]);
+    TEST_ASSERT_EQUAL_STRING("it was told to", shared->reason[0]);
+}
+
+static void test_a_bad_configuration_is_not_tried_again(void) {
+    expect_code("6", 65);
+}
+
+/* Who starts it is told at once. */
+static void test_what_never_ran_is_not_tried_again(void) {
+    expect_code("8", 70);
+}
+
+/* An FMU that was removed meanwhile: it may come back, and if not, the plant is recorded at least. */
+static void test_what_ran_and_cannot_begin_any_more(void) {
+    expect_code("766660", 0);
+    TEST_ASSERT_TRUE(shared->hold[5]);
+    TEST_ASSERT_EQUAL_STRING("it ended with exit code 65", shared->reason[5]);
+}
+
+static void test_what_ran_is_tried_again(void) {
+    expect_code("780", 0);
+    TEST_ASSERT_TRUE(shared->again[1]);
+    TEST_ASSERT_EQUAL_STRING("it ended with exit code 70", shared->reason[1]);
+}
+
+static void test_a_crash(void) {
+    expect_code("k0", 0);
+    TEST_ASSERT_EQUAL_STRING("it was ended by signal 11, Segmentation fault", shared->reason[1]);
+}
+
+/* Whoever started us may not have wanted to hear of its children. */
+static void test_a_crash_where_children_are_ignored(void) {
+    (void)signal(SIGCHLD, SIG_IGN);
+    expect_code("k0", 0);
+    TEST_ASSERT_EQUAL_STRING("it was ended by signal 11, Segmentation fault", shared->reason[1]);
+}
+
+/* The next child may look for what the dead one left, and must not find a process of its number. */
+static void test_the_dead_are_reaped(void) {
+    unsigned before = processes_of(getpid());
+    expect_code("kkk0", 0);
+    for (int i = 0; i < 4; i++) {
+        TEST_ASSERT_EQUAL_UINT(before + 1, shared->processes[i]);
+    }
+}
+
+/* Only what was announced is an orderly end, whatever the exit code says. */
+static void test_an_fmu_that_ends_the_process(void) {
+    expect_code("x0", 0);
+    TEST_ASSERT_EQUAL_STRING("it ended unannounced, with exit code 0, in fmi2DoStep of motor", shared->reason[1]);
+    TEST_ASSERT_TRUE(shared->again[1]);
+}
+
+static void test_an_fmu_that_ends_the_process_at_start(void) {
+    expect_code("y0", 0);
+    TEST_ASSERT_EQUAL_STRING("it ended unannounced, with exit code 65, in fmi2DoStep of motor", shared->reason[1]);
+}
+
+static void test_an_fmu_that_crashes(void) {
+    expect_code("c0", 0);
+    TEST_ASSERT_EQUAL_STRING("it was ended by signal 11, Segmentation fault, in fmi2DoStep of motor",
+                             shared->reason[1]);
+}
+
+static void test_an_fmu_that_spoils_its_name(void) {
+    char expected[TL_FMU_CALL_NAME];
+    memset(expected, '?', sizeof expected - 1);
+    expected[sizeof expected - 1] = '\0';
+    expect_code("n0", 0);
+    TEST_ASSERT_EQUAL_STRING(expected, strrchr(shared->reason[1], ' ') + 1);
+}
+
+static void test_an_fmu_that_hangs(void) {
+    const char *end = " s, in fmi2DoStep of motor";
+    expect_code("f0", 0);
+    size_t length = strlen(shared->reason[1]);
+    TEST_ASSERT_EQUAL_STRING_LEN("it hung: \"cycle\" gave no sign of life for 1.", shared->reason[1], 44);
+    TEST_ASSERT_TRUE(length > strlen(end));
+    TEST_ASSERT_EQUAL_STRING(end, shared->reason[1] + length - strlen(end));
+}
+
+/* An FMU is not to blame for what hangs beside it. */
+static void test_a_hang_beside_fmus(void) {
+    expect_code("r0", 0);
+    TEST_ASSERT_NULL(strstr(shared->reason[1], "fmi2"));
+}
+
+/* Nothing is lost, and nothing would be gained if it were done again. */
+static void test_a_crash_after_all_was_done(void) {
+    expect_code("l", 0);
+    char *log = tl_stderr_capture_end();
+    TEST_ASSERT_TRUE(tl_stderr_capture_begin());
+    TEST_ASSERT_NOT_NULL(strstr(log, "the twin failed when all was done: it was ended by signal 11"));
+    free(log);
+}
+
+static void test_told_to_end_by_somebody_else(void) {
+    expect_code("t0", 0);
+    TEST_ASSERT_EQUAL_STRING("it was told to end, and not by its supervisor", shared->reason[1]);
+}
+
+static void test_a_hang(void) {
+    expect_code("h0", 0);
+    TEST_ASSERT_EQUAL_STRING_LEN("it hung: \"cycle\" gave no sign of life for 1.", shared->reason[1], 44);
+}
+
+static void test_a_hang_at_start(void) {
+    expect_code("s0", 0);
+}
+
+static void test_a_loop_ends_in_safe_hold(void) {
+    expect_code("khkkk0", 0);
+    for (int i = 0; i < TL_RESTARTS_MOST; i++) {
+        TEST_ASSERT_FALSE(shared->hold[i]);
+    }
+    TEST_ASSERT_TRUE(shared->hold[TL_RESTARTS_MOST]);
+}
+
+static void test_safe_hold_is_held(void) {
+    expect_code("kkkkkk0", 0);
+    TEST_ASSERT_TRUE(shared->hold[5]);
+    TEST_ASSERT_TRUE(shared->hold[6]);
+}
+
+/* The account survives the supervisor: here one in a process of its own, which is killed. */
+static void supervise_and_kill(void) {
+    (void)fflush(NULL);
+    pid_t supervisor = fork();
+    if (supervisor == 0) {
+        _exit(tl_supervise(&settings));
+    }
+    for (int i = 0; i < 1000 && __atomic_load_n(&shared->last, __ATOMIC_ACQUIRE) == 0; i++) {
+        pause_ms(10);
+    }
+    pause_ms(100);
+    TEST_ASSERT_EQUAL_INT(0, kill(supervisor, SIGKILL));
+    TEST_ASSERT_EQUAL_INT(supervisor, waitpid(supervisor, NULL, 0));
+}
+
+static void test_a_killed_supervisor_takes_its_child_along(void) {
+    shared->plan = "w";
+    settings.state = scratch.folder;
+    supervise_and_kill();
+    for (int i = 0; i < 500 && kill(shared->last, 0) == 0; i++) {
+        pause_ms(10); /* until init has reaped it */
+    }
+    TEST_ASSERT_EQUAL_INT(-1, kill(shared->last, 0));
+    memset(shared, 0, sizeof *shared);
+    expect_code("0", 0);
+    TEST_ASSERT_EQUAL_STRING("the supervisor was killed", shared->reason[0]);
+    TEST_ASSERT_TRUE(shared->again[0]);
+}
+
+/* The exit code of a supervisor that gets the signal `after_ms` after the first start. */
+static int supervise_and_tell(const char *plan, int number, long after_ms) {
+    shared->plan = plan;
+    pid_t self = getpid();
+    pid_t killer = fork();
+    if (killer == 0) {
+        for (int i = 0; i < 1000 && __atomic_load_n(&shared->last, __ATOMIC_ACQUIRE) == 0; i++) {
+            pause_ms(10);
+        }
+        pause_ms(after_ms);
+        (void)kill(self, number);
+        _exit(0);
+    }
+    int code = tl_supervise(&settings);
+    TEST_ASSERT_EQUAL_INT(1, shared->starts);
+    TEST_ASSERT_EQUAL_INT(killer, waitpid(killer, NULL, 0));
+    return code;
+}
+
+static void test_told_to_end(void) {
+    TEST_ASSERT_EQUAL_INT(0, supervise_and_tell("w", SIGTERM, 200));
+}
+
+/* A child that does not end when it is told to is ended once it is silent; nobody begins a new one. */
+static void test_told_to_end_while_it_hangs(void) {
+    TEST_ASSERT_EQUAL_INT(75, supervise_and_tell("s", SIGINT, 0));
+}
+
+/* It hangs, and yet its heart beats. That it was killed is an orderly end of the supervisor all the same. */
+static void test_told_to_end_and_deaf(void) {
+    settings.state = scratch.folder;
+    TEST_ASSERT_EQUAL_INT(75, supervise_and_tell("b", SIGTERM, 200));
+    char *log = tl_stderr_capture_end();
+    TEST_ASSERT_TRUE(tl_stderr_capture_begin());
+    TEST_ASSERT_NOT_NULL_MESSAGE(
+        strstr(log, "the twin failed when it was to end: it was told to end, and was still there 16 s later, "
+                    "in fmi2DoStep of motor\n"),
+        log);
+    free(log);
+    memset(shared, 0, sizeof *shared);
+    expect_code("0", 0);
+    TEST_ASSERT_EQUAL_STRING("it was told to", shared->reason[0]);
+    TEST_ASSERT_FALSE(shared->again[0]);
+}
+
+/* ---- a service manager that has no turn ---- */
+
+static char notify_path[64];
+
+/* A socket that holds nothing more, and that nobody reads. */
+static int fill_notify_socket(void) {
+    struct sockaddr_un address = {.sun_family = AF_UNIX};
+    (void)snprintf(notify_path, sizeof notify_path, "/tmp/twinlock-notify-%d", (int)getpid());
+    (void)snprintf(address.sun_path, sizeof address.sun_path, "%s", notify_path);
+    (void)unlink(notify_path);
+    int socket_ = socket(AF_UNIX, SOCK_DGRAM | SOCK_NONBLOCK, 0);
+    int sender = socket(AF_UNIX, SOCK_DGRAM | SOCK_NONBLOCK, 0);
+    TEST_ASSERT_EQUAL_INT(0, bind(socket_, (struct sockaddr *)&address, sizeof address));
+    while (sendto(sender, "X", 1, 0, (struct sockaddr *)&address, sizeof address) == 1) {
+    }
+    (void)close(sender);
+    TEST_ASSERT_EQUAL_INT(0, setenv("NOTIFY_SOCKET", notify_path, 1));
+    return socket_;
+}
+
+/* It may be the hanging child that keeps it from having one. */
+static void test_nobody_waits_for_the_service_manager(void) {
+    int socket_ = fill_notify_socket();
+    expect_code("h0", 0);
+    (void)close(socket_);
+    (void)unlink(notify_path);
+}
+
+static bool hears(int socket_, const char *wanted) {
+    char text[TL_HEARTBEAT_STATUS] = "";
+    for (int i = 0; i < 500; i++) {
+        ssize_t size = recv(socket_, text, sizeof text - 1, 0);
+        text[size < 0 ? 0 : size] = '\0';
+        if (strcmp(text, wanted) == 0) {
+            return true;
+        }
+        pause_ms(size < 0 ? 10 : 0);
+    }
+    return false;
+}
+
+/* A service that is never ready is ended by systemd. */
+static void test_ready_is_told_until_it_is_heard(void) {
+    int socket_ = fill_notify_socket();
+    (void)setenv("WATCHDOG_USEC", "100000000", 1); /* who does not know that word was built without libsystemd */
+    pid_t self = getpid();
+    pid_t manager = fork();
+    if (manager == 0) {
+        pause_ms(500);
+        bool heard = hears(socket_, "READY=1");
+        (void)kill(self, SIGTERM);
+        _exit(heard ? 0 : 1);
+    }
+    expect_code("w", 0);
+    int how = 1;
+    TEST_ASSERT_EQUAL_INT(manager, waitpid(manager, &how, 0));
+    (void)close(socket_);
+    (void)unlink(notify_path);
+    if (tl_service_patience() == 0) {
+        TEST_IGNORE_MESSAGE("built without libsystemd");
+    }
+    TEST_ASSERT_EQUAL_INT(0, how);
+}
+
+static void test_a_watchdog_that_is_none(void) {
+    settings.watchdog = "/dev/null";
+    settings.watchdog_s = 10;
+    shared->plan = "";
+    TEST_ASSERT_EQUAL_INT(69, tl_supervise(&settings));
+    TEST_ASSERT_EQUAL_INT(0, shared->starts);
+}
+
+static void test_a_folder_that_is_none(void) {
+    settings.state = "/nowhere/state";
+    shared->plan = "";
+    TEST_ASSERT_EQUAL_INT(65, tl_supervise(&settings));
+    TEST_ASSERT_EQUAL_INT(0, shared->starts);
+}
+
+int main(void) {
+    UNITY_BEGIN();
+    tl_scratch_make(&scratch, TL_BINARY_DIR, "test_supervisor");
+    /* cppcheck-suppress invalidFunctionArg ; an anonymous mapping has no file, which is -1 */
+    shared = mmap(NULL, sizeof *shared, PROT_READ | PROT_WRITE, MAP_SHARED | MAP_ANONYMOUS, -1, 0);
+    if (shared == MAP_FAILED) {
+        return 1;
+    }
+    RUN_TEST(test_ends_with_its_child);
+    RUN_TEST(test_a_bad_configuration_is_not_tried_again);
+    RUN_TEST(test_what_never_ran_is_not_tried_again);
+    RUN_TEST(test_what_ran_and_cannot_begin_any_more);
+    RUN_TEST(test_what_ran_is_tried_again);
+    RUN_TEST(test_a_crash);
+    RUN_TEST(test_a_crash_where_children_are_ignored);
+    RUN_TEST(test_the_dead_are_reaped);
+    RUN_TEST(test_an_fmu_that_ends_the_process);
+    RUN_TEST(test_an_fmu_that_ends_the_process_at_start);
+    RUN_TEST(test_an_fmu_that_crashes);
+    RUN_TEST(test_an_fmu_that_spoils_its_name);
+    RUN_TEST(test_an_fmu_that_hangs);
+    RUN_TEST(test_a_hang_beside_fmus);
+    RUN_TEST(test_a_crash_after_all_was_done);
+    RUN_TEST(test_told_to_end_by_somebody_else);
+    RUN_TEST(test_a_hang);
+    RUN_TEST(test_a_hang_at_start);
+    RUN_TEST(test_a_loop_ends_in_safe_hold);
+    RUN_TEST(test_safe_hold_is_held);
+    RUN_TEST(test_a_killed_supervisor_takes_its_child_along);
+    RUN_TEST(test_told_to_end);
+    RUN_TEST(test_told_to_end_while_it_hangs);
+    RUN_TEST(test_told_to_end_and_deaf);
+    RUN_TEST(test_nobody_waits_for_the_service_manager);
+    RUN_TEST(test_ready_is_told_until_it_is_heard);
+    RUN_TEST(test_a_watchdog_that_is_none);
+    RUN_TEST(test_a_folder_that_is_none);
+    tl_scratch_remove(&scratch);
+    return UNITY_END();
+}

@@ -1,0 +1,209 @@
+/* The numbers of a plan: what is in range passes, and what is not is reported once, where it is, by its key. */
+#include <math.h>
+#include <stdint.h>
+#include <string.h>
+#include <unity.h>
+
+#include "master/plan/plan.h"
+
+enum { WORDS = 512 };
+
+static tl_plan_adjust adjust[2];
+static tl_plan_match match[2];
+static tl_plan plan;
+static char found_where[64];
+static char found_text[WORDS];
+
+static void keep(void *context, tl_status status, const char *where, const char *text) {
+    (void)context;
+    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, status);
+    (void)strncpy(found_where, where, sizeof found_where - 1);
+    (void)strncpy(found_text, text, sizeof found_text - 1);
+}
+
+/* A plan that there is nothing against. */
+void setUp(void) {
+    adjust[0] = (tl_plan_adjust){.where = "adjust.first", .step = 1.0, .lower = -HUGE_VAL, .upper = HUGE_VAL};
+    adjust[1] = adjust[0];
+    adjust[1].where = "adjust.second";
+    match[0] = (tl_plan_match){.where = "match.first", .tolerance = 0.5, .weight = 1.0};
+    match[1] = match[0];
+    match[1].where = "match.second";
+    plan = (tl_plan){.step = TL_SECOND, .adjust = adjust, .adjust_count = 2, .match = match, .match_count = 2};
+    memset(found_where, 0, sizeof found_where);
+    memset(found_text, 0, sizeof found_text);
+}
+
+void tearDown(void) {}
+
+/* Checks the plan; how many problems it has. None of those here may forbid to build. */
+static size_t problems(void) {
+    tl_report report = {.add = keep};
+    TEST_ASSERT_TRUE(tl_plan_check(&plan, &report));
+    return report.count;
+}
+
+static void expect_none(void) {
+    TEST_ASSERT_EQUAL_UINT64_MESSAGE(0, problems(), found_text);
+}
+
+/* Exactly one problem. */
+static void expect_problem(const char *where, const char *text) {
+    TEST_ASSERT_EQUAL_UINT64_MESSAGE(1, problems(), found_text);
+    TEST_ASSERT_EQUAL_STRING(where, found_where);
+    TEST_ASSERT_EQUAL_STRING(text, found_text);
+}
+
+/* A number that may be 0 and more, but not less, not infinite and not NaN. */
+static void expect_from_zero(double *number, const char *where, const char *words) {
+    static const double right[] = {-0.0, 0.0, 4.9e-324, 1.0, 1e300};
+    static const double wrong[] = {-4.9e-324, -1.0, -HUGE_VAL, HUGE_VAL, (double)NAN};
+    for (size_t i = 0; i < sizeof right / sizeof *right; i++) {
+        *number = right[i];
+        expect_none();
+    }
+    for (size_t i = 0; i < sizeof wrong / sizeof *wrong; i++) {
+        *number = wrong[i];
+        TEST_ASSERT_EQUAL_UINT64(1, problems());
+        TEST_ASSERT_EQUAL_STRING(where, found_where);
+        TEST_ASSERT_NOT_NULL_MESSAGE(strstr(found_text, words), found_text);
+    }
+    *number = 0.0;
+}
+
+static void a_plan_of_ordinary_numbers_passes(void) {
+    expect_none();
+    adjust[0].deviation_penalty = 0.1;
+    adjust[0].rate_penalty = 2.0;
+    adjust[1].dwell = TL_SECOND;
+    match[0].huber = 3.0;
+    match[1].condition = (tl_plan_condition){.median = 5, .low_pass = TL_SECOND, .gate = 2.0};
+    plan.noise_floor = 0.05;
+    plan.shape = TL_DYNAMIC;
+    plan.measurements = TL_HOLD;
+    plan.evaluations = UINT32_MAX;
+    plan.saving = (tl_plan_saving){.structure = true, .sequences = true, .nodes = UINT32_MAX};
+    expect_none();
+}
+
+static void penalties_are_numbers_from_zero(void) {
+    expect_from_zero(&adjust[1].deviation_penalty, "adjust.second",
+                     "\"penalty\": found a penalty on the deviation of ");
+    expect_from_zero(&adjust[0].rate_penalty, "adjust.first", "\"penalty\": found a penalty on the rate of ");
+    adjust[0].rate_penalty = -0.25;
+    expect_problem("adjust.first", "\"penalty\": found a penalty on the rate of -0.25, expected a number from 0");
+}
+
+static void a_dwell_is_a_time_from_zero(void) {
+    adjust[1].dwell = INT64_MAX;
+    expect_none();
+    adjust[1].dwell = -TL_SECOND / 2;
+    expect_problem("adjust.second", "\"dwell_s\": found -0.5 s, expected a time from 0");
+    adjust[1].dwell = -1;
+    TEST_ASSERT_EQUAL_UINT64(1, problems());
+}
+
+static void a_huber_limit_is_a_number_from_zero(void) {
+    expect_from_zero(&match[1].huber, "match.second", "\"huber\": found ");
+    match[1].huber = -3.0;
+    expect_problem("match.second", "\"huber\": found -3, expected a number from 0");
+}
+
+static void a_weight_is_a_number_from_zero(void) {
+    expect_from_zero(&match[0].weight, "match.first", "\"weight\": found ");
+}
+
+static void a_median_has_an_odd_number_of_samples(void) {
+    for (uint32_t size = 0; size < 300; size++) {
+        match[0].condition.median = size;
+        size_t expected = size <= 1 || (size % 2 == 1 && size <= 99) ? 0 : 1;
+        TEST_ASSERT_EQUAL_UINT64(expected, problems());
+    }
+    match[0].condition.median = UINT32_MAX;
+    TEST_ASSERT_EQUAL_UINT64(1, problems());
+    match[0].condition.median = 4;
+    expect_problem("match.first",
+                   "\"condition.median\": found 4 samples, expected an odd number from 3 to 99, or 0 or 1 for none");
+}
+
+/* A longer one would delay every step by more than can be counted. */
+static void a_low_pass_is_at_most_a_thousand_steps_long(void) {
+    plan.step = TL_SECOND / 100;
+    match[0].condition.low_pass = 10 * TL_SECOND;
+    expect_none();
+    match[0].condition.low_pass = 10 * TL_SECOND + 1;
+    TEST_ASSERT_EQUAL_UINT64(1, problems());
+    match[0].condition.low_pass = INT64_MAX;
+    TEST_ASSERT_EQUAL_UINT64(1, problems());
+    match[0].condition.low_pass = 20 * TL_SECOND;
+    expect_problem("match.first",
+                   "\"condition.low_pass_s\": found 20 s, expected at most 1000 macro steps, which are 10 s");
+}
+
+static void a_low_pass_has_a_time_constant_from_zero(void) {
+    match[0].condition.low_pass = INT64_MIN;
+    TEST_ASSERT_EQUAL_UINT64(1, problems());
+    match[0].condition.low_pass = -1;
+    TEST_ASSERT_EQUAL_UINT64(1, problems());
+    match[0].condition.low_pass = -2 * TL_SECOND;
+    expect_problem("match.first", "\"condition.low_pass_s\": found -2 s, expected a time constant from 0");
+}
+
+static void a_gate_is_a_number_from_zero(void) {
+    expect_from_zero(&match[1].condition.gate, "match.second", "\"condition.gate\": found ");
+    match[1].condition.gate = -1.5;
+    expect_problem("match.second", "\"condition.gate\": found -1.5, expected a number from 0");
+}
+
+static void a_noise_floor_is_a_number_from_zero(void) {
+    expect_from_zero(&plan.noise_floor, "synchronise.noise_floor", "found a noise floor of ");
+    plan.noise_floor = -0.05;
+    expect_problem("synchronise.noise_floor", "found a noise floor of -0.05, expected a number from 0");
+}
+
+static void a_margin_is_below_one(void) {
+    plan.margin = 1.0;
+    expect_problem("synchronise.margin", "found a margin of 1, expected one from 0 to below 1");
+}
+
+static void choices_are_among_those_there_are(void) {
+    for (int i = 0; i <= TL_HOLD; i++) {
+        plan.measurements = (tl_measurements)i;
+        expect_none();
+    }
+    plan.measurements = (tl_measurements)(TL_HOLD + 1);
+    expect_problem("synchronise.horizon.measurements", "found the choice number 3, expected one from 0 to 2");
+    plan.measurements = TL_LAG;
+    plan.shape = (tl_shape)(TL_DYNAMIC + 1);
+    expect_problem("synchronise.horizon.shape", "found the choice number 2, expected one from 0 to 1");
+    plan.shape = (tl_shape)-1;
+    TEST_ASSERT_EQUAL_UINT64(1, problems());
+}
+
+static void every_problem_is_reported(void) {
+    adjust[0].deviation_penalty = -1.0;
+    adjust[0].rate_penalty = -1.0;
+    adjust[1].dwell = -1;
+    match[0].huber = -1.0;
+    match[1].condition = (tl_plan_condition){.median = 2, .low_pass = -1, .gate = -1.0};
+    plan.noise_floor = -1.0;
+    TEST_ASSERT_EQUAL_UINT64(8, problems());
+}
+
+int main(void) {
+    UNITY_BEGIN();
+    RUN_TEST(a_plan_of_ordinary_numbers_passes);
+    RUN_TEST(penalties_are_numbers_from_zero);
+    RUN_TEST(a_dwell_is_a_time_from_zero);
+    RUN_TEST(a_huber_limit_is_a_number_from_zero);
+    RUN_TEST(a_weight_is_a_number_from_zero);
+    RUN_TEST(a_median_has_an_odd_number_of_samples);
+    RUN_TEST(a_low_pass_is_at_most_a_thousand_steps_long);
+    RUN_TEST(a_low_pass_has_a_time_constant_from_zero);
+    RUN_TEST(a_gate_is_a_number_from_zero);
+    RUN_TEST(a_noise_floor_is_a_number_from_zero);
+    RUN_TEST(a_margin_is_below_one);
+    RUN_TEST(choices_are_among_those_there_are);
+    RUN_TEST(every_problem_is_reported);
+    return UNITY_END();
+}
