@@ -181,7 +181,7 @@ tl_status tl_stroke_return(tl_stroke *stroke, tl_error *error) {
 
 tl_status tl_stroke_walk(tl_stroke *stroke, tl_error *error) {
     tl_lock *lock = stroke->lock;
-    *lock->adjusted[0].real = stroke->u;
+    tl_exchange_set_adjusted(lock->exchange, 0, stroke->u);
     tl_status status = tl_exchange_try(lock->exchange, stroke->at, 0, error);
     tl_ledger_walked(&lock->ledger, status == TL_OK, status == TL_OK ? SIZE_MAX : lock->exchange->failed);
     if (status != TL_OK) {

@@ -608,7 +608,7 @@ static void extrapolate(const tl_lock *lock, const double *nominal, double *valu
     for (size_t v = 0; v < lock->horizon.variables; v++) {
         const tl_adjusted *adjusted = &lock->adjusted[v];
         values[v] = nominal[v];
-        if (lock->has_last && adjusted->boolean != NULL) {
+        if (lock->has_last && adjusted->is_boolean) {
             values[v] = lock->memory.before[v];
         } else if (lock->has_last && fabs(lock->last_delta[v]) > 0.0) {
             values[v] = fmin(fmax(nominal[v] + lock->last_delta[v], adjusted->lower), adjusted->upper);

@@ -76,6 +76,7 @@ static void build_boolean(tl_adjusted *adjusted, const tl_plan *plan, const tl_p
     adjusted->lower = 0.0;
     adjusted->upper = 1.0;
     adjusted->dwell = steps_for(adjust->dwell, plan->step);
+    adjusted->is_boolean = true;
 }
 
 static void build_adjusted(tl_twin *twin, const tl_plan *plan, tl_report *report) {
@@ -288,22 +289,14 @@ static bool find_nominal(const tl_plan *plan, const tl_plan_adjust *adjust, cons
 
 static void place_adjusted(tl_twin *twin, const tl_plan *plan, tl_report *report) {
     for (size_t i = 0; i < plan->adjust_count; i++) {
-        tl_adjusted *adjusted = &twin->lock.adjusted[i];
+        double nominal = 0.0;
         const tl_port *port = twin->adjust_ports[i];
         const tl_connection *connection = tl_graph_connection_to(&twin->graph, port);
-        if (connection == NULL && !find_nominal(plan, &plan->adjust[i], port, &adjusted->nominal)) {
+        if (connection == NULL && !find_nominal(plan, &plan->adjust[i], port, &nominal)) {
             tl_report_add(report, TL_BAD_DATA, plan->adjust[i].where, "%s has no start value: give it \"nominal\"",
                           plan->adjust[i].variable);
         }
-        if (port->type == TL_REAL) {
-            adjusted->real = tl_exchange_input(&twin->exchange, port);
-            adjusted->delivered_real = connection != NULL ? connection->nominal : NULL;
-            *adjusted->real = adjusted->nominal;
-        } else {
-            adjusted->boolean = tl_exchange_input(&twin->exchange, port);
-            adjusted->delivered_boolean = connection != NULL ? connection->nominal : NULL;
-            *adjusted->boolean = adjusted->nominal != 0.0 ? fmi2True : fmi2False;
-        }
+        tl_exchange_place_adjusted(&twin->exchange, i, port, connection, nominal);
     }
 }
 
