@@ -52,18 +52,17 @@ static double nominal_of(const tl_event_horizon *self) {
 
 /* ---- build ---- */
 
-/* Which matched output tells of the event. */
-static void place_event(tl_event_horizon *self) {
+/* Which matched output tells of the event; one does, in a plan that was checked. */
+static tl_stroke_event find_event(const tl_objective *objective, event_edge end) {
     size_t match = 0;
-    const tl_objective *objective = &self->lock->objective;
     for (size_t i = 0; i < objective->term_count; i++) {
         const tl_objective_term *term = &objective->terms[i];
-        if (term->weight > 0.0 && term->signal == self->end.signal) {
-            self->stroke.event = (tl_stroke_event){match, self->end.signal, term->shift, self->end.falls};
-            return;
+        if (term->weight > 0.0 && term->signal == end.signal) {
+            return (tl_stroke_event){match, end.signal, term->shift, end.falls};
         }
         match += term->weight > 0.0;
     }
+    return (tl_stroke_event){0};
 }
 
 tl_event_horizon *tl_event_horizon_create(tl_arena *arena, tl_lock *lock, const tl_plan *plan) {
@@ -83,16 +82,15 @@ tl_event_horizon *tl_event_horizon_create(tl_arena *arena, tl_lock *lock, const 
     self->kept = (int64_t)tl_event_plan_window(plan) - 2;
     self->stands_in = plan->measurements == TL_HOLD;
     self->u = nominal_of(self);
-    self->search = (tl_event_search){.solver = lock->solver,
-                                     .step = adjusted->step,
-                                     .lower = adjusted->lower,
-                                     .upper = adjusted->upper,
-                                     .stagnation = plan->stagnation};
-    self->stroke.lock = lock;
-    place_event(self);
-    uint32_t evaluations = plan->evaluations != 0 ? plan->evaluations : 60;
-    bool placed = tl_stroke_init(&self->stroke, arena, tl_event_plan_window(plan)) &&
-                  tl_event_search_init(&self->search, arena, evaluations);
+    const tl_stroke_settings stroke = {
+        .lock = lock, .event = find_event(&lock->objective, self->end), .samples = tl_event_plan_window(plan)};
+    const tl_event_search_settings search = {.solver = lock->solver,
+                                             .step = adjusted->step,
+                                             .lower = adjusted->lower,
+                                             .upper = adjusted->upper,
+                                             .stagnation = plan->stagnation,
+                                             .evaluations = plan->evaluations != 0 ? plan->evaluations : 60};
+    bool placed = tl_stroke_init(&self->stroke, arena, &stroke) && tl_event_search_init(&self->search, arena, &search);
     return placed ? self : NULL;
 }
 
