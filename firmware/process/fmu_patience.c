@@ -24,6 +24,10 @@ bool tl_fmu_patience_parse(const char *verb, const char *text, tl_time *limit) {
     return true;
 }
 
+void tl_fmu_patience_init(tl_fmu_patience *patience, tl_time limit) {
+    *patience = (tl_fmu_patience){.limit = limit};
+}
+
 static void note_time(tl_fmu_patience *patience, const tl_fmu_patience_view *view) {
     tl_time passed = patience->looked == 0 ? 0 : view->now - patience->looked;
     bool same = view->call != NULL && view->call->begun == patience->begun;

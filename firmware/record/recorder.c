@@ -481,7 +481,7 @@ static tl_status start(tl_recorder *recorder, const tl_recorder_settings *settin
     recorder->wait_when_full = settings->wait_when_full;
     recorder->patience = settings->patience != 0 ? settings->patience : PATIENCE;
     recorder->lost_said_at = now() - LOSS_PAUSE;
-    recorder->limiter.per_second = 5;
+    recorder->limiter = (tl_log_limiter)TL_LOG_LIMITER(5);
     if (recorder->path == NULL || !tl_recorder_ring_open(&recorder->ring, ring_size(settings, &recorder->shape))) {
         return tl_fail(error, TL_TRY_AGAIN, "%s: out of memory", settings->path);
     }
