@@ -342,15 +342,17 @@ static void a_cut_connection_delivers_to_the_nominal_only(void) {
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_exchange_init(&exchange, &arena, &graph, 8, &error));
     TEST_ASSERT_EQUAL_INT(TL_OK,
                           tl_component_instantiate(&graph.components[0], &fmus[0].callbacks, "file:///r", &error));
-    const double *nominal = tl_graph_connection_to(&graph, port)->nominal;
+    tl_exchange_place_adjusted(&exchange, 0, port, tl_graph_connection_to(&graph, port), 7.0);
     push(3.0);
     initialize();
-    TEST_ASSERT_EQUAL_DOUBLE(3.0, *nominal);
+    TEST_ASSERT_EQUAL_DOUBLE(3.0, tl_exchange_nominal(&exchange, 0)); /* not 7: the connection delivers it */
+    TEST_ASSERT_EQUAL_DOUBLE(3.0, tl_exchange_adjusted(&exchange, 0));
     TEST_ASSERT_EQUAL_DOUBLE(3.0, input(0)); /* while initialising, û is the input */
     push(4.0);
-    *(fmi2Real *)tl_exchange_input(&exchange, port) = 9.0;
+    tl_exchange_set_adjusted(&exchange, 0, 9.0);
+    TEST_ASSERT_EQUAL_DOUBLE(9.0, tl_exchange_adjusted(&exchange, 0));
     step(0);
-    TEST_ASSERT_EQUAL_DOUBLE(4.0, *nominal);
+    TEST_ASSERT_EQUAL_DOUBLE(4.0, tl_exchange_nominal(&exchange, 0));
     TEST_ASSERT_EQUAL_DOUBLE(9.0, input(0));
     TEST_ASSERT_EQUAL_DOUBLE(9.0, tl_test_log_step(&call_log, &fmus[0], 0)->u[0]);
 }
