@@ -24,6 +24,7 @@ CLEAN = {
     "board/csv/csv.h": header("board/csv/csv.h", '#include "board/io/plant_io.h"'),
     "board/csv/csv.c": '#include "board/csv/csv.h"\n#include <unistd.h>\n',
     "board/csv/csv_row.c": '#include "board/csv/csv.h"\n',
+    "firmware/verbs/option_table.c": 'option rows[] = {\n    {RUN, "live",\n    {EVERY, "help",\n};\n',
     "firmware/f.c": '#include "board/csv/csv.h"\n#include "master/solve/s.h"\n',
     "README.md": "# One title\nSee [this](master/base/a.h) and [that](#one-title).\n```sh\nscript/go --now\n```\n",
     "script/go": "#!/usr/bin/env bash\nset -e\n",
@@ -61,6 +62,8 @@ BROKEN = [
     ("docs", "README.md", "[gone](gone.md)\n", "leads nowhere"),
     ("docs", "README.md", "# A\n[gone](#gone)\n", "no such heading"),
     ("docs", "README.md", "```sh\nscript/gone --fast\n```\n", "no such command"),
+    ("docs", "README.md", "`twinlock run x.json --gone 3`\n", "twinlock run has no option --gone"),
+    ("docs", "README.md", "```sh\ntwinlock show x.db --live\n```\n", "twinlock show has no option --live"),
 ]
 
 

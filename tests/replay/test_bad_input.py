@@ -499,6 +499,32 @@ def test_wrong_usage():
     expect_refused(["plant", FREE], BAD_USAGE, "reads nothing by Modbus TCP", "--for", "--record")
 
 
+def test_what_was_probably_meant():
+    """A word that is none is told with the one beside it, and nothing runs."""
+    for args, *words in (
+            (["rply", FREE], "there is no verb \"rply\": did you mean replay?"),
+            (["help", "shw"], "there is no verb \"shw\": did you mean show?"),
+            (["--json", "replay", FREE], "there is no verb \"--json\": options come behind the verb"),
+            (["run", LIVE, "--duraton", "3"], "there is no option --duraton: did you mean --duration?"),
+            (["run", LIVE, "--Status"], "did you mean --status?"),
+            (["replay", FREE, "--recordings=a.csv"], "there is no option --recordings: did you mean --recording?"),
+            (["run", LIVE, "--plain"], "there is no option --plain here: it is one of replay"),
+            (["check", FREE, "--csv", "a"], "there is no option --csv here: it is one of replay, show"),
+            (["plant", FREE, "--rec", "a"], "--rec is short for several options: --recording or --record"),
+            (["plant", FREE, "-s", "1"], "there is no option -s"),
+            (["replay", FREE, "--quite-another"], "there is no option --quite-another\n"),
+            (["replay", FREE, "--json=yes"], "--json takes no value: found \"--json=yes\""),
+            (["replay", FREE, "--recording"], "--recording: FILE is missing behind it"),
+            (["check"], "expected exactly one configuration, found none"),
+            (["check", FREE, LIVE], f"expected exactly one configuration, found \"{FREE}\" and \"{LIVE}\""),
+            (["show", "a.db", "--json", "--report", "b"], "expected at most one of --json, --csv, --report"),
+            (["plant", FREE, "--fifo", "a", "--record", "b"], "expected at most one of --fifo, --record")):
+        lines = expect_refused(args, BAD_USAGE, *words)
+        if args[0] in VERBS:
+            help_line = f"usage: twinlock {args[0]} {'DATABASE' if args[0] == 'show' else 'CONFIG'} [options]"
+            expect(len(lines) == 2 and lines[1].startswith(help_line), f"{args}: {lines}")
+
+
 def test_a_plant_leaves_out_what_it_cannot_serve():
     """GPIO lines and serial lines of the listener are said, and are no error by themselves."""
     lines = edited_config("motor/box.json", {
@@ -528,6 +554,7 @@ def test_help():
         for line in out.splitlines():
             expect(len(line) <= 100, f"twinlock {' '.join(args)}: a line of {len(line)} columns: {line}")
     for verb in VERBS:
+        expect(run_well(["help", verb]) == run_well([verb, "--help"]), f"help {verb} is not {verb} --help")
         expect(f"\n  {verb} " in run_well(["--help"]), f"--help does not name {verb}")
 
 
