@@ -98,6 +98,9 @@ BOARD_SYMBOLS = [
     ("can/can_x.c", "#include <sys/socket.h>\nlong tl_a(int s) {\n    return send(s, \"\", 1, 0);\n}\n", "needs send"),
     ("can/can.c", "#include <sys/socket.h>\nlong tl_a(int s, void *m) {\n    return recvmsg(s, m, 0);\n}\n", "needs recvmsg"),
     ("can/can_link.c", "long syscall(long n, ...);\nlong tl_a(void) {\n    return syscall(1);\n}\n", "needs syscall"),
+    ("io/wake.c", "#include <sys/eventfd.h>\nlong tl_a(int s) {\n    return eventfd_write(s, 1);\n}\n", "0 findings"),
+    ("io/wake.c", "#include <unistd.h>\nlong tl_a(int s) {\n    return write(s, \"\", 1);\n}\n", "needs write"),
+    ("io/link.c", "#include <sys/eventfd.h>\nlong tl_a(int s) {\n    return eventfd_write(s, 1);\n}\n", "needs eventfd_write"),
     ("csv/csv.c", "#include <unistd.h>\nlong tl_a(int s) {\n    return write(s, \"\", 1);\n}\n", "0 findings"),
 ]
 
