@@ -4,9 +4,9 @@
 #include <stdio.h>
 #include <string.h>
 
-#include "firmware/text/nearest.h"
 #include "firmware/verbs/option_table.h"
 #include "firmware/verbs/verbs.h"
+#include "master/base/nearest.h"
 
 static int (*const RUN[TL_VERB_COUNT])(const tl_options *options) = {
     [TL_VERB_CHECK] = tl_verb_check, [TL_VERB_REPLAY] = tl_verb_replay, [TL_VERB_RUN] = tl_verb_run,

@@ -10,10 +10,11 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "firmware/base/other_case.h"
 #include "firmware/process/fmu_patience.h"
-#include "firmware/text/nearest.h"
 #include "firmware/text/utc.h"
 #include "firmware/verbs/option_table.h"
+#include "master/base/nearest.h"
 
 /* What getopt_long() returns: a row of the table, from here on, so that no row is taken for a character. */
 enum { FIRST_ROW = 256, LONGEST_NAME = 64 };
@@ -324,13 +325,16 @@ tl_options_outcome tl_options_read(tl_verb verb, int argc, char **argv, tl_optio
 
 tl_status tl_options_find_recording(const tl_options *options, const tl_config *config, char path[PATH_MAX],
                                     tl_error *error) {
+    char other[TL_OTHER_CASE_TEXT];
     if (options->recording != NULL) {
         (void)snprintf(path, PATH_MAX, "%s", options->recording);
-        return TL_OK;
-    }
-    if (config->recording_file == NULL) {
+    } else if (config->recording_file != NULL) {
+        tl_config_file_path(config, config->recording_file, path, PATH_MAX);
+    } else {
         return tl_fail(error, TL_BAD_USAGE, "%s names no recording: give one with --recording FILE", config->path);
     }
-    tl_config_file_path(config, config->recording_file, path, PATH_MAX);
+    if (tl_other_case(path, other)[0] != '\0') {
+        return tl_fail(error, TL_BAD_DATA, "%s: No such file or directory%s", path, other);
+    }
     return TL_OK;
 }

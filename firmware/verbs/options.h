@@ -65,7 +65,8 @@ typedef enum tl_options_outcome {
  * stand before and behind the subject. `argv` is put into another order. */
 tl_options_outcome tl_options_read(tl_verb verb, int argc, char **argv, tl_options *options);
 
-/* The path of the recording: the one given, else the one configured. TL_BAD_USAGE if there is neither. */
+/* The path of the recording: the one given, else the one configured. TL_BAD_USAGE if there is neither, TL_BAD_DATA
+ * if the file is only there with other letters' case; else who opens it says what is wrong with it. */
 tl_status tl_options_find_recording(const tl_options *options, const tl_config *config, char path[PATH_MAX],
                                     tl_error *error);
 

@@ -61,6 +61,35 @@ def test_unknown_names():
                    "synchronise.match.motor.nothing", "no variable \"nothing\"")
 
 
+def test_names_that_are_nearly_right():
+    """The one that was probably meant is told: a key, a component, a signal, a variable."""
+    for edits, *words in (
+            ({"synchronize": {}}, "the unknown key \"synchronize\"", "expected \"synchronise\""),
+            (connect(torque=["plant.torqe", "motor.M_w"]), "connect[0][0]", "for example \"plant.torque\""),
+            (connect(omega=["moter.omega", "drive.y"]), "connect[2][0]", "for example \"motor.omega\""),
+            (connect(omega=["motor.Omega", "drive.y"]), "connect[2]", "no variable \"Omega\", perhaps \"omega\" is meant"),
+            ({"components": {"drive": {"set": {"reff": 1}}}}, "drive.set.reff", "perhaps \"ref\" is meant")):
+        expect_problem(edits, *words)
+
+
+def test_files_with_other_letters_case():
+    folder = scratch()
+    for name in ("Lock.json", "Steps.csv", "Twin.db"):
+        (folder / name).write_bytes(RECORDING.read_bytes() if name == "Steps.csv" else b"{}")
+    for args, name in ((["check", folder / "lock.json"], "Lock.json"), (["run", folder / "LOCK.JSON"], "Lock.json"),
+                       (["replay", FREE, "--recording", folder / "steps.csv"], "Steps.csv"),
+                       (["plant", FREE, "--record", folder / "x", "--recording", folder / "STEPS.csv"], "Steps.csv"),
+                       (["plant", FREE, "--for", folder / "lock.JSON"], "Lock.json"),
+                       (["show", folder / "twin.db"], "Twin.db")):
+        expect_refused(args, BAD_DATA, "No such file", f"there is {name} beside it, with other letters' case")
+    fmu = folder / "Motor.fmu"
+    fmu.touch()
+    expect_problem({"components": {"motor": {"fmu": str(folder / "motor.fmu")}}},
+                   "no file", "there is Motor.fmu beside it, with other letters' case")
+    lines = expect_refused(["check", folder / "other.json"], BAD_DATA, "No such file")
+    expect("beside it" not in lines[0], lines[0])
+
+
 def test_types_that_do_not_fit():
     integer = {"plant": {"torque": {"type": "integer"}}}
     expect_problem(integer, "connect[0]", "plant.torque is Integer", "motor.M_w is Real")
