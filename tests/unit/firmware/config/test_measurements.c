@@ -19,22 +19,10 @@ static tl_test_plan plan;
 static tl_test_run run;
 static uint32_t seed;
 
-static void end(void) {
-    tl_twin_destroy(run.twin);
-    run.twin = NULL;
-    for (size_t i = 0; i < COMPONENTS; i++) {
-        tl_test_fmu_end(&fmus[i]);
-    }
-}
-
-void setUp(void) {
-    tl_test_log_clear(&call_log);
-    run.twin = NULL;
-}
+void setUp(void) {}
 
 void tearDown(void) {
-    end();
-    TEST_ASSERT_EQUAL_STRING("", call_log.first_violation);
+    tl_test_run_end(&run, &plan);
 }
 
 static uint32_t any(uint32_t below) {
@@ -47,12 +35,6 @@ static double noise(void) {
     return (double)any(20001) / 10000.0 - 1.0;
 }
 
-static void build(void) {
-    tl_twin *twin = tl_test_plan_build(&plan);
-    TEST_ASSERT_EQUAL_STRING("", plan.problems[0].text);
-    tl_test_run_init(&run, twin);
-}
-
 static void add_signals(void) {
     tl_test_plan_signal(&plan, "cmd", TL_REAL, "");
     tl_test_plan_signal(&plan, "y0", TL_REAL, "");
@@ -61,7 +43,7 @@ static void add_signals(void) {
 
 /* y0 = u0 + offset with u0 = cmd; the offset is adjusted, and nominal at 0. */
 static tl_plan_match *begin_observer(void) {
-    end();
+    tl_test_run_end(&run, &plan);
     tl_test_plan_init(&plan, TL_SECOND / 10);
     tl_test_fmu_init(&fmus[0], 1, false, &call_log);
     tl_test_plan_component(&plan, "m", &fmus[0]);
@@ -88,7 +70,7 @@ static bool tick(double cmd, double y0, tl_quality quality) {
 static void expect_ramp(tl_measurements measurements, uint32_t prediction, double wanted) {
     plan.plan.measurements = measurements;
     plan.plan.prediction = prediction;
-    build();
+    tl_test_run_build(&run, &plan);
     for (int64_t m = 0; m < 40; m++) {
         bool ready = tick((double)m, (double)m - 1.0, TL_GOOD);
         if (ready && run.record.step > 12) {
@@ -116,7 +98,7 @@ static void held_measurements_stand_for_later_ones(void) {
     (void)begin_observer();
     plan.plan.measurements = TL_HOLD;
     plan.plan.prediction = 3;
-    build();
+    tl_test_run_build(&run, &plan);
     for (int64_t m = 0; m < 20; m++) {
         tl_test_log_clear(&call_log);
         if (!tick((double)m, (double)m - 1.0, TL_GOOD)) {
@@ -154,7 +136,7 @@ static void the_delay_of_a_condition_enters_the_pairs(void) {
 static uint32_t count_led_astray(const tl_plan_condition *condition) {
     uint32_t astray = 0;
     begin_observer()->condition = *condition;
-    build();
+    tl_test_run_build(&run, &plan);
     for (int64_t m = 0; m < 200; m++) {
         double wild = m % 10 == 9 ? 50.0 : 0.0;
         bool ready = tick(1.0, 1.0 + wild, TL_GOOD);
@@ -177,7 +159,7 @@ static double square_of_correction(const tl_plan_condition *condition) {
     double sum = 0.0;
     seed = 17;
     begin_observer()->condition = *condition;
-    build();
+    tl_test_run_build(&run, &plan);
     for (int64_t m = 0; m < 2000; m++) {
         bool ready = tick(1.0, 1.0 + noise(), TL_GOOD);
         sum += ready && m > 100 ? run.record.u[0] * run.record.u[0] : 0.0;
@@ -199,7 +181,7 @@ static void a_low_pass_takes_noise_out_of_the_correction(void) {
 static double meet(const double *samples, const tl_quality *quality, uint32_t count) {
     plan.plan.prediction = count;
     plan.plan.noise_floor = 0.0;
-    build();
+    tl_test_run_build(&run, &plan);
     for (uint32_t m = 0; m <= count; m++) {
         bool ready = tick(0.0, m == 0 ? 0.0 : samples[m - 1], m == 0 ? TL_GOOD : quality[m - 1]);
         TEST_ASSERT_TRUE(ready == (m == count));
@@ -250,7 +232,7 @@ static void a_penalty_on_the_deviation_holds_back(void) {
             (void)begin_observer();
             plan.plan.algorithm = solvers[s];
             plan.adjust[0].deviation_penalty = penalties[i];
-            build();
+            tl_test_run_build(&run, &plan);
             (void)tick(0.0, 5.0, TL_GOOD);
             TEST_ASSERT_TRUE(tick(0.0, 5.0, TL_GOOD));
             double measured = 1.0 / (0.01 * 0.01);
@@ -267,7 +249,7 @@ static void a_penalty_on_the_rate_slows_down(void) {
         (void)begin_observer();
         plan.plan.algorithm = solvers[s];
         plan.adjust[0].rate_penalty = 1e4; /* as much as the measurement */
-        build();
+        tl_test_run_build(&run, &plan);
         (void)tick(0.0, 5.0, TL_GOOD);
         for (int i = 0; i < 8; i++) {
             TEST_ASSERT_TRUE(tick(0.0, 5.0, TL_GOOD));
@@ -282,7 +264,7 @@ static void a_penalty_on_the_rate_slows_down(void) {
 /* Everything of a random plan but what is saved: a chain or a ring of components, fed by the plant in several places. */
 static void draw_plan(void) {
     static const char *const names[COMPONENTS] = {"a", "b", "c"};
-    end();
+    tl_test_run_end(&run, &plan);
     tl_test_plan_init(&plan, TL_SECOND / 10);
     for (size_t i = 0; i < COMPONENTS; i++) {
         tl_test_fmu_init(&fmus[i], 2, false, &call_log);
@@ -324,7 +306,7 @@ static uint64_t run_seed(uint32_t number, bool structure, bool sequences, uint32
     for (size_t i = 0; i < COMPONENTS; i++) {
         plan.components[i].keep = keep;
     }
-    build();
+    tl_test_run_build(&run, &plan);
     run.budget.evaluations = 30;
     for (size_t m = 0; m < TICKS; m++) {
         double t = (double)m;

@@ -6,7 +6,7 @@
 
 #include "tests/support/test_plan.h"
 
-enum { CMD, Y0, SOLVERS = 5 };
+enum { SOLVERS = 5 };
 
 static const char *const solvers[SOLVERS] = {"secant", "nelder-mead", "bobyqa", "l-bfgs", "sbplx"};
 
@@ -15,53 +15,30 @@ static tl_test_fmu fmu;
 static tl_test_plan plan;
 static tl_test_run run;
 
-void setUp(void) {
-    tl_test_log_clear(&call_log);
-    tl_test_plan_init(&plan, TL_SECOND / 10);
-    run.twin = NULL;
-}
-
-static void end(void) {
-    tl_twin_destroy(run.twin);
-    run.twin = NULL;
-    tl_test_fmu_end(&fmu);
-}
+void setUp(void) {}
 
 void tearDown(void) {
-    end();
-    TEST_ASSERT_EQUAL_STRING("", call_log.first_violation);
+    tl_test_run_end(&run, &plan);
 }
 
 /* y0 = gain·cmd + offset: while cmd is 0 the gain does not matter. */
 static void begin(const char *algorithm) {
-    end();
-    tl_test_plan_init(&plan, TL_SECOND / 10);
-    tl_test_fmu_init(&fmu, 1, false, &call_log);
-    tl_test_plan_component(&plan, "m", &fmu);
-    tl_test_plan_signal(&plan, "cmd", TL_REAL, "");
-    tl_test_plan_signal(&plan, "y0", TL_REAL, "");
-    tl_test_plan_connect(&plan, "plant.cmd", "m.u0");
-    tl_test_plan_match(&plan, "m.y0", "plant.y0", 0.01);
+    tl_test_run_end(&run, &plan);
+    tl_test_plan_single(&plan, &fmu, &call_log);
     plan.plan.algorithm = algorithm;
     plan.plan.noise_floor = 0.5;
     plan.plan.margin = 0.01;
 }
 
 static void build(void) {
-    tl_twin *twin = tl_test_plan_build(&plan);
-    TEST_ASSERT_EQUAL_STRING("", plan.problems[0].text);
-    tl_test_run_init(&run, twin);
+    tl_test_run_build(&run, &plan);
     run.budget.evaluations = 60;
 }
 
 static const tl_record *tick(double cmd, double y0) {
-    run.sample.values[CMD] = cmd;
-    run.sample.values[Y0] = y0;
-    do {
-        tl_test_run_step(&run);
-        TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, run.status, run.error.text);
-    } while (!run.ready);
-    return &run.record;
+    run.sample.values[TL_TEST_CMD] = cmd;
+    run.sample.values[TL_TEST_Y0] = y0;
+    return tl_test_run_tick(&run, &call_log);
 }
 
 /* What varies a variable by a twentieth of its step or more can judge it; the differences of L-BFGS are smaller. */

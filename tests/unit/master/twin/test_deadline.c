@@ -63,25 +63,14 @@ static tl_record live[TICKS]; /* by step */
 static bool made_up[TICKS];   /* by tick */
 
 void setUp(void) {
-    tl_test_log_clear(&call_log);
-    memset(&run, 0, sizeof run);
     memset(&watch, 0, sizeof watch);
     memset(made_up, 0, sizeof made_up);
     watch.slow_at = -1;
     watch.pause_at = -1;
 }
 
-static void end(void) {
-    tl_twin_destroy(run.twin);
-    run.twin = NULL;
-    for (size_t i = 0; i < FMUS; i++) {
-        tl_test_fmu_end(&fmus[i]);
-    }
-}
-
 void tearDown(void) {
-    end();
-    TEST_ASSERT_EQUAL_STRING("", call_log.first_violation);
+    tl_test_run_end(&run, &plan);
 }
 
 static uint32_t any(uint32_t below) {
@@ -160,7 +149,7 @@ static void synchronise_booleans(void) {
 
 /* cmd → drive → motor, whose input is adjusted. */
 static void build(const setting *set) {
-    end();
+    tl_test_run_end(&run, &plan);
     tl_test_plan_init(&plan, PERIOD);
     add_fmus(set);
     tl_test_plan_signal(&plan, "cmd", TL_REAL, "");
@@ -186,9 +175,7 @@ static void build(const setting *set) {
     plan.plan.saving = (tl_plan_saving){set->saving, set->saving, 0};
     plan.plan.margin = 0.01;
     plan.plan.evaluations = EVALUATIONS;
-    tl_twin *twin = tl_test_plan_build(&plan);
-    TEST_ASSERT_EQUAL_STRING("", plan.problems[0].text);
-    tl_test_run_init(&run, twin);
+    tl_test_run_build(&run, &plan);
     run.budget.evaluations = EVALUATIONS;
 }
 
@@ -297,7 +284,7 @@ static void a_search_that_time_ends_commits_the_best_so_far(void) {
         best_is_not_last += fabs(best - last) > 0.0 ? 1 : 0;
         TEST_ASSERT_EQUAL_INT(TL_BEST_SO_FAR, run.record.outcome);
         TEST_ASSERT_TRUE(run.record.u[0] == best);
-        end();
+        tl_test_run_end(&run, &plan);
     }
     TEST_ASSERT_TRUE(best_is_not_last > 3); /* or this proves nothing */
 }
@@ -364,7 +351,7 @@ static void one_slow_execution_in_four_is_reckoned_with(void) {
         }
         TEST_ASSERT_TRUE(left < TICKS / 2);
         TEST_ASSERT_TRUE(evaluations > TICKS); /* and it is not given up */
-        end();
+        tl_test_run_end(&run, &plan);
     }
 }
 
@@ -416,7 +403,7 @@ static void slow_down_at(const setting *set, int64_t execution, bool drive, bool
         go_on(1);
         assert_not_timid(set);
     }
-    end();
+    tl_test_run_end(&run, &plan);
 }
 
 static void slower_by_ten_is_late_by_no_more_than_was_not_to_be_known(void) {
@@ -525,7 +512,7 @@ static void a_late_step_is_repeated_to_the_bit(void) {
         setUp();
         run_live(&set, 1 + number);
         late[number % SOLVERS] += repeat(&set);
-        end();
+        tl_test_run_end(&run, &plan);
     }
     for (size_t s = 0; s < SOLVERS; s++) {
         TEST_ASSERT_TRUE(late[s] > 100);
@@ -555,7 +542,7 @@ static void any_setting_is_repeated_to_the_bit(void) {
             held |= live[i].held;
         }
         (void)repeat(&set);
-        end();
+        tl_test_run_end(&run, &plan);
     }
     TEST_ASSERT_EQUAL_HEX32(TL_FLAG_FALLBACK | TL_FLAG_STAGNATED | TL_FLAG_WITHOUT_NOMINAL, flags);
     TEST_ASSERT_EQUAL_HEX32(3, held);
@@ -577,7 +564,7 @@ static void a_pause_is_forgotten(void) {
         TEST_ASSERT_TRUE(watch.readings > watch.pause_at);
         assert_not_timid(&set);
         TEST_ASSERT_TRUE(run.record.evaluations > 0);
-        end();
+        tl_test_run_end(&run, &plan);
     }
 }
 

@@ -48,20 +48,10 @@ static uint32_t seen_failing_candidates;
 static uint32_t seen_without_nominal;
 static uint32_t ended_early;
 
-void setUp(void) {
-    tl_test_log_clear(&call_log);
-    run.twin = NULL;
-}
-
-static void end(void) {
-    tl_twin_destroy(run.twin);
-    run.twin = NULL;
-    tl_test_fmu_end(&fmu);
-}
+void setUp(void) {}
 
 void tearDown(void) {
-    end();
-    TEST_ASSERT_EQUAL_STRING("", call_log.first_violation);
+    tl_test_run_end(&run, &plan);
 }
 
 static uint32_t any(uint32_t below) {
@@ -182,9 +172,7 @@ static void build(void) {
     plan.plan.shape = setting.shape;
     plan.plan.measurements = setting.measurements;
     plan.plan.saving = (tl_plan_saving){any(2) == 0, any(2) == 0, 0};
-    tl_twin *twin = tl_test_plan_build(&plan);
-    TEST_ASSERT_EQUAL_STRING("", plan.problems[0].text);
-    tl_test_run_init(&run, twin);
+    tl_test_run_build(&run, &plan);
     run.budget.evaluations = 1 + any(50);
     known_y[0] = 0.0;
     known_y[1] = 0.0;
@@ -318,7 +306,7 @@ static void what_is_committed_is_never_worse_than_nominal(void) {
     for (uint32_t number = 1; number <= SEEDS; number++) {
         seed = number * 7919U;
         run_seed();
-        end();
+        tl_test_run_end(&run, &plan);
     }
     TEST_ASSERT_TRUE(seen[TL_FIRST_GUESS] > 100 && seen[TL_OPTIMISED] > 100);
     TEST_ASSERT_TRUE(seen[TL_BEST_SO_FAR] > 100 && seen[TL_NOMINAL] > 100);
