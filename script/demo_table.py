@@ -1,39 +1,52 @@
-"""The closing table of script/demo: the twin left alone against the twin locked, from two --json summaries."""
+"""The closing table of script/demo: the twin left alone, locked by Nelder-Mead, and locked by twinlock's own solver.
+
+demo_table.py FOLDER, which has --json summaries: live.json of the live run, and of replays of what it recorded free.N.json,
+nelder_mead.N.json and own.N.json, each replayed the same way some times.
+"""
 import json
 import sys
+from pathlib import Path
+
+HEADING = """
+The first two columns are replays of what the live run recorded: the twin left alone, and locked by Nelder-Mead with all
+other settings as they were live. The last column is the live run itself, locked by twinlock's own solver, secant; its
+time is that of a replay, too.
+"""
+COLUMNS = ("left alone", "Nelder-Mead", "own solver")
 
 
-def column(summary):
-    """The table's cells for one summary."""
-    match = summary["match"]["motor.omega"]
+def delta(summary):
+    """The mean correction; a dash where there is none."""
     adjust = summary["adjust"].get("motor.d")
-    return [
-        f"{match['mse']:.3f}",
-        f"{match['max']:.2f}",
-        f"{summary['executions']['total']}",
-        f"{summary['evaluations']}",
-        "-" if adjust is None else f"{adjust['delta_mean']:+.5f}",
-        "-" if summary["ticks"] == 0 else f"{summary['ticks']} / {summary['skipped']}",
-        "-" if summary["ticks"] == 0 else f"{summary['deadline_misses']}",
-    ]
+    return "-" if adjust is None else f"{adjust['delta_mean']:+.5f}"
+
+
+def rows(live, free, nelder_mead, own):
+    """(what it is, a cell for each column), from the live run and from lists of replays."""
+    three = (free[0], nelder_mead[0], live)
+    yield "MSE of the speed, (rad/s)²", [f"{one['match']['motor.omega']['mse']:.3f}" for one in three]
+    yield "MAX deviation, rad/s", [f"{one['match']['motor.omega']['max']:.2f}" for one in three]
+    yield "executions of components (N)", [f"{one['executions']['total']}" for one in three]
+    yield "evaluations", [f"{one['evaluations']}" for one in three]
+    yield "mean Δu of motor.d, N.m.s/rad", [delta(one) for one in three]
+    yield "all of it replayed, ms", [f"{1e3 * min(one['wall_s'] for one in same):.1f}" for same in (free, nelder_mead, own)]
+    yield "ticks / skipped", ["-", "-", f"{live['ticks']} / {live['skipped']}"]
+    yield "missed deadlines", ["-", "-", f"{live['deadline_misses']}"]
+
+
+def read(folder, pattern):
+    """The summaries in the files of that name."""
+    return [json.loads(path.read_text(encoding="utf-8")) for path in folder.glob(pattern)]
 
 
 def main():
     """Prints the table."""
-    free, locked = (json.load(open(path, encoding="utf-8")) for path in sys.argv[1:3])
-    names = [
-        "MSE of the speed, (rad/s)²",
-        "MAX deviation, rad/s",
-        "executions of components",
-        "evaluations",
-        "mean Δu of motor.d, N.m.s/rad",
-        "ticks / skipped",
-        "missed deadlines",
-    ]
-    print()
-    print(f"{'':32}{'left alone':>14}{'locked':>14}")
-    for name, one, other in zip(names, column(free), column(locked)):
-        print(f"{name:32}{one:>14}{other:>14}")
+    folder = Path(sys.argv[1])
+    live, = read(folder, "live.json")
+    replays = [read(folder, f"{name}.[0-9].json") for name in ("free", "nelder_mead", "own")]
+    print(HEADING)
+    for name, cells in [("", COLUMNS), *rows(live, *replays)]:
+        print(f"{name:32}" + "".join(f"{cell:>14}" for cell in cells))
 
 
 if __name__ == "__main__":

@@ -1,11 +1,12 @@
 /* SQLite on a short lead: see database_guard.h. */
 #include "firmware/database/database_guard.h"
 
-#include <stdarg.h>
+#include <stdbool.h>
 #include <stdio.h>
 #include <string.h>
 
-#include "firmware/database/database.h"
+#include "firmware/database/database_schema.h"
+#include "firmware/database/database_sql.h"
 
 /* A statement of ours takes some thousand turns of SQLite's machine, and one over a long run some million. */
 enum { TURNS_AT_ONCE = 1000 * 1000, MOST_TIMES = 50 };
@@ -57,17 +58,7 @@ void tl_database_guard(sqlite3 *database) {
     sqlite3_progress_handler(database, TURNS_AT_ONCE, count_turns, NULL);
 }
 
-/* ---- Words ------------------------------------------------------------------------------------------------------- */
-
-tl_status tl_database_damaged(sqlite3 *database, tl_error *error, const char *format, ...) {
-    char what[256];
-    va_list arguments;
-    va_start(arguments, format);
-    (void)vsnprintf(what, sizeof what, format, arguments);
-    va_end(arguments);
-    return tl_fail(error, TL_BAD_DATA, "%s: is damaged: %s: take an earlier copy of it, or record into a new file",
-                   sqlite3_db_filename(database, "main"), what);
-}
+/* ---- Damage ------------------------------------------------------------------------------------------------------ */
 
 static bool is_small(sqlite3 *database) {
     sqlite3_file *file = NULL;

@@ -25,9 +25,6 @@ void tl_database_guard(sqlite3 *database);
  * Errors: TL_BAD_DATA for triggers, virtual tables, and tables of ours that are none or have another key. */
 tl_status tl_database_check_schema(sqlite3 *database, tl_error *error);
 
-/* TL_BAD_DATA: "FILE: is damaged: WHAT: …what to do". */
-tl_status tl_database_damaged(sqlite3 *database, tl_error *error, const char *format, ...) TL_PRINTF(3, 4);
-
 /* Adds to the words of an error what SQLite itself finds wrong with the pages of a small file, if it does. Reads all of it, so
  * never while a plant waits. */
 void tl_database_diagnose(sqlite3 *database, tl_error *error);

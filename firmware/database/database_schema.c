@@ -3,7 +3,9 @@
  * Values of signals and variables are in columns without a type, on purpose: a column of type REAL stores 5.0 as the
  * integer 5, which makes 0.0 of -0.0, and a replay of a recording must see the same bits.
  */
-#include "firmware/database/database.h"
+#include "firmware/database/database_schema.h"
+
+#include <stddef.h>
 
 /* What format 2 has that format 1 has not; for new databases and for those that are brought up to date. */
 #define CREATE_FLAGS "CREATE TABLE flags (bit INTEGER PRIMARY KEY, name TEXT NOT NULL)"

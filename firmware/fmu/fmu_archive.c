@@ -20,6 +20,7 @@
 
 #include "firmware/base/log.h"
 #include "firmware/base/shortage.h"
+#include "firmware/process/process_end.h"
 
 #define PREFIX "twinlock-fmu-"
 
@@ -59,7 +60,16 @@ static void remove_tree(const char *folder) {
 static tl_fmu_archive *in_use;
 static pthread_mutex_t in_use_lock = PTHREAD_MUTEX_INITIALIZER;
 
+static void remove_all(void) {
+    (void)pthread_mutex_lock(&in_use_lock);
+    for (const tl_fmu_archive *archive = in_use; archive != NULL; archive = archive->next) {
+        remove_tree(archive->folder);
+    }
+    (void)pthread_mutex_unlock(&in_use_lock);
+}
+
 static void enlist(tl_fmu_archive *archive) {
+    tl_process_remove_by(remove_all);
     (void)pthread_mutex_lock(&in_use_lock);
     archive->next = in_use;
     in_use = archive;
@@ -73,14 +83,6 @@ static void strike_off(const tl_fmu_archive *archive) {
             *place = archive->next;
             break;
         }
-    }
-    (void)pthread_mutex_unlock(&in_use_lock);
-}
-
-void tl_fmu_archive_remove_all(void) {
-    (void)pthread_mutex_lock(&in_use_lock);
-    for (const tl_fmu_archive *archive = in_use; archive != NULL; archive = archive->next) {
-        remove_tree(archive->folder);
     }
     (void)pthread_mutex_unlock(&in_use_lock);
 }

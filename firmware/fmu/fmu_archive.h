@@ -45,7 +45,4 @@ void tl_fmu_archive_sweep(void);
 /* Removes the folder with all that is in it. An empty (zeroed) archive is allowed. */
 void tl_fmu_archive_remove(tl_fmu_archive *archive);
 
-/* Removes the folders of all that are in use: for a process that ends without their owners. */
-void tl_fmu_archive_remove_all(void);
-
 #endif

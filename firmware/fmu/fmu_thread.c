@@ -105,7 +105,7 @@ tl_status tl_fmu_thread_start(tl_time limit, tl_fmu_thread **thread, tl_error *e
     }
     struct sigaction action = {.sa_handler = wake_up};
     (void)sigemptyset(&action.sa_mask);
-    (void)tl_host_state_handle(SIGUSR1, &action);
+    (void)tl_host_state_handle(SIGUSR1, &action, NULL);
     (void)pthread_mutex_init(&made->lock, NULL);
     make_condition(&made->changed);
     made->patience.limit = limit;

@@ -8,6 +8,7 @@
 #include <string.h>
 
 #include "firmware/base/shortage.h"
+#include "firmware/process/process_end.h"
 
 /* ---- Python -------------------------------------------------------------------------------------------- */
 
@@ -69,17 +70,11 @@ static tl_status fail_open(const char *path, const char *reason, tl_error *error
         said);
 }
 
-static bool is_open; /* any: of the process, as the libraries are */
-
-bool tl_library_is_open(void) {
-    return __atomic_load_n(&is_open, __ATOMIC_RELAXED);
-}
-
 tl_status tl_library_open(const char *path, tl_error *error) {
     void *opened = dlopen(path, RTLD_NOW | RTLD_GLOBAL | RTLD_NODELETE);
     if (opened == NULL) {
         return fail_open(path, dlerror(), error);
     }
-    __atomic_store_n(&is_open, true, __ATOMIC_RELAXED);
+    tl_process_run_exit_handlers();
     return check_python(path, opened, error);
 }

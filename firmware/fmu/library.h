@@ -11,16 +11,11 @@
 #ifndef TL_FIRMWARE_FMU_LIBRARY_H
 #define TL_FIRMWARE_FMU_LIBRARY_H
 
-#include <stdbool.h>
-
 #include "master/base/status.h"
 
 /* `path` without a slash is looked up by the loader. Opening one that is open is allowed.
  * Errors:  TL_BAD_DATA where it cannot be opened, and where it is a Python beside another one: the symbols of the first
  *          would hide its own, and all FMUs would run in that. TL_TRY_AGAIN where memory or descriptors are missing. */
 tl_status tl_library_open(const char *path, tl_error *error);
-
-/* Has one been opened? Any thread. */
-bool tl_library_is_open(void);
 
 #endif

@@ -13,8 +13,7 @@
 #include <stdint.h>
 
 #include "firmware/config/config.h"
-#include "firmware/record/history.h"
-#include "master/base/signal.h"
+#include "firmware/plant/recording_tick.h"
 #include "master/base/status.h"
 
 typedef struct tl_recording tl_recording;
@@ -23,28 +22,6 @@ typedef struct tl_recording tl_recording;
  * that was not yet set, would be replayed for days. */
 #define TL_RECORDING_TICKS ((int64_t)10000000000)
 #define TL_RECORDING_GAP ((int64_t)100000000)
-
-/* One tick of a recording. */
-typedef struct tl_recording_tick {
-    tl_sample sample;
-    bool made_up;            /* the run missed this tick */
-    bool cut_short;          /* the run's search at this tick ran out of time: */
-    uint32_t evaluations;    /* it had time for these, which may be none, */
-    bool without_nominal;    /* and nominal's was not among them, */
-    uint64_t executions;     /* and for so many executions */
-    bool followed;           /* it is one of the run that this one goes on with, */
-    double u[TL_MAX_ADJUST]; /* which committed this */
-} tl_recording_tick;
-
-/* Of a run that does not begin at tick 0 with the FMUs' start values. Lives as long as the recording. */
-typedef struct tl_recording_beginning {
-    int64_t run;                             /* of the database */
-    int64_t tick;                            /* its first */
-    bool follows;                            /* false: with another configuration its steps are made anew from there */
-    tl_resumption resumption;                /* how it went on with an earlier one, */
-    const char *fmus;                        /* with which FMUs (tl_assembly_identify()), */
-    const tl_history_checkpoint *checkpoint; /* and from where; NULL: from start values */
-} tl_recording_beginning;
 
 /* `path` is a CSV file, or a SQLite database (recognised by its first bytes), whose run `config->recording_run` is taken, or the last one. The database's
  * signal names, step and horizon must agree with the configuration's. A CSV file is checked completely here, the limits above too. */

@@ -10,7 +10,12 @@
 #ifndef TL_FIRMWARE_PLANT_RECORDING_DATABASE_H
 #define TL_FIRMWARE_PLANT_RECORDING_DATABASE_H
 
-#include "firmware/plant/recording.h"
+#include <stdbool.h>
+#include <stdint.h>
+
+#include "firmware/config/config.h"
+#include "firmware/plant/recording_tick.h"
+#include "master/base/status.h"
 
 typedef struct tl_recording_database tl_recording_database;
 

@@ -3,6 +3,7 @@
 
 #include <errno.h>
 #include <pthread.h>
+#include <signal.h>
 #include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
@@ -190,6 +191,20 @@ static bool is_own(const struct sigaction *action) {
     return (action->sa_flags & SA_SIGINFO) != 0 && action->sa_sigaction == on_crash;
 }
 
+/* An FMU has installed `foreign`, and ours has been put back: ours calls it first from now on. SIG_DFL, SIG_IGN and our own handler are
+ * no foreign ones: there is none to call then. */
+static void chain(int number, const struct sigaction *foreign) {
+    crash_signal *signal = find(number);
+    if (signal == NULL) {
+        return;
+    }
+    __atomic_store_n(&signal->has_foreign, false, __ATOMIC_RELEASE);
+    if (is_handler(foreign) && !is_own(foreign)) {
+        signal->foreign = *foreign;
+        __atomic_store_n(&signal->has_foreign, true, __ATOMIC_RELEASE);
+    }
+}
+
 static void use_alternate_stack(unsigned char *stack) {
     stack_t now;
     const stack_t own = {.ss_sp = stack, .ss_size = ALTERNATE_STACK};
@@ -235,19 +250,7 @@ void tl_crash_install(void) {
         struct sigaction now;
         if (sigaction(signals[i].number, NULL, &now) == 0 && !is_own(&now) && now.sa_handler != SIG_IGN) {
             signals[i].before = now;
-            (void)tl_host_state_handle(signals[i].number, &own);
+            (void)tl_host_state_handle(signals[i].number, &own, chain);
         }
-    }
-}
-
-void tl_crash_chain(int number, const struct sigaction *foreign) {
-    crash_signal *signal = find(number);
-    if (signal == NULL) {
-        return;
-    }
-    __atomic_store_n(&signal->has_foreign, false, __ATOMIC_RELEASE);
-    if (is_handler(foreign) && !is_own(foreign)) {
-        signal->foreign = *foreign;
-        __atomic_store_n(&signal->has_foreign, true, __ATOMIC_RELEASE);
     }
 }

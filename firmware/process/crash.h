@@ -6,13 +6,12 @@
  *          any other is a bug of twinlock, or comes of memory that an FMU has destroyed before.
  * Stack:   the handler has a stack of its own in the main thread and in that of the FMUs, so that it can tell of an overflow too.
  * Others:  a handler that was there before (a sanitizer's) is called after the line is written. One that an FMU has installed is called
- *          first: see tl_crash_chain().
- * Thread:  install from one thread; enter from each thread for itself; chain from the thread that calls FMUs.
+ *          first, once host_state.h has put ours back. If it returns or jumps away, the signal is handled: a virtual machine's null
+ *          pointers are no crash. If it gives the signal to its predecessor, as Python's faulthandler does, that is us.
+ * Thread:  install from one thread; enter from each thread for itself.
  */
 #ifndef TL_FIRMWARE_PROCESS_CRASH_H
 #define TL_FIRMWARE_PROCESS_CRASH_H
-
-#include <signal.h>
 
 typedef enum tl_crash_thread {
     TL_CRASH_FOREIGN, /* what a thread is that has not entered */
@@ -26,11 +25,5 @@ void tl_crash_install(void);
 
 /* The calling thread is ours from now on. At most one at a time calls FMUs. */
 void tl_crash_enter(tl_crash_thread entered);
-
-/* An FMU has installed `foreign` for one of these signals, and its caller has put back the handler that was there before, ours. From
- * now on ours calls `foreign` first; where that returns or jumps away, the signal is handled: a virtual machine's null pointers are
- * no crash. Where it gives the signal to its predecessor, as Python's faulthandler does, that is us. Another signal, SIG_DFL,
- * SIG_IGN and our own handler are no foreign ones: the chain of that signal is empty then. */
-void tl_crash_chain(int number, const struct sigaction *foreign);
 
 #endif

@@ -11,7 +11,6 @@
 #include <sys/syscall.h>
 #include <unistd.h>
 
-#include "firmware/process/crash.h"
 #include "firmware/process/fp_control.h"
 
 enum { HANDLED = 16, LOCALE_NAME = 64 };
@@ -25,6 +24,7 @@ enum { CATEGORIES = sizeof categories / sizeof categories[0] };
 typedef struct handled {
     int signal;
     struct sigaction action;
+    tl_host_state_displaced *displaced;
 } handled;
 
 /* As the kernel has it for a thread: struct sched_attr, up to what was there from its beginning (Linux 3.14). */
@@ -87,7 +87,7 @@ void tl_host_state_keep(void) {
     host.kept = true;
 }
 
-int tl_host_state_handle(int signal, const struct sigaction *action) {
+int tl_host_state_handle(int signal, const struct sigaction *action, tl_host_state_displaced *displaced) {
     if (sigaction(signal, action, NULL) != 0) {
         return -1;
     }
@@ -96,7 +96,7 @@ int tl_host_state_handle(int signal, const struct sigaction *action) {
         place++;
     }
     if (place < HANDLED) {
-        host.handlers[place] = (handled){signal, *action};
+        host.handlers[place] = (handled){signal, *action, displaced};
         host.handler_count = place == host.handler_count ? place + 1 : host.handler_count;
     }
     return 0;
@@ -153,7 +153,9 @@ static unsigned put_back_handlers(void) {
         const handled *own = &host.handlers[i];
         if (sigaction(own->signal, NULL, &now) == 0 && !is_same_handler(&now, &own->action)) {
             (void)sigaction(own->signal, &own->action, NULL);
-            tl_crash_chain(own->signal, &now);
+            if (own->displaced != NULL) {
+                own->displaced(own->signal, &now);
+            }
             changed = TL_HOST_HANDLERS;
         }
     }

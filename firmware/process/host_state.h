@@ -4,8 +4,7 @@
  *          that takes SIGTERM cannot be ended, one that changes the folder makes relative file names wrong. What was so before the
  *          FMU was loaded is put back.
  * Covers:  the floating-point control bits, the locale, the signal mask and the scheduling of the thread; the locale, the handlers of the signals
- *          that the program itself handles, the current folder and the umask of the process. A handler of a crash that was displaced
- *          is called by ours from then on (crash.h).
+ *          that the program itself handles, the current folder and the umask of the process.
  * Left alone: handlers of all other signals, timers, limits, environment, open files.
  * Thread:  that of the FMUs, but for tl_host_state_handle(), which is for a time when no FMU is being called.
  */
@@ -34,8 +33,11 @@ void tl_host_state_keep(void);
 /* Puts back what differs from what was kept; the bits of what did. Nothing was ever kept: does nothing. Costs some 14 system calls. */
 unsigned tl_host_state_put_back(void);
 
-/* sigaction(), for a handler of the program itself: it is kept from now on. 0, or -1 with errno. */
-int tl_host_state_handle(int signal, const struct sigaction *action);
+/* Told, after a handler of ours was put back, which one of an FMU's had been in its place. */
+typedef void tl_host_state_displaced(int signal, const struct sigaction *foreign);
+
+/* sigaction(), for a handler of the program itself: it is kept from now on. `displaced` may be NULL. 0, or -1 with errno. */
+int tl_host_state_handle(int signal, const struct sigaction *action, tl_host_state_displaced *displaced);
 
 /* "the rounding mode and the locale" */
 void tl_host_state_describe(unsigned changes, char text[TL_HOST_CHANGE_TEXT]);

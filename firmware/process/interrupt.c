@@ -23,7 +23,7 @@ bool tl_interrupt_ignores_hangup(void) {
 static void claim(int signal) {
     struct sigaction action = {.sa_handler = note};
     (void)sigemptyset(&action.sa_mask);
-    (void)tl_host_state_handle(signal, &action);
+    (void)tl_host_state_handle(signal, &action, NULL);
 }
 
 void tl_interrupt_install(void) {
@@ -34,7 +34,7 @@ void tl_interrupt_install(void) {
     if (hears_hangup) {
         claim(SIGHUP);
     }
-    (void)tl_host_state_handle(SIGPIPE, &ignored);
+    (void)tl_host_state_handle(SIGPIPE, &ignored, NULL);
 }
 
 static void reclaim(int signal) {

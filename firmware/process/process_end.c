@@ -9,8 +9,6 @@
 #include <unistd.h>
 
 #include "firmware/base/log.h"
-#include "firmware/fmu/fmu_archive.h"
-#include "firmware/fmu/library.h"
 #include "firmware/process/fmu_call.h"
 
 #if defined(__has_feature)
@@ -33,6 +31,8 @@ static volatile sig_atomic_t ending;
 static volatile sig_atomic_t end_code;
 static tl_process_keeper *kept_by;
 static void *kept_for;
+static tl_process_remover *remover;
+static bool runs_exit_handlers;
 
 static void end_late(int number) {
     (void)number;
@@ -101,7 +101,7 @@ void tl_process_begin(void) {
 
 void tl_process_end(int code) {
     set_ending(code);
-    if (tl_library_is_open()) { /* an interpreter: it frees what it has at its exit, if ever */
+    if (__atomic_load_n(&runs_exit_handlers, __ATOMIC_RELAXED)) { /* an interpreter frees what it has there, if ever */
         limit(TL_PROCESS_END_S);
         exit(code); // NOLINT(concurrency-mt-unsafe): nobody else of ours ends the process
     }
@@ -119,7 +119,10 @@ void tl_process_give_up(const char *why) {
     if (keeper != NULL) {
         keeper(kept_for, why);
     }
-    tl_fmu_archive_remove_all();
+    tl_process_remover *remove_all = __atomic_load_n(&remover, __ATOMIC_ACQUIRE);
+    if (remove_all != NULL) {
+        remove_all();
+    }
     flush_and_end();
 }
 
@@ -127,6 +130,14 @@ void tl_process_keep(tl_process_keeper *keeper, void *context) {
     __atomic_store_n(&kept_by, NULL, __ATOMIC_RELEASE);
     kept_for = context;
     __atomic_store_n(&kept_by, keeper, __ATOMIC_RELEASE);
+}
+
+void tl_process_remove_by(tl_process_remover *remove_all) {
+    __atomic_store_n(&remover, remove_all, __ATOMIC_RELEASE);
+}
+
+void tl_process_run_exit_handlers(void) {
+    __atomic_store_n(&runs_exit_handlers, true, __ATOMIC_RELAXED);
 }
 
 void tl_process_end_if_ending(void) {

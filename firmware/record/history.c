@@ -15,6 +15,7 @@
 #include "firmware/database/database.h"
 #include "firmware/database/database_guard.h"
 #include "firmware/database/database_row.h"
+#include "firmware/database/database_sql.h"
 #include "firmware/text/utc.h"
 #include "master/base/arena.h"
 

@@ -15,7 +15,11 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#include "firmware/record/recorder.h"
+#include "firmware/record/run_types.h"
+#include "master/base/signal.h"
+#include "master/base/status.h"
+#include "master/plan/plan.h"
+#include "master/twin/twin.h"
 
 struct sqlite3;
 

@@ -19,81 +19,14 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-#include "firmware/process/heartbeat.h"
+#include "firmware/record/recorder_settings.h"
+#include "firmware/record/run_types.h"
 #include "master/base/signal.h"
+#include "master/base/simtime.h"
 #include "master/base/status.h"
 #include "master/twin/twin.h"
 
 typedef struct tl_recorder tl_recorder;
-
-/* One name with its unit. */
-typedef struct tl_recorder_signal {
-    const char *name; /* "motor.omega", "plant.omega" */
-    const char *unit; /* "" where there is none */
-    const char *to;   /* match: the plant signal compared with; else NULL */
-    tl_type type;
-} tl_recorder_signal;
-
-/* One component in the ledger, counted since the run began; see tl_twin_ledger. */
-typedef struct tl_recorder_component {
-    uint64_t plain;
-    uint64_t predicted;
-    uint64_t executions;
-    uint64_t caught_up;
-    uint64_t unstored;
-} tl_recorder_component;
-
-/* FMUs and the plant. */
-enum { TL_RECORDER_COMPONENTS = 64 };
-
-/* How a run began; of one that goes on with an earlier one, what it began with. */
-typedef enum tl_resumed_from {
-    TL_RESUMED_NOT,
-    TL_RESUMED_CHECKPOINT, /* the twin as that run had saved it */
-    TL_RESUMED_START,      /* the FMUs' start values, where that run began */
-    TL_RESUMED_INPUTS      /* the same, some time before it ended */
-} tl_resumed_from;
-
-/* "", "checkpoint", "start", "inputs"; and from a name, TL_RESUMED_NOT where it is none. */
-const char *tl_resumed_from_name(tl_resumed_from from);
-tl_resumed_from tl_resumed_from_named(const char *name);
-
-/* How a run goes on with an earlier one. */
-typedef struct tl_resumption {
-    tl_resumed_from from; /* TL_RESUMED_NOT: it does not, and nothing below means anything */
-    int64_t run;          /* which */
-    int64_t tick;         /* the first of its own: those before it were that run's, and are followed */
-    tl_time start;        /* t_start on the clock of the samples' stamps; both are that run's */
-    int64_t started;      /* and UTC, ms */
-} tl_resumption;
-
-typedef struct tl_recorder_settings {
-    const char *path;
-    int64_t max_bytes;         /* 0: no bound; else at least 1,000,000 */
-    tl_time commit;            /* ns between commits, > 0, default 0.5 s */
-    const char *verb;          /* "run", "hold", "replay" */
-    const char *name;          /* of the configuration */
-    const char *configuration; /* its text */
-    const char *fmus;          /* SHA-256 over those of the FMUs, */
-    const char *boot;          /* of the system, */
-    const char *format;        /* and of the bytes of checkpoints; each may be NULL */
-    tl_time step;              /* T_S */
-    uint32_t prediction;
-    uint32_t lead; /* step i is computed at tick i + lead */
-    tl_measurements measurements;
-    const tl_recorder_signal *plant, *match, *adjust;
-    size_t plant_count, match_count, adjust_count;
-    const char *const *components; /* names, in the order of the ledger */
-    size_t component_count;
-    tl_heartbeats *beats; /* whom the recorder's thread tells that it is alive; NULL: nobody */
-    bool wait_when_full;  /* replay: put waits instead of losing, but not once the disk has refused for `patience` */
-    tl_time patience;     /* ns, with a disk that refuses: of close, and of a put that waits; 0: 2 s */
-} tl_recorder_settings;
-
-typedef enum tl_severity { TL_EVENT_INFO, TL_EVENT_WARNING, TL_EVENT_ERROR } tl_severity;
-
-/* "info", "warning", "error". */
-const char *tl_severity_name(tl_severity severity);
 
 /* What became of what was put: samples, steps and events alike. What the recorder itself says is not counted. */
 typedef struct tl_recorder_counts {

@@ -13,6 +13,7 @@
 #include "firmware/base/sha256.h"
 #include "firmware/config/measurements.h"
 #include "firmware/database/database.h"
+#include "firmware/database/database_sql.h"
 #include "firmware/record/recorder_lock.h"
 #include "firmware/record/recorder_retention.h"
 #include "firmware/text/json_text.h"
@@ -378,32 +379,6 @@ static tl_status change(sqlite3 *connection, const char *sql, int64_t first, con
     }
     (void)sqlite3_finalize(prepared);
     return status;
-}
-
-static const char *const resumed_from_names[] = {"", "checkpoint", "start", "inputs"};
-
-const char *tl_resumed_from_name(tl_resumed_from from) {
-    return resumed_from_names[from];
-}
-
-tl_resumed_from tl_resumed_from_named(const char *name) {
-    int from = TL_RESUMED_INPUTS;
-    while (from != TL_RESUMED_NOT && (name == NULL || strcmp(name, resumed_from_names[from]) != 0)) {
-        from--;
-    }
-    return (tl_resumed_from)from;
-}
-
-const char *tl_severity_name(tl_severity severity) {
-    switch (severity) {
-    case TL_EVENT_INFO:
-        return "info";
-    case TL_EVENT_WARNING:
-        return "warning";
-    case TL_EVENT_ERROR:
-        return "error";
-    }
-    return "unknown";
 }
 
 /* A database of an older program learns the names that came since. */

@@ -11,9 +11,9 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#include "firmware/record/recorder.h"
 #include "firmware/record/recorder_entry.h"
 #include "firmware/record/recorder_events.h"
+#include "firmware/record/recorder_settings.h"
 
 typedef struct tl_recorder_database tl_recorder_database;
 

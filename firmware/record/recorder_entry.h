@@ -11,8 +11,8 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#include "firmware/record/recorder.h"
 #include "firmware/record/recorder_ring.h"
+#include "firmware/record/run_types.h"
 #include "master/base/signal.h"
 #include "master/twin/twin.h"
 

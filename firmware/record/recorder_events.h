@@ -14,7 +14,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#include "firmware/record/recorder.h"
+#include "firmware/record/run_types.h"
 
 enum { TL_RECORDER_EVENTS = 512, TL_EVENT_SOURCE = 32, TL_EVENT_TEXT = 224 };
 

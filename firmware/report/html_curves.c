@@ -1,7 +1,7 @@
 /* The curves of a report as the JSON that page.js draws. */
 #include <inttypes.h>
 
-#include "firmware/report/html_parts.h"
+#include "firmware/report/html_report_parts.h"
 #include "firmware/report/html_text.h"
 #include "firmware/text/show_text.h"
 

@@ -1,7 +1,7 @@
 /* The page of a report: page.html, with its places filled. */
 #include <string.h>
 
-#include "firmware/report/html_parts.h"
+#include "firmware/report/html_report_parts.h"
 #include "firmware/report/html_resources.h"
 #include "firmware/report/html_text.h"
 

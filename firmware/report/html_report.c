@@ -5,7 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "firmware/report/html_parts.h"
+#include "firmware/report/html_report_parts.h"
 
 /* Points of all curves together: a page of some 7 MB at most. One curve has no more than a wide screen can tell apart, and
  * then as many again to zoom into. */

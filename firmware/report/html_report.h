@@ -16,10 +16,11 @@
 #include <stdint.h>
 #include <stdio.h>
 
-#include "firmware/record/recorder.h"
+#include "firmware/record/run_types.h"
 #include "firmware/text/utc.h"
 #include "master/plan/plan.h"
 #include "master/twin/metrics.h"
+#include "master/twin/twin.h"
 
 enum { TL_HTML_EVENTS = 1000 };
 

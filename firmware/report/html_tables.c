@@ -4,7 +4,7 @@
 #include <math.h>
 #include <string.h>
 
-#include "firmware/report/html_parts.h"
+#include "firmware/report/html_report_parts.h"
 #include "firmware/report/html_text.h"
 #include "firmware/text/show_text.h"
 

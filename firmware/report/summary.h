@@ -11,7 +11,7 @@
 #include <stdio.h>
 
 #include "firmware/config/config.h"
-#include "firmware/record/recorder.h"
+#include "firmware/record/run_types.h"
 #include "master/twin/twin.h"
 
 typedef struct tl_summary_adjust {

@@ -4,9 +4,8 @@
 #include <inttypes.h>
 #include <sqlite3.h>
 
-#include "firmware/database/database.h"
-#include "firmware/database/database_guard.h"
 #include "firmware/database/database_row.h"
+#include "firmware/database/database_sql.h"
 #include "firmware/text/utc.h"
 
 enum { ROWS_AT_ONCE = 4096 };

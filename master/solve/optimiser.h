@@ -15,6 +15,9 @@
 
 #include "master/base/arena.h"
 
+/* J below this: every output is within its tolerance. */
+#define TL_OBJECTIVE_TOLERANCE 1.0
+
 /* The unknowns, fixed for the life of a solver: for each adjusted variable one (static horizon) or several, one after the
  * other in time (dynamic). All arrays have `count` entries. */
 typedef struct tl_optimiser_space {

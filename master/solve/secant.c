@@ -20,7 +20,6 @@
 #include <string.h>
 
 #include "master/solve/optimiser.h"
-#include "master/sync/objective.h"
 
 /* Of one move, in steps: a slope is a local thing, and models fed with wild values answer with infinities. */
 static const double LONGEST_MOVE = 25.0;

@@ -10,7 +10,9 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-#include "master/sync/lock.h"
+#include "master/base/status.h"
+#include "master/sync/lock_state.h"
+#include "master/sync/record.h"
 
 /* In steps: a smaller move says nothing about identifiability. */
 #define TL_TELLING_MOVE 0.05

@@ -15,84 +15,11 @@
 #include <stdint.h>
 
 #include "master/base/archive.h"
-#include "master/base/estimate.h"
-#include "master/graph/exchange.h"
-#include "master/graph/track.h"
-#include "master/solve/optimiser.h"
-#include "master/sync/horizon.h"
-#include "master/sync/ledger.h"
-#include "master/sync/objective.h"
+#include "master/base/arena.h"
+#include "master/base/status.h"
+#include "master/plan/plan.h"
+#include "master/sync/lock_state.h"
 #include "master/sync/record.h"
-
-/* What the parts of a step take beside executions. Under a clock, all of a search is one of these or an execution. */
-typedef struct tl_lock_times {
-    tl_estimate guessing; /* the solver, before a step's first question */
-    tl_estimate asking;   /* by sequences: a question, up to where its candidate may begin: the ledger, the way back */
-    tl_estimate within;   /* an evaluation */
-    tl_estimate thinking; /* from there to the next question: the solver; and the way back, where nothing is asking */
-    tl_estimate committing; /* from the last of these to the end of the step */
-    tl_time beside;         /* ns of the one at hand, so far */
-    bool refused;           /* there was no time for something in the step */
-} tl_lock_times;
-
-/* One adjusted variable: where u is set and where û is delivered, as its type says. */
-typedef struct tl_adjusted {
-    fmi2Real *real;       /* NULL: it is Boolean */
-    fmi2Boolean *boolean; /* NULL: it is Real */
-    const fmi2Real *delivered_real;
-    const fmi2Boolean *delivered_boolean; /* both NULL: nothing delivers û */
-    double nominal;                       /* û then */
-    double step;
-    double lower;
-    double upper;
-    uint32_t dwell; /* Boolean: macro steps */
-} tl_adjusted;
-
-/* Places for sequences of unknowns and vectors of residuals, kept from step to step. */
-typedef struct tl_lock_memory {
-    double *committed; /* unknowns of the step committed last */
-    double *nominal;   /* unknowns at nominal, but those that rest */
-    double *guess;
-    double *start; /* of the search */
-    double *best;
-    double *trial;
-    double *residuals;       /* of the candidate evaluated last */
-    double *start_residuals; /* at start */
-    double *best_residuals;
-    double *forecast;
-    double *noise;                /* as tl_objective_noise() */
-    double *candidate_course;     /* y of the matched outputs along the horizon: of the candidate evaluated last, */
-    double *best_course;          /* of the best, */
-    double *course;               /* and of what was committed last */
-    double *earlier;              /* the sample before the last one of `course` */
-    bool *free;                   /* unknowns that a guess may move */
-    double before[TL_MAX_ADJUST]; /* u of the step before, by variable; nominal where there was none */
-} tl_lock_memory;
-
-typedef struct tl_lock {
-    tl_exchange *exchange;
-    tl_track *track; /* by which candidates are walked; NULL where nothing is adjusted */
-    tl_objective objective;
-    tl_horizon horizon;
-    tl_ledger ledger;
-    tl_adjusted adjusted[TL_MAX_ADJUST];
-    tl_optimiser_space space;
-    const tl_optimiser_class *solver;
-    tl_optimiser *optimiser;
-    const tl_optimiser_class *fallback; /* NULL: none */
-    tl_optimiser *second;
-    uint32_t stagnation;
-    double margin;
-    double noise_floor;
-    tl_lock_memory memory;
-    double last_delta[TL_MAX_ADJUST]; /* u − û as committed last */
-    bool has_last;                    /* a step has been committed */
-    int courses;                      /* committed one after the other whose course is known: 0, 1, 2 or more */
-    bool held_inputs; /* mode ahead: what the plant feeds was stood for when the step before was computed */
-    bool was_blind;   /* nothing was identifiable in the step before */
-    bool met;         /* the solver has been let search though all was within tolerance: once is enough */
-    tl_lock_times times;
-} tl_lock;
 
 /* Creates the solvers and takes what the lock needs. Set before: exchange, objective (but what its init fills), horizon,
  * adjusted, solver, fallback, stagnation, margin, noise_floor. The ledger is made from the plan. */

@@ -62,9 +62,6 @@ typedef struct tl_objective {
     size_t residual_count;        /* of the samples, then of the penalties */
 } tl_objective;
 
-/* Within tolerance. */
-#define TL_OBJECTIVE_TOLERANCE 1.0
-
 /* Takes what it needs; exchange, horizon, terms, term_count and penalties are set. False when memory is out. */
 bool tl_objective_init(tl_objective *objective, tl_arena *arena);
 

@@ -22,10 +22,10 @@ def _walk():
 
 
 def _git():
-    """What git tracks or would add; None where the tree is not a work tree of git's."""
+    """What git tracks or would add, also in a clone that is another user's; None where the tree is not a work tree of git's."""
     if not os.path.exists(os.path.join(root, ".git")):
         return None
-    done = subprocess.run(["git", "-C", root, "ls-files", "-z", "--cached", "--others", "--exclude-standard"],
+    done = subprocess.run(["git", "-c", f"safe.directory={os.path.realpath(root)}", "-C", root, "ls-files", "-z", "--cached", "--others", "--exclude-standard"],
                           stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, check=False)
     return [os.fsdecode(name) for name in done.stdout.split(b"\0") if name] if done.returncode == 0 else None
 

@@ -32,6 +32,7 @@ def copy():
     (root / ".deps").mkdir()
     for name in ("bootstrap", "requirements.txt"):
         shutil.copy2(SOURCE / "script" / name, root / "script" / name)
+    shutil.copytree(SOURCE / "script" / "shared", root / "script" / "shared")
     for name in ("unity", "fmi2"):
         shutil.copytree(DEPS / name, root / ".deps" / name)
     (root / ".deps" / "venv").symlink_to(DEPS / "venv")
@@ -104,7 +105,7 @@ def test_nothing_to_do():
 def test_usage():
     root = copy()
     code, out, err = bootstrap(root, "--cross", "--nonsense")
-    expect(code == 2 and not out and "usage: script/bootstrap [--cross]" in err, f"{code}: {err}")
+    expect(code == 2 and not out and "usage: script/bootstrap [--build] [--cross]" in err, f"{code}: {err}")
     code, out, _ = bootstrap(root, "--cross", "--help")
     expect(code == 0 and "qemu-user" in out, f"{code}: {out}")
 

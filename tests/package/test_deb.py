@@ -68,8 +68,7 @@ def test_only_places_that_are_ours():
 
 def test_the_examples_are_those_of_the_sources():
     """And nothing that somebody's run has left beside them."""
-    listed = output_of("git", "-C", SOURCE, "ls-files", "--cached", "--others", "--exclude-standard", "config").split()
-    wanted = {name.removeprefix("config/") for name in listed if not name.startswith(("config/SPEC.md", "config/schema/"))}
+    wanted = {name.removeprefix("config/") for name in debian.sources("config") if not name.startswith(("config/SPEC.md", "config/schema/"))}
     wanted = {name for name in wanted if ".db" not in name}
     folder = ROOT / "usr/share/doc/twinlock/examples"
     found = {str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file()}
@@ -129,8 +128,7 @@ def test_the_same_bytes_from_sources_elsewhere():
     """Built again from the beginning, in another folder; tests and checks are left out, since they are not packed."""
     copy = scratch() / "elsewhere"
     copy.mkdir()
-    listed = output_of("git", "-C", SOURCE, "ls-files", "-z", "--cached", "--others", "--exclude-standard")
-    for name in filter(None, listed.split("\0")):
+    for name in debian.sources():
         if (SOURCE / name).is_file():
             (copy / name).parent.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(SOURCE / name, copy / name, follow_symlinks=False)

@@ -4,7 +4,7 @@ import re
 import subprocess
 from pathlib import Path
 
-from twinlock_test import BUILD, Failure, Skip, expect, scratch
+from twinlock_test import BUILD, SOURCE, Failure, Skip, expect, scratch
 
 
 def need(*programs):
@@ -21,6 +21,12 @@ def output_of(*args, **options):
     if done.returncode != 0:
         raise Failure(f"{' '.join(map(str, args))} ended with {done.returncode}\n{done.stdout}{done.stderr}")
     return done.stdout
+
+
+def sources(*below, root=SOURCE):
+    """Paths of what git tracks or would add. It does not trust a clone that is another user's, unless told for this one command."""
+    return [name for name in output_of("git", "-c", f"safe.directory={root.resolve()}", "-C", root, "ls-files", "-z", "--cached",
+                                       "--others", "--exclude-standard", *below).split("\0") if name]
 
 
 def make(build=BUILD, umask=0o022, **environment):

@@ -122,7 +122,7 @@ static void take_sigterm(int signal) {
 
 void setUp(void) {
     const struct sigaction action = {.sa_handler = take_sigterm};
-    TEST_ASSERT_EQUAL_INT(0, tl_host_state_handle(SIGTERM, &action));
+    TEST_ASSERT_EQUAL_INT(0, tl_host_state_handle(SIGTERM, &action, NULL));
     tl_test_log_clear(&call_log);
     tl_test_fmu_init(&fmu, 1, false, &call_log);
     vendor = fmu.functions;

@@ -31,7 +31,7 @@ static void theirs(int signal) {
 void setUp(void) {
     TEST_ASSERT_NOT_NULL(getcwd(folder, sizeof folder));
     const struct sigaction action = {.sa_handler = ours};
-    TEST_ASSERT_EQUAL_INT(0, tl_host_state_handle(SIGTERM, &action));
+    TEST_ASSERT_EQUAL_INT(0, tl_host_state_handle(SIGTERM, &action, NULL));
     tl_host_state_keep();
 }
 
@@ -139,10 +139,10 @@ static void handlers_of_ours_are_put_back_and_others_left_alone(void) {
 
 static void the_newest_handler_of_ours_is_kept(void) {
     const struct sigaction ignore = {.sa_handler = SIG_IGN};
-    TEST_ASSERT_EQUAL_INT(0, tl_host_state_handle(SIGTERM, &ignore));
+    TEST_ASSERT_EQUAL_INT(0, tl_host_state_handle(SIGTERM, &ignore, NULL));
     TEST_ASSERT_EQUAL_UINT(0, tl_host_state_put_back());
     expect_handler(SIGTERM, SIG_IGN);
-    TEST_ASSERT_EQUAL_INT(-1, tl_host_state_handle(SIGKILL, &ignore));
+    TEST_ASSERT_EQUAL_INT(-1, tl_host_state_handle(SIGKILL, &ignore, NULL));
 }
 
 static void the_folder_is_put_back_even_if_the_other_one_is_gone(void) {

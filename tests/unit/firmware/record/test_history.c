@@ -9,6 +9,7 @@
 #include <unity.h>
 
 #include "firmware/database/database.h"
+#include "firmware/database/database_sql.h"
 #include "firmware/record/history.h"
 #include "firmware/text/utc.h"
 #include "tests/support/faulty_vfs.h"

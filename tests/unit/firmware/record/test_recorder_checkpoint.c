@@ -7,7 +7,7 @@
 
 #include <unity.h>
 
-#include "firmware/database/database.h"
+#include "firmware/database/database_schema.h"
 #include "firmware/record/history.h"
 #include "tests/support/made_run.h"
 #include "tests/support/scratch.h"

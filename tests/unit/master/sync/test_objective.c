@@ -3,6 +3,7 @@
 #include <string.h>
 #include <unity.h>
 
+#include "master/solve/optimiser.h"
 #include "master/sync/objective.h"
 #include "tests/support/test_plan.h"
 

@@ -3,8 +3,8 @@
  *
  * Thread: as html_report.h.
  */
-#ifndef TL_FIRMWARE_REPORT_HTML_PARTS_H
-#define TL_FIRMWARE_REPORT_HTML_PARTS_H
+#ifndef TL_FIRMWARE_REPORT_HTML_REPORT_PARTS_H
+#define TL_FIRMWARE_REPORT_HTML_REPORT_PARTS_H
 
 #include "firmware/report/envelope.h"
 #include "firmware/report/html_report.h"

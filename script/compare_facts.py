@@ -1,0 +1,206 @@
+"""What a command has told, as facts that two builds can be compared by; for script/compare.
+
+A fact has a kind (KINDS, see script/compare), a place within what was told, and lines. Numbers stay the text that they are,
+so that all bits count. What depends on the time of day, on how long it took, or on the version is left out or a "*".
+"""
+import html
+import json
+import re
+import shutil
+import sqlite3
+import tempfile
+from collections import namedtuple
+from pathlib import Path
+
+KINDS = ("values", "codes", "words", "sizes")
+ALLOWABLE = ("words", "sizes")
+
+Fact = namedtuple("Fact", "kind place lines")
+
+NUMBER = re.compile(r"(?<![\w.])[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?(?!\w)", re.IGNORECASE)
+VOLATILE = (
+    (re.compile(r"\b\d{4}-\d\d-\d\d[ T]\d\d:\d\d:\d\d(\.\d+)?Z?"), "*"),
+    (re.compile(r"\btwinlock \d+(\.\d+)+\S*"), "twinlock *"),
+    (re.compile(r"(\btook +)\S+ s\b"), r"\1* s"),
+    (re.compile(r'("wall_s":\s*)[^,\s]+'), r"\1*"),
+)
+
+# Of the page of `check`: a dry run's time, what the heap grew by, and memory of ours.
+CHECK_TIMES = (
+    (re.compile(r"\S+ (\u00b5s|ms|s) here: \S+ (%|cycles)"), r"* here: * \2"),
+    (re.compile(r"measured by \d+ free steps"), "measured by * free steps"),
+    (re.compile(r"(  states +)\S+ (\w+ of the FMUs' own at most; one of \w+ takes) \S+"), r"\1* \2 *"),
+)
+WARNED_BY_TIME = re.compile(r"\S+ ms here\b")
+NEEDS_HEAD = "  component "
+SIZED = re.compile(r"  memory ")
+
+# Columns of the database that are of the time of day or of the version, by table.
+LEFT_OUT = {"runs": {"started", "ended", "committed", "version"}, "events": {"at"}, "beginnings": {"boot", "start_ns"}}
+FMU_SUMS = {"beginnings": {"fmus"}}
+
+
+def masked(text, patterns=VOLATILE):
+    for pattern, stand_in in patterns:
+        text = pattern.sub(stand_in, text)
+    return text
+
+
+# ---- texts ----
+
+def words(place, text):
+    return [Fact("words", place, masked(text).splitlines())]
+
+
+def page(place, text):
+    """A text for people: its numbers are values, the rest is words."""
+    lines = masked(text).splitlines()
+    return [Fact("values", f"{place}, numbers", [number for line in lines for number in NUMBER.findall(line)]),
+            Fact("words", place, [NUMBER.sub("#", line) for line in lines])]
+
+
+def checked(place, text):
+    """The page of `check`. The two columns before a component's time are nodes and KiB, the latter a size."""
+    kept, sizes, in_needs = [], [], False
+    for line in masked(text, CHECK_TIMES).splitlines():
+        if line.startswith("  sum "):
+            in_needs = False
+        if in_needs:
+            *cells, size, _ = line.split()
+            sizes.append(f"{cells[0]} {size}")
+            line = "  " + " ".join(cells)
+        if SIZED.match(line):
+            sizes.append(line)
+        elif not WARNED_BY_TIME.search(line):
+            kept.append(line)
+        in_needs = in_needs or line.startswith(NEEDS_HEAD)
+    return [*page(place, "\n".join(kept)), Fact("sizes", f"{place}, memory", sizes)]
+
+
+# ---- tables and objects ----
+
+def table(place, text):
+    """A CSV table: all of it values. A time of day is no value, and the text of an event has its own fact."""
+    return [Fact("values", place, masked(text, VOLATILE[:1]).splitlines())]
+
+
+def _leaves(value, path=""):
+    """("path", leaf) of all that is in a JSON document, in its order."""
+    if isinstance(value, (dict, list)):
+        if not value:
+            yield path, "empty"
+        for key, inner in value.items() if isinstance(value, dict) else enumerate(value):
+            yield from _leaves(inner, f"{path}.{key}" if path else str(key))
+    else:
+        yield path, value
+
+
+def document(place, text):
+    """A JSON object. Numbers are compared as they are written."""
+    try:
+        parsed = json.loads(text, parse_float=str, parse_int=str)
+    except ValueError:
+        return [Fact("values", place, text.splitlines())]
+    facts, lines = [], []
+    for path, leaf in _leaves(parsed):
+        if path.endswith(".text"):
+            facts += page(f"{place}, {path}", leaf)
+        elif path != "wall_s" and not path.endswith(".version"):
+            lines.append(f"{path}: {masked(str(leaf), VOLATILE[:1])}")
+    return [Fact("values", place, lines), *facts]
+
+
+def report(place, text):
+    """A page of HTML: its `data` elements and the JSON of its curves are values, all else is words."""
+    figures = [html.unescape(found) for found in re.findall(r'<data data-key="([^"]*" value="[^"]*)"', text)]
+    curves = re.search(r'<script type="application/json" id="data">(.*?)</script>', text, re.DOTALL)
+    rest = text.replace(curves[0], "") if curves else text
+    facts = document(f"{place}, curves", curves[1]) if curves else []
+    rest = re.sub(r"<data [^>]*>[^<]*", "<data>", rest)
+    return [Fact("values", f"{place}, figures", figures), *facts, *words(place, rest)]
+
+
+# ---- databases ----
+
+def _table_facts(connection, place, name, left_out):
+    names = [row[1] for row in connection.execute(f'PRAGMA table_info("{name}")')]
+    chosen = [column for column in names if column not in left_out]
+    select = ", ".join(f'"{column}"' for column in chosen)
+    order = ", ".join(str(i + 1) for i in range(len(chosen)))
+    rows = connection.execute(f'SELECT {select} FROM "{name}" ORDER BY {order}').fetchall()
+    if name != "events":
+        return [Fact("values", f"{place}, {name}", [",".join(chosen), *(",".join(map(repr, row)) for row in rows)])]
+    text = chosen.index("text")
+    lines = [",".join(repr(cell) for i, cell in enumerate(row) if i != text) for row in rows]
+    return [Fact("values", f"{place}, events", lines),
+            *page(f"{place}, texts of events", "\n".join(str(row[text]) for row in rows))]
+
+
+def database(place, path, own_fmus):
+    """All tables, row by row, and how they are made. Floats are told to the last bit. A copy is read, since a reader leaves
+    files beside it."""
+    with tempfile.TemporaryDirectory() as folder:
+        for part in path.parent.glob(f"{path.name}*"):
+            shutil.copy(part, folder)
+        return _database(place, Path(folder, path.name), own_fmus)
+
+
+def _database(place, path, own_fmus):
+    connection = sqlite3.connect(path)
+    try:
+        made = connection.execute("SELECT type, name, sql FROM sqlite_master ORDER BY type, name").fetchall()
+        lines = [f"{kind} {name}: {' '.join((sql or '').split())}" for kind, name, sql in made]
+        for pragma in ("application_id", "user_version", "journal_mode", "auto_vacuum", "page_size", "integrity_check"):
+            lines.append(f"{pragma}: {connection.execute(f'PRAGMA {pragma}').fetchone()[0]}")
+        facts = [Fact("values", f"{place}, schema", lines)]
+        for kind, name, _ in made:
+            if kind == "table" and not name.startswith("sqlite_"):
+                left_out = LEFT_OUT.get(name, set()) | (FMU_SUMS.get(name, set()) if own_fmus else set())
+                facts += _table_facts(connection, place, name, left_out)
+        return facts
+    except sqlite3.Error as error:
+        return [Fact("values", place, [f"cannot be read: {error}"])]
+    finally:
+        connection.close()
+
+
+# ---- differences ----
+
+def _where(lines, other, i):
+    """Where in line i two texts differ, for tables by the column's name; and both."""
+    if i >= len(lines) or i >= len(other):
+        return f"line {i + 1}", lines[i] if i < len(lines) else "nothing", other[i] if i < len(other) else "nothing"
+    names, mine, theirs = lines[0].split(","), lines[i].split(","), other[i].split(",")
+    if i > 0 and len(names) == len(mine) == len(theirs) > 1:
+        column = next(k for k, cell in enumerate(mine) if cell != theirs[k])
+        return f"line {i + 1}, {names[column]}", mine[column], theirs[column]
+    return f"line {i + 1}", lines[i], other[i]
+
+
+def _short(text):
+    return text if len(text) <= 160 else text[:157] + "\u2026"
+
+
+def difference(before, after):
+    """None, or where two facts of one place first differ, and how often."""
+    a, b = before.lines, after.lines
+    if a == b:
+        return None
+    count = sum(x != y for x, y in zip(a, b)) + abs(len(a) - len(b))
+    first = next((i for i, (x, y) in enumerate(zip(a, b)) if x != y), min(len(a), len(b)))
+    where, mine, theirs = _where(a, b, first)
+    more = f" ({count} of {max(len(a), len(b))} lines)" if count > 1 else ""
+    return f"{where}: {_short(mine)} \u2192 {_short(theirs)}{more}"
+
+
+def differences(before, after):
+    """[(kind, text)] of two lists of facts."""
+    mine, theirs = {fact.place: fact for fact in before}, {fact.place: fact for fact in after}
+    found = []
+    for place in dict.fromkeys([*mine, *theirs]):
+        fact = mine.get(place) or theirs.get(place)
+        none = Fact(fact.kind, place, [])
+        text = difference(mine.get(place, none), theirs.get(place, none))
+        if text:
+            found.append((fact.kind, f"{place}: {text}"))
+    return found

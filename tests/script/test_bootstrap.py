@@ -1,0 +1,205 @@
+#!/usr/bin/env python3
+"""script/bootstrap on a machine that lacks something: what it would install, what it says before, how it waits for another apt, and what
+somebody without root is told. It runs in a copy, with the real apt-get, whose packages, lists and locks are in a folder of the test; and
+with a dpkg that installs nothing."""
+import fcntl
+import os
+import re
+import shutil
+import subprocess
+import time
+from contextlib import contextmanager
+
+from twinlock_test import SOURCE, Skip, at_most, expect, main, scratch
+
+DEPS = SOURCE / ".deps"
+ONLY_TESTS = {"git", "clang", "chromium", "cppcheck", "shellcheck", "mmdebstrap", "man-db", "locales", "python3-venv", "libpython3.11"}
+PROGRAMS = {
+    # Says that everything is installed but what TL_MISSING names.
+    "dpkg-query": """#!/bin/sh
+shift 3
+for name in "$@"; do
+    case " $TL_MISSING " in *" $name "* | " all ") ;; *) echo "$name installed" ;; esac
+done
+""",
+    "sudo": '#!/bin/sh\n[ "$1" != -n ] || shift\nexec "$@"\n',  # where the tests are not root's
+    "dpkg": f'#!/bin/sh\n[ "$1" != --print-architecture ] || exec {shutil.which("dpkg")} "$@"\n',  # installs nothing
+}
+NO_ROOT = {
+    "id": '#!/bin/sh\n[ "$1" = -u ] && echo 1000 || exec /usr/bin/id "$@"\n',
+    "sudo": "#!/bin/sh\nexit 1\n",
+}
+
+
+class Machine:
+    """A copy of what script/bootstrap needs, and a Debian of which it knows."""
+
+    def __init__(self, missing="git", parts=("fmi2", "unity", "venv"), programs=None):
+        self.root = scratch()
+        self.deps = self.root / ".deps"
+        self.deps.mkdir()
+        (self.root / "script").mkdir()
+        for name in ("bootstrap", "requirements.txt"):
+            shutil.copy2(SOURCE / "script" / name, self.root / "script" / name)
+        shutil.copytree(SOURCE / "script" / "shared", self.root / "script" / "shared")
+        for name in parts:
+            (self.deps / name).symlink_to(DEPS / name)
+        self.state = scratch()
+        (self.state / "lists").mkdir()
+        self.environment = {**os.environ, "TL_MISSING": missing, "APT_CONFIG": str(self.apt_config()),
+                            "PATH": f"{self.programs({**PROGRAMS, **(programs or {})})}:{os.environ['PATH']}"}
+
+    @staticmethod
+    def programs(texts):
+        folder = scratch()
+        for name, text in texts.items():
+            (folder / name).write_text(text, encoding="utf-8")
+            (folder / name).chmod(0o755)
+        return folder
+
+    def apt_config(self):
+        """One archive, with one package."""
+        (self.state / "status").touch()
+        (self.state / "sources.list").write_text(f"deb [trusted=yes] copy:{archive()} ./\n", encoding="utf-8")
+        path = self.state / "apt.conf"
+        path.write_text(f'Dir::State "{self.state}"; Dir::State::status "{self.state}/status"; Dir::Cache "{scratch()}";'
+                        f'Dir::Etc::SourceList "{self.state}/sources.list"; Dir::Etc::SourceParts "/dev/null";'
+                        f'Dir::Bin::dpkg "{self.programs(PROGRAMS)}/dpkg"; APT::Sandbox::User "";', encoding="utf-8")
+        return path
+
+    def start(self, *arguments):
+        return subprocess.Popen([self.root / "script" / "bootstrap", *arguments], stdin=subprocess.DEVNULL, env=self.environment,
+                                stdout=subprocess.PIPE, stderr=subprocess.PIPE, encoding="utf-8")
+
+    def run(self, *arguments):
+        """(exit code, stdout, stderr)"""
+        process = self.start(*arguments)
+        out, err = process.communicate(timeout=200)
+        return process.returncode, out, err
+
+
+def archive():
+    """A folder with a package git of 300 kB, of which 200 kB are noise, and a list of it."""
+    folder, content = scratch(), scratch()
+    (content / "DEBIAN").mkdir()
+    (content / "DEBIAN/control").write_text("Package: git\nVersion: 1\nArchitecture: all\nMaintainer: none <none@invalid>\n"
+                                            "Installed-Size: 3000\nDescription: a test\n", encoding="utf-8")
+    (content / "noise").write_bytes(os.urandom(200000))
+    subprocess.run(["dpkg-deb", "--build", "--root-owner-group", content, folder / "git.deb"], check=True, stdout=subprocess.DEVNULL)
+    listed = subprocess.run(["dpkg-scanpackages", "."], cwd=folder, check=True, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL)
+    (folder / "Packages").write_bytes(listed.stdout)
+    return folder
+
+
+def expect_failure(found, *words):
+    code, _, err = found
+    for word in ("bootstrap: error: ", "bootstrap: what to do: ", *words):
+        expect(code == 1 and word in err, f"ended with {code}, without \"{word}\":\n{err}")
+
+
+def asked_for(text, program):
+    """The packages that a command line after `--no-install-recommends` names."""
+    lines = re.findall(rf"{program} .*--no-install-recommends (.*)$", text, re.M)
+    expect(len(lines) == 1, f"{len(lines)} commands to install something:\n{text}")
+    return set(lines[0].split())
+
+
+# ---- what it says before ----
+
+def test_how_much_is_fetched():
+    machine = Machine()
+    code, out, err = machine.run()
+    expect(code == 0 and not err, f"{code}: {err}")
+    expect(re.search(r"^bootstrap: installing 1 Debian package, 20\d kB to fetch, \d+ kB on disk: git *$", out, re.M), out)
+    log = (machine.deps / "bootstrap.log").read_text(encoding="utf-8")
+    expect("0 upgraded, 1 newly installed" in log, f"apt was not asked:\n{log}")
+
+
+def test_a_package_that_there_is_not():
+    expect_failure(Machine("git shellcheck").run(), "Unable to locate package shellcheck", "apt-get install failed", "apt's words above")
+
+
+# ---- another apt ----
+
+@contextmanager
+def held(path):
+    """The lock of a file, as apt and dpkg take it, is ours."""
+    with open(path, "w", encoding="utf-8") as file:
+        fcntl.lockf(file, fcntl.LOCK_EX)
+        yield
+
+
+def expect_patience(name):
+    """It says who has the lock, and goes on when that one ends."""
+    machine = Machine()
+    path = machine.state / name
+    with held(path):
+        process = machine.start()
+        said = ""
+        while "waiting" not in said:
+            said = process.stdout.readline()
+            expect(said, f"it has not waited: {process.stderr.read() if not said else ''}")
+        expect(re.match(rf"bootstrap: waiting for apt, \d+ of at most 900 s: process {os.getpid()} \(.+\) holds {path}$", said), said)
+        second = process.stdout.readline()
+        expect(second.startswith("bootstrap: waiting for apt, "), f"not said again: {second}")
+    begun = time.monotonic()
+    out, err = process.communicate(timeout=60)
+    expect(process.returncode == 0 and "bootstrap: done" in out, f"{process.returncode}: {out}{err}")
+    at_most(time.monotonic() - begun, 30, "s from then on")
+
+
+def test_another_one_has_the_lists():
+    expect_patience("lists/lock")
+
+
+def test_another_one_installs():
+    expect_patience("lock-frontend")
+
+
+def test_patience_ends():
+    machine = Machine()
+    with held(machine.state / "lock-frontend"):
+        expect_failure(machine.run("--wait", "0"), f"process {os.getpid()} ", "lock-frontend", "let it end, then run script/bootstrap")
+    expect(machine.run("--wait", "x")[0] == 2 and machine.run("--wait")[0] == 2, "such a time is taken")
+
+
+# ---- what is installed ----
+
+def test_what_building_needs():
+    machine = Machine("all", programs=NO_ROOT)
+    less = asked_for(machine.run("--build")[2], "apt-get update && apt-get install")
+    more = asked_for(machine.run()[2], "apt-get update && apt-get install")
+    expect(less < more and ONLY_TESTS <= more - less, f"{sorted(less & ONLY_TESTS)} to build, {sorted(ONLY_TESTS - more)} missing")
+    expect({"gcc", "cmake", "ninja-build", "libnlopt-dev", "libjs-dygraphs", "dpkg-dev"} <= less, f"{sorted(less)}")
+
+
+def test_without_root():
+    for options in ([], ["--cross"], ["--build"], ["--build", "--cross"]):
+        found = Machine("gcc", programs=NO_ROOT).run(*options)
+        again = " ".join(["script/bootstrap", *options])
+        expect_failure(found, "this needs root", "as root run\n  apt-get update && ", f"then, as yourself,\n  {again}\n")
+        packages = asked_for(found[2], "apt-get update && apt-get install")
+        expect(("gcc-aarch64-linux-gnu" in packages) == ("--cross" in options), f"{options}: {sorted(packages)}")
+        expect(("qemu-user-static" in packages) == (options == ["--cross"]), f"{options}: {sorted(packages)}")
+        expect(("chromium" in packages) == ("--build" not in options), f"{options}: {sorted(packages)}")
+
+
+def test_headers_without_an_environment():
+    machine = Machine("", parts=())
+    code, _, err = machine.run("--build")
+    if "could not be fetched" in err:
+        raise Skip("no packages of Python's can be fetched")
+    expect(code == 0, f"{code}: {err}")
+    made = sorted(path.name for path in machine.deps.iterdir() if not path.name.startswith("."))
+    expect(made == ["bootstrap.log", "fmi2"], f"{made}")
+    expect({path.name for path in (machine.deps / "fmi2").iterdir()} == {path.name for path in (DEPS / "fmi2").iterdir()}, "other files")
+
+
+def test_no_headers():
+    machine = Machine("", parts=())
+    machine.environment["PIP_NO_INDEX"] = "1"
+    machine.environment.pop("PIP_FIND_LINKS", None)
+    expect_failure(machine.run("--build"), "fmpy could not be fetched", "then run script/bootstrap --build")
+
+
+main()

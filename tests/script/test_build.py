@@ -1,0 +1,67 @@
+#!/usr/bin/env python3
+"""script/build with what building needs and no more: it installs no more, and configures the product without the tests; and with them once
+what they need is there. In a copy whose build stops before the compiler's work."""
+import os
+import shutil
+import subprocess
+
+from twinlock_test import SOURCE, expect, main, scratch
+
+DEPS = SOURCE / ".deps"
+PROGRAMS = {
+    "cmake": '#!/bin/sh\n[ "$1" != --build ] || exec echo "no work is done" \nexec %s "$@"\n' % shutil.which("cmake"),
+}
+
+
+def copy():
+    """A repository that has what building needs."""
+    root = scratch()
+    for path in SOURCE.iterdir():
+        if path.name not in (".git", ".deps", "build", "script"):
+            (root / path.name).symlink_to(path)
+    shutil.copytree(SOURCE / "script", root / "script")
+    bootstrap = root / "script" / "bootstrap"
+    bootstrap.rename(root / "script" / "real_bootstrap")
+    bootstrap.write_text('#!/bin/sh\necho "$@" >>asked_for\nexec script/real_bootstrap "$@"\n', encoding="utf-8")
+    bootstrap.chmod(0o755)
+    (root / ".deps").mkdir()
+    (root / ".deps" / "fmi2").symlink_to(DEPS / "fmi2")
+    return root
+
+
+def build(root, *arguments):
+    """What was asked of script/bootstrap."""
+    folder = scratch()
+    for name, text in PROGRAMS.items():
+        (folder / name).write_text(text, encoding="utf-8")
+        (folder / name).chmod(0o755)
+    (root / "asked_for").write_text("", encoding="utf-8")
+    done = subprocess.run([root / "script" / "build", *arguments], env={**os.environ, "PATH": f"{folder}:{os.environ['PATH']}"},
+                          stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, encoding="utf-8", check=False)
+    expect(done.returncode == 0, f"{arguments}: {done.returncode}: {done.stdout}")
+    return (root / "asked_for").read_text(encoding="utf-8").split()
+
+
+def targets(root):
+    return (root / "build" / "host" / "build.ninja").read_text(encoding="utf-8")
+
+
+def test_with_tests_once_they_are_wanted():
+    root = copy()
+    expect("--build" in build(root), "it asks for more than building needs")
+    without = targets(root)
+    expect("bin/twinlock:" in without and "motor.fmu" in without and "twinlock.1.gz" in without, "the product is not whole")
+    expect("test_arena" not in without and "unity" not in without and ".deps/venv" not in without, "tests would be built")
+    for name in ("unity", "venv"):
+        (root / ".deps" / name).symlink_to(DEPS / name)
+    expect("--build" not in build(root), "what tests need is not kept up to date")
+    expect("test_arena" in targets(root), "no tests are built")
+
+
+def test_by_hand_without_bootstrap():
+    root = copy()
+    done = subprocess.run(["cmake", "--preset", "host"], cwd=root, stdout=subprocess.PIPE, stderr=subprocess.PIPE, encoding="utf-8", check=False)
+    expect(done.returncode == 1 and "Missing .deps/unity/unity.c: run script/bootstrap first" in done.stderr, done.stderr)
+
+
+main()
