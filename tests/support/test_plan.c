@@ -185,6 +185,12 @@ const tl_record *tl_test_run_tick(tl_test_run *run, tl_test_log *log) {
     return &run->record;
 }
 
+const tl_record *tl_test_run_single(tl_test_run *run, tl_test_log *log, double cmd, double y0) {
+    run->sample.values[TL_TEST_CMD] = cmd;
+    run->sample.values[TL_TEST_Y0] = y0;
+    return tl_test_run_tick(run, log);
+}
+
 void tl_test_run_make_up(tl_test_run *run) {
     run->status = tl_twin_make_up(run->twin, &run->sample, &run->record, &run->ready, &run->error);
     move_on(run);

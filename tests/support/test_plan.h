@@ -98,6 +98,9 @@ void tl_test_run_step(tl_test_run *run);
 /* Ticks, which go well, until one has made a record; the log has that one's calls only. */
 const tl_record *tl_test_run_tick(tl_test_run *run, tl_test_log *log);
 
+/* The same of the plan with a single component, of a plant that stays at these values. */
+const tl_record *tl_test_run_single(tl_test_run *run, tl_test_log *log, double cmd, double y0);
+
 /* As tl_test_run_step(), for a tick that was missed; and for one of an earlier run. */
 void tl_test_run_make_up(tl_test_run *run);
 void tl_test_run_follow(tl_test_run *run, const double *u);

@@ -6,6 +6,7 @@
 #include <string.h>
 #include <unity.h>
 
+#include "tests/support/random_numbers.h"
 #include "tests/support/test_plan.h"
 
 enum { CMD, Y0, OTHER }; /* signals */
@@ -23,16 +24,6 @@ void setUp(void) {}
 
 void tearDown(void) {
     tl_test_run_end(&run, &plan);
-}
-
-static uint32_t any(uint32_t below) {
-    seed = seed * 1664525U + 1013904223U;
-    return (seed >> 8) % below;
-}
-
-/* −1 … 1. */
-static double noise(void) {
-    return (double)any(20001) / 10000.0 - 1.0;
 }
 
 static void add_signals(void) {
@@ -161,7 +152,7 @@ static double square_of_correction(const tl_plan_condition *condition) {
     begin_observer()->condition = *condition;
     tl_test_run_build(&run, &plan);
     for (int64_t m = 0; m < 2000; m++) {
-        bool ready = tick(1.0, 1.0 + noise(), TL_GOOD);
+        bool ready = tick(1.0, 1.0 + tl_test_noise(&seed), TL_GOOD);
         sum += ready && m > 100 ? run.record.u[0] * run.record.u[0] : 0.0;
     }
     return sum;
@@ -198,8 +189,8 @@ static void bad_samples_lose_their_weight(void) {
         double good = 0.0;
         seed = number * 7919U;
         for (size_t i = 0; i < 5; i++) {
-            quality[i] = i != 2 && any(3) == 0 ? TL_STALE : TL_GOOD;
-            samples[i] = 5.0 + noise() + (quality[i] == TL_GOOD ? 0.0 : 1e6 * noise());
+            quality[i] = i != 2 && tl_test_any(&seed, 3) == 0 ? TL_STALE : TL_GOOD;
+            samples[i] = 5.0 + tl_test_noise(&seed) + (quality[i] == TL_GOOD ? 0.0 : 1e6 * tl_test_noise(&seed));
             sum += quality[i] == TL_GOOD ? samples[i] : 0.0;
             good += quality[i] == TL_GOOD ? 1.0 : 0.0;
         }
@@ -269,28 +260,29 @@ static void draw_plan(void) {
     for (size_t i = 0; i < COMPONENTS; i++) {
         tl_test_fmu_init(&fmus[i], 2, false, &call_log);
         tl_test_plan_component(&plan, names[i], &fmus[i]);
-        tl_test_plan_set(&plan, "lag", 0.1 + 0.1 * (double)any(4));
+        tl_test_plan_set(&plan, "lag", 0.1 + 0.1 * (double)tl_test_any(&seed, 4));
     }
     add_signals();
     tl_test_plan_connect(&plan, "plant.cmd", "a.u0");
     tl_test_plan_connect(&plan, "a.y0", "b.u0");
     tl_test_plan_connect(&plan, "b.y0", "c.u0");
-    tl_test_plan_connect(&plan, any(2) == 0 ? "c.y1" : "plant.other", "a.u1");
-    tl_test_plan_connect(&plan, any(2) == 0 ? "plant.other" : "a.y1", "b.u1");
-    tl_test_plan_connect(&plan, any(2) == 0 ? "plant.other" : "b.y1", "c.u1");
-    tl_test_plan_adjust(&plan, any(2) == 0 ? "b.u0" : "a.offset", 0.1);
-    if (any(2) == 0) {
-        tl_test_plan_adjust(&plan, any(2) == 0 ? "c.offset" : "b.gain", 0.1)->rate_penalty = 0.1 * any(2);
+    tl_test_plan_connect(&plan, tl_test_any(&seed, 2) == 0 ? "c.y1" : "plant.other", "a.u1");
+    tl_test_plan_connect(&plan, tl_test_any(&seed, 2) == 0 ? "plant.other" : "a.y1", "b.u1");
+    tl_test_plan_connect(&plan, tl_test_any(&seed, 2) == 0 ? "plant.other" : "b.y1", "c.u1");
+    tl_test_plan_adjust(&plan, tl_test_any(&seed, 2) == 0 ? "b.u0" : "a.offset", 0.1);
+    if (tl_test_any(&seed, 2) == 0) {
+        tl_test_plan_adjust(&plan, tl_test_any(&seed, 2) == 0 ? "c.offset" : "b.gain", 0.1)->rate_penalty =
+            0.1 * tl_test_any(&seed, 2);
     }
     tl_plan_match *match = tl_test_plan_match(&plan, "c.y0", "plant.y0", 0.02);
-    match->huber = any(3) == 0 ? 2.0 : 0.0;
-    match->condition.median = any(3) == 0 ? 3 : 0;
-    tl_test_plan_match(&plan, "b.y0", "plant.y0", 0.05)->weight = any(2);
-    plan.plan.prediction = 3 + any(3);
-    plan.plan.shape = (tl_shape)any(2);
-    plan.plan.measurements = (tl_measurements)any(3);
-    plan.plan.algorithm = solvers[any(SOLVERS)];
-    plan.plan.noise_floor = 0.2 * any(2);
+    match->huber = tl_test_any(&seed, 3) == 0 ? 2.0 : 0.0;
+    match->condition.median = tl_test_any(&seed, 3) == 0 ? 3 : 0;
+    tl_test_plan_match(&plan, "b.y0", "plant.y0", 0.05)->weight = tl_test_any(&seed, 2);
+    plan.plan.prediction = 3 + tl_test_any(&seed, 3);
+    plan.plan.shape = (tl_shape)tl_test_any(&seed, 2);
+    plan.plan.measurements = (tl_measurements)tl_test_any(&seed, 3);
+    plan.plan.algorithm = solvers[tl_test_any(&seed, SOLVERS)];
+    plan.plan.noise_floor = 0.2 * tl_test_any(&seed, 2);
     plan.plan.evaluations = 30;
 }
 
@@ -310,10 +302,12 @@ static uint64_t run_seed(uint32_t number, bool structure, bool sequences, uint32
     run.budget.evaluations = 30;
     for (size_t m = 0; m < TICKS; m++) {
         double t = (double)m;
-        run.sample.values[OTHER] = any(3) == 0 ? noise() : run.sample.values[OTHER]; /* often as it was */
-        run.sample.quality[OTHER] = any(10) == 0 ? TL_STALE : TL_GOOD;
-        tl_quality quality = any(10) == 0 ? TL_NO_LINK : TL_GOOD;
-        (void)tick(any(4) == 0 ? noise() : 0.5, sin(0.2 * t) + 0.1 * noise(), quality);
+        run.sample.values[OTHER] =
+            tl_test_any(&seed, 3) == 0 ? tl_test_noise(&seed) : run.sample.values[OTHER]; /* often as it was */
+        run.sample.quality[OTHER] = tl_test_any(&seed, 10) == 0 ? TL_STALE : TL_GOOD;
+        tl_quality quality = tl_test_any(&seed, 10) == 0 ? TL_NO_LINK : TL_GOOD;
+        (void)tick(tl_test_any(&seed, 4) == 0 ? tl_test_noise(&seed) : 0.5, sin(0.2 * t) + 0.1 * tl_test_noise(&seed),
+                   quality);
         const tl_record *record = &run.record;
         executions += run.ready ? record->executions : 0;
         if (kept) {

@@ -331,17 +331,23 @@ static void a_failure_while_initialising_stops_it(void) {
 
 /* ---- cut connections ---- */
 
-static void a_cut_connection_delivers_to_the_nominal_only(void) {
+/* The model alone, its u0 adjusted: the port of that. */
+static const tl_port *build_adjusted(void) {
     const tl_plan_adjust adjust = {.where = "", .variable = "model.u0", .step = 1.0};
-    (void)add("model", 1, false);
-    tl_test_plan_signal(&plan, "cmd", TL_REAL, "");
-    tl_test_plan_connect(&plan, "plant.cmd", "model.u0");
     plan.plan.adjust_count = 1; /* room for its port */
     tl_graph_build(&graph, &arena, &plan.plan, &plan.report);
     const tl_port *port = tl_graph_adjust(&graph, &adjust, &plan.report);
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_exchange_init(&exchange, &arena, &graph, 8, &error));
     TEST_ASSERT_EQUAL_INT(TL_OK,
                           tl_component_instantiate(&graph.components[0], &fmus[0].callbacks, "file:///r", &error));
+    return port;
+}
+
+static void a_cut_connection_delivers_to_the_nominal_only(void) {
+    (void)add("model", 1, false);
+    tl_test_plan_signal(&plan, "cmd", TL_REAL, "");
+    tl_test_plan_connect(&plan, "plant.cmd", "model.u0");
+    const tl_port *port = build_adjusted();
     const double *nominal = tl_graph_connection_to(&graph, port)->nominal;
     push(3.0);
     initialize();
@@ -358,19 +364,13 @@ static void a_cut_connection_delivers_to_the_nominal_only(void) {
 static void a_cut_connection_converts_units_as_any_other(void) {
     static const tl_unit known[] = {{"K", true, {0, 0, 0, 0, 1}, 1.0, 0.0},
                                     {"degC", true, {0, 0, 0, 0, 1}, 1.0, 273.15}};
-    const tl_plan_adjust adjust = {.where = "", .variable = "model.u0", .step = 1.0};
     (void)add("model", 1, false);
     fmus[0].model.units = known;
     fmus[0].model.unit_count = 2;
     tl_test_fmu_variable(&fmus[0], "u0")->unit = &known[0];
     tl_test_plan_signal(&plan, "cmd", TL_REAL, "degC");
     tl_test_plan_connect(&plan, "plant.cmd", "model.u0");
-    plan.plan.adjust_count = 1; /* room for its port */
-    tl_graph_build(&graph, &arena, &plan.plan, &plan.report);
-    const tl_port *port = tl_graph_adjust(&graph, &adjust, &plan.report);
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_exchange_init(&exchange, &arena, &graph, 8, &error));
-    TEST_ASSERT_EQUAL_INT(TL_OK,
-                          tl_component_instantiate(&graph.components[0], &fmus[0].callbacks, "file:///r", &error));
+    const tl_port *port = build_adjusted();
     push(20.0);
     initialize();
     TEST_ASSERT_EQUAL_DOUBLE(293.15, *(const double *)tl_graph_connection_to(&graph, port)->nominal);

@@ -33,9 +33,7 @@ static void build(void) {
 }
 
 static const tl_record *tick(double cmd, double y0) {
-    run.sample.values[TL_TEST_CMD] = cmd;
-    run.sample.values[TL_TEST_Y0] = y0;
-    return tl_test_run_tick(&run, &call_log);
+    return tl_test_run_single(&run, &call_log, cmd, y0);
 }
 
 static double tried(size_t n) {

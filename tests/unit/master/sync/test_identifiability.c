@@ -4,6 +4,7 @@
 #include <string.h>
 #include <unity.h>
 
+#include "tests/support/random_numbers.h"
 #include "tests/support/test_plan.h"
 
 enum { SOLVERS = 5 };
@@ -36,9 +37,7 @@ static void build(void) {
 }
 
 static const tl_record *tick(double cmd, double y0) {
-    run.sample.values[TL_TEST_CMD] = cmd;
-    run.sample.values[TL_TEST_Y0] = y0;
-    return tl_test_run_tick(&run, &call_log);
+    return tl_test_run_single(&run, &call_log, cmd, y0);
 }
 
 /* What varies a variable by a twentieth of its step or more can judge it; the differences of L-BFGS are smaller. */
@@ -158,27 +157,23 @@ static void under_a_tight_budget_nothing_drifts(void) {
 
 static uint32_t seed;
 
-static uint32_t any(uint32_t below) {
-    seed = seed * 1664525U + 1013904223U;
-    return (seed >> 8) % below;
-}
-
 /* Whatever the budget and the horizon: what the record names is at nominal in what was committed. */
 static void what_is_named_is_at_nominal(void) {
     uint32_t named = 0;
     for (uint32_t number = 1; number <= 400; number++) {
         seed = number * 7919U;
-        begin(solvers[any(SOLVERS)]);
-        bool swapped = any(2) == 0;
+        begin(solvers[tl_test_any(&seed, SOLVERS)]);
+        bool swapped = tl_test_any(&seed, 2) == 0;
         tl_test_plan_adjust(&plan, swapped ? "m.gain" : "m.offset", 0.1);
         tl_test_plan_adjust(&plan, swapped ? "m.offset" : "m.gain", 0.1);
-        plan.plan.prediction = 1 + any(4);
-        plan.plan.shape = (tl_shape)any(2);
-        plan.plan.fallback = any(2) == 0 ? solvers[any(SOLVERS)] : NULL;
+        plan.plan.prediction = 1 + tl_test_any(&seed, 4);
+        plan.plan.shape = (tl_shape)tl_test_any(&seed, 2);
+        plan.plan.fallback = tl_test_any(&seed, 2) == 0 ? solvers[tl_test_any(&seed, SOLVERS)] : NULL;
         build();
         for (int i = 0; i < 40; i++) {
-            run.budget.evaluations = 1 + any(25);
-            const tl_record *record = tick(any(3) == 0 ? 0.0 : 0.02 * any(4), 1.0 + 0.1 * any(10));
+            run.budget.evaluations = 1 + tl_test_any(&seed, 25);
+            const tl_record *record = tick(tl_test_any(&seed, 3) == 0 ? 0.0 : 0.02 * tl_test_any(&seed, 4),
+                                           1.0 + 0.1 * tl_test_any(&seed, 10));
             for (size_t v = 0; v < 2; v++) {
                 if ((record->held >> v & 1U) != 0) {
                     named++;

@@ -9,6 +9,7 @@
 #include <time.h>
 #include <unity.h>
 
+#include "tests/support/random_numbers.h"
 #include "tests/support/test_plan.h"
 
 enum { CMD, Y0, SUM, FLAG, OTHER_FLAG }; /* signals */
@@ -73,11 +74,6 @@ void tearDown(void) {
     tl_test_run_end(&run, &plan);
 }
 
-static uint32_t any(uint32_t below) {
-    watch.seed = watch.seed * 1664525U + 1013904223U;
-    return (watch.seed >> 8) % below;
-}
-
 /* ---- FMUs that take time ---- */
 
 static void set_costs(void) {
@@ -102,7 +98,7 @@ static fmi2Status watched_step(fmi2Component component, fmi2Real time, fmi2Real 
         bool is_slow = watch.executions / FMUS % watch.slow_every == 0;
         set_slow(is_slow, is_slow);
     }
-    if (watch.jumps && any(watch.slow[1] ? 30 : 200) == 0) {
+    if (watch.jumps && tl_test_any(&watch.seed, watch.slow[1] ? 30 : 200) == 0) {
         set_slow(!watch.slow[1], !watch.slow[1]);
     }
     return plain_step(component, time, step, final);
@@ -526,15 +522,16 @@ static void any_setting_is_repeated_to_the_bit(void) {
     for (uint32_t seed = 1; seed <= 150; seed++) {
         setUp();
         watch.seed = seed;
-        setting set = press_setting(any(PRESS_SETTINGS));
+        setting set = press_setting(tl_test_any(&watch.seed, PRESS_SETTINGS));
         bool numbers = strcmp(set.algorithm, "boolean") != 0;
-        set.measurements = (tl_measurements)any(3);
-        set.fallback = numbers && any(2) == 0 ? solvers[any(SOLVERS - 1)] : NULL;
-        set.stagnation = any(3) == 0 ? 3 + any(8) : 0;
-        set.noise_floor = any(3) == 0 ? 5.0 * any(12) : 0.0;
-        set.keep = any(2) == 0 ? TL_KEEP_STATES : TL_KEEP_OUTPUTS;
+        set.measurements = (tl_measurements)tl_test_any(&watch.seed, 3);
+        set.fallback =
+            numbers && tl_test_any(&watch.seed, 2) == 0 ? solvers[tl_test_any(&watch.seed, SOLVERS - 1)] : NULL;
+        set.stagnation = tl_test_any(&watch.seed, 3) == 0 ? 3 + tl_test_any(&watch.seed, 8) : 0;
+        set.noise_floor = tl_test_any(&watch.seed, 3) == 0 ? 5.0 * tl_test_any(&watch.seed, 12) : 0.0;
+        set.keep = tl_test_any(&watch.seed, 2) == 0 ? TL_KEEP_STATES : TL_KEEP_OUTPUTS;
         for (size_t tick = 1; tick < TICKS; tick++) {
-            made_up[tick] = any(12) == 0;
+            made_up[tick] = tl_test_any(&watch.seed, 12) == 0;
         }
         run_live(&set, seed);
         for (size_t i = 0; i < TICKS - 6; i++) {
