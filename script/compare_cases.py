@@ -302,7 +302,8 @@ def _refused():
 def shown(name, is_brief):
     """The calls that show a database in all its forms, or in the usual ones, and as a report."""
     outs = {"--json": facts.document, "--csv": facts.table}
-    calls = [Call(["show", name, *form], outs.get(form[0] if form else "", facts.page)) for form in (BRIEFLY_SHOWN if is_brief else SHOWN)]
+    forms = BRIEFLY_SHOWN if is_brief else SHOWN
+    calls = [Call(["show", name, *form], outs.get(form[0] if form else "", facts.page)) for form in forms]
     return [*calls, Call(["show", name, "--report", "show.html"], facts.words, {"show.html": facts.report})]
 
 

@@ -1,7 +1,7 @@
 """The closing table of script/demo: the twin left alone, locked by Nelder-Mead, and locked by twinlock's own solver.
 
-demo_table.py FOLDER, which has --json summaries: live.json of the live run, and of replays of what it recorded free.N.json,
-nelder_mead.N.json and own.N.json, each replayed the same way some times.
+demo_table.py FREE NELDER_MEAD LIVE: --json summaries of two replays of what the live run recorded, and of the live run. Their times
+are not in the table: a replay of this bench takes some ms, which tell more of the machine than of the solver.
 """
 import json
 import sys
@@ -9,8 +9,7 @@ from pathlib import Path
 
 HEADING = """
 The first two columns are replays of what the live run recorded: the twin left alone, and locked by Nelder-Mead with all
-other settings as they were live. The last column is the live run itself, locked by twinlock's own solver, secant; its
-time is that of a replay, too.
+other settings as they were live. The last column is the live run itself, locked by twinlock's own solver, secant.
 """
 COLUMNS = ("left alone", "Nelder-Mead", "own solver")
 
@@ -21,31 +20,23 @@ def delta(summary):
     return "-" if adjust is None else f"{adjust['delta_mean']:+.5f}"
 
 
-def rows(live, free, nelder_mead, own):
-    """(what it is, a cell for each column), from the live run and from lists of replays."""
-    three = (free[0], nelder_mead[0], live)
+def rows(free, nelder_mead, live):
+    """(what it is, a cell for each column)"""
+    three = (free, nelder_mead, live)
     yield "MSE of the speed, (rad/s)²", [f"{one['match']['motor.omega']['mse']:.3f}" for one in three]
     yield "MAX deviation, rad/s", [f"{one['match']['motor.omega']['max']:.2f}" for one in three]
     yield "executions of components (N)", [f"{one['executions']['total']}" for one in three]
     yield "evaluations", [f"{one['evaluations']}" for one in three]
     yield "mean Δu of motor.d, N.m.s/rad", [delta(one) for one in three]
-    yield "all of it replayed, ms", [f"{1e3 * min(one['wall_s'] for one in same):.1f}" for same in (free, nelder_mead, own)]
     yield "ticks / skipped", ["-", "-", f"{live['ticks']} / {live['skipped']}"]
     yield "missed deadlines", ["-", "-", f"{live['deadline_misses']}"]
 
 
-def read(folder, pattern):
-    """The summaries in the files of that name."""
-    return [json.loads(path.read_text(encoding="utf-8")) for path in folder.glob(pattern)]
-
-
 def main():
     """Prints the table."""
-    folder = Path(sys.argv[1])
-    live, = read(folder, "live.json")
-    replays = [read(folder, f"{name}.[0-9].json") for name in ("free", "nelder_mead", "own")]
+    summaries = [json.loads(Path(path).read_text(encoding="utf-8")) for path in sys.argv[1:4]]
     print(HEADING)
-    for name, cells in [("", COLUMNS), *rows(live, *replays)]:
+    for name, cells in [("", COLUMNS), *rows(*summaries)]:
         print(f"{name:32}" + "".join(f"{cell:>14}" for cell in cells))
 
 

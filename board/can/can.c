@@ -14,13 +14,11 @@
 
 #include "board/can/can_link.h"
 #include "board/can/can_map.h"
-
-#define PAUSE_FIRST (TL_SECOND / 10)
-#define PAUSE_LAST (2 * TL_SECOND)
+#include "board/io/backoff.h"
+#include "board/io/link.h"
+#include "board/io/monotonic.h"
 
 enum { WAIT_MS = 50, FRAMES = 512, TEXT = 384 };
-
-typedef enum link_state { LINK_UNKNOWN, LINK_DOWN, LINK_UP } link_state;
 
 /* What goes on all the time, and is told at most once a second. */
 typedef struct tally {
@@ -32,39 +30,27 @@ typedef struct tally {
 } tally;
 
 struct tl_plant_io {
+    char name[16 + TL_CAN_INTERFACE]; /* for people */
     tl_can_link link;
     tl_can_map map;
-    link_state state;
+    tl_link state;
     tl_can_health health;
-    bool wants_fd; /* a signal that no classic frame can hold */
-    bool bus_off;  /* said an error frame, and nothing since that it is over */
-    tl_time pause; /* between looks for the interface; 0: none is due */
-    tl_time due;   /* of the next look */
+    bool wants_fd;      /* a signal that no classic frame can hold */
+    bool bus_off;       /* said an error frame, and nothing since that it is over */
+    tl_backoff backoff; /* of looks for the interface */
     tally tally;
 };
 
 /* ---- telling ---- */
 
-static void say(const tl_plant_io *io, const tl_plant_io_sink *sink, bool up, const char *text) {
-    char whole[TEXT + 64];
-    (void)snprintf(whole, sizeof whole, "CAN interface %s: %s", io->link.interface, text);
-    sink->link(sink->context, up, whole);
-}
-
-static void set_link(tl_plant_io *io, const tl_plant_io_sink *sink, bool up, const char *text) {
-    link_state state = up ? LINK_UP : LINK_DOWN;
-    if (io->state != state) {
-        io->state = state;
-        say(io, sink, up, text);
-    }
+static void say(const tl_plant_io *io, const tl_plant_io_sink *sink, const char *text) {
+    tl_link_tell(&io->state, sink, io->name, text);
 }
 
 /* The link is down, and the next look waits. */
 static void give_up(tl_plant_io *io, const tl_plant_io_sink *sink, const char *cause) {
-    tl_time next = io->pause > 0 ? 2 * io->pause : PAUSE_FIRST;
-    io->pause = next < PAUSE_LAST ? next : PAUSE_LAST;
-    io->due = tl_can_link_now() + io->pause;
-    set_link(io, sink, false, cause);
+    tl_backoff_fail(&io->backoff, tl_monotonic_now());
+    (void)tl_link_set(&io->state, sink, false, io->name, cause);
 }
 
 static void tell_tally(tl_plant_io *io, const tl_plant_io_sink *sink) {
@@ -88,8 +74,8 @@ static void tell_tally(tl_plant_io *io, const tl_plant_io_sink *sink) {
                                  now->bus_errors, now->bus_error);
     }
     text[used - 2] = '\0'; /* without the last stop */
-    say(io, sink, io->state == LINK_UP, text);
-    *now = (tally){.due = tl_can_link_now() + TL_SECOND};
+    say(io, sink, text);
+    *now = (tally){.due = tl_monotonic_now() + TL_SECOND};
 }
 
 /* ---- the interface ---- */
@@ -112,18 +98,18 @@ static void look_at_interface(tl_plant_io *io, const tl_plant_io_sink *sink) {
     } else if (io->bus_off) {
         give_up(io, sink, tl_can_health_text(TL_CAN_BUS_OFF));
     } else {
-        io->pause = 0;
-        set_link(io, sink, true,
-                 state.fd || !io->wants_fd
-                     ? "is up"
-                     : "is up, but not for CAN FD, which its signals need: set it up with `fd on`");
+        tl_backoff_reset(&io->backoff);
+        (void)tl_link_set(&io->state, sink, true, io->name,
+                          state.fd || !io->wants_fd
+                              ? "is up"
+                              : "is up, but not for CAN FD, which its signals need: set it up with `fd on`");
     }
 }
 
 /* Opens the socket where there is none, and finds out how things are. */
 static void look(tl_plant_io *io, const tl_plant_io_sink *sink) {
     char cause[TEXT];
-    if (io->pause > 0 && tl_can_link_now() < io->due) {
+    if (!tl_backoff_is_due(&io->backoff, tl_monotonic_now())) {
         return;
     }
     if (io->link.socket < 0) {
@@ -157,7 +143,7 @@ static void note_length(tl_plant_io *io, const tl_plant_io_sink *sink, tl_can_id
         (void)snprintf(text, sizeof text, "frames of id 0x%" PRIX32 " have %u bytes, %s", id->id,
                        (unsigned)frame->length,
                        too_short ? "and not all bits of its signals are in them" : "and all their signals again");
-        say(io, sink, io->state == LINK_UP, text);
+        say(io, sink, text);
     }
 }
 
@@ -168,8 +154,8 @@ static void take_data(tl_plant_io *io, const tl_plant_io_sink *sink, const tl_ca
         return;
     }
     io->bus_off = false;
-    if (io->state != LINK_UP) {
-        io->pause = 0; /* where frames come there is nothing to wait for */
+    if (!tl_link_is_up(&io->state)) {
+        tl_backoff_reset(&io->backoff); /* where frames come there is nothing to wait for */
         look(io, sink);
     }
     for (size_t i = id->first; i < id->first + id->slots; i++) {
@@ -190,10 +176,10 @@ static void take_health(tl_plant_io *io, const tl_plant_io_sink *sink, tl_can_he
     io->bus_off = health == TL_CAN_BUS_OFF;
     if (io->bus_off) {
         give_up(io, sink, tl_can_health_text(health));
-    } else if (io->state == LINK_UP) {
-        say(io, sink, true, tl_can_health_text(health));
+    } else if (tl_link_is_up(&io->state)) {
+        say(io, sink, tl_can_health_text(health));
     } else {
-        io->pause = 0; /* it may be back */
+        tl_backoff_reset(&io->backoff); /* it may be back */
         look(io, sink);
     }
 }
@@ -222,7 +208,7 @@ static bool take(tl_plant_io *io, const tl_plant_io_sink *sink, tl_can_arrival a
     case TL_CAN_DOWN: /* and its state with it */
         io->bus_off = false;
         io->health = TL_CAN_ACTIVE;
-        io->pause = 0;
+        tl_backoff_reset(&io->backoff);
         look(io, sink);
         return io->link.socket >= 0;
     case TL_CAN_LOST:
@@ -236,7 +222,7 @@ static bool take(tl_plant_io *io, const tl_plant_io_sink *sink, tl_can_arrival a
 }
 
 static void post_no_link(const tl_plant_io *io, const tl_plant_io_sink *sink) {
-    const tl_reading reading = {.value = 0, .stamp = tl_can_link_now(), .quality = TL_NO_LINK};
+    const tl_reading reading = {.value = 0, .stamp = tl_monotonic_now(), .quality = TL_NO_LINK};
     for (size_t i = 0; i < io->map.slot_count; i++) {
         sink->post(sink->context, io->map.slots[i].index, &reading);
     }
@@ -247,7 +233,7 @@ static void post_no_link(const tl_plant_io *io, const tl_plant_io_sink *sink) {
 static tl_status can_poll(tl_plant_io *io, const tl_plant_io_sink *sink, bool *finished, tl_error *error) {
     (void)error;
     *finished = false;
-    if (io->state != LINK_UP) {
+    if (!tl_link_is_up(&io->state)) {
         look(io, sink);
     }
     bool undisturbed = tl_can_link_await(&io->link, WAIT_MS);
@@ -258,10 +244,10 @@ static tl_status can_poll(tl_plant_io *io, const tl_plant_io_sink *sink, bool *f
             break;
         }
     }
-    if (tl_can_link_now() >= io->tally.due) {
+    if (tl_monotonic_now() >= io->tally.due) {
         tell_tally(io, sink);
     }
-    if (io->state != LINK_UP) {
+    if (!tl_link_is_up(&io->state)) {
         post_no_link(io, sink);
     }
     return TL_OK;
@@ -360,6 +346,7 @@ tl_status tl_can_open(const tl_can_settings *settings, tl_plant_io **io, tl_erro
     for (size_t i = 0; i < made->map.slot_count; i++) {
         made->wants_fd = made->wants_fd || made->map.slots[i].bytes > 8;
     }
+    (void)snprintf(made->name, sizeof made->name, "CAN interface %s", settings->interface);
     *io = made;
     return TL_OK;
 }

@@ -11,11 +11,12 @@
 #include <poll.h>
 #include <stdio.h>
 #include <string.h>
-#include <sys/eventfd.h>
 #include <sys/ioctl.h>
 #include <sys/socket.h>
 #include <time.h>
 #include <unistd.h>
+
+#include "board/io/monotonic.h"
 
 enum { QUEUE = 1024 * 1024 }; /* bytes; the kernel gives at most net.core.rmem_max */
 
@@ -25,27 +26,22 @@ typedef union ancillary {
     char bytes[CMSG_SPACE(sizeof(struct timespec)) + CMSG_SPACE(sizeof(uint32_t))];
 } ancillary;
 
-static tl_time clock_of(clockid_t id) {
+static tl_time wall_now(void) {
     struct timespec now;
-    (void)clock_gettime(id, &now);
+    (void)clock_gettime(CLOCK_REALTIME, &now);
     return (tl_time)now.tv_sec * TL_SECOND + now.tv_nsec;
 }
 
-tl_time tl_can_link_now(void) {
-    return clock_of(CLOCK_MONOTONIC);
-}
-
 static void look_at_clocks(tl_can_link *link) {
-    link->monotonic = clock_of(CLOCK_MONOTONIC);
-    link->wall = clock_of(CLOCK_REALTIME);
+    link->monotonic = tl_monotonic_now();
+    link->wall = wall_now();
 }
 
 bool tl_can_link_make(tl_can_link *link, const char *interface) {
     memset(link, 0, sizeof *link);
     (void)snprintf(link->interface, sizeof link->interface, "%s", interface);
     link->socket = -1;
-    link->wake = eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC);
-    return link->wake >= 0;
+    return tl_wake_make(&link->wake);
 }
 
 /* ---- open ---- */
@@ -152,20 +148,18 @@ void tl_can_link_close(tl_can_link *link) {
 
 void tl_can_link_release(tl_can_link *link) {
     tl_can_link_close(link);
-    (void)close(link->wake);
+    tl_wake_release(&link->wake);
 }
 
 /* ---- receive ---- */
 
 bool tl_can_link_await(const tl_can_link *link, int timeout_ms) {
-    struct pollfd both[2] = {{.fd = link->wake, .events = POLLIN}, {.fd = link->socket, .events = POLLIN}};
-    eventfd_t count = 0;
-    return poll(both, 2, timeout_ms) <= 0 || both[0].revents == 0 || eventfd_read(link->wake, &count) != 0;
+    struct pollfd both[2] = {{.fd = link->wake.descriptor, .events = POLLIN}, {.fd = link->socket, .events = POLLIN}};
+    return poll(both, 2, timeout_ms) <= 0 || both[0].revents == 0 || !tl_wake_answer(&link->wake);
 }
 
 void tl_can_link_interrupt(const tl_can_link *link) {
-    /* It can only fail where the counter is full, and then it is set anyway. */
-    (void)eventfd_write(link->wake, 1);
+    tl_wake_call(&link->wake);
 }
 
 /* The wall clock's stamp of a message, 0 where it has none; takes the kernel's count of lost frames with it. */

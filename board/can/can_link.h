@@ -14,11 +14,12 @@
 #include "board/can/can_codec.h"
 #include "board/can/can_fault.h"
 #include "board/can/can_map.h"
+#include "board/io/wake.h"
 
 typedef struct tl_can_link {
     char interface[16];
     int socket;        /* −1: not open */
-    int wake;          /* eventfd: interrupted, and nobody has taken notice yet */
+    tl_wake wake;      /* of a thread that awaits */
     uint32_t overflow; /* the kernel's count of frames without room, as last seen */
     tl_can_clock clock;
     tl_time monotonic, wall; /* when the queue was looked at last */
@@ -72,8 +73,5 @@ void tl_can_link_close(tl_can_link *link);
 void tl_can_link_interrupt(const tl_can_link *link);
 
 void tl_can_link_release(tl_can_link *link);
-
-/* CLOCK_MONOTONIC in ns. */
-tl_time tl_can_link_now(void);
 
 #endif

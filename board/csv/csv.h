@@ -10,27 +10,12 @@
 #ifndef TL_BOARD_CSV_CSV_H
 #define TL_BOARD_CSV_CSV_H
 
+#include "board/csv/csv_row.h"
 #include "board/io/plant_io.h"
 
 /* ---- rows of a file ---- */
 
 typedef struct tl_csv_reader tl_csv_reader;
-
-typedef struct tl_csv_settings {
-    const char *path;
-    const char *time_column;
-    const char *const *columns; /* one per channel, in channel order */
-    size_t column_count;
-} tl_csv_settings;
-
-/* One row. A cell that is empty leaves present false; one that is no finite number has quality
- * TL_NOT_A_NUMBER and value 0. */
-typedef struct tl_csv_row {
-    tl_time time; /* as in the time column */
-    bool present[TL_MAX_SIGNALS];
-    double values[TL_MAX_SIGNALS];
-    tl_quality quality[TL_MAX_SIGNALS];
-} tl_csv_row;
 
 /* Errors TL_BAD_DATA: file absent or empty, column missing (names those that are there) or there twice, cells
  * separated by semicolons, more columns than TL_MAX_SIGNALS; TL_TRY_AGAIN: memory or descriptors are out. Everything is

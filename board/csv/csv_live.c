@@ -8,13 +8,14 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/eventfd.h>
 #include <sys/stat.h>
-#include <time.h>
 #include <unistd.h>
 
 #include "board/csv/csv_anchor.h"
 #include "board/csv/csv_table.h"
+#include "board/io/link.h"
+#include "board/io/monotonic.h"
+#include "board/io/wake.h"
 
 enum {
     WAIT_MS = 50,
@@ -22,46 +23,32 @@ enum {
     TEXT = 512 + 96, /* an error and its circumstances */
 };
 
-typedef enum link_state { LINK_UNKNOWN, LINK_DOWN, LINK_UP } link_state;
-
 struct tl_plant_io {
     tl_csv_table table;
     tl_csv_row row;
     int file; /* −1: not open */
-    int wake; /* eventfd: interrupted */
+    tl_wake wake;
     bool is_file;
     bool at_end;    /* of a regular file */
     bool row_waits; /* `row` of a regular file is not due yet */
     bool went_back; /* the row before was not later than the one before it */
     tl_csv_anchor anchor;
     tl_time time; /* of the row before, where the anchor is set */
-    link_state state;
+    tl_link state;
     tl_time report_due; /* no complaint about a row earlier */
     uint64_t skipped;   /* rows since the last complaint */
     tl_csv_lines lines;
     char copy[TL_CSV_LINE + 1];
 };
 
-static tl_time now(void) {
-    struct timespec time;
-    (void)clock_gettime(CLOCK_MONOTONIC, &time);
-    return (tl_time)time.tv_sec * TL_SECOND + time.tv_nsec;
-}
-
 /* ---- what is said and posted ---- */
 
 static void set_link(tl_plant_io *io, const tl_plant_io_sink *sink, bool up, const char *text) {
-    link_state state = up ? LINK_UP : LINK_DOWN;
-    if (io->state != state) {
-        char whole[TEXT];
-        io->state = state;
-        (void)snprintf(whole, sizeof whole, "%s: %s", io->table.path, text);
-        sink->link(sink->context, up, whole);
-    }
+    (void)tl_link_set(&io->state, sink, up, io->table.path, text);
 }
 
 static void post_no_link(const tl_plant_io *io, const tl_plant_io_sink *sink) {
-    tl_reading reading = {.value = 0, .stamp = now(), .quality = TL_NO_LINK};
+    tl_reading reading = {.value = 0, .stamp = tl_monotonic_now(), .quality = TL_NO_LINK};
     for (size_t i = 0; i < io->table.column_count; i++) {
         sink->post(sink->context, i, &reading);
     }
@@ -79,13 +66,13 @@ static void post_row(const tl_plant_io *io, const tl_plant_io_sink *sink, tl_tim
 /* A row of a FIFO that is no row: said once per second at most. */
 static void complain(tl_plant_io *io, const tl_plant_io_sink *sink, const char *text) {
     io->skipped++;
-    if (now() >= io->report_due) {
+    if (tl_monotonic_now() >= io->report_due) {
         char whole[TEXT];
         (void)snprintf(whole, sizeof whole, "%s (skipped; %llu since the last report)", text,
                        (unsigned long long)io->skipped);
-        io->report_due = now() + TL_SECOND;
+        io->report_due = tl_monotonic_now() + TL_SECOND;
         io->skipped = 0;
-        sink->link(sink->context, io->state == LINK_UP, whole);
+        sink->link(sink->context, tl_link_is_up(&io->state), whole);
     }
 }
 
@@ -187,12 +174,12 @@ static tl_status play_file(tl_plant_io *io, const tl_plant_io_sink *sink, bool *
                 return TL_OK;
             }
             if (!io->anchor.set) {
-                tl_csv_anchor_set(&io->anchor, io->row.time, now());
+                tl_csv_anchor_set(&io->anchor, io->row.time, tl_monotonic_now());
             }
             io->time = io->row.time;
         }
         tl_time due = io->anchor.base + io->row.time;
-        if (due > now()) {
+        if (due > tl_monotonic_now()) {
             return TL_OK;
         }
         io->row_waits = false;
@@ -223,7 +210,7 @@ static void take_line(tl_plant_io *io, const tl_plant_io_sink *sink, char *line)
     bool had_header = io->table.cell_count > 0;
     memcpy(io->copy, line, strlen(line) + 1);
     if (had_header && tl_csv_table_row(&io->table, io->copy, io->lines.number, &io->row, &why_no_row) == TL_OK) {
-        tl_time at = now();
+        tl_time at = tl_monotonic_now();
         if (in_time(io, at)) {
             set_link(io, sink, true, "rows are coming");
             post_row(io, sink, tl_csv_anchor_stamp(&io->anchor, io->row.time, at));
@@ -258,22 +245,17 @@ static void take_lines(tl_plant_io *io, const tl_plant_io_sink *sink) {
 
 /* The writer is gone, or there was none yet. */
 static void lose_writer(tl_plant_io *io, const tl_plant_io_sink *sink) {
-    bool had_one = io->state == LINK_UP;
+    bool had_one = tl_link_is_up(&io->state);
     tl_csv_lines_drop(&io->lines);
     io->anchor.set = false;
     io->went_back = false;
     set_link(io, sink, false, had_one ? "its writer has closed it" : "nobody writes to it");
 }
 
-static bool interrupted(const tl_plant_io *io) {
-    uint64_t count = 0;
-    return read(io->wake, &count, sizeof count) == (ssize_t)sizeof count;
-}
-
 /* Waits until there is something to read, or somebody interrupts. false: nothing to read. */
 static bool await(const tl_plant_io *io) {
-    struct pollfd both[2] = {{.fd = io->file, .events = POLLIN}, {.fd = io->wake, .events = POLLIN}};
-    return poll(both, 2, WAIT_MS) > 0 && !interrupted(io) && (both[0].revents & POLLIN) != 0;
+    struct pollfd both[2] = {{.fd = io->file, .events = POLLIN}, {.fd = io->wake.descriptor, .events = POLLIN}};
+    return poll(both, 2, WAIT_MS) > 0 && !tl_wake_answer(&io->wake) && (both[0].revents & POLLIN) != 0;
 }
 
 typedef enum drained { DRAINED_NOTHING, DRAINED_SOME, DRAINED_END } drained;
@@ -313,7 +295,7 @@ static void read_stream(tl_plant_io *io, const tl_plant_io_sink *sink) {
 
 static tl_status csv_poll(tl_plant_io *io, const tl_plant_io_sink *sink, bool *finished, tl_error *error) {
     *finished = false;
-    if (interrupted(io)) {
+    if (tl_wake_answer(&io->wake)) {
         return TL_OK;
     }
     if (io->file < 0 && !open_path(io, sink)) {
@@ -328,17 +310,14 @@ static tl_status csv_poll(tl_plant_io *io, const tl_plant_io_sink *sink, bool *f
 }
 
 static void csv_interrupt(tl_plant_io *io) {
-    uint64_t one = 1;
-    /* It can only fail where the counter is full, and then it is set anyway. */
-    ssize_t written = write(io->wake, &one, sizeof one);
-    (void)written;
+    tl_wake_call(&io->wake);
 }
 
 static void csv_close(tl_plant_io *io) {
     if (io->file >= 0) {
         (void)close(io->file);
     }
-    (void)close(io->wake);
+    tl_wake_release(&io->wake);
     tl_csv_table_release(&io->table);
     free(io);
 }
@@ -357,8 +336,7 @@ tl_status tl_csv_open_live(const tl_csv_settings *settings, tl_plant_io **io, tl
         return status;
     }
     made->file = -1;
-    made->wake = eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC);
-    if (made->wake < 0) {
+    if (!tl_wake_make(&made->wake)) {
         status = tl_fail(error, TL_TRY_AGAIN, "%s: no event descriptor: %s", settings->path, strerror(errno));
         tl_csv_table_release(&made->table);
         free(made);

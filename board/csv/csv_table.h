@@ -7,7 +7,10 @@
 #ifndef TL_BOARD_CSV_CSV_TABLE_H
 #define TL_BOARD_CSV_CSV_TABLE_H
 
-#include "board/csv/csv.h"
+#include <stdint.h>
+
+#include "board/csv/csv_row.h"
+#include "master/base/status.h"
 
 /* ---- lines ---- */
 

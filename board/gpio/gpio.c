@@ -12,22 +12,20 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/eventfd.h>
 #include <time.h>
-#include <unistd.h>
 
 #include "board/gpio/gpio_find.h"
 #include "board/gpio/gpio_input.h"
+#include "board/io/backoff.h"
+#include "board/io/link.h"
+#include "board/io/monotonic.h"
+#include "board/io/wake.h"
 
 #define MILLISECOND (TL_SECOND / 1000)
-#define PAUSE_FIRST (TL_SECOND / 10)
-#define PAUSE_LAST (2 * TL_SECOND)
 #define DOUBT (2 * MILLISECOND) /* an edge that is on its way is here by then */
 #define MISSED_AGAIN (10 * TL_SECOND)
 
 enum { TEXT = 384, NAME = 96, BATCH = 16 };
-
-typedef enum link_state { LINK_UNKNOWN, LINK_DOWN, LINK_UP } link_state;
 
 typedef struct input_line {
     tl_gpio_channel channel;
@@ -38,41 +36,34 @@ typedef struct input_line {
     size_t budget;      /* edges and looks for edges that are left in this poll */
     bool flooded;       /* there were more than it takes: what is between the last edge and now is not known */
     char trouble[TEXT]; /* as it was told; empty: none */
-    tl_time pause;
-    tl_time due;      /* of the next attempt to open it */
-    tl_time recheck;  /* when a level that was not expected is looked at again, where the input is in doubt */
-    uint64_t told;    /* of input.missed */
-    tl_time tell_due; /* not earlier again */
+    tl_backoff backoff; /* of attempts to open it */
+    tl_time recheck;    /* when a level that was not expected is looked at again, where the input is in doubt */
+    uint64_t told;      /* of input.missed */
+    tl_time tell_due;   /* not earlier again */
 } input_line;
 
 struct tl_plant_io {
     char *chip;
     tl_time wait;  /* per poll */
     size_t budget; /* per poll and line */
-    int wake;      /* eventfd: interrupted */
-    link_state state;
+    tl_wake wake;
+    tl_link state;
     size_t count;
     struct pollfd *waits; /* wake, then those of lines that can be waited for */
     size_t *waited;       /* which line each is of */
     input_line lines[];
 };
 
-static tl_time now(void) {
-    struct timespec time;
-    (void)clock_gettime(CLOCK_MONOTONIC, &time);
-    return (tl_time)time.tv_sec * TL_SECOND + time.tv_nsec;
-}
-
 /* ---- what is said and posted ---- */
 
 static void say(const tl_plant_io *io, const tl_plant_io_sink *sink, const input_line *own, const char *text) {
-    char whole[TEXT + NAME];
+    char who[NAME];
     if (own->name != NULL) {
-        (void)snprintf(whole, sizeof whole, "GPIO line %.48s: %s", own->name, text);
+        (void)snprintf(who, sizeof who, "GPIO line %.48s", own->name);
     } else {
-        (void)snprintf(whole, sizeof whole, "GPIO line %u of %.64s: %s", own->channel.offset, io->chip, text);
+        (void)snprintf(who, sizeof who, "GPIO line %u of %.64s", own->channel.offset, io->chip);
     }
-    sink->link(sink->context, io->state == LINK_UP, whole);
+    tl_link_tell(&io->state, sink, who, text);
 }
 
 /* A line is open, or not; the link is up while any is. Each trouble is told once. */
@@ -82,9 +73,8 @@ static void note_state(tl_plant_io *io, const tl_plant_io_sink *sink, input_line
     for (size_t i = 0; i < io->count; i++) {
         any = any || io->lines[i].line != NULL;
     }
-    link_state before = io->state;
-    io->state = any ? LINK_UP : LINK_DOWN;
-    if (io->state != before || trouble[0] == '\0' || strcmp(own->trouble, trouble) != 0) {
+    bool news = tl_link_change(&io->state, any);
+    if (news || trouble[0] == '\0' || strcmp(own->trouble, trouble) != 0) {
         say(io, sink, own, text);
     }
     (void)snprintf(own->trouble, sizeof own->trouble, "%s", trouble);
@@ -112,24 +102,18 @@ static void post(const tl_plant_io *io, const tl_plant_io_sink *sink, const inpu
 }
 
 static void post_no_link(const tl_plant_io *io, const tl_plant_io_sink *sink, const input_line *own) {
-    const tl_reading none = {.value = 0, .stamp = now(), .quality = TL_NO_LINK};
+    const tl_reading none = {.value = 0, .stamp = tl_monotonic_now(), .quality = TL_NO_LINK};
     post(io, sink, own, &none);
 }
 
 /* ---- a line comes and goes ---- */
-
-static void put_off(input_line *own) {
-    own->pause = own->pause > 0 ? 2 * own->pause : PAUSE_FIRST;
-    own->pause = own->pause < PAUSE_LAST ? own->pause : PAUSE_LAST;
-    own->due = now() + own->pause;
-}
 
 static void lose(tl_plant_io *io, const tl_plant_io_sink *sink, input_line *own, int failure) {
     char text[TEXT];
     (void)snprintf(text, sizeof text, "%s", failure == ENODEV ? "its chip is gone" : strerror(failure));
     tl_gpio_line_release(own->line);
     own->line = NULL;
-    put_off(own);
+    tl_backoff_fail(&own->backoff, tl_monotonic_now());
     note_state(io, sink, own, text, text);
 }
 
@@ -166,11 +150,11 @@ static void open_line(tl_plant_io *io, const tl_plant_io_sink *sink, input_line 
     tl_gpio_place place;
     bool level = false;
     if (!request(io, own, &place, text, sizeof text)) {
-        put_off(own);
+        tl_backoff_fail(&own->backoff, tl_monotonic_now());
         note_state(io, sink, own, text, text);
         return;
     }
-    tl_time stamp = now();
+    tl_time stamp = tl_monotonic_now();
     int failure = tl_gpio_line_level(own->line, &level);
     if (failure != 0) {
         lose(io, sink, own, failure);
@@ -178,7 +162,7 @@ static void open_line(tl_plant_io *io, const tl_plant_io_sink *sink, input_line 
     }
     tl_reading reading;
     tl_gpio_input_start(&own->input, tl_time_of_seconds(own->channel.debounce_s), level, stamp, &reading);
-    own->pause = 0;
+    tl_backoff_reset(&own->backoff);
     (void)snprintf(text, sizeof text, "connected: line %u of %s%s", place.offset, place.chip,
                    tl_gpio_line_descriptor(own->line) < 0 ? ", without edges" : "");
     note_state(io, sink, own, "", text);
@@ -195,7 +179,7 @@ static int take_edges(tl_plant_io *io, const tl_plant_io_sink *sink, input_line 
     while (failure == 0 && own->budget > 0) {
         size_t count = 0;
         failure = tl_gpio_line_edges(own->line, edges, own->budget < BATCH ? own->budget : BATCH, &count);
-        tl_time at = now();
+        tl_time at = tl_monotonic_now();
         taken += count;
         own->budget -= count > 0 ? count : 1;
         for (size_t i = 0; i < count; i++) {
@@ -214,7 +198,7 @@ static int take_edges(tl_plant_io *io, const tl_plant_io_sink *sink, input_line 
 static int take_level(tl_plant_io *io, const tl_plant_io_sink *sink, input_line *own) {
     tl_reading reading;
     bool level = false;
-    tl_time stamp = now();
+    tl_time stamp = tl_monotonic_now();
     int failure = tl_gpio_line_level(own->line, &level);
     if (failure != 0) {
         return failure;
@@ -251,7 +235,7 @@ static void attend(tl_plant_io *io, const tl_plant_io_sink *sink, input_line *ow
     }
     own->input.missed += used_up && !own->flooded ? 1 : 0;
     own->flooded = used_up;
-    note_missed(io, sink, own, now());
+    note_missed(io, sink, own, tl_monotonic_now());
 }
 
 /* ---- waiting ---- */
@@ -259,7 +243,7 @@ static void attend(tl_plant_io *io, const tl_plant_io_sink *sink, input_line *ow
 /* What to wait for; returns how many, and when to look again at the latest. */
 static nfds_t list_waits(tl_plant_io *io, tl_time *until) {
     nfds_t count = 1;
-    io->waits[0] = (struct pollfd){.fd = io->wake, .events = POLLIN};
+    io->waits[0] = (struct pollfd){.fd = io->wake.descriptor, .events = POLLIN};
     for (size_t i = 0; i < io->count; i++) {
         const input_line *own = &io->lines[i];
         if (own->line == NULL) {
@@ -283,11 +267,11 @@ static nfds_t list_waits(tl_plant_io *io, tl_time *until) {
 /* Sees to a line that time alone has changed. */
 static void pass_time(tl_plant_io *io, const tl_plant_io_sink *sink, input_line *own) {
     tl_reading reading;
-    if (own->input.doubtful && now() >= own->recheck) {
+    if (own->input.doubtful && tl_monotonic_now() >= own->recheck) {
         attend(io, sink, own, true);
         return;
     }
-    tl_time at = now();
+    tl_time at = tl_monotonic_now();
     if (tl_gpio_input_due(&own->input) > at) {
         return;
     }
@@ -305,20 +289,15 @@ static void pass_time_of_all(tl_plant_io *io, const tl_plant_io_sink *sink) {
     }
 }
 
-static bool interrupted(const tl_plant_io *io) {
-    uint64_t count = 0;
-    return read(io->wake, &count, sizeof count) == (ssize_t)sizeof count;
-}
-
 /* Waits once. false where it is enough: time is up, or somebody interrupts. */
 static bool wait_once(tl_plant_io *io, const tl_plant_io_sink *sink, tl_time end) {
     tl_time until = end;
     nfds_t count = list_waits(io, &until);
-    tl_time left = until - now();
+    tl_time left = until - tl_monotonic_now();
     const struct timespec longest = {.tv_sec = (time_t)(left > 0 ? left / TL_SECOND : 0),
                                      .tv_nsec = (long)(left > 0 ? left % TL_SECOND : 0)};
     int ready = ppoll(io->waits, count, &longest, NULL);
-    if (ready > 0 && io->waits[0].revents != 0 && interrupted(io)) {
+    if (ready > 0 && io->waits[0].revents != 0 && tl_wake_answer(&io->wake)) {
         return false;
     }
     for (nfds_t i = 1; i < count && ready > 0; i++) {
@@ -327,7 +306,7 @@ static bool wait_once(tl_plant_io *io, const tl_plant_io_sink *sink, tl_time end
         }
     }
     pass_time_of_all(io, sink);
-    return now() < end;
+    return tl_monotonic_now() < end;
 }
 
 /* ---- the driver ---- */
@@ -335,8 +314,8 @@ static bool wait_once(tl_plant_io *io, const tl_plant_io_sink *sink, tl_time end
 static tl_status gpio_poll(tl_plant_io *io, const tl_plant_io_sink *sink, bool *finished, tl_error *error) {
     (void)error;
     *finished = false;
-    tl_time end = now() + io->wait;
-    if (interrupted(io)) {
+    tl_time end = tl_monotonic_now() + io->wait;
+    if (tl_wake_answer(&io->wake)) {
         return TL_OK;
     }
     for (size_t i = 0; i < io->count; i++) {
@@ -349,7 +328,7 @@ static tl_status gpio_poll(tl_plant_io *io, const tl_plant_io_sink *sink, bool *
             attend(io, sink, own, true);
             continue;
         }
-        if (now() >= own->due) {
+        if (tl_backoff_is_due(&own->backoff, tl_monotonic_now())) {
             open_line(io, sink, own);
         }
         if (own->line == NULL) {
@@ -362,10 +341,7 @@ static tl_status gpio_poll(tl_plant_io *io, const tl_plant_io_sink *sink, bool *
 }
 
 static void gpio_interrupt(tl_plant_io *io) {
-    uint64_t one = 1;
-    /* It can only fail where the counter is full, and then it is set anyway. */
-    ssize_t written = write(io->wake, &one, sizeof one);
-    (void)written;
+    tl_wake_call(&io->wake);
 }
 
 static void gpio_close(tl_plant_io *io) {
@@ -373,9 +349,7 @@ static void gpio_close(tl_plant_io *io) {
         tl_gpio_line_release(io->lines[i].line);
         free(io->lines[i].name);
     }
-    if (io->wake >= 0) {
-        (void)close(io->wake);
-    }
+    tl_wake_release(&io->wake);
     free(io->waits);
     free(io->waited);
     free(io->chip);
@@ -466,8 +440,7 @@ tl_status tl_gpio_open(const tl_gpio_settings *settings, tl_plant_io **io, tl_er
     tl_time period = tl_time_of_seconds(settings->period_s);
     made->wait = period - (period / 10 < MILLISECOND ? period / 10 : MILLISECOND);
     made->budget = TL_GPIO_EDGES + (size_t)(period / MILLISECOND) * TL_GPIO_EDGES_PER_MS;
-    made->wake = eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC);
-    if (made->wake < 0 || !copy(settings, made)) {
+    if (!tl_wake_make(&made->wake) || !copy(settings, made)) {
         status = tl_fail(error, TL_TRY_AGAIN, "GPIO: %s", strerror(errno));
         gpio_close(made);
         return status;

@@ -18,26 +18,11 @@
 #ifndef TL_BOARD_GPIO_GPIO_H
 #define TL_BOARD_GPIO_GPIO_H
 
+#include "board/gpio/gpio_channel.h"
 #include "board/io/plant_io.h"
 
 /* Edges, and looks for edges, of one line in one poll: so many, and so many more for each ms of the period. */
 enum { TL_GPIO_EDGES = 128, TL_GPIO_EDGES_PER_MS = 2 };
-
-typedef enum tl_gpio_bias {
-    TL_GPIO_AS_IS, /* whatever it is now */
-    TL_GPIO_PULL_UP,
-    TL_GPIO_PULL_DOWN,
-    TL_GPIO_NO_PULL
-} tl_gpio_bias;
-
-/* Which line, and how it is read. */
-typedef struct tl_gpio_channel {
-    const char *line; /* its name; NULL: it is the one at `offset` */
-    unsigned offset;  /* within its chip */
-    bool active_low;  /* 1 is the low level */
-    tl_gpio_bias bias;
-    double debounce_s; /* a level counts once it has stood for so long; 0: at once */
-} tl_gpio_channel;
 
 typedef struct tl_gpio_settings {
     const char *chip;                /* name ("gpiochip0"), label, or path; NULL: any, where all lines have names */

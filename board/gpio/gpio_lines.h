@@ -8,7 +8,10 @@
 #ifndef TL_BOARD_GPIO_GPIO_LINES_H
 #define TL_BOARD_GPIO_GPIO_LINES_H
 
-#include "board/gpio/gpio.h"
+#include <stddef.h>
+
+#include "board/gpio/gpio_channel.h"
+#include "master/base/simtime.h"
 
 /* ---- a chip, to look for lines ---- */
 

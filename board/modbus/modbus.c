@@ -15,11 +15,11 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "board/io/backoff.h"
+#include "board/io/link.h"
+#include "board/io/monotonic.h"
 #include "board/modbus/modbus_link.h"
 #include "board/modbus/modbus_map.h"
-
-#define PAUSE_FIRST (TL_SECOND / 10)
-#define PAUSE_LAST (2 * TL_SECOND)
 
 /* So many times as long as waiting for silent requests has taken, none of them is tried again. */
 #define REST 4
@@ -29,21 +29,15 @@ enum { TEXT = 320, SILENCES_ON_A_LINE = 2 };
 /* Exceptions. */
 enum { ILLEGAL_ADDRESS = 2, ILLEGAL_VALUE = 3 };
 
-const uint32_t tl_modbus_bauds[] = {1200,   2400,   4800,   9600,   19200,  38400,   57600,
-                                    115200, 230400, 460800, 500000, 921600, 1000000, 0};
-
-typedef enum link_state { LINK_UNKNOWN, LINK_DOWN, LINK_UP } link_state;
-
 struct tl_plant_io {
     tl_modbus_link *link;
     tl_modbus_map map;
-    link_state state;
-    bool talkative; /* it was told that more comes than was asked for */
-    tl_time pause;  /* between attempts to connect; 0: none is due */
-    tl_time due;    /* of the next attempt */
-    tl_time rest;   /* until then no silent request is tried again */
-    size_t start;   /* the request that the next poll begins with */
-    uint64_t polls; /* so far */
+    tl_link state;
+    bool talkative;     /* it was told that more comes than was asked for */
+    tl_backoff backoff; /* of attempts to connect */
+    tl_time rest;       /* until then no silent request is tried again */
+    size_t start;       /* the request that the next poll begins with */
+    uint64_t polls;     /* so far */
     tl_modbus_values values;
 };
 
@@ -58,25 +52,14 @@ typedef struct progress {
     tl_modbus_outcome failure; /* the last silence */
 } progress;
 
-static void say(const tl_plant_io *io, const tl_plant_io_sink *sink, bool up, const char *text) {
-    char whole[TEXT + sizeof io->link->name + 2];
-    (void)snprintf(whole, sizeof whole, "%s: %s", io->link->name, text);
-    sink->link(sink->context, up, whole);
+static void say(const tl_plant_io *io, const tl_plant_io_sink *sink, const char *text) {
+    tl_link_tell(&io->state, sink, io->link->name, text);
 }
 
 static void set_link(tl_plant_io *io, const tl_plant_io_sink *sink, bool up, const char *text) {
-    link_state state = up ? LINK_UP : LINK_DOWN;
-    if (io->state != state) {
-        io->state = state;
+    if (tl_link_set(&io->state, sink, up, io->link->name, text)) {
         io->talkative = io->talkative && up;
-        say(io, sink, up, text);
     }
-}
-
-/* The next pause after one of that length. */
-static tl_time longer(tl_time pause) {
-    tl_time next = pause > 0 ? 2 * pause : PAUSE_FIRST;
-    return next < PAUSE_LAST ? next : PAUSE_LAST;
 }
 
 static void describe(const tl_plant_io *io, const tl_modbus_outcome *outcome, char *text, size_t size) {
@@ -98,11 +81,11 @@ static void note_trouble(tl_plant_io *io, const tl_plant_io_sink *sink, tl_modbu
     (void)snprintf(text, sizeof text, "unit %u, %s %u to %u: %s", (unsigned)read->unit_id, TABLES[read->table],
                    (unsigned)read->address, (unsigned)read->address + read->count - 1U, reason);
     read->trouble = trouble;
-    say(io, sink, true, text);
+    say(io, sink, text);
 }
 
 static void post_no_link(const tl_plant_io *io, const tl_plant_io_sink *sink, const tl_modbus_read *read) {
-    tl_reading reading = {.value = 0, .stamp = tl_modbus_link_now(), .quality = TL_NO_LINK};
+    tl_reading reading = {.value = 0, .stamp = tl_monotonic_now(), .quality = TL_NO_LINK};
     for (size_t i = read->first; i < read->first + read->slots; i++) {
         sink->post(sink->context, io->map.slots[i].index, &reading);
     }
@@ -138,7 +121,7 @@ static void note_silence(tl_plant_io *io, size_t index, tl_modbus_outcome failur
     read->failure = failure;
     now->failure = failure;
     now->silent++;
-    now->over = io->link->descriptor < 0 || now->silent >= SILENCES_ON_A_LINE || tl_modbus_link_is_woken(io->link);
+    now->over = io->link->descriptor < 0 || now->silent >= SILENCES_ON_A_LINE || tl_wake_is_called(&io->link->wake);
 }
 
 /* A connection on which anything has happened meanwhile is given up. */
@@ -150,7 +133,7 @@ static void look_after(tl_plant_io *io, const tl_plant_io_sink *sink) {
     io->link->kind->close(io->link); /* closed by the device while idle: no reason to complain */
     if (health == TL_MODBUS_TALKATIVE && !io->talkative) {
         io->talkative = true;
-        say(io, sink, io->state == LINK_UP,
+        say(io, sink,
             "sends more than was asked for, which is not used, and costs a connection each time: check the device and "
             "the gateway before it");
     }
@@ -168,7 +151,7 @@ static bool is_ready(tl_plant_io *io, progress *now) {
 static tl_modbus_outcome ask(tl_plant_io *io, size_t index, tl_time *stamp, progress *now) {
     tl_modbus_read *read = &io->map.reads[index];
     tl_modbus_outcome outcome = io->link->kind->ask(io->link, read, &io->values);
-    *stamp = tl_modbus_link_now();
+    *stamp = tl_monotonic_now();
     while (is_refused_shape(&outcome)) {
         size_t parts = tl_modbus_map_split(&io->map, index);
         if (parts == 1) {
@@ -181,26 +164,26 @@ static tl_modbus_outcome ask(tl_plant_io *io, size_t index, tl_time *stamp, prog
             break;
         }
         outcome = io->link->kind->ask(io->link, read, &io->values);
-        *stamp = tl_modbus_link_now();
+        *stamp = tl_monotonic_now();
     }
     return outcome;
 }
 
 /* Asks one request and posts what came of it. */
 static void serve(tl_plant_io *io, size_t index, progress *now) {
-    tl_time begun = tl_modbus_link_now();
+    tl_time begun = tl_monotonic_now();
     tl_time stamp = begun;
     tl_modbus_outcome outcome = ask(io, index, &stamp, now);
     if (outcome.kind != TL_MODBUS_VALUES && outcome.kind != TL_MODBUS_EXCEPTION) {
         note_silence(io, index, outcome, now);
-        now->waited += tl_modbus_link_now() - begun;
+        now->waited += tl_monotonic_now() - begun;
         return;
     }
     tl_modbus_read *read = &io->map.reads[index];
     now->answered = true;
     set_link(io, now->sink, true, "connected");
     read->polled = io->polls;
-    read->pause = 0;
+    tl_backoff_reset(&read->backoff);
     note_trouble(io, now->sink, read, outcome);
     if (outcome.kind == TL_MODBUS_VALUES) {
         post_values(io, now->sink, read, stamp);
@@ -221,8 +204,10 @@ static bool is_unit_silent(const tl_plant_io *io, uint8_t unit_id) {
 
 /* Is it the turn of that request? */
 static bool is_due(const tl_plant_io *io, const tl_modbus_read *read, bool silent_ones) {
-    tl_time now = tl_modbus_link_now();
-    bool wanted = silent_ones ? read->pause > 0 && now >= read->due && now >= io->rest : read->pause == 0;
+    tl_time now = tl_monotonic_now();
+    bool was_silent = tl_backoff_is_on(&read->backoff);
+    bool wanted =
+        was_silent == silent_ones && (!was_silent || (tl_backoff_is_due(&read->backoff, now) && now >= io->rest));
     return wanted && now >= read->hold && read->polled != io->polls &&
            !(io->link->kind->is_line && is_unit_silent(io, read->unit_id));
 }
@@ -245,8 +230,7 @@ static void pass(tl_plant_io *io, bool silent_ones, progress *now) {
 
 /* No answer from anything: the link is down, and the next attempt waits. Silence of a single request is forgotten. */
 static void give_up(tl_plant_io *io, const tl_plant_io_sink *sink, const char *cause) {
-    io->pause = longer(io->pause);
-    io->due = tl_modbus_link_now() + io->pause;
+    tl_backoff_fail(&io->backoff, tl_monotonic_now());
     io->rest = 0;
     set_link(io, sink, false, cause);
 }
@@ -254,18 +238,18 @@ static void give_up(tl_plant_io *io, const tl_plant_io_sink *sink, const char *c
 /* Is there a connection, now? */
 static bool connected(tl_plant_io *io, progress *now) {
     look_after(io, now->sink);
-    if (io->pause > 0 && tl_modbus_link_now() < io->due) {
+    if (!tl_backoff_is_due(&io->backoff, tl_monotonic_now())) {
         return false;
     }
     char cause[TEXT];
     if (io->link->descriptor < 0 && !io->link->kind->connect(io->link, cause, sizeof cause)) {
-        now->interrupted = tl_modbus_link_interrupted(io->link);
+        now->interrupted = tl_wake_answer(&io->link->wake);
         if (!now->interrupted) {
             give_up(io, now->sink, cause);
         }
         return false;
     }
-    if (io->state != LINK_UP) {
+    if (!tl_link_is_up(&io->state)) {
         tl_modbus_map_reset(&io->map); /* it may be another device by now */
         io->start = io->start < io->map.read_count ? io->start : 0;
     }
@@ -274,14 +258,13 @@ static bool connected(tl_plant_io *io, progress *now) {
 
 /* Others were answered, so it is these requests that are in trouble: asked later, and less often. */
 static void pause_silent(tl_plant_io *io, const progress *now) {
-    tl_time at = tl_modbus_link_now();
+    tl_time at = tl_monotonic_now();
     io->rest = at + REST * now->waited;
     for (size_t i = 0; i < io->map.read_count; i++) {
         tl_modbus_read *read = &io->map.reads[i];
         if (read->silent == io->polls) {
             note_trouble(io, now->sink, read, read->failure);
-            read->pause = longer(read->pause);
-            read->due = at + read->pause;
+            tl_backoff_fail(&read->backoff, at);
         } else if (io->link->kind->is_line && is_unit_silent(io, read->unit_id)) {
             read->hold = at + io->link->timeout;
         }
@@ -293,9 +276,9 @@ static void converse(tl_plant_io *io, progress *now) {
     pass(io, false, now);
     pass(io, true, now);
     if (now->answered) {
-        io->pause = 0;
+        tl_backoff_reset(&io->backoff);
     }
-    now->interrupted = (now->silent > 0 || now->over) && tl_modbus_link_interrupted(io->link);
+    now->interrupted = (now->silent > 0 || now->over) && tl_wake_answer(&io->link->wake);
     if (now->silent == 0 || now->interrupted) {
         return;
     }
@@ -310,7 +293,7 @@ static void converse(tl_plant_io *io, progress *now) {
 
 static tl_status modbus_poll(tl_plant_io *io, const tl_plant_io_sink *sink, bool *finished, tl_error *error) {
     (void)error;
-    progress now = {.sink = sink, .interrupted = tl_modbus_link_interrupted(io->link)};
+    progress now = {.sink = sink, .interrupted = tl_wake_answer(&io->link->wake)};
     *finished = false;
     io->polls++;
     if (!now.interrupted && connected(io, &now)) {
@@ -325,7 +308,7 @@ static tl_status modbus_poll(tl_plant_io *io, const tl_plant_io_sink *sink, bool
 }
 
 static void modbus_interrupt(tl_plant_io *io) {
-    tl_modbus_link_interrupt(io->link);
+    tl_wake_call(&io->link->wake);
 }
 
 static void modbus_close_io(tl_plant_io *io) {
@@ -352,7 +335,7 @@ static tl_status check_unit(const tl_modbus_channel *channel, size_t index, bool
 }
 
 static tl_status check_channel(const tl_modbus_channel *channel, size_t index, tl_error *error) {
-    bool bit_table = channel->table == TL_MODBUS_COIL || channel->table == TL_MODBUS_DISCRETE;
+    bool bit_table = tl_modbus_is_bit_table(channel->table);
     if (channel->table < TL_MODBUS_COIL || channel->table > TL_MODBUS_INPUT) {
         return tl_fail(error, TL_BAD_DATA, "Modbus channel %zu: there is no table %d", index, (int)channel->table);
     }
@@ -370,32 +353,6 @@ static tl_status check_channel(const tl_modbus_channel *channel, size_t index, t
     return TL_OK;
 }
 
-static bool is_baud(uint32_t baud) {
-    const uint32_t *known = tl_modbus_bauds;
-    while (*known != 0 && *known != baud) {
-        known++;
-    }
-    return *known != 0;
-}
-
-static tl_status check_line(const tl_modbus_line *line, tl_error *error) {
-    if (line->device[0] == '\0') {
-        return tl_fail(error, TL_BAD_DATA, "a Modbus line needs a device, for example /dev/serial/by-id/usb-0-port0");
-    }
-    if (!is_baud(line->baud)) {
-        return tl_fail(error, TL_BAD_DATA, "Modbus line %s: %u Bd is no speed of a serial line", line->device,
-                       (unsigned)line->baud);
-    }
-    if (line->parity != 'N' && line->parity != 'E' && line->parity != 'O') {
-        return tl_fail(error, TL_BAD_DATA, "Modbus line %s: parity is none of N, E, O", line->device);
-    }
-    if (line->stop_bits != 1 && line->stop_bits != 2) {
-        return tl_fail(error, TL_BAD_DATA, "Modbus line %s: %u stop bits, but must be 1 or 2", line->device,
-                       (unsigned)line->stop_bits);
-    }
-    return TL_OK;
-}
-
 static tl_status check(const tl_modbus_settings *settings, tl_error *error) {
     const char *device = settings->line.device;
     if (device == NULL && (settings->host == NULL || settings->host[0] == '\0')) {
@@ -405,7 +362,7 @@ static tl_status check(const tl_modbus_settings *settings, tl_error *error) {
         return tl_fail(error, TL_BAD_DATA, "Modbus %s: timeout_s is %g, but must be 0.001 to 3600",
                        device != NULL ? device : settings->host, settings->timeout_s);
     }
-    if (device != NULL && check_line(&settings->line, error) != TL_OK) {
+    if (device != NULL && tl_modbus_line_check(&settings->line, error) != TL_OK) {
         return TL_BAD_DATA;
     }
     for (size_t i = 0; i < settings->channel_count; i++) {

@@ -26,48 +26,8 @@
 #include <stdint.h>
 
 #include "board/io/plant_io.h"
-
-/* Also the function code that reads the table. */
-typedef enum tl_modbus_table {
-    TL_MODBUS_COIL = 1,
-    TL_MODBUS_DISCRETE = 2,
-    TL_MODBUS_HOLDING = 3,
-    TL_MODBUS_INPUT = 4
-} tl_modbus_table;
-
-typedef enum tl_modbus_type {
-    TL_MODBUS_BIT, /* coil and discrete only */
-    TL_MODBUS_INT16,
-    TL_MODBUS_UINT16,
-    TL_MODBUS_INT32,
-    TL_MODBUS_UINT32,
-    TL_MODBUS_FLOAT32,
-    TL_MODBUS_FLOAT64
-} tl_modbus_type;
-
-/* Where one signal stands in the server's register map. */
-typedef struct tl_modbus_channel {
-    uint8_t unit_id; /* 0..247, 255; on a line 1..247 */
-    tl_modbus_table table;
-    uint16_t address; /* 0-based, of the first register or bit */
-    tl_modbus_type type;
-    bool words_little; /* several registers: least significant word first; default: most significant first */
-    bool bytes_little; /* within a register: least significant byte first; default: most significant first */
-    double scale;      /* value = raw·scale + offset */
-    double offset;
-} tl_modbus_channel;
-
-/* A serial line. */
-typedef struct tl_modbus_line {
-    const char *device; /* a path, best one that stays: /dev/serial/by-id/… */
-    uint32_t baud;      /* one of tl_modbus_bauds */
-    char parity;        /* 'N', 'E', 'O' */
-    uint8_t stop_bits;  /* 1, 2 */
-    bool rs485;         /* the port's driver shall switch between sending and receiving (TIOCSRS485) */
-} tl_modbus_line;
-
-/* The speeds there are, rising, up to a 0. */
-extern const uint32_t tl_modbus_bauds[];
+#include "board/modbus/modbus_codec.h"
+#include "board/modbus/modbus_line.h"
 
 typedef struct tl_modbus_settings {
     const char *host; /* name or address; not read where line.device is given */
@@ -84,15 +44,5 @@ extern const tl_plant_io_driver tl_modbus_driver;
 /* Copies what it needs of `settings`. Does not connect yet. Errors: TL_BAD_DATA for a setting out of its range,
  * a type that its table cannot hold, a value beyond address 65535. */
 tl_status tl_modbus_open(const tl_modbus_settings *settings, tl_plant_io **io, tl_error *error);
-
-/* Registers (or bits: 1) that a value of that type takes. */
-size_t tl_modbus_registers(tl_modbus_type type);
-
-/* Raw registers to value and back, as the channel says; for the driver, the emulated plant and tests. A bit is
- * one register, 0 or 1.
- * decode: false, and 0, where the value is not finite.
- * encode: rounds to the nearest integer; out-of-range integers and floats saturate; NaN as an integer is 0. */
-bool tl_modbus_decode(const tl_modbus_channel *channel, const uint16_t *registers, double *value);
-void tl_modbus_encode(const tl_modbus_channel *channel, double value, uint16_t *registers);
 
 #endif

@@ -2,11 +2,15 @@
  *
  * A value is carried through 64 bits: registers are joined most significant first, whatever order they come in.
  */
+#include "board/modbus/modbus_codec.h"
+
 #include <float.h>
 #include <math.h>
 #include <string.h>
 
-#include "board/modbus/modbus.h"
+bool tl_modbus_is_bit_table(tl_modbus_table table) {
+    return table == TL_MODBUS_COIL || table == TL_MODBUS_DISCRETE;
+}
 
 size_t tl_modbus_registers(tl_modbus_type type) {
     switch (type) {

@@ -5,10 +5,6 @@ enum { UNIT, FUNCTION, BYTES, BODY }; /* of a body, where they stand; BODY: how 
 
 enum { LONGEST_BODY = 254, EXCEPTION_FLAG = 0x80 };
 
-static bool is_bit_table(tl_modbus_table table) {
-    return table == TL_MODBUS_COIL || table == TL_MODBUS_DISCRETE;
-}
-
 static uint16_t word_at(const uint8_t *bytes) {
     return (uint16_t)((unsigned)bytes[0] << 8 | bytes[1]);
 }
@@ -19,7 +15,7 @@ static void put_word(uint8_t *bytes, unsigned word) {
 }
 
 size_t tl_modbus_value_bytes(const tl_modbus_read *read) {
-    return is_bit_table(read->table) ? (read->count + 7U) / 8 : 2U * read->count;
+    return tl_modbus_is_bit_table(read->table) ? (read->count + 7U) / 8 : 2U * read->count;
 }
 
 void tl_modbus_put_body(const tl_modbus_read *read, uint8_t request[TL_MODBUS_BODY_REQUEST]) {
@@ -104,7 +100,7 @@ tl_modbus_outcome tl_modbus_check_rtu(const tl_modbus_read *asked, const uint8_t
 
 void tl_modbus_take_values(const tl_modbus_read *read, const uint8_t *bytes, tl_modbus_values *values) {
     for (size_t i = 0; i < read->count; i++) {
-        if (is_bit_table(read->table)) {
+        if (tl_modbus_is_bit_table(read->table)) {
             values->bits[i] = (uint8_t)((unsigned)bytes[i / 8] >> i % 8 & 1U);
         } else {
             values->registers[i] = word_at(bytes + 2 * i);

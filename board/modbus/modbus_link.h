@@ -1,7 +1,7 @@
 /* What is below the Modbus driver: a TCP connection (modbus_tcp.c) or a serial line (modbus_rtu.c). Private to the driver.
  *
  * Purpose: asks one request and waits for its response; any other thread can end the wait.
- * Owner:   one thread makes, connects, looks, asks, closes, releases; tl_modbus_link_interrupt() is for any other.
+ * Owner:   one thread makes, connects, looks, asks, closes, releases; any other may call `wake`.
  * Discipline: a failure that is no exception is told by failed() before the next request, so that what still
  *          arrives of the old response is not taken for the answer to another: TCP begins a new connection, a serial line is
  *          listened to until it is quiet.
@@ -9,7 +9,9 @@
 #ifndef TL_BOARD_MODBUS_MODBUS_LINK_H
 #define TL_BOARD_MODBUS_MODBUS_LINK_H
 
+#include "board/io/wake.h"
 #include "board/modbus/modbus_frame.h"
+#include "board/modbus/modbus_line.h"
 
 typedef struct tl_modbus_link tl_modbus_link;
 
@@ -48,7 +50,7 @@ struct tl_modbus_link {
     char name[160];  /* for people: "Modbus server HOST:PORT" */
     tl_time timeout; /* ns; of one response */
     int descriptor;  /* −1: not connected */
-    int wake;        /* eventfd: interrupted, and nobody has taken notice yet */
+    tl_wake wake;    /* of a thread that connects or asks */
 };
 
 /* To an address or name; NULL where a resource is missing, errno says which. Does not connect. any_unit_id: answers may name
@@ -62,20 +64,8 @@ tl_modbus_link *tl_modbus_rtu_make(const tl_modbus_line *line, tl_time timeout);
 bool tl_modbus_link_init(tl_modbus_link *link, const tl_modbus_link_kind *kind, tl_time timeout);
 void tl_modbus_link_done(tl_modbus_link *link);
 
-/* Any thread: ends the waiting of the thread that connects or asks, or else its next one. */
-void tl_modbus_link_interrupt(tl_modbus_link *link);
-
-/* Was it interrupted? Takes notice of it, so that the next call says no. */
-bool tl_modbus_link_interrupted(tl_modbus_link *link);
-
-/* The same, taking no notice. */
-bool tl_modbus_link_is_woken(const tl_modbus_link *link);
-
-/* Waits until `descriptor` has one of `events` (of poll()), or is hung up. 0, or errno: ETIMEDOUT, EINTR where the link was
- * interrupted. */
+/* Waits until `descriptor` has one of `events` (of poll()), or is hung up. 0, or errno: ETIMEDOUT, EINTR if `wake` was
+ * called. */
 int tl_modbus_link_await(const tl_modbus_link *link, int descriptor, short events, tl_time deadline);
-
-/* CLOCK_MONOTONIC in ns. */
-tl_time tl_modbus_link_now(void);
 
 #endif

@@ -4,10 +4,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-static bool is_bit_table(tl_modbus_table table) {
-    return table == TL_MODBUS_COIL || table == TL_MODBUS_DISCRETE;
-}
-
 static int compare(const void *a, const void *b) {
     const tl_modbus_slot *left = a;
     const tl_modbus_slot *right = b;
@@ -42,7 +38,7 @@ static tl_modbus_read single(const tl_modbus_map *map, size_t slot, tl_modbus_gr
 
 /* Can this request take one more channel? Then it does. */
 static bool extend(tl_modbus_read *read, const tl_modbus_channel *channel) {
-    bool bits = is_bit_table(read->table);
+    bool bits = tl_modbus_is_bit_table(read->table);
     size_t gap = bits ? TL_MODBUS_GAP_BITS : TL_MODBUS_GAP_REGISTERS;
     size_t most = bits ? TL_MODBUS_MAX_BITS : TL_MODBUS_MAX_REGISTERS;
     size_t end = (size_t)read->address + read->count;

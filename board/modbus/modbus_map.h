@@ -9,7 +9,8 @@
 #ifndef TL_BOARD_MODBUS_MODBUS_MAP_H
 #define TL_BOARD_MODBUS_MODBUS_MAP_H
 
-#include "board/modbus/modbus.h"
+#include "board/io/backoff.h"
+#include "board/modbus/modbus_codec.h"
 #include "board/modbus/modbus_outcome.h"
 
 enum {
@@ -32,9 +33,8 @@ typedef struct tl_modbus_read {
     size_t slots;
     tl_modbus_grain grain;
     tl_modbus_outcome trouble; /* that was told last; values: none. For the driver, as are the next */
-    tl_time pause;             /* ns; > 0: it was silent while others answered */
-    tl_time due;               /* not to be asked earlier */
-    tl_time hold;              /* nor than this: its unit owes an answer to another request */
+    tl_backoff backoff;        /* on: it was silent while others answered */
+    tl_time hold;              /* ns; not to be asked earlier: its unit owes an answer to another request */
     uint64_t polled;           /* the poll that has seen to it */
     uint64_t silent;           /* the poll in which it was last asked, and was silent or made no sense */
     tl_modbus_outcome failure; /* what came of that */

@@ -24,6 +24,8 @@
 #include <termios.h>
 #include <unistd.h>
 
+#include "board/io/monotonic.h"
+
 #define MILLISECOND (TL_SECOND / 1000)
 #define QUIET_AFTER_FAILURE (50 * MILLISECOND)
 #define QUIET_WHERE_FAST (1750000) /* above 19200 Bd, whatever the speed */
@@ -105,7 +107,7 @@ static bool rtu_connect(tl_modbus_link *link, char *cause, size_t cause_size) {
         return false;
     }
     (void)tcflush(link->descriptor, TCIFLUSH);
-    rtu->last = tl_modbus_link_now();
+    rtu->last = tl_monotonic_now();
     rtu->failed = true; /* nobody knows what is going on there */
     return true;
 }
@@ -127,7 +129,7 @@ static bool is_of_the_port(const tl_modbus_outcome *outcome) {
 static void rtu_failed(tl_modbus_link *link, const tl_modbus_outcome *outcome) {
     rtu_link *rtu = (rtu_link *)link;
     rtu->failed = true;
-    rtu->last = tl_modbus_link_now();
+    rtu->last = tl_monotonic_now();
     if (is_of_the_port(outcome)) {
         rtu_close(link);
     }
@@ -153,7 +155,7 @@ static bool is_readable(int descriptor) {
 static int await_quiet(rtu_link *rtu) {
     const int descriptor = rtu->link.descriptor;
     const tl_time quiet = rtu->failed ? QUIET_AFTER_FAILURE : rtu->quiet;
-    const tl_time end = tl_modbus_link_now() + rtu->link.timeout + quiet;
+    const tl_time end = tl_monotonic_now() + rtu->link.timeout + quiet;
     while (rtu->last <= end) {
         uint8_t waste[256];
         int failure = tl_modbus_link_await(&rtu->link, descriptor, POLLIN, rtu->last + quiet);
@@ -166,7 +168,7 @@ static int await_quiet(rtu_link *rtu) {
         if (read(descriptor, waste, sizeof waste) <= 0) { /* readable, and nothing there: it was hung up */
             return EIO;
         }
-        rtu->last = tl_modbus_link_now();
+        rtu->last = tl_monotonic_now();
     }
     return EBUSY;
 }
@@ -218,9 +220,9 @@ static tl_modbus_outcome rtu_ask(tl_modbus_link *link, const tl_modbus_read *rea
     if (failure != 0) {
         return failed_with(failure);
     }
-    tl_time deadline = tl_modbus_link_now() + link->timeout + REQUEST * rtu->character;
+    tl_time deadline = tl_monotonic_now() + link->timeout + REQUEST * rtu->character;
     int length = receive(rtu, read, response, deadline);
-    rtu->last = tl_modbus_link_now();
+    rtu->last = tl_monotonic_now();
     rtu->failed = false;
     if (length < 0) {
         return failed_with(-length);

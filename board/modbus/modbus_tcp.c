@@ -17,6 +17,8 @@
 #include <sys/socket.h>
 #include <unistd.h>
 
+#include "board/io/monotonic.h"
+
 typedef struct tcp_link {
     tl_modbus_link link;
     char *host;
@@ -86,12 +88,12 @@ static bool tcp_connect(tl_modbus_link *link, char *cause, size_t cause_size) {
         left_addresses++;
     }
     /* Each address gets its share of what is left, so that a silent first one leaves time for the second. */
-    tl_time deadline = tl_modbus_link_now() + link->timeout;
+    tl_time deadline = tl_monotonic_now() + link->timeout;
     int failure = EADDRNOTAVAIL;
     for (const struct addrinfo *address = addresses; address != NULL && failure != 0; address = address->ai_next) {
-        tl_time now = tl_modbus_link_now();
+        tl_time now = tl_monotonic_now();
         failure =
-            tl_modbus_link_is_woken(link) ? EINTR : connect_to(link, address, now + (deadline - now) / left_addresses);
+            tl_wake_is_called(&link->wake) ? EINTR : connect_to(link, address, now + (deadline - now) / left_addresses);
         left_addresses--;
         if (failure == EINTR) {
             break;
@@ -148,7 +150,7 @@ static tl_modbus_outcome tcp_ask(tl_modbus_link *link, const tl_modbus_read *rea
     if (send(link->descriptor, request, sizeof request, MSG_NOSIGNAL) != (ssize_t)sizeof request) {
         return failed_with(errno);
     }
-    tl_time deadline = tl_modbus_link_now() + link->timeout;
+    tl_time deadline = tl_monotonic_now() + link->timeout;
     size_t size = 0;
     size_t missing = 0;
     tl_modbus_outcome outcome = tl_modbus_check_tcp(&asked, answer, size, &missing);

@@ -83,13 +83,9 @@ static bool has_unit(const tl_plant_server *server, uint8_t unit_id) {
     return false;
 }
 
-static bool is_bit_table(tl_modbus_table table) {
-    return table == TL_MODBUS_COIL || table == TL_MODBUS_DISCRETE;
-}
-
 static tl_status check_channel(const tl_modbus_channel *channel, size_t index, tl_error *error) {
     if (channel->table < TL_MODBUS_COIL || channel->table > TL_MODBUS_INPUT ||
-        is_bit_table(channel->table) != (channel->type == TL_MODBUS_BIT) ||
+        tl_modbus_is_bit_table(channel->table) != (channel->type == TL_MODBUS_BIT) ||
         channel->address + tl_modbus_registers(channel->type) > 65536) {
         return tl_fail(error, TL_BAD_DATA, "emulated Modbus device: channel %zu does not fit into its table", index);
     }
@@ -174,11 +170,11 @@ static bool is_write(uint8_t function) {
 /* The data of a read reply, from its byte count on. Returns its size. */
 static size_t put_values(const region *own, size_t first, size_t count, uint8_t *data) {
     const uint16_t *words = own->words + (first - own->first);
-    size_t bytes = is_bit_table(own->table) ? (count + 7) / 8 : 2 * count;
+    size_t bytes = tl_modbus_is_bit_table(own->table) ? (count + 7) / 8 : 2 * count;
     memset(data, 0, bytes + 1);
     data[0] = (uint8_t)bytes;
     for (size_t i = 0; i < count; i++) {
-        if (is_bit_table(own->table)) {
+        if (tl_modbus_is_bit_table(own->table)) {
             data[1 + i / 8] = (uint8_t)(data[1 + i / 8] | words[i] << i % 8);
         } else {
             put_word(data + 1 + 2 * i, words[i]);
@@ -202,7 +198,7 @@ static uint8_t objection(const tl_plant_server *server, const uint8_t *request, 
     }
     size_t first = word_at(request + HEADER + 1);
     size_t count = word_at(request + HEADER + 3);
-    if (count < 1 || count > (is_bit_table((tl_modbus_table)function) ? MAX_BITS : MAX_REGISTERS)) {
+    if (count < 1 || count > (tl_modbus_is_bit_table((tl_modbus_table)function) ? MAX_BITS : MAX_REGISTERS)) {
         return ILLEGAL_VALUE;
     }
     const region *own = find_region(server, unit_id, function);

@@ -186,10 +186,6 @@ tl_status tl_exchange_init(tl_exchange *exchange, tl_arena *arena, tl_graph *gra
     return TL_OK;
 }
 
-void *tl_exchange_input(tl_exchange *exchange, const tl_port *port) {
-    return target(exchange, port);
-}
-
 const void *tl_exchange_output(const tl_exchange *exchange, const tl_port *port) {
     return location(exchange, port);
 }
@@ -197,6 +193,21 @@ const void *tl_exchange_output(const tl_exchange *exchange, const tl_port *port)
 double tl_exchange_value(const tl_exchange *exchange, const tl_port *port) {
     const void *value = location(exchange, port);
     return port->type == TL_REAL ? *(const double *)value : (double)*(const fmi2Integer *)value;
+}
+
+void tl_exchange_place_adjusted(tl_exchange *exchange, size_t variable, const tl_port *port,
+                                const tl_connection *connection, double nominal) {
+    tl_adjusted_input *input = &exchange->adjusted[variable];
+    const void *delivered = connection != NULL ? connection->nominal : NULL;
+    input->nominal = nominal;
+    if (port->type == TL_REAL) {
+        input->real = target(exchange, port);
+        input->delivered_real = delivered;
+    } else {
+        input->boolean = target(exchange, port);
+        input->delivered_boolean = delivered;
+    }
+    tl_exchange_set_adjusted(exchange, variable, nominal);
 }
 
 /* ---- initialisation ---- */

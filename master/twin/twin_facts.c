@@ -96,10 +96,11 @@ const char *tl_twin_component_name(const tl_twin *twin, size_t component) {
 
 tl_twin_adjusted tl_twin_get_adjusted(const tl_twin *twin, size_t adjust) {
     const tl_adjusted *adjusted = &twin->lock.adjusted[adjust];
+    const tl_adjusted_input *input = &twin->exchange.adjusted[adjust];
     return (tl_twin_adjusted){
-        .is_real = adjusted->real != NULL,
-        .is_fed = adjusted->delivered_real != NULL || adjusted->delivered_boolean != NULL,
-        .nominal = adjusted->nominal,
+        .is_real = !adjusted->is_boolean,
+        .is_fed = input->delivered_real != NULL || input->delivered_boolean != NULL,
+        .nominal = input->nominal,
         .step = adjusted->step,
         .lower = adjusted->lower,
         .upper = adjusted->upper,

@@ -2,7 +2,7 @@
 """What the objects need and offer: `symbols.py ROOT BUILD`.
 
 The undefined symbols of every object of the master are held against master_symbols.txt: no malloc outside start-up,
-no printf, no clock, no file; those of the CAN driver against can_symbols.txt: nothing that could send. And every symbol
+no printf, no clock, no file; those of the CAN driver, and what drivers share, against can_symbols.txt: nothing that could send. And every symbol
 that our libraries offer has the prefix tl_.
 """
 import fnmatch
@@ -14,7 +14,8 @@ import sys
 import tree
 
 HERE = os.path.dirname(os.path.abspath(__file__))
-NEEDS = {"master": ("*", "master_symbols.txt"), "board": ("can/*", "can_symbols.txt")}  # floor: objects, what they may need
+# floor: objects, what they may need. What the CAN driver shares with others may not send either.
+NEEDS = {"master": (["*"], "master_symbols.txt"), "board": (["can/*", "io/*"], "can_symbols.txt")}
 FLOORS = {"master": "tl_master", "board": "tl_board", "firmware": "tl_firmware"}
 
 
@@ -52,7 +53,7 @@ def objects(build, floor):
 
 def check_needs(build, floor, chosen, listed):
     rules = read_allowed(listed)
-    looked_at = [(name, path) for name, path in objects(build, floor) if fnmatch.fnmatch(name, chosen)]
+    looked_at = [(name, path) for name, path in objects(build, floor) if any(fnmatch.fnmatch(name, one) for one in chosen)]
     own = {symbol for _, path in looked_at for symbol in offered(path)}
     for name, path in looked_at:
         allowed = [symbol for pattern, some in rules if fnmatch.fnmatch(name, pattern) for symbol in some]

@@ -1,7 +1,7 @@
 /* What comes on a CAN bus: frames, error frames and the state of the interface, through the driver, its map, its codec, the
  * meaning of error frames, and the conversion of stamps.
  *
- * The harness takes the place of can_link.c: frames are bytes of the input, and the input moves the clocks. So nothing waits,
+ * The harness takes the place of can_link.c and of the clock: frames are bytes of the input, and the input moves the clocks. So nothing waits,
  * and the same bytes do the same. An input is channels, then what happens: see read_channels() and tl_can_link_receive().
  */
 #include <math.h>
@@ -10,6 +10,7 @@
 
 #include "board/can/can.h"
 #include "board/can/can_link.h"
+#include "board/io/monotonic.h"
 #include "tests/fuzz/harness.h"
 
 enum { CHANNELS = 12, POLLS = 200 };
@@ -99,7 +100,7 @@ static const tl_can_frame *received; /* the newest of data */
 
 bool tl_can_link_make(tl_can_link *link, const char *interface) {
     hold(interface[0] != '\0');
-    *link = (tl_can_link){.interface = "fuzz0", .socket = -1, .wake = -1};
+    *link = (tl_can_link){.interface = "fuzz0", .socket = -1, .wake = {.descriptor = -1}};
     return true;
 }
 
@@ -194,7 +195,7 @@ void tl_can_link_release(tl_can_link *link) {
     tl_can_link_close(link);
 }
 
-tl_time tl_can_link_now(void) {
+tl_time tl_monotonic_now(void) {
     return clock_now;
 }
 

@@ -1,6 +1,6 @@
 /* What a Modbus device answers: through the checks of an answer, the driver, its map of requests, its codec.
  *
- * The harness takes the place of modbus_link.c, modbus_tcp.c and modbus_rtu.c: a link on which answers are bytes of the input,
+ * The harness takes the place of modbus_link.c, modbus_tcp.c, modbus_rtu.c, the clock and the wake-up call: a link on which answers are bytes of the input,
  * and a clock that the input moves. So nothing waits, and the same bytes do the same. An input is channels, then what happens
  * at each poll: see read_channels(), answer_tcp(), happen().
  */
@@ -9,6 +9,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "board/io/monotonic.h"
 #include "board/modbus/modbus_link.h"
 #include "tests/fuzz/harness.h"
 
@@ -70,7 +71,7 @@ static bool woken;     /* and nobody has taken notice yet */
 static bool disturbed; /* in this poll */
 static tl_modbus_outcome last;
 
-static void wake(bool really) {
+static void be_called(bool really) {
     woken = woken || really;
     disturbed = disturbed || woken;
 }
@@ -186,7 +187,7 @@ static tl_modbus_outcome ask(tl_modbus_link *link, const tl_modbus_read *read, t
     unsigned what = take();
     hold(link->descriptor >= 0);
     clock_now += (what & 0x80) != 0 ? link->timeout : TL_SECOND / 1000;
-    wake(what % 128 == 127);
+    be_called(what % 128 == 127);
     if (what % 4 == 3) {
         last = (tl_modbus_outcome){.kind = TL_MODBUS_FAILED, .found = woken ? EINTR : FAILURES[what / 4 % 8]};
     } else {
@@ -197,7 +198,7 @@ static tl_modbus_outcome ask(tl_modbus_link *link, const tl_modbus_read *read, t
 
 static bool connect_link(tl_modbus_link *link, char *cause, size_t cause_size) {
     unsigned what = take();
-    wake(what == 255);
+    be_called(what == 255);
     link->descriptor = what % 8 == 7 ? -1 : 100;
     (void)strncpy(cause, "no connection", cause_size);
     return link->descriptor >= 0;
@@ -253,25 +254,25 @@ tl_modbus_link *tl_modbus_rtu_make(const tl_modbus_line *line, tl_time timeout) 
     return make(timeout);
 }
 
-tl_time tl_modbus_link_now(void) {
+tl_time tl_monotonic_now(void) {
     return clock_now;
 }
 
-bool tl_modbus_link_is_woken(const tl_modbus_link *link) {
-    (void)link;
+bool tl_wake_is_called(const tl_wake *wake) {
+    (void)wake;
     return woken;
 }
 
-bool tl_modbus_link_interrupted(tl_modbus_link *link) {
+bool tl_wake_answer(const tl_wake *wake) {
     bool was = woken;
-    (void)link;
+    (void)wake;
     woken = false;
     return was;
 }
 
-void tl_modbus_link_interrupt(tl_modbus_link *link) {
-    (void)link;
-    wake(true);
+void tl_wake_call(const tl_wake *wake) {
+    (void)wake;
+    be_called(true);
 }
 
 /* ---- what the driver says ---- */

@@ -4,7 +4,7 @@
  *   modbus_probe read DEVICE      the same on a serial line
  *   modbus_probe serve            prints its port, serves until its input ends, prints "requests refused_writes"
  * Channels are lines of the standard input, "unit table address type words_little bytes_little scale offset value", up
- * to a line "go"; tables and types are the numbers of board/modbus/modbus.h.
+ * to a line "go"; tables and types are the numbers of board/modbus/modbus_codec.h.
  */
 #include <stdio.h>
 #include <stdlib.h>

@@ -24,19 +24,15 @@ def summaries():
 def test_table():
     folder, made = scratch(), summaries()
     made["live"] = {**made["own"], "ticks": 1234, "skipped": 5, "deadline_misses": 6}
-    for name, summary in made.items():
-        if name == "live":
-            (folder / "live.json").write_text(json.dumps(summary), encoding="utf-8")
-            continue
-        for number, wall_s in enumerate((0.009, 0.0042, 0.005), 1):
-            (folder / f"{name}.{number}.json").write_text(json.dumps({**summary, "wall_s": wall_s}), encoding="utf-8")
-    done = subprocess.run(["/usr/bin/python3", SOURCE / "script" / "demo_table.py", folder], stdout=subprocess.PIPE, check=True, encoding="utf-8")
+    files = [folder / f"{name}.json" for name in ("free", "nelder_mead", "live")]
+    for file in files:
+        file.write_text(json.dumps(made[file.stem]), encoding="utf-8")
+    done = subprocess.run(["/usr/bin/python3", SOURCE / "script" / "demo_table.py", *files], stdout=subprocess.PIPE, check=True, encoding="utf-8")
     rows = {line[:32].strip(): line[32:].split() for line in done.stdout.splitlines()}
     columns = [made[name] for name in ("free", "nelder_mead", "live")]
     expect(rows["MSE of the speed, (rad/s)²"] == [f"{one['match']['motor.omega']['mse']:.3f}" for one in columns], done.stdout)
     expect(rows["executions of components (N)"] == [str(one["executions"]["total"]) for one in columns], done.stdout)
     expect(rows["evaluations"][0] == "0" and rows["mean Δu of motor.d, N.m.s/rad"][0] == "-", done.stdout)
-    expect(rows["all of it replayed, ms"] == ["4.2", "4.2", "4.2"], done.stdout)
     expect(rows["ticks / skipped"] == ["-", "-", "1234", "/", "5"] and rows["missed deadlines"] == ["-", "-", "6"], done.stdout)
     expect("replays of what the live run recorded" in done.stdout and "left alone   Nelder-Mead    own solver" in done.stdout, done.stdout)
     values = [float(cell) for cell in rows["MSE of the speed, (rad/s)²"]]

@@ -1,0 +1,28 @@
+/* Up or down, told once: see link.h. */
+#include "board/io/link.h"
+
+#include <stdio.h>
+
+bool tl_link_is_up(const tl_link *link) {
+    return link->state == TL_LINK_UP;
+}
+
+bool tl_link_change(tl_link *link, bool up) {
+    tl_link_state before = link->state;
+    link->state = up ? TL_LINK_UP : TL_LINK_DOWN;
+    return link->state != before;
+}
+
+void tl_link_tell(const tl_link *link, const tl_plant_io_sink *sink, const char *who, const char *text) {
+    char whole[TL_LINK_TEXT];
+    (void)snprintf(whole, sizeof whole, "%s: %s", who, text);
+    sink->link(sink->context, tl_link_is_up(link), whole);
+}
+
+bool tl_link_set(tl_link *link, const tl_plant_io_sink *sink, bool up, const char *who, const char *text) {
+    bool news = tl_link_change(link, up);
+    if (news) {
+        tl_link_tell(link, sink, who, text);
+    }
+    return news;
+}
