@@ -68,7 +68,7 @@ FIRMWARE = {
                               public=("assembly", "appliance", "replay", "journal", "watch")),
     "firmware/emulate": _firmware("run", "plant", "process", "config", others=_DRIVERS),
     "firmware/verbs": _firmware("emulate", "run", "show", "report", "plant", "record", "fmu", "supervise", "process",
-                                "config", others=(*_TWIN, "master/measure"), public=("verbs",)),
+                                "config", others=(*_TWIN, "master/measure"), public=("command_line",)),
     "firmware": Room(("firmware/verbs", "firmware/process", "firmware/base")),
 }
 
