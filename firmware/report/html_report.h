@@ -19,7 +19,6 @@
 #include "firmware/record/run_types.h"
 #include "firmware/text/utc.h"
 #include "master/plan/plan.h"
-#include "master/twin/metrics.h"
 #include "master/twin/twin.h"
 
 enum { TL_HTML_EVENTS = 1000 };

@@ -10,7 +10,7 @@
 #include <stdint.h>
 
 #include "firmware/record/history.h"
-#include "master/twin/metrics.h"
+#include "master/twin/twin.h"
 
 enum { TL_SHOW_WINDOWS = 8, TL_SHOW_POINTS = 64 };
 
