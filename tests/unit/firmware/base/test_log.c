@@ -68,7 +68,7 @@ static void test_long_messages_are_cut_between_characters(void) {
 }
 
 static void test_the_limit(void) {
-    tl_log_limiter limiter = {.per_second = 5};
+    tl_log_limiter limiter = TL_LOG_LIMITER(5);
     begin();
     for (int i = 0; i < 1000; i++) {
         tl_log_limited(&limiter, TL_LOG_WARNING, "again");
@@ -86,7 +86,7 @@ static void test_the_limit(void) {
 }
 
 static void test_a_new_second_has_room_again(void) {
-    tl_log_limiter limiter = {.per_second = 1};
+    tl_log_limiter limiter = TL_LOG_LIMITER(1);
     begin();
     for (int i = 0; i < 60; i++) { /* 1.2 s */
         tl_log_limited(&limiter, TL_LOG_WARNING, "message %d", i);
@@ -111,7 +111,7 @@ static void test_a_limited_message_does_not_wait(void) {
     (void)fcntl(pipes[1], F_SETFL, flags);
     int saved = dup(STDERR_FILENO);
     (void)dup2(pipes[1], STDERR_FILENO);
-    tl_log_limiter limiter = {.per_second = 20};
+    tl_log_limiter limiter = TL_LOG_LIMITER(20);
     (void)alarm(10); /* a hang ends the test */
     for (int i = 0; i < 10; i++) {
         tl_log_limited(&limiter, TL_LOG_ERROR, "from within a step");
@@ -136,7 +136,7 @@ static void *write_lines(void *limiter) {
 
 static void test_lines_of_many_threads_stay_whole(void) {
     enum { THREADS = 4 };
-    static tl_log_limiter limiter = {.per_second = 100000};
+    static tl_log_limiter limiter = TL_LOG_LIMITER(100000);
     pthread_t threads[THREADS];
     begin();
     for (int i = 0; i < THREADS; i++) {
