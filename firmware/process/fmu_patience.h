@@ -22,9 +22,6 @@
 /* Unless told otherwise: loading and instantiating may take long. */
 #define TL_FMU_PATIENCE_CALL (60 * TL_SECOND)
 
-/* The value of an option --call-limit: seconds. False: it is none, which was said. */
-bool tl_fmu_patience_parse(const char *verb, const char *text, tl_time *limit);
-
 /* Fields are private. */
 typedef struct tl_fmu_patience {
     tl_time limit;  /* ns of one call; 0: none */

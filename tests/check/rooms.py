@@ -32,7 +32,7 @@ MASTER = {
 _DRIVER = ("board/io", "master/base")
 BOARD = {
     "board/io": Room(("master/base",)),
-    "board/can": Room(_DRIVER, ("can", "can_codec")),
+    "board/can": Room(_DRIVER, ("can", "can_codec", "can_interface")),
     "board/csv": Room(_DRIVER, ("csv",)),
     "board/gpio": Room(_DRIVER, ("gpio",)),
     "board/modbus": Room(_DRIVER, ("modbus",)),
