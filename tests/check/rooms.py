@@ -62,13 +62,13 @@ FIRMWARE = {
     "firmware/plant": _firmware("record", "process", "config", others=_DRIVERS,
                                 public=("live_plant", "plant_input", "recording")),
     "firmware/report": _firmware("record", "config", others=_TWIN,
-                                 public=("html_report", "summary", "trajectory")),
+                                 public=("figures_json", "html_report", "run_figures", "summary", "trajectory")),
     "firmware/show": _firmware("report", "database", "record", "config", others=_TWIN, public=("show", "show_rows")),
     "firmware/run": _firmware("report", "plant", "record", "fmu", "supervise", "process", "config", others=_TWIN,
                               public=("assembly", "appliance", "replay", "journal", "watch")),
     "firmware/emulate": _firmware("run", "plant", "process", "config", others=_DRIVERS),
     "firmware/verbs": _firmware("emulate", "run", "show", "report", "plant", "record", "fmu", "supervise", "process",
-                                "config", others=_TWIN, public=("verbs",)),
+                                "config", others=_TWIN, public=("command_line",)),
     "firmware": Room(("firmware/verbs", "firmware/process", "firmware/base")),
 }
 

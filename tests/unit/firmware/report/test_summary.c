@@ -121,7 +121,7 @@ static void test_steps_that_were_made_up(void) {
     add(TL_MADE_UP, 0, 9.0, 1.0);
     add(TL_FIRST_GUESS, 1, 3.0, 1.0);
     summary.ticks = 2;
-    summary.skipped = 1;
+    summary.figures.skipped = 1;
     print_json();
     expect_number(1, "steps");
     expect_number(1, "skipped");
@@ -138,8 +138,8 @@ static void test_time_limits_and_the_longest_step(void) {
     record.stop = TL_STOP_SOLVER;
     record.used = 1000000;
     tl_summary_add(&summary, &assembly.config, &record);
-    TEST_ASSERT_EQUAL_UINT64(1, summary.time_limited);
-    TEST_ASSERT_EQUAL_INT64(3000000, summary.used_longest);
+    TEST_ASSERT_EQUAL_UINT64(1, summary.figures.time_limited);
+    TEST_ASSERT_EQUAL_INT64(3000000, summary.figures.longest);
     summary.ticks = 2;
     summary.deadline_misses = 1;
     print(tl_summary_print_table);
