@@ -20,7 +20,6 @@
 #include "firmware/report/run_figures.h"
 #include "firmware/text/utc.h"
 #include "master/plan/plan.h"
-#include "master/twin/metrics.h"
 #include "master/twin/twin.h"
 
 enum { TL_HTML_EVENTS = 1000 };

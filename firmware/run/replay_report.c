@@ -76,8 +76,7 @@ static void hear(void *context, int64_t tick, tl_severity severity, const char *
 }
 
 void tl_replay_report_listen(tl_replay_report *report, tl_journal *journal) {
-    journal->hear = hear;
-    journal->listener = report;
+    tl_journal_listen(journal, hear, report);
 }
 
 tl_status tl_replay_report_keep(tl_replay_report *report, const tl_summary *summary, const char *ended,

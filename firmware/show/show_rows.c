@@ -61,14 +61,14 @@ tl_status tl_show_range(tl_history *history, const tl_history_run *run, tl_show_
 }
 
 /* What one statement has handed out. */
-typedef struct walk {
+typedef struct row_walk {
     int64_t step; /* of the last row */
     int64_t signal;
     int rows;
-} walk;
+} row_walk;
 
 /* The key of the next row, behind that of the one before. */
-static bool take_key(sqlite3_stmt *row, int64_t last, size_t signals, walk *walked) {
+static bool take_key(sqlite3_stmt *row, int64_t last, size_t signals, row_walk *walked) {
     int64_t step = 0;
     int64_t signal = 0;
     if (!tl_row_integer(row, 0, walked->step, last, &step) ||
@@ -112,7 +112,7 @@ typedef struct table_shape {
 } table_shape;
 
 static tl_status walk_on(tl_history *history, const tl_history_run *run, sqlite3_stmt *statement,
-                         const table_shape *shape, walk *walked, tl_show_taker taker, tl_error *error) {
+                         const table_shape *shape, row_walk *walked, tl_show_taker taker, tl_error *error) {
     int code = SQLITE_ROW;
     (void)sqlite3_bind_int64(statement, 2, walked->step);
     (void)sqlite3_bind_int64(statement, 3, walked->signal);
@@ -132,7 +132,7 @@ static tl_status walk_on(tl_history *history, const tl_history_run *run, sqlite3
 tl_status tl_show_rows(tl_history *history, const tl_history_run *run, tl_show_source source, const int64_t range[2],
                        size_t signals, tl_show_taker taker, tl_error *error) {
     sqlite3_stmt *statement = NULL;
-    walk walked = {.step = range[0] - 1, .signal = INT64_MAX, .rows = ROWS_AT_ONCE};
+    row_walk walked = {.step = range[0] - 1, .signal = INT64_MAX, .rows = ROWS_AT_ONCE};
     const table_shape shape = {questions[source].columns, range[1], signals};
     tl_status status = tl_database_prepare(tl_history_database(history), questions[source].rows, &statement, error);
     if (status == TL_OK) {

@@ -6,7 +6,7 @@
 #include <stdarg.h>
 #include <string.h>
 
-#include "master/measure/conditioner.h"
+#include "master/plan/plan.h"
 
 enum { WIDTH = 79, INDENT = 4, TEXT = 512 };
 
@@ -162,7 +162,7 @@ static void check_lead(advice *given, const tl_config *config, uint32_t lead) {
         if (match->condition.low_pass > 0 && (beyond_end || seconds > LONG_LEAD_S)) {
             warn(given, match->where,
                  "its low-pass makes the measurement %g s late, and a step is computed %g s after its instant%s",
-                 tl_seconds(config->step) * tl_conditioner_delay(&match->condition, config->step), seconds,
+                 tl_seconds(config->step) * tl_plan_condition_delay(&match->condition, config->step), seconds,
                  beyond_end ? ", which is longer than duration_s" : "");
         }
     }
@@ -264,7 +264,7 @@ static void check_sources(advice *given, const tl_config *config) {
 static void check_conditions(advice *given, const tl_config *config) {
     for (size_t i = 0; config->measurements == TL_AHEAD && i < config->match_count; i++) {
         const tl_plan_match *match = &config->match[i];
-        uint32_t delay = tl_conditioner_delay(&match->condition, config->step);
+        uint32_t delay = tl_plan_condition_delay(&match->condition, config->step);
         if (delay > 0) {
             warn(given, match->where,
                  "its condition makes the measurement %" PRIu32

@@ -46,20 +46,23 @@ struct tl_event_horizon {
     tl_time leaving;    /* leaving it take, at most, fading */
 };
 
+static double nominal_of(const tl_event_horizon *self) {
+    return tl_exchange_nominal(self->lock->exchange, 0);
+}
+
 /* ---- build ---- */
 
-/* Which matched output tells of the event. */
-static void place_event(tl_event_horizon *self) {
+/* Which matched output tells of the event; one does, in a plan that was checked. */
+static tl_stroke_event find_event(const tl_objective *objective, event_edge end) {
     size_t match = 0;
-    const tl_objective *objective = &self->lock->objective;
     for (size_t i = 0; i < objective->term_count; i++) {
         const tl_objective_term *term = &objective->terms[i];
-        if (term->weight > 0.0 && term->signal == self->end.signal) {
-            self->stroke.event = (tl_stroke_event){match, self->end.signal, term->shift, self->end.falls};
-            return;
+        if (term->weight > 0.0 && term->signal == end.signal) {
+            return (tl_stroke_event){match, end.signal, term->shift, end.falls};
         }
         match += term->weight > 0.0;
     }
+    return (tl_stroke_event){0};
 }
 
 tl_event_horizon *tl_event_horizon_create(tl_arena *arena, tl_lock *lock, const tl_plan *plan) {
@@ -78,17 +81,16 @@ tl_event_horizon *tl_event_horizon_create(tl_arena *arena, tl_lock *lock, const 
     self->longest = (int64_t)tl_event_plan_longest(plan);
     self->kept = (int64_t)tl_event_plan_window(plan) - 2;
     self->stands_in = plan->measurements == TL_HOLD;
-    self->u = adjusted->nominal;
-    self->search = (tl_event_search){.solver = lock->solver,
-                                     .step = adjusted->step,
-                                     .lower = adjusted->lower,
-                                     .upper = adjusted->upper,
-                                     .stagnation = plan->stagnation};
-    self->stroke.lock = lock;
-    place_event(self);
-    uint32_t evaluations = plan->evaluations != 0 ? plan->evaluations : 60;
-    bool placed = tl_stroke_init(&self->stroke, arena, tl_event_plan_window(plan)) &&
-                  tl_event_search_init(&self->search, arena, evaluations);
+    self->u = nominal_of(self);
+    const tl_stroke_settings stroke = {
+        .lock = lock, .event = find_event(&lock->objective, self->end), .samples = tl_event_plan_window(plan)};
+    const tl_event_search_settings search = {.solver = lock->solver,
+                                             .step = adjusted->step,
+                                             .lower = adjusted->lower,
+                                             .upper = adjusted->upper,
+                                             .stagnation = plan->stagnation,
+                                             .evaluations = plan->evaluations != 0 ? plan->evaluations : 60};
+    bool placed = tl_stroke_init(&self->stroke, arena, &stroke) && tl_event_search_init(&self->search, arena, &search);
     return placed ? self : NULL;
 }
 
@@ -134,7 +136,7 @@ static bool comes(const tl_event_horizon *self, event_edge edge, int64_t tick, b
 
 /* Is the best trial to be used? Better than nominal, as in any step; what cannot be compared with it is not. */
 static bool is_worth(const tl_event_horizon *self, const tl_event_trial *best) {
-    const tl_event_trial *nominal = tl_event_search_find(&self->search, self->lock->adjusted[0].nominal);
+    const tl_event_trial *nominal = tl_event_search_find(&self->search, nominal_of(self));
     return best->value < TL_OBJECTIVE_TOLERANCE ||
            (nominal != NULL && best->value <= (1.0 - self->lock->margin) * nominal->value &&
             best->value < nominal->value);
@@ -223,10 +225,6 @@ static tl_status follow_plant(tl_event_horizon *self, int64_t tick, tl_record *r
 }
 
 /* ---- the search ---- */
-
-static double nominal_of(const tl_event_horizon *self) {
-    return self->lock->adjusted[0].nominal;
-}
 
 static bool is_u(const tl_event_horizon *self, double u) {
     return !(u < self->u) && !(u > self->u);
@@ -436,7 +434,7 @@ static tl_status search(tl_event_horizon *self, const tl_budget *budget, uint64_
 
 /* One macro step of the live twin. It is not the last word: it will be gone back. */
 static tl_status take_step(tl_event_horizon *self, int64_t step, tl_error *error) {
-    *self->lock->adjusted[0].real = self->u;
+    tl_exchange_set_adjusted(self->lock->exchange, 0, self->u);
     return tl_exchange_try(self->lock->exchange, step, 0, error);
 }
 

@@ -16,13 +16,19 @@ static const double NARROWEST_WALL = 1.0 / 64.0;
 
 static const double BOUNDLESS = HUGE_VAL;
 
-bool tl_event_search_init(tl_event_search *search, tl_arena *arena, uint32_t evaluations) {
-    search->capacity = evaluations;
-    search->trials = tl_arena_take(arena, evaluations, sizeof *search->trials);
-    search->stagnation = search->stagnation != 0 ? search->stagnation : TL_EVENT_STAGNATION;
-    search->z_step = 1.0;
-    search->z_lower = -BOUNDLESS;
-    search->z_upper = BOUNDLESS;
+bool tl_event_search_init(tl_event_search *search, tl_arena *arena, const tl_event_search_settings *settings) {
+    *search = (tl_event_search){
+        .solver = settings->solver,
+        .z_step = 1.0,
+        .z_lower = -BOUNDLESS,
+        .z_upper = BOUNDLESS,
+        .step = settings->step,
+        .lower = settings->lower,
+        .upper = settings->upper,
+        .stagnation = settings->stagnation != 0 ? settings->stagnation : TL_EVENT_STAGNATION,
+        .trials = tl_arena_take(arena, settings->evaluations, sizeof *search->trials),
+        .capacity = settings->evaluations,
+    };
     search->space = (tl_optimiser_space){.count = 1,
                                          .step = &search->z_step,
                                          .lower = &search->z_lower,

@@ -61,10 +61,19 @@ typedef struct tl_event_search {
     bool asks;
 } tl_event_search;
 
-/* Set before: solver, step, lower, upper, stagnation (0: TL_EVENT_STAGNATION). `evaluations`: the most trials of a search.
- * False when memory is out. */
 enum { TL_EVENT_STAGNATION = 6 };
-bool tl_event_search_init(tl_event_search *search, tl_arena *arena, uint32_t evaluations);
+
+typedef struct tl_event_search_settings {
+    const tl_optimiser_class *solver;
+    double step; /* of the adjusted variable, and its bounds */
+    double lower;
+    double upper;
+    uint32_t stagnation;  /* trials without progress that end the solver; 0: TL_EVENT_STAGNATION */
+    uint32_t evaluations; /* the most trials of a search */
+} tl_event_search_settings;
+
+/* False when memory is out. */
+bool tl_event_search_init(tl_event_search *search, tl_arena *arena, const tl_event_search_settings *settings);
 void tl_event_search_end(tl_event_search *search);
 
 /* Forgets all trials. */

@@ -5,13 +5,17 @@
 
 enum { STATES = 5 };
 
-bool tl_stroke_init(tl_stroke *stroke, tl_arena *arena, size_t samples) {
-    tl_exchange *exchange = stroke->lock->exchange;
+bool tl_stroke_init(tl_stroke *stroke, tl_arena *arena, const tl_stroke_settings *settings) {
+    tl_exchange *exchange = settings->lock->exchange;
+    size_t matched = settings->lock->objective.matched;
     tl_snapshot **const names[STATES] = {&stroke->start, &stroke->live, &stroke->walker, &stroke->mark, &stroke->best};
-    stroke->course_size = samples;
-    stroke->live_course =
-        tl_arena_take(arena, stroke->course_size * stroke->lock->objective.matched, sizeof *stroke->live_course);
-    stroke->y = tl_arena_take(arena, stroke->lock->objective.matched, sizeof *stroke->y);
+    *stroke = (tl_stroke){
+        .lock = settings->lock,
+        .event = settings->event,
+        .live_course = tl_arena_take(arena, settings->samples * matched, sizeof *stroke->live_course),
+        .course_size = settings->samples,
+        .y = tl_arena_take(arena, matched, sizeof *stroke->y),
+    };
     bool placed = stroke->live_course != NULL && stroke->y != NULL;
     for (size_t i = 0; i < STATES && placed; i++) {
         *names[i] = &stroke->states[i];
@@ -181,7 +185,7 @@ tl_status tl_stroke_return(tl_stroke *stroke, tl_error *error) {
 
 tl_status tl_stroke_walk(tl_stroke *stroke, tl_error *error) {
     tl_lock *lock = stroke->lock;
-    *lock->adjusted[0].real = stroke->u;
+    tl_exchange_set_adjusted(lock->exchange, 0, stroke->u);
     tl_status status = tl_exchange_try(lock->exchange, stroke->at, 0, error);
     tl_ledger_walked(&lock->ledger, status == TL_OK, status == TL_OK ? SIZE_MAX : lock->exchange->failed);
     if (status != TL_OK) {

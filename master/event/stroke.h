@@ -62,9 +62,16 @@ typedef struct tl_stroke {
     int32_t late;     /* samples at which only the plant's is there, less those at which only it is */
 } tl_stroke;
 
-/* `samples`: how many of the plant are kept, and so many outputs of the live twin: a search may begin late, after missed
- * ticks. The event and the lock are set before. False when memory is out. */
-bool tl_stroke_init(tl_stroke *stroke, tl_arena *arena, size_t samples);
+typedef struct tl_stroke_settings {
+    tl_lock *lock; /* complete; it must outlive the stroke */
+    tl_stroke_event event;
+    size_t
+        samples; /* how many of the plant are kept, and so many outputs of the live twin: a search may begin late, after
+                       missed ticks */
+} tl_stroke_settings;
+
+/* False when memory is out. */
+bool tl_stroke_init(tl_stroke *stroke, tl_arena *arena, const tl_stroke_settings *settings);
 void tl_stroke_forget(tl_stroke *stroke, size_t component);
 
 /* The live twin has reached tick: notes its outputs. */

@@ -14,6 +14,18 @@ double tl_exchange_convert(const tl_real_copy *copy) {
     return tl_conversion_is_identity(&copy->conversion) ? *copy->from : convert(copy);
 }
 
+double tl_exchange_adjusted(const tl_exchange *exchange, size_t variable) {
+    const tl_adjusted_input *input = &exchange->adjusted[variable];
+    return input->real != NULL ? *input->real : (double)*input->boolean;
+}
+
+double tl_exchange_nominal(const tl_exchange *exchange, size_t variable) {
+    const tl_adjusted_input *input = &exchange->adjusted[variable];
+    return input->delivered_real != NULL      ? *input->delivered_real
+           : input->delivered_boolean != NULL ? (double)*input->delivered_boolean
+                                              : input->nominal;
+}
+
 void tl_exchange_deliver(tl_exchange *exchange) {
     for (size_t i = 0; i < exchange->copy_count; i++) {
         *exchange->copies[i].to = *exchange->copies[i].from;

@@ -38,6 +38,15 @@ typedef struct tl_integer_copy {
     fmi2Integer *adjusted; /* as above */
 } tl_integer_copy;
 
+/* The input of an adjusted variable: where the exchange has u, and where û is delivered, as its type says. */
+typedef struct tl_adjusted_input {
+    fmi2Real *real;                       /* u; NULL: it is Boolean */
+    fmi2Boolean *boolean;                 /* u; NULL: it is Real */
+    const fmi2Real *delivered_real;       /* û, of a connection that is cut; */
+    const fmi2Boolean *delivered_boolean; /* both NULL: nothing delivers it, */
+    double nominal;                       /* and it is this */
+} tl_adjusted_input;
+
 typedef struct tl_exchange {
     tl_component *components;
     size_t component_count;
@@ -63,6 +72,7 @@ typedef struct tl_exchange {
     size_t conversion_count;
     tl_integer_copy *integer_copies;
     size_t integer_copy_count;
+    tl_adjusted_input adjusted[TL_MAX_ADJUST]; /* by variable */
 } tl_exchange;
 
 /* Places all values and copies; the graph must be complete. `window` is the plant's, in samples. */
@@ -70,13 +80,31 @@ tl_status tl_exchange_init(tl_exchange *exchange, tl_arena *arena, tl_graph *gra
 
 /* Where the value of a port is: a double, an fmi2Integer or an fmi2Boolean, as its type says. For any port, its value as
  * double. */
-void *tl_exchange_input(tl_exchange *exchange, const tl_port *port);
 const void *tl_exchange_output(const tl_exchange *exchange, const tl_port *port);
 double tl_exchange_value(const tl_exchange *exchange, const tl_port *port);
 
-/* fmi2SetupExperiment … fmi2ExitInitializationMode of all components, outputs and inputs exchanged in between until
- * they agree. The plant must have a sample; it is delivered first. */
-tl_status tl_exchange_initialize(tl_exchange *exchange, tl_error *error);
+/* The input of an adjusted variable is that of this port, and has its nominal value. `connection` is the cut one that leads
+ * there; NULL: nothing delivers û, which is `nominal`. */
+void tl_exchange_place_adjusted(tl_exchange *exchange, size_t variable, const tl_port *port,
+                                const tl_connection *connection, double nominal);
+
+/* u: the input of an adjusted variable in the macro steps that follow. A Boolean is on where it is not 0. */
+static inline void tl_exchange_set_adjusted(tl_exchange *exchange, size_t variable, double u) {
+    const tl_adjusted_input *input = &exchange->adjusted[variable];
+    if (input->real != NULL) {
+        *input->real = u;
+    } else {
+        *input->boolean = u != 0.0 ? fmi2True : fmi2False;
+    }
+}
+
+/* The u that is set; and û, as it is delivered now. */
+double tl_exchange_adjusted(const tl_exchange *exchange, size_t variable);
+double tl_exchange_nominal(const tl_exchange *exchange, size_t variable);
+
+/* fmi2SetupExperiment … fmi2ExitInitializationMode of all components at the instant of macro step `first`, outputs and inputs
+ * exchanged in between until they agree. The plant must have a sample; it is delivered first. */
+tl_status tl_exchange_initialize(tl_exchange *exchange, int64_t first, tl_error *error);
 
 /* Inputs from outputs. */
 void tl_exchange_deliver(tl_exchange *exchange);

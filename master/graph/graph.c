@@ -276,6 +276,7 @@ static void add_component(tl_graph *graph, size_t index, tl_report *report) {
     component->name = plan->name;
     component->model = plan->model;
     component->fmi = plan->functions;
+    component->logging = plan->logging;
     for (size_t i = 0; i < plan->set_count; i++) {
         check_set(component, &plan->set[i], report);
     }

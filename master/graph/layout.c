@@ -156,7 +156,7 @@ tl_status tl_exchange_init(tl_exchange *exchange, tl_arena *arena, tl_graph *gra
     exchange->step_s = tl_seconds(exchange->step);
     exchange->whole = true;
     bool placed = take_tables(exchange, arena, graph, &layout) &&
-                  tl_plant_init(&exchange->plant, arena, graph->plan->signal_count, window);
+                  tl_plant_init(&exchange->plant, arena, graph->plan->signal_count, window, graph->plan->input_ticks);
     for (size_t i = 0; placed && i < graph->component_count; i++) {
         placed = place_ports(&graph->components[i].inputs, arena, &layout);
     }
@@ -186,10 +186,6 @@ tl_status tl_exchange_init(tl_exchange *exchange, tl_arena *arena, tl_graph *gra
     return TL_OK;
 }
 
-void *tl_exchange_input(tl_exchange *exchange, const tl_port *port) {
-    return target(exchange, port);
-}
-
 const void *tl_exchange_output(const tl_exchange *exchange, const tl_port *port) {
     return location(exchange, port);
 }
@@ -197,6 +193,21 @@ const void *tl_exchange_output(const tl_exchange *exchange, const tl_port *port)
 double tl_exchange_value(const tl_exchange *exchange, const tl_port *port) {
     const void *value = location(exchange, port);
     return port->type == TL_REAL ? *(const double *)value : (double)*(const fmi2Integer *)value;
+}
+
+void tl_exchange_place_adjusted(tl_exchange *exchange, size_t variable, const tl_port *port,
+                                const tl_connection *connection, double nominal) {
+    tl_adjusted_input *input = &exchange->adjusted[variable];
+    const void *delivered = connection != NULL ? connection->nominal : NULL;
+    input->nominal = nominal;
+    if (port->type == TL_REAL) {
+        input->real = target(exchange, port);
+        input->delivered_real = delivered;
+    } else {
+        input->boolean = target(exchange, port);
+        input->delivered_boolean = delivered;
+    }
+    tl_exchange_set_adjusted(exchange, variable, nominal);
 }
 
 /* ---- initialisation ---- */
@@ -239,10 +250,11 @@ static tl_status settle(tl_exchange *exchange, tl_error *error) {
     return TL_OK;
 }
 
-tl_status tl_exchange_initialize(tl_exchange *exchange, tl_error *error) {
+tl_status tl_exchange_initialize(tl_exchange *exchange, int64_t first, tl_error *error) {
+    double start = tl_seconds(tl_time_of_step(0, exchange->step, first));
     tl_status status = TL_OK;
     for (size_t i = 0; i < exchange->component_count && status == TL_OK; i++) {
-        status = tl_component_enter_initialization(&exchange->components[i], error);
+        status = tl_component_enter_initialization(&exchange->components[i], start, error);
     }
     tl_plant_deliver(&exchange->plant, exchange->plant.newest);
     /* A chain of direct feed-through settles after as many rounds as it has components. */

@@ -17,10 +17,7 @@ enum { MOST_IDLE = 1000 };
 
 static void read_nominal(const tl_lock *lock, double *nominal) {
     for (size_t v = 0; v < lock->horizon.variables; v++) {
-        const tl_adjusted *adjusted = &lock->adjusted[v];
-        nominal[v] = adjusted->delivered_real != NULL      ? *adjusted->delivered_real
-                     : adjusted->delivered_boolean != NULL ? (double)*adjusted->delivered_boolean
-                                                           : adjusted->nominal;
+        nominal[v] = tl_exchange_nominal(lock->exchange, v);
     }
 }
 
@@ -58,12 +55,7 @@ void tl_attempt_begin(tl_attempt *attempt, tl_lock *lock, int64_t step, const tl
 
 void tl_attempt_set_inputs(const tl_lock *lock, const double *u, uint32_t depth) {
     for (size_t v = 0; v < lock->horizon.variables; v++) {
-        double value = tl_horizon_value(&lock->horizon, u, v, depth);
-        if (lock->adjusted[v].real != NULL) {
-            *lock->adjusted[v].real = value;
-        } else {
-            *lock->adjusted[v].boolean = value != 0.0 ? fmi2True : fmi2False;
-        }
+        tl_exchange_set_adjusted(lock->exchange, v, tl_horizon_value(&lock->horizon, u, v, depth));
     }
 }
 

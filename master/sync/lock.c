@@ -75,9 +75,32 @@ static bool describe_space(tl_lock *lock, tl_arena *arena, const tl_plan *plan) 
     return true;
 }
 
-bool tl_lock_init(tl_lock *lock, tl_arena *arena, const tl_plan *plan) {
+static void take_settings(tl_lock *lock, const tl_plan *plan, const tl_lock_settings *settings) {
+    *lock = (tl_lock){
+        .exchange = settings->exchange,
+        .track = settings->track,
+        .horizon = settings->horizon,
+        .solver = settings->solver,
+        .fallback = settings->fallback,
+        .stagnation = plan->stagnation,
+        .margin = plan->margin,
+        .noise_floor = plan->noise_floor,
+        .held_inputs = plan->measurements == TL_AHEAD,
+    };
+    memcpy(lock->adjusted, settings->adjusted, sizeof lock->adjusted);
+}
+
+bool tl_lock_init(tl_lock *lock, tl_arena *arena, const tl_plan *plan, const tl_lock_settings *settings) {
     uint32_t evaluations = plan->evaluations != 0 ? plan->evaluations : 60;
-    if (!tl_objective_init(&lock->objective, arena) ||
+    const tl_objective_settings objective = {
+        .exchange = settings->exchange,
+        .horizon = &lock->horizon,
+        .terms = settings->terms,
+        .term_count = plan->match_count,
+        .penalties = settings->penalties,
+    };
+    take_settings(lock, plan, settings);
+    if (!tl_objective_init(&lock->objective, arena, &objective) ||
         !tl_ledger_init(&lock->ledger, arena, &lock->horizon, &lock->exchange->plant, plan, evaluations)) {
         return false;
     }
@@ -608,7 +631,7 @@ static void extrapolate(const tl_lock *lock, const double *nominal, double *valu
     for (size_t v = 0; v < lock->horizon.variables; v++) {
         const tl_adjusted *adjusted = &lock->adjusted[v];
         values[v] = nominal[v];
-        if (lock->has_last && adjusted->boolean != NULL) {
+        if (lock->has_last && adjusted->is_boolean) {
             values[v] = lock->memory.before[v];
         } else if (lock->has_last && fabs(lock->last_delta[v]) > 0.0) {
             values[v] = fmin(fmax(nominal[v] + lock->last_delta[v], adjusted->lower), adjusted->upper);

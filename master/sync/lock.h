@@ -21,10 +21,22 @@
 #include "master/sync/lock_state.h"
 #include "master/sync/record.h"
 
-/* Creates the solvers and takes what the lock needs. Set before: exchange, objective (but what its init fills), horizon,
- * adjusted, solver, fallback, stagnation, margin, noise_floor. The ledger is made from the plan. */
-bool tl_lock_init(tl_lock *lock, tl_arena *arena, const tl_plan *plan);
+/* What a lock is made of, beside what the plan says. Horizon, adjusted and penalties are copied; all else must outlive it. */
+typedef struct tl_lock_settings {
+    tl_exchange *exchange; /* its values are placed, and the adjusted inputs are known to it */
+    tl_track *track;       /* NULL where nothing is adjusted */
+    tl_horizon horizon;
+    const tl_objective_term *terms; /* plan->match_count */
+    tl_adjusted adjusted[TL_MAX_ADJUST];
+    tl_objective_penalty penalties[TL_MAX_ADJUST];
+    const tl_optimiser_class *solver;   /* NULL where nothing is adjusted */
+    const tl_optimiser_class *fallback; /* NULL: none */
+} tl_lock_settings;
 
+/* Creates the solvers and takes what the lock needs. False when memory is out; tl_lock_end() must be called all the same. */
+bool tl_lock_init(tl_lock *lock, tl_arena *arena, const tl_plan *plan, const tl_lock_settings *settings);
+
+/* A zeroed lock is allowed. */
 void tl_lock_end(tl_lock *lock);
 
 /* Finds and commits step i. Fills the record but y_hat and `used`. */

@@ -30,17 +30,13 @@ typedef struct tl_lock_times {
     bool refused;           /* there was no time for something in the step */
 } tl_lock_times;
 
-/* One adjusted variable: where u is set and where û is delivered, as its type says. */
+/* How one adjusted variable is searched. */
 typedef struct tl_adjusted {
-    fmi2Real *real;       /* NULL: it is Boolean */
-    fmi2Boolean *boolean; /* NULL: it is Real */
-    const fmi2Real *delivered_real;
-    const fmi2Boolean *delivered_boolean; /* both NULL: nothing delivers û */
-    double nominal;                       /* û then */
-    double step;
+    double step; /* the first one of a search */
     double lower;
     double upper;
-    uint32_t dwell; /* Boolean: macro steps */
+    uint32_t dwell;  /* Boolean: macro steps */
+    bool is_boolean; /* else Real */
 } tl_adjusted;
 
 /* Places for sequences of unknowns and vectors of residuals, kept from step to step. */

@@ -22,13 +22,17 @@ static void place_target(const tl_objective *objective, const tl_objective_term 
     target->huber = term->huber > 0.0 ? term->huber : HUGE_VAL;
 }
 
-bool tl_objective_init(tl_objective *objective, tl_arena *arena) {
-    objective->matched = 0;
+bool tl_objective_init(tl_objective *objective, tl_arena *arena, const tl_objective_settings *settings) {
+    *objective = (tl_objective){.exchange = settings->exchange,
+                                .horizon = settings->horizon,
+                                .terms = settings->terms,
+                                .term_count = settings->term_count};
     for (size_t i = 0; i < objective->term_count; i++) {
         objective->matched += has_weight(&objective->terms[i]);
     }
     for (size_t v = 0; v < objective->horizon->variables; v++) {
-        const tl_objective_penalty *penalty = &objective->penalties[v];
+        const tl_objective_penalty *penalty = &settings->penalties[v];
+        objective->penalties[v] = *penalty;
         objective->penalised = objective->penalised || penalty->deviation > 0.0 || penalty->rate > 0.0;
     }
     size_t count = tl_objective_samples(objective) * objective->matched;

@@ -62,8 +62,17 @@ typedef struct tl_objective {
     size_t residual_count;        /* of the samples, then of the penalties */
 } tl_objective;
 
-/* Takes what it needs; exchange, horizon, terms, term_count and penalties are set. False when memory is out. */
-bool tl_objective_init(tl_objective *objective, tl_arena *arena);
+/* What an objective is made of. The penalties are copied; all else must outlive it. */
+typedef struct tl_objective_settings {
+    const tl_exchange *exchange; /* its values are placed */
+    const tl_horizon *horizon;
+    const tl_objective_term *terms;
+    size_t term_count;
+    const tl_objective_penalty *penalties; /* one for each adjusted variable */
+} tl_objective_settings;
+
+/* False when memory is out. */
+bool tl_objective_init(tl_objective *objective, tl_arena *arena, const tl_objective_settings *settings);
 
 /* Looks up the measurements that step i is matched with; false where none of them is good. */
 bool tl_objective_prepare(tl_objective *objective, int64_t step);

@@ -43,7 +43,8 @@ static tl_status lead_astray(const tl_lock *lock, int64_t first, tl_error *error
     tl_status status = TL_OK;
     for (size_t v = 0; v < lock->horizon.variables; v++) {
         const tl_adjusted *adjusted = &lock->adjusted[v];
-        double value = adjusted->real != NULL ? *adjusted->real + adjusted->step : (double)!*adjusted->boolean;
+        double now = tl_exchange_adjusted(lock->exchange, v);
+        double value = adjusted->is_boolean ? 1.0 - now : now + adjusted->step;
         for (uint32_t m = 0; m < lock->horizon.length[v]; m++) {
             u[lock->horizon.offset[v] + m] = fmin(fmax(value, adjusted->lower), adjusted->upper);
         }

@@ -20,10 +20,6 @@ static void build_matches(tl_twin *twin, const tl_plan *plan, tl_report *report)
         term->huber = match->huber;
         term->shift = plan->output_ticks;
     }
-    twin->lock.objective.terms = twin->terms;
-    twin->lock.objective.term_count = plan->match_count;
-    twin->lock.objective.exchange = &twin->exchange;
-    twin->lock.objective.horizon = &twin->lock.horizon;
 }
 
 static void check_state(const tl_plan *plan, tl_report *report) {
@@ -76,12 +72,13 @@ static void build_boolean(tl_adjusted *adjusted, const tl_plan *plan, const tl_p
     adjusted->lower = 0.0;
     adjusted->upper = 1.0;
     adjusted->dwell = steps_for(adjust->dwell, plan->step);
+    adjusted->is_boolean = true;
 }
 
-static void build_adjusted(tl_twin *twin, const tl_plan *plan, tl_report *report) {
+static void build_adjusted(tl_twin *twin, const tl_plan *plan, tl_lock_settings *lock, tl_report *report) {
     for (size_t i = 0; i < plan->adjust_count; i++) {
         const tl_plan_adjust *adjust = &plan->adjust[i];
-        tl_adjusted *adjusted = &twin->lock.adjusted[i];
+        tl_adjusted *adjusted = &lock->adjusted[i];
         const tl_port *port = tl_graph_adjust(&twin->graph, adjust, report);
         twin->adjust_ports[i] = port;
         if (port == NULL) {
@@ -92,8 +89,7 @@ static void build_adjusted(tl_twin *twin, const tl_plan *plan, tl_report *report
         } else {
             build_boolean(adjusted, plan, adjust);
         }
-        twin->lock.objective.penalties[i] =
-            (tl_objective_penalty){adjust->deviation_penalty, adjust->rate_penalty, adjusted->step};
+        lock->penalties[i] = (tl_objective_penalty){adjust->deviation_penalty, adjust->rate_penalty, adjusted->step};
     }
 }
 
@@ -115,11 +111,7 @@ static const tl_optimiser_class *find_solver(const tl_twin *twin, const tl_plan 
     return solver;
 }
 
-static void build_solvers(tl_twin *twin, const tl_plan *plan, tl_report *report) {
-    tl_lock *lock = &twin->lock;
-    lock->margin = plan->margin;
-    lock->stagnation = plan->stagnation;
-    lock->noise_floor = plan->noise_floor;
+static void build_solvers(const tl_twin *twin, const tl_plan *plan, tl_lock_settings *lock, tl_report *report) {
     if (plan->adjust_count == 0) {
         return;
     }
@@ -135,8 +127,7 @@ static void build_solvers(tl_twin *twin, const tl_plan *plan, tl_report *report)
 }
 
 /* What goes with an event horizon is searched without a memory, from one number to the next. */
-static void check_event_solver(const tl_twin *twin, const tl_plan *plan, tl_report *report) {
-    const tl_optimiser_class *solver = twin->lock.solver;
+static void check_event_solver(const tl_plan *plan, const tl_optimiser_class *solver, tl_report *report) {
     if (solver != NULL && solver != &tl_nelder_mead && solver != &tl_bobyqa && solver != &tl_sbplx) {
         tl_report_add(report, TL_BAD_DATA, "synchronise.algorithm",
                       "found \"%s\", expected \"nelder-mead\", \"bobyqa\" or \"sbplx\" with horizon.event",
@@ -168,10 +159,10 @@ static void check_event_ports(const tl_twin *twin, const tl_plan *plan, tl_repor
     }
 }
 
-static void check_event(const tl_twin *twin, const tl_plan *plan, tl_report *report) {
+static void check_event(const tl_twin *twin, const tl_plan *plan, const tl_optimiser_class *solver, tl_report *report) {
     if (plan->event.start.signal != NULL) {
         tl_event_plan_check(plan, report);
-        check_event_solver(twin, plan, report);
+        check_event_solver(plan, solver, report);
         if (plan->adjust_count == 1) {
             check_event_ports(twin, plan, report);
         }
@@ -212,7 +203,7 @@ static int32_t least_output_ticks(const tl_plan *plan) {
 static uint32_t find_wait(const tl_plan *plan) {
     int64_t longest = plan->input_ticks > 0 ? plan->input_ticks : 0;
     for (size_t i = 0; i < plan->match_count; i++) {
-        int64_t own = (int64_t)tl_conditioner_delay(&plan->match[i].condition, plan->step) + most_output_ticks(plan);
+        int64_t own = (int64_t)tl_plan_condition_delay(&plan->match[i].condition, plan->step) + most_output_ticks(plan);
         longest = own > longest ? own : longest;
     }
     return (uint32_t)longest;
@@ -226,15 +217,13 @@ static size_t find_age(const tl_plan *plan) {
 }
 
 /* Paths, T_D, T_P; and at which tick a step is computed. */
-static void build_horizon(tl_twin *twin, const tl_plan *plan, tl_report *report) {
-    tl_horizon *horizon = &twin->lock.horizon;
+static void build_horizon(tl_twin *twin, const tl_plan *plan, tl_horizon *horizon, tl_report *report) {
     if (!has_all_ports(twin, plan)) {
         return;
     }
     if (!tl_horizon_init(horizon, &twin->arena, &twin->graph, twin->adjust_ports, twin->match_ports, report)) {
         tl_report_add(report, TL_TRY_AGAIN, "", "not enough memory for the horizon");
     }
-    twin->lock.held_inputs = plan->measurements == TL_AHEAD;
     if (plan->measurements != TL_AHEAD) {
         bool whole = plan->measurements == TL_LAG && plan->event.start.signal == NULL;
         twin->lead = find_wait(plan) + (whole ? horizon->prediction : 1);
@@ -245,19 +234,19 @@ static void build_horizon(tl_twin *twin, const tl_plan *plan, tl_report *report)
 /* What the plant delivers before there is a good reading: configured, or the start value of what it drives. */
 static void build_initial_values(tl_twin *twin, const tl_plan *plan) {
     for (size_t i = 0; i < plan->signal_count; i++) {
-        double *held = &twin->exchange.plant.held[i];
-        *held = plan->signals[i].has_initial ? plan->signals[i].initial : 0.0;
+        double initial = plan->signals[i].has_initial ? plan->signals[i].initial : 0.0;
         for (size_t k = 0; k < twin->graph.connection_count && !plan->signals[i].has_initial; k++) {
             const tl_connection *connection = &twin->graph.connections[k];
             if (connection->from->variable == NULL && connection->from->signal == i &&
                 connection->to->variable->has_start) {
                 const tl_value *start = &connection->to->variable->start;
-                *held = start->type == TL_REAL
-                            ? (start->real - connection->conversion.offset) / connection->conversion.factor
-                            : (double)start->integer;
+                initial = start->type == TL_REAL
+                              ? (start->real - connection->conversion.offset) / connection->conversion.factor
+                              : (double)start->integer;
                 break;
             }
         }
+        tl_plant_hold(&twin->exchange.plant, i, initial);
     }
 }
 
@@ -288,22 +277,14 @@ static bool find_nominal(const tl_plan *plan, const tl_plan_adjust *adjust, cons
 
 static void place_adjusted(tl_twin *twin, const tl_plan *plan, tl_report *report) {
     for (size_t i = 0; i < plan->adjust_count; i++) {
-        tl_adjusted *adjusted = &twin->lock.adjusted[i];
+        double nominal = 0.0;
         const tl_port *port = twin->adjust_ports[i];
         const tl_connection *connection = tl_graph_connection_to(&twin->graph, port);
-        if (connection == NULL && !find_nominal(plan, &plan->adjust[i], port, &adjusted->nominal)) {
+        if (connection == NULL && !find_nominal(plan, &plan->adjust[i], port, &nominal)) {
             tl_report_add(report, TL_BAD_DATA, plan->adjust[i].where, "%s has no start value: give it \"nominal\"",
                           plan->adjust[i].variable);
         }
-        if (port->type == TL_REAL) {
-            adjusted->real = tl_exchange_input(&twin->exchange, port);
-            adjusted->delivered_real = connection != NULL ? connection->nominal : NULL;
-            *adjusted->real = adjusted->nominal;
-        } else {
-            adjusted->boolean = tl_exchange_input(&twin->exchange, port);
-            adjusted->delivered_boolean = connection != NULL ? connection->nominal : NULL;
-            *adjusted->boolean = adjusted->nominal != 0.0 ? fmi2True : fmi2False;
-        }
+        tl_exchange_place_adjusted(&twin->exchange, i, port, connection, nominal);
     }
 }
 
@@ -315,7 +296,6 @@ static void instantiate(tl_twin *twin, const tl_plan *plan, tl_report *report) {
         if (tl_twin_is_lost(twin, component)) {
             continue;
         }
-        component->logging = description->logging;
         tl_status status = tl_component_instantiate(component, description->callbacks, description->resources, &error);
         for (size_t k = 0; k < description->set_count && status == TL_OK; k++) {
             const tl_variable *variable = tl_model_variable(description->model, description->set[k].variable);
@@ -331,7 +311,7 @@ static void instantiate(tl_twin *twin, const tl_plan *plan, tl_report *report) {
 }
 
 /* Everything that needs no FMU call, problems to the report. */
-static void build_structure(tl_twin *twin, const tl_plan *plan, tl_report *report) {
+static void build_structure(tl_twin *twin, const tl_plan *plan, tl_lock_settings *lock, tl_report *report) {
     tl_graph_build(&twin->graph, &twin->arena, plan, report);
     if (twin->graph.connections == NULL) {
         return;
@@ -340,11 +320,11 @@ static void build_structure(tl_twin *twin, const tl_plan *plan, tl_report *repor
     for (size_t i = 0; i < plan->output_count; i++) {
         twin->outputs[i] = tl_graph_output(&twin->graph, plan->outputs[i].variable, plan->outputs[i].where, report);
     }
-    build_adjusted(twin, plan, report);
-    build_solvers(twin, plan, report);
+    build_adjusted(twin, plan, lock, report);
+    build_solvers(twin, plan, lock, report);
     tl_graph_check_inputs(&twin->graph, report);
-    build_horizon(twin, plan, report);
-    check_event(twin, plan, report);
+    build_horizon(twin, plan, &lock->horizon, report);
+    check_event(twin, plan, lock->solver, report);
     if (plan->adjust_count != 0) {
         check_state(plan, report);
     }
@@ -358,7 +338,7 @@ static bool condition_matches(tl_twin *twin, const tl_plan *plan) {
             tl_objective_term *term = &twin->terms[i];
             term->conditioner =
                 tl_conditioner_create(&twin->arena, condition, plan->step, twin->lead + find_age(plan) + 2);
-            term->delay = tl_conditioner_delay(condition, plan->step);
+            term->delay = tl_plan_condition_delay(condition, plan->step);
             placed = placed && term->conditioner != NULL;
         }
     }
@@ -387,8 +367,7 @@ static uint64_t nodes_least(const tl_horizon *horizon) {
  * ones when the root moves on; with outputs only, the way back to the last state as well. Candidates differ in a component
  * only from `nearest` steps on: all of them stay for as many ticks, and then one node less of each from tick to tick. The
  * same goes for courses that began with values which stood for later ones: T_P²/4 at most. */
-static uint64_t nodes_worst(const tl_twin *twin, const tl_plan *plan, size_t node) {
-    const tl_horizon *horizon = &twin->lock.horizon;
+static uint64_t nodes_worst(const tl_horizon *horizon, const tl_plan *plan, size_t node) {
     uint64_t evaluations = plan->evaluations != 0 ? plan->evaluations : 60;
     uint32_t reach = plan->saving.structure ? horizon->reach[node] : horizon->prediction;
     uint64_t span = tl_horizon_next_need(horizon, node, reach);
@@ -398,16 +377,16 @@ static uint64_t nodes_worst(const tl_twin *twin, const tl_plan *plan, size_t nod
 }
 
 /* Of those, what there is to be room for. */
-static uint32_t nodes_kept(const tl_twin *twin, const tl_plan *plan, uint64_t worst) {
+static uint32_t nodes_kept(const tl_horizon *horizon, const tl_plan *plan, uint64_t worst) {
     static const uint64_t most = 4096;
     uint64_t limit = plan->saving.nodes != 0 ? plan->saving.nodes : most;
-    uint64_t least = nodes_least(&twin->lock.horizon);
+    uint64_t least = nodes_least(horizon);
     uint64_t wanted = worst < limit ? worst : limit;
     return (uint32_t)(wanted > least ? wanted : least);
 }
 
 /* What is saved where something is adjusted; a free run executes everything once anyway. */
-static bool save_executions(tl_twin *twin, const tl_plan *plan) {
+static bool save_executions(tl_twin *twin, const tl_plan *plan, tl_lock_settings *lock) {
     if (plan->adjust_count == 0) {
         return true;
     }
@@ -419,24 +398,24 @@ static bool save_executions(tl_twin *twin, const tl_plan *plan) {
     }
     for (size_t i = 0; i < plan->component_count; i++) {
         keep[i] = plan->components[i].keep;
-        twin->worst[i] = nodes_worst(twin, plan, i);
-        capacity[i] = nodes_kept(twin, plan, twin->worst[i]);
+        twin->worst[i] = nodes_worst(&lock->horizon, plan, i);
+        capacity[i] = nodes_kept(&lock->horizon, plan, twin->worst[i]);
     }
     twin->capacity = plan->saving.sequences ? capacity : NULL;
-    uint32_t *reach = plan->saving.structure ? twin->lock.horizon.reach : NULL;
+    uint32_t *reach = plan->saving.structure ? lock->horizon.reach : NULL;
     if (!tl_exchange_save_executions(&twin->exchange, &twin->arena, keep, reach, twin->capacity,
-                                     twin->lock.horizon.prediction)) {
+                                     lock->horizon.prediction)) {
         return false;
     }
-    twin->lock.track = tl_track_create(&twin->arena, &twin->exchange, &twin->graph, twin->lock.horizon.prediction);
-    return twin->lock.track != NULL;
+    lock->track = tl_track_create(&twin->arena, &twin->exchange, &twin->graph, lock->horizon.prediction);
+    return lock->track != NULL;
 }
 
-static void build_values(tl_twin *twin, const tl_plan *plan, tl_report *report) {
+static void build_values(tl_twin *twin, const tl_plan *plan, tl_lock_settings *lock, tl_report *report) {
     tl_error error;
     /* As far back as a candidate that is remembered may have been fed. */
     bool by_event = plan->event.start.signal != NULL;
-    size_t back = by_event ? tl_event_plan_window(plan) : twin->lock.horizon.prediction;
+    size_t back = by_event ? tl_event_plan_window(plan) : lock->horizon.prediction;
     twin->age = (uint32_t)find_age(plan);
     size_t window = back + twin->lead + twin->age + 3;
     tl_status status = tl_exchange_init(&twin->exchange, &twin->arena, &twin->graph, window, &error);
@@ -444,13 +423,13 @@ static void build_values(tl_twin *twin, const tl_plan *plan, tl_report *report) 
         tl_report_add(report, status, "", "%s", error.text);
         return;
     }
-    twin->exchange.plant.shift = plan->input_ticks;
     build_initial_values(twin, plan);
-    twin->lock.exchange = &twin->exchange;
+    lock->exchange = &twin->exchange;
+    lock->terms = twin->terms;
     twin->proof = tl_arena_take(&twin->arena, twin->graph.port_count, sizeof *twin->proof);
     place_adjusted(twin, plan, report);
     if (twin->proof == NULL || !condition_matches(twin, plan) || !create_meters(twin, plan) ||
-        !save_executions(twin, plan) || !tl_lock_init(&twin->lock, &twin->arena, plan)) {
+        !save_executions(twin, plan, lock) || !tl_lock_init(&twin->lock, &twin->arena, plan, lock)) {
         tl_report_add(report, TL_TRY_AGAIN, "", "not enough memory for the search");
         return;
     }
@@ -465,11 +444,12 @@ static void build_values(tl_twin *twin, const tl_plan *plan, tl_report *report) 
 /* Everything but the twin's own memory. */
 static void build(tl_twin *twin, const tl_plan *plan, tl_report *report) {
     size_t before = report->count;
+    tl_lock_settings lock = {0};
     if (tl_plan_check(plan, report)) {
-        build_structure(twin, plan, report);
+        build_structure(twin, plan, &lock, report);
     }
     if (report->count == before) {
-        build_values(twin, plan, report);
+        build_values(twin, plan, &lock, report);
     }
     if (report->count == before) {
         instantiate(twin, plan, report);

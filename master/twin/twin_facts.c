@@ -1,5 +1,22 @@
-/* What is known of a twin: see twin.h. */
+/* What is known of a twin, and of twins: see twin.h. */
+#include "master/solve/optimiser.h"
 #include "master/twin/twin_parts.h"
+
+static const char *name_of(const tl_optimiser_class *solver) {
+    return solver != NULL ? solver->name : NULL;
+}
+
+const char *tl_twin_solver_named(const char *name) {
+    return name_of(tl_optimiser_find(name));
+}
+
+const char *tl_twin_solver_numbered(int number) {
+    return name_of(tl_optimiser_numbered(number));
+}
+
+const char *tl_twin_solver_names(void) {
+    return tl_optimiser_names();
+}
 
 static uint32_t prediction_of(const tl_twin *twin) {
     return twin->event != NULL ? tl_event_horizon_steps(twin->event) : twin->lock.horizon.prediction;
@@ -96,10 +113,11 @@ const char *tl_twin_component_name(const tl_twin *twin, size_t component) {
 
 tl_twin_adjusted tl_twin_get_adjusted(const tl_twin *twin, size_t adjust) {
     const tl_adjusted *adjusted = &twin->lock.adjusted[adjust];
+    const tl_adjusted_input *input = &twin->exchange.adjusted[adjust];
     return (tl_twin_adjusted){
-        .is_real = adjusted->real != NULL,
-        .is_fed = adjusted->delivered_real != NULL || adjusted->delivered_boolean != NULL,
-        .nominal = adjusted->nominal,
+        .is_real = !adjusted->is_boolean,
+        .is_fed = input->delivered_real != NULL || input->delivered_boolean != NULL,
+        .nominal = input->nominal,
         .step = adjusted->step,
         .lower = adjusted->lower,
         .upper = adjusted->upper,

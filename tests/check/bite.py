@@ -24,13 +24,21 @@ CLEAN = {
     "board/csv/csv.h": header("board/csv/csv.h", '#include "board/io/plant_io.h"'),
     "board/csv/csv.c": '#include "board/csv/csv.h"\n#include <unistd.h>\n',
     "board/csv/csv_row.c": '#include "board/csv/csv.h"\n',
+    "firmware/plant/live_plant.h": header("firmware/plant/live_plant.h", '#include "board/csv/csv.h"'),
+    "firmware/plant/live_plant.c": '#include "firmware/plant/live_plant.h"\n#include "firmware/plant/mailbox.h"\n'
+                                   '#include "firmware/base/log.h"\n',
+    "firmware/plant/mailbox.h": header("firmware/plant/mailbox.h", "typedef struct mailbox {", "int one;", "} mailbox;"),
+    "firmware/main.c": '#include "firmware/base/log.h"\n',
+    "firmware/base/log.h": header("firmware/base/log.h", "typedef int tl_log;"),
+    "DESIGN.md": "# Design\n<!-- rooms: made by tests/check/picture.py --write -->\n<!-- end of rooms -->\n",
     "firmware/verbs/option_table.c": 'option rows[] = {\n    {RUN, "live",\n    {EVERY, "help",\n};\n',
-    "firmware/f.c": '#include "board/csv/csv.h"\n#include "master/solve/s.h"\n',
     "README.md": "# One title\nSee [this](master/base/a.h) and [that](#one-title).\n```sh\nscript/go --now\n```\n",
     "script/go": "#!/usr/bin/env bash\nset -e\n",
 }
 
-# check, the file that breaks a rule, its text, what the check must say
+CROWD = [f"firmware/plant/p{number}.c" for number in range(23)]  # beside the three of the clean tree
+
+# check, the file (or files) that breaks a rule, its text, what the check must say
 BROKEN = [
     ("layers", "master/base/a.h", header("master/base/a.h", '#include "master/solve/s.h"'), "master/base may not know"),
     ("layers", "master/solve/s.c", "#include <unistd.h>\n", "plain C99 only"),
@@ -41,7 +49,22 @@ BROKEN = [
     ("layers", "board/can/can.c", '#include "board/csv/csv.h"\n', "board/can may not know"),
     ("layers", "board/can/can.c", '#include "master/solve/s.h"\n', "board/can may not know"),
     ("layers", "master/plan/plan.h", header("master/plan/plan.h", '#include "master/solve/s.h"'), "may not know"),
-    ("layers", "firmware/f.c", '#include "board/csv/csv.c"\n', "includes a source file"),
+    ("layers", "firmware/plant/p.c", '#include "board/csv/csv.c"\n', "includes a source file"),
+    ("layers", "firmware/base/b.c", '#include "firmware/plant/live_plant.h"\n', "firmware/base may not know"),
+    ("layers", "firmware/run/r.c", '#include "firmware/plant/mailbox.h"\n', "is private to firmware/plant"),
+    ("layers", "firmware/plant/mailbox.h", header("firmware/plant/mailbox.h", '#include "firmware/plant/live_plant.h"'),
+     "know each other in a circle"),
+    ("layers", "firmware/plant/p.c", '#include "master/solve/s.h"\n', "firmware/plant may not know"),
+    ("layers", "firmware/attic/a.c", "int tl_a;\n", "no room of the plan"),
+    ("layers", CROWD, "int tl_a;\n", "26 files in one room"),
+    ("layers", "firmware/plant/p.c", "#include <pthread.h>\n", "<pthread.h> belongs to"),
+    ("type_names", "board/csv/csv.h", header("board/csv/csv.h", "typedef struct mailbox {", "int two;", "} mailbox;"),
+     "defines the type mailbox"),
+    ("type_names", "board/csv/csv.c", "typedef int tl_log;\n", "defines the type tl_log"),
+    ("picture", "firmware/run/r.c", '#include "firmware/plant/live_plant.h"\n', "not the code's"),
+    ("picture", "DESIGN.md", "# No rooms\n", "has no place for the rooms"),
+    ("picture", "firmware/base/log.h", header("firmware/base/log.h", '#include "firmware/plant/live_plant.h"'),
+     "rooms in a circle"),
     ("layers", "fmus/m/model.c", '#include "master/base/a.h"\n', "fmus/m may not know"),
     ("layers", "tests/support/t.h", header("tests/support/t.h", '#include "tests/support/t.h"'), "include cycle"),
     ("headers", "master/base/a.h", header("master/base/a.h", "size_t tl_a(void);"), "does not compile alone"),
@@ -67,17 +90,24 @@ BROKEN = [
 ]
 
 
+def write(root, files):
+    for path, text in files.items():
+        name = os.path.join(root, path)
+        os.makedirs(os.path.dirname(name), exist_ok=True)
+        with open(name, "w", encoding="utf-8") as file:
+            file.write(text)
+        os.chmod(name, 0o755 if path == "script/go" else 0o644)
+
+
 def run(check, changes):
     """The exit code and the output of a check on the clean tree with some changes."""
+    command = [sys.executable, os.path.join(HERE, check + ".py")]
     with tempfile.TemporaryDirectory() as root:
-        for path, text in {**CLEAN, **changes}.items():
-            name = os.path.join(root, path)
-            os.makedirs(os.path.dirname(name), exist_ok=True)
-            with open(name, "w", encoding="utf-8") as file:
-                file.write(text)
-            os.chmod(name, 0o755 if path == "script/go" else 0o644)
-        done = subprocess.run([sys.executable, os.path.join(HERE, check + ".py"), root],
-                              stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, check=False)
+        write(root, CLEAN)
+        if check == "picture":
+            subprocess.run([*command, root, "--write"], stdout=subprocess.PIPE, check=True)
+        write(root, changes)
+        done = subprocess.run([*command, root], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, check=False)
         return done.returncode, done.stdout
 
 
@@ -144,13 +174,13 @@ def run_symbols(floor, source, text):
 
 def main():
     failures = 0
-    for check in ("layers", "headers", "names", "docs"):
+    for check in ("layers", "type_names", "picture", "headers", "names", "docs"):
         code, output = run(check, {})
         if code != 0:
             failures += 1
             print(f"{check} finds fault with a clean tree:\n{output}")
     for check, path, text, expected in BROKEN:
-        code, output = run(check, {path: text})
+        code, output = run(check, dict.fromkeys(path if isinstance(path, list) else [path], text))
         if code != 1 or expected not in output:
             failures += 1
             print(f"{check} does not say '{expected}' about {path}; it ends with {code} and says:\n{output}")

@@ -1,25 +1,17 @@
 #!/usr/bin/env python3
-"""Arrows point down only: every #include is held against the floors, and our headers have no cycle."""
+"""Arrows point down only: every #include is held against the rooms (rooms.py), the libraries against their owners.
+Neither headers nor pairs of a source and its header know each other in a circle."""
 import os
 import re
 
 import tree
+from rooms import FLOORS, MOST_FILES, ROOMS
 
-DRIVERS = ("can", "csv", "gpio", "modbus")  # folders of board/: each sees itself, the contract and master/base
-
-# Folder -> folders and files of ours that it may include. A folder not named here takes what the one above it has.
-MAY_INCLUDE = {
-    "master/base": ["master/base"],
-    "master/fmi": ["master/fmi", "master/base"],
-    "master/plan": ["master/plan", "master/fmi", "master/base"],
-    "master/cache": ["master/cache", "master/plan", "master/fmi", "master/base"],
-    "master/graph": ["master/graph", "master/cache", "master/plan", "master/fmi", "master/base"],
-    "master": ["master"],
-    "board": ["board", "master/base"],
-    **{f"board/{driver}": [f"board/{driver}", "board/io", "master/base"] for driver in DRIVERS},
-    "firmware": ["firmware", "board", "master"],
-    "fmus": ["fmus"],
-    "tests": ["tests", "firmware", "board", "master"],
+FMUS = "fmus"
+# Outside of the rooms: folder -> folders of ours that it may include. One not named here takes what the one above it has.
+OUTSIDE = {
+    FMUS: [FMUS],
+    "tests": ["tests", *FLOORS],
     "tests/hil/fmus": ["fmus/common"],  # FMUs as ours are
 }
 
@@ -28,9 +20,24 @@ C99 = set("assert complex ctype errno fenv float inttypes iso646 limits locale m
 FMI = re.compile(r"fmi2\w+\.h$")
 # Standard headers that would bring clocks, files, locales or signals into the master.
 NOT_IN_MASTER = {"time.h", "signal.h", "locale.h", "setjmp.h", "errno.h"}
-# Libraries that belong to one floor.
-OWNER = {"nlopt.h": "master/solve", "modbus.h": "board", "gpiod.h": "board", "cJSON.h": "firmware",
-         "sqlite3.h": "firmware", "expat.h": "firmware", "zip.h": "firmware", "dlfcn.h": "firmware"}
+# Libraries, and the rooms and files they belong to.
+OWNERS = {
+    "nlopt.h": ("master/solve",),
+    "modbus.h": ("board/modbus",),
+    "gpiod.h": ("board/gpio",),
+    "cJSON.h": ("firmware",),
+    "sqlite3.h": ("firmware",),
+    "expat.h": ("firmware/fmu",),
+    "zip.h": ("firmware/fmu",),
+    "dlfcn.h": ("firmware/fmu",),
+    "sd-daemon.h": ("firmware/supervise",),
+    "watchdog.h": ("board/watchdog",),
+    # Who starts threads, or has a lock that several of them take.
+    "pthread.h": ("firmware/base/c_locale.c", "firmware/base/side_thread.h", "firmware/emulate/plant_server.c",
+                  "firmware/fmu/fmu_archive.c", "firmware/fmu/fmu_thread.h", "firmware/plant/plant_reader.c",
+                  "firmware/process/crash.c", "firmware/record/recorder.c", "firmware/record/recorder_lock.c",
+                  "firmware/run/realtime.h", "firmware/supervise/reaper.h"),
+}
 
 READS_FILES = "fmus/csv"  # the one model that does: without waiting, which takes POSIX
 
@@ -38,14 +45,18 @@ INCLUDE = re.compile(r'^\s*#\s*include\s*(?:"([^"]+)"|<([^>]+)>)')
 
 
 def below(path, folder):
-    return path.startswith(folder + "/")
+    return path == folder or path.startswith(folder + "/")
 
 
-def rule(path):
-    """The folders and files that a file may include."""
-    while path and path not in MAY_INCLUDE:
+def floor(path):
+    return path.split("/")[0]
+
+
+def outside(path):
+    """What a file that is in no room may include."""
+    while path and path not in OUTSIDE:
         path = os.path.dirname(path)
-    return MAY_INCLUDE.get(path, [])
+    return OUTSIDE.get(path, [])
 
 
 def resolve(path, name):
@@ -57,50 +68,89 @@ def resolve(path, name):
     return None
 
 
+def check_arrow(path, number, target):
+    here, there = os.path.dirname(path), os.path.dirname(target)
+    if here not in ROOMS:
+        if not any(below(target, allowed) for allowed in outside(path)):
+            tree.finding(path, number, f"{here} may not know {target}")
+    elif there != here:
+        public = ROOMS[there].public if there in ROOMS else ()
+        if there not in ROOMS[here].may:
+            tree.finding(path, number, f"{here} may not know {target}")
+        elif public and os.path.basename(target).removesuffix(".h") not in public:
+            tree.finding(path, number, f"{target} is private to {there}; public there: {', '.join(public)}")
+
+
 def check_ours(path, number, name, target):
     if target.endswith(".c"):
         tree.finding(path, number, f"includes a source file: {target}")
-    if target != name and not below(path, "fmus"):
+    if target != name and not below(path, FMUS):
         tree.finding(path, number, f'say "{target}", from the root of the repository')
-    if not any(target == allowed or below(target, allowed) for allowed in rule(path)):
-        tree.finding(path, number, f"{os.path.dirname(path)} may not know {target}")
+    check_arrow(path, number, target)
 
 
 def check_foreign(path, number, name):
-    base = os.path.basename(name)
-    owner = OWNER.get(base)
-    if owner and not below(path, owner) and not below(path, "tests"):
-        tree.finding(path, number, f"<{name}> belongs to {owner}")
-    if below(path, READS_FILES):
+    owners = OWNERS.get(os.path.basename(name))
+    if owners and floor(path) in FLOORS and not any(below(path, owner) for owner in owners):
+        tree.finding(path, number, f"<{name}> belongs to {', '.join(owners)}")
+    if below(path, READS_FILES) or FMI.match(os.path.basename(name)):
         return
-    if not (below(path, "master") or below(path, "fmus")) or owner or FMI.match(base):
+    if floor(path) not in ("master", FMUS) or (owners and floor(owners[0]) == floor(path)):
         return
     if name.removesuffix(".h") not in C99 or (below(path, "master") and name in NOT_IN_MASTER):
-        tree.finding(path, number, f"<{name}> is not for {path.split('/')[0]}: plain C99 only, no clock, no system")
+        tree.finding(path, number, f"<{name}> is not for {floor(path)}: plain C99 only, no clock, no system")
 
 
-def find_cycle(graph):
-    """Reports each chain of headers that comes back to where it began."""
+def find_circle(graph, what):
+    """Reports each chain of nodes that comes back to where it began."""
     state = {}
 
-    def visit(path, chain):
-        state[path] = "open"
-        for target in sorted(graph.get(path, ())):
+    def visit(node, chain):
+        state[node] = "open"
+        for target in sorted(graph.get(node, ())):
             if state.get(target) == "open":
-                cycle = chain[chain.index(target):] + [target]
-                tree.finding(path, 0, "include cycle: " + " -> ".join(cycle))
+                circle = chain[chain.index(target):] + [target]
+                tree.finding(node, 0, f"{what}: " + " -> ".join(circle))
             elif target not in state:
                 visit(target, chain + [target])
-        state[path] = "done"
+        state[node] = "done"
 
-    for path in sorted(graph):
-        if path not in state:
-            visit(path, [path])
+    for node in sorted(graph):
+        if node not in state:
+            visit(node, [node])
+
+
+def pair(path):
+    """x.c, x.h and x_parts.h, what several sources behind x.h share, are one."""
+    return os.path.splitext(path)[0].removesuffix("_parts")
+
+
+def between_pairs(graph):
+    """The same arrows between pairs."""
+    pairs = {}
+    for path, targets in graph.items():
+        if floor(path) in FLOORS:
+            pairs.setdefault(pair(path), set()).update(pair(target) for target in targets)
+            pairs[pair(path)].discard(pair(path))
+    return pairs
+
+
+def check_rooms(sources):
+    """Each source of the floors is in a room of the plan, and no room is crowded."""
+    counts = {}
+    for path in sources:
+        if floor(path) in FLOORS:
+            counts.setdefault(os.path.dirname(path), []).append(path)
+    for room, paths in sorted(counts.items()):
+        if room not in ROOMS:
+            tree.finding(paths[0], 0, f"{room} is no room of the plan in tests/check/rooms.py")
+        elif len(paths) > MOST_FILES:
+            tree.finding(room, 0, f"{len(paths)} files in one room; {MOST_FILES} are enough: divide it")
 
 
 def main():
     graph = {}
-    sources = tree.files(".c", ".h", under=("master", "board", "firmware", "fmus", "tests"))
+    sources = tree.files(".c", ".h", under=(*FLOORS, FMUS, "tests"))
     for path in sources:
         for number, line in enumerate(tree.text(path).splitlines(), 1):
             match = INCLUDE.match(line)
@@ -114,7 +164,9 @@ def main():
                 tree.finding(path, number, f'there is no "{match[1]}"')
             else:
                 check_foreign(path, number, match[1] or match[2])
-    find_cycle(graph)
+    find_circle(graph, "include cycle")
+    find_circle(between_pairs(graph), "these pairs know each other in a circle")
+    check_rooms(sources)
     tree.finish(f"{len(sources)} files")
 
 

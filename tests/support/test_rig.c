@@ -25,6 +25,16 @@ void tl_test_rig_plan(tl_test_rig *rig, tl_test_plan *plan) {
     (void)placed;
 }
 
+/* Adjusted variables begin with their start values. */
+static void place_adjusted(tl_test_rig *rig) {
+    for (size_t v = 0; v < rig->horizon.variables; v++) {
+        const tl_port *port = rig->adjusted[v];
+        const tl_value *start = &port->variable->start;
+        tl_exchange_place_adjusted(&rig->exchange, v, port, tl_graph_connection_to(&rig->graph, port),
+                                   port->type == TL_REAL ? start->real : (double)start->integer);
+    }
+}
+
 static void save_executions(tl_test_rig *rig, uint32_t nodes) {
     const tl_plan *plan = &rig->plan->plan;
     tl_keep *keep = tl_arena_take(&rig->arena, plan->component_count, sizeof *keep);
@@ -64,11 +74,12 @@ void tl_test_rig_start(tl_test_rig *rig, tl_test_plan *plan, uint32_t nodes) {
     tl_status status = tl_exchange_init(&rig->exchange, &rig->arena, &rig->graph,
                                         2 * (size_t)rig->horizon.prediction + 4, &rig->error);
     assert(status == TL_OK);
+    place_adjusted(rig);
     save_executions(rig, nodes);
     instantiate(rig);
     rig->sample.tick = -1;
     tl_test_rig_push(rig, zeros);
-    status = tl_exchange_initialize(&rig->exchange, &rig->error);
+    status = tl_exchange_initialize(&rig->exchange, 0, &rig->error);
     assert(status == TL_OK);
     status = tl_exchange_start(&rig->exchange, 0, NULL, &rig->error);
     assert(status == TL_OK);
@@ -102,13 +113,7 @@ static uint64_t count(const tl_test_rig *rig, size_t k) {
 
 static void set_inputs(tl_test_rig *rig, const double *u, uint32_t depth) {
     for (size_t v = 0; v < rig->horizon.variables; v++) {
-        double value = tl_horizon_value(&rig->horizon, u, v, depth);
-        void *input = tl_exchange_input(&rig->exchange, rig->adjusted[v]);
-        if (rig->adjusted[v]->type == TL_REAL) {
-            memcpy(input, &value, sizeof value);
-        } else {
-            *(fmi2Boolean *)input = value != 0.0 ? fmi2True : fmi2False;
-        }
+        tl_exchange_set_adjusted(&rig->exchange, v, tl_horizon_value(&rig->horizon, u, v, depth));
     }
 }
 

@@ -28,11 +28,9 @@ void tearDown(void) {
 }
 
 static void make(const tl_optimiser_class *solver, double step, double lower, double upper) {
-    search.solver = solver;
-    search.step = step;
-    search.lower = lower;
-    search.upper = upper;
-    TEST_ASSERT_TRUE(tl_event_search_init(&search, &arena, EVALUATIONS));
+    const tl_event_search_settings settings = {
+        .solver = solver, .step = step, .lower = lower, .upper = upper, .evaluations = EVALUATIONS};
+    TEST_ASSERT_TRUE(tl_event_search_init(&search, &arena, &settings));
 }
 
 /* J and side as a window of 2·HALF + 1 samples shows them. */

@@ -19,6 +19,7 @@ static tl_exchange exchange;
 static tl_sample sample;
 static tl_objective_term terms[TERMS];
 static tl_horizon horizon;
+static tl_objective_penalty penalties[TL_MAX_ADJUST];
 static tl_objective objective;
 static double *y; /* of the two Real terms */
 static fmi2Boolean *on;
@@ -50,7 +51,7 @@ void setUp(void) {
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_exchange_init(&exchange, &arena, &graph, 8, &error));
     horizon = (tl_horizon){
         .distance = 1, .prediction = 1, .variables = 1, .count = 1, .length = {1}, .match_distance = {1, 1, 1}};
-    objective = (tl_objective){.exchange = &exchange, .horizon = &horizon, .terms = terms, .term_count = TERMS};
+    memset(penalties, 0, sizeof penalties);
     y = graph.components[0].outputs.reals;
     on = graph.components[0].outputs.booleans;
     y[0] = 0.0;
@@ -72,7 +73,9 @@ static void push(double a, double b, bool is_on) {
 
 /* Of terms, horizon and penalties as they stand now. */
 static void init(void) {
-    TEST_ASSERT_TRUE(tl_objective_init(&objective, &arena));
+    const tl_objective_settings settings = {
+        .exchange = &exchange, .horizon = &horizon, .terms = terms, .term_count = TERMS, .penalties = penalties};
+    TEST_ASSERT_TRUE(tl_objective_init(&objective, &arena, &settings));
     TEST_ASSERT_TRUE(objective.residual_count <= sizeof residuals / sizeof residuals[0]);
 }
 
@@ -239,7 +242,7 @@ static void penalties_are_residuals_of_their_own(void) {
     horizon.prediction = 3;
     horizon.count = 3;
     horizon.length[0] = 3;
-    objective.penalties[0] = (tl_objective_penalty){.deviation = 4.0, .rate = 0.25, .step = 0.5};
+    penalties[0] = (tl_objective_penalty){.deviation = 4.0, .rate = 0.25, .step = 0.5};
     init();
     TEST_ASSERT_EQUAL_UINT64(9 + 6, objective.residual_count);
     /* distances 1, 3, 3.5 and rates 2, 2, 0.5, each in steps of 0.5 */
@@ -270,7 +273,7 @@ static void a_forecast_moves_one_nearer_and_goes_on(void) {
     static const double expected[] = {3.0, 30.0, 6.0, 70.0, 9.0, 110.0};
     horizon.prediction = 3;
     terms[TERM_ON].weight = 0.0;
-    objective.penalties[0].rate = 1.0;
+    penalties[0].rate = 1.0;
     for (int i = 0; i < 5; i++) {
         push(0.5, 0.25, false);
     }
@@ -288,7 +291,7 @@ static void a_forecast_moves_one_nearer_and_goes_on(void) {
 static void a_change_is_the_largest_of_a_sample(void) {
     static const double here[] = {1.0, -2.0, 3.0, 100.0, 0.0};
     static const double there[] = {1.5, 1.0, 3.0, 0.0, 0.0};
-    objective.penalties[0].rate = 1.0;
+    penalties[0].rate = 1.0;
     init();
     TEST_ASSERT_EQUAL_DOUBLE(3.0, tl_objective_change(&objective, here, there)); /* a penalty is none */
 }

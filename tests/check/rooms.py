@@ -1,0 +1,77 @@
+"""The plan of the house: its rooms, what each may include, and what of it others may include.
+
+A room is a folder of master/, board/ or firmware/ with C sources. layers.py holds every #include against this table;
+picture.py draws the arrows that there really are.
+"""
+from typing import NamedTuple
+
+
+class Room(NamedTuple):
+    may: tuple  # rooms that it may include besides itself
+    public: tuple = ()  # its headers that other rooms may include; (): all of them
+
+
+MASTER = {
+    "master/base": Room(()),
+    "master/fmi": Room(("master/base",)),
+    "master/plan": Room(("master/fmi", "master/base"), ("plan",)),
+    "master/cache": Room(("master/plan", "master/fmi", "master/base"), ("cached_component",)),
+    "master/graph": Room(("master/cache", "master/plan", "master/fmi", "master/base"),
+                         ("costs", "exchange", "graph", "plant", "snapshot", "track")),
+    "master/measure": Room(("master/plan", "master/base")),
+    "master/solve": Room(("master/base",), ("optimiser",)),
+    "master/sync": Room(("master/solve", "master/measure", "master/graph", "master/cache", "master/plan", "master/fmi",
+                         "master/base"), ("lock", "objective", "proof", "record")),
+    "master/event": Room(("master/sync", "master/solve", "master/measure", "master/graph", "master/cache",
+                          "master/plan", "master/fmi", "master/base"), ("event_horizon", "event_plan")),
+    "master/twin": Room(("master/event", "master/sync", "master/solve", "master/measure", "master/graph",
+                         "master/cache", "master/plan", "master/fmi", "master/base"), ("twin",)),
+}
+
+# Drivers know the contract and what they share, never each other.
+_DRIVER = ("board/io", "master/base")
+BOARD = {
+    "board/io": Room(("master/base",)),
+    "board/can": Room(_DRIVER, ("can", "can_codec", "can_interface")),
+    "board/csv": Room(_DRIVER, ("csv",)),
+    "board/gpio": Room(_DRIVER, ("gpio",)),
+    "board/modbus": Room(_DRIVER, ("modbus",)),
+    "board/watchdog": Room(("master/base",)),
+}
+
+_DRIVERS = ("board/can", "board/csv", "board/gpio", "board/modbus", "board/io")
+
+
+def _firmware(*rooms, others=(), public=()):
+    """A room of the firmware: all of them may include texts, base and the master's façade."""
+    below = tuple(f"firmware/{room}" for room in rooms)
+    return Room(below + ("firmware/text", "firmware/base", *others, "master/base"), public)
+
+
+_TWIN = ("master/twin", "master/plan")
+FIRMWARE = {
+    "firmware/base": Room(("master/base",)),
+    "firmware/text": Room(("firmware/base", "master/base")),
+    "firmware/process": _firmware(),
+    "firmware/config": _firmware(others=(*_TWIN, *_DRIVERS), public=("config", "measurements", "problems")),
+    "firmware/fmu": _firmware("process", others=("master/fmi",),
+                              public=("fmu_store", "fmu_archive", "fmu_guard", "fmu_thread", "library")),
+    "firmware/supervise": _firmware("process", others=("board/watchdog",), public=("supervisor", "restarts")),
+    "firmware/database": _firmware(),
+    "firmware/record": _firmware("database", "process", "config", others=_TWIN, public=("recorder", "history", "run_types")),
+    "firmware/plant": _firmware("record", "process", "config", others=_DRIVERS,
+                                public=("live_plant", "plant_input", "recording")),
+    "firmware/report": _firmware("record", "config", others=_TWIN,
+                                 public=("figures_json", "html_report", "run_figures", "summary", "trajectory")),
+    "firmware/show": _firmware("report", "database", "record", "config", others=_TWIN, public=("show", "show_rows")),
+    "firmware/run": _firmware("report", "plant", "record", "fmu", "supervise", "process", "config", others=_TWIN,
+                              public=("assembly", "appliance", "replay", "journal", "watch")),
+    "firmware/emulate": _firmware("run", "plant", "process", "config", others=_DRIVERS),
+    "firmware/verbs": _firmware("emulate", "run", "show", "report", "plant", "record", "fmu", "supervise", "process",
+                                "config", others=_TWIN, public=("command_line",)),
+    "firmware": Room(("firmware/verbs", "firmware/process", "firmware/base")),
+}
+
+ROOMS = {**MASTER, **BOARD, **FIRMWARE}
+MOST_FILES = 25  # .c and .h of a room
+FLOORS = {"firmware": FIRMWARE, "board": BOARD, "master": MASTER}  # from the top
