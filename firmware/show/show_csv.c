@@ -284,28 +284,24 @@ static tl_status print_events(csv_line *line, tl_error *error) {
 
 tl_status tl_show_csv(const tl_show_request *request, tl_show_csv_table table, FILE *file, tl_error *error) {
     static csv_line line; /* too large for a small stack; `show` has one thread */
+    static const struct {
+        tl_show_source source;
+        size_t per_signal;
+        tl_history_kind kind;
+    } tables[] = {
+        [TL_SHOW_OUTPUTS] = {TL_SHOW_FROM_OUTPUTS, 4, TL_HISTORY_MATCH},
+        [TL_SHOW_ADJUSTMENTS] = {TL_SHOW_FROM_ADJUSTMENTS, 3, TL_HISTORY_ADJUST},
+        [TL_SHOW_STEPS] = {TL_SHOW_FROM_STEPS, 0, TL_HISTORY_PLANT},
+        [TL_SHOW_SAMPLES] = {TL_SHOW_FROM_SAMPLES, 2, TL_HISTORY_PLANT},
+    };
     memset(&line, 0, sizeof line);
     line.request = request;
     line.file = file;
     line.number = -1;
-    switch (table) {
-    case TL_SHOW_SAMPLES:
-        line.source = TL_SHOW_FROM_SAMPLES;
-        line.per_signal = 2;
-        return print_wide(&line, TL_HISTORY_PLANT, error);
-    case TL_SHOW_OUTPUTS:
-        line.source = TL_SHOW_FROM_OUTPUTS;
-        line.per_signal = 4;
-        return print_wide(&line, TL_HISTORY_MATCH, error);
-    case TL_SHOW_ADJUSTMENTS:
-        line.source = TL_SHOW_FROM_ADJUSTMENTS;
-        line.per_signal = 3;
-        return print_wide(&line, TL_HISTORY_ADJUST, error);
-    case TL_SHOW_STEPS:
-        line.source = TL_SHOW_FROM_STEPS;
-        return print_steps(&line, error);
-    case TL_SHOW_EVENTS:
+    if (table == TL_SHOW_EVENTS) {
         return print_events(&line, error);
     }
-    return TL_OK;
+    line.source = tables[table].source;
+    line.per_signal = tables[table].per_signal;
+    return table == TL_SHOW_STEPS ? print_steps(&line, error) : print_wide(&line, tables[table].kind, error);
 }

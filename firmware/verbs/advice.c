@@ -168,15 +168,29 @@ static void check_lead(advice *given, const tl_config *config, uint32_t lead) {
     }
 }
 
-/* Of all components, the one whose room is shortest of what it may need. */
-static void check_nodes(advice *given, const tl_config *config, const tl_twin *twin) {
+/* Of all components, the one that lacks most by `lack`; a zeroed entry if none lacks anything. */
+static tl_twin_ledger find_worst(const tl_config *config, const tl_twin *twin,
+                                 uint64_t (*lack)(const tl_twin_ledger *entry)) {
     tl_twin_ledger worst = {0};
     for (size_t i = 0; i < config->component_count; i++) {
         tl_twin_ledger entry = tl_twin_get_ledger(twin, i);
-        if (entry.nodes < entry.nodes_worst && entry.nodes_worst > worst.nodes_worst) {
+        if (lack(&entry) > lack(&worst)) {
             worst = entry;
         }
     }
+    return worst;
+}
+
+static uint64_t lack_of_nodes(const tl_twin_ledger *entry) {
+    return entry->nodes < entry->nodes_worst ? entry->nodes_worst : 0;
+}
+
+static uint64_t lack_of_states(const tl_twin_ledger *entry) {
+    return entry->states < entry->nodes ? entry->state_size : 0;
+}
+
+static void check_nodes(advice *given, const tl_config *config, const tl_twin *twin) {
+    tl_twin_ledger worst = find_worst(config, twin, lack_of_nodes);
     if (worst.nodes_worst != 0) {
         warn(given, "synchronise.saving.nodes",
              "there is room for %" PRIu32 " executions of %s, and the worst case needs %" PRIu64
@@ -185,15 +199,8 @@ static void check_nodes(advice *given, const tl_config *config, const tl_twin *t
     }
 }
 
-/* Likewise of their states. */
 static void check_states(advice *given, const tl_config *config, const tl_twin *twin) {
-    tl_twin_ledger worst = {0};
-    for (size_t i = 0; i < config->component_count; i++) {
-        tl_twin_ledger entry = tl_twin_get_ledger(twin, i);
-        if (entry.states < entry.nodes && entry.state_size > worst.state_size) {
-            worst = entry;
-        }
-    }
+    tl_twin_ledger worst = find_worst(config, twin, lack_of_states);
     if (worst.state_size != 0) {
         warn(given, "synchronise.saving.memory_mb",
              "there is room for %" PRIu32 " states of %s of %.4g KiB each, and it may keep %" PRIu32
