@@ -82,6 +82,24 @@ void tl_probe_expect_link(const tl_driver_probe *probe, bool up, const char *par
     TEST_ASSERT_NOT_NULL_MESSAGE(strstr(probe->link_text, part), probe->link_text);
 }
 
+void tl_probe_poll_down(tl_driver_probe *probe, size_t count, const char *why) {
+    tl_probe_poll(probe);
+    for (size_t i = 0; i < count; i++) {
+        tl_probe_expect(probe, i, 0, TL_NO_LINK);
+    }
+    TEST_ASSERT_EQUAL_size_t(1, probe->links);
+    tl_probe_expect_link(probe, false, why);
+}
+
+void tl_probe_poll_up(tl_driver_probe *probe, size_t count, const double *values) {
+    tl_probe_poll_until(probe, 0, TL_GOOD);
+    for (size_t i = 0; i < count; i++) {
+        tl_probe_expect(probe, i, values[i], TL_GOOD);
+    }
+    TEST_ASSERT_EQUAL_size_t(2, probe->links);
+    tl_probe_expect_link(probe, true, "connected");
+}
+
 static void *interrupt(void *context) {
     tl_driver_probe *probe = context;
     tl_test_pause_ms(probe->interrupt_ms);

@@ -60,6 +60,13 @@ void tl_probe_expect(const tl_driver_probe *probe, size_t channel, double value,
 /* What was said of the link last: up or down, with `part` in its text. */
 void tl_probe_expect_link(const tl_driver_probe *probe, bool up, const char *part);
 
+/* One poll: there is no link for any of the first `count` channels. Of the link was spoken once: down, with `why` in it. */
+void tl_probe_poll_down(tl_driver_probe *probe, size_t count, const char *why);
+
+/* After that, polls until channel 0 is good: so are the first `count`, with these values, and the link, of which was spoken
+ * once more. */
+void tl_probe_poll_up(tl_driver_probe *probe, size_t count, const double *values);
+
 /* Another thread interrupts the driver after so many ms. The caller joins it. */
 pthread_t tl_probe_interrupt_after(tl_driver_probe *probe, long ms);
 

@@ -12,7 +12,6 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/eventfd.h>
 #include <sys/resource.h>
 #include <sys/select.h>
 #include <sys/socket.h>
@@ -23,52 +22,25 @@
 #include "board/modbus/modbus.h"
 #include "firmware/emulate/plant_server.h"
 #include "tests/support/driver_probe.h"
+#include "tests/support/modbus_peer.h"
 #include "tests/support/real_time.h"
 
 enum { CHANNELS = 2200 };
 
 /* ---- a peer that does what a test wants ---- */
 
-enum { NO_ANSWER = 0, HANG_UP = -1, RECORD = 65536, FRAME = 300 };
+enum { NO_ANSWER = 0, HANG_UP = -1, FRAME = 300 };
 
 /* Makes the reply to a request; returns its size, NO_ANSWER or HANG_UP. Runs in the peer's thread. */
 typedef int answer_function(const uint8_t *request, uint8_t *reply);
 
-typedef struct peer {
-    pthread_t thread;
-    bool runs;
-    int listener;
-    int wake;
-    uint16_t port;
-    pthread_mutex_t lock; /* of what follows */
-    answer_function *answer;
-    size_t requests;
-    size_t connections;
-    size_t recorded;
-    uint8_t record[RECORD];
-} peer;
-
-static peer other = {.lock = PTHREAD_MUTEX_INITIALIZER};
-
-/* A socket that is bound to a free port, but does not listen yet. */
-static int bind_somewhere(uint16_t *port) {
-    struct sockaddr_in address = {.sin_family = AF_INET, .sin_addr = {htonl(INADDR_LOOPBACK)}};
-    socklen_t size = sizeof address;
-    int bound = socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
-    TEST_ASSERT_TRUE(bound >= 0);
-    TEST_ASSERT_EQUAL_INT(0, bind(bound, (struct sockaddr *)&address, sizeof address));
-    TEST_ASSERT_EQUAL_INT(0, getsockname(bound, (struct sockaddr *)&address, &size));
-    *port = ntohs(address.sin_port);
-    return bound;
-}
+static tl_modbus_peer other = TL_MODBUS_PEER;
+static answer_function *answer_now; /* locked as the peer's own */
 
 static answer_function *note_request(const uint8_t *request, size_t size) {
     (void)pthread_mutex_lock(&other.lock);
-    size_t room = RECORD - other.recorded;
-    memcpy(other.record + other.recorded, request, size < room ? size : room);
-    other.recorded += size < room ? size : room;
-    other.requests++;
-    answer_function *answer = other.answer;
+    tl_modbus_peer_note(&other, request, size);
+    answer_function *answer = answer_now;
     (void)pthread_mutex_unlock(&other.lock);
     return answer;
 }
@@ -85,78 +57,15 @@ static bool serve(int client) {
     return length == NO_ANSWER || (length > 0 && send(client, reply, (size_t)length, MSG_NOSIGNAL) == length);
 }
 
-static void *run_peer(void *context) {
-    int client = -1;
-    (void)context;
-    for (;;) {
-        struct pollfd all[3] = {{.fd = other.wake, .events = POLLIN},
-                                {.fd = other.listener, .events = POLLIN},
-                                {.fd = client, .events = POLLIN}};
-        (void)poll(all, 3, -1);
-        bool stopped = all[0].revents != 0;
-        if (client >= 0 && (stopped || (all[2].revents != 0 && !serve(client)))) {
-            (void)close(client);
-            client = -1;
-        }
-        if (stopped) {
-            return NULL;
-        }
-        if (all[1].revents != 0) {
-            if (client >= 0) {
-                (void)close(client);
-            }
-            client = accept(other.listener, NULL, NULL);
-            (void)pthread_mutex_lock(&other.lock);
-            other.connections++;
-            (void)pthread_mutex_unlock(&other.lock);
-        }
-    }
-}
-
 static void set_answer(answer_function *answer) {
     (void)pthread_mutex_lock(&other.lock);
-    other.answer = answer;
+    answer_now = answer;
     (void)pthread_mutex_unlock(&other.lock);
-}
-
-static size_t requests(void) {
-    (void)pthread_mutex_lock(&other.lock);
-    size_t count = other.requests;
-    (void)pthread_mutex_unlock(&other.lock);
-    return count;
-}
-
-static size_t connections(void) {
-    (void)pthread_mutex_lock(&other.lock);
-    size_t count = other.connections;
-    (void)pthread_mutex_unlock(&other.lock);
-    return count;
 }
 
 static void start_peer(answer_function *answer) {
-    if (other.listener < 0) {
-        other.listener = bind_somewhere(&other.port);
-    }
     set_answer(answer);
-    other.wake = eventfd(0, EFD_CLOEXEC);
-    TEST_ASSERT_EQUAL_INT(0, listen(other.listener, 4));
-    TEST_ASSERT_EQUAL_INT(0, pthread_create(&other.thread, NULL, run_peer, NULL));
-    other.runs = true;
-}
-
-static void stop_peer(void) {
-    const uint64_t one = 1;
-    if (other.runs) {
-        ssize_t written = write(other.wake, &one, sizeof one);
-        (void)written;
-        (void)pthread_join(other.thread, NULL);
-        (void)close(other.wake);
-        other.runs = false;
-    }
-    if (other.listener >= 0) {
-        (void)close(other.listener);
-        other.listener = -1;
-    }
+    tl_modbus_peer_listen(&other, serve);
 }
 
 /* Transaction, protocol, length, unit, function; then what the caller puts. */
@@ -181,19 +90,9 @@ static unsigned count_of(const uint8_t *request) {
 
 /* Each register holds its own address, each bit whether its address is odd. */
 static int sane(const uint8_t *request, uint8_t *reply) {
-    uint8_t data[256] = {0};
-    unsigned count = count_of(request);
-    data[0] = (uint8_t)(request[7] <= 2 ? (count + 7) / 8 : 2 * count);
-    for (unsigned i = 0; i < count; i++) {
-        unsigned address = address_of(request) + i;
-        if (request[7] <= 2) {
-            data[1 + i / 8] = (uint8_t)(data[1 + i / 8] | address % 2 << i % 8);
-        } else {
-            data[1 + 2 * i] = (uint8_t)(address / 256);
-            data[2 + 2 * i] = (uint8_t)(address % 256);
-        }
-    }
-    return reply_with(request, reply, request[7], data, 1U + data[0]);
+    uint8_t data[256];
+    size_t size = tl_modbus_peer_values(request[7], address_of(request), count_of(request), data);
+    return reply_with(request, reply, request[7], data, size);
 }
 
 static int silent(const uint8_t *request, uint8_t *reply) {
@@ -305,10 +204,7 @@ void setUp(void) {
     tl_probe_begin(&probe, &tl_modbus_driver);
     memset(channels, 0, sizeof channels);
     channel_count = 0;
-    other.listener = -1;
-    other.requests = 0;
-    other.connections = 0;
-    other.recorded = 0;
+    tl_modbus_peer_forget(&other);
 }
 
 /* Whatever was sent: whole requests of functions 1 to 4, within the protocol's limits. */
@@ -329,7 +225,7 @@ static void expect_only_reads_on_the_wire(void) {
 
 void tearDown(void) {
     tl_probe_end(&probe);
-    stop_peer();
+    tl_modbus_peer_stop(&other);
     expect_only_reads_on_the_wire();
 }
 
@@ -423,7 +319,7 @@ static void test_the_request_as_it_is_written(void) {
     start_peer(sane);
     open_driver("127.0.0.1", other.port, 10);
     tl_probe_poll(&probe);
-    TEST_ASSERT_EQUAL_size_t(1, requests());
+    TEST_ASSERT_EQUAL_size_t(1, tl_modbus_peer_requests(&other));
     TEST_ASSERT_EQUAL_HEX8_ARRAY(EXPECTED, other.record + 2, sizeof EXPECTED);
 }
 
@@ -432,7 +328,7 @@ static void test_no_channels(void) {
     open_driver("127.0.0.1", other.port, 10);
     tl_probe_poll(&probe);
     tl_probe_poll(&probe);
-    TEST_ASSERT_EQUAL_size_t(0, requests());
+    TEST_ASSERT_EQUAL_size_t(0, tl_modbus_peer_requests(&other));
 }
 
 /* ---- the server is absent, dies, returns ---- */
@@ -440,7 +336,7 @@ static void test_no_channels(void) {
 static void test_an_absent_server_that_comes(void) {
     add(1);
     add(2);
-    other.listener = bind_somewhere(&other.port); /* nobody else gets this port, and nobody listens */
+    tl_modbus_peer_bind(&other); /* nobody else gets this port, and nobody listens */
     open_driver("127.0.0.1", other.port, 10);
     for (size_t i = 1; i <= 20; i++) {
         tl_probe_poll(&probe);
@@ -491,7 +387,7 @@ static void test_attempts_are_paused(void) {
         tl_test_pause_ms(5);
     }
     /* 0.1, 0.3, 0.7 s: four attempts in the first second. */
-    TEST_ASSERT_TRUE(connections() >= 1 && connections() <= 4);
+    TEST_ASSERT_TRUE(tl_modbus_peer_connections(&other) >= 1 && tl_modbus_peer_connections(&other) <= 4);
     TEST_ASSERT_EQUAL_size_t(polls, probe.posts[0]);
     TEST_ASSERT_EQUAL_size_t(1, probe.links);
     tl_probe_expect_link(&probe, false, "Connection reset");
@@ -505,7 +401,7 @@ static void test_pauses_begin_anew(void) {
     start_peer(hang_up);
     open_driver("127.0.0.1", other.port, 10);
     for (size_t wanted = 1; wanted <= 4; wanted++) { /* pauses of 0.1, 0.2, 0.4 s, and 0.8 s to come */
-        while (connections() < wanted) {
+        while (tl_modbus_peer_connections(&other) < wanted) {
             tl_probe_poll(&probe);
             tl_test_pause_ms(5);
         }
@@ -515,8 +411,10 @@ static void test_pauses_begin_anew(void) {
     set_answer(hang_up);
     tl_probe_poll_until(&probe, 0, TL_NO_LINK);
     tl_time begin = tl_test_now();
-    for (size_t before = connections(); connections() == before; tl_test_pause_ms(5)) {
+    size_t before = tl_modbus_peer_connections(&other);
+    while (tl_modbus_peer_connections(&other) == before) {
         tl_probe_poll(&probe);
+        tl_test_pause_ms(5);
     }
     TEST_ASSERT_TRUE(tl_test_now() - begin < TL_SECOND); /* 0.1 s; else it were 1.6 s */
 }
@@ -548,18 +446,11 @@ static void expect_down_and_up(answer_function *answer, double timeout_s, const 
     add(2);
     start_peer(answer);
     open_driver("127.0.0.1", other.port, timeout_s);
-    tl_probe_poll(&probe);
-    tl_probe_expect(&probe, 0, 0, TL_NO_LINK);
-    tl_probe_expect(&probe, 1, 0, TL_NO_LINK);
-    TEST_ASSERT_EQUAL_size_t(1, probe.links);
-    tl_probe_expect_link(&probe, false, why);
+    tl_probe_poll_down(&probe, 2, why);
     set_answer(sane);
-    tl_probe_poll_until(&probe, 0, TL_GOOD);
-    tl_probe_expect(&probe, 0, 1, TL_GOOD);
-    tl_probe_expect(&probe, 1, 2, TL_GOOD);
-    TEST_ASSERT_EQUAL_size_t(2, probe.links);
-    tl_probe_expect_link(&probe, true, "connected");
-    TEST_ASSERT_TRUE(connections() >= 2); /* a new connection each time: nothing old can be taken for an answer */
+    tl_probe_poll_up(&probe, 2, (const double[]){1, 2});
+    /* A new connection each time: nothing old can be taken for an answer. */
+    TEST_ASSERT_TRUE(tl_modbus_peer_connections(&other) >= 2);
 }
 
 /* The same in the middle of a conversation. */
@@ -640,7 +531,7 @@ static void test_an_answer_that_trickles(void) {
     for (unsigned i = 0; i < 125; i++) {
         add(i);
     }
-    other.listener = bind_somewhere(&other.port);
+    tl_modbus_peer_bind(&other);
     TEST_ASSERT_EQUAL_INT(0, listen(other.listener, 1));
     TEST_ASSERT_EQUAL_INT(0, pthread_create(&thread, NULL, trickle, &other.listener));
     open_driver("127.0.0.1", other.port, 0.2);
@@ -664,7 +555,7 @@ static void test_more_than_was_asked_for(void) {
     }
     TEST_ASSERT_EQUAL_size_t(2, probe.links); /* connected, and this, once */
     tl_probe_expect_link(&probe, true, "sends more than was asked for");
-    TEST_ASSERT_TRUE(connections() > 1);
+    TEST_ASSERT_TRUE(tl_modbus_peer_connections(&other) > 1);
 }
 
 static int answers_left; /* of the peer's thread, once it runs */
@@ -686,10 +577,10 @@ static void test_a_connection_that_was_closed_between_polls(void) {
             .sin_family = AF_INET, .sin_port = htons(other.port), .sin_addr = {htonl(INADDR_LOOPBACK)}};
         /* The peer leaves one client for the next: it hangs up on the driver, then, when this one goes, listens. */
         TEST_ASSERT_EQUAL_INT(0, connect(extra, (struct sockaddr *)&address, sizeof address));
-        size_t wanted = connections();
+        size_t wanted = tl_modbus_peer_connections(&other);
         while (wanted < 2 + 2 * (size_t)i) {
             tl_test_pause_ms(1);
-            wanted = connections();
+            wanted = tl_modbus_peer_connections(&other);
         }
         tl_test_pause_ms(5);
         (void)close(extra);
@@ -738,7 +629,7 @@ static void test_an_exception_costs_its_own_channels_only(void) {
     }
     TEST_ASSERT_EQUAL_size_t(2, probe.links); /* connected, and this, once */
     tl_probe_expect_link(&probe, true, "unit 2, holding register 2 to 2: Slave device or server failure");
-    TEST_ASSERT_EQUAL_size_t(1, connections());
+    TEST_ASSERT_EQUAL_size_t(1, tl_modbus_peer_connections(&other));
     set_answer(sane);
     tl_probe_poll(&probe);
     tl_probe_expect(&probe, 1, 2, TL_GOOD);
@@ -755,7 +646,7 @@ static void test_an_exception_that_nobody_knows(void) {
     tl_probe_expect(&probe, 0, 1, TL_GOOD);
     tl_probe_expect(&probe, 1, 0, TL_NO_LINK);
     tl_probe_expect(&probe, 2, 3, TL_GOOD);
-    TEST_ASSERT_EQUAL_size_t(1, connections());
+    TEST_ASSERT_EQUAL_size_t(1, tl_modbus_peer_connections(&other));
     TEST_ASSERT_EQUAL_size_t(2, probe.links);
 }
 
@@ -771,9 +662,9 @@ static void test_a_hole_is_not_read(void) {
     for (size_t i = 0; i < 4; i++) {
         tl_probe_expect(&probe, i, values[i], TL_GOOD);
     }
-    TEST_ASSERT_EQUAL_size_t(4, requests()); /* all of it; then 0, 3, and 10 with 11 */
+    TEST_ASSERT_EQUAL_size_t(4, tl_modbus_peer_requests(&other)); /* all of it; then 0, 3, and 10 with 11 */
     tl_probe_poll(&probe);
-    TEST_ASSERT_EQUAL_size_t(7, requests());
+    TEST_ASSERT_EQUAL_size_t(7, tl_modbus_peer_requests(&other));
     TEST_ASSERT_EQUAL_size_t(1, probe.links); /* not worth a word */
 }
 
@@ -833,9 +724,9 @@ static void test_a_new_device_gets_the_large_requests(void) {
     tl_probe_poll_until(&probe, 0, TL_NO_LINK);
     set_answer(sane);
     tl_probe_poll_until(&probe, 0, TL_GOOD);
-    size_t before = requests();
+    size_t before = tl_modbus_peer_requests(&other);
     tl_probe_poll(&probe);
-    TEST_ASSERT_EQUAL_size_t(before + 1, requests());
+    TEST_ASSERT_EQUAL_size_t(before + 1, tl_modbus_peer_requests(&other));
 }
 
 /* ---- a silent unit behind a gateway ---- */
@@ -912,9 +803,9 @@ static void *poll_in_thread(void *context) {
 static void expect_interruptible(void) {
     pthread_t thread;
     __atomic_store_n(&polling, true, __ATOMIC_RELEASE);
-    size_t asked = requests();
+    size_t asked = tl_modbus_peer_requests(&other);
     TEST_ASSERT_EQUAL_INT(0, pthread_create(&thread, NULL, poll_in_thread, NULL));
-    for (int i = 0; i < 100 && requests() == asked; i++) {
+    for (int i = 0; i < 100 && tl_modbus_peer_requests(&other) == asked; i++) {
         tl_test_pause_ms(1); /* until it waits for the answer; the one that connects just gets some time */
     }
     TEST_ASSERT_TRUE(__atomic_load_n(&polling, __ATOMIC_ACQUIRE));
@@ -968,7 +859,7 @@ static void test_interrupt_while_it_connects(void) {
     int fillers[BACKLOG];
     memset(fillers, -1, sizeof fillers);
     add(1);
-    other.listener = bind_somewhere(&other.port);
+    tl_modbus_peer_bind(&other);
     fill_backlog(fillers);
     open_driver("127.0.0.1", other.port, 60);
     expect_interruptible();
@@ -979,7 +870,7 @@ static void test_connecting_takes_no_longer_than_the_timeout(void) {
     int fillers[BACKLOG];
     memset(fillers, -1, sizeof fillers);
     add(1);
-    other.listener = bind_somewhere(&other.port);
+    tl_modbus_peer_bind(&other);
     fill_backlog(fillers);
     open_driver("127.0.0.1", other.port, 0.1);
     tl_time begin = tl_test_now();

@@ -3,12 +3,9 @@
  * Nothing of a wrong answer may be posted, what was wrong is told once, and whatever comes late or twice is never taken for
  * a later answer. tearDown() looks at each byte that was sent: only requests that read, each with another number.
  */
-#include <netinet/in.h>
-#include <poll.h>
 #include <pthread.h>
 #include <stdio.h>
 #include <string.h>
-#include <sys/eventfd.h>
 #include <sys/socket.h>
 #include <unistd.h>
 
@@ -16,28 +13,24 @@
 
 #include "board/modbus/modbus.h"
 #include "tests/support/driver_probe.h"
+#include "tests/support/modbus_peer.h"
 #include "tests/support/real_time.h"
 
-enum { REQUEST = 12, FRAME = 1024, RECORD = 65536, VALUES = 5, CHANNELS = 3 * VALUES };
+enum { REQUEST = 12, FRAME = 1024, VALUES = 5, CHANNELS = 3 * VALUES };
 
 /* ---- the server ---- */
 
 /* Spoils `size` bytes of a right answer; returns the size of what is sent then. Runs in the server's thread. */
 typedef size_t lie_function(const uint8_t *request, uint8_t *answer, size_t size);
 
-static struct server {
-    pthread_t thread;
-    int listener;
-    int wake;
-    uint16_t port;
-    pthread_mutex_t lock; /* of what follows */
+static tl_modbus_peer server = TL_MODBUS_PEER;
+
+/* How it answers; locked as the server's own. */
+static struct {
     lie_function *lie;
     size_t piece;  /* bytes that are sent at once; 0: all */
     long pause_ms; /* between them */
-    size_t connections;
-    size_t recorded;
-    uint8_t record[RECORD];
-} server = {.lock = PTHREAD_MUTEX_INITIALIZER};
+} manner;
 
 static bool is_of_bits(unsigned function) {
     return function <= TL_MODBUS_DISCRETE;
@@ -80,74 +73,19 @@ static bool serve(int client) {
         return false;
     }
     (void)pthread_mutex_lock(&server.lock);
-    if (server.recorded + REQUEST <= RECORD) {
-        memcpy(server.record + server.recorded, request, REQUEST);
-        server.recorded += REQUEST;
-    }
-    lie_function *lie = server.lie;
-    size_t piece = server.piece > 0 ? server.piece : FRAME;
-    long pause = server.pause_ms;
+    tl_modbus_peer_note(&server, request, REQUEST);
+    lie_function *lie = manner.lie;
+    size_t piece = manner.piece > 0 ? manner.piece : FRAME;
+    long pause = manner.pause_ms;
     (void)pthread_mutex_unlock(&server.lock);
     size_t size = right_answer(request, answer);
     return send_all(client, answer, lie(request, answer, size), piece, pause);
 }
 
-static void *run_server(void *context) {
-    int client = -1;
-    (void)context;
-    for (;;) {
-        struct pollfd all[3] = {{.fd = server.wake, .events = POLLIN},
-                                {.fd = server.listener, .events = POLLIN},
-                                {.fd = client, .events = POLLIN}};
-        (void)poll(all, 3, -1);
-        bool stopped = all[0].revents != 0;
-        if (client >= 0 && (stopped || all[1].revents != 0 || (all[2].revents != 0 && !serve(client)))) {
-            (void)close(client);
-            client = -1;
-        }
-        if (stopped) {
-            return NULL;
-        }
-        if (all[1].revents != 0) {
-            client = accept(server.listener, NULL, NULL);
-            (void)pthread_mutex_lock(&server.lock);
-            server.connections++;
-            (void)pthread_mutex_unlock(&server.lock);
-        }
-    }
-}
-
 static void set_lie(lie_function *lie) {
     (void)pthread_mutex_lock(&server.lock);
-    server.lie = lie;
+    manner.lie = lie;
     (void)pthread_mutex_unlock(&server.lock);
-}
-
-static size_t count_of(const size_t *what) {
-    (void)pthread_mutex_lock(&server.lock);
-    size_t count = *what;
-    (void)pthread_mutex_unlock(&server.lock);
-    return count;
-}
-
-static void start_server(void) {
-    struct sockaddr_in address = {.sin_family = AF_INET, .sin_addr = {htonl(INADDR_LOOPBACK)}};
-    socklen_t size = sizeof address;
-    server.listener = socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
-    server.wake = eventfd(0, EFD_CLOEXEC);
-    TEST_ASSERT_EQUAL_INT(0, bind(server.listener, (struct sockaddr *)&address, sizeof address));
-    TEST_ASSERT_EQUAL_INT(0, getsockname(server.listener, (struct sockaddr *)&address, &size));
-    TEST_ASSERT_EQUAL_INT(0, listen(server.listener, 16));
-    server.port = ntohs(address.sin_port);
-    TEST_ASSERT_EQUAL_INT(0, pthread_create(&server.thread, NULL, run_server, NULL));
-}
-
-static void stop_server(void) {
-    const uint64_t one = 1;
-    TEST_ASSERT_EQUAL_INT(sizeof one, write(server.wake, &one, sizeof one));
-    (void)pthread_join(server.thread, NULL);
-    (void)close(server.wake);
-    (void)close(server.listener);
 }
 
 /* ---- lies ---- */
@@ -178,7 +116,7 @@ static void set_forged(size_t at, size_t count, unsigned number) {
     forged.at = at;
     forged.count = count;
     forged.number = number;
-    server.lie = forge;
+    manner.lie = forge;
     (void)pthread_mutex_unlock(&server.lock);
 }
 
@@ -390,16 +328,15 @@ static void expect_disbelief_of_all(const char *why) {
 }
 
 void setUp(void) {
-    server.lie = truth;
-    server.piece = 0;
-    server.pause_ms = 0;
-    server.connections = 0;
-    server.recorded = 0;
+    manner.lie = truth;
+    manner.piece = 0;
+    manner.pause_ms = 0;
+    tl_modbus_peer_forget(&server);
     tl_probe_begin(&probe, &tl_modbus_driver);
     probe.sink.post = on_post;
     probe.sink.link = on_link;
     close_driver();
-    start_server();
+    tl_modbus_peer_listen(&server, serve);
 }
 
 /* Whole requests of functions 1 to 4. */
@@ -413,7 +350,7 @@ static void expect_only_reads_on_the_wire(void) {
 
 void tearDown(void) {
     close_driver();
-    stop_server();
+    tl_modbus_peer_stop(&server);
     expect_only_reads_on_the_wire();
 }
 
@@ -427,7 +364,7 @@ static void test_the_truth_is_believed(void) {
         expect_values();
         TEST_ASSERT_EQUAL_size_t(1, probe.links);
     }
-    TEST_ASSERT_EQUAL_size_t(4, count_of(&server.connections));
+    TEST_ASSERT_EQUAL_size_t(4, tl_modbus_peer_connections(&server));
 }
 
 static void test_another_transaction(void) {
@@ -589,8 +526,8 @@ static void test_exceptions_that_are_wrong(void) {
 /* ---- how bytes come ---- */
 
 static void test_an_answer_in_single_bytes(void) {
-    server.piece = 1;
-    server.pause_ms = 1;
+    manner.piece = 1;
+    manner.pause_ms = 1;
     for (unsigned function = 1; function <= 4; function++) {
         open_for(function, 10, false);
         tl_probe_poll(&probe);
@@ -599,8 +536,8 @@ static void test_an_answer_in_single_bytes(void) {
 }
 
 static void test_an_answer_that_trickles_within_the_timeout(void) {
-    server.piece = 1;
-    server.pause_ms = 20; /* 19 bytes: 0.4 s */
+    manner.piece = 1;
+    manner.pause_ms = 20; /* 19 bytes: 0.4 s */
     open_for(TL_MODBUS_HOLDING, 10, false);
     tl_probe_poll(&probe);
     expect_values();
@@ -608,8 +545,8 @@ static void test_an_answer_that_trickles_within_the_timeout(void) {
 
 /* Each byte comes soon after the one before, and the whole too late. */
 static void test_an_answer_that_trickles_beyond_the_timeout(void) {
-    server.piece = 1;
-    server.pause_ms = 20;
+    manner.piece = 1;
+    manner.pause_ms = 20;
     open_for(TL_MODBUS_HOLDING, 0.1, false);
     tl_time begun = tl_test_now();
     tl_probe_poll(&probe);
@@ -739,7 +676,7 @@ static void test_one_unit_that_is_somebody_else(void) {
     TEST_ASSERT_EQUAL_size_t(2, probe.links);
     TEST_ASSERT_TRUE(probe.link_up);
     expect_text("unit 2, holding register 2 to 2: answered as unit ");
-    TEST_ASSERT_TRUE(count_of(&server.connections) < 20); /* paused: 0.1, 0.2, 0.4 s */
+    TEST_ASSERT_TRUE(tl_modbus_peer_connections(&server) < 20); /* paused: 0.1, 0.2, 0.4 s */
     set_lie(truth);
     tl_probe_poll_until(&probe, 1, TL_GOOD);
     expect_values();

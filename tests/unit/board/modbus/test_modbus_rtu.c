@@ -10,7 +10,6 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/eventfd.h>
 #include <sys/ioctl.h>
 #include <termios.h>
 #include <unistd.h>
@@ -19,28 +18,21 @@
 
 #include "board/modbus/modbus.h"
 #include "tests/support/driver_probe.h"
+#include "tests/support/modbus_peer.h"
 #include "tests/support/real_time.h"
 
-enum { CHANNELS = 16, REQUEST = 8, FRAME = 256, RECORD = 65536 };
+enum { CHANNELS = 16, REQUEST = 8, FRAME = 264 };
 
 /* ---- a peer that does what a test wants ---- */
 
 /* Answers a request on the line. Runs in the peer's thread. */
 typedef void answer_function(int line, const uint8_t *request);
 
-typedef struct peer {
-    pthread_t thread;
-    bool runs;
-    int master;
-    int wake;
-    pthread_mutex_t lock; /* of what follows */
-    answer_function *answer;
-    size_t recorded;
-    tl_time heard; /* when the last request came */
-    uint8_t record[RECORD];
-} peer;
-
-static peer other = {.lock = PTHREAD_MUTEX_INITIALIZER};
+static tl_modbus_peer other = TL_MODBUS_PEER;
+static int master; /* the peer's end of the line */
+/* Locked as the peer's own: */
+static answer_function *answer_now;
+static tl_time heard; /* when the last request came */
 static char path[64]; /* a link to the other end */
 
 static uint16_t check_sum(const uint8_t *bytes, size_t size) {
@@ -54,12 +46,9 @@ static uint16_t check_sum(const uint8_t *bytes, size_t size) {
 
 static answer_function *note(const uint8_t *request) {
     (void)pthread_mutex_lock(&other.lock);
-    if (other.recorded + REQUEST <= RECORD) {
-        memcpy(other.record + other.recorded, request, REQUEST);
-        other.recorded += REQUEST;
-    }
-    other.heard = tl_test_now();
-    answer_function *answer = other.answer;
+    tl_modbus_peer_note(&other, request, REQUEST);
+    heard = tl_test_now();
+    answer_function *answer = answer_now;
     (void)pthread_mutex_unlock(&other.lock);
     return answer;
 }
@@ -69,12 +58,12 @@ static void *run_peer(void *context) {
     size_t size = 0;
     (void)context;
     for (;;) {
-        struct pollfd both[2] = {{.fd = other.wake, .events = POLLIN}, {.fd = other.master, .events = POLLIN}};
+        struct pollfd both[2] = {{.fd = other.wake, .events = POLLIN}, {.fd = master, .events = POLLIN}};
         (void)poll(both, 2, -1);
         if (both[0].revents != 0) {
             return NULL;
         }
-        ssize_t count = read(other.master, request + size, REQUEST - size);
+        ssize_t count = read(master, request + size, REQUEST - size);
         if (count <= 0) { /* nobody has the other end open */
             tl_test_pause_ms(1);
             continue;
@@ -82,45 +71,31 @@ static void *run_peer(void *context) {
         size += (size_t)count;
         if (size == REQUEST) {
             size = 0;
-            note(request)(other.master, request);
+            note(request)(master, request);
         }
     }
 }
 
 static void set_answer(answer_function *answer) {
     (void)pthread_mutex_lock(&other.lock);
-    other.answer = answer;
+    answer_now = answer;
     (void)pthread_mutex_unlock(&other.lock);
-}
-
-static size_t requests(void) {
-    (void)pthread_mutex_lock(&other.lock);
-    size_t count = other.recorded / REQUEST;
-    (void)pthread_mutex_unlock(&other.lock);
-    return count;
 }
 
 static void plug_in(answer_function *answer) {
     set_answer(answer);
-    other.master = posix_openpt(O_RDWR | O_NOCTTY | O_CLOEXEC);
-    TEST_ASSERT_TRUE(other.master >= 0);
-    TEST_ASSERT_EQUAL_INT(0, grantpt(other.master));
-    TEST_ASSERT_EQUAL_INT(0, unlockpt(other.master));
-    TEST_ASSERT_EQUAL_INT(0, symlink(ptsname(other.master), path));
-    other.wake = eventfd(0, EFD_CLOEXEC);
-    TEST_ASSERT_EQUAL_INT(0, pthread_create(&other.thread, NULL, run_peer, NULL));
-    other.runs = true;
+    master = posix_openpt(O_RDWR | O_NOCTTY | O_CLOEXEC);
+    TEST_ASSERT_TRUE(master >= 0);
+    TEST_ASSERT_EQUAL_INT(0, grantpt(master));
+    TEST_ASSERT_EQUAL_INT(0, unlockpt(master));
+    TEST_ASSERT_EQUAL_INT(0, symlink(ptsname(master), path));
+    tl_modbus_peer_run(&other, run_peer);
 }
 
 static void pull_out(void) {
-    const uint64_t one = 1;
     if (other.runs) {
-        ssize_t written = write(other.wake, &one, sizeof one);
-        (void)written;
-        (void)pthread_join(other.thread, NULL);
-        (void)close(other.wake);
-        (void)close(other.master);
-        other.runs = false;
+        tl_modbus_peer_stop(&other);
+        (void)close(master);
     }
     (void)unlink(path);
 }
@@ -149,21 +124,9 @@ static size_t finish(uint8_t *frame, size_t size) {
 
 /* Each register holds its own address, each bit whether its address is odd. */
 static size_t right_answer(const uint8_t *request, uint8_t *frame) {
-    unsigned count = count_of(request);
-    memset(frame, 0, FRAME);
     frame[0] = request[0];
     frame[1] = request[1];
-    frame[2] = (uint8_t)(request[1] <= 2 ? (count + 7) / 8 : 2 * count);
-    for (unsigned i = 0; i < count; i++) {
-        unsigned address = address_of(request) + i;
-        if (request[1] <= 2) {
-            frame[3 + i / 8] = (uint8_t)(frame[3 + i / 8] | address % 2 << i % 8);
-        } else {
-            frame[3 + 2 * i] = (uint8_t)(address / 256);
-            frame[4 + 2 * i] = (uint8_t)(address % 256);
-        }
-    }
-    return finish(frame, 3U + frame[2]);
+    return finish(frame, 2 + tl_modbus_peer_values(request[1], address_of(request), count_of(request), frame + 2));
 }
 
 static void sane(int line, const uint8_t *request) {
@@ -321,7 +284,7 @@ void setUp(void) {
     memset(channels, 0, sizeof channels);
     channel_count = 0;
     baud = 115200;
-    other.recorded = 0;
+    tl_modbus_peer_forget(&other);
     (void)snprintf(path, sizeof path, "/tmp/test_modbus_rtu.%ld", (long)getpid());
 }
 
@@ -357,7 +320,7 @@ static void test_every_table(void) {
     tl_probe_expect(&probe, 3, 1, TL_GOOD);
     tl_probe_expect(&probe, 4, 513, TL_GOOD);
     tl_probe_expect(&probe, 5, 65538, TL_GOOD);
-    TEST_ASSERT_EQUAL_size_t(4, requests());
+    TEST_ASSERT_EQUAL_size_t(4, tl_modbus_peer_requests(&other));
     tl_probe_expect_link(&probe, true, "Modbus line /tmp/test_modbus_rtu.");
     tl_probe_expect_link(&probe, true, ": connected");
     TEST_ASSERT_EQUAL_size_t(1, probe.links);
@@ -370,7 +333,7 @@ static void test_the_request_as_it_is_on_the_line(void) {
     plug_in(sane);
     open_driver(5);
     tl_probe_poll(&probe);
-    TEST_ASSERT_EQUAL_size_t(1, requests());
+    TEST_ASSERT_EQUAL_size_t(1, tl_modbus_peer_requests(&other));
     TEST_ASSERT_EQUAL_HEX8_ARRAY(known, other.record, REQUEST);
 }
 
@@ -489,17 +452,9 @@ static void expect_down_and_up(answer_function *answer, const char *why) {
     add(1, 2);
     plug_in(answer);
     open_driver(0.4);
-    tl_probe_poll(&probe);
-    tl_probe_expect(&probe, 0, 0, TL_NO_LINK);
-    tl_probe_expect(&probe, 1, 0, TL_NO_LINK);
-    TEST_ASSERT_EQUAL_size_t(1, probe.links);
-    tl_probe_expect_link(&probe, false, why);
+    tl_probe_poll_down(&probe, 2, why);
     set_answer(sane);
-    tl_probe_poll_until(&probe, 0, TL_GOOD);
-    tl_probe_expect(&probe, 0, 1, TL_GOOD);
-    tl_probe_expect(&probe, 1, 2, TL_GOOD);
-    TEST_ASSERT_EQUAL_size_t(2, probe.links);
-    tl_probe_expect_link(&probe, true, "connected");
+    tl_probe_poll_up(&probe, 2, (const double[]){1, 2});
 }
 
 static void test_silence(void) {
@@ -561,7 +516,7 @@ static void test_noise_between_polls(void) {
     for (int i = 0; i < 20; i++) {
         tl_probe_poll(&probe);
         tl_probe_expect(&probe, 0, 1, TL_GOOD);
-        say(other.master, noise, sizeof noise);
+        say(master, noise, sizeof noise);
     }
     TEST_ASSERT_EQUAL_size_t(1, probe.links);
 }
@@ -592,7 +547,7 @@ static void *chat(void *context) {
     static const uint8_t word = 0x42;
     (void)context;
     while (__atomic_load_n(&chatting, __ATOMIC_RELAXED)) {
-        say(other.master, &word, 1);
+        say(master, &word, 1);
         tl_test_pause_ms(2);
     }
     return NULL;
@@ -612,14 +567,14 @@ static void test_a_line_that_is_never_quiet(void) {
     __atomic_store_n(&chatting, true, __ATOMIC_RELAXED);
     TEST_ASSERT_EQUAL_INT(0, pthread_create(&thread, NULL, chat, NULL));
     tl_probe_poll_until(&probe, 0, TL_NO_LINK);
-    size_t before = requests();
+    size_t before = tl_modbus_peer_requests(&other);
     for (int i = 0; i < 3; i++) {
         tl_probe_poll(&probe);
         tl_test_pause_ms(120);
     }
     __atomic_store_n(&chatting, false, __ATOMIC_RELAXED);
     (void)pthread_join(thread, NULL);
-    TEST_ASSERT_EQUAL_size_t(before, requests()); /* and nobody is talked into */
+    TEST_ASSERT_EQUAL_size_t(before, tl_modbus_peer_requests(&other)); /* and nobody is talked into */
     tl_probe_expect_link(&probe, false, "never quiet");
     tl_probe_poll_until(&probe, 0, TL_GOOD);
 }
@@ -676,14 +631,14 @@ static void test_a_hole_is_not_read(void) {
     tl_probe_poll(&probe);
     tl_probe_expect(&probe, 0, 2, TL_GOOD);
     tl_probe_expect(&probe, 1, 12, TL_GOOD);
-    TEST_ASSERT_EQUAL_size_t(3, requests());
+    TEST_ASSERT_EQUAL_size_t(3, tl_modbus_peer_requests(&other));
     tl_probe_poll(&probe);
-    TEST_ASSERT_EQUAL_size_t(5, requests());
+    TEST_ASSERT_EQUAL_size_t(5, tl_modbus_peer_requests(&other));
 }
 
 /* Polls for so long; the unit of `channel` answers in each. Returns how many requests were none of units 1 and 3. */
 static size_t requests_beside(size_t channel, int seconds) {
-    size_t before = requests();
+    size_t before = tl_modbus_peer_requests(&other);
     size_t polls = 0;
     for (tl_time end = tl_test_now() + seconds * TL_SECOND; tl_test_now() < end; tl_test_pause_ms(5)) {
         probe.posts[channel] = 0;
@@ -691,7 +646,7 @@ static size_t requests_beside(size_t channel, int seconds) {
         polls++;
         TEST_ASSERT_TRUE(probe.posts[channel] > 0 && probe.newest[channel].quality == TL_GOOD);
     }
-    return requests() - before - 2 * polls;
+    return tl_modbus_peer_requests(&other) - before - 2 * polls;
 }
 
 static void test_a_silent_unit_does_not_stop_the_others(void) {
@@ -748,7 +703,7 @@ static void test_a_poll_of_a_dead_line_is_short(void) {
     tl_time begin = tl_test_now();
     tl_probe_poll(&probe);
     TEST_ASSERT_TRUE(tl_test_now() - begin < 2 * TL_SECOND); /* twice 0.3 s and the silence between */
-    TEST_ASSERT_EQUAL_size_t(2, requests());
+    TEST_ASSERT_EQUAL_size_t(2, tl_modbus_peer_requests(&other));
     tl_probe_expect_link(&probe, false, "no answer within 0.3 s");
 }
 
