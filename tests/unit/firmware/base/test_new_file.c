@@ -59,21 +59,24 @@ static void expect_refused(tl_status status, const char *said) {
     TEST_ASSERT_NULL(made.file);
 }
 
-static void test_it_appears_at_the_end(void) {
-    begin();
-    TEST_ASSERT_NOT_EQUAL_INT(0, access(path, F_OK));
+/* It is there then, and nothing else. */
+static void expect_kept(void) {
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_new_file_keep(&made, &error));
     expect_text(path, "new");
     TEST_ASSERT_EQUAL_INT(1, tl_scratch_count(&scratch));
+}
+
+static void test_it_appears_at_the_end(void) {
+    begin();
+    TEST_ASSERT_NOT_EQUAL_INT(0, access(path, F_OK));
+    expect_kept();
 }
 
 static void test_what_was_there_stays_until_then(void) {
     write_old(path);
     begin();
     expect_text(path, "old");
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_new_file_keep(&made, &error));
-    expect_text(path, "new");
-    TEST_ASSERT_EQUAL_INT(1, tl_scratch_count(&scratch));
+    expect_kept();
 }
 
 static void test_what_is_discarded_leaves_nothing(void) {

@@ -152,13 +152,6 @@ void tearDown(void) {
     TEST_ASSERT_EQUAL_size_t_MESSAGE(0, call_log.violations, call_log.first_violation);
 }
 
-static void expect_said(const char *expected) {
-    char *text = tl_stderr_capture_end();
-    TEST_ASSERT_NOT_NULL(text);
-    TEST_ASSERT_EQUAL_STRING(expected, text);
-    free(text);
-}
-
 /* ---- tests ---- */
 
 static void steps_pass_through(void) {
@@ -208,7 +201,7 @@ static void the_rounding_mode_is_put_back_and_said_once(void) {
         TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_step(&component, 0.1 * i, 0.1, false, &error));
         TEST_ASSERT_EQUAL_INT(FE_TONEAREST, fegetround());
     }
-    expect_said(
+    tl_stderr_expect(
         "twinlock: warning: FMU box1 changed floating-point control of the whole process in a step; that was put back, "
         "and is said once\n");
 }
@@ -252,7 +245,7 @@ static void the_locale_is_put_back_after_each_call(void) {
     start();
     TEST_ASSERT_TRUE(tl_stderr_capture_begin());
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_save(&component, &state, &error));
-    expect_said(
+    tl_stderr_expect(
         "twinlock: warning: FMU box1 changed the locale of the whole process in fmi2GetFMUstate; that was put back, "
         "and is said once\n");
     TEST_ASSERT_TRUE(uselocale((locale_t)0) == locale);
@@ -268,8 +261,9 @@ static void what_initialising_changes_is_put_back(void) {
     vendor.exit_initialization_mode = ignore_signals;
     TEST_ASSERT_TRUE(tl_stderr_capture_begin());
     start();
-    expect_said("twinlock: warning: FMU box1 changed the signal mask, signal handlers and the current folder of the "
-                "whole process in fmi2ExitInitializationMode; that was put back, and is said once\n");
+    tl_stderr_expect(
+        "twinlock: warning: FMU box1 changed the signal mask, signal handlers and the current folder of the "
+        "whole process in fmi2ExitInitializationMode; that was put back, and is said once\n");
     (void)pthread_sigmask(SIG_SETMASK, NULL, &mask);
     TEST_ASSERT_EQUAL_INT(0, sigismember(&mask, SIGTERM));
     TEST_ASSERT_EQUAL_INT(0, sigaction(SIGTERM, NULL, &action));
@@ -287,8 +281,9 @@ static void what_a_step_changes_is_put_back_with_the_tick(void) {
     tl_fmu_guard_tick();
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_step(&component, 0.1, 0.1, false, &error));
     tl_fmu_guard_tick();
-    expect_said("twinlock: warning: an FMU changed signal handlers of the whole process in its steps; that was put "
-                "back, and is said once\n");
+    tl_stderr_expect(
+        "twinlock: warning: an FMU changed signal handlers of the whole process in its steps; that was put "
+        "back, and is said once\n");
     TEST_ASSERT_EQUAL_INT(0, sigaction(SIGTERM, NULL, &action));
     TEST_ASSERT_TRUE(action.sa_handler == take_sigterm);
 }
@@ -325,9 +320,9 @@ static void a_message_from_an_unknown_environment_is_told_for_who_is_called(void
     given.logger((void *)8, (const char *)8, fmi2Error, (const char *)8, "no pointer");
     tl_fmu_guard_leave(&guard);
     given.logger(given.componentEnvironment, "box1", fmi2Error, "c", "known");
-    expect_said("twinlock: error: FMU box: no environment\n"
-                "twinlock: error: FMU box, instance (unreadable): no pointer [(unreadable)]\n"
-                "twinlock: error: FMU box, instance box1: known [c]\n");
+    tl_stderr_expect("twinlock: error: FMU box: no environment\n"
+                     "twinlock: error: FMU box, instance (unreadable): no pointer [(unreadable)]\n"
+                     "twinlock: error: FMU box, instance box1: known [c]\n");
 }
 
 int main(void) {

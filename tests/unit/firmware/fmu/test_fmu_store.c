@@ -712,13 +712,6 @@ static void test_a_wrong_guid(void) {
 
 /* ---- Messages ------------------------------------------------------------------------------------------ */
 
-static void expect_messages(const char *expected) {
-    char *text = tl_stderr_capture_end();
-    TEST_ASSERT_NOT_NULL(text);
-    TEST_ASSERT_EQUAL_STRING(expected, text);
-    free(text);
-}
-
 static void test_messages(void) {
     expect_loaded(GOOD);
     fmi2CallbackLogger logger = fmu.guard.callbacks.logger;
@@ -732,15 +725,15 @@ static void test_messages(void) {
     logger(environment, "m1", fmi2Fatal, "c", "dead");
     logger(environment, "m1", fmi2Fatal, "c", NULL);
     logger(NULL, "m1", fmi2Fatal, "c", "whose?");
-    expect_messages("twinlock: warning: FMU motor, instance m1: omega is 5 or 2.5 [logStatusWarning]\n"
-                    "twinlock: warning: FMU motor, instance m1: step [c]\n"
-                    "twinlock: error: FMU motor: 100 % wrong\n"
-                    "twinlock: error: FMU motor, instance m1: dead [c]\n"
-                    "twinlock: error: FMU (unknown), instance m1: whose? [c]\n");
+    tl_stderr_expect("twinlock: warning: FMU motor, instance m1: omega is 5 or 2.5 [logStatusWarning]\n"
+                     "twinlock: warning: FMU motor, instance m1: step [c]\n"
+                     "twinlock: error: FMU motor: 100 % wrong\n"
+                     "twinlock: error: FMU motor, instance m1: dead [c]\n"
+                     "twinlock: error: FMU (unknown), instance m1: whose? [c]\n");
     tl_log_set_level(TL_LOG_DEBUG);
     TEST_ASSERT_TRUE(tl_stderr_capture_begin());
     logger(environment, "m1", fmi2OK, "logEvents", "shown now");
-    expect_messages("twinlock: debug: FMU motor, instance m1: shown now [logEvents]\n");
+    tl_stderr_expect("twinlock: debug: FMU motor, instance m1: shown now [logEvents]\n");
 }
 
 /* Text, not a format: it must not write into memory, nor end the process. */
@@ -753,7 +746,7 @@ static void test_messages_that_write_back(void) {
         fmi2String message = texts[i];
         fmu.guard.given.logger(&fmu.guard.logger, "m", fmi2Error, "c", message);
         (void)snprintf(expected, sizeof expected, "twinlock: error: FMU motor, instance m: %s [c]\n", message);
-        expect_messages(expected);
+        tl_stderr_expect(expected);
     }
 }
 

@@ -62,10 +62,14 @@ static void take_back(tl_time back, bool next, tl_time instant) {
     tl_plant_input_take(&input, 0, instant, &sample);
 }
 
-static void test_looking_back(void) {
+static void post_three(void) {
     post(1, 100, TL_GOOD);
     post(2, 200, TL_GOOD);
     post(3, 300, TL_GOOD);
+}
+
+static void test_looking_back(void) {
+    post_three();
     take_back(50, false, 300);
     TEST_ASSERT_EQUAL_DOUBLE(2, sample.values[0]);
     TEST_ASSERT_EQUAL_INT64(200, sample.stamps[0]);
@@ -79,9 +83,7 @@ static void test_looking_back(void) {
 }
 
 static void test_the_next_available(void) {
-    post(1, 100, TL_GOOD);
-    post(2, 200, TL_GOOD);
-    post(3, 300, TL_GOOD);
+    post_three();
     take_back(100, true, 300);
     TEST_ASSERT_EQUAL_DOUBLE(2, sample.values[0]);
     take_back(99, true, 300);

@@ -370,28 +370,28 @@ static void test_gaps(void) {
     TEST_ASSERT_TRUE(end);
 }
 
-/* A missing value was no number, whatever its quality says. */
-static void test_a_missing_value_is_not_good(void) {
+/* Of ten ticks that were changed so. */
+static tl_history_tick first_tick_after(const char *change) {
     tl_history_tick tick;
     bool end = false;
     record_run(10);
-    tl_sql_execute(bench.path, "UPDATE samples SET value = NULL, quality = 0 WHERE signal = 1");
+    tl_sql_execute(bench.path, change);
     open_history();
     begin_ticks(0);
     expect_ok(tl_history_ticks_next(ticks, &tick, &end, &bench.error));
+    return tick;
+}
+
+/* A missing value was no number, whatever its quality says. */
+static void test_a_missing_value_is_not_good(void) {
+    tl_history_tick tick = first_tick_after("UPDATE samples SET value = NULL, quality = 0 WHERE signal = 1");
     TEST_ASSERT_EQUAL_INT(TL_NOT_A_NUMBER, tick.sample.quality[1]);
     TEST_ASSERT_TRUE(tick.sample.values[1] == 0.0);
 }
 
 /* The highest quality there is. */
 static void test_an_outlier_is_read(void) {
-    tl_history_tick tick;
-    bool end = false;
-    record_run(10);
-    tl_sql_execute(bench.path, "UPDATE samples SET value = 3.5, quality = 5 WHERE signal = 1");
-    open_history();
-    begin_ticks(0);
-    expect_ok(tl_history_ticks_next(ticks, &tick, &end, &bench.error));
+    tl_history_tick tick = first_tick_after("UPDATE samples SET value = 3.5, quality = 5 WHERE signal = 1");
     TEST_ASSERT_EQUAL_INT(TL_OUTLIER, tick.sample.quality[1]);
     TEST_ASSERT_EQUAL_DOUBLE(3.5, tick.sample.values[1]);
 }

@@ -39,9 +39,7 @@ void tearDown(void) {}
 static void expect_told(const char *expected) {
     TEST_ASSERT_TRUE(tl_stderr_capture_begin());
     tl_journal_drain(&journal);
-    char *text = tl_stderr_capture_end();
-    TEST_ASSERT_EQUAL_STRING(expected, text);
-    free(text);
+    tl_stderr_expect(expected);
 }
 
 /* `text` must be part of the only thing that was told. */

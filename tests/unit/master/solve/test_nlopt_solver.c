@@ -358,17 +358,22 @@ static void an_optimum_beside_a_bound_is_as_exact(void) {
 
 /* ---- Stop -------------------------------------------------------------------------------------------------------- */
 
-/* A question after the last one fails in the asker. Of L-BFGS most are within a gradient. */
-static void told_to_stop_it_asks_no_more(void) {
-    const double start[] = {0.2, 0.1};
+/* Each solver, told to stop at the first question, the second … the one numbered `most`. */
+static void expect_stops(double (*of)(const double *u), const double *start, size_t most) {
     for (size_t k = 0; k < SOLVERS; k++) {
         create(classes[k], 2);
-        for (size_t limit = 1; limit <= 20; limit++) {
+        for (size_t limit = 1; limit <= most; limit++) {
             self.limit = limit;
-            TEST_ASSERT_EQUAL_INT_MESSAGE(TL_SEARCH_STOPPED, search(bowl, start), class->name);
+            TEST_ASSERT_EQUAL_INT_MESSAGE(TL_SEARCH_STOPPED, search(of, start), class->name);
             TEST_ASSERT_EQUAL_UINT64_MESSAGE(limit, self.questions, class->name);
         }
     }
+}
+
+/* A question after the last one fails in the asker. Of L-BFGS most are within a gradient. */
+static void told_to_stop_it_asks_no_more(void) {
+    const double start[] = {0.2, 0.1};
+    expect_stops(bowl, start, 20);
 }
 
 static double wall_at_offset(const double *u);
@@ -376,14 +381,7 @@ static double wall_at_offset(const double *u);
 static void told_to_stop_among_failures_it_asks_no_more(void) {
     const double start[] = {0.0, 0.0};
     offset = 0.9;
-    for (size_t k = 0; k < SOLVERS; k++) {
-        create(classes[k], 2);
-        for (size_t limit = 1; limit <= 15; limit++) {
-            self.limit = limit;
-            TEST_ASSERT_EQUAL_INT_MESSAGE(TL_SEARCH_STOPPED, search(wall_at_offset, start), class->name);
-            TEST_ASSERT_EQUAL_UINT64_MESSAGE(limit, self.questions, class->name);
-        }
-    }
+    expect_stops(wall_at_offset, start, 15);
 }
 
 /* ---- Searches do not know of each other -------------------------------------------------------------------------- */
