@@ -36,6 +36,13 @@ static void build(void) {
     run.budget.evaluations = 60;
 }
 
+static void build_with_gain(const char *algorithm, uint32_t prediction) {
+    begin(algorithm);
+    tl_test_plan_adjust(&plan, "m.gain", 0.1);
+    plan.plan.prediction = prediction;
+    build();
+}
+
 static const tl_record *tick(double cmd, double y0) {
     return tl_test_run_single(&run, &call_log, cmd, y0);
 }
@@ -54,10 +61,7 @@ static void assert_nominal(const tl_record *record, size_t variable) {
 static void what_does_not_matter_is_held_at_nominal(void) {
     for (size_t s = 0; s < SOLVERS; s++) {
         for (uint32_t prediction = 1; prediction <= 3; prediction++) {
-            begin(solvers[s]);
-            tl_test_plan_adjust(&plan, "m.gain", 0.1);
-            plan.plan.prediction = prediction;
-            build();
+            build_with_gain(solvers[s], prediction);
             for (int i = 0; i < 10; i++) {
                 const tl_record *record = tick(0.0, 2.0 + 0.1 * i);
                 TEST_ASSERT_EQUAL_INT(TL_NOMINAL, record->outcome);
@@ -96,10 +100,7 @@ static void the_noise_floor_is_in_tolerances_for_a_step(void) {
 static void it_comes_back_when_it_matters_again(void) {
     for (size_t s = 0; s < SOLVERS; s++) {
         for (uint32_t prediction = 1; prediction <= 3; prediction++) {
-            begin(solvers[s]);
-            tl_test_plan_adjust(&plan, "m.gain", 0.1);
-            plan.plan.prediction = prediction;
-            build();
+            build_with_gain(solvers[s], prediction);
             for (int i = 0; i < 60; i++) {
                 bool matters = i / 10 % 2 == 0;
                 const tl_record *record = tick(matters ? 1.0 : 0.04, 1.5); /* it would help a little */
