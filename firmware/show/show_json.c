@@ -3,8 +3,8 @@
 #include <math.h>
 
 #include "firmware/config/measurements.h"
+#include "firmware/record/history_rows.h"
 #include "firmware/show/show.h"
-#include "firmware/show/show_rows.h"
 #include "firmware/show/show_summary.h"
 
 enum { EVENTS_SHOWN = 10 };
@@ -168,7 +168,7 @@ static void add_adjusted(cJSON *root, const tl_show_request *request, const tl_s
     }
 }
 
-static void take_event(void *context, const tl_show_event *event) {
+static void take_event(void *context, const tl_history_event *event) {
     cJSON *object = cJSON_CreateObject();
     (void)cJSON_AddItemToArray(context, object);
     add_text(object, "at", event->at);
@@ -194,9 +194,9 @@ static tl_status fill(cJSON *root, const tl_show_request *request, tl_error *err
     add_matches(root, &summary);
     add_adjusted(root, request, &summary);
     add_ledger(root, &summary);
-    const tl_show_event_taker taker = {take_event, cJSON_AddArrayToObject(root, "events")};
-    return tl_show_event_rows(request->history, request->run, request->from_at, request->all_events ? -1 : EVENTS_SHOWN,
-                              taker, error);
+    const tl_history_visitor visitor = {.context = cJSON_AddArrayToObject(root, "events"), .event = take_event};
+    return tl_history_events(request->history, request->run, request->from_at, request->all_events ? -1 : EVENTS_SHOWN,
+                             &visitor, error);
 }
 
 tl_status tl_show_json(const tl_show_request *request, FILE *file, tl_error *error) {

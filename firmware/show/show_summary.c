@@ -2,10 +2,9 @@
 #include "firmware/show/show_summary.h"
 
 #include <math.h>
-#include <sqlite3.h>
 #include <string.h>
 
-#include "firmware/show/show_rows.h"
+#include "firmware/record/history_rows.h"
 
 static int64_t steps_between(const tl_show_summary *summary) {
     return summary->range[1] - summary->range[0] + 1;
@@ -59,33 +58,24 @@ size_t tl_show_largest_change(const tl_show_summary *summary, const tl_show_adju
     return found;
 }
 
-static bool is_number(sqlite3_stmt *row, int column) {
-    int type = sqlite3_column_type(row, column);
-    return type == SQLITE_FLOAT || type == SQLITE_INTEGER;
-}
-
-static void take_step(void *context, struct sqlite3_stmt *row) {
+static void take_step(void *context, const tl_history_step *step) {
     tl_show_summary *summary = context;
-    int64_t outcome = sqlite3_column_int64(row, 2);
-    int64_t used = sqlite3_column_int64(row, 8);
     summary->steps++;
-    summary->evaluations += (uint64_t)sqlite3_column_int64(row, 6);
-    summary->optimised_steps += sqlite3_column_int64(row, 6) > 1 ? 1 : 0;
-    summary->time_limited += sqlite3_column_int64(row, 3) == TL_STOP_TIME ? 1 : 0;
-    summary->longest_ns = used > summary->longest_ns ? used : summary->longest_ns;
-    if (outcome >= TL_FREE && outcome < TL_OUTCOMES) {
-        summary->outcomes[outcome]++;
+    summary->evaluations += (uint64_t)step->evaluations;
+    summary->optimised_steps += step->evaluations > 1 ? 1 : 0;
+    summary->time_limited += step->stop == TL_STOP_TIME ? 1 : 0;
+    summary->longest_ns = step->used > summary->longest_ns ? step->used : summary->longest_ns;
+    if (step->outcome >= TL_FREE && step->outcome < TL_OUTCOMES) {
+        summary->outcomes[step->outcome]++;
     } else {
         summary->unknown_outcomes++;
     }
 }
 
-static void take_output(void *context, struct sqlite3_stmt *row) {
+static void take_output(void *context, const tl_history_output *output) {
     tl_show_summary *summary = context;
-    tl_show_match *match = &summary->match[sqlite3_column_int64(row, 1)];
-    bool good = sqlite3_column_int64(row, 4) == TL_GOOD && is_number(row, 2) && is_number(row, 3);
-    tl_metrics_add(&match->metrics, sqlite3_column_double(row, 2), sqlite3_column_double(row, 3),
-                   good ? TL_GOOD : TL_NOT_A_NUMBER);
+    bool good = output->quality == TL_GOOD && isfinite(output->y) && isfinite(output->y_hat);
+    tl_metrics_add(&summary->match[output->signal].metrics, output->y, output->y_hat, good ? TL_GOOD : TL_NOT_A_NUMBER);
 }
 
 static void add_part(tl_show_part *part, double delta) {
@@ -93,13 +83,13 @@ static void add_part(tl_show_part *part, double delta) {
     part->delta_sum += delta;
 }
 
-static void take_adjustment(void *context, struct sqlite3_stmt *row) {
+static void take_adjustment(void *context, const tl_history_adjustment *adjustment) {
     tl_show_summary *summary = context;
-    tl_show_adjust *adjust = &summary->adjust[sqlite3_column_int64(row, 1)];
-    int64_t step = sqlite3_column_int64(row, 0);
-    double u = sqlite3_column_double(row, 2);
-    double delta = u - sqlite3_column_double(row, 3);
-    if (!is_number(row, 2) || !is_number(row, 3)) {
+    tl_show_adjust *adjust = &summary->adjust[adjustment->signal];
+    int64_t step = adjustment->step;
+    double u = adjustment->u;
+    double delta = u - adjustment->u_hat;
+    if (isnan(u) || isnan(adjustment->u_hat)) {
         return;
     }
     adjust->first = adjust->count == 0 ? u : adjust->first;
@@ -152,7 +142,7 @@ tl_status tl_show_summarise(tl_history *history, const tl_history_run *run, int6
         status = add_ledger(history, run, summary, error);
     }
     if (status == TL_OK) {
-        status = tl_show_range(history, run, TL_SHOW_FROM_STEPS, from_step, summary->range, &summary->any, error);
+        status = tl_history_range(history, run, TL_HISTORY_STEPS, from_step, summary->range, &summary->any, error);
     }
     if (status != TL_OK || !summary->any) {
         return status;
@@ -160,15 +150,12 @@ tl_status tl_show_summarise(tl_history *history, const tl_history_run *run, int6
     int64_t steps = steps_between(summary);
     summary->windows = steps < TL_SHOW_WINDOWS ? (size_t)steps : TL_SHOW_WINDOWS;
     summary->points = steps < TL_SHOW_POINTS ? (size_t)steps : TL_SHOW_POINTS;
-    status =
-        tl_show_rows(history, run, TL_SHOW_FROM_STEPS, summary->range, 1, (tl_show_taker){take_step, summary}, error);
-    if (status == TL_OK) {
-        status = tl_show_rows(history, run, TL_SHOW_FROM_OUTPUTS, summary->range, summary->match_count,
-                              (tl_show_taker){take_output, summary}, error);
-    }
-    if (status == TL_OK) {
-        status = tl_show_rows(history, run, TL_SHOW_FROM_ADJUSTMENTS, summary->range, summary->adjust_count,
-                              (tl_show_taker){take_adjustment, summary}, error);
-    }
-    return status;
+    const tl_history_visitor visitor = {
+        .context = summary,
+        .signals = {[TL_HISTORY_MATCH] = summary->match_count, [TL_HISTORY_ADJUST] = summary->adjust_count},
+        .step = take_step,
+        .output = take_output,
+        .adjustment = take_adjustment,
+    };
+    return tl_history_rows(history, run, summary->range, &visitor, error);
 }
