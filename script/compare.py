@@ -16,14 +16,10 @@ from pathlib import Path
 import compare_cases
 import compare_facts as facts
 from compare_facts import ALLOWABLE, KINDS, Fact
-from motor_bench import Progress
+from study import Progress, Trouble
 
 ROOT = Path(__file__).resolve().parent.parent
 PATIENCE_S = 120  # for a call: an emulator may do it, on a busy machine
-
-
-class Trouble(Exception):
-    """Why there is nothing to compare."""
 
 
 # ---- one build ----

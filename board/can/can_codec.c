@@ -4,10 +4,9 @@
  */
 #include "board/can/can_codec.h"
 
-#include <assert.h>
-#include <float.h>
 #include <math.h>
-#include <string.h>
+
+#include "board/io/bits.h"
 
 /* One piece of a field: `count` bits of a byte, from its bit `low` on. */
 typedef struct piece {
@@ -103,29 +102,6 @@ bool tl_can_is_present(const tl_can_channel *channel, const uint8_t *data) {
     return true;
 }
 
-/* Two's complement of so many bits. */
-static double signed_of(uint64_t bits, unsigned length) {
-    assert(length >= 1 && length <= 64);
-    uint64_t sign = (uint64_t)1 << (length - 1);
-    uint64_t extended = (bits ^ sign) - sign;
-    int64_t number = 0;
-    memcpy(&number, &extended, sizeof number);
-    return (double)number;
-}
-
-static double float32_of(uint64_t bits) {
-    uint32_t word = (uint32_t)bits;
-    float value = 0;
-    memcpy(&value, &word, sizeof value);
-    return (double)value;
-}
-
-static double float64_of(uint64_t bits) {
-    double value = 0;
-    memcpy(&value, &bits, sizeof value);
-    return value;
-}
-
 bool tl_can_decode(const tl_can_channel *channel, const uint8_t *data, double *value) {
     uint64_t bits = tl_can_take(&channel->field, data);
     double raw = 0;
@@ -134,13 +110,13 @@ bool tl_can_decode(const tl_can_channel *channel, const uint8_t *data, double *v
         raw = (double)bits;
         break;
     case TL_CAN_SIGNED:
-        raw = signed_of(bits, channel->field.length);
+        raw = tl_bits_to_signed(bits, channel->field.length);
         break;
     case TL_CAN_FLOAT32:
-        raw = float32_of(bits);
+        raw = tl_bits_to_float32(bits);
         break;
     case TL_CAN_FLOAT64:
-        raw = float64_of(bits);
+        raw = tl_bits_to_float64(bits);
         break;
     }
     *value = raw * channel->scale + channel->offset;
@@ -172,22 +148,6 @@ static uint64_t signed_bits(double raw, unsigned length) {
     return (uint64_t)(int64_t)fmax(nearest, -limit) & mask_of(length);
 }
 
-static uint64_t float32_bits(double raw) {
-    float value = (float)raw;
-    if (isfinite(raw)) {
-        value = (float)fmin(fmax(raw, -(double)FLT_MAX), (double)FLT_MAX);
-    }
-    uint32_t word = 0;
-    memcpy(&word, &value, sizeof word);
-    return word;
-}
-
-static uint64_t float64_bits(double raw) {
-    uint64_t bits = 0;
-    memcpy(&bits, &raw, sizeof bits);
-    return bits;
-}
-
 void tl_can_encode(const tl_can_channel *channel, double value, uint8_t *data) {
     double raw = (value - channel->offset) / channel->scale;
     uint64_t bits = 0;
@@ -199,10 +159,10 @@ void tl_can_encode(const tl_can_channel *channel, double value, uint8_t *data) {
         bits = signed_bits(raw, channel->field.length);
         break;
     case TL_CAN_FLOAT32:
-        bits = float32_bits(raw);
+        bits = tl_bits_of_float32(raw);
         break;
     case TL_CAN_FLOAT64:
-        bits = float64_bits(raw);
+        bits = tl_bits_of_float64(raw);
         break;
     }
     tl_can_put(&channel->field, bits, data);

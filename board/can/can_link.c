@@ -7,11 +7,9 @@
 #include <errno.h>
 #include <linux/can.h>
 #include <linux/can/raw.h>
-#include <net/if.h>
 #include <poll.h>
 #include <stdio.h>
 #include <string.h>
-#include <sys/ioctl.h>
 #include <sys/socket.h>
 #include <time.h>
 #include <unistd.h>
@@ -76,27 +74,19 @@ static bool set_options(int socket, const tl_can_map *map) {
            set(socket, SOL_SOCKET, SO_TIMESTAMPNS, 1) && set(socket, SOL_SOCKET, SO_RXQ_OVFL, 1);
 }
 
-/* A question about the interface. */
-static bool ask(const tl_can_link *link, int socket, unsigned long question, struct ifreq *answer) {
-    memset(answer, 0, sizeof *answer);
-    memcpy(answer->ifr_name, link->interface, sizeof answer->ifr_name);
-    return ioctl(socket, question, answer) == 0;
-}
-
 static void explain(const char *reason, char *cause, size_t cause_size) {
     (void)snprintf(cause, cause_size, "%s", reason);
 }
 
 static bool bind_to(const tl_can_link *link, int socket, char *cause, size_t cause_size) {
-    struct ifreq answer;
-    if (!ask(link, socket, SIOCGIFINDEX, &answer)) {
+    int index = tl_can_interface_index(socket, link->interface);
+    if (index == 0) {
         explain(errno == ENODEV ? "there is none of that name: see `ip link`; plug it in, or load its driver"
                                 : strerror(errno),
                 cause, cause_size);
         return false;
     }
-    struct sockaddr_can address = {.can_family = AF_CAN, .can_ifindex = answer.ifr_ifindex};
-    if (bind(socket, (const struct sockaddr *)&address, sizeof address) != 0) {
+    if (!tl_can_interface_bind(socket, index)) {
         explain(errno == ENODEV ? "it is no CAN interface: see `ip -details link`" : strerror(errno), cause,
                 cause_size);
         return false;
@@ -105,11 +95,9 @@ static bool bind_to(const tl_can_link *link, int socket, char *cause, size_t cau
 }
 
 bool tl_can_link_open(tl_can_link *link, const tl_can_map *map, char *cause, size_t cause_size) {
-    int made = socket(PF_CAN, SOCK_RAW | SOCK_NONBLOCK | SOCK_CLOEXEC, CAN_RAW);
+    int made = tl_can_interface_open();
     if (made < 0) {
-        bool none = errno == EAFNOSUPPORT || errno == EPROTONOSUPPORT;
-        explain(none ? "this kernel has no CAN: load its modules (`modprobe can-raw`)" : strerror(errno), cause,
-                cause_size);
+        explain(tl_can_interface_failure(errno), cause, cause_size);
         return false;
     }
     bool done = set_options(made, map);
@@ -128,15 +116,7 @@ bool tl_can_link_open(tl_can_link *link, const tl_can_map *map, char *cause, siz
 }
 
 bool tl_can_link_state(const tl_can_link *link, tl_can_state *state) {
-    struct ifreq flags;
-    struct ifreq size;
-    if (!ask(link, link->socket, SIOCGIFFLAGS, &flags) || !ask(link, link->socket, SIOCGIFMTU, &size)) {
-        return false;
-    }
-    state->up = (flags.ifr_flags & IFF_UP) != 0;
-    state->running = (flags.ifr_flags & IFF_RUNNING) != 0;
-    state->fd = size.ifr_mtu >= (int)CANFD_MTU;
-    return true;
+    return tl_can_interface_look(link->socket, link->interface, state);
 }
 
 void tl_can_link_close(tl_can_link *link) {

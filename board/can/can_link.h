@@ -13,6 +13,7 @@
 #include "board/can/can_clock.h"
 #include "board/can/can_codec.h"
 #include "board/can/can_fault.h"
+#include "board/can/can_interface.h"
 #include "board/can/can_map.h"
 #include "board/io/wake.h"
 
@@ -43,13 +44,6 @@ typedef enum tl_can_arrival {
     TL_CAN_DOWN,  /* the interface was set down; the socket stays good */
     TL_CAN_LOST   /* it was removed, or the socket failed: errno says why; close it */
 } tl_can_arrival;
-
-/* What is known of the interface. */
-typedef struct tl_can_state {
-    bool up;      /* set up by the administrator */
-    bool running; /* on the bus: false after bus-off */
-    bool fd;      /* takes frames of CAN FD */
-} tl_can_state;
 
 /* false where a resource is missing; errno says which. Opens nothing. */
 bool tl_can_link_make(tl_can_link *link, const char *interface);

@@ -43,8 +43,7 @@ static void group(tl_can_map *map) {
 
 bool tl_can_map_make(tl_can_map *map, const tl_can_channel *channels, size_t count) {
     size_t room = count > 0 ? count : 1;
-    map->slots = calloc(room, sizeof *map->slots);
-    map->ids = calloc(room, sizeof *map->ids);
+    *map = (tl_can_map){.slots = calloc(room, sizeof *map->slots), .ids = calloc(room, sizeof *map->ids)};
     if (map->slots == NULL || map->ids == NULL) {
         tl_can_map_release(map);
         return false;

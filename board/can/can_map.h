@@ -23,7 +23,7 @@ typedef struct tl_can_slot {
     size_t bytes; /* that a frame must have */
 } tl_can_slot;
 
-/* Placed by the owner; zeroed is empty. */
+/* Placed by the owner. */
 typedef struct tl_can_map {
     tl_can_slot *slots; /* sorted by id */
     size_t slot_count;
@@ -31,7 +31,7 @@ typedef struct tl_can_map {
     size_t id_count;
 } tl_can_map;
 
-/* false where memory is out. The channels are copied; they must be valid. */
+/* Whatever was in it. The channels are copied; they must be valid. false if memory is out: then it is empty. */
 bool tl_can_map_make(tl_can_map *map, const tl_can_channel *channels, size_t count);
 
 /* NULL where no channel has that id. A standard and an extended id of the same number are two. */

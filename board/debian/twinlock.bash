@@ -2,17 +2,26 @@
 # are never those of another version.
 # shellcheck shell=bash
 
+_twinlock_verbs() {
+    "$1" --help 2>/dev/null | sed -nE 's/^  ([a-z]+) .*/\1/p'
+}
+
 # The options of a verb, one a line, as in the help: "--db FILE", "--json".
 _twinlock_options() {
     "$1" "$2" --help 2>/dev/null | sed -nE 's/^ +(--[a-z-]+)( [A-Z][A-Z0-9|a-z]*)?( .*)?$/\1\2/p'
 }
 
+# The tables that the help lists.
+_twinlock_tables() {
+    "$1" show --help 2>/dev/null | sed -nE 's/^ +--csv TABLE .*: (.*)$/\1/p' | sed -E 's/, | or / /g'
+}
+
 # What may follow an option, by the word that the help has for it.
 _twinlock_value() {
-    case $1 in
-        FILE | DEVICE | CONFIG*) compgen -f -- "$2" ;;
-        DIR) compgen -d -- "$2" ;;
-        TABLE) compgen -W 'outputs adjustments steps samples events' -- "$2" ;;
+    case $2 in
+        FILE | DEVICE | CONFIG*) compgen -f -- "$3" ;;
+        DIR) compgen -d -- "$3" ;;
+        TABLE) compgen -W "$(_twinlock_tables "$1")" -- "$3" ;;
     esac
 }
 
@@ -27,15 +36,17 @@ _twinlock() {
     local options value
     COMPREPLY=()
     if ((COMP_CWORD == 1)); then
-        options=$("$1" --help 2>/dev/null | sed -nE 's/^  ([a-z]+) .*/\1/p')
-        mapfile -t COMPREPLY < <(compgen -W "$options --help --version" -- "$word")
+        mapfile -t COMPREPLY < <(compgen -W "$(_twinlock_verbs "$1") help --help --version" -- "$word")
+        return
+    elif [[ $verb == help ]]; then
+        mapfile -t COMPREPLY < <(compgen -W "$(_twinlock_verbs "$1")" -- "$word")
         return
     fi
     options=$(_twinlock_options "$1" "$verb")
     value=$(sed -n "s/^$before //p" <<<"$options")
     if [[ $before == --* && -n $value ]]; then
         compopt -o filenames 2>/dev/null
-        mapfile -t COMPREPLY < <(_twinlock_value "$value" "$word" | sort -u)
+        mapfile -t COMPREPLY < <(_twinlock_value "$1" "$value" "$word" | sort -u)
     elif [[ $word == -* ]]; then
         mapfile -t COMPREPLY < <(compgen -W "$(cut -d ' ' -f 1 <<<"$options")" -- "$word")
     else

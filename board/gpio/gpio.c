@@ -161,7 +161,11 @@ static void open_line(tl_plant_io *io, const tl_plant_io_sink *sink, input_line 
         return;
     }
     tl_reading reading;
-    tl_gpio_input_start(&own->input, tl_time_of_seconds(own->channel.debounce_s), level, stamp, &reading);
+    const tl_gpio_input_settings settings = {.debounce = tl_time_of_seconds(own->channel.debounce_s),
+                                             .level = level,
+                                             .stamp = stamp,
+                                             .missed = own->input.missed};
+    tl_gpio_input_start(&own->input, &settings, &reading);
     tl_backoff_reset(&own->backoff);
     (void)snprintf(text, sizeof text, "connected: line %u of %s%s", place.offset, place.chip,
                    tl_gpio_line_descriptor(own->line) < 0 ? ", without edges" : "");

@@ -6,11 +6,11 @@ static void fill(tl_gpio_input *input, tl_time stamp, tl_reading *reading) {
     *reading = (tl_reading){.value = input->debounce.level ? 1 : 0, .stamp = input->posted, .quality = TL_GOOD};
 }
 
-void tl_gpio_input_start(tl_gpio_input *input, tl_time debounce, bool level, tl_time stamp, tl_reading *reading) {
-    uint64_t missed = input->missed;
-    *input = (tl_gpio_input){.level = level, .seen = stamp, .posted = stamp, .missed = missed};
-    tl_gpio_debounce_start(&input->debounce, debounce, level);
-    fill(input, stamp, reading);
+void tl_gpio_input_start(tl_gpio_input *input, const tl_gpio_input_settings *settings, tl_reading *reading) {
+    *input = (tl_gpio_input){
+        .level = settings->level, .seen = settings->stamp, .posted = settings->stamp, .missed = settings->missed};
+    tl_gpio_debounce_start(&input->debounce, settings->debounce, settings->level);
+    fill(input, settings->stamp, reading);
 }
 
 static bool move(tl_gpio_input *input, bool level, tl_time stamp, tl_reading *reading) {

@@ -22,8 +22,16 @@ typedef struct tl_gpio_input {
     uint64_t missed; /* edges, at least */
 } tl_gpio_input;
 
-/* The first level; *reading is it. */
-void tl_gpio_input_start(tl_gpio_input *input, tl_time debounce, bool level, tl_time stamp, tl_reading *reading);
+/* What an input begins with. */
+typedef struct tl_gpio_input_settings {
+    tl_time debounce; /* ns; 0: every edge counts */
+    bool level;       /* the first, */
+    tl_time stamp;    /* and when it was read */
+    uint64_t missed;  /* edges, before it was lost and found again; 0 at first */
+} tl_gpio_input_settings;
+
+/* Whatever was in it. *reading is the first level. */
+void tl_gpio_input_start(tl_gpio_input *input, const tl_gpio_input_settings *settings, tl_reading *reading);
 
 /* Each of these returns true where there is something to post, and puts it into *reading. */
 

@@ -4,9 +4,9 @@
  */
 #include "board/modbus/modbus_codec.h"
 
-#include <float.h>
 #include <math.h>
-#include <string.h>
+
+#include "board/io/bits.h"
 
 bool tl_modbus_is_bit_table(tl_modbus_table table) {
     return table == TL_MODBUS_COIL || table == TL_MODBUS_DISCRETE;
@@ -57,25 +57,6 @@ static void part(const tl_modbus_channel *channel, uint64_t bits, uint16_t *regi
     }
 }
 
-/* Two's complement of so many bits. */
-static double signed_of(uint64_t bits, unsigned width) {
-    uint64_t sign = (uint64_t)1 << (width - 1);
-    return (double)((int64_t)(bits ^ sign) - (int64_t)sign);
-}
-
-static double float32_of(uint64_t bits) {
-    uint32_t word = (uint32_t)bits;
-    float value = 0;
-    memcpy(&value, &word, sizeof value);
-    return (double)value;
-}
-
-static double float64_of(uint64_t bits) {
-    double value = 0;
-    memcpy(&value, &bits, sizeof value);
-    return value;
-}
-
 bool tl_modbus_decode(const tl_modbus_channel *channel, const uint16_t *registers, double *value) {
     double raw = 0;
     switch (channel->type) {
@@ -87,16 +68,16 @@ bool tl_modbus_decode(const tl_modbus_channel *channel, const uint16_t *register
         raw = (double)join(channel, registers);
         break;
     case TL_MODBUS_INT16:
-        raw = signed_of(join(channel, registers), 16);
+        raw = tl_bits_to_signed(join(channel, registers), 16);
         break;
     case TL_MODBUS_INT32:
-        raw = signed_of(join(channel, registers), 32);
+        raw = tl_bits_to_signed(join(channel, registers), 32);
         break;
     case TL_MODBUS_FLOAT32:
-        raw = float32_of(join(channel, registers));
+        raw = tl_bits_to_float32(join(channel, registers));
         break;
     case TL_MODBUS_FLOAT64:
-        raw = float64_of(join(channel, registers));
+        raw = tl_bits_to_float64(join(channel, registers));
         break;
     }
     *value = raw * channel->scale + channel->offset;
@@ -113,22 +94,6 @@ static uint64_t integer_bits(double raw, double minimum, double maximum) {
         return 0;
     }
     return (uint64_t)(int64_t)fmin(fmax(round(raw), minimum), maximum);
-}
-
-static uint64_t float32_bits(double raw) {
-    float value = (float)raw;
-    if (isfinite(raw)) {
-        value = (float)fmin(fmax(raw, -(double)FLT_MAX), (double)FLT_MAX);
-    }
-    uint32_t word = 0;
-    memcpy(&word, &value, sizeof word);
-    return word;
-}
-
-static uint64_t float64_bits(double raw) {
-    uint64_t bits = 0;
-    memcpy(&bits, &raw, sizeof bits);
-    return bits;
 }
 
 void tl_modbus_encode(const tl_modbus_channel *channel, double value, uint16_t *registers) {
@@ -150,10 +115,10 @@ void tl_modbus_encode(const tl_modbus_channel *channel, double value, uint16_t *
         part(channel, integer_bits(raw, 0, UINT32_MAX), registers);
         break;
     case TL_MODBUS_FLOAT32:
-        part(channel, float32_bits(raw), registers);
+        part(channel, tl_bits_of_float32(raw), registers);
         break;
     case TL_MODBUS_FLOAT64:
-        part(channel, float64_bits(raw), registers);
+        part(channel, tl_bits_of_float64(raw), registers);
         break;
     }
 }

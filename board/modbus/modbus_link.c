@@ -3,13 +3,13 @@
 
 #include <errno.h>
 #include <poll.h>
+#include <stdio.h>
 
 #include "board/io/monotonic.h"
 
-bool tl_modbus_link_init(tl_modbus_link *link, const tl_modbus_link_kind *kind, tl_time timeout) {
-    link->kind = kind;
-    link->timeout = timeout;
-    link->descriptor = -1;
+bool tl_modbus_link_init(tl_modbus_link *link, const tl_modbus_link_settings *settings) {
+    *link = (tl_modbus_link){.kind = settings->kind, .timeout = settings->timeout, .descriptor = -1};
+    (void)snprintf(link->name, sizeof link->name, "%s", settings->name);
     return tl_wake_make(&link->wake);
 }
 

@@ -13,6 +13,8 @@
 #include "board/modbus/modbus_frame.h"
 #include "board/modbus/modbus_line.h"
 
+enum { TL_MODBUS_LINK_NAME = 160 }; /* bytes, the end included */
+
 typedef struct tl_modbus_link tl_modbus_link;
 
 /* What has happened to an open link since it was asked last. */
@@ -47,10 +49,10 @@ typedef struct tl_modbus_link_kind {
 
 struct tl_modbus_link {
     const tl_modbus_link_kind *kind;
-    char name[160];  /* for people: "Modbus server HOST:PORT" */
-    tl_time timeout; /* ns; of one response */
-    int descriptor;  /* −1: not connected */
-    tl_wake wake;    /* of a thread that connects or asks */
+    char name[TL_MODBUS_LINK_NAME]; /* for people: "Modbus server HOST:PORT" */
+    tl_time timeout;                /* ns; of one response */
+    int descriptor;                 /* −1: not connected */
+    tl_wake wake;                   /* of a thread that connects or asks */
 };
 
 /* To an address or name; NULL where a resource is missing, errno says which. Does not connect. any_unit_id: answers may name
@@ -60,8 +62,16 @@ tl_modbus_link *tl_modbus_tcp_make(const char *host, uint16_t port, bool any_uni
 /* To a serial line; the same. */
 tl_modbus_link *tl_modbus_rtu_make(const tl_modbus_line *line, tl_time timeout);
 
-/* For the kinds: the part that all have. false where a resource is missing. */
-bool tl_modbus_link_init(tl_modbus_link *link, const tl_modbus_link_kind *kind, tl_time timeout);
+/* For the kinds: what they begin the part that all have with. */
+typedef struct tl_modbus_link_settings {
+    const tl_modbus_link_kind *kind;
+    tl_time timeout;  /* ns; of one response */
+    const char *name; /* for people; copied */
+} tl_modbus_link_settings;
+
+/* Not connected. false if a resource is missing, and errno says which; nothing needs to be
+ * done() then. */
+bool tl_modbus_link_init(tl_modbus_link *link, const tl_modbus_link_settings *settings);
 void tl_modbus_link_done(tl_modbus_link *link);
 
 /* Waits until `descriptor` has one of `events` (of poll()), or is hung up. 0, or errno: ETIMEDOUT, EINTR if `wake` was

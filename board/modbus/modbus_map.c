@@ -69,8 +69,7 @@ static size_t group(const tl_modbus_map *map, size_t first, size_t slots, tl_mod
 
 bool tl_modbus_map_make(tl_modbus_map *map, const tl_modbus_channel *channels, size_t count) {
     size_t room = count > 0 ? count : 1;
-    map->slots = calloc(room, sizeof *map->slots);
-    map->reads = calloc(room, sizeof *map->reads);
+    *map = (tl_modbus_map){.slots = calloc(room, sizeof *map->slots), .reads = calloc(room, sizeof *map->reads)};
     if (map->slots == NULL || map->reads == NULL) {
         tl_modbus_map_release(map);
         return false;

@@ -45,7 +45,7 @@ typedef struct tl_modbus_slot {
     size_t index; /* of the channel in the list */
 } tl_modbus_slot;
 
-/* Placed by the owner; zeroed is empty. */
+/* Placed by the owner. */
 typedef struct tl_modbus_map {
     tl_modbus_slot *slots; /* sorted by unit, table, address */
     size_t slot_count;
@@ -53,7 +53,7 @@ typedef struct tl_modbus_map {
     size_t read_count;
 } tl_modbus_map;
 
-/* false where memory is out. The channels are copied; they must be valid. */
+/* Whatever was in it. The channels are copied; they must be valid. false if memory is out: then it is empty. */
 bool tl_modbus_map_make(tl_modbus_map *map, const tl_modbus_channel *channels, size_t count);
 
 /* Back to the coarsest grain, troubles forgotten. */

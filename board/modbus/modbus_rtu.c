@@ -252,13 +252,15 @@ tl_modbus_link *tl_modbus_rtu_make(const tl_modbus_line *line, tl_time timeout) 
     if (rtu == NULL) {
         return NULL;
     }
+    char name[TL_MODBUS_LINK_NAME];
+    const tl_modbus_link_settings settings = {.kind = &RTU, .timeout = timeout, .name = name};
     rtu->device = strdup(line->device);
     rtu->context = modbus_new_rtu(line->device, (int)line->baud, line->parity, 8, line->stop_bits);
     rtu->rs485 = line->rs485;
     rtu->character = character_time(line);
     rtu->quiet = line->baud > 19200 ? QUIET_WHERE_FAST : 7 * rtu->character / 2;
-    (void)snprintf(rtu->link.name, sizeof rtu->link.name, "Modbus line %.120s", line->device);
-    if (rtu->device == NULL || rtu->context == NULL || !tl_modbus_link_init(&rtu->link, &RTU, timeout)) {
+    (void)snprintf(name, sizeof name, "Modbus line %.120s", line->device);
+    if (rtu->device == NULL || rtu->context == NULL || !tl_modbus_link_init(&rtu->link, &settings)) {
         modbus_free(rtu->context);
         free(rtu->device);
         free(rtu);

@@ -199,11 +199,13 @@ tl_modbus_link *tl_modbus_tcp_make(const char *host, uint16_t port, bool any_uni
     if (tcp == NULL) {
         return NULL;
     }
+    char name[TL_MODBUS_LINK_NAME];
+    const tl_modbus_link_settings settings = {.kind = &TCP, .timeout = timeout, .name = name};
     tcp->host = strdup(host);
     tcp->any_unit_id = any_unit_id;
     (void)snprintf(tcp->service, sizeof tcp->service, "%u", (unsigned)port);
-    (void)snprintf(tcp->link.name, sizeof tcp->link.name, "Modbus server %.80s:%s", host, tcp->service);
-    if (tcp->host == NULL || !tl_modbus_link_init(&tcp->link, &TCP, timeout)) {
+    (void)snprintf(name, sizeof name, "Modbus server %.80s:%s", host, tcp->service);
+    if (tcp->host == NULL || !tl_modbus_link_init(&tcp->link, &settings)) {
         free(tcp->host);
         free(tcp);
         return NULL;

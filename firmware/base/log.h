@@ -35,13 +35,17 @@ void tl_log(tl_log_level level, const char *format, ...) TL_PRINTF(2, 3);
 /* What a line of this level begins with, of at most TL_LOG_PREFIX bytes: for who cannot call tl_log() when it has something to say. */
 void tl_log_prefix(tl_log_level level, char *prefix, size_t size);
 
-/* Set `per_second`, zero the rest. */
+/* Begins as TL_LOG_LIMITER(). Fields are private. */
 typedef struct tl_log_limiter {
     uint32_t per_second;
-    uint32_t second;    /* private */
-    uint32_t in_second; /* private */
-    uint32_t dropped;   /* private */
+    uint32_t second;
+    uint32_t in_second;
+    uint32_t dropped;
 } tl_log_limiter;
+
+/* What a limiter of so many messages a second is initialised with. */
+#define TL_LOG_LIMITER(messages)                                                                                       \
+    { .per_second = (messages) }
 
 /* May be called from several threads with the same limiter. */
 void tl_log_limited(tl_log_limiter *limiter, tl_log_level level, const char *format, ...) TL_PRINTF(3, 4);

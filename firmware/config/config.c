@@ -10,6 +10,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include "firmware/base/other_case.h"
 #include "firmware/base/sha256.h"
 #include "firmware/base/shortage.h"
 #include "firmware/config/config_parts.h"
@@ -179,10 +180,12 @@ static ssize_t read_all(int file, char *buffer, size_t room) {
 }
 
 /* The report knows the file's name. */
-static tl_status report_file(tl_report *report) {
+static tl_status report_file(const char *path, tl_report *report) {
     bool passing = tl_shortage_is(errno) || errno == EIO;
     tl_status status = passing ? TL_TRY_AGAIN : TL_BAD_DATA;
-    tl_report_add(report, status, "", "the configuration cannot be read: %s", strerror(errno));
+    const char *why = strerror(errno);
+    char other[TL_OTHER_CASE_TEXT];
+    tl_report_add(report, status, "", "the configuration cannot be read: %s%s", why, tl_other_case(path, other));
     return status;
 }
 
@@ -191,7 +194,7 @@ tl_status tl_config_read(const char *path, tl_config *config, tl_report *report)
     memset(config, 0, sizeof *config);
     int file = open(path, O_RDONLY | O_CLOEXEC | O_NOCTTY);
     if (file < 0) {
-        return report_file(report);
+        return report_file(path, report);
     }
     tl_status status = TL_OK;
     char *buffer = malloc(ROOM);
@@ -199,7 +202,7 @@ tl_status tl_config_read(const char *path, tl_config *config, tl_report *report)
         status = out_of_memory(report);
     } else {
         ssize_t size = read_all(file, buffer, ROOM);
-        status = size < 0 ? report_file(report) : tl_config_read_text(path, buffer, (size_t)size, config, report);
+        status = size < 0 ? report_file(path, report) : tl_config_read_text(path, buffer, (size_t)size, config, report);
     }
     free(buffer);
     (void)close(file);

@@ -6,7 +6,7 @@
 
 #include "firmware/config/json_document.h"
 #include "firmware/text/json_text.h"
-#include "firmware/text/nearest.h"
+#include "master/base/nearest.h"
 #include "master/base/signal.h"
 
 enum { NAME_CHARS = 63, FOUND = 128, EXPECTED = 160 };

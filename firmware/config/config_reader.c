@@ -8,7 +8,7 @@
 #include <string.h>
 
 #include "firmware/text/json_text.h"
-#include "firmware/text/nearest.h"
+#include "master/base/nearest.h"
 
 enum { FOUND = 128, EXPECTED = 320 };
 

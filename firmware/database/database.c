@@ -21,6 +21,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include "firmware/base/other_case.h"
 #include "firmware/database/database_guard.h"
 #include "firmware/database/database_schema.h"
 #include "firmware/database/database_sql.h"
@@ -184,7 +185,9 @@ tl_status tl_database_open(const char *path, bool write, sqlite3 **database, tl_
     *database = NULL;
     if (stat(path, &file) != 0) {
         tl_status status = errno == ENOENT || errno == ENOTDIR ? TL_BAD_DATA : TL_TRY_AGAIN;
-        return tl_fail(error, status, "%s: %s", path, strerror(errno));
+        const char *why = strerror(errno);
+        char other[TL_OTHER_CASE_TEXT];
+        return tl_fail(error, status, "%s: %s%s", path, why, tl_other_case(path, other));
     }
     if (!S_ISREG(file.st_mode)) {
         return tl_fail(error, TL_BAD_DATA, "%s: is no ordinary file", path);

@@ -8,9 +8,10 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/ioctl.h>
 #include <sys/socket.h>
 #include <unistd.h>
+
+#include "board/can/can_interface.h"
 
 struct tl_plant_bus {
     char interface[IFNAMSIZ];
@@ -93,26 +94,18 @@ size_t tl_plant_bus_plan(const tl_can_channel *channels, size_t count, tl_plant_
 
 /* ---- sending ---- */
 
-static bool ask(const tl_plant_bus *bus, int socket, unsigned long question, struct ifreq *answer) {
-    memset(answer, 0, sizeof *answer);
-    memcpy(answer->ifr_name, bus->interface, sizeof answer->ifr_name);
-    return ioctl(socket, question, answer) == 0;
-}
-
 /* A socket at the interface that hears nothing; −1, and errno. */
 static int open_socket(const tl_plant_bus *bus) {
     int one = 1;
-    struct ifreq answer;
-    int made = socket(PF_CAN, SOCK_RAW | SOCK_NONBLOCK | SOCK_CLOEXEC, CAN_RAW);
+    int made = tl_can_interface_open();
     if (made < 0) {
         return -1;
     }
     (void)setsockopt(made, SOL_CAN_RAW, CAN_RAW_FD_FRAMES, &one, sizeof one);
-    if (setsockopt(made, SOL_CAN_RAW, CAN_RAW_FILTER, &one, 0) == 0 && ask(bus, made, SIOCGIFINDEX, &answer)) {
-        struct sockaddr_can address = {.can_family = AF_CAN, .can_ifindex = answer.ifr_ifindex};
-        if (bind(made, (const struct sockaddr *)&address, sizeof address) == 0) {
-            return made;
-        }
+    int index =
+        setsockopt(made, SOL_CAN_RAW, CAN_RAW_FILTER, &one, 0) == 0 ? tl_can_interface_index(made, bus->interface) : 0;
+    if (index != 0 && tl_can_interface_bind(made, index)) {
+        return made;
     }
     int failure = errno;
     (void)close(made);
@@ -184,16 +177,13 @@ static bool needs_fd(const tl_plant_bus *bus) {
 }
 
 static tl_status check_interface(tl_plant_bus *bus, bool real, tl_error *error) {
-    struct ifreq size;
+    tl_can_state state;
     bus->socket = open_socket(bus);
     if (bus->socket < 0) {
-        bool none = errno == EAFNOSUPPORT || errno == EPROTONOSUPPORT;
         return tl_fail(error, TL_TRY_AGAIN,
                        "CAN interface %s cannot be used: %s; a virtual one is made by `ip link add "
                        "%s type vcan` and `ip link set %s up`",
-                       bus->interface,
-                       none ? "this kernel has no CAN: load its modules (`modprobe can-raw`)" : strerror(errno),
-                       bus->interface, bus->interface);
+                       bus->interface, tl_can_interface_failure(errno), bus->interface, bus->interface);
     }
     if (!real && !is_virtual(bus->interface)) {
         return tl_fail(error, TL_BAD_USAGE,
@@ -201,7 +191,7 @@ static tl_status check_interface(tl_plant_bus *bus, bool real, tl_error *error) 
                        "its bus: use a virtual interface (vcan), or say --real-bus where that is meant",
                        bus->interface);
     }
-    if (needs_fd(bus) && (!ask(bus, bus->socket, SIOCGIFMTU, &size) || size.ifr_mtu < (int)CANFD_MTU)) {
+    if (needs_fd(bus) && !(tl_can_interface_look(bus->socket, bus->interface, &state) && state.fd)) {
         return tl_fail(error, TL_TRY_AGAIN,
                        "CAN interface %s does not take frames of CAN FD: for a virtual one, "
                        "`ip link set %s mtu 72` while it is down",

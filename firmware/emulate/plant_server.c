@@ -11,15 +11,15 @@
 #include <netinet/tcp.h>
 #include <poll.h>
 #include <pthread.h>
-#include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/eventfd.h>
 #include <sys/socket.h>
 #include <unistd.h>
 
+#include "board/io/wake.h"
 #include "firmware/base/c_locale.h"
+#include "firmware/base/side_thread.h"
 #include "firmware/process/crash.h"
 
 enum {
@@ -49,7 +49,7 @@ typedef struct client {
 
 struct tl_plant_server {
     int listener;
-    int wake; /* eventfd: stop */
+    tl_wake wake; /* called: stop */
     uint16_t port;
     pthread_t thread;
     tl_modbus_channel *channels;
@@ -297,7 +297,7 @@ static void *run(void *context) {
     tl_locale_use();
     tl_crash_enter(TL_CRASH_OURS);
     for (;;) {
-        struct pollfd ready[2 + TL_PLANT_SERVER_CLIENTS] = {{.fd = server->wake, .events = POLLIN},
+        struct pollfd ready[2 + TL_PLANT_SERVER_CLIENTS] = {{.fd = server->wake.descriptor, .events = POLLIN},
                                                             {.fd = server->listener, .events = POLLIN}};
         for (size_t i = 0; i < server->client_count; i++) {
             ready[2 + i].fd = server->clients[i].socket;
@@ -375,15 +375,9 @@ static tl_status open_listener(tl_plant_server *server, const tl_plant_server_se
 }
 
 static tl_status start_thread(tl_plant_server *server, tl_error *error) {
-    sigset_t all;
-    sigset_t before;
-    server->wake = eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC);
-    int failure = server->wake < 0 ? errno : 0;
+    int failure = tl_wake_make(&server->wake) ? 0 : errno;
     if (failure == 0) {
-        (void)sigfillset(&all);
-        (void)pthread_sigmask(SIG_SETMASK, &all, &before); /* inherited by the thread */
-        failure = pthread_create(&server->thread, NULL, run, server);
-        (void)pthread_sigmask(SIG_SETMASK, &before, NULL);
+        failure = tl_side_thread_start(&server->thread, 0, run, server);
     }
     if (failure != 0) {
         return tl_fail(error, TL_TRY_AGAIN, "emulated Modbus device: no thread: %s", strerror(failure));
@@ -399,9 +393,7 @@ static void release(tl_plant_server *server) {
     if (server->listener >= 0) {
         (void)close(server->listener);
     }
-    if (server->wake >= 0) {
-        (void)close(server->wake);
-    }
+    tl_wake_release(&server->wake);
     for (size_t i = 0; i < server->region_count; i++) {
         free(server->regions[i].words);
     }
@@ -417,7 +409,7 @@ tl_status tl_plant_server_start(const tl_plant_server_settings *settings, tl_pla
         return tl_fail(error, TL_TRY_AGAIN, "emulated Modbus device: out of memory");
     }
     made->listener = -1;
-    made->wake = -1;
+    made->wake.descriptor = -1;
     (void)pthread_mutex_init(&made->lock, NULL);
     tl_status status = make_regions(made, settings, error);
     if (status == TL_OK) {
@@ -447,9 +439,7 @@ tl_plant_server_counts tl_plant_server_count(tl_plant_server *server) {
 }
 
 void tl_plant_server_stop(tl_plant_server *server) {
-    uint64_t one = 1;
-    ssize_t written = write(server->wake, &one, sizeof one);
-    (void)written;
+    tl_wake_call(&server->wake);
     (void)pthread_join(server->thread, NULL);
     release(server);
 }

@@ -363,7 +363,7 @@ void tl_fmu_guard_tick(void) {
     char names[TL_HOST_CHANGE_TEXT];
     unsigned fresh = tl_host_state_put_back() & ~told;
     if (fresh != 0) {
-        static tl_log_limiter limiter = {.per_second = 1};
+        static tl_log_limiter limiter = TL_LOG_LIMITER(1);
         told |= fresh;
         tl_host_state_describe(fresh, names);
         tl_log_limited(&limiter, TL_LOG_WARNING,

@@ -14,12 +14,12 @@ enum { LOGGERS = TL_FMU_CALL_FMUS, WORD_TEXT = 80 };
 /* The loggers that are open, so that an environment can be known before it is used; and what is left for messages of
  * nobody. The callback has nothing else to go by. */
 static tl_fmu_logger *known[LOGGERS];
-static tl_log_limiter unknown = {.per_second = TL_FMU_MESSAGES_PER_SECOND};
+static tl_log_limiter unknown = TL_LOG_LIMITER(TL_FMU_MESSAGES_PER_SECOND);
 
 void tl_fmu_logger_open(tl_fmu_logger *logger, const char *name, const char *generator) {
     *logger = (tl_fmu_logger){
         .plain = strncmp(generator, "PythonFMU", strlen("PythonFMU")) == 0,
-        .limiter = {.per_second = TL_FMU_MESSAGES_PER_SECOND},
+        .limiter = TL_LOG_LIMITER(TL_FMU_MESSAGES_PER_SECOND),
     };
     (void)snprintf(logger->name, sizeof logger->name, "%s", name);
     for (size_t i = 0; i < LOGGERS; i++) {

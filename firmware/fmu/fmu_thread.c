@@ -108,7 +108,7 @@ tl_status tl_fmu_thread_start(tl_time limit, tl_fmu_thread **thread, tl_error *e
     (void)tl_host_state_handle(SIGUSR1, &action, NULL);
     (void)pthread_mutex_init(&made->lock, NULL);
     make_condition(&made->changed);
-    made->patience.limit = limit;
+    tl_fmu_patience_init(&made->patience, limit);
     int result = make_thread(made);
     if (result != 0) {
         destroy(made);

@@ -7,8 +7,6 @@
 
 #include <errno.h>
 #include <pthread.h>
-#include <sched.h>
-#include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -16,6 +14,7 @@
 
 #include "firmware/base/c_locale.h"
 #include "firmware/base/clock.h"
+#include "firmware/base/side_thread.h"
 #include "firmware/process/crash.h"
 
 /* Drivers need little; the name resolver is the deepest. With mlockall() all of it is real memory. */
@@ -124,28 +123,10 @@ void tl_plant_readers_stop(tl_plant_readers *readers) {
     free(readers);
 }
 
-/* Ordinary scheduling, whatever the caller runs under. */
-static int make_attributes(pthread_attr_t *attributes) {
-    int failure = pthread_attr_init(attributes);
-    if (failure == 0) {
-        const struct sched_param ordinary = {.sched_priority = 0};
-        (void)pthread_attr_setstacksize(attributes, STACK);
-        (void)pthread_attr_setinheritsched(attributes, PTHREAD_EXPLICIT_SCHED);
-        (void)pthread_attr_setschedpolicy(attributes, SCHED_OTHER);
-        (void)pthread_attr_setschedparam(attributes, &ordinary);
-    }
-    return failure;
-}
-
-static int start_thread(worker *own, const pthread_attr_t *attributes) {
+static int start_thread(worker *own) {
     char name[NAME];
-    sigset_t all;
-    sigset_t before;
-    (void)sigfillset(&all);
-    (void)pthread_sigmask(SIG_SETMASK, &all, &before); /* inherited by the thread */
     (void)__atomic_add_fetch(&own->readers->running, 1, __ATOMIC_RELAXED);
-    int failure = pthread_create(&own->thread, attributes, run, own);
-    (void)pthread_sigmask(SIG_SETMASK, &before, NULL);
+    int failure = tl_side_thread_start(&own->thread, STACK, run, own);
     if (failure == 0) {
         (void)snprintf(name, sizeof name, "io %.12s", own->source->name);
         (void)pthread_setname_np(own->thread, name);
@@ -175,16 +156,11 @@ static tl_plant_readers *make(const tl_plant_source *sources, size_t count) {
 
 /* 0, or errno of the first thread that could not be started. */
 static int start_all(tl_plant_readers *readers) {
-    pthread_attr_t attributes;
-    int failure = make_attributes(&attributes);
-    if (failure != 0) {
-        return failure;
-    }
+    int failure = 0;
     while (readers->started < readers->source_count && failure == 0) {
-        failure = start_thread(&readers->workers[readers->started], &attributes);
+        failure = start_thread(&readers->workers[readers->started]);
         readers->started += failure == 0 ? 1 : 0;
     }
-    (void)pthread_attr_destroy(&attributes);
     return failure;
 }
 

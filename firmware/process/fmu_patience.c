@@ -2,7 +2,6 @@
 #include "firmware/process/fmu_patience.h"
 
 #include <stdio.h>
-#include <stdlib.h>
 
 #include "firmware/base/clock.h"
 #include "firmware/process/interrupt.h"
@@ -11,17 +10,8 @@
 /* Signals that come within this time, from a terminal and a supervisor, ask once. */
 static const tl_time AGAIN = TL_SECOND;
 
-bool tl_fmu_patience_parse(const char *verb, const char *text, tl_time *limit) {
-    char *end = NULL;
-    double seconds = strtod(text, &end);
-    if (end == text || *end != '\0' || !(seconds > 0.0 && seconds < 1e9)) {
-        (void)fprintf(stderr,
-                      "twinlock %s: --call-limit: found \"%s\", expected seconds > 0 and below 1e9, for example 600\n",
-                      verb, text);
-        return false;
-    }
-    *limit = tl_time_of_seconds(seconds);
-    return true;
+void tl_fmu_patience_init(tl_fmu_patience *patience, tl_time limit) {
+    *patience = (tl_fmu_patience){.limit = limit};
 }
 
 static void note_time(tl_fmu_patience *patience, const tl_fmu_patience_view *view) {

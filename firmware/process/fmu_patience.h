@@ -22,18 +22,18 @@
 /* Unless told otherwise: loading and instantiating may take long. */
 #define TL_FMU_PATIENCE_CALL (60 * TL_SECOND)
 
-/* The value of an option --call-limit: seconds. False: it is none, which was said. */
-bool tl_fmu_patience_parse(const char *verb, const char *text, tl_time *limit);
-
-/* Set `limit`, zero the rest. */
+/* Fields are private. */
 typedef struct tl_fmu_patience {
     tl_time limit;  /* ns of one call; 0: none */
-    tl_time looked; /* private, as all below; 0: never */
+    tl_time looked; /* 0: never */
     uint32_t begun; /* the call seen last */
     tl_time lasted; /* as seen: how long that call is under way */
     tl_time asked;  /* how long ago the program was asked to end, */
     unsigned times; /* and how often, within the first second */
 } tl_fmu_patience;
+
+/* `limit`: ns of one call; 0: none. */
+void tl_fmu_patience_init(tl_fmu_patience *patience, tl_time limit);
 
 /* What is seen in a look. */
 typedef struct tl_fmu_patience_view {

@@ -5,7 +5,7 @@
 #include <string.h>
 #include <sys/mman.h>
 
-#include "firmware/base/snapshot.h"
+#include "firmware/base/latest.h"
 
 struct tl_heartbeats {
     tl_heart hearts[TL_HEARTBEATS];
@@ -13,7 +13,7 @@ struct tl_heartbeats {
     bool ready;
     uint32_t farewell; /* exit code · 256 + why */
     tl_fmu_calls calls;
-    tl_snapshot status;
+    tl_latest status;
 };
 
 enum { FAREWELL_BITS = 8 };
@@ -80,7 +80,7 @@ void tl_heartbeats_set_status(tl_heartbeats *beats, const char *text) {
     char line[TL_HEARTBEAT_STATUS] = "";
     if (beats != NULL) {
         (void)snprintf(line, sizeof line, "%s", text);
-        tl_snapshot_publish(&beats->status, line, sizeof line);
+        tl_latest_publish(&beats->status, line, sizeof line);
     }
 }
 
@@ -148,5 +148,5 @@ bool tl_heartbeats_is_ready(const tl_heartbeats *beats) {
 }
 
 bool tl_heartbeats_get_status(const tl_heartbeats *beats, char text[TL_HEARTBEAT_STATUS]) {
-    return tl_snapshot_read(&beats->status, text, TL_HEARTBEAT_STATUS);
+    return tl_latest_read(&beats->status, text, TL_HEARTBEAT_STATUS);
 }

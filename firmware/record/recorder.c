@@ -7,7 +7,6 @@
 #include "firmware/record/recorder.h"
 
 #include <pthread.h>
-#include <signal.h>
 #include <sqlite3.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -16,6 +15,7 @@
 
 #include "firmware/base/c_locale.h"
 #include "firmware/base/log.h"
+#include "firmware/base/side_thread.h"
 #include "firmware/process/crash.h"
 #include "firmware/record/recorder_database.h"
 #include "firmware/record/recorder_entry.h"
@@ -460,28 +460,6 @@ static void make_lock(tl_recorder *recorder) {
     (void)pthread_mutex_init(&recorder->lock, NULL);
 }
 
-/* At ordinary priority also where the caller runs in real time, and with all signals left to others. */
-static int start_thread(tl_recorder *recorder) {
-    const struct sched_param ordinary = {.sched_priority = 0};
-    pthread_attr_t attributes;
-    sigset_t all;
-    sigset_t before;
-    int code = pthread_attr_init(&attributes);
-    if (code != 0) {
-        return code;
-    }
-    (void)pthread_attr_setstacksize(&attributes, STACK);
-    (void)pthread_attr_setinheritsched(&attributes, PTHREAD_EXPLICIT_SCHED);
-    (void)pthread_attr_setschedpolicy(&attributes, SCHED_OTHER);
-    (void)pthread_attr_setschedparam(&attributes, &ordinary);
-    (void)sigfillset(&all);
-    (void)pthread_sigmask(SIG_SETMASK, &all, &before);
-    code = pthread_create(&recorder->thread, &attributes, run_writer, recorder);
-    (void)pthread_sigmask(SIG_SETMASK, &before, NULL);
-    (void)pthread_attr_destroy(&attributes);
-    return code;
-}
-
 static void destroy(tl_recorder *recorder) {
     tl_recorder_database_close(recorder->database);
     tl_recorder_ring_close(&recorder->ring);
@@ -503,7 +481,7 @@ static tl_status start(tl_recorder *recorder, const tl_recorder_settings *settin
     recorder->wait_when_full = settings->wait_when_full;
     recorder->patience = settings->patience != 0 ? settings->patience : PATIENCE;
     recorder->lost_said_at = now() - LOSS_PAUSE;
-    recorder->limiter.per_second = 5;
+    recorder->limiter = (tl_log_limiter)TL_LOG_LIMITER(5);
     if (recorder->path == NULL || !tl_recorder_ring_open(&recorder->ring, ring_size(settings, &recorder->shape))) {
         return tl_fail(error, TL_TRY_AGAIN, "%s: out of memory", settings->path);
     }
@@ -513,7 +491,7 @@ static tl_status start(tl_recorder *recorder, const tl_recorder_settings *settin
     }
     recorder->run = tl_recorder_database_run(recorder->database);
     recorder->heart = tl_heart_begin(settings->beats, "recorder", PATIENCE_OF_WRITER);
-    int code = start_thread(recorder);
+    int code = tl_side_thread_start(&recorder->thread, STACK, run_writer, recorder);
     return code == 0 ? TL_OK
                      : tl_fail(error, TL_TRY_AGAIN, "%s: no thread to write it: %s", settings->path, strerror(code));
 }

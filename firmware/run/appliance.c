@@ -133,11 +133,11 @@ static tl_status resume(appliance *self, tl_error *error) {
         .assembly = self->assembly, .path = path, .recorder = self->recorder, .journal = &self->journal};
     tl_status status = tl_resume(&settings, &self->resumed, &spoilt, error);
     if (status == TL_OK && spoilt) {
-        self->journal.recorder = NULL;
+        tl_journal_use_recorder(&self->journal, NULL);
         status = tl_recorder_close(self->recorder, "could not go on with an earlier run", NULL, error);
         self->recorder = NULL;
         status = status == TL_OK ? open_recorder(self, error) : status;
-        self->journal.recorder = self->recorder;
+        tl_journal_use_recorder(&self->journal, self->recorder);
     }
     return status;
 }
@@ -257,7 +257,7 @@ static tl_status close_all(appliance *self, tl_status status, tl_summary *summar
             *error = later;
             status = closed;
         }
-        self->journal.recorder = NULL;
+        tl_journal_use_recorder(&self->journal, NULL);
     }
     tl_journal_drain(&self->journal);
     return status;

@@ -11,6 +11,7 @@
 #include "firmware/base/heap.h"
 #include "firmware/base/identity.h"
 #include "firmware/base/log.h"
+#include "firmware/base/other_case.h"
 #include "firmware/fmu/library.h"
 
 enum { PLANT_NAME = 80 }; /* "plant." and at most 63 characters */
@@ -70,11 +71,12 @@ static void load_component(tl_assembly *assembly, size_t index) {
     tl_plan_component *component = &assembly->components[index];
     char path[PATH_MAX];
     if (!tl_config_fmu_path(&assembly->config, configured->fmu, path, sizeof path)) {
+        char other[TL_OTHER_CASE_TEXT];
         tl_report_add(
             &assembly->problems.report, TL_BAD_DATA, configured->where,
             "no file \"%s\" here, in TWINLOCK_FMU_PATH, or in ../fmus or ../lib/twinlock/fmus beside the program (looked "
-            "for \"%s\" first)",
-            configured->fmu, path);
+            "for \"%s\" first)%s",
+            configured->fmu, path, tl_other_case(path, other));
         return;
     }
     const tl_fmu *fmu = load_fmu(assembly, path, configured->where);

@@ -6,7 +6,7 @@
 
 #include "firmware/base/c_locale.h"
 #include "firmware/base/clock.h"
-#include "firmware/base/snapshot.h"
+#include "firmware/base/latest.h"
 #include "firmware/fmu/fmu_guard.h"
 #include "firmware/process/host_state.h"
 #include "firmware/run/checkpointer.h"
@@ -27,7 +27,7 @@ struct tl_cycle {
     tl_status status;
     tl_error error;
     tl_cycle_status shown;
-    tl_snapshot snapshot;
+    tl_latest published; /* the same, for other threads */
 };
 
 static bool is_stopped(const tl_cycle *cycle) {
@@ -41,7 +41,7 @@ static void show(tl_cycle *cycle) {
     cycle->shown.ticks = cycle->summary.ticks;
     cycle->shown.skipped = cycle->summary.skipped;
     cycle->shown.deadline_misses = cycle->summary.deadline_misses;
-    tl_snapshot_publish(&cycle->snapshot, &cycle->shown, sizeof cycle->shown);
+    tl_latest_publish(&cycle->published, &cycle->shown, sizeof cycle->shown);
 }
 
 static void keep(tl_cycle *cycle, int64_t tick, const tl_record *record) {
@@ -204,7 +204,7 @@ tl_status tl_cycle_start(const tl_cycle_settings *settings, tl_cycle **cycle, tl
 }
 
 bool tl_cycle_status_now(const tl_cycle *cycle, tl_cycle_status *status) {
-    return tl_snapshot_read(&cycle->snapshot, status, sizeof *status);
+    return tl_latest_read(&cycle->published, status, sizeof *status);
 }
 
 tl_status tl_cycle_stop(tl_cycle *cycle, tl_summary *summary, tl_error *error) {

@@ -15,6 +15,15 @@ void tl_journal_init(tl_journal *journal, tl_recorder *recorder) {
     }
 }
 
+void tl_journal_use_recorder(tl_journal *journal, tl_recorder *recorder) {
+    journal->recorder = recorder;
+}
+
+void tl_journal_listen(tl_journal *journal, tl_journal_listener *hear, void *context) {
+    journal->hear = hear;
+    journal->listener = context;
+}
+
 /* A slot to write to, or NULL when all are taken. Slot i is free for the writer of number n when its turn is n. */
 static tl_journal_entry *claim(tl_journal *journal, uint64_t *number) {
     *number = __atomic_load_n(&journal->head, __ATOMIC_RELAXED);

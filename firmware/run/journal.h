@@ -16,16 +16,19 @@
 enum { TL_JOURNAL_ENTRIES = 256, TL_JOURNAL_TEXT = 224 };
 
 typedef struct tl_journal_entry {
-    uint64_t turn; /* private: whose turn the slot is */
+    uint64_t turn; /* whose turn the slot is */
     tl_severity severity;
     char source[16];
     char text[TL_JOURNAL_TEXT];
 } tl_journal_entry;
 
+typedef void tl_journal_listener(void *context, int64_t tick, tl_severity severity, const char *source,
+                                 const char *text);
+
+/* Fields are private. */
 typedef struct tl_journal {
-    tl_recorder *recorder; /* NULL: events are only logged */
-    /* Hears every event in the thread that tells it; NULL: nobody does. For a journal that has one such thread. */
-    void (*hear)(void *listener, int64_t tick, tl_severity severity, const char *source, const char *text);
+    tl_recorder *recorder;     /* NULL: events are only logged */
+    tl_journal_listener *hear; /* NULL: nobody does */
     void *listener;
     uint64_t head; /* next to write */
     uint64_t tail; /* next to read */
@@ -33,7 +36,14 @@ typedef struct tl_journal {
     tl_journal_entry entries[TL_JOURNAL_ENTRIES];
 } tl_journal;
 
+/* `recorder` may be NULL: events are only logged. */
 void tl_journal_init(tl_journal *journal, tl_recorder *recorder);
+
+/* From now on events go to this recorder; NULL: they are only logged. While nobody tells any. */
+void tl_journal_use_recorder(tl_journal *journal, tl_recorder *recorder);
+
+/* From now on `hear` is called with every event, in the thread that tells it. For a journal that has one such thread. */
+void tl_journal_listen(tl_journal *journal, tl_journal_listener *hear, void *context);
 
 /* As tl_recorder_event(); `tick` −1 where it belongs to none. */
 void tl_journal_event(tl_journal *journal, int64_t tick, tl_severity severity, const char *source, const char *format,

@@ -78,8 +78,7 @@ static void hear(void *context, int64_t tick, tl_severity severity, const char *
 }
 
 void tl_replay_report_listen(tl_replay_report *report, tl_journal *journal) {
-    journal->hear = hear;
-    journal->listener = report;
+    tl_journal_listen(journal, hear, report);
 }
 
 static void gather_adjusted(const tl_config *config, const tl_summary *summary, tl_html_figures *figures) {

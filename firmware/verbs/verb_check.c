@@ -1,5 +1,4 @@
 /* twinlock check: validates everything without running. */
-#include <getopt.h>
 #include <inttypes.h>
 #include <math.h>
 #include <stdio.h>
@@ -8,73 +7,14 @@
 #include "firmware/base/log.h"
 #include "firmware/config/measurements.h"
 #include "firmware/fmu/fmu_thread.h"
-#include "firmware/process/fmu_patience.h"
 #include "firmware/process/interrupt.h"
 #include "firmware/run/assembly.h"
 #include "firmware/text/output.h"
 #include "firmware/verbs/advice.h"
 #include "firmware/verbs/delay_page.h"
 #include "firmware/verbs/prognosis.h"
+#include "firmware/verbs/verb_job.h"
 #include "firmware/verbs/verbs.h"
-
-typedef struct check_options {
-    const char *config;
-    bool variables;
-    tl_time limit;
-    FILE *output;
-} check_options;
-
-/* What is done in the FMUs' thread. */
-typedef struct check_job {
-    const check_options *options;
-    tl_status status;
-} check_job;
-
-static void print_help(FILE *file) {
-    (void)fputs("usage: twinlock check CONFIG [options]\n\n"
-                "Validates a configuration with its FMUs: keys, variables, types, units, connections, paths,\n"
-                "horizon. Tells what a step will cost, in executions and, by a short dry run, in time. Warns of\n"
-                "what is right and perhaps not meant. Nothing is read from the plant.\n\n"
-                "  --variables     list all variables of the FMUs\n"
-                "  --call-limit S  end with 70 where an FMU does not return from a call for S seconds; default 60\n"
-                "  --help          this text\n",
-                file);
-}
-
-/* 0: go on; else the exit code + 1. */
-static int parse(int argc, char **argv, check_options *options) {
-    static const struct option LONG[] = {
-        {"variables", no_argument, NULL, 'v'},
-        {"call-limit", required_argument, NULL, 'L'},
-        {"help", no_argument, NULL, 'h'},
-        {NULL, 0, NULL, 0},
-    };
-    for (int option = 0; (option = getopt_long(argc, argv, "h", LONG, NULL)) != -1;) {
-        switch (option) {
-        case 'v':
-            options->variables = true;
-            break;
-        case 'L':
-            if (!tl_fmu_patience_parse("check", optarg, &options->limit)) {
-                return 3;
-            }
-            break;
-        case 'h':
-            print_help(stdout);
-            return 1;
-        default:
-            print_help(stderr);
-            return 3;
-        }
-    }
-    if (optind != argc - 1) {
-        (void)fputs("twinlock check: expected exactly one configuration\n\n", stderr);
-        print_help(stderr);
-        return 3;
-    }
-    options->config = argv[optind];
-    return 0;
-}
 
 static void print_start(const tl_variable *variable, FILE *output) {
     if (!variable->has_start) {
@@ -349,35 +289,25 @@ static tl_status print_page(const tl_assembly *assembly, FILE *output) {
 }
 
 static void check(void *context) {
-    check_job *job = context;
-    const check_options *options = job->options;
+    tl_verb_job *job = context;
     tl_assembly assembly;
-    job->status = tl_assembly_load(options->config, &assembly);
+    job->status = tl_assembly_load(job->options->subject, &assembly);
     if (job->status == TL_OK && tl_interrupt_requested() != NULL) {
         tl_log(TL_LOG_ERROR, "interrupted by %s", tl_interrupt_requested());
         job->status = TL_INTERRUPTED;
     }
     if (job->status == TL_OK) {
-        job->status = print_page(&assembly, options->output);
+        job->status = print_page(&assembly, job->output);
     } else if (assembly.problems.report.count > 1) {
         tl_log(TL_LOG_ERROR, "%zu problems", assembly.problems.report.count);
     }
-    if (options->variables) {
-        print_variables(&assembly, options->output);
+    if (job->options->variables) {
+        print_variables(&assembly, job->output);
     }
-    (void)fflush(options->output); /* an FMU may crash in being freed */
-    tl_assembly_free(&assembly);
+    tl_verb_job_end(job, &assembly);
 }
 
-int tl_verb_check(int argc, char **argv) {
-    check_options options = {.limit = TL_FMU_PATIENCE_CALL};
-    int parsed = parse(argc, argv, &options);
-    if (parsed != 0) {
-        return parsed - 1;
-    }
-    tl_interrupt_install();
-    options.output = tl_output_claim();
-    check_job job = {.options = &options};
-    tl_status status = tl_fmu_thread_run(options.limit, check, &job);
-    return tl_exit_code(tl_output_finish(options.output, status == TL_OK ? job.status : status));
+int tl_verb_check(const tl_options *options) {
+    tl_verb_job job = {.options = options, .output = tl_output_claim()};
+    return tl_verb_job_run(&job, check);
 }

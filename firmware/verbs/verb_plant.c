@@ -1,6 +1,4 @@
 /* twinlock plant: a recording or a plant model, played as a real plant. */
-#include <errno.h>
-#include <getopt.h>
 #include <inttypes.h>
 #include <limits.h>
 #include <stdint.h>
@@ -15,28 +13,11 @@
 #include "firmware/emulate/plant_server.h"
 #include "firmware/emulate/plant_stream.h"
 #include "firmware/fmu/fmu_thread.h"
-#include "firmware/process/fmu_patience.h"
 #include "firmware/process/interrupt.h"
 #include "firmware/run/assembly.h"
 #include "firmware/text/progress.h"
+#include "firmware/verbs/verb_job.h"
 #include "firmware/verbs/verbs.h"
-
-typedef struct plant_options {
-    const char *config;
-    const char *listener; /* --for */
-    const char *recording;
-    const char *fifo;
-    const char *record;
-    bool real_bus;
-    uint64_t seed;
-    tl_time limit;
-} plant_options;
-
-/* What is done in the FMUs' thread. */
-typedef struct plant_job {
-    const plant_options *options;
-    tl_status status;
-} plant_job;
 
 /* One Modbus server or CAN bus, and which row column feeds each of its channels. */
 typedef struct served_source {
@@ -47,7 +28,7 @@ typedef struct served_source {
 } served_source;
 
 typedef struct player {
-    const plant_options *options;
+    const tl_options *options;
     tl_config listener; /* whose signals are served; a copy of the plant's where there is no --for */
     tl_assembly assembly;
     tl_emulation *emulation;
@@ -56,107 +37,10 @@ typedef struct player {
     size_t served_count;
 } player;
 
-static void print_help(FILE *file) {
-    (void)fputs("usage: twinlock plant CONFIG [options]\n\n"
-                "Plays a plant in real time, for demonstrations and tests: the recording of CONFIG, or, where\n"
-                "CONFIG has \"emulate\", its FMUs as the true plant with seeded noise. Its signals are served by\n"
-                "Modbus TCP where the configuration says they are read (playing starts with the first request),\n"
-                "sent as CAN frames, or written into a FIFO; not by Modbus RTU, nor of GPIO lines.\n\n"
-                "  --for CONFIG2     serve what this configuration reads; default: CONFIG itself\n"
-                "  --recording FILE  the CSV file to play; with \"emulate\", what drives the FMUs; default: as\n"
-                "                    configured\n"
-                "  --fifo FILE       write rows into this FIFO instead (made where it does not exist)\n"
-                "  --record FILE     write all rows into a new CSV file, as fast as possible, and end\n"
-                "  --real-bus        send CAN frames on an interface that is hardware, too; default: vcan only\n"
-                "  --seed N          of the noise and the message times; default 1\n"
-                "  --call-limit S    end with 70 where an FMU does not return from a call for S seconds; default 60\n"
-                "  --help            this text\n",
-                file);
-}
-
-static bool parse_seed(const char *text, uint64_t *seed) {
-    char *end = NULL;
-    errno = 0;
-    *seed = strtoull(text, &end, 10);
-    return errno == 0 && end != text && *end == '\0' && text[0] != '-';
-}
-
-/* 0: go on; else the exit code + 1. */
-static int parse(int argc, char **argv, plant_options *options) {
-    static const struct option LONG[] = {
-        {"for", required_argument, NULL, 'l'},
-        {"recording", required_argument, NULL, 'r'},
-        {"fifo", required_argument, NULL, 'f'},
-        {"record", required_argument, NULL, 'w'},
-        {"real-bus", no_argument, NULL, 'b'},
-        {"seed", required_argument, NULL, 's'},
-        {"call-limit", required_argument, NULL, 'L'},
-        {"help", no_argument, NULL, 'h'},
-        {NULL, 0, NULL, 0},
-    };
-    for (int option = 0; (option = getopt_long(argc, argv, "h", LONG, NULL)) != -1;) {
-        switch (option) {
-        case 'l':
-            options->listener = optarg;
-            break;
-        case 'r':
-            options->recording = optarg;
-            break;
-        case 'f':
-            options->fifo = optarg;
-            break;
-        case 'w':
-            options->record = optarg;
-            break;
-        case 'b':
-            options->real_bus = true;
-            break;
-        case 'L':
-            if (!tl_fmu_patience_parse("plant", optarg, &options->limit)) {
-                return 3;
-            }
-            break;
-        case 's':
-            if (!parse_seed(optarg, &options->seed)) {
-                (void)fprintf(stderr, "twinlock plant: --seed: found \"%s\", expected a whole number\n", optarg);
-                return 3;
-            }
-            break;
-        case 'h':
-            print_help(stdout);
-            return 1;
-        default:
-            print_help(stderr);
-            return 3;
-        }
-    }
-    if (optind != argc - 1 || (options->fifo != NULL && options->record != NULL)) {
-        (void)fputs("twinlock plant: expected exactly one configuration, and at most one of --fifo and --record\n\n",
-                    stderr);
-        print_help(stderr);
-        return 3;
-    }
-    options->config = argv[optind];
-    return 0;
-}
-
-static tl_status find_recording(const player *self, const tl_config *config, char *path, size_t size, tl_error *error) {
-    const char *given = self->options->recording;
-    if (given == NULL && config->recording_file == NULL) {
-        return tl_fail(error, TL_BAD_USAGE, "%s names no recording: give one with --recording FILE", config->path);
-    }
-    if (given != NULL) {
-        (void)snprintf(path, size, "%s", given);
-    } else {
-        tl_config_file_path(config, config->recording_file, path, size);
-    }
-    return TL_OK;
-}
-
 /* The rows: from FMUs where the configuration has `emulate`, else from its recording. */
 static tl_status open_emulation(player *self, const tl_config *config, tl_error *error) {
     char path[PATH_MAX];
-    tl_status status = find_recording(self, config, path, sizeof path, error);
+    tl_status status = tl_options_find_recording(self->options, config, path, error);
     if (status != TL_OK) {
         return status;
     }
@@ -435,12 +319,12 @@ static tl_status run_for_listener(player *self, const tl_config *config, tl_erro
 }
 
 static void be_plant(void *context) {
-    plant_job *job = context;
+    tl_verb_job *job = context;
     player *self = calloc(1, sizeof *self);
     tl_config config;
     tl_problems problems;
-    tl_problems_init(&problems, job->options->config);
-    job->status = self == NULL ? TL_TRY_AGAIN : tl_config_read(job->options->config, &config, &problems.report);
+    tl_problems_init(&problems, job->options->subject);
+    job->status = self == NULL ? TL_TRY_AGAIN : tl_config_read(job->options->subject, &config, &problems.report);
     if (job->status == TL_OK) {
         tl_error error;
         self->options = job->options;
@@ -454,14 +338,7 @@ static void be_plant(void *context) {
     free(self);
 }
 
-int tl_verb_plant(int argc, char **argv) {
-    plant_options options = {.seed = 1, .limit = TL_FMU_PATIENCE_CALL};
-    int parsed = parse(argc, argv, &options);
-    if (parsed != 0) {
-        return parsed - 1;
-    }
-    tl_interrupt_install();
-    plant_job job = {.options = &options};
-    tl_status status = tl_fmu_thread_run(options.limit, be_plant, &job);
-    return tl_exit_code(status == TL_OK ? job.status : status);
+int tl_verb_plant(const tl_options *options) {
+    tl_verb_job job = {.options = options};
+    return tl_verb_job_run(&job, be_plant);
 }

@@ -51,12 +51,4 @@ static void step(void *model, double h) {
     start(model);
 }
 
-const tl_fmu_model tl_fmu_model_of_this_fmu = {
-    .size = sizeof(beam),
-    .defaults = &defaults,
-    .variables = variables,
-    .variable_count = sizeof variables / sizeof variables[0],
-    .t_step = offsetof(beam, t_step),
-    .start = start,
-    .step = step,
-};
+TL_FMU_MODEL(beam, .t_step = offsetof(beam, t_step), .start = start, .step = step);

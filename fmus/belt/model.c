@@ -41,12 +41,4 @@ static void step(void *model, double h) {
     start(model); /* there is no state */
 }
 
-const tl_fmu_model tl_fmu_model_of_this_fmu = {
-    .size = sizeof(belt),
-    .defaults = &defaults,
-    .variables = variables,
-    .variable_count = sizeof variables / sizeof variables[0],
-    .t_step = TL_FMU_WHOLE_STEPS,
-    .start = start,
-    .step = step,
-};
+TL_FMU_MODEL(belt, .t_step = TL_FMU_WHOLE_STEPS, .start = start, .step = step);

@@ -79,12 +79,4 @@ static void step(void *model, double h) {
     compute_force(c);
 }
 
-const tl_fmu_model tl_fmu_model_of_this_fmu = {
-    .size = sizeof(bench_cylinder),
-    .defaults = &defaults,
-    .variables = variables,
-    .variable_count = sizeof variables / sizeof variables[0],
-    .t_step = offsetof(bench_cylinder, t_step),
-    .start = start,
-    .step = step,
-};
+TL_FMU_MODEL(bench_cylinder, .t_step = offsetof(bench_cylinder, t_step), .start = start, .step = step);

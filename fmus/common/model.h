@@ -74,4 +74,13 @@ typedef struct tl_fmu_model {
 /* Defined once in each FMU, by its model.c. */
 extern const tl_fmu_model tl_fmu_model_of_this_fmu;
 
+/* That definition. `type` is the model's struct; its start values are `defaults` there, its table is `variables`; what else
+ * there is to say of the model follows, by name. */
+#define TL_FMU_MODEL(type, ...)                                                                                        \
+    const tl_fmu_model tl_fmu_model_of_this_fmu = {.size = sizeof(type),                                               \
+                                                   .defaults = &defaults,                                              \
+                                                   .variables = variables,                                             \
+                                                   .variable_count = sizeof variables / sizeof variables[0],           \
+                                                   __VA_ARGS__}
+
 #endif

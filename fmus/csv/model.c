@@ -168,15 +168,5 @@ static bool look(void *model, tl_fmu_outside *outside, const tl_fmu_look *at) {
     return true;
 }
 
-const tl_fmu_model tl_fmu_model_of_this_fmu = {
-    .size = sizeof(csv),
-    .defaults = &defaults,
-    .variables = variables,
-    .variable_count = sizeof variables / sizeof variables[0],
-    .t_step = offsetof(csv, t_step),
-    .start = start,
-    .step = step,
-    .open = make_outside,
-    .look = look,
-    .close = end_outside,
-};
+TL_FMU_MODEL(csv, .t_step = offsetof(csv, t_step), .start = start, .step = step, .open = make_outside, .look = look,
+             .close = end_outside);

@@ -158,12 +158,4 @@ static void step(void *model, double h) {
     compute_results(c);
 }
 
-const tl_fmu_model tl_fmu_model_of_this_fmu = {
-    .size = sizeof(cylinder),
-    .defaults = &defaults,
-    .variables = variables,
-    .variable_count = sizeof variables / sizeof variables[0],
-    .t_step = offsetof(cylinder, t_step),
-    .start = start,
-    .step = step,
-};
+TL_FMU_MODEL(cylinder, .t_step = offsetof(cylinder, t_step), .start = start, .step = step);

@@ -80,12 +80,4 @@ static void step(void *model, double h) {
     c->u_R = AMPERE_PER_MILLIAMPERE * (c->P * c->e + c->D * (c->e - e_before) / h) + c->integral;
 }
 
-const tl_fmu_model tl_fmu_model_of_this_fmu = {
-    .size = sizeof(drive),
-    .defaults = &defaults,
-    .variables = variables,
-    .variable_count = sizeof variables / sizeof variables[0],
-    .t_step = offsetof(drive, t_step),
-    .start = start,
-    .step = step,
-};
+TL_FMU_MODEL(drive, .t_step = offsetof(drive, t_step), .start = start, .step = step);

@@ -60,12 +60,4 @@ static void step(void *model, double h) {
     c->q += h * c->v;
 }
 
-const tl_fmu_model tl_fmu_model_of_this_fmu = {
-    .size = sizeof(emps),
-    .defaults = &defaults,
-    .variables = variables,
-    .variable_count = sizeof variables / sizeof variables[0],
-    .t_step = offsetof(emps, t_step),
-    .start = start,
-    .step = step,
-};
+TL_FMU_MODEL(emps, .t_step = offsetof(emps, t_step), .start = start, .step = step);

@@ -47,12 +47,4 @@ static void step(void *model, double h) {
     c->missed = c->messages - c->received;
 }
 
-const tl_fmu_model tl_fmu_model_of_this_fmu = {
-    .size = sizeof(event_to_cyclic),
-    .defaults = &defaults,
-    .variables = variables,
-    .variable_count = sizeof variables / sizeof variables[0],
-    .t_step = TL_FMU_WHOLE_STEPS,
-    .start = start,
-    .step = step,
-};
+TL_FMU_MODEL(event_to_cyclic, .t_step = TL_FMU_WHOLE_STEPS, .start = start, .step = step);

@@ -26,12 +26,4 @@ static void step(void *model, double h) {
     m->y += h * (m->u - m->y) / m->T;
 }
 
-const tl_fmu_model tl_fmu_model_of_this_fmu = {
-    .size = sizeof(lag),
-    .defaults = &defaults,
-    .variables = variables,
-    .variable_count = sizeof variables / sizeof variables[0],
-    .t_step = offsetof(lag, t_step),
-    .start = start,
-    .step = step,
-};
+TL_FMU_MODEL(lag, .t_step = offsetof(lag, t_step), .start = start, .step = step);

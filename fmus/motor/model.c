@@ -82,12 +82,4 @@ static void step(void *model, double h) {
     m->M_m = torque_constant(m) * m->i_sq;
 }
 
-const tl_fmu_model tl_fmu_model_of_this_fmu = {
-    .size = sizeof(motor),
-    .defaults = &defaults,
-    .variables = variables,
-    .variable_count = sizeof variables / sizeof variables[0],
-    .t_step = offsetof(motor, t_step),
-    .start = start,
-    .step = step,
-};
+TL_FMU_MODEL(motor, .t_step = offsetof(motor, t_step), .start = start, .step = step);

@@ -49,12 +49,4 @@ static void step(void *model, double h) {
     tell(model);
 }
 
-const tl_fmu_model tl_fmu_model_of_this_fmu = {
-    .size = sizeof(process),
-    .defaults = &defaults,
-    .variables = variables,
-    .variable_count = sizeof variables / sizeof variables[0],
-    .t_step = TL_FMU_WHOLE_STEPS,
-    .start = start,
-    .step = step,
-};
+TL_FMU_MODEL(process, .t_step = TL_FMU_WHOLE_STEPS, .start = start, .step = step);

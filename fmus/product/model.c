@@ -38,12 +38,4 @@ static void step(void *model, double h) {
     p->y += h * (p->p_v_y1 + p->p_v_y2);
 }
 
-const tl_fmu_model tl_fmu_model_of_this_fmu = {
-    .size = sizeof(product),
-    .defaults = &defaults,
-    .variables = variables,
-    .variable_count = sizeof variables / sizeof variables[0],
-    .t_step = offsetof(product, t_step),
-    .start = start,
-    .step = step,
-};
+TL_FMU_MODEL(product, .t_step = offsetof(product, t_step), .start = start, .step = step);

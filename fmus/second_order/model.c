@@ -37,12 +37,4 @@ static void step(void *model, double h) {
     m->y += h * m->v;
 }
 
-const tl_fmu_model tl_fmu_model_of_this_fmu = {
-    .size = sizeof(second_order),
-    .defaults = &defaults,
-    .variables = variables,
-    .variable_count = sizeof variables / sizeof variables[0],
-    .t_step = offsetof(second_order, t_step),
-    .start = start,
-    .step = step,
-};
+TL_FMU_MODEL(second_order, .t_step = offsetof(second_order, t_step), .start = start, .step = step);

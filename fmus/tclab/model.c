@@ -84,12 +84,4 @@ static void step(void *model, double h) {
     b->T2 += h * T2_rate;
 }
 
-const tl_fmu_model tl_fmu_model_of_this_fmu = {
-    .size = sizeof(tclab),
-    .defaults = &defaults,
-    .variables = variables,
-    .variable_count = sizeof variables / sizeof variables[0],
-    .t_step = offsetof(tclab, t_step),
-    .start = start,
-    .step = step,
-};
+TL_FMU_MODEL(tclab, .t_step = offsetof(tclab, t_step), .start = start, .step = step);

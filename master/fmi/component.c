@@ -106,10 +106,10 @@ tl_status tl_component_set_start(tl_component *component, const tl_variable *var
     return tl_fail(error, TL_BAD_DATA, "%s.%s: unknown base type", component->name, variable->name);
 }
 
-tl_status tl_component_enter_initialization(tl_component *component, tl_error *error) {
+tl_status tl_component_enter_initialization(tl_component *component, double start, tl_error *error) {
     const tl_fmi2 *fmi = component->fmi;
     tl_status status =
-        judge(component, fmi->setup_experiment(component->instance, fmi2False, 0.0, component->start, fmi2False, 0.0),
+        judge(component, fmi->setup_experiment(component->instance, fmi2False, 0.0, start, fmi2False, 0.0),
               "fmi2SetupExperiment", error);
     if (status != TL_OK) {
         return status;

@@ -57,7 +57,6 @@ typedef struct tl_component {
     tl_component_mode mode;
     tl_ports inputs;      /* connected inputs and adjusted variables: set before each step */
     tl_ports outputs;     /* connected and matched outputs: read after each step */
-    double start;         /* s of simulated time at which the FMU is initialised */
     bool logging;         /* fmi2Instantiate: loggingOn */
     bool replaces_states; /* a handle to be reused is not: the FMU made another one */
     bool reals_only;      /* no other ports: set by the exchange, once they are placed */
@@ -73,8 +72,8 @@ tl_status tl_component_instantiate(tl_component *component, const fmi2CallbackFu
 tl_status tl_component_set_start(tl_component *component, const tl_variable *variable, const tl_value *value,
                                  tl_error *error);
 
-/* fmi2SetupExperiment (from `start`, no stop time, no tolerance) and fmi2EnterInitializationMode. */
-tl_status tl_component_enter_initialization(tl_component *component, tl_error *error);
+/* fmi2SetupExperiment (from `start`, s of simulated time; no stop time, no tolerance) and fmi2EnterInitializationMode. */
+tl_status tl_component_enter_initialization(tl_component *component, double start, tl_error *error);
 
 /* fmi2ExitInitializationMode. */
 tl_status tl_component_exit_initialization(tl_component *component, tl_error *error);

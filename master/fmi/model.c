@@ -3,6 +3,8 @@
 
 #include <string.h>
 
+#include "master/base/nearest.h"
+
 const tl_variable *tl_model_variable(const tl_model *model, const char *name) {
     for (size_t i = 0; i < model->variable_count; i++) {
         if (strcmp(model->variables[i].name, name) == 0) {
@@ -10,6 +12,14 @@ const tl_variable *tl_model_variable(const tl_model *model, const char *name) {
         }
     }
     return NULL;
+}
+
+const char *tl_model_nearest(const tl_model *model, const char *name) {
+    tl_nearest nearest = {.text = name};
+    for (size_t i = 0; i < model->variable_count && i < TL_MODEL_OFFERED; i++) {
+        tl_nearest_offer(&nearest, model->variables[i].name);
+    }
+    return nearest.best;
 }
 
 const tl_unit *tl_model_unit(const tl_model *model, const char *name) {

@@ -85,8 +85,14 @@ typedef struct tl_model {
     size_t unit_count;
 } tl_model;
 
+enum { TL_MODEL_OFFERED = 10000 };
+
 /* The variable of that name, or NULL. O(variable_count). */
 const tl_variable *tl_model_variable(const tl_model *model, const char *name);
+
+/* The name of a variable that was probably meant by one that no variable has, or NULL (nearest.h). O(variable_count); of a very large model
+ * only the first TL_MODEL_OFFERED variables are looked at, so that a wrong file takes no longer. */
+const char *tl_model_nearest(const tl_model *model, const char *name);
 
 /* The unit of that name, or NULL. */
 const tl_unit *tl_model_unit(const tl_model *model, const char *name);

@@ -102,9 +102,9 @@ static inline void tl_exchange_set_adjusted(tl_exchange *exchange, size_t variab
 double tl_exchange_adjusted(const tl_exchange *exchange, size_t variable);
 double tl_exchange_nominal(const tl_exchange *exchange, size_t variable);
 
-/* fmi2SetupExperiment … fmi2ExitInitializationMode of all components, outputs and inputs exchanged in between until
- * they agree. The plant must have a sample; it is delivered first. */
-tl_status tl_exchange_initialize(tl_exchange *exchange, tl_error *error);
+/* fmi2SetupExperiment … fmi2ExitInitializationMode of all components at the instant of macro step `first`, outputs and inputs
+ * exchanged in between until they agree. The plant must have a sample; it is delivered first. */
+tl_status tl_exchange_initialize(tl_exchange *exchange, int64_t first, tl_error *error);
 
 /* Inputs from outputs. */
 void tl_exchange_deliver(tl_exchange *exchange);

@@ -32,6 +32,15 @@ static size_t find_signal(const tl_graph *graph, const char *name) {
     return SIZE_MAX;
 }
 
+static void report_no_variable(const tl_component *component, const char *name, const char *where, tl_report *report) {
+    const char *nearest = tl_model_nearest(component->model, name);
+    tl_report_add(
+        report, TL_BAD_DATA, where,
+        "found \"%s.%s\", but the FMU of %s has no variable \"%s\"%s%s%s; `twinlock check --variables` lists them",
+        component->name, name, component->name, name, nearest != NULL ? ", perhaps \"" : "",
+        nearest != NULL ? nearest : "", nearest != NULL ? "\" is meant" : "");
+}
+
 /* Looks up "component.variable"; reports what is missing. */
 static const tl_variable *resolve(const tl_graph *graph, const char *name, const char *where, size_t *node,
                                   tl_report *report) {
@@ -46,10 +55,7 @@ static const tl_variable *resolve(const tl_graph *graph, const char *name, const
     }
     const tl_variable *variable = tl_model_variable(component->model, variable_name);
     if (variable == NULL) {
-        tl_report_add(report, TL_BAD_DATA, where,
-                      "found \"%s\", but the FMU of %s has no variable \"%s\"; "
-                      "`twinlock check --variables` lists them",
-                      name, component->name, variable_name);
+        report_no_variable(component, variable_name, where, report);
         return NULL;
     }
     *node = (size_t)(component - graph->components);
@@ -250,9 +256,7 @@ static void check_set(const tl_component *component, const tl_plan_set *set, tl_
     const char *expected = "";
     tl_value fitted;
     if (variable == NULL) {
-        tl_report_add(report, TL_BAD_DATA, set->where,
-                      "the FMU of %s has no variable \"%s\"; `twinlock check --variables` lists them", component->name,
-                      set->variable);
+        report_no_variable(component, set->variable, set->where, report);
     } else if ((variable->causality != TL_PARAMETER && variable->causality != TL_INPUT && !variable->has_start) ||
                variable->variability == TL_CONSTANT) {
         tl_report_add(report, TL_BAD_DATA, set->where,
@@ -272,6 +276,7 @@ static void add_component(tl_graph *graph, size_t index, tl_report *report) {
     component->name = plan->name;
     component->model = plan->model;
     component->fmi = plan->functions;
+    component->logging = plan->logging;
     for (size_t i = 0; i < plan->set_count; i++) {
         check_set(component, &plan->set[i], report);
     }

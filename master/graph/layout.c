@@ -156,7 +156,7 @@ tl_status tl_exchange_init(tl_exchange *exchange, tl_arena *arena, tl_graph *gra
     exchange->step_s = tl_seconds(exchange->step);
     exchange->whole = true;
     bool placed = take_tables(exchange, arena, graph, &layout) &&
-                  tl_plant_init(&exchange->plant, arena, graph->plan->signal_count, window);
+                  tl_plant_init(&exchange->plant, arena, graph->plan->signal_count, window, graph->plan->input_ticks);
     for (size_t i = 0; placed && i < graph->component_count; i++) {
         placed = place_ports(&graph->components[i].inputs, arena, &layout);
     }
@@ -250,10 +250,11 @@ static tl_status settle(tl_exchange *exchange, tl_error *error) {
     return TL_OK;
 }
 
-tl_status tl_exchange_initialize(tl_exchange *exchange, tl_error *error) {
+tl_status tl_exchange_initialize(tl_exchange *exchange, int64_t first, tl_error *error) {
+    double start = tl_seconds(tl_time_of_step(0, exchange->step, first));
     tl_status status = TL_OK;
     for (size_t i = 0; i < exchange->component_count && status == TL_OK; i++) {
-        status = tl_component_enter_initialization(&exchange->components[i], error);
+        status = tl_component_enter_initialization(&exchange->components[i], start, error);
     }
     tl_plant_deliver(&exchange->plant, exchange->plant.newest);
     /* A chain of direct feed-through settles after as many rounds as it has components. */

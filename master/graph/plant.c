@@ -3,8 +3,9 @@
 
 #include <math.h>
 
-bool tl_plant_init(tl_plant *plant, tl_arena *arena, size_t signal_count, size_t window_size) {
+bool tl_plant_init(tl_plant *plant, tl_arena *arena, size_t signal_count, size_t window_size, int64_t shift) {
     plant->signal_count = signal_count;
+    plant->shift = shift;
     size_t size = 1;
     while (size < window_size) {
         size *= 2;
@@ -14,6 +15,10 @@ bool tl_plant_init(tl_plant *plant, tl_arena *arena, size_t signal_count, size_t
     plant->outputs = tl_arena_take(arena, signal_count, sizeof *plant->outputs);
     plant->window = tl_arena_take(arena, size, sizeof *plant->window);
     return plant->outputs != NULL && plant->window != NULL;
+}
+
+void tl_plant_hold(tl_plant *plant, size_t signal, double value) {
+    plant->held[signal] = value;
 }
 
 /* Trust, but verify: what calls itself good must be a number that its type can hold. */

@@ -41,15 +41,18 @@ typedef struct tl_plant {
     tl_sample *window;           /* ring by tick */
     size_t window_mask;          /* its size, a power of two, less one */
     int64_t newest;              /* tick; −1: none */
-    int64_t shift;               /* ticks; set after tl_plant_init(), where it is not 0 */
+    int64_t shift;               /* ticks */
     int64_t known;      /* saving: the sample delivered at the end of each macro step before this one is known … */
     int64_t *delivered; /* … to be this, by step, in a ring; NULL: every step is an execution */
     size_t delivered_size;
     uint64_t executions;
 } tl_plant;
 
-/* Takes the ring for at least `window_size` samples from the arena; false when memory is out. */
-bool tl_plant_init(tl_plant *plant, tl_arena *arena, size_t signal_count, size_t window_size);
+/* Takes the ring for at least `window_size` samples from the arena; false when memory is out. `shift` in ticks. */
+bool tl_plant_init(tl_plant *plant, tl_arena *arena, size_t signal_count, size_t window_size, int64_t shift);
+
+/* What a signal delivers before its first good value; 0 unless told. */
+void tl_plant_hold(tl_plant *plant, size_t signal, double value);
 
 /* From now on steps that are known are not executed again. `horizon` is T_P. */
 bool tl_plant_save_executions(tl_plant *plant, tl_arena *arena, size_t horizon);

@@ -6,10 +6,7 @@
 #include "master/twin/twin_parts.h"
 
 tl_status tl_twin_start(tl_twin *twin, tl_error *error) {
-    for (size_t i = 0; i < twin->graph.component_count; i++) {
-        twin->graph.components[i].start = tl_seconds(tl_time_of_step(0, twin->step, twin->first));
-    }
-    tl_status status = tl_exchange_initialize(&twin->exchange, error);
+    tl_status status = tl_exchange_initialize(&twin->exchange, twin->first, error);
     if (status == TL_OK && twin->lock.horizon.variables != 0) {
         bool stepped = true;
         const tl_proof_place place = {.outputs = twin->proof, .stepped = &stepped};

@@ -234,19 +234,19 @@ static void build_horizon(tl_twin *twin, const tl_plan *plan, tl_horizon *horizo
 /* What the plant delivers before there is a good reading: configured, or the start value of what it drives. */
 static void build_initial_values(tl_twin *twin, const tl_plan *plan) {
     for (size_t i = 0; i < plan->signal_count; i++) {
-        double *held = &twin->exchange.plant.held[i];
-        *held = plan->signals[i].has_initial ? plan->signals[i].initial : 0.0;
+        double initial = plan->signals[i].has_initial ? plan->signals[i].initial : 0.0;
         for (size_t k = 0; k < twin->graph.connection_count && !plan->signals[i].has_initial; k++) {
             const tl_connection *connection = &twin->graph.connections[k];
             if (connection->from->variable == NULL && connection->from->signal == i &&
                 connection->to->variable->has_start) {
                 const tl_value *start = &connection->to->variable->start;
-                *held = start->type == TL_REAL
-                            ? (start->real - connection->conversion.offset) / connection->conversion.factor
-                            : (double)start->integer;
+                initial = start->type == TL_REAL
+                              ? (start->real - connection->conversion.offset) / connection->conversion.factor
+                              : (double)start->integer;
                 break;
             }
         }
+        tl_plant_hold(&twin->exchange.plant, i, initial);
     }
 }
 
@@ -296,7 +296,6 @@ static void instantiate(tl_twin *twin, const tl_plan *plan, tl_report *report) {
         if (tl_twin_is_lost(twin, component)) {
             continue;
         }
-        component->logging = description->logging;
         tl_status status = tl_component_instantiate(component, description->callbacks, description->resources, &error);
         for (size_t k = 0; k < description->set_count && status == TL_OK; k++) {
             const tl_variable *variable = tl_model_variable(description->model, description->set[k].variable);
@@ -424,7 +423,6 @@ static void build_values(tl_twin *twin, const tl_plan *plan, tl_lock_settings *l
         tl_report_add(report, status, "", "%s", error.text);
         return;
     }
-    twin->exchange.plant.shift = plan->input_ticks;
     build_initial_values(twin, plan);
     lock->exchange = &twin->exchange;
     lock->terms = twin->terms;

@@ -31,6 +31,7 @@ CLEAN = {
     "firmware/main.c": '#include "firmware/base/log.h"\n',
     "firmware/base/log.h": header("firmware/base/log.h", "typedef int tl_log;"),
     "DESIGN.md": "# Design\n<!-- rooms: made by tests/check/picture.py --write -->\n<!-- end of rooms -->\n",
+    "firmware/verbs/option_table.c": 'option rows[] = {\n    {RUN, "live",\n    {EVERY, "help",\n};\n',
     "README.md": "# One title\nSee [this](master/base/a.h) and [that](#one-title).\n```sh\nscript/go --now\n```\n",
     "script/go": "#!/usr/bin/env bash\nset -e\n",
 }
@@ -84,6 +85,8 @@ BROKEN = [
     ("docs", "README.md", "[gone](gone.md)\n", "leads nowhere"),
     ("docs", "README.md", "# A\n[gone](#gone)\n", "no such heading"),
     ("docs", "README.md", "```sh\nscript/gone --fast\n```\n", "no such command"),
+    ("docs", "README.md", "`twinlock run x.json --gone 3`\n", "twinlock run has no option --gone"),
+    ("docs", "README.md", "```sh\ntwinlock show x.db --live\n```\n", "twinlock show has no option --live"),
 ]
 
 

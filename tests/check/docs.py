@@ -1,5 +1,6 @@
 #!/usr/bin/env python3
-"""The documents tell the truth: relative links lead somewhere, and commands that begin with script/ exist."""
+"""The documents tell the truth: relative links lead somewhere, commands that begin with script/ exist, and so do the
+options of a verb of twinlock."""
 import os
 import re
 import shlex
@@ -13,6 +14,12 @@ LINK = re.compile(
 FENCE = re.compile(r"^\s*(```+|~~~+)\s*(\w*)")
 HEADING = re.compile(r"^#+\s+(.*?)\s*#*$")
 COMMAND = re.compile(r"^\s*(?:\$ |# |sudo )?(?:\./)?((?:script|\.ci)/\S+)(.*)$")
+
+# {CHECK | REPLAY, "call-limit", …: a row of the table that the program reads its command line by.
+OPTION_TABLE = "firmware/verbs/option_table.c"
+OPTION_ROW = re.compile(r'^    \{([A-Z]+(?: \| [A-Z]+)*), "([a-z-]+)",', re.M)
+# twinlock run CONFIG --duration 3, up to the end of the command
+VERB = re.compile(r"(?<![\w/-])twinlock (check|replay|run|plant|show)\b([^`|;#&]*)")
 
 
 def anchor(heading):
@@ -57,10 +64,30 @@ def check_command(path, number, line):
         tree.finding(path, number, f"no such command: {name}")
 
 
+def read_options():
+    """The options of each verb, by its name; an empty dictionary if this tree has no program."""
+    if not os.path.exists(os.path.join(tree.root, OPTION_TABLE)):
+        return {}
+    options = {}
+    for verbs, option in OPTION_ROW.findall(tree.text(OPTION_TABLE)):
+        for verb in verbs.lower().split(" | "):
+            options.setdefault(verb, set()).add("--" + option)
+    return options
+
+
+def check_options(path, number, line, options):
+    for verb, words in VERB.findall(line) if options else ():
+        for word in re.findall(r"(?<![\w-])--[a-z-]+", words):
+            if word not in options.get(verb, set()) | options["every"]:
+                tree.finding(path, number, f"twinlock {verb} has no option {word}")
+
+
 def main():
     documents = tree.files(".md")
+    options = read_options()
     for path in documents:
         for number, line, fenced in lines_of(path):
+            check_options(path, number, line, options)
             if fenced:
                 check_command(path, number, line)
                 continue

@@ -33,10 +33,10 @@ OWNERS = {
     "sd-daemon.h": ("firmware/supervise",),
     "watchdog.h": ("board/watchdog",),
     # Who starts threads, or has a lock that several of them take.
-    "pthread.h": ("firmware/base/c_locale.c", "firmware/emulate/plant_server.c", "firmware/fmu/fmu_archive.c",
-                  "firmware/fmu/fmu_thread.h", "firmware/plant/plant_reader.c", "firmware/process/crash.c",
-                  "firmware/record/recorder.c", "firmware/record/recorder_lock.c", "firmware/run/realtime.h",
-                  "firmware/supervise/reaper.h"),
+    "pthread.h": ("firmware/base/c_locale.c", "firmware/base/side_thread.h", "firmware/emulate/plant_server.c",
+                  "firmware/fmu/fmu_archive.c", "firmware/fmu/fmu_thread.h", "firmware/plant/plant_reader.c",
+                  "firmware/process/crash.c", "firmware/record/recorder.c", "firmware/record/recorder_lock.c",
+                  "firmware/run/realtime.h", "firmware/supervise/reaper.h"),
 }
 
 READS_FILES = "fmus/csv"  # the one model that does: without waiting, which takes POSIX

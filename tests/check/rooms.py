@@ -32,7 +32,7 @@ MASTER = {
 _DRIVER = ("board/io", "master/base")
 BOARD = {
     "board/io": Room(("master/base",)),
-    "board/can": Room(_DRIVER, ("can", "can_codec")),
+    "board/can": Room(_DRIVER, ("can", "can_codec", "can_interface")),
     "board/csv": Room(_DRIVER, ("csv",)),
     "board/gpio": Room(_DRIVER, ("gpio",)),
     "board/modbus": Room(_DRIVER, ("modbus",)),
@@ -68,7 +68,7 @@ FIRMWARE = {
                               public=("assembly", "appliance", "replay", "journal", "watch")),
     "firmware/emulate": _firmware("run", "plant", "process", "config", others=_DRIVERS),
     "firmware/verbs": _firmware("emulate", "run", "show", "report", "plant", "record", "fmu", "supervise", "process",
-                                "config", others=(*_TWIN, "master/measure"), public=("verbs",)),
+                                "config", others=(*_TWIN, "master/measure"), public=("command_line",)),
     "firmware": Room(("firmware/verbs", "firmware/process", "firmware/base")),
 }
 

@@ -12,15 +12,12 @@ import json
 import math
 import os
 import subprocess
-import sys
 import zipfile
 from pathlib import Path
 
+import motor_bench
 from twinlock_test import (FMUS, PROGRAM, SOURCE, Failure, Skip, environment, expect, main, read_config, scratch,
                            write_config)
-
-sys.path.insert(0, str(SOURCE / "script"))
-import motor_bench  # noqa: E402 (its folder is known only now)
 
 RELATIVE = 1e-12
 HOST = SOURCE / "build" / "host"

@@ -5,51 +5,26 @@
  * and the same bytes do the same. An input is channels, then what happens: see read_channels() and tl_can_link_receive().
  */
 #include <math.h>
-#include <stdlib.h>
 #include <string.h>
 
 #include "board/can/can.h"
 #include "board/can/can_link.h"
 #include "board/io/monotonic.h"
 #include "tests/fuzz/harness.h"
+#include "tests/fuzz/input.h"
 
 enum { CHANNELS = 12, POLLS = 200 };
 
-static void hold(bool what) {
-    if (!what) {
-        abort();
-    }
-}
-
 /* ---- the input ---- */
-
-static const uint8_t *input;
-static size_t left;
-
-static unsigned take(void) {
-    if (left == 0) {
-        return 0;
-    }
-    left--;
-    return *input++;
-}
-
-static uint32_t take_word(void) {
-    uint32_t word = 0;
-    for (int i = 0; i < 4; i++) {
-        word = word << 8 | take();
-    }
-    return word;
-}
 
 static tl_can_channel channels[CHANNELS];
 static size_t channel_count;
 
 static tl_can_field read_field(void) {
-    unsigned order = take();
+    unsigned order = tl_fuzz_take();
     tl_can_field field = {.order = (order & 1) != 0 ? TL_CAN_MOTOROLA : TL_CAN_INTEL,
                           .length = (uint16_t)(order / 2 % 70)};
-    field.start = (uint16_t)(take() << 1);
+    field.start = (uint16_t)(tl_fuzz_take() << 1);
     field.start = (uint16_t)(field.start | order >> 7);
     return field;
 }
@@ -59,9 +34,9 @@ static void read_conditions(tl_can_channel *channel, unsigned count) {
     for (size_t i = 0; i < count && i < TL_CAN_CONDITIONS; i++) {
         tl_can_condition *condition = &channel->conditions[i];
         condition->field = read_field();
-        condition->value_count = take() % (TL_CAN_CONDITION_VALUES + 2);
+        condition->value_count = tl_fuzz_take() % (TL_CAN_CONDITION_VALUES + 2);
         for (size_t k = 0; k < condition->value_count && k < TL_CAN_CONDITION_VALUES; k++) {
-            condition->values[k] = take();
+            condition->values[k] = tl_fuzz_take();
         }
     }
 }
@@ -70,11 +45,11 @@ static void read_conditions(tl_can_channel *channel, unsigned count) {
 static void read_channels(void) {
     static const double SCALES[] = {1, 0.1, -3, 1e300};
     static const uint8_t BYTES[] = {8, 64, 4, 12, 1, 48, 0, 9};
-    channel_count = 1 + take() % CHANNELS;
+    channel_count = 1 + tl_fuzz_take() % CHANNELS;
     for (size_t i = 0; i < channel_count; i++) {
-        unsigned head = take();
-        unsigned what = take();
-        tl_can_channel channel = {.id = head % 16 == 15 ? take_word() : head % 16,
+        unsigned head = tl_fuzz_take();
+        unsigned what = tl_fuzz_take();
+        tl_can_channel channel = {.id = head % 16 == 15 ? tl_fuzz_take_word() : head % 16,
                                   .extended = (head & 0x10) != 0,
                                   .bytes = BYTES[head / 32],
                                   .type = (tl_can_type)(what % 4),
@@ -99,37 +74,37 @@ static tl_can_state state;
 static const tl_can_frame *received; /* the newest of data */
 
 bool tl_can_link_make(tl_can_link *link, const char *interface) {
-    hold(interface[0] != '\0');
+    tl_fuzz_hold(interface[0] != '\0');
     *link = (tl_can_link){.interface = "fuzz0", .socket = -1, .wake = {.descriptor = -1}};
     return true;
 }
 
 bool tl_can_link_open(tl_can_link *link, const tl_can_map *map, char *cause, size_t cause_size) {
-    hold(link->socket < 0 && map->id_count <= map->slot_count);
+    tl_fuzz_hold(link->socket < 0 && map->id_count <= map->slot_count);
     for (size_t i = 0; i < map->id_count; i++) {
-        hold(tl_can_map_find(map, map->ids[i].id, map->ids[i].extended) == &map->ids[i]);
+        tl_fuzz_hold(tl_can_map_find(map, map->ids[i].id, map->ids[i].extended) == &map->ids[i]);
     }
-    link->socket = take() % 8 == 7 ? -1 : 100;
+    link->socket = tl_fuzz_take() % 8 == 7 ? -1 : 100;
     (void)strncpy(cause, "there is no such interface", cause_size);
     return link->socket >= 0;
 }
 
 bool tl_can_link_state(const tl_can_link *link, tl_can_state *now) {
-    hold(link->socket >= 0);
+    tl_fuzz_hold(link->socket >= 0);
     *now = state;
-    return take() < 250;
+    return tl_fuzz_take() < 250;
 }
 
 /* Time goes by, and things change. */
 bool tl_can_link_await(const tl_can_link *link, int timeout_ms) {
-    unsigned what = take();
+    unsigned what = tl_fuzz_take();
     (void)link;
     clock_now += (tl_time)timeout_ms * (TL_SECOND / 1000) * (what % 32);
     if (what % 64 == 63) {
-        wall_ahead = (tl_time)(int32_t)take_word() * (TL_SECOND / 1000);
+        wall_ahead = (tl_time)(int32_t)tl_fuzz_take_word() * (TL_SECOND / 1000);
     }
     if (what >= 192) {
-        unsigned now = take();
+        unsigned now = tl_fuzz_take();
         state = (tl_can_state){.up = now % 4 != 3, .running = now / 4 % 4 != 3, .fd = now / 16 % 2 != 0};
     }
     bool was = woken;
@@ -139,29 +114,29 @@ bool tl_can_link_await(const tl_can_link *link, int timeout_ms) {
 
 /* Data, or the classes and data of an error frame. */
 static void fill(tl_can_frame *frame, unsigned what) {
-    unsigned head = take();
-    frame->id = head % 16 == 15 ? take_word() : head % 16;
+    unsigned head = tl_fuzz_take();
+    frame->id = head % 16 == 15 ? tl_fuzz_take_word() : head % 16;
     frame->extended = (head & 0x10) != 0;
-    frame->length = (uint8_t)(head / 32 < 7 ? head / 32 + 2 : take() % (TL_CAN_BYTES + 1));
-    frame->lost = what / 64 == 3 ? take() : 0;
+    frame->length = (uint8_t)(head / 32 < 7 ? head / 32 + 2 : tl_fuzz_take() % (TL_CAN_BYTES + 1));
+    frame->lost = what / 64 == 3 ? tl_fuzz_take() : 0;
     for (size_t i = 0; i < frame->length; i++) {
-        frame->data[i] = (uint8_t)take();
+        frame->data[i] = (uint8_t)tl_fuzz_take();
     }
 }
 
 /* Within what can_clock.h promises. */
 static void stamp(tl_can_link *link, tl_can_frame *frame, unsigned what) {
-    tl_time sent = what % 64 < 32 ? clock_now + wall_ahead : (tl_time)take_word() * (TL_SECOND / 1000);
+    tl_time sent = what % 64 < 32 ? clock_now + wall_ahead : (tl_time)tl_fuzz_take_word() * (TL_SECOND / 1000);
     frame->stamp = tl_can_clock_stamp(&link->clock, sent, clock_now, clock_now + wall_ahead);
-    hold(frame->stamp <= clock_now && frame->stamp >= last_stamp);
+    tl_fuzz_hold(frame->stamp <= clock_now && frame->stamp >= last_stamp);
     last_stamp = frame->stamp;
 }
 
 tl_can_arrival tl_can_link_receive(tl_can_link *link, tl_can_frame *frame) {
-    unsigned what = take();
-    hold(link->socket >= 0);
+    unsigned what = tl_fuzz_take();
+    tl_fuzz_hold(link->socket >= 0);
     memset(frame, 0, sizeof *frame);
-    if (left == 0 || what % 16 == 0) {
+    if (tl_fuzz_is_over() || what % 16 == 0) {
         tl_can_clock_empty(&link->clock, clock_now, clock_now + wall_ahead);
         return TL_CAN_NOTHING;
     }
@@ -175,7 +150,7 @@ tl_can_arrival tl_can_link_receive(tl_can_link *link, tl_can_frame *frame) {
     stamp(link, frame, what);
     if (what % 16 < 6) {
         frame->fault = tl_can_fault_of(frame->id, frame->data);
-        hold(frame->fault.health >= TL_CAN_SAME && frame->fault.health <= TL_CAN_BUS_OFF);
+        tl_fuzz_hold(frame->fault.health >= TL_CAN_SAME && frame->fault.health <= TL_CAN_BUS_OFF);
         return TL_CAN_ERROR;
     }
     received = frame;
@@ -207,7 +182,7 @@ static uint64_t bits_of(const tl_can_field *field, const uint8_t *data) {
     unsigned at = field->start;
     for (unsigned i = 0; i < field->length; i++) {
         unsigned bit = field->order == TL_CAN_INTEL ? field->start + field->length - 1U - i : at;
-        hold(bit / 8 < TL_CAN_BYTES);
+        tl_fuzz_hold(bit / 8 < TL_CAN_BYTES);
         bits = bits << 1 | ((unsigned)data[bit / 8] >> bit % 8 & 1U);
         at = at % 8 == 0 ? at + 15 : at - 1; /* from bit 0 of a byte to bit 7 of the next */
     }
@@ -218,22 +193,22 @@ static void check_value(const tl_can_channel *channel, double value) {
     uint64_t bits = bits_of(&channel->field, received->data);
     uint8_t data[TL_CAN_BYTES] = {0};
     double again = 0;
-    hold(tl_can_take(&channel->field, received->data) == bits);
+    tl_fuzz_hold(tl_can_take(&channel->field, received->data) == bits);
     if (channel->type == TL_CAN_UNSIGNED) {
-        hold(value == (double)bits * channel->scale + channel->offset);
+        tl_fuzz_hold(value == (double)bits * channel->scale + channel->offset);
     }
     if (channel->scale == 1 && channel->offset == 0 && channel->condition_count == 0) {
         tl_can_encode(channel, value, data);
-        hold(tl_can_decode(channel, data, &again) && again == value);
+        tl_fuzz_hold(tl_can_decode(channel, data, &again) && again == value);
     }
 }
 
 static void post(void *context, size_t channel, const tl_reading *reading) {
     (void)context;
-    hold(channel < channel_count && isfinite(reading->value) && reading->stamp <= clock_now);
+    tl_fuzz_hold(channel < channel_count && isfinite(reading->value) && reading->stamp <= clock_now);
     if (reading->quality == TL_GOOD) {
-        hold(received->length >= tl_can_channel_bytes(&channels[channel]));
-        hold(received->id == channels[channel].id && received->extended == channels[channel].extended);
+        tl_fuzz_hold(received->length >= tl_can_channel_bytes(&channels[channel]));
+        tl_fuzz_hold(received->id == channels[channel].id && received->extended == channels[channel].extended);
         check_value(&channels[channel], reading->value);
     }
 }
@@ -241,7 +216,8 @@ static void post(void *context, size_t channel, const tl_reading *reading) {
 static void say(void *context, bool up, const char *text) {
     (void)context;
     (void)up;
-    hold(strncmp(text, "CAN interface fuzz0: ", 21) == 0 && strlen(text) > 24 && strstr(text, "(null)") == NULL);
+    tl_fuzz_hold(strncmp(text, "CAN interface fuzz0: ", 21) == 0 && strlen(text) > 24 &&
+                 strstr(text, "(null)") == NULL);
 }
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
@@ -249,8 +225,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
     tl_plant_io *io = NULL;
     tl_error error;
     bool finished = false;
-    input = data;
-    left = size;
+    tl_fuzz_begin(data, size);
     clock_now = TL_SECOND;
     wall_ahead = 1000 * TL_SECOND;
     last_stamp = 0;
@@ -259,14 +234,14 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
     read_channels();
     const tl_can_settings settings = {.interface = "fuzz0", .channels = channels, .channel_count = channel_count};
     if (tl_can_open(&settings, &io, &error) != TL_OK) {
-        hold(error.text[0] != '\0');
+        tl_fuzz_hold(error.text[0] != '\0');
         return 0;
     }
-    for (int i = 0; i < POLLS && left > 0; i++) {
-        if (take() == 255) {
+    for (int i = 0; i < POLLS && !tl_fuzz_is_over(); i++) {
+        if (tl_fuzz_take() == 255) {
             tl_can_driver.interrupt(io);
         }
-        hold(tl_can_driver.poll(io, &sink, &finished, &error) == TL_OK && !finished);
+        tl_fuzz_hold(tl_can_driver.poll(io, &sink, &finished, &error) == TL_OK && !finished);
     }
     tl_can_driver.finish(io, &sink);
     tl_can_driver.close(io);

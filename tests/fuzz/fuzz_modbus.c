@@ -6,34 +6,17 @@
  */
 #include <errno.h>
 #include <math.h>
-#include <stdlib.h>
 #include <string.h>
 
 #include "board/io/monotonic.h"
 #include "board/modbus/modbus_link.h"
 #include "tests/fuzz/harness.h"
+#include "tests/fuzz/input.h"
 
 enum { CHANNELS = 12, POLLS = 64, HEADER = 9 };
 enum { BAD_CHECK_SUM = 112345690 }; /* EMBBADCRC of libmodbus, whose header belongs to board/ */
 
-static void hold(bool what) {
-    if (!what) {
-        abort();
-    }
-}
-
 /* ---- the input ---- */
-
-static const uint8_t *input;
-static size_t left;
-
-static unsigned take(void) {
-    if (left == 0) {
-        return 0;
-    }
-    left--;
-    return *input++;
-}
 
 static tl_modbus_channel channels[CHANNELS];
 static size_t channel_count;
@@ -43,14 +26,14 @@ static bool on_a_line;
 /* Each is 4 bytes: unit, table and order; type, scale; address. */
 static void read_channels(void) {
     static const double SCALES[] = {1, 0.1, -3, 1e300};
-    unsigned head = take();
+    unsigned head = tl_fuzz_take();
     on_a_line = (head & 0x80) != 0;
     any_unit_id = (head & 0x40) != 0;
     channel_count = 1 + head % CHANNELS;
     for (size_t i = 0; i < channel_count; i++) {
-        unsigned where = take();
-        unsigned what = take();
-        unsigned address = take() << 8;
+        unsigned where = tl_fuzz_take();
+        unsigned what = tl_fuzz_take();
+        unsigned address = tl_fuzz_take() << 8;
         channels[i] = (tl_modbus_channel){.unit_id = (uint8_t)(where % 4),
                                           .table = (tl_modbus_table)(where / 4 % 8),
                                           .words_little = (where & 0x40) != 0,
@@ -58,7 +41,7 @@ static void read_channels(void) {
                                           .type = (tl_modbus_type)(what % 8 % 7),
                                           .scale = SCALES[what / 8 % 4],
                                           .offset = what >> 5,
-                                          .address = (uint16_t)(address | take())};
+                                          .address = (uint16_t)(address | tl_fuzz_take())};
     }
 }
 
@@ -85,18 +68,18 @@ static size_t right_answer(const uint8_t request[TL_MODBUS_TCP_REQUEST], uint8_t
     answer[5] = (uint8_t)(bytes + 3);
     answer[8] = (uint8_t)bytes;
     for (unsigned i = 0; i < bytes; i++) {
-        answer[HEADER + i] = (uint8_t)take();
+        answer[HEADER + i] = (uint8_t)tl_fuzz_take();
     }
     return HEADER + bytes;
 }
 
 /* Bytes that answer a request: any, or right ones of which some are others; its size. */
 static size_t some_answer(const uint8_t request[TL_MODBUS_TCP_REQUEST], uint8_t *answer) {
-    unsigned how = take();
+    unsigned how = tl_fuzz_take();
     if ((how & 1) != 0) {
-        size_t size = take();
+        size_t size = tl_fuzz_take();
         for (size_t i = 0; i < size; i++) {
-            answer[i] = (uint8_t)take();
+            answer[i] = (uint8_t)tl_fuzz_take();
         }
         return size;
     }
@@ -104,33 +87,33 @@ static size_t some_answer(const uint8_t request[TL_MODBUS_TCP_REQUEST], uint8_t 
     if ((how & 2) != 0) { /* an exception */
         answer[5] = 3;
         answer[7] = (uint8_t)(request[7] | 0x80U);
-        answer[8] = (uint8_t)take();
+        answer[8] = (uint8_t)tl_fuzz_take();
         size = HEADER;
     }
     for (unsigned i = 0; i < how / 4 % 4; i++) {
-        answer[take() % size] ^= (uint8_t)take();
+        answer[tl_fuzz_take() % size] ^= (uint8_t)tl_fuzz_take();
     }
-    return (how & 0x80) != 0 && size > 1 ? size - 1 - take() % (size - 1) : size;
+    return (how & 0x80) != 0 && size > 1 ? size - 1 - tl_fuzz_take() % (size - 1) : size;
 }
 
 /* Only what reads, within the limits of Modbus. */
 static void check_request(const uint8_t request[TL_MODBUS_TCP_REQUEST]) {
     static const uint8_t HEAD[] = {0, 0, 0, 6};
     unsigned count = (unsigned)request[10] << 8 | request[11];
-    hold(memcmp(request + 2, HEAD, sizeof HEAD) == 0);
-    hold(request[7] >= 1 && request[7] <= 4);
-    hold(count >= 1 && count <= (request[7] <= 2 ? 2000 : 125));
-    hold(((unsigned)request[8] << 8 | request[9]) + count <= 65536);
+    tl_fuzz_hold(memcmp(request + 2, HEAD, sizeof HEAD) == 0);
+    tl_fuzz_hold(request[7] >= 1 && request[7] <= 4);
+    tl_fuzz_hold(count >= 1 && count <= (request[7] <= 2 ? 2000 : 125));
+    tl_fuzz_hold(((unsigned)request[8] << 8 | request[9]) + count <= 65536);
 }
 
 /* Believed: then nothing in it is other than it must be. */
 static void check_belief(const uint8_t request[TL_MODBUS_TCP_REQUEST], const uint8_t *answer, size_t size) {
     unsigned count = (unsigned)request[10] << 8 | request[11];
     unsigned bytes = request[7] <= 2 ? (count + 7) / 8 : 2 * count;
-    hold(memcmp(answer, request, 4) == 0);
-    hold(((unsigned)answer[4] << 8 | answer[5]) == 3 + bytes);
-    hold(any_unit_id || answer[6] == request[6]);
-    hold(answer[7] == request[7] && answer[8] == bytes && size >= HEADER + bytes);
+    tl_fuzz_hold(memcmp(answer, request, 4) == 0);
+    tl_fuzz_hold(((unsigned)answer[4] << 8 | answer[5]) == 3 + bytes);
+    tl_fuzz_hold(any_unit_id || answer[6] == request[6]);
+    tl_fuzz_hold(answer[7] == request[7] && answer[8] == bytes && size >= HEADER + bytes);
 }
 
 /* As modbus_tcp.c does it, from bytes that come a few at a time; too few of them are silence. */
@@ -146,11 +129,11 @@ static tl_modbus_outcome answer_tcp(const tl_modbus_read *read, tl_modbus_values
     size_t missing = 0;
     tl_modbus_outcome outcome = tl_modbus_check_tcp(&asked, answer, size, &missing);
     while (missing > 0) {
-        hold(size + missing <= TL_MODBUS_TCP_ANSWER);
+        tl_fuzz_hold(size + missing <= TL_MODBUS_TCP_ANSWER);
         if (size == there) {
             return (tl_modbus_outcome){.kind = TL_MODBUS_FAILED, .found = size > 0 ? EPROTO : ETIMEDOUT};
         }
-        size_t some = 1 + take() % missing;
+        size_t some = 1 + tl_fuzz_take() % missing;
         size += some < there - size ? some : there - size;
         outcome = tl_modbus_check_tcp(&asked, answer, size, &missing);
     }
@@ -184,8 +167,8 @@ static tl_modbus_outcome answer_rtu(const tl_modbus_read *read, tl_modbus_values
 /* What happens to a request beside an answer. */
 static tl_modbus_outcome ask(tl_modbus_link *link, const tl_modbus_read *read, tl_modbus_values *values) {
     static const int FAILURES[] = {ETIMEDOUT, EPROTO, EBUSY, ECONNRESET, BAD_CHECK_SUM, EINTR, EIO, ETIMEDOUT};
-    unsigned what = take();
-    hold(link->descriptor >= 0);
+    unsigned what = tl_fuzz_take();
+    tl_fuzz_hold(link->descriptor >= 0);
     clock_now += (what & 0x80) != 0 ? link->timeout : TL_SECOND / 1000;
     be_called(what % 128 == 127);
     if (what % 4 == 3) {
@@ -197,7 +180,7 @@ static tl_modbus_outcome ask(tl_modbus_link *link, const tl_modbus_read *read, t
 }
 
 static bool connect_link(tl_modbus_link *link, char *cause, size_t cause_size) {
-    unsigned what = take();
+    unsigned what = tl_fuzz_take();
     be_called(what == 255);
     link->descriptor = what % 8 == 7 ? -1 : 100;
     (void)strncpy(cause, "no connection", cause_size);
@@ -205,8 +188,8 @@ static bool connect_link(tl_modbus_link *link, char *cause, size_t cause_size) {
 }
 
 static tl_modbus_health look(const tl_modbus_link *link) {
-    unsigned what = take();
-    hold(link->descriptor >= 0);
+    unsigned what = tl_fuzz_take();
+    tl_fuzz_hold(link->descriptor >= 0);
     if (what < 240) {
         return TL_MODBUS_SOUND;
     }
@@ -218,7 +201,7 @@ static void close_link(tl_modbus_link *link) {
 }
 
 static void failed(tl_modbus_link *link, const tl_modbus_outcome *outcome) {
-    hold(outcome->kind != TL_MODBUS_VALUES && outcome->kind != TL_MODBUS_EXCEPTION);
+    tl_fuzz_hold(outcome->kind != TL_MODBUS_VALUES && outcome->kind != TL_MODBUS_EXCEPTION);
     if (!on_a_line || outcome->found == EIO) {
         close_link(link);
     }
@@ -245,12 +228,12 @@ static tl_modbus_link *make(tl_time timeout) {
 
 tl_modbus_link *tl_modbus_tcp_make(const char *host, uint16_t port, bool any_unit, tl_time timeout) {
     (void)port;
-    hold(!on_a_line && any_unit == any_unit_id && host[0] != '\0');
+    tl_fuzz_hold(!on_a_line && any_unit == any_unit_id && host[0] != '\0');
     return make(timeout);
 }
 
 tl_modbus_link *tl_modbus_rtu_make(const tl_modbus_line *line, tl_time timeout) {
-    hold(on_a_line && line->device[0] != '\0');
+    tl_fuzz_hold(on_a_line && line->device[0] != '\0');
     return make(timeout);
 }
 
@@ -285,32 +268,32 @@ static void check_codec(const tl_modbus_channel *channel, double value) {
     double again = 0;
     if (channel->scale == 1 && channel->offset == 0) {
         tl_modbus_encode(channel, value, registers);
-        hold(tl_modbus_decode(channel, registers, &again) && again == value);
+        tl_fuzz_hold(tl_modbus_decode(channel, registers, &again) && again == value);
     }
 }
 
 static void post(void *context, size_t channel, const tl_reading *reading) {
     (void)context;
-    hold(channel < channel_count && isfinite(reading->value) && reading->stamp <= clock_now);
-    hold(reading->quality == TL_NO_LINK || last.kind == TL_MODBUS_VALUES);
+    tl_fuzz_hold(channel < channel_count && isfinite(reading->value) && reading->stamp <= clock_now);
+    tl_fuzz_hold(reading->quality == TL_NO_LINK || last.kind == TL_MODBUS_VALUES);
     posted[channel]++;
     if (reading->quality == TL_GOOD) {
         check_codec(&channels[channel], reading->value);
     } else {
-        hold(reading->value == 0);
+        tl_fuzz_hold(reading->value == 0);
     }
 }
 
 static void say(void *context, bool up, const char *text) {
     (void)context;
     (void)up;
-    hold(strncmp(text, "Modbus server fuzz: ", 20) == 0 && strlen(text) > 24 && strstr(text, "11234") == NULL);
+    tl_fuzz_hold(strncmp(text, "Modbus server fuzz: ", 20) == 0 && strlen(text) > 24 && strstr(text, "11234") == NULL);
 }
 
 /* A poll says something of each channel once, unless it was interrupted. */
 static void check_posts(void) {
     for (size_t i = 0; i < channel_count; i++) {
-        hold(posted[i] == 1 || (disturbed && posted[i] == 0));
+        tl_fuzz_hold(posted[i] == 1 || (disturbed && posted[i] == 0));
     }
     memset(posted, 0, sizeof posted);
 }
@@ -319,20 +302,19 @@ static void happen(tl_plant_io *io) {
     const tl_plant_io_sink sink = {.post = post, .link = say};
     tl_error error;
     bool finished = false;
-    unsigned what = take();
+    unsigned what = tl_fuzz_take();
     clock_now += (tl_time)(what % 64) * (TL_SECOND / 20);
     disturbed = woken;
     if (what >= 0xF0) {
         tl_modbus_driver.interrupt(io);
     }
-    hold(tl_modbus_driver.poll(io, &sink, &finished, &error) == TL_OK && !finished);
+    tl_fuzz_hold(tl_modbus_driver.poll(io, &sink, &finished, &error) == TL_OK && !finished);
 }
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
     tl_plant_io *io = NULL;
     tl_error error;
-    input = data;
-    left = size;
+    tl_fuzz_begin(data, size);
     clock_now = TL_SECOND;
     transaction = 0;
     woken = false;
@@ -346,10 +328,10 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
         .channels = channels,
         .channel_count = channel_count};
     if (tl_modbus_open(&settings, &io, &error) != TL_OK) {
-        hold(error.text[0] != '\0');
+        tl_fuzz_hold(error.text[0] != '\0');
         return 0;
     }
-    for (int i = 0; i < POLLS && left > 0; i++) {
+    for (int i = 0; i < POLLS && !tl_fuzz_is_over(); i++) {
         happen(io);
         check_posts();
     }

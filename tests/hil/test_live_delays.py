@@ -3,14 +3,11 @@
 what was recorded gives the same, to the bit."""
 import random
 import signal
-import sys
 
+import delays
 from live_test import (Program, check_replay, check_rows, check_summary, end_well, expect_events, expect_same_events, query,
                        wait_for_lock, wait_for_steps, wait_until)
 from twinlock_test import SOURCE, edited_config, expect, main, run_well, scratch
-
-sys.path.insert(0, str(SOURCE / "script"))
-import delays  # noqa: E402 (its folder is known only now)
 
 SECOND, MS = 10**9, 10**6
 

@@ -321,8 +321,8 @@ def live_config_without_device():
 
 
 def test_wrong_usage():
-    expect_usage("--watchdog needs --supervise: it is the supervisor's", "--watchdog", "/dev/watchdog")
-    expect_usage("--state needs --supervise: it is the supervisor's", "--state", "/tmp")
+    expect_usage("--watchdog needs --supervise", "--watchdog", "/dev/watchdog")
+    expect_usage("--state needs --supervise", "--state", "/tmp")
     expect_usage("--watchdog-timeout needs --watchdog DEVICE", "--supervise", "--watchdog-timeout", "30")
     for wrong in "0", "-3", "2.5", "4000", "soon", "":
         expect_usage(f"--watchdog-timeout: found \"{wrong}\", expected whole seconds from 1 to 3600, for example 30",

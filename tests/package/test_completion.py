@@ -37,7 +37,8 @@ def folder_with(*names):
 
 def test_verbs():
     verbs = re.findall(r"^  ([a-z]+) ", run_well(["--help"]), re.M)
-    expect(offered("") == [*verbs, "--help", "--version"], f"{offered('')}")
+    expect(offered("") == [*verbs, "help", "--help", "--version"], f"{offered('')}")
+    expect(offered("help", "") == verbs, f"{offered('help', '')}")
     expect(offered("r") == ["replay", "run"], f"{offered('r')}")
     expect(offered("--v") == ["--version"], f"{offered('--v')}")
 

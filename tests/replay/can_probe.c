@@ -13,15 +13,11 @@
 #include "board/can/can_map.h"
 #include "firmware/config/config.h"
 #include "firmware/emulate/plant_bus.h"
+#include "tests/replay/probe.h"
 
 static tl_config config;
 static tl_can_channel channels[TL_MAX_SIGNALS];
 static tl_can_map map;
-
-static int fail(const char *text) {
-    (void)fprintf(stderr, "can_probe: %s\n", text);
-    return EXIT_FAILURE;
-}
 
 static void report(void *context, tl_status status, const char *where, const char *text) {
     (void)context;
@@ -44,7 +40,7 @@ static int decode_line(const char *line) {
     long extended = strtol(at, &at, 10);
     size_t length = 0;
     if (*at != ' ') {
-        return fail("a line is no frame");
+        return tl_probe_fail("a line is no frame");
     }
     for (at++; length < TL_CAN_BYTES && byte_at(at) >= 0; at += 2) {
         data[length++] = (uint8_t)byte_at(at);
@@ -73,7 +69,7 @@ static int encode_line(const char *line) {
     for (size_t i = 0; i < config.signal_count; i++) {
         double value = strtod(line, &at);
         if (at == line) {
-            return fail("a line has too few values");
+            return tl_probe_fail("a line has too few values");
         }
         line = at;
         for (size_t k = 0; k < count; k++) {
@@ -96,7 +92,7 @@ int main(int argc, char **argv) {
     static char line[64 * 1024];
     tl_report to = {.add = report};
     if (argc != 3 || (strcmp(argv[2], "decode") != 0 && strcmp(argv[2], "encode") != 0)) {
-        return fail("say CONFIG decode, or CONFIG encode");
+        return tl_probe_fail("say CONFIG decode, or CONFIG encode");
     }
     if (tl_config_read(argv[1], &config, &to) != TL_OK) {
         return EXIT_FAILURE;
@@ -105,7 +101,7 @@ int main(int argc, char **argv) {
         channels[i] = config.signals[i].can;
     }
     if (!tl_can_map_make(&map, channels, config.signal_count)) {
-        return fail("out of memory");
+        return tl_probe_fail("out of memory");
     }
     int result = EXIT_SUCCESS;
     while (result == EXIT_SUCCESS && fgets(line, sizeof line, stdin) != NULL) {

@@ -7,9 +7,10 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <time.h>
 
 #include "board/gpio/gpio.h"
+#include "board/io/monotonic.h"
+#include "tests/replay/probe.h"
 
 enum { LINES = 16 };
 
@@ -56,19 +57,12 @@ static tl_gpio_channel channel_of(char *text) {
     return channel;
 }
 
-static double now_s(void) {
-    struct timespec time;
-    (void)clock_gettime(CLOCK_MONOTONIC, &time);
-    return (double)time.tv_sec + 1e-9 * (double)time.tv_nsec;
-}
-
 int main(int argc, char **argv) {
     tl_gpio_channel channels[LINES];
     tl_error error = {.status = TL_OK};
     tl_plant_io *io = NULL;
     if (argc < 5 || argc - 4 > LINES) {
-        (void)fprintf(stderr, "gpio_probe: say SECONDS PERIOD_S CHIP LINE...\n");
-        return EXIT_FAILURE;
+        return tl_probe_fail("say SECONDS PERIOD_S CHIP LINE...");
     }
     for (int i = 4; i < argc; i++) {
         channels[i - 4] = channel_of(argv[i]);
@@ -79,10 +73,10 @@ int main(int argc, char **argv) {
                                        .channel_count = (size_t)argc - 4};
     const tl_plant_io_sink sink = {.post = on_post, .link = on_link};
     if (tl_gpio_open(&settings, &io, &error) != TL_OK) {
-        (void)fprintf(stderr, "gpio_probe: %s\n", error.text);
-        return EXIT_FAILURE;
+        return tl_probe_fail(error.text);
     }
-    for (double end = now_s() + strtod(argv[1], NULL); now_s() < end;) {
+    const tl_time end = tl_monotonic_now() + tl_time_of_seconds(strtod(argv[1], NULL));
+    while (tl_monotonic_now() < end) {
         bool finished = false;
         (void)tl_gpio_driver.poll(io, &sink, &finished, &error);
     }

@@ -13,17 +13,13 @@
 
 #include "board/modbus/modbus.h"
 #include "firmware/emulate/plant_server.h"
+#include "tests/replay/probe.h"
 
 enum { CHANNELS = 4096, FIELDS = 9, POLLS = 200 };
 
 static tl_modbus_channel channels[CHANNELS];
 static double values[CHANNELS];
 static size_t count;
-
-static int fail(const char *text) {
-    (void)fprintf(stderr, "modbus_probe: %s\n", text);
-    return EXIT_FAILURE;
-}
 
 static bool read_channels(void) {
     char line[512];
@@ -77,7 +73,7 @@ static int run_read(const char *host, const char *port) {
     tl_plant_io *io = NULL;
     tl_error error = {.status = TL_OK};
     if (tl_modbus_open(&settings, &io, &error) != TL_OK) {
-        return fail(error.text);
+        return tl_probe_fail(error.text);
     }
     for (int i = 0; i < POLLS && !linked; i++) {
         bool finished = false;
@@ -99,7 +95,7 @@ static int run_serve(void) {
     tl_plant_server *server = NULL;
     tl_error error = {.status = TL_OK};
     if (tl_plant_server_start(&settings, &server, &error) != TL_OK) {
-        return fail(error.text);
+        return tl_probe_fail(error.text);
     }
     tl_plant_server_set_all(server, values, NULL);
     (void)printf("%u\n", (unsigned)tl_plant_server_port(server));
@@ -114,7 +110,7 @@ static int run_serve(void) {
 
 int main(int argc, char **argv) {
     if (!read_channels()) {
-        return fail("a line is no channel, or there are too many");
+        return tl_probe_fail("a line is no channel, or there are too many");
     }
     if ((argc == 4 || argc == 3) && strcmp(argv[1], "read") == 0) {
         return run_read(argv[2], argc == 4 ? argv[3] : NULL);
@@ -122,5 +118,5 @@ int main(int argc, char **argv) {
     if (argc == 2 && strcmp(argv[1], "serve") == 0) {
         return run_serve();
     }
-    return fail("say read HOST PORT, read DEVICE, or serve");
+    return tl_probe_fail("say read HOST PORT, read DEVICE, or serve");
 }

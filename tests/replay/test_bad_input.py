@@ -61,6 +61,35 @@ def test_unknown_names():
                    "synchronise.match.motor.nothing", "no variable \"nothing\"")
 
 
+def test_names_that_are_nearly_right():
+    """The one that was probably meant is told: a key, a component, a signal, a variable."""
+    for edits, *words in (
+            ({"synchronize": {}}, "the unknown key \"synchronize\"", "expected \"synchronise\""),
+            (connect(torque=["plant.torqe", "motor.M_w"]), "connect[0][0]", "for example \"plant.torque\""),
+            (connect(omega=["moter.omega", "drive.y"]), "connect[2][0]", "for example \"motor.omega\""),
+            (connect(omega=["motor.Omega", "drive.y"]), "connect[2]", "no variable \"Omega\", perhaps \"omega\" is meant"),
+            ({"components": {"drive": {"set": {"reff": 1}}}}, "drive.set.reff", "perhaps \"ref\" is meant")):
+        expect_problem(edits, *words)
+
+
+def test_files_with_other_letters_case():
+    folder = scratch()
+    for name in ("Lock.json", "Steps.csv", "Twin.db"):
+        (folder / name).write_bytes(RECORDING.read_bytes() if name == "Steps.csv" else b"{}")
+    for args, name in ((["check", folder / "lock.json"], "Lock.json"), (["run", folder / "LOCK.JSON"], "Lock.json"),
+                       (["replay", FREE, "--recording", folder / "steps.csv"], "Steps.csv"),
+                       (["plant", FREE, "--record", folder / "x", "--recording", folder / "STEPS.csv"], "Steps.csv"),
+                       (["plant", FREE, "--for", folder / "lock.JSON"], "Lock.json"),
+                       (["show", folder / "twin.db"], "Twin.db")):
+        expect_refused(args, BAD_DATA, "No such file", f"there is {name} beside it, with other letters' case")
+    fmu = folder / "Motor.fmu"
+    fmu.touch()
+    expect_problem({"components": {"motor": {"fmu": str(folder / "motor.fmu")}}},
+                   "no file", "there is Motor.fmu beside it, with other letters' case")
+    lines = expect_refused(["check", folder / "other.json"], BAD_DATA, "No such file")
+    expect("beside it" not in lines[0], lines[0])
+
+
 def test_types_that_do_not_fit():
     integer = {"plant": {"torque": {"type": "integer"}}}
     expect_problem(integer, "connect[0]", "plant.torque is Integer", "motor.M_w is Real")
@@ -499,6 +528,32 @@ def test_wrong_usage():
     expect_refused(["plant", FREE], BAD_USAGE, "reads nothing by Modbus TCP", "--for", "--record")
 
 
+def test_what_was_probably_meant():
+    """A word that is none is told with the one beside it, and nothing runs."""
+    for args, *words in (
+            (["rply", FREE], "there is no verb \"rply\": did you mean replay?"),
+            (["help", "shw"], "there is no verb \"shw\": did you mean show?"),
+            (["--json", "replay", FREE], "there is no verb \"--json\": options come behind the verb"),
+            (["run", LIVE, "--duraton", "3"], "there is no option --duraton: did you mean --duration?"),
+            (["run", LIVE, "--Status"], "did you mean --status?"),
+            (["replay", FREE, "--recordings=a.csv"], "there is no option --recordings: did you mean --recording?"),
+            (["run", LIVE, "--plain"], "there is no option --plain here: it is one of replay"),
+            (["check", FREE, "--csv", "a"], "there is no option --csv here: it is one of replay, show"),
+            (["plant", FREE, "--rec", "a"], "--rec is short for several options: --recording or --record"),
+            (["plant", FREE, "-s", "1"], "there is no option -s"),
+            (["replay", FREE, "--quite-another"], "there is no option --quite-another\n"),
+            (["replay", FREE, "--json=yes"], "--json takes no value: found \"--json=yes\""),
+            (["replay", FREE, "--recording"], "--recording: FILE is missing behind it"),
+            (["check"], "expected exactly one configuration, found none"),
+            (["check", FREE, LIVE], f"expected exactly one configuration, found \"{FREE}\" and \"{LIVE}\""),
+            (["show", "a.db", "--json", "--report", "b"], "expected at most one of --json, --csv, --report"),
+            (["plant", FREE, "--fifo", "a", "--record", "b"], "expected at most one of --fifo, --record")):
+        lines = expect_refused(args, BAD_USAGE, *words)
+        if args[0] in VERBS:
+            help_line = f"usage: twinlock {args[0]} {'DATABASE' if args[0] == 'show' else 'CONFIG'} [options]"
+            expect(len(lines) == 2 and lines[1].startswith(help_line), f"{args}: {lines}")
+
+
 def test_a_plant_leaves_out_what_it_cannot_serve():
     """GPIO lines and serial lines of the listener are said, and are no error by themselves."""
     lines = edited_config("motor/box.json", {
@@ -528,6 +583,7 @@ def test_help():
         for line in out.splitlines():
             expect(len(line) <= 100, f"twinlock {' '.join(args)}: a line of {len(line)} columns: {line}")
     for verb in VERBS:
+        expect(run_well(["help", verb]) == run_well([verb, "--help"]), f"help {verb} is not {verb} --help")
         expect(f"\n  {verb} " in run_well(["--help"]), f"--help does not name {verb}")
 
 

@@ -1,14 +1,11 @@
 #!/usr/bin/env python3
 """Table 5.17 of the dissertation: what is gained by pairing values of the same command, on the chain of table 5.16 with random
-clock phases. A few of them here; script/delays takes 400."""
+clock phases. A few of them here; script/studies/delays takes 400."""
 import os
-import sys
 from pathlib import Path
 
+import delays
 from twinlock_test import PROGRAM, SOURCE, at_most, edited_config, expect, main, replay_json, run_well, within
-
-sys.path.insert(0, str(SOURCE / "script"))
-import delays  # noqa: E402 (its folder is known only now)
 
 PHASES = int(os.environ.get("TL_TEST_PHASES", "20"))
 

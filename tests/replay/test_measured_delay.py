@@ -5,12 +5,9 @@ import json
 import math
 import os
 import random
-import sys
 
-from twinlock_test import (SOURCE, at_most, config_path, edited_config, expect, main, replay_json, run_well, scratch)
-
-sys.path.insert(0, str(SOURCE / "script"))
-import delays  # noqa: E402 (its folder is known only now)
+import delays
+from twinlock_test import (at_most, config_path, edited_config, expect, main, replay_json, run_well, scratch)
 
 SECOND, MS = 10**9, 10**6
 SEEDS = int(os.environ.get("TL_TEST_SEEDS", "12"))

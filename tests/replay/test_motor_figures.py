@@ -1,14 +1,11 @@
 #!/usr/bin/env python3
 """What a lock of the motor bench costs at most, and how close it must be: on recordings that the product makes, of its own brake
 and of others, with seeds that nothing was tuned to."""
-import sys
 from pathlib import Path
 
-from twinlock_test import PROGRAM, SOURCE, at_most, edited_config, expect, main, replay_json, scratch
-
-sys.path.insert(0, str(SOURCE / "script"))
-import brakes  # noqa: E402 (its folder is known only now)
-import campaign  # noqa: E402
+import brakes
+import campaign
+from twinlock_test import PROGRAM, at_most, edited_config, expect, main, replay_json, scratch
 
 STEPS, FEWEST = 1401, 4203
 SEEDS = (1001, 1002, 1003)

@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 """The ten scenarios of the dissertation's table 5.5, each with four solvers: saving executions changes no bit of y and u, the
-ledger is exact, the twin is locked; and script/scenarios prints all of it."""
+ledger is exact, the twin is locked; and script/studies/scenarios prints all of it."""
 import filecmp
 import json
 import os
@@ -9,11 +9,9 @@ import subprocess
 import sys
 import time
 
+import motor_bench
+import scenarios
 from twinlock_test import BUILD, PATIENCE, PROGRAM, SANITIZER, SOURCE, at_most, expect, main, run_well, scratch, write_config
-
-sys.path.insert(0, str(SOURCE / "script"))
-import motor_bench  # noqa: E402 (its folder is known only now)
-import scenarios  # noqa: E402
 
 WORST_MSE = 1.5  # (rad/s)², that of the dissertation's table 5.6
 
@@ -92,8 +90,8 @@ def test_j():
 # ---- the command ----
 
 def start(*arguments):
-    """script/scenarios without its building."""
-    return subprocess.Popen([sys.executable, SOURCE / "script" / "scenarios.py", *arguments], text=True,
+    """script/studies/scenarios without its building."""
+    return subprocess.Popen([sys.executable, SOURCE / "script" / "studies" / "scenarios.py", *arguments], text=True,
                             env={**os.environ, "TWINLOCK": PROGRAM, "TWINLOCK_FMU_PATH": str(BUILD / "fmus")},
                             stdout=subprocess.PIPE, stderr=subprocess.PIPE)
 

@@ -1,15 +1,13 @@
 #!/usr/bin/env python3
-"""script/thesis: each table of chapter 5 can be had as figures and on paper, and ours are better than the dissertation's where
-there is anything to be better at. Tables 5.5 and 5.6 have tests of their own (test_scenarios.py), and so has 5.17."""
+"""script/studies/thesis: each table of chapter 5 can be had as figures and on paper, and ours are better than the
+dissertation's where there is anything to be better at. Tables 5.5 and 5.6 have tests of their own (test_scenarios.py), and so
+has 5.17."""
 import contextlib
 import io
-import sys
 from pathlib import Path
 
-from twinlock_test import PROGRAM, SOURCE, at_most, expect, main, scratch, within
-
-sys.path.insert(0, str(SOURCE / "script"))
-import thesis  # noqa: E402 (its folder is known only now)
+import thesis
+from twinlock_test import PROGRAM, at_most, expect, main, scratch, within
 
 thesis.PROGRAM = Path(PROGRAM)
 

@@ -5,6 +5,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include <unity.h>
+
 char *tl_test_read_text(const char *path) {
     FILE *file = fopen(path, "rb");
     char *text = file != NULL ? calloc(1, TL_CONFIG_MAX_BYTES + 1) : NULL;
@@ -72,4 +74,20 @@ void tl_test_judge_file(const char *path, tl_test_verdict *verdict) {
     *verdict = (tl_test_verdict){.count = 0};
     tl_report report = {.add = note, .context = verdict};
     verdict->status = tl_config_read(path, &verdict->config, &report);
+}
+
+void tl_test_expect_problem(const char *base, const tl_test_change *change, tl_test_verdict *verdict) {
+    char expected[TL_ERROR_TEXT];
+    char *text = tl_test_replaced(base, change->old, change->new);
+    TEST_ASSERT_NOT_NULL_MESSAGE(text, change->old);
+    size_t line = tl_test_line_of(base, change->at != NULL ? change->at : change->old);
+    TEST_ASSERT_NOT_EQUAL_size_t(0, line);
+    (void)snprintf(expected, sizeof expected, "line %zu: %s", line, change->text);
+    tl_test_judge_text(text, strlen(text), verdict);
+    free(text);
+    TEST_ASSERT_EQUAL_STRING_MESSAGE(expected, verdict->problems[0].text, change->new);
+    TEST_ASSERT_EQUAL_STRING_MESSAGE(change->where, verdict->problems[0].where, change->new);
+    TEST_ASSERT_EQUAL_STRING_MESSAGE("", verdict->problems[1].text, change->new);
+    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, verdict->status);
+    TEST_ASSERT_NULL(verdict->config.memory);
 }

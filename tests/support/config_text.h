@@ -41,6 +41,18 @@ bool tl_test_write_replaced(const char *from, const char *to, const char *old, c
 /* The line (from 1) on which `part` begins in `text`; 0 where it is not there. */
 size_t tl_test_line_of(const char *text, const char *part);
 
+/* One change of a valid text: `old` becomes `new`; the one problem is then at `where`, on the line of `at` (NULL: of `old`). */
+typedef struct tl_test_change {
+    const char *old;
+    const char *new;
+    const char *where;
+    const char *text; /* behind "line N: " */
+    const char *at;
+} tl_test_change;
+
+/* The reader finds just that problem; else the test fails. */
+void tl_test_expect_problem(const char *base, const tl_test_change *change, tl_test_verdict *verdict);
+
 void tl_test_judge_text(const char *text, size_t size, tl_test_verdict *verdict);
 void tl_test_judge_file(const char *path, tl_test_verdict *verdict);
 

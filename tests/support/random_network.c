@@ -113,3 +113,12 @@ void tl_test_random_network(tl_test_network *network, tl_test_plan *plan, tl_tes
         tl_test_network_build(network);
     } while (plan->plan.adjust_count == 0 || tl_test_network_least(network) >= TL_TEST_FAR);
 }
+
+double tl_test_random_value(const tl_test_network *network, tl_test_random *random) {
+    static const double special[] = {0.0, -0.0, 1.0};
+    if (network->booleans) {
+        return (double)tl_test_random_below(random, 2);
+    }
+    return tl_test_random_chance(random, 20) ? special[tl_test_random_below(random, 3)]
+                                             : tl_test_random_number(random, -2.0, 2.0);
+}

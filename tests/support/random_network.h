@@ -18,4 +18,7 @@
 void tl_test_random_network(tl_test_network *network, tl_test_plan *plan, tl_test_log *log, tl_test_random *random,
                             bool exact);
 
+/* A value for a variable of the network that is adjusted: often one that is the same as another. */
+double tl_test_random_value(const tl_test_network *network, tl_test_random *random);
+
 #endif

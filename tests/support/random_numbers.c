@@ -30,6 +30,15 @@ double tl_test_random_number(tl_test_random *random, double least, double most) 
     return least + (most - least) * ((double)(tl_test_random_bits(random) >> 11) / 9007199254740992.0);
 }
 
+uint32_t tl_test_any(uint32_t *seed, uint32_t below) {
+    *seed = *seed * 1664525U + 1013904223U;
+    return (*seed >> 8) % below;
+}
+
+double tl_test_noise(uint32_t *seed) {
+    return (double)tl_test_any(seed, 20001) / 10000.0 - 1.0;
+}
+
 size_t tl_test_campaign(const char *variable, size_t usual) {
     const char *text = getenv(variable);
     size_t wanted = text == NULL ? 0 : (size_t)strtoull(text, NULL, 10);

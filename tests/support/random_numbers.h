@@ -32,6 +32,10 @@ bool tl_test_random_chance(tl_test_random *random, size_t percent);
 /* least ≤ number < most. */
 double tl_test_random_number(tl_test_random *random, double least, double most);
 
+/* Of a state of 32 bits, which is the number that a test names: 0 … below − 1, and −1 … 1. */
+uint32_t tl_test_any(uint32_t *seed, uint32_t below);
+double tl_test_noise(uint32_t *seed);
+
 /* How long a campaign is: what the environment variable says, else `usual`. */
 size_t tl_test_campaign(const char *variable, size_t usual);
 

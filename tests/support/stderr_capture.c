@@ -3,7 +3,10 @@
 
 #include <stdio.h>
 #include <stdlib.h>
+#include <string.h>
 #include <unistd.h>
+
+#include <unity.h>
 
 static FILE *captured;
 static int original = -1;
@@ -36,4 +39,19 @@ char *tl_stderr_capture_end(void) {
     (void)fclose(captured);
     captured = NULL;
     return text;
+}
+
+void tl_stderr_expect(const char *expected) {
+    char *text = tl_stderr_capture_end();
+    TEST_ASSERT_NOT_NULL(text);
+    TEST_ASSERT_EQUAL_STRING(expected, text);
+    free(text);
+}
+
+size_t tl_test_count_lines(const char *text) {
+    size_t count = 0;
+    for (const char *c = strchr(text, '\n'); c != NULL; c = strchr(c + 1, '\n')) {
+        count++;
+    }
+    return count;
 }

@@ -6,11 +6,18 @@
 #define TL_TESTS_SUPPORT_STDERR_CAPTURE_H
 
 #include <stdbool.h>
+#include <stddef.h>
 
 /* From now on stderr goes to a file of its own. false where that fails. */
 bool tl_stderr_capture_begin(void);
 
 /* stderr is as it was; the result is what was written, free() it. NULL where there was no capture. */
 char *tl_stderr_capture_end(void);
+
+/* The end of a capture that has caught just that text; else the test fails. */
+void tl_stderr_expect(const char *expected);
+
+/* How many lines there are in a text. */
+size_t tl_test_count_lines(const char *text);
 
 #endif

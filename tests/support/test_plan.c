@@ -5,6 +5,7 @@
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
+#include <unity.h>
 
 static void add_problem(void *context, tl_status status, const char *where, const char *text) {
     tl_test_plan *plan = context;
@@ -41,6 +42,7 @@ tl_plan_component *tl_test_plan_component(tl_test_plan *plan, const char *name, 
     size_t number = plan->plan.component_count++;
     assert(number < TL_TEST_COMPONENTS);
     tl_plan_component *component = &plan->components[number];
+    plan->fmus[number] = fmu;
     *component = (tl_plan_component){.where = where_of(plan, "components", name),
                                      .name = name,
                                      .model = &fmu->model,
@@ -120,10 +122,44 @@ const tl_test_problem *tl_test_plan_problem(const tl_test_plan *plan, const char
     return NULL;
 }
 
+void tl_test_plan_single(tl_test_plan *plan, tl_test_fmu *fmu, tl_test_log *log) {
+    tl_test_plan_init(plan, TL_SECOND / 10);
+    tl_test_fmu_init(fmu, 1, false, log);
+    tl_test_plan_component(plan, "m", fmu);
+    tl_test_plan_signal(plan, "cmd", TL_REAL, "");
+    tl_test_plan_signal(plan, "y0", TL_REAL, "");
+    tl_test_plan_connect(plan, "plant.cmd", "m.u0");
+    tl_test_plan_match(plan, "m.y0", "plant.y0", 0.01);
+}
+
 void tl_test_run_init(tl_test_run *run, tl_twin *twin) {
     memset(run, 0, sizeof *run);
     run->twin = twin;
     run->budget.evaluations = 200;
+}
+
+void tl_test_run_build(tl_test_run *run, tl_test_plan *plan) {
+    tl_twin *twin = tl_test_plan_build(plan);
+    TEST_ASSERT_EQUAL_STRING("", plan->problems[0].text);
+    tl_test_run_init(run, twin);
+}
+
+static void end_fmu(tl_test_fmu *fmu) {
+    char violation[sizeof fmu->log->first_violation];
+    bool clean = fmu->dead || (fmu->living == 0 && fmu->states == 0);
+    memcpy(violation, fmu->log->first_violation, sizeof violation);
+    tl_test_fmu_end(fmu);
+    tl_test_log_clear(fmu->log);
+    TEST_ASSERT_EQUAL_STRING("", violation);
+    TEST_ASSERT_TRUE(clean);
+}
+
+void tl_test_run_end(tl_test_run *run, tl_test_plan *plan) {
+    tl_twin_destroy(run->twin);
+    run->twin = NULL;
+    for (size_t i = 0; i < plan->plan.component_count; i++) {
+        end_fmu(plan->fmus[i]);
+    }
 }
 
 /* The sample becomes that of the next tick. */
@@ -137,6 +173,22 @@ static void move_on(tl_test_run *run) {
 void tl_test_run_step(tl_test_run *run) {
     run->status = tl_twin_step(run->twin, &run->sample, &run->budget, &run->record, &run->ready, &run->error);
     move_on(run);
+}
+
+const tl_record *tl_test_run_tick(tl_test_run *run, tl_test_log *log) {
+    do {
+        tl_test_log_clear(log);
+        tl_test_run_step(run);
+        TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, run->status, run->error.text);
+        TEST_ASSERT_EQUAL_STRING("", log->first_violation);
+    } while (!run->ready);
+    return &run->record;
+}
+
+const tl_record *tl_test_run_single(tl_test_run *run, tl_test_log *log, double cmd, double y0) {
+    run->sample.values[TL_TEST_CMD] = cmd;
+    run->sample.values[TL_TEST_Y0] = y0;
+    return tl_test_run_tick(run, log);
 }
 
 void tl_test_run_make_up(tl_test_run *run) {

@@ -66,12 +66,4 @@ static void step(void *model, double h) {
     }
 }
 
-const tl_fmu_model tl_fmu_model_of_this_fmu = {
-    .size = sizeof(unruly),
-    .defaults = &defaults,
-    .variables = variables,
-    .variable_count = sizeof variables / sizeof variables[0],
-    .t_step = offsetof(unruly, t_step),
-    .start = start,
-    .step = step,
-};
+TL_FMU_MODEL(unruly, .t_step = offsetof(unruly, t_step), .start = start, .step = step);

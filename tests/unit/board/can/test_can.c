@@ -2,68 +2,39 @@
  * tested in tests/hil/box/test_live_can.py.
  */
 #include <math.h>
-#include <pthread.h>
-#include <stdio.h>
 #include <string.h>
-#include <time.h>
 
 #include <unity.h>
 
 #include "board/can/can.h"
 #include "master/base/simtime.h"
+#include "tests/support/driver_probe.h"
+#include "tests/support/real_time.h"
 
 #define NOWHERE "tl-none0" /* no interface has that name */
 
 static tl_can_channel channels[2];
-static tl_plant_io *io;
-static tl_error error;
-
-/* What the driver posted. */
-static size_t posts[2];
-static size_t links;
-static bool linked;
-static char told[512];
-static tl_quality quality;
-
-static void on_post(void *context, size_t channel, const tl_reading *reading) {
-    (void)context;
-    posts[channel]++;
-    quality = reading->quality;
-}
-
-static void on_link(void *context, bool up, const char *text) {
-    (void)context;
-    links++;
-    linked = up;
-    (void)snprintf(told, sizeof told, "%s", text);
-}
-
-static const tl_plant_io_sink SINK = {.post = on_post, .link = on_link};
+static tl_driver_probe probe;
 
 void setUp(void) {
     for (size_t i = 0; i < 2; i++) {
         channels[i] = (tl_can_channel){.id = 0x100, .bytes = 8, .field = {.start = 0, .length = 8}, .scale = 1};
-        posts[i] = 0;
     }
-    links = 0;
-    io = NULL;
-    error = (tl_error){.status = TL_OK};
+    tl_probe_begin(&probe, &tl_can_driver);
 }
 
 void tearDown(void) {
-    if (io != NULL) {
-        tl_can_driver.close(io);
-    }
+    tl_probe_end(&probe);
 }
 
 static tl_status open_at(const char *interface) {
     const tl_can_settings settings = {.interface = interface, .channels = channels, .channel_count = 2};
-    return tl_can_open(&settings, &io, &error);
+    return tl_can_open(&settings, &probe.io, &probe.error);
 }
 
 static void expect_refused(const char *words) {
     TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, open_at(NOWHERE));
-    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, words), error.text);
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(probe.error.text, words), probe.error.text);
     setUp();
 }
 
@@ -110,45 +81,35 @@ static void test_wrong_multiplexors(void) {
 static void test_wrong_interfaces(void) {
     TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, open_at(""));
     TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, open_at("a-name-of-16-chr"));
-    TEST_ASSERT_NOT_NULL(strstr(error.text, "a name has 1 to 15 characters"));
+    TEST_ASSERT_NOT_NULL(strstr(probe.error.text, "a name has 1 to 15 characters"));
     TEST_ASSERT_EQUAL_INT(TL_OK, open_at("a-name-of-15-ch"));
-}
-
-static tl_time now(void) {
-    struct timespec time;
-    (void)clock_gettime(CLOCK_MONOTONIC, &time);
-    return (tl_time)time.tv_sec * TL_SECOND + time.tv_nsec;
 }
 
 /* It says so once, what to do too, has no value for anybody, and does not spin. */
 static void test_no_interface(void) {
-    bool finished = true;
     TEST_ASSERT_EQUAL_INT(TL_OK, open_at(NOWHERE));
-    tl_time begun = now();
+    tl_time begun = tl_test_now();
     for (size_t i = 1; i <= 10; i++) {
-        TEST_ASSERT_EQUAL_INT(TL_OK, tl_can_driver.poll(io, &SINK, &finished, &error));
-        TEST_ASSERT_FALSE(finished);
-        TEST_ASSERT_EQUAL_size_t(i, posts[0]);
-        TEST_ASSERT_EQUAL_size_t(i, posts[1]);
-        TEST_ASSERT_EQUAL_INT(TL_NO_LINK, quality);
+        tl_probe_poll(&probe);
+        TEST_ASSERT_EQUAL_size_t(i, probe.posts[0]);
+        TEST_ASSERT_EQUAL_size_t(i, probe.posts[1]);
+        TEST_ASSERT_EQUAL_INT(TL_NO_LINK, probe.newest[1].quality);
     }
-    TEST_ASSERT_TRUE(now() - begun >= TL_SECOND / 4);
-    TEST_ASSERT_EQUAL_size_t(1, links);
-    TEST_ASSERT_FALSE(linked);
-    TEST_ASSERT_NOT_NULL(strstr(told, "CAN interface " NOWHERE ": "));
-    TEST_ASSERT_TRUE(strstr(told, "there is none of that name") != NULL ||
-                     strstr(told, "this kernel has no CAN") != NULL);
+    TEST_ASSERT_TRUE(tl_test_now() - begun >= TL_SECOND / 4);
+    TEST_ASSERT_EQUAL_size_t(1, probe.links);
+    tl_probe_expect_link(&probe, false, "CAN interface " NOWHERE ": ");
+    TEST_ASSERT_TRUE(strstr(probe.link_text, "there is none of that name") != NULL ||
+                     strstr(probe.link_text, "this kernel has no CAN") != NULL);
 }
 
 static void test_interrupt_is_not_lost(void) {
-    bool finished = false;
     TEST_ASSERT_EQUAL_INT(TL_OK, open_at(NOWHERE));
     tl_time shortest = TL_SECOND;
     for (int i = 0; i < 20; i++) { /* on a busy machine one of them is quick */
-        tl_can_driver.interrupt(io);
-        tl_time begun = now();
-        (void)tl_can_driver.poll(io, &SINK, &finished, &error);
-        shortest = now() - begun < shortest ? now() - begun : shortest;
+        tl_can_driver.interrupt(probe.io);
+        tl_time begun = tl_test_now();
+        tl_probe_poll(&probe);
+        shortest = tl_test_now() - begun < shortest ? tl_test_now() - begun : shortest;
     }
     TEST_ASSERT_TRUE(shortest < TL_SECOND / 50);
 }

@@ -9,28 +9,18 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/eventfd.h>
-#include <time.h>
 #include <unistd.h>
 
 #include <unity.h>
 
 #include "board/gpio/gpio.h"
 #include "board/gpio/gpio_find.h"
+#include "tests/support/driver_probe.h"
+#include "tests/support/real_time.h"
 
 #define MS (TL_SECOND / 1000)
 
 enum { CHANNELS = 3, QUEUE = 4096, POSTS = 16384 };
-
-static tl_time now(void) {
-    struct timespec time;
-    (void)clock_gettime(CLOCK_MONOTONIC, &time);
-    return (tl_time)time.tv_sec * TL_SECOND + time.tv_nsec;
-}
-
-static void pause_ms(long ms) {
-    const struct timespec time = {.tv_sec = ms / 1000, .tv_nsec = ms % 1000 * 1000000};
-    (void)nanosleep(&time, NULL);
-}
 
 /* ---- lines as a test wants them ---- */
 
@@ -139,92 +129,48 @@ static void set_failures(size_t line, int level, int edges) {
 
 /* ---- what the driver says ---- */
 
-static tl_reading posts[CHANNELS][POSTS];
-static size_t post_count[CHANNELS];
-static size_t links;
-static bool link_up;
-static char link_text[1024];
+static tl_reading history[CHANNELS][POSTS];
+static tl_driver_probe probe;
 
 static void on_post(void *context, size_t channel, const tl_reading *reading) {
-    (void)context;
-    TEST_ASSERT_TRUE(channel < CHANNELS && post_count[channel] < POSTS);
-    if (reading->quality == TL_GOOD && post_count[channel] > 0) {
-        TEST_ASSERT_TRUE(reading->stamp >= posts[channel][post_count[channel] - 1].stamp);
+    TEST_ASSERT_TRUE(channel < CHANNELS && probe.posts[channel] < POSTS);
+    if (reading->quality == TL_GOOD && probe.posts[channel] > 0) {
+        TEST_ASSERT_TRUE(reading->stamp >= history[channel][probe.posts[channel] - 1].stamp);
     }
-    TEST_ASSERT_TRUE(reading->stamp <= now());
-    posts[channel][post_count[channel]] = *reading;
-    post_count[channel]++;
+    TEST_ASSERT_TRUE(reading->stamp <= tl_test_now());
+    history[channel][probe.posts[channel]] = *reading;
+    tl_probe_post(context, channel, reading);
 }
 
-static void on_link(void *context, bool up, const char *text) {
-    (void)context;
-    links++;
-    link_up = up;
-    (void)snprintf(link_text, sizeof link_text, "%s", text);
-}
-
-static const tl_plant_io_sink SINK = {.post = on_post, .link = on_link, .context = NULL};
-
+/* The whole text. */
 static void expect_link(bool up, const char *text) {
-    TEST_ASSERT_EQUAL_STRING(text, link_text);
-    TEST_ASSERT_EQUAL_INT(up, link_up);
-}
-
-static const tl_reading *newest(size_t channel) {
-    TEST_ASSERT_TRUE(post_count[channel] > 0);
-    return &posts[channel][post_count[channel] - 1];
-}
-
-static void expect(size_t channel, double value, tl_quality quality) {
-    TEST_ASSERT_EQUAL_INT(quality, newest(channel)->quality);
-    TEST_ASSERT_EQUAL_DOUBLE(value, newest(channel)->value);
+    TEST_ASSERT_EQUAL_STRING(text, probe.link_text);
+    TEST_ASSERT_EQUAL_INT(up, probe.link_up);
 }
 
 /* ---- the driver under test ---- */
 
-static tl_plant_io *io;
-static tl_error error;
 static tl_gpio_channel channels[CHANNELS];
 
 static void open_driver(size_t count, double period_s) {
     const tl_gpio_settings settings = {
         .chip = "bench", .period_s = period_s, .channels = channels, .channel_count = count};
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_gpio_open(&settings, &io, &error));
-}
-
-static void poll_once(void) {
-    bool finished = true;
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_gpio_driver.poll(io, &SINK, &finished, &error));
-    TEST_ASSERT_FALSE(finished);
-}
-
-static void poll_until(size_t channel, tl_quality quality) {
-    tl_time end = now() + 60 * TL_SECOND;
-    do {
-        TEST_ASSERT_TRUE_MESSAGE(now() < end, link_text);
-        poll_once();
-    } while (newest(channel)->quality != quality);
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_gpio_open(&settings, &probe.io, &probe.error));
 }
 
 void setUp(void) {
     static const char *const names[] = {"A", "B", NULL};
     memset(lines, 0, sizeof lines);
-    memset(post_count, 0, sizeof post_count);
     for (size_t i = 0; i < CHANNELS; i++) {
         lines[i].ready = eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC);
         channels[i] = (tl_gpio_channel){.line = names[i], .offset = (unsigned)i};
     }
-    links = 0;
-    link_up = false;
-    link_text[0] = '\0';
-    io = NULL;
-    error = (tl_error){TL_OK, ""};
+    tl_probe_begin(&probe, &tl_gpio_driver);
+    probe.sink.post = on_post;
 }
 
 void tearDown(void) {
-    if (io != NULL) {
-        tl_gpio_driver.close(io);
-    }
+    tl_probe_end(&probe);
     for (size_t i = 0; i < CHANNELS; i++) {
         TEST_ASSERT_FALSE(lines[i].open);
         (void)close(lines[i].ready);
@@ -236,29 +182,29 @@ void tearDown(void) {
 static void test_levels_and_edges(void) {
     set_level(1, true);
     open_driver(3, 0.005);
-    poll_once();
-    expect(0, 0, TL_GOOD);
-    expect(1, 1, TL_GOOD);
-    expect(2, 0, TL_GOOD);
-    TEST_ASSERT_EQUAL_size_t(3, links);
+    tl_probe_poll(&probe);
+    tl_probe_expect(&probe, 0, 0, TL_GOOD);
+    tl_probe_expect(&probe, 1, 1, TL_GOOD);
+    tl_probe_expect(&probe, 2, 0, TL_GOOD);
+    TEST_ASSERT_EQUAL_size_t(3, probe.links);
     expect_link(true, "GPIO line 2 of bench: connected: line 2 of gpiochip9 (bench)");
-    tl_time stamp = now();
+    tl_time stamp = tl_test_now();
     put_edge(0, true, stamp);
-    poll_once();
-    TEST_ASSERT_EQUAL_INT64(stamp, posts[0][1].stamp); /* the edge's, then the level's */
-    TEST_ASSERT_EQUAL_DOUBLE(1, posts[0][1].value);
-    TEST_ASSERT_EQUAL_size_t(3, post_count[0]);
-    TEST_ASSERT_TRUE(newest(0)->stamp > stamp);
-    TEST_ASSERT_EQUAL_size_t(2, post_count[1]);
-    TEST_ASSERT_EQUAL_size_t(3, links);
+    tl_probe_poll(&probe);
+    TEST_ASSERT_EQUAL_INT64(stamp, history[0][1].stamp); /* the edge's, then the level's */
+    TEST_ASSERT_EQUAL_DOUBLE(1, history[0][1].value);
+    TEST_ASSERT_EQUAL_size_t(3, probe.posts[0]);
+    TEST_ASSERT_TRUE(tl_probe_newest(&probe, 0)->stamp > stamp);
+    TEST_ASSERT_EQUAL_size_t(2, probe.posts[1]);
+    TEST_ASSERT_EQUAL_size_t(3, probe.links);
 }
 
 static tl_time edge_stamp;
 
 static void *edge_soon(void *context) {
     (void)context;
-    pause_ms(50);
-    edge_stamp = now();
+    tl_test_pause_ms(50);
+    edge_stamp = tl_test_now();
     put_edge(0, true, edge_stamp);
     return NULL;
 }
@@ -268,22 +214,22 @@ static void test_an_edge_is_posted_when_it_comes(void) {
     pthread_t thread;
     open_driver(1, 1);
     TEST_ASSERT_EQUAL_INT(0, pthread_create(&thread, NULL, edge_soon, NULL));
-    tl_time begin = now();
-    poll_once();
-    TEST_ASSERT_TRUE(now() - begin >= 990 * MS); /* it waited to its end all the same */
+    tl_time begin = tl_test_now();
+    tl_probe_poll(&probe);
+    TEST_ASSERT_TRUE(tl_test_now() - begin >= 990 * MS); /* it waited to its end all the same */
     (void)pthread_join(thread, NULL);
-    TEST_ASSERT_EQUAL_size_t(2, post_count[0]);
-    TEST_ASSERT_EQUAL_INT64(edge_stamp, newest(0)->stamp);
-    expect(0, 1, TL_GOOD);
+    TEST_ASSERT_EQUAL_size_t(2, probe.posts[0]);
+    TEST_ASSERT_EQUAL_INT64(edge_stamp, tl_probe_newest(&probe, 0)->stamp);
+    tl_probe_expect(&probe, 0, 1, TL_GOOD);
 }
 
 static void *bounce_soon(void *context) {
     (void)context;
-    pause_ms(20);
+    tl_test_pause_ms(20);
     for (int i = 0; i < 7; i++) {
-        edge_stamp = now();
+        edge_stamp = tl_test_now();
         put_edge(0, i % 2 == 0, edge_stamp);
-        pause_ms(1);
+        tl_test_pause_ms(1);
     }
     return NULL;
 }
@@ -293,79 +239,80 @@ static void test_a_bounce(void) {
     channels[0].debounce_s = 0.1;
     open_driver(1, 0.5);
     TEST_ASSERT_EQUAL_INT(0, pthread_create(&thread, NULL, bounce_soon, NULL));
-    poll_once();
+    tl_probe_poll(&probe);
     (void)pthread_join(thread, NULL);
-    TEST_ASSERT_EQUAL_size_t(2, post_count[0]);
-    TEST_ASSERT_EQUAL_INT64(edge_stamp, newest(0)->stamp);
-    expect(0, 1, TL_GOOD);
+    TEST_ASSERT_EQUAL_size_t(2, probe.posts[0]);
+    TEST_ASSERT_EQUAL_INT64(edge_stamp, tl_probe_newest(&probe, 0)->stamp);
+    tl_probe_expect(&probe, 0, 1, TL_GOOD);
 }
 
 static void test_a_burst_is_bounded_and_the_newest_wins(void) {
     open_driver(2, 0.005);
-    poll_once();
-    tl_time begin = now();
+    tl_probe_poll(&probe);
+    tl_time begin = tl_test_now();
     for (int i = 0; i < 3001; i++) {
         put_edge(0, i % 2 == 0, begin + i);
     }
-    poll_once();
+    tl_probe_poll(&probe);
     TEST_ASSERT_TRUE(lines[0].looks <= 200);
-    TEST_ASSERT_TRUE(post_count[0] <= 200);
-    expect(0, 1, TL_GOOD); /* as the line is, not as the edge was that the budget ended with */
-    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(link_text, "GPIO line A: edges come faster than they are read: at least"),
-                                 link_text);
-    TEST_ASSERT_TRUE(link_up);
-    size_t before = links;
+    TEST_ASSERT_TRUE(probe.posts[0] <= 200);
+    tl_probe_expect(&probe, 0, 1, TL_GOOD); /* as the line is, not as the edge was that the budget ended with */
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(probe.link_text, "GPIO line A: edges come faster than they are read: at least"),
+                                 probe.link_text);
+    TEST_ASSERT_TRUE(probe.link_up);
+    size_t before = probe.links;
     for (int i = 0; i < 40; i++) {
-        poll_once();
+        tl_probe_poll(&probe);
     }
-    TEST_ASSERT_EQUAL_size_t(before, links); /* not again so soon */
+    TEST_ASSERT_EQUAL_size_t(before, probe.links); /* not again so soon */
     TEST_ASSERT_EQUAL_size_t(3001, lines[0].first);
-    expect(0, 1, TL_GOOD);
-    expect(1, 0, TL_GOOD);
+    tl_probe_expect(&probe, 0, 1, TL_GOOD);
+    tl_probe_expect(&probe, 1, 0, TL_GOOD);
 }
 
 /* What a debounced line did beyond the budget is not known: it must stand still after that. */
 static void test_a_burst_does_not_pass_for_stillness(void) {
     channels[0].debounce_s = 0.05;
     open_driver(1, 0.01);
-    poll_once();
-    tl_time end = now() + 500 * MS;
-    size_t before = post_count[0];
-    for (int i = 0; now() < end; i++) {
+    tl_probe_poll(&probe);
+    tl_time end = tl_test_now() + 500 * MS;
+    size_t before = probe.posts[0];
+    for (int i = 0; tl_test_now() < end; i++) {
         for (int k = 0; k < 200; k++) {
-            put_edge(0, k % 2 == 0, now());
+            put_edge(0, k % 2 == 0, tl_test_now());
         }
-        put_edge(0, true, now());
-        poll_once();
+        put_edge(0, true, tl_test_now());
+        tl_probe_poll(&probe);
     }
-    TEST_ASSERT_EQUAL_size_t(before, post_count[0]);
-    poll_until(0, TL_GOOD);
-    for (end = now() + 300 * MS; now() < end;) {
-        poll_once();
+    TEST_ASSERT_EQUAL_size_t(before, probe.posts[0]);
+    tl_probe_poll_until(&probe, 0, TL_GOOD);
+    for (end = tl_test_now() + 300 * MS; tl_test_now() < end;) {
+        tl_probe_poll(&probe);
     }
-    expect(0, 1, TL_GOOD);
+    tl_probe_expect(&probe, 0, 1, TL_GOOD);
 }
 
 static void test_an_edge_that_never_comes(void) {
     open_driver(1, 0.02);
-    poll_once();
+    tl_probe_poll(&probe);
     set_level(0, true);
-    poll_once();
-    expect(0, 1, TL_GOOD);
-    expect_link(true, "GPIO line A: edges come faster than they are read: at least 1 missed; the newest level counts");
+    tl_probe_poll(&probe);
+    tl_probe_expect(&probe, 0, 1, TL_GOOD);
+    tl_probe_expect_link(
+        &probe, true, "GPIO line A: edges come faster than they are read: at least 1 missed; the newest level counts");
 }
 
 static void test_a_line_without_edges(void) {
     lines[0].without_edges = true;
     open_driver(1, 0.005);
-    poll_once();
+    tl_probe_poll(&probe);
     expect_link(true, "GPIO line A: connected: line 0 of gpiochip9 (bench), without edges");
     set_level(0, true);
-    poll_once();
-    expect(0, 1, TL_GOOD);
+    tl_probe_poll(&probe);
+    tl_probe_expect(&probe, 0, 1, TL_GOOD);
     set_level(0, false);
-    poll_once();
-    expect(0, 0, TL_GOOD);
+    tl_probe_poll(&probe);
+    tl_probe_expect(&probe, 0, 0, TL_GOOD);
     TEST_ASSERT_EQUAL_size_t(0, lines[0].looks);
 }
 
@@ -373,15 +320,15 @@ static void test_a_line_without_edges_is_debounced(void) {
     lines[0].without_edges = true;
     channels[0].debounce_s = 0.05;
     open_driver(1, 0.005);
-    poll_once();
+    tl_probe_poll(&probe);
     set_level(0, true);
-    tl_time begin = now();
-    while (newest(0)->value == 0) {
-        TEST_ASSERT_TRUE(now() < begin + 60 * TL_SECOND);
-        poll_once();
+    tl_time begin = tl_test_now();
+    while (tl_probe_newest(&probe, 0)->value == 0) {
+        TEST_ASSERT_TRUE(tl_test_now() < begin + 60 * TL_SECOND);
+        tl_probe_poll(&probe);
     }
-    TEST_ASSERT_TRUE(now() - begin >= 50 * MS);
-    TEST_ASSERT_EQUAL_size_t(1, links); /* levels that nobody could see are not missed edges */
+    TEST_ASSERT_TRUE(tl_test_now() - begin >= 50 * MS);
+    TEST_ASSERT_EQUAL_size_t(1, probe.links); /* levels that nobody could see are not missed edges */
 }
 
 /* A signal with two look-ups (of `delays`) is there twice. */
@@ -390,37 +337,37 @@ static void test_two_channels_of_one_line(void) {
     channels[0].line = "B";
     channels[2] = channels[1];
     open_driver(3, 0.005);
-    put_edge(0, true, now());
-    poll_once();
-    put_edge(0, false, now());
-    poll_once();
+    put_edge(0, true, tl_test_now());
+    tl_probe_poll(&probe);
+    put_edge(0, false, tl_test_now());
+    tl_probe_poll(&probe);
     TEST_ASSERT_EQUAL_size_t(1, lines[0].requests);
-    TEST_ASSERT_EQUAL_size_t(post_count[1], post_count[2]);
-    TEST_ASSERT_EQUAL_MEMORY(posts[1], posts[2], post_count[1] * sizeof posts[1][0]);
-    expect(2, 0, TL_GOOD);
+    TEST_ASSERT_EQUAL_size_t(probe.posts[1], probe.posts[2]);
+    TEST_ASSERT_EQUAL_MEMORY(history[1], history[2], probe.posts[1] * sizeof history[1][0]);
+    tl_probe_expect(&probe, 2, 0, TL_GOOD);
     set_failures(0, ENODEV, 0);
-    poll_once();
-    expect(1, 0, TL_NO_LINK);
-    expect(2, 0, TL_NO_LINK);
-    expect(0, 0, TL_GOOD);
+    tl_probe_poll(&probe);
+    tl_probe_expect(&probe, 1, 0, TL_NO_LINK);
+    tl_probe_expect(&probe, 2, 0, TL_NO_LINK);
+    tl_probe_expect(&probe, 0, 0, TL_GOOD);
 }
 
 /* ---- lines that are not there ---- */
 
 static void expect_refused_then_there(const char *text) {
     open_driver(1, 0.005);
-    poll_once();
-    expect(0, 0, TL_NO_LINK);
+    tl_probe_poll(&probe);
+    tl_probe_expect(&probe, 0, 0, TL_NO_LINK);
     expect_link(false, text);
     for (int i = 0; i < 30; i++) {
-        poll_once();
+        tl_probe_poll(&probe);
     }
-    TEST_ASSERT_EQUAL_size_t(1, links); /* once */
+    TEST_ASSERT_EQUAL_size_t(1, probe.links); /* once */
     TEST_ASSERT_TRUE(lines[0].requests <= 3);
     lines[0].trouble = NULL;
     lines[0].request_failure = 0;
     lines[0].state = (tl_gpio_line_state){.used = false};
-    poll_until(0, TL_GOOD);
+    tl_probe_poll_until(&probe, 0, TL_GOOD);
     expect_link(true, "GPIO line A: connected: line 0 of gpiochip9 (bench)");
 }
 
@@ -449,47 +396,47 @@ static void test_an_output_is_left_alone(void) {
 static void test_one_line_does_not_stop_the_others(void) {
     lines[1].trouble = "no line has that name";
     open_driver(2, 0.005);
-    poll_once();
-    expect(0, 0, TL_GOOD);
-    expect(1, 0, TL_NO_LINK);
+    tl_probe_poll(&probe);
+    tl_probe_expect(&probe, 0, 0, TL_GOOD);
+    tl_probe_expect(&probe, 1, 0, TL_NO_LINK);
     expect_link(true, "GPIO line B: no line has that name");
     set_failures(0, ENODEV, 0);
-    poll_once();
-    expect(0, 0, TL_NO_LINK);
+    tl_probe_poll(&probe);
+    tl_probe_expect(&probe, 0, 0, TL_NO_LINK);
     expect_link(false, "GPIO line A: its chip is gone");
 }
 
 static void test_a_level_that_fails_at_once(void) {
     set_failures(0, EIO, 0);
     open_driver(1, 0.005);
-    poll_once();
-    expect(0, 0, TL_NO_LINK);
+    tl_probe_poll(&probe);
+    tl_probe_expect(&probe, 0, 0, TL_NO_LINK);
     expect_link(false, "GPIO line A: Input/output error");
 }
 
 /* ---- a chip that goes away ---- */
 
 static void expect_gone_and_back(void) {
-    poll_until(0, TL_NO_LINK);
+    tl_probe_poll_until(&probe, 0, TL_NO_LINK);
     expect_link(false, "GPIO line A: its chip is gone");
     TEST_ASSERT_FALSE(lines[0].open);
     set_failures(0, 0, 0);
     set_level(0, true);
-    poll_until(0, TL_GOOD);
-    expect(0, 1, TL_GOOD);
+    tl_probe_poll_until(&probe, 0, TL_GOOD);
+    tl_probe_expect(&probe, 0, 1, TL_GOOD);
     TEST_ASSERT_EQUAL_size_t(2, lines[0].requests);
 }
 
 static void test_a_chip_that_only_the_level_misses(void) {
     open_driver(1, 0.005);
-    poll_once();
+    tl_probe_poll(&probe);
     set_failures(0, ENODEV, 0);
     expect_gone_and_back();
 }
 
 static void test_a_chip_that_reading_edges_misses(void) {
     open_driver(1, 0.005);
-    poll_once();
+    tl_probe_poll(&probe);
     set_failures(0, 0, ENODEV);
     expect_gone_and_back();
 }
@@ -498,15 +445,15 @@ static void test_a_chip_that_reading_edges_misses(void) {
 static void test_waiting_that_returns_at_once_for_ever(void) {
     int ends[2];
     open_driver(1, 0.2);
-    poll_once();
+    tl_probe_poll(&probe);
     TEST_ASSERT_EQUAL_INT(0, pipe(ends));
     int ready = lines[0].ready;
     (void)close(ends[1]);
     lines[0].ready = ends[0]; /* hung up */
     lines[0].looks = 0;
-    tl_time begin = now();
-    poll_once();
-    TEST_ASSERT_TRUE(now() - begin >= 190 * MS);
+    tl_time begin = tl_test_now();
+    tl_probe_poll(&probe);
+    TEST_ASSERT_TRUE(tl_test_now() - begin >= 190 * MS);
     TEST_ASSERT_TRUE(lines[0].looks <= 600);
     (void)close(ends[0]);
     lines[0].ready = ready;
@@ -514,42 +461,34 @@ static void test_waiting_that_returns_at_once_for_ever(void) {
 
 /* ---- interrupt ---- */
 
-static void *interrupt_soon(void *context) {
-    (void)context;
-    pause_ms(50);
-    tl_gpio_driver.interrupt(io);
-    return NULL;
-}
-
 static void test_interrupt(void) {
-    pthread_t thread;
     open_driver(1, 60);
-    tl_time begin = now();
-    TEST_ASSERT_EQUAL_INT(0, pthread_create(&thread, NULL, interrupt_soon, NULL));
-    poll_once();
+    tl_time begin = tl_test_now();
+    pthread_t thread = tl_probe_interrupt_after(&probe, 50);
+    tl_probe_poll(&probe);
     (void)pthread_join(thread, NULL);
-    TEST_ASSERT_TRUE(now() - begin < 20 * TL_SECOND);
-    size_t before = post_count[0];
-    tl_gpio_driver.interrupt(io); /* not lost where nobody waits */
-    poll_once();
-    TEST_ASSERT_TRUE(now() - begin < 20 * TL_SECOND);
-    TEST_ASSERT_EQUAL_size_t(before, post_count[0]);
+    TEST_ASSERT_TRUE(tl_test_now() - begin < 20 * TL_SECOND);
+    size_t before = probe.posts[0];
+    tl_gpio_driver.interrupt(probe.io); /* not lost where nobody waits */
+    tl_probe_poll(&probe);
+    TEST_ASSERT_TRUE(tl_test_now() - begin < 20 * TL_SECOND);
+    TEST_ASSERT_EQUAL_size_t(before, probe.posts[0]);
 }
 
 /* ---- settings ---- */
 
 static void expect_refused(const tl_gpio_settings *settings, const char *part) {
     tl_plant_io *none = NULL;
-    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, tl_gpio_open(settings, &none, &error));
+    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, tl_gpio_open(settings, &none, &probe.error));
     TEST_ASSERT_NULL(none);
-    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, part), error.text);
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(probe.error.text, part), probe.error.text);
 }
 
 static void test_settings_are_passed_on(void) {
     channels[0].active_low = true;
     channels[0].bias = TL_GPIO_PULL_UP;
     open_driver(1, 0.005);
-    poll_once();
+    tl_probe_poll(&probe);
     TEST_ASSERT_TRUE(lines[0].asked.active_low);
     TEST_ASSERT_EQUAL_INT(TL_GPIO_PULL_UP, lines[0].asked.bias);
 }

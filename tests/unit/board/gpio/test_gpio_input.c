@@ -1,5 +1,6 @@
 /* Debouncing, and the way from edges and levels to readings. */
 #include <stdint.h>
+#include <string.h>
 
 #include <unity.h>
 
@@ -11,13 +12,14 @@ static tl_gpio_input input;
 static tl_reading reading;
 
 void setUp(void) {
-    input = (tl_gpio_input){.missed = 0};
+    memset(&input, 0xA5, sizeof input); /* start() says all of it */
 }
 
 void tearDown(void) {}
 
 static void start(tl_time debounce, bool level) {
-    tl_gpio_input_start(&input, debounce, level, 100 * MS, &reading);
+    const tl_gpio_input_settings settings = {.debounce = debounce, .level = level, .stamp = 100 * MS};
+    tl_gpio_input_start(&input, &settings, &reading);
     TEST_ASSERT_EQUAL_DOUBLE(level ? 1 : 0, reading.value);
     TEST_ASSERT_EQUAL_INT64(100 * MS, reading.stamp);
     TEST_ASSERT_EQUAL_INT(TL_GOOD, reading.quality);
@@ -60,6 +62,16 @@ static void test_an_edge_that_is_on_its_way(void) {
     expect_reading(tl_gpio_input_edge(&input, true, 109 * MS, 111 * MS, &reading), 1, 109 * MS);
     TEST_ASSERT_FALSE(input.doubtful);
     TEST_ASSERT_EQUAL_UINT64(0, input.missed);
+}
+
+/* A line that was lost and found again goes on counting. */
+static void test_what_was_missed_before(void) {
+    const tl_gpio_input_settings again = {.level = true, .stamp = 200 * MS, .missed = 7};
+    tl_gpio_input_start(&input, &again, &reading);
+    expect_reading(true, 1, 200 * MS);
+    TEST_ASSERT_EQUAL_UINT64(7, input.missed);
+    TEST_ASSERT_FALSE(edge(true, 201)); /* another one */
+    TEST_ASSERT_EQUAL_UINT64(8, input.missed);
 }
 
 static void test_an_edge_that_was_missed(void) {
@@ -163,6 +175,7 @@ int main(void) {
     RUN_TEST(test_each_edge_counts);
     RUN_TEST(test_a_level_keeps_a_reading_young);
     RUN_TEST(test_an_edge_that_is_on_its_way);
+    RUN_TEST(test_what_was_missed_before);
     RUN_TEST(test_an_edge_that_was_missed);
     RUN_TEST(test_doubt_that_goes_by);
     RUN_TEST(test_two_edges_to_the_same_level);

@@ -16,41 +16,16 @@
 #include <sys/resource.h>
 #include <sys/select.h>
 #include <sys/socket.h>
-#include <time.h>
 #include <unistd.h>
 
 #include <unity.h>
 
 #include "board/modbus/modbus.h"
 #include "firmware/emulate/plant_server.h"
-
-/* ---- what the driver says ---- */
+#include "tests/support/driver_probe.h"
+#include "tests/support/real_time.h"
 
 enum { CHANNELS = 2200 };
-
-static tl_reading readings[CHANNELS];
-static size_t posts[CHANNELS];
-static size_t links;
-static size_t downs;
-static bool link_up;
-static char link_text[1024];
-
-static void on_post(void *context, size_t channel, const tl_reading *reading) {
-    (void)context;
-    TEST_ASSERT_TRUE(channel < CHANNELS);
-    readings[channel] = *reading;
-    posts[channel]++;
-}
-
-static void on_link(void *context, bool up, const char *text) {
-    (void)context;
-    links++;
-    downs += up ? 0 : 1;
-    link_up = up;
-    (void)snprintf(link_text, sizeof link_text, "%s", text);
-}
-
-static const tl_plant_io_sink SINK = {.post = on_post, .link = on_link, .context = NULL};
 
 /* ---- a peer that does what a test wants ---- */
 
@@ -74,17 +49,6 @@ typedef struct peer {
 } peer;
 
 static peer other = {.lock = PTHREAD_MUTEX_INITIALIZER};
-
-static tl_time now(void) {
-    struct timespec time;
-    (void)clock_gettime(CLOCK_MONOTONIC, &time);
-    return (tl_time)time.tv_sec * TL_SECOND + time.tv_nsec;
-}
-
-static void pause_ms(long ms) {
-    const struct timespec time = {.tv_sec = ms / 1000, .tv_nsec = ms % 1000 * 1000000};
-    (void)nanosleep(&time, NULL);
-}
 
 /* A socket that is bound to a free port, but does not listen yet. */
 static int bind_somewhere(uint16_t *port) {
@@ -317,8 +281,7 @@ static int is_narrow(const uint8_t *request, uint8_t *reply) {
 
 /* ---- the driver under test ---- */
 
-static tl_plant_io *io;
-static tl_error error;
+static tl_driver_probe probe;
 static tl_modbus_channel channels[CHANNELS];
 static size_t channel_count;
 
@@ -335,49 +298,13 @@ static void add(unsigned address) {
 static void open_driver(const char *host, uint16_t port, double timeout_s) {
     const tl_modbus_settings settings = {
         .host = host, .port = port, .timeout_s = timeout_s, .channels = channels, .channel_count = channel_count};
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_modbus_open(&settings, &io, &error));
-}
-
-static void poll_once(void) {
-    bool finished = true;
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_modbus_driver.poll(io, &SINK, &finished, &error));
-    TEST_ASSERT_FALSE(finished);
-}
-
-/* Polls until a channel has that quality. */
-static void poll_until(size_t channel, tl_quality quality) {
-    tl_time deadline = now() + 60 * TL_SECOND;
-    do {
-        TEST_ASSERT_TRUE_MESSAGE(now() < deadline, link_text);
-        poll_once();
-        if (readings[channel].quality != quality) {
-            pause_ms(5);
-        }
-    } while (posts[channel] == 0 || readings[channel].quality != quality);
-}
-
-static void expect(size_t channel, double value, tl_quality quality) {
-    TEST_ASSERT_TRUE(posts[channel] > 0);
-    TEST_ASSERT_EQUAL_INT(quality, readings[channel].quality);
-    TEST_ASSERT_EQUAL_DOUBLE(value, readings[channel].value);
-}
-
-static void expect_link(bool up, const char *part) {
-    TEST_ASSERT_EQUAL_INT(up, link_up);
-    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(link_text, part), link_text);
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_modbus_open(&settings, &probe.io, &probe.error));
 }
 
 void setUp(void) {
-    memset(posts, 0, sizeof posts);
-    memset(readings, 0, sizeof readings);
+    tl_probe_begin(&probe, &tl_modbus_driver);
     memset(channels, 0, sizeof channels);
     channel_count = 0;
-    links = 0;
-    downs = 0;
-    link_up = false;
-    link_text[0] = '\0';
-    io = NULL;
-    error = (tl_error){TL_OK, ""};
     other.listener = -1;
     other.requests = 0;
     other.connections = 0;
@@ -401,9 +328,7 @@ static void expect_only_reads_on_the_wire(void) {
 }
 
 void tearDown(void) {
-    if (io != NULL) {
-        tl_modbus_driver.close(io);
-    }
+    tl_probe_end(&probe);
     stop_peer();
     expect_only_reads_on_the_wire();
 }
@@ -414,10 +339,10 @@ static tl_plant_server *start_device(uint16_t port) {
     const tl_plant_server_settings settings = {
         .host = "127.0.0.1", .port = port, .channels = channels, .channel_count = channel_count};
     tl_plant_server *device = NULL;
-    tl_time deadline = now() + 30 * TL_SECOND;
-    while (tl_plant_server_start(&settings, &device, &error) != TL_OK) {
-        TEST_ASSERT_TRUE_MESSAGE(now() < deadline, error.text);
-        pause_ms(5); /* what is left of a former one may still hold the port */
+    tl_time deadline = tl_test_now() + 30 * TL_SECOND;
+    while (tl_plant_server_start(&settings, &device, &probe.error) != TL_OK) {
+        TEST_ASSERT_TRUE_MESSAGE(tl_test_now() < deadline, probe.error.text);
+        tl_test_pause_ms(5); /* what is left of a former one may still hold the port */
     }
     return device;
 }
@@ -448,16 +373,16 @@ static void test_every_type_order_and_table(void) {
     }
     tl_plant_server_set_all(device, values, NULL);
     open_driver("127.0.0.1", tl_plant_server_port(device), 10);
-    tl_time before = now();
-    poll_once();
-    tl_time after = now();
+    tl_time before = tl_test_now();
+    tl_probe_poll(&probe);
+    tl_time after = tl_test_now();
     for (size_t i = 0; i < channel_count; i++) {
-        expect(i, values[i], TL_GOOD);
-        TEST_ASSERT_EQUAL_size_t(1, posts[i]);
-        TEST_ASSERT_TRUE(readings[i].stamp >= before && readings[i].stamp <= after);
+        tl_probe_expect(&probe, i, values[i], TL_GOOD);
+        TEST_ASSERT_EQUAL_size_t(1, probe.posts[i]);
+        TEST_ASSERT_TRUE(probe.newest[i].stamp >= before && probe.newest[i].stamp <= after);
     }
-    TEST_ASSERT_EQUAL_size_t(1, links);
-    expect_link(true, "connected");
+    TEST_ASSERT_EQUAL_size_t(1, probe.links);
+    tl_probe_expect_link(&probe, true, "connected");
     TEST_ASSERT_EQUAL_UINT64(0, tl_plant_server_count(device).refused_writes);
     TEST_ASSERT_EQUAL_UINT64(6, tl_plant_server_count(device).requests); /* 2 units x 2 tables, coils, discretes */
     tl_plant_server_stop(device);
@@ -475,9 +400,9 @@ static void test_more_than_one_request_holds(void) {
         tl_plant_server_set(device, i, i < 40 ? 1.0 / (double)(i + 1) : (double)(i % 3 == 0));
     }
     open_driver("127.0.0.1", tl_plant_server_port(device), 10);
-    poll_once();
+    tl_probe_poll(&probe);
     for (size_t i = 0; i < channel_count; i++) {
-        expect(i, i < 40 ? 1.0 / (double)(i + 1) : (double)(i % 3 == 0), TL_GOOD);
+        tl_probe_expect(&probe, i, i < 40 ? 1.0 / (double)(i + 1) : (double)(i % 3 == 0), TL_GOOD);
     }
     TEST_ASSERT_EQUAL_UINT64(4, tl_plant_server_count(device).requests);
     tl_plant_server_stop(device);
@@ -487,9 +412,9 @@ static void test_a_float_that_is_no_number(void) {
     add_of(1, TL_MODBUS_INPUT, 0, TL_MODBUS_FLOAT32);
     start_peer(not_a_number);
     open_driver("127.0.0.1", other.port, 10);
-    poll_once();
-    expect(0, 0, TL_NOT_A_NUMBER);
-    expect_link(true, "connected");
+    tl_probe_poll(&probe);
+    tl_probe_expect(&probe, 0, 0, TL_NOT_A_NUMBER);
+    tl_probe_expect_link(&probe, true, "connected");
 }
 
 static void test_the_request_as_it_is_written(void) {
@@ -497,7 +422,7 @@ static void test_the_request_as_it_is_written(void) {
     add_of(17, TL_MODBUS_INPUT, 0x1234, TL_MODBUS_FLOAT64);
     start_peer(sane);
     open_driver("127.0.0.1", other.port, 10);
-    poll_once();
+    tl_probe_poll(&probe);
     TEST_ASSERT_EQUAL_size_t(1, requests());
     TEST_ASSERT_EQUAL_HEX8_ARRAY(EXPECTED, other.record + 2, sizeof EXPECTED);
 }
@@ -505,8 +430,8 @@ static void test_the_request_as_it_is_written(void) {
 static void test_no_channels(void) {
     start_peer(sane);
     open_driver("127.0.0.1", other.port, 10);
-    poll_once();
-    poll_once();
+    tl_probe_poll(&probe);
+    tl_probe_poll(&probe);
     TEST_ASSERT_EQUAL_size_t(0, requests());
 }
 
@@ -518,19 +443,19 @@ static void test_an_absent_server_that_comes(void) {
     other.listener = bind_somewhere(&other.port); /* nobody else gets this port, and nobody listens */
     open_driver("127.0.0.1", other.port, 10);
     for (size_t i = 1; i <= 20; i++) {
-        poll_once();
-        TEST_ASSERT_EQUAL_size_t(i, posts[0]); /* also while it waits with the next attempt */
-        TEST_ASSERT_EQUAL_size_t(i, posts[1]);
+        tl_probe_poll(&probe);
+        TEST_ASSERT_EQUAL_size_t(i, probe.posts[0]); /* also while it waits with the next attempt */
+        TEST_ASSERT_EQUAL_size_t(i, probe.posts[1]);
     }
-    expect(0, 0, TL_NO_LINK);
-    TEST_ASSERT_EQUAL_size_t(1, links);
-    expect_link(false, "refused");
-    TEST_ASSERT_NOT_NULL(strstr(link_text, "127.0.0.1:"));
+    tl_probe_expect(&probe, 0, 0, TL_NO_LINK);
+    TEST_ASSERT_EQUAL_size_t(1, probe.links);
+    tl_probe_expect_link(&probe, false, "refused");
+    TEST_ASSERT_NOT_NULL(strstr(probe.link_text, "127.0.0.1:"));
     start_peer(sane);
-    poll_until(0, TL_GOOD);
-    expect(1, 2, TL_GOOD);
-    TEST_ASSERT_EQUAL_size_t(2, links);
-    expect_link(true, "connected");
+    tl_probe_poll_until(&probe, 0, TL_GOOD);
+    tl_probe_expect(&probe, 1, 2, TL_GOOD);
+    TEST_ASSERT_EQUAL_size_t(2, probe.links);
+    tl_probe_expect_link(&probe, true, "connected");
 }
 
 static void test_a_server_that_dies_and_returns(void) {
@@ -539,18 +464,18 @@ static void test_a_server_that_dies_and_returns(void) {
     uint16_t port = tl_plant_server_port(device);
     tl_plant_server_set(device, 0, 11);
     open_driver("127.0.0.1", port, 10);
-    poll_once();
-    expect(0, 11, TL_GOOD);
+    tl_probe_poll(&probe);
+    tl_probe_expect(&probe, 0, 11, TL_GOOD);
     tl_plant_server_stop(device);
-    poll_until(0, TL_NO_LINK);
-    TEST_ASSERT_EQUAL_size_t(2, links);
-    expect_link(false, "refused");
+    tl_probe_poll_until(&probe, 0, TL_NO_LINK);
+    TEST_ASSERT_EQUAL_size_t(2, probe.links);
+    tl_probe_expect_link(&probe, false, "refused");
     device = start_device(port);
     tl_plant_server_set(device, 0, 12);
-    poll_until(0, TL_GOOD);
-    expect(0, 12, TL_GOOD);
-    TEST_ASSERT_EQUAL_size_t(3, links);
-    expect_link(true, "connected");
+    tl_probe_poll_until(&probe, 0, TL_GOOD);
+    tl_probe_expect(&probe, 0, 12, TL_GOOD);
+    TEST_ASSERT_EQUAL_size_t(3, probe.links);
+    tl_probe_expect_link(&probe, true, "connected");
     tl_plant_server_stop(device);
 }
 
@@ -558,20 +483,20 @@ static void test_attempts_are_paused(void) {
     add(0);
     start_peer(hang_up);
     open_driver("127.0.0.1", other.port, 10);
-    tl_time begin = now();
+    tl_time begin = tl_test_now();
     size_t polls = 0;
-    while (now() < begin + TL_SECOND) {
-        poll_once();
+    while (tl_test_now() < begin + TL_SECOND) {
+        tl_probe_poll(&probe);
         polls++;
-        pause_ms(5);
+        tl_test_pause_ms(5);
     }
     /* 0.1, 0.3, 0.7 s: four attempts in the first second. */
     TEST_ASSERT_TRUE(connections() >= 1 && connections() <= 4);
-    TEST_ASSERT_EQUAL_size_t(polls, posts[0]);
-    TEST_ASSERT_EQUAL_size_t(1, links);
-    expect_link(false, "Connection reset");
+    TEST_ASSERT_EQUAL_size_t(polls, probe.posts[0]);
+    TEST_ASSERT_EQUAL_size_t(1, probe.links);
+    tl_probe_expect_link(&probe, false, "Connection reset");
     set_answer(sane);
-    poll_until(0, TL_GOOD);
+    tl_probe_poll_until(&probe, 0, TL_GOOD);
 }
 
 /* What came before an answer does not make the next outage longer. */
@@ -581,27 +506,27 @@ static void test_pauses_begin_anew(void) {
     open_driver("127.0.0.1", other.port, 10);
     for (size_t wanted = 1; wanted <= 4; wanted++) { /* pauses of 0.1, 0.2, 0.4 s, and 0.8 s to come */
         while (connections() < wanted) {
-            poll_once();
-            pause_ms(5);
+            tl_probe_poll(&probe);
+            tl_test_pause_ms(5);
         }
     }
     set_answer(sane);
-    poll_until(0, TL_GOOD);
+    tl_probe_poll_until(&probe, 0, TL_GOOD);
     set_answer(hang_up);
-    poll_until(0, TL_NO_LINK);
-    tl_time begin = now();
-    for (size_t before = connections(); connections() == before; pause_ms(5)) {
-        poll_once();
+    tl_probe_poll_until(&probe, 0, TL_NO_LINK);
+    tl_time begin = tl_test_now();
+    for (size_t before = connections(); connections() == before; tl_test_pause_ms(5)) {
+        tl_probe_poll(&probe);
     }
-    TEST_ASSERT_TRUE(now() - begin < TL_SECOND); /* 0.1 s; else it were 1.6 s */
+    TEST_ASSERT_TRUE(tl_test_now() - begin < TL_SECOND); /* 0.1 s; else it were 1.6 s */
 }
 
 static void test_a_name(void) {
     add(3);
     start_peer(sane);
     open_driver("localhost", other.port, 10);
-    poll_once();
-    expect(0, 3, TL_GOOD);
+    tl_probe_poll(&probe);
+    tl_probe_expect(&probe, 0, 3, TL_GOOD);
 }
 
 static void test_a_name_that_is_none(void) {
@@ -610,9 +535,9 @@ static void test_a_name_that_is_none(void) {
     name[sizeof name - 1] = '\0';
     add(3);
     open_driver(name, 502, 10);
-    poll_once();
-    expect(0, 0, TL_NO_LINK);
-    expect_link(false, "the name cannot be resolved: ");
+    tl_probe_poll(&probe);
+    tl_probe_expect(&probe, 0, 0, TL_NO_LINK);
+    tl_probe_expect_link(&probe, false, "the name cannot be resolved: ");
 }
 
 /* ---- the server does not answer as it should ---- */
@@ -623,17 +548,17 @@ static void expect_down_and_up(answer_function *answer, double timeout_s, const 
     add(2);
     start_peer(answer);
     open_driver("127.0.0.1", other.port, timeout_s);
-    poll_once();
-    expect(0, 0, TL_NO_LINK);
-    expect(1, 0, TL_NO_LINK);
-    TEST_ASSERT_EQUAL_size_t(1, links);
-    expect_link(false, why);
+    tl_probe_poll(&probe);
+    tl_probe_expect(&probe, 0, 0, TL_NO_LINK);
+    tl_probe_expect(&probe, 1, 0, TL_NO_LINK);
+    TEST_ASSERT_EQUAL_size_t(1, probe.links);
+    tl_probe_expect_link(&probe, false, why);
     set_answer(sane);
-    poll_until(0, TL_GOOD);
-    expect(0, 1, TL_GOOD);
-    expect(1, 2, TL_GOOD);
-    TEST_ASSERT_EQUAL_size_t(2, links);
-    expect_link(true, "connected");
+    tl_probe_poll_until(&probe, 0, TL_GOOD);
+    tl_probe_expect(&probe, 0, 1, TL_GOOD);
+    tl_probe_expect(&probe, 1, 2, TL_GOOD);
+    TEST_ASSERT_EQUAL_size_t(2, probe.links);
+    tl_probe_expect_link(&probe, true, "connected");
     TEST_ASSERT_TRUE(connections() >= 2); /* a new connection each time: nothing old can be taken for an answer */
 }
 
@@ -642,22 +567,22 @@ static void expect_lost_and_found(answer_function *answer, double timeout_s) {
     add(1);
     start_peer(sane);
     open_driver("127.0.0.1", other.port, timeout_s);
-    poll_once();
-    expect(0, 1, TL_GOOD);
+    tl_probe_poll(&probe);
+    tl_probe_expect(&probe, 0, 1, TL_GOOD);
     set_answer(answer);
-    poll_until(0, TL_NO_LINK);
-    TEST_ASSERT_EQUAL_size_t(1, downs);
+    tl_probe_poll_until(&probe, 0, TL_NO_LINK);
+    TEST_ASSERT_EQUAL_size_t(1, probe.downs);
     set_answer(sane);
-    poll_until(0, TL_GOOD);
-    expect(0, 1, TL_GOOD);
-    TEST_ASSERT_EQUAL_size_t(1, downs);
-    TEST_ASSERT_EQUAL_size_t(3, links);
+    tl_probe_poll_until(&probe, 0, TL_GOOD);
+    tl_probe_expect(&probe, 0, 1, TL_GOOD);
+    TEST_ASSERT_EQUAL_size_t(1, probe.downs);
+    TEST_ASSERT_EQUAL_size_t(3, probe.links);
 }
 
 static void test_silence(void) {
-    tl_time begin = now();
+    tl_time begin = tl_test_now();
     expect_down_and_up(silent, 0.4, "no answer within 0.4 s");
-    TEST_ASSERT_TRUE(now() >= begin + 400000000);
+    TEST_ASSERT_TRUE(tl_test_now() >= begin + 400000000);
 }
 
 static void test_silence_later(void) {
@@ -703,7 +628,7 @@ static void *trickle(void *context) {
     if (client >= 0 && recv(client, request, sizeof request, 0) == 12) {
         int size = sane(request, reply);
         for (int i = 0; i < size && send(client, reply + i, 1, MSG_NOSIGNAL) == 1; i++) {
-            pause_ms(40);
+            tl_test_pause_ms(40);
         }
     }
     trickle_client = client;
@@ -719,11 +644,11 @@ static void test_an_answer_that_trickles(void) {
     TEST_ASSERT_EQUAL_INT(0, listen(other.listener, 1));
     TEST_ASSERT_EQUAL_INT(0, pthread_create(&thread, NULL, trickle, &other.listener));
     open_driver("127.0.0.1", other.port, 0.2);
-    tl_time begin = now();
-    poll_once();
-    TEST_ASSERT_TRUE(now() - begin < 5 * TL_SECOND);
-    expect(0, 0, TL_NO_LINK);
-    expect_link(false, "no answer within 0.2 s");
+    tl_time begin = tl_test_now();
+    tl_probe_poll(&probe);
+    TEST_ASSERT_TRUE(tl_test_now() - begin < 5 * TL_SECOND);
+    tl_probe_expect(&probe, 0, 0, TL_NO_LINK);
+    tl_probe_expect_link(&probe, false, "no answer within 0.2 s");
     TEST_ASSERT_EQUAL_INT(0, pthread_join(thread, NULL));
     (void)close(trickle_client);
 }
@@ -733,12 +658,12 @@ static void test_more_than_was_asked_for(void) {
     start_peer(talkative);
     open_driver("127.0.0.1", other.port, 10);
     for (int i = 0; i < 5; i++) {
-        poll_once();
-        expect(0, 1, TL_GOOD); /* what came too much is never taken for an answer */
-        pause_ms(5);
+        tl_probe_poll(&probe);
+        tl_probe_expect(&probe, 0, 1, TL_GOOD); /* what came too much is never taken for an answer */
+        tl_test_pause_ms(5);
     }
-    TEST_ASSERT_EQUAL_size_t(2, links); /* connected, and this, once */
-    expect_link(true, "sends more than was asked for");
+    TEST_ASSERT_EQUAL_size_t(2, probe.links); /* connected, and this, once */
+    tl_probe_expect_link(&probe, true, "sends more than was asked for");
     TEST_ASSERT_TRUE(connections() > 1);
 }
 
@@ -754,7 +679,7 @@ static void test_a_connection_that_was_closed_between_polls(void) {
     add(1);
     start_peer(sane);
     open_driver("127.0.0.1", other.port, 10);
-    poll_once();
+    tl_probe_poll(&probe);
     for (int i = 0; i < 3; i++) {
         int extra = socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
         struct sockaddr_in address = {
@@ -763,15 +688,15 @@ static void test_a_connection_that_was_closed_between_polls(void) {
         TEST_ASSERT_EQUAL_INT(0, connect(extra, (struct sockaddr *)&address, sizeof address));
         size_t wanted = connections();
         while (wanted < 2 + 2 * (size_t)i) {
-            pause_ms(1);
+            tl_test_pause_ms(1);
             wanted = connections();
         }
-        pause_ms(5);
+        tl_test_pause_ms(5);
         (void)close(extra);
-        poll_once();
-        expect(0, 1, TL_GOOD);
+        tl_probe_poll(&probe);
+        tl_probe_expect(&probe, 0, 1, TL_GOOD);
     }
-    TEST_ASSERT_EQUAL_size_t(1, links); /* nobody was told: nothing was lost */
+    TEST_ASSERT_EQUAL_size_t(1, probe.links); /* nobody was told: nothing was lost */
 }
 
 /* Dies in the middle of a poll that has begun well. */
@@ -781,16 +706,16 @@ static void test_a_poll_that_is_half_answered(void) {
     answers_left = 1;
     start_peer(answers_once);
     open_driver("127.0.0.1", other.port, 0.4);
-    poll_once();
-    expect(0, 0, TL_GOOD);
-    expect(1, 0, TL_NO_LINK);
-    expect_link(true, "unit 1, holding register 1000 to 1000: no answer within 0.4 s");
-    poll_until(0, TL_NO_LINK);
-    expect_link(false, "no answer within 0.4 s");
+    tl_probe_poll(&probe);
+    tl_probe_expect(&probe, 0, 0, TL_GOOD);
+    tl_probe_expect(&probe, 1, 0, TL_NO_LINK);
+    tl_probe_expect_link(&probe, true, "unit 1, holding register 1000 to 1000: no answer within 0.4 s");
+    tl_probe_poll_until(&probe, 0, TL_NO_LINK);
+    tl_probe_expect_link(&probe, false, "no answer within 0.4 s");
     set_answer(sane);
-    poll_until(1, TL_GOOD);
-    poll_until(0, TL_GOOD);
-    expect(1, 1000, TL_GOOD);
+    tl_probe_poll_until(&probe, 1, TL_GOOD);
+    tl_probe_poll_until(&probe, 0, TL_GOOD);
+    tl_probe_expect(&probe, 1, 1000, TL_GOOD);
 }
 
 /* ---- exceptions ---- */
@@ -806,32 +731,32 @@ static void test_an_exception_costs_its_own_channels_only(void) {
     start_peer(unit_2_fails);
     open_driver("127.0.0.1", other.port, 10);
     for (int i = 0; i < 3; i++) {
-        poll_once();
-        expect(0, 1, TL_GOOD);
-        expect(1, 0, TL_NO_LINK);
-        expect(2, 3, TL_GOOD);
+        tl_probe_poll(&probe);
+        tl_probe_expect(&probe, 0, 1, TL_GOOD);
+        tl_probe_expect(&probe, 1, 0, TL_NO_LINK);
+        tl_probe_expect(&probe, 2, 3, TL_GOOD);
     }
-    TEST_ASSERT_EQUAL_size_t(2, links); /* connected, and this, once */
-    expect_link(true, "unit 2, holding register 2 to 2: Slave device or server failure");
+    TEST_ASSERT_EQUAL_size_t(2, probe.links); /* connected, and this, once */
+    tl_probe_expect_link(&probe, true, "unit 2, holding register 2 to 2: Slave device or server failure");
     TEST_ASSERT_EQUAL_size_t(1, connections());
     set_answer(sane);
-    poll_once();
-    expect(1, 2, TL_GOOD);
-    TEST_ASSERT_EQUAL_size_t(3, links);
-    expect_link(true, "answers again");
+    tl_probe_poll(&probe);
+    tl_probe_expect(&probe, 1, 2, TL_GOOD);
+    TEST_ASSERT_EQUAL_size_t(3, probe.links);
+    tl_probe_expect_link(&probe, true, "answers again");
 }
 
 static void test_an_exception_that_nobody_knows(void) {
     add_three_units();
     start_peer(unit_2_fails_strangely);
     open_driver("127.0.0.1", other.port, 10);
-    poll_once();
-    poll_once();
-    expect(0, 1, TL_GOOD);
-    expect(1, 0, TL_NO_LINK);
-    expect(2, 3, TL_GOOD);
+    tl_probe_poll(&probe);
+    tl_probe_poll(&probe);
+    tl_probe_expect(&probe, 0, 1, TL_GOOD);
+    tl_probe_expect(&probe, 1, 0, TL_NO_LINK);
+    tl_probe_expect(&probe, 2, 3, TL_GOOD);
     TEST_ASSERT_EQUAL_size_t(1, connections());
-    TEST_ASSERT_EQUAL_size_t(2, links);
+    TEST_ASSERT_EQUAL_size_t(2, probe.links);
 }
 
 static void test_a_hole_is_not_read(void) {
@@ -841,15 +766,15 @@ static void test_a_hole_is_not_read(void) {
     add(11);
     start_peer(has_a_hole);
     open_driver("127.0.0.1", other.port, 10);
-    poll_once();
+    tl_probe_poll(&probe);
     const double values[] = {0, 3, 10, 11};
     for (size_t i = 0; i < 4; i++) {
-        expect(i, values[i], TL_GOOD);
+        tl_probe_expect(&probe, i, values[i], TL_GOOD);
     }
     TEST_ASSERT_EQUAL_size_t(4, requests()); /* all of it; then 0, 3, and 10 with 11 */
-    poll_once();
+    tl_probe_poll(&probe);
     TEST_ASSERT_EQUAL_size_t(7, requests());
-    TEST_ASSERT_EQUAL_size_t(1, links); /* not worth a word */
+    TEST_ASSERT_EQUAL_size_t(1, probe.links); /* not worth a word */
 }
 
 /* The requests that come before the one a poll begins with are more all at once: none is forgotten. */
@@ -860,13 +785,13 @@ static void test_a_hole_behind_the_beginning(void) {
     add_of(2, TL_MODBUS_HOLDING, 0, TL_MODBUS_UINT16);
     start_peer(silent);
     open_driver("127.0.0.1", other.port, 0.4);
-    poll_once(); /* the next poll begins with unit 2 */
-    expect_link(false, "no answer");
+    tl_probe_poll(&probe); /* the next poll begins with unit 2 */
+    tl_probe_expect_link(&probe, false, "no answer");
     set_answer(has_a_hole);
-    poll_until(3, TL_GOOD);
-    expect(0, 0, TL_GOOD);
-    expect(1, 3, TL_GOOD);
-    expect(2, 10, TL_GOOD);
+    tl_probe_poll_until(&probe, 3, TL_GOOD);
+    tl_probe_expect(&probe, 0, 0, TL_GOOD);
+    tl_probe_expect(&probe, 1, 3, TL_GOOD);
+    tl_probe_expect(&probe, 2, 10, TL_GOOD);
 }
 
 static void test_one_wrong_address_does_not_spoil_its_neighbours(void) {
@@ -875,11 +800,11 @@ static void test_one_wrong_address_does_not_spoil_its_neighbours(void) {
     add(4); /* is in the hole */
     start_peer(has_a_hole);
     open_driver("127.0.0.1", other.port, 10);
-    poll_once();
-    expect(0, 2, TL_GOOD);
-    expect(1, 3, TL_GOOD);
-    expect(2, 0, TL_NO_LINK);
-    expect_link(true, "unit 1, holding register 4 to 4: Illegal data address");
+    tl_probe_poll(&probe);
+    tl_probe_expect(&probe, 0, 2, TL_GOOD);
+    tl_probe_expect(&probe, 1, 3, TL_GOOD);
+    tl_probe_expect(&probe, 2, 0, TL_NO_LINK);
+    tl_probe_expect_link(&probe, true, "unit 1, holding register 4 to 4: Illegal data address");
 }
 
 static void test_a_device_that_wants_small_requests(void) {
@@ -888,11 +813,11 @@ static void test_a_device_that_wants_small_requests(void) {
     add_of(1, TL_MODBUS_INPUT, 4, TL_MODBUS_FLOAT64); /* too large for it, and is not cut */
     start_peer(is_narrow);
     open_driver("127.0.0.1", other.port, 10);
-    poll_once();
-    expect(0, 1, TL_GOOD);
-    expect(1, 0x00020003, TL_GOOD);
-    expect(2, 0, TL_NO_LINK);
-    expect_link(true, "unit 1, input register 4 to 7: Illegal data value");
+    tl_probe_poll(&probe);
+    tl_probe_expect(&probe, 0, 1, TL_GOOD);
+    tl_probe_expect(&probe, 1, 0x00020003, TL_GOOD);
+    tl_probe_expect(&probe, 2, 0, TL_NO_LINK);
+    tl_probe_expect_link(&probe, true, "unit 1, input register 4 to 7: Illegal data value");
 }
 
 /* After the link was down it may be another device: everything is tried anew. */
@@ -902,14 +827,14 @@ static void test_a_new_device_gets_the_large_requests(void) {
     add(2);
     start_peer(is_narrow);
     open_driver("127.0.0.1", other.port, 0.4);
-    poll_once();
-    expect(2, 2, TL_GOOD);
+    tl_probe_poll(&probe);
+    tl_probe_expect(&probe, 2, 2, TL_GOOD);
     set_answer(silent);
-    poll_until(0, TL_NO_LINK);
+    tl_probe_poll_until(&probe, 0, TL_NO_LINK);
     set_answer(sane);
-    poll_until(0, TL_GOOD);
+    tl_probe_poll_until(&probe, 0, TL_GOOD);
     size_t before = requests();
-    poll_once();
+    tl_probe_poll(&probe);
     TEST_ASSERT_EQUAL_size_t(before + 1, requests());
 }
 
@@ -918,17 +843,17 @@ static void test_a_new_device_gets_the_large_requests(void) {
 /* Polls for a second: are channels `a` and `b` good all the time, `c` never, is there nothing to tell, and does the
  * silence delay few of the polls? */
 static bool is_steady(size_t a, size_t b, size_t c) {
-    size_t links_before = links;
+    size_t links_before = probe.links;
     size_t polls = 0;
     bool steady = true;
-    tl_time end = now() + TL_SECOND;
-    for (; now() < end; polls++) {
-        poll_once();
-        steady = steady && readings[a].quality == TL_GOOD && readings[b].quality == TL_GOOD;
-        TEST_ASSERT_EQUAL_INT(TL_NO_LINK, readings[c].quality);
-        pause_ms(5);
+    tl_time end = tl_test_now() + TL_SECOND;
+    for (; tl_test_now() < end; polls++) {
+        tl_probe_poll(&probe);
+        steady = steady && probe.newest[a].quality == TL_GOOD && probe.newest[b].quality == TL_GOOD;
+        TEST_ASSERT_EQUAL_INT(TL_NO_LINK, probe.newest[c].quality);
+        tl_test_pause_ms(5);
     }
-    return steady && polls >= 20 && link_up && links == links_before;
+    return steady && polls >= 20 && probe.link_up && probe.links == links_before;
 }
 
 /* On a machine that is too busy to answer in time it may not be at first. */
@@ -937,22 +862,22 @@ static void expect_steady(size_t a, size_t b, size_t c) {
     for (int i = 0; i < 20 && !steady; i++) {
         steady = is_steady(a, b, c);
     }
-    TEST_ASSERT_TRUE_MESSAGE(steady, link_text);
+    TEST_ASSERT_TRUE_MESSAGE(steady, probe.link_text);
 }
 
 static void test_a_silent_unit_does_not_stop_the_others(void) {
     add_three_units();
     start_peer(unit_2_is_silent);
     open_driver("127.0.0.1", other.port, 0.2);
-    poll_until(0, TL_GOOD);
-    poll_until(2, TL_GOOD);
+    tl_probe_poll_until(&probe, 0, TL_GOOD);
+    tl_probe_poll_until(&probe, 2, TL_GOOD);
     expect_steady(0, 2, 1);
-    size_t before = links;
+    size_t before = probe.links;
     set_answer(sane);
-    poll_until(1, TL_GOOD);
-    expect(1, 2, TL_GOOD);
-    TEST_ASSERT_EQUAL_size_t(before + 1, links);
-    expect_link(true, "unit 2, holding register 2 to 2: answers again");
+    tl_probe_poll_until(&probe, 1, TL_GOOD);
+    tl_probe_expect(&probe, 1, 2, TL_GOOD);
+    TEST_ASSERT_EQUAL_size_t(before + 1, probe.links);
+    tl_probe_expect_link(&probe, true, "unit 2, holding register 2 to 2: answers again");
 }
 
 static void test_silent_units_that_are_asked_first(void) {
@@ -960,15 +885,15 @@ static void test_silent_units_that_are_asked_first(void) {
     add_of(4, TL_MODBUS_HOLDING, 4, TL_MODBUS_UINT16);
     start_peer(units_1_and_3_are_silent);
     open_driver("127.0.0.1", other.port, 0.2);
-    poll_until(1, TL_GOOD);
-    poll_until(3, TL_GOOD);
+    tl_probe_poll_until(&probe, 1, TL_GOOD);
+    tl_probe_poll_until(&probe, 3, TL_GOOD);
     expect_steady(1, 3, 0);
-    expect(2, 0, TL_NO_LINK);
+    tl_probe_expect(&probe, 2, 0, TL_NO_LINK);
     set_answer(sane);
-    poll_until(0, TL_GOOD);
-    poll_until(2, TL_GOOD);
-    expect(0, 1, TL_GOOD);
-    expect(2, 3, TL_GOOD);
+    tl_probe_poll_until(&probe, 0, TL_GOOD);
+    tl_probe_poll_until(&probe, 2, TL_GOOD);
+    tl_probe_expect(&probe, 0, 1, TL_GOOD);
+    tl_probe_expect(&probe, 2, 3, TL_GOOD);
 }
 
 /* ---- interrupt ---- */
@@ -978,7 +903,7 @@ static bool polling; /* atomic */
 static void *poll_in_thread(void *context) {
     (void)context;
     bool finished = false;
-    (void)tl_modbus_driver.poll(io, &SINK, &finished, &error);
+    (void)tl_modbus_driver.poll(probe.io, &probe.sink, &finished, &probe.error);
     __atomic_store_n(&polling, false, __ATOMIC_RELEASE);
     return NULL;
 }
@@ -990,15 +915,15 @@ static void expect_interruptible(void) {
     size_t asked = requests();
     TEST_ASSERT_EQUAL_INT(0, pthread_create(&thread, NULL, poll_in_thread, NULL));
     for (int i = 0; i < 100 && requests() == asked; i++) {
-        pause_ms(1); /* until it waits for the answer; the one that connects just gets some time */
+        tl_test_pause_ms(1); /* until it waits for the answer; the one that connects just gets some time */
     }
     TEST_ASSERT_TRUE(__atomic_load_n(&polling, __ATOMIC_ACQUIRE));
-    tl_time begin = now();
-    tl_modbus_driver.interrupt(io);
+    tl_time begin = tl_test_now();
+    tl_modbus_driver.interrupt(probe.io);
     TEST_ASSERT_EQUAL_INT(0, pthread_join(thread, NULL));
-    TEST_ASSERT_TRUE(now() - begin < 10 * TL_SECOND);
-    TEST_ASSERT_EQUAL_size_t(0, posts[0]); /* nothing is known, nothing is said */
-    TEST_ASSERT_EQUAL_size_t(0, links);
+    TEST_ASSERT_TRUE(tl_test_now() - begin < 10 * TL_SECOND);
+    TEST_ASSERT_EQUAL_size_t(0, probe.posts[0]); /* nothing is known, nothing is said */
+    TEST_ASSERT_EQUAL_size_t(0, probe.links);
 }
 
 static void test_interrupt_while_it_waits_for_an_answer(void) {
@@ -1007,9 +932,9 @@ static void test_interrupt_while_it_waits_for_an_answer(void) {
     open_driver("127.0.0.1", other.port, 60);
     expect_interruptible();
     set_answer(sane);
-    poll_once(); /* not interrupted any more, and no pause */
-    expect(0, 1, TL_GOOD);
-    TEST_ASSERT_EQUAL_size_t(0, downs);
+    tl_probe_poll(&probe); /* not interrupted any more, and no pause */
+    tl_probe_expect(&probe, 0, 1, TL_GOOD);
+    TEST_ASSERT_EQUAL_size_t(0, probe.downs);
 }
 
 enum { BACKLOG = 16 };
@@ -1057,12 +982,12 @@ static void test_connecting_takes_no_longer_than_the_timeout(void) {
     other.listener = bind_somewhere(&other.port);
     fill_backlog(fillers);
     open_driver("127.0.0.1", other.port, 0.1);
-    tl_time begin = now();
-    poll_once();
-    TEST_ASSERT_TRUE(now() - begin >= 100000000);
-    TEST_ASSERT_TRUE(now() - begin < 10 * TL_SECOND);
-    expect(0, 0, TL_NO_LINK);
-    expect_link(false, "timed out");
+    tl_time begin = tl_test_now();
+    tl_probe_poll(&probe);
+    TEST_ASSERT_TRUE(tl_test_now() - begin >= 100000000);
+    TEST_ASSERT_TRUE(tl_test_now() - begin < 10 * TL_SECOND);
+    tl_probe_expect(&probe, 0, 0, TL_NO_LINK);
+    tl_probe_expect_link(&probe, false, "timed out");
     close_fillers(fillers);
 }
 
@@ -1070,26 +995,26 @@ static void test_an_interrupt_is_not_lost(void) {
     add(1);
     start_peer(sane);
     open_driver("127.0.0.1", other.port, 10);
-    tl_modbus_driver.interrupt(io);
-    tl_modbus_driver.interrupt(io);
-    poll_once(); /* this one returns at once */
-    TEST_ASSERT_EQUAL_size_t(0, posts[0]);
-    poll_once();
-    expect(0, 1, TL_GOOD);
-    tl_modbus_driver.interrupt(io); /* its connection is gone with that */
-    poll_once();
-    TEST_ASSERT_EQUAL_size_t(1, posts[0]);
-    poll_once();
-    TEST_ASSERT_EQUAL_size_t(2, posts[0]);
-    expect(0, 1, TL_GOOD);
-    TEST_ASSERT_EQUAL_size_t(1, links);
+    tl_modbus_driver.interrupt(probe.io);
+    tl_modbus_driver.interrupt(probe.io);
+    tl_probe_poll(&probe); /* this one returns at once */
+    TEST_ASSERT_EQUAL_size_t(0, probe.posts[0]);
+    tl_probe_poll(&probe);
+    tl_probe_expect(&probe, 0, 1, TL_GOOD);
+    tl_modbus_driver.interrupt(probe.io); /* its connection is gone with that */
+    tl_probe_poll(&probe);
+    TEST_ASSERT_EQUAL_size_t(1, probe.posts[0]);
+    tl_probe_poll(&probe);
+    TEST_ASSERT_EQUAL_size_t(2, probe.posts[0]);
+    tl_probe_expect(&probe, 0, 1, TL_GOOD);
+    TEST_ASSERT_EQUAL_size_t(1, probe.links);
 }
 
 static void *interrupt_often(void *context) {
     (void)context;
     while (__atomic_load_n(&polling, __ATOMIC_ACQUIRE)) {
-        tl_modbus_driver.interrupt(io);
-        pause_ms(1);
+        tl_modbus_driver.interrupt(probe.io);
+        tl_test_pause_ms(1);
     }
     return NULL;
 }
@@ -1103,16 +1028,16 @@ static void test_interrupts_at_any_time(void) {
     open_driver("127.0.0.1", tl_plant_server_port(device), 10);
     __atomic_store_n(&polling, true, __ATOMIC_RELEASE);
     TEST_ASSERT_EQUAL_INT(0, pthread_create(&thread, NULL, interrupt_often, NULL));
-    tl_time end = now() + TL_SECOND / 5;
-    while (now() < end) {
-        poll_once();
+    tl_time end = tl_test_now() + TL_SECOND / 5;
+    while (tl_test_now() < end) {
+        tl_probe_poll(&probe);
     }
     __atomic_store_n(&polling, false, __ATOMIC_RELEASE);
     TEST_ASSERT_EQUAL_INT(0, pthread_join(thread, NULL));
-    poll_once();
-    poll_until(0, TL_GOOD);
-    expect(0, 9, TL_GOOD);
-    TEST_ASSERT_EQUAL_size_t(0, downs);
+    tl_probe_poll(&probe);
+    tl_probe_poll_until(&probe, 0, TL_GOOD);
+    tl_probe_expect(&probe, 0, 9, TL_GOOD);
+    TEST_ASSERT_EQUAL_size_t(0, probe.downs);
     tl_plant_server_stop(device);
 }
 
@@ -1136,8 +1061,8 @@ static void test_descriptors_beyond_those_of_select(void) {
         TEST_ASSERT_TRUE(many[count] >= 0);
         count++;
     } while (many[count - 1] < FD_SETSIZE);
-    poll_once();
-    expect(0, 1, TL_GOOD);
+    tl_probe_poll(&probe);
+    tl_probe_expect(&probe, 0, 1, TL_GOOD);
     while (count > 0) {
         count--;
         (void)close(many[count]);
@@ -1147,11 +1072,11 @@ static void test_descriptors_beyond_those_of_select(void) {
 
 static void expect_refused(const tl_modbus_settings *settings, const char *part) {
     tl_plant_io *none = NULL;
-    error = (tl_error){TL_OK, ""};
-    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, tl_modbus_open(settings, &none, &error));
+    probe.error = (tl_error){TL_OK, ""};
+    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, tl_modbus_open(settings, &none, &probe.error));
     TEST_ASSERT_NULL(none);
-    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, error.status);
-    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, part), error.text);
+    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, probe.error.status);
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(probe.error.text, part), probe.error.text);
 }
 
 static void test_settings_that_are_wrong(void) {

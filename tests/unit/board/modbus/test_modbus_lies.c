@@ -10,12 +10,13 @@
 #include <string.h>
 #include <sys/eventfd.h>
 #include <sys/socket.h>
-#include <time.h>
 #include <unistd.h>
 
 #include <unity.h>
 
 #include "board/modbus/modbus.h"
+#include "tests/support/driver_probe.h"
+#include "tests/support/real_time.h"
 
 enum { REQUEST = 12, FRAME = 1024, RECORD = 65536, VALUES = 5, CHANNELS = 3 * VALUES };
 
@@ -37,17 +38,6 @@ static struct server {
     size_t recorded;
     uint8_t record[RECORD];
 } server = {.lock = PTHREAD_MUTEX_INITIALIZER};
-
-static void pause_ms(long ms) {
-    const struct timespec time = {.tv_sec = ms / 1000, .tv_nsec = ms % 1000 * 1000000};
-    (void)nanosleep(&time, NULL);
-}
-
-static tl_time now(void) {
-    struct timespec time;
-    (void)clock_gettime(CLOCK_MONOTONIC, &time);
-    return (tl_time)time.tv_sec * TL_SECOND + time.tv_nsec;
-}
 
 static bool is_of_bits(unsigned function) {
     return function <= TL_MODBUS_DISCRETE;
@@ -76,7 +66,7 @@ static bool send_all(int client, const uint8_t *bytes, size_t size, size_t piece
         size_t some = size - at < piece ? size - at : piece;
         sent = send(client, bytes + at, some, MSG_NOSIGNAL) == (ssize_t)some;
         if (pause > 0) {
-            pause_ms(pause);
+            tl_test_pause_ms(pause);
         }
     }
     return sent;
@@ -312,46 +302,28 @@ static size_t half(const uint8_t *request, uint8_t *answer, size_t size) {
 
 /* ---- the driver under test ---- */
 
-static tl_plant_io *io;
-static tl_error error;
+static tl_driver_probe probe;
 static tl_modbus_channel channels[CHANNELS];
 static size_t channel_count;
-static tl_reading readings[CHANNELS];
-static size_t posts[CHANNELS];
 static size_t good_ones;
-static size_t links;
 static size_t told_of_more; /* than was asked for */
-static bool link_up;
-static char link_text[1024];
 
 static void on_post(void *context, size_t channel, const tl_reading *reading) {
-    (void)context;
-    readings[channel] = *reading;
-    posts[channel]++;
+    tl_probe_post(context, channel, reading);
     good_ones += reading->quality == TL_GOOD ? 1 : 0;
 }
 
 static void on_link(void *context, bool up, const char *text) {
-    (void)context;
-    links++;
+    tl_probe_link(context, up, text);
     told_of_more += strstr(text, "sends more than was asked for, which is not used") != NULL ? 1 : 0;
-    link_up = up;
-    (void)snprintf(link_text, sizeof link_text, "%s", text);
 }
 
-static const tl_plant_io_sink SINK = {.post = on_post, .link = on_link};
-
 static void close_driver(void) {
-    if (io != NULL) {
-        tl_modbus_driver.close(io);
-    }
-    io = NULL;
+    tl_probe_end(&probe);
+    tl_probe_forget(&probe);
     channel_count = 0;
-    links = 0;
     told_of_more = 0;
     good_ones = 0;
-    memset(posts, 0, sizeof posts);
-    link_text[0] = '\0';
 }
 
 static void add_of(uint8_t unit_id, unsigned function, unsigned address) {
@@ -374,7 +346,7 @@ static void open_with(double timeout_s, bool any_unit_id) {
                                          .timeout_s = timeout_s,
                                          .channels = channels,
                                          .channel_count = channel_count};
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_modbus_open(&settings, &io, &error));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_modbus_open(&settings, &probe.io, &probe.error));
 }
 
 /* One request, for VALUES values of a table of unit 1. */
@@ -386,42 +358,28 @@ static void open_for(unsigned function, double timeout_s, bool any_unit_id) {
     open_with(timeout_s, any_unit_id);
 }
 
-static void poll_once(void) {
-    bool finished = true;
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_modbus_driver.poll(io, &SINK, &finished, &error));
-}
-
-static void poll_until(size_t channel, tl_quality quality) {
-    tl_time deadline = now() + 60 * TL_SECOND;
-    do {
-        TEST_ASSERT_TRUE_MESSAGE(now() < deadline, link_text);
-        pause_ms(2);
-        poll_once();
-    } while (readings[channel].quality != quality);
-}
-
 static void expect_values(void) {
     for (size_t i = 0; i < channel_count; i++) {
-        TEST_ASSERT_EQUAL_INT_MESSAGE(TL_GOOD, readings[i].quality, link_text);
-        TEST_ASSERT_EQUAL_DOUBLE(value_of(i), readings[i].value);
+        TEST_ASSERT_EQUAL_INT_MESSAGE(TL_GOOD, probe.newest[i].quality, probe.link_text);
+        TEST_ASSERT_EQUAL_DOUBLE(value_of(i), probe.newest[i].value);
     }
 }
 
 static void expect_text(const char *part) {
-    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(link_text, part), link_text);
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(probe.link_text, part), probe.link_text);
 }
 
 /* The poll finds no link, and says so and why. */
 static void expect_disbelief(unsigned function, const char *why) {
     open_for(function, 10, false);
-    poll_once();
+    tl_probe_poll(&probe);
     for (size_t i = 0; i < channel_count; i++) {
-        TEST_ASSERT_EQUAL_INT_MESSAGE(TL_NO_LINK, readings[i].quality, why);
-        TEST_ASSERT_EQUAL_DOUBLE(0, readings[i].value);
-        TEST_ASSERT_EQUAL_size_t(1, posts[i]);
+        TEST_ASSERT_EQUAL_INT_MESSAGE(TL_NO_LINK, probe.newest[i].quality, why);
+        TEST_ASSERT_EQUAL_DOUBLE(0, probe.newest[i].value);
+        TEST_ASSERT_EQUAL_size_t(1, probe.posts[i]);
     }
-    TEST_ASSERT_EQUAL_size_t(1, links);
-    TEST_ASSERT_FALSE(link_up);
+    TEST_ASSERT_EQUAL_size_t(1, probe.links);
+    TEST_ASSERT_FALSE(probe.link_up);
     expect_text(why);
 }
 
@@ -437,8 +395,9 @@ void setUp(void) {
     server.pause_ms = 0;
     server.connections = 0;
     server.recorded = 0;
-    io = NULL;
-    error = (tl_error){TL_OK, ""};
+    tl_probe_begin(&probe, &tl_modbus_driver);
+    probe.sink.post = on_post;
+    probe.sink.link = on_link;
     close_driver();
     start_server();
 }
@@ -463,10 +422,10 @@ void tearDown(void) {
 static void test_the_truth_is_believed(void) {
     for (unsigned function = 1; function <= 4; function++) {
         open_for(function, 10, false);
-        poll_once();
-        poll_once();
+        tl_probe_poll(&probe);
+        tl_probe_poll(&probe);
         expect_values();
-        TEST_ASSERT_EQUAL_size_t(1, links);
+        TEST_ASSERT_EQUAL_size_t(1, probe.links);
     }
     TEST_ASSERT_EQUAL_size_t(4, count_of(&server.connections));
 }
@@ -576,15 +535,16 @@ static void test_every_exception(void) {
         exception_code = code;
         set_lie(exception);
         open_for(1 + code % 4, 10, false);
-        poll_once();
+        tl_probe_poll(&probe);
         for (size_t i = 0; i < channel_count; i++) {
-            TEST_ASSERT_EQUAL_INT(TL_NO_LINK, readings[i].quality);
+            TEST_ASSERT_EQUAL_INT(TL_NO_LINK, probe.newest[i].quality);
         }
-        TEST_ASSERT_TRUE_MESSAGE(link_up, link_text);
-        TEST_ASSERT_NULL_MESSAGE(strstr(link_text, "nknown"), link_text);
-        TEST_ASSERT_EQUAL_MESSAGE(!defined, strstr(link_text, ", which Modbus does not define: ") != NULL, link_text);
+        TEST_ASSERT_TRUE_MESSAGE(probe.link_up, probe.link_text);
+        TEST_ASSERT_NULL_MESSAGE(strstr(probe.link_text, "nknown"), probe.link_text);
+        TEST_ASSERT_EQUAL_MESSAGE(!defined, strstr(probe.link_text, ", which Modbus does not define: ") != NULL,
+                                  probe.link_text);
         set_lie(truth);
-        poll_once();
+        tl_probe_poll(&probe);
         expect_values();
         expect_text("answers again");
     }
@@ -595,11 +555,11 @@ static void test_the_exception_0(void) {
     set_lie(exception);
     for (unsigned function = 1; function <= 4; function++) {
         open_for(function, 10, false);
-        poll_once();
-        poll_once();
+        tl_probe_poll(&probe);
+        tl_probe_poll(&probe);
         TEST_ASSERT_EQUAL_size_t(0, good_ones);
-        TEST_ASSERT_TRUE(link_up);
-        TEST_ASSERT_EQUAL_size_t(2, links); /* connected, and this, once */
+        TEST_ASSERT_TRUE(probe.link_up);
+        TEST_ASSERT_EQUAL_size_t(2, probe.links); /* connected, and this, once */
         expect_text(" 300 to 304: exception 0, which Modbus does not define: see the manual of the device");
     }
 }
@@ -611,10 +571,10 @@ static void test_another_exception_each_time(void) {
     add_of(1, TL_MODBUS_INPUT, 300);
     open_with(10, false);
     for (int i = 0; i < 300; i++) {
-        poll_once();
+        tl_probe_poll(&probe);
     }
     TEST_ASSERT_EQUAL_size_t(0, good_ones);
-    TEST_ASSERT_EQUAL_size_t(2, links); /* connected, and the first one */
+    TEST_ASSERT_EQUAL_size_t(2, probe.links); /* connected, and the first one */
     expect_text("300 to 300: Slave device or server failure");
 }
 
@@ -633,7 +593,7 @@ static void test_an_answer_in_single_bytes(void) {
     server.pause_ms = 1;
     for (unsigned function = 1; function <= 4; function++) {
         open_for(function, 10, false);
-        poll_once();
+        tl_probe_poll(&probe);
         expect_values();
     }
 }
@@ -642,7 +602,7 @@ static void test_an_answer_that_trickles_within_the_timeout(void) {
     server.piece = 1;
     server.pause_ms = 20; /* 19 bytes: 0.4 s */
     open_for(TL_MODBUS_HOLDING, 10, false);
-    poll_once();
+    tl_probe_poll(&probe);
     expect_values();
 }
 
@@ -651,10 +611,10 @@ static void test_an_answer_that_trickles_beyond_the_timeout(void) {
     server.piece = 1;
     server.pause_ms = 20;
     open_for(TL_MODBUS_HOLDING, 0.1, false);
-    tl_time begun = now();
-    poll_once();
-    TEST_ASSERT_TRUE(now() - begun >= TL_SECOND / 10);
-    TEST_ASSERT_TRUE(now() - begun < 10 * TL_SECOND);
+    tl_time begun = tl_test_now();
+    tl_probe_poll(&probe);
+    TEST_ASSERT_TRUE(tl_test_now() - begun >= TL_SECOND / 10);
+    TEST_ASSERT_TRUE(tl_test_now() - begun < 10 * TL_SECOND);
     TEST_ASSERT_EQUAL_size_t(0, good_ones);
     expect_text("no answer within 0.1 s");
 }
@@ -662,31 +622,23 @@ static void test_an_answer_that_trickles_beyond_the_timeout(void) {
 static void test_half_an_answer(void) {
     set_lie(half);
     open_for(TL_MODBUS_INPUT, 0.1, false);
-    poll_once();
+    tl_probe_poll(&probe);
     TEST_ASSERT_EQUAL_size_t(0, good_ones);
     expect_text("no answer within 0.1 s");
 }
 
-static void *interrupt_soon(void *context) {
-    (void)context;
-    pause_ms(100);
-    tl_modbus_driver.interrupt(io);
-    return NULL;
-}
-
 static void test_half_an_answer_can_be_interrupted(void) {
-    pthread_t thread;
     set_lie(half);
     open_for(TL_MODBUS_INPUT, 60, false);
-    tl_time begun = now();
-    TEST_ASSERT_EQUAL_INT(0, pthread_create(&thread, NULL, interrupt_soon, NULL));
-    poll_once();
-    TEST_ASSERT_TRUE(now() - begun < 10 * TL_SECOND);
+    tl_time begun = tl_test_now();
+    pthread_t thread = tl_probe_interrupt_after(&probe, 100);
+    tl_probe_poll(&probe);
+    TEST_ASSERT_TRUE(tl_test_now() - begun < 10 * TL_SECOND);
     TEST_ASSERT_EQUAL_INT(0, pthread_join(thread, NULL));
-    TEST_ASSERT_EQUAL_size_t(0, posts[0]); /* nothing is known, nothing is said */
-    TEST_ASSERT_EQUAL_size_t(0, links);
+    TEST_ASSERT_EQUAL_size_t(0, probe.posts[0]); /* nothing is known, nothing is said */
+    TEST_ASSERT_EQUAL_size_t(0, probe.links);
     set_lie(truth);
-    poll_once();
+    tl_probe_poll(&probe);
     expect_values(); /* and what was left of the half is no part of it */
 }
 
@@ -703,11 +655,11 @@ static void expect_right_and_told_once(lie_function *lie) {
     }
     open_with(10, false);
     for (int i = 0; i < 50; i++) {
-        poll_once();
+        tl_probe_poll(&probe);
         expect_values();
     }
-    TEST_ASSERT_EQUAL_size_t(2, links);
-    TEST_ASSERT_TRUE(link_up);
+    TEST_ASSERT_EQUAL_size_t(2, probe.links);
+    TEST_ASSERT_TRUE(probe.link_up);
     TEST_ASSERT_EQUAL_size_t(1, told_of_more);
     TEST_ASSERT_EQUAL_size_t(50 * 12, good_ones);
 }
@@ -724,7 +676,7 @@ static void test_two_answers_at_once(void) {
 static void test_two_answers_to_a_request_that_is_split(void) {
     set_lie(two_answers_but_refuses_large_requests);
     open_for(TL_MODBUS_HOLDING, 10, false);
-    poll_once();
+    tl_probe_poll(&probe);
     expect_values();
     TEST_ASSERT_EQUAL_size_t(1, told_of_more);
 }
@@ -733,15 +685,15 @@ static void test_two_answers_to_a_request_that_is_split(void) {
 static void test_what_is_told_again(void) {
     set_lie(trailing_bytes);
     open_for(TL_MODBUS_COIL, 0.2, false);
-    poll_once();
-    poll_once();
+    tl_probe_poll(&probe);
+    tl_probe_poll(&probe);
     expect_text("sends more than was asked for");
     set_lie(half);
-    poll_until(0, TL_NO_LINK);
+    tl_probe_poll_until(&probe, 0, TL_NO_LINK);
     set_lie(trailing_bytes);
-    poll_until(0, TL_GOOD);
+    tl_probe_poll_until(&probe, 0, TL_GOOD);
     expect_text("connected");
-    poll_once();
+    tl_probe_poll(&probe);
     expect_text("sends more than was asked for");
 }
 
@@ -751,17 +703,17 @@ static void test_answers_that_are_one_behind(void) {
     add_of(1, TL_MODBUS_HOLDING, 20);
     add_of(1, TL_MODBUS_HOLDING, 600);
     open_with(0.05, false);
-    for (tl_time end = now() + TL_SECOND; now() < end; pause_ms(5)) {
-        poll_once();
+    for (tl_time end = tl_test_now() + TL_SECOND; tl_test_now() < end; tl_test_pause_ms(5)) {
+        tl_probe_poll(&probe);
     }
     TEST_ASSERT_EQUAL_size_t(0, good_ones);
-    TEST_ASSERT_EQUAL_size_t(1, links);
+    TEST_ASSERT_EQUAL_size_t(1, probe.links);
 }
 
 static void test_each_request_has_another_number(void) {
     open_for(TL_MODBUS_HOLDING, 10, false);
     for (unsigned i = 1; i <= 300; i++) {
-        poll_once();
+        tl_probe_poll(&probe);
         const uint8_t *request = server.record + (size_t)(i - 1) * REQUEST;
         TEST_ASSERT_EQUAL_UINT(i, (unsigned)request[0] * 256 + request[1]);
     }
@@ -778,18 +730,18 @@ static void test_one_unit_that_is_somebody_else(void) {
         add_of(unit, TL_MODBUS_HOLDING, unit);
     }
     open_with(10, false);
-    for (tl_time end = now() + TL_SECOND; now() < end; pause_ms(5)) {
-        poll_once();
-        TEST_ASSERT_EQUAL_INT(TL_NO_LINK, readings[1].quality);
+    for (tl_time end = tl_test_now() + TL_SECOND; tl_test_now() < end; tl_test_pause_ms(5)) {
+        tl_probe_poll(&probe);
+        TEST_ASSERT_EQUAL_INT(TL_NO_LINK, probe.newest[1].quality);
     }
-    TEST_ASSERT_EQUAL_INT(TL_GOOD, readings[0].quality);
-    TEST_ASSERT_EQUAL_INT(TL_GOOD, readings[2].quality);
-    TEST_ASSERT_EQUAL_size_t(2, links);
-    TEST_ASSERT_TRUE(link_up);
+    TEST_ASSERT_EQUAL_INT(TL_GOOD, probe.newest[0].quality);
+    TEST_ASSERT_EQUAL_INT(TL_GOOD, probe.newest[2].quality);
+    TEST_ASSERT_EQUAL_size_t(2, probe.links);
+    TEST_ASSERT_TRUE(probe.link_up);
     expect_text("unit 2, holding register 2 to 2: answered as unit ");
     TEST_ASSERT_TRUE(count_of(&server.connections) < 20); /* paused: 0.1, 0.2, 0.4 s */
     set_lie(truth);
-    poll_until(1, TL_GOOD);
+    tl_probe_poll_until(&probe, 1, TL_GOOD);
     expect_values();
     expect_text("unit 2, holding register 2 to 2: answers again");
 }
@@ -800,10 +752,10 @@ static void test_any_unit_id(void) {
         for (unsigned function = 1; function <= 4; function++) {
             set_forged(6, 1, UNITS[i]);
             open_for(function, 10, true);
-            poll_once();
-            poll_once();
+            tl_probe_poll(&probe);
+            tl_probe_poll(&probe);
             expect_values();
-            TEST_ASSERT_EQUAL_size_t(1, links);
+            TEST_ASSERT_EQUAL_size_t(1, probe.links);
         }
     }
 }
@@ -814,9 +766,9 @@ static void test_any_unit_id_and_nothing_else(void) {
     for (size_t i = 0; i < sizeof PLACES / sizeof PLACES[0]; i++) {
         set_forged(PLACES[i], 1, 0x55);
         open_for(TL_MODBUS_INPUT, 10, true);
-        poll_once();
+        tl_probe_poll(&probe);
         TEST_ASSERT_EQUAL_size_t(0, good_ones);
-        TEST_ASSERT_FALSE(link_up);
+        TEST_ASSERT_FALSE(probe.link_up);
     }
 }
 

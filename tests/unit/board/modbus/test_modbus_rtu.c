@@ -13,51 +13,15 @@
 #include <sys/eventfd.h>
 #include <sys/ioctl.h>
 #include <termios.h>
-#include <time.h>
 #include <unistd.h>
 
 #include <unity.h>
 
 #include "board/modbus/modbus.h"
-
-/* ---- what the driver says ---- */
+#include "tests/support/driver_probe.h"
+#include "tests/support/real_time.h"
 
 enum { CHANNELS = 16, REQUEST = 8, FRAME = 256, RECORD = 65536 };
-
-static tl_reading readings[CHANNELS];
-static size_t posts[CHANNELS];
-static size_t links;
-static size_t downs;
-static bool link_up;
-static char link_text[1024];
-
-static void on_post(void *context, size_t channel, const tl_reading *reading) {
-    (void)context;
-    TEST_ASSERT_TRUE(channel < CHANNELS);
-    readings[channel] = *reading;
-    posts[channel]++;
-}
-
-static void on_link(void *context, bool up, const char *text) {
-    (void)context;
-    links++;
-    downs += up ? 0 : 1;
-    link_up = up;
-    (void)snprintf(link_text, sizeof link_text, "%s", text);
-}
-
-static const tl_plant_io_sink SINK = {.post = on_post, .link = on_link, .context = NULL};
-
-static tl_time now(void) {
-    struct timespec time;
-    (void)clock_gettime(CLOCK_MONOTONIC, &time);
-    return (tl_time)time.tv_sec * TL_SECOND + time.tv_nsec;
-}
-
-static void pause_ms(long ms) {
-    const struct timespec time = {.tv_sec = ms / 1000, .tv_nsec = ms % 1000 * 1000000};
-    (void)nanosleep(&time, NULL);
-}
 
 /* ---- a peer that does what a test wants ---- */
 
@@ -94,7 +58,7 @@ static answer_function *note(const uint8_t *request) {
         memcpy(other.record + other.recorded, request, REQUEST);
         other.recorded += REQUEST;
     }
-    other.heard = now();
+    other.heard = tl_test_now();
     answer_function *answer = other.answer;
     (void)pthread_mutex_unlock(&other.lock);
     return answer;
@@ -112,7 +76,7 @@ static void *run_peer(void *context) {
         }
         ssize_t count = read(other.master, request + size, REQUEST - size);
         if (count <= 0) { /* nobody has the other end open */
-            pause_ms(1);
+            tl_test_pause_ms(1);
             continue;
         }
         size += (size_t)count;
@@ -269,12 +233,12 @@ static void trickle(int line, const uint8_t *request) {
     size_t size = right_answer(request, frame);
     for (size_t i = 0; i < size; i++) {
         say(line, frame + i, 1);
-        pause_ms(5);
+        tl_test_pause_ms(5);
     }
 }
 
 static void too_late(int line, const uint8_t *request) {
-    pause_ms(260);
+    tl_test_pause_ms(260);
     sane(line, request);
 }
 
@@ -324,8 +288,7 @@ static void has_a_hole(int line, const uint8_t *request) {
 
 /* ---- the driver under test ---- */
 
-static tl_plant_io *io;
-static tl_error error;
+static tl_driver_probe probe;
 static tl_modbus_channel channels[CHANNELS];
 static size_t channel_count;
 static uint32_t baud;
@@ -350,57 +313,20 @@ static tl_modbus_settings settings_with(double timeout_s) {
 static void open_driver(double timeout_s) {
     tl_modbus_settings settings = settings_with(timeout_s);
     settings.line.baud = baud;
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_modbus_open(&settings, &io, &error));
-}
-
-static void poll_once(void) {
-    bool finished = true;
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_modbus_driver.poll(io, &SINK, &finished, &error));
-    TEST_ASSERT_FALSE(finished);
-}
-
-static void poll_until(size_t channel, tl_quality quality) {
-    tl_time deadline = now() + 60 * TL_SECOND;
-    do {
-        TEST_ASSERT_TRUE_MESSAGE(now() < deadline, link_text);
-        poll_once();
-        if (readings[channel].quality != quality) {
-            pause_ms(5);
-        }
-    } while (posts[channel] == 0 || readings[channel].quality != quality);
-}
-
-static void expect(size_t channel, double value, tl_quality quality) {
-    TEST_ASSERT_TRUE(posts[channel] > 0);
-    TEST_ASSERT_EQUAL_INT(quality, readings[channel].quality);
-    TEST_ASSERT_EQUAL_DOUBLE(value, readings[channel].value);
-}
-
-static void expect_link(bool up, const char *part) {
-    TEST_ASSERT_EQUAL_INT(up, link_up);
-    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(link_text, part), link_text);
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_modbus_open(&settings, &probe.io, &probe.error));
 }
 
 void setUp(void) {
-    memset(posts, 0, sizeof posts);
-    memset(readings, 0, sizeof readings);
+    tl_probe_begin(&probe, &tl_modbus_driver);
     memset(channels, 0, sizeof channels);
     channel_count = 0;
     baud = 115200;
-    links = 0;
-    downs = 0;
-    link_up = false;
-    link_text[0] = '\0';
-    io = NULL;
-    error = (tl_error){TL_OK, ""};
     other.recorded = 0;
     (void)snprintf(path, sizeof path, "/tmp/test_modbus_rtu.%ld", (long)getpid());
 }
 
 void tearDown(void) {
-    if (io != NULL) {
-        tl_modbus_driver.close(io);
-    }
+    tl_probe_end(&probe);
     pull_out();
     for (size_t at = 0; at < other.recorded; at += REQUEST) {
         const uint8_t *request = other.record + at;
@@ -424,17 +350,17 @@ static void test_every_table(void) {
     add_of(1, TL_MODBUS_HOLDING, 1, TL_MODBUS_UINT32);
     plug_in(sane);
     open_driver(5);
-    poll_once();
-    expect(0, 1, TL_GOOD);
-    expect(1, 1, TL_GOOD);
-    expect(2, 0, TL_GOOD);
-    expect(3, 1, TL_GOOD);
-    expect(4, 513, TL_GOOD);
-    expect(5, 65538, TL_GOOD);
+    tl_probe_poll(&probe);
+    tl_probe_expect(&probe, 0, 1, TL_GOOD);
+    tl_probe_expect(&probe, 1, 1, TL_GOOD);
+    tl_probe_expect(&probe, 2, 0, TL_GOOD);
+    tl_probe_expect(&probe, 3, 1, TL_GOOD);
+    tl_probe_expect(&probe, 4, 513, TL_GOOD);
+    tl_probe_expect(&probe, 5, 65538, TL_GOOD);
     TEST_ASSERT_EQUAL_size_t(4, requests());
-    expect_link(true, "Modbus line /tmp/test_modbus_rtu.");
-    expect_link(true, ": connected");
-    TEST_ASSERT_EQUAL_size_t(1, links);
+    tl_probe_expect_link(&probe, true, "Modbus line /tmp/test_modbus_rtu.");
+    tl_probe_expect_link(&probe, true, ": connected");
+    TEST_ASSERT_EQUAL_size_t(1, probe.links);
 }
 
 static void test_the_request_as_it_is_on_the_line(void) {
@@ -443,7 +369,7 @@ static void test_the_request_as_it_is_on_the_line(void) {
     add(1, 9);
     plug_in(sane);
     open_driver(5);
-    poll_once();
+    tl_probe_poll(&probe);
     TEST_ASSERT_EQUAL_size_t(1, requests());
     TEST_ASSERT_EQUAL_HEX8_ARRAY(known, other.record, REQUEST);
 }
@@ -452,8 +378,8 @@ static void test_an_answer_that_comes_byte_by_byte(void) {
     add(1, 7);
     plug_in(trickle);
     open_driver(5);
-    poll_once();
-    expect(0, 7, TL_GOOD);
+    tl_probe_poll(&probe);
+    tl_probe_expect(&probe, 0, 7, TL_GOOD);
 }
 
 /* ---- the device comes and goes ---- */
@@ -461,38 +387,38 @@ static void test_an_answer_that_comes_byte_by_byte(void) {
 static void test_a_device_that_is_plugged_in_later(void) {
     add(1, 3);
     open_driver(5);
-    poll_once();
-    expect(0, 0, TL_NO_LINK);
-    expect_link(false, "cannot be opened: No such file or directory");
-    poll_once();
-    TEST_ASSERT_EQUAL_size_t(1, links);
+    tl_probe_poll(&probe);
+    tl_probe_expect(&probe, 0, 0, TL_NO_LINK);
+    tl_probe_expect_link(&probe, false, "cannot be opened: No such file or directory");
+    tl_probe_poll(&probe);
+    TEST_ASSERT_EQUAL_size_t(1, probe.links);
     plug_in(sane);
-    poll_until(0, TL_GOOD);
-    expect(0, 3, TL_GOOD);
-    expect_link(true, "connected");
+    tl_probe_poll_until(&probe, 0, TL_GOOD);
+    tl_probe_expect(&probe, 0, 3, TL_GOOD);
+    tl_probe_expect_link(&probe, true, "connected");
 }
 
 static void test_a_device_that_is_pulled_out_and_comes_back(void) {
     add(1, 3);
     plug_in(sane);
     open_driver(5);
-    poll_until(0, TL_GOOD);
+    tl_probe_poll_until(&probe, 0, TL_GOOD);
     for (size_t i = 1; i <= 3; i++) {
         pull_out();
-        tl_time begin = now();
-        poll_until(0, TL_NO_LINK);
-        TEST_ASSERT_TRUE(now() - begin < TL_SECOND); /* not the timeout */
-        TEST_ASSERT_EQUAL_size_t(i, downs);
-        expect_link(false, "No such file");
+        tl_time begin = tl_test_now();
+        tl_probe_poll_until(&probe, 0, TL_NO_LINK);
+        TEST_ASSERT_TRUE(tl_test_now() - begin < TL_SECOND); /* not the timeout */
+        TEST_ASSERT_EQUAL_size_t(i, probe.downs);
+        tl_probe_expect_link(&probe, false, "No such file");
         plug_in(sane);
-        poll_until(0, TL_GOOD);
-        TEST_ASSERT_EQUAL_size_t(2 * i + 1, links);
+        tl_probe_poll_until(&probe, 0, TL_GOOD);
+        TEST_ASSERT_EQUAL_size_t(2 * i + 1, probe.links);
     }
 }
 
 static void *pull_out_soon(void *context) {
     (void)context;
-    pause_ms(100);
+    tl_test_pause_ms(100);
     pull_out();
     return NULL;
 }
@@ -502,13 +428,13 @@ static void test_a_device_that_is_pulled_out_while_it_is_asked(void) {
     add(1, 3);
     plug_in(silent);
     open_driver(50);
-    tl_time begin = now();
+    tl_time begin = tl_test_now();
     TEST_ASSERT_EQUAL_INT(0, pthread_create(&thread, NULL, pull_out_soon, NULL));
-    poll_once();
+    tl_probe_poll(&probe);
     (void)pthread_join(thread, NULL);
-    TEST_ASSERT_TRUE(now() - begin < 10 * TL_SECOND);
-    expect(0, 0, TL_NO_LINK);
-    TEST_ASSERT_FALSE(link_up);
+    TEST_ASSERT_TRUE(tl_test_now() - begin < 10 * TL_SECOND);
+    tl_probe_expect(&probe, 0, 0, TL_NO_LINK);
+    TEST_ASSERT_FALSE(probe.link_up);
 }
 
 static void test_what_is_no_serial_port(void) {
@@ -518,11 +444,11 @@ static void test_what_is_no_serial_port(void) {
     static const char *const none[] = {"/dev/null", "/tmp", TL_SOURCE_DIR "/README.md"};
     for (size_t i = 0; i < sizeof none / sizeof none[0]; i++) {
         settings.line.device = none[i];
-        TEST_ASSERT_EQUAL_INT(TL_OK, tl_modbus_open(&settings, &io, &error));
-        poll_once();
-        expect_link(false, "cannot be opened: Inappropriate ioctl for device");
-        tl_modbus_driver.close(io);
-        io = NULL;
+        TEST_ASSERT_EQUAL_INT(TL_OK, tl_modbus_open(&settings, &probe.io, &probe.error));
+        tl_probe_poll(&probe);
+        tl_probe_expect_link(&probe, false, "cannot be opened: Inappropriate ioctl for device");
+        tl_modbus_driver.close(probe.io);
+        probe.io = NULL;
     }
 }
 
@@ -534,7 +460,7 @@ static void test_the_port_is_ours_alone(void) {
     add(1, 3);
     plug_in(sane);
     open_driver(5);
-    poll_once();
+    tl_probe_poll(&probe);
     int second = open(path, O_RDWR | O_NOCTTY | O_CLOEXEC);
     if (second < 0) { /* nobody but root gets that far */
         TEST_ASSERT_EQUAL_INT(EBUSY, errno);
@@ -549,10 +475,10 @@ static void test_a_port_that_cannot_switch_rs485(void) {
     tl_modbus_settings settings = settings_with(1);
     settings.line.rs485 = true;
     plug_in(sane);
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_modbus_open(&settings, &io, &error));
-    poll_once();
-    expect_link(false, "its driver does not switch RS-485: ");
-    expect_link(false, "leave rs485 out");
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_modbus_open(&settings, &probe.io, &probe.error));
+    tl_probe_poll(&probe);
+    tl_probe_expect_link(&probe, false, "its driver does not switch RS-485: ");
+    tl_probe_expect_link(&probe, false, "leave rs485 out");
 }
 
 /* ---- the unit does not answer as it should ---- */
@@ -563,23 +489,23 @@ static void expect_down_and_up(answer_function *answer, const char *why) {
     add(1, 2);
     plug_in(answer);
     open_driver(0.4);
-    poll_once();
-    expect(0, 0, TL_NO_LINK);
-    expect(1, 0, TL_NO_LINK);
-    TEST_ASSERT_EQUAL_size_t(1, links);
-    expect_link(false, why);
+    tl_probe_poll(&probe);
+    tl_probe_expect(&probe, 0, 0, TL_NO_LINK);
+    tl_probe_expect(&probe, 1, 0, TL_NO_LINK);
+    TEST_ASSERT_EQUAL_size_t(1, probe.links);
+    tl_probe_expect_link(&probe, false, why);
     set_answer(sane);
-    poll_until(0, TL_GOOD);
-    expect(0, 1, TL_GOOD);
-    expect(1, 2, TL_GOOD);
-    TEST_ASSERT_EQUAL_size_t(2, links);
-    expect_link(true, "connected");
+    tl_probe_poll_until(&probe, 0, TL_GOOD);
+    tl_probe_expect(&probe, 0, 1, TL_GOOD);
+    tl_probe_expect(&probe, 1, 2, TL_GOOD);
+    TEST_ASSERT_EQUAL_size_t(2, probe.links);
+    tl_probe_expect_link(&probe, true, "connected");
 }
 
 static void test_silence(void) {
-    tl_time begin = now();
+    tl_time begin = tl_test_now();
     expect_down_and_up(silent, "no answer within 0.4 s");
-    TEST_ASSERT_TRUE(now() >= begin + 400000000);
+    TEST_ASSERT_TRUE(tl_test_now() >= begin + 400000000);
 }
 
 static void test_half_a_frame(void) {
@@ -620,11 +546,11 @@ static void test_more_than_was_asked_for(void) {
     plug_in(talkative);
     open_driver(5);
     for (int i = 0; i < 20; i++) {
-        poll_once();
-        expect(0, 1, TL_GOOD);
-        expect(1, 1000, TL_GOOD);
+        tl_probe_poll(&probe);
+        tl_probe_expect(&probe, 0, 1, TL_GOOD);
+        tl_probe_expect(&probe, 1, 1000, TL_GOOD);
     }
-    TEST_ASSERT_EQUAL_size_t(1, links);
+    TEST_ASSERT_EQUAL_size_t(1, probe.links);
 }
 
 static void test_noise_between_polls(void) {
@@ -633,11 +559,11 @@ static void test_noise_between_polls(void) {
     plug_in(sane);
     open_driver(5);
     for (int i = 0; i < 20; i++) {
-        poll_once();
-        expect(0, 1, TL_GOOD);
+        tl_probe_poll(&probe);
+        tl_probe_expect(&probe, 0, 1, TL_GOOD);
         say(other.master, noise, sizeof noise);
     }
-    TEST_ASSERT_EQUAL_size_t(1, links);
+    TEST_ASSERT_EQUAL_size_t(1, probe.links);
 }
 
 /* The value of one register is never that of another, though both answers look the same. */
@@ -648,16 +574,16 @@ static void test_a_late_answer_is_not_taken_for_another(void) {
     plug_in(first_too_late);
     open_driver(0.2);
     for (int i = 0; i < 12; i++) {
-        poll_once();
+        tl_probe_poll(&probe);
         for (size_t k = 0; k < channel_count; k++) {
-            TEST_ASSERT_TRUE(readings[k].quality == TL_NO_LINK || readings[k].value == channels[k].address);
+            TEST_ASSERT_TRUE(probe.newest[k].quality == TL_NO_LINK || probe.newest[k].value == channels[k].address);
         }
-        pause_ms(5);
+        tl_test_pause_ms(5);
     }
     set_answer(sane);
-    poll_until(0, TL_GOOD);
-    poll_until(1, TL_GOOD);
-    expect(1, 1000, TL_GOOD);
+    tl_probe_poll_until(&probe, 0, TL_GOOD);
+    tl_probe_poll_until(&probe, 1, TL_GOOD);
+    tl_probe_expect(&probe, 1, 1000, TL_GOOD);
 }
 
 static bool chatting; /* atomic */
@@ -667,7 +593,7 @@ static void *chat(void *context) {
     (void)context;
     while (__atomic_load_n(&chatting, __ATOMIC_RELAXED)) {
         say(other.master, &word, 1);
-        pause_ms(2);
+        tl_test_pause_ms(2);
     }
     return NULL;
 }
@@ -681,21 +607,21 @@ static void test_a_line_that_is_never_quiet(void) {
     add(1, 1);
     plug_in(sane);
     open_driver(0.3);
-    poll_once();
-    expect(0, 1, TL_GOOD);
+    tl_probe_poll(&probe);
+    tl_probe_expect(&probe, 0, 1, TL_GOOD);
     __atomic_store_n(&chatting, true, __ATOMIC_RELAXED);
     TEST_ASSERT_EQUAL_INT(0, pthread_create(&thread, NULL, chat, NULL));
-    poll_until(0, TL_NO_LINK);
+    tl_probe_poll_until(&probe, 0, TL_NO_LINK);
     size_t before = requests();
     for (int i = 0; i < 3; i++) {
-        poll_once();
-        pause_ms(120);
+        tl_probe_poll(&probe);
+        tl_test_pause_ms(120);
     }
     __atomic_store_n(&chatting, false, __ATOMIC_RELAXED);
     (void)pthread_join(thread, NULL);
     TEST_ASSERT_EQUAL_size_t(before, requests()); /* and nobody is talked into */
-    expect_link(false, "never quiet");
-    poll_until(0, TL_GOOD);
+    tl_probe_expect_link(&probe, false, "never quiet");
+    tl_probe_poll_until(&probe, 0, TL_GOOD);
 }
 
 /* ---- several units ---- */
@@ -710,17 +636,17 @@ static void expect_own_channels_only(answer_function *answer, const char *why) {
     add_three_units();
     plug_in(answer);
     open_driver(5);
-    poll_once();
-    expect(0, 1, TL_GOOD);
-    expect(1, 0, TL_NO_LINK);
-    expect(2, 3, TL_GOOD);
-    TEST_ASSERT_EQUAL_size_t(2, links);
-    expect_link(true, why);
+    tl_probe_poll(&probe);
+    tl_probe_expect(&probe, 0, 1, TL_GOOD);
+    tl_probe_expect(&probe, 1, 0, TL_NO_LINK);
+    tl_probe_expect(&probe, 2, 3, TL_GOOD);
+    TEST_ASSERT_EQUAL_size_t(2, probe.links);
+    tl_probe_expect_link(&probe, true, why);
     set_answer(sane);
-    poll_until(1, TL_GOOD);
-    expect(1, 2, TL_GOOD);
-    expect_link(true, "unit 2, holding register 2 to 2: answers again");
-    TEST_ASSERT_EQUAL_size_t(0, downs);
+    tl_probe_poll_until(&probe, 1, TL_GOOD);
+    tl_probe_expect(&probe, 1, 2, TL_GOOD);
+    tl_probe_expect_link(&probe, true, "unit 2, holding register 2 to 2: answers again");
+    TEST_ASSERT_EQUAL_size_t(0, probe.downs);
 }
 
 static void test_an_exception_costs_its_own_channels_only(void) {
@@ -747,11 +673,11 @@ static void test_a_hole_is_not_read(void) {
     add(1, 12);
     plug_in(has_a_hole);
     open_driver(5);
-    poll_once();
-    expect(0, 2, TL_GOOD);
-    expect(1, 12, TL_GOOD);
+    tl_probe_poll(&probe);
+    tl_probe_expect(&probe, 0, 2, TL_GOOD);
+    tl_probe_expect(&probe, 1, 12, TL_GOOD);
     TEST_ASSERT_EQUAL_size_t(3, requests());
-    poll_once();
+    tl_probe_poll(&probe);
     TEST_ASSERT_EQUAL_size_t(5, requests());
 }
 
@@ -759,11 +685,11 @@ static void test_a_hole_is_not_read(void) {
 static size_t requests_beside(size_t channel, int seconds) {
     size_t before = requests();
     size_t polls = 0;
-    for (tl_time end = now() + seconds * TL_SECOND; now() < end; pause_ms(5)) {
-        posts[channel] = 0;
-        poll_once();
+    for (tl_time end = tl_test_now() + seconds * TL_SECOND; tl_test_now() < end; tl_test_pause_ms(5)) {
+        probe.posts[channel] = 0;
+        tl_probe_poll(&probe);
         polls++;
-        TEST_ASSERT_TRUE(posts[channel] > 0 && readings[channel].quality == TL_GOOD);
+        TEST_ASSERT_TRUE(probe.posts[channel] > 0 && probe.newest[channel].quality == TL_GOOD);
     }
     return requests() - before - 2 * polls;
 }
@@ -772,22 +698,22 @@ static void test_a_silent_unit_does_not_stop_the_others(void) {
     add_three_units();
     plug_in(sane);
     open_driver(0.2);
-    poll_until(2, TL_GOOD);
+    tl_probe_poll_until(&probe, 2, TL_GOOD);
     set_answer(unit_2_is_silent);
-    poll_once();
-    expect(0, 1, TL_GOOD); /* not even in the poll in which it dies */
-    expect(1, 0, TL_NO_LINK);
-    expect(2, 3, TL_GOOD);
-    expect_link(true, "unit 2, holding register 2 to 2: no answer within 0.2 s");
-    size_t before = links;
-    tl_time begun = now();
+    tl_probe_poll(&probe);
+    tl_probe_expect(&probe, 0, 1, TL_GOOD); /* not even in the poll in which it dies */
+    tl_probe_expect(&probe, 1, 0, TL_NO_LINK);
+    tl_probe_expect(&probe, 2, 3, TL_GOOD);
+    tl_probe_expect_link(&probe, true, "unit 2, holding register 2 to 2: no answer within 0.2 s");
+    size_t before = probe.links;
+    tl_time begun = tl_test_now();
     size_t waited = requests_beside(2, 4); /* each for 0.2 s: at least three quarters of the time are the others' */
-    TEST_ASSERT_TRUE((tl_time)waited * TL_SECOND / 5 <= (now() - begun) / 4);
-    TEST_ASSERT_EQUAL_size_t(before, links);
+    TEST_ASSERT_TRUE((tl_time)waited * TL_SECOND / 5 <= (tl_test_now() - begun) / 4);
+    TEST_ASSERT_EQUAL_size_t(before, probe.links);
     set_answer(sane);
-    poll_until(1, TL_GOOD);
-    TEST_ASSERT_EQUAL_size_t(before + 1, links);
-    TEST_ASSERT_EQUAL_size_t(0, downs);
+    tl_probe_poll_until(&probe, 1, TL_GOOD);
+    TEST_ASSERT_EQUAL_size_t(before + 1, probe.links);
+    TEST_ASSERT_EQUAL_size_t(0, probe.downs);
 }
 
 static void test_silent_units_that_are_asked_first(void) {
@@ -795,21 +721,21 @@ static void test_silent_units_that_are_asked_first(void) {
     add(4, 4);
     plug_in(units_1_and_3_are_silent);
     open_driver(0.2);
-    poll_until(1, TL_GOOD);
-    poll_until(3, TL_GOOD);
-    size_t before = downs;
+    tl_probe_poll_until(&probe, 1, TL_GOOD);
+    tl_probe_poll_until(&probe, 3, TL_GOOD);
+    size_t before = probe.downs;
     for (int poll = 0; poll < 20; poll++) {
-        posts[3] = 0;
-        poll_once();
-        TEST_ASSERT_TRUE(posts[3] > 0 && readings[3].quality == TL_GOOD);
+        probe.posts[3] = 0;
+        tl_probe_poll(&probe);
+        TEST_ASSERT_TRUE(probe.posts[3] > 0 && probe.newest[3].quality == TL_GOOD);
     }
-    TEST_ASSERT_EQUAL_size_t(before, downs);
-    expect(1, 2, TL_GOOD);
-    expect(0, 0, TL_NO_LINK);
-    expect(2, 0, TL_NO_LINK);
+    TEST_ASSERT_EQUAL_size_t(before, probe.downs);
+    tl_probe_expect(&probe, 1, 2, TL_GOOD);
+    tl_probe_expect(&probe, 0, 0, TL_NO_LINK);
+    tl_probe_expect(&probe, 2, 0, TL_NO_LINK);
     set_answer(sane);
-    poll_until(0, TL_GOOD);
-    poll_until(2, TL_GOOD);
+    tl_probe_poll_until(&probe, 0, TL_GOOD);
+    tl_probe_poll_until(&probe, 2, TL_GOOD);
 }
 
 /* All units of a dead line are not waited for in each poll. */
@@ -819,58 +745,50 @@ static void test_a_poll_of_a_dead_line_is_short(void) {
     }
     plug_in(silent);
     open_driver(0.3);
-    tl_time begin = now();
-    poll_once();
-    TEST_ASSERT_TRUE(now() - begin < 2 * TL_SECOND); /* twice 0.3 s and the silence between */
+    tl_time begin = tl_test_now();
+    tl_probe_poll(&probe);
+    TEST_ASSERT_TRUE(tl_test_now() - begin < 2 * TL_SECOND); /* twice 0.3 s and the silence between */
     TEST_ASSERT_EQUAL_size_t(2, requests());
-    expect_link(false, "no answer within 0.3 s");
+    tl_probe_expect_link(&probe, false, "no answer within 0.3 s");
 }
 
 /* ---- interrupt ---- */
 
-static void *interrupt_soon(void *context) {
-    (void)context;
-    pause_ms(100);
-    tl_modbus_driver.interrupt(io);
-    return NULL;
-}
-
 static void test_interrupt_while_it_waits(void) {
-    pthread_t thread;
     add(1, 1);
     plug_in(silent);
     open_driver(50);
-    tl_time begin = now();
-    TEST_ASSERT_EQUAL_INT(0, pthread_create(&thread, NULL, interrupt_soon, NULL));
-    poll_once();
+    tl_time begin = tl_test_now();
+    pthread_t thread = tl_probe_interrupt_after(&probe, 100);
+    tl_probe_poll(&probe);
     (void)pthread_join(thread, NULL);
-    TEST_ASSERT_TRUE(now() - begin < 10 * TL_SECOND);
-    TEST_ASSERT_EQUAL_size_t(0, links);
-    TEST_ASSERT_EQUAL_size_t(0, posts[0]);
+    TEST_ASSERT_TRUE(tl_test_now() - begin < 10 * TL_SECOND);
+    TEST_ASSERT_EQUAL_size_t(0, probe.links);
+    TEST_ASSERT_EQUAL_size_t(0, probe.posts[0]);
     set_answer(sane);
-    poll_once();
-    expect(0, 1, TL_GOOD);
+    tl_probe_poll(&probe);
+    tl_probe_expect(&probe, 0, 1, TL_GOOD);
 }
 
 static void test_an_interrupt_is_not_lost(void) {
     add(1, 1);
     plug_in(sane);
     open_driver(5);
-    tl_modbus_driver.interrupt(io);
-    poll_once();
-    TEST_ASSERT_EQUAL_size_t(0, posts[0]);
-    poll_once();
-    expect(0, 1, TL_GOOD);
+    tl_modbus_driver.interrupt(probe.io);
+    tl_probe_poll(&probe);
+    TEST_ASSERT_EQUAL_size_t(0, probe.posts[0]);
+    tl_probe_poll(&probe);
+    tl_probe_expect(&probe, 0, 1, TL_GOOD);
 }
 
 /* ---- settings ---- */
 
 static void expect_refused(const tl_modbus_settings *settings, const char *part) {
     tl_plant_io *none = NULL;
-    error = (tl_error){TL_OK, ""};
-    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, tl_modbus_open(settings, &none, &error));
+    probe.error = (tl_error){TL_OK, ""};
+    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, tl_modbus_open(settings, &none, &probe.error));
     TEST_ASSERT_NULL(none);
-    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, part), error.text);
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(probe.error.text, part), probe.error.text);
 }
 
 static void test_settings_that_are_wrong(void) {

@@ -24,27 +24,12 @@ static void begin(void) {
     TEST_ASSERT_TRUE(tl_stderr_capture_begin());
 }
 
-static void expect_log(const char *expected) {
-    char *text = tl_stderr_capture_end();
-    TEST_ASSERT_NOT_NULL(text);
-    TEST_ASSERT_EQUAL_STRING(expected, text);
-    free(text);
-}
-
-static size_t count_lines(const char *text) {
-    size_t count = 0;
-    for (const char *c = strchr(text, '\n'); c != NULL; c = strchr(c + 1, '\n')) {
-        count++;
-    }
-    return count;
-}
-
 static void test_plain_lines(void) {
     begin();
     tl_log(TL_LOG_ERROR, "no disk: %d", 7);
     tl_log(TL_LOG_WARNING, "slow");
     tl_log(TL_LOG_NOTICE, "ready");
-    expect_log("twinlock: error: no disk: 7\ntwinlock: warning: slow\ntwinlock: notice: ready\n");
+    tl_stderr_expect("twinlock: error: no disk: 7\ntwinlock: warning: slow\ntwinlock: notice: ready\n");
 }
 
 static void test_levels(void) {
@@ -55,13 +40,13 @@ static void test_levels(void) {
     tl_log(TL_LOG_DEBUG, "this too");
     tl_log_set_level(TL_LOG_ERROR);
     tl_log(TL_LOG_WARNING, "no more");
-    expect_log("twinlock: info: now\ntwinlock: debug: this too\n");
+    tl_stderr_expect("twinlock: info: now\ntwinlock: debug: this too\n");
 }
 
 static void test_one_message_is_one_line(void) {
     begin();
     tl_log(TL_LOG_ERROR, "two\nlines\t\x1b[31m and an end\r\n\n");
-    expect_log("twinlock: error: two lines  [31m and an end\n");
+    tl_stderr_expect("twinlock: error: two lines  [31m and an end\n");
 }
 
 static void test_long_messages_are_cut_between_characters(void) {
@@ -83,7 +68,7 @@ static void test_long_messages_are_cut_between_characters(void) {
 }
 
 static void test_the_limit(void) {
-    tl_log_limiter limiter = {.per_second = 5};
+    tl_log_limiter limiter = TL_LOG_LIMITER(5);
     begin();
     for (int i = 0; i < 1000; i++) {
         tl_log_limited(&limiter, TL_LOG_WARNING, "again");
@@ -93,7 +78,7 @@ static void test_the_limit(void) {
     tl_log_limiter_end(&limiter); /* says it once */
     char *text = tl_stderr_capture_end();
     TEST_ASSERT_NOT_NULL(text);
-    size_t lines = count_lines(text);
+    size_t lines = tl_test_count_lines(text);
     TEST_ASSERT_TRUE(lines == 6 || lines == 12); /* 12 where a second ended meanwhile */
     TEST_ASSERT_NOT_NULL(strstr(text, "messages of the same source were dropped (limit: 5 per second)\n"));
     TEST_ASSERT_TRUE(lines == 12 || strstr(text, "warning: 995 messages") != NULL);
@@ -101,7 +86,7 @@ static void test_the_limit(void) {
 }
 
 static void test_a_new_second_has_room_again(void) {
-    tl_log_limiter limiter = {.per_second = 1};
+    tl_log_limiter limiter = TL_LOG_LIMITER(1);
     begin();
     for (int i = 0; i < 60; i++) { /* 1.2 s */
         tl_log_limited(&limiter, TL_LOG_WARNING, "message %d", i);
@@ -126,7 +111,7 @@ static void test_a_limited_message_does_not_wait(void) {
     (void)fcntl(pipes[1], F_SETFL, flags);
     int saved = dup(STDERR_FILENO);
     (void)dup2(pipes[1], STDERR_FILENO);
-    tl_log_limiter limiter = {.per_second = 20};
+    tl_log_limiter limiter = TL_LOG_LIMITER(20);
     (void)alarm(10); /* a hang ends the test */
     for (int i = 0; i < 10; i++) {
         tl_log_limited(&limiter, TL_LOG_ERROR, "from within a step");
@@ -138,7 +123,7 @@ static void test_a_limited_message_does_not_wait(void) {
     (void)close(pipes[1]);
     begin();
     tl_log_limiter_end(&limiter);
-    expect_log("twinlock: warning: 10 messages of the same source were dropped (limit: 20 per second)\n");
+    tl_stderr_expect("twinlock: warning: 10 messages of the same source were dropped (limit: 20 per second)\n");
 }
 
 static void *write_lines(void *limiter) {
@@ -151,7 +136,7 @@ static void *write_lines(void *limiter) {
 
 static void test_lines_of_many_threads_stay_whole(void) {
     enum { THREADS = 4 };
-    static tl_log_limiter limiter = {.per_second = 100000};
+    static tl_log_limiter limiter = TL_LOG_LIMITER(100000);
     pthread_t threads[THREADS];
     begin();
     for (int i = 0; i < THREADS; i++) {

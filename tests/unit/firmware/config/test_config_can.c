@@ -82,35 +82,11 @@ static void test_multiplexors(void) {
     TEST_ASSERT_EQUAL_UINT32(7, can->conditions[1].values[0]);
 }
 
-/* One change of the valid text: `old` becomes `new`; the one problem is at `where`, on the line of `at` (NULL: of
- * `old`). */
-typedef struct change {
-    const char *old;
-    const char *new;
-    const char *where;
-    const char *text; /* behind "line N: " */
-    const char *at;
-} change;
-
-static void expect_one(const change *c) {
-    char expected[TL_ERROR_TEXT];
-    char *changed = tl_test_replaced(text, c->old, c->new);
-    TEST_ASSERT_NOT_NULL_MESSAGE(changed, c->old);
-    size_t line = tl_test_line_of(text, c->at != NULL ? c->at : c->old);
-    (void)snprintf(expected, sizeof expected, "line %zu: %s", line, c->text);
-    tl_test_judge_text(changed, strlen(changed), &verdict);
-    free(changed);
-    TEST_ASSERT_EQUAL_STRING_MESSAGE(expected, verdict.problems[0].text, c->new);
-    TEST_ASSERT_EQUAL_STRING_MESSAGE(c->where, verdict.problems[0].where, c->new);
-    TEST_ASSERT_EQUAL_STRING_MESSAGE("", verdict.problems[1].text, c->new);
-    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, verdict.status);
-}
-
 #define INTERFACE                                                                                                      \
     "expected the name of a network interface: at most 15 characters, no space, slash or colon, for example \"can0\""
 
 static void test_wrong_sources(void) {
-    static const change changes[] = {
+    static const tl_test_change changes[] = {
         {"{ \"interface\": \"can0\" }", "{}", "sources.bus.can.interface",
          "found nothing, expected a text, for example \"can0\"", NULL},
         {"\"can0\"", "0", "sources.bus.can.interface", "found 0 (number), expected a text, for example \"can0\"", NULL},
@@ -135,7 +111,7 @@ static void test_wrong_sources(void) {
          "plant.rows.can", "found can beside another live source, expected at most one live source", NULL},
     };
     for (size_t i = 0; i < sizeof changes / sizeof changes[0]; i++) {
-        expect_one(&changes[i]);
+        tl_test_expect_problem(text, &changes[i], &verdict);
     }
 }
 
@@ -143,7 +119,7 @@ static void test_wrong_sources(void) {
 #define BYTES "expected a length of a frame: 1 to 8, 12, 16, 20, 24, 32, 48 or 64, for example 8"
 
 static void test_wrong_frames(void) {
-    static const change changes[] = {
+    static const tl_test_change changes[] = {
         {"\"id\": 291, ", "", "plant.torque.can.id", "found nothing, " ID, "\"torque\""},
         {"\"id\": 291", "\"id\": -1", "plant.torque.can.id", "found -1 (number), " ID, NULL},
         {"\"id\": 291", "\"id\": 1.5", "plant.torque.can.id", "found 1.5 (number), " ID, NULL},
@@ -167,12 +143,12 @@ static void test_wrong_frames(void) {
          NULL},
     };
     for (size_t i = 0; i < sizeof changes / sizeof changes[0]; i++) {
-        expect_one(&changes[i]);
+        tl_test_expect_problem(text, &changes[i], &verdict);
     }
 }
 
 static void test_wrong_bits(void) {
-    static const change changes[] = {
+    static const tl_test_change changes[] = {
         {"\"start\": 32, ", "", "plant.torque.can.start",
          "found nothing, expected a whole number from 0 to 511, for example 0", "\"torque\""},
         {"\"start\": 32", "\"start\": 512", "plant.torque.can.start",
@@ -201,7 +177,7 @@ static void test_wrong_bits(void) {
          "found \"-40\" (text), expected a number, for example 0.1", NULL},
     };
     for (size_t i = 0; i < sizeof changes / sizeof changes[0]; i++) {
-        expect_one(&changes[i]);
+        tl_test_expect_problem(text, &changes[i], &verdict);
     }
 }
 
@@ -221,7 +197,7 @@ static void test_wrong_type(void) {
 #define VALUE "expected a whole number from 0 to 15, or an array of 1 to 16 of them, for example 3"
 
 static void test_wrong_multiplexors(void) {
-    static const change changes[] = {
+    static const tl_test_change changes[] = {
         {"\"value\": 7", "\"value\": 16", "plant.page.can.multiplex.multiplex.value", "found 16 (number), " VALUE,
          NULL},
         {"\"value\": 7", "\"value\": -1", "plant.page.can.multiplex.multiplex.value", "found -1 (number), " VALUE,
@@ -250,7 +226,7 @@ static void test_wrong_multiplexors(void) {
          "found an object with 0 keys, expected at most 4 multiplexors above each other", NULL},
     };
     for (size_t i = 0; i < sizeof changes / sizeof changes[0]; i++) {
-        expect_one(&changes[i]);
+        tl_test_expect_problem(text, &changes[i], &verdict);
     }
 }
 

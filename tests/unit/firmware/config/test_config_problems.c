@@ -35,41 +35,16 @@ void tearDown(void) {
     free(with_epsilon);
 }
 
-/* One change of a valid text: `old` becomes `new`; the one problem is at `where`, on the line of `at` (NULL: of `old`). */
-typedef struct change {
-    const char *old;
-    const char *new;
-    const char *where;
-    const char *text; /* behind "line N: " */
-    const char *at;
-} change;
-
-static void expect_one(const char *base, const change *c) {
-    char expected[TL_ERROR_TEXT];
-    char *text = tl_test_replaced(base, c->old, c->new);
-    TEST_ASSERT_NOT_NULL_MESSAGE(text, c->old);
-    size_t line = tl_test_line_of(base, c->at != NULL ? c->at : c->old);
-    TEST_ASSERT_NOT_EQUAL_size_t(0, line);
-    (void)snprintf(expected, sizeof expected, "line %zu: %s", line, c->text);
-    tl_test_judge_text(text, strlen(text), &verdict);
-    free(text);
-    TEST_ASSERT_EQUAL_STRING_MESSAGE(expected, verdict.problems[0].text, c->new);
-    TEST_ASSERT_EQUAL_STRING_MESSAGE(c->where, verdict.problems[0].where, c->new);
-    TEST_ASSERT_EQUAL_STRING_MESSAGE("", verdict.problems[1].text, c->new);
-    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, verdict.status);
-    TEST_ASSERT_NULL(verdict.config.memory);
-}
-
-static void expect_each(const char *base, const change *changes, size_t count) {
+static void expect_each(const char *base, const tl_test_change *changes, size_t count) {
     for (size_t i = 0; i < count; i++) {
-        expect_one(base, &changes[i]);
+        tl_test_expect_problem(base, &changes[i], &verdict);
     }
 }
 
 #define EXPECT_EACH(base, changes) expect_each(base, changes, sizeof(changes) / sizeof(changes)[0])
 
 static void test_the_root(void) {
-    static const change changes[] = {
+    static const tl_test_change changes[] = {
         {"\"twinlock\": 1", "\"twinlock\": 2", "twinlock",
          "found 2 (number), expected 1, the version of the format that this program reads, for example \"twinlock\": 1",
          NULL},
@@ -118,7 +93,7 @@ static void test_the_root(void) {
 }
 
 static void test_components(void) {
-    static const change changes[] = {
+    static const tl_test_change changes[] = {
         {"\"drive\": { \"fmu\": \"drive.fmu\" }", "\"drive\": {}", "components.drive.fmu",
          "found nothing, expected a text, for example \"motor.fmu\"", NULL},
         {"\"drive\": { \"fmu\": \"drive.fmu\" }", "\"drive\": \"drive.fmu\"", "components.drive",
@@ -176,7 +151,7 @@ static void test_components(void) {
 }
 
 static void test_sources(void) {
-    static const change changes[] = {
+    static const tl_test_change changes[] = {
         {"\"gateway\": { \"modbus_tcp\": { \"host\": \"plc.example\" } }",
          "\"gateway\": { \"modbus_tcp\": { \"host\": \"plc.example\" } }, \"odd\": {}", "sources.odd",
          "found none of modbus_tcp, modbus_rtu, can, gpio, csv, expected exactly one of modbus_tcp, modbus_rtu, can, gpio, csv, for example {\"modbus_tcp\": {\"host\": \"192.0.2.10\"}}",
@@ -213,7 +188,7 @@ static void test_sources(void) {
 }
 
 static void test_signals(void) {
-    static const change changes[] = {
+    static const tl_test_change changes[] = {
         {"\"current\": {}", "\"current\": 1", "plant.current",
          "found 1 (number), expected an object, for example {\"unit\": \"rad/s\"}", NULL},
         {"\"current\": {}", "\"current\": { \"type\": \"float\" }", "plant.current.type",
@@ -254,7 +229,7 @@ static void test_signals(void) {
 }
 
 static void test_live_sources(void) {
-    static const change changes[] = {
+    static const tl_test_change changes[] = {
         {"\"source\": \"stream\"", "\"source\": \"steam\"", "plant.omega.csv.source",
          "found \"steam\" (text), expected the name of a csv source: one of stream", NULL},
         {"\"source\": \"stream\"", "\"source\": \"plc\"", "plant.omega.csv.source",
@@ -276,7 +251,7 @@ static void test_live_sources(void) {
 }
 
 static void test_live_sources_where_there_are_none(void) {
-    static const change changes[] = {
+    static const tl_test_change changes[] = {
         {"\"torque\": {}", "\"torque\": { \"csv\": { \"source\": \"x\" } }", "plant.torque.csv.source",
          "found \"x\" (text), expected the name of a csv source", NULL},
     };
@@ -291,7 +266,7 @@ static void test_a_serial_line(void) {
     static char low[256];
     (void)snprintf(odd, sizeof odd, "found 9601 (number), expected %s", bauds);
     (void)snprintf(low, sizeof low, "found 300 (number), expected %s", bauds);
-    const change changes[] = {
+    const tl_test_change changes[] = {
         {"\"device\": \"ttyPLC\", ", "", "sources.bus.modbus_rtu.device",
          "found nothing, expected a text, for example "
          "\"/dev/serial/by-id/usb-FTDI_FT232R_USB_UART_A50285BI-if00-port0\"",
@@ -321,7 +296,7 @@ static void test_a_serial_line(void) {
 }
 
 static void test_gpio(void) {
-    static const change changes[] = {
+    static const tl_test_change changes[] = {
         {"\"chip\": \"bench\"", "\"chip\": 0", "sources.box.gpio.chip",
          "found 0 (number), expected a text, for example \"gpiochip0\"", NULL},
         {"\"period_s\": 0.002", "\"timeout_s\": 1", "sources.box.gpio.timeout_s",
@@ -363,7 +338,7 @@ static void test_gpio(void) {
 }
 
 static void test_modbus(void) {
-    static const change changes[] = {
+    static const tl_test_change changes[] = {
         {"\"unit_id\": 255", "\"unit_id\": 248", "plant.torque.modbus.unit_id",
          "found 248 (number), expected a whole number from 0 to 247, or 255, for example 1", NULL},
         {"\"unit_id\": 255", "\"unit_id\": 256", "plant.torque.modbus.unit_id",
@@ -408,7 +383,7 @@ static void test_modbus(void) {
 }
 
 static void test_connections(void) {
-    static const change changes[] = {
+    static const tl_test_change changes[] = {
         {"[\"plant.torque\", \"motor.M_w\"]", "[\"plant.torque\"]", "connect[0]",
          "found an array of 1, expected an array of two texts, from and to, for example [\"plant.torque\", \"motor.M_w\"]",
          NULL},
@@ -443,7 +418,7 @@ static void test_connections(void) {
 }
 
 static void test_connections_that_are_no_array(void) {
-    static const change changes[] = {
+    static const tl_test_change changes[] = {
         {"[[\"plant.torque\", \"motor.M_w\"]]", "{}", "connect",
          "found an object with 0 keys, expected an array of connections [from, to], for example [[\"plant.torque\", \"motor.M_w\"]]",
          NULL},
@@ -452,7 +427,7 @@ static void test_connections_that_are_no_array(void) {
 }
 
 static void test_compare(void) {
-    static const change changes[] = {
+    static const tl_test_change changes[] = {
         {"{ \"motor.omega\": { \"to\": \"plant.omega\" } }", "{}", "compare",
          "found an object with 0 keys, expected an object with 1 to 16 entries, for example {\"motor.omega\": {\"to\": \"plant.omega\"}}",
          NULL},
@@ -483,7 +458,7 @@ static void test_compare(void) {
 }
 
 static void test_compare_beside_synchronise(void) {
-    static const change changes[] = {
+    static const tl_test_change changes[] = {
         {"\"synchronise\": {", "\"compare\": { \"motor.omega\": { \"to\": \"plant.omega\" } }, \"synchronise\": {",
          "compare",
          "found compare beside synchronise, expected one of them: in synchronise.match, weight 0 means compared only",
@@ -493,7 +468,7 @@ static void test_compare_beside_synchronise(void) {
 }
 
 static void test_adjust(void) {
-    static const change changes[] = {
+    static const tl_test_change changes[] = {
         {"\"step\": 0.05", "\"step\": \"0.05\"", "synchronise.adjust.motor.d.step",
          "found \"0.05\" (text), expected a number > 0, for example 0.05", NULL},
         {"\"nominal\": true", "\"nominal\": null", "synchronise.adjust.motor.brake.nominal",
@@ -538,7 +513,7 @@ static void test_adjust(void) {
 }
 
 static void test_match(void) {
-    static const change changes[] = {
+    static const tl_test_change changes[] = {
         {"\"to\": \"plant.omega\", \"tolerance\": 0.5", "\"tolerance\": 0.5", "synchronise.match.motor.omega.to",
          "found nothing, expected a text, for example \"plant.omega\"", NULL},
         {"\"tolerance\": 0.5, ", "", "synchronise.match.motor.omega.tolerance",
@@ -575,7 +550,7 @@ static void test_match(void) {
 }
 
 static void test_the_rest_of_synchronise(void) {
-    static const change changes[] = {
+    static const tl_test_change changes[] = {
         {"\"horizon\": {", "\"horizons\": {", "synchronise.horizons",
          "found the unknown key \"horizons\", expected \"horizon\"", NULL},
         {"\"prediction\": 2", "\"prediction\": 0", "synchronise.horizon.prediction",
@@ -621,7 +596,7 @@ static void test_the_rest_of_synchronise(void) {
 }
 
 static void test_condition(void) {
-    static const change changes[] = {
+    static const tl_test_change changes[] = {
         {"\"median\": 5", "\"median\": 0", "synchronise.match.motor.omega.condition.median",
          "found 0 (number), expected an odd whole number from 1 to 99, for example 5", NULL},
         {"\"median\": 5", "\"median\": 4", "synchronise.match.motor.omega.condition.median",
@@ -653,7 +628,7 @@ static void test_condition(void) {
 }
 
 static void test_epsilon(void) {
-    static const change changes[] = {
+    static const tl_test_change changes[] = {
         {"\"epsilon\": 0.25", "\"epsilon\": 0", "synchronise.epsilon",
          "found 0 (number), expected a number > 0, for example 0.01", NULL},
         {"\"epsilon\": 0.25", "\"epsilon\": -1", "synchronise.epsilon",
@@ -673,7 +648,7 @@ static void test_epsilon(void) {
 }
 
 static void test_limits_and_saving(void) {
-    static const change changes[] = {
+    static const tl_test_change changes[] = {
         {"\"stagnation\": 30", "\"stagnation\": 0", "synchronise.stagnation",
          "found 0 (number), expected a whole number from 1 to 100000, for example 30", NULL},
         {"\"stagnation\": 30", "\"stagnation\": 100001", "synchronise.stagnation",
@@ -733,8 +708,8 @@ static void expect_no_solver(const char *key, const char *old, const char *new, 
     (void)snprintf(text, sizeof text,
                    "found %s, expected one of %s, or the thesis's number 1, 100 or 1000, for example \"secant\"", found,
                    tl_optimiser_names());
-    const change c = {before, after, where, text, NULL};
-    expect_one(full, &c);
+    const tl_test_change c = {before, after, where, text, NULL};
+    tl_test_expect_problem(full, &c, &verdict);
 }
 
 static void test_solvers_that_there_are_not(void) {
@@ -761,7 +736,7 @@ static void test_solvers_that_there_are_not(void) {
 }
 
 static void test_synchronise_without_its_parts(void) {
-    static const change changes[] = {
+    static const tl_test_change changes[] = {
         {"\"compare\": { \"motor.omega\": { \"to\": \"plant.omega\" } }", "\"synchronise\": []", "synchronise",
          "found an array of 0, expected an object, for example {\"adjust\": {\"motor.d\": {\"step\": 0.05}}, \"match\": {\"motor.omega\": {\"to\": \"plant.omega\", …}}}",
          NULL},
@@ -782,7 +757,7 @@ static void test_synchronise_without_its_parts(void) {
 }
 
 static void test_running(void) {
-    static const change changes[] = {
+    static const tl_test_change changes[] = {
         {"\"file\": \"bench.csv\"", "\"file\": 1", "recording.file",
          "found 1 (number), expected a text, for example \"bench.csv\"", NULL},
         {"\"time_column\": \"seconds\"", "\"time\": \"seconds\"", "recording.time",
@@ -816,7 +791,7 @@ static void test_running(void) {
 }
 
 static void test_emulate(void) {
-    static const change changes[] = {
+    static const tl_test_change changes[] = {
         {"\"from\": \"motor.omega\", ", "", "emulate.columns.omega.from",
          "found nothing, expected a text, for example \"motor.omega\"", NULL},
         {"\"from\": \"motor.omega\"", "\"from\": \"moto.omega\"", "emulate.columns.omega.from",
@@ -851,7 +826,7 @@ static void test_emulate(void) {
 }
 
 static void test_delays(void) {
-    static const change changes[] = {
+    static const tl_test_change changes[] = {
         {"\"bus\": { \"cycle_s\": 0.008 }", "\"bus\": { \"cycle_s\": 0 }", "delays.participants.bus.cycle_s",
          "found 0 (number), expected a number > 0, at most 3600, for example 0.008", NULL},
         {"\"bus\": { \"cycle_s\": 0.008 }", "\"bus\": {}", "delays.participants.bus.cycle_s",
@@ -903,7 +878,7 @@ static void test_delays(void) {
 }
 
 static void test_delays_of_other_kinds(void) {
-    static const change changes[] = {
+    static const tl_test_change changes[] = {
         {"\"step_s\": 0.1", "\"step_s\": 0.1, \"delays\": {\"participants\": {\"bus\": {\"cycle_s\": 1}}}", "delays",
          "found nothing to make up for, expected \"input\", \"output\" or \"measure\", for example {\"measure\": true}",
          NULL},
@@ -937,7 +912,7 @@ static void test_delays_of_other_kinds(void) {
 
 /* Delays count in steps: without one, only the step is wrong. */
 static void test_delays_without_a_step(void) {
-    static const change changes[] = {
+    static const tl_test_change changes[] = {
         {"\"step_s\": 0.1", "\"delays\": \"measure\"", "step_s",
          "found nothing, expected a number from 1e-05 to 3600, for example 0.01", "{"},
         {"\"step_s\": 0.1", "\"step_s\": 0, \"delays\": \"measure\"", "step_s",
@@ -975,7 +950,7 @@ static void test_too_many_look_ups(void) {
 }
 
 static void test_doubled_keys(void) {
-    static const change changes[] = {
+    static const tl_test_change changes[] = {
         {"\"step_s\": 0.01", "\"step_s\": 0.01, \"step\\u005fs\": 0.02", "step_s",
          "found the key \"step_s\" again, expected it once; the first is on line 4", NULL},
         {"\"unit\": \"N.m\"", "\"unit\": \"N.m\", \"unit\": \"N.m\"", "plant.torque.unit",
@@ -1066,7 +1041,7 @@ static void test_syntax_comes_alone(void) {
 
 /* A section that is no object is one problem; what refers into it is not blamed. */
 static void test_broken_sections_are_blamed_once(void) {
-    static const change sections[] = {
+    static const tl_test_change sections[] = {
         {"\"sources\": {", "\"sources\": [], \"x\": {", "sources", "", NULL},
         {"\"plant\": {", "\"plant\": [1, 2], \"x\": {", "plant", "", NULL},
         {"\"components\": {", "\"components\": \"\", \"x\": {", "components", "", NULL},

@@ -6,6 +6,7 @@
 #include <string.h>
 #include <unity.h>
 
+#include "tests/support/random_numbers.h"
 #include "tests/support/test_plan.h"
 
 enum { CMD, Y0, OTHER }; /* signals */
@@ -19,38 +20,10 @@ static tl_test_plan plan;
 static tl_test_run run;
 static uint32_t seed;
 
-static void end(void) {
-    tl_twin_destroy(run.twin);
-    run.twin = NULL;
-    for (size_t i = 0; i < COMPONENTS; i++) {
-        tl_test_fmu_end(&fmus[i]);
-    }
-}
-
-void setUp(void) {
-    tl_test_log_clear(&call_log);
-    run.twin = NULL;
-}
+void setUp(void) {}
 
 void tearDown(void) {
-    end();
-    TEST_ASSERT_EQUAL_STRING("", call_log.first_violation);
-}
-
-static uint32_t any(uint32_t below) {
-    seed = seed * 1664525U + 1013904223U;
-    return (seed >> 8) % below;
-}
-
-/* −1 … 1. */
-static double noise(void) {
-    return (double)any(20001) / 10000.0 - 1.0;
-}
-
-static void build(void) {
-    tl_twin *twin = tl_test_plan_build(&plan);
-    TEST_ASSERT_EQUAL_STRING("", plan.problems[0].text);
-    tl_test_run_init(&run, twin);
+    tl_test_run_end(&run, &plan);
 }
 
 static void add_signals(void) {
@@ -61,7 +34,7 @@ static void add_signals(void) {
 
 /* y0 = u0 + offset with u0 = cmd; the offset is adjusted, and nominal at 0. */
 static tl_plan_match *begin_observer(void) {
-    end();
+    tl_test_run_end(&run, &plan);
     tl_test_plan_init(&plan, TL_SECOND / 10);
     tl_test_fmu_init(&fmus[0], 1, false, &call_log);
     tl_test_plan_component(&plan, "m", &fmus[0]);
@@ -88,7 +61,7 @@ static bool tick(double cmd, double y0, tl_quality quality) {
 static void expect_ramp(tl_measurements measurements, uint32_t prediction, double wanted) {
     plan.plan.measurements = measurements;
     plan.plan.prediction = prediction;
-    build();
+    tl_test_run_build(&run, &plan);
     for (int64_t m = 0; m < 40; m++) {
         bool ready = tick((double)m, (double)m - 1.0, TL_GOOD);
         if (ready && run.record.step > 12) {
@@ -116,7 +89,7 @@ static void held_measurements_stand_for_later_ones(void) {
     (void)begin_observer();
     plan.plan.measurements = TL_HOLD;
     plan.plan.prediction = 3;
-    build();
+    tl_test_run_build(&run, &plan);
     for (int64_t m = 0; m < 20; m++) {
         tl_test_log_clear(&call_log);
         if (!tick((double)m, (double)m - 1.0, TL_GOOD)) {
@@ -154,7 +127,7 @@ static void the_delay_of_a_condition_enters_the_pairs(void) {
 static uint32_t count_led_astray(const tl_plan_condition *condition) {
     uint32_t astray = 0;
     begin_observer()->condition = *condition;
-    build();
+    tl_test_run_build(&run, &plan);
     for (int64_t m = 0; m < 200; m++) {
         double wild = m % 10 == 9 ? 50.0 : 0.0;
         bool ready = tick(1.0, 1.0 + wild, TL_GOOD);
@@ -177,9 +150,9 @@ static double square_of_correction(const tl_plan_condition *condition) {
     double sum = 0.0;
     seed = 17;
     begin_observer()->condition = *condition;
-    build();
+    tl_test_run_build(&run, &plan);
     for (int64_t m = 0; m < 2000; m++) {
-        bool ready = tick(1.0, 1.0 + noise(), TL_GOOD);
+        bool ready = tick(1.0, 1.0 + tl_test_noise(&seed), TL_GOOD);
         sum += ready && m > 100 ? run.record.u[0] * run.record.u[0] : 0.0;
     }
     return sum;
@@ -199,7 +172,7 @@ static void a_low_pass_takes_noise_out_of_the_correction(void) {
 static double meet(const double *samples, const tl_quality *quality, uint32_t count) {
     plan.plan.prediction = count;
     plan.plan.noise_floor = 0.0;
-    build();
+    tl_test_run_build(&run, &plan);
     for (uint32_t m = 0; m <= count; m++) {
         bool ready = tick(0.0, m == 0 ? 0.0 : samples[m - 1], m == 0 ? TL_GOOD : quality[m - 1]);
         TEST_ASSERT_TRUE(ready == (m == count));
@@ -216,8 +189,8 @@ static void bad_samples_lose_their_weight(void) {
         double good = 0.0;
         seed = number * 7919U;
         for (size_t i = 0; i < 5; i++) {
-            quality[i] = i != 2 && any(3) == 0 ? TL_STALE : TL_GOOD;
-            samples[i] = 5.0 + noise() + (quality[i] == TL_GOOD ? 0.0 : 1e6 * noise());
+            quality[i] = i != 2 && tl_test_any(&seed, 3) == 0 ? TL_STALE : TL_GOOD;
+            samples[i] = 5.0 + tl_test_noise(&seed) + (quality[i] == TL_GOOD ? 0.0 : 1e6 * tl_test_noise(&seed));
             sum += quality[i] == TL_GOOD ? samples[i] : 0.0;
             good += quality[i] == TL_GOOD ? 1.0 : 0.0;
         }
@@ -250,7 +223,7 @@ static void a_penalty_on_the_deviation_holds_back(void) {
             (void)begin_observer();
             plan.plan.algorithm = solvers[s];
             plan.adjust[0].deviation_penalty = penalties[i];
-            build();
+            tl_test_run_build(&run, &plan);
             (void)tick(0.0, 5.0, TL_GOOD);
             TEST_ASSERT_TRUE(tick(0.0, 5.0, TL_GOOD));
             double measured = 1.0 / (0.01 * 0.01);
@@ -267,7 +240,7 @@ static void a_penalty_on_the_rate_slows_down(void) {
         (void)begin_observer();
         plan.plan.algorithm = solvers[s];
         plan.adjust[0].rate_penalty = 1e4; /* as much as the measurement */
-        build();
+        tl_test_run_build(&run, &plan);
         (void)tick(0.0, 5.0, TL_GOOD);
         for (int i = 0; i < 8; i++) {
             TEST_ASSERT_TRUE(tick(0.0, 5.0, TL_GOOD));
@@ -282,33 +255,34 @@ static void a_penalty_on_the_rate_slows_down(void) {
 /* Everything of a random plan but what is saved: a chain or a ring of components, fed by the plant in several places. */
 static void draw_plan(void) {
     static const char *const names[COMPONENTS] = {"a", "b", "c"};
-    end();
+    tl_test_run_end(&run, &plan);
     tl_test_plan_init(&plan, TL_SECOND / 10);
     for (size_t i = 0; i < COMPONENTS; i++) {
         tl_test_fmu_init(&fmus[i], 2, false, &call_log);
         tl_test_plan_component(&plan, names[i], &fmus[i]);
-        tl_test_plan_set(&plan, "lag", 0.1 + 0.1 * (double)any(4));
+        tl_test_plan_set(&plan, "lag", 0.1 + 0.1 * (double)tl_test_any(&seed, 4));
     }
     add_signals();
     tl_test_plan_connect(&plan, "plant.cmd", "a.u0");
     tl_test_plan_connect(&plan, "a.y0", "b.u0");
     tl_test_plan_connect(&plan, "b.y0", "c.u0");
-    tl_test_plan_connect(&plan, any(2) == 0 ? "c.y1" : "plant.other", "a.u1");
-    tl_test_plan_connect(&plan, any(2) == 0 ? "plant.other" : "a.y1", "b.u1");
-    tl_test_plan_connect(&plan, any(2) == 0 ? "plant.other" : "b.y1", "c.u1");
-    tl_test_plan_adjust(&plan, any(2) == 0 ? "b.u0" : "a.offset", 0.1);
-    if (any(2) == 0) {
-        tl_test_plan_adjust(&plan, any(2) == 0 ? "c.offset" : "b.gain", 0.1)->rate_penalty = 0.1 * any(2);
+    tl_test_plan_connect(&plan, tl_test_any(&seed, 2) == 0 ? "c.y1" : "plant.other", "a.u1");
+    tl_test_plan_connect(&plan, tl_test_any(&seed, 2) == 0 ? "plant.other" : "a.y1", "b.u1");
+    tl_test_plan_connect(&plan, tl_test_any(&seed, 2) == 0 ? "plant.other" : "b.y1", "c.u1");
+    tl_test_plan_adjust(&plan, tl_test_any(&seed, 2) == 0 ? "b.u0" : "a.offset", 0.1);
+    if (tl_test_any(&seed, 2) == 0) {
+        tl_test_plan_adjust(&plan, tl_test_any(&seed, 2) == 0 ? "c.offset" : "b.gain", 0.1)->rate_penalty =
+            0.1 * tl_test_any(&seed, 2);
     }
     tl_plan_match *match = tl_test_plan_match(&plan, "c.y0", "plant.y0", 0.02);
-    match->huber = any(3) == 0 ? 2.0 : 0.0;
-    match->condition.median = any(3) == 0 ? 3 : 0;
-    tl_test_plan_match(&plan, "b.y0", "plant.y0", 0.05)->weight = any(2);
-    plan.plan.prediction = 3 + any(3);
-    plan.plan.shape = (tl_shape)any(2);
-    plan.plan.measurements = (tl_measurements)any(3);
-    plan.plan.algorithm = solvers[any(SOLVERS)];
-    plan.plan.noise_floor = 0.2 * any(2);
+    match->huber = tl_test_any(&seed, 3) == 0 ? 2.0 : 0.0;
+    match->condition.median = tl_test_any(&seed, 3) == 0 ? 3 : 0;
+    tl_test_plan_match(&plan, "b.y0", "plant.y0", 0.05)->weight = tl_test_any(&seed, 2);
+    plan.plan.prediction = 3 + tl_test_any(&seed, 3);
+    plan.plan.shape = (tl_shape)tl_test_any(&seed, 2);
+    plan.plan.measurements = (tl_measurements)tl_test_any(&seed, 3);
+    plan.plan.algorithm = solvers[tl_test_any(&seed, SOLVERS)];
+    plan.plan.noise_floor = 0.2 * tl_test_any(&seed, 2);
     plan.plan.evaluations = 30;
 }
 
@@ -324,14 +298,16 @@ static uint64_t run_seed(uint32_t number, bool structure, bool sequences, uint32
     for (size_t i = 0; i < COMPONENTS; i++) {
         plan.components[i].keep = keep;
     }
-    build();
+    tl_test_run_build(&run, &plan);
     run.budget.evaluations = 30;
     for (size_t m = 0; m < TICKS; m++) {
         double t = (double)m;
-        run.sample.values[OTHER] = any(3) == 0 ? noise() : run.sample.values[OTHER]; /* often as it was */
-        run.sample.quality[OTHER] = any(10) == 0 ? TL_STALE : TL_GOOD;
-        tl_quality quality = any(10) == 0 ? TL_NO_LINK : TL_GOOD;
-        (void)tick(any(4) == 0 ? noise() : 0.5, sin(0.2 * t) + 0.1 * noise(), quality);
+        run.sample.values[OTHER] =
+            tl_test_any(&seed, 3) == 0 ? tl_test_noise(&seed) : run.sample.values[OTHER]; /* often as it was */
+        run.sample.quality[OTHER] = tl_test_any(&seed, 10) == 0 ? TL_STALE : TL_GOOD;
+        tl_quality quality = tl_test_any(&seed, 10) == 0 ? TL_NO_LINK : TL_GOOD;
+        (void)tick(tl_test_any(&seed, 4) == 0 ? tl_test_noise(&seed) : 0.5, sin(0.2 * t) + 0.1 * tl_test_noise(&seed),
+                   quality);
         const tl_record *record = &run.record;
         executions += run.ready ? record->executions : 0;
         if (kept) {

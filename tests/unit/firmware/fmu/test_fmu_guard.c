@@ -141,7 +141,7 @@ static void start(void) {
     component.outputs = (tl_ports){.real_count = 1, .real_references = &zero, .reals = &y};
     u = 1.0;
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_instantiate(&component, &guard.callbacks, "file:///tmp", &error));
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_enter_initialization(&component, &error));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_enter_initialization(&component, 0.0, &error));
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_exit_initialization(&component, &error));
 }
 

@@ -12,7 +12,7 @@ static tl_fmu_call call;
 static char text[256];
 
 void setUp(void) {
-    patience = (tl_fmu_patience){.limit = 3 * TL_SECOND};
+    tl_fmu_patience_init(&patience, 3 * TL_SECOND);
     call = (tl_fmu_call){.begun = 7, .function = "fmi2DoStep", .fmu = "motor"};
     view = (tl_fmu_patience_view){.now = TL_SECOND, .call = &call};
     text[0] = '\0';
@@ -106,14 +106,6 @@ static void who_was_stopped_was_not_patient(void) {
     TEST_ASSERT_EQUAL_INT(3, looks(100)); /* a second of it counts */
 }
 
-static void what_an_option_says(void) {
-    tl_time limit = 0;
-    TEST_ASSERT_TRUE(tl_fmu_patience_parse("check", "2.5", &limit));
-    TEST_ASSERT_EQUAL_INT64(2500 * (TL_SECOND / 1000), limit);
-    TEST_ASSERT_FALSE(tl_fmu_patience_parse("check", "0", &limit));
-    TEST_ASSERT_FALSE(tl_fmu_patience_parse("check", "2 s", &limit));
-}
-
 int main(void) {
     UNITY_BEGIN();
     RUN_TEST(a_call_may_last_as_long_as_the_limit);
@@ -125,6 +117,5 @@ int main(void) {
     RUN_TEST(asked_twice_it_ends_at_once_but_not_within_a_second);
     RUN_TEST(asked_twice_without_a_call_it_ends_by_itself);
     RUN_TEST(who_was_stopped_was_not_patient);
-    RUN_TEST(what_an_option_says);
     return UNITY_END();
 }

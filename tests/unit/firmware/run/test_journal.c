@@ -36,17 +36,9 @@ static char *drained(void) {
 }
 
 static void expect_drained(const char *expected) {
-    char *text = drained();
-    TEST_ASSERT_EQUAL_STRING(expected, text);
-    free(text);
-}
-
-static size_t count_lines(const char *text) {
-    size_t count = 0;
-    for (const char *c = strchr(text, '\n'); c != NULL; c = strchr(c + 1, '\n')) {
-        count++;
-    }
-    return count;
+    TEST_ASSERT_TRUE(tl_stderr_capture_begin());
+    tl_journal_drain(&journal);
+    tl_stderr_expect(expected);
 }
 
 static void test_events_are_logged_in_order(void) {
@@ -75,7 +67,7 @@ static void test_what_has_no_room_is_counted(void) {
         tl_journal_event(&journal, i, TL_EVENT_INFO, "twin", "%d", i);
     }
     char *log = drained();
-    TEST_ASSERT_EQUAL_size_t(TL_JOURNAL_ENTRIES + 1, count_lines(log));
+    TEST_ASSERT_EQUAL_size_t(TL_JOURNAL_ENTRIES + 1, tl_test_count_lines(log));
     TEST_ASSERT_NOT_NULL(strstr(log, "twin: 255\n"));
     TEST_ASSERT_NULL(strstr(log, "twin: 256\n"));
     TEST_ASSERT_NOT_NULL(strstr(log, "journal: 44 events were not logged; the database has them\n"));
@@ -91,7 +83,7 @@ static void test_many_rounds(void) {
         }
         char *log = drained();
         char last[32];
-        TEST_ASSERT_EQUAL_size_t(100, count_lines(log));
+        TEST_ASSERT_EQUAL_size_t(100, tl_test_count_lines(log));
         (void)snprintf(last, sizeof last, "twin: %d\n", i + 99);
         TEST_ASSERT_NOT_NULL(strstr(log, last));
         free(log);

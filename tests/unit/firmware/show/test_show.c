@@ -1,7 +1,6 @@
 /* `twinlock show`: the page, the JSON object, the tables; on terminals and in pipes; and what it says when it cannot. */
 #include <errno.h>
 #include <fcntl.h>
-#include <getopt.h>
 #include <math.h>
 #include <sqlite3.h>
 #include <stdio.h>
@@ -14,13 +13,13 @@
 
 #include "firmware/record/recorder.h"
 #include "firmware/text/show_text.h"
-#include "firmware/verbs/verbs.h"
+#include "firmware/verbs/command_line.h"
 #include "tests/support/made_run.h"
 #include "tests/support/scratch.h"
 #include "tests/support/sql.h"
 #include "tests/support/stderr_capture.h"
 
-enum { STEPS = 1600, CHANGE = 1000, OUTPUT = 1 << 20, ARGUMENTS = 12 };
+enum { STEPS = 1600, CHANGE = 1000, OUTPUT = 1 << 20, ARGUMENTS = 13 };
 
 static tl_scratch scratch;
 static char path[PATH_MAX];
@@ -49,8 +48,7 @@ static int show_into(int descriptor, int argc, char **argv) {
     free(errors);
     errors = NULL;
     bool captured = tl_stderr_capture_begin();
-    optind = 0; /* GNU: begin anew */
-    int code = tl_verb_show(argc, argv);
+    int code = tl_command_line_run(argc, argv);
     errors = captured ? tl_stderr_capture_end() : NULL;
     (void)fflush(stdout);
     (void)dup2(kept, STDOUT_FILENO);
@@ -63,9 +61,10 @@ static int show_into(int descriptor, int argc, char **argv) {
 
 static int show(const char *const *arguments) {
     static char words[ARGUMENTS][PATH_MAX];
-    char *argv[ARGUMENTS + 1] = {words[0]};
-    int argc = 1;
-    (void)snprintf(words[0], sizeof words[0], "show");
+    char *argv[ARGUMENTS + 1] = {words[0], words[1]};
+    int argc = 2;
+    (void)snprintf(words[0], sizeof words[0], "twinlock");
+    (void)snprintf(words[1], sizeof words[1], "show");
     for (; *arguments != NULL && argc < ARGUMENTS; arguments++) {
         (void)snprintf(words[argc], sizeof words[argc], "%s", *arguments);
         argv[argc] = words[argc];
@@ -266,8 +265,9 @@ static void test_what_was_removed_and_lost_is_said(void) {
 /* The page on a pseudo-terminal with this locale, into `output`. The page is smaller than what a terminal's buffer
  * takes; events are left out for that. */
 static void show_on_terminal(const char *locale) {
-    char word[] = "show";
-    char *argv[] = {word, path, NULL};
+    char program[] = "twinlock";
+    char verb[] = "show";
+    char *argv[] = {program, verb, path, NULL};
     int master = posix_openpt(O_RDWR | O_NOCTTY);
     if (master < 0 && (errno == ENODEV || errno == ENOENT || errno == ENOSPC)) {
         TEST_IGNORE_MESSAGE("no pseudo-terminals here (is devpts mounted?)");
@@ -278,7 +278,7 @@ static void show_on_terminal(const char *locale) {
     TEST_ASSERT_EQUAL_INT(0, setenv("LC_ALL", locale, 1));
     TEST_ASSERT_EQUAL_INT(0, setenv("TERM", "xterm", 1));
     TEST_ASSERT_EQUAL_INT(0, fcntl(slave, F_SETFL, O_NONBLOCK));
-    TEST_ASSERT_EQUAL_INT(0, show_into(slave, 2, argv));
+    TEST_ASSERT_EQUAL_INT(0, show_into(slave, 3, argv));
     TEST_ASSERT_EQUAL_INT(0, fcntl(master, F_SETFL, O_NONBLOCK));
     size_t length = 0;
     ssize_t now = 0;

@@ -57,7 +57,7 @@ static void place(unit *self) {
                                                  .integers = &none,
                                                  .booleans = &none}};
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_instantiate(&self->component, &fmu.callbacks, "", &error));
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_enter_initialization(&self->component, &error));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_enter_initialization(&self->component, 0.0, &error));
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_exit_initialization(&self->component, &error));
 }
 
@@ -298,7 +298,7 @@ static void place_typed(void) {
                                          .integers = &none,
                                          .booleans = &none};
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_instantiate(&typed.component, &fmu.callbacks, "", &error));
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_enter_initialization(&typed.component, &error));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_enter_initialization(&typed.component, 0.0, &error));
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_exit_initialization(&typed.component, &error));
 }
 

@@ -29,10 +29,8 @@ static struct {
 } watch;
 
 void setUp(void) {
-    tl_test_log_clear(&call_log);
     tl_test_fmu_init(&fmu, 1, true, &call_log);
     fmu.control.ends = true;
-    memset(&run, 0, sizeof run);
     memset(&watch, 0, sizeof watch);
     memset(made_up, 0, sizeof made_up);
     tl_test_plan_init(&plan, STEP);
@@ -58,15 +56,8 @@ void setUp(void) {
     plan.plan.margin = 0.01;
 }
 
-static void end(void) {
-    tl_twin_destroy(run.twin);
-    run.twin = NULL;
-    tl_test_fmu_end(&fmu);
-}
-
 void tearDown(void) {
-    end();
-    TEST_ASSERT_EQUAL_STRING("", call_log.first_violation);
+    tl_test_run_end(&run, &plan);
 }
 
 /* ---- the plant ---- */
@@ -95,9 +86,7 @@ static int64_t rise(const bool *signal, int number) {
 /* ---- the run ---- */
 
 static void build(void) {
-    tl_twin *twin = tl_test_plan_build(&plan);
-    TEST_ASSERT_EQUAL_STRING("", plan.problems[0].text);
-    tl_test_run_init(&run, twin);
+    tl_test_run_build(&run, &plan);
     run.budget.evaluations = MOST;
 }
 
@@ -298,7 +287,7 @@ static void a_repetition_without_a_clock_is_the_same_to_the_bit(void) {
         }
         run_to(TICKS - 1);
         memcpy(first, records, sizeof first);
-        end();
+        tl_test_run_end(&run, &plan);
         tl_twin *twin = tl_test_plan_build(&plan);
         tl_test_run_init(&run, twin);
         for (int64_t tick = 0; tick < TICKS; tick++) {
@@ -530,7 +519,7 @@ static void what_cannot_be_saved_is_not_left(void) {
         while (run.sample.tick < TICKS && step()) {
         }
         TEST_ASSERT_EQUAL_STRING("", call_log.first_violation);
-        end();
+        tl_test_run_end(&run, &plan);
     }
 }
 

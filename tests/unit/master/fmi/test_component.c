@@ -68,7 +68,7 @@ static void assert_calls(size_t first, const tl_test_call *calls, size_t count) 
 
 static void start(void) {
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_instantiate(&component, &fmu.callbacks, "file:///r", &error));
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_enter_initialization(&component, &error));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_enter_initialization(&component, 0.0, &error));
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_exit_initialization(&component, &error));
 }
 
@@ -124,7 +124,7 @@ static void an_instance_is_freed_as_its_mode_allows(void) {
     tl_component_free(&component);
     assert_calls(0, instantiated, 2);
     (void)tl_component_instantiate(&component, &fmu.callbacks, "file:///r", &error);
-    (void)tl_component_enter_initialization(&component, &error);
+    (void)tl_component_enter_initialization(&component, 0.0, &error);
     tl_component_free(&component);
     assert_calls(2, initializing, 4);
 }
@@ -156,7 +156,7 @@ static void start_values_go_to_their_own_base_type(void) {
     TEST_ASSERT_EQUAL_INT(TL_OK,
                           tl_component_set_start(&component, tl_test_fmu_variable(&fmu, "label"), &text, &error));
     label[0] = '?';
-    (void)tl_component_enter_initialization(&component, &error);
+    (void)tl_component_enter_initialization(&component, 0.0, &error);
     (void)fmu.functions.get_string(component.instance, &zero, 1, &label_now);
     TEST_ASSERT_EQUAL_STRING("left", label_now);
     (void)tl_component_exit_initialization(&component, &error);
@@ -359,7 +359,7 @@ static void fatal_while_initialising_is_fatal(void) {
         setUp();
         (void)tl_component_instantiate(&component, &fmu.callbacks, "file:///r", &error);
         tl_test_fmu_fail(&fmu, cases[i], TL_TEST_FATAL, 1, 1);
-        TEST_ASSERT_EQUAL_INT(TL_FMU_FATAL, tl_component_enter_initialization(&component, &error));
+        TEST_ASSERT_EQUAL_INT(TL_FMU_FATAL, tl_component_enter_initialization(&component, 0.0, &error));
         TEST_ASSERT_EQUAL_INT(TL_MODE_DEAD, component.mode);
         tl_component_free(&component);
         TEST_ASSERT_EQUAL_INT(cases[i], call_log.entries[call_log.count - 1].call);

@@ -63,7 +63,7 @@ static void push(double first) {
 }
 
 static void initialize(void) {
-    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_exchange_initialize(&exchange, &error), error.text);
+    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_exchange_initialize(&exchange, 0, &error), error.text);
 }
 
 /* A committed step. */
@@ -210,7 +210,8 @@ static void units_are_converted_on_the_way(void) {
     TEST_ASSERT_EQUAL_DOUBLE(293.15, input(1));
 }
 
-static void a_signals_unit_is_converted_too(void) {
+/* A model whose u0 is in K, of a signal in degC. */
+static void add_in_kelvin(void) {
     static const tl_unit known[] = {{"K", true, {0, 0, 0, 0, 1}, 1.0, 0.0},
                                     {"degC", true, {0, 0, 0, 0, 1}, 1.0, 273.15}};
     (void)add("model", 1, false);
@@ -219,6 +220,10 @@ static void a_signals_unit_is_converted_too(void) {
     tl_test_fmu_variable(&fmus[0], "u0")->unit = &known[0];
     tl_test_plan_signal(&plan, "cmd", TL_REAL, "degC");
     tl_test_plan_connect(&plan, "plant.cmd", "model.u0");
+}
+
+static void a_signals_unit_is_converted_too(void) {
+    add_in_kelvin();
     build();
     push(-273.15);
     initialize();
@@ -320,7 +325,7 @@ static void a_failure_while_initialising_stops_it(void) {
         build();
         push(0.0);
         tl_test_fmu_fail(&fmus[1], calls[i], TL_TEST_FATAL, 1, 1);
-        TEST_ASSERT_EQUAL_INT(TL_FMU_FATAL, tl_exchange_initialize(&exchange, &error));
+        TEST_ASSERT_EQUAL_INT(TL_FMU_FATAL, tl_exchange_initialize(&exchange, 0, &error));
         TEST_ASSERT_NOT_NULL(strstr(error.text, "k1: "));
         TEST_ASSERT_EQUAL_INT(calls[i], call_log.entries[call_log.count - 1].call);
         if (i + 1 < sizeof calls / sizeof calls[0]) {
@@ -331,17 +336,23 @@ static void a_failure_while_initialising_stops_it(void) {
 
 /* ---- cut connections ---- */
 
-static void a_cut_connection_delivers_to_the_nominal_only(void) {
+/* The model alone, its u0 adjusted: the port of that. */
+static const tl_port *build_adjusted(void) {
     const tl_plan_adjust adjust = {.where = "", .variable = "model.u0", .step = 1.0};
-    (void)add("model", 1, false);
-    tl_test_plan_signal(&plan, "cmd", TL_REAL, "");
-    tl_test_plan_connect(&plan, "plant.cmd", "model.u0");
     plan.plan.adjust_count = 1; /* room for its port */
     tl_graph_build(&graph, &arena, &plan.plan, &plan.report);
     const tl_port *port = tl_graph_adjust(&graph, &adjust, &plan.report);
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_exchange_init(&exchange, &arena, &graph, 8, &error));
     TEST_ASSERT_EQUAL_INT(TL_OK,
                           tl_component_instantiate(&graph.components[0], &fmus[0].callbacks, "file:///r", &error));
+    return port;
+}
+
+static void a_cut_connection_delivers_to_the_nominal_only(void) {
+    (void)add("model", 1, false);
+    tl_test_plan_signal(&plan, "cmd", TL_REAL, "");
+    tl_test_plan_connect(&plan, "plant.cmd", "model.u0");
+    const tl_port *port = build_adjusted();
     tl_exchange_place_adjusted(&exchange, 0, port, tl_graph_connection_to(&graph, port), 7.0);
     push(3.0);
     initialize();
@@ -358,21 +369,8 @@ static void a_cut_connection_delivers_to_the_nominal_only(void) {
 }
 
 static void a_cut_connection_converts_units_as_any_other(void) {
-    static const tl_unit known[] = {{"K", true, {0, 0, 0, 0, 1}, 1.0, 0.0},
-                                    {"degC", true, {0, 0, 0, 0, 1}, 1.0, 273.15}};
-    const tl_plan_adjust adjust = {.where = "", .variable = "model.u0", .step = 1.0};
-    (void)add("model", 1, false);
-    fmus[0].model.units = known;
-    fmus[0].model.unit_count = 2;
-    tl_test_fmu_variable(&fmus[0], "u0")->unit = &known[0];
-    tl_test_plan_signal(&plan, "cmd", TL_REAL, "degC");
-    tl_test_plan_connect(&plan, "plant.cmd", "model.u0");
-    plan.plan.adjust_count = 1; /* room for its port */
-    tl_graph_build(&graph, &arena, &plan.plan, &plan.report);
-    const tl_port *port = tl_graph_adjust(&graph, &adjust, &plan.report);
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_exchange_init(&exchange, &arena, &graph, 8, &error));
-    TEST_ASSERT_EQUAL_INT(TL_OK,
-                          tl_component_instantiate(&graph.components[0], &fmus[0].callbacks, "file:///r", &error));
+    add_in_kelvin();
+    const tl_port *port = build_adjusted();
     push(20.0);
     initialize();
     TEST_ASSERT_EQUAL_DOUBLE(293.15, *(const double *)tl_graph_connection_to(&graph, port)->nominal);

@@ -109,6 +109,12 @@ static void an_unknown_variable_is_named(void) {
     assert_refused("connect[5]", "the FMU of motor has no variable \"y7\"");
 }
 
+static void the_variable_that_was_probably_meant_is_named(void) {
+    make_motor();
+    tl_test_plan_connect(&plan, "motor.Y0", "motor.u0");
+    assert_refused("connect[5]", "the FMU of motor has no variable \"Y0\", perhaps \"y0\" is meant; `twinlock check");
+}
+
 static void an_unknown_signal_is_named(void) {
     make_motor();
     tl_test_plan_connect(&plan, "plant.torque", "motor.u0");
@@ -641,6 +647,7 @@ static void run_connections(void) {
     RUN_TEST(a_name_without_a_component_is_unknown);
     RUN_TEST(a_name_that_only_begins_like_a_component_is_unknown);
     RUN_TEST(an_unknown_variable_is_named);
+    RUN_TEST(the_variable_that_was_probably_meant_is_named);
     RUN_TEST(an_unknown_signal_is_named);
     RUN_TEST(a_second_connection_to_an_input_is_refused);
     RUN_TEST(types_must_fit);

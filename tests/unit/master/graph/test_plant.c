@@ -19,7 +19,7 @@ void setUp(void) {
     tl_arena_init(&arena);
     memset(&plant, 0, sizeof plant);
     memset(&sample, 0, sizeof sample);
-    TEST_ASSERT_TRUE(tl_plant_init(&plant, &arena, SIGNALS, WINDOW));
+    TEST_ASSERT_TRUE(tl_plant_init(&plant, &arena, SIGNALS, WINDOW, 0));
     plant.outputs[REAL_SIGNAL] = (tl_plant_output){.type = TL_REAL, .real = &real};
     plant.outputs[INTEGER_SIGNAL] = (tl_plant_output){.type = TL_INTEGER, .integer = &integer};
     plant.outputs[BOOLEAN_SIGNAL] = (tl_plant_output){.type = TL_BOOLEAN, .boolean = &boolean};
@@ -110,7 +110,7 @@ static void a_bad_value_is_held_and_its_quality_stays(void) {
 }
 
 static void before_any_good_value_the_initial_one_is_held(void) {
-    plant.held[REAL_SIGNAL] = 42.0;
+    tl_plant_hold(&plant, REAL_SIGNAL, 42.0);
     push(0, 0.0, TL_NO_LINK);
     tl_plant_deliver(&plant, 0);
     TEST_ASSERT_EQUAL_DOUBLE(42.0, real);

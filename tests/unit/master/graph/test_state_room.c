@@ -17,22 +17,10 @@ static tl_test_fmu fmus[FMUS];
 static tl_test_plan plan;
 static tl_test_run run;
 
-void setUp(void) {
-    tl_test_log_clear(&call_log);
-    memset(&run, 0, sizeof run);
-}
-
-static void end(void) {
-    tl_twin_destroy(run.twin);
-    run.twin = NULL;
-    for (size_t i = 0; i < FMUS; i++) {
-        tl_test_fmu_end(&fmus[i]);
-    }
-}
+void setUp(void) {}
 
 void tearDown(void) {
-    end();
-    TEST_ASSERT_EQUAL_STRING("", call_log.first_violation);
+    tl_test_run_end(&run, &plan);
 }
 
 /* ---- sharing out ---- */
@@ -89,7 +77,7 @@ typedef struct setting {
 /* cmd → first → second → third; states of the second one are large. */
 static void build(const setting *set, size_t ballast) {
     static const char *const names[FMUS] = {"first", "second", "third"};
-    end();
+    tl_test_run_end(&run, &plan);
     tl_test_plan_init(&plan, TL_SECOND / 10);
     for (size_t i = 0; i < FMUS; i++) {
         tl_test_fmu_init(&fmus[i], 1, false, &call_log);
@@ -115,8 +103,7 @@ static void build(const setting *set, size_t ballast) {
     plan.plan.evaluations = EVALUATIONS;
     plan.plan.state_bytes = set->bytes;
     plan.plan.heap = set->heap;
-    tl_test_run_init(&run, tl_test_plan_build(&plan));
-    TEST_ASSERT_EQUAL_STRING("", plan.problems[0].text);
+    tl_test_run_build(&run, &plan);
     run.budget.evaluations = EVALUATIONS;
 }
 
@@ -179,7 +166,7 @@ static void room_for_few_states_changes_no_bit(void) {
             TEST_ASSERT_EQUAL_UINT64(0, entry.unstored);
             caught_up += set.keep == TL_KEEP_STATES ? entry.caught_up : 0;
         }
-        end();
+        tl_test_run_end(&run, &plan);
     }
     TEST_ASSERT_TRUE(caught_up > 1000); /* or this proves nothing */
 }

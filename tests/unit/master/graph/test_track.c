@@ -106,22 +106,13 @@ static void push(tl_test_random *random) {
     tl_test_rig_push(&plain, values);
 }
 
-static double choose_value(tl_test_random *random) {
-    static const double special[] = {0.0, -0.0, 1.0};
-    if (network.booleans) {
-        return (double)tl_test_random_below(random, 2);
-    }
-    return tl_test_random_chance(random, 20) ? special[tl_test_random_below(random, 3)]
-                                             : tl_test_random_number(random, -2.0, 2.0);
-}
-
 /* A candidate that was, with another value somewhere or not; or all of it new. */
 static void vary(tl_test_random *random, double *u) {
     size_t count = tracked.horizon.count;
     size_t changes = tl_test_random_below(random, 4);
     memcpy(u, known[tl_test_random_below(random, 4)], count * sizeof *u);
     for (size_t i = 0; i < changes; i++) {
-        u[tl_test_random_below(random, count)] = choose_value(random);
+        u[tl_test_random_below(random, count)] = tl_test_random_value(&network, random);
     }
     memcpy(known[tl_test_random_below(random, 4)], u, count * sizeof *u);
 }

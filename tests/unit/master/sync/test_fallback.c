@@ -6,39 +6,21 @@
 
 #include "tests/support/test_plan.h"
 
-enum { CMD, Y0 };
-
 static tl_test_log call_log;
 static tl_test_fmu fmu;
 static tl_test_plan plan;
 static tl_test_run run;
 
-void setUp(void) {
-    tl_test_log_clear(&call_log);
-    run.twin = NULL;
-}
-
-static void end(void) {
-    tl_twin_destroy(run.twin);
-    run.twin = NULL;
-    tl_test_fmu_end(&fmu);
-}
+void setUp(void) {}
 
 void tearDown(void) {
-    end();
-    TEST_ASSERT_EQUAL_STRING("", call_log.first_violation);
+    tl_test_run_end(&run, &plan);
 }
 
 /* y0 = u0, and û = cmd. */
 static tl_plan_adjust *begin(const char *algorithm, const char *fallback, uint32_t stagnation) {
-    end();
-    tl_test_plan_init(&plan, TL_SECOND / 10);
-    tl_test_fmu_init(&fmu, 1, false, &call_log);
-    tl_test_plan_component(&plan, "m", &fmu);
-    tl_test_plan_signal(&plan, "cmd", TL_REAL, "");
-    tl_test_plan_signal(&plan, "y0", TL_REAL, "");
-    tl_test_plan_connect(&plan, "plant.cmd", "m.u0");
-    tl_test_plan_match(&plan, "m.y0", "plant.y0", 0.01);
+    tl_test_run_end(&run, &plan);
+    tl_test_plan_single(&plan, &fmu, &call_log);
     plan.plan.algorithm = algorithm;
     plan.plan.fallback = fallback;
     plan.plan.stagnation = stagnation;
@@ -46,21 +28,12 @@ static tl_plan_adjust *begin(const char *algorithm, const char *fallback, uint32
 }
 
 static void build(void) {
-    tl_twin *twin = tl_test_plan_build(&plan);
-    TEST_ASSERT_EQUAL_STRING("", plan.problems[0].text);
-    tl_test_run_init(&run, twin);
+    tl_test_run_build(&run, &plan);
     run.budget.evaluations = 60;
 }
 
 static const tl_record *tick(double cmd, double y0) {
-    run.sample.values[CMD] = cmd;
-    run.sample.values[Y0] = y0;
-    do {
-        tl_test_log_clear(&call_log);
-        tl_test_run_step(&run);
-        TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, run.status, run.error.text);
-    } while (!run.ready);
-    return &run.record;
+    return tl_test_run_single(&run, &call_log, cmd, y0);
 }
 
 static double tried(size_t n) {
@@ -194,9 +167,9 @@ static void a_solver_that_cannot_begin_hands_over(void) {
     for (size_t i = 0; i < 3; i++) {
         (void)begin("secant", "nelder-mead", 0);
         build();
-        run.sample.quality[Y0] = TL_NO_LINK;
+        run.sample.quality[TL_TEST_Y0] = TL_NO_LINK;
         (void)tick(1.5, 0.0);
-        run.sample.quality[Y0] = TL_GOOD;
+        run.sample.quality[TL_TEST_Y0] = TL_GOOD;
         tl_test_fmu_fail_above(&fmu, kinds[i], 1.0);
         expect_the_second_one(tick(1.5, 0.5));
         (void)begin("l-bfgs", "nelder-mead", 0);

@@ -4,9 +4,10 @@
 #include <string.h>
 #include <unity.h>
 
+#include "tests/support/random_numbers.h"
 #include "tests/support/test_plan.h"
 
-enum { CMD, Y0, SOLVERS = 5 };
+enum { SOLVERS = 5 };
 
 static const char *const solvers[SOLVERS] = {"secant", "nelder-mead", "bobyqa", "l-bfgs", "sbplx"};
 
@@ -15,53 +16,28 @@ static tl_test_fmu fmu;
 static tl_test_plan plan;
 static tl_test_run run;
 
-void setUp(void) {
-    tl_test_log_clear(&call_log);
-    tl_test_plan_init(&plan, TL_SECOND / 10);
-    run.twin = NULL;
-}
-
-static void end(void) {
-    tl_twin_destroy(run.twin);
-    run.twin = NULL;
-    tl_test_fmu_end(&fmu);
-}
+void setUp(void) {}
 
 void tearDown(void) {
-    end();
-    TEST_ASSERT_EQUAL_STRING("", call_log.first_violation);
+    tl_test_run_end(&run, &plan);
 }
 
 /* y0 = gain·cmd + offset: while cmd is 0 the gain does not matter. */
 static void begin(const char *algorithm) {
-    end();
-    tl_test_plan_init(&plan, TL_SECOND / 10);
-    tl_test_fmu_init(&fmu, 1, false, &call_log);
-    tl_test_plan_component(&plan, "m", &fmu);
-    tl_test_plan_signal(&plan, "cmd", TL_REAL, "");
-    tl_test_plan_signal(&plan, "y0", TL_REAL, "");
-    tl_test_plan_connect(&plan, "plant.cmd", "m.u0");
-    tl_test_plan_match(&plan, "m.y0", "plant.y0", 0.01);
+    tl_test_run_end(&run, &plan);
+    tl_test_plan_single(&plan, &fmu, &call_log);
     plan.plan.algorithm = algorithm;
     plan.plan.noise_floor = 0.5;
     plan.plan.margin = 0.01;
 }
 
 static void build(void) {
-    tl_twin *twin = tl_test_plan_build(&plan);
-    TEST_ASSERT_EQUAL_STRING("", plan.problems[0].text);
-    tl_test_run_init(&run, twin);
+    tl_test_run_build(&run, &plan);
     run.budget.evaluations = 60;
 }
 
 static const tl_record *tick(double cmd, double y0) {
-    run.sample.values[CMD] = cmd;
-    run.sample.values[Y0] = y0;
-    do {
-        tl_test_run_step(&run);
-        TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, run.status, run.error.text);
-    } while (!run.ready);
-    return &run.record;
+    return tl_test_run_single(&run, &call_log, cmd, y0);
 }
 
 /* What varies a variable by a twentieth of its step or more can judge it; the differences of L-BFGS are smaller. */
@@ -181,27 +157,23 @@ static void under_a_tight_budget_nothing_drifts(void) {
 
 static uint32_t seed;
 
-static uint32_t any(uint32_t below) {
-    seed = seed * 1664525U + 1013904223U;
-    return (seed >> 8) % below;
-}
-
 /* Whatever the budget and the horizon: what the record names is at nominal in what was committed. */
 static void what_is_named_is_at_nominal(void) {
     uint32_t named = 0;
     for (uint32_t number = 1; number <= 400; number++) {
         seed = number * 7919U;
-        begin(solvers[any(SOLVERS)]);
-        bool swapped = any(2) == 0;
+        begin(solvers[tl_test_any(&seed, SOLVERS)]);
+        bool swapped = tl_test_any(&seed, 2) == 0;
         tl_test_plan_adjust(&plan, swapped ? "m.gain" : "m.offset", 0.1);
         tl_test_plan_adjust(&plan, swapped ? "m.offset" : "m.gain", 0.1);
-        plan.plan.prediction = 1 + any(4);
-        plan.plan.shape = (tl_shape)any(2);
-        plan.plan.fallback = any(2) == 0 ? solvers[any(SOLVERS)] : NULL;
+        plan.plan.prediction = 1 + tl_test_any(&seed, 4);
+        plan.plan.shape = (tl_shape)tl_test_any(&seed, 2);
+        plan.plan.fallback = tl_test_any(&seed, 2) == 0 ? solvers[tl_test_any(&seed, SOLVERS)] : NULL;
         build();
         for (int i = 0; i < 40; i++) {
-            run.budget.evaluations = 1 + any(25);
-            const tl_record *record = tick(any(3) == 0 ? 0.0 : 0.02 * any(4), 1.0 + 0.1 * any(10));
+            run.budget.evaluations = 1 + tl_test_any(&seed, 25);
+            const tl_record *record = tick(tl_test_any(&seed, 3) == 0 ? 0.0 : 0.02 * tl_test_any(&seed, 4),
+                                           1.0 + 0.1 * tl_test_any(&seed, 10));
             for (size_t v = 0; v < 2; v++) {
                 if ((record->held >> v & 1U) != 0) {
                     named++;

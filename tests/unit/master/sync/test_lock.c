@@ -14,18 +14,12 @@ static tl_test_run run;
 static tl_time now; /* of the fake clock */
 
 void setUp(void) {
-    tl_test_log_clear(&call_log);
     tl_test_plan_init(&plan, TL_SECOND / 10);
-    run.twin = NULL;
     now = 0;
 }
 
 void tearDown(void) {
-    tl_twin_destroy(run.twin);
-    for (size_t i = 0; i < 3; i++) {
-        tl_test_fmu_end(&fmus[i]);
-    }
-    TEST_ASSERT_EQUAL_STRING("", call_log.first_violation);
+    tl_test_run_end(&run, &plan);
 }
 
 /* "m" with two channels: u0 driven by cmd, u1 constant at 0; y0 is matched with a tolerance of 0.01. */
@@ -46,27 +40,10 @@ static tl_plan_adjust *make_observer(void) {
     return tl_test_plan_adjust(&plan, "m.u0", 1.0);
 }
 
-static void build(void) {
-    tl_twin *twin = tl_test_plan_build(&plan);
-    TEST_ASSERT_EQUAL_STRING("", plan.problems[0].text);
-    tl_test_run_init(&run, twin);
-}
-
 /* Values of the next samples. */
 static void plant(double cmd, double y0) {
     run.sample.values[CMD] = cmd;
     run.sample.values[Y0] = y0;
-}
-
-/* Ticks until one has made a record; the log has that tick's calls only. */
-static const tl_record *tick(void) {
-    do {
-        tl_test_log_clear(&call_log);
-        tl_test_run_step(&run);
-        TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, run.status, run.error.text);
-        TEST_ASSERT_EQUAL_STRING("", call_log.first_violation);
-    } while (!run.ready);
-    return &run.record;
 }
 
 /* The u0 of the n-th step that this tick made of "m", trials included. */
@@ -97,9 +74,9 @@ static void use_clock(tl_time budget_ms) {
 
 static void a_guess_within_tolerance_is_committed_without_a_search(void) {
     (void)make_observer();
-    build();
+    tl_test_run_build(&run, &plan);
     plant(2.0, 2.005);
-    const tl_record *record = tick();
+    const tl_record *record = tl_test_run_tick(&run, &call_log);
     TEST_ASSERT_EQUAL_INT(TL_FIRST_GUESS, record->outcome);
     TEST_ASSERT_EQUAL_INT(TL_STOP_NONE, record->stop);
     TEST_ASSERT_EQUAL_UINT32(1, record->evaluations);
@@ -113,9 +90,9 @@ static void a_guess_within_tolerance_is_committed_without_a_search(void) {
 
 static void a_guess_out_of_tolerance_is_searched_from(void) {
     (void)make_observer();
-    build();
+    tl_test_run_build(&run, &plan);
     plant(2.0, 5.0);
-    const tl_record *record = tick();
+    const tl_record *record = tl_test_run_tick(&run, &call_log);
     TEST_ASSERT_EQUAL_INT(TL_OPTIMISED, record->outcome);
     TEST_ASSERT_EQUAL_INT(TL_STOP_TOLERANCE, record->stop);
     TEST_ASSERT_DOUBLE_WITHIN(0.01, 5.0, record->u[0]);
@@ -129,10 +106,10 @@ static void a_guess_out_of_tolerance_is_searched_from(void) {
 
 static void the_best_point_is_committed_not_the_last(void) {
     (void)make_observer();
-    build();
+    tl_test_run_build(&run, &plan);
     run.budget.evaluations = 7;
     plant(0.0, 2.6);
-    const tl_record *record = tick();
+    const tl_record *record = tl_test_run_tick(&run, &call_log);
     double best = 0.0;
     for (size_t i = 0; i < record->evaluations; i++) {
         best = fabs(tried(i) - 2.6) < fabs(best - 2.6) ? tried(i) : best;
@@ -144,9 +121,9 @@ static void the_best_point_is_committed_not_the_last(void) {
 
 static void the_start_is_evaluated_once(void) {
     (void)make_observer();
-    build();
+    tl_test_run_build(&run, &plan);
     plant(2.0, 5.0);
-    const tl_record *record = tick();
+    const tl_record *record = tl_test_run_tick(&run, &call_log);
     for (size_t i = 1; i < record->evaluations; i++) {
         TEST_ASSERT_TRUE(tried(i) != 2.0);
     }
@@ -155,10 +132,10 @@ static void the_start_is_evaluated_once(void) {
 static void trials_may_go_back_and_the_commit_may_not(void) {
     (void)make_observer();
     plan.plan.prediction = 3;
-    build();
+    tl_test_run_build(&run, &plan);
     for (int i = 0; i < 4; i++) {
         plant((double)i, 5.0 - (double)i);
-        const tl_record *record = tick();
+        const tl_record *record = tl_test_run_tick(&run, &call_log);
         size_t steps = 3 * (size_t)record->evaluations;
         TEST_ASSERT_EQUAL_UINT64(steps + 1, tl_test_log_count(&call_log, &fmus[0], TL_TEST_DO_STEP));
         for (size_t n = 0; n <= steps; n++) {
@@ -172,10 +149,10 @@ static void trials_may_go_back_and_the_commit_may_not(void) {
 
 static void a_step_saves_once_and_restores_once_per_evaluation(void) {
     (void)make_observer();
-    build();
+    tl_test_run_build(&run, &plan);
     for (int i = 0; i < 3; i++) {
         plant(0.0, 3.0 + (double)i);
-        const tl_record *record = tick();
+        const tl_record *record = tl_test_run_tick(&run, &call_log);
         TEST_ASSERT_EQUAL_UINT64(1, tl_test_log_count(&call_log, NULL, TL_TEST_GET_STATE));
         TEST_ASSERT_EQUAL_UINT64(record->evaluations, tl_test_log_count(&call_log, NULL, TL_TEST_SET_STATE));
     }
@@ -185,9 +162,9 @@ static void a_step_saves_once_and_restores_once_per_evaluation(void) {
 static void a_candidate_is_held_over_the_horizon(void) {
     (void)make_observer();
     plan.plan.prediction = 4;
-    build();
+    tl_test_run_build(&run, &plan);
     plant(1.0, 3.0);
-    const tl_record *record = tick();
+    const tl_record *record = tl_test_run_tick(&run, &call_log);
     for (size_t i = 0; i < record->evaluations; i++) {
         for (size_t j = 1; j < 4; j++) {
             TEST_ASSERT_TRUE(tried(4 * i) == tried(4 * i + j));
@@ -203,9 +180,9 @@ static void steps_before_the_distance_do_not_count(void) {
     plan.match[0].variable = "out.y0";
     tl_test_plan_adjust(&plan, "m.offset", 1.0);
     plan.plan.prediction = 3; /* T_D = 2: J has the samples i + 2 and i + 3 */
-    build();
+    tl_test_run_build(&run, &plan);
     plant(0.0, 3.0);
-    const tl_record *record = tick();
+    const tl_record *record = tl_test_run_tick(&run, &call_log);
     TEST_ASSERT_EQUAL_INT(0, record->step);
     TEST_ASSERT_EQUAL_DOUBLE(2.0 * 90000.0, record->objective_nominal);
     TEST_ASSERT_EQUAL_INT(TL_OPTIMISED, record->outcome);
@@ -218,15 +195,15 @@ static void steps_before_the_distance_do_not_count(void) {
 static void it_learns_at_the_first_step_though_all_is_well(void) {
     (void)make_observer();
     plan.plan.algorithm = "secant";
-    build();
+    tl_test_run_build(&run, &plan);
     plant(2.0, 2.005);
-    const tl_record *record = tick();
+    const tl_record *record = tl_test_run_tick(&run, &call_log);
     TEST_ASSERT_EQUAL_UINT32(2, record->evaluations);
     TEST_ASSERT_TRUE(tried(0) == 2.0);
     TEST_ASSERT_TRUE(tried(1) == 3.0); /* a step aside */
     TEST_ASSERT_TRUE(record->u[0] == 2.0);
     for (int i = 0; i < 2; i++) { /* it forecasts from two outputs */
-        record = tick();
+        record = tl_test_run_tick(&run, &call_log);
         TEST_ASSERT_EQUAL_UINT32(1, record->evaluations);
         TEST_ASSERT_EQUAL_INT(TL_FIRST_GUESS, record->outcome);
     }
@@ -238,12 +215,12 @@ static void it_learns_once_only_and_without_a_word_where_nothing_matters(void) {
     make_plan();
     (void)tl_test_plan_adjust(&plan, "m.u1", 1.0);
     plan.plan.algorithm = "secant";
-    build();
+    tl_test_run_build(&run, &plan);
     plant(2.0, 2.005);
-    const tl_record *record = tick();
+    const tl_record *record = tl_test_run_tick(&run, &call_log);
     TEST_ASSERT_EQUAL_UINT32(2, record->evaluations);
     TEST_ASSERT_EQUAL_UINT32(0, record->held);
-    record = tick();
+    record = tl_test_run_tick(&run, &call_log);
     TEST_ASSERT_EQUAL_UINT32(1, record->evaluations);
     TEST_ASSERT_EQUAL_INT(TL_FIRST_GUESS, record->outcome);
 }
@@ -251,10 +228,10 @@ static void it_learns_once_only_and_without_a_word_where_nothing_matters(void) {
 static void it_does_not_learn_beyond_the_budget(void) {
     (void)make_observer();
     plan.plan.algorithm = "secant";
-    build();
+    tl_test_run_build(&run, &plan);
     plant(2.0, 2.005);
     run.budget.evaluations = 1;
-    const tl_record *record = tick();
+    const tl_record *record = tl_test_run_tick(&run, &call_log);
     TEST_ASSERT_EQUAL_UINT32(1, record->evaluations);
     TEST_ASSERT_EQUAL_INT(TL_FIRST_GUESS, record->outcome);
     TEST_ASSERT_EQUAL_INT(TL_STOP_NONE, record->stop);
@@ -265,10 +242,10 @@ static void it_does_not_learn_beyond_the_budget(void) {
 
 static void at_the_shortest_prediction_the_guess_is_nominal(void) {
     (void)make_observer();
-    build();
+    tl_test_run_build(&run, &plan);
     for (int i = 0; i < 5; i++) {
         plant((double)i, 10.0);
-        (void)tick();
+        (void)tl_test_run_tick(&run, &call_log);
         TEST_ASSERT_EQUAL_DOUBLE(i == 0 ? 0.0 : (double)i - 1.0, run.record.u_hat[0]); /* lag: the sample of t_i */
         TEST_ASSERT_TRUE(tried(0) == run.record.u_hat[0]);
     }
@@ -277,14 +254,14 @@ static void at_the_shortest_prediction_the_guess_is_nominal(void) {
 static void at_a_longer_prediction_the_guess_is_the_last_u(void) {
     (void)make_observer();
     plan.plan.prediction = 2;
-    build();
+    tl_test_run_build(&run, &plan);
     plant(1.0, 4.0);
-    (void)tick();
+    (void)tl_test_run_tick(&run, &call_log);
     TEST_ASSERT_TRUE(tried(0) == 1.0); /* nothing is committed yet: nominal */
     for (int i = 0; i < 4; i++) {
         double last = run.record.u[0];
         plant(1.0, 5.0 + (double)i);
-        (void)tick();
+        (void)tl_test_run_tick(&run, &call_log);
         TEST_ASSERT_TRUE(tried(0) == last);
         TEST_ASSERT_TRUE(tried(1) == last);
     }
@@ -293,12 +270,12 @@ static void at_a_longer_prediction_the_guess_is_the_last_u(void) {
 static void the_last_u_is_evaluated_once_too(void) {
     (void)make_observer();
     plan.plan.prediction = 2;
-    build();
+    tl_test_run_build(&run, &plan);
     plant(1.0, 4.0);
-    (void)tick();
+    (void)tl_test_run_tick(&run, &call_log);
     double last = run.record.u[0];
     plant(1.0, 9.0);
-    (void)tick();
+    (void)tl_test_run_tick(&run, &call_log);
     TEST_ASSERT_TRUE(run.record.evaluations > 3);
     for (size_t i = 2; i < 2 * (size_t)run.record.evaluations; i++) {
         TEST_ASSERT_TRUE(tried(i) != last);
@@ -316,18 +293,17 @@ static void the_search_stays_within_the_bounds(void) {
         adjust->upper = configured[c];
         tl_test_fmu_variable(&fmus[0], "u0")->minimum = -2.0;
         tl_test_fmu_variable(&fmus[0], "u0")->maximum = 2.0;
-        build();
+        tl_test_run_build(&run, &plan);
         double limit = fmin(configured[c], 2.0);
         for (int i = 0; i < 6; i++) {
             plant(0.0, i < 3 ? 5.0 : -5.0);
-            const tl_record *record = tick();
+            const tl_record *record = tl_test_run_tick(&run, &call_log);
             for (size_t n = 0; n < record->evaluations; n++) {
                 TEST_ASSERT_TRUE(fabs(tried(n)) <= limit);
             }
             TEST_ASSERT_DOUBLE_WITHIN(1e-3, limit, fabs(record->u[0]));
         }
-        tl_twin_destroy(run.twin);
-        run.twin = NULL;
+        tl_test_run_end(&run, &plan);
     }
 }
 
@@ -335,9 +311,9 @@ static void a_nominal_outside_the_bounds_stays_what_it_is(void) {
     tl_plan_adjust *adjust = make_observer();
     adjust->lower = 0.0;
     adjust->upper = 3.0;
-    build();
+    tl_test_run_build(&run, &plan);
     plant(7.0, 2.0);
-    const tl_record *record = tick();
+    const tl_record *record = tl_test_run_tick(&run, &call_log);
     TEST_ASSERT_TRUE(record->u_hat[0] == 7.0);
     TEST_ASSERT_TRUE(tried(0) == 7.0); /* evaluated as it is */
     TEST_ASSERT_TRUE(tried(1) == 3.0); /* and searched from the nearest point within */
@@ -353,13 +329,13 @@ static void a_nominal_outside_the_bounds_may_be_right(void) {
     tl_plan_adjust *adjust = make_observer();
     adjust->lower = 0.0;
     adjust->upper = 3.0;
-    build();
+    tl_test_run_build(&run, &plan);
     plant(7.0, 7.0);
-    const tl_record *record = tick();
+    const tl_record *record = tl_test_run_tick(&run, &call_log);
     TEST_ASSERT_EQUAL_INT(TL_FIRST_GUESS, record->outcome);
     TEST_ASSERT_TRUE(record->u[0] == 7.0);
     plant(7.0, 8.0); /* nothing within is better */
-    record = tick();
+    record = tl_test_run_tick(&run, &call_log);
     TEST_ASSERT_EQUAL_INT(TL_NOMINAL, record->outcome);
     TEST_ASSERT_TRUE(record->u[0] == 7.0);
 }
@@ -369,13 +345,13 @@ static void an_old_nominal_outside_the_bounds_is_not_guessed_again(void) {
     adjust->lower = 0.0;
     adjust->upper = 3.0;
     plan.plan.prediction = 2;
-    build();
+    tl_test_run_build(&run, &plan);
     plant(7.0, 7.0);
-    const tl_record *record = tick();
+    const tl_record *record = tl_test_run_tick(&run, &call_log);
     TEST_ASSERT_TRUE(record->u[0] == 7.0); /* û, which may be anything */
     plant(9.0, 7.0);
     for (int i = 0; i < 4; i++) {
-        record = tick();
+        record = tl_test_run_tick(&run, &call_log);
         TEST_ASSERT_TRUE(record->u[0] == record->u_hat[0] || record->u[0] <= 3.0);
     }
 }
@@ -387,9 +363,9 @@ static const tl_record *correct_a_little(double margin) {
     adjust->lower = -1.0;
     adjust->upper = 0.05; /* of the 10 that are needed: J falls by 1 % at most */
     plan.plan.margin = margin;
-    build();
+    tl_test_run_build(&run, &plan);
     plant(0.0, 10.0);
-    return tick();
+    return tl_test_run_tick(&run, &call_log);
 }
 
 static void a_small_gain_is_worth_it_without_a_margin(void) {
@@ -416,9 +392,9 @@ static void a_gain_above_the_margin_is_worth_it(void) {
 static void nothing_better_than_nominal_is_nominal(void) {
     make_plan();
     tl_test_plan_adjust(&plan, "m.gain", 1.0)->lower = 0.5; /* J is the same for every gain, as u0 is 0 */
-    build();
+    tl_test_run_build(&run, &plan);
     plant(0.0, 5.0);
-    const tl_record *record = tick();
+    const tl_record *record = tl_test_run_tick(&run, &call_log);
     TEST_ASSERT_EQUAL_INT(TL_NOMINAL, record->outcome);
     TEST_ASSERT_TRUE(record->u[0] == 1.0);
 }
@@ -426,15 +402,15 @@ static void nothing_better_than_nominal_is_nominal(void) {
 static void a_bad_last_u_is_held_against_the_nominal(void) {
     (void)make_observer();
     plan.plan.prediction = 2;
-    build();
+    tl_test_run_build(&run, &plan);
     plant(0.0, 6.0);
-    (void)tick();
-    (void)tick();
+    (void)tl_test_run_tick(&run, &call_log);
+    (void)tl_test_run_tick(&run, &call_log);
     TEST_ASSERT_DOUBLE_WITHIN(0.02, 6.0, run.record.u[0]);
     run.budget.evaluations = 3; /* the guess, one of the search, nominal */
     plant(0.0, 0.005);
-    (void)tick(); /* J still has one sample of 6 */
-    (void)tick();
+    (void)tl_test_run_tick(&run, &call_log); /* J still has one sample of 6 */
+    (void)tl_test_run_tick(&run, &call_log);
     TEST_ASSERT_EQUAL_UINT32(3, run.record.evaluations);
     TEST_ASSERT_EQUAL_INT(TL_NOMINAL, run.record.outcome);
     TEST_ASSERT_TRUE(run.record.u[0] == 0.0);
@@ -451,28 +427,27 @@ static void the_budget_of_evaluations_is_kept(void) {
             adjust->lower = -1.0;
             adjust->upper = 1.0;
             plan.plan.prediction = prediction;
-            build();
+            tl_test_run_build(&run, &plan);
             run.budget.evaluations = limit;
             for (int i = 0; i < 4; i++) {
                 plant(0.1 * (double)i, 9.0 + (double)i); /* out of reach */
-                const tl_record *record = tick();
+                const tl_record *record = tl_test_run_tick(&run, &call_log);
                 TEST_ASSERT_TRUE(record->evaluations >= 1 && record->evaluations <= limit);
                 TEST_ASSERT_TRUE(isfinite(record->objective_nominal)); /* always among them */
                 TEST_ASSERT_TRUE(record->objective <= record->objective_nominal);
                 TEST_ASSERT_EQUAL_UINT32(2 + 2 * prediction * record->evaluations, record->executions);
             }
-            tl_twin_destroy(run.twin);
-            run.twin = NULL;
+            tl_test_run_end(&run, &plan);
         }
     }
 }
 
 static void the_end_of_the_budget_is_told(void) {
     (void)make_observer();
-    build();
+    tl_test_run_build(&run, &plan);
     run.budget.evaluations = 5;
     plant(0.0, 50.0);
-    const tl_record *record = tick();
+    const tl_record *record = tl_test_run_tick(&run, &call_log);
     TEST_ASSERT_EQUAL_INT(TL_STOP_EVALUATIONS, record->stop);
     TEST_ASSERT_EQUAL_INT(TL_BEST_SO_FAR, record->outcome);
     TEST_ASSERT_EQUAL_UINT32(5, record->evaluations);
@@ -480,10 +455,10 @@ static void the_end_of_the_budget_is_told(void) {
 
 static void time_stops_the_search_before_it_is_over(void) {
     (void)make_observer();
-    build();
+    tl_test_run_build(&run, &plan);
     use_clock(8);
     plant(0.0, 1000.0);
-    const tl_record *record = tick();
+    const tl_record *record = tl_test_run_tick(&run, &call_log);
     TEST_ASSERT_EQUAL_INT(TL_STOP_TIME, record->stop);
     TEST_ASSERT_EQUAL_INT(TL_BEST_SO_FAR, record->outcome);
     TEST_ASSERT_TRUE(record->evaluations >= 4);
@@ -494,12 +469,12 @@ static void time_stops_the_search_before_it_is_over(void) {
 static void time_is_kept_for_the_nominal(void) {
     (void)make_observer();
     plan.plan.prediction = 2;
-    build();
+    tl_test_run_build(&run, &plan);
     plant(0.0, 1.0);
-    (void)tick();
+    (void)tl_test_run_tick(&run, &call_log);
     use_clock(11);
     plant(0.0, 1000.0);
-    const tl_record *record = tick();
+    const tl_record *record = tl_test_run_tick(&run, &call_log);
     TEST_ASSERT_EQUAL_INT(TL_STOP_TIME, record->stop);
     TEST_ASSERT_TRUE(isfinite(record->objective_nominal));
     TEST_ASSERT_TRUE(record->evaluations >= 3);
@@ -508,11 +483,11 @@ static void time_is_kept_for_the_nominal(void) {
 
 static void no_time_at_all_commits_nominal(void) {
     (void)make_observer();
-    build();
+    tl_test_run_build(&run, &plan);
     plant(3.0, 1000.0);
     use_clock(8);
     now += 9 * (TL_SECOND / 1000);
-    const tl_record *record = tick();
+    const tl_record *record = tl_test_run_tick(&run, &call_log);
     TEST_ASSERT_EQUAL_INT(TL_NOMINAL, record->outcome);
     TEST_ASSERT_EQUAL_INT(TL_STOP_TIME, record->stop);
     TEST_ASSERT_EQUAL_UINT32(0, record->evaluations);
@@ -524,10 +499,10 @@ static void no_time_at_all_commits_nominal(void) {
 
 static void without_a_clock_time_does_not_matter(void) {
     (void)make_observer();
-    build();
+    tl_test_run_build(&run, &plan);
     run.budget.time = 1;
     plant(0.0, 30.0);
-    const tl_record *record = tick();
+    const tl_record *record = tl_test_run_tick(&run, &call_log);
     TEST_ASSERT_EQUAL_INT(TL_OPTIMISED, record->outcome);
     TEST_ASSERT_EQUAL_INT64(0, record->used);
 }
@@ -549,7 +524,7 @@ static void a_clock_that_jumps_neither_hangs_nor_harms(void) {
         for (jump_at = 1; jump_at < 30; jump_at++) {
             setUp();
             (void)make_observer();
-            build();
+            tl_test_run_build(&run, &plan);
             jump = jumps[i];
             readings = 0;
             run.budget.now = read_jumping_clock;
@@ -557,15 +532,14 @@ static void a_clock_that_jumps_neither_hangs_nor_harms(void) {
             run.budget.time = TL_SECOND / 100;
             run.budget.evaluations = 40;
             plant(0.0, 1e6);
-            const tl_record *record = tick();
+            const tl_record *record = tl_test_run_tick(&run, &call_log);
             TEST_ASSERT_TRUE(record->evaluations <= 40);
             TEST_ASSERT_TRUE(record->outcome == TL_BEST_SO_FAR || record->outcome == TL_NOMINAL);
             TEST_ASSERT_TRUE(record->evaluations == 0 || record->objective <= record->objective_nominal);
             if (jump > 0 && jump_at < 15) {
                 TEST_ASSERT_EQUAL_INT(TL_STOP_TIME, record->stop);
             }
-            tl_twin_destroy(run.twin);
-            run.twin = NULL;
+            tl_test_run_end(&run, &plan);
         }
     }
 }
@@ -580,11 +554,11 @@ static void failing_candidates_are_worst_and_never_end_the_run(void) {
             setUp();
             (void)make_observer();
             plan.plan.prediction = prediction;
-            build();
+            tl_test_run_build(&run, &plan);
             tl_test_fmu_fail_above(&fmus[0], survivable[kind], 2.5);
             for (int i = 0; i < 6; i++) {
                 plant(0.0, i < 3 ? 2.4 : 3.0); /* from the left of the limit, and beyond it */
-                const tl_record *record = tick();
+                const tl_record *record = tl_test_run_tick(&run, &call_log);
                 TEST_ASSERT_TRUE(record->u[0] <= 2.5);
                 TEST_ASSERT_TRUE(isfinite(record->objective));
                 TEST_ASSERT_FALSE(record->objective > record->objective_nominal);
@@ -592,8 +566,7 @@ static void failing_candidates_are_worst_and_never_end_the_run(void) {
                     TEST_ASSERT_EQUAL_INT(i < 3 ? TL_OPTIMISED : TL_BEST_SO_FAR, record->outcome);
                 }
             }
-            tl_twin_destroy(run.twin);
-            run.twin = NULL;
+            tl_test_run_end(&run, &plan);
         }
     }
 }
@@ -602,34 +575,33 @@ static void a_failing_guess_is_left(void) {
     for (size_t kind = 0; kind < 3; kind++) {
         setUp();
         (void)make_observer();
-        build();
+        tl_test_run_build(&run, &plan);
         plant(0.0, 0.0);
-        (void)tick();
+        (void)tl_test_run_tick(&run, &call_log);
         tl_test_fmu_fail_above(&fmus[0], survivable[kind], 2.5);
-        plant(5.0, 1.0); /* û itself fails */
-        (void)tick();    /* lag: cmd is an input from the next tick on */
-        const tl_record *record = tick();
+        plant(5.0, 1.0);                         /* û itself fails */
+        (void)tl_test_run_tick(&run, &call_log); /* lag: cmd is an input from the next tick on */
+        const tl_record *record = tl_test_run_tick(&run, &call_log);
         TEST_ASSERT_EQUAL_INT(TL_OPTIMISED, record->outcome);
         TEST_ASSERT_EQUAL_UINT32(2, record->evaluations); /* the last u will do */
         TEST_ASSERT_DOUBLE_WITHIN(0.01, 1.0, record->u[0]);
         TEST_ASSERT_TRUE(isnan(record->objective_nominal));
         TEST_ASSERT_TRUE(record->u_hat[0] == 5.0);
-        tl_twin_destroy(run.twin);
-        run.twin = NULL;
+        tl_test_run_end(&run, &plan);
     }
 }
 
 static void a_search_after_a_failing_guess_has_the_whole_budget(void) {
     (void)make_observer();
     plan.plan.prediction = 2;
-    build();
+    tl_test_run_build(&run, &plan);
     plant(0.0, 3.0);
-    (void)tick();
+    (void)tl_test_run_tick(&run, &call_log);
     TEST_ASSERT_DOUBLE_WITHIN(0.02, 3.0, run.record.u[0]);
     tl_test_fmu_fail_above(&fmus[0], TL_TEST_DISCARD, 2.5); /* from now on the last u fails */
     run.budget.evaluations = 9;
     plant(0.0, 100.0);
-    const tl_record *record = tick();
+    const tl_record *record = tl_test_run_tick(&run, &call_log);
     TEST_ASSERT_EQUAL_INT(TL_STOP_EVALUATIONS, record->stop);
     TEST_ASSERT_EQUAL_UINT32(9, record->evaluations);
     TEST_ASSERT_TRUE(tried(1) == 0.0);                              /* nominal comes second, and once */
@@ -641,14 +613,14 @@ static void the_last_u_is_not_used_outside_the_bounds(void) {
     tl_plan_adjust *adjust = make_observer();
     adjust->lower = 0.0;
     adjust->upper = 3.0;
-    build();
+    tl_test_run_build(&run, &plan);
     plant(7.0, 7.0);
-    (void)tick();
+    (void)tl_test_run_tick(&run, &call_log);
     TEST_ASSERT_TRUE(run.record.u[0] == 7.0); /* û */
     plant(9.0, 7.0);
-    (void)tick();
+    (void)tl_test_run_tick(&run, &call_log);
     tl_test_fmu_fail_above(&fmus[0], TL_TEST_DISCARD, 8.0);
-    const tl_record *record = tick();
+    const tl_record *record = tl_test_run_tick(&run, &call_log);
     TEST_ASSERT_TRUE(record->u_hat[0] == 9.0);
     TEST_ASSERT_TRUE(record->u[0] <= 3.0);
 }
@@ -656,13 +628,13 @@ static void the_last_u_is_not_used_outside_the_bounds(void) {
 static void a_failing_nominal_loses_against_anything(void) {
     (void)make_observer();
     plan.plan.margin = 0.9;
-    build();
+    tl_test_run_build(&run, &plan);
     plant(0.0, 0.0);
-    (void)tick();
+    (void)tl_test_run_tick(&run, &call_log);
     tl_test_fmu_fail_above(&fmus[0], TL_TEST_DISCARD, 2.5);
     plant(3.0, 50.0);
-    (void)tick();
-    const tl_record *record = tick();
+    (void)tl_test_run_tick(&run, &call_log);
+    const tl_record *record = tl_test_run_tick(&run, &call_log);
     TEST_ASSERT_EQUAL_INT(TL_BEST_SO_FAR, record->outcome);
     TEST_ASSERT_TRUE(record->u[0] <= 2.5);
     TEST_ASSERT_TRUE(isnan(record->objective_nominal));
@@ -672,16 +644,15 @@ static void where_everything_fails_the_step_fails(void) {
     for (size_t kind = 0; kind < 3; kind++) {
         setUp();
         (void)make_observer();
-        build();
+        tl_test_run_build(&run, &plan);
         plant(0.0, 1.0);
-        (void)tick();
+        (void)tl_test_run_tick(&run, &call_log);
         tl_test_fmu_fail_above(&fmus[0], survivable[kind], -HUGE_VAL);
         tl_test_run_step(&run);
         TEST_ASSERT_EQUAL_INT(TL_FMU_FAILED, run.status);
         TEST_ASSERT_FALSE(run.ready);
         TEST_ASSERT_NOT_NULL(strstr(run.error.text, "m: "));
-        tl_twin_destroy(run.twin);
-        run.twin = NULL;
+        tl_test_run_end(&run, &plan);
     }
 }
 
@@ -689,19 +660,18 @@ static void a_commit_that_fails_is_replaced_by_nominal(void) {
     for (size_t kind = 0; kind < 3; kind++) {
         setUp();
         (void)make_observer();
-        build();
+        tl_test_run_build(&run, &plan);
         plant(0.0, 3.0);
-        (void)tick();
+        (void)tl_test_run_tick(&run, &call_log);
         uint64_t commit = fmus[0].calls[TL_TEST_DO_STEP] + run.record.evaluations + 1; /* the same search again */
         tl_test_fmu_fail(&fmus[0], TL_TEST_DO_STEP, survivable[kind], commit, commit);
-        const tl_record *record = tick();
+        const tl_record *record = tl_test_run_tick(&run, &call_log);
         TEST_ASSERT_EQUAL_INT(TL_NOMINAL, record->outcome);
         TEST_ASSERT_TRUE(record->u[0] == 0.0);
         TEST_ASSERT_TRUE(record->y[0] == 0.0);
         TEST_ASSERT_EQUAL_DOUBLE(90000.0, record->objective);
-        TEST_ASSERT_EQUAL_INT(TL_OPTIMISED, tick()->outcome); /* and life goes on */
-        tl_twin_destroy(run.twin);
-        run.twin = NULL;
+        TEST_ASSERT_EQUAL_INT(TL_OPTIMISED, tl_test_run_tick(&run, &call_log)->outcome); /* and life goes on */
+        tl_test_run_end(&run, &plan);
     }
 }
 
@@ -718,9 +688,9 @@ static void nothing_is_called_after_fatal(void) {
             tl_test_plan_set(&plan, "u0", 0.0);
             (void)make_observer();
             plan.plan.prediction = 1 + (uint32_t)(later % 2);
-            build();
+            tl_test_run_build(&run, &plan);
             plant(0.0, 3.0);
-            (void)tick();
+            (void)tl_test_run_tick(&run, &call_log);
             plant(0.0, 9.0);
             uint64_t number = fmus[0].calls[calls[i]] + later;
             tl_test_fmu_fail(&fmus[0], calls[i], TL_TEST_FATAL, number, number);
@@ -742,8 +712,7 @@ static void nothing_is_called_after_fatal(void) {
             run.twin = NULL;
             TEST_ASSERT_EQUAL_UINT64(1, fmus[0].living); /* left alone, */
             TEST_ASSERT_EQUAL_UINT64(0, fmus[1].living); /* while the bystander is freed */
-            TEST_ASSERT_EQUAL_STRING("", call_log.first_violation);
-            tl_test_fmu_end(&fmus[0]);
+            tl_test_run_end(&run, &plan);
         }
     }
 }
@@ -756,15 +725,14 @@ static void fatal_is_for_all_instances_of_the_fmu(void) {
     tl_test_fmu_init(&fmus[1], 1, false, &call_log);
     tl_test_plan_component(&plan, "another", &fmus[1]); /* another FMU */
     tl_test_plan_set(&plan, "u0", 0.0);
-    build();
+    tl_test_run_build(&run, &plan);
     plant(0.0, 3.0);
-    (void)tick();
+    (void)tl_test_run_tick(&run, &call_log);
     tl_test_fmu_fail(&fmus[0], TL_TEST_DO_STEP, TL_TEST_FATAL, fmus[0].calls[TL_TEST_DO_STEP] + 1, UINT64_MAX);
     tl_test_run_step(&run);
     TEST_ASSERT_EQUAL_INT(TL_FMU_FATAL, run.status);
     tl_twin_destroy(run.twin);
     run.twin = NULL;
-    TEST_ASSERT_EQUAL_STRING("", call_log.first_violation);
     TEST_ASSERT_EQUAL_UINT64(2, fmus[0].living); /* not even freed */
     TEST_ASSERT_EQUAL_UINT64(0, fmus[1].living);
 }
@@ -773,13 +741,13 @@ static void fatal_is_for_all_instances_of_the_fmu(void) {
 
 static void without_a_good_measurement_nothing_is_searched(void) {
     (void)make_observer();
-    build();
+    tl_test_run_build(&run, &plan);
     plant(1.0, 1.0);
-    (void)tick();
+    (void)tl_test_run_tick(&run, &call_log);
     run.sample.quality[Y0] = TL_STALE;
     plant(2.0, 1e9);
     for (int i = 0; i < 3; i++) {
-        const tl_record *record = tick();
+        const tl_record *record = tl_test_run_tick(&run, &call_log);
         TEST_ASSERT_EQUAL_INT(TL_FREE_RUN, record->outcome);
         TEST_ASSERT_EQUAL_INT(TL_STOP_NONE, record->stop);
         TEST_ASSERT_EQUAL_UINT32(0, record->evaluations);
@@ -794,18 +762,18 @@ static void without_a_good_measurement_nothing_is_searched(void) {
     }
     run.sample.quality[Y0] = TL_GOOD;
     plant(2.0, 4.0);
-    TEST_ASSERT_EQUAL_INT(TL_OPTIMISED, tick()->outcome);
+    TEST_ASSERT_EQUAL_INT(TL_OPTIMISED, tl_test_run_tick(&run, &call_log)->outcome);
 }
 
 static void a_bad_input_signal_holds_its_last_good_value(void) {
     (void)make_observer();
-    build();
+    tl_test_run_build(&run, &plan);
     plant(1.5, 1.5);
-    (void)tick();
+    (void)tl_test_run_tick(&run, &call_log);
     run.sample.quality[CMD] = TL_NO_LINK;
     plant(99.0, 1.5);
-    (void)tick();
-    TEST_ASSERT_TRUE(tick()->u_hat[0] == 1.5);
+    (void)tl_test_run_tick(&run, &call_log);
+    TEST_ASSERT_TRUE(tl_test_run_tick(&run, &call_log)->u_hat[0] == 1.5);
     TEST_ASSERT_EQUAL_INT(TL_FIRST_GUESS, run.record.outcome);
 }
 
@@ -813,14 +781,14 @@ static void one_of_two_matches_may_be_bad(void) {
     make_plan();
     tl_test_plan_match(&plan, "m.y1", "plant.y1", 0.01);
     tl_test_plan_adjust(&plan, "m.offset", 1.0);
-    build();
+    tl_test_run_build(&run, &plan);
     run.sample.values[Y1] = 7.0;
     plant(0.0, 2.0);
-    (void)tick();
+    (void)tl_test_run_tick(&run, &call_log);
     TEST_ASSERT_EQUAL_INT(TL_BEST_SO_FAR, run.record.outcome); /* 2 and 7 cannot both be had */
     TEST_ASSERT_DOUBLE_WITHIN(0.1, 4.5, run.record.u[0]);
     run.sample.quality[Y1] = TL_OUT_OF_RANGE;
-    const tl_record *record = tick();
+    const tl_record *record = tl_test_run_tick(&run, &call_log);
     TEST_ASSERT_EQUAL_INT(TL_OPTIMISED, record->outcome); /* by y0 alone */
     TEST_ASSERT_DOUBLE_WITHIN(0.01, 2.0, record->u[0]);
     TEST_ASSERT_EQUAL_UINT8(TL_GOOD, record->y_hat_quality[0]);
@@ -830,20 +798,20 @@ static void one_of_two_matches_may_be_bad(void) {
 static void a_bad_sample_in_the_horizon_is_left_out(void) {
     (void)make_observer();
     plan.plan.prediction = 3;
-    build();
+    tl_test_run_build(&run, &plan);
     plant(0.0, 2.0);
-    (void)tick();
+    (void)tl_test_run_tick(&run, &call_log);
     run.sample.quality[Y0] = TL_STALE;
     plant(0.0, 1e9);
-    (void)tick(); /* two good samples of 2.0 and a bad one */
+    (void)tl_test_run_tick(&run, &call_log); /* two good samples of 2.0 and a bad one */
     TEST_ASSERT_EQUAL_INT(TL_FIRST_GUESS, run.record.outcome);
-    (void)tick();
+    (void)tl_test_run_tick(&run, &call_log);
     TEST_ASSERT_EQUAL_INT(TL_FIRST_GUESS, run.record.outcome);
-    (void)tick();
+    (void)tl_test_run_tick(&run, &call_log);
     TEST_ASSERT_EQUAL_INT(TL_FREE_RUN, run.record.outcome);
     run.sample.quality[Y0] = TL_GOOD;
     plant(0.0, 5.0);
-    (void)tick(); /* the newest one alone is good */
+    (void)tl_test_run_tick(&run, &call_log); /* the newest one alone is good */
     TEST_ASSERT_EQUAL_INT(TL_OPTIMISED, run.record.outcome);
     TEST_ASSERT_DOUBLE_WITHIN(0.01, 5.0, run.record.u[0]);
 }
@@ -857,10 +825,10 @@ static void two_variables_and_two_matches_are_found(void) {
     tl_test_plan_match(&plan, "m.y1", "plant.y1", 0.01);
     tl_test_plan_adjust(&plan, "m.u0", 1.0);
     tl_test_plan_adjust(&plan, "m.u1", 1.0);
-    build();
+    tl_test_run_build(&run, &plan);
     run.sample.values[Y1] = -3.0;
     plant(0.0, 2.0);
-    const tl_record *record = tick();
+    const tl_record *record = tl_test_run_tick(&run, &call_log);
     TEST_ASSERT_EQUAL_INT(TL_OPTIMISED, record->outcome);
     TEST_ASSERT_DOUBLE_WITHIN(0.01, 2.0, record->u[0]);
     TEST_ASSERT_DOUBLE_WITHIN(0.01, -3.0, record->u[1]);
@@ -874,10 +842,10 @@ static void an_input_and_a_parameter_are_found_together(void) {
     tl_plan_adjust *adjust = tl_test_plan_adjust(&plan, "m.offset", 1.0);
     adjust->has_nominal = true;
     adjust->nominal = 0.5;
-    build();
+    tl_test_run_build(&run, &plan);
     run.sample.values[Y1] = 1.0; /* offset 1 */
     plant(0.0, 4.0);             /* u0 3 */
-    const tl_record *record = tick();
+    const tl_record *record = tl_test_run_tick(&run, &call_log);
     TEST_ASSERT_EQUAL_INT(TL_OPTIMISED, record->outcome);
     TEST_ASSERT_DOUBLE_WITHIN(0.02, 3.0, record->u[0]);
     TEST_ASSERT_DOUBLE_WITHIN(0.02, 1.0, record->u[1]);
@@ -890,9 +858,9 @@ static void an_input_and_a_parameter_are_found_together(void) {
 
 static void a_missed_step_is_made_up_with_the_last_u(void) {
     (void)make_observer();
-    build();
+    tl_test_run_build(&run, &plan);
     plant(1.0, 4.0);
-    (void)tick();
+    (void)tl_test_run_tick(&run, &call_log);
     double last = run.record.u[0];
     tl_test_log_clear(&call_log);
     plant(2.0, 9.0);
@@ -907,12 +875,13 @@ static void a_missed_step_is_made_up_with_the_last_u(void) {
     TEST_ASSERT_EQUAL_UINT32(2, run.record.executions);
     TEST_ASSERT_TRUE(isnan(run.record.objective));
     TEST_ASSERT_TRUE(tl_test_log_step(&call_log, &fmus[0], 0)->final);
-    TEST_ASSERT_EQUAL_INT(TL_OPTIMISED, tick()->outcome); /* the next step is searched again */
+    TEST_ASSERT_EQUAL_INT(TL_OPTIMISED,
+                          tl_test_run_tick(&run, &call_log)->outcome); /* the next step is searched again */
 }
 
 static void before_any_step_it_is_made_up_with_nominal(void) {
     (void)make_observer();
-    build();
+    tl_test_run_build(&run, &plan);
     plant(1.0, 4.0);
     tl_test_run_make_up(&run); /* tick 0: initialises */
     TEST_ASSERT_EQUAL_INT(TL_OK, run.status);

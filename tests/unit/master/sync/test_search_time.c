@@ -39,22 +39,11 @@ static struct {
 } watch;
 
 void setUp(void) {
-    tl_test_log_clear(&call_log);
-    memset(&run, 0, sizeof run);
     memset(&watch, 0, sizeof watch);
 }
 
-static void end(void) {
-    tl_twin_destroy(run.twin);
-    run.twin = NULL;
-    for (size_t i = 0; i < FMUS; i++) {
-        tl_test_fmu_end(&fmus[i]);
-    }
-}
-
 void tearDown(void) {
-    end();
-    TEST_ASSERT_EQUAL_STRING("", call_log.first_violation);
+    tl_test_run_end(&run, &plan);
 }
 
 static tl_time read_clock(void *context) {
@@ -129,7 +118,7 @@ static void wrap_solver(tl_lock *lock) {
 /* cmd → drive → motor, which are to be where they cannot both be. */
 static void build(const char *solver, uint32_t prediction, bool saving) {
     static const char *const names[FMUS] = {"drive", "motor"};
-    end();
+    tl_test_run_end(&run, &plan);
     tl_test_plan_init(&plan, PERIOD);
     for (size_t i = 0; i < FMUS; i++) {
         tl_test_fmu_init(&fmus[i], 2, false, &call_log);
@@ -150,8 +139,7 @@ static void build(const char *solver, uint32_t prediction, bool saving) {
     plan.plan.saving = (tl_plan_saving){saving, saving, 0};
     plan.plan.margin = 0.01;
     plan.plan.evaluations = EVALUATIONS;
-    tl_test_run_init(&run, tl_test_plan_build(&plan));
-    TEST_ASSERT_EQUAL_STRING("", plan.problems[0].text);
+    tl_test_run_build(&run, &plan);
     run.budget.evaluations = EVALUATIONS;
     run.budget.now = read_clock;
     run.budget.time = BUDGET;
@@ -192,7 +180,7 @@ static uint32_t run_in_time(const char *solver, uint32_t prediction, bool saving
             evaluations += run.record.evaluations;
         }
     }
-    end();
+    tl_test_run_end(&run, &plan);
     return evaluations;
 }
 
@@ -229,7 +217,7 @@ static void what_is_never_in_time_is_hardly_ever_late(void) {
             late += run.ready && run.record.used > BUDGET ? 1 : 0;
         }
         TEST_ASSERT_TRUE(late > 0 && late < 20);
-        end();
+        tl_test_run_end(&run, &plan);
     }
 }
 
@@ -303,7 +291,7 @@ static void the_clock_is_read_once_for_each_macro_step(void) {
                 }
             }
             TEST_ASSERT_TRUE(most == EVALUATIONS);
-            end();
+            tl_test_run_end(&run, &plan);
         }
     }
 }

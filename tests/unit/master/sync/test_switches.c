@@ -22,22 +22,11 @@ static size_t switches;
 static bool hopeless; /* another match, that no switch can satisfy: no search is ever within tolerance */
 
 void setUp(void) {
-    tl_test_log_clear(&call_log);
-    run.twin = NULL;
     hopeless = false;
 }
 
-static void end(void) {
-    tl_twin_destroy(run.twin);
-    run.twin = NULL;
-    for (size_t i = 0; i < MOST; i++) {
-        tl_test_fmu_end(&fmus[i]);
-    }
-}
-
 void tearDown(void) {
-    end();
-    TEST_ASSERT_EQUAL_STRING("", call_log.first_violation);
+    tl_test_run_end(&run, &plan);
 }
 
 static void add_switch(size_t i, tl_time dwell) {
@@ -53,7 +42,7 @@ static void add_switch(size_t i, tl_time dwell) {
 
 /* So many switches, each matched by what it really is; `dwell` in steps. */
 static void build(size_t count, uint32_t prediction, int64_t dwell) {
-    end();
+    tl_test_run_end(&run, &plan);
     switches = count;
     tl_test_plan_init(&plan, TL_SECOND / 10);
     for (size_t i = 0; i < count; i++) {
@@ -71,9 +60,7 @@ static void build(size_t count, uint32_t prediction, int64_t dwell) {
     }
     plan.plan.algorithm = "boolean";
     plan.plan.prediction = prediction;
-    tl_twin *twin = tl_test_plan_build(&plan);
-    TEST_ASSERT_EQUAL_STRING("", plan.problems[0].text);
-    tl_test_run_init(&run, twin);
+    tl_test_run_build(&run, &plan);
 }
 
 /* Bits of the plant and of what it is told. */
@@ -83,12 +70,7 @@ static const tl_record *tick(unsigned real, unsigned told) {
         run.sample.values[switches + i] = (double)(told >> i & 1U);
     }
     run.sample.values[2 * switches] = 1.0; /* which is 0 in the twin */
-    do {
-        tl_test_log_clear(&call_log);
-        tl_test_run_step(&run);
-        TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, run.status, run.error.text);
-    } while (!run.ready);
-    return &run.record;
+    return tl_test_run_tick(&run, &call_log);
 }
 
 static unsigned committed(const tl_record *record) {

@@ -234,19 +234,12 @@ void setUp(void) {
     lag.guard.functions.set_fmu_state = fmu_set_state;
     lag.guard.functions.step_reals = NULL; /* so that do_step is called */
     wasteful = false;
-    run.twin = NULL;
-    tl_test_log_clear(&call_log);
     tl_test_plan_init(&plan, TL_SECOND / 100);
-}
-
-static void end(void) {
-    tl_twin_destroy(run.twin);
-    run.twin = NULL;
-    tl_test_fmu_end(&discrete);
+    tl_test_fmu_init(&discrete, 1, true, &call_log);
 }
 
 void tearDown(void) {
-    end();
+    tl_test_run_end(&run, &plan);
     tl_fmu_unload(&lag);
 }
 
@@ -289,7 +282,6 @@ static void add_chain(const setting *set) {
 }
 
 static void add_booleans(void) {
-    tl_test_fmu_init(&discrete, 1, true, &call_log);
     tl_test_plan_component(&plan, "d", &discrete);
     tl_test_plan_set(&plan, "u0", 0.0);
     tl_test_plan_set(&plan, "count", 0.0);
@@ -299,7 +291,7 @@ static void add_booleans(void) {
 }
 
 static void build(const setting *set) {
-    end();
+    tl_test_run_end(&run, &plan);
     tl_test_plan_init(&plan, TL_SECOND / 100);
     tl_test_plan_signal(&plan, "cmd", TL_REAL, "");
     tl_test_plan_signal(&plan, "y", TL_REAL, "");
@@ -314,9 +306,7 @@ static void build(const setting *set) {
     plan.plan.shape = set->shape;
     plan.plan.saving = (tl_plan_saving){set->saving, set->saving, 0};
     plan.plan.noise_floor = 1e-9;
-    tl_twin *twin = tl_test_plan_build(&plan);
-    TEST_ASSERT_EQUAL_STRING("", plan.problems[0].text);
-    tl_test_run_init(&run, twin);
+    tl_test_run_build(&run, &plan);
     run.budget.evaluations = 40;
     plan.plan.evaluations = 40;
 }

@@ -9,6 +9,7 @@
 #include <time.h>
 #include <unity.h>
 
+#include "tests/support/random_numbers.h"
 #include "tests/support/test_plan.h"
 
 enum { CMD, Y0, SUM, FLAG, OTHER_FLAG }; /* signals */
@@ -63,30 +64,14 @@ static tl_record live[TICKS]; /* by step */
 static bool made_up[TICKS];   /* by tick */
 
 void setUp(void) {
-    tl_test_log_clear(&call_log);
-    memset(&run, 0, sizeof run);
     memset(&watch, 0, sizeof watch);
     memset(made_up, 0, sizeof made_up);
     watch.slow_at = -1;
     watch.pause_at = -1;
 }
 
-static void end(void) {
-    tl_twin_destroy(run.twin);
-    run.twin = NULL;
-    for (size_t i = 0; i < FMUS; i++) {
-        tl_test_fmu_end(&fmus[i]);
-    }
-}
-
 void tearDown(void) {
-    end();
-    TEST_ASSERT_EQUAL_STRING("", call_log.first_violation);
-}
-
-static uint32_t any(uint32_t below) {
-    watch.seed = watch.seed * 1664525U + 1013904223U;
-    return (watch.seed >> 8) % below;
+    tl_test_run_end(&run, &plan);
 }
 
 /* ---- FMUs that take time ---- */
@@ -113,7 +98,7 @@ static fmi2Status watched_step(fmi2Component component, fmi2Real time, fmi2Real 
         bool is_slow = watch.executions / FMUS % watch.slow_every == 0;
         set_slow(is_slow, is_slow);
     }
-    if (watch.jumps && any(watch.slow[1] ? 30 : 200) == 0) {
+    if (watch.jumps && tl_test_any(&watch.seed, watch.slow[1] ? 30 : 200) == 0) {
         set_slow(!watch.slow[1], !watch.slow[1]);
     }
     return plain_step(component, time, step, final);
@@ -160,7 +145,7 @@ static void synchronise_booleans(void) {
 
 /* cmd → drive → motor, whose input is adjusted. */
 static void build(const setting *set) {
-    end();
+    tl_test_run_end(&run, &plan);
     tl_test_plan_init(&plan, PERIOD);
     add_fmus(set);
     tl_test_plan_signal(&plan, "cmd", TL_REAL, "");
@@ -186,9 +171,7 @@ static void build(const setting *set) {
     plan.plan.saving = (tl_plan_saving){set->saving, set->saving, 0};
     plan.plan.margin = 0.01;
     plan.plan.evaluations = EVALUATIONS;
-    tl_twin *twin = tl_test_plan_build(&plan);
-    TEST_ASSERT_EQUAL_STRING("", plan.problems[0].text);
-    tl_test_run_init(&run, twin);
+    tl_test_run_build(&run, &plan);
     run.budget.evaluations = EVALUATIONS;
 }
 
@@ -297,7 +280,7 @@ static void a_search_that_time_ends_commits_the_best_so_far(void) {
         best_is_not_last += fabs(best - last) > 0.0 ? 1 : 0;
         TEST_ASSERT_EQUAL_INT(TL_BEST_SO_FAR, run.record.outcome);
         TEST_ASSERT_TRUE(run.record.u[0] == best);
-        end();
+        tl_test_run_end(&run, &plan);
     }
     TEST_ASSERT_TRUE(best_is_not_last > 3); /* or this proves nothing */
 }
@@ -364,7 +347,7 @@ static void one_slow_execution_in_four_is_reckoned_with(void) {
         }
         TEST_ASSERT_TRUE(left < TICKS / 2);
         TEST_ASSERT_TRUE(evaluations > TICKS); /* and it is not given up */
-        end();
+        tl_test_run_end(&run, &plan);
     }
 }
 
@@ -416,7 +399,7 @@ static void slow_down_at(const setting *set, int64_t execution, bool drive, bool
         go_on(1);
         assert_not_timid(set);
     }
-    end();
+    tl_test_run_end(&run, &plan);
 }
 
 static void slower_by_ten_is_late_by_no_more_than_was_not_to_be_known(void) {
@@ -525,7 +508,7 @@ static void a_late_step_is_repeated_to_the_bit(void) {
         setUp();
         run_live(&set, 1 + number);
         late[number % SOLVERS] += repeat(&set);
-        end();
+        tl_test_run_end(&run, &plan);
     }
     for (size_t s = 0; s < SOLVERS; s++) {
         TEST_ASSERT_TRUE(late[s] > 100);
@@ -539,15 +522,16 @@ static void any_setting_is_repeated_to_the_bit(void) {
     for (uint32_t seed = 1; seed <= 150; seed++) {
         setUp();
         watch.seed = seed;
-        setting set = press_setting(any(PRESS_SETTINGS));
+        setting set = press_setting(tl_test_any(&watch.seed, PRESS_SETTINGS));
         bool numbers = strcmp(set.algorithm, "boolean") != 0;
-        set.measurements = (tl_measurements)any(3);
-        set.fallback = numbers && any(2) == 0 ? solvers[any(SOLVERS - 1)] : NULL;
-        set.stagnation = any(3) == 0 ? 3 + any(8) : 0;
-        set.noise_floor = any(3) == 0 ? 5.0 * any(12) : 0.0;
-        set.keep = any(2) == 0 ? TL_KEEP_STATES : TL_KEEP_OUTPUTS;
+        set.measurements = (tl_measurements)tl_test_any(&watch.seed, 3);
+        set.fallback =
+            numbers && tl_test_any(&watch.seed, 2) == 0 ? solvers[tl_test_any(&watch.seed, SOLVERS - 1)] : NULL;
+        set.stagnation = tl_test_any(&watch.seed, 3) == 0 ? 3 + tl_test_any(&watch.seed, 8) : 0;
+        set.noise_floor = tl_test_any(&watch.seed, 3) == 0 ? 5.0 * tl_test_any(&watch.seed, 12) : 0.0;
+        set.keep = tl_test_any(&watch.seed, 2) == 0 ? TL_KEEP_STATES : TL_KEEP_OUTPUTS;
         for (size_t tick = 1; tick < TICKS; tick++) {
-            made_up[tick] = any(12) == 0;
+            made_up[tick] = tl_test_any(&watch.seed, 12) == 0;
         }
         run_live(&set, seed);
         for (size_t i = 0; i < TICKS - 6; i++) {
@@ -555,7 +539,7 @@ static void any_setting_is_repeated_to_the_bit(void) {
             held |= live[i].held;
         }
         (void)repeat(&set);
-        end();
+        tl_test_run_end(&run, &plan);
     }
     TEST_ASSERT_EQUAL_HEX32(TL_FLAG_FALLBACK | TL_FLAG_STAGNATED | TL_FLAG_WITHOUT_NOMINAL, flags);
     TEST_ASSERT_EQUAL_HEX32(3, held);
@@ -577,7 +561,7 @@ static void a_pause_is_forgotten(void) {
         TEST_ASSERT_TRUE(watch.readings > watch.pause_at);
         assert_not_timid(&set);
         TEST_ASSERT_TRUE(run.record.evaluations > 0);
-        end();
+        tl_test_run_end(&run, &plan);
     }
 }
 

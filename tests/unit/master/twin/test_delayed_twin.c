@@ -16,22 +16,11 @@ static tl_record records[TICKS];
 static size_t record_count;
 
 void setUp(void) {
-    tl_test_log_clear(&call_log);
     tl_test_plan_init(&plan, TL_SECOND / 10);
-    memset(&run, 0, sizeof run);
-}
-
-static void end(void) {
-    tl_twin_destroy(run.twin);
-    run.twin = NULL;
-    for (size_t i = 0; i < 2; i++) {
-        tl_test_fmu_end(&fmus[i]);
-    }
-    TEST_ASSERT_EQUAL_STRING("", call_log.first_violation);
 }
 
 void tearDown(void) {
-    end();
+    tl_test_run_end(&run, &plan);
 }
 
 /* "a" passes the plant's u on to "b", a step each, and b's offset is adjusted so that it matches the plant's y. */
@@ -52,12 +41,6 @@ static void make(tl_measurements measurements, int32_t input_ticks, int32_t outp
     plan.plan.saving = (tl_plan_saving){.structure = true, .sequences = true};
     plan.plan.input_ticks = input_ticks;
     plan.plan.output_ticks = output_ticks;
-}
-
-static void build(void) {
-    tl_twin *twin = tl_test_plan_build(&plan);
-    TEST_ASSERT_EQUAL_STRING("", plan.problems[0].text);
-    tl_test_run_init(&run, twin);
 }
 
 /* What the plant shows at tick m; nothing changes before tick 0. */
@@ -102,13 +85,13 @@ static void a_shift_is_as_if_the_plant_were_shifted(void) {
     for (size_t s = 0; s < PAIRS; s++) {
         static tl_record expected[TICKS];
         make(TL_LAG, 0, 0);
-        build();
+        tl_test_run_build(&run, &plan);
         play(SHIFTS[s][0], SHIFTS[s][1]);
         memcpy(expected, records, sizeof expected);
         size_t count = record_count;
-        end();
+        tl_test_run_end(&run, &plan);
         make(TL_LAG, SHIFTS[s][0], SHIFTS[s][1]);
-        build();
+        tl_test_run_build(&run, &plan);
         play(0, 0);
         int32_t longest = SHIFTS[s][0] > SHIFTS[s][1] ? SHIFTS[s][0] : SHIFTS[s][1];
         longest = longest > 0 ? longest : 0;
@@ -124,7 +107,7 @@ static void a_shift_is_as_if_the_plant_were_shifted(void) {
             TEST_ASSERT_TRUE(expected[i].u[0] == records[i].u[0]);
         }
         expect_ledger();
-        end();
+        tl_test_run_end(&run, &plan);
     }
 }
 
@@ -132,7 +115,7 @@ static void y_is_paired_with_the_sample_so_many_ticks_away(void) {
     for (size_t s = 0; s < PAIRS; s++) {
         for (tl_measurements mode = TL_LAG; mode <= TL_HOLD; mode++) {
             make(mode, SHIFTS[s][0], SHIFTS[s][1]);
-            build();
+            tl_test_run_build(&run, &plan);
             play(0, 0);
             for (size_t i = 0; i < record_count; i++) {
                 int64_t seen = records[i].step + 1 + SHIFTS[s][1];
@@ -143,7 +126,7 @@ static void y_is_paired_with_the_sample_so_many_ticks_away(void) {
                 TEST_ASSERT_TRUE(records[i].y_hat[0] == y_of(seen < 0 ? 0 : seen));
             }
             expect_ledger();
-            end();
+            tl_test_run_end(&run, &plan);
         }
     }
 }
@@ -152,7 +135,7 @@ static void y_is_paired_with_the_sample_so_many_ticks_away(void) {
 static void inputs_are_those_of_the_shifted_instant(void) {
     for (size_t s = 0; s < PAIRS; s++) {
         make(TL_HOLD, SHIFTS[s][0], SHIFTS[s][1]);
-        build();
+        tl_test_run_build(&run, &plan);
         play(0, 0);
         int64_t shift = SHIFTS[s][0];
         for (size_t i = 3; i < record_count; i++) {
@@ -161,13 +144,13 @@ static void inputs_are_those_of_the_shifted_instant(void) {
             double passed = records[i].y[0] - records[i].u[0];
             TEST_ASSERT_DOUBLE_WITHIN(1e-12, u_of(given < 0 ? 0 : given), passed);
         }
-        end();
+        tl_test_run_end(&run, &plan);
     }
 }
 
 static void nothing_is_called_before_the_inputs_of_the_start_are_there(void) {
     make(TL_LAG, 3, 0);
-    build();
+    tl_test_run_build(&run, &plan);
     for (int64_t m = 0; m <= 3; m++) {
         TEST_ASSERT_EQUAL_UINT64(0, tl_test_log_count(&call_log, NULL, TL_TEST_DO_STEP));
         run.sample.values[0] = u_of(m);
@@ -181,7 +164,7 @@ static void nothing_is_called_before_the_inputs_of_the_start_are_there(void) {
 static void expect_ramp(int32_t shift) {
     make(TL_LAG, 0, shift);
     plan.match[0].condition.median = 3;
-    build();
+    tl_test_run_build(&run, &plan);
     for (int64_t m = 0; m < TICKS; m++) {
         run.sample.values[0] = 0.0;
         run.sample.values[1] = 0.05 * (double)m;
@@ -198,15 +181,15 @@ static void conditioning_waits_as_well(void) {
     for (int32_t shift = -4; shift <= 4; shift += 2) {
         make(TL_LAG, 0, shift);
         plan.match[0].condition.median = 3;
-        build();
+        tl_test_run_build(&run, &plan);
         TEST_ASSERT_EQUAL_UINT32((uint32_t)(3 + (shift + 1 > 0 ? shift + 1 : 0)), tl_twin_get_facts(run.twin).lead);
         play(0, 0);
         for (size_t i = LATEST; i < record_count; i++) {
             TEST_ASSERT_TRUE(records[i].y_hat[0] == y_of(records[i].step + 1 + shift));
         }
-        end();
+        tl_test_run_end(&run, &plan);
         expect_ramp(shift);
-        end();
+        tl_test_run_end(&run, &plan);
     }
 }
 

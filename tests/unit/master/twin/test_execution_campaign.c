@@ -415,25 +415,16 @@ static void push_both(int64_t lead) {
 
 static double known[4][TL_MAX_UNKNOWNS]; /* sequences that may come again */
 
-static double choose_value(tl_test_random *random) {
-    static const double special[] = {0.0, -0.0, 1.0};
-    if (network.booleans) {
-        return (double)tl_test_random_below(random, 2);
-    }
-    return tl_test_random_chance(random, 20) ? special[tl_test_random_below(random, 3)]
-                                             : tl_test_random_number(random, -2.0, 2.0);
-}
-
 /* The next candidate: a new one, one that was, or one that was with another value somewhere. */
 static void vary(tl_test_random *random, double *u) {
     size_t count = saving_rig.horizon.count;
     memcpy(u, known[tl_test_random_below(random, 4)], count * sizeof *u);
     size_t way = tl_test_random_below(random, 3);
     if (way == 0) {
-        u[tl_test_random_below(random, count)] = choose_value(random);
+        u[tl_test_random_below(random, count)] = tl_test_random_value(&network, random);
     }
     for (size_t i = 0; way == 1 && i < count; i++) {
-        u[i] = choose_value(random);
+        u[i] = tl_test_random_value(&network, random);
     }
     memcpy(known[tl_test_random_below(random, 4)], u, count * sizeof *u);
 }

@@ -6,6 +6,7 @@
 #include <string.h>
 #include <unity.h>
 
+#include "tests/support/random_numbers.h"
 #include "tests/support/test_plan.h"
 
 enum { CMD, Y0, Y1, SEEDS = 200, STEPS = 60, LONGEST = 4, SOLVERS = 5, CHANNELS = 2 };
@@ -48,30 +49,10 @@ static uint32_t seen_failing_candidates;
 static uint32_t seen_without_nominal;
 static uint32_t ended_early;
 
-void setUp(void) {
-    tl_test_log_clear(&call_log);
-    run.twin = NULL;
-}
-
-static void end(void) {
-    tl_twin_destroy(run.twin);
-    run.twin = NULL;
-    tl_test_fmu_end(&fmu);
-}
+void setUp(void) {}
 
 void tearDown(void) {
-    end();
-    TEST_ASSERT_EQUAL_STRING("", call_log.first_violation);
-}
-
-static uint32_t any(uint32_t below) {
-    seed = seed * 1664525U + 1013904223U;
-    return (seed >> 8) % below;
-}
-
-/* −1 … 1. */
-static double noise(void) {
-    return (double)any(20001) / 10000.0 - 1.0;
+    tl_test_run_end(&run, &plan);
 }
 
 /* ---- the model as the test knows it ---- */
@@ -136,19 +117,19 @@ static double objective_of(int64_t step, const double *u) {
 static void choose_setting(void) {
     static const double margins[] = {0.0, 0.02, 0.4};
     static const double levels[] = {0.0, 0.01, 0.2};
-    size_t variables = any(3);
-    setting.lag = any(3) == 0 ? 0.0 : 0.15 + 0.1 * (double)any(5);
-    setting.margin = margins[any(3)];
-    setting.noise = levels[any(3)];
-    setting.fault = (tl_test_fault_kind[]){TL_TEST_DISCARD, TL_TEST_ERROR, TL_TEST_NAN}[any(3)];
-    setting.fails_above = any(2) == 0 ? HUGE_VAL : 0.8 + 0.1 * (double)any(10);
+    size_t variables = tl_test_any(&seed, 3);
+    setting.lag = tl_test_any(&seed, 3) == 0 ? 0.0 : 0.15 + 0.1 * (double)tl_test_any(&seed, 5);
+    setting.margin = margins[tl_test_any(&seed, 3)];
+    setting.noise = levels[tl_test_any(&seed, 3)];
+    setting.fault = (tl_test_fault_kind[]){TL_TEST_DISCARD, TL_TEST_ERROR, TL_TEST_NAN}[tl_test_any(&seed, 3)];
+    setting.fails_above = tl_test_any(&seed, 2) == 0 ? HUGE_VAL : 0.8 + 0.1 * (double)tl_test_any(&seed, 10);
     setting.variables[0] = adjustable[variables][0];
     setting.variables[1] = adjustable[variables][1];
-    setting.variable_count = 1 + any(2);
-    setting.prediction = 1 + any(LONGEST);
-    setting.shape = (tl_shape)any(2);
-    setting.measurements = (tl_measurements)any(3);
-    setting.algorithm = solvers[any(SOLVERS)];
+    setting.variable_count = 1 + tl_test_any(&seed, 2);
+    setting.prediction = 1 + tl_test_any(&seed, LONGEST);
+    setting.shape = (tl_shape)tl_test_any(&seed, 2);
+    setting.measurements = (tl_measurements)tl_test_any(&seed, 3);
+    setting.algorithm = solvers[tl_test_any(&seed, SOLVERS)];
 }
 
 static void add_component(void) {
@@ -167,7 +148,7 @@ static void build(void) {
     add_component();
     for (size_t v = 0; v < setting.variable_count; v++) {
         tl_plan_adjust *adjust = tl_test_plan_adjust(&plan, setting.variables[v], 0.1);
-        if (any(2) == 0) {
+        if (tl_test_any(&seed, 2) == 0) {
             adjust->lower = -1.0;
             adjust->upper = 1.5;
         }
@@ -175,17 +156,15 @@ static void build(void) {
     tl_test_plan_match(&plan, "m.y0", "plant.y0", TOLERANCE);
     tl_test_plan_match(&plan, "m.y1", "plant.y1", TOLERANCE);
     plan.plan.algorithm = setting.algorithm;
-    plan.plan.fallback = any(3) == 0 ? solvers[any(SOLVERS)] : NULL;
-    plan.plan.stagnation = any(3) == 0 ? 5 : 0;
+    plan.plan.fallback = tl_test_any(&seed, 3) == 0 ? solvers[tl_test_any(&seed, SOLVERS)] : NULL;
+    plan.plan.stagnation = tl_test_any(&seed, 3) == 0 ? 5 : 0;
     plan.plan.margin = setting.margin;
     plan.plan.prediction = setting.prediction;
     plan.plan.shape = setting.shape;
     plan.plan.measurements = setting.measurements;
-    plan.plan.saving = (tl_plan_saving){any(2) == 0, any(2) == 0, 0};
-    tl_twin *twin = tl_test_plan_build(&plan);
-    TEST_ASSERT_EQUAL_STRING("", plan.problems[0].text);
-    tl_test_run_init(&run, twin);
-    run.budget.evaluations = 1 + any(50);
+    plan.plan.saving = (tl_plan_saving){tl_test_any(&seed, 2) == 0, tl_test_any(&seed, 2) == 0, 0};
+    tl_test_run_build(&run, &plan);
+    run.budget.evaluations = 1 + tl_test_any(&seed, 50);
     known_y[0] = 0.0;
     known_y[1] = 0.0;
 }
@@ -200,7 +179,7 @@ static void make_plant(void) {
         for (size_t c = 0; c < CHANNELS; c++) {
             double differs = phase == 2 ? 0.4 * (double)(c + 1) : 0.0;
             y[c] += share * ((phase == 0 ? 1.0 : 1.2) * inputs[c] + differs - y[c]);
-            measured[tick][c] = y[c] + setting.noise * noise();
+            measured[tick][c] = y[c] + setting.noise * tl_test_noise(&seed);
         }
     }
 }
@@ -318,7 +297,7 @@ static void what_is_committed_is_never_worse_than_nominal(void) {
     for (uint32_t number = 1; number <= SEEDS; number++) {
         seed = number * 7919U;
         run_seed();
-        end();
+        tl_test_run_end(&run, &plan);
     }
     TEST_ASSERT_TRUE(seen[TL_FIRST_GUESS] > 100 && seen[TL_OPTIMISED] > 100);
     TEST_ASSERT_TRUE(seen[TL_BEST_SO_FAR] > 100 && seen[TL_NOMINAL] > 100);

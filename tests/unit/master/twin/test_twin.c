@@ -12,19 +12,11 @@ static tl_test_plan plan;
 static tl_test_run run;
 
 void setUp(void) {
-    tl_test_log_clear(&call_log);
     tl_test_plan_init(&plan, TL_SECOND / 10);
-    memset(&run, 0, sizeof run);
 }
 
 void tearDown(void) {
-    tl_twin_destroy(run.twin);
-    run.twin = NULL;
-    for (size_t i = 0; i < sizeof fmus / sizeof fmus[0]; i++) {
-        TEST_ASSERT_TRUE(fmus[i].living == 0 || fmus[i].dead);
-        tl_test_fmu_end(&fmus[i]);
-    }
-    TEST_ASSERT_EQUAL_STRING("", call_log.first_violation);
+    tl_test_run_end(&run, &plan);
 }
 
 static tl_test_fmu *add(const char *name, size_t width) {
@@ -32,12 +24,6 @@ static tl_test_fmu *add(const char *name, size_t width) {
     tl_test_fmu_init(fmu, width, false, &call_log);
     tl_test_plan_component(&plan, name, fmu);
     return fmu;
-}
-
-static void build(void) {
-    tl_twin *twin = tl_test_plan_build(&plan);
-    TEST_ASSERT_EQUAL_STRING("", plan.problems[0].text);
-    tl_test_run_init(&run, twin);
 }
 
 /* One tick with this value of the first signal. */
@@ -80,7 +66,7 @@ static void make_graph(char which) {
 
 static void assert_graph(char which, uint32_t distance, uint64_t components, uint64_t per_evaluation) {
     make_graph(which);
-    build();
+    tl_test_run_build(&run, &plan);
     tl_twin_facts facts = tl_twin_get_facts(run.twin);
     TEST_ASSERT_EQUAL_UINT32(distance, facts.distance);
     TEST_ASSERT_EQUAL_UINT32(distance, facts.prediction);
@@ -130,7 +116,7 @@ static void executions_are_exactly_as_predicted(void) {
         tl_test_plan_adjust(&plan, "motor.offset", 1.0);
         tl_test_plan_match(&plan, "motor.y0", "plant.y", 0.01);
         plan.plan.prediction = prediction;
-        build();
+        tl_test_run_build(&run, &plan);
         for (int i = 0; i < 40; i++) {
             const tl_record *record = tick(sin(0.3 * (double)i));
             if (record != NULL) {
@@ -149,8 +135,7 @@ static void executions_are_exactly_as_predicted(void) {
             sum += tl_twin_executions(run.twin, k);
         }
         TEST_ASSERT_EQUAL_UINT64(executions, sum);
-        tl_twin_destroy(run.twin);
-        run.twin = NULL;
+        tl_test_run_end(&run, &plan);
     }
 }
 
@@ -160,7 +145,7 @@ static void a_free_twin_executes_each_component_once_a_step(void) {
     tl_test_plan_connect(&plan, "plant.y", "m.u0");
     tl_test_plan_match(&plan, "m.y0", "plant.y", 1.0)->weight = 0.0;
     fmus[0].model.capabilities.can_get_and_set_state = false;
-    build();
+    tl_test_run_build(&run, &plan);
     TEST_ASSERT_NULL(tick(0.0));
     for (int i = 1; i < 10; i++) {
         const tl_record *record = tick((double)i);
@@ -191,7 +176,7 @@ static void make_counter(tl_measurements measurements, uint32_t prediction) {
     tl_test_plan_match(&plan, "m.y0", "plant.tick", 0.01);
     plan.plan.measurements = measurements;
     plan.plan.prediction = prediction;
-    build();
+    tl_test_run_build(&run, &plan);
 }
 
 /* Asserts the inputs of all steps in the log: j steps ahead of step i the sample of tick i + j, or the newest one. */
@@ -227,8 +212,7 @@ static void lag_knows_every_sample_of_its_horizon(void) {
             double error = record->y[0] - record->y_hat[0];
             TEST_ASSERT_DOUBLE_WITHIN(1e-6, (double)predictions[p] * error * error / 1e-4, record->objective);
         }
-        tl_twin_destroy(run.twin);
-        run.twin = NULL;
+        tl_test_run_end(&run, &plan);
     }
 }
 
@@ -254,8 +238,7 @@ static void ahead_takes_the_newest_sample_for_the_later_ones(void) {
             }
             tl_test_log_clear(&call_log);
         }
-        tl_twin_destroy(run.twin);
-        run.twin = NULL;
+        tl_test_run_end(&run, &plan);
     }
 }
 
@@ -358,7 +341,7 @@ static void start_values_and_nominals_are_set_before_the_first_step(void) {
     adjust->has_nominal = true;
     adjust->nominal = 0.25;
     tl_test_plan_match(&plan, "m.y1", "plant.cmd", 1.0);
-    build();
+    tl_test_run_build(&run, &plan);
     (void)tick(6.0);
     const tl_record *record = tick(6.0);
     TEST_ASSERT_EQUAL_INT(TL_FIRST_GUESS, record->outcome);
@@ -377,7 +360,7 @@ static void nominals_are_in_force_while_initialising(void) {
     adjust->has_nominal = true;
     adjust->nominal = 0.25;
     tl_test_plan_match(&plan, "out.y0", "plant.y", 100.0);
-    build();
+    tl_test_run_build(&run, &plan);
     (void)tick(6.0);
     (void)tick(6.0);
     TEST_ASSERT_EQUAL_DOUBLE(6.25, tick(6.0)->y[0]); /* what "m" showed at t_0 */
@@ -390,7 +373,7 @@ static void a_nominal_is_what_was_set_or_else_the_start_value(void) {
     tl_test_plan_adjust(&plan, "m.u0", 1.0);
     tl_test_plan_adjust(&plan, "m.gain", 1.0);
     tl_test_plan_match(&plan, "m.y0", "plant.cmd", 1.0);
-    build();
+    tl_test_run_build(&run, &plan);
     (void)tick(4.0);
     const tl_record *record = tick(4.0);
     TEST_ASSERT_EQUAL_DOUBLE(4.0, record->u_hat[0]);
@@ -408,7 +391,7 @@ static void before_any_reading_a_signal_is_what_it_drives(void) {
     tl_test_plan_connect(&plan, "plant.b", "m.u1");
     tl_test_plan_match(&plan, "m.y0", "plant.a", 1.0)->weight = 0.0;
     tl_test_plan_match(&plan, "m.y1", "plant.b", 1.0)->weight = 0.0;
-    build();
+    tl_test_run_build(&run, &plan);
     run.sample.quality[0] = TL_NO_LINK;
     run.sample.quality[1] = TL_NO_LINK;
     (void)tick((double)NAN);
@@ -433,7 +416,7 @@ static void the_start_value_is_held_in_the_signals_unit(void) {
     tl_test_plan_signal(&plan, "a", TL_REAL, "degC");
     tl_test_plan_connect(&plan, "plant.a", "m.u0");
     tl_test_plan_match(&plan, "m.y0", "plant.a", 1.0)->weight = 0.0;
-    build();
+    tl_test_run_build(&run, &plan);
     run.sample.quality[0] = TL_NO_LINK;
     (void)tick(0.0);
     const tl_record *record = tick(0.0);
@@ -485,7 +468,7 @@ static void a_failed_step_ends_a_free_twin(void) {
     tl_test_plan_connect(&plan, "plant.y", "m.u0");
     tl_test_plan_match(&plan, "m.y0", "plant.y", 1.0)->weight = 0.0;
     plan.plan.measurements = TL_AHEAD;
-    build();
+    tl_test_run_build(&run, &plan);
     tl_test_fmu_fail(&fmus[0], TL_TEST_DO_STEP, TL_TEST_DISCARD, 3, 3);
     (void)tick(0.0);
     (void)tick(1.0);
@@ -506,7 +489,7 @@ static void a_failed_step_ends_a_free_twin(void) {
 
 static void assert_liar_is_found(size_t liar, const char *name) {
     fmus[liar].control.state_lies = true;
-    build();
+    tl_test_run_build(&run, &plan);
     tl_test_run_step(&run);
     TEST_ASSERT_EQUAL_INT(TL_FMU_FAILED, run.status);
     TEST_ASSERT_NOT_NULL_MESSAGE(strstr(run.error.text, name), run.error.text);
@@ -548,7 +531,7 @@ static void an_honest_fmu_is_as_it_was_after_the_proof(void) {
     tl_test_plan_signal(&plan, "y", TL_REAL, "");
     tl_test_plan_adjust(&plan, "m.gain", 1.0);
     tl_test_plan_match(&plan, "m.y0", "plant.y", 100.0);
-    build();
+    tl_test_run_build(&run, &plan);
     (void)tick(0.0);
     TEST_ASSERT_EQUAL_UINT64(0, tl_twin_executions(run.twin, 0));
     TEST_ASSERT_EQUAL_UINT64(0, tl_twin_executions(run.twin, 1));
@@ -598,8 +581,7 @@ static void make_busy_plan(size_t first) {
     plan.plan.prediction = 3;
 }
 
-static void run_busily(tl_record *records) {
-    build();
+static void search_busily(tl_record *records) {
     run.budget.evaluations = 30;
     for (int i = 0; i < TICKS; i++) {
         run.sample.values[1] = sin(0.2 * (double)i);
@@ -611,6 +593,11 @@ static void run_busily(tl_record *records) {
             records[record->step] = *record;
         }
     }
+}
+
+static void run_busily(tl_record *records) {
+    tl_test_run_build(&run, &plan);
+    search_busily(records);
 }
 
 static void the_same_samples_give_the_same_bits(void) {
@@ -657,18 +644,9 @@ static void a_plan_need_not_outlive_the_build(void) {
     make_busy_plan(2);
     tl_twin *twin = tl_test_plan_build(&plan);
     memset(&plan, 0xA5, sizeof plan);
+    plan.plan.component_count = 0; /* for tearDown() */
     tl_test_run_init(&run, twin);
-    run.budget.evaluations = 30;
-    for (int i = 0; i < TICKS; i++) {
-        run.sample.values[1] = sin(0.2 * (double)i);
-        run.sample.values[2] = 0.3 * cos(0.1 * (double)i);
-        run.sample.values[3] = i % 7 < 3 ? 1.0 : 0.0;
-        run.sample.quality[1] = i % 11 == 10 ? TL_STALE : TL_GOOD;
-        const tl_record *record = tick(sin(0.15 * (double)i));
-        if (record != NULL) {
-            second[record->step] = *record;
-        }
-    }
+    search_busily(second);
     TEST_ASSERT_EQUAL_MEMORY(first, second, sizeof first[0] * (TICKS - 3));
     TEST_ASSERT_EQUAL_STRING("motor", tl_twin_component_name(run.twin, 1));
 }
@@ -682,7 +660,7 @@ static void metrics_pair_by_their_own_instants(void) {
     tl_test_plan_signal(&plan, "y", TL_REAL, "");
     tl_test_plan_connect(&plan, "plant.y", "m.u0");
     tl_test_plan_match(&plan, "m.y0", "plant.y", 1.0)->weight = 0.0;
-    build();
+    tl_test_run_build(&run, &plan);
     for (int i = 0; i <= 20; i++) {
         run.sample.quality[0] = i == 9 ? TL_OUT_OF_RANGE : TL_GOOD;
         (void)tick((double)i * (double)i);
@@ -704,7 +682,7 @@ static void names_and_units_are_those_of_the_fmus(void) {
     static const tl_unit speed = {"rad/s", true, {0, 0, -1, 0, 0, 0, 0, 1}, 1.0, 0.0};
     make_graph('a');
     tl_test_fmu_variable(&fmus[2], "sum")->unit = &speed;
-    build();
+    tl_test_run_build(&run, &plan);
     TEST_ASSERT_EQUAL_STRING("in", tl_twin_component_name(run.twin, 0));
     TEST_ASSERT_EQUAL_STRING("out", tl_twin_component_name(run.twin, 2));
     TEST_ASSERT_EQUAL_STRING("plant", tl_twin_component_name(run.twin, 3));
@@ -735,7 +713,7 @@ static void an_output_that_is_only_read_is_that_of_the_newest_step(void) {
     tl_test_plan_connect(&plan, "plant.y", "m.u0");
     plan.plan.outputs = outputs;
     plan.plan.output_count = 2;
-    build();
+    tl_test_run_build(&run, &plan);
     (void)tick(1.0);
     (void)tick(2.0);
     TEST_ASSERT_EQUAL_DOUBLE(11.0, tl_twin_output(run.twin, 0));
@@ -748,7 +726,7 @@ static void nothing_destroys_nothing(void) {
 
 static void a_twin_that_never_ran_is_destroyed(void) {
     make_graph('b');
-    build();
+    tl_test_run_build(&run, &plan);
     tl_twin_destroy(run.twin);
     run.twin = NULL;
     TEST_ASSERT_EQUAL_UINT64(5, tl_test_log_count(&call_log, NULL, TL_TEST_FREE_INSTANCE));

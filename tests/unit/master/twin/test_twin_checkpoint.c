@@ -43,26 +43,11 @@ static const char *const SCENE_NAMES[SCENES] = {"lag",           "hold",     "ah
                                                 "flag",          "measured", "free",  "strokes"};
 
 void setUp(void) {
-    tl_test_log_clear(&call_log);
-    memset(&run, 0, sizeof run);
     forgetful = false;
 }
 
-static void end(void) {
-    tl_twin_destroy(run.twin);
-    run.twin = NULL;
-    for (size_t i = 0; i < FMUS; i++) {
-        TEST_ASSERT_EQUAL_size_t(0, fmus[i].states);
-        tl_test_fmu_end(&fmus[i]);
-    }
-    TEST_ASSERT_EQUAL_STRING("", call_log.first_violation);
-}
-
 void tearDown(void) {
-    tl_twin_destroy(run.twin);
-    for (size_t i = 0; i < FMUS; i++) {
-        tl_test_fmu_end(&fmus[i]); /* what nobody may free after fmi2Fatal */
-    }
+    tl_test_run_end(&run, &plan);
     free(bytes);
     bytes = NULL;
 }
@@ -253,12 +238,12 @@ static void run_whole(scene of, int64_t saved_at) {
     search_to(of, saved_at, whole, in_whole);
     save();
     search_to(of, TICKS - 1, whole, in_whole);
-    end();
+    tl_test_run_end(&run, &plan);
     if (of == STROKES) {
         build(of);
         search_to(of, saved_at, part, in_part);
         follow_to(of, TICKS - 1, whole, in_whole);
-        end();
+        tl_test_run_end(&run, &plan);
         memset(in_part, 0, sizeof in_part);
     }
 }
@@ -274,7 +259,7 @@ static void test_loaded_and_led_along(void) {
             }
             load(of, ticks[i]);
             follow_to(of, TICKS - 1, part, in_part);
-            end();
+            tl_test_run_end(&run, &plan);
             expect_same_course(of, true);
             TEST_ASSERT_EQUAL_INT(TL_FOLLOWED, part[TICKS - 12].outcome);
         }
@@ -286,7 +271,7 @@ static void test_led_along_from_the_start(void) {
         run_whole(of, 20);
         build(of);
         follow_to(of, TICKS - 1, part, in_part);
-        end();
+        tl_test_run_end(&run, &plan);
         expect_same_course(of, true);
     }
 }
@@ -306,10 +291,10 @@ static void test_loaded_and_searched_on(void) {
             search_to(of, ticks[i], whole, in_whole);
             save();
             search_to(of, TICKS - 1, whole, in_whole);
-            end();
+            tl_test_run_end(&run, &plan);
             load(of, ticks[i]);
             search_to(of, TICKS - 1, part, in_part);
-            end();
+            tl_test_run_end(&run, &plan);
             expect_same_course(of, true);
             TEST_ASSERT_TRUE(of != MEASURED || whole[TICKS - 20].delay != 0); /* it has been found */
             for (int64_t step = ticks[i] + 1; step < TICKS; step++) {
@@ -335,7 +320,7 @@ static void test_it_goes_on_and_repeats(void) {
             for (size_t k = 0; k < tl_twin_get_facts(run.twin).components; k++) {
                 TEST_ASSERT_EQUAL_INT64_MESSAGE(0, tl_twin_get_ledger(run.twin, k).difference, SCENE_NAMES[of]);
             }
-            end();
+            tl_test_run_end(&run, &plan);
         }
         for (int64_t step = 0; step < TICKS && size != 0; step++) {
             if (in_part[step]) {
@@ -362,7 +347,7 @@ static void test_saving_changes_nothing(void) {
             }
             save();
         }
-        end();
+        tl_test_run_end(&run, &plan);
         expect_same_course(of, true);
         for (int64_t step = 0; step < TICKS && of != LONG;
              step++) { /* there an FMU may have a longer way to catch up */
@@ -395,7 +380,7 @@ static void test_begun_at_a_tick(void) {
             }
         }
         TEST_ASSERT_TRUE(set_up);
-        end();
+        tl_test_run_end(&run, &plan);
         tl_test_log_clear(&call_log);
     }
 }
@@ -415,26 +400,26 @@ static void test_bytes_that_end_too_soon_or_too_late(void) {
     for (size = 0; size < all; size += size + 64 < all ? 37 : 1) {
         build(CONDITIONED);
         TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, tl_twin_load(run.twin, 20, bytes, size, &run.error));
-        end();
+        tl_test_run_end(&run, &plan);
     }
     size = all + 1;
     build(CONDITIONED);
     expect_not_loaded(TL_BAD_DATA, "bytes where");
-    end();
+    tl_test_run_end(&run, &plan);
 }
 
 static void test_bytes_of_another_twin(void) {
     run_whole(LAG, 20);
     build(FREE);
     expect_not_loaded(TL_BAD_DATA, "is not of this twin");
-    end();
+    tl_test_run_end(&run, &plan);
     build(LAG);
     TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, tl_twin_load(run.twin, 21, bytes, size, &run.error));
-    end();
+    tl_test_run_end(&run, &plan);
     bytes[0] ^= 1;
     build(LAG);
     expect_not_loaded(TL_BAD_DATA, "is not of this twin at tick 20");
-    end();
+    tl_test_run_end(&run, &plan);
 }
 
 /* Somewhere in the bytes: a bit, a byte, or a word of eight that is the worst there is. */
@@ -496,7 +481,7 @@ static void test_bytes_that_were_made_to_do_harm(void) {
                 tl_test_run_step(&run);
             }
             tl_test_log_clear(&call_log); /* an FMU whose own state was damaged says what it likes */
-            end();
+            tl_test_run_end(&run, &plan);
         }
         free(whole_bytes);
     }
@@ -508,7 +493,7 @@ static void test_an_fmu_that_refuses_bytes(void) {
     build(LAG);
     tl_test_fmu_fail(&fmus[1], TL_TEST_DESERIALIZE, TL_TEST_ERROR, 1, 1);
     expect_not_loaded(TL_FMU_FAILED, "fmi2DeSerializeFMUstate");
-    end();
+    tl_test_run_end(&run, &plan);
     build(LAG);
     tl_test_fmu_fail(&fmus[0], TL_TEST_DESERIALIZE, TL_TEST_FATAL, 1, 1);
     expect_not_loaded(TL_FMU_FATAL, "fmi2DeSerializeFMUstate");
@@ -526,7 +511,7 @@ static void test_an_fmu_that_refuses_to_be_saved(void) {
         TEST_ASSERT_EQUAL_INT(TL_FMU_FAILED, tl_twin_save(run.twin, bytes, size, &needed, &run.error));
         TEST_ASSERT_EQUAL_size_t(0, needed);
         search_to(PLAIN, TICKS - 1, part, in_part);
-        end();
+        tl_test_run_end(&run, &plan);
         expect_same_course(PLAIN, true);
     }
     build(LAG);
@@ -547,7 +532,7 @@ static void test_what_can_be_saved(void) {
     fmus[1].model.capabilities.can_serialize_state = true;
     fmus[1].functions.deserialize_fmu_state = NULL;
     TEST_ASSERT_FALSE(tl_twin_can_save(run.twin));
-    end();
+    tl_test_run_end(&run, &plan);
 }
 
 int main(void) {

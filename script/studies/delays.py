@@ -1,18 +1,17 @@
-"""Table 5.17 of the dissertation, measured: see script/delays, which builds and starts this."""
+"""Table 5.17 of the dissertation, measured: see the command delays, which builds and starts this."""
 import argparse
 import json
 import math
 import os
 import random
-import signal
 import subprocess
 import sys
 import tempfile
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parent.parent
+from study import PROGRAM, ROOT, end_interrupted, print_figures
+
 FOLDER = ROOT / "config" / "second_order"
-PROGRAM = ROOT / "build" / "host" / "bin" / "twinlock"
 
 # Table 5.16, ns.
 MS = 10**6
@@ -150,12 +149,8 @@ def main():
     try:
         found = figures(measure(PROGRAM, options.phases, options.seed))
     except KeyboardInterrupt:
-        signal.signal(signal.SIGINT, signal.SIG_DFL)
-        os.kill(os.getpid(), signal.SIGINT)
-    if options.json:
-        print(json.dumps(found, indent=1))
-    else:
-        print_table(found, options.phases)
+        end_interrupted()
+    print_figures(found, options.json, lambda figures: print_table(figures, options.phases))
 
 
 if __name__ == "__main__":

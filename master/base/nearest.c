@@ -1,5 +1,5 @@
 /* The nearest name: see nearest.h. */
-#include "firmware/text/nearest.h"
+#include "master/base/nearest.h"
 
 #include <stdbool.h>
 #include <string.h>

@@ -1,13 +1,14 @@
 """The motor bench as a measuring instrument: its configurations, the solvers to try on it, and what one replay costs.
-For script/scenarios, script/campaign.py and the tests."""
+For scenarios.py, campaign.py and the tests."""
 import filecmp
 import json
 import math
 import subprocess
-import sys
 from pathlib import Path
 
-FOLDER = Path(__file__).resolve().parent.parent / "config" / "motor"
+from study import ROOT, Trouble
+
+FOLDER = ROOT / "config" / "motor"
 SOLVERS = ("secant", "nelder-mead", "bobyqa", "l-bfgs")
 SCENARIOS = tuple("abcdefghij")
 
@@ -22,10 +23,6 @@ EPSILON = {
     "i": {"nelder-mead": 25, "bobyqa": 25, "l-bfgs": 20},
     "j": {"nelder-mead": 8, "bobyqa": 7, "l-bfgs": 4},
 }
-
-
-class Trouble(Exception):
-    """What a person can do something about."""
 
 
 # ---- configurations ----
@@ -110,24 +107,6 @@ def is_sound(result):
 
 
 # ---- words ----
-
-class Progress:
-    """One line on a terminal that says what is being done; nothing elsewhere. `total` 0: not known."""
-
-    def __init__(self, total):
-        self.on, self.total, self.done = sys.stderr.isatty(), total, 0
-
-    def say(self, text):
-        self.done += 1
-        self._draw(f"[{self.done}/{self.total}] {text}" if self.total else text)
-
-    def end(self):
-        self._draw("")
-
-    def _draw(self, text):
-        if self.on:
-            print(f"\r\033[K{text}", end="", file=sys.stderr, flush=True)
-
 
 def yes_or_no(value):
     return "yes" if value else "NO"

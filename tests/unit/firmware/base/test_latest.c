@@ -1,18 +1,18 @@
-/* The snapshot: a reader gets one whole copy or none, whatever the writer does. */
+/* A latest-value register: a reader gets one whole copy or none, whatever the writer does. */
 #include <pthread.h>
 #include <stdint.h>
 #include <string.h>
 
 #include <unity.h>
 
-#include "firmware/base/snapshot.h"
+#include "firmware/base/latest.h"
 
-enum { BYTES = 8 * TL_SNAPSHOT_WORDS, READS = 20000 };
+enum { BYTES = 8 * TL_LATEST_WORDS, READS = 20000 };
 
-static tl_snapshot snapshot;
+static tl_latest latest;
 
 void setUp(void) {
-    memset(&snapshot, 0, sizeof snapshot);
+    memset(&latest, 0, sizeof latest);
 }
 
 void tearDown(void) {}
@@ -21,7 +21,7 @@ static void test_a_new_one_holds_zeroes(void) {
     unsigned char zeroes[BYTES] = {0};
     unsigned char data[BYTES];
     memset(data, 0xA5, sizeof data);
-    TEST_ASSERT_TRUE(tl_snapshot_read(&snapshot, data, sizeof data));
+    TEST_ASSERT_TRUE(tl_latest_read(&latest, data, sizeof data));
     TEST_ASSERT_EQUAL_MEMORY(zeroes, data, sizeof data);
 }
 
@@ -34,8 +34,8 @@ static void test_any_size_comes_back_and_no_byte_more(void) {
         for (size_t k = 0; k < sizes[i]; k++) {
             written[k] = (unsigned char)(k * 31 + i);
         }
-        tl_snapshot_publish(&snapshot, written, sizes[i]);
-        TEST_ASSERT_TRUE(tl_snapshot_read(&snapshot, data, sizes[i]));
+        tl_latest_publish(&latest, written, sizes[i]);
+        TEST_ASSERT_TRUE(tl_latest_read(&latest, data, sizes[i]));
         TEST_ASSERT_EQUAL_MEMORY(written, data, sizes[i]);
         TEST_ASSERT_EACH_EQUAL_HEX8(0xA5, data + sizes[i], 8);
     }
@@ -44,16 +44,16 @@ static void test_any_size_comes_back_and_no_byte_more(void) {
 static void test_the_newest_counts(void) {
     int data = 0;
     for (int i = 1; i < 1000; i++) {
-        tl_snapshot_publish(&snapshot, &i, sizeof i);
+        tl_latest_publish(&latest, &i, sizeof i);
     }
-    TEST_ASSERT_TRUE(tl_snapshot_read(&snapshot, &data, sizeof data));
+    TEST_ASSERT_TRUE(tl_latest_read(&latest, &data, sizeof data));
     TEST_ASSERT_EQUAL_INT(999, data);
 }
 
 static void test_a_writer_that_stopped_half_way(void) {
     int data = 0;
-    snapshot.sequence = 1;
-    TEST_ASSERT_FALSE(tl_snapshot_read(&snapshot, &data, sizeof data));
+    latest.sequence = 1;
+    TEST_ASSERT_FALSE(tl_latest_read(&latest, &data, sizeof data));
 }
 
 /* ---- two threads ---- */
@@ -71,7 +71,7 @@ static void *write_numbers(void *unused) {
         for (size_t i = 0; i < sizeof data.numbers / sizeof *data.numbers; i++) {
             data.numbers[i] = n;
         }
-        tl_snapshot_publish(&snapshot, &data, sizeof data);
+        tl_latest_publish(&latest, &data, sizeof data);
     }
     return NULL;
 }
@@ -86,7 +86,7 @@ static void test_a_reader_never_sees_two_copies_mixed(void) {
     bool backwards = false;
     for (int i = 0; i < READS || good == 0; i++) {
         counted data;
-        if (tl_snapshot_read(&snapshot, &data, sizeof data)) {
+        if (tl_latest_read(&latest, &data, sizeof data)) {
             good++;
             for (size_t k = 1; k < sizeof data.numbers / sizeof *data.numbers; k++) {
                 mixed = mixed || data.numbers[k] != data.numbers[0];

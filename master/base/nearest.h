@@ -4,8 +4,8 @@
  *          characters. An edit inserts, deletes or replaces a character or swaps two neighbours; case does not count.
  * Thread:  plain data.
  */
-#ifndef TL_FIRMWARE_TEXT_NEAREST_H
-#define TL_FIRMWARE_TEXT_NEAREST_H
+#ifndef TL_MASTER_BASE_NEAREST_H
+#define TL_MASTER_BASE_NEAREST_H
 
 #include <stddef.h>
 

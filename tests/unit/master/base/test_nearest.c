@@ -3,7 +3,7 @@
 
 #include <unity.h>
 
-#include "firmware/text/nearest.h"
+#include "master/base/nearest.h"
 
 void setUp(void) {}
 

@@ -1,8 +1,9 @@
-"""Many recordings of the motor bench, and the worst figures on them: script/scenarios --campaign."""
+"""Many recordings of the motor bench, and the worst figures on them: script/studies/scenarios --campaign."""
 import csv
 
 import brakes
-from motor_bench import Progress, exact_or_off, is_sound, with_solver, yes_or_no
+from motor_bench import exact_or_off, is_sound, with_solver, yes_or_no
+from study import Progress
 
 # What is tried, by the configuration and the solver.
 KINDS = {

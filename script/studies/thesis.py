@@ -1,4 +1,4 @@
-"""The tables of chapter 5 of the dissertation, measured: see script/thesis, which builds and starts this.
+"""The tables of chapter 5 of the dissertation, measured: see the command thesis, which builds and starts this.
 
 A table is a function that gives rows: what, what the dissertation has (None: nothing), and what is ours. Whoever wants the figures
 as data takes measure().
@@ -6,8 +6,6 @@ as data takes measure().
 import argparse
 import csv
 import json
-import os
-import signal
 import subprocess
 import sys
 import tempfile
@@ -15,10 +13,8 @@ from pathlib import Path
 
 import delays
 import scenarios
-from motor_bench import SCENARIOS, Bench, Progress, Trouble, read
-
-ROOT = Path(__file__).resolve().parent.parent
-PROGRAM = ROOT / "build" / "host" / "bin" / "twinlock"
+from motor_bench import SCENARIOS, Bench, read
+from study import PROGRAM, ROOT, Progress, Trouble, end_interrupted, print_figures
 
 RECORDINGS = ("thesis_motor_1.csv", "thesis_transport_slow.csv", "thesis_cylinder.csv", "tclab_energy_balance.csv",
               "pneu_cylinder_oring257_5bar.csv", "emps_train.csv")
@@ -288,7 +284,7 @@ TABLES = {
 
 
 def parse(arguments):
-    parser = argparse.ArgumentParser(prog="script/thesis", usage="script/thesis [options]; --help says which",
+    parser = argparse.ArgumentParser(prog="script/studies/thesis", usage="script/studies/thesis [options]; --help says which",
                                      add_help=False, allow_abbrev=False)
     parser.add_argument("--only", default=",".join(TABLES))
     parser.add_argument("--recordings", type=Path)
@@ -342,13 +338,9 @@ def main():
         sys.exit(f"thesis: {trouble}")
     except KeyboardInterrupt:
         progress.end()
-        signal.signal(signal.SIGINT, signal.SIG_DFL)
-        os.kill(os.getpid(), signal.SIGINT)
+        end_interrupted()
     progress.end()
-    if options.json:
-        print(json.dumps(found, indent=1))
-    else:
-        show(found, laboratory.sources)
+    print_figures(found, options.json, lambda figures: show(figures, laboratory.sources))
 
 
 if __name__ == "__main__":

@@ -5,7 +5,9 @@ import random
 import subprocess
 from pathlib import Path
 
-MOTOR = Path(__file__).resolve().parent.parent / "config" / "motor"
+from study import ROOT
+
+MOTOR = ROOT / "config" / "motor"
 SECONDS, SAMPLE_S = 14.3, 0.02
 
 

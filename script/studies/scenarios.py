@@ -1,7 +1,6 @@
-"""Table 5.5 of the dissertation, measured: see script/scenarios, which builds and starts this."""
+"""Table 5.5 of the dissertation, measured: see the command scenarios, which builds and starts this."""
 import argparse
 import contextlib
-import json
 import os
 import signal
 import subprocess
@@ -11,10 +10,10 @@ from pathlib import Path
 
 import brakes
 import campaign
-from motor_bench import (FOLDER, SCENARIOS, SOLVERS, Bench, Progress, Trouble, epsilon_of, exact_or_off, is_sound, read,
-                         scenario, with_solver, yes_or_no)
+from motor_bench import (SCENARIOS, SOLVERS, Bench, epsilon_of, exact_or_off, is_sound, read, scenario, with_solver,
+                         yes_or_no)
+from study import PROGRAM, Progress, Trouble, print_figures
 
-PROGRAM = FOLDER.parent.parent / "build" / "host" / "bin" / "twinlock"
 WITHOUT_SAVING = ("a", "f")
 WORST_MSE = 1.5  # (rad/s)², that of table 5.6: what --search allows
 SEARCHED = (0.5, 1, 1.5, 2, 3, 4, 5, 6, 7, 8, 10, 12, 14, 16, 18, 20, 25, 30, 33, 36, 40, 50)
@@ -152,7 +151,7 @@ def check(parser, options):
 
 
 def parse(arguments):
-    parser = argparse.ArgumentParser(prog="script/scenarios", usage="script/scenarios [options]; --help says which",
+    parser = argparse.ArgumentParser(prog="script/studies/scenarios", usage="script/studies/scenarios [options]; --help says which",
                                      add_help=False, allow_abbrev=False)
     parser.add_argument("--recording", type=Path)
     parser.add_argument("--seed", type=int)
@@ -183,10 +182,7 @@ def work(options, folder):
     else:
         results = run_all(bench, sorted(set(options.only)), recording_of(options, folder), options.search)
         sound, show_results = are_sound(results), print_table
-    if options.json:
-        print(json.dumps(results, indent=1))
-    else:
-        show_results(results)
+    print_figures(results, options.json, show_results)
     sys.stdout.flush()
     if not sound:
         print("scenarios: saving has changed a result, or the ledger was wrong", file=sys.stderr)

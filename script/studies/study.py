@@ -1,0 +1,45 @@
+"""What the studies share: the program, what a person can do something about, what is being done, and how they end."""
+import json
+import os
+import signal
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+PROGRAM = ROOT / "build" / "host" / "bin" / "twinlock"
+
+
+class Trouble(Exception):
+    """What a person can do something about."""
+
+
+class Progress:
+    """One line on a terminal that says what is being done; nothing elsewhere. `total` 0: not known."""
+
+    def __init__(self, total):
+        self.on, self.total, self.done = sys.stderr.isatty(), total, 0
+
+    def say(self, text):
+        self.done += 1
+        self._draw(f"[{self.done}/{self.total}] {text}" if self.total else text)
+
+    def end(self):
+        self._draw("")
+
+    def _draw(self, text):
+        if self.on:
+            print(f"\r\033[K{text}", end="", file=sys.stderr, flush=True)
+
+
+def end_interrupted():
+    """As a program that knows nothing of SIGINT."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    os.kill(os.getpid(), signal.SIGINT)
+
+
+def print_figures(figures, as_json, show):
+    """As one JSON object, or as show(figures) would have them."""
+    if as_json:
+        print(json.dumps(figures, indent=1))
+    else:
+        show(figures)
