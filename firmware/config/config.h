@@ -20,7 +20,6 @@
 #include "board/modbus/modbus.h"
 #include "master/base/signal.h"
 #include "master/base/status.h"
-#include "master/measure/delay.h"
 #include "master/plan/plan.h"
 
 enum { TL_CONFIG_MAX_BYTES = 256 * 1024 };

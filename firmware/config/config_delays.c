@@ -6,7 +6,7 @@
 #include <string.h>
 
 #include "firmware/config/config_names.h"
-#include "master/measure/delay_meter.h"
+#include "master/plan/plan.h"
 
 enum { FOUND = 128, EXPECTED = 320, NOBODY = TL_CONFIG_PARTICIPANTS };
 

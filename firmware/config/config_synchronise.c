@@ -8,7 +8,7 @@
 
 #include "firmware/config/config_names.h"
 #include "firmware/text/json_text.h"
-#include "master/solve/optimiser.h"
+#include "master/twin/twin.h"
 
 /* ---- match and compare ---- */
 
@@ -226,26 +226,27 @@ static double read_epsilon(tl_config_object *object) {
 }
 
 /* The solver that an item means, by its name or by its number in the thesis; NULL: none. */
-static const tl_optimiser_class *solver_of(const cJSON *item) {
+static const char *solver_of(const cJSON *item) {
     if (cJSON_IsString(item)) {
-        return tl_optimiser_find(item->valuestring);
+        return tl_twin_solver_named(item->valuestring);
     }
     double number = cJSON_IsNumber(item) ? item->valuedouble : 0;
     bool possible = number >= 1 && number <= INT_MAX && number == floor(number);
-    return possible ? tl_optimiser_numbered((int)number) : NULL;
+    return possible ? tl_twin_solver_numbered((int)number) : NULL;
 }
 
 /* NULL where none is given. */
 static const char *read_solver(tl_config_object *object, const char *key) {
     static const char *const example = "\"secant\"";
     char expected[256];
-    (void)snprintf(expected, sizeof expected, "one of %s, or the thesis's number 1, 100 or 1000", tl_optimiser_names());
+    (void)snprintf(expected, sizeof expected, "one of %s, or the thesis's number 1, 100 or 1000",
+                   tl_twin_solver_names());
     const cJSON *item = tl_config_get(object, key, TL_CONFIG_OPTIONAL, expected, example);
-    const tl_optimiser_class *solver = solver_of(item);
+    const char *solver = solver_of(item);
     if (item != NULL && solver == NULL) {
         tl_config_wrong(object, key, NULL, expected, example);
     }
-    return solver != NULL ? solver->name : NULL;
+    return solver;
 }
 
 static void read_solvers(tl_config_object *object, tl_config *config) {

@@ -344,8 +344,7 @@ tl_status tl_history_signals(tl_history *history, const tl_history_run *run, tl_
     return status;
 }
 
-static bool read_component(tl_history *history, sqlite3_stmt *statement, size_t index,
-                           tl_history_component *component) {
+static bool read_component(tl_history *history, sqlite3_stmt *statement, size_t index, tl_run_component *component) {
     tl_row row = tl_row_of(statement);
     (void)tl_row_integer(&row, (int64_t)index, (int64_t)index);
     component->name = take_text(history, &row, TL_ROW_NAME);
@@ -358,8 +357,8 @@ static bool read_component(tl_history *history, sqlite3_stmt *statement, size_t 
 }
 
 static tl_status read_ledger(tl_history *history, const tl_history_run *run, sqlite3_stmt *statement,
-                             const tl_history_component **components, size_t *count, tl_error *error) {
-    tl_history_component *read = tl_arena_take(&history->arena, TL_RECORDER_COMPONENTS, sizeof *read);
+                             const tl_run_component **components, size_t *count, tl_error *error) {
+    tl_run_component *read = tl_arena_take(&history->arena, TL_RECORDER_COMPONENTS, sizeof *read);
     int code = SQLITE_ROW;
     size_t done = 0;
     *count = 0;
@@ -378,7 +377,7 @@ static tl_status read_ledger(tl_history *history, const tl_history_run *run, sql
     return code == SQLITE_DONE ? TL_OK : tl_database_fail(history->database, code, error);
 }
 
-tl_status tl_history_ledger(tl_history *history, const tl_history_run *run, const tl_history_component **components,
+tl_status tl_history_ledger(tl_history *history, const tl_history_run *run, const tl_run_component **components,
                             size_t *count, tl_error *error) {
     sqlite3_stmt *statement = NULL;
     tl_status status = tl_database_prepare(history->database,

@@ -66,14 +66,8 @@ tl_status tl_history_configuration(tl_history *history, const tl_history_run *ru
 tl_status tl_history_signals(tl_history *history, const tl_history_run *run, tl_history_kind kind,
                              const tl_recorder_signal **signals, size_t *count, tl_error *error);
 
-/* One component in the ledger of a run, as of the last commit; the plant is the last one. */
-typedef struct tl_history_component {
-    const char *name;
-    tl_recorder_component counts;
-} tl_history_component;
-
-/* None in the runs of a program that kept no ledger. */
-tl_status tl_history_ledger(tl_history *history, const tl_history_run *run, const tl_history_component **components,
+/* The ledger of a run, as of the last commit; the plant is the last component. None in the runs of a program that kept no ledger. */
+tl_status tl_history_ledger(tl_history *history, const tl_history_run *run, const tl_run_component **components,
                             size_t *count, tl_error *error);
 
 /* The twin after a tick, as the run had saved it. */

@@ -28,6 +28,11 @@ typedef struct tl_recorder_component {
     uint64_t unstored;
 } tl_recorder_component;
 
+typedef struct tl_run_component {
+    const char *name;
+    tl_recorder_component counts;
+} tl_run_component;
+
 /* FMUs and the plant. */
 enum { TL_RECORDER_COMPONENTS = 64 };
 

@@ -7,7 +7,8 @@
 
 typedef struct filling {
     const tl_html_report *report;
-    const tl_html_figures *figures;
+    const tl_run_figures *figures;
+    const char *ended;
     FILE *file;
 } filling;
 
@@ -53,7 +54,7 @@ static void put_licence(const filling *page) {
 }
 
 static void put_facts(const filling *page) {
-    tl_html_put_facts(page->report, page->figures, page->file);
+    tl_html_put_facts(page->report, page->ended, page->file);
 }
 
 static void put_figures(const filling *page) {
@@ -101,8 +102,8 @@ static const char *find(const char *from, const char *end, const char *mark) {
     return end - from >= 2 ? from : end;
 }
 
-void tl_html_report_write(const tl_html_report *report, const tl_html_figures *figures, FILE *file) {
-    const filling page = {report, figures, file};
+void tl_html_report_write(const tl_html_report *report, const tl_run_figures *figures, const char *ended, FILE *file) {
+    const filling page = {report, figures, ended, file};
     const char *at = (const char *)tl_html_frame.bytes;
     const char *end = at + tl_html_frame.size;
     while (at < end) {

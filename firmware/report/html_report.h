@@ -17,9 +17,9 @@
 #include <stdio.h>
 
 #include "firmware/record/run_types.h"
+#include "firmware/report/run_figures.h"
 #include "firmware/text/utc.h"
 #include "master/plan/plan.h"
-#include "master/twin/metrics.h"
 #include "master/twin/twin.h"
 
 enum { TL_HTML_EVENTS = 1000 };
@@ -43,26 +43,6 @@ typedef struct tl_html_settings {
     size_t match_count, adjust_count;
     const double *tolerance; /* of each match; 0: none */
 } tl_html_settings;
-
-/* What was added up elsewhere; arrays in the order of the settings. */
-typedef struct tl_html_figures {
-    const char *ended; /* why, in words */
-    uint64_t steps;    /* computed at their own tick */
-    uint64_t skipped;
-    uint64_t evaluations;
-    uint64_t optimised_steps;
-    uint64_t time_limited;
-    uint64_t late; /* steps that took longer than their period */
-    tl_time longest;
-    uint64_t outcomes[TL_OUTCOMES];
-    tl_metrics match[TL_MAX_MATCH];
-    struct {
-        double first, last, mean, delta_mean; /* NaN: not known */
-    } adjust[TL_MAX_ADJUST];
-    const char *components[TL_RECORDER_COMPONENTS];
-    tl_recorder_component ledger[TL_RECORDER_COMPONENTS];
-    size_t component_count; /* 0: no ledger was kept */
-} tl_html_figures;
 
 /* Texts are copied, and cut to what an entry holds. */
 typedef struct tl_html_event {
@@ -96,7 +76,8 @@ void tl_html_report_add_record(tl_html_report *report, const tl_record *record);
 /* In the order in which they were. */
 void tl_html_report_add_event(tl_html_report *report, const tl_html_event *event);
 
-/* The page. What could not be written is seen on the stream. */
-void tl_html_report_write(const tl_html_report *report, const tl_html_figures *figures, FILE *file);
+/* The page. Of the figures, those of the signals are in the order of the settings. `ended` says why the run ended, in words. What could not
+ * be written is seen on the stream. */
+void tl_html_report_write(const tl_html_report *report, const tl_run_figures *figures, const char *ended, FILE *file);
 
 #endif

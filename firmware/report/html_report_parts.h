@@ -33,8 +33,8 @@ size_t tl_html_match_channel(const tl_html_report *report, size_t match);
 size_t tl_html_adjust_channel(const tl_html_report *report, size_t adjust);
 
 /* Parts of the page; each writes what page.html has a place for. */
-void tl_html_put_facts(const tl_html_report *report, const tl_html_figures *figures, FILE *file);
-void tl_html_put_figures(const tl_html_report *report, const tl_html_figures *figures, FILE *file);
+void tl_html_put_facts(const tl_html_report *report, const char *ended, FILE *file);
+void tl_html_put_figures(const tl_html_report *report, const tl_run_figures *figures, FILE *file);
 void tl_html_put_thinning(const tl_html_report *report, FILE *file);
 void tl_html_put_events(const tl_html_report *report, FILE *file);
 void tl_html_put_data(const tl_html_report *report, FILE *file);

@@ -101,7 +101,7 @@ static void put_solver(const tl_html_settings *settings, FILE *file) {
     end_fact(file);
 }
 
-void tl_html_put_facts(const tl_html_report *report, const tl_html_figures *figures, FILE *file) {
+void tl_html_put_facts(const tl_html_report *report, const char *ended, FILE *file) {
     const tl_html_settings *settings = &report->settings;
     char duration[TEXT];
     tl_show_duration((double)report->recorded * tl_seconds(settings->step), duration, sizeof duration);
@@ -120,7 +120,7 @@ void tl_html_put_facts(const tl_html_report *report, const tl_html_figures *figu
     end_fact(file);
     put_solver(settings, file);
     put_fact(file, "Program", settings->version);
-    put_fact(file, "End", figures->ended);
+    put_fact(file, "End", ended);
 }
 
 /* ---- Key figures at a glance ------------------------------------------------------------------------------------- */
@@ -134,7 +134,7 @@ static void end_tile(FILE *file) {
 }
 
 /* The match that is furthest out of its tolerance, or the first that has a pair. */
-static size_t worst_match(const tl_html_report *report, const tl_html_figures *figures) {
+static size_t worst_match(const tl_html_report *report, const tl_run_figures *figures) {
     size_t worst = 0;
     double most = -1.0;
     for (size_t i = 0; i < report->settings.match_count; i++) {
@@ -148,14 +148,14 @@ static size_t worst_match(const tl_html_report *report, const tl_html_figures *f
     return worst;
 }
 
-static void put_deviation_tile(const tl_html_report *report, const tl_html_figures *figures, FILE *file) {
+static void put_deviation_tile(const tl_html_report *report, const tl_run_figures *figures, FILE *file) {
     const tl_html_settings *settings = &report->settings;
     if (settings->match_count == 0) {
         return;
     }
     size_t i = worst_match(report, figures);
     begin_tile(file, "Largest deviation");
-    put_value(file, "tile", i, "max", figures->match[i].pairs > 0 ? figures->match[i].maximum : (double)NAN, false);
+    put_value(file, "tile", i, "max", tl_run_figures_maximum(figures, i), false);
     (void)fputs(" <small>", file);
     tl_html_put_text(file, tl_show_unit(settings->match[i].unit));
     (void)fputs("</small></p><p class=\"sub\">", file);
@@ -168,7 +168,7 @@ static void put_deviation_tile(const tl_html_report *report, const tl_html_figur
 }
 
 /* Of an event horizon, which holds u in between, it is the searches of strokes that count. */
-static void put_lock_tile(const tl_html_report *report, const tl_html_figures *figures, FILE *file) {
+static void put_lock_tile(const tl_html_report *report, const tl_run_figures *figures, FILE *file) {
     const uint64_t *outcomes = figures->outcomes;
     uint64_t in = outcomes[TL_FIRST_GUESS] + outcomes[TL_OPTIMISED];
     bool strokes = outcomes[TL_HELD] > 0;
@@ -186,27 +186,15 @@ static void put_lock_tile(const tl_html_report *report, const tl_html_figures *f
     end_tile(file);
 }
 
-static tl_recorder_component total_of(const tl_html_figures *figures) {
-    tl_recorder_component total = {0};
-    for (size_t i = 0; i < figures->component_count; i++) {
-        total.plain += figures->ledger[i].plain;
-        total.predicted += figures->ledger[i].predicted;
-        total.executions += figures->ledger[i].executions;
-        total.caught_up += figures->ledger[i].caught_up;
-        total.unstored += figures->ledger[i].unstored;
-    }
-    return total;
-}
-
 /* Per cent of the executions without saving; less than 0 where catching up cost more than was saved. */
 static double saved_share(const tl_recorder_component *entry) {
-    return entry->plain == 0 ? 0.0 : 100.0 * ((double)entry->plain - (double)entry->executions) / (double)entry->plain;
+    return entry->plain == 0 ? 0.0 : 100.0 * tl_run_component_saved(entry) / (double)entry->plain;
 }
 
-static void put_executions_tile(const tl_html_figures *figures, FILE *file) {
-    tl_recorder_component total = total_of(figures);
+static void put_executions_tile(const tl_run_figures *figures, FILE *file) {
+    tl_recorder_component total = tl_run_figures_total(figures);
     begin_tile(file, "Executions");
-    if (figures->component_count == 0) {
+    if (figures->ledger_count == 0) {
         (void)fputs("–</p><p class=\"sub\">no ledger was kept", file);
     } else {
         tl_html_put_count(file, total.executions);
@@ -217,7 +205,7 @@ static void put_executions_tile(const tl_html_figures *figures, FILE *file) {
     end_tile(file);
 }
 
-static void put_time_tile(const tl_html_report *report, const tl_html_figures *figures, FILE *file) {
+static void put_time_tile(const tl_html_report *report, const tl_run_figures *figures, FILE *file) {
     begin_tile(file, "In time");
     if (!report->settings.clock) {
         (void)fputs("–</p><p class=\"sub\">a replay has no clock", file);
@@ -240,7 +228,7 @@ static void end_table(FILE *file) {
     (void)fputs("</tbody></table></div>\n", file);
 }
 
-static void put_matches(const tl_html_report *report, const tl_html_figures *figures, FILE *file) {
+static void put_matches(const tl_html_report *report, const tl_run_figures *figures, FILE *file) {
     const tl_html_settings *settings = &report->settings;
     begin_table(file, "Simulated against measured",
                 "<th>output y</th><th>measured ŷ</th><th class=\"n\">MSE</th><th></th><th class=\"n\">MAX</th>"
@@ -251,9 +239,9 @@ static void put_matches(const tl_html_report *report, const tl_html_figures *fig
         (void)fputs("<tr>", file);
         put_name_cell(file, signal->name);
         put_name_cell(file, signal->to);
-        put_value_cell(file, "match", i, "mse", metrics->pairs > 1 ? tl_metrics_mse(metrics) : (double)NAN, false);
+        put_value_cell(file, "match", i, "mse", tl_run_figures_mse(figures, i), false);
         put_square(file, tl_show_unit(signal->unit));
-        put_value_cell(file, "match", i, "max", metrics->pairs > 0 ? metrics->maximum : (double)NAN, false);
+        put_value_cell(file, "match", i, "max", tl_run_figures_maximum(figures, i), false);
         put_value_cell(file, "match", i, "tolerance",
                        settings->tolerance[i] > 0.0 ? settings->tolerance[i] : (double)NAN, false);
         put_unit_cell(file, tl_show_unit(signal->unit));
@@ -264,7 +252,7 @@ static void put_matches(const tl_html_report *report, const tl_html_figures *fig
     end_table(file);
 }
 
-static void put_adjusted(const tl_html_report *report, const tl_html_figures *figures, FILE *file) {
+static void put_adjusted(const tl_html_report *report, const tl_run_figures *figures, FILE *file) {
     if (report->settings.adjust_count == 0) {
         return;
     }
@@ -274,10 +262,11 @@ static void put_adjusted(const tl_html_report *report, const tl_html_figures *fi
     for (size_t i = 0; i < report->settings.adjust_count; i++) {
         (void)fputs("<tr>", file);
         put_name_cell(file, report->settings.adjust[i].name);
-        put_value_cell(file, "adjust", i, "first", figures->adjust[i].first, false);
-        put_value_cell(file, "adjust", i, "last", figures->adjust[i].last, false);
-        put_value_cell(file, "adjust", i, "mean", figures->adjust[i].mean, false);
-        put_value_cell(file, "adjust", i, "delta_mean", figures->adjust[i].delta_mean, true);
+        const tl_run_adjusted *adjusted = &figures->adjust[i];
+        put_value_cell(file, "adjust", i, "first", adjusted->count > 0 ? adjusted->first : (double)NAN, false);
+        put_value_cell(file, "adjust", i, "last", adjusted->count > 0 ? adjusted->last : (double)NAN, false);
+        put_value_cell(file, "adjust", i, "mean", tl_run_figures_mean(figures, i), false);
+        put_value_cell(file, "adjust", i, "delta_mean", tl_run_figures_delta_mean(figures, i), true);
         put_unit_cell(file, tl_show_unit(report->settings.adjust[i].unit));
         (void)fputs("</tr>\n", file);
     }
@@ -289,26 +278,25 @@ static void put_ledger_row(FILE *file, const char *name, size_t index, const tl_
     put_count_cell(file, "ledger", index, "executions", entry->executions);
     put_count_cell(file, "ledger", index, "plain", entry->plain);
     (void)fprintf(file, "<td class=\"n\">%.1f %%</td>", saved_share(entry));
-    int64_t difference = (int64_t)(entry->executions - entry->caught_up - entry->predicted);
-    (void)fprintf(file, "<td class=\"n\">%" PRId64 "</td>", difference);
+    (void)fprintf(file, "<td class=\"n\">%" PRId64 "</td>", tl_run_component_difference(entry));
 }
 
-static void put_ledger(const tl_html_figures *figures, FILE *file) {
-    tl_recorder_component total = total_of(figures);
-    if (figures->component_count == 0) {
+static void put_ledger(const tl_run_figures *figures, FILE *file) {
+    tl_recorder_component total = tl_run_figures_total(figures);
+    if (figures->ledger_count == 0) {
         return;
     }
     begin_table(file, "Executions",
                 "<th>component</th><th class=\"n\">done</th><th class=\"n\">without saving</th>"
                 "<th class=\"n\">saved</th><th class=\"n\" title=\"executions done less those predicted\">"
                 "off the ledger</th>");
-    for (size_t i = 0; i < figures->component_count; i++) {
+    for (size_t i = 0; i < figures->ledger_count; i++) {
         (void)fputs("<tr>", file);
-        put_ledger_row(file, figures->components[i], i, &figures->ledger[i]);
+        put_ledger_row(file, figures->ledger[i].name, i, &figures->ledger[i].counts);
         (void)fputs("</tr>\n", file);
     }
     (void)fputs("<tr class=\"total\">", file);
-    put_ledger_row(file, "all", figures->component_count, &total);
+    put_ledger_row(file, "all", figures->ledger_count, &total);
     (void)fputs("</tr>\n", file);
     end_table(file);
 }
@@ -319,7 +307,7 @@ static void put_row(FILE *file, const char *name, const char *key, uint64_t coun
     (void)fputs("</td></tr>\n", file);
 }
 
-static void put_steps(const tl_html_report *report, const tl_html_figures *figures, FILE *file) {
+static void put_steps(const tl_html_report *report, const tl_run_figures *figures, FILE *file) {
     begin_table(file, "Steps", "<th></th><th class=\"n\">number</th>");
     put_row(file, "computed at their own tick", "steps", figures->steps);
     for (int i = 0; i < TL_OUTCOMES; i++) {
@@ -343,7 +331,7 @@ static void put_steps(const tl_html_report *report, const tl_html_figures *figur
     end_table(file);
 }
 
-void tl_html_put_figures(const tl_html_report *report, const tl_html_figures *figures, FILE *file) {
+void tl_html_put_figures(const tl_html_report *report, const tl_run_figures *figures, FILE *file) {
     (void)fputs("<section id=\"figures\">\n<h2>Key figures</h2>\n<div class=\"tiles\">\n", file);
     put_deviation_tile(report, figures, file);
     put_lock_tile(report, figures, file);

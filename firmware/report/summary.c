@@ -1,36 +1,27 @@
 /* The summary of a run: see summary.h. */
 #include "firmware/report/summary.h"
 
-#include <cjson/cJSON.h>
 #include <inttypes.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
+#include "firmware/report/figures_json.h"
+#include "firmware/text/json_writer.h"
 #include "firmware/text/show_text.h"
 
-/* Rows of the run: each is one committed step of the twin. */
-static uint64_t committed(const tl_summary *summary) {
-    return summary->steps + summary->outcomes[TL_MADE_UP] + summary->outcomes[TL_FOLLOWED];
-}
-
 void tl_summary_add(tl_summary *summary, const tl_config *config, const tl_record *record) {
+    const tl_run_step step = {
+        .outcome = record->outcome,
+        .time_limited = record->stop == TL_STOP_TIME,
+        .evaluations = record->evaluations,
+        .used = record->used,
+    };
     for (size_t i = 0; i < config->adjust_count; i++) {
-        tl_summary_adjust *adjust = &summary->adjust[i];
-        if (committed(summary) == 0) {
-            adjust->first = record->u[i];
-        }
-        adjust->last = record->u[i];
-        adjust->sum += record->u[i];
-        adjust->delta_sum += record->u[i] - record->u_hat[i];
+        tl_run_figures_add_adjusted(&summary->figures, i, record->u[i], record->u_hat[i]);
     }
-    summary->steps += record->outcome == TL_MADE_UP || record->outcome == TL_FOLLOWED ? 0 : 1;
-    summary->evaluations += record->evaluations;
-    summary->optimised_steps += record->evaluations > 1 ? 1 : 0;
-    summary->outcomes[record->outcome]++;
-    summary->time_limited += record->stop == TL_STOP_TIME ? 1 : 0;
-    summary->used_longest = record->used > summary->used_longest ? record->used : summary->used_longest;
+    tl_run_figures_add_step(&summary->figures, &step, config->step);
 }
 
 void tl_summary_sample(tl_summary *summary, const tl_config *config, const tl_sample *sample) {
@@ -40,8 +31,22 @@ void tl_summary_sample(tl_summary *summary, const tl_config *config, const tl_sa
     }
 }
 
-static double mean(double sum, uint64_t count) {
-    return count == 0 ? 0.0 : sum / (double)count;
+/* A summary while it is printed. */
+typedef struct printing {
+    const tl_summary *summary;
+    const tl_config *config;
+    const tl_twin *twin;
+    tl_run_figures figures; /* all of them */
+} printing;
+
+static void begin_printing(printing *page, const tl_summary *summary, const tl_config *config, const tl_twin *twin) {
+    *page = (printing){summary, config, twin, summary->figures};
+    tl_run_figures_take_twin(&page->figures, twin, config->match_count);
+}
+
+/* Without a step nothing was corrected. */
+static double or_zero(const tl_run_adjusted *adjusted, double value) {
+    return adjusted->count == 0 ? 0.0 : value;
 }
 
 static uint64_t total_executions(const tl_twin *twin) {
@@ -52,46 +57,41 @@ static uint64_t total_executions(const tl_twin *twin) {
     return total;
 }
 
-static void add_executions(cJSON *root, const tl_twin *twin) {
-    cJSON *executions = cJSON_AddObjectToObject(root, "executions");
-    (void)cJSON_AddNumberToObject(executions, "total", (double)total_executions(twin));
+static void add_executions(tl_json_writer *json, const tl_twin *twin) {
+    tl_json_open_object(json, "executions");
+    tl_json_add_count(json, "total", total_executions(twin));
     for (size_t i = 0; i < tl_twin_get_facts(twin).components; i++) {
-        (void)cJSON_AddNumberToObject(executions, tl_twin_component_name(twin, i), (double)tl_twin_executions(twin, i));
+        tl_json_add_count(json, tl_twin_component_name(twin, i), tl_twin_executions(twin, i));
     }
+    tl_json_close(json);
 }
 
-/* What cannot be told is null: no data must not look like a perfect fit. */
-static void add_measure(cJSON *match, const char *name, double value, bool known) {
-    if (known) {
-        (void)cJSON_AddNumberToObject(match, name, value);
-    } else {
-        (void)cJSON_AddNullToObject(match, name);
+static void add_matches(tl_json_writer *json, const printing *page) {
+    tl_json_open_object(json, "match");
+    for (size_t i = 0; i < page->config->match_count; i++) {
+        tl_json_open_object(json, page->config->match[i].variable);
+        tl_json_add_number(json, "mse", tl_run_figures_mse(&page->figures, i));
+        tl_json_add_number(json, "max", tl_run_figures_maximum(&page->figures, i));
+        tl_json_add_text(json, "unit", tl_twin_match_unit(page->twin, i));
+        tl_json_add_count(json, "pairs", page->figures.match[i].pairs);
+        tl_json_close(json);
     }
+    tl_json_close(json);
 }
 
-static void add_matches(cJSON *root, const tl_config *config, const tl_twin *twin) {
-    cJSON *matches = cJSON_AddObjectToObject(root, "match");
-    for (size_t i = 0; i < config->match_count; i++) {
-        const tl_metrics *metrics = tl_twin_metrics(twin, i);
-        cJSON *match = cJSON_AddObjectToObject(matches, config->match[i].variable);
-        add_measure(match, "mse", tl_metrics_mse(metrics), metrics->pairs > 1);
-        add_measure(match, "max", metrics->maximum, metrics->pairs > 0);
-        (void)cJSON_AddStringToObject(match, "unit", tl_twin_match_unit(twin, i));
-        (void)cJSON_AddNumberToObject(match, "pairs", (double)metrics->pairs);
+static void add_adjusted(tl_json_writer *json, const printing *page) {
+    tl_json_open_object(json, "adjust");
+    for (size_t i = 0; i < page->config->adjust_count; i++) {
+        const tl_run_adjusted *adjusted = &page->figures.adjust[i];
+        tl_json_open_object(json, page->config->adjust[i].variable);
+        tl_json_add_number(json, "first", adjusted->first);
+        tl_json_add_number(json, "last", adjusted->last);
+        tl_json_add_number(json, "mean", or_zero(adjusted, tl_run_figures_mean(&page->figures, i)));
+        tl_json_add_number(json, "delta_mean", or_zero(adjusted, tl_run_figures_delta_mean(&page->figures, i)));
+        tl_json_add_text(json, "unit", tl_twin_adjust_unit(page->twin, i));
+        tl_json_close(json);
     }
-}
-
-static void add_adjusted(cJSON *root, const tl_summary *summary, const tl_config *config, const tl_twin *twin) {
-    cJSON *variables = cJSON_AddObjectToObject(root, "adjust");
-    for (size_t i = 0; i < config->adjust_count; i++) {
-        const tl_summary_adjust *adjust = &summary->adjust[i];
-        cJSON *variable = cJSON_AddObjectToObject(variables, config->adjust[i].variable);
-        (void)cJSON_AddNumberToObject(variable, "first", adjust->first);
-        (void)cJSON_AddNumberToObject(variable, "last", adjust->last);
-        (void)cJSON_AddNumberToObject(variable, "mean", mean(adjust->sum, committed(summary)));
-        (void)cJSON_AddNumberToObject(variable, "delta_mean", mean(adjust->delta_sum, committed(summary)));
-        (void)cJSON_AddStringToObject(variable, "unit", tl_twin_adjust_unit(twin, i));
-    }
+    tl_json_close(json);
 }
 
 /* Δo as measured: what the twin has found is left to be shifted, and Δi. */
@@ -105,152 +105,107 @@ static const char *state_name(tl_delay_state state) {
     return names[state];
 }
 
-static void add_delays(cJSON *root, const tl_config *config, const tl_twin *twin) {
+/* What cannot be told is null: no data must not look like a perfect fit. */
+static void add_seconds(tl_json_writer *json, const char *key, double seconds, bool known) {
+    tl_json_add_number(json, key, known ? seconds : (double)NAN);
+}
+
+static void add_delays(tl_json_writer *json, const tl_config *config, const tl_twin *twin) {
     const tl_config_delays *delays = config->delays;
     if (delays == NULL) {
         return;
     }
-    cJSON *object = cJSON_AddObjectToObject(root, "delays");
-    add_measure(object, "input_s", tl_seconds(delays->input.delay), delays->has_input);
-    add_measure(object, "output_s", tl_seconds(delays->output.delay), delays->has_output);
+    tl_json_open_object(json, "delays");
+    add_seconds(json, "input_s", tl_seconds(delays->input.delay), delays->has_input);
+    add_seconds(json, "output_s", tl_seconds(delays->output.delay), delays->has_output);
     if (delays->measure) {
         tl_twin_delay found = tl_twin_get_delay(twin);
-        add_measure(object, "measured_s", measured_delay(config, &found), found.state != TL_DELAY_UNKNOWN);
-        (void)cJSON_AddStringToObject(object, "state", state_name(found.state));
-        (void)cJSON_AddNumberToObject(object, "confidence", found.confidence);
+        add_seconds(json, "measured_s", measured_delay(config, &found), found.state != TL_DELAY_UNKNOWN);
+        tl_json_add_text(json, "state", state_name(found.state));
+        tl_json_add_number(json, "confidence", found.confidence);
     }
+    tl_json_close(json);
 }
 
-static void add_plant(cJSON *root, const tl_summary *summary, const tl_config *config) {
-    cJSON *plant = cJSON_AddObjectToObject(root, "plant");
+static void add_plant(tl_json_writer *json, const tl_summary *summary, const tl_config *config) {
+    tl_json_open_object(json, "plant");
     for (size_t i = 0; i < config->signal_count; i++) {
-        cJSON *signal = cJSON_AddObjectToObject(plant, config->signals[i].plan.name);
-        (void)cJSON_AddNumberToObject(signal, "samples", (double)summary->samples);
-        (void)cJSON_AddNumberToObject(signal, "not_good", (double)summary->not_good[i]);
+        tl_json_open_object(json, config->signals[i].plan.name);
+        tl_json_add_count(json, "samples", summary->samples);
+        tl_json_add_count(json, "not_good", summary->not_good[i]);
+        tl_json_close(json);
     }
+    tl_json_close(json);
 }
 
-/* Of all components together. */
-static tl_twin_ledger total_ledger(const tl_twin *twin) {
-    tl_twin_ledger total = {0};
-    for (size_t i = 0; i < tl_twin_get_facts(twin).components; i++) {
-        tl_twin_ledger entry = tl_twin_get_ledger(twin, i);
-        total.nodes_peak = entry.nodes_peak > total.nodes_peak ? entry.nodes_peak : total.nodes_peak;
-        total.plain += entry.plain;
-        total.predicted += entry.predicted;
-        total.executions += entry.executions;
-        total.caught_up += entry.caught_up;
-        total.unstored += entry.unstored;
-        total.difference += entry.difference;
-    }
-    return total;
-}
-
-/* Executions that were not needed; less than 0 where catching up cost more than was saved. */
-static double saved(const tl_twin_ledger *entry) {
-    return (double)entry->plain - (double)entry->executions;
-}
-
-static void add_cache(cJSON *root, const tl_twin *twin) {
-    tl_twin_ledger total = total_ledger(twin);
-    cJSON *cache = cJSON_AddObjectToObject(root, "cache");
-    (void)cJSON_AddNumberToObject(cache, "saved", saved(&total));
-    (void)cJSON_AddNumberToObject(cache, "nodes_peak", (double)total.nodes_peak);
-    (void)cJSON_AddNumberToObject(cache, "full", (double)total.unstored);
-}
-
-static void add_ledger_entry(cJSON *ledger, const char *name, const tl_twin_ledger *entry) {
-    cJSON *object = cJSON_AddObjectToObject(ledger, name);
-    (void)cJSON_AddNumberToObject(object, "plain", (double)entry->plain);
-    (void)cJSON_AddNumberToObject(object, "predicted", (double)entry->predicted);
-    (void)cJSON_AddNumberToObject(object, "executions", (double)entry->executions);
-    (void)cJSON_AddNumberToObject(object, "saved", saved(entry));
-    (void)cJSON_AddNumberToObject(object, "caught_up", (double)entry->caught_up);
-    (void)cJSON_AddNumberToObject(object, "unstored", (double)entry->unstored);
-    (void)cJSON_AddNumberToObject(object, "difference", (double)entry->difference);
+static void add_cache(tl_json_writer *json, const tl_run_figures *figures) {
+    tl_recorder_component total = tl_run_figures_total(figures);
+    tl_json_open_object(json, "cache");
+    tl_json_add_number(json, "saved", tl_run_component_saved(&total));
+    tl_json_add_count(json, "nodes_peak", figures->nodes_peak);
+    tl_json_add_count(json, "full", total.unstored);
+    tl_json_close(json);
 }
 
 /* What the graph predicts against what was done. */
-static void add_ledger(cJSON *root, const tl_twin *twin) {
-    tl_twin_ledger total = total_ledger(twin);
-    cJSON *ledger = cJSON_AddObjectToObject(root, "ledger");
-    (void)cJSON_AddBoolToObject(ledger, "complete", tl_twin_ledger_is_complete(twin));
-    cJSON *components = cJSON_AddObjectToObject(ledger, "components");
-    for (size_t i = 0; i < tl_twin_get_facts(twin).components; i++) {
-        tl_twin_ledger entry = tl_twin_get_ledger(twin, i);
-        add_ledger_entry(components, entry.name, &entry);
-    }
-    add_ledger_entry(ledger, "total", &total);
+static void add_ledger(tl_json_writer *json, const printing *page) {
+    tl_json_open_object(json, "ledger");
+    tl_json_add_truth(json, "complete", tl_twin_ledger_is_complete(page->twin));
+    tl_figures_json_add_components(json, &page->figures);
+    tl_json_close(json);
 }
 
-static void add_outcomes(cJSON *root, const tl_summary *summary) {
-    cJSON *outcomes = cJSON_AddObjectToObject(root, "outcomes");
-    for (int i = 0; i < TL_OUTCOMES; i++) {
-        (void)cJSON_AddNumberToObject(outcomes, tl_outcome_name((tl_outcome)i), (double)summary->outcomes[i]);
-    }
+tl_status tl_summary_print_json(const tl_summary *summary, const tl_config *config, const tl_twin *twin, FILE *file,
+                                tl_error *error) {
+    printing page;
+    tl_json_writer json;
+    begin_printing(&page, summary, config, twin);
+    tl_json_writer_begin(&json);
+    tl_json_add_count(&json, "steps", page.figures.steps);
+    add_executions(&json, twin);
+    tl_json_add_count(&json, "evaluations", page.figures.evaluations);
+    tl_json_add_count(&json, "optimised_steps", page.figures.optimised_steps);
+    add_matches(&json, &page);
+    add_plant(&json, summary, config);
+    add_adjusted(&json, &page);
+    add_delays(&json, config, twin);
+    add_cache(&json, &page.figures);
+    add_ledger(&json, &page);
+    tl_figures_json_add_outcomes(&json, &page.figures);
+    tl_json_add_count(&json, "ticks", summary->ticks);
+    tl_json_add_count(&json, "skipped", page.figures.skipped);
+    tl_json_add_count(&json, "deadline_misses", summary->deadline_misses);
+    tl_json_add_count(&json, "time_limited", page.figures.time_limited);
+    tl_figures_json_add_resumption(&json, &summary->resumption);
+    tl_json_add_number(&json, "wall_s", summary->wall_s);
+    tl_status status = tl_json_writer_print(&json, file, error);
+    tl_json_writer_free(&json);
+    return status;
 }
 
-/* Null where the run has begun anew. */
-static void add_resumption(cJSON *root, const tl_resumption *resumption) {
-    if (resumption->from == TL_RESUMED_NOT) {
-        (void)cJSON_AddNullToObject(root, "resumed");
-        return;
-    }
-    cJSON *object = cJSON_AddObjectToObject(root, "resumed");
-    (void)cJSON_AddNumberToObject(object, "run", (double)resumption->run);
-    (void)cJSON_AddNumberToObject(object, "tick", (double)resumption->tick);
-    (void)cJSON_AddStringToObject(object, "from", tl_resumed_from_name(resumption->from));
-}
-
-void tl_summary_print_json(const tl_summary *summary, const tl_config *config, const tl_twin *twin, FILE *file) {
-    cJSON *root = cJSON_CreateObject();
-    (void)cJSON_AddNumberToObject(root, "steps", (double)summary->steps);
-    add_executions(root, twin);
-    (void)cJSON_AddNumberToObject(root, "evaluations", (double)summary->evaluations);
-    (void)cJSON_AddNumberToObject(root, "optimised_steps", (double)summary->optimised_steps);
-    add_matches(root, config, twin);
-    add_plant(root, summary, config);
-    add_adjusted(root, summary, config, twin);
-    add_delays(root, config, twin);
-    add_cache(root, twin);
-    add_ledger(root, twin);
-    add_outcomes(root, summary);
-    (void)cJSON_AddNumberToObject(root, "ticks", (double)summary->ticks);
-    (void)cJSON_AddNumberToObject(root, "skipped", (double)summary->skipped);
-    (void)cJSON_AddNumberToObject(root, "deadline_misses", (double)summary->deadline_misses);
-    (void)cJSON_AddNumberToObject(root, "time_limited", (double)summary->time_limited);
-    add_resumption(root, &summary->resumption);
-    (void)cJSON_AddNumberToObject(root, "wall_s", summary->wall_s);
-    char *text = cJSON_Print(root);
-    if (text != NULL) {
-        (void)fprintf(file, "%s\n", text);
-    }
-    cJSON_free(text);
-    cJSON_Delete(root);
-}
-
-static void print_outcomes(const tl_summary *summary, FILE *file) {
+static void print_outcomes(const tl_run_figures *figures, FILE *file) {
     const char *separator = "";
     for (int i = 0; i < TL_OUTCOMES; i++) {
-        if (summary->outcomes[i] != 0) {
-            (void)fprintf(file, "%s%" PRIu64 " %s", separator, summary->outcomes[i], tl_outcome_name((tl_outcome)i));
+        if (figures->outcomes[i] != 0) {
+            (void)fprintf(file, "%s%" PRIu64 " %s", separator, figures->outcomes[i], tl_outcome_name((tl_outcome)i));
             separator = ", ";
         }
     }
     (void)fputc('\n', file);
 }
 
-static void print_executions(const tl_summary *summary, const tl_twin *twin, FILE *file) {
+static void print_executions(const tl_run_figures *figures, const tl_twin *twin, FILE *file) {
     uint64_t executions = total_executions(twin);
-    uint64_t floor_executions = committed(summary) * tl_twin_get_facts(twin).components;
+    uint64_t floor_executions = tl_run_figures_committed(figures) * tl_twin_get_facts(twin).components;
     (void)fprintf(file, "  executions   %" PRIu64 " (%.3f per free-running one), %" PRIu64 " evaluations\n", executions,
-                  floor_executions == 0 ? 0.0 : (double)executions / (double)floor_executions, summary->evaluations);
+                  floor_executions == 0 ? 0.0 : (double)executions / (double)floor_executions, figures->evaluations);
 }
 
-static void print_ledger(const tl_twin *twin, FILE *file) {
-    tl_twin_ledger total = total_ledger(twin);
+static void print_ledger(const tl_run_figures *figures, const tl_twin *twin, FILE *file) {
+    tl_recorder_component total = tl_run_figures_total(figures);
     (void)fprintf(file, "  ledger       predicted %s%" PRIu64 ", without saving %" PRIu64 ", saved %.0f\n",
-                  tl_twin_ledger_is_complete(twin) ? "" : "at most ", total.predicted, total.plain, saved(&total));
+                  tl_twin_ledger_is_complete(twin) ? "" : "at most ", total.predicted, total.plain,
+                  tl_run_component_saved(&total));
     if (total.caught_up + total.unstored != 0) {
         (void)fprintf(file, "               %" PRIu64 " caught up, %" PRIu64 " results found no room\n",
                       total.caught_up, total.unstored);
@@ -279,10 +234,11 @@ static const char *space_before(const char *unit) {
     return unit[0] == '\0' ? "" : " ";
 }
 
-static void print_matches(const tl_config *config, const tl_twin *twin, FILE *file) {
+static void print_matches(const printing *page, FILE *file) {
+    const tl_config *config = page->config;
     for (size_t i = 0; i < config->match_count; i++) {
-        const tl_metrics *metrics = tl_twin_metrics(twin, i);
-        const char *unit = tl_show_unit(tl_twin_match_unit(twin, i));
+        const tl_metrics *metrics = &page->figures.match[i];
+        const char *unit = tl_show_unit(tl_twin_match_unit(page->twin, i));
         if (metrics->pairs < 2) {
             (void)fprintf(file, "  %-12s fewer than two good measurements: nothing to compare\n",
                           config->match[i].variable);
@@ -290,7 +246,7 @@ static void print_matches(const tl_config *config, const tl_twin *twin, FILE *fi
             char mse[32];
             char maximum[32];
             char square[128];
-            write_measure(tl_metrics_mse(metrics), 5, mse, sizeof mse);
+            write_measure(tl_run_figures_mse(&page->figures, i), 5, mse, sizeof mse);
             write_measure(metrics->maximum, 4, maximum, sizeof maximum);
             write_square(unit, square, sizeof square);
             (void)fprintf(file, "  %-12s MSE %s%s, MAX %s%s%s%s\n", config->match[i].variable, mse, square, maximum,
@@ -327,25 +283,25 @@ static void print_inputs(const tl_summary *summary, const tl_config *config, FIL
 }
 
 /* Of a Boolean: how often it was on, and how often it would have been. */
-static void print_boolean(const tl_summary_adjust *adjust, const char *name, uint64_t steps, FILE *file) {
-    double on = mean(adjust->sum, steps);
-    double nominal = mean(adjust->sum - adjust->delta_sum, steps);
+static void print_boolean(const tl_run_adjusted *adjusted, const char *name, FILE *file) {
+    double steps = (double)adjusted->count;
+    double on = or_zero(adjusted, adjusted->sum / steps);
+    double nominal = or_zero(adjusted, (adjusted->sum - adjusted->delta_sum) / steps);
     (void)fprintf(file, "  %-12s on in %.1f %% of the steps, last %s; nominal in %.1f %%\n", name, 100 * on,
-                  adjust->last > 0.5 ? "on" : "off", 100 * nominal);
+                  adjusted->last > 0.5 ? "on" : "off", 100 * nominal);
 }
 
-static void print_adjusted(const tl_summary *summary, const tl_config *config, const tl_twin *twin, FILE *file) {
-    for (size_t i = 0; i < config->adjust_count; i++) {
-        const tl_summary_adjust *adjust = &summary->adjust[i];
-        const char *name = config->adjust[i].variable;
-        const char *unit = tl_show_unit(tl_twin_adjust_unit(twin, i));
-        uint64_t steps = committed(summary);
-        if (!tl_twin_get_adjusted(twin, i).is_real) {
-            print_boolean(adjust, name, steps, file);
+static void print_adjusted(const printing *page, FILE *file) {
+    for (size_t i = 0; i < page->config->adjust_count; i++) {
+        const tl_run_adjusted *adjusted = &page->figures.adjust[i];
+        const char *name = page->config->adjust[i].variable;
+        const char *unit = tl_show_unit(tl_twin_adjust_unit(page->twin, i));
+        if (!tl_twin_get_adjusted(page->twin, i).is_real) {
+            print_boolean(adjusted, name, file);
         } else {
             (void)fprintf(file, "  %-12s mean %.5g, last %.5g%s%s; mean \316\224u %+.4g\n", name,
-                          mean(adjust->sum, steps), adjust->last, space_before(unit), unit,
-                          mean(adjust->delta_sum, steps));
+                          or_zero(adjusted, tl_run_figures_mean(&page->figures, i)), adjusted->last, space_before(unit),
+                          unit, or_zero(adjusted, tl_run_figures_delta_mean(&page->figures, i)));
         }
     }
 }
@@ -365,23 +321,25 @@ static void print_delays(const tl_config *config, const tl_twin *twin, FILE *fil
 }
 
 void tl_summary_print_table(const tl_summary *summary, const tl_config *config, const tl_twin *twin, FILE *file) {
+    printing page;
+    begin_printing(&page, summary, config, twin);
     (void)fprintf(file, "%s\n", config->name);
-    (void)fprintf(file, "  steps        %" PRIu64 " of %g s: ", summary->steps, tl_seconds(config->step));
-    print_outcomes(summary, file);
-    print_executions(summary, twin, file);
+    (void)fprintf(file, "  steps        %" PRIu64 " of %g s: ", page.figures.steps, tl_seconds(config->step));
+    print_outcomes(&page.figures, file);
+    print_executions(&page.figures, twin, file);
     if (config->adjust_count != 0) {
-        print_ledger(twin, file);
+        print_ledger(&page.figures, twin, file);
     }
-    print_matches(config, twin, file);
+    print_matches(&page, file);
     print_inputs(summary, config, file);
-    print_adjusted(summary, config, twin, file);
+    print_adjusted(&page, file);
     print_delays(config, twin, file);
     if (summary->ticks != 0) {
         (void)fprintf(file,
                       "  real time    %" PRIu64 " ticks, %" PRIu64 " skipped, %" PRIu64
                       " deadlines missed, longest cycle %.3f ms\n",
-                      summary->ticks, summary->skipped, summary->deadline_misses,
-                      tl_seconds(summary->used_longest) * 1e3);
+                      summary->ticks, page.figures.skipped, summary->deadline_misses,
+                      tl_seconds(page.figures.longest) * 1e3);
     }
     (void)fprintf(file, "  took         %.3f s\n", summary->wall_s);
 }

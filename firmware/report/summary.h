@@ -11,28 +11,16 @@
 #include <stdio.h>
 
 #include "firmware/config/config.h"
-#include "firmware/record/run_types.h"
+#include "firmware/report/run_figures.h"
 #include "master/twin/twin.h"
 
-typedef struct tl_summary_adjust {
-    double first, last;
-    double sum;       /* of u */
-    double delta_sum; /* of u − û */
-} tl_summary_adjust;
-
 typedef struct tl_summary {
-    uint64_t steps; /* computed at their own tick; those made up later and those followed are in `outcomes` */
-    uint64_t evaluations;
-    uint64_t optimised_steps; /* steps that searched beyond the first guess */
-    uint64_t outcomes[TL_OUTCOMES];
-    uint64_t time_limited; /* searches that the time budget ended */
-    tl_summary_adjust adjust[TL_MAX_ADJUST];
+    tl_run_figures figures;            /* but for what the twin itself keeps until it is printed */
     uint64_t samples;                  /* of the plant, */
     uint64_t not_good[TL_MAX_SIGNALS]; /* and those of them that were not good, by signal */
-    uint64_t ticks;           /* instants at which a step was due, counted by the clock; 0 where there is none */
-    uint64_t skipped;         /* of them missed, counted by whoever keeps the time; steps + skipped = ticks */
+    uint64_t
+        ticks; /* instants at which a step was due, counted by the clock, which are steps + skipped; 0: there is none */
     uint64_t deadline_misses; /* steps that ended after their period */
-    tl_time used_longest;     /* ns */
     double wall_s;
     tl_resumption resumption; /* of a run that goes on with an earlier one, whose last steps are among the outcomes */
 } tl_summary;
@@ -42,8 +30,9 @@ void tl_summary_add(tl_summary *summary, const tl_config *config, const tl_recor
 /* A sample of the plant, as the twin was given it. */
 void tl_summary_sample(tl_summary *summary, const tl_config *config, const tl_sample *sample);
 
-/* One JSON object and a newline. */
-void tl_summary_print_json(const tl_summary *summary, const tl_config *config, const tl_twin *twin, FILE *file);
+/* One JSON object and a newline. Errors: TL_TRY_AGAIN if memory is out; nothing is printed then. */
+tl_status tl_summary_print_json(const tl_summary *summary, const tl_config *config, const tl_twin *twin, FILE *file,
+                                tl_error *error);
 
 void tl_summary_print_table(const tl_summary *summary, const tl_config *config, const tl_twin *twin, FILE *file);
 

@@ -37,9 +37,9 @@ static bool is_stopped(const tl_cycle *cycle) {
 static void show(tl_cycle *cycle) {
     int64_t due = cycle->next_tick - cycle->warm_up;
     cycle->summary.ticks = due > 0 ? (uint64_t)due : 0;
-    cycle->shown.steps = cycle->summary.steps;
+    cycle->shown.steps = cycle->summary.figures.steps;
     cycle->shown.ticks = cycle->summary.ticks;
-    cycle->shown.skipped = cycle->summary.skipped;
+    cycle->shown.skipped = cycle->summary.figures.skipped;
     cycle->shown.deadline_misses = cycle->summary.deadline_misses;
     tl_latest_publish(&cycle->published, &cycle->shown, sizeof cycle->shown);
 }
@@ -85,7 +85,7 @@ static tl_status compute(tl_cycle *cycle, int64_t tick, const tl_budget *budget)
         keep(cycle, tick, &record);
     }
     if (status == TL_OK) {
-        cycle->summary.skipped += budget == NULL && tick >= cycle->warm_up ? 1 : 0;
+        cycle->summary.figures.skipped += budget == NULL && tick >= cycle->warm_up ? 1 : 0;
         cycle->next_tick = tick + 1;
         tl_checkpointer_after(&cycle->checkpointer, tick, budget);
     }
@@ -97,7 +97,7 @@ static tl_status catch_up(tl_cycle *cycle, const tl_budget *budget) {
     tl_time period = cycle->settings.assembly->config.step;
     int64_t present = (budget->started - cycle->start) / period;
     int64_t missed_from = cycle->next_tick;
-    uint64_t skipped_before = cycle->summary.skipped;
+    uint64_t skipped_before = cycle->summary.figures.skipped;
     tl_status status = TL_OK;
     present = present < cycle->last_tick ? present : cycle->last_tick;
     while (status == TL_OK && cycle->next_tick < present) {
@@ -106,7 +106,7 @@ static tl_status catch_up(tl_cycle *cycle, const tl_budget *budget) {
         }
         status = compute(cycle, cycle->next_tick, NULL);
     }
-    tl_watch_skipped(&cycle->watch, present, cycle->summary.skipped - skipped_before,
+    tl_watch_skipped(&cycle->watch, present, cycle->summary.figures.skipped - skipped_before,
                      tl_time_of_step(cycle->start, period, present));
     if (status == TL_OK && cycle->next_tick == present) {
         status = compute(cycle, present, budget);

@@ -62,7 +62,7 @@ static tl_status step(const tl_replay *replay, const tl_recording_tick *tick, tl
     tl_status status = step_twin(replay, tick, &record, &ready, error);
     if (ready) {
         keep(replay, tick->sample.tick, &record, summary);
-        summary->skipped += record.outcome == TL_MADE_UP ? 1 : 0;
+        summary->figures.skipped += record.outcome == TL_MADE_UP ? 1 : 0;
     }
     return status;
 }
@@ -154,7 +154,7 @@ static tl_status run(const tl_replay *replay, tl_progress *progress, tl_summary 
         look_after_host(&tick);
         if (status == TL_OK && tl_interrupt_requested() != NULL) {
             return tl_fail(error, TL_INTERRUPTED, "interrupted by %s after %llu steps", tl_interrupt_requested(),
-                           (unsigned long long)summary->steps);
+                           (unsigned long long)summary->figures.steps);
         }
         tl_progress_update(progress, tick.sample.tick);
         tick = next;
@@ -193,7 +193,7 @@ tl_status tl_replay_run(const tl_replay *replay, tl_summary *summary, tl_error *
         status = run(replay, &progress, summary, error);
     }
     tl_progress_end(&progress);
-    if (status == TL_OK && summary->steps + summary->skipped == 0) {
+    if (status == TL_OK && summary->figures.steps + summary->figures.skipped == 0) {
         status =
             tl_fail(error, TL_BAD_DATA,
                     "the recording ends before the first step: it has %lld ticks of %g s, and a step needs %u more "

@@ -1,9 +1,7 @@
 /* The report that `replay --report` writes: see replay_report.h. */
 #include "firmware/run/replay_report.h"
 
-#include <math.h>
 #include <stdlib.h>
-#include <string.h>
 
 #include "firmware/base/new_file.h"
 #include "firmware/config/measurements.h"
@@ -81,44 +79,12 @@ void tl_replay_report_listen(tl_replay_report *report, tl_journal *journal) {
     tl_journal_listen(journal, hear, report);
 }
 
-static void gather_adjusted(const tl_config *config, const tl_summary *summary, tl_html_figures *figures) {
-    double rows = (double)(summary->steps + summary->outcomes[TL_MADE_UP] + summary->outcomes[TL_FOLLOWED]);
-    for (size_t i = 0; i < config->adjust_count; i++) {
-        const tl_summary_adjust *adjust = &summary->adjust[i];
-        figures->adjust[i].first = adjust->first;
-        figures->adjust[i].last = adjust->last;
-        figures->adjust[i].mean = rows > 0.0 ? adjust->sum / rows : (double)NAN;
-        figures->adjust[i].delta_mean = rows > 0.0 ? adjust->delta_sum / rows : (double)NAN;
-    }
-}
-
-static void gather_ledger(const tl_twin *twin, tl_html_figures *figures) {
-    figures->component_count = tl_twin_get_facts(twin).components;
-    for (size_t i = 0; i < figures->component_count; i++) {
-        tl_twin_ledger entry = tl_twin_get_ledger(twin, i);
-        figures->components[i] = entry.name;
-        figures->ledger[i] =
-            (tl_recorder_component){entry.plain, entry.predicted, entry.executions, entry.caught_up, entry.unstored};
-    }
-}
-
 tl_status tl_replay_report_keep(tl_replay_report *report, const tl_summary *summary, const char *ended,
                                 tl_error *error) {
     const tl_assembly *assembly = report->assembly;
-    tl_html_figures figures = {
-        .ended = ended,
-        .steps = summary->steps,
-        .skipped = summary->skipped,
-        .evaluations = summary->evaluations,
-        .optimised_steps = summary->optimised_steps,
-    };
-    memcpy(figures.outcomes, summary->outcomes, sizeof figures.outcomes);
-    for (size_t i = 0; i < assembly->config.match_count; i++) {
-        figures.match[i] = *tl_twin_metrics(assembly->twin, i);
-    }
-    gather_adjusted(&assembly->config, summary, &figures);
-    gather_ledger(assembly->twin, &figures);
-    tl_html_report_write(report->report, &figures, report->file.file);
+    tl_run_figures figures = summary->figures;
+    tl_run_figures_take_twin(&figures, assembly->twin, assembly->config.match_count);
+    tl_html_report_write(report->report, &figures, ended, report->file.file);
     return tl_new_file_keep(&report->file, error);
 }
 

@@ -18,6 +18,7 @@ typedef struct csv_line {
     const tl_show_request *request;
     FILE *file;
     tl_history_table table;
+    tl_history_visitor visitor;
     size_t signals;
     size_t per_signal;
     int64_t number;                     /* of the step or tick; −1: none begun */
@@ -160,7 +161,7 @@ static void put_signal_header(const csv_line *line, const tl_recorder_signal *si
     }
 }
 
-static tl_status print_wide(csv_line *line, tl_history_kind kind, tl_history_visitor visitor, tl_error *error) {
+static tl_status print_wide(csv_line *line, tl_history_kind kind, tl_error *error) {
     const tl_show_request *request = line->request;
     const tl_recorder_signal *signals = NULL;
     int64_t range[2] = {0, 0};
@@ -179,9 +180,8 @@ static tl_status print_wide(csv_line *line, tl_history_kind kind, tl_history_vis
     }
     end_line(line->file);
     if (any) {
-        visitor.context = line;
-        visitor.signals[kind] = line->signals;
-        status = tl_history_rows(request->history, request->run, range, &visitor, error);
+        line->visitor.signals[kind] = line->signals;
+        status = tl_history_rows(request->history, request->run, range, &line->visitor, error);
         flush_line(line);
     }
     return status;
@@ -254,8 +254,7 @@ static tl_status print_steps(csv_line *line, tl_error *error) {
     (void)fputs(",step,outcome,stop,J,J_nominal,evaluations,executions,used_ns,predicted,flags,held", line->file);
     end_line(line->file);
     if (status == TL_OK && any) {
-        const tl_history_visitor visitor = {.context = line, .step = take_step};
-        status = tl_history_rows(request->history, request->run, range, &visitor, error);
+        status = tl_history_rows(request->history, request->run, range, &line->visitor, error);
     }
     return status;
 }
@@ -285,28 +284,27 @@ static tl_status print_events(csv_line *line, tl_error *error) {
 
 tl_status tl_show_csv(const tl_show_request *request, tl_show_csv_table table, FILE *file, tl_error *error) {
     static csv_line line; /* too large for a small stack; `show` has one thread */
+    static const struct {
+        tl_history_table table;
+        size_t per_signal;
+        tl_history_kind kind;
+        tl_history_visitor visitor;
+    } tables[] = {
+        [TL_SHOW_OUTPUTS] = {TL_HISTORY_OUTPUTS, 4, TL_HISTORY_MATCH, {.output = take_output}},
+        [TL_SHOW_ADJUSTMENTS] = {TL_HISTORY_ADJUSTMENTS, 3, TL_HISTORY_ADJUST, {.adjustment = take_adjustment}},
+        [TL_SHOW_STEPS] = {TL_HISTORY_STEPS, 0, TL_HISTORY_PLANT, {.step = take_step}},
+        [TL_SHOW_SAMPLES] = {TL_HISTORY_SAMPLES, 2, TL_HISTORY_PLANT, {.sample = take_sample}},
+    };
     memset(&line, 0, sizeof line);
     line.request = request;
     line.file = file;
     line.number = -1;
-    switch (table) {
-    case TL_SHOW_SAMPLES:
-        line.table = TL_HISTORY_SAMPLES;
-        line.per_signal = 2;
-        return print_wide(&line, TL_HISTORY_PLANT, (tl_history_visitor){.sample = take_sample}, error);
-    case TL_SHOW_OUTPUTS:
-        line.table = TL_HISTORY_OUTPUTS;
-        line.per_signal = 4;
-        return print_wide(&line, TL_HISTORY_MATCH, (tl_history_visitor){.output = take_output}, error);
-    case TL_SHOW_ADJUSTMENTS:
-        line.table = TL_HISTORY_ADJUSTMENTS;
-        line.per_signal = 3;
-        return print_wide(&line, TL_HISTORY_ADJUST, (tl_history_visitor){.adjustment = take_adjustment}, error);
-    case TL_SHOW_STEPS:
-        line.table = TL_HISTORY_STEPS;
-        return print_steps(&line, error);
-    case TL_SHOW_EVENTS:
+    if (table == TL_SHOW_EVENTS) {
         return print_events(&line, error);
     }
-    return TL_OK;
+    line.table = tables[table].table;
+    line.per_signal = tables[table].per_signal;
+    line.visitor = tables[table].visitor;
+    line.visitor.context = &line;
+    return table == TL_SHOW_STEPS ? print_steps(&line, error) : print_wide(&line, tables[table].kind, error);
 }

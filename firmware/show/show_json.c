@@ -3,24 +3,12 @@
 
 #include "firmware/config/measurements.h"
 #include "firmware/record/history_rows.h"
+#include "firmware/report/figures_json.h"
 #include "firmware/show/show.h"
 #include "firmware/show/show_summary.h"
 #include "firmware/text/json_writer.h"
 
 enum { EVENTS_SHOWN = 10 };
-
-/* Null if the run has begun anew. */
-static void add_resumption(tl_json_writer *json, const tl_resumption *resumption) {
-    if (resumption->from == TL_RESUMED_NOT) {
-        tl_json_add_null(json, "resumed");
-        return;
-    }
-    tl_json_open_object(json, "resumed");
-    tl_json_add_number(json, "run", (double)resumption->run);
-    tl_json_add_number(json, "tick", (double)resumption->tick);
-    tl_json_add_text(json, "from", tl_resumed_from_name(resumption->from));
-    tl_json_close(json);
-}
 
 static void add_run(tl_json_writer *json, const tl_history_run *run) {
     tl_json_open_object(json, NULL);
@@ -42,7 +30,7 @@ static void add_run(tl_json_writer *json, const tl_history_run *run) {
     tl_json_add_count(json, "events", run->events);
     tl_json_add_count(json, "lost", run->lost);
     tl_json_add_number(json, "removed_before", (double)run->removed_before);
-    add_resumption(json, &run->resumption);
+    tl_figures_json_add_resumption(json, &run->resumption);
     tl_json_close(json);
 }
 
@@ -59,60 +47,40 @@ static tl_status add_runs(tl_json_writer *json, const tl_show_request *request, 
 }
 
 static void add_steps(tl_json_writer *json, const tl_show_summary *summary) {
-    tl_json_add_count(json, "steps", summary->steps - summary->outcomes[TL_MADE_UP] - summary->outcomes[TL_FOLLOWED]);
+    const tl_run_figures *figures = &summary->figures;
+    tl_json_add_count(json, "steps", figures->steps);
     if (summary->any) {
         tl_json_add_number(json, "first_step", (double)summary->range[0]);
         tl_json_add_number(json, "last_step", (double)summary->range[1]);
     }
-    tl_json_add_count(json, "evaluations", summary->evaluations);
-    tl_json_add_count(json, "optimised_steps", summary->optimised_steps);
-    tl_json_add_count(json, "time_limited", summary->time_limited);
-    tl_json_open_object(json, "outcomes");
-    for (int i = TL_FREE; i < TL_OUTCOMES; i++) {
-        tl_json_add_count(json, tl_outcome_name((tl_outcome)i), summary->outcomes[i]);
-    }
-    tl_json_close(json);
+    tl_json_add_count(json, "evaluations", figures->evaluations);
+    tl_json_add_count(json, "optimised_steps", figures->optimised_steps);
+    tl_json_add_count(json, "time_limited", figures->time_limited);
+    tl_figures_json_add_outcomes(json, figures);
 }
 
-static void add_counts(tl_json_writer *json, const char *key, const tl_recorder_component *counts) {
-    tl_json_open_object(json, key);
-    tl_json_add_count(json, "plain", counts->plain);
-    tl_json_add_count(json, "predicted", counts->predicted);
-    tl_json_add_count(json, "executions", counts->executions);
-    tl_json_add_number(json, "saved", (double)counts->plain - (double)counts->executions);
-    tl_json_add_count(json, "caught_up", counts->caught_up);
-    tl_json_add_count(json, "unstored", counts->unstored);
-    tl_json_add_number(json, "difference",
-                       (double)counts->executions - (double)counts->caught_up - (double)counts->predicted);
-    tl_json_close(json);
-}
-
-static void add_ledger(tl_json_writer *json, const tl_show_summary *summary) {
-    if (summary->ledger_count == 0) {
+static void add_ledger(tl_json_writer *json, const tl_run_figures *figures) {
+    if (figures->ledger_count == 0) {
         tl_json_add_null(json, "ledger");
         return;
     }
     tl_json_open_object(json, "ledger");
-    tl_json_open_object(json, "components");
-    for (size_t i = 0; i < summary->ledger_count; i++) {
-        add_counts(json, summary->ledger[i].name, &summary->ledger[i].counts);
-    }
-    tl_json_close(json);
-    add_counts(json, "total", &summary->total);
+    tl_figures_json_add_components(json, figures);
     tl_json_close(json);
 }
 
 static void add_matches(tl_json_writer *json, const tl_show_summary *summary) {
     tl_json_open_object(json, "match");
     for (size_t i = 0; i < summary->match_count; i++) {
-        const tl_show_match *match = &summary->match[i];
-        tl_json_open_object(json, match->signal->name);
-        tl_json_add_text(json, "to", match->signal->to);
-        tl_json_add_number(json, "mse", tl_metrics_mse(&match->metrics));
-        tl_json_add_number(json, "max", match->metrics.maximum);
-        tl_json_add_text(json, "unit", match->signal->unit);
-        tl_json_add_count(json, "pairs", match->metrics.pairs);
-        tl_json_add_count(json, "left_out", match->metrics.left_out);
+        const tl_recorder_signal *signal = &summary->match[i];
+        const tl_metrics *metrics = &summary->figures.match[i];
+        tl_json_open_object(json, signal->name);
+        tl_json_add_text(json, "to", signal->to);
+        tl_json_add_number(json, "mse", tl_metrics_mse(metrics));
+        tl_json_add_number(json, "max", metrics->maximum);
+        tl_json_add_text(json, "unit", signal->unit);
+        tl_json_add_count(json, "pairs", metrics->pairs);
+        tl_json_add_count(json, "left_out", metrics->left_out);
         tl_json_close(json);
     }
     tl_json_close(json);
@@ -141,17 +109,18 @@ static void add_windows(tl_json_writer *json, const tl_show_request *request, co
 static void add_adjusted(tl_json_writer *json, const tl_show_request *request, const tl_show_summary *summary) {
     tl_json_open_object(json, "adjust");
     for (size_t i = 0; i < summary->adjust_count; i++) {
-        const tl_show_adjust *adjust = &summary->adjust[i];
-        double count = adjust->count == 0 ? (double)NAN : (double)adjust->count;
-        tl_json_open_object(json, adjust->signal->name);
-        tl_json_add_number(json, "first", adjust->count == 0 ? (double)NAN : adjust->first);
-        tl_json_add_number(json, "last", adjust->count == 0 ? (double)NAN : adjust->last);
-        tl_json_add_number(json, "mean", adjust->sum / count);
-        tl_json_add_number(json, "delta_mean", adjust->delta_sum / count);
-        tl_json_add_number(json, "min", adjust->count == 0 ? (double)NAN : adjust->least);
-        tl_json_add_number(json, "max", adjust->count == 0 ? (double)NAN : adjust->largest);
-        tl_json_add_text(json, "unit", adjust->signal->unit);
-        add_windows(json, request, summary, adjust);
+        const tl_run_adjusted *adjusted = &summary->figures.adjust[i];
+        const tl_show_adjust *detail = &summary->detail[i];
+        bool any = adjusted->count > 0;
+        tl_json_open_object(json, summary->adjust[i].name);
+        tl_json_add_number(json, "first", any ? adjusted->first : (double)NAN);
+        tl_json_add_number(json, "last", any ? adjusted->last : (double)NAN);
+        tl_json_add_number(json, "mean", tl_run_figures_mean(&summary->figures, i));
+        tl_json_add_number(json, "delta_mean", tl_run_figures_delta_mean(&summary->figures, i));
+        tl_json_add_number(json, "min", any ? detail->least : (double)NAN);
+        tl_json_add_number(json, "max", any ? detail->largest : (double)NAN);
+        tl_json_add_text(json, "unit", summary->adjust[i].unit);
+        add_windows(json, request, summary, detail);
         tl_json_close(json);
     }
     tl_json_close(json);
@@ -192,7 +161,7 @@ static tl_status fill(tl_json_writer *json, const tl_show_request *request, tl_e
     add_steps(json, &summary);
     add_matches(json, &summary);
     add_adjusted(json, request, &summary);
-    add_ledger(json, &summary);
+    add_ledger(json, &summary.figures);
     return add_events(json, request, error);
 }
 

@@ -128,43 +128,44 @@ static void print_when(const show_page *page) {
 
 static void print_steps(const show_page *page) {
     const tl_history_run *run = page->request->run;
-    const tl_show_summary *summary = &page->summary;
-    bool strokes = summary->outcomes[TL_HELD] > 0;
+    const tl_run_figures *figures = &page->summary.figures;
+    uint64_t steps = tl_run_figures_committed(figures);
+    bool strokes = figures->outcomes[TL_HELD] > 0;
     char step[TEXT];
     char model[TEXT];
     tl_show_duration(tl_seconds(run->step), step, sizeof step);
-    tl_show_duration(tl_seconds(run->step) * (double)summary->steps, model, sizeof model);
+    tl_show_duration(tl_seconds(run->step) * (double)steps, model, sizeof model);
     (void)fprintf(page->file, "  steps          %llu of %s, which is %s of the plant; looks %s%u %s%s (%s)\n",
-                  (unsigned long long)summary->steps, step, model, strokes ? "at strokes of at most " : "",
+                  (unsigned long long)steps, step, model, strokes ? "at strokes of at most " : "",
                   (unsigned)run->prediction, run->prediction == 1 ? "step" : "steps", strokes ? "" : " ahead",
                   tl_measurements_name(run->measurements));
     const char *before = "                 ";
     for (int i = TL_FREE; i < TL_OUTCOMES; i++) {
-        if (summary->outcomes[i] > 0) {
-            (void)fprintf(page->file, "%s%llu %s", before, (unsigned long long)summary->outcomes[i],
+        if (figures->outcomes[i] > 0) {
+            (void)fprintf(page->file, "%s%llu %s", before, (unsigned long long)figures->outcomes[i],
                           tl_outcome_name((tl_outcome)i));
             before = ", ";
         }
     }
-    (void)fputs(summary->steps > 0 ? "\n" : "", page->file);
-    if (summary->time_limited > 0) {
+    (void)fputs(steps > 0 ? "\n" : "", page->file);
+    if (figures->time_limited > 0) {
         (void)fprintf(page->file, "                 the search ran out of time in %llu of them\n",
-                      (unsigned long long)summary->time_limited);
+                      (unsigned long long)figures->time_limited);
     }
 }
 
 /* Of the whole run, whatever part of it is shown. */
 static void print_ledger(const show_page *page) {
-    const tl_recorder_component *total = &page->summary.total;
-    if (page->summary.ledger_count == 0 || total->plain == 0) {
+    tl_recorder_component total = tl_run_figures_total(&page->summary.figures);
+    if (total.plain == 0) {
         return;
     }
     (void)fprintf(page->file, "  executions     %llu, predicted %llu; without saving %llu (%.1f %% saved)\n",
-                  (unsigned long long)total->executions, (unsigned long long)total->predicted,
-                  (unsigned long long)total->plain, 100.0 * (1.0 - (double)total->executions / (double)total->plain));
-    if (total->caught_up + total->unstored > 0) {
+                  (unsigned long long)total.executions, (unsigned long long)total.predicted,
+                  (unsigned long long)total.plain, 100.0 * (1.0 - (double)total.executions / (double)total.plain));
+    if (total.caught_up + total.unstored > 0) {
         (void)fprintf(page->file, "                 %llu caught up, %llu results found no room\n",
-                      (unsigned long long)total->caught_up, (unsigned long long)total->unstored);
+                      (unsigned long long)total.caught_up, (unsigned long long)total.unstored);
     }
 }
 
@@ -218,36 +219,37 @@ static tl_status print_match(const show_page *page, tl_error *error) {
         tl_show_table_add(&table, "%s", names[i]);
     }
     for (size_t i = 0; i < page->summary.match_count; i++) {
-        const tl_show_match *match = &page->summary.match[i];
+        const tl_recorder_signal *signal = &page->summary.match[i];
+        const tl_run_figures *figures = &page->summary.figures;
         char mse[TEXT];
         char largest[TEXT];
-        tl_show_number(match->metrics.pairs < 2 ? (double)NAN : tl_metrics_mse(&match->metrics), false, mse,
-                       sizeof mse);
-        tl_show_number(match->metrics.pairs < 1 ? (double)NAN : match->metrics.maximum, false, largest, sizeof largest);
-        tl_show_table_add(&table, "%s", match->signal->name);
-        tl_show_table_add(&table, "%s", match->signal->to == NULL ? "" : match->signal->to);
-        tl_show_table_add(&table, "%llu", (unsigned long long)match->metrics.pairs);
-        tl_show_table_add(&table, "%llu", (unsigned long long)match->metrics.left_out);
+        tl_show_number(tl_run_figures_mse(figures, i), false, mse, sizeof mse);
+        tl_show_number(tl_run_figures_maximum(figures, i), false, largest, sizeof largest);
+        tl_show_table_add(&table, "%s", signal->name);
+        tl_show_table_add(&table, "%s", signal->to == NULL ? "" : signal->to);
+        tl_show_table_add(&table, "%llu", (unsigned long long)figures->match[i].pairs);
+        tl_show_table_add(&table, "%llu", (unsigned long long)figures->match[i].left_out);
         tl_show_table_add(&table, "%s", mse);
         tl_show_table_add(&table, "%s", largest);
-        tl_show_table_add(&table, "%s", match->signal->unit);
+        tl_show_table_add(&table, "%s", signal->unit);
     }
     return tl_show_table_end(&table, page->file, error);
 }
 
 /* ---- What had to be corrected ------------------------------------------------------------------------------------ */
 
-static void add_numbers(tl_show_table *table, const tl_show_adjust *adjust) {
+static void add_numbers(tl_show_table *table, const tl_show_summary *summary, size_t adjust) {
     enum { NUMBERS = 6 };
-    double count = (double)adjust->count;
-    double delta = adjust->delta_sum / count;
-    double scale = fmax(fabs(adjust->least), fabs(adjust->largest));
+    const tl_run_adjusted *adjusted = &summary->figures.adjust[adjust];
+    const tl_show_adjust *detail = &summary->detail[adjust];
+    double delta = tl_run_figures_delta_mean(&summary->figures, adjust);
+    double scale = fmax(fabs(detail->least), fabs(detail->largest));
     const double values[NUMBERS] = {
-        adjust->first, adjust->last,    adjust->sum / count,
-        adjust->least, adjust->largest, fabs(delta) < 1e-12 * scale ? 0.0 : delta}; /* not its rounding */
+        adjusted->first, adjusted->last,  tl_run_figures_mean(&summary->figures, adjust),
+        detail->least,   detail->largest, fabs(delta) < 1e-12 * scale ? 0.0 : delta}; /* not its rounding */
     for (size_t i = 0; i < NUMBERS; i++) {
         char text[TEXT];
-        tl_show_number(adjust->count == 0 ? (double)NAN : values[i], i + 1 == NUMBERS, text, sizeof text);
+        tl_show_number(adjusted->count == 0 ? (double)NAN : values[i], i + 1 == NUMBERS, text, sizeof text);
         tl_show_table_add(table, "%s", text);
     }
 }
@@ -268,14 +270,14 @@ static tl_status print_adjust(const show_page *page, tl_error *error) {
     tl_show_table_add(&table, "mean %su", page->delta);
     tl_show_table_add(&table, "unit");
     for (size_t i = 0; i < page->summary.adjust_count; i++) {
-        tl_show_table_add(&table, "%s", page->summary.adjust[i].signal->name);
-        add_numbers(&table, &page->summary.adjust[i]);
-        tl_show_table_add(&table, "%s", unit_of(page->summary.adjust[i].signal));
+        tl_show_table_add(&table, "%s", page->summary.adjust[i].name);
+        add_numbers(&table, &page->summary, i);
+        tl_show_table_add(&table, "%s", unit_of(&page->summary.adjust[i]));
     }
     return tl_show_table_end(&table, page->file, error);
 }
 
-static void print_curve(const show_page *page, const tl_show_adjust *adjust) {
+static void print_curve(const show_page *page, size_t adjust) {
     double means[TL_SHOW_POINTS];
     double least = (double)INFINITY;
     double largest = (double)-INFINITY;
@@ -284,14 +286,14 @@ static void print_curve(const show_page *page, const tl_show_adjust *adjust) {
     char low[TEXT];
     char high[TEXT];
     for (size_t i = 0; i < page->summary.points; i++) {
-        means[i] = tl_show_part_mean(&adjust->points[i]);
+        means[i] = tl_show_part_mean(&page->summary.detail[adjust].points[i]);
         least = means[i] < least ? means[i] : least;
         largest = means[i] > largest ? means[i] : largest;
     }
     tl_show_curve(page->request->style, means, page->summary.points, curve, sizeof curve);
     tl_show_number(least, true, low, sizeof low);
     tl_show_number(largest, true, high, sizeof high);
-    (void)clean(page, adjust->signal->name, name, sizeof name);
+    (void)clean(page, page->summary.adjust[adjust].name, name, sizeof name);
     if (largest > least) {
         (void)fprintf(page->file, "  %s: %su from %s to %s\n    |%s|\n", name, page->delta, low, high, curve);
     } else {
@@ -326,37 +328,39 @@ static tl_status print_windows(const show_page *page, tl_error *error) {
     table.columns = 1 + summary->adjust_count;
     tl_show_table_add(&table, "from");
     for (size_t i = 0; i < summary->adjust_count; i++) {
-        tl_show_table_add(&table, "%s", summary->adjust[i].signal->name);
+        tl_show_table_add(&table, "%s", summary->adjust[i].name);
     }
     for (size_t window = 0; window < summary->windows; window++) {
         char text[TEXT];
         say_instant(page, tl_show_window_start(summary, window), text, sizeof text);
         tl_show_table_add(&table, "%s", text);
         for (size_t i = 0; i < summary->adjust_count; i++) {
-            tl_show_number(tl_show_part_mean(&summary->adjust[i].windows[window]), true, text, sizeof text);
+            tl_show_number(tl_show_part_mean(&summary->detail[i].windows[window]), true, text, sizeof text);
             tl_show_table_add(&table, "%s", text);
         }
     }
     return tl_show_table_end(&table, page->file, error);
 }
 
-static void print_change(const show_page *page, const tl_show_adjust *adjust) {
+static void print_change(const show_page *page, size_t adjust) {
+    const tl_recorder_signal *signal = &page->summary.adjust[adjust];
+    const tl_show_part *windows = page->summary.detail[adjust].windows;
     size_t window = tl_show_largest_change(&page->summary, adjust);
     char name[TEXT * 2];
     char unit[TEXT];
     char when[TEXT];
     char before[TEXT];
     char after[TEXT];
-    (void)clean(page, adjust->signal->name, name, sizeof name);
+    (void)clean(page, signal->name, name, sizeof name);
     if (window == 0) {
         (void)fprintf(page->file, "  %s: no change stands out\n", name);
         return;
     }
     say_instant(page, tl_show_window_start(&page->summary, window), when, sizeof when);
-    tl_show_number(tl_show_part_mean(&adjust->windows[window - 1]), true, before, sizeof before);
-    tl_show_number(tl_show_part_mean(&adjust->windows[window]), true, after, sizeof after);
+    tl_show_number(tl_show_part_mean(&windows[window - 1]), true, before, sizeof before);
+    tl_show_number(tl_show_part_mean(&windows[window]), true, after, sizeof after);
     (void)fprintf(page->file, "  %s: changed most at %s, %s %s %s%s%s\n", name, when, before, page->arrow, after,
-                  adjust->signal->unit[0] == '\0' ? "" : " ", clean(page, adjust->signal->unit, unit, sizeof unit));
+                  signal->unit[0] == '\0' ? "" : " ", clean(page, signal->unit, unit, sizeof unit));
 }
 
 static tl_status print_corrections(const show_page *page, tl_error *error) {
@@ -366,13 +370,13 @@ static tl_status print_corrections(const show_page *page, tl_error *error) {
     }
     tl_status status = print_adjust(page, error);
     for (size_t i = 0; status == TL_OK && i < summary->adjust_count; i++) {
-        print_curve(page, &summary->adjust[i]);
+        print_curve(page, i);
     }
     if (status == TL_OK) {
         status = print_windows(page, error);
     }
     for (size_t i = 0; status == TL_OK && i < summary->adjust_count; i++) {
-        print_change(page, &summary->adjust[i]);
+        print_change(page, i);
     }
     return status;
 }

@@ -15,7 +15,6 @@ typedef struct recorded_run {
     const tl_show_request *request;
     tl_show_summary summary;
     tl_html_settings settings;
-    tl_html_figures figures;
     tl_html_report *report;
     tl_config config; /* as the run had it; empty where this program does not understand it */
     char source[512];
@@ -46,7 +45,7 @@ static tl_status read_configuration(recorded_run *run, tl_error *error) {
 static void find_tolerances(recorded_run *run) {
     for (size_t i = 0; i < run->summary.match_count; i++) {
         for (size_t k = 0; k < run->config.match_count; k++) {
-            if (strcmp(run->config.match[k].variable, run->summary.match[i].signal->name) == 0) {
+            if (strcmp(run->config.match[k].variable, run->summary.match[i].name) == 0) {
                 run->tolerance[i] = tl_html_tolerance(&run->config.match[k], run->config.synchronise);
             }
         }
@@ -63,7 +62,7 @@ static const char *solver_of(const recorded_run *run) {
     if (run->config.name == NULL) {
         return "not known";
     }
-    return run->summary.adjust[0].signal->type == TL_BOOLEAN ? "boolean" : "secant";
+    return run->summary.adjust[0].type == TL_BOOLEAN ? "boolean" : "secant";
 }
 
 static void describe(recorded_run *run) {
@@ -87,8 +86,8 @@ static void describe(recorded_run *run) {
         .clock = live,
         .budget = run->config.budget_time,
         .first = summary->range[0],
-        .match = summary->match_count == 0 ? NULL : summary->match[0].signal,
-        .adjust = summary->adjust_count == 0 ? NULL : summary->adjust[0].signal,
+        .match = summary->match,
+        .adjust = summary->adjust,
         .match_count = summary->match_count,
         .adjust_count = summary->adjust_count,
         .tolerance = run->tolerance,
@@ -98,14 +97,13 @@ static void describe(recorded_run *run) {
 /* ---- Rows -------------------------------------------------------------------------------------------------------- */
 
 static void take_step(void *context, const tl_history_step *step) {
-    recorded_run *run = context;
+    const recorded_run *run = context;
     const tl_record record = {
         .step = step->step,
         .evaluations = (uint32_t)step->evaluations,
         .executions = (uint32_t)step->executions,
         .used = step->used,
     };
-    run->figures.late += record.used > run->request->run->step ? 1 : 0;
     tl_html_report_add_step(run->report, &record);
 }
 
@@ -153,44 +151,6 @@ static tl_status gather(recorded_run *run, tl_error *error) {
     return status == TL_OK ? tl_history_events(history, recorded, run->request->from_at, -1, &visitor, error) : status;
 }
 
-/* ---- Figures ----------------------------------------------------------------------------------------------------- */
-
-static void gather_adjusted(recorded_run *run) {
-    for (size_t i = 0; i < run->summary.adjust_count; i++) {
-        const tl_show_adjust *adjust = &run->summary.adjust[i];
-        bool any = adjust->count != 0;
-        double count = (double)adjust->count;
-        run->figures.adjust[i].first = any ? adjust->first : (double)NAN;
-        run->figures.adjust[i].last = any ? adjust->last : (double)NAN;
-        run->figures.adjust[i].mean = any ? adjust->sum / count : (double)NAN;
-        run->figures.adjust[i].delta_mean = any ? adjust->delta_sum / count : (double)NAN;
-    }
-}
-
-static void gather_figures(recorded_run *run) {
-    const tl_show_summary *summary = &run->summary;
-    tl_html_figures *figures = &run->figures;
-    const tl_history_run *recorded = run->request->run;
-    figures->ended = recorded->ended == NULL ? "is being written, or was killed" : recorded->ended_reason;
-    figures->steps = summary->steps - summary->outcomes[TL_MADE_UP] - summary->outcomes[TL_FOLLOWED];
-    figures->skipped = summary->outcomes[TL_MADE_UP];
-    figures->evaluations = summary->evaluations;
-    figures->optimised_steps = summary->optimised_steps;
-    figures->time_limited = summary->time_limited;
-    figures->longest = summary->longest_ns;
-    memcpy(figures->outcomes, summary->outcomes, sizeof figures->outcomes);
-    for (size_t i = 0; i < summary->match_count; i++) {
-        figures->match[i] = summary->match[i].metrics;
-    }
-    gather_adjusted(run);
-    figures->component_count =
-        summary->ledger_count < TL_RECORDER_COMPONENTS ? summary->ledger_count : TL_RECORDER_COMPONENTS;
-    for (size_t i = 0; i < figures->component_count; i++) {
-        figures->components[i] = summary->ledger[i].name;
-        figures->ledger[i] = summary->ledger[i].counts;
-    }
-}
-
 /* ---- The page ---------------------------------------------------------------------------------------------------- */
 
 /* The file is begun when all is known: a reader that is interrupted leaves none behind. */
@@ -200,7 +160,9 @@ static tl_status write_page(const recorded_run *run, const char *path, tl_error 
     if (status != TL_OK) {
         return status;
     }
-    tl_html_report_write(run->report, &run->figures, file.file);
+    const tl_history_run *recorded = run->request->run;
+    const char *ended = recorded->ended == NULL ? "is being written, or was killed" : recorded->ended_reason;
+    tl_html_report_write(run->report, &run->summary.figures, ended, file.file);
     return tl_new_file_keep(&file, error);
 }
 
@@ -218,11 +180,7 @@ static tl_status report_into(recorded_run *run, const char *path, tl_error *erro
     if (status == TL_OK) {
         status = gather(run, error);
     }
-    if (status == TL_OK) {
-        gather_figures(run);
-        status = write_page(run, path, error);
-    }
-    return status;
+    return status == TL_OK ? write_page(run, path, error) : status;
 }
 
 tl_status tl_show_report(const tl_show_request *request, const char *path, tl_error *error) {

@@ -27,30 +27,32 @@ double tl_show_part_mean(const tl_show_part *part) {
 }
 
 /* Variance of Δu within the windows. */
-static double variance_within(const tl_show_summary *summary, const tl_show_adjust *adjust) {
-    double squares = adjust->delta_squares;
-    double freedom = (double)adjust->count;
+static double variance_within(const tl_show_summary *summary, size_t adjust) {
+    const tl_show_adjust *detail = &summary->detail[adjust];
+    double squares = detail->delta_squares;
+    double freedom = (double)summary->figures.adjust[adjust].count;
     for (size_t i = 0; i < summary->windows; i++) {
-        if (adjust->windows[i].count > 0) {
-            squares -= adjust->windows[i].delta_sum * adjust->windows[i].delta_sum / (double)adjust->windows[i].count;
+        if (detail->windows[i].count > 0) {
+            squares -= detail->windows[i].delta_sum * detail->windows[i].delta_sum / (double)detail->windows[i].count;
             freedom -= 1.0;
         }
     }
     /* What is left of the squares may be no more than their rounding. */
-    return freedom < 1.0 || squares < 1e-12 * adjust->delta_squares ? 0.0 : squares / freedom;
+    return freedom < 1.0 || squares < 1e-12 * detail->delta_squares ? 0.0 : squares / freedom;
 }
 
-size_t tl_show_largest_change(const tl_show_summary *summary, const tl_show_adjust *adjust) {
+size_t tl_show_largest_change(const tl_show_summary *summary, size_t adjust) {
+    const tl_show_adjust *detail = &summary->detail[adjust];
     size_t found = 0;
     double most = 0.0;
     double variance = variance_within(summary, adjust);
     for (size_t i = 1; i < summary->windows; i++) {
-        const tl_show_part *before = &adjust->windows[i - 1];
-        const tl_show_part *after = &adjust->windows[i];
+        const tl_show_part *before = &detail->windows[i - 1];
+        const tl_show_part *after = &detail->windows[i];
         if (before->count > 0 && after->count > 0) {
             double change = fabs(tl_show_part_mean(after) - tl_show_part_mean(before));
             double chance = sqrt(variance * (1.0 / (double)before->count + 1.0 / (double)after->count));
-            bool stands_out = change > 4.0 * chance && change > 1e-12 * sqrt(adjust->delta_squares);
+            bool stands_out = change > 4.0 * chance && change > 1e-12 * sqrt(detail->delta_squares);
             found = stands_out && change > most ? i : found;
             most = stands_out && change > most ? change : most;
         }
@@ -60,22 +62,19 @@ size_t tl_show_largest_change(const tl_show_summary *summary, const tl_show_adju
 
 static void take_step(void *context, const tl_history_step *step) {
     tl_show_summary *summary = context;
-    summary->steps++;
-    summary->evaluations += (uint64_t)step->evaluations;
-    summary->optimised_steps += step->evaluations > 1 ? 1 : 0;
-    summary->time_limited += step->stop == TL_STOP_TIME ? 1 : 0;
-    summary->longest_ns = step->used > summary->longest_ns ? step->used : summary->longest_ns;
-    if (step->outcome >= TL_FREE && step->outcome < TL_OUTCOMES) {
-        summary->outcomes[step->outcome]++;
-    } else {
-        summary->unknown_outcomes++;
-    }
+    const tl_run_step taken = {
+        .outcome = step->outcome,
+        .time_limited = step->stop == TL_STOP_TIME,
+        .evaluations = (uint64_t)step->evaluations,
+        .used = step->used,
+    };
+    tl_run_figures_add_step(&summary->figures, &taken, summary->period);
 }
 
 static void take_output(void *context, const tl_history_output *output) {
     tl_show_summary *summary = context;
     bool good = output->quality == TL_GOOD && isfinite(output->y) && isfinite(output->y_hat);
-    tl_metrics_add(&summary->match[output->signal].metrics, output->y, output->y_hat, good ? TL_GOOD : TL_NOT_A_NUMBER);
+    tl_metrics_add(&summary->figures.match[output->signal], output->y, output->y_hat, good ? TL_GOOD : TL_NOT_A_NUMBER);
 }
 
 static void add_part(tl_show_part *part, double delta) {
@@ -85,51 +84,38 @@ static void add_part(tl_show_part *part, double delta) {
 
 static void take_adjustment(void *context, const tl_history_adjustment *adjustment) {
     tl_show_summary *summary = context;
-    tl_show_adjust *adjust = &summary->adjust[adjustment->signal];
+    size_t index = adjustment->signal;
+    tl_show_adjust *adjust = &summary->detail[index];
     int64_t step = adjustment->step;
     double u = adjustment->u;
-    double delta = u - adjustment->u_hat;
-    if (isnan(u) || isnan(adjustment->u_hat)) {
+    double nominal = adjustment->u_hat;
+    double delta = u - nominal;
+    if (isnan(u) || isnan(nominal)) {
         return;
     }
-    adjust->first = adjust->count == 0 ? u : adjust->first;
-    adjust->least = adjust->count == 0 || u < adjust->least ? u : adjust->least;
-    adjust->largest = adjust->count == 0 || u > adjust->largest ? u : adjust->largest;
-    adjust->last = u;
-    adjust->count++;
-    adjust->sum += u;
-    adjust->delta_sum += delta;
+    bool first = summary->figures.adjust[index].count == 0;
+    adjust->least = first || u < adjust->least ? u : adjust->least;
+    adjust->largest = first || u > adjust->largest ? u : adjust->largest;
     adjust->delta_squares += delta * delta;
+    tl_run_figures_add_adjusted(&summary->figures, index, u, nominal);
     add_part(&adjust->windows[part_of(summary, step, summary->windows)], delta);
     add_part(&adjust->points[part_of(summary, step, summary->points)], delta);
 }
 
 static tl_status name_signals(tl_history *history, const tl_history_run *run, tl_show_summary *summary,
                               tl_error *error) {
-    const tl_recorder_signal *match = NULL;
-    const tl_recorder_signal *adjust = NULL;
-    tl_status status = tl_history_signals(history, run, TL_HISTORY_MATCH, &match, &summary->match_count, error);
-    if (status == TL_OK) {
-        status = tl_history_signals(history, run, TL_HISTORY_ADJUST, &adjust, &summary->adjust_count, error);
-    }
-    for (size_t i = 0; status == TL_OK && i < summary->match_count; i++) {
-        summary->match[i].signal = &match[i];
-    }
-    for (size_t i = 0; status == TL_OK && i < summary->adjust_count; i++) {
-        summary->adjust[i].signal = &adjust[i];
-    }
-    return status;
+    tl_status status =
+        tl_history_signals(history, run, TL_HISTORY_MATCH, &summary->match, &summary->match_count, error);
+    return status == TL_OK
+               ? tl_history_signals(history, run, TL_HISTORY_ADJUST, &summary->adjust, &summary->adjust_count, error)
+               : status;
 }
 
-static tl_status add_ledger(tl_history *history, const tl_history_run *run, tl_show_summary *summary, tl_error *error) {
-    tl_status status = tl_history_ledger(history, run, &summary->ledger, &summary->ledger_count, error);
-    for (size_t i = 0; status == TL_OK && i < summary->ledger_count; i++) {
-        const tl_recorder_component *counts = &summary->ledger[i].counts;
-        summary->total.plain += counts->plain;
-        summary->total.predicted += counts->predicted;
-        summary->total.executions += counts->executions;
-        summary->total.caught_up += counts->caught_up;
-        summary->total.unstored += counts->unstored;
+static tl_status add_ledger(tl_history *history, const tl_history_run *run, tl_run_figures *figures, tl_error *error) {
+    const tl_run_component *components = NULL;
+    tl_status status = tl_history_ledger(history, run, &components, &figures->ledger_count, error);
+    for (size_t i = 0; status == TL_OK && i < figures->ledger_count; i++) {
+        figures->ledger[i] = components[i];
     }
     return status;
 }
@@ -137,9 +123,10 @@ static tl_status add_ledger(tl_history *history, const tl_history_run *run, tl_s
 tl_status tl_show_summarise(tl_history *history, const tl_history_run *run, int64_t from_step, tl_show_summary *summary,
                             tl_error *error) {
     memset(summary, 0, sizeof *summary);
+    summary->period = run->step;
     tl_status status = name_signals(history, run, summary, error);
     if (status == TL_OK) {
-        status = add_ledger(history, run, summary, error);
+        status = add_ledger(history, run, &summary->figures, error);
     }
     if (status == TL_OK) {
         status = tl_history_range(history, run, TL_HISTORY_STEPS, from_step, summary->range, &summary->any, error);
@@ -157,5 +144,7 @@ tl_status tl_show_summarise(tl_history *history, const tl_history_run *run, int6
         .output = take_output,
         .adjustment = take_adjustment,
     };
-    return tl_history_rows(history, run, summary->range, &visitor, error);
+    status = tl_history_rows(history, run, summary->range, &visitor, error);
+    summary->figures.skipped = summary->figures.outcomes[TL_MADE_UP];
+    return status;
 }

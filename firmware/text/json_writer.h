@@ -4,7 +4,7 @@
  *          object and NULL in an array, and come out in that order.
  * Numbers: with 15 digits, 17 if those are not enough for one part in 2^52. Null if they are not finite: JSON knows neither
  *          NaN nor infinity.
- * Errors:  memory that is out is said once, by tl_json_writer_print().
+ * Errors:  memory that is out is told once, by tl_json_writer_print().
  * Owner:   the caller, who frees it.
  * Thread:  one thread.
  */

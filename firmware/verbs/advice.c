@@ -6,7 +6,7 @@
 #include <stdarg.h>
 #include <string.h>
 
-#include "master/measure/conditioner.h"
+#include "master/plan/plan.h"
 
 enum { WIDTH = 79, INDENT = 4, TEXT = 512 };
 
@@ -162,21 +162,35 @@ static void check_lead(advice *given, const tl_config *config, uint32_t lead) {
         if (match->condition.low_pass > 0 && (beyond_end || seconds > LONG_LEAD_S)) {
             warn(given, match->where,
                  "its low-pass makes the measurement %g s late, and a step is computed %g s after its instant%s",
-                 tl_seconds(config->step) * tl_conditioner_delay(&match->condition, config->step), seconds,
+                 tl_seconds(config->step) * tl_plan_condition_delay(&match->condition, config->step), seconds,
                  beyond_end ? ", which is longer than duration_s" : "");
         }
     }
 }
 
-/* Of all components, the one whose room is shortest of what it may need. */
-static void check_nodes(advice *given, const tl_config *config, const tl_twin *twin) {
+/* Of all components, the one that lacks most by `lack`; a zeroed entry if none lacks anything. */
+static tl_twin_ledger find_worst(const tl_config *config, const tl_twin *twin,
+                                 uint64_t (*lack)(const tl_twin_ledger *entry)) {
     tl_twin_ledger worst = {0};
     for (size_t i = 0; i < config->component_count; i++) {
         tl_twin_ledger entry = tl_twin_get_ledger(twin, i);
-        if (entry.nodes < entry.nodes_worst && entry.nodes_worst > worst.nodes_worst) {
+        if (lack(&entry) > lack(&worst)) {
             worst = entry;
         }
     }
+    return worst;
+}
+
+static uint64_t lack_of_nodes(const tl_twin_ledger *entry) {
+    return entry->nodes < entry->nodes_worst ? entry->nodes_worst : 0;
+}
+
+static uint64_t lack_of_states(const tl_twin_ledger *entry) {
+    return entry->states < entry->nodes ? entry->state_size : 0;
+}
+
+static void check_nodes(advice *given, const tl_config *config, const tl_twin *twin) {
+    tl_twin_ledger worst = find_worst(config, twin, lack_of_nodes);
     if (worst.nodes_worst != 0) {
         warn(given, "synchronise.saving.nodes",
              "there is room for %" PRIu32 " executions of %s, and the worst case needs %" PRIu64
@@ -185,15 +199,8 @@ static void check_nodes(advice *given, const tl_config *config, const tl_twin *t
     }
 }
 
-/* Likewise of their states. */
 static void check_states(advice *given, const tl_config *config, const tl_twin *twin) {
-    tl_twin_ledger worst = {0};
-    for (size_t i = 0; i < config->component_count; i++) {
-        tl_twin_ledger entry = tl_twin_get_ledger(twin, i);
-        if (entry.states < entry.nodes && entry.state_size > worst.state_size) {
-            worst = entry;
-        }
-    }
+    tl_twin_ledger worst = find_worst(config, twin, lack_of_states);
     if (worst.state_size != 0) {
         warn(given, "synchronise.saving.memory_mb",
              "there is room for %" PRIu32 " states of %s of %.4g KiB each, and it may keep %" PRIu32
@@ -257,7 +264,7 @@ static void check_sources(advice *given, const tl_config *config) {
 static void check_conditions(advice *given, const tl_config *config) {
     for (size_t i = 0; config->measurements == TL_AHEAD && i < config->match_count; i++) {
         const tl_plan_match *match = &config->match[i];
-        uint32_t delay = tl_conditioner_delay(&match->condition, config->step);
+        uint32_t delay = tl_plan_condition_delay(&match->condition, config->step);
         if (delay > 0) {
             warn(given, match->where,
                  "its condition makes the measurement %" PRIu32

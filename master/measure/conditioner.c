@@ -48,16 +48,6 @@ bool tl_conditioner_is_needed(const tl_plan_condition *condition) {
     return condition->median > 1 || condition->low_pass > 0 || condition->gate > 0.0;
 }
 
-uint32_t tl_conditioner_delay(const tl_plan_condition *condition, tl_time step) {
-    uint32_t middle = condition->median > 1 ? (condition->median - 1) / 2 : 0;
-    if (condition->low_pass <= 0) {
-        return middle;
-    }
-    /* (1 − a)/a without the loss of digits that 1 − a has for a long time constant */
-    double lag = round(1.0 / expm1((double)step / (double)condition->low_pass));
-    return lag < (double)(UINT32_MAX - middle) ? middle + (uint32_t)lag : UINT32_MAX;
-}
-
 tl_conditioner *tl_conditioner_create(tl_arena *arena, const tl_plan_condition *condition, tl_time step,
                                       size_t window) {
     tl_conditioner *self = tl_arena_take(arena, 1, sizeof *self);
@@ -66,7 +56,7 @@ tl_conditioner *tl_conditioner_create(tl_arena *arena, const tl_plan_condition *
     }
     self->gate = condition->gate;
     self->share = condition->low_pass > 0 ? -expm1(-(double)step / (double)condition->low_pass) : 0.0;
-    self->delay = tl_conditioner_delay(condition, step);
+    self->delay = tl_plan_condition_delay(condition, step);
     self->median.size = condition->median > 1 ? condition->median : 0;
     self->median.values = tl_arena_take(arena, self->median.size, sizeof *self->median.values);
     self->median.order = tl_arena_take(arena, self->median.size, sizeof *self->median.order);

@@ -45,10 +45,6 @@ tl_conditioner *tl_conditioner_create(tl_arena *arena, const tl_plan_condition *
 /* Whether a plan asks for any conditioning at all. */
 bool tl_conditioner_is_needed(const tl_plan_condition *condition);
 
-/* By how many samples the output is late: what it gives at tick m belongs to the plant of tick m − delay. That is
- * (median − 1)/2 plus the low-pass's lag; UINT32_MAX where it is more than can be counted. */
-uint32_t tl_conditioner_delay(const tl_plan_condition *condition, tl_time step);
-
 /* The measurement of the next tick (the first call is tick 0). A good value is finite; what another value is does not
  * matter. Bound: O(median). */
 void tl_conditioner_push(tl_conditioner *conditioner, int64_t tick, double value, tl_quality quality);

@@ -23,11 +23,9 @@
 #include "master/base/archive.h"
 #include "master/base/arena.h"
 #include "master/base/simtime.h"
+#include "master/plan/plan.h"
 
-enum {
-    TL_DELAY_LAGS = 32,   /* the most that N may be */
-    TL_DELAY_MEMORY = 512 /* steps */
-};
+enum { TL_DELAY_MEMORY = 512 /* steps */ };
 
 typedef struct tl_delay_meter tl_delay_meter;
 
@@ -39,7 +37,7 @@ typedef struct tl_delay_measured {
     double confidence; /* 0 … 1, of that */
 } tl_delay_measured;
 
-/* `lags` is N ≥ 1; `step` is T_S; `late`: by so many steps at most readings come before the y of their instant, or after. NULL
+/* `lags` is N, 1 … TL_DELAY_LAGS; `step` is T_S; `late`: by so many steps at most readings come before the y of their instant, or after. NULL
  * when memory is out. */
 tl_delay_meter *tl_delay_meter_create(tl_arena *arena, uint32_t lags, tl_time step, size_t late);
 

@@ -5,6 +5,16 @@
 
 #include "master/base/status.h"
 
+uint32_t tl_plan_condition_delay(const tl_plan_condition *condition, tl_time step) {
+    uint32_t middle = condition->median > 1 ? (condition->median - 1) / 2 : 0;
+    if (condition->low_pass <= 0) {
+        return middle;
+    }
+    /* (1 − a)/a without the loss of digits that 1 − a has for a long time constant */
+    double lag = round(1.0 / expm1((double)step / (double)condition->low_pass));
+    return lag < (double)(UINT32_MAX - middle) ? middle + (uint32_t)lag : UINT32_MAX;
+}
+
 /* NaN is in no range. */
 static bool is_positive(double value) {
     return value > 0.0 && isfinite(value);

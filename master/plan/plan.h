@@ -19,6 +19,7 @@
 #include "master/base/status.h"
 #include "master/fmi/fmi2.h"
 #include "master/fmi/model.h"
+#include "master/plan/delay.h"
 
 /* A variable that gets a value before the FMU is initialised. */
 typedef struct tl_plan_set {
@@ -85,9 +86,13 @@ typedef struct tl_plan_condition {
     uint32_t median; /* odd number of samples, 3 … 99; 0 and 1: none. Delay (median − 1)/2 samples */
     tl_time
         low_pass; /* time constant τ of a first-order low-pass, ns; 0: none, at most TL_LONGEST_LOW_PASS T_S. Delay about τ − T_S/2, see
-                         tl_conditioner_delay() */
+                         tl_plan_condition_delay() */
     double gate;  /* > 0: a sample further than this (signal's unit) from the last accepted one is an outlier */
 } tl_plan_condition;
+
+/* By how many samples a conditioned measurement is late: what comes out at tick m belongs to the plant of tick m − delay. That
+ * is (median − 1)/2 plus the low-pass's lag; UINT32_MAX where it is more than can be counted. `step` is T_S > 0. */
+uint32_t tl_plan_condition_delay(const tl_plan_condition *condition, tl_time step);
 
 /* A simulated output and the plant signal it is compared with. */
 typedef struct tl_plan_match {
@@ -143,7 +148,11 @@ typedef struct tl_plan_event {
     tl_time window;     /* T_F, ns: J counts half of it before the event and half after */
     tl_time longest;    /* ns; a stroke that lasts longer is not searched */
 } tl_plan_event;
-/* Whether and how Δo is measured (sync/delay_meter.h). */
+
+/* The most lags, in macro steps to either side, for which a delay is looked for. */
+enum { TL_DELAY_LAGS = 32 };
+
+/* Whether and how Δo is measured (measure/delay_meter.h). */
 typedef struct tl_plan_measure {
     uint32_t lags;     /* N of the meters, at most TL_DELAY_LAGS; 0: Δo is not measured */
     tl_time range;     /* the delays left to be shifted that are used: −range … range, less than (N − 1)·T_S */
@@ -171,7 +180,7 @@ typedef struct tl_plan {
     int32_t input_ticks; /* what feeds inputs at t_i is in the sample of tick i + this (Δi; base/signal.h) */
     tl_plan_measure measure;
     int32_t output_ticks;  /* and the ŷ of t_j in that of tick j + this (Δo) */
-    const char *algorithm; /* see sync/optimiser.h */
+    const char *algorithm; /* see tl_twin_solver_names() */
     const char *fallback;  /* takes over where the first one fails or stagnates; NULL: none */
     uint32_t stagnation;   /* evaluations without progress that end a solver; 0: never */
     double margin;         /* a correction must lower J to at most (1 − margin) of the nominal's, [0, 1) */

@@ -91,6 +91,12 @@ typedef struct tl_twin_delay {
     double confidence; /* 0 … 1, of what the measurements say now */
 } tl_twin_delay;
 
+/* A solver that a plan can have, by its name or by its number in the thesis (1, 100, 1000): its name, which stays; NULL: there is
+ * none. And all names, as a list for people. */
+const char *tl_twin_solver_named(const char *name);
+const char *tl_twin_solver_numbered(int number);
+const char *tl_twin_solver_names(void);
+
 /* Checks the plan, reports every problem, and builds the twin: instantiates the FMUs and sets their
  * parameters. NULL when anything was reported. The plan itself need not outlive the call. */
 tl_twin *tl_twin_build(const tl_plan *plan, tl_report *report);

@@ -203,7 +203,7 @@ static int32_t least_output_ticks(const tl_plan *plan) {
 static uint32_t find_wait(const tl_plan *plan) {
     int64_t longest = plan->input_ticks > 0 ? plan->input_ticks : 0;
     for (size_t i = 0; i < plan->match_count; i++) {
-        int64_t own = (int64_t)tl_conditioner_delay(&plan->match[i].condition, plan->step) + most_output_ticks(plan);
+        int64_t own = (int64_t)tl_plan_condition_delay(&plan->match[i].condition, plan->step) + most_output_ticks(plan);
         longest = own > longest ? own : longest;
     }
     return (uint32_t)longest;
@@ -338,7 +338,7 @@ static bool condition_matches(tl_twin *twin, const tl_plan *plan) {
             tl_objective_term *term = &twin->terms[i];
             term->conditioner =
                 tl_conditioner_create(&twin->arena, condition, plan->step, twin->lead + find_age(plan) + 2);
-            term->delay = tl_conditioner_delay(condition, plan->step);
+            term->delay = tl_plan_condition_delay(condition, plan->step);
             placed = placed && term->conditioner != NULL;
         }
     }

@@ -1,5 +1,22 @@
-/* What is known of a twin: see twin.h. */
+/* What is known of a twin, and of twins: see twin.h. */
+#include "master/solve/optimiser.h"
 #include "master/twin/twin_parts.h"
+
+static const char *name_of(const tl_optimiser_class *solver) {
+    return solver != NULL ? solver->name : NULL;
+}
+
+const char *tl_twin_solver_named(const char *name) {
+    return name_of(tl_optimiser_find(name));
+}
+
+const char *tl_twin_solver_numbered(int number) {
+    return name_of(tl_optimiser_numbered(number));
+}
+
+const char *tl_twin_solver_names(void) {
+    return tl_optimiser_names();
+}
 
 static uint32_t prediction_of(const tl_twin *twin) {
     return twin->event != NULL ? tl_event_horizon_steps(twin->event) : twin->lock.horizon.prediction;

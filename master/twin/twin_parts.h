@@ -10,7 +10,6 @@
 #include "master/event/event_horizon.h"
 #include "master/graph/exchange.h"
 #include "master/graph/graph.h"
-#include "master/measure/delay.h"
 #include "master/measure/delay_meter.h"
 #include "master/sync/lock.h"
 #include "master/twin/twin.h"

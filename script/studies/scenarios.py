@@ -1,9 +1,6 @@
 """Table 5.5 of the dissertation, measured: see the command scenarios, which builds and starts this."""
 import argparse
-import contextlib
 import os
-import signal
-import subprocess
 import sys
 import tempfile
 from pathlib import Path
@@ -12,7 +9,7 @@ import brakes
 import campaign
 from motor_bench import (SCENARIOS, SOLVERS, Bench, epsilon_of, exact_or_off, is_sound, read, scenario, with_solver,
                          yes_or_no)
-from study import PROGRAM, Progress, Trouble, print_figures
+from study import PROGRAM, Progress, print_figures, run_command
 
 WITHOUT_SAVING = ("a", "f")
 WORST_MSE = 1.5  # (rad/s)², that of table 5.6: what --search allows
@@ -191,21 +188,11 @@ def work(options, folder):
 
 def main():
     options = parse(sys.argv[1:])
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
-    try:
+
+    def measured():
         with tempfile.TemporaryDirectory(prefix="twinlock-scenarios-") as folder:
             return work(options, Path(folder))
-    except BrokenPipeError:
-        with contextlib.suppress(OSError):
-            sys.stdout = open(os.devnull, "w", encoding="utf-8")
-        return 0
-    except (Trouble, subprocess.CalledProcessError, OSError) as trouble:
-        said = getattr(trouble, "stderr", None)
-        print(f"scenarios: {said.decode().strip() if said else trouble}", file=sys.stderr)
-        return 65
-    except KeyboardInterrupt:
-        print("scenarios: interrupted", file=sys.stderr)
-        return 130
+    return run_command("scenarios", measured, 65)
 
 
 if __name__ == "__main__":

@@ -1,7 +1,9 @@
 """What the studies share: the program, what a person can do something about, what is being done, and how they end."""
+import contextlib
 import json
 import os
 import signal
+import subprocess
 import sys
 from pathlib import Path
 
@@ -29,6 +31,24 @@ class Progress:
     def _draw(self, text):
         if self.on:
             print(f"\r\033[K{text}", end="", file=sys.stderr, flush=True)
+
+
+def run_command(name, work, code_of_trouble):
+    """The exit code of work(), which returns its own. Trouble is told; the folders of a program that is ended are removed."""
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
+    try:
+        return work()
+    except BrokenPipeError:
+        with contextlib.suppress(OSError):
+            sys.stdout = open(os.devnull, "w", encoding="utf-8")
+        return 0
+    except (Trouble, subprocess.CalledProcessError, OSError) as trouble:
+        said = getattr(trouble, "stderr", None)
+        print(f"{name}: {said.decode().strip() if said else trouble}", file=sys.stderr)
+        return code_of_trouble
+    except KeyboardInterrupt:
+        print(f"{name}: interrupted", file=sys.stderr)
+        return 130
 
 
 def end_interrupted():

@@ -14,7 +14,7 @@ class Room(NamedTuple):
 MASTER = {
     "master/base": Room(()),
     "master/fmi": Room(("master/base",)),
-    "master/plan": Room(("master/fmi", "master/base")),
+    "master/plan": Room(("master/fmi", "master/base"), ("plan",)),
     "master/cache": Room(("master/plan", "master/fmi", "master/base"), ("cached_component",)),
     "master/graph": Room(("master/cache", "master/plan", "master/fmi", "master/base"),
                          ("costs", "exchange", "graph", "plant", "snapshot", "track")),
@@ -25,7 +25,7 @@ MASTER = {
     "master/event": Room(("master/sync", "master/solve", "master/measure", "master/graph", "master/cache",
                           "master/plan", "master/fmi", "master/base"), ("event_horizon", "event_plan")),
     "master/twin": Room(("master/event", "master/sync", "master/solve", "master/measure", "master/graph",
-                         "master/cache", "master/plan", "master/fmi", "master/base"), ("twin", "metrics")),
+                         "master/cache", "master/plan", "master/fmi", "master/base"), ("twin",)),
 }
 
 # Drivers know the contract and what they share, never each other.
@@ -53,7 +53,7 @@ FIRMWARE = {
     "firmware/base": Room(("master/base",)),
     "firmware/text": Room(("firmware/base", "master/base")),
     "firmware/process": _firmware(),
-    "firmware/config": _firmware(others=("master/plan", "master/measure", "master/solve", *_DRIVERS), public=("config", "measurements", "problems")),
+    "firmware/config": _firmware(others=(*_TWIN, *_DRIVERS), public=("config", "measurements", "problems")),
     "firmware/fmu": _firmware("process", others=("master/fmi",),
                               public=("fmu_store", "fmu_archive", "fmu_guard", "fmu_thread", "library")),
     "firmware/supervise": _firmware("process", others=("board/watchdog",), public=("supervisor", "restarts")),
@@ -62,13 +62,13 @@ FIRMWARE = {
     "firmware/plant": _firmware("record", "process", "config", others=_DRIVERS,
                                 public=("live_plant", "plant_input", "recording")),
     "firmware/report": _firmware("record", "config", others=_TWIN,
-                                 public=("html_report", "summary", "trajectory")),
+                                 public=("figures_json", "html_report", "run_figures", "summary", "trajectory")),
     "firmware/show": _firmware("report", "record", "config", others=_TWIN, public=("show",)),
     "firmware/run": _firmware("report", "plant", "record", "fmu", "supervise", "process", "config", others=_TWIN,
                               public=("assembly", "appliance", "replay", "journal", "watch")),
     "firmware/emulate": _firmware("run", "plant", "process", "config", others=_DRIVERS),
     "firmware/verbs": _firmware("emulate", "run", "show", "report", "plant", "record", "fmu", "supervise", "process",
-                                "config", others=(*_TWIN, "master/measure"), public=("command_line",)),
+                                "config", others=_TWIN, public=("command_line",)),
     "firmware": Room(("firmware/verbs", "firmware/process", "firmware/base")),
 }
 

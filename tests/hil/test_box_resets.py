@@ -2,20 +2,12 @@
 """The watchdog bites where the supervisor itself is stopped or dead, and only there; the box comes up again, and what runs
 then says why. Three boots of the rig in one QEMU, whose i6300esb remembers across a reset that it was the one; what the
 box does in each is in tests/hil/box/reset.py."""
-import os
 import subprocess
 
-from power_cuts import make_disk
-from twinlock_test import BUILD, SOURCE, Skip, expect, main, scratch
+from power_cuts import make_disk, need_rig
+from twinlock_test import BUILD, SOURCE, expect, main, scratch
 
 BOOTS = ["boot 1", "alive though the child was killed", "boot 2", "the supervisor is killed", "boot 3", "ended orderly"]
-
-
-def need_rig():
-    prepared = subprocess.run([SOURCE / "tests" / "hil" / "rig" / "prepare"], capture_output=True, encoding="utf-8", check=False)
-    if prepared.returncode != 0:
-        expect(os.environ.get("CI") != "true", f"{prepared.stderr}\n(CI=true does not allow to skip it)")
-        raise Skip(prepared.stderr.strip())
 
 
 def test_resets():

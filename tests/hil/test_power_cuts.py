@@ -2,13 +2,11 @@
 """The power of a box is cut while it records (tests/support/power_cuts.py): three times here, as often as you like by
 tests/hil/power_cuts."""
 import json
-import os
-import subprocess
 import sys
 import time
 
-from power_cuts import PATIENCE_S, check_accounts, cuts
-from twinlock_test import SOURCE, Failure, Skip, expect, main, scratch
+from power_cuts import PATIENCE_S, check_accounts, cuts, need_rig
+from twinlock_test import Failure, expect, main, scratch
 
 CUTS = 3
 
@@ -21,13 +19,6 @@ def show(number, figures):
 
 def show_late(number, why):
     print(f"    cut {number}: {why}", flush=True)
-
-
-def need_rig():
-    prepared = subprocess.run([SOURCE / "tests" / "hil" / "rig" / "prepare"], capture_output=True, encoding="utf-8", check=False)
-    if prepared.returncode != 0:
-        expect(os.environ.get("CI") != "true", f"{prepared.stderr}\n(CI=true does not allow to skip it)")
-        raise Skip(prepared.stderr.strip())
 
 
 def test_power_cuts():

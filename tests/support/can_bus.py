@@ -78,12 +78,10 @@ class Bus:
                 time.sleep(0.001)
 
 
-class Motor(Bus):
-    """Sends what config/motor/can.json reads, every 5 ms from a thread of its own, until it is left."""
+class Background:
+    """What runs beside a test: _run() in a thread of its own, which ends where self.done is set."""
 
-    def __init__(self, omega, torque=0.0, name=INTERFACE):
-        super().__init__(name)
-        self.omega, self.torque, self.quiet = omega, torque, False
+    def __init__(self):
         self.done = threading.Event()
         self.thread = threading.Thread(target=self._run, daemon=True)
 
@@ -94,7 +92,16 @@ class Motor(Bus):
     def __exit__(self, *unused):
         self.done.set()
         self.thread.join()
-        super().__exit__()
+        self.socket.close()
+
+
+class Motor(Background, Bus):
+    """Sends what config/motor/can.json reads, every 5 ms from a thread of its own, until it is left."""
+
+    def __init__(self, omega, torque=0.0, name=INTERFACE):
+        Bus.__init__(self, name)
+        Background.__init__(self)
+        self.omega, self.torque, self.quiet = omega, torque, False
 
     def tell(self):
         self.send(0x18FEF100 | EXTENDED, struct.pack("<f4x", self.omega))
@@ -109,7 +116,7 @@ class Motor(Bus):
                     pass  # the interface is down, or away: a sender cannot help that
 
 
-class Wire:
+class Wire(Background):
     """Hears every frame on the bus, whoever sent it."""
 
     def __init__(self, name=INTERFACE):
@@ -119,17 +126,7 @@ class Wire:
         self.socket.bind((name,))
         self.socket.settimeout(0.2)
         self.frames = []
-        self.done = threading.Event()
-        self.thread = threading.Thread(target=self._run, daemon=True)
-
-    def __enter__(self):
-        self.thread.start()
-        return self
-
-    def __exit__(self, *unused):
-        self.done.set()
-        self.thread.join()
-        self.socket.close()
+        super().__init__()
 
     def _run(self):
         while not self.done.is_set():

@@ -76,18 +76,25 @@ void tl_test_judge_file(const char *path, tl_test_verdict *verdict) {
     verdict->status = tl_config_read(path, &verdict->config, &report);
 }
 
-void tl_test_expect_problem(const char *base, const tl_test_change *change, tl_test_verdict *verdict) {
+static void expect_problem(const char *base, const tl_test_change *change) {
+    static tl_test_verdict verdict;
     char expected[TL_ERROR_TEXT];
     char *text = tl_test_replaced(base, change->old, change->new);
     TEST_ASSERT_NOT_NULL_MESSAGE(text, change->old);
     size_t line = tl_test_line_of(base, change->at != NULL ? change->at : change->old);
     TEST_ASSERT_NOT_EQUAL_size_t(0, line);
     (void)snprintf(expected, sizeof expected, "line %zu: %s", line, change->text);
-    tl_test_judge_text(text, strlen(text), verdict);
+    tl_test_judge_text(text, strlen(text), &verdict);
     free(text);
-    TEST_ASSERT_EQUAL_STRING_MESSAGE(expected, verdict->problems[0].text, change->new);
-    TEST_ASSERT_EQUAL_STRING_MESSAGE(change->where, verdict->problems[0].where, change->new);
-    TEST_ASSERT_EQUAL_STRING_MESSAGE("", verdict->problems[1].text, change->new);
-    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, verdict->status);
-    TEST_ASSERT_NULL(verdict->config.memory);
+    TEST_ASSERT_EQUAL_STRING_MESSAGE(expected, verdict.problems[0].text, change->new);
+    TEST_ASSERT_EQUAL_STRING_MESSAGE(change->where, verdict.problems[0].where, change->new);
+    TEST_ASSERT_EQUAL_STRING_MESSAGE("", verdict.problems[1].text, change->new);
+    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, verdict.status);
+    TEST_ASSERT_NULL(verdict.config.memory);
+}
+
+void tl_test_expect_problems(const char *base, const tl_test_change *changes, size_t count) {
+    for (size_t i = 0; i < count; i++) {
+        expect_problem(base, &changes[i]);
+    }
 }

@@ -50,8 +50,8 @@ typedef struct tl_test_change {
     const char *at;
 } tl_test_change;
 
-/* The reader finds just that problem; else the test fails. */
-void tl_test_expect_problem(const char *base, const tl_test_change *change, tl_test_verdict *verdict);
+/* Each of the changes makes the reader find just that problem; else the test fails. */
+void tl_test_expect_problems(const char *base, const tl_test_change *changes, size_t count);
 
 void tl_test_judge_text(const char *text, size_t size, tl_test_verdict *verdict);
 void tl_test_judge_file(const char *path, tl_test_verdict *verdict);

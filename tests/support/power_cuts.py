@@ -4,6 +4,7 @@ The box is the rig (QEMU, killed by SIGKILL), its disk an image of ext4. What th
 disk is gone, as with a power cut; what the disk was given is there, so a disk that lies about its cache is not shown.
 """
 import json
+import os
 import random
 import re
 import subprocess
@@ -12,7 +13,7 @@ import threading
 import time
 
 from live_test import GOOD, PATIENCE, check_replay, check_rows, number, query
-from twinlock_test import BUILD, SOURCE, Failure, expect, merge, read_config, run_well, scratch
+from twinlock_test import BUILD, SOURCE, Failure, Skip, expect, merge, read_config, run_well, scratch
 
 OMEGA = 62.981  # rad/s: where config/motor's twin starts
 STEP_S = 0.01
@@ -20,6 +21,14 @@ MOST_MISSING = 100  # samples: one second
 DISK_SIZE = "64M"
 FIRST_S, LAST_S = 0.3, 4.0  # a cut is so long after the first commit
 PATIENCE_S = 300  # from the emulator's start to the first commit, some 12 s where nothing else runs
+
+
+def need_rig():
+    """The rig is there, or the test is skipped."""
+    prepared = subprocess.run([SOURCE / "tests" / "hil" / "rig" / "prepare"], capture_output=True, encoding="utf-8", check=False)
+    if prepared.returncode != 0:
+        expect(os.environ.get("CI") != "true", f"{prepared.stderr}\n(CI=true does not allow to skip it)")
+        raise Skip(prepared.stderr.strip())
 
 
 class Late(Exception):

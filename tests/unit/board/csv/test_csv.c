@@ -10,9 +10,10 @@
 
 #include "board/csv/csv.h"
 #include "board/csv/csv_table.h"
+#include "tests/support/scratch.h"
 
-static char folder[] = TL_BINARY_DIR "/test_csv_XXXXXX";
-static char path[sizeof folder + 16];
+static tl_scratch scratch;
+static char path[PATH_MAX];
 static tl_csv_reader *reader;
 static tl_csv_row row;
 static tl_error error;
@@ -34,7 +35,7 @@ static void close_reader(void) {
 
 void tearDown(void) {
     close_reader();
-    (void)unlink(path);
+    tl_scratch_empty(&scratch);
 }
 
 static void put(const char *bytes, size_t size) {
@@ -232,7 +233,7 @@ static void test_no_file(void) {
 }
 
 static void test_a_folder(void) {
-    const tl_csv_settings settings = {.path = folder, .time_column = "time", .columns = UV, .column_count = 2};
+    const tl_csv_settings settings = {.path = scratch.folder, .time_column = "time", .columns = UV, .column_count = 2};
     TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, tl_csv_open(&settings, &reader, &error));
     TEST_ASSERT_NOT_NULL(strstr(error.text, "directory"));
 }
@@ -380,10 +381,8 @@ static void test_too_many_columns(void) {
 }
 
 int main(void) {
-    if (mkdtemp(folder) == NULL) {
-        return 1;
-    }
-    (void)snprintf(path, sizeof path, "%s/recording.csv", folder);
+    tl_scratch_make(&scratch, TL_BINARY_DIR, "test_csv");
+    (void)snprintf(path, sizeof path, "%s", tl_scratch_path(&scratch, "recording.csv"));
     UNITY_BEGIN();
     RUN_TEST(test_rows);
     RUN_TEST(test_columns_in_another_order_and_further_ones);
@@ -414,6 +413,6 @@ int main(void) {
     RUN_TEST(test_lines_after_one_that_is_too_long);
     RUN_TEST(test_too_many_columns);
     int failures = UNITY_END();
-    (void)rmdir(folder);
+    tl_scratch_remove(&scratch);
     return failures;
 }

@@ -17,11 +17,12 @@
 #include "board/csv/csv_anchor.h"
 #include "tests/support/driver_probe.h"
 #include "tests/support/real_time.h"
+#include "tests/support/scratch.h"
 
 enum { KEPT = 64 };
 
-static char folder[] = TL_BINARY_DIR "/test_csv_live_XXXXXX";
-static char path[sizeof folder + 16];
+static tl_scratch scratch;
+static char path[PATH_MAX];
 static int writer;
 static tl_driver_probe probe;
 
@@ -47,7 +48,7 @@ void tearDown(void) {
     if (writer >= 0) {
         (void)close(writer);
     }
-    (void)unlink(path);
+    tl_scratch_empty(&scratch);
 }
 
 /* ---- what the tests do ---- */
@@ -515,10 +516,8 @@ static void test_anchor_follows_a_slow_clock(void) {
 }
 
 int main(void) {
-    if (mkdtemp(folder) == NULL) {
-        return 1;
-    }
-    (void)snprintf(path, sizeof path, "%s/stream", folder);
+    tl_scratch_make(&scratch, TL_BINARY_DIR, "test_csv_live");
+    (void)snprintf(path, sizeof path, "%s", tl_scratch_path(&scratch, "stream"));
     UNITY_BEGIN();
     RUN_TEST(test_a_path_that_comes_later);
     RUN_TEST(test_a_file_is_played_in_its_own_time);
@@ -551,6 +550,6 @@ int main(void) {
     RUN_TEST(test_anchor_follows_a_fast_clock);
     RUN_TEST(test_anchor_follows_a_slow_clock);
     int failures = UNITY_END();
-    (void)rmdir(folder);
+    tl_scratch_remove(&scratch);
     return failures;
 }

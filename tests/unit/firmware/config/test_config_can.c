@@ -110,9 +110,7 @@ static void test_wrong_sources(void) {
          "\"csv\": { \"source\": \"stream\" }, \"can\": { \"source\": \"bus\", \"id\": 1, \"start\": 0, \"length\": 1 }",
          "plant.rows.can", "found can beside another live source, expected at most one live source", NULL},
     };
-    for (size_t i = 0; i < sizeof changes / sizeof changes[0]; i++) {
-        tl_test_expect_problem(text, &changes[i], &verdict);
-    }
+    tl_test_expect_problems(text, changes, sizeof changes / sizeof changes[0]);
 }
 
 #define ID "expected an id from 0 to 0x1FFFFFFF, a whole number or a hexadecimal text, for example \"0x18FEF100\""
@@ -142,9 +140,7 @@ static void test_wrong_frames(void) {
          "found the unknown key \"fds\", expected one of source, id, extended, bytes, fd, type, start, length, order, scale, offset, multiplex",
          NULL},
     };
-    for (size_t i = 0; i < sizeof changes / sizeof changes[0]; i++) {
-        tl_test_expect_problem(text, &changes[i], &verdict);
-    }
+    tl_test_expect_problems(text, changes, sizeof changes / sizeof changes[0]);
 }
 
 static void test_wrong_bits(void) {
@@ -176,9 +172,7 @@ static void test_wrong_bits(void) {
         {"\"offset\": -40", "\"offset\": \"-40\"", "plant.speed.can.offset",
          "found \"-40\" (text), expected a number, for example 0.1", NULL},
     };
-    for (size_t i = 0; i < sizeof changes / sizeof changes[0]; i++) {
-        tl_test_expect_problem(text, &changes[i], &verdict);
-    }
+    tl_test_expect_problems(text, changes, sizeof changes / sizeof changes[0]);
 }
 
 /* A type that there is not: without it, nobody knows the length either. */
@@ -225,9 +219,7 @@ static void test_wrong_multiplexors(void) {
          "plant.page.can.multiplex.multiplex.multiplex.multiplex.multiplex",
          "found an object with 0 keys, expected at most 4 multiplexors above each other", NULL},
     };
-    for (size_t i = 0; i < sizeof changes / sizeof changes[0]; i++) {
-        tl_test_expect_problem(text, &changes[i], &verdict);
-    }
+    tl_test_expect_problems(text, changes, sizeof changes / sizeof changes[0]);
 }
 
 int main(void) {

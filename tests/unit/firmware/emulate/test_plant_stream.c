@@ -15,9 +15,10 @@
 #include "board/csv/csv.h"
 #include "firmware/base/clock.h"
 #include "firmware/emulate/plant_stream.h"
+#include "tests/support/scratch.h"
 
-static char folder[] = TL_BINARY_DIR "/test_plant_stream_XXXXXX";
-static char path[sizeof folder + 16];
+static tl_scratch scratch;
+static char path[PATH_MAX];
 static tl_plant_stream *stream;
 static int reader;
 static tl_error error;
@@ -47,7 +48,7 @@ static void close_stream(void) {
 void tearDown(void) {
     close_stream();
     close_reader();
-    (void)unlink(path);
+    tl_scratch_empty(&scratch);
 }
 
 static tl_status open_stream(const char *where, bool make_fifo, const char *const *columns, size_t count) {
@@ -211,7 +212,7 @@ static void test_a_file_that_exists_is_not_overwritten(void) {
 
 static void test_a_folder_that_is_not_there(void) {
     char nowhere[sizeof path + 16];
-    (void)snprintf(nowhere, sizeof nowhere, "%s/no/stream", folder);
+    (void)snprintf(nowhere, sizeof nowhere, "%s/no/stream", scratch.folder);
     expect_refused(open_stream(nowhere, false, UV, 2), "cannot be written: No such file");
     expect_refused(open_stream(nowhere, true, UV, 2), "no FIFO can be made: No such file");
 }
@@ -405,10 +406,8 @@ static void test_the_live_driver_reads_it(void) {
 }
 
 int main(void) {
-    if (mkdtemp(folder) == NULL) {
-        return 1;
-    }
-    (void)snprintf(path, sizeof path, "%s/stream", folder);
+    tl_scratch_make(&scratch, TL_BINARY_DIR, "test_plant_stream");
+    (void)snprintf(path, sizeof path, "%s", tl_scratch_path(&scratch, "stream"));
     make_wide_names();
     UNITY_BEGIN();
     RUN_TEST(test_a_file);
@@ -427,6 +426,6 @@ int main(void) {
     RUN_TEST(test_a_reader_that_leaves_in_the_middle_of_a_row);
     RUN_TEST(test_the_live_driver_reads_it);
     int failures = UNITY_END();
-    (void)rmdir(folder);
+    tl_scratch_remove(&scratch);
     return failures;
 }

@@ -258,7 +258,7 @@ static void test_the_lead_is_the_recorded_one(void) {
 static void test_an_older_file(void) {
     static const char *const modes[] = {"lag", "hold", "ahead"};
     static const uint32_t leads[] = {TL_MADE_PREDICTION, 1, 0};
-    const tl_history_component *components = NULL;
+    const tl_run_component *components = NULL;
     tl_history_tick tick;
     size_t count = 9;
     bool end = false;
@@ -314,7 +314,7 @@ static void test_an_older_file_is_brought_up_to_date_meanwhile(void) {
 }
 
 static void test_the_ledger(void) {
-    const tl_history_component *components = NULL;
+    const tl_run_component *components = NULL;
     tl_recorder_component ledger[TL_MADE_COMPONENTS];
     size_t count = 0;
     record_run(10);

@@ -10,42 +10,27 @@
 #include "firmware/database/database_schema.h"
 #include "firmware/record/history.h"
 #include "tests/support/made_run.h"
-#include "tests/support/scratch.h"
+#include "tests/support/recorder_bench.h"
 #include "tests/support/sql.h"
 
 enum { SIZE = 5000, LARGE = 60000 };
 
-static tl_scratch scratch;
-static char path[PATH_MAX];
-static char wal[PATH_MAX + 8];
-static tl_recorder *recorder;
 static tl_history *history;
 static const tl_history_run *run;
-static tl_error error;
+static tl_recorder_bench bench;
 
 void setUp(void) {
-    (void)snprintf(path, sizeof path, "%s", tl_scratch_path(&scratch, "run.db"));
-    (void)snprintf(wal, sizeof wal, "%s-wal", path);
-    recorder = NULL;
+    tl_bench_begin(&bench);
     history = NULL;
-    error = (tl_error){TL_OK, ""};
 }
 
 void tearDown(void) {
-    if (recorder != NULL) {
-        (void)tl_recorder_close(recorder, "test failed", NULL, NULL);
-    }
     tl_history_close(history);
-    tl_scratch_empty(&scratch);
-}
-
-static void expect_ok(tl_status status) {
-    TEST_ASSERT_EQUAL_STRING("", error.text);
-    TEST_ASSERT_EQUAL_INT(TL_OK, status);
+    tl_bench_end(&bench);
 }
 
 static tl_recorder_settings settings_of(int64_t max_bytes) {
-    tl_recorder_settings settings = tl_made_settings(path);
+    tl_recorder_settings settings = tl_made_settings(bench.path);
     settings.verb = "run";
     settings.wait_when_full = true;
     settings.max_bytes = max_bytes;
@@ -57,13 +42,11 @@ static tl_recorder_settings settings_of(int64_t max_bytes) {
 
 static void open_recorder(int64_t max_bytes) {
     const tl_recorder_settings settings = settings_of(max_bytes);
-    expect_ok(tl_recorder_open(&settings, &recorder, &error));
+    tl_bench_open(&bench, &settings);
 }
 
 static void close_recorder(void) {
-    tl_recorder *closing = recorder;
-    recorder = NULL;
-    expect_ok(tl_recorder_close(closing, "SIGTERM", NULL, &error));
+    tl_bench_close(&bench, "SIGTERM");
 }
 
 static unsigned char byte_of(int64_t tick, size_t i) {
@@ -75,7 +58,7 @@ static void put_checkpoint(int64_t tick, size_t size) {
     size_t capacity = 0;
     unsigned char *room = NULL;
     for (int tries = 0; room == NULL && tries < 10000; tries++) {
-        room = tl_recorder_checkpoint_room(recorder, &capacity);
+        room = tl_recorder_checkpoint_room(bench.recorder, &capacity);
         (void)usleep(1000);
     }
     TEST_ASSERT_NOT_NULL(room);
@@ -83,19 +66,19 @@ static void put_checkpoint(int64_t tick, size_t size) {
     for (size_t i = 0; i < size; i++) {
         room[i] = byte_of(tick, i);
     }
-    tl_recorder_put_checkpoint(recorder, tick, size);
+    tl_recorder_put_checkpoint(bench.recorder, tick, size);
 }
 
 static void open_history(int64_t id) {
     tl_history_close(history);
     history = NULL;
-    expect_ok(tl_history_open(path, &history, &error));
-    expect_ok(tl_history_find(history, id, &run, &error));
+    tl_bench_expect_ok(&bench, tl_history_open(bench.path, &history, &bench.error));
+    tl_bench_expect_ok(&bench, tl_history_find(history, id, &run, &bench.error));
 }
 
 static const tl_history_checkpoint *checkpoint_before(int64_t tick) {
     const tl_history_checkpoint *checkpoint = NULL;
-    expect_ok(tl_history_checkpoint_before(history, run, tick, &checkpoint, &error));
+    tl_bench_expect_ok(&bench, tl_history_checkpoint_before(history, run, tick, &checkpoint, &bench.error));
     return checkpoint;
 }
 
@@ -116,11 +99,11 @@ static void test_the_two_newest_and_the_first_are_kept(void) {
     const tl_resumption resumption = {
         .from = TL_RESUMED_CHECKPOINT, .run = 7, .tick = 20, .start = -5, .started = 1000};
     open_recorder(0);
-    tl_recorder_resume(recorder, &resumption);
-    TEST_ASSERT_TRUE(tl_recorder_reserve_checkpoint(recorder, SIZE));
+    tl_recorder_resume(bench.recorder, &resumption);
+    TEST_ASSERT_TRUE(tl_recorder_reserve_checkpoint(bench.recorder, SIZE));
     for (int64_t tick = 10; tick < 60; tick += 10) {
         put_checkpoint(tick, SIZE - (size_t)tick);
-        tl_made_put(recorder, tick, 10);
+        tl_made_put(bench.recorder, tick, 10);
     }
     close_recorder();
     open_history(1);
@@ -140,8 +123,8 @@ static void test_the_two_newest_and_the_first_are_kept(void) {
 
 static void test_a_run_that_begins_anew(void) {
     open_recorder(0);
-    tl_recorder_start(recorder, 1234);
-    tl_made_put(recorder, 0, 10);
+    tl_recorder_start(bench.recorder, 1234);
+    tl_made_put(bench.recorder, 0, 10);
     close_recorder();
     open_history(1);
     TEST_ASSERT_EQUAL_INT(TL_RESUMED_NOT, run->resumption.from);
@@ -153,12 +136,12 @@ static void test_a_run_that_begins_anew(void) {
 static void test_room_for_one(void) {
     size_t capacity = 9;
     open_recorder(0);
-    TEST_ASSERT_NULL(tl_recorder_checkpoint_room(recorder, &capacity));
+    TEST_ASSERT_NULL(tl_recorder_checkpoint_room(bench.recorder, &capacity));
     TEST_ASSERT_EQUAL_size_t(0, capacity);
-    TEST_ASSERT_TRUE(tl_recorder_reserve_checkpoint(recorder, SIZE));
+    TEST_ASSERT_TRUE(tl_recorder_reserve_checkpoint(bench.recorder, SIZE));
     put_checkpoint(3, SIZE);
-    if (tl_recorder_checkpoint_room(recorder, &capacity) == NULL) { /* or it has been written already */
-        TEST_ASSERT_FALSE(tl_recorder_reserve_checkpoint(recorder, SIZE));
+    if (tl_recorder_checkpoint_room(bench.recorder, &capacity) == NULL) { /* or it has been written already */
+        TEST_ASSERT_FALSE(tl_recorder_reserve_checkpoint(bench.recorder, SIZE));
     }
     close_recorder();
     open_history(1);
@@ -167,13 +150,13 @@ static void test_room_for_one(void) {
 
 static void test_damage_shows(void) {
     open_recorder(0);
-    TEST_ASSERT_TRUE(tl_recorder_reserve_checkpoint(recorder, SIZE));
+    TEST_ASSERT_TRUE(tl_recorder_reserve_checkpoint(bench.recorder, SIZE));
     put_checkpoint(3, SIZE);
     close_recorder();
-    tl_sql_execute(path, "UPDATE checkpoints SET bytes = zeroblob(5000)");
+    tl_sql_execute(bench.path, "UPDATE checkpoints SET bytes = zeroblob(5000)");
     open_history(1);
     TEST_ASSERT_FALSE(checkpoint_before(INT64_MAX)->whole);
-    tl_sql_execute(path, "UPDATE checkpoints SET bytes = x''");
+    tl_sql_execute(bench.path, "UPDATE checkpoints SET bytes = x''");
     open_history(1);
     TEST_ASSERT_FALSE(checkpoint_before(INT64_MAX)->whole);
 }
@@ -189,43 +172,43 @@ static void test_the_bound_holds(void) {
     const int64_t bound = 1000000;
     open_recorder(bound);
     TEST_ASSERT_FALSE(
-        tl_recorder_reserve_checkpoint(recorder, 200000)); /* no such one would leave room for anything else */
-    TEST_ASSERT_TRUE(tl_recorder_reserve_checkpoint(recorder, LARGE));
+        tl_recorder_reserve_checkpoint(bench.recorder, 200000)); /* no such one would leave room for anything else */
+    TEST_ASSERT_TRUE(tl_recorder_reserve_checkpoint(bench.recorder, LARGE));
     for (int64_t tick = 0; tick < 20000; tick += 500) {
-        tl_made_put(recorder, tick, 500);
+        tl_made_put(bench.recorder, tick, 500);
         put_checkpoint(tick + 499, LARGE);
-        TEST_ASSERT_LESS_OR_EQUAL_INT64(bound, size_of(path) + size_of(wal));
+        TEST_ASSERT_LESS_OR_EQUAL_INT64(bound, size_of(bench.path) + size_of(bench.wal));
     }
     close_recorder();
-    int64_t first = tl_sql_integer(path, "SELECT removed_before FROM runs");
+    int64_t first = tl_sql_integer(bench.path, "SELECT removed_before FROM runs");
     TEST_ASSERT_GREATER_THAN_INT64(0, first);
-    TEST_ASSERT_EQUAL_INT64(2, tl_sql_integer(path, "SELECT count(*) FROM checkpoints"));
-    TEST_ASSERT_GREATER_OR_EQUAL_INT64(first - 1, tl_sql_integer(path, "SELECT min(tick) FROM checkpoints"));
-    TEST_ASSERT_EQUAL_STRING("ok", tl_sql_text(path, "PRAGMA integrity_check"));
+    TEST_ASSERT_EQUAL_INT64(2, tl_sql_integer(bench.path, "SELECT count(*) FROM checkpoints"));
+    TEST_ASSERT_GREATER_OR_EQUAL_INT64(first - 1, tl_sql_integer(bench.path, "SELECT min(tick) FROM checkpoints"));
+    TEST_ASSERT_EQUAL_STRING("ok", tl_sql_text(bench.path, "PRAGMA integrity_check"));
 }
 
 /* A run that is removed leaves neither. */
 static void test_removed_with_the_run(void) {
     open_recorder(0);
-    TEST_ASSERT_TRUE(tl_recorder_reserve_checkpoint(recorder, LARGE));
+    TEST_ASSERT_TRUE(tl_recorder_reserve_checkpoint(bench.recorder, LARGE));
     put_checkpoint(0, LARGE);
-    tl_made_put(recorder, 0, 2000);
+    tl_made_put(bench.recorder, 0, 2000);
     close_recorder();
     open_recorder(1000000);
-    tl_made_put(recorder, 0, 20000);
+    tl_made_put(bench.recorder, 0, 20000);
     close_recorder();
-    TEST_ASSERT_EQUAL_INT64(0, tl_sql_integer(path, "SELECT count(*) FROM runs WHERE run = 1"));
-    TEST_ASSERT_EQUAL_INT64(0, tl_sql_integer(path, "SELECT count(*) FROM checkpoints"));
-    TEST_ASSERT_EQUAL_INT64(0, tl_sql_integer(path, "SELECT count(*) FROM beginnings WHERE run = 1"));
+    TEST_ASSERT_EQUAL_INT64(0, tl_sql_integer(bench.path, "SELECT count(*) FROM runs WHERE run = 1"));
+    TEST_ASSERT_EQUAL_INT64(0, tl_sql_integer(bench.path, "SELECT count(*) FROM checkpoints"));
+    TEST_ASSERT_EQUAL_INT64(0, tl_sql_integer(bench.path, "SELECT count(*) FROM beginnings WHERE run = 1"));
 }
 
 /* ---- older files ---- */
 
 static void make_format_2(void) {
     open_recorder(0);
-    tl_made_put(recorder, 0, 10);
+    tl_made_put(bench.recorder, 0, 10);
     close_recorder();
-    tl_sql_execute(path, "DROP TABLE beginnings; DROP TABLE checkpoints; PRAGMA user_version = 2");
+    tl_sql_execute(bench.path, "DROP TABLE beginnings; DROP TABLE checkpoints; PRAGMA user_version = 2");
 }
 
 static void expect_nothing_known(void) {
@@ -240,16 +223,16 @@ static void expect_nothing_known(void) {
 static void test_a_file_of_format_2_is_read_as_it_is(void) {
     make_format_2();
     expect_nothing_known();
-    TEST_ASSERT_EQUAL_INT64(2, tl_sql_integer(path, "PRAGMA user_version"));
+    TEST_ASSERT_EQUAL_INT64(2, tl_sql_integer(bench.path, "PRAGMA user_version"));
 }
 
 static void test_a_file_of_format_2_is_brought_up_to_date(void) {
     make_format_2();
     open_recorder(0);
-    tl_recorder_start(recorder, 1);
-    tl_made_put(recorder, 0, 10);
+    tl_recorder_start(bench.recorder, 1);
+    tl_made_put(bench.recorder, 0, 10);
     close_recorder();
-    TEST_ASSERT_EQUAL_INT64(TL_DATABASE_VERSION, tl_sql_integer(path, "PRAGMA user_version"));
+    TEST_ASSERT_EQUAL_INT64(TL_DATABASE_VERSION, tl_sql_integer(bench.path, "PRAGMA user_version"));
     expect_nothing_known();
     open_history(2);
     TEST_ASSERT_EQUAL_STRING("digest", run->fmus);
@@ -258,14 +241,14 @@ static void test_a_file_of_format_2_is_brought_up_to_date(void) {
 
 static void test_a_file_of_format_1_is_read_as_it_is(void) {
     open_recorder(0);
-    tl_made_put(recorder, 0, 10);
+    tl_made_put(bench.recorder, 0, 10);
     close_recorder();
-    tl_made_older(path);
+    tl_made_older(bench.path);
     expect_nothing_known();
 }
 
 int main(void) {
-    tl_scratch_make(&scratch, TL_BINARY_DIR, "test_recorder_checkpoint");
+    tl_scratch_make(&bench.scratch, TL_BINARY_DIR, "test_recorder_checkpoint");
     UNITY_BEGIN();
     RUN_TEST(test_the_two_newest_and_the_first_are_kept);
     RUN_TEST(test_a_run_that_begins_anew);
@@ -277,6 +260,6 @@ int main(void) {
     RUN_TEST(test_a_file_of_format_2_is_brought_up_to_date);
     RUN_TEST(test_a_file_of_format_1_is_read_as_it_is);
     int failures = UNITY_END();
-    tl_scratch_remove(&scratch);
+    tl_scratch_remove(&bench.scratch);
     return failures;
 }

@@ -14,7 +14,8 @@ static tl_recorder_signal match[TL_MAX_MATCH];
 static tl_recorder_signal adjust[TL_MAX_ADJUST];
 static double tolerance[TL_MAX_MATCH];
 static tl_html_settings settings;
-static tl_html_figures figures;
+static tl_run_figures figures;
+static const char *ended;
 static tl_html_report *report;
 static tl_error error;
 static char *page;
@@ -44,7 +45,8 @@ void setUp(void) {
         .adjust_count = 1,
         .tolerance = tolerance,
     };
-    figures = (tl_html_figures){.ended = "end of recording", .component_count = 1, .components = {"motor"}};
+    figures = (tl_run_figures){.ledger = {{.name = "motor"}}, .ledger_count = 1};
+    ended = "end of recording";
     report = NULL;
     page = NULL;
 }
@@ -60,7 +62,7 @@ static void create(void) {
 
 static void write_page(void) {
     FILE *file = open_memstream(&page, &size);
-    tl_html_report_write(report, &figures, file);
+    tl_html_report_write(report, &figures, ended, file);
     TEST_ASSERT_EQUAL_INT(0, fclose(file));
 }
 
@@ -168,8 +170,8 @@ static void test_names_are_text(void) {
     settings.version = hostile;
     settings.solver = hostile;
     settings.fallback = hostile;
-    figures.ended = hostile;
-    figures.components[0] = hostile;
+    ended = hostile;
+    figures.ledger[0].name = hostile;
     match[0] = (tl_recorder_signal){hostile, unit, hostile, TL_REAL};
     adjust[0] = (tl_recorder_signal){hostile, unit, NULL, TL_REAL};
     create();
@@ -186,7 +188,6 @@ static void test_names_are_text(void) {
 }
 
 static void test_a_figure_that_is_not_known(void) {
-    figures.adjust[0].delta_mean = (double)NAN;
     create();
     write_page();
     expect_once("<data data-key=\"match.0.mse\" value=\"\">–</data>");
@@ -195,7 +196,7 @@ static void test_a_figure_that_is_not_known(void) {
 }
 
 static void test_a_run_without_a_ledger(void) {
-    figures.component_count = 0;
+    figures.ledger_count = 0;
     create();
     write_page();
     expect_once("no ledger was kept");

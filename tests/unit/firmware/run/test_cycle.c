@@ -177,7 +177,7 @@ static tl_status end(void) {
 static void expect_rows(int64_t rows) {
     TEST_ASSERT_EQUAL_INT64(rows, tl_sql_integer(database, "SELECT count(*) FROM steps"));
     TEST_ASSERT_EQUAL_INT64(rows - 1, tl_sql_integer(database, "SELECT max(step) FROM steps"));
-    TEST_ASSERT_EQUAL_INT64((int64_t)summary.skipped,
+    TEST_ASSERT_EQUAL_INT64((int64_t)summary.figures.skipped,
                             tl_sql_integer(database, "SELECT count(*) FROM steps WHERE outcome = 6"));
 }
 
@@ -205,9 +205,9 @@ static void run_for_a_duration(tl_measurements measurements) {
     TEST_ASSERT_TRUE(shown.ended);
     TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, end(), error.text);
     TEST_ASSERT_EQUAL_UINT64(51, summary.ticks);
-    TEST_ASSERT_EQUAL_UINT64(51, summary.steps + summary.skipped);
+    TEST_ASSERT_EQUAL_UINT64(51, summary.figures.steps + summary.figures.skipped);
     TEST_ASSERT_EQUAL_UINT64(51, shown.ticks);
-    TEST_ASSERT_EQUAL_UINT64(summary.skipped, summary.outcomes[TL_MADE_UP]);
+    TEST_ASSERT_EQUAL_UINT64(summary.figures.skipped, summary.figures.outcomes[TL_MADE_UP]);
     expect_rows(51);
     expect_ledger();
     TEST_ASSERT_EQUAL_INT64(52, tl_sql_integer(database, "SELECT count(*) FROM samples"));
@@ -216,12 +216,12 @@ static void run_for_a_duration(tl_measurements measurements) {
 
 static void test_a_duration_in_mode_lag(void) {
     run_for_a_duration(TL_LAG);
-    TEST_ASSERT_TRUE(summary.evaluations > 0);
+    TEST_ASSERT_TRUE(summary.figures.evaluations > 0);
 }
 
 static void test_a_duration_in_mode_hold(void) {
     run_for_a_duration(TL_HOLD);
-    TEST_ASSERT_TRUE(summary.evaluations > 0);
+    TEST_ASSERT_TRUE(summary.figures.evaluations > 0);
 }
 
 static void test_a_duration_in_mode_ahead(void) {
@@ -247,11 +247,11 @@ static void test_missed_ticks_are_made_up(void) {
     start();
     watch(UINT64_MAX);
     TEST_ASSERT_EQUAL_INT(TL_OK, end());
-    TEST_ASSERT_TRUE(summary.skipped >= 24);
+    TEST_ASSERT_TRUE(summary.figures.skipped >= 24);
     /* Not where the machine itself was late, so that the slow step was one that was made up. */
-    TEST_ASSERT_TRUE(summary.deadline_misses >= 1 || summary.used_longest < slow_time);
+    TEST_ASSERT_TRUE(summary.deadline_misses >= 1 || summary.figures.longest < slow_time);
     TEST_ASSERT_EQUAL_UINT64(101, summary.ticks);
-    TEST_ASSERT_EQUAL_UINT64(101, summary.steps + summary.skipped);
+    TEST_ASSERT_EQUAL_UINT64(101, summary.figures.steps + summary.figures.skipped);
     expect_rows(101);
     TEST_ASSERT_EQUAL_INT64(0, tl_sql_integer(database,
                                               "SELECT count(*) FROM steps s JOIN adjustments a USING (run, step) "
@@ -270,9 +270,9 @@ static void test_missed_ticks_without_time(void) {
     start();
     watch(UINT64_MAX);
     TEST_ASSERT_EQUAL_INT(TL_OK, end());
-    TEST_ASSERT_TRUE(summary.skipped >= 14);
-    TEST_ASSERT_EQUAL_UINT64(51, summary.steps + summary.skipped);
-    TEST_ASSERT_EQUAL_UINT64(0, summary.evaluations);
+    TEST_ASSERT_TRUE(summary.figures.skipped >= 14);
+    TEST_ASSERT_EQUAL_UINT64(51, summary.figures.steps + summary.figures.skipped);
+    TEST_ASSERT_EQUAL_UINT64(0, summary.figures.evaluations);
     expect_rows(51);
 }
 
@@ -287,7 +287,7 @@ static void test_stops_though_the_next_tick_is_far_away(void) {
         TEST_ASSERT_EQUAL_INT(TL_OK, end());
         TEST_ASSERT_TRUE(tl_clock_now(NULL) - before < PATIENCE);
         TEST_ASSERT_EQUAL_UINT64(0, summary.ticks);
-        TEST_ASSERT_EQUAL_UINT64(0, summary.steps);
+        TEST_ASSERT_EQUAL_UINT64(0, summary.figures.steps);
     }
 }
 
@@ -299,7 +299,7 @@ static void test_stops_when_asked(void) {
     TEST_ASSERT_FALSE(shown.ended);
     TEST_ASSERT_EQUAL_INT(TL_OK, end());
     TEST_ASSERT_TRUE(summary.ticks >= 30);
-    TEST_ASSERT_EQUAL_UINT64(summary.ticks, summary.steps + summary.skipped);
+    TEST_ASSERT_EQUAL_UINT64(summary.ticks, summary.figures.steps + summary.figures.skipped);
     expect_rows((int64_t)summary.ticks);
 }
 
@@ -329,8 +329,8 @@ static void test_a_twin_that_fails_ends_it(void) {
     TEST_ASSERT_TRUE(shown.ended);
     TEST_ASSERT_EQUAL_INT(TL_FMU_FAILED, end());
     TEST_ASSERT_NOT_NULL(strstr(error.text, "motor"));
-    TEST_ASSERT_TRUE(summary.steps >= 1);
-    TEST_ASSERT_EQUAL_INT64((int64_t)(summary.steps + summary.outcomes[TL_MADE_UP]),
+    TEST_ASSERT_TRUE(summary.figures.steps >= 1);
+    TEST_ASSERT_EQUAL_INT64((int64_t)(summary.figures.steps + summary.figures.outcomes[TL_MADE_UP]),
                             tl_sql_integer(database, "SELECT count(*) FROM steps"));
 }
 
@@ -339,7 +339,7 @@ static void test_nothing_is_recorded_where_nobody_records(void) {
     start();
     watch(UINT64_MAX);
     TEST_ASSERT_EQUAL_INT(TL_OK, end());
-    TEST_ASSERT_EQUAL_UINT64(21, summary.steps + summary.skipped);
+    TEST_ASSERT_EQUAL_UINT64(21, summary.figures.steps + summary.figures.skipped);
 }
 
 int main(void) {

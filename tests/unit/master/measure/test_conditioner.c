@@ -119,25 +119,25 @@ static void the_delay_is_that_of_both_filters(void) {
     for (size_t i = 0; i < sizeof rows / sizeof *rows; i++) {
         tl_plan_condition condition = low_pass(rows[i].samples);
         condition.median = rows[i].median;
-        TEST_ASSERT_EQUAL_UINT32(rows[i].delay, tl_conditioner_delay(&condition, TL_SECOND));
+        TEST_ASSERT_EQUAL_UINT32(rows[i].delay, tl_plan_condition_delay(&condition, TL_SECOND));
     }
 }
 
 static void the_delay_counts_in_macro_steps(void) {
     const tl_plan_condition condition = {.low_pass = TL_SECOND};
-    TEST_ASSERT_EQUAL_UINT32(100, tl_conditioner_delay(&condition, TL_SECOND / 100));
+    TEST_ASSERT_EQUAL_UINT32(100, tl_plan_condition_delay(&condition, TL_SECOND / 100));
 }
 
 static void a_delay_that_cannot_be_counted_is_the_largest_number(void) {
     const tl_plan_condition condition = {.median = 99, .low_pass = INT64_MAX};
-    TEST_ASSERT_EQUAL_UINT32(UINT32_MAX, tl_conditioner_delay(&condition, 1));
+    TEST_ASSERT_EQUAL_UINT32(UINT32_MAX, tl_plan_condition_delay(&condition, 1));
 }
 
 static void a_median_delays_a_ramp_by_exactly_its_delay(void) {
     static const uint32_t sizes[] = {3, 5, 9, 99};
     for (size_t i = 0; i < sizeof sizes / sizeof *sizes; i++) {
         const tl_plan_condition condition = {.median = sizes[i]};
-        int64_t delay = tl_conditioner_delay(&condition, TL_SECOND);
+        int64_t delay = tl_plan_condition_delay(&condition, TL_SECOND);
         for (double slope = -0.3; slope < 0.5; slope += 0.6) {
             create(condition);
             while (tick < 300) {
@@ -166,7 +166,7 @@ static void a_low_pass_delays_a_ramp_by_its_lag(void) {
         tl_plan_condition condition = low_pass(samples);
         double lag = lag_of(condition);
         TEST_ASSERT_DOUBLE_WITHIN(1e-9, 1.0 / (exp(1.0 / samples) - 1.0), lag);
-        TEST_ASSERT_DOUBLE_WITHIN(0.5, tl_conditioner_delay(&condition, TL_SECOND), lag);
+        TEST_ASSERT_DOUBLE_WITHIN(0.5, tl_plan_condition_delay(&condition, TL_SECOND), lag);
     }
 }
 
@@ -176,7 +176,7 @@ static void a_low_pass_with_a_whole_lag_has_exactly_the_declared_delay(void) {
     for (uint32_t lag = 1; lag <= 30; lag++) {
         const tl_plan_condition condition = {.median = 5,
                                              .low_pass = tl_time_of_seconds(3600.0 / log(1.0 + 1.0 / lag))};
-        TEST_ASSERT_EQUAL_UINT32(lag + 2, tl_conditioner_delay(&condition, step));
+        TEST_ASSERT_EQUAL_UINT32(lag + 2, tl_plan_condition_delay(&condition, step));
         conditioner = tl_conditioner_create(&arena, &condition, step, WINDOW);
         tick = 0;
         double found = 0.0;
@@ -351,7 +351,7 @@ static void behind_a_step_a_median_knows_only_the_new_level(void) {
 /* The output of tick m belongs to m − delay: it must be the old level for all m < step + delay. */
 static void a_new_level_comes_out_at_the_instant_it_belongs_to(void) {
     const tl_plan_condition condition = {.median = 5, .low_pass = 6 * TL_SECOND, .gate = 1.0};
-    int64_t delay = tl_conditioner_delay(&condition, TL_SECOND);
+    int64_t delay = tl_plan_condition_delay(&condition, TL_SECOND);
     TEST_ASSERT_EQUAL_INT64(8, delay);
     create(condition);
     repeat(30, 5.0, TL_GOOD);

@@ -690,6 +690,17 @@ static void names_and_units_are_those_of_the_fmus(void) {
     TEST_ASSERT_EQUAL_STRING("", tl_twin_adjust_unit(run.twin, 0));
 }
 
+static void who_writes_a_plan_can_ask_for_solvers(void) {
+    char text[] = "l-bfgs"; /* what comes back is not this */
+    const char *name = tl_twin_solver_named(text);
+    TEST_ASSERT_EQUAL_STRING("l-bfgs", name);
+    TEST_ASSERT_TRUE(name != text);
+    TEST_ASSERT_EQUAL_PTR(name, tl_twin_solver_numbered(100));
+    TEST_ASSERT_NULL(tl_twin_solver_named("newton"));
+    TEST_ASSERT_NULL(tl_twin_solver_numbered(0));
+    TEST_ASSERT_NOT_NULL(strstr(tl_twin_solver_names(), "\"l-bfgs\""));
+}
+
 static void outcomes_and_stops_have_names(void) {
     TEST_ASSERT_EQUAL_STRING("free", tl_outcome_name(TL_FREE));
     TEST_ASSERT_EQUAL_STRING("first guess", tl_outcome_name(TL_FIRST_GUESS));
@@ -775,6 +786,7 @@ static void run_the_rest(void) {
     RUN_TEST(a_plan_need_not_outlive_the_build);
     RUN_TEST(metrics_pair_by_their_own_instants);
     RUN_TEST(names_and_units_are_those_of_the_fmus);
+    RUN_TEST(who_writes_a_plan_can_ask_for_solvers);
     RUN_TEST(outcomes_and_stops_have_names);
     RUN_TEST(an_output_that_is_only_read_is_that_of_the_newest_step);
     RUN_TEST(nothing_destroys_nothing);

@@ -1,5 +1,5 @@
 /* Delays: see delay.h. */
-#include "master/measure/delay.h"
+#include "master/plan/delay.h"
 
 enum { MOST_STATES = 2187 }; /* 3^TL_DELAY_LINKS */
 

@@ -14,8 +14,8 @@
  *          falls from its middle on and has no plateau as wide as L, that is up to the middle: half the sum of all.
  * Units:   ns; densities in 1/s. Thread: plain data.
  */
-#ifndef TL_MASTER_MEASURE_DELAY_H
-#define TL_MASTER_MEASURE_DELAY_H
+#ifndef TL_MASTER_PLAN_DELAY_H
+#define TL_MASTER_PLAN_DELAY_H
 
 #include <stdbool.h>
 #include <stddef.h>

@@ -1,0 +1,87 @@
+/* The key figures of a run: see run_figures.h. */
+#include "firmware/report/run_figures.h"
+
+#include <math.h>
+
+void tl_run_figures_add_step(tl_run_figures *figures, const tl_run_step *step, tl_time period) {
+    figures->steps += step->outcome == TL_MADE_UP || step->outcome == TL_FOLLOWED ? 0 : 1;
+    figures->evaluations += step->evaluations;
+    figures->optimised_steps += step->evaluations > 1 ? 1 : 0;
+    figures->time_limited += step->time_limited ? 1 : 0;
+    figures->late += step->used > period ? 1 : 0;
+    figures->longest = step->used > figures->longest ? step->used : figures->longest;
+    if (step->outcome >= TL_FREE && step->outcome < TL_OUTCOMES) {
+        figures->outcomes[step->outcome]++;
+    }
+}
+
+void tl_run_figures_add_adjusted(tl_run_figures *figures, size_t adjust, double u, double nominal) {
+    tl_run_adjusted *adjusted = &figures->adjust[adjust];
+    if (adjusted->count == 0) {
+        adjusted->first = u;
+    }
+    adjusted->last = u;
+    adjusted->count++;
+    adjusted->sum += u;
+    adjusted->delta_sum += u - nominal;
+}
+
+void tl_run_figures_take_twin(tl_run_figures *figures, const tl_twin *twin, size_t match_count) {
+    tl_twin_facts facts = tl_twin_get_facts(twin);
+    for (size_t i = 0; i < match_count; i++) {
+        figures->match[i] = *tl_twin_metrics(twin, i);
+    }
+    figures->ledger_count = facts.components;
+    for (size_t i = 0; i < facts.components; i++) {
+        tl_twin_ledger entry = tl_twin_get_ledger(twin, i);
+        figures->ledger[i] = (tl_run_component){
+            entry.name, {entry.plain, entry.predicted, entry.executions, entry.caught_up, entry.unstored}};
+        figures->nodes_peak = entry.nodes_peak > figures->nodes_peak ? entry.nodes_peak : figures->nodes_peak;
+    }
+}
+
+uint64_t tl_run_figures_committed(const tl_run_figures *figures) {
+    return figures->steps + figures->outcomes[TL_MADE_UP] + figures->outcomes[TL_FOLLOWED];
+}
+
+double tl_run_figures_mse(const tl_run_figures *figures, size_t match) {
+    const tl_metrics *metrics = &figures->match[match];
+    return metrics->pairs > 1 ? tl_metrics_mse(metrics) : (double)NAN;
+}
+
+double tl_run_figures_maximum(const tl_run_figures *figures, size_t match) {
+    return figures->match[match].pairs > 0 ? figures->match[match].maximum : (double)NAN;
+}
+
+static double mean(const tl_run_adjusted *adjusted, double sum) {
+    return adjusted->count > 0 ? sum / (double)adjusted->count : (double)NAN;
+}
+
+double tl_run_figures_mean(const tl_run_figures *figures, size_t adjust) {
+    return mean(&figures->adjust[adjust], figures->adjust[adjust].sum);
+}
+
+double tl_run_figures_delta_mean(const tl_run_figures *figures, size_t adjust) {
+    return mean(&figures->adjust[adjust], figures->adjust[adjust].delta_sum);
+}
+
+tl_recorder_component tl_run_figures_total(const tl_run_figures *figures) {
+    tl_recorder_component total = {0};
+    for (size_t i = 0; i < figures->ledger_count; i++) {
+        const tl_recorder_component *counts = &figures->ledger[i].counts;
+        total.plain += counts->plain;
+        total.predicted += counts->predicted;
+        total.executions += counts->executions;
+        total.caught_up += counts->caught_up;
+        total.unstored += counts->unstored;
+    }
+    return total;
+}
+
+double tl_run_component_saved(const tl_recorder_component *counts) {
+    return (double)counts->plain - (double)counts->executions;
+}
+
+int64_t tl_run_component_difference(const tl_recorder_component *counts) {
+    return (int64_t)(counts->executions - counts->caught_up - counts->predicted);
+}

@@ -1,0 +1,78 @@
+/* The key figures of a run: one struct for the summary, for `show` and for the report.
+ *
+ * Purpose: what a run is judged by is added up, and named, in one place, whether it comes from the twin as it steps or from a database.
+ * Thread:  plain data; one thread at a time.
+ */
+#ifndef TL_FIRMWARE_REPORT_RUN_FIGURES_H
+#define TL_FIRMWARE_REPORT_RUN_FIGURES_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "firmware/record/run_types.h"
+#include "master/twin/twin.h"
+
+/* What is added up of one committed step. */
+typedef struct tl_run_step {
+    int64_t outcome; /* a tl_outcome; one that is none of this program's counts as a step, and nowhere else */
+    bool time_limited;
+    uint64_t evaluations;
+    tl_time used; /* ns */
+} tl_run_step;
+
+/* An adjusted variable; all zeros if `count` is 0. */
+typedef struct tl_run_adjusted {
+    uint64_t count; /* of committed steps with a u */
+    double first, last;
+    double sum;       /* of u */
+    double delta_sum; /* of Δu = u − nominal */
+} tl_run_adjusted;
+
+/* Zeroed at first. */
+typedef struct tl_run_figures {
+    uint64_t steps;   /* computed at their own tick; those made up later and those followed are in `outcomes` */
+    uint64_t skipped; /* ticks that were missed, counted by whoever keeps the time */
+    uint64_t evaluations;
+    uint64_t optimised_steps; /* that needed more than their first guess */
+    uint64_t outcomes[TL_OUTCOMES];
+    uint64_t time_limited; /* searches that the time budget ended */
+    uint64_t late;         /* steps that took longer than their period */
+    tl_time longest;       /* ns that the longest step took */
+    tl_metrics match[TL_MAX_MATCH];
+    tl_run_adjusted adjust[TL_MAX_ADJUST];
+    tl_run_component ledger[TL_RECORDER_COMPONENTS];
+    size_t ledger_count; /* 0: none was kept */
+    uint32_t nodes_peak; /* used at most in the caches; 0: not known */
+} tl_run_figures;
+
+/* `period` is what `late` is measured by. */
+void tl_run_figures_add_step(tl_run_figures *figures, const tl_run_step *step, tl_time period);
+
+/* What one committed step said of one adjusted variable. */
+void tl_run_figures_add_adjusted(tl_run_figures *figures, size_t adjust, double u, double nominal);
+
+/* What the twin itself keeps: how well it followed, and its ledger. Component names are the twin's. */
+void tl_run_figures_take_twin(tl_run_figures *figures, const tl_twin *twin, size_t match_count);
+
+/* All committed steps: rows of a database. */
+uint64_t tl_run_figures_committed(const tl_run_figures *figures);
+
+/* MSE and MAX; NaN if there are too few pairs to tell. */
+double tl_run_figures_mse(const tl_run_figures *figures, size_t match);
+double tl_run_figures_maximum(const tl_run_figures *figures, size_t match);
+
+/* Of u and of Δu; NaN if there is no step. */
+double tl_run_figures_mean(const tl_run_figures *figures, size_t adjust);
+double tl_run_figures_delta_mean(const tl_run_figures *figures, size_t adjust);
+
+/* All components together. */
+tl_recorder_component tl_run_figures_total(const tl_run_figures *figures);
+
+/* Executions that were not needed; less than 0 if catching up cost more than was saved. */
+double tl_run_component_saved(const tl_recorder_component *counts);
+
+/* Executions that were neither predicted nor to catch up (tl_twin_ledger). */
+int64_t tl_run_component_difference(const tl_recorder_component *counts);
+
+#endif
