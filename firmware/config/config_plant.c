@@ -7,6 +7,11 @@
 
 #include "firmware/config/config_names.h"
 
+static const tl_config_map SOURCES = {.most = TL_MAX_SIGNALS,
+                                      .example = "{\"plc\": {\"modbus_tcp\": {\"host\": \"192.0.2.10\"}}}"};
+static const tl_config_map SIGNALS = {
+    .need = TL_CONFIG_REQUIRED, .least = 1, .most = TL_MAX_SIGNALS, .example = "{\"omega\": {\"unit\": \"rad/s\"}}"};
+
 /* ---- sources ---- */
 
 static void read_csv(tl_config_object *entry, tl_config_source *source, const tl_config *config) {
@@ -65,27 +70,25 @@ static void read_source(tl_config_object *entry, tl_config_source *source, const
     tl_config_done(entry);
 }
 
-void tl_config_read_sources(tl_config_object *root, tl_config *config) {
-    static const tl_config_map rule = {.most = TL_MAX_SIGNALS,
-                                       .example = "{\"plc\": {\"modbus_tcp\": {\"host\": \"192.0.2.10\"}}}"};
-    tl_config_object map;
-    config->source_count = tl_config_entries(root, "sources", &rule, &map);
-    config->sources = tl_config_take(root->reader, config->source_count, sizeof *config->sources);
-    if (config->sources == NULL) {
-        return;
+static void read_named_source(const tl_config_object *map, const cJSON *item, size_t index, void *context) {
+    const tl_config *config = context;
+    tl_config_source *source = &config->sources[index];
+    tl_config_object entry;
+    tl_config_check_name(map, item, "\"plc\"");
+    source->name = item->string;
+    source->line.device = "";
+    if (tl_config_entry(map, item, "{\"modbus_tcp\": {\"host\": \"192.0.2.10\"}}", &entry)) {
+        read_source(&entry, source, config);
     }
-    tl_config_source *source = config->sources;
-    const cJSON *item = NULL;
-    cJSON_ArrayForEach(item, map.json) {
-        tl_config_object entry;
-        tl_config_check_name(&map, item, "\"plc\"");
-        source->name = item->string;
-        source->line.device = "";
-        if (tl_config_entry(&map, item, "{\"modbus_tcp\": {\"host\": \"192.0.2.10\"}}", &entry)) {
-            read_source(&entry, source, config);
-        }
-        source->where = tl_config_keep(root->reader, entry.path);
-        source++;
+    source->where = tl_config_keep(map->reader, entry.path);
+}
+
+void tl_config_read_sources(tl_config_object *root, tl_config *config) {
+    tl_config_object map;
+    config->source_count = tl_config_entries(root, "sources", &SOURCES, &map);
+    config->sources = tl_config_take(root->reader, config->source_count, sizeof *config->sources);
+    if (config->sources != NULL) {
+        tl_config_each(&map, read_named_source, config);
     }
 }
 
@@ -156,31 +159,27 @@ static void read_signal(tl_config_object *entry, const tl_config *config, tl_con
     tl_config_done(entry);
 }
 
-void tl_config_read_signals(tl_config_object *root, tl_config *config) {
-    static const tl_config_map rule = {.need = TL_CONFIG_REQUIRED,
-                                       .least = 1,
-                                       .most = TL_MAX_SIGNALS,
-                                       .example = "{\"omega\": {\"unit\": \"rad/s\"}}"};
-    tl_config_object map;
-    config->signal_count = tl_config_entries(root, "plant", &rule, &map);
-    config->signals = tl_config_take(root->reader, config->signal_count, sizeof *config->signals);
-    if (config->signals == NULL) {
-        return;
+static void read_named_signal(const tl_config_object *map, const cJSON *item, size_t index, void *context) {
+    const tl_config *config = context;
+    tl_config_signal *signal = &config->signals[index];
+    tl_config_object entry;
+    tl_config_check_name(map, item, "\"omega\"");
+    signal->of = index;
+    signal->plan.name = item->string;
+    signal->plan.unit = "";
+    signal->column = item->string;
+    signal->source = SIZE_MAX;
+    if (tl_config_entry(map, item, "{\"unit\": \"rad/s\"}", &entry)) {
+        read_signal(&entry, config, signal);
     }
-    tl_config_signal *signal = config->signals;
-    const cJSON *item = NULL;
-    cJSON_ArrayForEach(item, map.json) {
-        tl_config_object entry;
-        tl_config_check_name(&map, item, "\"omega\"");
-        signal->of = (size_t)(signal - config->signals);
-        signal->plan.name = item->string;
-        signal->plan.unit = "";
-        signal->column = item->string;
-        signal->source = SIZE_MAX;
-        if (tl_config_entry(&map, item, "{\"unit\": \"rad/s\"}", &entry)) {
-            read_signal(&entry, config, signal);
-        }
-        signal->plan.where = tl_config_keep(root->reader, entry.path);
-        signal++;
+    signal->plan.where = tl_config_keep(map->reader, entry.path);
+}
+
+void tl_config_read_signals(tl_config_object *root, tl_config *config) {
+    tl_config_object map;
+    config->signal_count = tl_config_entries(root, "plant", &SIGNALS, &map);
+    config->signals = tl_config_take(root->reader, config->signal_count, sizeof *config->signals);
+    if (config->signals != NULL) {
+        tl_config_each(&map, read_named_signal, config);
     }
 }

@@ -155,6 +155,17 @@ size_t tl_config_entries(tl_config_object *object, const char *key, const tl_con
     return count;
 }
 
+void tl_config_each(const tl_config_object *map,
+                    void (*read)(const tl_config_object *map, const cJSON *item, size_t index, void *context),
+                    void *context) {
+    size_t index = 0;
+    const cJSON *item = NULL;
+    cJSON_ArrayForEach(item, map->json) {
+        read(map, item, index, context);
+        index++;
+    }
+}
+
 /* ---- unknown keys ---- */
 
 /* "one of a, b, c"; "only a". */

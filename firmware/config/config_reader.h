@@ -65,8 +65,13 @@ void tl_config_root(tl_config_reader *reader, tl_config_object *root);
 bool tl_config_member(tl_config_object *object, const char *key, tl_config_need need, const char *example,
                       tl_config_object *member);
 
-/* An object of which every key is a name: go through json->child. Returns the number of entries. */
+/* An object of which every key is a name: go through it by tl_config_each(). Returns the number of entries. */
 size_t tl_config_entries(tl_config_object *object, const char *key, const tl_config_map *rule, tl_config_object *map);
+
+/* Hands out its entries, one by one; `index` counts them. */
+void tl_config_each(const tl_config_object *map,
+                    void (*read)(const tl_config_object *map, const cJSON *item, size_t index, void *context),
+                    void *context);
 
 /* One entry of such an object (or a member found in another way) as an object of its own. */
 bool tl_config_entry(const tl_config_object *map, const cJSON *item, const char *example, tl_config_object *entry);

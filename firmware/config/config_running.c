@@ -9,6 +9,11 @@
 
 enum { BYTES_PER_MB = 1000000 };
 
+static const tl_config_map COLUMNS = {.need = TL_CONFIG_REQUIRED,
+                                      .least = 1,
+                                      .most = TL_MAX_SIGNALS,
+                                      .example = "{\"omega\": {\"from\": \"motor.omega\"}}"};
+
 void tl_config_read_recording(tl_config_object *root, tl_config *config) {
     tl_config_object object;
     config->recording_time_column = "time";
@@ -91,30 +96,26 @@ static void read_emulated(tl_config_object *entry, tl_config_emulated *emulated)
     tl_config_done(entry);
 }
 
-static void read_columns(tl_config_object *object, tl_config *config) {
-    static const tl_config_map rule = {.need = TL_CONFIG_REQUIRED,
-                                       .least = 1,
-                                       .most = TL_MAX_SIGNALS,
-                                       .example = "{\"omega\": {\"from\": \"motor.omega\"}}"};
-    tl_config_object map;
-    config->emulated_count = tl_config_entries(object, "columns", &rule, &map);
-    config->emulated = tl_config_take(object->reader, config->emulated_count, sizeof *config->emulated);
-    if (config->emulated == NULL) {
-        return;
+static void read_column(const tl_config_object *map, const cJSON *item, size_t index, void *context) {
+    const tl_config *config = context;
+    tl_config_emulated *emulated = &config->emulated[index];
+    tl_config_object entry;
+    if (item->string[0] == '\0' || !tl_text_is_plain(item->string)) {
+        tl_config_wrong(map, item->string, "an unusable name", "the name of a column", "\"omega\"");
     }
-    tl_config_emulated *emulated = config->emulated;
-    const cJSON *item = NULL;
-    cJSON_ArrayForEach(item, map.json) {
-        tl_config_object entry;
-        if (item->string[0] == '\0' || !tl_text_is_plain(item->string)) {
-            tl_config_wrong(&map, item->string, "an unusable name", "the name of a column", "\"omega\"");
-        }
-        emulated->column = item->string;
-        if (tl_config_entry(&map, item, "{\"from\": \"motor.omega\"}", &entry)) {
-            read_emulated(&entry, emulated);
-        }
-        emulated->where = tl_config_keep(object->reader, entry.path);
-        emulated++;
+    emulated->column = item->string;
+    if (tl_config_entry(map, item, "{\"from\": \"motor.omega\"}", &entry)) {
+        read_emulated(&entry, emulated);
+    }
+    emulated->where = tl_config_keep(map->reader, entry.path);
+}
+
+static void read_columns(tl_config_object *object, tl_config *config) {
+    tl_config_object map;
+    config->emulated_count = tl_config_entries(object, "columns", &COLUMNS, &map);
+    config->emulated = tl_config_take(object->reader, config->emulated_count, sizeof *config->emulated);
+    if (config->emulated != NULL) {
+        tl_config_each(&map, read_column, config);
     }
 }
 

@@ -10,6 +10,17 @@
 #include "firmware/text/json_text.h"
 #include "master/twin/twin.h"
 
+static const tl_config_map MATCH = {.need = TL_CONFIG_REQUIRED,
+                                    .least = 1,
+                                    .most = TL_MAX_MATCH,
+                                    .example = "{\"motor.omega\": {\"to\": \"plant.omega\", \"tolerance\": 1.0}}"};
+static const tl_config_map COMPARE = {.need = TL_CONFIG_OPTIONAL,
+                                      .least = 1,
+                                      .most = TL_MAX_MATCH,
+                                      .example = "{\"motor.omega\": {\"to\": \"plant.omega\"}}"};
+static const tl_config_map ADJUST = {
+    .need = TL_CONFIG_REQUIRED, .least = 1, .most = TL_MAX_ADJUST, .example = "{\"motor.d\": {\"step\": 0.05}}"};
+
 /* ---- match and compare ---- */
 
 /* An entry whose key is a variable. */
@@ -92,38 +103,36 @@ static void read_matched(tl_config_object *entry, double tolerance, tl_time step
     read_condition(entry, step, &match->condition);
 }
 
-/* `synchronise.match`, `tolerance` as in read_tolerance(); or `compare`, where every weight is 0. */
-static void read_match(tl_config_object *parent, const char *key, tl_config *config, bool weighted, double tolerance) {
-    static const char *const weighted_example = "{\"to\": \"plant.omega\", \"tolerance\": 1.0}";
-    static const char *const compared_example = "{\"to\": \"plant.omega\"}";
-    const char *example = weighted ? weighted_example : compared_example;
-    const tl_config_map rule = {
-        .need = weighted ? TL_CONFIG_REQUIRED : TL_CONFIG_OPTIONAL,
-        .least = 1,
-        .most = TL_MAX_MATCH,
-        .example = weighted ? "{\"motor.omega\": {\"to\": \"plant.omega\", \"tolerance\": 1.0}}"
-                            : "{\"motor.omega\": {\"to\": \"plant.omega\"}}",
-    };
-    tl_config_object map;
-    config->match_count = tl_config_entries(parent, key, &rule, &map);
-    config->match = tl_config_take(parent->reader, config->match_count, sizeof *config->match);
-    if (config->match == NULL) {
-        return;
+/* What a list of matched or compared outputs is read into, and by. */
+typedef struct match_list {
+    tl_config *config;
+    const char *example; /* of an entry */
+    bool weighted;       /* synchronise.match; else `compare`, where every weight is 0 */
+    double tolerance;    /* as in read_tolerance() */
+} match_list;
+
+static void read_output(const tl_config_object *map, const cJSON *item, size_t index, void *context) {
+    const match_list *list = context;
+    tl_plan_match *match = &list->config->match[index];
+    tl_config_object entry;
+    begin_variable(map, item, list->example, &entry);
+    match->where = tl_config_keep(map->reader, entry.path);
+    match->variable = item->string;
+    match->tolerance = 1;
+    read_target(&entry, match);
+    if (list->weighted) {
+        read_matched(&entry, list->tolerance, list->config->step, match);
     }
-    tl_plan_match *match = config->match;
-    const cJSON *item = NULL;
-    cJSON_ArrayForEach(item, map.json) {
-        tl_config_object entry;
-        begin_variable(&map, item, example, &entry);
-        match->where = tl_config_keep(parent->reader, entry.path);
-        match->variable = item->string;
-        match->tolerance = 1;
-        read_target(&entry, match);
-        if (weighted) {
-            read_matched(&entry, tolerance, config->step, match);
-        }
-        tl_config_done(&entry);
-        match++;
+    tl_config_done(&entry);
+}
+
+static void read_match(tl_config_object *parent, const char *key, const tl_config_map *rule, match_list *list) {
+    tl_config *config = list->config;
+    tl_config_object map;
+    config->match_count = tl_config_entries(parent, key, rule, &map);
+    config->match = tl_config_take(parent->reader, config->match_count, sizeof *config->match);
+    if (config->match != NULL) {
+        tl_config_each(&map, read_output, list);
     }
 }
 
@@ -134,7 +143,8 @@ void tl_config_read_compare(tl_config_object *root, tl_config *config) {
         tl_config_wrong(root, "compare", "compare beside synchronise",
                         "one of them: in synchronise.match, weight 0 means compared only", NULL);
     }
-    read_match(root, "compare", config, false, 0);
+    match_list list = {.config = config, .example = "{\"to\": \"plant.omega\"}"};
+    read_match(root, "compare", &COMPARE, &list);
 }
 
 /* ---- synchronise ---- */
@@ -183,24 +193,22 @@ static void read_adjusted(tl_config_object *entry, tl_plan_adjust *adjust) {
     tl_config_done(entry);
 }
 
+static void read_variable(const tl_config_object *map, const cJSON *item, size_t index, void *context) {
+    const tl_config *config = context;
+    tl_plan_adjust *adjust = &config->adjust[index];
+    tl_config_object entry;
+    begin_variable(map, item, "{\"step\": 0.05}", &entry);
+    adjust->where = tl_config_keep(map->reader, entry.path);
+    adjust->variable = item->string;
+    read_adjusted(&entry, adjust);
+}
+
 static void read_adjust(tl_config_object *object, tl_config *config) {
-    static const tl_config_map rule = {
-        .need = TL_CONFIG_REQUIRED, .least = 1, .most = TL_MAX_ADJUST, .example = "{\"motor.d\": {\"step\": 0.05}}"};
     tl_config_object map;
-    config->adjust_count = tl_config_entries(object, "adjust", &rule, &map);
+    config->adjust_count = tl_config_entries(object, "adjust", &ADJUST, &map);
     config->adjust = tl_config_take(object->reader, config->adjust_count, sizeof *config->adjust);
-    if (config->adjust == NULL) {
-        return;
-    }
-    tl_plan_adjust *adjust = config->adjust;
-    const cJSON *item = NULL;
-    cJSON_ArrayForEach(item, map.json) {
-        tl_config_object entry;
-        begin_variable(&map, item, "{\"step\": 0.05}", &entry);
-        adjust->where = tl_config_keep(object->reader, entry.path);
-        adjust->variable = item->string;
-        read_adjusted(&entry, adjust);
-        adjust++;
+    if (config->adjust != NULL) {
+        tl_config_each(&map, read_variable, config);
     }
 }
 
@@ -304,7 +312,13 @@ void tl_config_read_synchronise(tl_config_object *root, tl_config *config) {
         &object);
     if (config->synchronise) {
         read_adjust(&object, config);
-        read_match(&object, "match", config, true, read_epsilon(&object));
+        match_list list = {
+            .config = config,
+            .example = "{\"to\": \"plant.omega\", \"tolerance\": 1.0}",
+            .weighted = true,
+            .tolerance = read_epsilon(&object),
+        };
+        read_match(&object, "match", &MATCH, &list);
         check_weights(&object, config);
     }
     tl_config_read_horizon(&object, config);

@@ -10,6 +10,11 @@
 
 enum { MOST_COMPONENTS = 62 };
 
+static const tl_config_map COMPONENTS = {.need = TL_CONFIG_REQUIRED,
+                                         .least = 1,
+                                         .most = MOST_COMPONENTS,
+                                         .example = "{\"motor\": {\"fmu\": \"motor.fmu\"}}"};
+
 /* ---- components ---- */
 
 /* JSON knows one kind of number: TL_REAL. The twin makes an Integer of it where the variable is one. */
@@ -98,37 +103,33 @@ static void read_libraries(tl_config_object *entry, tl_config_component *compone
     }
 }
 
-void tl_config_read_components(tl_config_object *root, tl_config *config) {
-    static const tl_config_map rule = {.need = TL_CONFIG_REQUIRED,
-                                       .least = 1,
-                                       .most = MOST_COMPONENTS,
-                                       .example = "{\"motor\": {\"fmu\": \"motor.fmu\"}}"};
-    tl_config_object map;
-    config->component_count = tl_config_entries(root, "components", &rule, &map);
-    config->components = tl_config_take(root->reader, config->component_count, sizeof *config->components);
-    if (config->components == NULL) {
-        return;
+static void read_component(const tl_config_object *map, const cJSON *item, size_t index, void *context) {
+    const tl_config *config = context;
+    tl_config_component *component = &config->components[index];
+    tl_config_object entry;
+    tl_config_check_name(map, item, "\"motor\"");
+    if (strcmp(item->string, "plant") == 0) {
+        tl_config_wrong(map, item->string, "the name \"plant\"", "another: that name means the plant itself",
+                        "\"motor\"");
     }
-    tl_config_component *component = config->components;
-    const cJSON *item = NULL;
-    cJSON_ArrayForEach(item, map.json) {
-        tl_config_object entry;
-        tl_config_check_name(&map, item, "\"motor\"");
-        if (strcmp(item->string, "plant") == 0) {
-            tl_config_wrong(&map, item->string, "the name \"plant\"", "another: that name means the plant itself",
-                            "\"motor\"");
-        }
-        component->name = item->string;
-        if (tl_config_entry(&map, item, "{\"fmu\": \"motor.fmu\"}", &entry)) {
-            (void)tl_config_get_text(&entry, "fmu", TL_CONFIG_REQUIRED, "\"motor.fmu\"", &component->fmu);
-            read_set(&entry, component);
-            read_keep(&entry, component);
-            read_libraries(&entry, component);
-            (void)tl_config_get_boolean(&entry, "logging", &component->logging);
-            tl_config_done(&entry);
-        }
-        component->where = tl_config_keep(root->reader, entry.path);
-        component++;
+    component->name = item->string;
+    if (tl_config_entry(map, item, "{\"fmu\": \"motor.fmu\"}", &entry)) {
+        (void)tl_config_get_text(&entry, "fmu", TL_CONFIG_REQUIRED, "\"motor.fmu\"", &component->fmu);
+        read_set(&entry, component);
+        read_keep(&entry, component);
+        read_libraries(&entry, component);
+        (void)tl_config_get_boolean(&entry, "logging", &component->logging);
+        tl_config_done(&entry);
+    }
+    component->where = tl_config_keep(map->reader, entry.path);
+}
+
+void tl_config_read_components(tl_config_object *root, tl_config *config) {
+    tl_config_object map;
+    config->component_count = tl_config_entries(root, "components", &COMPONENTS, &map);
+    config->components = tl_config_take(root->reader, config->component_count, sizeof *config->components);
+    if (config->components != NULL) {
+        tl_config_each(&map, read_component, config);
     }
 }
 

@@ -11,7 +11,7 @@
 #include <stdint.h>
 #include <stdio.h>
 
-#include "firmware/verbs/options.h"
+#include "firmware/verbs/option_types.h"
 
 typedef struct tl_verb_row {
     const char *name;

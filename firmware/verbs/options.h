@@ -9,51 +9,9 @@
 #define TL_FIRMWARE_VERBS_OPTIONS_H
 
 #include <limits.h>
-#include <stdbool.h>
-#include <stdint.h>
 
 #include "firmware/config/config.h"
-
-typedef enum tl_verb { TL_VERB_CHECK, TL_VERB_REPLAY, TL_VERB_RUN, TL_VERB_PLANT, TL_VERB_SHOW, TL_VERB_COUNT } tl_verb;
-
-/* The value of --since. */
-typedef struct tl_options_since {
-    const char *text; /* as given; NULL: not given */
-    bool is_date;
-    int64_t at;    /* a date: ms since 1970, UTC */
-    double back_s; /* else: so far back from the run's end, ≥ 0 */
-} tl_options_since;
-
-enum { TL_OPTIONS_NO_TABLE = -1 };
-
-/* What was not given is NULL, 0 or false, or the default that is said. */
-typedef struct tl_options {
-    const char *subject; /* the one word that is no option: a configuration; of `show` a database */
-    bool variables;
-    double call_limit_s; /* default 60 */
-    const char *recording;
-    uint64_t run; /* 0: the last one */
-    bool json;
-    const char *database;
-    const char *trajectory; /* --csv FILE */
-    const char *report;
-    bool realtime;
-    bool plain;
-    double duration_s; /* 0: as configured */
-    bool status;
-    bool supervise;
-    const char *state;
-    const char *watchdog;
-    double watchdog_s;    /* whole; default 30 */
-    const char *listener; /* --for */
-    const char *fifo;
-    const char *record;
-    bool real_bus;
-    uint64_t seed; /* default 1 */
-    tl_options_since since;
-    bool events;
-    int table; /* --csv TABLE: a tl_show_csv_table; TL_OPTIONS_NO_TABLE: not given */
-} tl_options;
+#include "firmware/verbs/option_types.h"
 
 typedef enum tl_options_outcome {
     TL_OPTIONS_READ,   /* the verb can run */

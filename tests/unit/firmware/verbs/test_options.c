@@ -6,6 +6,7 @@
 
 #include "firmware/show/show.h"
 #include "firmware/verbs/option_table.h"
+#include "firmware/verbs/options.h"
 #include "tests/support/stderr_capture.h"
 
 enum { ARGUMENTS = 12, LONGEST = 128 };
