@@ -18,13 +18,6 @@ tl_resumed_from tl_resumed_from_named(const char *name) {
 }
 
 const char *tl_severity_name(tl_severity severity) {
-    switch (severity) {
-    case TL_EVENT_INFO:
-        return "info";
-    case TL_EVENT_WARNING:
-        return "warning";
-    case TL_EVENT_ERROR:
-        return "error";
-    }
-    return "unknown";
+    static const char *const names[] = {"info", "warning", "error"};
+    return names[severity];
 }

@@ -21,7 +21,7 @@ typedef enum tl_quality {
     TL_OUT_OF_RANGE, /* outside the signal's min..max */
     TL_NOT_A_NUMBER, /* not finite, or text that is no number */
     TL_NO_LINK,      /* the device does not answer, or never has */
-    TL_OUTLIER       /* gated: too far from the samples before it (sync/conditioner.h) */
+    TL_OUTLIER       /* gated: too far from the samples before it (measure/conditioner.h) */
 } tl_quality;
 
 enum {
@@ -38,7 +38,7 @@ typedef struct tl_reading {
 } tl_reading;
 
 /* The plant as seen at one instant t_m = t_start + tick·T_S: for each signal the newest reading at or before it; or, where plant and
- * simulation are apart in time, the reading at a fixed time before it (sync/delay.h). */
+ * simulation are apart in time, the reading at a fixed time before it (plan/delay.h). */
 typedef struct tl_sample {
     int64_t tick;
     tl_time instant; /* t_m, on the clock of the stamps */

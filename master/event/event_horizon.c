@@ -463,14 +463,8 @@ static tl_status step_live(tl_event_horizon *self, int64_t step, tl_record *reco
 }
 
 static void begin_record(const tl_event_horizon *self, int64_t step, tl_record *record) {
-    record->step = step;
+    tl_record_begin(record, step);
     record->outcome = TL_HELD;
-    record->stop = TL_STOP_NONE;
-    record->objective = (double)NAN;
-    record->objective_nominal = (double)NAN;
-    record->evaluations = 0;
-    record->flags = 0;
-    record->held = 0;
     record->u_hat[0] = nominal_of(self);
 }
 

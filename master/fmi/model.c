@@ -32,49 +32,16 @@ const tl_unit *tl_model_unit(const tl_model *model, const char *name) {
 }
 
 const char *tl_causality_name(tl_causality causality) {
-    switch (causality) {
-    case TL_PARAMETER:
-        return "parameter";
-    case TL_CALCULATED_PARAMETER:
-        return "calculatedParameter";
-    case TL_INPUT:
-        return "input";
-    case TL_OUTPUT:
-        return "output";
-    case TL_LOCAL:
-        return "local";
-    case TL_INDEPENDENT:
-        return "independent";
-    }
-    return "unknown";
+    static const char *const names[] = {"parameter", "calculatedParameter", "input", "output", "local", "independent"};
+    return names[causality];
 }
 
 const char *tl_variability_name(tl_variability variability) {
-    switch (variability) {
-    case TL_CONSTANT:
-        return "constant";
-    case TL_FIXED:
-        return "fixed";
-    case TL_TUNABLE:
-        return "tunable";
-    case TL_DISCRETE:
-        return "discrete";
-    case TL_CONTINUOUS:
-        return "continuous";
-    }
-    return "unknown";
+    static const char *const names[] = {"constant", "fixed", "tunable", "discrete", "continuous"};
+    return names[variability];
 }
 
 const char *tl_initial_name(tl_initial initial) {
-    switch (initial) {
-    case TL_INITIAL_NONE:
-        return "none";
-    case TL_INITIAL_EXACT:
-        return "exact";
-    case TL_INITIAL_APPROX:
-        return "approx";
-    case TL_INITIAL_CALCULATED:
-        return "calculated";
-    }
-    return "unknown";
+    static const char *const names[] = {"none", "exact", "approx", "calculated"};
+    return names[initial];
 }

@@ -140,7 +140,7 @@ typedef struct tl_plan_edge {
 /* The longest stroke of an event horizon, in macro steps: its samples are kept twice. */
 enum { TL_LONGEST_STROKE = 10000 };
 
-/* A horizon around an event of the plant (sync/event_horizon.h) in place of one of T_P steps. */
+/* A horizon around an event of the plant (event/event_horizon.h) in place of one of T_P steps. */
 typedef struct tl_plan_event {
     const char *where;
     tl_plan_edge start; /* of a stroke; its signal NULL: there is no event horizon */

@@ -511,20 +511,10 @@ static void refresh(tl_lock *lock, int64_t step) {
     }
 }
 
-static void begin_record(tl_record *record, int64_t step) {
-    record->step = step;
-    record->stop = TL_STOP_NONE;
-    record->objective = (double)NAN;
-    record->objective_nominal = (double)NAN;
-    record->evaluations = 0;
-    record->flags = 0;
-    record->held = 0;
-}
-
 /* A step of a twin that adjusts nothing. */
 static tl_status step_free(tl_lock *lock, int64_t step, tl_outcome outcome, tl_record *record, tl_error *error) {
     refresh(lock, step);
-    begin_record(record, step);
+    tl_record_begin(record, step);
     record->outcome = outcome;
     tl_status status = tl_exchange_commit(lock->exchange, step, error);
     if (status == TL_OK) {
@@ -568,7 +558,7 @@ static tl_status begin(tl_attempt *attempt, tl_lock *lock, int64_t step, const t
                        tl_error *error) {
     refresh(lock, step);
     tl_attempt_begin(attempt, lock, step, budget, error);
-    begin_record(record, step);
+    tl_record_begin(record, step);
     memcpy(record->u_hat, attempt->nominal, lock->horizon.variables * sizeof *record->u_hat);
     if (!lock->has_last) {
         memcpy(lock->memory.before, attempt->nominal, lock->horizon.variables * sizeof *record->u_hat);

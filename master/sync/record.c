@@ -1,5 +1,17 @@
-/* Names of outcomes, of reasons to stop, and of flags. */
+/* How a record begins; names of outcomes, of reasons to stop, and of flags. */
 #include "master/sync/record.h"
+
+#include <math.h>
+
+void tl_record_begin(tl_record *record, int64_t step) {
+    record->step = step;
+    record->stop = TL_STOP_NONE;
+    record->objective = (double)NAN;
+    record->objective_nominal = (double)NAN;
+    record->evaluations = 0;
+    record->flags = 0;
+    record->held = 0;
+}
 
 const char *tl_outcome_name(tl_outcome outcome) {
     static const char *const names[] = {"free",     "first guess", "optimised", "best so far", "nominal",

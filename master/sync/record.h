@@ -89,6 +89,9 @@ typedef struct tl_record {
     tl_time delay; /* measured, by which ŷ of later steps is looked up before their y; 0 where it is not known */
 } tl_record;
 
+/* Begins the record of a step: nothing was evaluated or held, both objectives are NaN. What the step finds is filled in later. */
+void tl_record_begin(tl_record *record, int64_t step);
+
 /* Text names for records and people: "free", "first guess", … and "tolerance", "evaluations", …. */
 const char *tl_outcome_name(tl_outcome outcome);
 const char *tl_stop_name(tl_stop stop);
