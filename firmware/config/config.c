@@ -10,6 +10,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include "firmware/base/file_bytes.h"
 #include "firmware/base/other_case.h"
 #include "firmware/base/sha256.h"
 #include "firmware/base/shortage.h"
@@ -160,25 +161,6 @@ tl_status tl_config_read_text(const char *path, const char *text, size_t size, t
 
 /* ---- the file ---- */
 
-/* Reads at most `room` bytes; -1 with errno. */
-static ssize_t read_all(int file, char *buffer, size_t room) {
-    size_t size = 0;
-    while (size < room) {
-        ssize_t got = read(file, buffer + size, room - size);
-        if (got < 0 && errno == EINTR) {
-            continue;
-        }
-        if (got < 0) {
-            return -1;
-        }
-        if (got == 0) {
-            break;
-        }
-        size += (size_t)got;
-    }
-    return (ssize_t)size;
-}
-
 /* The report knows the file's name. */
 static tl_status report_file(const char *path, tl_report *report) {
     bool passing = tl_shortage_is(errno) || errno == EIO;
@@ -201,7 +183,7 @@ tl_status tl_config_read(const char *path, tl_config *config, tl_report *report)
     if (buffer == NULL) {
         status = out_of_memory(report);
     } else {
-        ssize_t size = read_all(file, buffer, ROOM);
+        ssize_t size = tl_file_bytes_read(file, buffer, ROOM);
         status = size < 0 ? report_file(path, report) : tl_config_read_text(path, buffer, (size_t)size, config, report);
     }
     free(buffer);

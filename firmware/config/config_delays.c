@@ -90,13 +90,9 @@ static void read_synchronous(tl_config_object *object, tl_config_delays *delays)
     static const char *const example = "[[\"acquisition\", \"simulation\"]]";
     char path[TL_JSON_PATH];
     bool grouped[TL_CONFIG_PARTICIPANTS] = {false};
-    const cJSON *groups = tl_config_get(object, "synchronous", TL_CONFIG_OPTIONAL, expected, example);
+    const cJSON *groups = tl_config_get_array(object, "synchronous", expected, example);
     const cJSON *group = NULL;
     size_t number = 0;
-    if (groups != NULL && !cJSON_IsArray(groups)) {
-        tl_config_wrong(object, "synchronous", NULL, expected, example);
-        return;
-    }
     tl_json_member_path(path, object->path, "synchronous");
     cJSON_ArrayForEach(group, groups) {
         char group_path[TL_JSON_PATH];

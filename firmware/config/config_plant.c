@@ -85,11 +85,9 @@ static void read_named_source(const tl_config_object *map, const cJSON *item, si
 
 void tl_config_read_sources(tl_config_object *root, tl_config *config) {
     tl_config_object map;
-    config->source_count = tl_config_entries(root, "sources", &SOURCES, &map);
-    config->sources = tl_config_take(root->reader, config->source_count, sizeof *config->sources);
-    if (config->sources != NULL) {
-        tl_config_each(&map, read_named_source, config);
-    }
+    config->sources =
+        tl_config_take_entries(root, "sources", &SOURCES, sizeof *config->sources, &map, &config->source_count);
+    tl_config_each(&map, read_named_source, config);
 }
 
 /* ---- plant.NAME.csv ---- */
@@ -177,9 +175,7 @@ static void read_named_signal(const tl_config_object *map, const cJSON *item, si
 
 void tl_config_read_signals(tl_config_object *root, tl_config *config) {
     tl_config_object map;
-    config->signal_count = tl_config_entries(root, "plant", &SIGNALS, &map);
-    config->signals = tl_config_take(root->reader, config->signal_count, sizeof *config->signals);
-    if (config->signals != NULL) {
-        tl_config_each(&map, read_named_signal, config);
-    }
+    config->signals =
+        tl_config_take_entries(root, "plant", &SIGNALS, sizeof *config->signals, &map, &config->signal_count);
+    tl_config_each(&map, read_named_signal, config);
 }

@@ -112,6 +112,15 @@ const cJSON *tl_config_get(tl_config_object *object, const char *key, tl_config_
     return item;
 }
 
+const cJSON *tl_config_get_array(tl_config_object *object, const char *key, const char *expected, const char *example) {
+    const cJSON *item = tl_config_get(object, key, TL_CONFIG_OPTIONAL, expected, example);
+    if (item != NULL && !cJSON_IsArray(item)) {
+        tl_config_wrong(object, key, NULL, expected, example);
+        return NULL;
+    }
+    return item;
+}
+
 bool tl_config_member(tl_config_object *object, const char *key, tl_config_need need, const char *example,
                       tl_config_object *member) {
     begin(member, object->reader);
@@ -153,6 +162,17 @@ size_t tl_config_entries(tl_config_object *object, const char *key, const tl_con
     }
     map->json = item;
     return count;
+}
+
+void *tl_config_take_entries(tl_config_object *object, const char *key, const tl_config_map *rule, size_t size,
+                             tl_config_object *map, size_t *count) {
+    *count = tl_config_entries(object, key, rule, map);
+    void *entries = tl_config_take(object->reader, *count, size);
+    if (entries == NULL) {
+        map->json = NULL;
+        *count = 0;
+    }
+    return entries;
 }
 
 void tl_config_each(const tl_config_object *map,

@@ -68,6 +68,11 @@ bool tl_config_member(tl_config_object *object, const char *key, tl_config_need 
 /* An object of which every key is a name: go through it by tl_config_each(). Returns the number of entries. */
 size_t tl_config_entries(tl_config_object *object, const char *key, const tl_config_map *rule, tl_config_object *map);
 
+/* The same, with zeroed memory for each entry, `size` bytes of the configuration; the number of entries goes to `count`.
+ * NULL where memory is out: no entry is there then. */
+void *tl_config_take_entries(tl_config_object *object, const char *key, const tl_config_map *rule, size_t size,
+                             tl_config_object *map, size_t *count);
+
 /* Hands out its entries, one by one; `index` counts them. */
 void tl_config_each(const tl_config_object *map,
                     void (*read)(const tl_config_object *map, const cJSON *item, size_t index, void *context),
@@ -95,6 +100,9 @@ bool tl_config_get_choice(tl_config_object *object, const char *key, tl_config_n
 /* Whatever stands there; NULL where nothing does (reported where it is required). */
 const cJSON *tl_config_get(tl_config_object *object, const char *key, tl_config_need need, const char *expected,
                            const char *example);
+
+/* An array, if it is there; NULL where it is not, or where something else stands (reported as not being `expected`). */
+const cJSON *tl_config_get_array(tl_config_object *object, const char *key, const char *expected, const char *example);
 
 /* ---- problems ---- */
 

@@ -112,11 +112,9 @@ static void read_column(const tl_config_object *map, const cJSON *item, size_t i
 
 static void read_columns(tl_config_object *object, tl_config *config) {
     tl_config_object map;
-    config->emulated_count = tl_config_entries(object, "columns", &COLUMNS, &map);
-    config->emulated = tl_config_take(object->reader, config->emulated_count, sizeof *config->emulated);
-    if (config->emulated != NULL) {
-        tl_config_each(&map, read_column, config);
-    }
+    config->emulated =
+        tl_config_take_entries(object, "columns", &COLUMNS, sizeof *config->emulated, &map, &config->emulated_count);
+    tl_config_each(&map, read_column, config);
 }
 
 void tl_config_read_emulate(tl_config_object *root, tl_config *config) {

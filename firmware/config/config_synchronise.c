@@ -129,11 +129,8 @@ static void read_output(const tl_config_object *map, const cJSON *item, size_t i
 static void read_match(tl_config_object *parent, const char *key, const tl_config_map *rule, match_list *list) {
     tl_config *config = list->config;
     tl_config_object map;
-    config->match_count = tl_config_entries(parent, key, rule, &map);
-    config->match = tl_config_take(parent->reader, config->match_count, sizeof *config->match);
-    if (config->match != NULL) {
-        tl_config_each(&map, read_output, list);
-    }
+    config->match = tl_config_take_entries(parent, key, rule, sizeof *config->match, &map, &config->match_count);
+    tl_config_each(&map, read_output, list);
 }
 
 void tl_config_read_compare(tl_config_object *root, tl_config *config) {
@@ -205,11 +202,9 @@ static void read_variable(const tl_config_object *map, const cJSON *item, size_t
 
 static void read_adjust(tl_config_object *object, tl_config *config) {
     tl_config_object map;
-    config->adjust_count = tl_config_entries(object, "adjust", &ADJUST, &map);
-    config->adjust = tl_config_take(object->reader, config->adjust_count, sizeof *config->adjust);
-    if (config->adjust != NULL) {
-        tl_config_each(&map, read_variable, config);
-    }
+    config->adjust =
+        tl_config_take_entries(object, "adjust", &ADJUST, sizeof *config->adjust, &map, &config->adjust_count);
+    tl_config_each(&map, read_variable, config);
 }
 
 /* A match list whose weights are all 0 leaves nothing to optimise. */

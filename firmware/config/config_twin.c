@@ -34,11 +34,7 @@ static void fill_value(const cJSON *item, tl_value *value) {
 static void read_set(tl_config_object *entry, tl_config_component *component) {
     static const tl_config_map rule = {.most = SIZE_MAX, .example = "{\"J\": 0.0515}"};
     tl_config_object map;
-    component->set_count = tl_config_entries(entry, "set", &rule, &map);
-    component->set = tl_config_take(entry->reader, component->set_count, sizeof *component->set);
-    if (component->set == NULL) {
-        return;
-    }
+    component->set = tl_config_take_entries(entry, "set", &rule, sizeof *component->set, &map, &component->set_count);
     tl_plan_set *set = component->set;
     const cJSON *item = NULL;
     cJSON_ArrayForEach(item, map.json) {
@@ -80,11 +76,7 @@ static const char *read_library(const tl_config_reader *reader, const cJSON *ite
 static void read_libraries(tl_config_object *entry, tl_config_component *component) {
     static const char *const expected = "an array of names of shared libraries";
     static const char *const example = "[\"libpython3.11.so.1.0\"]";
-    const cJSON *array = tl_config_get(entry, "libraries", TL_CONFIG_OPTIONAL, expected, example);
-    if (array != NULL && !cJSON_IsArray(array)) {
-        tl_config_wrong(entry, "libraries", NULL, expected, example);
-        array = NULL;
-    }
+    const cJSON *array = tl_config_get_array(entry, "libraries", expected, example);
     component->library_count = (size_t)cJSON_GetArraySize(array);
     component->libraries = tl_config_take(entry->reader, component->library_count, sizeof *component->libraries);
     if (component->libraries == NULL) {
@@ -126,11 +118,9 @@ static void read_component(const tl_config_object *map, const cJSON *item, size_
 
 void tl_config_read_components(tl_config_object *root, tl_config *config) {
     tl_config_object map;
-    config->component_count = tl_config_entries(root, "components", &COMPONENTS, &map);
-    config->components = tl_config_take(root->reader, config->component_count, sizeof *config->components);
-    if (config->components != NULL) {
-        tl_config_each(&map, read_component, config);
-    }
+    config->components = tl_config_take_entries(root, "components", &COMPONENTS, sizeof *config->components, &map,
+                                                &config->component_count);
+    tl_config_each(&map, read_component, config);
 }
 
 /* ---- connect ---- */
@@ -203,11 +193,7 @@ static void check_targets(tl_config_reader *reader, const tl_config *config) {
 void tl_config_read_connections(tl_config_object *root, tl_config *config) {
     static const char *const expected = "an array of connections [from, to]";
     static const char *const example = "[[\"plant.torque\", \"motor.M_w\"]]";
-    const cJSON *array = tl_config_get(root, "connect", TL_CONFIG_OPTIONAL, expected, example);
-    if (array != NULL && !cJSON_IsArray(array)) {
-        tl_config_wrong(root, "connect", NULL, expected, example);
-        array = NULL;
-    }
+    const cJSON *array = tl_config_get_array(root, "connect", expected, example);
     config->connection_count = (size_t)cJSON_GetArraySize(array);
     config->connections = tl_config_take(root->reader, config->connection_count, sizeof *config->connections);
     if (config->connections == NULL) {

@@ -14,6 +14,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include "firmware/base/file_bytes.h"
 #include "firmware/fmu/model_draft.h"
 #include "firmware/fmu/xml_value.h"
 
@@ -630,19 +631,6 @@ tl_status tl_model_description_parse(const char *xml, size_t size, const char *l
 
 /* ---- Files --------------------------------------------------------------------------------------------- */
 
-/* Fills `bytes`; short where the file has become shorter. */
-static ssize_t read_all(int file, char *bytes, size_t size) {
-    size_t done = 0;
-    while (done < size) {
-        ssize_t now = read(file, bytes + done, size - done);
-        if (now == 0 || (now < 0 && errno != EINTR)) {
-            return now < 0 ? now : (ssize_t)done;
-        }
-        done += now > 0 ? (size_t)now : 0;
-    }
-    return (ssize_t)done;
-}
-
 static tl_status read_open(int file, const char *label, tl_arena *arena, tl_model *model, tl_error *error) {
     struct stat status;
     if (fstat(file, &status) != 0 || !S_ISREG(status.st_mode)) {
@@ -657,7 +645,7 @@ static tl_status read_open(int file, const char *label, tl_arena *arena, tl_mode
         return tl_fail(error, TL_TRY_AGAIN, "%s: out of memory; free some and try again", label);
     }
     tl_status result;
-    ssize_t got = read_all(file, xml, size);
+    ssize_t got = tl_file_bytes_read(file, xml, size);
     if (got < 0) {
         result = tl_fail(error, TL_TRY_AGAIN, "%s: modelDescription.xml cannot be read: %s", label, strerror(errno));
     } else {

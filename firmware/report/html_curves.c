@@ -22,6 +22,14 @@ static void put_channel(const tl_html_report *report, const char *key, size_t ch
     (void)fputc(']', file);
 }
 
+/* Three that follow one another, each after what was put before. */
+static void put_channels(const tl_html_report *report, const char *const keys[3], size_t first, FILE *file) {
+    for (size_t i = 0; i < 3; i++) {
+        (void)fputs(",\n", file);
+        put_channel(report, keys[i], first + i, file);
+    }
+}
+
 /* Stretches of buckets in which ŷ was not always good: [first, last, qualities]. */
 static void put_bad(const tl_html_report *report, size_t channel, FILE *file) {
     const tl_envelope *curves = &report->curves;
@@ -52,6 +60,7 @@ static void put_signal(const tl_recorder_signal *signal, FILE *file) {
 }
 
 static void put_match(const tl_html_report *report, size_t match, FILE *file) {
+    static const char *const keys[] = {"y", "measured", "delta"};
     const tl_html_settings *settings = &report->settings;
     size_t channel = tl_html_match_channel(report, match);
     (void)fputs(match == 0 ? "" : ",", file);
@@ -60,27 +69,17 @@ static void put_match(const tl_html_report *report, size_t match, FILE *file) {
     tl_html_put_string(file, settings->match[match].to);
     (void)fputs(",\"tolerance\":", file);
     tl_html_put_number(file, settings->tolerance[match]);
-    (void)fputs(",\n", file);
-    put_channel(report, "y", channel, file);
-    (void)fputs(",\n", file);
-    put_channel(report, "measured", channel + 1, file);
-    (void)fputs(",\n", file);
-    put_channel(report, "delta", channel + 2, file);
+    put_channels(report, keys, channel, file);
     (void)fputs(",\n", file);
     put_bad(report, channel, file);
     (void)fputc('}', file);
 }
 
 static void put_adjust(const tl_html_report *report, size_t adjust, FILE *file) {
-    size_t channel = tl_html_adjust_channel(report, adjust);
+    static const char *const keys[] = {"u", "nominal", "delta"};
     (void)fputs(adjust == 0 ? "" : ",", file);
     put_signal(&report->settings.adjust[adjust], file);
-    (void)fputs(",\n", file);
-    put_channel(report, "u", channel, file);
-    (void)fputs(",\n", file);
-    put_channel(report, "nominal", channel + 1, file);
-    (void)fputs(",\n", file);
-    put_channel(report, "delta", channel + 2, file);
+    put_channels(report, keys, tl_html_adjust_channel(report, adjust), file);
     (void)fputc('}', file);
 }
 

@@ -51,21 +51,20 @@ static void put_name_cell(FILE *file, const char *name) {
     (void)fputs("</td>", file);
 }
 
-/* "(rad/s)²"; a dimension of its own is not squared. */
-static void put_square(FILE *file, const char *unit) {
-    (void)fputs("<td class=\"unit\">", file);
-    if (unit[0] != '\0') {
-        (void)fputc('(', file);
-        tl_html_put_text(file, unit);
-        (void)fputs(")²", file);
-    }
-    (void)fputs("</td>", file);
+static void put_unit_between(FILE *file, const char *before, const char *unit, const char *after) {
+    (void)fprintf(file, "<td class=\"unit\">%s", before);
+    tl_html_put_text(file, unit);
+    (void)fprintf(file, "%s</td>", after);
 }
 
 static void put_unit_cell(FILE *file, const char *unit) {
-    (void)fputs("<td class=\"unit\">", file);
-    tl_html_put_text(file, unit);
-    (void)fputs("</td>", file);
+    put_unit_between(file, "", unit, "");
+}
+
+/* "(rad/s)²"; a dimension of its own is not squared. */
+static void put_square(FILE *file, const char *unit) {
+    bool squared = unit[0] != '\0';
+    put_unit_between(file, squared ? "(" : "", unit, squared ? ")²" : "");
 }
 
 /* ---- Facts ------------------------------------------------------------------------------------------------------- */

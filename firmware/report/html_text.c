@@ -8,24 +8,13 @@
 #include "firmware/base/sha256.h"
 
 void tl_html_put_text(FILE *file, const char *text) {
+    static const char marks[] = "&<>\"'";
+    static const char *const entities[] = {"&amp;", "&lt;", "&gt;", "&quot;", "&#39;"};
     for (const char *c = text; *c != '\0'; c++) {
-        switch (*c) {
-        case '&':
-            (void)fputs("&amp;", file);
-            break;
-        case '<':
-            (void)fputs("&lt;", file);
-            break;
-        case '>':
-            (void)fputs("&gt;", file);
-            break;
-        case '"':
-            (void)fputs("&quot;", file);
-            break;
-        case '\'':
-            (void)fputs("&#39;", file);
-            break;
-        default:
+        const char *mark = strchr(marks, *c);
+        if (mark != NULL) {
+            (void)fputs(entities[mark - marks], file);
+        } else {
             (void)fputc((unsigned char)*c < 0x20 || *c == 0x7F ? ' ' : *c, file);
         }
     }

@@ -58,6 +58,8 @@ BROKEN = [
     ("layers", "firmware/attic/a.c", "int tl_a;\n", "no room of the plan"),
     ("layers", CROWD, "int tl_a;\n", "26 files in one room"),
     ("layers", "firmware/plant/p.c", "#include <pthread.h>\n", "<pthread.h> belongs to"),
+    ("layers", "firmware/plant/p.c", "#include <sqlite3.h>\n", "<sqlite3.h> belongs to"),
+    ("layers", "firmware/text/t.c", "#include <cjson/cJSON.h>\n", "<cjson/cJSON.h> belongs to"),
     ("type_names", "board/csv/csv.h", header("board/csv/csv.h", "typedef struct mailbox {", "int two;", "} mailbox;"),
      "defines the type mailbox"),
     ("type_names", "board/csv/csv.c", "typedef int tl_log;\n", "defines the type tl_log"),

@@ -55,3 +55,8 @@ void tl_scratch_remove(tl_scratch *scratch) {
     tl_scratch_empty(scratch);
     (void)rmdir(scratch->folder);
 }
+
+int tl_scratch_finish(tl_scratch *scratch, int failures) {
+    tl_scratch_remove(scratch);
+    return failures;
+}

@@ -26,4 +26,7 @@ int tl_scratch_count(const tl_scratch *scratch);
 
 void tl_scratch_remove(tl_scratch *scratch);
 
+/* The same as the last of main(): returns `failures`, what UNITY_END() said. */
+int tl_scratch_finish(tl_scratch *scratch, int failures);
+
 #endif

@@ -412,7 +412,5 @@ int main(void) {
     RUN_TEST(test_a_header_that_is_too_long);
     RUN_TEST(test_lines_after_one_that_is_too_long);
     RUN_TEST(test_too_many_columns);
-    int failures = UNITY_END();
-    tl_scratch_remove(&scratch);
-    return failures;
+    return tl_scratch_finish(&scratch, UNITY_END());
 }

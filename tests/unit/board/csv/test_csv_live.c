@@ -549,7 +549,5 @@ int main(void) {
     RUN_TEST(test_anchor_keeps_the_rows_time);
     RUN_TEST(test_anchor_follows_a_fast_clock);
     RUN_TEST(test_anchor_follows_a_slow_clock);
-    int failures = UNITY_END();
-    tl_scratch_remove(&scratch);
-    return failures;
+    return tl_scratch_finish(&scratch, UNITY_END());
 }

@@ -425,7 +425,5 @@ int main(void) {
     RUN_TEST(test_a_reader_that_does_not_read_wide_rows);
     RUN_TEST(test_a_reader_that_leaves_in_the_middle_of_a_row);
     RUN_TEST(test_the_live_driver_reads_it);
-    int failures = UNITY_END();
-    tl_scratch_remove(&scratch);
-    return failures;
+    return tl_scratch_finish(&scratch, UNITY_END());
 }

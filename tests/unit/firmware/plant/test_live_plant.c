@@ -242,7 +242,5 @@ int main(void) {
     RUN_TEST(test_a_signal_without_a_source);
     RUN_TEST(test_a_bus_that_is_not_there);
     RUN_TEST(test_closing_is_quick);
-    int failures = UNITY_END();
-    tl_scratch_remove(&scratch);
-    return failures;
+    return tl_scratch_finish(&scratch, UNITY_END());
 }

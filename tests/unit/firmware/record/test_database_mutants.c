@@ -282,7 +282,5 @@ int main(void) {
     RUN_TEST(test_a_run_that_is_whole);
     RUN_TEST(test_damaged_runs_are_not_gone_on_with);
     RUN_TEST(test_mutants);
-    int failures = UNITY_END();
-    tl_scratch_remove(&scratch);
-    return failures;
+    return tl_scratch_finish(&scratch, UNITY_END());
 }

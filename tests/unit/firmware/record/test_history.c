@@ -10,29 +10,24 @@
 
 #include "firmware/database/database.h"
 #include "firmware/database/database_sql.h"
-#include "firmware/record/history.h"
+#include "firmware/record/history_parts.h"
 #include "firmware/text/utc.h"
 #include "tests/support/faulty_vfs.h"
 #include "tests/support/made_run.h"
-#include "tests/support/scratch.h"
+#include "tests/support/recorder_bench.h"
 #include "tests/support/sql.h"
 
 enum { TICKS = 700 };
 
-static tl_scratch scratch;
-static char path[PATH_MAX];
-static tl_recorder *recorder;
+static tl_recorder_bench bench;
 static tl_history *history;
 static tl_history_ticks *ticks;
 static const tl_history_run *run;
-static tl_error error;
 
 void setUp(void) {
-    (void)snprintf(path, sizeof path, "%s", tl_scratch_path(&scratch, "run.db"));
-    recorder = NULL;
+    tl_bench_begin(&bench);
     history = NULL;
     ticks = NULL;
-    error = (tl_error){TL_OK, ""};
 }
 
 static void close_history(void) {
@@ -44,39 +39,35 @@ static void close_history(void) {
 
 void tearDown(void) {
     close_history();
-    (void)tl_recorder_close(recorder, "test failed", NULL, NULL);
-    tl_scratch_empty(&scratch);
+    tl_bench_end(&bench);
 }
 
 static void expect_ok(tl_status status) {
-    TEST_ASSERT_EQUAL_STRING("", error.text);
-    TEST_ASSERT_EQUAL_INT(TL_OK, status);
+    tl_bench_expect_ok(&bench, status);
 }
 
 static void close_recorder(void) {
-    tl_recorder *closing = recorder;
-    recorder = NULL;
-    expect_ok(tl_recorder_close(closing, "end of recording", NULL, &error));
+    tl_bench_close(&bench, "end of recording");
 }
 
 static void record_with(const tl_recorder_settings *settings, int64_t count) {
-    expect_ok(tl_recorder_open(settings, &recorder, &error));
-    tl_made_put(recorder, 0, count);
+    tl_bench_open(&bench, settings);
+    tl_made_put(bench.recorder, 0, count);
     close_recorder();
 }
 
 static void record_run(int64_t count) {
-    const tl_recorder_settings settings = tl_made_settings(path);
+    const tl_recorder_settings settings = tl_made_settings(bench.path);
     record_with(&settings, count);
 }
 
 static void open_history(void) {
-    expect_ok(tl_history_open(path, &history, &error));
+    expect_ok(tl_history_open(bench.path, &history, &bench.error));
 }
 
 static void begin_ticks(int64_t id) {
-    expect_ok(tl_history_find(history, id, &run, &error));
-    expect_ok(tl_history_ticks_begin(history, run, &ticks, &error));
+    expect_ok(tl_history_find(history, id, &run, &bench.error));
+    expect_ok(tl_history_ticks_begin(history, run, &ticks, &bench.error));
 }
 
 /* ---- Runs -------------------------------------------------------------------------------------------------------- */
@@ -86,14 +77,14 @@ static void test_runs_are_listed(void) {
     size_t count = 0;
     int64_t time = 0;
     record_run(10);
-    tl_recorder_settings settings = tl_made_settings(path);
+    tl_recorder_settings settings = tl_made_settings(bench.path);
     settings.verb = "run";
     settings.name = "zweite Prüfung";
     settings.measurements = TL_AHEAD;
     settings.prediction = 5;
     record_with(&settings, 20);
     open_history();
-    expect_ok(tl_history_runs(history, &runs, &count, &error));
+    expect_ok(tl_history_runs(history, &runs, &count, &bench.error));
     TEST_ASSERT_EQUAL_size_t(2, count);
     TEST_ASSERT_EQUAL_INT64(1, runs[0].run);
     TEST_ASSERT_EQUAL_STRING("replay", runs[0].verb);
@@ -114,47 +105,47 @@ static void test_a_run_is_found(void) {
     record_run(10);
     record_run(10);
     open_history();
-    expect_ok(tl_history_find(history, 0, &run, &error));
+    expect_ok(tl_history_find(history, 0, &run, &bench.error));
     TEST_ASSERT_EQUAL_INT64(2, run->run);
-    expect_ok(tl_history_find(history, 1, &run, &error));
+    expect_ok(tl_history_find(history, 1, &run, &bench.error));
     TEST_ASSERT_EQUAL_INT64(1, run->run);
-    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, tl_history_find(history, 3, &run, &error));
-    TEST_ASSERT_NOT_NULL(strstr(error.text, "holds no run 3"));
-    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, tl_history_find(history, -1, &run, &error));
+    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, tl_history_find(history, 3, &run, &bench.error));
+    TEST_ASSERT_NOT_NULL(strstr(bench.error.text, "holds no run 3"));
+    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, tl_history_find(history, -1, &run, &bench.error));
 }
 
 static void test_a_database_without_runs(void) {
     const tl_history_run *runs = NULL;
     size_t count = 1;
     record_run(10);
-    tl_sql_execute(path, "DELETE FROM runs");
+    tl_sql_execute(bench.path, "DELETE FROM runs");
     open_history();
-    expect_ok(tl_history_runs(history, &runs, &count, &error));
+    expect_ok(tl_history_runs(history, &runs, &count, &bench.error));
     TEST_ASSERT_EQUAL_size_t(0, count);
-    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, tl_history_find(history, 0, &run, &error));
-    TEST_ASSERT_NOT_NULL(strstr(error.text, "holds no run"));
+    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, tl_history_find(history, 0, &run, &bench.error));
+    TEST_ASSERT_NOT_NULL(strstr(bench.error.text, "holds no run"));
 }
 
 static void test_signals_and_configuration(void) {
     const tl_recorder_signal *signals = NULL;
     const char *text = NULL;
     size_t count = 0;
-    const tl_recorder_settings settings = tl_made_settings(path);
+    const tl_recorder_settings settings = tl_made_settings(bench.path);
     record_run(10);
     open_history();
-    expect_ok(tl_history_find(history, 0, &run, &error));
-    expect_ok(tl_history_signals(history, run, TL_HISTORY_PLANT, &signals, &count, &error));
+    expect_ok(tl_history_find(history, 0, &run, &bench.error));
+    expect_ok(tl_history_signals(history, run, TL_HISTORY_PLANT, &signals, &count, &bench.error));
     TEST_ASSERT_EQUAL_size_t(TL_MADE_PLANT, count);
     TEST_ASSERT_EQUAL_STRING("plant.door", signals[2].name);
     TEST_ASSERT_EQUAL_INT(TL_BOOLEAN, signals[2].type);
     TEST_ASSERT_NULL(signals[2].to);
-    expect_ok(tl_history_signals(history, run, TL_HISTORY_MATCH, &signals, &count, &error));
+    expect_ok(tl_history_signals(history, run, TL_HISTORY_MATCH, &signals, &count, &bench.error));
     TEST_ASSERT_EQUAL_size_t(TL_MADE_MATCH, count);
     TEST_ASSERT_EQUAL_STRING("plant.omega", signals[0].to);
-    expect_ok(tl_history_signals(history, run, TL_HISTORY_ADJUST, &signals, &count, &error));
+    expect_ok(tl_history_signals(history, run, TL_HISTORY_ADJUST, &signals, &count, &bench.error));
     TEST_ASSERT_EQUAL_size_t(TL_MADE_ADJUST, count);
     TEST_ASSERT_EQUAL_STRING("N.m.s/rad", signals[0].unit);
-    expect_ok(tl_history_configuration(history, run, &text, &error));
+    expect_ok(tl_history_configuration(history, run, &text, &bench.error));
     TEST_ASSERT_EQUAL_STRING(settings.configuration, text);
 }
 
@@ -184,6 +175,23 @@ static void expect_step(const tl_history_tick *tick, int64_t step) {
     TEST_ASSERT_EQUAL_HEX32(record.flags, tick->flags);
 }
 
+/* So many ticks were put: each that is read now has the step that was computed `lead` ticks before it, if there is one. */
+static void expect_ticks_with_steps(int64_t count, int64_t lead) {
+    tl_history_tick tick;
+    bool end = false;
+    for (int64_t number = 0; number < count; number++) {
+        int64_t step = number - lead;
+        expect_ok(tl_history_ticks_next(ticks, &tick, &end, &bench.error));
+        TEST_ASSERT_FALSE(end);
+        expect_tick(&tick, number);
+        if (step >= 0 && step < count - TL_MADE_PREDICTION) {
+            expect_step(&tick, step);
+        } else {
+            TEST_ASSERT_FALSE(tick.has_step);
+        }
+    }
+}
+
 static void test_ticks_come_back_bit_for_bit(void) {
     tl_history_tick tick;
     bool end = false;
@@ -193,64 +201,37 @@ static void test_ticks_come_back_bit_for_bit(void) {
     record_run(TICKS);
     open_history();
     begin_ticks(0);
-    expect_ok(tl_history_ticks_range(ticks, &any, &first, &last, &error));
+    expect_ok(tl_history_ticks_range(ticks, &any, &first, &last, &bench.error));
     TEST_ASSERT_TRUE(any);
     TEST_ASSERT_EQUAL_INT64(0, first);
     TEST_ASSERT_EQUAL_INT64(TICKS - 1, last);
-    for (int64_t number = 0; number < TICKS; number++) {
-        expect_ok(tl_history_ticks_next(ticks, &tick, &end, &error));
-        TEST_ASSERT_FALSE(end);
-        expect_tick(&tick, number);
-        if (number < TL_MADE_PREDICTION) {
-            TEST_ASSERT_FALSE(tick.has_step);
-        } else {
-            expect_step(&tick, number - TL_MADE_PREDICTION);
-        }
-    }
+    expect_ticks_with_steps(TICKS, TL_MADE_PREDICTION);
     for (int i = 0; i < 3; i++) {
-        expect_ok(tl_history_ticks_next(ticks, &tick, &end, &error));
+        expect_ok(tl_history_ticks_next(ticks, &tick, &end, &bench.error));
         TEST_ASSERT_TRUE(end);
     }
 }
 
 static void test_ahead_the_step_is_the_ticks_own(void) {
-    tl_recorder_settings settings = tl_made_settings(path);
-    tl_history_tick tick;
-    bool end = false;
+    tl_recorder_settings settings = tl_made_settings(bench.path);
     settings.measurements = TL_AHEAD;
     settings.prediction = 4;
     settings.lead = 0;
     record_with(&settings, 100);
     open_history();
     begin_ticks(0);
-    for (int64_t number = 0; number < 100; number++) {
-        expect_ok(tl_history_ticks_next(ticks, &tick, &end, &error));
-        expect_tick(&tick, number);
-        if (number < 98) {
-            expect_step(&tick, number);
-        } else {
-            TEST_ASSERT_FALSE(tick.has_step);
-        }
-    }
+    expect_ticks_with_steps(100, 0);
 }
 
 /* Conditioned measurements come later, and the steps with them: it is the recorded lead that counts. */
 static void test_the_lead_is_the_recorded_one(void) {
-    tl_recorder_settings settings = tl_made_settings(path);
-    tl_history_tick tick;
-    bool end = false;
+    tl_recorder_settings settings = tl_made_settings(bench.path);
     settings.lead = 70; /* more than are read at once */
     record_with(&settings, 200);
     open_history();
     begin_ticks(0);
     TEST_ASSERT_EQUAL_UINT32(70, run->lead);
-    for (int64_t number = 0; number < 200; number++) {
-        expect_ok(tl_history_ticks_next(ticks, &tick, &end, &error));
-        TEST_ASSERT_EQUAL_INT(number >= 70, tick.has_step);
-        if (number >= 70) {
-            expect_step(&tick, number - 70);
-        }
-    }
+    expect_ticks_with_steps(200, 70);
 }
 
 /* A file of format 1 names neither the lead nor flags: it had the lead by rule, and only a search that time ended could be
@@ -263,19 +244,19 @@ static void test_an_older_file(void) {
     size_t count = 9;
     bool end = false;
     record_run(100);
-    tl_made_older(path);
-    tl_sql_execute(path, "UPDATE steps SET outcome = 4, stop = 4, J_nominal = NULL WHERE step = 5;"
-                         "UPDATE steps SET outcome = 4, stop = 4, J_nominal = 3 WHERE step = 6;"
-                         "UPDATE steps SET outcome = 4, stop = 2, J_nominal = NULL WHERE step = 7");
+    tl_made_older(bench.path);
+    tl_sql_execute(bench.path, "UPDATE steps SET outcome = 4, stop = 4, J_nominal = NULL WHERE step = 5;"
+                               "UPDATE steps SET outcome = 4, stop = 4, J_nominal = 3 WHERE step = 6;"
+                               "UPDATE steps SET outcome = 4, stop = 2, J_nominal = NULL WHERE step = 7");
     for (size_t i = 0; i < 3; i++) {
         char sql[64];
         (void)snprintf(sql, sizeof sql, "UPDATE runs SET measurements = '%s'", modes[i]);
-        tl_sql_execute(path, sql);
+        tl_sql_execute(bench.path, sql);
         open_history();
         begin_ticks(0);
         TEST_ASSERT_EQUAL_UINT32(leads[i], run->lead);
         for (int64_t number = 0; number < 90; number++) {
-            expect_ok(tl_history_ticks_next(ticks, &tick, &end, &error));
+            expect_ok(tl_history_ticks_next(ticks, &tick, &end, &bench.error));
             expect_tick(&tick, number);
             TEST_ASSERT_EQUAL_INT(number >= leads[i], tick.has_step);
             TEST_ASSERT_EQUAL_INT64(number >= leads[i] ? number - leads[i] : 0, tick.step);
@@ -283,12 +264,12 @@ static void test_an_older_file(void) {
                 TEST_ASSERT_EQUAL_HEX32(tick.step == 5 ? TL_FLAG_WITHOUT_NOMINAL : 0, tick.flags);
             }
         }
-        expect_ok(tl_history_ledger(history, run, &components, &count, &error));
+        expect_ok(tl_history_ledger(history, run, &components, &count, &bench.error));
         TEST_ASSERT_EQUAL_size_t(0, count);
         close_history();
     }
-    TEST_ASSERT_EQUAL_INT64(1, tl_sql_integer(path, "PRAGMA user_version"));
-    TEST_ASSERT_EQUAL_INT(1, tl_scratch_count(&scratch));
+    TEST_ASSERT_EQUAL_INT64(1, tl_sql_integer(bench.path, "PRAGMA user_version"));
+    TEST_ASSERT_EQUAL_INT(1, tl_scratch_count(&bench.scratch));
 }
 
 /* The recorder of a newer program comes while an older file is being read. */
@@ -296,11 +277,11 @@ static void test_an_older_file_is_brought_up_to_date_meanwhile(void) {
     tl_history_tick tick;
     bool end = false;
     record_run(300);
-    tl_made_older(path);
+    tl_made_older(bench.path);
     open_history();
     begin_ticks(0);
     for (int64_t number = 0; number < 300; number++) {
-        expect_ok(tl_history_ticks_next(ticks, &tick, &end, &error));
+        expect_ok(tl_history_ticks_next(ticks, &tick, &end, &bench.error));
         expect_tick(&tick, number);
         if (number >= TL_MADE_PREDICTION) {
             TEST_ASSERT_EQUAL_INT64(number - TL_MADE_PREDICTION, tick.step);
@@ -309,7 +290,7 @@ static void test_an_older_file_is_brought_up_to_date_meanwhile(void) {
             record_run(50);
         }
     }
-    expect_ok(tl_history_find(history, 2, &run, &error));
+    expect_ok(tl_history_find(history, 2, &run, &bench.error));
     TEST_ASSERT_EQUAL_UINT32(TL_MADE_PREDICTION, run->lead);
 }
 
@@ -320,8 +301,8 @@ static void test_the_ledger(void) {
     record_run(10);
     record_run(100);
     open_history();
-    expect_ok(tl_history_find(history, 0, &run, &error));
-    expect_ok(tl_history_ledger(history, run, &components, &count, &error));
+    expect_ok(tl_history_find(history, 0, &run, &bench.error));
+    expect_ok(tl_history_ledger(history, run, &components, &count, &bench.error));
     TEST_ASSERT_EQUAL_size_t(TL_MADE_COMPONENTS, count);
     tl_made_ledger(99 - TL_MADE_PREDICTION, ledger);
     for (size_t i = 0; i < count; i++) {
@@ -333,9 +314,7 @@ static void test_the_ledger(void) {
 
 /* Whatever the prediction: a step is computed one tick later. */
 static void test_hold_the_step_is_of_the_tick_before(void) {
-    tl_recorder_settings settings = tl_made_settings(path);
-    tl_history_tick tick;
-    bool end = false;
+    tl_recorder_settings settings = tl_made_settings(bench.path);
     settings.measurements = TL_HOLD;
     settings.prediction = 4;
     settings.lead = 1;
@@ -343,15 +322,8 @@ static void test_hold_the_step_is_of_the_tick_before(void) {
     open_history();
     begin_ticks(0);
     TEST_ASSERT_EQUAL_INT(TL_HOLD, run->measurements);
-    TEST_ASSERT_EQUAL_STRING("hold", tl_sql_text(path, "SELECT measurements FROM runs"));
-    for (int64_t number = 0; number < 100; number++) {
-        expect_ok(tl_history_ticks_next(ticks, &tick, &end, &error));
-        if (number > 0 && number < 99) {
-            expect_step(&tick, number - 1);
-        } else {
-            TEST_ASSERT_FALSE(tick.has_step);
-        }
-    }
+    TEST_ASSERT_EQUAL_STRING("hold", tl_sql_text(bench.path, "SELECT measurements FROM runs"));
+    expect_ticks_with_steps(100, 1);
 }
 
 /* Two runs in one file: each walk sees its own, and both may go at once. */
@@ -362,18 +334,18 @@ static void test_two_walks_at_once(void) {
     record_run(100);
     record_run(300);
     open_history();
-    expect_ok(tl_history_find(history, 1, &run, &error));
-    expect_ok(tl_history_ticks_begin(history, run, &other, &error));
+    expect_ok(tl_history_find(history, 1, &run, &bench.error));
+    expect_ok(tl_history_ticks_begin(history, run, &other, &bench.error));
     begin_ticks(2);
     for (int64_t number = 0; number < 100; number++) {
-        expect_ok(tl_history_ticks_next(ticks, &tick, &end, &error));
+        expect_ok(tl_history_ticks_next(ticks, &tick, &end, &bench.error));
         expect_tick(&tick, number);
-        expect_ok(tl_history_ticks_next(other, &tick, &end, &error));
+        expect_ok(tl_history_ticks_next(other, &tick, &end, &bench.error));
         expect_tick(&tick, number);
     }
-    expect_ok(tl_history_ticks_next(other, &tick, &end, &error));
+    expect_ok(tl_history_ticks_next(other, &tick, &end, &bench.error));
     TEST_ASSERT_TRUE(end);
-    expect_ok(tl_history_ticks_next(ticks, &tick, &end, &error));
+    expect_ok(tl_history_ticks_next(ticks, &tick, &end, &bench.error));
     TEST_ASSERT_FALSE(end);
     tl_history_ticks_end(other);
 }
@@ -384,16 +356,17 @@ static void test_gaps(void) {
     bool end = false;
     record_run(1000);
     tl_sql_execute(
-        path, "DELETE FROM samples WHERE tick < 10 OR tick BETWEEN 100 AND 899; DELETE FROM steps WHERE step = 20");
+        bench.path,
+        "DELETE FROM samples WHERE tick < 10 OR tick BETWEEN 100 AND 899; DELETE FROM steps WHERE step = 20");
     open_history();
     begin_ticks(0);
     for (int64_t number = 10; number < 1000; number = number == 99 ? 900 : number + 1) {
-        expect_ok(tl_history_ticks_next(ticks, &tick, &end, &error));
+        expect_ok(tl_history_ticks_next(ticks, &tick, &end, &bench.error));
         TEST_ASSERT_FALSE(end);
         expect_tick(&tick, number);
         TEST_ASSERT_EQUAL_INT(number != 22, tick.has_step);
     }
-    expect_ok(tl_history_ticks_next(ticks, &tick, &end, &error));
+    expect_ok(tl_history_ticks_next(ticks, &tick, &end, &bench.error));
     TEST_ASSERT_TRUE(end);
 }
 
@@ -402,10 +375,10 @@ static void test_a_missing_value_is_not_good(void) {
     tl_history_tick tick;
     bool end = false;
     record_run(10);
-    tl_sql_execute(path, "UPDATE samples SET value = NULL, quality = 0 WHERE signal = 1");
+    tl_sql_execute(bench.path, "UPDATE samples SET value = NULL, quality = 0 WHERE signal = 1");
     open_history();
     begin_ticks(0);
-    expect_ok(tl_history_ticks_next(ticks, &tick, &end, &error));
+    expect_ok(tl_history_ticks_next(ticks, &tick, &end, &bench.error));
     TEST_ASSERT_EQUAL_INT(TL_NOT_A_NUMBER, tick.sample.quality[1]);
     TEST_ASSERT_TRUE(tick.sample.values[1] == 0.0);
 }
@@ -415,29 +388,29 @@ static void test_an_outlier_is_read(void) {
     tl_history_tick tick;
     bool end = false;
     record_run(10);
-    tl_sql_execute(path, "UPDATE samples SET value = 3.5, quality = 5 WHERE signal = 1");
+    tl_sql_execute(bench.path, "UPDATE samples SET value = 3.5, quality = 5 WHERE signal = 1");
     open_history();
     begin_ticks(0);
-    expect_ok(tl_history_ticks_next(ticks, &tick, &end, &error));
+    expect_ok(tl_history_ticks_next(ticks, &tick, &end, &bench.error));
     TEST_ASSERT_EQUAL_INT(TL_OUTLIER, tick.sample.quality[1]);
     TEST_ASSERT_EQUAL_DOUBLE(3.5, tick.sample.values[1]);
 }
 
 /* Read while it is written, by another connection: no gap, no tick twice, and in the end all of them. */
 static void test_reading_while_it_is_written(void) {
-    tl_recorder_settings settings = tl_made_settings(path);
+    tl_recorder_settings settings = tl_made_settings(bench.path);
     tl_history_tick tick;
     bool end = false;
     int64_t next = 0;
     settings.wait_when_full = true;
-    expect_ok(tl_recorder_open(&settings, &recorder, &error));
+    tl_bench_open(&bench, &settings);
     open_history();
     begin_ticks(0);
     TEST_ASSERT_NULL(run->ended);
     for (int64_t put = 0; put < 20000; put += 40) {
-        tl_made_put(recorder, put, 40);
+        tl_made_put(bench.recorder, put, 40);
         for (end = false; !end;) {
-            expect_ok(tl_history_ticks_next(ticks, &tick, &end, &error));
+            expect_ok(tl_history_ticks_next(ticks, &tick, &end, &bench.error));
             if (!end) {
                 expect_tick(&tick, next++);
             }
@@ -445,13 +418,13 @@ static void test_reading_while_it_is_written(void) {
     }
     close_recorder();
     for (end = false; !end;) {
-        expect_ok(tl_history_ticks_next(ticks, &tick, &end, &error));
+        expect_ok(tl_history_ticks_next(ticks, &tick, &end, &bench.error));
         if (!end) {
             expect_tick(&tick, next++);
         }
     }
     TEST_ASSERT_EQUAL_INT64(20000, next);
-    expect_ok(tl_history_find(history, 0, &run, &error));
+    expect_ok(tl_history_find(history, 0, &run, &bench.error));
     TEST_ASSERT_EQUAL_STRING("end of recording", run->ended_reason);
 }
 
@@ -462,78 +435,78 @@ static void test_reading_changes_nothing(void) {
     record_run(100);
     open_history();
     begin_ticks(0);
-    expect_ok(tl_history_ticks_next(ticks, &tick, &end, &error));
+    expect_ok(tl_history_ticks_next(ticks, &tick, &end, &bench.error));
     TEST_ASSERT_EQUAL_INT(SQLITE_READONLY,
                           sqlite3_exec(tl_history_database(history), "DELETE FROM runs", NULL, NULL, NULL) & 0xFF);
     record_run(50); /* a recorder comes and goes meanwhile */
     for (; !end;) {
-        expect_ok(tl_history_ticks_next(ticks, &tick, &end, &error));
+        expect_ok(tl_history_ticks_next(ticks, &tick, &end, &bench.error));
     }
     close_history();
-    TEST_ASSERT_EQUAL_INT(1, tl_scratch_count(&scratch));
+    TEST_ASSERT_EQUAL_INT(1, tl_scratch_count(&bench.scratch));
 }
 
 /* A copy on a stick that is mounted for reading: neither -wal nor -shm can be made, and neither is needed. */
 static void test_a_medium_that_cannot_be_written(void) {
-    const tl_recorder_settings settings = tl_made_settings(path);
+    const tl_recorder_settings settings = tl_made_settings(bench.path);
     tl_history_tick tick;
     bool end = false;
-    (void)snprintf(path, sizeof path, "%s", tl_scratch_path(&scratch, "ein 100 % #1? \xC3\xA4.db"));
+    (void)snprintf(bench.path, sizeof bench.path, "%s", tl_scratch_path(&bench.scratch, "ein 100 % #1? \xC3\xA4.db"));
     record_run(100);
     tl_faulty_vfs_read_only(true);
-    tl_status status = tl_history_open(path, &history, &error);
-    tl_status refused = tl_recorder_open(&settings, &recorder, NULL);
+    tl_status status = tl_history_open(bench.path, &history, &bench.error);
+    tl_status refused = tl_recorder_open(&settings, &bench.recorder, NULL);
     tl_faulty_vfs_read_only(false);
     expect_ok(status);
     TEST_ASSERT_EQUAL_INT(TL_TRY_AGAIN, refused);
     begin_ticks(0);
     for (int64_t number = 0; number < 100; number++) {
-        expect_ok(tl_history_ticks_next(ticks, &tick, &end, &error));
+        expect_ok(tl_history_ticks_next(ticks, &tick, &end, &bench.error));
         expect_tick(&tick, number);
     }
     close_history();
-    TEST_ASSERT_EQUAL_INT(1, tl_scratch_count(&scratch));
+    TEST_ASSERT_EQUAL_INT(1, tl_scratch_count(&bench.scratch));
 }
 
 /* ---- What is no history ------------------------------------------------------------------------------------------ */
 
 static void expect_refused(tl_status status, const char *part) {
-    error = (tl_error){TL_OK, ""};
-    TEST_ASSERT_EQUAL_INT(status, tl_history_open(path, &history, &error));
+    bench.error = (tl_error){TL_OK, ""};
+    TEST_ASSERT_EQUAL_INT(status, tl_history_open(bench.path, &history, &bench.error));
     TEST_ASSERT_NULL(history);
-    if (strstr(error.text, part) == NULL) {
-        TEST_FAIL_MESSAGE(error.text);
+    if (strstr(bench.error.text, part) == NULL) {
+        TEST_FAIL_MESSAGE(bench.error.text);
     }
 }
 
 static void test_files_that_are_none(void) {
     expect_refused(TL_BAD_DATA, "No such file or directory");
-    FILE *file = fopen(path, "wb");
+    FILE *file = fopen(bench.path, "wb");
     TEST_ASSERT_NOT_NULL(file);
     (void)fclose(file);
     expect_refused(TL_BAD_DATA, "it has only 0 bytes");
-    (void)unlink(path);
-    tl_sql_execute(path, "CREATE TABLE mine (x)");
+    (void)unlink(bench.path);
+    tl_sql_execute(bench.path, "CREATE TABLE mine (x)");
     expect_refused(TL_BAD_DATA, "of another program");
-    (void)snprintf(path, sizeof path, "%s", scratch.folder);
+    (void)snprintf(bench.path, sizeof bench.path, "%s", bench.scratch.folder);
     expect_refused(TL_BAD_DATA, "is no ordinary file");
 }
 
 static void test_a_damaged_file_is_said(void) {
     record_run(2000);
-    FILE *file = fopen(path, "r+b");
+    FILE *file = fopen(bench.path, "r+b");
     TEST_ASSERT_NOT_NULL(file);
     for (long at = 4096; at < 60 * 4096; at += 512) {
         (void)fseek(file, at, SEEK_SET);
         (void)fputs("damaged damaged damaged", file);
     }
     (void)fclose(file);
-    tl_status status = tl_history_open(path, &history, &error);
+    tl_status status = tl_history_open(bench.path, &history, &bench.error);
     if (status == TL_OK) {
-        status = tl_history_find(history, 0, &run, &error);
+        status = tl_history_find(history, 0, &run, &bench.error);
     }
     TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, status);
-    TEST_ASSERT_NOT_NULL(strstr(error.text, path));
+    TEST_ASSERT_NOT_NULL(strstr(bench.error.text, bench.path));
 }
 
 /* Values that the recorder never writes. */
@@ -543,23 +516,23 @@ static void expect_damage(const char *sql) {
     const tl_recorder_signal *signals = NULL;
     size_t count = 0;
     record_run(10);
-    tl_sql_execute(path, sql);
+    tl_sql_execute(bench.path, sql);
     open_history();
-    status = tl_history_find(history, 0, &run, &error);
+    status = tl_history_find(history, 0, &run, &bench.error);
     if (status == TL_OK) {
-        status = tl_history_signals(history, run, TL_HISTORY_MATCH, &signals, &count, &error);
+        status = tl_history_signals(history, run, TL_HISTORY_MATCH, &signals, &count, &bench.error);
     }
     if (status == TL_OK) {
-        status = tl_history_ticks_begin(history, run, &ticks, &error);
+        status = tl_history_ticks_begin(history, run, &ticks, &bench.error);
     }
     for (bool end = false; status == TL_OK && !end;) {
-        status = tl_history_ticks_next(ticks, &tick, &end, &error);
+        status = tl_history_ticks_next(ticks, &tick, &end, &bench.error);
     }
     TEST_ASSERT_EQUAL_INT_MESSAGE(TL_BAD_DATA, status, sql);
-    TEST_ASSERT_NOT_NULL(strstr(error.text, "damaged"));
+    TEST_ASSERT_NOT_NULL(strstr(bench.error.text, "damaged"));
     close_history();
-    tl_scratch_empty(&scratch);
-    error = (tl_error){TL_OK, ""};
+    tl_scratch_empty(&bench.scratch);
+    bench.error = (tl_error){TL_OK, ""};
 }
 
 static void test_impossible_values_are_damage(void) {
@@ -582,7 +555,7 @@ static void test_impossible_values_are_damage(void) {
 static void shuffle_rows(void) {
     enum { PAGE = 4096, LEAF = 0x0A, POINTERS = 8, ROWS = 64 * TL_MADE_PLANT, FEW = 20 };
     unsigned char page[PAGE];
-    FILE *file = fopen(path, "r+b");
+    FILE *file = fopen(bench.path, "r+b");
     TEST_ASSERT_NOT_NULL(file);
     for (long at = PAGE; fseek(file, at, SEEK_SET) == 0 && fread(page, 1, PAGE, file) == PAGE; at += PAGE) {
         unsigned char pointers[PAGE];
@@ -609,15 +582,15 @@ static void shuffle_rows(void) {
 static tl_status walk_through(void) {
     tl_history_tick tick;
     bool end = false;
-    tl_status status = tl_history_open(path, &history, &error);
+    tl_status status = tl_history_open(bench.path, &history, &bench.error);
     if (status == TL_OK) {
-        status = tl_history_find(history, 0, &run, &error);
+        status = tl_history_find(history, 0, &run, &bench.error);
     }
     if (status == TL_OK) {
-        status = tl_history_ticks_begin(history, run, &ticks, &error);
+        status = tl_history_ticks_begin(history, run, &ticks, &bench.error);
     }
     while (status == TL_OK && !end) {
-        status = tl_history_ticks_next(ticks, &tick, &end, &error);
+        status = tl_history_ticks_next(ticks, &tick, &end, &bench.error);
     }
     close_history();
     return status;
@@ -628,7 +601,7 @@ static void test_rows_that_are_not_in_their_order(void) {
     record_run(TICKS);
     shuffle_rows();
     TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, walk_through());
-    TEST_ASSERT_NOT_NULL(strstr(error.text, "is damaged"));
+    TEST_ASSERT_NOT_NULL(strstr(bench.error.text, "is damaged"));
 }
 
 /* What stands in the file would be run by whoever reads it. */
@@ -644,17 +617,18 @@ static void test_code_in_a_file_is_not_run(void) {
         "ALTER TABLE samples RENAME TO other; CREATE TABLE samples AS SELECT * FROM other",
         "ALTER TABLE runs RENAME TO other; CREATE TABLE runs AS SELECT * FROM other",
     };
-    const tl_recorder_settings settings = tl_made_settings(path);
+    const tl_recorder_settings settings = tl_made_settings(bench.path);
     for (size_t i = 0; i < sizeof attacks / sizeof attacks[0]; i++) {
-        error = (tl_error){TL_OK, ""};
+        bench.error = (tl_error){TL_OK, ""};
         record_run(20);
-        tl_sql_execute(path, attacks[i]);
+        tl_sql_execute(bench.path, attacks[i]);
         TEST_ASSERT_EQUAL_INT_MESSAGE(TL_BAD_DATA, walk_through(), attacks[i]);
-        TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, "is damaged: "), error.text);
-        TEST_ASSERT_EQUAL_INT_MESSAGE(TL_BAD_DATA, tl_recorder_open(&settings, &recorder, &error), attacks[i]);
-        tl_scratch_empty(&scratch);
+        TEST_ASSERT_NOT_NULL_MESSAGE(strstr(bench.error.text, "is damaged: "), bench.error.text);
+        TEST_ASSERT_EQUAL_INT_MESSAGE(TL_BAD_DATA, tl_recorder_open(&settings, &bench.recorder, &bench.error),
+                                      attacks[i]);
+        tl_scratch_empty(&bench.scratch);
     }
-    error = (tl_error){TL_OK, ""};
+    bench.error = (tl_error){TL_OK, ""};
 }
 
 /* Pages may lead back to each other; whatever makes a question endless, it is given up, and the next one is not. */
@@ -663,10 +637,10 @@ static void test_a_question_without_an_end(void) {
         "WITH RECURSIVE r (i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM r) SELECT count(*) FROM r";
     record_run(20);
     open_history();
-    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, tl_database_execute(tl_history_database(history), endless, &error));
-    TEST_ASSERT_NOT_NULL(strstr(error.text, "a question about it does not come to an end"));
-    error = (tl_error){TL_OK, ""};
-    expect_ok(tl_history_find(history, 0, &run, &error));
+    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, tl_database_execute(tl_history_database(history), endless, &bench.error));
+    TEST_ASSERT_NOT_NULL(strstr(bench.error.text, "a question about it does not come to an end"));
+    bench.error = (tl_error){TL_OK, ""};
+    expect_ok(tl_history_find(history, 0, &run, &bench.error));
 }
 
 static void test_more_impossible_values(void) {
@@ -705,7 +679,7 @@ static void test_more_impossible_values(void) {
 static void expect_mode(const char *end, mode_t mode) {
     char name[PATH_MAX + 16];
     struct stat file;
-    (void)snprintf(name, sizeof name, "%s%s", path, end);
+    (void)snprintf(name, sizeof name, "%s%s", bench.path, end);
     TEST_ASSERT_EQUAL_INT_MESSAGE(0, stat(name, &file), name);
     TEST_ASSERT_EQUAL_HEX_MESSAGE(mode, file.st_mode & 0777, name);
 }
@@ -716,13 +690,13 @@ static void test_the_mode_of_a_new_database(void) {
         mode_t mode;
     } cases[] = {{0022, 0640}, {0077, 0600}, {0, 0640}};
     static const char *const ends[] = {"", "-wal", "-shm", "-writer"};
-    const tl_recorder_settings settings = tl_made_settings(path);
+    const tl_recorder_settings settings = tl_made_settings(bench.path);
     for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
         mode_t before = umask(cases[i].mask);
-        tl_status status = tl_recorder_open(&settings, &recorder, &error);
+        tl_status status = tl_recorder_open(&settings, &bench.recorder, &bench.error);
         (void)umask(before);
         expect_ok(status);
-        tl_made_put(recorder, 0, 20);
+        tl_made_put(bench.recorder, 0, 20);
         for (size_t k = 0; k < sizeof ends / sizeof ends[0]; k++) {
             expect_mode(ends[k], cases[i].mode);
         }
@@ -731,13 +705,13 @@ static void test_the_mode_of_a_new_database(void) {
         expect_mode("-shm", cases[i].mode);
         close_history();
         expect_mode("", cases[i].mode);
-        tl_scratch_empty(&scratch);
+        tl_scratch_empty(&bench.scratch);
     }
 }
 
 int main(void) {
     tl_faulty_vfs_install();
-    tl_scratch_make(&scratch, TL_BINARY_DIR, "test_history");
+    tl_scratch_make(&bench.scratch, TL_BINARY_DIR, "test_history");
     UNITY_BEGIN();
     RUN_TEST(test_runs_are_listed);
     RUN_TEST(test_a_run_is_found);
@@ -765,7 +739,5 @@ int main(void) {
     RUN_TEST(test_code_in_a_file_is_not_run);
     RUN_TEST(test_a_question_without_an_end);
     RUN_TEST(test_the_mode_of_a_new_database);
-    int failures = UNITY_END();
-    tl_scratch_remove(&scratch);
-    return failures;
+    return tl_scratch_finish(&bench.scratch, UNITY_END());
 }

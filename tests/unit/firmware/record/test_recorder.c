@@ -740,7 +740,5 @@ int main(void) {
     RUN_TEST(test_the_largest_run);
     RUN_TEST(test_utc_calendar);
     RUN_TEST(test_utc_texts);
-    int failures = UNITY_END();
-    tl_scratch_remove(&bench.scratch);
-    return failures;
+    return tl_scratch_finish(&bench.scratch, UNITY_END());
 }

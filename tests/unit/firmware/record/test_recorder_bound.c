@@ -235,7 +235,5 @@ int main(void) {
     RUN_TEST(test_a_lowered_bound);
     RUN_TEST(test_events_alone);
     RUN_TEST(test_a_reader_that_does_not_let_go);
-    int failures = UNITY_END();
-    tl_scratch_remove(&bench.scratch);
-    return failures;
+    return tl_scratch_finish(&bench.scratch, UNITY_END());
 }

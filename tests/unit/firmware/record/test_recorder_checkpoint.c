@@ -259,7 +259,5 @@ int main(void) {
     RUN_TEST(test_a_file_of_format_2_is_read_as_it_is);
     RUN_TEST(test_a_file_of_format_2_is_brought_up_to_date);
     RUN_TEST(test_a_file_of_format_1_is_read_as_it_is);
-    int failures = UNITY_END();
-    tl_scratch_remove(&bench.scratch);
-    return failures;
+    return tl_scratch_finish(&bench.scratch, UNITY_END());
 }

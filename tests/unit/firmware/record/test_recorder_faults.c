@@ -17,10 +17,9 @@
 #include <unity.h>
 
 #include "firmware/base/log.h"
-#include "firmware/record/recorder.h"
 #include "tests/support/faulty_vfs.h"
 #include "tests/support/made_run.h"
-#include "tests/support/scratch.h"
+#include "tests/support/recorder_bench.h"
 #include "tests/support/sql.h"
 
 enum { THREADS = 6, EVENTS_EACH = 2000, WRITTEN_AT_ONCE = 400 };
@@ -29,16 +28,10 @@ static const tl_time HURRY = TL_SECOND / 5; /* the patience of a recorder that i
 
 extern char **environ;
 
-static tl_scratch scratch;
-static char path[PATH_MAX];
-static tl_recorder *recorder;
-static tl_recorder_counts counts;
-static tl_error error;
+static tl_recorder_bench bench;
 
 void setUp(void) {
-    (void)snprintf(path, sizeof path, "%s", tl_scratch_path(&scratch, "run.db"));
-    recorder = NULL;
-    error = (tl_error){TL_OK, ""};
+    tl_bench_begin(&bench);
 }
 
 static void repair_disk(void) {
@@ -48,10 +41,7 @@ static void repair_disk(void) {
 
 void tearDown(void) {
     repair_disk();
-    if (recorder != NULL) {
-        (void)tl_recorder_close(recorder, "test failed", NULL, NULL);
-    }
-    tl_scratch_empty(&scratch);
+    tl_bench_end(&bench);
 }
 
 static double seconds(void) {
@@ -60,21 +50,15 @@ static double seconds(void) {
     return (double)time.tv_sec + (double)time.tv_nsec / 1e9;
 }
 
-static void open_with(const tl_recorder_settings *settings) {
-    tl_status status = tl_recorder_open(settings, &recorder, &error);
-    TEST_ASSERT_EQUAL_STRING("", error.text);
-    TEST_ASSERT_EQUAL_INT(TL_OK, status);
-}
-
 static void open_recorder(void) {
-    const tl_recorder_settings settings = tl_made_settings(path);
-    open_with(&settings);
+    const tl_recorder_settings settings = tl_made_settings(bench.path);
+    tl_bench_open(&bench, &settings);
 }
 
 static tl_status close_recorder(void) {
-    tl_recorder *closing = recorder;
-    recorder = NULL;
-    return tl_recorder_close(closing, "end", &counts, &error);
+    tl_recorder *closing = bench.recorder;
+    bench.recorder = NULL;
+    return tl_recorder_close(closing, "end", &bench.counts, &bench.error);
 }
 
 /* The writer is a thread like any other and may not get to run for long, so tests wait for what it does and never for so long
@@ -94,7 +78,7 @@ static void wait_for_refusals(uint64_t wanted) {
 }
 
 static void wait_for_written(uint64_t wanted) {
-    for (int i = 0; i < WAITS && tl_recorder_get_counts(recorder).written < wanted; i++) {
+    for (int i = 0; i < WAITS && tl_recorder_get_counts(bench.recorder).written < wanted; i++) {
         usleep(WAIT_US);
     }
 }
@@ -102,32 +86,40 @@ static void wait_for_written(uint64_t wanted) {
 /* Until so much is written, or a write was refused. */
 static void wait_for_written_or_refused(uint64_t wanted, uint64_t refusals) {
     for (int i = 0;
-         i < WAITS && tl_recorder_get_counts(recorder).written < wanted && tl_faulty_vfs_refusals() == refusals; i++) {
+         i < WAITS && tl_recorder_get_counts(bench.recorder).written < wanted && tl_faulty_vfs_refusals() == refusals;
+         i++) {
         usleep(WAIT_US / 5);
     }
 }
 
+/* Each tick has all its signals, each step all its outputs. */
+static void expect_nothing_missing(void) {
+    TEST_ASSERT_EQUAL_INT64(0, tl_sql_integer(bench.path, "SELECT count(*) FROM (SELECT count(*) AS n FROM samples"
+                                                          " GROUP BY run, tick) WHERE n <> 3"));
+    TEST_ASSERT_EQUAL_INT64(0,
+                            tl_sql_integer(bench.path, "SELECT count(*) FROM steps s WHERE 2 <> (SELECT count(*) FROM"
+                                                       " outputs o WHERE o.run = s.run AND o.step = s.step)"));
+}
+
 /* What is in the database is what the counts and the run's own row say, and every batch is whole. */
 static void expect_whole(int64_t written) {
-    TEST_ASSERT_EQUAL_STRING("ok", tl_sql_text(path, "PRAGMA integrity_check"));
-    TEST_ASSERT_EQUAL_INT64(0, tl_sql_integer(path,
+    TEST_ASSERT_EQUAL_STRING("ok", tl_sql_text(bench.path, "PRAGMA integrity_check"));
+    TEST_ASSERT_EQUAL_INT64(0, tl_sql_integer(bench.path,
                                               "SELECT count(*) FROM runs WHERE samples_written <>"
                                               " (SELECT count(DISTINCT tick) FROM samples s WHERE s.run = runs.run)"));
-    TEST_ASSERT_EQUAL_INT64(0, tl_sql_integer(path, "SELECT count(*) FROM runs WHERE steps_written <>"
-                                                    " (SELECT count(*) FROM steps s WHERE s.run = runs.run)"));
-    TEST_ASSERT_EQUAL_INT64(0, tl_sql_integer(path, "SELECT count(*) FROM runs WHERE events_written <>"
-                                                    " (SELECT count(*) FROM events s WHERE s.run = runs.run)"));
-    TEST_ASSERT_EQUAL_INT64(0, tl_sql_integer(path, "SELECT count(*) FROM (SELECT count(*) AS n FROM samples"
-                                                    " GROUP BY run, tick) WHERE n <> 3"));
-    TEST_ASSERT_EQUAL_INT64(0, tl_sql_integer(path, "SELECT count(*) FROM steps s WHERE 2 <> (SELECT count(*) FROM"
-                                                    " outputs o WHERE o.run = s.run AND o.step = s.step)"));
-    TEST_ASSERT_EQUAL_INT64(0, tl_sql_integer(path, "SELECT count(*) FROM steps s WHERE 2 <> (SELECT count(*) FROM"
-                                                    " adjustments o WHERE o.run = s.run AND o.step = s.step)"));
+    TEST_ASSERT_EQUAL_INT64(0, tl_sql_integer(bench.path, "SELECT count(*) FROM runs WHERE steps_written <>"
+                                                          " (SELECT count(*) FROM steps s WHERE s.run = runs.run)"));
+    TEST_ASSERT_EQUAL_INT64(0, tl_sql_integer(bench.path, "SELECT count(*) FROM runs WHERE events_written <>"
+                                                          " (SELECT count(*) FROM events s WHERE s.run = runs.run)"));
+    expect_nothing_missing();
+    TEST_ASSERT_EQUAL_INT64(0,
+                            tl_sql_integer(bench.path, "SELECT count(*) FROM steps s WHERE 2 <> (SELECT count(*) FROM"
+                                                       " adjustments o WHERE o.run = s.run AND o.step = s.step)"));
     if (written >= 0) {
         TEST_ASSERT_EQUAL_INT64(
-            written, tl_sql_integer(path, "SELECT (SELECT count(DISTINCT tick) FROM samples) + (SELECT count(*)"
-                                          " FROM steps) + (SELECT count(*) FROM events WHERE source <>"
-                                          " 'recorder')"));
+            written, tl_sql_integer(bench.path, "SELECT (SELECT count(DISTINCT tick) FROM samples) + (SELECT count(*)"
+                                                " FROM steps) + (SELECT count(*) FROM events WHERE source <>"
+                                                " 'recorder')"));
     }
 }
 
@@ -135,7 +127,7 @@ static int64_t events_like(const char *pattern) {
     char sql[256];
     (void)snprintf(sql, sizeof sql, "SELECT count(*) FROM events WHERE source = 'recorder' AND text LIKE '%s'",
                    pattern);
-    return tl_sql_integer(path, sql);
+    return tl_sql_integer(bench.path, sql);
 }
 
 /* ---- Full and broken --------------------------------------------------------------------------------------------- */
@@ -143,26 +135,26 @@ static int64_t events_like(const char *pattern) {
 static void expect_recovery(int code, const char *words) {
     char pattern[128];
     open_recorder();
-    tl_made_put(recorder, 0, 100);
+    tl_made_put(bench.recorder, 0, 100);
     wait_for_written(198);
     uint64_t before = tl_faulty_vfs_refusals();
     tl_faulty_vfs_refuse(code, 0);
-    tl_made_put(recorder, 100, 200);
+    tl_made_put(bench.recorder, 100, 200);
     wait_for_refusals(before + 4); /* several tries */
-    tl_made_put(recorder, 300, 200);
-    TEST_ASSERT_EQUAL_UINT64(198, tl_recorder_get_counts(recorder).written);
+    tl_made_put(bench.recorder, 300, 200);
+    TEST_ASSERT_EQUAL_UINT64(198, tl_recorder_get_counts(bench.recorder).written);
     repair_disk();
     wait_for_written(998);
-    tl_made_put(recorder, 500, 100);
+    tl_made_put(bench.recorder, 500, 100);
     TEST_ASSERT_EQUAL_INT(TL_OK, close_recorder());
-    TEST_ASSERT_EQUAL_UINT64(0, counts.lost);
-    TEST_ASSERT_EQUAL_UINT64(1198, counts.written);
+    TEST_ASSERT_EQUAL_UINT64(0, bench.counts.lost);
+    TEST_ASSERT_EQUAL_UINT64(1198, bench.counts.written);
     expect_whole(1198);
     (void)snprintf(pattern, sizeof pattern, "cannot write: %s%%", words);
     TEST_ASSERT_EQUAL_INT64(1, events_like(pattern));
     TEST_ASSERT_EQUAL_INT64(1, events_like("writes again after %"));
     TEST_ASSERT_EQUAL_INT64(0, events_like("%lost%"));
-    TEST_ASSERT_EQUAL_INT64(1, tl_sql_integer(path, "SELECT severity = 2 FROM events WHERE text LIKE 'cannot%'"));
+    TEST_ASSERT_EQUAL_INT64(1, tl_sql_integer(bench.path, "SELECT severity = 2 FROM events WHERE text LIKE 'cannot%'"));
 }
 
 static void test_a_full_disk_is_survived(void) {
@@ -181,7 +173,7 @@ static void test_a_fault_at_any_write(void) {
         uint64_t before = tl_faulty_vfs_refusals();
         tl_faulty_vfs_refuse(after % 2 == 0 ? SQLITE_FULL : SQLITE_IOERR_WRITE, after);
         for (int i = 0; i < 400 && tl_faulty_vfs_refusals() == before; i++) {
-            tl_made_put(recorder, tick, 100);
+            tl_made_put(bench.recorder, tick, 100);
             tick += 100;
             wait_for_written_or_refused((uint64_t)(2 * tick - 2), before);
         }
@@ -189,8 +181,8 @@ static void test_a_fault_at_any_write(void) {
         wait_for_written((uint64_t)(2 * tick - 2));
     }
     TEST_ASSERT_EQUAL_INT(TL_OK, close_recorder());
-    TEST_ASSERT_EQUAL_UINT64(0, counts.lost);
-    TEST_ASSERT_EQUAL_UINT64(2 * tick - 2, counts.written);
+    TEST_ASSERT_EQUAL_UINT64(0, bench.counts.lost);
+    TEST_ASSERT_EQUAL_UINT64(2 * tick - 2, bench.counts.written);
     expect_whole(2 * tick - 2);
 }
 
@@ -198,87 +190,89 @@ static void test_a_fault_at_any_write(void) {
 static void test_what_a_long_fault_costs_is_counted(void) {
     enum { TICKS = 20000 };
     open_recorder();
-    tl_made_put(recorder, 0, 100);
+    tl_made_put(bench.recorder, 0, 100);
     wait_for_written(198);
     uint64_t before = tl_faulty_vfs_refusals();
     tl_faulty_vfs_refuse(SQLITE_FULL, 0);
     double began = seconds();
-    tl_made_put(recorder, 100, TICKS - 100); /* 4 MB into a ring of 1 MiB */
+    tl_made_put(bench.recorder, 100, TICKS - 100); /* 4 MB into a ring of 1 MiB */
     TEST_ASSERT_TRUE(seconds() - began < 5.0);
     wait_for_refusals(before + 2);
-    uint64_t lost = tl_recorder_get_counts(recorder).lost;
+    uint64_t lost = tl_recorder_get_counts(bench.recorder).lost;
     TEST_ASSERT_GREATER_THAN_UINT64(1000, lost);
     repair_disk();
     TEST_ASSERT_EQUAL_INT(TL_OK, close_recorder());
-    TEST_ASSERT_EQUAL_UINT64(lost, counts.lost);
-    TEST_ASSERT_EQUAL_UINT64(2 * TICKS - 2, counts.written + counts.lost);
-    expect_whole((int64_t)counts.written);
-    TEST_ASSERT_EQUAL_INT64(lost, tl_sql_integer(path, "SELECT entries_lost FROM runs"));
+    TEST_ASSERT_EQUAL_UINT64(lost, bench.counts.lost);
+    TEST_ASSERT_EQUAL_UINT64(2 * TICKS - 2, bench.counts.written + bench.counts.lost);
+    expect_whole((int64_t)bench.counts.written);
+    TEST_ASSERT_EQUAL_INT64(lost, tl_sql_integer(bench.path, "SELECT entries_lost FROM runs"));
     char pattern[64];
     (void)snprintf(pattern, sizeof pattern, "%llu samples, steps or events were lost:%%", (unsigned long long)lost);
     TEST_ASSERT_EQUAL_INT64(1, events_like(pattern));
 }
 
 static void test_close_gives_up_on_a_disk_that_stays_full(void) {
-    tl_recorder_settings settings = tl_made_settings(path);
+    tl_recorder_settings settings = tl_made_settings(bench.path);
     settings.patience = HURRY;
-    open_with(&settings);
-    tl_made_put(recorder, 0, 100);
+    tl_bench_open(&bench, &settings);
+    tl_made_put(bench.recorder, 0, 100);
     wait_for_written(198);
     tl_faulty_vfs_refuse(SQLITE_FULL, 0);
-    tl_made_put(recorder, 100, 100);
-    tl_recorder_event(recorder, 5, TL_EVENT_INFO, "cycle", "the last word");
+    tl_made_put(bench.recorder, 100, 100);
+    tl_recorder_event(bench.recorder, 5, TL_EVENT_INFO, "cycle", "the last word");
     double began = seconds();
     TEST_ASSERT_EQUAL_INT(TL_TRY_AGAIN, close_recorder());
     TEST_ASSERT_TRUE(seconds() - began < 5.0);
-    TEST_ASSERT_NOT_NULL(strstr(error.text, "its last 201 entries could not be written: database or disk is full"));
-    TEST_ASSERT_EQUAL_UINT64(198, counts.written);
-    TEST_ASSERT_EQUAL_UINT64(201, counts.lost);
+    TEST_ASSERT_NOT_NULL(
+        strstr(bench.error.text, "its last 201 entries could not be written: database or disk is full"));
+    TEST_ASSERT_EQUAL_UINT64(198, bench.counts.written);
+    TEST_ASSERT_EQUAL_UINT64(201, bench.counts.lost);
     repair_disk();
     expect_whole(198);
-    TEST_ASSERT_EQUAL_INT64(1, tl_sql_integer(path, "SELECT ended IS NULL FROM runs"));
-    error = (tl_error){TL_OK, ""};
+    TEST_ASSERT_EQUAL_INT64(1, tl_sql_integer(bench.path, "SELECT ended IS NULL FROM runs"));
+    bench.error = (tl_error){TL_OK, ""};
     open_recorder();
     TEST_ASSERT_EQUAL_INT(TL_OK, close_recorder());
-    TEST_ASSERT_EQUAL_STRING("not ended cleanly", tl_sql_text(path, "SELECT ended_reason FROM runs WHERE run = 1"));
+    TEST_ASSERT_EQUAL_STRING("not ended cleanly",
+                             tl_sql_text(bench.path, "SELECT ended_reason FROM runs WHERE run = 1"));
 }
 
 static void test_a_disk_that_is_full_from_the_start(void) {
-    const tl_recorder_settings settings = tl_made_settings(path);
+    const tl_recorder_settings settings = tl_made_settings(bench.path);
     tl_faulty_vfs_refuse(SQLITE_FULL, 0);
-    TEST_ASSERT_EQUAL_INT(TL_TRY_AGAIN, tl_recorder_open(&settings, &recorder, &error));
-    TEST_ASSERT_NULL(recorder);
-    TEST_ASSERT_EQUAL_INT(0, tl_scratch_count(&scratch)); /* nothing half made is left */
-    for (uint64_t writes = 1; writes < 60; writes++) {    /* and wherever it gets full while it is made */
+    TEST_ASSERT_EQUAL_INT(TL_TRY_AGAIN, tl_recorder_open(&settings, &bench.recorder, &bench.error));
+    TEST_ASSERT_NULL(bench.recorder);
+    TEST_ASSERT_EQUAL_INT(0, tl_scratch_count(&bench.scratch)); /* nothing half made is left */
+    for (uint64_t writes = 1; writes < 60; writes++) {          /* and wherever it gets full while it is made */
         tl_faulty_vfs_refuse(SQLITE_FULL, writes);
-        tl_status status = tl_recorder_open(&settings, &recorder, &error);
+        tl_status status = tl_recorder_open(&settings, &bench.recorder, &bench.error);
         TEST_ASSERT_TRUE(status == TL_OK || status == TL_TRY_AGAIN);
         repair_disk();
-        if (recorder != NULL) {
+        if (bench.recorder != NULL) {
             (void)close_recorder();
         }
     }
-    error = (tl_error){TL_OK, ""};
+    bench.error = (tl_error){TL_OK, ""};
     open_recorder();
     TEST_ASSERT_EQUAL_INT(TL_OK, close_recorder());
-    TEST_ASSERT_EQUAL_STRING("ok", tl_sql_text(path, "PRAGMA integrity_check"));
+    TEST_ASSERT_EQUAL_STRING("ok", tl_sql_text(bench.path, "PRAGMA integrity_check"));
 }
 
 /* Data must not vanish into a file without a name; put back, it is used again. */
 static void test_a_file_that_is_moved_away(void) {
     char elsewhere[PATH_MAX + 8];
-    (void)snprintf(elsewhere, sizeof elsewhere, "%s.moved", path);
+    (void)snprintf(elsewhere, sizeof elsewhere, "%s.moved", bench.path);
     open_recorder();
-    tl_made_put(recorder, 0, 100);
+    tl_made_put(bench.recorder, 0, 100);
     wait_for_written(198);
     uint64_t moved = tl_faulty_vfs_moved();
-    TEST_ASSERT_EQUAL_INT(0, rename(path, elsewhere));
-    tl_made_put(recorder, 100, 100);
+    TEST_ASSERT_EQUAL_INT(0, rename(bench.path, elsewhere));
+    tl_made_put(bench.recorder, 100, 100);
     wait_for(tl_faulty_vfs_moved, moved + 1);
-    TEST_ASSERT_EQUAL_UINT64(198, tl_recorder_get_counts(recorder).written);
-    TEST_ASSERT_EQUAL_INT(0, rename(elsewhere, path));
+    TEST_ASSERT_EQUAL_UINT64(198, tl_recorder_get_counts(bench.recorder).written);
+    TEST_ASSERT_EQUAL_INT(0, rename(elsewhere, bench.path));
     TEST_ASSERT_EQUAL_INT(TL_OK, close_recorder());
-    TEST_ASSERT_EQUAL_UINT64(398, counts.written);
+    TEST_ASSERT_EQUAL_UINT64(398, bench.counts.written);
     expect_whole(398);
     TEST_ASSERT_EQUAL_INT64(1, events_like("cannot write: its file was moved or removed while it is written%"));
 }
@@ -291,77 +285,77 @@ static void test_a_slow_disk_does_not_slow_the_cycle(void) {
     usleep(50000);
     double began = seconds();
     for (int64_t tick = 0; tick < 5000; tick += 100) {
-        tl_made_put(recorder, tick, 100);
-        tl_recorder_event(recorder, tick, TL_EVENT_INFO, "cycle", "tick");
+        tl_made_put(bench.recorder, tick, 100);
+        tl_recorder_event(bench.recorder, tick, TL_EVENT_INFO, "cycle", "tick");
         usleep(1000);
     }
     TEST_ASSERT_TRUE(seconds() - began < 10.0); /* 300 ms for each of more than 100 writes else */
     tl_faulty_vfs_slow(0);
     TEST_ASSERT_EQUAL_INT(TL_OK, close_recorder());
-    TEST_ASSERT_EQUAL_UINT64(9998 + 50, counts.written + counts.lost);
-    expect_whole((int64_t)counts.written);
+    TEST_ASSERT_EQUAL_UINT64(9998 + 50, bench.counts.written + bench.counts.lost);
+    expect_whole((int64_t)bench.counts.written);
 }
 
 static void test_a_replay_waits_for_a_slow_disk(void) {
-    tl_recorder_settings settings = tl_made_settings(path);
+    tl_recorder_settings settings = tl_made_settings(bench.path);
     settings.wait_when_full = true;
-    open_with(&settings);
+    tl_bench_open(&bench, &settings);
     tl_faulty_vfs_slow(200000);
-    tl_made_put(recorder, 0, 20000);
+    tl_made_put(bench.recorder, 0, 20000);
     tl_faulty_vfs_slow(0);
     TEST_ASSERT_EQUAL_INT(TL_OK, close_recorder());
-    TEST_ASSERT_EQUAL_UINT64(0, counts.lost);
-    TEST_ASSERT_EQUAL_UINT64(39998, counts.written);
+    TEST_ASSERT_EQUAL_UINT64(0, bench.counts.lost);
+    TEST_ASSERT_EQUAL_UINT64(39998, bench.counts.written);
     expect_whole(39998);
 }
 
 /* But not for ever for one that refuses. */
 static void test_a_replay_does_not_hang_on_a_full_disk(void) {
-    tl_recorder_settings settings = tl_made_settings(path);
+    tl_recorder_settings settings = tl_made_settings(bench.path);
     settings.wait_when_full = true;
     settings.patience = HURRY;
-    open_with(&settings);
+    tl_bench_open(&bench, &settings);
     tl_faulty_vfs_refuse(SQLITE_FULL, 0);
     double began = seconds();
-    tl_made_put(recorder, 0, 20000);
+    tl_made_put(bench.recorder, 0, 20000);
     TEST_ASSERT_TRUE(seconds() - began < 10.0);
     TEST_ASSERT_EQUAL_INT(TL_TRY_AGAIN, close_recorder());
-    TEST_ASSERT_EQUAL_UINT64(39998, counts.written + counts.lost);
-    TEST_ASSERT_EQUAL_UINT64(0, counts.written);
+    TEST_ASSERT_EQUAL_UINT64(39998, bench.counts.written + bench.counts.lost);
+    TEST_ASSERT_EQUAL_UINT64(0, bench.counts.written);
 }
 
 static void test_a_lock_of_another_program_is_survived(void) {
     sqlite3 *other = NULL;
     open_recorder();
-    tl_made_put(recorder, 0, 100);
+    tl_made_put(bench.recorder, 0, 100);
     wait_for_written(198);
-    TEST_ASSERT_EQUAL_INT(SQLITE_OK, sqlite3_open(path, &other));
+    TEST_ASSERT_EQUAL_INT(SQLITE_OK, sqlite3_open(bench.path, &other));
     (void)sqlite3_busy_timeout(other, 5000);
     TEST_ASSERT_EQUAL_INT(SQLITE_OK, sqlite3_exec(other, "BEGIN IMMEDIATE", NULL, NULL, NULL));
     uint64_t locked = tl_faulty_vfs_locked();
-    tl_made_put(recorder, 100, 100);
+    tl_made_put(bench.recorder, 100, 100);
     wait_for(tl_faulty_vfs_locked, locked + 20); /* SQLite asks at most 9 times in the recorder's 100 ms */
-    TEST_ASSERT_EQUAL_UINT64(198, tl_recorder_get_counts(recorder).written);
+    TEST_ASSERT_EQUAL_UINT64(198, tl_recorder_get_counts(bench.recorder).written);
     TEST_ASSERT_EQUAL_INT(SQLITE_OK, sqlite3_exec(other, "COMMIT", NULL, NULL, NULL));
     wait_for_written(398);
     (void)sqlite3_close(other);
     TEST_ASSERT_EQUAL_INT(TL_OK, close_recorder());
-    TEST_ASSERT_EQUAL_UINT64(398, counts.written);
+    TEST_ASSERT_EQUAL_UINT64(398, bench.counts.written);
     TEST_ASSERT_EQUAL_INT64(1, events_like("cannot write: another program has locked the database%"));
     TEST_ASSERT_EQUAL_INT64(1, events_like("writes again after %"));
 }
 
 static void test_a_locked_database_cannot_be_opened(void) {
-    const tl_recorder_settings settings = tl_made_settings(path);
+    const tl_recorder_settings settings = tl_made_settings(bench.path);
     sqlite3 *other = NULL;
     open_recorder();
     TEST_ASSERT_EQUAL_INT(TL_OK, close_recorder());
-    TEST_ASSERT_EQUAL_INT(SQLITE_OK, sqlite3_open(path, &other));
+    TEST_ASSERT_EQUAL_INT(SQLITE_OK, sqlite3_open(bench.path, &other));
     TEST_ASSERT_EQUAL_INT(SQLITE_OK, sqlite3_exec(other, "BEGIN IMMEDIATE", NULL, NULL, NULL));
     double began = seconds();
-    TEST_ASSERT_EQUAL_INT(TL_TRY_AGAIN, tl_recorder_open(&settings, &recorder, &error));
+    TEST_ASSERT_EQUAL_INT(TL_TRY_AGAIN, tl_recorder_open(&settings, &bench.recorder, &bench.error));
     TEST_ASSERT_TRUE(seconds() - began > 1.5);
-    TEST_ASSERT_NOT_NULL(strstr(error.text, "another program has locked the database"));
+    TEST_ASSERT_NOT_NULL(strstr(bench.error.text, "another program has locked the database"));
     (void)sqlite3_close(other);
 }
 
@@ -369,7 +363,7 @@ static void test_a_locked_database_cannot_be_opened(void) {
 
 static void *tell(void *context) {
     for (int i = 0; i < EVENTS_EACH; i++) {
-        tl_recorder_event(recorder, i, TL_EVENT_INFO, "thread", context);
+        tl_recorder_event(bench.recorder, i, TL_EVENT_INFO, "thread", context);
         if (i % 50 == 0) {
             usleep(1000);
         }
@@ -385,17 +379,17 @@ static void test_events_of_many_threads(void) {
         TEST_ASSERT_EQUAL_INT(0, pthread_create(&threads[i], NULL, tell, names[i]));
     }
     for (int64_t tick = 0; tick < 2000; tick += 20) {
-        tl_made_put(recorder, tick, 20);
-        tl_recorder_event(recorder, tick, TL_EVENT_INFO, "cycle", "tick");
-        (void)tl_recorder_get_counts(recorder);
+        tl_made_put(bench.recorder, tick, 20);
+        tl_recorder_event(bench.recorder, tick, TL_EVENT_INFO, "cycle", "tick");
+        (void)tl_recorder_get_counts(bench.recorder);
         usleep(1000);
     }
     for (int i = 0; i < THREADS; i++) {
         TEST_ASSERT_EQUAL_INT(0, pthread_join(threads[i], NULL));
     }
     TEST_ASSERT_EQUAL_INT(TL_OK, close_recorder());
-    TEST_ASSERT_EQUAL_UINT64(3998 + 100 + THREADS * EVENTS_EACH, counts.written + counts.lost);
-    expect_whole((int64_t)counts.written);
+    TEST_ASSERT_EQUAL_UINT64(3998 + 100 + THREADS * EVENTS_EACH, bench.counts.written + bench.counts.lost);
+    expect_whole((int64_t)bench.counts.written);
 }
 
 /* ---- Kill -9 and power cuts -------------------------------------------------------------------------------------- */
@@ -413,15 +407,15 @@ static int write_for_ever(const char *where) {
     settings.commit = TL_SECOND / 500;
     settings.max_bytes = 4000000;
     tl_log_set_level(TL_LOG_ERROR);
-    if (tl_recorder_open(&settings, &recorder, &error) != TL_OK) {
-        (void)fprintf(stderr, "%s\n", error.text);
+    if (tl_recorder_open(&settings, &bench.recorder, &bench.error) != TL_OK) {
+        (void)fprintf(stderr, "%s\n", bench.error.text);
         return EXIT_FAILURE;
     }
     uint64_t told = 0;
     for (int64_t tick = 0;; tick += 10) {
-        tl_made_put(recorder, tick, 10);
-        tl_recorder_event(recorder, tick, TL_EVENT_INFO, "cycle", "ten ticks");
-        for (; told < tl_recorder_get_counts(recorder).written / WRITTEN_AT_ONCE; told++) {
+        tl_made_put(bench.recorder, tick, 10);
+        tl_recorder_event(bench.recorder, tick, TL_EVENT_INFO, "cycle", "ten ticks");
+        for (; told < tl_recorder_get_counts(bench.recorder).written / WRITTEN_AT_ONCE; told++) {
             if (write(STDOUT_FILENO, "", 1) != 1) {
                 return EXIT_FAILURE;
             }
@@ -438,7 +432,7 @@ static void write_and_kill(uint32_t times, uint32_t microseconds) {
     posix_spawn_file_actions_t actions;
     char self[PATH_MAX] = "";
     char option[] = "--write";
-    char *arguments[] = {self, self, option, path, NULL};
+    char *arguments[] = {self, self, option, bench.path, NULL};
     const char *emulator = getenv("TL_EMULATOR"); /* the system cannot start a program for another machine */
     TEST_ASSERT_TRUE(readlink("/proc/self/exe", self, sizeof self - 1) > 0);
     TEST_ASSERT_EQUAL_INT(0, pipe2(told, O_CLOEXEC));
@@ -460,32 +454,29 @@ static void write_and_kill(uint32_t times, uint32_t microseconds) {
 
 /* As expect_whole(), for runs whose oldest ticks may have gone: what is left is one piece to the end. */
 static void expect_one_piece(void) {
-    TEST_ASSERT_EQUAL_STRING("ok", tl_sql_text(path, "PRAGMA integrity_check"));
+    TEST_ASSERT_EQUAL_STRING("ok", tl_sql_text(bench.path, "PRAGMA integrity_check"));
     TEST_ASSERT_EQUAL_INT64(
-        0, tl_sql_integer(path, "SELECT count(*) FROM runs WHERE samples_written > 0 AND"
-                                " max(0, samples_written - coalesce(removed_before, 0)) <> (SELECT count(*)"
-                                " FROM samples s WHERE s.run = runs.run AND signal = 0)"));
+        0, tl_sql_integer(bench.path, "SELECT count(*) FROM runs WHERE samples_written > 0 AND"
+                                      " max(0, samples_written - coalesce(removed_before, 0)) <> (SELECT count(*)"
+                                      " FROM samples s WHERE s.run = runs.run AND signal = 0)"));
     TEST_ASSERT_EQUAL_INT64(
-        0,
-        tl_sql_integer(path, "SELECT count(*) FROM runs WHERE samples_written >"
-                             " coalesce(removed_before, 0) AND samples_written - 1 <> (SELECT max(tick) FROM samples s"
-                             " WHERE s.run = runs.run)"));
+        0, tl_sql_integer(bench.path,
+                          "SELECT count(*) FROM runs WHERE samples_written >"
+                          " coalesce(removed_before, 0) AND samples_written - 1 <> (SELECT max(tick) FROM samples s"
+                          " WHERE s.run = runs.run)"));
     TEST_ASSERT_EQUAL_INT64(
-        0, tl_sql_integer(path,
+        0, tl_sql_integer(bench.path,
                           "SELECT count(*) FROM runs WHERE steps_written >"
                           " coalesce(removed_before, 0) AND steps_written - 1 <> (SELECT max(step) FROM steps s WHERE"
                           " s.run = runs.run)"));
-    TEST_ASSERT_EQUAL_INT64(0, tl_sql_integer(path, "SELECT count(*) FROM (SELECT count(*) AS n FROM samples"
-                                                    " GROUP BY run, tick) WHERE n <> 3"));
-    TEST_ASSERT_EQUAL_INT64(0, tl_sql_integer(path, "SELECT count(*) FROM steps s WHERE 2 <> (SELECT count(*) FROM"
-                                                    " outputs o WHERE o.run = s.run AND o.step = s.step)"));
+    expect_nothing_missing();
     /* Of the last step that was committed, neither earlier nor later: see tl_made_ledger(). */
     TEST_ASSERT_EQUAL_INT64(
-        0,
-        tl_sql_integer(path, "SELECT count(*) FROM components JOIN runs USING (run) WHERE plain <> 40 * steps_written"
-                             " OR executions <> (21 + component) * steps_written"));
-    TEST_ASSERT_EQUAL_INT64(0, tl_sql_integer(path, "SELECT count(*) FROM runs WHERE 3 <> (SELECT count(*) FROM"
-                                                    " components c WHERE c.run = runs.run)"));
+        0, tl_sql_integer(bench.path,
+                          "SELECT count(*) FROM components JOIN runs USING (run) WHERE plain <> 40 * steps_written"
+                          " OR executions <> (21 + component) * steps_written"));
+    TEST_ASSERT_EQUAL_INT64(0, tl_sql_integer(bench.path, "SELECT count(*) FROM runs WHERE 3 <> (SELECT count(*) FROM"
+                                                          " components c WHERE c.run = runs.run)"));
 }
 
 static void test_a_process_that_is_killed(void) {
@@ -494,20 +485,20 @@ static void test_a_process_that_is_killed(void) {
     for (int i = 0; i < 20; i++) {
         bool early = i % 2 == 0; /* also before there is a database, and while it is made */
         write_and_kill(early ? 0 : 1 + random_below(&state, 20), 2000 + random_below(&state, early ? 60000 : 20000));
-        if (access(path, F_OK) == 0) { /* else it was killed before there was a database */
+        if (access(bench.path, F_OK) == 0) { /* else it was killed before there was a database */
             expect_one_piece();
-            seen += tl_sql_integer(path, "SELECT sum(samples_written) FROM runs");
+            seen += tl_sql_integer(bench.path, "SELECT sum(samples_written) FROM runs");
         }
-        error = (tl_error){TL_OK, ""};
+        bench.error = (tl_error){TL_OK, ""};
         open_recorder();
-        tl_made_put(recorder, 0, 10);
+        tl_made_put(bench.recorder, 0, 10);
         TEST_ASSERT_EQUAL_INT(TL_OK, close_recorder());
-        TEST_ASSERT_EQUAL_INT64(0, tl_sql_integer(path, "SELECT count(*) FROM runs WHERE ended IS NULL"));
-        TEST_ASSERT_EQUAL_INT64(0, tl_sql_integer(path, "SELECT count(*) FROM runs WHERE ended < started"));
+        TEST_ASSERT_EQUAL_INT64(0, tl_sql_integer(bench.path, "SELECT count(*) FROM runs WHERE ended IS NULL"));
+        TEST_ASSERT_EQUAL_INT64(0, tl_sql_integer(bench.path, "SELECT count(*) FROM runs WHERE ended < started"));
     }
     TEST_ASSERT_GREATER_THAN_INT64(1000, seen); /* the test has met what it is for */
     TEST_ASSERT_GREATER_THAN_INT64(
-        0, tl_sql_integer(path, "SELECT count(*) FROM runs WHERE ended_reason = 'not ended cleanly'"));
+        0, tl_sql_integer(bench.path, "SELECT count(*) FROM runs WHERE ended_reason = 'not ended cleanly'"));
 }
 
 /* What was counted as written is there after the power came back, whatever else of the disk was written or not. */
@@ -517,26 +508,26 @@ static void test_a_power_cut_loses_nothing_that_was_committed(void) {
     char sql[128];
     tl_log_set_level(TL_LOG_ERROR - 1);
     for (int i = 0; i < 8; i++) {
-        tl_recorder_settings settings = tl_made_settings(path);
+        tl_recorder_settings settings = tl_made_settings(bench.path);
         settings.max_bytes = i % 2 == 0 ? 2000000 : 0; /* a log that is written back all the time, and never */
         settings.commit = TL_SECOND / 200;
         settings.wait_when_full = true;
         settings.patience = HURRY;
         tl_faulty_vfs_arm_power_cut();
-        open_with(&settings);
+        tl_bench_open(&bench, &settings);
         int64_t ticks = 200 + (int64_t)random_below(&state, 8000);
-        tl_made_put(recorder, 0, ticks);
+        tl_made_put(bench.recorder, 0, ticks);
         usleep(random_below(&state, 20000));
         tl_faulty_vfs_cut_power();
         (void)close_recorder();
         tl_faulty_vfs_restore_power(state + (uint64_t)i);
         expect_one_piece();
         (void)snprintf(sql, sizeof sql, "SELECT samples_written + steps_written FROM runs WHERE run = %lld",
-                       (long long)counts.run);
-        TEST_ASSERT_EQUAL_INT64(counts.run, tl_sql_integer(path, "SELECT max(run) FROM runs"));
-        TEST_ASSERT_GREATER_OR_EQUAL_INT64((int64_t)counts.written, tl_sql_integer(path, sql));
-        written += counts.written;
-        error = (tl_error){TL_OK, ""};
+                       (long long)bench.counts.run);
+        TEST_ASSERT_EQUAL_INT64(bench.counts.run, tl_sql_integer(bench.path, "SELECT max(run) FROM runs"));
+        TEST_ASSERT_GREATER_OR_EQUAL_INT64((int64_t)bench.counts.written, tl_sql_integer(bench.path, sql));
+        written += bench.counts.written;
+        bench.error = (tl_error){TL_OK, ""};
     }
     TEST_ASSERT_GREATER_THAN_UINT64(1000, written); /* the test has met what it is for */
     tl_log_set_level(TL_LOG_NOTICE);
@@ -547,7 +538,7 @@ int main(int argc, char **argv) {
         return write_for_ever(argv[2]);
     }
     tl_faulty_vfs_install();
-    tl_scratch_make(&scratch, TL_BINARY_DIR, "test_recorder_faults");
+    tl_scratch_make(&bench.scratch, TL_BINARY_DIR, "test_recorder_faults");
     UNITY_BEGIN();
     RUN_TEST(test_a_full_disk_is_survived);
     RUN_TEST(test_a_broken_disk_is_survived);
@@ -564,7 +555,5 @@ int main(int argc, char **argv) {
     RUN_TEST(test_events_of_many_threads);
     RUN_TEST(test_a_process_that_is_killed);
     RUN_TEST(test_a_power_cut_loses_nothing_that_was_committed);
-    int failures = UNITY_END();
-    tl_scratch_remove(&scratch);
-    return failures;
+    return tl_scratch_finish(&bench.scratch, UNITY_END());
 }

@@ -261,7 +261,5 @@ int main(void) {
     RUN_TEST(test_an_fmu_that_cannot);
     RUN_TEST(test_an_fmu_that_refuses);
     RUN_TEST(test_it_is_not_wanted);
-    int failures = UNITY_END();
-    tl_scratch_remove(&scratch);
-    return failures;
+    return tl_scratch_finish(&scratch, UNITY_END());
 }

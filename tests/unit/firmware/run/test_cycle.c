@@ -356,7 +356,5 @@ int main(void) {
     RUN_TEST(test_stops_without_the_last_measurement);
     RUN_TEST(test_a_twin_that_fails_ends_it);
     RUN_TEST(test_nothing_is_recorded_where_nobody_records);
-    int failures = UNITY_END();
-    tl_scratch_remove(&scratch);
-    return failures;
+    return tl_scratch_finish(&scratch, UNITY_END());
 }

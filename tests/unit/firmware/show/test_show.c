@@ -778,7 +778,5 @@ int main(void) {
     RUN_TEST(test_a_run_that_is_being_written);
     RUN_TEST(test_durations_and_sizes);
     RUN_TEST(test_curves);
-    int failures = UNITY_END();
-    tl_scratch_remove(&scratch);
-    return failures;
+    return tl_scratch_finish(&scratch, UNITY_END());
 }
