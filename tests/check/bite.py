@@ -68,6 +68,7 @@ BROKEN = [
     ("picture", "firmware/base/log.h", header("firmware/base/log.h", '#include "firmware/plant/live_plant.h"'),
      "rooms in a circle"),
     ("layers", "fmus/m/model.c", '#include "master/base/a.h"\n', "fmus/m may not know"),
+    ("layers", "master/base/b.c", '#include "description.h"\n', "is not for master"),
     ("layers", "tests/support/t.h", header("tests/support/t.h", '#include "tests/support/t.h"'), "include cycle"),
     ("headers", "master/base/a.h", header("master/base/a.h", "size_t tl_a(void);"), "does not compile alone"),
     ("headers", "master/base/a.h", "#ifndef A_H\n#define A_H\n#endif\n", "must have the include guard"),
