@@ -6,34 +6,41 @@
 
 #include "firmware/text/json_text.h"
 
-bool tl_row_is_null(sqlite3_stmt *row, int column) {
-    return sqlite3_column_type(row, column) == SQLITE_NULL;
+tl_row tl_row_of(sqlite3_stmt *statement) {
+    return (tl_row){.statement = statement, .right = true};
 }
 
-bool tl_row_integer(sqlite3_stmt *row, int column, int64_t least, int64_t most, int64_t *value) {
-    if (sqlite3_column_type(row, column) != SQLITE_INTEGER) {
-        return false;
+bool tl_row_is_null(const tl_row *row) {
+    return sqlite3_column_type(row->statement, row->column) == SQLITE_NULL;
+}
+
+int64_t tl_row_integer(tl_row *row, int64_t least, int64_t most) {
+    int column = row->column++;
+    int64_t found = sqlite3_column_int64(row->statement, column);
+    if (sqlite3_column_type(row->statement, column) == SQLITE_INTEGER && found >= least && found <= most) {
+        return found;
     }
-    int64_t found = sqlite3_column_int64(row, column);
-    bool fits = found >= least && found <= most;
-    *value = fits ? found : *value;
-    return fits;
+    row->right = false;
+    return least;
 }
 
-bool tl_row_integer_or_null(sqlite3_stmt *row, int column, int64_t least, int64_t most, int64_t *value) {
-    return tl_row_is_null(row, column) || tl_row_integer(row, column, least, most, value);
-}
-
-bool tl_row_number(sqlite3_stmt *row, int column, double *value) {
-    int type = sqlite3_column_type(row, column);
-    if (type == SQLITE_NULL) {
-        *value = (double)NAN;
-        return true;
+int64_t tl_row_integer_or(tl_row *row, int64_t least, int64_t most, int64_t otherwise) {
+    if (tl_row_is_null(row)) {
+        row->column++;
+        return otherwise;
     }
-    double found = sqlite3_column_double(row, column);
-    bool fits = (type == SQLITE_FLOAT || type == SQLITE_INTEGER) && isfinite(found);
-    *value = fits ? found : *value;
-    return fits;
+    return tl_row_integer(row, least, most);
+}
+
+double tl_row_number(tl_row *row) {
+    int column = row->column++;
+    int type = sqlite3_column_type(row->statement, column);
+    double found = sqlite3_column_double(row->statement, column);
+    if ((type == SQLITE_FLOAT || type == SQLITE_INTEGER) && isfinite(found)) {
+        return found;
+    }
+    row->right = row->right && type == SQLITE_NULL;
+    return (double)NAN;
 }
 
 static bool is_utf8(const char *text, size_t size) {
@@ -48,21 +55,31 @@ static bool is_utf8(const char *text, size_t size) {
     return true;
 }
 
-bool tl_row_text(sqlite3_stmt *row, int column, size_t most, const char **text) {
-    if (sqlite3_column_type(row, column) != SQLITE_TEXT) {
-        return false;
+const char *tl_row_text(tl_row *row, size_t most) {
+    int column = row->column++;
+    if (sqlite3_column_type(row->statement, column) == SQLITE_TEXT) {
+        const char *found = (const char *)sqlite3_column_text(row->statement, column);
+        size_t size = (size_t)sqlite3_column_bytes(row->statement, column);
+        if (found != NULL && size <= most && memchr(found, '\0', size) == NULL && is_utf8(found, size)) {
+            return found;
+        }
     }
-    const char *found = (const char *)sqlite3_column_text(row, column);
-    size_t size = (size_t)sqlite3_column_bytes(row, column);
-    bool fits = found != NULL && size <= most && memchr(found, '\0', size) == NULL && is_utf8(found, size);
-    *text = fits ? found : *text;
-    return fits;
+    row->right = false;
+    return "";
 }
 
-bool tl_row_text_or_null(sqlite3_stmt *row, int column, size_t most, const char **text) {
-    if (tl_row_is_null(row, column)) {
-        *text = NULL;
-        return true;
+const char *tl_row_text_or_null(tl_row *row, size_t most) {
+    if (tl_row_is_null(row)) {
+        row->column++;
+        return NULL;
     }
-    return tl_row_text(row, column, most, text);
+    return tl_row_text(row, most);
+}
+
+const unsigned char *tl_row_bytes(tl_row *row, size_t *size) {
+    int column = row->column++;
+    row->right = row->right && sqlite3_column_type(row->statement, column) == SQLITE_BLOB;
+    const unsigned char *bytes = row->right ? sqlite3_column_blob(row->statement, column) : NULL;
+    *size = bytes == NULL ? 0 : (size_t)sqlite3_column_bytes(row->statement, column);
+    return bytes;
 }

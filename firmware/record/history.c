@@ -6,6 +6,7 @@
 #include "firmware/record/history.h"
 
 #include <inttypes.h>
+#include <math.h>
 #include <sqlite3.h>
 #include <stdlib.h>
 #include <string.h>
@@ -16,6 +17,7 @@
 #include "firmware/database/database_guard.h"
 #include "firmware/database/database_row.h"
 #include "firmware/database/database_sql.h"
+#include "firmware/record/history_parts.h"
 #include "firmware/text/utc.h"
 #include "master/base/arena.h"
 
@@ -72,7 +74,7 @@ void tl_history_diagnose(tl_history *history, tl_error *error) {
     }
 }
 
-struct sqlite3 *tl_history_database(tl_history *history) {
+sqlite3 *tl_history_database(tl_history *history) {
     return history->database;
 }
 
@@ -90,89 +92,107 @@ int64_t tl_history_last_possible(const tl_history_run *run) {
     return TL_ROW_LARGEST / run->step;
 }
 
-/* Copies of a column's text. False: it is none of at most `most` bytes, or memory is out. */
-static bool take_text(tl_history *history, sqlite3_stmt *row, int column, size_t most, const char **copy) {
-    const char *text = NULL;
-    *copy = tl_row_text(row, column, most, &text) ? tl_arena_text(&history->arena, text) : NULL;
-    return *copy != NULL;
+/* A copy of the next column's text, which outlives the row. NULL: memory is out, and the row is not right. */
+static const char *copy_text(tl_history *history, tl_row *row, const char *text) {
+    const char *copy = tl_arena_text(&history->arena, text);
+    row->right = row->right && copy != NULL;
+    return copy;
 }
 
-static bool take_text_or_null(tl_history *history, sqlite3_stmt *row, int column, const char **copy) {
-    *copy = NULL;
-    return tl_row_is_null(row, column) || take_text(history, row, column, TL_ROW_NAME, copy);
+static const char *take_text(tl_history *history, tl_row *row, size_t most) {
+    return copy_text(history, row, tl_row_text(row, most));
 }
 
-static bool take_utc_or_null(tl_history *history, sqlite3_stmt *row, int column, const char **copy) {
+static const char *take_text_or_null(tl_history *history, tl_row *row, size_t most) {
+    const char *text = tl_row_text_or_null(row, most);
+    return text == NULL ? NULL : copy_text(history, row, text);
+}
+
+static const char *take_utc_or_null(tl_history *history, tl_row *row) {
+    const char *utc = take_text_or_null(history, row, TL_UTC_TEXT);
     int64_t time = 0;
-    *copy = NULL;
-    return tl_row_is_null(row, column) ||
-           (take_text(history, row, column, TL_UTC_TEXT, copy) && tl_utc_parse(*copy, &time));
+    row->right = row->right && (utc == NULL || tl_utc_parse(utc, &time));
+    return utc;
 }
 
-static bool take_count(sqlite3_stmt *row, int column, uint64_t *count) {
-    int64_t value = 0;
-    bool taken = tl_row_integer(row, column, 0, TL_ROW_LARGEST, &value);
-    *count = (uint64_t)value;
-    return taken;
+static uint64_t take_count(tl_row *row) {
+    return (uint64_t)tl_row_integer(row, 0, TL_ROW_LARGEST);
 }
 
-static bool take_small(sqlite3_stmt *row, int column, uint32_t *number) {
-    int64_t value = 0;
-    bool taken = tl_row_integer(row, column, 0, INT32_MAX, &value);
-    *number = (uint32_t)value;
-    return taken;
+static uint32_t take_small(tl_row *row) {
+    return (uint32_t)tl_row_integer(row, 0, INT32_MAX);
 }
 
-static bool read_names(tl_history *history, sqlite3_stmt *row, tl_history_run *run) {
-    return take_text(history, row, 1, TL_ROW_NAME, &run->verb) && take_text(history, row, 2, TL_ROW_NAME, &run->name) &&
-           take_text(history, row, 3, TL_ROW_NAME, &run->version) &&
-           take_text(history, row, 4, TL_SHA256_TEXT, &run->configuration_hash);
+/* ---- One run ---- */
+
+#define RUN_COLUMNS                                                                                                    \
+    "SELECT run, verb, name, version, configuration, started, ended, ended_reason, committed,"                         \
+    " step_ns, prediction, measurements, lead, samples_written, steps_written, events_written, entries_lost,"          \
+    " removed_before, fmus, boot, start_ns, resumed_run, resumed_tick, resumed_from"                                   \
+    " FROM runs LEFT JOIN beginnings USING (run) "
+
+static void read_names(tl_history *history, tl_row *row, tl_history_run *run) {
+    run->verb = take_text(history, row, TL_ROW_NAME);
+    run->name = take_text(history, row, TL_ROW_NAME);
+    run->version = take_text(history, row, TL_ROW_NAME);
+    run->configuration_hash = take_text(history, row, TL_SHA256_TEXT);
 }
 
 /* A run that has an end has a reason for it. */
-static bool read_times(tl_history *history, sqlite3_stmt *row, tl_history_run *run) {
-    bool read = take_utc_or_null(history, row, 5, &run->started) && take_utc_or_null(history, row, 6, &run->ended) &&
-                take_text_or_null(history, row, 7, &run->ended_reason) &&
-                take_utc_or_null(history, row, 8, &run->committed) && run->started != NULL;
+static void read_times(tl_history *history, tl_row *row, tl_history_run *run) {
+    run->started = take_utc_or_null(history, row);
+    run->ended = take_utc_or_null(history, row);
+    run->ended_reason = take_text_or_null(history, row, TL_ROW_NAME);
+    run->committed = take_utc_or_null(history, row);
     run->committed = run->committed == NULL ? run->started : run->committed;
-    return read && (run->ended == NULL) == (run->ended_reason == NULL);
+    row->right = row->right && run->started != NULL && (run->ended == NULL) == (run->ended_reason == NULL);
 }
 
-static bool read_rule(sqlite3_stmt *row, tl_history_run *run) {
-    const char *measurements = NULL;
-    bool read = tl_row_integer(row, 9, 1, LONGEST_STEP, &run->step) && take_small(row, 10, &run->prediction) &&
-                tl_row_text(row, 11, TL_ROW_NAME, &measurements) && take_small(row, 17, &run->lead);
+static void read_rule(tl_row *row, tl_history_run *run) {
+    run->step = tl_row_integer(row, 1, LONGEST_STEP);
+    run->prediction = take_small(row);
+    const char *measurements = tl_row_text(row, TL_ROW_NAME);
     run->measurements = tl_measurements_named(measurements);
-    return read && strcmp(measurements, tl_measurements_name(run->measurements)) == 0;
+    run->lead = take_small(row);
+    row->right = row->right && strcmp(measurements, tl_measurements_name(run->measurements)) == 0;
 }
 
-static bool read_counts(sqlite3_stmt *row, tl_history_run *run) {
-    return take_count(row, 12, &run->samples) && take_count(row, 13, &run->steps) &&
-           take_count(row, 14, &run->events) && take_count(row, 15, &run->lost) &&
-           tl_row_integer_or_null(row, 16, 0, TL_ROW_LARGEST, &run->removed_before);
+static void read_counts(tl_row *row, tl_history_run *run) {
+    run->samples = take_count(row);
+    run->steps = take_count(row);
+    run->events = take_count(row);
+    run->lost = take_count(row);
+    run->removed_before = tl_row_integer_or(row, 0, TL_ROW_LARGEST, 0);
 }
 
 /* Of an older program's run all of it is NULL. */
-static bool read_resumption(tl_history *history, sqlite3_stmt *row, tl_history_run *run) {
-    const char *from = NULL;
-    bool read = take_text_or_null(history, row, 18, &run->fmus) && take_text_or_null(history, row, 19, &run->boot) &&
-                tl_row_integer_or_null(row, 20, -TL_ROW_LARGEST, TL_ROW_LARGEST, &run->start) &&
-                tl_row_integer_or_null(row, 21, 0, TL_ROW_LARGEST, &run->resumption.run) &&
-                tl_row_integer_or_null(row, 22, 0, tl_history_last_possible(run), &run->resumption.tick) &&
-                tl_row_text_or_null(row, 23, TL_ROW_NAME, &from);
-    run->has_start = !tl_row_is_null(row, 20);
+static void read_resumption(tl_history *history, tl_row *row, tl_history_run *run) {
+    run->fmus = take_text_or_null(history, row, TL_ROW_NAME);
+    run->boot = take_text_or_null(history, row, TL_ROW_NAME);
+    run->has_start = !tl_row_is_null(row);
+    run->start = tl_row_integer_or(row, -TL_ROW_LARGEST, TL_ROW_LARGEST, 0);
+    run->resumption.run = tl_row_integer_or(row, 0, TL_ROW_LARGEST, 0);
+    run->resumption.tick = tl_row_integer_or(row, 0, tl_history_last_possible(run), 0);
+    const char *from = tl_row_text_or_null(row, TL_ROW_NAME);
     run->fmus = run->fmus == NULL ? "" : run->fmus;
     run->boot = run->boot == NULL ? "" : run->boot;
     run->resumption.from = tl_resumed_from_named(from);
-    return read && (from == NULL || strcmp(from, tl_resumed_from_name(run->resumption.from)) == 0);
+    row->right = row->right && (from == NULL || strcmp(from, tl_resumed_from_name(run->resumption.from)) == 0);
 }
 
-/* False where the row cannot be one that the recorder wrote. */
-static bool read_run(tl_history *history, sqlite3_stmt *row, tl_history_run *run) {
-    return tl_row_integer(row, 0, 1, TL_ROW_LARGEST, &run->run) && read_names(history, row, run) &&
-           read_times(history, row, run) && read_rule(row, run) && read_counts(row, run) &&
-           read_resumption(history, row, run);
+/* False if the row cannot be one that the recorder wrote. */
+static bool read_run(tl_history *history, sqlite3_stmt *statement, tl_history_run *run) {
+    tl_row row = tl_row_of(statement);
+    run->run = tl_row_integer(&row, 1, TL_ROW_LARGEST);
+    read_names(history, &row, run);
+    read_times(history, &row, run);
+    read_rule(&row, run);
+    read_counts(&row, run);
+    read_resumption(history, &row, run);
+    return row.right;
 }
+
+/* ---- Runs ---- */
 
 static tl_status count_rows(tl_history *history, sqlite3_stmt *statement, size_t *count, tl_error *error) {
     int code = SQLITE_ROW;
@@ -216,11 +236,6 @@ static tl_status read_runs(tl_history *history, sqlite3_stmt *statement, const t
     return code == SQLITE_DONE || code == SQLITE_ROW ? TL_OK : tl_database_fail(history->database, code, error);
 }
 
-#define RUN_COLUMNS                                                                                                    \
-    "SELECT run, verb, name, version, configuration, started, ended, ended_reason, committed, step_ns, prediction,"    \
-    " measurements, samples_written, steps_written, events_written, entries_lost, removed_before, lead,"               \
-    " fmus, boot, start_ns, resumed_run, resumed_tick, resumed_from FROM runs LEFT JOIN beginnings USING (run) "
-
 tl_status tl_history_runs(tl_history *history, const tl_history_run **runs, size_t *count, tl_error *error) {
     sqlite3_stmt *statement = NULL;
     tl_status status = tl_database_prepare(history->database, RUN_COLUMNS "ORDER BY run", &statement, error);
@@ -256,7 +271,9 @@ tl_status tl_history_configuration(tl_history *history, const tl_history_run *ru
     if (status == TL_OK) {
         (void)sqlite3_bind_text(statement, 1, run->configuration_hash, -1, SQLITE_STATIC);
         int code = sqlite3_step(statement);
-        if (code == SQLITE_DONE || (code == SQLITE_ROW && !take_text(history, statement, 0, TL_ROW_TEXT, text))) {
+        tl_row row = tl_row_of(statement);
+        *text = code == SQLITE_ROW ? take_text(history, &row, TL_ROW_TEXT) : NULL;
+        if (code == SQLITE_DONE || !row.right) {
             status = tl_database_damaged(history->database, error, "the configuration of run %" PRId64 " is missing",
                                          run->run);
         } else if (code != SQLITE_ROW) {
@@ -267,23 +284,24 @@ tl_status tl_history_configuration(tl_history *history, const tl_history_run *ru
     return status;
 }
 
-static bool take_type(sqlite3_stmt *row, int column, tl_type *type) {
-    const char *name = NULL;
+static tl_type take_type(tl_row *row) {
+    const char *name = tl_row_text(row, TL_ROW_NAME);
     int code = TL_REAL;
-    if (!tl_row_text(row, column, TL_ROW_NAME, &name)) {
-        return false;
-    }
     while (code < TL_ENUMERATION && strcmp(name, tl_type_name((tl_type)code)) != 0) {
         code++;
     }
-    *type = (tl_type)code;
-    return strcmp(name, tl_type_name(*type)) == 0;
+    row->right = row->right && strcmp(name, tl_type_name((tl_type)code)) == 0;
+    return (tl_type)code;
 }
 
-static bool read_signal(tl_history *history, sqlite3_stmt *row, tl_recorder_signal *signal) {
-    return take_text(history, row, 1, TL_ROW_NAME, &signal->name) &&
-           take_text(history, row, 2, TL_ROW_NAME, &signal->unit) && take_type(row, 3, &signal->type) &&
-           take_text_or_null(history, row, 4, &signal->to);
+static bool read_signal(tl_history *history, sqlite3_stmt *statement, size_t index, tl_recorder_signal *signal) {
+    tl_row row = tl_row_of(statement);
+    (void)tl_row_integer(&row, (int64_t)index, (int64_t)index);
+    signal->name = take_text(history, &row, TL_ROW_NAME);
+    signal->unit = take_text(history, &row, TL_ROW_NAME);
+    signal->type = take_type(&row);
+    signal->to = take_text_or_null(history, &row, TL_ROW_NAME);
+    return row.right;
 }
 
 /* Rows are in the order of their indices; an index that is missing is damage. */
@@ -297,9 +315,7 @@ static tl_status read_signals(tl_history *history, const tl_history_run *run, sq
         return fail_memory(error);
     }
     while ((code = sqlite3_step(statement)) == SQLITE_ROW) {
-        int64_t index = -1;
-        if (done >= most || !tl_row_integer(statement, 0, (int64_t)done, (int64_t)done, &index) ||
-            !read_signal(history, statement, &read[done])) {
+        if (done >= most || !read_signal(history, statement, done, &read[done])) {
             return tl_database_damaged(history->database, error,
                                        "the signals of run %" PRId64 " are incomplete or wrong", run->run);
         }
@@ -328,12 +344,16 @@ tl_status tl_history_signals(tl_history *history, const tl_history_run *run, tl_
     return status;
 }
 
-static bool read_component(tl_history *history, sqlite3_stmt *row, int64_t index, tl_run_component *component) {
-    tl_recorder_component *counts = &component->counts;
-    return take_text(history, row, 0, TL_ROW_NAME, &component->name) && take_count(row, 1, &counts->plain) &&
-           take_count(row, 2, &counts->predicted) && take_count(row, 3, &counts->executions) &&
-           take_count(row, 4, &counts->caught_up) && take_count(row, 5, &counts->unstored) &&
-           tl_row_integer(row, 6, index, index, &index);
+static bool read_component(tl_history *history, sqlite3_stmt *statement, size_t index, tl_run_component *component) {
+    tl_row row = tl_row_of(statement);
+    (void)tl_row_integer(&row, (int64_t)index, (int64_t)index);
+    component->name = take_text(history, &row, TL_ROW_NAME);
+    component->counts.plain = take_count(&row);
+    component->counts.predicted = take_count(&row);
+    component->counts.executions = take_count(&row);
+    component->counts.caught_up = take_count(&row);
+    component->counts.unstored = take_count(&row);
+    return row.right;
 }
 
 static tl_status read_ledger(tl_history *history, const tl_history_run *run, sqlite3_stmt *statement,
@@ -346,7 +366,7 @@ static tl_status read_ledger(tl_history *history, const tl_history_run *run, sql
         return fail_memory(error);
     }
     while ((code = sqlite3_step(statement)) == SQLITE_ROW) {
-        if (done >= TL_RECORDER_COMPONENTS || !read_component(history, statement, (int64_t)done, &read[done])) {
+        if (done >= TL_RECORDER_COMPONENTS || !read_component(history, statement, done, &read[done])) {
             return tl_database_damaged(history->database, error,
                                        "the components of run %" PRId64 " are incomplete or wrong", run->run);
         }
@@ -361,7 +381,7 @@ tl_status tl_history_ledger(tl_history *history, const tl_history_run *run, cons
                             size_t *count, tl_error *error) {
     sqlite3_stmt *statement = NULL;
     tl_status status = tl_database_prepare(history->database,
-                                           "SELECT name, plain, predicted, executions, caught_up, unstored, component"
+                                           "SELECT component, name, plain, predicted, executions, caught_up, unstored"
                                            " FROM components WHERE run = ?1 ORDER BY component",
                                            &statement, error);
     if (status == TL_OK) {
@@ -374,23 +394,23 @@ tl_status tl_history_ledger(tl_history *history, const tl_history_run *run, cons
 
 /* ---- Checkpoints ------------------------------------------------------------------------------------------------- */
 
-static tl_status read_checkpoint(tl_history *history, const tl_history_run *run, sqlite3_stmt *row, int64_t before,
-                                 const tl_history_checkpoint **checkpoint, tl_error *error) {
+static tl_status read_checkpoint(tl_history *history, const tl_history_run *run, sqlite3_stmt *statement,
+                                 int64_t before, const tl_history_checkpoint **checkpoint, tl_error *error) {
     char digest[TL_SHA256_TEXT];
     tl_history_checkpoint *read = tl_arena_take(&history->arena, 1, sizeof *read);
-    const char *expected = NULL;
     if (read == NULL) {
         return fail_memory(error);
     }
+    tl_row row = tl_row_of(statement);
     int64_t last = tl_history_last_possible(run);
-    if (!tl_row_integer(row, 0, 0, before <= last ? before - 1 : last, &read->tick) ||
-        !take_text(history, row, 1, TL_ROW_NAME, &read->format) || !tl_row_text(row, 2, TL_ROW_NAME, &expected) ||
-        sqlite3_column_type(row, 3) != SQLITE_BLOB) {
+    read->tick = tl_row_integer(&row, 0, before <= last ? before - 1 : last);
+    read->format = take_text(history, &row, TL_ROW_NAME);
+    const char *expected = tl_row_text(&row, TL_ROW_NAME);
+    const unsigned char *bytes = tl_row_bytes(&row, &read->size);
+    if (!row.right) {
         return tl_database_damaged(history->database, error, "a checkpoint of run %" PRId64 " is incomplete or wrong",
                                    run->run);
     }
-    const void *bytes = sqlite3_column_blob(row, 3);
-    read->size = bytes == NULL ? 0 : (size_t)sqlite3_column_bytes(row, 3);
     unsigned char *copy = tl_arena_take(&history->arena, read->size, 1);
     if (copy == NULL) {
         return fail_memory(error);
@@ -437,11 +457,13 @@ static tl_status ask_number(tl_history *history, const tl_history_run *run, cons
     }
     (void)sqlite3_bind_int64(statement, 1, run->run);
     int code = sqlite3_step(statement);
-    if (code == SQLITE_ROW && !tl_row_is_null(statement, 0)) {
-        *any = tl_row_integer(statement, 0, 0, tl_history_last_possible(run), number);
-        status =
-            *any ? TL_OK
-                 : tl_database_damaged(history->database, error, "run %" PRId64 " has ticks that cannot be", run->run);
+    tl_row row = tl_row_of(statement);
+    if (code == SQLITE_ROW && !tl_row_is_null(&row)) {
+        *number = tl_row_integer(&row, 0, tl_history_last_possible(run));
+        *any = row.right;
+        status = row.right ? TL_OK
+                           : tl_database_damaged(history->database, error, "run %" PRId64 " has ticks that cannot be",
+                                                 run->run);
     } else if (code != SQLITE_ROW && code != SQLITE_DONE) {
         status = tl_database_fail(history->database, code, error);
     }
@@ -470,6 +492,14 @@ tl_status tl_history_last_step(tl_history *history, const tl_history_run *run, i
 
 /* ---- Ticks ------------------------------------------------------------------------------------------------------- */
 
+void tl_history_key_take(tl_history_key *key, tl_row *row) {
+    int64_t number = tl_row_integer(row, key->number, key->last);
+    int64_t signal = tl_row_integer(row, 0, key->signals - 1);
+    row->right = row->right && (number > key->number || signal > key->signal);
+    key->number = number;
+    key->signal = signal;
+}
+
 tl_status tl_history_ticks_begin(tl_history *history, const tl_history_run *run, tl_history_ticks **ticks,
                                  tl_error *error) {
     tl_history_ticks *begun = calloc(1, sizeof *begun);
@@ -493,11 +523,11 @@ tl_status tl_history_ticks_begin(tl_history *history, const tl_history_run *run,
                                      &begun->samples, error);
     }
     if (status == TL_OK) {
-        status =
-            tl_database_prepare(history->database,
-                                "SELECT step, 0, outcome, stop, evaluations, flags, J_nominal, executions FROM steps"
-                                " WHERE run = ?1 AND step >= ?2 AND step < ?3 ORDER BY step",
-                                &begun->steps, error);
+        status = tl_database_prepare(
+            history->database,
+            "SELECT step, 0, outcome, stop, evaluations, executions, flags, J_nominal IS NULL FROM steps"
+            " WHERE run = ?1 AND step >= ?2 AND step < ?3 ORDER BY step",
+            &begun->steps, error);
     }
     if (status == TL_OK) {
         status = tl_database_prepare(history->database,
@@ -561,28 +591,11 @@ static tl_status fail_damaged(tl_history_ticks *ticks, const char *what, int64_t
                                ticks->run->run);
 }
 
-/* Where a table is read: (tick or step, signal) of its last row, and what its rows must be in. */
+/* Where a table is read, and in which tick of the buffer: ticks are in their order, so the search goes on from there. */
 typedef struct table_walk {
-    int64_t first; /* tick or step */
-    int64_t number;
-    int64_t signal;
-    size_t slot; /* ticks are in their order, so the search goes on from this one */
+    tl_history_key key;
+    size_t slot;
 } table_walk;
-
-static table_walk walk_from(int64_t first) {
-    return (table_walk){.first = first, .number = first < 0 ? 0 : first, .signal = -1};
-}
-
-/* The key of the next row, which is in the range and behind the one before. `signals`: how many there can be. */
-static bool take_key(table_walk *walk, sqlite3_stmt *row, int64_t signals, int64_t *number, int64_t *signal) {
-    if (!tl_row_integer(row, 0, walk->number, walk->first + TICKS_AT_ONCE - 1, number) ||
-        !tl_row_integer(row, 1, 0, signals - 1, signal) || (*number == walk->number && *signal <= walk->signal)) {
-        return false;
-    }
-    walk->number = *number;
-    walk->signal = *signal;
-    return true;
-}
 
 /* The tick with this number; NULL: it is not in the buffer. */
 static tl_history_tick *find_tick(tl_history_ticks *ticks, table_walk *walk, int64_t number) {
@@ -594,93 +607,76 @@ static tl_history_tick *find_tick(tl_history_ticks *ticks, table_walk *walk, int
 }
 
 /* One row: one signal of one tick. A value that is missing was no number. */
-static bool add_sample(tl_history_ticks *ticks, sqlite3_stmt *row, table_walk *walk) {
-    int64_t number = 0;
-    int64_t signal = 0;
-    int64_t quality = 0;
-    int64_t stamp = TL_TIME_NEVER;
-    double value = 0.0;
-    if (!take_key(walk, row, (int64_t)ticks->signals, &number, &signal) || !tl_row_number(row, 2, &value) ||
-        !tl_row_integer(row, 3, TL_GOOD, TL_OUTLIER, &quality) ||
-        !tl_row_integer_or_null(row, 4, -TL_ROW_LARGEST, TL_ROW_LARGEST, &stamp)) {
+static bool add_sample(tl_history_ticks *ticks, tl_row *row, table_walk *walk) {
+    tl_history_key_take(&walk->key, row);
+    double value = tl_row_number(row);
+    int64_t quality = tl_row_integer(row, TL_GOOD, TL_OUTLIER);
+    tl_time stamp = tl_row_integer_or(row, -TL_ROW_LARGEST, TL_ROW_LARGEST, TL_TIME_NEVER);
+    if (!row->right) {
         return false;
     }
     /* Ascending within TICKS_AT_ONCE numbers: there is room. */
-    if (ticks->count == 0 || ticks->buffer[ticks->count - 1].sample.tick != number) {
-        begin_tick(&ticks->buffer[ticks->count++], number);
+    if (ticks->count == 0 || ticks->buffer[ticks->count - 1].sample.tick != walk->key.number) {
+        begin_tick(&ticks->buffer[ticks->count++], walk->key.number);
     }
-    bool missing = tl_row_is_null(row, 2);
+    bool missing = isnan(value);
     tl_sample *sample = &ticks->buffer[ticks->count - 1].sample;
-    sample->values[signal] = missing ? 0.0 : value;
-    sample->quality[signal] = (uint8_t)(missing && quality == TL_GOOD ? TL_NOT_A_NUMBER : quality);
-    sample->stamps[signal] = stamp;
+    sample->values[walk->key.signal] = missing ? 0.0 : value;
+    sample->quality[walk->key.signal] = (uint8_t)(missing && quality == TL_GOOD ? TL_NOT_A_NUMBER : quality);
+    sample->stamps[walk->key.signal] = stamp;
     return true;
 }
 
-/* An older program did not say it: there it was so where nothing is known of nominal. */
-static bool take_flags(sqlite3_stmt *row, tl_history_tick *tick) {
-    int64_t flags = 0;
-    bool unknown = tl_row_is_null(row, 6);
-    if (!tl_row_integer_or_null(row, 5, 0, UINT32_MAX, &flags)) {
-        return false;
-    }
-    if (tl_row_is_null(row, 5) && tick->stop == TL_STOP_TIME && tick->outcome == TL_NOMINAL && unknown) {
-        flags = TL_FLAG_WITHOUT_NOMINAL;
-    }
-    tick->flags = (uint32_t)flags;
-    return true;
+/* An older program did not say its flags: nominal was not evaluated if time ended the step and nothing is known of it. */
+static uint32_t take_flags(tl_row *row, const tl_history_tick *tick) {
+    bool said = !tl_row_is_null(row);
+    uint32_t flags = (uint32_t)tl_row_integer_or(row, 0, UINT32_MAX, 0);
+    bool unknown = tl_row_integer(row, 0, 1) == 1;
+    bool without = !said && unknown && tick->stop == TL_STOP_TIME && tick->outcome == TL_NOMINAL;
+    return without ? TL_FLAG_WITHOUT_NOMINAL : flags;
 }
 
 /* One row: one step. */
-static bool add_step(tl_history_ticks *ticks, sqlite3_stmt *row, table_walk *walk) {
-    int64_t step = 0;
-    int64_t none = 0;
-    int64_t outcome = 0;
-    int64_t stop = 0;
-    int64_t evaluations = 0;
-    int64_t executions = 0;
+static bool add_step(tl_history_ticks *ticks, tl_row *row, table_walk *walk) {
     tl_history_tick unwanted = {0};
-    if (!take_key(walk, row, 1, &step, &none) || !tl_row_integer(row, 2, TL_FREE, TL_OUTCOMES - 1, &outcome) ||
-        !tl_row_integer(row, 3, TL_STOP_NONE, TL_STOP_TIME, &stop) ||
-        !tl_row_integer(row, 4, 0, UINT32_MAX, &evaluations) ||
-        !tl_row_integer(row, 7, 0, TL_ROW_LARGEST, &executions)) {
-        return false;
-    }
-    tl_history_tick *tick = find_tick(ticks, walk, step + ticks->run->lead);
+    tl_history_key_take(&walk->key, row);
+    tl_history_tick *tick = find_tick(ticks, walk, walk->key.number + ticks->run->lead);
     tick = tick == NULL ? &unwanted : tick;
     tick->has_step = true;
-    tick->step = step;
-    tick->outcome = (tl_outcome)outcome;
-    tick->stop = (tl_stop)stop;
-    tick->evaluations = (uint32_t)evaluations;
-    tick->executions = (uint64_t)executions;
-    return take_flags(row, tick);
+    tick->step = walk->key.number;
+    tick->outcome = (tl_outcome)tl_row_integer(row, TL_FREE, TL_OUTCOMES - 1);
+    tick->stop = (tl_stop)tl_row_integer(row, TL_STOP_NONE, TL_STOP_TIME);
+    tick->evaluations = (uint32_t)tl_row_integer(row, 0, UINT32_MAX);
+    tick->executions = (uint64_t)tl_row_integer(row, 0, TL_ROW_LARGEST);
+    tick->flags = take_flags(row, tick);
+    return row->right;
 }
 
 /* The signals of a step come in their order; what is not a number ends the row. */
-static bool add_adjustment(tl_history_ticks *ticks, sqlite3_stmt *row, table_walk *walk) {
-    int64_t step = 0;
-    int64_t signal = 0;
-    double u = 0.0;
-    if (!take_key(walk, row, TL_MAX_ADJUST, &step, &signal) || !tl_row_number(row, 2, &u)) {
-        return false;
-    }
-    tl_history_tick *tick = find_tick(ticks, walk, step + ticks->run->lead);
-    if (tick != NULL && signal == (int64_t)tick->adjusted && !tl_row_is_null(row, 2)) {
+static bool add_adjustment(tl_history_ticks *ticks, tl_row *row, table_walk *walk) {
+    tl_history_key_take(&walk->key, row);
+    double u = tl_row_number(row);
+    tl_history_tick *tick = row->right ? find_tick(ticks, walk, walk->key.number + ticks->run->lead) : NULL;
+    if (tick != NULL && walk->key.signal == (int64_t)tick->adjusted && !isnan(u)) {
         tick->u[tick->adjusted++] = u;
     }
-    return true;
+    return row->right;
 }
 
 /* All rows of one table that belong to TICKS_AT_ONCE ticks or steps. */
 static tl_status read_rows(tl_history_ticks *ticks, sqlite3_stmt *statement, int64_t first, const char *what,
-                           bool (*add)(tl_history_ticks *ticks, sqlite3_stmt *row, table_walk *walk), tl_error *error) {
+                           size_t signals, bool (*add)(tl_history_ticks *ticks, tl_row *row, table_walk *walk),
+                           tl_error *error) {
     int code = SQLITE_ROW;
     tl_status status = TL_OK;
-    table_walk walk = walk_from(first);
+    table_walk walk = {.key = {.number = first < 0 ? 0 : first,
+                               .last = first + TICKS_AT_ONCE - 1,
+                               .signal = -1,
+                               .signals = (int64_t)signals}};
     bind_range(statement, ticks->run->run, first, first + TICKS_AT_ONCE);
     while (status == TL_OK && (code = sqlite3_step(statement)) == SQLITE_ROW) {
-        if (!add(ticks, statement, &walk)) {
+        tl_row row = tl_row_of(statement);
+        if (!add(ticks, &row, &walk)) {
             status = fail_damaged(ticks, what, sqlite3_column_int64(statement, 0), error);
         }
     }
@@ -695,11 +691,11 @@ static tl_status read_rows(tl_history_ticks *ticks, sqlite3_stmt *statement, int
 static tl_status read_block(tl_history_ticks *ticks, tl_error *error) {
     sqlite3 *database = ticks->history->database;
     tl_status status = TL_OK;
-    int64_t first = 0;
     bind_range(ticks->first_sample, ticks->run->run, ticks->next, 0);
     int code = sqlite3_step(ticks->first_sample);
-    if (code == SQLITE_ROW &&
-        !tl_row_integer(ticks->first_sample, 0, ticks->next, tl_history_last_possible(ticks->run), &first)) {
+    tl_row row = tl_row_of(ticks->first_sample);
+    int64_t first = code == SQLITE_ROW ? tl_row_integer(&row, ticks->next, tl_history_last_possible(ticks->run)) : 0;
+    if (!row.right) {
         status = fail_damaged(ticks, "the sample of tick", sqlite3_column_int64(ticks->first_sample, 0), error);
     } else if (code != SQLITE_ROW && code != SQLITE_DONE) {
         status = tl_database_fail(database, code, error);
@@ -709,15 +705,16 @@ static tl_status read_block(tl_history_ticks *ticks, tl_error *error) {
         return status;
     }
     int64_t first_step = first - ticks->run->lead;
-    status = read_rows(ticks, ticks->samples, first, "the sample of tick", add_sample, error);
+    status = read_rows(ticks, ticks->samples, first, "the sample of tick", ticks->signals, add_sample, error);
     if (status == TL_OK && (ticks->count == 0 || ticks->buffer[0].sample.tick != first)) {
         status = fail_damaged(ticks, "the sample of tick", first, error); /* it was there a moment ago */
     }
     if (status == TL_OK) {
-        status = read_rows(ticks, ticks->steps, first_step, "step", add_step, error);
+        status = read_rows(ticks, ticks->steps, first_step, "step", 1, add_step, error);
     }
-    return status == TL_OK ? read_rows(ticks, ticks->adjustments, first_step, "u of step", add_adjustment, error)
-                           : status;
+    return status == TL_OK
+               ? read_rows(ticks, ticks->adjustments, first_step, "u of step", TL_MAX_ADJUST, add_adjustment, error)
+               : status;
 }
 
 /* Fills the buffer, in one transaction. What cannot be read whole is not handed out at all. */

@@ -21,8 +21,6 @@
 #include "master/plan/plan.h"
 #include "master/twin/twin.h"
 
-struct sqlite3;
-
 typedef struct tl_history tl_history;
 
 typedef struct tl_history_run {
@@ -132,8 +130,5 @@ void tl_history_ticks_end(tl_history_ticks *ticks);
 /* Adds to the words of an error what is wrong with the pages of the file, if it is small and that is it: reads all of it, so never
  * while a plant waits. NULL is allowed. */
 void tl_history_diagnose(tl_history *history, tl_error *error);
-
-/* The connection, for the questions of `show`; SELECT only. */
-struct sqlite3 *tl_history_database(tl_history *history);
 
 #endif

@@ -1,54 +1,44 @@
 /* Key figures as JSON: see figures_json.h. */
 #include "firmware/report/figures_json.h"
 
-#include <math.h>
-
-void tl_figures_json_add_number(cJSON *object, const char *key, double value) {
-    if (isfinite(value)) {
-        (void)cJSON_AddNumberToObject(object, key, value);
-    } else {
-        (void)cJSON_AddNullToObject(object, key);
-    }
-}
-
-void tl_figures_json_add_count(cJSON *object, const char *key, uint64_t value) {
-    (void)cJSON_AddNumberToObject(object, key, (double)value);
-}
-
-void tl_figures_json_add_outcomes(cJSON *object, const tl_run_figures *figures) {
-    cJSON *outcomes = cJSON_AddObjectToObject(object, "outcomes");
+void tl_figures_json_add_outcomes(tl_json_writer *json, const tl_run_figures *figures) {
+    tl_json_open_object(json, "outcomes");
     for (int i = TL_FREE; i < TL_OUTCOMES; i++) {
-        tl_figures_json_add_count(outcomes, tl_outcome_name((tl_outcome)i), figures->outcomes[i]);
+        tl_json_add_count(json, tl_outcome_name((tl_outcome)i), figures->outcomes[i]);
     }
+    tl_json_close(json);
 }
 
-static void add_component(cJSON *parent, const char *name, const tl_recorder_component *counts) {
-    cJSON *object = cJSON_AddObjectToObject(parent, name);
-    tl_figures_json_add_count(object, "plain", counts->plain);
-    tl_figures_json_add_count(object, "predicted", counts->predicted);
-    tl_figures_json_add_count(object, "executions", counts->executions);
-    (void)cJSON_AddNumberToObject(object, "saved", tl_run_component_saved(counts));
-    tl_figures_json_add_count(object, "caught_up", counts->caught_up);
-    tl_figures_json_add_count(object, "unstored", counts->unstored);
-    (void)cJSON_AddNumberToObject(object, "difference", (double)tl_run_component_difference(counts));
+static void add_component(tl_json_writer *json, const char *name, const tl_recorder_component *counts) {
+    tl_json_open_object(json, name);
+    tl_json_add_count(json, "plain", counts->plain);
+    tl_json_add_count(json, "predicted", counts->predicted);
+    tl_json_add_count(json, "executions", counts->executions);
+    tl_json_add_number(json, "saved", tl_run_component_saved(counts));
+    tl_json_add_count(json, "caught_up", counts->caught_up);
+    tl_json_add_count(json, "unstored", counts->unstored);
+    tl_json_add_number(json, "difference", (double)tl_run_component_difference(counts));
+    tl_json_close(json);
 }
 
-void tl_figures_json_add_components(cJSON *ledger, const tl_run_figures *figures) {
+void tl_figures_json_add_components(tl_json_writer *json, const tl_run_figures *figures) {
     tl_recorder_component total = tl_run_figures_total(figures);
-    cJSON *components = cJSON_AddObjectToObject(ledger, "components");
+    tl_json_open_object(json, "components");
     for (size_t i = 0; i < figures->ledger_count; i++) {
-        add_component(components, figures->ledger[i].name, &figures->ledger[i].counts);
+        add_component(json, figures->ledger[i].name, &figures->ledger[i].counts);
     }
-    add_component(ledger, "total", &total);
+    tl_json_close(json);
+    add_component(json, "total", &total);
 }
 
-void tl_figures_json_add_resumption(cJSON *object, const tl_resumption *resumption) {
+void tl_figures_json_add_resumption(tl_json_writer *json, const tl_resumption *resumption) {
     if (resumption->from == TL_RESUMED_NOT) {
-        (void)cJSON_AddNullToObject(object, "resumed");
+        tl_json_add_null(json, "resumed");
         return;
     }
-    cJSON *resumed = cJSON_AddObjectToObject(object, "resumed");
-    (void)cJSON_AddNumberToObject(resumed, "run", (double)resumption->run);
-    (void)cJSON_AddNumberToObject(resumed, "tick", (double)resumption->tick);
-    (void)cJSON_AddStringToObject(resumed, "from", tl_resumed_from_name(resumption->from));
+    tl_json_open_object(json, "resumed");
+    tl_json_add_number(json, "run", (double)resumption->run);
+    tl_json_add_number(json, "tick", (double)resumption->tick);
+    tl_json_add_text(json, "from", tl_resumed_from_name(resumption->from));
+    tl_json_close(json);
 }

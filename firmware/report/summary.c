@@ -1,7 +1,6 @@
 /* The summary of a run: see summary.h. */
 #include "firmware/report/summary.h"
 
-#include <cjson/cJSON.h>
 #include <inttypes.h>
 #include <math.h>
 #include <stdio.h>
@@ -9,6 +8,7 @@
 #include <string.h>
 
 #include "firmware/report/figures_json.h"
+#include "firmware/text/json_writer.h"
 #include "firmware/text/show_text.h"
 
 void tl_summary_add(tl_summary *summary, const tl_config *config, const tl_record *record) {
@@ -57,46 +57,41 @@ static uint64_t total_executions(const tl_twin *twin) {
     return total;
 }
 
-static void add_executions(cJSON *root, const tl_twin *twin) {
-    cJSON *executions = cJSON_AddObjectToObject(root, "executions");
-    (void)cJSON_AddNumberToObject(executions, "total", (double)total_executions(twin));
+static void add_executions(tl_json_writer *json, const tl_twin *twin) {
+    tl_json_open_object(json, "executions");
+    tl_json_add_count(json, "total", total_executions(twin));
     for (size_t i = 0; i < tl_twin_get_facts(twin).components; i++) {
-        (void)cJSON_AddNumberToObject(executions, tl_twin_component_name(twin, i), (double)tl_twin_executions(twin, i));
+        tl_json_add_count(json, tl_twin_component_name(twin, i), tl_twin_executions(twin, i));
     }
+    tl_json_close(json);
 }
 
-/* What cannot be told is null: no data must not look like a perfect fit. */
-static void add_measure(cJSON *object, const char *name, double value, bool known) {
-    if (known) {
-        (void)cJSON_AddNumberToObject(object, name, value);
-    } else {
-        (void)cJSON_AddNullToObject(object, name);
-    }
-}
-
-static void add_matches(cJSON *root, const printing *page) {
-    cJSON *matches = cJSON_AddObjectToObject(root, "match");
+static void add_matches(tl_json_writer *json, const printing *page) {
+    tl_json_open_object(json, "match");
     for (size_t i = 0; i < page->config->match_count; i++) {
-        cJSON *match = cJSON_AddObjectToObject(matches, page->config->match[i].variable);
-        tl_figures_json_add_number(match, "mse", tl_run_figures_mse(&page->figures, i));
-        tl_figures_json_add_number(match, "max", tl_run_figures_maximum(&page->figures, i));
-        (void)cJSON_AddStringToObject(match, "unit", tl_twin_match_unit(page->twin, i));
-        tl_figures_json_add_count(match, "pairs", page->figures.match[i].pairs);
+        tl_json_open_object(json, page->config->match[i].variable);
+        tl_json_add_number(json, "mse", tl_run_figures_mse(&page->figures, i));
+        tl_json_add_number(json, "max", tl_run_figures_maximum(&page->figures, i));
+        tl_json_add_text(json, "unit", tl_twin_match_unit(page->twin, i));
+        tl_json_add_count(json, "pairs", page->figures.match[i].pairs);
+        tl_json_close(json);
     }
+    tl_json_close(json);
 }
 
-static void add_adjusted(cJSON *root, const printing *page) {
-    cJSON *variables = cJSON_AddObjectToObject(root, "adjust");
+static void add_adjusted(tl_json_writer *json, const printing *page) {
+    tl_json_open_object(json, "adjust");
     for (size_t i = 0; i < page->config->adjust_count; i++) {
         const tl_run_adjusted *adjusted = &page->figures.adjust[i];
-        cJSON *variable = cJSON_AddObjectToObject(variables, page->config->adjust[i].variable);
-        tl_figures_json_add_number(variable, "first", adjusted->first);
-        tl_figures_json_add_number(variable, "last", adjusted->last);
-        tl_figures_json_add_number(variable, "mean", or_zero(adjusted, tl_run_figures_mean(&page->figures, i)));
-        tl_figures_json_add_number(variable, "delta_mean",
-                                   or_zero(adjusted, tl_run_figures_delta_mean(&page->figures, i)));
-        (void)cJSON_AddStringToObject(variable, "unit", tl_twin_adjust_unit(page->twin, i));
+        tl_json_open_object(json, page->config->adjust[i].variable);
+        tl_json_add_number(json, "first", adjusted->first);
+        tl_json_add_number(json, "last", adjusted->last);
+        tl_json_add_number(json, "mean", or_zero(adjusted, tl_run_figures_mean(&page->figures, i)));
+        tl_json_add_number(json, "delta_mean", or_zero(adjusted, tl_run_figures_delta_mean(&page->figures, i)));
+        tl_json_add_text(json, "unit", tl_twin_adjust_unit(page->twin, i));
+        tl_json_close(json);
     }
+    tl_json_close(json);
 }
 
 /* Δo as measured: what the twin has found is left to be shifted, and Δi. */
@@ -110,73 +105,82 @@ static const char *state_name(tl_delay_state state) {
     return names[state];
 }
 
-static void add_delays(cJSON *root, const tl_config *config, const tl_twin *twin) {
+/* What cannot be told is null: no data must not look like a perfect fit. */
+static void add_seconds(tl_json_writer *json, const char *key, double seconds, bool known) {
+    tl_json_add_number(json, key, known ? seconds : (double)NAN);
+}
+
+static void add_delays(tl_json_writer *json, const tl_config *config, const tl_twin *twin) {
     const tl_config_delays *delays = config->delays;
     if (delays == NULL) {
         return;
     }
-    cJSON *object = cJSON_AddObjectToObject(root, "delays");
-    add_measure(object, "input_s", tl_seconds(delays->input.delay), delays->has_input);
-    add_measure(object, "output_s", tl_seconds(delays->output.delay), delays->has_output);
+    tl_json_open_object(json, "delays");
+    add_seconds(json, "input_s", tl_seconds(delays->input.delay), delays->has_input);
+    add_seconds(json, "output_s", tl_seconds(delays->output.delay), delays->has_output);
     if (delays->measure) {
         tl_twin_delay found = tl_twin_get_delay(twin);
-        add_measure(object, "measured_s", measured_delay(config, &found), found.state != TL_DELAY_UNKNOWN);
-        (void)cJSON_AddStringToObject(object, "state", state_name(found.state));
-        (void)cJSON_AddNumberToObject(object, "confidence", found.confidence);
+        add_seconds(json, "measured_s", measured_delay(config, &found), found.state != TL_DELAY_UNKNOWN);
+        tl_json_add_text(json, "state", state_name(found.state));
+        tl_json_add_number(json, "confidence", found.confidence);
     }
+    tl_json_close(json);
 }
 
-static void add_plant(cJSON *root, const tl_summary *summary, const tl_config *config) {
-    cJSON *plant = cJSON_AddObjectToObject(root, "plant");
+static void add_plant(tl_json_writer *json, const tl_summary *summary, const tl_config *config) {
+    tl_json_open_object(json, "plant");
     for (size_t i = 0; i < config->signal_count; i++) {
-        cJSON *signal = cJSON_AddObjectToObject(plant, config->signals[i].plan.name);
-        (void)cJSON_AddNumberToObject(signal, "samples", (double)summary->samples);
-        (void)cJSON_AddNumberToObject(signal, "not_good", (double)summary->not_good[i]);
+        tl_json_open_object(json, config->signals[i].plan.name);
+        tl_json_add_count(json, "samples", summary->samples);
+        tl_json_add_count(json, "not_good", summary->not_good[i]);
+        tl_json_close(json);
     }
+    tl_json_close(json);
 }
 
-static void add_cache(cJSON *root, const tl_run_figures *figures) {
+static void add_cache(tl_json_writer *json, const tl_run_figures *figures) {
     tl_recorder_component total = tl_run_figures_total(figures);
-    cJSON *cache = cJSON_AddObjectToObject(root, "cache");
-    (void)cJSON_AddNumberToObject(cache, "saved", tl_run_component_saved(&total));
-    tl_figures_json_add_count(cache, "nodes_peak", figures->nodes_peak);
-    tl_figures_json_add_count(cache, "full", total.unstored);
+    tl_json_open_object(json, "cache");
+    tl_json_add_number(json, "saved", tl_run_component_saved(&total));
+    tl_json_add_count(json, "nodes_peak", figures->nodes_peak);
+    tl_json_add_count(json, "full", total.unstored);
+    tl_json_close(json);
 }
 
 /* What the graph predicts against what was done. */
-static void add_ledger(cJSON *root, const printing *page) {
-    cJSON *ledger = cJSON_AddObjectToObject(root, "ledger");
-    (void)cJSON_AddBoolToObject(ledger, "complete", tl_twin_ledger_is_complete(page->twin));
-    tl_figures_json_add_components(ledger, &page->figures);
+static void add_ledger(tl_json_writer *json, const printing *page) {
+    tl_json_open_object(json, "ledger");
+    tl_json_add_truth(json, "complete", tl_twin_ledger_is_complete(page->twin));
+    tl_figures_json_add_components(json, &page->figures);
+    tl_json_close(json);
 }
 
-void tl_summary_print_json(const tl_summary *summary, const tl_config *config, const tl_twin *twin, FILE *file) {
+tl_status tl_summary_print_json(const tl_summary *summary, const tl_config *config, const tl_twin *twin, FILE *file,
+                                tl_error *error) {
     printing page;
-    cJSON *root = cJSON_CreateObject();
+    tl_json_writer json;
     begin_printing(&page, summary, config, twin);
-    tl_figures_json_add_count(root, "steps", page.figures.steps);
-    add_executions(root, twin);
-    tl_figures_json_add_count(root, "evaluations", page.figures.evaluations);
-    tl_figures_json_add_count(root, "optimised_steps", page.figures.optimised_steps);
-    add_matches(root, &page);
-    add_plant(root, summary, config);
-    add_adjusted(root, &page);
-    add_delays(root, config, twin);
-    add_cache(root, &page.figures);
-    add_ledger(root, &page);
-    tl_figures_json_add_outcomes(root, &page.figures);
-    tl_figures_json_add_count(root, "ticks", summary->ticks);
-    tl_figures_json_add_count(root, "skipped", page.figures.skipped);
-    tl_figures_json_add_count(root, "deadline_misses", summary->deadline_misses);
-    tl_figures_json_add_count(root, "time_limited", page.figures.time_limited);
-    tl_figures_json_add_resumption(root, &summary->resumption);
-    (void)cJSON_AddNumberToObject(root, "wall_s", summary->wall_s);
-    char *text = cJSON_Print(root);
-    if (text != NULL) {
-        (void)fprintf(file, "%s\n", text);
-    }
-    cJSON_free(text);
-    cJSON_Delete(root);
+    tl_json_writer_begin(&json);
+    tl_json_add_count(&json, "steps", page.figures.steps);
+    add_executions(&json, twin);
+    tl_json_add_count(&json, "evaluations", page.figures.evaluations);
+    tl_json_add_count(&json, "optimised_steps", page.figures.optimised_steps);
+    add_matches(&json, &page);
+    add_plant(&json, summary, config);
+    add_adjusted(&json, &page);
+    add_delays(&json, config, twin);
+    add_cache(&json, &page.figures);
+    add_ledger(&json, &page);
+    tl_figures_json_add_outcomes(&json, &page.figures);
+    tl_json_add_count(&json, "ticks", summary->ticks);
+    tl_json_add_count(&json, "skipped", page.figures.skipped);
+    tl_json_add_count(&json, "deadline_misses", summary->deadline_misses);
+    tl_json_add_count(&json, "time_limited", page.figures.time_limited);
+    tl_figures_json_add_resumption(&json, &summary->resumption);
+    tl_json_add_number(&json, "wall_s", summary->wall_s);
+    tl_status status = tl_json_writer_print(&json, file, error);
+    tl_json_writer_free(&json);
+    return status;
 }
 
 static void print_outcomes(const tl_run_figures *figures, FILE *file) {

@@ -30,8 +30,9 @@ void tl_summary_add(tl_summary *summary, const tl_config *config, const tl_recor
 /* A sample of the plant, as the twin was given it. */
 void tl_summary_sample(tl_summary *summary, const tl_config *config, const tl_sample *sample);
 
-/* One JSON object and a newline. */
-void tl_summary_print_json(const tl_summary *summary, const tl_config *config, const tl_twin *twin, FILE *file);
+/* One JSON object and a newline. Errors: TL_TRY_AGAIN if memory is out; nothing is printed then. */
+tl_status tl_summary_print_json(const tl_summary *summary, const tl_config *config, const tl_twin *twin, FILE *file,
+                                tl_error *error);
 
 void tl_summary_print_table(const tl_summary *summary, const tl_config *config, const tl_twin *twin, FILE *file);
 

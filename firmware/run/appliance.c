@@ -263,13 +263,13 @@ static tl_status close_all(appliance *self, tl_status status, tl_summary *summar
     return status;
 }
 
-static void print_summary(const appliance *self, const tl_summary *summary) {
+static tl_status print_summary(const appliance *self, const tl_summary *summary, tl_error *error) {
     const tl_assembly *assembly = self->assembly;
     if (self->settings->json) {
-        tl_summary_print_json(summary, &assembly->config, assembly->twin, self->output);
-    } else {
-        tl_summary_print_table(summary, &assembly->config, assembly->twin, self->output);
+        return tl_summary_print_json(summary, &assembly->config, assembly->twin, self->output, error);
     }
+    tl_summary_print_table(summary, &assembly->config, assembly->twin, self->output);
+    return TL_OK;
 }
 
 static tl_status run(appliance *self) {
@@ -294,7 +294,12 @@ static tl_status run(appliance *self) {
     status = close_all(self, status, &summary, &error);
     summary.wall_s = tl_seconds(tl_clock_now(NULL) - started);
     if (ran) {
-        print_summary(self, &summary);
+        tl_error later;
+        tl_status printed = print_summary(self, &summary, &later);
+        if (printed != TL_OK && status == TL_OK) {
+            error = later;
+            status = printed;
+        }
     }
     if (status != TL_OK) {
         tl_log(TL_LOG_ERROR, "%s", error.text);

@@ -2,26 +2,29 @@
  *
  * A line of samples has the signals' names (without "plant.") as columns, and "time" in front: `replay --recording` takes it. A value that was
  * missing or old at its tick is left empty there; its quality is in a column beside it. Control characters become "?". */
+#include <inttypes.h>
 #include <math.h>
-#include <sqlite3.h>
 #include <string.h>
 
+#include "firmware/record/history_rows.h"
 #include "firmware/show/show.h"
-#include "firmware/show/show_rows.h"
 
 enum { MOST_FIELDS = 4 * TL_MAX_SIGNALS, NUMBER = 40 };
+
+typedef char csv_field[NUMBER];
 
 /* One line while its rows come. Fields are in the order of the header, `per_signal` for each signal. */
 typedef struct csv_line {
     const tl_show_request *request;
     FILE *file;
-    tl_show_source source;
+    tl_history_table table;
+    tl_history_visitor visitor;
     size_t signals;
     size_t per_signal;
     int64_t number;                     /* of the step or tick; −1: none begun */
     const tl_recorder_signal *adjusted; /* for the names of those that were held */
     size_t adjusted_count;
-    char fields[MOST_FIELDS][NUMBER];
+    csv_field fields[MOST_FIELDS];
 } csv_line;
 
 /* Texts come from FMUs and devices too: none breaks a line, or commands the terminal. */
@@ -45,13 +48,11 @@ static void end_line(FILE *file) {
     (void)fputc('\n', file);
 }
 
-/* Empty for NULL. */
-static void format_column(sqlite3_stmt *row, int column, char *text, size_t size) {
+/* Empty for NaN: what was not finite. */
+static void format_number(double value, csv_field text) {
     text[0] = '\0';
-    if (sqlite3_column_type(row, column) == SQLITE_INTEGER) {
-        (void)snprintf(text, size, "%lld", (long long)sqlite3_column_int64(row, column));
-    } else if (sqlite3_column_type(row, column) == SQLITE_FLOAT) {
-        tl_show_exact(sqlite3_column_double(row, column), text, size);
+    if (!isnan(value)) {
+        tl_show_exact(value, text, NUMBER);
     }
 }
 
@@ -79,7 +80,7 @@ static void flush_line(csv_line *line) {
         return;
     }
     /* y belongs to the end of its step, u and a sample to the beginning. */
-    put_instant(line, line->source == TL_SHOW_FROM_OUTPUTS ? line->number + 1 : line->number);
+    put_instant(line, line->table == TL_HISTORY_OUTPUTS ? line->number + 1 : line->number);
     (void)fprintf(line->file, ",%lld", (long long)line->number);
     for (size_t i = 0; i < line->signals * line->per_signal; i++) {
         (void)fprintf(line->file, ",%s", line->fields[i]);
@@ -89,45 +90,39 @@ static void flush_line(csv_line *line) {
     line->number = -1;
 }
 
-static const char *quality_text(sqlite3_stmt *row, int column) {
-    int64_t quality = sqlite3_column_int64(row, column);
+static const char *quality_text(int64_t quality) {
     return quality < TL_GOOD || quality > TL_OUTLIER ? "unknown" : tl_quality_name((tl_quality)quality);
 }
 
-static void put_delta(sqlite3_stmt *row, char field[NUMBER]) {
-    field[0] = '\0';
-    if (sqlite3_column_type(row, 2) != SQLITE_NULL && sqlite3_column_type(row, 3) != SQLITE_NULL) {
-        tl_show_exact(sqlite3_column_double(row, 2) - sqlite3_column_double(row, 3), field, NUMBER);
-    }
-}
-
-static void fill_sample(char (*fields)[NUMBER], sqlite3_stmt *row) {
-    int64_t quality = sqlite3_column_int64(row, 3);
-    fields[0][0] = '\0';
-    if (quality == TL_GOOD || quality == TL_OUT_OF_RANGE || quality == TL_OUTLIER) {
-        format_column(row, 2, fields[0], NUMBER);
-    }
-    (void)snprintf(fields[1], NUMBER, "%s", quality_text(row, 3));
-}
-
-static void take_row(void *context, struct sqlite3_stmt *row) {
-    csv_line *line = context;
-    int64_t number = sqlite3_column_int64(row, 0);
+/* The fields of one signal in the line of this tick or step. */
+static csv_field *fields_of(csv_line *line, int64_t number, size_t signal) {
     if (number != line->number) {
         flush_line(line);
         line->number = number;
     }
-    char(*fields)[NUMBER] = &line->fields[(size_t)sqlite3_column_int64(row, 1) * line->per_signal];
-    if (line->source == TL_SHOW_FROM_SAMPLES) {
-        fill_sample(fields, row);
-        return;
-    }
-    format_column(row, 2, fields[0], NUMBER);
-    format_column(row, 3, fields[1], NUMBER);
-    put_delta(row, fields[2]);
-    if (line->source == TL_SHOW_FROM_OUTPUTS) {
-        (void)snprintf(fields[3], NUMBER, "%s", quality_text(row, 4));
-    }
+    return &line->fields[signal * line->per_signal];
+}
+
+static void take_sample(void *context, const tl_history_sample *sample) {
+    csv_field *fields = fields_of(context, sample->tick, sample->signal);
+    bool is_known = sample->quality == TL_GOOD || sample->quality == TL_OUT_OF_RANGE || sample->quality == TL_OUTLIER;
+    format_number(is_known ? sample->value : (double)NAN, fields[0]);
+    (void)snprintf(fields[1], NUMBER, "%s", quality_text(sample->quality));
+}
+
+static void take_output(void *context, const tl_history_output *output) {
+    csv_field *fields = fields_of(context, output->step, output->signal);
+    format_number(output->y, fields[0]);
+    format_number(output->y_hat, fields[1]);
+    format_number(output->y - output->y_hat, fields[2]);
+    (void)snprintf(fields[3], NUMBER, "%s", quality_text(output->quality));
+}
+
+static void take_adjustment(void *context, const tl_history_adjustment *adjustment) {
+    csv_field *fields = fields_of(context, adjustment->step, adjustment->signal);
+    format_number(adjustment->u, fields[0]);
+    format_number(adjustment->u_hat, fields[1]);
+    format_number(adjustment->u - adjustment->u_hat, fields[2]);
 }
 
 /* One column of the header: a name, and what of it. */
@@ -145,23 +140,23 @@ static const char *column_of(const char *name) {
 }
 
 static void put_signal_header(const csv_line *line, const tl_recorder_signal *signal) {
-    switch (line->source) {
-    case TL_SHOW_FROM_SAMPLES:
+    switch (line->table) {
+    case TL_HISTORY_SAMPLES:
         put_header(line, column_of(signal->name), "");
         put_header(line, column_of(signal->name), " quality");
         break;
-    case TL_SHOW_FROM_OUTPUTS:
+    case TL_HISTORY_OUTPUTS:
         put_header(line, signal->name, "");
         put_header(line, signal->to == NULL ? "" : signal->to, "");
         put_header(line, signal->name, " delta");
         put_header(line, signal->to == NULL ? "" : signal->to, " quality");
         break;
-    case TL_SHOW_FROM_ADJUSTMENTS:
+    case TL_HISTORY_ADJUSTMENTS:
         put_header(line, signal->name, "");
         put_header(line, signal->name, " nominal");
         put_header(line, signal->name, " delta");
         break;
-    case TL_SHOW_FROM_STEPS:
+    case TL_HISTORY_STEPS:
         break;
     }
 }
@@ -173,20 +168,20 @@ static tl_status print_wide(csv_line *line, tl_history_kind kind, tl_error *erro
     bool any = false;
     tl_status status = tl_history_signals(request->history, request->run, kind, &signals, &line->signals, error);
     if (status == TL_OK) {
-        status = tl_show_range(request->history, request->run, line->source, request->from_step, range, &any, error);
+        status = tl_history_range(request->history, request->run, line->table, request->from_step, range, &any, error);
     }
     if (status != TL_OK) {
         return status;
     }
     put_instant_header(line);
-    (void)fputs(line->source == TL_SHOW_FROM_SAMPLES ? ",tick" : ",step", line->file);
+    (void)fputs(line->table == TL_HISTORY_SAMPLES ? ",tick" : ",step", line->file);
     for (size_t i = 0; i < line->signals; i++) {
         put_signal_header(line, &signals[i]);
     }
     end_line(line->file);
     if (any) {
-        status = tl_show_rows(request->history, request->run, line->source, range, line->signals,
-                              (tl_show_taker){take_row, line}, error);
+        line->visitor.signals[kind] = line->signals;
+        status = tl_history_rows(request->history, request->run, range, &line->visitor, error);
         flush_line(line);
     }
     return status;
@@ -218,24 +213,30 @@ static void put_held(const csv_line *line, uint32_t held) {
     put_text(line->file, text);
 }
 
-static void take_step(void *context, struct sqlite3_stmt *row) {
+static void put_number(const csv_line *line, double value) {
+    csv_field text;
+    format_number(value, text);
+    (void)fprintf(line->file, ",%s", text);
+}
+
+static void take_step(void *context, const tl_history_step *step) {
     const csv_line *line = context;
-    int64_t step = sqlite3_column_int64(row, 0);
-    int64_t outcome = sqlite3_column_int64(row, 2);
-    int64_t stop = sqlite3_column_int64(row, 3);
-    put_instant(line, step);
-    (void)fprintf(line->file, ",%lld,%s,%s", (long long)step,
-                  outcome < TL_FREE || outcome >= TL_OUTCOMES ? "unknown" : tl_outcome_name((tl_outcome)outcome),
-                  stop < TL_STOP_NONE || stop > TL_STOP_TIME ? "unknown" : tl_stop_name((tl_stop)stop));
-    for (int i = 4; i <= 9; i++) {
-        char text[NUMBER];
-        format_column(row, i, text, sizeof text);
-        (void)fprintf(line->file, ",%s", text);
+    put_instant(line, step->step);
+    (void)fprintf(line->file, ",%" PRId64 ",%s,%s", step->step,
+                  step->outcome < TL_FREE || step->outcome >= TL_OUTCOMES ? "unknown"
+                                                                          : tl_outcome_name((tl_outcome)step->outcome),
+                  step->stop < TL_STOP_NONE || step->stop > TL_STOP_TIME ? "unknown"
+                                                                         : tl_stop_name((tl_stop)step->stop));
+    put_number(line, step->objective);
+    put_number(line, step->objective_nominal);
+    (void)fprintf(line->file, ",%" PRId64 ",%" PRId64 ",%" PRId64 ",", step->evaluations, step->executions, step->used);
+    if (step->predicted >= 0) {
+        (void)fprintf(line->file, "%" PRId64, step->predicted);
     }
     (void)fputc(',', line->file);
-    put_flags(line->file, (uint32_t)sqlite3_column_int64(row, 10));
+    put_flags(line->file, step->flags);
     (void)fputc(',', line->file);
-    put_held(line, (uint32_t)sqlite3_column_int64(row, 11));
+    put_held(line, step->held);
     end_line(line->file);
 }
 
@@ -244,7 +245,7 @@ static tl_status print_steps(csv_line *line, tl_error *error) {
     int64_t range[2] = {0, 0};
     bool any = false;
     tl_status status =
-        tl_show_range(request->history, request->run, line->source, request->from_step, range, &any, error);
+        tl_history_range(request->history, request->run, line->table, request->from_step, range, &any, error);
     if (status == TL_OK) {
         status = tl_history_signals(request->history, request->run, TL_HISTORY_ADJUST, &line->adjusted,
                                     &line->adjusted_count, error);
@@ -253,13 +254,12 @@ static tl_status print_steps(csv_line *line, tl_error *error) {
     (void)fputs(",step,outcome,stop,J,J_nominal,evaluations,executions,used_ns,predicted,flags,held", line->file);
     end_line(line->file);
     if (status == TL_OK && any) {
-        status = tl_show_rows(request->history, request->run, line->source, range, 1, (tl_show_taker){take_step, line},
-                              error);
+        status = tl_history_rows(request->history, request->run, range, &line->visitor, error);
     }
     return status;
 }
 
-static void take_event(void *context, const tl_show_event *event) {
+static void take_event(void *context, const tl_history_event *event) {
     const csv_line *line = context;
     const char *const texts[] = {event->severity, event->source, event->text};
     put_text(line->file, event->at);
@@ -278,21 +278,22 @@ static tl_status print_events(csv_line *line, tl_error *error) {
     const tl_show_request *request = line->request;
     (void)fputs("at,tick,severity,source,text", line->file);
     end_line(line->file);
-    return tl_show_event_rows(request->history, request->run, request->from_at, -1,
-                              (tl_show_event_taker){take_event, line}, error);
+    const tl_history_visitor visitor = {.context = line, .event = take_event};
+    return tl_history_events(request->history, request->run, request->from_at, -1, &visitor, error);
 }
 
 tl_status tl_show_csv(const tl_show_request *request, tl_show_csv_table table, FILE *file, tl_error *error) {
     static csv_line line; /* too large for a small stack; `show` has one thread */
     static const struct {
-        tl_show_source source;
+        tl_history_table table;
         size_t per_signal;
         tl_history_kind kind;
+        tl_history_visitor visitor;
     } tables[] = {
-        [TL_SHOW_OUTPUTS] = {TL_SHOW_FROM_OUTPUTS, 4, TL_HISTORY_MATCH},
-        [TL_SHOW_ADJUSTMENTS] = {TL_SHOW_FROM_ADJUSTMENTS, 3, TL_HISTORY_ADJUST},
-        [TL_SHOW_STEPS] = {TL_SHOW_FROM_STEPS, 0, TL_HISTORY_PLANT},
-        [TL_SHOW_SAMPLES] = {TL_SHOW_FROM_SAMPLES, 2, TL_HISTORY_PLANT},
+        [TL_SHOW_OUTPUTS] = {TL_HISTORY_OUTPUTS, 4, TL_HISTORY_MATCH, {.output = take_output}},
+        [TL_SHOW_ADJUSTMENTS] = {TL_HISTORY_ADJUSTMENTS, 3, TL_HISTORY_ADJUST, {.adjustment = take_adjustment}},
+        [TL_SHOW_STEPS] = {TL_HISTORY_STEPS, 0, TL_HISTORY_PLANT, {.step = take_step}},
+        [TL_SHOW_SAMPLES] = {TL_HISTORY_SAMPLES, 2, TL_HISTORY_PLANT, {.sample = take_sample}},
     };
     memset(&line, 0, sizeof line);
     line.request = request;
@@ -301,7 +302,9 @@ tl_status tl_show_csv(const tl_show_request *request, tl_show_csv_table table, F
     if (table == TL_SHOW_EVENTS) {
         return print_events(&line, error);
     }
-    line.source = tables[table].source;
+    line.table = tables[table].table;
     line.per_signal = tables[table].per_signal;
+    line.visitor = tables[table].visitor;
+    line.visitor.context = &line;
     return table == TL_SHOW_STEPS ? print_steps(&line, error) : print_wide(&line, tables[table].kind, error);
 }

@@ -5,8 +5,8 @@
 #include <sys/stat.h>
 
 #include "firmware/config/measurements.h"
+#include "firmware/record/history_rows.h"
 #include "firmware/show/show.h"
-#include "firmware/show/show_rows.h"
 #include "firmware/show/show_summary.h"
 
 enum { RUNS_SHOWN = 10, EVENTS_SHOWN = 10, TEXT = 64, HASH_SHOWN = 12 };
@@ -383,7 +383,7 @@ static tl_status print_corrections(const show_page *page, tl_error *error) {
 
 /* ---- Events ------------------------------------------------------------------------------------------------------ */
 
-static void take_event(void *context, const tl_show_event *event) {
+static void take_event(void *context, const tl_history_event *event) {
     const show_page *page = context;
     bool colour = page->request->style.colour;
     const char *paint = strcmp(event->severity, "error") == 0     ? "\x1b[31m"
@@ -409,8 +409,9 @@ static tl_status print_events(show_page *page, tl_error *error) {
         return TL_OK;
     }
     heading(page, request->all_events ? "Events (UTC)" : "Last events (UTC)");
-    return tl_show_event_rows(request->history, request->run, request->from_at, request->all_events ? -1 : EVENTS_SHOWN,
-                              (tl_show_event_taker){take_event, page}, error);
+    const tl_history_visitor visitor = {.context = page, .event = take_event};
+    return tl_history_events(request->history, request->run, request->from_at, request->all_events ? -1 : EVENTS_SHOWN,
+                             &visitor, error);
 }
 
 /* ---- All of it --------------------------------------------------------------------------------------------------- */

@@ -1,15 +1,14 @@
 /* The report of a recorded run: what is in the database, on the page that html_report.h makes. */
 #include <math.h>
-#include <sqlite3.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "firmware/base/new_file.h"
 #include "firmware/config/config.h"
 #include "firmware/config/measurements.h"
+#include "firmware/record/history_rows.h"
 #include "firmware/report/html_report.h"
 #include "firmware/show/show.h"
-#include "firmware/show/show_rows.h"
 #include "firmware/show/show_summary.h"
 
 typedef struct recorded_run {
@@ -97,39 +96,34 @@ static void describe(recorded_run *run) {
 
 /* ---- Rows -------------------------------------------------------------------------------------------------------- */
 
-/* NULL stands for what was not finite. */
-static double number(sqlite3_stmt *row, int column) {
-    return sqlite3_column_type(row, column) == SQLITE_NULL ? (double)NAN : sqlite3_column_double(row, column);
-}
-
-static void take_step(void *context, struct sqlite3_stmt *row) {
+static void take_step(void *context, const tl_history_step *step) {
     const recorded_run *run = context;
-    tl_record record = {.step = sqlite3_column_int64(row, 0)};
-    record.evaluations = (uint32_t)sqlite3_column_int64(row, 6);
-    record.executions = (uint32_t)sqlite3_column_int64(row, 7);
-    record.used = sqlite3_column_int64(row, 8);
+    const tl_record record = {
+        .step = step->step,
+        .evaluations = (uint32_t)step->evaluations,
+        .executions = (uint32_t)step->executions,
+        .used = step->used,
+    };
     tl_html_report_add_step(run->report, &record);
 }
 
 /* A quality of a newer program is not good, and no more is known of it. */
-static tl_quality quality_of(sqlite3_stmt *row, int column) {
-    int64_t code = sqlite3_column_int64(row, column);
+static tl_quality quality_of(int64_t code) {
     return code >= TL_GOOD && code <= TL_OUTLIER ? (tl_quality)code : TL_NOT_A_NUMBER;
 }
 
-static void take_output(void *context, struct sqlite3_stmt *row) {
+static void take_output(void *context, const tl_history_output *output) {
     const recorded_run *run = context;
-    tl_html_report_add_output(run->report, sqlite3_column_int64(row, 0), (size_t)sqlite3_column_int64(row, 1),
-                              number(row, 2), number(row, 3), quality_of(row, 4));
+    tl_html_report_add_output(run->report, output->step, output->signal, output->y, output->y_hat,
+                              quality_of(output->quality));
 }
 
-static void take_adjustment(void *context, struct sqlite3_stmt *row) {
+static void take_adjustment(void *context, const tl_history_adjustment *adjustment) {
     const recorded_run *run = context;
-    tl_html_report_add_adjustment(run->report, sqlite3_column_int64(row, 0), (size_t)sqlite3_column_int64(row, 1),
-                                  number(row, 2), number(row, 3));
+    tl_html_report_add_adjustment(run->report, adjustment->step, adjustment->signal, adjustment->u, adjustment->u_hat);
 }
 
-static void take_event(void *context, const tl_show_event *taken) {
+static void take_event(void *context, const tl_history_event *taken) {
     const recorded_run *run = context;
     const tl_html_event event = {
         .at = taken->at,
@@ -145,22 +139,16 @@ static tl_status gather(recorded_run *run, tl_error *error) {
     tl_history *history = run->request->history;
     const tl_history_run *recorded = run->request->run;
     const tl_show_summary *summary = &run->summary;
-    const struct {
-        tl_show_source source;
-        size_t signals;
-        void (*take)(void *context, struct sqlite3_stmt *row);
-    } tables[] = {
-        {TL_SHOW_FROM_STEPS, 1, take_step},
-        {TL_SHOW_FROM_OUTPUTS, summary->match_count, take_output},
-        {TL_SHOW_FROM_ADJUSTMENTS, summary->adjust_count, take_adjustment},
+    const tl_history_visitor visitor = {
+        .context = run,
+        .signals = {[TL_HISTORY_MATCH] = summary->match_count, [TL_HISTORY_ADJUST] = summary->adjust_count},
+        .step = take_step,
+        .output = take_output,
+        .adjustment = take_adjustment,
+        .event = take_event,
     };
-    tl_status status = TL_OK;
-    for (size_t i = 0; status == TL_OK && summary->any && i < sizeof tables / sizeof tables[0]; i++) {
-        const tl_show_taker taker = {tables[i].take, run};
-        status = tl_show_rows(history, recorded, tables[i].source, summary->range, tables[i].signals, taker, error);
-    }
-    const tl_show_event_taker taker = {take_event, run};
-    return status == TL_OK ? tl_show_event_rows(history, recorded, run->request->from_at, -1, taker, error) : status;
+    tl_status status = summary->any ? tl_history_rows(history, recorded, summary->range, &visitor, error) : TL_OK;
+    return status == TL_OK ? tl_history_events(history, recorded, run->request->from_at, -1, &visitor, error) : status;
 }
 
 /* ---- The page ---------------------------------------------------------------------------------------------------- */

@@ -2,10 +2,9 @@
 #include "firmware/show/show_summary.h"
 
 #include <math.h>
-#include <sqlite3.h>
 #include <string.h>
 
-#include "firmware/show/show_rows.h"
+#include "firmware/record/history_rows.h"
 
 static int64_t steps_between(const tl_show_summary *summary) {
     return summary->range[1] - summary->range[0] + 1;
@@ -61,28 +60,21 @@ size_t tl_show_largest_change(const tl_show_summary *summary, size_t adjust) {
     return found;
 }
 
-static bool is_number(sqlite3_stmt *row, int column) {
-    int type = sqlite3_column_type(row, column);
-    return type == SQLITE_FLOAT || type == SQLITE_INTEGER;
-}
-
-static void take_step(void *context, struct sqlite3_stmt *row) {
+static void take_step(void *context, const tl_history_step *step) {
     tl_show_summary *summary = context;
-    const tl_run_step step = {
-        .outcome = sqlite3_column_int64(row, 2),
-        .time_limited = sqlite3_column_int64(row, 3) == TL_STOP_TIME,
-        .evaluations = (uint64_t)sqlite3_column_int64(row, 6),
-        .used = sqlite3_column_int64(row, 8),
+    const tl_run_step taken = {
+        .outcome = step->outcome,
+        .time_limited = step->stop == TL_STOP_TIME,
+        .evaluations = (uint64_t)step->evaluations,
+        .used = step->used,
     };
-    tl_run_figures_add_step(&summary->figures, &step, summary->period);
+    tl_run_figures_add_step(&summary->figures, &taken, summary->period);
 }
 
-static void take_output(void *context, struct sqlite3_stmt *row) {
+static void take_output(void *context, const tl_history_output *output) {
     tl_show_summary *summary = context;
-    tl_metrics *metrics = &summary->figures.match[sqlite3_column_int64(row, 1)];
-    bool good = sqlite3_column_int64(row, 4) == TL_GOOD && is_number(row, 2) && is_number(row, 3);
-    tl_metrics_add(metrics, sqlite3_column_double(row, 2), sqlite3_column_double(row, 3),
-                   good ? TL_GOOD : TL_NOT_A_NUMBER);
+    bool good = output->quality == TL_GOOD && isfinite(output->y) && isfinite(output->y_hat);
+    tl_metrics_add(&summary->figures.match[output->signal], output->y, output->y_hat, good ? TL_GOOD : TL_NOT_A_NUMBER);
 }
 
 static void add_part(tl_show_part *part, double delta) {
@@ -90,15 +82,15 @@ static void add_part(tl_show_part *part, double delta) {
     part->delta_sum += delta;
 }
 
-static void take_adjustment(void *context, struct sqlite3_stmt *row) {
+static void take_adjustment(void *context, const tl_history_adjustment *adjustment) {
     tl_show_summary *summary = context;
-    size_t index = (size_t)sqlite3_column_int64(row, 1);
+    size_t index = adjustment->signal;
     tl_show_adjust *adjust = &summary->detail[index];
-    int64_t step = sqlite3_column_int64(row, 0);
-    double u = sqlite3_column_double(row, 2);
-    double nominal = sqlite3_column_double(row, 3);
+    int64_t step = adjustment->step;
+    double u = adjustment->u;
+    double nominal = adjustment->u_hat;
     double delta = u - nominal;
-    if (!is_number(row, 2) || !is_number(row, 3)) {
+    if (isnan(u) || isnan(nominal)) {
         return;
     }
     bool first = summary->figures.adjust[index].count == 0;
@@ -137,7 +129,7 @@ tl_status tl_show_summarise(tl_history *history, const tl_history_run *run, int6
         status = add_ledger(history, run, &summary->figures, error);
     }
     if (status == TL_OK) {
-        status = tl_show_range(history, run, TL_SHOW_FROM_STEPS, from_step, summary->range, &summary->any, error);
+        status = tl_history_range(history, run, TL_HISTORY_STEPS, from_step, summary->range, &summary->any, error);
     }
     if (status != TL_OK || !summary->any) {
         return status;
@@ -145,16 +137,14 @@ tl_status tl_show_summarise(tl_history *history, const tl_history_run *run, int6
     int64_t steps = steps_between(summary);
     summary->windows = steps < TL_SHOW_WINDOWS ? (size_t)steps : TL_SHOW_WINDOWS;
     summary->points = steps < TL_SHOW_POINTS ? (size_t)steps : TL_SHOW_POINTS;
-    status =
-        tl_show_rows(history, run, TL_SHOW_FROM_STEPS, summary->range, 1, (tl_show_taker){take_step, summary}, error);
-    if (status == TL_OK) {
-        status = tl_show_rows(history, run, TL_SHOW_FROM_OUTPUTS, summary->range, summary->match_count,
-                              (tl_show_taker){take_output, summary}, error);
-    }
-    if (status == TL_OK) {
-        status = tl_show_rows(history, run, TL_SHOW_FROM_ADJUSTMENTS, summary->range, summary->adjust_count,
-                              (tl_show_taker){take_adjustment, summary}, error);
-    }
+    const tl_history_visitor visitor = {
+        .context = summary,
+        .signals = {[TL_HISTORY_MATCH] = summary->match_count, [TL_HISTORY_ADJUST] = summary->adjust_count},
+        .step = take_step,
+        .output = take_output,
+        .adjustment = take_adjustment,
+    };
+    status = tl_history_rows(history, run, summary->range, &visitor, error);
     summary->figures.skipped = summary->figures.outcomes[TL_MADE_UP];
     return status;
 }

@@ -11,21 +11,13 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-#include <cjson/cJSON.h>
-
 #include "firmware/base/log.h"
 #include "firmware/base/new_file.h"
+#include "firmware/text/json_reader.h"
 
 enum { FILE_BYTES = 4096 };
 
 /* ---- the file ---- */
-
-static bool get_count(const cJSON *root, const char *key, uint64_t *count) {
-    const cJSON *item = cJSON_GetObjectItemCaseSensitive(root, key);
-    bool right = cJSON_IsNumber(item) && item->valuedouble >= 0 && item->valuedouble < 9e15;
-    *count = right ? (uint64_t)item->valuedouble : 0;
-    return right;
-}
 
 /* What the supervisor before this one left. */
 typedef struct kept {
@@ -34,23 +26,21 @@ typedef struct kept {
     char boot[TL_IDENTITY_TEXT];
 } kept;
 
-static bool understand(const char *text, kept *before) {
-    cJSON *root = cJSON_Parse(text);
-    const cJSON *running = cJSON_GetObjectItemCaseSensitive(root, "running");
-    const cJSON *boot = cJSON_GetObjectItemCaseSensitive(root, "boot");
-    bool right = get_count(root, "starts", &before->starts) && get_count(root, "restarts", &before->restarts) &&
-                 get_count(root, "failures", &before->failures) && cJSON_IsBool(running) && cJSON_IsString(boot);
-    if (right) {
-        before->running = cJSON_IsTrue(running) != 0;
-        (void)snprintf(before->boot, sizeof before->boot, "%s", boot->valuestring);
-    }
-    cJSON_Delete(root);
+static bool understand(const char *text, size_t size, kept *before) {
+    tl_json_reader reader = tl_json_reader_of(text, size);
+    before->starts = tl_json_count(&reader, "starts");
+    before->restarts = tl_json_count(&reader, "restarts");
+    before->failures = tl_json_count(&reader, "failures");
+    before->running = tl_json_truth(&reader, "running");
+    (void)snprintf(before->boot, sizeof before->boot, "%s", tl_json_text(&reader, "boot"));
+    bool right = reader.right;
+    tl_json_reader_free(&reader);
     return right;
 }
 
 /* False where there is none, or none that can be understood. */
 static bool read_kept(const char *path, kept *before) {
-    char text[FILE_BYTES + 1];
+    char text[FILE_BYTES];
     FILE *file = fopen(path, "r");
     *before = (kept){0};
     if (file == NULL) {
@@ -58,8 +48,7 @@ static bool read_kept(const char *path, kept *before) {
     }
     size_t size = fread(text, 1, FILE_BYTES, file);
     (void)fclose(file);
-    text[size] = '\0';
-    bool right = understand(text, before);
+    bool right = understand(text, size, before);
     if (!right) {
         tl_log(TL_LOG_WARNING, "%s: is damaged; restarts are counted anew", path);
         *before = (kept){0};

@@ -54,12 +54,15 @@ static tl_status open_recording(const tl_assembly *assembly, const tl_options *o
     return status == TL_OK ? tl_recording_open(path, &assembly->config, recording, error) : status;
 }
 
-static void print_summary(const tl_assembly *assembly, const tl_verb_job *job, const tl_summary *summary) {
+static tl_status print_summary(const tl_assembly *assembly, const tl_verb_job *job, const tl_summary *summary,
+                               tl_error *error) {
     if (job->options->json) {
-        tl_summary_print_json(summary, &assembly->config, assembly->twin, job->output);
-    } else if (job->options->trajectory == NULL || strcmp(job->options->trajectory, "-") != 0) {
+        return tl_summary_print_json(summary, &assembly->config, assembly->twin, job->output, error);
+    }
+    if (job->options->trajectory == NULL || strcmp(job->options->trajectory, "-") != 0) {
         tl_summary_print_table(summary, &assembly->config, assembly->twin, job->output);
     }
+    return TL_OK;
 }
 
 /* The process ends while an FMU has not returned. What was recorded is on the disk after a commit or two. */
@@ -128,7 +131,8 @@ static tl_status close_outputs(const tl_verb_job *job, tl_replay *replay, tl_sta
 static tl_status tell(const tl_assembly *assembly, const tl_verb_job *job, const tl_replay *replay,
                       const tl_summary *summary, tl_status status, tl_error *error) {
     tl_error later;
-    print_summary(assembly, job, summary);
+    tl_status printed = print_summary(assembly, job, summary, &later);
+    status = first_of(status, printed, &later, error);
     tl_assembly_check_ledger(assembly, replay->recorder);
     if (replay->report != NULL) {
         const char *ended = status == TL_OK ? "end of recording" : error->text;

@@ -5,7 +5,6 @@
 
 #include "firmware/base/log.h"
 #include "firmware/show/show.h"
-#include "firmware/show/show_rows.h"
 #include "firmware/verbs/verbs.h"
 
 /* ---- Since when -------------------------------------------------------------------------------------------------- */
@@ -17,14 +16,12 @@ static int64_t step_at(double seconds, tl_time step) {
 
 /* So far back from the run's last tick, and from its last commit. */
 static tl_status go_back(tl_show_request *request, double seconds, tl_error *error) {
-    int64_t range[2] = {0, 0};
+    int64_t last = -1;
     int64_t committed = 0;
-    bool any = false;
-    tl_status status = tl_show_range(request->history, request->run, TL_SHOW_FROM_STEPS, 0, range, &any, error);
-    if (status == TL_OK && any) {
-        int64_t last = range[1] + 1;
+    tl_status status = tl_history_last_step(request->history, request->run, &last, error);
+    if (status == TL_OK && last >= 0) {
         int64_t back = step_at(seconds, request->run->step);
-        request->from_step = back > last ? 0 : last - back;
+        request->from_step = back > last + 1 ? 0 : last + 1 - back;
     }
     if (status == TL_OK && tl_utc_parse(request->run->committed, &committed)) {
         tl_utc_text(committed - (int64_t)fmin(seconds * 1e3, 1e15), request->from_at);

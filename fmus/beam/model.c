@@ -10,6 +10,7 @@
  * Its inertia is part of the cylinder's mass. There is nothing to integrate: a step takes the position as it is.
  */
 #include "fmus/common/model.h"
+#include "description.h"
 
 static const double G = 9.81; /* m/s² */
 
@@ -19,26 +20,6 @@ typedef struct beam {
     fmi2Real m_beam, s_beam, m_mass, height, radius, l_0, t_step; /* fixed */
     fmi2Real F;                                                   /* result */
 } beam;
-
-static const beam defaults = {
-    .pos = 0,
-    .s_mass = 0.5,
-    .m_beam = 6,
-    .s_beam = 0.5,
-    .m_mass = 5,
-    .height = 0.5,
-    .radius = 0.4,
-    .l_0 = 0.5,
-    .t_step = 0.005,
-};
-
-static const tl_fmu_variable variables[] = {
-    {TL_FMU_REAL, 0, TL_FMU_INPUT, offsetof(beam, pos)},      {TL_FMU_REAL, 1, TL_FMU_RESULT, offsetof(beam, F)},
-    {TL_FMU_REAL, 2, TL_FMU_TUNABLE, offsetof(beam, s_mass)}, {TL_FMU_REAL, 3, TL_FMU_FIXED, offsetof(beam, m_beam)},
-    {TL_FMU_REAL, 4, TL_FMU_FIXED, offsetof(beam, s_beam)},   {TL_FMU_REAL, 5, TL_FMU_FIXED, offsetof(beam, m_mass)},
-    {TL_FMU_REAL, 6, TL_FMU_FIXED, offsetof(beam, height)},   {TL_FMU_REAL, 7, TL_FMU_FIXED, offsetof(beam, radius)},
-    {TL_FMU_REAL, 8, TL_FMU_FIXED, offsetof(beam, l_0)},      {TL_FMU_REAL, 9, TL_FMU_FIXED, offsetof(beam, t_step)},
-};
 
 static void start(void *model) {
     beam *b = model;

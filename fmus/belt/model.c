@@ -5,6 +5,7 @@
  * x and y are the rectangle's lower corner; p_x and p_y are the middle of the product's square.
  */
 #include "fmus/common/model.h"
+#include "description.h"
 
 typedef struct belt {
     fmi2Real p_x, p_y;                     /* inputs */
@@ -12,17 +13,6 @@ typedef struct belt {
     fmi2Real x, y, w, h, v_x, v_y, p_half; /* fixed */
     fmi2Real p_v_x, p_v_y;                 /* outputs */
 } belt;
-
-static const belt defaults = {.w = 270, .h = 30, .v_x = 70, .p_half = 20};
-
-static const tl_fmu_variable variables[] = {
-    {TL_FMU_REAL, 0, TL_FMU_INPUT, offsetof(belt, p_x)},     {TL_FMU_REAL, 1, TL_FMU_INPUT, offsetof(belt, p_y)},
-    {TL_FMU_REAL, 2, TL_FMU_RESULT, offsetof(belt, p_v_x)},  {TL_FMU_REAL, 3, TL_FMU_RESULT, offsetof(belt, p_v_y)},
-    {TL_FMU_REAL, 4, TL_FMU_FIXED, offsetof(belt, x)},       {TL_FMU_REAL, 5, TL_FMU_FIXED, offsetof(belt, y)},
-    {TL_FMU_REAL, 6, TL_FMU_FIXED, offsetof(belt, w)},       {TL_FMU_REAL, 7, TL_FMU_FIXED, offsetof(belt, h)},
-    {TL_FMU_REAL, 8, TL_FMU_FIXED, offsetof(belt, v_x)},     {TL_FMU_REAL, 9, TL_FMU_FIXED, offsetof(belt, v_y)},
-    {TL_FMU_REAL, 10, TL_FMU_FIXED, offsetof(belt, p_half)}, {TL_FMU_BOOLEAN, 0, TL_FMU_INPUT, offsetof(belt, enabled)},
-};
 
 /* True where two spans have more than a point in common. */
 static int overlap(double from, double length, double middle, double half) {

@@ -11,6 +11,7 @@
  * Integrated by explicit Euler. There are no ends: the bench decides where to turn round.
  */
 #include "fmus/common/model.h"
+#include "description.h"
 
 static const double PI = 3.14159265358979323846;
 
@@ -21,39 +22,6 @@ typedef struct bench_cylinder {
     fmi2Real bore, R, tau, x_start, p_start, t_step; /* fixed */
     fmi2Real x, p, F;                                /* states, and a result of them */
 } bench_cylinder;
-
-static const bench_cylinder defaults = {
-    .dir_out = fmi2True,
-    .friction_out = 9.09,
-    .friction_in = 4.60,
-    .v_out = 8.80e-3,
-    .v_in = 1.369e-2,
-    .p_set = 499588,
-    .bore = 0.0257,
-    .R = 9.145e8,
-    .tau = 0.123,
-    .x_start = 0,
-    .p_start = 499588,
-    .t_step = 0.001,
-};
-
-static const tl_fmu_variable variables[] = {
-    {TL_FMU_BOOLEAN, 0, TL_FMU_INPUT, offsetof(bench_cylinder, dir_out)},
-    {TL_FMU_REAL, 0, TL_FMU_RESULT, offsetof(bench_cylinder, x)},
-    {TL_FMU_REAL, 1, TL_FMU_RESULT, offsetof(bench_cylinder, p)},
-    {TL_FMU_REAL, 2, TL_FMU_RESULT, offsetof(bench_cylinder, F)},
-    {TL_FMU_REAL, 3, TL_FMU_TUNABLE, offsetof(bench_cylinder, friction_out)},
-    {TL_FMU_REAL, 4, TL_FMU_TUNABLE, offsetof(bench_cylinder, friction_in)},
-    {TL_FMU_REAL, 5, TL_FMU_TUNABLE, offsetof(bench_cylinder, v_out)},
-    {TL_FMU_REAL, 6, TL_FMU_TUNABLE, offsetof(bench_cylinder, v_in)},
-    {TL_FMU_REAL, 7, TL_FMU_TUNABLE, offsetof(bench_cylinder, p_set)},
-    {TL_FMU_REAL, 8, TL_FMU_FIXED, offsetof(bench_cylinder, bore)},
-    {TL_FMU_REAL, 9, TL_FMU_FIXED, offsetof(bench_cylinder, R)},
-    {TL_FMU_REAL, 10, TL_FMU_FIXED, offsetof(bench_cylinder, tau)},
-    {TL_FMU_REAL, 11, TL_FMU_FIXED, offsetof(bench_cylinder, x_start)},
-    {TL_FMU_REAL, 12, TL_FMU_FIXED, offsetof(bench_cylinder, p_start)},
-    {TL_FMU_REAL, 13, TL_FMU_FIXED, offsetof(bench_cylinder, t_step)},
-};
 
 static double area(const bench_cylinder *c) {
     return PI / 4 * c->bore * c->bore;

@@ -74,7 +74,7 @@ size_t tl_fmu_state_size(void) {
 void tl_fmu_set_defaults(tl_fmu_instance *instance) {
     tl_fmu_state *state = instance->state;
     memset(state, 0, tl_fmu_state_size());
-    memcpy(state->guid, TL_FMU_GUID, sizeof TL_FMU_GUID);
+    memcpy(state->guid, MODEL.guid, sizeof state->guid);
     memcpy(state->model, MODEL.defaults, MODEL.size);
     state->mode = TL_FMU_INSTANTIATED;
     state->stop_time = HUGE_VAL;

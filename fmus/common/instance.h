@@ -31,8 +31,6 @@ enum {
     TL_FMU_GETTABLE = TL_FMU_INITIALISING | TL_FMU_STEPPING | TL_FMU_FAILED | TL_FMU_TERMINATED
 };
 
-enum { TL_FMU_GUID_SIZE = 40 }; /* with the terminating NUL */
-
 /* All that fmi2GetFMUstate saves. No pointers, so that serialising is copying. The model's struct follows. */
 typedef struct tl_fmu_state {
     char guid[TL_FMU_GUID_SIZE]; /* whose state this is */

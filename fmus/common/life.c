@@ -15,8 +15,6 @@
 static const double FIT = 1e-6;            /* of a step: how well times have to agree */
 static const double MAX_INNER_STEPS = 1e6; /* more in one macro step can only be a mistake */
 
-typedef char tl_fmu_guid_fits[sizeof TL_FMU_GUID <= TL_FMU_GUID_SIZE ? 1 : -1];
-
 const char *fmi2GetTypesPlatform(void) {
     return fmi2TypesPlatform;
 }
@@ -43,8 +41,8 @@ fmi2Component fmi2Instantiate(fmi2String instance_name, fmi2Type type, fmi2Strin
         (void)tl_fmu_refuse(&nameless, "fmi2Instantiate: this FMU is for co-simulation only");
         return NULL;
     }
-    if (!guid || strcmp(guid, TL_FMU_GUID) != 0) {
-        (void)tl_fmu_refuse(&nameless, "fmi2Instantiate: the GUID given is not that of this FMU, " TL_FMU_GUID);
+    if (!guid || strcmp(guid, MODEL.guid) != 0) {
+        (void)tl_fmu_refuse(&nameless, "fmi2Instantiate: the GUID given is not that of this FMU, %s", MODEL.guid);
         return NULL;
     }
     tl_fmu_instance *instance = tl_fmu_create(instance_name, functions);

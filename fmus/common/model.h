@@ -1,7 +1,8 @@
-/* What a model tells the FMI 2.0 glue about itself: start values, a table of variables, two functions, and three more
- * where it reads something outside.
+/* What a model tells the FMI 2.0 glue about itself: its GUID, start values, a table of variables, two functions, and three
+ * more where it reads something outside.
  *
- * Purpose: fmus/<model>/model.c holds equations only; everything FMI asks of a slave is in fmus/common.
+ * Purpose: fmus/<model>/model.c holds equations only; everything FMI asks of a slave is in fmus/common, and what
+ *          modelDescription.xml says of the model comes from there, in the description.h that description.py makes of it.
  * Values:  a model is one plain struct of fmi2Real, fmi2Integer, fmi2Boolean and tl_fmu_text members that owns nothing
  *          and points nowhere, so copying the struct saves the model, hidden states included.
  * Thread:  plain constant data; a model has no globals, so instances are independent of each other.
@@ -50,7 +51,10 @@ typedef struct tl_fmu_look {
     size_t why_size; /* bytes, with the terminating NUL */
 } tl_fmu_look;
 
+enum { TL_FMU_GUID_SIZE = 40 }; /* with the terminating NUL */
+
 typedef struct tl_fmu_model {
+    char guid[TL_FMU_GUID_SIZE];
     size_t size;          /* of the model's struct, bytes */
     const void *defaults; /* the struct with the start values of modelDescription.xml */
     const tl_fmu_variable *variables;
@@ -74,10 +78,17 @@ typedef struct tl_fmu_model {
 /* Defined once in each FMU, by its model.c. */
 extern const tl_fmu_model tl_fmu_model_of_this_fmu;
 
-/* That definition. `type` is the model's struct; its start values are `defaults` there, its table is `variables`; what else
- * there is to say of the model follows, by name. */
+/* That definition, in a file that includes description.h. `type` is the model's struct, with a member of its name for each
+ * variable; what else there is to say of the model follows, by name. */
 #define TL_FMU_MODEL(type, ...)                                                                                        \
-    const tl_fmu_model tl_fmu_model_of_this_fmu = {.size = sizeof(type),                                               \
+    static const type defaults = {TL_FMU_START_VALUES};                                                                \
+    static const tl_fmu_variable variables[] = {TL_FMU_VARIABLES(type)};                                               \
+    TL_FMU_MODEL_WITH_TABLE(type, __VA_ARGS__)
+
+/* The same for a model whose variables are not each a member of their own: it has `defaults` and `variables` by hand. */
+#define TL_FMU_MODEL_WITH_TABLE(type, ...)                                                                             \
+    const tl_fmu_model tl_fmu_model_of_this_fmu = {.guid = TL_FMU_GUID,                                                \
+                                                   .size = sizeof(type),                                               \
                                                    .defaults = &defaults,                                              \
                                                    .variables = variables,                                             \
                                                    .variable_count = sizeof variables / sizeof variables[0],           \

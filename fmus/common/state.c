@@ -30,7 +30,7 @@ fmi2Status fmi2GetFMUstate(fmi2Component component, fmi2FMUstate *handle) {
 static bool is_ours(const tl_fmu_state *state) {
     const int64_t mode = state->mode;
     const bool one_mode = mode > 0 && (mode & (mode - 1)) == 0 && (mode & TL_FMU_ANY_MODE) != 0;
-    return memcmp(state->guid, TL_FMU_GUID, sizeof TL_FMU_GUID) == 0 && one_mode;
+    return memcmp(state->guid, tl_fmu_model_of_this_fmu.guid, sizeof state->guid) == 0 && one_mode;
 }
 
 fmi2Status fmi2SetFMUstate(fmi2Component component, fmi2FMUstate handle) {

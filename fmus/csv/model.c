@@ -14,6 +14,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 
+#include "description.h"
 #include "fmus/common/model.h"
 #include "fmus/csv/rows.h"
 
@@ -36,6 +37,7 @@ struct tl_fmu_outside {
     double latest; /* s: the latest end of a step so far */
 };
 
+/* By hand, since a variable such as y1 is an element of an array here. */
 static const csv defaults = {.time_column = "time", .t_step = 1e9};
 
 #define COLUMN(i)                                                                                                      \
@@ -168,5 +170,5 @@ static bool look(void *model, tl_fmu_outside *outside, const tl_fmu_look *at) {
     return true;
 }
 
-TL_FMU_MODEL(csv, .t_step = offsetof(csv, t_step), .start = start, .step = step, .open = make_outside, .look = look,
-             .close = end_outside);
+TL_FMU_MODEL_WITH_TABLE(csv, .t_step = offsetof(csv, t_step), .start = start, .step = step, .open = make_outside,
+                        .look = look, .close = end_outside);

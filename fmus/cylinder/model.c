@@ -13,6 +13,7 @@
  */
 #include <math.h>
 
+#include "description.h"
 #include "fmus/common/model.h"
 
 static const double P0 = 1e5;      /* Pa: of the surroundings, and of the air that flows are measured in */
@@ -30,58 +31,6 @@ typedef struct cylinder {
     fmi2Boolean extend_signal, retract_signal;      /* results */
     fmi2Real p1, p2;                                /* states, not told to anybody */
 } cylinder;
-
-static const cylinder defaults = {
-    .F_ext = 0,
-    .move_out = fmi2False,
-    .move_in = fmi2True,
-    .throttle_extend = 0.01,
-    .throttle_retract = 0.01,
-    .power_supply = 4,
-    .A1 = 8.04e-4,
-    .A2 = 6.91e-4,
-    .L = 0.12,
-    .m = 8,
-    .C_s = 3.0e-8,
-    .C_max = 2.55e-7,
-    .b = 0.3,
-    .V01 = 1e-5,
-    .V02 = 1e-5,
-    .visc = 40,
-    .fc = 10,
-    .v_fc = 0.005,
-    .end_width = 0.0005,
-    .t_step = 5e-5,
-};
-
-static const tl_fmu_variable variables[] = {
-    {TL_FMU_REAL, 0, TL_FMU_TUNABLE, offsetof(cylinder, throttle_extend)},
-    {TL_FMU_REAL, 1, TL_FMU_TUNABLE, offsetof(cylinder, throttle_retract)},
-    {TL_FMU_REAL, 2, TL_FMU_TUNABLE, offsetof(cylinder, power_supply)},
-    {TL_FMU_BOOLEAN, 0, TL_FMU_INPUT, offsetof(cylinder, move_out)},
-    {TL_FMU_BOOLEAN, 1, TL_FMU_INPUT, offsetof(cylinder, move_in)},
-    {TL_FMU_REAL, 3, TL_FMU_INPUT, offsetof(cylinder, F_ext)},
-    {TL_FMU_REAL, 4, TL_FMU_RESULT, offsetof(cylinder, F_pneu)},
-    {TL_FMU_REAL, 5, TL_FMU_RESULT, offsetof(cylinder, pos)},
-    {TL_FMU_REAL, 6, TL_FMU_RESULT, offsetof(cylinder, v)},
-    {TL_FMU_REAL, 7, TL_FMU_RESULT, offsetof(cylinder, airflow)},
-    {TL_FMU_BOOLEAN, 2, TL_FMU_RESULT, offsetof(cylinder, retract_signal)},
-    {TL_FMU_BOOLEAN, 3, TL_FMU_RESULT, offsetof(cylinder, extend_signal)},
-    {TL_FMU_REAL, 8, TL_FMU_FIXED, offsetof(cylinder, A1)},
-    {TL_FMU_REAL, 9, TL_FMU_FIXED, offsetof(cylinder, A2)},
-    {TL_FMU_REAL, 10, TL_FMU_FIXED, offsetof(cylinder, L)},
-    {TL_FMU_REAL, 11, TL_FMU_FIXED, offsetof(cylinder, m)},
-    {TL_FMU_REAL, 12, TL_FMU_FIXED, offsetof(cylinder, C_s)},
-    {TL_FMU_REAL, 13, TL_FMU_FIXED, offsetof(cylinder, C_max)},
-    {TL_FMU_REAL, 14, TL_FMU_FIXED, offsetof(cylinder, b)},
-    {TL_FMU_REAL, 15, TL_FMU_FIXED, offsetof(cylinder, V01)},
-    {TL_FMU_REAL, 16, TL_FMU_FIXED, offsetof(cylinder, V02)},
-    {TL_FMU_REAL, 17, TL_FMU_FIXED, offsetof(cylinder, visc)},
-    {TL_FMU_REAL, 18, TL_FMU_FIXED, offsetof(cylinder, fc)},
-    {TL_FMU_REAL, 19, TL_FMU_FIXED, offsetof(cylinder, v_fc)},
-    {TL_FMU_REAL, 20, TL_FMU_FIXED, offsetof(cylinder, end_width)},
-    {TL_FMU_REAL, 21, TL_FMU_FIXED, offsetof(cylinder, t_step)},
-};
 
 /* What flows into the chambers, m³/s, and out through the throttle. */
 typedef struct flows {

@@ -8,6 +8,7 @@
  * it causes no jump. It starts running: f at ref, and the integral carries u_R_start.
  */
 #include "fmus/common/model.h"
+#include "description.h"
 
 typedef struct drive {
     fmi2Real ref, y;                       /* inputs */
@@ -20,35 +21,6 @@ typedef struct drive {
 
 static const double TWO_PI = 6.283185307179586;
 static const double AMPERE_PER_MILLIAMPERE = 1e-3;
-
-static const drive defaults = {
-    .ref = 10,
-    .y = 62.852256877937684,
-    .P = 51.7,
-    .I = 309.7,
-    .D = 0,
-    .rise = 12,
-    .Wgh = 0.01,
-    .t_step = 0.001,
-    .u_R_start = 0.32473666053601136,
-    .Z_p = 1,
-};
-
-static const tl_fmu_variable variables[] = {
-    {TL_FMU_REAL, 0, TL_FMU_INPUT, offsetof(drive, ref)},
-    {TL_FMU_REAL, 1, TL_FMU_INPUT, offsetof(drive, y)},
-    {TL_FMU_REAL, 2, TL_FMU_RESULT, offsetof(drive, u_R)},
-    {TL_FMU_REAL, 3, TL_FMU_RESULT, offsetof(drive, e)},
-    {TL_FMU_REAL, 4, TL_FMU_TUNABLE, offsetof(drive, P)},
-    {TL_FMU_REAL, 5, TL_FMU_TUNABLE, offsetof(drive, I)},
-    {TL_FMU_REAL, 6, TL_FMU_TUNABLE, offsetof(drive, D)},
-    {TL_FMU_REAL, 7, TL_FMU_FIXED, offsetof(drive, rise)},
-    {TL_FMU_REAL, 8, TL_FMU_FIXED, offsetof(drive, Wgh)},
-    {TL_FMU_REAL, 9, TL_FMU_FIXED, offsetof(drive, t_step)},
-    {TL_FMU_REAL, 10, TL_FMU_FIXED, offsetof(drive, u_R_start)},
-    {TL_FMU_REAL, 11, TL_FMU_RESULT, offsetof(drive, f)},
-    {TL_FMU_INTEGER, 0, TL_FMU_FIXED, offsetof(drive, Z_p)},
-};
 
 static double error_of(const drive *c) {
     return TWO_PI * (c->f + c->Wgh * c->u_R) / c->Z_p - c->y;

@@ -13,6 +13,7 @@
  */
 #include <math.h>
 
+#include "description.h"
 #include "fmus/common/model.h"
 
 typedef struct emps {
@@ -21,25 +22,6 @@ typedef struct emps {
     fmi2Real M, q_start, v_start, t_step; /* fixed */
     fmi2Real q, v;                        /* states and outputs */
 } emps;
-
-static const emps defaults = {
-    .F = 0,
-    .Fv = 185.33,
-    .Fc = 22.78,
-    .offset = -3.348,
-    .M = 91.33,
-    .q_start = 7.45e-06,
-    .v_start = 0.00739680766,
-    .t_step = 0.001,
-};
-
-static const tl_fmu_variable variables[] = {
-    {TL_FMU_REAL, 0, TL_FMU_INPUT, offsetof(emps, F)},        {TL_FMU_REAL, 1, TL_FMU_RESULT, offsetof(emps, q)},
-    {TL_FMU_REAL, 2, TL_FMU_RESULT, offsetof(emps, v)},       {TL_FMU_REAL, 3, TL_FMU_FIXED, offsetof(emps, M)},
-    {TL_FMU_REAL, 4, TL_FMU_TUNABLE, offsetof(emps, Fv)},     {TL_FMU_REAL, 5, TL_FMU_TUNABLE, offsetof(emps, Fc)},
-    {TL_FMU_REAL, 6, TL_FMU_TUNABLE, offsetof(emps, offset)}, {TL_FMU_REAL, 7, TL_FMU_FIXED, offsetof(emps, q_start)},
-    {TL_FMU_REAL, 8, TL_FMU_FIXED, offsetof(emps, v_start)},  {TL_FMU_REAL, 9, TL_FMU_FIXED, offsetof(emps, t_step)},
-};
 
 static void start(void *model) {
     emps *c = model;

@@ -4,6 +4,7 @@
  *   missed  = messages that the sender counts, less those that came
  */
 #include "fmus/common/model.h"
+#include "description.h"
 
 typedef struct event_to_cyclic {
     fmi2Boolean valid1, value1, valid2, value2; /* inputs */
@@ -13,21 +14,6 @@ typedef struct event_to_cyclic {
     fmi2Boolean enabled1, enabled2;             /* outputs; states too */
     fmi2Integer missed;                         /* output */
 } event_to_cyclic;
-
-static const event_to_cyclic defaults = {.valid1 = fmi2False};
-
-static const tl_fmu_variable variables[] = {
-    {TL_FMU_BOOLEAN, 0, TL_FMU_INPUT, offsetof(event_to_cyclic, valid1)},
-    {TL_FMU_BOOLEAN, 1, TL_FMU_INPUT, offsetof(event_to_cyclic, value1)},
-    {TL_FMU_BOOLEAN, 2, TL_FMU_INPUT, offsetof(event_to_cyclic, valid2)},
-    {TL_FMU_BOOLEAN, 3, TL_FMU_INPUT, offsetof(event_to_cyclic, value2)},
-    {TL_FMU_BOOLEAN, 4, TL_FMU_FIXED, offsetof(event_to_cyclic, enabled1_start)},
-    {TL_FMU_BOOLEAN, 5, TL_FMU_FIXED, offsetof(event_to_cyclic, enabled2_start)},
-    {TL_FMU_BOOLEAN, 6, TL_FMU_RESULT, offsetof(event_to_cyclic, enabled1)},
-    {TL_FMU_BOOLEAN, 7, TL_FMU_RESULT, offsetof(event_to_cyclic, enabled2)},
-    {TL_FMU_INTEGER, 0, TL_FMU_INPUT, offsetof(event_to_cyclic, messages)},
-    {TL_FMU_INTEGER, 1, TL_FMU_RESULT, offsetof(event_to_cyclic, missed)},
-};
 
 /* What is told at the start itself comes in the first step, as every message does in the step after it. */
 static void start(void *model) {

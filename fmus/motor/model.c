@@ -8,6 +8,7 @@
  * omega_start in balance without load, so that i_sq carries just the friction.
  */
 #include "fmus/common/model.h"
+#include "description.h"
 
 typedef struct motor {
     fmi2Real I_in, M_w;                                           /* inputs */
@@ -17,41 +18,6 @@ typedef struct motor {
     fmi2Real psi, i_sd, i_sq, omega;                              /* states */
     fmi2Real M_m;
 } motor;
-
-static const motor defaults = {
-    .I_in = 0.32473666053601136,
-    .M_w = 0,
-    .d = 0.0031,
-    .L_h = 0.02,
-    .L_r = 0.025,
-    .R_r = 2,
-    .T_s = 0.0025,
-    .J = 0.0015,
-    .Psi_ref = 0.5,
-    .t_step = 0.001,
-    .omega_start = 62.852256877937684,
-    .Z_p = 1,
-};
-
-static const tl_fmu_variable variables[] = {
-    {TL_FMU_REAL, 0, TL_FMU_INPUT, offsetof(motor, I_in)},
-    {TL_FMU_REAL, 1, TL_FMU_INPUT, offsetof(motor, M_w)},
-    {TL_FMU_REAL, 2, TL_FMU_RESULT, offsetof(motor, omega)},
-    {TL_FMU_REAL, 3, TL_FMU_TUNABLE, offsetof(motor, d)},
-    {TL_FMU_REAL, 4, TL_FMU_FIXED, offsetof(motor, L_h)},
-    {TL_FMU_REAL, 5, TL_FMU_FIXED, offsetof(motor, L_r)},
-    {TL_FMU_REAL, 6, TL_FMU_FIXED, offsetof(motor, R_r)},
-    {TL_FMU_REAL, 7, TL_FMU_FIXED, offsetof(motor, T_s)},
-    {TL_FMU_REAL, 8, TL_FMU_FIXED, offsetof(motor, J)},
-    {TL_FMU_REAL, 9, TL_FMU_FIXED, offsetof(motor, Psi_ref)},
-    {TL_FMU_REAL, 10, TL_FMU_FIXED, offsetof(motor, t_step)},
-    {TL_FMU_REAL, 11, TL_FMU_FIXED, offsetof(motor, omega_start)},
-    {TL_FMU_REAL, 12, TL_FMU_RESULT, offsetof(motor, psi)},
-    {TL_FMU_REAL, 13, TL_FMU_RESULT, offsetof(motor, i_sd)},
-    {TL_FMU_REAL, 14, TL_FMU_RESULT, offsetof(motor, i_sq)},
-    {TL_FMU_REAL, 15, TL_FMU_RESULT, offsetof(motor, M_m)},
-    {TL_FMU_INTEGER, 0, TL_FMU_FIXED, offsetof(motor, Z_p)},
-};
 
 /* Torque for one ampere of i_sq, N.m/A. */
 static double torque_constant(const motor *m) {

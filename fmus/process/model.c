@@ -6,6 +6,7 @@
  * off: one that is on is told at once.
  */
 #include "fmus/common/model.h"
+#include "description.h"
 
 typedef struct process {
     fmi2Boolean enabled1, enabled2;             /* inputs */
@@ -13,18 +14,6 @@ typedef struct process {
     fmi2Boolean valid1, value1, valid2, value2; /* outputs */
     fmi2Integer messages;                       /* output: told so far */
 } process;
-
-static const process defaults = {.enabled1 = fmi2False, .enabled2 = fmi2False};
-
-static const tl_fmu_variable variables[] = {
-    {TL_FMU_BOOLEAN, 0, TL_FMU_INPUT, offsetof(process, enabled1)},
-    {TL_FMU_BOOLEAN, 1, TL_FMU_INPUT, offsetof(process, enabled2)},
-    {TL_FMU_BOOLEAN, 2, TL_FMU_RESULT, offsetof(process, valid1)},
-    {TL_FMU_BOOLEAN, 3, TL_FMU_RESULT, offsetof(process, value1)},
-    {TL_FMU_BOOLEAN, 4, TL_FMU_RESULT, offsetof(process, valid2)},
-    {TL_FMU_BOOLEAN, 5, TL_FMU_RESULT, offsetof(process, value2)},
-    {TL_FMU_INTEGER, 0, TL_FMU_RESULT, offsetof(process, messages)},
-};
 
 static void tell(process *p) {
     p->valid1 = p->enabled1 != p->before1;

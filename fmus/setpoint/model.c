@@ -2,20 +2,13 @@
  * reference follows the bit one macro step later.
  */
 #include "fmus/common/model.h"
+#include "description.h"
 
 typedef struct setpoint {
     fmi2Boolean enabled; /* input */
     fmi2Real f;          /* fixed */
     fmi2Real ref;        /* output */
 } setpoint;
-
-static const setpoint defaults = {.enabled = fmi2True, .f = 10};
-
-static const tl_fmu_variable variables[] = {
-    {TL_FMU_REAL, 0, TL_FMU_RESULT, offsetof(setpoint, ref)},
-    {TL_FMU_REAL, 1, TL_FMU_FIXED, offsetof(setpoint, f)},
-    {TL_FMU_BOOLEAN, 0, TL_FMU_INPUT, offsetof(setpoint, enabled)},
-};
 
 static void start(void *model) {
     setpoint *s = model;

@@ -10,6 +10,7 @@
  * switched off that heaters and sensors agree.
  */
 #include "fmus/common/model.h"
+#include "description.h"
 
 static const double STEFAN_BOLTZMANN = 5.67e-8; /* W/(m²·K⁴) */
 
@@ -19,44 +20,6 @@ typedef struct tclab {
     fmi2Real A, A_s, epsilon, tau, T1_start, T2_start, t_step; /* fixed */
     fmi2Real T1, T2, H1, H2;                                   /* states and results */
 } tclab;
-
-static const tclab defaults = {
-    .Ta = 296.80,
-    .U = 5.117,
-    .U_s = 4.414,
-    .alpha1 = 6.388e-3,
-    .alpha2 = 3.264e-3,
-    .mCp = 2,
-    .A = 1e-3,
-    .A_s = 2e-4,
-    .epsilon = 0.9,
-    .tau = 16.33,
-    .T1_start = 296.80,
-    .T2_start = 296.80,
-    .t_step = 0.01,
-};
-
-static const tl_fmu_variable variables[] = {
-    {TL_FMU_REAL, 0, TL_FMU_INPUT, offsetof(tclab, Q1)},
-    {TL_FMU_REAL, 1, TL_FMU_INPUT, offsetof(tclab, Q2)},
-    {TL_FMU_REAL, 2, TL_FMU_INPUT, offsetof(tclab, Ta)},
-    {TL_FMU_REAL, 3, TL_FMU_RESULT, offsetof(tclab, T1)},
-    {TL_FMU_REAL, 4, TL_FMU_RESULT, offsetof(tclab, T2)},
-    {TL_FMU_REAL, 5, TL_FMU_RESULT, offsetof(tclab, H1)},
-    {TL_FMU_REAL, 6, TL_FMU_RESULT, offsetof(tclab, H2)},
-    {TL_FMU_REAL, 7, TL_FMU_TUNABLE, offsetof(tclab, U)},
-    {TL_FMU_REAL, 8, TL_FMU_TUNABLE, offsetof(tclab, U_s)},
-    {TL_FMU_REAL, 9, TL_FMU_TUNABLE, offsetof(tclab, alpha1)},
-    {TL_FMU_REAL, 10, TL_FMU_TUNABLE, offsetof(tclab, alpha2)},
-    {TL_FMU_REAL, 11, TL_FMU_TUNABLE, offsetof(tclab, mCp)},
-    {TL_FMU_REAL, 12, TL_FMU_FIXED, offsetof(tclab, A)},
-    {TL_FMU_REAL, 13, TL_FMU_FIXED, offsetof(tclab, A_s)},
-    {TL_FMU_REAL, 14, TL_FMU_FIXED, offsetof(tclab, epsilon)},
-    {TL_FMU_REAL, 15, TL_FMU_FIXED, offsetof(tclab, tau)},
-    {TL_FMU_REAL, 16, TL_FMU_FIXED, offsetof(tclab, T1_start)},
-    {TL_FMU_REAL, 17, TL_FMU_FIXED, offsetof(tclab, T2_start)},
-    {TL_FMU_REAL, 18, TL_FMU_FIXED, offsetof(tclab, t_step)},
-};
 
 static void start(void *model) {
     tclab *b = model;

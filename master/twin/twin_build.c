@@ -310,11 +310,12 @@ static void instantiate(tl_twin *twin, const tl_plan *plan, tl_report *report) {
     }
 }
 
-/* Everything that needs no FMU call, problems to the report. */
-static void build_structure(tl_twin *twin, const tl_plan *plan, tl_lock_settings *lock, tl_report *report) {
+/* Everything that needs no FMU call, problems to the report. False where there was one. */
+static bool build_structure(tl_twin *twin, const tl_plan *plan, tl_lock_settings *lock, tl_report *report) {
+    size_t before = report->count;
     tl_graph_build(&twin->graph, &twin->arena, plan, report);
     if (twin->graph.connections == NULL) {
-        return;
+        return false;
     }
     build_matches(twin, plan, report);
     for (size_t i = 0; i < plan->output_count; i++) {
@@ -328,6 +329,7 @@ static void build_structure(tl_twin *twin, const tl_plan *plan, tl_lock_settings
     if (plan->adjust_count != 0) {
         check_state(plan, report);
     }
+    return report->count == before && lock->horizon.reach != NULL;
 }
 
 static bool condition_matches(tl_twin *twin, const tl_plan *plan) {
@@ -445,13 +447,12 @@ static void build_values(tl_twin *twin, const tl_plan *plan, tl_lock_settings *l
 static void build(tl_twin *twin, const tl_plan *plan, tl_report *report) {
     size_t before = report->count;
     tl_lock_settings lock = {0};
-    if (tl_plan_check(plan, report)) {
-        build_structure(twin, plan, &lock, report);
-    }
-    if (report->count == before) {
+    bool complete =
+        tl_plan_check(plan, report) && build_structure(twin, plan, &lock, report) && report->count == before;
+    if (complete) {
         build_values(twin, plan, &lock, report);
     }
-    if (report->count == before) {
+    if (complete && report->count == before) {
         instantiate(twin, plan, report);
     }
     twin->graph.plan = NULL;

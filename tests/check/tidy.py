@@ -16,10 +16,13 @@ import sys
 import tree
 
 GCC_ONLY = re.compile(r" -fno-ipa-[a-z-]+")
+# Nearly all of the time is the analyzer's, which walks through some hundreds of megabytes: large pages save a tenth of it.
+LARGE_PAGES = {"GLIBC_TUNABLES": "glibc.malloc.hugetlb=1"}
 
 
 def run(command, folder):
-    return subprocess.run(command, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, check=False)
+    return subprocess.run(command, cwd=folder, env={**os.environ, **LARGE_PAGES}, stdout=subprocess.PIPE,
+                          stderr=subprocess.PIPE, text=True, check=False)
 
 
 def inputs(entry):
@@ -75,7 +78,13 @@ def check(entry, build, version):
     return None
 
 
+def is_quick(path):
+    """Tests have short functions of their own: what calls much is dear."""
+    return os.path.relpath(path, tree.root).startswith(("tests/unit", "tests/support", "fmus"))
+
+
 def main():
+    os.nice(5)  # tests that wait go first
     build = os.path.abspath(sys.argv[2])
     os.makedirs(os.path.join(build, "tidy"), exist_ok=True)
     version = run(["clang-tidy", "--version"], build).stdout
@@ -84,6 +93,7 @@ def main():
     entries = [entry for name, entry in sorted(once.items())
                if not os.path.relpath(name, tree.root).startswith((".", "build"))]
     write_commands(entries, os.path.join(build, "tidy"))
+    entries.sort(key=lambda entry: is_quick(entry["file"]))  # so that no dear one is left for the end
     with concurrent.futures.ThreadPoolExecutor(2) as pool:
         for entry, report in zip(entries, pool.map(lambda entry: check(entry, build, version), entries)):
             if report is not None:

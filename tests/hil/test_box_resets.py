@@ -12,7 +12,7 @@ BOOTS = ["boot 1", "alive though the child was killed", "boot 2", "the superviso
 
 def test_resets():
     need_rig()
-    rig = [SOURCE / "script" / "rig", "--source", SOURCE, "--build", BUILD, "--timeout", "280", "--reboots",
+    rig = [SOURCE / "script" / "rig", "--source", SOURCE, "--build", BUILD, "--timeout", "840", "--reboots",
            "--disk", make_disk(scratch())]
     done = subprocess.run([*rig, "--", "python3", "tests/hil/box/reset.py"], capture_output=True, encoding="utf-8",
                           errors="replace", check=False)

@@ -39,6 +39,8 @@ umount -l old-root
 exec env -i container=other PATH=/usr/sbin:/usr/bin:/sbin:/bin /lib/systemd/systemd --unit=sysinit.target
 """
 
+ENTER = ["unshare", "--mount", "--pid", "--fork", "--kill-child", "--cgroup", "--uts", "--ipc", "--net"]
+
 
 class Booted:
     """Booted within `with`; all of its processes end with it."""
@@ -55,6 +57,9 @@ class Booted:
     def __enter__(self):
         if os.geteuid() != 0 or Path("/proc/self/uid_map").read_text().split() != ["0", "0", "4294967295"]:
             raise Skip("systemd is booted by root only")
+        tried = subprocess.run([*ENTER, "true"], stderr=subprocess.PIPE, encoding="utf-8", check=False)
+        if tried.returncode != 0:
+            raise Skip(f"no namespaces can be made here: {tried.stderr.strip()}")
         mounted = subprocess.run(["mount", "-t", "cgroup2", "cgroup2", self.cgroups], check=False)
         try:
             self.group.mkdir()
@@ -62,10 +67,10 @@ class Booted:
             if mounted.returncode == 0:
                 subprocess.run(["umount", self.cgroups], check=False)
             raise Skip(f"no control group can be made here: {error}") from None
-        enter = 'echo $$ >"$0/cgroup.procs" && exec unshare --mount --pid --fork --kill-child --cgroup --uts --ipc --net "$@"'
+        enter = 'echo $$ >"$0/cgroup.procs" && exec "$@"'
         with open(self.console, "wb") as file:
-            self.process = subprocess.Popen(["sh", "-c", enter, self.group, "sh", "-c", BOOT, "sh", self.root, self.console],
-                                            stdin=subprocess.DEVNULL, stdout=file, stderr=file)
+            command = ["sh", "-c", enter, self.group, *ENTER, "sh", "-c", BOOT, "sh", self.root, self.console]
+            self.process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=file, stderr=file)
         try:
             self.first = wait_until(self._find_first, "systemd", self.log)
             wait_until(lambda: self.call("is-active", "sysinit.target").returncode == 0, "sysinit.target", self.log)

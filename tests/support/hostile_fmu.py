@@ -5,7 +5,6 @@ Such an FMU is fmus/lag (input u, output y, tunable T) whose functions first do 
 """
 import functools
 import os
-import re
 import subprocess
 import sys
 
@@ -35,10 +34,10 @@ COMPILER = os.environ.get("CC", "cc")
 def _good():
     """The objects of the good FMU."""
     folder = scratch()
-    guid = re.search(r' guid="([^"]+)"', DESCRIPTION.read_text(encoding="utf-8"))[1]
+    _run(sys.executable, COMMON / "description.py", DESCRIPTION, folder / "description.h")
     made = [folder / f"{source.stem}.o" for source in GOOD]
     for source, binary in zip(GOOD, made):
-        _run(COMPILER, *FLAGS, "-include", FOLDER / "inner.h", f'-DTL_FMU_GUID="{guid}"', "-c", source, "-o", binary)
+        _run(COMPILER, *FLAGS, "-include", FOLDER / "inner.h", "-I", folder, "-c", source, "-o", binary)
     return made
 
 

@@ -79,7 +79,7 @@ def main():
     say(f"boot {number}")
     with Device(OMEGA) as device:
         config = edited_config("motor/live.json", {
-            "duration_s": None, "record": {"file": str(database), "commit_s": 0.1}, "realtime": {"hang_s": 5},
+            "duration_s": None, "record": {"file": str(database), "commit_s": 0.1}, "realtime": {"hang_s": 20},
             "sources": {"inverter": {"modbus_tcp": {"port": device.port, "period_s": 0.01}}}})
         with Supervised(config, "--watchdog", f"/dev/{WATCHDOG}", "--watchdog-timeout", WATCHDOG_S,
                         state=DISK / "state") as live:

@@ -9,19 +9,12 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "description.h"
 #include "fmus/common/model.h"
 
 typedef struct unruly {
     fmi2Real u, y, t_step;
 } unruly;
-
-static const unruly defaults = {.u = 0, .y = 0, .t_step = 0.01};
-
-static const tl_fmu_variable variables[] = {
-    {TL_FMU_REAL, 0, TL_FMU_INPUT, offsetof(unruly, u)},
-    {TL_FMU_REAL, 1, TL_FMU_RESULT, offsetof(unruly, y)},
-    {TL_FMU_REAL, 2, TL_FMU_FIXED, offsetof(unruly, t_step)},
-};
 
 static void start(void *model) {
     unruly *self = model;

@@ -58,14 +58,22 @@ static void run(int ticks, double omega, tl_quality quality) {
     }
 }
 
-static void print(void (*how)(const tl_summary *, const tl_config *, const tl_twin *, FILE *)) {
+static void print_table(void) {
     FILE *file = open_memstream(&printed, &printed_size);
-    how(&summary, &assembly.config, assembly.twin, file);
+    tl_summary_print_table(&summary, &assembly.config, assembly.twin, file);
     (void)fclose(file);
 }
 
+static tl_status try_json(tl_error *error) {
+    FILE *file = open_memstream(&printed, &printed_size);
+    tl_status status = tl_summary_print_json(&summary, &assembly.config, assembly.twin, file, error);
+    (void)fclose(file);
+    return status;
+}
+
 static void print_json(void) {
-    print(tl_summary_print_json);
+    tl_error error = {TL_OK, ""};
+    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, try_json(&error), error.text);
     root = cJSON_Parse(printed);
     TEST_ASSERT_NOT_NULL(root);
     TEST_ASSERT_EQUAL_CHAR('\n', printed[printed_size - 1]);
@@ -142,7 +150,7 @@ static void test_time_limits_and_the_longest_step(void) {
     TEST_ASSERT_EQUAL_INT64(3000000, summary.figures.longest);
     summary.ticks = 2;
     summary.deadline_misses = 1;
-    print(tl_summary_print_table);
+    print_table();
     expect_in_table("2 ticks, 0 skipped, 1 deadlines missed, longest cycle 3.000 ms");
 }
 
@@ -154,7 +162,7 @@ static void test_nothing_happened(void) {
     TEST_ASSERT_TRUE(cJSON_IsNull(find("match/motor.omega/max")));
     expect_number(0, "adjust/motor.d/mean");
     free(printed);
-    print(tl_summary_print_table);
+    print_table();
     expect_in_table("steps        0 of 0.01 s");
     expect_in_table("fewer than two good measurements: nothing to compare");
     TEST_ASSERT_NULL(strstr(printed, "nan"));
@@ -192,7 +200,7 @@ static void test_json_tells_what_the_twin_did(void) {
 
 static void test_the_table(void) {
     run(11, 62.85, TL_GOOD);
-    print(tl_summary_print_table);
+    print_table();
     expect_in_table("motor bench, locked by the motor's friction\n");
     expect_in_table("  steps        10 of 0.01 s: 10 first guess\n");
     expect_in_table("  executions   30 (1.000 per free-running one), 10 evaluations\n");
@@ -208,7 +216,7 @@ static void test_a_measure_beyond_all_numbers(void) {
     print_json();
     TEST_ASSERT_TRUE(cJSON_IsNull(find("match/motor.omega/mse")));
     free(printed);
-    print(tl_summary_print_table);
+    print_table();
     expect_in_table("  motor.omega  MSE - (rad/s)\302\262, MAX 1e+200 rad/s\n");
 }
 
@@ -227,20 +235,37 @@ static void test_a_boolean(void) {
     add(TL_FIRST_GUESS, 1, 1.0, 1.0);
     add(TL_FIRST_GUESS, 1, 0.0, 0.0);
     add(TL_FIRST_GUESS, 1, 0.0, 1.0);
-    print(tl_summary_print_table);
+    print_table();
     expect_in_table("  belt2.enabled on in 25.0 % of the steps, last off; nominal in 75.0 %\n");
     expect_in_table(" mm\302\262, MAX ");
     add(TL_FIRST_GUESS, 1, 1.0, 0.0);
     free(printed);
-    print(tl_summary_print_table);
+    print_table();
     expect_in_table("  belt2.enabled on in 40.0 % of the steps, last on; nominal in 60.0 %\n");
 }
 
 static void test_measurements_left_out(void) {
     run(11, 62.85, TL_STALE);
-    print(tl_summary_print_table);
+    print_table();
     expect_in_table("10 free run");
     expect_in_table("10 of 10 measurements were not good and are left out\n");
+}
+
+static void *refuse(size_t size) {
+    (void)size;
+    return NULL;
+}
+
+/* No object is better than half of one, and it is said. */
+static void test_no_memory(void) {
+    cJSON_Hooks hooks = {.malloc_fn = refuse, .free_fn = free};
+    tl_error error = {TL_OK, ""};
+    cJSON_InitHooks(&hooks);
+    tl_status status = try_json(&error);
+    cJSON_InitHooks(NULL);
+    TEST_ASSERT_EQUAL_INT(TL_TRY_AGAIN, status);
+    TEST_ASSERT_EQUAL_STRING("out of memory", error.text);
+    TEST_ASSERT_EQUAL_size_t(0, printed_size);
 }
 
 int main(void) {
@@ -254,5 +279,6 @@ int main(void) {
     RUN_TEST(test_a_measure_beyond_all_numbers);
     RUN_TEST(test_a_boolean);
     RUN_TEST(test_measurements_left_out);
+    RUN_TEST(test_no_memory);
     return UNITY_END();
 }

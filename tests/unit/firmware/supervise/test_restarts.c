@@ -131,6 +131,7 @@ static void test_a_damaged_account(void) {
         "{\"starts\": 9, \"restarts\": 4, \"failures\": 0, \"running\": 1, \"boot\": \"another\"}",
         "{\"starts\": 9, \"restarts\": 4, \"failures\": 0, \"running\": true, \"boot\": 3}",
         "{\"starts\": 1e300, \"restarts\": 4, \"failures\": 0, \"running\": true, \"boot\": \"another\"}",
+        "{\"starts\": 9, \"restarts\": 4, \"failures\": 0, \"running\": true, \"boot\": \"another\"} {}",
     };
     for (size_t i = 0; i < sizeof texts / sizeof texts[0]; i++) {
         write_account(texts[i]);
