@@ -40,9 +40,16 @@ OWNERS = {
 }
 
 MADE = "description.h"  # of an FMU, from its modelDescription.xml
+# What else the floors above the master may include: C99, the system, and no library that has no owner.
+SYSTEM = set("dirent.h elf.h fcntl.h ftw.h gcov.h getopt.h libgen.h malloc.h net/if.h netdb.h netinet/in.h netinet/tcp.h poll.h "
+             "sched.h strings.h termios.h unistd.h sanitizer/lsan_interface.h".split())
+SYSTEM_FOLDERS = ("sys/", "linux/")
+
 READS_FILES = "fmus/csv"  # the one model that does: without waiting, which takes POSIX
 
-INCLUDE = re.compile(r'^\s*#\s*include\s*(?:"([^"]+)"|<([^>]+)>)')
+COMMENT = re.compile(r"/\*.*?\*/|//[^\n]*", re.DOTALL)
+INCLUDE = re.compile(r'^\s*#\s*(?:include|include_next|import)\b\s*(.*)')
+PLAIN = re.compile(r'"([^"]+)"$|<([^>]+)>$')
 
 
 def below(path, folder):
@@ -60,10 +67,10 @@ def outside(path):
     return OUTSIDE.get(path, [])
 
 
-def resolve(path, name):
-    """A quoted include as a path from the root; None if it is no file of ours."""
+def resolve(path, name, quoted):
+    """An include as a path from the root; None if it is no file of ours."""
     beside = os.path.normpath(os.path.join(os.path.dirname(path), name))
-    for candidate in (name, beside):
+    for candidate in (name, beside) if quoted else (name,):
         if os.path.isfile(os.path.join(tree.root, candidate)):
             return candidate
     return None
@@ -83,7 +90,7 @@ def check_arrow(path, number, target):
 
 
 def check_ours(path, number, name, target):
-    if target.endswith(".c"):
+    if not target.endswith(".h"):
         tree.finding(path, number, f"includes a source file: {target}")
     if target != name and not below(path, FMUS):
         tree.finding(path, number, f'say "{target}", from the root of the repository')
@@ -92,6 +99,9 @@ def check_ours(path, number, name, target):
 
 def check_foreign(path, number, name):
     owners = OWNERS.get(os.path.basename(name))
+    is_system = name in SYSTEM or name.startswith(SYSTEM_FOLDERS) or name.removesuffix(".h") in C99
+    if floor(path) in FLOORS and not owners and not is_system and not FMI.match(os.path.basename(name)):
+        tree.finding(path, number, f"<{name}> has no owner: give it one in tests/check/layers.py")
     if owners and floor(path) in FLOORS and not any(below(path, owner) for owner in owners):
         tree.finding(path, number, f"<{name}> belongs to {', '.join(owners)}")
     if below(path, READS_FILES) or FMI.match(os.path.basename(name)) or (below(path, FMUS) and name == MADE):
@@ -140,7 +150,9 @@ def check_rooms(sources):
     """Each source of the floors is in a room of the plan, and no room is crowded."""
     counts = {}
     for path in sources:
-        if floor(path) in FLOORS:
+        if floor(path) not in (*FLOORS, FMUS, "tests"):
+            tree.finding(path, 0, f"{floor(path)} is no floor of the plan in tests/check/rooms.py")
+        elif floor(path) in FLOORS:
             counts.setdefault(os.path.dirname(path), []).append(path)
     for room, paths in sorted(counts.items()):
         if room not in ROOMS:
@@ -149,22 +161,35 @@ def check_rooms(sources):
             tree.finding(room, 0, f"{len(paths)} files in one room; {MOST_FILES} are enough: divide it")
 
 
+def includes(text):
+    """(line, what is included, as it stands there) of a file, but for comments."""
+    code = COMMENT.sub(lambda comment: " " + "\n" * comment[0].count("\n"), text)
+    for number, line in enumerate(code.splitlines(), 1):
+        match = INCLUDE.match(line)
+        if match:
+            yield number, match[1].strip()
+
+
 def main():
     graph = {}
-    sources = tree.files(".c", ".h", under=(*FLOORS, FMUS, "tests"))
+    sources = tree.files(".c", ".h")
     for path in sources:
-        for number, line in enumerate(tree.text(path).splitlines(), 1):
-            match = INCLUDE.match(line)
+        for number, what in includes(tree.text(path)):
+            match = PLAIN.match(what)
             if not match:
+                tree.finding(path, number, f'an include says "a file" or <a file> and no more: {what}')
                 continue
-            target = resolve(path, match[1]) if match[1] else None
+            name = match[1] or match[2]
+            target = resolve(path, name, bool(match[1]))
             if target:
-                check_ours(path, number, match[1], target)
+                check_ours(path, number, name, target)
                 graph.setdefault(path, set()).add(target)
-            elif match[1] and "/" in match[1]:
-                tree.finding(path, number, f'there is no "{match[1]}"')
+            elif match[1] and "/" in name:
+                tree.finding(path, number, f'there is no "{name}"')
             else:
-                check_foreign(path, number, match[1] or match[2])
+                check_foreign(path, number, name)
+            if target and match[2]:
+                tree.finding(path, number, f'say "{name}", not <{name}>')
     find_circle(graph, "include cycle")
     find_circle(between_pairs(graph), "these pairs know each other in a circle")
     check_rooms(sources)

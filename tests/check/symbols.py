@@ -16,6 +16,8 @@ import tree
 HERE = os.path.dirname(os.path.abspath(__file__))
 # floor: objects, what they may need. What the CAN driver shares with others may not send either.
 NEEDS = {"master": (["*"], "master_symbols.txt"), "board": (["can/*", "io/*"], "can_symbols.txt")}
+# Of the drivers' libraries: what would write to the plant.
+WRITES = re.compile(r"modbus_(write|mask_write|reply)|gpiod_\w*(set_value|_output)")
 FLOORS = {"master": "tl_master", "board": "tl_board", "firmware": "tl_firmware"}
 
 
@@ -71,6 +73,9 @@ def main():
     for floor in FLOORS:
         for name, path in objects(build, floor):
             count += 1
+            for symbol in symbols(path, "--undefined-only"):
+                if WRITES.match(symbol):
+                    tree.finding(f"{floor}/{name}", 0, f"needs {symbol}, which would write to the plant")
             for symbol in offered(path):
                 if not symbol.startswith("tl_"):
                     tree.finding(f"{floor}/{name}", 0, f"offers {symbol}: a global name begins with tl_")

@@ -14,7 +14,8 @@ CONTRACTS = {"tl_optimiser", "tl_plant_io", "tl_gpio_chip", "tl_gpio_line"}
 COMMENT = re.compile(r"/\*.*?\*/|//[^\n]*|\"(?:[^\"\\\n]|\\.)*\"", re.DOTALL)
 TAGGED = re.compile(r"\b(?:struct|union|enum)\s+(\w+)\s*\{")
 # The end of a typedef: its name, at the start of a line behind the brace, or at the end of its line.
-NAMED = re.compile(r"^\}\s*(?:__attribute__\(\(.*?\)\)\s*)?(\w+);|^typedef\b[^{};]*?\b(\w+)(?:\[\w*\])?;"
+NAMED = re.compile(r"^\}\s*(?:__attribute__\(\(.*?\)\)\s*)?(\w+)\s*[,;]|^typedef\b[^{};]*?\b(\w+)(?:\[\w*\])*;"
+                   r"|^typedef\b[^;{}]*\{[^{}]*\}\s*(\w+)"
                    r"|^typedef\b[^{};()]*\(\*(\w+)\)\(|^typedef\b[^{};()]*?\b(\w+)\([^;]*\);", re.MULTILINE)
 
 

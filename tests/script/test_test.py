@@ -37,9 +37,14 @@ def test_a_room_that_is_no_pattern():
 
 
 def test_wrong_usage():
-    for arguments in (["--room"], ["-k"], ["--quick"], ["sync"]):
+    for arguments in (["--room"], ["--room", ""], ["--room", "/"], ["--fast", "--room", "sync"], ["-k"], ["--quick"], ["sync"]):
         code, output = run(*arguments)
         expect(code == 2 and "usage: script/test" in output, f"{arguments}: {code}: {output}")
+
+
+def test_a_pattern_that_is_none():
+    code, output = run("--fast", "-k", "(")
+    expect(code == 2 and "expected a regular expression" in output, f"{code}: {output}")
 
 
 def ctest():
