@@ -2,13 +2,13 @@
 #include "firmware/supervise/reaper.h"
 
 #include <errno.h>
-#include <sched.h>
 #include <stddef.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/wait.h>
 
 #include "firmware/base/log.h"
+#include "firmware/base/side_thread.h"
 
 /* It has one call to make; and locked memory is dear. */
 enum { STACK_BYTES = 256 * 1024 };
@@ -22,29 +22,12 @@ static void *reap(void *context) {
     return NULL;
 }
 
-/* 0 or an errno. */
-static int start(pthread_t *thread, pid_t *dead) {
-    const struct sched_param ordinary = {.sched_priority = 0};
-    pthread_attr_t attributes;
-    int result = pthread_attr_init(&attributes);
-    if (result != 0) {
-        return result;
-    }
-    (void)pthread_attr_setstacksize(&attributes, STACK_BYTES);
-    (void)pthread_attr_setinheritsched(&attributes, PTHREAD_EXPLICIT_SCHED);
-    (void)pthread_attr_setschedpolicy(&attributes, SCHED_OTHER);
-    (void)pthread_attr_setschedparam(&attributes, &ordinary);
-    result = pthread_create(thread, &attributes, reap, dead);
-    (void)pthread_attr_destroy(&attributes);
-    return result;
-}
-
 void tl_reaper_take(tl_reaper *reaper, pid_t dead) {
     pid_t *copy = malloc(sizeof *copy); /* the thread's: it may begin after whoever made it is gone */
     int result = ENOMEM;
     if (copy != NULL) {
         *copy = dead;
-        result = start(&reaper->thread, copy);
+        result = tl_side_thread_start(&reaper->thread, STACK_BYTES, reap, copy);
     }
     reaper->works = result == 0;
     if (result != 0) {

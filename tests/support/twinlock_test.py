@@ -26,7 +26,7 @@ PROGRAM = os.environ["TWINLOCK"]
 EMULATED = os.environ.get("TL_EMULATED")  # folder of programs that start the build's in an emulator, or None
 PATIENCE = int(os.environ.get("TL_PATIENCE", "1"))  # times as long for everything that ends by itself
 SANITIZER = os.environ.get("TL_SANITIZER", "")
-EXIT_CODES = (0, 2, 65, 69, 70, 75)  # firmware/verbs/verbs.h
+EXIT_CODES = (0, 2, 65, 69, 70, 75)  # firmware/verbs/option_table.c
 SKIPPED = 77
 
 
