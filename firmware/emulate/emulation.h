@@ -13,7 +13,7 @@
 #include <stdint.h>
 
 #include "firmware/config/config.h"
-#include "firmware/run/assembly.h"
+#include "firmware/twin/assembly.h"
 #include "master/base/status.h"
 
 typedef struct tl_emulation tl_emulation;

@@ -31,7 +31,7 @@ typedef struct tl_recording_beginning {
     int64_t tick;                            /* its first */
     bool follows;                            /* false: with another configuration its steps are made anew from there */
     tl_resumption resumption;                /* how it went on with an earlier one, */
-    const char *fmus;                        /* with which FMUs (tl_assembly_identify()), */
+    const char *fmus;                        /* with which FMUs (tl_twin_recorder_identify()), */
     const tl_history_checkpoint *checkpoint; /* and from where; NULL: from start values */
 } tl_recording_beginning;
 

@@ -26,17 +26,16 @@ void tl_run_figures_add_adjusted(tl_run_figures *figures, size_t adjust, double 
     adjusted->delta_sum += u - nominal;
 }
 
-void tl_run_figures_take_twin(tl_run_figures *figures, const tl_twin *twin, size_t match_count) {
-    tl_twin_facts facts = tl_twin_get_facts(twin);
-    for (size_t i = 0; i < match_count; i++) {
-        figures->match[i] = *tl_twin_metrics(twin, i);
+void tl_run_figures_take_account(tl_run_figures *figures, const tl_account *account) {
+    for (size_t i = 0; i < account->matches; i++) {
+        figures->match[i] = account->match[i].metrics;
     }
-    figures->ledger_count = facts.components;
-    for (size_t i = 0; i < facts.components; i++) {
-        tl_twin_ledger entry = tl_twin_get_ledger(twin, i);
+    figures->ledger_count = account->components;
+    for (size_t i = 0; i < account->components; i++) {
+        const tl_account_component *entry = &account->component[i];
         figures->ledger[i] = (tl_run_component){
-            entry.name, {entry.plain, entry.predicted, entry.executions, entry.caught_up, entry.unstored}};
-        figures->nodes_peak = entry.nodes_peak > figures->nodes_peak ? entry.nodes_peak : figures->nodes_peak;
+            entry->name, {entry->plain, entry->predicted, entry->executions, entry->caught_up, entry->unstored}};
+        figures->nodes_peak = entry->nodes_peak > figures->nodes_peak ? entry->nodes_peak : figures->nodes_peak;
     }
 }
 

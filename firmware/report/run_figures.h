@@ -11,6 +11,7 @@
 #include <stdint.h>
 
 #include "firmware/record/run_types.h"
+#include "master/twin/account.h"
 #include "master/twin/twin.h"
 
 /* What is added up of one committed step. */
@@ -52,8 +53,8 @@ void tl_run_figures_add_step(tl_run_figures *figures, const tl_run_step *step, t
 /* What one committed step said of one adjusted variable. */
 void tl_run_figures_add_adjusted(tl_run_figures *figures, size_t adjust, double u, double nominal);
 
-/* What the twin itself keeps: how well it followed, and its ledger. Component names are the twin's. */
-void tl_run_figures_take_twin(tl_run_figures *figures, const tl_twin *twin, size_t match_count);
+/* What the twin itself keeps: how well it followed, and its ledger. Component names are the account's. */
+void tl_run_figures_take_account(tl_run_figures *figures, const tl_account *account);
 
 /* All committed steps: rows of a database. */
 uint64_t tl_run_figures_committed(const tl_run_figures *figures);

@@ -35,13 +35,14 @@ void tl_summary_sample(tl_summary *summary, const tl_config *config, const tl_sa
 typedef struct printing {
     const tl_summary *summary;
     const tl_config *config;
-    const tl_twin *twin;
+    const tl_account *account;
     tl_run_figures figures; /* all of them */
 } printing;
 
-static void begin_printing(printing *page, const tl_summary *summary, const tl_config *config, const tl_twin *twin) {
-    *page = (printing){summary, config, twin, summary->figures};
-    tl_run_figures_take_twin(&page->figures, twin, config->match_count);
+static void begin_printing(printing *page, const tl_summary *summary, const tl_config *config,
+                           const tl_account *account) {
+    *page = (printing){summary, config, account, summary->figures};
+    tl_run_figures_take_account(&page->figures, account);
 }
 
 /* Without a step nothing was corrected. */
@@ -49,19 +50,11 @@ static double or_zero(const tl_run_adjusted *adjusted, double value) {
     return adjusted->count == 0 ? 0.0 : value;
 }
 
-static uint64_t total_executions(const tl_twin *twin) {
-    uint64_t total = 0;
-    for (size_t i = 0; i < tl_twin_get_facts(twin).components; i++) {
-        total += tl_twin_executions(twin, i);
-    }
-    return total;
-}
-
-static void add_executions(tl_json_writer *json, const tl_twin *twin) {
+static void add_executions(tl_json_writer *json, const tl_account *account) {
     tl_json_open_object(json, "executions");
-    tl_json_add_count(json, "total", total_executions(twin));
-    for (size_t i = 0; i < tl_twin_get_facts(twin).components; i++) {
-        tl_json_add_count(json, tl_twin_component_name(twin, i), tl_twin_executions(twin, i));
+    tl_json_add_count(json, "total", tl_account_executions(account));
+    for (size_t i = 0; i < account->components; i++) {
+        tl_json_add_count(json, account->component[i].name, account->component[i].executions);
     }
     tl_json_close(json);
 }
@@ -72,7 +65,7 @@ static void add_matches(tl_json_writer *json, const printing *page) {
         tl_json_open_object(json, page->config->match[i].variable);
         tl_json_add_number(json, "mse", tl_run_figures_mse(&page->figures, i));
         tl_json_add_number(json, "max", tl_run_figures_maximum(&page->figures, i));
-        tl_json_add_text(json, "unit", tl_twin_match_unit(page->twin, i));
+        tl_json_add_text(json, "unit", page->account->match[i].unit);
         tl_json_add_count(json, "pairs", page->figures.match[i].pairs);
         tl_json_close(json);
     }
@@ -88,7 +81,7 @@ static void add_adjusted(tl_json_writer *json, const printing *page) {
         tl_json_add_number(json, "last", adjusted->last);
         tl_json_add_number(json, "mean", or_zero(adjusted, tl_run_figures_mean(&page->figures, i)));
         tl_json_add_number(json, "delta_mean", or_zero(adjusted, tl_run_figures_delta_mean(&page->figures, i)));
-        tl_json_add_text(json, "unit", tl_twin_adjust_unit(page->twin, i));
+        tl_json_add_text(json, "unit", page->account->adjust[i].unit);
         tl_json_close(json);
     }
     tl_json_close(json);
@@ -110,7 +103,7 @@ static void add_seconds(tl_json_writer *json, const char *key, double seconds, b
     tl_json_add_number(json, key, known ? seconds : (double)NAN);
 }
 
-static void add_delays(tl_json_writer *json, const tl_config *config, const tl_twin *twin) {
+static void add_delays(tl_json_writer *json, const tl_config *config, const tl_account *account) {
     const tl_config_delays *delays = config->delays;
     if (delays == NULL) {
         return;
@@ -119,10 +112,10 @@ static void add_delays(tl_json_writer *json, const tl_config *config, const tl_t
     add_seconds(json, "input_s", tl_seconds(delays->input.delay), delays->has_input);
     add_seconds(json, "output_s", tl_seconds(delays->output.delay), delays->has_output);
     if (delays->measure) {
-        tl_twin_delay found = tl_twin_get_delay(twin);
-        add_seconds(json, "measured_s", measured_delay(config, &found), found.state != TL_DELAY_UNKNOWN);
-        tl_json_add_text(json, "state", state_name(found.state));
-        tl_json_add_number(json, "confidence", found.confidence);
+        const tl_twin_delay *found = &account->delay;
+        add_seconds(json, "measured_s", measured_delay(config, found), found->state != TL_DELAY_UNKNOWN);
+        tl_json_add_text(json, "state", state_name(found->state));
+        tl_json_add_number(json, "confidence", found->confidence);
     }
     tl_json_close(json);
 }
@@ -150,25 +143,25 @@ static void add_cache(tl_json_writer *json, const tl_run_figures *figures) {
 /* What the graph predicts against what was done. */
 static void add_ledger(tl_json_writer *json, const printing *page) {
     tl_json_open_object(json, "ledger");
-    tl_json_add_truth(json, "complete", tl_twin_ledger_is_complete(page->twin));
+    tl_json_add_truth(json, "complete", page->account->complete != 0);
     tl_figures_json_add_components(json, &page->figures);
     tl_json_close(json);
 }
 
-tl_status tl_summary_print_json(const tl_summary *summary, const tl_config *config, const tl_twin *twin, FILE *file,
-                                tl_error *error) {
+tl_status tl_summary_print_json(const tl_summary *summary, const tl_config *config, const tl_account *account,
+                                FILE *file, tl_error *error) {
     printing page;
     tl_json_writer json;
-    begin_printing(&page, summary, config, twin);
+    begin_printing(&page, summary, config, account);
     tl_json_writer_begin(&json);
     tl_json_add_count(&json, "steps", page.figures.steps);
-    add_executions(&json, twin);
+    add_executions(&json, account);
     tl_json_add_count(&json, "evaluations", page.figures.evaluations);
     tl_json_add_count(&json, "optimised_steps", page.figures.optimised_steps);
     add_matches(&json, &page);
     add_plant(&json, summary, config);
     add_adjusted(&json, &page);
-    add_delays(&json, config, twin);
+    add_delays(&json, config, account);
     add_cache(&json, &page.figures);
     add_ledger(&json, &page);
     tl_figures_json_add_outcomes(&json, &page.figures);
@@ -194,17 +187,17 @@ static void print_outcomes(const tl_run_figures *figures, FILE *file) {
     (void)fputc('\n', file);
 }
 
-static void print_executions(const tl_run_figures *figures, const tl_twin *twin, FILE *file) {
-    uint64_t executions = total_executions(twin);
-    uint64_t floor_executions = tl_run_figures_committed(figures) * tl_twin_get_facts(twin).components;
+static void print_executions(const tl_run_figures *figures, const tl_account *account, FILE *file) {
+    uint64_t executions = tl_account_executions(account);
+    uint64_t floor_executions = tl_run_figures_committed(figures) * account->components;
     (void)fprintf(file, "  executions   %" PRIu64 " (%.3f per free-running one), %" PRIu64 " evaluations\n", executions,
                   floor_executions == 0 ? 0.0 : (double)executions / (double)floor_executions, figures->evaluations);
 }
 
-static void print_ledger(const tl_run_figures *figures, const tl_twin *twin, FILE *file) {
+static void print_ledger(const tl_run_figures *figures, const tl_account *account, FILE *file) {
     tl_recorder_component total = tl_run_figures_total(figures);
     (void)fprintf(file, "  ledger       predicted %s%" PRIu64 ", without saving %" PRIu64 ", saved %.0f\n",
-                  tl_twin_ledger_is_complete(twin) ? "" : "at most ", total.predicted, total.plain,
+                  account->complete != 0 ? "" : "at most ", total.predicted, total.plain,
                   tl_run_component_saved(&total));
     if (total.caught_up + total.unstored != 0) {
         (void)fprintf(file, "               %" PRIu64 " caught up, %" PRIu64 " results found no room\n",
@@ -238,7 +231,7 @@ static void print_matches(const printing *page, FILE *file) {
     const tl_config *config = page->config;
     for (size_t i = 0; i < config->match_count; i++) {
         const tl_metrics *metrics = &page->figures.match[i];
-        const char *unit = tl_show_unit(tl_twin_match_unit(page->twin, i));
+        const char *unit = tl_show_unit(page->account->match[i].unit);
         if (metrics->pairs < 2) {
             (void)fprintf(file, "  %-12s fewer than two good measurements: nothing to compare\n",
                           config->match[i].variable);
@@ -295,8 +288,8 @@ static void print_adjusted(const printing *page, FILE *file) {
     for (size_t i = 0; i < page->config->adjust_count; i++) {
         const tl_run_adjusted *adjusted = &page->figures.adjust[i];
         const char *name = page->config->adjust[i].variable;
-        const char *unit = tl_show_unit(tl_twin_adjust_unit(page->twin, i));
-        if (!tl_twin_get_adjusted(page->twin, i).is_real) {
+        const char *unit = tl_show_unit(page->account->adjust[i].unit);
+        if (page->account->adjust[i].type == TL_BOOLEAN) {
             print_boolean(adjusted, name, file);
         } else {
             (void)fprintf(file, "  %-12s mean %.5g, last %.5g%s%s; mean \316\224u %+.4g\n", name,
@@ -306,34 +299,34 @@ static void print_adjusted(const printing *page, FILE *file) {
     }
 }
 
-static void print_delays(const tl_config *config, const tl_twin *twin, FILE *file) {
+static void print_delays(const tl_config *config, const tl_account *account, FILE *file) {
     if (config->delays == NULL || !config->delays->measure) {
         return;
     }
-    tl_twin_delay found = tl_twin_get_delay(twin);
-    if (found.state == TL_DELAY_UNKNOWN) {
-        (void)fprintf(file, "  delay        not found: confidence %.2f\n", found.confidence);
+    const tl_twin_delay *found = &account->delay;
+    if (found->state == TL_DELAY_UNKNOWN) {
+        (void)fprintf(file, "  delay        not found: confidence %.2f\n", found->confidence);
     } else {
         (void)fprintf(file, "  delay        measured \316\224o = %.4g ms, confidence %.2f%s\n",
-                      measured_delay(config, &found) * 1e3, found.confidence,
-                      found.state == TL_DELAY_LOST ? ": lost" : "");
+                      measured_delay(config, found) * 1e3, found->confidence,
+                      found->state == TL_DELAY_LOST ? ": lost" : "");
     }
 }
 
-void tl_summary_print_table(const tl_summary *summary, const tl_config *config, const tl_twin *twin, FILE *file) {
+void tl_summary_print_table(const tl_summary *summary, const tl_config *config, const tl_account *account, FILE *file) {
     printing page;
-    begin_printing(&page, summary, config, twin);
+    begin_printing(&page, summary, config, account);
     (void)fprintf(file, "%s\n", config->name);
     (void)fprintf(file, "  steps        %" PRIu64 " of %g s: ", page.figures.steps, tl_seconds(config->step));
     print_outcomes(&page.figures, file);
-    print_executions(&page.figures, twin, file);
+    print_executions(&page.figures, account, file);
     if (config->adjust_count != 0) {
-        print_ledger(&page.figures, twin, file);
+        print_ledger(&page.figures, account, file);
     }
     print_matches(&page, file);
     print_inputs(summary, config, file);
     print_adjusted(&page, file);
-    print_delays(config, twin, file);
+    print_delays(config, account, file);
     if (summary->ticks != 0) {
         (void)fprintf(file,
                       "  real time    %" PRIu64 " ticks, %" PRIu64 " skipped, %" PRIu64

@@ -12,7 +12,7 @@
 
 #include "firmware/config/config.h"
 #include "firmware/report/run_figures.h"
-#include "master/twin/twin.h"
+#include "master/twin/account.h"
 
 typedef struct tl_summary {
     tl_run_figures figures;            /* but for what the twin itself keeps until it is printed */
@@ -31,9 +31,9 @@ void tl_summary_add(tl_summary *summary, const tl_config *config, const tl_recor
 void tl_summary_sample(tl_summary *summary, const tl_config *config, const tl_sample *sample);
 
 /* One JSON object and a newline. Errors: TL_TRY_AGAIN if memory is out; nothing is printed then. */
-tl_status tl_summary_print_json(const tl_summary *summary, const tl_config *config, const tl_twin *twin, FILE *file,
-                                tl_error *error);
+tl_status tl_summary_print_json(const tl_summary *summary, const tl_config *config, const tl_account *account,
+                                FILE *file, tl_error *error);
 
-void tl_summary_print_table(const tl_summary *summary, const tl_config *config, const tl_twin *twin, FILE *file);
+void tl_summary_print_table(const tl_summary *summary, const tl_config *config, const tl_account *account, FILE *file);
 
 #endif

@@ -13,7 +13,6 @@
 #include "firmware/plant/live_plant.h"
 #include "firmware/process/interrupt.h"
 #include "firmware/process/process_end.h"
-#include "firmware/run/assembly.h"
 #include "firmware/run/cycle.h"
 #include "firmware/run/journal.h"
 #include "firmware/run/realtime.h"
@@ -21,6 +20,8 @@
 #include "firmware/run/safe_hold.h"
 #include "firmware/run/status_line.h"
 #include "firmware/text/output.h"
+#include "firmware/twin/assembly.h"
+#include "firmware/twin/twin_recorder.h"
 
 /* How long the start waits for a first reading of every signal. */
 static const tl_time FIRST_READING = 2 * TL_SECOND;
@@ -42,6 +43,7 @@ typedef struct appliance {
     FILE *output;
     tl_fmu_thread *fmus; /* NULL in safe hold */
     tl_assembly *assembly;
+    tl_account account; /* of its twin, when it was taken last */
     tl_journal journal;
     tl_recorder *recorder;
     tl_live_plant *plant;
@@ -69,9 +71,20 @@ static bool find_database(const appliance *self, char path[PATH_MAX]) {
 
 static tl_status open_recorder(appliance *self, tl_error *error) {
     char path[PATH_MAX];
-    return find_database(self, path) ? tl_assembly_record(self->assembly, self->holds ? "hold" : "run", path, false,
-                                                          self->beats, &self->recorder, error)
-                                     : TL_OK;
+    if (!find_database(self, path)) {
+        return TL_OK;
+    }
+    if (!self->holds) {
+        tl_account_take(self->assembly->twin, &self->account);
+    }
+    const tl_twin_recorder_settings settings = {
+        .config = &self->assembly->config,
+        .account = self->holds ? NULL : &self->account,
+        .verb = self->holds ? "hold" : "run",
+        .path = path,
+        .beats = self->beats,
+    };
+    return tl_twin_recorder_open(&settings, &self->recorder, error);
 }
 
 /* Which start this is, and why: the box's memory of its own troubles. */
@@ -238,7 +251,8 @@ static tl_status close_cycle(appliance *self, tl_status status, tl_summary *summ
         status = ended;
         tl_journal_event(&self->journal, -1, TL_EVENT_ERROR, "twin", "%s", later.text);
     }
-    tl_assembly_check_ledger(self->assembly, self->recorder);
+    tl_account_take(self->assembly->twin, &self->account);
+    tl_twin_recorder_check(&self->account, self->recorder);
     return status;
 }
 
@@ -266,9 +280,9 @@ static tl_status close_all(appliance *self, tl_status status, tl_summary *summar
 static tl_status print_summary(const appliance *self, const tl_summary *summary, tl_error *error) {
     const tl_assembly *assembly = self->assembly;
     if (self->settings->json) {
-        return tl_summary_print_json(summary, &assembly->config, assembly->twin, self->output, error);
+        return tl_summary_print_json(summary, &assembly->config, &self->account, self->output, error);
     }
-    tl_summary_print_table(summary, &assembly->config, assembly->twin, self->output);
+    tl_summary_print_table(summary, &assembly->config, &self->account, self->output);
     return TL_OK;
 }
 

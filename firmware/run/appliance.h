@@ -10,8 +10,8 @@
 
 #include <stdbool.h>
 
-#include "firmware/run/assembly.h"
 #include "firmware/supervise/supervisor.h"
+#include "firmware/twin/assembly.h"
 
 typedef struct tl_appliance_settings {
     tl_assembly *assembly; /* read, not built: built and freed here, in the FMUs' thread */

@@ -15,8 +15,8 @@
 #include <stdint.h>
 
 #include "firmware/record/recorder.h"
-#include "firmware/run/assembly.h"
 #include "firmware/run/journal.h"
+#include "firmware/twin/assembly.h"
 
 typedef struct tl_checkpointer {
     tl_twin *twin;

@@ -12,6 +12,7 @@
 #include "firmware/run/checkpointer.h"
 #include "firmware/run/realtime.h"
 #include "firmware/run/watch.h"
+#include "firmware/twin/twin_recorder.h"
 
 struct tl_cycle {
     tl_cycle_settings settings;
@@ -48,7 +49,7 @@ static void keep(tl_cycle *cycle, int64_t tick, const tl_record *record) {
     tl_summary_add(&cycle->summary, &cycle->settings.assembly->config, record);
     tl_watch_record(&cycle->watch, tick, record);
     if (cycle->settings.recorder != NULL) {
-        tl_assembly_put_step(cycle->settings.assembly, cycle->settings.recorder, record);
+        tl_twin_recorder_put(cycle->settings.recorder, record, cycle->settings.assembly->twin);
     }
     cycle->shown.record = *record;
 }

@@ -20,8 +20,8 @@
 #include "firmware/process/heartbeat.h"
 #include "firmware/record/recorder.h"
 #include "firmware/report/summary.h"
-#include "firmware/run/assembly.h"
 #include "firmware/run/journal.h"
+#include "firmware/twin/assembly.h"
 
 typedef struct tl_cycle tl_cycle;
 

@@ -6,6 +6,7 @@
 #include "firmware/process/interrupt.h"
 #include "firmware/run/resume.h"
 #include "firmware/text/progress.h"
+#include "firmware/twin/twin_recorder.h"
 
 enum { GUARD_INTERVAL = 16 }; /* ticks */
 
@@ -21,7 +22,7 @@ static void keep(const tl_replay *replay, int64_t tick, const tl_record *record,
         tl_watch_record(replay->watch, tick, record);
     }
     if (replay->recorder != NULL) {
-        tl_assembly_put_step(replay->assembly, replay->recorder, record);
+        tl_twin_recorder_put(replay->recorder, record, replay->assembly->twin);
     }
     if (replay->trajectory != NULL) {
         tl_trajectory_add(replay->trajectory, config, record);

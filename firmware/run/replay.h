@@ -13,12 +13,14 @@
 #include "firmware/record/recorder.h"
 #include "firmware/report/summary.h"
 #include "firmware/report/trajectory.h"
-#include "firmware/run/assembly.h"
 #include "firmware/run/replay_report.h"
 #include "firmware/run/watch.h"
+#include "firmware/twin/assembly.h"
+#include "master/twin/account.h"
 
 typedef struct tl_replay {
     const tl_assembly *assembly;
+    tl_account account; /* of its twin, when it was taken last */
     tl_recording *recording;
     tl_recorder *recorder;    /* NULL: none */
     tl_watch *watch;          /* tells events as a live run's does; NULL: none */

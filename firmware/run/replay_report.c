@@ -6,9 +6,11 @@
 #include "firmware/base/new_file.h"
 #include "firmware/config/measurements.h"
 #include "firmware/report/html_report.h"
+#include "firmware/twin/twin_recorder.h"
 
 struct tl_replay_report {
-    const tl_assembly *assembly;
+    const tl_config *config;
+    const tl_account *account;
     tl_new_file file;
     tl_html_report *report;
     char recording[PATH_MAX];
@@ -19,9 +21,8 @@ struct tl_replay_report {
 };
 
 static tl_status create(tl_replay_report *report, tl_error *error) {
-    const tl_config *config = &report->assembly->config;
-    tl_twin_facts facts = tl_twin_get_facts(report->assembly->twin);
-    tl_assembly_signals(report->assembly, report->match, report->adjust);
+    const tl_config *config = report->config;
+    tl_twin_recorder_signals(config, report->account, report->match, report->adjust);
     for (size_t i = 0; i < config->match_count; i++) {
         report->tolerance[i] = tl_html_tolerance(&config->match[i], config->synchronise);
     }
@@ -31,11 +32,11 @@ static tl_status create(tl_replay_report *report, tl_error *error) {
         .source = report->recording,
         .begun = report->begun,
         .version = TL_VERSION,
-        .solver = facts.algorithm,
-        .fallback = facts.fallback,
+        .solver = report->account->algorithm,
+        .fallback = report->account->fallback,
         .measurements = tl_measurements_name(config->measurements),
         .step = config->step,
-        .prediction = facts.prediction,
+        .prediction = report->account->prediction,
         .match = report->match,
         .adjust = report->adjust,
         .match_count = config->match_count,
@@ -45,13 +46,14 @@ static tl_status create(tl_replay_report *report, tl_error *error) {
     return tl_html_report_create(&settings, &report->report, error);
 }
 
-tl_status tl_replay_report_open(const tl_assembly *assembly, const char *path, const char *recording,
-                                tl_replay_report **report, tl_error *error) {
+tl_status tl_replay_report_open(const tl_config *config, const tl_account *account, const char *path,
+                                const char *recording, tl_replay_report **report, tl_error *error) {
     tl_replay_report *made = calloc(1, sizeof *made);
     if (made == NULL) {
         return tl_fail(error, TL_TRY_AGAIN, "not enough memory for a report");
     }
-    made->assembly = assembly;
+    made->config = config;
+    made->account = account;
     (void)snprintf(made->recording, sizeof made->recording, "%s", recording);
     tl_status status = create(made, error);
     if (status == TL_OK) {
@@ -81,9 +83,8 @@ void tl_replay_report_listen(tl_replay_report *report, tl_journal *journal) {
 
 tl_status tl_replay_report_keep(tl_replay_report *report, const tl_summary *summary, const char *ended,
                                 tl_error *error) {
-    const tl_assembly *assembly = report->assembly;
     tl_run_figures figures = summary->figures;
-    tl_run_figures_take_twin(&figures, assembly->twin, assembly->config.match_count);
+    tl_run_figures_take_account(&figures, report->account);
     tl_html_report_write(report->report, &figures, ended, report->file.file);
     return tl_new_file_keep(&report->file, error);
 }

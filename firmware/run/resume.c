@@ -10,6 +10,7 @@
 #include "firmware/base/identity.h"
 #include "firmware/record/history.h"
 #include "firmware/text/utc.h"
+#include "firmware/twin/twin_recorder.h"
 
 enum {
     FRUITLESS_MOST = 3,   /* restarts in a row that got no further than the run they went on with */
@@ -103,7 +104,7 @@ static bool is_same(resume *self) {
     if (strcmp(self->run->configuration_hash, config_of(self)->hash) != 0) {
         return refuse(self, "the configuration is not that of run %" PRId64, self->run->run);
     }
-    tl_assembly_identify(self->settings->assembly, fmus);
+    tl_twin_recorder_identify(&self->settings->assembly->config, fmus);
     return strcmp(self->run->fmus, fmus) == 0 || refuse(self, "the FMUs are not those of run %" PRId64, self->run->run);
 }
 
@@ -316,7 +317,7 @@ static tl_status follow_tick(const resume *self, const tl_history_tick *tick, tl
     tl_status status = tl_twin_follow(assembly->twin, &sample, tick->u, &record, &ready, error);
     if (ready) {
         tl_summary_add(summary, &assembly->config, &record);
-        tl_assembly_put_step(assembly, self->settings->recorder, &record);
+        tl_twin_recorder_put(self->settings->recorder, &record, assembly->twin);
     }
     return status;
 }
@@ -445,7 +446,7 @@ tl_status tl_resume_replayed(const tl_assembly *assembly, const tl_recording_beg
         tl_twin_begin_at(assembly->twin, beginning->tick);
         return TL_OK;
     }
-    tl_assembly_identify(assembly, text);
+    tl_twin_recorder_identify(&assembly->config, text);
     if (strcmp(text, beginning->fmus) != 0) {
         return tl_fail(error, TL_BAD_DATA,
                        "run %" PRId64 " goes on with run %" PRId64

@@ -18,8 +18,8 @@
 #include "firmware/plant/recording.h"
 #include "firmware/record/recorder.h"
 #include "firmware/report/summary.h"
-#include "firmware/run/assembly.h"
 #include "firmware/run/journal.h"
+#include "firmware/twin/assembly.h"
 
 typedef struct tl_resume_settings {
     tl_assembly *assembly; /* its twin may be built anew */

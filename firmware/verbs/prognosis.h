@@ -11,7 +11,8 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#include "firmware/run/assembly.h"
+#include "firmware/record/run_types.h"
+#include "firmware/twin/assembly.h"
 
 typedef struct tl_prognosis {
     /* executions, of all components together */

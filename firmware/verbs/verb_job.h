@@ -7,7 +7,7 @@
 
 #include <stdio.h>
 
-#include "firmware/run/assembly.h"
+#include "firmware/twin/assembly.h"
 #include "firmware/verbs/options.h"
 
 typedef struct tl_verb_job {

@@ -14,8 +14,8 @@
 #include "firmware/emulate/plant_stream.h"
 #include "firmware/fmu/fmu_thread.h"
 #include "firmware/process/interrupt.h"
-#include "firmware/run/assembly.h"
 #include "firmware/text/progress.h"
+#include "firmware/twin/assembly.h"
 #include "firmware/verbs/verb_job.h"
 #include "firmware/verbs/verbs.h"
 

@@ -13,11 +13,12 @@
 #include "firmware/process/process_end.h"
 #include "firmware/record/recorder.h"
 #include "firmware/report/trajectory.h"
-#include "firmware/run/assembly.h"
 #include "firmware/run/journal.h"
 #include "firmware/run/replay.h"
 #include "firmware/run/watch.h"
 #include "firmware/text/output.h"
+#include "firmware/twin/assembly.h"
+#include "firmware/twin/twin_recorder.h"
 #include "firmware/verbs/verb_job.h"
 #include "firmware/verbs/verbs.h"
 
@@ -54,13 +55,14 @@ static tl_status open_recording(const tl_assembly *assembly, const tl_options *o
     return status == TL_OK ? tl_recording_open(path, &assembly->config, recording, error) : status;
 }
 
-static tl_status print_summary(const tl_assembly *assembly, const tl_verb_job *job, const tl_summary *summary,
+static tl_status print_summary(const tl_replay *replay, const tl_verb_job *job, const tl_summary *summary,
                                tl_error *error) {
+    const tl_config *config = &replay->assembly->config;
     if (job->options->json) {
-        return tl_summary_print_json(summary, &assembly->config, assembly->twin, job->output, error);
+        return tl_summary_print_json(summary, config, &replay->account, job->output, error);
     }
     if (job->options->trajectory == NULL || strcmp(job->options->trajectory, "-") != 0) {
-        tl_summary_print_table(summary, &assembly->config, assembly->twin, job->output);
+        tl_summary_print_table(summary, config, &replay->account, job->output);
     }
     return TL_OK;
 }
@@ -80,10 +82,16 @@ static tl_status open_outputs(const tl_assembly *assembly, const tl_verb_job *jo
                               event_way *way, tl_replay *replay, tl_error *error) {
     tl_status status = TL_OK;
     if (job->options->database != NULL) {
-        status = tl_assembly_record(assembly, "replay", job->options->database, true, NULL, &replay->recorder, error);
+        const tl_twin_recorder_settings settings = {.config = &assembly->config,
+                                                    .account = &replay->account,
+                                                    .verb = "replay",
+                                                    .path = job->options->database,
+                                                    .wait_when_full = true};
+        status = tl_twin_recorder_open(&settings, &replay->recorder, error);
     }
     if (status == TL_OK && job->options->report != NULL) {
-        status = tl_replay_report_open(assembly, job->options->report, recording, &replay->report, error);
+        status = tl_replay_report_open(&assembly->config, &replay->account, job->options->report, recording,
+                                       &replay->report, error);
     }
     if (status == TL_OK && job->options->trajectory != NULL) {
         status =
@@ -128,12 +136,12 @@ static tl_status close_outputs(const tl_verb_job *job, tl_replay *replay, tl_sta
 }
 
 /* Of a run that came to its end, or was interrupted. */
-static tl_status tell(const tl_assembly *assembly, const tl_verb_job *job, const tl_replay *replay,
-                      const tl_summary *summary, tl_status status, tl_error *error) {
+static tl_status tell(const tl_verb_job *job, const tl_replay *replay, const tl_summary *summary, tl_status status,
+                      tl_error *error) {
     tl_error later;
-    tl_status printed = print_summary(assembly, job, summary, &later);
+    tl_status printed = print_summary(replay, job, summary, &later);
     status = first_of(status, printed, &later, error);
-    tl_assembly_check_ledger(assembly, replay->recorder);
+    tl_twin_recorder_check(&replay->account, replay->recorder);
     if (replay->report != NULL) {
         const char *ended = status == TL_OK ? "end of recording" : error->text;
         tl_status kept = tl_replay_report_keep(replay->report, summary, ended, &later);
@@ -146,11 +154,13 @@ static tl_status tell(const tl_assembly *assembly, const tl_verb_job *job, const
 static tl_status replay_into(const tl_assembly *assembly, const tl_verb_job *job, const char *recording, event_way *way,
                              tl_replay *replay, tl_error *error) {
     tl_summary summary;
+    tl_account_take(assembly->twin, &replay->account);
     tl_status status = open_outputs(assembly, job, recording, way, replay, error);
     if (status == TL_OK) {
         status = tl_replay_run(replay, &summary, error);
         if (status == TL_OK || status == TL_INTERRUPTED) {
-            status = tell(assembly, job, replay, &summary, status, error);
+            tl_account_take(assembly->twin, &replay->account);
+            status = tell(job, replay, &summary, status, error);
         }
     }
     return close_outputs(job, replay, status, error);

@@ -25,7 +25,7 @@ MASTER = {
     "master/event": Room(("master/sync", "master/solve", "master/measure", "master/graph", "master/cache",
                           "master/plan", "master/fmi", "master/base"), ("event_horizon", "event_plan")),
     "master/twin": Room(("master/event", "master/sync", "master/solve", "master/measure", "master/graph",
-                         "master/cache", "master/plan", "master/fmi", "master/base"), ("twin",)),
+                         "master/cache", "master/plan", "master/fmi", "master/base"), ("account", "twin")),
 }
 
 # Drivers know the contract and what they share, never each other.
@@ -64,10 +64,11 @@ FIRMWARE = {
     "firmware/report": _firmware("record", "config", others=_TWIN,
                                  public=("figures_json", "html_report", "run_figures", "summary", "trajectory")),
     "firmware/show": _firmware("report", "record", "config", others=_TWIN, public=("show",)),
-    "firmware/run": _firmware("report", "plant", "record", "fmu", "supervise", "process", "config", others=_TWIN,
-                              public=("assembly", "appliance", "replay", "journal", "watch")),
-    "firmware/emulate": _firmware("run", "plant", "process", "config", others=_DRIVERS),
-    "firmware/verbs": _firmware("emulate", "run", "show", "report", "plant", "record", "fmu", "supervise", "process",
+    "firmware/twin": _firmware("report", "record", "fmu", "process", "config", others=_TWIN),
+    "firmware/run": _firmware("twin", "report", "plant", "record", "fmu", "supervise", "process", "config", others=_TWIN,
+                              public=("appliance", "replay", "journal", "watch")),
+    "firmware/emulate": _firmware("twin", "plant", "process", "config", others=_DRIVERS),
+    "firmware/verbs": _firmware("emulate", "run", "twin", "show", "report", "plant", "record", "fmu", "supervise", "process",
                                 "config", others=_TWIN, public=("command_line",)),
     "firmware": Room(("firmware/verbs", "firmware/process", "firmware/base")),
 }

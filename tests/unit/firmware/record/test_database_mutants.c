@@ -14,6 +14,7 @@
 #include "firmware/plant/recording.h"
 #include "firmware/run/resume.h"
 #include "firmware/show/show.h"
+#include "tests/support/assembly_recorder.h"
 #include "tests/support/random_numbers.h"
 #include "tests/support/scratch.h"
 #include "tests/support/sql.h"
@@ -58,7 +59,7 @@ static void load_assembly(void) {
 }
 
 static void open_run(void) {
-    expect_ok(tl_assembly_record(&assembly, "run", path, true, NULL, &recorder, &error));
+    expect_ok(tl_test_record(&assembly, "run", path, &recorder, &error));
 }
 
 static void close_run(const char *reason) {
@@ -103,7 +104,7 @@ static void record_run(void) {
         tl_recorder_put_sample(recorder, &sample);
         expect_ok(tl_twin_step(assembly.twin, &sample, &budget, &record, &ready, &error));
         if (ready) {
-            tl_assembly_put_step(&assembly, recorder, &record);
+            tl_twin_recorder_put(recorder, &record, assembly.twin);
         }
         if (tick == SAVED_AT) {
             save_checkpoint(tick);
@@ -162,7 +163,7 @@ static bool restart(tl_summary *summary) {
     bool spoilt = false;
     tl_status status = tl_assembly_rebuild(&assembly);
     TEST_ASSERT_EQUAL_INT(TL_OK, status);
-    if (tl_assembly_record(&assembly, "run", path, true, NULL, &recorder, &error) != TL_OK) {
+    if (tl_test_record(&assembly, "run", path, &recorder, &error) != TL_OK) {
         return false;
     }
     tl_journal_init(&journal, recorder);

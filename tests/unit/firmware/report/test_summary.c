@@ -8,10 +8,11 @@
 #include <unity.h>
 
 #include "firmware/report/summary.h"
-#include "firmware/run/assembly.h"
+#include "firmware/twin/assembly.h"
 
 static tl_assembly assembly;
 static tl_summary summary;
+static tl_account account;
 static char *printed;
 static size_t printed_size;
 static cJSON *root;
@@ -60,13 +61,15 @@ static void run(int ticks, double omega, tl_quality quality) {
 
 static void print_table(void) {
     FILE *file = open_memstream(&printed, &printed_size);
-    tl_summary_print_table(&summary, &assembly.config, assembly.twin, file);
+    tl_account_take(assembly.twin, &account);
+    tl_summary_print_table(&summary, &assembly.config, &account, file);
     (void)fclose(file);
 }
 
 static tl_status try_json(tl_error *error) {
     FILE *file = open_memstream(&printed, &printed_size);
-    tl_status status = tl_summary_print_json(&summary, &assembly.config, assembly.twin, file, error);
+    tl_account_take(assembly.twin, &account);
+    tl_status status = tl_summary_print_json(&summary, &assembly.config, &account, file, error);
     (void)fclose(file);
     return status;
 }

@@ -9,6 +9,7 @@
 #include <unity.h>
 
 #include "firmware/run/replay.h"
+#include "tests/support/assembly_recorder.h"
 #include "tests/support/scratch.h"
 #include "tests/support/sql.h"
 
@@ -95,7 +96,7 @@ static tl_time unsteady_clock(void *context) {
 
 static void open_run(const char *database) {
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_assembly_load(config_path, &assembly));
-    expect_ok(tl_assembly_record(&assembly, "run", database, true, NULL, &recorder, &error));
+    expect_ok(tl_test_record(&assembly, "run", database, &recorder, &error));
 }
 
 static void close_run(void) {
@@ -128,7 +129,7 @@ static void live_tick(int64_t tick) {
         expect_ok(tl_twin_step(assembly.twin, &sample, &budget, &record, &ready, &error));
     }
     if (ready) {
-        tl_assembly_put_step(&assembly, recorder, &record);
+        tl_twin_recorder_put(recorder, &record, assembly.twin);
     }
 }
 

@@ -5,7 +5,8 @@
 
 #include <unity.h>
 
-#include "firmware/run/assembly.h"
+#include "firmware/twin/assembly.h"
+#include "tests/support/assembly_recorder.h"
 #include "tests/support/config_text.h"
 #include "tests/support/fmu_maker.h"
 #include "tests/support/scratch.h"
@@ -183,7 +184,7 @@ static void test_recording_names_and_units(void) {
     tl_error error;
     const char *database = tl_scratch_path(&scratch, "run.db");
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_assembly_load(LOCK, &assembly));
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_assembly_record(&assembly, "replay", database, true, NULL, &recorder, &error));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_test_record(&assembly, "replay", database, &recorder, &error));
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_recorder_close(recorder, "test", NULL, &error));
     TEST_ASSERT_EQUAL_INT64(4, tl_sql_integer(database, "SELECT count(*) FROM signals"));
     TEST_ASSERT_EQUAL_INT64(
@@ -239,7 +240,7 @@ static void test_recording_types(void) {
         tl_error error;
         TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, load_text(matched_torque(types[i][0], types[i][1])), said);
         const char *database = tl_scratch_path(&scratch, "types.db");
-        TEST_ASSERT_EQUAL_INT(TL_OK, tl_assembly_record(&assembly, "replay", database, true, NULL, &recorder, &error));
+        TEST_ASSERT_EQUAL_INT(TL_OK, tl_test_record(&assembly, "replay", database, &recorder, &error));
         TEST_ASSERT_EQUAL_INT(TL_OK, tl_recorder_close(recorder, "test", NULL, &error));
         TEST_ASSERT_EQUAL_STRING(types[i][0], tl_sql_text(database, "SELECT type FROM signals WHERE kind = 'match' AND "
                                                                     "name = 'motor.M_m'"));

@@ -1,5 +1,5 @@
 /* An assembly: see assembly.h. */
-#include "firmware/run/assembly.h"
+#include "firmware/twin/assembly.h"
 
 #include <assert.h>
 #include <inttypes.h>
@@ -13,8 +13,6 @@
 #include "firmware/base/log.h"
 #include "firmware/base/other_case.h"
 #include "firmware/fmu/library.h"
-
-enum { PLANT_NAME = 80 }; /* "plant." and at most 63 characters */
 
 /* Of one component; FMUs are opened only when all of them are there. */
 static void open_libraries(tl_assembly *assembly, const tl_config_component *component) {
@@ -219,136 +217,6 @@ tl_status tl_assembly_read(const char *path, tl_assembly *assembly) {
 tl_status tl_assembly_load(const char *path, tl_assembly *assembly) {
     tl_status status = tl_assembly_read(path, assembly);
     return status == TL_OK ? tl_assembly_build(assembly) : status;
-}
-
-/* Of a variable that is matched or adjusted, of a twin that could be built: its component and its name are known to be right. */
-static tl_type type_of(const tl_assembly *assembly, const char *reference) {
-    size_t length = strcspn(reference, ".");
-    for (size_t i = 0; i < assembly->plan.component_count; i++) {
-        const tl_plan_component *component = &assembly->components[i];
-        if (strlen(component->name) == length && strncmp(component->name, reference, length) == 0) {
-            return tl_model_variable(component->model, reference + length + 1)->type;
-        }
-    }
-    return TL_REAL;
-}
-
-void tl_assembly_signals(const tl_assembly *assembly, tl_recorder_signal match[TL_MAX_MATCH],
-                         tl_recorder_signal adjust[TL_MAX_ADJUST]) {
-    const tl_config *config = &assembly->config;
-    for (size_t i = 0; i < config->match_count; i++) {
-        const char *variable = config->match[i].variable;
-        match[i] = (tl_recorder_signal){variable, tl_twin_match_unit(assembly->twin, i), config->match[i].to,
-                                        type_of(assembly, variable)};
-    }
-    for (size_t i = 0; i < config->adjust_count; i++) {
-        const char *variable = config->adjust[i].variable;
-        adjust[i] =
-            (tl_recorder_signal){variable, tl_twin_adjust_unit(assembly->twin, i), NULL, type_of(assembly, variable)};
-    }
-}
-
-void tl_assembly_identify(const tl_assembly *assembly, char text[TL_SHA256_TEXT]) {
-    const char *paths[TL_RECORDER_COMPONENTS];
-    for (size_t i = 0; i < assembly->plan.component_count; i++) {
-        const tl_fmu *fmu = assembly->fmus;
-        while (&fmu->model != assembly->components[i].model) {
-            fmu++;
-        }
-        paths[i] = fmu->path;
-    }
-    tl_identity_files(paths, assembly->plan.component_count, text);
-}
-
-/* The plant's signals as the recorder names them. */
-static void plant_signals(const tl_config *config, char names[TL_MAX_SIGNALS][PLANT_NAME],
-                          tl_recorder_signal plant[TL_MAX_SIGNALS]) {
-    for (size_t i = 0; i < config->signal_count; i++) {
-        const tl_plan_signal *signal = &config->signals[i].plan;
-        (void)snprintf(names[i], PLANT_NAME, "plant.%s", signal->name);
-        plant[i] = (tl_recorder_signal){names[i], signal->unit, NULL, signal->type};
-    }
-}
-
-tl_status tl_assembly_record(const tl_assembly *assembly, const char *verb, const char *path, bool wait_when_full,
-                             tl_heartbeats *beats, tl_recorder **recorder, tl_error *error) {
-    const tl_config *config = &assembly->config;
-    const char *components[TL_RECORDER_COMPONENTS];
-    char names[TL_MAX_SIGNALS][PLANT_NAME];
-    tl_recorder_signal plant[TL_MAX_SIGNALS];
-    tl_recorder_signal match[TL_MAX_MATCH];
-    tl_recorder_signal adjust[TL_MAX_ADJUST];
-    char fmus[TL_SHA256_TEXT];
-    char boot[TL_IDENTITY_TEXT];
-    char format[TL_IDENTITY_TEXT];
-    plant_signals(config, names, plant);
-    tl_assembly_identify(assembly, fmus);
-    tl_identity_boot(boot);
-    tl_identity_format(format);
-    tl_recorder_settings settings = {
-        .path = path,
-        .max_bytes = config->record_max_bytes,
-        .commit = config->record_commit,
-        .verb = verb,
-        .name = config->name,
-        .configuration = config->text,
-        .step = config->step,
-        .measurements = config->measurements,
-        .plant = plant,
-        .match = match,
-        .adjust = adjust,
-        .plant_count = config->signal_count,
-        .fmus = fmus,
-        .boot = boot,
-        .format = format,
-        .components = components,
-        .wait_when_full = wait_when_full,
-        .beats = beats,
-    };
-    if (assembly->twin != NULL) {
-        tl_twin_facts facts = tl_twin_get_facts(assembly->twin);
-        tl_assembly_signals(assembly, match, adjust);
-        assert(facts.components <= TL_RECORDER_COMPONENTS);
-        for (size_t i = 0; i < facts.components; i++) {
-            components[i] = tl_twin_component_name(assembly->twin, i);
-        }
-        settings.prediction = facts.prediction;
-        settings.lead = facts.lead;
-        settings.match_count = config->match_count;
-        settings.adjust_count = config->adjust_count;
-        settings.component_count = facts.components;
-    }
-    return tl_recorder_open(&settings, recorder, error);
-}
-
-void tl_assembly_put_step(const tl_assembly *assembly, tl_recorder *recorder, const tl_record *record) {
-    tl_recorder_component ledger[TL_RECORDER_COMPONENTS];
-    size_t count = tl_twin_get_facts(assembly->twin).components;
-    for (size_t i = 0; i < count; i++) {
-        tl_twin_ledger entry = tl_twin_get_ledger(assembly->twin, i);
-        ledger[i] = (tl_recorder_component){
-            entry.plain, entry.predicted, entry.executions, entry.caught_up, entry.unstored,
-        };
-    }
-    tl_recorder_put_step(recorder, record, ledger);
-}
-
-void tl_assembly_check_ledger(const tl_assembly *assembly, tl_recorder *recorder) {
-    for (size_t i = 0; i < tl_twin_get_facts(assembly->twin).components; i++) {
-        char text[224];
-        tl_twin_ledger entry = tl_twin_get_ledger(assembly->twin, i);
-        if (entry.difference <= 0) {
-            continue;
-        }
-        (void)snprintf(text, sizeof text,
-                       "%s: %" PRId64 " executions more than predicted: results found no room (%" PRIu64
-                       ", see saving.nodes), or a committed step failed and was repeated",
-                       entry.name, entry.difference, entry.unstored);
-        tl_log(TL_LOG_WARNING, "%s", text);
-        if (recorder != NULL) {
-            tl_recorder_event(recorder, -1, TL_EVENT_WARNING, "twin", text);
-        }
-    }
 }
 
 void tl_assembly_free(tl_assembly *assembly) {

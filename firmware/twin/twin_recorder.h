@@ -1,0 +1,44 @@
+/* The recorder of a twin: opened by what the configuration and the account say, fed with its counts.
+ *
+ * Purpose: run and replay record the same, whether the twin is in this process or in another.
+ * Thread:  that of the recorder's functions (recorder.h); the counts are taken in the twin's.
+ */
+#ifndef TL_FIRMWARE_TWIN_TWIN_RECORDER_H
+#define TL_FIRMWARE_TWIN_TWIN_RECORDER_H
+
+#include "firmware/base/sha256.h"
+#include "firmware/config/config.h"
+#include "firmware/record/recorder.h"
+#include "master/twin/account.h"
+
+typedef struct tl_twin_recorder_settings {
+    const tl_config *config;
+    const tl_account *account; /* NULL: there is no twin, and samples and events only are recorded */
+    const char *verb;          /* "run", "replay", "hold" */
+    const char *path;          /* of the database */
+    bool wait_when_full;       /* as in recorder.h, */
+    tl_heartbeats *beats;      /* and this */
+} tl_twin_recorder_settings;
+
+/* Errors: those of tl_recorder_open(). */
+tl_status tl_twin_recorder_open(const tl_twin_recorder_settings *settings, tl_recorder **recorder, tl_error *error);
+
+/* What the FMUs of this configuration are: tl_identity_files() of the components'. */
+void tl_twin_recorder_identify(const tl_config *config, char text[TL_SHA256_TEXT]);
+
+/* The matched and the adjusted variables as recorder and report name them. Texts live as long as configuration and account. */
+void tl_twin_recorder_signals(const tl_config *config, const tl_account *account,
+                              tl_recorder_signal match[TL_MAX_MATCH], tl_recorder_signal adjust[TL_MAX_ADJUST]);
+
+/* The ledger as it stands, for tl_recorder_put_step(). In mode ahead that is one step further than the record. Returns how many
+ * components there are. */
+size_t tl_twin_recorder_count(const tl_twin *twin, tl_recorder_component counts[TL_RECORDER_COMPONENTS]);
+
+/* Puts a step with the ledger as it stands. */
+void tl_twin_recorder_put(tl_recorder *recorder, const tl_record *record, const tl_twin *twin);
+
+/* Warns of components that were executed more often than their ledger predicts: in the log, and, if there is a recorder, as an event.
+ * For the end of a run. */
+void tl_twin_recorder_check(const tl_account *account, tl_recorder *recorder);
+
+#endif

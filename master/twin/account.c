@@ -1,0 +1,103 @@
+/* The account of a twin: see account.h. */
+#include "master/twin/account.h"
+
+#include <string.h>
+
+#include "master/twin/twin_parts.h"
+
+/* Cut before a UTF-8 character that would not be whole. */
+static void copy_text(char to[TL_ACCOUNT_TEXT], const char *from) {
+    size_t length = strlen(from);
+    if (length >= TL_ACCOUNT_TEXT) {
+        length = TL_ACCOUNT_TEXT - 1;
+        while (length > 0 && ((unsigned char)from[length] & 0xC0U) == 0x80U) {
+            length--;
+        }
+    }
+    memcpy(to, from, length);
+    to[length] = '\0';
+}
+
+static void take_component(const tl_twin *twin, size_t index, tl_account_component *component) {
+    tl_twin_ledger entry = tl_twin_get_ledger(twin, index);
+    copy_text(component->name, entry.name);
+    component->plain = entry.plain;
+    component->predicted = entry.predicted;
+    component->executions = entry.executions;
+    component->caught_up = entry.caught_up;
+    component->unstored = entry.unstored;
+    component->nodes_peak = entry.nodes_peak;
+}
+
+static void take_ports(const tl_twin *twin, tl_account *account) {
+    while (account->matches < TL_MAX_MATCH && twin->match_ports[account->matches] != NULL) {
+        tl_account_match *match = &account->match[account->matches];
+        copy_text(match->unit, tl_twin_match_unit(twin, account->matches));
+        match->type = twin->match_ports[account->matches]->variable->type;
+        match->metrics = *tl_twin_metrics(twin, account->matches);
+        account->matches++;
+    }
+    while (account->adjusts < TL_MAX_ADJUST && twin->adjust_ports[account->adjusts] != NULL) {
+        tl_account_adjust *adjust = &account->adjust[account->adjusts];
+        copy_text(adjust->unit, tl_twin_adjust_unit(twin, account->adjusts));
+        adjust->type = twin->adjust_ports[account->adjusts]->variable->type;
+        account->adjusts++;
+    }
+}
+
+void tl_account_take(const tl_twin *twin, tl_account *account) {
+    tl_twin_facts facts = tl_twin_get_facts(twin);
+    memset(account, 0, sizeof *account);
+    account->components =
+        facts.components < TL_ACCOUNT_COMPONENTS ? (uint32_t)facts.components : (uint32_t)TL_ACCOUNT_COMPONENTS;
+    account->prediction = facts.prediction;
+    account->lead = facts.lead;
+    account->complete = tl_twin_ledger_is_complete(twin) ? 1 : 0;
+    account->delay = tl_twin_get_delay(twin);
+    copy_text(account->algorithm, facts.algorithm);
+    copy_text(account->fallback, facts.fallback);
+    for (size_t i = 0; i < account->components; i++) {
+        take_component(twin, i, &account->component[i]);
+    }
+    take_ports(twin, account);
+}
+
+/* It ends, and a terminal shows it as it is: no control character, be it of ASCII or of Latin 1 (in UTF-8 C2 80 … C2 9F). */
+static bool is_text(const char text[TL_ACCOUNT_TEXT]) {
+    const unsigned char *byte = (const unsigned char *)text;
+    size_t i = 0;
+    while (i < TL_ACCOUNT_TEXT && byte[i] >= ' ' && byte[i] != 0x7FU &&
+           !(i > 0 && byte[i - 1] == 0xC2U && byte[i] >= 0x80U && byte[i] < 0xA0U)) {
+        i++;
+    }
+    return i < TL_ACCOUNT_TEXT && byte[i] == '\0';
+}
+
+/* Of an enemy's memory an enumeration may hold anything. */
+static bool is_type(tl_type type) {
+    return (unsigned)type <= (unsigned)TL_ENUMERATION;
+}
+
+bool tl_account_is_sound(const tl_account *account) {
+    bool sound = account->components <= TL_ACCOUNT_COMPONENTS && account->matches <= TL_MAX_MATCH &&
+                 account->adjusts <= TL_MAX_ADJUST && is_text(account->algorithm) && is_text(account->fallback) &&
+                 (unsigned)account->delay.state <= (unsigned)TL_DELAY_LOST;
+    for (size_t i = 0; sound && i < account->components; i++) {
+        sound = is_text(account->component[i].name);
+    }
+    for (size_t i = 0; sound && i < account->matches; i++) {
+        sound = is_text(account->match[i].unit) && is_type(account->match[i].type);
+    }
+    for (size_t i = 0; sound && i < account->adjusts; i++) {
+        sound = is_text(account->adjust[i].unit) && is_type(account->adjust[i].type);
+    }
+    return sound;
+}
+
+uint64_t tl_account_executions(const tl_account *account) {
+    uint64_t total = 0;
+    for (size_t i = 0; i < account->components; i++) {
+        total += account->component[i].executions;
+    }
+    return total;
+}

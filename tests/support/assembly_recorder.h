@@ -1,0 +1,18 @@
+/* The recorder of an assembly, for tests that drive the twin themselves. */
+#ifndef TL_TESTS_SUPPORT_ASSEMBLY_RECORDER_H
+#define TL_TESTS_SUPPORT_ASSEMBLY_RECORDER_H
+
+#include "firmware/twin/assembly.h"
+#include "firmware/twin/twin_recorder.h"
+
+/* As a run would open it, waiting when it is full. Texts of the account live until the next call. */
+static inline tl_status tl_test_record(const tl_assembly *assembly, const char *verb, const char *path,
+                                       tl_recorder **recorder, tl_error *error) {
+    static tl_account account;
+    const tl_twin_recorder_settings settings = {
+        .config = &assembly->config, .account = &account, .verb = verb, .path = path, .wait_when_full = true};
+    tl_account_take(assembly->twin, &account);
+    return tl_twin_recorder_open(&settings, recorder, error);
+}
+
+#endif
