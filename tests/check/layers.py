@@ -29,9 +29,12 @@ OWNERS = {
     "sqlite3.h": ("firmware/database", "firmware/record"),
     "expat.h": ("firmware/fmu",),
     "zip.h": ("firmware/fmu",),
+    "seccomp.h": ("firmware/confine",),
+    "landlock.h": ("firmware/confine",),
     "dlfcn.h": ("firmware/fmu",),
     "sd-daemon.h": ("firmware/supervise",),
-    "watchdog.h": ("board/watchdog",),
+    "watchdog.h": ("board/watchdog", "firmware/confine/filter_drivers.c"),
+    "grp.h": ("firmware/confine",),
     # Who starts threads, or has a lock that several of them take.
     "pthread.h": ("firmware/base/c_locale.c", "firmware/base/side_thread.h", "firmware/emulate/plant_server.c",
                   "firmware/fmu/fmu_archive.c", "firmware/fmu/fmu_thread.h", "firmware/plant/plant_reader.c",

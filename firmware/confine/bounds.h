@@ -1,0 +1,32 @@
+/* What a process with FMUs may take of the machine, looked at from the process that started it.
+ *
+ * Purpose: what limits of the kernel do not hold: the size of a folder, its number of files, threads; and memory a second time.
+ * Cost:    some 20 us a look, and 2 us for each file in the folder: a large one is walked only at each fifth look.
+ * Unseen:  a file that was removed and is still open. It takes space up to the limit of a file's length.
+ * Thread:  one.
+ */
+#ifndef TL_FIRMWARE_CONFINE_BOUNDS_H
+#define TL_FIRMWARE_CONFINE_BOUNDS_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <sys/types.h>
+
+enum { TL_BOUNDS_TEXT = 256, TL_BOUNDS_DEPTH = 32 };
+
+/* 0: no bound. The text lives as long as this. */
+typedef struct tl_bounds {
+    const char *folder; /* NULL: none */
+    uint64_t bytes;     /* that all below it take on the disk */
+    uint64_t files;     /* and folders below it, TL_BOUNDS_DEPTH deep at most */
+    uint64_t threads;
+    uint64_t resident;   /* bytes in memory, shared ones included */
+    unsigned looks_left; /* private; 0 at first: the folder is walked when there is none left */
+} tl_bounds;
+
+/* False: not, and `text` says which, what was found and what was allowed. A process or a folder that is gone keeps everything. A folder
+ * below `folder` that cannot be looked into breaks them. */
+bool tl_bounds_are_kept(tl_bounds *bounds, pid_t process, char text[TL_BOUNDS_TEXT]);
+
+#endif

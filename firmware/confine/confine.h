@@ -1,0 +1,73 @@
+/* A process that holds FMUs gives up what FMUs have no business with.
+ *
+ * Purpose: after tl_confine() the process computes, starts threads, reads what programs are made of, and writes below one folder. It
+ *          starts no program, opens no socket, signals, traces and reads no other process, and changes no file elsewhere, whatever an
+ *          FMU in it does. There is no way back.
+ * Means:   a list of the system calls that are allowed (filter.h), Landlock for the places of files (landlock.h), limits (limits.h), a
+ *          process that others of the same user cannot look into, and, for root, a user of its own (privileges.h).
+ * Missing: what the kernel does not offer is a fact, told by tl_confine_describe(), never a failure. So the program goes on in an
+ *          emulator, in a container and on an old kernel.
+ * Left open, since no kernel holds it: names, sizes and dates of files can be seen anywhere (Landlock knows reading, not looking); time on
+ *          the processor; what the listed folders hold; a file that was removed but is still open counts nowhere but at its limit.
+ * `run`:   with may_connect the drivers of the plant can connect again: TCP to anybody, CAN, datagrams to local sockets, UDP for looking
+ *          names up, serial lines and GPIO lines. So can an FMU in that process: it can write to a plant's register, send a CAN frame, and
+ *          tell the service manager lies. It cannot listen, start programs, reach a local stream socket (a message bus), or see other
+ *          files. Only a process without drivers gives that too.
+ * Thread:  from the thread that will load FMUs, best while there is no other: Landlock and capabilities hold for the thread that calls and
+ *          those that it starts. With whole_process the list of system calls, the limits and the user hold for all threads.
+ * Before:  what needs more than the above, as PR_SET_PDEATHSIG, setsid(), opening a device, has been done. PR_SET_PDEATHSIG is kept, which the
+ *          kernel forgets when the user changes.
+ */
+#ifndef TL_FIRMWARE_CONFINE_CONFINE_H
+#define TL_FIRMWARE_CONFINE_CONFINE_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "master/base/status.h"
+
+enum { TL_CONFINE_TEXT = 768 };
+
+/* All texts live during the call only. */
+typedef struct tl_confine_settings {
+    const char
+        *folder; /* absolute: becomes the current folder and TMPDIR; writing, making and removing is allowed below it.
+                                 NULL: the current folder stays, and nothing is added */
+    uint64_t folder_bytes;   /* no file grows longer; 0: no such limit */
+    const char *const *read; /* further files and folders that may be read; those that are missing are passed over */
+    size_t read_count;
+    const char *const *write; /* further ones that may be written, for `run`: the database's folder, devices */
+    size_t write_count;
+    uint64_t
+        memory; /* bytes that the process may make its own, stacks of threads included; 0: no limit. Address space that is
+                                 only reserved does not count. With a sanitizer, whose own memory is larger, there is none */
+    uint32_t user; /* its number, and of its group; needs root, and `folder` must be that user's. 0: stay who we are */
+    int start_socket;    /* sendmsg() is allowed on this number only, to hand the listener over; -1: on none */
+    bool whole_process;  /* the list of system calls for all threads; else for the one that calls */
+    bool may_connect;    /* see `run` above */
+    int landlock_newest; /* for tests, to play an older kernel: at most this version; -1: none; 0: what the kernel has */
+} tl_confine_settings;
+
+/* What holds, or what the kernel offers. */
+typedef struct tl_confine_facts {
+    bool filter;   /* of system calls */
+    bool notifies; /* refused calls can be named (refusal.h) */
+    int landlock;  /* its version ("ABI"); 0: none */
+    bool memory;   /* there is a limit to it */
+    bool user;     /* a user of its own: files of other users are out of reach without Landlock too */
+} tl_confine_facts;
+
+/* What this kernel offers, without confining. `user`: whether this process could change its user. */
+void tl_confine_probe(tl_confine_facts *facts);
+
+/* Confines. `listener` may be NULL: then refused calls answer EPERM and nobody is told. Else it is a descriptor for tl_refusal_take() of
+ * another process, or -1; a refused call waits until somebody answers, so it must be handed over and closed here at once.
+ * TL_BAD_USAGE: the folder cannot be entered. TL_TRY_AGAIN: something that the kernel offers failed; the process is half confined, and must
+ * end. TL_INTERRUPTED: whoever was to be told of our end by PR_SET_PDEATHSIG has ended. */
+tl_status tl_confine(const tl_confine_settings *settings, tl_confine_facts *facts, int *listener, tl_error *error);
+
+/* A sentence of what is not held, for people; "" where all is. */
+void tl_confine_describe(const tl_confine_facts *facts, char text[TL_CONFINE_TEXT]);
+
+#endif

@@ -1,0 +1,30 @@
+/* The list of system calls that a confined process may make, and its loading into the kernel.
+ *
+ * Purpose: what is not on the list is refused: EPERM, and told to a listener if there is one (refusal.h). The list is filter_calls.c, one line
+ *          for a group and its reason; where it is the arguments that decide, filter_arguments.c.
+ * Machine: that of this program; a call of another one (32-bit or x32 calls on x86-64, AArch32) ends the process.
+ * Thread:  any.
+ */
+#ifndef TL_FIRMWARE_CONFINE_FILTER_H
+#define TL_FIRMWARE_CONFINE_FILTER_H
+
+#include <stdbool.h>
+
+#include "master/base/status.h"
+
+typedef struct tl_filter_settings {
+    int start_socket;      /* sendmsg() on this descriptor only; -1: on none */
+    bool whole_process;    /* all threads; else the one that calls */
+    bool may_connect;      /* what drivers of a plant need besides */
+    bool truncation_holds; /* Landlock keeps files from being emptied (ABI 3); else calls that could are refused */
+} tl_filter_settings;
+
+/* Whether the kernel has filters; whether it can tell of refused calls. */
+bool tl_filter_is_offered(void);
+bool tl_filter_can_notify(void);
+
+/* Loads. `listener` may be NULL: nobody is to be told; else a descriptor, or -1 where the kernel cannot, or where somebody else is told
+ * already. TL_TRY_AGAIN: it could not be loaded. */
+tl_status tl_filter_load(const tl_filter_settings *settings, int *listener, tl_error *error);
+
+#endif

@@ -1,0 +1,167 @@
+/* Calls of which the arguments decide: see filter.h.
+ *
+ * The kernel takes most arguments as 32 bits, while a filter sees 64 of which the upper ones may be anything. So what is allowed is compared by its
+ * lower half (IS), and what must be a number of ours by all of it.
+ */
+#include "firmware/confine/filter_parts.h"
+
+#include <errno.h>
+#include <fcntl.h>
+#include <sched.h>
+#include <sys/ioctl.h>
+#include <sys/mman.h>
+#include <sys/prctl.h>
+#include <sys/ptrace.h>
+#include <termios.h>
+#include <unistd.h>
+
+#define COUNT(array) (sizeof(array) / sizeof(array)[0])
+
+/* The lower half of argument `n`, under a mask, is `value`. */
+#define MASKED(n, mask, value) ((struct scmp_arg_cmp){(n), SCMP_CMP_MASKED_EQ, (mask), (value)})
+#define IS(n, value) MASKED(n, UINT32_MAX, (uint32_t)(value))
+
+/* What older headers do not have. */
+enum { CLONE_NEW_CGROUP = 0x02000000, ACCESS_MODES = 3, MAP_KINDS = 0x0f, QUERY = -1 };
+
+/* Commands as the kernel numbers them: 12 to 14 are those of locks on files of more than 2 GiB, for 32 bits. */
+static const uint32_t file_commands[] = {
+    F_DUPFD, F_DUPFD_CLOEXEC, F_GETFD,     F_SETFD,      F_GETFL,      F_SETFL,      5,          6, 7, 12, 13,
+    14,      F_OFD_GETLK,     F_OFD_SETLK, F_OFD_SETLKW, F_GETPIPE_SZ, F_SETPIPE_SZ, F_GET_SEALS};
+static const uint32_t device_commands[] = {FIONREAD, FIONBIO, FIOCLEX, FIONCLEX, TCGETS, TIOCGWINSZ};
+static const uint32_t process_commands[] = {
+    PR_SET_NAME,         PR_GET_NAME,         PR_GET_DUMPABLE,         PR_GET_PDEATHSIG,
+    PR_GET_KEEPCAPS,     PR_CAPBSET_READ,     PR_GET_SECCOMP,          PR_GET_TIMERSLACK,
+    PR_SET_TIMERSLACK,   PR_GET_NO_NEW_PRIVS, PR_SET_THP_DISABLE,      PR_GET_THP_DISABLE,
+    PR_SET_NO_NEW_PRIVS, PR_GET_TID_ADDRESS,  PR_GET_SPECULATION_CTRL, PR_SET_VMA};
+
+static int allow_values(scmp_filter_ctx context, const char *call, unsigned argument, const uint32_t *values,
+                        size_t count) {
+    int failure = 0;
+    for (size_t i = 0; i < count && failure == 0; i++) {
+        const struct scmp_arg_cmp condition = IS(argument, values[i]);
+        failure = tl_filter_add(context, SCMP_ACT_ALLOW, call, &condition, 1);
+    }
+    return failure;
+}
+
+static int allow_one(scmp_filter_ctx context, const char *call, struct scmp_arg_cmp condition) {
+    return tl_filter_add(context, SCMP_ACT_ALLOW, call, &condition, 1);
+}
+
+static int allow_commands(scmp_filter_ctx context) {
+    int failure = allow_values(context, "fcntl", 1, file_commands, COUNT(file_commands));
+    failure = failure != 0 ? failure : allow_values(context, "fcntl64", 1, file_commands, COUNT(file_commands));
+    failure = failure != 0 ? failure : allow_values(context, "ioctl", 1, device_commands, COUNT(device_commands));
+    failure = failure != 0 ? failure : allow_values(context, "prctl", 0, process_commands, COUNT(process_commands));
+    return failure != 0 ? failure : allow_one(context, "personality", IS(0, QUERY));
+}
+
+/* A thread, and nothing else: no process, no namespace. */
+static int allow_threads(scmp_filter_ctx context) {
+    const uint32_t apart =
+        CLONE_NEWNS | CLONE_NEW_CGROUP | CLONE_NEWUTS | CLONE_NEWIPC | CLONE_NEWUSER | CLONE_NEWPID | CLONE_NEWNET;
+    return allow_one(context, "clone", MASKED(0, CLONE_THREAD | apart, CLONE_THREAD));
+}
+
+/* Memory that is shared and has no file, or grows by itself, does not count as data: it would be a way around the limit. */
+static int allow_memory(scmp_filter_ctx context) {
+    static const char *const calls[] = {"mmap", "mmap2"};
+    int failure = 0;
+    for (size_t i = 0; i < COUNT(calls) && failure == 0; i++) {
+        failure = allow_one(context, calls[i], MASKED(3, MAP_ANONYMOUS | MAP_GROWSDOWN, 0));
+        failure = failure != 0
+                      ? failure
+                      : allow_one(context, calls[i],
+                                  MASKED(3, MAP_ANONYMOUS | MAP_GROWSDOWN | MAP_KINDS, MAP_ANONYMOUS | MAP_PRIVATE));
+    }
+    return failure != 0 ? failure : tl_filter_allow_all(context, "mprotect pkey_mprotect");
+}
+
+/* Before ABI 3 Landlock does not look when a file is emptied that is opened for reading, or (access mode 3) for neither. */
+static int allow_opening(scmp_filter_ctx context) {
+    static const struct {
+        const char *call;
+        unsigned flags;
+    } calls[] = {{"open", 1}, {"openat", 2}};
+    int failure = tl_filter_allow_all(context, "creat");
+    for (size_t i = 0; i < COUNT(calls) && failure == 0; i++) {
+        const struct scmp_arg_cmp ways[] = {
+            MASKED(calls[i].flags, O_TRUNC, 0),
+            MASKED(calls[i].flags, O_TRUNC | ACCESS_MODES, O_TRUNC | O_WRONLY),
+            MASKED(calls[i].flags, O_TRUNC | ACCESS_MODES, O_TRUNC | O_RDWR),
+        };
+        for (size_t way = 0; way < COUNT(ways) && failure == 0; way++) {
+            failure = allow_one(context, calls[i].call, ways[way]);
+        }
+    }
+    return failure;
+}
+
+/* Signals to its own process; an attempt on another one ends it. Whether another one is there may be asked, in vain. */
+static int add_signals(scmp_filter_ctx context) {
+    static const struct {
+        const char *call;
+        unsigned signal; /* which argument */
+    } calls[] = {{"kill", 1}, {"tkill", 1}, {"tgkill", 2}, {"rt_sigqueueinfo", 1}, {"rt_tgsigqueueinfo", 2}};
+    const uint64_t own = (uint64_t)getpid();
+    int failure = 0;
+    for (size_t i = 0; i < COUNT(calls) && failure == 0; i++) {
+        const struct scmp_arg_cmp other[] = {{0, SCMP_CMP_NE, own, 0}, {calls[i].signal, SCMP_CMP_NE, 0, 0}};
+        failure = allow_one(context, calls[i].call, (struct scmp_arg_cmp){0, SCMP_CMP_EQ, own, 0});
+        failure =
+            failure != 0 ? failure : tl_filter_add(context, SCMP_ACT_KILL_PROCESS, calls[i].call, other, COUNT(other));
+    }
+    return failure;
+}
+
+static int add_tracing(scmp_filter_ctx context) {
+    const struct scmp_arg_cmp other = {0, SCMP_CMP_NE, PTRACE_TRACEME, 0};
+    return tl_filter_add(context, SCMP_ACT_KILL_PROCESS, "ptrace", &other, 1);
+}
+
+/* Of the thread that calls, or of this process: 0. */
+static int allow_own(scmp_filter_ctx context) {
+    static const char *const calls[] = {"sched_setscheduler", "sched_setparam", "sched_setattr", "sched_setaffinity",
+                                        "prlimit64"};
+    int failure = 0;
+    for (size_t i = 0; i < COUNT(calls) && failure == 0; i++) {
+        failure = allow_one(context, calls[i], IS(0, 0));
+    }
+    return failure;
+}
+
+#if defined(__has_feature)
+#if __has_feature(address_sanitizer) || __has_feature(thread_sanitizer)
+#define TL_IS_SANITIZED
+#endif
+#endif
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__) || defined(TL_IS_SANITIZED)
+/* The search for leaks stops all threads from a process that shares our memory, which traces us. */
+static int add_tracing_or_sanitizer(scmp_filter_ctx context) {
+    static const uint32_t commands[] = {PR_SET_DUMPABLE, PR_SET_PTRACER};
+    int failure = tl_filter_allow_all(context, "ptrace");
+    failure = failure != 0 ? failure : allow_one(context, "clone", MASKED(0, CLONE_VM | CLONE_THREAD, CLONE_VM));
+    return failure != 0 ? failure : allow_values(context, "prctl", 0, commands, COUNT(commands));
+}
+#else
+static int add_tracing_or_sanitizer(scmp_filter_ctx context) {
+    return add_tracing(context);
+}
+#endif
+
+int tl_filter_add_arguments(scmp_filter_ctx context, const tl_filter_settings *settings) {
+    int (*const parts[])(scmp_filter_ctx) = {allow_commands, allow_threads, allow_memory,
+                                             add_signals,    allow_own,     add_tracing_or_sanitizer};
+    int failure = 0;
+    for (size_t i = 0; i < COUNT(parts) && failure == 0; i++) {
+        failure = parts[i](context);
+    }
+    if (!settings->truncation_holds) {
+        failure = failure != 0 ? failure : allow_opening(context);
+    }
+    if (settings->start_socket >= 0 && !settings->may_connect) {
+        failure = failure != 0 ? failure : allow_one(context, "sendmsg", IS(0, settings->start_socket));
+    }
+    return failure;
+}

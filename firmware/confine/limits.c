@@ -1,0 +1,49 @@
+/* Limits: see limits.h. */
+#include "firmware/confine/limits.h"
+
+#include <errno.h>
+#include <string.h>
+#include <sys/prctl.h>
+#include <sys/resource.h>
+
+/* Where there is no limit: more than any main thread needs. The stack does not count as data, and the main thread's grows by itself. */
+#define LARGEST_STACK ((rlim_t)64 * 1024 * 1024)
+
+#if defined(__has_feature)
+#if __has_feature(address_sanitizer) || __has_feature(thread_sanitizer)
+#define TL_IS_SANITIZED
+#endif
+#endif
+
+bool tl_limits_hold_memory(void) {
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__) || defined(TL_IS_SANITIZED)
+    return false;
+#else
+    return true;
+#endif
+}
+
+/* Never more than there is: what somebody else has limited stays so. */
+static bool limit(int resource, rlim_t most) {
+    struct rlimit now;
+    if (getrlimit((__rlimit_resource_t)resource, &now) != 0) {
+        return false;
+    }
+    if (now.rlim_max == RLIM_INFINITY || now.rlim_max > most) {
+        now.rlim_max = most;
+    }
+    now.rlim_cur = now.rlim_max;
+    return setrlimit((__rlimit_resource_t)resource, &now) == 0;
+}
+
+static rlim_t stack_now(void) {
+    struct rlimit now;
+    return getrlimit(RLIMIT_STACK, &now) == 0 && now.rlim_cur != RLIM_INFINITY ? now.rlim_cur : LARGEST_STACK;
+}
+
+tl_status tl_limits_set(uint64_t memory, uint64_t file, tl_error *error) {
+    bool done = (memory == 0 || !tl_limits_hold_memory() || limit(RLIMIT_DATA, (rlim_t)memory)) &&
+                (file == 0 || limit(RLIMIT_FSIZE, (rlim_t)file)) && limit(RLIMIT_CORE, 0) &&
+                limit(RLIMIT_STACK, stack_now()) && prctl(PR_SET_DUMPABLE, 0) == 0;
+    return done ? TL_OK : tl_fail(error, TL_TRY_AGAIN, "limits of the process could not be set: %s", strerror(errno));
+}

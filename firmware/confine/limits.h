@@ -1,0 +1,20 @@
+/* Limits of a process that holds FMUs.
+ *
+ * Thread: they hold for the whole process.
+ */
+#ifndef TL_FIRMWARE_CONFINE_LIMITS_H
+#define TL_FIRMWARE_CONFINE_LIMITS_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+#include "master/base/status.h"
+
+/* Whether memory can be limited: not with a sanitizer, whose own is larger. */
+bool tl_limits_hold_memory(void);
+
+/* Memory and the length of a file (bytes; 0: none), for good. No core, no stack that grows without end, and nobody of the same user can look
+ * into the process. TL_TRY_AGAIN: the kernel refused. */
+tl_status tl_limits_set(uint64_t memory, uint64_t file, tl_error *error);
+
+#endif

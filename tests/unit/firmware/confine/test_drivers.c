@@ -1,0 +1,197 @@
+/* What `run` may besides, so that its drivers connect again; and what it may not. */
+#include "firmware/confine/confine.h"
+
+#include <arpa/inet.h>
+#include <errno.h>
+#include <fcntl.h>
+#include <linux/can.h>
+#include <netdb.h>
+#include <netinet/in.h>
+#include <poll.h>
+#include <pthread.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/ioctl.h>
+#include <sys/socket.h>
+#include <sys/un.h>
+#include <termios.h>
+#include <unistd.h>
+
+#include <unity.h>
+
+#include "tests/support/confined.h"
+#include "tests/support/scratch.h"
+
+static tl_scratch scratch;
+static tl_confined confined;
+
+void setUp(void) {
+    tl_confine_facts facts;
+    tl_confine_probe(&facts);
+    if (!facts.filter) {
+        TEST_IGNORE_MESSAGE("this kernel has no seccomp");
+    }
+}
+
+void tearDown(void) {
+    tl_scratch_empty(&scratch);
+}
+
+static void expect(tl_confined_body *body, void *context) {
+    const char *const resolving[] = {"/etc"};
+    const char *const devices[] = {"/dev"};
+    const tl_confine_settings settings = {.folder = scratch.folder,
+                                          .read = resolving,
+                                          .read_count = 1,
+                                          .write = devices,
+                                          .write_count = 1,
+                                          .whole_process = true,
+                                          .may_connect = true};
+    tl_confined_run(settings, body, context, &confined);
+    TEST_ASSERT_EQUAL_INT(0, confined.signal);
+    TEST_ASSERT_TRUE(confined.succeeded);
+}
+
+/* A server of this machine: its socket; `address` is where. */
+static int listen_somewhere(struct sockaddr_in *address) {
+    socklen_t size = sizeof *address;
+    int server = socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
+    *address = (struct sockaddr_in){.sin_family = AF_INET, .sin_addr.s_addr = htonl(INADDR_LOOPBACK)};
+    TEST_ASSERT_EQUAL_INT(0, bind(server, (struct sockaddr *)address, sizeof *address));
+    TEST_ASSERT_EQUAL_INT(0, listen(server, 1));
+    TEST_ASSERT_EQUAL_INT(0, getsockname(server, (struct sockaddr *)address, &size));
+    return server;
+}
+
+static bool talk_by_tcp(void *context) {
+    int line = socket(AF_INET, SOCK_STREAM | SOCK_NONBLOCK | SOCK_CLOEXEC, IPPROTO_TCP);
+    int on = 1;
+    struct pollfd writable = {.fd = line, .events = POLLOUT};
+    return TL_EXPECT(line >= 0 && setsockopt(line, SOL_SOCKET, SO_KEEPALIVE, &on, sizeof on) == 0) &&
+           TL_EXPECT(connect(line, context, sizeof(struct sockaddr_in)) == 0 || errno == EINPROGRESS) &&
+           TL_EXPECT(poll(&writable, 1, 1000) == 1) && TL_EXPECT(send(line, "a", 1, MSG_NOSIGNAL) == 1) &&
+           TL_EXPECT(recv(line, &on, 1, 0) == -1 && errno == EAGAIN) && TL_EXPECT(shutdown(line, SHUT_RDWR) == 0);
+}
+
+static void a_driver_connects_by_tcp(void) {
+    struct sockaddr_in address;
+    int server = listen_somewhere(&address);
+    expect(talk_by_tcp, &address);
+    TEST_ASSERT_EQUAL_size_t(0, confined.refusal_count);
+    (void)close(server);
+}
+
+static bool find_host(void *context) {
+    struct addrinfo *found = NULL;
+    const struct addrinfo hints = {.ai_socktype = SOCK_STREAM, .ai_flags = AI_ADDRCONFIG};
+    (void)context;
+    int failure = getaddrinfo("localhost", "502", &hints, &found);
+    if (failure == 0) {
+        freeaddrinfo(found);
+    }
+    return TL_EXPECT(failure == 0);
+}
+
+static void a_driver_looks_names_up(void) {
+    expect(find_host, NULL);
+}
+
+static bool notify(void *context) {
+    const struct sockaddr_un *address = context;
+    int line = socket(AF_UNIX, SOCK_DGRAM | SOCK_CLOEXEC, 0);
+    return TL_EXPECT(line >= 0) &&
+           TL_EXPECT(sendto(line, "READY=1", 7, MSG_NOSIGNAL, (const struct sockaddr *)address, sizeof *address) == 7);
+}
+
+static void the_service_manager_is_told(void) {
+    struct sockaddr_un address = {.sun_family = AF_UNIX};
+    char said[8] = "";
+    int manager = socket(AF_UNIX, SOCK_DGRAM | SOCK_CLOEXEC, 0);
+    TEST_ASSERT_TRUE(strlen(scratch.folder) < 64);
+    (void)snprintf(address.sun_path, sizeof address.sun_path, "%.64s/notify", scratch.folder);
+    TEST_ASSERT_EQUAL_INT(0, bind(manager, (struct sockaddr *)&address, sizeof address));
+    expect(notify, &address);
+    TEST_ASSERT_EQUAL_INT(7, recv(manager, said, sizeof said, MSG_DONTWAIT));
+    (void)close(manager);
+}
+
+static bool use_can(void *context) {
+    int line = socket(PF_CAN, SOCK_RAW | SOCK_CLOEXEC, CAN_RAW);
+    const struct sockaddr_can address = {.can_family = AF_CAN};
+    (void)context;
+    return line < 0 ? TL_EXPECT(errno == EAFNOSUPPORT || errno == EPROTONOSUPPORT)
+                    : TL_EXPECT(bind(line, (const struct sockaddr *)&address, sizeof address) == 0);
+}
+
+static void a_driver_listens_to_can(void) {
+    expect(use_can, NULL);
+}
+
+/* A line that a terminal of this machine plays: what is asked of serial lines reaches the driver of the line. */
+static bool use_serial_line(void *context) {
+    struct termios line;
+    int port = open(context, O_RDWR | O_NOCTTY | O_CLOEXEC);
+    return TL_EXPECT(port >= 0) && TL_EXPECT(tcgetattr(port, &line) == 0) &&
+           TL_EXPECT(tcsetattr(port, TCSANOW, &line) == 0) && TL_EXPECT(tcflush(port, TCIOFLUSH) == 0) &&
+           TL_EXPECT(ioctl(port, TIOCEXCL) == 0) && TL_EXPECT(ioctl(port, TIOCNXCL) == 0) &&
+           TL_EXPECT(ioctl(port, TIOCGRS485, &line) == -1 && errno != EPERM && errno != EACCES) &&
+           TL_EXPECT(ioctl(port, TIOCSTI, "a") == -1 && errno == EPERM);
+}
+
+static void a_driver_opens_a_serial_line_again(void) {
+    int master = posix_openpt(O_RDWR | O_NOCTTY);
+    TEST_ASSERT_TRUE(master >= 0 && grantpt(master) == 0 && unlockpt(master) == 0);
+    expect(use_serial_line, ptsname(master));
+    (void)close(master);
+}
+
+static void *do_nothing(void *context) {
+    return context;
+}
+
+static bool schedule_other_thread(void *context) {
+    pthread_t other;
+    const struct sched_param parameter = {0};
+    (void)context;
+    bool good = TL_EXPECT(pthread_create(&other, NULL, do_nothing, NULL) == 0) &&
+                TL_EXPECT(pthread_setschedparam(other, SCHED_OTHER, &parameter) == 0);
+    return good && pthread_join(other, NULL) == 0;
+}
+
+static void the_cycle_is_scheduled_by_another_thread(void) {
+    expect(schedule_other_thread, NULL);
+}
+
+static bool do_what_is_left_out(void *context) {
+    const struct sockaddr_in any = {.sin_family = AF_INET};
+    char *const nothing[] = {NULL};
+    int line = socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
+    (void)context;
+    return TL_EXPECT(socket(AF_UNIX, SOCK_STREAM, 0) == -1 && errno == EPERM) &&
+           TL_EXPECT(socket(AF_UNIX, SOCK_SEQPACKET, 0) == -1 && errno == EPERM) &&
+           TL_EXPECT(socket(AF_PACKET, SOCK_RAW, 0) == -1 && errno == EPERM) &&
+           TL_EXPECT(socket(AF_INET, SOCK_RAW, IPPROTO_ICMP) == -1 && errno == EPERM) &&
+           TL_EXPECT(bind(line, (const struct sockaddr *)&any, sizeof any) == -1 && errno == EPERM) &&
+           TL_EXPECT(listen(line, 1) == -1 && errno == EPERM) &&
+           TL_EXPECT(accept(line, NULL, NULL) == -1 && errno == EPERM) &&
+           TL_EXPECT(execve("/bin/true", nothing, nothing) == -1 && errno == EPERM) &&
+           TL_EXPECT(fork() == -1 && errno == EPERM);
+}
+
+static void nobody_listens_and_nothing_is_started(void) {
+    expect(do_what_is_left_out, NULL);
+}
+
+int main(void) {
+    UNITY_BEGIN();
+    tl_scratch_make(&scratch, "/tmp", "tl_drivers");
+    RUN_TEST(a_driver_connects_by_tcp);
+    RUN_TEST(a_driver_looks_names_up);
+    RUN_TEST(the_service_manager_is_told);
+    RUN_TEST(a_driver_listens_to_can);
+    RUN_TEST(a_driver_opens_a_serial_line_again);
+    RUN_TEST(the_cycle_is_scheduled_by_another_thread);
+    RUN_TEST(nobody_listens_and_nothing_is_started);
+    return tl_scratch_finish(&scratch, UNITY_END());
+}
