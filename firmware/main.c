@@ -2,11 +2,13 @@
 #include "firmware/base/c_locale.h"
 #include "firmware/process/crash.h"
 #include "firmware/process/process_end.h"
+#include "firmware/process/role.h"
 #include "firmware/verbs/command_line.h"
 
 int main(int argc, char **argv) {
+    const char *title = tl_role_begin(argv);
     tl_process_begin();
     tl_crash_install();
     tl_locale_use();
-    tl_process_end(tl_command_line_run(argc, argv));
+    tl_process_end(title != NULL ? tl_command_line_be(title) : tl_command_line_run(argc, argv));
 }

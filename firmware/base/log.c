@@ -56,6 +56,10 @@ static style current_style(void) {
     return (style)found;
 }
 
+void tl_log_use_levels(void) {
+    __atomic_store_n(&known_style, (int)STYLE_JOURNAL, __ATOMIC_RELAXED);
+}
+
 static const char *level_name(tl_log_level level) {
     switch (level) {
     case TL_LOG_ERROR:

@@ -30,6 +30,9 @@ typedef enum tl_log_level {
 /* Messages above this level are dropped. Default TL_LOG_NOTICE. */
 void tl_log_set_level(tl_log_level level);
 
+/* From now on every line begins with its level, as for a journal: for a process whose log another one reads (relay.h). */
+void tl_log_use_levels(void);
+
 void tl_log(tl_log_level level, const char *format, ...) TL_PRINTF(2, 3);
 
 /* What a line of this level begins with, of at most TL_LOG_PREFIX bytes: for who cannot call tl_log() when it has something to say. */

@@ -469,10 +469,10 @@ static tl_status unpack_all(unpacking *work) {
     return status;
 }
 
-/* Opens the file for reading; nothing that is not a file is read. */
-static tl_status open_file(const char *path, unpacking *work, int *file) {
+/* Opens the file for reading; nothing that is not a file is read. `opened` is kept, as whoever has opened it may need it again. */
+static tl_status open_file(const char *path, int opened, unpacking *work, int *file) {
     struct stat status;
-    *file = open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK);
+    *file = opened >= 0 ? fcntl(opened, F_DUPFD_CLOEXEC, 0) : open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK);
     if (*file < 0) {
         int code = errno;
         return tl_fail(work->error, tl_shortage_is(code) ? TL_TRY_AGAIN : TL_BAD_DATA, "%s: cannot be opened: %s",
@@ -492,9 +492,9 @@ static tl_status open_file(const char *path, unpacking *work, int *file) {
     return TL_OK;
 }
 
-static tl_status open_zip(const char *path, unpacking *work) {
+static tl_status open_zip(const char *path, int opened, unpacking *work) {
     int file = -1;
-    tl_status status = open_file(path, work, &file);
+    tl_status status = open_file(path, opened, work, &file);
     if (status != TL_OK) {
         return status;
     }
@@ -515,11 +515,12 @@ static tl_status open_zip(const char *path, unpacking *work) {
     return TL_OK; /* the descriptor is libzip's now */
 }
 
-tl_status tl_fmu_archive_unpack(const char *path, const char *label, tl_fmu_archive *archive, tl_error *error) {
+tl_status tl_fmu_archive_unpack(const char *path, int opened, const char *label, tl_fmu_archive *archive,
+                                tl_error *error) {
     unpacking work = {.label = label, .error = error};
     archive->folder[0] = '\0';
     archive->lock = -1;
-    tl_status status = open_zip(path, &work);
+    tl_status status = open_zip(path, opened, &work);
     if (status != TL_OK) {
         return status;
     }

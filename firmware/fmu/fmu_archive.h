@@ -36,8 +36,10 @@ typedef struct tl_fmu_archive {
     struct tl_fmu_archive *next; /* private: of those in use */
 } tl_fmu_archive;
 
-/* `label` names the FMU in errors. On failure the archive is empty and nothing remains. It must stay where it is until it is removed. */
-tl_status tl_fmu_archive_unpack(const char *path, const char *label, tl_fmu_archive *archive, tl_error *error);
+/* `opened`: the file's descriptor, if it was opened before (by a process that may not open it any more); -1: it is opened by its path.
+ * `label` names the FMU in errors. On failure the archive is empty and nothing remains. It must stay where it is until it is removed. */
+tl_status tl_fmu_archive_unpack(const char *path, int opened, const char *label, tl_fmu_archive *archive,
+                                tl_error *error);
 
 /* Removes the folders that killed processes left, as each unpacking does: for who unpacks nothing. */
 void tl_fmu_archive_sweep(void);

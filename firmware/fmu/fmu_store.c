@@ -83,14 +83,14 @@ static tl_status read_module(tl_fmu *fmu, const char *label, tl_error *error) {
 
 /* ---- Loading ------------------------------------------------------------------------------------------- */
 
-static tl_status load(const char *path, const char *label, tl_fmu *fmu, tl_error *error) {
+static tl_status load(const char *path, int opened, const char *label, tl_fmu *fmu, tl_error *error) {
     tl_fmu_files *files = fmu->files;
     char description[PATH_MAX + sizeof "/modelDescription.xml"];
     fmu->path = tl_arena_text(&files->arena, path);
     if (fmu->path == NULL) {
         return tl_fail(error, TL_TRY_AGAIN, "%s: out of memory; free some and try again", label);
     }
-    tl_status status = tl_fmu_archive_unpack(path, label, &files->archive, error);
+    tl_status status = tl_fmu_archive_unpack(path, opened, label, &files->archive, error);
     if (status != TL_OK) {
         return status;
     }
@@ -111,6 +111,10 @@ static tl_status load(const char *path, const char *label, tl_fmu *fmu, tl_error
 }
 
 tl_status tl_fmu_load(const char *path, tl_fmu *fmu, tl_error *error) {
+    return tl_fmu_load_opened(path, -1, fmu, error);
+}
+
+tl_status tl_fmu_load_opened(const char *path, int opened, tl_fmu *fmu, tl_error *error) {
     size_t length = strlen(path);
     const char *label = length > LABEL ? path + length - LABEL : path;
     while (((unsigned char)*label & 0xC0U) == 0x80U) {
@@ -121,7 +125,7 @@ tl_status tl_fmu_load(const char *path, tl_fmu *fmu, tl_error *error) {
         return tl_fail(error, TL_TRY_AGAIN, "%s: out of memory; free some and try again", label);
     }
     tl_arena_init(&fmu->files->arena);
-    tl_status status = load(path, label, fmu, error);
+    tl_status status = load(path, opened, label, fmu, error);
     if (status != TL_OK) {
         tl_fmu_unload(fmu);
         return status;

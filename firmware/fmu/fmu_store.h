@@ -30,6 +30,9 @@ typedef struct tl_fmu {
  * On failure nothing is left behind and *fmu is zeroed. */
 tl_status tl_fmu_load(const char *path, tl_fmu *fmu, tl_error *error);
 
+/* The same of a file that was opened before; its descriptor stays the caller's. -1: it is opened here. */
+tl_status tl_fmu_load_opened(const char *path, int opened, tl_fmu *fmu, tl_error *error);
+
 /* No instance of it may exist any more. A zeroed tl_fmu is allowed. */
 void tl_fmu_unload(tl_fmu *fmu);
 

@@ -58,6 +58,10 @@ unsigned tl_interrupt_times(void) {
     return __atomic_load_n(&times, __ATOMIC_RELAXED);
 }
 
+int tl_interrupt_signal(void) {
+    return received;
+}
+
 const char *tl_interrupt_requested(void) {
     switch (received) {
     case 0:

@@ -18,6 +18,9 @@ bool tl_interrupt_ignores_hangup(void);
 /* The signal that came ("SIGTERM", "SIGINT", "SIGHUP"), or NULL. */
 const char *tl_interrupt_requested(void);
 
+/* Its number; 0: none came. */
+int tl_interrupt_signal(void);
+
 /* How many of them came. */
 unsigned tl_interrupt_times(void);
 

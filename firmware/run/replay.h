@@ -15,13 +15,14 @@
 #include "firmware/report/trajectory.h"
 #include "firmware/run/replay_report.h"
 #include "firmware/run/watch.h"
-#include "firmware/twin/assembly.h"
+#include "firmware/twin/twin_feed.h"
 #include "master/twin/account.h"
 
 typedef struct tl_replay {
-    const tl_assembly *assembly;
-    tl_account account; /* of its twin, when it was taken last */
+    const tl_config *config;
+    const tl_account *account; /* of the built twin */
     tl_recording *recording;
+    tl_twin_feed *feed;       /* of this recording; with TL_TELLS_COUNTS if there is a recorder */
     tl_recorder *recorder;    /* NULL: none */
     tl_watch *watch;          /* tells events as a live run's does; NULL: none */
     FILE *trajectory;         /* NULL: none */

@@ -34,8 +34,8 @@ typedef struct tl_resume_settings {
  * Errors: TL_FMU_FATAL, or what building the twin anew has met. */
 tl_status tl_resume(const tl_resume_settings *settings, tl_summary *summary, bool *spoilt, tl_error *error);
 
-/* The same beginning for the replay of a run that went on with another one.
- * Errors: TL_BAD_DATA where the FMUs, or this program, are not those of the run; else as tl_twin_load(). */
-tl_status tl_resume_replayed(const tl_assembly *assembly, const tl_recording_beginning *beginning, tl_error *error);
+/* Whether the replay of a run that went on with another one can begin as that did.
+ * Errors: TL_BAD_DATA where the FMUs, or this program, are not those of the run. */
+tl_status tl_resume_check(const tl_config *config, const tl_recording_beginning *beginning, tl_error *error);
 
 #endif

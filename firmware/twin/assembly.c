@@ -1,26 +1,89 @@
 /* An assembly: see assembly.h. */
 #include "firmware/twin/assembly.h"
 
-#include <assert.h>
-#include <inttypes.h>
+#include <fcntl.h>
 #include <limits.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 
 #include "firmware/base/heap.h"
-#include "firmware/base/identity.h"
-#include "firmware/base/log.h"
 #include "firmware/base/other_case.h"
 #include "firmware/fmu/library.h"
 
-/* Of one component; FMUs are opened only when all of them are there. */
-static void open_libraries(tl_assembly *assembly, const tl_config_component *component) {
+/* ---- before ---- */
+
+static size_t count_libraries(const tl_config *config) {
+    size_t count = 0;
+    for (size_t i = 0; i < config->component_count; i++) {
+        count += config->components[i].library_count;
+    }
+    return count;
+}
+
+/* An absolute path, since the current folder will be another one; a bare name is the loader's affair. */
+static char *find_library(const tl_config *config, const char *name) {
+    char path[PATH_MAX];
+    if (!tl_config_library_path(config, name, path, sizeof path) || strchr(path, '/') == NULL) {
+        return NULL;
+    }
+    return realpath(path, NULL);
+}
+
+tl_status tl_assembly_open(tl_assembly *assembly, tl_error *error) {
+    const tl_config *config = &assembly->config;
+    assembly->files = calloc(config->component_count + 1, sizeof *assembly->files);
+    assembly->libraries = calloc(count_libraries(config) + 1, sizeof *assembly->libraries);
+    if (assembly->files == NULL || assembly->libraries == NULL) {
+        return tl_fail(error, TL_TRY_AGAIN, "not enough memory");
+    }
+    size_t library = 0;
+    for (size_t i = 0; i < config->component_count; i++) {
+        const tl_config_component *component = &config->components[i];
+        char path[PATH_MAX];
+        assembly->files[i] = (tl_assembly_file){.descriptor = -1};
+        if (tl_config_fmu_path(config, component->fmu, path, sizeof path)) {
+            assembly->files[i] = (tl_assembly_file){strdup(path), open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK)};
+        }
+        for (size_t k = 0; k < component->library_count; k++) {
+            assembly->libraries[library++] = find_library(config, component->libraries[k].name);
+        }
+    }
+    return TL_OK;
+}
+
+static void close_files(tl_assembly *assembly) {
+    for (size_t i = 0; assembly->files != NULL && i < assembly->config.component_count; i++) {
+        free(assembly->files[i].path);
+        if (assembly->files[i].descriptor >= 0) {
+            (void)close(assembly->files[i].descriptor);
+        }
+    }
+    size_t libraries = count_libraries(&assembly->config);
+    for (size_t i = 0; assembly->libraries != NULL && i < libraries; i++) {
+        free(assembly->libraries[i]);
+    }
+    free(assembly->files);
+    free(assembly->libraries);
+}
+
+/* ---- building ---- */
+
+static bool library_path(const tl_assembly *assembly, size_t place, const char *name, char *path, size_t size) {
+    if (assembly->libraries != NULL && assembly->libraries[place] != NULL) {
+        return snprintf(path, size, "%s", assembly->libraries[place]) < (int)size;
+    }
+    return tl_config_library_path(&assembly->config, name, path, size);
+}
+
+/* Of one component; FMUs are opened only when all of them are there. `first`: how many libraries the components before it name. */
+static void open_libraries(tl_assembly *assembly, const tl_config_component *component, size_t first) {
     for (size_t i = 0; i < component->library_count; i++) {
         const tl_config_library *library = &component->libraries[i];
         char path[PATH_MAX];
         tl_error error;
-        if (!tl_config_library_path(&assembly->config, library->name, path, sizeof path)) {
+        if (!library_path(assembly, first + i, library->name, path, sizeof path)) {
             tl_report_add(&assembly->problems.report, TL_BAD_DATA, library->where, "the path is too long; shorten it");
             continue;
         }
@@ -47,7 +110,7 @@ static bool check_module(tl_assembly *assembly, const tl_fmu *fmu, const char *w
 }
 
 /* The FMU at `path`, loaded once; NULL where reported. */
-static const tl_fmu *load_fmu(tl_assembly *assembly, const char *path, const char *where) {
+static const tl_fmu *load_fmu(tl_assembly *assembly, const char *path, int opened, const char *where) {
     for (size_t i = 0; i < assembly->fmu_count; i++) {
         if (strcmp(assembly->fmus[i].path, path) == 0) {
             return &assembly->fmus[i];
@@ -55,7 +118,7 @@ static const tl_fmu *load_fmu(tl_assembly *assembly, const char *path, const cha
     }
     tl_error error;
     tl_fmu *fmu = &assembly->fmus[assembly->fmu_count];
-    tl_status status = tl_fmu_load(path, fmu, &error);
+    tl_status status = tl_fmu_load_opened(path, opened, fmu, &error);
     if (status != TL_OK) {
         tl_report_add(&assembly->problems.report, status, where, "%s", error.text);
         return NULL;
@@ -64,11 +127,20 @@ static const tl_fmu *load_fmu(tl_assembly *assembly, const char *path, const cha
     return check_module(assembly, fmu, where) ? fmu : NULL;
 }
 
+/* As it was found before, or is found now. */
+static bool fmu_path(const tl_assembly *assembly, size_t index, char *path, size_t size) {
+    if (assembly->files != NULL && assembly->files[index].path != NULL) {
+        return snprintf(path, size, "%s", assembly->files[index].path) < (int)size;
+    }
+    return tl_config_fmu_path(&assembly->config, assembly->config.components[index].fmu, path, size);
+}
+
 static void load_component(tl_assembly *assembly, size_t index) {
     const tl_config_component *configured = &assembly->config.components[index];
     tl_plan_component *component = &assembly->components[index];
     char path[PATH_MAX];
-    if (!tl_config_fmu_path(&assembly->config, configured->fmu, path, sizeof path)) {
+    int opened = assembly->files != NULL ? assembly->files[index].descriptor : -1;
+    if (!fmu_path(assembly, index, path, sizeof path)) {
         char other[TL_OTHER_CASE_TEXT];
         tl_report_add(
             &assembly->problems.report, TL_BAD_DATA, configured->where,
@@ -77,7 +149,7 @@ static void load_component(tl_assembly *assembly, size_t index) {
             configured->fmu, path, tl_other_case(path, other));
         return;
     }
-    const tl_fmu *fmu = load_fmu(assembly, path, configured->where);
+    const tl_fmu *fmu = load_fmu(assembly, path, opened, configured->where);
     if (fmu != NULL) {
         *component = (tl_plan_component){
             .where = configured->where,
@@ -186,8 +258,10 @@ tl_status tl_assembly_build(tl_assembly *assembly) {
         tl_report_add(report, TL_TRY_AGAIN, "", "not enough memory");
         return report->worst;
     }
+    size_t libraries = 0;
     for (size_t i = 0; i < config->component_count; i++) {
-        open_libraries(assembly, &config->components[i]);
+        open_libraries(assembly, &config->components[i], libraries);
+        libraries += config->components[i].library_count;
     }
     bool opened = report->count == 0; /* where a library is missing, each FMU that needs it would only say so again */
     for (size_t i = 0; i < config->component_count && opened; i++) {
@@ -229,6 +303,7 @@ void tl_assembly_free(tl_assembly *assembly) {
     free(assembly->signals);
     free(assembly->match);
     free(assembly->outputs);
+    close_files(assembly);
     tl_config_free(&assembly->config);
     *assembly = (tl_assembly){0};
 }

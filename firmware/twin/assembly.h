@@ -12,6 +12,12 @@
 #include "firmware/fmu/fmu_store.h"
 #include "master/twin/twin.h"
 
+/* A file that was found and opened before the process gave up the right to. */
+typedef struct tl_assembly_file {
+    char *path;     /* as it was found; of a library: absolute; NULL: not found */
+    int descriptor; /* -1: none */
+} tl_assembly_file;
+
 typedef struct tl_assembly {
     tl_config config;
     tl_problems problems;
@@ -23,6 +29,8 @@ typedef struct tl_assembly {
     tl_plan_match *match;
     tl_plan_output *outputs; /* what `emulate` reads */
     tl_twin *twin;
+    tl_assembly_file *files; /* FMU of each component; NULL: not opened before */
+    char **libraries;        /* of all components in order; NULL: not looked for before */
 } tl_assembly;
 
 /* Reads the configuration, loads the FMUs and builds the twin. On failure every problem was said on the log and the
@@ -32,6 +40,10 @@ tl_status tl_assembly_load(const char *path, tl_assembly *assembly);
 /* The same in two parts, for a verb whose options change something in assembly->config between them. */
 tl_status tl_assembly_read(const char *path, tl_assembly *assembly);
 tl_status tl_assembly_build(tl_assembly *assembly);
+
+/* For a process that gives up its rights between the two: finds the FMUs and the libraries, and opens the FMUs. What cannot be is told by the
+ * building. Errors: TL_TRY_AGAIN. */
+tl_status tl_assembly_open(tl_assembly *assembly, tl_error *error);
 
 /* The twin anew, of an assembly that has had one. Problems are said on the log. */
 tl_status tl_assembly_rebuild(tl_assembly *assembly);

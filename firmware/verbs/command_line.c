@@ -86,3 +86,11 @@ int tl_command_line_run(int argc, char **argv) {
     }
     return refuse_verb(first);
 }
+
+int tl_command_line_be(const char *title) {
+    if (strncmp(title, "twin", strlen("twin")) != 0) {
+        (void)fprintf(stderr, "twinlock: there is no role \"%s\"\n", title);
+        return tl_exit_code(TL_BAD_USAGE);
+    }
+    return tl_twin_role_run(tl_verb_check_page);
+}

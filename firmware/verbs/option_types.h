@@ -27,6 +27,7 @@ typedef struct tl_options {
     const char *subject; /* the one word that is no option: a configuration; of `show` a database */
     bool variables;
     double call_limit_s; /* default 60 */
+    bool unconfined;
     const char *recording;
     uint64_t run; /* 0: the last one */
     bool json;

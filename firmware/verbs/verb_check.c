@@ -288,26 +288,38 @@ static tl_status print_page(const tl_assembly *assembly, FILE *output) {
     return TL_OK;
 }
 
-static void check(void *context) {
-    tl_verb_job *job = context;
-    tl_assembly assembly;
-    job->status = tl_assembly_load(job->options->subject, &assembly);
-    if (job->status == TL_OK && tl_interrupt_requested() != NULL) {
+tl_status tl_verb_check_page(const tl_assembly *assembly, const tl_twin_job *job, tl_status status, FILE *page) {
+    if (status == TL_OK && tl_interrupt_requested() != NULL) {
         tl_log(TL_LOG_ERROR, "interrupted by %s", tl_interrupt_requested());
-        job->status = TL_INTERRUPTED;
+        status = TL_INTERRUPTED;
     }
-    if (job->status == TL_OK) {
-        job->status = print_page(&assembly, job->output);
-    } else if (assembly.problems.report.count > 1) {
-        tl_log(TL_LOG_ERROR, "%zu problems", assembly.problems.report.count);
+    if (status == TL_OK) {
+        status = print_page(assembly, page);
+    } else if (assembly->problems.report.count > 1) {
+        tl_log(TL_LOG_ERROR, "%zu problems", assembly->problems.report.count);
     }
-    if (job->options->variables) {
-        print_variables(&assembly, job->output);
+    if (job->variables) {
+        print_variables(assembly, page);
     }
-    tl_verb_job_end(job, &assembly);
+    return status;
+}
+
+static tl_status check(tl_verb_job *job) {
+    tl_error error = {TL_OK, ""};
+    job->order.task = TL_TASK_CHECK;
+    job->order.variables = job->options->variables;
+    tl_status status = tl_verb_job_start(job, job->output, &error);
+    if (status == TL_OK) {
+        status = tl_twin_child_check(job->child, &error);
+    }
+    if (error.text[0] != '\0') {
+        tl_log(TL_LOG_ERROR, "%s", error.text);
+    }
+    return status;
 }
 
 int tl_verb_check(const tl_options *options) {
     tl_verb_job job = {.options = options, .output = tl_output_claim()};
-    return tl_verb_job_run(&job, check);
+    tl_status status = tl_verb_job_read(&job);
+    return tl_verb_job_end(&job, status == TL_OK ? check(&job) : status);
 }

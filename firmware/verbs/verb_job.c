@@ -1,20 +1,47 @@
-/* A verb that calls FMUs: see verb_job.h. */
+/* A verb that needs FMUs: see verb_job.h. */
 #include "firmware/verbs/verb_job.h"
 
-#include "firmware/fmu/fmu_thread.h"
+#include "firmware/base/log.h"
 #include "firmware/process/interrupt.h"
 #include "firmware/text/output.h"
+#include "firmware/verbs/verbs.h"
 
-int tl_verb_job_run(tl_verb_job *job, void (*work)(void *job)) {
+tl_status tl_verb_job_read(tl_verb_job *job) {
+    const tl_options *options = job->options;
+    tl_problems problems;
     tl_interrupt_install();
-    tl_status status = tl_fmu_thread_run(tl_time_of_seconds(job->options->call_limit_s), work, job);
-    if (status == TL_OK) {
-        status = job->status;
+    tl_problems_init(&problems, options->subject);
+    tl_status status = tl_config_read(options->subject, &job->config, &problems.report);
+    if (problems.report.count > 1) {
+        tl_log(TL_LOG_ERROR, "%zu problems", problems.report.count);
     }
-    return tl_exit_code(job->output != NULL ? tl_output_finish(job->output, status) : status);
+    if (status == TL_OK) {
+        tl_config_use_lookups(&job->config);
+        job->order.path = options->subject;
+        job->order.text = job->config.text;
+        job->order.unconfined = options->unconfined;
+    }
+    return status;
 }
 
-void tl_verb_job_end(const tl_verb_job *job, tl_assembly *assembly) {
-    (void)fflush(job->output);
-    tl_assembly_free(assembly);
+tl_status tl_verb_job_start(tl_verb_job *job, FILE *page, tl_error *error) {
+    const tl_twin_child_settings settings = {
+        .job = &job->order,
+        .config = &job->config,
+        .page = page,
+        .print_page = tl_verb_check_page,
+        .call_limit = tl_time_of_seconds(job->options->call_limit_s),
+    };
+    return tl_twin_child_start(&settings, &job->child, error);
+}
+
+int tl_verb_job_end(tl_verb_job *job, tl_status status) {
+    tl_error error;
+    if (job->child != NULL && tl_twin_child_wait(job->child, &error) != TL_OK) {
+        tl_log(TL_LOG_ERROR, "%s", error.text);
+        status = status == TL_OK ? error.status : status;
+    }
+    tl_twin_child_close(job->child);
+    tl_config_free(&job->config);
+    return tl_exit_code(job->output != NULL ? tl_output_finish(job->output, status) : status);
 }

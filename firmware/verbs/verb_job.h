@@ -1,25 +1,33 @@
-/* A verb that calls FMUs: in their thread, with a limit for each call, and to its end.
+/* A verb that needs FMUs: its configuration, and the process that holds them (twin_child.h).
  *
- * Thread: begin it in the main thread; the work is done in the FMUs' one (fmu_thread.h), which ends before this does.
+ * Purpose: what check, replay and plant do alike. They hold files, sockets and the terminal; FMUs run in the other process.
+ * Thread:  the main thread.
  */
 #ifndef TL_FIRMWARE_VERBS_VERB_JOB_H
 #define TL_FIRMWARE_VERBS_VERB_JOB_H
 
 #include <stdio.h>
 
-#include "firmware/twin/assembly.h"
+#include "firmware/config/config.h"
+#include "firmware/config/problems.h"
+#include "firmware/twin/twin_child.h"
 #include "firmware/verbs/options.h"
 
 typedef struct tl_verb_job {
     const tl_options *options;
-    FILE *output;     /* what tl_output_claim() gave; NULL: the verb prints no result */
-    tl_status status; /* set by the work */
+    FILE *output;      /* what tl_output_claim() gave; NULL: the verb prints no result */
+    tl_config config;  /* of the subject */
+    tl_twin_job order; /* for the process; path, text and what options say are filled in by read */
+    tl_twin_child *child;
 } tl_verb_job;
 
-/* Hands the job to `work`, which says on the log what fails. The exit code of the process. */
-int tl_verb_job_run(tl_verb_job *job, void (*work)(void *job));
+/* Installs what hears signals, and reads the configuration; what is wrong with it was said on the log. */
+tl_status tl_verb_job_read(tl_verb_job *job);
 
-/* The end of the work: an FMU may crash in being freed, and what was printed is out before. */
-void tl_verb_job_end(const tl_verb_job *job, tl_assembly *assembly);
+/* Starts the process. `page`: where a check prints to; else NULL. */
+tl_status tl_verb_job_start(tl_verb_job *job, FILE *page, tl_error *error);
+
+/* Ends the process, if there is one, and frees all. Says on the log what it did wrong in its end. The exit code. */
+int tl_verb_job_end(tl_verb_job *job, tl_status status);
 
 #endif

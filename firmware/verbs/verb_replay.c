@@ -4,20 +4,17 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "firmware/base/clock.h"
 #include "firmware/base/log.h"
 #include "firmware/base/new_file.h"
-#include "firmware/fmu/fmu_thread.h"
 #include "firmware/plant/recording.h"
 #include "firmware/process/interrupt.h"
-#include "firmware/process/process_end.h"
 #include "firmware/record/recorder.h"
 #include "firmware/report/trajectory.h"
 #include "firmware/run/journal.h"
 #include "firmware/run/replay.h"
+#include "firmware/run/resume.h"
 #include "firmware/run/watch.h"
 #include "firmware/text/output.h"
-#include "firmware/twin/assembly.h"
 #include "firmware/twin/twin_recorder.h"
 #include "firmware/verbs/verb_job.h"
 #include "firmware/verbs/verbs.h"
@@ -46,64 +43,54 @@ static tl_status check_outputs(const tl_options *options, const char *recording,
     return status == TL_OK ? check_output("--report", options->report, taken, 4, error) : status;
 }
 
-static tl_status open_recording(const tl_assembly *assembly, const tl_options *options, char path[PATH_MAX],
+static tl_status open_recording(const tl_config *config, const tl_options *options, char path[PATH_MAX],
                                 tl_recording **recording, tl_error *error) {
-    tl_status status = tl_options_find_recording(options, &assembly->config, path, error);
+    tl_status status = tl_options_find_recording(options, config, path, error);
     if (status == TL_OK) {
         status = check_outputs(options, path, error);
     }
-    return status == TL_OK ? tl_recording_open(path, &assembly->config, recording, error) : status;
+    return status == TL_OK ? tl_recording_open(path, config, recording, error) : status;
 }
 
 static tl_status print_summary(const tl_replay *replay, const tl_verb_job *job, const tl_summary *summary,
                                tl_error *error) {
-    const tl_config *config = &replay->assembly->config;
+    const tl_config *config = replay->config;
     if (job->options->json) {
-        return tl_summary_print_json(summary, config, &replay->account, job->output, error);
+        return tl_summary_print_json(summary, config, replay->account, job->output, error);
     }
     if (job->options->trajectory == NULL || strcmp(job->options->trajectory, "-") != 0) {
-        tl_summary_print_table(summary, config, &replay->account, job->output);
+        tl_summary_print_table(summary, config, replay->account, job->output);
     }
     return TL_OK;
 }
 
-/* The process ends while an FMU has not returned. What was recorded is on the disk after a commit or two. */
-static void keep(void *context, const char *why) {
-    const tl_replay *replay = context;
-    if (replay->recorder != NULL) {
-        tl_recorder_event(replay->recorder, -1, TL_EVENT_ERROR, "twin", why);
-        tl_clock_sleep_until(tl_clock_now(NULL) + 2 * replay->assembly->config.record_commit);
-    }
-    tl_replay_report_close(replay->report);
-}
-
 /* The recorder and the report, and the watch whose events they get. These are not logged: who replays has the table. */
-static tl_status open_outputs(const tl_assembly *assembly, const tl_verb_job *job, const char *recording,
-                              event_way *way, tl_replay *replay, tl_error *error) {
+static tl_status open_outputs(const tl_verb_job *job, const char *recording, event_way *way, tl_replay *replay,
+                              tl_error *error) {
+    const tl_config *config = replay->config;
     tl_status status = TL_OK;
     if (job->options->database != NULL) {
-        const tl_twin_recorder_settings settings = {.config = &assembly->config,
-                                                    .account = &replay->account,
+        const tl_twin_recorder_settings settings = {.config = config,
+                                                    .account = replay->account,
                                                     .verb = "replay",
                                                     .path = job->options->database,
                                                     .wait_when_full = true};
         status = tl_twin_recorder_open(&settings, &replay->recorder, error);
     }
     if (status == TL_OK && job->options->report != NULL) {
-        status = tl_replay_report_open(&assembly->config, &replay->account, job->options->report, recording,
+        status = tl_replay_report_open(config, replay->account, job->options->report, recording,
                                        &replay->report, error);
     }
     if (status == TL_OK && job->options->trajectory != NULL) {
         status =
-            tl_trajectory_open(job->options->trajectory, job->output, &assembly->config, &replay->trajectory, error);
+            tl_trajectory_open(job->options->trajectory, job->output, config, &replay->trajectory, error);
     }
     tl_journal_init(&way->journal, replay->recorder);
-    tl_watch_init(&way->watch, &assembly->config, &way->journal);
+    tl_watch_init(&way->watch, config, &way->journal);
     if (replay->report != NULL) {
         tl_replay_report_listen(replay->report, &way->journal);
     }
     replay->watch = replay->recorder != NULL || replay->report != NULL ? &way->watch : NULL;
-    tl_process_keep(keep, replay);
     return status;
 }
 
@@ -118,7 +105,6 @@ static tl_status first_of(tl_status status, tl_status later_status, const tl_err
 
 static tl_status close_outputs(const tl_verb_job *job, tl_replay *replay, tl_status status, tl_error *error) {
     tl_error later;
-    tl_process_keep(NULL, NULL);
     if (replay->trajectory != NULL) {
         tl_status closed = tl_trajectory_close(replay->trajectory, job->output, job->options->trajectory, &later);
         status = first_of(status, closed, &later, error);
@@ -141,7 +127,7 @@ static tl_status tell(const tl_verb_job *job, const tl_replay *replay, const tl_
     tl_error later;
     tl_status printed = print_summary(replay, job, summary, &later);
     status = first_of(status, printed, &later, error);
-    tl_twin_recorder_check(&replay->account, replay->recorder);
+    tl_twin_recorder_check(replay->account, replay->recorder);
     if (replay->report != NULL) {
         const char *ended = status == TL_OK ? "end of recording" : error->text;
         tl_status kept = tl_replay_report_keep(replay->report, summary, ended, &later);
@@ -150,68 +136,139 @@ static tl_status tell(const tl_verb_job *job, const tl_replay *replay, const tl_
     return status;
 }
 
+/* ---- the process with the FMUs ---- */
+
+static void hear_refusal(void *context, const char *text) {
+    event_way *way = context;
+    tl_journal_event(&way->journal, -1, TL_EVENT_WARNING, "twin", "%s", text);
+}
+
+/* What has happened to it belongs to the run's events; on the log it is already, or will be. */
+static void note_child(const tl_verb_job *job, const tl_replay *replay, event_way *way, const tl_error *error) {
+    tl_twin_child_tell(job->child, hear_refusal, way);
+    if (tl_twin_child_is_gone(job->child) && replay->recorder != NULL) {
+        tl_recorder_event(replay->recorder, -1, TL_EVENT_ERROR, "twin", error->text);
+    }
+}
+
+/* The account as it is at the end is in place of that at the beginning. */
+static tl_status run(const tl_verb_job *job, const tl_replay *replay, tl_account *account, tl_summary *summary,
+                     tl_error *error) {
+    tl_status status = tl_replay_run(replay, summary, error);
+    if (status == TL_OK || status == TL_INTERRUPTED) {
+        tl_error later;
+        tl_status ended = tl_twin_child_end(job->child, account, &later);
+        if (ended != TL_OK) {
+            *error = later;
+            status = ended;
+        }
+    }
+    return status;
+}
+
 /* Runs, then closes what the run wrote. */
-static tl_status replay_into(const tl_assembly *assembly, const tl_verb_job *job, const char *recording, event_way *way,
+static tl_status replay_into(const tl_verb_job *job, const char *recording, event_way *way, tl_account *account,
                              tl_replay *replay, tl_error *error) {
     tl_summary summary;
-    tl_account_take(assembly->twin, &replay->account);
-    tl_status status = open_outputs(assembly, job, recording, way, replay, error);
+    tl_status status = open_outputs(job, recording, way, replay, error);
     if (status == TL_OK) {
-        status = tl_replay_run(replay, &summary, error);
+        status = run(job, replay, account, &summary, error);
+        note_child(job, replay, way, error);
         if (status == TL_OK || status == TL_INTERRUPTED) {
-            tl_account_take(assembly->twin, &replay->account);
             status = tell(job, replay, &summary, status, error);
         }
     }
     return close_outputs(job, replay, status, error);
 }
 
-/* With what is too large for a small stack. */
-static tl_status replay_and_tell(const tl_assembly *assembly, const tl_verb_job *job, const char *recording,
-                                 tl_replay *replay, tl_error *error) {
-    event_way *made = calloc(1, sizeof *made);
-    if (made == NULL) {
-        return tl_fail(error, TL_TRY_AGAIN, "not enough memory");
+static tl_status replay_fed(const tl_verb_job *job, const char *path, tl_account *account, tl_recording *recording,
+                            tl_error *error) {
+    const tl_twin_feed_settings settings = {
+        .config = &job->config,
+        .account = account,
+        .recording = recording,
+        .child = job->child,
+        .tells = job->order.tells,
+        .paced = job->options->realtime,
+    };
+    tl_replay replay = {
+        .config = &job->config, .account = account, .recording = recording, .realtime = job->options->realtime};
+    event_way *way = calloc(1, sizeof *way);
+    tl_status status = way == NULL ? tl_fail(error, TL_TRY_AGAIN, "not enough memory")
+                                   : tl_twin_feed_open(&settings, &replay.feed, error);
+    if (status == TL_OK) {
+        status = replay_into(job, path, way, account, &replay, error);
     }
-    tl_status status = replay_into(assembly, job, recording, made, replay, error);
-    free(made);
+    tl_twin_feed_close(replay.feed);
+    free(way);
     return status;
 }
 
-static tl_status load(const tl_options *options, tl_assembly *assembly) {
-    tl_status status = tl_assembly_read(options->subject, assembly);
-    if (status != TL_OK) {
-        return status;
+/* What the process is told of where the recorded run began. */
+static tl_status order_beginning(tl_verb_job *job, tl_recording *recording, tl_error *error) {
+    const tl_recording_beginning *beginning = tl_recording_get_beginning(recording);
+    if (beginning == NULL) {
+        return TL_OK;
     }
-    assembly->config.recording_run = (int64_t)options->run;
-    if (options->plain) {
-        assembly->config.saving.structure = false;
-        assembly->config.saving.sequences = false;
+    job->order.begins = TL_BEGINS_AT;
+    job->order.tick = beginning->tick;
+    if (beginning->follows && beginning->resumption.from == TL_RESUMED_CHECKPOINT) {
+        job->order.begins = TL_BEGINS_CHECKPOINT;
+        job->order.tick = beginning->checkpoint->tick;
+        job->order.checkpoint = beginning->checkpoint->bytes;
+        job->order.checkpoint_size = beginning->checkpoint->size;
     }
-    return tl_assembly_build(assembly);
+    return tl_resume_check(&job->config, beginning, error);
 }
 
-static void replay(void *context) {
-    tl_verb_job *job = context;
-    tl_assembly assembly;
-    tl_error error;
-    job->status = load(job->options, &assembly);
-    if (job->status == TL_OK) {
-        tl_replay replay = {.assembly = &assembly, .realtime = job->options->realtime};
-        char recording[PATH_MAX];
-        job->status = open_recording(&assembly, job->options, recording, &replay.recording, &error);
-        if (job->status == TL_OK) {
-            job->status = replay_and_tell(&assembly, job, recording, &replay, &error);
-        }
-        tl_recording_close(replay.recording);
-        if (job->status != TL_OK) {
-            tl_log(TL_LOG_ERROR, "%s", error.text);
-        }
+/* With a recording that could be opened, or could not: what is wrong with the FMUs is told before that. */
+static tl_status replay_with(tl_verb_job *job, const char *path, tl_recording *recording, tl_status opened,
+                             tl_error *error) {
+    tl_error later = {TL_OK, ""};
+    tl_account *account = calloc(1, sizeof *account);
+    tl_status status = account == NULL ? tl_fail(&later, TL_TRY_AGAIN, "not enough memory")
+                                       : tl_verb_job_start(job, NULL, &later);
+    if (status == TL_OK) {
+        status = tl_twin_child_build(job->child, account, &later);
     }
-    tl_verb_job_end(job, &assembly);
+    if (status != TL_OK) {
+        *error = later;
+    } else if (opened != TL_OK) {
+        status = opened;
+    } else {
+        status = replay_fed(job, path, account, recording, error);
+    }
+    free(account);
+    return status;
+}
+
+static tl_status replay(tl_verb_job *job) {
+    const tl_options *options = job->options;
+    tl_recording *recording = NULL;
+    char path[PATH_MAX];
+    tl_error error = {TL_OK, ""};
+    job->config.recording_run = (int64_t)options->run;
+    job->order.task = TL_TASK_STEP;
+    job->order.tells = options->database != NULL ? TL_TELLS_COUNTS : TL_TELLS_RECORDS;
+    job->order.plain = options->plain;
+    tl_status opened = open_recording(&job->config, options, path, &recording, &error);
+    if (opened == TL_OK) {
+        opened = order_beginning(job, recording, &error);
+    }
+    tl_status status = replay_with(job, path, recording, opened, &error);
+    tl_recording_close(recording);
+    if (status != TL_OK && error.text[0] != '\0') {
+        tl_log(TL_LOG_ERROR, "%s", error.text);
+    }
+    if (job->child != NULL && !tl_twin_child_is_gone(job->child)) {
+        tl_error unsaid;
+        (void)tl_twin_child_end(job->child, NULL, &unsaid);
+    }
+    return status;
 }
 
 int tl_verb_replay(const tl_options *options) {
     tl_verb_job job = {.options = options, .output = tl_output_claim()};
-    return tl_verb_job_run(&job, replay);
+    tl_status status = tl_verb_job_read(&job);
+    return tl_verb_job_end(&job, status == TL_OK ? replay(&job) : status);
 }

@@ -5,9 +5,16 @@
 #ifndef TL_FIRMWARE_VERBS_VERBS_H
 #define TL_FIRMWARE_VERBS_VERBS_H
 
+#include <stdio.h>
+
+#include "firmware/twin/twin_role.h"
 #include "firmware/verbs/options.h"
 
 int tl_verb_check(const tl_options *options);
+
+/* The page of a check: in the process with the FMUs (twin_role.h). */
+tl_status tl_verb_check_page(const tl_assembly *assembly, const tl_twin_job *job, tl_status status, FILE *page);
+
 int tl_verb_plant(const tl_options *options);
 int tl_verb_replay(const tl_options *options);
 int tl_verb_run(const tl_options *options);

@@ -65,7 +65,7 @@ FIRMWARE = {
     "firmware/report": _firmware("record", "config", others=_TWIN,
                                  public=("figures_json", "html_report", "run_figures", "summary", "trajectory")),
     "firmware/show": _firmware("report", "record", "config", others=_TWIN, public=("show",)),
-    "firmware/twin": _firmware("report", "record", "fmu", "process", "config", others=_TWIN),
+    "firmware/twin": _firmware("plant", "report", "record", "fmu", "confine", "process", "config", others=_TWIN),
     "firmware/run": _firmware("twin", "report", "plant", "record", "fmu", "supervise", "process", "config", others=_TWIN,
                               public=("appliance", "replay", "journal", "watch")),
     "firmware/emulate": _firmware("twin", "plant", "process", "config", others=_DRIVERS),

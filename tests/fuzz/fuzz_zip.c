@@ -24,7 +24,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
     tl_fmu_archive archive;
     tl_error error = {TL_OK, ""};
     int before = count_entries(tl_fuzz_folder());
-    tl_status status = tl_fmu_archive_unpack(tl_fuzz_file(data, size), "input.fmu", &archive, &error);
+    tl_status status = tl_fmu_archive_unpack(tl_fuzz_file(data, size), -1, "input.fmu", &archive, &error);
     if (status != TL_OK && error.text[0] == '\0') {
         abort();
     }

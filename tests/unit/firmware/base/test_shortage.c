@@ -28,7 +28,7 @@ static struct rlimit usual;
 
 void setUp(void) {
     error = (tl_error){TL_OK, ""};
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_fmu_archive_unpack(MOTOR, "motor", &archive, &error));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_fmu_archive_unpack(MOTOR, -1, "motor", &archive, &error));
     tl_fmu_guard_open(&guard, "motor", "");
 }
 

@@ -1,0 +1,79 @@
+/* The twin in a process of its own, as seen by the one that started it.
+ *
+ * Purpose: FMUs are strangers' programs. They run in a process that holds nothing but them: no file, no socket, no terminal (confine.h).
+ *          This is the other end of it: it is started, built, given ticks, asked for results, and ended.
+ * Trust:   whatever comes from there may be a lie. It is held against the protocol, copied before it is looked at, and shown without
+ *          control characters; who breaks the protocol is killed.
+ * Ends:    an end that was not announced is a failure, told with the FMU and the function that was being called. So are a call that lasts
+ *          too long and a bound that is not kept (memory, threads, files); then the process is killed. What came before counts.
+ * Threads: all functions are for one thread; another one, of ours, relays what the process prints, answers its refused system calls
+ *          and looks at its bounds (twin_warden.h).
+ */
+#ifndef TL_FIRMWARE_TWIN_TWIN_CHILD_H
+#define TL_FIRMWARE_TWIN_TWIN_CHILD_H
+
+#include <stdbool.h>
+#include <stdio.h>
+
+#include "firmware/config/config.h"
+#include "firmware/twin/twin_job.h"
+#include "firmware/twin/twin_role.h"
+#include "firmware/twin/twin_step.h"
+#include "firmware/twin/twin_warden.h"
+#include "master/twin/account.h"
+
+enum {
+    TL_TWIN_CHILD_DEPTH = 256, /* ticks that can be under way */
+    TL_TWIN_FOLDER_MIB = 256   /* that FMUs may write, beside what they are unpacked to */
+};
+
+typedef struct tl_twin_child tl_twin_child;
+
+typedef struct tl_twin_child_settings {
+    const tl_twin_job *job;
+    const tl_config *config; /* must outlive the child */
+    FILE *page;              /* what a check prints goes here; NULL: nothing is printed */
+    tl_twin_page *print_page; /* as in main() */
+    tl_time call_limit;      /* ns of one call of an FMU */
+} tl_twin_child_settings;
+
+/* Starts it, and returns when it is confined and about to load FMUs. What is not held of its confinement is said on the log. Errors:
+ * TL_TRY_AGAIN. */
+tl_status tl_twin_child_start(const tl_twin_child_settings *settings, tl_twin_child **child, tl_error *error);
+
+/* Waits until the twin is built. What is wrong was said on the log if error->text is empty. */
+tl_status tl_twin_child_build(tl_twin_child *child, tl_account *account, tl_error *error);
+
+/* Waits until a check is done, its page printed; the same of its errors. */
+tl_status tl_twin_child_check(tl_twin_child *child, tl_error *error);
+
+/* Tells what FMUs were refused since this was called last. It was said on the log already. */
+void tl_twin_child_tell(tl_twin_child *child, tl_twin_warden_listener *hear, void *context);
+
+/* A tick; `last`: it only completes the record before. At most TL_TWIN_CHILD_DEPTH may be under way. It is seen there when it is pushed. */
+tl_status tl_twin_child_give(tl_twin_child *child, const tl_recording_tick *tick, bool last, tl_error *error);
+
+void tl_twin_child_push(tl_twin_child *child);
+
+/* The result of the oldest tick under way, which is this one. Sleeps, if there is none yet, until there are `wanted` of them, or as many as
+ * there will be. *stopped: it was told to stop, and there is none. Errors: that of the step, with the result filled; else TL_FMU_FAILED: the
+ * process is at its end, and nothing is filled. */
+tl_status tl_twin_child_take(tl_twin_child *child, int64_t tick, unsigned wanted, tl_twin_result *result, bool *stopped,
+                             tl_error *error);
+
+/* It shall compute nothing more: what is done can be taken, then take says that it has stopped. */
+void tl_twin_child_stop(tl_twin_child *child);
+
+/* Ends the work, and gives the account as it then stands (NULL: not wanted). What was computed and not taken is passed over. */
+tl_status tl_twin_child_end(tl_twin_child *child, tl_account *account, tl_error *error);
+
+/* It is at its end, and was told how. */
+bool tl_twin_child_is_gone(const tl_twin_child *child);
+
+/* After that: waits until the FMUs are freed and the process has ended. Errors: TL_FMU_FAILED if it did not end as it should. */
+tl_status tl_twin_child_wait(tl_twin_child *child, tl_error *error);
+
+/* Ends it if it is not at its end yet; removes what it has left. NULL is allowed. */
+void tl_twin_child_close(tl_twin_child *child);
+
+#endif

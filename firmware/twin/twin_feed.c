@@ -1,0 +1,159 @@
+/* The feed: see twin_feed.h. */
+#include "firmware/twin/twin_feed.h"
+
+#include <stdlib.h>
+
+/* Ticks that are under way at most; a power of two. */
+enum { AHEAD = TL_TWIN_CHILD_DEPTH, HALF = AHEAD / 2 };
+
+/* A tick that was read, and whether it is only the one after the last step. */
+typedef struct wanted {
+    tl_recording_tick tick;
+    bool last;
+} wanted;
+
+struct tl_twin_feed {
+    tl_twin_feed_settings settings;
+    int64_t last_tick;
+    tl_recording_tick next; /* read, and not yet wanted */
+    bool has_next;
+    bool begun;
+    bool ended; /* nothing more will be wanted */
+    tl_status status;
+    tl_error error; /* of the recording; told when what was wanted before is through */
+    uint64_t read;    /* ticks wanted so far, */
+    uint64_t given;   /* given to the twin, */
+    uint64_t taken;   /* and back */
+    tl_twin_result result;
+    wanted ring[AHEAD];
+};
+
+int64_t tl_twin_feed_last_tick(const tl_config *config, const tl_account *account) {
+    return config->duration == 0 ? INT64_MAX : config->duration / config->step + account->lead;
+}
+
+tl_status tl_twin_feed_open(const tl_twin_feed_settings *settings, tl_twin_feed **feed, tl_error *error) {
+    tl_twin_feed *made = calloc(1, sizeof *made);
+    if (made == NULL) {
+        return tl_fail(error, TL_TRY_AGAIN, "not enough memory to read the recording ahead");
+    }
+    made->settings = *settings;
+    made->last_tick = tl_twin_feed_last_tick(settings->config, settings->account);
+    *feed = made;
+    return TL_OK;
+}
+
+void tl_twin_feed_close(tl_twin_feed *feed) {
+    free(feed);
+}
+
+void tl_twin_feed_stop(tl_twin_feed *feed) {
+    if (!feed->ended) {
+        feed->ended = true;
+        feed->read = feed->given;
+    }
+    if (feed->settings.child != NULL) {
+        tl_twin_child_stop(feed->settings.child);
+    }
+}
+
+/* ---- reading ---- */
+
+/* False: there is none, or it cannot be read. */
+static bool read_tick(tl_twin_feed *feed, tl_recording_tick *tick) {
+    bool end = false;
+    feed->status = tl_recording_next(feed->settings.recording, tick, &end, &feed->error);
+    return feed->status == TL_OK && !end;
+}
+
+/* One tick is read ahead: in mode ahead a step is computed only if its measurement will come. */
+static void want_next(tl_twin_feed *feed) {
+    wanted *place = &feed->ring[feed->read % AHEAD];
+    if (!feed->begun) {
+        feed->begun = true;
+        feed->has_next = read_tick(feed, &feed->next);
+    }
+    if (!feed->has_next) {
+        feed->ended = true;
+        return;
+    }
+    place->tick = feed->next;
+    feed->has_next = read_tick(feed, &feed->next);
+    bool beyond = place->tick.sample.tick > feed->last_tick;
+    if (feed->status != TL_OK) {
+        feed->ended = true;
+        return;
+    }
+    place->last = feed->settings.config->measurements == TL_AHEAD && (!feed->has_next || beyond);
+    feed->ended = place->last || beyond;
+    feed->read += place->last || !beyond ? 1 : 0;
+}
+
+const tl_recording_tick *tl_twin_feed_look(tl_twin_feed *feed) {
+    if (feed->read == feed->given && !feed->ended) {
+        want_next(feed);
+    }
+    return feed->read != feed->given ? &feed->ring[feed->given % AHEAD].tick : NULL;
+}
+
+/* ---- giving and taking ---- */
+
+/* As many ticks as the twin may be ahead; a ring that is half full is left alone, so that neither side wakes the other at each tick. */
+static tl_status give(tl_twin_feed *feed, tl_error *error) {
+    uint64_t most = feed->settings.paced || feed->settings.child == NULL ? 1 : AHEAD;
+    if (feed->given - feed->taken > HALF) {
+        return TL_OK;
+    }
+    tl_status status = TL_OK;
+    while (status == TL_OK && feed->given - feed->taken < most && tl_twin_feed_look(feed) != NULL) {
+        const wanted *place = &feed->ring[feed->given % AHEAD];
+        if (feed->settings.child != NULL) {
+            status = tl_twin_child_give(feed->settings.child, &place->tick, place->last, error);
+        }
+        feed->given += status == TL_OK ? 1 : 0;
+    }
+    if (status == TL_OK && feed->settings.child != NULL) {
+        tl_twin_child_push(feed->settings.child);
+    }
+    return status;
+}
+
+static tl_status take_here(tl_twin_feed *feed, const wanted *place, tl_error *error) {
+    const tl_twin_feed_settings *settings = &feed->settings;
+    if (place->last) {
+        tl_twin_execute_last(settings->assembly, &place->tick, settings->tells, &feed->result);
+        return TL_OK;
+    }
+    return tl_twin_execute(settings->assembly, &place->tick, settings->tells, &feed->result, error);
+}
+
+tl_status tl_twin_feed_next(tl_twin_feed *feed, tl_twin_fed *fed, bool *end, tl_error *error) {
+    *end = false;
+    tl_status status = give(feed, error);
+    if (status != TL_OK) {
+        return status;
+    }
+    if (feed->taken == feed->given) { /* the recording's end, or what it could not be read for */
+        *end = true;
+        if (feed->status != TL_OK) {
+            *error = feed->error;
+        }
+        return feed->status;
+    }
+    const wanted *place = &feed->ring[feed->taken % AHEAD];
+    bool stopped = false;
+    feed->result.tick = TL_TWIN_NO_TICK;
+    if (feed->settings.child == NULL) {
+        status = take_here(feed, place, error);
+    } else {
+        uint64_t wanted_results = feed->settings.paced ? 1 : (feed->given - feed->taken + 1) / 2;
+        status = tl_twin_child_take(feed->settings.child, place->tick.sample.tick, (unsigned)wanted_results,
+                                    &feed->result, &stopped, error);
+    }
+    if (feed->result.tick != TL_TWIN_NO_TICK) {
+        *fed = (tl_twin_fed){&place->tick, &feed->result, place->last};
+    }
+    *end = stopped;
+    feed->taken++;
+    return status;
+}

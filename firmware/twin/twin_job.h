@@ -1,0 +1,55 @@
+/* The job of a process with a twin: all that it is told at its start, in one piece of memory that nobody can change.
+ *
+ * Purpose: the process reads no configuration file and no database: it gets the text of the one that its parent has read, and the
+ *          checkpoint that the parent has taken out of the database.
+ * Trust:   it comes from the parent, which is trusted; offsets are checked all the same.
+ * Thread:  plain data.
+ */
+#ifndef TL_FIRMWARE_TWIN_TWIN_JOB_H
+#define TL_FIRMWARE_TWIN_TWIN_JOB_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "firmware/process/block.h"
+#include "firmware/twin/twin_step.h"
+
+typedef enum tl_twin_task {
+    TL_TASK_CHECK, /* build, print the page, end */
+    TL_TASK_STEP   /* build, then a result for each tick */
+} tl_twin_task;
+
+/* Where the twin begins. */
+typedef enum tl_twin_begins {
+    TL_BEGINS_NEW,       /* at tick 0 with start values */
+    TL_BEGINS_AT,        /* at another tick (tl_twin_begin_at()) */
+    TL_BEGINS_CHECKPOINT /* with a saved twin (tl_twin_load()) */
+} tl_twin_begins;
+
+typedef struct tl_twin_job {
+    tl_twin_task task;
+    tl_twin_tells tells;
+    tl_twin_begins begins;
+    int64_t tick;                    /* of where it begins */
+    const unsigned char *checkpoint; /* and with what */
+    size_t checkpoint_size;
+    const char *path;   /* of the configuration, as given: relative names start at its folder */
+    const char *text;   /* what it says */
+    const char *folder; /* private, absolute: for what FMUs write */
+    uint64_t folder_bytes; /* that they may write */
+    uint64_t memory;       /* bytes that the process may take; 0: no limit */
+    uint32_t user;      /* to become; 0: stay */
+    bool plain;         /* save no executions */
+    bool without_delays;
+    bool variables; /* the page lists them */
+    bool unconfined;
+} tl_twin_job;
+
+/* Errors: TL_TRY_AGAIN. */
+tl_status tl_twin_job_make(const tl_twin_job *job, tl_block *block, tl_error *error);
+
+/* Texts and bytes are in the block. Errors: TL_BAD_DATA. */
+tl_status tl_twin_job_read(const tl_block *block, tl_twin_job *job, tl_error *error);
+
+#endif

@@ -1,0 +1,259 @@
+/* The process with the FMUs: see twin_role.h. */
+#include "firmware/twin/twin_role.h"
+
+#include <string.h>
+#include <sys/socket.h>
+#include <unistd.h>
+
+#include "firmware/base/c_locale.h"
+#include "firmware/base/clock.h"
+#include "firmware/base/log.h"
+#include "firmware/fmu/fmu_thread.h"
+#include "firmware/process/crash.h"
+#include "firmware/process/interrupt.h"
+#include "firmware/process/process_end.h"
+#include "firmware/process/role.h"
+#include "firmware/twin/twin_wire.h"
+
+/* How long it sleeps at most before it looks whether a signal came. */
+static const tl_time LOOK = TL_SECOND / 4;
+
+/* All that this process has. */
+typedef struct role {
+    tl_twin_page *print_page;
+    tl_block job_block;
+    tl_block blocks[TL_SIDES];
+    tl_twin_job job;
+    tl_channel_settings wire;
+    tl_channel channel;
+    tl_twin_extra *extra;
+    tl_assembly assembly;
+    bool over; /* a step has failed: what is still asked for gets no answer */
+} role;
+
+/* ---- telling ---- */
+
+static void set_error(role *self, const tl_error *error) {
+    (void)snprintf(self->extra->error, sizeof self->extra->error, "%s", error == NULL ? "" : error->text);
+}
+
+/* Waits for room: the other end takes what there is, or is gone, and this process with it. */
+static void send_message(role *self, tl_message type, const void *payload) {
+    while (!tl_channel_offer(&self->channel, type, payload)) {
+        if (tl_channel_wait(&self->channel, 0, 1, tl_clock_now(NULL) + LOOK) == TL_CHANNEL_BROKEN) {
+            return;
+        }
+    }
+    tl_channel_push(&self->channel);
+}
+
+/* `error` has no text where it was said on the log. */
+static void send_word(role *self, tl_message type, tl_status status, const tl_error *error) {
+    const tl_twin_word word = {.status = (int32_t)status};
+    set_error(self, error);
+    send_message(self, type, &word);
+}
+
+/* ---- start ---- */
+
+static tl_status read_job(role *self, tl_error *error) {
+    tl_problems *problems = &self->assembly.problems;
+    tl_status status = tl_block_take(TL_TWIN_JOB, 0, TL_BLOCK_IS_WRITTEN, &self->job_block, error);
+    if (status == TL_OK) {
+        status = tl_twin_job_read(&self->job_block, &self->job, error);
+    }
+    if (status != TL_OK) {
+        return status;
+    }
+    tl_problems_init(problems, self->job.path);
+    status = tl_config_read_text(self->job.path, self->job.text, strlen(self->job.text), &self->assembly.config,
+                                 &problems->report);
+    if (status != TL_OK) {
+        return tl_fail(error, status, "%s was read differently by the process with the FMUs", self->job.path);
+    }
+    problems->config = &self->assembly.config;
+    if (self->job.plain) {
+        self->assembly.config.saving.structure = false;
+        self->assembly.config.saving.sequences = false;
+    }
+    if (self->job.without_delays) {
+        tl_config_forget_delays(&self->assembly.config);
+    }
+    return TL_OK;
+}
+
+static tl_status open_channel(role *self, tl_error *error) {
+    self->wire = tl_twin_wire(&self->assembly.config, self->job.tells);
+    tl_status status = tl_block_take(TL_TWIN_PARENTS_BLOCK, tl_channel_bytes(&self->wire, TL_PARENT),
+                                     TL_BLOCK_WE_WRITE, &self->blocks[TL_PARENT], error);
+    if (status == TL_OK) {
+        status = tl_block_take(TL_TWIN_OWN_BLOCK, tl_channel_bytes(&self->wire, TL_CHILD), TL_BLOCK_THEY_WRITE,
+                               &self->blocks[TL_CHILD], error);
+    }
+    if (status == TL_OK) {
+        void *const bytes[TL_SIDES] = {self->blocks[TL_PARENT].bytes, self->blocks[TL_CHILD].bytes};
+        self->extra = tl_channel_extra(&self->wire, TL_CHILD, self->blocks[TL_CHILD].bytes);
+        tl_channel_open(&self->wire, TL_CHILD, bytes, &self->channel);
+    }
+    return status;
+}
+
+/* Hands over the descriptor by which the parent hears of refused calls. */
+static void hand_over(int listener) {
+    char byte = 0;
+    struct iovec content = {.iov_base = &byte, .iov_len = 1};
+    union {
+        struct cmsghdr aligned;
+        char bytes[CMSG_SPACE(sizeof(int))];
+    } control = {.bytes = {0}};
+    struct msghdr message = {
+        .msg_iov = &content, .msg_iovlen = 1, .msg_control = &control, .msg_controllen = sizeof control};
+    struct cmsghdr *header = CMSG_FIRSTHDR(&message);
+    header->cmsg_level = SOL_SOCKET;
+    header->cmsg_type = SCM_RIGHTS;
+    header->cmsg_len = CMSG_LEN(sizeof listener);
+    memcpy(CMSG_DATA(header), &listener, sizeof listener);
+    (void)sendmsg(TL_TWIN_START_SOCKET, &message, 0);
+    (void)close(listener);
+}
+
+/* An FMU's files are unpacked into the private folder, where it may also write. */
+static tl_status confine(const role *self, tl_confine_facts *facts, tl_error *error) {
+    int listener = -1;
+    const tl_confine_settings settings = {
+        .folder = self->job.folder,
+        .folder_bytes = self->job.folder_bytes,
+        .memory = self->job.memory,
+        .user = self->job.user,
+        .start_socket = TL_TWIN_START_SOCKET,
+        .whole_process = true,
+    };
+    *facts = (tl_confine_facts){0};
+    if (self->job.unconfined) {
+        return TL_OK;
+    }
+    tl_status status = tl_confine(&settings, facts, &listener, error);
+    if (status == TL_OK && listener >= 0) {
+        hand_over(listener);
+    }
+    return status;
+}
+
+static tl_status start(role *self, tl_confine_facts *facts, tl_error *error) {
+    tl_status status = read_job(self, error);
+    if (status == TL_OK) {
+        status = open_channel(self, error);
+    }
+    if (status == TL_OK) {
+        status = tl_assembly_open(&self->assembly, error);
+    }
+    if (status == TL_OK) {
+        status = confine(self, facts, error);
+    }
+    (void)close(TL_TWIN_START_SOCKET);
+    return status;
+}
+
+/* ---- the work, in the thread of the FMUs ---- */
+
+static tl_status begin(const role *self, tl_error *error) {
+    switch (self->job.begins) {
+    case TL_BEGINS_NEW:
+        break;
+    case TL_BEGINS_AT:
+        tl_twin_begin_at(self->assembly.twin, self->job.tick);
+        break;
+    case TL_BEGINS_CHECKPOINT:
+        return tl_twin_load(self->assembly.twin, self->job.tick, self->job.checkpoint, self->job.checkpoint_size,
+                            error);
+    }
+    return TL_OK;
+}
+
+static void answer(role *self, const tl_recording_tick *tick, bool last) {
+    tl_twin_result result;
+    tl_error error;
+    if (self->over || tl_interrupt_requested() != NULL) {
+        return;
+    }
+    if (last) {
+        tl_twin_execute_last(&self->assembly, tick, self->job.tells, &result);
+    } else if (tl_twin_execute(&self->assembly, tick, self->job.tells, &result, &error) != TL_OK) {
+        set_error(self, &error);
+        self->over = true;
+    }
+    send_message(self, TL_MESSAGE_RESULT, &result);
+}
+
+/* Until it is told to end. */
+static tl_status step_until_end(role *self, tl_error *error) {
+    for (;;) {
+        tl_recording_tick tick;
+        tl_message type = TL_MESSAGE_END;
+        tl_channel_news news = tl_channel_take(&self->channel, &type, &tick);
+        if (news == TL_CHANNEL_BROKEN) {
+            *error = self->channel.fault;
+            return error->status;
+        }
+        if (news == TL_CHANNEL_SOMETHING && type == TL_MESSAGE_END) {
+            return TL_OK;
+        }
+        if (news == TL_CHANNEL_SOMETHING) {
+            answer(self, &tick, type == TL_MESSAGE_FINISH);
+        } else {
+            (void)tl_channel_wait(&self->channel, 1, 0, tl_clock_now(NULL) + LOOK);
+        }
+    }
+}
+
+static tl_status check(const role *self, tl_status built) {
+    FILE *page = fdopen(TL_TWIN_PAGE, "w");
+    if (page == NULL) {
+        return TL_TRY_AGAIN;
+    }
+    tl_status status = self->print_page(&self->assembly, &self->job, built, page);
+    (void)fclose(page);
+    return status;
+}
+
+static void work(void *context) {
+    role *self = context;
+    tl_error error = {TL_OK, ""};
+    tl_status status = tl_assembly_build(&self->assembly);
+    if (status == TL_OK) {
+        status = begin(self, &error);
+    }
+    if (self->assembly.twin != NULL) {
+        tl_account_take(self->assembly.twin, &self->extra->account);
+    }
+    send_word(self, TL_MESSAGE_BUILT, status, &error);
+    if (self->job.task == TL_TASK_CHECK) {
+        status = check(self, status);
+    } else if (status == TL_OK) {
+        status = step_until_end(self, &error);
+        tl_account_take(self->assembly.twin, &self->extra->account);
+    }
+    send_word(self, TL_MESSAGE_ENDED, status, &error);
+    tl_assembly_free(&self->assembly);
+}
+
+int tl_twin_role_run(tl_twin_page *print_page) {
+    static role self; /* one for the process */
+    tl_confine_facts facts;
+    tl_error error;
+    self.print_page = print_page;
+    tl_log_use_levels();
+    tl_role_enter();
+    tl_process_begin();
+    tl_crash_install();
+    tl_locale_use();
+    tl_status status = start(&self, &facts, &error);
+    if (status != TL_OK) {
+        tl_log(TL_LOG_ERROR, "%s", error.text);
+        return tl_exit_code(status);
+    }
+    tl_interrupt_install();
+    tl_fmu_calls_use(&self.extra->calls);
+    send_message(&self, TL_MESSAGE_READY, &facts);
+    return tl_exit_code(tl_fmu_thread_run(0, work, &self));
+}

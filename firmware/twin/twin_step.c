@@ -1,0 +1,100 @@
+/* One tick for the twin: see twin_step.h. */
+#include "firmware/twin/twin_step.h"
+
+#include <string.h>
+
+#include "firmware/fmu/fmu_guard.h"
+#include "firmware/twin/twin_recorder.h"
+
+enum { GUARD_INTERVAL = 16 }; /* ticks */
+
+size_t tl_twin_result_size(const tl_config *config, tl_twin_tells tells) {
+    size_t besides = 0;
+    if (tells == TL_TELLS_COUNTS) {
+        besides = (config->component_count + 1) * sizeof(tl_recorder_component);
+    } else if (tells == TL_TELLS_OUTPUTS) {
+        besides = config->emulated_count * sizeof(double);
+    }
+    return offsetof(tl_twin_result, besides) + besides;
+}
+
+static bool is_within(unsigned value, unsigned greatest) {
+    return value <= greatest;
+}
+
+static bool is_sound_record(const tl_record *record, const tl_config *config, int64_t tick, int64_t least) {
+    bool sound = record->step >= least && record->step <= tick && is_within(record->outcome, TL_OUTCOMES - 1) &&
+                 is_within(record->stop, TL_STOP_TIME) && is_within(record->delay_state, TL_DELAY_LOST) &&
+                 record->flags < 2U * TL_LAST_FLAG;
+    for (size_t i = 0; sound && i < config->match_count; i++) {
+        sound = is_within(record->y_hat_quality[i], TL_OUTLIER);
+    }
+    return sound;
+}
+
+bool tl_twin_result_is_sound(const tl_twin_result *result, const tl_config *config, int64_t tick, int64_t least) {
+    return result->tick == tick && is_within((unsigned)result->status, TL_INTERRUPTED) && result->ready <= 1 &&
+           (result->ready == 0 || is_sound_record(&result->record, config, tick, least));
+}
+
+/* As configured, but without a clock; where time cut the run's search short, exactly what it had time for. */
+static tl_budget budget_of(const tl_config *config, const tl_recording_tick *tick) {
+    tl_budget budget = {.evaluations = config->budget_evaluations};
+    if (tick->cut_short) {
+        budget.evaluations = tick->evaluations < budget.evaluations ? tick->evaluations : budget.evaluations;
+        budget.repeated = true;
+        budget.without_nominal = tick->without_nominal;
+        budget.executions = tick->executions;
+    }
+    return budget;
+}
+
+/* As the run did: led along, made up, or searched. */
+static tl_status step(const tl_assembly *assembly, const tl_recording_tick *tick, tl_record *record, bool *ready,
+                      tl_error *error) {
+    if (tick->followed) {
+        return tl_twin_follow(assembly->twin, &tick->sample, tick->u, record, ready, error);
+    }
+    tl_budget budget = budget_of(&assembly->config, tick);
+    return tick->made_up ? tl_twin_make_up(assembly->twin, &tick->sample, record, ready, error)
+                         : tl_twin_step(assembly->twin, &tick->sample, &budget, record, ready, error);
+}
+
+static void tell(const tl_assembly *assembly, tl_twin_tells tells, tl_twin_result *result) {
+    if (tells == TL_TELLS_COUNTS) {
+        (void)tl_twin_recorder_count(assembly->twin, result->besides.counts);
+    } else if (tells == TL_TELLS_OUTPUTS) {
+        for (size_t i = 0; i < assembly->plan.output_count; i++) {
+            result->besides.outputs[i] = tl_twin_output(assembly->twin, i);
+        }
+    }
+}
+
+/* What takes system calls is done now and then: a replayed tick may last a few microseconds. */
+static void look_after_host(const tl_recording_tick *tick) {
+    if (tick->sample.tick % GUARD_INTERVAL == 0) {
+        tl_fmu_guard_tick();
+    }
+}
+
+tl_status tl_twin_execute(const tl_assembly *assembly, const tl_recording_tick *tick, tl_twin_tells tells,
+                          tl_twin_result *result, tl_error *error) {
+    bool ready = false;
+    tl_status status = step(assembly, tick, &result->record, &ready, error);
+    result->tick = tick->sample.tick;
+    result->status = (int32_t)status;
+    result->ready = ready ? 1 : 0;
+    tell(assembly, tells, result);
+    look_after_host(tick);
+    return status;
+}
+
+void tl_twin_execute_last(const tl_assembly *assembly, const tl_recording_tick *tick, tl_twin_tells tells,
+                          tl_twin_result *result) {
+    bool ready = false;
+    tl_twin_finish(assembly->twin, &tick->sample, &result->record, &ready);
+    result->tick = tick->sample.tick;
+    result->status = (int32_t)TL_OK;
+    result->ready = ready ? 1 : 0;
+    tell(assembly, tells, result);
+}

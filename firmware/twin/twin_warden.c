@@ -1,0 +1,292 @@
+/* The warden of a process with FMUs: see twin_warden.h. */
+#include "firmware/twin/twin_warden.h"
+
+#include <poll.h>
+#include <pthread.h>
+#include <signal.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/eventfd.h>
+#include <unistd.h>
+
+#include "firmware/base/clock.h"
+#include "firmware/base/log.h"
+#include "firmware/base/side_thread.h"
+#include "firmware/confine/refusal.h"
+#include "firmware/process/fmu_patience.h"
+#include "firmware/process/interrupt.h"
+#include "firmware/process/relay.h"
+
+enum { LOOK_MS = 50, REFUSALS = 64, SAID = 320 };
+
+/* A system call of an FMU that was refused, and said. */
+typedef struct refused {
+    char call[TL_REFUSAL_NAME];
+    char fmu[TL_FMU_CALL_NAME];
+    char said[SAID];
+} refused;
+
+struct tl_twin_warden {
+    tl_twin_warden_settings settings;
+    pthread_t thread;
+    pthread_mutex_t lock; /* of all below */
+    tl_relay output;
+    tl_relay page;
+    bool output_ended;
+    bool page_ended;
+    int listener;
+    int stop; /* eventfd: told to end */
+    tl_fmu_patience patience;
+    bool has_passed_on; /* a signal */
+    bool may_kill;
+    char killed[TL_TWIN_WARDEN_TEXT]; /* why; "": not */
+    refused refusals[REFUSALS];
+    size_t refusal_count;
+    size_t told;
+};
+
+/* ---- what it prints ---- */
+
+/* A line of our own log begins with its level, as in a journal; any other is an FMU's. */
+static void pass_output(void *context, const char *line) {
+    (void)context;
+    if (line[0] == '<' && line[1] >= '0' && line[1] <= '7' && line[2] == '>') {
+        tl_log((tl_log_level)(line[1] - '0'), "%s", line + 3);
+    } else {
+        (void)fprintf(stderr, "%s\n", line);
+    }
+}
+
+static void pass_page(void *context, const char *line) {
+    (void)fprintf(context, "%s\n", line);
+}
+
+static void drain(tl_twin_warden *self) {
+    self->output_ended = self->output_ended || !tl_relay_drain(&self->output);
+    self->page_ended = self->page_ended || !tl_relay_drain(&self->page);
+}
+
+/* ---- its end ---- */
+
+static void kill_it(tl_twin_warden *self, const char *why) {
+    if (self->killed[0] == '\0' && self->may_kill) {
+        (void)snprintf(self->killed, sizeof self->killed, "%s", why);
+        (void)kill(self->settings.process, SIGKILL);
+        tl_channel_nudge(self->settings.channel);
+    }
+}
+
+static void look_at_calls(tl_twin_warden *self) {
+    char text[256];
+    tl_fmu_call call;
+    bool is_called = tl_fmu_calls_look(self->settings.calls, &call);
+    const tl_fmu_patience_view view = {
+        .now = tl_clock_now(NULL),
+        .call = is_called ? &call : NULL,
+        .asked = tl_interrupt_requested(),
+        .times = tl_interrupt_times(),
+    };
+    if (tl_fmu_patience_is_over(&self->patience, &view, text, sizeof text)) {
+        kill_it(self, text);
+    }
+}
+
+static void look_at_bounds(tl_twin_warden *self) {
+    char text[TL_BOUNDS_TEXT];
+    if (!tl_bounds_are_kept(&self->settings.bounds, self->settings.process, text)) {
+        kill_it(self, text);
+    }
+}
+
+static void pass_signal_on(tl_twin_warden *self) {
+    int asked = tl_interrupt_signal();
+    if (asked != 0 && !self->has_passed_on && self->may_kill) {
+        self->has_passed_on = true;
+        (void)kill(self->settings.process, asked);
+    }
+}
+
+/* ---- refused calls ---- */
+
+/* NULL: it was said before, or there is no room to remember more. */
+static refused *note_refusal(tl_twin_warden *self, const tl_refusal *refusal, const tl_fmu_call *call) {
+    for (size_t i = 0; i < self->refusal_count; i++) {
+        const refused *known = &self->refusals[i];
+        if (strcmp(known->call, refusal->name) == 0 && strcmp(known->fmu, call->fmu) == 0) {
+            return NULL;
+        }
+    }
+    if (self->refusal_count == REFUSALS) {
+        return NULL;
+    }
+    refused *noted = &self->refusals[self->refusal_count++];
+    (void)snprintf(noted->call, sizeof noted->call, "%s", refusal->name);
+    (void)snprintf(noted->fmu, sizeof noted->fmu, "%s", call->fmu);
+    return noted;
+}
+
+static void say_refusal(tl_twin_warden *self, const tl_refusal *refusal) {
+    tl_fmu_call call = {.fmu = ""};
+    bool is_called = tl_fmu_calls_look(self->settings.calls, &call);
+    refused *noted = note_refusal(self, refusal, &call);
+    if (noted == NULL) {
+        return;
+    }
+    if (is_called) {
+        (void)snprintf(noted->said, sizeof noted->said, "FMU %s asked for %s in %s, which is refused; said once",
+                       call.fmu, refusal->name, call.function);
+    } else {
+        (void)snprintf(noted->said, sizeof noted->said,
+                       "a thread of an FMU asked for %s outside of its functions, which is refused; said once",
+                       refusal->name);
+    }
+    tl_log(TL_LOG_WARNING, "%s", noted->said);
+}
+
+static void answer_refusals(tl_twin_warden *self) {
+    tl_refusal refusal;
+    while (tl_refusal_take(self->listener, &refusal)) {
+        say_refusal(self, &refusal);
+    }
+}
+
+/* ---- the thread ---- */
+
+enum { STOP, OUTPUT, PAGE, LISTENER, WATCHED };
+
+/* Ended pipes are left out: they would be ready for ever. */
+static void fill(const tl_twin_warden *self, struct pollfd watched[WATCHED]) {
+    watched[STOP] = (struct pollfd){.fd = self->stop, .events = POLLIN};
+    watched[OUTPUT] = (struct pollfd){.fd = self->output_ended ? -1 : self->settings.output, .events = POLLIN};
+    watched[PAGE] = (struct pollfd){.fd = self->page_ended ? -1 : self->settings.page, .events = POLLIN};
+    watched[LISTENER] = (struct pollfd){.fd = self->listener, .events = POLLIN};
+}
+
+static void look(tl_twin_warden *self, const struct pollfd watched[WATCHED], bool is_time) {
+    bool had_ended = self->output_ended;
+    drain(self);
+    if (self->output_ended && !had_ended) {
+        tl_channel_nudge(self->settings.channel); /* it ends, or has closed what it was given */
+    }
+    answer_refusals(self);
+    if ((watched[LISTENER].revents & (POLLHUP | POLLERR)) != 0) {
+        (void)close(self->listener);
+        self->listener = -1;
+    }
+    if (is_time) {
+        pass_signal_on(self);
+        look_at_calls(self);
+        look_at_bounds(self);
+    }
+}
+
+static void *watch(void *context) {
+    tl_twin_warden *self = context;
+    tl_time next = 0;
+    for (;;) {
+        struct pollfd watched[WATCHED];
+        (void)pthread_mutex_lock(&self->lock);
+        fill(self, watched);
+        (void)pthread_mutex_unlock(&self->lock);
+        (void)poll(watched, WATCHED, LOOK_MS);
+        if (watched[STOP].revents != 0) {
+            return NULL;
+        }
+        tl_time now = tl_clock_now(NULL);
+        bool is_time = now >= next;
+        next = is_time ? now + LOOK_MS * (TL_SECOND / 1000) : next;
+        (void)pthread_mutex_lock(&self->lock);
+        look(self, watched, is_time);
+        (void)pthread_mutex_unlock(&self->lock);
+    }
+}
+
+/* ---- for others ---- */
+
+tl_status tl_twin_warden_start(const tl_twin_warden_settings *settings, tl_twin_warden **warden, tl_error *error) {
+    tl_twin_warden *made = calloc(1, sizeof *made);
+    int stop = eventfd(0, EFD_CLOEXEC);
+    if (made == NULL || stop < 0) {
+        free(made);
+        return tl_fail(error, TL_TRY_AGAIN, "not enough memory or descriptors to watch the process of the FMUs");
+    }
+    made->settings = *settings;
+    made->stop = stop;
+    made->listener = -1;
+    made->may_kill = true;
+    made->page_ended = settings->page < 0;
+    (void)pthread_mutex_init(&made->lock, NULL);
+    tl_fmu_patience_init(&made->patience, settings->call_limit);
+    tl_relay_open(&made->output, settings->output, pass_output, NULL);
+    if (settings->page >= 0) {
+        tl_relay_open(&made->page, settings->page, pass_page, settings->page_file);
+    }
+    int result = tl_side_thread_start(&made->thread, 0, watch, made);
+    if (result != 0) {
+        (void)close(stop);
+        tl_relay_close(&made->output);
+        if (settings->page >= 0) {
+            tl_relay_close(&made->page);
+        }
+        free(made);
+        return tl_fail(error, TL_TRY_AGAIN, "no thread to watch the process of the FMUs: %s", strerror(result));
+    }
+    *warden = made;
+    return TL_OK;
+}
+
+void tl_twin_warden_listen_at(tl_twin_warden *warden, int listener) {
+    (void)pthread_mutex_lock(&warden->lock);
+    warden->listener = listener;
+    (void)pthread_mutex_unlock(&warden->lock);
+}
+
+void tl_twin_warden_tell(tl_twin_warden *warden, tl_twin_warden_listener *hear, void *context) {
+    (void)pthread_mutex_lock(&warden->lock);
+    for (; warden->told < warden->refusal_count; warden->told++) {
+        hear(context, warden->refusals[warden->told].said);
+    }
+    (void)pthread_mutex_unlock(&warden->lock);
+}
+
+void tl_twin_warden_flush(tl_twin_warden *warden) {
+    (void)pthread_mutex_lock(&warden->lock);
+    drain(warden);
+    (void)pthread_mutex_unlock(&warden->lock);
+}
+
+bool tl_twin_warden_has_killed(tl_twin_warden *warden, char text[TL_TWIN_WARDEN_TEXT]) {
+    (void)pthread_mutex_lock(&warden->lock);
+    bool killed = warden->killed[0] != '\0';
+    (void)snprintf(text, TL_TWIN_WARDEN_TEXT, "%s", warden->killed);
+    (void)pthread_mutex_unlock(&warden->lock);
+    return killed;
+}
+
+bool tl_twin_warden_reap(tl_twin_warden *warden, tl_role *process) {
+    (void)pthread_mutex_lock(&warden->lock);
+    bool ended = tl_role_watch(process);
+    warden->may_kill = !ended;
+    (void)pthread_mutex_unlock(&warden->lock);
+    return ended;
+}
+
+void tl_twin_warden_stop(tl_twin_warden *warden) {
+    if (warden == NULL) {
+        return;
+    }
+    const uint64_t one = 1;
+    (void)!write(warden->stop, &one, sizeof one);
+    (void)pthread_join(warden->thread, NULL);
+    drain(warden);
+    tl_relay_close(&warden->output);
+    if (warden->settings.page >= 0) {
+        tl_relay_close(&warden->page);
+    }
+    if (warden->listener >= 0) {
+        (void)close(warden->listener);
+    }
+    (void)close(warden->stop);
+    (void)pthread_mutex_destroy(&warden->lock);
+    free(warden);
+}

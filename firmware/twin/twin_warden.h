@@ -1,0 +1,61 @@
+/* The warden of a process with FMUs: a thread of ours that keeps an eye on it while the others work.
+ *
+ * Purpose: it relays what the process prints, answers and tells the system calls that were refused, each once with FMU and function, and
+ *          ends the process if a call of an FMU lasts too long or a bound of memory, threads or files is not kept.
+ * Signals: what asks this program to end is passed on to the process; a second time, the process is killed.
+ * Thread:  start and stop from the thread that has started the process; the rest as said.
+ */
+#ifndef TL_FIRMWARE_TWIN_TWIN_WARDEN_H
+#define TL_FIRMWARE_TWIN_TWIN_WARDEN_H
+
+#include <stdbool.h>
+#include <stdio.h>
+#include <sys/types.h>
+
+#include "firmware/confine/bounds.h"
+#include "firmware/process/channel.h"
+#include "firmware/process/fmu_call.h"
+#include "firmware/process/role.h"
+#include "master/base/simtime.h"
+
+enum { TL_TWIN_WARDEN_TEXT = 512 };
+
+typedef struct tl_twin_warden tl_twin_warden;
+
+/* Told of what an FMU was refused, once for each system call of each FMU. */
+typedef void tl_twin_warden_listener(void *context, const char *text);
+
+typedef struct tl_twin_warden_settings {
+    pid_t process;
+    int output;                /* what it prints: a pipe, the warden's from now on, */
+    int page;                  /* and this, which goes to `page_file`; -1: none */
+    FILE *page_file;
+    const tl_fmu_calls *calls; /* in its block */
+    tl_channel *channel;       /* whose thread is nudged if the process ends, or is to */
+    tl_time call_limit;        /* ns of one call of an FMU; 0: none */
+    tl_bounds bounds;
+} tl_twin_warden_settings;
+
+/* Errors: TL_TRY_AGAIN. */
+tl_status tl_twin_warden_start(const tl_twin_warden_settings *settings, tl_twin_warden **warden, tl_error *error);
+
+/* The descriptor that tells of refused calls is the warden's from now on; -1: there is none. */
+void tl_twin_warden_listen_at(tl_twin_warden *warden, int listener);
+
+/* Tells what was refused and has not been told by this yet. Any thread, and in that. */
+void tl_twin_warden_tell(tl_twin_warden *warden, tl_twin_warden_listener *hear, void *context);
+
+/* All that the process has printed until now has been passed on. Any thread. */
+void tl_twin_warden_flush(tl_twin_warden *warden);
+
+/* True: it has killed the process, or is about to; `text` says why. Any thread. */
+bool tl_twin_warden_has_killed(tl_twin_warden *warden, char text[TL_TWIN_WARDEN_TEXT]);
+
+/* Looks whether the process has ended, and reaps it; its number is nobody's after that, so it is not killed any more. The thread that has started
+ * the process. */
+bool tl_twin_warden_reap(tl_twin_warden *warden, tl_role *process);
+
+/* Passes on what is left, and ends the thread. NULL is allowed. */
+void tl_twin_warden_stop(tl_twin_warden *warden);
+
+#endif

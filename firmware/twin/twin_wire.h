@@ -1,0 +1,54 @@
+/* What crosses between the two ends of a twin in a process of its own: sizes of messages, what lies in the block beside them, descriptors.
+ *
+ * Purpose: private to twin_role.c (the end with the FMUs) and twin_child.c (the end with everything else), which must mean the same.
+ */
+#ifndef TL_FIRMWARE_TWIN_TWIN_WIRE_H
+#define TL_FIRMWARE_TWIN_TWIN_WIRE_H
+
+#include <stdint.h>
+
+#include "firmware/confine/confine.h"
+#include "firmware/process/channel.h"
+#include "firmware/process/fmu_call.h"
+#include "firmware/twin/twin_step.h"
+#include "master/twin/account.h"
+
+/* Descriptors of the process with the FMUs. */
+enum {
+    TL_TWIN_OUTPUT = 1,        /* what is logged and printed: 1 and 2 */
+    TL_TWIN_PAGE = 3,          /* the page of a check */
+    TL_TWIN_JOB = 4,           /* twin_job.h */
+    TL_TWIN_PARENTS_BLOCK = 5, /* read here */
+    TL_TWIN_OWN_BLOCK = 6,     /* written here */
+    TL_TWIN_START_SOCKET = 7   /* for the descriptor that tells of refused calls; closed before an FMU is loaded */
+};
+
+/* Payload of TL_MESSAGE_BUILT and TL_MESSAGE_ENDED. Why it failed is in the block; "": it was said on the log. */
+typedef struct tl_twin_word {
+    int32_t status; /* tl_status */
+} tl_twin_word;
+
+/* In the block of the process with the FMUs, beside its messages. */
+typedef struct tl_twin_extra {
+    tl_fmu_calls calls;        /* the call that is under way */
+    tl_account account;        /* as of TL_MESSAGE_BUILT, and again as of TL_MESSAGE_ENDED */
+    char error[TL_ERROR_TEXT]; /* of the message that tells of a failure: BUILT, RESULT or ENDED */
+} tl_twin_extra;
+
+/* For a channel of this configuration. */
+static inline tl_channel_settings tl_twin_wire(const tl_config *config, tl_twin_tells tells) {
+    return (tl_channel_settings){
+        .sizes.bytes =
+            {
+                [TL_MESSAGE_TICK] = sizeof(tl_recording_tick),
+                [TL_MESSAGE_FINISH] = sizeof(tl_recording_tick),
+                [TL_MESSAGE_READY] = sizeof(tl_confine_facts),
+                [TL_MESSAGE_BUILT] = sizeof(tl_twin_word),
+                [TL_MESSAGE_RESULT] = (uint32_t)tl_twin_result_size(config, tells),
+                [TL_MESSAGE_ENDED] = sizeof(tl_twin_word),
+            },
+        .extra[TL_CHILD] = sizeof(tl_twin_extra),
+    };
+}
+
+#endif
