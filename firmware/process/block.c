@@ -1,0 +1,133 @@
+/* Shared memory of a sealed size: see block.h. */
+#include "firmware/process/block.h"
+
+#include <errno.h>
+#include <fcntl.h>
+#include <stdint.h>
+#include <string.h>
+#include <sys/mman.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#if !defined(MFD_NOEXEC_SEAL)
+#define MFD_NOEXEC_SEAL 0x0008U /* Linux 6.3 */
+#endif
+
+enum { SIZE_SEALS = F_SEAL_SHRINK | F_SEAL_GROW | F_SEAL_SEAL };
+
+/* A kernel refuses flags that it does not know. */
+static int make_file(const char *name) {
+    int file = memfd_create(name, MFD_CLOEXEC | MFD_ALLOW_SEALING | MFD_NOEXEC_SEAL);
+    return file >= 0 || errno != EINVAL ? file : memfd_create(name, MFD_CLOEXEC | MFD_ALLOW_SEALING);
+}
+
+static void drop(tl_block *block) {
+    if (block->bytes != NULL) {
+        (void)munmap(block->bytes, block->size);
+    }
+    if (block->descriptor >= 0) {
+        (void)close(block->descriptor);
+    }
+    *block = (tl_block){.descriptor = -1};
+}
+
+static tl_status fail_make(const char *name, tl_block *block, tl_error *error) {
+    int code = errno;
+    size_t size = block->size;
+    drop(block);
+    return tl_fail(error, TL_TRY_AGAIN, "no %zu bytes of memory can be shared for \"%s\": %s; free some and try again",
+                   size, name, strerror(code));
+}
+
+static bool map(tl_block *block, bool is_writable) {
+    void *bytes =
+        mmap(NULL, block->size, is_writable ? PROT_READ | PROT_WRITE : PROT_READ, MAP_SHARED, block->descriptor, 0);
+    block->bytes = bytes == MAP_FAILED ? NULL : bytes;
+    return block->bytes != NULL;
+}
+
+/* Those that it has from now on; 0: none can be had. */
+static unsigned read_seals(int descriptor) {
+    int seals = fcntl(descriptor, F_GET_SEALS);
+    return seals < 0 ? 0 : (unsigned)seals;
+}
+
+/* What keeps others from writing comes first: F_SEAL_SEAL is the last that can be set. */
+static void seal(tl_block *block, int against_writers) {
+    if (against_writers != 0) {
+        (void)fcntl(block->descriptor, F_ADD_SEALS, against_writers);
+    }
+    (void)fcntl(block->descriptor, F_ADD_SEALS, SIZE_SEALS);
+    block->seals = read_seals(block->descriptor);
+}
+
+tl_status tl_block_make(const char *name, size_t size, tl_block_writer writer, tl_block *block, tl_error *error) {
+    *block = (tl_block){.size = size, .descriptor = make_file(name)};
+    if (block->descriptor < 0) {
+        return fail_make(name, block, error);
+    }
+    errno = posix_fallocate(block->descriptor, 0, (off_t)size);
+    if (errno != 0 || !map(block, true)) {
+        return fail_make(name, block, error);
+    }
+    seal(block, writer == TL_BLOCK_WE_WRITE ? F_SEAL_FUTURE_WRITE : 0);
+    return TL_OK;
+}
+
+tl_status tl_block_make_of(const char *name, const void *bytes, size_t size, tl_block *block, tl_error *error) {
+    *block = (tl_block){.size = size, .descriptor = make_file(name)};
+    size_t done = 0;
+    ssize_t now = block->descriptor < 0 ? -1 : 0;
+    while (now >= 0 && done < size) {
+        now = write(block->descriptor, (const char *)bytes + done, size - done);
+        done += now > 0 ? (size_t)now : 0;
+    }
+    if (now < 0) {
+        return fail_make(name, block, error);
+    }
+    seal(block, F_SEAL_WRITE);
+    return map(block, false) ? TL_OK : fail_make(name, block, error);
+}
+
+/* What is wrong with a block that was handed over, or NULL. A descriptor that can have no seals has none where the kernel knows none: that
+ * of a file of another kind is refused by its size or by its mapping. */
+static const char *fault_of(const tl_block *block, const struct stat *status, size_t size, tl_block_writer writer) {
+    bool has_seals = fcntl(block->descriptor, F_GET_SEALS) >= 0;
+    if (!S_ISREG(status->st_mode)) {
+        return "is no shared memory";
+    }
+    if (status->st_size <= 0 || (uint64_t)status->st_size > SIZE_MAX / 2 ||
+        (size != 0 && (uint64_t)status->st_size != size)) {
+        return "has another size";
+    }
+    if (has_seals && (block->seals & SIZE_SEALS) != SIZE_SEALS) {
+        return "can still change its size";
+    }
+    if (has_seals && writer == TL_BLOCK_IS_WRITTEN && (block->seals & F_SEAL_WRITE) == 0) {
+        return "can still be written";
+    }
+    return NULL;
+}
+
+tl_status tl_block_take(int descriptor, size_t size, tl_block_writer writer, tl_block *block, tl_error *error) {
+    struct stat status;
+    *block = (tl_block){.descriptor = descriptor, .seals = read_seals(descriptor)};
+    const char *fault = fstat(descriptor, &status) != 0 ? "is not open" : fault_of(block, &status, size, writer);
+    if (fault == NULL) {
+        block->size = (size_t)status.st_size;
+        fault = map(block, writer == TL_BLOCK_THEY_WRITE) ? NULL : "cannot be mapped";
+    }
+    if (fault != NULL) {
+        drop(block);
+        return tl_fail(error, TL_BAD_DATA, "the shared memory of descriptor %d %s; start the program anew", descriptor,
+                       fault);
+    }
+    (void)fcntl(descriptor, F_SETFD, FD_CLOEXEC);
+    return TL_OK;
+}
+
+void tl_block_close(tl_block *block) {
+    if (block->bytes != NULL) {
+        drop(block);
+    }
+}

@@ -1,0 +1,47 @@
+/* A block: memory that two processes share, of a size that neither can change.
+ *
+ * Purpose: what crosses between processes lies in sealed memfds. Nobody can shrink one under the other's feet (SIGBUS) or let it grow.
+ *          Each has one writer; who only reads one cannot map it for writing, nor write into it by its descriptor.
+ * Kernel:  before Linux 5.1 a block of ours cannot be kept from being written by who takes it; a foreign machine's emulator may know no
+ *          seals at all. Then these are missing, and `seals` tells so.
+ * Owner:   the caller places a block; its memory and its descriptor are the block's until it is closed.
+ * Errors:  TL_TRY_AGAIN if memory or descriptors are missing; TL_BAD_DATA for a descriptor that is no such block.
+ * Thread:  any, one block at a time.
+ */
+#ifndef TL_FIRMWARE_PROCESS_BLOCK_H
+#define TL_FIRMWARE_PROCESS_BLOCK_H
+
+#include <stdbool.h>
+#include <stddef.h>
+
+#include "master/base/status.h"
+
+/* Who writes a block that we have made. */
+typedef enum tl_block_writer {
+    TL_BLOCK_WE_WRITE,   /* we do, as long as it is open here; who takes it reads */
+    TL_BLOCK_THEY_WRITE, /* who takes it; nothing keeps us from it but this name */
+    TL_BLOCK_IS_WRITTEN  /* nobody does any more: tl_block_make_of() */
+} tl_block_writer;
+
+/* A zeroed one is none: `bytes` is NULL. */
+typedef struct tl_block {
+    void *bytes; /* mapped at the beginning of a page */
+    size_t size;
+    int descriptor; /* closed on exec */
+    unsigned seals; /* F_SEAL_…, as the kernel has set them */
+} tl_block;
+
+/* A block of zeros, `size` > 0, whose memory is there: using it cannot fail for lack of it. `name` is what /proc shows of it. */
+tl_status tl_block_make(const char *name, size_t size, tl_block_writer writer, tl_block *block, tl_error *error);
+
+/* A block with these bytes, which nobody can change. */
+tl_status tl_block_make_of(const char *name, const void *bytes, size_t size, tl_block *block, tl_error *error);
+
+/* Maps a block that another process has made. It must have exactly `size` bytes (0: any number but none) and a sealed size, where the kernel
+ * has seals; of one that is mapped to be read only, `writer` says what else must be sealed. The descriptor is the block's, on failure too. */
+tl_status tl_block_take(int descriptor, size_t size, tl_block_writer writer, tl_block *block, tl_error *error);
+
+/* Unmaps, and closes the descriptor. A zeroed block is allowed. */
+void tl_block_close(tl_block *block);
+
+#endif

@@ -1,0 +1,358 @@
+/* Fork, and exec of oneself: see role.h. Between the two only what POSIX allows after fork() in a process with threads. */
+#include "firmware/process/role.h"
+
+#include <errno.h>
+#include <fcntl.h>
+#include <signal.h>
+#include <stdint.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/prctl.h>
+#include <sys/syscall.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include "firmware/process/crash.h"
+#include "firmware/process/process_end.h"
+
+#define PREFIX "twinlock: "
+
+/* Behind those of the child: the program, and the pipe that tells what became of exec. Higher ones are where all are gathered first. */
+enum { PROGRAM = TL_ROLE_DESCRIPTORS, NEWS, FIRST_TO_CLOSE, GATHER = 32, NOT_EXECUTED = 127 };
+
+/* Of the process. */
+static int program = -1;
+static int program_fault = ENOSYS; /* why there is none */
+static pid_t parent;               /* of a process with a role */
+
+/* ---- At the start ---- */
+
+const char *tl_role_begin(char *const *argv) {
+    if (argv[0] != NULL && strncmp(argv[0], PREFIX, strlen(PREFIX)) == 0) {
+        return argv[0] + strlen(PREFIX);
+    }
+    program = open("/proc/self/exe", O_RDONLY | O_CLOEXEC);
+    program_fault = program < 0 ? errno : 0;
+    return NULL;
+}
+
+void tl_role_enter(void) {
+    pid_t now = getppid();
+    parent = parent == 0 ? now : parent;
+    if (prctl(PR_SET_PDEATHSIG, SIGKILL) != 0 || getppid() != parent) {
+        _exit(NOT_EXECUTED);
+    }
+}
+
+/* ---- Between fork and exec ---- */
+
+/* What a child needs, put together before it is forked. */
+typedef struct launch {
+    const tl_role_settings *settings;
+    char *argv[2];
+    char **environment;
+    pid_t parent;
+    int news[2]; /* a pipe: errno of exec; nothing where it was executed */
+} launch;
+
+static void reset_signals(void) {
+    const struct sigaction standard = {.sa_handler = SIG_DFL};
+    struct sigaction now;
+    sigset_t none;
+    for (int number = 1; number < NSIG; number++) {
+        bool stays = number == SIGHUP && sigaction(number, NULL, &now) == 0 && now.sa_handler == SIG_IGN;
+        if (!stays) {
+            (void)sigaction(number, &standard, NULL);
+        }
+    }
+    (void)sigemptyset(&none);
+    (void)sigprocmask(SIG_SETMASK, &none, NULL);
+}
+
+/* As the kernel has them: struct linux_dirent64. */
+typedef struct entry {
+    uint64_t inode;
+    int64_t offset;
+    uint16_t size;
+    uint8_t type;
+    char name[];
+} entry;
+
+static int number_of(const char *name) {
+    int number = 0;
+    for (; *name >= '0' && *name <= '9'; name++) {
+        number = number * 10 + (*name - '0');
+    }
+    return *name == '\0' ? number : -1;
+}
+
+/* Closes those in one part of the list. True: there were some. */
+static bool close_listed(int list, const char *entries, long size) {
+    bool any = false;
+    for (long at = 0; at < size;) {
+        const entry *one = (const entry *)(const void *)(entries + at);
+        int number = number_of(one->name);
+        if (number >= FIRST_TO_CLOSE && number != list) {
+            any = close(number) == 0 || any;
+        }
+        at += one->size;
+    }
+    return any;
+}
+
+/* Without close_range(), which Linux has since 5.9. */
+static void close_one_by_one(void) {
+    int list = open("/proc/self/fd", O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+    bool any = list >= 0;
+    while (any) { /* until none is left: closing one changes the list */
+        char entries[4096] __attribute__((aligned(8)));
+        long size = 0;
+        any = false;
+        (void)lseek(list, 0, SEEK_SET);
+        do {
+            size = syscall(SYS_getdents64, list, entries, sizeof entries);
+            any = (size > 0 && close_listed(list, entries, size)) || any;
+        } while (size > 0);
+    }
+    if (list >= 0) {
+        (void)close(list);
+        return;
+    }
+    for (int number = FIRST_TO_CLOSE; number < 65536; number++) {
+        (void)close(number);
+    }
+}
+
+static void close_others(void) {
+#if defined(SYS_close_range)
+    if (syscall(SYS_close_range, (unsigned)FIRST_TO_CLOSE, ~0U, 0U) == 0) {
+        return;
+    }
+#endif
+    close_one_by_one();
+}
+
+/* A descriptor where none of the child's will be; −1 stays. */
+static int gather(int descriptor) {
+    return descriptor < 0 ? -1 : fcntl(descriptor, F_DUPFD_CLOEXEC, GATHER);
+}
+
+/* To its number, without closing it on exec; or that number is closed. */
+static bool place(int descriptor, int number) {
+    if (descriptor < 0) {
+        (void)close(number);
+        return true;
+    }
+    return dup2(descriptor, number) == number;
+}
+
+/* False, with errno, where descriptors are missing. */
+static bool place_all(const launch *start) {
+    int gathered[TL_ROLE_DESCRIPTORS];
+    int own_program = gather(program);
+    int news = gather(start->news[1]);
+    bool is_placed = news >= 0;
+    for (int i = 0; i < TL_ROLE_DESCRIPTORS; i++) {
+        gathered[i] = gather(start->settings->descriptors[i]);
+        is_placed = is_placed && (gathered[i] >= 0) == (start->settings->descriptors[i] >= 0);
+    }
+    if (!is_placed) {
+        return false;
+    }
+    for (int i = 0; i < TL_ROLE_DESCRIPTORS && is_placed; i++) {
+        is_placed = place(gathered[i], i);
+    }
+    is_placed = is_placed && place(own_program, PROGRAM) && place(news, NEWS);
+    close_others();
+    (void)fcntl(PROGRAM, F_SETFD, FD_CLOEXEC);
+    (void)fcntl(NEWS, F_SETFD, FD_CLOEXEC);
+    return is_placed;
+}
+
+/* The kernel or the emulator cannot execute the program by a descriptor; anything else is a failure. */
+static bool cannot_execute(int code) {
+    return code == ENOEXEC || code == ENOSYS || (program < 0 && code == program_fault);
+}
+
+static void tell(int descriptor, int code) {
+    (void)!write(descriptor, &code, sizeof code);
+}
+
+static void run_forked(const launch *start) __attribute__((noreturn));
+
+static void run_forked(const launch *start) {
+    const tl_role_settings *settings = start->settings;
+    (void)close(PROGRAM);
+    (void)close(NEWS);
+    program = -1;
+    for (size_t i = 0; i < settings->variable_count; i++) {
+        (void)putenv((char *)(uintptr_t)settings->variables[i]);
+    }
+    parent = start->parent;
+    tl_process_begin();
+    tl_crash_install();
+    tl_process_end(settings->fallback(settings->title, settings->context));
+}
+
+static void be_child(const launch *start) __attribute__((noreturn));
+
+static void be_child(const launch *start) {
+    reset_signals();
+    (void)setsid();
+    if (prctl(PR_SET_PDEATHSIG, SIGKILL) != 0) {
+        tell(start->news[1], errno);
+        _exit(NOT_EXECUTED);
+    }
+    if (getppid() != start->parent) {
+        _exit(NOT_EXECUTED);
+    }
+    if (!place_all(start)) {
+        tell(start->news[1], errno);
+        _exit(NOT_EXECUTED);
+    }
+    int code = program_fault;
+    if (program >= 0) {
+        (void)fexecve(PROGRAM, start->argv, start->environment);
+        code = errno;
+    }
+    tell(NEWS, code);
+    if (start->settings->fallback == NULL || !cannot_execute(code)) {
+        _exit(NOT_EXECUTED);
+    }
+    run_forked(start);
+}
+
+/* ---- Starting ---- */
+
+static size_t name_length(const char *variable) {
+    return strcspn(variable, "=");
+}
+
+static bool is_replaced(const tl_role_settings *settings, const char *variable) {
+    size_t length = name_length(variable);
+    for (size_t i = 0; i < settings->variable_count; i++) {
+        if (name_length(settings->variables[i]) == length && strncmp(settings->variables[i], variable, length) == 0) {
+            return true;
+        }
+    }
+    return false;
+}
+
+/* Ours with the additions; freed by one free(). NULL where memory is out. */
+static char **make_environment(const tl_role_settings *settings) {
+    size_t count = 0;
+    size_t used = 0;
+    while (environ[count] != NULL) {
+        count++;
+    }
+    char **made = calloc(count + settings->variable_count + 1, sizeof *made);
+    for (size_t i = 0; made != NULL && i < count; i++) {
+        if (!is_replaced(settings, environ[i])) {
+            made[used++] = environ[i];
+        }
+    }
+    for (size_t i = 0; made != NULL && i < settings->variable_count; i++) {
+        made[used++] = (char *)(uintptr_t)settings->variables[i];
+    }
+    return made;
+}
+
+/* With all signals blocked, so that no handler of ours runs in the child. */
+static pid_t fork_child(const launch *start) {
+    sigset_t all;
+    sigset_t before;
+    (void)sigfillset(&all);
+    (void)pthread_sigmask(SIG_SETMASK, &all, &before);
+    pid_t pid = fork();
+    if (pid == 0) {
+        be_child(start);
+    }
+    int code = errno;
+    (void)pthread_sigmask(SIG_SETMASK, &before, NULL);
+    errno = code;
+    return pid;
+}
+
+/* What the child has told of its exec: 0: it was executed. */
+static int hear(int news) {
+    int code = 0;
+    ssize_t size = 0;
+    do {
+        size = read(news, &code, sizeof code);
+    } while (size < 0 && errno == EINTR);
+    return size == (ssize_t)sizeof code ? code : 0;
+}
+
+static tl_status fail_start(const tl_role_settings *settings, int code, tl_error *error) {
+    return tl_fail(error, TL_TRY_AGAIN,
+                   "the process \"%s\" cannot be started: %s; free memory, processes or descriptors and try again",
+                   settings->title, strerror(code));
+}
+
+static tl_status launch_child(launch *start, tl_role *role, tl_error *error) {
+    const tl_role_settings *settings = start->settings;
+    role->pid = fork_child(start);
+    int code = role->pid < 0 ? errno : 0;
+    (void)close(start->news[1]);
+    if (code == 0) {
+        code = hear(start->news[0]);
+        role->is_forked = code != 0 && settings->fallback != NULL && cannot_execute(code);
+    }
+    (void)close(start->news[0]);
+    if (code != 0 && !role->is_forked) {
+        role->pid = role->pid < 0 ? 0 : role->pid;
+        tl_role_kill(role);
+        *role = (tl_role){0};
+        return fail_start(settings, code, error);
+    }
+    return TL_OK;
+}
+
+tl_status tl_role_start(const tl_role_settings *settings, tl_role *role, tl_error *error) {
+    char title[sizeof PREFIX + TL_ROLE_TITLE];
+    launch start = {.settings = settings, .argv = {title, NULL}, .parent = getpid()};
+    *role = (tl_role){0};
+    (void)snprintf(title, sizeof title, PREFIX "%s", settings->title);
+    if (pipe2(start.news, O_CLOEXEC) != 0) {
+        return fail_start(settings, errno, error);
+    }
+    start.environment = make_environment(settings);
+    if (start.environment == NULL) {
+        (void)close(start.news[0]);
+        (void)close(start.news[1]);
+        return fail_start(settings, ENOMEM, error);
+    }
+    tl_status status = launch_child(&start, role, error);
+    free(start.environment);
+    return status;
+}
+
+/* ---- Watching ---- */
+
+static bool reap(tl_role *role, int flags) {
+    siginfo_t info = {.si_pid = 0};
+    int result = 0;
+    do {
+        result = waitid(P_PID, (id_t)role->pid, &info, WEXITED | flags);
+    } while (result != 0 && errno == EINTR);
+    if (result == 0 && info.si_pid == 0) {
+        return false;
+    }
+    role->pid = 0;
+    role->has_ended = true;
+    role->code = result != 0 ? -1 : info.si_code == CLD_EXITED ? info.si_status : 0;
+    role->signal = result == 0 && info.si_code != CLD_EXITED ? info.si_status : 0;
+    return true;
+}
+
+bool tl_role_watch(tl_role *role) {
+    return role->pid == 0 ? role->has_ended : reap(role, WNOHANG);
+}
+
+void tl_role_kill(tl_role *role) {
+    if (role->pid != 0 && !reap(role, WNOHANG)) {
+        (void)kill(role->pid, SIGKILL);
+        (void)reap(role, 0);
+    }
+}
