@@ -17,9 +17,11 @@ struct tl_emulation {
     tl_time first; /* time of its first row */
     bool begun;
     /* from FMUs */
-    const tl_assembly *assembly;
+    const tl_config *config;
     tl_recording *driving;
-    tl_recording_tick tick; /* the newest that was stepped */
+    tl_twin_feed *feed;
+    tl_recording_tick tick; /* the newest that was stepped, */
+    double outputs[TL_MAX_SIGNALS]; /* and what came of it */
     tl_noise noise;
     tl_time next_message;
 };
@@ -71,19 +73,31 @@ static tl_status next_recorded(tl_emulation *emulation, tl_emulation_row *row, b
 
 /* ---- from FMUs ---- */
 
-tl_status tl_emulation_open_model(const tl_assembly *assembly, const char *driving, uint64_t seed,
+tl_status tl_emulation_open_model(const tl_emulation_model *model, const char *driving, uint64_t seed,
                                   tl_emulation **emulation, tl_error *error) {
-    const tl_config *config = &assembly->config;
+    const tl_config *config = model->config;
     tl_emulation *opened = calloc(1, sizeof *opened);
     if (opened == NULL) {
         return tl_fail(error, TL_TRY_AGAIN, "not enough memory for the emulated plant");
     }
     tl_status status = tl_recording_open(driving, config, &opened->driving, error);
+    if (status == TL_OK) {
+        const tl_twin_feed_settings settings = {
+            .config = config,
+            .account = model->account,
+            .recording = opened->driving,
+            .child = model->child,
+            .assembly = model->assembly,
+            .tells = TL_TELLS_OUTPUTS,
+            .plant = true,
+        };
+        status = tl_twin_feed_open(&settings, &opened->feed, error);
+    }
     if (status != TL_OK) {
-        free(opened);
+        tl_emulation_close(opened);
         return status;
     }
-    opened->assembly = assembly;
+    opened->config = config;
     opened->noise.state = seed;
     opened->tick.sample.tick = -1;
     opened->column_count = config->emulated_count;
@@ -96,19 +110,18 @@ tl_status tl_emulation_open_model(const tl_assembly *assembly, const char *drivi
 
 /* Steps the plant until the newest tick at or before `time`. */
 static tl_status advance(tl_emulation *emulation, tl_time time, bool *end, tl_error *error) {
-    const tl_config *config = &emulation->assembly->config;
+    const tl_config *config = emulation->config;
     int64_t wanted = time / config->step;
     *end = config->duration != 0 && time > config->duration;
     while (!*end && emulation->tick.sample.tick < wanted) {
-        const tl_budget budget = {.evaluations = 1};
-        tl_record record;
-        bool ready = false;
-        tl_status status = tl_recording_next(emulation->driving, &emulation->tick, end, error);
-        if (status == TL_OK && !*end) {
-            status = tl_twin_step(emulation->assembly->twin, &emulation->tick.sample, &budget, &record, &ready, error);
-        }
+        tl_twin_fed fed = {0};
+        tl_status status = tl_twin_feed_next(emulation->feed, &fed, end, error);
         if (status != TL_OK) {
             return status;
+        }
+        if (fed.result != NULL) {
+            emulation->tick = *fed.tick;
+            memcpy(emulation->outputs, fed.result->besides.outputs, config->emulated_count * sizeof(double));
         }
     }
     return TL_OK;
@@ -116,18 +129,18 @@ static tl_status advance(tl_emulation *emulation, tl_time time, bool *end, tl_er
 
 /* The plan's outputs are the emulated variables in order, but those that are signals of the plant. */
 static double read_column(const tl_emulation *emulation, size_t column, size_t *output) {
-    const tl_config *config = &emulation->assembly->config;
+    const tl_config *config = emulation->config;
     const char *from = config->emulated[column].from;
     for (size_t i = 0; i < config->signal_count; i++) {
         if (strncmp(from, "plant.", 6) == 0 && strcmp(from + 6, config->signals[i].plan.name) == 0) {
             return emulation->tick.sample.values[i];
         }
     }
-    return tl_twin_output(emulation->assembly->twin, (*output)++);
+    return emulation->outputs[(*output)++];
 }
 
 static tl_status next_modelled(tl_emulation *emulation, tl_emulation_row *row, bool *end, tl_error *error) {
-    const tl_config *config = &emulation->assembly->config;
+    const tl_config *config = emulation->config;
     tl_status status = advance(emulation, emulation->next_message, end, error);
     if (status != TL_OK || *end) {
         return status;
@@ -171,6 +184,7 @@ void tl_emulation_close(tl_emulation *emulation) {
         return;
     }
     tl_csv_close(emulation->reader);
+    tl_twin_feed_close(emulation->feed);
     tl_recording_close(emulation->driving);
     free(emulation);
 }

@@ -13,7 +13,7 @@
 #include <stdint.h>
 
 #include "firmware/config/config.h"
-#include "firmware/twin/assembly.h"
+#include "firmware/twin/twin_feed.h"
 #include "master/base/status.h"
 
 typedef struct tl_emulation tl_emulation;
@@ -28,8 +28,16 @@ typedef struct tl_emulation_row {
 tl_status tl_emulation_open_recording(const char *path, const tl_config *config, tl_emulation **emulation,
                                       tl_error *error);
 
-/* The rows that `assembly`, whose configuration has `emulate`, makes; `driving` is the recording of what drives it. */
-tl_status tl_emulation_open_model(const tl_assembly *assembly, const char *driving, uint64_t seed,
+/* A built twin that plays the plant. */
+typedef struct tl_emulation_model {
+    const tl_config *config; /* has `emulate` */
+    const tl_account *account;
+    tl_twin_child *child;        /* the twin in a process of its own; NULL: */
+    const tl_assembly *assembly; /* the one in this process */
+} tl_emulation_model;
+
+/* The rows that the model makes; `driving` is the recording of what drives it. */
+tl_status tl_emulation_open_model(const tl_emulation_model *model, const char *driving, uint64_t seed,
                                   tl_emulation **emulation, tl_error *error);
 
 size_t tl_emulation_column_count(const tl_emulation *emulation);

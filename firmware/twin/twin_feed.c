@@ -79,12 +79,13 @@ static void want_next(tl_twin_feed *feed) {
     }
     place->tick = feed->next;
     feed->has_next = read_tick(feed, &feed->next);
-    bool beyond = place->tick.sample.tick > feed->last_tick;
+    bool beyond = !feed->settings.plant && place->tick.sample.tick > feed->last_tick;
     if (feed->status != TL_OK) {
         feed->ended = true;
         return;
     }
-    place->last = feed->settings.config->measurements == TL_AHEAD && (!feed->has_next || beyond);
+    place->last = !feed->settings.plant && feed->settings.config->measurements == TL_AHEAD &&
+                  (!feed->has_next || beyond);
     feed->ended = place->last || beyond;
     feed->read += place->last || !beyond ? 1 : 0;
 }

@@ -24,6 +24,7 @@ typedef struct tl_twin_feed_settings {
     tl_twin_child *child;        /* the twin in a process of its own; NULL: */
     const tl_assembly *assembly; /* the one in this process */
     tl_twin_tells tells;
+    bool plant; /* every tick of the recording is a step, whatever the configuration says of an end */
     bool paced; /* a tick is given when it is wanted, and not before */
 } tl_twin_feed_settings;
 

@@ -37,9 +37,9 @@ bool tl_twin_result_is_sound(const tl_twin_result *result, const tl_config *conf
            (result->ready == 0 || is_sound_record(&result->record, config, tick, least));
 }
 
-/* As configured, but without a clock; where time cut the run's search short, exactly what it had time for. */
-static tl_budget budget_of(const tl_config *config, const tl_recording_tick *tick) {
-    tl_budget budget = {.evaluations = config->budget_evaluations};
+/* As configured, but without a clock; if time cut the run's search short, exactly what it had time for. A plant searches nothing. */
+static tl_budget budget_of(const tl_config *config, const tl_recording_tick *tick, tl_twin_tells tells) {
+    tl_budget budget = {.evaluations = tells == TL_TELLS_OUTPUTS ? 1 : config->budget_evaluations};
     if (tick->cut_short) {
         budget.evaluations = tick->evaluations < budget.evaluations ? tick->evaluations : budget.evaluations;
         budget.repeated = true;
@@ -50,12 +50,12 @@ static tl_budget budget_of(const tl_config *config, const tl_recording_tick *tic
 }
 
 /* As the run did: led along, made up, or searched. */
-static tl_status step(const tl_assembly *assembly, const tl_recording_tick *tick, tl_record *record, bool *ready,
-                      tl_error *error) {
+static tl_status step(const tl_assembly *assembly, const tl_recording_tick *tick, tl_twin_tells tells,
+                      tl_record *record, bool *ready, tl_error *error) {
     if (tick->followed) {
         return tl_twin_follow(assembly->twin, &tick->sample, tick->u, record, ready, error);
     }
-    tl_budget budget = budget_of(&assembly->config, tick);
+    tl_budget budget = budget_of(&assembly->config, tick, tells);
     return tick->made_up ? tl_twin_make_up(assembly->twin, &tick->sample, record, ready, error)
                          : tl_twin_step(assembly->twin, &tick->sample, &budget, record, ready, error);
 }
@@ -80,7 +80,7 @@ static void look_after_host(const tl_recording_tick *tick) {
 tl_status tl_twin_execute(const tl_assembly *assembly, const tl_recording_tick *tick, tl_twin_tells tells,
                           tl_twin_result *result, tl_error *error) {
     bool ready = false;
-    tl_status status = step(assembly, tick, &result->record, &ready, error);
+    tl_status status = step(assembly, tick, tells, &result->record, &ready, error);
     result->tick = tick->sample.tick;
     result->status = (int32_t)status;
     result->ready = ready ? 1 : 0;

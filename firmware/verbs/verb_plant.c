@@ -12,10 +12,8 @@
 #include "firmware/emulate/plant_bus.h"
 #include "firmware/emulate/plant_server.h"
 #include "firmware/emulate/plant_stream.h"
-#include "firmware/fmu/fmu_thread.h"
 #include "firmware/process/interrupt.h"
 #include "firmware/text/progress.h"
-#include "firmware/twin/assembly.h"
 #include "firmware/verbs/verb_job.h"
 #include "firmware/verbs/verbs.h"
 
@@ -29,15 +27,42 @@ typedef struct served_source {
 
 typedef struct player {
     const tl_options *options;
-    tl_config listener; /* whose signals are served; a copy of the plant's where there is no --for */
-    tl_assembly assembly;
+    tl_verb_job *job;
+    tl_config listener; /* whose signals are served, with --for */
+    tl_config model;    /* of the FMUs: the plant's, without its delays */
+    tl_account account;
     tl_emulation *emulation;
     tl_plant_stream *stream;
     served_source served[TL_MAX_SIGNALS];
     size_t served_count;
 } player;
 
-/* The rows: from FMUs where the configuration has `emulate`, else from its recording. */
+/* The process with the plant's FMUs, and the twin built there. */
+static tl_status build_model(player *self, tl_error *error) {
+    tl_verb_job *job = self->job;
+    tl_problems problems;
+    tl_problems_init(&problems, job->config.path);
+    tl_status status = tl_config_read_text(job->config.path, job->config.text, strlen(job->config.text), &self->model,
+                                           &problems.report);
+    if (status != TL_OK) {
+        return tl_fail(error, status, "%s: not enough memory", job->config.path);
+    }
+    tl_config_forget_delays(&self->model);
+    tl_config_use_lookups(&self->model);
+    job->order.task = TL_TASK_STEP;
+    job->order.tells = TL_TELLS_OUTPUTS;
+    job->order.without_delays = true;
+    status = tl_verb_job_start(job, NULL, error);
+    if (status == TL_OK) {
+        status = tl_twin_child_build(job->child, &self->account, error);
+        if (status != TL_OK && error->text[0] == '\0') {
+            return tl_fail(error, status, "%s: the plant's model could not be built", job->config.path);
+        }
+    }
+    return status;
+}
+
+/* The rows: from FMUs if the configuration has `emulate`, else from its recording. */
 static tl_status open_emulation(player *self, const tl_config *config, tl_error *error) {
     char path[PATH_MAX];
     tl_status status = tl_options_find_recording(self->options, config, path, error);
@@ -47,15 +72,12 @@ static tl_status open_emulation(player *self, const tl_config *config, tl_error 
     if (config->emulated_count == 0) {
         return tl_emulation_open_recording(path, config, &self->emulation, error);
     }
-    status = tl_assembly_read(config->path, &self->assembly);
-    if (status == TL_OK) {
-        tl_config_forget_delays(&self->assembly.config);
-        status = tl_assembly_build(&self->assembly);
-    }
+    status = build_model(self, error);
     if (status != TL_OK) {
-        return tl_fail(error, status, "%s: the plant's model could not be built", config->path);
+        return status;
     }
-    return tl_emulation_open_model(&self->assembly, path, self->options->seed, &self->emulation, error);
+    const tl_emulation_model model = {.config = &self->model, .account = &self->account, .child = self->job->child};
+    return tl_emulation_open_model(&model, path, self->options->seed, &self->emulation, error);
 }
 
 static size_t find_column(const tl_emulation *emulation, const char *name) {
@@ -290,7 +312,7 @@ static void close_all(player *self) {
         tl_plant_stream_close(self->stream);
     }
     tl_emulation_close(self->emulation);
-    tl_assembly_free(&self->assembly);
+    tl_config_free(&self->model);
 }
 
 static tl_status run(player *self, const tl_config *config, const tl_config *listener, tl_error *error) {
@@ -318,27 +340,34 @@ static tl_status run_for_listener(player *self, const tl_config *config, tl_erro
     return status;
 }
 
-static void be_plant(void *context) {
-    tl_verb_job *job = context;
+static tl_status be_plant(tl_verb_job *job) {
+    tl_error error = {TL_OK, ""};
     player *self = calloc(1, sizeof *self);
-    tl_config config;
-    tl_problems problems;
-    tl_problems_init(&problems, job->options->subject);
-    job->status = self == NULL ? TL_TRY_AGAIN : tl_config_read(job->options->subject, &config, &problems.report);
-    if (job->status == TL_OK) {
-        tl_error error;
-        self->options = job->options;
-        job->status = run_for_listener(self, &config, &error);
-        if (job->status != TL_OK) {
-            tl_log(TL_LOG_ERROR, "%s", error.text);
-        }
-        close_all(self);
-        tl_config_free(&config);
+    if (self == NULL) {
+        tl_log(TL_LOG_ERROR, "not enough memory");
+        return TL_TRY_AGAIN;
     }
+    self->options = job->options;
+    self->job = job;
+    tl_status status = run_for_listener(self, &job->config, &error);
+    if (job->child != NULL && !tl_twin_child_is_gone(job->child)) {
+        tl_error later;
+        tl_status ended = tl_twin_child_end(job->child, NULL, &later);
+        if (status == TL_OK && ended != TL_OK) {
+            error = later;
+            status = ended;
+        }
+    }
+    if (status != TL_OK) {
+        tl_log(TL_LOG_ERROR, "%s", error.text);
+    }
+    close_all(self);
     free(self);
+    return status;
 }
 
 int tl_verb_plant(const tl_options *options) {
     tl_verb_job job = {.options = options};
-    return tl_verb_job_run(&job, be_plant);
+    tl_status status = tl_verb_job_read(&job);
+    return tl_verb_job_end(&job, status == TL_OK ? be_plant(&job) : status);
 }

@@ -103,6 +103,13 @@ static void test_no_recording(void) {
 /* ---- from FMUs ---- */
 
 /* Opens config/motor/plant.json with a part of its text replaced. */
+static tl_status emulate(const char *driving, uint64_t seed) {
+    static tl_account account;
+    const tl_emulation_model model = {.config = &assembly.config, .account = &account, .assembly = &assembly};
+    tl_account_take(assembly.twin, &account);
+    return tl_emulation_open_model(&model, driving, seed, &emulation, &error);
+}
+
 static void open_model(const char *old, const char *new, uint64_t seed) {
     char path[PATH_MAX];
     (void)snprintf(path, sizeof path, "%s", tl_scratch_path(&scratch, "plant.json"));
@@ -120,7 +127,7 @@ static void open_model(const char *old, const char *new, uint64_t seed) {
     tl_assembly_free(&assembly);
     emulation = NULL;
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_assembly_load(path, &assembly));
-    expect_ok(tl_emulation_open_model(&assembly, MOTOR "/brake.csv", seed, &emulation, &error));
+    expect_ok(emulate(MOTOR "/brake.csv", seed));
 }
 
 static void test_message_times(void) {
@@ -220,7 +227,7 @@ static void test_signals_that_are_passed_on(void) {
 
 static void test_a_plant_without_what_drives_it(void) {
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_assembly_load(MOTOR "/plant.json", &assembly));
-    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, tl_emulation_open_model(&assembly, "/nowhere/x.csv", 1, &emulation, &error));
+    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, emulate("/nowhere/x.csv", 1));
     TEST_ASSERT_NOT_NULL(strstr(error.text, "/nowhere/x.csv"));
     TEST_ASSERT_NULL(emulation);
 }

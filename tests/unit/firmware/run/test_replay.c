@@ -142,12 +142,21 @@ static void run_live(void) {
 }
 
 static void run_again(void) {
-    tl_replay replay = {.assembly = &assembly};
+    static tl_account account;
+    tl_replay replay = {.config = &assembly.config, .account = &account};
     tl_summary summary;
     open_run(again_path);
+    tl_account_take(assembly.twin, &account);
     expect_ok(tl_recording_open(live_path, &assembly.config, &replay.recording, &error));
+    const tl_twin_feed_settings settings = {.config = &assembly.config,
+                                            .account = &account,
+                                            .recording = replay.recording,
+                                            .assembly = &assembly,
+                                            .tells = TL_TELLS_COUNTS};
+    expect_ok(tl_twin_feed_open(&settings, &replay.feed, &error));
     replay.recorder = recorder;
     tl_status status = tl_replay_run(&replay, &summary, &error);
+    tl_twin_feed_close(replay.feed);
     tl_recording_close(replay.recording);
     expect_ok(status);
     close_run();
