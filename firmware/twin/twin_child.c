@@ -217,9 +217,28 @@ static uint64_t unpacked_bytes(const tl_config *config) {
     return sum;
 }
 
-/* Started as root, it gets a user that nobody else has: numbers that systemd leaves to nobody, and one process at a time. */
+/* Another user can go through all folders on the way to this one. */
+static bool is_open_to_others(const char *folder) {
+    char path[PATH_MAX];
+    struct stat about;
+    if (realpath(folder, path) == NULL) {
+        return false;
+    }
+    for (char *end = path + strlen(path); end != NULL; end = strrchr(path, '/')) {
+        *end = '\0';
+        if (stat(path[0] == '\0' ? "/" : path, &about) != 0 || (about.st_mode & S_IXOTH) == 0) {
+            return false;
+        }
+    }
+    return true;
+}
+
+/* Started as root, it gets a user that nobody else has: numbers that systemd leaves to nobody, and one process at a time. Where that user could
+ * not come to its folder, it stays root without root's capabilities. */
 static uint32_t private_user(void) {
-    return geteuid() == 0 ? 0x70000000U + (uint32_t)getpid() : 0;
+    const char *folder = getenv("TMPDIR");
+    bool possible = geteuid() == 0 && is_open_to_others(folder == NULL || folder[0] == '\0' ? "/tmp" : folder);
+    return possible ? 0x70000000U + (uint32_t)getpid() : 0;
 }
 
 /* Three quarters of the machine's memory, so that one that is out of its mind is refused more before others are. */
