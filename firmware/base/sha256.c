@@ -42,21 +42,33 @@ static void schedule(const unsigned char *block, uint32_t w[ROUNDS]) {
 
 static void add_block(uint32_t state[WORDS], const unsigned char *block) {
     uint32_t w[ROUNDS];
-    uint32_t v[WORDS]; /* a … h */
+    uint32_t a = state[0];
+    uint32_t b = state[1];
+    uint32_t c = state[2];
+    uint32_t d = state[3];
+    uint32_t e = state[4];
+    uint32_t f = state[5];
+    uint32_t g = state[6];
+    uint32_t h = state[7];
     schedule(block, w);
-    memcpy(v, state, sizeof v);
     for (size_t t = 0; t < ROUNDS; t++) {
-        uint32_t sum1 = rotated(v[4], 6) ^ rotated(v[4], 11) ^ rotated(v[4], 25);
-        uint32_t choice = (v[4] & v[5]) ^ (~v[4] & v[6]);
-        uint32_t t1 = v[7] + sum1 + choice + K[t] + w[t];
-        uint32_t sum0 = rotated(v[0], 2) ^ rotated(v[0], 13) ^ rotated(v[0], 22);
-        uint32_t majority = (v[0] & v[1]) ^ (v[0] & v[2]) ^ (v[1] & v[2]);
-        memmove(v + 1, v, (WORDS - 1) * sizeof v[0]);
-        v[4] += t1;
-        v[0] = t1 + sum0 + majority;
+        uint32_t sum1 = rotated(e, 6) ^ rotated(e, 11) ^ rotated(e, 25);
+        uint32_t choice = (e & f) ^ (~e & g);
+        uint32_t t1 = h + sum1 + choice + K[t] + w[t];
+        uint32_t sum0 = rotated(a, 2) ^ rotated(a, 13) ^ rotated(a, 22);
+        uint32_t majority = (a & b) ^ (a & c) ^ (b & c);
+        h = g; /* in registers: moved in memory, they take most of the time */
+        g = f;
+        f = e;
+        e = d + t1;
+        d = c;
+        c = b;
+        b = a;
+        a = t1 + sum0 + majority;
     }
+    const uint32_t added[WORDS] = {a, b, c, d, e, f, g, h};
     for (size_t i = 0; i < WORDS; i++) {
-        state[i] += v[i];
+        state[i] += added[i];
     }
 }
 

@@ -14,7 +14,11 @@
 #include "firmware/plant/recording.h"
 #include "firmware/run/resume.h"
 #include "firmware/show/show.h"
+<<<<<<< HEAD
 #include "tests/support/assembly_recorder.h"
+=======
+#include "tests/support/kept_file.h"
+>>>>>>> i13-armcost
 #include "tests/support/random_numbers.h"
 #include "tests/support/scratch.h"
 #include "tests/support/sql.h"
@@ -28,8 +32,7 @@ static tl_recorder *recorder;
 static tl_error error;
 
 /* The file of the run that was ended. */
-static unsigned char *whole;
-static size_t size;
+static tl_kept_file whole;
 
 void setUp(void) {
     (void)snprintf(path, sizeof path, "%s", tl_scratch_path(&scratch, "run.db"));
@@ -41,8 +44,7 @@ void tearDown(void) {
     recorder = NULL;
     tl_assembly_free(&assembly);
     assembly = (tl_assembly){0};
-    free(whole);
-    whole = NULL;
+    tl_kept_file_free(&whole);
     tl_scratch_empty(&scratch);
 }
 
@@ -78,18 +80,6 @@ static void save_checkpoint(int64_t tick) {
     tl_recorder_put_checkpoint(recorder, tick, needed);
 }
 
-static void read_whole(void) {
-    FILE *file = fopen(path, "rb");
-    TEST_ASSERT_NOT_NULL(file);
-    (void)fseek(file, 0, SEEK_END);
-    size = (size_t)ftell(file);
-    rewind(file);
-    whole = malloc(size);
-    TEST_ASSERT_NOT_NULL(whole);
-    TEST_ASSERT_EQUAL_size_t(size, fread(whole, 1, size, file));
-    (void)fclose(file);
-}
-
 static void record_run(void) {
     static tl_sample sample;
     tl_record record;
@@ -112,7 +102,7 @@ static void record_run(void) {
     }
     tl_recorder_event(recorder, 5, TL_EVENT_WARNING, "plant", "the drive does not answer");
     close_run("SIGTERM");
-    read_whole();
+    tl_kept_file_read(&whole, path);
 }
 
 /* ---- Readers ----------------------------------------------------------------------------------------------------- */
@@ -206,12 +196,10 @@ static void test_damaged_runs_are_not_gone_on_with(void) {
         "DELETE FROM signals WHERE signal = 0",
     };
     load_assembly();
+    record_run();
     for (size_t i = 0; i < sizeof damages / sizeof damages[0]; i++) {
         tl_summary summary;
-        expect_ok(tl_assembly_rebuild(&assembly));
-        record_run();
-        free(whole);
-        whole = NULL;
+        tl_kept_file_write(&whole, path);
         tl_sql_execute(path, damages[i]);
         TEST_ASSERT_TRUE_MESSAGE(restart(&summary), damages[i]);
         TEST_ASSERT_EQUAL_INT_MESSAGE(TL_RESUMED_NOT, summary.resumption.from, damages[i]);
@@ -227,24 +215,22 @@ static void test_damaged_runs_are_not_gone_on_with(void) {
 /* One to a few bytes of any page; half of the time in what says where its rows are. */
 static void write_mutant(tl_test_random *random) {
     static const unsigned char worst[] = {0, 1, 0x7F, 0x80, 0xFF};
-    unsigned char *mutant = malloc(size);
-    TEST_ASSERT_NOT_NULL(mutant);
-    memcpy(mutant, whole, size);
+    size_t size = whole.size;
+    tl_kept_file mutant = {malloc(size), size};
+    TEST_ASSERT_NOT_NULL(mutant.bytes);
+    memcpy(mutant.bytes, whole.bytes, size);
     for (size_t k = tl_test_random_between(random, 1, 6); k > 0; k--) {
         size_t page = tl_test_random_below(random, size / PAGE) * PAGE;
         size_t at = page + tl_test_random_below(random, tl_test_random_chance(random, 50) ? 120 : PAGE);
         at = at < 100 ? at + 100 : at; /* not what it is recognised by */
         if (tl_test_random_chance(random, 50)) {
-            mutant[at] = worst[tl_test_random_below(random, sizeof worst)];
+            mutant.bytes[at] = worst[tl_test_random_below(random, sizeof worst)];
         } else {
-            mutant[at] ^= (unsigned char)(1U << tl_test_random_below(random, 8));
+            mutant.bytes[at] ^= (unsigned char)(1U << tl_test_random_below(random, 8));
         }
     }
-    FILE *file = fopen(path, "wb");
-    TEST_ASSERT_NOT_NULL(file);
-    TEST_ASSERT_EQUAL_size_t(size, fwrite(mutant, 1, size, file));
-    (void)fclose(file);
-    free(mutant);
+    tl_kept_file_write(&mutant, path);
+    tl_kept_file_free(&mutant);
 }
 
 static void test_mutants(void) {
