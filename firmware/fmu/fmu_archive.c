@@ -2,27 +2,20 @@
  * descriptor without following links, so that no name and no link made by an earlier entry leads outside. */
 #include "firmware/fmu/fmu_archive.h"
 
-#include <dirent.h>
 #include <errno.h>
 #include <fcntl.h>
-#include <ftw.h>
-#include <pthread.h>
-#include <signal.h>
 #include <stdbool.h>
 #include <stdint.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/file.h>
 #include <sys/stat.h>
 #include <unistd.h>
 #include <zip.h>
 
-#include "firmware/base/log.h"
 #include "firmware/base/shortage.h"
-#include "firmware/process/process_end.h"
 
-#define PREFIX "twinlock-fmu-"
+#define KIND "fmu" /* of folder */
 
 enum { BUFFER = 64 * 1024, NAME_SHOWN = 120 };
 
@@ -37,157 +30,20 @@ typedef struct unpacking {
     tl_error *error;
 } unpacking;
 
-/* ---- Removing ------------------------------------------------------------------------------------------ */
-
-static int remove_entry(const char *path, const struct stat *status, int type, struct FTW *place) {
-    (void)status;
-    (void)place;
-    (void)(type == FTW_DP || type == FTW_DNR ? rmdir(path) : unlink(path));
-    return 0; /* what remains is found when the folder itself cannot be removed */
-}
-
-/* Without following links; with one descriptor, since there may be no more. Not with FTW_MOUNT: on an overlay, as a box may
- * have it for its root, files and folders can be of different devices. */
-static void remove_tree(const char *folder) {
-    (void)nftw(folder, remove_entry, 1, FTW_DEPTH | FTW_PHYS);
-    struct stat status;
-    if (lstat(folder, &status) == 0) {
-        tl_log(TL_LOG_WARNING, "%s cannot be removed completely; remove it by hand", folder);
-    }
-}
-
-/* Those with a folder. */
-static tl_fmu_archive *in_use;
-static pthread_mutex_t in_use_lock = PTHREAD_MUTEX_INITIALIZER;
-
-static void remove_all(void) {
-    (void)pthread_mutex_lock(&in_use_lock);
-    for (const tl_fmu_archive *archive = in_use; archive != NULL; archive = archive->next) {
-        remove_tree(archive->folder);
-    }
-    (void)pthread_mutex_unlock(&in_use_lock);
-}
-
-static void enlist(tl_fmu_archive *archive) {
-    tl_process_remove_by(remove_all);
-    (void)pthread_mutex_lock(&in_use_lock);
-    archive->next = in_use;
-    in_use = archive;
-    (void)pthread_mutex_unlock(&in_use_lock);
-}
-
-static void strike_off(const tl_fmu_archive *archive) {
-    (void)pthread_mutex_lock(&in_use_lock);
-    for (tl_fmu_archive **place = &in_use; *place != NULL; place = &(*place)->next) {
-        if (*place == archive) {
-            *place = archive->next;
-            break;
-        }
-    }
-    (void)pthread_mutex_unlock(&in_use_lock);
-}
-
-void tl_fmu_archive_remove(tl_fmu_archive *archive) {
-    if (archive->folder[0] != '\0') {
-        strike_off(archive);
-        remove_tree(archive->folder);
-        (void)close(archive->lock);
-    }
-    archive->folder[0] = '\0';
-    archive->lock = -1;
-}
-
-/* ---- What killed processes left ------------------------------------------------------------------------ */
-
-/* The process in twinlock-fmu-PID-XXXXXX, 0 where the name has another form. */
-static pid_t owner_of(const char *name) {
-    if (strncmp(name, PREFIX, strlen(PREFIX)) != 0) {
-        return 0;
-    }
-    const char *digits = name + strlen(PREFIX);
-    char *end = NULL;
-    errno = 0;
-    long pid = digits[0] >= '1' && digits[0] <= '9' ? strtol(digits, &end, 10) : 0;
-    bool is_whole = pid > 0 && errno == 0 && pid <= INT32_MAX && end[0] == '-' && strlen(end) == 7;
-    return is_whole ? (pid_t)pid : 0;
-}
-
-/* A process of that number may be alive in another container that shares the folder: then it holds the lock. */
-static void sweep_one(int parent, const char *parent_path, const char *name) {
-    struct stat status;
-    int folder = openat(parent, name, O_RDONLY | O_DIRECTORY | O_NOFOLLOW | O_CLOEXEC);
-    if (folder < 0) {
-        return;
-    }
-    char path[PATH_MAX];
-    int length = snprintf(path, sizeof path, "%s/%s", parent_path, name);
-    if (fstat(folder, &status) == 0 && status.st_uid == geteuid() && flock(folder, LOCK_EX | LOCK_NB) == 0 &&
-        length > 0 && (size_t)length < sizeof path) {
-        tl_log(TL_LOG_INFO, "removing %s, left by a process that was killed", path);
-        remove_tree(path);
-    }
-    (void)close(folder);
-}
-
-static void sweep(const char *parent_path) {
-    DIR *parent = opendir(parent_path);
-    if (parent == NULL) {
-        return;
-    }
-    for (struct dirent *entry = readdir(parent); entry != NULL; entry = readdir(parent)) {
-        pid_t pid = owner_of(entry->d_name);
-        /* Our own number counts as gone: in a container it is always the same, and our own folders are locked. */
-        if (pid > 0 && (pid == getpid() || (kill(pid, 0) != 0 && errno == ESRCH))) {
-            sweep_one(dirfd(parent), parent_path, entry->d_name);
-        }
-    }
-    (void)closedir(parent);
-}
-
-/* The folder for temporary files, without links in it. False, with errno, where it cannot be used. */
-static bool find_parent(const char **name, char parent[PATH_MAX]) {
-    const char *wanted = getenv("TMPDIR");
-    *name = wanted != NULL && wanted[0] != '\0' ? wanted : "/tmp";
-    return realpath(*name, parent) != NULL;
-}
-
-void tl_fmu_archive_sweep(void) {
-    char parent[PATH_MAX];
-    const char *name = NULL;
-    if (find_parent(&name, parent)) {
-        sweep(parent);
-    }
-}
-
 /* ---- The folder ---------------------------------------------------------------------------------------- */
 
 static tl_status make_folder(const char *label, tl_fmu_archive *archive, tl_error *error) {
-    const char *name = NULL;
-    char parent[PATH_MAX];
-    if (!find_parent(&name, parent)) {
-        return tl_fail(error, TL_TRY_AGAIN, "%s: the folder for temporary files, %s, cannot be used: %s; set TMPDIR",
-                       label, name, strerror(errno));
-    }
-    sweep(parent);
-    int length = snprintf(archive->folder, sizeof archive->folder, "%s/" PREFIX "%ld-XXXXXX", parent, (long)getpid());
-    /* Room for the longest path in it. */
-    if (length < 0 || (size_t)length > sizeof archive->folder - TL_FMU_ENTRY_PATH - 2) {
-        archive->folder[0] = '\0';
-        return tl_fail(error, TL_TRY_AGAIN, "%s: TMPDIR is too long a path; set a shorter one", label);
-    }
-    if (mkdtemp(archive->folder) == NULL) {
-        int code = errno;
-        archive->folder[0] = '\0';
-        return tl_fail(error, TL_TRY_AGAIN, "%s: no folder can be made in %s: %s; free space or set TMPDIR", label,
-                       parent, strerror(code));
-    }
-    enlist(archive);
-    archive->lock = open(archive->folder, O_RDONLY | O_DIRECTORY | O_NOFOLLOW | O_CLOEXEC);
-    if (archive->lock < 0 || flock(archive->lock, LOCK_EX | LOCK_NB) != 0) {
-        return tl_fail(error, TL_TRY_AGAIN, "%s: %s cannot be locked: %s; try again", label, archive->folder,
-                       strerror(errno));
-    }
-    return TL_OK;
+    tl_error cause;
+    tl_status status = tl_private_folder_make(KIND, 0, &archive->folder, &cause);
+    return status == TL_OK ? TL_OK : tl_fail(error, status, "%s: %s", label, cause.text);
+}
+
+void tl_fmu_archive_remove(tl_fmu_archive *archive) {
+    tl_private_folder_remove(&archive->folder);
+}
+
+void tl_fmu_archive_sweep(void) {
+    tl_private_folder_sweep(KIND, 0);
 }
 
 /* ---- Paths --------------------------------------------------------------------------------------------- */
@@ -518,15 +374,20 @@ static tl_status open_zip(const char *path, int opened, unpacking *work) {
 tl_status tl_fmu_archive_unpack(const char *path, int opened, const char *label, tl_fmu_archive *archive,
                                 tl_error *error) {
     unpacking work = {.label = label, .error = error};
+<<<<<<< HEAD
     archive->folder[0] = '\0';
     archive->lock = -1;
     tl_status status = open_zip(path, opened, &work);
+=======
+    *archive = (tl_fmu_archive){.folder = {.descriptor = -1}};
+    tl_status status = open_zip(path, &work);
+>>>>>>> i14-roles
     if (status != TL_OK) {
         return status;
     }
     status = make_folder(label, archive, error);
     if (status == TL_OK) {
-        work.root = archive->lock;
+        work.root = archive->folder.descriptor;
         status = unpack_all(&work);
     }
     zip_discard(work.zip);

@@ -1,21 +1,19 @@
 /* Unpacks an FMU, a ZIP file from a stranger, into a fresh folder of its own.
  *
- * Purpose: nothing is created outside of that folder, and nothing remains when unpacking fails. Folders are named
- *          twinlock-fmu-PID-XXXXXX in $TMPDIR or /tmp, mode 0700, and locked as long as they are used; each unpacking
- *          first removes those of this user whose process is gone and whose lock is free.
+ * Purpose: nothing is created outside of that folder, and nothing remains when unpacking fails. Folders are
+ *          private ones (private_folder.h) of the kind "fmu"; each unpacking first removes those that killed processes left.
  * Limits:  below; bytes are counted as they are written, whatever sizes the archive claims. Only stored and deflated
  *          entries, as FMI demands. Refused: absolute paths, drive letters, "..", symbolic links and devices, encrypted
  *          entries, a name twice, control characters in names. Backslashes are taken for separators.
  * Skipped: documentation/, sources/ and binaries of other systems are checked by name, and only folders are created
  *          for them: they would fill the memory of a small box.
  * Errors:  TL_BAD_DATA for anything wrong in the file, TL_TRY_AGAIN where disk, memory or descriptors are missing.
- * Thread:  one thread at a time for each archive; remove_all from any.
+ * Thread:  one thread at a time for each archive.
  */
 #ifndef TL_FIRMWARE_FMU_FMU_ARCHIVE_H
 #define TL_FIRMWARE_FMU_FMU_ARCHIVE_H
 
-#include <limits.h>
-
+#include "firmware/process/private_folder.h"
 #include "master/base/status.h"
 
 enum {
@@ -31,9 +29,7 @@ enum {
 };
 
 typedef struct tl_fmu_archive {
-    char folder[PATH_MAX];       /* absolute, without a slash at the end; "" where nothing is unpacked */
-    int lock;                    /* private: open and locked while the folder is used */
-    struct tl_fmu_archive *next; /* private: of those in use */
+    tl_private_folder folder; /* its path is "" where nothing is unpacked */
 } tl_fmu_archive;
 
 /* `opened`: the file's descriptor, if it was opened before (by a process that may not open it any more); -1: it is opened by its path.

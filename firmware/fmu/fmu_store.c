@@ -47,7 +47,7 @@ static const char *file_uri(tl_arena *arena, const char *path) {
 static tl_status make_resources(tl_fmu *fmu, const char *label, tl_error *error) {
     char path[PATH_MAX + sizeof "/resources"];
     struct stat status;
-    (void)snprintf(path, sizeof path, "%s/resources", fmu->files->archive.folder);
+    (void)snprintf(path, sizeof path, "%s/resources", fmu->files->archive.folder.path);
     if (mkdir(path, 0700) != 0 && errno != EEXIST) {
         return tl_fail(error, TL_TRY_AGAIN, "%s: no folder for resources can be made: %s; free space or set TMPDIR",
                        label, strerror(errno));
@@ -66,7 +66,7 @@ static tl_status make_resources(tl_fmu *fmu, const char *label, tl_error *error)
 /* PythonFMU's binary imports the module that the first line of this file names. */
 static tl_status read_module(tl_fmu *fmu, const char *label, tl_error *error) {
     char path[PATH_MAX + sizeof "/resources/slavemodule.txt"];
-    (void)snprintf(path, sizeof path, "%s/resources/slavemodule.txt", fmu->files->archive.folder);
+    (void)snprintf(path, sizeof path, "%s/resources/slavemodule.txt", fmu->files->archive.folder.path);
     FILE *file = fopen(path, "re");
     if (file == NULL) {
         return tl_shortage_is(errno)
@@ -94,7 +94,7 @@ static tl_status load(const char *path, int opened, const char *label, tl_fmu *f
     if (status != TL_OK) {
         return status;
     }
-    (void)snprintf(description, sizeof description, "%s/modelDescription.xml", files->archive.folder);
+    (void)snprintf(description, sizeof description, "%s/modelDescription.xml", files->archive.folder.path);
     status = tl_model_description_read(description, label, &files->arena, &fmu->model, error);
     if (status != TL_OK) {
         return status;
@@ -107,7 +107,7 @@ static tl_status load(const char *path, int opened, const char *label, tl_fmu *f
         return status;
     }
     tl_fmu_guard_open(&fmu->guard, fmu->model.name, fmu->model.generation_tool);
-    return tl_fmu_binary_open(files->archive.folder, &fmu->model, label, &fmu->guard, error);
+    return tl_fmu_binary_open(files->archive.folder.path, &fmu->model, label, &fmu->guard, error);
 }
 
 tl_status tl_fmu_load(const char *path, tl_fmu *fmu, tl_error *error) {

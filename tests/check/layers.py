@@ -37,14 +37,14 @@ OWNERS = {
     "grp.h": ("firmware/confine",),
     # Who starts threads, or has a lock that several of them take.
     "pthread.h": ("firmware/base/c_locale.c", "firmware/base/side_thread.h", "firmware/emulate/plant_server.c",
-                  "firmware/fmu/fmu_archive.c", "firmware/fmu/fmu_thread.h", "firmware/plant/plant_reader.c",
-                  "firmware/process/crash.c", "firmware/record/recorder.c", "firmware/record/recorder_lock.c",
-                  "firmware/run/realtime.h", "firmware/supervise/reaper.h"),
+                  "firmware/fmu/fmu_thread.h", "firmware/plant/plant_reader.c",
+                  "firmware/process/crash.c", "firmware/process/private_folder.c", "firmware/record/recorder.c", "firmware/record/recorder_lock.c",
+                  "firmware/run/realtime.h", "firmware/supervise/reaper.h", "firmware/text/relay.h"),
 }
 
 MADE = "description.h"  # of an FMU, from its modelDescription.xml
 # What else the floors above the master may include: C99, the system, and no library that has no owner.
-SYSTEM = set("dirent.h elf.h fcntl.h ftw.h gcov.h getopt.h libgen.h malloc.h net/if.h netdb.h netinet/in.h netinet/tcp.h poll.h "
+SYSTEM = set("dirent.h elf.h fcntl.h gcov.h getopt.h libgen.h malloc.h net/if.h netdb.h netinet/in.h netinet/tcp.h poll.h "
              "sched.h strings.h termios.h unistd.h sanitizer/lsan_interface.h".split())
 SYSTEM_FOLDERS = ("sys/", "linux/")
 

@@ -66,10 +66,10 @@ static void test_what_is_a_shortage(void) {
 
 static void test_no_descriptor_for_a_binary(void) {
     leave_descriptors(0);
-    tl_status status = tl_fmu_binary_open(archive.folder, &model, "motor", &guard, &error);
+    tl_status status = tl_fmu_binary_open(archive.folder.path, &model, "motor", &guard, &error);
     put_back();
     expect_try_again(status, "motor.so cannot be opened: Too many open files; try again");
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_fmu_binary_open(archive.folder, &model, "motor", &guard, &error));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_fmu_binary_open(archive.folder.path, &model, "motor", &guard, &error));
 }
 
 static void test_no_descriptor_for_a_library(void) {
@@ -100,7 +100,7 @@ static void test_no_memory_for_a_binary(void) {
     TEST_ASSERT_EQUAL_INT(0, getrlimit(RLIMIT_AS, &usual));
     const struct rlimit tight = {.rlim_cur = 4096, .rlim_max = usual.rlim_max};
     TEST_ASSERT_EQUAL_INT(0, setrlimit(RLIMIT_AS, &tight));
-    tl_status status = tl_fmu_binary_open(archive.folder, &model, "motor", &guard, &error);
+    tl_status status = tl_fmu_binary_open(archive.folder.path, &model, "motor", &guard, &error);
     TEST_ASSERT_EQUAL_INT(0, setrlimit(RLIMIT_AS, &usual));
     expect_try_again(status, "failed to map segment from shared object; free memory or descriptors and try again");
 #endif

@@ -1,0 +1,37 @@
+/* A private folder: for files of one process that nobody else may see, and that do not outlive it.
+ *
+ * Purpose: a fresh folder in $TMPDIR or /tmp, named twinlock-KIND-PID-XXXXXX, mode 0700, and locked as long as it is used. Making one first
+ *          removes those of its kind whose process is gone and whose lock is free. One that gives up (process_end.h) removes its own.
+ * Trust:   what is in it may have been put there by an enemy: links are not followed, folders that forbid it are opened all the same,
+ *          and neither their depth nor the number of files costs memory or descriptors.
+ * Owner:   the caller places a folder; it must stay where it is until it is removed.
+ * Errors:  TL_TRY_AGAIN: space or descriptors are missing, or TMPDIR is no folder.
+ * Thread:  one thread at a time for each folder; its removal as the process gives up from any.
+ */
+#ifndef TL_FIRMWARE_PROCESS_PRIVATE_FOLDER_H
+#define TL_FIRMWARE_PROCESS_PRIVATE_FOLDER_H
+
+#include <limits.h>
+#include <stdint.h>
+
+#include "master/base/status.h"
+
+enum { TL_PRIVATE_FOLDER_ROOM = 1026 }; /* bytes that a path has left below it */
+
+/* A zeroed one is none. */
+typedef struct tl_private_folder {
+    char path[PATH_MAX];            /* absolute, without links and without a slash at the end; "" where there is none */
+    int descriptor;                 /* of the folder, which it locks */
+    struct tl_private_folder *next; /* private: of those in use */
+} tl_private_folder;
+
+/* `kind`: letters, "fmu". `user`: whom the folder is to belong to, which takes root; 0: the caller. On failure nothing remains. */
+tl_status tl_private_folder_make(const char *kind, uint32_t user, tl_private_folder *folder, tl_error *error);
+
+/* Removes it with all that is in it. None is allowed. */
+void tl_private_folder_remove(tl_private_folder *folder);
+
+/* Removes those that killed processes left, of a kind: those of this user, and of `user` (0: of none else). */
+void tl_private_folder_sweep(const char *kind, uint32_t user);
+
+#endif
