@@ -374,14 +374,8 @@ static tl_status open_zip(const char *path, int opened, unpacking *work) {
 tl_status tl_fmu_archive_unpack(const char *path, int opened, const char *label, tl_fmu_archive *archive,
                                 tl_error *error) {
     unpacking work = {.label = label, .error = error};
-<<<<<<< HEAD
-    archive->folder[0] = '\0';
-    archive->lock = -1;
-    tl_status status = open_zip(path, opened, &work);
-=======
     *archive = (tl_fmu_archive){.folder = {.descriptor = -1}};
-    tl_status status = open_zip(path, &work);
->>>>>>> i14-roles
+    tl_status status = open_zip(path, opened, &work);
     if (status != TL_OK) {
         return status;
     }

@@ -14,11 +14,8 @@
 #include "firmware/plant/recording.h"
 #include "firmware/run/resume.h"
 #include "firmware/show/show.h"
-<<<<<<< HEAD
 #include "tests/support/assembly_recorder.h"
-=======
 #include "tests/support/kept_file.h"
->>>>>>> i13-armcost
 #include "tests/support/random_numbers.h"
 #include "tests/support/scratch.h"
 #include "tests/support/sql.h"
