@@ -30,10 +30,11 @@ static const uint32_t file_commands[] = {
     14,      F_OFD_GETLK,     F_OFD_SETLK, F_OFD_SETLKW, F_GETPIPE_SZ, F_SETPIPE_SZ, F_GET_SEALS};
 static const uint32_t device_commands[] = {FIONREAD, FIONBIO, FIOCLEX, FIONCLEX, TCGETS, TIOCGWINSZ};
 static const uint32_t process_commands[] = {
-    PR_SET_NAME,         PR_GET_NAME,         PR_GET_DUMPABLE,         PR_GET_PDEATHSIG,
-    PR_GET_KEEPCAPS,     PR_CAPBSET_READ,     PR_GET_SECCOMP,          PR_GET_TIMERSLACK,
-    PR_SET_TIMERSLACK,   PR_GET_NO_NEW_PRIVS, PR_SET_THP_DISABLE,      PR_GET_THP_DISABLE,
-    PR_SET_NO_NEW_PRIVS, PR_GET_TID_ADDRESS,  PR_GET_SPECULATION_CTRL, PR_SET_VMA};
+    PR_SET_NAME,        PR_GET_NAME,         PR_GET_DUMPABLE,     PR_GET_PDEATHSIG,
+    PR_GET_KEEPCAPS,    PR_GET_SECUREBITS,   PR_CAPBSET_READ,     PR_GET_SECCOMP,
+    PR_GET_TIMERSLACK,  PR_SET_TIMERSLACK,   PR_GET_NO_NEW_PRIVS, PR_SET_THP_DISABLE,
+    PR_GET_THP_DISABLE, PR_SET_NO_NEW_PRIVS, PR_GET_TID_ADDRESS,  PR_GET_SPECULATION_CTRL,
+    PR_SET_VMA};
 
 static int allow_values(scmp_filter_ctx context, const char *call, unsigned argument, const uint32_t *values,
                         size_t count) {
