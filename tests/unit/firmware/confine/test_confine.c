@@ -91,6 +91,10 @@ static void a_folder_that_is_missing_is_told(void) {
 
 /* ---- limits ---- */
 
+static bool is_emulated(void) {
+    return getenv("TL_EMULATOR") != NULL; // NOLINT(concurrency-mt-unsafe): the only thread
+}
+
 static bool take_memory(void *context) {
     size_t megabytes = 0;
     (void)context;
@@ -109,7 +113,7 @@ static void memory_has_a_limit(void) {
     tl_confine_settings how = settings();
     tl_confine_facts offered;
     tl_confine_probe(&offered);
-    if (!offered.memory || getenv("TL_EMULATOR") != NULL) { // NOLINT(concurrency-mt-unsafe): the only thread
+    if (!offered.memory || is_emulated()) {
         TEST_IGNORE_MESSAGE("a sanitizer's own memory is larger, and an emulator keeps no limit");
     }
     how.memory = (uint64_t)128 * MEGABYTE;
@@ -127,6 +131,9 @@ static bool see_limits(void *context) {
 }
 
 static void there_is_no_core_and_nobody_looks_into_it(void) {
+    if (is_emulated()) {
+        TEST_IGNORE_MESSAGE("an emulator keeps the limit of its own stack");
+    }
     tl_confined_run(settings(), see_limits, NULL, &confined);
     TEST_ASSERT_TRUE(confined.succeeded);
 }
