@@ -15,6 +15,8 @@
 #include <termios.h>
 #include <unistd.h>
 
+#include "firmware/confine/sanitizer.h"
+
 #define COUNT(array) (sizeof(array) / sizeof(array)[0])
 
 /* The lower half of argument `n`, under a mask, is `value`. */
@@ -30,10 +32,11 @@ static const uint32_t file_commands[] = {
     14,      F_OFD_GETLK,     F_OFD_SETLK, F_OFD_SETLKW, F_GETPIPE_SZ, F_SETPIPE_SZ, F_GET_SEALS};
 static const uint32_t device_commands[] = {FIONREAD, FIONBIO, FIOCLEX, FIONCLEX, TCGETS, TIOCGWINSZ};
 static const uint32_t process_commands[] = {
-    PR_SET_NAME,         PR_GET_NAME,         PR_GET_DUMPABLE,         PR_GET_PDEATHSIG,
-    PR_GET_KEEPCAPS,     PR_CAPBSET_READ,     PR_GET_SECCOMP,          PR_GET_TIMERSLACK,
-    PR_SET_TIMERSLACK,   PR_GET_NO_NEW_PRIVS, PR_SET_THP_DISABLE,      PR_GET_THP_DISABLE,
-    PR_SET_NO_NEW_PRIVS, PR_GET_TID_ADDRESS,  PR_GET_SPECULATION_CTRL, PR_SET_VMA};
+    PR_SET_NAME,        PR_GET_NAME,         PR_GET_DUMPABLE,     PR_GET_PDEATHSIG,
+    PR_GET_KEEPCAPS,    PR_GET_SECUREBITS,   PR_CAPBSET_READ,     PR_GET_SECCOMP,
+    PR_GET_TIMERSLACK,  PR_SET_TIMERSLACK,   PR_GET_NO_NEW_PRIVS, PR_SET_THP_DISABLE,
+    PR_GET_THP_DISABLE, PR_SET_NO_NEW_PRIVS, PR_GET_TID_ADDRESS,  PR_GET_SPECULATION_CTRL,
+    PR_SET_VMA};
 
 static int allow_values(scmp_filter_ctx context, const char *call, unsigned argument, const uint32_t *values,
                         size_t count) {
@@ -115,11 +118,6 @@ static int add_signals(scmp_filter_ctx context) {
     return failure;
 }
 
-static int add_tracing(scmp_filter_ctx context) {
-    const struct scmp_arg_cmp other = {0, SCMP_CMP_NE, PTRACE_TRACEME, 0};
-    return tl_filter_add(context, SCMP_ACT_KILL_PROCESS, "ptrace", &other, 1);
-}
-
 /* Of the thread that calls, or of this process: 0. */
 static int allow_own(scmp_filter_ctx context) {
     static const char *const calls[] = {"sched_setscheduler", "sched_setparam", "sched_setattr", "sched_setaffinity",
@@ -131,28 +129,24 @@ static int allow_own(scmp_filter_ctx context) {
     return failure;
 }
 
-#if defined(__has_feature)
-#if __has_feature(address_sanitizer) || __has_feature(thread_sanitizer)
-#define TL_IS_SANITIZED
-#endif
-#endif
-#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__) || defined(TL_IS_SANITIZED)
+#if TL_HAS_SANITIZER
 /* The search for leaks stops all threads from a process that shares our memory, which traces us. */
-static int add_tracing_or_sanitizer(scmp_filter_ctx context) {
+static int add_tracing(scmp_filter_ctx context) {
     static const uint32_t commands[] = {PR_SET_DUMPABLE, PR_SET_PTRACER};
     int failure = tl_filter_allow_all(context, "ptrace");
     failure = failure != 0 ? failure : allow_one(context, "clone", MASKED(0, CLONE_VM | CLONE_THREAD, CLONE_VM));
     return failure != 0 ? failure : allow_values(context, "prctl", 0, commands, COUNT(commands));
 }
 #else
-static int add_tracing_or_sanitizer(scmp_filter_ctx context) {
-    return add_tracing(context);
+static int add_tracing(scmp_filter_ctx context) {
+    const struct scmp_arg_cmp other = {0, SCMP_CMP_NE, PTRACE_TRACEME, 0};
+    return tl_filter_add(context, SCMP_ACT_KILL_PROCESS, "ptrace", &other, 1);
 }
 #endif
 
 int tl_filter_add_arguments(scmp_filter_ctx context, const tl_filter_settings *settings) {
     int (*const parts[])(scmp_filter_ctx) = {allow_commands, allow_threads, allow_memory,
-                                             add_signals,    allow_own,     add_tracing_or_sanitizer};
+                                             add_signals,    allow_own,     add_tracing};
     int failure = 0;
     for (size_t i = 0; i < COUNT(parts) && failure == 0; i++) {
         failure = parts[i](context);

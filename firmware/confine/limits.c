@@ -6,21 +6,13 @@
 #include <sys/prctl.h>
 #include <sys/resource.h>
 
+#include "firmware/confine/sanitizer.h"
+
 /* Where there is no limit: more than any main thread needs. The stack does not count as data, and the main thread's grows by itself. */
 #define LARGEST_STACK ((rlim_t)64 * 1024 * 1024)
 
-#if defined(__has_feature)
-#if __has_feature(address_sanitizer) || __has_feature(thread_sanitizer)
-#define TL_IS_SANITIZED
-#endif
-#endif
-
 bool tl_limits_hold_memory(void) {
-#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__) || defined(TL_IS_SANITIZED)
-    return false;
-#else
-    return true;
-#endif
+    return TL_HAS_SANITIZER == 0;
 }
 
 /* Never more than there is: what somebody else has limited stays so. */

@@ -6,6 +6,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/prctl.h>
 #include <sys/socket.h>
 #include <sys/wait.h>
 #include <time.h>
@@ -41,6 +42,7 @@ static void be_confined(tl_confine_settings settings, tl_confined_body *body, vo
     tl_error error;
     tl_confine_facts facts;
     int listener = -1;
+    (void)prctl(PR_SET_PDEATHSIG, SIGKILL);
     if (tl_confine(&settings, &facts, &listener, &error) != TL_OK) {
         (void)dprintf(STDERR_FILENO, "not confined: %s\n", error.text);
         _exit(EXIT_FAILURE);

@@ -28,6 +28,7 @@
 
 #include <unity.h>
 
+#include "firmware/confine/sanitizer.h"
 #include "tests/support/confined.h"
 #include "tests/support/scratch.h"
 
@@ -204,7 +205,7 @@ enum { REFUSED = sizeof refused / sizeof refused[0] };
 
 /* With a sanitizer these two are its own. */
 static bool is_for_sanitizer(const call *made) {
-#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+#if TL_HAS_SANITIZER
     return made->number == SYS_ptrace || (made->number == SYS_prctl && (made->arguments[0] == PR_SET_DUMPABLE ||
                                                                         made->arguments[0] == PR_SET_PTRACER));
 #else
@@ -297,7 +298,7 @@ static void signals_to_others_end_the_process(void) {
 }
 
 static void tracing_others_ends_the_process(void) {
-#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+#if TL_HAS_SANITIZER
     TEST_IGNORE_MESSAGE("the sanitizer traces itself");
 #endif
     call made = {"ptrace", SYS_ptrace, {PTRACE_ATTACH, 0}};

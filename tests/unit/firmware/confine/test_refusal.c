@@ -1,0 +1,88 @@
+/* Refused calls are named to another process, with their arguments. */
+#include "firmware/confine/refusal.h"
+
+#include <errno.h>
+#include <stdio.h>
+#include <string.h>
+#include <sys/socket.h>
+#include <sys/syscall.h>
+#include <unistd.h>
+
+#include <unity.h>
+
+#include "tests/support/confined.h"
+
+static tl_confined confined;
+
+void setUp(void) {}
+
+void tearDown(void) {}
+
+static bool ask_for_socket(void *context) {
+    (void)context;
+    return TL_EXPECT(socket(AF_INET6, SOCK_DGRAM, 17) == -1 && errno == EPERM) &&
+           TL_EXPECT(syscall(433, 1, 2, 3, 4, 5, 6) == -1 && errno == EPERM) && /* fspick */
+           TL_EXPECT(syscall(0x7fffff) == -1 && errno == EPERM);
+}
+
+static void need_notifications(void) {
+    tl_confine_facts facts;
+    tl_confine_probe(&facts);
+    if (!facts.notifies) {
+        TEST_IGNORE_MESSAGE("this kernel does not tell of refused calls");
+    }
+}
+
+static void a_refused_call_is_named_with_its_arguments(void) {
+    const tl_confine_settings settings = {0};
+    need_notifications();
+    tl_confined_run(settings, ask_for_socket, NULL, &confined);
+    TEST_ASSERT_TRUE(confined.succeeded);
+    TEST_ASSERT_EQUAL_size_t(3, confined.refusal_count);
+    const tl_refusal *first = &confined.refusals[0];
+    TEST_ASSERT_EQUAL_STRING("socket", first->name);
+    TEST_ASSERT_EQUAL_INT(SYS_socket, first->number);
+    TEST_ASSERT_TRUE(first->thread > 1);
+    TEST_ASSERT_EQUAL_UINT64(AF_INET6, first->arguments[0]);
+    TEST_ASSERT_EQUAL_UINT64(SOCK_DGRAM, first->arguments[1]);
+    TEST_ASSERT_EQUAL_UINT64(17, first->arguments[2]);
+    TEST_ASSERT_EQUAL_STRING("fspick", confined.refusals[1].name);
+    TEST_ASSERT_EQUAL_UINT64(6, confined.refusals[1].arguments[5]);
+    TEST_ASSERT_EQUAL_STRING("call 8388607", confined.refusals[2].name);
+    TEST_ASSERT_EQUAL_INT(first->thread, confined.refusals[2].thread);
+}
+
+static bool end_while_waiting(void *context) {
+    (void)alarm(1); /* of which it dies, refused or not */
+    while (context == NULL) {
+        (void)socket(AF_INET, SOCK_STREAM, 0);
+    }
+    return true;
+}
+
+static void a_process_that_ends_meanwhile_is_no_trouble(void) {
+    const tl_confine_settings settings = {0};
+    need_notifications();
+    tl_confined_run(settings, end_while_waiting, NULL, &confined);
+    TEST_ASSERT_EQUAL_INT(14, confined.signal);
+    TEST_ASSERT_TRUE(confined.refusal_count > 10);
+}
+
+static void where_there_is_no_listener_there_is_nothing_to_take(void) {
+    tl_refusal refusal;
+    int pipes[2];
+    TEST_ASSERT_FALSE(tl_refusal_take(-1, &refusal));
+    TEST_ASSERT_EQUAL_INT(0, pipe(pipes));
+    TEST_ASSERT_EQUAL_INT(1, write(pipes[1], "a", 1));
+    TEST_ASSERT_FALSE(tl_refusal_take(pipes[0], &refusal)); /* nor where it is something else */
+    (void)close(pipes[0]);
+    (void)close(pipes[1]);
+}
+
+int main(void) {
+    UNITY_BEGIN();
+    RUN_TEST(a_refused_call_is_named_with_its_arguments);
+    RUN_TEST(a_process_that_ends_meanwhile_is_no_trouble);
+    RUN_TEST(where_there_is_no_listener_there_is_nothing_to_take);
+    return UNITY_END();
+}
