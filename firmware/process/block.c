@@ -40,9 +40,9 @@ static tl_status fail_make(const char *name, tl_block *block, tl_error *error) {
 }
 
 static bool map(tl_block *block, bool is_writable) {
-    void *bytes =
+    block->bytes =
         mmap(NULL, block->size, is_writable ? PROT_READ | PROT_WRITE : PROT_READ, MAP_SHARED, block->descriptor, 0);
-    block->bytes = bytes == MAP_FAILED ? NULL : bytes;
+    block->bytes = block->bytes == MAP_FAILED ? NULL : block->bytes;
     return block->bytes != NULL;
 }
 

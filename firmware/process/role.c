@@ -186,9 +186,7 @@ static void run_forked(const launch *start) {
     (void)close(PROGRAM);
     (void)close(NEWS);
     program = -1;
-    for (size_t i = 0; i < settings->variable_count; i++) {
-        (void)putenv((char *)(uintptr_t)settings->variables[i]);
-    }
+    environ = start->environment;
     parent = start->parent;
     tl_process_begin();
     tl_crash_install();
@@ -253,7 +251,7 @@ static char **make_environment(const tl_role_settings *settings) {
         }
     }
     for (size_t i = 0; made != NULL && i < settings->variable_count; i++) {
-        made[used++] = (char *)(uintptr_t)settings->variables[i];
+        memcpy(&made[used++], &settings->variables[i], sizeof made[0]); /* which exec() does not change */
     }
     return made;
 }

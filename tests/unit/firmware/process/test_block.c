@@ -75,7 +75,8 @@ static void test_who_takes_ours_reads_only(void) {
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_block_take(dup(block.descriptor), SIZE, TL_BLOCK_WE_WRITE, &taken, &error));
     memcpy(block.bytes, "news", 5);
     TEST_ASSERT_EQUAL_STRING("news", taken.bytes);
-    TEST_ASSERT_TRUE(mmap(NULL, SIZE, PROT_READ | PROT_WRITE, MAP_SHARED, taken.descriptor, 0) == MAP_FAILED);
+    void *writable = mmap(NULL, SIZE, PROT_READ | PROT_WRITE, MAP_SHARED, taken.descriptor, 0);
+    TEST_ASSERT_TRUE(writable == MAP_FAILED);
     TEST_ASSERT_EQUAL_INT(-1, mprotect(taken.bytes, SIZE, PROT_READ | PROT_WRITE));
     TEST_ASSERT_EQUAL_INT(-1, pwrite(taken.descriptor, "x", 1, 0));
     char path[64];
