@@ -24,19 +24,22 @@
 
 enum { TL_CONFIG_MAX_BYTES = 256 * 1024 };
 
-/* A shared library that an FMU expects the program to have. */
-typedef struct tl_config_library {
+/* A file or folder that is named in an array. */
+typedef struct tl_config_name {
     const char *where; /* JSON path */
-    const char *name;  /* as written; see tl_config_library_path */
-} tl_config_library;
+    const char *name;  /* as written; of libraries see tl_config_library_path(), else tl_config_file_path() */
+} tl_config_name;
 
 typedef struct tl_config_component {
     const char *where; /* JSON path */
     const char *name;
-    const char *fmu; /* as written; see tl_config_fmu_path */
-    tl_config_library *libraries;
+    const char *fmu;           /* as written; see tl_config_fmu_path */
+    tl_config_name *libraries; /* shared ones that the FMU expects the program to have */
     size_t library_count;
-    bool logging; /* debug logging of the FMU */
+    tl_config_name *reads; /* what it may read */
+    size_t read_count;
+    bool unconfined; /* it may do what the user can; and so may the FMUs that share its process */
+    bool logging;    /* debug logging of the FMU */
     tl_plan_set *set;
     size_t set_count;
     tl_keep keep;

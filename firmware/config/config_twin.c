@@ -61,38 +61,60 @@ static void read_keep(tl_config_object *entry, tl_config_component *component) {
     component->keep = (tl_keep)index;
 }
 
-/* One name of a library; NULL where it is wrong. */
-static const char *read_library(const tl_config_reader *reader, const cJSON *item, const char *path) {
+/* A key whose value is an array of names of files. */
+typedef struct names_key {
+    const char *key;
+    const char *expected; /* of the array, */
+    const char *example;
+    const char *one; /* and of an element */
+    const char *one_example;
+} names_key;
+
+/* One name; NULL if it is wrong. */
+static const char *read_name(const tl_config_reader *reader, const names_key *key, const cJSON *item,
+                             const char *path) {
     if (cJSON_IsString(item) && item->valuestring[0] != '\0' && tl_text_is_plain(item->valuestring)) {
         return item->valuestring;
     }
     char found[128];
     tl_config_describe(item, found, sizeof found);
-    tl_config_problem(reader, path, tl_json_line(item), found, "the name of a shared library",
-                      "\"libpython3.11.so.1.0\"");
+    tl_config_problem(reader, path, tl_json_line(item), found, key->one, key->one_example);
     return NULL;
 }
 
-static void read_libraries(tl_config_object *entry, tl_config_component *component) {
-    static const char *const expected = "an array of names of shared libraries";
-    static const char *const example = "[\"libpython3.11.so.1.0\"]";
-    const cJSON *array = tl_config_get_array(entry, "libraries", expected, example);
-    component->library_count = (size_t)cJSON_GetArraySize(array);
-    component->libraries = tl_config_take(entry->reader, component->library_count, sizeof *component->libraries);
-    if (component->libraries == NULL) {
-        return;
+/* All of them; how many there are. */
+static size_t read_names(tl_config_object *entry, const names_key *key, tl_config_name **names) {
+    const cJSON *array = tl_config_get_array(entry, key->key, key->expected, key->example);
+    size_t count = (size_t)cJSON_GetArraySize(array);
+    *names = tl_config_take(entry->reader, count, sizeof **names);
+    if (*names == NULL) {
+        return count;
     }
     size_t i = 0;
     const cJSON *item = NULL;
     cJSON_ArrayForEach(item, array) {
         char list[TL_JSON_PATH];
         char path[TL_JSON_PATH];
-        tl_json_member_path(list, entry->path, "libraries");
+        tl_json_member_path(list, entry->path, key->key);
         tl_json_element_path(path, list, i);
-        component->libraries[i].where = tl_config_keep(entry->reader, path);
-        component->libraries[i].name = read_library(entry->reader, item, path);
+        (*names)[i].where = tl_config_keep(entry->reader, path);
+        (*names)[i].name = read_name(entry->reader, key, item, path);
         i++;
     }
+    return count;
+}
+
+static void read_libraries(tl_config_object *entry, tl_config_component *component) {
+    static const names_key libraries = {"libraries", "an array of names of shared libraries",
+                                        "[\"libpython3.11.so.1.0\"]", "the name of a shared library",
+                                        "\"libpython3.11.so.1.0\""};
+    component->library_count = read_names(entry, &libraries, &component->libraries);
+}
+
+static void read_reads(tl_config_object *entry, tl_config_component *component) {
+    static const names_key reads = {"read", "an array of names of files and folders", "[\"tables\"]",
+                                    "the name of a file or folder", "\"tables/friction.csv\""};
+    component->read_count = read_names(entry, &reads, &component->reads);
 }
 
 static void read_component(const tl_config_object *map, const cJSON *item, size_t index, void *context) {
@@ -110,6 +132,8 @@ static void read_component(const tl_config_object *map, const cJSON *item, size_
         read_set(&entry, component);
         read_keep(&entry, component);
         read_libraries(&entry, component);
+        read_reads(&entry, component);
+        (void)tl_config_get_boolean(&entry, "unconfined", &component->unconfined);
         (void)tl_config_get_boolean(&entry, "logging", &component->logging);
         tl_config_done(&entry);
     }

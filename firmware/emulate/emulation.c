@@ -20,7 +20,7 @@ struct tl_emulation {
     const tl_config *config;
     tl_recording *driving;
     tl_twin_feed *feed;
-    tl_recording_tick tick; /* the newest that was stepped, */
+    tl_recording_tick tick;         /* the newest that was stepped, */
     double outputs[TL_MAX_SIGNALS]; /* and what came of it */
     tl_noise noise;
     tl_time next_message;

@@ -33,6 +33,14 @@ typedef struct removal {
     size_t changes;      /* entries removed or moved so far */
 } removal;
 
+/* Its entries can be changed. A process with FMUs may not set modes, and needs not: so only if it must be. */
+static void make_ours(int folder) {
+    struct stat about;
+    if (folder >= 0 && fstat(folder, &about) == 0 && (about.st_mode & S_IRWXU) != S_IRWXU) {
+        (void)fchmod(folder, S_IRWXU);
+    }
+}
+
 /* Opens a folder in a folder whatever its mode, and so that its entries can be changed. Descriptor, or −1. Links are not followed. */
 static int open_folder(int parent, const char *name) {
     char path[NAME_ROOM];
@@ -44,9 +52,7 @@ static int open_folder(int parent, const char *name) {
         (void)close(place);
         folder = is_opened ? openat(parent, name, O_RDONLY | O_DIRECTORY | O_NOFOLLOW | O_CLOEXEC) : -1;
     }
-    if (folder >= 0) {
-        (void)fchmod(folder, S_IRWXU);
-    }
+    make_ours(folder);
     return folder;
 }
 
@@ -111,7 +117,7 @@ static void remove_root_entry(removal *work, int root, const char *name) {
 static void remove_tree(int root, const char *path) {
     removal work = {.root = root};
     if (root >= 0) {
-        (void)fchmod(root, S_IRWXU);
+        make_ours(root);
         for_each(&work, root, remove_root_entry);
     }
     if (rmdir(path) != 0 && errno != ENOENT) {

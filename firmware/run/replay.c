@@ -86,14 +86,13 @@ static tl_status look_for_interruption(const tl_replay *replay, const tl_summary
 static tl_status run(const tl_replay *replay, tl_progress *progress, tl_summary *summary, tl_error *error) {
     uint64_t missed = 0;
     bool end = false;
-    tl_status interrupted = TL_OK;
     tl_time started = tl_clock_now(NULL);
     for (;;) {
         tl_twin_fed fed = {0};
         pace(replay, started, summary);
         tl_status status = tl_twin_feed_next(replay->feed, &fed, &end, error);
         if (end || fed.result == NULL) {
-            return status == TL_OK ? interrupted : status;
+            return status == TL_OK ? look_for_interruption(replay, summary, error) : status;
         }
         if (fed.last) {
             keep_last(replay, &fed, summary);
@@ -103,7 +102,7 @@ static tl_status run(const tl_replay *replay, tl_progress *progress, tl_summary 
         if (status != TL_OK) {
             return status;
         }
-        interrupted = look_for_interruption(replay, summary, error);
+        (void)look_for_interruption(replay, summary, error);
         tl_progress_update(progress, fed.tick->sample.tick);
     }
 }

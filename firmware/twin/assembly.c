@@ -9,7 +9,6 @@
 #include <unistd.h>
 
 #include "firmware/base/heap.h"
-#include "firmware/base/other_case.h"
 #include "firmware/fmu/library.h"
 
 /* ---- before ---- */
@@ -38,16 +37,19 @@ tl_status tl_assembly_open(tl_assembly *assembly, tl_error *error) {
     if (assembly->files == NULL || assembly->libraries == NULL) {
         return tl_fail(error, TL_TRY_AGAIN, "not enough memory");
     }
-    size_t library = 0;
     for (size_t i = 0; i < config->component_count; i++) {
         const tl_config_component *component = &config->components[i];
         char path[PATH_MAX];
-        assembly->files[i] = (tl_assembly_file){.descriptor = -1};
+        tl_assembly_file *file = &assembly->files[i];
+        file->descriptor = -1;
         if (tl_config_fmu_path(config, component->fmu, path, sizeof path)) {
-            assembly->files[i] = (tl_assembly_file){strdup(path), open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK)};
+            file->path = strdup(path);
+            file->descriptor = open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK);
+        } else {
+            (void)tl_other_case(path, file->other);
         }
         for (size_t k = 0; k < component->library_count; k++) {
-            assembly->libraries[library++] = find_library(config, component->libraries[k].name);
+            assembly->libraries[assembly->library_count++] = find_library(config, component->libraries[k].name);
         }
     }
     return TL_OK;
@@ -60,8 +62,7 @@ static void close_files(tl_assembly *assembly) {
             (void)close(assembly->files[i].descriptor);
         }
     }
-    size_t libraries = count_libraries(&assembly->config);
-    for (size_t i = 0; assembly->libraries != NULL && i < libraries; i++) {
+    for (size_t i = 0; i < assembly->library_count; i++) {
         free(assembly->libraries[i]);
     }
     free(assembly->files);
@@ -80,7 +81,7 @@ static bool library_path(const tl_assembly *assembly, size_t place, const char *
 /* Of one component; FMUs are opened only when all of them are there. `first`: how many libraries the components before it name. */
 static void open_libraries(tl_assembly *assembly, const tl_config_component *component, size_t first) {
     for (size_t i = 0; i < component->library_count; i++) {
-        const tl_config_library *library = &component->libraries[i];
+        const tl_config_name *library = &component->libraries[i];
         char path[PATH_MAX];
         tl_error error;
         if (!library_path(assembly, first + i, library->name, path, sizeof path)) {
@@ -142,11 +143,12 @@ static void load_component(tl_assembly *assembly, size_t index) {
     int opened = assembly->files != NULL ? assembly->files[index].descriptor : -1;
     if (!fmu_path(assembly, index, path, sizeof path)) {
         char other[TL_OTHER_CASE_TEXT];
+        const char *beside = assembly->files != NULL ? assembly->files[index].other : tl_other_case(path, other);
         tl_report_add(
             &assembly->problems.report, TL_BAD_DATA, configured->where,
             "no file \"%s\" here, in TWINLOCK_FMU_PATH, or in ../fmus or ../lib/twinlock/fmus beside the program (looked "
             "for \"%s\" first)%s",
-            configured->fmu, path, tl_other_case(path, other));
+            configured->fmu, path, beside);
         return;
     }
     const tl_fmu *fmu = load_fmu(assembly, path, opened, configured->where);

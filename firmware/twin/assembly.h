@@ -7,6 +7,7 @@
 #ifndef TL_FIRMWARE_TWIN_ASSEMBLY_H
 #define TL_FIRMWARE_TWIN_ASSEMBLY_H
 
+#include "firmware/base/other_case.h"
 #include "firmware/config/config.h"
 #include "firmware/config/problems.h"
 #include "firmware/fmu/fmu_store.h"
@@ -14,8 +15,9 @@
 
 /* A file that was found and opened before the process gave up the right to. */
 typedef struct tl_assembly_file {
-    char *path;     /* as it was found; of a library: absolute; NULL: not found */
-    int descriptor; /* -1: none */
+    char *path;                     /* as it was found; NULL: not found */
+    int descriptor;                 /* -1: none */
+    char other[TL_OTHER_CASE_TEXT]; /* if it was not found: what is there instead */
 } tl_assembly_file;
 
 typedef struct tl_assembly {
@@ -30,7 +32,8 @@ typedef struct tl_assembly {
     tl_plan_output *outputs; /* what `emulate` reads */
     tl_twin *twin;
     tl_assembly_file *files; /* FMU of each component; NULL: not opened before */
-    char **libraries;        /* of all components in order; NULL: not looked for before */
+    char **libraries; /* of all components in order, absolute; NULL: not looked for before; an element: nor found */
+    size_t library_count;
 } tl_assembly;
 
 /* Reads the configuration, loads the FMUs and builds the twin. On failure every problem was said on the log and the

@@ -13,6 +13,7 @@
 #include "firmware/base/clock.h"
 #include "firmware/base/log.h"
 #include "firmware/fmu/fmu_archive.h"
+#include "firmware/process/interrupt.h"
 #include "firmware/process/private_folder.h"
 #include "firmware/process/role.h"
 #include "firmware/twin/twin_warden.h"
@@ -29,6 +30,7 @@ enum { THREADS = 1024, FILES = TL_FMU_ENTRIES };
 struct tl_twin_child {
     tl_twin_child_settings settings;
     tl_private_folder folder;
+    uint32_t user; /* of its own; 0: ours */
     tl_channel_settings wire;
     tl_block job;
     tl_block blocks[TL_SIDES];
@@ -67,7 +69,7 @@ static void describe_place(const tl_twin_child *child, char *text, size_t size) 
     if (tl_fmu_calls_look(&child->extra->calls, &call)) {
         char fmu[TL_FMU_CALL_NAME];
         copy_text(fmu, sizeof fmu, call.fmu);
-        (void)snprintf(text, size, "in FMU %s's %s", fmu, call.function);
+        (void)snprintf(text, size, "in %s of FMU %s", call.function, fmu);
     } else {
         (void)snprintf(text, size, "while no FMU was being called");
     }
@@ -109,9 +111,8 @@ static tl_status end_liar(tl_twin_child *child, const char *what, tl_error *erro
 /* ---- messages ---- */
 
 static tl_status take_word(tl_twin_child *child, tl_message type) {
-    child->last_status = (unsigned)child->payload.word.status <= TL_INTERRUPTED
-                             ? (tl_status)child->payload.word.status
-                             : TL_FMU_FAILED;
+    child->last_status =
+        (unsigned)child->payload.word.status <= TL_INTERRUPTED ? (tl_status)child->payload.word.status : TL_FMU_FAILED;
     child->last_error.status = child->last_status;
     copy_text(child->last_error.text, sizeof child->last_error.text, child->extra->error);
     child->has_ended = type == TL_MESSAGE_ENDED;
@@ -129,6 +130,9 @@ static tl_status next_message(tl_twin_child *child, unsigned wanted, tl_message 
         case TL_CHANNEL_NOTHING:
         case TL_CHANNEL_NUDGED:
             break;
+        }
+        if (tl_interrupt_requested() != NULL) {
+            tl_twin_child_stop(child);
         }
         /* What it has sent before its end is taken first. */
         if (child->role.has_ended) {
@@ -187,12 +191,13 @@ static void close_pipes(pipes *made) {
 }
 
 static tl_status make_blocks(tl_twin_child *child, tl_error *error) {
-    static const tl_block_writer writers[TL_SIDES] = {[TL_PARENT] = TL_BLOCK_WE_WRITE, [TL_CHILD] = TL_BLOCK_THEY_WRITE};
+    static const tl_block_writer writers[TL_SIDES] = {
+        [TL_PARENT] = TL_BLOCK_WE_WRITE, [TL_CHILD] = TL_BLOCK_THEY_WRITE};
     child->wire = tl_twin_wire(child->settings.config, child->settings.job->tells);
     tl_status status = TL_OK;
     for (tl_side side = TL_PARENT; side < TL_SIDES && status == TL_OK; side++) {
-        status = tl_block_make("twinlock", tl_channel_bytes(&child->wire, side), writers[side], &child->blocks[side],
-                               error);
+        status =
+            tl_block_make("twinlock", tl_channel_bytes(&child->wire, side), writers[side], &child->blocks[side], error);
     }
     if (status == TL_OK) {
         void *const bytes[TL_SIDES] = {child->blocks[TL_PARENT].bytes, child->blocks[TL_CHILD].bytes};
@@ -252,7 +257,7 @@ static tl_status make_job(tl_twin_child *child, tl_error *error) {
     tl_twin_job job = *child->settings.job;
     job.folder = child->folder.path;
     job.memory = memory_limit();
-    job.user = child->folder.user;
+    job.user = child->user;
     job.folder_bytes = TL_TWIN_FOLDER_MIB * MIB;
     return tl_twin_job_make(&job, &child->job, error);
 }
@@ -344,7 +349,8 @@ static void say_confinement(const tl_twin_child *child) {
 
 static tl_status start(tl_twin_child *child, pipes *ends, tl_error *error) {
     bool confined = !child->settings.job->unconfined;
-    tl_status status = tl_private_folder_make("run", confined ? private_user() : 0, &child->folder, error);
+    child->user = confined ? private_user() : 0;
+    tl_status status = tl_private_folder_make("twin", child->user, &child->folder, error);
     if (status == TL_OK) {
         status = make_blocks(child, error);
     }
@@ -494,8 +500,7 @@ static tl_status wait_for_end(tl_twin_child *child, tl_error *error) {
     while (!tl_twin_warden_reap(child->warden, &child->role)) {
         (void)tl_channel_wait(&child->channel, TL_CHANNEL_DEPTH, 0, tl_clock_now(NULL) + LOOK / 20);
     }
-    return child->role.signal == 0 && child->role.code == 0 ? TL_OK
-                                                                                           : describe_end(child, error);
+    return child->role.signal == 0 && child->role.code == 0 ? TL_OK : describe_end(child, error);
 }
 
 tl_status tl_twin_child_end(tl_twin_child *child, tl_account *account, tl_error *error) {

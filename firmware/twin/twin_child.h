@@ -31,10 +31,10 @@ typedef struct tl_twin_child tl_twin_child;
 
 typedef struct tl_twin_child_settings {
     const tl_twin_job *job;
-    const tl_config *config; /* must outlive the child */
-    FILE *page;              /* what a check prints goes here; NULL: nothing is printed */
+    const tl_config *config;  /* must outlive the child */
+    FILE *page;               /* what a check prints goes here; NULL: nothing is printed */
     tl_twin_page *print_page; /* as in main() */
-    tl_time call_limit;      /* ns of one call of an FMU */
+    tl_time call_limit;       /* ns of one call of an FMU */
 } tl_twin_child_settings;
 
 /* Starts it, and returns when it is confined and about to load FMUs. What is not held of its confinement is said on the log. Errors:

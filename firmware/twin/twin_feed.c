@@ -21,9 +21,9 @@ struct tl_twin_feed {
     bool ended; /* nothing more will be wanted */
     tl_status status;
     tl_error error; /* of the recording; told when what was wanted before is through */
-    uint64_t read;    /* ticks wanted so far, */
-    uint64_t given;   /* given to the twin, */
-    uint64_t taken;   /* and back */
+    uint64_t read;  /* ticks wanted so far, */
+    uint64_t given; /* given to the twin, */
+    uint64_t taken; /* and back */
     tl_twin_result result;
     wanted ring[AHEAD];
 };
@@ -84,8 +84,8 @@ static void want_next(tl_twin_feed *feed) {
         feed->ended = true;
         return;
     }
-    place->last = !feed->settings.plant && feed->settings.config->measurements == TL_AHEAD &&
-                  (!feed->has_next || beyond);
+    place->last =
+        !feed->settings.plant && feed->settings.config->measurements == TL_AHEAD && (!feed->has_next || beyond);
     feed->ended = place->last || beyond;
     feed->read += place->last || !beyond ? 1 : 0;
 }

@@ -13,6 +13,7 @@
 #include "firmware/process/interrupt.h"
 #include "firmware/process/process_end.h"
 #include "firmware/process/role.h"
+#include "firmware/twin/twin_places.h"
 #include "firmware/twin/twin_wire.h"
 
 /* How long it sleeps at most before it looks whether a signal came. */
@@ -84,8 +85,8 @@ static tl_status read_job(role *self, tl_error *error) {
 
 static tl_status open_channel(role *self, tl_error *error) {
     self->wire = tl_twin_wire(&self->assembly.config, self->job.tells);
-    tl_status status = tl_block_take(TL_TWIN_PARENTS_BLOCK, tl_channel_bytes(&self->wire, TL_PARENT),
-                                     TL_BLOCK_WE_WRITE, &self->blocks[TL_PARENT], error);
+    tl_status status = tl_block_take(TL_TWIN_PARENTS_BLOCK, tl_channel_bytes(&self->wire, TL_PARENT), TL_BLOCK_WE_WRITE,
+                                     &self->blocks[TL_PARENT], error);
     if (status == TL_OK) {
         status = tl_block_take(TL_TWIN_OWN_BLOCK, tl_channel_bytes(&self->wire, TL_CHILD), TL_BLOCK_THEY_WRITE,
                                &self->blocks[TL_CHILD], error);
@@ -120,7 +121,11 @@ static void hand_over(int listener) {
 /* An FMU's files are unpacked into the private folder, where it may also write. */
 static tl_status confine(const role *self, tl_confine_facts *facts, tl_error *error) {
     int listener = -1;
+    tl_twin_places places = {.count = 0};
+    tl_twin_places_find(&self->assembly, &places);
     const tl_confine_settings settings = {
+        .read = (const char *const *)places.path,
+        .read_count = places.count,
         .folder = self->job.folder,
         .folder_bytes = self->job.folder_bytes,
         .memory = self->job.memory,
@@ -128,11 +133,8 @@ static tl_status confine(const role *self, tl_confine_facts *facts, tl_error *er
         .start_socket = TL_TWIN_START_SOCKET,
         .whole_process = true,
     };
-    *facts = (tl_confine_facts){0};
-    if (self->job.unconfined) {
-        return TL_OK;
-    }
     tl_status status = tl_confine(&settings, facts, &listener, error);
+    tl_twin_places_free(&places);
     if (status == TL_OK && listener >= 0) {
         hand_over(listener);
     }
@@ -147,7 +149,8 @@ static tl_status start(role *self, tl_confine_facts *facts, tl_error *error) {
     if (status == TL_OK) {
         status = tl_assembly_open(&self->assembly, error);
     }
-    if (status == TL_OK) {
+    *facts = (tl_confine_facts){0};
+    if (status == TL_OK && !self->job.unconfined) {
         status = confine(self, facts, error);
     }
     (void)close(TL_TWIN_START_SOCKET);

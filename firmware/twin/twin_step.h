@@ -28,8 +28,8 @@ typedef enum tl_twin_tells {
 /* Of one tick. In mode ahead the record is that of the step before. */
 typedef struct tl_twin_result {
     int64_t tick;
-    int32_t status;  /* tl_status of the step */
-    uint32_t ready;  /* 1: there is a record */
+    int32_t status; /* tl_status of the step */
+    uint32_t ready; /* 1: there is a record */
     tl_record record;
     union {
         tl_recorder_component counts[TL_RECORDER_COMPONENTS];

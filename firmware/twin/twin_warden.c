@@ -15,7 +15,7 @@
 #include "firmware/confine/refusal.h"
 #include "firmware/process/fmu_patience.h"
 #include "firmware/process/interrupt.h"
-#include "firmware/process/relay.h"
+#include "firmware/text/relay.h"
 
 enum { LOOK_MS = 50, REFUSALS = 64, SAID = 320 };
 

@@ -27,8 +27,8 @@ typedef void tl_twin_warden_listener(void *context, const char *text);
 
 typedef struct tl_twin_warden_settings {
     pid_t process;
-    int output;                /* what it prints: a pipe, the warden's from now on, */
-    int page;                  /* and this, which goes to `page_file`; -1: none */
+    int output; /* what it prints: a pipe, the warden's from now on, */
+    int page;   /* and this, which goes to `page_file`; -1: none */
     FILE *page_file;
     const tl_fmu_calls *calls; /* in its block */
     tl_channel *channel;       /* whose thread is nudged if the process ends, or is to */

@@ -78,12 +78,11 @@ static tl_status open_outputs(const tl_verb_job *job, const char *recording, eve
         status = tl_twin_recorder_open(&settings, &replay->recorder, error);
     }
     if (status == TL_OK && job->options->report != NULL) {
-        status = tl_replay_report_open(config, replay->account, job->options->report, recording,
-                                       &replay->report, error);
+        status =
+            tl_replay_report_open(config, replay->account, job->options->report, recording, &replay->report, error);
     }
     if (status == TL_OK && job->options->trajectory != NULL) {
-        status =
-            tl_trajectory_open(job->options->trajectory, job->output, config, &replay->trajectory, error);
+        status = tl_trajectory_open(job->options->trajectory, job->output, config, &replay->trajectory, error);
     }
     tl_journal_init(&way->journal, replay->recorder);
     tl_watch_init(&way->watch, config, &way->journal);
@@ -226,8 +225,8 @@ static tl_status replay_with(tl_verb_job *job, const char *path, tl_recording *r
                              tl_error *error) {
     tl_error later = {TL_OK, ""};
     tl_account *account = calloc(1, sizeof *account);
-    tl_status status = account == NULL ? tl_fail(&later, TL_TRY_AGAIN, "not enough memory")
-                                       : tl_verb_job_start(job, NULL, &later);
+    tl_status status =
+        account == NULL ? tl_fail(&later, TL_TRY_AGAIN, "not enough memory") : tl_verb_job_start(job, NULL, &later);
     if (status == TL_OK) {
         status = tl_twin_child_build(job->child, account, &later);
     }

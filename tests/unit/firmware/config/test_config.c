@@ -93,7 +93,7 @@ static void test_components(void) {
     TEST_ASSERT_FALSE(config->components[0].logging);
     TEST_ASSERT_TRUE(config->components[1].logging);
     TEST_ASSERT_EQUAL_size_t(2, config->components[1].library_count);
-    const tl_config_library *libraries = config->components[1].libraries;
+    const tl_config_name *libraries = config->components[1].libraries;
     TEST_ASSERT_EQUAL_STRING("components.motor.libraries[0]", libraries[0].where);
     TEST_ASSERT_EQUAL_STRING("libpython3.11.so.1.0", libraries[0].name);
     TEST_ASSERT_EQUAL_STRING("components.motor.libraries[1]", libraries[1].where);

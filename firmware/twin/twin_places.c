@@ -1,0 +1,104 @@
+/* The places that FMUs may read: see twin_places.h. */
+#include "firmware/twin/twin_places.h"
+
+#include <libgen.h>
+#include <limits.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+/* What exists, and is not everything. */
+static void add(tl_twin_places *places, const char *path) {
+    char *found = places->count < TL_TWIN_PLACES ? realpath(path, NULL) : NULL;
+    if (found != NULL && strcmp(found, "/") != 0) {
+        places->path[places->count++] = found;
+    } else {
+        free(found);
+    }
+}
+
+/* Relative names of the configuration start at its folder. */
+static void add_file(tl_twin_places *places, const tl_config *config, const char *file) {
+    char path[PATH_MAX];
+    if (file[0] != '\0' && tl_config_file_path(config, file, path, sizeof path)) {
+        add(places, path);
+    }
+}
+
+/* The library itself, and beside it what comes with it (as Python's modules do), if that is a folder for libraries. */
+static void add_library(tl_twin_places *places, const char *path) {
+    char copy[PATH_MAX];
+    (void)snprintf(copy, sizeof copy, "%s", path);
+    const char *folder = dirname(copy);
+    const char *name = strrchr(folder, '/');
+    add(places, name != NULL && strncmp(name, "/lib", strlen("/lib")) == 0 ? folder : path);
+}
+
+static void add_component(tl_twin_places *places, const tl_config *config, const tl_config_component *component) {
+    for (size_t i = 0; i < component->read_count; i++) {
+        add_file(places, config, component->reads[i].name);
+    }
+    for (size_t i = 0; i < component->set_count; i++) {
+        const tl_plan_set *set = &component->set[i];
+        if (set->value.type == TL_STRING && strchr(set->value.text, '/') != NULL) {
+            add(places, set->value.text);
+        }
+    }
+}
+
+/* The folders in a variable, with colons between them. */
+static void add_variable(tl_twin_places *places, const char *name) {
+    const char *list = getenv(name);
+    while (list != NULL && list[0] != '\0') {
+        char folder[PATH_MAX];
+        size_t length = strcspn(list, ":");
+        if (length > 0 && snprintf(folder, sizeof folder, "%.*s", (int)length, list) < (int)sizeof folder) {
+            add(places, folder);
+        }
+        list += length;
+        list += list[0] == ':' ? 1 : 0;
+    }
+}
+
+/* Python's packages are those of the python3 that is first in PATH: beside it those of an environment, and where it leads to those of the
+ * installation that the environment was made from. */
+static void add_python(tl_twin_places *places) {
+    for (const char *list = getenv("PATH"); list != NULL && list[0] != '\0'; list += list[0] == ':' ? 1 : 0) {
+        char path[PATH_MAX];
+        size_t length = strcspn(list, ":");
+        int written = snprintf(path, sizeof path, "%.*s/python3", (int)length, list);
+        char *program = length > 0 && written < (int)sizeof path ? realpath(path, NULL) : NULL;
+        if (program != NULL) {
+            add(places, dirname(dirname(path)));
+            add(places, dirname(dirname(program)));
+            free(program);
+            return;
+        }
+        list += length;
+    }
+}
+
+void tl_twin_places_find(const tl_assembly *assembly, tl_twin_places *places) {
+    static const char *const variables[] = {"LD_LIBRARY_PATH", "PYTHONHOME", "PYTHONPATH", "LOCPATH"};
+    const tl_config *config = &assembly->config;
+    for (size_t i = 0; i < config->component_count; i++) {
+        add_component(places, config, &config->components[i]);
+    }
+    for (char *const *library = assembly->libraries; library < assembly->libraries + assembly->library_count;
+         library++) {
+        if (*library != NULL) {
+            add_library(places, *library);
+        }
+    }
+    for (size_t i = 0; i < sizeof variables / sizeof variables[0]; i++) {
+        add_variable(places, variables[i]);
+    }
+    add_python(places);
+}
+
+void tl_twin_places_free(tl_twin_places *places) {
+    for (size_t i = 0; i < places->count; i++) {
+        free(places->path[i]);
+    }
+    *places = (tl_twin_places){.count = 0};
+}
