@@ -439,6 +439,9 @@ void tl_twin_child_tell(tl_twin_child *child, tl_twin_warden_listener *hear, voi
 }
 
 tl_status tl_twin_child_give(tl_twin_child *child, const tl_recording_tick *tick, bool last, tl_error *error) {
+    if (child->stopping) {
+        return TL_OK; /* it would be passed over */
+    }
     if (!tl_channel_offer(&child->channel, last ? TL_MESSAGE_FINISH : TL_MESSAGE_TICK, tick)) {
         return end_liar(child, child->channel.fault.text, error);
     }

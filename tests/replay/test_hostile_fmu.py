@@ -56,6 +56,9 @@ def test_as_much_stack_as_a_main_thread_has():
 
 # ---- crashes ----
 
+FMU_FAILED = 70
+
+
 def expect_crash(args, number, said):
     """It is the process of the FMUs that crashes; `run` is that process itself."""
     code, log, _ = end_of(args)
