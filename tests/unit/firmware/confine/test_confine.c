@@ -96,12 +96,13 @@ static bool is_emulated(void) {
 }
 
 static bool take_memory(void *context) {
+    const void *const failed = MAP_FAILED; /* of sbrk() too */
     size_t megabytes = 0;
     (void)context;
-    while (megabytes < 512 && malloc(MEGABYTE) != NULL) {
+    while (megabytes < 512 && sbrk(MEGABYTE) != failed) {
         megabytes++;
     }
-    void *reserved = mmap(NULL, (size_t)512 * MEGABYTE, PROT_NONE, MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE, -1, 0);
+    void *reserved = mmap(NULL, (size_t)512 * MEGABYTE, PROT_NONE, MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE, 0, 0);
     struct rlimit more = {RLIM_INFINITY, RLIM_INFINITY};
     return TL_EXPECT(megabytes >= 32 && megabytes <= 128) &&
            TL_EXPECT(reserved != MAP_FAILED) && /* that is only address space */
@@ -172,8 +173,8 @@ static bool is_nobody(void *context) {
                      users[2] == NOBODY) &&
            TL_EXPECT(getresgid(&groups[0], &groups[1], &groups[2]) == 0 && groups[0] == NOBODY && groups[1] == NOBODY &&
                      groups[2] == NOBODY) &&
-           TL_EXPECT(getgroups(0, NULL) == 0) && TL_EXPECT(own >= 0) &&
-           TL_EXPECT(file >= 0 && read(file, status, sizeof status - 1) > 0) &&
+           TL_EXPECT(getgroups(0, NULL) == 0) && TL_EXPECT(own >= 0 && close(own) == 0) &&
+           TL_EXPECT(file >= 0 && read(file, status, sizeof status - 1) > 0 && close(file) == 0) &&
            TL_EXPECT(strstr(status, "CapPrm:\t0000000000000000") != NULL) &&
            TL_EXPECT(strstr(status, "CapEff:\t0000000000000000") != NULL) &&
            TL_EXPECT(strstr(status, "CapBnd:\t0000000000000000") != NULL) &&
@@ -253,7 +254,7 @@ static void nothing_forks(void) {
 static bool load_library(void *context) {
     void *library = dlopen("libBrokenLocale.so.1", RTLD_NOW); /* of the C library, and nobody has loaded it */
     (void)context;
-    return TL_EXPECT(library != NULL) && TL_EXPECT(dlclose(library) == 0);
+    return TL_EXPECT(library != NULL && dlclose(library) == 0);
 }
 
 static void a_library_is_loaded(void) {
@@ -282,17 +283,19 @@ static const char script[] =
     "except OSError:\n"
     "    pass\n";
 
+static void *library; /* stays open until the end of the process */
+
 static bool run_interpreter(void *context) {
-    void *library = dlopen("libpython3.11.so.1.0", RTLD_NOW | RTLD_GLOBAL);
     void (*initialise)(int) = NULL;
     int (*run)(const char *, void *) = NULL;
     (void)context;
+    library = dlopen("libpython3.11.so.1.0", RTLD_NOW | RTLD_GLOBAL);
     if (library != NULL) {
         *(void **)&initialise = dlsym(library, "Py_InitializeEx");
         *(void **)&run = dlsym(library, "PyRun_SimpleStringFlags");
     }
-    if (!TL_EXPECT(initialise != NULL && run != NULL)) {
-        return false;
+    if (initialise == NULL || run == NULL) {
+        return TL_EXPECT(false);
     }
     initialise(0);
     return TL_EXPECT(run(script, NULL) == 0);
@@ -304,7 +307,8 @@ static bool has_interpreter(void) {
     (void)fflush(NULL);
     pid_t child = fork();
     if (child == 0) {
-        _exit(dlopen("libpython3.11.so.1.0", RTLD_LAZY) != NULL ? EXIT_SUCCESS : EXIT_FAILURE);
+        library = dlopen("libpython3.11.so.1.0", RTLD_LAZY);
+        _exit(library != NULL ? EXIT_SUCCESS : EXIT_FAILURE);
     }
     return waitpid(child, &status, 0) == child && status == 0;
 }
