@@ -4,7 +4,10 @@
 #include <dlfcn.h>
 #include <errno.h>
 #include <fcntl.h>
+#include <linux/filter.h>
+#include <linux/seccomp.h>
 #include <signal.h>
+#include <stddef.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -227,6 +230,39 @@ static void root_that_stays_root_has_no_capability(void) {
     TEST_ASSERT_TRUE(confined.succeeded);
 }
 
+/* A filter of a service is there already, and refuses what our unit refuses: @privileged has capset. */
+static bool refuse_capset(void) {
+    struct sock_filter steps[] = {
+        BPF_STMT(BPF_LD | BPF_W | BPF_ABS, offsetof(struct seccomp_data, nr)),
+        BPF_JUMP(BPF_JMP | BPF_JEQ | BPF_K, SYS_capset, 0, 1),
+        BPF_STMT(BPF_RET | BPF_K, SECCOMP_RET_ERRNO | EPERM),
+        BPF_STMT(BPF_RET | BPF_K, SECCOMP_RET_ALLOW),
+    };
+    const struct sock_fprog program = {sizeof steps / sizeof steps[0], steps};
+    return (getuid() != 0 || setuid(NOBODY) == 0) && prctl(PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0) == 0 &&
+           prctl(PR_SET_SECCOMP, SECCOMP_MODE_FILTER, &program) == 0;
+}
+
+static void a_service_without_rights_is_confined_too(void) {
+    tl_confine_facts facts;
+    int status = 0;
+    tl_confine_probe(&facts);
+    if (!facts.filter) {
+        TEST_IGNORE_MESSAGE("this kernel has no seccomp");
+    }
+    (void)fflush(NULL);
+    pid_t child = fork();
+    if (child == 0) {
+        tl_error error = {TL_OK, ""};
+        const tl_confine_settings how = {.start_socket = -1};
+        _exit(refuse_capset() && TL_EXPECT(tl_confine(&how, &facts, NULL, &error) == TL_OK) && facts.filter
+                  ? EXIT_SUCCESS
+                  : EXIT_FAILURE);
+    }
+    TEST_ASSERT_EQUAL_INT(child, waitpid(child, &status, 0));
+    TEST_ASSERT_EQUAL_INT(0, status);
+}
+
 /* ---- bombs ---- */
 
 static bool fork_without_end(void *context) {
@@ -351,6 +387,7 @@ int main(void) {
     RUN_TEST(root_gives_it_a_user_without_rights);
     RUN_TEST(who_is_not_root_cannot_change_the_user);
     RUN_TEST(root_that_stays_root_has_no_capability);
+    RUN_TEST(a_service_without_rights_is_confined_too);
     RUN_TEST(nothing_forks);
     RUN_TEST(a_library_is_loaded);
     RUN_TEST(an_interpreter_runs);

@@ -261,6 +261,7 @@ static bool map_memory(void *context) {
            TL_EXPECT(maps(MAP_PRIVATE | MAP_ANONYMOUS | MAP_STACK | MAP_NORESERVE, 0)) &&
            TL_EXPECT(!maps(MAP_SHARED | MAP_ANONYMOUS, 0) && errno == EPERM) &&
            TL_EXPECT(!maps(MAP_SHARED_VALIDATE | MAP_ANONYMOUS, 0) && errno == EPERM) &&
+           TL_EXPECT(!maps(MAP_PRIVATE | MAP_GROWSDOWN, own) && errno == EPERM) &&
            TL_EXPECT(!maps(MAP_PRIVATE | MAP_ANONYMOUS | MAP_GROWSDOWN, 0) && errno == EPERM);
 }
 
