@@ -21,7 +21,7 @@ void tearDown(void) {}
 static bool ask_for_socket(void *context) {
     (void)context;
     return TL_EXPECT(tl_confined_has_no_socket(AF_INET6, SOCK_DGRAM, 17)) &&
-           TL_EXPECT(syscall(433, 1, 2, 3, 4, 5, 6) == -1 && errno == EPERM) && /* fspick */
+           TL_EXPECT(syscall(433, 1L, 2L, 3L, 4L, 5L, 6L) == -1 && errno == EPERM) && /* fspick */
            TL_EXPECT(syscall(0x7fffff) == -1 && errno == EPERM);
 }
 
