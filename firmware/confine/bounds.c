@@ -6,6 +6,7 @@
 #include <fcntl.h>
 #include <inttypes.h>
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
 #include <unistd.h>
@@ -100,6 +101,16 @@ static bool folder_is_kept(tl_bounds *bounds, char text[TL_BOUNDS_TEXT]) {
 
 /* ---- the process ---- */
 
+enum { NAME_FIELD = 2, THREADS_FIELD = 20, PAGES_FIELD = 24 }; /* proc(5) */
+
+/* A field after the name, at whose end `text` is: they have a blank between them. 0 where there is none. */
+static uint64_t read_field(const char *text, int field) {
+    for (int i = NAME_FIELD; i < field && text != NULL; i++) {
+        text = strchr(text + 1, ' ');
+    }
+    return text != NULL ? strtoull(text, NULL, 10) : 0;
+}
+
 /* From /proc/PID/stat, which everybody may read: threads and pages in memory. False: it is gone. */
 static bool read_process(pid_t process, uint64_t *threads, uint64_t *pages) {
     char path[64];
@@ -111,12 +122,13 @@ static bool read_process(pid_t process, uint64_t *threads, uint64_t *pages) {
         (void)close(file);
     }
     stat[length > 0 ? length : 0] = '\0';
-    const char *after_name = strrchr(stat, ')'); /* a name may hold anything, this too */
-    /* state, ppid … nice: fields 3 to 19; 20 are the threads; 24 the pages */
-    return after_name != NULL && sscanf(after_name + 1,
-                                        " %*c %*s %*s %*s %*s %*s %*s %*s %*s %*s %*s %*s %*s %*s %*s %*s %*s %" SCNu64
-                                        " %*s %*s %*s %" SCNu64,
-                                        threads, pages) == 2;
+    const char *name_end = strrchr(stat, ')'); /* a name may hold anything, this too */
+    if (name_end == NULL) {
+        return false;
+    }
+    *threads = read_field(name_end, THREADS_FIELD);
+    *pages = read_field(name_end, PAGES_FIELD);
+    return true;
 }
 
 static bool process_is_kept(const tl_bounds *bounds, pid_t process, char text[TL_BOUNDS_TEXT]) {

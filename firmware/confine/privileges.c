@@ -15,12 +15,25 @@
     (SECBIT_NOROOT | SECBIT_NOROOT_LOCKED | SECBIT_NO_SETUID_FIXUP_LOCKED | SECBIT_KEEP_CAPS_LOCKED |                  \
      SECBIT_NO_CAP_AMBIENT_RAISE | SECBIT_NO_CAP_AMBIENT_RAISE_LOCKED)
 
-static bool has(unsigned capability) {
+static bool read_capabilities(struct __user_cap_data_struct data[_LINUX_CAPABILITY_U32S_3]) {
     struct __user_cap_header_struct header = {.version = _LINUX_CAPABILITY_VERSION_3};
+    memset(data, 0, _LINUX_CAPABILITY_U32S_3 * sizeof *data);
+    return syscall(SYS_capget, &header, data) == 0;
+}
+
+static bool has(unsigned capability) {
     struct __user_cap_data_struct data[_LINUX_CAPABILITY_U32S_3];
-    memset(data, 0, sizeof data);
-    return syscall(SYS_capget, &header, data) == 0 &&
-           (data[CAP_TO_INDEX(capability)].effective & CAP_TO_MASK(capability)) != 0;
+    return read_capabilities(data) && (data[CAP_TO_INDEX(capability)].effective & CAP_TO_MASK(capability)) != 0;
+}
+
+static bool has_none(void) {
+    struct __user_cap_data_struct data[_LINUX_CAPABILITY_U32S_3];
+    uint32_t all = 0;
+    bool known = read_capabilities(data);
+    for (size_t i = 0; i < _LINUX_CAPABILITY_U32S_3; i++) {
+        all |= data[i].effective | data[i].permitted | data[i].inheritable;
+    }
+    return known && all == 0;
 }
 
 bool tl_privileges_may_change_user(void) {
@@ -40,7 +53,11 @@ static bool drop_to_come(void) {
     return prctl(PR_SET_SECUREBITS, NO_ROOT) == 0;
 }
 
+/* Who has none needs none to be dropped: a service's filter refuses that to start with. */
 static bool drop_present(void) {
+    if (has_none()) {
+        return true;
+    }
     struct __user_cap_header_struct header = {.version = _LINUX_CAPABILITY_VERSION_3};
     struct __user_cap_data_struct none[_LINUX_CAPABILITY_U32S_3];
     memset(none, 0, sizeof none);

@@ -64,6 +64,15 @@ bool tl_confined_expect(bool holds, const char *what, int line) {
     return holds;
 }
 
+bool tl_confined_has_no_socket(int family, int kind, int protocol) {
+    int line = socket(family, kind, protocol);
+    if (line >= 0) {
+        (void)close(line);
+        return false;
+    }
+    return errno == EPERM;
+}
+
 /* ---- the parent ---- */
 
 static int take_over(int line, tl_confine_facts *facts) {

@@ -32,6 +32,9 @@ void tl_confined_run(tl_confine_settings settings, tl_confined_body *body, void 
 /* Whether a call of that name was refused. */
 bool tl_confined_was_refused(const tl_confined *confined, const char *call);
 
+/* In the child: whether a socket of that family and kind is refused, as it is to be. */
+bool tl_confined_has_no_socket(int family, int kind, int protocol);
+
 /* In the child: false, with a line on descriptor 2, unless `holds`. */
 bool tl_confined_expect(bool holds, const char *what, int line);
 #define TL_EXPECT(condition) tl_confined_expect((condition), #condition, __LINE__)

@@ -201,11 +201,11 @@ static void threads_and_memory_of_another_process_are_found(void) {
     end_child(child);
     TEST_ASSERT_FALSE(kept);
     TEST_ASSERT_NOT_NULL(strstr(expected, " threads, of which 8 are allowed"));
-    TEST_ASSERT_TRUE(atoi(expected) >= 16);
+    TEST_ASSERT_TRUE(strtol(expected, NULL, 10) >= 16);
     TEST_ASSERT_TRUE(kept_then);
     TEST_ASSERT_FALSE(kept_last);
     TEST_ASSERT_NOT_NULL(strstr(text, " MB of memory, of which 33 are allowed"));
-    TEST_ASSERT_TRUE(atoi(text) >= 64);
+    TEST_ASSERT_TRUE(strtol(text, NULL, 10) >= 64);
 }
 
 int main(void) {

@@ -4,7 +4,10 @@
 #include <dlfcn.h>
 #include <errno.h>
 #include <fcntl.h>
+#include <linux/filter.h>
+#include <linux/seccomp.h>
 #include <signal.h>
+#include <stddef.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -96,12 +99,13 @@ static bool is_emulated(void) {
 }
 
 static bool take_memory(void *context) {
+    const void *const failed = MAP_FAILED; /* of sbrk() too */
     size_t megabytes = 0;
     (void)context;
-    while (megabytes < 512 && malloc(MEGABYTE) != NULL) {
+    while (megabytes < 512 && sbrk(MEGABYTE) != failed) {
         megabytes++;
     }
-    void *reserved = mmap(NULL, (size_t)512 * MEGABYTE, PROT_NONE, MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE, -1, 0);
+    void *reserved = mmap(NULL, (size_t)512 * MEGABYTE, PROT_NONE, MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE, 0, 0);
     struct rlimit more = {RLIM_INFINITY, RLIM_INFINITY};
     return TL_EXPECT(megabytes >= 32 && megabytes <= 128) &&
            TL_EXPECT(reserved != MAP_FAILED) && /* that is only address space */
@@ -172,8 +176,8 @@ static bool is_nobody(void *context) {
                      users[2] == NOBODY) &&
            TL_EXPECT(getresgid(&groups[0], &groups[1], &groups[2]) == 0 && groups[0] == NOBODY && groups[1] == NOBODY &&
                      groups[2] == NOBODY) &&
-           TL_EXPECT(getgroups(0, NULL) == 0) && TL_EXPECT(own >= 0) &&
-           TL_EXPECT(file >= 0 && read(file, status, sizeof status - 1) > 0) &&
+           TL_EXPECT(getgroups(0, NULL) == 0) && TL_EXPECT(own >= 0 && close(own) == 0) &&
+           TL_EXPECT(file >= 0 && read(file, status, sizeof status - 1) > 0 && close(file) == 0) &&
            TL_EXPECT(strstr(status, "CapPrm:\t0000000000000000") != NULL) &&
            TL_EXPECT(strstr(status, "CapEff:\t0000000000000000") != NULL) &&
            TL_EXPECT(strstr(status, "CapBnd:\t0000000000000000") != NULL) &&
@@ -226,6 +230,39 @@ static void root_that_stays_root_has_no_capability(void) {
     TEST_ASSERT_TRUE(confined.succeeded);
 }
 
+/* A filter of a service is there already, and refuses what our unit refuses: @privileged has capset. */
+static bool refuse_capset(void) {
+    struct sock_filter steps[] = {
+        BPF_STMT(BPF_LD | BPF_W | BPF_ABS, offsetof(struct seccomp_data, nr)),
+        BPF_JUMP(BPF_JMP | BPF_JEQ | BPF_K, SYS_capset, 0, 1),
+        BPF_STMT(BPF_RET | BPF_K, SECCOMP_RET_ERRNO | EPERM),
+        BPF_STMT(BPF_RET | BPF_K, SECCOMP_RET_ALLOW),
+    };
+    const struct sock_fprog program = {sizeof steps / sizeof steps[0], steps};
+    return (getuid() != 0 || setuid(NOBODY) == 0) && prctl(PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0) == 0 &&
+           prctl(PR_SET_SECCOMP, SECCOMP_MODE_FILTER, &program) == 0;
+}
+
+static void a_service_without_rights_is_confined_too(void) {
+    tl_confine_facts facts;
+    int status = 0;
+    tl_confine_probe(&facts);
+    if (!facts.filter) {
+        TEST_IGNORE_MESSAGE("this kernel has no seccomp");
+    }
+    (void)fflush(NULL);
+    pid_t child = fork();
+    if (child == 0) {
+        tl_error error = {TL_OK, ""};
+        const tl_confine_settings how = {.start_socket = -1};
+        _exit(refuse_capset() && TL_EXPECT(tl_confine(&how, &facts, NULL, &error) == TL_OK) && facts.filter
+                  ? EXIT_SUCCESS
+                  : EXIT_FAILURE);
+    }
+    TEST_ASSERT_EQUAL_INT(child, waitpid(child, &status, 0));
+    TEST_ASSERT_EQUAL_INT(0, status);
+}
+
 /* ---- bombs ---- */
 
 static bool fork_without_end(void *context) {
@@ -253,7 +290,7 @@ static void nothing_forks(void) {
 static bool load_library(void *context) {
     void *library = dlopen("libBrokenLocale.so.1", RTLD_NOW); /* of the C library, and nobody has loaded it */
     (void)context;
-    return TL_EXPECT(library != NULL) && TL_EXPECT(dlclose(library) == 0);
+    return TL_EXPECT(library != NULL && dlclose(library) == 0);
 }
 
 static void a_library_is_loaded(void) {
@@ -282,17 +319,19 @@ static const char script[] =
     "except OSError:\n"
     "    pass\n";
 
+static void *library; /* stays open until the end of the process */
+
 static bool run_interpreter(void *context) {
-    void *library = dlopen("libpython3.11.so.1.0", RTLD_NOW | RTLD_GLOBAL);
     void (*initialise)(int) = NULL;
     int (*run)(const char *, void *) = NULL;
     (void)context;
+    library = dlopen("libpython3.11.so.1.0", RTLD_NOW | RTLD_GLOBAL);
     if (library != NULL) {
         *(void **)&initialise = dlsym(library, "Py_InitializeEx");
         *(void **)&run = dlsym(library, "PyRun_SimpleStringFlags");
     }
-    if (!TL_EXPECT(initialise != NULL && run != NULL)) {
-        return false;
+    if (initialise == NULL || run == NULL) {
+        return TL_EXPECT(false);
     }
     initialise(0);
     return TL_EXPECT(run(script, NULL) == 0);
@@ -304,7 +343,8 @@ static bool has_interpreter(void) {
     (void)fflush(NULL);
     pid_t child = fork();
     if (child == 0) {
-        _exit(dlopen("libpython3.11.so.1.0", RTLD_LAZY) != NULL ? EXIT_SUCCESS : EXIT_FAILURE);
+        library = dlopen("libpython3.11.so.1.0", RTLD_LAZY);
+        _exit(library != NULL ? EXIT_SUCCESS : EXIT_FAILURE);
     }
     return waitpid(child, &status, 0) == child && status == 0;
 }
@@ -347,6 +387,7 @@ int main(void) {
     RUN_TEST(root_gives_it_a_user_without_rights);
     RUN_TEST(who_is_not_root_cannot_change_the_user);
     RUN_TEST(root_that_stays_root_has_no_capability);
+    RUN_TEST(a_service_without_rights_is_confined_too);
     RUN_TEST(nothing_forks);
     RUN_TEST(a_library_is_loaded);
     RUN_TEST(an_interpreter_runs);
