@@ -43,7 +43,7 @@ void tl_fmu_archive_remove(tl_fmu_archive *archive) {
 }
 
 void tl_fmu_archive_sweep(void) {
-    tl_private_folder_sweep(KIND, 0);
+    tl_private_folder_sweep(KIND);
 }
 
 /* ---- Paths --------------------------------------------------------------------------------------------- */

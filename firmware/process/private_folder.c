@@ -183,10 +183,10 @@ static pid_t owner_of(const char *name, const char *kind) {
 }
 
 /* A process of that number may be alive in another container that shares the folder: then it holds the lock. */
-static void sweep_one(int parent, const char *parent_path, const char *name, uint32_t user) {
+static void sweep_one(int parent, const char *parent_path, const char *name) {
     struct stat status;
     if (fstatat(parent, name, &status, AT_SYMLINK_NOFOLLOW) != 0 || !S_ISDIR(status.st_mode) ||
-        (status.st_uid != geteuid() && (user == 0 || status.st_uid != user))) {
+        status.st_uid != geteuid()) {
         return;
     }
     int folder = open_folder(parent, name);
@@ -203,7 +203,7 @@ static void sweep_one(int parent, const char *parent_path, const char *name, uin
     remove_tree(folder, path);
 }
 
-static void sweep(const char *parent_path, const char *kind, uint32_t user) {
+static void sweep(const char *parent_path, const char *kind) {
     DIR *parent = opendir(parent_path);
     if (parent == NULL) {
         return;
@@ -212,7 +212,7 @@ static void sweep(const char *parent_path, const char *kind, uint32_t user) {
         pid_t pid = owner_of(entry->d_name, kind);
         /* Our own number counts as gone: in a container it is always the same, and our own folders are locked. */
         if (pid > 0 && (pid == getpid() || (kill(pid, 0) != 0 && errno == ESRCH))) {
-            sweep_one(dirfd(parent), parent_path, entry->d_name, user);
+            sweep_one(dirfd(parent), parent_path, entry->d_name);
         }
     }
     (void)closedir(parent);
@@ -225,25 +225,26 @@ static bool find_parent(const char **name, char parent[PATH_MAX]) {
     return realpath(*name, parent) != NULL;
 }
 
-void tl_private_folder_sweep(const char *kind, uint32_t user) {
+void tl_private_folder_sweep(const char *kind) {
     char parent[PATH_MAX];
     const char *name = NULL;
     if (find_parent(&name, parent)) {
-        sweep(parent, kind, user);
+        sweep(parent, kind);
     }
 }
 
 /* ---- Making -------------------------------------------------------------------------------------------- */
 
-/* Locks it, and gives it to its user. */
+/* Locks it, and shares it. It stays ours, so that our sweep knows it. */
 static tl_status claim(uint32_t user, tl_private_folder *folder, tl_error *error) {
     folder->descriptor = open(folder->path, O_RDONLY | O_DIRECTORY | O_NOFOLLOW | O_CLOEXEC);
     if (folder->descriptor < 0 || flock(folder->descriptor, LOCK_EX | LOCK_NB) != 0) {
         return tl_fail(error, TL_TRY_AGAIN, "%s cannot be locked: %s; try again", folder->path, strerror(errno));
     }
-    if (user != 0 && fchown(folder->descriptor, (uid_t)user, (gid_t)-1) != 0) {
+    if (user != 0 && (fchown(folder->descriptor, (uid_t)-1, (gid_t)user) != 0 ||
+                      fchmod(folder->descriptor, S_IRWXU | S_IRWXG) != 0)) {
         return tl_fail(error, TL_TRY_AGAIN,
-                       "%s cannot be given to user %u: %s; start the program as root, or set no user", folder->path,
+                       "%s cannot be shared with user %u: %s; start the program as root, or set no user", folder->path,
                        user, strerror(errno));
     }
     return TL_OK;
@@ -257,7 +258,7 @@ tl_status tl_private_folder_make(const char *kind, uint32_t user, tl_private_fol
         return tl_fail(error, TL_TRY_AGAIN, "the folder for temporary files, %s, cannot be used: %s; set TMPDIR", name,
                        strerror(errno));
     }
-    sweep(parent, kind, user);
+    sweep(parent, kind);
     int length =
         snprintf(folder->path, sizeof folder->path, "%s/" PREFIX "%s-%ld-XXXXXX", parent, kind, (long)getpid());
     if (length < 0 || (size_t)length > sizeof folder->path - TL_PRIVATE_FOLDER_ROOM) {

@@ -25,13 +25,13 @@ typedef struct tl_private_folder {
     struct tl_private_folder *next; /* private: of those in use */
 } tl_private_folder;
 
-/* `kind`: letters, "fmu". `user`: whom the folder is to belong to, which takes root; 0: the caller. On failure nothing remains. */
+/* `kind`: letters, "fmu". `user`: who shares it, as the group of that number, which takes root; 0: nobody. On failure nothing remains. */
 tl_status tl_private_folder_make(const char *kind, uint32_t user, tl_private_folder *folder, tl_error *error);
 
 /* Removes it with all that is in it. None is allowed. */
 void tl_private_folder_remove(tl_private_folder *folder);
 
-/* Removes those that killed processes left, of a kind: those of this user, and of `user` (0: of none else). */
-void tl_private_folder_sweep(const char *kind, uint32_t user);
+/* Removes those of a kind that killed processes of this user left. */
+void tl_private_folder_sweep(const char *kind);
 
 #endif

@@ -19,7 +19,7 @@
 #define PREFIX "twinlock: "
 
 /* Behind those of the child: the program, and the pipe that tells what became of exec. Higher ones are where all are gathered first. */
-enum { PROGRAM = TL_ROLE_DESCRIPTORS, NEWS, FIRST_TO_CLOSE, GATHER = 32, NOT_EXECUTED = 127 };
+enum { PROGRAM = TL_ROLE_DESCRIPTORS, NEWS, FIRST_TO_CLOSE, GATHER = FIRST_TO_CLOSE, NOT_EXECUTED = 127 };
 
 /* Of the process. */
 static int program = -1;
