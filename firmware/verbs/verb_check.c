@@ -319,7 +319,7 @@ static tl_status check(tl_verb_job *job) {
 }
 
 int tl_verb_check(const tl_options *options) {
-    tl_verb_job job = {.options = options, .output = tl_output_claim()};
+    tl_verb_job job = {.options = options, .output = tl_output_claim(), .counts_problems = true};
     tl_status status = tl_verb_job_read(&job);
     return tl_verb_job_end(&job, status == TL_OK ? check(&job) : status);
 }

@@ -21,7 +21,7 @@ tl_status tl_verb_job_read(tl_verb_job *job) {
     tl_interrupt_install();
     tl_problems_init(&problems, options->subject);
     tl_status status = tl_config_read(options->subject, &job->config, &problems.report);
-    if (problems.report.count > 1) {
+    if (job->counts_problems && problems.report.count > 1) {
         tl_log(TL_LOG_ERROR, "%zu problems", problems.report.count);
     }
     if (status == TL_OK) {

@@ -15,9 +15,10 @@
 
 typedef struct tl_verb_job {
     const tl_options *options;
-    FILE *output;      /* what tl_output_claim() gave; NULL: the verb prints no result */
-    tl_config config;  /* of the subject */
-    tl_twin_job order; /* for the process; path, text and what options say are filled in by read */
+    FILE *output;         /* what tl_output_claim() gave; NULL: the verb prints no result */
+    bool counts_problems; /* says how many a configuration has */
+    tl_config config;     /* of the subject */
+    tl_twin_job order;    /* for the process; path, text and what options say are filled in by read */
     tl_twin_child *child;
 } tl_verb_job;
 
