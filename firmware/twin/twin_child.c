@@ -44,7 +44,7 @@ struct tl_twin_child {
     tl_error last_error;
     int64_t least_step; /* that a record may be of */
     union {
-        tl_twin_result result;
+        unsigned char packed[TL_TWIN_PACKED]; /* a result */
         tl_confine_facts facts;
         tl_twin_word word;
     } payload; /* of a message, copied */
@@ -442,7 +442,9 @@ tl_status tl_twin_child_give(tl_twin_child *child, const tl_recording_tick *tick
     if (child->stopping) {
         return TL_OK; /* it would be passed over */
     }
-    if (!tl_channel_offer(&child->channel, last ? TL_MESSAGE_FINISH : TL_MESSAGE_TICK, tick)) {
+    unsigned char packed[TL_TWIN_PACKED];
+    tl_twin_pack_tick(child->settings.config, tick, packed);
+    if (!tl_channel_offer(&child->channel, last ? TL_MESSAGE_FINISH : TL_MESSAGE_TICK, packed)) {
         return end_liar(child, child->channel.fault.text, error);
     }
     return TL_OK;
@@ -474,11 +476,14 @@ tl_status tl_twin_child_take(tl_twin_child *child, int64_t tick, unsigned wanted
     if (child->has_ended) {
         return TL_OK;
     }
-    if (type != TL_MESSAGE_RESULT ||
-        !tl_twin_result_is_sound(&child->payload.result, child->settings.config, tick, child->least_step)) {
+    if (type != TL_MESSAGE_RESULT) {
+        return end_liar(child, "a message came before its time", error);
+    }
+    tl_twin_unpack_result(child->settings.config, child->settings.job->tells, child->payload.packed, result);
+    if (!tl_twin_result_is_sound(result, child->settings.config, tick, child->least_step)) {
+        result->tick = TL_TWIN_NO_TICK;
         return end_liar(child, "a result is none", error);
     }
-    memcpy(result, &child->payload.result, child->wire.sizes.bytes[TL_MESSAGE_RESULT]);
     child->least_step = result->ready != 0 ? result->record.step + 1 : child->least_step;
     if (result->status != (int32_t)TL_OK) {
         copy_text(error->text, sizeof error->text, child->extra->error);

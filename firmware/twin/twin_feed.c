@@ -3,8 +3,8 @@
 
 #include <stdlib.h>
 
-/* Ticks that are under way at most; a power of two. */
-enum { AHEAD = TL_TWIN_CHILD_DEPTH, HALF = AHEAD / 2 };
+/* Ticks that are under way at most; and places for them, for the one that was read besides, and for the one that was taken last. */
+enum { AHEAD = TL_TWIN_CHILD_DEPTH, HALF = AHEAD / 2, PLACES = 2 * AHEAD };
 
 /* A tick that was read, and whether it is only the one after the last step. */
 typedef struct wanted {
@@ -15,8 +15,7 @@ typedef struct wanted {
 struct tl_twin_feed {
     tl_twin_feed_settings settings;
     int64_t last_tick;
-    tl_recording_tick next; /* read, and not yet wanted */
-    bool has_next;
+    bool has_next; /* the place after those that are wanted holds a tick */
     bool begun;
     bool ended; /* nothing more will be wanted */
     tl_status status;
@@ -25,7 +24,7 @@ struct tl_twin_feed {
     uint64_t given; /* given to the twin, */
     uint64_t taken; /* and back */
     tl_twin_result result;
-    wanted ring[AHEAD];
+    wanted ring[PLACES];
 };
 
 int64_t tl_twin_feed_last_tick(const tl_config *config, const tl_account *account) {
@@ -66,19 +65,18 @@ static bool read_tick(tl_twin_feed *feed, tl_recording_tick *tick) {
     return feed->status == TL_OK && !end;
 }
 
-/* One tick is read ahead: in mode ahead a step is computed only if its measurement will come. */
+/* One tick is read ahead, to where it will stand: in mode ahead a step is computed only if its measurement will come. */
 static void want_next(tl_twin_feed *feed) {
-    wanted *place = &feed->ring[feed->read % AHEAD];
+    wanted *place = &feed->ring[feed->read % PLACES];
     if (!feed->begun) {
         feed->begun = true;
-        feed->has_next = read_tick(feed, &feed->next);
+        feed->has_next = read_tick(feed, &place->tick);
     }
     if (!feed->has_next) {
         feed->ended = true;
         return;
     }
-    place->tick = feed->next;
-    feed->has_next = read_tick(feed, &feed->next);
+    feed->has_next = read_tick(feed, &feed->ring[(feed->read + 1) % PLACES].tick);
     bool beyond = !feed->settings.plant && place->tick.sample.tick > feed->last_tick;
     if (feed->status != TL_OK) {
         feed->ended = true;
@@ -94,7 +92,7 @@ const tl_recording_tick *tl_twin_feed_look(tl_twin_feed *feed) {
     if (feed->read == feed->given && !feed->ended) {
         want_next(feed);
     }
-    return feed->read != feed->given ? &feed->ring[feed->given % AHEAD].tick : NULL;
+    return feed->read != feed->given ? &feed->ring[feed->given % PLACES].tick : NULL;
 }
 
 /* ---- giving and taking ---- */
@@ -107,7 +105,7 @@ static tl_status give(tl_twin_feed *feed, tl_error *error) {
     }
     tl_status status = TL_OK;
     while (status == TL_OK && feed->given - feed->taken < most && tl_twin_feed_look(feed) != NULL) {
-        const wanted *place = &feed->ring[feed->given % AHEAD];
+        const wanted *place = &feed->ring[feed->given % PLACES];
         if (feed->settings.child != NULL) {
             status = tl_twin_child_give(feed->settings.child, &place->tick, place->last, error);
         }
@@ -141,7 +139,7 @@ tl_status tl_twin_feed_next(tl_twin_feed *feed, tl_twin_fed *fed, bool *end, tl_
         }
         return feed->status;
     }
-    const wanted *place = &feed->ring[feed->taken % AHEAD];
+    const wanted *place = &feed->ring[feed->taken % PLACES];
     bool stopped = false;
     feed->result.tick = TL_TWIN_NO_TICK;
     if (feed->settings.child == NULL) {

@@ -29,6 +29,9 @@ typedef struct role {
     tl_channel channel;
     tl_twin_extra *extra;
     tl_assembly assembly;
+    tl_recording_tick tick; /* as it came last, */
+    tl_twin_result result;  /* and what came of it */
+    unsigned char packed[TL_TWIN_PACKED];
     bool over; /* a step has failed: what is still asked for gets no answer */
 } role;
 
@@ -173,27 +176,29 @@ static tl_status begin(const role *self, tl_error *error) {
     return TL_OK;
 }
 
-static void answer(role *self, const tl_recording_tick *tick, bool last) {
-    tl_twin_result result;
+/* The tick is in self->packed. */
+static void answer(role *self, bool last) {
+    const tl_config *config = &self->assembly.config;
     tl_error error;
     if (self->over || tl_interrupt_requested() != NULL) {
         return;
     }
+    tl_twin_unpack_tick(config, self->packed, &self->tick);
     if (last) {
-        tl_twin_execute_last(&self->assembly, tick, self->job.tells, &result);
-    } else if (tl_twin_execute(&self->assembly, tick, self->job.tells, &result, &error) != TL_OK) {
+        tl_twin_execute_last(&self->assembly, &self->tick, self->job.tells, &self->result);
+    } else if (tl_twin_execute(&self->assembly, &self->tick, self->job.tells, &self->result, &error) != TL_OK) {
         set_error(self, &error);
         self->over = true;
     }
-    send_message(self, TL_MESSAGE_RESULT, &result);
+    tl_twin_pack_result(config, self->job.tells, &self->result, self->packed);
+    send_message(self, TL_MESSAGE_RESULT, self->packed);
 }
 
 /* Until it is told to end. */
 static tl_status step_until_end(role *self, tl_error *error) {
     for (;;) {
-        tl_recording_tick tick;
         tl_message type = TL_MESSAGE_END;
-        tl_channel_news news = tl_channel_take(&self->channel, &type, &tick);
+        tl_channel_news news = tl_channel_take(&self->channel, &type, self->packed);
         if (news == TL_CHANNEL_BROKEN) {
             *error = self->channel.fault;
             return error->status;
@@ -202,7 +207,7 @@ static tl_status step_until_end(role *self, tl_error *error) {
             return TL_OK;
         }
         if (news == TL_CHANNEL_SOMETHING) {
-            answer(self, &tick, type == TL_MESSAGE_FINISH);
+            answer(self, type == TL_MESSAGE_FINISH);
         } else {
             (void)tl_channel_wait(&self->channel, 1, 0, tl_clock_now(NULL) + LOOK);
         }

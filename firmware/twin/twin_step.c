@@ -3,20 +3,14 @@
 
 #include <string.h>
 
+#include "firmware/base/clock.h"
 #include "firmware/fmu/fmu_guard.h"
 #include "firmware/twin/twin_recorder.h"
 
-enum { GUARD_INTERVAL = 16 }; /* ticks */
-
-size_t tl_twin_result_size(const tl_config *config, tl_twin_tells tells) {
-    size_t besides = 0;
-    if (tells == TL_TELLS_COUNTS) {
-        besides = (config->component_count + 1) * sizeof(tl_recorder_component);
-    } else if (tells == TL_TELLS_OUTPUTS) {
-        besides = config->emulated_count * sizeof(double);
-    }
-    return offsetof(tl_twin_result, besides) + besides;
-}
+/* What takes system calls is looked after now and then, since a replayed tick may last less than a microsecond: more often than in a live run, where
+ * it is once a tick. The clock is looked at now and then as well. */
+enum { GUARD_TICKS = 16 };
+static const tl_time GUARD_INTERVAL = TL_SECOND / 1000;
 
 static bool is_within(unsigned value, unsigned greatest) {
     return value <= greatest;
@@ -70,9 +64,11 @@ static void tell(const tl_assembly *assembly, tl_twin_tells tells, tl_twin_resul
     }
 }
 
-/* What takes system calls is done now and then: a replayed tick may last a few microseconds. */
 static void look_after_host(const tl_recording_tick *tick) {
-    if (tick->sample.tick % GUARD_INTERVAL == 0) {
+    static tl_time looked; /* of the process, as what is looked after */
+    tl_time now = tick->sample.tick % GUARD_TICKS == 0 ? tl_clock_now(NULL) : looked;
+    if (now - looked >= GUARD_INTERVAL) {
+        looked = now;
         tl_fmu_guard_tick();
     }
 }

@@ -1,7 +1,6 @@
 /* One tick for the twin, and what comes of it: what crosses between the process with the FMUs and the one with everything else.
  *
  * Purpose: a replay and an emulated plant ask the same of a twin, wherever it is: to be led along, to make a tick up, to search.
- * Sizes:   fixed for a run, so that they can be held against the protocol (tl_twin_result_size()).
  * Thread:  plain data; execute in the thread of the FMUs.
  */
 #ifndef TL_FIRMWARE_TWIN_TWIN_STEP_H
@@ -36,9 +35,6 @@ typedef struct tl_twin_result {
         double outputs[TL_MAX_SIGNALS];
     } besides; /* as far as there are some */
 } tl_twin_result;
-
-/* Bytes of a result of this configuration that matter. */
-size_t tl_twin_result_size(const tl_config *config, tl_twin_tells tells);
 
 /* Whether what another process says of this tick can be one: outcomes and qualities that exist, a step that is not before `least`, nor after the
  * tick. Numbers are not judged. */

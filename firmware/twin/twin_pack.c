@@ -1,0 +1,171 @@
+/* Ticks and results, packed: see twin_pack.h. */
+#include "firmware/twin/twin_pack.h"
+
+#include <assert.h>
+#include <string.h>
+
+/* What is of one size in every tick. */
+typedef struct tick_head {
+    int64_t tick;
+    tl_time instant;
+    uint64_t executions;
+    uint32_t evaluations;
+    uint8_t made_up;
+    uint8_t cut_short;
+    uint8_t without_nominal;
+    uint8_t followed;
+} tick_head;
+
+/* What is of one size in every result. */
+typedef struct result_head {
+    int64_t tick;
+    int32_t status;
+    uint32_t ready;
+    int64_t step;
+    tl_time used;
+    tl_time delay;
+    double objective;
+    double objective_nominal;
+    uint32_t outcome;
+    uint32_t stop;
+    uint32_t evaluations;
+    uint32_t executions;
+    uint32_t predicted;
+    uint32_t flags;
+    uint32_t held;
+    uint32_t delay_state;
+} result_head;
+
+static unsigned char *put(unsigned char *place, const void *from, size_t size) {
+    memcpy(place, from, size);
+    return place + size;
+}
+
+static const unsigned char *get(const unsigned char *place, void *to, size_t size) {
+    memcpy(to, place, size);
+    return place + size;
+}
+
+/* ---- ticks ---- */
+
+size_t tl_twin_packed_tick_size(const tl_config *config) {
+    return sizeof(tick_head) + config->signal_count * (sizeof(double) + sizeof(tl_time) + sizeof(uint8_t)) +
+           config->adjust_count * sizeof(double);
+}
+
+void tl_twin_pack_tick(const tl_config *config, const tl_recording_tick *tick, unsigned char *bytes) {
+    const tl_sample *sample = &tick->sample;
+    const tick_head head = {
+        .tick = sample->tick,
+        .instant = sample->instant,
+        .executions = tick->executions,
+        .evaluations = tick->evaluations,
+        .made_up = tick->made_up ? 1 : 0,
+        .cut_short = tick->cut_short ? 1 : 0,
+        .without_nominal = tick->without_nominal ? 1 : 0,
+        .followed = tick->followed ? 1 : 0,
+    };
+    bytes = put(bytes, &head, sizeof head);
+    bytes = put(bytes, sample->values, config->signal_count * sizeof sample->values[0]);
+    bytes = put(bytes, sample->stamps, config->signal_count * sizeof sample->stamps[0]);
+    bytes = put(bytes, tick->u, config->adjust_count * sizeof tick->u[0]);
+    (void)put(bytes, sample->quality, config->signal_count);
+}
+
+void tl_twin_unpack_tick(const tl_config *config, const unsigned char *bytes, tl_recording_tick *tick) {
+    tl_sample *sample = &tick->sample;
+    tick_head head;
+    bytes = get(bytes, &head, sizeof head);
+    bytes = get(bytes, sample->values, config->signal_count * sizeof sample->values[0]);
+    bytes = get(bytes, sample->stamps, config->signal_count * sizeof sample->stamps[0]);
+    bytes = get(bytes, tick->u, config->adjust_count * sizeof tick->u[0]);
+    (void)get(bytes, sample->quality, config->signal_count);
+    sample->tick = head.tick;
+    sample->instant = head.instant;
+    tick->executions = head.executions;
+    tick->evaluations = head.evaluations;
+    tick->made_up = head.made_up != 0;
+    tick->cut_short = head.cut_short != 0;
+    tick->without_nominal = head.without_nominal != 0;
+    tick->followed = head.followed != 0;
+}
+
+/* ---- results ---- */
+
+static size_t besides_size(const tl_config *config, tl_twin_tells tells) {
+    switch (tells) {
+    case TL_TELLS_RECORDS:
+        break;
+    case TL_TELLS_COUNTS:
+        return (config->component_count + 1) * sizeof(tl_recorder_component);
+    case TL_TELLS_OUTPUTS:
+        return config->emulated_count * sizeof(double);
+    }
+    return 0;
+}
+
+size_t tl_twin_packed_result_size(const tl_config *config, tl_twin_tells tells) {
+    size_t size = sizeof(result_head) + config->match_count * (2 * sizeof(double) + sizeof(uint8_t)) +
+                  config->adjust_count * 2 * sizeof(double) + besides_size(config, tells);
+    assert(size <= TL_TWIN_PACKED);
+    return size;
+}
+
+void tl_twin_pack_result(const tl_config *config, tl_twin_tells tells, const tl_twin_result *result,
+                         unsigned char *bytes) {
+    const tl_record *record = &result->record;
+    const result_head head = {
+        .tick = result->tick,
+        .status = result->status,
+        .ready = result->ready,
+        .step = record->step,
+        .used = record->used,
+        .delay = record->delay,
+        .objective = record->objective,
+        .objective_nominal = record->objective_nominal,
+        .outcome = record->outcome,
+        .stop = record->stop,
+        .evaluations = record->evaluations,
+        .executions = record->executions,
+        .predicted = record->predicted,
+        .flags = record->flags,
+        .held = record->held,
+        .delay_state = record->delay_state,
+    };
+    bytes = put(bytes, &head, sizeof head);
+    bytes = put(bytes, record->y, config->match_count * sizeof record->y[0]);
+    bytes = put(bytes, record->y_hat, config->match_count * sizeof record->y_hat[0]);
+    bytes = put(bytes, record->u, config->adjust_count * sizeof record->u[0]);
+    bytes = put(bytes, record->u_hat, config->adjust_count * sizeof record->u_hat[0]);
+    bytes = put(bytes, &result->besides, besides_size(config, tells));
+    (void)put(bytes, record->y_hat_quality, config->match_count);
+}
+
+void tl_twin_unpack_result(const tl_config *config, tl_twin_tells tells, const unsigned char *bytes,
+                           tl_twin_result *result) {
+    tl_record *record = &result->record;
+    result_head head;
+    bytes = get(bytes, &head, sizeof head);
+    bytes = get(bytes, record->y, config->match_count * sizeof record->y[0]);
+    bytes = get(bytes, record->y_hat, config->match_count * sizeof record->y_hat[0]);
+    bytes = get(bytes, record->u, config->adjust_count * sizeof record->u[0]);
+    bytes = get(bytes, record->u_hat, config->adjust_count * sizeof record->u_hat[0]);
+    bytes = get(bytes, &result->besides, besides_size(config, tells));
+    (void)get(bytes, record->y_hat_quality, config->match_count);
+    result->tick = head.tick;
+    result->status = head.status;
+    result->ready = head.ready;
+    record->step = head.step;
+    record->used = head.used;
+    record->delay = head.delay;
+    record->objective = head.objective;
+    record->objective_nominal = head.objective_nominal;
+    record->outcome = (tl_outcome)head.outcome;
+    record->stop = (tl_stop)head.stop;
+    record->evaluations = head.evaluations;
+    record->executions = head.executions;
+    record->predicted = head.predicted;
+    record->flags = head.flags;
+    record->held = head.held;
+    record->delay_state = (tl_delay_state)head.delay_state;
+}
