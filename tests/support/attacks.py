@@ -1,0 +1,594 @@
+"""Attacks by an FMU, and the other end of each: what the attacker (tests/fmu/hostile/attack) is told to do, and how one sees whether it
+came through without asking it.
+
+An attack is a line of a table: Attack(label, function of the attacker's, stage, calls). A stage is called with the Ground on which all takes place, and
+gives the attacker's arguments and a function that tells, after the run, whether anything was reached. `calls` are system calls that a
+process with FMUs has no use for: one of them must have been refused, and that said; without them the attack needs a call that everybody
+needs, and the kernel refuses it by what it is called with.
+"""
+import ctypes
+import json
+import os
+import re
+import secrets
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import time
+import zipfile
+from pathlib import Path
+
+import hostile_fmu
+import live_test
+import twinlock_test
+from twinlock_test import PATIENCE, PROGRAM, Failure, expect, scratch
+
+PLAIN_USER = 47110  # nobody's
+CONFINES = "--unconfined" in subprocess.run([PROGRAM, "replay", "--help"], capture_output=True, text=True, check=False).stdout
+REFUSAL = re.compile(r"FMU (\S+) asked for (\w+) in (.+?), which is refused; said once")
+REPORT = re.compile(r"attack ([^:\n]+): (succeeded|E\w+)")
+NEW_PROCESS = ("clone", "clone3", "fork", "vfork")
+
+
+class Attack:
+    def __init__(self, label, function, stage, calls=(), only=None):
+        """`only`: a text if it can only succeed unconfined where a function says so: root, a kernel's option."""
+        self.label, self.function, self.stage, self.calls, self.only = label, function, stage, calls, only or always
+
+
+def always(_):
+    return True
+
+
+def as_root(ground):
+    return ground.user == 0
+
+
+# ---- where it takes place ----
+
+def users():
+    """Root and a plain user if this is root; else whoever this is."""
+    return (0, PLAIN_USER) if os.geteuid() == 0 else (os.geteuid(),)
+
+
+def as_user(user):
+    return [] if user == os.geteuid() else ["setpriv", f"--reuid={user}", f"--regid={user}", "--clear-groups", "--"]
+
+
+def program_for(user):
+    """The program where that user may start it: the folder of the build may be closed to others."""
+    if user == os.geteuid():
+        return PROGRAM
+    copy = scratch() / "twinlock"
+    shutil.copy(PROGRAM, copy)
+    open_to_all(copy)
+    return str(copy)
+
+
+def open_to_all(path):
+    """The folders of tests are closed; this one and those above may be entered."""
+    for folder in path.parents:
+        if "twinlock-test-" not in str(folder):
+            break
+        folder.chmod(0o711)
+
+
+class Ground:
+    """A folder of a user's with the FMU, its configuration and all that is attacked; and who is attacked."""
+
+    def __init__(self, user, where="fmi2DoStep", confined=False, verb="replay"):
+        self.user, self.where, self.confined, self.verb = user, where, confined, verb
+        self.folder = scratch()
+        self.others, self.temporary = self.folder / "others", self.folder / "temporary"
+        self.home = self.folder / "home"
+        for folder in (self.others, self.temporary, self.home):
+            folder.mkdir()
+        self.secret = secrets.token_hex(16)
+        self.kept, self.orders, self.evidence = [], [], {}
+        self._victim = None
+        self.code = self.out = self.log = None
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *unused):
+        for kept in reversed(self.kept):
+            kept()
+        for pid in self.left():
+            os.kill(pid, signal.SIGKILL)
+        shutil.rmtree(self.folder, ignore_errors=True)
+
+    def keep(self, thing):
+        """Closed at the end."""
+        self.kept.append(thing.close)
+        return thing
+
+    def own(self):
+        """All in the folder becomes the user's."""
+        open_to_all(self.folder / "x")
+        for path in (self.folder, *self.folder.rglob("*")):
+            os.chown(path, self.user, self.user, follow_symlinks=False)
+
+    def victim(self):
+        if self._victim is None:
+            self._victim = Victim(self)
+            self.kept.append(self._victim.close)
+        return self._victim
+
+    def order(self, attack, where=None):
+        words, reached = attack.stage(self)
+        self.orders.append("\t".join(map(str, (where or self.where, attack.label, attack.function, *words))))
+        self.evidence[attack] = reached or (lambda: self.reports().get(attack.label) == "succeeded")
+
+    # -- the run --
+
+    def config(self, changes=None):
+        self.home.joinpath("attack.txt").write_text("\n".join(self.orders) + "\n", encoding="utf-8")
+        fmu = self.home / "attack.fmu"
+        shutil.copy(hostile_fmu.make("attack"), fmu)
+        with zipfile.ZipFile(fmu, "a") as archive:
+            archive.write(self.home / "attack.txt", "resources/attack.txt")
+        recording = self.home / "recording.csv"
+        shutil.copy(hostile_fmu.recording(), recording)
+        path = hostile_fmu.config(fmu, twinlock_test.merge(
+            {"recording": {"file": str(recording)}, "sources": {"rows": {"csv": {"file": str(recording)}}}}, changes or {}))
+        return Path(shutil.copy(path, self.home / "config.json"))
+
+    def command(self, *options):
+        mode = ("--unconfined",) if CONFINES and not self.confined else ()
+        results = {"plant": ("--record", self.home / "rows.csv"), "replay": ("--csv", self.home / "rows.csv")}
+        config = self.config()
+        self.own()
+        program = [program_for(self.user), self.verb, config, *results.get(self.verb, ()), *options, *mode]
+        # A shell in front is the parent of a process that has no other one of ours.
+        return [*as_user(self.user), "sh", "-c", "\"$@\"; exit $?", "sh", *map(str, program)]
+
+    def environment(self):
+        """Little of the machine's: an attacker prints what it reads."""
+        known = ("PATH", "LANG", "ASAN_OPTIONS", "LSAN_OPTIONS", "TSAN_OPTIONS", "UBSAN_OPTIONS", "TWINLOCK_FMU_PATH", "TMPDIR")
+        everything = twinlock_test.environment(self.temporary)
+        return {**{name: everything[name] for name in known if name in everything}, "ATTACK_GROUND": str(self.folder), "ATTACK_SECRET": self.secret}
+
+    def run(self, *options, timeout=60):
+        with open(self.folder / "out", "wb") as out, open(self.folder / "log", "wb") as log:
+            process = subprocess.Popen(self.command(*options), env=self.environment(), cwd=self.home, stdin=subprocess.DEVNULL,
+                                       stdout=out, stderr=log, start_new_session=True)
+            try:
+                process.wait(timeout * PATIENCE)
+                self._wait_for_orphan(timeout)
+            except subprocess.TimeoutExpired:
+                raise Failure(f"{self}: has not ended after {timeout * PATIENCE} s\n{self._text('log')}") from None
+            finally:
+                for pid in self.left():
+                    if comm(pid) == "twinlock":
+                        os.kill(pid, signal.SIGKILL)
+        self.code, self.out, self.log = process.returncode, self._text("out"), self._text("log")
+        return self
+
+    def _wait_for_orphan(self, timeout):
+        """Whose shell was killed."""
+        until = time.monotonic() + timeout * PATIENCE
+        while any(comm(pid) == "twinlock" for pid in self.left()):
+            if time.monotonic() > until:
+                raise subprocess.TimeoutExpired("twinlock", timeout)
+            time.sleep(0.01)
+
+    def _text(self, name):
+        with open(self.folder / name, "rb") as file:
+            return file.read(1 << 20).decode("utf-8", "backslashreplace")
+
+    # -- what came of it --
+
+    def __str__(self):
+        how = "confined" if self.confined else "unconfined"
+        return f"{self.verb} by {'root' if self.user == 0 else 'a plain user'}, {self.where}, {how}"
+
+    def reports(self):
+        return dict(REPORT.findall(self.log))
+
+    def refusals(self):
+        """[system call] that were said to be refused, as often as they were."""
+        return [call for _, call, _ in REFUSAL.findall(self.log)]
+
+    def rows(self):
+        """What the run has computed; None: not to be had of this verb."""
+        path = self.home / "rows.csv"
+        return path.read_bytes() if path.exists() else None
+
+    def left(self):
+        """Processes that were begun here and are still there."""
+        marked = []
+        for path in Path("/proc").glob("[0-9]*/environ"):
+            try:
+                if f"ATTACK_GROUND={self.folder}".encode() in path.read_bytes().split(b"\0") and comm(path.parent.name):
+                    marked.append(int(path.parent.name))
+            except OSError:
+                pass
+        return marked
+
+    def left_files(self):
+        return sorted(path.name for path in self.temporary.iterdir())
+
+
+def comm(pid):
+    """The name of a process, as it calls itself; "" if it is gone."""
+    try:
+        status = Path(f"/proc/{pid}/status").read_text(encoding="utf-8", errors="replace")
+    except OSError:
+        return ""
+    return "" if "State:\tZ" in status else status.split("\n", 1)[0].removeprefix("Name:\t")
+
+
+# ---- a process that has nothing to do with it ----
+
+VICTIM = """
+import ctypes, json, os, signal, sys
+ctypes.CDLL(None).prctl(0x59616d61, ctypes.c_ulong(-1), 0, 0, 0)  # whoever wants to may trace it
+got = set()
+for number in range(signal.SIGRTMIN, signal.SIGRTMAX + 1):
+    signal.signal(number, lambda number, frame: got.add(number))
+memory = ctypes.create_string_buffer(sys.argv[1].encode())
+print(os.getpid(), ctypes.addressof(memory), flush=True)
+while sys.stdin.readline():
+    print(json.dumps([sorted(got), memory.raw.hex()]), flush=True)
+"""
+
+
+class Victim:
+    """A process of the same user: it tells which signals it got, and what is in its memory."""
+
+    def __init__(self, ground):
+        self.word = f"{ground.secret}-untouched-and-long-enough-for-all-attacks"
+        self.process = subprocess.Popen([*as_user(ground.user), sys.executable, "-c", VICTIM, self.word], stdin=subprocess.PIPE,
+                                        stdout=subprocess.PIPE, text=True, cwd="/", env={"VICTIM": ground.secret})
+        self.pid, self.place = map(int, self.process.stdout.readline().split())
+        self.number = signal.SIGRTMIN
+        self._told = None
+
+    def next_signal(self):
+        self.number += 1
+        expect(self.number <= signal.SIGRTMAX, "more attacks than signals")
+        return self.number
+
+    def tell(self):
+        if self._told is None:
+            print(file=self.process.stdin, flush=True)
+            numbers, memory = json.loads(self.process.stdout.readline())
+            self._told = set(numbers), bytes.fromhex(memory)
+        return self._told
+
+    def close(self):
+        self.process.stdin.close()
+        self.process.wait(30)
+
+
+# ---- stages: the network ----
+
+class Plant(live_test.Device):
+    """A Modbus device that lets itself be written, and keeps what was."""
+
+    def __init__(self):
+        self.registers = {}
+        super().__init__(0.0)
+
+    def _reply(self, request):
+        if request[0] != 6:
+            return super()._reply(request)
+        self.registers[int.from_bytes(request[1:3], "big")] = int.from_bytes(request[3:5], "big")
+        return request
+
+    def close(self):
+        self.listener.close()
+
+
+def modbus_plant(ground):
+    device = ground.keep(Plant())
+    return ("127.0.0.1", device.port), lambda: device.registers == {7: 4711}
+
+
+def received(listener):
+    """Whether anything waits at a socket: bytes, or who wants to connect."""
+    listener.setblocking(False)
+    try:
+        return bool(listener.accept() if listener.type == socket.SOCK_STREAM else listener.recv(100))
+    except BlockingIOError:
+        return False
+
+
+def listening(ground, family, kind, address):
+    listener = ground.keep(socket.socket(family, kind))
+    listener.bind(address)
+    if kind == socket.SOCK_STREAM:
+        listener.listen()
+    return listener
+
+
+def datagrams(ground):
+    listener = listening(ground, socket.AF_INET, socket.SOCK_DGRAM, ("127.0.0.1", 0))
+    return ("127.0.0.1", listener.getsockname()[1]), lambda: received(listener)
+
+
+def datagrams_6(ground):
+    listener = listening(ground, socket.AF_INET6, socket.SOCK_DGRAM, ("::1", 0))
+    return ("::1", listener.getsockname()[1]), lambda: received(listener)
+
+
+def abstract_socket(ground):
+    name = f"attack-{ground.secret}"
+    listener = listening(ground, socket.AF_UNIX, socket.SOCK_STREAM, f"\0{name}")
+    return (f"@{name}",), lambda: received(listener)
+
+
+def socket_in_folder(kind):
+    def stage(ground):
+        path = ground.others / f"socket{kind}"
+        listener = listening(ground, socket.AF_UNIX, kind, str(path))
+        return (path,), lambda: received(listener)
+    return stage
+
+
+def ethernet(ground):
+    """The loopback interface, where only root may listen."""
+    if os.geteuid() != 0:
+        return ("1",), lambda: False
+    listener = ground.keep(socket.socket(socket.AF_PACKET, socket.SOCK_RAW, socket.htons(0x88B5)))
+    listener.bind(("lo", 0x88B5))
+    return (socket.if_nametoindex("lo"),), lambda: received(listener)
+
+
+# ---- stages: devices ----
+
+def serial_line(ground):
+    """A pseudo-terminal: what is written to it comes out at the other end."""
+    master, slave = os.openpty()
+    name = os.ttyname(slave)
+    os.chown(name, ground.user, ground.user)
+    os.set_blocking(master, False)
+    ground.kept.append(lambda: (os.close(master), os.close(slave)))
+
+    def reached():
+        try:
+            return b"attack" in os.read(master, 100)
+        except BlockingIOError:
+            return False
+    return (name, "attack"), reached
+
+
+def kernel_log(*before):
+    def stage(ground):
+        log = os.open("/dev/kmsg", os.O_RDONLY | os.O_NONBLOCK) if os.access("/dev/kmsg", os.R_OK) else os.open("/dev/null", os.O_RDONLY)
+        os.lseek(log, 0, os.SEEK_END)
+        ground.kept.append(lambda: os.close(log))
+        word = f"attack-{secrets.token_hex(8)}"
+        return (*before, word), lambda: any(word.encode() in line for line in lines(log))
+    return stage
+
+
+def lines(log):
+    """Of the kernel's log, one a call; ends where it has no more. It shows a line that may still go on only when there is another one."""
+    if os.access("/dev/kmsg", os.W_OK):
+        Path("/dev/kmsg").write_text("twinlock's test has looked for attacks\n", encoding="utf-8")
+    while True:
+        try:
+            line = os.read(log, 8192)
+        except BlockingIOError:
+            return
+        except BrokenPipeError:
+            continue
+        if not line:
+            return
+        yield line
+
+
+# ---- stages: files ----
+
+def state(path):
+    """All that a file is; None if it is not there."""
+    try:
+        about = path.lstat()
+        names = os.listxattr(path)
+    except FileNotFoundError:
+        return None
+    content = path.read_bytes() if path.is_file() else b""
+    return about.st_mode, about.st_uid, about.st_gid, about.st_size, about.st_mtime_ns, about.st_ctime_ns, about.st_ino, names, content
+
+
+def changed_file(ground):
+    path = ground.others / f"file-{len(ground.orders)}"
+    path.write_text("of somebody else", encoding="utf-8")
+    os.chown(path, ground.user, ground.user)
+    before = state(path)
+    return (path, f"{path}.away"), lambda: state(path) != before
+
+
+def new_file(ground):
+    path = ground.others / f"new-{len(ground.orders)}"
+    return (path,), path.exists
+
+
+def temporary_leavings(ground):
+    return (), lambda: bool(ground.left_files())
+
+
+def secret_in(name, folder="others"):
+    def stage(ground):
+        word = secrets.token_hex(16)
+        path = getattr(ground, folder) / name
+        path.write_text(word, encoding="utf-8")
+        path.chmod(0o600)
+        return (path,), lambda: word in ground.log + ground.out
+    return stage
+
+
+def names_in(folder):
+    def stage(ground):
+        word = secrets.token_hex(16)
+        path = getattr(ground, folder)
+        path.joinpath(word).touch()
+        return (path,), lambda: word in ground.log + ground.out
+    return stage
+
+
+# ---- stages: processes ----
+
+def signalled(ground):
+    victim = ground.victim()
+    number = victim.next_signal()
+    return (victim.pid, number), lambda: number in victim.tell()[0]
+
+
+def written_memory(word):
+    """Each at a place of its own in the victim's memory."""
+    def stage(ground):
+        victim = ground.victim()
+        ground.offset = getattr(ground, "offset", 32) + 8
+        at = ground.offset
+        return (victim.pid, hex(victim.place + at)), lambda: victim.tell()[1][at:at + len(word)] == word
+    return stage
+
+
+def read_memory(ground):
+    victim = ground.victim()
+    return (victim.pid, hex(victim.place)), lambda: victim.word[:32] in ground.log
+
+
+def read_environment(ground):
+    victim = ground.victim()
+    return (victim.pid, "environ", "VICTIM"), lambda: f"VICTIM={ground.secret}" in ground.log
+
+
+def parents_environment(ground):
+    return ("parent", "environ", "ATTACK_SECRET"), lambda: f"ATTACK_SECRET={ground.secret}" in ground.log
+
+
+def parents_memory(_):
+    return ("parent", "maps", "[stack]"), None
+
+
+def changed_process(look):
+    def stage(ground):
+        pid = ground.victim().pid
+        before = look(pid)
+        return (pid,), lambda: look(pid) != before
+    return stage
+
+
+def message_limit(pid):
+    text = Path(f"/proc/{pid}/limits").read_text(encoding="utf-8")
+    return next(line for line in text.splitlines() if line.startswith("Max msgqueue"))
+
+
+def many_processors(_):
+    return os.cpu_count() > 1
+
+
+# ---- stages: programs and bombs ----
+
+def told(*words):
+    """Only the attacker knows."""
+    return lambda ground: (words, None)
+
+
+def system_v(ground):
+    key = 1 + secrets.randbelow(1 << 30)
+
+    def there():
+        rows = Path("/proc/sysvipc/shm").read_text(encoding="utf-8").splitlines()[1:]
+        return str(key) in [row.split()[0] for row in rows]
+    ground.kept.append(lambda: there() and subprocess.run(["ipcrm", "-M", str(key)], check=True))
+    return (key,), there
+
+
+def left_process(*words):
+    return lambda ground: (words, lambda: any(comm(pid) == "attack-left" for pid in ground.left()))
+
+
+def ring(_):
+    setting = Path("/proc/sys/kernel/io_uring_disabled")
+    return not setting.exists() or setting.read_text(encoding="utf-8").strip() == "0"
+
+
+def programs_of_32_bits(_):
+    """Whether the kernel still takes calls by int 0x80: what it does with a program that makes one."""
+    code = bytes((0xB8, 20, 0, 0, 0, 0xCD, 0x80, 0xC3))  # getpid()
+    child = os.fork()
+    if child == 0:
+        import mmap
+        memory = mmap.mmap(-1, 4096, prot=mmap.PROT_READ | mmap.PROT_WRITE | mmap.PROT_EXEC)
+        memory.write(code)
+        call = ctypes.CFUNCTYPE(ctypes.c_int)(ctypes.addressof(ctypes.c_char.from_buffer(memory)))
+        os._exit(0 if call() == os.getpid() else 1)
+    return os.uname().machine == "x86_64" and os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0
+
+
+def never(_):
+    """No kernel of today's has it; it is tried all the same."""
+    return False
+
+
+# ---- the table: attacks after which a run goes on ----
+
+ATTACKS = (
+    Attack("Modbus function 6", "modbus", modbus_plant, ("socket", "connect")),
+    Attack("UDP datagram", "datagram", datagrams, ("socket", "connect")),
+    Attack("UDP datagram of IPv6", "datagram", datagrams_6, ("socket", "connect")),
+    Attack("abstract Unix socket", "stream_socket", abstract_socket, ("socket", "connect")),
+    Attack("Unix socket in a folder", "stream_socket", socket_in_folder(socket.SOCK_STREAM), ("socket", "connect")),
+    Attack("Unix socket by a pair", "pair_socket", socket_in_folder(socket.SOCK_DGRAM), ("socketpair", "sendto")),
+    Attack("Ethernet frame", "ethernet_frame", ethernet, ("socket",), as_root),
+    Attack("interfaces by netlink", "interfaces", told(), ("socket",)),
+
+    Attack("serial line", "write_device", serial_line),
+    Attack("kernel's log", "write_device", kernel_log("/dev/kmsg"), (), as_root),
+    Attack("device by a new name", "make_device", kernel_log(1, 11), ("mknod", "mknodat"), as_root),
+
+    Attack("write", "write_file", changed_file),
+    Attack("append", "append_file", changed_file),
+    Attack("create", "create_file", new_file),
+    Attack("O_TRUNC, read-only", "open_truncating", changed_file),
+    Attack("O_TRUNC by openat2", "open_by_structure", changed_file),
+    Attack("truncate", "truncate_file", changed_file),
+    Attack("chmod", "chmod_file", changed_file, ("chmod", "fchmodat")),
+    Attack("fchmod", "fchmod_file", changed_file),
+    Attack("chown", "chown_file", changed_file, ("chown", "fchownat")),
+    Attack("utimes", "utimes_file", changed_file, ("utimes", "utimensat", "utimensat_time64")),
+    Attack("futimens", "futimens_file", changed_file),
+    Attack("setxattr", "setxattr_file", changed_file, ("setxattr",)),
+    Attack("fsetxattr", "fsetxattr_file", changed_file),
+    Attack("rename", "rename_file", changed_file),
+    Attack("rename over", "rename_over", changed_file),
+    Attack("unlink", "unlink_file", changed_file),
+    Attack("link", "link_file", changed_file),
+    Attack("symlink", "symlink_file", changed_file),
+    Attack("mkdir", "make_folder", new_file),
+    Attack("private key", "read_file", secret_in("key.pem")),
+    Attack("file beside the configuration", "read_file", secret_in("password.txt", "home")),
+    Attack("names in a folder", "list_folder", names_in("others")),
+
+    Attack("process_vm_writev", "write_by_call", written_memory(b"attack"), ("process_vm_writev",)),
+    Attack("process_vm_readv", "read_by_call", read_memory, ("process_vm_readv",)),
+    Attack("write of /proc/PID/mem", "write_by_file", written_memory(b"attack")),
+    Attack("read of /proc/PID/mem", "read_by_file", read_memory),
+    Attack("read of /proc/PID/environ", "read_of_process", read_environment),
+    Attack("parent's /proc/PID/environ", "read_of_process", parents_environment),
+    Attack("parent's /proc/PID/maps", "read_of_process", parents_memory),
+    Attack("signal by F_SETOWN", "send_by_pipe", signalled, ("fcntl", "fcntl64")),
+    Attack("signal by a pidfd", "send_by_pidfd", signalled, ("pidfd_open",)),
+    Attack("prlimit", "set_limit", changed_process(message_limit), ("prlimit64",)),
+    Attack("sched_setaffinity", "set_affinity", changed_process(os.sched_getaffinity), ("sched_setaffinity",), many_processors),
+    Attack("setpriority", "set_priority", changed_process(lambda pid: os.getpriority(os.PRIO_PROCESS, pid)), ("setpriority",)),
+    Attack("sched_setscheduler", "set_scheduler", changed_process(os.sched_getscheduler), ("sched_setscheduler",)),
+
+    Attack("system()", "call_system", new_file, NEW_PROCESS),
+    Attack("popen()", "call_popen", new_file, NEW_PROCESS),
+    Attack("posix_spawn()", "call_spawn", new_file, NEW_PROCESS),
+    Attack("fork() and execve()", "call_fork", new_file, NEW_PROCESS),
+    Attack("clone by its number", "call_raw_fork", new_file, NEW_PROCESS),
+    Attack("program in memory", "execute_memory", new_file, (*NEW_PROCESS, "memfd_create")),
+    Attack("code in memory", "map_memory", told(), ("memfd_create", "mmap", "mmap2")),
+    Attack("file by io_uring", "create_by_ring", new_file, ("io_uring_setup",), ring),
+    Attack("System V memory", "system_v_memory", system_v, ("shmget",)),
+    Attack("daemon", "daemon_process", left_process(), NEW_PROCESS),
+)
