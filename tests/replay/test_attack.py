@@ -2,10 +2,11 @@
 """What FMUs can reach: each attack of tests/support/attacks.py first succeeds in a process that is not confined, and then reaches nothing in
 one that is, in check, replay and plant, as root and as a plain user. What was reached is seen at the other end."""
 import os
+import re
 
 import attacks
-from attacks import ATTACKS, Ground, users
-from twinlock_test import Skip, expect, main
+from attacks import ATTACKS, BOMBS, INSIDE, LONE, ON_TERMINAL, PRINTS, RESULTS, Ground, untouched, users
+from twinlock_test import SANITIZER, Skip, expect, main
 
 
 def carried_out(user, where, verb, confined, table=ATTACKS):
@@ -16,36 +17,29 @@ def carried_out(user, where, verb, confined, table=ATTACKS):
     return ground.run()
 
 
-def baseline(user, verb):
-    """The rows of a run in which nobody is attacked."""
-    with Ground(user, verb=verb).run() as ground:
-        expect(ground.code == 0, f"{ground}: ended with {ground.code}\n{ground.log}")
-        return ground.rows()
-
-
 def expect_all_reached(ground, table=ATTACKS):
     expected = [attack for attack in table if attack.only(ground)]
     missed = [attack.label for attack in expected if not ground.evidence[attack]()]
     told = ground.reports()
-    expect(not missed, f"{ground}: did not succeed: {', '.join(f'{label} ({told.get(label)})' for label in missed)}\n{ground.log}")
+    expect(not missed, f"{ground}: did not succeed: {', '.join(f'{label} ({told.get(label)})' for label in missed)}\n{ground.said()}")
     return len(expected)
 
 
 def expect_nothing_reached(ground, table=ATTACKS):
     told = ground.reports()
     tried = [attack.label for attack in table if attack.label not in told]
-    expect(not tried, f"{ground}: were not even tried: {', '.join(tried)}\n{ground.log}")
+    expect(not tried, f"{ground}: were not even tried: {', '.join(tried)}\n{ground.said()}")
     reached = [attack.label for attack in table if ground.evidence[attack]()]
-    expect(not reached, f"{ground}: reached something: {', '.join(reached)}\n{ground.log}")
+    expect(not reached, f"{ground}: reached something: {', '.join(reached)}\n{ground.said()}")
     believed = [attack.label for attack in table if told[attack.label] == "succeeded"]
-    expect(not believed, f"{ground}: were told that they succeeded: {', '.join(believed)}\n{ground.log}")
+    expect(not believed, f"{ground}: were told that they succeeded: {', '.join(believed)}\n{ground.said()}")
 
 
 def expect_refusals_said(ground, table=ATTACKS):
     said = ground.refusals()
-    expect(len(said) == len(set(said)), f"{ground}: said more than once: {said}\n{ground.log}")
+    expect(len(said) == len(set(said)), f"{ground}: said more than once: {said}\n{ground.said()}")
     silent = [attack.label for attack in table if attack.calls and not set(attack.calls) & set(said)]
-    expect(not silent, f"{ground}: nothing was said of {', '.join(silent)}; said were {', '.join(said)}\n{ground.log}")
+    expect(not silent, f"{ground}: nothing was said of {', '.join(silent)}; said were {', '.join(said)}\n{ground.said()}")
 
 
 def expect_nothing_left(ground):
@@ -55,7 +49,7 @@ def expect_nothing_left(ground):
 
 
 def expect_went_on(ground, rows):
-    expect(ground.code == 0, f"{ground}: ended with {ground.code}\n{ground.log}")
+    expect(ground.code == 0, f"{ground}: ended with {ground.code}\n{ground.said()}")
     expect(ground.rows() == rows, f"{ground}: other values than without attacks")
 
 
@@ -70,7 +64,7 @@ def hold_against(table, places, user):
             print(f"    {ground}: {count} of {len(table)} attacks reached what they wanted")
         if not attacks.CONFINES:
             continue
-        rows = baseline(user, verb)
+        rows = untouched(user, verb)
         with carried_out(user, where, verb, True, table) as ground:
             expect_nothing_reached(ground, table)
             expect_refusals_said(ground, table)
@@ -87,6 +81,106 @@ def test_attacks_by_a_plain_user():
     if os.geteuid() != 0:
         raise Skip("only root can become another user")
     hold_against(ATTACKS, PLACES, users()[1])
+
+
+def alone(attack, user, verb, confined, *options):
+    ground = Ground(user, attack.at or "fmi2DoStep", confined, verb)
+    ground.order(attack)
+    return ground.run(*options)
+
+
+SENTENCE = re.compile(r"^twinlock: error: .*FMU", re.M)
+
+
+def expect_bounded(ground, attack, rows):
+    """Confined: it reached nothing, and either the run went on with the same values, or it ended with 70 and said why."""
+    told = ground.reports().get(attack.label)
+    expect(not ground.evidence[attack]() or attack.believed, f"{ground}: {attack.label} reached something\n{ground.said()}")
+    expect(told != "succeeded" or attack.believed, f"{ground}: {attack.label} was told that it succeeded\n{ground.said()}")
+    if ground.code == 70 and attack.may_end:
+        expect(SENTENCE.search(ground.log), f"{ground}: {attack.label} ended it without a sentence\n{ground.said()}")
+    else:
+        expect(told is not None, f"{ground}: {attack.label} was not even tried\n{ground.said()}")
+        expect_went_on(ground, rows)
+        expect_refusals_said(ground, (attack,))
+    expect_nothing_left(ground)
+
+
+def hold_alone(table, places, verb="replay"):
+    """Unconfined once, by whoever this is; confined at all places, (user, verb)."""
+    for attack in table:
+        with alone(attack, users()[0], verb, False) as ground:
+            if attack.only(ground):
+                expect_all_reached(ground, (attack,))
+                print(f"    {attack.label}: {ground.reports().get(attack.label, 'no longer there to tell')}")
+            else:
+                print(f"    {attack.label}: cannot be had here ({ground.reports().get(attack.label)})")
+    for user, verb in places if attacks.CONFINES else ():
+        rows = untouched(user, verb)
+        for attack in table:
+            with alone(attack, user, verb, True) as ground:
+                expect_bounded(ground, attack, rows)
+                print(f"    {ground}, {attack.label}: {ground.reports().get(attack.label)}, ended with {ground.code}")
+
+
+def test_those_that_may_end_it():
+    hold_alone(LONE, [(users()[0], verb) for verb in ("replay", "check", "plant")] + [(user, "replay") for user in users()[1:]])
+
+
+def test_bombs():
+    if SANITIZER:
+        raise Skip("a sanitizer needs the memory itself")
+    if not attacks.enough_memory(attacks.BOMB_MEBIBYTES):
+        raise Skip(f"needs twice {attacks.BOMB_MEBIBYTES} MiB of free memory")
+    hold_alone(BOMBS, [(user, "replay") for user in users()])
+
+
+def test_what_it_prints():
+    hold_alone(PRINTS, [(user, verb) for user in users() for verb in ("replay", "plant")])
+
+
+def test_what_the_run_writes():
+    for verb, table in RESULTS.items():
+        hold_alone(table, [(user, verb) for user in users()], verb)
+
+
+def test_what_it_was_given():
+    """What an FMU closes or overwrites of its own harms a process that is not confined as well; memory that it shares is there only if it is."""
+    places = [(user, verb) for user in users() for verb in ("replay", "check", "plant")]
+    hold_alone(INSIDE[:1], places)
+    for attack in INSIDE[1:3]:
+        with alone(attack, users()[0], "replay", False) as ground:
+            print(f"    {attack.label}: {ground.reports().get(attack.label, 'cannot tell any more')}, ended with {ground.code}")
+    for user, verb in places if attacks.CONFINES else ():
+        for attack in INSIDE[1:]:
+            with alone(attack, user, verb, True) as ground:
+                expect_bounded(ground, attack, untouched(user, verb))
+
+
+def test_the_terminal():
+    for user in users():
+        with Ground(user) as ground:
+            for attack in ON_TERMINAL:
+                ground.order(attack)
+            expect_all_reached(ground.on_terminal(), tuple(attack for attack in ON_TERMINAL if attack.function != "log_escapes"))
+            print(f"    {ground}: {ground.reports()}")
+        for verb in ("replay", "check", "plant") if attacks.CONFINES else ():
+            with Ground(user, "fmi2DoStep", True, verb) as ground:
+                for attack in ON_TERMINAL:
+                    ground.order(attack)
+                ground.on_terminal()
+                obeyed = attacks.OBEYED.search(ground.screen.replace(attacks.ERASE_LINE, b""))
+                expect(not obeyed, f"{ground}: came to the terminal: {obeyed}\n{ground.said()}")
+                expect(not ground.typed, f"{ground}: was typed: {ground.typed}")
+                expect(ground.code == 0, f"{ground}: ended with {ground.code}\n{ground.said()}")
+
+
+def test_refusals_are_events():
+    if not attacks.CONFINES:
+        raise Skip("this program has no --unconfined")
+    with carried_out(users()[0], "fmi2DoStep", "replay", True) as ground:
+        said = [match[0] for match in attacks.REFUSAL.finditer(ground.log)]
+        expect(said and said == ground.events(), f"said {said}, events {ground.events()}")
 
 
 def test_that_it_confines():

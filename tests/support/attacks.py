@@ -7,6 +7,8 @@ process with FMUs has no use for: one of them must have been refused, and that s
 needs, and the kernel refuses it by what it is called with.
 """
 import ctypes
+import fcntl
+import functools
 import json
 import os
 import re
@@ -14,10 +16,13 @@ import secrets
 import shutil
 import signal
 import socket
+import sqlite3
 import subprocess
 import sys
+import termios
 import time
 import zipfile
+from contextlib import closing
 from pathlib import Path
 
 import hostile_fmu
@@ -89,6 +94,8 @@ class Ground:
         self.kept, self.orders, self.evidence = [], [], {}
         self._victim = None
         self.code = self.out = self.log = None
+        self.screen = self.typed = b""
+        self.mebibytes = 0  # the most that one of the processes held
 
     def __enter__(self):
         return self
@@ -138,7 +145,8 @@ class Ground:
 
     def command(self, *options):
         mode = ("--unconfined",) if CONFINES and not self.confined else ()
-        results = {"plant": ("--record", self.home / "rows.csv"), "replay": ("--csv", self.home / "rows.csv")}
+        results = {"plant": ("--record", self.home / "rows.csv"),
+                   "replay": ("--csv", self.home / "rows.csv", "--db", self.home / "run.db", "--report", self.home / "page.html")}
         config = self.config()
         self.own()
         program = [program_for(self.user), self.verb, config, *results.get(self.verb, ()), *options, *mode]
@@ -152,12 +160,12 @@ class Ground:
         return {**{name: everything[name] for name in known if name in everything}, "ATTACK_GROUND": str(self.folder), "ATTACK_SECRET": self.secret}
 
     def run(self, *options, timeout=60):
+        """By a shell without a terminal, until nothing of it is there any more but what was left behind on purpose."""
         with open(self.folder / "out", "wb") as out, open(self.folder / "log", "wb") as log:
             process = subprocess.Popen(self.command(*options), env=self.environment(), cwd=self.home, stdin=subprocess.DEVNULL,
                                        stdout=out, stderr=log, start_new_session=True)
             try:
-                process.wait(timeout * PATIENCE)
-                self._wait_for_orphan(timeout)
+                self._wait(process, timeout)
             except subprocess.TimeoutExpired:
                 raise Failure(f"{self}: has not ended after {timeout * PATIENCE} s\n{self._text('log')}") from None
             finally:
@@ -167,23 +175,35 @@ class Ground:
         self.code, self.out, self.log = process.returncode, self._text("out"), self._text("log")
         return self
 
-    def _wait_for_orphan(self, timeout):
-        """Whose shell was killed."""
+    def _wait(self, process, timeout):
+        """For the shell; then for the program, if it was only the shell that was killed."""
         until = time.monotonic() + timeout * PATIENCE
-        while any(comm(pid) == "twinlock" for pid in self.left()):
+        ended = 0
+        while ended == 0 or any(comm(pid) == "twinlock" for pid in self.left()):
             if time.monotonic() > until:
                 raise subprocess.TimeoutExpired("twinlock", timeout)
-            time.sleep(0.01)
+            if ended == 0:
+                ended, status, usage = os.wait4(process.pid, os.WNOHANG)
+                process.returncode = os.waitstatus_to_exitcode(status) if ended else None
+                self.mebibytes = usage.ru_maxrss / 1024
+            time.sleep(0.005)
 
     def _text(self, name):
+        """Beginning and end, if it is long."""
         with open(self.folder / name, "rb") as file:
-            return file.read(1 << 20).decode("utf-8", "backslashreplace")
+            text = file.read(1 << 20)
+            file.seek(max(file.tell(), os.fstat(file.fileno()).st_size - (1 << 20)))
+            return (text + file.read()).decode("utf-8", "backslashreplace")
 
     # -- what came of it --
 
     def __str__(self):
         how = "confined" if self.confined else "unconfined"
         return f"{self.verb} by {'root' if self.user == 0 else 'a plain user'}, {self.where}, {how}"
+
+    def said(self):
+        """Of the log, what fits a failure's text."""
+        return self.log if len(self.log) < 8000 else f"{self.log[:4000]}\n ... \n{self.log[-4000:]}"
 
     def reports(self):
         return dict(REPORT.findall(self.log))
@@ -193,9 +213,12 @@ class Ground:
         return [call for _, call, _ in REFUSAL.findall(self.log)]
 
     def rows(self):
-        """What the run has computed; None: not to be had of this verb."""
-        path = self.home / "rows.csv"
-        return path.read_bytes() if path.exists() else None
+        """What the run has computed, and how it lies there; None: not to be had of this verb."""
+        return None if self.verb == "check" else (kept_file(self.home / "rows.csv"), kept_database(self.home / "run.db"))
+
+    def events(self):
+        """Texts of the refusals in the database."""
+        return [text for text, in query(self.home / "run.db", "SELECT text FROM events WHERE text LIKE '%asked for%'")]
 
     def left(self):
         """Processes that were begun here and are still there."""
@@ -208,8 +231,64 @@ class Ground:
                 pass
         return marked
 
+    def on_terminal(self, *options, timeout=60):
+        """The same on a terminal of its own, which it controls: what came to the screen is in `screen`, what was typed in `typed`."""
+        master, slave = os.openpty()
+        os.chown(os.ttyname(slave), self.user, self.user)
+        process = subprocess.Popen(self.command(*options), env=self.environment(), cwd=self.home, stdin=slave, stdout=slave, stderr=slave,
+                                   start_new_session=True, preexec_fn=lambda: fcntl.ioctl(0, termios.TIOCSCTTY, 0))
+        screen = bytearray()
+        os.set_blocking(master, False)
+        os.set_blocking(slave, False)
+        until = time.monotonic() + timeout * PATIENCE
+        ended = False
+        while not ended:
+            ended = process.poll() is not None
+            expect(time.monotonic() < until, f"{self}: has not ended on a terminal\n{bytes(screen)}")
+            screen += readable(master)
+            time.sleep(0.005)
+        self.typed, self.screen = readable(slave), bytes(screen)
+        self.code, self.out, self.log = process.returncode, "", screen.decode("utf-8", "backslashreplace").replace("\r\n", "\n")
+        os.close(slave)
+        os.close(master)
+        return self
+
     def left_files(self):
         return sorted(path.name for path in self.temporary.iterdir())
+
+
+def readable(descriptor):
+    """What is there to be read now: of what was typed, a call gives a line."""
+    got = bytearray()
+    try:
+        while part := os.read(descriptor, 1 << 20):
+            got += part
+    except BlockingIOError:
+        pass
+    return bytes(got)
+
+
+def kept_file(path):
+    """A result as its reader finds it: mode, owner, attributes, contents; None if it is not there."""
+    found = state(path)
+    return found and (*found[:3], *found[-2:])
+
+
+def query(path, sql):
+    with closing(sqlite3.connect(f"file:{path}?mode=ro", uri=True)) as database:
+        return database.execute(sql).fetchall()
+
+
+def kept_database(path):
+    """The same for a database: its steps instead of its bytes; what is wrong if it cannot be read."""
+    found = state(path)
+    if found is None:
+        return None
+    try:
+        steps = [query(path, sql) for sql in ("PRAGMA integrity_check", "SELECT step, t_ns FROM steps", "SELECT step, y, y_hat FROM outputs")]
+    except sqlite3.DatabaseError as error:
+        steps = str(error)
+    return (*found[:3], found[-2], found[-1].endswith(b"attack"), steps)
 
 
 def comm(pid):
@@ -501,8 +580,8 @@ def system_v(ground):
     return (key,), there
 
 
-def left_process(*words):
-    return lambda ground: (words, lambda: any(comm(pid) == "attack-left" for pid in ground.left()))
+def left_processes(count):
+    return lambda ground: ((count,), lambda: [comm(pid) for pid in ground.left()].count("attack-left") >= count)
 
 
 def ring(_):
@@ -590,5 +669,179 @@ ATTACKS = (
     Attack("code in memory", "map_memory", told(), ("memfd_create", "mmap", "mmap2")),
     Attack("file by io_uring", "create_by_ring", new_file, ("io_uring_setup",), ring),
     Attack("System V memory", "system_v_memory", system_v, ("shmget",)),
-    Attack("daemon", "daemon_process", left_process(), NEW_PROCESS),
+    Attack("daemon", "daemon_process", left_processes(1), NEW_PROCESS),
 )
+
+
+# ---- those after which it may end: each in a program of its own ----
+
+class Lone(Attack):
+    """`at`: another place than usual. `may_end`: confined, the run may end with 70 and a sentence. `believed`: it may think that it has
+    succeeded, as who closes its own descriptors does."""
+
+    def __init__(self, label, function, stage, calls=(), only=None, at=None, may_end=False, believed=False):
+        super().__init__(label, function, stage, calls, only)
+        self.at, self.may_end, self.believed = at, may_end, believed
+
+
+def killed_parent(ground):
+    return ("parent", int(signal.SIGKILL)), lambda: ground.code == -signal.SIGKILL
+
+
+def killed_victim(ground):
+    victim = ground.victim()
+    return (victim.pid, int(signal.SIGKILL)), lambda: comm(victim.pid) == ""
+
+
+def traced_parent(_):
+    return ("parent",), None
+
+
+def taken(mebibytes):
+    """Memory of a process: the kernel counts it."""
+    return lambda ground: ((mebibytes,), lambda: ground.mebibytes >= mebibytes)
+
+
+def enough_memory(mebibytes):
+    text = Path("/proc/meminfo").read_text(encoding="utf-8")
+    return int(re.search(r"MemAvailable: +(\d+) kB", text)[1]) >> 10 > 2 * mebibytes
+
+
+def filled(mebibytes, *folder):
+    def stage(ground):
+        def reached():
+            files = [path for path in (*ground.temporary.rglob("*"), *ground.home.rglob("*")) if path.name.startswith("attack.")]
+            return sum(path.stat().st_blocks for path in files) * 512 >= mebibytes << 20
+        return (mebibytes, *folder), reached
+    return stage
+
+
+def many_files(count, *folder):
+    def stage(ground):
+        return (count, *folder), lambda: len(list((ground.home if folder else ground.temporary).iterdir())) >= count
+    return stage
+
+
+def printed(count):
+    return lambda ground: ((count,), lambda: sum((ground.folder / name).stat().st_size for name in ("out", "log")) >= count)
+
+
+BOMB_MEBIBYTES = 3072
+DISK_MEBIBYTES = 2048
+FILES = 30000
+PRINTED = 50000000
+
+LONE = (
+    Lone("kill of its parent", "send_kill", killed_parent, ("kill",), may_end=True),
+    Lone("tgkill of its parent", "send_tgkill", killed_parent, ("tgkill",), may_end=True),
+    Lone("kill", "send_kill", killed_victim, ("kill",), may_end=True),
+    Lone("tgkill", "send_tgkill", signalled, ("tgkill",), may_end=True),
+    Lone("tkill", "send_tkill", signalled, ("tkill",), may_end=True),
+    Lone("sigqueue", "send_sigqueue", signalled, ("rt_sigqueueinfo",), may_end=True),
+    Lone("sigqueue of a thread", "send_tgsigqueue", signalled, ("rt_tgsigqueueinfo",), may_end=True),
+    Lone("ptrace", "trace", written_memory(b"tack"), ("ptrace",), may_end=True),
+    Lone("ptrace of its parent", "trace", traced_parent, ("ptrace",), may_end=True),
+    Lone("execve", "replace_itself", new_file, ("execve",)),
+    Lone("int 0x80", "call_32_bits", new_file, (), programs_of_32_bits, may_end=True),
+    Lone("x32", "call_x32", new_file, (), never, may_end=True),
+    Lone("fork bomb", "processes", left_processes(50), NEW_PROCESS),
+    Lone("many threads", "threads", told(1000), may_end=True, believed=True),
+    Lone("many descriptors", "many_descriptors", told(900), may_end=True, believed=True),
+)
+BOMBS = (
+    Lone("shared memory", "shared_memory", taken(BOMB_MEBIBYTES), may_end=True),
+    Lone("heap", "heap_memory", taken(BOMB_MEBIBYTES), may_end=True),
+    Lone("stack", "stack_memory", taken(BOMB_MEBIBYTES), may_end=True),
+    Lone("file in memory", "file_memory", told(BOMB_MEBIBYTES), may_end=True),
+    Lone("bytes in TMPDIR", "fill_disk", filled(DISK_MEBIBYTES), may_end=True),
+    Lone("reserved bytes in TMPDIR", "reserve_disk", filled(DISK_MEBIBYTES), may_end=True),
+    Lone("reserved bytes in its folder", "reserve_disk", filled(DISK_MEBIBYTES, "."), may_end=True),
+    Lone("files in its folder", "many_files", many_files(FILES, "."), may_end=True),
+)
+# What it prints comes by a pipe, and is neither the program's own output nor in its way.
+PRINTS = (
+    Lone("flood", "flood_output", printed(PRINTED), believed=True),
+    Lone("no newline", "output_without_newline", printed(PRINTED // 10), believed=True),
+)
+
+
+# ---- on what the run itself writes, and what it holds open ----
+
+def result(name):
+    """A file of the results, when half of the steps are done."""
+    def stage(ground):
+        path = ground.home / name
+        return (path, f"{path}.away"), lambda: ground.rows() != untouched(ground.user, ground.verb)
+    return stage
+
+
+def spoilt(*words):
+    """Any of the results."""
+    return lambda ground: (words, lambda: ground.rows() != untouched(ground.user, ground.verb))
+
+
+@functools.cache
+def untouched(user, verb):
+    """The results of a run in which nobody is attacked."""
+    with Ground(user, verb=verb).run() as ground:
+        expect(ground.code == 0, f"{ground}: ended with {ground.code}\n{ground.said()}")
+        return ground.rows()
+
+
+HALF_WAY = "fmi2DoStep:50"
+ON_RESULTS = {
+    "write": ("write_file", ()), "append": ("append_file", ()), "truncate": ("truncate_file", ()),
+    "O_TRUNC, read-only": ("open_truncating", ()), "chmod": ("chmod_file", ("chmod", "fchmodat")), "fchmod": ("fchmod_file", ()),
+    "setxattr": ("setxattr_file", ("setxattr",)), "rename": ("rename_file", ()), "rename over": ("rename_over", ()),
+    "unlink": ("unlink_file", ()), "link": ("link_file", ()), "symlink": ("symlink_file", ()),
+}
+WRITES = ("write", "append", "link", "symlink")  # SQLite mends what it writes again itself, as long as the file is open
+
+
+def on_result(name, *labels):
+    return tuple(Lone(f"{label} of {name}", ON_RESULTS[label][0], result(name), ON_RESULTS[label][1],
+                      at="fmi2FreeInstance" if label in WRITES and name == "run.db" else HALF_WAY) for label in labels)
+
+
+RESULTS = {
+    "replay": (*on_result("run.db", *ON_RESULTS), *on_result("rows.csv", "write", "truncate", "unlink"), ),
+    "plant": on_result("rows.csv", "write", "truncate", "unlink", "chmod"),
+}
+# What it does to its own end of what it shares is its own loss, and must not be more.
+INSIDE = (
+    Lone("writes into all descriptors", "write_descriptors", spoilt(), at=HALF_WAY, may_end=True, believed=True),
+    Lone("closes all descriptors but the log", "close_descriptors", spoilt(3), at=HALF_WAY, may_end=True, believed=True),
+    Lone("closes all descriptors", "close_descriptors", spoilt(0), at=HALF_WAY, may_end=True, believed=True),
+    *(Lone(f"scribbles over shared memory, seed {seed}", "scribble_over_shared", told(seed), at=HALF_WAY, may_end=True, believed=True)
+      for seed in range(1, 6)),
+)
+
+
+# ---- on the terminal that it was started from ----
+
+def shown(ground):
+    word = secrets.token_hex(8)
+    return (word,), lambda: f"\033]0;{word}".encode() in ground.screen
+
+
+def typed(ground):
+    word = secrets.token_hex(8)
+    return (word,), lambda: word.encode() in ground.typed
+
+
+def types(ground):
+    """Whether the kernel still lets everybody type on a terminal."""
+    setting = Path("/proc/sys/dev/tty/legacy_tiocsti")
+    return ground.user == 0 or not setting.exists() or setting.read_text(encoding="utf-8").strip() != "0"
+
+
+ON_TERMINAL = (
+    Attack("escapes by printing", "print_escapes", shown),
+    Attack("escapes by the FMI logger", "log_escapes", shown),
+    Attack("escapes by /dev/tty", "print_to_terminal", shown),
+    Attack("typing by /dev/tty", "type_text", typed, (), types),
+    Attack("typing by a descriptor", "type_by_descriptor", typed, (), types),
+)
+ERASE_LINE = b"\033[K"  # what the program itself sends, besides newlines
+# ESC, BEL, backspace and the other control characters that a terminal obeys; C1 as UTF-8 and as bytes.
+OBEYED = re.compile(rb"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f]|\xc2[\x80-\x9f]")

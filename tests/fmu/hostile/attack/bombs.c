@@ -91,27 +91,18 @@ static int threads(char *const words[]) {
 }
 
 /* MEBIBYTES, a piece at a time; the bytes are really there. */
-static int take(size_t mebibytes, int flags) {
+static int shared_memory(char *const words[]) {
     enum { PIECE = 64 };
-    for (size_t taken = 0; taken < mebibytes; taken += PIECE) {
-        char *piece = mmap(NULL, (size_t)PIECE * MEBI, PROT_READ | PROT_WRITE, flags | MAP_ANONYMOUS, -1, 0);
+    for (size_t taken = 0, wanted = number(words[0]); taken < wanted; taken += PIECE) {
+        char *piece = mmap(NULL, (size_t)PIECE * MEBI, PROT_READ | PROT_WRITE, MAP_SHARED | MAP_ANONYMOUS, -1, 0);
         if (piece == MAP_FAILED) {
             return errno;
         }
-        (void)madvise(piece, (size_t)PIECE * MEBI, MADV_HUGEPAGE);
         for (size_t i = 0; i < (size_t)PIECE * MEBI; i += 4096) {
             ((volatile char *)piece)[i] = 1;
         }
     }
     return 0;
-}
-
-static int private_memory(char *const words[]) {
-    return take(number(words[0]), MAP_PRIVATE);
-}
-
-static int shared_memory(char *const words[]) {
-    return take(number(words[0]), MAP_SHARED);
 }
 
 static int heap_memory(char *const words[]) {
@@ -258,7 +249,6 @@ static int output_without_newline(char *const words[]) {
 const attack attack_bombs[] = {{"processes", processes},
                                {"daemon_process", daemon_process},
                                {"threads", threads},
-                               {"private_memory", private_memory},
                                {"shared_memory", shared_memory},
                                {"heap_memory", heap_memory},
                                {"file_memory", file_memory},

@@ -14,22 +14,27 @@
 #include "tests/fmu/hostile/attack/attack.h"
 #include "tests/fmu/hostile/hostile.h"
 
-/* Title, clipboard, a question that the terminal answers by typing, colours, and the same by the single bytes of C1. */
-#define ESCAPES "\033]0;attacked\007\033]52;c;YXR0YWNr\007\033[6n\033[31m\302\2332J\2332J\rattacked\b\n"
+/* WORD: as the title and for the clipboard, a question that the terminal answers by typing, colours, and the same by the single bytes of C1. */
+static const char *escapes(const char *word) {
+    static char made[512];
+    (void)snprintf(made, sizeof made,
+                   "\033]0;%s\007\033]52;c;YXR0YWNr\007\033[6n\033[31m\302\2332J\2332J\rattacked\b\n", word);
+    return made;
+}
 
 static int print_escapes(char *const words[]) {
-    (void)words;
-    int error = attack_errno(write(STDOUT_FILENO, ESCAPES, sizeof ESCAPES - 1));
-    return error != 0 ? error : attack_errno(write(STDERR_FILENO, ESCAPES, sizeof ESCAPES - 1));
+    const char *made = escapes(words[0]);
+    int error = attack_errno(write(STDOUT_FILENO, made, strlen(made)));
+    return error != 0 ? error : attack_errno(write(STDERR_FILENO, made, strlen(made)));
 }
 
 static int log_escapes(char *const words[]) {
     const fmi2CallbackFunctions *callbacks = hostile_callbacks;
-    (void)words;
     if (callbacks == NULL || callbacks->logger == NULL) {
         return ENOSYS;
     }
-    callbacks->logger(callbacks->componentEnvironment, "hostile", fmi2Warning, "\033]0;category\007", "%s", ESCAPES);
+    callbacks->logger(callbacks->componentEnvironment, "hostile", fmi2Warning, "\033]0;category\007", "%s",
+                      escapes(words[0]));
     return 0;
 }
 
@@ -40,6 +45,7 @@ static int type_text(char *const words[]) {
     for (const char *at = words[0]; error == 0 && *at != '\0'; at++) {
         error = attack_errno(ioctl(terminal, TIOCSTI, at));
     }
+    error = error != 0 ? error : attack_errno(ioctl(terminal, TIOCSTI, "\n"));
     (void)close(terminal);
     return error;
 }
@@ -52,15 +58,14 @@ static int type_by_descriptor(char *const words[]) {
             for (const char *at = words[0]; error == 0 && *at != '\0'; at++) {
                 error = attack_errno(ioctl(i, TIOCSTI, at));
             }
-            return error;
+            return error != 0 ? error : attack_errno(ioctl(i, TIOCSTI, "\n"));
         }
     }
     return ENOTTY;
 }
 
 static int print_to_terminal(char *const words[]) {
-    (void)words;
-    return attack_open("/dev/tty", O_WRONLY, ESCAPES);
+    return attack_open("/dev/tty", O_WRONLY, escapes(words[0]));
 }
 
 /* Everything that is open, but what it speaks by: moved, written to, cut. Succeeds if one of them let itself be written. */
