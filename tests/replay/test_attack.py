@@ -147,9 +147,9 @@ def test_what_the_run_writes():
 def test_what_it_was_given():
     """What an FMU closes or overwrites of its own harms a process that is not confined as well; memory that it shares is there only if it is."""
     places = [(user, verb) for user in users() for verb in ("replay", "check", "plant")]
-    hold_alone(INSIDE[:1], places)
+    hold_alone(INSIDE[:1], places, "plant")
     for attack in INSIDE[1:3]:
-        with alone(attack, users()[0], "replay", False) as ground:
+        with alone(attack, users()[0], "plant", False) as ground:
             print(f"    {attack.label}: {ground.reports().get(attack.label, 'cannot tell any more')}, ended with {ground.code}")
     for user, verb in places if attacks.CONFINES else ():
         for attack in INSIDE[1:]:

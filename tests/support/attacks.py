@@ -795,16 +795,16 @@ ON_RESULTS = {
     "setxattr": ("setxattr_file", ("setxattr",)), "rename": ("rename_file", ()), "rename over": ("rename_over", ()),
     "unlink": ("unlink_file", ()), "link": ("link_file", ()), "symlink": ("symlink_file", ()),
 }
-WRITES = ("write", "append", "link", "symlink")  # SQLite mends what it writes again itself, as long as the file is open
+WRITES = ("write", "append", "link", "symlink")  # what is still open mends itself: what the run writes later lies above it
 
 
 def on_result(name, *labels):
     return tuple(Lone(f"{label} of {name}", ON_RESULTS[label][0], result(name), ON_RESULTS[label][1],
-                      at="fmi2FreeInstance" if label in WRITES and name == "run.db" else HALF_WAY) for label in labels)
+                      at="fmi2FreeInstance" if label in WRITES or name != "run.db" else HALF_WAY) for label in labels)
 
 
 RESULTS = {
-    "replay": (*on_result("run.db", *ON_RESULTS), *on_result("rows.csv", "write", "truncate", "unlink"), ),
+    "replay": (*on_result("run.db", *ON_RESULTS), *on_result("rows.csv", "write", "truncate", "unlink")),
     "plant": on_result("rows.csv", "write", "truncate", "unlink", "chmod"),
 }
 # What it does to its own end of what it shares is its own loss, and must not be more.
