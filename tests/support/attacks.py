@@ -113,10 +113,11 @@ class Ground:
         return thing
 
     def own(self):
-        """All in the folder becomes the user's."""
+        """All in the folder becomes the user's; what is so already stays untouched, its times too."""
         open_to_all(self.folder / "x")
         for path in (self.folder, *self.folder.rglob("*")):
-            os.chown(path, self.user, self.user, follow_symlinks=False)
+            if path.lstat().st_uid != self.user:
+                os.chown(path, self.user, self.user, follow_symlinks=False)
 
     def victim(self):
         if self._victim is None:
@@ -631,11 +632,14 @@ ATTACKS = (
     Attack("truncate", "truncate_file", changed_file),
     Attack("chmod", "chmod_file", changed_file, ("chmod", "fchmodat")),
     Attack("fchmod", "fchmod_file", changed_file),
+    Attack("fchmod of what it may read", "fchmod_file", told("resources"), ("fchmod",)),
     Attack("chown", "chown_file", changed_file, ("chown", "fchownat")),
     Attack("utimes", "utimes_file", changed_file, ("utimes", "utimensat", "utimensat_time64")),
     Attack("futimens", "futimens_file", changed_file),
+    Attack("futimens of what it may read", "futimens_file", told("resources"), ("utimensat", "utimensat_time64")),
     Attack("setxattr", "setxattr_file", changed_file, ("setxattr",)),
     Attack("fsetxattr", "fsetxattr_file", changed_file),
+    Attack("fsetxattr of what it may read", "fsetxattr_file", told("resources"), ("fsetxattr",)),
     Attack("rename", "rename_file", changed_file),
     Attack("rename over", "rename_over", changed_file),
     Attack("unlink", "unlink_file", changed_file),

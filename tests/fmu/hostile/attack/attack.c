@@ -66,18 +66,21 @@ static void *carry_out_in_thread(void *given) {
     return NULL;
 }
 
-/* The text of resources/attack.txt, two folders above the library. */
-static ssize_t read_text(void) {
-    char path[4096];
+void attack_orders_path(char path[ATTACK_PATH]) {
     Dl_info info;
-    if (dladdr((const void *)text, &info) == 0) {
-        return -1;
+    path[0] = '\0';
+    if (dladdr((const void *)text, &info) != 0) {
+        (void)snprintf(path, ATTACK_PATH, "%s", info.dli_fname);
     }
-    (void)snprintf(path, sizeof path, "%s", info.dli_fname);
     for (int i = 0; i < 3 && strrchr(path, '/') != NULL; i++) {
         *strrchr(path, '/') = '\0';
     }
-    (void)strncat(path, "/resources/attack.txt", sizeof path - strlen(path) - 1);
+    (void)strncat(path, "/resources/attack.txt", ATTACK_PATH - strlen(path) - 1);
+}
+
+static ssize_t read_text(void) {
+    char path[ATTACK_PATH];
+    attack_orders_path(path);
     int file = open(path, O_RDONLY | O_CLOEXEC);
     ssize_t got = file < 0 ? -1 : read(file, text, sizeof text - 1);
     (void)close(file);

@@ -12,7 +12,7 @@
 
 #include <sys/types.h>
 
-enum { ATTACK_WORDS = 8 };
+enum { ATTACK_WORDS = 8, ATTACK_PATH = 4200 };
 
 /* Takes its arguments, which are "" if they are not given. Returns 0 if it has succeeded, else the error's number. */
 typedef int attack_function(char *const words[]);
@@ -35,6 +35,9 @@ int attack_errno(long result);
 
 /* What a file at `path` gives for `flags` (of open()) after `text` is written to it, if that is not NULL. */
 int attack_open(const char *path, int flags, const char *text);
+
+/* Where resources/attack.txt is: two folders above the library. */
+void attack_orders_path(char path[ATTACK_PATH]);
 
 /* A process: its number, or "parent". */
 pid_t attack_pid(const char *word);
