@@ -217,6 +217,18 @@ class Ground:
         """What the run has computed, and how it lies there; None: not to be had of this verb."""
         return None if self.verb == "check" else (kept_file(self.home / "rows.csv"), kept_database(self.home / "run.db"))
 
+    def faults(self):
+        """What is wrong with the results as such, whatever their values."""
+        found = []
+        table, database = self.home / "rows.csv", self.home / "run.db"
+        if table.exists():
+            widths = {line.count(b",") for line in table.read_bytes().splitlines()}
+            found += [f"rows.csv has rows of {sorted(widths)} commas"] if len(widths) > 1 else []
+        if database.exists():
+            state_of_it = query(database, "PRAGMA integrity_check")
+            found += [f"run.db: {state_of_it}"] if state_of_it != [("ok",)] else []
+        return found
+
     def events(self):
         """Texts of the refusals in the database."""
         return [text for text, in query(self.home / "run.db", "SELECT text FROM events WHERE text LIKE '%asked for%'")]
@@ -316,11 +328,16 @@ while sys.stdin.readline():
 """
 
 
+WRITTEN = 64  # bytes of its memory, from FIRST_WRITTEN on, that attacks may write: the others are there to be read
+FIRST_WRITTEN = 32
+
+
 class Victim:
     """A process of the same user: it tells which signals it got, and what is in its memory."""
 
     def __init__(self, ground):
-        self.word = f"{ground.secret}-untouched-and-long-enough-for-all-attacks"
+        self.words = secrets.token_hex(16), secrets.token_hex(16)
+        self.word = self.words[0] + "-" * WRITTEN + self.words[1]
         self.process = subprocess.Popen([*as_user(ground.user), sys.executable, "-c", VICTIM, self.word], stdin=subprocess.PIPE,
                                         stdout=subprocess.PIPE, text=True, cwd="/", env={"VICTIM": ground.secret})
         self.pid, self.place = map(int, self.process.stdout.readline().split())
@@ -523,15 +540,16 @@ def written_memory(word):
     """Each at a place of its own in the victim's memory."""
     def stage(ground):
         victim = ground.victim()
-        ground.offset = getattr(ground, "offset", 32) + 8
-        at = ground.offset
+        at = FIRST_WRITTEN + 8 * len(ground.orders) % WRITTEN
         return (victim.pid, hex(victim.place + at)), lambda: victim.tell()[1][at:at + len(word)] == word
     return stage
 
 
-def read_memory(ground):
-    victim = ground.victim()
-    return (victim.pid, hex(victim.place)), lambda: victim.word[:32] in ground.log
+def read_memory(which):
+    def stage(ground):
+        victim = ground.victim()
+        return (victim.pid, hex(victim.place + victim.word.index(victim.words[which]))), lambda: victim.words[which] in ground.log
+    return stage
 
 
 def read_environment(ground):
@@ -651,9 +669,9 @@ ATTACKS = (
     Attack("names in a folder", "list_folder", names_in("others")),
 
     Attack("process_vm_writev", "write_by_call", written_memory(b"attack"), ("process_vm_writev",)),
-    Attack("process_vm_readv", "read_by_call", read_memory, ("process_vm_readv",)),
+    Attack("process_vm_readv", "read_by_call", read_memory(0), ("process_vm_readv",)),
     Attack("write of /proc/PID/mem", "write_by_file", written_memory(b"attack")),
-    Attack("read of /proc/PID/mem", "read_by_file", read_memory),
+    Attack("read of /proc/PID/mem", "read_by_file", read_memory(1)),
     Attack("read of /proc/PID/environ", "read_of_process", read_environment),
     Attack("parent's /proc/PID/environ", "read_of_process", parents_environment),
     Attack("parent's /proc/PID/maps", "read_of_process", parents_memory),
@@ -681,11 +699,11 @@ ATTACKS = (
 
 class Lone(Attack):
     """`at`: another place than usual. `may_end`: confined, the run may end with 70 and a sentence. `believed`: it may think that it has
-    succeeded, as who closes its own descriptors does."""
+    succeeded, as who closes its own descriptors does. `own_values`: it may spoil what it computes itself, which is its right; not how that lies there."""
 
-    def __init__(self, label, function, stage, calls=(), only=None, at=None, may_end=False, believed=False):
+    def __init__(self, label, function, stage, calls=(), only=None, at=None, may_end=False, believed=False, own_values=False):
         super().__init__(label, function, stage, calls, only)
-        self.at, self.may_end, self.believed = at, may_end, believed
+        self.at, self.may_end, self.believed, self.own_values = at, may_end, believed, own_values
 
 
 def killed_parent(ground):
@@ -730,9 +748,9 @@ def printed(count):
     return lambda ground: ((count,), lambda: sum((ground.folder / name).stat().st_size for name in ("out", "log")) >= count)
 
 
-BOMB_MEBIBYTES = 3072
-DISK_MEBIBYTES = 2048
-FILES = 30000
+BOMB_MEBIBYTES = 2048  # more than a process with FMUs may have
+DISK_MEBIBYTES = 1024
+FILES = 20000
 PRINTED = 50000000
 
 LONE = (
@@ -812,12 +830,15 @@ RESULTS = {
     "plant": on_result("rows.csv", "write", "truncate", "unlink", "chmod"),
 }
 # What it does to its own end of what it shares is its own loss, and must not be more.
+def inside(label, function, stage):
+    return Lone(label, function, stage, at=HALF_WAY, may_end=True, believed=True, own_values=True)
+
+
 INSIDE = (
-    Lone("writes into all descriptors", "write_descriptors", spoilt(), at=HALF_WAY, may_end=True, believed=True),
-    Lone("closes all descriptors but the log", "close_descriptors", spoilt(3), at=HALF_WAY, may_end=True, believed=True),
-    Lone("closes all descriptors", "close_descriptors", spoilt(0), at=HALF_WAY, may_end=True, believed=True),
-    *(Lone(f"scribbles over shared memory, seed {seed}", "scribble_over_shared", told(seed), at=HALF_WAY, may_end=True, believed=True)
-      for seed in range(1, 6)),
+    inside("writes into all descriptors", "write_descriptors", spoilt()),
+    inside("closes all descriptors but the log", "close_descriptors", spoilt(3)),
+    inside("closes all descriptors", "close_descriptors", spoilt(0)),
+    *(inside(f"scribbles over shared memory, seed {seed}", "scribble_over_shared", told(seed)) for seed in range(1, 6)),
 )
 
 

@@ -104,20 +104,26 @@ static void scribble(uint8_t *bytes, size_t size, uint32_t *state) {
     }
 }
 
-/* Whatever is open and can be shared. Gives how many there were. */
+/* Whatever is open, as it is and opened anew: what was given to be read may let itself be opened for more. Gives how many could be shared. */
 static size_t scribble_over_descriptors(uint32_t *state) {
     size_t found = 0;
     for (int i = 0; i < 256; i++) {
+        char path[64];
         struct stat about;
+        (void)snprintf(path, sizeof path, "/proc/self/fd/%d", i);
         if (fstat(i, &about) != 0 || !S_ISREG(about.st_mode) || about.st_size == 0) {
             continue;
         }
-        void *shared = mmap(NULL, (size_t)about.st_size, PROT_READ | PROT_WRITE, MAP_SHARED, i, 0);
-        if (shared != MAP_FAILED) {
-            scribble(shared, (size_t)about.st_size, state);
-            (void)munmap(shared, (size_t)about.st_size);
-            found++;
+        const int ways[] = {i, open(path, O_RDWR | O_CLOEXEC)};
+        for (size_t way = 0; way < sizeof ways / sizeof *ways; way++) {
+            void *shared = mmap(NULL, (size_t)about.st_size, PROT_READ | PROT_WRITE, MAP_SHARED, ways[way], 0);
+            if (shared != MAP_FAILED) {
+                scribble(shared, (size_t)about.st_size, state);
+                (void)munmap(shared, (size_t)about.st_size);
+                found++;
+            }
         }
+        (void)close(ways[1]);
     }
     return found;
 }
