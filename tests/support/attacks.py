@@ -51,6 +51,15 @@ def as_root(ground):
     return ground.user == 0
 
 
+def attributes(ground):
+    """Whether the file system keeps attributes of users."""
+    try:
+        os.setxattr(ground.folder, "user.test", b"")
+    except OSError:
+        return False
+    return True
+
+
 # ---- where it takes place ----
 
 def users():
@@ -78,6 +87,13 @@ def open_to_all(path):
         if "twinlock-test-" not in str(folder):
             break
         folder.chmod(0o711)
+
+
+@functools.cache
+def attacker():
+    """The FMU without orders: that of TL_ATTACKER, else made here."""
+    made = os.environ.get("TL_ATTACKER", "")
+    return Path(made) if os.path.exists(made) else hostile_fmu.make("attack")
 
 
 class Ground:
@@ -135,7 +151,7 @@ class Ground:
     def config(self, changes=None):
         self.home.joinpath("attack.txt").write_text("\n".join(self.orders) + "\n", encoding="utf-8")
         fmu = self.home / "attack.fmu"
-        shutil.copy(hostile_fmu.make("attack"), fmu)
+        shutil.copy(attacker(), fmu)
         with zipfile.ZipFile(fmu, "a") as archive:
             archive.write(self.home / "attack.txt", "resources/attack.txt")
         recording = self.home / "recording.csv"
@@ -655,9 +671,9 @@ ATTACKS = (
     Attack("utimes", "utimes_file", changed_file, ("utimes", "utimensat", "utimensat_time64")),
     Attack("futimens", "futimens_file", changed_file),
     Attack("futimens of what it may read", "futimens_file", told("resources"), ("utimensat", "utimensat_time64")),
-    Attack("setxattr", "setxattr_file", changed_file, ("setxattr",)),
-    Attack("fsetxattr", "fsetxattr_file", changed_file),
-    Attack("fsetxattr of what it may read", "fsetxattr_file", told("resources"), ("fsetxattr",)),
+    Attack("setxattr", "setxattr_file", changed_file, ("setxattr",), attributes),
+    Attack("fsetxattr", "fsetxattr_file", changed_file, (), attributes),
+    Attack("fsetxattr of what it may read", "fsetxattr_file", told("resources"), ("fsetxattr",), attributes),
     Attack("rename", "rename_file", changed_file),
     Attack("rename over", "rename_over", changed_file),
     Attack("unlink", "unlink_file", changed_file),
@@ -821,7 +837,7 @@ WRITES = ("write", "append", "link", "symlink")  # what is still open mends itse
 
 
 def on_result(name, *labels):
-    return tuple(Lone(f"{label} of {name}", ON_RESULTS[label][0], result(name), ON_RESULTS[label][1],
+    return tuple(Lone(f"{label} of {name}", ON_RESULTS[label][0], result(name), ON_RESULTS[label][1], attributes if label == "setxattr" else None,
                       at="fmi2FreeInstance" if label in WRITES or name != "run.db" else HALF_WAY) for label in labels)
 
 
