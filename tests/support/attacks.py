@@ -535,6 +535,12 @@ def secret_in(name, folder="others"):
     return stage
 
 
+def connections(ground):
+    """A socket that listens, as /proc tells it."""
+    listener = listening(ground, socket.AF_INET, socket.SOCK_STREAM, ("127.0.0.1", 0))
+    return ("/proc/self/net/tcp",), lambda: f"0100007F:{listener.getsockname()[1]:04X}" in ground.log
+
+
 def names_in(folder):
     def stage(ground):
         word = secrets.token_hex(16)
@@ -682,6 +688,7 @@ ATTACKS = (
     Attack("mkdir", "make_folder", new_file),
     Attack("private key", "read_file", secret_in("key.pem")),
     Attack("file beside the configuration", "read_file", secret_in("password.txt", "home")),
+    Attack("the machine's connections", "read_file", connections),
     Attack("names in a folder", "list_folder", names_in("others")),
 
     Attack("process_vm_writev", "write_by_call", written_memory(b"attack"), ("process_vm_writev",)),
@@ -784,6 +791,7 @@ LONE = (
     Lone("x32", "call_x32", new_file, (), never, may_end=True),
     Lone("fork bomb", "processes", left_processes(50), NEW_PROCESS),
     Lone("many threads", "threads", told(1000), may_end=True, believed=True),
+    Lone("many timers", "timers", told(20000), may_end=True),
     Lone("many descriptors", "many_descriptors", told(900), may_end=True, believed=True),
 )
 BOMBS = (
@@ -791,6 +799,8 @@ BOMBS = (
     Lone("heap", "heap_memory", taken(BOMB_MEBIBYTES), may_end=True),
     Lone("stack", "stack_memory", taken(BOMB_MEBIBYTES), may_end=True),
     Lone("file in memory", "file_memory", told(BOMB_MEBIBYTES), may_end=True),
+    Lone("page tables", "page_tables", told(BOMB_MEBIBYTES), may_end=True),
+    Lone("bytes in removed files", "fill_removed", told(DISK_MEBIBYTES), may_end=True),
     Lone("bytes in TMPDIR", "fill_disk", filled(DISK_MEBIBYTES), may_end=True),
     Lone("reserved bytes in TMPDIR", "reserve_disk", filled(DISK_MEBIBYTES), may_end=True),
     Lone("reserved bytes in its folder", "reserve_disk", filled(DISK_MEBIBYTES, "."), may_end=True),

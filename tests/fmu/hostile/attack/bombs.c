@@ -12,6 +12,7 @@
 #include <sys/prctl.h>
 #include <sys/shm.h>
 #include <sys/wait.h>
+#include <time.h>
 #include <unistd.h>
 
 #include "tests/fmu/hostile/attack/attack.h"
@@ -116,6 +117,35 @@ static int heap_memory(char *const words[]) {
     return 0;
 }
 
+/* MEBIBYTES of page tables: one page for each 2 MiB that are looked at, of memory that is never written and so is nobody's data. */
+static int page_tables(char *const words[]) {
+    const size_t pages = number(words[0]) * (MEBI / 4096);
+    const size_t piece = (size_t)64 * 1024 * MEBI;
+    const size_t each = piece / (2 * MEBI);
+    for (size_t made = 0; made < pages; made += each) {
+        volatile char *at = mmap(NULL, piece, PROT_READ, MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE, -1, 0);
+        if (at == MAP_FAILED) {
+            return errno;
+        }
+        for (size_t i = 0; i < each; i++) {
+            (void)at[i * 2 * MEBI];
+        }
+    }
+    return 0;
+}
+
+/* COUNT timers, each of which is one of the signals that all processes of a user may have waiting. */
+static int timers(char *const words[]) {
+    struct sigevent event = {.sigev_notify = SIGEV_SIGNAL, .sigev_signo = SIGURG};
+    for (size_t made = 0, wanted = number(words[0]); made < wanted; made++) {
+        timer_t timer;
+        if (timer_create(CLOCK_MONOTONIC, &event, &timer) != 0) {
+            return errno;
+        }
+    }
+    return 0;
+}
+
 static int fill(int file, size_t mebibytes) {
     static char bytes[8 * MEBI];
     memset(bytes, 1, sizeof bytes);
@@ -196,6 +226,25 @@ static int reserve_disk(char *const words[]) {
     return error;
 }
 
+/* MEBIBYTES in files that have no name any more, 32 each. */
+static int fill_removed(char *const words[]) {
+    for (size_t written = 0, wanted = number(words[0]); written < wanted; written += 32) {
+        int file = create_in("", "attack.removed");
+        if (file < 0) {
+            return errno;
+        }
+        const char *temporary = getenv("TMPDIR");
+        char path[4096];
+        (void)snprintf(path, sizeof path, "%s/attack.removed", temporary != NULL ? temporary : "/tmp");
+        (void)unlink(path);
+        int error = fill(file, 32);
+        if (error != 0) {
+            return error;
+        }
+    }
+    return 0;
+}
+
 /* COUNT [FOLDER] */
 static int many_files(char *const words[]) {
     char name[32];
@@ -252,6 +301,9 @@ const attack attack_bombs[] = {{"processes", processes},
                                {"shared_memory", shared_memory},
                                {"heap_memory", heap_memory},
                                {"file_memory", file_memory},
+                               {"page_tables", page_tables},
+                               {"timers", timers},
+                               {"fill_removed", fill_removed},
                                {"system_v_memory", system_v_memory},
                                {"stack_memory", stack_memory},
                                {"fill_disk", fill_disk},
