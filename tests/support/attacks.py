@@ -39,7 +39,7 @@ NEW_PROCESS = ("clone", "clone3", "fork", "vfork")
 
 class Attack:
     def __init__(self, label, function, stage, calls=(), only=None):
-        """`only`: a text if it can only succeed unconfined where a function says so: root, a kernel's option."""
+        """`only`: whether it can succeed at all, unconfined, on a Ground: for root, with an option of the kernel's."""
         self.label, self.function, self.stage, self.calls, self.only = label, function, stage, calls, only or always
 
 
@@ -58,6 +58,11 @@ def attributes(ground):
     except OSError:
         return False
     return True
+
+
+def has_no_process(_):
+    """A program without a process for FMUs leaves them its own terminal, and the room in its TMPDIR. Else they have not, unconfined too."""
+    return not CONFINES
 
 
 # ---- where it takes place ----
@@ -260,10 +265,17 @@ class Ground:
                 pass
         return marked
 
-    def on_terminal(self, *options, timeout=60):
-        """The same on a terminal of its own, which it controls: what came to the screen is in `screen`, what was typed in `typed`."""
+    @functools.cache
+    def terminal(self):
+        """Both ends of the terminal that it may be started from."""
         master, slave = os.openpty()
         os.chown(os.ttyname(slave), self.user, self.user)
+        self.kept.append(lambda: (os.close(slave), os.close(master)))
+        return master, slave
+
+    def on_terminal(self, *options, timeout=60):
+        """The same on a terminal of its own, which it controls: what came to the screen is in `screen`, what was typed in `typed`."""
+        master, slave = self.terminal()
         process = subprocess.Popen(self.command(*options), env=self.environment(), cwd=self.home, stdin=slave, stdout=slave, stderr=slave,
                                    start_new_session=True, preexec_fn=lambda: fcntl.ioctl(0, termios.TIOCSCTTY, 0))
         screen = bytearray()
@@ -278,8 +290,6 @@ class Ground:
             time.sleep(0.005)
         self.typed, self.screen = readable(slave), bytes(screen)
         self.code, self.out, self.log = process.returncode, "", screen.decode("utf-8", "backslashreplace").replace("\r\n", "\n")
-        os.close(slave)
-        os.close(master)
         return self
 
     def left_files(self):
@@ -730,7 +740,7 @@ class Lone(Attack):
 
 
 def killed_parent(ground):
-    return ("parent", int(signal.SIGKILL)), lambda: ground.code == -signal.SIGKILL
+    return ("parent", int(signal.SIGKILL)), lambda: ground.code in (-signal.SIGKILL, 128 + signal.SIGKILL)
 
 
 def killed_victim(ground):
@@ -752,6 +762,13 @@ def enough_memory(mebibytes):
     return int(re.search(r"MemAvailable: +(\d+) kB", text)[1]) >> 10 > 2 * mebibytes
 
 
+def may_have(mebibytes):
+    """Whether so much is less than FMUs are granted, three quarters of the machine's memory: then a bomb of this size is none, and one that is
+    would be felt by everybody else."""
+    text = Path("/proc/meminfo").read_text(encoding="utf-8")
+    return int(re.search(r"MemTotal: +(\d+) kB", text)[1]) * 3 // 4 >> 10 > mebibytes
+
+
 def filled(mebibytes, *folder):
     def stage(ground):
         def reached():
@@ -771,7 +788,7 @@ def printed(count):
     return lambda ground: ((count,), lambda: sum((ground.folder / name).stat().st_size for name in ("out", "log")) >= count)
 
 
-BOMB_MEBIBYTES = 2048  # more than a process with FMUs may have
+BOMB_MEBIBYTES = 2048
 DISK_MEBIBYTES = 1024
 FILES = 20000
 PRINTED = 50000000
@@ -796,13 +813,13 @@ LONE = (
 )
 BOMBS = (
     Lone("shared memory", "shared_memory", taken(BOMB_MEBIBYTES), may_end=True),
-    Lone("heap", "heap_memory", taken(BOMB_MEBIBYTES), may_end=True),
-    Lone("stack", "stack_memory", taken(BOMB_MEBIBYTES), may_end=True),
+    Lone("heap", "heap_memory", taken(BOMB_MEBIBYTES), may_end=True, believed=may_have(BOMB_MEBIBYTES)),
+    Lone("stack", "stack_memory", taken(BOMB_MEBIBYTES), may_end=True, believed=may_have(BOMB_MEBIBYTES)),
     Lone("file in memory", "file_memory", told(BOMB_MEBIBYTES), may_end=True),
     Lone("page tables", "page_tables", told(BOMB_MEBIBYTES), may_end=True),
     Lone("bytes in removed files", "fill_removed", told(DISK_MEBIBYTES), may_end=True),
-    Lone("bytes in TMPDIR", "fill_disk", filled(DISK_MEBIBYTES), may_end=True),
-    Lone("reserved bytes in TMPDIR", "reserve_disk", filled(DISK_MEBIBYTES), may_end=True),
+    Lone("bytes in its folder", "fill_disk", filled(DISK_MEBIBYTES, "."), may_end=True),
+    Lone("reserved bytes in TMPDIR", "reserve_disk", filled(DISK_MEBIBYTES), (), has_no_process, may_end=True),
     Lone("reserved bytes in its folder", "reserve_disk", filled(DISK_MEBIBYTES, "."), may_end=True),
     Lone("files in its folder", "many_files", many_files(FILES, "."), may_end=True),
 )
@@ -823,11 +840,6 @@ def result(name):
     return stage
 
 
-def spoilt(*words):
-    """Any of the results."""
-    return lambda ground: (words, lambda: ground.rows() != untouched(ground.user, ground.verb))
-
-
 @functools.cache
 def untouched(user, verb):
     """The results of a run in which nobody is attacked."""
@@ -838,60 +850,75 @@ def untouched(user, verb):
 
 HALF_WAY = "fmi2DoStep:50"
 ON_RESULTS = {
-    "write": ("write_file", ()), "append": ("append_file", ()), "truncate": ("truncate_file", ()),
+    "truncate": ("truncate_file", ()),
     "O_TRUNC, read-only": ("open_truncating", ()), "chmod": ("chmod_file", ("chmod", "fchmodat")), "fchmod": ("fchmod_file", ()),
     "setxattr": ("setxattr_file", ("setxattr",)), "rename": ("rename_file", ()), "rename over": ("rename_over", ()),
-    "unlink": ("unlink_file", ()), "link": ("link_file", ()), "symlink": ("symlink_file", ()),
+    "unlink": ("unlink_file", ()),
+    "write": ("write_file", ()),
 }
-WRITES = ("write", "append", "link", "symlink")  # what is still open mends itself: what the run writes later lies above it
-
-
-def on_result(name, *labels):
-    return tuple(Lone(f"{label} of {name}", ON_RESULTS[label][0], result(name), ON_RESULTS[label][1], attributes if label == "setxattr" else None,
-                      at="fmi2FreeInstance" if label in WRITES or name != "run.db" else HALF_WAY) for label in labels)
+ON_DATABASE = tuple(label for label in ON_RESULTS if label != "write")  # which lies there no longer when SQLite has written its own
+def on_result(name, at, *labels):
+    return tuple(Lone(f"{label} of {name}", ON_RESULTS[label][0], result(name), ON_RESULTS[label][1],
+                      attributes if label == "setxattr" else None, at=at) for label in labels)
 
 
 RESULTS = {
-    "replay": (*on_result("run.db", *ON_RESULTS), *on_result("rows.csv", "write", "truncate", "unlink")),
-    "plant": on_result("rows.csv", "write", "truncate", "unlink", "chmod"),
+    "replay": (*on_result("run.db", HALF_WAY, *ON_DATABASE), *on_result("rows.csv", "fmi2FreeInstance", "write", "truncate", "unlink")),
+    "plant": on_result("rows.csv", "fmi2FreeInstance", "write", "truncate", "unlink", "chmod"),
 }
+
+
 # What it does to its own end of what it shares is its own loss, and must not be more.
 def inside(label, function, stage):
     return Lone(label, function, stage, at=HALF_WAY, may_end=True, believed=True, own_values=True)
 
 
 INSIDE = (
-    inside("writes into all descriptors", "write_descriptors", spoilt()),
-    inside("closes all descriptors but the log", "close_descriptors", spoilt(3)),
-    inside("closes all descriptors", "close_descriptors", spoilt(0)),
+    inside("writes into all descriptors", "write_descriptors", told()),
+    inside("closes all descriptors but the log", "close_descriptors", told(3)),
+    inside("closes all descriptors", "close_descriptors", told(0)),
     *(inside(f"scribbles over shared memory, seed {seed}", "scribble_over_shared", told(seed)) for seed in range(1, 6)),
 )
 
 
 # ---- on the terminal that it was started from ----
 
-def shown(ground):
-    word = secrets.token_hex(8)
-    return (word,), lambda: f"\033]0;{word}".encode() in ground.screen
+def shown(*terminal):
+    def stage(ground):
+        word = secrets.token_hex(8)
+        return (word, *(path(ground) for path in terminal)), lambda: f"\033]0;{word}".encode() in ground.screen
+    return stage
 
 
-def typed(ground):
-    word = secrets.token_hex(8)
-    return (word,), lambda: word.encode() in ground.typed
+def typed(*terminal):
+    def stage(ground):
+        word = secrets.token_hex(8)
+        return (word, *(path(ground) for path in terminal)), lambda: word.encode() in ground.typed
+    return stage
 
 
-def types(ground):
-    """Whether the kernel still lets everybody type on a terminal."""
+def by_path(ground):
+    return os.ttyname(ground.terminal()[1])
+
+
+def by_name(_):
+    return "/dev/tty"
+
+
+def types_for_all(ground):
+    """Whether the kernel still lets everybody type on his own terminal; that of another session is root's to type on."""
     setting = Path("/proc/sys/dev/tty/legacy_tiocsti")
-    return ground.user == 0 or not setting.exists() or setting.read_text(encoding="utf-8").strip() != "0"
+    return has_no_process(ground) and (not setting.exists() or setting.read_text(encoding="utf-8").strip() != "0")
 
 
 ON_TERMINAL = (
-    Attack("escapes by printing", "print_escapes", shown),
-    Attack("escapes by the FMI logger", "log_escapes", shown),
-    Attack("escapes by /dev/tty", "print_to_terminal", shown),
-    Attack("typing by /dev/tty", "type_text", typed, (), types),
-    Attack("typing by a descriptor", "type_by_descriptor", typed, (), types),
+    Attack("escapes by printing", "print_escapes", shown(), (), has_no_process),
+    Attack("escapes by the FMI logger", "log_escapes", shown(), (), never),
+    Attack("escapes by /dev/tty", "print_to_terminal", shown(by_name), (), has_no_process),
+    Attack("escapes by the terminal's path", "print_to_terminal", shown(by_path)),
+    Attack("typing by /dev/tty", "type_text", typed(by_name), (), types_for_all),
+    Attack("typing by the terminal's path", "type_text", typed(by_path), (), as_root),
+    Attack("typing by a descriptor", "type_by_descriptor", typed(), (), types_for_all),
 )
 ERASE_LINE = b"\033[K"  # what the program itself sends, besides newlines
 # ESC, BEL, backspace and the other control characters that a terminal obeys; C1 as UTF-8 and as bytes.

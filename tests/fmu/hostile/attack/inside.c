@@ -38,9 +38,9 @@ static int log_escapes(char *const words[]) {
     return 0;
 }
 
-/* TEXT, as if it had been typed. */
+/* TEXT TERMINAL: as if it had been typed. */
 static int type_text(char *const words[]) {
-    int terminal = open("/dev/tty", O_RDWR | O_CLOEXEC);
+    int terminal = open(words[1], O_RDWR | O_CLOEXEC | O_NOCTTY);
     int error = terminal < 0 ? errno : 0;
     for (const char *at = words[0]; error == 0 && *at != '\0'; at++) {
         error = attack_errno(ioctl(terminal, TIOCSTI, at));
@@ -64,8 +64,9 @@ static int type_by_descriptor(char *const words[]) {
     return ENOTTY;
 }
 
+/* WORD TERMINAL */
 static int print_to_terminal(char *const words[]) {
-    return attack_open("/dev/tty", O_WRONLY, escapes(words[0]));
+    return attack_open(words[1], O_WRONLY, escapes(words[0]));
 }
 
 /* Everything that is open, but what it speaks by: moved, written to, cut. Succeeds if one of them let itself be written. */
