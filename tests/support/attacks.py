@@ -857,6 +857,8 @@ ON_RESULTS = {
     "write": ("write_file", ()),
 }
 ON_DATABASE = tuple(label for label in ON_RESULTS if label != "write")  # which lies there no longer when SQLite has written its own
+
+
 def on_result(name, at, *labels):
     return tuple(Lone(f"{label} of {name}", ON_RESULTS[label][0], result(name), ON_RESULTS[label][1],
                       attributes if label == "setxattr" else None, at=at) for label in labels)
