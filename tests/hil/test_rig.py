@@ -3,6 +3,7 @@
 its watchdog bites, and script/rig tells how a box came to its end that came to none."""
 import functools
 import os
+import shutil
 import signal
 import subprocess
 import time
@@ -10,6 +11,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import box
+import hostile_fmu
 import twinlock_test
 from twinlock_test import BUILD, SOURCE, Failure, Skip, expect
 
@@ -48,6 +50,7 @@ def test_on_the_box():
     results.mkdir(exist_ok=True)
     figures = twinlock_test.run_well(["replay", twinlock_test.config_path("motor/lock.json"), "--json"])
     (results / "lock.json").write_text(figures, encoding="utf-8")
+    shutil.copy(hostile_fmu.make("attack"), results / "attack.fmu")
     tests = sorted(path.name for path in (SOURCE / BOX_TESTS).glob("test_*.py"))
     expect(set(FIRST_BOX) < set(tests), f"{FIRST_BOX} are not all in {BOX_TESTS}")
     boxes = [[f"{BOX_TESTS}/{name}" for name in tests if (name in FIRST_BOX) is first] for first in (True, False)]

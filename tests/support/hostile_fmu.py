@@ -26,7 +26,7 @@ def _run(*command):
     expect(done.returncode == 0, f"{' '.join(map(str, command))}\n{done.stdout}")
 
 
-FLAGS = ("-std=gnu99", "-O1", "-g0", "-fPIC", "-fvisibility=hidden", "-I", SOURCE, "-isystem", SOURCE / ".deps" / "fmi2")
+FLAGS = ("-std=gnu99", "-D_GNU_SOURCE", "-O1", "-g0", "-fPIC", "-fvisibility=hidden", "-I", SOURCE, "-isystem", SOURCE / ".deps" / "fmi2")
 COMPILER = os.environ.get("CC", "cc")
 
 
@@ -43,12 +43,13 @@ def _good():
 
 @functools.cache
 def make(name, **macros):
-    """The path of an FMU with the behaviour `name`: tests/fmu/hostile/NAME.c. A macro's text is a C text where its value is a str that
+    """The path of an FMU with the behaviour `name`: tests/fmu/hostile/NAME.c, or all sources of the folder NAME. A macro's text is a C text where its value is a str that
     is no statement (which ends with ";"), its value else; True: only defined."""
     folder = scratch()
     defined = [f"-D{macro}={_text(value)}" for macro, value in macros.items()]
     binary = folder / "lag.so"
-    _run(COMPILER, *FLAGS, *defined, "-shared", "-pthread", "-o", binary, FOLDER / f"{name}.c", FOLDER / "frame.c", *_good(), "-lm")
+    sources = sorted((FOLDER / name).glob("*.c")) or [FOLDER / f"{name}.c"]
+    _run(COMPILER, *FLAGS, *defined, "-shared", "-pthread", "-o", binary, *sources, FOLDER / "frame.c", *_good(), "-lm")
     fmu = folder / f"{name}.fmu"
     _run(sys.executable, COMMON / "package.py", fmu, f"modelDescription.xml={DESCRIPTION}",
          f"binaries/{PLATFORMS[os.uname().machine]}/lag.so={binary}")

@@ -21,12 +21,15 @@ fmi2SerializeFMUstateTYPE inner_serialize;
 fmi2DeSerializeFMUstateTYPE inner_deserialize;
 fmi2DoStepTYPE inner_do_step;
 
+const fmi2CallbackFunctions *hostile_callbacks;
+
 __attribute__((constructor)) static void load(void) {
     (void)hostile_before("load");
 }
 
 fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, fmi2String resources,
                               const fmi2CallbackFunctions *functions, fmi2Boolean visible, fmi2Boolean logging) {
+    hostile_callbacks = functions;
     return hostile_before("fmi2Instantiate")
                ? inner_instantiate(name, type, guid, resources, functions, visible, logging)
                : NULL;

@@ -1,0 +1,315 @@
+/* Takes more than its share: processes, threads, memory, disk, and the reader's patience. All with bounds of their own. */
+#include <errno.h>
+#include <fcntl.h>
+#include <pthread.h>
+#include <signal.h>
+#include <stdint.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/ipc.h>
+#include <sys/mman.h>
+#include <sys/prctl.h>
+#include <sys/shm.h>
+#include <sys/wait.h>
+#include <time.h>
+#include <unistd.h>
+
+#include "tests/fmu/hostile/attack/attack.h"
+
+enum { MEBI = 1 << 20, LIFE_S = 20 };
+
+static size_t number(const char *word) {
+    return strtoul(word, NULL, 10);
+}
+
+/* What is left behind has a name by which the test finds it, and does not live long. Nothing of its parent's is kept open. */
+static void linger(void) {
+    (void)prctl(PR_SET_NAME, "attack-left");
+    (void)alarm(LIFE_S);
+    for (int i = 0; i < 1024; i++) {
+        (void)close(i);
+    }
+    for (;;) {
+        (void)pause();
+    }
+}
+
+/* COUNT processes that stay. */
+static int processes(char *const words[]) {
+    size_t wanted = number(words[0]);
+    for (size_t made = 0; made < wanted; made++) {
+        pid_t child = fork();
+        if (child == 0) {
+            linger();
+        }
+        if (child < 0) {
+            return errno;
+        }
+    }
+    attack_pause(100);
+    return 0;
+}
+
+/* One that no longer has anything to do with who began it. */
+static int daemon_process(char *const words[]) {
+    int status = 0;
+    (void)words;
+    pid_t child = fork();
+    if (child == 0) {
+        (void)setsid();
+        pid_t second = fork();
+        if (second == 0) {
+            linger();
+        }
+        _exit(second < 0);
+    }
+    if (child < 0 || waitpid(child, &status, 0) != child) {
+        return errno;
+    }
+    attack_pause(100);
+    return status == 0 ? 0 : EAGAIN;
+}
+
+static void *wait_in_thread(void *unused) {
+    attack_pause(LIFE_S * 1000);
+    return unused;
+}
+
+/* COUNT threads that stay. */
+static int threads(char *const words[]) {
+    pthread_attr_t attributes;
+    int error = 0;
+    (void)pthread_attr_init(&attributes);
+    (void)pthread_attr_setstacksize(&attributes, 65536);
+    (void)pthread_attr_setdetachstate(&attributes, PTHREAD_CREATE_DETACHED);
+    for (size_t made = 0, wanted = number(words[0]); made < wanted && error == 0; made++) {
+        pthread_t thread;
+        error = pthread_create(&thread, &attributes, wait_in_thread, NULL);
+    }
+    (void)pthread_attr_destroy(&attributes);
+    return error;
+}
+
+/* MEBIBYTES, a piece at a time; the bytes are really there. */
+static int shared_memory(char *const words[]) {
+    enum { PIECE = 64 };
+    for (size_t taken = 0, wanted = number(words[0]); taken < wanted; taken += PIECE) {
+        char *piece = mmap(NULL, (size_t)PIECE * MEBI, PROT_READ | PROT_WRITE, MAP_SHARED | MAP_ANONYMOUS, -1, 0);
+        if (piece == MAP_FAILED) {
+            return errno;
+        }
+        for (size_t i = 0; i < (size_t)PIECE * MEBI; i += 4096) {
+            ((volatile char *)piece)[i] = 1;
+        }
+    }
+    return 0;
+}
+
+static int heap_memory(char *const words[]) {
+    for (size_t taken = 0, wanted = number(words[0]); taken < wanted; taken++) {
+        char *piece = malloc(MEBI);
+        if (piece == NULL) {
+            return ENOMEM;
+        }
+        memset(piece, 1, MEBI);
+    }
+    return 0;
+}
+
+/* MEBIBYTES of page tables: one page for each 2 MiB that are looked at, of memory that is never written and so is nobody's data. */
+static int page_tables(char *const words[]) {
+    const size_t pages = number(words[0]) * (MEBI / 4096);
+    const size_t piece = (size_t)64 * 1024 * MEBI;
+    const size_t each = piece / (2 * MEBI);
+    for (size_t made = 0; made < pages; made += each) {
+        volatile char *at = mmap(NULL, piece, PROT_READ, MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE, -1, 0);
+        if (at == MAP_FAILED) {
+            return errno;
+        }
+        for (size_t i = 0; i < each; i++) {
+            (void)at[i * 2 * MEBI];
+        }
+    }
+    return 0;
+}
+
+/* COUNT timers, each of which is one of the signals that all processes of a user may have waiting. */
+static int timers(char *const words[]) {
+    struct sigevent event = {.sigev_notify = SIGEV_SIGNAL, .sigev_signo = SIGURG};
+    for (size_t made = 0, wanted = number(words[0]); made < wanted; made++) {
+        timer_t timer;
+        if (timer_create(CLOCK_MONOTONIC, &event, &timer) != 0) {
+            return errno;
+        }
+    }
+    return 0;
+}
+
+static int fill(int file, size_t mebibytes) {
+    static char bytes[8 * MEBI];
+    memset(bytes, 1, sizeof bytes);
+    for (size_t written = 0; written < mebibytes; written += sizeof bytes / MEBI) {
+        ssize_t size = write(file, bytes, sizeof bytes);
+        if (size != (ssize_t)sizeof bytes) {
+            return size < 0 ? errno : ENOSPC;
+        }
+    }
+    return 0;
+}
+
+/* A file in memory is nobody's memory. */
+static int file_memory(char *const words[]) {
+    int memory = memfd_create("attack", MFD_CLOEXEC);
+    if (memory < 0) {
+        return errno;
+    }
+    int error = fill(memory, number(words[0]));
+    (void)close(memory);
+    return error;
+}
+
+/* Memory that outlives who made it: KEY. */
+static int system_v_memory(char *const words[]) {
+    return attack_errno(shmget((key_t)number(words[0]), 4096, IPC_CREAT | 0600));
+}
+
+static void *use_stack(void *mebibytes) {
+    size_t size = (size_t)(uintptr_t)mebibytes * MEBI;
+    volatile char *top = __builtin_frame_address(0);
+    for (size_t i = 65536; i < size - 65536; i += 4096) {
+        *(top - i) = 1;
+    }
+    return NULL;
+}
+
+/* A thread with a stack of so many MEBIBYTES, used. */
+static int stack_memory(char *const words[]) {
+    pthread_attr_t attributes;
+    pthread_t thread;
+    size_t mebibytes = number(words[0]);
+    (void)pthread_attr_init(&attributes);
+    int error = pthread_attr_setstacksize(&attributes, mebibytes * MEBI);
+    error = error != 0 ? error : pthread_create(&thread, &attributes, use_stack, (void *)(uintptr_t)mebibytes);
+    (void)pthread_attr_destroy(&attributes);
+    return error != 0 ? error : pthread_join(thread, NULL);
+}
+
+/* Where a file named `name` in `folder` is, if that is not "": else in $TMPDIR. */
+static int create_in(const char *folder, const char *name) {
+    char path[4096];
+    const char *temporary = getenv("TMPDIR");
+    const char *chosen = folder[0] != '\0' ? folder : temporary != NULL ? temporary : "/tmp";
+    (void)snprintf(path, sizeof path, "%s/%s", chosen, name);
+    return open(path, O_RDWR | O_CREAT | O_CLOEXEC, 0600);
+}
+
+/* MEBIBYTES [FOLDER] */
+static int fill_disk(char *const words[]) {
+    int file = create_in(words[1], "attack.fill");
+    if (file < 0) {
+        return errno;
+    }
+    int error = fill(file, number(words[0]));
+    (void)close(file);
+    return error;
+}
+
+/* Takes the room without writing. */
+static int reserve_disk(char *const words[]) {
+    int file = create_in(words[1], "attack.reserve");
+    if (file < 0) {
+        return errno;
+    }
+    int error = attack_errno(fallocate(file, 0, 0, (off_t)number(words[0]) * MEBI));
+    (void)close(file);
+    return error;
+}
+
+/* MEBIBYTES in files that have no name any more, 32 each. */
+static int fill_removed(char *const words[]) {
+    for (size_t written = 0, wanted = number(words[0]); written < wanted; written += 32) {
+        int file = create_in("", "attack.removed");
+        if (file < 0) {
+            return errno;
+        }
+        const char *temporary = getenv("TMPDIR");
+        char path[4096];
+        (void)snprintf(path, sizeof path, "%s/attack.removed", temporary != NULL ? temporary : "/tmp");
+        (void)unlink(path);
+        int error = fill(file, 32);
+        if (error != 0) {
+            return error;
+        }
+    }
+    return 0;
+}
+
+/* COUNT [FOLDER] */
+static int many_files(char *const words[]) {
+    char name[32];
+    for (size_t made = 0, wanted = number(words[0]); made < wanted; made++) {
+        (void)snprintf(name, sizeof name, "attack.%zu", made);
+        int file = create_in(words[1], name);
+        if (file < 0) {
+            return errno;
+        }
+        (void)close(file);
+    }
+    return 0;
+}
+
+/* COUNT descriptors that stay open. */
+static int many_descriptors(char *const words[]) {
+    for (size_t made = 0, wanted = number(words[0]); made < wanted; made++) {
+        if (fcntl(STDERR_FILENO, F_DUPFD_CLOEXEC, 64) < 0) {
+            return errno;
+        }
+    }
+    return 0;
+}
+
+/* BYTES on the standard output, with newlines. */
+static int flood_output(char *const words[]) {
+    static char line[65536];
+    memset(line, 'f', sizeof line);
+    for (size_t i = 99; i < sizeof line; i += 100) {
+        line[i] = '\n';
+    }
+    for (size_t written = 0, wanted = number(words[0]); written < wanted;) {
+        ssize_t size = write(STDOUT_FILENO, line, sizeof line);
+        if (size <= 0) {
+            return size < 0 ? errno : EIO;
+        }
+        written += (size_t)size;
+    }
+    return 0;
+}
+
+static int output_without_newline(char *const words[]) {
+    for (size_t written = 0, wanted = number(words[0]); written < wanted; written++) {
+        if (putchar('n') == EOF) {
+            return errno;
+        }
+    }
+    return fflush(stdout) == 0 ? 0 : errno;
+}
+
+const attack attack_bombs[] = {{"processes", processes},
+                               {"daemon_process", daemon_process},
+                               {"threads", threads},
+                               {"shared_memory", shared_memory},
+                               {"heap_memory", heap_memory},
+                               {"file_memory", file_memory},
+                               {"page_tables", page_tables},
+                               {"timers", timers},
+                               {"fill_removed", fill_removed},
+                               {"system_v_memory", system_v_memory},
+                               {"stack_memory", stack_memory},
+                               {"fill_disk", fill_disk},
+                               {"reserve_disk", reserve_disk},
+                               {"many_files", many_files},
+                               {"many_descriptors", many_descriptors},
+                               {"flood_output", flood_output},
+                               {"output_without_newline", output_without_newline},
+                               {NULL, NULL}};

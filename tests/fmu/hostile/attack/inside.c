@@ -1,0 +1,167 @@
+/* What it was given without having asked: descriptors, the terminal, memory that others share with it. */
+#include <errno.h>
+#include <fcntl.h>
+#include <fmi2FunctionTypes.h>
+#include <stdint.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/ioctl.h>
+#include <sys/mman.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include "tests/fmu/hostile/attack/attack.h"
+#include "tests/fmu/hostile/hostile.h"
+
+/* WORD: as the title and for the clipboard, a question that the terminal answers by typing, colours, and the same by the single bytes of C1. */
+static const char *escapes(const char *word) {
+    static char made[512];
+    (void)snprintf(made, sizeof made,
+                   "\033]0;%s\007\033]52;c;YXR0YWNr\007\033[6n\033[31m\302\2332J\2332J\rattacked\b\n", word);
+    return made;
+}
+
+static int print_escapes(char *const words[]) {
+    const char *made = escapes(words[0]);
+    int error = attack_errno(write(STDOUT_FILENO, made, strlen(made)));
+    return error != 0 ? error : attack_errno(write(STDERR_FILENO, made, strlen(made)));
+}
+
+static int log_escapes(char *const words[]) {
+    const fmi2CallbackFunctions *callbacks = hostile_callbacks;
+    if (callbacks == NULL || callbacks->logger == NULL) {
+        return ENOSYS;
+    }
+    callbacks->logger(callbacks->componentEnvironment, "hostile", fmi2Warning, "\033]0;category\007", "%s",
+                      escapes(words[0]));
+    return 0;
+}
+
+/* TEXT TERMINAL: as if it had been typed. */
+static int type_text(char *const words[]) {
+    int terminal = open(words[1], O_RDWR | O_CLOEXEC | O_NOCTTY);
+    int error = terminal < 0 ? errno : 0;
+    for (const char *at = words[0]; error == 0 && *at != '\0'; at++) {
+        error = attack_errno(ioctl(terminal, TIOCSTI, at));
+    }
+    error = error != 0 ? error : attack_errno(ioctl(terminal, TIOCSTI, "\n"));
+    (void)close(terminal);
+    return error;
+}
+
+/* TEXT, by whatever descriptor is a terminal. */
+static int type_by_descriptor(char *const words[]) {
+    for (int i = 0; i < 256; i++) {
+        if (isatty(i) == 1) {
+            int error = 0;
+            for (const char *at = words[0]; error == 0 && *at != '\0'; at++) {
+                error = attack_errno(ioctl(i, TIOCSTI, at));
+            }
+            return error != 0 ? error : attack_errno(ioctl(i, TIOCSTI, "\n"));
+        }
+    }
+    return ENOTTY;
+}
+
+/* WORD TERMINAL */
+static int print_to_terminal(char *const words[]) {
+    return attack_open(words[1], O_WRONLY, escapes(words[0]));
+}
+
+/* Everything that is open, but what it speaks by: moved, written to, cut. Succeeds if one of them let itself be written. */
+static int write_descriptors(char *const words[]) {
+    int error = EBADF;
+    (void)words;
+    for (int i = 3; i < 256; i++) {
+        (void)lseek(i, 0, SEEK_SET);
+        ssize_t size = write(i, "attack", 6);
+        int copy = dup(i);
+        (void)ftruncate(copy, 3);
+        (void)close(copy);
+        error = size > 0 ? 0 : error;
+    }
+    return error;
+}
+
+/* FIRST: this descriptor and all behind it, so that it can still speak or not. */
+static int close_descriptors(char *const words[]) {
+    for (int i = (int)strtol(words[0], NULL, 10); i < 1024; i++) {
+        (void)close(i);
+    }
+    return 0;
+}
+
+static uint32_t random_word(uint32_t *state) {
+    *state ^= *state << 13;
+    *state ^= *state >> 17;
+    *state ^= *state << 5;
+    return *state;
+}
+
+static void scribble(uint8_t *bytes, size_t size, uint32_t *state) {
+    for (size_t i = 0; i < size; i += 1 + random_word(state) % 64) {
+        bytes[i] = (uint8_t)random_word(state);
+    }
+}
+
+/* Whatever is open, as it is and opened anew: what was given to be read may let itself be opened for more. Gives how many could be shared. */
+static size_t scribble_over_descriptors(uint32_t *state) {
+    size_t found = 0;
+    for (int i = 0; i < 256; i++) {
+        char path[64];
+        struct stat about;
+        (void)snprintf(path, sizeof path, "/proc/self/fd/%d", i);
+        if (fstat(i, &about) != 0 || !S_ISREG(about.st_mode) || about.st_size == 0) {
+            continue;
+        }
+        const int ways[] = {i, open(path, O_RDWR | O_CLOEXEC)};
+        for (size_t way = 0; way < sizeof ways / sizeof *ways; way++) {
+            void *shared = mmap(NULL, (size_t)about.st_size, PROT_READ | PROT_WRITE, MAP_SHARED, ways[way], 0);
+            if (shared != MAP_FAILED) {
+                scribble(shared, (size_t)about.st_size, state);
+                (void)munmap(shared, (size_t)about.st_size);
+                found++;
+            }
+        }
+        (void)close(ways[1]);
+    }
+    return found;
+}
+
+static size_t scribble_over_mappings(FILE *maps, uint32_t *state) {
+    size_t found = 0;
+    char line[8192];
+    while (fgets(line, sizeof line, maps) != NULL) {
+        uintptr_t from = 0;
+        uintptr_t to = 0;
+        char mode[5] = "";
+        if (sscanf(line, "%zx-%zx %4s", &from, &to, mode) == 3 && strcmp(mode, "rw-s") == 0) {
+            scribble((uint8_t *)from, to - from, state); /* NOLINT(performance-no-int-to-ptr): as /proc tells */
+            found++;
+        }
+    }
+    return found;
+}
+
+/* SEED: random bytes over all memory that it shares with others. */
+static int scribble_over_shared(char *const words[]) {
+    uint32_t state = (uint32_t)strtoul(words[0], NULL, 10) | 1;
+    FILE *maps = fopen("/proc/self/maps", "re");
+    size_t found = maps != NULL ? scribble_over_mappings(maps, &state) : 0;
+    if (maps != NULL) {
+        (void)fclose(maps);
+    }
+    found += scribble_over_descriptors(&state);
+    return found != 0 ? 0 : ENOENT;
+}
+
+const attack attack_inside[] = {{"print_escapes", print_escapes},
+                                {"log_escapes", log_escapes},
+                                {"type_text", type_text},
+                                {"type_by_descriptor", type_by_descriptor},
+                                {"print_to_terminal", print_to_terminal},
+                                {"write_descriptors", write_descriptors},
+                                {"close_descriptors", close_descriptors},
+                                {"scribble_over_shared", scribble_over_shared},
+                                {NULL, NULL}};

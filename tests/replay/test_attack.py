@@ -1,0 +1,193 @@
+#!/usr/bin/env python3
+"""What FMUs can reach: each attack of tests/support/attacks.py first succeeds in a process that is not confined, and then reaches nothing in
+one that is, in check, replay and plant, as root and as a plain user. What was reached is seen at the other end."""
+import os
+import re
+
+import attacks
+from attacks import ATTACKS, BOMBS, INSIDE, LONE, ON_TERMINAL, PRINTS, RESULTS, Ground, untouched, users
+from twinlock_test import SANITIZER, Skip, expect, main
+
+
+def carried_out(user, where, verb, confined, table=ATTACKS):
+    """A ground after the run in which all attacks of the table were tried, one behind the other."""
+    ground = Ground(user, where, confined, verb)
+    for attack in table:
+        ground.order(attack)
+    return ground.run()
+
+
+def expect_all_reached(ground, table=ATTACKS):
+    expected = [attack for attack in table if attack.only(ground)]
+    missed = [attack.label for attack in expected if not ground.evidence[attack]()]
+    told = ground.reports()
+    expect(not missed, f"{ground}: did not succeed: {', '.join(f'{label} ({told.get(label)})' for label in missed)}\n{ground.said()}")
+    return len(expected)
+
+
+def expect_nothing_reached(ground, table=ATTACKS):
+    told = ground.reports()
+    tried = [attack.label for attack in table if attack.label not in told]
+    expect(not tried, f"{ground}: were not even tried: {', '.join(tried)}\n{ground.said()}")
+    reached = [attack.label for attack in table if ground.evidence[attack]()]
+    expect(not reached, f"{ground}: reached something: {', '.join(reached)}\n{ground.said()}")
+    believed = [attack.label for attack in table if told[attack.label] == "succeeded"]
+    expect(not believed, f"{ground}: were told that they succeeded: {', '.join(believed)}\n{ground.said()}")
+
+
+def expect_refusals_said(ground, table=ATTACKS):
+    said = ground.refusals()
+    expect(len(said) == len(set(said)), f"{ground}: said more than once: {said}\n{ground.said()}")
+    silent = [attack.label for attack in table if attack.calls and not set(attack.calls) & set(said)]
+    expect(not silent, f"{ground}: nothing was said of {', '.join(silent)}; said were {', '.join(said)}\n{ground.said()}")
+
+
+def expect_nothing_left(ground):
+    left = [f"{attacks.comm(pid)} ({pid})" for pid in ground.left()]
+    expect(not left, f"{ground}: has left processes: {', '.join(left)}")
+    expect(not ground.left_files(), f"{ground}: has left files: {ground.left_files()[:5]}")
+
+
+def expect_went_on(ground, rows):
+    expect(ground.code == 0, f"{ground}: ended with {ground.code}\n{ground.said()}")
+    expect(ground.rows() == rows, f"{ground}: other values than without attacks")
+
+
+PLACES = (("load", "replay"), ("fmi2Instantiate", "replay"), ("fmi2DoStep", "replay"), ("fmi2DoStep@thread", "replay"),
+          ("fmi2DoStep", "check"), ("fmi2DoStep", "plant"))
+
+
+def hold_against(table, places, user):
+    for where, verb in places:
+        with carried_out(user, where, verb, False, table) as ground:
+            count = expect_all_reached(ground, table)
+            print(f"    {ground}: {count} of {len(table)} attacks reached what they wanted")
+        if not attacks.CONFINES:
+            continue
+        rows = untouched(user, verb)
+        with carried_out(user, where, verb, True, table) as ground:
+            expect_nothing_reached(ground, table)
+            expect_refusals_said(ground, table)
+            expect_went_on(ground, rows)
+            expect_nothing_left(ground)
+            print(f"    {ground}: none")
+
+
+def test_attacks_by_whoever_this_is():
+    hold_against(ATTACKS, PLACES, users()[0])
+
+
+def test_attacks_by_a_plain_user():
+    if os.geteuid() != 0:
+        raise Skip("only root can become another user")
+    hold_against(ATTACKS, PLACES, users()[1])
+
+
+def alone(attack, user, verb, confined, *options):
+    ground = Ground(user, attack.at or "fmi2DoStep", confined, verb)
+    ground.order(attack)
+    return ground.run(*options)
+
+
+SENTENCE = re.compile(r"^twinlock: error: .*FMU", re.M)
+
+
+def expect_bounded(ground, attack, rows):
+    """Confined: it reached nothing, and either the run went on with the same values, or it ended with 70 and said why."""
+    told = ground.reports().get(attack.label)
+    ended = ground.code == 70 and attack.may_end
+    expect(attack.believed or not ground.evidence[attack](), f"{ground}: {attack.label} reached something\n{ground.said()}")
+    expect(attack.believed or told != "succeeded", f"{ground}: {attack.label} was told that it succeeded\n{ground.said()}")
+    expect(ended or told or attack.own_values, f"{ground}: {attack.label} was not even tried\n{ground.said()}")
+    expect(not ground.faults(), f"{ground}: {attack.label}: {ground.faults()}\n{ground.said()}")
+    if ended:
+        expect(SENTENCE.search(ground.log), f"{ground}: {attack.label} ended it without a sentence\n{ground.said()}")
+    else:
+        expect_went_on(ground, ground.rows() if attack.own_values else rows)
+        expect_refusals_said(ground, (attack,))
+    expect_nothing_left(ground)
+    print(f"    {ground}, {attack.label}: {told}, ended with {ground.code}")
+
+
+def hold_alone(table, places, verb="replay"):
+    """Unconfined once, by whoever this is; confined at all places, (user, verb)."""
+    for attack in table:
+        with alone(attack, users()[0], verb, False) as ground:
+            if attack.only(ground):
+                expect_all_reached(ground, (attack,))
+                print(f"    {attack.label}: {ground.reports().get(attack.label, 'no longer there to tell')}")
+            else:
+                print(f"    {attack.label}: cannot be had here ({ground.reports().get(attack.label)})")
+    for user, verb in places if attacks.CONFINES else ():
+        rows = untouched(user, verb)
+        for attack in table:
+            with alone(attack, user, verb, True) as ground:
+                expect_bounded(ground, attack, rows)
+
+
+def test_those_that_may_end_it():
+    hold_alone(LONE, [(users()[-1], verb) for verb in ("replay", "check", "plant")] + [(user, "replay") for user in users()[:-1]])
+
+
+def test_bombs():
+    if SANITIZER:
+        raise Skip("a sanitizer needs the memory itself")
+    if not attacks.enough_memory(attacks.BOMB_MEBIBYTES):
+        raise Skip(f"needs twice {attacks.BOMB_MEBIBYTES} MiB of free memory")
+    hold_alone(BOMBS, [(user, "replay") for user in users()])
+
+
+def test_what_it_prints():
+    hold_alone(PRINTS, [(user, "replay") for user in users()])
+
+
+def test_what_the_run_writes():
+    for verb, table in RESULTS.items():
+        hold_alone(table, [(user, verb) for user in users()], verb)
+
+
+def test_what_it_was_given():
+    """What an FMU closes or overwrites of its own harms a process that is not confined as well; memory that it shares is there only if it is."""
+    places = [(user, verb) for user in users() for verb in ("replay", "check", "plant")]
+    hold_alone(INSIDE[:1], places, "plant")
+    for attack in INSIDE[1:3]:
+        with alone(attack, users()[0], "plant", False) as ground:
+            print(f"    {attack.label}: {ground.reports().get(attack.label, 'cannot tell any more')}, ended with {ground.code}")
+    for user, verb in places if attacks.CONFINES else ():
+        for attack in INSIDE[1:]:
+            with alone(attack, user, verb, True) as ground:
+                expect_bounded(ground, attack, untouched(user, verb))
+
+
+def test_the_terminal():
+    for user in users():
+        with Ground(user) as ground:
+            for attack in ON_TERMINAL:
+                ground.order(attack)
+            expect_all_reached(ground.on_terminal(), ON_TERMINAL)
+            print(f"    {ground}: {ground.reports()}")
+        for verb in ("replay", "check", "plant") if attacks.CONFINES else ():
+            with Ground(user, "fmi2DoStep", True, verb) as ground:
+                for attack in ON_TERMINAL:
+                    ground.order(attack)
+                ground.on_terminal()
+                obeyed = attacks.OBEYED.search(ground.screen.replace(attacks.ERASE_LINE, b""))
+                expect(not obeyed, f"{ground}: came to the terminal: {obeyed}\n{ground.said()}")
+                expect(not ground.typed, f"{ground}: was typed: {ground.typed}")
+                expect(ground.code == 0, f"{ground}: ended with {ground.code}\n{ground.said()}")
+
+
+def test_refusals_are_events():
+    if not attacks.CONFINES:
+        raise Skip("this program has no --unconfined")
+    with carried_out(users()[0], "fmi2DoStep", "replay", True) as ground:
+        said = [match[0] for match in attacks.REFUSAL.finditer(ground.log)]
+        expect(said and said == ground.events(), f"said {said}, events {ground.events()}")
+
+
+def test_that_it_confines():
+    if not attacks.CONFINES:
+        raise Skip("this program has no --unconfined: only that the attacks succeed was tested")
+
+
+main()
