@@ -1,13 +1,14 @@
 #!/usr/bin/env python3
 """script/studies/foreign: FMUs that PythonFMU makes run by it, and whatever hinders one, or makes its bits others, is told."""
 import json
+import os
 import shutil
 import subprocess
 import sys
 
 import foreign
 from python_fmu import export
-from twinlock_test import PATIENCE, PROGRAM, SOURCE, expect, main, scratch
+from twinlock_test import PATIENCE, PROGRAM, SOURCE, Skip, expect, main, run_well, scratch
 
 SLAVE = """
 import time
@@ -40,7 +41,9 @@ def study(fmus, *options):
         shutil.copy(fmu, folder)
     command = [sys.executable, SOURCE / "script" / "studies" / "foreign.py", "--fmus", folder, "--program", PROGRAM,
                "--steps", "5", "--limit", "60", *options]
-    done = subprocess.run(list(map(str, command)), capture_output=True, text=True, timeout=200 * PATIENCE, check=False)
+    path = os.path.dirname(sys.executable) + ":" + os.environ["PATH"]  # numpy is the tests' own
+    done = subprocess.run(list(map(str, command)), capture_output=True, text=True, timeout=200 * PATIENCE, check=False,
+                          env={**os.environ, "PATH": path})
     return done.returncode, done.stdout, done.stderr
 
 
@@ -126,6 +129,24 @@ def test_one_that_ran_before():
     expect(lines[-1][:4] == ["kept:", "0", "of", "1"], out)
     code, out, _ = study([fmu], "--before", program)
     expect(code == 0 and out.splitlines()[1].split()[2:4] == ["no", "yes"], out)
+
+
+def test_confined_and_unconfined():
+    """The same bits, with numpy's threads and a file of its own for the time being too; what starts a program ends, and the call
+    is named."""
+    if "--unconfined" not in run_well(["replay", "--help"]):
+        raise Skip("this twinlock confines nothing")
+    fmus = [export("plant", "--handle-state"),
+            slave("Numeric", "import numpy; self.y += float(numpy.linalg.solve(numpy.eye(300) + 1, numpy.full(300, self.u))[0])"),
+            slave("Notes", "import tempfile; file = tempfile.TemporaryFile(); self.y += self.u + file.write(b'1')"),
+            slave("Starts", "import subprocess; self.y += self.u + subprocess.run(['true']).returncode")]
+    code, found = found_by(fmus, "--before-options=--unconfined")
+    expect(code == 1, found)
+    for name in ("Plant.fmu", "Numeric.fmu", "Notes.fmu"):
+        expect(found[name]["same_bits"] is True and not found[name]["unsteady"], found[name])
+    before, now = found["Starts.fmu"]["outcomes"].values()
+    expect(before["runs"] and not before["refused"] and not now["runs"], found["Starts.fmu"])
+    expect(any(" in fmi2DoStep" in call for call in now["refused"]), found["Starts.fmu"])
 
 
 def test_nothing_to_run():
