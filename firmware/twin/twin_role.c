@@ -19,6 +19,8 @@
 /* How long it sleeps at most before it looks whether a signal came. */
 static const tl_time LOOK = TL_SECOND / 4;
 
+enum { TOGETHER = 64 };
+
 /* All that this process has. */
 typedef struct role {
     tl_twin_page *print_page;
@@ -32,7 +34,8 @@ typedef struct role {
     tl_recording_tick tick; /* as it came last, */
     tl_twin_result result;  /* and what came of it */
     unsigned char packed[TL_TWIN_PACKED];
-    bool over; /* a step has failed: what is still asked for gets no answer */
+    unsigned unseen; /* results that were sent and not shown */
+    bool over;       /* a step has failed: what is still asked for gets no answer */
 } role;
 
 /* ---- telling ---- */
@@ -41,14 +44,19 @@ static void set_error(role *self, const tl_error *error) {
     (void)snprintf(self->extra->error, sizeof self->extra->error, "%s", error == NULL ? "" : error->text);
 }
 
-/* Waits for room: the other end takes what there is, or is gone, and this process with it. */
+/* Waits for room: the other end takes what there is, or is gone, and this process with it. Results are shown some together; whatever is left is
+ * when this process has nothing to do. */
 static void send_message(role *self, tl_message type, const void *payload) {
     while (!tl_channel_offer(&self->channel, type, payload)) {
         if (tl_channel_wait(&self->channel, 0, 1, tl_clock_now(NULL) + LOOK) == TL_CHANNEL_BROKEN) {
             return;
         }
     }
-    tl_channel_push(&self->channel);
+    self->unseen++;
+    if (type != TL_MESSAGE_RESULT || self->unseen >= TOGETHER) {
+        tl_channel_push(&self->channel);
+        self->unseen = 0;
+    }
 }
 
 /* `error` has no text where it was said on the log. */
