@@ -324,7 +324,7 @@ static tl_status start_warden(tl_twin_child *child, pipes *ends, tl_error *error
                    .bytes = TL_TWIN_FOLDER_MIB * MIB + unpacked_bytes(child->settings.config),
                    .files = FILES * (child->settings.config->component_count + 1),
                    .threads = THREADS,
-                   .resident = memory_limit()},
+                   .memory = memory_limit()},
     };
     tl_status status = tl_twin_warden_start(&settings, &child->warden, error);
     if (status == TL_OK) {
