@@ -34,7 +34,7 @@ typedef struct tl_confine_settings {
     const char
         *folder; /* absolute: becomes the current folder and TMPDIR; writing, making and removing is allowed below it.
                                  NULL: the current folder stays, and nothing is added */
-    uint64_t folder_bytes;   /* no file grows longer; 0: no such limit */
+    uint64_t file_bytes;     /* no file grows longer; 0: no such limit */
     const char *const *read; /* further files and folders that may be read; those that are missing are passed over */
     size_t read_count;
     const char *const *write; /* further ones that may be written, for `run`: the database's folder, devices */

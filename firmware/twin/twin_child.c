@@ -258,7 +258,7 @@ static tl_status make_job(tl_twin_child *child, tl_error *error) {
     job.folder = child->folder.path;
     job.memory = memory_limit();
     job.user = child->user;
-    job.folder_bytes = TL_TWIN_FOLDER_MIB * MIB;
+    job.file_bytes = TL_FMU_ENTRY_BYTES; /* which may be unpacked; the warden looks at what they write together */
     return tl_twin_job_make(&job, &child->job, error);
 }
 

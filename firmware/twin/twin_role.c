@@ -130,7 +130,7 @@ static tl_status confine(const role *self, tl_confine_facts *facts, tl_error *er
         .read = (const char *const *)places.path,
         .read_count = places.count,
         .folder = self->job.folder,
-        .folder_bytes = self->job.folder_bytes,
+        .file_bytes = self->job.file_bytes,
         .memory = self->job.memory,
         .user = self->job.user,
         .start_socket = TL_TWIN_START_SOCKET,

@@ -70,15 +70,18 @@ static void what_is_not_held_is_told(void) {
     TEST_ASSERT_EQUAL_STRING("", text);
     facts.landlock = 0;
     tl_confine_describe(&facts, text);
-    TEST_ASSERT_EQUAL_STRING("FMUs can read and write files of this user: this kernel has no Landlock", text);
+    TEST_ASSERT_EQUAL_STRING("FMUs can read and write files of this user, and so take over its other processes "
+                             "(/proc/PID/mem): this kernel has no Landlock",
+                             text);
     facts.user = true;
     tl_confine_describe(&facts, text);
     TEST_ASSERT_EQUAL_STRING("FMUs can read and write what every user may: this kernel has no Landlock", text);
     facts = (tl_confine_facts){0};
     tl_confine_describe(&facts, text);
     TEST_ASSERT_EQUAL_STRING(
-        "FMUs can read and write files of this user: this kernel has no Landlock; FMUs can open sockets, start "
-        "programs and signal processes of this user: this kernel has no seccomp; the memory of FMUs has no limit",
+        "FMUs can read and write files of this user, and so take over its other processes (/proc/PID/mem): this kernel "
+        "has no Landlock; FMUs can open sockets, start programs and signal processes of this user: this kernel has no "
+        "seccomp; the memory of FMUs has no limit",
         text);
     facts = (tl_confine_facts){.filter = true, .landlock = 1, .memory = true};
     tl_confine_describe(&facts, text);
@@ -186,7 +189,7 @@ static bool write_too_much(void *context) {
 static void a_file_that_grows_too_long_ends_the_process(void) {
     tl_confine_settings how = settings();
     struct stat status;
-    how.folder_bytes = MEGABYTE;
+    how.file_bytes = MEGABYTE;
     tl_confined_run(how, write_too_much, NULL, &confined);
     TEST_ASSERT_EQUAL_INT(SIGXFSZ, confined.signal);
     TEST_ASSERT_EQUAL_INT(0, stat(tl_scratch_path(&scratch, "file"), &status));
