@@ -272,7 +272,8 @@ static int run_forked(const char *title, void *context) {
 static tl_status start_process(tl_twin_child *child, const pipes *ends, tl_error *error) {
     char title[TL_ROLE_TITLE];
     char folder[PATH_MAX + sizeof "TMPDIR="];
-    const char *const variables[] = {folder};
+    /* Confined: it may remove and rename no file, as Python does when it keeps what it has compiled. */
+    const char *const variables[] = {folder, "PYTHONDONTWRITEBYTECODE=1"};
     (void)snprintf(title, sizeof title, "twin [%s]", child->settings.config->name);
     (void)snprintf(folder, sizeof folder, "TMPDIR=%s", child->folder.path);
     const tl_role_settings settings = {
@@ -280,7 +281,7 @@ static tl_status start_process(tl_twin_child *child, const pipes *ends, tl_error
         .descriptors = {ends->nothing, ends->output[1], ends->output[1], ends->page[1], child->job.descriptor,
                         child->blocks[TL_PARENT].descriptor, child->blocks[TL_CHILD].descriptor, ends->start[1]},
         .variables = variables,
-        .variable_count = 1,
+        .variable_count = child->settings.job->unconfined ? 1 : sizeof variables / sizeof variables[0],
         .fallback = run_forked,
         .context = child,
     };
