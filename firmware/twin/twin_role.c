@@ -11,6 +11,7 @@
 #include "firmware/fmu/fmu_thread.h"
 #include "firmware/process/crash.h"
 #include "firmware/process/interrupt.h"
+#include "firmware/process/private_folder.h"
 #include "firmware/process/process_end.h"
 #include "firmware/process/role.h"
 #include "firmware/twin/twin_places.h"
@@ -138,7 +139,7 @@ static tl_status confine(const role *self, tl_confine_facts *facts, tl_error *er
         .read = (const char *const *)places.path,
         .read_count = places.count,
         .folder = self->job.folder,
-        .folder_bytes = self->job.folder_bytes,
+        .file_bytes = self->job.file_bytes,
         .memory = self->job.memory,
         .user = self->job.user,
         .start_socket = TL_TWIN_START_SOCKET,
@@ -162,6 +163,7 @@ static tl_status start(role *self, tl_confine_facts *facts, tl_error *error) {
     }
     *facts = (tl_confine_facts){0};
     if (status == TL_OK && !self->job.unconfined) {
+        tl_private_folder_leave(); /* what is confined removes no file, and our parent removes all of them */
         status = confine(self, facts, error);
     }
     (void)close(TL_TWIN_START_SOCKET);
