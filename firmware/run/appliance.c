@@ -334,7 +334,7 @@ static void free_job(void *context) {
 static tl_status build(appliance *self) {
     tl_error error;
     appliance_job job = {.self = self};
-    tl_status status = tl_fmu_thread_start(0, &self->fmus, &error);
+    tl_status status = tl_fmu_thread_start(TL_FMU_WATCHED_HERE, &self->fmus, &error);
     if (status != TL_OK) {
         tl_log(TL_LOG_ERROR, "%s", error.text);
         return status;

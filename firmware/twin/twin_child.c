@@ -242,7 +242,9 @@ static bool is_open_to_others(const char *folder) {
  * not come to its folder, it stays root without root's capabilities. */
 static uint32_t private_user(void) {
     const char *folder = getenv("TMPDIR");
-    bool possible = geteuid() == 0 && is_open_to_others(folder == NULL || folder[0] == '\0' ? "/tmp" : folder);
+    tl_confine_facts facts;
+    tl_confine_probe(&facts);
+    bool possible = geteuid() == 0 && facts.user && is_open_to_others(folder == NULL || folder[0] == '\0' ? "/tmp" : folder);
     return possible ? 0x70000000U + (uint32_t)getpid() : 0;
 }
 
@@ -347,10 +349,17 @@ static void say_confinement(const tl_twin_child *child) {
     }
 }
 
+/* Root of a container may have numbers of users only for some, and no right to give a folder away. Then it stays who it is. */
+static tl_status make_folder(tl_twin_child *child, tl_error *error) {
+    child->user = child->settings.job->unconfined ? 0 : private_user();
+    if (child->user != 0 && tl_private_folder_make("twin", child->user, &child->folder, error) != TL_OK) {
+        child->user = 0;
+    }
+    return child->user != 0 ? TL_OK : tl_private_folder_make("twin", 0, &child->folder, error);
+}
+
 static tl_status start(tl_twin_child *child, pipes *ends, tl_error *error) {
-    bool confined = !child->settings.job->unconfined;
-    child->user = confined ? private_user() : 0;
-    tl_status status = tl_private_folder_make("twin", child->user, &child->folder, error);
+    tl_status status = make_folder(child, error);
     if (status == TL_OK) {
         status = make_blocks(child, error);
     }

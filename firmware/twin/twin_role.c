@@ -263,5 +263,5 @@ int tl_twin_role_run(tl_twin_page *print_page) {
     tl_interrupt_install();
     tl_fmu_calls_use(&self.extra->calls);
     send_message(&self, TL_MESSAGE_READY, &facts);
-    return tl_exit_code(tl_fmu_thread_run(0, work, &self));
+    return tl_exit_code(tl_fmu_thread_run(work, &self));
 }

@@ -274,7 +274,7 @@ static tl_status play(player *self, tl_error *error) {
     }
     tl_progress_end(&progress);
     if (status == TL_OK) {
-        tl_log(TL_LOG_NOTICE, "%s after %" PRIu64 " rows", end ? "played to the end" : "stopped", rows);
+        tl_log(TL_LOG_NOTICE, "%s after %" PRIu64 " rows", end && tl_interrupt_requested() == NULL ? "played to the end" : "stopped", rows);
     }
     return status;
 }
