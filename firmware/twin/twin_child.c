@@ -244,7 +244,8 @@ static uint32_t private_user(void) {
     const char *folder = getenv("TMPDIR");
     tl_confine_facts facts;
     tl_confine_probe(&facts);
-    bool possible = geteuid() == 0 && facts.user && is_open_to_others(folder == NULL || folder[0] == '\0' ? "/tmp" : folder);
+    bool possible =
+        geteuid() == 0 && facts.user && is_open_to_others(folder == NULL || folder[0] == '\0' ? "/tmp" : folder);
     return possible ? 0x70000000U + (uint32_t)getpid() : 0;
 }
 
