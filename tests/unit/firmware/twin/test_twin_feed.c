@@ -53,7 +53,7 @@ static void write_recording(int ticks) {
     TEST_ASSERT_NOT_NULL(file);
     (void)fputs("t,o,M_brake\n", file);
     for (int i = 0; i < ticks; i++) {
-        (void)fprintf(file, "%05.2f,63,.0\n", i * 0.01);
+        (void)fprintf(file, "%06.2f,63,0\n", i * 0.01);
     }
     (void)fclose(file);
 }
