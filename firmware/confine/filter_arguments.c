@@ -148,9 +148,9 @@ static int allow_own(scmp_filter_ctx context) {
 }
 
 #if TL_HAS_SANITIZER
-/* The search for leaks stops all threads from a process that shares our memory, which traces us. */
+/* The search for leaks stops all threads from a process that shares our memory, which traces us, and dies with us. */
 static int add_tracing(scmp_filter_ctx context) {
-    static const uint32_t commands[] = {PR_SET_DUMPABLE, PR_SET_PTRACER};
+    static const uint32_t commands[] = {PR_SET_DUMPABLE, PR_SET_PTRACER, PR_SET_PDEATHSIG};
     int failure = tl_filter_allow_all(context, "ptrace");
     failure = failure != 0 ? failure : allow_one(context, "clone", MASKED(0, CLONE_VM | CLONE_THREAD, CLONE_VM));
     return failure != 0 ? failure : allow_values(context, "prctl", 0, commands, COUNT(commands));

@@ -31,7 +31,8 @@ typedef struct tl_twin_child tl_twin_child;
 
 typedef struct tl_twin_child_settings {
     const tl_twin_job *job;
-    const tl_config *config;  /* must outlive the child */
+    const tl_config *
+        config; /* of the job's text, as its twin takes it: delays forgotten, look-ups in use. Needed until the work has ended */
     FILE *page;               /* what a check prints goes here; NULL: nothing is printed */
     tl_twin_page *print_page; /* as in main() */
     tl_time call_limit;       /* ns of one call of an FMU */

@@ -92,6 +92,7 @@ static tl_status read_job(role *self, tl_error *error) {
     if (self->job.without_delays) {
         tl_config_forget_delays(&self->assembly.config);
     }
+    tl_config_use_lookups(&self->assembly.config); /* as the parent has: the sizes of messages depend on it */
     return TL_OK;
 }
 
