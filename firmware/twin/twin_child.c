@@ -22,7 +22,7 @@
 /* How long it sleeps at most before it looks whether the process is alive; and how long one that has said its last word may take to end. */
 static const tl_time LOOK = TL_SECOND / 10;
 
-static const uint64_t MIB = 1024 * 1024;
+static const uint64_t MIB = UINT64_C(1024) * 1024;
 
 /* Threads of an honest FMU: an interpreter has a handful, a numeric library one for each processor. */
 enum { THREADS = 1024, FILES = TL_FMU_ENTRIES };
