@@ -64,10 +64,11 @@ static int allow(scmp_filter_ctx context, const char *call, unsigned argument, u
 }
 
 int tl_filter_add_drivers(scmp_filter_ctx context) {
-    /* sched_setscheduler: the cycle's priority is raised and lowered by another thread, which names it by a number. */
+    /* Removing and renaming: a database's journal, a file that takes the place of another one. sched_setscheduler: the cycle's priority is raised and lowered by another thread, which names it by a number. */
     int failure =
         tl_filter_allow_all(context, "connect shutdown getsockname getpeername getsockopt setsockopt send sendto "
-                                     "sendmsg sendmmsg recv recvfrom recvmsg sched_setscheduler");
+                                     "sendmsg sendmmsg recv recvfrom recvmsg sched_setscheduler "
+                                     "rmdir unlink unlinkat rename renameat renameat2");
     for (size_t i = 0; i < COUNT(sockets) && failure == 0; i++) {
         const struct scmp_arg_cmp conditions[] = {
             {0, SCMP_CMP_MASKED_EQ, UINT32_MAX, (uint32_t)sockets[i].family},

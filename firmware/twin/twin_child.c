@@ -262,7 +262,7 @@ static tl_status make_job(tl_twin_child *child, tl_error *error) {
     job.folder = child->folder.path;
     job.memory = memory_limit();
     job.user = child->user;
-    job.folder_bytes = TL_TWIN_FOLDER_MIB * MIB;
+    job.file_bytes = TL_FMU_ENTRY_BYTES; /* which may be unpacked; the warden looks at what they write together */
     return tl_twin_job_make(&job, &child->job, error);
 }
 
@@ -276,7 +276,8 @@ static int run_forked(const char *title, void *context) {
 static tl_status start_process(tl_twin_child *child, const pipes *ends, tl_error *error) {
     char title[TL_ROLE_TITLE];
     char folder[PATH_MAX + sizeof "TMPDIR="];
-    const char *const variables[] = {folder};
+    /* Confined: it may remove and rename no file, as Python does when it keeps what it has compiled. */
+    const char *const variables[] = {folder, "PYTHONDONTWRITEBYTECODE=1"};
     (void)snprintf(title, sizeof title, "twin [%s]", child->settings.config->name);
     (void)snprintf(folder, sizeof folder, "TMPDIR=%s", child->folder.path);
     const tl_role_settings settings = {
@@ -284,7 +285,7 @@ static tl_status start_process(tl_twin_child *child, const pipes *ends, tl_error
         .descriptors = {ends->nothing, ends->output[1], ends->output[1], ends->page[1], child->job.descriptor,
                         child->blocks[TL_PARENT].descriptor, child->blocks[TL_CHILD].descriptor, ends->start[1]},
         .variables = variables,
-        .variable_count = 1,
+        .variable_count = child->settings.job->unconfined ? 1 : sizeof variables / sizeof variables[0],
         .fallback = run_forked,
         .context = child,
     };
@@ -328,7 +329,7 @@ static tl_status start_warden(tl_twin_child *child, pipes *ends, tl_error *error
                    .bytes = TL_TWIN_FOLDER_MIB * MIB + unpacked_bytes(child->settings.config),
                    .files = FILES * (child->settings.config->component_count + 1),
                    .threads = THREADS,
-                   .resident = memory_limit()},
+                   .memory = memory_limit()},
     };
     tl_status status = tl_twin_warden_start(&settings, &child->warden, error);
     if (status == TL_OK) {

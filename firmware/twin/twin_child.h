@@ -23,7 +23,7 @@
 #include "master/twin/account.h"
 
 enum {
-    TL_TWIN_CHILD_DEPTH = 256, /* ticks that can be under way */
+    TL_TWIN_CHILD_DEPTH = TL_CHANNEL_DEPTH, /* ticks that can be under way */
     TL_TWIN_FOLDER_MIB = 256   /* that FMUs may write, beside what they are unpacked to */
 };
 

@@ -144,10 +144,12 @@ static void say_refusal(tl_twin_warden *self, const tl_refusal *refusal) {
     tl_log(TL_LOG_WARNING, "%s", noted->said);
 }
 
+/* The caller stands still until it is answered: so the account still says which function it is in. */
 static void answer_refusals(tl_twin_warden *self) {
     tl_refusal refusal;
     while (tl_refusal_take(self->listener, &refusal)) {
         say_refusal(self, &refusal);
+        tl_refusal_answer(self->listener, &refusal);
     }
 }
 
