@@ -22,7 +22,7 @@
 /* How long it sleeps at most before it looks whether the process is alive; and how long one that has said its last word may take to end. */
 static const tl_time LOOK = TL_SECOND / 10;
 
-static const uint64_t MIB = 1024 * 1024;
+static const uint64_t MIB = UINT64_C(1024) * 1024;
 
 /* Threads of an honest FMU: an interpreter has a handful, a numeric library one for each processor. */
 enum { THREADS = 1024, FILES = TL_FMU_ENTRIES };
@@ -110,9 +110,10 @@ static tl_status end_liar(tl_twin_child *child, const char *what, tl_error *erro
 
 /* ---- messages ---- */
 
+/* Nobody interrupts it but us. */
 static tl_status take_word(tl_twin_child *child, tl_message type) {
     child->last_status =
-        (unsigned)child->payload.word.status <= TL_INTERRUPTED ? (tl_status)child->payload.word.status : TL_FMU_FAILED;
+        (unsigned)child->payload.word.status < TL_INTERRUPTED ? (tl_status)child->payload.word.status : TL_FMU_FAILED;
     child->last_error.status = child->last_status;
     copy_text(child->last_error.text, sizeof child->last_error.text, child->extra->error);
     child->has_ended = type == TL_MESSAGE_ENDED;
@@ -469,11 +470,10 @@ tl_status tl_twin_child_build(tl_twin_child *child, tl_account *account, tl_erro
 }
 
 tl_status tl_twin_child_check(tl_twin_child *child, tl_error *error) {
-    tl_message type = TL_MESSAGE_ENDED;
-    tl_status status = TL_OK;
-    do {
-        status = next_message(child, 1, &type, error);
-    } while (status == TL_OK && type == TL_MESSAGE_BUILT);
+    tl_status status = expect(child, TL_MESSAGE_BUILT, error);
+    if (status == TL_OK) {
+        status = expect(child, TL_MESSAGE_ENDED, error);
+    }
     if (status != TL_OK) {
         return status;
     }
@@ -513,6 +513,16 @@ void tl_twin_child_stop(tl_twin_child *child) {
     }
 }
 
+/* It has said its last word. Unasked it does so only if it can go on no more; else a run would look shorter than it was to be. */
+static tl_status take_last_word(tl_twin_child *child, bool *stopped, tl_error *error) {
+    *stopped = true;
+    if (child->last_status != TL_OK) {
+        *error = child->last_error;
+        return child->last_status;
+    }
+    return child->stopping ? TL_OK : end_liar(child, "it ended before it was told to", error);
+}
+
 tl_status tl_twin_child_take(tl_twin_child *child, int64_t tick, unsigned wanted, tl_twin_result *result, bool *stopped,
                              tl_error *error) {
     tl_message type = TL_MESSAGE_RESULT;
@@ -520,9 +530,9 @@ tl_status tl_twin_child_take(tl_twin_child *child, int64_t tick, unsigned wanted
     if (status != TL_OK) {
         return status;
     }
-    *stopped = child->has_ended;
+    *stopped = false;
     if (child->has_ended) {
-        return TL_OK;
+        return take_last_word(child, stopped, error);
     }
     if (type != TL_MESSAGE_RESULT) {
         return end_liar(child, "a message came before its time", error);
@@ -536,6 +546,9 @@ tl_status tl_twin_child_take(tl_twin_child *child, int64_t tick, unsigned wanted
     if (result->status != (int32_t)TL_OK) {
         copy_text(error->text, sizeof error->text, child->extra->error);
         error->status = (tl_status)result->status;
+        if (error->text[0] == '\0') {
+            return tl_fail(error, error->status, "a step failed, and the process of the FMUs does not say why");
+        }
     }
     return (tl_status)result->status;
 }

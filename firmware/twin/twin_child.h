@@ -58,8 +58,8 @@ tl_status tl_twin_child_give(tl_twin_child *child, const tl_recording_tick *tick
 void tl_twin_child_push(tl_twin_child *child);
 
 /* The result of the oldest tick under way, which is this one. Sleeps, if there is none yet, until there are `wanted` of them, or as many as
- * there will be. *stopped: it was told to stop, and there is none. Errors: that of the step, with the result filled; else TL_FMU_FAILED: the
- * process is at its end, and nothing is filled. */
+ * there will be. *stopped: it was told to stop, and there is none. Errors: that of the step, with the result filled; that with
+ * which it has ended by itself; else TL_FMU_FAILED: the process is at its end, and nothing is filled. */
 tl_status tl_twin_child_take(tl_twin_child *child, int64_t tick, unsigned wanted, tl_twin_result *result, bool *stopped,
                              tl_error *error);
 
