@@ -772,7 +772,8 @@ def filled(mebibytes, *folder):
 
 def many_files(count, *folder):
     def stage(ground):
-        return (count, *folder), lambda: len(list((ground.home if folder else ground.temporary).iterdir())) >= count
+        tried = 20 * count if ground.confined else count  # so that there is time to be noticed
+        return (tried, *folder), lambda: len(list((ground.home if folder else ground.temporary).iterdir())) >= count
     return stage
 
 
@@ -810,7 +811,7 @@ BOMBS = (
     Lone("stack", "stack_memory", taken(BOMB_MEBIBYTES), may_end=True),
     Lone("file in memory", "file_memory", told(BOMB_MEBIBYTES), may_end=True),
     Lone("page tables", "page_tables", told(BOMB_MEBIBYTES), may_end=True),
-    Lone("bytes in removed files", "fill_removed", told(DISK_MEBIBYTES), may_end=True),
+    Lone("bytes in removed files", "fill_removed", told(DISK_MEBIBYTES), ("unlink", "unlinkat"), may_end=True),
     Lone("bytes in its folder", "fill_disk", filled(DISK_MEBIBYTES, "."), may_end=True),
     Lone("reserved bytes in TMPDIR", "reserve_disk", filled(DISK_MEBIBYTES), (), elsewhere, may_end=True),
     Lone("reserved bytes in its folder", "reserve_disk", filled(DISK_MEBIBYTES, "."), may_end=True),

@@ -236,8 +236,8 @@ static int fill_removed(char *const words[]) {
         const char *temporary = getenv("TMPDIR");
         char path[4096];
         (void)snprintf(path, sizeof path, "%s/attack.removed", temporary != NULL ? temporary : "/tmp");
-        (void)unlink(path);
-        int error = fill(file, 32);
+        int error = attack_errno(unlink(path));
+        error = error != 0 ? error : fill(file, 32);
         if (error != 0) {
             return error;
         }

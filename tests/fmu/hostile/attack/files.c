@@ -154,11 +154,13 @@ static int read_file(char *const words[]) {
     if (file < 0) {
         return errno;
     }
-    ssize_t size = read(file, got, sizeof got);
-    for (ssize_t i = 0; i < size; i++) {
-        got[i] = (char)(got[i] < ' ' ? ' ' : got[i]);
+    ssize_t size = 0;
+    while ((size = read(file, got, sizeof got)) > 0) {
+        for (ssize_t i = 0; i < size; i++) {
+            got[i] = (char)(got[i] < ' ' ? ' ' : got[i]);
+        }
+        (void)dprintf(STDERR_FILENO, "attack has read \"%.*s\"\n", (int)size, got);
     }
-    (void)dprintf(STDERR_FILENO, "attack has read \"%.*s\"\n", (int)(size < 0 ? 0 : size), got);
     (void)close(file);
     return attack_errno(size);
 }
