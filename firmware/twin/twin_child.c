@@ -250,8 +250,11 @@ static uint32_t private_user(void) {
     return possible ? 0x70000000U + (uint32_t)getpid() : 0;
 }
 
-/* Three quarters of the machine's memory, so that one that is out of its mind is refused more before others are. */
-static uint64_t memory_limit(void) {
+/* Bytes. Unless it is said: three quarters of the machine's memory, so that one that is out of its mind is refused more before others are. */
+static uint64_t memory_limit(const tl_twin_child *child) {
+    if (child->settings.memory_limit != 0) {
+        return child->settings.memory_limit;
+    }
     long pages = sysconf(_SC_PHYS_PAGES);
     long size = sysconf(_SC_PAGESIZE);
     return pages > 0 && size > 0 ? (uint64_t)pages * (uint64_t)size / 4 * 3 : 0;
@@ -260,7 +263,7 @@ static uint64_t memory_limit(void) {
 static tl_status make_job(tl_twin_child *child, tl_error *error) {
     tl_twin_job job = *child->settings.job;
     job.folder = child->folder.path;
-    job.memory = memory_limit();
+    job.memory = memory_limit(child);
     job.user = child->user;
     job.file_bytes = TL_FMU_ENTRY_BYTES; /* which may be unpacked; the warden looks at what they write together */
     return tl_twin_job_make(&job, &child->job, error);
@@ -273,19 +276,53 @@ static int run_forked(const char *title, void *context) {
     return tl_twin_role_run(child->settings.print_page);
 }
 
+enum { VARIABLE = PATH_MAX + 32 };
+
+/* What is added to the environment of the process. */
+typedef struct surroundings {
+    char temporary[VARIABLE];
+    char home[VARIABLE];
+    char packages[VARIABLE];
+    const char *variables[TL_ROLE_VARIABLES];
+    size_t count;
+} surroundings;
+
+/* Where a user's own packages of Python lie, if there are any and nobody has said it otherwise. */
+static bool find_packages(char variable[VARIABLE]) {
+    const char *home = getenv("HOME");
+    int length = snprintf(variable, VARIABLE, "PYTHONUSERBASE=%s/.local", home != NULL ? home : "");
+    return home != NULL && home[0] == '/' && length < VARIABLE && getenv("PYTHONUSERBASE") == NULL &&
+           access(strchr(variable, '/'), F_OK) == 0;
+}
+
+/* Confined, its home is its own folder: libraries that look there for settings find none, and need no list of users. It may remove and rename no
+ * file, as Python does when it keeps what it has compiled. */
+static void surround(const tl_twin_child *child, surroundings *made) {
+    made->count = 0;
+    (void)snprintf(made->temporary, sizeof made->temporary, "TMPDIR=%s", child->folder.path);
+    made->variables[made->count++] = made->temporary;
+    if (child->settings.job->unconfined) {
+        return;
+    }
+    (void)snprintf(made->home, sizeof made->home, "HOME=%s", child->folder.path);
+    made->variables[made->count++] = made->home;
+    made->variables[made->count++] = "PYTHONDONTWRITEBYTECODE=1";
+    if (find_packages(made->packages)) {
+        made->variables[made->count++] = made->packages;
+    }
+}
+
 static tl_status start_process(tl_twin_child *child, const pipes *ends, tl_error *error) {
     char title[TL_ROLE_TITLE];
-    char folder[PATH_MAX + sizeof "TMPDIR="];
-    /* Confined: it may remove and rename no file, as Python does when it keeps what it has compiled. */
-    const char *const variables[] = {folder, "PYTHONDONTWRITEBYTECODE=1"};
+    surroundings around;
+    surround(child, &around);
     (void)snprintf(title, sizeof title, "twin [%s]", child->settings.config->name);
-    (void)snprintf(folder, sizeof folder, "TMPDIR=%s", child->folder.path);
     const tl_role_settings settings = {
         .title = title,
         .descriptors = {ends->nothing, ends->output[1], ends->output[1], ends->page[1], child->job.descriptor,
                         child->blocks[TL_PARENT].descriptor, child->blocks[TL_CHILD].descriptor, ends->start[1]},
-        .variables = variables,
-        .variable_count = child->settings.job->unconfined ? 1 : sizeof variables / sizeof variables[0],
+        .variables = around.variables,
+        .variable_count = around.count,
         .fallback = run_forked,
         .context = child,
     };
@@ -329,7 +366,7 @@ static tl_status start_warden(tl_twin_child *child, pipes *ends, tl_error *error
                    .bytes = TL_TWIN_FOLDER_MIB * MIB + unpacked_bytes(child->settings.config),
                    .files = FILES * (child->settings.config->component_count + 1),
                    .threads = THREADS,
-                   .memory = memory_limit()},
+                   .memory = memory_limit(child)},
     };
     tl_status status = tl_twin_warden_start(&settings, &child->warden, error);
     if (status == TL_OK) {

@@ -19,7 +19,7 @@ static const tl_twin_job order = {.task = TL_TASK_STEP,
                                   .path = "a folder/lock.json",
                                   .text = "{ \"twinlock\": 1 }\n",
                                   .folder = "/tmp/twinlock-twin-1-abcdef",
-                                  .folder_bytes = UINT64_MAX,
+                                  .file_bytes = UINT64_MAX,
                                   .memory = 12345678901,
                                   .user = 0x70000001,
                                   .plain = true,
@@ -45,7 +45,7 @@ static void expect_order(void) {
     TEST_ASSERT_EQUAL_STRING(order.path, job.path);
     TEST_ASSERT_EQUAL_STRING(order.text, job.text);
     TEST_ASSERT_EQUAL_STRING(order.folder, job.folder);
-    TEST_ASSERT_EQUAL_UINT64(order.folder_bytes, job.folder_bytes);
+    TEST_ASSERT_EQUAL_UINT64(order.file_bytes, job.file_bytes);
     TEST_ASSERT_EQUAL_UINT64(order.memory, job.memory);
     TEST_ASSERT_EQUAL_UINT32(order.user, job.user);
     TEST_ASSERT_TRUE(job.plain && job.variables);
