@@ -24,7 +24,7 @@
 
 enum {
     TL_TWIN_CHILD_DEPTH = TL_CHANNEL_DEPTH, /* ticks that can be under way */
-    TL_TWIN_FOLDER_MIB = 256   /* that FMUs may write, beside what they are unpacked to */
+    TL_TWIN_FOLDER_MIB = 256                /* that FMUs may write, beside what they are unpacked to */
 };
 
 typedef struct tl_twin_child tl_twin_child;

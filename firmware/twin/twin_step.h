@@ -13,7 +13,6 @@
 #include "firmware/plant/recording.h"
 #include "firmware/record/run_types.h"
 #include "firmware/twin/assembly.h"
-#include "master/sync/record.h"
 
 /* What is told of each step besides its record. */
 typedef enum tl_twin_tells {

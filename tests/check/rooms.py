@@ -67,7 +67,7 @@ FIRMWARE = {
     "firmware/show": _firmware("report", "record", "config", others=_TWIN, public=("show",)),
     "firmware/twin": _firmware("plant", "report", "record", "fmu", "confine", "process", "config", others=_TWIN),
     "firmware/run": _firmware("twin", "report", "plant", "record", "fmu", "supervise", "process", "config", others=_TWIN,
-                              public=("appliance", "replay", "journal", "watch")),
+                              public=("appliance", "replay", "resume", "journal", "watch")),
     "firmware/emulate": _firmware("twin", "plant", "process", "config", others=_DRIVERS),
     "firmware/verbs": _firmware("emulate", "run", "twin", "show", "report", "plant", "record", "fmu", "supervise", "process",
                                 "config", others=_TWIN, public=("command_line",)),

@@ -122,7 +122,7 @@ static void print(const tl_config *config) {
     tl_summary_print_table(&summary, config, &account, file);
     (void)fclose(file);
     for (size_t i = 0; i < size; i++) {
-        tl_fuzz_hold(((unsigned char)text[i] >= ' ' && text[i] != '\x7f') || text[i] == '\n');
+        tl_fuzz_hold(((unsigned char)text[i] >= ' ' && text[i] != '\x7f') || text[i] == '\n' || text[i] == '\t');
     }
     free(text);
     tl_twin_recorder_signals(config, &account, match, adjust);

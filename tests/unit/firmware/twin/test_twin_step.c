@@ -56,9 +56,9 @@ static void test_the_ends_of_all_ranges(void) {
 
 /* Numbers are the plant's and the FMU's affair. */
 static void test_numbers_are_not_judged(void) {
-    result.record.objective = NAN;
-    result.record.y[0] = INFINITY;
-    result.record.u[0] = -NAN;
+    result.record.objective = (double)NAN;
+    result.record.y[0] = (double)INFINITY;
+    result.record.u[0] = -(double)NAN;
     result.record.evaluations = UINT32_MAX;
     result.record.used = INT64_MIN;
     TEST_ASSERT_TRUE(is_sound());
