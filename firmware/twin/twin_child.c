@@ -246,17 +246,10 @@ static uint32_t private_user(void) {
     return possible ? 0x70000000U + (uint32_t)getpid() : 0;
 }
 
-/* Three quarters of the machine's memory, so that one that is out of its mind is refused more before others are. */
-static uint64_t memory_limit(void) {
-    long pages = sysconf(_SC_PHYS_PAGES);
-    long size = sysconf(_SC_PAGESIZE);
-    return pages > 0 && size > 0 ? (uint64_t)pages * (uint64_t)size / 4 * 3 : 0;
-}
-
 static tl_status make_job(tl_twin_child *child, tl_error *error) {
     tl_twin_job job = *child->settings.job;
     job.folder = child->folder.path;
-    job.memory = memory_limit();
+    job.memory = tl_confine_fair_memory();
     job.user = child->user;
     job.folder_bytes = TL_TWIN_FOLDER_MIB * MIB;
     return tl_twin_job_make(&job, &child->job, error);
@@ -324,7 +317,7 @@ static tl_status start_warden(tl_twin_child *child, pipes *ends, tl_error *error
                    .bytes = TL_TWIN_FOLDER_MIB * MIB + unpacked_bytes(child->settings.config),
                    .files = FILES * (child->settings.config->component_count + 1),
                    .threads = THREADS,
-                   .resident = memory_limit()},
+                   .resident = tl_confine_fair_memory()},
     };
     tl_status status = tl_twin_warden_start(&settings, &child->warden, error);
     if (status == TL_OK) {
@@ -434,7 +427,7 @@ tl_status tl_twin_child_check(tl_twin_child *child, tl_error *error) {
     return child->last_status;
 }
 
-void tl_twin_child_tell(tl_twin_child *child, tl_twin_warden_listener *hear, void *context) {
+void tl_twin_child_tell(tl_twin_child *child, tl_fmu_refusals_listener *hear, void *context) {
     tl_twin_warden_tell(child->warden, hear, context);
 }
 

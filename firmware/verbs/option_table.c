@@ -106,7 +106,7 @@ const tl_option tl_option_rows[TL_OPTION_COUNT] = {
     {CHECK | REPLAY | PLANT, "call-limit", "S", TL_OPTION_SECONDS, SETS(call_limit_s),
      .help = "end with 70 if an FMU does not return from a call for S seconds; default 60",
      .expected = "seconds > 0 and below 1e9, for example 600"},
-    {CHECK | REPLAY | PLANT, "unconfined", NULL, TL_OPTION_SWITCH, SETS(unconfined),
+    {CHECK | REPLAY | PLANT | RUN, "unconfined", NULL, TL_OPTION_SWITCH, SETS(unconfined),
      .help = "let FMUs do what this user can: files, network, programs; for FMUs that\nneed it, and are trusted"},
     {EVERY, "help", NULL, TL_OPTION_HELP, .help = "this text"},
 };

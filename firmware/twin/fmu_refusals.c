@@ -1,0 +1,56 @@
+/* What FMUs were refused: see fmu_refusals.h. */
+#include "firmware/twin/fmu_refusals.h"
+
+#include <stdio.h>
+#include <string.h>
+
+/* NULL: it was said before, or there is no room to remember more. */
+static tl_fmu_refused *note(tl_fmu_refusals *refusals, const tl_refusal *refusal, const tl_fmu_call *call) {
+    for (size_t i = 0; i < refusals->count; i++) {
+        const tl_fmu_refused *known = &refusals->entries[i];
+        if (strcmp(known->call, refusal->name) == 0 && strcmp(known->fmu, call->fmu) == 0) {
+            return NULL;
+        }
+    }
+    if (refusals->count == TL_FMU_REFUSALS) {
+        return NULL;
+    }
+    tl_fmu_refused *noted = &refusals->entries[refusals->count++];
+    (void)snprintf(noted->call, sizeof noted->call, "%s", refusal->name);
+    (void)snprintf(noted->fmu, sizeof noted->fmu, "%s", call->fmu);
+    return noted;
+}
+
+/* NULL: said before. */
+static const char *say(tl_fmu_refusals *refusals, const tl_refusal *refusal, const tl_fmu_calls *calls) {
+    tl_fmu_call call = {.fmu = ""};
+    bool is_called = tl_fmu_calls_look(calls, &call);
+    tl_fmu_refused *noted = note(refusals, refusal, &call);
+    if (noted == NULL) {
+        return NULL;
+    }
+    if (is_called) {
+        (void)snprintf(noted->said, sizeof noted->said, "FMU %s asked for %s in %s, which is refused; said once",
+                       call.fmu, refusal->name, call.function);
+    } else {
+        (void)snprintf(noted->said, sizeof noted->said,
+                       "a thread of an FMU asked for %s outside of its functions, which is refused; said once",
+                       refusal->name);
+    }
+    return noted->said;
+}
+
+const char *tl_fmu_refusals_answer(tl_fmu_refusals *refusals, int listener, const tl_fmu_calls *calls) {
+    tl_refusal refusal;
+    const char *said = NULL;
+    while (said == NULL && tl_refusal_take(listener, &refusal)) {
+        said = say(refusals, &refusal, calls);
+    }
+    return said;
+}
+
+void tl_fmu_refusals_tell(tl_fmu_refusals *refusals, tl_fmu_refusals_listener *hear, void *context) {
+    for (; refusals->told < refusals->count; refusals->told++) {
+        hear(context, refusals->entries[refusals->told].said);
+    }
+}
