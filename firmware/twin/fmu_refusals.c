@@ -21,17 +21,15 @@ static tl_fmu_refused *note(tl_fmu_refusals *refusals, const tl_refusal *refusal
     return noted;
 }
 
-/* NULL: said before. */
-static const char *say(tl_fmu_refusals *refusals, const tl_refusal *refusal, const tl_fmu_calls *calls) {
-    tl_fmu_call call = {.fmu = ""};
-    bool is_called = tl_fmu_calls_look(calls, &call);
-    tl_fmu_refused *noted = note(refusals, refusal, &call);
+/* `call`: without a name where no FMU was being called. NULL: said before. */
+static const char *say(tl_fmu_refusals *refusals, const tl_refusal *refusal, const tl_fmu_call *call) {
+    tl_fmu_refused *noted = note(refusals, refusal, call);
     if (noted == NULL) {
         return NULL;
     }
-    if (is_called) {
+    if (call->function != NULL) {
         (void)snprintf(noted->said, sizeof noted->said, "FMU %s asked for %s in %s, which is refused; said once",
-                       call.fmu, refusal->name, call.function);
+                       call->fmu, refusal->name, call->function);
     } else {
         (void)snprintf(noted->said, sizeof noted->said,
                        "a thread of an FMU asked for %s outside of its functions, which is refused; said once",
@@ -40,13 +38,22 @@ static const char *say(tl_fmu_refusals *refusals, const tl_refusal *refusal, con
     return noted->said;
 }
 
+/* Looked up before it is answered: who asked waits so long, and then goes on. */
 const char *tl_fmu_refusals_answer(tl_fmu_refusals *refusals, int listener, const tl_fmu_calls *calls) {
-    tl_refusal refusal;
-    const char *said = NULL;
-    while (said == NULL && tl_refusal_take(listener, &refusal)) {
-        said = say(refusals, &refusal, calls);
+    for (;;) {
+        tl_refusal refusal;
+        tl_fmu_call call;
+        if (!tl_fmu_calls_look(calls, &call)) {
+            call = (tl_fmu_call){.fmu = ""};
+        }
+        if (!tl_refusal_take(listener, &refusal)) {
+            return NULL;
+        }
+        const char *said = say(refusals, &refusal, &call);
+        if (said != NULL) {
+            return said;
+        }
     }
-    return said;
 }
 
 void tl_fmu_refusals_tell(tl_fmu_refusals *refusals, tl_fmu_refusals_listener *hear, void *context) {

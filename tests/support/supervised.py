@@ -6,6 +6,7 @@ from pathlib import Path
 from live_test import FIRST_GUESS, MADE_UP, OPTIMISED, Program, number, query, wait_until
 from twinlock_test import Failure, at_most, expect, scratch
 
+WORD = "word"  # for TL_UNRULY
 LOCK_STEPS = 200  # until the first of 20, of 10 ms each
 
 
@@ -21,6 +22,11 @@ class Supervised(Program):
 
     def child(self, other_than=0):
         return wait_until(lambda: [pid for pid in self.children() if pid != other_than], "a child", self.log)[0]
+
+    def told_by(self, child):
+        """The file by which an FMU of that process is told what to do (tests/hil/fmus/unruly)."""
+        folders = self.process.temporary.glob(f"twinlock-run-{child}-*")
+        return next(folders) / WORD
 
     def account(self):
         return json.loads((self.state / "supervisor.json").read_text(encoding="utf-8"))

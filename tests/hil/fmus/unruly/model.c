@@ -1,5 +1,5 @@
-/* Unruly: y = u, until it is told otherwise. The file that TL_UNRULY names holds one word, which the next step takes
- * out and does:
+/* Unruly: y = u, until it is told otherwise. The file that TL_UNRULY names, in the folder that FMUs may write to, holds one word, which the
+ * next step takes out and does:
  *
  *   hang   never returns      crash   is ended by SIGSEGV      exit   calls exit(0)
  *
