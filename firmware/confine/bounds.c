@@ -11,7 +11,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-enum { LARGE = 500, LOOKS_APART = 5, STAT_TEXT = 1024, BLOCK = 512 };
+enum { LARGE = 500, LOOKS_APART = 5, STATUS_TEXT = 4096, BLOCK = 512 };
 
 /* ---- the folder ---- */
 
@@ -101,49 +101,47 @@ static bool folder_is_kept(tl_bounds *bounds, char text[TL_BOUNDS_TEXT]) {
 
 /* ---- the process ---- */
 
-enum { NAME_FIELD = 2, THREADS_FIELD = 20, PAGES_FIELD = 24 }; /* proc(5) */
+/* What /proc/PID/status says of a process. */
+typedef struct usage {
+    uint64_t threads;
+    uint64_t memory; /* bytes: in memory, moved out of it to the disk, and the tables by which the kernel finds them */
+} usage;
 
-/* A field after the name, at whose end `text` is: they have a blank between them. 0 where there is none. */
-static uint64_t read_field(const char *text, int field) {
-    for (int i = NAME_FIELD; i < field && text != NULL; i++) {
-        text = strchr(text + 1, ' ');
-    }
-    return text != NULL ? strtoull(text, NULL, 10) : 0;
+/* A number in the text, behind a name that begins a line. A newline in the process's own name is shown in another way. 0 if there is none. */
+static uint64_t number_behind(const char *text, const char *name) {
+    const char *found = strstr(text, name);
+    return found != NULL ? strtoull(found + strlen(name), NULL, 10) : 0;
 }
 
-/* From /proc/PID/stat, which everybody may read: threads and pages in memory. False: it is gone. */
-static bool read_process(pid_t process, uint64_t *threads, uint64_t *pages) {
+/* Everybody may read it. False: it is gone. */
+static bool read_process(pid_t process, usage *found) {
+    enum { KILOBYTE = 1024 };
     char path[64];
-    char stat[STAT_TEXT];
-    (void)snprintf(path, sizeof path, "/proc/%ld/stat", (long)process);
+    char status[STATUS_TEXT];
+    (void)snprintf(path, sizeof path, "/proc/%ld/status", (long)process);
     int file = open(path, O_RDONLY | O_CLOEXEC);
-    ssize_t length = file < 0 ? -1 : read(file, stat, sizeof stat - 1);
+    ssize_t length = file < 0 ? -1 : read(file, status, sizeof status - 1);
     if (file >= 0) {
         (void)close(file);
     }
-    stat[length > 0 ? length : 0] = '\0';
-    const char *name_end = strrchr(stat, ')'); /* a name may hold anything, this too */
-    if (name_end == NULL) {
-        return false;
-    }
-    *threads = read_field(name_end, THREADS_FIELD);
-    *pages = read_field(name_end, PAGES_FIELD);
-    return true;
+    status[length > 0 ? length : 0] = '\0';
+    found->threads = number_behind(status, "\nThreads:");
+    found->memory = KILOBYTE * (number_behind(status, "\nVmRSS:") + number_behind(status, "\nVmPTE:") +
+                                number_behind(status, "\nVmSwap:"));
+    return length > 0;
 }
 
 static bool process_is_kept(const tl_bounds *bounds, pid_t process, char text[TL_BOUNDS_TEXT]) {
-    uint64_t threads = 0;
-    uint64_t pages = 0;
-    if (!read_process(process, &threads, &pages)) {
+    usage found;
+    if (!read_process(process, &found)) {
         return true;
     }
-    const uint64_t resident = pages * (uint64_t)sysconf(_SC_PAGESIZE);
-    if (is_beyond(threads, bounds->threads)) {
-        (void)snprintf(text, TL_BOUNDS_TEXT, "%" PRIu64 " threads, of which %" PRIu64 " are allowed", threads,
+    if (is_beyond(found.threads, bounds->threads)) {
+        (void)snprintf(text, TL_BOUNDS_TEXT, "%" PRIu64 " threads, of which %" PRIu64 " are allowed", found.threads,
                        bounds->threads);
-    } else if (is_beyond(resident, bounds->resident)) {
+    } else if (is_beyond(found.memory, bounds->memory)) {
         (void)snprintf(text, TL_BOUNDS_TEXT, "%" PRIu64 " MB of memory, of which %" PRIu64 " are allowed",
-                       resident / 1000000, bounds->resident / 1000000);
+                       found.memory / 1000000, bounds->memory / 1000000);
     }
     return text[0] == '\0';
 }

@@ -2,7 +2,7 @@
  *
  * Purpose: what limits of the kernel do not hold: the size of a folder, its number of files, threads; and memory a second time.
  * Cost:    some 20 us a look, and 2 us for each file in the folder: a large one is walked only at each fifth look.
- * Unseen:  a file that was removed and is still open. It takes space up to the limit of a file's length.
+ * Unseen:  a file that was removed and is still open; so a confined process may not remove any (filter.h).
  * Thread:  one.
  */
 #ifndef TL_FIRMWARE_CONFINE_BOUNDS_H
@@ -21,7 +21,7 @@ typedef struct tl_bounds {
     uint64_t bytes;     /* that all below it take on the disk */
     uint64_t files;     /* and folders below it, TL_BOUNDS_DEPTH deep at most */
     uint64_t threads;
-    uint64_t resident;   /* bytes in memory, shared ones included */
+    uint64_t memory;     /* bytes in use, shared ones and the kernel's tables of them included */
     unsigned looks_left; /* private; 0 at first: the folder is walked when there is none left */
 } tl_bounds;
 

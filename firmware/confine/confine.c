@@ -103,7 +103,7 @@ tl_status tl_confine(const tl_confine_settings *settings, tl_confine_facts *fact
     }
     tl_status status = enter(settings->folder, error);
     status = status != TL_OK ? status : give_up_privileges(settings, error);
-    status = status != TL_OK ? status : tl_limits_set(settings->memory, settings->folder_bytes, error);
+    status = status != TL_OK ? status : tl_limits_set(settings->memory, settings->file_bytes, error);
     status = status != TL_OK ? status : restrict_files(settings, version, error);
     return status == TL_OK && !settings->calls_later ? tl_confine_calls(settings, facts, listener, error) : status;
 }
@@ -114,7 +114,8 @@ void tl_confine_describe(const tl_confine_facts *facts, char text[TL_CONFINE_TEX
     const char *const sentences[] = {
         facts->landlock > 0 ? ""
         : facts->user       ? "FMUs can read and write what every user may: this kernel has no Landlock"
-                            : "FMUs can read and write files of this user: this kernel has no Landlock",
+                            : "FMUs can read and write files of this user, and so take over its other processes "
+                              "(/proc/PID/mem): this kernel has no Landlock",
         facts->filter
             ? ""
             : "FMUs can open sockets, start programs and signal processes of this user: this kernel has no seccomp",

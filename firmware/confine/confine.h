@@ -2,13 +2,14 @@
  *
  * Purpose: after tl_confine() the process computes, starts threads, reads what programs are made of, and writes below one folder. It
  *          starts no program, opens no socket, signals, traces and reads no other process, and changes no file elsewhere, whatever an
- *          FMU in it does. There is no way back.
+ *          FMU in it does. It removes and renames none either, in its folder too: a file that was removed and is still open would
+ *          count nowhere. There is no way back.
  * Means:   a list of the system calls that are allowed (filter.h), Landlock for the places of files (landlock.h), limits (limits.h), a
  *          process that others of the same user cannot look into, and, for root, a user of its own (privileges.h).
  * Missing: what the kernel does not offer is a fact, told by tl_confine_describe(), never a failure. So the program goes on in an
  *          emulator, in a container and on an old kernel.
  * Left open, since no kernel holds it: names, sizes and dates of files can be seen anywhere (Landlock knows reading, not looking); time on
- *          the processor; what the listed folders hold; a file that was removed but is still open counts nowhere but at its limit.
+ *          the processor; what the listed folders hold.
  * `run`:   with may_connect the drivers of the plant can connect again: TCP to anybody, CAN, datagrams to local sockets, UDP for looking
  *          names up, serial lines and GPIO lines. That is for the threads of drivers and recorder; the thread of the FMUs does without
  *          (firmware/run/live_confinement.h). They share their memory all the same: an FMU that corrupts it can make the others
@@ -32,10 +33,9 @@ enum { TL_CONFINE_TEXT = 768 };
 
 /* All texts live during the call only. */
 typedef struct tl_confine_settings {
-    const char
-        *folder; /* absolute: becomes the current folder and TMPDIR; writing, making and removing is allowed below it.
+    const char *folder;      /* absolute: becomes the current folder and TMPDIR; writing and making is allowed below it.
                                  NULL: the current folder stays, and nothing is added */
-    uint64_t folder_bytes;   /* no file grows longer; 0: no such limit */
+    uint64_t file_bytes;     /* no file grows longer; 0: no such limit */
     const char *const *read; /* further files and folders that may be read; those that are missing are passed over */
     size_t read_count;
     const char *const *write; /* further ones that may be written, for `run`: the database's folder, devices */

@@ -24,7 +24,13 @@
 #define IS(n, value) MASKED(n, UINT32_MAX, (uint32_t)(value))
 
 /* What older headers do not have. */
-enum { CLONE_NEW_CGROUP = 0x02000000, ACCESS_MODES = 3, MAP_KINDS = 0x0f, QUERY = -1 };
+enum {
+    CLONE_NEW_CGROUP = 0x02000000,
+    ACCESS_MODES = 3,
+    MAP_KINDS = 0x0f,
+    QUERY = -1,
+    NO_NAME = O_TMPFILE & ~O_DIRECTORY
+};
 
 /* Commands as the kernel numbers them: 12 to 14 are those of locks on files of more than 2 GiB, for 32 bits. */
 static const uint32_t file_commands[] = {
@@ -81,22 +87,34 @@ static int allow_memory(scmp_filter_ctx context) {
     return failure != 0 ? failure : tl_filter_allow_all(context, "mprotect pkey_mprotect");
 }
 
-/* Before ABI 3 Landlock does not look when a file is emptied that is opened for reading, or (access mode 3) for neither. */
-static int allow_opening(scmp_filter_ctx context) {
-    static const struct {
-        const char *call;
-        unsigned flags;
-    } calls[] = {{"open", 1}, {"openat", 2}};
-    int failure = tl_filter_allow_all(context, "creat");
-    for (size_t i = 0; i < COUNT(calls) && failure == 0; i++) {
-        const struct scmp_arg_cmp ways[] = {
-            MASKED(calls[i].flags, O_TRUNC, 0),
-            MASKED(calls[i].flags, O_TRUNC | ACCESS_MODES, O_TRUNC | O_WRONLY),
-            MASKED(calls[i].flags, O_TRUNC | ACCESS_MODES, O_TRUNC | O_RDWR),
-        };
-        for (size_t way = 0; way < COUNT(ways) && failure == 0; way++) {
-            failure = allow_one(context, calls[i].call, ways[way]);
-        }
+/* Opening a file by a call whose flags are the argument `flags`. Before ABI 3 Landlock does not look when a file is emptied that is opened for
+ * reading, or (access mode 3) for neither. A file without a name counts in no folder: as on a file system that has none. */
+static int add_opening(scmp_filter_ctx context, const char *call, unsigned flags, const tl_filter_settings *settings) {
+    const uint32_t nameless = settings->may_connect ? 0 : NO_NAME;
+    const struct scmp_arg_cmp named = MASKED(flags, nameless, 0);
+    const struct scmp_arg_cmp ways[] = {
+        MASKED(flags, O_TRUNC | nameless, 0),
+        MASKED(flags, O_TRUNC | ACCESS_MODES | nameless, O_TRUNC | O_WRONLY),
+        MASKED(flags, O_TRUNC | ACCESS_MODES | nameless, O_TRUNC | O_RDWR),
+    };
+    if (settings->truncation_holds) {
+        return tl_filter_add(context, SCMP_ACT_ALLOW, call, &named, nameless != 0 ? 1 : 0);
+    }
+    int failure = 0;
+    for (size_t way = 0; way < COUNT(ways) && failure == 0; way++) {
+        failure = allow_one(context, call, ways[way]);
+    }
+    return failure;
+}
+
+static int add_files(scmp_filter_ctx context, const tl_filter_settings *settings) {
+    const struct scmp_arg_cmp nameless[] = {MASKED(1, NO_NAME, NO_NAME), MASKED(2, NO_NAME, NO_NAME)};
+    int failure = add_opening(context, "open", 1, settings);
+    failure = failure != 0 ? failure : add_opening(context, "openat", 2, settings);
+    if (!settings->may_connect) {
+        failure = failure != 0 ? failure : tl_filter_add(context, SCMP_ACT_ERRNO(EOPNOTSUPP), "open", &nameless[0], 1);
+        failure =
+            failure != 0 ? failure : tl_filter_add(context, SCMP_ACT_ERRNO(EOPNOTSUPP), "openat", &nameless[1], 1);
     }
     return failure;
 }
@@ -131,9 +149,9 @@ static int allow_own(scmp_filter_ctx context) {
 }
 
 #if TL_HAS_SANITIZER
-/* The search for leaks stops all threads from a process that shares our memory, which traces us. */
+/* The search for leaks stops all threads from a process that shares our memory, which traces us, and dies with us. */
 static int add_tracing(scmp_filter_ctx context, bool lives_on) {
-    static const uint32_t commands[] = {PR_SET_DUMPABLE, PR_SET_PTRACER};
+    static const uint32_t commands[] = {PR_SET_DUMPABLE, PR_SET_PTRACER, PR_SET_PDEATHSIG};
     int failure = tl_filter_allow_all(context, "ptrace");
     (void)lives_on;
     failure = failure != 0 ? failure : allow_one(context, "clone", MASKED(0, CLONE_VM | CLONE_THREAD, CLONE_VM));
@@ -154,9 +172,7 @@ int tl_filter_add_arguments(scmp_filter_ctx context, const tl_filter_settings *s
     }
     failure = failure != 0 ? failure : add_signals(context, settings->lives_on);
     failure = failure != 0 ? failure : add_tracing(context, settings->lives_on);
-    if (!settings->truncation_holds) {
-        failure = failure != 0 ? failure : allow_opening(context);
-    }
+    failure = failure != 0 ? failure : add_files(context, settings);
     if (settings->start_socket >= 0 && !settings->may_connect) {
         failure = failure != 0 ? failure : allow_one(context, "sendmsg", IS(0, settings->start_socket));
     }

@@ -13,7 +13,7 @@ typedef struct group {
 static const group allowed[] = {
     {"what it holds open", "read write readv writev pread64 pwrite64 preadv pwritev preadv2 pwritev2 lseek _llseek close close_range dup dup2 dup3"},
     {"copies between descriptors", "copy_file_range sendfile sendfile64 splice tee vmsplice"},
-    {"making files, where Landlock lets it", "mkdir mkdirat rmdir unlink unlinkat rename renameat renameat2"},
+    {"making files, where Landlock lets it", "mkdir mkdirat"},
     {"files that it has open for writing", "ftruncate ftruncate64 fallocate fsync fdatasync msync sync_file_range arm_sync_file_range"},
     {"advice on reading", "fadvise64 arm_fadvise64_64 readahead"},
     {"looking at files", "stat lstat fstat newfstatat stat64 lstat64 fstat64 fstatat64 statx access faccessat faccessat2 readlink readlinkat"},
@@ -62,8 +62,9 @@ int tl_filter_add_calls(scmp_filter_ctx context, const tl_filter_settings *setti
     for (size_t i = 0; i < sizeof allowed / sizeof allowed[0] && failure == 0; i++) {
         failure = tl_filter_allow_all(context, allowed[i].calls);
     }
+    failure = failure != 0 ? failure : tl_filter_allow_all(context, "creat");
     if (settings->truncation_holds) {
-        failure = failure != 0 ? failure : tl_filter_allow_all(context, "open openat creat truncate truncate64");
+        failure = failure != 0 ? failure : tl_filter_allow_all(context, "truncate truncate64");
     }
     return failure;
 }

@@ -67,11 +67,12 @@ static int allow(scmp_filter_ctx context, const char *call, unsigned argument, u
 }
 
 int tl_filter_add_drivers(scmp_filter_ctx context) {
-    /* sched_setscheduler: the cycle's priority is raised and lowered by another thread, which names it by a number. fchmod, fchown:
-     * SQLite gives the files beside a database the mode and owner of that. */
-    int failure = tl_filter_allow_all(
-        context, "connect shutdown getsockname getpeername getsockopt setsockopt send sendto "
-                 "sendmsg sendmmsg recv recvfrom recvmsg sched_setscheduler fchmod fchown fchown32");
+    /* Removing and renaming: a database's journal, a file that takes the place of another one; SQLite gives the files beside a database the
+     * mode and owner of that. sched_setscheduler: the cycle's priority is raised and lowered by another thread, which names it by a number. */
+    int failure =
+        tl_filter_allow_all(context, "connect shutdown getsockname getpeername getsockopt setsockopt send sendto "
+                                     "sendmsg sendmmsg recv recvfrom recvmsg sched_setscheduler "
+                                     "rmdir unlink unlinkat rename renameat renameat2 fchmod fchown fchown32");
     failure = failure != 0 ? failure : allow(context, "seccomp", 0, SECCOMP_GET_NOTIF_SIZES);
     for (size_t i = 0; i < COUNT(sockets) && failure == 0; i++) {
         const struct scmp_arg_cmp conditions[] = {

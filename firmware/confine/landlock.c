@@ -67,7 +67,6 @@ static const char *const readable[] = {
     "/dev/zero",
     "/dev/random",
     "/dev/urandom",
-    "/proc/self",
     "/proc/cpuinfo",
     "/proc/meminfo",
     "/proc/stat",
@@ -87,6 +86,14 @@ static const char *const readable[] = {
     "/sys/fs/cgroup", /* and what they may have of it */
 };
 
+/* What a process may know of itself: not its environment, its network (the plant's addresses), its threads' copies of both, its memory. The kernel makes
+ * such a file anew when nobody has it open and memory is short, and a rule is of the file that it was made for: so each stays open. */
+static const char *const own[] = {
+    "/proc/self/auxv",   "/proc/self/cgroup", "/proc/self/cmdline",   "/proc/self/comm",         "/proc/self/fd",
+    "/proc/self/limits", "/proc/self/maps",   "/proc/self/mountinfo", "/proc/self/mounts",       "/proc/self/smaps",
+    "/proc/self/stat",   "/proc/self/statm",  "/proc/self/status",    "/proc/self/smaps_rollup",
+};
+
 /* Settings of the loader, of the C library's locales, and of interpreters and virtual machines: what begins so in /etc. */
 static const char *const settings[] = {"ld.so.", "locale", "python", "java", "mono", "dotnet"};
 
@@ -101,18 +108,34 @@ static long add_rule(int rules, int place, uint64_t rights) {
     return syscall(SYS_landlock_add_rule, rules, LANDLOCK_RULE_PATH_BENEATH, &rule, 0);
 }
 
-/* False, with errno: it failed. What is missing, or out of reach, needs no rule. */
-static bool allow(int rules, const char *path, uint64_t rights) {
+/* The place, which the caller closes. False, with errno: it failed. What is missing, or out of reach, needs no rule, and is -1. */
+static bool allow_open(int rules, const char *path, uint64_t rights, int *place) {
     struct stat what;
-    int place = open(path, O_PATH | O_CLOEXEC);
-    if (place < 0) {
+    *place = open(path, O_PATH | O_CLOEXEC);
+    if (*place < 0) {
         return errno == ENOENT || errno == ENOTDIR || errno == EACCES;
     }
-    bool done =
-        fstat(place, &what) == 0 && add_rule(rules, place, S_ISDIR(what.st_mode) ? rights : rights & OF_FILES) == 0;
+    return fstat(*place, &what) == 0 &&
+           add_rule(rules, *place, S_ISDIR(what.st_mode) ? rights : rights & OF_FILES) == 0;
+}
+
+static bool allow(int rules, const char *path, uint64_t rights) {
+    int place = -1;
+    bool done = allow_open(rules, path, rights, &place);
     int cause = errno;
-    (void)close(place);
+    if (place >= 0) {
+        (void)close(place);
+    }
     errno = cause;
+    return done;
+}
+
+static bool allow_own(int rules, uint64_t rights) {
+    bool done = true;
+    for (size_t i = 0; i < COUNT(own) && done; i++) {
+        int stays = -1;
+        done = allow_open(rules, own[i], rights, &stays);
+    }
     return done;
 }
 
@@ -152,7 +175,7 @@ static bool allow_settings(int rules, uint64_t rights) {
 static bool allow_places(int rules, const tl_landlock_places *places, uint64_t all) {
     const uint64_t look = all & LOOK;
     const uint64_t change = all & (LOOK | CHANGE);
-    return allow_all(rules, readable, COUNT(readable), look) && allow_settings(rules, look) &&
+    return allow_all(rules, readable, COUNT(readable), look) && allow_own(rules, look) && allow_settings(rules, look) &&
            allow_all(rules, writable, COUNT(writable), change) &&
            allow_all(rules, places->read, places->read_count, look) &&
            allow_all(rules, places->write, places->write_count, change | (all & COMMAND_DEVICE)) &&

@@ -3,6 +3,7 @@
  * Purpose: whatever the user who started us could open, an FMU opens only what programs are made of, what the settings add, and its own folder.
  * Version: the kernel's ("ABI"), 1 … 7, is used as far as it goes. Renaming between folders from 2 on, emptying from 3 (before, the
  *          filter refuses what Landlock does not see), taking TCP ports from 4, commands to devices from 5, abstract sockets and signals from 6.
+ * Itself:  of /proc/self single files are read. Their places, a dozen descriptors, stay open for the rest of the process: rules depend on them.
  * Unseen:  Landlock does not hold looking (stat, access, readlink), changing the folder, and modes, owners, times and attributes; the filter
  *          refuses all changes of these.
  * Thread:  holds for the thread that calls and those that it starts.

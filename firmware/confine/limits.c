@@ -1,7 +1,9 @@
 /* Limits: see limits.h. */
 #include "firmware/confine/limits.h"
 
+#include <dirent.h>
 #include <errno.h>
+#include <stdlib.h>
 #include <string.h>
 #include <sys/prctl.h>
 #include <sys/resource.h>
@@ -33,9 +35,26 @@ static rlim_t stack_now(void) {
     return getrlimit(RLIMIT_STACK, &now) == 0 && now.rlim_cur != RLIM_INFINITY ? now.rlim_cur : LARGEST_STACK;
 }
 
+/* All numbers of open descriptors are below this; where nobody can tell (no /proc), the limit as it is. */
+static rlim_t open_descriptors(void) {
+    rlim_t most = 0;
+    DIR *folder = opendir("/proc/self/fd");
+    if (folder == NULL) {
+        return RLIM_INFINITY - TL_LIMITS_DESCRIPTORS;
+    }
+    for (const struct dirent *entry = readdir(folder); entry != NULL; entry = readdir(folder)) {
+        rlim_t number = strtoul(entry->d_name, NULL, 10);
+        most = number >= most ? number + 1 : most;
+    }
+    (void)closedir(folder);
+    return most;
+}
+
 tl_status tl_limits_set(uint64_t memory, uint64_t file, tl_error *error) {
     bool done = (memory == 0 || !tl_limits_hold_memory() || limit(RLIMIT_DATA, (rlim_t)memory)) &&
                 (file == 0 || limit(RLIMIT_FSIZE, (rlim_t)file)) && limit(RLIMIT_CORE, 0) &&
-                limit(RLIMIT_STACK, stack_now()) && prctl(PR_SET_DUMPABLE, 0) == 0;
+                limit(RLIMIT_STACK, stack_now()) && limit(RLIMIT_MSGQUEUE, 0) &&
+                limit(RLIMIT_SIGPENDING, TL_LIMITS_SIGNALS) &&
+                limit(RLIMIT_NOFILE, open_descriptors() + TL_LIMITS_DESCRIPTORS) && prctl(PR_SET_DUMPABLE, 0) == 0;
     return done ? TL_OK : tl_fail(error, TL_TRY_AGAIN, "limits of the process could not be set: %s", strerror(errno));
 }

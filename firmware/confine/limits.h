@@ -13,8 +13,11 @@
 /* Whether memory can be limited: not with a sanitizer, whose own is larger. */
 bool tl_limits_hold_memory(void);
 
-/* Memory and the length of a file (bytes; 0: none), for good. No core, no stack that grows without end, and nobody of the same user can look
- * into the process. TL_TRY_AGAIN: the kernel refused. */
+/* More descriptors than are open now, and timers and signals under way, at most. */
+enum { TL_LIMITS_DESCRIPTORS = 256, TL_LIMITS_SIGNALS = 256 };
+
+/* Memory and the length of a file (bytes; 0: none), for good. Besides: descriptors, timers and signals as above, no message queue, no core, no
+ * stack that grows without end, and nobody of the same user can look into the process. TL_TRY_AGAIN: the kernel refused. */
 tl_status tl_limits_set(uint64_t memory, uint64_t file, tl_error *error);
 
 #endif

@@ -9,7 +9,7 @@
 
 static void describe(const struct seccomp_notif *asked, tl_refusal *refusal) {
     char *name = seccomp_syscall_resolve_num_arch(SCMP_ARCH_NATIVE, asked->data.nr);
-    *refusal = (tl_refusal){.number = asked->data.nr, .thread = (pid_t)asked->pid};
+    *refusal = (tl_refusal){.id = asked->id, .number = asked->data.nr, .thread = (pid_t)asked->pid};
     if (name != NULL) {
         (void)snprintf(refusal->name, sizeof refusal->name, "%s", name);
     } else {
@@ -21,26 +21,28 @@ static void describe(const struct seccomp_notif *asked, tl_refusal *refusal) {
     }
 }
 
-/* Nothing of the other process is read, so it does not matter whether it is still there (SECCOMP_IOCTL_NOTIF_ID_VALID): an answer that comes
- * too late goes nowhere. */
-static void answer(int listener, uint64_t id, struct seccomp_notif_resp *reply) {
-    reply->id = id;
-    reply->error = -EPERM;
-    (void)seccomp_notify_respond(listener, reply);
-}
-
 bool tl_refusal_take(int listener, tl_refusal *refusal) {
     struct pollfd waiting = {.fd = listener, .events = POLLIN};
     if (listener < 0 || poll(&waiting, 1, 0) != 1 || (waiting.revents & POLLIN) == 0) {
         return false;
     }
     struct seccomp_notif *asked = NULL;
-    struct seccomp_notif_resp *reply = NULL;
-    bool taken = seccomp_notify_alloc(&asked, &reply) == 0 && seccomp_notify_receive(listener, asked) == 0;
+    bool taken = seccomp_notify_alloc(&asked, NULL) == 0 && seccomp_notify_receive(listener, asked) == 0;
     if (taken) {
         describe(asked, refusal);
-        answer(listener, asked->id, reply);
     }
-    seccomp_notify_free(asked, reply);
+    seccomp_notify_free(asked, NULL);
     return taken;
+}
+
+/* Nothing of the other process is read, so it does not matter whether it is still there (SECCOMP_IOCTL_NOTIF_ID_VALID): an answer that comes
+ * too late goes nowhere. */
+void tl_refusal_answer(int listener, const tl_refusal *refusal) {
+    struct seccomp_notif_resp *reply = NULL;
+    if (seccomp_notify_alloc(NULL, &reply) == 0) {
+        reply->id = refusal->id;
+        reply->error = -EPERM;
+        (void)seccomp_notify_respond(listener, reply);
+    }
+    seccomp_notify_free(NULL, reply);
 }

@@ -1,8 +1,8 @@
 /* What a confined process was refused, for the process that keeps watch on it.
  *
- * Purpose: vendors' FMUs ask for a licence by a socket, start a tool, change a file's mode. Each such call waits until it is taken here, is
- *          answered with EPERM, always, and can be named.
- * Cost:    a refused call waits for the next look: take all that wait, often.
+ * Purpose: vendors' FMUs ask for a licence by a socket, start a tool, change a file's mode. Each such call waits until it is taken here and
+ *          answered, with EPERM, always. In between the caller stands still, so that what it was about can be looked up.
+ * Cost:    a refused call waits for the next look: take all that wait, often, and answer each at once.
  * Thread:  any one.
  */
 #ifndef TL_FIRMWARE_CONFINE_REFUSAL_H
@@ -15,6 +15,7 @@
 enum { TL_REFUSAL_NAME = 32, TL_REFUSAL_ARGUMENTS = 6 };
 
 typedef struct tl_refusal {
+    uint64_t id;                /* private: of what is to be answered */
     char name[TL_REFUSAL_NAME]; /* "socket"; "call 999" where nobody has a name for it */
     int number;                 /* on this machine */
     pid_t thread;               /* who called */
@@ -22,7 +23,10 @@ typedef struct tl_refusal {
         [TL_REFUSAL_ARGUMENTS]; /* as they were passed: what they point at is the other process's, and may change */
 } tl_refusal;
 
-/* Takes one, and answers it. False: none waits, or the process has ended. Never waits. `listener` is tl_confine()'s, or -1: never one. */
+/* Takes one, which must be answered. False: none waits, or the process has ended. Never waits. `listener` is tl_confine()'s, or -1: never one. */
 bool tl_refusal_take(int listener, tl_refusal *refusal);
+
+/* Refuses it: the caller goes on. One that is gone meanwhile is no error. */
+void tl_refusal_answer(int listener, const tl_refusal *refusal);
 
 #endif

@@ -26,7 +26,8 @@ struct tl_fmu_thread {
     tl_fmu_job *job; /* under way, or to be begun; NULL: none */
     void *context;
     bool end;
-    tl_fmu_patience patience; /* of who waits */
+    tl_fmu_watch watch;
+    tl_fmu_patience patience; /* of who waits, if it watches */
 };
 
 /* ---- in the thread ---- */
@@ -97,7 +98,7 @@ static void destroy(tl_fmu_thread *thread) {
     free(thread);
 }
 
-tl_status tl_fmu_thread_start(tl_time limit, tl_fmu_thread **thread, tl_error *error) {
+tl_status tl_fmu_thread_start(tl_fmu_watch watch, tl_fmu_thread **thread, tl_error *error) {
     tl_fmu_thread *made = calloc(1, sizeof *made);
     *thread = NULL;
     if (made == NULL) {
@@ -108,7 +109,8 @@ tl_status tl_fmu_thread_start(tl_time limit, tl_fmu_thread **thread, tl_error *e
     (void)tl_host_state_handle(SIGUSR1, &action, NULL);
     (void)pthread_mutex_init(&made->lock, NULL);
     make_condition(&made->changed);
-    tl_fmu_patience_init(&made->patience, limit);
+    made->watch = watch;
+    tl_fmu_patience_init(&made->patience, 0);
     int result = make_thread(made);
     if (result != 0) {
         destroy(made);
@@ -161,7 +163,7 @@ static void wake(const tl_fmu_thread *thread) {
 
 void tl_fmu_thread_wait(tl_fmu_thread *thread) {
     while (!is_done_soon(thread)) {
-        tl_fmu_patience_look(&thread->patience);
+        tl_fmu_thread_watch(thread);
         if (tl_interrupt_requested() != NULL) {
             wake(thread);
         }
@@ -170,7 +172,7 @@ void tl_fmu_thread_wait(tl_fmu_thread *thread) {
 
 void tl_fmu_thread_hurry(tl_fmu_thread *thread) {
     do {
-        tl_fmu_patience_look(&thread->patience);
+        tl_fmu_thread_watch(thread);
         wake(thread);
     } while (!is_done_soon(thread));
 }
@@ -180,10 +182,10 @@ void tl_fmu_thread_call(tl_fmu_thread *thread, tl_fmu_job *job, void *context) {
     tl_fmu_thread_wait(thread);
 }
 
-tl_status tl_fmu_thread_run(tl_time limit, tl_fmu_job *job, void *context) {
+tl_status tl_fmu_thread_run(tl_fmu_job *job, void *context) {
     tl_error error;
     tl_fmu_thread *thread = NULL;
-    tl_status status = tl_fmu_thread_start(limit, &thread, &error);
+    tl_status status = tl_fmu_thread_start(TL_FMU_WATCHED_ELSEWHERE, &thread, &error);
     if (thread == NULL) {
         tl_log(TL_LOG_ERROR, "%s", error.text);
         return status;
@@ -194,7 +196,11 @@ tl_status tl_fmu_thread_run(tl_time limit, tl_fmu_job *job, void *context) {
 }
 
 void tl_fmu_thread_watch(tl_fmu_thread *thread) {
-    tl_fmu_patience_look(&thread->patience);
+    if (thread->watch == TL_FMU_WATCHED_HERE) {
+        tl_fmu_patience_look(&thread->patience);
+    } else {
+        tl_interrupt_reclaim(); /* an FMU whose call lasts may have taken the signals */
+    }
 }
 
 pthread_t tl_fmu_thread_handle(const tl_fmu_thread *thread) {

@@ -3,8 +3,7 @@
  * Purpose: FMI lets an importer call from any thread, and vendors have not all heard of it: what an FMU keeps in a thread-local variable
  *          or an interpreter's thread state must be there in its next call. And they want the stack that they were tested with:
  *          TL_FMU_THREAD_STACK, what a main thread has.
- * Jobs:    the thread does what it is told, one job after the other. Who waits for one keeps an eye on it: fmu_patience.h may end the
- *          process.
+ * Jobs:    the thread does what it is told, one job after the other. Who waits for one keeps an eye on it, unless another process does.
  * Signals: none is blocked in it, since programs that an FMU starts would inherit that; the main thread takes those that ask to end.
  *          SIGUSR1 wakes it from a sleep of ours.
  * Thread:  all functions are the main thread's, or that of who started it.
@@ -15,7 +14,6 @@
 #include <pthread.h>
 #include <stdbool.h>
 
-#include "master/base/simtime.h"
 #include "master/base/status.h"
 
 enum { TL_FMU_THREAD_STACK = 8 * 1024 * 1024 };
@@ -24,8 +22,14 @@ typedef struct tl_fmu_thread tl_fmu_thread;
 
 typedef void tl_fmu_job(void *context);
 
-/* `limit`: of a single call of an FMU, ns; 0: none. Errors: TL_TRY_AGAIN. */
-tl_status tl_fmu_thread_start(tl_time limit, tl_fmu_thread **thread, tl_error *error);
+/* Who looks for how long a call lasts, and ends the process if it must be. */
+typedef enum tl_fmu_watch {
+    TL_FMU_WATCHED_HERE,     /* who waits for a job (fmu_patience.h) */
+    TL_FMU_WATCHED_ELSEWHERE /* another process */
+} tl_fmu_watch;
+
+/* Errors: TL_TRY_AGAIN. */
+tl_status tl_fmu_thread_start(tl_fmu_watch watch, tl_fmu_thread **thread, tl_error *error);
 
 /* Ends it, once its job is done. NULL is allowed. */
 void tl_fmu_thread_end(tl_fmu_thread *thread);
@@ -42,8 +46,8 @@ void tl_fmu_thread_hurry(tl_fmu_thread *thread);
 /* Both: begins and waits. */
 void tl_fmu_thread_call(tl_fmu_thread *thread, tl_fmu_job *job, void *context);
 
-/* All of it for a single job: start, call, end. What fails was said on the log. */
-tl_status tl_fmu_thread_run(tl_time limit, tl_fmu_job *job, void *context);
+/* All of it for a single job, watched elsewhere: start, call, end. What fails was said on the log. */
+tl_status tl_fmu_thread_run(tl_fmu_job *job, void *context);
 
 /* Only keeps an eye on a job that runs: for who does something else meanwhile. */
 void tl_fmu_thread_watch(tl_fmu_thread *thread);

@@ -22,7 +22,7 @@
 #include "master/base/simtime.h"
 #include "master/base/status.h"
 
-enum { TL_CHANNEL_DEPTH = 256 }; /* slots of each ring */
+enum { TL_CHANNEL_DEPTH = 1024 }; /* slots of each ring */
 
 /* The same on both sides. */
 typedef struct tl_channel_settings {

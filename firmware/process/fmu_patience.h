@@ -1,9 +1,9 @@
 /* Patience with FMUs: how long a call may last before the process ends without it.
  *
  * Purpose: an FMU that never returns must not keep a program from telling what it waits for, nor from ending when it is asked to. A
- *          thread cannot be taken out of a vendor's code, so the process ends: with 70, the FMU, its function, and how long.
- * Limits:  of a single call where there is nobody to watch (`check`, `replay`, `plant`; not `run`, which has its supervisor); and
- *          TL_FMU_PATIENCE_END once the program was asked to end. Asked again after a second, it ends at once.
+ *          thread cannot be taken out of a vendor's code, so the process with the FMUs ends, and the FMU, its function, and how long are told.
+ * Limits:  of a single call in `check`, `replay` and `plant`, whose FMUs are in a process of their own that another one watches (not in `run`,
+ *          which has its supervisor); and TL_FMU_PATIENCE_END once the program was asked to end. Asked again after a second, it ends at once.
  * Clock:   what passes between two looks, of which at most a second counts: who was stopped, or suspended, was not patient.
  * Thread:  the main thread, which looks some times a second while FMUs are called in another one.
  */
@@ -46,8 +46,8 @@ typedef struct tl_fmu_patience_view {
 /* False: there is patience left. True: it is over, and `text` says why. */
 bool tl_fmu_patience_is_over(tl_fmu_patience *patience, const tl_fmu_patience_view *view, char *text, size_t size);
 
-/* Looks at the FMU call under way and at the signals that came, and takes these back from an FMU whose call lasts. Where patience is over the
- * process ends here. */
+/* In the process with the FMUs: looks at the call under way and at the signals that came, and takes these back from an FMU whose call lasts. If
+ * patience is over the process ends here. */
 void tl_fmu_patience_look(tl_fmu_patience *patience);
 
 #endif

@@ -33,7 +33,7 @@ typedef struct removal {
     size_t changes;      /* entries removed or moved so far */
 } removal;
 
-/* Its entries can be changed. A process with FMUs may not set modes, and needs not: so only if it must be. */
+/* Its entries can be changed. */
 static void make_ours(int folder) {
     struct stat about;
     if (folder >= 0 && fstat(folder, &about) == 0 && (about.st_mode & S_IRWXU) != S_IRWXU) {
@@ -156,8 +156,17 @@ static void strike_off(const tl_private_folder *folder) {
     (void)pthread_mutex_unlock(&in_use_lock);
 }
 
+/* Another process removes what is made. */
+static bool leaves;
+
+void tl_private_folder_leave(void) {
+    leaves = true;
+}
+
 void tl_private_folder_remove(tl_private_folder *folder) {
-    if (folder->path[0] != '\0') {
+    if (folder->path[0] != '\0' && folder->is_left) {
+        (void)close(folder->descriptor);
+    } else if (folder->path[0] != '\0') {
         strike_off(folder);
         remove_tree(folder->descriptor, folder->path);
     }
@@ -253,12 +262,14 @@ static tl_status claim(uint32_t user, tl_private_folder *folder, tl_error *error
 tl_status tl_private_folder_make(const char *kind, uint32_t user, tl_private_folder *folder, tl_error *error) {
     const char *name = NULL;
     char parent[PATH_MAX];
-    *folder = (tl_private_folder){.descriptor = -1};
+    *folder = (tl_private_folder){.descriptor = -1, .is_left = leaves};
     if (!find_parent(&name, parent)) {
         return tl_fail(error, TL_TRY_AGAIN, "the folder for temporary files, %s, cannot be used: %s; set TMPDIR", name,
                        strerror(errno));
     }
-    sweep(parent, kind);
+    if (!leaves) {
+        sweep(parent, kind);
+    }
     int length =
         snprintf(folder->path, sizeof folder->path, "%s/" PREFIX "%s-%ld-XXXXXX", parent, kind, (long)getpid());
     if (length < 0 || (size_t)length > sizeof folder->path - TL_PRIVATE_FOLDER_ROOM) {
@@ -271,7 +282,9 @@ tl_status tl_private_folder_make(const char *kind, uint32_t user, tl_private_fol
         return tl_fail(error, TL_TRY_AGAIN, "no folder can be made in %s: %s; free space or set TMPDIR", parent,
                        strerror(code));
     }
-    enlist(folder);
+    if (!leaves) {
+        enlist(folder);
+    }
     tl_status status = claim(user, folder, error);
     if (status != TL_OK) {
         tl_private_folder_remove(folder);

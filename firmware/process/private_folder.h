@@ -4,6 +4,7 @@
  *          removes those of its kind whose process is gone and whose lock is free. One that gives up (process_end.h) removes its own.
  * Trust:   what is in it may have been put there by an enemy: links are not followed, folders that forbid it are opened all the same,
  *          and neither their depth nor the number of files costs memory or descriptors.
+ * Another: a process that may not remove files leaves that to the one that started it and has given it a folder: tl_private_folder_leave().
  * Owner:   the caller places a folder; it must stay where it is until it is removed.
  * Errors:  TL_TRY_AGAIN: space or descriptors are missing, or TMPDIR is no folder.
  * Thread:  one thread at a time for each folder; its removal as the process gives up from any.
@@ -12,6 +13,7 @@
 #define TL_FIRMWARE_PROCESS_PRIVATE_FOLDER_H
 
 #include <limits.h>
+#include <stdbool.h>
 #include <stdint.h>
 
 #include "master/base/status.h"
@@ -22,14 +24,19 @@ enum { TL_PRIVATE_FOLDER_ROOM = 1026 }; /* bytes that a path has left below it *
 typedef struct tl_private_folder {
     char path[PATH_MAX];            /* absolute, without links and without a slash at the end; "" where there is none */
     int descriptor;                 /* of the folder, which it locks */
+    bool is_left;                   /* private: another process removes it */
     struct tl_private_folder *next; /* private: of those in use */
 } tl_private_folder;
 
 /* `kind`: letters, "fmu". `user`: who shares it, as the group of that number, which takes root; 0: nobody. On failure nothing remains. */
 tl_status tl_private_folder_make(const char *kind, uint32_t user, tl_private_folder *folder, tl_error *error);
 
-/* Removes it with all that is in it. None is allowed. */
+/* Removes it with all that is in it, unless it is left to another process: then it is only closed. None is allowed. */
 void tl_private_folder_remove(tl_private_folder *folder);
+
+/* From now on folders are made in one that another process removes with all that is in it: making sweeps nothing, and removing only closes. Before
+ * the first is made, while there is one thread. */
+void tl_private_folder_leave(void);
 
 /* Removes those of a kind that killed processes of this user left. */
 void tl_private_folder_sweep(const char *kind);

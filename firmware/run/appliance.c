@@ -397,7 +397,7 @@ static tl_status build(appliance *self) {
     appliance_job job = {.self = self};
     const bool confined = !self->settings->unconfined;
     tl_status status = confined ? confine(self, &error) : TL_OK;
-    status = status == TL_OK ? tl_fmu_thread_start(0, &self->fmus, &error) : status;
+    status = status == TL_OK ? tl_fmu_thread_start(TL_FMU_WATCHED_HERE, &self->fmus, &error) : status;
     if (status == TL_OK && confined) {
         status = confine_threads(self, &error);
     }

@@ -13,10 +13,12 @@
 #include <sys/resource.h>
 #include <unistd.h>
 
+#include "firmware/base/clock.h"
 #include "firmware/base/log.h"
 #include "firmware/base/side_thread.h"
 #include "firmware/process/host_state.h"
 #include "firmware/process/private_folder.h"
+#include "firmware/process/process_end.h"
 #include "firmware/twin/fmu_refusals.h"
 #include "firmware/twin/twin_places.h"
 
@@ -42,9 +44,12 @@ struct tl_live_confinement {
     bool shares_folder; /* the current folder is that of the whole process */
     tl_confine_facts facts;
     int listener; /* -1: none */
-    int stop;     /* eventfd: the thread that answers is told to end */
+    int wake;     /* eventfd: the thread that answers is to look at what follows */
+    bool stop;    /* it is to end, */
+    bool give_up; /* and to remove the folder first */
+    bool removed;
     pthread_t thread;
-    bool answers;         /* there is that thread */
+    bool is_started;      /* that thread */
     pthread_mutex_t lock; /* of the refusals */
     tl_fmu_refusals refusals;
 };
@@ -189,6 +194,7 @@ static tl_status begin(tl_live_confinement *self, const tl_assembly *assembly, c
     }
     (void)snprintf(path, sizeof path, "%s", self->folder.path);
     (void)snprintf(self->parent, sizeof self->parent, "%s", dirname(path));
+    tl_private_folder_leave(); /* what FMUs have in it: they may remove nothing */
     status = find_places(self, assembly, database, error);
     if (status != TL_OK) {
         return status;
@@ -210,9 +216,9 @@ tl_status tl_live_confinement_begin(const tl_assembly *assembly, const char *dat
         return tl_fail(error, TL_TRY_AGAIN, "not enough memory");
     }
     made->listener = -1;
-    made->stop = eventfd(0, EFD_CLOEXEC);
+    made->wake = eventfd(0, EFD_CLOEXEC);
     (void)pthread_mutex_init(&made->lock, NULL);
-    tl_status status = made->stop >= 0 ? begin(made, assembly, database, error)
+    tl_status status = made->wake >= 0 ? begin(made, assembly, database, error)
                                        : tl_fail(error, TL_TRY_AGAIN,
                                                  "no descriptor for the thread that answers what FMUs are refused");
     if (status != TL_OK) {
@@ -240,17 +246,42 @@ tl_status tl_live_confinement_enter(tl_live_confinement *self, tl_error *error) 
 
 /* ---- the thread that answers ---- */
 
+/* Whoever ends this process may be the thread of the FMUs, by an FMU's exit(), and that may remove nothing. */
+static tl_live_confinement *removed_by_thread;
+
+static void tell_thread(tl_live_confinement *self, bool *what) {
+    const uint64_t one = 1;
+    __atomic_store_n(what, true, __ATOMIC_RELEASE);
+    (void)!write(self->wake, &one, sizeof one);
+}
+
+static void remove_by_thread(void) {
+    enum { LOOKS = 2000 };
+    tl_live_confinement *self = removed_by_thread;
+    tell_thread(self, &self->give_up);
+    for (int i = 0; i < LOOKS && !__atomic_load_n(&self->removed, __ATOMIC_ACQUIRE); i++) {
+        tl_clock_sleep_until(tl_clock_now(NULL) + TL_SECOND / 1000);
+    }
+}
+
 static void *answer(void *context) {
     tl_live_confinement *self = context;
-    enum { STOP, LISTENER, WATCHED };
+    enum { WAKE, LISTENER, WATCHED };
     struct pollfd watched[WATCHED] = {
-        [STOP] = {.fd = self->stop, .events = POLLIN}, [LISTENER] = {.fd = self->listener, .events = POLLIN}};
-    while (watched[STOP].revents == 0 && (watched[LISTENER].revents & (POLLHUP | POLLERR)) == 0) {
+        [WAKE] = {.fd = self->wake, .events = POLLIN}, [LISTENER] = {.fd = self->listener, .events = POLLIN}};
+    while (!__atomic_load_n(&self->stop, __ATOMIC_ACQUIRE) && !__atomic_load_n(&self->give_up, __ATOMIC_ACQUIRE)) {
         (void)poll(watched, WATCHED, -1);
+        if ((watched[LISTENER].revents & (POLLHUP | POLLERR)) != 0) {
+            watched[LISTENER].fd = -1; /* the thread of the FMUs has ended */
+        }
         (void)pthread_mutex_lock(&self->lock);
         while (tl_fmu_refusals_answer(&self->refusals, self->listener, tl_fmu_calls_here()) != NULL) {
         }
         (void)pthread_mutex_unlock(&self->lock);
+    }
+    if (__atomic_load_n(&self->give_up, __ATOMIC_ACQUIRE)) {
+        tl_private_folder_remove(&self->folder);
+        __atomic_store_n(&self->removed, true, __ATOMIC_RELEASE);
     }
     return NULL;
 }
@@ -259,11 +290,15 @@ tl_status tl_live_confinement_finish(tl_live_confinement *self, tl_error *error)
     const tl_confine_settings settings = settings_of_others(self);
     tl_confine_facts facts;
     tl_status status = tl_confine_calls(&settings, &facts, NULL, error);
-    if (status != TL_OK || self->listener < 0) {
+    if (status != TL_OK) {
         return status;
     }
     int failure = tl_side_thread_start(&self->thread, 0, answer, self);
-    self->answers = failure == 0;
+    self->is_started = failure == 0;
+    if (self->is_started) {
+        removed_by_thread = self;
+        tl_process_remove_by(remove_by_thread);
+    }
     return failure == 0
                ? TL_OK
                : tl_fail(error, TL_TRY_AGAIN, "no thread that answers what FMUs are refused: %s", strerror(failure));
@@ -301,12 +336,12 @@ void tl_live_confinement_tell(tl_live_confinement *self, tl_journal *journal) {
 }
 
 void tl_live_confinement_end(tl_live_confinement *self) {
-    const uint64_t one = 1;
     if (self == NULL) {
         return;
     }
-    if (self->answers) {
-        (void)!write(self->stop, &one, sizeof one);
+    if (self->is_started) {
+        tl_process_remove_by(NULL);
+        tell_thread(self, &self->stop);
         (void)pthread_join(self->thread, NULL);
     }
     tell(self, tell_log, NULL);
@@ -317,8 +352,8 @@ void tl_live_confinement_end(tl_live_confinement *self) {
     if (self->listener >= 0) {
         (void)close(self->listener);
     }
-    if (self->stop >= 0) {
-        (void)close(self->stop);
+    if (self->wake >= 0) {
+        (void)close(self->wake);
     }
     (void)pthread_mutex_destroy(&self->lock);
     free(self);

@@ -38,22 +38,19 @@ static const char *say(tl_fmu_refusals *refusals, const tl_refusal *refusal, con
     return noted->said;
 }
 
-/* Looked up before it is answered: who asked waits so long, and then goes on. */
+/* Who asked stands still until it is answered: so the account still says which function it is in. */
 const char *tl_fmu_refusals_answer(tl_fmu_refusals *refusals, int listener, const tl_fmu_calls *calls) {
-    for (;;) {
-        tl_refusal refusal;
+    tl_refusal refusal;
+    const char *said = NULL;
+    while (said == NULL && tl_refusal_take(listener, &refusal)) {
         tl_fmu_call call;
         if (!tl_fmu_calls_look(calls, &call)) {
             call = (tl_fmu_call){.fmu = ""};
         }
-        if (!tl_refusal_take(listener, &refusal)) {
-            return NULL;
-        }
-        const char *said = say(refusals, &refusal, &call);
-        if (said != NULL) {
-            return said;
-        }
+        said = say(refusals, &refusal, &call);
+        tl_refusal_answer(listener, &refusal);
     }
+    return said;
 }
 
 void tl_fmu_refusals_tell(tl_fmu_refusals *refusals, tl_fmu_refusals_listener *hear, void *context) {

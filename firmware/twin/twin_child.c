@@ -242,7 +242,10 @@ static bool is_open_to_others(const char *folder) {
  * not come to its folder, it stays root without root's capabilities. */
 static uint32_t private_user(void) {
     const char *folder = getenv("TMPDIR");
-    bool possible = geteuid() == 0 && is_open_to_others(folder == NULL || folder[0] == '\0' ? "/tmp" : folder);
+    tl_confine_facts facts;
+    tl_confine_probe(&facts);
+    bool possible =
+        geteuid() == 0 && facts.user && is_open_to_others(folder == NULL || folder[0] == '\0' ? "/tmp" : folder);
     return possible ? 0x70000000U + (uint32_t)getpid() : 0;
 }
 
@@ -251,7 +254,7 @@ static tl_status make_job(tl_twin_child *child, tl_error *error) {
     job.folder = child->folder.path;
     job.memory = tl_confine_fair_memory();
     job.user = child->user;
-    job.folder_bytes = TL_TWIN_FOLDER_MIB * MIB;
+    job.file_bytes = TL_FMU_ENTRY_BYTES; /* which may be unpacked; the warden looks at what they write together */
     return tl_twin_job_make(&job, &child->job, error);
 }
 
@@ -265,7 +268,8 @@ static int run_forked(const char *title, void *context) {
 static tl_status start_process(tl_twin_child *child, const pipes *ends, tl_error *error) {
     char title[TL_ROLE_TITLE];
     char folder[PATH_MAX + sizeof "TMPDIR="];
-    const char *const variables[] = {folder};
+    /* Confined: it may remove and rename no file, as Python does when it keeps what it has compiled. */
+    const char *const variables[] = {folder, "PYTHONDONTWRITEBYTECODE=1"};
     (void)snprintf(title, sizeof title, "twin [%s]", child->settings.config->name);
     (void)snprintf(folder, sizeof folder, "TMPDIR=%s", child->folder.path);
     const tl_role_settings settings = {
@@ -273,7 +277,7 @@ static tl_status start_process(tl_twin_child *child, const pipes *ends, tl_error
         .descriptors = {ends->nothing, ends->output[1], ends->output[1], ends->page[1], child->job.descriptor,
                         child->blocks[TL_PARENT].descriptor, child->blocks[TL_CHILD].descriptor, ends->start[1]},
         .variables = variables,
-        .variable_count = 1,
+        .variable_count = child->settings.job->unconfined ? 1 : sizeof variables / sizeof variables[0],
         .fallback = run_forked,
         .context = child,
     };
@@ -317,7 +321,7 @@ static tl_status start_warden(tl_twin_child *child, pipes *ends, tl_error *error
                    .bytes = TL_TWIN_FOLDER_MIB * MIB + unpacked_bytes(child->settings.config),
                    .files = FILES * (child->settings.config->component_count + 1),
                    .threads = THREADS,
-                   .resident = tl_confine_fair_memory()},
+                   .memory = tl_confine_fair_memory()},
     };
     tl_status status = tl_twin_warden_start(&settings, &child->warden, error);
     if (status == TL_OK) {
@@ -340,10 +344,17 @@ static void say_confinement(const tl_twin_child *child) {
     }
 }
 
+/* Root of a container may have numbers of users only for some, and no right to give a folder away. Then it stays who it is. */
+static tl_status make_folder(tl_twin_child *child, tl_error *error) {
+    child->user = child->settings.job->unconfined ? 0 : private_user();
+    if (child->user != 0 && tl_private_folder_make("twin", child->user, &child->folder, error) != TL_OK) {
+        child->user = 0;
+    }
+    return child->user != 0 ? TL_OK : tl_private_folder_make("twin", 0, &child->folder, error);
+}
+
 static tl_status start(tl_twin_child *child, pipes *ends, tl_error *error) {
-    bool confined = !child->settings.job->unconfined;
-    child->user = confined ? private_user() : 0;
-    tl_status status = tl_private_folder_make("twin", child->user, &child->folder, error);
+    tl_status status = make_folder(child, error);
     if (status == TL_OK) {
         status = make_blocks(child, error);
     }

@@ -23,15 +23,16 @@
 #include "master/twin/account.h"
 
 enum {
-    TL_TWIN_CHILD_DEPTH = 256, /* ticks that can be under way */
-    TL_TWIN_FOLDER_MIB = 256   /* that FMUs may write, beside what they are unpacked to */
+    TL_TWIN_CHILD_DEPTH = TL_CHANNEL_DEPTH, /* ticks that can be under way */
+    TL_TWIN_FOLDER_MIB = 256                /* that FMUs may write, beside what they are unpacked to */
 };
 
 typedef struct tl_twin_child tl_twin_child;
 
 typedef struct tl_twin_child_settings {
     const tl_twin_job *job;
-    const tl_config *config;  /* must outlive the child */
+    const tl_config *
+        config; /* of the job's text, as its twin takes it: delays forgotten, look-ups in use. Needed until the work has ended */
     FILE *page;               /* what a check prints goes here; NULL: nothing is printed */
     tl_twin_page *print_page; /* as in main() */
     tl_time call_limit;       /* ns of one call of an FMU */

@@ -34,13 +34,13 @@ typedef struct tl_twin_job {
     int64_t tick;                    /* of where it begins */
     const unsigned char *checkpoint; /* and with what */
     size_t checkpoint_size;
-    const char *path;      /* of the configuration, as given: relative names start at its folder */
-    const char *text;      /* what it says */
-    const char *folder;    /* private, absolute: for what FMUs write */
-    uint64_t folder_bytes; /* that they may write */
-    uint64_t memory;       /* bytes that the process may take; 0: no limit */
-    uint32_t user;         /* to become; 0: stay */
-    bool plain;            /* save no executions */
+    const char *path;    /* of the configuration, as given: relative names start at its folder */
+    const char *text;    /* what it says */
+    const char *folder;  /* private, absolute: for what FMUs write */
+    uint64_t file_bytes; /* of one file that is unpacked or written */
+    uint64_t memory;     /* that the process may take; 0: no limit */
+    uint32_t user;       /* to become; 0: stay */
+    bool plain;          /* save no executions */
     bool without_delays;
     bool variables; /* the page lists them */
     bool unconfined;

@@ -4,6 +4,8 @@
 #include <assert.h>
 #include <string.h>
 
+enum { WORD = sizeof(uint64_t) };
+
 /* What is of one size in every tick. */
 typedef struct tick_head {
     int64_t tick;
@@ -36,14 +38,31 @@ typedef struct result_head {
     uint32_t delay_state;
 } result_head;
 
-static unsigned char *put(unsigned char *place, const void *from, size_t size) {
-    memcpy(place, from, size);
-    return place + size;
+/* Arrays are short, mostly of one or two: a loop takes less than a call. Each element is of eight bytes. */
+static inline unsigned char *put_words(unsigned char *place, const void *from, size_t count) {
+    for (size_t i = 0; i < count; i++) {
+        memcpy(place + i * WORD, (const unsigned char *)from + i * WORD, WORD);
+    }
+    return place + count * WORD;
 }
 
-static const unsigned char *get(const unsigned char *place, void *to, size_t size) {
-    memcpy(to, place, size);
-    return place + size;
+static inline const unsigned char *get_words(const unsigned char *place, void *to, size_t count) {
+    for (size_t i = 0; i < count; i++) {
+        memcpy((unsigned char *)to + i * WORD, place + i * WORD, WORD);
+    }
+    return place + count * WORD;
+}
+
+static inline void put_bytes(unsigned char *place, const uint8_t *from, size_t count) {
+    for (size_t i = 0; i < count; i++) {
+        place[i] = from[i];
+    }
+}
+
+static inline void get_bytes(const unsigned char *place, uint8_t *to, size_t count) {
+    for (size_t i = 0; i < count; i++) {
+        to[i] = place[i];
+    }
 }
 
 /* ---- ticks ---- */
@@ -65,21 +84,23 @@ void tl_twin_pack_tick(const tl_config *config, const tl_recording_tick *tick, u
         .without_nominal = tick->without_nominal ? 1 : 0,
         .followed = tick->followed ? 1 : 0,
     };
-    bytes = put(bytes, &head, sizeof head);
-    bytes = put(bytes, sample->values, config->signal_count * sizeof sample->values[0]);
-    bytes = put(bytes, sample->stamps, config->signal_count * sizeof sample->stamps[0]);
-    bytes = put(bytes, tick->u, config->adjust_count * sizeof tick->u[0]);
-    (void)put(bytes, sample->quality, config->signal_count);
+    memcpy(bytes, &head, sizeof head);
+    bytes += sizeof head;
+    bytes = put_words(bytes, sample->values, config->signal_count);
+    bytes = put_words(bytes, sample->stamps, config->signal_count);
+    bytes = put_words(bytes, tick->u, config->adjust_count);
+    put_bytes(bytes, sample->quality, config->signal_count);
 }
 
 void tl_twin_unpack_tick(const tl_config *config, const unsigned char *bytes, tl_recording_tick *tick) {
     tl_sample *sample = &tick->sample;
     tick_head head;
-    bytes = get(bytes, &head, sizeof head);
-    bytes = get(bytes, sample->values, config->signal_count * sizeof sample->values[0]);
-    bytes = get(bytes, sample->stamps, config->signal_count * sizeof sample->stamps[0]);
-    bytes = get(bytes, tick->u, config->adjust_count * sizeof tick->u[0]);
-    (void)get(bytes, sample->quality, config->signal_count);
+    memcpy(&head, bytes, sizeof head);
+    bytes += sizeof head;
+    bytes = get_words(bytes, sample->values, config->signal_count);
+    bytes = get_words(bytes, sample->stamps, config->signal_count);
+    bytes = get_words(bytes, tick->u, config->adjust_count);
+    get_bytes(bytes, sample->quality, config->signal_count);
     sample->tick = head.tick;
     sample->instant = head.instant;
     tick->executions = head.executions;
@@ -132,26 +153,28 @@ void tl_twin_pack_result(const tl_config *config, tl_twin_tells tells, const tl_
         .held = record->held,
         .delay_state = record->delay_state,
     };
-    bytes = put(bytes, &head, sizeof head);
-    bytes = put(bytes, record->y, config->match_count * sizeof record->y[0]);
-    bytes = put(bytes, record->y_hat, config->match_count * sizeof record->y_hat[0]);
-    bytes = put(bytes, record->u, config->adjust_count * sizeof record->u[0]);
-    bytes = put(bytes, record->u_hat, config->adjust_count * sizeof record->u_hat[0]);
-    bytes = put(bytes, &result->besides, besides_size(config, tells));
-    (void)put(bytes, record->y_hat_quality, config->match_count);
+    memcpy(bytes, &head, sizeof head);
+    bytes += sizeof head;
+    bytes = put_words(bytes, record->y, config->match_count);
+    bytes = put_words(bytes, record->y_hat, config->match_count);
+    bytes = put_words(bytes, record->u, config->adjust_count);
+    bytes = put_words(bytes, record->u_hat, config->adjust_count);
+    bytes = put_words(bytes, &result->besides, besides_size(config, tells) / WORD);
+    put_bytes(bytes, record->y_hat_quality, config->match_count);
 }
 
 void tl_twin_unpack_result(const tl_config *config, tl_twin_tells tells, const unsigned char *bytes,
                            tl_twin_result *result) {
     tl_record *record = &result->record;
     result_head head;
-    bytes = get(bytes, &head, sizeof head);
-    bytes = get(bytes, record->y, config->match_count * sizeof record->y[0]);
-    bytes = get(bytes, record->y_hat, config->match_count * sizeof record->y_hat[0]);
-    bytes = get(bytes, record->u, config->adjust_count * sizeof record->u[0]);
-    bytes = get(bytes, record->u_hat, config->adjust_count * sizeof record->u_hat[0]);
-    bytes = get(bytes, &result->besides, besides_size(config, tells));
-    (void)get(bytes, record->y_hat_quality, config->match_count);
+    memcpy(&head, bytes, sizeof head);
+    bytes += sizeof head;
+    bytes = get_words(bytes, record->y, config->match_count);
+    bytes = get_words(bytes, record->y_hat, config->match_count);
+    bytes = get_words(bytes, record->u, config->adjust_count);
+    bytes = get_words(bytes, record->u_hat, config->adjust_count);
+    bytes = get_words(bytes, &result->besides, besides_size(config, tells) / WORD);
+    get_bytes(bytes, record->y_hat_quality, config->match_count);
     result->tick = head.tick;
     result->status = head.status;
     result->ready = head.ready;

@@ -11,6 +11,7 @@
 #include "firmware/fmu/fmu_thread.h"
 #include "firmware/process/crash.h"
 #include "firmware/process/interrupt.h"
+#include "firmware/process/private_folder.h"
 #include "firmware/process/process_end.h"
 #include "firmware/process/role.h"
 #include "firmware/twin/twin_places.h"
@@ -18,6 +19,8 @@
 
 /* How long it sleeps at most before it looks whether a signal came. */
 static const tl_time LOOK = TL_SECOND / 4;
+
+enum { TOGETHER = 64 };
 
 /* All that this process has. */
 typedef struct role {
@@ -32,7 +35,8 @@ typedef struct role {
     tl_recording_tick tick; /* as it came last, */
     tl_twin_result result;  /* and what came of it */
     unsigned char packed[TL_TWIN_PACKED];
-    bool over; /* a step has failed: what is still asked for gets no answer */
+    unsigned unseen; /* results that were sent and not shown */
+    bool over;       /* a step has failed: what is still asked for gets no answer */
 } role;
 
 /* ---- telling ---- */
@@ -41,14 +45,19 @@ static void set_error(role *self, const tl_error *error) {
     (void)snprintf(self->extra->error, sizeof self->extra->error, "%s", error == NULL ? "" : error->text);
 }
 
-/* Waits for room: the other end takes what there is, or is gone, and this process with it. */
+/* Waits for room: the other end takes what there is, or is gone, and this process with it. Results are shown some together; whatever is left is
+ * when this process has nothing to do. */
 static void send_message(role *self, tl_message type, const void *payload) {
     while (!tl_channel_offer(&self->channel, type, payload)) {
         if (tl_channel_wait(&self->channel, 0, 1, tl_clock_now(NULL) + LOOK) == TL_CHANNEL_BROKEN) {
             return;
         }
     }
-    tl_channel_push(&self->channel);
+    self->unseen++;
+    if (type != TL_MESSAGE_RESULT || self->unseen >= TOGETHER) {
+        tl_channel_push(&self->channel);
+        self->unseen = 0;
+    }
 }
 
 /* `error` has no text where it was said on the log. */
@@ -83,6 +92,7 @@ static tl_status read_job(role *self, tl_error *error) {
     if (self->job.without_delays) {
         tl_config_forget_delays(&self->assembly.config);
     }
+    tl_config_use_lookups(&self->assembly.config); /* as the parent has: the sizes of messages depend on it */
     return TL_OK;
 }
 
@@ -130,7 +140,7 @@ static tl_status confine(const role *self, tl_confine_facts *facts, tl_error *er
         .read = (const char *const *)places.path,
         .read_count = places.count,
         .folder = self->job.folder,
-        .folder_bytes = self->job.folder_bytes,
+        .file_bytes = self->job.file_bytes,
         .memory = self->job.memory,
         .user = self->job.user,
         .start_socket = TL_TWIN_START_SOCKET,
@@ -154,6 +164,7 @@ static tl_status start(role *self, tl_confine_facts *facts, tl_error *error) {
     }
     *facts = (tl_confine_facts){0};
     if (status == TL_OK && !self->job.unconfined) {
+        tl_private_folder_leave(); /* what is confined removes no file, and our parent removes all of them */
         status = confine(self, facts, error);
     }
     (void)close(TL_TWIN_START_SOCKET);
@@ -263,5 +274,5 @@ int tl_twin_role_run(tl_twin_page *print_page) {
     tl_interrupt_install();
     tl_fmu_calls_use(&self.extra->calls);
     send_message(&self, TL_MESSAGE_READY, &facts);
-    return tl_exit_code(tl_fmu_thread_run(0, work, &self));
+    return tl_exit_code(tl_fmu_thread_run(work, &self));
 }

@@ -29,7 +29,7 @@ struct tl_twin_warden {
     int listener;
     int stop; /* eventfd: told to end */
     tl_fmu_patience patience;
-    bool has_passed_on; /* a signal */
+    tl_time pass_on_at; /* a signal that came; again, since an FMU may have swallowed it */
     bool may_kill;
     char killed[TL_TWIN_WARDEN_TEXT]; /* why; "": not */
     tl_fmu_refusals refusals;
@@ -90,8 +90,9 @@ static void look_at_bounds(tl_twin_warden *self) {
 
 static void pass_signal_on(tl_twin_warden *self) {
     int asked = tl_interrupt_signal();
-    if (asked != 0 && !self->has_passed_on && self->may_kill) {
-        self->has_passed_on = true;
+    tl_time now = tl_clock_now(NULL);
+    if (asked != 0 && self->may_kill && now >= self->pass_on_at) {
+        self->pass_on_at = now + TL_SECOND / 2;
         (void)kill(self->settings.process, asked);
     }
 }

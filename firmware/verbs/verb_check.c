@@ -308,7 +308,7 @@ static tl_status check(tl_verb_job *job) {
     tl_error error = {TL_OK, ""};
     job->order.task = TL_TASK_CHECK;
     job->order.variables = job->options->variables;
-    tl_status status = tl_verb_job_start(job, job->output, &error);
+    tl_status status = tl_verb_job_start(job, &job->config, job->output, &error);
     if (status == TL_OK) {
         status = tl_twin_child_check(job->child, &error);
     }

@@ -32,10 +32,10 @@ tl_status tl_verb_job_read(tl_verb_job *job) {
     return status;
 }
 
-tl_status tl_verb_job_start(tl_verb_job *job, FILE *page, tl_error *error) {
+tl_status tl_verb_job_start(tl_verb_job *job, const tl_config *config, FILE *page, tl_error *error) {
     const tl_twin_child_settings settings = {
         .job = &job->order,
-        .config = &job->config,
+        .config = config,
         .page = page,
         .print_page = tl_verb_check_page,
         .call_limit = tl_time_of_seconds(job->options->call_limit_s),

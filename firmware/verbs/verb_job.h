@@ -29,8 +29,8 @@ bool tl_verb_is_unconfined(const tl_options *options, const tl_config *config);
 /* Installs what hears signals, and reads the configuration; what is wrong with it was said on the log. */
 tl_status tl_verb_job_read(tl_verb_job *job);
 
-/* Starts the process. `page`: where a check prints to; else NULL. */
-tl_status tl_verb_job_start(tl_verb_job *job, FILE *page, tl_error *error);
+/* Starts the process. `config`: as its twin takes it (twin_child.h). `page`: where a check prints to; else NULL. */
+tl_status tl_verb_job_start(tl_verb_job *job, const tl_config *config, FILE *page, tl_error *error);
 
 /* Ends the process, if there is one, and frees all. Says on the log what it did wrong in its end. The exit code. */
 int tl_verb_job_end(tl_verb_job *job, tl_status status);

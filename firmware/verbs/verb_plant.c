@@ -52,7 +52,7 @@ static tl_status build_model(player *self, tl_error *error) {
     job->order.task = TL_TASK_STEP;
     job->order.tells = TL_TELLS_OUTPUTS;
     job->order.without_delays = true;
-    status = tl_verb_job_start(job, NULL, error);
+    status = tl_verb_job_start(job, &self->model, NULL, error);
     if (status == TL_OK) {
         status = tl_twin_child_build(job->child, &self->account, error);
         if (status != TL_OK && error->text[0] == '\0') {
@@ -274,7 +274,8 @@ static tl_status play(player *self, tl_error *error) {
     }
     tl_progress_end(&progress);
     if (status == TL_OK) {
-        tl_log(TL_LOG_NOTICE, "%s after %" PRIu64 " rows", end ? "played to the end" : "stopped", rows);
+        tl_log(TL_LOG_NOTICE, "%s after %" PRIu64 " rows",
+               end && tl_interrupt_requested() == NULL ? "played to the end" : "stopped", rows);
     }
     return status;
 }

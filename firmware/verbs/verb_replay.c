@@ -225,8 +225,8 @@ static tl_status replay_with(tl_verb_job *job, const char *path, tl_recording *r
                              tl_error *error) {
     tl_error later = {TL_OK, ""};
     tl_account *account = calloc(1, sizeof *account);
-    tl_status status =
-        account == NULL ? tl_fail(&later, TL_TRY_AGAIN, "not enough memory") : tl_verb_job_start(job, NULL, &later);
+    tl_status status = account == NULL ? tl_fail(&later, TL_TRY_AGAIN, "not enough memory")
+                                       : tl_verb_job_start(job, &job->config, NULL, &later);
     if (status == TL_OK) {
         status = tl_twin_child_build(job->child, account, &later);
     }

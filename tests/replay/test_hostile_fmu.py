@@ -2,10 +2,13 @@
 """What an FMU may do to the process that it is in, and what the four verbs that call FMUs make of it: one thread with enough stack,
 a call that never returns, an end by exit() or by a crash, and what an FMU leaves behind for the end."""
 import json
+import os
+import shutil
 import signal
 import sqlite3
 import subprocess
 import time
+import zipfile
 from contextlib import closing
 
 from hostile_fmu import LOCKED, config, make
@@ -52,6 +55,20 @@ def test_as_much_stack_as_a_main_thread_has():
             for args in verbs(config(make("stack", AT=function, BYTES=mebibytes << 20))):
                 code, _, log = run(args)
                 expect(code == 0, f"{args[0]} ended with {code} by {mebibytes} MiB of stack in {function}\n{log}")
+
+
+# ---- files ----
+
+def test_a_large_file_of_an_honest_fmu_is_unpacked():
+    """An entry of an archive may be larger than all that FMUs may write by themselves."""
+    fmu = shutil.copy(make("good"), scratch() / "large.fmu")
+    with zipfile.ZipFile(fmu, "a", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("resources/table.bin", os.urandom(2 << 20))  # else it would grow by too large a factor
+        with archive.open("resources/zeroes.bin", "w") as entry:
+            for _ in range(270):
+                entry.write(bytes(1 << 20))
+    code, _, log = run(("check", config(fmu)))
+    expect(code == 0, f"ended with {code}\n{log}")
 
 
 # ---- crashes ----

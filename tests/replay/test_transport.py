@@ -145,6 +145,16 @@ def test_messages():
         expect(held[1:] == plant[:-1] and held[0] == 0, f"belt {belt}: what is held is not the plant of the step before")
 
 
+def test_a_plant_has_no_delays():
+    """Neither has the process that computes it, if a signal that is read and compared would be looked up twice."""
+    emulate = {"columns": {"x": {"from": "product.x"}, "enabled1": {"from": "plant.enabled1"}}, "message_s": [0.05, 0.05]}
+    edits = {"compare": {"event_to_cyclic.enabled1": {"to": "plant.enabled1"}}, "emulate": emulate}
+    record = scratch() / "plant.csv"
+    run_well(["plant", edited_config("transport/free.json", edits), "--record", record])
+    rows = read_table(record)
+    expect(len(rows["x"]) > 100 and max(rows["x"]) > min(rows["x"]), f"{len(rows['x'])} rows")
+
+
 def test_inputs_that_are_no_booleans():
     """They are held, and the summary says so."""
     words = scratch() / "words.csv"

@@ -97,6 +97,7 @@ static void watch(pid_t child, int listener, tl_confined *confined) {
             if (confined->refusal_count < TL_CONFINED_REFUSALS) {
                 confined->refusals[confined->refusal_count++] = refusal;
             }
+            tl_refusal_answer(listener, &refusal);
         }
         if (time(NULL) > last) {
             (void)kill(child, SIGKILL);

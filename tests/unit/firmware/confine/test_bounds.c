@@ -8,6 +8,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/mman.h>
 #include <sys/prctl.h>
 #include <sys/stat.h>
 #include <sys/wait.h>
@@ -196,7 +197,7 @@ static void threads_and_memory_of_another_process_are_found(void) {
     (void)snprintf(expected, sizeof expected, "%s", text);
     at.threads = 32; /* a sanitizer has some of its own */
     bool kept_then = tl_bounds_are_kept(&at, child, text);
-    at.resident = (uint64_t)32 * MEGABYTE;
+    at.memory = (uint64_t)32 * MEGABYTE;
     bool kept_last = tl_bounds_are_kept(&at, child, text);
     end_child(child);
     TEST_ASSERT_FALSE(kept);
@@ -208,6 +209,35 @@ static void threads_and_memory_of_another_process_are_found(void) {
     TEST_ASSERT_TRUE(strtol(text, NULL, 10) >= 64);
 }
 
+#if UINTPTR_MAX > UINT32_MAX /* else there is no room for so much */
+/* Looks at memory that is all zeroes, a place in each of the kernel's tables: the process itself has nothing in memory then. */
+static void look_at_nothing(void) {
+    static const size_t span = (size_t)1 << 35;
+    static const size_t apart = (size_t)2 * MEGABYTE;
+    char *memory = mmap(NULL, span, PROT_READ, MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE, -1, 0);
+    char sum = '\0';
+    if (memory != MAP_FAILED && madvise(memory, span, MADV_NOHUGEPAGE) == 0) {
+        for (size_t at = 0; at < span; at += apart) {
+            sum = (char)(sum | *(const volatile char *)(memory + at));
+        }
+    }
+}
+
+static void tables_of_memory_count(void) {
+    tl_bounds at = {.memory = (uint64_t)48 * MEGABYTE};
+    TEST_ASSERT_TRUE(tl_bounds_are_kept(&at, getpid(), text));
+    (void)fflush(NULL);
+    pid_t child = fork();
+    if (child == 0) {
+        look_at_nothing();
+        _exit(tl_bounds_are_kept(&at, getpid(), text) ? EXIT_FAILURE : EXIT_SUCCESS);
+    }
+    int status = 0;
+    TEST_ASSERT_EQUAL_INT(child, waitpid(child, &status, 0));
+    TEST_ASSERT_EQUAL_INT(0, status);
+}
+#endif
+
 int main(void) {
     UNITY_BEGIN();
     tl_scratch_make(&scratch, "/tmp", "tl_bounds");
@@ -218,5 +248,8 @@ int main(void) {
     RUN_TEST(folders_that_lie_too_deep_are_found);
     RUN_TEST(a_folder_that_hides_is_found);
     RUN_TEST(threads_and_memory_of_another_process_are_found);
+#if UINTPTR_MAX > UINT32_MAX
+    RUN_TEST(tables_of_memory_count);
+#endif
     return tl_scratch_finish(&scratch, UNITY_END());
 }

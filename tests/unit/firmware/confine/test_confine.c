@@ -17,6 +17,7 @@
 #include <sys/stat.h>
 #include <sys/syscall.h>
 #include <sys/wait.h>
+#include <time.h>
 #include <unistd.h>
 
 #include <unity.h>
@@ -69,15 +70,18 @@ static void what_is_not_held_is_told(void) {
     TEST_ASSERT_EQUAL_STRING("", text);
     facts.landlock = 0;
     tl_confine_describe(&facts, text);
-    TEST_ASSERT_EQUAL_STRING("FMUs can read and write files of this user: this kernel has no Landlock", text);
+    TEST_ASSERT_EQUAL_STRING("FMUs can read and write files of this user, and so take over its other processes "
+                             "(/proc/PID/mem): this kernel has no Landlock",
+                             text);
     facts.user = true;
     tl_confine_describe(&facts, text);
     TEST_ASSERT_EQUAL_STRING("FMUs can read and write what every user may: this kernel has no Landlock", text);
     facts = (tl_confine_facts){0};
     tl_confine_describe(&facts, text);
     TEST_ASSERT_EQUAL_STRING(
-        "FMUs can read and write files of this user: this kernel has no Landlock; FMUs can open sockets, start "
-        "programs and signal processes of this user: this kernel has no seccomp; the memory of FMUs has no limit",
+        "FMUs can read and write files of this user, and so take over its other processes (/proc/PID/mem): this kernel "
+        "has no Landlock; FMUs can open sockets, start programs and signal processes of this user: this kernel has no "
+        "seccomp; the memory of FMUs has no limit",
         text);
     facts = (tl_confine_facts){.filter = true, .landlock = 1, .memory = true};
     tl_confine_describe(&facts, text);
@@ -130,6 +134,7 @@ static bool see_limits(void *context) {
     struct rlimit limit;
     (void)context;
     return TL_EXPECT(getrlimit(RLIMIT_CORE, &limit) == 0 && limit.rlim_max == 0) &&
+           TL_EXPECT(getrlimit(RLIMIT_MSGQUEUE, &limit) == 0 && limit.rlim_max == 0) &&
            TL_EXPECT(getrlimit(RLIMIT_STACK, &limit) == 0 && limit.rlim_max != RLIM_INFINITY) &&
            TL_EXPECT(prctl(PR_GET_DUMPABLE) == 0) && TL_EXPECT(prctl(PR_GET_NO_NEW_PRIVS, 0, 0, 0, 0) == 1);
 }
@@ -139,6 +144,35 @@ static void there_is_no_core_and_nobody_looks_into_it(void) {
         TEST_IGNORE_MESSAGE("an emulator keeps the limit of its own stack");
     }
     tl_confined_run(settings(), see_limits, NULL, &confined);
+    TEST_ASSERT_TRUE(confined.succeeded);
+}
+
+/* Memory of the kernel's, not of the process's. */
+static bool take_descriptors_and_timers(void *context) {
+    struct sigevent quiet = {.sigev_notify = SIGEV_NONE};
+    timer_t timer = NULL;
+    int descriptors = 0;
+    int timers = 0;
+    (void)context;
+    while (descriptors < 2000 && fcntl(STDERR_FILENO, F_DUPFD_CLOEXEC, 0) >= 0) {
+        descriptors++;
+    }
+    bool few = TL_EXPECT(descriptors >= 256 && descriptors < 1000 && errno == EMFILE);
+    while (timers < 2000 && timer_create(CLOCK_MONOTONIC, &quiet, &timer) == 0) {
+        timers++;
+    }
+    return few && TL_EXPECT(timers > 0 && timers <= 256 && errno == EAGAIN);
+}
+
+/* What is open already takes nothing away, however high its number. */
+static void descriptors_and_timers_have_a_limit(void) {
+    if (is_emulated()) {
+        TEST_IGNORE_MESSAGE("an emulator has descriptors of its own");
+    }
+    int high = fcntl(STDERR_FILENO, F_DUPFD_CLOEXEC, 500);
+    tl_confined_run(settings(), take_descriptors_and_timers, NULL, &confined);
+    (void)close(high);
+    TEST_ASSERT_TRUE(high >= 500);
     TEST_ASSERT_TRUE(confined.succeeded);
 }
 
@@ -155,7 +189,7 @@ static bool write_too_much(void *context) {
 static void a_file_that_grows_too_long_ends_the_process(void) {
     tl_confine_settings how = settings();
     struct stat status;
-    how.folder_bytes = MEGABYTE;
+    how.file_bytes = MEGABYTE;
     tl_confined_run(how, write_too_much, NULL, &confined);
     TEST_ASSERT_EQUAL_INT(SIGXFSZ, confined.signal);
     TEST_ASSERT_EQUAL_INT(0, stat(tl_scratch_path(&scratch, "file"), &status));
@@ -307,10 +341,9 @@ static const char script[] =
     "[t.start() for t in threads]\n"
     "[t.join() for t in threads]\n"
     "assert done == [[1]] * 4\n"
-    "with tempfile.TemporaryDirectory() as folder:\n"
-    "    assert folder.startswith(os.environ['TMPDIR'])\n"
-    "    with open(folder + '/file', 'w') as file: file.write('text')\n"
-    "with tempfile.TemporaryFile() as file: file.write(b'text')\n"
+    "folder = os.environ['TMPDIR'] + '/folder'\n"
+    "os.mkdir(folder)\n"
+    "with open(folder + '-file', 'w') as file: file.write('text')\n"
     "time.sleep(0.001)\n"
     "os.cpu_count(), os.getcwd(), os.listdir('.'), os.urandom(8)\n"
     "try:\n"
@@ -383,6 +416,7 @@ int main(void) {
     RUN_TEST(a_folder_that_is_missing_is_told);
     RUN_TEST(memory_has_a_limit);
     RUN_TEST(there_is_no_core_and_nobody_looks_into_it);
+    RUN_TEST(descriptors_and_timers_have_a_limit);
     RUN_TEST(a_file_that_grows_too_long_ends_the_process);
     RUN_TEST(root_gives_it_a_user_without_rights);
     RUN_TEST(who_is_not_root_cannot_change_the_user);

@@ -2,6 +2,9 @@
 #include "firmware/confine/refusal.h"
 
 #include <errno.h>
+#include <poll.h>
+#include <pthread.h>
+#include <semaphore.h>
 #include <stdio.h>
 #include <string.h>
 #include <sys/socket.h>
@@ -10,6 +13,7 @@
 
 #include <unity.h>
 
+#include "firmware/confine/filter.h"
 #include "tests/support/confined.h"
 
 static tl_confined confined;
@@ -52,6 +56,50 @@ static void a_refused_call_is_named_with_its_arguments(void) {
     TEST_ASSERT_EQUAL_INT(first->thread, confined.refusals[2].thread);
 }
 
+/* A thread with a filter of its own, which asks for a socket. */
+typedef struct asker {
+    sem_t listens;
+    int listener;
+    bool goes_on;
+    bool refused;
+} asker;
+
+static void *ask_in_thread(void *context) {
+    const tl_filter_settings settings = {.start_socket = -1};
+    asker *self = context;
+    tl_error error;
+    if (tl_filter_load(&settings, &self->listener, &error) != TL_OK) {
+        self->listener = -1;
+    }
+    (void)sem_post(&self->listens);
+    self->refused = tl_confined_has_no_socket(AF_INET, SOCK_STREAM, 0);
+    __atomic_store_n(&self->goes_on, true, __ATOMIC_SEQ_CST);
+    return NULL;
+}
+
+/* So there is time to look up what it was about. */
+static void the_caller_stands_still_until_it_is_answered(void) {
+    static asker self;
+    pthread_t thread;
+    tl_refusal refusal;
+    need_notifications();
+    TEST_ASSERT_EQUAL_INT(0, sem_init(&self.listens, 0, 0));
+    TEST_ASSERT_EQUAL_INT(0, pthread_create(&thread, NULL, ask_in_thread, &self));
+    TEST_ASSERT_EQUAL_INT(0, sem_wait(&self.listens));
+    struct pollfd waiting = {.fd = self.listener, .events = POLLIN};
+    TEST_ASSERT_EQUAL_INT(1, poll(&waiting, 1, 10000));
+    TEST_ASSERT_TRUE(tl_refusal_take(self.listener, &refusal));
+    TEST_ASSERT_FALSE(tl_refusal_take(self.listener, &refusal)); /* taken once, though not answered */
+    (void)poll(NULL, 0, 50);
+    bool went_on = __atomic_load_n(&self.goes_on, __ATOMIC_SEQ_CST);
+    tl_refusal_answer(self.listener, &refusal);
+    (void)pthread_join(thread, NULL);
+    tl_refusal_answer(self.listener, &refusal); /* a second time: there is nobody any more */
+    (void)close(self.listener);
+    TEST_ASSERT_FALSE(went_on);
+    TEST_ASSERT_TRUE(self.refused);
+}
+
 static bool end_while_waiting(void *context) {
     (void)alarm(1); /* of which it dies, refused or not */
     while (context == NULL) {
@@ -84,5 +132,6 @@ int main(void) {
     RUN_TEST(a_refused_call_is_named_with_its_arguments);
     RUN_TEST(a_process_that_ends_meanwhile_is_no_trouble);
     RUN_TEST(where_there_is_no_listener_there_is_nothing_to_take);
+    RUN_TEST(the_caller_stands_still_until_it_is_answered); /* last: libseccomp listens once in a process */
     return UNITY_END();
 }

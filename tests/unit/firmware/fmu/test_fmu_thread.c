@@ -16,7 +16,7 @@ static tl_fmu_thread *thread;
 
 void setUp(void) {
     tl_error error;
-    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_fmu_thread_start(0, &thread, &error), error.text);
+    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_fmu_thread_start(TL_FMU_WATCHED_HERE, &thread, &error), error.text);
 }
 
 void tearDown(void) {

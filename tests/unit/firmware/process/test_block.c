@@ -136,7 +136,7 @@ static void test_what_is_no_memory_is_refused(void) {
 }
 
 /* With such a limit of the process. */
-static void fail_with(int resource, rlim_t limit) {
+static void fail_with(unsigned resource, rlim_t limit) {
     struct rlimit before;
     TEST_ASSERT_EQUAL_INT(0, getrlimit(resource, &before));
     const struct rlimit less = {.rlim_cur = limit, .rlim_max = before.rlim_max};

@@ -201,6 +201,33 @@ static void test_a_folder_for_another_user(void) {
     TEST_ASSERT_EQUAL_HEX(S_IRWXU | S_IRWXG, status.st_mode & 0777);
 }
 
+/* Another process, which may not remove files. 0: all was as it should be. */
+static int leave_to_another(const char *left) {
+    char path[PATH_MAX];
+    tl_private_folder_leave();
+    if (tl_private_folder_make("test", 0, &folder, &error) != TL_OK || !is_there(left)) {
+        return 1;
+    }
+    (void)snprintf(path, sizeof path, "%s", folder.path);
+    tl_private_folder_remove(&folder);
+    int here = open(path, O_RDONLY | O_DIRECTORY);
+    return folder.path[0] == '\0' && here >= 0 && flock(here, LOCK_EX | LOCK_NB) == 0 ? 0 : 2;
+}
+
+static void test_what_another_process_removes(void) {
+    char left[PATH_MAX];
+    int status = 0;
+    leave_one("test", left);
+    pid_t pid = fork();
+    TEST_ASSERT_NOT_EQUAL_INT(-1, pid);
+    if (pid == 0) {
+        _exit(leave_to_another(left));
+    }
+    TEST_ASSERT_EQUAL_INT(pid, waitpid(pid, &status, 0));
+    TEST_ASSERT_EQUAL_INT(0, status);
+    tl_private_folder_sweep("test");
+}
+
 static void refuse(const char *folder_for_files, const char *why) {
     TEST_ASSERT_EQUAL_INT(0, setenv("TMPDIR", folder_for_files, 1));
     TEST_ASSERT_EQUAL_INT(TL_TRY_AGAIN, tl_private_folder_make("test", 0, &folder, &error));
@@ -223,6 +250,7 @@ int main(void) {
     RUN_TEST(test_forbidden_folders);
     RUN_TEST(test_what_killed_processes_left);
     RUN_TEST(test_a_folder_for_another_user);
+    RUN_TEST(test_what_another_process_removes);
     RUN_TEST(test_no_folder_for_it);
     return UNITY_END();
 }

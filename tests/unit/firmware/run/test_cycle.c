@@ -57,7 +57,7 @@ void setUp(void) {
     slow_call = 0;
     recorder = NULL;
     cycle = NULL;
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_fmu_thread_start(0, &thread, &error));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_fmu_thread_start(TL_FMU_WATCHED_HERE, &thread, &error));
     (void)snprintf(database, sizeof database, "%s", tl_scratch_path(&scratch, "twin.db"));
 }
 

@@ -1,0 +1,209 @@
+/* Places that FMUs may read: each kind of them, only what exists, and never all of the disk. */
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <unity.h>
+
+#include "firmware/twin/twin_places.h"
+#include "tests/support/scratch.h"
+
+enum { MANY = TL_TWIN_PLACES + 44 };
+
+static const char *const variables[] = {"LD_LIBRARY_PATH", "PYTHONHOME", "PYTHONPATH", "LOCPATH", "PATH"};
+enum { VARIABLES = sizeof variables / sizeof variables[0] };
+
+static tl_scratch scratch;
+static char root[PATH_MAX]; /* of all that the tests make, without links */
+static tl_config_component component;
+static tl_assembly assembly;
+static tl_twin_places places;
+
+void setUp(void) {
+    component = (tl_config_component){.name = "motor"};
+    assembly = (tl_assembly){.config = {.directory = root, .components = &component, .component_count = 1}};
+    for (size_t i = 0; i < VARIABLES; i++) {
+        TEST_ASSERT_EQUAL_INT(0, unsetenv(variables[i]));
+    }
+}
+
+void tearDown(void) {
+    tl_twin_places_free(&places);
+}
+
+/* Of what is below the root; four at a time. */
+static const char *in_root(const char *name) {
+    static char paths[4][PATH_MAX];
+    static size_t next;
+    char *path = paths[next++ % 4];
+    TEST_ASSERT_LESS_THAN_INT(PATH_MAX, snprintf(path, PATH_MAX, "%s/%s", root, name));
+    return path;
+}
+
+static void make_folder(const char *name) {
+    TEST_ASSERT_EQUAL_INT(0, mkdir(in_root(name), 0700));
+}
+
+static void make_file(const char *name) {
+    FILE *file = fopen(in_root(name), "w");
+    TEST_ASSERT_NOT_NULL(file);
+    (void)fclose(file);
+}
+
+static void make_tree(void) {
+    make_folder("data");
+    make_file("data/table.csv");
+    make_file("private.csv");
+    make_folder("lib");
+    make_file("lib/libvendor.so");
+    make_folder("plugins");
+    make_file("plugins/vendor.so");
+    make_folder("venv");
+    make_folder("venv/bin");
+    make_folder("python");
+    make_folder("python/bin");
+    make_file("python/bin/python3.11");
+    TEST_ASSERT_EQUAL_INT(0, symlink(in_root("python/bin/python3.11"), in_root("venv/bin/python3")));
+}
+
+static void remove_tree(void) {
+    static const char *const made[] = {
+        "venv/bin/python3", "venv/bin",         "venv", "python/bin/python3.11", "python/bin",
+        "python",           "lib/libvendor.so", "lib",  "plugins/vendor.so",     "plugins",
+        "private.csv",      "data/table.csv",   "data"};
+    for (size_t i = 0; i < sizeof made / sizeof made[0]; i++) {
+        (void)remove(in_root(made[i]));
+    }
+}
+
+/* Just these, in that order; NULL ends them. */
+static void expect_places(const char *const *expected) {
+    tl_twin_places_find(&assembly, &places);
+    size_t count = 0;
+    for (; expected[count] != NULL; count++) {
+        TEST_ASSERT_LESS_THAN_size_t(places.count, count);
+        TEST_ASSERT_EQUAL_STRING(expected[count], places.path[count]);
+    }
+    TEST_ASSERT_EQUAL_size_t(count, places.count);
+}
+
+static void test_nothing_is_named(void) {
+    expect_places((const char *const[]){NULL});
+}
+
+/* Relative to the configuration's folder, or absolute; what is not there is left out. */
+static void test_what_a_component_reads(void) {
+    tl_config_name reads[] = {
+        {.name = "data"}, {.name = "data/../private.csv"}, {.name = "absent"}, {.name = ""}, {.name = NULL}};
+    char absolute[PATH_MAX];
+    (void)snprintf(absolute, sizeof absolute, "%s", in_root("data/table.csv"));
+    reads[4].name = absolute;
+    component.reads = reads;
+    component.read_count = sizeof reads / sizeof reads[0];
+    expect_places((const char *const[]){in_root("data"), in_root("private.csv"), absolute, NULL});
+}
+
+/* A text is the name of a file only if it looks like one. Numbers are none. */
+static void test_texts_in_set(void) {
+    char absolute[PATH_MAX];
+    (void)snprintf(absolute, sizeof absolute, "%s", in_root("private.csv"));
+    const tl_plan_set set[] = {{.variable = "table", .value = {.type = TL_STRING, .text = absolute}},
+                               {.variable = "name", .value = {.type = TL_STRING, .text = "data"}},
+                               {.variable = "gone", .value = {.type = TL_STRING, .text = "/nowhere/at/all"}},
+                               {.variable = "J", .value = {.type = TL_REAL, .real = 0.05}}};
+    component.set = (tl_plan_set *)(uintptr_t)set;
+    component.set_count = sizeof set / sizeof set[0];
+    TEST_ASSERT_EQUAL_INT(0, chdir(root)); /* so that "data" could be found */
+    expect_places((const char *const[]){absolute, NULL});
+}
+
+/* What lies in a folder for libraries comes with others; elsewhere it is alone. One that was not found is passed over. */
+static void test_libraries(void) {
+    char with_others[PATH_MAX];
+    char alone[PATH_MAX];
+    char *libraries[] = {with_others, NULL, alone};
+    (void)snprintf(with_others, sizeof with_others, "%s", in_root("lib/libvendor.so"));
+    (void)snprintf(alone, sizeof alone, "%s", in_root("plugins/vendor.so"));
+    assembly.libraries = libraries;
+    assembly.library_count = 3;
+    expect_places((const char *const[]){in_root("lib"), alone, NULL});
+}
+
+static void test_folders_in_variables(void) {
+    for (size_t i = 0; i < VARIABLES - 1; i++) {
+        char list[3 * PATH_MAX];
+        (void)snprintf(list, sizeof list, ":%s:/nowhere/at/all::%s:", in_root("data"), in_root("lib"));
+        TEST_ASSERT_EQUAL_INT(0, setenv(variables[i], list, 1));
+        expect_places((const char *const[]){in_root("data"), in_root("lib"), NULL});
+        tl_twin_places_free(&places);
+        TEST_ASSERT_EQUAL_INT(0, unsetenv(variables[i]));
+    }
+}
+
+/* An environment, and the installation that it was made from; only that of the first. */
+static void test_python(void) {
+    char list[3 * PATH_MAX];
+    (void)snprintf(list, sizeof list, "%s::%s:/usr/bin", in_root("data"), in_root("venv/bin"));
+    TEST_ASSERT_EQUAL_INT(0, setenv("PATH", list, 1));
+    expect_places((const char *const[]){in_root("venv"), in_root("python"), NULL});
+}
+
+/* However it is written. */
+static void test_never_everything(void) {
+    tl_config_name reads[] = {
+        {.name = "/"}, {.name = "//"}, {.name = "/tmp/.."}, {.name = "data/../../../../../../../../.."}};
+    const tl_plan_set set[] = {{.variable = "table", .value = {.type = TL_STRING, .text = "/"}},
+                               {.variable = "other", .value = {.type = TL_STRING, .text = "/./tmp/../"}}};
+    char *libraries[] = {(char[]){"/"}, (char[]){"/."}};
+    component.reads = reads;
+    component.read_count = sizeof reads / sizeof reads[0];
+    component.set = (tl_plan_set *)(uintptr_t)set;
+    component.set_count = sizeof set / sizeof set[0];
+    assembly.libraries = libraries;
+    assembly.library_count = 2;
+    for (size_t i = 0; i < VARIABLES - 1; i++) {
+        TEST_ASSERT_EQUAL_INT(0, setenv(variables[i], "/:/..://", 1));
+    }
+    expect_places((const char *const[]){NULL});
+}
+
+static void test_more_than_there_is_room_for(void) {
+    static tl_config_name reads[MANY];
+    for (size_t i = 0; i < MANY; i++) {
+        reads[i].name = "data";
+    }
+    component.reads = reads;
+    component.read_count = MANY;
+    tl_twin_places_find(&assembly, &places);
+    TEST_ASSERT_EQUAL_size_t(TL_TWIN_PLACES, places.count);
+}
+
+static void test_freed_it_is_empty(void) {
+    tl_config_name reads[] = {{.name = "data"}};
+    component.reads = reads;
+    component.read_count = 1;
+    tl_twin_places_find(&assembly, &places);
+    tl_twin_places_free(&places);
+    TEST_ASSERT_EQUAL_size_t(0, places.count);
+}
+
+int main(void) {
+    tl_scratch_make(&scratch, TL_BINARY_DIR, "places");
+    if (realpath(scratch.folder, root) == NULL) {
+        return 1;
+    }
+    UNITY_BEGIN();
+    make_tree();
+    RUN_TEST(test_nothing_is_named);
+    RUN_TEST(test_what_a_component_reads);
+    RUN_TEST(test_texts_in_set);
+    RUN_TEST(test_libraries);
+    RUN_TEST(test_folders_in_variables);
+    RUN_TEST(test_python);
+    RUN_TEST(test_never_everything);
+    RUN_TEST(test_more_than_there_is_room_for);
+    RUN_TEST(test_freed_it_is_empty);
+    remove_tree();
+    return tl_scratch_finish(&scratch, UNITY_END());
+}
