@@ -73,7 +73,6 @@ int tl_filter_add_drivers(scmp_filter_ctx context) {
         tl_filter_allow_all(context, "connect shutdown getsockname getpeername getsockopt setsockopt send sendto "
                                      "sendmsg sendmmsg recv recvfrom recvmsg sched_setscheduler "
                                      "rmdir unlink unlinkat rename renameat renameat2 fchmod fchown fchown32");
-    failure = failure != 0 ? failure : allow(context, "seccomp", 0, SECCOMP_GET_NOTIF_SIZES);
     for (size_t i = 0; i < COUNT(sockets) && failure == 0; i++) {
         const struct scmp_arg_cmp conditions[] = {
             {0, SCMP_CMP_MASKED_EQ, UINT32_MAX, (uint32_t)sockets[i].family},

@@ -216,6 +216,7 @@ tl_status tl_live_confinement_begin(const tl_assembly *assembly, const char *dat
         return tl_fail(error, TL_TRY_AGAIN, "not enough memory");
     }
     made->listener = -1;
+    tl_refusal_prepare();
     made->wake = eventfd(0, EFD_CLOEXEC);
     (void)pthread_mutex_init(&made->lock, NULL);
     tl_status status = made->wake >= 0 ? begin(made, assembly, database, error)
@@ -325,10 +326,19 @@ static void tell_log(void *context, const char *text) {
     tl_log(TL_LOG_WARNING, "%s", text);
 }
 
-static void tell(tl_live_confinement *self, tl_fmu_refusals_listener *hear, void *context) {
+/* Nobody holds the lock while he does what may wait for an FMU: that may wait for an answer, for which the lock is taken. */
+static const char *next(tl_live_confinement *self) {
     (void)pthread_mutex_lock(&self->lock);
-    tl_fmu_refusals_tell(&self->refusals, hear, context);
+    const char *said = tl_fmu_refusals_next(&self->refusals);
     (void)pthread_mutex_unlock(&self->lock);
+    return said;
+}
+
+static void tell(tl_live_confinement *self, tl_fmu_refusals_listener *hear, void *context) {
+    const char *said = NULL;
+    while ((said = next(self)) != NULL) {
+        hear(context, said);
+    }
 }
 
 void tl_live_confinement_tell(tl_live_confinement *self, tl_journal *journal) {

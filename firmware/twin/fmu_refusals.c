@@ -53,8 +53,6 @@ const char *tl_fmu_refusals_answer(tl_fmu_refusals *refusals, int listener, cons
     return said;
 }
 
-void tl_fmu_refusals_tell(tl_fmu_refusals *refusals, tl_fmu_refusals_listener *hear, void *context) {
-    for (; refusals->told < refusals->count; refusals->told++) {
-        hear(context, refusals->entries[refusals->told].said);
-    }
+const char *tl_fmu_refusals_next(tl_fmu_refusals *refusals) {
+    return refusals->told < refusals->count ? refusals->entries[refusals->told++].said : NULL;
 }

@@ -3,6 +3,7 @@
  * Purpose: whoever answers refused calls (refusal.h) says which FMU asked for what, and in which function; an FMU that asks a thousand times
  *          is said once.
  * Bound:   TL_FMU_REFUSALS sentences; what comes then is answered, and not said.
+ * Memory:  of its own (refusal.h).
  * Thread:  one at a time: who owns it has a lock, or is the only one.
  */
 #ifndef TL_FIRMWARE_TWIN_FMU_REFUSALS_H
@@ -35,7 +36,7 @@ typedef struct tl_fmu_refusals {
  * more. `calls`: of the process with the FMUs. */
 const char *tl_fmu_refusals_answer(tl_fmu_refusals *refusals, int listener, const tl_fmu_calls *calls);
 
-/* Tells what has not been told by this yet. */
-void tl_fmu_refusals_tell(tl_fmu_refusals *refusals, tl_fmu_refusals_listener *hear, void *context);
+/* The next that was not given by this yet; NULL: there is none. It stays where it is. */
+const char *tl_fmu_refusals_next(tl_fmu_refusals *refusals);
 
 #endif

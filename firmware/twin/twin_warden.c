@@ -199,7 +199,10 @@ void tl_twin_warden_listen_at(tl_twin_warden *warden, int listener) {
 
 void tl_twin_warden_tell(tl_twin_warden *warden, tl_fmu_refusals_listener *hear, void *context) {
     (void)pthread_mutex_lock(&warden->lock);
-    tl_fmu_refusals_tell(&warden->refusals, hear, context);
+    const char *said = NULL;
+    while ((said = tl_fmu_refusals_next(&warden->refusals)) != NULL) {
+        hear(context, said);
+    }
     (void)pthread_mutex_unlock(&warden->lock);
 }
 
