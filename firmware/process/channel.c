@@ -170,6 +170,11 @@ static void show(tl_channel *channel) {
     __atomic_store_n(&channel->own->taken, channel->taken, __ATOMIC_SEQ_CST);
 }
 
+/* Whoever sleeps is woken by a push only, so the order with that is not needed here. */
+void tl_channel_show(tl_channel *channel) {
+    __atomic_store_n(&channel->own->pushed, channel->offered, __ATOMIC_RELEASE);
+}
+
 void tl_channel_push(tl_channel *channel) {
     show(channel);
     wake_other(channel, false);

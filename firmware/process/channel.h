@@ -76,7 +76,11 @@ void *tl_channel_extra(const tl_channel_settings *settings, tl_side side, void *
  * protocol. The other sees it after tl_channel_push(). */
 bool tl_channel_offer(tl_channel *channel, tl_message type, const void *payload);
 
-/* Shows the other what was offered and taken, and wakes it if that is what it waits for. */
+/* Shows the other what was offered; it finds that when it looks, even if we are gone by then. Cheaper than to push: push, or wait, now
+ * and then. */
+void tl_channel_show(tl_channel *channel);
+
+/* The same, and what was taken, and wakes it if that is what it waits for. */
 void tl_channel_push(tl_channel *channel);
 
 /* The next message: SOMETHING, NOTHING or BROKEN. `payload` takes the longest message of the other's. */

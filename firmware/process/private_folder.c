@@ -125,12 +125,22 @@ static void remove_tree(int root, const char *path) {
     }
 }
 
-/* Those with a folder. */
+/* Those with a folder, of this process: one that was forked from it and goes on in its image has its memory, but not its folders, and what
+ * were their descriptors may be others by now. */
 static tl_private_folder *in_use;
+static pid_t in_use_by;
 static pthread_mutex_t in_use_lock = PTHREAD_MUTEX_INITIALIZER;
+
+static void forget_parents(void) {
+    if (in_use_by != getpid()) {
+        in_use = NULL;
+        in_use_by = getpid();
+    }
+}
 
 static void remove_all(void) {
     (void)pthread_mutex_lock(&in_use_lock);
+    forget_parents();
     for (const tl_private_folder *folder = in_use; folder != NULL; folder = folder->next) {
         remove_tree(dup(folder->descriptor), folder->path);
     }
@@ -140,6 +150,7 @@ static void remove_all(void) {
 static void enlist(tl_private_folder *folder) {
     tl_process_remove_by(remove_all);
     (void)pthread_mutex_lock(&in_use_lock);
+    forget_parents();
     folder->next = in_use;
     in_use = folder;
     (void)pthread_mutex_unlock(&in_use_lock);

@@ -260,6 +260,7 @@ static char **make_environment(const tl_role_settings *settings) {
 static pid_t fork_child(const launch *start) {
     sigset_t all;
     sigset_t before;
+    (void)fflush(NULL); /* a child that goes on in our image would write it a second time */
     (void)sigfillset(&all);
     (void)pthread_sigmask(SIG_SETMASK, &all, &before);
     pid_t pid = fork();

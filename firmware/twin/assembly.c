@@ -113,7 +113,8 @@ static bool check_module(tl_assembly *assembly, const tl_fmu *fmu, const char *w
 /* The FMU at `path`, loaded once; NULL where reported. */
 static const tl_fmu *load_fmu(tl_assembly *assembly, const char *path, int opened, const char *where) {
     for (size_t i = 0; i < assembly->fmu_count; i++) {
-        if (strcmp(assembly->fmus[i].path, path) == 0) {
+        const char *known = assembly->fmus[i].path;
+        if (known != NULL && strcmp(known, path) == 0) {
             return &assembly->fmus[i];
         }
     }

@@ -22,7 +22,7 @@
 /* How long it sleeps at most before it looks whether the process is alive; and how long one that has said its last word may take to end. */
 static const tl_time LOOK = TL_SECOND / 10;
 
-static const uint64_t MIB = 1024 * 1024;
+static const uint64_t MIB = UINT64_C(1024) * 1024;
 
 /* Threads of an honest FMU: an interpreter has a handful, a numeric library one for each processor. */
 enum { THREADS = 1024, FILES = TL_FMU_ENTRIES };
@@ -110,9 +110,10 @@ static tl_status end_liar(tl_twin_child *child, const char *what, tl_error *erro
 
 /* ---- messages ---- */
 
+/* Nobody interrupts it but us. */
 static tl_status take_word(tl_twin_child *child, tl_message type) {
     child->last_status =
-        (unsigned)child->payload.word.status <= TL_INTERRUPTED ? (tl_status)child->payload.word.status : TL_FMU_FAILED;
+        (unsigned)child->payload.word.status < TL_INTERRUPTED ? (tl_status)child->payload.word.status : TL_FMU_FAILED;
     child->last_error.status = child->last_status;
     copy_text(child->last_error.text, sizeof child->last_error.text, child->extra->error);
     child->has_ended = type == TL_MESSAGE_ENDED;
@@ -249,10 +250,15 @@ static uint32_t private_user(void) {
     return possible ? 0x70000000U + (uint32_t)getpid() : 0;
 }
 
+/* Bytes. */
+static uint64_t memory_limit(const tl_twin_child *child) {
+    return child->settings.memory_limit != 0 ? child->settings.memory_limit : tl_confine_fair_memory();
+}
+
 static tl_status make_job(tl_twin_child *child, tl_error *error) {
     tl_twin_job job = *child->settings.job;
     job.folder = child->folder.path;
-    job.memory = tl_confine_fair_memory();
+    job.memory = memory_limit(child);
     job.user = child->user;
     job.file_bytes = TL_FMU_ENTRY_BYTES; /* which may be unpacked; the warden looks at what they write together */
     return tl_twin_job_make(&job, &child->job, error);
@@ -265,19 +271,53 @@ static int run_forked(const char *title, void *context) {
     return tl_twin_role_run(child->settings.print_page);
 }
 
+enum { VARIABLE = PATH_MAX + 32 };
+
+/* What is added to the environment of the process. */
+typedef struct surroundings {
+    char temporary[VARIABLE];
+    char home[VARIABLE];
+    char packages[VARIABLE];
+    const char *variables[TL_ROLE_VARIABLES];
+    size_t count;
+} surroundings;
+
+/* Where a user's own packages of Python lie, if there are any and nobody has said it otherwise. */
+static bool find_packages(char variable[VARIABLE]) {
+    const char *home = getenv("HOME");
+    int length = snprintf(variable, VARIABLE, "PYTHONUSERBASE=%s/.local", home != NULL ? home : "");
+    return home != NULL && home[0] == '/' && length < VARIABLE && getenv("PYTHONUSERBASE") == NULL &&
+           access(strchr(variable, '/'), F_OK) == 0;
+}
+
+/* Confined, its home is its own folder: libraries that look there for settings find none, and need no list of users. It may remove and rename no
+ * file, as Python does when it keeps what it has compiled. */
+static void surround(const tl_twin_child *child, surroundings *made) {
+    made->count = 0;
+    (void)snprintf(made->temporary, sizeof made->temporary, "TMPDIR=%s", child->folder.path);
+    made->variables[made->count++] = made->temporary;
+    if (child->settings.job->unconfined) {
+        return;
+    }
+    (void)snprintf(made->home, sizeof made->home, "HOME=%s", child->folder.path);
+    made->variables[made->count++] = made->home;
+    made->variables[made->count++] = "PYTHONDONTWRITEBYTECODE=1";
+    if (find_packages(made->packages)) {
+        made->variables[made->count++] = made->packages;
+    }
+}
+
 static tl_status start_process(tl_twin_child *child, const pipes *ends, tl_error *error) {
     char title[TL_ROLE_TITLE];
-    char folder[PATH_MAX + sizeof "TMPDIR="];
-    /* Confined: it may remove and rename no file, as Python does when it keeps what it has compiled. */
-    const char *const variables[] = {folder, "PYTHONDONTWRITEBYTECODE=1"};
+    surroundings around;
+    surround(child, &around);
     (void)snprintf(title, sizeof title, "twin [%s]", child->settings.config->name);
-    (void)snprintf(folder, sizeof folder, "TMPDIR=%s", child->folder.path);
     const tl_role_settings settings = {
         .title = title,
         .descriptors = {ends->nothing, ends->output[1], ends->output[1], ends->page[1], child->job.descriptor,
                         child->blocks[TL_PARENT].descriptor, child->blocks[TL_CHILD].descriptor, ends->start[1]},
-        .variables = variables,
-        .variable_count = child->settings.job->unconfined ? 1 : sizeof variables / sizeof variables[0],
+        .variables = around.variables,
+        .variable_count = around.count,
         .fallback = run_forked,
         .context = child,
     };
@@ -321,7 +361,7 @@ static tl_status start_warden(tl_twin_child *child, pipes *ends, tl_error *error
                    .bytes = TL_TWIN_FOLDER_MIB * MIB + unpacked_bytes(child->settings.config),
                    .files = FILES * (child->settings.config->component_count + 1),
                    .threads = THREADS,
-                   .memory = tl_confine_fair_memory()},
+                   .memory = memory_limit(child)},
     };
     tl_status status = tl_twin_warden_start(&settings, &child->warden, error);
     if (status == TL_OK) {
@@ -425,11 +465,10 @@ tl_status tl_twin_child_build(tl_twin_child *child, tl_account *account, tl_erro
 }
 
 tl_status tl_twin_child_check(tl_twin_child *child, tl_error *error) {
-    tl_message type = TL_MESSAGE_ENDED;
-    tl_status status = TL_OK;
-    do {
-        status = next_message(child, 1, &type, error);
-    } while (status == TL_OK && type == TL_MESSAGE_BUILT);
+    tl_status status = expect(child, TL_MESSAGE_BUILT, error);
+    if (status == TL_OK) {
+        status = expect(child, TL_MESSAGE_ENDED, error);
+    }
     if (status != TL_OK) {
         return status;
     }
@@ -469,6 +508,16 @@ void tl_twin_child_stop(tl_twin_child *child) {
     }
 }
 
+/* It has said its last word. Unasked it does so only if it can go on no more; else a run would look shorter than it was to be. */
+static tl_status take_last_word(tl_twin_child *child, bool *stopped, tl_error *error) {
+    *stopped = true;
+    if (child->last_status != TL_OK) {
+        *error = child->last_error;
+        return child->last_status;
+    }
+    return child->stopping ? TL_OK : end_liar(child, "it ended before it was told to", error);
+}
+
 tl_status tl_twin_child_take(tl_twin_child *child, int64_t tick, unsigned wanted, tl_twin_result *result, bool *stopped,
                              tl_error *error) {
     tl_message type = TL_MESSAGE_RESULT;
@@ -476,9 +525,9 @@ tl_status tl_twin_child_take(tl_twin_child *child, int64_t tick, unsigned wanted
     if (status != TL_OK) {
         return status;
     }
-    *stopped = child->has_ended;
+    *stopped = false;
     if (child->has_ended) {
-        return TL_OK;
+        return take_last_word(child, stopped, error);
     }
     if (type != TL_MESSAGE_RESULT) {
         return end_liar(child, "a message came before its time", error);
@@ -492,6 +541,9 @@ tl_status tl_twin_child_take(tl_twin_child *child, int64_t tick, unsigned wanted
     if (result->status != (int32_t)TL_OK) {
         copy_text(error->text, sizeof error->text, child->extra->error);
         error->status = (tl_status)result->status;
+        if (error->text[0] == '\0') {
+            return tl_fail(error, error->status, "a step failed, and the process of the FMUs does not say why");
+        }
     }
     return (tl_status)result->status;
 }

@@ -36,6 +36,7 @@ typedef struct tl_twin_child_settings {
     FILE *page;               /* what a check prints goes here; NULL: nothing is printed */
     tl_twin_page *print_page; /* as in main() */
     tl_time call_limit;       /* ns of one call of an FMU */
+    uint64_t memory_limit;    /* bytes that the process may take; 0: three quarters of the machine's */
 } tl_twin_child_settings;
 
 /* Starts it, and returns when it is confined and about to load FMUs. What is not held of its confinement is said on the log. Errors:
@@ -57,8 +58,8 @@ tl_status tl_twin_child_give(tl_twin_child *child, const tl_recording_tick *tick
 void tl_twin_child_push(tl_twin_child *child);
 
 /* The result of the oldest tick under way, which is this one. Sleeps, if there is none yet, until there are `wanted` of them, or as many as
- * there will be. *stopped: it was told to stop, and there is none. Errors: that of the step, with the result filled; else TL_FMU_FAILED: the
- * process is at its end, and nothing is filled. */
+ * there will be. *stopped: it was told to stop, and there is none. Errors: that of the step, with the result filled; that with
+ * which it has ended by itself; else TL_FMU_FAILED: the process is at its end, and nothing is filled. */
 tl_status tl_twin_child_take(tl_twin_child *child, int64_t tick, unsigned wanted, tl_twin_result *result, bool *stopped,
                              tl_error *error);
 

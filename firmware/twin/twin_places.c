@@ -78,6 +78,15 @@ static void add_python(tl_twin_places *places) {
     }
 }
 
+/* Those of its user. Not all beside them is for FMUs. */
+static void add_users_packages(tl_twin_places *places) {
+    char path[PATH_MAX];
+    const char *base = getenv("PYTHONUSERBASE");
+    if (base != NULL && snprintf(path, sizeof path, "%s/lib", base) < (int)sizeof path) {
+        add(places, path);
+    }
+}
+
 void tl_twin_places_find(const tl_assembly *assembly, tl_twin_places *places) {
     static const char *const variables[] = {"LD_LIBRARY_PATH", "PYTHONHOME", "PYTHONPATH", "LOCPATH"};
     const tl_config *config = &assembly->config;
@@ -94,6 +103,7 @@ void tl_twin_places_find(const tl_assembly *assembly, tl_twin_places *places) {
         add_variable(places, variables[i]);
     }
     add_python(places);
+    add_users_packages(places);
 }
 
 void tl_twin_places_free(tl_twin_places *places) {

@@ -35,8 +35,8 @@ typedef struct role {
     tl_recording_tick tick; /* as it came last, */
     tl_twin_result result;  /* and what came of it */
     unsigned char packed[TL_TWIN_PACKED];
-    unsigned unseen; /* results that were sent and not shown */
-    bool over;       /* a step has failed: what is still asked for gets no answer */
+    unsigned unpushed; /* results since the other end was woken, if it slept */
+    bool over;         /* a step has failed: what is still asked for gets no answer */
 } role;
 
 /* ---- telling ---- */
@@ -45,18 +45,20 @@ static void set_error(role *self, const tl_error *error) {
     (void)snprintf(self->extra->error, sizeof self->extra->error, "%s", error == NULL ? "" : error->text);
 }
 
-/* Waits for room: the other end takes what there is, or is gone, and this process with it. Results are shown some together; whatever is left is
- * when this process has nothing to do. */
+/* Waits for room: the other end takes what there is, or is gone, and this process with it. A result is there at once, whatever
+ * becomes of this process; the other end is woken for some together, or when this one has nothing to do. */
 static void send_message(role *self, tl_message type, const void *payload) {
     while (!tl_channel_offer(&self->channel, type, payload)) {
         if (tl_channel_wait(&self->channel, 0, 1, tl_clock_now(NULL) + LOOK) == TL_CHANNEL_BROKEN) {
             return;
         }
     }
-    self->unseen++;
-    if (type != TL_MESSAGE_RESULT || self->unseen >= TOGETHER) {
+    self->unpushed++;
+    if (type != TL_MESSAGE_RESULT || self->unpushed >= TOGETHER) {
         tl_channel_push(&self->channel);
-        self->unseen = 0;
+        self->unpushed = 0;
+    } else {
+        tl_channel_show(&self->channel);
     }
 }
 

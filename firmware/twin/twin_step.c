@@ -27,7 +27,7 @@ static bool is_sound_record(const tl_record *record, const tl_config *config, in
 }
 
 bool tl_twin_result_is_sound(const tl_twin_result *result, const tl_config *config, int64_t tick, int64_t least) {
-    return result->tick == tick && is_within((unsigned)result->status, TL_INTERRUPTED) && result->ready <= 1 &&
+    return result->tick == tick && is_within((unsigned)result->status, TL_TRY_AGAIN) && result->ready <= 1 &&
            (result->ready == 0 || is_sound_record(&result->record, config, tick, least));
 }
 

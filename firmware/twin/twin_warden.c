@@ -82,8 +82,10 @@ static void look_at_calls(tl_twin_warden *self) {
 }
 
 static void look_at_bounds(tl_twin_warden *self) {
-    char text[TL_BOUNDS_TEXT];
-    if (!tl_bounds_are_kept(&self->settings.bounds, self->settings.process, text)) {
+    char found[TL_BOUNDS_TEXT];
+    char text[TL_TWIN_WARDEN_TEXT];
+    if (!tl_bounds_are_kept(&self->settings.bounds, self->settings.process, found)) {
+        (void)snprintf(text, sizeof text, "the process of the FMUs was killed: %s", found);
         kill_it(self, text);
     }
 }

@@ -26,7 +26,8 @@ enum { TL_OPTIONS_NO_TABLE = -1 };
 typedef struct tl_options {
     const char *subject; /* the one word that is no option: a configuration; of `show` a database */
     bool variables;
-    double call_limit_s; /* default 60 */
+    double call_limit_s;       /* default 60 */
+    uint64_t memory_limit_mib; /* 0: as much as is usual */
     bool unconfined;
     const char *recording;
     uint64_t run; /* 0: the last one */

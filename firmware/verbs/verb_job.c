@@ -39,6 +39,7 @@ tl_status tl_verb_job_start(tl_verb_job *job, const tl_config *config, FILE *pag
         .page = page,
         .print_page = tl_verb_check_page,
         .call_limit = tl_time_of_seconds(job->options->call_limit_s),
+        .memory_limit = (uint64_t)job->options->memory_limit_mib * 1024 * 1024,
     };
     return tl_twin_child_start(&settings, &job->child, error);
 }

@@ -103,6 +103,35 @@ def refused(document, code, *words, folder=None):
         expect(all(word in err for word in words), f"{verb}: wanted {words}\n{err}")
 
 
+# ---- where Python looks ----
+
+LOOK = """import os, site, sys
+        sys.path.append(site.getusersitepackages())
+        import of_the_user
+        assert os.environ["HOME"] == os.getcwd() and sys.dont_write_bytecode
+        try:
+            open("{home}/.local/share")
+            assert False
+        except PermissionError:
+            self.y = of_the_user.Y"""
+
+
+def test_its_home_is_a_folder_of_its_own_and_packages_of_the_user_are_found():
+    """OpenTURNS for one looks into HOME, and without it into the list of users, which is closed."""
+    home = scratch()
+    packages = home / ".local" / "lib" / f"python{sys.version_info.major}.{sys.version_info.minor}" / "site-packages"
+    packages.mkdir(parents=True)
+    packages.joinpath("of_the_user.py").write_text("Y = 0.25\n", encoding="utf-8")
+    home.joinpath(".local", "share").write_text("not for FMUs", encoding="utf-8")
+    before = os.environ["HOME"]
+    os.environ["HOME"] = str(home)
+    try:
+        rows = replay_csv(write_config(alone(slave_that(LOOK.replace("{home}", str(home))))))
+    finally:
+        os.environ["HOME"] = before
+    expect(rows["slave.y"][-1] == 0.25, rows["slave.y"])
+
+
 # ---- the loop of FMPy ----
 
 class Peer:

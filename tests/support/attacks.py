@@ -31,7 +31,6 @@ import twinlock_test
 from twinlock_test import PATIENCE, PROGRAM, Failure, expect, scratch
 
 PLAIN_USER = 47110  # nobody's
-CONFINES = "--unconfined" in subprocess.run([PROGRAM, "replay", "--help"], capture_output=True, text=True, check=False).stdout
 REFUSAL = re.compile(r"FMU (\S+) asked for (\w+) in (.+?), which is refused; said once")
 REPORT = re.compile(r"attack ([^:\n]+): (succeeded|E\w+)")
 NEW_PROCESS = ("clone", "clone3", "fork", "vfork")
@@ -60,9 +59,9 @@ def attributes(ground):
     return True
 
 
-def has_no_process(_):
-    """A program without a process for FMUs leaves them its own terminal, and the room in its TMPDIR. Else they have not, unconfined too."""
-    return not CONFINES
+def elsewhere(_):
+    """The terminal, and TMPDIR as a whole, are the parent's: FMUs have lost them by being in a process of their own, unconfined too."""
+    return False
 
 
 # ---- where it takes place ----
@@ -167,7 +166,7 @@ class Ground:
         return Path(shutil.copy(path, self.home / "config.json"))
 
     def command(self, *options):
-        mode = ("--unconfined",) if CONFINES and not self.confined else ()
+        mode = () if self.confined else ("--unconfined",)
         results = {"run": ("--db", self.home / "run.db", "--duration", "2"),
                    "plant": ("--record", self.home / "rows.csv"),
                    "replay": ("--csv", self.home / "rows.csv", "--db", self.home / "run.db", "--report", self.home / "page.html")}
@@ -764,13 +763,6 @@ def enough_memory(mebibytes):
     return int(re.search(r"MemAvailable: +(\d+) kB", text)[1]) >> 10 > 2 * mebibytes
 
 
-def may_have(mebibytes):
-    """Whether so much is less than FMUs are granted, three quarters of the machine's memory: then a bomb of this size is none, and one that is
-    would be felt by everybody else."""
-    text = Path("/proc/meminfo").read_text(encoding="utf-8")
-    return int(re.search(r"MemTotal: +(\d+) kB", text)[1]) * 3 // 4 >> 10 > mebibytes
-
-
 def filled(mebibytes, *folder):
     def stage(ground):
         def reached():
@@ -790,8 +782,9 @@ def printed(count):
     return lambda ground: ((count,), lambda: sum((ground.folder / name).stat().st_size for name in ("out", "log")) >= count)
 
 
-BOMB_MEBIBYTES = 2048
-DISK_MEBIBYTES = 1024
+LIMIT_MEBIBYTES = 192  # of the process of the FMUs, when bombs are thrown; less on any machine than
+BOMB_MEBIBYTES = 384
+DISK_MEBIBYTES = 640  # more than FMUs may write
 FILES = 20000
 PRINTED = 50000000
 
@@ -815,13 +808,13 @@ LONE = (
 )
 BOMBS = (
     Lone("shared memory", "shared_memory", taken(BOMB_MEBIBYTES), may_end=True),
-    Lone("heap", "heap_memory", taken(BOMB_MEBIBYTES), may_end=True, believed=may_have(BOMB_MEBIBYTES)),
-    Lone("stack", "stack_memory", taken(BOMB_MEBIBYTES), may_end=True, believed=may_have(BOMB_MEBIBYTES)),
+    Lone("heap", "heap_memory", taken(BOMB_MEBIBYTES), may_end=True),
+    Lone("stack", "stack_memory", taken(BOMB_MEBIBYTES), may_end=True),
     Lone("file in memory", "file_memory", told(BOMB_MEBIBYTES), may_end=True),
     Lone("page tables", "page_tables", told(BOMB_MEBIBYTES), may_end=True),
     Lone("bytes in removed files", "fill_removed", told(DISK_MEBIBYTES), may_end=True),
     Lone("bytes in its folder", "fill_disk", filled(DISK_MEBIBYTES, "."), may_end=True),
-    Lone("reserved bytes in TMPDIR", "reserve_disk", filled(DISK_MEBIBYTES), (), has_no_process, may_end=True),
+    Lone("reserved bytes in TMPDIR", "reserve_disk", filled(DISK_MEBIBYTES), (), elsewhere, may_end=True),
     Lone("reserved bytes in its folder", "reserve_disk", filled(DISK_MEBIBYTES, "."), may_end=True),
     Lone("files in its folder", "many_files", many_files(FILES, "."), may_end=True),
 )
@@ -909,20 +902,14 @@ def by_name(_):
     return "/dev/tty"
 
 
-def types_for_all(ground):
-    """Whether the kernel still lets everybody type on his own terminal; that of another session is root's to type on."""
-    setting = Path("/proc/sys/dev/tty/legacy_tiocsti")
-    return has_no_process(ground) and (not setting.exists() or setting.read_text(encoding="utf-8").strip() != "0")
-
-
 ON_TERMINAL = (
-    Attack("escapes by printing", "print_escapes", shown(), (), has_no_process),
+    Attack("escapes by printing", "print_escapes", shown(), (), elsewhere),
     Attack("escapes by the FMI logger", "log_escapes", shown(), (), never),
-    Attack("escapes by /dev/tty", "print_to_terminal", shown(by_name), (), has_no_process),
+    Attack("escapes by /dev/tty", "print_to_terminal", shown(by_name), (), elsewhere),
     Attack("escapes by the terminal's path", "print_to_terminal", shown(by_path)),
-    Attack("typing by /dev/tty", "type_text", typed(by_name), (), types_for_all),
+    Attack("typing by /dev/tty", "type_text", typed(by_name), (), elsewhere),
     Attack("typing by the terminal's path", "type_text", typed(by_path), (), as_root),
-    Attack("typing by a descriptor", "type_by_descriptor", typed(), (), types_for_all),
+    Attack("typing by a descriptor", "type_by_descriptor", typed(), (), elsewhere),
 )
 ERASE_LINE = b"\033[K"  # what the program itself sends, besides newlines
 # ESC, BEL, backspace and the other control characters that a terminal obeys; C1 as UTF-8 and as bytes.

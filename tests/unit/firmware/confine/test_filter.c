@@ -210,11 +210,13 @@ static const call refused[] = {
 
 enum { REFUSED = sizeof refused / sizeof refused[0] };
 
-/* With a sanitizer these two are its own. */
+/* With a sanitizer these are its own. */
 static bool is_for_sanitizer(const call *made) {
 #if TL_HAS_SANITIZER
-    return made->number == SYS_ptrace || (made->number == SYS_prctl && (made->arguments[0] == PR_SET_DUMPABLE ||
-                                                                        made->arguments[0] == PR_SET_PTRACER));
+    long first = made->arguments[0];
+    return made->number == SYS_ptrace ||
+           (made->number == SYS_prctl &&
+            (first == PR_SET_DUMPABLE || first == PR_SET_PTRACER || first == PR_SET_PDEATHSIG));
 #else
     (void)made;
     return false;

@@ -108,11 +108,11 @@ static void test_what_a_component_reads(void) {
 static void test_texts_in_set(void) {
     char absolute[PATH_MAX];
     (void)snprintf(absolute, sizeof absolute, "%s", in_root("private.csv"));
-    const tl_plan_set set[] = {{.variable = "table", .value = {.type = TL_STRING, .text = absolute}},
-                               {.variable = "name", .value = {.type = TL_STRING, .text = "data"}},
-                               {.variable = "gone", .value = {.type = TL_STRING, .text = "/nowhere/at/all"}},
-                               {.variable = "J", .value = {.type = TL_REAL, .real = 0.05}}};
-    component.set = (tl_plan_set *)(uintptr_t)set;
+    tl_plan_set set[] = {{.variable = "table", .value = {.type = TL_STRING, .text = absolute}},
+                         {.variable = "name", .value = {.type = TL_STRING, .text = "data"}},
+                         {.variable = "gone", .value = {.type = TL_STRING, .text = "/nowhere/at/all"}},
+                         {.variable = "J", .value = {.type = TL_REAL, .real = 0.05}}};
+    component.set = set;
     component.set_count = sizeof set / sizeof set[0];
     TEST_ASSERT_EQUAL_INT(0, chdir(root)); /* so that "data" could be found */
     expect_places((const char *const[]){absolute, NULL});
@@ -153,12 +153,12 @@ static void test_python(void) {
 static void test_never_everything(void) {
     tl_config_name reads[] = {
         {.name = "/"}, {.name = "//"}, {.name = "/tmp/.."}, {.name = "data/../../../../../../../../.."}};
-    const tl_plan_set set[] = {{.variable = "table", .value = {.type = TL_STRING, .text = "/"}},
-                               {.variable = "other", .value = {.type = TL_STRING, .text = "/./tmp/../"}}};
+    tl_plan_set set[] = {{.variable = "table", .value = {.type = TL_STRING, .text = "/"}},
+                         {.variable = "other", .value = {.type = TL_STRING, .text = "/./tmp/../"}}};
     char *libraries[] = {(char[]){"/"}, (char[]){"/."}};
     component.reads = reads;
     component.read_count = sizeof reads / sizeof reads[0];
-    component.set = (tl_plan_set *)(uintptr_t)set;
+    component.set = set;
     component.set_count = sizeof set / sizeof set[0];
     assembly.libraries = libraries;
     assembly.library_count = 2;

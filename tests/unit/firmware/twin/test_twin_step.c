@@ -44,7 +44,7 @@ static void test_the_ends_of_all_ranges(void) {
     result.record.flags = 2 * TL_LAST_FLAG - 1;
     result.record.delay_state = TL_DELAY_LOST;
     result.record.y_hat_quality[1] = TL_OUTLIER;
-    result.status = TL_INTERRUPTED;
+    result.status = TL_TRY_AGAIN;
     TEST_ASSERT_TRUE(is_sound());
     result.record.step = LEAST;
     result.record.outcome = TL_FREE;
@@ -74,8 +74,9 @@ static void test_of_another_tick(void) {
     }
 }
 
+/* Nor is it this process that is interrupted: the run would look as if its user had ended it. */
 static void test_a_status_that_is_none(void) {
-    const int32_t wrong[] = {TL_INTERRUPTED + 1, -1, INT32_MIN, INT32_MAX};
+    const int32_t wrong[] = {TL_INTERRUPTED, TL_INTERRUPTED + 1, -1, INT32_MIN, INT32_MAX};
     for (size_t i = 0; i < sizeof wrong / sizeof wrong[0]; i++) {
         result.status = wrong[i];
         TEST_ASSERT_FALSE(is_sound());

@@ -93,7 +93,8 @@ static void test_every_option_sets_its_own(void) {
     TEST_ASSERT_EQUAL_UINT64(UINT64_MAX, options.seed);
     TEST_ASSERT_EQUAL_INT(TL_OPTIONS_READ, READ(TL_VERB_PLANT, "c", "--record", "w"));
     TEST_ASSERT_EQUAL_STRING("w", options.record);
-    TEST_ASSERT_EQUAL_INT(TL_OPTIONS_READ, READ(TL_VERB_CHECK, "c", "--variables"));
+    TEST_ASSERT_EQUAL_INT(TL_OPTIONS_READ, READ(TL_VERB_CHECK, "c", "--variables", "--memory-limit", "2048"));
+    TEST_ASSERT_EQUAL_UINT64(2048, options.memory_limit_mib);
     TEST_ASSERT_TRUE(options.variables);
 }
 
@@ -131,6 +132,10 @@ static void test_values_that_are_refused(void) {
     for (size_t i = 0; i < sizeof limits / sizeof limits[0]; i++) {
         expect_wrong(TL_VERB_RUN, "--duration", limits[i], "seconds > 0 and below 1e9, for example 14");
         expect_wrong(TL_VERB_CHECK, "--call-limit", limits[i], "seconds > 0 and below 1e9, for example 600");
+    }
+    static const char *const sizes[] = {"0", "63", "1048577", "-64", "64M", "1e3", "99999999999999999999", ""};
+    for (size_t i = 0; i < sizeof sizes / sizeof sizes[0]; i++) {
+        expect_wrong(TL_VERB_PLANT, "--memory-limit", sizes[i], "MiB from 64 to 1048576, for example 2048");
     }
     static const char *const timeouts[] = {"0", "0.5", "2.5", "3601", "soon", "-3", "nan", ""};
     for (size_t i = 0; i < sizeof timeouts / sizeof timeouts[0]; i++) {
