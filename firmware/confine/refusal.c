@@ -4,7 +4,6 @@
 #include <errno.h>
 #include <linux/seccomp.h>
 #include <poll.h>
-#include <pthread.h>
 #include <seccomp.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -13,7 +12,7 @@
 /* Names by number, which libseccomp gives in memory of the heap. */
 enum { NAMES = 512 };
 static char names[NAMES][TL_REFUSAL_NAME];
-static pthread_once_t named = PTHREAD_ONCE_INIT;
+static bool named;
 
 static void find_names(void) {
     for (int number = 0; number < NAMES; number++) {
@@ -25,8 +24,12 @@ static void find_names(void) {
     }
 }
 
+/* Whoever comes second meanwhile writes the same. */
 void tl_refusal_prepare(void) {
-    (void)pthread_once(&named, find_names);
+    if (!__atomic_load_n(&named, __ATOMIC_ACQUIRE)) {
+        find_names();
+        __atomic_store_n(&named, true, __ATOMIC_RELEASE);
+    }
 }
 
 static void describe(const struct seccomp_notif *asked, tl_refusal *refusal) {

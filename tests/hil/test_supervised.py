@@ -216,9 +216,7 @@ class Unruly:
 
     def tell(self, word):
         self.child = self.live.child(self.child)
-        file = self.live.told_by(self.child)
-        file.write_text(word, encoding="utf-8")
-        wait_until(lambda: not file.exists(), "a step that takes the word", self.live.log)
+        self.live.tell(self.child, word)
 
 
 def test_an_fmu_is_named():

@@ -167,9 +167,7 @@ class Patient:
             at = time.time()
             os.kill(child, signal.SIGKILL)
             return at
-        word = self.live.told_by(child)
-        word.write_text(kind, encoding="utf-8")
-        wait_until(lambda: not word.exists(), "a step that takes the word", self.live.log)
+        self.live.tell(child, kind)
         return time.time()
 
     def suffer(self, kind, count):

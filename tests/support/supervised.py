@@ -23,10 +23,11 @@ class Supervised(Program):
     def child(self, other_than=0):
         return wait_until(lambda: [pid for pid in self.children() if pid != other_than], "a child", self.log)[0]
 
-    def told_by(self, child):
-        """The file by which an FMU of that process is told what to do (tests/hil/fmus/unruly)."""
-        folders = self.process.temporary.glob(f"twinlock-run-{child}-*")
-        return next(folders) / WORD
+    def tell(self, child, word):
+        """An FMU of that process is told what to do (tests/hil/fmus/unruly), and begins with it."""
+        file = next(self.process.temporary.glob(f"twinlock-run-{child}-*")) / WORD
+        file.write_text(word, encoding="utf-8")
+        wait_until(lambda: not file.exists() or not file.read_bytes(), "a step that takes the word", self.log)
 
     def account(self):
         return json.loads((self.state / "supervisor.json").read_text(encoding="utf-8"))
