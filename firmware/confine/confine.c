@@ -30,6 +30,12 @@ void tl_confine_probe(tl_confine_facts *facts) {
     };
 }
 
+uint64_t tl_confine_fair_memory(void) {
+    long pages = sysconf(_SC_PHYS_PAGES);
+    long size = sysconf(_SC_PAGESIZE);
+    return pages > 0 && size > 0 ? (uint64_t)pages * (uint64_t)size / 4 * 3 : 0;
+}
+
 /* ---- confine ---- */
 
 static tl_status enter(const char *folder, tl_error *error) {
@@ -52,7 +58,8 @@ static tl_status restrict_files(const tl_confine_settings *settings, int version
                                        .read = settings->read,
                                        .read_count = settings->read_count,
                                        .write = settings->write,
-                                       .write_count = settings->write_count};
+                                       .write_count = settings->write_count,
+                                       .clear = settings->clear};
     if (prctl(PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0) != 0) {
         return tl_fail(error, TL_TRY_AGAIN, "setuid programs could not be given up: %s", strerror(errno));
     }
@@ -63,22 +70,18 @@ static tl_status restrict_calls(const tl_confine_settings *settings, int version
     const tl_filter_settings filter = {.start_socket = settings->start_socket,
                                        .whole_process = settings->whole_process,
                                        .may_connect = settings->may_connect,
+                                       .lives_on = settings->lives_on,
                                        .truncation_holds = version >= TL_LANDLOCK_TRUNCATION};
     return tl_filter_load(&filter, listener, error);
 }
 
-tl_status tl_confine(const tl_confine_settings *settings, tl_confine_facts *facts, int *listener, tl_error *error) {
+tl_status tl_confine_calls(const tl_confine_settings *settings, tl_confine_facts *facts, int *listener,
+                           tl_error *error) {
     const int version = usable_landlock(settings->landlock_newest);
     const bool filters = tl_filter_is_offered(); /* afterwards asking is refused */
     int told = -1;
+    tl_status status = filters ? restrict_calls(settings, version, listener == NULL ? NULL : &told, error) : TL_OK;
     *facts = (tl_confine_facts){0};
-    tl_status status = enter(settings->folder, error);
-    status = status != TL_OK ? status : give_up_privileges(settings, error);
-    status = status != TL_OK ? status : tl_limits_set(settings->memory, settings->file_bytes, error);
-    status = status != TL_OK ? status : restrict_files(settings, version, error);
-    if (status == TL_OK && filters) {
-        status = restrict_calls(settings, version, listener == NULL ? NULL : &told, error);
-    }
     if (status == TL_OK) {
         *facts = (tl_confine_facts){.filter = filters,
                                     .notifies = told >= 0,
@@ -90,6 +93,19 @@ tl_status tl_confine(const tl_confine_settings *settings, tl_confine_facts *fact
         *listener = told;
     }
     return status;
+}
+
+tl_status tl_confine(const tl_confine_settings *settings, tl_confine_facts *facts, int *listener, tl_error *error) {
+    const int version = usable_landlock(settings->landlock_newest);
+    *facts = (tl_confine_facts){0};
+    if (listener != NULL) {
+        *listener = -1;
+    }
+    tl_status status = enter(settings->folder, error);
+    status = status != TL_OK ? status : give_up_privileges(settings, error);
+    status = status != TL_OK ? status : tl_limits_set(settings->memory, settings->file_bytes, error);
+    status = status != TL_OK ? status : restrict_files(settings, version, error);
+    return status == TL_OK && !settings->calls_later ? tl_confine_calls(settings, facts, listener, error) : status;
 }
 
 /* ---- describe ---- */

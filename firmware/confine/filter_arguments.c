@@ -119,8 +119,8 @@ static int add_files(scmp_filter_ctx context, const tl_filter_settings *settings
     return failure;
 }
 
-/* Signals to its own process; an attempt on another one ends it. Whether another one is there may be asked, in vain. */
-static int add_signals(scmp_filter_ctx context) {
+/* Signals to its own process; an attempt on another one ends it, but for `lives_on`. Whether another one is there may be asked, in vain. */
+static int add_signals(scmp_filter_ctx context, bool lives_on) {
     static const struct {
         const char *call;
         unsigned signal; /* which argument */
@@ -130,8 +130,9 @@ static int add_signals(scmp_filter_ctx context) {
     for (size_t i = 0; i < COUNT(calls) && failure == 0; i++) {
         const struct scmp_arg_cmp other[] = {{0, SCMP_CMP_NE, own, 0}, {calls[i].signal, SCMP_CMP_NE, 0, 0}};
         failure = allow_one(context, calls[i].call, (struct scmp_arg_cmp){0, SCMP_CMP_EQ, own, 0});
-        failure =
-            failure != 0 ? failure : tl_filter_add(context, SCMP_ACT_KILL_PROCESS, calls[i].call, other, COUNT(other));
+        if (!lives_on && failure == 0) {
+            failure = tl_filter_add(context, SCMP_ACT_KILL_PROCESS, calls[i].call, other, COUNT(other));
+        }
     }
     return failure;
 }
@@ -149,26 +150,28 @@ static int allow_own(scmp_filter_ctx context) {
 
 #if TL_HAS_SANITIZER
 /* The search for leaks stops all threads from a process that shares our memory, which traces us, and dies with us. */
-static int add_tracing(scmp_filter_ctx context) {
+static int add_tracing(scmp_filter_ctx context, bool lives_on) {
     static const uint32_t commands[] = {PR_SET_DUMPABLE, PR_SET_PTRACER, PR_SET_PDEATHSIG};
     int failure = tl_filter_allow_all(context, "ptrace");
+    (void)lives_on;
     failure = failure != 0 ? failure : allow_one(context, "clone", MASKED(0, CLONE_VM | CLONE_THREAD, CLONE_VM));
     return failure != 0 ? failure : allow_values(context, "prctl", 0, commands, COUNT(commands));
 }
 #else
-static int add_tracing(scmp_filter_ctx context) {
+static int add_tracing(scmp_filter_ctx context, bool lives_on) {
     const struct scmp_arg_cmp other = {0, SCMP_CMP_NE, PTRACE_TRACEME, 0};
-    return tl_filter_add(context, SCMP_ACT_KILL_PROCESS, "ptrace", &other, 1);
+    return lives_on ? 0 : tl_filter_add(context, SCMP_ACT_KILL_PROCESS, "ptrace", &other, 1);
 }
 #endif
 
 int tl_filter_add_arguments(scmp_filter_ctx context, const tl_filter_settings *settings) {
-    int (*const parts[])(scmp_filter_ctx) = {allow_commands, allow_threads, allow_memory,
-                                             add_signals,    allow_own,     add_tracing};
+    int (*const parts[])(scmp_filter_ctx) = {allow_commands, allow_threads, allow_memory, allow_own};
     int failure = 0;
     for (size_t i = 0; i < COUNT(parts) && failure == 0; i++) {
         failure = parts[i](context);
     }
+    failure = failure != 0 ? failure : add_signals(context, settings->lives_on);
+    failure = failure != 0 ? failure : add_tracing(context, settings->lives_on);
     failure = failure != 0 ? failure : add_files(context, settings);
     if (settings->start_socket >= 0 && !settings->may_connect) {
         failure = failure != 0 ? failure : allow_one(context, "sendmsg", IS(0, settings->start_socket));

@@ -7,6 +7,7 @@
 #include <linux/can.h>
 #include <linux/gpio.h>
 #include <linux/netlink.h>
+#include <linux/seccomp.h>
 #include <linux/serial.h>
 #include <linux/watchdog.h>
 #include <sys/ioctl.h>
@@ -56,6 +57,8 @@ static const uint32_t device_commands[] = {
     GPIO_V2_GET_LINE_IOCTL,
     GPIO_V2_LINE_GET_VALUES_IOCTL,
     WDIOC_KEEPALIVE,
+    SECCOMP_IOCTL_NOTIF_RECV,
+    SECCOMP_IOCTL_NOTIF_SEND, /* the thread that answers what FMUs are refused */
 };
 
 static int allow(scmp_filter_ctx context, const char *call, unsigned argument, uint32_t value) {
@@ -64,11 +67,12 @@ static int allow(scmp_filter_ctx context, const char *call, unsigned argument, u
 }
 
 int tl_filter_add_drivers(scmp_filter_ctx context) {
-    /* Removing and renaming: a database's journal, a file that takes the place of another one. sched_setscheduler: the cycle's priority is raised and lowered by another thread, which names it by a number. */
+    /* Removing and renaming: a database's journal, a file that takes the place of another one; SQLite gives the files beside a database the
+     * mode and owner of that. sched_setscheduler: the cycle's priority is raised and lowered by another thread, which names it by a number. */
     int failure =
         tl_filter_allow_all(context, "connect shutdown getsockname getpeername getsockopt setsockopt send sendto "
                                      "sendmsg sendmmsg recv recvfrom recvmsg sched_setscheduler "
-                                     "rmdir unlink unlinkat rename renameat renameat2");
+                                     "rmdir unlink unlinkat rename renameat renameat2 fchmod fchown fchown32");
     for (size_t i = 0; i < COUNT(sockets) && failure == 0; i++) {
         const struct scmp_arg_cmp conditions[] = {
             {0, SCMP_CMP_MASKED_EQ, UINT32_MAX, (uint32_t)sockets[i].family},

@@ -179,6 +179,7 @@ static bool allow_places(int rules, const tl_landlock_places *places, uint64_t a
            allow_all(rules, writable, COUNT(writable), change) &&
            allow_all(rules, places->read, places->read_count, look) &&
            allow_all(rules, places->write, places->write_count, change | (all & COMMAND_DEVICE)) &&
+           (places->clear == NULL || allow(rules, places->clear, all & LANDLOCK_ACCESS_FS_REMOVE_DIR)) &&
            (places->folder == NULL || allow(rules, places->folder, change));
 }
 

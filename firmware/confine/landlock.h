@@ -26,6 +26,7 @@ typedef struct tl_landlock_places {
     size_t read_count;
     const char *const *write; /* as `folder`; devices also take commands */
     size_t write_count;
+    const char *clear; /* a folder in which empty folders may be removed; NULL: none */
 } tl_landlock_places;
 
 /* 0: the kernel has none, or it is switched off. */

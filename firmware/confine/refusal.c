@@ -2,47 +2,65 @@
 #include "firmware/confine/refusal.h"
 
 #include <errno.h>
+#include <linux/seccomp.h>
 #include <poll.h>
 #include <seccomp.h>
 #include <stdio.h>
 #include <stdlib.h>
+#include <sys/ioctl.h>
+
+/* Names by number, which libseccomp gives in memory of the heap. */
+enum { NAMES = 512 };
+static char names[NAMES][TL_REFUSAL_NAME];
+static bool named;
+
+static void find_names(void) {
+    for (int number = 0; number < NAMES; number++) {
+        char *name = seccomp_syscall_resolve_num_arch(SCMP_ARCH_NATIVE, number);
+        if (name != NULL) {
+            (void)snprintf(names[number], sizeof names[number], "%s", name);
+        }
+        free(name);
+    }
+}
+
+/* Whoever comes second meanwhile writes the same. */
+void tl_refusal_prepare(void) {
+    if (!__atomic_load_n(&named, __ATOMIC_ACQUIRE)) {
+        find_names();
+        __atomic_store_n(&named, true, __ATOMIC_RELEASE);
+    }
+}
 
 static void describe(const struct seccomp_notif *asked, tl_refusal *refusal) {
-    char *name = seccomp_syscall_resolve_num_arch(SCMP_ARCH_NATIVE, asked->data.nr);
-    *refusal = (tl_refusal){.id = asked->id, .number = asked->data.nr, .thread = (pid_t)asked->pid};
-    if (name != NULL) {
-        (void)snprintf(refusal->name, sizeof refusal->name, "%s", name);
+    const int number = asked->data.nr;
+    *refusal = (tl_refusal){.id = asked->id, .number = number, .thread = (pid_t)asked->pid};
+    if (number >= 0 && number < NAMES && names[number][0] != '\0') {
+        (void)snprintf(refusal->name, sizeof refusal->name, "%s", names[number]);
     } else {
-        (void)snprintf(refusal->name, sizeof refusal->name, "call %d", asked->data.nr);
+        (void)snprintf(refusal->name, sizeof refusal->name, "call %d", number);
     }
-    free(name);
     for (int i = 0; i < TL_REFUSAL_ARGUMENTS; i++) {
         refusal->arguments[i] = asked->data.args[i];
     }
 }
 
+/* The kernel knows the size of what it fills by the number of the command. */
 bool tl_refusal_take(int listener, tl_refusal *refusal) {
     struct pollfd waiting = {.fd = listener, .events = POLLIN};
-    if (listener < 0 || poll(&waiting, 1, 0) != 1 || (waiting.revents & POLLIN) == 0) {
+    struct seccomp_notif asked = {.id = 0};
+    if (listener < 0 || poll(&waiting, 1, 0) != 1 || (waiting.revents & POLLIN) == 0 ||
+        ioctl(listener, SECCOMP_IOCTL_NOTIF_RECV, &asked) != 0) {
         return false;
     }
-    struct seccomp_notif *asked = NULL;
-    bool taken = seccomp_notify_alloc(&asked, NULL) == 0 && seccomp_notify_receive(listener, asked) == 0;
-    if (taken) {
-        describe(asked, refusal);
-    }
-    seccomp_notify_free(asked, NULL);
-    return taken;
+    tl_refusal_prepare();
+    describe(&asked, refusal);
+    return true;
 }
 
 /* Nothing of the other process is read, so it does not matter whether it is still there (SECCOMP_IOCTL_NOTIF_ID_VALID): an answer that comes
  * too late goes nowhere. */
 void tl_refusal_answer(int listener, const tl_refusal *refusal) {
-    struct seccomp_notif_resp *reply = NULL;
-    if (seccomp_notify_alloc(NULL, &reply) == 0) {
-        reply->id = refusal->id;
-        reply->error = -EPERM;
-        (void)seccomp_notify_respond(listener, reply);
-    }
-    seccomp_notify_free(NULL, reply);
+    struct seccomp_notif_resp reply = {.id = refusal->id, .error = -EPERM};
+    (void)ioctl(listener, SECCOMP_IOCTL_NOTIF_SEND, &reply);
 }

@@ -3,6 +3,7 @@
  * Purpose: vendors' FMUs ask for a licence by a socket, start a tool, change a file's mode. Each such call waits until it is taken here and
  *          answered, with EPERM, always. In between the caller stands still, so that what it was about can be looked up.
  * Cost:    a refused call waits for the next look: take all that wait, often, and answer each at once.
+ * Memory:  once prepared, none of the heap is asked for: a thread of the same process that forks holds its locks while it waits.
  * Thread:  any one.
  */
 #ifndef TL_FIRMWARE_CONFINE_REFUSAL_H
@@ -22,6 +23,9 @@ typedef struct tl_refusal {
     uint64_t arguments
         [TL_REFUSAL_ARGUMENTS]; /* as they were passed: what they point at is the other process's, and may change */
 } tl_refusal;
+
+/* For who answers in the process that is refused: before it is confined. */
+void tl_refusal_prepare(void);
 
 /* Takes one, which must be answered. False: none waits, or the process has ended. Never waits. `listener` is tl_confine()'s, or -1: never one. */
 bool tl_refusal_take(int listener, tl_refusal *refusal);

@@ -12,9 +12,11 @@
 #include "firmware/fmu/fmu_thread.h"
 #include "firmware/plant/live_plant.h"
 #include "firmware/process/interrupt.h"
+#include "firmware/process/private_folder.h"
 #include "firmware/process/process_end.h"
 #include "firmware/run/cycle.h"
 #include "firmware/run/journal.h"
+#include "firmware/run/live_confinement.h"
 #include "firmware/run/realtime.h"
 #include "firmware/run/resume.h"
 #include "firmware/run/safe_hold.h"
@@ -41,7 +43,8 @@ typedef struct appliance {
     bool holds;     /* safe hold */
     bool was_ready; /* it did what it is there for */
     FILE *output;
-    tl_fmu_thread *fmus; /* NULL in safe hold */
+    tl_fmu_thread *fmus;              /* NULL in safe hold */
+    tl_live_confinement *confinement; /* NULL: in safe hold, and where it is unconfined */
     tl_assembly *assembly;
     tl_account account; /* of its twin, when it was taken last */
     tl_journal journal;
@@ -98,6 +101,28 @@ static void tell_start(appliance *self) {
                      (unsigned long long)restarts->restarts, restarts->reason);
 }
 
+/* What the FMUs are held by, if that is not all there is. */
+static void tell_confinement(appliance *self) {
+    char text[TL_LIVE_CONFINEMENT_TEXT];
+    if (self->holds) {
+        return;
+    }
+    if (self->confinement == NULL) {
+        tl_journal_event(&self->journal, -1, TL_EVENT_WARNING, "twin", "unconfined: FMUs can do what this user can");
+        return;
+    }
+    tl_live_confinement_describe(self->confinement, text);
+    if (text[0] != '\0') {
+        tl_journal_event(&self->journal, -1, TL_EVENT_INFO, "twin", "%s", text);
+    }
+}
+
+static void tell_refusals(appliance *self) {
+    if (self->confinement != NULL) {
+        tl_live_confinement_tell(self->confinement, &self->journal);
+    }
+}
+
 /* A sample without unknown values is a better start; a dead device must not prevent one. */
 static void wait_for_readings(const appliance *self) {
     tl_time until = tl_clock_now(NULL) + FIRST_READING;
@@ -124,6 +149,7 @@ static tl_status open_all(appliance *self, tl_error *error) {
     tl_journal_init(&self->journal, self->recorder);
     tl_process_keep(keep, self);
     tell_start(self);
+    tell_confinement(self);
     status = tl_live_plant_open(&self->assembly->config, self->beats, on_link, self, &self->plant, error);
     if (status == TL_OK && self->recorder == NULL) { /* said only of a run that begins */
         tl_log(TL_LOG_NOTICE,
@@ -135,17 +161,36 @@ static tl_status open_all(appliance *self, tl_error *error) {
 
 /* ---- the twin ---- */
 
-/* To where the run before was ended. An attempt that failed on its way has left a run of its own. */
+/* A job of the FMUs' thread, and what came of it. */
+typedef struct resume_job {
+    const tl_resume_settings *settings;
+    const tl_resume_source *source;
+    tl_summary *summary;
+    bool spoilt;
+    tl_error *error;
+    tl_status status;
+} resume_job;
+
+static void do_resume(void *context) {
+    resume_job *job = context;
+    job->status = tl_resume(job->settings, job->source, job->summary, &job->spoilt, job->error);
+}
+
+/* To where the run before was ended. An attempt that failed on its way has left a run of its own. The files are this thread's. */
 static tl_status resume(appliance *self, tl_error *error) {
     char path[PATH_MAX];
-    bool spoilt = false;
     if (!find_database(self, path)) {
         return TL_OK;
     }
     const tl_resume_settings settings = {
         .assembly = self->assembly, .path = path, .recorder = self->recorder, .journal = &self->journal};
-    tl_status status = tl_resume(&settings, &self->resumed, &spoilt, error);
-    if (status == TL_OK && spoilt) {
+    tl_resume_source source;
+    resume_job job = {.settings = &settings, .source = &source, .summary = &self->resumed, .error = error};
+    tl_resume_open(&settings, &source);
+    tl_fmu_thread_call(self->fmus, do_resume, &job);
+    tl_resume_close(&source);
+    tl_status status = job.status;
+    if (status == TL_OK && job.spoilt) {
         tl_journal_use_recorder(&self->journal, NULL);
         status = tl_recorder_close(self->recorder, "could not go on with an earlier run", NULL, error);
         self->recorder = NULL;
@@ -155,23 +200,10 @@ static tl_status resume(appliance *self, tl_error *error) {
     return status;
 }
 
-/* A job of the FMUs' thread, and what came of it. */
-typedef struct appliance_job {
-    appliance *self;
-    tl_error *error;
-    tl_status status;
-} appliance_job;
-
-static void resume_job(void *context) {
-    appliance_job *job = context;
-    job->status = resume(job->self, job->error);
-}
-
 static tl_status start_cycle(appliance *self, tl_error *error) {
-    appliance_job job = {.self = self, .error = error};
-    tl_fmu_thread_call(self->fmus, resume_job, &job);
-    if (job.status != TL_OK) {
-        return job.status;
+    tl_status status = resume(self, error);
+    if (status != TL_OK) {
+        return status;
     }
     wait_for_readings(self);
     if (self->assembly->config.realtime_lock_memory) {
@@ -208,6 +240,7 @@ static void look_on(appliance *self) {
         tl_clock_sleep_until(tl_clock_now(NULL) + LOOK);
         tl_heart_beat(self->heart);
         tl_fmu_thread_watch(self->fmus);
+        tell_refusals(self);
         if (terminal && tl_journal_has_events(&self->journal)) {
             (void)fputs("\r\033[K", stderr); /* an event begins its own line */
         }
@@ -259,6 +292,7 @@ static tl_status close_cycle(appliance *self, tl_status status, tl_summary *summ
 static tl_status close_all(appliance *self, tl_status status, tl_summary *summary, tl_error *error) {
     tl_heart_be_patient(self->heart, PATIENCE);
     status = close_cycle(self, status, summary, error);
+    tell_refusals(self);
     tl_live_plant_close(self->plant);
     tl_process_keep(NULL, NULL);
     if (self->recorder != NULL) {
@@ -321,9 +355,36 @@ static tl_status run(appliance *self) {
     return status;
 }
 
+/* A job of the FMUs' thread, and what came of it. */
+typedef struct appliance_job {
+    appliance *self;
+    tl_error *error;
+    tl_status status;
+} appliance_job;
+
 static void build_job(void *context) {
     appliance_job *job = context;
     job->status = tl_assembly_build(job->self->assembly);
+}
+
+static void enter_job(void *context) {
+    appliance_job *job = context;
+    job->status = tl_live_confinement_enter(job->self->confinement, job->error);
+}
+
+/* Rights to files go before there is a second thread, the rest when the thread of the FMUs has its own list: see live_confinement.h. */
+static tl_status confine(appliance *self, tl_error *error) {
+    char path[PATH_MAX];
+    tl_status status = tl_assembly_open(self->assembly, error);
+    return status == TL_OK ? tl_live_confinement_begin(self->assembly, find_database(self, path) ? path : NULL,
+                                                       &self->confinement, error)
+                           : status;
+}
+
+static tl_status confine_threads(appliance *self, tl_error *error) {
+    appliance_job job = {.self = self, .error = error};
+    tl_fmu_thread_call(self->fmus, enter_job, &job);
+    return job.status == TL_OK ? tl_live_confinement_finish(self->confinement, error) : job.status;
 }
 
 static void free_job(void *context) {
@@ -334,7 +395,12 @@ static void free_job(void *context) {
 static tl_status build(appliance *self) {
     tl_error error;
     appliance_job job = {.self = self};
-    tl_status status = tl_fmu_thread_start(TL_FMU_WATCHED_HERE, &self->fmus, &error);
+    const bool confined = !self->settings->unconfined;
+    tl_status status = confined ? confine(self, &error) : TL_OK;
+    status = status == TL_OK ? tl_fmu_thread_start(TL_FMU_WATCHED_HERE, &self->fmus, &error) : status;
+    if (status == TL_OK && confined) {
+        status = confine_threads(self, &error);
+    }
     if (status != TL_OK) {
         tl_log(TL_LOG_ERROR, "%s", error.text);
         return status;
@@ -343,7 +409,7 @@ static tl_status build(appliance *self) {
     return job.status;
 }
 
-/* Everything that was built, and the thread. */
+/* Everything that was built, the thread, and what held it. */
 static void release(appliance *self) {
     if (self->fmus != NULL) {
         tl_fmu_thread_call(self->fmus, free_job, self->assembly);
@@ -351,6 +417,7 @@ static void release(appliance *self) {
     } else {
         tl_assembly_free(self->assembly);
     }
+    tl_live_confinement_end(self->confinement);
 }
 
 /* What it says of its end to the supervisor. What is left to do then, such as to unload FMUs, loses nothing if it fails. */
@@ -381,6 +448,7 @@ int tl_appliance_run(const tl_appliance_settings *settings, const tl_start *star
     tl_status status = TL_OK;
     if (self->holds) { /* no FMU is touched: it may be what the appliance fails by */
         tl_fmu_archive_sweep();
+        tl_private_folder_sweep(TL_LIVE_CONFINEMENT_KIND);
         tl_config_use_lookups(&self->assembly->config);
     } else {
         status = build(self);

@@ -23,6 +23,7 @@ static const tl_time CLOCKS_APART = 10 * TL_SECOND;
 
 typedef struct resume {
     const tl_resume_settings *settings;
+    const tl_resume_source *source;
     tl_history *history;
     const tl_history_run *run; /* gone on with */
     int64_t last;              /* its last tick that can be followed */
@@ -97,15 +98,14 @@ static bool was_interrupted(resume *self) {
 }
 
 static bool is_same(resume *self) {
-    char fmus[TL_SHA256_TEXT];
     if (self->run->fmus[0] == '\0' || self->run->boot[0] == '\0' || !self->run->has_start) {
         return refuse(self, "run %" PRId64 " does not tell what it takes to go on with it", self->run->run);
     }
     if (strcmp(self->run->configuration_hash, config_of(self)->hash) != 0) {
         return refuse(self, "the configuration is not that of run %" PRId64, self->run->run);
     }
-    tl_twin_recorder_identify(&self->settings->assembly->config, fmus);
-    return strcmp(self->run->fmus, fmus) == 0 || refuse(self, "the FMUs are not those of run %" PRId64, self->run->run);
+    return strcmp(self->run->fmus, self->source->fmus) == 0 ||
+           refuse(self, "the FMUs are not those of run %" PRId64, self->run->run);
 }
 
 /* ---- when it was ---- */
@@ -129,10 +129,8 @@ static bool find_gap_by_utc(resume *self, tl_time *gap) {
 
 /* t_start on our clock, and for how long nobody ran. */
 static bool find_time(resume *self) {
-    char boot[TL_IDENTITY_TEXT];
     tl_time now = tl_clock_now(NULL);
-    tl_identity_boot(boot);
-    if (strcmp(boot, self->run->boot) == 0) {
+    if (strcmp(self->source->boot, self->run->boot) == 0) {
         self->gap = now - tl_time_of_step(self->run->start, self->run->step, self->last);
     } else if (!find_gap_by_utc(self, &self->gap)) {
         return refuse(self, "run %" PRId64 " does not tell when it was", self->run->run);
@@ -418,21 +416,48 @@ static tl_status resume_run(resume *self, tl_summary *summary, bool *spoilt, tl_
     return status;
 }
 
-tl_status tl_resume(const tl_resume_settings *settings, tl_summary *summary, bool *spoilt, tl_error *error) {
-    resume self = {.settings = settings};
+static void tell_unreadable(const tl_resume_settings *settings, const tl_error *error) {
+    tl_journal_event(settings->journal, -1, TL_EVENT_WARNING, "resume", "begins anew: %.200s", error->text);
+}
+
+/* SQLite opens what lies beside a database only when it is read. */
+static tl_status open_history(const tl_resume_settings *settings, tl_history **history, tl_error *error) {
+    const tl_history_run *runs = NULL;
+    size_t count = 0;
+    tl_status status = tl_history_open(settings->path, history, error);
+    return status == TL_OK ? tl_history_runs(*history, &runs, &count, error) : status;
+}
+
+void tl_resume_open(const tl_resume_settings *settings, tl_resume_source *source) {
+    tl_error error;
+    *source = (tl_resume_source){.history = NULL};
+    if (settings->recorder == NULL || settings->assembly->config.record_resume == 0) {
+        return;
+    }
+    tl_twin_recorder_identify(&settings->assembly->config, source->fmus);
+    tl_identity_boot(source->boot);
+    if (open_history(settings, &source->history, &error) != TL_OK) {
+        tl_resume_close(source);
+        tell_unreadable(settings, &error);
+    }
+}
+
+void tl_resume_close(tl_resume_source *source) {
+    tl_history_close(source->history);
+    source->history = NULL;
+}
+
+tl_status tl_resume(const tl_resume_settings *settings, const tl_resume_source *source, tl_summary *summary,
+                    bool *spoilt, tl_error *error) {
+    resume self = {.settings = settings, .source = source, .history = source->history};
     *summary = (tl_summary){0};
     *spoilt = false;
-    if (settings->recorder == NULL || settings->assembly->config.record_resume == 0) {
+    if (source->history == NULL) {
         return TL_OK;
     }
-    tl_status status = tl_history_open(settings->path, &self.history, error);
-    if (status == TL_OK) {
-        status = resume_run(&self, summary, spoilt, error);
-    }
-    tl_history_close(self.history);
-    if (status == TL_BAD_DATA ||
-        status == TL_TRY_AGAIN) { /* a database that cannot be read does not keep the twin from running */
-        tl_journal_event(settings->journal, -1, TL_EVENT_WARNING, "resume", "begins anew: %.200s", error->text);
+    tl_status status = resume_run(&self, summary, spoilt, error);
+    if (status == TL_BAD_DATA || status == TL_TRY_AGAIN) {
+        tell_unreadable(settings, error);
         status = TL_OK;
     }
     return status;

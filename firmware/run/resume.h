@@ -8,14 +8,17 @@
  * When:    the newest run that got anywhere had the same configuration and FMUs, did not end by itself or with an error, and its
  *          last tick is at most `record.resume_s` ago: by the monotonic clock, or after a reboot by UTC. Else an event says
  *          why the twin begins anew.
- * Thread:  one, before the cycle starts.
+ * Thread:  one at a time, before the cycle starts: opening and closing may be another one's than what lies between.
  */
 #ifndef TL_FIRMWARE_RUN_RESUME_H
 #define TL_FIRMWARE_RUN_RESUME_H
 
 #include <stdbool.h>
 
+#include "firmware/base/identity.h"
+#include "firmware/base/sha256.h"
 #include "firmware/plant/recording.h"
+#include "firmware/record/history.h"
 #include "firmware/record/recorder.h"
 #include "firmware/report/summary.h"
 #include "firmware/run/journal.h"
@@ -28,11 +31,23 @@ typedef struct tl_resume_settings {
     tl_journal *journal;
 } tl_resume_settings;
 
+/* What files tell, for a thread that may open none. */
+typedef struct tl_resume_source {
+    tl_history *history;         /* NULL: there is nothing to go on with */
+    char fmus[TL_SHA256_TEXT];   /* which FMUs these are, */
+    char boot[TL_IDENTITY_TEXT]; /* and which boot */
+} tl_resume_source;
+
+/* Opens the database; one that cannot be read does not keep the twin from running, and is an event. */
+void tl_resume_open(const tl_resume_settings *settings, tl_resume_source *source);
+void tl_resume_close(tl_resume_source *source);
+
 /* Leads the twin to where the newest run ended, and fills the summary: `resumption` in it says what was done, of which nothing
  * is no failure.
  * *spoilt: the twin is a new one again, but the recorder's run has got steps of the attempt; end it, and begin another.
  * Errors: TL_FMU_FATAL, or what building the twin anew has met. */
-tl_status tl_resume(const tl_resume_settings *settings, tl_summary *summary, bool *spoilt, tl_error *error);
+tl_status tl_resume(const tl_resume_settings *settings, const tl_resume_source *source, tl_summary *summary,
+                    bool *spoilt, tl_error *error);
 
 /* Whether the replay of a run that went on with another one can begin as that did.
  * Errors: TL_BAD_DATA where the FMUs, or this program, are not those of the run. */

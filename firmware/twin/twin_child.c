@@ -250,14 +250,9 @@ static uint32_t private_user(void) {
     return possible ? 0x70000000U + (uint32_t)getpid() : 0;
 }
 
-/* Bytes. Unless it is said: three quarters of the machine's memory, so that one that is out of its mind is refused more before others are. */
+/* Bytes. */
 static uint64_t memory_limit(const tl_twin_child *child) {
-    if (child->settings.memory_limit != 0) {
-        return child->settings.memory_limit;
-    }
-    long pages = sysconf(_SC_PHYS_PAGES);
-    long size = sysconf(_SC_PAGESIZE);
-    return pages > 0 && size > 0 ? (uint64_t)pages * (uint64_t)size / 4 * 3 : 0;
+    return child->settings.memory_limit != 0 ? child->settings.memory_limit : tl_confine_fair_memory();
 }
 
 static tl_status make_job(tl_twin_child *child, tl_error *error) {
@@ -482,7 +477,7 @@ tl_status tl_twin_child_check(tl_twin_child *child, tl_error *error) {
     return child->last_status;
 }
 
-void tl_twin_child_tell(tl_twin_child *child, tl_twin_warden_listener *hear, void *context) {
+void tl_twin_child_tell(tl_twin_child *child, tl_fmu_refusals_listener *hear, void *context) {
     tl_twin_warden_tell(child->warden, hear, context);
 }
 

@@ -50,7 +50,7 @@ tl_status tl_twin_child_build(tl_twin_child *child, tl_account *account, tl_erro
 tl_status tl_twin_child_check(tl_twin_child *child, tl_error *error);
 
 /* Tells what FMUs were refused since this was called last. It was said on the log already. */
-void tl_twin_child_tell(tl_twin_child *child, tl_twin_warden_listener *hear, void *context);
+void tl_twin_child_tell(tl_twin_child *child, tl_fmu_refusals_listener *hear, void *context);
 
 /* A tick; `last`: it only completes the record before. At most TL_TWIN_CHILD_DEPTH may be under way. It is seen there when it is pushed. */
 tl_status tl_twin_child_give(tl_twin_child *child, const tl_recording_tick *tick, bool last, tl_error *error);

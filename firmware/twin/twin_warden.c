@@ -12,19 +12,11 @@
 #include "firmware/base/clock.h"
 #include "firmware/base/log.h"
 #include "firmware/base/side_thread.h"
-#include "firmware/confine/refusal.h"
 #include "firmware/process/fmu_patience.h"
 #include "firmware/process/interrupt.h"
 #include "firmware/text/relay.h"
 
-enum { LOOK_MS = 50, REFUSALS = 64, SAID = 320 };
-
-/* A system call of an FMU that was refused, and said. */
-typedef struct refused {
-    char call[TL_REFUSAL_NAME];
-    char fmu[TL_FMU_CALL_NAME];
-    char said[SAID];
-} refused;
+enum { LOOK_MS = 50 };
 
 struct tl_twin_warden {
     tl_twin_warden_settings settings;
@@ -40,9 +32,7 @@ struct tl_twin_warden {
     tl_time pass_on_at; /* a signal that came; again, since an FMU may have swallowed it */
     bool may_kill;
     char killed[TL_TWIN_WARDEN_TEXT]; /* why; "": not */
-    refused refusals[REFUSALS];
-    size_t refusal_count;
-    size_t told;
+    tl_fmu_refusals refusals;
 };
 
 /* ---- what it prints ---- */
@@ -111,47 +101,10 @@ static void pass_signal_on(tl_twin_warden *self) {
 
 /* ---- refused calls ---- */
 
-/* NULL: it was said before, or there is no room to remember more. */
-static refused *note_refusal(tl_twin_warden *self, const tl_refusal *refusal, const tl_fmu_call *call) {
-    for (size_t i = 0; i < self->refusal_count; i++) {
-        const refused *known = &self->refusals[i];
-        if (strcmp(known->call, refusal->name) == 0 && strcmp(known->fmu, call->fmu) == 0) {
-            return NULL;
-        }
-    }
-    if (self->refusal_count == REFUSALS) {
-        return NULL;
-    }
-    refused *noted = &self->refusals[self->refusal_count++];
-    (void)snprintf(noted->call, sizeof noted->call, "%s", refusal->name);
-    (void)snprintf(noted->fmu, sizeof noted->fmu, "%s", call->fmu);
-    return noted;
-}
-
-static void say_refusal(tl_twin_warden *self, const tl_refusal *refusal) {
-    tl_fmu_call call = {.fmu = ""};
-    bool is_called = tl_fmu_calls_look(self->settings.calls, &call);
-    refused *noted = note_refusal(self, refusal, &call);
-    if (noted == NULL) {
-        return;
-    }
-    if (is_called) {
-        (void)snprintf(noted->said, sizeof noted->said, "FMU %s asked for %s in %s, which is refused; said once",
-                       call.fmu, refusal->name, call.function);
-    } else {
-        (void)snprintf(noted->said, sizeof noted->said,
-                       "a thread of an FMU asked for %s outside of its functions, which is refused; said once",
-                       refusal->name);
-    }
-    tl_log(TL_LOG_WARNING, "%s", noted->said);
-}
-
-/* The caller stands still until it is answered: so the account still says which function it is in. */
 static void answer_refusals(tl_twin_warden *self) {
-    tl_refusal refusal;
-    while (tl_refusal_take(self->listener, &refusal)) {
-        say_refusal(self, &refusal);
-        tl_refusal_answer(self->listener, &refusal);
+    const char *said = NULL;
+    while ((said = tl_fmu_refusals_answer(&self->refusals, self->listener, self->settings.calls)) != NULL) {
+        tl_log(TL_LOG_WARNING, "%s", said);
     }
 }
 
@@ -246,10 +199,11 @@ void tl_twin_warden_listen_at(tl_twin_warden *warden, int listener) {
     (void)pthread_mutex_unlock(&warden->lock);
 }
 
-void tl_twin_warden_tell(tl_twin_warden *warden, tl_twin_warden_listener *hear, void *context) {
+void tl_twin_warden_tell(tl_twin_warden *warden, tl_fmu_refusals_listener *hear, void *context) {
     (void)pthread_mutex_lock(&warden->lock);
-    for (; warden->told < warden->refusal_count; warden->told++) {
-        hear(context, warden->refusals[warden->told].said);
+    const char *said = NULL;
+    while ((said = tl_fmu_refusals_next(&warden->refusals)) != NULL) {
+        hear(context, said);
     }
     (void)pthread_mutex_unlock(&warden->lock);
 }

@@ -16,14 +16,12 @@
 #include "firmware/process/channel.h"
 #include "firmware/process/fmu_call.h"
 #include "firmware/process/role.h"
+#include "firmware/twin/fmu_refusals.h"
 #include "master/base/simtime.h"
 
 enum { TL_TWIN_WARDEN_TEXT = 512 };
 
 typedef struct tl_twin_warden tl_twin_warden;
-
-/* Told of what an FMU was refused, once for each system call of each FMU. */
-typedef void tl_twin_warden_listener(void *context, const char *text);
 
 typedef struct tl_twin_warden_settings {
     pid_t process;
@@ -43,7 +41,7 @@ tl_status tl_twin_warden_start(const tl_twin_warden_settings *settings, tl_twin_
 void tl_twin_warden_listen_at(tl_twin_warden *warden, int listener);
 
 /* Tells what was refused and has not been told by this yet. Any thread, and in that. */
-void tl_twin_warden_tell(tl_twin_warden *warden, tl_twin_warden_listener *hear, void *context);
+void tl_twin_warden_tell(tl_twin_warden *warden, tl_fmu_refusals_listener *hear, void *context);
 
 /* All that the process has printed until now has been passed on. Any thread. */
 void tl_twin_warden_flush(tl_twin_warden *warden);

@@ -109,7 +109,7 @@ const tl_option tl_option_rows[TL_OPTION_COUNT] = {
     {CHECK | REPLAY | PLANT, "memory-limit", "MIB", TL_OPTION_MEBIBYTES, SETS(memory_limit_mib),
      .help = "how much memory the process of the FMUs may take; default: three quarters of\nthe machine's",
      .expected = "MiB from 64 to 1048576, for example 2048"},
-    {CHECK | REPLAY | PLANT, "unconfined", NULL, TL_OPTION_SWITCH, SETS(unconfined),
+    {CHECK | REPLAY | PLANT | RUN, "unconfined", NULL, TL_OPTION_SWITCH, SETS(unconfined),
      .help = "let FMUs do what this user can: files, network, programs; for FMUs that\nneed it, and are trusted"},
     {EVERY, "help", NULL, TL_OPTION_HELP, .help = "this text"},
 };

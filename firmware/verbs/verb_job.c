@@ -6,8 +6,7 @@
 #include "firmware/text/output.h"
 #include "firmware/verbs/verbs.h"
 
-/* One component that needs it makes the whole process so. */
-static bool is_unconfined(const tl_options *options, const tl_config *config) {
+bool tl_verb_is_unconfined(const tl_options *options, const tl_config *config) {
     bool unconfined = options->unconfined;
     for (size_t i = 0; i < config->component_count; i++) {
         unconfined = unconfined || config->components[i].unconfined;
@@ -28,7 +27,7 @@ tl_status tl_verb_job_read(tl_verb_job *job) {
         tl_config_use_lookups(&job->config);
         job->order.path = options->subject;
         job->order.text = job->config.text;
-        job->order.unconfined = is_unconfined(options, &job->config);
+        job->order.unconfined = tl_verb_is_unconfined(options, &job->config);
     }
     return status;
 }

@@ -4,6 +4,7 @@
 #include "firmware/process/process_end.h"
 #include "firmware/run/appliance.h"
 #include "firmware/supervise/supervisor.h"
+#include "firmware/verbs/verb_job.h"
 #include "firmware/verbs/verbs.h"
 
 /* In a process of its own, or in the only one. */
@@ -28,6 +29,7 @@ int tl_verb_run(const tl_options *options) {
         .database = options->database,
         .json = options->json,
         .status = options->status,
+        .unconfined = tl_verb_is_unconfined(options, &assembly.config),
     };
     if (!options->supervise) {
         return run(&appliance, NULL);

@@ -39,7 +39,8 @@ OWNERS = {
     "pthread.h": ("firmware/base/c_locale.c", "firmware/base/side_thread.h", "firmware/emulate/plant_server.c",
                   "firmware/fmu/fmu_thread.h", "firmware/plant/plant_reader.c",
                   "firmware/process/crash.c", "firmware/process/private_folder.c", "firmware/record/recorder.c", "firmware/record/recorder_lock.c",
-                  "firmware/run/realtime.h", "firmware/supervise/reaper.h", "firmware/text/relay.h", "firmware/twin/twin_warden.c"),
+                  "firmware/run/live_confinement.c", "firmware/run/realtime.h", "firmware/supervise/reaper.h",
+                  "firmware/text/relay.h", "firmware/twin/twin_warden.c"),
 }
 
 MADE = "description.h"  # of an FMU, from its modelDescription.xml

@@ -66,7 +66,7 @@ FIRMWARE = {
                                  public=("figures_json", "html_report", "run_figures", "summary", "trajectory")),
     "firmware/show": _firmware("report", "record", "config", others=_TWIN, public=("show",)),
     "firmware/twin": _firmware("plant", "report", "record", "fmu", "confine", "process", "config", others=_TWIN),
-    "firmware/run": _firmware("twin", "report", "plant", "record", "fmu", "supervise", "process", "config", others=_TWIN,
+    "firmware/run": _firmware("twin", "report", "plant", "record", "fmu", "supervise", "confine", "process", "config", others=_TWIN,
                               public=("appliance", "replay", "resume", "journal", "watch")),
     "firmware/emulate": _firmware("twin", "plant", "process", "config", others=_DRIVERS),
     "firmware/verbs": _firmware("emulate", "run", "twin", "show", "report", "plant", "record", "fmu", "supervise", "process",

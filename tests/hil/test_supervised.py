@@ -11,7 +11,7 @@ from pathlib import Path
 
 import kills
 from live_test import Device, Program, check_database, number, query, stop, wait_for_lock, wait_for_steps, wait_until
-from supervised import Supervised, end_orderly, expect_starts, starts, wait_for_run
+from supervised import WORD, Supervised, end_orderly, expect_starts, starts, wait_for_run
 from twinlock_test import at_least, edited_config, expect, main, run, run_well, scratch, write_config
 
 OMEGA = 62.981  # rad/s: where config/motor's twin starts
@@ -200,8 +200,8 @@ class Unruly:
 
     def __init__(self, device, pace=kills.Pace()):
         config = kills.configuration(device.port, pace)
-        self.database, self.word = config.parent / "twin.db", scratch() / "word"
-        os.environ["TL_UNRULY"] = str(self.word)
+        self.database, self.child = config.parent / "twin.db", 0
+        os.environ["TL_UNRULY"] = WORD
         self.live = Supervised(config)
 
     def __enter__(self):
@@ -215,8 +215,8 @@ class Unruly:
         wait_until(lambda: kills.first_tick(self.database, run), f"a tick of run {run}", self.live.log)
 
     def tell(self, word):
-        self.word.write_text(word, encoding="utf-8")
-        wait_until(lambda: not self.word.exists(), "a step that takes the word", self.live.log)
+        self.child = self.live.child(self.child)
+        self.live.tell(self.child, word)
 
 
 def test_an_fmu_is_named():

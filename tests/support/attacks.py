@@ -105,6 +105,7 @@ class Ground:
 
     def __init__(self, user, where="fmi2DoStep", confined=False, verb="replay"):
         self.user, self.where, self.confined, self.verb = user, where, confined, verb
+        self.changes = None  # of the configuration
         self.folder = scratch()
         self.others, self.temporary = self.folder / "others", self.folder / "temporary"
         self.home = self.folder / "home"
@@ -166,9 +167,10 @@ class Ground:
 
     def command(self, *options):
         mode = () if self.confined else ("--unconfined",)
-        results = {"plant": ("--record", self.home / "rows.csv"),
+        results = {"run": ("--db", self.home / "run.db", "--duration", "2"),
+                   "plant": ("--record", self.home / "rows.csv"),
                    "replay": ("--csv", self.home / "rows.csv", "--db", self.home / "run.db", "--report", self.home / "page.html")}
-        config = self.config()
+        config = self.config(self.changes)
         self.own()
         program = [program_for(self.user), self.verb, config, *results.get(self.verb, ()), *options, *mode]
         # A shell in front is the parent of a process that has no other one of ours.

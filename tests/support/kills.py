@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from live_test import Device, MADE_UP, query, wait_until
-from supervised import Supervised, end_orderly
+from supervised import WORD, Supervised, end_orderly
 from twinlock_test import BUILD, Skip, expect, scratch, write_config
 
 OMEGA = 1.5
@@ -151,8 +151,8 @@ def first_tick(database, run):
 class Patient:
     """One supervised run."""
 
-    def __init__(self, live, database, word):
-        self.live, self.database, self.word = live, database, word
+    def __init__(self, live, database):
+        self.live, self.database = live, database
 
     def wait_for_tick(self, run):
         def ticked():
@@ -167,8 +167,7 @@ class Patient:
             at = time.time()
             os.kill(child, signal.SIGKILL)
             return at
-        self.word.write_text(kind, encoding="utf-8")
-        wait_until(lambda: not self.word.exists(), "a step that takes the word", self.live.log)
+        self.live.tell(child, kind)
         return time.time()
 
     def suffer(self, kind, count):
@@ -186,14 +185,14 @@ class Patient:
 def one_run(kind, count, core, load, pace):
     """What each fault of a run cost."""
     with Device(OMEGA) as device:
-        strokes, config, word = Strokes(), configuration(device.port, pace), scratch() / "word"
+        strokes, config = Strokes(), configuration(device.port, pace)
         strokes.start()
-        added = {**strokes.environment, "TL_UNRULY": str(word)}
+        added = {**strokes.environment, "TL_UNRULY": WORD}
         os.environ.update(added)
         try:
             with Supervised(config, preexec_fn=lambda: os.sched_setaffinity(0, {core})) as live:
                 with FifoLoad(core) if load else nullcontext():
-                    costs = Patient(live, config.parent / "twin.db", word).suffer(kind, count)
+                    costs = Patient(live, config.parent / "twin.db").suffer(kind, count)
                 end_orderly(live)
                 expect(live.account()["restarts"] == count, f"{count} faults, but {live.account()}\n{live.log()}")
         finally:

@@ -6,6 +6,7 @@ from pathlib import Path
 from live_test import FIRST_GUESS, MADE_UP, OPTIMISED, Program, number, query, wait_until
 from twinlock_test import Failure, at_most, expect, scratch
 
+WORD = "word"  # for TL_UNRULY
 LOCK_STEPS = 200  # until the first of 20, of 10 ms each
 
 
@@ -21,6 +22,12 @@ class Supervised(Program):
 
     def child(self, other_than=0):
         return wait_until(lambda: [pid for pid in self.children() if pid != other_than], "a child", self.log)[0]
+
+    def tell(self, child, word):
+        """An FMU of that process is told what to do (tests/hil/fmus/unruly), and begins with it."""
+        file = next(self.process.temporary.glob(f"twinlock-run-{child}-*")) / WORD
+        file.write_text(word, encoding="utf-8")
+        wait_until(lambda: not file.exists() or not file.read_bytes(), "a step that takes the word", self.log)
 
     def account(self):
         return json.loads((self.state / "supervisor.json").read_text(encoding="utf-8"))

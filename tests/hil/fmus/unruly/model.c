@@ -1,5 +1,5 @@
-/* Unruly: y = u, until it is told otherwise. The file that TL_UNRULY names holds one word, which the next step takes
- * out and does:
+/* Unruly: y = u, until it is told otherwise. The file that TL_UNRULY names, in the folder that FMUs may write to, holds one word, which the
+ * next step takes out and does:
  *
  *   hang   never returns      crash   is ended by SIGSEGV      exit   calls exit(0)
  *
@@ -30,7 +30,8 @@ static bool take_word(char word[16]) {
     }
     bool found = fscanf(file, "%15s", word) == 1;
     (void)fclose(file);
-    return found && remove(path) == 0;
+    file = found ? fopen(path, "w") : NULL; /* FMUs may remove nothing */
+    return file != NULL && fclose(file) == 0;
 }
 
 static void hang(void) {

@@ -156,7 +156,10 @@ static bool restart(tl_summary *summary) {
     tl_journal_init(&journal, recorder);
     const tl_resume_settings settings = {
         .assembly = &assembly, .path = path, .recorder = recorder, .journal = &journal};
-    expect_ok(tl_resume(&settings, summary, &spoilt, &error));
+    tl_resume_source source;
+    tl_resume_open(&settings, &source);
+    expect_ok(tl_resume(&settings, &source, summary, &spoilt, &error));
+    tl_resume_close(&source);
     tl_recorder_go_live(recorder);
     return true;
 }
