@@ -9,9 +9,10 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
+#include <sys/statvfs.h>
 #include <unistd.h>
 
-enum { LARGE = 500, LOOKS_APART = 5, STATUS_TEXT = 4096, BLOCK = 512 };
+enum { LARGE = 500, LOOKS_APART = 5, STATUS_TEXT = 4096, BLOCK = 512, ENOUGH = 20 };
 
 /* ---- the folder ---- */
 
@@ -99,6 +100,26 @@ static bool folder_is_kept(tl_bounds *bounds, char text[TL_BOUNDS_TEXT]) {
     return text[0] == '\0';
 }
 
+/* Also what a process has written to files that are in no folder any more. */
+static bool disk_is_kept(tl_bounds *bounds, char text[TL_BOUNDS_TEXT]) {
+    struct statvfs disk;
+    if (bounds->bytes == 0 || statvfs(bounds->folder, &disk) != 0) {
+        return true;
+    }
+    uint64_t left = (uint64_t)disk.f_bavail * disk.f_frsize;
+    uint64_t total = (uint64_t)disk.f_blocks * disk.f_frsize;
+    if (bounds->free_before == 0) {
+        bounds->free_before = left;
+    }
+    if (left < total / ENOUGH && bounds->free_before > left && bounds->free_before - left > bounds->bytes) {
+        (void)snprintf(text, TL_BOUNDS_TEXT,
+                       "the disk of %.100s is nearly full, and %" PRIu64
+                       " MB went since the FMUs began; free some, or set TMPDIR",
+                       bounds->folder, (bounds->free_before - left) / 1000000);
+    }
+    return text[0] == '\0';
+}
+
 /* ---- the process ---- */
 
 /* What /proc/PID/status says of a process. */
@@ -149,6 +170,9 @@ static bool process_is_kept(const tl_bounds *bounds, pid_t process, char text[TL
 bool tl_bounds_are_kept(tl_bounds *bounds, pid_t process, char text[TL_BOUNDS_TEXT]) {
     text[0] = '\0';
     if (!process_is_kept(bounds, process, text)) {
+        return false;
+    }
+    if (bounds->folder != NULL && !disk_is_kept(bounds, text)) {
         return false;
     }
     if (bounds->folder == NULL || bounds->looks_left > 0) {

@@ -2,7 +2,8 @@
  *
  * Purpose: what limits of the kernel do not hold: the size of a folder, its number of files, threads; and memory a second time.
  * Cost:    some 20 us a look, and 2 us for each file in the folder: a large one is walked only at each fifth look.
- * Unseen:  a file that was removed and is still open; so a confined process may not remove any (filter.h).
+ * Unseen:  a file that was removed and is still open. So the disk is looked at too: if less than a twentieth of it is free, and more than `bytes`
+ *          went since the first look, whoever took them, the bounds are broken.
  * Thread:  one.
  */
 #ifndef TL_FIRMWARE_CONFINE_BOUNDS_H
@@ -21,8 +22,9 @@ typedef struct tl_bounds {
     uint64_t bytes;     /* that all below it take on the disk */
     uint64_t files;     /* and folders below it, TL_BOUNDS_DEPTH deep at most */
     uint64_t threads;
-    uint64_t memory;     /* bytes in use, shared ones and the kernel's tables of them included */
-    unsigned looks_left; /* private; 0 at first: the folder is walked when there is none left */
+    uint64_t memory;      /* bytes in use, shared ones and the kernel's tables of them included */
+    uint64_t free_before; /* private: bytes that the disk had free at the first look; 0: not looked yet */
+    unsigned looks_left;  /* private; 0 at first: the folder is walked when there is none left */
 } tl_bounds;
 
 /* False: not, and `text` says which, what was found and what was allowed. A process or a folder that is gone keeps everything. A folder

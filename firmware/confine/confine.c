@@ -71,6 +71,7 @@ static tl_status restrict_calls(const tl_confine_settings *settings, int version
                                        .whole_process = settings->whole_process,
                                        .may_connect = settings->may_connect,
                                        .lives_on = settings->lives_on,
+                                       .removal_holds = version > 0,
                                        .truncation_holds = version >= TL_LANDLOCK_TRUNCATION};
     return tl_filter_load(&filter, listener, error);
 }

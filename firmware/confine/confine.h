@@ -2,14 +2,14 @@
  *
  * Purpose: after tl_confine() the process computes, starts threads, reads what programs are made of, and writes below one folder. It
  *          starts no program, opens no socket, signals, traces and reads no other process, and changes no file elsewhere, whatever an
- *          FMU in it does. It removes and renames none either, in its folder too: a file that was removed and is still open would
- *          count nowhere. There is no way back.
+ *          FMU in it does. There is no way back.
  * Means:   a list of the system calls that are allowed (filter.h), Landlock for the places of files (landlock.h), limits (limits.h), a
  *          process that others of the same user cannot look into, and, for root, a user of its own (privileges.h).
  * Missing: what the kernel does not offer is a fact, told by tl_confine_describe(), never a failure. So the program goes on in an
  *          emulator, in a container and on an old kernel.
  * Left open, since no kernel holds it: names, sizes and dates of files can be seen anywhere (Landlock knows reading, not looking); time on
- *          the processor; what the listed folders hold.
+ *          the processor; what the listed folders hold; a file that was removed but is still open counts nowhere but at its limit, and where
+ *          the disk gets full (bounds.h).
  * `run`:   with may_connect the drivers of the plant can connect again: TCP to anybody, CAN, datagrams to local sockets, UDP for looking
  *          names up, serial lines and GPIO lines. That is for the threads of drivers and recorder; the thread of the FMUs does without
  *          (firmware/run/live_confinement.h). They share their memory all the same: an FMU that corrupts it can make the others

@@ -63,6 +63,10 @@ int tl_filter_add_calls(scmp_filter_ctx context, const tl_filter_settings *setti
         failure = tl_filter_allow_all(context, allowed[i].calls);
     }
     failure = failure != 0 ? failure : tl_filter_allow_all(context, "creat");
+    if (settings->removal_holds && !settings->may_connect) {
+        failure =
+            failure != 0 ? failure : tl_filter_allow_all(context, "rmdir unlink unlinkat rename renameat renameat2");
+    }
     if (settings->truncation_holds) {
         failure = failure != 0 ? failure : tl_filter_allow_all(context, "truncate truncate64");
     }

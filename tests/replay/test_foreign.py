@@ -136,7 +136,7 @@ def test_confined_and_unconfined():
     is named."""
     fmus = [export("plant", "--handle-state"),
             slave("Numeric", "import numpy; self.y += float(numpy.linalg.solve(numpy.eye(300) + 1, numpy.full(300, self.u))[0])"),
-            slave("Notes", "file = open('notes', 'ab'); self.y += self.u + file.write(b'1')"),
+            slave("Notes", "import tempfile; file = tempfile.TemporaryFile(); self.y += self.u + file.write(b'1')"),
             slave("Starts", "import subprocess; self.y += self.u + subprocess.run(['true']).returncode")]
     code, found = found_by(fmus, "--before-options=--unconfined")
     expect(code == 1, found)

@@ -163,9 +163,6 @@ static const call refused[] = {
     {"setxattr", SYS_setxattr, {OWN_FILE, BLOCK, BLOCK, 0}},
     {"removexattr", SYS_removexattr, {OWN_FILE, BLOCK}},
     {"mknodat", SYS_mknodat, {AT_FDCWD, OWN_FILE, S_IFIFO | 0600}},
-    {"unlinkat", SYS_unlinkat, {AT_FDCWD, OWN_FILE, 0}},
-    {"unlinkat", SYS_unlinkat, {AT_FDCWD, OWN_FILE, AT_REMOVEDIR}},
-    {"renameat2", SYS_renameat2, {AT_FDCWD, OWN_FILE, AT_FDCWD, BLOCK, 0}},
     {"linkat", SYS_linkat, {AT_FDCWD, OWN_FILE, AT_FDCWD, BLOCK}},
     {"symlinkat", SYS_symlinkat, {OWN_FILE, AT_FDCWD, BLOCK}},
     {"name_to_handle_at", SYS_name_to_handle_at, {AT_FDCWD, OWN_FILE, BLOCK, BLOCK}},
@@ -175,10 +172,6 @@ static const call refused[] = {
     {"chown", SYS_chown, {OWN_FILE, -1, -1}},
     {"utimes", SYS_utimes, {OWN_FILE, 0}},
     {"mknod", SYS_mknod, {OWN_FILE, S_IFIFO | 0600}},
-    {"unlink", SYS_unlink, {OWN_FILE}},
-    {"rmdir", SYS_rmdir, {OWN_FILE}},
-    {"rename", SYS_rename, {OWN_FILE, BLOCK}},
-    {"renameat", SYS_renameat, {AT_FDCWD, OWN_FILE, AT_FDCWD, BLOCK}},
     {"link", SYS_link, {OWN_FILE, BLOCK}},
     {"symlink", SYS_symlink, {OWN_FILE, BLOCK}},
     {"fork", SYS_fork, {0}},
@@ -356,6 +349,36 @@ static bool make_newer_calls(void *context) {
         good = TL_EXPECT(syscall(numbers[i], -1, block, 0, 0) == -1 && errno == ENOSYS) && good;
     }
     return good;
+}
+
+static bool make_and_remove(void *context) {
+    (void)context;
+    int file = open("made", O_WRONLY | O_CREAT | O_CLOEXEC, 0600);
+    return TL_EXPECT(file >= 0 && close(file) == 0) && TL_EXPECT(rename("made", "renamed") == 0) &&
+           TL_EXPECT(unlink("renamed") == 0) && TL_EXPECT(mkdir("folder", 0700) == 0) &&
+           TL_EXPECT(rmdir("folder") == 0);
+}
+
+static bool fail_to_remove(void *context) {
+    (void)context;
+    int file = open("made", O_WRONLY | O_CREAT | O_CLOEXEC, 0600);
+    return TL_EXPECT(file >= 0 && close(file) == 0) && TL_EXPECT(rename("made", "renamed") == -1 && errno == EPERM) &&
+           TL_EXPECT(unlink("made") == -1 && errno == EPERM) && TL_EXPECT(rmdir(".") == -1 && errno == EPERM);
+}
+
+/* Where nothing else says which files are meant, none is removed. */
+static void files_are_removed_only_with_landlock(void) {
+    tl_confine_facts facts;
+    tl_confine_settings how = settings();
+    need_filter();
+    how.landlock_newest = -1;
+    tl_confined_run(how, fail_to_remove, NULL, &confined);
+    TEST_ASSERT_TRUE(confined.succeeded);
+    tl_confine_probe(&facts);
+    if (facts.landlock > 0) {
+        tl_confined_run(settings(), make_and_remove, NULL, &confined);
+        TEST_ASSERT_TRUE(confined.succeeded);
+    }
 }
 
 /* It would be in no folder that anybody looks into. */
@@ -557,6 +580,7 @@ int main(void) {
 #if defined(__x86_64__)
     RUN_TEST(calls_of_other_machines_end_the_process);
 #endif
+    RUN_TEST(files_are_removed_only_with_landlock);
     RUN_TEST(files_without_a_name_are_not_there);
     RUN_TEST(newer_calls_are_not_there);
     RUN_TEST(what_programs_need_works);
