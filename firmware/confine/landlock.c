@@ -12,6 +12,8 @@
 #include <sys/syscall.h>
 #include <unistd.h>
 
+#include "firmware/confine/sanitizer.h"
+
 enum { PLACE = 4096 };
 
 /* ---- the kernel's words, beyond the headers of Debian 12 (version 2) ---- */
@@ -92,6 +94,9 @@ static const char *const own[] = {
     "/proc/self/auxv",   "/proc/self/cgroup", "/proc/self/cmdline",   "/proc/self/comm",         "/proc/self/fd",
     "/proc/self/limits", "/proc/self/maps",   "/proc/self/mountinfo", "/proc/self/mounts",       "/proc/self/smaps",
     "/proc/self/stat",   "/proc/self/statm",  "/proc/self/status",    "/proc/self/smaps_rollup",
+#if TL_HAS_SANITIZER
+    "/proc/self/task", /* the search for leaks stops them all */
+#endif
 };
 
 /* Settings of the loader, of the C library's locales, and of interpreters and virtual machines: what begins so in /etc. */
