@@ -197,8 +197,7 @@ static bool is_closed(const char *folder, const char *name) {
     return tl_confined_expect(is_denied(open(path, O_RDONLY)), path, __LINE__);
 }
 
-/* By all names that a file of this process has. */
-/* A sanitizer needs its threads' folders. */
+/* By all names that a file of this process has. A sanitizer needs the folders of its threads. */
 static bool look_at_itself(void) {
     char task[64];
     char path[128];
@@ -212,8 +211,9 @@ static bool look_at_itself(void) {
         good = tl_confined_expect(can_read(path), path, __LINE__) && good;
     }
     for (size_t i = 0; i < COUNT(of_others); i++) {
-        good = is_closed("/proc/self", of_others[i]) && (TL_HAS_SANITIZER || is_closed(task, of_others[i])) &&
-               is_closed("/proc/thread-self", of_others[i]) && good;
+        bool closed =
+            TL_HAS_SANITIZER || (is_closed(task, of_others[i]) && is_closed("/proc/thread-self", of_others[i]));
+        good = is_closed("/proc/self", of_others[i]) && closed && good;
     }
     return good;
 }
