@@ -124,7 +124,9 @@ def hold_alone(table, places, verb="replay", options=()):
 
 
 def test_those_that_may_end_it():
-    hold_alone(LONE, [(users()[-1], verb) for verb in ("replay", "check", "plant")] + [(user, "replay") for user in users()[:-1]])
+    """But for tracing with a sanitizer, which traces its own process to find leaks."""
+    table = [attack for attack in LONE if not (SANITIZER and attack.label.startswith("ptrace"))]
+    hold_alone(table, [(users()[-1], verb) for verb in ("replay", "check", "plant")] + [(user, "replay") for user in users()[:-1]])
 
 
 def test_bombs():
