@@ -62,6 +62,14 @@ uint32_t tl_fmu_calls_name(const char *name) {
     return used;
 }
 
+/* No control characters, be they of ASCII or of Latin 1 (in UTF-8 C2 80 … C2 9F). */
+static void make_printable(char *text) {
+    for (unsigned char *c = (unsigned char *)text; *c != '\0'; c++) {
+        bool is_control = *c < ' ' || *c == 0x7FU || (*c == 0xC2U && c[1] >= 0x80U && c[1] < 0xA0U);
+        *c = is_control ? ' ' : *c;
+    }
+}
+
 bool tl_fmu_calls_look(const tl_fmu_calls *block, tl_fmu_call *call) {
     uint32_t now = __atomic_load_n(&block->now, __ATOMIC_RELAXED);
     uint32_t function = now & ((1U << TL_FMU_CALL_FUNCTION_BITS) - 1);
@@ -73,5 +81,6 @@ bool tl_fmu_calls_look(const tl_fmu_calls *block, tl_fmu_call *call) {
     call->function = FUNCTIONS[function];
     memcpy(call->fmu, block->names[fmu % TL_FMU_CALL_FMUS], sizeof call->fmu);
     call->fmu[sizeof call->fmu - 1] = '\0';
+    make_printable(call->fmu);
     return true;
 }

@@ -19,8 +19,11 @@
 #include "firmware/twin/twin_warden.h"
 #include "firmware/twin/twin_wire.h"
 
-/* How long it sleeps at most before it looks whether the process is alive; and how long one that has said its last word may take to end. */
+/* How long it sleeps at most before it looks whether the process is alive. */
 static const tl_time LOOK = TL_SECOND / 10;
+
+/* What is not a call of an FMU, such as to unpack one, may take so many times what a call may. */
+enum { SILENT_CALLS = 10 };
 
 static const uint64_t MIB = UINT64_C(1024) * 1024;
 
@@ -38,7 +41,8 @@ struct tl_twin_child {
     const tl_twin_extra *extra;
     tl_role role;
     tl_twin_warden *warden;
-    bool has_ended; /* it has said its last word */
+    tl_time silence; /* for how long it has neither said anything nor called an FMU */
+    bool has_ended;  /* it has said its last word */
     bool stopping;
     tl_status last_status;
     tl_error last_error;
@@ -67,9 +71,7 @@ static void copy_text(char *to, size_t size, const char *from) {
 static void describe_place(const tl_twin_child *child, char *text, size_t size) {
     tl_fmu_call call;
     if (tl_fmu_calls_look(&child->extra->calls, &call)) {
-        char fmu[TL_FMU_CALL_NAME];
-        copy_text(fmu, sizeof fmu, call.fmu);
-        (void)snprintf(text, size, "in %s of FMU %s", call.function, fmu);
+        (void)snprintf(text, size, "in %s of FMU %s", call.function, call.fmu);
     } else {
         (void)snprintf(text, size, "while no FMU was being called");
     }
@@ -102,8 +104,7 @@ static tl_status describe_end(tl_twin_child *child, tl_error *error) {
 static tl_status end_liar(tl_twin_child *child, const char *what, tl_error *error) {
     char place[160];
     describe_place(child, place, sizeof place);
-    (void)tl_twin_warden_reap(child->warden, &child->role);
-    tl_role_kill(&child->role);
+    tl_twin_warden_kill(child->warden, &child->role);
     return tl_fail(error, TL_FMU_FAILED, "the process of the FMUs was killed, since its memory was destroyed %s: %s",
                    place, what);
 }
@@ -120,11 +121,30 @@ static tl_status take_word(tl_twin_child *child, tl_message type) {
     return TL_OK;
 }
 
+/* Sleeps until `wanted` messages are there, or for `longest`. False: the process has said nothing, and called no FMU, for so long that nothing will
+ * come any more; it is killed. The warden looks at calls of FMUs, but whose memory is destroyed may have none. */
+static bool rest(tl_twin_child *child, unsigned wanted, tl_time longest) {
+    tl_fmu_call call;
+    tl_time begun = tl_clock_now(NULL);
+    (void)tl_channel_wait(&child->channel, wanted, 0, begun + longest);
+    tl_time passed = tl_clock_now(NULL) - begun;
+    passed = passed > TL_SECOND ? TL_SECOND : passed; /* who was stopped was not silent */
+    child->silence = tl_fmu_calls_look(&child->extra->calls, &call) ? 0 : child->silence + passed;
+    return child->settings.call_limit == 0 || child->silence < SILENT_CALLS * child->settings.call_limit;
+}
+
+static tl_status end_silent(tl_twin_child *child, tl_error *error) {
+    tl_twin_warden_kill(child->warden, &child->role);
+    return tl_fail(error, TL_FMU_FAILED, "the process of the FMUs was killed: for %.0f s it has done nothing",
+                   tl_seconds(child->silence));
+}
+
 /* The next message, in child->payload. TL_OK, or TL_FMU_FAILED: the process is at its end. */
 static tl_status next_message(tl_twin_child *child, unsigned wanted, tl_message *type, tl_error *error) {
     for (;;) {
         switch (tl_channel_take(&child->channel, type, &child->payload)) {
         case TL_CHANNEL_SOMETHING:
+            child->silence = 0;
             return *type == TL_MESSAGE_RESULT || *type == TL_MESSAGE_READY ? TL_OK : take_word(child, *type);
         case TL_CHANNEL_BROKEN:
             return end_liar(child, child->channel.fault.text, error);
@@ -139,8 +159,8 @@ static tl_status next_message(tl_twin_child *child, unsigned wanted, tl_message 
         if (child->role.has_ended) {
             return describe_end(child, error);
         }
-        if (!tl_twin_warden_reap(child->warden, &child->role)) {
-            (void)tl_channel_wait(&child->channel, wanted, 0, tl_clock_now(NULL) + LOOK);
+        if (!tl_twin_warden_reap(child->warden, &child->role) && !rest(child, wanted, LOOK)) {
+            return end_silent(child, error);
         }
     }
 }
@@ -561,8 +581,11 @@ static tl_status wait_for_last_word(tl_twin_child *child, tl_error *error) {
 }
 
 static tl_status wait_for_end(tl_twin_child *child, tl_error *error) {
+    child->silence = 0;
     while (!tl_twin_warden_reap(child->warden, &child->role)) {
-        (void)tl_channel_wait(&child->channel, TL_CHANNEL_DEPTH, 0, tl_clock_now(NULL) + LOOK / 20);
+        if (!rest(child, TL_CHANNEL_DEPTH, LOOK / 20)) {
+            return end_silent(child, error);
+        }
     }
     return child->role.signal == 0 && child->role.code == 0 ? TL_OK : describe_end(child, error);
 }
@@ -579,6 +602,10 @@ tl_status tl_twin_child_end(tl_twin_child *child, tl_account *account, tl_error 
     return status;
 }
 
+bool tl_twin_child_was_refused(const tl_twin_child *child) {
+    return tl_twin_warden_has_refused(child->warden);
+}
+
 bool tl_twin_child_is_gone(const tl_twin_child *child) {
     return child->role.has_ended;
 }
@@ -591,10 +618,11 @@ void tl_twin_child_close(tl_twin_child *child) {
     if (child == NULL) {
         return;
     }
-    if (child->warden != NULL && !tl_twin_warden_reap(child->warden, &child->role)) {
+    if (child->warden != NULL) {
+        tl_twin_warden_kill(child->warden, &child->role);
+    } else {
         tl_role_kill(&child->role);
     }
-    tl_role_kill(&child->role);
     tl_twin_warden_stop(child->warden);
     tl_block_close(&child->job);
     tl_block_close(&child->blocks[TL_PARENT]);

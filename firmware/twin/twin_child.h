@@ -69,6 +69,9 @@ void tl_twin_child_stop(tl_twin_child *child);
 /* Ends the work, and gives the account as it then stands (NULL: not wanted). What was computed and not taken is passed over. */
 tl_status tl_twin_child_end(tl_twin_child *child, tl_account *account, tl_error *error);
 
+/* FMUs were refused something. */
+bool tl_twin_child_was_refused(const tl_twin_child *child);
+
 /* It is at its end, and was told how. */
 bool tl_twin_child_is_gone(const tl_twin_child *child);
 

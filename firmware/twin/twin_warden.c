@@ -208,6 +208,13 @@ void tl_twin_warden_tell(tl_twin_warden *warden, tl_fmu_refusals_listener *hear,
     (void)pthread_mutex_unlock(&warden->lock);
 }
 
+bool tl_twin_warden_has_refused(tl_twin_warden *warden) {
+    (void)pthread_mutex_lock(&warden->lock);
+    bool has = warden->refusals.count > 0;
+    (void)pthread_mutex_unlock(&warden->lock);
+    return has;
+}
+
 void tl_twin_warden_flush(tl_twin_warden *warden) {
     (void)pthread_mutex_lock(&warden->lock);
     drain(warden);
@@ -225,9 +232,16 @@ bool tl_twin_warden_has_killed(tl_twin_warden *warden, char text[TL_TWIN_WARDEN_
 bool tl_twin_warden_reap(tl_twin_warden *warden, tl_role *process) {
     (void)pthread_mutex_lock(&warden->lock);
     bool ended = tl_role_watch(process);
-    warden->may_kill = !ended;
+    warden->may_kill = warden->may_kill && !ended;
     (void)pthread_mutex_unlock(&warden->lock);
     return ended;
+}
+
+void tl_twin_warden_kill(tl_twin_warden *warden, tl_role *process) {
+    (void)pthread_mutex_lock(&warden->lock);
+    warden->may_kill = false;
+    (void)pthread_mutex_unlock(&warden->lock);
+    tl_role_kill(process);
 }
 
 void tl_twin_warden_stop(tl_twin_warden *warden) {

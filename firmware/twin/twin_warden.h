@@ -43,6 +43,9 @@ void tl_twin_warden_listen_at(tl_twin_warden *warden, int listener);
 /* Tells what was refused and has not been told by this yet. Any thread, and in that. */
 void tl_twin_warden_tell(tl_twin_warden *warden, tl_fmu_refusals_listener *hear, void *context);
 
+/* It was refused something. Any thread. */
+bool tl_twin_warden_has_refused(tl_twin_warden *warden);
+
 /* All that the process has printed until now has been passed on. Any thread. */
 void tl_twin_warden_flush(tl_twin_warden *warden);
 
@@ -52,6 +55,9 @@ bool tl_twin_warden_has_killed(tl_twin_warden *warden, char text[TL_TWIN_WARDEN_
 /* Looks whether the process has ended, and reaps it; its number is nobody's after that, so it is not killed any more. The thread that has started
  * the process. */
 bool tl_twin_warden_reap(tl_twin_warden *warden, tl_role *process);
+
+/* Kills the process if it has not ended, and reaps it. The same thread. */
+void tl_twin_warden_kill(tl_twin_warden *warden, tl_role *process);
 
 /* Passes on what is left, and ends the thread. NULL is allowed. */
 void tl_twin_warden_stop(tl_twin_warden *warden);

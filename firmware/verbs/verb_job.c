@@ -44,11 +44,21 @@ tl_status tl_verb_job_start(tl_verb_job *job, const tl_config *config, FILE *pag
     return tl_twin_child_start(&settings, &job->child, error);
 }
 
+/* A failure that comes of FMUs, as they are or as they were let. */
+static bool is_of_fmus(tl_status status) {
+    return status == TL_FMU_FAILED || status == TL_FMU_FATAL || status == TL_BAD_DATA;
+}
+
 int tl_verb_job_end(tl_verb_job *job, tl_status status) {
     tl_error error;
     if (job->child != NULL && tl_twin_child_wait(job->child, &error) != TL_OK) {
         tl_log(TL_LOG_ERROR, "%s", error.text);
         status = status == TL_OK ? error.status : status;
+    }
+    if (job->child != NULL && is_of_fmus(status) && tl_twin_child_was_refused(job->child)) {
+        tl_log(TL_LOG_NOTICE,
+               "if the FMU needs what it was refused, and is trusted, --unconfined permits it, or \"unconfined\": true "
+               "in its component");
     }
     tl_twin_child_close(job->child);
     tl_config_free(&job->config);

@@ -513,6 +513,13 @@ static void test_it_hangs_in_a_call(void) {
     TEST_ASSERT_TRUE(tl_twin_child_is_gone(child));
 }
 
+/* One whose memory is destroyed may tell of no call at all. */
+static void test_it_does_nothing(void) {
+    take_wrong("does nothing", TL_SECOND / 20);
+    expect_text("has done nothing");
+    TEST_ASSERT_TRUE(tl_twin_child_is_gone(child));
+}
+
 /* Nothing of it reaches a terminal; nor does a line of its own look like one of ours with another level, in colour. */
 static void test_what_it_prints(void) {
     TEST_ASSERT_TRUE(tl_stderr_capture_begin());
@@ -590,6 +597,7 @@ int main(int argc, char **argv) {
     RUN_TEST(test_a_step_that_fails_silently);
     RUN_TEST(test_it_crashes_in_a_call);
     RUN_TEST(test_it_hangs_in_a_call);
+    RUN_TEST(test_it_does_nothing);
     RUN_TEST(test_what_it_prints);
     RUN_TEST(test_a_result_in_a_check);
     RUN_TEST(test_a_check_that_ends_unbuilt);
