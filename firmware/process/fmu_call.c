@@ -66,7 +66,7 @@ uint32_t tl_fmu_calls_name(const char *name) {
 static void make_printable(char *text) {
     for (unsigned char *c = (unsigned char *)text; *c != '\0'; c++) {
         bool is_control = *c < ' ' || *c == 0x7FU || (*c == 0xC2U && c[1] >= 0x80U && c[1] < 0xA0U);
-        *c = is_control ? ' ' : *c;
+        *c = is_control ? '?' : *c;
     }
 }
 

@@ -113,8 +113,9 @@ static tl_status end_liar(tl_twin_child *child, const char *what, tl_error *erro
 
 /* Nobody interrupts it but us. */
 static tl_status take_word(tl_twin_child *child, tl_message type) {
-    child->last_status =
-        (unsigned)child->payload.word.status < TL_INTERRUPTED ? (tl_status)child->payload.word.status : TL_FMU_FAILED;
+    unsigned told = (unsigned)child->payload.word.status;
+    bool is_possible = told < TL_INTERRUPTED || (told == TL_INTERRUPTED && tl_interrupt_requested() != NULL);
+    child->last_status = is_possible ? (tl_status)told : TL_FMU_FAILED;
     child->last_error.status = child->last_status;
     copy_text(child->last_error.text, sizeof child->last_error.text, child->extra->error);
     child->has_ended = type == TL_MESSAGE_ENDED;

@@ -469,7 +469,7 @@ def test_nothing_of_the_users_is_overwritten():
 
 def limit_files():
     """In the program to be: a file larger than that cannot be written, as on a full disk."""
-    resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, 100_000))  # a binary fits, a report does not
+    resource.setrlimit(resource.RLIMIT_FSIZE, (240_000, 240_000))  # binaries and what processes share fit, a report does not
     signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 
 

@@ -383,9 +383,10 @@ static void files_are_removed_only_with_landlock(void) {
 
 /* It would be in no folder that anybody looks into. */
 static bool make_nameless(void *context) {
+    int files[] = {open(".", O_RDWR | O_TMPFILE | O_CLOEXEC, 0600),
+                   open(".", O_WRONLY | O_TMPFILE | O_EXCL | O_CLOEXEC, 0600)};
     (void)context;
-    return TL_EXPECT(open(".", O_RDWR | O_TMPFILE, 0600) == -1 && errno == EOPNOTSUPP) &&
-           TL_EXPECT(open(".", O_WRONLY | O_TMPFILE | O_EXCL, 0600) == -1 && errno == EOPNOTSUPP) &&
+    return TL_EXPECT(files[0] == -1 && errno == EOPNOTSUPP) && TL_EXPECT(files[1] == -1) &&
 #if defined(__x86_64__)
            TL_EXPECT(syscall(SYS_open, ".", O_RDWR | O_TMPFILE, 0600) == -1 && errno == EOPNOTSUPP) &&
 #endif

@@ -27,8 +27,8 @@ void tearDown(void) {
 }
 
 static void one_at_a_time(void) {
-    tl_recorder_lock first;
-    tl_recorder_lock second;
+    tl_recorder_lock first = {.path = ""};
+    tl_recorder_lock second = {.path = ""};
     TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_recorder_lock_take(path, &first, &error), error.text);
     TEST_ASSERT_EQUAL_INT(TL_TRY_AGAIN, tl_recorder_lock_take(path, &second, &error));
     TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, "another twinlock is writing it"), error.text);
@@ -39,7 +39,7 @@ static void one_at_a_time(void) {
 
 /* The owner takes the lock, forks, tells whom, and is killed. */
 static void own_and_die(int told) {
-    tl_recorder_lock lock;
+    tl_recorder_lock lock = {.path = ""};
     if (tl_recorder_lock_take(path, &lock, &error) == TL_OK) {
         pid_t stray = fork();
         if (stray == 0) {
@@ -57,7 +57,7 @@ static void a_child_of_a_dead_owner_keeps_nobody_out(void) {
     int told[2];
     int how = 0;
     pid_t stray = 0;
-    tl_recorder_lock lock;
+    tl_recorder_lock lock = {.path = ""};
     TEST_ASSERT_EQUAL_INT(0, pipe(told));
     pid_t owner = fork();
     if (owner == 0) {
