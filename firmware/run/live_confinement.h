@@ -34,18 +34,18 @@ tl_status tl_live_confinement_begin(const tl_assembly *assembly, const char *dat
                                     tl_live_confinement **confinement, tl_error *error);
 
 /* In the thread of the FMUs: the strict list. Errors: TL_TRY_AGAIN, TL_BAD_USAGE. */
-tl_status tl_live_confinement_enter(tl_live_confinement *confinement, tl_error *error);
+tl_status tl_live_confinement_enter(tl_live_confinement *self, tl_error *error);
 
 /* The list of the others, and the thread that answers what FMUs are refused. Errors: TL_TRY_AGAIN. */
-tl_status tl_live_confinement_finish(tl_live_confinement *confinement, tl_error *error);
+tl_status tl_live_confinement_finish(tl_live_confinement *self, tl_error *error);
 
 /* A sentence of what is not held on this machine; "" where all is that one process can hold. After finish. */
-void tl_live_confinement_describe(const tl_live_confinement *confinement, char text[TL_LIVE_CONFINEMENT_TEXT]);
+void tl_live_confinement_describe(const tl_live_confinement *self, char text[TL_LIVE_CONFINEMENT_TEXT]);
 
 /* Events of what FMUs were refused and has not been told yet. */
-void tl_live_confinement_tell(tl_live_confinement *confinement, tl_journal *journal);
+void tl_live_confinement_tell(tl_live_confinement *self, tl_journal *journal);
 
 /* Once the thread of the FMUs has ended: says on the log what was not told, and removes the folder. NULL is allowed. */
-void tl_live_confinement_end(tl_live_confinement *confinement);
+void tl_live_confinement_end(tl_live_confinement *self);
 
 #endif

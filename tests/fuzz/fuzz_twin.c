@@ -35,6 +35,9 @@ static int64_t least; /* step that the next record may be of */
 /* ---- the enemy ---- */
 
 static void change(unsigned char *bytes, size_t size) {
+    if (bytes == NULL || size == 0) {
+        return;
+    }
     for (unsigned changes = tl_fuzz_take() % MOST_CHANGES; changes > 0; changes--) {
         size_t place = (tl_fuzz_take() << 8 | tl_fuzz_take()) % size;
         bytes[place] = (unsigned char)tl_fuzz_take();

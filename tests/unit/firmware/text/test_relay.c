@@ -69,7 +69,7 @@ static void test_text_stays_as_it_is(void) {
 }
 
 static void test_nasty_sequences(void) {
-    static const struct {
+    const struct {
         const char *bytes;
         const char *shown;
     } cases[] = {
@@ -83,9 +83,12 @@ static void test_nasty_sequences(void) {
         {"\x9B"
          "2J",
          "\\x9B2J"}, /* C1 as one byte */
-        {"\xE2\x80\xAA\xE2\x80\xAB\xE2\x80\xAC\xE2\x80\xAD\xE2\x80\xAE",
+        {(const char[]){'\xE2', '\x80', '\xAA', '\xE2', '\x80', '\xAB', '\xE2', '\x80', '\xAC', '\xE2', '\x80', '\xAD',
+                        '\xE2', '\x80', '\xAE', '\0'},
          "\\u{202A}\\u{202B}\\u{202C}\\u{202D}\\u{202E}"},
-        {"\xE2\x81\xA6\xE2\x81\xA7\xE2\x81\xA8\xE2\x81\xA9", "\\u{2066}\\u{2067}\\u{2068}\\u{2069}"},
+        {(const char[]){'\xE2', '\x81', '\xA6', '\xE2', '\x81', '\xA7', '\xE2', '\x81', '\xA8', '\xE2', '\x81', '\xA9',
+                        '\0'},
+         "\\u{2066}\\u{2067}\\u{2068}\\u{2069}"},
         {"\xE2\x80\xA8\xE2\x80\xA9", "\\u{2028}\\u{2029}"},
         {"\xE2\x80\x8E\xE2\x80\x8F\xD8\x9C\xEF\xBB\xBF", "\\u{200E}\\u{200F}\\u{61C}\\u{FEFF}"},
         {"\xF3\xA0\x81\x81", "\\u{E0041}"},           /* a tag, which nobody sees */

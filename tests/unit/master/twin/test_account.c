@@ -1,21 +1,26 @@
 /* An account comes from another process: what of it is believed. */
 #include "master/twin/account.h"
 
+#include <stdio.h>
 #include <string.h>
 #include <unity.h>
 
 static tl_account account;
+
+static void set_text(char text[TL_ACCOUNT_TEXT], const char *value) {
+    (void)snprintf(text, TL_ACCOUNT_TEXT, "%s", value);
+}
 
 void setUp(void) {
     memset(&account, 0, sizeof account);
     account.components = 2;
     account.matches = 1;
     account.adjusts = 1;
-    strcpy(account.algorithm, "secant");
-    strcpy(account.component[0].name, "motor");
-    strcpy(account.component[1].name, "plant");
-    strcpy(account.match[0].unit, "°/s");
-    strcpy(account.adjust[0].unit, "N.m");
+    set_text(account.algorithm, "secant");
+    set_text(account.component[0].name, "motor");
+    set_text(account.component[1].name, "plant");
+    set_text(account.match[0].unit, "°/s");
+    set_text(account.adjust[0].unit, "N.m");
 }
 
 void tearDown(void) {}
@@ -52,12 +57,10 @@ static void test_texts_end(void) {
 
 /* Units are printed on a terminal. */
 static void test_texts_have_no_control_characters(void) {
-    static const char *const bad[] = {"\x1b[2J", "a\nb", "\t", "\x7f",
-                                      "\xC2\x9B"
-                                      "31m"};
+    static const char *const bad[] = {"\x1b[2J", "a\nb", "\t", "\x7f", "\xC2\x9B|31m"};
     for (size_t i = 0; i < sizeof bad / sizeof bad[0]; i++) {
         setUp();
-        strcpy(account.match[0].unit, bad[i]);
+        set_text(account.match[0].unit, bad[i]);
         TEST_ASSERT_FALSE(tl_account_is_sound(&account));
     }
 }
