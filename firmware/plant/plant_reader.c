@@ -74,12 +74,20 @@ static void give_up(worker *own, const tl_error *error) {
     link_changed(own, false, error->text);
 }
 
+/* By itself: another thread would have to write a file of /proc, which `run` has given up. */
+static void name_itself(const tl_plant_source *source) {
+    char name[NAME];
+    (void)snprintf(name, sizeof name, "io %.12s", source->name);
+    (void)pthread_setname_np(pthread_self(), name);
+}
+
 static void *run(void *context) {
     worker *own = context;
     const tl_plant_source *source = own->source;
     const tl_plant_io_sink sink = {.post = post, .link = link_changed, .context = own};
     bool finished = false;
     tl_time next = tl_clock_now(NULL);
+    name_itself(source);
     tl_locale_use();
     tl_crash_enter(TL_CRASH_OURS);
     do {
@@ -124,13 +132,8 @@ void tl_plant_readers_stop(tl_plant_readers *readers) {
 }
 
 static int start_thread(worker *own) {
-    char name[NAME];
     (void)__atomic_add_fetch(&own->readers->running, 1, __ATOMIC_RELAXED);
     int failure = tl_side_thread_start(&own->thread, STACK, run, own);
-    if (failure == 0) {
-        (void)snprintf(name, sizeof name, "io %.12s", own->source->name);
-        (void)pthread_setname_np(own->thread, name);
-    }
     return failure;
 }
 

@@ -112,6 +112,9 @@ static void add_source(tl_live_confinement *self, const tl_config *config, const
     if (source->kind == TL_SOURCE_MODBUS_RTU || source->kind == TL_SOURCE_GPIO) {
         add(&self->write, "/dev");
     }
+    if (source->kind == TL_SOURCE_GPIO) { /* where libgpiod looks whether a device is a chip */
+        add(&self->read, "/sys");
+    }
 }
 
 static tl_status find_places(tl_live_confinement *self, const tl_assembly *assembly, const char *database,
@@ -119,8 +122,8 @@ static tl_status find_places(tl_live_confinement *self, const tl_assembly *assem
     enum { PER_SOURCE = FOLDERS_OF_A_FILE + 1 };
     const tl_config *config = &assembly->config;
     tl_twin_places_find(assembly, &self->fmus);
-    if (!make_places(&self->read,
-                     self->fmus.count + COMMON + config->component_count + config->source_count * FOLDERS_OF_A_FILE) ||
+    if (!make_places(&self->read, self->fmus.count + COMMON + config->component_count +
+                                      config->source_count * (FOLDERS_OF_A_FILE + 1)) ||
         !make_places(&self->write, 1 + FOLDERS_OF_A_FILE + config->source_count * PER_SOURCE)) {
         return tl_fail(error, TL_TRY_AGAIN, "not enough memory");
     }
