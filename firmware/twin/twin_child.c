@@ -175,6 +175,16 @@ static tl_status expect(tl_twin_child *child, tl_message wanted, tl_error *error
     return status;
 }
 
+/* Until then no FMU is loaded: what the process ends with is what it means, and why was said on the log. */
+static tl_status expect_ready(tl_twin_child *child, tl_error *error) {
+    tl_status status = expect(child, TL_MESSAGE_READY, error);
+    bool ended = status != TL_OK && child->role.has_ended && child->role.signal == 0;
+    if (ended && child->role.code == tl_exit_code(TL_TRY_AGAIN)) {
+        return tl_fail(error, TL_TRY_AGAIN, "the process of the FMUs could not begin; try again");
+    }
+    return status;
+}
+
 /* ---- start ---- */
 
 typedef struct pipes {
@@ -438,7 +448,7 @@ static tl_status start(tl_twin_child *child, pipes *ends, tl_error *error) {
     close_one(&ends->page[1]);
     close_one(&ends->start[1]);
     tl_twin_warden_listen_at(child->warden, receive_listener(ends->start[0]));
-    status = expect(child, TL_MESSAGE_READY, error);
+    status = expect_ready(child, error);
     if (status == TL_OK) {
         say_confinement(child);
     }
