@@ -3,6 +3,7 @@
 one that is, in check, replay and plant, as root and as a plain user. What was reached is seen at the other end."""
 import os
 import re
+import subprocess
 
 import attacks
 from attacks import ATTACKS, BOMBS, INSIDE, LONE, ON_TERMINAL, PRINTS, RESULTS, Ground, untouched, users
@@ -79,6 +80,26 @@ def test_attacks_by_a_plain_user():
     if os.geteuid() != 0:
         raise Skip("only root can become another user")
     hold_against(ATTACKS, PLACES, users()[1])
+
+
+def test_attacks_by_root_of_a_container():
+    """Some of them no container lets succeed; what others see of those that do is the same."""
+    if os.geteuid() != 0 or subprocess.run([*attacks.IN_CONTAINER, "true"], check=False, stderr=subprocess.DEVNULL).returncode != 0:
+        raise Skip("no user namespace can be made here")
+    attacks.in_container = True
+    try:
+        with carried_out(0, "fmi2DoStep", "replay", False) as ground:
+            reached = sum(ground.evidence[attack]() for attack in ATTACKS)
+            print(f"    {ground}: {reached} of {len(ATTACKS)} attacks reached what they wanted")
+            expect(reached > len(ATTACKS) // 2, f"only {reached} succeeded without confinement\n{ground.said()}")
+        for verb in ("replay", "check", "plant"):
+            with carried_out(0, "fmi2DoStep", verb, True) as ground:
+                expect_nothing_reached(ground)
+                expect_refusals_said(ground)
+                expect(ground.code == 0, f"{ground}: ended with {ground.code}\n{ground.said()}")
+                expect_nothing_left(ground)
+    finally:
+        attacks.in_container = False
 
 
 def alone(attack, user, verb, confined, *options):

@@ -3,6 +3,7 @@
 #include <errno.h>
 #include <fcntl.h>
 #include <linux/openat2.h>
+#include <poll.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -16,12 +17,24 @@
 
 #include "tests/fmu/hostile/attack/attack.h"
 
+/* A terminal's reader may be behind. */
+static int write_soon(int file, const char *text) {
+    struct pollfd ready = {.fd = file, .events = POLLOUT};
+    int error = 0;
+    int attempts = 0;
+    do {
+        (void)poll(&ready, 1, 100);
+        error = attack_errno(write(file, text, strlen(text)));
+    } while (error == EAGAIN && ++attempts < 50);
+    return error;
+}
+
 int attack_open(const char *path, int flags, const char *text) {
     int file = open(path, flags | O_CLOEXEC | O_NOCTTY | O_NONBLOCK, 0666);
     if (file < 0) {
         return errno;
     }
-    int error = text == NULL ? 0 : attack_errno(write(file, text, strlen(text)));
+    int error = text == NULL ? 0 : write_soon(file, text);
     (void)close(file);
     return error;
 }
