@@ -197,7 +197,7 @@ static tl_status begin(tl_live_confinement *self, const tl_assembly *assembly, c
     }
     (void)snprintf(path, sizeof path, "%s", self->folder.path);
     (void)snprintf(self->parent, sizeof self->parent, "%s", dirname(path));
-    tl_private_folder_leave(); /* what FMUs have in it: they may remove nothing */
+    tl_private_folder_leave(); /* what FMUs have in it goes with it: their thread may have lost the right to remove it */
     status = find_places(self, assembly, database, error);
     if (status != TL_OK) {
         return status;

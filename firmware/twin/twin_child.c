@@ -321,8 +321,8 @@ static bool find_packages(char variable[VARIABLE]) {
            access(strchr(variable, '/'), F_OK) == 0;
 }
 
-/* Confined, its home is its own folder: libraries that look there for settings find none, and need no list of users. It may remove and rename no
- * file, as Python does when it keeps what it has compiled. */
+/* Confined, its home is its own folder: libraries that look there for settings find none, and need no list of users. Python keeps
+ * nothing that it has compiled: its folder is gone at the end, and where no Landlock holds it may rename no file. */
 static void surround(const tl_twin_child *child, surroundings *made) {
     made->count = 0;
     (void)snprintf(made->temporary, sizeof made->temporary, "TMPDIR=%s", child->folder.path);
@@ -394,12 +394,9 @@ static tl_status start_warden(tl_twin_child *child, pipes *ends, tl_error *error
                    .threads = THREADS,
                    .memory = memory_limit(child)},
     };
-    tl_status status = tl_twin_warden_start(&settings, &child->warden, error);
-    if (status == TL_OK) {
-        ends->output[0] = -1;
-        ends->page[0] = -1;
-    }
-    return status;
+    ends->output[0] = -1;
+    ends->page[0] = -1;
+    return tl_twin_warden_start(&settings, &child->warden, error);
 }
 
 /* What is not held is said once, at the start. */

@@ -161,10 +161,31 @@ static void *watch(void *context) {
 
 /* ---- for others ---- */
 
+static void close_if_open(int descriptor) {
+    if (descriptor >= 0) {
+        (void)close(descriptor);
+    }
+}
+
+/* Its thread does not run. */
+static void release(tl_twin_warden *self) {
+    tl_relay_close(&self->output);
+    if (self->settings.page >= 0) {
+        tl_relay_close(&self->page);
+    }
+    close_if_open(self->listener);
+    close_if_open(self->stop);
+    (void)pthread_mutex_destroy(&self->lock);
+    free(self);
+}
+
 tl_status tl_twin_warden_start(const tl_twin_warden_settings *settings, tl_twin_warden **warden, tl_error *error) {
     tl_twin_warden *made = calloc(1, sizeof *made);
     int stop = eventfd(0, EFD_CLOEXEC);
     if (made == NULL || stop < 0) {
+        close_if_open(stop);
+        close_if_open(settings->output);
+        close_if_open(settings->page);
         free(made);
         return tl_fail(error, TL_TRY_AGAIN, "not enough memory or descriptors to watch the process of the FMUs");
     }
@@ -181,12 +202,7 @@ tl_status tl_twin_warden_start(const tl_twin_warden_settings *settings, tl_twin_
     }
     int result = tl_side_thread_start(&made->thread, 0, watch, made);
     if (result != 0) {
-        (void)close(stop);
-        tl_relay_close(&made->output);
-        if (settings->page >= 0) {
-            tl_relay_close(&made->page);
-        }
-        free(made);
+        release(made);
         return tl_fail(error, TL_TRY_AGAIN, "no thread to watch the process of the FMUs: %s", strerror(result));
     }
     *warden = made;
@@ -252,14 +268,5 @@ void tl_twin_warden_stop(tl_twin_warden *warden) {
     (void)!write(warden->stop, &one, sizeof one);
     (void)pthread_join(warden->thread, NULL);
     drain(warden);
-    tl_relay_close(&warden->output);
-    if (warden->settings.page >= 0) {
-        tl_relay_close(&warden->page);
-    }
-    if (warden->listener >= 0) {
-        (void)close(warden->listener);
-    }
-    (void)close(warden->stop);
-    (void)pthread_mutex_destroy(&warden->lock);
-    free(warden);
+    release(warden);
 }

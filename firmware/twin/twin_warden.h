@@ -34,7 +34,7 @@ typedef struct tl_twin_warden_settings {
     tl_bounds bounds;
 } tl_twin_warden_settings;
 
-/* Errors: TL_TRY_AGAIN. */
+/* The pipes are the warden's on failure too. Errors: TL_TRY_AGAIN. */
 tl_status tl_twin_warden_start(const tl_twin_warden_settings *settings, tl_twin_warden **warden, tl_error *error);
 
 /* The descriptor that tells of refused calls is the warden's from now on; -1: there is none. */
