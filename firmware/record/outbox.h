@@ -1,0 +1,115 @@
+/* An outbox: what a process hands to the recorder, in memory that the recorder reads.
+ *
+ * Purpose: the beginning of a run, its samples, steps and end go through a ring of bytes; events through a queue for many threads;
+ *          saved twins (checkpoints) lie in two places that take turns. Nothing of it ever waits for the recorder.
+ * Memory:  of the caller, zeroed at first: of this process, or a block (block.h) that only this process writes. It has no pointers. What the
+ *          reader gives back, tl_outbox_taken, lies in the reader's memory.
+ * Death:   the memory may outlive its writer. A successor goes on in it: all that was published stands, the rest is mended. It may also
+ *          look back: entries since the older of the two checkpoints stay in the ring, though they were taken, as long as there is room for 30 s
+ *          of new ones.
+ * Loss:    what finds no room is counted, and never waited for.
+ * Thread:  put_* and checkpoints: one thread, the cycle's; event(): any; lost(): any. Lock-free.
+ * Trust:   the reader's side (outbox_reader.h) believes nothing of this.
+ */
+#ifndef TL_FIRMWARE_RECORD_OUTBOX_H
+#define TL_FIRMWARE_RECORD_OUTBOX_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "firmware/record/recorder_entry.h"
+#include "firmware/record/run_types.h"
+#include "master/base/signal.h"
+#include "master/base/simtime.h"
+#include "master/twin/account.h"
+#include "master/twin/twin.h"
+
+/* The same on both sides. */
+typedef struct tl_outbox_settings {
+    tl_recorder_shape shape;  /* of the entries */
+    size_t ring_bytes;        /* a power of two, at least that of tl_outbox_ring_bytes(); 0: there are events only */
+    size_t checkpoint_bytes;  /* of each place; its memory is used only as far as checkpoints are large. 0: none */
+} tl_outbox_settings;
+
+/* What the reader has taken, for good. In its memory, where the writer looks. Positions never go back. */
+typedef struct tl_outbox_taken {
+    uint64_t ring;       /* bytes */
+    uint64_t events;     /* how many */
+    uint64_t checkpoint; /* number of the newest one; 0: none */
+} tl_outbox_taken;
+
+/* A run begins. */
+typedef struct tl_outbox_start {
+    bool holds;               /* safe hold: samples and events only */
+    tl_resumption resumption; /* `start` and `started` always count. Its run, if below 0: the one before in this outbox */
+    tl_account account;       /* of the twin; nothing if it holds */
+} tl_outbox_start;
+
+/* Private; placed by the caller. */
+typedef struct tl_outbox {
+    tl_outbox_settings settings;
+    struct tl_outbox_control *control;
+    unsigned char *ring;
+    unsigned char *checkpoints;
+    const tl_outbox_taken *taken;
+    uint64_t written; /* end of what is appended, not yet published */
+    tl_time start;    /* what stamps are relative to */
+} tl_outbox;
+
+/* For 30 s of such a run, and what a successor looks back at; between 256 KiB and 16 MiB. */
+size_t tl_outbox_ring_bytes(const tl_recorder_shape *shape, tl_time step);
+
+/* Of the memory. */
+size_t tl_outbox_bytes(const tl_outbox_settings *settings);
+
+/* Begins, or goes on where a dead one was. All pages of the ring are touched. `taken` may be the reader's block. */
+void tl_outbox_open(const tl_outbox_settings *settings, void *memory, const tl_outbox_taken *taken, tl_outbox *outbox);
+
+/* ---- a run ---- */
+
+/* False: there was no room; it was counted as lost. Stamps are kept relative to the start. */
+bool tl_outbox_put_start(tl_outbox *outbox, const tl_outbox_start *start);
+bool tl_outbox_put_sample(tl_outbox *outbox, const tl_sample *sample);
+bool tl_outbox_put_step(tl_outbox *outbox, const tl_record *record, const tl_recorder_component *ledger);
+bool tl_outbox_put_end(tl_outbox *outbox, const char *reason); /* as it should; cut to TL_RECORDER_REASON */
+
+/* Sleeps in small pieces until a sample and a step have room; false: not by `until` (CLOCK_MONOTONIC). For who makes up what is past. */
+bool tl_outbox_wait_for_room(tl_outbox *outbox, tl_time until);
+
+/* Any thread. `source` is one word; `tick` −1 if it belongs to none. Texts are cut to what an entry holds. */
+void tl_outbox_event(tl_outbox *outbox, int64_t tick, tl_severity severity, const char *source, const char *text);
+
+/* Entries and events that found no room. */
+uint64_t tl_outbox_lost(const tl_outbox *outbox);
+
+/* ---- checkpoints ---- */
+
+/* Both places can take `size` bytes without a page fault. False: settings.checkpoint_bytes are fewer, or memory is out. */
+bool tl_outbox_reserve_checkpoint(tl_outbox *outbox, size_t size);
+
+/* Where the next one goes; NULL if there is no place, or the reader is still at it. */
+unsigned char *tl_outbox_checkpoint_room(tl_outbox *outbox, size_t *capacity);
+
+/* They are there: the twin after `tick`, and after all entries put so far. `size` 0: a twin that cannot be saved; only what was put since
+ * stays for a successor. */
+void tl_outbox_put_checkpoint(tl_outbox *outbox, int64_t tick, size_t size);
+
+/* ---- a successor, before it puts anything ---- */
+
+/* What the predecessor has left. */
+typedef struct tl_outbox_left {
+    int64_t tick;
+    const unsigned char *bytes; /* valid until the next checkpoint; size 0: none */
+    size_t size;
+    uint64_t position;       /* of the first entry after it */
+    tl_resumption beginning; /* of its run */
+} tl_outbox_left;
+
+/* The newest (0) or the older (1) checkpoint that is whole and was not overtaken. False: there is none. */
+bool tl_outbox_checkpoint_left(const tl_outbox *outbox, unsigned which, tl_outbox_left *left);
+
+/* The entry at a position, which moves behind it. False: there is none any more. Stamps are relative to its run's start. */
+bool tl_outbox_entry_left(const tl_outbox *outbox, uint64_t *position, tl_recorder_entry *entry);
+
+#endif
