@@ -5,7 +5,7 @@
  * Clock:   beats are counted, not timed. How long a thread has been silent is added up by the one who looks, and of the
  *          time between two looks at most TL_HEARTBEAT_LOOK counts: a clock that is set, a box that was suspended and a
  *          supervisor that slept make nobody look dead.
- * Memory:  one mapping that survives fork(), so that both processes see it; TL_HEARTBEATS places.
+ * Memory:  of the caller, zeroed at first: a block (block.h) that the beating process writes, so that both see it; TL_HEARTBEATS places.
  * Thread:  a heart belongs to one thread, which begins it before any other thread looks for it; the one who looks is in another
  *          process. Wait-free.
  */
@@ -16,6 +16,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#include "firmware/base/latest.h"
 #include "firmware/process/fmu_call.h"
 #include "master/base/signal.h"
 #include "master/base/simtime.h"
@@ -36,7 +37,15 @@ typedef struct tl_heart {
     char name[TL_HEARTBEAT_NAME];
 } tl_heart;
 
-typedef struct tl_heartbeats tl_heartbeats;
+/* All that a process shows of its life. Fields are private. */
+typedef struct tl_heartbeats {
+    tl_heart hearts[TL_HEARTBEATS];
+    size_t count;
+    bool ready;
+    uint32_t farewell; /* exit code · 256 + why */
+    tl_fmu_calls calls;
+    tl_latest status;
+} tl_heartbeats;
 
 /* Why the appliance ends. An FMU can end the process too, with any exit code, so an end is what it was announced to be. */
 typedef enum tl_farewell {
@@ -46,10 +55,6 @@ typedef enum tl_farewell {
     TL_FAREWELL_REFUSED, /* it could not begin: a configuration, an FMU, a source */
     TL_FAREWELL_FAILED   /* it was ready, and could not go on */
 } tl_farewell;
-
-/* NULL where memory is out. */
-tl_heartbeats *tl_heartbeats_new(void);
-void tl_heartbeats_free(tl_heartbeats *beats);
 
 /* For a process that begins anew: no heart, no status, no call, not ready, nothing announced. */
 void tl_heartbeats_clear(tl_heartbeats *beats);

@@ -11,19 +11,19 @@
 #include "firmware/config/config.h"
 #include "firmware/plant/plant_input.h"
 #include "firmware/process/heartbeat.h"
-#include "firmware/record/recorder.h"
+#include "firmware/record/outbox.h"
 #include "firmware/run/journal.h"
 #include "firmware/supervise/restarts.h"
 
 typedef struct tl_safe_hold_settings {
     const tl_config *config;
     const tl_plant_input *input;
-    tl_recorder *recorder; /* NULL: none */
+    tl_outbox *outbox;
     tl_journal *journal;
-    tl_heartbeats *beats; /* NULL: nobody supervises */
-    tl_heart *heart;      /* of the thread; the same */
-    unsigned failures;    /* that are not forgiven, */
-    const char *reason;   /* and why the last of them */
+    tl_heartbeats *beats;
+    tl_heart *heart;   /* of the thread */
+    unsigned failures; /* that are not forgiven, */
+    const char *reason; /* and why the last of them */
 } tl_safe_hold_settings;
 
 /* Returns once a signal to end has come. */

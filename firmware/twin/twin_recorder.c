@@ -5,9 +5,10 @@
 #include <limits.h>
 #include <stdio.h>
 
+#include "firmware/base/clock.h"
 #include "firmware/base/identity.h"
-#include "firmware/base/log.h"
 #include "firmware/report/run_figures.h"
+#include "firmware/text/utc.h"
 
 enum { PLANT_NAME = 80 }; /* "plant." and at most 63 characters */
 
@@ -108,29 +109,34 @@ size_t tl_twin_recorder_count(const tl_twin *twin, tl_recorder_component counts[
     return count;
 }
 
-void tl_twin_recorder_put(tl_recorder *recorder, const tl_record *record, const tl_twin *twin) {
-    tl_recorder_component counts[TL_RECORDER_COMPONENTS];
-    (void)tl_twin_recorder_count(twin, counts);
-    tl_recorder_put_step(recorder, record, counts);
+void tl_twin_recorder_start(tl_outbox *outbox, const tl_twin *twin, tl_time start) {
+    static const tl_time ms = TL_SECOND / 1000;
+    static tl_outbox_start beginning; /* too large for a small stack; one thread begins runs */
+    beginning = (tl_outbox_start){
+        .resumption = {.start = start, .started = tl_utc_now() + (start - tl_clock_now(NULL)) / ms}};
+    tl_account_take(twin, &beginning.account);
+    (void)tl_outbox_put_start(outbox, &beginning);
 }
 
-void tl_twin_recorder_check(const tl_account *account, tl_recorder *recorder) {
+void tl_twin_recorder_put(tl_outbox *outbox, const tl_record *record, const tl_twin *twin) {
+    tl_recorder_component counts[TL_RECORDER_COMPONENTS];
+    (void)tl_twin_recorder_count(twin, counts);
+    (void)tl_outbox_put_step(outbox, record, counts);
+}
+
+void tl_twin_recorder_check(const tl_account *account, tl_twin_recorder_hear *hear, void *context) {
     for (size_t i = 0; i < account->components; i++) {
         char text[320];
         const tl_account_component *entry = &account->component[i];
         const tl_recorder_component counts = {entry->plain, entry->predicted, entry->executions, entry->caught_up,
                                               entry->unstored};
         int64_t difference = tl_run_component_difference(&counts);
-        if (difference <= 0) {
-            continue;
-        }
-        (void)snprintf(text, sizeof text,
-                       "%s: %" PRId64 " executions more than predicted: results found no room (%" PRIu64
-                       ", see saving.nodes), or a committed step failed and was repeated",
-                       entry->name, difference, entry->unstored);
-        tl_log(TL_LOG_WARNING, "%s", text);
-        if (recorder != NULL) {
-            tl_recorder_event(recorder, -1, TL_EVENT_WARNING, "twin", text);
+        if (difference > 0) {
+            (void)snprintf(text, sizeof text,
+                           "%s: %" PRId64 " executions more than predicted: results found no room (%" PRIu64
+                           ", see saving.nodes), or a committed step failed and was repeated",
+                           entry->name, difference, entry->unstored);
+            hear(context, text);
         }
     }
 }

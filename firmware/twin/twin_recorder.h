@@ -8,6 +8,7 @@
 
 #include "firmware/base/sha256.h"
 #include "firmware/config/config.h"
+#include "firmware/record/outbox.h"
 #include "firmware/record/recorder.h"
 #include "master/twin/account.h"
 
@@ -34,11 +35,14 @@ void tl_twin_recorder_signals(const tl_config *config, const tl_account *account
  * components there are. */
 size_t tl_twin_recorder_count(const tl_twin *twin, tl_recorder_component counts[TL_RECORDER_COMPONENTS]);
 
-/* Puts a step with the ledger as it stands. */
-void tl_twin_recorder_put(tl_recorder *recorder, const tl_record *record, const tl_twin *twin);
+/* Live: a run begins now, whose tick 0 is at `start` (CLOCK_MONOTONIC). */
+void tl_twin_recorder_start(tl_outbox *outbox, const tl_twin *twin, tl_time start);
 
-/* Warns of components that were executed more often than their ledger predicts: in the log, and, if there is a recorder, as an event.
- * For the end of a run. */
-void tl_twin_recorder_check(const tl_account *account, tl_recorder *recorder);
+/* Puts a step with the ledger as it stands. */
+void tl_twin_recorder_put(tl_outbox *outbox, const tl_record *record, const tl_twin *twin);
+
+/* Tells of components that were executed more often than their ledger predicts, each in a sentence. For the end of a run. */
+typedef void tl_twin_recorder_hear(void *context, const char *text);
+void tl_twin_recorder_check(const tl_account *account, tl_twin_recorder_hear *hear, void *context);
 
 #endif

@@ -106,7 +106,7 @@ const tl_option tl_option_rows[TL_OPTION_COUNT] = {
     {CHECK | REPLAY | PLANT, "call-limit", "S", TL_OPTION_SECONDS, SETS(call_limit_s),
      .help = "end with 70 if an FMU does not return from a call for S seconds; default 60",
      .expected = "seconds > 0 and below 1e9, for example 600"},
-    {CHECK | REPLAY | PLANT, "memory-limit", "MIB", TL_OPTION_MEBIBYTES, SETS(memory_limit_mib),
+    {CHECK | REPLAY | PLANT | RUN, "memory-limit", "MIB", TL_OPTION_MEBIBYTES, SETS(memory_limit_mib),
      .help = "how much memory the process of the FMUs may take; default: three quarters of\nthe machine's",
      .expected = "MiB from 64 to 1048576, for example 2048"},
     {CHECK | REPLAY | PLANT | RUN, "unconfined", NULL, TL_OPTION_SWITCH, SETS(unconfined),

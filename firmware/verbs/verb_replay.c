@@ -120,13 +120,21 @@ static tl_status close_outputs(const tl_verb_job *job, tl_replay *replay, tl_sta
     return status;
 }
 
+static void warn(void *context, const char *text) {
+    tl_recorder *recorder = context;
+    tl_log(TL_LOG_WARNING, "%s", text);
+    if (recorder != NULL) {
+        tl_recorder_event(recorder, -1, TL_EVENT_WARNING, "twin", text);
+    }
+}
+
 /* Of a run that came to its end, or was interrupted. */
 static tl_status tell(const tl_verb_job *job, const tl_replay *replay, const tl_summary *summary, tl_status status,
                       tl_error *error) {
     tl_error later;
     tl_status printed = print_summary(replay, job, summary, &later);
     status = first_of(status, printed, &later, error);
-    tl_twin_recorder_check(replay->account, replay->recorder);
+    tl_twin_recorder_check(replay->account, warn, replay->recorder);
     if (replay->report != NULL) {
         const char *ended = status == TL_OK ? "end of recording" : error->text;
         tl_status kept = tl_replay_report_keep(replay->report, summary, ended, &later);

@@ -216,7 +216,7 @@ class Unruly:
 
     def tell(self, word):
         self.child = self.live.child(self.child)
-        self.live.tell(self.child, word)
+        self.live.tell(word)
 
 
 def test_an_fmu_is_named():

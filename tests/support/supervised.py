@@ -11,7 +11,7 @@ LOCK_STEPS = 200  # until the first of 20, of 10 ms each
 
 
 class Supervised(Program):
-    """A supervised run, and the process that it has begun. `state`: where it keeps its account."""
+    """A supervised run, and the processes that it has begun. `state`: where it keeps its account."""
 
     def __init__(self, config, *args, state=None, **options):
         self.state = state or scratch() / "state"
@@ -20,17 +20,30 @@ class Supervised(Program):
     def children(self):
         return [int(pid) for pid in Path(f"/proc/{self.pid}/task/{self.pid}/children").read_text(encoding="utf-8").split()]
 
-    def child(self, other_than=0):
-        return wait_until(lambda: [pid for pid in self.children() if pid != other_than], "a child", self.log)[0]
+    def child(self, other_than=0, role="twin"):
+        """The process of that role ("twin", "io", "recorder"); one that is dying is not meant."""
+        def found():
+            return [pid for pid in self.children() if pid != other_than and title(pid).startswith(f"twinlock: {role}")]
+        return wait_until(found, f"a process \"{role}\"", self.log)[0]
 
-    def tell(self, child, word):
-        """An FMU of that process is told what to do (tests/hil/fmus/unruly), and begins with it."""
-        file = next(self.process.temporary.glob(f"twinlock-run-{child}-*")) / WORD
+    def tell(self, word):
+        """An FMU of the twin is told what to do (tests/hil/fmus/unruly), and begins with it."""
+        def folders():
+            return sorted(self.process.temporary.glob(f"twinlock-twin-{self.pid}-*"), key=lambda path: path.stat().st_mtime)
+        file = wait_until(folders, "the folder of the FMUs", self.log)[-1] / WORD
         file.write_text(word, encoding="utf-8")
         wait_until(lambda: not file.exists() or not file.read_bytes(), "a step that takes the word", self.log)
 
     def account(self):
         return json.loads((self.state / "supervisor.json").read_text(encoding="utf-8"))
+
+
+def title(pid):
+    """As ps shows it; "" of a dead one."""
+    try:
+        return Path(f"/proc/{pid}/cmdline").read_text(encoding="utf-8").partition("\0")[0]
+    except OSError:
+        return ""
 
 
 def wait_for_run(live, database, which):
