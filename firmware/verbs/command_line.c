@@ -88,9 +88,10 @@ int tl_command_line_run(int argc, char **argv) {
 }
 
 int tl_command_line_be(const char *title) {
+    static const tl_twin_role_tasks tasks = {.print_page = tl_verb_check_page};
     if (strncmp(title, "twin", strlen("twin")) != 0) {
         (void)fprintf(stderr, "twinlock: there is no role \"%s\"\n", title);
         return tl_exit_code(TL_BAD_USAGE);
     }
-    return tl_twin_role_run(tl_verb_check_page);
+    return tl_twin_role_run(&tasks);
 }
