@@ -241,18 +241,13 @@ static void look_on(appliance *self) {
         tl_heart_beat(self->heart);
         tl_fmu_thread_watch(self->fmus);
         tell_refusals(self);
-        if (terminal && tl_journal_has_events(&self->journal)) {
-            (void)fputs("\r\033[K", stderr); /* an event begins its own line */
-        }
         tl_journal_drain(&self->journal);
         if (tl_cycle_status_now(self->cycle, &status) && status.steps != 0 && tl_clock_now(NULL) >= next) {
             show_status(self, &status, terminal);
             next += interval;
         }
     }
-    if (terminal) {
-        (void)fputs("\r\033[K", stderr);
-    }
+    tl_log_status(NULL);
 }
 
 /* ---- safe hold ---- */

@@ -10,12 +10,12 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/eventfd.h>
-#include <sys/resource.h>
 #include <unistd.h>
 
 #include "firmware/base/clock.h"
 #include "firmware/base/log.h"
 #include "firmware/base/side_thread.h"
+#include "firmware/confine/limits.h"
 #include "firmware/process/host_state.h"
 #include "firmware/process/private_folder.h"
 #include "firmware/process/process_end.h"
@@ -177,16 +177,6 @@ static tl_confine_settings settings_of_fmus(const tl_live_confinement *self) {
     };
 }
 
-/* A thread without capabilities may put back what an FMU has done to its priority. */
-static void permit(int resource, rlim_t most) {
-    struct rlimit now;
-    if (getrlimit((__rlimit_resource_t)resource, &now) == 0 && now.rlim_cur < most) {
-        now.rlim_cur = most;
-        now.rlim_max = now.rlim_max < most ? most : now.rlim_max;
-        (void)setrlimit((__rlimit_resource_t)resource, &now);
-    }
-}
-
 static tl_status begin(tl_live_confinement *self, const tl_assembly *assembly, const char *database, tl_error *error) {
     enum { NICE_0 = 20 }; /* as RLIMIT_NICE counts */
     char path[PATH_MAX];
@@ -205,8 +195,9 @@ static tl_status begin(tl_live_confinement *self, const tl_assembly *assembly, c
     if (setenv("TMPDIR", self->folder.path, 1) != 0) {
         return tl_fail(error, TL_TRY_AGAIN, "not enough memory");
     }
-    permit(RLIMIT_RTPRIO, (rlim_t)assembly->config.realtime_priority);
-    permit(RLIMIT_NICE, NICE_0);
+    /* A thread without capabilities may put back what an FMU has done to its priority. */
+    tl_limits_permit(RLIMIT_RTPRIO, (rlim_t)assembly->config.realtime_priority);
+    tl_limits_permit(RLIMIT_NICE, NICE_0);
     const tl_confine_settings settings = settings_of_others(self);
     return tl_confine(&settings, &facts, NULL, error);
 }

@@ -2,12 +2,14 @@
 #include "firmware/twin/twin_role.h"
 
 #include <string.h>
+#include <sys/resource.h>
 #include <sys/socket.h>
 #include <unistd.h>
 
 #include "firmware/base/c_locale.h"
 #include "firmware/base/clock.h"
 #include "firmware/base/log.h"
+#include "firmware/confine/limits.h"
 #include "firmware/fmu/fmu_thread.h"
 #include "firmware/process/crash.h"
 #include "firmware/process/interrupt.h"
@@ -24,7 +26,7 @@ enum { TOGETHER = 64 };
 
 /* All that this process has. */
 typedef struct role {
-    tl_twin_page *print_page;
+    const tl_twin_role_tasks *tasks;
     tl_block job_block;
     tl_block blocks[TL_SIDES];
     tl_twin_job job;
@@ -137,7 +139,9 @@ static void hand_over(int listener) {
 static tl_status confine(const role *self, tl_confine_facts *facts, tl_error *error) {
     int listener = -1;
     tl_twin_places places = {.count = 0};
-    tl_twin_places_find(&self->assembly, &places);
+    if (!self->job.holds) {
+        tl_twin_places_find(&self->assembly, &places);
+    }
     const tl_confine_settings settings = {
         .read = (const char *const *)places.path,
         .read_count = places.count,
@@ -147,6 +151,7 @@ static tl_status confine(const role *self, tl_confine_facts *facts, tl_error *er
         .user = self->job.user,
         .start_socket = TL_TWIN_START_SOCKET,
         .whole_process = true,
+        .lives_on = self->job.task == TL_TASK_LIVE,
     };
     tl_status status = tl_confine(&settings, facts, &listener, error);
     tl_twin_places_free(&places);
@@ -156,12 +161,23 @@ static tl_status confine(const role *self, tl_confine_facts *facts, tl_error *er
     return status;
 }
 
+/* For a live twin: what is possible as long as this is root, if it is. Priorities are the affair of who started it, who asks for the limits of
+ * this process. */
+static void permit_real_time(const role *self) {
+    enum { NICE_0 = 20 }; /* as RLIMIT_NICE counts */
+    tl_limits_permit(RLIMIT_MEMLOCK, RLIM_INFINITY);
+    tl_limits_permit(RLIMIT_RTPRIO, (rlim_t)self->assembly.config.realtime_priority);
+    tl_limits_permit(RLIMIT_NICE, NICE_0);
+}
+
 static tl_status start(role *self, tl_confine_facts *facts, tl_error *error) {
     tl_status status = read_job(self, error);
-    if (status == TL_OK) {
+    if (status == TL_OK && self->job.task == TL_TASK_LIVE) {
+        permit_real_time(self);
+    } else if (status == TL_OK) {
         status = open_channel(self, error);
     }
-    if (status == TL_OK) {
+    if (status == TL_OK && !self->job.holds) {
         status = tl_assembly_open(&self->assembly, error);
     }
     *facts = (tl_confine_facts){0};
@@ -232,7 +248,7 @@ static tl_status check(const role *self, tl_status built) {
     if (page == NULL) {
         return TL_TRY_AGAIN;
     }
-    tl_status status = self->print_page(&self->assembly, &self->job, built, page);
+    tl_status status = self->tasks->print_page(&self->assembly, &self->job, built, page);
     (void)fclose(page);
     return status;
 }
@@ -258,11 +274,11 @@ static void work(void *context) {
     tl_assembly_free(&self->assembly);
 }
 
-int tl_twin_role_run(tl_twin_page *print_page) {
+int tl_twin_role_run(const tl_twin_role_tasks *tasks) {
     static role self; /* one for the process */
     tl_confine_facts facts;
     tl_error error;
-    self.print_page = print_page;
+    self.tasks = tasks;
     tl_log_use_levels();
     tl_role_enter();
     tl_process_begin();
@@ -274,6 +290,9 @@ int tl_twin_role_run(tl_twin_page *print_page) {
         return tl_exit_code(status);
     }
     tl_interrupt_install();
+    if (self.job.task == TL_TASK_LIVE) {
+        return tasks->live(&self.assembly, &self.job, &facts);
+    }
     tl_fmu_calls_use(&self.extra->calls);
     send_message(&self, TL_MESSAGE_READY, &facts);
     return tl_exit_code(tl_fmu_thread_run(work, &self));

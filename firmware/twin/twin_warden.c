@@ -7,6 +7,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/eventfd.h>
+#include <sys/socket.h>
 #include <unistd.h>
 
 #include "firmware/base/clock.h"
@@ -21,16 +22,17 @@ enum { LOOK_MS = 50 };
 struct tl_twin_warden {
     tl_twin_warden_settings settings;
     pthread_t thread;
+    int stop;     /* eventfd: told to end */
+    int start;    /* -1: the process has handed over what it had to */
+    int listener; /* what it was; -1: nothing */
+    tl_fmu_patience patience;
+    tl_time pass_on_at;   /* a signal that came; again, since an FMU may have swallowed it */
     pthread_mutex_t lock; /* of all below */
     tl_relay output;
     tl_relay page;
     bool output_ended;
     bool page_ended;
-    int listener;
-    int stop; /* eventfd: told to end */
-    tl_fmu_patience patience;
-    tl_time pass_on_at; /* a signal that came; again, since an FMU may have swallowed it */
-    bool may_kill;
+    bool may_kill;                    /* its number is its own */
     char killed[TL_TWIN_WARDEN_TEXT]; /* why; "": not */
     tl_fmu_refusals refusals;
 };
@@ -43,7 +45,7 @@ static void pass_output(void *context, const char *line) {
     if (line[0] == '<' && line[1] >= '0' && line[1] <= '7' && line[2] == '>') {
         tl_log((tl_log_level)(line[1] - '0'), "%s", line + 3);
     } else {
-        (void)fprintf(stderr, "%s\n", line);
+        tl_log_plain(line);
     }
 }
 
@@ -58,11 +60,17 @@ static void drain(tl_twin_warden *self) {
 
 /* ---- its end ---- */
 
+static void nudge(const tl_twin_warden *self) {
+    if (self->settings.channel != NULL) {
+        tl_channel_nudge(self->settings.channel);
+    }
+}
+
 static void kill_it(tl_twin_warden *self, const char *why) {
     if (self->killed[0] == '\0' && self->may_kill) {
         (void)snprintf(self->killed, sizeof self->killed, "%s", why);
         (void)kill(self->settings.process, SIGKILL);
-        tl_channel_nudge(self->settings.channel);
+        nudge(self);
     }
 }
 
@@ -84,7 +92,7 @@ static void look_at_calls(tl_twin_warden *self) {
 static void look_at_bounds(tl_twin_warden *self) {
     char found[TL_BOUNDS_TEXT];
     char text[TL_TWIN_WARDEN_TEXT];
-    if (!tl_bounds_are_kept(&self->settings.bounds, self->settings.process, found)) {
+    if (self->may_kill && !tl_bounds_are_kept(&self->settings.bounds, self->settings.process, found)) {
         (void)snprintf(text, sizeof text, "the process of the FMUs was killed: %s", found);
         kill_it(self, text);
     }
@@ -101,41 +109,97 @@ static void pass_signal_on(tl_twin_warden *self) {
 
 /* ---- refused calls ---- */
 
+/* What the process has sent: the descriptor that tells of refused calls; -1: the kernel has none, or nothing is refused. */
+static int receive_listener(int socket) {
+    char byte = 0;
+    struct iovec content = {.iov_base = &byte, .iov_len = 1};
+    union {
+        struct cmsghdr aligned;
+        char bytes[CMSG_SPACE(sizeof(int))];
+    } control = {.bytes = {0}};
+    struct msghdr message = {
+        .msg_iov = &content, .msg_iovlen = 1, .msg_control = control.bytes, .msg_controllen = sizeof control};
+    int listener = -1;
+    ssize_t length = recvmsg(socket, &message, MSG_CMSG_CLOEXEC | MSG_DONTWAIT);
+    const struct cmsghdr *header = length > 0 ? CMSG_FIRSTHDR(&message) : NULL;
+    if (header != NULL && header->cmsg_level == SOL_SOCKET && header->cmsg_type == SCM_RIGHTS &&
+        header->cmsg_len == CMSG_LEN(sizeof listener)) {
+        memcpy(&listener, CMSG_DATA(header), sizeof listener);
+    }
+    return listener;
+}
+
+/* One, with the lock: others look at what was said before. NULL: none waits. */
+static const char *answer_one(tl_twin_warden *self) {
+    (void)pthread_mutex_lock(&self->lock);
+    const char *said = tl_fmu_refusals_answer(&self->refusals, self->listener, self->settings.calls);
+    (void)pthread_mutex_unlock(&self->lock);
+    return said;
+}
+
+/* Who hears of it may wait for one who waits for our lock. */
 static void answer_refusals(tl_twin_warden *self) {
     const char *said = NULL;
-    while ((said = tl_fmu_refusals_answer(&self->refusals, self->listener, self->settings.calls)) != NULL) {
+    while ((said = answer_one(self)) != NULL) {
         tl_log(TL_LOG_WARNING, "%s", said);
+        if (self->settings.hear != NULL) {
+            self->settings.hear(self->settings.context, said);
+        }
     }
 }
 
 /* ---- the thread ---- */
 
-enum { STOP, OUTPUT, PAGE, LISTENER, WATCHED };
+enum { STOP, OUTPUT, PAGE, START, LISTENER, WATCHED };
+
+static void close_if_open(int descriptor) {
+    if (descriptor >= 0) {
+        (void)close(descriptor);
+    }
+}
 
 /* Ended pipes are left out: they would be ready for ever. */
-static void fill(const tl_twin_warden *self, struct pollfd watched[WATCHED]) {
+static void fill(tl_twin_warden *self, struct pollfd watched[WATCHED]) {
+    (void)pthread_mutex_lock(&self->lock);
     watched[STOP] = (struct pollfd){.fd = self->stop, .events = POLLIN};
     watched[OUTPUT] = (struct pollfd){.fd = self->output_ended ? -1 : self->settings.output, .events = POLLIN};
     watched[PAGE] = (struct pollfd){.fd = self->page_ended ? -1 : self->settings.page, .events = POLLIN};
+    watched[START] = (struct pollfd){.fd = self->start, .events = POLLIN};
     watched[LISTENER] = (struct pollfd){.fd = self->listener, .events = POLLIN};
+    (void)pthread_mutex_unlock(&self->lock);
 }
 
-static void look(tl_twin_warden *self, const struct pollfd watched[WATCHED], bool is_time) {
-    bool had_ended = self->output_ended;
-    drain(self);
-    if (self->output_ended && !had_ended) {
-        tl_channel_nudge(self->settings.channel); /* it ends, or has closed what it was given */
+static void look_at_refusals(tl_twin_warden *self, const struct pollfd watched[WATCHED]) {
+    if (watched[START].revents != 0) {
+        self->listener = receive_listener(self->start);
+        (void)close(self->start);
+        self->start = -1;
     }
     answer_refusals(self);
     if ((watched[LISTENER].revents & (POLLHUP | POLLERR)) != 0) {
         (void)close(self->listener);
         self->listener = -1;
     }
-    if (is_time) {
+}
+
+static void look_at_output(tl_twin_warden *self) {
+    (void)pthread_mutex_lock(&self->lock);
+    bool had_ended = self->output_ended;
+    drain(self);
+    if (self->output_ended && !had_ended) {
+        nudge(self); /* it ends, or has closed what it was given */
+    }
+    (void)pthread_mutex_unlock(&self->lock);
+}
+
+static void look_at_process(tl_twin_warden *self) {
+    (void)pthread_mutex_lock(&self->lock);
+    if (self->settings.passes_signals) {
         pass_signal_on(self);
         look_at_calls(self);
-        look_at_bounds(self);
     }
+    look_at_bounds(self);
+    (void)pthread_mutex_unlock(&self->lock);
 }
 
 static void *watch(void *context) {
@@ -143,29 +207,22 @@ static void *watch(void *context) {
     tl_time next = 0;
     for (;;) {
         struct pollfd watched[WATCHED];
-        (void)pthread_mutex_lock(&self->lock);
         fill(self, watched);
-        (void)pthread_mutex_unlock(&self->lock);
         (void)poll(watched, WATCHED, LOOK_MS);
         if (watched[STOP].revents != 0) {
             return NULL;
         }
+        look_at_output(self);
+        look_at_refusals(self, watched);
         tl_time now = tl_clock_now(NULL);
-        bool is_time = now >= next;
-        next = is_time ? now + LOOK_MS * (TL_SECOND / 1000) : next;
-        (void)pthread_mutex_lock(&self->lock);
-        look(self, watched, is_time);
-        (void)pthread_mutex_unlock(&self->lock);
+        if (now >= next) {
+            next = now + LOOK_MS * (TL_SECOND / 1000);
+            look_at_process(self);
+        }
     }
 }
 
 /* ---- for others ---- */
-
-static void close_if_open(int descriptor) {
-    if (descriptor >= 0) {
-        (void)close(descriptor);
-    }
-}
 
 /* Its thread does not run. */
 static void release(tl_twin_warden *self) {
@@ -174,6 +231,7 @@ static void release(tl_twin_warden *self) {
         tl_relay_close(&self->page);
     }
     close_if_open(self->listener);
+    close_if_open(self->start);
     close_if_open(self->stop);
     (void)pthread_mutex_destroy(&self->lock);
     free(self);
@@ -186,11 +244,13 @@ tl_status tl_twin_warden_start(const tl_twin_warden_settings *settings, tl_twin_
         close_if_open(stop);
         close_if_open(settings->output);
         close_if_open(settings->page);
+        close_if_open(settings->start);
         free(made);
         return tl_fail(error, TL_TRY_AGAIN, "not enough memory or descriptors to watch the process of the FMUs");
     }
     made->settings = *settings;
     made->stop = stop;
+    made->start = settings->start;
     made->listener = -1;
     made->may_kill = true;
     made->page_ended = settings->page < 0;
@@ -207,12 +267,6 @@ tl_status tl_twin_warden_start(const tl_twin_warden_settings *settings, tl_twin_
     }
     *warden = made;
     return TL_OK;
-}
-
-void tl_twin_warden_listen_at(tl_twin_warden *warden, int listener) {
-    (void)pthread_mutex_lock(&warden->lock);
-    warden->listener = listener;
-    (void)pthread_mutex_unlock(&warden->lock);
 }
 
 void tl_twin_warden_tell(tl_twin_warden *warden, tl_fmu_refusals_listener *hear, void *context) {
@@ -253,10 +307,14 @@ bool tl_twin_warden_reap(tl_twin_warden *warden, tl_role *process) {
     return ended;
 }
 
-void tl_twin_warden_kill(tl_twin_warden *warden, tl_role *process) {
+void tl_twin_warden_let_go(tl_twin_warden *warden) {
     (void)pthread_mutex_lock(&warden->lock);
     warden->may_kill = false;
     (void)pthread_mutex_unlock(&warden->lock);
+}
+
+void tl_twin_warden_kill(tl_twin_warden *warden, tl_role *process) {
+    tl_twin_warden_let_go(warden);
     tl_role_kill(process);
 }
 

@@ -1,6 +1,7 @@
 /* What crosses between the two ends of a twin in a process of its own: sizes of messages, what lies in the block beside them, descriptors.
  *
- * Purpose: private to twin_role.c (the end with the FMUs) and twin_child.c (the end with everything else), which must mean the same.
+ * Purpose: private to twin_role.c (the end with the FMUs), twin_process.c and twin_child.c (the end with everything else), which must mean the
+ *          same; the blocks of a live twin are its own room's.
  */
 #ifndef TL_FIRMWARE_TWIN_TWIN_WIRE_H
 #define TL_FIRMWARE_TWIN_TWIN_WIRE_H
@@ -13,14 +14,20 @@
 #include "firmware/twin/twin_pack.h"
 #include "master/twin/account.h"
 
-/* Descriptors of the process with the FMUs. */
+/* Descriptors of the process with the FMUs. The first three, the job and the start socket are those of every such process. */
 enum {
     TL_TWIN_OUTPUT = 1,        /* what is logged and printed: 1 and 2 */
     TL_TWIN_PAGE = 3,          /* the page of a check */
     TL_TWIN_JOB = 4,           /* twin_job.h */
     TL_TWIN_PARENTS_BLOCK = 5, /* read here */
     TL_TWIN_OWN_BLOCK = 6,     /* written here */
-    TL_TWIN_START_SOCKET = 7   /* for the descriptor that tells of refused calls; closed before an FMU is loaded */
+    TL_TWIN_START_SOCKET = 7,  /* for the descriptor that tells of refused calls; closed before an FMU is loaded */
+    /* blocks of a live twin, TL_TASK_LIVE, which has no channel */
+    TL_TWIN_MAIL = 3,      /* read: the plant's readings */
+    TL_TWIN_RECORDERS = 5, /* read: what the recorder has taken */
+    TL_TWIN_PULSE = 6,     /* written: heartbeats, the call under way */
+    TL_TWIN_OUTBOX = 8,    /* written: what is to be recorded */
+    TL_TWIN_PAST = 9       /* read: what it goes on from */
 };
 
 /* Payload of TL_MESSAGE_BUILT and TL_MESSAGE_ENDED. Why it failed is in the block; "": it was said on the log. */

@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "firmware/live/live_role.h"
+#include "firmware/live/live_twin.h"
 #include "firmware/verbs/option_table.h"
 #include "firmware/verbs/verbs.h"
 #include "master/base/nearest.h"
@@ -87,6 +88,8 @@ int tl_command_line_run(int argc, char **argv) {
     }
     return refuse_verb(first);
 }
+
+const tl_twin_role_tasks tl_verb_twin_tasks = {.print_page = tl_verb_check_page, .live = tl_live_twin};
 
 static bool begins_with(const char *title, const char *role) {
     return strncmp(title, role, strlen(role)) == 0;

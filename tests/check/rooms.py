@@ -53,7 +53,7 @@ FIRMWARE = {
     "firmware/base": Room(("master/base",)),
     "firmware/text": Room(("firmware/base", "master/base")),
     "firmware/process": _firmware(),
-    "firmware/confine": _firmware("process", public=("confine", "refusal", "bounds")),
+    "firmware/confine": _firmware("process", public=("confine", "refusal", "bounds", "limits")),
     "firmware/config": _firmware(others=(*_TWIN, *_DRIVERS), public=("config", "measurements", "problems")),
     "firmware/fmu": _firmware("process", others=("master/fmi",),
                               public=("fmu_store", "fmu_archive", "fmu_guard", "fmu_thread", "library")),

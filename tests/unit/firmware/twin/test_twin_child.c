@@ -551,13 +551,14 @@ static void test_a_check_that_ends_unbuilt(void) {
 
 static void be_role(const char *title) {
     static const char *const begin = "twin [" LIE;
+    static const tl_twin_role_tasks tasks = {.print_page = print_page};
     char lie[96];
     if (strncmp(title, begin, strlen(begin)) == 0) {
         (void)snprintf(lie, sizeof lie, "%s", title + strlen(begin));
         lie[strcspn(lie, "]")] = '\0';
         be_liar(lie);
     }
-    tl_process_end(tl_twin_role_run(print_page));
+    tl_process_end(tl_twin_role_run(&tasks));
 }
 
 int main(int argc, char **argv) {
