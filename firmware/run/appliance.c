@@ -11,6 +11,8 @@
 #include "firmware/fmu/fmu_archive.h"
 #include "firmware/fmu/fmu_thread.h"
 #include "firmware/plant/live_plant.h"
+#include "firmware/plant/plant_input.h"
+#include "firmware/plant/plant_mail.h"
 #include "firmware/process/interrupt.h"
 #include "firmware/process/private_folder.h"
 #include "firmware/process/process_end.h"
@@ -49,6 +51,8 @@ typedef struct appliance {
     tl_account account; /* of its twin, when it was taken last */
     tl_journal journal;
     tl_recorder *recorder;
+    void *mail;           /* memory of the mailboxes: the plant writes, */
+    tl_plant_input input; /* and the cycle reads them */
     tl_live_plant *plant;
     tl_cycle *cycle;
     tl_summary resumed; /* what was done to go on with an earlier run */
@@ -126,7 +130,8 @@ static void tell_refusals(appliance *self) {
 /* A sample without unknown values is a better start; a dead device must not prevent one. */
 static void wait_for_readings(const appliance *self) {
     tl_time until = tl_clock_now(NULL) + FIRST_READING;
-    while (tl_clock_now(NULL) < until && tl_interrupt_requested() == NULL && !tl_live_plant_is_complete(self->plant)) {
+    while (tl_clock_now(NULL) < until && tl_interrupt_requested() == NULL &&
+           !tl_plant_input_is_complete(&self->input)) {
         tl_clock_sleep_until(tl_clock_now(NULL) + TL_SECOND / 100);
     }
 }
@@ -140,6 +145,17 @@ static void keep(void *context, const char *why) {
     }
 }
 
+static tl_status open_plant(appliance *self, tl_error *error) {
+    const tl_config *config = &self->assembly->config;
+    tl_plant_mail_shape shape;
+    tl_live_plant_set_limits(&self->input, config);
+    tl_plant_mail_shape_of(config, &shape);
+    self->mail = tl_plant_mail_make(&shape, self->input.mailboxes);
+    return self->mail == NULL
+               ? tl_fail(error, TL_TRY_AGAIN, "not enough memory for the plant's readings")
+               : tl_live_plant_open(config, self->input.mailboxes, self->beats, on_link, self, &self->plant, error);
+}
+
 /* Recorder, events, plant. */
 static tl_status open_all(appliance *self, tl_error *error) {
     tl_status status = open_recorder(self, error);
@@ -150,7 +166,7 @@ static tl_status open_all(appliance *self, tl_error *error) {
     tl_process_keep(keep, self);
     tell_start(self);
     tell_confinement(self);
-    status = tl_live_plant_open(&self->assembly->config, self->beats, on_link, self, &self->plant, error);
+    status = open_plant(self, error);
     if (status == TL_OK && self->recorder == NULL) { /* said only of a run that begins */
         tl_log(TL_LOG_NOTICE,
                "nothing is recorded: the configuration has no \"record\", and no --db was given; after a restart "
@@ -212,7 +228,7 @@ static tl_status start_cycle(appliance *self, tl_error *error) {
     const tl_cycle_settings settings = {
         .assembly = self->assembly,
         .thread = self->fmus,
-        .input = tl_live_plant_input(self->plant),
+        .input = &self->input,
         .recorder = self->recorder,
         .journal = &self->journal,
         .beats = self->beats,
@@ -255,7 +271,7 @@ static void look_on(appliance *self) {
 static void hold(appliance *self) {
     const tl_safe_hold_settings settings = {
         .config = &self->assembly->config,
-        .input = tl_live_plant_input(self->plant),
+        .input = &self->input,
         .recorder = self->recorder,
         .journal = &self->journal,
         .beats = self->beats,
@@ -289,6 +305,7 @@ static tl_status close_all(appliance *self, tl_status status, tl_summary *summar
     status = close_cycle(self, status, summary, error);
     tell_refusals(self);
     tl_live_plant_close(self->plant);
+    free(self->mail);
     tl_process_keep(NULL, NULL);
     if (self->recorder != NULL) {
         tl_error later;

@@ -61,7 +61,7 @@ FIRMWARE = {
     "firmware/database": _firmware(),
     "firmware/record": _firmware("database", "process", "config", others=_TWIN, public=("recorder", "history", "history_rows", "run_types")),
     "firmware/plant": _firmware("record", "process", "config", others=_DRIVERS,
-                                public=("live_plant", "plant_input", "recording")),
+                                public=("live_plant", "plant_input", "plant_mail", "recording")),
     "firmware/report": _firmware("record", "config", others=_TWIN,
                                  public=("figures_json", "html_report", "run_figures", "summary", "trajectory")),
     "firmware/show": _firmware("report", "record", "config", others=_TWIN, public=("show",)),

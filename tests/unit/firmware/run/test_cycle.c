@@ -21,6 +21,8 @@ static tl_test_fmu fmu;
 static tl_test_plan plan;
 static tl_config_signal config_signal;
 static tl_assembly assembly;
+static tl_mailbox_slot slots[256];
+static uint64_t posts;
 static tl_plant_input input;
 static tl_journal journal;
 static tl_recorder *recorder;
@@ -52,7 +54,9 @@ static fmi2Status slow_step(fmi2Component component, fmi2Real point, fmi2Real si
 void setUp(void) {
     tl_test_log_clear(&call_log);
     memset(&assembly, 0, sizeof assembly);
-    memset(&input, 0, sizeof input);
+    memset(slots, 0, sizeof slots);
+    posts = 0;
+    input = (tl_plant_input){.mailboxes = {{.slots = slots, .count = &posts, .depth = 256}}};
     memset(&shown, 0, sizeof shown);
     slow_call = 0;
     recorder = NULL;
