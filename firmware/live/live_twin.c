@@ -178,6 +178,7 @@ static tl_status start_cycle(live_twin *self, tl_error *error) {
         .thread = self->fmus,
         .outbox = &self->outbox,
         .journal = &self->journal,
+        .heart = self->heart,
     };
     tl_status status = tl_live_past_follow(&past, &self->resumed, error);
     if (status != TL_OK) {

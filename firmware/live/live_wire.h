@@ -9,7 +9,7 @@
 
 #include <stdint.h>
 
-#include "firmware/confine/confine.h"
+#include "firmware/past/past.h"
 #include "firmware/plant/plant_mail.h"
 #include "firmware/process/heartbeat.h"
 #include "firmware/record/outbox.h"
@@ -36,7 +36,7 @@ enum { TL_LIVE_OUTBOX_TWIN, TL_LIVE_OUTBOX_IO, TL_LIVE_OUTBOX_SUPERVISOR, TL_LIV
 
 /* Bytes that a checkpoint may have, and the past that a cold start goes on from. Their memory is there only as far as it is used. */
 #define TL_LIVE_CHECKPOINT_BYTES ((size_t)32 * 1024 * 1024)
-#define TL_LIVE_PAST_BYTES ((size_t)64 * 1024 * 1024)
+#define TL_LIVE_PAST_BYTES TL_PAST_MOST
 
 /* Behind the mailboxes in their block. */
 typedef struct tl_live_mail_end {
@@ -66,11 +66,12 @@ typedef struct tl_live_twin_pulse {
     tl_live_end end;
 } tl_live_twin_pulse;
 
-/* What came of a wish for a past. */
+/* What came of a wish for a past. All else is there before the wish is. */
 typedef struct tl_live_past_answer {
     tl_live_wish wish;
-    uint64_t size; /* bytes in the block; 0: there is none */
-    char why[256]; /* then; "": there is nothing to say */
+    uint64_t size;          /* bytes in the block; 0: there is none (any more) */
+    int32_t severity;       /* tl_severity of what is to be told; */
+    char why[TL_PAST_TEXT]; /* "": there is nothing to tell */
 } tl_live_past_answer;
 
 /* The pulse of the recorder. */

@@ -1,15 +1,15 @@
 /* The process that records: SQLite, and nothing else. See live_role.h. */
-#include <string.h>
+#include <signal.h>
+#include <stdio.h>
 
 #include "firmware/base/clock.h"
-#include "firmware/base/identity.h"
 #include "firmware/base/log.h"
 #include "firmware/live/live_job.h"
 #include "firmware/live/live_places.h"
 #include "firmware/live/live_role.h"
 #include "firmware/live/live_wire.h"
 #include "firmware/process/interrupt.h"
-#include "firmware/run/past_history.h"
+#include "firmware/past/past_history.h"
 #include "firmware/twin/twin_recorder.h"
 
 /* Between two looks: while a twin may ask for a past, and later. */
@@ -34,8 +34,10 @@ typedef struct recorder {
     tl_block supervisor;
     tl_live_recorder_pulse *own;
     const tl_live_twin_pulse *twin;
+    tl_heart *heart;
+    tl_twin_record record; /* what the run is, but for its twin */
     tl_recorder_writer *writer;
-    tl_past_finder *finder; /* NULL: not asked yet, or not any more */
+    tl_past_history *history; /* NULL: nobody has asked, or does any more */
     tl_live_wish answered;
 } recorder;
 
@@ -69,32 +71,131 @@ static tl_status take_memory(recorder *self, tl_error *error) {
     return status;
 }
 
+/* ---- the writer ---- */
+
 static tl_status open_writer(recorder *self, tl_error *error) {
     const tl_outbox_settings events = tl_live_event_outbox();
     const tl_recorder_writer_outbox outboxes[TL_LIVE_OUTBOXES] = {
-        [TL_LIVE_OUTBOX_TWIN] = {"the twin", tl_live_twin_outbox(&self->config), self->twin_outbox.bytes},
+        [TL_LIVE_OUTBOX_TWIN] = {"twin", tl_live_twin_outbox(&self->config), self->twin_outbox.bytes},
         [TL_LIVE_OUTBOX_IO] = {"io", events, tl_live_io_outbox_of(self->io_pulse.bytes)},
-        [TL_LIVE_OUTBOX_SUPERVISOR] = {"the supervisor", events, self->supervisor.bytes},
+        [TL_LIVE_OUTBOX_SUPERVISOR] = {"supervisor", events, self->supervisor.bytes},
     };
-    char fmus[TL_SHA256_TEXT];
-    char boot[TL_IDENTITY_TEXT];
-    char format[TL_IDENTITY_TEXT];
-    tl_twin_recorder_identify(&self->config, fmus);
-    tl_identity_boot(boot);
-    tl_identity_format(format);
+    tl_twin_recorder_describe(&self->config, self->job.database, &self->record);
+    self->record.settings.insistence = self->job.alone ? TL_RECORD_THERE_OR_NOT_AT_ALL : TL_RECORD_ANYWHERE;
     const tl_recorder_writer_settings settings = {
-        .config = &self->config,
-        .record = {.path = self->job.database,
-                   .max_bytes = self->config.record_max_bytes,
-                   .commit = self->config.record_commit,
-                   .fmus = fmus,
-                   .boot = boot,
-                   .format = format,
-                   .beats = &self->own->beats},
+        .record = &self->record.settings,
         .outboxes = outboxes,
         .outbox_count = TL_LIVE_OUTBOXES,
         .state = &self->own->state,
-        .alone = self->job.alone,
+        .heart = self->heart,
     };
     return tl_recorder_writer_open(&settings, &self->writer, error);
+}
+
+/* ---- the past, for a twin that begins without a predecessor in this run ---- */
+
+/* The first words count: they say why there is none. */
+static void note_words(void *context, tl_severity severity, const char *text) {
+    tl_live_past_answer *answer = context;
+    if (answer->why[0] == '\0') {
+        answer->severity = (int32_t)severity;
+        (void)snprintf(answer->why, sizeof answer->why, "%s", text);
+    }
+}
+
+static void open_history(recorder *self) {
+    const tl_past_history_settings settings = {
+        .config = &self->config,
+        .path = tl_recorder_writer_path(self->writer),
+        .before = INT64_MAX,
+        .fmus = self->record.fmus,
+        .boot = self->record.boot,
+        .components = self->config.component_count + 1,
+        .tell = note_words,
+        .context = &self->own->answer,
+    };
+    self->history = tl_past_history_open(&settings);
+}
+
+/* The next older one, into its block. */
+static void answer(recorder *self, tl_live_wish wish) {
+    tl_live_past_answer *given = &self->own->answer;
+    size_t size = 0;
+    given->why[0] = '\0';
+    given->severity = TL_EVENT_INFO;
+    if ((uint32_t)wish == 1) {
+        tl_past_history_close(self->history);
+        open_history(self);
+    }
+    bool found = tl_past_history_next(self->history, &size) && size <= TL_LIVE_PAST_BYTES;
+    if (found) {
+        tl_past_history_write(self->history, self->past.bytes);
+    }
+    given->size = found ? size : 0;
+    self->answered = wish;
+    __atomic_store_n(&given->wish, wish, __ATOMIC_RELEASE);
+}
+
+/* Nobody needs it any more: the file is closed, and the memory given back. */
+static void forget_past(recorder *self) {
+    tl_past_history_close(self->history);
+    self->history = NULL;
+    tl_block_forget(&self->past, 0, self->past.size);
+}
+
+static void look_at_wishes(recorder *self) {
+    tl_live_wish wish = __atomic_load_n(&self->twin->past, __ATOMIC_ACQUIRE);
+    if (wish != 0 && wish != self->answered) {
+        answer(self, wish);
+    } else if (self->history != NULL && __atomic_load_n(&self->twin->begun, __ATOMIC_RELAXED) != 0) {
+        forget_past(self);
+    }
+}
+
+/* ---- its life ---- */
+
+/* Whether a twin may wish for a past at any moment. */
+static bool is_awaited(const recorder *self) {
+    return __atomic_load_n(&self->twin->begun, __ATOMIC_RELAXED) == 0;
+}
+
+static void record_until_told(recorder *self) {
+    tl_time due = tl_clock_now(NULL);
+    while (tl_interrupt_requested() == NULL) {
+        tl_heart_beat(self->heart);
+        look_at_wishes(self);
+        if (tl_clock_now(NULL) >= due || tl_recorder_writer_is_pressed(self->writer)) {
+            tl_recorder_writer_write(self->writer);
+            due = tl_clock_now(NULL) + self->config.record_commit;
+        }
+        tl_time look = tl_clock_now(NULL) + (is_awaited(self) ? LOOK_SOON : LOOK);
+        tl_clock_sleep_until(look < due ? look : due);
+    }
+}
+
+int tl_recorder_role_run(void) {
+    static recorder self; /* one for the process */
+    tl_error error;
+    tl_live_role_begin();
+    (void)signal(SIGXFSZ, SIG_IGN); /* a file that may not grow any more is a full disk */
+    tl_status status = take_memory(&self, &error);
+    if (status != TL_OK) {
+        tl_log(TL_LOG_ERROR, "%s", error.text);
+        return tl_exit_code(status);
+    }
+    self.heart = tl_heart_begin(&self.own->beats, "recorder", PATIENCE);
+    status = tl_live_places_confine_recorder(&self.config, self.job.database, &error);
+    if (status == TL_OK) {
+        status = open_writer(&self, &error);
+    }
+    bool was_ready = status == TL_OK;
+    if (was_ready) {
+        tl_heartbeats_set_ready(&self.own->beats);
+        record_until_told(&self);
+        status = tl_recorder_writer_close(self.writer, PATIENCE_AT_END, &error);
+    }
+    if (status != TL_OK) {
+        tl_log(TL_LOG_ERROR, "%s", error.text);
+    }
+    return tl_live_role_end(&self.own->beats, was_ready, tl_exit_code(status));
 }

@@ -76,7 +76,7 @@ static tl_status make_recorder_memory(tree *self, tl_error *error) {
     }
     if (status == TL_OK) {
         tl_outbox_open(&events, made->supervisor.bytes,
-                       tl_recorder_writer_taken(&recorder_pulse(self)->state, TL_LIVE_OUTBOX_SUPERVISOR), &self->outbox);
+                       &recorder_pulse(self)->state.taken[TL_LIVE_OUTBOX_SUPERVISOR], &self->outbox);
     }
     return status;
 }
