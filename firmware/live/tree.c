@@ -3,8 +3,8 @@
 
 #include <errno.h>
 #include <fcntl.h>
-#include <limits.h>
 #include <sched.h>
+#include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -13,6 +13,8 @@
 
 #include "firmware/base/clock.h"
 #include "firmware/base/log.h"
+#include "firmware/config/problems.h"
+#include "firmware/live/live_end.h"
 #include "firmware/live/live_job.h"
 #include "firmware/live/live_role.h"
 #include "firmware/live/live_wire.h"
@@ -44,6 +46,8 @@ typedef struct tree {
     int32_t urgent;        /* its thread that has the priority; 0: none */
     FILE *output;
     tl_time began;
+    tl_twin_job twin_job; /* of the twin that lives */
+    tl_twin_process_settings twin_settings;
 } tree;
 
 /* ---- shared memory ---- */
@@ -239,7 +243,7 @@ static pid_t start_twin(tree *self, const tl_start *start, tl_error *error) {
     give_to_read(&made, TL_LIVE_PAST, &self->memory.past);
     give(&made, TL_LIVE_OWN_PULSE, &self->memory.twin_pulse);
     give(&made, TL_LIVE_TWIN_OUTBOX, &self->memory.twin_outbox);
-    const tl_twin_job job = {
+    self->twin_job = (tl_twin_job){
         .task = TL_TASK_LIVE,
         .holds = start->hold,
         .path = self->settings->config->path,
@@ -248,8 +252,8 @@ static pid_t start_twin(tree *self, const tl_start *start, tl_error *error) {
         .live = (const unsigned char *)&self->job,
         .live_size = sizeof self->job,
     };
-    tl_twin_process_settings settings = {
-        .job = &job,
+    self->twin_settings = (tl_twin_process_settings){
+        .job = &self->twin_job,
         .config = &self->config,
         .title = title,
         .calls = tl_heartbeats_calls(&twin_pulse(self)->beats),
@@ -258,8 +262,8 @@ static pid_t start_twin(tree *self, const tl_start *start, tl_error *error) {
         .hear = hear_refusal,
         .context = self,
     };
-    memcpy(settings.given, made.given, sizeof settings.given);
-    tl_status status = tl_twin_process_start(&settings, &self->twin, error);
+    memcpy(self->twin_settings.given, made.given, sizeof made.given);
+    tl_status status = tl_twin_process_start(&self->twin_settings, &self->twin, error);
     take_back(&made);
     return status == TL_OK ? tl_twin_process_id(self->twin) : 0;
 }
