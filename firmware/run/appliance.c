@@ -161,36 +161,22 @@ static tl_status open_all(appliance *self, tl_error *error) {
 
 /* ---- the twin ---- */
 
-/* A job of the FMUs' thread, and what came of it. */
-typedef struct resume_job {
-    const tl_resume_settings *settings;
-    const tl_resume_source *source;
-    tl_summary *summary;
-    bool spoilt;
-    tl_error *error;
-    tl_status status;
-} resume_job;
-
-static void do_resume(void *context) {
-    resume_job *job = context;
-    job->status = tl_resume(job->settings, job->source, job->summary, &job->spoilt, job->error);
-}
-
-/* To where the run before was ended. An attempt that failed on its way has left a run of its own. The files are this thread's. */
+/* To where the run before was ended. An attempt that failed on its way has left a run of its own. */
 static tl_status resume(appliance *self, tl_error *error) {
     char path[PATH_MAX];
+    bool spoilt = false;
     if (!find_database(self, path)) {
         return TL_OK;
     }
     const tl_resume_settings settings = {
-        .assembly = self->assembly, .path = path, .recorder = self->recorder, .journal = &self->journal};
-    tl_resume_source source;
-    resume_job job = {.settings = &settings, .source = &source, .summary = &self->resumed, .error = error};
-    tl_resume_open(&settings, &source);
-    tl_fmu_thread_call(self->fmus, do_resume, &job);
-    tl_resume_close(&source);
-    tl_status status = job.status;
-    if (status == TL_OK && job.spoilt) {
+        .assembly = self->assembly,
+        .thread = self->fmus,
+        .path = path,
+        .recorder = self->recorder,
+        .journal = &self->journal,
+    };
+    tl_status status = tl_resume(&settings, &self->resumed, &spoilt, error);
+    if (status == TL_OK && spoilt) {
         tl_journal_use_recorder(&self->journal, NULL);
         status = tl_recorder_close(self->recorder, "could not go on with an earlier run", NULL, error);
         self->recorder = NULL;
