@@ -271,6 +271,8 @@ int tl_recorder_database_entry(tl_recorder_database *database, const tl_recorder
     case TL_ENTRY_STEP:
         keep_ledger(database, entry->ledger);
         return write_step(database, &entry->record);
+    case TL_ENTRY_END:
+        break; /* of an outbox */
     }
     return SQLITE_INTERNAL;
 }

@@ -1,7 +1,12 @@
-/* Packing and unpacking of entries. What put appends and take reads must agree field by field. */
+/* Packing and unpacking of entries. What packs and what unpacks must agree field by field.
+ *
+ * A kind is a byte that damaged memory does not hold by chance: zeros are no entry. What is unpacked is copied first and looked at then,
+ * in the copy: the memory may be another process's, which changes it meanwhile. */
 #include "firmware/record/recorder_entry.h"
 
 #include <string.h>
+
+enum { MARK = 0xB4 }; /* kinds begin with it */
 
 /* The fields of a tl_record before its arrays. */
 typedef struct step_head {
@@ -19,57 +24,90 @@ typedef struct step_head {
     uint8_t unused[2]; /* so that no byte of it is indeterminate */
 } step_head;
 
+/* ---- Sizes ---- */
+
+size_t tl_recorder_entry_size_of_start(bool holds) {
+    return 2 + sizeof(tl_resumption) + (holds ? 0 : sizeof(tl_account));
+}
+
 size_t tl_recorder_entry_size(const tl_recorder_shape *shape, tl_recorder_kind kind) {
     switch (kind) {
     case TL_ENTRY_START:
-        return 1 + sizeof(tl_resumption);
+        return tl_recorder_entry_size_of_start(false);
     case TL_ENTRY_SAMPLE:
         return 1 + sizeof(int64_t) + shape->plant * (sizeof(double) + sizeof(tl_time) + 1);
     case TL_ENTRY_STEP:
         return 1 + sizeof(step_head) + shape->match * (2 * sizeof(double) + 1) + shape->adjust * 2 * sizeof(double) +
                shape->components * sizeof(tl_recorder_component);
+    case TL_ENTRY_END:
+        return 1 + TL_RECORDER_REASON;
     }
     return 0;
 }
 
-/* Room for the entry, and its first byte. */
-static bool begin_entry(tl_recorder_ring *ring, const tl_recorder_shape *shape, tl_recorder_kind kind) {
-    unsigned char byte = (unsigned char)kind;
-    if (!tl_recorder_ring_has_room(ring, tl_recorder_entry_size(shape, kind))) {
-        return false;
+size_t tl_recorder_entry_largest(const tl_recorder_shape *shape) {
+    size_t largest = 0;
+    for (int kind = TL_ENTRY_START; kind <= TL_ENTRY_END; kind++) {
+        size_t size = tl_recorder_entry_size(shape, (tl_recorder_kind)kind);
+        largest = size > largest ? size : largest;
     }
-    tl_recorder_ring_append(ring, &byte, 1);
-    return true;
+    return largest;
 }
 
-bool tl_recorder_entry_put_start(tl_recorder_ring *ring, const tl_recorder_shape *shape,
-                                 const tl_resumption *beginning) {
-    if (!begin_entry(ring, shape, TL_ENTRY_START)) {
-        return false;
-    }
-    tl_recorder_ring_append(ring, beginning, sizeof *beginning);
-    tl_recorder_ring_publish(ring);
-    return true;
+/* ---- Packing ---- */
+
+static void put(tl_recorder_pen *pen, const void *part, size_t size) {
+    size_t at = (size_t)(pen->position & (pen->capacity - 1));
+    size_t first = size < pen->capacity - at ? size : pen->capacity - at;
+    memcpy(pen->bytes + at, part, first);
+    memcpy(pen->bytes, (const unsigned char *)part + first, size - first);
+    pen->position += size;
 }
 
-bool tl_recorder_entry_put_sample(tl_recorder_ring *ring, const tl_recorder_shape *shape, const tl_sample *sample,
-                                  tl_time start) {
-    if (!begin_entry(ring, shape, TL_ENTRY_SAMPLE)) {
-        return false;
+static void put_byte(tl_recorder_pen *pen, unsigned value) {
+    unsigned char byte = (unsigned char)value;
+    put(pen, &byte, 1);
+}
+
+static void put_kind(tl_recorder_pen *pen, tl_recorder_kind kind) {
+    put_byte(pen, MARK + (unsigned)kind);
+}
+
+void tl_recorder_entry_pack_start(tl_recorder_pen *pen, const tl_resumption *beginning, const tl_account *account) {
+    put_kind(pen, TL_ENTRY_START);
+    put_byte(pen, account == NULL);
+    put(pen, beginning, sizeof *beginning);
+    if (account != NULL) {
+        put(pen, account, sizeof *account);
     }
-    tl_recorder_ring_append(ring, &sample->tick, sizeof sample->tick);
-    tl_recorder_ring_append(ring, sample->values, shape->plant * sizeof(double));
+}
+
+/* A stamp comes from a driver's process, and may be any. */
+static tl_time since(tl_time start, tl_time stamp) {
+    tl_time difference = 0;
+    if (stamp == TL_TIME_NEVER) {
+        return TL_TIME_NEVER;
+    }
+    if (__builtin_sub_overflow(stamp, start, &difference) || difference == TL_TIME_NEVER) {
+        return stamp < start ? TL_TIME_NEVER + 1 : INT64_MAX;
+    }
+    return difference;
+}
+
+void tl_recorder_entry_pack_sample(tl_recorder_pen *pen, const tl_recorder_shape *shape, const tl_sample *sample,
+                                   tl_time start) {
+    put_kind(pen, TL_ENTRY_SAMPLE);
+    put(pen, &sample->tick, sizeof sample->tick);
+    put(pen, sample->values, shape->plant * sizeof(double));
     for (size_t i = 0; i < shape->plant; i++) {
-        tl_time stamp = sample->stamps[i] == TL_TIME_NEVER ? TL_TIME_NEVER : sample->stamps[i] - start;
-        tl_recorder_ring_append(ring, &stamp, sizeof stamp);
+        tl_time stamp = since(start, sample->stamps[i]);
+        put(pen, &stamp, sizeof stamp);
     }
-    tl_recorder_ring_append(ring, sample->quality, shape->plant);
-    tl_recorder_ring_publish(ring);
-    return true;
+    put(pen, sample->quality, shape->plant);
 }
 
-bool tl_recorder_entry_put_step(tl_recorder_ring *ring, const tl_recorder_shape *shape, const tl_record *record,
-                                const tl_recorder_component *ledger) {
+void tl_recorder_entry_pack_step(tl_recorder_pen *pen, const tl_recorder_shape *shape, const tl_record *record,
+                                 const tl_recorder_component *ledger) {
     step_head head = {.step = record->step,
                       .used = record->used,
                       .objective = record->objective,
@@ -81,31 +119,90 @@ bool tl_recorder_entry_put_step(tl_recorder_ring *ring, const tl_recorder_shape 
                       .held = record->held,
                       .outcome = (uint8_t)record->outcome,
                       .stop = (uint8_t)record->stop};
-    if (!begin_entry(ring, shape, TL_ENTRY_STEP)) {
+    put_kind(pen, TL_ENTRY_STEP);
+    put(pen, &head, sizeof head);
+    put(pen, record->y, shape->match * sizeof(double));
+    put(pen, record->y_hat, shape->match * sizeof(double));
+    put(pen, record->y_hat_quality, shape->match);
+    put(pen, record->u, shape->adjust * sizeof(double));
+    put(pen, record->u_hat, shape->adjust * sizeof(double));
+    put(pen, ledger, shape->components * sizeof *ledger);
+}
+
+void tl_recorder_entry_pack_end(tl_recorder_pen *pen, const char *reason) {
+    char text[TL_RECORDER_REASON] = "";
+    memcpy(text, reason, strnlen(reason, sizeof text - 1));
+    put_kind(pen, TL_ENTRY_END);
+    put(pen, text, sizeof text);
+}
+
+/* ---- Unpacking ---- */
+
+/* The part of an entry that is being unpacked. */
+typedef struct look {
+    const tl_recorder_page *page;
+    uint64_t position;
+} look;
+
+/* False: it would be beyond the end. The copy is made once; nothing is read from the memory again after this. */
+static bool get(look *at, void *part, size_t size) {
+    const tl_recorder_page *page = at->page;
+    size_t from = (size_t)(at->position & (page->capacity - 1));
+    size_t first = size < page->capacity - from ? size : page->capacity - from;
+    if (page->end - at->position < size) {
         return false;
     }
-    tl_recorder_ring_append(ring, &head, sizeof head);
-    tl_recorder_ring_append(ring, record->y, shape->match * sizeof(double));
-    tl_recorder_ring_append(ring, record->y_hat, shape->match * sizeof(double));
-    tl_recorder_ring_append(ring, record->y_hat_quality, shape->match);
-    tl_recorder_ring_append(ring, record->u, shape->adjust * sizeof(double));
-    tl_recorder_ring_append(ring, record->u_hat, shape->adjust * sizeof(double));
-    tl_recorder_ring_append(ring, ledger, shape->components * sizeof *ledger);
-    tl_recorder_ring_publish(ring);
+    memcpy(part, page->bytes + from, first);
+    memcpy((unsigned char *)part + first, page->bytes, size - first);
+    __atomic_signal_fence(__ATOMIC_SEQ_CST);
+    at->position += size;
     return true;
 }
 
-static void take_sample(const tl_recorder_ring *ring, const tl_recorder_shape *shape, size_t *cursor,
-                        tl_sample *sample) {
-    tl_recorder_ring_read(ring, cursor, &sample->tick, sizeof sample->tick);
-    tl_recorder_ring_read(ring, cursor, sample->values, shape->plant * sizeof(double));
-    tl_recorder_ring_read(ring, cursor, sample->stamps, shape->plant * sizeof(tl_time));
-    tl_recorder_ring_read(ring, cursor, sample->quality, shape->plant);
+static const char *const CUT = "an entry that ends behind the last one";
+static const char *const UNKNOWN = "an enumeration with a value that it does not have";
+
+static bool are_qualities(const uint8_t *quality, size_t count) {
+    size_t i = 0;
+    while (i < count && quality[i] <= TL_OUTLIER) {
+        i++;
+    }
+    return i == count;
 }
 
-static void take_step(const tl_recorder_ring *ring, const tl_recorder_shape *shape, size_t *cursor, tl_record *record) {
+static const char *get_start(look *at, tl_recorder_entry *entry) {
+    uint8_t holds = 0;
+    if (!get(at, &holds, 1) || !get(at, &entry->beginning, sizeof entry->beginning)) {
+        return CUT;
+    }
+    if (holds > 1 || (unsigned)entry->beginning.from > (unsigned)TL_RESUMED_INPUTS) {
+        return UNKNOWN;
+    }
+    entry->holds = holds == 1;
+    if (entry->holds) {
+        return NULL;
+    }
+    if (!get(at, &entry->account, sizeof entry->account)) {
+        return CUT;
+    }
+    return tl_account_is_sound(&entry->account) ? NULL : "an account that is none";
+}
+
+static const char *get_sample(look *at, const tl_recorder_shape *shape, tl_sample *sample) {
+    bool whole = get(at, &sample->tick, sizeof sample->tick) &&
+                 get(at, sample->values, shape->plant * sizeof(double)) &&
+                 get(at, sample->stamps, shape->plant * sizeof(tl_time)) && get(at, sample->quality, shape->plant);
+    return !whole ? CUT : are_qualities(sample->quality, shape->plant) ? NULL : UNKNOWN;
+}
+
+static const char *get_head(look *at, tl_record *record) {
     step_head head;
-    tl_recorder_ring_read(ring, cursor, &head, sizeof head);
+    if (!get(at, &head, sizeof head)) {
+        return CUT;
+    }
+    if (head.outcome >= TL_OUTCOMES || head.stop > TL_STOP_TIME || head.flags >= 2 * (uint32_t)TL_LAST_FLAG) {
+        return UNKNOWN;
+    }
     record->step = head.step;
     record->outcome = (tl_outcome)head.outcome;
     record->stop = (tl_stop)head.stop;
@@ -117,28 +214,128 @@ static void take_step(const tl_recorder_ring *ring, const tl_recorder_shape *sha
     record->flags = head.flags;
     record->held = head.held;
     record->used = head.used;
-    tl_recorder_ring_read(ring, cursor, record->y, shape->match * sizeof(double));
-    tl_recorder_ring_read(ring, cursor, record->y_hat, shape->match * sizeof(double));
-    tl_recorder_ring_read(ring, cursor, record->y_hat_quality, shape->match);
-    tl_recorder_ring_read(ring, cursor, record->u, shape->adjust * sizeof(double));
-    tl_recorder_ring_read(ring, cursor, record->u_hat, shape->adjust * sizeof(double));
+    return NULL;
+}
+
+static const char *get_step(look *at, const tl_recorder_shape *shape, tl_recorder_entry *entry) {
+    tl_record *record = &entry->record;
+    const char *fault = get_head(at, record);
+    if (fault != NULL) {
+        return fault;
+    }
+    bool whole = get(at, record->y, shape->match * sizeof(double)) &&
+                 get(at, record->y_hat, shape->match * sizeof(double)) &&
+                 get(at, record->y_hat_quality, shape->match) && get(at, record->u, shape->adjust * sizeof(double)) &&
+                 get(at, record->u_hat, shape->adjust * sizeof(double)) &&
+                 get(at, entry->ledger, shape->components * sizeof *entry->ledger);
+    return !whole ? CUT : are_qualities(record->y_hat_quality, shape->match) ? NULL : UNKNOWN;
+}
+
+static const char *get_end(look *at, char reason[TL_RECORDER_REASON]) {
+    if (!get(at, reason, TL_RECORDER_REASON)) {
+        return CUT;
+    }
+    if (!tl_recorder_text_ends(reason, TL_RECORDER_REASON)) {
+        return "a text without an end";
+    }
+    tl_recorder_text_clean(reason);
+    return NULL;
+}
+
+const char *tl_recorder_entry_unpack(const tl_recorder_page *page, const tl_recorder_shape *shape, uint64_t *position,
+                                     tl_recorder_entry *entry) {
+    look at = {page, *position};
+    uint8_t kind = 0;
+    const char *fault = get(&at, &kind, 1) ? "an entry of a kind that there is not" : CUT;
+    switch (kind) {
+    case MARK + TL_ENTRY_START:
+        fault = get_start(&at, entry);
+        break;
+    case MARK + TL_ENTRY_SAMPLE:
+        fault = get_sample(&at, shape, &entry->sample);
+        break;
+    case MARK + TL_ENTRY_STEP:
+        fault = get_step(&at, shape, entry);
+        break;
+    case MARK + TL_ENTRY_END:
+        fault = get_end(&at, entry->reason);
+        break;
+    default:
+        break;
+    }
+    if (fault == NULL) {
+        entry->kind = (tl_recorder_kind)(kind - MARK);
+        *position = at.position;
+    }
+    return fault;
+}
+
+bool tl_recorder_text_ends(const char *text, size_t size) {
+    return memchr(text, '\0', size) != NULL;
+}
+
+/* Control characters of ASCII, and of Latin 1, which are C2 80 … C2 9F in UTF-8. */
+void tl_recorder_text_clean(char *text) {
+    for (unsigned char *byte = (unsigned char *)text; *byte != '\0'; byte++) {
+        if (*byte < ' ' || *byte == 0x7FU) {
+            *byte = '?';
+        } else if (*byte == 0xC2U && byte[1] >= 0x80U && byte[1] < 0xA0U) {
+            byte[0] = byte[1] = '?';
+        }
+    }
+}
+
+/* ---- A ring of this process ---- */
+
+/* Room for the entry. */
+static bool begin_entry(const tl_recorder_ring *ring, size_t size, tl_recorder_pen *pen) {
+    *pen = (tl_recorder_pen){.bytes = ring->bytes, .capacity = ring->capacity, .position = ring->written};
+    return tl_recorder_ring_has_room(ring, size);
+}
+
+static void end_entry(tl_recorder_ring *ring, const tl_recorder_pen *pen) {
+    ring->written = (size_t)pen->position;
+    tl_recorder_ring_publish(ring);
+}
+
+bool tl_recorder_entry_put_start(tl_recorder_ring *ring, const tl_recorder_shape *shape,
+                                 const tl_resumption *beginning) {
+    tl_recorder_pen pen;
+    (void)shape; /* as the others have it */
+    if (!begin_entry(ring, tl_recorder_entry_size_of_start(true), &pen)) {
+        return false;
+    }
+    tl_recorder_entry_pack_start(&pen, beginning, NULL);
+    end_entry(ring, &pen);
+    return true;
+}
+
+bool tl_recorder_entry_put_sample(tl_recorder_ring *ring, const tl_recorder_shape *shape, const tl_sample *sample,
+                                  tl_time start) {
+    tl_recorder_pen pen;
+    if (!begin_entry(ring, tl_recorder_entry_size(shape, TL_ENTRY_SAMPLE), &pen)) {
+        return false;
+    }
+    tl_recorder_entry_pack_sample(&pen, shape, sample, start);
+    end_entry(ring, &pen);
+    return true;
+}
+
+bool tl_recorder_entry_put_step(tl_recorder_ring *ring, const tl_recorder_shape *shape, const tl_record *record,
+                                const tl_recorder_component *ledger) {
+    tl_recorder_pen pen;
+    if (!begin_entry(ring, tl_recorder_entry_size(shape, TL_ENTRY_STEP), &pen)) {
+        return false;
+    }
+    tl_recorder_entry_pack_step(&pen, shape, record, ledger);
+    end_entry(ring, &pen);
+    return true;
 }
 
 void tl_recorder_entry_take(const tl_recorder_ring *ring, const tl_recorder_shape *shape, size_t *cursor,
                             tl_recorder_entry *entry) {
-    unsigned char byte = 0;
-    tl_recorder_ring_read(ring, cursor, &byte, 1);
-    entry->kind = (tl_recorder_kind)byte;
-    switch (entry->kind) {
-    case TL_ENTRY_START:
-        tl_recorder_ring_read(ring, cursor, &entry->beginning, sizeof entry->beginning);
-        break;
-    case TL_ENTRY_SAMPLE:
-        take_sample(ring, shape, cursor, &entry->sample);
-        break;
-    case TL_ENTRY_STEP:
-        take_step(ring, shape, cursor, &entry->record);
-        tl_recorder_ring_read(ring, cursor, entry->ledger, shape->components * sizeof *entry->ledger);
-        break;
-    }
+    uint64_t position = *cursor;
+    const tl_recorder_page page = {.bytes = ring->bytes, .capacity = ring->capacity, .end = position + ring->capacity};
+    (void)tl_recorder_entry_unpack(&page, shape, &position, entry); /* what this process has put is sound */
+    *cursor = (size_t)position;
 }

@@ -101,7 +101,7 @@ static void test_a_full_ring_refuses_and_stays_whole(void) {
         tl_made_sample(0, &sample);
         while (tl_recorder_ring_has_room(&ring, tl_recorder_entry_size(&shape, TL_ENTRY_SAMPLE))) {
             TEST_ASSERT_TRUE(tl_recorder_entry_put_start(&ring, &shape, &beginning));
-            filled += tl_recorder_entry_size(&shape, TL_ENTRY_START);
+            filled += tl_recorder_entry_size_of_start(true);
         }
         TEST_ASSERT_FALSE(tl_recorder_entry_put_sample(&ring, &shape, &sample, 0));
         TEST_ASSERT_EQUAL_size_t(filled, tl_recorder_ring_filled(&ring));
