@@ -12,7 +12,6 @@
 #include "firmware/report/trajectory.h"
 #include "firmware/run/journal.h"
 #include "firmware/run/replay.h"
-#include "firmware/run/resume.h"
 #include "firmware/run/watch.h"
 #include "firmware/text/output.h"
 #include "firmware/twin/twin_recorder.h"
@@ -225,7 +224,7 @@ static tl_status order_beginning(tl_verb_job *job, tl_recording *recording, tl_e
         job->order.checkpoint = beginning->checkpoint->bytes;
         job->order.checkpoint_size = beginning->checkpoint->size;
     }
-    return tl_resume_check(&job->config, beginning, error);
+    return tl_replay_check(&job->config, beginning, error);
 }
 
 /* With a recording that could be opened, or could not: what is wrong with the FMUs is told before that. */

@@ -25,6 +25,7 @@ enum { TICKS = 120, SAVED_AT = 60, PAGE = 4096, MUTANTS = 150 };
 static tl_scratch scratch;
 static char path[PATH_MAX];
 static tl_assembly assembly;
+static tl_fmu_thread *thread;
 static tl_recorder *recorder;
 static tl_error error;
 
@@ -34,11 +35,13 @@ static tl_kept_file whole;
 void setUp(void) {
     (void)snprintf(path, sizeof path, "%s", tl_scratch_path(&scratch, "run.db"));
     error = (tl_error){TL_OK, ""};
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_fmu_thread_start(TL_FMU_WATCHED_ELSEWHERE, &thread, &error));
 }
 
 void tearDown(void) {
     (void)tl_recorder_close(recorder, "test failed", NULL, NULL);
     recorder = NULL;
+    tl_fmu_thread_end(thread);
     tl_assembly_free(&assembly);
     assembly = (tl_assembly){0};
     tl_kept_file_free(&whole);
@@ -155,11 +158,8 @@ static bool restart(tl_summary *summary) {
     }
     tl_journal_init(&journal, recorder);
     const tl_resume_settings settings = {
-        .assembly = &assembly, .path = path, .recorder = recorder, .journal = &journal};
-    tl_resume_source source;
-    tl_resume_open(&settings, &source);
-    expect_ok(tl_resume(&settings, &source, summary, &spoilt, &error));
-    tl_resume_close(&source);
+        .assembly = &assembly, .thread = thread, .path = path, .recorder = recorder, .journal = &journal};
+    expect_ok(tl_resume(&settings, summary, &spoilt, &error));
     tl_recorder_go_live(recorder);
     return true;
 }
