@@ -13,7 +13,7 @@
 #include "firmware/plant/plant_mail.h"
 #include "firmware/process/heartbeat.h"
 #include "firmware/record/outbox.h"
-#include "firmware/record/recorder_writer.h"
+#include "firmware/record/recorder_state.h"
 #include "firmware/report/summary.h"
 #include "master/base/status.h"
 #include "master/twin/account.h"
@@ -77,7 +77,7 @@ typedef struct tl_live_past_answer {
 /* The pulse of the recorder. */
 typedef struct tl_live_recorder_pulse {
     tl_heartbeats beats;
-    tl_recorder_writer_state state;
+    tl_recorder_state state;
     tl_live_past_answer answer;
 } tl_live_recorder_pulse;
 
