@@ -77,7 +77,7 @@ typedef struct tl_live_past_answer {
 /* The pulse of the recorder. */
 typedef struct tl_live_recorder_pulse {
     tl_heartbeats beats;
-    tl_recorder_state state;
+    tl_recorder_writer_state state;
     tl_live_past_answer answer;
 } tl_live_recorder_pulse;
 

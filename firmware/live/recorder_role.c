@@ -3,7 +3,6 @@
 #include <stdio.h>
 
 #include "firmware/base/clock.h"
-#include "firmware/base/identity.h"
 #include "firmware/base/log.h"
 #include "firmware/live/live_job.h"
 #include "firmware/live/live_places.h"
@@ -37,11 +36,7 @@ typedef struct recorder {
     tl_live_recorder_pulse *own;
     const tl_live_twin_pulse *twin;
     tl_heart *heart;
-    tl_recorder_names names;
-    char fmus[TL_SHA256_TEXT];
-    char boot[TL_IDENTITY_TEXT];
-    char format[TL_IDENTITY_TEXT];
-    tl_recorder_settings record; /* what the run is, but for its twin */
+    tl_twin_record record; /* what the run is, but for its twin */
     tl_recorder_writer *writer;
     tl_past_history *history; /* NULL: nobody has asked, or does any more */
     tl_live_wish answered;
@@ -79,23 +74,6 @@ static tl_status take_memory(recorder *self, tl_error *error) {
 
 /* ---- the writer ---- */
 
-/* The FMUs' files are the same ones that the twin opens; a twin that was begun again is of them, too. */
-static void describe_run(recorder *self) {
-    tl_twin_recorder_identify(&self->config, self->fmus);
-    tl_identity_boot(self->boot);
-    tl_identity_format(self->format);
-    self->record = (tl_recorder_settings){
-        .path = self->job.database,
-        .insistence = self->job.alone ? TL_DATABASE_IF_OURS : TL_DATABASE_ANYHOW,
-        .verb = "run",
-        .fmus = self->fmus,
-        .boot = self->boot,
-        .format = self->format,
-    };
-    tl_recorder_settings_of(&self->config, &self->names, &self->record);
-    self->record.component_count = self->config.component_count + 1;
-}
-
 static tl_status open_writer(recorder *self, tl_error *error) {
     const tl_outbox_settings events = tl_live_event_outbox();
     const tl_recorder_writer_outbox outboxes[TL_LIVE_OUTBOXES] = {
@@ -103,9 +81,10 @@ static tl_status open_writer(recorder *self, tl_error *error) {
         [TL_LIVE_OUTBOX_IO] = {"io", events, tl_live_io_outbox_of(self->io_pulse.bytes)},
         [TL_LIVE_OUTBOX_SUPERVISOR] = {"supervisor", events, self->supervisor.bytes},
     };
-    describe_run(self);
+    tl_twin_recorder_describe(&self->config, self->job.database, &self->record);
+    self->record.settings.insistence = self->job.alone ? TL_DATABASE_IF_OURS : TL_DATABASE_ANYHOW;
     const tl_recorder_writer_settings settings = {
-        .record = &self->record,
+        .record = &self->record.settings,
         .outboxes = outboxes,
         .outbox_count = TL_LIVE_OUTBOXES,
         .state = &self->own->state,
@@ -130,8 +109,8 @@ static void open_history(recorder *self) {
         .config = &self->config,
         .path = tl_recorder_writer_path(self->writer),
         .before = INT64_MAX,
-        .fmus = self->fmus,
-        .boot = self->boot,
+        .fmus = self->record.fmus,
+        .boot = self->record.boot,
         .components = self->config.component_count + 1,
         .tell = note_words,
         .context = &self->own->answer,
