@@ -31,8 +31,8 @@ static const tl_time REAPING = 30 * TL_SECOND;
 static const tl_time PAUSE_FIRST = TL_SECOND / 4;
 static const tl_time PAUSE_LAST = 8 * TL_SECOND;
 
-/* After so long a life, earlier failures of io and recorder are forgotten. */
-static const tl_time FORGOTTEN = 60 * TL_SECOND;
+/* io and recorder: one that was ready, and died sooner than this, is begun again after PAUSE_FIRST; later: at once. */
+static const tl_time SHORT_LIFE = TL_SECOND;
 
 /* Strokes are no more than this apart, and status lines. */
 static const tl_time STROKE = TL_SECOND;
@@ -55,7 +55,7 @@ typedef struct member {
     state state;
     tl_time ended;     /* when it rests, since when, */
     tl_time pause;     /* and for how long at least */
-    unsigned failures; /* that are not forgotten; the twin's are in the account */
+    unsigned failures; /* in a row, none of which was ever ready; the twin's are in the account */
     tl_time lived;     /* since it was begun */
 } member;
 
@@ -133,6 +133,16 @@ static void rest(member *resting, tl_time now, tl_time pause) {
     resting->pause = pause;
 }
 
+/* One that could do its work may do so again: a device or a disk is waited for as shortly as possible. */
+static tl_time pause_of_other(member *failed) {
+    if (tl_heartbeats_is_ready(failed->child.beats)) {
+        failed->failures = 0;
+        return failed->lived < SHORT_LIFE ? PAUSE_FIRST : 0;
+    }
+    failed->failures++;
+    return pause_after(failed->failures);
+}
+
 /* Another one is needed. `reason` is told by who begins it. */
 static void note_failure(supervisor *self, tl_member which, tl_time now, const char *reason) {
     member *failed = &self->members[which];
@@ -141,8 +151,7 @@ static void note_failure(supervisor *self, tl_member which, tl_time now, const c
         tl_restarts_fail(&self->restarts, reason);
         rest(failed, now, pause_after(self->restarts.failures));
     } else {
-        failed->failures++;
-        rest(failed, now, pause_after(failed->failures));
+        rest(failed, now, pause_of_other(failed));
     }
 }
 
@@ -269,7 +278,6 @@ static void look_at_living(supervisor *self, tl_member which, tl_time now, tl_ti
     }
     tl_child_press(&living->child, passed, GRACE);
     living->lived += passed;
-    living->failures = living->lived >= FORGOTTEN ? 0 : living->failures;
     if (!is_twin) {
         return;
     }

@@ -11,8 +11,8 @@
  *          ran, which is told to whoever started the supervisor by the exit code; or the supervisor was asked to end, and asked the
  *          processes: the twin first, then the recorder, which writes the rest, then io. Any other end is a failure, which is named, with the FMU and
  *          its function if one was being called.
- * Restart: of what failed. At once after the first failure; the pause doubles with each that is not forgiven, up to 8 s. For io and the recorder that
- *          goes on for ever.
+ * Restart: of what failed. The twin: at once after the first failure; the pause doubles with each that is not forgiven, up to 8 s. io and the
+ *          recorder: for ever; after 0.25 s at most if it could do its work before, else with pauses that double as well.
  * Hold:    after a restart loop of the twin (restarts.h) a new one is told to hold: no FMU, the plant's samples are recorded.
  * Alone:   a twin that fails is not begun again: the run ends with exit code 70. It may be silent for as long as it likes.
  * Signals: SIGTERM, SIGINT and SIGHUP (but not under nohup) end all. A process that has not ended 16 s

@@ -17,7 +17,7 @@
 #include "firmware/process/interrupt.h"
 #include "firmware/text/relay.h"
 
-enum { LOOK_MS = 50 };
+enum { LOOK_MS = 50, STACK = 256 * 1024 /* the supervisor locks it */ };
 
 struct tl_twin_warden {
     tl_twin_warden_settings settings;
@@ -260,7 +260,7 @@ tl_status tl_twin_warden_start(const tl_twin_warden_settings *settings, tl_twin_
     if (settings->page >= 0) {
         tl_relay_open(&made->page, settings->page, pass_page, settings->page_file);
     }
-    int result = tl_side_thread_start(&made->thread, 0, watch, made);
+    int result = tl_side_thread_start(&made->thread, STACK, watch, made);
     if (result != 0) {
         release(made);
         return tl_fail(error, TL_TRY_AGAIN, "no thread to watch the process of the FMUs: %s", strerror(result));

@@ -2,6 +2,7 @@
  * for as long as it is wanted. */
 #include "firmware/fmu/fmu_thread.h"
 
+#include <pthread.h>
 #include <sched.h>
 #include <signal.h>
 #include <string.h>
