@@ -200,6 +200,9 @@ void tl_outbox_event(tl_outbox *outbox, int64_t tick, tl_severity severity, cons
         return;
     }
     tl_outbox_slot *slot = &outbox->control->slots[number % TL_RECORDER_EVENTS];
+    /* The reader gave the slot back. Here it is seen besides what the thread that filled it before has done: ThreadSanitizer does not know what
+     * a reader in another process has seen. */
+    (void)__atomic_load_n(&slot->state, __ATOMIC_ACQUIRE);
     tl_recorder_event_fill(&slot->entry, tick, severity, source, text);
     slot->entry.position = position;
     __atomic_store_n(&slot->state, tl_outbox_state_if_there(number), __ATOMIC_RELEASE);
