@@ -58,8 +58,8 @@ static tl_status begin(const follower *self, tl_past_outcome *outcome, tl_error 
 
 static void put_sample(const tl_past_sink *sink, const tl_sample *sample) {
     if (sink != NULL) {
-        sink->wait(sink->context);
-        sink->put_sample(sink->context, sample);
+        sink->wait(sink);
+        sink->put_sample(sink, sample);
     }
 }
 
@@ -67,7 +67,7 @@ static void put_step(const tl_past_sink *sink, const tl_record *record, const tl
     if (sink != NULL) {
         tl_recorder_component counts[TL_RECORDER_COMPONENTS];
         (void)tl_twin_recorder_count(twin, counts);
-        sink->put_step(sink->context, record, counts);
+        sink->put_step(sink, record, counts);
     }
 }
 
@@ -114,10 +114,10 @@ static void tell_all(const follower *self, tl_time took) {
 static void begin_run(const follower *self, const tl_resumption *resumption) {
     const tl_past_sink *sink = self->settings->sink;
     if (sink != NULL) {
-        sink->begin(sink->context, resumption);
+        sink->begin(sink, resumption);
     }
     if (sink != NULL && self->past->checkpoint != NULL) {
-        sink->keep(sink->context, self->past->checkpoint_tick, self->past->checkpoint, self->past->checkpoint_size);
+        sink->keep(sink, self->past->checkpoint_tick, self->past->checkpoint, self->past->checkpoint_size);
     }
 }
 

@@ -67,7 +67,7 @@ static void keep(tl_course *course, const tl_record *record, const tl_past_sink 
     course->part.there[record->step] = true;
     if (sink != NULL) {
         (void)tl_twin_recorder_count(course->assembly.twin, counts);
-        sink->put_step(sink->context, record, counts);
+        sink->put_step(sink, record, counts);
     }
 }
 
@@ -80,7 +80,7 @@ void tl_course_search(tl_course *course, int64_t last, const tl_past_sink *sink)
         bool ready = false;
         tl_course_sample(course, course->next, &sample);
         if (sink != NULL) {
-            sink->put_sample(sink->context, &sample);
+            sink->put_sample(sink, &sample);
         }
         tl_twin *twin = course->assembly.twin;
         tl_status status = course->next % MISSED == MISSED - 1
@@ -108,27 +108,27 @@ void tl_course_save(tl_course *course) {
 
 /* ---- a sink ---- */
 
-static void begin(void *context, const tl_resumption *resumption) {
-    tl_course *course = context;
+static void begin(const tl_past_sink *sink, const tl_resumption *resumption) {
+    tl_course *course = sink->place;
     course->begun = *resumption;
     course->samples = 0;
     course->kept_size = 0;
 }
 
-static void keep_checkpoint(void *context, int64_t tick, const unsigned char *bytes, size_t size) {
-    tl_course *course = context;
+static void keep_checkpoint(const tl_past_sink *sink, int64_t tick, const unsigned char *bytes, size_t size) {
+    tl_course *course = sink->place;
     TEST_ASSERT_EQUAL_size_t(course->checkpoint_size, size);
     TEST_ASSERT_EQUAL_MEMORY(course->checkpoint, bytes, size);
     course->kept_tick = tick;
     course->kept_size = size;
 }
 
-static void wait_for_nothing(void *context) {
-    (void)context;
+static void wait_for_nothing(const tl_past_sink *sink) {
+    (void)sink;
 }
 
-static void put_sample(void *context, const tl_sample *sample) {
-    tl_course *course = context;
+static void put_sample(const tl_past_sink *sink, const tl_sample *sample) {
+    tl_course *course = sink->place;
     const size_t signals = course->assembly.config.signal_count;
     tl_sample wanted;
     tl_course_sample(course, sample->tick, &wanted);
@@ -139,8 +139,8 @@ static void put_sample(void *context, const tl_sample *sample) {
     course->samples++;
 }
 
-static void put_step(void *context, const tl_record *record, const tl_recorder_component *ledger) {
-    tl_course *course = context;
+static void put_step(const tl_past_sink *sink, const tl_record *record, const tl_recorder_component *ledger) {
+    tl_course *course = sink->place;
     (void)ledger;
     TEST_ASSERT_EQUAL_INT(TL_FOLLOWED, record->outcome);
     course->part.records[record->step] = *record;
@@ -148,7 +148,12 @@ static void put_step(void *context, const tl_record *record, const tl_recorder_c
 }
 
 tl_past_sink tl_course_sink(tl_course *course) {
-    return (tl_past_sink){course, begin, keep_checkpoint, wait_for_nothing, put_sample, put_step};
+    return (tl_past_sink){.begin = begin,
+                          .keep = keep_checkpoint,
+                          .wait = wait_for_nothing,
+                          .put_sample = put_sample,
+                          .put_step = put_step,
+                          .place = course};
 }
 
 /* ---- the same ---- */
