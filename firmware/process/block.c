@@ -92,8 +92,10 @@ int tl_block_reader(const tl_block *block) {
     (void)fchmod(block->descriptor, S_IRUSR);
     (void)snprintf(path, sizeof path, "/proc/self/fd/%d", block->descriptor);
     int reader = open(path, O_RDONLY | O_CLOEXEC);
-    bool are_missing = reader < 0 && (errno == EMFILE || errno == ENFILE || errno == ENOMEM);
-    return reader >= 0 || are_missing ? reader : fcntl(block->descriptor, F_DUPFD_CLOEXEC, 0);
+    if (reader < 0 && errno != EMFILE && errno != ENFILE && errno != ENOMEM) {
+        reader = fcntl(block->descriptor, F_DUPFD_CLOEXEC, 0);
+    }
+    return reader;
 }
 
 /* By the descriptor: madvise() refuses to take locked memory away. */

@@ -22,6 +22,7 @@
 #include "firmware/process/process_end.h"
 #include "firmware/twin/twin_process.h"
 #include "firmware/twin/twin_wire.h"
+#include "tests/support/confined.h"
 #include "tests/support/scratch.h"
 #include "tests/support/stderr_capture.h"
 
@@ -80,7 +81,7 @@ static int wait_long(told *what) {
 static int ask(told *what) {
     what->is_refused = true;
     for (int i = 0; i < 2; i++) {
-        what->is_refused = what->is_refused && socket(AF_INET, SOCK_STREAM, 0) < 0 && errno == EPERM;
+        what->is_refused = what->is_refused && tl_confined_has_no_socket(AF_INET, SOCK_STREAM, 0);
         what->is_refused = what->is_refused && kill(getppid(), SIGTERM) != 0 && errno == EPERM;
     }
     return DONE;
