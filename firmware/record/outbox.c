@@ -295,7 +295,13 @@ void tl_outbox_put_checkpoint(tl_outbox *outbox, int64_t tick, size_t size) {
     uint64_t number = outbox->number + 1;
     const unsigned char *room = bytes_of_place(outbox, TL_OUTBOX_PLACES);
     tl_outbox_place *place = &outbox->control->places[number % TL_OUTBOX_PLACES];
-    tl_outbox_mark mark = {.tick = tick, .size = size, .position = outbox->written, .beginning = outbox->beginning};
+    const tl_outbox_control *control = outbox->control;
+    size_t waiting = control->start_waits ? tl_recorder_entry_size_of_start(control->start.holds) : 0;
+    tl_outbox_mark mark = {.tick = tick,
+                           .size = size,
+                           .position = outbox->written,
+                           .behind = outbox->written + waiting,
+                           .beginning = outbox->beginning};
     uint64_t words[TL_OUTBOX_MARK_WORDS] = {0};
     assert(size <= outbox->reserved);
     memcpy(words, &mark, sizeof mark);

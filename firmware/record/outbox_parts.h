@@ -28,6 +28,7 @@ typedef struct tl_outbox_mark {
     int64_t tick;
     uint64_t size;
     uint64_t position; /* of the first entry after it */
+    uint64_t behind;   /* what the reader takes before it: that far, and the beginning of its run if that still waits */
     tl_resumption beginning;
 } tl_outbox_mark;
 

@@ -263,7 +263,7 @@ static void checkpoints_that_cannot_be_are_none(void) {
     tl_outbox_mark mark;
     memset(&mark, 0, sizeof mark);
     mark.size = CHECKPOINT;
-    mark.position = 50;
+    mark.behind = 50;
     make_place(2, &mark);
     TEST_ASSERT_TRUE(take_checkpoint(1, 50));
     TEST_ASSERT_FALSE(take_checkpoint(2, 50));
