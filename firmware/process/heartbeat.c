@@ -35,7 +35,7 @@ void tl_heartbeats_clear(tl_heartbeats *beats) {
     memset(beats, 0, sizeof *beats);
 }
 
-/* ---- in the appliance ---- */
+/* ---- in the process that beats ---- */
 
 tl_heart *tl_heart_begin(tl_heartbeats *beats, const char *name, tl_time patience) {
     if (beats == NULL) {

@@ -13,6 +13,7 @@
 
 #include <assert.h>
 #include <string.h>
+#include <sys/mman.h>
 
 #include "firmware/base/clock.h"
 
@@ -66,6 +67,10 @@ static bool has_room(const tl_outbox *outbox, size_t size) {
     return waiting <= outbox->settings.ring_bytes && outbox->settings.ring_bytes - waiting >= size;
 }
 
+static bool has_no_reader(const tl_outbox *outbox) {
+    return outbox->taken == &outbox->control->nobody;
+}
+
 static tl_recorder_pen pen_of(const tl_outbox *outbox) {
     return (tl_recorder_pen){
         .bytes = outbox->ring, .capacity = outbox->settings.ring_bytes, .position = outbox->written};
@@ -74,6 +79,9 @@ static tl_recorder_pen pen_of(const tl_outbox *outbox) {
 static void publish(tl_outbox *outbox, const tl_recorder_pen *pen) {
     outbox->written = pen->position;
     __atomic_store_n(&outbox->control->head, outbox->written, __ATOMIC_RELEASE);
+    if (has_no_reader(outbox)) {
+        outbox->control->nobody.ring = outbox->written;
+    }
 }
 
 /* The beginning of the run, if it still waits. False: nothing may come before it, and it finds no room. */
@@ -183,12 +191,20 @@ static bool draw_number(const tl_outbox *outbox, uint64_t *number) {
 
 void tl_outbox_event(tl_outbox *outbox, int64_t tick, tl_severity severity, const char *source, const char *text) {
     uint64_t number = 0;
+    uint64_t position = __atomic_load_n(&outbox->control->head, __ATOMIC_ACQUIRE);
+    if (has_no_reader(outbox)) {
+        return;
+    }
     if (!draw_number(outbox, &number)) {
         lose(outbox);
         return;
     }
     tl_outbox_slot *slot = &outbox->control->slots[number % TL_RECORDER_EVENTS];
+    /* The reader gave the slot back. Here it is seen besides what the thread that filled it before has done: ThreadSanitizer does not know what
+     * a reader in another process has seen. */
+    (void)__atomic_load_n(&slot->state, __ATOMIC_ACQUIRE);
     tl_recorder_event_fill(&slot->entry, tick, severity, source, text);
+    slot->entry.position = position;
     __atomic_store_n(&slot->state, tl_outbox_state_if_there(number), __ATOMIC_RELEASE);
 }
 
@@ -255,6 +271,7 @@ bool tl_outbox_reserve_checkpoint(tl_outbox *outbox, size_t size) {
         return false;
     }
     for (unsigned place = 0; place <= TL_OUTBOX_PLACES; place++) {
+        (void)mprotect(bytes_of_place(outbox, place), round_up(size, PAGE), PROT_READ | PROT_WRITE);
         touch_place(bytes_of_place(outbox, place), size);
     }
     outbox->reserved = size;
@@ -278,7 +295,13 @@ void tl_outbox_put_checkpoint(tl_outbox *outbox, int64_t tick, size_t size) {
     uint64_t number = outbox->number + 1;
     const unsigned char *room = bytes_of_place(outbox, TL_OUTBOX_PLACES);
     tl_outbox_place *place = &outbox->control->places[number % TL_OUTBOX_PLACES];
-    tl_outbox_mark mark = {.tick = tick, .size = size, .position = outbox->written, .beginning = outbox->beginning};
+    const tl_outbox_control *control = outbox->control;
+    size_t waiting = control->start_waits ? tl_recorder_entry_size_of_start(control->start.holds) : 0;
+    tl_outbox_mark mark = {.tick = tick,
+                           .size = size,
+                           .position = outbox->written,
+                           .behind = outbox->written + waiting,
+                           .beginning = outbox->beginning};
     uint64_t words[TL_OUTBOX_MARK_WORDS] = {0};
     assert(size <= outbox->reserved);
     memcpy(words, &mark, sizeof mark);
@@ -314,6 +337,19 @@ static uint64_t look_at_place(const tl_outbox *outbox, unsigned place, tl_outbox
                  number % TL_OUTBOX_PLACES == place && mark->size <= outbox->settings.checkpoint_bytes &&
                  tl_outbox_digest(number, mark, bytes_of_place(outbox, place)) == digest;
     return whole ? number : 0;
+}
+
+void tl_outbox_hide_unused(tl_outbox *outbox) {
+    size_t capacity = round_up(outbox->settings.checkpoint_bytes, PAGE);
+    for (unsigned place = 0; place <= TL_OUTBOX_PLACES; place++) {
+        tl_outbox_mark mark = {.size = 0};
+        bool is_left = place < TL_OUTBOX_PLACES && look_at_place(outbox, place, &mark) != 0;
+        size_t used = is_left ? (size_t)mark.size : 0;
+        used = round_up(used > outbox->reserved ? used : outbox->reserved, PAGE);
+        if (used < capacity) {
+            (void)mprotect(bytes_of_place(outbox, place) + used, capacity - used, PROT_NONE);
+        }
+    }
 }
 
 bool tl_outbox_checkpoint_left(const tl_outbox *outbox, unsigned which, tl_outbox_left *left) {
@@ -374,8 +410,9 @@ static void mend_ring(tl_outbox *outbox) {
 }
 
 /* The slot of an event that was drawn. */
-static void mend_event(tl_outbox_slot *slot, uint64_t number) {
+static void mend_event(tl_outbox_slot *slot, uint64_t number, uint64_t head) {
     uint64_t state = __atomic_load_n(&slot->state, __ATOMIC_RELAXED);
+    slot->entry.position = slot->entry.position < head ? slot->entry.position : head; /* entries behind it may be gone */
     bool known = state == tl_outbox_state_if_there(number) + 1 ||
                  (state == tl_outbox_state_if_there(number) && tl_outbox_event_fault(&slot->entry) == NULL);
     if (!known) {
@@ -393,7 +430,7 @@ static void mend_events(tl_outbox *outbox) {
     for (uint64_t number = taken; number != taken + TL_RECORDER_EVENTS; number++) {
         tl_outbox_slot *slot = &control->slots[number % TL_RECORDER_EVENTS];
         if (number - taken < control->next - taken) {
-            mend_event(slot, number);
+            mend_event(slot, number, outbox->written);
         } else { /* none yet: as if the one before it had been there */
             __atomic_store_n(&slot->state, tl_outbox_state_if_there(number - TL_RECORDER_EVENTS), __ATOMIC_RELAXED);
         }
@@ -433,7 +470,7 @@ void tl_outbox_open(const tl_outbox_settings *settings, void *memory, const tl_o
                           .control = memory,
                           .ring = bytes + tl_outbox_ring_at(),
                           .checkpoints = bytes + tl_outbox_place_at(settings, 0),
-                          .taken = taken};
+                          .taken = taken != NULL ? taken : &((tl_outbox_control *)memory)->nobody};
     touch(bytes, tl_outbox_place_at(settings, 0));
     outbox->control->start_waits = false;
     mend_ring(outbox);

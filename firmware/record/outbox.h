@@ -69,7 +69,8 @@ size_t tl_outbox_ring_bytes(const tl_recorder_shape *shape, tl_time step);
 /* Of the memory. */
 size_t tl_outbox_bytes(const tl_outbox_settings *settings);
 
-/* Begins, or goes on where a dead one was. All pages of the ring are touched. `taken` may be the reader's block. Takes some 25 KB of stack. */
+/* Begins, or goes on where a dead one was. All pages of the ring are touched. `taken` may be the reader's block. NULL: nobody reads: all is taken when
+ * it is put, for a successor only, and events go nowhere. Takes some 25 KB of stack. */
 void tl_outbox_open(const tl_outbox_settings *settings, void *memory, const tl_outbox_taken *taken, tl_outbox *outbox);
 
 /* ---- a run ---- */
@@ -101,6 +102,10 @@ unsigned char *tl_outbox_checkpoint_room(tl_outbox *outbox, size_t *capacity);
 /* It is made: the twin after `tick`, and after all entries put so far. Copied into the place of the older one, whether or not the reader has taken
  * that. `size` 0: a twin that cannot be saved; a successor finds what was put since. */
 void tl_outbox_put_checkpoint(tl_outbox *outbox, int64_t tick, size_t size);
+
+/* What neither a reservation nor a checkpoint that was left uses cannot be touched any more, until it is reserved: so that a process that locks its
+ * memory does not fill it. Only of memory that begins with a page. */
+void tl_outbox_hide_unused(tl_outbox *outbox);
 
 /* ---- a successor, before it puts anything ---- */
 

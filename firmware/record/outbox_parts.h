@@ -28,6 +28,7 @@ typedef struct tl_outbox_mark {
     int64_t tick;
     uint64_t size;
     uint64_t position; /* of the first entry after it */
+    uint64_t behind;   /* what the reader takes before it: that far, and the beginning of its run if that still waits */
     tl_resumption beginning;
 } tl_outbox_mark;
 
@@ -49,6 +50,7 @@ typedef struct tl_outbox_control {
     tl_outbox_slot slots[TL_RECORDER_EVENTS];
     bool start_waits;      /* the writer's own: */
     tl_outbox_start start; /* has found no room yet */
+    tl_outbox_taken nobody; /* in place of a reader's: all that was put */
 } tl_outbox_control;
 
 /* Where the parts are, from the beginning of the memory. */

@@ -89,7 +89,7 @@ typedef struct offer {
 static offer look(const tl_outbox_reader *reader, unsigned place, uint64_t taken, uint64_t position) {
     offer found = {.place = place};
     bool good = tl_outbox_place_look(&reader->control->places[place], &found.number, &found.digest, &found.mark) &&
-                found.number > taken && found.mark.position <= position && found.mark.size > 0 &&
+                found.number > taken && found.mark.behind <= position && found.mark.size > 0 &&
                 found.mark.size <= reader->settings.checkpoint_bytes;
     found.number = good ? found.number : 0;
     return found;

@@ -1,7 +1,8 @@
 /* The reader's side of an outbox (outbox.h), which may be a hostile process's.
  *
  * Purpose: hands out copies of what is in it, each checked: kinds, sizes, positions, enumerations, texts, digests. Numbers are not judged.
- *          The first thing that cannot be ends the outbox: `fault` says what, and nothing more comes of it.
+ *          Control characters of texts become '?'. The first thing that cannot be ends the outbox: `fault` says what, and nothing
+ *          more comes of it, unless a successor of its writer mends it: who opens the reader anew after that goes on.
  * Twice:   the reader goes on from tl_outbox_taken, which its owner keeps. What was not taken comes again.
  * Death:   an event that its writer has left half-written keeps those behind it waiting, until a successor has mended the outbox.
  * Thread:  one.
@@ -32,8 +33,8 @@ bool tl_outbox_reader_entry(tl_outbox_reader *reader, uint64_t *position, uint64
 /* The event of this number; false: it is not there yet, or a fault. *skip: it was left half-written, and is none. */
 bool tl_outbox_reader_event(tl_outbox_reader *reader, uint64_t number, tl_recorder_event_entry *event, bool *skip);
 
-/* The newest whole checkpoint with a number above `taken` whose entries before it end at or before `position`: copied into `bytes` (of
- * settings.checkpoint_bytes). False: there is none (now). */
+/* The newest whole checkpoint with a number above `taken` whose entries before it, the beginning of its run included, end at or before
+ * `position`: copied into `bytes` (of settings.checkpoint_bytes). False: there is none (now). */
 bool tl_outbox_reader_checkpoint(tl_outbox_reader *reader, uint64_t taken, uint64_t position, unsigned char *bytes,
                                  size_t *size, int64_t *tick, uint64_t *number);
 

@@ -18,6 +18,7 @@ void tl_recorder_event_fill(tl_recorder_event_entry *entry, int64_t tick, tl_sev
                             const char *text) {
     entry->at = tl_utc_now();
     entry->tick = tick;
+    entry->position = 0;
     entry->severity = severity;
     copy_text(entry->source, sizeof entry->source, source);
     copy_text(entry->text, sizeof entry->text, text);

@@ -1,4 +1,4 @@
-/* Safe hold: what is left of the appliance after a restart loop. No twin and no FMU; the plant is read, its samples are recorded, and it
+/* Safe hold: what is left of a run after a restart loop. No twin and no FMU; the plant is read, its samples are recorded, and it
  * is said what has happened and what to do.
  *
  * Purpose: a box that cannot keep its twin alive still loses nothing: what it records can be replayed once the fault is found.

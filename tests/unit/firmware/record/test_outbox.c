@@ -477,6 +477,23 @@ static void the_reader_takes_checkpoints_behind_their_entries(void) {
     TEST_ASSERT_EQUAL_INT64(INT64_MIN, take_checkpoint(second));
 }
 
+/* Or it would be taken for one of the run before. */
+static void a_checkpoint_comes_after_a_beginning_that_waits(void) {
+    int64_t put = 0;
+    while (put_both(put)) {
+        put++;
+    }
+    uint64_t full = outbox.written;
+    start.holds = false;
+    TEST_ASSERT_FALSE(tl_outbox_put_start(&outbox, &start));
+    put_checkpoint(7, 100);
+    taken.ring = full;
+    TEST_ASSERT_EQUAL_INT64(INT64_MIN, take_checkpoint(full));
+    TEST_ASSERT_TRUE(put_sample(8));
+    TEST_ASSERT_TRUE(take(TL_ENTRY_START));
+    TEST_ASSERT_EQUAL_INT64(7, take_checkpoint(taken.ring));
+}
+
 /* Nobody waits for a reader that takes none. */
 static void the_newest_two_are_there_whether_or_not_they_are_taken(void) {
     tl_outbox_left left;
@@ -759,6 +776,7 @@ int main(void) {
     RUN_TEST(an_outbox_without_a_ring);
     RUN_TEST(a_half_written_event_waits_for_a_successor);
     RUN_TEST(the_reader_takes_checkpoints_behind_their_entries);
+    RUN_TEST(a_checkpoint_comes_after_a_beginning_that_waits);
     RUN_TEST(the_newest_two_are_there_whether_or_not_they_are_taken);
     RUN_TEST(a_damaged_one_is_none);
     RUN_TEST(one_that_was_taken_is_not_numbered_again);
