@@ -23,7 +23,6 @@ static tl_assembly assembly;
 static tl_journal journal;
 static tl_test_outbox box;
 static tl_checkpointer checkpointer;
-static tl_error error;
 static tl_scratch scratch;
 static char path[PATH_MAX];
 static size_t padding; /* bytes that the FMU adds to its state */
