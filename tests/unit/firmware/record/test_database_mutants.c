@@ -93,7 +93,7 @@ static void record_run(void) {
         tl_recorder_put_sample(recorder, &sample);
         expect_ok(tl_twin_step(assembly.twin, &sample, &budget, &record, &ready, &error));
         if (ready) {
-            tl_twin_recorder_put(recorder, &record, assembly.twin);
+            tl_test_put_step(recorder, &record, assembly.twin);
         }
         if (tick == SAVED_AT) {
             save_checkpoint(tick);
