@@ -172,20 +172,6 @@ static void test_no_step_has_time_left(void) {
     expect_event("no step had", 1);
 }
 
-/* A run that goes on with another begins with that one's checkpoint, which may not be written yet. */
-static void test_after_the_one_that_the_run_began_with(void) {
-    size_t capacity = 0;
-    begin(MUCH);
-    TEST_ASSERT_TRUE(tl_outbox_reserve_checkpoint(&box.outbox, 100));
-    memset(tl_outbox_checkpoint_room(&box.outbox, &capacity), 1, 100);
-    tl_outbox_put_checkpoint(&box.outbox, -1, 100);
-    tl_test_outbox_write(&box);
-    play(INTERVAL, 0);
-    close_recorder();
-    TEST_ASSERT_EQUAL_INT64(2, checkpoints());
-    expect_event("", 0);
-}
-
 /* ---- what it is not done for ---- */
 
 static void test_it_takes_too_long(void) {
@@ -253,7 +239,6 @@ int main(void) {
     RUN_TEST(test_never_after_a_tick_that_was_made_up);
     RUN_TEST(test_the_first_one_is_there_at_once);
     RUN_TEST(test_no_step_has_time_left);
-    RUN_TEST(test_after_the_one_that_the_run_began_with);
     RUN_TEST(test_it_takes_too_long);
     RUN_TEST(test_it_is_too_large);
     RUN_TEST(test_it_grows);
