@@ -13,11 +13,11 @@
 #include <sys/socket.h>
 #include <sys/stat.h>
 #include <sys/wait.h>
-#include <time.h>
 #include <unistd.h>
 
 #include <unity.h>
 
+#include "firmware/base/clock.h"
 #include "firmware/process/interrupt.h"
 #include "firmware/process/process_end.h"
 #include "firmware/twin/twin_process.h"
@@ -50,8 +50,7 @@ typedef struct told {
 /* ---- the process ---- */
 
 static void sleep_for(tl_time time) {
-    const struct timespec pause = {.tv_sec = time / TL_SECOND, .tv_nsec = time % TL_SECOND};
-    (void)nanosleep(&pause, NULL);
+    tl_clock_sleep_until(tl_clock_now(NULL) + time);
 }
 
 static void tell(told *what, const tl_assembly *assembly, const tl_confine_facts *facts) {
@@ -68,11 +67,12 @@ static void tell(told *what, const tl_assembly *assembly, const tl_confine_facts
     __atomic_store_n(&what->lives, 1, __ATOMIC_SEQ_CST);
 }
 
-/* Longer than a test. */
+/* Longer than a test. A forked image knows what its parent was asked. */
 static int wait_long(told *what) {
+    const unsigned before = tl_interrupt_times();
     for (int i = 0; i < 3 * WAIT_S * 1000; i++) {
         sleep_for(TL_SECOND / 1000);
-        __atomic_store_n(&what->asked, tl_interrupt_times(), __ATOMIC_SEQ_CST);
+        __atomic_store_n(&what->asked, tl_interrupt_times() - before, __ATOMIC_SEQ_CST);
     }
     return 102;
 }
