@@ -61,14 +61,15 @@ static void lose(const tl_outbox *outbox) {
     (void)__atomic_add_fetch(&outbox->control->lost, 1, __ATOMIC_RELAXED);
 }
 
-/* If what the reader says cannot be, it has taken nothing of what is there. */
-static bool has_room(const tl_outbox *outbox, size_t size) {
-    uint64_t waiting = outbox->written - __atomic_load_n(&outbox->taken->ring, __ATOMIC_ACQUIRE);
-    return waiting <= outbox->settings.ring_bytes && outbox->settings.ring_bytes - waiting >= size;
+static bool has_reader(const tl_outbox *outbox) {
+    return outbox->taken != NULL;
 }
 
-static bool has_no_reader(const tl_outbox *outbox) {
-    return outbox->taken == &outbox->control->nobody;
+/* If what the reader says cannot be, it has taken nothing of what is there. */
+static bool has_room(const tl_outbox *outbox, size_t size) {
+    uint64_t waiting =
+        has_reader(outbox) ? outbox->written - __atomic_load_n(&outbox->taken->ring, __ATOMIC_ACQUIRE) : 0;
+    return waiting <= outbox->settings.ring_bytes && outbox->settings.ring_bytes - waiting >= size;
 }
 
 static tl_recorder_pen pen_of(const tl_outbox *outbox) {
@@ -79,9 +80,6 @@ static tl_recorder_pen pen_of(const tl_outbox *outbox) {
 static void publish(tl_outbox *outbox, const tl_recorder_pen *pen) {
     outbox->written = pen->position;
     __atomic_store_n(&outbox->control->head, outbox->written, __ATOMIC_RELEASE);
-    if (has_no_reader(outbox)) {
-        outbox->control->nobody.ring = outbox->written;
-    }
 }
 
 /* The beginning of the run, if it still waits. False: nothing may come before it, and it finds no room. */
@@ -191,8 +189,8 @@ static bool draw_number(const tl_outbox *outbox, uint64_t *number) {
 
 void tl_outbox_event(tl_outbox *outbox, int64_t tick, tl_severity severity, const char *source, const char *text) {
     uint64_t number = 0;
-    uint64_t position = __atomic_load_n(&outbox->control->head, __ATOMIC_ACQUIRE);
-    if (has_no_reader(outbox)) {
+    uint64_t position = __atomic_load_n(&outbox->control->head, __ATOMIC_RELAXED);
+    if (!has_reader(outbox)) {
         return;
     }
     if (!draw_number(outbox, &number)) {
@@ -270,12 +268,14 @@ bool tl_outbox_reserve_checkpoint(tl_outbox *outbox, size_t size) {
     if (size > outbox->settings.checkpoint_bytes) {
         return false;
     }
-    for (unsigned place = 0; place <= TL_OUTBOX_PLACES; place++) {
-        (void)mprotect(bytes_of_place(outbox, place), round_up(size, PAGE), PROT_READ | PROT_WRITE);
-        touch_place(bytes_of_place(outbox, place), size);
+    bool there = true;
+    for (unsigned place = 0; place <= TL_OUTBOX_PLACES && there; place++) {
+        unsigned char *bytes = bytes_of_place(outbox, place);
+        there = !outbox->hides || mprotect(bytes, round_up(size, PAGE), PROT_READ | PROT_WRITE) == 0;
+        touch_place(bytes, there ? size : 0);
     }
-    outbox->reserved = size;
-    return true;
+    outbox->reserved = there ? size : 0;
+    return there;
 }
 
 unsigned char *tl_outbox_checkpoint_room(tl_outbox *outbox, size_t *capacity) {
@@ -346,10 +346,14 @@ void tl_outbox_hide_unused(tl_outbox *outbox) {
         bool is_left = place < TL_OUTBOX_PLACES && look_at_place(outbox, place, &mark) != 0;
         size_t used = is_left ? (size_t)mark.size : 0;
         used = round_up(used > outbox->reserved ? used : outbox->reserved, PAGE);
+        if (place < TL_OUTBOX_PLACES && !is_left) { /* nobody is to look there */
+            __atomic_store_n(&outbox->control->places[place].number, 0, __ATOMIC_RELAXED);
+        }
         if (used < capacity) {
             (void)mprotect(bytes_of_place(outbox, place) + used, capacity - used, PROT_NONE);
         }
     }
+    outbox->hides = true;
 }
 
 bool tl_outbox_checkpoint_left(const tl_outbox *outbox, unsigned which, tl_outbox_left *left) {
@@ -394,7 +398,7 @@ static void drop_overtaken_checkpoints(tl_outbox *outbox) {
 static void mend_ring(tl_outbox *outbox) {
     tl_recorder_entry entry;
     uint64_t head = __atomic_load_n(&outbox->control->head, __ATOMIC_ACQUIRE);
-    uint64_t position = __atomic_load_n(&outbox->taken->ring, __ATOMIC_ACQUIRE);
+    uint64_t position = has_reader(outbox) ? __atomic_load_n(&outbox->taken->ring, __ATOMIC_ACQUIRE) : head;
     bool sound = head - position <= outbox->settings.ring_bytes;
     outbox->written = head;
     tl_recorder_page page = page_of(outbox);
@@ -412,7 +416,9 @@ static void mend_ring(tl_outbox *outbox) {
 /* The slot of an event that was drawn. */
 static void mend_event(tl_outbox_slot *slot, uint64_t number, uint64_t head) {
     uint64_t state = __atomic_load_n(&slot->state, __ATOMIC_RELAXED);
-    slot->entry.position = slot->entry.position < head ? slot->entry.position : head; /* entries behind it may be gone */
+    if (slot->entry.position > head) { /* entries that it came after are gone */
+        slot->entry.position = head;
+    }
     bool known = state == tl_outbox_state_if_there(number) + 1 ||
                  (state == tl_outbox_state_if_there(number) && tl_outbox_event_fault(&slot->entry) == NULL);
     if (!known) {
@@ -422,7 +428,7 @@ static void mend_event(tl_outbox_slot *slot, uint64_t number, uint64_t head) {
 
 static void mend_events(tl_outbox *outbox) {
     tl_outbox_control *control = outbox->control;
-    uint64_t taken = __atomic_load_n(&outbox->taken->events, __ATOMIC_ACQUIRE);
+    uint64_t taken = has_reader(outbox) ? __atomic_load_n(&outbox->taken->events, __ATOMIC_ACQUIRE) : control->next;
     if (control->next - taken > TL_RECORDER_EVENTS) {
         lose(outbox);
         control->next = taken;
@@ -439,7 +445,7 @@ static void mend_events(tl_outbox *outbox) {
 
 /* The next one does not go where the newest is. */
 static void mend_checkpoints(tl_outbox *outbox) {
-    uint64_t taken = __atomic_load_n(&outbox->taken->checkpoint, __ATOMIC_ACQUIRE);
+    uint64_t taken = has_reader(outbox) ? __atomic_load_n(&outbox->taken->checkpoint, __ATOMIC_ACQUIRE) : 0;
     uint64_t newest = 0;
     for (unsigned place = 0; place < TL_OUTBOX_PLACES; place++) {
         tl_outbox_mark mark;
@@ -470,7 +476,7 @@ void tl_outbox_open(const tl_outbox_settings *settings, void *memory, const tl_o
                           .control = memory,
                           .ring = bytes + tl_outbox_ring_at(),
                           .checkpoints = bytes + tl_outbox_place_at(settings, 0),
-                          .taken = taken != NULL ? taken : &((tl_outbox_control *)memory)->nobody};
+                          .taken = taken};
     touch(bytes, tl_outbox_place_at(settings, 0));
     outbox->control->start_waits = false;
     mend_ring(outbox);

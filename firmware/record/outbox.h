@@ -56,11 +56,12 @@ typedef struct tl_outbox {
     struct tl_outbox_control *control;
     unsigned char *ring;
     unsigned char *checkpoints;
-    const tl_outbox_taken *taken;
-    uint64_t written;        /* end of what is in the ring */
-    uint64_t number;         /* of the newest checkpoint */
-    size_t reserved;         /* bytes for each */
-    tl_resumption beginning; /* of the run; stamps are relative to its start */
+    const tl_outbox_taken *taken; /* NULL: nobody reads */
+    uint64_t written;             /* end of what is in the ring */
+    uint64_t number;              /* of the newest checkpoint */
+    size_t reserved;              /* bytes for each */
+    bool hides;                   /* what is not reserved */
+    tl_resumption beginning;      /* of the run; stamps are relative to its start */
 } tl_outbox;
 
 /* For 30 s of such a run, and what a successor looks back at; between 256 KiB and 16 MiB. */
@@ -69,8 +70,8 @@ size_t tl_outbox_ring_bytes(const tl_recorder_shape *shape, tl_time step);
 /* Of the memory. */
 size_t tl_outbox_bytes(const tl_outbox_settings *settings);
 
-/* Begins, or goes on where a dead one was. All pages of the ring are touched. `taken` may be the reader's block. NULL: nobody reads: all is taken when
- * it is put, for a successor only, and events go nowhere. Takes some 25 KB of stack. */
+/* Begins, or goes on where a dead one was. All pages of the ring are touched. `taken` may be the reader's block. NULL: nobody reads;
+ * what is put is for a successor only, and events go nowhere. Takes some 25 KB of stack. */
 void tl_outbox_open(const tl_outbox_settings *settings, void *memory, const tl_outbox_taken *taken, tl_outbox *outbox);
 
 /* ---- a run ---- */
@@ -93,7 +94,8 @@ uint64_t tl_outbox_lost(const tl_outbox *outbox);
 
 /* ---- checkpoints ---- */
 
-/* From now on checkpoints of up to `size` bytes meet no page fault. What the places hold stays. False: settings.checkpoint_bytes are fewer. */
+/* From now on checkpoints of up to `size` bytes meet no page fault. What the places hold stays. False: settings.checkpoint_bytes are
+ * fewer, or memory is out. */
 bool tl_outbox_reserve_checkpoint(tl_outbox *outbox, size_t size);
 
 /* Where the next one is made; NULL if nothing was reserved. */

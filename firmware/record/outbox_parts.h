@@ -50,7 +50,6 @@ typedef struct tl_outbox_control {
     tl_outbox_slot slots[TL_RECORDER_EVENTS];
     bool start_waits;      /* the writer's own: */
     tl_outbox_start start; /* has found no room yet */
-    tl_outbox_taken nobody; /* in place of a reader's: all that was put */
 } tl_outbox_control;
 
 /* Where the parts are, from the beginning of the memory. */

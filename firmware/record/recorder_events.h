@@ -19,8 +19,8 @@
 enum { TL_RECORDER_EVENTS = 512, TL_EVENT_SOURCE = 32, TL_EVENT_TEXT = 224 };
 
 typedef struct tl_recorder_event_entry {
-    int64_t at;   /* UTC, ms */
-    int64_t tick; /* −1: none */
+    int64_t at;        /* UTC, ms */
+    int64_t tick;      /* −1: none */
     uint64_t position; /* of an outbox: end of its ring when the event was put; else 0 */
     tl_severity severity;
     char source[TL_EVENT_SOURCE];

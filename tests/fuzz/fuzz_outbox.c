@@ -12,7 +12,7 @@
 #include "tests/fuzz/harness.h"
 #include "tests/fuzz/input.h"
 
-enum { RING = 64 * 1024, CHECKPOINT = 60, CANARY = 0x5A };
+enum { PAGE = 4096, RING = 64 * 1024, CHECKPOINT = 60, CANARY = 0x5A };
 
 static const tl_outbox_settings settings = {.shape = {.plant = 2, .match = 1, .adjust = 1, .components = 1},
                                             .ring_bytes = RING,
@@ -231,8 +231,16 @@ static void look_back(void) {
 static void succeed(unsigned what) {
     tl_recorder_event_entry event;
     bool skip = false;
+    if (what % 8 == 7) { /* one that nobody reads comes in between */
+        tl_outbox_open(&settings, memory, NULL, &outbox);
+        tl_fuzz_hold(put_sample(what));
+    }
     tl_outbox_open(&settings, memory, &taken, &outbox);
+    if (what % 8 == 6) {
+        tl_outbox_hide_unused(&outbox);
+    }
     look_back();
+    tl_fuzz_hold(tl_outbox_reserve_checkpoint(&outbox, CHECKPOINT)); /* nothing is hidden any more */
     tl_outbox_reader_open(&settings, memory, &reader);
     tl_fuzz_hold(take_entries(UINT16_MAX));
     for (int i = 0; i <= TL_RECORDER_EVENTS && tl_outbox_reader_event(&reader, taken.events, &event, &skip); i++) {
@@ -281,7 +289,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
     size_t bytes = tl_outbox_bytes(&settings);
     if (memory == NULL) {
         void *made = NULL;
-        tl_fuzz_hold(posix_memalign(&made, TL_OUTBOX_LINE, bytes) == 0);
+        tl_fuzz_hold(posix_memalign(&made, PAGE, bytes) == 0);
         memory = made;
     }
     memset(memory, 0, bytes);

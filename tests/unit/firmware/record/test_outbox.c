@@ -3,10 +3,12 @@
 #include <sched.h>
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 
 #include <unity.h>
 
 #include "firmware/base/clock.h"
+#include "firmware/process/block.h"
 #include "firmware/record/outbox.h"
 #include "firmware/record/outbox_parts.h"
 #include "firmware/record/outbox_reader.h"
@@ -376,6 +378,23 @@ static void events_come_in_order_and_a_full_queue_counts(void) {
     }
 }
 
+/* What an event comes after. */
+static void events_know_their_place_among_entries(void) {
+    tl_recorder_event_entry event;
+    for (int64_t tick = 0; tick < 4; tick++) {
+        tl_outbox_event(&outbox, tick, TL_EVENT_INFO, "test", "text");
+        TEST_ASSERT_TRUE(tick > 2 || put_both(tick));
+    }
+    uint64_t pair = outbox.written / 3;
+    outbox.ring[2 * pair] = 0; /* the third is damaged, and goes with what was behind it */
+    tl_outbox_open(&settings, memory, &taken, &outbox);
+    for (uint64_t tick = 0; tick < 4; tick++) {
+        TEST_ASSERT_TRUE(take_event(&event));
+        TEST_ASSERT_EQUAL_INT64(tick, event.tick);
+        TEST_ASSERT_EQUAL_UINT64(tick < 2 ? tick * pair : 2 * pair, event.position);
+    }
+}
+
 /* Events only. */
 static void an_outbox_without_a_ring(void) {
     const tl_outbox_settings bare = {.ring_bytes = 0};
@@ -613,6 +632,8 @@ static void what_was_overtaken_is_not_left(void) {
     int64_t tick = 0;
     while (tl_outbox_checkpoint_left(&outbox, 0, &left)) {
         uint64_t position = left.position;
+        /* a writer that died may have half-written another entry, the largest even */
+        TEST_ASSERT_TRUE(outbox.written - position <= RING - tl_recorder_entry_largest(&settings.shape));
         TEST_ASSERT_TRUE(put_both(tick++));
         taken.ring = outbox.written;
         TEST_ASSERT_TRUE(!tl_outbox_checkpoint_left(&outbox, 0, &left) ||
@@ -661,6 +682,86 @@ static void an_end_that_goes_back_reaches_no_further_back(void) {
     succeed();
     TEST_ASSERT_EQUAL_UINT64(taken.ring, outbox.written);
     TEST_ASSERT_FALSE(tl_outbox_checkpoint_left(&outbox, 0, &left));
+}
+
+/* ---- nobody reads ---- */
+
+static void without_a_reader_all_is_for_a_successor(void) {
+    tl_outbox_left left;
+    TEST_ASSERT_TRUE(tl_outbox_put_start(&outbox, &start)); /* the first writer has one */
+    for (int life = 0; life < 3; life++) {
+        memset(&outbox, 0xA5, sizeof outbox);
+        tl_outbox_open(&settings, memory, NULL, &outbox);
+        TEST_ASSERT_TRUE(life == 0 || tl_outbox_checkpoint_left(&outbox, 0, &left));
+        TEST_ASSERT_TRUE(life == 0 || left.tick == 995);
+        for (int64_t tick = 996; life > 0 && tick < 1000; tick++) {
+            expect_left(&left.position, tick);
+        }
+        TEST_ASSERT_TRUE(tl_outbox_put_start(&outbox, &start));
+        for (int64_t tick = 0; tick < 1000; tick++) {
+            TEST_ASSERT_TRUE(tl_outbox_wait_for_room(&outbox, 0) && put_both(tick));
+            tl_outbox_event(&outbox, tick, TL_EVENT_INFO, "test", "text");
+            if (tick % 5 == 0) {
+                put_checkpoint(tick, 100);
+            }
+        }
+    }
+    TEST_ASSERT_GREATER_THAN_UINT64(10 * RING, outbox.written);
+    TEST_ASSERT_EQUAL_UINT64(0, tl_outbox_lost(&outbox));
+    TEST_ASSERT_EQUAL_UINT64(0, outbox.control->next);
+}
+
+/* ---- memory that is not used ---- */
+
+static tl_block block;
+
+static void use_block(const tl_outbox_settings *large) {
+    free(memory);
+    memory = NULL;
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_block_make("outbox", tl_outbox_bytes(large), TL_BLOCK_WE_WRITE, &block, NULL));
+    tl_outbox_open(large, block.bytes, &taken, &outbox);
+}
+
+/* As the kernel sees it. */
+static bool can_be_read(const unsigned char *byte) {
+    int ends[2];
+    TEST_ASSERT_EQUAL_INT(0, pipe(ends));
+    bool can = write(ends[1], byte, 1) == 1;
+    (void)close(ends[0]);
+    (void)close(ends[1]);
+    return can;
+}
+
+static unsigned char *byte_of(unsigned place, size_t offset) {
+    return (unsigned char *)block.bytes + tl_outbox_place_at(&outbox.settings, place) + offset;
+}
+
+static void what_is_not_used_cannot_be_touched(void) {
+    tl_outbox_settings large = settings;
+    tl_outbox_left left;
+    large.checkpoint_bytes = 100000;
+    use_block(&large);
+    put_checkpoint(1, 5000);
+    put_checkpoint(2, 5000);
+    byte_of(1, 10)[0] ^= 1; /* that of tick 1 */
+    tl_outbox_open(&large, block.bytes, &taken, &outbox);
+    tl_outbox_hide_unused(&outbox);
+    TEST_ASSERT_TRUE(can_be_read(byte_of(0, 8191)));
+    TEST_ASSERT_FALSE(can_be_read(byte_of(0, 8192)));
+    TEST_ASSERT_FALSE(can_be_read(byte_of(1, 0)));
+    TEST_ASSERT_FALSE(can_be_read(byte_of(2, 0)));
+    TEST_ASSERT_FALSE(can_be_read(byte_of(2, 99999)));
+    TEST_ASSERT_TRUE(tl_outbox_checkpoint_left(&outbox, 0, &left) && is_filled(left.bytes, left.size, 2));
+    TEST_ASSERT_FALSE(
+        tl_outbox_checkpoint_left(&outbox, 1, &left)); /* and nobody looks for it where nothing can be read */
+    put_checkpoint(3, CHECKPOINT);
+    TEST_ASSERT_TRUE(can_be_read(byte_of(0, 12287)) && can_be_read(byte_of(1, 12287)));
+    TEST_ASSERT_FALSE(can_be_read(byte_of(1, 12288)));
+    TEST_ASSERT_TRUE(tl_outbox_reserve_checkpoint(&outbox, 100000));
+    TEST_ASSERT_TRUE(can_be_read(byte_of(1, 99999)));
+    TEST_ASSERT_TRUE(tl_outbox_checkpoint_left(&outbox, 0, &left) && is_filled(left.bytes, left.size, 3));
+    TEST_ASSERT_TRUE(tl_outbox_checkpoint_left(&outbox, 1, &left) && is_filled(left.bytes, left.size, 2));
+    tl_block_close(&block);
 }
 
 /* ---- threads ---- */
@@ -773,6 +874,7 @@ int main(void) {
     RUN_TEST(who_has_taken_more_than_there_is_has_taken_nothing);
     RUN_TEST(waiting_for_room);
     RUN_TEST(events_come_in_order_and_a_full_queue_counts);
+    RUN_TEST(events_know_their_place_among_entries);
     RUN_TEST(an_outbox_without_a_ring);
     RUN_TEST(a_half_written_event_waits_for_a_successor);
     RUN_TEST(the_reader_takes_checkpoints_behind_their_entries);
@@ -785,6 +887,8 @@ int main(void) {
     RUN_TEST(what_was_overtaken_is_not_left);
     RUN_TEST(a_successor_drops_what_is_not_sound);
     RUN_TEST(an_end_that_goes_back_reaches_no_further_back);
+    RUN_TEST(without_a_reader_all_is_for_a_successor);
+    RUN_TEST(what_is_not_used_cannot_be_touched);
     RUN_TEST(threads_put_and_one_takes);
     return UNITY_END();
 }

@@ -10,6 +10,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/mman.h>
+#include <sys/prctl.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -125,7 +126,7 @@ static bool follows(const tl_recorder_entry *found, progress *at) {
 
 /* ---- a life ---- */
 
-enum { NOTHING_LEFT = 1, OLD_CHECKPOINT, BAD_CHECKPOINT, BAD_ENTRY, LESS_THAN_PUT, REFUSED };
+enum { NOTHING_LEFT = 1, OLD_CHECKPOINT, BAD_CHECKPOINT, BAD_ENTRY, LESS_THAN_PUT, REFUSED, ORPHAN };
 
 static void demand(bool right, int otherwise) {
     if (!right) {
@@ -207,8 +208,10 @@ static void start_tellers(void) {
     }
 }
 
-static void live(void) {
+static void live(pid_t reader) {
     tl_outbox_left older;
+    (void)prctl(PR_SET_PDEATHSIG, SIGKILL); /* the reader's process may end with a failure */
+    demand(getppid() == reader, ORPHAN);
     (void)mprotect(taken, PAGE, PROT_READ);
     tl_outbox_open(&settings, block.bytes, taken, &outbox);
     (void)tl_outbox_reserve_checkpoint(&outbox, CHECKPOINT);
@@ -359,9 +362,10 @@ static void whoever_is_killed_has_a_successor(void) {
     int64_t lives = (int64_t)tl_test_campaign("TL_OUTBOX_LIVES", usual_lives());
     begin();
     for (life = 0; life < lives; life++) {
+        pid_t self = getpid();
         pid_t child = fork();
         if (child == 0) {
-            live();
+            live(self);
         }
         TEST_ASSERT_GREATER_THAN_INT(0, child);
         take_for(child, &random);
