@@ -178,7 +178,7 @@ static void test_after_the_one_that_the_run_began_with(void) {
     begin(0);
     TEST_ASSERT_TRUE(tl_recorder_reserve_checkpoint(recorder, 100));
     memset(tl_recorder_checkpoint_room(recorder, &capacity), 1, 100);
-    tl_recorder_put_checkpoint(recorder, -1, 100);
+    tl_recorder_put_checkpoint(recorder, 1000000, 100); /* of a tick that is not in the way */
     play(INTERVAL, 0);
     close_recorder();
     TEST_ASSERT_EQUAL_INT64(2, checkpoints());
