@@ -13,7 +13,6 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#include "firmware/record/recorder_ring.h"
 #include "firmware/record/run_types.h"
 #include "master/base/signal.h"
 #include "master/base/status.h"
@@ -82,19 +81,5 @@ const char *tl_recorder_entry_unpack(const tl_recorder_page *page, const tl_reco
 /* Texts of other processes: whether it ends within its array; and what a terminal would not show becomes '?'. */
 bool tl_recorder_text_ends(const char *text, size_t size);
 void tl_recorder_text_clean(char *text);
-
-/* ---- into a ring of this process ---- */
-
-/* False, and nothing is put, where the ring has no room. A start goes without an account. */
-bool tl_recorder_entry_put_start(tl_recorder_ring *ring, const tl_recorder_shape *shape,
-                                 const tl_resumption *beginning);
-bool tl_recorder_entry_put_sample(tl_recorder_ring *ring, const tl_recorder_shape *shape, const tl_sample *sample,
-                                  tl_time start);
-bool tl_recorder_entry_put_step(tl_recorder_ring *ring, const tl_recorder_shape *shape, const tl_record *record,
-                                const tl_recorder_component *ledger);
-
-/* The entry at the cursor, which must be before the ring's end; moves the cursor behind it. */
-void tl_recorder_entry_take(const tl_recorder_ring *ring, const tl_recorder_shape *shape, size_t *cursor,
-                            tl_recorder_entry *entry);
 
 #endif

@@ -6,6 +6,7 @@
 #ifndef TL_FIRMWARE_TWIN_TWIN_RECORDER_H
 #define TL_FIRMWARE_TWIN_TWIN_RECORDER_H
 
+#include "firmware/base/identity.h"
 #include "firmware/base/sha256.h"
 #include "firmware/config/config.h"
 #include "firmware/record/outbox.h"
@@ -23,6 +24,18 @@ typedef struct tl_twin_recorder_settings {
 
 /* Errors: those of tl_recorder_open(). */
 tl_status tl_twin_recorder_open(const tl_twin_recorder_settings *settings, tl_recorder **recorder, tl_error *error);
+
+/* What is known of a run before there is a twin: all that its beginning in an outbox does not say. */
+typedef struct tl_twin_record {
+    tl_recorder_settings settings; /* whose texts are the configuration's, or here */
+    tl_recorder_names names;
+    char fmus[TL_SHA256_TEXT];
+    char boot[TL_IDENTITY_TEXT];
+    char format[TL_IDENTITY_TEXT];
+} tl_twin_record;
+
+/* For a run that is recorded at `path`. The configuration and the record must stay where they are, as long as the settings are used. */
+void tl_twin_recorder_describe(const tl_config *config, const char *path, tl_twin_record *record);
 
 /* What the FMUs of this configuration are: tl_identity_files() of the components'. */
 void tl_twin_recorder_identify(const tl_config *config, char text[TL_SHA256_TEXT]);

@@ -1,5 +1,5 @@
 /* The lock of who records: one at a time, and a child that an FMU has forked keeps nobody out. */
-#include "firmware/record/recorder_lock.h"
+#include "firmware/database/database_lock.h"
 
 #include <signal.h>
 #include <stdio.h>
@@ -27,20 +27,20 @@ void tearDown(void) {
 }
 
 static void one_at_a_time(void) {
-    tl_recorder_lock first = {.path = ""};
-    tl_recorder_lock second = {.path = ""};
-    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_recorder_lock_take(path, &first, &error), error.text);
-    TEST_ASSERT_EQUAL_INT(TL_TRY_AGAIN, tl_recorder_lock_take(path, &second, &error));
+    tl_database_lock first = {.path = ""};
+    tl_database_lock second = {.path = ""};
+    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_database_lock_take(path, TL_SECOND / 5, &first, &error), error.text);
+    TEST_ASSERT_EQUAL_INT(TL_TRY_AGAIN, tl_database_lock_take(path, TL_SECOND / 5, &second, &error));
     TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, "another twinlock is writing it"), error.text);
-    tl_recorder_lock_release(&first);
-    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_recorder_lock_take(path, &second, &error), error.text);
-    tl_recorder_lock_release(&second);
+    tl_database_lock_release(&first);
+    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_database_lock_take(path, TL_SECOND / 5, &second, &error), error.text);
+    tl_database_lock_release(&second);
 }
 
 /* The owner takes the lock, forks, tells whom, and is killed. */
 static void own_and_die(int told) {
-    tl_recorder_lock lock = {.path = ""};
-    if (tl_recorder_lock_take(path, &lock, &error) == TL_OK) {
+    tl_database_lock lock = {.path = ""};
+    if (tl_database_lock_take(path, TL_SECOND / 5, &lock, &error) == TL_OK) {
         pid_t stray = fork();
         if (stray == 0) {
             (void)pause();
@@ -57,7 +57,7 @@ static void a_child_of_a_dead_owner_keeps_nobody_out(void) {
     int told[2];
     int how = 0;
     pid_t stray = 0;
-    tl_recorder_lock lock = {.path = ""};
+    tl_database_lock lock = {.path = ""};
     TEST_ASSERT_EQUAL_INT(0, pipe(told));
     pid_t owner = fork();
     if (owner == 0) {
@@ -66,10 +66,10 @@ static void a_child_of_a_dead_owner_keeps_nobody_out(void) {
     TEST_ASSERT_EQUAL_INT(owner, waitpid(owner, &how, 0));
     TEST_ASSERT_TRUE(WIFSIGNALED(how));
     TEST_ASSERT_EQUAL_INT(sizeof stray, read(told[0], &stray, sizeof stray));
-    tl_status status = tl_recorder_lock_take(path, &lock, &error);
+    tl_status status = tl_database_lock_take(path, TL_SECOND / 5, &lock, &error);
     TEST_ASSERT_EQUAL_INT(0, kill(stray, SIGKILL));
     TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, status, error.text);
-    tl_recorder_lock_release(&lock);
+    tl_database_lock_release(&lock);
     (void)close(told[0]);
     (void)close(told[1]);
 }
