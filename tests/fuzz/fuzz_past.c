@@ -66,28 +66,38 @@ static void check(const tl_past *past) {
     tl_fuzz_hold(!tl_past_tick_at(past, past->first - 1, &tick) && !tl_past_tick_at(past, past->last + 1, &tick));
 }
 
+static void *allocate(size_t size) {
+    void *bytes = malloc(size == 0 ? 1 : size);
+    if (bytes == NULL) {
+        exit(1);
+    }
+    return bytes;
+}
+
+/* Nothing in it is not looked at. */
+static void write_again(const tl_past *past, const unsigned char *image, size_t size) {
+    unsigned char *again = allocate(size);
+    tl_past_write(past, again);
+    tl_fuzz_hold(memcmp(again, image, size) == 0);
+    free(again);
+}
+
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
     tl_past past;
     tl_error error = {TL_OK, ""};
     if (size == 0) {
         return 0;
     }
-    unsigned char *image = malloc(size); /* a byte too many, and what is beyond is noticed */
-    tl_fuzz_hold(image != NULL);
-    memcpy(image, data + 1, size - 1);
-    put_right(data[0], image, size - 1);
-    unsigned char *own = realloc(image, size > 1 ? size - 1 : 1);
-    tl_fuzz_hold(own != NULL);
-    tl_status status = tl_past_read(own, size - 1, tl_fuzz_config(configuration), NOW, &past, &error);
+    size--;
+    unsigned char *image = allocate(size); /* as large as it is: what is read beyond it is noticed */
+    memcpy(image, data + 1, size);
+    put_right(data[0], image, size);
+    tl_status status = tl_past_read(image, size, tl_fuzz_config(configuration), NOW, &past, &error);
     tl_fuzz_hold(status == TL_OK || (status == TL_BAD_DATA && error.text[0] != '\0'));
     if (status == TL_OK) {
         check(&past);
-        void *again = malloc(size - 1);
-        tl_fuzz_hold(again != NULL);
-        tl_past_write(&past, again);
-        tl_fuzz_hold(memcmp(again, own, size - 1) == 0); /* nothing in it is not looked at */
-        free(again);
+        write_again(&past, image, size);
     }
-    free(own);
+    free(image);
     return 0;
 }

@@ -32,6 +32,7 @@ void tl_course_open(tl_course *course, const char *path, tl_measurements measure
     config->match[0].condition = (tl_plan_condition){.median = 5, .low_pass = TL_SECOND / 20};
     config->duration = 0;
     config->record_resume = 3600 * TL_SECOND;
+    config->record_commit = TL_SECOND / 100;
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_assembly_build(&course->assembly));
     tl_account_take(course->assembly.twin, &course->account);
     course->start = tl_clock_now(NULL) - TL_COURSE_TICKS * config->step;

@@ -318,7 +318,8 @@ static void test_why_there_is_none(void) {
                 "begins anew: by the clock run 1 has not happened yet");
     expect_none("DELETE FROM checkpoints; DELETE FROM samples WHERE tick = 140", TL_EVENT_INFO,
                 "begins anew: what run 1 has recorded of its last ticks has a hole");
-    expect_none("UPDATE runs SET lead = 2147483647, step_ns = 3600000000000", TL_EVENT_WARNING, "begins anew: ");
+    expect_none("UPDATE runs SET lead = 2147483647, step_ns = 3600000000000", TL_EVENT_WARNING,
+                "the steps of run 1 are later than there is time");
     course.assembly.config.duration = TL_SECOND;
     expect_none("", TL_EVENT_INFO, "begins anew: the duration of run 1 is over");
 }

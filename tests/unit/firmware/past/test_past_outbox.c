@@ -495,6 +495,7 @@ static void test_a_full_ring(void) {
 
 static void test_mutants(void) {
     tl_test_random random = {20261123};
+    size_t mutants = tl_test_campaign("TL_MUTANTS", 400);
     size_t found = 0;
     make(TL_LAG);
     unsigned char *whole = malloc(memory_bytes);
@@ -502,7 +503,7 @@ static void test_mutants(void) {
     memcpy(whole, memory, memory_bytes);
     size_t used = (size_t)(outbox.ring - memory) + (size_t)outbox.written;
     tl_log_set_level(TL_LOG_ERROR - 1);
-    for (int i = 0; i < 400; i++) {
+    for (size_t i = 0; i < mutants; i++) {
         memcpy(memory, whole, memory_bytes);
         for (size_t k = tl_test_random_between(&random, 1, 3); k > 0; k--) {
             size_t from = tl_test_random_chance(&random, 70) ? (size_t)(outbox.ring - memory) : 0;
