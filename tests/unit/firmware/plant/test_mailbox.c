@@ -117,6 +117,9 @@ static void test_stamps_that_decrease_are_looked_up_in_order_of_posting(void) {
     expect(250, 3, 200);
     expect(350, 3, 200);
     expect(150, 1, 100);
+    post(4, 400);
+    expect(250, 3, 200); /* not among the newest, but near them */
+    expect(350, 3, 200);
 }
 
 static void test_quality_and_negative_stamps_are_kept(void) {

@@ -11,10 +11,11 @@
 
 #include <unity.h>
 
+#include "firmware/confine/sanitizer.h"
 #include "firmware/plant/mailbox.h"
 #include "tests/support/random_numbers.h"
 
-enum { DEPTH = 256, KILLS = 3000, EMULATED_KILLS = 300, LONGEST_NS = 200000, LOOKS = 500 };
+enum { DEPTH = 256, KILLS = 3000, FEW_KILLS = 300, LONGEST_NS = 200000, LOOKS = 500 };
 
 /* Our image of it can only be read; the writers' is another. */
 static struct shared {
@@ -125,7 +126,8 @@ static void look_at_what_is_left(void) {
 
 static void test_killed_at_any_instruction(void) {
     tl_test_random random = {3};
-    const int kills = getenv("TL_EMULATOR") == NULL ? KILLS : EMULATED_KILLS;
+    const bool is_slow = TL_HAS_SANITIZER || getenv("TL_EMULATOR") != NULL; /* to begin a process */
+    const int kills = is_slow ? FEW_KILLS : KILLS;
     for (int i = 0; i < kills; i++) {
         pid_t writer = start(&random);
         for (int looks = 1; !is_dead(writer, looks < LOOKS ? WNOHANG : 0); looks++) {
