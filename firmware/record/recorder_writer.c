@@ -215,21 +215,38 @@ static bool read_event(tl_recorder_writer *writer, size_t i, uint64_t number, ui
            (i != 0 || *skip || event->position <= written);
 }
 
+/* The oldest event of all outboxes that may be written now; of two of the same instant that of the later outbox, since what io says is
+ * often why the twin says something. The outbox, or `count`: there is none. */
+static size_t oldest_event(tl_recorder_writer *writer, uint64_t written, tl_recorder_event_entry *oldest, bool *skip) {
+    size_t found = writer->count;
+    tl_recorder_event_entry event;
+    bool skips = false;
+    for (size_t i = 0; i < writer->count; i++) {
+        if (read_event(writer, i, writer->next.taken[i].events, written, &event, &skips) &&
+            (found == writer->count || skips || event.at <= oldest->at)) {
+            found = i;
+            *oldest = event;
+            *skip = skips;
+        }
+    }
+    return found;
+}
+
 static int write_events(tl_recorder_writer *writer, size_t most) {
     tl_recorder_mark *next = &writer->next;
     uint64_t written = next->taken[0].ring;
-    tl_recorder_event_entry event;
+    tl_recorder_event_entry event = {.at = 0};
     bool skip = false;
     int code = SQLITE_OK;
-    for (size_t i = 0; i < writer->count; i++) {
-        uint64_t *number = &next->taken[i].events;
-        for (size_t n = 0; n < most && code == SQLITE_OK && read_event(writer, i, *number, written, &event, &skip);
-             n++) {
-            code = skip ? SQLITE_OK : tl_recorder_database_event(writer->database, &event);
-            next->totals.events += skip ? 0 : 1;
-            next->written += skip ? 0 : 1;
-            (*number)++;
+    for (size_t n = 0; n < most && code == SQLITE_OK; n++) {
+        size_t from = oldest_event(writer, written, &event, &skip);
+        if (from == writer->count) {
+            break;
         }
+        code = skip ? SQLITE_OK : tl_recorder_database_event(writer->database, &event);
+        next->totals.events += skip ? 0 : 1;
+        next->written += skip ? 0 : 1;
+        next->taken[from].events++;
     }
     return code;
 }
