@@ -223,8 +223,8 @@ static uint64_t mix(uint64_t digest, uint64_t word) {
     return digest ^ digest >> 29;
 }
 
-/* Each step can be undone, so that a word that is changed always changes the digest. One multiplication for 8 bytes: a tenth of what a sum for
- * archives costs, and a cryptographic one would keep nobody out who may write here. */
+/* Each step can be undone, so that a word that is changed always changes the digest. One multiplication for 8 bytes, since the cycle pays for it; a
+ * cryptographic digest would keep nobody out, since whoever may write here may write that too. */
 uint64_t tl_outbox_digest(uint64_t number, const tl_outbox_mark *mark, const unsigned char *bytes) {
     uint64_t words[TL_OUTBOX_MARK_WORDS] = {0};
     uint64_t digest = mix(number, number >> 32);
