@@ -223,8 +223,8 @@ static uint64_t mix(uint64_t digest, uint64_t word) {
     return digest ^ digest >> 29;
 }
 
-/* Each step can be undone, so that a word that is changed always changes the digest. One multiplication for 8 bytes: a tenth of what a sum for
- * archives costs, and a cryptographic one would keep nobody out who may write here. */
+/* Each step can be undone, so that a word that is changed always changes the digest. One multiplication for 8 bytes, since the cycle pays for it; a
+ * cryptographic digest would keep nobody out, since whoever may write here may write that too. */
 uint64_t tl_outbox_digest(uint64_t number, const tl_outbox_mark *mark, const unsigned char *bytes) {
     uint64_t words[TL_OUTBOX_MARK_WORDS] = {0};
     uint64_t digest = mix(number, number >> 32);
@@ -242,7 +242,7 @@ uint64_t tl_outbox_digest(uint64_t number, const tl_outbox_mark *mark, const uns
 }
 
 bool tl_outbox_place_look(const tl_outbox_place *place, uint64_t *number, uint64_t *digest, tl_outbox_mark *mark) {
-    uint64_t words[TL_OUTBOX_MARK_WORDS];
+    uint64_t words[TL_OUTBOX_MARK_WORDS] = {0};
     *number = __atomic_load_n(&place->number, __ATOMIC_ACQUIRE);
     *digest = __atomic_load_n(&place->digest, __ATOMIC_RELAXED);
     for (size_t i = 0; i < TL_OUTBOX_MARK_WORDS; i++) {
@@ -462,7 +462,8 @@ static void mend_checkpoints(tl_outbox *outbox) {
 static void touch(unsigned char *bytes, size_t size) {
     for (size_t i = 0; i < size; i += PAGE) {
         volatile unsigned char *byte = bytes + i;
-        *byte = *byte;
+        unsigned char same = *byte;
+        *byte = same;
     }
 }
 

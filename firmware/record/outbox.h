@@ -31,8 +31,7 @@
 typedef struct tl_outbox_settings {
     tl_recorder_shape shape; /* of the entries */
     size_t ring_bytes;       /* a power of two, at least that of tl_outbox_ring_bytes(); 0: there are events only */
-    size_t
-        checkpoint_bytes; /* of each place, and of the room in which the next one is made; used only as far as checkpoints are large. 0: none */
+    size_t checkpoint_bytes; /* of each place, and of the room for the next one; used only as far as needed. 0: none */
 } tl_outbox_settings;
 
 /* What the reader has taken, for good. In its memory, where the writer looks. Positions never go back. */
@@ -44,10 +43,9 @@ typedef struct tl_outbox_taken {
 
 /* A run begins. */
 typedef struct tl_outbox_start {
-    bool holds; /* safe hold: samples and events only */
-    tl_resumption
-        resumption;     /* `start` and `started` always count. Its run, if below 0: the one before in this outbox */
-    tl_account account; /* of the twin; nothing if it holds */
+    bool holds;               /* safe hold: samples and events only */
+    tl_resumption resumption; /* `start` and `started` always count. Its run, if below 0: the one before in here */
+    tl_account account;       /* of the twin; nothing if it holds */
 } tl_outbox_start;
 
 /* Private; placed by the caller. */

@@ -44,32 +44,33 @@ typedef struct notes {
 
 static tl_block block;    /* as writers see it */
 static tl_block readable; /* as the reader does */
+static tl_block takes;
+static tl_block notebook;
 static tl_outbox_taken *taken;
 static notes *noted;
 static tl_outbox outbox;
 static tl_recorder_entry entry;
 static int64_t life;
 
-static void *share(void) {
-    void *page = mmap(NULL, PAGE, PROT_READ | PROT_WRITE, MAP_SHARED | MAP_ANONYMOUS, -1, 0);
-    TEST_ASSERT_TRUE(page != MAP_FAILED);
-    return page;
+static void *share(tl_block *made) {
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_block_make("page", PAGE, TL_BLOCK_THEY_WRITE, made, NULL));
+    return made->bytes;
 }
 
 void setUp(void) {
     size_t size = tl_outbox_bytes(&settings);
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_block_make("outbox", size, TL_BLOCK_WE_WRITE, &block, NULL));
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_block_take(dup(block.descriptor), size, TL_BLOCK_WE_WRITE, &readable, NULL));
-    taken = share();
-    noted = share();
+    taken = share(&takes);
+    noted = share(&notebook);
     noted->samples = noted->steps = noted->checkpoint = -1;
 }
 
 void tearDown(void) {
     tl_block_close(&block);
     tl_block_close(&readable);
-    (void)munmap(taken, PAGE);
-    (void)munmap(noted, PAGE);
+    tl_block_close(&takes);
+    tl_block_close(&notebook);
 }
 
 static void note(int64_t *what, int64_t value) {
