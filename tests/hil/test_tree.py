@@ -3,14 +3,15 @@
 as many as you like by tests/hil/tree_kills."""
 import argparse
 import os
+import random
 import signal
 import time
 from pathlib import Path
 
-from live_test import Device, Program, number, query, wait_until
-from supervised import end_orderly, title, wait_for_run
-from tree import (OMEGA, Campaign, Tree, configuration, descriptors, expect_whole, kills, one_run, read)
-from twinlock_test import at_most, expect, main, scratch
+from live_test import Device, Program, member, number, query, title, wait_until
+from supervised import end_orderly, wait_for_run
+from tree import OMEGA, Campaign, Tree, configuration, descriptors, expect_whole, kills, one_run, read
+from twinlock_test import at_most, expect, main
 
 SEED = 1
 
@@ -72,7 +73,6 @@ def test_the_supervisor_is_killed():
 
 
 def killed(*roles):
-    import random  # pylint: disable=import-outside-toplevel
     with Device(OMEGA) as device:
         campaign = one_run(device, roles, random.Random(SEED), Campaign())
     expect(campaign.lost == 0, f"{campaign}")
@@ -122,8 +122,7 @@ def test_alone_the_run_ends_with_the_twin():
         config, database = configuration(device.port)
         with Program("run", config) as live:
             wait_until(lambda: database.exists() and number(database, "SELECT count(*) FROM steps") > 20, "steps", live.log)
-            twin = next(int(pid) for pid in Path(f"/proc/{live.pid}/task/{live.pid}/children").read_text(encoding="utf-8").split()
-                        if title(int(pid)).startswith("twinlock: twin"))
+            twin = member(live, "twin")
             os.kill(twin, signal.SIGKILL)
             code, _, log = live.end()
     expect(code == 70 and "the twin failed: it was ended by signal 9" in log, f"ended with {code}\n{log}")

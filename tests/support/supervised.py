@@ -3,7 +3,7 @@ import json
 import signal
 from pathlib import Path
 
-from live_test import FIRST_GUESS, MADE_UP, OPTIMISED, Program, number, query, wait_until
+from live_test import FIRST_GUESS, MADE_UP, OPTIMISED, Program, children, member, number, query, wait_until
 from twinlock_test import Failure, at_most, expect, scratch
 
 WORD = "word"  # for TL_UNRULY
@@ -18,13 +18,10 @@ class Supervised(Program):
         super().__init__("run", config, "--supervise", "--state", self.state, *args, **options)
 
     def children(self):
-        return [int(pid) for pid in Path(f"/proc/{self.pid}/task/{self.pid}/children").read_text(encoding="utf-8").split()]
+        return children(self.pid)
 
     def child(self, other_than=0, role="twin"):
-        """The process of that role ("twin", "io", "recorder"); one that is dying is not meant."""
-        def found():
-            return [pid for pid in self.children() if pid != other_than and title(pid).startswith(f"twinlock: {role}")]
-        return wait_until(found, f"a process \"{role}\"", self.log)[0]
+        return member(self, role, other_than)
 
     def tell(self, word):
         """An FMU of the twin is told what to do (tests/hil/fmus/unruly), and begins with it."""
@@ -36,14 +33,6 @@ class Supervised(Program):
 
     def account(self):
         return json.loads((self.state / "supervisor.json").read_text(encoding="utf-8"))
-
-
-def title(pid):
-    """As ps shows it; "" of a dead one."""
-    try:
-        return Path(f"/proc/{pid}/cmdline").read_text(encoding="utf-8").partition("\0")[0]
-    except OSError:
-        return ""
 
 
 def wait_for_run(live, database, which):
