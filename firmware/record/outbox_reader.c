@@ -106,11 +106,11 @@ bool tl_outbox_reader_checkpoint(tl_outbox_reader *reader, uint64_t taken, uint6
                                  size_t *size, int64_t *tick, uint64_t *number) {
     offer first = look(reader, 0, taken, position);
     offer second = look(reader, 1, taken, position);
-    const offer *newest = second.number > first.number ? &second : &first;
-    const offer *older = newest == &first ? &second : &first;
+    const offer *newer = second.number > first.number ? &second : &first;
+    const offer *older = newer == &first ? &second : &first;
     bool taken_one = false;
-    for (const offer *offered = newest; offered != NULL && !taken_one && !is_broken(reader);
-         offered = offered == newest ? older : NULL) {
+    for (const offer *offered = older; offered != NULL && !taken_one && !is_broken(reader);
+         offered = offered == older ? newer : NULL) {
         taken_one = offered->number != 0 && copy(reader, offered, bytes);
         *size = (size_t)offered->mark.size;
         *tick = offered->mark.tick;

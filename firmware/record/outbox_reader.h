@@ -33,8 +33,8 @@ bool tl_outbox_reader_entry(tl_outbox_reader *reader, uint64_t *position, uint64
 /* The event of this number; false: it is not there yet, or a fault. *skip: it was left half-written, and is none. */
 bool tl_outbox_reader_event(tl_outbox_reader *reader, uint64_t number, tl_recorder_event_entry *event, bool *skip);
 
-/* The newest whole checkpoint with a number above `taken` whose entries before it, the beginning of its run included, end at or before
- * `position`: copied into `bytes` (of settings.checkpoint_bytes). False: there is none (now). */
+/* Of the whole checkpoints with a number above `taken`, whose entries before it, the beginning of its run included, end at or before
+ * `position`, the older one: a run may begin with it. Copied into `bytes` (of settings.checkpoint_bytes). False: there is none (now). */
 bool tl_outbox_reader_checkpoint(tl_outbox_reader *reader, uint64_t taken, uint64_t position, unsigned char *bytes,
                                  size_t *size, int64_t *tick, uint64_t *number);
 

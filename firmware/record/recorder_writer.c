@@ -430,15 +430,16 @@ static int write_batch(tl_recorder_writer *writer, uint64_t end, bool *more) {
     return code;
 }
 
-/* In a transaction of its own, once all that came before it is there. */
-static int write_checkpoint(tl_recorder_writer *writer) {
+/* In a transaction of its own, once all that came before it is there. *any: there was one. */
+static int write_checkpoint(tl_recorder_writer *writer, bool *any) {
     size_t size = 0;
     int64_t tick = 0;
     const tl_recorder_mark *mark = tl_recorder_state_mark(writer->state);
     tl_outbox_taken taken = mark->taken[0];
-    if (writer->checkpoint == NULL || mark->run == 0 ||
-        !tl_outbox_reader_checkpoint(&writer->outboxes[0].reader, taken.checkpoint, taken.ring, writer->checkpoint,
-                                     &size, &tick, &taken.checkpoint)) {
+    *any = writer->checkpoint != NULL && mark->run != 0 &&
+           tl_outbox_reader_checkpoint(&writer->outboxes[0].reader, taken.checkpoint, taken.ring, writer->checkpoint,
+                                       &size, &tick, &taken.checkpoint);
+    if (!*any) {
         return SQLITE_OK;
     }
     begin_batch(writer);
@@ -448,6 +449,15 @@ static int write_checkpoint(tl_recorder_writer *writer) {
         code = tl_recorder_database_checkpoint(writer->database, tick, writer->checkpoint, size);
     }
     return end_batch(writer, code);
+}
+
+static int write_checkpoints(tl_recorder_writer *writer) {
+    bool any = true;
+    int code = SQLITE_OK;
+    while (any && code == SQLITE_OK) {
+        code = write_checkpoint(writer, &any);
+    }
+    return code;
 }
 
 /* ---- Files ------------------------------------------------------------------------------------------------------- */
@@ -653,7 +663,7 @@ static int write_all(tl_recorder_writer *writer) {
     while (more && code == SQLITE_OK) {
         code = write_batch(writer, end, &more);
         if (code == SQLITE_OK) {
-            code = write_checkpoint(writer);
+            code = write_checkpoints(writer);
         }
     }
     if (code == SQLITE_OK) {
