@@ -304,7 +304,7 @@ static void test_the_tenth_damaged_file_stays(void) {
     record(10);
     write_bytes(bench.path, 100, 4000);
     for (int i = 1; i <= TL_DATABASE_DAMAGED_MOST; i++) {
-        char name[PATH_MAX + 16];
+        char name[PATH_MAX + 32];
         (void)snprintf(name, sizeof name, "%s.damaged-%d", bench.path, i);
         TEST_ASSERT_EQUAL_INT(0, symlink("whatever", name));
     }
