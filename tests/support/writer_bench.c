@@ -20,10 +20,8 @@ static void *share(size_t bytes) {
 }
 
 static void make_memory(tl_writer_bench *bench) {
-    const tl_recorder_shape shape = {.plant = TL_MADE_PLANT,
-                                     .match = TL_MADE_MATCH,
-                                     .adjust = TL_MADE_ADJUST,
-                                     .components = TL_MADE_COMPONENTS};
+    const tl_recorder_shape shape = {
+        .plant = TL_MADE_PLANT, .match = TL_MADE_MATCH, .adjust = TL_MADE_ADJUST, .components = TL_MADE_COMPONENTS};
     bench->settings[0] = (tl_outbox_settings){.shape = shape, .checkpoint_bytes = TL_BENCH_CHECKPOINT};
     bench->settings[0].ring_bytes = tl_outbox_ring_bytes(&shape, bench->record.step);
     bench->settings[1] = (tl_outbox_settings){.shape = shape};

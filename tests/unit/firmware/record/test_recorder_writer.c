@@ -446,6 +446,22 @@ static void test_a_file_that_cannot_be_read(void) {
     TEST_ASSERT_EQUAL_INT(0, seteuid(getuid()));
 }
 
+/* A medium that has begun to fail; opened again, the file would look well. */
+static void test_a_file_that_can_no_longer_be_read(void) {
+    tl_writer_bench_open(&bench);
+    tl_writer_bench_start(&bench, 1);
+    tl_writer_bench_put(&bench, 0, 10);
+    write_now();
+    tl_writer_bench_put(&bench, 10, 10);
+    tl_faulty_vfs_refuse_once(SQLITE_IOERR_READ);
+    write_now();
+    TEST_ASSERT_EQUAL_UINT64(40, written());
+    TEST_ASSERT_EQUAL_STRING(beside, tl_recorder_writer_path(bench.writer));
+    close_well();
+    TEST_ASSERT_EQUAL_INT64(10, ask("SELECT samples_written FROM runs"));
+    TEST_ASSERT_EQUAL_INT64(10, tl_sql_integer(beside, "SELECT samples_written FROM runs"));
+}
+
 /* It goes on where it was, though that is not what was asked for. */
 static void test_a_run_that_is_beside_goes_on_there(void) {
     make_file("mine");
@@ -675,6 +691,7 @@ int main(void) {
     RUN_TEST(test_the_next_name);
     RUN_TEST(test_a_file_that_cannot_be_written);
     RUN_TEST(test_a_file_that_cannot_be_read);
+    RUN_TEST(test_a_file_that_can_no_longer_be_read);
     RUN_TEST(test_a_run_that_is_beside_goes_on_there);
     RUN_TEST(test_a_disk_that_is_full_at_first);
     RUN_TEST(test_a_folder_that_comes_later);
