@@ -108,7 +108,9 @@ static tl_status put_aside(const char *path, const char *why, tl_database_aside 
 
 tl_status tl_database_file_renew(tl_database_file *file, const char *why, const tl_database_user *user,
                                  tl_database_aside *aside, tl_error *error) {
-    (void)sqlite3_db_config(file->connection, SQLITE_DBCONFIG_NO_CKPT_ON_CLOSE, 1, NULL); /* it stays as it is */
+    if (file->connection != NULL) { /* it stays as it is */
+        (void)sqlite3_db_config(file->connection, SQLITE_DBCONFIG_NO_CKPT_ON_CLOSE, 1, NULL);
+    }
     close_connection(file);
     tl_status status = put_aside(file->path, why, aside, error);
     if (status == TL_OK) {

@@ -35,23 +35,22 @@ tl_status tl_database_instead_beside(const char *given, const char *why, const t
     return status;
 }
 
-tl_status tl_database_instead_open(const char *given, tl_time patience, tl_database_insistence insistence,
-                                   const tl_database_user *user, tl_database_file *file, tl_database_news *news,
+tl_status tl_database_instead_open(const tl_database_wanted *wanted, tl_database_file *file, tl_database_news *news,
                                    bool *waits, tl_error *error) {
     tl_error first = {TL_OK, ""};
     *news = (tl_database_news){.beside = ""};
     *waits = false;
-    tl_database_aside *aside = insistence == TL_DATABASE_ALL_OR_NOTHING ? NULL : &news->aside;
-    tl_status status = tl_database_file_open(given, patience, user, file, aside, &first);
+    tl_database_aside *aside = wanted->insistence == TL_DATABASE_ALL_OR_NOTHING ? NULL : &news->aside;
+    tl_status status = tl_database_file_open(wanted->path, wanted->patience, wanted->user, file, aside, &first);
     tl_database_fault fault = tl_database_get_fault();
-    if (status != TL_OK && !is_refused(insistence, fault) && !is_waited_for(fault)) {
-        if (tl_database_instead_beside(given, first.text, user, file, news, NULL) == TL_OK) {
+    if (status != TL_OK && !is_refused(wanted->insistence, fault) && !is_waited_for(fault)) {
+        if (tl_database_instead_beside(wanted->path, first.text, wanted->user, file, news, NULL) == TL_OK) {
             return TL_OK;
         }
-        *waits = insistence == TL_DATABASE_ANYHOW || tl_database_get_fault() == TL_DATABASE_LATER;
+        *waits = wanted->insistence == TL_DATABASE_ANYHOW || tl_database_get_fault() == TL_DATABASE_LATER;
         tl_database_set_fault(fault);
     } else if (status != TL_OK) {
-        *waits = !is_refused(insistence, fault);
+        *waits = !is_refused(wanted->insistence, fault);
     }
     if (status != TL_OK && error != NULL) {
         *error = first;

@@ -29,9 +29,15 @@ typedef struct tl_database_news {
     char beside[TL_ERROR_TEXT]; /* why the file is another one than was asked for; "": it is not */
 } tl_database_news;
 
+typedef struct tl_database_wanted {
+    const char *path;
+    tl_time patience; /* with locks */
+    tl_database_insistence insistence;
+    const tl_database_user *user;
+} tl_database_wanted;
+
 /* Opens one. If none is open then: *waits, trying again may help; else it is an error. */
-tl_status tl_database_instead_open(const char *given, tl_time patience, tl_database_insistence insistence,
-                                   const tl_database_user *user, tl_database_file *file, tl_database_news *news,
+tl_status tl_database_instead_open(const tl_database_wanted *wanted, tl_database_file *file, tl_database_news *news,
                                    bool *waits, tl_error *error);
 
 /* Opens one beside it at once; `why` goes into the news. */

@@ -83,6 +83,11 @@ static int end_killed_runs(sqlite3 *connection) {
                   0, NULL, NULL);
 }
 
+/* What no history would take is none that a twin of ours tells. */
+static int64_t small(uint32_t number) {
+    return number > INT32_MAX ? INT32_MAX : number;
+}
+
 static int write_run(beginning *self, int64_t began) {
     static const char sql[] = "INSERT INTO runs (verb, name, version, configuration, started, committed, step_ns,"
                               " prediction, measurements, lead) VALUES (?1, ?2, ?3, ?4, ?5, ?5, ?6, ?7, ?8, ?9)";
@@ -98,9 +103,9 @@ static int write_run(beginning *self, int64_t began) {
         (void)sqlite3_bind_text(prepared, 4, self->hash, -1, SQLITE_STATIC);
         (void)sqlite3_bind_text(prepared, 5, text, -1, SQLITE_STATIC);
         (void)sqlite3_bind_int64(prepared, 6, settings->step);
-        (void)sqlite3_bind_int64(prepared, 7, self->start->account.prediction);
+        (void)sqlite3_bind_int64(prepared, 7, small(self->start->account.prediction));
         (void)sqlite3_bind_text(prepared, 8, tl_measurements_name(settings->measurements), -1, SQLITE_STATIC);
-        (void)sqlite3_bind_int64(prepared, 9, self->start->account.lead);
+        (void)sqlite3_bind_int64(prepared, 9, small(self->start->account.lead));
         code = sqlite3_step(prepared);
     }
     (void)sqlite3_finalize(prepared);

@@ -22,8 +22,9 @@
 #include "firmware/text/utc.h"
 
 enum {
-    EVENT_BYTES = 256,        /* what an event counts in a batch */
-    MENDS = 3,                /* of a file, in one go */
+    EVENT_BYTES = 256, /* what an event counts in a batch */
+    MENDS = 3,         /* of a file, in one go */
+    STALLS = 8, /* batches of events alone: who puts them out faster than they are written does not keep the caller */
     REFUSED_TO_OPEN = 1 << 16 /* among SQLite's codes: no file could be opened, for that fault */
 };
 
@@ -33,6 +34,8 @@ static const tl_time LOSS_PAUSE = 10 * TL_SECOND;       /* between two events th
 static const tl_time OPEN_PAUSE = TL_SECOND / 10;       /* between two tries to open a file */
 static const tl_time MEND_PAUSE = TL_SECOND;            /* between two looks at an outbox that is damaged */
 static const tl_time CLOSE_PAUSE = TL_SECOND / 20;      /* between two tries when it closes */
+
+#define LOST_MOST (UINT64_C(1) << 60)
 
 typedef struct source {
     const char *name;
@@ -157,11 +160,11 @@ static tl_outbox_start start_of(const tl_recorder_writer *writer) {
 static void take_beginning(tl_recorder_writer *writer, uint64_t position) {
     tl_recorder_mark *next = &writer->next;
     next->start = start_of(writer);
+    next->totals = (tl_recorder_totals){.lost = next->run != 0 ? 0 : next->totals.lost}; /* not said in any row yet */
     next->run = 0;
     next->has_ended = false;
     next->is_again = false;
     next->own = 0;
-    next->totals = (tl_recorder_totals){.lost = next->has_begun ? 0 : next->totals.lost};
     next->has_begun = true;
     next->taken[0].ring = position;
     writer->goes_on = false;
@@ -171,19 +174,24 @@ static uint64_t more_of(uint64_t now, uint64_t before) {
     return now > before ? now - before : 0;
 }
 
+/* A row takes no count that is larger. */
+static uint64_t lose(uint64_t lost, uint64_t more) {
+    return more > LOST_MOST - lost ? LOST_MOST : lost + more;
+}
+
 /* What producers have lost since the last batch is lost of this run. */
 static void count_lost(tl_recorder_writer *writer) {
     tl_recorder_mark *next = &writer->next;
     for (size_t i = 0; i < writer->count; i++) {
         uint64_t lost = tl_outbox_reader_lost(&writer->outboxes[i].reader);
-        next->totals.lost += more_of(lost, next->lost[i]);
+        next->totals.lost = lose(next->totals.lost, more_of(lost, next->lost[i]));
         next->lost[i] = lost;
     }
 }
 
 static void drop(tl_recorder_writer *writer) {
     writer->next.dropped++;
-    writer->next.totals.lost++;
+    writer->next.totals.lost = lose(writer->next.totals.lost, 1);
 }
 
 static int write_row(tl_recorder_writer *writer) {
@@ -473,7 +481,7 @@ static void leave_run(tl_recorder_writer *writer, bool gone) {
     if (gone) {
         next->dropped += entries_of(next);
         next->written = more_of(next->written, entries_of(next));
-        next->totals.lost += entries_of(next);
+        next->totals.lost = lose(next->totals.lost, entries_of(next));
     }
     next->is_again = next->is_again || next->totals.samples > 0;
     next->has_begun = next->has_begun && !next->has_ended;
@@ -567,13 +575,15 @@ static tl_status open_kept(tl_recorder_writer *writer) {
 
 static tl_status open_file(tl_recorder_writer *writer, tl_database_insistence insistence, bool *waits) {
     const tl_database_user user = {begin_use, end_use, writer};
+    const tl_database_wanted wanted = {.path = writer->record.path,
+                                       .patience = insistence == TL_DATABASE_ANYHOW ? 0 : PATIENCE,
+                                       .insistence = insistence,
+                                       .user = &user};
     tl_database_news news = {.beside = ""};
-    tl_time patience = insistence == TL_DATABASE_ANYHOW ? 0 : PATIENCE;
     tl_status status = open_kept(writer);
     *waits = false;
     if (status != TL_OK) {
-        status = tl_database_instead_open(writer->record.path, patience, insistence, &user, &writer->file, &news, waits,
-                                          &writer->failure);
+        status = tl_database_instead_open(&wanted, &writer->file, &news, waits, &writer->failure);
     }
     if (status == TL_OK) {
         tell_news(writer, &news);
@@ -610,6 +620,22 @@ static bool replace_moved(tl_recorder_writer *writer) {
     return true;
 }
 
+/* It may look well again when it is opened: so it is not. */
+static bool replace_denied(tl_recorder_writer *writer) {
+    const tl_database_user user = {begin_use, end_use, writer};
+    tl_database_news news = {.beside = ""};
+    tl_error why = writer->failure;
+    close_file(writer);
+    tl_status status =
+        tl_database_instead_beside(writer->record.path, why.text, &user, &writer->file, &news, &writer->failure);
+    if (status != TL_OK) {
+        return false;
+    }
+    leave_run(writer, false);
+    tell_news(writer, &news);
+    return true;
+}
+
 /* Something else can be done about it than to try again; true: at once. */
 static bool mend(tl_recorder_writer *writer, int code) {
     switch (tl_database_fault_of(code, 0)) {
@@ -619,8 +645,7 @@ static bool mend(tl_recorder_writer *writer, int code) {
         if (code == SQLITE_READONLY_DBMOVED) {
             return replace_moved(writer);
         }
-        close_file(writer); /* the next one is opened by the rules */
-        return false;
+        return replace_denied(writer);
     default:
         return false;
     }
@@ -659,9 +684,12 @@ static int write_all(tl_recorder_writer *writer) {
     uint64_t end =
         tl_outbox_reader_end(&writer->outboxes[0].reader, tl_recorder_state_mark(writer->state)->taken[0].ring);
     bool more = true;
+    int stalls = 0;
     int code = SQLITE_OK;
-    while (more && code == SQLITE_OK) {
+    while (more && code == SQLITE_OK && stalls < STALLS) {
+        uint64_t before = tl_recorder_state_mark(writer->state)->taken[0].ring;
         code = write_batch(writer, end, &more);
+        stalls += tl_recorder_state_mark(writer->state)->taken[0].ring == before ? 1 : 0;
         if (code == SQLITE_OK) {
             code = write_checkpoints(writer);
         }

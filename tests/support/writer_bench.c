@@ -19,13 +19,9 @@ static void *share(size_t bytes) {
     return memory;
 }
 
-void tl_writer_bench_begin(tl_writer_bench *bench) {
+static void make_memory(tl_writer_bench *bench) {
     const tl_recorder_shape shape = {
         .plant = TL_MADE_PLANT, .match = TL_MADE_MATCH, .adjust = TL_MADE_ADJUST, .components = TL_MADE_COMPONENTS};
-    (void)snprintf(bench->path, sizeof bench->path, "%s", tl_scratch_path(&bench->scratch, "run.db"));
-    bench->record = tl_made_settings(bench->path);
-    bench->record.verb = "run";
-    bench->record.insistence = TL_DATABASE_ANYHOW;
     bench->settings[0] = (tl_outbox_settings){.shape = shape, .checkpoint_bytes = TL_BENCH_CHECKPOINT};
     bench->settings[0].ring_bytes = tl_outbox_ring_bytes(&shape, bench->record.step);
     bench->settings[1] = (tl_outbox_settings){.shape = shape};
@@ -41,14 +37,30 @@ void tl_writer_bench_begin(tl_writer_bench *bench) {
     bench->error = (tl_error){TL_OK, ""};
 }
 
-void tl_writer_bench_end(tl_writer_bench *bench) {
+static void free_memory(tl_writer_bench *bench) {
     (void)tl_recorder_writer_close(bench->writer, 0, NULL);
-    bench->writer = NULL;
     for (int i = 0; i < TL_BENCH_OUTBOXES; i++) {
         (void)munmap(bench->memory[i], bench->bytes[i]);
     }
     (void)munmap(bench->state, sizeof *bench->state);
+}
+
+void tl_writer_bench_begin(tl_writer_bench *bench) {
+    (void)snprintf(bench->path, sizeof bench->path, "%s", tl_scratch_path(&bench->scratch, "run.db"));
+    bench->record = tl_made_settings(bench->path);
+    bench->record.verb = "run";
+    bench->record.insistence = TL_DATABASE_ANYHOW;
+    make_memory(bench);
+}
+
+void tl_writer_bench_end(tl_writer_bench *bench) {
+    free_memory(bench);
     tl_scratch_empty(&bench->scratch);
+}
+
+void tl_writer_bench_forget(tl_writer_bench *bench) {
+    free_memory(bench);
+    make_memory(bench);
 }
 
 tl_status tl_writer_bench_try_open(tl_writer_bench *bench) {

@@ -34,6 +34,9 @@ typedef struct tl_writer_bench {
 void tl_writer_bench_begin(tl_writer_bench *bench);
 void tl_writer_bench_end(tl_writer_bench *bench);
 
+/* The outboxes are empty, and the state knows nothing: another start of the program. Files stay. */
+void tl_writer_bench_forget(tl_writer_bench *bench);
+
 /* A writer that goes on with the state. */
 tl_status tl_writer_bench_try_open(tl_writer_bench *bench);
 void tl_writer_bench_open(tl_writer_bench *bench);
