@@ -46,9 +46,16 @@ static void tell(void *context, tl_severity severity, const char *text) {
     tl_journal_event(context, -1, severity, "resume", "%s", text);
 }
 
+/* The number of the newest run in the database; 0: there is none. */
+static int64_t newest_run(const tl_live_past_settings *settings) {
+    const tl_live_recorder_pulse *recorder = settings->memory->recorder.bytes;
+    return recorder == NULL ? 0 : tl_recorder_state_get(&recorder->state).run;
+}
+
 /* *refused: it is of no use, and an older one may be. */
 static tl_status follow(const tl_live_past_settings *settings, const tl_past *past, tl_summary *summary, bool *refused,
                         tl_error *error) {
+    const int64_t last = newest_run(settings); /* before this one begins */
     const tl_past_sink sink = tl_past_sink_of_outbox(settings->outbox, settings->assembly);
     const tl_past_follow_settings following = {
         .assembly = settings->assembly, .sink = &sink, .tell = tell, .context = settings->journal};
@@ -57,6 +64,9 @@ static tl_status follow(const tl_live_past_settings *settings, const tl_past *pa
     *refused = job.status == TL_OK && job.outcome == TL_PAST_REFUSED;
     if (job.status == TL_OK && job.outcome == TL_PAST_FAILED) {
         (void)tl_outbox_put_end(settings->outbox, "could not go on with an earlier run");
+    }
+    if (summary->resumption.from != TL_RESUMED_NOT && summary->resumption.run < 0) {
+        summary->resumption.run = last;
     }
     return job.status;
 }
@@ -94,14 +104,17 @@ static bool ask(const tl_live_past_settings *settings, uint32_t number, tl_live_
         tl_clock_sleep_until(tl_clock_now(NULL) + LOOK);
     }
     *answer = recorder->answer;
-    answer->why[sizeof answer->why - 1] = '\0';
+    for (size_t i = 0; i < TL_LIVE_PAST_WORDS; i++) {
+        answer->words[i].text[TL_PAST_TEXT - 1] = '\0';
+    }
     return true;
 }
 
 static void tell_answer(const tl_live_past_settings *settings, const tl_live_past_answer *answer) {
-    bool is_known = answer->severity >= TL_EVENT_INFO && answer->severity <= TL_EVENT_ERROR;
-    if (answer->why[0] != '\0') {
-        tell(settings->journal, is_known ? (tl_severity)answer->severity : TL_EVENT_WARNING, answer->why);
+    for (size_t i = 0; i < TL_LIVE_PAST_WORDS && answer->words[i].text[0] != '\0'; i++) {
+        const tl_live_past_word *word = &answer->words[i];
+        bool is_known = word->severity >= TL_EVENT_INFO && word->severity <= TL_EVENT_ERROR;
+        tell(settings->journal, is_known ? (tl_severity)word->severity : TL_EVENT_WARNING, word->text);
     }
 }
 

@@ -72,7 +72,7 @@ static void add_folders(places *list, const char *file) {
     free(found);
 }
 
-static tl_status confine(const places *read, const places *write, bool may_connect, tl_error *error) {
+static tl_status confine(const places *read, const places *write, bool is_recorder, tl_error *error) {
     tl_confine_facts facts;
     const tl_confine_settings settings = {
         .read = (const char *const *)read->path,
@@ -82,7 +82,8 @@ static tl_status confine(const places *read, const places *write, bool may_conne
         .start_socket = -1,
         .whole_process = true,
         .lives_on = true,
-        .may_connect = may_connect,
+        .may_connect = !is_recorder,
+        .keeps_files = is_recorder,
     };
     return tl_confine(&settings, &facts, NULL, error);
 }
@@ -116,7 +117,7 @@ tl_status tl_live_places_confine_io(const tl_config *config, tl_error *error) {
         for (size_t i = 0; i < config->source_count; i++) {
             add_source(&read, &write, config, &config->sources[i]);
         }
-        status = confine(&read, &write, true, error);
+        status = confine(&read, &write, false, error);
     }
     free_places(&read);
     free_places(&write);
@@ -139,7 +140,7 @@ tl_status tl_live_places_confine_recorder(const tl_config *config, const char *d
                 add(&read, path);
             }
         }
-        status = confine(&read, &write, true, error); /* removing and renaming, which the strict list has not */
+        status = confine(&read, &write, true, error);
     }
     free_places(&read);
     free_places(&write);

@@ -66,12 +66,19 @@ typedef struct tl_live_twin_pulse {
     tl_live_end end;
 } tl_live_twin_pulse;
 
+/* What is to be told about a past. */
+typedef struct tl_live_past_word {
+    int32_t severity; /* tl_severity */
+    char text[TL_PAST_TEXT];
+} tl_live_past_word;
+
+enum { TL_LIVE_PAST_WORDS = 8 };
+
 /* What came of a wish for a past. All else is there before the wish is. */
 typedef struct tl_live_past_answer {
     tl_live_wish wish;
-    uint64_t size;          /* bytes in the block; 0: there is none (any more) */
-    int32_t severity;       /* tl_severity of what is to be told; */
-    char why[TL_PAST_TEXT]; /* "": there is nothing to tell */
+    uint64_t size;                               /* bytes in the block; 0: there is none (any more) */
+    tl_live_past_word words[TL_LIVE_PAST_WORDS]; /* to the first without a text */
 } tl_live_past_answer;
 
 /* The pulse of the recorder. */

@@ -1,6 +1,7 @@
 /* The process that records: SQLite, and nothing else. See live_role.h. */
 #include <signal.h>
 #include <stdio.h>
+#include <string.h>
 
 #include "firmware/base/clock.h"
 #include "firmware/base/log.h"
@@ -95,12 +96,16 @@ static tl_status open_writer(recorder *self, tl_error *error) {
 
 /* ---- the past, for a twin that begins without a predecessor in this run ---- */
 
-/* The first words count: they say why there is none. */
+/* Further ones than fit are left out. */
 static void note_words(void *context, tl_severity severity, const char *text) {
     tl_live_past_answer *answer = context;
-    if (answer->why[0] == '\0') {
-        answer->severity = (int32_t)severity;
-        (void)snprintf(answer->why, sizeof answer->why, "%s", text);
+    for (size_t i = 0; i < TL_LIVE_PAST_WORDS; i++) {
+        tl_live_past_word *word = &answer->words[i];
+        if (word->text[0] == '\0') {
+            word->severity = (int32_t)severity;
+            (void)snprintf(word->text, sizeof word->text, "%s", text);
+            return;
+        }
     }
 }
 
@@ -122,8 +127,7 @@ static void open_history(recorder *self) {
 static void answer(recorder *self, tl_live_wish wish) {
     tl_live_past_answer *given = &self->own->answer;
     size_t size = 0;
-    given->why[0] = '\0';
-    given->severity = TL_EVENT_INFO;
+    memset(given->words, 0, sizeof given->words);
     if ((uint32_t)wish == 1) {
         tl_past_history_close(self->history);
         open_history(self);
