@@ -44,6 +44,9 @@ static const tl_time GRACE = TL_FMU_PATIENCE_END + (TL_PROCESS_END_S + 1) * TL_S
 
 enum { TRY_AGAIN = 75, FMU_FAILED = 70 };
 
+/* Recorders that die in the end, before it is given up that all is written. */
+enum { LAST_TRIES = 3 };
+
 typedef enum state {
     ABSENT,  /* there is no such member, or not any more */
     RESTING, /* it is begun when the dead one is reaped and the pause is over */
@@ -73,6 +76,7 @@ typedef struct supervisor {
     int stop;         /* asked to end, by this signal; 0: not */
     bool is_ending;   /* all end, for that reason or another one */
     int code;         /* what the run ends with, as far as that is known */
+    int tries;        /* recorders that have died in that end */
     bool held;        /* the twin that lives holds */
     unsigned bad_holds;
 } supervisor;
@@ -182,20 +186,31 @@ static void end_all(supervisor *self, int code) {
     self->code = self->code != 0 ? self->code : code;
 }
 
-/* In its end it failed, or could not keep all that was to be kept. */
+/* In its end it failed, or could not keep all that was to be kept. Alone, an FMU that ends its process is what the run ends with. */
 static void take_last_code(supervisor *self, tl_member which, const char *reason) {
     const tl_child *child = &self->members[which].child;
+    bool is_told = self->settings->alone && which == TL_MEMBER_TWIN;
     char what[64];
     (void)snprintf(what, sizeof what, "%s failed when", name_of[which]);
     if (tl_child_was_killed(child) || child->end.farewell == TL_FAREWELL_NONE) {
         tl_log(TL_LOG_ERROR, "%s it was to end: %s", what, reason);
-        end_all(self, which == TL_MEMBER_IO ? 0 : TRY_AGAIN);
+        end_all(self, which == TL_MEMBER_IO                       ? 0
+                      : is_told && !tl_child_was_killed(child) ? FMU_FAILED
+                                                                  : TRY_AGAIN);
         return;
     }
     if (!tl_child_kept_its_word(child)) {
         tl_log(TL_LOG_WARNING, "%s all was done: %s", what, reason);
+        end_all(self, is_told ? FMU_FAILED : 0);
     }
     end_all(self, child->end.code);
+}
+
+/* What a recorder had to write still is in memory that outlives it: another one may. */
+static bool is_worth_another(supervisor *self, tl_member which) {
+    const tl_child *child = &self->members[which].child;
+    return which == TL_MEMBER_RECORDER && self->is_ending && !tl_child_was_killed(child) &&
+           child->end.farewell == TL_FAREWELL_NONE && ++self->tries < LAST_TRIES;
 }
 
 /* The run ends with it: it was asked to, it is over, or it never ran, and who started it is told why. */
@@ -219,7 +234,7 @@ static void end_alone(supervisor *self, const char *reason) {
 static void note_end(supervisor *self, tl_member which, tl_time now) {
     member *ended = &self->members[which];
     char reason[TL_RESTARTS_REASON];
-    bool is_last = is_final(self, which);
+    bool is_last = is_final(self, which) && !is_worth_another(self, which);
     bool is_alone = which == TL_MEMBER_TWIN && self->settings->alone;
     tl_child_describe(&ended->child, reason);
     self->settings->ended(self->settings->context, which, !is_last && !is_alone, reason);
