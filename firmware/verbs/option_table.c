@@ -85,13 +85,12 @@ const tl_option tl_option_rows[TL_OPTION_COUNT] = {
      .help = "a status line per second also if the output is no terminal"},
     {RUN, "json", NULL, TL_OPTION_SWITCH, SETS(json), .help = "print the summary as one JSON object at the end"},
     {RUN, "supervise", NULL, TL_OPTION_SWITCH, SETS(supervise),
-     .help = "run the twin in a process of its own, and start it again when it hangs or\n"
-             "dies, and without a twin after a restart loop (safe hold); tell systemd, if\n"
-             "that started it"},
+     .help = "start the twin again if it hangs or dies, and without FMUs after a restart\n"
+             "loop (safe hold); tell systemd, if that started it"},
     {RUN, "state", "DIR", TL_OPTION_TEXT, SETS(state), .needs = "supervise",
      .help = "with --supervise: count restarts in DIR/supervisor.json, across resets of the\nbox"},
     {RUN, "watchdog", "DEVICE", TL_OPTION_TEXT, SETS(watchdog), .needs = "supervise",
-     .help = "with --supervise: stroke this watchdog (/dev/watchdog) while every thread is\nalive"},
+     .help = "with --supervise: stroke this watchdog (/dev/watchdog) while the twin is alive"},
     {RUN, "watchdog-timeout", "S", TL_OPTION_WHOLE_SECONDS, SETS(watchdog_s), .needs = "watchdog",
      .help = "whole seconds after which it resets the box; default 30",
      .expected = "whole seconds from 1 to 3600, for example 30"},
