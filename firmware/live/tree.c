@@ -19,6 +19,7 @@
 #include "firmware/live/live_role.h"
 #include "firmware/live/live_wire.h"
 #include "firmware/live/voice.h"
+#include "firmware/plant/live_plant.h"
 #include "firmware/process/role.h"
 #include "firmware/supervise/supervisor.h"
 #include "firmware/text/output.h"
@@ -445,6 +446,9 @@ int tl_tree_run(const tl_tree_settings *settings) {
     (void)sigaddset(&asked, SIGHUP);
     (void)pthread_sigmask(SIG_BLOCK, &asked, NULL); /* from now on they wait for the supervisor */
     tl_status status = read_config(&self, &error);
+    if (status == TL_OK) {
+        status = tl_live_plant_check(&self.config, &error);
+    }
     if (status == TL_OK) {
         status = open_all(&self, &error);
     }

@@ -162,7 +162,7 @@ static void begin_hearts(tl_live_plant *plant, tl_heartbeats *beats) {
     }
 }
 
-static tl_status check_sources(const tl_config *config, tl_error *error) {
+tl_status tl_live_plant_check(const tl_config *config, tl_error *error) {
     for (size_t i = 0; i < config->signal_count; i++) {
         if (config->signals[i].source == SIZE_MAX) {
             return tl_fail(
@@ -205,7 +205,7 @@ static tl_status open_all(tl_live_plant *plant, const tl_config *config, tl_hear
 tl_status tl_live_plant_open(const tl_config *config, const tl_mailbox mailboxes[], tl_heartbeats *beats,
                              void (*on_link)(void *context, const char *source, bool up, const char *text),
                              void *context, tl_live_plant **plant, tl_error *error) {
-    tl_status status = check_sources(config, error);
+    tl_status status = tl_live_plant_check(config, error);
     if (status != TL_OK) {
         return status;
     }

@@ -24,6 +24,9 @@ tl_status tl_live_plant_open(const tl_config *config, const tl_mailbox mailboxes
                              void (*on_link)(void *context, const char *source, bool up, const char *text),
                              void *context, tl_live_plant **plant, tl_error *error);
 
+/* Whether every signal has a live source, without opening any. Errors: TL_BAD_DATA. */
+tl_status tl_live_plant_check(const tl_config *config, tl_error *error);
+
 /* NULL is allowed. */
 void tl_live_plant_close(tl_live_plant *plant);
 
