@@ -4,10 +4,10 @@
 #include "firmware/record/recorder.h"
 
 #include <pthread.h>
+#include <stdint.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/mman.h>
 #include <time.h>
 
 #include "firmware/base/c_locale.h"
@@ -19,7 +19,7 @@
 #include "firmware/record/recorder_writer.h"
 #include "firmware/text/utc.h"
 
-enum { STACK = 512 * 1024 };
+enum { STACK = 512 * 1024, ALIGNMENT = 64 };
 
 static const tl_time PATIENCE = 2 * TL_SECOND;            /* where the settings do not say it */
 static const tl_time PATIENCE_OF_WRITER = 60 * TL_SECOND; /* a worn-out memory card takes its time for one commit */
@@ -30,8 +30,7 @@ struct tl_recorder {
     tl_recorder_settings settings; /* a copy, */
     tl_arena arena;                /* which is here */
     tl_time patience;
-    void *memory; /* of the outbox */
-    size_t bytes; /* of it */
+    unsigned char *memory; /* in which the outbox is */
     tl_outbox outbox;
     tl_recorder_writer_state state;
     tl_outbox_start start;
@@ -194,9 +193,7 @@ static void make_lock(tl_recorder *recorder) {
 static void destroy(tl_recorder *recorder) {
     (void)pthread_mutex_destroy(&recorder->lock);
     (void)pthread_cond_destroy(&recorder->wake);
-    if (recorder->memory != NULL) {
-        (void)munmap(recorder->memory, recorder->bytes);
-    }
+    free(recorder->memory);
     tl_arena_release(&recorder->arena);
     free(recorder);
 }
@@ -223,6 +220,11 @@ static void describe(const tl_recorder_settings *settings, tl_outbox_start *star
     }
 }
 
+/* Of the outbox in its memory. */
+static void *place_of(const tl_recorder *recorder) {
+    return recorder->memory + (ALIGNMENT - (uintptr_t)recorder->memory % ALIGNMENT);
+}
+
 static bool make_outbox(tl_recorder *recorder, tl_outbox_settings *outbox) {
     const tl_recorder_settings *settings = &recorder->settings;
     *outbox = (tl_outbox_settings){.shape = {.plant = settings->plant_count,
@@ -231,14 +233,11 @@ static bool make_outbox(tl_recorder *recorder, tl_outbox_settings *outbox) {
                                              .components = settings->component_count}};
     outbox->ring_bytes = tl_outbox_ring_bytes(&outbox->shape, settings->step);
     outbox->checkpoint_bytes = tl_recorder_database_most(settings->max_bytes);
-    recorder->bytes = tl_outbox_bytes(outbox);
-    /* Most of it is never touched. */
-    void *memory = mmap(NULL, recorder->bytes, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
-    if (memory == MAP_FAILED) {
+    recorder->memory = calloc(1, tl_outbox_bytes(outbox) + ALIGNMENT); /* zeros that nobody has to write */
+    if (recorder->memory == NULL) {
         return false;
     }
-    recorder->memory = memory;
-    tl_outbox_open(outbox, recorder->memory, &recorder->state.taken[0], &recorder->outbox);
+    tl_outbox_open(outbox, place_of(recorder), &recorder->state.taken[0], &recorder->outbox);
     return true;
 }
 
@@ -250,7 +249,7 @@ static tl_status start(tl_recorder *recorder, tl_error *error) {
     if (!make_outbox(recorder, &outbox.settings)) {
         return tl_fail(error, TL_TRY_AGAIN, "%s: out of memory", settings->path);
     }
-    outbox.memory = recorder->memory;
+    outbox.memory = place_of(recorder);
     describe(settings, &recorder->start);
     recorder->heart = tl_heart_begin(settings->beats, "recorder", PATIENCE_OF_WRITER);
     const tl_recorder_writer_settings made = {.record = settings,

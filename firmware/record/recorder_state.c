@@ -1,6 +1,6 @@
 /* What a writer of runs leaves to its successor: see recorder_state.h.
  *
- * A process that is killed has done all its stores up to one instant, in the order of the program if the compiler keeps it: so they are released. */
+ * A process that is killed has done all its stores up to one instant, in the order of the program if the compiler keeps it. */
 #include "firmware/record/recorder_state.h"
 
 #include <string.h>
@@ -18,7 +18,7 @@ void tl_recorder_state_try(tl_recorder_writer_state *state, const tl_recorder_ma
     tl_recorder_mark *tried = &state->marks[~state->current & 1];
     uint64_t number = mark->number;
     __atomic_store_n(&tried->number, 0, __ATOMIC_RELAXED); /* what is there is none until it is whole */
-    __atomic_thread_fence(__ATOMIC_SEQ_CST);
+    __atomic_signal_fence(__ATOMIC_SEQ_CST);
     memcpy((char *)tried + sizeof tried->number, (const char *)mark + sizeof mark->number,
            sizeof *mark - sizeof mark->number);
     __atomic_store_n(&tried->number, number, __ATOMIC_SEQ_CST);
