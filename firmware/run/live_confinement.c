@@ -52,6 +52,7 @@ struct tl_live_confinement {
     bool is_started;      /* that thread */
     pthread_mutex_t lock; /* of the refusals */
     tl_fmu_refusals refusals;
+    size_t told;
 };
 
 /* ---- places ---- */
@@ -269,10 +270,13 @@ static void *answer(void *context) {
         if ((watched[LISTENER].revents & (POLLHUP | POLLERR)) != 0) {
             watched[LISTENER].fd = -1; /* the thread of the FMUs has ended */
         }
-        (void)pthread_mutex_lock(&self->lock);
-        while (tl_fmu_refusals_answer(&self->refusals, self->listener, tl_fmu_calls_here()) != NULL) {
+        tl_refusal refusal;
+        for (int i = 0; i < 64 && tl_refusal_take(self->listener, &refusal); i++) {
+            (void)pthread_mutex_lock(&self->lock);
+            (void)tl_fmu_refusals_note(&self->refusals, &refusal, tl_fmu_calls_here());
+            (void)pthread_mutex_unlock(&self->lock);
+            tl_refusal_answer(self->listener, &refusal);
         }
-        (void)pthread_mutex_unlock(&self->lock);
     }
     if (__atomic_load_n(&self->give_up, __ATOMIC_ACQUIRE)) {
         tl_private_folder_remove(&self->folder);
@@ -323,7 +327,7 @@ static void tell_log(void *context, const char *text) {
 /* Nobody holds the lock while he does what may wait for an FMU: that may wait for an answer, for which the lock is taken. */
 static const char *next(tl_live_confinement *self) {
     (void)pthread_mutex_lock(&self->lock);
-    const char *said = tl_fmu_refusals_next(&self->refusals);
+    const char *said = tl_fmu_refusals_next(&self->refusals, &self->told);
     (void)pthread_mutex_unlock(&self->lock);
     return said;
 }

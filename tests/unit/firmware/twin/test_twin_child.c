@@ -526,9 +526,9 @@ static void test_what_it_prints(void) {
     take_wrong("prints", 0);
     tl_twin_child_close(child);
     child = NULL;
-    tl_stderr_expect("\\x1B[31mred\\x07\\x0D\n"
+    tl_stderr_expect("fmu: \\x1B[31mred\\x07\\x0D\n"
                      "twinlock: error: \\x1B[2J forged\n"
-                     "no end\n");
+                     "fmu: no end\n");
     expect_text("exit code 3");
 }
 

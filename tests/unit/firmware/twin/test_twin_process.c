@@ -443,7 +443,7 @@ static void test_a_dead_one_is_let_go(void) {
     pid_t number = tl_twin_process_id(process);
     wait_until_dead();
     tl_twin_process_let_go(process);
-    tl_stderr_expect("printed\n");
+    tl_stderr_expect("fmu: printed\n");
     TEST_ASSERT_EQUAL_INT(0, tl_twin_process_id(process));
     TEST_ASSERT_EQUAL_INT(-1, tl_twin_process_role(process)->code);
     dig(); /* for which it would be killed */

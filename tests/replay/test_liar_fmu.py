@@ -1,0 +1,114 @@
+#!/usr/bin/env python3
+"""FMUs that attack who watches them: by asking without end, by lies in the memory that they share, by what they print. Each of them ends with 70 and a
+sentence, or its run goes on; and what was kept of the run can be read."""
+import json
+import os
+import resource
+import signal
+import sqlite3
+import subprocess
+import time
+from contextlib import closing
+from pathlib import Path
+
+from hostile_fmu import config, make
+from twinlock_test import PATIENCE, SANITIZER, at_least, at_most, expect, finish, main, run, scratch, start
+
+
+def seconds_of(*args, **options):
+    begun = time.monotonic()
+    code, out, log = run(args, **options)
+    return time.monotonic() - begun, code, out, log
+
+
+def expect_end(args, said, most, code=70):
+    """With that sentence, and in time."""
+    lasted, ended, _, log = seconds_of(*args)
+    expect(ended == code and said in log, f"{args[0]} ended with {ended} after {lasted:.1f} s\n{log[-3000:]}")
+    if not SANITIZER:
+        at_most(lasted, most * PATIENCE, f"seconds of {args[0]}")
+
+
+class Background:
+    """A program, and what it says, in a file."""
+
+    def __init__(self, *args):
+        self.log = scratch() / "log"
+        with open(self.log, "wb") as file:
+            self.process = start(args, stderr=file, stdout=subprocess.DEVNULL)
+
+    def wait_for(self, text):
+        until = time.monotonic() + 60 * PATIENCE
+        while text not in self.said():
+            expect(time.monotonic() < until and self.process.poll() is None, f"does not say {text}\n{self.said()}")
+            time.sleep(0.02)
+
+    def said(self):
+        return self.log.read_text(encoding="utf-8", errors="backslashreplace")
+
+    def end(self, timeout):
+        code, _, _ = finish(self.process, timeout)
+        return code, self.said()
+
+
+# ---- who asks without end ----
+
+def test_hammering_does_not_keep_the_call_limit_away():
+    expect_end(("replay", config(make("liar", HOW="hammer")), "--call-limit", "2"), "has not returned from fmi2DoStep for 2 s", 20)
+
+
+def test_hammering_does_not_keep_signals_away():
+    program = Background("replay", config(make("liar", HOW="hammer")))
+    program.wait_for("hanging")
+    program.process.send_signal(signal.SIGINT)
+    time.sleep(1.5)
+    program.process.send_signal(signal.SIGINT)
+    code, log = program.end(20)
+    expect(code == 70 and "asked twice to end, by SIGINT" in log, f"ended with {code}\n{log}")
+
+
+def test_hammering_does_not_keep_bounds_away():
+    expect_end(("replay", config(make("liar", HOW="hammer", MEBIBYTES=600))), "in the folder of the FMUs", 50)
+
+
+# ---- a log that nobody reads ----
+
+def children(pid):
+    return Path(f"/proc/{pid}/task/{pid}/children").read_text(encoding="ascii").split()
+
+
+def expect_killed_unread(*options, asks=0):
+    """Its process is killed although nobody reads the log; when somebody does, the program ends, and has said why."""
+    fmu = make("liar", HOW="flood", MEBIBYTES=1, HANGS=True)
+    process = start(("replay", config(fmu), *options), stdout=subprocess.DEVNULL)
+    time.sleep(4 * PATIENCE)
+    for _ in range(asks):
+        process.send_signal(signal.SIGINT)
+        time.sleep(1.5)
+    until = time.monotonic() + 20 * PATIENCE
+    while any(state(child) not in "ZX" for child in children(process.pid)):
+        expect(time.monotonic() < until, f"{options}: lives on while nobody reads")
+        time.sleep(0.05)
+    code, _, log = finish(process, 30)
+    expect(code == 70 and "lines that FMUs have printed were left out" in log, f"ended with {code}\n{log[-3000:]}")
+    return log
+
+
+def state(pid):
+    try:
+        return Path(f"/proc/{pid}/stat").read_text(encoding="utf-8").rpartition(")")[2].split()[0]
+    except OSError:
+        return "X"
+
+
+def test_a_log_that_nobody_reads_does_not_keep_the_call_limit_away():
+    log = expect_killed_unread("--call-limit", "10")
+    expect("has not returned from fmi2DoStep for 10 s" in log, log[-3000:])
+
+
+def test_a_log_that_nobody_reads_does_not_keep_signals_away():
+    log = expect_killed_unread(asks=2)
+    expect("asked twice to end, by SIGINT" in log, log[-3000:])
+
+
+main()
