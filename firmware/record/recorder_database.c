@@ -102,9 +102,36 @@ static void bind_number(sqlite3_stmt *prepared, int index, double value) {
     }
 }
 
-/* Valid until the statement has run. */
+/* Bytes at the beginning that are UTF-8. */
+static size_t whole_text(const char *text, size_t size) {
+    size_t good = 0;
+    size_t length = 1;
+    while (good < size && length > 0) {
+        length = tl_utf8_length(text + good, size - good);
+        good += length;
+    }
+    return good;
+}
+
+/* What is no character becomes "?". */
+static void repair(char *text) {
+    const size_t size = strlen(text);
+    for (size_t good = whole_text(text, size); good < size; good += whole_text(text + good, size - good)) {
+        text[good] = '?';
+    }
+}
+
+/* Valid until the statement has run. One text that is none makes the whole database one that is damaged: texts come from anywhere, and were cut. */
 static void bind_text(sqlite3_stmt *prepared, int index, const char *text) {
-    (void)sqlite3_bind_text(prepared, index, text, -1, SQLITE_STATIC);
+    if (text == NULL || whole_text(text, strlen(text)) == strlen(text)) {
+        (void)sqlite3_bind_text(prepared, index, text, -1, SQLITE_STATIC);
+        return;
+    }
+    char *repaired = sqlite3_mprintf("%s", text);
+    if (repaired != NULL) {
+        repair(repaired);
+    }
+    (void)sqlite3_bind_text(prepared, index, repaired, -1, sqlite3_free);
 }
 
 /* ---- A batch ----------------------------------------------------------------------------------------------------- */
@@ -275,25 +302,9 @@ int tl_recorder_database_entry(tl_recorder_database *database, const tl_recorder
     return SQLITE_INTERNAL;
 }
 
-/* Texts come from anywhere, and were cut: what is no character becomes "?". */
-static void repair(char *text) {
-    for (size_t left = strlen(text); left > 0;) {
-        size_t length = tl_utf8_length(text, left);
-        if (length == 0) {
-            *text = '?';
-            length = 1;
-        }
-        text += length;
-        left -= length;
-    }
-}
-
 int tl_recorder_database_event(tl_recorder_database *database, const tl_recorder_event_entry *event) {
     sqlite3_stmt *prepared = database->statements[EVENT];
-    tl_recorder_event_entry copy = *event;
     char at[TL_UTC_TEXT];
-    repair(copy.source);
-    repair(copy.text);
     tl_utc_text(event->at, at);
     (void)sqlite3_bind_int64(prepared, 1, database->run);
     bind_text(prepared, 2, at);
@@ -303,8 +314,8 @@ int tl_recorder_database_event(tl_recorder_database *database, const tl_recorder
         (void)sqlite3_bind_null(prepared, 3);
     }
     (void)sqlite3_bind_int(prepared, 4, (int)event->severity);
-    bind_text(prepared, 5, copy.source);
-    bind_text(prepared, 6, copy.text);
+    bind_text(prepared, 5, event->source);
+    bind_text(prepared, 6, event->text);
     return run_statement(prepared);
 }
 

@@ -8,6 +8,7 @@
 #include "firmware/base/clock.h"
 #include "firmware/base/log.h"
 #include "firmware/process/interrupt.h"
+#include "firmware/text/clean_text.h"
 #include "firmware/twin/twin_process.h"
 #include "firmware/twin/twin_wire.h"
 
@@ -40,16 +41,11 @@ struct tl_twin_child {
 
 /* ---- how it ended ---- */
 
-/* What a process with FMUs has written is shown as it is only if it is text. */
-static void copy_text(char *to, size_t size, const char *from) {
-    size_t length = strnlen(from, size - 1);
-    memcpy(to, from, length);
-    to[length] = '\0';
-    for (char *c = to; *c != '\0'; c++) {
-        bool is_control = (unsigned char)*c < ' ' || *c == '\x7f' ||
-                          ((unsigned char)*c == 0xC2U && (unsigned char)c[1] >= 0x80U && (unsigned char)c[1] < 0xA0U);
-        *c = is_control ? ' ' : *c;
-    }
+/* What a process with FMUs has written is shown as it is only if it is text. It may be writing still. */
+static void copy_error(const tl_twin_child *child, char text[TL_ERROR_TEXT]) {
+    char copy[TL_ERROR_TEXT];
+    memcpy(copy, child->extra->error, sizeof copy);
+    (void)tl_clean_text(copy, strnlen(copy, sizeof copy - 1), text, TL_ERROR_TEXT);
 }
 
 static void describe_place(const tl_twin_child *child, char *text, size_t size) {
@@ -102,7 +98,7 @@ static tl_status take_word(tl_twin_child *child, tl_message type) {
     bool is_possible = told < TL_INTERRUPTED || (told == TL_INTERRUPTED && tl_interrupt_requested() != NULL);
     child->last_status = is_possible ? (tl_status)told : TL_FMU_FAILED;
     child->last_error.status = child->last_status;
-    copy_text(child->last_error.text, sizeof child->last_error.text, child->extra->error);
+    copy_error(child, child->last_error.text);
     child->has_ended = type == TL_MESSAGE_ENDED;
     return TL_OK;
 }
@@ -351,7 +347,7 @@ tl_status tl_twin_child_take(tl_twin_child *child, int64_t tick, unsigned wanted
     }
     child->least_step = result->ready != 0 ? result->record.step + 1 : child->least_step;
     if (result->status != (int32_t)TL_OK) {
-        copy_text(error->text, sizeof error->text, child->extra->error);
+        copy_error(child, error->text);
         error->status = (tl_status)result->status;
         if (error->text[0] == '\0') {
             return tl_fail(error, error->status, "a step failed, and the process of the FMUs does not say why");

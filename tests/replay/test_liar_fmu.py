@@ -1,17 +1,17 @@
 #!/usr/bin/env python3
 """FMUs that attack who watches them: by asking without end, by lies in the memory that they share, by what they print. Each of them ends with 70 and a
 sentence, or its run goes on; and what was kept of the run can be read."""
-import json
-import os
-import resource
+import re
+import shutil
 import signal
 import sqlite3
 import subprocess
 import time
+import zipfile
 from contextlib import closing
 from pathlib import Path
 
-from hostile_fmu import config, make
+from hostile_fmu import DESCRIPTION, config, make
 from twinlock_test import PATIENCE, SANITIZER, at_least, at_most, expect, finish, main, run, scratch, start
 
 
@@ -69,6 +69,45 @@ def test_hammering_does_not_keep_signals_away():
 
 def test_hammering_does_not_keep_bounds_away():
     expect_end(("replay", config(make("liar", HOW="hammer", MEBIBYTES=600))), "in the folder of the FMUs", 50)
+
+
+# ---- texts that are none ----
+
+OBEYED = re.compile(rb"[\x00-\x08\x0b-\x1f\x7f]|\xc2[\x80-\x9f]|\xe2\x80[\xa8-\xae]")  # with newlines and tabs left out
+
+
+def test_a_text_that_is_none_goes_nowhere():
+    """Neither to the log nor into a report, nor into a database, which all can still read."""
+    for how, said in (("bad name", "has not returned from fmi2DoStep"), ("bad error", "")):
+        database, page, log = scratch() / "twin.db", scratch() / "page.html", scratch() / "log"
+        with open(log, "wb") as file:
+            code, _, _ = finish(start(("replay", config(make("liar", HOW=how)), "--call-limit", "2", "--db", database, "--report", page),
+                                      stderr=file, stdout=subprocess.DEVNULL), 60)
+        expect(code == 70 and said in log.read_text(encoding="utf-8"), f"{how}: ended with {code}\n{log.read_bytes()}")
+        if page.exists():
+            page.read_text(encoding="utf-8")
+        expect(not OBEYED.search(log.read_bytes()), f"{how}: {log.read_bytes()}")
+        with closing(sqlite3.connect(database)) as connection:
+            for text, in connection.execute("SELECT ended_reason FROM runs UNION ALL SELECT text FROM events"):
+                expect(text is None or not OBEYED.search(text.encode()), f"{how}: {text!r} in the database")
+        code, shown, complaint = run(("show", database))
+        expect(code == 0 and "hostile" in shown, f"{how}: show ended with {code}\n{complaint}")
+
+
+def test_a_unit_that_is_none_is_repaired():
+    """That of an honest FMU: check and replay agree about it."""
+    fmu = shutil.copy(make("good"), scratch() / "unit.fmu")
+    description = DESCRIPTION.read_text(encoding="utf-8")
+    for unit in ("&#x85;m", "&#x202E;m"):
+        changed = description.replace('unit="1"', f'unit="{unit}"').replace('<Unit name="1"', f'<Unit name="{unit}"')
+        expect(changed != description, "has no unit to change")
+        subprocess.run(["zip", "-q", "-d", fmu, "modelDescription.xml"], check=True)
+        with zipfile.ZipFile(fmu, "a") as archive:
+            archive.writestr("modelDescription.xml", changed)
+        path = config(fmu)
+        for verb in ("check", "replay"):
+            code, out, log = run((verb, path))
+            expect(code == 0 and not OBEYED.search(out.encode()), f"{verb} ended with {code}\n{log}{out!r}")
 
 
 # ---- a log that nobody reads ----

@@ -100,7 +100,7 @@ static void *ask(void *unused) {
 }
 
 static void hammer(void) {
-    for (int i = 0; i < 40; i++) {
+    for (int i = 0; i < 400; i++) {
         begin(ask, NULL);
     }
     int file = open("attack", O_CREAT | O_WRONLY, 0600);
