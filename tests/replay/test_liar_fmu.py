@@ -1,6 +1,7 @@
 #!/usr/bin/env python3
 """FMUs that attack who watches them: by asking without end, by lies in the memory that they share, by what they print. Each of them ends with 70 and a
 sentence, or its run goes on; and what was kept of the run can be read."""
+import json
 import re
 import shutil
 import signal
@@ -13,6 +14,8 @@ from pathlib import Path
 
 from hostile_fmu import DESCRIPTION, config, make
 from twinlock_test import PATIENCE, SANITIZER, at_least, at_most, expect, finish, main, run, scratch, start
+
+CLONE_FS, CLONE_FILES = 0x200, 0x400
 
 
 def seconds_of(*args, **options):
@@ -69,6 +72,86 @@ def test_hammering_does_not_keep_signals_away():
 
 def test_hammering_does_not_keep_bounds_away():
     expect_end(("replay", config(make("liar", HOW="hammer", MEBIBYTES=600))), "in the folder of the FMUs", 50)
+
+
+# ---- lies about the call that is under way ----
+
+def test_lies_about_calls_do_not_last():
+    """Ten times the limit without a call, or a hundred times with calls that come to nothing."""
+    for how, limit, most in (("no call", "0.3", 20), ("toggle", "0.3", 40), ("begun", "0.1", 40)):
+        expect_end(("replay", config(make("liar", HOW=how)), "--call-limit", limit), "s nothing came of it", most)
+
+
+def test_lies_about_calls_do_not_keep_signals_away():
+    programs = [Background("replay", config(make("liar", HOW=how))) for how in ("no call", "toggle", "begun")]
+    for program in programs:
+        program.wait_for("hanging")
+        program.process.send_signal(signal.SIGINT)
+    time.sleep(1.5)
+    for program in programs:
+        program.process.send_signal(signal.SIGINT)
+    for program in programs:
+        code, log = program.end(20)
+        expect(code == 70 and "asked twice to end, by SIGINT: ended at once" in log, f"ended with {code}\n{log}")
+
+
+def test_signals_to_itself_change_nothing():
+    """Only its parent ends it."""
+    _, wanted, _ = run(("replay", config(make("good")), "--json"))
+    for number in (signal.SIGINT, signal.SIGTERM):
+        fmu = make("liar", HOW="signal", NUMBER=int(number))
+        code, out, log = run(("replay", config(fmu), "--json", "--call-limit", "2"))
+        expect(code == 0 and json.loads(out)["steps"] == json.loads(wanted)["steps"], f"replay ended with {code}\n{log}")
+
+
+def test_a_signal_that_comes_early_ends_in_order():
+    path = config(make("good"))
+    for wait in range(0, 60, 2):
+        process = start(("replay", path, "--realtime"))
+        time.sleep(0.05 + wait / 1000)
+        process.send_signal(signal.SIGINT)
+        code, _, log = finish(process, 30)
+        expect(code in (75, -signal.SIGINT) and "ended by signal" not in log, f"after {wait} ms it ended with {code}\n{log}")
+
+
+# ---- what a thread has besides ----
+
+def test_no_thread_has_descriptors_of_its_own():
+    for flags in (0, CLONE_FILES, CLONE_FS):
+        code, _, log = run(("replay", config(make("liar", HOW="pipes", NUMBER=flags))))
+        expect(code == 0 and "a thread apart: Operation not permitted" in log, f"ended with {code}\n{log}")
+    code, _, log = run(("replay", config(make("liar", HOW="unshare"))))
+    expect(code == 0 and "descriptors apart: Operation not permitted" in log, f"ended with {code}\n{log}")
+
+
+# ---- how much it prints ----
+
+def test_what_it_prints_has_an_end():
+    program = Background("replay", config(make("liar", HOW="flood", MEBIBYTES=60)))
+    code, _ = program.end(60)
+    log = program.log.read_bytes()
+    expect(code == 0 and b"what they print from here on is left out" in log and b"lines that FMUs have printed were left out" in log,
+           f"ended with {code}")
+    at_least(len(log), 32 << 20, "bytes of the log")
+    at_most(len(log), 40 << 20, "bytes of the log")
+
+
+def test_the_page_of_a_check_has_an_end():
+    page = scratch() / "page"
+    with open(page, "wb") as file:
+        code, _, log = finish(start(("check", config(make("liar", HOW="page", CALL=1, MEBIBYTES=200))), stdout=file), 60)
+    expect(code == 70 and "the page of the check is longer than 67 MB" in log, f"ended with {code}\n{log}")
+    at_most(page.stat().st_size, 65 << 20, "bytes of the page")
+
+
+def test_a_page_that_is_closed_is_told():
+    code, _, log = run(("check", config(make("liar", HOW="no page", CALL=1))))
+    expect(code == 70 and "an FMU has closed what it is printed to" in log, f"ended with {code}\n{log}")
+
+
+def test_levels_are_not_believed():
+    code, _, log = run(("replay", config(make("liar", HOW="levels"))))
+    expect(code == 0 and "fmu: <0>forged 0\nfmu: <2>forged 2\n" in log and "\nfmu: twinlock: error: forged\n" in log, f"ended with {code}\n{log}")
 
 
 # ---- texts that are none ----
