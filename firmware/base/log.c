@@ -3,6 +3,7 @@
 #include "firmware/base/log.h"
 
 #include <errno.h>
+#include <limits.h>
 #include <poll.h>
 #include <stdarg.h>
 #include <stdbool.h>
@@ -171,12 +172,12 @@ static bool write_line(tl_log_level level, const char *text, bool wait) {
     return length > 0 && write_all(line, (size_t)length);
 }
 
-static bool is_wanted(tl_log_level level) {
-    return (int)level <= __atomic_load_n(&top_level, __ATOMIC_RELAXED);
+static bool is_wanted(int level) {
+    return level <= __atomic_load_n(&top_level, __ATOMIC_RELAXED);
 }
 
 void tl_log(tl_log_level level, const char *format, ...) {
-    if (!is_wanted(level)) {
+    if (!is_wanted((int)level)) {
         return;
     }
     int saved = errno;
@@ -195,6 +196,43 @@ void tl_log_plain(const char *line) {
     int length = snprintf(whole, sizeof whole, "%s%.*s\n", wipe(), (int)TL_LOG_PLAIN, line);
     (void)write_all(whole, length > 0 ? (size_t)length : 0);
     errno = saved;
+}
+
+/* What a pipe takes at once is written at once, if it takes anything: then no write waits. */
+static bool write_patiently(const char *bytes, size_t size, int patience) {
+    for (size_t written = 0; written < size;) {
+        struct pollfd ready = {.fd = STDERR_FILENO, .events = POLLOUT};
+        size_t part = size - written < PIPE_BUF ? size - written : PIPE_BUF;
+        if (poll(&ready, 1, patience) != 1 || (ready.revents & POLLOUT) == 0 || !write_all(bytes + written, part)) {
+            return false;
+        }
+        written += part;
+    }
+    return true;
+}
+
+/* In a journal a line without a level of its own could begin with one. */
+static void foreign_prefix(int level, char *prefix) {
+    const char *shown = current_style() == STYLE_JOURNAL ? "<6>fmu: " : "fmu: ";
+    if (level == TL_LOG_FOREIGN) {
+        (void)snprintf(prefix, TL_LOG_PREFIX, "%s", shown);
+    } else {
+        tl_log_prefix((tl_log_level)level, prefix, TL_LOG_PREFIX);
+    }
+}
+
+bool tl_log_foreign(int level, const char *line, int patience) {
+    if (!is_wanted(level)) {
+        return true;
+    }
+    int saved = errno;
+    char prefix[TL_LOG_PREFIX];
+    char whole[sizeof WIPE + TL_LOG_PREFIX + TL_LOG_PLAIN + 1];
+    foreign_prefix(level, prefix);
+    int length = snprintf(whole, sizeof whole, "%s%s%.*s\n", wipe(), prefix, (int)TL_LOG_PLAIN, line);
+    bool done = write_patiently(whole, length > 0 ? (size_t)length : 0, patience);
+    errno = saved;
+    return done;
 }
 
 /* ---- The status line ---- */
@@ -270,7 +308,7 @@ static bool may_pass(tl_log_limiter *limiter) {
 }
 
 void tl_log_limited(tl_log_limiter *limiter, tl_log_level level, const char *format, ...) {
-    if (!is_wanted(level)) {
+    if (!is_wanted((int)level)) {
         return;
     }
     int saved = errno;

@@ -14,6 +14,7 @@
 #ifndef TL_FIRMWARE_BASE_LOG_H
 #define TL_FIRMWARE_BASE_LOG_H
 
+#include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
 
@@ -29,6 +30,8 @@ typedef enum tl_log_level {
     TL_LOG_DEBUG = 7
 } tl_log_level;
 
+enum { TL_LOG_FOREIGN = -1 };
+
 /* Messages above this level are dropped. Default TL_LOG_NOTICE. */
 void tl_log_set_level(tl_log_level level);
 
@@ -39,6 +42,10 @@ void tl_log(tl_log_level level, const char *format, ...) TL_PRINTF(2, 3);
 
 /* A foreign line as it is, of at most TL_LOG_PLAIN bytes and without control characters (relay.h); what exceeds is cut. */
 void tl_log_plain(const char *line);
+
+/* A line that another process asks to log, as tl_log_plain() demands it: of a tl_log_level, or TL_LOG_FOREIGN: marked as an FMU's. Waits at most
+ * `patience` ms for each part that stderr is to take. False: it takes nothing; the line, or its rest, is left out. */
+bool tl_log_foreign(int level, const char *line, int patience);
 
 /* If stderr is a terminal: `line` is the status line from now on, as far as the terminal has columns and TL_LOG_TEXT bytes reach. NULL: there is
  * none any more. */

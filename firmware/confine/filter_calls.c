@@ -11,7 +11,7 @@ typedef struct group {
 
 /* clang-format off */
 static const group allowed[] = {
-    {"what it holds open", "read write readv writev pread64 pwrite64 preadv pwritev preadv2 pwritev2 lseek _llseek close close_range dup dup2 dup3"},
+    {"what it holds open", "read write readv writev pread64 pwrite64 preadv pwritev preadv2 pwritev2 lseek _llseek close dup dup2 dup3"},
     {"copies between descriptors", "copy_file_range sendfile sendfile64 splice tee vmsplice"},
     {"making files, where Landlock lets it", "mkdir mkdirat"},
     {"files that it has open for writing", "ftruncate ftruncate64 fallocate fsync fdatasync msync sync_file_range arm_sync_file_range"},

@@ -102,9 +102,13 @@ static void bind_count(sqlite3_stmt *prepared, int index, uint64_t count) {
     (void)sqlite3_bind_int64(prepared, index, count > TL_ROW_LARGEST ? TL_ROW_LARGEST : (sqlite3_int64)count);
 }
 
-/* Valid until the statement has run. */
+/* One text that is none would make the whole database one that is damaged: texts come from anywhere, and were cut. */
 static void bind_text(sqlite3_stmt *prepared, int index, const char *text) {
-    (void)sqlite3_bind_text(prepared, index, text, -1, SQLITE_STATIC);
+    char *repaired = text == NULL ? NULL : sqlite3_mprintf("%s", text);
+    if (repaired != NULL) {
+        tl_recorder_beginning_repair(repaired);
+    }
+    (void)sqlite3_bind_text(prepared, index, repaired, -1, sqlite3_free);
 }
 
 /* ---- A batch ----------------------------------------------------------------------------------------------------- */
@@ -305,10 +309,7 @@ int tl_recorder_database_entry(tl_recorder_database *database, const tl_recorder
 
 int tl_recorder_database_event(tl_recorder_database *database, const tl_recorder_event_entry *event) {
     sqlite3_stmt *prepared = database->statements[EVENT];
-    tl_recorder_event_entry copy = *event;
     char at[TL_UTC_TEXT];
-    tl_recorder_beginning_repair(copy.source);
-    tl_recorder_beginning_repair(copy.text);
     tl_utc_text(event->at, at);
     (void)sqlite3_bind_int64(prepared, 1, database->run);
     bind_text(prepared, 2, at);
@@ -318,8 +319,8 @@ int tl_recorder_database_event(tl_recorder_database *database, const tl_recorder
         (void)sqlite3_bind_null(prepared, 3);
     }
     (void)sqlite3_bind_int(prepared, 4, (int)event->severity);
-    bind_text(prepared, 5, copy.source);
-    bind_text(prepared, 6, copy.text);
+    bind_text(prepared, 5, event->source);
+    bind_text(prepared, 6, event->text);
     return run_statement(prepared);
 }
 

@@ -21,12 +21,8 @@ static tl_fmu_refused *note(tl_fmu_refusals *refusals, const tl_refusal *refusal
     return noted;
 }
 
-/* `call`: without a name where no FMU was being called. NULL: said before. */
-static const char *say(tl_fmu_refusals *refusals, const tl_refusal *refusal, const tl_fmu_call *call) {
-    tl_fmu_refused *noted = note(refusals, refusal, call);
-    if (noted == NULL) {
-        return NULL;
-    }
+/* `call`: without a name if no FMU was being called. */
+static void say(tl_fmu_refused *noted, const tl_refusal *refusal, const tl_fmu_call *call) {
     if (call->function != NULL) {
         (void)snprintf(noted->said, sizeof noted->said, "FMU %s asked for %s in %s, which is refused; said once",
                        call->fmu, refusal->name, call->function);
@@ -35,24 +31,20 @@ static const char *say(tl_fmu_refusals *refusals, const tl_refusal *refusal, con
                        "a thread of an FMU asked for %s outside of its functions, which is refused; said once",
                        refusal->name);
     }
-    return noted->said;
 }
 
-/* Who asked stands still until it is answered: so the account still says which function it is in. */
-const char *tl_fmu_refusals_answer(tl_fmu_refusals *refusals, int listener, const tl_fmu_calls *calls) {
-    tl_refusal refusal;
-    const char *said = NULL;
-    while (said == NULL && tl_refusal_take(listener, &refusal)) {
-        tl_fmu_call call;
-        if (!tl_fmu_calls_look(calls, &call)) {
-            call = (tl_fmu_call){.fmu = ""};
-        }
-        said = say(refusals, &refusal, &call);
-        tl_refusal_answer(listener, &refusal);
+bool tl_fmu_refusals_note(tl_fmu_refusals *refusals, const tl_refusal *refusal, const tl_fmu_calls *calls) {
+    tl_fmu_call call;
+    if (!tl_fmu_calls_look(calls, &call)) {
+        call = (tl_fmu_call){.fmu = ""};
     }
-    return said;
+    tl_fmu_refused *noted = note(refusals, refusal, &call);
+    if (noted != NULL) {
+        say(noted, refusal, &call);
+    }
+    return noted != NULL;
 }
 
-const char *tl_fmu_refusals_next(tl_fmu_refusals *refusals) {
-    return refusals->told < refusals->count ? refusals->entries[refusals->told++].said : NULL;
+const char *tl_fmu_refusals_next(const tl_fmu_refusals *refusals, size_t *told) {
+    return *told < refusals->count ? refusals->entries[(*told)++].said : NULL;
 }

@@ -9,6 +9,7 @@
 #ifndef TL_FIRMWARE_TWIN_FMU_REFUSALS_H
 #define TL_FIRMWARE_TWIN_FMU_REFUSALS_H
 
+#include <stdbool.h>
 #include <stddef.h>
 
 #include "firmware/confine/refusal.h"
@@ -29,14 +30,13 @@ typedef struct tl_fmu_refused {
 typedef struct tl_fmu_refusals {
     tl_fmu_refused entries[TL_FMU_REFUSALS];
     size_t count;
-    size_t told;
 } tl_fmu_refusals;
 
-/* Takes all that wait at `listener` (−1: none) and answers them, up to the first that is new: the sentence about that. NULL: none waits any
- * more. `calls`: of the process with the FMUs. */
-const char *tl_fmu_refusals_answer(tl_fmu_refusals *refusals, int listener, const tl_fmu_calls *calls);
+/* One that was taken and is not answered yet: who asked stands still, so `calls`, of the process with the FMUs, still say in which function it is.
+ * True: it is new, and there is a sentence about it. */
+bool tl_fmu_refusals_note(tl_fmu_refusals *refusals, const tl_refusal *refusal, const tl_fmu_calls *calls);
 
-/* The next that was not given by this yet; NULL: there is none. It stays where it is. */
-const char *tl_fmu_refusals_next(tl_fmu_refusals *refusals);
+/* The next sentence that is not told yet: *told, 0 at first, counts them. NULL: there is none. It stays where it is. */
+const char *tl_fmu_refusals_next(const tl_fmu_refusals *refusals, size_t *told);
 
 #endif

@@ -7,15 +7,18 @@
 
 #include "firmware/base/clock.h"
 #include "firmware/base/log.h"
+#include "firmware/process/fmu_patience.h"
 #include "firmware/process/interrupt.h"
+#include "firmware/text/clean_text.h"
 #include "firmware/twin/twin_process.h"
 #include "firmware/twin/twin_wire.h"
 
 /* How long it sleeps at most before it looks whether the process is alive. */
 static const tl_time LOOK = TL_SECOND / 10;
 
-/* What is not a call of an FMU, such as to unpack one, may take so many times what a call may. */
-enum { SILENT_CALLS = 10 };
+/* What is not a call of an FMU, such as to unpack one, may take so many times what a call may; a tick with all its calls so many. The process says
+ * itself in which call it is, and may lie: what nobody can lie about is that nothing came. */
+enum { SILENT_CALLS = 10, TICK_CALLS = 100 };
 
 struct tl_twin_child {
     tl_twin_child_settings settings;
@@ -24,8 +27,11 @@ struct tl_twin_child {
     tl_block blocks[TL_SIDES];
     tl_channel channel;
     const tl_twin_extra *extra;
+    tl_twin_orders *orders;
     tl_twin_process *process;
-    tl_time silence; /* for how long it has neither said anything nor called an FMU */
+    tl_time silence; /* for how long it has said nothing, */
+    tl_time idle;    /* and was in no call of an FMU meanwhile, as it says */
+    tl_time asked;   /* and knows that it is to end */
     bool has_ended;  /* it has said its last word */
     bool stopping;
     tl_status last_status;
@@ -40,16 +46,11 @@ struct tl_twin_child {
 
 /* ---- how it ended ---- */
 
-/* What a process with FMUs has written is shown as it is only if it is text. */
-static void copy_text(char *to, size_t size, const char *from) {
-    size_t length = strnlen(from, size - 1);
-    memcpy(to, from, length);
-    to[length] = '\0';
-    for (char *c = to; *c != '\0'; c++) {
-        bool is_control = (unsigned char)*c < ' ' || *c == '\x7f' ||
-                          ((unsigned char)*c == 0xC2U && (unsigned char)c[1] >= 0x80U && (unsigned char)c[1] < 0xA0U);
-        *c = is_control ? ' ' : *c;
-    }
+/* What a process with FMUs has written is shown as it is only if it is text. It may be writing still. */
+static void copy_error(const tl_twin_child *child, char text[TL_ERROR_TEXT]) {
+    char copy[TL_ERROR_TEXT];
+    memcpy(copy, child->extra->error, sizeof copy);
+    (void)tl_clean_text(copy, strnlen(copy, sizeof copy - 1), text, TL_ERROR_TEXT);
 }
 
 static void describe_place(const tl_twin_child *child, char *text, size_t size) {
@@ -102,27 +103,44 @@ static tl_status take_word(tl_twin_child *child, tl_message type) {
     bool is_possible = told < TL_INTERRUPTED || (told == TL_INTERRUPTED && tl_interrupt_requested() != NULL);
     child->last_status = is_possible ? (tl_status)told : TL_FMU_FAILED;
     child->last_error.status = child->last_status;
-    copy_text(child->last_error.text, sizeof child->last_error.text, child->extra->error);
+    copy_error(child, child->last_error.text);
     child->has_ended = type == TL_MESSAGE_ENDED;
     return TL_OK;
 }
 
-/* Sleeps until `wanted` messages are there, or for `longest`. False: the process has said nothing, and called no FMU, for so long that nothing will
- * come any more; it is killed. The warden looks at calls of FMUs, but whose memory is destroyed may have none. */
+static void begin_patience(tl_twin_child *child) {
+    child->silence = 0;
+    child->idle = 0;
+    child->asked = 0;
+}
+
+static bool has_patience(const tl_twin_child *child) {
+    const tl_time call = child->settings.call_limit;
+    const tl_time end = call > TL_FMU_PATIENCE_END ? call : TL_FMU_PATIENCE_END;
+    return call == 0 || (child->idle < SILENT_CALLS * call && child->silence < TICK_CALLS * call && child->asked < end);
+}
+
+/* Sleeps until `wanted` messages are there, or for `longest`. False: the process has said nothing for so long that nothing will come any more; it is
+ * to be killed. The warden looks at calls of FMUs, but whose memory is destroyed, or who lies, may have none. */
 static bool rest(tl_twin_child *child, unsigned wanted, tl_time longest) {
     tl_fmu_call call;
     tl_time begun = tl_clock_now(NULL);
     (void)tl_channel_wait(&child->channel, wanted, 0, begun + longest);
     tl_time passed = tl_clock_now(NULL) - begun;
     passed = passed > TL_SECOND ? TL_SECOND : passed; /* who was stopped was not silent */
-    child->silence = tl_fmu_calls_look(&child->extra->calls, &call) ? 0 : child->silence + passed;
-    return child->settings.call_limit == 0 || child->silence < SILENT_CALLS * child->settings.call_limit;
+    child->silence += passed;
+    child->idle += tl_fmu_calls_look(&child->extra->calls, &call) ? 0 : passed;
+    child->asked += tl_interrupt_requested() != NULL ? passed : 0;
+    return has_patience(child);
 }
 
 static tl_status end_silent(tl_twin_child *child, tl_error *error) {
     tl_twin_process_kill(child->process);
-    return tl_fail(error, TL_FMU_FAILED, "the process of the FMUs was killed: for %.0f s it has done nothing",
-                   tl_seconds(child->silence));
+    return tl_fail(
+        error, TL_FMU_FAILED,
+        "the process of the FMUs was killed: for %.0f s nothing came of it; if its FMUs need longer, --call-limit "
+        "S permits it",
+        tl_seconds(child->silence));
 }
 
 /* The next message, in child->payload. TL_OK, or TL_FMU_FAILED: the process is at its end. */
@@ -130,7 +148,7 @@ static tl_status next_message(tl_twin_child *child, unsigned wanted, tl_message 
     for (;;) {
         switch (tl_channel_take(&child->channel, type, &child->payload)) {
         case TL_CHANNEL_SOMETHING:
-            child->silence = 0;
+            begin_patience(child);
             return *type == TL_MESSAGE_RESULT || *type == TL_MESSAGE_READY ? TL_OK : take_word(child, *type);
         case TL_CHANNEL_BROKEN:
             return end_liar(child, child->channel.fault.text, error);
@@ -185,6 +203,7 @@ static tl_status make_blocks(tl_twin_child *child, tl_error *error) {
     if (status == TL_OK) {
         void *const bytes[TL_SIDES] = {child->blocks[TL_PARENT].bytes, child->blocks[TL_CHILD].bytes};
         child->extra = tl_channel_extra(&child->wire, TL_CHILD, child->blocks[TL_CHILD].bytes);
+        child->orders = tl_channel_extra(&child->wire, TL_PARENT, child->blocks[TL_PARENT].bytes);
         tl_channel_open(&child->wire, TL_PARENT, bytes, &child->channel);
     }
     return status;
@@ -285,6 +304,9 @@ tl_status tl_twin_child_check(tl_twin_child *child, tl_error *error) {
         return status;
     }
     tl_twin_process_flush(child->process);
+    if (child->last_status == TL_INTERRUPTED) {
+        return tl_fail(error, TL_INTERRUPTED, "interrupted by %s", tl_interrupt_requested());
+    }
     *error = child->last_error;
     return child->last_status;
 }
@@ -312,6 +334,7 @@ void tl_twin_child_push(tl_twin_child *child) {
 void tl_twin_child_stop(tl_twin_child *child) {
     if (!child->stopping) {
         child->stopping = true;
+        __atomic_store_n(&child->orders->stop, 1, __ATOMIC_RELAXED);
         while (!tl_channel_offer(&child->channel, TL_MESSAGE_END, NULL) && child->channel.fault.status == TL_OK &&
                !tl_twin_process_reap(child->process)) {
             (void)tl_channel_wait(&child->channel, TL_CHANNEL_DEPTH, 1, tl_clock_now(NULL) + LOOK);
@@ -351,7 +374,7 @@ tl_status tl_twin_child_take(tl_twin_child *child, int64_t tick, unsigned wanted
     }
     child->least_step = result->ready != 0 ? result->record.step + 1 : child->least_step;
     if (result->status != (int32_t)TL_OK) {
-        copy_text(error->text, sizeof error->text, child->extra->error);
+        copy_error(child, error->text);
         error->status = (tl_status)result->status;
         if (error->text[0] == '\0') {
             return tl_fail(error, error->status, "a step failed, and the process of the FMUs does not say why");
@@ -373,7 +396,7 @@ static tl_status wait_for_last_word(tl_twin_child *child, tl_error *error) {
 }
 
 static tl_status wait_for_end(tl_twin_child *child, tl_error *error) {
-    child->silence = 0;
+    begin_patience(child);
     while (!tl_twin_process_reap(child->process)) {
         if (!rest(child, TL_CHANNEL_DEPTH, LOOK / 20)) {
             return end_silent(child, error);

@@ -5,7 +5,7 @@
  * Above:   twin_child.h puts a channel on it. A live twin has blocks, and a supervisor that watches it.
  * Waiting: for the process nothing waits but kill and close, until it is dead.
  * Death:   who reaps the process by other means than these calls lets it go before: tl_twin_process_let_go().
- * Thread:  one, the one that has started it; was_killed, was_refused, tell and flush from any.
+ * Thread:  one, the one that has started it; was_killed, was_refused and flush from any.
  */
 #ifndef TL_FIRMWARE_TWIN_TWIN_PROCESS_H
 #define TL_FIRMWARE_TWIN_TWIN_PROCESS_H
@@ -43,7 +43,7 @@ typedef struct tl_twin_process_settings {
     uint64_t memory_limit;           /* bytes that the process may take; 0: three quarters of the machine's */
     const tl_twin_role_tasks *tasks; /* for a machine without exec (role.h) */
     tl_fmu_refusals_listener
-        *hear;     /* told of each refusal that is said on the log, in the warden's thread; NULL: nobody */
+        *hear;     /* told of each refusal that is said on the log, in a thread of the warden's; NULL: nobody */
     void *context; /* of `hear` */
 } tl_twin_process_settings;
 

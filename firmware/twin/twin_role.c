@@ -33,6 +33,7 @@ typedef struct role {
     tl_channel_settings wire;
     tl_channel channel;
     tl_twin_extra *extra;
+    const tl_twin_orders *orders;
     tl_assembly assembly;
     tl_recording_tick tick; /* as it came last, */
     tl_twin_result result;  /* and what came of it */
@@ -111,6 +112,7 @@ static tl_status open_channel(role *self, tl_error *error) {
     if (status == TL_OK) {
         void *const bytes[TL_SIDES] = {self->blocks[TL_PARENT].bytes, self->blocks[TL_CHILD].bytes};
         self->extra = tl_channel_extra(&self->wire, TL_CHILD, self->blocks[TL_CHILD].bytes);
+        self->orders = tl_channel_extra(&self->wire, TL_PARENT, self->blocks[TL_PARENT].bytes);
         tl_channel_open(&self->wire, TL_CHILD, bytes, &self->channel);
     }
     return status;
@@ -205,11 +207,15 @@ static tl_status begin(const role *self, tl_error *error) {
     return TL_OK;
 }
 
+static bool is_stopped(const role *self) {
+    return __atomic_load_n(&self->orders->stop, __ATOMIC_RELAXED) != 0;
+}
+
 /* The tick is in self->packed. */
 static void answer(role *self, bool last) {
     const tl_config *config = &self->assembly.config;
     tl_error error;
-    if (self->over || tl_interrupt_requested() != NULL) {
+    if (self->over || is_stopped(self)) {
         return;
     }
     tl_twin_unpack_tick(config, self->packed, &self->tick);
@@ -243,14 +249,20 @@ static tl_status step_until_end(role *self, tl_error *error) {
     }
 }
 
-static tl_status check(const role *self, tl_status built) {
+static tl_status check(const role *self, tl_status built, tl_error *error) {
+    if (built == TL_OK && is_stopped(self)) {
+        return TL_INTERRUPTED;
+    }
     FILE *page = fdopen(TL_TWIN_PAGE, "w");
     if (page == NULL) {
-        return TL_TRY_AGAIN;
+        return tl_fail(error, TL_FMU_FAILED,
+                       "the page of the check cannot be printed: an FMU has closed what it is printed to");
     }
     tl_status status = self->tasks->print_page(&self->assembly, &self->job, built, page);
-    (void)fclose(page);
-    return status;
+    bool done = fclose(page) == 0;
+    return status != TL_OK || done ? status
+                                   : tl_fail(error, TL_FMU_FAILED,
+                                             "the page of the check was cut: an FMU has closed what it is printed to");
 }
 
 static void work(void *context) {
@@ -265,7 +277,7 @@ static void work(void *context) {
     }
     send_word(self, TL_MESSAGE_BUILT, status, &error);
     if (self->job.task == TL_TASK_CHECK) {
-        status = check(self, status);
+        status = check(self, status, &error);
     } else if (status == TL_OK) {
         status = step_until_end(self, &error);
         tl_account_take(self->assembly.twin, &self->extra->account);
@@ -283,13 +295,13 @@ int tl_twin_role_run(const tl_twin_role_tasks *tasks) {
     tl_role_enter();
     tl_process_begin();
     tl_crash_install();
+    tl_interrupt_install(); /* before the parent passes signals on, which it does when it has what we hand over */
     tl_locale_use();
     tl_status status = start(&self, &facts, &error);
     if (status != TL_OK) {
         tl_log(TL_LOG_ERROR, "%s", error.text);
         return tl_exit_code(status);
     }
-    tl_interrupt_install();
     if (self.job.task == TL_TASK_LIVE) {
         return tasks->live(&self.assembly, &self.job, &facts);
     }

@@ -3,7 +3,7 @@
  * Purpose: it reads its job, opens the FMU files, gives up every right that FMUs have no business with (confine.h), and only then loads them.
  *          It builds the twin, and answers each tick with a result, prints the page of a check, or lives beside a plant. It has no file of the
  *          user's, no terminal and no socket; what it says goes through pipes and blocks of shared memory.
- * Order:   log, parent, title; job; files; confinement; signals; then it says that it is ready, or lives.
+ * Order:   log, parent, title; signals; job; files; confinement; then it says that it is ready, or lives.
  * Live:    the room that does it is above this one, so it is handed in. It has no channel; its blocks have the numbers that twin_wire.h says. An FMU
  *          that reaches for another process is refused that, and the twin goes on, as the plant's data do. The process may lock its memory, and
  *          who has started it may give it the configured priority, though it has no capability.

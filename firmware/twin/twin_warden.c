@@ -15,48 +15,31 @@
 #include "firmware/base/side_thread.h"
 #include "firmware/process/fmu_patience.h"
 #include "firmware/process/interrupt.h"
-#include "firmware/text/relay.h"
+#include "firmware/twin/twin_output.h"
 
-enum { LOOK_MS = 50, STACK = 256 * 1024 /* the supervisor locks it */ };
+enum {
+    LOOK_MS = 50,
+    STACK = 256 * 1024, /* the supervisor locks it */
+    ANSWERS = 64        /* refused calls between two looks at the process: who asks without end is not all there is */
+};
 
 struct tl_twin_warden {
     tl_twin_warden_settings settings;
     pthread_t thread;
+    tl_twin_output *
+        output; /* what it prints, and all that is said of it: another thread, since that may wait for who reads our log */
     int stop;     /* eventfd: told to end */
-    int start;    /* -1: the process has handed over what it had to */
+    int start;    /* -1: the process has handed over what it had to, and hears signals */
     int listener; /* what it was; -1: nothing */
     tl_fmu_patience patience;
-    tl_time pass_on_at;   /* a signal that came; again, since an FMU may have swallowed it */
-    pthread_mutex_t lock; /* of all below */
-    tl_relay output;
-    tl_relay page;
-    bool output_ended;
-    bool page_ended;
+    tl_time pass_on_at;               /* a signal that came; again, since an FMU may have swallowed it */
+    size_t spoken;                    /* refusals that the other thread has said */
+    pthread_mutex_t lock;             /* of all below */
     bool may_kill;                    /* its number is its own */
     char killed[TL_TWIN_WARDEN_TEXT]; /* why; "": not */
     tl_fmu_refusals refusals;
+    size_t told; /* of them */
 };
-
-/* ---- what it prints ---- */
-
-/* A line of our own log begins with its level, as in a journal; any other is an FMU's. */
-static void pass_output(void *context, const char *line) {
-    (void)context;
-    if (line[0] == '<' && line[1] >= '0' && line[1] <= '7' && line[2] == '>') {
-        tl_log((tl_log_level)(line[1] - '0'), "%s", line + 3);
-    } else {
-        tl_log_plain(line);
-    }
-}
-
-static void pass_page(void *context, const char *line) {
-    (void)fprintf(context, "%s\n", line);
-}
-
-static void drain(tl_twin_warden *self) {
-    self->output_ended = self->output_ended || !tl_relay_drain(&self->output);
-    self->page_ended = self->page_ended || !tl_relay_drain(&self->page);
-}
 
 /* ---- its end ---- */
 
@@ -83,6 +66,7 @@ static void look_at_calls(tl_twin_warden *self) {
         .call = is_called ? &call : NULL,
         .asked = tl_interrupt_requested(),
         .times = tl_interrupt_times(),
+        .whatever = true,
     };
     if (tl_fmu_patience_is_over(&self->patience, &view, text, sizeof text)) {
         kill_it(self, text);
@@ -96,12 +80,19 @@ static void look_at_bounds(tl_twin_warden *self) {
         (void)snprintf(text, sizeof text, "the process of the FMUs was killed: %s", found);
         kill_it(self, text);
     }
+    if (tl_twin_output_page_is_too_long(self->output)) {
+        (void)snprintf(text, sizeof text,
+                       "the process of the FMUs was killed: the page of the check is longer than %d MB",
+                       TL_TWIN_OUTPUT_PAGE_MOST / 1000000);
+        kill_it(self, text);
+    }
 }
 
+/* Before it has a handler it would die of it. */
 static void pass_signal_on(tl_twin_warden *self) {
     int asked = tl_interrupt_signal();
     tl_time now = tl_clock_now(NULL);
-    if (asked != 0 && self->may_kill && now >= self->pass_on_at) {
+    if (asked != 0 && self->start < 0 && self->may_kill && now >= self->pass_on_at) {
         self->pass_on_at = now + TL_SECOND / 2;
         (void)kill(self->settings.process, asked);
     }
@@ -129,28 +120,47 @@ static int receive_listener(int socket) {
     return listener;
 }
 
-/* One, with the lock: others look at what was said before. NULL: none waits. */
-static const char *answer_one(tl_twin_warden *self) {
+/* Who asks waits for it, so nothing else is done before. Others look at what was said before, with the lock. */
+static void answer_refusals(tl_twin_warden *self) {
+    tl_refusal refusal;
+    bool is_new = false;
+    for (int i = 0; i < ANSWERS && tl_refusal_take(self->listener, &refusal); i++) {
+        (void)pthread_mutex_lock(&self->lock);
+        is_new = tl_fmu_refusals_note(&self->refusals, &refusal, self->settings.calls) || is_new;
+        (void)pthread_mutex_unlock(&self->lock);
+        tl_refusal_answer(self->listener, &refusal);
+    }
+    if (is_new) {
+        tl_twin_output_wake(self->output);
+    }
+}
+
+static const char *next_refusal(tl_twin_warden *self, size_t *told) {
     (void)pthread_mutex_lock(&self->lock);
-    const char *said = tl_fmu_refusals_answer(&self->refusals, self->listener, self->settings.calls);
+    const char *said = tl_fmu_refusals_next(&self->refusals, told);
     (void)pthread_mutex_unlock(&self->lock);
     return said;
 }
 
-/* Who hears of it may wait for one who waits for our lock. */
-static void answer_refusals(tl_twin_warden *self) {
+/* In the thread of the output. Who hears of it may wait for one who waits for our lock. */
+static void speak(void *context) {
+    tl_twin_warden *self = context;
     const char *said = NULL;
-    while ((said = answer_one(self)) != NULL) {
-        tl_log(TL_LOG_WARNING, "%s", said);
+    while ((said = next_refusal(self, &self->spoken)) != NULL) {
+        (void)tl_log_foreign(TL_LOG_WARNING, said, TL_TWIN_OUTPUT_PATIENCE);
         if (self->settings.hear != NULL) {
             self->settings.hear(self->settings.context, said);
         }
     }
 }
 
+static void hear_end(void *context) {
+    nudge(context);
+}
+
 /* ---- the thread ---- */
 
-enum { STOP, OUTPUT, PAGE, START, LISTENER, WATCHED };
+enum { STOP, START, LISTENER, WATCHED };
 
 static void close_if_open(int descriptor) {
     if (descriptor >= 0) {
@@ -158,15 +168,10 @@ static void close_if_open(int descriptor) {
     }
 }
 
-/* Ended pipes are left out: they would be ready for ever. */
-static void fill(tl_twin_warden *self, struct pollfd watched[WATCHED]) {
-    (void)pthread_mutex_lock(&self->lock);
+static void fill(const tl_twin_warden *self, struct pollfd watched[WATCHED]) {
     watched[STOP] = (struct pollfd){.fd = self->stop, .events = POLLIN};
-    watched[OUTPUT] = (struct pollfd){.fd = self->output_ended ? -1 : self->settings.output, .events = POLLIN};
-    watched[PAGE] = (struct pollfd){.fd = self->page_ended ? -1 : self->settings.page, .events = POLLIN};
     watched[START] = (struct pollfd){.fd = self->start, .events = POLLIN};
     watched[LISTENER] = (struct pollfd){.fd = self->listener, .events = POLLIN};
-    (void)pthread_mutex_unlock(&self->lock);
 }
 
 static void look_at_refusals(tl_twin_warden *self, const struct pollfd watched[WATCHED]) {
@@ -180,16 +185,6 @@ static void look_at_refusals(tl_twin_warden *self, const struct pollfd watched[W
         (void)close(self->listener);
         self->listener = -1;
     }
-}
-
-static void look_at_output(tl_twin_warden *self) {
-    (void)pthread_mutex_lock(&self->lock);
-    bool had_ended = self->output_ended;
-    drain(self);
-    if (self->output_ended && !had_ended) {
-        nudge(self); /* it ends, or has closed what it was given */
-    }
-    (void)pthread_mutex_unlock(&self->lock);
 }
 
 static void look_at_process(tl_twin_warden *self) {
@@ -212,7 +207,6 @@ static void *watch(void *context) {
         if (watched[STOP].revents != 0) {
             return NULL;
         }
-        look_at_output(self);
         look_at_refusals(self, watched);
         tl_time now = tl_clock_now(NULL);
         if (now >= next) {
@@ -226,15 +220,28 @@ static void *watch(void *context) {
 
 /* Its thread does not run. */
 static void release(tl_twin_warden *self) {
-    tl_relay_close(&self->output);
-    if (self->settings.page >= 0) {
-        tl_relay_close(&self->page);
-    }
+    tl_twin_output_stop(self->output);
     close_if_open(self->listener);
     close_if_open(self->start);
     close_if_open(self->stop);
     (void)pthread_mutex_destroy(&self->lock);
     free(self);
+}
+
+static tl_status start_threads(tl_twin_warden *self, tl_error *error) {
+    const tl_twin_output_settings output = {
+        .output = self->settings.output,
+        .page = self->settings.page,
+        .page_file = self->settings.page_file,
+        .speak = speak,
+        .ended = hear_end,
+        .context = self,
+    };
+    tl_status status = tl_twin_output_start(&output, &self->output, error);
+    int result = status == TL_OK ? tl_side_thread_start(&self->thread, STACK, watch, self) : 0;
+    return result == 0
+               ? status
+               : tl_fail(error, TL_TRY_AGAIN, "no thread to watch the process of the FMUs: %s", strerror(result));
 }
 
 tl_status tl_twin_warden_start(const tl_twin_warden_settings *settings, tl_twin_warden **warden, tl_error *error) {
@@ -253,29 +260,22 @@ tl_status tl_twin_warden_start(const tl_twin_warden_settings *settings, tl_twin_
     made->start = settings->start;
     made->listener = -1;
     made->may_kill = true;
-    made->page_ended = settings->page < 0;
     (void)pthread_mutex_init(&made->lock, NULL);
     tl_fmu_patience_init(&made->patience, settings->call_limit);
-    tl_relay_open(&made->output, settings->output, pass_output, NULL);
-    if (settings->page >= 0) {
-        tl_relay_open(&made->page, settings->page, pass_page, settings->page_file);
-    }
-    int result = tl_side_thread_start(&made->thread, STACK, watch, made);
-    if (result != 0) {
+    tl_status status = start_threads(made, error);
+    if (status != TL_OK) {
         release(made);
-        return tl_fail(error, TL_TRY_AGAIN, "no thread to watch the process of the FMUs: %s", strerror(result));
+        return status;
     }
     *warden = made;
     return TL_OK;
 }
 
 void tl_twin_warden_tell(tl_twin_warden *warden, tl_fmu_refusals_listener *hear, void *context) {
-    (void)pthread_mutex_lock(&warden->lock);
     const char *said = NULL;
-    while ((said = tl_fmu_refusals_next(&warden->refusals)) != NULL) {
+    while ((said = next_refusal(warden, &warden->told)) != NULL) {
         hear(context, said);
     }
-    (void)pthread_mutex_unlock(&warden->lock);
 }
 
 bool tl_twin_warden_has_refused(tl_twin_warden *warden) {
@@ -286,9 +286,7 @@ bool tl_twin_warden_has_refused(tl_twin_warden *warden) {
 }
 
 void tl_twin_warden_flush(tl_twin_warden *warden) {
-    (void)pthread_mutex_lock(&warden->lock);
-    drain(warden);
-    (void)pthread_mutex_unlock(&warden->lock);
+    tl_twin_output_flush(warden->output);
 }
 
 bool tl_twin_warden_has_killed(tl_twin_warden *warden, char text[TL_TWIN_WARDEN_TEXT]) {
@@ -325,6 +323,5 @@ void tl_twin_warden_stop(tl_twin_warden *warden) {
     const uint64_t one = 1;
     (void)!write(warden->stop, &one, sizeof one);
     (void)pthread_join(warden->thread, NULL);
-    drain(warden);
     release(warden);
 }

@@ -1,8 +1,10 @@
 /* The warden of a process with FMUs: a thread of ours that keeps an eye on it while the others work.
  *
- * Purpose: it relays what the process prints, answers and tells the system calls that were refused, each once with FMU and function, and
- *          ends the process if a call of an FMU lasts too long or a bound of memory, threads or files is not kept.
- * Signals: what asks this program to end is passed on to the process; a second time, the process is killed. Not if a supervisor does that.
+ * Purpose: it answers the system calls that were refused, and ends the process if a call of an FMU lasts too long or a bound of memory, threads or
+ *          files is not kept. It waits for nobody, whatever FMUs do: what they print is passed on, and what they were refused is said, each once
+ *          with FMU and function, by a thread beside it (twin_output.h).
+ * Signals: what asks this program to end is passed on to the process, from when it has handlers on; a second time, the process is killed. Not
+ *          if a supervisor does that.
  * Thread:  start and stop from the thread that has started the process; the rest as said.
  */
 #ifndef TL_FIRMWARE_TWIN_TWIN_WARDEN_H
@@ -35,14 +37,14 @@ typedef struct tl_twin_warden_settings {
     tl_time call_limit;        /* ns of one; 0: none */
     tl_bounds bounds;
     tl_fmu_refusals_listener
-        *hear;     /* told of each refusal that is said on the log, in the warden's thread; NULL: nobody */
+        *hear;     /* told of each refusal that is said on the log, in the thread of the output; NULL: nobody */
     void *context; /* of `hear` */
 } tl_twin_warden_settings;
 
 /* The descriptors are the warden's on failure too. Errors: TL_TRY_AGAIN. */
 tl_status tl_twin_warden_start(const tl_twin_warden_settings *settings, tl_twin_warden **warden, tl_error *error);
 
-/* Tells what was refused and has not been told by this yet. Any thread, and in that. */
+/* Tells what was refused and has not been told by this yet. One thread, and in that. */
 void tl_twin_warden_tell(tl_twin_warden *warden, tl_fmu_refusals_listener *hear, void *context);
 
 /* It was refused something. Any thread. */

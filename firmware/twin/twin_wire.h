@@ -42,6 +42,12 @@ typedef struct tl_twin_extra {
     char error[TL_ERROR_TEXT]; /* of the message that tells of a failure: BUILT, RESULT or ENDED */
 } tl_twin_extra;
 
+/* In the block of the parent, beside its messages. */
+typedef struct tl_twin_orders {
+    uint32_t
+        stop; /* 1: compute nothing more of what was asked for. A signal says nothing: FMUs can send one to themselves */
+} tl_twin_orders;
+
 /* For a channel of this configuration. */
 static inline tl_channel_settings tl_twin_wire(const tl_config *config, tl_twin_tells tells) {
     return (tl_channel_settings){
@@ -54,7 +60,7 @@ static inline tl_channel_settings tl_twin_wire(const tl_config *config, tl_twin_
                 [TL_MESSAGE_RESULT] = (uint32_t)tl_twin_packed_result_size(config, tells),
                 [TL_MESSAGE_ENDED] = sizeof(tl_twin_word),
             },
-        .extra[TL_CHILD] = sizeof(tl_twin_extra),
+        .extra = {[TL_PARENT] = sizeof(tl_twin_orders), [TL_CHILD] = sizeof(tl_twin_extra)},
     };
 }
 

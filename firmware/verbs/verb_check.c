@@ -8,7 +8,6 @@
 #include "firmware/config/measurements.h"
 #include "firmware/fmu/fmu_thread.h"
 #include "firmware/plant/plant_mail.h"
-#include "firmware/process/interrupt.h"
 #include "firmware/text/output.h"
 #include "firmware/twin/assembly.h"
 #include "firmware/verbs/advice.h"
@@ -302,10 +301,6 @@ static tl_status print_page(const tl_assembly *assembly, FILE *output) {
 }
 
 tl_status tl_verb_check_page(const tl_assembly *assembly, const tl_twin_job *job, tl_status status, FILE *page) {
-    if (status == TL_OK && tl_interrupt_requested() != NULL) {
-        tl_log(TL_LOG_ERROR, "interrupted by %s", tl_interrupt_requested());
-        status = TL_INTERRUPTED;
-    }
     if (status == TL_OK) {
         status = print_page(assembly, page);
     } else if (assembly->problems.report.count > 1) {

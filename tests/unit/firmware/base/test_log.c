@@ -170,6 +170,7 @@ static char *log_of_child(const char *stream) {
                        (unsigned long long)status.st_ino);
         (void)setenv("JOURNAL_STREAM", stream == NULL ? own : stream, 1);
         tl_log(TL_LOG_WARNING, "hello");
+        (void)tl_log_foreign(TL_LOG_FOREIGN, "<0>wake up", 1000);
         _exit(0);
     }
     (void)waitpid(child, NULL, 0);
@@ -179,8 +180,8 @@ static char *log_of_child(const char *stream) {
 static void test_journal(void) {
     char *ours = log_of_child(NULL);
     char *other = log_of_child("1:2"); /* stderr was redirected away from the journal */
-    TEST_ASSERT_EQUAL_STRING("<4>hello\n", ours);
-    TEST_ASSERT_EQUAL_STRING("twinlock: warning: hello\n", other);
+    TEST_ASSERT_EQUAL_STRING("<4>hello\n<6>fmu: <0>wake up\n", ours);
+    TEST_ASSERT_EQUAL_STRING("twinlock: warning: hello\nfmu: <0>wake up\n", other);
     free(ours);
     free(other);
 }
@@ -199,6 +200,43 @@ static void test_foreign_lines(void) {
     TEST_ASSERT_EQUAL_size_t(sizeof first - 1 + TL_LOG_PLAIN + 1, strlen(text));
     TEST_ASSERT_EQUAL_STRING("xx\n", text + strlen(text) - 3);
     free(text);
+}
+
+/* Of a process that is none of ours: marked, so that it is none of our lines. */
+static void test_lines_of_fmus(void) {
+    begin();
+    TEST_ASSERT_TRUE(tl_log_foreign(TL_LOG_FOREIGN, "twinlock: error: forged", 1000));
+    TEST_ASSERT_TRUE(tl_log_foreign(TL_LOG_WARNING, "slow", 1000));
+    TEST_ASSERT_TRUE(tl_log_foreign(TL_LOG_DEBUG, "not wanted", 1000));
+    tl_stderr_expect("fmu: twinlock: error: forged\ntwinlock: warning: slow\n");
+}
+
+/* Nobody reads the pipe: who has a line of an FMU's to say goes on, and when it is read again it takes lines. */
+static void test_lines_of_fmus_wait_for_nobody(void) {
+    static char line[TL_LOG_PLAIN];
+    static char read_again[1 << 20];
+    int ends[2];
+    TEST_ASSERT_EQUAL_INT(0, pipe2(ends, O_CLOEXEC));
+    int screen = dup(STDERR_FILENO);
+    memset(line, 'x', sizeof line - 1);
+    (void)dup2(ends[1], STDERR_FILENO);
+    (void)alarm(20); /* a hang ends the test */
+    int taken = 0;
+    while (tl_log_foreign(TL_LOG_FOREIGN, line, 10)) {
+        taken++;
+    }
+    bool refused = !tl_log_foreign(TL_LOG_ERROR, "one more", 0);
+    (void)alarm(0);
+    ssize_t size = read(ends[0], read_again, sizeof read_again);
+    bool again = tl_log_foreign(TL_LOG_ERROR, "read", 0);
+    (void)dup2(screen, STDERR_FILENO);
+    (void)close(screen);
+    (void)close(ends[0]);
+    (void)close(ends[1]);
+    TEST_ASSERT_GREATER_THAN_INT(0, taken);
+    TEST_ASSERT_TRUE(refused);
+    TEST_ASSERT_GREATER_THAN_INT(taken * TL_LOG_PLAIN, (int)size);
+    TEST_ASSERT_TRUE(again);
 }
 
 /* ---- a terminal ---- */
@@ -366,6 +404,8 @@ int main(void) {
     RUN_TEST(test_a_limited_message_does_not_wait);
     RUN_TEST(test_lines_of_many_threads_stay_whole);
     RUN_TEST(test_foreign_lines);
+    RUN_TEST(test_lines_of_fmus);
+    RUN_TEST(test_lines_of_fmus_wait_for_nobody);
     RUN_TEST(test_lines_wipe_the_status);
     RUN_TEST(test_a_status_fits_the_terminal);
     RUN_TEST(test_a_status_is_for_terminals_only);

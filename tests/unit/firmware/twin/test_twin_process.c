@@ -443,7 +443,7 @@ static void test_a_dead_one_is_let_go(void) {
     pid_t number = tl_twin_process_id(process);
     wait_until_dead();
     tl_twin_process_let_go(process);
-    tl_stderr_expect("printed\n");
+    tl_stderr_expect("fmu: printed\n");
     TEST_ASSERT_EQUAL_INT(0, tl_twin_process_id(process));
     TEST_ASSERT_EQUAL_INT(-1, tl_twin_process_role(process)->code);
     dig(); /* for which it would be killed */
@@ -510,6 +510,19 @@ static void test_a_signal_is_passed_on(void) {
     TEST_ASSERT_GREATER_THAN_UINT(0, __atomic_load_n(&seen->asked, __ATOMIC_SEQ_CST));
 }
 
+/* One that came before the process has handlers is passed on when it has them. */
+static void test_an_early_signal_kills_nobody(void) {
+    TEST_ASSERT_EQUAL_INT(SIGTERM, tl_interrupt_signal());
+    act("wait");
+    settings.passes_signals = true;
+    start();
+    for (int i = 0; i < WAIT_S * 1000 && __atomic_load_n(&seen->asked, __ATOMIC_SEQ_CST) == 0; i++) {
+        sleep_for(TL_SECOND / 1000);
+        TEST_ASSERT_FALSE(tl_twin_process_reap(process));
+    }
+    TEST_ASSERT_GREATER_THAN_UINT(0, __atomic_load_n(&seen->asked, __ATOMIC_SEQ_CST));
+}
+
 static void test_a_signal_is_the_supervisors(void) {
     TEST_ASSERT_EQUAL_INT(SIGTERM, tl_interrupt_signal());
     act("wait");
@@ -543,6 +556,7 @@ int main(int argc, char **argv) {
     RUN_TEST(test_its_end_is_not_waited_for);
     RUN_TEST(test_descriptors_are_missing);
     RUN_TEST(test_a_signal_is_passed_on);
+    RUN_TEST(test_an_early_signal_kills_nobody);
     RUN_TEST(test_a_signal_is_the_supervisors);
     return tl_scratch_finish(&scratch, UNITY_END());
 }
