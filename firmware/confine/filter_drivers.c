@@ -20,11 +20,9 @@ static const struct {
     int family;
     int kind;
 } sockets[] = {
-    {AF_INET, SOCK_STREAM}, /* Modbus TCP */
-    {AF_INET6, SOCK_STREAM},
-    {AF_INET, SOCK_DGRAM}, /* names of hosts */
-    {AF_INET6, SOCK_DGRAM},
-    {AF_NETLINK, SOCK_RAW}, /* which addresses this machine has itself, for the same */
+    {AF_INET, SOCK_STREAM},                          /* Modbus TCP */
+    {AF_INET6, SOCK_STREAM}, {AF_INET, SOCK_DGRAM},  /* names of hosts */
+    {AF_INET6, SOCK_DGRAM},  {AF_NETLINK, SOCK_RAW}, /* which addresses this machine has itself, for the same */
     {AF_CAN, SOCK_RAW},
 };
 
@@ -61,8 +59,9 @@ static int allow(scmp_filter_ctx context, const char *call, unsigned argument, u
 }
 
 int tl_filter_add_drivers(scmp_filter_ctx context) {
-    int failure = tl_filter_allow_all(context, "connect shutdown getsockname getpeername getsockopt setsockopt send sendto "
-                                               "sendmsg sendmmsg recv recvfrom recvmsg");
+    int failure =
+        tl_filter_allow_all(context, "connect shutdown getsockname getpeername getsockopt setsockopt send sendto "
+                                     "sendmsg sendmmsg recv recvfrom recvmsg");
     for (size_t i = 0; i < COUNT(sockets) && failure == 0; i++) {
         const struct scmp_arg_cmp conditions[] = {
             {0, SCMP_CMP_MASKED_EQ, UINT32_MAX, (uint32_t)sockets[i].family},

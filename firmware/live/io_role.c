@@ -59,8 +59,7 @@ static tl_status take_memory(io *self, tl_error *error) {
     if (status == TL_OK) {
         self->beats = &((tl_live_io_pulse *)self->pulse.bytes)->beats;
         tl_outbox_open(&events, tl_live_io_outbox_of(self->pulse.bytes),
-                       recorder != NULL ? &recorder->state.taken[TL_LIVE_OUTBOX_IO] : NULL,
-                       &self->outbox);
+                       recorder != NULL ? &recorder->state.taken[TL_LIVE_OUTBOX_IO] : NULL, &self->outbox);
     }
     return status;
 }
@@ -68,8 +67,7 @@ static tl_status take_memory(io *self, tl_error *error) {
 static tl_status open_plant(io *self, tl_error *error) {
     tl_mailbox mailboxes[TL_MAX_SIGNALS];
     tl_plant_mail_open(&self->shape, self->mail.bytes, mailboxes);
-    tl_status status =
-        tl_live_plant_open(&self->config, mailboxes, self->beats, on_link, self, &self->plant, error);
+    tl_status status = tl_live_plant_open(&self->config, mailboxes, self->beats, on_link, self, &self->plant, error);
     if (status == TL_OK) {
         tl_live_mail_end *end = tl_live_mail_end_of(&self->shape, self->mail.bytes);
         __atomic_store_n(&end->opened, 1, __ATOMIC_RELEASE);

@@ -20,9 +20,9 @@
 
 /* The same for all of them, but what is said of a start. No pointers. */
 typedef struct tl_live_job {
-    bool alone;             /* nobody supervises the run */
-    bool unconfined;        /* FMUs may do what the user can */
-    tl_time duration;       /* that was asked for; 0: as configured */
+    bool alone;              /* nobody supervises the run */
+    bool unconfined;         /* FMUs may do what the user can */
+    tl_time duration;        /* that was asked for; 0: as configured */
     char database[PATH_MAX]; /* "": nothing is recorded */
     /* of the twin's start */
     uint32_t number; /* of this start, from 1 on */

@@ -62,8 +62,7 @@ typedef struct live_twin {
 static tl_status take_mail(live_twin *self, tl_error *error) {
     tl_plant_mail_shape shape;
     tl_plant_mail_shape_of(self->config, &shape);
-    tl_status status =
-        tl_block_take(TL_LIVE_MAIL, tl_live_mail_bytes(&shape), TL_BLOCK_WE_WRITE, &self->mail, error);
+    tl_status status = tl_block_take(TL_LIVE_MAIL, tl_live_mail_bytes(&shape), TL_BLOCK_WE_WRITE, &self->mail, error);
     if (status == TL_OK) {
         tl_live_plant_set_limits(&self->input, self->config);
         tl_plant_mail_open(&shape, self->mail.bytes, self->input.mailboxes);
@@ -75,8 +74,8 @@ static tl_status take_mail(live_twin *self, tl_error *error) {
 static tl_status take_own(live_twin *self, tl_error *error) {
     const tl_outbox_settings settings = tl_live_twin_outbox(self->config);
     const tl_outbox_taken *taken = NULL;
-    tl_status status = tl_block_take(TL_LIVE_OWN_PULSE, sizeof *self->pulse, TL_BLOCK_THEY_WRITE, &self->pulse_block,
-                                     error);
+    tl_status status =
+        tl_block_take(TL_LIVE_OWN_PULSE, sizeof *self->pulse, TL_BLOCK_THEY_WRITE, &self->pulse_block, error);
     if (status == TL_OK) {
         status = tl_block_take(TL_LIVE_TWIN_OUTBOX, tl_outbox_bytes(&settings), TL_BLOCK_THEY_WRITE,
                                &self->outbox_block, error);
@@ -142,8 +141,7 @@ static void keep(void *context, const char *why) {
 /* ---- the cycle ---- */
 
 static bool is_complete(const live_twin *self) {
-    return __atomic_load_n(&self->mail_end->opened, __ATOMIC_ACQUIRE) != 0 &&
-           tl_plant_input_is_complete(&self->input);
+    return __atomic_load_n(&self->mail_end->opened, __ATOMIC_ACQUIRE) != 0 && tl_plant_input_is_complete(&self->input);
 }
 
 /* A sample without unknown values is a better start; a dead device must not prevent one. */

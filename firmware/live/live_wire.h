@@ -9,10 +9,10 @@
 
 #include <stdint.h>
 
+#include "firmware/outbox/outbox.h"
 #include "firmware/past/past.h"
 #include "firmware/plant/plant_mail.h"
 #include "firmware/process/heartbeat.h"
-#include "firmware/record/outbox.h"
 #include "firmware/record/recorder_state.h"
 #include "firmware/report/summary.h"
 #include "master/base/status.h"
@@ -20,15 +20,15 @@
 
 /* Descriptors, beside 0 (nothing), 1 and 2 (what is logged). Those of the twin are in twin_wire.h as well. */
 enum {
-    TL_LIVE_MAIL = 3,             /* io writes; the twin reads */
-    TL_LIVE_TWIN_PULSE_READ = 3,  /* of the recorder */
-    TL_LIVE_JOB = 4,              /* live_job.h */
-    TL_LIVE_RECORDER_PULSE = 5,   /* io and the twin read; */
-    TL_LIVE_IO_PULSE_READ = 5,    /* of the recorder */
-    TL_LIVE_OWN_PULSE = 6,        /* each writes its own */
-    TL_LIVE_SUPERVISOR_READ = 7,  /* of the recorder: the supervisor's outbox */
-    TL_LIVE_TWIN_OUTBOX = 8,      /* the twin writes; the recorder reads */
-    TL_LIVE_PAST = 9              /* the recorder writes; the twin reads */
+    TL_LIVE_MAIL = 3,            /* io writes; the twin reads */
+    TL_LIVE_TWIN_PULSE_READ = 3, /* of the recorder */
+    TL_LIVE_JOB = 4,             /* live_job.h */
+    TL_LIVE_RECORDER_PULSE = 5,  /* io and the twin read; */
+    TL_LIVE_IO_PULSE_READ = 5,   /* of the recorder */
+    TL_LIVE_OWN_PULSE = 6,       /* each writes its own */
+    TL_LIVE_SUPERVISOR_READ = 7, /* of the recorder: the supervisor's outbox */
+    TL_LIVE_TWIN_OUTBOX = 8,     /* the twin writes; the recorder reads */
+    TL_LIVE_PAST = 9             /* the recorder writes; the twin reads */
 };
 
 /* Which outbox is which, for the recorder. */
@@ -60,8 +60,9 @@ static inline tl_live_wish tl_live_wish_of(uint32_t twin, uint32_t number) {
 /* The pulse of the twin. Heartbeats come first in every pulse. */
 typedef struct tl_live_twin_pulse {
     tl_heartbeats beats;
-    int32_t realtime; /* the number of the thread that shall have the configured priority; 0: none shall have it any more */
-    uint32_t begun;   /* 1: it needs no past any more */
+    int32_t
+        realtime; /* the number of the thread that shall have the configured priority; 0: none shall have it any more */
+    uint32_t begun;    /* 1: it needs no past any more */
     tl_live_wish past; /* which past it wants: of this start, the first, the next one older, … */
     tl_live_end end;
 } tl_live_twin_pulse;

@@ -9,9 +9,9 @@
 #include "firmware/live/live_places.h"
 #include "firmware/live/live_role.h"
 #include "firmware/live/live_wire.h"
+#include "firmware/past/past_history.h"
 #include "firmware/process/interrupt.h"
 #include "firmware/record/recorder_writer.h"
-#include "firmware/past/past_history.h"
 #include "firmware/twin/twin_recorder.h"
 
 /* Between two looks: while a twin may ask for a past, and later. */

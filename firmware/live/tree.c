@@ -77,11 +77,12 @@ static tl_status make_recorder_memory(tree *self, tl_error *error) {
         status = tl_block_make_sparse("twinlock past", TL_LIVE_PAST_BYTES, &made->past, error);
     }
     if (status == TL_OK) {
-        status = tl_block_make("twinlock events", tl_outbox_bytes(&events), TL_BLOCK_WE_WRITE, &made->supervisor, error);
+        status =
+            tl_block_make("twinlock events", tl_outbox_bytes(&events), TL_BLOCK_WE_WRITE, &made->supervisor, error);
     }
     if (status == TL_OK) {
-        tl_outbox_open(&events, made->supervisor.bytes,
-                       &recorder_pulse(self)->state.taken[TL_LIVE_OUTBOX_SUPERVISOR], &self->outbox);
+        tl_outbox_open(&events, made->supervisor.bytes, &recorder_pulse(self)->state.taken[TL_LIVE_OUTBOX_SUPERVISOR],
+                       &self->outbox);
     }
     return status;
 }
@@ -96,8 +97,8 @@ static tl_status make_memory(tree *self, tl_error *error) {
         status = tl_block_make("twinlock io", tl_live_io_bytes(), TL_BLOCK_THEY_WRITE, &made->io_pulse, error);
     }
     if (status == TL_OK) {
-        status = tl_block_make("twinlock twin", sizeof(tl_live_twin_pulse), TL_BLOCK_THEY_WRITE, &made->twin_pulse,
-                               error);
+        status =
+            tl_block_make("twinlock twin", sizeof(tl_live_twin_pulse), TL_BLOCK_THEY_WRITE, &made->twin_pulse, error);
     }
     if (status == TL_OK) {
         status = tl_block_make_sparse("twinlock outbox", tl_outbox_bytes(&outbox), &made->twin_outbox, error);
@@ -299,8 +300,8 @@ static void ended(void *context, tl_member which, bool again, char reason[TL_RES
     if (which == TL_MEMBER_TWIN) {
         end_twin(self, reason);
     } else if (again) {
-        (void)snprintf(text, sizeof text, "%s failed: %s", which == TL_MEMBER_IO ? "the reading of the plant" : "the recorder",
-                       reason);
+        (void)snprintf(text, sizeof text, "%s failed: %s",
+                       which == TL_MEMBER_IO ? "the reading of the plant" : "the recorder", reason);
         put_event(self, TL_EVENT_ERROR, "supervisor", text);
     }
 }
@@ -370,7 +371,8 @@ static tl_status print_summary(tree *self, tl_error *error) {
     }
     summary.wall_s = tl_seconds(tl_clock_now(NULL) - self->began);
     if (!tl_live_end_is_sound(&summary, &account, &self->config)) {
-        return tl_fail(error, TL_FMU_FAILED, "the summary of the run is none: the process of the FMUs has destroyed it");
+        return tl_fail(error, TL_FMU_FAILED,
+                       "the summary of the run is none: the process of the FMUs has destroyed it");
     }
     if (self->settings->json) {
         return tl_summary_print_json(&summary, &self->config, &account, self->output, error);

@@ -29,7 +29,7 @@ typedef struct tl_tree_settings {
     const char *state; /* as in supervisor.h: supervised only */
     const char *watchdog;
     int watchdog_s;
-    const tl_twin_role_tasks *tasks;                     /* of a twin's process, */
+    const tl_twin_role_tasks *tasks;             /* of a twin's process, */
     int (*be)(const char *title, void *context); /* and what main() does for a title: where there is no exec */
 } tl_tree_settings;
 

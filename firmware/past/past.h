@@ -18,8 +18,8 @@
 #include <stdint.h>
 
 #include "firmware/config/config.h"
+#include "firmware/outbox/run_types.h"
 #include "firmware/past/past_ticks.h"
-#include "firmware/record/run_types.h"
 #include "master/base/simtime.h"
 #include "master/base/status.h"
 

@@ -14,8 +14,8 @@
 
 #include <stdbool.h>
 
+#include "firmware/outbox/outbox.h"
 #include "firmware/past/past.h"
-#include "firmware/record/outbox.h"
 #include "firmware/twin/assembly.h"
 
 typedef struct tl_past_outbox tl_past_outbox;

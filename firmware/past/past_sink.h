@@ -11,9 +11,9 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#include "firmware/record/outbox.h"
+#include "firmware/outbox/outbox.h"
+#include "firmware/outbox/run_types.h"
 #include "firmware/record/recorder.h"
-#include "firmware/record/run_types.h"
 #include "firmware/twin/assembly.h"
 #include "master/base/signal.h"
 #include "master/base/simtime.h"

@@ -20,8 +20,8 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+#include "firmware/outbox/run_types.h"
 #include "firmware/record/recorder_settings.h"
-#include "firmware/record/run_types.h"
 #include "master/base/signal.h"
 #include "master/base/simtime.h"
 #include "master/base/status.h"

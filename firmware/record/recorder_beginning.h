@@ -11,7 +11,7 @@
 #include <sqlite3.h>
 #include <stdint.h>
 
-#include "firmware/record/outbox.h"
+#include "firmware/outbox/outbox.h"
 #include "firmware/record/recorder_settings.h"
 
 /* Ends what was left open in the file, and begins this one. `began`: UTC, ms. Gives its row's id. */

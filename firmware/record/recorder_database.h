@@ -14,8 +14,8 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#include "firmware/record/outbox.h"
-#include "firmware/record/recorder_events.h"
+#include "firmware/outbox/outbox.h"
+#include "firmware/outbox/recorder_events.h"
 #include "firmware/record/recorder_settings.h"
 #include "firmware/text/utc.h"
 

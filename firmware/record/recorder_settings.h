@@ -13,8 +13,8 @@
 
 #include "firmware/config/config.h"
 #include "firmware/database/database_instead.h"
+#include "firmware/outbox/run_types.h"
 #include "firmware/process/heartbeat.h"
-#include "firmware/record/run_types.h"
 #include "master/base/arena.h"
 #include "master/base/simtime.h"
 #include "master/plan/plan.h"

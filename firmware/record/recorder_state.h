@@ -13,9 +13,9 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-#include "firmware/record/outbox.h"
+#include "firmware/outbox/outbox.h"
+#include "firmware/outbox/recorder_events.h"
 #include "firmware/record/recorder_database.h"
-#include "firmware/record/recorder_events.h"
 #include "master/base/simtime.h"
 
 enum { TL_WRITER_OUTBOXES = 8, TL_WRITER_OWN_EVENTS = 8 };

@@ -18,7 +18,7 @@
 #include "firmware/database/database_fault.h"
 #include "firmware/database/database_instead.h"
 #include "firmware/database/database_sql.h"
-#include "firmware/record/outbox_reader.h"
+#include "firmware/outbox/outbox_reader.h"
 #include "firmware/text/utc.h"
 
 enum {

@@ -21,8 +21,8 @@
 #include <stdbool.h>
 #include <stddef.h>
 
+#include "firmware/outbox/outbox.h"
 #include "firmware/process/heartbeat.h"
-#include "firmware/record/outbox.h"
 #include "firmware/record/recorder_settings.h"
 #include "firmware/record/recorder_state.h"
 #include "master/base/simtime.h"

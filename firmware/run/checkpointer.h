@@ -14,7 +14,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#include "firmware/record/outbox.h"
+#include "firmware/outbox/outbox.h"
 #include "firmware/run/journal.h"
 #include "firmware/twin/assembly.h"
 

@@ -16,9 +16,9 @@
 #include <stdint.h>
 
 #include "firmware/fmu/fmu_thread.h"
+#include "firmware/outbox/outbox.h"
 #include "firmware/plant/plant_input.h"
 #include "firmware/process/heartbeat.h"
-#include "firmware/record/outbox.h"
 #include "firmware/report/summary.h"
 #include "firmware/run/journal.h"
 #include "firmware/twin/assembly.h"

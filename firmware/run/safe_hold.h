@@ -9,11 +9,10 @@
 #define TL_FIRMWARE_RUN_SAFE_HOLD_H
 
 #include "firmware/config/config.h"
+#include "firmware/outbox/outbox.h"
 #include "firmware/plant/plant_input.h"
 #include "firmware/process/heartbeat.h"
-#include "firmware/record/outbox.h"
 #include "firmware/run/journal.h"
-#include "firmware/supervise/restarts.h"
 
 typedef struct tl_safe_hold_settings {
     const tl_config *config;
@@ -21,8 +20,8 @@ typedef struct tl_safe_hold_settings {
     tl_outbox *outbox;
     tl_journal *journal;
     tl_heartbeats *beats;
-    tl_heart *heart;   /* of the thread */
-    unsigned failures; /* that are not forgiven, */
+    tl_heart *heart;    /* of the thread */
+    unsigned failures;  /* that are not forgiven, */
     const char *reason; /* and why the last of them */
 } tl_safe_hold_settings;
 

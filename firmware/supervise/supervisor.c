@@ -194,9 +194,7 @@ static void take_last_code(supervisor *self, tl_member which, const char *reason
     (void)snprintf(what, sizeof what, "%s failed when", name_of[which]);
     if (tl_child_was_killed(child) || child->end.farewell == TL_FAREWELL_NONE) {
         tl_log(TL_LOG_ERROR, "%s it was to end: %s", what, reason);
-        end_all(self, which == TL_MEMBER_IO                       ? 0
-                      : is_told && !tl_child_was_killed(child) ? FMU_FAILED
-                                                                  : TRY_AGAIN);
+        end_all(self, which == TL_MEMBER_IO ? 0 : is_told && !tl_child_was_killed(child) ? FMU_FAILED : TRY_AGAIN);
         return;
     }
     if (!tl_child_kept_its_word(child)) {

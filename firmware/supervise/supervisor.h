@@ -43,7 +43,7 @@ typedef struct tl_supervisor_settings {
     const char *watchdog; /* the device; NULL: none */
     int watchdog_s;
     tl_heartbeats *beats[TL_MEMBERS]; /* of each; NULL: there is no such member */
-    void *context;                    /* of all below, which are called in the thread of the supervisor, and must not wait */
+    void *context; /* of all below, which are called in the thread of the supervisor, and must not wait */
 
     /* Starts a process (role.h). 0: it could not be, and that was said on the log. */
     pid_t (*begin)(void *context, tl_member which, const tl_start *start);

@@ -9,7 +9,7 @@
 #include "firmware/base/identity.h"
 #include "firmware/base/sha256.h"
 #include "firmware/config/config.h"
-#include "firmware/record/outbox.h"
+#include "firmware/outbox/outbox.h"
 #include "firmware/record/recorder.h"
 #include "master/twin/account.h"
 

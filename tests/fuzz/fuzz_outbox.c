@@ -7,8 +7,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "firmware/record/outbox_parts.h"
-#include "firmware/record/outbox_reader.h"
+#include "firmware/outbox/outbox_parts.h"
+#include "firmware/outbox/outbox_reader.h"
 #include "tests/fuzz/harness.h"
 #include "tests/fuzz/input.h"
 

@@ -5,7 +5,7 @@
 #ifndef TL_TESTS_SUPPORT_TEST_OUTBOX_H
 #define TL_TESTS_SUPPORT_TEST_OUTBOX_H
 
-#include "firmware/record/outbox.h"
+#include "firmware/outbox/outbox.h"
 #include "firmware/record/recorder_writer.h"
 
 /* Zeroed: none. */

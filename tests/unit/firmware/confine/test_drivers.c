@@ -131,7 +131,6 @@ static void a_driver_opens_a_serial_line_again(void) {
     (void)close(master);
 }
 
-
 static bool do_what_is_left_out(void *context) {
     const struct sockaddr_in any = {.sin_family = AF_INET};
     char *const nothing[] = {NULL};

@@ -48,7 +48,7 @@ typedef struct stage {
     char reason[MOST_STARTS][TL_RESTARTS_REASON];
     unsigned processes[MOST_STARTS]; /* of the supervisor, that are there, dead or alive */
     pid_t last;
-    int told; /* ends of which the supervisor told */
+    int told;                        /* ends of which the supervisor told */
     char better[TL_RESTARTS_REASON]; /* the reason that it is told instead */
 } stage;
 
@@ -474,8 +474,9 @@ static void test_told_to_end_while_it_hangs(void) {
 static void test_told_to_end_and_deaf(void) {
     settings.state = scratch.folder;
     TEST_ASSERT_EQUAL_INT(75, supervise_and_tell("b", SIGTERM, 200));
-    expect_said("the twin failed when it was to end: it was told to end, and was still there 16 s later, in fmi2DoStep of "
-                "motor\n");
+    expect_said(
+        "the twin failed when it was to end: it was told to end, and was still there 16 s later, in fmi2DoStep of "
+        "motor\n");
     memset(shared, 0, sizeof *shared);
     expect_code("0", 0);
     TEST_ASSERT_EQUAL_STRING("it was told to", shared->reason[0]);

@@ -1,5 +1,5 @@
 /* The names of what a run is made of: see run_types.h. */
-#include "firmware/record/run_types.h"
+#include "firmware/outbox/run_types.h"
 
 #include <string.h>
 

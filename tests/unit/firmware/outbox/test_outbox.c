@@ -8,10 +8,10 @@
 #include <unity.h>
 
 #include "firmware/base/clock.h"
+#include "firmware/outbox/outbox.h"
+#include "firmware/outbox/outbox_parts.h"
+#include "firmware/outbox/outbox_reader.h"
 #include "firmware/process/block.h"
-#include "firmware/record/outbox.h"
-#include "firmware/record/outbox_parts.h"
-#include "firmware/record/outbox_reader.h"
 #include "tests/support/made_run.h"
 
 enum { RING = 64 * 1024, CHECKPOINT = 10000, STORY = 20000, TELLERS = 4, TOLD = 5000 };

@@ -5,15 +5,15 @@
  * Atomics: whatever both sides touch at the same time has 8 bytes and lies on a multiple of 8, so that a 32-bit machine reads it at once too.
  * Thread:  as outbox.h and outbox_reader.h say.
  */
-#ifndef TL_FIRMWARE_RECORD_OUTBOX_PARTS_H
-#define TL_FIRMWARE_RECORD_OUTBOX_PARTS_H
+#ifndef TL_FIRMWARE_OUTBOX_OUTBOX_PARTS_H
+#define TL_FIRMWARE_OUTBOX_OUTBOX_PARTS_H
 
 #include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
 
-#include "firmware/record/outbox.h"
-#include "firmware/record/recorder_events.h"
+#include "firmware/outbox/outbox.h"
+#include "firmware/outbox/recorder_events.h"
 
 enum { TL_OUTBOX_LINE = 64, TL_OUTBOX_PLACES = 2 };
 

@@ -17,9 +17,9 @@
 #include <unity.h>
 
 #include "firmware/base/clock.h"
+#include "firmware/outbox/outbox.h"
+#include "firmware/outbox/outbox_reader.h"
 #include "firmware/process/block.h"
-#include "firmware/record/outbox.h"
-#include "firmware/record/outbox_reader.h"
 #include "tests/support/made_run.h"
 #include "tests/support/random_numbers.h"
 

@@ -2,7 +2,7 @@
  *
  * A kind is a byte that damaged memory does not hold by chance: zeros are no entry. What is unpacked is copied first and looked at then,
  * in the copy: the memory may be another process's, which changes it meanwhile. */
-#include "firmware/record/recorder_entry.h"
+#include "firmware/outbox/recorder_entry.h"
 
 #include <string.h>
 

@@ -6,14 +6,14 @@
  *          numbers are not judged.
  * Thread:  put: the producer; take: the consumer.
  */
-#ifndef TL_FIRMWARE_RECORD_RECORDER_ENTRY_H
-#define TL_FIRMWARE_RECORD_RECORDER_ENTRY_H
+#ifndef TL_FIRMWARE_OUTBOX_RECORDER_ENTRY_H
+#define TL_FIRMWARE_OUTBOX_RECORDER_ENTRY_H
 
 #include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
 
-#include "firmware/record/run_types.h"
+#include "firmware/outbox/run_types.h"
 #include "master/base/signal.h"
 #include "master/base/status.h"
 #include "master/twin/account.h"

@@ -1,5 +1,5 @@
 /* An event as it waits to be written: see recorder_events.h. */
-#include "firmware/record/recorder_events.h"
+#include "firmware/outbox/recorder_events.h"
 
 #include <string.h>
 

@@ -4,8 +4,8 @@
 
 #include <unity.h>
 
-#include "firmware/record/outbox_parts.h"
-#include "firmware/record/outbox_reader.h"
+#include "firmware/outbox/outbox_parts.h"
+#include "firmware/outbox/outbox_reader.h"
 #include "tests/support/made_run.h"
 
 enum { RING = 64 * 1024, CHECKPOINT = 100 };

@@ -6,8 +6,8 @@
  * Memory:  of its own (refusal.h).
  * Thread:  one at a time: who owns it has a lock, or is the only one.
  */
-#ifndef TL_FIRMWARE_TWIN_FMU_REFUSALS_H
-#define TL_FIRMWARE_TWIN_FMU_REFUSALS_H
+#ifndef TL_FIRMWARE_CONFINE_FMU_REFUSALS_H
+#define TL_FIRMWARE_CONFINE_FMU_REFUSALS_H
 
 #include <stdbool.h>
 #include <stddef.h>

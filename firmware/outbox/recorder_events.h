@@ -3,12 +3,12 @@
  * Size:   fixed, texts are cut; no pointers, so that it can wait in memory that another process reads (outbox.h).
  * Thread: plain data.
  */
-#ifndef TL_FIRMWARE_RECORD_RECORDER_EVENTS_H
-#define TL_FIRMWARE_RECORD_RECORDER_EVENTS_H
+#ifndef TL_FIRMWARE_OUTBOX_RECORDER_EVENTS_H
+#define TL_FIRMWARE_OUTBOX_RECORDER_EVENTS_H
 
 #include <stdint.h>
 
-#include "firmware/record/run_types.h"
+#include "firmware/outbox/run_types.h"
 
 /* That wait at most; a power of two. */
 enum { TL_RECORDER_EVENTS = 512 };

@@ -7,11 +7,11 @@
  * Death:   an event that its writer has left half-written keeps those behind it waiting, until a successor has mended the outbox.
  * Thread:  one.
  */
-#ifndef TL_FIRMWARE_RECORD_OUTBOX_READER_H
-#define TL_FIRMWARE_RECORD_OUTBOX_READER_H
+#ifndef TL_FIRMWARE_OUTBOX_OUTBOX_READER_H
+#define TL_FIRMWARE_OUTBOX_OUTBOX_READER_H
 
-#include "firmware/record/outbox.h"
-#include "firmware/record/recorder_events.h"
+#include "firmware/outbox/outbox.h"
+#include "firmware/outbox/recorder_events.h"
 
 /* Private but for `fault`; placed by the caller. */
 typedef struct tl_outbox_reader {

@@ -3,8 +3,8 @@
  * Purpose: all that write, read or show a run mean the same by its parts, and need not know the recorder for that.
  * Thread:  plain data; the names are pure.
  */
-#ifndef TL_FIRMWARE_RECORD_RUN_TYPES_H
-#define TL_FIRMWARE_RECORD_RUN_TYPES_H
+#ifndef TL_FIRMWARE_OUTBOX_RUN_TYPES_H
+#define TL_FIRMWARE_OUTBOX_RUN_TYPES_H
 
 #include <stdint.h>
 

@@ -1,5 +1,5 @@
 /* What FMUs were refused: see fmu_refusals.h. */
-#include "firmware/twin/fmu_refusals.h"
+#include "firmware/confine/fmu_refusals.h"
 
 #include <stdio.h>
 #include <string.h>

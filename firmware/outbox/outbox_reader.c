@@ -1,12 +1,12 @@
 /* The reader's side of an outbox. The header says how much it believes. What is looked at is copied first: see recorder_entry.c. */
-#include "firmware/record/outbox_reader.h"
+#include "firmware/outbox/outbox_reader.h"
 
 #include <inttypes.h>
 #include <stdarg.h>
 #include <stdio.h>
 #include <string.h>
 
-#include "firmware/record/outbox_parts.h"
+#include "firmware/outbox/outbox_parts.h"
 
 void tl_outbox_reader_open(const tl_outbox_settings *settings, const void *memory, tl_outbox_reader *reader) {
     const unsigned char *bytes = memory;

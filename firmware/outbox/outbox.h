@@ -13,15 +13,15 @@
  *          if another thread has put one meanwhile.
  * Trust:   the reader's side (outbox_reader.h) believes nothing of this; and this nothing of what the reader says it has taken.
  */
-#ifndef TL_FIRMWARE_RECORD_OUTBOX_H
-#define TL_FIRMWARE_RECORD_OUTBOX_H
+#ifndef TL_FIRMWARE_OUTBOX_OUTBOX_H
+#define TL_FIRMWARE_OUTBOX_OUTBOX_H
 
 #include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
 
-#include "firmware/record/recorder_entry.h"
-#include "firmware/record/run_types.h"
+#include "firmware/outbox/recorder_entry.h"
+#include "firmware/outbox/run_types.h"
 #include "master/base/signal.h"
 #include "master/base/simtime.h"
 #include "master/twin/account.h"

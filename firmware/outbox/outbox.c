@@ -9,7 +9,7 @@
  * Checkpoints: see tl_outbox_place. Both sides copy word by word, relaxed: no thread waits for another, and no fence is needed (ThreadSanitizer
  *              does not know them).
  * Death:       the kernel shows a successor all that a dead process has stored, in its order. */
-#include "firmware/record/outbox_parts.h"
+#include "firmware/outbox/outbox_parts.h"
 
 #include <assert.h>
 #include <string.h>
