@@ -8,6 +8,7 @@
 #include <linux/gpio.h>
 #include <linux/netlink.h>
 #include <linux/serial.h>
+#include <sched.h>
 #include <sys/ioctl.h>
 #include <sys/socket.h>
 #include <termios.h>
@@ -75,5 +76,7 @@ int tl_filter_add_drivers(scmp_filter_ctx context) {
     for (size_t i = 0; i < COUNT(device_commands) && failure == 0; i++) {
         failure = allow(context, "ioctl", 1, device_commands[i]);
     }
+    /* A thread of a source is an ordinary one, whoever starts it (side_thread.h). */
+    failure = failure != 0 ? failure : allow(context, "sched_setscheduler", 1, SCHED_OTHER);
     return failure;
 }

@@ -19,6 +19,7 @@
 
 #include <unity.h>
 
+#include "firmware/base/side_thread.h"
 #include "tests/support/confined.h"
 #include "tests/support/scratch.h"
 
@@ -131,6 +132,23 @@ static void a_driver_opens_a_serial_line_again(void) {
     (void)close(master);
 }
 
+static void *note(void *context) {
+    *(bool *)context = true;
+    return NULL;
+}
+
+static bool start_thread(void *context) {
+    pthread_t thread;
+    bool noted = false;
+    (void)context;
+    bool started = tl_side_thread_start(&thread, 0, note, &noted) == 0;
+    return TL_EXPECT(started) && TL_EXPECT(pthread_join(thread, NULL) == 0) && TL_EXPECT(noted);
+}
+
+static void a_source_has_a_thread(void) {
+    expect(start_thread, NULL);
+}
+
 static bool do_what_is_left_out(void *context) {
     const struct sockaddr_in any = {.sin_family = AF_INET};
     char *const nothing[] = {NULL};
@@ -177,6 +195,7 @@ int main(void) {
     RUN_TEST(a_driver_looks_names_up);
     RUN_TEST(a_driver_listens_to_can);
     RUN_TEST(a_driver_opens_a_serial_line_again);
+    RUN_TEST(a_source_has_a_thread);
     RUN_TEST(nobody_listens_and_nothing_is_started);
     RUN_TEST(a_recorder_keeps_files_and_has_no_socket);
     return tl_scratch_finish(&scratch, UNITY_END());

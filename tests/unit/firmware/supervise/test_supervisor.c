@@ -357,11 +357,8 @@ static void test_an_fmu_that_crashes(void) {
 }
 
 static void test_an_fmu_that_spoils_its_name(void) {
-    char expected[TL_FMU_CALL_NAME];
-    memset(expected, '?', sizeof expected - 1);
-    expected[sizeof expected - 1] = '\0';
     expect_code("n0", 0);
-    TEST_ASSERT_EQUAL_STRING(expected, strrchr(shared->reason[1], ' ') + 1);
+    TEST_ASSERT_EQUAL_STRING_LEN("\\x0A\\x0A", strrchr(shared->reason[1], ' ') + 1, 8);
 }
 
 static void test_an_fmu_that_hangs(void) {
