@@ -4,6 +4,7 @@
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
+#include <unistd.h>
 
 #include "firmware/base/log.h"
 #include "firmware/config/measurements.h"
@@ -279,6 +280,10 @@ static void print_places(const tl_assembly *assembly, FILE *output) {
         (void)fputc('\n', output);
     }
     tl_twin_places_free(&places);
+    if (geteuid() == 0) {
+        (void)fputs("  FMUs stay root, without its capabilities: other users cannot come to a folder in TMPDIR\n",
+                    output);
+    }
 }
 
 static tl_status print_page(const tl_assembly *assembly, bool confined, FILE *output) {

@@ -184,6 +184,13 @@ def test_levels_are_not_believed():
     expect(code == 0 and "fmu: <0>forged 0\nfmu: <2>forged 2\n" in log and "\nfmu: twinlock: error: forged\n" in log, f"ended with {code}\n{log}")
 
 
+# ---- advice ----
+
+def test_no_device_is_to_be_removed():
+    code, _, log = run(("plant", config(make("good")), "--record", "/dev/null"))
+    expect(code != 0 and "/dev/null cannot be written" in log and "remove" not in log, f"ended with {code}\n{log}")
+
+
 # ---- texts that are none ----
 
 OBEYED = re.compile(rb"[\x00-\x08\x0b-\x1f\x7f]|\xc2[\x80-\x9f]|\xe2\x80[\xa8-\xae]")  # with newlines and tabs left out

@@ -794,7 +794,7 @@ LIMIT_MEBIBYTES = 192  # of the process of the FMUs, when bombs are thrown; less
 BOMB_MEBIBYTES = 384
 DISK_MEBIBYTES = 640  # more than FMUs may write
 FILES = 20000
-PRINTED = 50000000
+PRINTED = 30000000  # less than is passed on at once
 
 LONE = (
     Lone("kill of its parent", "send_kill", killed_parent, ("kill",), may_end=True),
