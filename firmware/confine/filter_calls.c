@@ -63,9 +63,12 @@ int tl_filter_add_calls(scmp_filter_ctx context, const tl_filter_settings *setti
         failure = tl_filter_allow_all(context, allowed[i].calls);
     }
     failure = failure != 0 ? failure : tl_filter_allow_all(context, "creat");
-    if (settings->removal_holds && !settings->may_connect) {
+    if (settings->removal_holds || settings->keeps_files) {
         failure =
             failure != 0 ? failure : tl_filter_allow_all(context, "rmdir unlink unlinkat rename renameat renameat2");
+    }
+    if (settings->keeps_files) { /* SQLite gives the files beside a database the mode and owner of that */
+        failure = failure != 0 ? failure : tl_filter_allow_all(context, "fchmod fchown fchown32");
     }
     if (settings->truncation_holds) {
         failure = failure != 0 ? failure : tl_filter_allow_all(context, "truncate truncate64");

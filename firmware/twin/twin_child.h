@@ -16,8 +16,8 @@
 #include <stdio.h>
 
 #include "firmware/config/config.h"
+#include "firmware/confine/fmu_refusals.h"
 #include "firmware/process/channel.h"
-#include "firmware/twin/fmu_refusals.h"
 #include "firmware/twin/twin_job.h"
 #include "firmware/twin/twin_role.h"
 #include "firmware/twin/twin_step.h"

@@ -4,9 +4,9 @@
  *          It builds the twin, and answers each tick with a result, prints the page of a check, or lives beside a plant. It has no file of the
  *          user's, no terminal and no socket; what it says goes through pipes and blocks of shared memory.
  * Order:   log, parent, title; signals; job; files; confinement; then it says that it is ready, or lives.
- * Live:    the room that does it is above this one, so it is handed in. It has no channel; its blocks have the numbers that twin_wire.h says. Who
- *          reaches for another process is refused that and goes on, as the plant's data do; and whoever starts the process may lock its memory
- *          and give it the configured priority, though it has no capability.
+ * Live:    the room that does it is above this one, so it is handed in. It has no channel; its blocks have the numbers that twin_wire.h says. An FMU
+ *          that reaches for another process is refused that, and the twin goes on, as the plant's data do. The process may lock its memory, and
+ *          who has started it may give it the configured priority, though it has no capability.
  * Thread:  main waits; the FMUs have theirs (fmu_thread.h).
  */
 #ifndef TL_FIRMWARE_TWIN_TWIN_ROLE_H

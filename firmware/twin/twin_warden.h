@@ -15,10 +15,10 @@
 #include <sys/types.h>
 
 #include "firmware/confine/bounds.h"
+#include "firmware/confine/fmu_refusals.h"
 #include "firmware/process/channel.h"
 #include "firmware/process/fmu_call.h"
 #include "firmware/process/role.h"
-#include "firmware/twin/fmu_refusals.h"
 #include "master/base/simtime.h"
 
 enum { TL_TWIN_WARDEN_TEXT = 512 };

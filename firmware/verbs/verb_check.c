@@ -9,6 +9,7 @@
 #include "firmware/base/log.h"
 #include "firmware/config/measurements.h"
 #include "firmware/fmu/fmu_thread.h"
+#include "firmware/plant/plant_mail.h"
 #include "firmware/text/clean_text.h"
 #include "firmware/text/output.h"
 #include "firmware/twin/assembly.h"
@@ -216,7 +217,6 @@ static void print_stroke(const tl_config *config, const tl_prognosis *prognosis,
     }
 }
 
-/* They are the FMUs' own, beside `memory`. */
 /* Bytes for people: "10.6 KiB", "130.1 MiB". */
 static void print_size(FILE *output, double bytes) {
     double kibibytes = bytes / 1024.0;
@@ -224,6 +224,7 @@ static void print_size(FILE *output, double bytes) {
     (void)fprintf(output, "%.1f %s", large ? kibibytes / 1024.0 : kibibytes, large ? "MiB" : "KiB");
 }
 
+/* They are the FMUs' own, beside `memory`. */
 static void print_states(const tl_assembly *assembly, FILE *output) {
     tl_twin_facts facts = tl_twin_get_facts(assembly->twin);
     tl_twin_ledger largest = {0};
@@ -237,6 +238,17 @@ static void print_states(const tl_assembly *assembly, FILE *output) {
         (void)fprintf(output, " of the FMUs' own at most; one of %s takes ", largest.name);
         print_size(output, (double)largest.state_size);
         (void)fputs("\n", output);
+    }
+}
+
+/* Of plants that are read live. */
+static void print_mail(const tl_config *config, FILE *output) {
+    tl_plant_mail_shape shape;
+    if (config->source_count != 0) {
+        tl_plant_mail_shape_of(config, &shape);
+        (void)fputs("  mail         ", output);
+        print_size(output, (double)tl_plant_mail_bytes(&shape));
+        (void)fputs(" for the plant's newest readings, in `run`\n", output);
     }
 }
 
@@ -259,6 +271,7 @@ static void print_costs(const tl_assembly *assembly, const tl_prognosis *prognos
     (void)fprintf(output, "               and %d MiB of stack for FMUs%s\n", TL_FMU_THREAD_STACK >> 20,
                   config->realtime_lock_memory ? ", all of it resident in `run`" : "");
     print_states(assembly, output);
+    print_mail(config, output);
     if (prognosis->steps != 0) {
         (void)fprintf(output, "  measured by %zu free steps on the plant's initial values, without a solver\n",
                       prognosis->steps);

@@ -167,7 +167,7 @@ class Patient:
             at = time.time()
             os.kill(child, signal.SIGKILL)
             return at
-        self.live.tell(child, kind)
+        self.live.tell(kind)
         return time.time()
 
     def suffer(self, kind, count):
