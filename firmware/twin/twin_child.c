@@ -73,10 +73,11 @@ static tl_status describe_end(const tl_twin_child *child, tl_error *error) {
     }
     describe_place(child, place, sizeof place);
     if (role->signal == SIGSYS) {
-        return tl_fail(error, TL_FMU_FAILED,
-                       "the process of the FMUs was killed by the kernel %s: it reached for another process, or used "
-                       "calls of another machine",
-                       place);
+        return tl_fail(
+            error, TL_FMU_FAILED,
+            "the process of the FMUs was killed by SIGSYS %s: it reached for another process, used calls of another "
+            "machine, or sent that signal to itself",
+            place);
     }
     if (role->signal != 0) {
         return tl_fail(error, TL_FMU_FAILED, "the process of the FMUs was ended by signal %d (%s), %s", role->signal,

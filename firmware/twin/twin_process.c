@@ -12,6 +12,7 @@
 #include "firmware/confine/confine.h"
 #include "firmware/fmu/fmu_archive.h"
 #include "firmware/process/private_folder.h"
+#include "firmware/twin/twin_places.h"
 #include "firmware/twin/twin_wire.h"
 
 static const uint64_t MIB = UINT64_C(1024) * 1024;
@@ -141,6 +142,7 @@ typedef struct surroundings {
     char temporary[VARIABLE];
     char home[VARIABLE];
     char packages[VARIABLE];
+    char users_home[VARIABLE];
     const char *variables[TL_ROLE_VARIABLES];
     size_t count;
 } surroundings;
@@ -165,10 +167,49 @@ static void surround(const tl_twin_process *process, surroundings *made) {
     (void)snprintf(made->home, sizeof made->home, "HOME=%s", process->folder.path);
     made->variables[made->count++] = made->home;
     made->variables[made->count++] = "PYTHONDONTWRITEBYTECODE=1";
+    const char *home = getenv("HOME");
+    if (home != NULL &&
+        snprintf(made->users_home, sizeof made->users_home, TL_TWIN_PLACES_HOME "=%s", home) < VARIABLE) {
+        made->variables[made->count++] = made->users_home;
+    }
     if (find_packages(made->packages)) {
         made->variables[made->count++] = made->packages;
     }
 }
+
+/* What programs look for that is nobody's secret: languages, places of libraries and Python, numbers of threads, licences; and what tests and
+ * emulators of whole programs need. */
+static const char *const inherited[] = {"PATH",
+                                        "LANG",
+                                        "LANGUAGE",
+                                        "LC_*",
+                                        "LOCPATH",
+                                        "TZ",
+                                        "TZDIR",
+                                        "USER",
+                                        "LOGNAME",
+                                        "LD_LIBRARY_PATH",
+                                        "PYTHON*",
+                                        "VIRTUAL_ENV",
+                                        "CONDA_PREFIX",
+                                        "TWINLOCK_*",
+                                        "OMP_*",
+                                        "KMP_*",
+                                        "GOMP_*",
+                                        "OPENBLAS_*",
+                                        "GOTO_NUM_THREADS",
+                                        "MKL_*",
+                                        "BLIS_*",
+                                        "NUMEXPR_*",
+                                        "LM_LICENSE_FILE",
+                                        "MALLOC_*",
+                                        "GLIBC_TUNABLES",
+                                        "ASAN_OPTIONS",
+                                        "LSAN_OPTIONS",
+                                        "TSAN_OPTIONS",
+                                        "UBSAN_OPTIONS",
+                                        "QEMU_*",
+                                        NULL};
 
 /* In place of an execution, where there is none. */
 static int run_forked(const char *title, void *context) {
@@ -184,6 +225,7 @@ static tl_status execute(tl_twin_process *process, const pipes *ends, tl_error *
         .title = process->settings.title,
         .variables = around.variables,
         .variable_count = around.count,
+        .inherits = process->settings.job->unconfined ? NULL : inherited,
         .fallback = run_forked,
         .context = process,
     };

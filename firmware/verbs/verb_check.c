@@ -1,15 +1,19 @@
 /* twinlock check: validates everything without running. */
 #include <inttypes.h>
+#include <limits.h>
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
+#include <unistd.h>
 
 #include "firmware/base/log.h"
 #include "firmware/config/measurements.h"
 #include "firmware/fmu/fmu_thread.h"
 #include "firmware/plant/plant_mail.h"
+#include "firmware/text/clean_text.h"
 #include "firmware/text/output.h"
 #include "firmware/twin/assembly.h"
+#include "firmware/twin/twin_places.h"
 #include "firmware/verbs/advice.h"
 #include "firmware/verbs/delay_page.h"
 #include "firmware/verbs/prognosis.h"
@@ -276,7 +280,22 @@ static void print_costs(const tl_assembly *assembly, const tl_prognosis *prognos
     }
 }
 
-static tl_status print_page(const tl_assembly *assembly, FILE *output) {
+/* Besides what all programs are made of. */
+static void print_places(const tl_assembly *assembly, FILE *output) {
+    tl_twin_places places = {.count = 0};
+    tl_twin_places_find(assembly, &places);
+    for (size_t i = 0; i < places.count; i++) {
+        char clean[PATH_MAX];
+        (void)tl_clean_text(places.path[i], strlen(places.path[i]), clean, sizeof clean);
+        (void)fprintf(output, "%s    %s\n", i == 0 ? "  FMUs may read, besides what programs are made of\n" : "", clean);
+    }
+    tl_twin_places_free(&places);
+    if (geteuid() == 0) {
+        (void)fputs("  FMUs stay root, without capabilities: TMPDIR is closed to other users\n", output);
+    }
+}
+
+static tl_status print_page(const tl_assembly *assembly, bool confined, FILE *output) {
     const tl_config *config = &assembly->config;
     tl_prognosis prognosis;
     tl_prognosis_make(assembly, &prognosis);
@@ -291,6 +310,9 @@ static tl_status print_page(const tl_assembly *assembly, FILE *output) {
     tl_delay_page_print(config, output);
     print_needs(assembly, &prognosis, output);
     print_costs(assembly, &prognosis, output);
+    if (confined) {
+        print_places(assembly, output);
+    }
     size_t warnings = tl_advice_print(assembly, &prognosis, output);
     (void)fputs("no problem found", output);
     if (warnings > 0) {
@@ -302,7 +324,7 @@ static tl_status print_page(const tl_assembly *assembly, FILE *output) {
 
 tl_status tl_verb_check_page(const tl_assembly *assembly, const tl_twin_job *job, tl_status status, FILE *page) {
     if (status == TL_OK) {
-        status = print_page(assembly, page);
+        status = print_page(assembly, !job->unconfined, page);
     } else if (assembly->problems.report.count > 1) {
         tl_log(TL_LOG_ERROR, "%zu problems", assembly->problems.report.count);
     }

@@ -2,15 +2,18 @@
 """FMUs that attack who watches them: by asking without end, by lies in the memory that they share, by what they print. Each of them ends with 70 and a
 sentence, or its run goes on; and what was kept of the run can be read."""
 import json
+import os
 import re
 import shutil
 import signal
 import sqlite3
 import subprocess
+import sys
 import time
 import zipfile
 from contextlib import closing
 from pathlib import Path
+from unittest import mock
 
 from hostile_fmu import DESCRIPTION, config, make
 from twinlock_test import PATIENCE, SANITIZER, at_least, at_most, expect, finish, main, run, scratch, start
@@ -124,6 +127,33 @@ def test_no_thread_has_descriptors_of_its_own():
     expect(code == 0 and "descriptors apart: Operation not permitted" in log, f"ended with {code}\n{log}")
 
 
+# ---- what it finds around it ----
+
+def test_secrets_in_the_environment_are_not_handed_on():
+    path = config(make("liar", HOW="environment"))
+    for options, secret in (((), False), (("--unconfined",), True)):
+        with mock.patch.dict(os.environ, {"MY_SECRET": "4711", "TZ": "Europe/Berlin", "OMP_NUM_THREADS": "1"}):
+            code, _, log = run(("replay", path, *options))
+        expect(code == 0 and ("MY_SECRET" in log) == secret, f"{options}: ended with {code}\n{log}")
+        expect("has TZ=Europe/Berlin" in log and "has OMP_NUM_THREADS=1" in log and "has PATH=" in log, log)
+
+
+def test_a_python_in_a_home_opens_no_home():
+    """As a private key beside it; a component may still name what it reads."""
+    home = scratch()
+    (home / "bin").mkdir()
+    (home / "bin" / "python3").symlink_to(sys.executable)
+    (home / "lib").mkdir()
+    (home / "key").write_text("a private key", encoding="utf-8")
+    path = config(make("liar", HOW="read", FILE_NAME=str(home / "key")))
+    for variables in ({"PATH": f"{home}/bin:{os.environ['PATH']}"}, {"PYTHONPATH": str(home)}, {"LD_LIBRARY_PATH": str(home)}):
+        with mock.patch.dict(os.environ, {"HOME": str(home), **variables}):
+            code, _, log = run(("replay", path), cwd=home)
+            _, page, _ = run(("check", path), cwd=home)
+        expect(code == 0 and "has read nothing" in log, f"{variables}: ended with {code}\n{log}")
+        expect(f"    {home}\n" not in page and (f"    {home}/lib\n" in page) == ("PATH" in variables), f"{variables}\n{page}")
+
+
 # ---- how much it prints ----
 
 def test_what_it_prints_has_an_end():
@@ -152,6 +182,13 @@ def test_a_page_that_is_closed_is_told():
 def test_levels_are_not_believed():
     code, _, log = run(("replay", config(make("liar", HOW="levels"))))
     expect(code == 0 and "fmu: <0>forged 0\nfmu: <2>forged 2\n" in log and "\nfmu: twinlock: error: forged\n" in log, f"ended with {code}\n{log}")
+
+
+# ---- advice ----
+
+def test_no_device_is_to_be_removed():
+    code, _, log = run(("plant", config(make("good")), "--record", "/dev/null"))
+    expect(code != 0 and "/dev/null cannot be written" in log and "remove" not in log, f"ended with {code}\n{log}")
 
 
 # ---- texts that are none ----

@@ -12,6 +12,8 @@
  * "signal"     sends itself NUMBER
  * "levels"     prints lines with the levels of a journal
  * "pipes"      begins a thread by clone() with NUMBER among its flags, which fills pipes
+ * "environment" prints what it finds there
+ * "read"       reads FILE_NAME
  * "unshare"    takes descriptors of its own by close_range()
  */
 #include "tests/fmu/hostile/hostile.h"
@@ -36,6 +38,9 @@
 #endif
 #ifndef MEBIBYTES
 #define MEBIBYTES 0
+#endif
+#ifndef FILE_NAME
+#define FILE_NAME ""
 #endif
 #ifndef NUMBER
 #define NUMBER 0
@@ -233,6 +238,19 @@ static void print_levels(void) {
     (void)fputs("<0>forged 0\n<2>forged 2\n<3>forged 3\ntwinlock: error: forged\n", stderr);
 }
 
+static void print_environment(void) {
+    for (char *const *variable = environ; *variable != NULL; variable++) {
+        (void)fprintf(stderr, "has %s\n", *variable);
+    }
+}
+
+static void read_file(void) {
+    char got[64] = "";
+    int file = open(FILE_NAME, O_RDONLY | O_CLOEXEC);
+    ssize_t size = file < 0 ? -1 : read(file, got, sizeof got - 1);
+    (void)fprintf(stderr, "has read %s\n", size > 0 ? got : "nothing");
+}
+
 static const struct {
     const char *how;
     void (*act)(void);
@@ -251,6 +269,8 @@ static const struct {
     {"levels", print_levels, false},
     {"pipes", begin_apart, false},
     {"unshare", unshare_descriptors, false},
+    {"read", read_file, false},
+    {"environment", print_environment, false},
 };
 
 bool hostile_before(const char *function) {

@@ -606,7 +606,7 @@ static void test_numbers_that_no_history_would_take(void) {
                                              .start = INT64_MAX,
                                              .started = INT64_MAX},
                               .account = {.components = 1, .prediction = UINT32_MAX, .lead = UINT32_MAX}};
-    memcpy(start.account.component[0].name, "\xFF\xC3", 2);
+    memcpy(start.account.component[0].name, "\xC3\xA4", 2);
     TEST_ASSERT_TRUE(tl_outbox_put_start(&bench.twin, &start));
     for (size_t i = 0; i < sizeof ticks / sizeof ticks[0]; i++) {
         tl_made_sample(0, &sample);
