@@ -9,9 +9,12 @@ enum { LONGEST = 16 };
 
 /* Digits of `value`, at least `least` of them, behind `begin`. Without stdio, which no signal handler may use. */
 static size_t put_hex(char *to, const char *begin, uint32_t value, int least) {
-    size_t size = strlen(begin);
+    size_t size = 0;
     int digits = least;
-    memcpy(to, begin, size);
+    while (begin[size] != '\0') {
+        to[size] = begin[size];
+        size++;
+    }
     while (digits < 8 && value >> (4 * digits) != 0) {
         digits++;
     }

@@ -95,12 +95,13 @@ static void pass_page(void *context, const char *line) {
 }
 
 static void say_left_out(const tl_twin_output *self) {
-    char text[128];
-    if (self->left_out > 0) {
-        (void)snprintf(text, sizeof text, "%llu lines that FMUs have printed were left out",
-                       (unsigned long long)self->left_out);
-        (void)tl_log_foreign(TL_LOG_WARNING, text, TL_TWIN_OUTPUT_PATIENCE);
+    if (self->left_out == 0) {
+        return;
     }
+    char text[128];
+    (void)snprintf(text, sizeof text, "%llu lines that FMUs have printed were left out",
+                   (unsigned long long)self->left_out);
+    (void)tl_log_foreign(TL_LOG_WARNING, text, TL_TWIN_OUTPUT_PATIENCE);
 }
 
 /* ---- the thread ---- */

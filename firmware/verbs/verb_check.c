@@ -287,7 +287,8 @@ static void print_places(const tl_assembly *assembly, FILE *output) {
     for (size_t i = 0; i < places.count; i++) {
         char clean[PATH_MAX];
         (void)tl_clean_text(places.path[i], strlen(places.path[i]), clean, sizeof clean);
-        (void)fprintf(output, "%s    %s\n", i == 0 ? "  FMUs may read, besides what programs are made of\n" : "", clean);
+        (void)fprintf(output, "%s    %s\n", i == 0 ? "  FMUs may read, besides what programs are made of\n" : "",
+                      clean);
     }
     tl_twin_places_free(&places);
     if (geteuid() == 0) {

@@ -25,7 +25,10 @@ static void test_commands_are_shown(void) {
     expect("\\x1B[2J\\x07\\x0A\\x7F", "\x1B[2J\x07\n\x7F");
     expect("\\u{9B}31m", "\xC2\x9B"
                          "31m");
-    expect("\\u{202E}\\u{FEFF}\\u{2028}\\u{E0041}", "\xE2\x80\xAE\xEF\xBB\xBF\xE2\x80\xA8\xF3\xA0\x81\x81");
+    /* U+202E, U+FEFF, U+2028, U+E0041: not as a literal, which would turn the text of this file */
+    static const char hidden[] = {'\xE2', '\x80', '\xAE', '\xEF', '\xBB', '\xBF', '\xE2',
+                                  '\x80', '\xA8', '\xF3', '\xA0', '\x81', '\x81', '\0'};
+    expect("\\u{202E}\\u{FEFF}\\u{2028}\\u{E0041}", hidden);
 }
 
 static void test_what_is_no_character_is_shown(void) {

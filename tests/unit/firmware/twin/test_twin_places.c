@@ -196,6 +196,7 @@ static void test_never_everything(void) {
         TEST_ASSERT_EQUAL_INT(0, setenv(variables[i], "/:/..://", 1));
     }
     expect_places((const char *const[]){NULL});
+    assembly.libraries = NULL;
 }
 
 static void test_more_than_there_is_room_for(void) {
