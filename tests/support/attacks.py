@@ -836,10 +836,11 @@ PRINTS = (
 # ---- on what the run itself writes, and what it holds open ----
 
 def result(name):
-    """A file of the results, when half of the steps are done. A recorder puts a damaged one aside, and begins anew with what it has still."""
+    """A file of the results, when half of the steps are done. Of a database that was harmed a recorder says so, makes it anew, and goes on with
+    what it has still."""
     def stage(ground):
         path = ground.home / name
-        return (path, f"{path}.away"), lambda: Path(f"{path}.damaged-1").exists() or ground.rows() != untouched(ground.user, ground.verb)
+        return (path, f"{path}.away"), lambda: "made anew" in ground.log or ground.rows() != untouched(ground.user, ground.verb)
     return stage
 
 
