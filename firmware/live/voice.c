@@ -35,7 +35,7 @@ struct tl_voice {
 
 static void pass(void *context, const char *line) {
     (void)context;
-    if (line[0] == '<' && line[1] >= '0' && line[1] <= '7' && line[2] == '>') {
+    if (line[0] == '<' && line[1] >= '3' && line[1] <= '7' && line[2] == '>') {
         tl_log((tl_log_level)(line[1] - '0'), "%s", line + 3);
     } else {
         tl_log_plain(line);

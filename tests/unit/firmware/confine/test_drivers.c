@@ -173,11 +173,11 @@ static void nobody_listens_and_nothing_is_started(void) {
 static bool keep_files(void *context) {
     char *const nothing[] = {NULL};
     int file = open("run.db", O_RDWR | O_CREAT | O_CLOEXEC, 0600);
+    int strange = creat("/etc/new", 0600);
     (void)context;
     return TL_EXPECT(file >= 0) && TL_EXPECT(fchmod(file, 0640) == 0) &&
            TL_EXPECT(rename("run.db", "run.db.damaged-1") == 0) && TL_EXPECT(unlink("run.db.damaged-1") == 0) &&
-           TL_EXPECT(open("/etc/new", O_WRONLY | O_CREAT | O_CLOEXEC, 0600) == -1) &&
-           TL_EXPECT(tl_confined_has_no_socket(AF_INET, SOCK_STREAM, 0)) &&
+           TL_EXPECT(strange == -1) && TL_EXPECT(tl_confined_has_no_socket(AF_INET, SOCK_STREAM, 0)) &&
            TL_EXPECT(tl_confined_has_no_socket(AF_CAN, SOCK_RAW, 1)) &&
            TL_EXPECT(tl_confined_has_no_socket(AF_UNIX, SOCK_DGRAM, 0)) &&
            TL_EXPECT(execve("/bin/true", nothing, nothing) == -1 && errno == EPERM) &&
