@@ -2,8 +2,10 @@
 """The processes of a run (tests/support/tree.py): who holds what, and that each may die at any instant without harm to the others. Some kills here,
 as many as you like by tests/hil/tree_kills."""
 import argparse
+import json
 import os
 import random
+import shutil
 import signal
 import time
 from pathlib import Path
@@ -11,7 +13,7 @@ from pathlib import Path
 from live_test import Device, Program, member, number, query, title, wait_until
 from supervised import end_orderly, wait_for_run
 from tree import OMEGA, Campaign, Tree, configuration, descriptors, expect_whole, kills, one_run, read
-from twinlock_test import at_most, expect, main
+from twinlock_test import BUILD, at_most, expect, main, scratch
 
 SEED = 1
 
@@ -96,6 +98,26 @@ def test_all_are_killed_at_random():
         campaign = kills(device, 12, SEED)
     expect(campaign.lost == 0, f"{campaign}")
     print(f"    {campaign}")
+
+
+def test_an_fmu_that_is_replaced():
+    """A checkpoint is of no use to another FMU: the next twin begins anew, and says why."""
+    with Device(OMEGA) as device:
+        config, database = configuration(device.port)
+        fmu = scratch() / "motor.fmu"
+        shutil.copy(BUILD / "fmus" / "motor.fmu", fmu)
+        document = json.loads(Path(config).read_text(encoding="utf-8"))
+        document["components"]["motor"]["fmu"] = str(fmu)
+        Path(config).write_text(json.dumps(document), encoding="utf-8")
+        with Tree(config) as live:
+            wait_for_run(live, database, 1)
+            shutil.copy(BUILD / "fmus" / "motor.fmu", fmu.with_suffix(".new"))
+            fmu.with_suffix(".new").rename(fmu)
+            live.kill_one("twin")
+            live.wait_for("begins anew: the FMUs are not those of the run before")
+            wait_for_run(live, database, 2)
+            end_orderly(live)
+    expect(query(database, "SELECT resumed_run FROM beginnings WHERE run = 2") == [(None,)], "it went on all the same")
 
 
 def test_a_recorder_that_hangs():
