@@ -32,14 +32,14 @@ typedef struct tl_child {
     tl_heartbeats *beats; /* in memory that it writes */
     pid_t pid;            /* 0: none */
     tl_child_end end;     /* of the last one */
+    bool asked;           /* it was asked to end */
     /* private */
     tl_heartbeats_seen seen;
     tl_reaper reaper;
     bool killed; /* by us, and why; */
     char fault[TL_RESTARTS_REASON];
     tl_time blamed; /* the FMU call that is to blame has lasted for so long */
-    bool asked;     /* to end, */
-    tl_time asking; /* and what has passed since, of its life */
+    tl_time asking; /* what has passed since it was asked to end, of its life */
 } tl_child;
 
 /* Before it is started: nothing was heard of it. */

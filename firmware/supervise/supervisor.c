@@ -159,6 +159,11 @@ static void note_failure(supervisor *self, tl_member which, tl_time now, const c
     }
 }
 
+static void end_all(supervisor *self, int code) {
+    self->is_ending = true;
+    self->code = self->code != 0 ? self->code : code;
+}
+
 static void begin(supervisor *self, tl_member which, tl_time now) {
     member *begun = &self->members[which];
     bool is_twin = which == TL_MEMBER_TWIN;
@@ -174,6 +179,9 @@ static void begin(supervisor *self, tl_member which, tl_time now) {
     if (pid != 0) {
         tl_child_begin(&begun->child, pid);
         begun->state = LIVING;
+    } else if (is_twin && self->settings->alone) {
+        begun->state = ABSENT;
+        end_all(self, TRY_AGAIN);
     } else {
         note_failure(self, which, now, "no process could be made for it");
     }
@@ -181,9 +189,12 @@ static void begin(supervisor *self, tl_member which, tl_time now) {
 
 /* ---- what an end means ---- */
 
-static void end_all(supervisor *self, int code) {
-    self->is_ending = true;
-    self->code = self->code != 0 ? self->code : code;
+/* It was told to end before it could hear that. */
+static bool was_told_early(const tl_child *child) {
+    const tl_child_end *end = &child->end;
+    return child->asked && end->by_signal &&
+           (end->number == SIGTERM || end->number == SIGINT || end->number == SIGHUP) &&
+           !tl_heartbeats_is_ready(child->beats);
 }
 
 /* In its end it failed, or could not keep all that was to be kept. Alone, an FMU that ends its process is what the run ends with. */
@@ -191,6 +202,10 @@ static void take_last_code(supervisor *self, tl_member which, const char *reason
     const tl_child *child = &self->members[which].child;
     bool is_told = self->settings->alone && which == TL_MEMBER_TWIN;
     char what[64];
+    if (was_told_early(child)) {
+        end_all(self, 0);
+        return;
+    }
     (void)snprintf(what, sizeof what, "%s failed when", name_of[which]);
     if (tl_child_was_killed(child) || child->end.farewell == TL_FAREWELL_NONE) {
         tl_log(TL_LOG_ERROR, "%s it was to end: %s", what, reason);
@@ -207,7 +222,7 @@ static void take_last_code(supervisor *self, tl_member which, const char *reason
 /* What a recorder had to write still is in memory that outlives it: another one may. */
 static bool is_worth_another(supervisor *self, tl_member which) {
     const tl_child *child = &self->members[which].child;
-    return which == TL_MEMBER_RECORDER && self->is_ending && !tl_child_was_killed(child) &&
+    return which == TL_MEMBER_RECORDER && self->is_ending && !tl_child_was_killed(child) && !was_told_early(child) &&
            child->end.farewell == TL_FAREWELL_NONE && ++self->tries < LAST_TRIES;
 }
 

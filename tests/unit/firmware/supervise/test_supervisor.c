@@ -3,6 +3,7 @@
  *   k  killed by a signal      h  becomes ready, then silent      s  silent before it is ready
  *   0  ready, ends with 0      7  ready, ends with 70             8  ends with 70 before it is ready
  *   6  ends with 65, never ready   w  ready, beats until SIGTERM   a  beats until SIGTERM, never ready
+ *   -  cannot be started                       d  dies of SIGTERM before it is ready
  *   l  has done all, and crashes then              t  told to end by somebody else
  * and in an FMU, which nobody announces:
  *   c  crashes    f  hangs    x  ends with 0    y  ends with 65 before it is ready    n  crashes, and has spoilt its name
@@ -159,6 +160,10 @@ static int play(char what, tl_heart *heart, tl_heartbeats *beats) {
     if (what == 's') {
         hang();
     }
+    if (what == 'd') {
+        (void)signal(SIGTERM, SIG_DFL);
+        be_well(heart);
+    }
     if (strchr("68ya", what) == NULL) {
         tl_heartbeats_set_ready(beats);
     }
@@ -233,6 +238,12 @@ static void be_child(tl_member which, const tl_start *start, pid_t parent) {
 static pid_t begin(void *context, tl_member which, const tl_start *start) {
     (void)context;
     pid_t parent = getpid();
+    part *begun = &shared->parts[which];
+    if (begun->starts < (int)strlen(begun->plan) && begun->plan[begun->starts] == '-') {
+        begun->starts++;
+        shared->starts += which == TL_MEMBER_TWIN ? 1 : 0;
+        return 0;
+    }
     (void)fflush(NULL);
     pid_t pid = fork();
     if (pid == 0) {
@@ -504,6 +515,26 @@ static void test_alone_silence_is_allowed(void) {
     expect_said("still there 16 s later");
 }
 
+static void test_alone_a_process_that_cannot_be_made(void) {
+    settings.alone = true;
+    expect_code("-", 75);
+}
+
+static void test_a_process_that_cannot_be_made_is_tried_again(void) {
+    expect_code("-0", 0);
+    TEST_ASSERT_EQUAL_STRING("no process could be made for it", shared->reason[1]);
+}
+
+/* Whoever presses Ctrl-C at once has done nothing wrong. */
+static void test_told_to_end_before_it_could_hear_it(void) {
+    cast(TL_MEMBER_RECORDER, "d");
+    TEST_ASSERT_EQUAL_INT(0, supervise_and_tell("d", SIGTERM, 200));
+    char *log = tl_stderr_capture_end();
+    TEST_ASSERT_TRUE(tl_stderr_capture_begin());
+    TEST_ASSERT_EQUAL_STRING("", log);
+    free(log);
+}
+
 /* ---- io and recorder ---- */
 
 static void test_all_end_in_order(void) {
@@ -674,6 +705,9 @@ int main(void) {
     RUN_TEST(test_alone_a_failure_is_the_end);
     RUN_TEST(test_alone_what_it_says_itself_is_not_said_again);
     RUN_TEST(test_alone_silence_is_allowed);
+    RUN_TEST(test_alone_a_process_that_cannot_be_made);
+    RUN_TEST(test_a_process_that_cannot_be_made_is_tried_again);
+    RUN_TEST(test_told_to_end_before_it_could_hear_it);
     RUN_TEST(test_all_end_in_order);
     RUN_TEST(test_the_others_end_with_the_twin);
     RUN_TEST(test_they_are_begun_again_for_ever);
