@@ -157,7 +157,7 @@ def test_enabled_by_the_administrator():
 
 # ---- Under systemd -----------------------------------------------------------------------------------------------------
 def twins_of(machine, unit):
-    """The processes of a unit, but for the main one; numbers of the machine."""
+    """The processes of a unit that hold FMUs; numbers of the machine."""
     group = machine.property(unit, "ControlGroup")
     pids = machine.run_well("cat", f"/sys/fs/cgroup{group}/cgroup.procs").split()
     titles = {pid: machine.run_well("sh", "-c", f"cat /proc/{pid}/cmdline || true") for pid in pids}
