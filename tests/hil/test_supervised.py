@@ -201,14 +201,14 @@ class Unruly:
     def __init__(self, device, pace=kills.Pace()):
         config = kills.configuration(device.port, pace)
         self.database, self.child = config.parent / "twin.db", 0
-        os.environ["TL_UNRULY"] = WORD
+        os.environ["TWINLOCK_UNRULY"] = WORD
         self.live = Supervised(config)
 
     def __enter__(self):
         return self
 
     def __exit__(self, *unused):
-        del os.environ["TL_UNRULY"]
+        del os.environ["TWINLOCK_UNRULY"]
         self.live.__exit__()
 
     def wait_for_tick(self, run):

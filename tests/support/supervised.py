@@ -6,7 +6,7 @@ from pathlib import Path
 from live_test import FIRST_GUESS, MADE_UP, OPTIMISED, Program, children, member, number, query, wait_until
 from twinlock_test import Failure, at_most, expect, scratch
 
-WORD = "word"  # for TL_UNRULY
+WORD = "word"  # for TWINLOCK_UNRULY
 LOCK_STEPS = 200  # until the first of 20, of 10 ms each
 
 
