@@ -84,8 +84,8 @@ typedef struct supervisor {
 static const char *const name_of[TL_MEMBERS] = {
     [TL_MEMBER_RECORDER] = "the recorder", [TL_MEMBER_IO] = "the reading of the plant", [TL_MEMBER_TWIN] = "the twin"};
 
-/* The order in which they end: who is needed by another one ends later. */
-static const tl_member end_order[TL_MEMBERS] = {TL_MEMBER_TWIN, TL_MEMBER_RECORDER, TL_MEMBER_IO};
+/* The order in which they end: the twin needs io to its end, and both tell the recorder something in theirs. */
+static const tl_member end_order[TL_MEMBERS] = {TL_MEMBER_TWIN, TL_MEMBER_IO, TL_MEMBER_RECORDER};
 
 static member *twin_of(supervisor *self) {
     return &self->members[TL_MEMBER_TWIN];

@@ -9,7 +9,7 @@
  *          twin has not been reaped for 30 s.
  * Ends:    only one that a process announced (heartbeat.h) is orderly: the run is over, or it could not begin before anything ever
  *          ran, which is told to whoever started the supervisor by the exit code; or the supervisor was asked to end, and asked the
- *          processes: the twin first, then the recorder, which writes the rest, then io. Any other end is a failure, which is named, with the FMU and
+ *          processes: the twin first, then io, then the recorder, which writes the rest. Any other end is a failure, which is named, with the FMU and
  *          its function if one was being called.
  * Restart: of what failed. The twin: at once after the first failure; the pause doubles with each that is not forgiven, up to 8 s. io and the
  *          recorder: for ever; after 0.25 s at most if it could do its work before, else with pauses that double as well.

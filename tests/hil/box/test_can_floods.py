@@ -37,7 +37,7 @@ def test_flood_of_other_ids():
         wait_for_lock(live, database)
         motor.quiet = True
         wait_for_quality(live, database, "omega", STALE)
-        task = reader_thread(live.pid)
+        task = reader_thread(member(live, "io"))
         woken, begun = wake_ups(task), time.monotonic()
         with Bus() as bus:
             for i in range(FLOOD):

@@ -542,8 +542,8 @@ static void test_all_end_in_order(void) {
     cast(TL_MEMBER_RECORDER, "w");
     TEST_ASSERT_EQUAL_INT(0, supervise_and_tell("w", SIGTERM, 200));
     TEST_ASSERT_EQUAL_INT(1, shared->parts[TL_MEMBER_TWIN].order);
-    TEST_ASSERT_EQUAL_INT(2, shared->parts[TL_MEMBER_RECORDER].order);
-    TEST_ASSERT_EQUAL_INT(3, shared->parts[TL_MEMBER_IO].order);
+    TEST_ASSERT_EQUAL_INT(2, shared->parts[TL_MEMBER_IO].order);
+    TEST_ASSERT_EQUAL_INT(3, shared->parts[TL_MEMBER_RECORDER].order);
     TEST_ASSERT_EQUAL_INT(3, shared->told);
 }
 
