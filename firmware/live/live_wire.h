@@ -63,7 +63,7 @@ typedef struct tl_live_twin_pulse {
     int32_t
         realtime; /* the number of the thread that shall have the configured priority; 0: none shall have it any more */
     uint32_t begun;    /* 1: it needs no past any more */
-    uint64_t fmus;    /* the files of its FMUs, as a number; kept for a successor. 0: there was none */
+    uint64_t fmus;     /* the files of its FMUs, as a number; kept for a successor. 0: there was none */
     tl_live_wish past; /* which past it wants: of this start, the first, the next one older, … */
     tl_live_end end;
 } tl_live_twin_pulse;
