@@ -222,12 +222,14 @@ static void run_for_a_duration(tl_measurements measurements) {
 
 static void test_a_duration_in_mode_lag(void) {
     run_for_a_duration(TL_LAG);
-    TEST_ASSERT_TRUE(summary.figures.evaluations > 0);
+    TEST_ASSERT_TRUE(summary.figures.evaluations > 0 ||
+                     summary.figures.steps == 0); /* a machine that was late for all */
 }
 
 static void test_a_duration_in_mode_hold(void) {
     run_for_a_duration(TL_HOLD);
-    TEST_ASSERT_TRUE(summary.figures.evaluations > 0);
+    TEST_ASSERT_TRUE(summary.figures.evaluations > 0 ||
+                     summary.figures.steps == 0); /* a machine that was late for all */
 }
 
 static void test_a_duration_in_mode_ahead(void) {
