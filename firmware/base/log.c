@@ -3,22 +3,31 @@
 #include "firmware/base/log.h"
 
 #include <errno.h>
+#include <limits.h>
 #include <poll.h>
 #include <stdarg.h>
 #include <stdbool.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/ioctl.h>
 #include <sys/stat.h>
 #include <time.h>
 #include <unistd.h>
 
-enum { LINE = TL_LOG_TEXT + TL_LOG_PREFIX + 1 }; /* with the newline */
+/* To the beginning of the line, and what stands there is gone. */
+#define WIPE "\r\x1b[K"
+
+enum { LINE = sizeof WIPE + TL_LOG_TEXT + TL_LOG_PREFIX + 1 }; /* with the newline */
 
 typedef enum style { STYLE_UNKNOWN, STYLE_PLAIN, STYLE_COLOUR, STYLE_JOURNAL } style;
 
 static int top_level = TL_LOG_NOTICE;
 static int known_style = STYLE_UNKNOWN;
+
+/* A status line may stand on the terminal, so each line begins by wiping it. No lock says whether it does: to wipe an empty line is cheap, and
+ * who logs from within a step may not wait. */
+static bool has_status;
 
 void tl_log_set_level(tl_log_level level) {
     __atomic_store_n(&top_level, (int)level, __ATOMIC_RELAXED);
@@ -84,6 +93,15 @@ static size_t whole_characters(const char *text, size_t length) {
     return length;
 }
 
+/* Control characters become spaces. */
+static void make_harmless(char *text) {
+    for (char *c = text; *c != '\0'; c++) {
+        if ((unsigned char)*c < ' ' || *c == '\x7f') {
+            *c = ' ';
+        }
+    }
+}
+
 /* Formats into text[TL_LOG_TEXT]; one line, without a newline. */
 static void format_text(char *text, const char *format, va_list arguments) TL_PRINTF(2, 0);
 
@@ -100,11 +118,7 @@ static void format_text(char *text, const char *format, va_list arguments) {
     while (end > 0 && (unsigned char)text[end - 1] <= ' ') {
         text[--end] = '\0';
     }
-    for (char *c = text; *c != '\0'; c++) {
-        if ((unsigned char)*c < ' ' || *c == '\x7f') {
-            *c = ' ';
-        }
-    }
+    make_harmless(text);
 }
 
 void tl_log_prefix(tl_log_level level, char *prefix, size_t size) {
@@ -126,35 +140,44 @@ void tl_log_prefix(tl_log_level level, char *prefix, size_t size) {
     (void)snprintf(prefix, size, "twinlock: %s: ", level_name(level));
 }
 
-/* false where `wait` is not wanted and stderr takes nothing now. */
-static bool write_line(tl_log_level level, const char *text, bool wait) {
-    char prefix[TL_LOG_PREFIX];
-    char line[LINE];
-    tl_log_prefix(level, prefix, sizeof prefix);
-    int length = snprintf(line, sizeof line, "%s%s\n", prefix, text);
-    if (!wait) {
-        struct pollfd ready = {.fd = STDERR_FILENO, .events = POLLOUT};
-        if (poll(&ready, 1, 0) != 1 || (ready.revents & POLLOUT) == 0) {
-            return false;
-        }
-    }
+static const char *wipe(void) {
+    return __atomic_load_n(&has_status, __ATOMIC_SEQ_CST) ? WIPE : "";
+}
+
+/* False: there is nowhere to write it to. */
+static bool write_all(const char *bytes, size_t size) {
     size_t written = 0;
-    while (length > 0 && written < (size_t)length) {
-        ssize_t now = write(STDERR_FILENO, line + written, (size_t)length - written);
+    while (written < size) {
+        ssize_t now = write(STDERR_FILENO, bytes + written, size - written);
         if (now < 0 && errno != EINTR) {
-            return false; /* nowhere to say it */
+            return false;
         }
         written += now > 0 ? (size_t)now : 0;
     }
     return true;
 }
 
-static bool is_wanted(tl_log_level level) {
-    return (int)level <= __atomic_load_n(&top_level, __ATOMIC_RELAXED);
+/* false where `wait` is not wanted and stderr takes nothing now. */
+static bool write_line(tl_log_level level, const char *text, bool wait) {
+    char prefix[TL_LOG_PREFIX];
+    char line[LINE];
+    tl_log_prefix(level, prefix, sizeof prefix);
+    int length = snprintf(line, sizeof line, "%s%s%s\n", wipe(), prefix, text);
+    if (!wait) {
+        struct pollfd ready = {.fd = STDERR_FILENO, .events = POLLOUT};
+        if (poll(&ready, 1, 0) != 1 || (ready.revents & POLLOUT) == 0) {
+            return false;
+        }
+    }
+    return length > 0 && write_all(line, (size_t)length);
+}
+
+static bool is_wanted(int level) {
+    return level <= __atomic_load_n(&top_level, __ATOMIC_RELAXED);
 }
 
 void tl_log(tl_log_level level, const char *format, ...) {
-    if (!is_wanted(level)) {
+    if (!is_wanted((int)level)) {
         return;
     }
     int saved = errno;
@@ -166,6 +189,97 @@ void tl_log(tl_log_level level, const char *format, ...) {
     (void)write_line(level, text, true);
     errno = saved;
 }
+
+void tl_log_plain(const char *line) {
+    int saved = errno;
+    char whole[sizeof WIPE + TL_LOG_PLAIN + 1];
+    int length = snprintf(whole, sizeof whole, "%s%.*s\n", wipe(), (int)TL_LOG_PLAIN, line);
+    (void)write_all(whole, length > 0 ? (size_t)length : 0);
+    errno = saved;
+}
+
+/* What a pipe takes at once is written at once, if it takes anything: then no write waits. */
+static bool write_patiently(const char *bytes, size_t size, int patience) {
+    for (size_t written = 0; written < size;) {
+        struct pollfd ready = {.fd = STDERR_FILENO, .events = POLLOUT};
+        size_t part = size - written < PIPE_BUF ? size - written : PIPE_BUF;
+        if (poll(&ready, 1, patience) != 1 || (ready.revents & POLLOUT) == 0 || !write_all(bytes + written, part)) {
+            return false;
+        }
+        written += part;
+    }
+    return true;
+}
+
+/* In a journal a line without a level of its own could begin with one. */
+static void foreign_prefix(int level, char *prefix) {
+    const char *shown = current_style() == STYLE_JOURNAL ? "<6>fmu: " : "fmu: ";
+    if (level == TL_LOG_FOREIGN) {
+        (void)snprintf(prefix, TL_LOG_PREFIX, "%s", shown);
+    } else {
+        tl_log_prefix((tl_log_level)level, prefix, TL_LOG_PREFIX);
+    }
+}
+
+bool tl_log_foreign(int level, const char *line, int patience) {
+    if (!is_wanted(level)) {
+        return true;
+    }
+    int saved = errno;
+    char prefix[TL_LOG_PREFIX];
+    char whole[sizeof WIPE + TL_LOG_PREFIX + TL_LOG_PLAIN + 1];
+    foreign_prefix(level, prefix);
+    int length = snprintf(whole, sizeof whole, "%s%s%.*s\n", wipe(), prefix, (int)TL_LOG_PLAIN, line);
+    bool done = write_patiently(whole, length > 0 ? (size_t)length : 0, patience);
+    errno = saved;
+    return done;
+}
+
+/* ---- The status line ---- */
+
+/* Bytes that the terminal has columns for: a line that wraps cannot be redrawn. Two columns are left for the ^C that the terminal itself
+ * writes behind it. */
+static size_t fitting(const char *line) {
+    struct winsize size = {0};
+    size_t columns = ioctl(STDERR_FILENO, TIOCGWINSZ, &size) == 0 && size.ws_col > 3 ? size.ws_col - 3U : 77U;
+    size_t end = 0;
+    for (size_t shown = 0; line[end] != '\0'; end++) {
+        bool begins_character = ((unsigned char)line[end] & 0xC0U) != 0x80U;
+        if (begins_character && shown++ == columns) {
+            break;
+        }
+    }
+    return end;
+}
+
+/* Said before it is drawn, so that no line of another thread takes it for absent afterwards. */
+static void draw(const char *line) {
+    char text[TL_LOG_TEXT];
+    char drawn[sizeof WIPE + TL_LOG_TEXT];
+    int length = snprintf(text, sizeof text, "%s", line);
+    if (length >= TL_LOG_TEXT) {
+        text[whole_characters(text, TL_LOG_TEXT - 2)] = '\0';
+    }
+    make_harmless(text);
+    __atomic_store_n(&has_status, true, __ATOMIC_SEQ_CST);
+    length = snprintf(drawn, sizeof drawn, WIPE "%.*s", (int)fitting(text), text);
+    (void)write_all(drawn, (size_t)length);
+}
+
+void tl_log_status(const char *line) {
+    int saved = errno;
+    if (line == NULL) {
+        if (__atomic_load_n(&has_status, __ATOMIC_SEQ_CST)) {
+            (void)write_all(WIPE, sizeof WIPE - 1);
+        }
+        __atomic_store_n(&has_status, false, __ATOMIC_SEQ_CST);
+    } else if (isatty(STDERR_FILENO) == 1) {
+        draw(line);
+    }
+    errno = saved;
+}
+
+/* ---- Limits ---- */
 
 static void say_dropped(tl_log_limiter *limiter, bool wait) {
     uint32_t dropped = __atomic_exchange_n(&limiter->dropped, 0, __ATOMIC_RELAXED);
@@ -194,7 +308,7 @@ static bool may_pass(tl_log_limiter *limiter) {
 }
 
 void tl_log_limited(tl_log_limiter *limiter, tl_log_level level, const char *format, ...) {
-    if (!is_wanted(level)) {
+    if (!is_wanted((int)level)) {
         return;
     }
     int saved = errno;

@@ -6,18 +6,21 @@
  * Limits:  a line holds TL_LOG_TEXT bytes, what exceeds is cut and marked "…". tl_log_limited() drops what exceeds
  *          `per_second` per limiter, and what stderr cannot take at once; it says how many with the limiter's next
  *          message in a later second, or when the limiter ends.
- * Thread:  tl_log() may block on stderr: any thread but the cycle's. tl_log_limited() takes no lock and does not
+ * Status:  a line on a terminal that is drawn anew in its place; every other line wipes it first, in the same write. One that another thread
+ *          is just about to write when the first status is drawn may stand behind it, once.
+ * Thread:  what writes may block on stderr: any thread but the cycle's. tl_log_limited() takes no lock and does not
  *          wait for a reader of stderr, so an FMU may come here from within a step.
  */
 #ifndef TL_FIRMWARE_BASE_LOG_H
 #define TL_FIRMWARE_BASE_LOG_H
 
+#include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
 
 #include "master/base/status.h"
 
-enum { TL_LOG_TEXT = 1024, TL_LOG_PREFIX = 64 };
+enum { TL_LOG_TEXT = 1024, TL_LOG_PREFIX = 64, TL_LOG_PLAIN = 16 * 1024 };
 
 typedef enum tl_log_level {
     TL_LOG_ERROR = 3,
@@ -27,6 +30,8 @@ typedef enum tl_log_level {
     TL_LOG_DEBUG = 7
 } tl_log_level;
 
+enum { TL_LOG_FOREIGN = -1 };
+
 /* Messages above this level are dropped. Default TL_LOG_NOTICE. */
 void tl_log_set_level(tl_log_level level);
 
@@ -34,6 +39,17 @@ void tl_log_set_level(tl_log_level level);
 void tl_log_use_levels(void);
 
 void tl_log(tl_log_level level, const char *format, ...) TL_PRINTF(2, 3);
+
+/* A foreign line as it is, of at most TL_LOG_PLAIN bytes and without control characters (relay.h); what exceeds is cut. */
+void tl_log_plain(const char *line);
+
+/* A line that another process asks to log, as tl_log_plain() demands it: of a tl_log_level, or TL_LOG_FOREIGN: marked as an FMU's. Waits at most
+ * `patience` ms for each part that stderr is to take. False: it takes nothing; the line, or its rest, is left out. */
+bool tl_log_foreign(int level, const char *line, int patience);
+
+/* If stderr is a terminal: `line` is the status line from now on, as far as the terminal has columns and TL_LOG_TEXT bytes reach. NULL: there is
+ * none any more. */
+void tl_log_status(const char *line);
 
 /* What a line of this level begins with, of at most TL_LOG_PREFIX bytes: for who cannot call tl_log() when it has something to say. */
 void tl_log_prefix(tl_log_level level, char *prefix, size_t size);

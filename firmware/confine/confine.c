@@ -45,12 +45,12 @@ static tl_status enter(const char *folder, tl_error *error) {
     return TL_OK;
 }
 
-/* For `run` capabilities stay, as devices and the cycle's priority may depend on them. */
+/* Devices, and files of another user, may be open to capabilities only. */
 static tl_status give_up_privileges(const tl_confine_settings *settings, tl_error *error) {
     if (settings->user != 0) {
         return tl_privileges_become(settings->user, error);
     }
-    return settings->may_connect ? TL_OK : tl_privileges_drop(error);
+    return settings->may_connect || settings->keeps_files ? TL_OK : tl_privileges_drop(error);
 }
 
 static tl_status restrict_files(const tl_confine_settings *settings, int version, tl_error *error) {
@@ -58,31 +58,29 @@ static tl_status restrict_files(const tl_confine_settings *settings, int version
                                        .read = settings->read,
                                        .read_count = settings->read_count,
                                        .write = settings->write,
-                                       .write_count = settings->write_count,
-                                       .clear = settings->clear};
+                                       .write_count = settings->write_count};
     if (prctl(PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0) != 0) {
         return tl_fail(error, TL_TRY_AGAIN, "setuid programs could not be given up: %s", strerror(errno));
     }
-    return version > 0 ? tl_landlock_restrict(&places, version, settings->may_connect, error) : TL_OK;
+    return version > 0 ? tl_landlock_restrict(&places, version, error) : TL_OK;
 }
 
 static tl_status restrict_calls(const tl_confine_settings *settings, int version, int *listener, tl_error *error) {
     const tl_filter_settings filter = {.start_socket = settings->start_socket,
                                        .whole_process = settings->whole_process,
                                        .may_connect = settings->may_connect,
+                                       .keeps_files = settings->keeps_files,
                                        .lives_on = settings->lives_on,
                                        .removal_holds = version > 0,
                                        .truncation_holds = version >= TL_LANDLOCK_TRUNCATION};
     return tl_filter_load(&filter, listener, error);
 }
 
-tl_status tl_confine_calls(const tl_confine_settings *settings, tl_confine_facts *facts, int *listener,
-                           tl_error *error) {
-    const int version = usable_landlock(settings->landlock_newest);
+static tl_status confine_calls(const tl_confine_settings *settings, int version, tl_confine_facts *facts, int *listener,
+                               tl_error *error) {
     const bool filters = tl_filter_is_offered(); /* afterwards asking is refused */
     int told = -1;
     tl_status status = filters ? restrict_calls(settings, version, listener == NULL ? NULL : &told, error) : TL_OK;
-    *facts = (tl_confine_facts){0};
     if (status == TL_OK) {
         *facts = (tl_confine_facts){.filter = filters,
                                     .notifies = told >= 0,
@@ -106,7 +104,7 @@ tl_status tl_confine(const tl_confine_settings *settings, tl_confine_facts *fact
     status = status != TL_OK ? status : give_up_privileges(settings, error);
     status = status != TL_OK ? status : tl_limits_set(settings->memory, settings->file_bytes, error);
     status = status != TL_OK ? status : restrict_files(settings, version, error);
-    return status == TL_OK && !settings->calls_later ? tl_confine_calls(settings, facts, listener, error) : status;
+    return status == TL_OK ? confine_calls(settings, version, facts, listener, error) : status;
 }
 
 /* ---- describe ---- */

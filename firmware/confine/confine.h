@@ -10,11 +10,9 @@
  * Left open, since no kernel holds it: names, sizes and dates of files can be seen anywhere (Landlock knows reading, not looking); time on
  *          the processor; what the listed folders hold; a file that was removed but is still open counts nowhere but at its limit, and where
  *          the disk gets full (bounds.h).
- * `run`:   with may_connect the drivers of the plant can connect again: TCP to anybody, CAN, datagrams to local sockets, UDP for looking
- *          names up, serial lines and GPIO lines. That is for the threads of drivers and recorder; the thread of the FMUs does without
- *          (firmware/run/live_confinement.h). They share their memory all the same: an FMU that corrupts it can make the others
- *          write to a plant's register, send a CAN frame, and tell the service manager lies. Even they cannot listen, start programs, reach a
- *          local stream socket (a message bus), or see other files. Only a process without drivers gives that too.
+ * Others:  a process without FMUs gives up all it does not need, too. With may_connect the drivers of a plant can connect again: TCP to
+ *          anybody, CAN, UDP for looking names up, serial lines and GPIO lines. With keeps_files a recorder can remove and rename below the folders
+ *          that it writes, and give files the mode of others. Neither can listen, start programs or reach a local socket.
  * Thread:  from the thread that will load FMUs, best while there is no other: Landlock and capabilities hold for the thread that calls and
  *          those that it starts. With whole_process the list of system calls, the limits and the user hold for all threads.
  * Before:  what needs more than the above, as PR_SET_PDEATHSIG, setsid(), opening a device, has been done. PR_SET_PDEATHSIG is kept, which the
@@ -38,18 +36,16 @@ typedef struct tl_confine_settings {
     uint64_t file_bytes;     /* no file grows longer; 0: no such limit */
     const char *const *read; /* further files and folders that may be read; those that are missing are passed over */
     size_t read_count;
-    const char *const *write; /* further ones that may be written, for `run`: the database's folder, devices */
+    const char *const *write; /* further ones that may be written: a database's folder, devices */
     size_t write_count;
-    const char *
-        clear; /* a folder in which empty folders may be removed, for who removes a private one of its own; NULL: none */
     uint64_t
         memory; /* bytes that the process may make its own, stacks of threads included; 0: no limit. Address space that is
                                  only reserved does not count. With a sanitizer, whose own memory is larger, there is none */
     uint32_t user; /* its number, and of its group; needs root, and `folder` must be that user's. 0: stay who we are */
     int start_socket;    /* sendmsg() is allowed on this number only, to hand the listener over; -1: on none */
     bool whole_process;  /* the list of system calls for all threads; else for the one that calls */
-    bool may_connect;    /* see `run` above */
-    bool calls_later;    /* leaves the list of system calls to tl_confine_calls() */
+    bool may_connect;    /* see above, */
+    bool keeps_files;    /* and this */
     bool lives_on;       /* who reaches for another process is refused that, as all else; else his process is ended */
     int landlock_newest; /* for tests, to play an older kernel: at most this version; -1: none; 0: what the kernel has */
 } tl_confine_settings;
@@ -75,11 +71,6 @@ uint64_t tl_confine_fair_memory(void);
  * TL_BAD_USAGE: the folder cannot be entered. TL_TRY_AGAIN: something that the kernel offers failed; the process is half confined, and must
  * end. TL_INTERRUPTED: whoever was to be told of our end by PR_SET_PDEATHSIG has ended. */
 tl_status tl_confine(const tl_confine_settings *settings, tl_confine_facts *facts, int *listener, tl_error *error);
-
-/* The list of system calls alone, for a thread that has called tl_confine() with calls_later: the same settings. As there, but for
- * TL_BAD_USAGE. */
-tl_status tl_confine_calls(const tl_confine_settings *settings, tl_confine_facts *facts, int *listener,
-                           tl_error *error);
 
 /* A sentence of what is not held, for people; "" where all is. */
 void tl_confine_describe(const tl_confine_facts *facts, char text[TL_CONFINE_TEXT]);

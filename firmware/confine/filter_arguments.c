@@ -26,6 +26,7 @@
 /* What older headers do not have. */
 enum {
     CLONE_NEW_CGROUP = 0x02000000,
+    CLOSE_APART = 1U << 1, /* CLOSE_RANGE_UNSHARE */
     ACCESS_MODES = 3,
     MAP_KINDS = 0x0f,
     QUERY = -1,
@@ -66,11 +67,14 @@ static int allow_commands(scmp_filter_ctx context) {
     return failure != 0 ? failure : allow_one(context, "personality", IS(0, QUERY));
 }
 
-/* A thread, and nothing else: no process, no namespace. */
+/* A thread, and nothing else: no process, no namespace. It shares descriptors with all others, as those of every C library do: with a table of its
+ * own it would have the limit of descriptors once more, and as much memory of the kernel's in pipes. */
 static int allow_threads(scmp_filter_ctx context) {
     const uint32_t apart =
         CLONE_NEWNS | CLONE_NEW_CGROUP | CLONE_NEWUTS | CLONE_NEWIPC | CLONE_NEWUSER | CLONE_NEWPID | CLONE_NEWNET;
-    return allow_one(context, "clone", MASKED(0, CLONE_THREAD | apart, CLONE_THREAD));
+    const uint32_t shared = CLONE_THREAD | CLONE_FILES | CLONE_FS;
+    int failure = allow_one(context, "clone", MASKED(0, shared | apart, shared));
+    return failure != 0 ? failure : allow_one(context, "close_range", MASKED(2, CLOSE_APART, 0));
 }
 
 /* Memory that is shared and has no file, or grows by itself, does not count as data: it would be a way around the limit. */
@@ -90,7 +94,7 @@ static int allow_memory(scmp_filter_ctx context) {
 /* Opening a file by a call whose flags are the argument `flags`. Before ABI 3 Landlock does not look when a file is emptied that is opened for
  * reading, or (access mode 3) for neither. A file without a name counts in no folder: as on a file system that has none. */
 static int add_opening(scmp_filter_ctx context, const char *call, unsigned flags, const tl_filter_settings *settings) {
-    const uint32_t nameless = settings->may_connect ? 0 : NO_NAME;
+    const uint32_t nameless = settings->keeps_files ? 0 : NO_NAME;
     const struct scmp_arg_cmp named = MASKED(flags, nameless, 0);
     const struct scmp_arg_cmp ways[] = {
         MASKED(flags, O_TRUNC | nameless, 0),
@@ -111,7 +115,7 @@ static int add_files(scmp_filter_ctx context, const tl_filter_settings *settings
     const struct scmp_arg_cmp nameless[] = {MASKED(1, NO_NAME, NO_NAME), MASKED(2, NO_NAME, NO_NAME)};
     int failure = add_opening(context, "open", 1, settings);
     failure = failure != 0 ? failure : add_opening(context, "openat", 2, settings);
-    if (!settings->may_connect) {
+    if (!settings->keeps_files) {
         failure = failure != 0 ? failure : tl_filter_add(context, SCMP_ACT_ERRNO(EOPNOTSUPP), "open", &nameless[0], 1);
         failure =
             failure != 0 ? failure : tl_filter_add(context, SCMP_ACT_ERRNO(EOPNOTSUPP), "openat", &nameless[1], 1);
@@ -173,7 +177,7 @@ int tl_filter_add_arguments(scmp_filter_ctx context, const tl_filter_settings *s
     failure = failure != 0 ? failure : add_signals(context, settings->lives_on);
     failure = failure != 0 ? failure : add_tracing(context, settings->lives_on);
     failure = failure != 0 ? failure : add_files(context, settings);
-    if (settings->start_socket >= 0 && !settings->may_connect) {
+    if (settings->start_socket >= 0) {
         failure = failure != 0 ? failure : allow_one(context, "sendmsg", IS(0, settings->start_socket));
     }
     return failure;

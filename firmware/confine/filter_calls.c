@@ -11,7 +11,7 @@ typedef struct group {
 
 /* clang-format off */
 static const group allowed[] = {
-    {"what it holds open", "read write readv writev pread64 pwrite64 preadv pwritev preadv2 pwritev2 lseek _llseek close close_range dup dup2 dup3"},
+    {"what it holds open", "read write readv writev pread64 pwrite64 preadv pwritev preadv2 pwritev2 lseek _llseek close dup dup2 dup3"},
     {"copies between descriptors", "copy_file_range sendfile sendfile64 splice tee vmsplice"},
     {"making files, where Landlock lets it", "mkdir mkdirat"},
     {"files that it has open for writing", "ftruncate ftruncate64 fallocate fsync fdatasync msync sync_file_range arm_sync_file_range"},
@@ -63,9 +63,12 @@ int tl_filter_add_calls(scmp_filter_ctx context, const tl_filter_settings *setti
         failure = tl_filter_allow_all(context, allowed[i].calls);
     }
     failure = failure != 0 ? failure : tl_filter_allow_all(context, "creat");
-    if (settings->removal_holds && !settings->may_connect) {
+    if (settings->removal_holds || settings->keeps_files) {
         failure =
             failure != 0 ? failure : tl_filter_allow_all(context, "rmdir unlink unlinkat rename renameat renameat2");
+    }
+    if (settings->keeps_files) { /* SQLite gives the files beside a database the mode and owner of that */
+        failure = failure != 0 ? failure : tl_filter_allow_all(context, "fchmod fchown fchown32");
     }
     if (settings->truncation_holds) {
         failure = failure != 0 ? failure : tl_filter_allow_all(context, "truncate truncate64");

@@ -1,4 +1,4 @@
-/* What the drivers of a plant and the service manager need besides, to connect again while FMUs are there: see filter.h.
+/* What the drivers of a plant need besides, to connect again: see filter.h.
  *
  * Addresses and requests lie in memory, where a filter does not see them: what is allowed here is allowed towards anybody.
  */
@@ -7,9 +7,8 @@
 #include <linux/can.h>
 #include <linux/gpio.h>
 #include <linux/netlink.h>
-#include <linux/seccomp.h>
 #include <linux/serial.h>
-#include <linux/watchdog.h>
+#include <sched.h>
 #include <sys/ioctl.h>
 #include <sys/socket.h>
 #include <termios.h>
@@ -22,13 +21,10 @@ static const struct {
     int family;
     int kind;
 } sockets[] = {
-    {AF_INET, SOCK_STREAM}, /* Modbus TCP */
-    {AF_INET6, SOCK_STREAM},
-    {AF_INET, SOCK_DGRAM}, /* names of hosts */
-    {AF_INET6, SOCK_DGRAM},
-    {AF_NETLINK, SOCK_RAW}, /* which addresses this machine has itself, for the same */
+    {AF_INET, SOCK_STREAM},                          /* Modbus TCP */
+    {AF_INET6, SOCK_STREAM}, {AF_INET, SOCK_DGRAM},  /* names of hosts */
+    {AF_INET6, SOCK_DGRAM},  {AF_NETLINK, SOCK_RAW}, /* which addresses this machine has itself, for the same */
     {AF_CAN, SOCK_RAW},
-    {AF_UNIX, SOCK_DGRAM}, /* the service manager; not streams, by which a message bus is talked to */
 };
 
 /* Of CAN and netlink. Nobody can listen, so an address of their length does no harm elsewhere. */
@@ -56,9 +52,6 @@ static const uint32_t device_commands[] = {
     GPIO_V2_GET_LINEINFO_IOCTL,
     GPIO_V2_GET_LINE_IOCTL,
     GPIO_V2_LINE_GET_VALUES_IOCTL,
-    WDIOC_KEEPALIVE,
-    SECCOMP_IOCTL_NOTIF_RECV,
-    SECCOMP_IOCTL_NOTIF_SEND, /* the thread that answers what FMUs are refused */
 };
 
 static int allow(scmp_filter_ctx context, const char *call, unsigned argument, uint32_t value) {
@@ -67,12 +60,9 @@ static int allow(scmp_filter_ctx context, const char *call, unsigned argument, u
 }
 
 int tl_filter_add_drivers(scmp_filter_ctx context) {
-    /* Removing and renaming: a database's journal, a file that takes the place of another one; SQLite gives the files beside a database the
-     * mode and owner of that. sched_setscheduler: the cycle's priority is raised and lowered by another thread, which names it by a number. */
     int failure =
         tl_filter_allow_all(context, "connect shutdown getsockname getpeername getsockopt setsockopt send sendto "
-                                     "sendmsg sendmmsg recv recvfrom recvmsg sched_setscheduler "
-                                     "rmdir unlink unlinkat rename renameat renameat2 fchmod fchown fchown32");
+                                     "sendmsg sendmmsg recv recvfrom recvmsg");
     for (size_t i = 0; i < COUNT(sockets) && failure == 0; i++) {
         const struct scmp_arg_cmp conditions[] = {
             {0, SCMP_CMP_MASKED_EQ, UINT32_MAX, (uint32_t)sockets[i].family},
@@ -86,5 +76,7 @@ int tl_filter_add_drivers(scmp_filter_ctx context) {
     for (size_t i = 0; i < COUNT(device_commands) && failure == 0; i++) {
         failure = allow(context, "ioctl", 1, device_commands[i]);
     }
+    /* A thread of a source is an ordinary one, whoever starts it (side_thread.h). */
+    failure = failure != 0 ? failure : allow(context, "sched_setscheduler", 1, SCHED_OTHER);
     return failure;
 }

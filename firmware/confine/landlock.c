@@ -184,7 +184,6 @@ static bool allow_places(int rules, const tl_landlock_places *places, uint64_t a
            allow_all(rules, writable, COUNT(writable), change) &&
            allow_all(rules, places->read, places->read_count, look) &&
            allow_all(rules, places->write, places->write_count, change | (all & COMMAND_DEVICE)) &&
-           (places->clear == NULL || allow(rules, places->clear, all & LANDLOCK_ACCESS_FS_REMOVE_DIR)) &&
            (places->folder == NULL || allow(rules, places->folder, change));
 }
 
@@ -195,18 +194,18 @@ int tl_landlock_version(void) {
     return version > 0 ? (int)version : 0;
 }
 
-static int make_rules(int version, bool may_connect) {
+static int make_rules(int version) {
     const rule_set set = {
         .files = (LOOK | CHANGE | NEVER | COMMAND_DEVICE) & known(version),
         .network = TAKE_TCP_PORT,
-        .scopes = SIGNALS | (may_connect ? 0 : ABSTRACT_SOCKETS), /* a service manager may have an abstract one */
+        .scopes = SIGNALS | ABSTRACT_SOCKETS,
     };
     size_t size = version >= 6 ? sizeof set : version >= 4 ? WITH_NETWORK : FILES_ONLY;
     return (int)syscall(SYS_landlock_create_ruleset, &set, size, 0);
 }
 
-tl_status tl_landlock_restrict(const tl_landlock_places *places, int version, bool may_connect, tl_error *error) {
-    int rules = make_rules(version, may_connect);
+tl_status tl_landlock_restrict(const tl_landlock_places *places, int version, tl_error *error) {
+    int rules = make_rules(version);
     bool done =
         rules >= 0 && allow_places(rules, places, known(version)) && syscall(SYS_landlock_restrict_self, rules, 0) == 0;
     int cause = errno;

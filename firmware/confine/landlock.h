@@ -26,13 +26,12 @@ typedef struct tl_landlock_places {
     size_t read_count;
     const char *const *write; /* as `folder`; devices also take commands */
     size_t write_count;
-    const char *clear; /* a folder in which empty folders may be removed; NULL: none */
 } tl_landlock_places;
 
 /* 0: the kernel has none, or it is switched off. */
 int tl_landlock_version(void);
 
 /* `version` > 0: the kernel's, or an older one. Needs PR_SET_NO_NEW_PRIVS. TL_TRY_AGAIN: it failed. */
-tl_status tl_landlock_restrict(const tl_landlock_places *places, int version, bool may_connect, tl_error *error);
+tl_status tl_landlock_restrict(const tl_landlock_places *places, int version, tl_error *error);
 
 #endif

@@ -58,3 +58,15 @@ tl_status tl_limits_set(uint64_t memory, uint64_t file, tl_error *error) {
                 limit(RLIMIT_NOFILE, open_descriptors() + TL_LIMITS_DESCRIPTORS) && prctl(PR_SET_DUMPABLE, 0) == 0;
     return done ? TL_OK : tl_fail(error, TL_TRY_AGAIN, "limits of the process could not be set: %s", strerror(errno));
 }
+
+void tl_limits_permit(int resource, rlim_t least) {
+    struct rlimit now;
+    if (getrlimit((__rlimit_resource_t)resource, &now) != 0 || now.rlim_cur >= least) {
+        return;
+    }
+    const struct rlimit wanted = {.rlim_cur = least, .rlim_max = now.rlim_max < least ? least : now.rlim_max};
+    if (setrlimit((__rlimit_resource_t)resource, &wanted) != 0) {
+        now.rlim_cur = now.rlim_max;
+        (void)setrlimit((__rlimit_resource_t)resource, &now);
+    }
+}

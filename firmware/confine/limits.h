@@ -7,6 +7,7 @@
 
 #include <stdbool.h>
 #include <stdint.h>
+#include <sys/resource.h>
 
 #include "master/base/status.h"
 
@@ -19,5 +20,8 @@ enum { TL_LIMITS_DESCRIPTORS = 256, TL_LIMITS_SIGNALS = 256 };
 /* Memory and the length of a file (bytes; 0: none), for good. Besides: descriptors, timers and signals as above, no message queue, no core, no
  * stack that grows without end, and nobody of the same user can look into the process. TL_TRY_AGAIN: the kernel refused. */
 tl_status tl_limits_set(uint64_t memory, uint64_t file, tl_error *error);
+
+/* At least so much of a resource (RLIMIT_…) from now on, also when capabilities are given up; as much of it as may be had, if that is less. */
+void tl_limits_permit(int resource, rlim_t least);
 
 #endif

@@ -22,6 +22,7 @@
 #include <unistd.h>
 
 #include "firmware/base/other_case.h"
+#include "firmware/database/database_fault.h"
 #include "firmware/database/database_guard.h"
 #include "firmware/database/database_schema.h"
 #include "firmware/database/database_sql.h"
@@ -34,11 +35,34 @@ static uint32_t big_endian(const unsigned char *bytes) {
 
 static tl_status check_version(const char *path, int64_t version, tl_error *error) {
     if (version < 1 || version > TL_DATABASE_VERSION) {
-        return tl_fail(error, TL_BAD_DATA,
-                       "%s: was written by another version of twinlock (format %lld, this program knows 1 to %d)", path,
-                       (long long)version, TL_DATABASE_VERSION);
+        return tl_database_refuse(
+            TL_DATABASE_OTHER, error, TL_BAD_DATA,
+            "%s: was written by another version of twinlock (format %lld, this program knows 1 to %d)", path,
+            (long long)version, TL_DATABASE_VERSION);
     }
     return TL_OK;
+}
+
+static tl_status judge_header(const unsigned char header[HEADER], int64_t size, const char *path, tl_error *error) {
+    bool is_sqlite = memcmp(header, "SQLite format 3", 16) == 0;
+    bool is_ours = is_sqlite && big_endian(header + APPLICATION_AT) == TL_DATABASE_APPLICATION;
+    if (size < HEADER && is_ours) {
+        return tl_database_refuse(TL_DATABASE_DAMAGED, error, TL_BAD_DATA,
+                                  "%s: is damaged: of its header there are only %lld bytes", path, (long long)size);
+    }
+    if (size < HEADER) {
+        return tl_database_refuse(TL_DATABASE_FOREIGN, error, TL_BAD_DATA,
+                                  "%s: is not a twinlock database: it has only %lld bytes", path, (long long)size);
+    }
+    if (!is_sqlite) {
+        return tl_database_refuse(TL_DATABASE_FOREIGN, error, TL_BAD_DATA,
+                                  "%s: is not a twinlock database, nor any SQLite database", path);
+    }
+    if (!is_ours) {
+        return tl_database_refuse(TL_DATABASE_FOREIGN, error, TL_BAD_DATA,
+                                  "%s: is a SQLite database of another program, not of twinlock", path);
+    }
+    return check_version(path, big_endian(header + VERSION_AT), error);
 }
 
 /* No SQL may have run on this connection. */
@@ -49,23 +73,14 @@ static tl_status check_header(sqlite3 *database, const char *path, tl_error *err
     int code = sqlite3_file_control(database, "main", SQLITE_FCNTL_FILE_POINTER, &file);
     if (code != SQLITE_OK || file == NULL || file->pMethods == NULL ||
         file->pMethods->xFileSize(file, &size) != SQLITE_OK) {
-        return tl_fail(error, TL_TRY_AGAIN, "%s: cannot be read", path);
+        return tl_database_refuse(TL_DATABASE_LATER, error, TL_TRY_AGAIN, "%s: cannot be read", path);
     }
-    if (size < HEADER) {
-        return tl_fail(error, TL_BAD_DATA, "%s: is not a twinlock database: it has only %lld bytes", path,
-                       (long long)size);
+    code = size == 0 ? SQLITE_OK : file->pMethods->xRead(file, header, HEADER, 0);
+    if (code != SQLITE_OK && code != SQLITE_IOERR_SHORT_READ) { /* what is not there reads as zeros */
+        return tl_database_refuse(TL_DATABASE_DENIED, error, TL_TRY_AGAIN, "%s: cannot be read (%s)", path,
+                                  sqlite3_errstr(code));
     }
-    code = file->pMethods->xRead(file, header, HEADER, 0);
-    if (code != SQLITE_OK) {
-        return tl_fail(error, TL_TRY_AGAIN, "%s: cannot be read (%s)", path, sqlite3_errstr(code));
-    }
-    if (memcmp(header, "SQLite format 3", 16) != 0) {
-        return tl_fail(error, TL_BAD_DATA, "%s: is not a twinlock database, nor any SQLite database", path);
-    }
-    if (big_endian(header + APPLICATION_AT) != TL_DATABASE_APPLICATION) {
-        return tl_fail(error, TL_BAD_DATA, "%s: is a SQLite database of another program, not of twinlock", path);
-    }
-    return check_version(path, big_endian(header + VERSION_AT), error);
+    return judge_header(header, size, path, error);
 }
 
 static tl_status open_connection(const char *name, int flags, sqlite3 **database, tl_error *error) {
@@ -99,7 +114,7 @@ static char *immutable_uri(const char *path) {
 static tl_status open_immutable(const char *path, sqlite3 **database, tl_error *error) {
     char *uri = immutable_uri(path);
     if (uri == NULL) {
-        return tl_fail(error, TL_TRY_AGAIN, "%s: out of memory", path);
+        return tl_database_refuse(TL_DATABASE_LATER, error, TL_TRY_AGAIN, "%s: out of memory", path);
     }
     tl_status status = open_connection(uri, SQLITE_OPEN_READONLY | SQLITE_OPEN_URI, database, error);
     free(uri);
@@ -184,13 +199,15 @@ tl_status tl_database_open(const char *path, bool write, sqlite3 **database, tl_
     struct stat file;
     *database = NULL;
     if (stat(path, &file) != 0) {
-        tl_status status = errno == ENOENT || errno == ENOTDIR ? TL_BAD_DATA : TL_TRY_AGAIN;
-        const char *why = strerror(errno);
+        int number = errno;
+        tl_status status = number == ENOENT || number == ENOTDIR ? TL_BAD_DATA : TL_TRY_AGAIN;
+        const char *why = strerror(number);
         char other[TL_OTHER_CASE_TEXT];
-        return tl_fail(error, status, "%s: %s%s", path, why, tl_other_case(path, other));
+        return tl_database_refuse(tl_database_fault_of_errno(number), error, status, "%s: %s%s", path, why,
+                                  tl_other_case(path, other));
     }
     if (!S_ISREG(file.st_mode)) {
-        return tl_fail(error, TL_BAD_DATA, "%s: is no ordinary file", path);
+        return tl_database_refuse(TL_DATABASE_FOREIGN, error, TL_BAD_DATA, "%s: is no ordinary file", path);
     }
     /* Readers too: the last one to close then removes -wal and -shm. SQLite falls back to reading where the file
      * or the medium permits no more. */
@@ -201,7 +218,8 @@ tl_status tl_database_open(const char *path, bool write, sqlite3 **database, tl_
     (void)sqlite3_busy_timeout(*database, 2000);
     status = check_header(*database, path, error);
     if (status == TL_OK && write && sqlite3_db_readonly(*database, "main") == 1) {
-        status = tl_fail(error, TL_TRY_AGAIN, "%s: may not be written: check its permissions and its medium", path);
+        status = tl_database_refuse(TL_DATABASE_DENIED, error, TL_TRY_AGAIN,
+                                    "%s: may not be written: check its permissions and its medium", path);
     }
     if (status == TL_OK) {
         status = first_read(path, database, error);
@@ -244,7 +262,11 @@ static tl_status build(const char *name, tl_error *error) {
         status = tl_database_execute(database, "COMMIT; PRAGMA journal_mode = WAL", error);
     }
     (void)sqlite3_close(database);
-    return status == TL_BAD_DATA ? TL_TRY_AGAIN : status; /* what is not there yet cannot be bad */
+    if (status == TL_BAD_DATA) { /* what is not there yet cannot be bad */
+        tl_database_set_fault(TL_DATABASE_LATER);
+        status = TL_TRY_AGAIN;
+    }
+    return status;
 }
 
 /* What SQLite leaves beside a database, and how it begins: a log, its index, a journal that was not finished or was. */
@@ -282,12 +304,13 @@ static tl_status remove_leftovers(const char *path, tl_error *error) {
     char names[sizeof leftovers / sizeof leftovers[0]][PATH_MAX];
     for (size_t i = 0; i < sizeof leftovers / sizeof leftovers[0]; i++) {
         if (snprintf(names[i], PATH_MAX, "%s%s", path, leftovers[i].end) >= PATH_MAX) {
-            return tl_fail(error, TL_TRY_AGAIN, "%.200sâ¦: the name is too long", path);
+            return tl_database_refuse(TL_DATABASE_FOREIGN, error, TL_TRY_AGAIN, "%.200s…: the name is too long", path);
         }
         if (!may_be_removed(names[i], &leftovers[i])) {
-            return tl_fail(error, TL_BAD_DATA,
-                           "%s: cannot be made: %s is there and not SQLite's, which needs that name: move it away",
-                           path, names[i]);
+            return tl_database_refuse(
+                TL_DATABASE_FOREIGN, error, TL_BAD_DATA,
+                "%s: cannot be made: %s is there and not SQLite's, which needs that name: move it away", path,
+                names[i]);
         }
     }
     for (size_t i = 0; i < sizeof leftovers / sizeof leftovers[0]; i++) {
@@ -310,7 +333,7 @@ static void sync_folder(const char *path) {
 static tl_status take_name(const char *path, char name[PATH_MAX], tl_error *error) {
     for (int i = 0;; i++) {
         if (snprintf(name, PATH_MAX, "%s.new-%ld-%d", path, (long)getpid(), i) + JOURNAL >= PATH_MAX) {
-            return tl_fail(error, TL_TRY_AGAIN, "%.200sâ¦: the name is too long", path);
+            return tl_database_refuse(TL_DATABASE_FOREIGN, error, TL_TRY_AGAIN, "%.200s…: the name is too long", path);
         }
         int file = open(name, O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0640);
         if (file >= 0) {
@@ -318,7 +341,8 @@ static tl_status take_name(const char *path, char name[PATH_MAX], tl_error *erro
             return TL_OK;
         }
         if (errno != EEXIST) {
-            return tl_fail(error, TL_TRY_AGAIN, "%s: cannot be made: %s", path, strerror(errno));
+            return tl_database_refuse(tl_database_fault_of_errno(errno), error, TL_TRY_AGAIN, "%s: cannot be made: %s",
+                                      path, strerror(errno));
         }
     }
 }
@@ -352,7 +376,8 @@ tl_status tl_database_create(const char *path, tl_error *error) {
     }
     status = build(name, error);
     if (status == TL_OK && !put_in_place(name, path)) {
-        status = tl_fail(error, TL_TRY_AGAIN, "%s: cannot be made: %s", path, strerror(errno));
+        status = tl_database_refuse(tl_database_fault_of_errno(errno), error, TL_TRY_AGAIN, "%s: cannot be made: %s",
+                                    path, strerror(errno));
     }
     if (status != TL_OK) {
         remove_unfinished(name);
@@ -369,10 +394,11 @@ static tl_status check_folder(const char *path, tl_error *error) {
     char copy[PATH_MAX];
     struct stat folder;
     if (snprintf(copy, sizeof copy, "%s", path) >= PATH_MAX) {
-        return tl_fail(error, TL_TRY_AGAIN, "%.200sâ¦: the name is too long", path);
+        return tl_database_refuse(TL_DATABASE_FOREIGN, error, TL_TRY_AGAIN, "%.200s…: the name is too long", path);
     }
     if (stat(dirname(copy), &folder) != 0) {
-        return tl_fail(error, TL_TRY_AGAIN, "%s: cannot be made: its folder: %s", path, strerror(errno));
+        return tl_database_refuse(tl_database_fault_of_errno(errno), error, TL_TRY_AGAIN,
+                                  "%s: cannot be made: its folder: %s", path, strerror(errno));
     }
     return TL_OK;
 }
@@ -380,18 +406,22 @@ static tl_status check_folder(const char *path, tl_error *error) {
 tl_status tl_database_place(const char *given, char path[PATH_MAX], tl_error *error) {
     struct stat file;
     if (given[0] == '\0') {
-        return tl_fail(error, TL_BAD_USAGE, "the name of the database is empty: give a file, for example run.db");
+        return tl_database_refuse(TL_DATABASE_FOREIGN, error, TL_BAD_USAGE,
+                                  "the name of the database is empty: give a file, for example run.db");
     }
     if (realpath(given, path) != NULL) {
         bool regular = stat(path, &file) == 0 && S_ISREG(file.st_mode);
-        return regular ? TL_OK : tl_fail(error, TL_BAD_DATA, "%s: is no ordinary file, and left as it is", given);
+        return regular ? TL_OK
+                       : tl_database_refuse(TL_DATABASE_FOREIGN, error, TL_BAD_DATA,
+                                            "%s: is no ordinary file, and left as it is", given);
     }
     if (errno != ENOENT) {
-        return tl_fail(error, TL_TRY_AGAIN, "%.200s: cannot be opened: %s", given, strerror(errno));
+        return tl_database_refuse(tl_database_fault_of_errno(errno), error, TL_TRY_AGAIN,
+                                  "%.200s: cannot be opened: %s", given, strerror(errno));
     }
     if (lstat(given, &file) == 0) {
-        return tl_fail(error, TL_BAD_DATA, "%s: is a symbolic link to a file that is not there, and left as it is",
-                       given);
+        return tl_database_refuse(TL_DATABASE_FOREIGN, error, TL_BAD_DATA,
+                                  "%s: is a symbolic link to a file that is not there, and left as it is", given);
     }
     tl_status status = check_folder(given, error);
     (void)snprintf(path, PATH_MAX, "%s", status == TL_OK ? given : "");

@@ -6,6 +6,8 @@
 #include <stdio.h>
 #include <string.h>
 
+#include "firmware/database/database_fault.h"
+
 tl_status tl_database_status(int code) {
     switch (code & 0xFF) {
     case SQLITE_OK:
@@ -55,8 +57,11 @@ tl_status tl_database_fail(sqlite3 *database, int code, tl_error *error) {
     const char *path = database == NULL ? NULL : sqlite3_db_filename(database, "main");
     tl_database_text(database, code, text, sizeof text);
     if (database != NULL && tl_database_status(code) == TL_BAD_DATA) {
-        return tl_database_damaged(database, error, "%s", text);
+        (void)tl_database_damaged(database, error, "%s", text);
+        tl_database_set_fault(tl_database_fault_of(code, 0));
+        return TL_BAD_DATA;
     }
+    tl_database_set_fault(tl_database_fault_of(code, database == NULL ? 0 : sqlite3_system_errno(database)));
     return tl_fail(error, tl_database_status(code), "%s: %s", path == NULL ? "database" : path, text);
 }
 
@@ -76,6 +81,7 @@ tl_status tl_database_damaged(sqlite3 *database, tl_error *error, const char *fo
     va_start(arguments, format);
     (void)vsnprintf(what, sizeof what, format, arguments);
     va_end(arguments);
-    return tl_fail(error, TL_BAD_DATA, "%s: is damaged: %s: take an earlier copy of it, or record into a new file",
-                   sqlite3_db_filename(database, "main"), what);
+    return tl_database_refuse(TL_DATABASE_FOREIGN, error, TL_BAD_DATA,
+                              "%s: is damaged: %s: take an earlier copy of it, or record into a new file",
+                              sqlite3_db_filename(database, "main"), what);
 }

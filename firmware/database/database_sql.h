@@ -1,7 +1,7 @@
 /* SQL of ours on a connection, and what SQLite answers: as a status and in words.
  *
  * Errors:  TL_BAD_DATA where the file is to blame, TL_TRY_AGAIN for everything the system refuses (no room, no permission,
- *          locked).
+ *          locked). Each says the fault too (database_fault.h).
  * Thread:  a connection belongs to one thread at a time.
  */
 #ifndef TL_FIRMWARE_DATABASE_DATABASE_SQL_H
@@ -25,7 +25,7 @@ void tl_database_text(sqlite3 *database, int code, char *text, size_t size);
 /* The same as an error, with the file in front. */
 tl_status tl_database_fail(sqlite3 *database, int code, tl_error *error);
 
-/* TL_BAD_DATA: "FILE: is damaged: WHAT: …what to do". */
+/* Of a file that somebody has worked on. TL_BAD_DATA: "FILE: is damaged: WHAT: …what to do". */
 tl_status tl_database_damaged(sqlite3 *database, tl_error *error, const char *format, ...) TL_PRINTF(3, 4);
 
 #endif

@@ -195,14 +195,17 @@ static tl_status open_path(tl_plant_stream *stream, const tl_plant_stream_settin
     if (settings->make_fifo && mkfifo(settings->path, 0666) != 0 && errno != EEXIST) {
         return tl_fail(error, TL_BAD_DATA, "%s: no FIFO can be made: %s", settings->path, strerror(errno));
     }
-    stream->is_fifo = stat(settings->path, &what) == 0 && S_ISFIFO(what.st_mode);
+    bool is_there = stat(settings->path, &what) == 0;
+    stream->is_fifo = is_there && S_ISFIFO(what.st_mode);
     if (stream->is_fifo) {
         return TL_OK; /* opened when a row is there and somebody reads */
     }
     stream->file = open(settings->path, O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
     if (stream->file < 0) {
         return tl_fail(error, TL_BAD_DATA, "%s cannot be written: %s%s", settings->path, strerror(errno),
-                       errno == EEXIST ? "; remove it, or make a FIFO of that name with mkfifo" : "");
+                       is_there && S_ISREG(what.st_mode) ? "; remove it, or make a FIFO of that name with mkfifo"
+                       : is_there                        ? "; give the name of a file that is not there yet"
+                                                         : "");
     }
     put_header(stream);
     (void)flush(stream, 0);

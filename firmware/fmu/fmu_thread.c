@@ -1,10 +1,13 @@
 /* The thread of the FMUs: see fmu_thread.h. */
 #include "firmware/fmu/fmu_thread.h"
 
+#include <pthread.h>
 #include <signal.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/syscall.h>
 #include <time.h>
+#include <unistd.h>
 
 #include "firmware/base/c_locale.h"
 #include "firmware/base/clock.h"
@@ -21,6 +24,7 @@ enum { GUARD = 1024 * 1024 };
 
 struct tl_fmu_thread {
     pthread_t handle;
+    pid_t number;
     pthread_mutex_t lock;
     pthread_cond_t changed;
     tl_fmu_job *job; /* under way, or to be begun; NULL: none */
@@ -58,6 +62,7 @@ static void set_job(tl_fmu_thread *thread, tl_fmu_job *job, void *context) {
 
 static void *run(void *context) {
     tl_fmu_thread *thread = context;
+    thread->number = (pid_t)syscall(SYS_gettid);
     (void)pthread_setname_np(pthread_self(), "fmus");
     tl_crash_enter(TL_CRASH_CALLS_FMUS);
     for (tl_fmu_job *job = next_job(thread); job != NULL; job = next_job(thread)) {
@@ -203,6 +208,6 @@ void tl_fmu_thread_watch(tl_fmu_thread *thread) {
     }
 }
 
-pthread_t tl_fmu_thread_handle(const tl_fmu_thread *thread) {
-    return thread->handle;
+pid_t tl_fmu_thread_number(const tl_fmu_thread *thread) {
+    return thread->number;
 }

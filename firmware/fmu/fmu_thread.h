@@ -11,8 +11,8 @@
 #ifndef TL_FIRMWARE_FMU_FMU_THREAD_H
 #define TL_FIRMWARE_FMU_FMU_THREAD_H
 
-#include <pthread.h>
 #include <stdbool.h>
+#include <sys/types.h>
 
 #include "master/base/status.h"
 
@@ -52,7 +52,7 @@ tl_status tl_fmu_thread_run(tl_fmu_job *job, void *context);
 /* Only keeps an eye on a job that runs: for who does something else meanwhile. */
 void tl_fmu_thread_watch(tl_fmu_thread *thread);
 
-/* For scheduling. */
-pthread_t tl_fmu_thread_handle(const tl_fmu_thread *thread);
+/* As the kernel counts threads, for scheduling. Once a job is done. */
+pid_t tl_fmu_thread_number(const tl_fmu_thread *thread);
 
 #endif

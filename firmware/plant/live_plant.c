@@ -19,7 +19,7 @@ struct tl_live_plant {
     size_t source_count;
     size_t (*signals)[TL_MAX_SIGNALS]; /* per source: channel → signal */
     tl_plant_readers *readers;
-    tl_plant_input input;
+    tl_mailbox mailboxes[TL_MAX_SIGNALS];
 };
 
 void tl_live_plant_set_limits(tl_plant_input *input, const tl_config *config) {
@@ -162,7 +162,7 @@ static void begin_hearts(tl_live_plant *plant, tl_heartbeats *beats) {
     }
 }
 
-static tl_status check_sources(const tl_config *config, tl_error *error) {
+tl_status tl_live_plant_check(const tl_config *config, tl_error *error) {
     for (size_t i = 0; i < config->signal_count; i++) {
         if (config->signals[i].source == SIZE_MAX) {
             return tl_fail(
@@ -175,6 +175,13 @@ static tl_status check_sources(const tl_config *config, tl_error *error) {
     return TL_OK;
 }
 
+static void take_mailboxes(tl_live_plant *plant, const tl_mailbox mailboxes[], size_t count) {
+    for (size_t i = 0; i < count; i++) {
+        plant->mailboxes[i] = mailboxes[i];
+        tl_mailbox_mend(&mailboxes[i]);
+    }
+}
+
 static tl_status open_all(tl_live_plant *plant, const tl_config *config, tl_heartbeats *beats,
                           void (*on_link)(void *context, const char *source, bool up, const char *text), void *context,
                           tl_error *error) {
@@ -183,7 +190,6 @@ static tl_status open_all(tl_live_plant *plant, const tl_config *config, tl_hear
     if (plant->sources == NULL || plant->signals == NULL) {
         return tl_fail(error, TL_TRY_AGAIN, "not enough memory for the plant's sources");
     }
-    tl_live_plant_set_limits(&plant->input, config);
     for (size_t i = 0; i < config->source_count; i++) {
         tl_status status = open_source(plant, config, i, error);
         if (status != TL_OK) {
@@ -192,14 +198,14 @@ static tl_status open_all(tl_live_plant *plant, const tl_config *config, tl_hear
         }
     }
     begin_hearts(plant, beats);
-    return tl_plant_readers_start(plant->sources, plant->source_count, &plant->input, on_link, context, &plant->readers,
-                                  error);
+    return tl_plant_readers_start(plant->sources, plant->source_count, plant->mailboxes, on_link, context,
+                                  &plant->readers, error);
 }
 
-tl_status tl_live_plant_open(const tl_config *config, tl_heartbeats *beats,
+tl_status tl_live_plant_open(const tl_config *config, const tl_mailbox mailboxes[], tl_heartbeats *beats,
                              void (*on_link)(void *context, const char *source, bool up, const char *text),
                              void *context, tl_live_plant **plant, tl_error *error) {
-    tl_status status = check_sources(config, error);
+    tl_status status = tl_live_plant_check(config, error);
     if (status != TL_OK) {
         return status;
     }
@@ -207,6 +213,7 @@ tl_status tl_live_plant_open(const tl_config *config, tl_heartbeats *beats,
     if (opened == NULL) {
         return tl_fail(error, TL_TRY_AGAIN, "not enough memory for the plant");
     }
+    take_mailboxes(opened, mailboxes, config->signal_count);
     status = open_all(opened, config, beats, on_link, context, error);
     if (status != TL_OK) {
         opened->readers = NULL;
@@ -215,20 +222,6 @@ tl_status tl_live_plant_open(const tl_config *config, tl_heartbeats *beats,
     }
     *plant = opened;
     return TL_OK;
-}
-
-const tl_plant_input *tl_live_plant_input(const tl_live_plant *plant) {
-    return &plant->input;
-}
-
-bool tl_live_plant_is_complete(const tl_live_plant *plant) {
-    for (size_t i = 0; i < plant->input.count; i++) {
-        tl_reading reading;
-        if (!tl_mailbox_at(&plant->input.mailboxes[i], INT64_MAX, &reading) || reading.quality != TL_GOOD) {
-            return false;
-        }
-    }
-    return true;
 }
 
 void tl_live_plant_close(tl_live_plant *plant) {

@@ -1,7 +1,9 @@
-/* The live plant: the configured sources, opened and polled, posting into one plant input.
+/* The live plant: the configured sources, opened and polled, posting into the mailboxes of their signals.
  *
- * Purpose: from tl_config to running plant readers; what `run` sees of the plant.
- * Thread:  open and close from one thread; the input is read by the cycle.
+ * Purpose: from tl_config to running plant readers; the writing side of the mail (plant_mail.h). The reading side is a tl_plant_input over the
+ *          same memory.
+ * Death:   mailboxes that a predecessor has left are mended and gone on with.
+ * Thread:  open and close from one thread.
  */
 #ifndef TL_FIRMWARE_PLANT_LIVE_PLANT_H
 #define TL_FIRMWARE_PLANT_LIVE_PLANT_H
@@ -15,21 +17,20 @@
 
 typedef struct tl_live_plant tl_live_plant;
 
-/* Errors: TL_BAD_DATA where a signal has no live source, TL_PLANT_DOWN where a source can never work. A device that is
+/* `mailboxes`: one for each signal; their memory must outlive the plant, and nobody else writes it.
+ * Errors: TL_BAD_DATA where a signal has no live source, TL_PLANT_DOWN where a source can never work. A device that is
  * merely absent is no error: on_link says so, and it is tried again. Each source beats in `beats` (NULL: nobody listens). */
-tl_status tl_live_plant_open(const tl_config *config, tl_heartbeats *beats,
+tl_status tl_live_plant_open(const tl_config *config, const tl_mailbox mailboxes[], tl_heartbeats *beats,
                              void (*on_link)(void *context, const char *source, bool up, const char *text),
                              void *context, tl_live_plant **plant, tl_error *error);
 
-const tl_plant_input *tl_live_plant_input(const tl_live_plant *plant);
-
-/* Every signal has had a good reading. */
-bool tl_live_plant_is_complete(const tl_live_plant *plant);
+/* Whether every signal has a live source, without opening any. Errors: TL_BAD_DATA. */
+tl_status tl_live_plant_check(const tl_config *config, tl_error *error);
 
 /* NULL is allowed. */
 void tl_live_plant_close(tl_live_plant *plant);
 
-/* The limits by which the configuration judges its signals. */
+/* All of an input but its mailboxes: the limits by which the configuration judges its signals, and where they are looked up. */
 void tl_live_plant_set_limits(tl_plant_input *input, const tl_config *config);
 
 #endif

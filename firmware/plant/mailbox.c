@@ -1,89 +1,144 @@
 /* A ring of versioned slots: a seqlock per reading.
  *
- * Post n goes to slot n mod TL_MAILBOX_READINGS. Its sequence is 2n+1 while it is written and 2n+2 when it stands, so
+ * Post n goes to slot n mod depth. Its sequence is 2n+1 while it is written and 2n+2 when it stands, so
  * a reader that looks for post n knows whether a slot holds that one, is being overwritten, or holds a later one.
  *
  * Without fences (ThreadSanitizer does not know them): the writer's stores to the fields release, so they stay after
  * the odd sequence; the reader's loads of them acquire, so they stay before its second look at the sequence. A reader
  * that saw one new field therefore sees the odd sequence, or a later one.
+ *
+ * A writer that dies leaves one slot odd, or one post that stands and is not counted. Neither is a post that a reader looks for.
+ *
+ * A hostile writer can put anything anywhere at any time. So a reader takes each word once, masks the number of a post to find its slot, and searches
+ * between bounds of its own that come closer with each look, whatever it sees there.
  */
 #include "firmware/plant/mailbox.h"
 
 #include <string.h>
 
-void tl_mailbox_post(tl_mailbox *mailbox, const tl_reading *reading) {
-    uint64_t post = __atomic_load_n(&mailbox->count, __ATOMIC_RELAXED); /* ours alone */
-    tl_mailbox_slot *slot = &mailbox->slots[post % TL_MAILBOX_READINGS];
+/* Looks from the newest back, one by one, before a search takes longer steps: the cycle mostly wants one of these. */
+enum { NEAR = 8 };
+
+/* Of a look-up. Each but the last one ends since the writer has gone around the whole ring between two looks. */
+enum { ATTEMPTS = 16 };
+
+static tl_mailbox_slot *slot_of(const tl_mailbox *mailbox, uint64_t post) {
+    return &mailbox->slots[post & (mailbox->depth - 1)];
+}
+
+static uint64_t standing(uint64_t post) {
+    return 2 * post + 2;
+}
+
+void tl_mailbox_post(const tl_mailbox *mailbox, const tl_reading *reading) {
+    uint64_t post = __atomic_load_n(mailbox->count, __ATOMIC_RELAXED); /* ours alone */
+    tl_mailbox_slot *slot = slot_of(mailbox, post);
     uint64_t value = 0;
     memcpy(&value, &reading->value, sizeof value);
-    __atomic_store_n(&slot->sequence, 2 * post + 1, __ATOMIC_RELAXED);
+    __atomic_store_n(&slot->sequence, standing(post) - 1, __ATOMIC_RELAXED);
     __atomic_store_n(&slot->value, value, __ATOMIC_RELEASE);
     __atomic_store_n(&slot->stamp, reading->stamp, __ATOMIC_RELEASE);
     __atomic_store_n(&slot->quality, (uint64_t)reading->quality, __ATOMIC_RELEASE);
-    __atomic_store_n(&slot->sequence, 2 * post + 2, __ATOMIC_RELEASE);
-    __atomic_store_n(&mailbox->count, post + 1, __ATOMIC_RELEASE);
+    __atomic_store_n(&slot->sequence, standing(post), __ATOMIC_RELEASE);
+    __atomic_store_n(mailbox->count, post + 1, __ATOMIC_RELEASE);
 }
 
-/* false where that post is no longer kept. */
+void tl_mailbox_mend(const tl_mailbox *mailbox) {
+    uint64_t post = __atomic_load_n(mailbox->count, __ATOMIC_RELAXED);
+    tl_mailbox_slot *slot = slot_of(mailbox, post);
+    uint64_t sequence = __atomic_load_n(&slot->sequence, __ATOMIC_RELAXED);
+    if (sequence == standing(post)) {
+        __atomic_store_n(mailbox->count, post + 1, __ATOMIC_RELEASE);
+    } else if (sequence % 2 != 0) {
+        __atomic_store_n(&slot->sequence, 0, __ATOMIC_RELEASE);
+    }
+}
+
+/* False if that post is not kept (any more). */
 static bool look(const tl_mailbox *mailbox, uint64_t post, tl_reading *reading) {
-    const tl_mailbox_slot *slot = &mailbox->slots[post % TL_MAILBOX_READINGS];
+    const tl_mailbox_slot *slot = slot_of(mailbox, post);
     uint64_t before = __atomic_load_n(&slot->sequence, __ATOMIC_ACQUIRE);
     uint64_t value = __atomic_load_n(&slot->value, __ATOMIC_ACQUIRE);
     int64_t stamp = __atomic_load_n(&slot->stamp, __ATOMIC_ACQUIRE);
     uint64_t quality = __atomic_load_n(&slot->quality, __ATOMIC_ACQUIRE);
     uint64_t after = __atomic_load_n(&slot->sequence, __ATOMIC_RELAXED);
-    if (before != 2 * post + 2 || after != before) {
+    if (before != standing(post) || after != before) {
         return false;
     }
     memcpy(&reading->value, &value, sizeof value);
     reading->stamp = stamp;
-    reading->quality = (tl_quality)quality;
+    reading->quality = quality <= TL_OUTLIER ? (tl_quality)quality : TL_NO_LINK;
     return true;
 }
 
-/* What a look-up has found on its way back from the newest reading. */
-typedef struct find {
-    tl_time from;
-    tl_time until;
-    bool any;
-    tl_reading best;
-} find;
+/* The readings on both sides of an instant. */
+typedef struct neighbours {
+    bool has_before, has_after;
+    tl_reading before; /* the newest with stamp ≤ instant */
+    tl_reading after;  /* the post behind it; if there is none before, the oldest that is kept */
+    uint64_t end;      /* number of `after`, or of posts */
+} neighbours;
 
-/* true where nothing older can be better. */
-static bool settle(find *sought, const tl_reading *reading) {
-    bool before = reading->stamp <= sought->from;
-    bool first = !sought->any || reading->stamp < sought->best.stamp;
-    if (reading->stamp <= sought->until && first && (!before || !sought->any || reading->stamp == sought->from)) {
-        sought->best = *reading;
-        sought->any = true;
+/* A look goes to the post before `end` at first, then further and further back until it has gone too far, and then to the middle of what is
+ * left. What is not kept any more has gone too far. */
+static void find(const tl_mailbox *mailbox, uint64_t count, tl_time instant, neighbours *found) {
+    uint64_t begin = count > mailbox->depth ? count - mailbox->depth : 0;
+    uint64_t step = 1;
+    *found = (neighbours){.end = count};
+    for (unsigned looks = 1; begin < found->end; looks++) {
+        tl_reading reading = {.quality = TL_NO_LINK};
+        uint64_t left = found->end - begin;
+        uint64_t post = step < left ? found->end - step : begin + left / 2;
+        bool kept = look(mailbox, post, &reading);
+        if (kept && reading.stamp > instant) {
+            found->has_after = true;
+            found->after = reading;
+            found->end = post;
+            step += looks < NEAR ? 0 : step;
+        } else {
+            found->has_before = kept;
+            found->before = reading;
+            begin = post + 1;
+            step = mailbox->depth;
+        }
     }
-    return before;
+}
+
+/* Of those with its stamp, the last one that was posted. */
+static void find_last_equal(const tl_mailbox *mailbox, uint64_t count, uint64_t post, tl_reading *reading) {
+    tl_reading next;
+    neighbours found;
+    if (post + 1 < count && look(mailbox, post + 1, &next) && next.stamp <= reading->stamp) {
+        find(mailbox, count, reading->stamp, &found);
+        *reading = found.has_before ? found.before : *reading;
+    }
+}
+
+/* False: there is none. */
+static bool choose(const tl_mailbox *mailbox, uint64_t count, tl_time from, tl_time until, neighbours *found) {
+    bool next = found->has_after && found->after.stamp <= until;
+    if (next && !(found->has_before && found->before.stamp == from)) {
+        find_last_equal(mailbox, count, found->end, &found->after);
+        return true;
+    }
+    found->after = found->has_before ? found->before : found->after;
+    return found->has_before || found->end > 0;
 }
 
 bool tl_mailbox_from(const tl_mailbox *mailbox, tl_time from, tl_time until, tl_reading *reading) {
-    for (int attempt = 0; attempt < TL_MAILBOX_READINGS; attempt++) {
-        uint64_t count = __atomic_load_n(&mailbox->count, __ATOMIC_ACQUIRE);
-        uint64_t oldest = count > TL_MAILBOX_READINGS ? count - TL_MAILBOX_READINGS : 0;
-        find sought = {.from = from, .until = until};
-        tl_reading found = {.quality = TL_NO_LINK};
-        uint64_t post = count;
-        bool settled = false;
-        while (!settled && post > oldest && look(mailbox, post - 1, &found)) {
-            post--;
-            settled = settle(&sought, &found);
+    for (int attempt = 0; attempt < ATTEMPTS; attempt++) {
+        uint64_t count = __atomic_load_n(mailbox->count, __ATOMIC_ACQUIRE);
+        neighbours found;
+        find(mailbox, count, from, &found);
+        if (count == 0) {
+            return false;
         }
-        if (sought.any) {
-            *reading = sought.best;
-            return true;
+        if (found.has_before || found.has_after) {
+            bool any = choose(mailbox, count, from, until, &found);
+            *reading = any ? found.after : *reading;
+            return any;
         }
-        if (post == 0) {
-            return false; /* nothing was forgotten */
-        }
-        if (post < count) { /* the oldest that is kept: what came before is forgotten */
-            *reading = found;
-            return true;
-        }
-        /* Not even the newest was kept until we looked at it: the writer went once around meanwhile. */
+        /* Not even the newest was kept until we looked at it. */
     }
     return false;
 }

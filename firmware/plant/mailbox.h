@@ -1,10 +1,14 @@
-/* A mailbox: the newest readings of one signal, from one writer thread to one reader thread, wait-free.
+/* A mailbox: the newest readings of one signal, from one writer to readers, wait-free.
  *
- * Purpose: plant I/O posts, the cycle looks up; neither ever waits for the other. The last TL_MAILBOX_READINGS
- *          readings are kept, so that a sample can be looked up at its own instant after a missed tick.
- * Thread:  exactly one writer and one reader at a time.
- * Bound:   post O(1); lookup O(TL_MAILBOX_READINGS), and retried at most that often where the writer overwrites the
- *          whole ring between two of its steps.
+ * Purpose: plant I/O posts, the cycle looks up; neither ever waits for the other. The newest `depth` readings are kept, so that a sample can
+ *          be looked up at its own instant after a missed tick, or by a twin that was started again.
+ * Memory:  of the owner, zeroed at first: of this process, or a block (block.h) that only the writer's process writes. It has no pointers;
+ *          the handle is each side's own. Who only reads may map it read-only.
+ * Death:   the memory may outlive its writer. A successor mends it and goes on in it; readers notice nothing.
+ * Thread:  one writer at a time; any number of readers.
+ * Trust:   a reader believes nothing of the memory. Whatever is in it, and changes while it is read, a look-up ends, reads nothing
+ *          else, and gives a quality that exists. Value and stamp may be any.
+ * Bound:   post O(1); look-up O(log depth), for the far past as for the newest.
  */
 #ifndef TL_FIRMWARE_PLANT_MAILBOX_H
 #define TL_FIRMWARE_PLANT_MAILBOX_H
@@ -14,8 +18,7 @@
 
 #include "master/base/signal.h"
 
-enum { TL_MAILBOX_READINGS = 256 };
-
+/* Its fields are private. */
 typedef struct tl_mailbox_slot {
     uint64_t sequence; /* odd while the slot is written */
     uint64_t value;    /* bits of the double */
@@ -23,21 +26,26 @@ typedef struct tl_mailbox_slot {
     uint64_t quality;
 } tl_mailbox_slot;
 
-/* A zeroed mailbox is empty. Fields are private; placed by the owner. */
+/* A handle on one. */
 typedef struct tl_mailbox {
-    tl_mailbox_slot slots[TL_MAILBOX_READINGS];
-    uint64_t count; /* readings posted so far */
+    tl_mailbox_slot *slots; /* `depth` of them */
+    uint64_t *count;        /* readings posted so far */
+    uint32_t depth;         /* a power of two */
 } tl_mailbox;
 
-/* Writer. Stamps should not decrease; one that does is looked up in order of posting. */
-void tl_mailbox_post(tl_mailbox *mailbox, const tl_reading *reading);
+/* Writer. Stamps should not decrease. One that does is looked up in order of posting while it is among the newest few; later an instant
+ * near it may give a reading near it. */
+void tl_mailbox_post(const tl_mailbox *mailbox, const tl_reading *reading);
 
-/* Reader: of the readings with stamp ≤ until the first with stamp ≥ from; where there is none, the newest before; else as
- * below. */
+/* A writer's successor, before its first post: what the dead one had posted stands, what it had not is as if it had never begun. */
+void tl_mailbox_mend(const tl_mailbox *mailbox);
+
+/* Reader, from ≤ until: of the readings with stamp ≤ until the first with stamp ≥ from, of equal ones the last; if there is none, the newest
+ * before; else as below. */
 bool tl_mailbox_from(const tl_mailbox *mailbox, tl_time from, tl_time until, tl_reading *reading);
 
-/* Reader: the newest reading with stamp ≤ instant; the oldest kept one where all are later than `instant` and
- * something had to be forgotten. false where there is none; *reading is then as it was. */
+/* Reader: the newest reading with stamp ≤ instant; the oldest kept one if all are later than `instant` and
+ * something had to be forgotten. False if there is none; *reading is then as it was. */
 bool tl_mailbox_at(const tl_mailbox *mailbox, tl_time instant, tl_reading *reading);
 
 #endif

@@ -6,8 +6,18 @@
 /* 2^31: integers of FMI 2.0 are below it. */
 #define INTEGER_LIMIT 2147483648.0
 
-void tl_plant_input_post(tl_plant_input *input, size_t signal, const tl_reading *reading) {
+void tl_plant_input_post(const tl_plant_input *input, size_t signal, const tl_reading *reading) {
     tl_mailbox_post(&input->mailboxes[signal], reading);
+}
+
+bool tl_plant_input_is_complete(const tl_plant_input *input) {
+    for (size_t i = 0; i < input->count; i++) {
+        tl_reading reading;
+        if (!tl_mailbox_at(&input->mailboxes[i], INT64_MAX, &reading) || reading.quality != TL_GOOD) {
+            return false;
+        }
+    }
+    return true;
 }
 
 static bool fits_type(double value, tl_type type) {
@@ -22,6 +32,12 @@ static bool fits_type(double value, tl_type type) {
         break;
     }
     return true;
+}
+
+/* Whether a stamp can be one of this plant's. What is between them may be more than a tl_time holds. */
+static bool is_near(tl_time stamp, tl_time instant) {
+    uint64_t apart = stamp < instant ? (uint64_t)instant - (uint64_t)stamp : (uint64_t)stamp - (uint64_t)instant;
+    return apart <= TL_PLANT_FARTHEST;
 }
 
 static tl_quality worse(tl_quality a, tl_quality b) {
@@ -55,10 +71,12 @@ void tl_plant_input_take(const tl_plant_input *input, int64_t tick, tl_time inst
     sample->tick = tick;
     sample->instant = instant;
     for (size_t i = 0; i < input->count; i++) {
-        tl_reading reading = {.value = 0, .stamp = TL_TIME_NEVER, .quality = TL_NO_LINK};
-        if (look_up(&input->mailboxes[i], &input->looks[i], instant, &reading)) {
-            sample->quality[i] = (uint8_t)judge(&input->limits[i], instant - input->looks[i].back, &reading);
+        tl_time at = instant - input->looks[i].back;
+        tl_reading reading;
+        if (look_up(&input->mailboxes[i], &input->looks[i], instant, &reading) && is_near(reading.stamp, at)) {
+            sample->quality[i] = (uint8_t)judge(&input->limits[i], at, &reading);
         } else {
+            reading = (tl_reading){.value = 0, .stamp = TL_TIME_NEVER};
             sample->quality[i] = (uint8_t)TL_NO_LINK;
         }
         sample->values[i] = reading.value;

@@ -1,8 +1,9 @@
 /* Plant input: from posted readings to one quality-flagged sample per tick.
  *
  * Purpose: the one place where a value of the plant is judged: finite, in range, fresh. Live sources
- *          (plant_reader.h) and recordings (recording.h) both post here, so replay judges as live does.
- * Thread:  tl_plant_input_post: one thread per signal; tl_plant_input_take: the cycle thread. Wait-free.
+ *          (plant_reader.h) and recordings (recording.h) both post into its mailboxes, so replay judges as live does.
+ * Memory:  the mailboxes' is of whoever sets this up (plant_mail.h); another process may write it, which is not trusted.
+ * Thread:  tl_plant_input_post: one thread per signal; all else: one thread, the cycle's. Wait-free.
  */
 #ifndef TL_FIRMWARE_PLANT_PLANT_INPUT_H
 #define TL_FIRMWARE_PLANT_PLANT_INPUT_H
@@ -27,6 +28,10 @@ typedef struct tl_plant_limits {
     tl_type type;   /* an Integer or Boolean that is not one is out of range */
 } tl_plant_limits;
 
+/* 73 years: the difference of two stamps of samples is a tl_time, whoever has made them. */
+#define TL_PLANT_FARTHEST (INT64_MAX / 4)
+
+/* Set up by tl_live_plant_set_limits() and tl_plant_mail_open(). */
 typedef struct tl_plant_input {
     size_t count;
     tl_plant_limits limits[TL_MAX_SIGNALS];
@@ -35,11 +40,14 @@ typedef struct tl_plant_input {
 } tl_plant_input;
 
 /* Any driver thread, one per signal. */
-void tl_plant_input_post(tl_plant_input *input, size_t signal, const tl_reading *reading);
+void tl_plant_input_post(const tl_plant_input *input, size_t signal, const tl_reading *reading);
+
+/* Every signal's newest reading is good, whatever its value. */
+bool tl_plant_input_is_complete(const tl_plant_input *input);
 
 /* The sample of `tick` at `instant`, both of the cycle. The value of a signal whose quality is not good is what
  * was read (0 where nothing or no number was). Where several things are wrong with a value, the worst counts. How old one is
- * counts from where it is looked up. */
+ * counts from where it is looked up. A stamp that is further from there than TL_PLANT_FARTHEST is nobody's: there was no reading. */
 void tl_plant_input_take(const tl_plant_input *input, int64_t tick, tl_time instant, tl_sample *sample);
 
 #endif

@@ -27,7 +27,7 @@ typedef struct worker {
 } worker;
 
 struct tl_plant_readers {
-    tl_plant_input *input;
+    const tl_mailbox *mailboxes;
     void (*on_link)(void *context, const char *source, bool up, const char *text);
     void *context;
     pthread_mutex_t lock;
@@ -43,7 +43,7 @@ struct tl_plant_readers {
 static void post(void *context, size_t channel, const tl_reading *reading) {
     const worker *own = context;
     if (channel < own->source->signal_count) {
-        tl_plant_input_post(own->readers->input, own->source->signals[channel], reading);
+        tl_mailbox_post(&own->readers->mailboxes[own->source->signals[channel]], reading);
     }
 }
 
@@ -167,7 +167,7 @@ static int start_all(tl_plant_readers *readers) {
     return failure;
 }
 
-tl_status tl_plant_readers_start(const tl_plant_source *sources, size_t count, tl_plant_input *input,
+tl_status tl_plant_readers_start(const tl_plant_source *sources, size_t count, const tl_mailbox *mailboxes,
                                  void (*on_link)(void *context, const char *source, bool up, const char *text),
                                  void *context, tl_plant_readers **readers, tl_error *error) {
     tl_plant_readers *made = make(sources, count);
@@ -175,7 +175,7 @@ tl_status tl_plant_readers_start(const tl_plant_source *sources, size_t count, t
         close_all(sources, count);
         return tl_fail(error, TL_TRY_AGAIN, "out of memory for %zu plant sources", count);
     }
-    made->input = input;
+    made->mailboxes = mailboxes;
     made->on_link = on_link;
     made->context = context;
     int failure = start_all(made);

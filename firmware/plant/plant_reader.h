@@ -1,4 +1,4 @@
-/* Plant readers: one thread per source that polls its driver and posts into the plant input.
+/* Plant readers: one thread per source that polls its driver and posts into the mailboxes of its signals.
  *
  * Purpose: live plant I/O. One dead device stops neither the others nor start-up.
  * Events:  link changes go to `on_link` (from the source's own thread), as the driver says them. A driver that can
@@ -11,14 +11,14 @@
 #define TL_FIRMWARE_PLANT_PLANT_READER_H
 
 #include "board/io/plant_io.h"
-#include "firmware/plant/plant_input.h"
+#include "firmware/plant/mailbox.h"
 #include "firmware/process/heartbeat.h"
 
 typedef struct tl_plant_source {
     const char *name;                 /* as configured */
     const tl_plant_io_driver *driver; /* not owned */
     tl_plant_io *io;                  /* owned by the reader from start on: closed by stop */
-    const size_t *signals;            /* channel → signal index of the plant input */
+    const size_t *signals;            /* channel → index of the signal's mailbox */
     size_t signal_count;
     tl_time period;  /* ns between polls, > 0 */
     tl_heart *heart; /* of its thread, which beats at each poll; NULL: nobody listens */
@@ -26,9 +26,9 @@ typedef struct tl_plant_source {
 
 typedef struct tl_plant_readers tl_plant_readers;
 
-/* Starts one thread per source. `sources` and what they point to must outlive stop. On failure (TL_TRY_AGAIN)
+/* Starts one thread per source. `sources`, `mailboxes` and what they point to must outlive stop. On failure (TL_TRY_AGAIN)
  * everything is closed. */
-tl_status tl_plant_readers_start(const tl_plant_source *sources, size_t count, tl_plant_input *input,
+tl_status tl_plant_readers_start(const tl_plant_source *sources, size_t count, const tl_mailbox *mailboxes,
                                  void (*on_link)(void *context, const char *source, bool up, const char *text),
                                  void *context, tl_plant_readers **readers, tl_error *error);
 

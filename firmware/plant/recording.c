@@ -9,6 +9,7 @@
 #include "board/csv/csv.h"
 #include "firmware/plant/live_plant.h"
 #include "firmware/plant/plant_input.h"
+#include "firmware/plant/plant_mail.h"
 #include "firmware/plant/recording_database.h"
 
 struct tl_recording {
@@ -19,6 +20,7 @@ struct tl_recording {
     /* from CSV */
     tl_csv_reader *reader;
     tl_plant_input input;
+    void *mail; /* memory of its mailboxes */
     tl_time step;
     tl_time start;  /* of the first row */
     tl_csv_row row; /* read, not yet posted */
@@ -91,6 +93,10 @@ static tl_status open_csv(const char *path, const tl_config *config, tl_recordin
     }
     recording->step = config->step;
     tl_live_plant_set_limits(&recording->input, config);
+    recording->mail = tl_plant_mail_make_least(config->signal_count, recording->input.mailboxes);
+    if (recording->mail == NULL) {
+        return tl_fail(error, TL_TRY_AGAIN, "%s: not enough memory", path);
+    }
     return open_reader(path, config, &recording->reader, error);
 }
 
@@ -205,5 +211,6 @@ void tl_recording_close(tl_recording *recording) {
     }
     tl_csv_close(recording->reader);
     tl_recording_database_close(recording->database);
+    free(recording->mail);
     free(recording);
 }

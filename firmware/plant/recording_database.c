@@ -9,6 +9,7 @@
 
 #include "firmware/plant/live_plant.h"
 #include "firmware/plant/plant_input.h"
+#include "firmware/plant/plant_mail.h"
 #include "firmware/record/history.h"
 
 struct tl_recording_database {
@@ -26,6 +27,7 @@ struct tl_recording_database {
     bool anew;
     tl_time posted[TL_MAX_SIGNALS]; /* stamp of the newest */
     tl_plant_input input;
+    void *mail; /* memory of its mailboxes */
 };
 
 /* Whether a recorded signal is the configuration's: it is recorded as "plant.name". */
@@ -159,6 +161,11 @@ tl_status tl_recording_database_open(const char *path, const tl_config *config, 
     (void)snprintf(opened->path, sizeof opened->path, "%s", path);
     opened->config = config;
     tl_live_plant_set_limits(&opened->input, config);
+    opened->mail = tl_plant_mail_make_least(config->signal_count, opened->input.mailboxes);
+    if (opened->mail == NULL) {
+        tl_recording_database_close(opened);
+        return tl_fail(error, TL_TRY_AGAIN, "%s: not enough memory", path);
+    }
     for (size_t i = 0; i < TL_MAX_SIGNALS; i++) {
         opened->posted[i] = TL_TIME_NEVER;
     }
@@ -242,6 +249,7 @@ void tl_recording_database_close(tl_recording_database *database) {
     }
     tl_history_ticks_end(database->ticks);
     tl_history_close(database->history);
+    free(database->mail);
     free(database);
 }
 

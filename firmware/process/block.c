@@ -4,6 +4,7 @@
 #include <errno.h>
 #include <fcntl.h>
 #include <stdint.h>
+#include <stdio.h>
 #include <string.h>
 #include <sys/mman.h>
 #include <sys/stat.h>
@@ -74,6 +75,40 @@ tl_status tl_block_make(const char *name, size_t size, tl_block_writer writer, t
     return TL_OK;
 }
 
+/* The mapping of who writes comes later, so only the size is sealed. */
+tl_status tl_block_make_sparse(const char *name, size_t size, tl_block *block, tl_error *error) {
+    *block = (tl_block){.size = size, .descriptor = make_file(name)};
+    if (block->descriptor < 0 || ftruncate(block->descriptor, (off_t)size) != 0) {
+        return fail_make(name, block, error);
+    }
+    seal(block, 0);
+    return TL_OK;
+}
+
+/* A descriptor that was opened for reading can neither be mapped for writing nor written. Who has it could open the file anew by /proc, as its
+ * owner, if its mode allowed that. */
+int tl_block_reader(const tl_block *block) {
+    char path[64];
+    (void)fchmod(block->descriptor, S_IRUSR);
+    (void)snprintf(path, sizeof path, "/proc/self/fd/%d", block->descriptor);
+    int reader = open(path, O_RDONLY | O_CLOEXEC);
+    if (reader < 0 && errno != EMFILE && errno != ENFILE && errno != ENOMEM) {
+        reader = fcntl(block->descriptor, F_DUPFD_CLOEXEC, 0);
+    }
+    return reader;
+}
+
+/* By the descriptor: madvise() refuses to take locked memory away. */
+void tl_block_forget(tl_block *block, size_t offset, size_t size) {
+    size_t page = (size_t)sysconf(_SC_PAGESIZE);
+    size_t from = (offset + page - 1) / page * page;
+    size_t until = (offset + size) / page * page;
+    if (from < until) {
+        (void)fallocate(block->descriptor, FALLOC_FL_PUNCH_HOLE | FALLOC_FL_KEEP_SIZE, (off_t)from,
+                        (off_t)(until - from));
+    }
+}
+
 tl_status tl_block_make_of(const char *name, const void *bytes, size_t size, tl_block *block, tl_error *error) {
     *block = (tl_block){.size = size, .descriptor = make_file(name)};
     size_t done = 0;
@@ -127,7 +162,7 @@ tl_status tl_block_take(int descriptor, size_t size, tl_block_writer writer, tl_
 }
 
 void tl_block_close(tl_block *block) {
-    if (block->bytes != NULL) {
+    if (block->size > 0) {
         drop(block);
     }
 }

@@ -1,7 +1,8 @@
 /* A block: memory that two processes share, of a size that neither can change.
  *
  * Purpose: what crosses between processes lies in sealed memfds. Nobody can shrink one under the other's feet (SIGBUS) or let it grow.
- *          Each has one writer; who only reads one cannot map it for writing, nor write into it by its descriptor.
+ *          Each has one writer; who only reads one cannot map it for writing, nor write into it by its descriptor: that of a block which we
+ *          write is sealed against it, of one that another process writes readers get a descriptor of their own (tl_block_reader()).
  * Kernel:  before Linux 5.1 a block of ours cannot be kept from being written by who takes it; a foreign machine's emulator may know no
  *          seals at all. Then these are missing, and `seals` tells so.
  * Owner:   the caller places a block; its memory and its descriptor are the block's until it is closed.
@@ -23,10 +24,10 @@ typedef enum tl_block_writer {
     TL_BLOCK_IS_WRITTEN  /* nobody does any more: tl_block_make_of() */
 } tl_block_writer;
 
-/* A zeroed one is none: `bytes` is NULL. */
+/* A zeroed one is none. */
 typedef struct tl_block {
-    void *bytes; /* mapped at the beginning of a page */
-    size_t size;
+    void *bytes;    /* mapped at the beginning of a page; NULL: not mapped here */
+    size_t size;    /* 0: there is no block */
     int descriptor; /* closed on exec */
     unsigned seals; /* F_SEAL_…, as the kernel has set them */
 } tl_block;
@@ -34,12 +35,26 @@ typedef struct tl_block {
 /* A block of zeros, `size` > 0, whose memory is there: using it cannot fail for lack of it. `name` is what /proc shows of it. */
 tl_status tl_block_make(const char *name, size_t size, tl_block_writer writer, tl_block *block, tl_error *error);
 
+/* A block of zeros, `size` > 0, that another process writes (TL_BLOCK_THEY_WRITE), and whose memory is there only as far as it is used. It is not
+ * mapped here. If memory is out when a page of it is used for the first time, the kernel ends who uses it; and mlockall() in a process that has
+ * it mapped readable takes all of it. */
+tl_status tl_block_make_sparse(const char *name, size_t size, tl_block *block, tl_error *error);
+
+/* A new descriptor of a block of ours that another process writes, closed on exec: who takes it (with TL_BLOCK_WE_WRITE) can only read. From now on
+ * nobody who has no capability and may not chmod() opens the memory anew for writing; descriptors that can write stay so. Without /proc it is a
+ * mere duplicate. The caller's to close; -1: descriptors are missing. */
+int tl_block_reader(const tl_block *block);
+
 /* A block with these bytes, which nobody can change. */
 tl_status tl_block_make_of(const char *name, const void *bytes, size_t size, tl_block *block, tl_error *error);
 
 /* Maps a block that another process has made. It must have exactly `size` bytes (0: any number but none) and a sealed size, where the kernel
  * has seals; of one that is mapped to be read only, `writer` says what else must be sealed. The descriptor is the block's, on failure too. */
 tl_status tl_block_take(int descriptor, size_t size, tl_block_writer writer, tl_block *block, tl_error *error);
+
+/* In the process that writes it, mapped: the whole pages within these bytes are zero again, and their memory is the machine's, also where memory
+ * is locked. Where a machine cannot do that, nothing happens. */
+void tl_block_forget(tl_block *block, size_t offset, size_t size);
 
 /* Unmaps, and closes the descriptor. A zeroed block is allowed. */
 void tl_block_close(tl_block *block);

@@ -5,6 +5,8 @@
 #include <stdio.h>
 #include <string.h>
 
+#include "firmware/text/clean_text.h"
+
 static const char *const FUNCTIONS[TL_FMU_FUNCTIONS] = {
     [TL_FMU_NO_CALL] = "nothing",
     [TL_FMU_LOADING] = "the loading of the library",
@@ -62,14 +64,6 @@ uint32_t tl_fmu_calls_name(const char *name) {
     return used;
 }
 
-/* No control characters, be they of ASCII or of Latin 1 (in UTF-8 C2 80 … C2 9F). */
-static void make_printable(char *text) {
-    for (unsigned char *c = (unsigned char *)text; *c != '\0'; c++) {
-        bool is_control = *c < ' ' || *c == 0x7FU || (*c == 0xC2U && c[1] >= 0x80U && c[1] < 0xA0U);
-        *c = is_control ? '?' : *c;
-    }
-}
-
 bool tl_fmu_calls_look(const tl_fmu_calls *block, tl_fmu_call *call) {
     uint32_t now = __atomic_load_n(&block->now, __ATOMIC_RELAXED);
     uint32_t function = now & ((1U << TL_FMU_CALL_FUNCTION_BITS) - 1);
@@ -79,8 +73,8 @@ bool tl_fmu_calls_look(const tl_fmu_calls *block, tl_fmu_call *call) {
         return false;
     }
     call->function = FUNCTIONS[function];
-    memcpy(call->fmu, block->names[fmu % TL_FMU_CALL_FMUS], sizeof call->fmu);
-    call->fmu[sizeof call->fmu - 1] = '\0';
-    make_printable(call->fmu);
+    char name[TL_FMU_CALL_NAME]; /* a copy, which nobody changes */
+    memcpy(name, block->names[fmu % TL_FMU_CALL_FMUS], sizeof name);
+    (void)tl_clean_text(name, strnlen(name, sizeof name - 1), call->fmu, sizeof call->fmu);
     return true;
 }

@@ -5,8 +5,8 @@
  * Memory:  one block per process. It is private until tl_fmu_calls_use() names one that another process sees as well.
  * Thread:  the thread that calls FMUs writes, and it is the only one. Any thread, any signal handler and any process that maps the
  *          block may look. Wait-free.
- * Trust:   a process with FMUs may write anything into the block, so tl_fmu_calls_look() believes no index and no text, and a name has
- *          question marks for control characters.
+ * Trust:   a process with FMUs may write anything into the block, so tl_fmu_calls_look() believes no index, and cleans a name
+ *          (clean_text.h).
  */
 #ifndef TL_FIRMWARE_PROCESS_FMU_CALL_H
 #define TL_FIRMWARE_PROCESS_FMU_CALL_H

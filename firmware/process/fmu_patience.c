@@ -25,16 +25,24 @@ static void note_time(tl_fmu_patience *patience, const tl_fmu_patience_view *vie
     patience->times = patience->asked < AGAIN ? view->times : patience->times;
 }
 
+static void say_asked_twice(const tl_fmu_patience_view *view, char *text, size_t size) {
+    if (view->call != NULL) {
+        (void)snprintf(text, size, "asked twice to end, by %s: ended at once, in FMU %s's %s", view->asked,
+                       view->call->fmu, view->call->function);
+    } else {
+        (void)snprintf(text, size, "asked twice to end, by %s: ended at once", view->asked);
+    }
+}
+
 bool tl_fmu_patience_is_over(tl_fmu_patience *patience, const tl_fmu_patience_view *view, char *text, size_t size) {
     const tl_fmu_call *call = view->call;
     note_time(patience, view);
+    if (view->times > patience->times && (call != NULL || view->whatever)) {
+        say_asked_twice(view, text, size);
+        return true;
+    }
     if (call == NULL) {
         return false;
-    }
-    if (view->times > patience->times) {
-        (void)snprintf(text, size, "asked twice to end, by %s: ended at once, in FMU %s's %s", view->asked, call->fmu,
-                       call->function);
-        return true;
     }
     if (patience->asked >= TL_FMU_PATIENCE_END && patience->lasted >= TL_FMU_PATIENCE_END) {
         (void)snprintf(text, size, "%s asked to end, and FMU %s has not returned from %s for %.0f s: ended without it",

@@ -41,6 +41,7 @@ typedef struct tl_fmu_patience_view {
     const tl_fmu_call *call; /* NULL: none is under way */
     const char *asked;       /* the signal that asked to end; NULL: none */
     unsigned times;          /* how often */
+    bool whatever;           /* asked again it ends also if no FMU is being called, or so it says */
 } tl_fmu_patience_view;
 
 /* False: there is patience left. True: it is over, and `text` says why. */

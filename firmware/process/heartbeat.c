@@ -3,39 +3,14 @@
 
 #include <stdio.h>
 #include <string.h>
-#include <sys/mman.h>
-
-#include "firmware/base/latest.h"
-
-struct tl_heartbeats {
-    tl_heart hearts[TL_HEARTBEATS];
-    size_t count;
-    bool ready;
-    uint32_t farewell; /* exit code · 256 + why */
-    tl_fmu_calls calls;
-    tl_latest status;
-};
 
 enum { FAREWELL_BITS = 8 };
-
-tl_heartbeats *tl_heartbeats_new(void) {
-    /* cppcheck-suppress invalidFunctionArg ; an anonymous mapping has no file, which is -1 */
-    void *mapped = mmap(NULL, sizeof(tl_heartbeats), PROT_READ | PROT_WRITE, MAP_SHARED | MAP_ANONYMOUS, -1, 0);
-    /* cppcheck-suppress memleak ; it is what is returned */
-    return mapped == MAP_FAILED ? NULL : mapped;
-}
-
-void tl_heartbeats_free(tl_heartbeats *beats) {
-    if (beats != NULL) {
-        (void)munmap(beats, sizeof *beats);
-    }
-}
 
 void tl_heartbeats_clear(tl_heartbeats *beats) {
     memset(beats, 0, sizeof *beats);
 }
 
-/* ---- in the appliance ---- */
+/* ---- in the process that beats ---- */
 
 tl_heart *tl_heart_begin(tl_heartbeats *beats, const char *name, tl_time patience) {
     if (beats == NULL) {

@@ -1,11 +1,11 @@
-/* Heartbeats: that a thread is alive, seen from another process; with them, what else the supervisor knows of the appliance.
+/* Heartbeats: that a thread is alive, seen from another process; with them, what else the supervisor knows of a process.
  *
- * Purpose: the threads of the appliance beat, the supervisor (supervisor.h) looks. Beside the beats: whether the appliance is ready, a
+ * Purpose: the threads of a process beat, the supervisor (supervisor.h) looks. Beside the beats: whether the process is ready, a
  *          line about how it is, the FMU call that is under way (fmu_call.h), and, before it ends, why it will.
  * Clock:   beats are counted, not timed. How long a thread has been silent is added up by the one who looks, and of the
  *          time between two looks at most TL_HEARTBEAT_LOOK counts: a clock that is set, a box that was suspended and a
  *          supervisor that slept make nobody look dead.
- * Memory:  one mapping that survives fork(), so that both processes see it; TL_HEARTBEATS places.
+ * Memory:  of the caller, zeroed at first: a block (block.h) that the beating process writes, so that both see it; TL_HEARTBEATS places.
  * Thread:  a heart belongs to one thread, which begins it before any other thread looks for it; the one who looks is in another
  *          process. Wait-free.
  */
@@ -16,12 +16,13 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#include "firmware/base/latest.h"
 #include "firmware/process/fmu_call.h"
 #include "master/base/signal.h"
 #include "master/base/simtime.h"
 
 enum {
-    TL_HEARTBEATS = TL_MAX_SIGNALS + 8, /* one per plant source, and those of the appliance itself */
+    TL_HEARTBEATS = TL_MAX_SIGNALS + 8, /* one per plant source, and those of the process itself */
     TL_HEARTBEAT_NAME = 40,
     TL_HEARTBEAT_STATUS = 512
 };
@@ -36,9 +37,17 @@ typedef struct tl_heart {
     char name[TL_HEARTBEAT_NAME];
 } tl_heart;
 
-typedef struct tl_heartbeats tl_heartbeats;
+/* All that a process shows of its life. Fields are private. */
+typedef struct tl_heartbeats {
+    tl_heart hearts[TL_HEARTBEATS];
+    size_t count;
+    bool ready;
+    uint32_t farewell; /* exit code · 256 + why */
+    tl_fmu_calls calls;
+    tl_latest status;
+} tl_heartbeats;
 
-/* Why the appliance ends. An FMU can end the process too, with any exit code, so an end is what it was announced to be. */
+/* Why a process ends. An FMU can end the process too, with any exit code, so an end is what it was announced to be. */
 typedef enum tl_farewell {
     TL_FAREWELL_NONE,    /* nothing was announced */
     TL_FAREWELL_ASKED,   /* a signal asked for it */
@@ -47,14 +56,10 @@ typedef enum tl_farewell {
     TL_FAREWELL_FAILED   /* it was ready, and could not go on */
 } tl_farewell;
 
-/* NULL where memory is out. */
-tl_heartbeats *tl_heartbeats_new(void);
-void tl_heartbeats_free(tl_heartbeats *beats);
-
 /* For a process that begins anew: no heart, no status, no call, not ready, nothing announced. */
 void tl_heartbeats_clear(tl_heartbeats *beats);
 
-/* ---- in the appliance; everything takes NULL, and does nothing then: nobody supervises ---- */
+/* ---- in the process that beats; everything takes NULL, and does nothing then: nobody listens ---- */
 
 /* A heart of that name ("cycle", "plant.gateway"; cut to what fits), watched from now on with `patience` (ns, > 0). NULL where there
  * is no place left. */
@@ -63,7 +68,7 @@ void tl_heart_beat(tl_heart *heart);
 void tl_heart_be_patient(tl_heart *heart, tl_time patience); /* from now on; beats */
 void tl_heart_end(tl_heart *heart);                          /* the thread ends, as it should */
 
-/* The appliance does what it is there for. */
+/* The process does what it is there for. */
 void tl_heartbeats_set_ready(tl_heartbeats *beats);
 
 /* A line for who asks how it is; by one thread. */
@@ -77,7 +82,7 @@ tl_fmu_calls *tl_heartbeats_calls(tl_heartbeats *beats);
 
 /* ---- in the supervisor ---- */
 
-/* What was seen so far; zeroed at first, and when the appliance begins anew. Private. */
+/* What was seen so far; zeroed at first, and when the process begins anew. Private. */
 typedef struct tl_heartbeats_seen {
     uint64_t beats[TL_HEARTBEATS];
     tl_time silence[TL_HEARTBEATS];

@@ -6,12 +6,12 @@
 
 #include "firmware/process/host_state.h"
 
-static volatile sig_atomic_t received; /* global state: a signal handler can have no other */
+static int received; /* global state: a signal handler can have no other */
 static unsigned times;
 static bool hears_hangup;
 
 static void note(int signal) {
-    received = signal;
+    __atomic_store_n(&received, signal, __ATOMIC_RELAXED);
     (void)__atomic_add_fetch(&times, 1, __ATOMIC_RELAXED);
 }
 
@@ -59,11 +59,11 @@ unsigned tl_interrupt_times(void) {
 }
 
 int tl_interrupt_signal(void) {
-    return received;
+    return __atomic_load_n(&received, __ATOMIC_RELAXED);
 }
 
 const char *tl_interrupt_requested(void) {
-    switch (received) {
+    switch (tl_interrupt_signal()) {
     case 0:
         return NULL;
     case SIGTERM:

@@ -237,7 +237,20 @@ static bool is_replaced(const tl_role_settings *settings, const char *variable) 
     return false;
 }
 
-/* Ours with the additions; freed by one free(). NULL where memory is out. */
+static bool is_named(const char *name, const char *variable) {
+    size_t length = strcspn(name, "*");
+    return strncmp(name, variable, length) == 0 && (name[length] == '*' || variable[length] == '=');
+}
+
+static bool is_inherited(const tl_role_settings *settings, const char *variable) {
+    bool found = settings->inherits == NULL;
+    for (const char *const *name = settings->inherits; !found && *name != NULL; name++) {
+        found = is_named(*name, variable);
+    }
+    return found && !is_replaced(settings, variable);
+}
+
+/* What is inherited of ours, with the additions; freed by one free(). NULL where memory is out. */
 static char **make_environment(const tl_role_settings *settings) {
     size_t count = 0;
     size_t used = 0;
@@ -246,7 +259,7 @@ static char **make_environment(const tl_role_settings *settings) {
     }
     char **made = calloc(count + settings->variable_count + 1, sizeof *made);
     for (size_t i = 0; made != NULL && i < count; i++) {
-        if (!is_replaced(settings, environ[i])) {
+        if (is_inherited(settings, environ[i])) {
             made[used++] = environ[i];
         }
     }

@@ -15,7 +15,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#include "firmware/record/run_types.h"
+#include "firmware/outbox/run_types.h"
 #include "master/base/signal.h"
 #include "master/base/status.h"
 #include "master/plan/plan.h"

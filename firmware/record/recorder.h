@@ -1,14 +1,15 @@
 /* The recorder: everything a run saw, did and decided, into SQLite, without ever making the cycle wait.
  *
- * Purpose: the cycle puts entries (samples, steps, events) into queues (wait-free); one thread writes them in batches
- *          (WAL, one or more transactions per `commit` interval). Schema: config/SPEC.md, "Database".
+ * Purpose: for who computes and records in one process: an outbox (outbox.h) in its memory, and a thread that runs a writer
+ *          (recorder_writer.h) every `commit` interval. Schema: config/SPEC.md, "Database".
  * Loss:    synchronous=FULL: what is committed survives a power cut. A power cut and a kill lose what was not yet
  *          committed: at most the last `commit` interval, while the disk keeps up.
  * Bound:   `max_bytes`, database and write-ahead log together: the oldest runs go first, then the oldest ticks of the
  *          running one.
  * Faults:  a full disk or a locked database is said once, in the log and as an event; entries are kept while the
- *          queues have room (30 s of steps, or 16 MiB), then counted as lost; writing is tried again every `commit`
- *          interval. That it works again, and what was lost, is an event too. The cycle does not notice.
+ *          outbox has room (30 s of steps, or 16 MiB), then counted as lost; writing is tried again every `commit`
+ *          interval. That it works again, and what was lost, is an event too. A file that shows damage, is removed or is moved away
+ *          is made anew. The cycle does not notice.
  * Writers: one per database, by a lock file beside it; any number of readers.
  * Thread:  start and put_* from one producer thread (the cycle); event() and counts from any thread; open and close
  *          from one, close when nobody uses the recorder any more. The recorder's own thread runs at ordinary priority.
@@ -19,8 +20,8 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+#include "firmware/outbox/run_types.h"
 #include "firmware/record/recorder_settings.h"
-#include "firmware/record/run_types.h"
 #include "master/base/signal.h"
 #include "master/base/simtime.h"
 #include "master/base/status.h"
@@ -31,7 +32,7 @@ typedef struct tl_recorder tl_recorder;
 /* What became of what was put: samples, steps and events alike. What the recorder itself says is not counted. */
 typedef struct tl_recorder_counts {
     uint64_t written; /* entries committed */
-    uint64_t lost;    /* entries dropped because there was no room */
+    uint64_t lost;    /* entries for which there was no room, or that were removed with the file they were in */
     int64_t run;      /* id of this run in the database */
 } tl_recorder_counts;
 

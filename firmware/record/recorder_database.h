@@ -1,71 +1,80 @@
-/* One run in the recorder's database: its row, its batches, its end.
+/* Runs in a database that is open: batches, one transaction each.
  *
- * Purpose: all SQL of writing. A batch is one transaction; what fails leaves nothing behind and is written again.
- * Errors:  opening as recorder.h says; everything after it gives SQLite's result code, and tl_recorder_database_text()
- *          the words.
- * Thread:  one at a time: opened by the recorder's owner, then its writer thread's.
+ * Purpose: all SQL of writing but for a run's first rows (recorder_beginning.h). What fails leaves nothing behind and is written again.
+ * Trust:   numbers come from a twin that may be hostile: those that no history would take are brought into range, and entries with ticks that
+ *          cannot be are not written.
+ * Errors:  SQLite's result codes, and the connection has the words.
+ * Thread:  the connection's.
  */
 #ifndef TL_FIRMWARE_RECORD_RECORDER_DATABASE_H
 #define TL_FIRMWARE_RECORD_RECORDER_DATABASE_H
 
+#include <sqlite3.h>
+#include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
 
-#include "firmware/record/recorder_entry.h"
-#include "firmware/record/recorder_events.h"
+#include "firmware/outbox/outbox.h"
+#include "firmware/outbox/recorder_events.h"
 #include "firmware/record/recorder_settings.h"
+#include "firmware/text/utc.h"
 
 typedef struct tl_recorder_database tl_recorder_database;
 
-/* The twin after a tick, as bytes; whoever has it frees them. */
-typedef struct tl_recorder_checkpoint {
-    unsigned char *bytes;
-    size_t capacity;
-    size_t size;
-    int64_t tick;
-} tl_recorder_checkpoint;
-
-/* What a run has brought so far, committed and in this batch. */
+/* What a run has brought so far: what its row says. */
 typedef struct tl_recorder_totals {
     uint64_t samples;
     uint64_t steps;
     uint64_t events;
     uint64_t lost;
+    char committed[TL_UTC_TEXT]; /* when */
 } tl_recorder_totals;
 
-/* Takes the writer's lock, makes the file where there is none, ends runs that were left open, and begins this one. */
-tl_status tl_recorder_database_open(const tl_recorder_settings *settings, tl_recorder_database **database,
-                                    tl_error *error);
+/* On a connection that writes. The settings must outlive it. It is to be closed after a failure too. */
+int tl_recorder_database_open(sqlite3 *connection, const tl_recorder_settings *settings,
+                              tl_recorder_database **database);
 
+/* Before its connection. NULL is allowed. */
 void tl_recorder_database_close(tl_recorder_database *database);
 
-int64_t tl_recorder_database_run(const tl_recorder_database *database);
-
-/* Bytes that a checkpoint may have, so that the file stays within its bound. Any thread. */
-size_t tl_recorder_database_most(const tl_recorder_database *database);
+/* Bytes that a checkpoint may have, so that a file with this bound stays within it. */
+size_t tl_recorder_database_most(int64_t max_bytes);
 
 /* Bytes of ring that a batch should not exceed by more than one entry. */
 size_t tl_recorder_database_batch(const tl_recorder_database *database);
 
-/* Makes room for a batch of `bytes`, then begins it. */
-int tl_recorder_database_begin(tl_recorder_database *database, size_t bytes);
+/* The totals of a run; `found` is false if the file has no such run. */
+int tl_recorder_database_find(tl_recorder_database *database, int64_t run, bool *found, tl_recorder_totals *totals);
 
-/* Within a batch. Entries: TL_ENTRY_START sets when the run began. */
-int tl_recorder_database_entry(tl_recorder_database *database, const tl_recorder_entry *entry);
-int tl_recorder_database_checkpoint(tl_recorder_database *database, const tl_recorder_checkpoint *checkpoint);
+/* ---- a batch, of one run ---- */
+
+/* Makes room for a batch of `bytes`, then begins it. `run` 0: it begins one. */
+int tl_recorder_database_begin(tl_recorder_database *database, int64_t run, size_t bytes);
+
+/* Begins a run; `timed`: its start is when it says, else now, and that is told later. Gives the id of its row. */
+int tl_recorder_database_begin_run(tl_recorder_database *database, const tl_outbox_start *start, bool timed,
+                                   int64_t *run);
+
+/* When it began, and what it goes on with. */
+int tl_recorder_database_start(tl_recorder_database *database, const tl_resumption *beginning);
+
+/* The run goes on: an end that somebody has found for it is none. */
+int tl_recorder_database_go_on(tl_recorder_database *database);
+
+/* What comes is not the run's beginning, which is not in this file. */
+int tl_recorder_database_begin_at(tl_recorder_database *database, int64_t tick);
+
+/* A sample or a step. *impossible: its tick is none, and it is not written. */
+int tl_recorder_database_entry(tl_recorder_database *database, const tl_recorder_entry *entry, bool *impossible);
+int tl_recorder_database_checkpoint(tl_recorder_database *database, int64_t tick, const unsigned char *bytes,
+                                    size_t size);
 int tl_recorder_database_event(tl_recorder_database *database, const tl_recorder_event_entry *event);
 
-/* Ends a batch: all of it is on disk, or the caller must roll back. */
-int tl_recorder_database_commit(tl_recorder_database *database, const tl_recorder_totals *totals);
+/* Ends a batch, and with a reason the run: all of it is on disk, or the caller must roll back. */
+int tl_recorder_database_commit(tl_recorder_database *database, const tl_recorder_totals *totals, const char *reason);
 void tl_recorder_database_rollback(tl_recorder_database *database);
 
 /* After a commit: work that may fail without harm to what was committed. */
 int tl_recorder_database_tidy(tl_recorder_database *database);
-
-/* Ends the run, in a transaction of its own. */
-int tl_recorder_database_end(tl_recorder_database *database, const char *reason, const tl_recorder_totals *totals);
-
-/* The words for the last failure. */
-void tl_recorder_database_text(const tl_recorder_database *database, int code, char *text, size_t size);
 
 #endif

@@ -20,9 +20,9 @@ enum {
     OVERHEAD_PAGES = 24   /* that a batch may add beside its rows */
 };
 
-static int64_t limit_log(int64_t max_bytes) {
+size_t tl_recorder_retention_log(int64_t max_bytes) {
     int64_t part = max_bytes / 16;
-    return max_bytes == 0 || part > MOST_LOG ? MOST_LOG : part < LEAST_LOG ? LEAST_LOG : part;
+    return (size_t)(max_bytes == 0 || part > MOST_LOG ? MOST_LOG : part < LEAST_LOG ? LEAST_LOG : part);
 }
 
 static int count_frames(void *context, sqlite3 *database, const char *name, int frames) {
@@ -84,7 +84,7 @@ int tl_recorder_retention_open(tl_recorder_retention *retention, sqlite3 *databa
     memset(retention, 0, sizeof *retention);
     retention->database = database;
     retention->max_bytes = max_bytes;
-    retention->log_limit = limit_log(max_bytes);
+    retention->log_limit = (int64_t)tl_recorder_retention_log(max_bytes);
     (void)sqlite3_wal_hook(database, count_frames, retention);
     (void)snprintf(sql, sizeof sql, "PRAGMA journal_size_limit = %lld", (long long)(2 * retention->log_limit));
     int code = sqlite3_exec(database, sql, NULL, NULL, NULL);

@@ -32,6 +32,9 @@ typedef struct tl_recorder_retention {
     sqlite3_stmt *free_count;
 } tl_recorder_retention;
 
+/* Bytes of the log after which it is written back. */
+size_t tl_recorder_retention_log(int64_t max_bytes);
+
 /* `max_bytes` is 0 or at least TL_RETENTION_LEAST_BYTES. */
 int tl_recorder_retention_open(tl_recorder_retention *retention, sqlite3 *database, int64_t max_bytes);
 

@@ -16,7 +16,7 @@
 #include <stdint.h>
 #include <stdio.h>
 
-#include "firmware/record/run_types.h"
+#include "firmware/outbox/run_types.h"
 #include "firmware/report/run_figures.h"
 #include "firmware/text/utc.h"
 #include "master/plan/plan.h"

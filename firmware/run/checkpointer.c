@@ -11,17 +11,16 @@ static int64_t interval_of(tl_time step) {
     return ticks < 1 ? 1 : ticks < INTERVAL_MOST ? ticks : INTERVAL_MOST;
 }
 
-void tl_checkpointer_init(tl_checkpointer *self, const tl_assembly *assembly, tl_recorder *recorder,
-                          tl_journal *journal) {
+void tl_checkpointer_init(tl_checkpointer *self, const tl_assembly *assembly, tl_outbox *outbox, tl_journal *journal) {
     *self = (tl_checkpointer){
         .twin = assembly->twin,
-        .recorder = recorder,
+        .outbox = outbox,
         .journal = journal,
         .interval = interval_of(assembly->config.step),
-        .is_off = recorder == NULL || assembly->config.record_resume == 0,
+        .is_off = assembly->config.record_resume == 0,
     };
     if (!self->is_off && !tl_twin_can_save(self->twin)) {
-        self->is_off = true;
+        self->only_marks = true;
         tl_journal_event(
             journal, -1, TL_EVENT_INFO, "checkpoint",
             "not every FMU can turn its state into bytes (canSerializeFMUstate): after a restart the newest "
@@ -30,18 +29,18 @@ void tl_checkpointer_init(tl_checkpointer *self, const tl_assembly *assembly, tl
 }
 
 static void end(tl_checkpointer *self, const char *why) {
-    self->is_off = true;
+    self->only_marks = true;
     tl_journal_event(self->journal, -1, TL_EVENT_WARNING, "checkpoint",
                      "no more are saved, and after a restart the inputs since the last one are run again: %s", why);
 }
 
-/* Into the recorder's room; what it took. False where nothing was saved. */
+/* Into the outbox; what it took. False: nothing was saved. */
 static bool save(tl_checkpointer *self, size_t *size) {
     size_t capacity = 0;
-    unsigned char *room = tl_recorder_checkpoint_room(self->recorder, &capacity);
+    unsigned char *room = tl_outbox_checkpoint_room(self->outbox, &capacity);
     tl_error error;
     if (room == NULL) {
-        return false; /* the one before is still being written */
+        return false;
     }
     tl_time begun = tl_clock_now(NULL);
     if (tl_twin_save(self->twin, room, capacity, size, &error) != TL_OK) {
@@ -57,7 +56,7 @@ static bool save(tl_checkpointer *self, size_t *size) {
 }
 
 static void put(tl_checkpointer *self, int64_t tick, size_t size) {
-    tl_recorder_put_checkpoint(self->recorder, tick, size);
+    tl_outbox_put_checkpoint(self->outbox, tick, size);
     self->next = tick + self->interval;
 }
 
@@ -65,9 +64,6 @@ static void put(tl_checkpointer *self, int64_t tick, size_t size) {
 static void begin(tl_checkpointer *self, int64_t tick, const tl_budget *budget) {
     tl_error error;
     size_t size = 0;
-    if (tl_recorder_checkpoint_is_waiting(self->recorder)) {
-        return; /* that which the run goes on with */
-    }
     if (tl_twin_save(self->twin, NULL, 0, &size, &error) != TL_OK) {
         end(self, error.text);
         return;
@@ -75,8 +71,8 @@ static void begin(tl_checkpointer *self, int64_t tick, const tl_budget *budget) 
     if (size == 0) {
         return;
     }
-    if (!tl_recorder_reserve_checkpoint(self->recorder, 2 * size)) {
-        end(self, "it is too large for the database (record.max_mb), or there is not enough memory");
+    if (!tl_outbox_reserve_checkpoint(self->outbox, 2 * size)) {
+        end(self, "it is too large, or there is not enough memory");
         return;
     }
     bool saved = save(self, &size);
@@ -106,7 +102,9 @@ void tl_checkpointer_after(tl_checkpointer *self, int64_t tick, const tl_budget 
     if (self->is_off || budget == NULL || tick < self->next) {
         return;
     }
-    if (!self->is_ready) {
+    if (self->only_marks) {
+        put(self, tick, 0);
+    } else if (!self->is_ready) {
         begin(self, tick, budget);
     } else if (tl_clock_now(NULL) - budget->started + self->cost > budget->time) {
         tell_late(self, tick);

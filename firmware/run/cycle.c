@@ -48,21 +48,8 @@ static void show(tl_cycle *cycle) {
 static void keep(tl_cycle *cycle, int64_t tick, const tl_record *record) {
     tl_summary_add(&cycle->summary, &cycle->settings.assembly->config, record);
     tl_watch_record(&cycle->watch, tick, record);
-    if (cycle->settings.recorder != NULL) {
-        tl_twin_recorder_put(cycle->settings.recorder, record, cycle->settings.assembly->twin);
-    }
+    tl_twin_recorder_put(cycle->settings.outbox, record, cycle->settings.assembly->twin);
     cycle->shown.record = *record;
-}
-
-/* The run begins for the recorder with its first sample: t_start is tick 0. */
-static void keep_sample(tl_cycle *cycle, const tl_sample *sample) {
-    if (cycle->settings.recorder == NULL) {
-        return;
-    }
-    if (sample->tick == 0) {
-        tl_recorder_start(cycle->settings.recorder, cycle->start);
-    }
-    tl_recorder_put_sample(cycle->settings.recorder, sample);
 }
 
 /* One tick: searched within `budget`, or made up where that is NULL. */
@@ -74,12 +61,9 @@ static tl_status compute(tl_cycle *cycle, int64_t tick, const tl_budget *budget)
     tl_twin *twin = cycle->settings.assembly->twin;
     tl_time instant = tl_time_of_step(cycle->start, cycle->settings.assembly->config.step, tick);
     tl_plant_input_take(cycle->settings.input, tick, instant, &sample);
-    if (budget != NULL && cycle->settings.recorder != NULL) {
-        tl_recorder_go_live(cycle->settings.recorder); /* nobody is late any more after a restart */
-    }
     tl_watch_sample(&cycle->watch, &sample);
     tl_summary_sample(&cycle->summary, &cycle->settings.assembly->config, &sample);
-    keep_sample(cycle, &sample);
+    (void)tl_outbox_put_sample(cycle->settings.outbox, &sample);
     tl_status status = budget == NULL ? tl_twin_make_up(twin, &sample, &record, &ready, &cycle->error)
                                       : tl_twin_step(twin, &sample, budget, &record, &ready, &cycle->error);
     if (ready) {
@@ -136,7 +120,7 @@ static void finish(tl_cycle *cycle) {
     }
     tl_twin_finish(cycle->settings.assembly->twin, &sample, &record, &ready);
     if (ready) {
-        keep_sample(cycle, &sample);
+        (void)tl_outbox_put_sample(cycle->settings.outbox, &sample);
         keep(cycle, cycle->next_tick, &record);
     }
 }
@@ -180,6 +164,14 @@ static void find_start(tl_cycle *cycle) {
     }
 }
 
+/* For the recorder: t_start is tick 0. A run that goes on with an earlier one has begun with what it has followed. */
+static void begin_run(const tl_cycle *cycle) {
+    const tl_cycle_settings *settings = &cycle->settings;
+    if (settings->resumed.resumption.from == TL_RESUMED_NOT) {
+        tl_twin_recorder_start(settings->outbox, settings->assembly->twin, cycle->start);
+    }
+}
+
 /* Steps i = 0 … n with n = duration/T_S. */
 static int64_t last_tick(const tl_config *config, int64_t delay) {
     return config->duration == 0 ? INT64_MAX - 1 : config->duration / config->step + delay;
@@ -196,9 +188,9 @@ tl_status tl_cycle_start(const tl_cycle_settings *settings, tl_cycle **cycle, tl
     started->last_tick = last_tick(config, tl_twin_get_facts(settings->assembly->twin).lead);
     tl_watch_init(&started->watch, config, settings->journal);
     started->heart = tl_heart_begin(settings->beats, "cycle", config->realtime_hang + 2 * config->step);
-    tl_checkpointer_init(&started->checkpointer, settings->assembly, settings->recorder, settings->journal);
+    tl_checkpointer_init(&started->checkpointer, settings->assembly, settings->outbox, settings->journal);
     find_start(started);
-    tl_realtime_raise(tl_fmu_thread_handle(settings->thread), config->realtime_priority, settings->journal);
+    begin_run(started);
     tl_fmu_thread_begin(settings->thread, run, started);
     *cycle = started;
     return TL_OK;
@@ -211,7 +203,6 @@ bool tl_cycle_status_now(const tl_cycle *cycle, tl_cycle_status *status) {
 tl_status tl_cycle_stop(tl_cycle *cycle, tl_summary *summary, tl_error *error) {
     __atomic_store_n(&cycle->stop, true, __ATOMIC_RELAXED);
     tl_fmu_thread_hurry(cycle->settings.thread);
-    tl_realtime_lower(tl_fmu_thread_handle(cycle->settings.thread));
     *summary = cycle->summary;
     *error = cycle->error;
     tl_status status = cycle->status;

@@ -6,8 +6,8 @@
  *          plus the last Δu (a Boolean: the last u), within the time budget of a later tick, so that model time stays plant
  *          time. Of the ticks at which a step was due,
  *          ticks = steps + skipped.
- * Thread:  start and stop from one thread; status from any. Between them the thread of the FMUs has the configured real-time
- *          priority, and an ordinary one before and after, while FMUs are loaded and freed.
+ * Thread:  start and stop from one thread; status from any. Between them the thread of the FMUs should have the configured real-time
+ *          priority, and an ordinary one before and after, while FMUs are loaded and freed: whoever starts it sees to that.
  */
 #ifndef TL_FIRMWARE_RUN_CYCLE_H
 #define TL_FIRMWARE_RUN_CYCLE_H
@@ -16,9 +16,9 @@
 #include <stdint.h>
 
 #include "firmware/fmu/fmu_thread.h"
+#include "firmware/outbox/outbox.h"
 #include "firmware/plant/plant_input.h"
 #include "firmware/process/heartbeat.h"
-#include "firmware/record/recorder.h"
 #include "firmware/report/summary.h"
 #include "firmware/run/journal.h"
 #include "firmware/twin/assembly.h"
@@ -29,7 +29,7 @@ typedef struct tl_cycle_settings {
     const tl_assembly *assembly;
     tl_fmu_thread *thread; /* in which the assembly was built; it belongs to the cycle from start to stop */
     const tl_plant_input *input;
-    tl_recorder *recorder; /* NULL: none */
+    tl_outbox *outbox; /* for whoever records it */
     tl_journal *journal;
     tl_heartbeats *beats; /* NULL: nobody listens */
     tl_summary
@@ -46,7 +46,7 @@ typedef struct tl_cycle_status {
     tl_record record; /* the newest */
 } tl_cycle_status;
 
-/* Tick 0 is due one period from now; of a twin that goes on with an earlier run, its next tick at that run's own time, and
+/* Tick 0 is due one period from now, and the run begins in the outbox; of a twin that goes on with an earlier run, its next tick at that run's own time, and
  * all ticks since then are missed ones. Settings and what they point to must outlive the cycle. */
 tl_status tl_cycle_start(const tl_cycle_settings *settings, tl_cycle **cycle, tl_error *error);
 

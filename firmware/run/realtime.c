@@ -21,18 +21,10 @@ void tl_realtime_lock_memory(tl_journal *journal) {
     }
 }
 
-void tl_realtime_raise(pthread_t thread, int priority, tl_journal *journal) {
-    const struct sched_param parameter = {.sched_priority = priority};
-    if (priority > 0 && pthread_setschedparam(thread, SCHED_FIFO, &parameter) != 0) {
-        tl_journal_event(journal, -1, TL_EVENT_INFO, "cycle",
-                         "no permission for SCHED_FIFO: ordinary scheduling is used and ticks may be missed; grant "
-                         "CAP_SYS_NICE or raise LimitRTPRIO to permit it");
-    }
-}
-
-void tl_realtime_lower(pthread_t thread) {
-    const struct sched_param parameter = {.sched_priority = 0};
-    (void)pthread_setschedparam(thread, SCHED_OTHER, &parameter);
+void tl_realtime_tell_refused(tl_journal *journal) {
+    tl_journal_event(journal, -1, TL_EVENT_INFO, "cycle",
+                     "no permission for SCHED_FIFO: ordinary scheduling is used and ticks may be missed; grant "
+                     "CAP_SYS_NICE or raise LimitRTPRIO to permit it");
 }
 
 __attribute__((noinline)) void tl_realtime_touch_stack(void) {

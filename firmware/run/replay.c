@@ -1,9 +1,14 @@
 /* A replay: see replay.h. */
 #include "firmware/run/replay.h"
 
+#include <inttypes.h>
+#include <string.h>
+
 #include "firmware/base/clock.h"
+#include "firmware/base/identity.h"
 #include "firmware/process/interrupt.h"
 #include "firmware/text/progress.h"
+#include "firmware/twin/twin_recorder.h"
 
 static void keep(const tl_replay *replay, int64_t tick, const tl_twin_result *result, tl_summary *summary) {
     const tl_config *config = replay->config;
@@ -135,4 +140,25 @@ tl_status tl_replay_run(const tl_replay *replay, tl_summary *summary, tl_error *
     }
     summary->wall_s = tl_seconds(tl_clock_now(NULL) - started);
     return status;
+}
+
+tl_status tl_replay_check(const tl_config *config, const tl_recording_beginning *beginning, tl_error *error) {
+    char text[TL_IDENTITY_TEXT];
+    if (!beginning->follows) {
+        return TL_OK;
+    }
+    tl_twin_recorder_identify(config, text);
+    if (strcmp(text, beginning->fmus) != 0) {
+        return tl_fail(error, TL_BAD_DATA,
+                       "run %" PRId64 " goes on with run %" PRId64
+                       ", and the FMUs are not those of these runs any more",
+                       beginning->run, beginning->resumption.run);
+    }
+    tl_identity_format(text);
+    if (beginning->resumption.from == TL_RESUMED_CHECKPOINT && strcmp(text, beginning->checkpoint->format) != 0) {
+        return tl_fail(error, TL_BAD_DATA,
+                       "run %" PRId64 " begins with a checkpoint that only %s can read, and this is %s", beginning->run,
+                       beginning->checkpoint->format, text);
+    }
+    return TL_OK;
 }

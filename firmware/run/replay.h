@@ -30,6 +30,10 @@ typedef struct tl_replay {
     bool realtime;
 } tl_replay;
 
+/* Whether the replay of a run that went on with another one can begin as that did.
+ * Errors: TL_BAD_DATA if the FMUs, or this program, are not those of the run. */
+tl_status tl_replay_check(const tl_config *config, const tl_recording_beginning *beginning, tl_error *error);
+
 /* Runs to the end, to the configured duration, or until interrupted (TL_INTERRUPTED; the summary holds what was done). */
 tl_status tl_replay_run(const tl_replay *replay, tl_summary *summary, tl_error *error);
 

@@ -6,6 +6,7 @@
 #include "firmware/base/clock.h"
 #include "firmware/base/log.h"
 #include "firmware/process/interrupt.h"
+#include "firmware/text/utc.h"
 
 /* How often the log repeats what is wrong, and how long the thread sleeps at most. */
 static const tl_time REMIND = 600 * TL_SECOND;
@@ -18,9 +19,7 @@ static int64_t take_samples(const tl_safe_hold_settings *settings, tl_time start
     for (; tl_time_of_step(start, step, tick) <= now; tick++) {
         tl_sample sample;
         tl_plant_input_take(settings->input, tick, tl_time_of_step(start, step, tick), &sample);
-        if (settings->recorder != NULL) {
-            tl_recorder_put_sample(settings->recorder, &sample);
-        }
+        (void)tl_outbox_put_sample(settings->outbox, &sample);
         tl_heart_beat(settings->heart);
     }
     return tick;
@@ -37,9 +36,9 @@ void tl_safe_hold(const tl_safe_hold_settings *settings) {
     tl_heartbeats_set_status(settings->beats, text);
     tl_time start = tl_clock_now(NULL) + settings->config->step;
     tl_time remind = start + REMIND;
-    if (settings->recorder != NULL) {
-        tl_recorder_start(settings->recorder, start);
-    }
+    static tl_outbox_start beginning; /* too large for a small stack */
+    beginning = (tl_outbox_start){.holds = true, .resumption = {.start = start, .started = tl_utc_now()}};
+    (void)tl_outbox_put_start(settings->outbox, &beginning);
     for (int64_t tick = 0; tl_interrupt_requested() == NULL;) {
         tl_time due = tl_time_of_step(start, settings->config->step, tick);
         tl_time most = tl_clock_now(NULL) + LOOK;

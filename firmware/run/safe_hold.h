@@ -1,4 +1,4 @@
-/* Safe hold: what is left of the appliance after a restart loop. No twin and no FMU; the plant is read, its samples are recorded, and it
+/* Safe hold: what is left of a run after a restart loop. No twin and no FMU; the plant is read, its samples are recorded, and it
  * is said what has happened and what to do.
  *
  * Purpose: a box that cannot keep its twin alive still loses nothing: what it records can be replayed once the fault is found.
@@ -9,21 +9,20 @@
 #define TL_FIRMWARE_RUN_SAFE_HOLD_H
 
 #include "firmware/config/config.h"
+#include "firmware/outbox/outbox.h"
 #include "firmware/plant/plant_input.h"
 #include "firmware/process/heartbeat.h"
-#include "firmware/record/recorder.h"
 #include "firmware/run/journal.h"
-#include "firmware/supervise/restarts.h"
 
 typedef struct tl_safe_hold_settings {
     const tl_config *config;
     const tl_plant_input *input;
-    tl_recorder *recorder; /* NULL: none */
+    tl_outbox *outbox;
     tl_journal *journal;
-    tl_heartbeats *beats; /* NULL: nobody supervises */
-    tl_heart *heart;      /* of the thread; the same */
-    unsigned failures;    /* that are not forgiven, */
-    const char *reason;   /* and why the last of them */
+    tl_heartbeats *beats;
+    tl_heart *heart;    /* of the thread */
+    unsigned failures;  /* that are not forgiven, */
+    const char *reason; /* and why the last of them */
 } tl_safe_hold_settings;
 
 /* Returns once a signal to end has come. */

@@ -2,8 +2,8 @@
 #include "firmware/run/status_line.h"
 
 #include <stdio.h>
-#include <sys/ioctl.h>
-#include <unistd.h>
+
+#include "firmware/base/log.h"
 
 void tl_status_line_write(const tl_config *config, const tl_cycle_status *status, char line[TL_STATUS_LINE]) {
     const tl_record *record = &status->record;
@@ -25,26 +25,11 @@ void tl_status_line_write(const tl_config *config, const tl_cycle_status *status
                    tl_seconds(record->used) * 1e3, (unsigned long long)status->skipped);
 }
 
-/* Writes what the terminal has columns for: a line that wraps cannot be redrawn. Two are left for the ^C that the terminal
- * itself writes behind it. */
-static void print_cut(const char *line) {
-    struct winsize size = {0};
-    size_t columns = ioctl(STDERR_FILENO, TIOCGWINSZ, &size) == 0 && size.ws_col > 3 ? size.ws_col - 3U : 77U;
-    size_t end = 0;
-    for (size_t shown = 0; line[end] != '\0'; end++) {
-        bool begins_character = ((unsigned char)line[end] & 0xc0U) != 0x80U;
-        if (begins_character && shown++ == columns) {
-            break;
-        }
-    }
-    (void)fprintf(stderr, "\r\033[K%.*s", (int)end, line);
-}
-
 void tl_status_line_print(const char *line, bool terminal) {
     if (terminal) {
-        print_cut(line);
+        tl_log_status(line);
     } else {
         (void)fprintf(stderr, "%s\n", line);
+        (void)fflush(stderr);
     }
-    (void)fflush(stderr);
 }

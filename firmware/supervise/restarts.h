@@ -1,4 +1,4 @@
-/* The account of restarts: how often the appliance was started, why, and whether that is a loop.
+/* The account of restarts: how often the twin was started, why, and whether that is a loop.
  *
  * Purpose: what the supervisor knows beyond its own life, and a reset of the box. Kept in FOLDER/supervisor.json, replaced
  *          whole at each change; without a folder it lasts as long as the supervisor.
@@ -23,10 +23,10 @@ enum { TL_RESTARTS_MOST = 5, TL_RESTARTS_REASON = 192 };
 #define TL_RESTARTS_FORGIVEN (120 * TL_SECOND)
 
 typedef struct tl_restarts {
-    uint64_t starts;                 /* of the appliance, all that were ever counted here, */
+    uint64_t starts;                 /* of the twin, all that were ever counted here, */
     uint64_t restarts;               /* and those of them after a failure */
     unsigned failures;               /* not forgiven */
-    char reason[TL_RESTARTS_REASON]; /* why the appliance starts: "the box was reset by its watchdog" */
+    char reason[TL_RESTARTS_REASON]; /* why the twin starts: "the box was reset by its watchdog" */
     /* private */
     char path[PATH_MAX]; /* "": nowhere */
     char boot[TL_IDENTITY_TEXT];
@@ -40,7 +40,7 @@ typedef struct tl_restarts {
  * used, TL_TRY_AGAIN where another supervisor has it; nothing is changed then. */
 tl_status tl_restarts_open(const char *folder, bool watchdog, tl_restarts *restarts, tl_error *error);
 
-/* A start of the appliance; `again`: after a failure. */
+/* A start of the twin; `again`: after a failure. */
 void tl_restarts_begin(tl_restarts *restarts, bool again);
 
 /* Its end that nobody asked for. */

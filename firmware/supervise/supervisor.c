@@ -5,124 +5,97 @@
 #include <sched.h>
 #include <signal.h>
 #include <stdio.h>
-#include <stdlib.h>
 #include <string.h>
 #include <sys/mman.h>
-#include <sys/prctl.h>
 #include <sys/resource.h>
-#include <sys/wait.h>
 #include <unistd.h>
 
 #include "board/watchdog/watchdog.h"
 #include "firmware/base/clock.h"
 #include "firmware/base/log.h"
-#include "firmware/process/crash.h"
 #include "firmware/process/fmu_patience.h"
 #include "firmware/process/interrupt.h"
 #include "firmware/process/process_end.h"
-#include "firmware/supervise/reaper.h"
+#include "firmware/supervise/child.h"
 #include "firmware/supervise/service.h"
 
-/* Between two looks at the child: what a hang costs beyond the patience. */
+/* Between two looks: what a hang costs beyond the patience. Shorter while something is about to happen: a twin that waits for its
+ * priority, a dead process that is being reaped. */
 static const tl_time LOOK = TL_SECOND / 20;
+static const tl_time LOOK_SOON = TL_SECOND / 500;
 
-/* The same at the reaper, who has next to nothing to do; and for how long he is worth a stroke. */
-static const tl_time LOOK_AT_REAPER = TL_SECOND / 500;
+/* For how long reaping the twin is worth a stroke. */
 static const tl_time REAPING = 30 * TL_SECOND;
 
 /* The first pause before a restart that follows another, and the longest. */
 static const tl_time PAUSE_FIRST = TL_SECOND / 4;
 static const tl_time PAUSE_LAST = 8 * TL_SECOND;
 
+/* io and recorder: one that was ready, and died sooner than this, is begun again after PAUSE_FIRST; later: at once. */
+static const tl_time SHORT_LIFE = TL_SECOND;
+
 /* Strokes are no more than this apart, and status lines. */
 static const tl_time STROKE = TL_SECOND;
 static const tl_time STATUS = 5 * TL_SECOND;
 
-/* What an appliance may take to end when it is asked to: that it ends by itself without an FMU that does not return, and keeps what can
+/* What a process may take to end when it is asked to: that it ends by itself without an FMU that does not return, and keeps what can
  * be kept then, is better than to be killed. */
 static const tl_time GRACE = TL_FMU_PATIENCE_END + (TL_PROCESS_END_S + 1) * TL_SECOND;
 
-enum { TRY_AGAIN = 75 };
+enum { TRY_AGAIN = 75, FMU_FAILED = 70 };
 
-/* How a child ended. */
-typedef struct ending {
-    bool known;
-    bool by_signal;
-    int number; /* of the signal, or the exit code */
-    tl_farewell farewell;
-    int code; /* announced */
-} ending;
+/* Recorders that die in the end, before it is given up that all is written. */
+enum { LAST_TRIES = 3 };
+
+typedef enum state {
+    ABSENT,  /* there is no such member, or not any more */
+    RESTING, /* it is begun when the dead one is reaped and the pause is over */
+    LIVING
+} state;
+
+typedef struct member {
+    tl_child child;
+    state state;
+    tl_time ended;     /* when it rests, since when, */
+    tl_time pause;     /* and for how long at least */
+    unsigned failures; /* in a row, none of which was ever ready; the twin's are in the account */
+    tl_time lived;     /* since it was begun */
+} member;
 
 typedef struct supervisor {
     const tl_supervisor_settings *settings;
-    tl_heartbeats *beats;
-    tl_heartbeats_seen seen;
-    tl_restarts restarts;
+    member members[TL_MEMBERS];
+    tl_restarts restarts; /* of the twin */
     tl_watchdog watchdog;
     tl_time stroke; /* interval */
     tl_time stroked, told;
     sigset_t signals; /* that are waited for */
     sigset_t before;  /* the caller's mask */
-    pid_t child;      /* 0: none */
-    tl_reaper reaper;
-    bool killed; /* by us, and why; */
-    char fault[TL_RESTARTS_REASON];
-    tl_time blamed;     /* the FMU call that is to blame has lasted for so long */
-    bool ran;           /* a child has been ready, */
-    bool told_ready;    /* and the service manager has heard of it */
-    bool stop;          /* asked to end, */
-    tl_time stopping;   /* and what has passed since, of the child's life */
-    unsigned bad_holds; /* safe holds in a row that failed */
+    bool ran;         /* a twin has been ready, */
+    bool told_ready;  /* and the service manager has heard of it */
+    int stop;         /* asked to end, by this signal; 0: not */
+    bool is_ending;   /* all end, for that reason or another one */
+    int code;         /* what the run ends with, as far as that is known */
+    int tries;        /* recorders that have died in that end */
+    bool held;        /* the twin that lives holds */
+    unsigned bad_holds;
 } supervisor;
 
-/* ---- the child ---- */
+static const char *const name_of[TL_MEMBERS] = {
+    [TL_MEMBER_RECORDER] = "the recorder", [TL_MEMBER_IO] = "the reading of the plant", [TL_MEMBER_TWIN] = "the twin"};
 
-static void enter_child(supervisor *self, const tl_start *start, pid_t parent) {
-    (void)prctl(PR_SET_PDEATHSIG, SIGKILL);
-    if (getppid() != parent) {
-        _exit(TRY_AGAIN); /* it was too late for that */
-    }
-    tl_watchdog_leave(&self->watchdog);
-    tl_service_leave();
-    tl_process_begin();
-    tl_crash_install();
-    tl_fmu_calls_use(tl_heartbeats_calls(self->beats));
-    tl_interrupt_install(); /* before a signal can come: it is a wish, and no reason to drop dead */
-    (void)sigprocmask(SIG_SETMASK, &self->before, NULL);
-    tl_process_end(self->settings->run(self->settings->context, start));
-}
+/* The order in which they end: the twin needs io to its end, and both tell the recorder something in theirs. */
+static const tl_member end_order[TL_MEMBERS] = {TL_MEMBER_TWIN, TL_MEMBER_IO, TL_MEMBER_RECORDER};
 
-/* False where there can be no process. */
-static bool begin_child(supervisor *self, bool again) {
-    const tl_start start = {
-        .beats = self->beats,
-        .restarts = &self->restarts,
-        .again = again,
-        .hold = tl_restarts_is_loop(&self->restarts),
-    };
-    pid_t parent = getpid();
-    tl_heartbeats_clear(self->beats);
-    self->seen = (tl_heartbeats_seen){0};
-    self->killed = false;
-    tl_restarts_begin(&self->restarts, again);
-    (void)fflush(NULL);
-    self->child = fork();
-    if (self->child == 0) {
-        enter_child(self, &start, parent);
-    }
-    if (self->child < 0) {
-        self->child = 0;
-        tl_log(TL_LOG_ERROR, "no process for the twin: %s", strerror(errno));
-        return false;
-    }
-    return true;
+static member *twin_of(supervisor *self) {
+    return &self->members[TL_MEMBER_TWIN];
 }
 
 /* ---- strokes ---- */
 
 /* The last one is not retracted by what comes after it: a look that is late is a stroke that is missing. */
 static void stroke(supervisor *self, tl_time now) {
-    if (now - self->stroked < self->stroke) {
+    if (self->bad_holds >= TL_RESTARTS_MOST || now - self->stroked < self->stroke) {
         return;
     }
     self->stroked = now;
@@ -132,14 +105,165 @@ static void stroke(supervisor *self, tl_time now) {
     (void)tl_service_tell("WATCHDOG=1");
 }
 
+/* The text is of a process with FMUs: a second line in it would be another message to the service manager. */
 static void tell_status(supervisor *self, tl_time now) {
     char text[TL_HEARTBEAT_STATUS];
     char line[TL_HEARTBEAT_STATUS + 16];
-    if (now - self->told >= STATUS && tl_heartbeats_get_status(self->beats, text) && text[0] != '\0') {
-        self->told = now;
-        (void)snprintf(line, sizeof line, "STATUS=%s", text);
-        (void)tl_service_tell(line);
+    if (now - self->told < STATUS || !tl_heartbeats_get_status(twin_of(self)->child.beats, text) || text[0] == '\0') {
+        return;
     }
+    self->told = now;
+    int length = snprintf(line, sizeof line, "STATUS=%.*s", (int)sizeof text - 1, text);
+    for (int i = 0; i < length; i++) {
+        line[i] = (char)((unsigned char)line[i] < ' ' || line[i] == '\x7f' ? ' ' : line[i]);
+    }
+    (void)tl_service_tell(line);
+}
+
+/* ---- begin ---- */
+
+/* None after the first failure. */
+static tl_time pause_after(unsigned failures) {
+    tl_time pause = 0;
+    for (unsigned i = 1; i < failures && pause < PAUSE_LAST; i++) {
+        pause = pause == 0 ? PAUSE_FIRST : 2 * pause;
+    }
+    return pause;
+}
+
+static void rest(member *resting, tl_time now, tl_time pause) {
+    resting->state = RESTING;
+    resting->ended = now;
+    resting->pause = pause;
+}
+
+/* One that could do its work may do so again: a device or a disk is waited for as shortly as possible. */
+static tl_time pause_of_other(member *failed) {
+    if (tl_heartbeats_is_ready(failed->child.beats)) {
+        failed->failures = 0;
+        return failed->lived < SHORT_LIFE ? PAUSE_FIRST : 0;
+    }
+    failed->failures++;
+    return pause_after(failed->failures);
+}
+
+/* Another one is needed. `reason` is told by who begins it. */
+static void note_failure(supervisor *self, tl_member which, tl_time now, const char *reason) {
+    member *failed = &self->members[which];
+    if (which == TL_MEMBER_TWIN) {
+        self->bad_holds += self->held ? 1 : 0;
+        tl_restarts_fail(&self->restarts, reason);
+        rest(failed, now, pause_after(self->restarts.failures));
+    } else {
+        rest(failed, now, pause_of_other(failed));
+    }
+}
+
+static void end_all(supervisor *self, int code) {
+    self->is_ending = true;
+    self->code = self->code != 0 ? self->code : code;
+}
+
+static void begin(supervisor *self, tl_member which, tl_time now) {
+    member *begun = &self->members[which];
+    bool is_twin = which == TL_MEMBER_TWIN;
+    tl_start start = {.restarts = &self->restarts, .again = is_twin && self->restarts.failures > 0};
+    tl_child_prepare(&begun->child);
+    begun->lived = 0;
+    if (is_twin) {
+        start.hold = tl_restarts_is_loop(&self->restarts);
+        self->held = start.hold;
+        tl_restarts_begin(&self->restarts, start.again);
+    }
+    pid_t pid = self->settings->begin(self->settings->context, which, &start);
+    if (pid != 0) {
+        tl_child_begin(&begun->child, pid);
+        begun->state = LIVING;
+    } else if (is_twin && self->settings->alone) {
+        begun->state = ABSENT;
+        end_all(self, TRY_AGAIN);
+    } else {
+        note_failure(self, which, now, "no process could be made for it");
+    }
+}
+
+/* ---- what an end means ---- */
+
+/* It was told to end before it could hear that. */
+static bool was_told_early(const tl_child *child) {
+    const tl_child_end *end = &child->end;
+    return child->asked && end->by_signal &&
+           (end->number == SIGTERM || end->number == SIGINT || end->number == SIGHUP) &&
+           !tl_heartbeats_is_ready(child->beats);
+}
+
+/* In its end it failed, or could not keep all that was to be kept. Alone, an FMU that ends its process is what the run ends with. */
+static void take_last_code(supervisor *self, tl_member which, const char *reason) {
+    const tl_child *child = &self->members[which].child;
+    bool is_told = self->settings->alone && which == TL_MEMBER_TWIN;
+    char what[64];
+    if (was_told_early(child)) {
+        end_all(self, 0);
+        return;
+    }
+    (void)snprintf(what, sizeof what, "%s failed when", name_of[which]);
+    if (tl_child_was_killed(child) || child->end.farewell == TL_FAREWELL_NONE) {
+        tl_log(TL_LOG_ERROR, "%s it was to end: %s", what, reason);
+        end_all(self, which == TL_MEMBER_IO ? 0 : is_told && !tl_child_was_killed(child) ? FMU_FAILED : TRY_AGAIN);
+        return;
+    }
+    if (!tl_child_kept_its_word(child)) {
+        tl_log(TL_LOG_WARNING, "%s all was done: %s", what, reason);
+        end_all(self, is_told ? FMU_FAILED : 0);
+    }
+    end_all(self, child->end.code);
+}
+
+/* What a recorder had to write still is in memory that outlives it: another one may. */
+static bool is_worth_another(supervisor *self, tl_member which) {
+    const tl_child *child = &self->members[which].child;
+    return which == TL_MEMBER_RECORDER && self->is_ending && !tl_child_was_killed(child) && !was_told_early(child) &&
+           child->end.farewell == TL_FAREWELL_NONE && ++self->tries < LAST_TRIES;
+}
+
+/* The run ends with it: it was asked to, it is over, or it never ran, and who started it is told why. */
+static bool is_final(const supervisor *self, tl_member which) {
+    const tl_child *child = &self->members[which].child;
+    bool refused = child->end.farewell == TL_FAREWELL_REFUSED && !self->ran;
+    return self->is_ending || refused || (which == TL_MEMBER_TWIN && child->end.farewell == TL_FAREWELL_OVER);
+}
+
+/* Nobody begins it again. */
+static void end_alone(supervisor *self, const char *reason) {
+    const tl_child *child = &twin_of(self)->child;
+    if (child->end.farewell == TL_FAREWELL_FAILED && tl_child_kept_its_word(child)) {
+        end_all(self, child->end.code); /* which it has said itself */
+        return;
+    }
+    tl_log(TL_LOG_ERROR, "the twin failed: %s", reason);
+    end_all(self, FMU_FAILED);
+}
+
+static void note_end(supervisor *self, tl_member which, tl_time now) {
+    member *ended = &self->members[which];
+    char reason[TL_RESTARTS_REASON];
+    bool is_last = is_final(self, which) && !is_worth_another(self, which);
+    bool is_alone = which == TL_MEMBER_TWIN && self->settings->alone;
+    tl_child_describe(&ended->child, reason);
+    self->settings->ended(self->settings->context, which, !is_last && !is_alone, reason);
+    if (is_last) {
+        ended->state = ABSENT;
+        take_last_code(self, which, reason);
+        return;
+    }
+    if (is_alone) {
+        ended->state = ABSENT;
+        end_alone(self, reason);
+        return;
+    }
+    tl_log(TL_LOG_ERROR, "%s failed: %s", name_of[which], reason);
+    tl_child_bury(&ended->child);
+    note_failure(self, which, now, reason);
 }
 
 /* ---- watching ---- */
@@ -147,219 +271,129 @@ static void tell_status(supervisor *self, tl_time now) {
 /* Waits a little for a signal: `most` < 1 s. */
 static void listen(supervisor *self, tl_time time) {
     const struct timespec most = {.tv_sec = 0, .tv_nsec = (long)time};
-    siginfo_t info;
-    int signal = sigtimedwait(&self->signals, &info, &most);
+    int signal = sigtimedwait(&self->signals, NULL, &most);
     if (signal != SIGTERM && signal != SIGINT && signal != SIGHUP) {
         return;
     }
-    if (!self->stop) {
+    if (self->stop == 0) {
         (void)tl_service_tell("STOPPING=1");
+        self->stop = signal;
+        end_all(self, 0);
     }
-    self->stop = true;
-    if (self->child > 0 && info.si_code != SI_KERNEL) { /* a terminal's Ctrl-C has reached it already */
-        (void)kill(self->child, signal);
+    if (twin_of(self)->state == LIVING) {
+        tl_child_ask(&twin_of(self)->child, signal); /* a second time, too: it then has no patience with an FMU */
     }
 }
 
-static void note_ready(supervisor *self) {
-    self->ran = self->ran || tl_heartbeats_is_ready(self->beats);
-    if (self->ran && !self->told_ready) {
+/* Of a twin that is ready. */
+static void note_life(supervisor *self, tl_time now, tl_time passed) {
+    self->ran = true;
+    if (!self->told_ready) {
         self->told_ready = tl_service_tell("READY=1");
     }
+    tl_restarts_live(&self->restarts, passed);
+    tell_status(self, now);
 }
 
-/* The fault is in self->fault. An FMU call is to blame for it where it has lasted for most of the `time` that was waited. */
-static void end_child(supervisor *self, tl_time time) {
-    self->killed = true;
-    self->blamed = time / 2;
-    (void)kill(self->child, SIGKILL);
-}
-
-/* Asked to end, it has not: it is deaf, or hangs with a heart that beats or has more patience than we have now. */
-static void look_at_clock(supervisor *self, tl_time passed) {
-    self->stopping += passed < TL_HEARTBEAT_LOOK ? passed : TL_HEARTBEAT_LOOK;
-    if (self->stopping > GRACE && !self->killed) {
-        (void)snprintf(self->fault, sizeof self->fault, "it was told to end, and was still there %.0f s later",
-                       tl_seconds(GRACE));
-        end_child(self, GRACE);
-    }
-}
-
-/* Everybody alive? A child with a silent thread is ended: nothing in it can be trusted to end by itself. */
-static void look(supervisor *self, tl_time passed) {
-    tl_time now = tl_clock_now(NULL);
+static void look_at_living(supervisor *self, tl_member which, tl_time now, tl_time passed) {
+    member *living = &self->members[which];
+    bool is_twin = which == TL_MEMBER_TWIN;
     tl_time silence = 0;
-    const char *silent = tl_heartbeats_look(self->beats, &self->seen, now, &silence);
-    if (silent != NULL && !self->killed) {
-        (void)snprintf(self->fault, sizeof self->fault, "it hung: \"%.40s\" gave no sign of life for %.1f s", silent,
-                       tl_seconds(silence));
-        end_child(self, silence);
-    }
-    if (silent != NULL) {
+    const char *silent = tl_child_look(&living->child, now, &silence);
+    if (silent != NULL && !(is_twin && self->settings->alone)) {
+        tl_child_kill_silent(&living->child, silent, silence);
         return;
     }
-    if (self->stop) {
-        look_at_clock(self, passed);
+    tl_child_press(&living->child, passed, GRACE);
+    living->lived += passed;
+    if (!is_twin) {
+        return;
     }
-    if (self->bad_holds < TL_RESTARTS_MOST) {
-        stroke(self, now);
-    }
-    note_ready(self);
-    if (tl_heartbeats_is_ready(self->beats)) {
-        tl_restarts_live(&self->restarts, passed);
-        tell_status(self, now);
+    stroke(self, now);
+    if (tl_heartbeats_is_ready(living->child.beats)) {
+        note_life(self, now, passed);
     }
 }
 
-/* Not reaped: that may take long (reaper.h). */
-static bool has_ended(supervisor *self, ending *how) {
-    siginfo_t info = {0};
-    int result = waitid(P_PID, (id_t)self->child, &info, WEXITED | WNOHANG | WNOWAIT);
-    if (result == 0 ? info.si_pid == 0 : errno == EINTR) {
+/* It begins again when its time has come, or not at all if all ends; a recorder has something left to write then. */
+static void look_at_resting(supervisor *self, tl_member which, tl_time now) {
+    member *resting = &self->members[which];
+    bool is_buried = tl_child_is_buried(&resting->child);
+    if (which == TL_MEMBER_TWIN && now - resting->ended < resting->pause + REAPING) {
+        stroke(self, now);
+    }
+    if (self->is_ending && which != TL_MEMBER_RECORDER) {
+        resting->state = ABSENT;
+    } else if (is_buried && (self->is_ending || now - resting->ended >= resting->pause)) {
+        begin(self, which, now);
+    }
+}
+
+static void look_at(supervisor *self, tl_member which, tl_time now, tl_time passed) {
+    member *member_ = &self->members[which];
+    switch (member_->state) {
+    case ABSENT:
+        break;
+    case RESTING:
+        look_at_resting(self, which, now);
+        break;
+    case LIVING:
+        if (tl_child_has_ended(&member_->child)) {
+            self->ran = self->ran || (which == TL_MEMBER_TWIN && tl_heartbeats_is_ready(member_->child.beats));
+            note_end(self, which, now);
+        } else {
+            look_at_living(self, which, now, passed);
+        }
+        break;
+    }
+}
+
+/* Asks the next one to end. True: nobody is left. */
+static bool go_on_ending(supervisor *self, tl_time now) {
+    for (int i = 0; i < TL_MEMBERS; i++) {
+        member *next = &self->members[end_order[i]];
+        if (next->state == ABSENT) {
+            continue;
+        }
+        if (next->state == LIVING && !next->child.asked) {
+            tl_child_ask(&next->child, self->stop != 0 && end_order[i] == TL_MEMBER_TWIN ? self->stop : SIGTERM);
+        }
+        if (end_order[i] != TL_MEMBER_TWIN) {
+            stroke(self, now);
+        }
         return false;
     }
-    *how = (ending){.known = result == 0, .by_signal = info.si_code != CLD_EXITED, .number = info.si_status};
-    how->farewell = tl_heartbeats_get_farewell(self->beats, &how->code);
     return true;
 }
 
-/* Until the child has ended; how it did. */
-static ending watch(supervisor *self) {
-    ending how;
-    tl_time looked = tl_clock_now(NULL);
-    for (;;) {
-        listen(self, LOOK);
-        if (has_ended(self, &how)) {
-            note_ready(self);
-            return how;
-        }
-        tl_time now = tl_clock_now(NULL);
-        look(self, now - looked);
-        looked = now;
+static bool is_something_about_to_happen(supervisor *self) {
+    bool is_about = self->is_ending;
+    for (tl_member which = 0; which < TL_MEMBERS; which++) {
+        member *member_ = &self->members[which];
+        is_about = is_about || (member_->state == RESTING && !tl_child_is_buried(&member_->child)) ||
+                   (member_->state == LIVING && !tl_heartbeats_is_ready(member_->child.beats));
     }
+    return is_about;
 }
 
-/* Nobody is there to be alive, until the dead child is reaped and the pause is over. */
-static void rest(supervisor *self, tl_time pause) {
-    tl_time begun = tl_clock_now(NULL);
-    tl_time now = begun;
-    bool reaped = tl_reaper_rests(&self->reaper);
-    while (!self->stop && (!reaped || now - begun < pause)) {
-        listen(self, reaped ? LOOK : LOOK_AT_REAPER);
-        now = tl_clock_now(NULL);
-        if (self->bad_holds < TL_RESTARTS_MOST && now - begun < pause + REAPING) {
-            stroke(self, now);
-        }
-        reaped = reaped || tl_reaper_rests(&self->reaper);
-    }
-}
-
-/* How it ended is known. */
-static void bury(supervisor *self, const ending *how) {
-    if (how->known) {
-        tl_reaper_take(&self->reaper, self->child);
-    }
-    self->child = 0;
-}
-
-/* ---- what an end means ---- */
-
-/* Names are those of a process that may have lost its mind. */
-static void append_call(const supervisor *self, char reason[TL_RESTARTS_REASON]) {
-    tl_fmu_call call;
-    size_t length = strlen(reason);
-    tl_time least = self->killed ? self->blamed : 0;
-    if (!tl_heartbeats_get_call(self->beats, &self->seen, least, &call)) {
-        return;
-    }
-    for (char *letter = call.fmu; *letter != '\0'; letter++) {
-        *letter = (char)(*letter >= ' ' && *letter <= '~' ? *letter : '?');
-    }
-    (void)snprintf(reason + length, TL_RESTARTS_REASON - length, ", in %s of %s", call.function, call.fmu);
-}
-
-/* It said that it would end, and then it did as it had said. */
-static bool is_as_announced(const ending *how) {
-    return how->farewell != TL_FAREWELL_NONE && how->known && !how->by_signal && how->number == how->code;
-}
-
-static void describe(const supervisor *self, const ending *how, char reason[TL_RESTARTS_REASON]) {
-    bool announced = how->farewell != TL_FAREWELL_NONE;
-    bool as_announced = is_as_announced(how);
-    if (self->killed) {
-        (void)snprintf(reason, TL_RESTARTS_REASON, "%s", self->fault);
-    } else if (!how->known) {
-        (void)snprintf(reason, TL_RESTARTS_REASON, "it ended, and nobody knows how");
-    } else if (how->by_signal) {
-        (void)snprintf(reason, TL_RESTARTS_REASON, "it was ended by signal %d, %s", how->number,
-                       strsignal(how->number));
-    } else if (how->farewell == TL_FAREWELL_ASKED && as_announced) {
-        (void)snprintf(reason, TL_RESTARTS_REASON, "it was told to end, and not by its supervisor");
-    } else {
-        (void)snprintf(reason, TL_RESTARTS_REASON, "it ended %swith exit code %d", announced ? "" : "unannounced, ",
-                       how->number);
-    }
-    if (self->killed || !as_announced) {
-        append_call(self, reason);
-    }
-}
-
-/* The child may have left a status line on a terminal. */
-static void say(tl_log_level level, const char *what, const char *reason) {
-    if (isatty(STDERR_FILENO) == 1) {
-        (void)fputs("\r\033[K", stderr);
-    }
-    tl_log(level, "%s: %s", what, reason);
-}
-
-/* The supervisor ends with it: it was asked to, the run is over, or it never ran, and who started it is told why. */
-static bool is_final(const supervisor *self, const ending *how) {
-    return self->stop || how->farewell == TL_FAREWELL_OVER || (how->farewell == TL_FAREWELL_REFUSED && !self->ran);
-}
-
-/* Says so where the end was no good one. */
-static int final_code(const supervisor *self, const ending *how) {
-    char reason[TL_RESTARTS_REASON];
-    bool announced = how->farewell != TL_FAREWELL_NONE;
-    describe(self, how, reason);
-    if (self->killed || !announced) {
-        say(TL_LOG_ERROR, "the twin failed when it was to end", reason);
-        return TRY_AGAIN;
-    }
-    if (!is_as_announced(how)) {
-        say(TL_LOG_WARNING, "the twin failed when all was done", reason);
-    }
-    return how->code;
-}
-
-/* None after the first failure. */
-static tl_time pause_of(const supervisor *self) {
-    tl_time pause = 0;
-    for (unsigned i = 1; i < self->restarts.failures && pause < PAUSE_LAST; i++) {
-        pause = pause == 0 ? PAUSE_FIRST : 2 * pause;
-    }
-    return pause;
-}
-
-/* Children one after the other; the exit code of the last. */
+/* Until nobody is left; the exit code. */
 static int supervise(supervisor *self) {
-    for (bool again = self->restarts.failures > 0;; again = true) {
-        bool held = tl_restarts_is_loop(&self->restarts);
-        char reason[TL_RESTARTS_REASON] = "no process could be made for it";
-        if (begin_child(self, again)) {
-            ending how = watch(self);
-            if (is_final(self, &how)) {
-                return final_code(self, &how);
-            }
-            bury(self, &how);
-            describe(self, &how, reason);
+    tl_time looked = tl_clock_now(NULL);
+    for (tl_member which = 0; which < TL_MEMBERS; which++) {
+        if (self->settings->beats[which] != NULL) {
+            begin(self, which, looked);
         }
-        say(TL_LOG_ERROR, "the twin failed", reason);
-        self->bad_holds += held ? 1 : 0;
-        tl_restarts_fail(&self->restarts, reason);
-        rest(self, pause_of(self));
-        if (self->stop) {
-            return 0;
+    }
+    for (;;) {
+        listen(self, is_something_about_to_happen(self) ? LOOK_SOON : LOOK);
+        tl_time now = tl_clock_now(NULL);
+        for (tl_member which = 0; which < TL_MEMBERS; which++) {
+            look_at(self, which, now, now - looked);
+        }
+        looked = now;
+        self->settings->look(self->settings->context);
+        if (self->is_ending && go_on_ending(self, now)) {
+            return self->code;
         }
     }
 }
@@ -404,9 +438,8 @@ static tl_time stroke_interval(const supervisor *self) {
 static tl_status open_all(supervisor *self, tl_error *error) {
     self->watchdog.file = -1;
     self->restarts.lock = -1;
-    self->beats = tl_heartbeats_new();
-    if (self->beats == NULL) {
-        return tl_fail(error, TL_TRY_AGAIN, "not enough memory for the supervisor");
+    for (tl_member which = 0; which < TL_MEMBERS; which++) {
+        self->members[which].child = (tl_child){.name = name_of[which], .beats = self->settings->beats[which]};
     }
     tl_status status = open_watchdog(self, error);
     if (status == TL_OK) {
@@ -420,28 +453,35 @@ static void close_all(supervisor *self) {
     if (self->watchdog.file >= 0 && !tl_watchdog_close(&self->watchdog)) {
         tl_log(TL_LOG_WARNING, "watchdog %s could not be disarmed, and will reset the box", self->settings->watchdog);
     }
-    tl_reaper_leave(&self->reaper);
+    for (tl_member which = 0; which < TL_MEMBERS; which++) {
+        tl_reaper_leave(&self->members[which].child.reaper);
+    }
     tl_restarts_close(&self->restarts);
-    tl_heartbeats_free(self->beats);
+}
+
+static void wait_for_signals(supervisor *self) {
+    (void)sigemptyset(&self->signals);
+    (void)sigaddset(&self->signals, SIGCHLD);
+    (void)sigaddset(&self->signals, SIGTERM);
+    (void)sigaddset(&self->signals, SIGINT);
+    if (!tl_interrupt_ignores_hangup()) {
+        (void)sigaddset(&self->signals, SIGHUP);
+    }
+    (void)pthread_sigmask(SIG_BLOCK, &self->signals, &self->before);
+    (void)signal(SIGCHLD,
+                 SIG_DFL); /* whoever started us may have ignored it, and the kernel tells nobody of an end then */
 }
 
 int tl_supervise(const tl_supervisor_settings *settings) {
     supervisor self = {.settings = settings};
     tl_error error = {0};
-    (void)sigemptyset(&self.signals);
-    (void)sigaddset(&self.signals, SIGCHLD);
-    (void)sigaddset(&self.signals, SIGTERM);
-    (void)sigaddset(&self.signals, SIGINT);
-    if (!tl_interrupt_ignores_hangup()) {
-        (void)sigaddset(&self.signals, SIGHUP);
-    }
-    (void)sigprocmask(SIG_BLOCK, &self.signals, &self.before);
-    (void)signal(SIGCHLD,
-                 SIG_DFL); /* whoever started us may have ignored it, and the kernel tells nobody of an end then */
+    wait_for_signals(&self);
     int code = 0;
     tl_status status = open_all(&self, &error);
     if (status == TL_OK) {
-        be_urgent();
+        if (!settings->alone) {
+            be_urgent();
+        }
         code = supervise(&self);
         tl_restarts_end(&self.restarts);
     } else {
@@ -449,6 +489,6 @@ int tl_supervise(const tl_supervisor_settings *settings) {
         code = tl_exit_code(status);
     }
     close_all(&self);
-    (void)sigprocmask(SIG_SETMASK, &self.before, NULL);
+    (void)pthread_sigmask(SIG_SETMASK, &self.before, NULL);
     return code;
 }

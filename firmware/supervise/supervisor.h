@@ -1,47 +1,63 @@
-/* The supervisor: a small process that keeps the appliance alive.
+/* The supervisor: keeps the processes of a run alive.
  *
- * Purpose: the appliance runs in a child process, since an FMU may hang, or destroy the memory of the process that it is in.
- *          The supervisor has no FMU and no plant, and no thread but the one that reaps a dead child (reaper.h). It listens to the
- *          child's heartbeats (heartbeat.h), ends a child that is silent, begins a new one, and strokes the box's watchdog and systemd's.
- * Stroked: while everybody is alive, and while the supervisor does something about it if not: in the pause before a restart.
- *          Not while a thread is silent, and no more once even safe hold could not be kept up TL_RESTARTS_MOST times.
- *          Nor once a dead child has not been reaped for 30 s.
- * Ends:    only one that the child announced (heartbeat.h) is orderly: the run is over, or it could not begin before anything ever
+ * Purpose: an FMU may hang, or destroy the memory of the process that it is in; a device may take a driver with it, a disk the recorder.
+ *          So each is in a process of its own, and this one, which has no FMU, no plant and no database, listens to their heartbeats
+ *          (heartbeat.h), ends a process that is silent, begins a new one, and strokes the box's watchdog and systemd's.
+ * Members: the *twin* is what the run is for. *io* reads the plant, the *recorder* writes what is to be kept; the twin goes on without them.
+ * Stroked: as long as the twin is alive, and while the supervisor does something about it if not. A dead disk or device resets no box.
+ *          Not while a thread of the twin is silent, and no more once even safe hold could not be kept up TL_RESTARTS_MOST times. Nor once a dead
+ *          twin has not been reaped for 30 s.
+ * Ends:    only one that a process announced (heartbeat.h) is orderly: the run is over, or it could not begin before anything ever
  *          ran, which is told to whoever started the supervisor by the exit code; or the supervisor was asked to end, and asked the
- *          child. Any other end is a failure, which is named, with the FMU and its function if one was being called.
- * Restart: of what failed. At once after the first failure; the pause doubles with each that is not forgiven, up to 8 s.
- * Hold:    after a restart loop (restarts.h) the child is told to hold: no twin.
- * Signals: SIGTERM, SIGINT and SIGHUP (but not under nohup) end the child, and then the supervisor. A child that has not ended 16 s
- *          later is killed, some seconds after it would have given up an FMU that does not return (fmu_patience.h). An orderly end in any case: all failures are forgiven. A supervisor that is killed takes the child with it.
+ *          processes: the twin first, then io, then the recorder, which writes the rest. Any other end is a failure, which is named, with the FMU and
+ *          its function if one was being called.
+ * Restart: of what failed. The twin: at once after the first failure; the pause doubles with each that is not forgiven, up to 8 s. io and the
+ *          recorder: for ever; after 0.25 s at most if it could do its work before, else with pauses that double as well.
+ * Hold:    after a restart loop of the twin (restarts.h) a new one is told to hold: no FMU, the plant's samples are recorded.
+ * Alone:   a twin that fails is not begun again: the run ends with exit code 70. It may be silent for as long as it likes.
+ * Signals: SIGTERM, SIGINT and SIGHUP (but not under nohup) end all. A process that has not ended 16 s
+ *          later is killed, some seconds after it would have given up an FMU that does not return (fmu_patience.h). An orderly end in any case: all failures are forgiven. A supervisor that is killed takes all with it.
  */
 #ifndef TL_FIRMWARE_SUPERVISE_SUPERVISOR_H
 #define TL_FIRMWARE_SUPERVISE_SUPERVISOR_H
 
 #include <stdbool.h>
+#include <sys/types.h>
 
 #include "firmware/process/heartbeat.h"
 #include "firmware/supervise/restarts.h"
 
-/* What a child is told at its start. NULL in its place: nobody supervises. */
+/* In the order in which they begin. */
+typedef enum tl_member { TL_MEMBER_RECORDER, TL_MEMBER_IO, TL_MEMBER_TWIN, TL_MEMBERS } tl_member;
+
+/* What a twin is told at its start. */
 typedef struct tl_start {
-    tl_heartbeats *beats;
     const tl_restarts *restarts; /* which start this is, and why */
     bool again;                  /* after a failure */
     bool hold;                   /* safe hold */
 } tl_start;
 
 typedef struct tl_supervisor_settings {
+    bool alone;
     const char *state;    /* a folder for the account of restarts, of one supervisor at a time; NULL: none */
     const char *watchdog; /* the device; NULL: none */
     int watchdog_s;
-    /* The appliance: called in the child, which ends with what this returns, an exit code. */
-    int (*run)(void *context, const tl_start *start);
-    void *context;
+    tl_heartbeats *beats[TL_MEMBERS]; /* of each; NULL: there is no such member */
+    void *context; /* of all below, which are called in the thread of the supervisor, and must not wait */
+
+    /* Starts a process (role.h). 0: it could not be, and that was said on the log. */
+    pid_t (*begin)(void *context, tl_member which, const tl_start *start);
+
+    /* One has ended, and is not reaped yet. `reason` says why, and may be bettered. `again`: another one will be begun. */
+    void (*ended)(void *context, tl_member which, bool again, char reason[TL_RESTARTS_REASON]);
+
+    /* Between two looks. */
+    void (*look)(void *context);
 } tl_supervisor_settings;
 
-/* Returns an exit code once no child runs any more: the one that the last child announced; 75 where it announced none, or had to be
- * killed. That child is not reaped, which is done when the process ends. The caller must be the only thread of its process. SIGCHLD is
- * as by default from now on. */
+/* Returns an exit code once no process runs any more: the one that the twin announced at last, or the recorder if that is worse; 75 if a process
+ * had to be killed in its end; 70 if the twin failed and was alone. A process that ended last is not reaped, which is done when this one ends. SIGCHLD is
+ * as by default from now on. Threads of the caller's must have SIGCHLD, SIGTERM, SIGINT and SIGHUP blocked. */
 int tl_supervise(const tl_supervisor_settings *settings);
 
 #endif

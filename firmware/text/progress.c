@@ -6,6 +6,7 @@
 #include <unistd.h>
 
 #include "firmware/base/clock.h"
+#include "firmware/base/log.h"
 #include "master/base/simtime.h"
 
 static const tl_time REDRAW = TL_SECOND / 5;
@@ -24,17 +25,18 @@ void tl_progress_update(tl_progress *progress, int64_t done) {
         return;
     }
     progress->drawn = now;
+    char line[TL_LOG_TEXT];
     if (progress->total > 0) {
-        (void)fprintf(stderr, "\r\033[K%s %3.0f %%", progress->what, 100.0 * (double)done / (double)progress->total);
+        (void)snprintf(line, sizeof line, "%s %3.0f %%", progress->what,
+                       100.0 * (double)done / (double)progress->total);
     } else {
-        (void)fprintf(stderr, "\r\033[K%s %" PRId64, progress->what, done);
+        (void)snprintf(line, sizeof line, "%s %" PRId64, progress->what, done);
     }
-    (void)fflush(stderr);
+    tl_log_status(line);
 }
 
 void tl_progress_end(tl_progress *progress) {
     if (progress->shown) {
-        (void)fputs("\r\033[K", stderr);
-        (void)fflush(stderr);
+        tl_log_status(NULL);
     }
 }

@@ -8,6 +8,8 @@
 #include <strings.h>
 #include <unistd.h>
 
+#include "master/base/utf8.h"
+
 enum { CELL = 512 };
 
 static bool is_set(const char *value) {
@@ -52,9 +54,8 @@ size_t tl_show_character(const char *text) {
 }
 
 bool tl_show_is_control(const char *text, size_t length) {
-    unsigned char first = (unsigned char)text[0];
-    return first < 0x20 || first == 0x7F || (length == 1 && first >= 0x80) ||
-           (length == 2 && first == 0xC2 && (unsigned char)text[1] < 0xA0);
+    uint32_t code = 0;
+    return tl_utf8_read(text, length, &code) == 0 || !tl_utf8_can_be_shown(code);
 }
 
 void tl_show_clean(tl_show_style style, const char *text, char *clean, size_t size) {

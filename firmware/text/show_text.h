@@ -25,7 +25,7 @@ tl_show_style tl_show_style_of(FILE *file);
 /* Bytes of the UTF-8 character at `text`, which is not its end; 1 for a byte that begins none. */
 size_t tl_show_character(const char *text);
 
-/* Whether that character commands a terminal instead of standing in it: C0, DEL, and C1 also as UTF-8 writes it. */
+/* Whether that character commands a terminal, turns the direction of text or hides, instead of standing in it (utf8.h), or is none. */
 bool tl_show_is_control(const char *text, size_t length);
 
 /* Cuts a text so that it can be printed: control characters become "?", and with `ascii` all that is not ASCII. */

@@ -16,16 +16,14 @@
 #include <stdio.h>
 
 #include "firmware/config/config.h"
+#include "firmware/confine/fmu_refusals.h"
+#include "firmware/process/channel.h"
 #include "firmware/twin/twin_job.h"
 #include "firmware/twin/twin_role.h"
 #include "firmware/twin/twin_step.h"
-#include "firmware/twin/twin_warden.h"
 #include "master/twin/account.h"
 
-enum {
-    TL_TWIN_CHILD_DEPTH = TL_CHANNEL_DEPTH, /* ticks that can be under way */
-    TL_TWIN_FOLDER_MIB = 256                /* that FMUs may write, beside what they are unpacked to */
-};
+enum { TL_TWIN_CHILD_DEPTH = TL_CHANNEL_DEPTH }; /* ticks that can be under way */
 
 typedef struct tl_twin_child tl_twin_child;
 

@@ -4,72 +4,78 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* What lies in the block: this, then the pieces one behind the other. The pointers in `job` mean nothing there. */
+/* In this order; the texts with the zero at their end. */
+enum { PATH, TEXT, FOLDER, TEXTS, CHECKPOINT = TEXTS, LIVE, PIECES };
+
+/* What lies in the block: this, then the pieces one behind the other. Pointers and sizes in `job` mean nothing there. */
 typedef struct packed {
     tl_twin_job job;
-    size_t path_size; /* with the zero at the end, as the others */
-    size_t text_size;
-    size_t folder_size;
+    size_t sizes[PIECES];
 } packed;
 
-static size_t size_of(const packed *head) {
-    return sizeof *head + head->path_size + head->text_size + head->folder_size + head->job.checkpoint_size;
-}
-
-static unsigned char *put(unsigned char *place, const void *bytes, size_t size) {
-    if (size > 0) {
-        memcpy(place, bytes, size);
-    }
-    return place + size;
-}
-
 tl_status tl_twin_job_make(const tl_twin_job *job, tl_block *block, tl_error *error) {
+    const void *const pieces[PIECES] = {job->path, job->text, job->folder, job->checkpoint, job->live};
     const packed head = {.job = *job,
-                         .path_size = strlen(job->path) + 1,
-                         .text_size = strlen(job->text) + 1,
-                         .folder_size = strlen(job->folder) + 1};
-    size_t size = size_of(&head);
+                         .sizes = {strlen(job->path) + 1, strlen(job->text) + 1, strlen(job->folder) + 1,
+                                   job->checkpoint_size, job->live_size}};
+    size_t size = sizeof head;
+    for (size_t i = 0; i < PIECES; i++) {
+        size += head.sizes[i];
+    }
     unsigned char *bytes = calloc(1, size);
     if (bytes == NULL) {
         return tl_fail(error, TL_TRY_AGAIN, "not enough memory for the job of the process with the FMUs");
     }
-    unsigned char *place = put(bytes, &head, sizeof head);
-    place = put(place, job->path, head.path_size);
-    place = put(place, job->text, head.text_size);
-    place = put(place, job->folder, head.folder_size);
-    (void)put(place, job->checkpoint, job->checkpoint_size);
+    memcpy(bytes, &head, sizeof head);
+    unsigned char *place = bytes + sizeof head;
+    for (size_t i = 0; i < PIECES; i++) {
+        if (head.sizes[i] > 0) {
+            memcpy(place, pieces[i], head.sizes[i]);
+        }
+        place += head.sizes[i];
+    }
     tl_status status = tl_block_make_of("twinlock-job", bytes, size, block, error);
     free(bytes);
     return status;
 }
 
-/* The text at `place`, of which the last byte is its end. */
-static const char *text_at(const unsigned char *place, size_t size) {
-    return size > 0 && place[size - 1] == '\0' ? (const char *)place : NULL;
+/* Where the pieces begin; false: together they are not as long as they should be. */
+static bool find_pieces(const packed *head, const tl_block *block, const unsigned char *pieces[PIECES]) {
+    const unsigned char *place = (const unsigned char *)block->bytes + sizeof *head;
+    size_t left = block->size - sizeof *head;
+    for (size_t i = 0; i < PIECES; i++) {
+        if (head->sizes[i] > left) {
+            return false;
+        }
+        pieces[i] = place;
+        place += head->sizes[i];
+        left -= head->sizes[i];
+    }
+    return left == 0;
 }
 
 tl_status tl_twin_job_read(const tl_block *block, tl_twin_job *job, tl_error *error) {
     packed head;
-    const unsigned char *place = block->bytes;
+    const unsigned char *pieces[PIECES];
     if (block->size < sizeof head) {
         return tl_fail(error, TL_BAD_DATA, "the job is too short");
     }
-    memcpy(&head, place, sizeof head);
-    place += sizeof head;
-    size_t left = block->size - sizeof head;
-    if (head.path_size > left || head.text_size > left - head.path_size ||
-        head.folder_size > left - head.path_size - head.text_size || size_of(&head) != block->size) {
+    memcpy(&head, block->bytes, sizeof head);
+    if (!find_pieces(&head, block, pieces)) {
         return tl_fail(error, TL_BAD_DATA, "the job's parts are not as long as it says");
     }
+    for (size_t i = 0; i < TEXTS; i++) {
+        if (head.sizes[i] == 0 || pieces[i][head.sizes[i] - 1] != '\0') {
+            return tl_fail(error, TL_BAD_DATA, "a text of the job has no end");
+        }
+    }
     *job = head.job;
-    job->path = text_at(place, head.path_size);
-    place += head.path_size;
-    job->text = text_at(place, head.text_size);
-    place += head.text_size;
-    job->folder = text_at(place, head.folder_size);
-    place += head.folder_size;
-    job->checkpoint = place;
-    return job->path != NULL && job->text != NULL && job->folder != NULL
-               ? TL_OK
-               : tl_fail(error, TL_BAD_DATA, "a text of the job has no end");
+    job->path = (const char *)pieces[PATH];
+    job->text = (const char *)pieces[TEXT];
+    job->folder = (const char *)pieces[FOLDER];
+    job->checkpoint = pieces[CHECKPOINT];
+    job->checkpoint_size = head.sizes[CHECKPOINT];
+    job->live = pieces[LIVE];
+    job->live_size = head.sizes[LIVE];
+    return TL_OK;
 }

@@ -17,7 +17,8 @@
 
 typedef enum tl_twin_task {
     TL_TASK_CHECK, /* build, print the page, end */
-    TL_TASK_STEP   /* build, then a result for each tick */
+    TL_TASK_STEP,  /* build, then a result for each tick */
+    TL_TASK_LIVE   /* what another room makes of it (twin_role.h) */
 } tl_twin_task;
 
 /* Where the twin begins. */
@@ -44,6 +45,9 @@ typedef struct tl_twin_job {
     bool without_delays;
     bool variables; /* the page lists them */
     bool unconfined;
+    bool holds;                /* safe hold: no FMU is touched */
+    const unsigned char *live; /* for the live room, which knows what it is; at no aligned place when it was read */
+    size_t live_size;
 } tl_twin_job;
 
 /* Errors: TL_TRY_AGAIN. */

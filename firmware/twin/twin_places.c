@@ -46,14 +46,45 @@ static void add_component(tl_twin_places *places, const tl_config *config, const
     }
 }
 
+/* What nobody means who writes a list of folders for libraries: all, a folder of all others such as "/home", a home, or what a home lies in. */
+static bool is_too_wide(const char *folder) {
+    const char *home = getenv(TL_TWIN_PLACES_HOME);
+    char *real_home = home != NULL && home[0] == '/' ? realpath(home, NULL) : NULL;
+    size_t length = strlen(folder);
+    bool holds_home = real_home != NULL && strncmp(real_home, folder, length) == 0 &&
+                      (real_home[length] == '\0' || real_home[length] == '/');
+    free(real_home);
+    return holds_home || strrchr(folder, '/') == folder;
+}
+
+/* From the environment: an absolute name, since the process has a current folder of its own. */
+static void add_folder(tl_twin_places *places, const char *folder) {
+    char *found = folder[0] == '/' ? realpath(folder, NULL) : NULL;
+    if (found != NULL && !is_too_wide(found)) {
+        add(places, found);
+    }
+    free(found);
+}
+
+/* Of an installation of Python, or an environment, only what it loads: all else there may be anybody's, as in ~ for ~/bin/python3. */
+static void add_installation(tl_twin_places *places, const char *prefix) {
+    static const char *const parts[] = {"pyvenv.cfg", "lib", "lib64", "lib32"};
+    for (size_t i = 0; i < sizeof parts / sizeof parts[0]; i++) {
+        char path[PATH_MAX];
+        if (snprintf(path, sizeof path, "%s/%s", prefix, parts[i]) < (int)sizeof path) {
+            add_folder(places, path);
+        }
+    }
+}
+
 /* The folders in a variable, with colons between them. */
-static void add_variable(tl_twin_places *places, const char *name) {
+static void add_variable(tl_twin_places *places, const char *name, void (*add_one)(tl_twin_places *, const char *)) {
     const char *list = getenv(name);
     while (list != NULL && list[0] != '\0') {
         char folder[PATH_MAX];
         size_t length = strcspn(list, ":");
         if (length > 0 && snprintf(folder, sizeof folder, "%.*s", (int)length, list) < (int)sizeof folder) {
-            add(places, folder);
+            add_one(places, folder);
         }
         list += length;
         list += list[0] == ':' ? 1 : 0;
@@ -69,8 +100,8 @@ static void add_python(tl_twin_places *places) {
         int written = snprintf(path, sizeof path, "%.*s/python3", (int)length, list);
         char *program = length > 0 && written < (int)sizeof path ? realpath(path, NULL) : NULL;
         if (program != NULL) {
-            add(places, dirname(dirname(path)));
-            add(places, dirname(dirname(program)));
+            add_installation(places, dirname(dirname(path)));
+            add_installation(places, dirname(dirname(program)));
             free(program);
             return;
         }
@@ -83,12 +114,12 @@ static void add_users_packages(tl_twin_places *places) {
     char path[PATH_MAX];
     const char *base = getenv("PYTHONUSERBASE");
     if (base != NULL && snprintf(path, sizeof path, "%s/lib", base) < (int)sizeof path) {
-        add(places, path);
+        add_folder(places, path);
     }
 }
 
 void tl_twin_places_find(const tl_assembly *assembly, tl_twin_places *places) {
-    static const char *const variables[] = {"LD_LIBRARY_PATH", "PYTHONHOME", "PYTHONPATH", "LOCPATH"};
+    static const char *const variables[] = {"LD_LIBRARY_PATH", "PYTHONPATH", "LOCPATH"};
     const tl_config *config = &assembly->config;
     for (size_t i = 0; i < config->component_count; i++) {
         add_component(places, config, &config->components[i]);
@@ -100,8 +131,9 @@ void tl_twin_places_find(const tl_assembly *assembly, tl_twin_places *places) {
         }
     }
     for (size_t i = 0; i < sizeof variables / sizeof variables[0]; i++) {
-        add_variable(places, variables[i]);
+        add_variable(places, variables[i], add_folder);
     }
+    add_variable(places, "PYTHONHOME", add_installation);
     add_python(places);
     add_users_packages(places);
 }

@@ -1,7 +1,8 @@
 /* The places that the FMUs of a configuration may read besides what every program is made of.
  *
  * Purpose: a confined process reads no file that nobody has named. Named are: by the configuration the libraries, what a component `reads`, and
- *          texts in `set` that are the names of files; by the environment the folders in which loader, Python and locales look.
+ *          texts in `set` that are the names of files; by the environment the folders in which loader, Python and locales look: absolute ones that are
+ *          neither a home nor hold one; of an installation of Python what it loads.
  * Thread:  one thread.
  */
 #ifndef TL_FIRMWARE_TWIN_TWIN_PLACES_H
@@ -12,6 +13,9 @@
 #include "firmware/twin/assembly.h"
 
 enum { TL_TWIN_PLACES = 256 }; /* further ones are left out */
+
+/* A variable: the home of who has started all this, since HOME is another folder in a process with FMUs. */
+#define TL_TWIN_PLACES_HOME "TWINLOCK_HOME"
 
 /* Absolute paths of what exists. A zeroed one is empty. */
 typedef struct tl_twin_places {

@@ -5,11 +5,10 @@
 #include <limits.h>
 #include <stdio.h>
 
+#include "firmware/base/clock.h"
 #include "firmware/base/identity.h"
-#include "firmware/base/log.h"
 #include "firmware/report/run_figures.h"
-
-enum { PLANT_NAME = 80 }; /* "plant." and at most 63 characters */
+#include "firmware/text/utc.h"
 
 void tl_twin_recorder_signals(const tl_config *config, const tl_account *account,
                               tl_recorder_signal match[TL_MAX_MATCH], tl_recorder_signal adjust[TL_MAX_ADJUST]) {
@@ -34,67 +33,41 @@ void tl_twin_recorder_identify(const tl_config *config, char text[TL_SHA256_TEXT
     tl_identity_files(paths, count, text);
 }
 
-/* The plant's signals as the recorder names them. */
-static void plant_signals(const tl_config *config, char names[TL_MAX_SIGNALS][PLANT_NAME],
-                          tl_recorder_signal plant[TL_MAX_SIGNALS]) {
-    for (size_t i = 0; i < config->signal_count; i++) {
-        const tl_plan_signal *signal = &config->signals[i].plan;
-        (void)snprintf(names[i], PLANT_NAME, "plant.%s", signal->name);
-        plant[i] = (tl_recorder_signal){names[i], signal->unit, NULL, signal->type};
-    }
+void tl_twin_recorder_describe(const tl_config *config, const char *path, tl_twin_record *record) {
+    *record = (tl_twin_record){.settings = {.path = path, .verb = "run"}};
+    tl_twin_recorder_identify(config, record->fmus);
+    tl_identity_boot(record->boot);
+    tl_identity_format(record->format);
+    tl_recorder_settings_of(config, &record->names, &record->settings);
+    record->settings.fmus = record->fmus;
+    record->settings.boot = record->boot;
+    record->settings.format = record->format;
 }
 
 tl_status tl_twin_recorder_open(const tl_twin_recorder_settings *settings, tl_recorder **recorder, tl_error *error) {
-    const tl_config *config = settings->config;
     const tl_account *account = settings->account;
     const char *components[TL_RECORDER_COMPONENTS];
-    char names[TL_MAX_SIGNALS][PLANT_NAME];
-    tl_recorder_signal plant[TL_MAX_SIGNALS];
-    tl_recorder_signal match[TL_MAX_MATCH];
-    tl_recorder_signal adjust[TL_MAX_ADJUST];
-    char fmus[TL_SHA256_TEXT];
-    char boot[TL_IDENTITY_TEXT];
-    char format[TL_IDENTITY_TEXT];
-    plant_signals(config, names, plant);
+    tl_twin_record record;
+    tl_recorder_settings *made = &record.settings;
+    tl_twin_recorder_describe(settings->config, settings->path, &record);
+    made->verb = settings->verb;
+    made->wait_when_full = settings->wait_when_full;
+    made->beats = settings->beats;
+    made->components = components;
     if (account != NULL) {
-        tl_twin_recorder_identify(config, fmus);
-    } else {
-        tl_identity_files(NULL, 0, fmus);
-    }
-    tl_identity_boot(boot);
-    tl_identity_format(format);
-    tl_recorder_settings made = {
-        .path = settings->path,
-        .max_bytes = config->record_max_bytes,
-        .commit = config->record_commit,
-        .verb = settings->verb,
-        .name = config->name,
-        .configuration = config->text,
-        .step = config->step,
-        .measurements = config->measurements,
-        .plant = plant,
-        .match = match,
-        .adjust = adjust,
-        .plant_count = config->signal_count,
-        .fmus = fmus,
-        .boot = boot,
-        .format = format,
-        .components = components,
-        .wait_when_full = settings->wait_when_full,
-        .beats = settings->beats,
-    };
-    if (account != NULL) {
-        tl_twin_recorder_signals(config, account, match, adjust);
+        tl_twin_recorder_signals(settings->config, account, record.names.match, record.names.adjust);
         for (size_t i = 0; i < account->components; i++) {
             components[i] = account->component[i].name;
         }
-        made.prediction = account->prediction;
-        made.lead = account->lead;
-        made.match_count = config->match_count;
-        made.adjust_count = config->adjust_count;
-        made.component_count = account->components;
+        made->prediction = account->prediction;
+        made->lead = account->lead;
+        made->component_count = account->components;
+    } else {
+        tl_identity_files(NULL, 0, record.fmus);
+        made->match_count = 0;
+        made->adjust_count = 0;
     }
-    return tl_recorder_open(&made, recorder, error);
+    return tl_recorder_open(made, recorder, error);
 }
 
 size_t tl_twin_recorder_count(const tl_twin *twin, tl_recorder_component counts[TL_RECORDER_COMPONENTS]) {
@@ -108,29 +81,34 @@ size_t tl_twin_recorder_count(const tl_twin *twin, tl_recorder_component counts[
     return count;
 }
 
-void tl_twin_recorder_put(tl_recorder *recorder, const tl_record *record, const tl_twin *twin) {
-    tl_recorder_component counts[TL_RECORDER_COMPONENTS];
-    (void)tl_twin_recorder_count(twin, counts);
-    tl_recorder_put_step(recorder, record, counts);
+void tl_twin_recorder_start(tl_outbox *outbox, const tl_twin *twin, tl_time start) {
+    static const tl_time ms = TL_SECOND / 1000;
+    static tl_outbox_start beginning; /* too large for a small stack; one thread begins runs */
+    beginning =
+        (tl_outbox_start){.resumption = {.start = start, .started = tl_utc_now() + (start - tl_clock_now(NULL)) / ms}};
+    tl_account_take(twin, &beginning.account);
+    (void)tl_outbox_put_start(outbox, &beginning);
 }
 
-void tl_twin_recorder_check(const tl_account *account, tl_recorder *recorder) {
+void tl_twin_recorder_put(tl_outbox *outbox, const tl_record *record, const tl_twin *twin) {
+    tl_recorder_component counts[TL_RECORDER_COMPONENTS];
+    (void)tl_twin_recorder_count(twin, counts);
+    (void)tl_outbox_put_step(outbox, record, counts);
+}
+
+void tl_twin_recorder_check(const tl_account *account, tl_twin_recorder_hear *hear, void *context) {
     for (size_t i = 0; i < account->components; i++) {
         char text[320];
         const tl_account_component *entry = &account->component[i];
         const tl_recorder_component counts = {entry->plain, entry->predicted, entry->executions, entry->caught_up,
                                               entry->unstored};
         int64_t difference = tl_run_component_difference(&counts);
-        if (difference <= 0) {
-            continue;
-        }
-        (void)snprintf(text, sizeof text,
-                       "%s: %" PRId64 " executions more than predicted: results found no room (%" PRIu64
-                       ", see saving.nodes), or a committed step failed and was repeated",
-                       entry->name, difference, entry->unstored);
-        tl_log(TL_LOG_WARNING, "%s", text);
-        if (recorder != NULL) {
-            tl_recorder_event(recorder, -1, TL_EVENT_WARNING, "twin", text);
+        if (difference > 0) {
+            (void)snprintf(text, sizeof text,
+                           "%s: %" PRId64 " executions more than predicted: results found no room (%" PRIu64
+                           ", see saving.nodes), or a committed step failed and was repeated",
+                           entry->name, difference, entry->unstored);
+            hear(context, text);
         }
     }
 }

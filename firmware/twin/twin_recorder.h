@@ -6,8 +6,10 @@
 #ifndef TL_FIRMWARE_TWIN_TWIN_RECORDER_H
 #define TL_FIRMWARE_TWIN_TWIN_RECORDER_H
 
+#include "firmware/base/identity.h"
 #include "firmware/base/sha256.h"
 #include "firmware/config/config.h"
+#include "firmware/outbox/outbox.h"
 #include "firmware/record/recorder.h"
 #include "master/twin/account.h"
 
@@ -23,6 +25,18 @@ typedef struct tl_twin_recorder_settings {
 /* Errors: those of tl_recorder_open(). */
 tl_status tl_twin_recorder_open(const tl_twin_recorder_settings *settings, tl_recorder **recorder, tl_error *error);
 
+/* What is known of a run before there is a twin: all that its beginning in an outbox does not say. */
+typedef struct tl_twin_record {
+    tl_recorder_settings settings; /* whose texts are the configuration's, or here */
+    tl_recorder_names names;
+    char fmus[TL_SHA256_TEXT];
+    char boot[TL_IDENTITY_TEXT];
+    char format[TL_IDENTITY_TEXT];
+} tl_twin_record;
+
+/* For a run that is recorded at `path`. The configuration and the record must stay where they are, as long as the settings are used. */
+void tl_twin_recorder_describe(const tl_config *config, const char *path, tl_twin_record *record);
+
 /* What the FMUs of this configuration are: tl_identity_files() of the components'. */
 void tl_twin_recorder_identify(const tl_config *config, char text[TL_SHA256_TEXT]);
 
@@ -34,11 +48,14 @@ void tl_twin_recorder_signals(const tl_config *config, const tl_account *account
  * components there are. */
 size_t tl_twin_recorder_count(const tl_twin *twin, tl_recorder_component counts[TL_RECORDER_COMPONENTS]);
 
-/* Puts a step with the ledger as it stands. */
-void tl_twin_recorder_put(tl_recorder *recorder, const tl_record *record, const tl_twin *twin);
+/* Live: a run begins now, whose tick 0 is at `start` (CLOCK_MONOTONIC). */
+void tl_twin_recorder_start(tl_outbox *outbox, const tl_twin *twin, tl_time start);
 
-/* Warns of components that were executed more often than their ledger predicts: in the log, and, if there is a recorder, as an event.
- * For the end of a run. */
-void tl_twin_recorder_check(const tl_account *account, tl_recorder *recorder);
+/* Puts a step with the ledger as it stands. */
+void tl_twin_recorder_put(tl_outbox *outbox, const tl_record *record, const tl_twin *twin);
+
+/* Tells of components that were executed more often than their ledger predicts, each in a sentence. For the end of a run. */
+typedef void tl_twin_recorder_hear(void *context, const char *text);
+void tl_twin_recorder_check(const tl_account *account, tl_twin_recorder_hear *hear, void *context);
 
 #endif

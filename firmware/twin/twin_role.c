@@ -2,12 +2,14 @@
 #include "firmware/twin/twin_role.h"
 
 #include <string.h>
+#include <sys/resource.h>
 #include <sys/socket.h>
 #include <unistd.h>
 
 #include "firmware/base/c_locale.h"
 #include "firmware/base/clock.h"
 #include "firmware/base/log.h"
+#include "firmware/confine/limits.h"
 #include "firmware/fmu/fmu_thread.h"
 #include "firmware/process/crash.h"
 #include "firmware/process/interrupt.h"
@@ -24,13 +26,14 @@ enum { TOGETHER = 64 };
 
 /* All that this process has. */
 typedef struct role {
-    tl_twin_page *print_page;
+    const tl_twin_role_tasks *tasks;
     tl_block job_block;
     tl_block blocks[TL_SIDES];
     tl_twin_job job;
     tl_channel_settings wire;
     tl_channel channel;
     tl_twin_extra *extra;
+    const tl_twin_orders *orders;
     tl_assembly assembly;
     tl_recording_tick tick; /* as it came last, */
     tl_twin_result result;  /* and what came of it */
@@ -109,6 +112,7 @@ static tl_status open_channel(role *self, tl_error *error) {
     if (status == TL_OK) {
         void *const bytes[TL_SIDES] = {self->blocks[TL_PARENT].bytes, self->blocks[TL_CHILD].bytes};
         self->extra = tl_channel_extra(&self->wire, TL_CHILD, self->blocks[TL_CHILD].bytes);
+        self->orders = tl_channel_extra(&self->wire, TL_PARENT, self->blocks[TL_PARENT].bytes);
         tl_channel_open(&self->wire, TL_CHILD, bytes, &self->channel);
     }
     return status;
@@ -137,7 +141,9 @@ static void hand_over(int listener) {
 static tl_status confine(const role *self, tl_confine_facts *facts, tl_error *error) {
     int listener = -1;
     tl_twin_places places = {.count = 0};
-    tl_twin_places_find(&self->assembly, &places);
+    if (!self->job.holds) {
+        tl_twin_places_find(&self->assembly, &places);
+    }
     const tl_confine_settings settings = {
         .read = (const char *const *)places.path,
         .read_count = places.count,
@@ -147,6 +153,7 @@ static tl_status confine(const role *self, tl_confine_facts *facts, tl_error *er
         .user = self->job.user,
         .start_socket = TL_TWIN_START_SOCKET,
         .whole_process = true,
+        .lives_on = self->job.task == TL_TASK_LIVE,
     };
     tl_status status = tl_confine(&settings, facts, &listener, error);
     tl_twin_places_free(&places);
@@ -156,12 +163,23 @@ static tl_status confine(const role *self, tl_confine_facts *facts, tl_error *er
     return status;
 }
 
+/* For a live twin: what is possible as long as this is root, if it is. Priorities are the affair of who started it, who asks for the limits of
+ * this process. */
+static void permit_real_time(const role *self) {
+    enum { NICE_0 = 20 }; /* as RLIMIT_NICE counts */
+    tl_limits_permit(RLIMIT_MEMLOCK, RLIM_INFINITY);
+    tl_limits_permit(RLIMIT_RTPRIO, (rlim_t)self->assembly.config.realtime_priority);
+    tl_limits_permit(RLIMIT_NICE, NICE_0);
+}
+
 static tl_status start(role *self, tl_confine_facts *facts, tl_error *error) {
     tl_status status = read_job(self, error);
-    if (status == TL_OK) {
+    if (status == TL_OK && self->job.task == TL_TASK_LIVE) {
+        permit_real_time(self);
+    } else if (status == TL_OK) {
         status = open_channel(self, error);
     }
-    if (status == TL_OK) {
+    if (status == TL_OK && !self->job.holds) {
         status = tl_assembly_open(&self->assembly, error);
     }
     *facts = (tl_confine_facts){0};
@@ -189,11 +207,15 @@ static tl_status begin(const role *self, tl_error *error) {
     return TL_OK;
 }
 
+static bool is_stopped(const role *self) {
+    return __atomic_load_n(&self->orders->stop, __ATOMIC_RELAXED) != 0;
+}
+
 /* The tick is in self->packed. */
 static void answer(role *self, bool last) {
     const tl_config *config = &self->assembly.config;
     tl_error error;
-    if (self->over || tl_interrupt_requested() != NULL) {
+    if (self->over || is_stopped(self)) {
         return;
     }
     tl_twin_unpack_tick(config, self->packed, &self->tick);
@@ -227,14 +249,20 @@ static tl_status step_until_end(role *self, tl_error *error) {
     }
 }
 
-static tl_status check(const role *self, tl_status built) {
+static tl_status check(const role *self, tl_status built, tl_error *error) {
+    if (built == TL_OK && is_stopped(self)) {
+        return TL_INTERRUPTED;
+    }
     FILE *page = fdopen(TL_TWIN_PAGE, "w");
     if (page == NULL) {
-        return TL_TRY_AGAIN;
+        return tl_fail(error, TL_FMU_FAILED,
+                       "the page of the check cannot be printed: an FMU has closed what it is printed to");
     }
-    tl_status status = self->print_page(&self->assembly, &self->job, built, page);
-    (void)fclose(page);
-    return status;
+    tl_status status = self->tasks->print_page(&self->assembly, &self->job, built, page);
+    bool done = fclose(page) == 0;
+    return status != TL_OK || done ? status
+                                   : tl_fail(error, TL_FMU_FAILED,
+                                             "the page of the check was cut: an FMU has closed what it is printed to");
 }
 
 static void work(void *context) {
@@ -249,7 +277,7 @@ static void work(void *context) {
     }
     send_word(self, TL_MESSAGE_BUILT, status, &error);
     if (self->job.task == TL_TASK_CHECK) {
-        status = check(self, status);
+        status = check(self, status, &error);
     } else if (status == TL_OK) {
         status = step_until_end(self, &error);
         tl_account_take(self->assembly.twin, &self->extra->account);
@@ -258,22 +286,25 @@ static void work(void *context) {
     tl_assembly_free(&self->assembly);
 }
 
-int tl_twin_role_run(tl_twin_page *print_page) {
+int tl_twin_role_run(const tl_twin_role_tasks *tasks) {
     static role self; /* one for the process */
     tl_confine_facts facts;
     tl_error error;
-    self.print_page = print_page;
+    self.tasks = tasks;
     tl_log_use_levels();
     tl_role_enter();
     tl_process_begin();
     tl_crash_install();
+    tl_interrupt_install(); /* before the parent passes signals on, which it does when it has what we hand over */
     tl_locale_use();
     tl_status status = start(&self, &facts, &error);
     if (status != TL_OK) {
         tl_log(TL_LOG_ERROR, "%s", error.text);
         return tl_exit_code(status);
     }
-    tl_interrupt_install();
+    if (self.job.task == TL_TASK_LIVE) {
+        return tasks->live(&self.assembly, &self.job, &facts);
+    }
     tl_fmu_calls_use(&self.extra->calls);
     send_message(&self, TL_MESSAGE_READY, &facts);
     return tl_exit_code(tl_fmu_thread_run(work, &self));

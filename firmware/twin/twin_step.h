@@ -10,8 +10,8 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#include "firmware/outbox/run_types.h"
 #include "firmware/plant/recording.h"
-#include "firmware/record/run_types.h"
 #include "firmware/twin/assembly.h"
 
 /* What is told of each step besides its record. */

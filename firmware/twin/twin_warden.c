@@ -7,6 +7,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/eventfd.h>
+#include <sys/socket.h>
 #include <unistd.h>
 
 #include "firmware/base/clock.h"
@@ -14,55 +15,45 @@
 #include "firmware/base/side_thread.h"
 #include "firmware/process/fmu_patience.h"
 #include "firmware/process/interrupt.h"
-#include "firmware/text/relay.h"
+#include "firmware/twin/twin_output.h"
 
-enum { LOOK_MS = 50 };
+enum {
+    LOOK_MS = 50,
+    STACK = 256 * 1024, /* the supervisor locks it */
+    ANSWERS = 64        /* refused calls between two looks at the process: who asks without end is not all there is */
+};
 
 struct tl_twin_warden {
     tl_twin_warden_settings settings;
     pthread_t thread;
-    pthread_mutex_t lock; /* of all below */
-    tl_relay output;
-    tl_relay page;
-    bool output_ended;
-    bool page_ended;
-    int listener;
-    int stop; /* eventfd: told to end */
+    tl_twin_output *
+        output; /* what it prints, and all that is said of it: another thread, since that may wait for who reads our log */
+    int stop;     /* eventfd: told to end */
+    int start;    /* -1: the process has handed over what it had to, and hears signals */
+    int listener; /* what it was; -1: nothing */
     tl_fmu_patience patience;
-    tl_time pass_on_at; /* a signal that came; again, since an FMU may have swallowed it */
-    bool may_kill;
+    tl_time pass_on_at;               /* a signal that came; again, since an FMU may have swallowed it */
+    size_t spoken;                    /* refusals that the other thread has said */
+    pthread_mutex_t lock;             /* of all below */
+    bool may_kill;                    /* its number is its own */
     char killed[TL_TWIN_WARDEN_TEXT]; /* why; "": not */
     tl_fmu_refusals refusals;
+    size_t told; /* of them */
 };
 
-/* ---- what it prints ---- */
+/* ---- its end ---- */
 
-/* A line of our own log begins with its level, as in a journal; any other is an FMU's. */
-static void pass_output(void *context, const char *line) {
-    (void)context;
-    if (line[0] == '<' && line[1] >= '0' && line[1] <= '7' && line[2] == '>') {
-        tl_log((tl_log_level)(line[1] - '0'), "%s", line + 3);
-    } else {
-        (void)fprintf(stderr, "%s\n", line);
+static void nudge(const tl_twin_warden *self) {
+    if (self->settings.channel != NULL) {
+        tl_channel_nudge(self->settings.channel);
     }
 }
-
-static void pass_page(void *context, const char *line) {
-    (void)fprintf(context, "%s\n", line);
-}
-
-static void drain(tl_twin_warden *self) {
-    self->output_ended = self->output_ended || !tl_relay_drain(&self->output);
-    self->page_ended = self->page_ended || !tl_relay_drain(&self->page);
-}
-
-/* ---- its end ---- */
 
 static void kill_it(tl_twin_warden *self, const char *why) {
     if (self->killed[0] == '\0' && self->may_kill) {
         (void)snprintf(self->killed, sizeof self->killed, "%s", why);
         (void)kill(self->settings.process, SIGKILL);
-        tl_channel_nudge(self->settings.channel);
+        nudge(self);
     }
 }
 
@@ -75,6 +66,7 @@ static void look_at_calls(tl_twin_warden *self) {
         .call = is_called ? &call : NULL,
         .asked = tl_interrupt_requested(),
         .times = tl_interrupt_times(),
+        .whatever = true,
     };
     if (tl_fmu_patience_is_over(&self->patience, &view, text, sizeof text)) {
         kill_it(self, text);
@@ -84,16 +76,23 @@ static void look_at_calls(tl_twin_warden *self) {
 static void look_at_bounds(tl_twin_warden *self) {
     char found[TL_BOUNDS_TEXT];
     char text[TL_TWIN_WARDEN_TEXT];
-    if (!tl_bounds_are_kept(&self->settings.bounds, self->settings.process, found)) {
+    if (self->may_kill && !tl_bounds_are_kept(&self->settings.bounds, self->settings.process, found)) {
         (void)snprintf(text, sizeof text, "the process of the FMUs was killed: %s", found);
+        kill_it(self, text);
+    }
+    if (tl_twin_output_page_is_too_long(self->output)) {
+        (void)snprintf(text, sizeof text,
+                       "the process of the FMUs was killed: the page of the check is longer than %d MB",
+                       TL_TWIN_OUTPUT_PAGE_MOST / 1000000);
         kill_it(self, text);
     }
 }
 
+/* Before it has a handler it would die of it. */
 static void pass_signal_on(tl_twin_warden *self) {
     int asked = tl_interrupt_signal();
     tl_time now = tl_clock_now(NULL);
-    if (asked != 0 && self->may_kill && now >= self->pass_on_at) {
+    if (asked != 0 && self->start < 0 && self->may_kill && now >= self->pass_on_at) {
         self->pass_on_at = now + TL_SECOND / 2;
         (void)kill(self->settings.process, asked);
     }
@@ -101,65 +100,67 @@ static void pass_signal_on(tl_twin_warden *self) {
 
 /* ---- refused calls ---- */
 
-static void answer_refusals(tl_twin_warden *self) {
-    const char *said = NULL;
-    while ((said = tl_fmu_refusals_answer(&self->refusals, self->listener, self->settings.calls)) != NULL) {
-        tl_log(TL_LOG_WARNING, "%s", said);
+/* What the process has sent: the descriptor that tells of refused calls; -1: the kernel has none, or nothing is refused. */
+static int receive_listener(int socket) {
+    char byte = 0;
+    struct iovec content = {.iov_base = &byte, .iov_len = 1};
+    union {
+        struct cmsghdr aligned;
+        char bytes[CMSG_SPACE(sizeof(int))];
+    } control = {.bytes = {0}};
+    struct msghdr message = {
+        .msg_iov = &content, .msg_iovlen = 1, .msg_control = control.bytes, .msg_controllen = sizeof control};
+    int listener = -1;
+    ssize_t length = recvmsg(socket, &message, MSG_CMSG_CLOEXEC | MSG_DONTWAIT);
+    const struct cmsghdr *header = length > 0 ? CMSG_FIRSTHDR(&message) : NULL;
+    if (header != NULL && header->cmsg_level == SOL_SOCKET && header->cmsg_type == SCM_RIGHTS &&
+        header->cmsg_len == CMSG_LEN(sizeof listener)) {
+        memcpy(&listener, CMSG_DATA(header), sizeof listener);
     }
+    return listener;
+}
+
+/* Who asks waits for it, so nothing else is done before. Others look at what was said before, with the lock. */
+static void answer_refusals(tl_twin_warden *self) {
+    tl_refusal refusal;
+    bool is_new = false;
+    for (int i = 0; i < ANSWERS && tl_refusal_take(self->listener, &refusal); i++) {
+        (void)pthread_mutex_lock(&self->lock);
+        is_new = tl_fmu_refusals_note(&self->refusals, &refusal, self->settings.calls) || is_new;
+        (void)pthread_mutex_unlock(&self->lock);
+        tl_refusal_answer(self->listener, &refusal);
+    }
+    if (is_new) {
+        tl_twin_output_wake(self->output);
+    }
+}
+
+static const char *next_refusal(tl_twin_warden *self, size_t *told) {
+    (void)pthread_mutex_lock(&self->lock);
+    const char *said = tl_fmu_refusals_next(&self->refusals, told);
+    (void)pthread_mutex_unlock(&self->lock);
+    return said;
+}
+
+/* In the thread of the output. Who hears of it may wait for one who waits for our lock. */
+static void speak(void *context) {
+    tl_twin_warden *self = context;
+    const char *said = NULL;
+    while ((said = next_refusal(self, &self->spoken)) != NULL) {
+        (void)tl_log_foreign(TL_LOG_WARNING, said, TL_TWIN_OUTPUT_PATIENCE);
+        if (self->settings.hear != NULL) {
+            self->settings.hear(self->settings.context, said);
+        }
+    }
+}
+
+static void hear_end(void *context) {
+    nudge(context);
 }
 
 /* ---- the thread ---- */
 
-enum { STOP, OUTPUT, PAGE, LISTENER, WATCHED };
-
-/* Ended pipes are left out: they would be ready for ever. */
-static void fill(const tl_twin_warden *self, struct pollfd watched[WATCHED]) {
-    watched[STOP] = (struct pollfd){.fd = self->stop, .events = POLLIN};
-    watched[OUTPUT] = (struct pollfd){.fd = self->output_ended ? -1 : self->settings.output, .events = POLLIN};
-    watched[PAGE] = (struct pollfd){.fd = self->page_ended ? -1 : self->settings.page, .events = POLLIN};
-    watched[LISTENER] = (struct pollfd){.fd = self->listener, .events = POLLIN};
-}
-
-static void look(tl_twin_warden *self, const struct pollfd watched[WATCHED], bool is_time) {
-    bool had_ended = self->output_ended;
-    drain(self);
-    if (self->output_ended && !had_ended) {
-        tl_channel_nudge(self->settings.channel); /* it ends, or has closed what it was given */
-    }
-    answer_refusals(self);
-    if ((watched[LISTENER].revents & (POLLHUP | POLLERR)) != 0) {
-        (void)close(self->listener);
-        self->listener = -1;
-    }
-    if (is_time) {
-        pass_signal_on(self);
-        look_at_calls(self);
-        look_at_bounds(self);
-    }
-}
-
-static void *watch(void *context) {
-    tl_twin_warden *self = context;
-    tl_time next = 0;
-    for (;;) {
-        struct pollfd watched[WATCHED];
-        (void)pthread_mutex_lock(&self->lock);
-        fill(self, watched);
-        (void)pthread_mutex_unlock(&self->lock);
-        (void)poll(watched, WATCHED, LOOK_MS);
-        if (watched[STOP].revents != 0) {
-            return NULL;
-        }
-        tl_time now = tl_clock_now(NULL);
-        bool is_time = now >= next;
-        next = is_time ? now + LOOK_MS * (TL_SECOND / 1000) : next;
-        (void)pthread_mutex_lock(&self->lock);
-        look(self, watched, is_time);
-        (void)pthread_mutex_unlock(&self->lock);
-    }
-}
-
-/* ---- for others ---- */
+enum { STOP, START, LISTENER, WATCHED };
 
 static void close_if_open(int descriptor) {
     if (descriptor >= 0) {
@@ -167,16 +168,80 @@ static void close_if_open(int descriptor) {
     }
 }
 
+static void fill(const tl_twin_warden *self, struct pollfd watched[WATCHED]) {
+    watched[STOP] = (struct pollfd){.fd = self->stop, .events = POLLIN};
+    watched[START] = (struct pollfd){.fd = self->start, .events = POLLIN};
+    watched[LISTENER] = (struct pollfd){.fd = self->listener, .events = POLLIN};
+}
+
+static void look_at_refusals(tl_twin_warden *self, const struct pollfd watched[WATCHED]) {
+    if (watched[START].revents != 0) {
+        self->listener = receive_listener(self->start);
+        (void)close(self->start);
+        self->start = -1;
+    }
+    answer_refusals(self);
+    if ((watched[LISTENER].revents & (POLLHUP | POLLERR)) != 0) {
+        (void)close(self->listener);
+        self->listener = -1;
+    }
+}
+
+static void look_at_process(tl_twin_warden *self) {
+    (void)pthread_mutex_lock(&self->lock);
+    if (self->settings.passes_signals) {
+        pass_signal_on(self);
+        look_at_calls(self);
+    }
+    look_at_bounds(self);
+    (void)pthread_mutex_unlock(&self->lock);
+}
+
+static void *watch(void *context) {
+    tl_twin_warden *self = context;
+    tl_time next = 0;
+    for (;;) {
+        struct pollfd watched[WATCHED];
+        fill(self, watched);
+        (void)poll(watched, WATCHED, LOOK_MS);
+        if (watched[STOP].revents != 0) {
+            return NULL;
+        }
+        look_at_refusals(self, watched);
+        tl_time now = tl_clock_now(NULL);
+        if (now >= next) {
+            next = now + LOOK_MS * (TL_SECOND / 1000);
+            look_at_process(self);
+        }
+    }
+}
+
+/* ---- for others ---- */
+
 /* Its thread does not run. */
 static void release(tl_twin_warden *self) {
-    tl_relay_close(&self->output);
-    if (self->settings.page >= 0) {
-        tl_relay_close(&self->page);
-    }
+    tl_twin_output_stop(self->output);
     close_if_open(self->listener);
+    close_if_open(self->start);
     close_if_open(self->stop);
     (void)pthread_mutex_destroy(&self->lock);
     free(self);
+}
+
+static tl_status start_threads(tl_twin_warden *self, tl_error *error) {
+    const tl_twin_output_settings output = {
+        .output = self->settings.output,
+        .page = self->settings.page,
+        .page_file = self->settings.page_file,
+        .speak = speak,
+        .ended = hear_end,
+        .context = self,
+    };
+    tl_status status = tl_twin_output_start(&output, &self->output, error);
+    int result = status == TL_OK ? tl_side_thread_start(&self->thread, STACK, watch, self) : 0;
+    return result == 0
+               ? status
+               : tl_fail(error, TL_TRY_AGAIN, "no thread to watch the process of the FMUs: %s", strerror(result));
 }
 
 tl_status tl_twin_warden_start(const tl_twin_warden_settings *settings, tl_twin_warden **warden, tl_error *error) {
@@ -186,42 +251,31 @@ tl_status tl_twin_warden_start(const tl_twin_warden_settings *settings, tl_twin_
         close_if_open(stop);
         close_if_open(settings->output);
         close_if_open(settings->page);
+        close_if_open(settings->start);
         free(made);
         return tl_fail(error, TL_TRY_AGAIN, "not enough memory or descriptors to watch the process of the FMUs");
     }
     made->settings = *settings;
     made->stop = stop;
+    made->start = settings->start;
     made->listener = -1;
     made->may_kill = true;
-    made->page_ended = settings->page < 0;
     (void)pthread_mutex_init(&made->lock, NULL);
     tl_fmu_patience_init(&made->patience, settings->call_limit);
-    tl_relay_open(&made->output, settings->output, pass_output, NULL);
-    if (settings->page >= 0) {
-        tl_relay_open(&made->page, settings->page, pass_page, settings->page_file);
-    }
-    int result = tl_side_thread_start(&made->thread, 0, watch, made);
-    if (result != 0) {
+    tl_status status = start_threads(made, error);
+    if (status != TL_OK) {
         release(made);
-        return tl_fail(error, TL_TRY_AGAIN, "no thread to watch the process of the FMUs: %s", strerror(result));
+        return status;
     }
     *warden = made;
     return TL_OK;
 }
 
-void tl_twin_warden_listen_at(tl_twin_warden *warden, int listener) {
-    (void)pthread_mutex_lock(&warden->lock);
-    warden->listener = listener;
-    (void)pthread_mutex_unlock(&warden->lock);
-}
-
 void tl_twin_warden_tell(tl_twin_warden *warden, tl_fmu_refusals_listener *hear, void *context) {
-    (void)pthread_mutex_lock(&warden->lock);
     const char *said = NULL;
-    while ((said = tl_fmu_refusals_next(&warden->refusals)) != NULL) {
+    while ((said = next_refusal(warden, &warden->told)) != NULL) {
         hear(context, said);
     }
-    (void)pthread_mutex_unlock(&warden->lock);
 }
 
 bool tl_twin_warden_has_refused(tl_twin_warden *warden) {
@@ -232,9 +286,7 @@ bool tl_twin_warden_has_refused(tl_twin_warden *warden) {
 }
 
 void tl_twin_warden_flush(tl_twin_warden *warden) {
-    (void)pthread_mutex_lock(&warden->lock);
-    drain(warden);
-    (void)pthread_mutex_unlock(&warden->lock);
+    tl_twin_output_flush(warden->output);
 }
 
 bool tl_twin_warden_has_killed(tl_twin_warden *warden, char text[TL_TWIN_WARDEN_TEXT]) {
@@ -253,10 +305,14 @@ bool tl_twin_warden_reap(tl_twin_warden *warden, tl_role *process) {
     return ended;
 }
 
-void tl_twin_warden_kill(tl_twin_warden *warden, tl_role *process) {
+void tl_twin_warden_let_go(tl_twin_warden *warden) {
     (void)pthread_mutex_lock(&warden->lock);
     warden->may_kill = false;
     (void)pthread_mutex_unlock(&warden->lock);
+}
+
+void tl_twin_warden_kill(tl_twin_warden *warden, tl_role *process) {
+    tl_twin_warden_let_go(warden);
     tl_role_kill(process);
 }
 
@@ -267,6 +323,5 @@ void tl_twin_warden_stop(tl_twin_warden *warden) {
     const uint64_t one = 1;
     (void)!write(warden->stop, &one, sizeof one);
     (void)pthread_join(warden->thread, NULL);
-    drain(warden);
     release(warden);
 }

@@ -1,6 +1,7 @@
 /* What crosses between the two ends of a twin in a process of its own: sizes of messages, what lies in the block beside them, descriptors.
  *
- * Purpose: private to twin_role.c (the end with the FMUs) and twin_child.c (the end with everything else), which must mean the same.
+ * Purpose: private to twin_role.c (the end with the FMUs), twin_process.c and twin_child.c (the end with everything else), which must mean the
+ *          same; the blocks of a live twin are its own room's.
  */
 #ifndef TL_FIRMWARE_TWIN_TWIN_WIRE_H
 #define TL_FIRMWARE_TWIN_TWIN_WIRE_H
@@ -13,14 +14,20 @@
 #include "firmware/twin/twin_pack.h"
 #include "master/twin/account.h"
 
-/* Descriptors of the process with the FMUs. */
+/* Descriptors of the process with the FMUs. The first three, the job and the start socket are those of every such process. */
 enum {
     TL_TWIN_OUTPUT = 1,        /* what is logged and printed: 1 and 2 */
     TL_TWIN_PAGE = 3,          /* the page of a check */
     TL_TWIN_JOB = 4,           /* twin_job.h */
     TL_TWIN_PARENTS_BLOCK = 5, /* read here */
     TL_TWIN_OWN_BLOCK = 6,     /* written here */
-    TL_TWIN_START_SOCKET = 7   /* for the descriptor that tells of refused calls; closed before an FMU is loaded */
+    TL_TWIN_START_SOCKET = 7,  /* for the descriptor that tells of refused calls; closed before an FMU is loaded */
+    /* blocks of a live twin, TL_TASK_LIVE, which has no channel */
+    TL_TWIN_MAIL = 3,      /* read: the plant's readings */
+    TL_TWIN_RECORDERS = 5, /* read: what the recorder has taken */
+    TL_TWIN_PULSE = 6,     /* written: heartbeats, the call under way */
+    TL_TWIN_OUTBOX = 8,    /* written: what is to be recorded */
+    TL_TWIN_PAST = 9       /* read: what it goes on from */
 };
 
 /* Payload of TL_MESSAGE_BUILT and TL_MESSAGE_ENDED. Why it failed is in the block; "": it was said on the log. */
@@ -35,6 +42,12 @@ typedef struct tl_twin_extra {
     char error[TL_ERROR_TEXT]; /* of the message that tells of a failure: BUILT, RESULT or ENDED */
 } tl_twin_extra;
 
+/* In the block of the parent, beside its messages. */
+typedef struct tl_twin_orders {
+    uint32_t
+        stop; /* 1: compute nothing more of what was asked for. A signal says nothing: FMUs can send one to themselves */
+} tl_twin_orders;
+
 /* For a channel of this configuration. */
 static inline tl_channel_settings tl_twin_wire(const tl_config *config, tl_twin_tells tells) {
     return (tl_channel_settings){
@@ -47,7 +60,7 @@ static inline tl_channel_settings tl_twin_wire(const tl_config *config, tl_twin_
                 [TL_MESSAGE_RESULT] = (uint32_t)tl_twin_packed_result_size(config, tells),
                 [TL_MESSAGE_ENDED] = sizeof(tl_twin_word),
             },
-        .extra[TL_CHILD] = sizeof(tl_twin_extra),
+        .extra = {[TL_PARENT] = sizeof(tl_twin_orders), [TL_CHILD] = sizeof(tl_twin_extra)},
     };
 }
 

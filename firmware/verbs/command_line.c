@@ -4,6 +4,8 @@
 #include <stdio.h>
 #include <string.h>
 
+#include "firmware/live/live_role.h"
+#include "firmware/live/live_twin.h"
 #include "firmware/verbs/option_table.h"
 #include "firmware/verbs/verbs.h"
 #include "master/base/nearest.h"
@@ -87,10 +89,22 @@ int tl_command_line_run(int argc, char **argv) {
     return refuse_verb(first);
 }
 
+const tl_twin_role_tasks tl_verb_twin_tasks = {.print_page = tl_verb_check_page, .live = tl_live_twin};
+
+static bool begins_with(const char *title, const char *role) {
+    return strncmp(title, role, strlen(role)) == 0;
+}
+
 int tl_command_line_be(const char *title) {
-    if (strncmp(title, "twin", strlen("twin")) != 0) {
-        (void)fprintf(stderr, "twinlock: there is no role \"%s\"\n", title);
-        return tl_exit_code(TL_BAD_USAGE);
+    if (begins_with(title, "twin")) {
+        return tl_twin_role_run(&tl_verb_twin_tasks);
     }
-    return tl_twin_role_run(tl_verb_check_page);
+    if (begins_with(title, TL_LIVE_IO)) {
+        return tl_io_role_run();
+    }
+    if (begins_with(title, TL_LIVE_RECORDER)) {
+        return tl_recorder_role_run();
+    }
+    (void)fprintf(stderr, "twinlock: there is no role \"%s\"\n", title);
+    return tl_exit_code(TL_BAD_USAGE);
 }

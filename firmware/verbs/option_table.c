@@ -85,13 +85,12 @@ const tl_option tl_option_rows[TL_OPTION_COUNT] = {
      .help = "a status line per second also if the output is no terminal"},
     {RUN, "json", NULL, TL_OPTION_SWITCH, SETS(json), .help = "print the summary as one JSON object at the end"},
     {RUN, "supervise", NULL, TL_OPTION_SWITCH, SETS(supervise),
-     .help = "run the twin in a process of its own, and start it again when it hangs or\n"
-             "dies, and without a twin after a restart loop (safe hold); tell systemd, if\n"
-             "that started it"},
+     .help = "start the twin again if it hangs or dies, and without FMUs after a restart\n"
+             "loop (safe hold); tell systemd, if that started it"},
     {RUN, "state", "DIR", TL_OPTION_TEXT, SETS(state), .needs = "supervise",
      .help = "with --supervise: count restarts in DIR/supervisor.json, across resets of the\nbox"},
     {RUN, "watchdog", "DEVICE", TL_OPTION_TEXT, SETS(watchdog), .needs = "supervise",
-     .help = "with --supervise: stroke this watchdog (/dev/watchdog) while every thread is\nalive"},
+     .help = "with --supervise: stroke this watchdog (/dev/watchdog) while the twin is alive"},
     {RUN, "watchdog-timeout", "S", TL_OPTION_WHOLE_SECONDS, SETS(watchdog_s), .needs = "watchdog",
      .help = "whole seconds after which it resets the box; default 30",
      .expected = "whole seconds from 1 to 3600, for example 30"},
@@ -106,7 +105,7 @@ const tl_option tl_option_rows[TL_OPTION_COUNT] = {
     {CHECK | REPLAY | PLANT, "call-limit", "S", TL_OPTION_SECONDS, SETS(call_limit_s),
      .help = "end with 70 if an FMU does not return from a call for S seconds; default 60",
      .expected = "seconds > 0 and below 1e9, for example 600"},
-    {CHECK | REPLAY | PLANT, "memory-limit", "MIB", TL_OPTION_MEBIBYTES, SETS(memory_limit_mib),
+    {CHECK | REPLAY | PLANT | RUN, "memory-limit", "MIB", TL_OPTION_MEBIBYTES, SETS(memory_limit_mib),
      .help = "how much memory the process of the FMUs may take; default: three quarters of\nthe machine's",
      .expected = "MiB from 64 to 1048576, for example 2048"},
     {CHECK | REPLAY | PLANT | RUN, "unconfined", NULL, TL_OPTION_SWITCH, SETS(unconfined),

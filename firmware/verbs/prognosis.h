@@ -11,7 +11,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#include "firmware/record/run_types.h"
+#include "firmware/outbox/run_types.h"
 #include "firmware/twin/assembly.h"
 
 typedef struct tl_prognosis {

@@ -1,15 +1,19 @@
 /* twinlock check: validates everything without running. */
 #include <inttypes.h>
+#include <limits.h>
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
+#include <unistd.h>
 
 #include "firmware/base/log.h"
 #include "firmware/config/measurements.h"
 #include "firmware/fmu/fmu_thread.h"
-#include "firmware/process/interrupt.h"
+#include "firmware/plant/plant_mail.h"
+#include "firmware/text/clean_text.h"
 #include "firmware/text/output.h"
 #include "firmware/twin/assembly.h"
+#include "firmware/twin/twin_places.h"
 #include "firmware/verbs/advice.h"
 #include "firmware/verbs/delay_page.h"
 #include "firmware/verbs/prognosis.h"
@@ -213,7 +217,6 @@ static void print_stroke(const tl_config *config, const tl_prognosis *prognosis,
     }
 }
 
-/* They are the FMUs' own, beside `memory`. */
 /* Bytes for people: "10.6 KiB", "130.1 MiB". */
 static void print_size(FILE *output, double bytes) {
     double kibibytes = bytes / 1024.0;
@@ -221,6 +224,7 @@ static void print_size(FILE *output, double bytes) {
     (void)fprintf(output, "%.1f %s", large ? kibibytes / 1024.0 : kibibytes, large ? "MiB" : "KiB");
 }
 
+/* They are the FMUs' own, beside `memory`. */
 static void print_states(const tl_assembly *assembly, FILE *output) {
     tl_twin_facts facts = tl_twin_get_facts(assembly->twin);
     tl_twin_ledger largest = {0};
@@ -234,6 +238,17 @@ static void print_states(const tl_assembly *assembly, FILE *output) {
         (void)fprintf(output, " of the FMUs' own at most; one of %s takes ", largest.name);
         print_size(output, (double)largest.state_size);
         (void)fputs("\n", output);
+    }
+}
+
+/* Of plants that are read live. */
+static void print_mail(const tl_config *config, FILE *output) {
+    tl_plant_mail_shape shape;
+    if (config->source_count != 0) {
+        tl_plant_mail_shape_of(config, &shape);
+        (void)fputs("  mail         ", output);
+        print_size(output, (double)tl_plant_mail_bytes(&shape));
+        (void)fputs(" for the plant's newest readings, in `run`\n", output);
     }
 }
 
@@ -256,6 +271,7 @@ static void print_costs(const tl_assembly *assembly, const tl_prognosis *prognos
     (void)fprintf(output, "               and %d MiB of stack for FMUs%s\n", TL_FMU_THREAD_STACK >> 20,
                   config->realtime_lock_memory ? ", all of it resident in `run`" : "");
     print_states(assembly, output);
+    print_mail(config, output);
     if (prognosis->steps != 0) {
         (void)fprintf(output, "  measured by %zu free steps on the plant's initial values, without a solver\n",
                       prognosis->steps);
@@ -264,7 +280,23 @@ static void print_costs(const tl_assembly *assembly, const tl_prognosis *prognos
     }
 }
 
-static tl_status print_page(const tl_assembly *assembly, FILE *output) {
+/* Besides what all programs are made of. */
+static void print_places(const tl_assembly *assembly, FILE *output) {
+    tl_twin_places places = {.count = 0};
+    tl_twin_places_find(assembly, &places);
+    for (size_t i = 0; i < places.count; i++) {
+        char clean[PATH_MAX];
+        (void)tl_clean_text(places.path[i], strlen(places.path[i]), clean, sizeof clean);
+        (void)fprintf(output, "%s    %s\n", i == 0 ? "  FMUs may read, besides what programs are made of\n" : "",
+                      clean);
+    }
+    tl_twin_places_free(&places);
+    if (geteuid() == 0) {
+        (void)fputs("  FMUs stay root, without capabilities: TMPDIR is closed to other users\n", output);
+    }
+}
+
+static tl_status print_page(const tl_assembly *assembly, bool confined, FILE *output) {
     const tl_config *config = &assembly->config;
     tl_prognosis prognosis;
     tl_prognosis_make(assembly, &prognosis);
@@ -279,6 +311,9 @@ static tl_status print_page(const tl_assembly *assembly, FILE *output) {
     tl_delay_page_print(config, output);
     print_needs(assembly, &prognosis, output);
     print_costs(assembly, &prognosis, output);
+    if (confined) {
+        print_places(assembly, output);
+    }
     size_t warnings = tl_advice_print(assembly, &prognosis, output);
     (void)fputs("no problem found", output);
     if (warnings > 0) {
@@ -289,12 +324,8 @@ static tl_status print_page(const tl_assembly *assembly, FILE *output) {
 }
 
 tl_status tl_verb_check_page(const tl_assembly *assembly, const tl_twin_job *job, tl_status status, FILE *page) {
-    if (status == TL_OK && tl_interrupt_requested() != NULL) {
-        tl_log(TL_LOG_ERROR, "interrupted by %s", tl_interrupt_requested());
-        status = TL_INTERRUPTED;
-    }
     if (status == TL_OK) {
-        status = print_page(assembly, page);
+        status = print_page(assembly, !job->unconfined, page);
     } else if (assembly->problems.report.count > 1) {
         tl_log(TL_LOG_ERROR, "%zu problems", assembly->problems.report.count);
     }

@@ -12,7 +12,6 @@
 #include "firmware/report/trajectory.h"
 #include "firmware/run/journal.h"
 #include "firmware/run/replay.h"
-#include "firmware/run/resume.h"
 #include "firmware/run/watch.h"
 #include "firmware/text/output.h"
 #include "firmware/twin/twin_recorder.h"
@@ -120,13 +119,21 @@ static tl_status close_outputs(const tl_verb_job *job, tl_replay *replay, tl_sta
     return status;
 }
 
+static void warn(void *context, const char *text) {
+    tl_recorder *recorder = context;
+    tl_log(TL_LOG_WARNING, "%s", text);
+    if (recorder != NULL) {
+        tl_recorder_event(recorder, -1, TL_EVENT_WARNING, "twin", text);
+    }
+}
+
 /* Of a run that came to its end, or was interrupted. */
 static tl_status tell(const tl_verb_job *job, const tl_replay *replay, const tl_summary *summary, tl_status status,
                       tl_error *error) {
     tl_error later;
     tl_status printed = print_summary(replay, job, summary, &later);
     status = first_of(status, printed, &later, error);
-    tl_twin_recorder_check(replay->account, replay->recorder);
+    tl_twin_recorder_check(replay->account, warn, replay->recorder);
     if (replay->report != NULL) {
         const char *ended = status == TL_OK ? "end of recording" : error->text;
         tl_status kept = tl_replay_report_keep(replay->report, summary, ended, &later);
@@ -217,7 +224,7 @@ static tl_status order_beginning(tl_verb_job *job, tl_recording *recording, tl_e
         job->order.checkpoint = beginning->checkpoint->bytes;
         job->order.checkpoint_size = beginning->checkpoint->size;
     }
-    return tl_resume_check(&job->config, beginning, error);
+    return tl_replay_check(&job->config, beginning, error);
 }
 
 /* With a recording that could be opened, or could not: what is wrong with the FMUs is told before that. */

@@ -1,48 +1,43 @@
-/* twinlock run: the appliance, supervised or not. */
+/* twinlock run: the tree of processes that keep a twin locked to the live plant. */
 
-#include "firmware/process/crash.h"
-#include "firmware/process/process_end.h"
-#include "firmware/run/appliance.h"
-#include "firmware/supervise/supervisor.h"
+#include <string.h>
+
+#include "firmware/live/tree.h"
+#include "firmware/verbs/command_line.h"
 #include "firmware/verbs/verb_job.h"
 #include "firmware/verbs/verbs.h"
 
-/* In a process of its own, or in the only one. */
-static int run(void *context, const tl_start *start) {
-    tl_process_begin();
-    tl_crash_install();
-    tl_process_end(tl_appliance_run(context, start));
+/* What main() does in a process of the run that cannot be executed anew. */
+static int be(const char *title, void *context) {
+    (void)context;
+    return tl_command_line_be(title);
 }
 
 int tl_verb_run(const tl_options *options) {
-    tl_assembly assembly;
-    tl_status status = tl_assembly_read(options->subject, &assembly);
+    tl_config config;
+    tl_problems problems;
+    tl_problems_init(&problems, options->subject);
+    tl_status status = tl_config_read(options->subject, &config, &problems.report);
     if (status != TL_OK) {
-        tl_assembly_free(&assembly);
+        tl_config_free(&config);
         return tl_exit_code(status);
     }
-    if (options->duration_s > 0.0) {
-        assembly.config.duration = tl_time_of_seconds(options->duration_s);
-    }
-    tl_appliance_settings appliance = {
-        .assembly = &assembly,
+    const tl_tree_settings settings = {
+        .config = &config,
         .database = options->database,
+        .duration = tl_time_of_seconds(options->duration_s),
         .json = options->json,
         .status = options->status,
-        .unconfined = tl_verb_is_unconfined(options, &assembly.config),
-    };
-    if (!options->supervise) {
-        return run(&appliance, NULL);
-    }
-    /* Every child builds its twin from what was read here: a restart runs what ran before, whatever the file says by then. */
-    const tl_supervisor_settings settings = {
+        .unconfined = tl_verb_is_unconfined(options, &config),
+        .memory_limit = options->memory_limit_mib * 1024 * 1024,
+        .supervised = options->supervise,
         .state = options->state,
         .watchdog = options->watchdog,
         .watchdog_s = (int)options->watchdog_s,
-        .run = run,
-        .context = &appliance,
+        .tasks = &tl_verb_twin_tasks,
+        .be = be,
     };
-    int code = tl_supervise(&settings);
-    tl_assembly_free(&assembly);
+    int code = tl_tree_run(&settings);
+    tl_config_free(&config);
     return code;
 }

@@ -3,19 +3,27 @@
 
 #include <string.h>
 
+#include "master/base/utf8.h"
 #include "master/twin/twin_parts.h"
 
-/* Cut before a UTF-8 character that would not be whole. */
+/* Repaired, if an FMU has a unit that a terminal would obey, and cut before a character that would not be whole. */
 static void copy_text(char to[TL_ACCOUNT_TEXT], const char *from) {
-    size_t length = strlen(from);
-    if (length >= TL_ACCOUNT_TEXT) {
-        length = TL_ACCOUNT_TEXT - 1;
-        while (length > 0 && ((unsigned char)from[length] & 0xC0U) == 0x80U) {
-            length--;
+    size_t left = strlen(from);
+    size_t end = 0;
+    while (left > 0) {
+        uint32_t code = 0;
+        size_t length = tl_utf8_read(from, left, &code);
+        bool stays = length > 0 && tl_utf8_can_be_shown(code);
+        size_t added = stays ? length : 1;
+        if (end + added >= TL_ACCOUNT_TEXT) {
+            break;
         }
+        memcpy(to + end, stays ? from : "?", added);
+        end += added;
+        from += length > 0 ? length : 1;
+        left -= length > 0 ? length : 1;
     }
-    memcpy(to, from, length);
-    to[length] = '\0';
+    to[end] = '\0';
 }
 
 static void take_component(const tl_twin *twin, size_t index, tl_account_component *component) {
@@ -62,15 +70,18 @@ void tl_account_take(const tl_twin *twin, tl_account *account) {
     take_ports(twin, account);
 }
 
-/* It ends, and a terminal shows it as it is: no control character, be it of ASCII or of Latin 1 (in UTF-8 C2 80 … C2 9F). */
+/* It ends, and a terminal shows it as it is. */
 static bool is_text(const char text[TL_ACCOUNT_TEXT]) {
-    const unsigned char *byte = (const unsigned char *)text;
     size_t i = 0;
-    while (i < TL_ACCOUNT_TEXT && byte[i] >= ' ' && byte[i] != 0x7FU &&
-           !(i > 0 && byte[i - 1] == 0xC2U && byte[i] >= 0x80U && byte[i] < 0xA0U)) {
-        i++;
+    while (i < TL_ACCOUNT_TEXT && text[i] != '\0') {
+        uint32_t code = 0;
+        size_t length = tl_utf8_read(text + i, TL_ACCOUNT_TEXT - i, &code);
+        if (length == 0 || !tl_utf8_can_be_shown(code)) {
+            return false;
+        }
+        i += length;
     }
-    return i < TL_ACCOUNT_TEXT && byte[i] == '\0';
+    return i < TL_ACCOUNT_TEXT;
 }
 
 /* Of an enemy's memory an enumeration may hold anything. */

@@ -36,11 +36,11 @@ OWNERS = {
     "watchdog.h": ("board/watchdog", "firmware/confine/filter_drivers.c"),
     "grp.h": ("firmware/confine",),
     # Who starts threads, or has a lock that several of them take.
-    "pthread.h": ("firmware/base/c_locale.c", "firmware/base/side_thread.h", "firmware/emulate/plant_server.c",
-                  "firmware/fmu/fmu_thread.h", "firmware/plant/plant_reader.c",
-                  "firmware/process/crash.c", "firmware/process/private_folder.c", "firmware/record/recorder.c", "firmware/record/recorder_lock.c",
-                  "firmware/run/live_confinement.c", "firmware/run/realtime.h", "firmware/supervise/reaper.h",
-                  "firmware/text/relay.h", "firmware/twin/twin_warden.c"),
+    "pthread.h": ("firmware/base/c_locale.c", "firmware/base/side_thread.h", "firmware/database/database_lock.c",
+                  "firmware/emulate/plant_server.c", "firmware/fmu/fmu_thread.c", "firmware/live/voice.c", "firmware/plant/plant_reader.c",
+                  "firmware/process/crash.c", "firmware/process/private_folder.c", "firmware/record/recorder.c",
+                  "firmware/supervise/reaper.h",
+                  "firmware/text/relay.h", "firmware/twin/twin_output.c", "firmware/twin/twin_warden.c"),
 }
 
 MADE = "description.h"  # of an FMU, from its modelDescription.xml

@@ -14,7 +14,7 @@ import subprocess
 import time
 
 from live_test import (PATIENCE, Device, Program, check_database, check_ledger, check_replay, check_rows,
-                       check_summary, committed_steps, end_well, expect_events, expect_reasons, number, query,
+                       check_summary, committed_steps, end_well, expect_events, expect_reasons, member, number, query,
                        wait_for_steps, wait_until)
 from twinlock_test import PROGRAM, Skip, at_most, edited_config, expect, json, main, scratch
 
@@ -98,17 +98,17 @@ def fill(file):
 
 
 def limit_files(live, size):
-    """From now on it cannot make a file larger than that; None: as large as it likes."""
-    hard = resource.prlimit(live.pid, resource.RLIMIT_FSIZE)[1]
-    resource.prlimit(live.pid, resource.RLIMIT_FSIZE, (hard if size is None else size, hard))
+    """From now on its recorder cannot make a file larger than that."""
+    recorder = member(live, "recorder")
+    hard = resource.prlimit(recorder, resource.RLIMIT_FSIZE)[1]
+    resource.prlimit(recorder, resource.RLIMIT_FSIZE, (size, hard))
 
 
 def test_disk_that_stays_full():
     with Device(OMEGA) as device:
         config = disk_config(device)
         database = config.parent / "twin.db"
-        # SIGXFSZ is ignored, as Python does and hands on, so that a write beyond the limit fails instead.
-        with Program("run", config, "--json", restore_signals=False) as live:
+        with Program("run", config, "--json") as live:
             wait_for_steps(live, database, 20)
             limit_files(live, os.stat(f"{database}-wal").st_size)
             live.wait_for("cannot write")

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""What a dead appliance costs its supervisor (tests/support/kills.py): four kills and four hangs on one processor here, as many as you
+"""What a dead twin costs its supervisor (tests/support/kills.py): four kills and four hangs on one processor here, as many as you
 like by tests/hil/kills. No time is asserted but the supervisor's own processor time, with a margin: it spent a second
 where it waited at a real-time priority for a kernel that waited for a thread of none."""
 import argparse

@@ -1,10 +1,11 @@
 #!/usr/bin/env python3
 """A machine that cannot keep up: ticks are made up, none is forgotten, and a replay repeats even that."""
+import os
 import signal
 import time
 
 from live_test import (FREE_RUN, MADE_UP, STOP_TIME, Device, Program, check_replay, check_summary, end_well,
-                       expect_events, number, query, stop, wait_for_lock, wait_for_steps)
+                       expect_events, member, number, query, stop, wait_for_lock, wait_for_steps)
 from twinlock_test import edited_config, expect, main
 
 OMEGA = 62.981  # rad/s: where config/motor's twin starts
@@ -22,10 +23,11 @@ def test_stopped_process():
         config, database = overload_config(device)
         with Program("run", config, "--json") as live:
             wait_for_lock(live, database)
+            twin = member(live, "twin")
             for _ in range(2):
-                stop(live)
+                stop(twin)
                 time.sleep(0.3)
-                live.signal(signal.SIGCONT)
+                os.kill(twin, signal.SIGCONT)
                 wait_for_steps(live, database, number(database, "SELECT count(*) FROM steps") + 50)
             told, _ = end_well(live, signal.SIGTERM)
     rows = check_summary(told, database)

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""FMUs of PythonFMU in real time: one as the true plant, which sends its rows into a FIFO, and one as its twin in the appliance,
+"""FMUs of PythonFMU in real time: one as the true plant, which sends its rows into a FIFO, and one as its twin in `run`,
 in the thread of the FMUs. It locks, it ends when told, and its replay is the same to the bit."""
 import csv
 import math

@@ -103,12 +103,12 @@ def test_a_stopped_supervisor_blames_nobody():
         config, database = live_config(device, realtime={"hang_s": 0.5})
         with Supervised(config) as live:
             wait_for_run(live, database, 1)
-            child = live.child()
-            stop(live)
-            os.kill(child, signal.SIGSTOP)
+            all_of_them = [live.pid, *live.children()]
+            for pid in all_of_them:
+                stop(pid)
             time.sleep(3)
-            os.kill(child, signal.SIGCONT)
-            live.signal(signal.SIGCONT)
+            for pid in reversed(all_of_them):
+                os.kill(pid, signal.SIGCONT)
             begun = number(database, "SELECT max(step) FROM steps")
             wait_for_lock(live, database, begun)
             end_orderly(live)
@@ -201,14 +201,14 @@ class Unruly:
     def __init__(self, device, pace=kills.Pace()):
         config = kills.configuration(device.port, pace)
         self.database, self.child = config.parent / "twin.db", 0
-        os.environ["TL_UNRULY"] = WORD
+        os.environ["TWINLOCK_UNRULY"] = WORD
         self.live = Supervised(config)
 
     def __enter__(self):
         return self
 
     def __exit__(self, *unused):
-        del os.environ["TL_UNRULY"]
+        del os.environ["TWINLOCK_UNRULY"]
         self.live.__exit__()
 
     def wait_for_tick(self, run):
@@ -216,7 +216,7 @@ class Unruly:
 
     def tell(self, word):
         self.child = self.live.child(self.child)
-        self.live.tell(self.child, word)
+        self.live.tell(word)
 
 
 def test_an_fmu_is_named():

@@ -156,16 +156,17 @@ def test_enabled_by_the_administrator():
 
 
 # ---- Under systemd -----------------------------------------------------------------------------------------------------
-def children_of(machine, unit):
-    """The processes of a unit, but for the main one; numbers of the machine."""
+def twins_of(machine, unit):
+    """The processes of a unit that hold FMUs; numbers of the machine."""
     group = machine.property(unit, "ControlGroup")
     pids = machine.run_well("cat", f"/sys/fs/cgroup{group}/cgroup.procs").split()
-    return [pid for pid in pids if pid != machine.property(unit, "MainPID")]
+    titles = {pid: machine.run_well("sh", "-c", f"cat /proc/{pid}/cmdline || true") for pid in pids}
+    return [pid for pid, title in titles.items() if title.startswith("twinlock: twin")]
 
 
 def check_confinement(machine, unit):
-    """What the kernel says of the appliance: no right of root's, and none to be had."""
-    pid = children_of(machine, unit)[0]
+    """What the kernel says of the process with the FMUs: no right of root's, and none to be had."""
+    pid = twins_of(machine, unit)[0]
     status = dict(re.findall(r"^(\w+):\t(.*)$", machine.run_well("cat", f"/proc/{pid}/status"), re.M))
     sets = {name: int(value, 16) for name, value in status.items() if name.startswith("Cap")}
     expect(len(sets) == 5 and not any(sets.values()), f"capabilities: {sets}")
@@ -185,17 +186,17 @@ def threads(machine, pid):
 
 
 def start_motor(machine):
-    """The main process, and its only child."""
+    """The main process, and that of the twin."""
     machine.run_well("systemctl", "start", "twinlock@motor")
-    wait_until(lambda: len(children_of(machine, "twinlock@motor")) == 1, "the appliance", machine.log)
-    return machine.property("twinlock@motor", "MainPID"), children_of(machine, "twinlock@motor")[0]
+    wait_until(lambda: len(twins_of(machine, "twinlock@motor")) == 1, "the twin", machine.log)
+    return machine.property("twinlock@motor", "MainPID"), twins_of(machine, "twinlock@motor")[0]
 
 
 def check_a_kill(machine):
     """The supervisor begins a new one; for systemd nothing has happened."""
     main_, child = start_motor(machine)
     machine.run_well("sh", "-c", f"kill -KILL {child}")
-    wait_until(lambda: children_of(machine, "twinlock@motor") not in ([], [child]), "a new appliance", machine.log)
+    wait_until(lambda: twins_of(machine, "twinlock@motor") not in ([], [child]), "a new twin", machine.log)
     expect(machine.property("twinlock@motor", "MainPID") == main_, "another supervisor")
     expect(machine.property("twinlock@motor", "NRestarts") == "0", "systemd has restarted it")
 

@@ -440,7 +440,7 @@ def test_outputs_that_cannot_be_written():
     expect_refused(["replay", FREE, "--csv", nowhere / "x.csv"], TRY_AGAIN, "x.csv", "cannot be written")
     expect_refused(["replay", FREE, "--csv", "/dev/full"], TRY_AGAIN, "/dev/full", "No space left on device")
     expect_refused(["replay", FREE, "--db", nowhere / "x.db"], TRY_AGAIN, "x.db", "No such file")
-    expect_refused(["run", FREE, "--db", nowhere / "x.db"], TRY_AGAIN, "x.db", "No such file")
+    expect_refused(["run", LIVE, "--db", nowhere / "x.db"], TRY_AGAIN, "x.db", "No such file")
     code, _, err = run(["plant", FREE, "--record", nowhere / "x.csv"])
     expect(code in (BAD_DATA, TRY_AGAIN) and "x.csv cannot be written" in err, f"{code}: {err}")
     expect(not nowhere.exists(), "a folder was made")

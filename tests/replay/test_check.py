@@ -73,6 +73,14 @@ def test_a_free_run():
     expect(page.endswith("no problem found\n"), page)
 
 
+def test_what_a_live_plant_takes():
+    """12 s of two signals, polled every 5 ms: 4096 readings of 32 bytes each, and their counts."""
+    page = run_well(["check", SOURCE / "config" / "motor" / "live.json"])
+    expect("  mail         260.0 KiB for the plant's newest readings, in `run`\n" in page, page)
+    page = run_well(["check", SOURCE / "config" / "motor" / "free.json"])
+    expect("  mail " not in page, page)
+
+
 def test_warnings_are_counted_and_no_error():
     one = run_well(["check", config(saving={"structure": False})])
     expect(one.endswith("no problem found, 1 warning\n"), one)

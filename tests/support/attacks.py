@@ -187,7 +187,7 @@ class Ground:
         """Little of the machine's: an attacker prints what it reads."""
         known = ("PATH", "LANG", "ASAN_OPTIONS", "LSAN_OPTIONS", "TSAN_OPTIONS", "UBSAN_OPTIONS", "TWINLOCK_FMU_PATH", "TMPDIR")
         everything = twinlock_test.environment(self.temporary)
-        return {**{name: everything[name] for name in known if name in everything}, "ATTACK_GROUND": str(self.folder), "ATTACK_SECRET": self.secret}
+        return {**{name: everything[name] for name in known if name in everything}, "TWINLOCK_ATTACK": str(self.folder), "ATTACK_SECRET": self.secret}
 
     def run(self, *options, timeout=60):
         """By a shell without a terminal, until nothing of it is there any more but what was left behind on purpose."""
@@ -267,7 +267,7 @@ class Ground:
         marked = []
         for path in Path("/proc").glob("[0-9]*/environ"):
             try:
-                if f"ATTACK_GROUND={self.folder}".encode() in path.read_bytes().split(b"\0") and comm(path.parent.name):
+                if f"TWINLOCK_ATTACK={self.folder}".encode() in path.read_bytes().split(b"\0") and comm(path.parent.name):
                     marked.append(int(path.parent.name))
             except OSError:
                 pass
@@ -794,7 +794,7 @@ LIMIT_MEBIBYTES = 192  # of the process of the FMUs, when bombs are thrown; less
 BOMB_MEBIBYTES = 384
 DISK_MEBIBYTES = 640  # more than FMUs may write
 FILES = 20000
-PRINTED = 50000000
+PRINTED = 30000000  # less than is passed on at once
 
 LONE = (
     Lone("kill of its parent", "send_kill", killed_parent, ("kill",), may_end=True),
@@ -836,10 +836,11 @@ PRINTS = (
 # ---- on what the run itself writes, and what it holds open ----
 
 def result(name):
-    """A file of the results, when half of the steps are done."""
+    """A file of the results, when half of the steps are done. Of a database that was harmed a recorder says so, makes it anew, and goes on with
+    what it has still."""
     def stage(ground):
         path = ground.home / name
-        return (path, f"{path}.away"), lambda: ground.rows() != untouched(ground.user, ground.verb)
+        return (path, f"{path}.away"), lambda: "made anew" in ground.log or ground.rows() != untouched(ground.user, ground.verb)
     return stage
 
 

@@ -48,6 +48,7 @@ static bool armed;
 static bool without_power;
 static bool reading_only;
 static int refusal;
+static bool refusing_once;
 static uint64_t writes_left;
 static uint64_t refusals;
 static uint64_t writes;
@@ -65,6 +66,7 @@ static int fault(bool counts) {
         code = SQLITE_IOERR_WRITE;
     } else if (refusal != SQLITE_OK && writes_left == 0) {
         code = refusal;
+        refusal = refusing_once ? SQLITE_OK : refusal;
     } else if (refusal != SQLITE_OK && counts) {
         writes_left--;
     }
@@ -88,7 +90,16 @@ static bool is_without_power(void) {
 void tl_faulty_vfs_refuse(int code, uint64_t after) {
     (void)pthread_mutex_lock(&lock);
     refusal = code;
+    refusing_once = false;
     writes_left = after;
+    (void)pthread_mutex_unlock(&lock);
+}
+
+void tl_faulty_vfs_refuse_once(int code) {
+    (void)pthread_mutex_lock(&lock);
+    refusal = code;
+    refusing_once = true;
+    writes_left = 0;
     (void)pthread_mutex_unlock(&lock);
 }
 

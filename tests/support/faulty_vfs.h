@@ -20,6 +20,9 @@ void tl_faulty_vfs_install(void);
  * SQLITE_IOERR_WRITE, …); SQLITE_OK: the disk works again. */
 void tl_faulty_vfs_refuse(int code, uint64_t after);
 
+/* The next write, truncation or sync fails, and no other. */
+void tl_faulty_vfs_refuse_once(int code);
+
 /* Operations refused, and writes done, since the installation. */
 uint64_t tl_faulty_vfs_refusals(void);
 uint64_t tl_faulty_vfs_writes(void);

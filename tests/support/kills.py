@@ -43,7 +43,7 @@ class Cost:
 
 
 def configuration(port, pace):
-    """An FMU that obeys the file of TL_UNRULY, at a live source."""
+    """An FMU that obeys the file of TWINLOCK_UNRULY, at a live source."""
     omega = {"stale_s": 5,
              "modbus": {"source": "device", "unit_id": 1, "table": "input", "address": 0, "type": "float32"}}
     return write_config({
@@ -167,7 +167,7 @@ class Patient:
             at = time.time()
             os.kill(child, signal.SIGKILL)
             return at
-        self.live.tell(child, kind)
+        self.live.tell(kind)
         return time.time()
 
     def suffer(self, kind, count):
@@ -187,7 +187,7 @@ def one_run(kind, count, core, load, pace):
     with Device(OMEGA) as device:
         strokes, config = Strokes(), configuration(device.port, pace)
         strokes.start()
-        added = {**strokes.environment, "TL_UNRULY": WORD}
+        added = {**strokes.environment, "TWINLOCK_UNRULY": WORD}
         os.environ.update(added)
         try:
             with Supervised(config, preexec_fn=lambda: os.sched_setaffinity(0, {core})) as live:

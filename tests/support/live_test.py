@@ -13,6 +13,7 @@ import struct
 import threading
 import time
 from contextlib import closing
+from pathlib import Path
 
 import twinlock_test
 from twinlock_test import Failure, describe, expect, finish, replay_json, scratch, start
@@ -377,8 +378,30 @@ class Device:
         return bytes((function, len(data))) + data
 
 
-def stop(program):
+def title(pid):
+    """As ps shows a process; "" of a dead one."""
+    try:
+        return Path(f"/proc/{pid}/cmdline").read_text(encoding="utf-8").partition("\0")[0]
+    except OSError:
+        return ""
+
+
+def children(pid):
+    return [int(child) for child in Path(f"/proc/{pid}/task/{pid}/children").read_text(encoding="utf-8").split()]
+
+
+def member(program, role, other_than=0):
+    """The process of that role ("twin", "io", "recorder") of a run; one that is dying is not meant."""
+    def found():
+        return [pid for pid in children(program.pid) if pid != other_than and title(pid).startswith(f"twinlock: {role}")]
+    return wait_until(found, f"a process \"{role}\"", program.log)[0]
+
+
+def is_stopped(pid):
+    return Path(f"/proc/{pid}/stat").read_text(encoding="utf-8").rpartition(")")[2].split()[0] == "T"
+
+
+def stop(pid):
     """SIGSTOP, and not before it has stopped."""
-    program.signal(signal.SIGSTOP)
-    options = os.WSTOPPED | os.WNOHANG | os.WNOWAIT
-    wait_until(lambda: os.waitid(os.P_PID, program.pid, options), "the stop of a program")
+    os.kill(pid, signal.SIGSTOP)
+    wait_until(lambda: is_stopped(pid), "the stop of a process")

@@ -3,29 +3,31 @@ import json
 import signal
 from pathlib import Path
 
-from live_test import FIRST_GUESS, MADE_UP, OPTIMISED, Program, number, query, wait_until
+from live_test import FIRST_GUESS, MADE_UP, OPTIMISED, Program, children, member, number, query, wait_until
 from twinlock_test import Failure, at_most, expect, scratch
 
-WORD = "word"  # for TL_UNRULY
+WORD = "word"  # for TWINLOCK_UNRULY
 LOCK_STEPS = 200  # until the first of 20, of 10 ms each
 
 
 class Supervised(Program):
-    """A supervised run, and the process that it has begun. `state`: where it keeps its account."""
+    """A supervised run, and the processes that it has begun. `state`: where it keeps its account."""
 
     def __init__(self, config, *args, state=None, **options):
         self.state = state or scratch() / "state"
         super().__init__("run", config, "--supervise", "--state", self.state, *args, **options)
 
     def children(self):
-        return [int(pid) for pid in Path(f"/proc/{self.pid}/task/{self.pid}/children").read_text(encoding="utf-8").split()]
+        return children(self.pid)
 
-    def child(self, other_than=0):
-        return wait_until(lambda: [pid for pid in self.children() if pid != other_than], "a child", self.log)[0]
+    def child(self, other_than=0, role="twin"):
+        return member(self, role, other_than)
 
-    def tell(self, child, word):
-        """An FMU of that process is told what to do (tests/hil/fmus/unruly), and begins with it."""
-        file = next(self.process.temporary.glob(f"twinlock-run-{child}-*")) / WORD
+    def tell(self, word):
+        """An FMU of the twin is told what to do (tests/hil/fmus/unruly), and begins with it."""
+        def folders():
+            return sorted(self.process.temporary.glob(f"twinlock-twin-{self.pid}-*"), key=lambda path: path.stat().st_mtime)
+        file = wait_until(folders, "the folder of the FMUs", self.log)[-1] / WORD
         file.write_text(word, encoding="utf-8")
         wait_until(lambda: not file.exists() or not file.read_bytes(), "a step that takes the word", self.log)
 

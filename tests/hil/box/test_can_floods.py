@@ -2,6 +2,7 @@
 """On the box: more frames on a live CAN bus than anybody can read: those with other ids wake nobody, of those with our own the newest
 counts, and what is lost is told with its number.
 """
+import os
 import re
 import signal
 import struct
@@ -9,7 +10,7 @@ import time
 from pathlib import Path
 
 from can_bus import EXTENDED, OMEGA, Bus, Motor, events_with, live_config, wait_for_value
-from live_test import (GOOD, STALE, Program, check_replay, check_summary, end_well, events, last_step, stop, wait_for_lock,
+from live_test import (GOOD, STALE, Program, check_replay, check_summary, end_well, events, last_step, member, stop, wait_for_lock,
                        wait_for_quality)
 from twinlock_test import at_most, expect, main
 
@@ -36,7 +37,7 @@ def test_flood_of_other_ids():
         wait_for_lock(live, database)
         motor.quiet = True
         wait_for_quality(live, database, "omega", STALE)
-        task = reader_thread(live.pid)
+        task = reader_thread(member(live, "io"))
         woken, begun = wake_ups(task), time.monotonic()
         with Bus() as bus:
             for i in range(FLOOD):
@@ -83,10 +84,11 @@ def test_frames_lost_are_counted():
         wait_for_lock(live, database)
         motor.quiet = True
         time.sleep(0.2)
-        stop(live)
+        reader = member(live, "io")
+        stop(reader)
         for _ in range(count):
             motor.send(0x182, struct.pack(">h6x", 55))
-        live.signal(signal.SIGCONT)
+        os.kill(reader, signal.SIGCONT)
         motor.quiet = False
         live.wait_for("frames lost: they came faster than they were read")
         wait_for_value(live, database, "torque", 0)

@@ -75,14 +75,15 @@ def clock_set(campaign):
     campaign.wait_for_lock()
 
 
-def both_stopped(campaign):
+def all_stopped(campaign):
     """For longer than a cycle may hang, for less than the watchdog's patience."""
     child = campaign.live.child()
-    stop(campaign.live)
-    os.kill(child, signal.SIGSTOP)
+    all_of_them = [campaign.live.pid, *campaign.live.children()]
+    for pid in all_of_them:
+        stop(pid)
     time.sleep(HANG_S + 1)
-    os.kill(child, signal.SIGCONT)
-    campaign.live.signal(signal.SIGCONT)
+    for pid in reversed(all_of_them):
+        os.kill(pid, signal.SIGCONT)
     campaign.wait_for_lock()
     expect(campaign.live.child() == child, "it was restarted")
 
@@ -131,7 +132,7 @@ def test_campaign():
         campaign = Campaign(live, database)
         bus_off(campaign, motor, near)
         clock_set(campaign)
-        both_stopped(campaign)
+        all_stopped(campaign)
         expect(live.account()["starts"] == 1, f"restarted: {live.account()}\n{live.log()}")
         motor.omega = OMEGA - 8  # where no twin starts by itself
         campaign.wait_for_lock()

@@ -1,4 +1,4 @@
-/* Unruly: y = u, until it is told otherwise. The file that TL_UNRULY names, in the folder that FMUs may write to, holds one word, which the
+/* Unruly: y = u, until it is told otherwise. The file that TWINLOCK_UNRULY names, in the folder that FMUs may write to, holds one word, which the
  * next step takes out and does:
  *
  *   hang   never returns      crash   is ended by SIGSEGV      exit   calls exit(0)
@@ -23,7 +23,7 @@ static void start(void *model) {
 
 /* False where nobody wants anything. */
 static bool take_word(char word[16]) {
-    const char *path = getenv("TL_UNRULY");
+    const char *path = getenv("TWINLOCK_UNRULY");
     FILE *file = path == NULL ? NULL : fopen(path, "r");
     if (file == NULL) {
         return false;

@@ -14,6 +14,7 @@
 #include "firmware/base/c_locale.h"
 #include "firmware/base/clock.h"
 #include "firmware/config/config.h"
+#include "firmware/plant/plant_input.h"
 #include "firmware/plant/plant_reader.h"
 #include "tests/support/comma_locale.h"
 #include "tests/support/scratch.h"
@@ -87,7 +88,9 @@ static void on_link(void *context, const char *source, bool up, const char *text
 static void test_a_live_source(void) {
     static const char *const columns[] = {"u"};
     static const size_t signals[] = {0};
-    static tl_plant_input input = {.count = 1};
+    static tl_mailbox_slot slots[1];
+    static uint64_t posts;
+    static tl_plant_input input = {.count = 1, .mailboxes = {{.slots = slots, .count = &posts, .depth = 1}}};
     const char *path = tl_scratch_path(&scratch, "live.csv");
     const tl_csv_settings settings = {.path = path, .time_column = "time", .columns = columns, .column_count = 1};
     tl_plant_source source = {.name = "csv", .driver = &tl_csv_driver, .period = TL_SECOND / 1000};
@@ -102,7 +105,7 @@ static void test_a_live_source(void) {
     source.signal_count = 1;
     input.limits[0] = (tl_plant_limits){.minimum = -10, .maximum = 10};
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_csv_open_live(&settings, &source.io, &error));
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_plant_readers_start(&source, 1, &input, on_link, NULL, &readers, &error));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_plant_readers_start(&source, 1, input.mailboxes, on_link, NULL, &readers, &error));
     while (!tl_plant_readers_finished(readers)) {
         const struct timespec pause = {.tv_nsec = 1000000};
         (void)nanosleep(&pause, NULL);

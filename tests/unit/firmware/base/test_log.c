@@ -5,8 +5,11 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/ioctl.h>
+#include <sys/socket.h>
 #include <sys/stat.h>
 #include <sys/wait.h>
+#include <termios.h>
 #include <unistd.h>
 
 #include <unity.h>
@@ -167,6 +170,7 @@ static char *log_of_child(const char *stream) {
                        (unsigned long long)status.st_ino);
         (void)setenv("JOURNAL_STREAM", stream == NULL ? own : stream, 1);
         tl_log(TL_LOG_WARNING, "hello");
+        (void)tl_log_foreign(TL_LOG_FOREIGN, "<0>wake up", 1000);
         _exit(0);
     }
     (void)waitpid(child, NULL, 0);
@@ -176,10 +180,216 @@ static char *log_of_child(const char *stream) {
 static void test_journal(void) {
     char *ours = log_of_child(NULL);
     char *other = log_of_child("1:2"); /* stderr was redirected away from the journal */
-    TEST_ASSERT_EQUAL_STRING("<4>hello\n", ours);
-    TEST_ASSERT_EQUAL_STRING("twinlock: warning: hello\n", other);
+    TEST_ASSERT_EQUAL_STRING("<4>hello\n<6>fmu: <0>wake up\n", ours);
+    TEST_ASSERT_EQUAL_STRING("twinlock: warning: hello\nfmu: <0>wake up\n", other);
     free(ours);
     free(other);
+}
+
+static void test_foreign_lines(void) {
+    static char line[TL_LOG_PLAIN + 100];
+    memset(line, 'x', sizeof line - 1);
+    begin();
+    tl_log_plain("as it is: <3>, \tand so on");
+    tl_log_plain("");
+    tl_log_plain(line);
+    char *text = tl_stderr_capture_end();
+    TEST_ASSERT_NOT_NULL(text);
+    static const char first[] = "as it is: <3>, \tand so on\n\n";
+    TEST_ASSERT_EQUAL_STRING_LEN(first, text, sizeof first - 1);
+    TEST_ASSERT_EQUAL_size_t(sizeof first - 1 + TL_LOG_PLAIN + 1, strlen(text));
+    TEST_ASSERT_EQUAL_STRING("xx\n", text + strlen(text) - 3);
+    free(text);
+}
+
+/* Of a process that is none of ours: marked, so that it is none of our lines. */
+static void test_lines_of_fmus(void) {
+    begin();
+    TEST_ASSERT_TRUE(tl_log_foreign(TL_LOG_FOREIGN, "twinlock: error: forged", 1000));
+    TEST_ASSERT_TRUE(tl_log_foreign(TL_LOG_WARNING, "slow", 1000));
+    TEST_ASSERT_TRUE(tl_log_foreign(TL_LOG_DEBUG, "not wanted", 1000));
+    tl_stderr_expect("fmu: twinlock: error: forged\ntwinlock: warning: slow\n");
+}
+
+/* Nobody reads the pipe: who has a line of an FMU's to say goes on, and when it is read again it takes lines. */
+static void test_lines_of_fmus_wait_for_nobody(void) {
+    static char line[TL_LOG_PLAIN];
+    static char read_again[1 << 20];
+    int ends[2];
+    TEST_ASSERT_EQUAL_INT(0, pipe2(ends, O_CLOEXEC));
+    int screen = dup(STDERR_FILENO);
+    memset(line, 'x', sizeof line - 1);
+    (void)dup2(ends[1], STDERR_FILENO);
+    (void)alarm(20); /* a hang ends the test */
+    int taken = 0;
+    while (tl_log_foreign(TL_LOG_FOREIGN, line, 10)) {
+        taken++;
+    }
+    bool refused = !tl_log_foreign(TL_LOG_ERROR, "one more", 0);
+    (void)alarm(0);
+    ssize_t size = read(ends[0], read_again, sizeof read_again);
+    bool again = tl_log_foreign(TL_LOG_ERROR, "read", 0);
+    (void)dup2(screen, STDERR_FILENO);
+    (void)close(screen);
+    (void)close(ends[0]);
+    (void)close(ends[1]);
+    TEST_ASSERT_GREATER_THAN_INT(0, taken);
+    TEST_ASSERT_TRUE(refused);
+    TEST_ASSERT_GREATER_THAN_INT(taken * TL_LOG_PLAIN, (int)size);
+    TEST_ASSERT_TRUE(again);
+}
+
+/* ---- a terminal ---- */
+
+#define WIPE "\r\x1b[K"
+
+static int terminal = -1; /* what it shows, */
+static int before = -1;
+static pthread_t reader;
+static char shown[1000000]; /* as this thread has read it */
+static size_t shown_size;
+
+static void *read_terminal(void *unused) {
+    ssize_t now = 1;
+    while (now > 0 && shown_size < sizeof shown - 1) {
+        now = read(terminal, shown + shown_size, sizeof shown - 1 - shown_size);
+        shown_size += now > 0 ? (size_t)now : 0; /* nobody has the other end any more: an error */
+    }
+    shown[shown_size] = '\0';
+    return unused;
+}
+
+static void open_terminal(unsigned short columns) {
+    const struct winsize size = {.ws_row = 24, .ws_col = columns};
+    struct termios raw;
+    terminal = posix_openpt(O_RDWR | O_NOCTTY | O_CLOEXEC);
+    TEST_ASSERT_NOT_EQUAL_INT(-1, terminal);
+    TEST_ASSERT_EQUAL_INT(0, grantpt(terminal));
+    TEST_ASSERT_EQUAL_INT(0, unlockpt(terminal));
+    int end = open(ptsname(terminal), O_RDWR | O_NOCTTY | O_CLOEXEC);
+    TEST_ASSERT_NOT_EQUAL_INT(-1, end);
+    TEST_ASSERT_EQUAL_INT(0, tcgetattr(end, &raw));
+    cfmakeraw(&raw);
+    TEST_ASSERT_EQUAL_INT(0, tcsetattr(end, TCSANOW, &raw));
+    TEST_ASSERT_EQUAL_INT(0, ioctl(end, TIOCSWINSZ, &size));
+    before = dup(STDERR_FILENO);
+    (void)dup2(end, STDERR_FILENO);
+    (void)close(end);
+    shown_size = 0;
+    TEST_ASSERT_EQUAL_INT(0, pthread_create(&reader, NULL, read_terminal, NULL));
+}
+
+/* All that it has shown. */
+static const char *close_terminal(void) {
+    (void)dup2(before, STDERR_FILENO);
+    (void)close(before);
+    (void)pthread_join(reader, NULL);
+    (void)close(terminal);
+    return shown;
+}
+
+static void test_lines_wipe_the_status(void) {
+    tl_log_limiter limiter = TL_LOG_LIMITER(5);
+    open_terminal(80);
+    tl_log(TL_LOG_NOTICE, "begins");
+    tl_log_status(NULL); /* there is none */
+    tl_log_status("1 s");
+    tl_log(TL_LOG_WARNING, "slow");
+    tl_log_limited(&limiter, TL_LOG_WARNING, "again");
+    tl_log_plain("foreign");
+    tl_log_status("2 s");
+    tl_log_status("3 s");
+    tl_log_status(NULL);
+    tl_log_status(NULL);
+    tl_log(TL_LOG_NOTICE, "ends");
+    TEST_ASSERT_EQUAL_STRING("twinlock: notice: begins\n" WIPE "1 s" WIPE "twinlock: warning: slow\n" WIPE
+                             "twinlock: warning: again\n" WIPE "foreign\n" WIPE "2 s" WIPE "3 s" WIPE
+                             "twinlock: notice: ends\n",
+                             close_terminal());
+}
+
+/* A line that wraps could not be drawn anew; characters count, not bytes. */
+static void test_a_status_fits_the_terminal(void) {
+    static char longest[3 * TL_LOG_TEXT];
+    for (size_t i = 0; i + 3 < sizeof longest; i += 2) {
+        memcpy(longest + i, "\xC3\xA4", 3);
+    }
+    open_terminal(10);
+    tl_log_status("\xCE\x94u 0.1234567");
+    tl_log_status("a\tb\x1b\n");
+    tl_log_status(NULL);
+    TEST_ASSERT_EQUAL_STRING(WIPE "\xCE\x94u 0.12" WIPE "a b  " WIPE, close_terminal());
+    open_terminal(60000);
+    tl_log_status(longest);
+    tl_log_status(NULL);
+    size_t length = strlen(close_terminal()) - 2 * strlen(WIPE);
+    TEST_ASSERT_TRUE(length > TL_LOG_TEXT - 4 && length < TL_LOG_TEXT && length % 2 == 0);
+}
+
+static void test_a_status_is_for_terminals_only(void) {
+    begin();
+    tl_log_status("1 s");
+    tl_log(TL_LOG_WARNING, "slow");
+    tl_log_status(NULL);
+    tl_stderr_expect("twinlock: warning: slow\n");
+}
+
+/* Each message of a socket is one write. */
+static void test_wiping_and_line_are_one_write(void) {
+    int ends[2];
+    char text[200] = "";
+    TEST_ASSERT_EQUAL_INT(0, socketpair(AF_UNIX, SOCK_SEQPACKET | SOCK_CLOEXEC, 0, ends));
+    open_terminal(80);
+    tl_log_status("1 s");
+    int screen = dup(STDERR_FILENO);
+    (void)dup2(ends[0], STDERR_FILENO);
+    tl_log(TL_LOG_WARNING, "slow");
+    tl_log_plain("foreign");
+    (void)dup2(screen, STDERR_FILENO);
+    (void)close(screen);
+    tl_log_status(NULL);
+    (void)close_terminal();
+    TEST_ASSERT_EQUAL_INT(strlen(WIPE "twinlock: warning: slow\n"), recv(ends[1], text, sizeof text - 1, 0));
+    TEST_ASSERT_EQUAL_STRING(WIPE "twinlock: warning: slow\n", text);
+    TEST_ASSERT_EQUAL_INT(strlen(WIPE "foreign\n"), recv(ends[1], text, sizeof text - 1, 0));
+    (void)close(ends[0]);
+    (void)close(ends[1]);
+}
+
+enum { WRITTEN = 1000 };
+
+static void *write_lines_that_wait(void *unused) {
+    for (int i = 0; i < WRITTEN; i++) {
+        tl_log(TL_LOG_ERROR, "a line of some length that must stay whole");
+    }
+    return unused;
+}
+
+/* While one thread draws, each line of the others begins where a line begins. */
+static void test_no_line_is_smeared(void) {
+    enum { THREADS = 3, DRAWN = 2000 };
+    pthread_t threads[THREADS];
+    open_terminal(80);
+    tl_log_status("status");
+    for (int i = 0; i < THREADS; i++) {
+        TEST_ASSERT_EQUAL_INT(0, pthread_create(&threads[i], NULL, write_lines_that_wait, NULL));
+    }
+    for (int i = 0; i < DRAWN; i++) {
+        tl_log_status("status");
+    }
+    for (int i = 0; i < THREADS; i++) {
+        (void)pthread_join(threads[i], NULL);
+    }
+    tl_log_status(NULL);
+    static const char line[] = WIPE "twinlock: error: a line of some length that must stay whole\n";
+    size_t lines = 0;
+    for (const char *at = close_terminal(); *at != '\0'; lines++) {
+        bool is_status = strncmp(at, WIPE "status", strlen(WIPE "status")) == 0;
+        bool is_line = strncmp(at, line, sizeof line - 1) == 0;
+        TEST_ASSERT_TRUE_MESSAGE(is_status || is_line || strcmp(at, WIPE) == 0, at);
+        at += is_status ? strlen(WIPE "status") : is_line ? sizeof line - 1 : strlen(WIPE);
+    }
+    TEST_ASSERT_EQUAL_size_t(THREADS * WRITTEN + DRAWN + 2, lines);
 }
 
 int main(void) {
@@ -193,5 +403,13 @@ int main(void) {
     RUN_TEST(test_a_new_second_has_room_again);
     RUN_TEST(test_a_limited_message_does_not_wait);
     RUN_TEST(test_lines_of_many_threads_stay_whole);
+    RUN_TEST(test_foreign_lines);
+    RUN_TEST(test_lines_of_fmus);
+    RUN_TEST(test_lines_of_fmus_wait_for_nobody);
+    RUN_TEST(test_lines_wipe_the_status);
+    RUN_TEST(test_a_status_fits_the_terminal);
+    RUN_TEST(test_a_status_is_for_terminals_only);
+    RUN_TEST(test_wiping_and_line_are_one_write);
+    RUN_TEST(test_no_line_is_smeared);
     return UNITY_END();
 }

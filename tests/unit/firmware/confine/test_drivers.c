@@ -1,4 +1,4 @@
-/* What `run` may besides, so that its drivers connect again; and what it may not. */
+/* What the process of the drivers may besides, so that they connect again; and what it may not; and the recorder. */
 #include "firmware/confine/confine.h"
 
 #include <arpa/inet.h>
@@ -8,18 +8,18 @@
 #include <netdb.h>
 #include <netinet/in.h>
 #include <poll.h>
-#include <pthread.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/ioctl.h>
 #include <sys/socket.h>
-#include <sys/un.h>
+#include <sys/stat.h>
 #include <termios.h>
 #include <unistd.h>
 
 #include <unity.h>
 
+#include "firmware/base/side_thread.h"
 #include "tests/support/confined.h"
 #include "tests/support/scratch.h"
 
@@ -38,7 +38,7 @@ void tearDown(void) {
     tl_scratch_empty(&scratch);
 }
 
-static void expect(tl_confined_body *body, void *context) {
+static void expect_of(bool is_recorder, tl_confined_body *body, void *context) {
     const char *const resolving[] = {"/etc"};
     const char *const devices[] = {"/dev"};
     const tl_confine_settings settings = {.folder = scratch.folder,
@@ -47,10 +47,15 @@ static void expect(tl_confined_body *body, void *context) {
                                           .write = devices,
                                           .write_count = 1,
                                           .whole_process = true,
-                                          .may_connect = true};
+                                          .may_connect = !is_recorder,
+                                          .keeps_files = is_recorder};
     tl_confined_run(settings, body, context, &confined);
     TEST_ASSERT_EQUAL_INT(0, confined.signal);
     TEST_ASSERT_TRUE(confined.succeeded);
+}
+
+static void expect(tl_confined_body *body, void *context) {
+    expect_of(false, body, context);
 }
 
 /* A server of this machine: its socket; `address` is where. */
@@ -97,25 +102,6 @@ static void a_driver_looks_names_up(void) {
     expect(find_host, NULL);
 }
 
-static bool notify(void *context) {
-    const struct sockaddr_un *address = context;
-    int line = socket(AF_UNIX, SOCK_DGRAM | SOCK_CLOEXEC, 0);
-    return TL_EXPECT(line >= 0) &&
-           TL_EXPECT(sendto(line, "READY=1", 7, MSG_NOSIGNAL, (const struct sockaddr *)address, sizeof *address) == 7);
-}
-
-static void the_service_manager_is_told(void) {
-    struct sockaddr_un address = {.sun_family = AF_UNIX};
-    char said[8] = "";
-    int manager = socket(AF_UNIX, SOCK_DGRAM | SOCK_CLOEXEC, 0);
-    TEST_ASSERT_TRUE(strlen(scratch.folder) < 64);
-    (void)snprintf(address.sun_path, sizeof address.sun_path, "%.64s/notify", scratch.folder);
-    TEST_ASSERT_EQUAL_INT(0, bind(manager, (struct sockaddr *)&address, sizeof address));
-    expect(notify, &address);
-    TEST_ASSERT_EQUAL_INT(7, recv(manager, said, sizeof said, MSG_DONTWAIT));
-    (void)close(manager);
-}
-
 static bool use_can(void *context) {
     int line = socket(PF_CAN, SOCK_RAW | SOCK_CLOEXEC, CAN_RAW);
     const struct sockaddr_can address = {.can_family = AF_CAN};
@@ -146,28 +132,21 @@ static void a_driver_opens_a_serial_line_again(void) {
     (void)close(master);
 }
 
-static pthread_barrier_t barrier;
-
-static void *wait_for_end(void *context) {
-    (void)pthread_barrier_wait(&barrier);
-    return context;
+static void *note(void *context) {
+    *(bool *)context = true;
+    return NULL;
 }
 
-static bool schedule_other_thread(void *context) {
-    pthread_t other = 0;
-    const struct sched_param parameter = {0};
+static bool start_thread(void *context) {
+    pthread_t thread;
+    bool noted = false;
     (void)context;
-    if (!TL_EXPECT(pthread_barrier_init(&barrier, NULL, 2) == 0 &&
-                   pthread_create(&other, NULL, wait_for_end, NULL) == 0)) {
-        return false;
-    }
-    bool good = TL_EXPECT(pthread_setschedparam(other, SCHED_BATCH, &parameter) == 0);
-    (void)pthread_barrier_wait(&barrier);
-    return pthread_join(other, NULL) == 0 && good;
+    bool started = tl_side_thread_start(&thread, 0, note, &noted) == 0;
+    return TL_EXPECT(started) && TL_EXPECT(pthread_join(thread, NULL) == 0) && TL_EXPECT(noted);
 }
 
-static void the_cycle_is_scheduled_by_another_thread(void) {
-    expect(schedule_other_thread, NULL);
+static void a_source_has_a_thread(void) {
+    expect(start_thread, NULL);
 }
 
 static bool do_what_is_left_out(void *context) {
@@ -190,15 +169,37 @@ static void nobody_listens_and_nothing_is_started(void) {
     expect(do_what_is_left_out, NULL);
 }
 
+/* The current folder is one that may be written. */
+static bool keep_files(void *context) {
+    char *const nothing[] = {NULL};
+    int file = open("run.db", O_RDWR | O_CREAT | O_CLOEXEC, 0600);
+    int strange = creat("/etc/new", 0600);
+    if (strange >= 0) {
+        (void)close(strange);
+    }
+    (void)context;
+    return TL_EXPECT(file >= 0) && TL_EXPECT(fchmod(file, 0640) == 0) &&
+           TL_EXPECT(rename("run.db", "run.db.damaged-1") == 0) && TL_EXPECT(unlink("run.db.damaged-1") == 0) &&
+           TL_EXPECT(strange == -1) && TL_EXPECT(tl_confined_has_no_socket(AF_INET, SOCK_STREAM, 0)) &&
+           TL_EXPECT(tl_confined_has_no_socket(AF_CAN, SOCK_RAW, 1)) &&
+           TL_EXPECT(tl_confined_has_no_socket(AF_UNIX, SOCK_DGRAM, 0)) &&
+           TL_EXPECT(execve("/bin/true", nothing, nothing) == -1 && errno == EPERM) &&
+           TL_EXPECT(fork() == -1 && errno == EPERM);
+}
+
+static void a_recorder_keeps_files_and_has_no_socket(void) {
+    expect_of(true, keep_files, NULL);
+}
+
 int main(void) {
     UNITY_BEGIN();
     tl_scratch_make(&scratch, "/tmp", "tl_drivers");
     RUN_TEST(a_driver_connects_by_tcp);
     RUN_TEST(a_driver_looks_names_up);
-    RUN_TEST(the_service_manager_is_told);
     RUN_TEST(a_driver_listens_to_can);
     RUN_TEST(a_driver_opens_a_serial_line_again);
-    RUN_TEST(the_cycle_is_scheduled_by_another_thread);
+    RUN_TEST(a_source_has_a_thread);
     RUN_TEST(nobody_listens_and_nothing_is_started);
+    RUN_TEST(a_recorder_keeps_files_and_has_no_socket);
     return tl_scratch_finish(&scratch, UNITY_END());
 }

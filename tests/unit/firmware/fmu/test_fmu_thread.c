@@ -2,6 +2,7 @@
  * for as long as it is wanted. */
 #include "firmware/fmu/fmu_thread.h"
 
+#include <pthread.h>
 #include <sched.h>
 #include <signal.h>
 #include <string.h>
@@ -10,7 +11,6 @@
 #include <unity.h>
 
 #include "firmware/base/clock.h"
-#include "firmware/run/realtime.h"
 
 static tl_fmu_thread *thread;
 
@@ -83,18 +83,20 @@ static void no_signal_is_blocked_in_it(void) {
 }
 
 static void note_policy(void *context) {
-    struct sched_param parameter;
-    (void)pthread_getschedparam(pthread_self(), context, &parameter);
+    int *policy = context;
+    *policy = sched_getscheduler(0);
 }
 
-static void its_priority_is_raised_and_lowered(void) {
-    static tl_journal journal;
+static void it_is_scheduled_from_outside(void) {
+    const struct sched_param urgent = {.sched_priority = 10};
+    const struct sched_param ordinary = {.sched_priority = 0};
     int policy = -1;
-    tl_journal_init(&journal, NULL);
-    tl_realtime_raise(tl_fmu_thread_handle(thread), 10, &journal);
     tl_fmu_thread_call(thread, note_policy, &policy);
-    TEST_ASSERT_EQUAL_INT(tl_journal_has_events(&journal) ? SCHED_OTHER : SCHED_FIFO, policy);
-    tl_realtime_lower(tl_fmu_thread_handle(thread));
+    TEST_ASSERT_EQUAL_INT(SCHED_OTHER, policy);
+    int refused = sched_setscheduler(tl_fmu_thread_number(thread), SCHED_FIFO, &urgent);
+    tl_fmu_thread_call(thread, note_policy, &policy);
+    TEST_ASSERT_EQUAL_INT(refused != 0 ? SCHED_OTHER : SCHED_FIFO, policy);
+    TEST_ASSERT_EQUAL_INT(0, sched_setscheduler(tl_fmu_thread_number(thread), SCHED_OTHER, &ordinary));
     tl_fmu_thread_call(thread, note_policy, &policy);
     TEST_ASSERT_EQUAL_INT(SCHED_OTHER, policy);
 }
@@ -105,6 +107,6 @@ int main(void) {
     RUN_TEST(its_stack_is_as_large_as_it_says);
     RUN_TEST(told_to_hurry_it_does_not_sleep);
     RUN_TEST(no_signal_is_blocked_in_it);
-    RUN_TEST(its_priority_is_raised_and_lowered);
+    RUN_TEST(it_is_scheduled_from_outside);
     return UNITY_END();
 }

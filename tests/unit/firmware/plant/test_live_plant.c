@@ -10,6 +10,7 @@
 #include "firmware/base/clock.h"
 #include "firmware/emulate/plant_server.h"
 #include "firmware/plant/live_plant.h"
+#include "firmware/plant/plant_mail.h"
 #include "tests/support/config_text.h"
 #include "tests/support/scratch.h"
 
@@ -39,6 +40,8 @@ static tl_scratch scratch;
 static tl_test_verdict verdict;
 static tl_plant_server *server;
 static tl_live_plant *plant;
+static void *mail;
+static tl_plant_input input;
 static tl_error error;
 
 /* What on_link was told, from any source's thread. */
@@ -73,10 +76,12 @@ void setUp(void) {
     links[0] = '\0';
     server = NULL;
     plant = NULL;
+    mail = NULL;
 }
 
 void tearDown(void) {
     tl_live_plant_close(plant);
+    free(mail);
     if (server != NULL) {
         tl_plant_server_stop(server);
     }
@@ -106,14 +111,26 @@ static void read_config(unsigned port) {
     TEST_ASSERT_EQUAL_STRING("", verdict.problems[0].text);
 }
 
+/* The mail is made once for each test, as it outlives a plant. */
+static tl_status try_to_open(void) {
+    const tl_config *config = &verdict.config;
+    tl_plant_mail_shape shape;
+    if (mail == NULL) {
+        tl_live_plant_set_limits(&input, config);
+        tl_plant_mail_shape_of(config, &shape);
+        mail = tl_plant_mail_make(&shape, input.mailboxes);
+        TEST_ASSERT_NOT_NULL(mail);
+    }
+    return tl_live_plant_open(config, input.mailboxes, NULL, on_link, links, &plant, &error);
+}
+
 static void open_plant(void) {
-    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_live_plant_open(&verdict.config, NULL, on_link, links, &plant, &error),
-                                  error.text);
+    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, try_to_open(), error.text);
 }
 
 static void wait_until_complete(void) {
     tl_time until = tl_clock_now(NULL) + PATIENCE;
-    while (!tl_live_plant_is_complete(plant)) {
+    while (!tl_plant_input_is_complete(&input)) {
         TEST_ASSERT_TRUE_MESSAGE(tl_clock_now(NULL) < until, "signals without a good reading");
         tl_clock_sleep_until(tl_clock_now(NULL) + TL_SECOND / 1000);
     }
@@ -121,7 +138,7 @@ static void wait_until_complete(void) {
 
 static tl_sample take(void) {
     tl_sample sample;
-    tl_plant_input_take(tl_live_plant_input(plant), 0, tl_clock_now(NULL), &sample);
+    tl_plant_input_take(&input, 0, tl_clock_now(NULL), &sample);
     return sample;
 }
 
@@ -152,12 +169,11 @@ static void test_values_are_judged_as_configured(void) {
     while (take().quality[0] != TL_OUT_OF_RANGE) {
         TEST_ASSERT_TRUE_MESSAGE(tl_clock_now(NULL) < until, "never out of range");
     }
-    const tl_plant_input *input = tl_live_plant_input(plant);
-    TEST_ASSERT_EQUAL_UINT(4, input->count);
-    TEST_ASSERT_EQUAL_INT64(TL_SECOND / 2, input->limits[0].stale);
-    TEST_ASSERT_TRUE(isinf(input->limits[1].minimum) && isinf(input->limits[1].maximum));
-    TEST_ASSERT_EQUAL_INT64(0, input->limits[1].stale);
-    TEST_ASSERT_EQUAL_INT(TL_BOOLEAN, input->limits[2].type);
+    TEST_ASSERT_EQUAL_UINT(4, input.count);
+    TEST_ASSERT_EQUAL_INT64(TL_SECOND / 2, input.limits[0].stale);
+    TEST_ASSERT_TRUE(isinf(input.limits[1].minimum) && isinf(input.limits[1].maximum));
+    TEST_ASSERT_EQUAL_INT64(0, input.limits[1].stale);
+    TEST_ASSERT_EQUAL_INT(TL_BOOLEAN, input.limits[2].type);
 }
 
 /* The port of a server that was there. */
@@ -176,7 +192,7 @@ static void test_a_dead_device_does_not_stop_the_others(void) {
     open_plant();
     wait_until_told("device down: ");
     wait_until_told("rows up: ");
-    TEST_ASSERT_FALSE(tl_live_plant_is_complete(plant));
+    TEST_ASSERT_FALSE(tl_plant_input_is_complete(&input));
     tl_time until = tl_clock_now(NULL) + PATIENCE;
     while (take().quality[1] != TL_GOOD) {
         TEST_ASSERT_TRUE_MESSAGE(tl_clock_now(NULL) < until, "the other source is not read");
@@ -192,9 +208,37 @@ static void test_a_missing_file_is_waited_for(void) {
     read_config(tl_plant_server_port(server));
     open_plant();
     wait_until_told("rows down: ");
-    TEST_ASSERT_FALSE(tl_live_plant_is_complete(plant));
+    TEST_ASSERT_FALSE(tl_plant_input_is_complete(&input));
     write_rows();
     wait_until_complete();
+}
+
+/* As a new process would, in the same memory: what was read before stays, and what a post of the dead one has left is mended. */
+static void test_a_successor_goes_on_in_the_mailboxes(void) {
+    start_server(0);
+    write_rows();
+    read_config(tl_plant_server_port(server));
+    open_plant();
+    wait_until_complete();
+    tl_live_plant_close(plant);
+    plant = NULL;
+    tl_time before = tl_clock_now(NULL);
+    tl_sample old = take();
+    const tl_mailbox *mailbox = &input.mailboxes[0];
+    uint64_t posts = *mailbox->count;
+    mailbox->slots[posts % mailbox->depth].sequence = 2 * posts + 1;
+    tl_plant_server_set(server, 0, 2.5);
+    open_plant();
+    tl_time until = tl_clock_now(NULL) + PATIENCE;
+    while (take().values[0] != 2.5) {
+        TEST_ASSERT_TRUE_MESSAGE(tl_clock_now(NULL) < until, "nothing new");
+    }
+    TEST_ASSERT_TRUE(*mailbox->count > posts);
+    tl_sample again;
+    tl_plant_input_take(&input, 0, before, &again);
+    TEST_ASSERT_EQUAL_DOUBLE(1.5, again.values[0]);
+    TEST_ASSERT_EQUAL_INT64(old.stamps[0], again.stamps[0]);
+    TEST_ASSERT_EQUAL_DOUBLE(old.values[3], again.values[3]);
 }
 
 static void test_a_signal_without_a_source(void) {
@@ -203,7 +247,7 @@ static void test_a_signal_without_a_source(void) {
         "  \"plant\": { \"omega\": {} }, \"compare\": { \"motor.omega\": { \"to\": \"plant.omega\" } } }";
     tl_test_judge_text(TEXT, strlen(TEXT), &verdict);
     TEST_ASSERT_EQUAL_INT(TL_OK, verdict.status);
-    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, tl_live_plant_open(&verdict.config, NULL, on_link, links, &plant, &error));
+    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, try_to_open());
     TEST_ASSERT_NOT_NULL(strstr(error.text, "plant.omega has no live source"));
     TEST_ASSERT_NULL(plant);
 }
@@ -216,9 +260,9 @@ static void test_a_bus_that_is_not_there(void) {
         "  \"compare\": { \"motor.omega\": { \"to\": \"plant.omega\" } } }";
     tl_test_judge_text(TEXT, strlen(TEXT), &verdict);
     TEST_ASSERT_EQUAL_INT(TL_OK, verdict.status);
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_live_plant_open(&verdict.config, NULL, on_link, links, &plant, &error));
+    TEST_ASSERT_EQUAL_INT(TL_OK, try_to_open());
     wait_until_told("bus down: CAN interface tl-none0: ");
-    TEST_ASSERT_FALSE(tl_live_plant_is_complete(plant));
+    TEST_ASSERT_FALSE(tl_plant_input_is_complete(&input));
 }
 
 static void test_closing_is_quick(void) {
@@ -239,6 +283,7 @@ int main(void) {
     RUN_TEST(test_values_are_judged_as_configured);
     RUN_TEST(test_a_dead_device_does_not_stop_the_others);
     RUN_TEST(test_a_missing_file_is_waited_for);
+    RUN_TEST(test_a_successor_goes_on_in_the_mailboxes);
     RUN_TEST(test_a_signal_without_a_source);
     RUN_TEST(test_a_bus_that_is_not_there);
     RUN_TEST(test_closing_is_quick);

@@ -1,22 +1,34 @@
-/* The mailbox: the newest reading at an instant, what is forgotten, and two threads at once. */
+/* The mailbox: the newest reading at an instant, what is forgotten, what a dead writer has left, and two threads at once. */
 #include <pthread.h>
 #include <stdbool.h>
+#include <stdio.h>
 #include <string.h>
 
 #include <unity.h>
 
 #include "firmware/plant/mailbox.h"
+#include "tests/support/random_numbers.h"
+#include "tests/support/real_time.h"
+
+enum { DEPTH = 256, DEEPEST = 65536 };
 
 /* Every other slot lies across the border of two cache lines, so that a torn reading has its chance. */
 static struct {
     uint64_t shift[5];
-    tl_mailbox mailbox;
+    tl_mailbox_slot slots[DEEPEST];
+    uint64_t count;
 } placed __attribute__((aligned(64)));
 
-static tl_mailbox *const mailbox = &placed.mailbox;
+static tl_mailbox handle;
+static const tl_mailbox *const mailbox = &handle;
+
+static void begin(uint32_t depth) {
+    memset(&placed, 0, sizeof placed);
+    handle = (tl_mailbox){.slots = placed.slots, .count = &placed.count, .depth = depth};
+}
 
 void setUp(void) {
-    memset(mailbox, 0, sizeof *mailbox);
+    begin(DEPTH);
 }
 
 void tearDown(void) {}
@@ -86,7 +98,7 @@ static void test_first_of_equal_stamps_and_of_what_is_kept(void) {
     post(1, 100);
     post(2, 100);
     expect_from(90, 110, 2);
-    for (int i = 0; i < TL_MAILBOX_READINGS; i++) {
+    for (int i = 0; i < DEPTH; i++) {
         post(10 + i, 200 + (tl_time)i);
     }
     expect_from(90, 1000, 10);
@@ -105,6 +117,9 @@ static void test_stamps_that_decrease_are_looked_up_in_order_of_posting(void) {
     expect(250, 3, 200);
     expect(350, 3, 200);
     expect(150, 1, 100);
+    post(4, 400);
+    expect(250, 3, 200); /* not among the newest, but near them */
+    expect(350, 3, 200);
 }
 
 static void test_quality_and_negative_stamps_are_kept(void) {
@@ -118,17 +133,181 @@ static void test_quality_and_negative_stamps_are_kept(void) {
 }
 
 static void test_a_full_ring_forgets_the_oldest(void) {
-    for (int i = 0; i < TL_MAILBOX_READINGS; i++) {
+    for (int i = 0; i < DEPTH; i++) {
         post(i, (tl_time)10 * i);
     }
     expect(0, 0, 0); /* just full: all are there */
     expect_nothing(-1);
-    post(TL_MAILBOX_READINGS, (tl_time)10 * TL_MAILBOX_READINGS);
+    post(DEPTH, (tl_time)10 * DEPTH);
     expect(0, 1, 10); /* the first is forgotten: the oldest that is kept */
     expect(-1, 1, 10);
     expect(10, 1, 10);
     expect(25, 2, 20);
-    expect(INT64_MAX, TL_MAILBOX_READINGS, (tl_time)10 * TL_MAILBOX_READINGS);
+    expect(INT64_MAX, DEPTH, (tl_time)10 * DEPTH);
+}
+
+/* ---- the same as by walking back from the newest, whatever is asked of stamps that do not decrease ---- */
+
+enum { POSTED = 3000 };
+
+static tl_reading posted[POSTED];
+
+/* One reading on the way back: whether nothing older can be better. */
+static bool settle(const tl_reading *seen, tl_time from, tl_time until, bool *any, tl_reading *best) {
+    bool before = seen->stamp <= from;
+    bool first = !*any || seen->stamp < best->stamp;
+    if (seen->stamp <= until && first && (!before || !*any || seen->stamp == from)) {
+        *best = *seen;
+        *any = true;
+    }
+    return before;
+}
+
+static bool walk(size_t count, tl_time from, tl_time until, tl_reading *best) {
+    size_t oldest = count > handle.depth ? count - handle.depth : 0;
+    size_t post = count;
+    bool any = false;
+    bool settled = false;
+    while (!settled && post > oldest) {
+        settled = settle(&posted[--post], from, until, &any, best);
+    }
+    if (!any && post > 0) {
+        *best = posted[post];
+        any = true;
+    }
+    return any;
+}
+
+static void compare(size_t count, tl_time from, tl_time until) {
+    tl_reading expected = {.value = -1, .stamp = -1};
+    tl_reading found = expected;
+    char what[128];
+    bool any = walk(count, from, until, &expected);
+    (void)snprintf(what, sizeof what, "%zu posts, depth %u, from %lld until %lld", count, handle.depth, (long long)from,
+                   (long long)until);
+    TEST_ASSERT_EQUAL_INT_MESSAGE(any, tl_mailbox_from(mailbox, from, until, &found), what);
+    TEST_ASSERT_EQUAL_DOUBLE_MESSAGE(expected.value, found.value, what);
+    TEST_ASSERT_EQUAL_INT64_MESSAGE(expected.stamp, found.stamp, what);
+    if (from == until) {
+        tl_reading at = {.value = -1, .stamp = -1};
+        TEST_ASSERT_EQUAL_INT_MESSAGE(any, tl_mailbox_at(mailbox, until, &at), what);
+        TEST_ASSERT_EQUAL_DOUBLE_MESSAGE(expected.value, at.value, what);
+    }
+}
+
+/* Somewhere near what was posted, or at the ends of time. */
+static tl_time any_instant(tl_test_random *random, size_t count) {
+    static const tl_time ENDS[] = {INT64_MIN, -1, 0, INT64_MAX};
+    if (count == 0 || tl_test_random_chance(random, 5)) {
+        return ENDS[tl_test_random_below(random, sizeof ENDS / sizeof ENDS[0])];
+    }
+    size_t oldest = count > handle.depth ? count - handle.depth : 0;
+    tl_time stamp = posted[tl_test_random_between(random, oldest, count - 1)].stamp;
+    return stamp + (tl_time)tl_test_random_below(random, 5) - 2;
+}
+
+static void ask(tl_test_random *random, size_t count) {
+    tl_time from = any_instant(random, count);
+    tl_time until = any_instant(random, count);
+    compare(count, from < until ? from : until, from < until ? until : from);
+    compare(count, until, until);
+}
+
+/* Stamps that are equal, one apart, or far apart, as the campaign has it. */
+static void run_campaign(uint64_t seed) {
+    tl_test_random random = {seed};
+    size_t equal = tl_test_random_below(&random, 101);
+    size_t gap = 1 + tl_test_random_below(&random, 4);
+    tl_time stamp = (tl_time)tl_test_random_below(&random, 100) - 50;
+    begin((uint32_t)1 << tl_test_random_below(&random, 11));
+    for (size_t i = 0; i < POSTED; i++) {
+        stamp += tl_test_random_chance(&random, equal) ? 0 : 1 + (tl_time)tl_test_random_below(&random, gap);
+        posted[i] = (tl_reading){.value = (double)i, .stamp = stamp, .quality = TL_GOOD};
+        tl_mailbox_post(mailbox, &posted[i]);
+        ask(&random, i + 1);
+    }
+}
+
+static void test_a_search_finds_what_a_walk_finds(void) {
+    tl_test_random nobody = {0};
+    ask(&nobody, 0);
+    for (uint64_t seed = 1; seed <= 40; seed++) {
+        run_campaign(seed);
+    }
+}
+
+/* ---- the far past costs little more than the newest ---- */
+
+static double cost_of(tl_time least, tl_time width) {
+    enum { ASKED = 20000 };
+    tl_test_random random = {7};
+    double sum = 0;
+    tl_time begun = tl_test_now();
+    for (int i = 0; i < ASKED; i++) {
+        tl_reading reading = {.value = 0};
+        (void)tl_mailbox_at(mailbox, least + (tl_time)tl_test_random_below(&random, (size_t)width), &reading);
+        sum += reading.value;
+    }
+    TEST_ASSERT_TRUE(sum > 0);
+    return tl_seconds(tl_test_now() - begun);
+}
+
+static void test_the_far_past_costs_little_more_than_the_newest(void) {
+    double ratio = 1e9;
+    begin(DEEPEST);
+    for (int i = 0; i < 2 * DEEPEST; i++) {
+        post(1, i);
+    }
+    for (int i = 0; i < 5; i++) {
+        double far = cost_of(DEEPEST, DEEPEST / 2) / cost_of(2 * DEEPEST, DEEPEST);
+        ratio = far < ratio ? far : ratio;
+    }
+    TEST_ASSERT_TRUE_MESSAGE(ratio < 300, "a look-up walks"); /* some 40 looks for one; a walk needs 50000 */
+}
+
+/* ---- a writer that has died ---- */
+
+static void test_a_post_that_was_not_counted_is_found_by_the_successor(void) {
+    post(1, 100);
+    post(2, 200);
+    placed.count = 1; /* it died before it counted the second one */
+    expect(300, 1, 100);
+    tl_mailbox_mend(mailbox);
+    expect(300, 2, 200);
+    post(3, 300);
+    expect(300, 3, 300);
+    expect(299, 2, 200);
+}
+
+static void test_a_slot_that_was_left_odd_was_never_begun(void) {
+    for (int i = 0; i < DEPTH + 10; i++) {
+        post(i, i);
+    }
+    tl_mailbox_slot *slot = &placed.slots[(DEPTH + 10) % DEPTH]; /* the oldest kept: the next post's */
+    slot->sequence = 2 * (uint64_t)(DEPTH + 10) + 1;
+    slot->stamp = 5000;
+    expect(INT64_MAX, DEPTH + 9, DEPTH + 9);
+    expect(0, 11, 11);
+    tl_mailbox_mend(mailbox);
+    expect(INT64_MAX, DEPTH + 9, DEPTH + 9);
+    expect(0, 11, 11);
+    TEST_ASSERT_EQUAL_UINT64(0, slot->sequence);
+    post(1000, 1000);
+    expect(INT64_MAX, 1000, 1000);
+    expect(0, 11, 11);
+}
+
+static void test_mending_what_is_whole_changes_nothing(void) {
+    tl_mailbox_mend(mailbox);
+    expect_nothing(INT64_MAX);
+    for (int i = 0; i < DEPTH + 10; i++) {
+        static tl_mailbox_slot before[DEPTH];
+        post(i, i);
+        memcpy(before, placed.slots, sizeof before);
+        tl_mailbox_mend(mailbox);
+        TEST_ASSERT_EQUAL_MEMORY(before, placed.slots, sizeof before);
+        TEST_ASSERT_EQUAL_UINT64(i + 1, placed.count);
+    }
 }
 
 /* ---- two threads ---- */
@@ -170,9 +349,9 @@ static void test_two_threads(void) {
             expect_whole(&reading); /* that one, or the oldest kept */
             TEST_ASSERT_TRUE(reading.stamp >= newest - 10);
         }
-        if (newest > TL_MAILBOX_READINGS && tl_mailbox_at(mailbox, 0, &reading)) {
+        if (newest > DEPTH && tl_mailbox_at(mailbox, 0, &reading)) {
             expect_whole(&reading); /* the oldest kept: just where the writer goes next */
-            TEST_ASSERT_TRUE(reading.stamp > newest - TL_MAILBOX_READINGS);
+            TEST_ASSERT_TRUE(reading.stamp > newest - DEPTH);
         }
     }
     TEST_ASSERT_EQUAL_INT(0, pthread_join(writer, NULL));
@@ -189,6 +368,11 @@ int main(void) {
     RUN_TEST(test_stamps_that_decrease_are_looked_up_in_order_of_posting);
     RUN_TEST(test_quality_and_negative_stamps_are_kept);
     RUN_TEST(test_a_full_ring_forgets_the_oldest);
+    RUN_TEST(test_a_search_finds_what_a_walk_finds);
+    RUN_TEST(test_the_far_past_costs_little_more_than_the_newest);
+    RUN_TEST(test_a_post_that_was_not_counted_is_found_by_the_successor);
+    RUN_TEST(test_a_slot_that_was_left_odd_was_never_begun);
+    RUN_TEST(test_mending_what_is_whole_changes_nothing);
     RUN_TEST(test_two_threads);
     return UNITY_END();
 }

@@ -7,13 +7,26 @@
 
 #include "firmware/plant/plant_input.h"
 
+enum { SIGNALS = 2, DEPTH = 256 };
+
+static tl_mailbox_slot slots[SIGNALS][DEPTH];
+static uint64_t counts[SIGNALS];
 static tl_plant_input input;
 static tl_sample sample;
 
+static void empty_mailboxes(void) {
+    memset(slots, 0, sizeof slots);
+    memset(counts, 0, sizeof counts);
+}
+
 void setUp(void) {
+    empty_mailboxes();
     memset(&input, 0, sizeof input);
     memset(&sample, 0xA5, sizeof sample);
     input.count = 1;
+    for (size_t i = 0; i < SIGNALS; i++) {
+        input.mailboxes[i] = (tl_mailbox){.slots = slots[i], .count = &counts[i], .depth = DEPTH};
+    }
     input.limits[0] = (tl_plant_limits){.minimum = -HUGE_VAL, .maximum = HUGE_VAL, .stale = 0, .type = TL_REAL};
 }
 
@@ -26,7 +39,7 @@ static void post(double value, tl_time stamp, tl_quality quality) {
 
 /* Posts a value at 1000 and looks at 1000. */
 static void expect(double value, tl_quality quality) {
-    memset(input.mailboxes, 0, sizeof input.mailboxes);
+    empty_mailboxes();
     post(value, 1000, TL_GOOD);
     tl_plant_input_take(&input, 3, 1000, &sample);
     TEST_ASSERT_EQUAL_INT(quality, sample.quality[0]);
@@ -160,7 +173,7 @@ static void test_stale(void) {
     TEST_ASSERT_EQUAL_DOUBLE(1, sample.values[0]);
     TEST_ASSERT_EQUAL_INT64(1000, sample.stamps[0]);
     input.limits[0].stale = 0; /* never */
-    tl_plant_input_take(&input, 2, INT64_MAX, &sample);
+    tl_plant_input_take(&input, 2, 1000 + TL_PLANT_FARTHEST, &sample);
     TEST_ASSERT_EQUAL_INT(TL_GOOD, sample.quality[0]);
 }
 
@@ -177,12 +190,57 @@ static void test_the_worst_counts(void) {
 
 static void test_a_reading_after_a_forgotten_instant_is_not_stale(void) {
     input.limits[0].stale = 1;
-    for (int i = 0; i <= TL_MAILBOX_READINGS; i++) {
+    for (int i = 0; i <= DEPTH; i++) {
         post(i, 1000 + i, TL_GOOD);
     }
     tl_plant_input_take(&input, 0, 500, &sample); /* the oldest kept, from the future of that instant */
     TEST_ASSERT_EQUAL_INT(TL_GOOD, sample.quality[0]);
     TEST_ASSERT_EQUAL_INT64(1001, sample.stamps[0]);
+}
+
+/* Another process has written it. The sanitizers see whether a difference of times overflows. */
+static void test_a_stamp_that_cannot_be(void) {
+    static const tl_time HERE[] = {0, 1000, 1000000 * TL_SECOND};
+    for (size_t i = 0; i < sizeof HERE / sizeof HERE[0]; i++) {
+        const tl_time cannot[] = {INT64_MIN, INT64_MIN + 1, HERE[i] - TL_PLANT_FARTHEST - 1};
+        input.limits[0].stale = 100;
+        for (size_t j = 0; j < sizeof cannot / sizeof cannot[0]; j++) {
+            empty_mailboxes();
+            post(7, cannot[j], TL_GOOD);
+            tl_plant_input_take(&input, 0, HERE[i], &sample);
+            TEST_ASSERT_EQUAL_INT(TL_NO_LINK, sample.quality[0]);
+            TEST_ASSERT_EQUAL_DOUBLE(0, sample.values[0]);
+            TEST_ASSERT_EQUAL_INT64(TL_TIME_NEVER, sample.stamps[0]);
+        }
+        post(7, HERE[i] - TL_PLANT_FARTHEST, TL_GOOD);
+        tl_plant_input_take(&input, 0, HERE[i], &sample);
+        TEST_ASSERT_EQUAL_INT(TL_STALE, sample.quality[0]);
+        TEST_ASSERT_EQUAL_DOUBLE(7, sample.values[0]);
+    }
+}
+
+/* The oldest kept is later than any sample. */
+static void test_a_stamp_from_the_end_of_time(void) {
+    post(7, INT64_MAX, TL_GOOD);
+    counts[0] = 5 * DEPTH;
+    slots[0][DEPTH - 1] = slots[0][0];
+    slots[0][DEPTH - 1].sequence = 2 * counts[0];
+    tl_plant_input_take(&input, 0, 1000, &sample);
+    TEST_ASSERT_EQUAL_INT(TL_NO_LINK, sample.quality[0]);
+    TEST_ASSERT_EQUAL_INT64(TL_TIME_NEVER, sample.stamps[0]);
+}
+
+static void test_complete_once_all_signals_are_good(void) {
+    const tl_reading bad = {.value = 2, .stamp = 5, .quality = TL_NO_LINK};
+    const tl_reading good = {.value = 2, .stamp = 6, .quality = TL_GOOD};
+    input.count = 2;
+    TEST_ASSERT_FALSE(tl_plant_input_is_complete(&input));
+    post(1, 5, TL_GOOD);
+    TEST_ASSERT_FALSE(tl_plant_input_is_complete(&input));
+    tl_plant_input_post(&input, 1, &bad);
+    TEST_ASSERT_FALSE(tl_plant_input_is_complete(&input));
+    tl_plant_input_post(&input, 1, &good);
+    TEST_ASSERT_TRUE(tl_plant_input_is_complete(&input));
 }
 
 static void test_boolean(void) {
@@ -222,6 +280,9 @@ int main(void) {
     RUN_TEST(test_stale);
     RUN_TEST(test_the_worst_counts);
     RUN_TEST(test_a_reading_after_a_forgotten_instant_is_not_stale);
+    RUN_TEST(test_a_stamp_that_cannot_be);
+    RUN_TEST(test_a_stamp_from_the_end_of_time);
+    RUN_TEST(test_complete_once_all_signals_are_good);
     RUN_TEST(test_boolean);
     RUN_TEST(test_integer);
     return UNITY_END();

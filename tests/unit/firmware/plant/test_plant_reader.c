@@ -85,9 +85,11 @@ static const tl_plant_io_driver TOY = {.name = "toy", .poll = toy_poll, .interru
 
 /* ---- under test ---- */
 
-enum { SOURCES = 200 };
+enum { SOURCES = 200, MAILBOXES = 8, DEPTH = 256 };
 
-static tl_plant_input input;
+static tl_mailbox_slot slots[MAILBOXES][DEPTH];
+static uint64_t counts[MAILBOXES];
+static tl_mailbox mailboxes[MAILBOXES];
 static tl_plant_io toys[SOURCES];
 static tl_plant_source sources[SOURCES];
 static const size_t SIGNALS[] = {4, 2};
@@ -101,7 +103,7 @@ static char link_source[32];
 static char link_text[128];
 
 static void on_link(void *context, const char *source, bool up, const char *text) {
-    TEST_ASSERT_EQUAL_PTR(&input, context);
+    TEST_ASSERT_EQUAL_PTR(mailboxes, context);
     (void)pthread_mutex_lock(&lock);
     links++;
     link_up = up;
@@ -111,9 +113,12 @@ static void on_link(void *context, const char *source, bool up, const char *text
 }
 
 void setUp(void) {
-    memset(&input, 0, sizeof input);
+    memset(slots, 0, sizeof slots);
+    memset(counts, 0, sizeof counts);
     memset(toys, 0, sizeof toys);
-    input.count = 8;
+    for (size_t i = 0; i < MAILBOXES; i++) {
+        mailboxes[i] = (tl_mailbox){.slots = slots[i], .count = &counts[i], .depth = DEPTH};
+    }
     for (size_t i = 0; i < SOURCES; i++) {
         sources[i] = (tl_plant_source){.name = "bench of the north wing",
                                        .driver = &TOY,
@@ -130,7 +135,8 @@ void setUp(void) {
 void tearDown(void) {}
 
 static void start(size_t count) {
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_plant_readers_start(sources, count, &input, on_link, &input, &readers, &error));
+    TEST_ASSERT_EQUAL_INT(TL_OK,
+                          tl_plant_readers_start(sources, count, mailboxes, on_link, mailboxes, &readers, &error));
 }
 
 static void stop(size_t count) {
@@ -162,7 +168,7 @@ static void wait_until_finished(void) {
 
 static void expect_reading(size_t signal, double value, tl_quality quality) {
     tl_reading reading;
-    TEST_ASSERT_TRUE(tl_mailbox_at(&input.mailboxes[signal], INT64_MAX, &reading));
+    TEST_ASSERT_TRUE(tl_mailbox_at(&mailboxes[signal], INT64_MAX, &reading));
     TEST_ASSERT_EQUAL_DOUBLE(value, reading.value);
     TEST_ASSERT_EQUAL_INT(quality, reading.quality);
 }
@@ -176,8 +182,8 @@ static void test_readings_go_to_their_signals(void) {
     stop(1);
     expect_reading(4, 10, TL_GOOD);
     expect_reading(2, 11, TL_GOOD);
-    for (size_t i = 0; i < input.count; i++) {
-        TEST_ASSERT_EQUAL_INT(i == 4 || i == 2, input.mailboxes[i].count > 0);
+    for (size_t i = 0; i < MAILBOXES; i++) {
+        TEST_ASSERT_EQUAL_INT(i == 4 || i == 2, counts[i] > 0);
     }
 }
 
@@ -308,7 +314,7 @@ static void test_no_memory_for_threads(void) {
     struct rlimit tight = before;
     tight.rlim_cur = strtoul(text, NULL, 10) * (rlim_t)sysconf(_SC_PAGESIZE) + ((rlim_t)8 << 20); /* not 200 stacks */
     TEST_ASSERT_EQUAL_INT(0, setrlimit(RLIMIT_AS, &tight));
-    tl_status status = tl_plant_readers_start(sources, SOURCES, &input, on_link, &input, &readers, &error);
+    tl_status status = tl_plant_readers_start(sources, SOURCES, mailboxes, on_link, mailboxes, &readers, &error);
     TEST_ASSERT_EQUAL_INT(0, setrlimit(RLIMIT_AS, &before));
     TEST_ASSERT_EQUAL_INT(TL_TRY_AGAIN, status);
     TEST_ASSERT_NULL(readers);

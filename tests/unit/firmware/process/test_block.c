@@ -3,17 +3,20 @@
 #include <fcntl.h>
 #include <signal.h>
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 #include <sys/mman.h>
 #include <sys/resource.h>
+#include <sys/stat.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
 #include <unity.h>
 
 #include "firmware/process/block.h"
+#include "tests/support/confined.h"
 
-enum { SIZE = 10000 };
+enum { SIZE = 10000, LARGE = 64 * 1024 * 1024, PAGE = 4096 };
 
 static tl_block block;
 static tl_error error;
@@ -143,9 +146,11 @@ static void fail_with(unsigned resource, rlim_t limit) {
     TEST_ASSERT_EQUAL_INT(0, setrlimit(resource, &less));
     tl_status made = tl_block_make("test", SIZE, TL_BLOCK_WE_WRITE, &block, &error);
     tl_status made_of = tl_block_make_of("test", &block, sizeof block, &block, &error);
+    tl_status sparse = tl_block_make_sparse("test", SIZE, &block, &error);
     (void)setrlimit(resource, &before);
     TEST_ASSERT_EQUAL_INT(TL_TRY_AGAIN, made);
     TEST_ASSERT_EQUAL_INT(TL_TRY_AGAIN, made_of);
+    TEST_ASSERT_EQUAL_INT(TL_TRY_AGAIN, sparse);
     TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, "\"test\""), error.text);
     TEST_ASSERT_NULL(block.bytes);
 }
@@ -165,6 +170,201 @@ static void test_none_can_be_closed(void) {
     (void)close(before);
 }
 
+/* ---- blocks that another process writes ---- */
+
+static void make_sparse(size_t size) {
+    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_block_make_sparse("test", size, &block, &error), error.text);
+    TEST_ASSERT_NULL(block.bytes);
+    TEST_ASSERT_EQUAL_size_t(size, block.size);
+}
+
+/* As the writer has it. */
+static void take_for_writing(tl_block *taken) {
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_block_take(dup(block.descriptor), block.size, TL_BLOCK_THEY_WRITE, taken, &error));
+}
+
+static long pages_used(void) {
+    struct stat about;
+    TEST_ASSERT_EQUAL_INT(0, fstat(block.descriptor, &about));
+    return (long)about.st_blocks * 512 / PAGE;
+}
+
+static void test_a_sparse_one_takes_what_is_used(void) {
+    tl_block taken;
+    make_sparse(LARGE);
+    TEST_ASSERT_EQUAL_INT(FD_CLOEXEC, fcntl(block.descriptor, F_GETFD));
+    TEST_ASSERT_EQUAL_INT(0, pages_used());
+    take_for_writing(&taken);
+    unsigned char *bytes = taken.bytes;
+    bytes[0] = 1;
+    bytes[LARGE - 1] = 2;
+    TEST_ASSERT_EQUAL_UINT8(0, bytes[LARGE / 2]);
+    TEST_ASSERT_LESS_OR_EQUAL_INT(3, pages_used());
+    tl_block_close(&taken);
+}
+
+static void test_a_sparse_one_has_its_size(void) {
+    make_sparse(SIZE);
+    need_seals(F_SEAL_SHRINK);
+    TEST_ASSERT_EQUAL_INT(-1, ftruncate(block.descriptor, 100));
+    TEST_ASSERT_EQUAL_INT(-1, ftruncate(block.descriptor, LARGE));
+    TEST_ASSERT_EQUAL_INT(-1, fcntl(block.descriptor, F_ADD_SEALS, F_SEAL_WRITE));
+}
+
+static void test_one_that_is_not_mapped_is_closed(void) {
+    make_sparse(SIZE);
+    int descriptor = block.descriptor;
+    tl_block_close(&block);
+    TEST_ASSERT_EQUAL_INT(-1, fcntl(descriptor, F_GETFD));
+    TEST_ASSERT_EQUAL_size_t(0, block.size);
+}
+
+/* Only whole pages; and also if the writer's memory is locked, as a real-time process has it. */
+static void test_what_is_forgotten_is_given_back(void) {
+    tl_block taken;
+    make_sparse(LARGE);
+    take_for_writing(&taken);
+    unsigned char *bytes = taken.bytes;
+    memset(bytes, 7, (size_t)8 * PAGE);
+    if (mlock(bytes, (size_t)8 * PAGE) != 0) {
+        TEST_MESSAGE("memory cannot be locked");
+    }
+    TEST_ASSERT_EQUAL_INT(8, pages_used());
+    tl_block_forget(&taken, PAGE + 1, (size_t)4 * PAGE);
+    TEST_ASSERT_EQUAL_INT(5, pages_used());
+    for (size_t i = 0; i < (size_t)8 * PAGE; i++) {
+        TEST_ASSERT_EQUAL_UINT8(i >= (size_t)2 * PAGE && i < (size_t)5 * PAGE ? 0 : 7, bytes[i]);
+    }
+    bytes[3 * PAGE] = 9;
+    TEST_ASSERT_EQUAL_UINT8(9, bytes[3 * PAGE]);
+    tl_block_forget(&taken, 10, PAGE); /* no whole page */
+    tl_block_forget(&taken, 0, 0);
+    TEST_ASSERT_EQUAL_UINT8(7, bytes[10]);
+    tl_block_close(&taken);
+}
+
+static void test_a_reader_reads(void) {
+    tl_block taken;
+    tl_block read;
+    make_sparse(SIZE);
+    int reader = tl_block_reader(&block);
+    TEST_ASSERT_NOT_EQUAL_INT(-1, reader);
+    TEST_ASSERT_EQUAL_INT(FD_CLOEXEC, fcntl(reader, F_GETFD));
+    take_for_writing(&taken); /* also after that */
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_block_take(reader, SIZE, TL_BLOCK_WE_WRITE, &read, &error));
+    memcpy(taken.bytes, "news", 5);
+    TEST_ASSERT_EQUAL_STRING("news", read.bytes);
+    int second = tl_block_reader(&block);
+    TEST_ASSERT_NOT_EQUAL_INT(-1, second);
+    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, tl_block_take(second, SIZE, TL_BLOCK_THEY_WRITE, &(tl_block){0}, &error));
+    tl_block_close(&read);
+    tl_block_close(&taken);
+}
+
+static bool opens(const char *path, int flags) {
+    int opened = open(path, flags);
+    if (opened >= 0) {
+        (void)close(opened);
+    }
+    return opened >= 0;
+}
+
+static bool maps_for_writing(int descriptor) {
+    void *mapped = mmap(NULL, SIZE, PROT_READ | PROT_WRITE, MAP_SHARED, descriptor, 0);
+    if (mapped != MAP_FAILED) {
+        (void)munmap(mapped, SIZE);
+    }
+    return mapped != MAP_FAILED;
+}
+
+/* Of an attacker, who has one descriptor, and is confined. */
+static bool cannot_write(void *context) {
+    const int *reader = context;
+    char path[64];
+    (void)close(block.descriptor); /* which an executed process has not */
+    (void)snprintf(path, sizeof path, "/proc/self/fd/%d", *reader);
+    void *readable = mmap(NULL, SIZE, PROT_READ, MAP_SHARED, *reader, 0);
+    return TL_EXPECT(readable != MAP_FAILED) && TL_EXPECT(!opens(path, O_RDWR)) && TL_EXPECT(!opens(path, O_WRONLY)) &&
+           TL_EXPECT(fchmod(*reader, S_IRWXU) != 0) && TL_EXPECT(chmod(path, S_IRWXU) != 0) &&
+           TL_EXPECT(!opens(path, O_RDWR)) && TL_EXPECT(!maps_for_writing(*reader)) &&
+           TL_EXPECT(mprotect(readable, SIZE, PROT_READ | PROT_WRITE) != 0) &&
+           TL_EXPECT(pwrite(*reader, "x", 1, 0) < 0) && TL_EXPECT(ftruncate(*reader, 0) != 0) &&
+           TL_EXPECT(fcntl(*reader, F_ADD_SEALS, F_SEAL_WRITE) != 0) && TL_EXPECT(memcmp(readable, "ours", 5) == 0);
+}
+
+static void expect_reader_cannot_write(uint32_t user) {
+    static tl_confined confined;
+    tl_block taken;
+    make_sparse(SIZE);
+    take_for_writing(&taken);
+    memcpy(taken.bytes, "ours", 5);
+    tl_block_close(&taken);
+    int reader = tl_block_reader(&block);
+    const tl_confine_settings settings = {.whole_process = true, .lives_on = true, .user = user};
+    tl_confined_run(settings, cannot_write, &reader, &confined);
+    (void)close(reader);
+    TEST_ASSERT_EQUAL_INT(0, confined.signal);
+    TEST_ASSERT_TRUE(confined.succeeded);
+}
+
+static void need_confinement(void) {
+    tl_confine_facts facts;
+    tl_confine_probe(&facts);
+    if (!facts.filter) {
+        TEST_IGNORE_MESSAGE("this kernel has no filter of system calls");
+    }
+}
+
+static void test_a_reader_without_capabilities_cannot_write(void) {
+    need_confinement();
+    expect_reader_cannot_write(0);
+}
+
+static void test_a_reader_of_another_user_cannot_write(void) {
+    tl_confine_facts facts;
+    tl_confine_probe(&facts);
+    need_confinement();
+    if (!facts.user) {
+        TEST_IGNORE_MESSAGE("the user cannot be changed");
+    }
+    expect_reader_cannot_write(0x70000000U);
+}
+
+static void test_there_are_no_descriptors_for_a_reader(void) {
+    struct rlimit before;
+    make_sparse(SIZE);
+    TEST_ASSERT_EQUAL_INT(0, getrlimit(RLIMIT_NOFILE, &before));
+    const struct rlimit less = {.rlim_cur = 3, .rlim_max = before.rlim_max};
+    TEST_ASSERT_EQUAL_INT(0, setrlimit(RLIMIT_NOFILE, &less));
+    int reader = tl_block_reader(&block);
+    (void)setrlimit(RLIMIT_NOFILE, &before);
+    TEST_ASSERT_EQUAL_INT(-1, reader);
+}
+
+/* In a folder that is the root of all, where there is none. */
+static void test_a_reader_without_proc(void) {
+    enum { NO_ROOT = 3 };
+    char folder[] = "/tmp/block_XXXXXX";
+    int status = 0;
+    make_sparse(SIZE);
+    TEST_ASSERT_NOT_NULL(mkdtemp(folder));
+    pid_t pid = fork();
+    TEST_ASSERT_NOT_EQUAL_INT(-1, pid);
+    if (pid == 0) {
+        tl_block taken;
+        if (chroot(folder) != 0) {
+            _exit(NO_ROOT);
+        }
+        _exit(tl_block_take(tl_block_reader(&block), SIZE, TL_BLOCK_WE_WRITE, &taken, &error) == TL_OK ? 0 : 1);
+    }
+    TEST_ASSERT_EQUAL_INT(pid, waitpid(pid, &status, 0));
+    (void)rmdir(folder);
+    if (WEXITSTATUS(status) == NO_ROOT) {
+        TEST_IGNORE_MESSAGE("needs the right to chroot()");
+    }
+    TEST_ASSERT_EQUAL_INT(0, status);
+}
+
 int main(void) {
     UNITY_BEGIN();
     RUN_TEST(test_size_is_sealed);
@@ -176,5 +376,14 @@ int main(void) {
     RUN_TEST(test_what_is_no_memory_is_refused);
     RUN_TEST(test_what_is_missing);
     RUN_TEST(test_none_can_be_closed);
+    RUN_TEST(test_a_sparse_one_takes_what_is_used);
+    RUN_TEST(test_a_sparse_one_has_its_size);
+    RUN_TEST(test_one_that_is_not_mapped_is_closed);
+    RUN_TEST(test_what_is_forgotten_is_given_back);
+    RUN_TEST(test_a_reader_reads);
+    RUN_TEST(test_a_reader_without_capabilities_cannot_write);
+    RUN_TEST(test_a_reader_of_another_user_cannot_write);
+    RUN_TEST(test_there_are_no_descriptors_for_a_reader);
+    RUN_TEST(test_a_reader_without_proc);
     return UNITY_END();
 }

@@ -103,7 +103,7 @@ static void start(const char *title) {
     static const char *const variables[] = {"TMPDIR=/nowhere", "TL_TEST_A=new"};
     /* In a wrong order on purpose: each number is another's target. */
     const tl_role_settings settings = {.title = title,
-                                       .descriptors = {0, 1, 2, report[1], gate[0], -1, -1, 1},
+                                       .descriptors = {0, 1, 2, report[1], gate[0], -1, -1, 1, -1, 2, -1, 0},
                                        .variables = variables,
                                        .variable_count = 2,
                                        .fallback = be_role};
@@ -145,7 +145,7 @@ static void test_a_child_has_what_it_was_given(void) {
     sigset_t some;
     sigset_t before;
     int leak = fcntl(0, F_DUPFD, 200);
-    int low = fcntl(0, F_DUPFD, 9);
+    int low = fcntl(0, F_DUPFD, TL_ROLE_DESCRIPTORS + 1);
     (void)signal(SIGPIPE, SIG_IGN);
     (void)signal(SIGUSR1, ignore);
     (void)sigemptyset(&some);
@@ -161,7 +161,7 @@ static void test_a_child_has_what_it_was_given(void) {
     TEST_ASSERT_EQUAL_INT(0, sigismember(&after, SIGUSR1));
     expect(text, role.is_forked ? "inherited: 7\n" : "inherited: 0\n");
     expect(text, "title: twin [motor]");
-    expect(text, "open: 0 1 2 3 4 7\n");
+    expect(text, "open: 0 1 2 3 4 7 9 11\n");
     expect(text, "blocked: 0, SIGPIPE: default, SIGUSR1: default, SIGHUP: default\n");
     expect(text, "leads its session: yes, death: 9, TMPDIR: /nowhere, TL_TEST_A: new, TL_TEST_B: kept\n");
     TEST_ASSERT_FALSE(tl_role_watch(&role));
@@ -248,7 +248,7 @@ static void test_it_dies_with_its_parent(void) {
 /* Who has a parent no more is not begun. */
 static void test_a_descriptor_that_is_none(void) {
     const tl_role_settings settings = {
-        .title = "twin", .descriptors = {0, 1, 2, 999, -1, -1, -1, -1}, .fallback = be_role};
+        .title = "twin", .descriptors = {0, 1, 2, 999, -1, -1, -1, -1, -1, -1, -1, -1}, .fallback = be_role};
     TEST_ASSERT_EQUAL_INT(TL_TRY_AGAIN, tl_role_start(&settings, &role, &error));
     TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, "the process \"twin\" cannot be started"), error.text);
     TEST_ASSERT_EQUAL_INT(0, role.pid);

@@ -10,9 +10,11 @@
 #include <unity.h>
 
 #include "firmware/base/clock.h"
+#include "firmware/base/identity.h"
 #include "firmware/base/log.h"
+#include "firmware/past/past_follow.h"
+#include "firmware/past/past_history.h"
 #include "firmware/plant/recording.h"
-#include "firmware/run/resume.h"
 #include "firmware/show/show.h"
 #include "tests/support/assembly_recorder.h"
 #include "tests/support/kept_file.h"
@@ -91,7 +93,7 @@ static void record_run(void) {
         tl_recorder_put_sample(recorder, &sample);
         expect_ok(tl_twin_step(assembly.twin, &sample, &budget, &record, &ready, &error));
         if (ready) {
-            tl_twin_recorder_put(recorder, &record, assembly.twin);
+            tl_test_put_step(recorder, &record, assembly.twin);
         }
         if (tick == SAVED_AT) {
             save_checkpoint(tick);
@@ -144,22 +146,53 @@ static tl_status replay(void) {
     return status;
 }
 
-/* As the appliance does it. False: nobody can record into this file, so nothing is gone on with. */
+static void tell(void *context, tl_severity severity, const char *text) {
+    (void)context;
+    tl_recorder_event(recorder, -1, severity, "resume", text);
+}
+
+/* One past, of `size` bytes. */
+static tl_past_outcome try_past(const tl_past_history *history, size_t size, tl_summary *summary) {
+    const tl_past_sink sink = tl_past_sink_of_recorder(recorder);
+    const tl_past_follow_settings following = {.assembly = &assembly, .sink = &sink, .tell = tell};
+    tl_past past;
+    tl_past_outcome outcome = TL_PAST_FAILED;
+    void *image = malloc(size);
+    TEST_ASSERT_NOT_NULL(image);
+    tl_past_history_write(history, image);
+    expect_ok(tl_past_read(image, size, &assembly.config, tl_clock_now(NULL), &past, &error));
+    expect_ok(tl_past_follow(&following, &past, summary, &outcome, &error));
+    free(image);
+    return outcome;
+}
+
+/* As a twin and its recorder do it. False: nobody can record into this file, so nothing is gone on with. */
 static bool restart(tl_summary *summary) {
-    static tl_journal journal; /* too large for a small stack */
-    bool spoilt = false;
-    tl_status status = tl_assembly_rebuild(&assembly);
-    TEST_ASSERT_EQUAL_INT(TL_OK, status);
+    char fmus[TL_SHA256_TEXT];
+    char boot[TL_IDENTITY_TEXT];
+    size_t size = 0;
+    tl_past_outcome outcome = TL_PAST_REFUSED;
+    *summary = (tl_summary){0};
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_assembly_rebuild(&assembly));
     if (tl_test_record(&assembly, "run", path, &recorder, &error) != TL_OK) {
         return false;
     }
-    tl_journal_init(&journal, recorder);
-    const tl_resume_settings settings = {
-        .assembly = &assembly, .path = path, .recorder = recorder, .journal = &journal};
-    tl_resume_source source;
-    tl_resume_open(&settings, &source);
-    expect_ok(tl_resume(&settings, &source, summary, &spoilt, &error));
-    tl_resume_close(&source);
+    tl_twin_recorder_identify(&assembly.config, fmus);
+    tl_identity_boot(boot);
+    const tl_past_history_settings settings = {
+        .config = &assembly.config,
+        .path = path,
+        .before = tl_recorder_get_counts(recorder).run,
+        .fmus = fmus,
+        .boot = boot,
+        .components = tl_twin_get_facts(assembly.twin).components,
+        .tell = tell,
+    };
+    tl_past_history *history = tl_past_history_open(&settings);
+    while (outcome == TL_PAST_REFUSED && tl_past_history_next(history, &size)) {
+        outcome = try_past(history, size, summary);
+    }
+    tl_past_history_close(history);
     tl_recorder_go_live(recorder);
     return true;
 }

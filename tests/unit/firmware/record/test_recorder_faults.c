@@ -258,7 +258,7 @@ static void test_a_disk_that_is_full_from_the_start(void) {
     TEST_ASSERT_EQUAL_STRING("ok", tl_sql_text(bench.path, "PRAGMA integrity_check"));
 }
 
-/* Data must not vanish into a file without a name; put back, it is used again. */
+/* Data must not vanish into a file that nobody looks for: the run begins again in a new one, with what came since. */
 static void test_a_file_that_is_moved_away(void) {
     char elsewhere[PATH_MAX + 8];
     (void)snprintf(elsewhere, sizeof elsewhere, "%s.moved", bench.path);
@@ -269,12 +269,38 @@ static void test_a_file_that_is_moved_away(void) {
     TEST_ASSERT_EQUAL_INT(0, rename(bench.path, elsewhere));
     tl_made_put(bench.recorder, 100, 100);
     wait_for(tl_faulty_vfs_moved, moved + 1);
-    TEST_ASSERT_EQUAL_UINT64(198, tl_recorder_get_counts(bench.recorder).written);
-    TEST_ASSERT_EQUAL_INT(0, rename(elsewhere, bench.path));
+    wait_for_written(398);
+    tl_made_put(bench.recorder, 200, 100);
     TEST_ASSERT_EQUAL_INT(TL_OK, close_recorder());
-    TEST_ASSERT_EQUAL_UINT64(398, bench.counts.written);
-    expect_whole(398);
-    TEST_ASSERT_EQUAL_INT64(1, events_like("cannot write: its file was moved or removed while it is written%"));
+    TEST_ASSERT_EQUAL_UINT64(598, bench.counts.written);
+    TEST_ASSERT_EQUAL_UINT64(0, bench.counts.lost);
+    expect_whole(400);
+    TEST_ASSERT_EQUAL_INT64(1, events_like("was moved away with 198 samples, steps and events of this run%"));
+    TEST_ASSERT_EQUAL_INT64(1, tl_sql_integer(bench.path, "SELECT count(*) FROM events"));
+    TEST_ASSERT_EQUAL_STRING("100|end|0", tl_sql_text(bench.path, "SELECT removed_before || '|' || ended_reason || '|'"
+                                                                  " || entries_lost FROM runs"));
+    /* What was committed is all in the file itself, whose log has another name. */
+    TEST_ASSERT_EQUAL_INT64(100, tl_sql_integer(elsewhere, "SELECT count(DISTINCT tick) FROM samples"));
+    TEST_ASSERT_EQUAL_STRING("98|1", tl_sql_text(elsewhere, "SELECT steps_written || '|' || (ended IS NULL) FROM"
+                                                            " runs"));
+}
+
+/* What was in it is gone: that is counted. */
+static void test_a_file_that_is_removed(void) {
+    open_recorder();
+    tl_made_put(bench.recorder, 0, 100);
+    wait_for_written(198);
+    TEST_ASSERT_EQUAL_INT(0, unlink(bench.path));
+    tl_made_put(bench.recorder, 100, 100);
+    tl_recorder_event(bench.recorder, 199, TL_EVENT_INFO, "cycle", "the file is gone");
+    TEST_ASSERT_EQUAL_INT(TL_OK, close_recorder());
+    TEST_ASSERT_EQUAL_UINT64(201, bench.counts.written);
+    TEST_ASSERT_EQUAL_UINT64(198, bench.counts.lost);
+    expect_whole(201);
+    TEST_ASSERT_EQUAL_INT64(1, events_like("was removed with 198 samples, steps and events of this run%"));
+    TEST_ASSERT_EQUAL_INT64(2, tl_sql_integer(bench.path, "SELECT count(*) FROM events"));
+    TEST_ASSERT_EQUAL_STRING("100|end|198", tl_sql_text(bench.path, "SELECT removed_before || '|' || ended_reason ||"
+                                                                    " '|' || entries_lost FROM runs"));
 }
 
 /* ---- Slow and locked --------------------------------------------------------------------------------------------- */
@@ -547,6 +573,7 @@ int main(int argc, char **argv) {
     RUN_TEST(test_close_gives_up_on_a_disk_that_stays_full);
     RUN_TEST(test_a_disk_that_is_full_from_the_start);
     RUN_TEST(test_a_file_that_is_moved_away);
+    RUN_TEST(test_a_file_that_is_removed);
     RUN_TEST(test_a_slow_disk_does_not_slow_the_cycle);
     RUN_TEST(test_a_replay_waits_for_a_slow_disk);
     RUN_TEST(test_a_replay_does_not_hang_on_a_full_disk);

@@ -1,16 +1,17 @@
 /* The checkpointer: when a twin is saved, and what is said where it is not. The clock is the real one, budgets are made up. */
 #include <stdio.h>
 #include <string.h>
-#include <unistd.h>
 #include <unity.h>
 
 #include "firmware/base/clock.h"
 #include "firmware/run/checkpointer.h"
+#include "firmware/twin/twin_recorder.h"
 #include "tests/support/scratch.h"
 #include "tests/support/sql.h"
+#include "tests/support/test_outbox.h"
 #include "tests/support/test_plan.h"
 
-enum { INTERVAL = 100 }; /* ticks: 10 s */
+enum { INTERVAL = 100 /* ticks: 10 s */, MUCH = 1 << 20 };
 
 static const tl_time STEP = TL_SECOND / 10;
 
@@ -20,9 +21,8 @@ static tl_test_plan plan;
 static tl_test_run run;
 static tl_assembly assembly;
 static tl_journal journal;
-static tl_recorder *recorder;
+static tl_test_outbox box;
 static tl_checkpointer checkpointer;
-static tl_error error;
 static tl_scratch scratch;
 static char path[PATH_MAX];
 static size_t padding; /* bytes that the FMU adds to its state */
@@ -48,7 +48,6 @@ void setUp(void) {
     memset(&assembly, 0, sizeof assembly);
     padding = 0;
     delay = 0;
-    recorder = NULL;
     (void)snprintf(path, sizeof path, "%s", tl_scratch_path(&scratch, "run.db"));
     tl_test_fmu_init(&fmu, 1, false, &call_log);
     fmu.model.capabilities.can_serialize_state = true;
@@ -64,11 +63,7 @@ void setUp(void) {
 }
 
 static void close_recorder(void) {
-    tl_recorder *closing = recorder;
-    recorder = NULL;
-    if (closing != NULL) {
-        TEST_ASSERT_EQUAL_INT(TL_OK, tl_recorder_close(closing, "end", NULL, &error));
-    }
+    tl_test_outbox_close(&box);
 }
 
 void tearDown(void) {
@@ -79,14 +74,17 @@ void tearDown(void) {
     TEST_ASSERT_EQUAL_STRING("", call_log.first_violation);
 }
 
-static void begin(int64_t max_bytes) {
+static void put_event(void *context, int64_t tick, tl_severity severity, const char *source, const char *text) {
+    tl_outbox_event(context, tick, severity, source, text);
+}
+
+static void begin(size_t checkpoint_bytes) {
     static const char *const COMPONENTS[] = {"motor", "plant"};
     static const tl_recorder_signal SPEED = {.name = "plant.speed", .unit = "", .type = TL_REAL};
     tl_test_run_init(&run, tl_test_plan_build(&plan));
     TEST_ASSERT_EQUAL_STRING("", plan.problems[0].text);
     const tl_recorder_settings settings = {
         .path = path,
-        .max_bytes = max_bytes,
         .commit = TL_SECOND / 100,
         .verb = "run",
         .name = "test",
@@ -97,12 +95,14 @@ static void begin(int64_t max_bytes) {
         .components = COMPONENTS,
         .component_count = 2,
     };
-    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_recorder_open(&settings, &recorder, &error), error.text);
-    tl_journal_init(&journal, recorder);
+    tl_test_outbox_open(&box, &settings, checkpoint_bytes);
+    tl_journal_init(&journal, NULL);
+    tl_journal_listen(&journal, put_event, &box.outbox);
     assembly.twin = run.twin;
     assembly.config.step = STEP;
     assembly.config.record_resume = TL_SECOND;
-    tl_checkpointer_init(&checkpointer, &assembly, recorder, &journal);
+    tl_checkpointer_init(&checkpointer, &assembly, &box.outbox, &journal);
+    tl_twin_recorder_start(&box.outbox, run.twin, 0);
 }
 
 /* Ticks, after each of which so much of a budget of 50 ms has been used. */
@@ -114,7 +114,7 @@ static void play(int64_t ticks, tl_time used) {
         const tl_budget budget = {.time = TL_SECOND / 20, .started = tl_clock_now(NULL) - used, .now = tl_clock_now};
         tl_checkpointer_after(&checkpointer, tick, &budget);
         if (tick % 10 == 0) {
-            (void)usleep(20000); /* the recorder writes */
+            tl_test_outbox_write(&box);
         }
     }
 }
@@ -134,7 +134,7 @@ static void expect_event(const char *words, int64_t times) {
 /* ---- when ---- */
 
 static void test_after_the_first_tick_and_then_every_ten_seconds(void) {
-    begin(0);
+    begin(MUCH);
     play(2 * INTERVAL + 20, 0);
     close_recorder();
     TEST_ASSERT_EQUAL_STRING("100, 200",
@@ -143,7 +143,7 @@ static void test_after_the_first_tick_and_then_every_ten_seconds(void) {
 }
 
 static void test_never_after_a_tick_that_was_made_up(void) {
-    begin(0);
+    begin(MUCH);
     for (int i = 0; i < 20; i++) {
         int64_t tick = run.sample.tick;
         tl_test_run_make_up(&run);
@@ -154,7 +154,7 @@ static void test_never_after_a_tick_that_was_made_up(void) {
 }
 
 static void test_the_first_one_is_there_at_once(void) {
-    begin(0);
+    begin(MUCH);
     play(1, 0);
     close_recorder();
     TEST_ASSERT_EQUAL_INT64(1, checkpoints());
@@ -162,7 +162,7 @@ static void test_the_first_one_is_there_at_once(void) {
 
 /* The budget is used up by searches, tick after tick. It is said once, and saved again when there is time. */
 static void test_no_step_has_time_left(void) {
-    begin(0);
+    begin(MUCH);
     play(1, 0);
     play(5 * INTERVAL, TL_SECOND / 20);
     TEST_ASSERT_EQUAL_INT64(1, checkpoints());
@@ -172,24 +172,11 @@ static void test_no_step_has_time_left(void) {
     expect_event("no step had", 1);
 }
 
-/* A run that goes on with another begins with that one's checkpoint, which may not be written yet. */
-static void test_after_the_one_that_the_run_began_with(void) {
-    size_t capacity = 0;
-    begin(0);
-    TEST_ASSERT_TRUE(tl_recorder_reserve_checkpoint(recorder, 100));
-    memset(tl_recorder_checkpoint_room(recorder, &capacity), 1, 100);
-    tl_recorder_put_checkpoint(recorder, -1, 100);
-    play(INTERVAL, 0);
-    close_recorder();
-    TEST_ASSERT_EQUAL_INT64(2, checkpoints());
-    expect_event("", 0);
-}
-
 /* ---- what it is not done for ---- */
 
 static void test_it_takes_too_long(void) {
     delay = TL_SECOND / 15;
-    begin(0);
+    begin(MUCH);
     play(3 * INTERVAL, 0);
     close_recorder();
     TEST_ASSERT_EQUAL_INT64(1, checkpoints()); /* that which told how long it takes */
@@ -198,15 +185,15 @@ static void test_it_takes_too_long(void) {
 
 static void test_it_is_too_large(void) {
     padding = 200000;
-    begin(1000000);
+    begin(100000);
     play(INTERVAL, 0);
     close_recorder();
     TEST_ASSERT_EQUAL_INT64(0, checkpoints());
-    expect_event("too large for the database", 1);
+    expect_event("too large", 1);
 }
 
 static void test_it_grows(void) {
-    begin(0);
+    begin(MUCH);
     play(1, 0);
     padding = 200000;
     play(2 * INTERVAL, 0);
@@ -217,7 +204,7 @@ static void test_it_grows(void) {
 
 static void test_an_fmu_that_cannot(void) {
     fmu.model.capabilities.can_serialize_state = false;
-    begin(0);
+    begin(MUCH);
     play(INTERVAL, 0);
     close_recorder();
     TEST_ASSERT_EQUAL_INT64(0, checkpoints());
@@ -225,7 +212,7 @@ static void test_an_fmu_that_cannot(void) {
 }
 
 static void test_an_fmu_that_refuses(void) {
-    begin(0);
+    begin(MUCH);
     play(1, 0);
     uint64_t next = fmu.calls[TL_TEST_SERIALIZE] + 1;
     tl_test_fmu_fail(&fmu, TL_TEST_SERIALIZE, TL_TEST_ERROR, next, next);
@@ -236,11 +223,9 @@ static void test_an_fmu_that_refuses(void) {
 }
 
 static void test_it_is_not_wanted(void) {
-    begin(0);
+    begin(MUCH);
     assembly.config.record_resume = 0;
-    tl_checkpointer_init(&checkpointer, &assembly, recorder, &journal);
-    play(INTERVAL, 0);
-    tl_checkpointer_init(&checkpointer, &assembly, NULL, &journal);
+    tl_checkpointer_init(&checkpointer, &assembly, &box.outbox, &journal);
     play(INTERVAL, 0);
     close_recorder();
     TEST_ASSERT_EQUAL_INT64(0, checkpoints());
@@ -254,7 +239,6 @@ int main(void) {
     RUN_TEST(test_never_after_a_tick_that_was_made_up);
     RUN_TEST(test_the_first_one_is_there_at_once);
     RUN_TEST(test_no_step_has_time_left);
-    RUN_TEST(test_after_the_one_that_the_run_began_with);
     RUN_TEST(test_it_takes_too_long);
     RUN_TEST(test_it_is_too_large);
     RUN_TEST(test_it_grows);

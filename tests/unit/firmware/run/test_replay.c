@@ -129,7 +129,7 @@ static void live_tick(int64_t tick) {
         expect_ok(tl_twin_step(assembly.twin, &sample, &budget, &record, &ready, &error));
     }
     if (ready) {
-        tl_twin_recorder_put(recorder, &record, assembly.twin);
+        tl_test_put_step(recorder, &record, assembly.twin);
     }
 }
 

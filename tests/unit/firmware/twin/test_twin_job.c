@@ -6,11 +6,12 @@
 
 #include "firmware/twin/twin_job.h"
 
-/* Behind the job in the block, and how many there are. */
-enum { LENGTHS = 3 };
+/* Of pieces, behind the job in the block; those of texts come first. */
+enum { LENGTHS = 5, TEXTS = 3 };
 
 static const unsigned char checkpoint[] = {1, 7, 2, 255, 9}; /* no zero, which could be a text's end */
-static const tl_twin_job order = {.task = TL_TASK_STEP,
+static const unsigned char live[] = {3, 0, 141};
+static const tl_twin_job order = {.task = TL_TASK_LIVE,
                                   .tells = TL_TELLS_COUNTS,
                                   .begins = TL_BEGINS_CHECKPOINT,
                                   .tick = -77,
@@ -23,7 +24,10 @@ static const tl_twin_job order = {.task = TL_TASK_STEP,
                                   .memory = 12345678901,
                                   .user = 0x70000001,
                                   .plain = true,
-                                  .variables = true};
+                                  .variables = true,
+                                  .holds = true,
+                                  .live = live,
+                                  .live_size = sizeof live};
 static tl_block block;
 static tl_twin_job job;
 static tl_error error;
@@ -48,7 +52,7 @@ static void expect_order(void) {
     TEST_ASSERT_EQUAL_UINT64(order.file_bytes, job.file_bytes);
     TEST_ASSERT_EQUAL_UINT64(order.memory, job.memory);
     TEST_ASSERT_EQUAL_UINT32(order.user, job.user);
-    TEST_ASSERT_TRUE(job.plain && job.variables);
+    TEST_ASSERT_TRUE(job.plain && job.variables && job.holds);
     TEST_ASSERT_FALSE(job.without_delays || job.unconfined);
 }
 
@@ -65,6 +69,8 @@ static void test_all_of_it_comes_back(void) {
     expect_order();
     TEST_ASSERT_EQUAL_size_t(sizeof checkpoint, job.checkpoint_size);
     TEST_ASSERT_EQUAL_UINT8_ARRAY(checkpoint, job.checkpoint, sizeof checkpoint);
+    TEST_ASSERT_EQUAL_size_t(sizeof live, job.live_size);
+    TEST_ASSERT_EQUAL_UINT8_ARRAY(live, job.live, sizeof live);
     block.descriptor = -1; /* which `taken` owns now */
     tl_block_close(&taken);
 }
@@ -75,19 +81,23 @@ static void test_its_texts_are_in_the_block(void) {
     TEST_ASSERT_TRUE(lies_in_block(job.text));
     TEST_ASSERT_TRUE(lies_in_block(job.folder));
     TEST_ASSERT_TRUE(lies_in_block(job.checkpoint));
+    TEST_ASSERT_TRUE(lies_in_block(job.live));
 }
 
-static void test_without_a_checkpoint(void) {
+static void test_without_pieces_that_may_be_missing(void) {
     tl_twin_job plain = order;
     plain.begins = TL_BEGINS_NEW;
     plain.checkpoint = NULL;
     plain.checkpoint_size = 0;
+    plain.live = NULL;
+    plain.live_size = 0;
     plain.path = "";
     tl_block_close(&block);
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_twin_job_make(&plain, &block, &error));
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_twin_job_read(&block, &job, &error));
     TEST_ASSERT_EQUAL_STRING("", job.path);
     TEST_ASSERT_EQUAL_size_t(0, job.checkpoint_size);
+    TEST_ASSERT_EQUAL_size_t(0, job.live_size);
 }
 
 /* ---- damage ---- */
@@ -118,9 +128,8 @@ static void test_one_that_is_too_long_is_refused(void) {
     free(longer);
 }
 
-/* Where the lengths lie: those of path, text and folder behind the job, that of the checkpoint in it. */
 static size_t place_of(size_t which) {
-    return which < LENGTHS ? sizeof(tl_twin_job) + which * sizeof(size_t) : offsetof(tl_twin_job, checkpoint_size);
+    return sizeof(tl_twin_job) + which * sizeof(size_t);
 }
 
 static size_t length_of(const unsigned char *bytes, size_t which) {
@@ -137,7 +146,7 @@ static void test_a_length_that_is_wrong_is_refused(void) {
     unsigned char *bytes = malloc(block.size);
     TEST_ASSERT_NOT_NULL(bytes);
     memcpy(bytes, block.bytes, block.size);
-    for (size_t which = 0; which <= LENGTHS; which++) {
+    for (size_t which = 0; which < LENGTHS; which++) {
         const size_t right = length_of(bytes, which);
         const size_t wrong[] = {0,          right - 1,    right + 1,        block.size,
                                 SIZE_MAX,   SIZE_MAX / 2, SIZE_MAX - right, SIZE_MAX - block.size,
@@ -158,12 +167,13 @@ static void test_lengths_that_add_up_are_refused(void) {
     TEST_ASSERT_NOT_NULL(bytes);
     memcpy(bytes, block.bytes, block.size);
     const size_t by[] = {1, 2, (size_t)0 - 1, SIZE_MAX / 2};
-    for (size_t i = 0; i < LENGTHS * sizeof by / sizeof by[0]; i++) {
-        size_t which = i % LENGTHS;
+    const size_t pairs = TEXTS; /* each with the piece behind it */
+    for (size_t i = 0; i < pairs * (sizeof by / sizeof by[0]); i++) {
+        size_t which = i % pairs;
         size_t one = length_of(bytes, which);
         size_t other = length_of(bytes, which + 1);
-        put_length(bytes, which, one + by[i / LENGTHS]);
-        put_length(bytes, which + 1, other - by[i / LENGTHS]);
+        put_length(bytes, which, one + by[i / pairs]);
+        put_length(bytes, which + 1, other - by[i / pairs]);
         TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, read_bytes(bytes, block.size));
         put_length(bytes, which, one);
         put_length(bytes, which + 1, other);
@@ -177,10 +187,10 @@ static void test_a_text_without_an_end_is_refused(void) {
     TEST_ASSERT_NOT_NULL(bytes);
     memcpy(bytes, block.bytes, block.size);
     size_t end = block.size; /* minus all pieces: where the first one begins */
-    for (size_t which = 0; which <= LENGTHS; which++) {
+    for (size_t which = 0; which < LENGTHS; which++) {
         end -= length_of(bytes, which);
     }
-    for (size_t which = 0; which < LENGTHS; which++) {
+    for (size_t which = 0; which < TEXTS; which++) {
         end += length_of(bytes, which);
         TEST_ASSERT_EQUAL_UINT8('\0', bytes[end - 1]);
         bytes[end - 1] = 'x';
@@ -195,7 +205,7 @@ int main(void) {
     UNITY_BEGIN();
     RUN_TEST(test_all_of_it_comes_back);
     RUN_TEST(test_its_texts_are_in_the_block);
-    RUN_TEST(test_without_a_checkpoint);
+    RUN_TEST(test_without_pieces_that_may_be_missing);
     RUN_TEST(test_one_that_is_cut_is_refused);
     RUN_TEST(test_one_that_is_too_long_is_refused);
     RUN_TEST(test_a_length_that_is_wrong_is_refused);

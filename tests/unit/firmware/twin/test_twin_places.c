@@ -11,8 +11,9 @@
 
 enum { MANY = TL_TWIN_PLACES + 44 };
 
-static const char *const variables[] = {"LD_LIBRARY_PATH", "PYTHONHOME", "PYTHONPATH", "LOCPATH", "PATH"};
-enum { VARIABLES = sizeof variables / sizeof variables[0] };
+static const char *const variables[] = {"LD_LIBRARY_PATH", "PYTHONPATH", "LOCPATH",
+                                        "PYTHONHOME",      "PATH",       TL_TWIN_PLACES_HOME};
+enum { VARIABLES = sizeof variables / sizeof variables[0], LISTS = 3 };
 
 static tl_scratch scratch;
 static char root[PATH_MAX]; /* of all that the tests make, without links */
@@ -61,16 +62,22 @@ static void make_tree(void) {
     make_file("plugins/vendor.so");
     make_folder("venv");
     make_folder("venv/bin");
+    make_folder("venv/lib");
+    make_file("venv/pyvenv.cfg");
+    make_file("venv/private");
     make_folder("python");
     make_folder("python/bin");
+    make_folder("python/lib");
+    make_folder("python/lib64");
     make_file("python/bin/python3.11");
     TEST_ASSERT_EQUAL_INT(0, symlink(in_root("python/bin/python3.11"), in_root("venv/bin/python3")));
 }
 
 static void remove_tree(void) {
     static const char *const made[] = {
-        "venv/bin/python3", "venv/bin",         "venv", "python/bin/python3.11", "python/bin",
-        "python",           "lib/libvendor.so", "lib",  "plugins/vendor.so",     "plugins",
+        "venv/bin/python3", "venv/bin",         "venv/lib", "venv/pyvenv.cfg",       "venv/private",
+        "python/lib",       "python/lib64",     "venv",     "python/bin/python3.11", "python/bin",
+        "python",           "lib/libvendor.so", "lib",      "plugins/vendor.so",     "plugins",
         "private.csv",      "data/table.csv",   "data"};
     for (size_t i = 0; i < sizeof made / sizeof made[0]; i++) {
         (void)remove(in_root(made[i]));
@@ -131,9 +138,10 @@ static void test_libraries(void) {
 }
 
 static void test_folders_in_variables(void) {
-    for (size_t i = 0; i < VARIABLES - 1; i++) {
+    for (size_t i = 0; i < LISTS; i++) {
         char list[3 * PATH_MAX];
-        (void)snprintf(list, sizeof list, ":%s:/nowhere/at/all::%s:", in_root("data"), in_root("lib"));
+        (void)snprintf(list, sizeof list, ":%s:data:.:/nowhere/at/all::%s:", in_root("data"), in_root("lib"));
+        TEST_ASSERT_EQUAL_INT(0, chdir(root)); /* so that "data" could be found */
         TEST_ASSERT_EQUAL_INT(0, setenv(variables[i], list, 1));
         expect_places((const char *const[]){in_root("data"), in_root("lib"), NULL});
         tl_twin_places_free(&places);
@@ -146,7 +154,29 @@ static void test_python(void) {
     char list[3 * PATH_MAX];
     (void)snprintf(list, sizeof list, "%s::%s:/usr/bin", in_root("data"), in_root("venv/bin"));
     TEST_ASSERT_EQUAL_INT(0, setenv("PATH", list, 1));
-    expect_places((const char *const[]){in_root("venv"), in_root("python"), NULL});
+    expect_places((const char *const[]){in_root("venv/pyvenv.cfg"), in_root("venv/lib"), in_root("python/lib"),
+                                        in_root("python/lib64"), NULL});
+}
+
+static void test_pythons_home(void) {
+    char list[3 * PATH_MAX];
+    (void)snprintf(list, sizeof list, "%s:%s", in_root("python"), in_root("data"));
+    TEST_ASSERT_EQUAL_INT(0, setenv("PYTHONHOME", list, 1));
+    expect_places((const char *const[]){in_root("python/lib"), in_root("python/lib64"), NULL});
+}
+
+/* Whatever a variable says: neither a home nor what it lies in, but what lies in it. */
+static void test_never_a_home(void) {
+    char list[4 * PATH_MAX];
+    (void)snprintf(list, sizeof list, "%s:%s:%s:%s:/tmp:/var/", root, in_root("venv"), in_root("venv/lib/.."),
+                   in_root("venv/lib"));
+    TEST_ASSERT_EQUAL_INT(0, setenv(TL_TWIN_PLACES_HOME, in_root("venv"), 1));
+    for (size_t i = 0; i < LISTS; i++) {
+        TEST_ASSERT_EQUAL_INT(0, setenv(variables[i], list, 1));
+        expect_places((const char *const[]){in_root("venv/lib"), NULL});
+        tl_twin_places_free(&places);
+        TEST_ASSERT_EQUAL_INT(0, unsetenv(variables[i]));
+    }
 }
 
 /* However it is written. */
@@ -162,10 +192,11 @@ static void test_never_everything(void) {
     component.set_count = sizeof set / sizeof set[0];
     assembly.libraries = libraries;
     assembly.library_count = 2;
-    for (size_t i = 0; i < VARIABLES - 1; i++) {
+    for (size_t i = 0; i < LISTS; i++) {
         TEST_ASSERT_EQUAL_INT(0, setenv(variables[i], "/:/..://", 1));
     }
     expect_places((const char *const[]){NULL});
+    assembly.libraries = NULL;
 }
 
 static void test_more_than_there_is_room_for(void) {
@@ -201,6 +232,8 @@ int main(void) {
     RUN_TEST(test_libraries);
     RUN_TEST(test_folders_in_variables);
     RUN_TEST(test_python);
+    RUN_TEST(test_pythons_home);
+    RUN_TEST(test_never_a_home);
     RUN_TEST(test_never_everything);
     RUN_TEST(test_more_than_there_is_room_for);
     RUN_TEST(test_freed_it_is_empty);

@@ -57,7 +57,9 @@ static void test_texts_end(void) {
 
 /* Units are printed on a terminal. */
 static void test_texts_have_no_control_characters(void) {
-    static const char *const bad[] = {"\x1b[2J", "a\nb", "\t", "\x7f", "\xC2\x9B|31m"};
+    static const char turning[] = {'\xE2', '\x80', '\xAE', 'm', '\0'}; /* U+202E */
+    static const char *const bad[] = {"\x1b[2J",  "a\nb", "\t",    "\x7f",    "\xC2\x9B|31m",
+                                      "\x9B|31m", "\xFF", turning, "\xE2\x80"};
     for (size_t i = 0; i < sizeof bad / sizeof bad[0]; i++) {
         setUp();
         set_text(account.match[0].unit, bad[i]);

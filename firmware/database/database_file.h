@@ -1,0 +1,72 @@
+/* A database that a recorder has for itself: the lock beside it, and a connection that writes.
+ *
+ * Purpose: finds or makes the file, takes the lock, opens it, and says what has become of it since. A damaged file of ours can be put
+ *          aside, for whoever may still get something out of it, and another be made at its place, all under the same lock.
+ * Errors:  TL_TRY_AGAIN, TL_BAD_DATA, TL_BAD_USAGE as in database.h; each says the fault (database_fault.h).
+ * Thread:  one at a time.
+ */
+#ifndef TL_FIRMWARE_DATABASE_DATABASE_FILE_H
+#define TL_FIRMWARE_DATABASE_DATABASE_FILE_H
+
+#include <limits.h>
+#include <sqlite3.h>
+#include <stdbool.h>
+
+#include "firmware/database/database_lock.h"
+#include "master/base/simtime.h"
+#include "master/base/status.h"
+
+/* Files FILE.damaged-1, -2, … that may be; with all of them there, a damaged one stays where it is. */
+enum { TL_DATABASE_DAMAGED_MOST = 9 };
+
+typedef struct tl_database_file {
+    char path[PATH_MAX]; /* links resolved; "": it is closed */
+    sqlite3 *connection;
+    tl_database_lock lock;
+    int handle; /* of the file itself, whatever it is called by now; −1: none */
+} tl_database_file;
+
+/* What was put aside: where it is now, and why. */
+typedef struct tl_database_aside {
+    char name[PATH_MAX]; /* "": nothing was */
+    char why[TL_ERROR_TEXT];
+} tl_database_aside;
+
+/* What has become of a file that is open. */
+typedef enum tl_database_whereabouts {
+    TL_DATABASE_IN_PLACE,
+    TL_DATABASE_MOVED,
+    TL_DATABASE_REMOVED
+} tl_database_whereabouts;
+
+/* Who is going to use a connection: whether it can is part of whether the file can be opened. */
+typedef struct tl_database_user {
+    int (*begin)(void *context, sqlite3 *connection); /* prepares what is needed; SQLite's result code */
+    void (*end)(void *context);                       /* and gives it back, after a failure too */
+    void *context;
+} tl_database_user;
+
+/* Finds the file or makes it. `patience` is for the lock and for other programs'. A damaged one is put aside, and another one made; if
+ * `aside` is NULL, that is refused. */
+tl_status tl_database_file_open(const char *given, tl_time patience, const tl_database_user *user,
+                                tl_database_file *file, tl_database_aside *aside, tl_error *error);
+
+/* What is written in it from now on waits so long for other programs. */
+void tl_database_file_set_patience(tl_database_file *file, tl_time patience);
+
+tl_database_whereabouts tl_database_file_look(const tl_database_file *file);
+
+/* It shows damage, as the caller has seen: puts it aside and makes another one. A failure leaves it closed. The user has ended. */
+tl_status tl_database_file_renew(tl_database_file *file, const char *why, const tl_database_user *user,
+                                 tl_database_aside *aside, tl_error *error);
+
+/* Closes it, written back as far as can be: also where it has another name by now. The user has ended. A closed one is allowed. */
+void tl_database_file_close(tl_database_file *file);
+
+/* What is closed. */
+#define TL_DATABASE_FILE_NONE                                                                                          \
+    {                                                                                                                  \
+        .handle = -1, .lock = {.file = -1 }                                                                            \
+    }
+
+#endif

@@ -1,0 +1,59 @@
+/* Which file is written: see database_instead.h. */
+#include "firmware/database/database_instead.h"
+
+#include <stdio.h>
+
+#include "firmware/database/database.h"
+#include "firmware/database/database_fault.h"
+
+static bool is_refused(tl_database_insistence insistence, tl_database_fault fault) {
+    bool is_ours = fault != TL_DATABASE_FOREIGN && fault != TL_DATABASE_OTHER && fault != TL_DATABASE_TAKEN;
+    return insistence == TL_DATABASE_ALL_OR_NOTHING || (insistence == TL_DATABASE_IF_OURS && !is_ours);
+}
+
+static bool is_waited_for(tl_database_fault fault) {
+    return fault == TL_DATABASE_LATER || fault == TL_DATABASE_TAKEN;
+}
+
+tl_status tl_database_instead_beside(const char *given, const char *why, const tl_database_user *user,
+                                     tl_database_file *file, tl_database_news *news, tl_error *error) {
+    char place[PATH_MAX];
+    char name[PATH_MAX];
+    const char *path = tl_database_place(given, place, NULL) == TL_OK ? place : given;
+    tl_status status = TL_BAD_DATA;
+    bool ends = false;
+    for (int i = 1; i <= TL_DATABASE_BESIDE_MOST && !ends; i++) {
+        int length = i == 1 ? snprintf(name, sizeof name, "%s.beside", path)
+                            : snprintf(name, sizeof name, "%s.beside-%d", path, i);
+        if (length >= PATH_MAX) {
+            return tl_database_refuse(TL_DATABASE_FOREIGN, error, TL_TRY_AGAIN, "%.200s…: the name is too long", path);
+        }
+        status = tl_database_file_open(name, 0, user, file, &news->aside, error);
+        ends = status == TL_OK || tl_database_get_fault() == TL_DATABASE_LATER; /* the next one would meet the same */
+    }
+    (void)snprintf(news->beside, sizeof news->beside, "%s", status == TL_OK ? why : "");
+    return status;
+}
+
+tl_status tl_database_instead_open(const tl_database_wanted *wanted, tl_database_file *file, tl_database_news *news,
+                                   bool *waits, tl_error *error) {
+    tl_error first = {TL_OK, ""};
+    *news = (tl_database_news){.beside = ""};
+    *waits = false;
+    tl_database_aside *aside = wanted->insistence == TL_DATABASE_ALL_OR_NOTHING ? NULL : &news->aside;
+    tl_status status = tl_database_file_open(wanted->path, wanted->patience, wanted->user, file, aside, &first);
+    tl_database_fault fault = tl_database_get_fault();
+    if (status != TL_OK && !is_refused(wanted->insistence, fault) && !is_waited_for(fault)) {
+        if (tl_database_instead_beside(wanted->path, first.text, wanted->user, file, news, NULL) == TL_OK) {
+            return TL_OK;
+        }
+        *waits = wanted->insistence == TL_DATABASE_ANYHOW || tl_database_get_fault() == TL_DATABASE_LATER;
+        tl_database_set_fault(fault);
+    } else if (status != TL_OK) {
+        *waits = !is_refused(wanted->insistence, fault);
+    }
+    if (status != TL_OK && error != NULL) {
+        *error = first;
+    }
+    return status;
+}

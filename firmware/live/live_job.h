@@ -1,0 +1,46 @@
+/* The job of a process of a run: what it is told at its start, besides the shared memory that it gets.
+ *
+ * Purpose: no process but the supervisor reads the configuration's file or the command line. A process that is begun again is told the same
+ *          text, whatever the file says by then.
+ * Trust:   the supervisor's word, in memory that nobody can change.
+ * Thread:  plain data.
+ */
+#ifndef TL_FIRMWARE_LIVE_LIVE_JOB_H
+#define TL_FIRMWARE_LIVE_LIVE_JOB_H
+
+#include <limits.h>
+#include <stdbool.h>
+#include <stdint.h>
+
+#include "firmware/config/config.h"
+#include "firmware/process/block.h"
+#include "firmware/supervise/restarts.h"
+#include "master/base/simtime.h"
+#include "master/base/status.h"
+
+/* The same for all of them, but what is said of a start. No pointers. */
+typedef struct tl_live_job {
+    bool alone;              /* nobody supervises the run */
+    bool unconfined;         /* FMUs may do what the user can */
+    tl_time duration;        /* that was asked for; 0: as configured */
+    char database[PATH_MAX]; /* "": nothing is recorded */
+    /* of the twin's start */
+    uint32_t number; /* of this start, from 1 on */
+    bool again;      /* after a failure */
+    bool holds;      /* safe hold */
+    uint64_t starts;
+    uint64_t restarts;
+    unsigned failures;
+    char reason[TL_RESTARTS_REASON];
+} tl_live_job;
+
+/* For io and the recorder: with path and text of the configuration behind it. Errors: TL_TRY_AGAIN. */
+tl_status tl_live_job_make(const tl_live_job *job, const tl_config *config, tl_block *block, tl_error *error);
+
+/* There: takes it, and reads the configuration as all the others do. `block` must stay. Errors: TL_BAD_DATA, TL_TRY_AGAIN. */
+tl_status tl_live_job_take(int descriptor, tl_block *block, tl_live_job *job, tl_config *config, tl_error *error);
+
+/* What changes the configuration by the command line; look-ups are in use then. */
+void tl_live_job_apply(const tl_live_job *job, tl_config *config);
+
+#endif

@@ -1,0 +1,173 @@
+/* What a live twin goes on from: see live_past.h. */
+#include "firmware/live/live_past.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#include "firmware/base/clock.h"
+#include "firmware/past/past_follow.h"
+#include "firmware/past/past_outbox.h"
+#include "firmware/past/past_sink.h"
+#include "firmware/process/interrupt.h"
+
+static const tl_time LOOK = TL_SECOND / 1000;
+
+tl_status tl_live_memory_take(tl_live_memory *memory, const tl_outbox_taken **taken, tl_error *error) {
+    tl_status status = tl_block_take(TL_LIVE_RECORDER_PULSE, sizeof(tl_live_recorder_pulse), TL_BLOCK_WE_WRITE,
+                                     &memory->recorder, error);
+    if (status == TL_OK) {
+        status = tl_block_take(TL_LIVE_PAST, TL_LIVE_PAST_BYTES, TL_BLOCK_WE_WRITE, &memory->past, error);
+    }
+    if (status == TL_OK) {
+        const tl_live_recorder_pulse *recorder = memory->recorder.bytes;
+        *taken = &recorder->state.taken[TL_LIVE_OUTBOX_TWIN];
+    }
+    return status;
+}
+
+/* ---- following, in the thread of the FMUs ---- */
+
+/* A job of the FMUs' thread, and what came of it. */
+typedef struct follow_job {
+    const tl_past_follow_settings *settings;
+    const tl_past *past;
+    tl_summary *summary;
+    tl_past_outcome outcome;
+    tl_error *error;
+    tl_status status;
+} follow_job;
+
+static void do_follow(void *context) {
+    follow_job *job = context;
+    job->status = tl_past_follow(job->settings, job->past, job->summary, &job->outcome, job->error);
+}
+
+static void tell(void *context, tl_severity severity, const char *text) {
+    tl_journal_event(context, -1, severity, "resume", "%s", text);
+}
+
+/* The number of the newest run in the database; 0: there is none. */
+static int64_t newest_run(const tl_live_past_settings *settings) {
+    const tl_live_recorder_pulse *recorder = settings->memory->recorder.bytes;
+    return recorder == NULL ? 0 : tl_recorder_state_get(&recorder->state).run;
+}
+
+/* *refused: it is of no use, and an older one may be. */
+static tl_status follow(const tl_live_past_settings *settings, const tl_past *past, tl_summary *summary, bool *refused,
+                        tl_error *error) {
+    const int64_t last = newest_run(settings); /* before this one begins */
+    const tl_past_sink sink = tl_past_sink_of_outbox(settings->outbox, settings->assembly);
+    const tl_past_follow_settings following = {
+        .assembly = settings->assembly, .sink = &sink, .tell = tell, .context = settings->journal};
+    follow_job job = {.settings = &following, .past = past, .summary = summary, .error = error};
+    tl_fmu_thread_call(settings->thread, do_follow, &job);
+    *refused = job.status == TL_OK && job.outcome == TL_PAST_REFUSED;
+    if (job.status == TL_OK && job.outcome == TL_PAST_FAILED) {
+        (void)tl_outbox_put_end(settings->outbox, "could not go on with an earlier run");
+    }
+    if (summary->resumption.from != TL_RESUMED_NOT && summary->resumption.run < 0) {
+        summary->resumption.run = last;
+    }
+    return job.status;
+}
+
+/* ---- what a predecessor has left ---- */
+
+/* *any: somebody has begun a run in it. */
+static tl_status follow_outbox(const tl_live_past_settings *settings, tl_summary *summary, bool *any, tl_error *error) {
+    tl_past_outbox *left = tl_past_outbox_open(settings->outbox, settings->assembly, tell, settings->journal);
+    tl_past past;
+    bool refused = true;
+    tl_status status = TL_OK;
+    *any = left != NULL;
+    while (status == TL_OK && refused && tl_past_outbox_next(left, &past)) {
+        status = follow(settings, &past, summary, &refused, error);
+    }
+    tl_past_outbox_close(left);
+    return status;
+}
+
+/* ---- what the recorder finds ---- */
+
+/* Waits for the answer; a copy of it. False: it does not come. */
+static bool ask(const tl_live_past_settings *settings, uint32_t number, tl_live_past_answer *answer) {
+    const tl_live_memory *memory = settings->memory;
+    const tl_live_recorder_pulse *recorder = memory->recorder.bytes;
+    tl_live_wish wish = tl_live_wish_of(memory->twin, number);
+    tl_time until = tl_clock_now(NULL) + TL_LIVE_PAST_PATIENCE;
+    __atomic_store_n(&memory->pulse->past, wish, __ATOMIC_RELEASE);
+    while (__atomic_load_n(&recorder->answer.wish, __ATOMIC_ACQUIRE) != wish) {
+        if (tl_clock_now(NULL) > until || tl_interrupt_requested() != NULL) {
+            return false;
+        }
+        tl_heart_beat(settings->heart);
+        tl_clock_sleep_until(tl_clock_now(NULL) + LOOK);
+    }
+    *answer = recorder->answer;
+    for (size_t i = 0; i < TL_LIVE_PAST_WORDS; i++) {
+        answer->words[i].text[TL_PAST_TEXT - 1] = '\0';
+    }
+    return true;
+}
+
+static void tell_answer(const tl_live_past_settings *settings, const tl_live_past_answer *answer) {
+    for (size_t i = 0; i < TL_LIVE_PAST_WORDS && answer->words[i].text[0] != '\0'; i++) {
+        const tl_live_past_word *word = &answer->words[i];
+        bool is_known = word->severity >= TL_EVENT_INFO && word->severity <= TL_EVENT_ERROR;
+        tell(settings->journal, is_known ? (tl_severity)word->severity : TL_EVENT_WARNING, word->text);
+    }
+}
+
+/* Follows the image, of which nobody else has a copy. */
+static tl_status follow_image(const tl_live_past_settings *settings, size_t size, tl_summary *summary, bool *refused,
+                              tl_error *error) {
+    tl_past past;
+    void *image = malloc(size);
+    if (image == NULL) {
+        return tl_fail(error, TL_TRY_AGAIN, "not enough memory for the past");
+    }
+    memcpy(image, settings->memory->past.bytes, size);
+    tl_status status = tl_past_read(image, size, &settings->assembly->config, tl_clock_now(NULL), &past, error);
+    if (status == TL_OK) {
+        status = follow(settings, &past, summary, refused, error);
+    } else {
+        tl_journal_event(settings->journal, -1, TL_EVENT_WARNING, "resume", "begins anew: %.180s", error->text);
+        status = TL_OK;
+        *refused = false;
+    }
+    free(image);
+    return status;
+}
+
+static tl_status follow_recorder(const tl_live_past_settings *settings, tl_summary *summary, tl_error *error) {
+    tl_live_past_answer answer;
+    bool refused = true;
+    tl_status status = TL_OK;
+    for (uint32_t number = 1; status == TL_OK && refused; number++) {
+        if (!ask(settings, number, &answer)) {
+            tl_journal_event(settings->journal, -1, TL_EVENT_WARNING, "resume",
+                             "begins anew: the recorder does not say what was recorded before");
+            return TL_OK;
+        }
+        tell_answer(settings, &answer);
+        refused = answer.size > 0 && answer.size <= TL_LIVE_PAST_BYTES;
+        if (refused) {
+            status = follow_image(settings, (size_t)answer.size, summary, &refused, error);
+        }
+    }
+    return status;
+}
+
+tl_status tl_live_past_follow(const tl_live_past_settings *settings, tl_summary *summary, tl_error *error) {
+    bool any = false;
+    *summary = (tl_summary){0};
+    if (settings->assembly->config.record_resume == 0) {
+        return TL_OK;
+    }
+    tl_status status = follow_outbox(settings, summary, &any, error);
+    if (status == TL_OK && !any && settings->memory->recorder.bytes != NULL) {
+        status = follow_recorder(settings, summary, error);
+    }
+    tl_block_close(&settings->memory->past);
+    return status;
+}

@@ -1,0 +1,23 @@
+/* What the processes of a run have in common: see live_role.h. */
+#include "firmware/live/live_role.h"
+
+#include "firmware/base/c_locale.h"
+#include "firmware/base/log.h"
+#include "firmware/process/interrupt.h"
+#include "firmware/process/role.h"
+
+void tl_live_role_begin(void) {
+    tl_log_use_levels();
+    tl_role_enter();
+    tl_locale_use();
+    tl_interrupt_install();
+}
+
+int tl_live_role_end(tl_heartbeats *beats, bool was_ready, int code) {
+    if (code != 0) {
+        tl_heartbeats_announce(beats, was_ready ? TL_FAREWELL_FAILED : TL_FAREWELL_REFUSED, code);
+    } else {
+        tl_heartbeats_announce(beats, tl_interrupt_requested() != NULL ? TL_FAREWELL_ASKED : TL_FAREWELL_OVER, 0);
+    }
+    return code;
+}

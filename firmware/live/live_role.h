@@ -1,0 +1,28 @@
+/* The processes of a run, from within: io and recorder; the twin is in live_twin.h.
+ *
+ * Purpose: what main() becomes in a process that the tree (tree.h) has started with such a role.
+ * Order:   the same in each: log, parent, shared memory, places, confinement, signals, then the work. Told to end by SIGTERM.
+ * Ends:    with an exit code, after it was announced in the process's pulse.
+ */
+#ifndef TL_FIRMWARE_LIVE_LIVE_ROLE_H
+#define TL_FIRMWARE_LIVE_LIVE_ROLE_H
+
+#include "firmware/process/heartbeat.h"
+
+/* Titles begin with these. */
+#define TL_LIVE_IO "io"
+#define TL_LIVE_RECORDER "recorder"
+
+/* Reads the plant: the configured sources, into the mailboxes. */
+int tl_io_role_run(void);
+
+/* Writes what the others hand over into the database. */
+int tl_recorder_role_run(void);
+
+/* First in each of them: the log is for who reads the pipe, and the process ends with its parent. */
+void tl_live_role_begin(void);
+
+/* Last: what it says of its end, and its exit code. */
+int tl_live_role_end(tl_heartbeats *beats, bool was_ready, int code);
+
+#endif

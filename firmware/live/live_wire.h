@@ -1,0 +1,134 @@
+/* What crosses between the processes of a run: which shared memory there is, who writes it, what lies in it, which descriptor it has where.
+ *
+ * Purpose: private to the room: all processes must mean the same. Sizes follow from the configuration, which each has read from the same text.
+ * Trust:   every block has one writer. Whoever reads it believes nothing of it that its writer could have made up: io is in the hands of
+ *          whoever sits on the plant's network, the recorder in those of who wrote the database, the twin in those of its FMUs.
+ */
+#ifndef TL_FIRMWARE_LIVE_LIVE_WIRE_H
+#define TL_FIRMWARE_LIVE_LIVE_WIRE_H
+
+#include <stdint.h>
+
+#include "firmware/outbox/outbox.h"
+#include "firmware/past/past.h"
+#include "firmware/plant/plant_mail.h"
+#include "firmware/process/heartbeat.h"
+#include "firmware/record/recorder_state.h"
+#include "firmware/report/summary.h"
+#include "master/base/status.h"
+#include "master/twin/account.h"
+
+/* Descriptors, beside 0 (nothing), 1 and 2 (what is logged). Those of the twin are in twin_wire.h as well. */
+enum {
+    TL_LIVE_MAIL = 3,            /* io writes; the twin reads */
+    TL_LIVE_TWIN_PULSE_READ = 3, /* of the recorder */
+    TL_LIVE_JOB = 4,             /* live_job.h */
+    TL_LIVE_RECORDER_PULSE = 5,  /* io and the twin read; */
+    TL_LIVE_IO_PULSE_READ = 5,   /* of the recorder */
+    TL_LIVE_OWN_PULSE = 6,       /* each writes its own */
+    TL_LIVE_SUPERVISOR_READ = 7, /* of the recorder: the supervisor's outbox */
+    TL_LIVE_TWIN_OUTBOX = 8,     /* the twin writes; the recorder reads */
+    TL_LIVE_PAST = 9             /* the recorder writes; the twin reads */
+};
+
+/* Which outbox is which, for the recorder. */
+enum { TL_LIVE_OUTBOX_TWIN, TL_LIVE_OUTBOX_IO, TL_LIVE_OUTBOX_SUPERVISOR, TL_LIVE_OUTBOXES };
+
+/* Bytes that a checkpoint may have, and the past that a cold start goes on from. Their memory is there only as far as it is used. */
+#define TL_LIVE_CHECKPOINT_BYTES ((size_t)32 * 1024 * 1024)
+#define TL_LIVE_PAST_BYTES TL_PAST_MOST
+
+/* Behind the mailboxes in their block. */
+typedef struct tl_live_mail_end {
+    uint32_t opened; /* 1: io has opened all sources */
+} tl_live_mail_end;
+
+/* The end of a run, as the twin tells it: for the summary. */
+typedef struct tl_live_end {
+    uint32_t is_there; /* 1: all of this is */
+    tl_summary summary;
+    tl_account account;
+} tl_live_end;
+
+/* A number that a process counts up, and what it belongs to: which twin, which try. In one word, so that it is read whole. */
+typedef uint64_t tl_live_wish;
+
+static inline tl_live_wish tl_live_wish_of(uint32_t twin, uint32_t number) {
+    return (uint64_t)twin << 32 | number;
+}
+
+/* The pulse of the twin. Heartbeats come first in every pulse. */
+typedef struct tl_live_twin_pulse {
+    tl_heartbeats beats;
+    int32_t
+        realtime; /* the number of the thread that shall have the configured priority; 0: none shall have it any more */
+    uint32_t begun;    /* 1: it needs no past any more */
+    uint64_t fmus;     /* the files of its FMUs, as a number; kept for a successor. 0: there was none */
+    tl_live_wish past; /* which past it wants: of this start, the first, the next one older, … */
+    tl_live_end end;
+} tl_live_twin_pulse;
+
+/* What is to be told about a past. */
+typedef struct tl_live_past_word {
+    int32_t severity; /* tl_severity */
+    char text[TL_PAST_TEXT];
+} tl_live_past_word;
+
+enum { TL_LIVE_PAST_WORDS = 8 };
+
+/* What came of a wish for a past. All else is there before the wish is. */
+typedef struct tl_live_past_answer {
+    tl_live_wish wish;
+    uint64_t size;                               /* bytes in the block; 0: there is none (any more) */
+    tl_live_past_word words[TL_LIVE_PAST_WORDS]; /* to the first without a text */
+} tl_live_past_answer;
+
+/* The pulse of the recorder. */
+typedef struct tl_live_recorder_pulse {
+    tl_heartbeats beats;
+    tl_recorder_writer_state state;
+    tl_live_past_answer answer;
+} tl_live_recorder_pulse;
+
+/* The pulse of io; its outbox, of events, follows. The supervisor's block is such an outbox only. */
+typedef struct tl_live_io_pulse {
+    tl_heartbeats beats;
+} tl_live_io_pulse;
+
+static inline size_t tl_live_round(size_t size) {
+    return (size + 63U) & ~(size_t)63U;
+}
+
+/* Events only. */
+static inline tl_outbox_settings tl_live_event_outbox(void) {
+    return (tl_outbox_settings){.ring_bytes = 0};
+}
+
+static inline tl_outbox_settings tl_live_twin_outbox(const tl_config *config) {
+    const tl_recorder_shape shape = {.plant = config->signal_count,
+                                     .match = config->match_count,
+                                     .adjust = config->adjust_count,
+                                     .components = config->component_count + 1};
+    return (tl_outbox_settings){.shape = shape,
+                                .ring_bytes = tl_outbox_ring_bytes(&shape, config->step),
+                                .checkpoint_bytes = TL_LIVE_CHECKPOINT_BYTES};
+}
+
+static inline size_t tl_live_mail_bytes(const tl_plant_mail_shape *shape) {
+    return tl_live_round(tl_plant_mail_bytes(shape)) + sizeof(tl_live_mail_end);
+}
+
+static inline tl_live_mail_end *tl_live_mail_end_of(const tl_plant_mail_shape *shape, void *mail) {
+    return (tl_live_mail_end *)(void *)((unsigned char *)mail + tl_live_round(tl_plant_mail_bytes(shape)));
+}
+
+static inline size_t tl_live_io_bytes(void) {
+    const tl_outbox_settings outbox = tl_live_event_outbox();
+    return tl_live_round(sizeof(tl_live_io_pulse)) + tl_outbox_bytes(&outbox);
+}
+
+static inline void *tl_live_io_outbox_of(void *pulse) {
+    return (unsigned char *)pulse + tl_live_round(sizeof(tl_live_io_pulse));
+}
+
+#endif

@@ -1,0 +1,206 @@
+/* The process that records: SQLite, and nothing else. See live_role.h. */
+#include <signal.h>
+#include <stdio.h>
+#include <string.h>
+
+#include "firmware/base/clock.h"
+#include "firmware/base/log.h"
+#include "firmware/live/live_job.h"
+#include "firmware/live/live_places.h"
+#include "firmware/live/live_role.h"
+#include "firmware/live/live_wire.h"
+#include "firmware/past/past_history.h"
+#include "firmware/process/interrupt.h"
+#include "firmware/record/recorder_writer.h"
+#include "firmware/twin/twin_recorder.h"
+
+/* Between two looks: while a twin may ask for a past, and later. */
+static const tl_time LOOK_SOON = TL_SECOND / 500;
+static const tl_time LOOK = TL_SECOND / 20;
+
+/* A worn-out memory card takes its time for one commit; so may the database of years to be opened. */
+static const tl_time PATIENCE = 60 * TL_SECOND;
+
+/* For what is left at the end, with a disk that refuses. */
+static const tl_time PATIENCE_AT_END = 2 * TL_SECOND;
+
+typedef struct recorder {
+    tl_block job_block;
+    tl_live_job job;
+    tl_config config;
+    tl_block pulse;
+    tl_block past;
+    tl_block twin_pulse;
+    tl_block twin_outbox;
+    tl_block io_pulse;
+    tl_block supervisor;
+    tl_live_recorder_pulse *own;
+    const tl_live_twin_pulse *twin;
+    tl_heart *heart;
+    tl_twin_record record; /* what the run is, but for its twin */
+    tl_recorder_writer *writer;
+    tl_past_history *history; /* NULL: nobody has asked, or does any more */
+    tl_live_wish answered;
+} recorder;
+
+/* ---- shared memory ---- */
+
+static tl_status take_memory(recorder *self, tl_error *error) {
+    const tl_outbox_settings events = tl_live_event_outbox();
+    tl_status status = tl_live_job_take(TL_LIVE_JOB, &self->job_block, &self->job, &self->config, error);
+    if (status != TL_OK) {
+        return status;
+    }
+    const tl_outbox_settings twin = tl_live_twin_outbox(&self->config);
+    const struct {
+        int descriptor;
+        size_t size;
+        tl_block_writer writer;
+        tl_block *block;
+    } wanted[] = {
+        {TL_LIVE_OWN_PULSE, sizeof *self->own, TL_BLOCK_THEY_WRITE, &self->pulse},
+        {TL_LIVE_PAST, TL_LIVE_PAST_BYTES, TL_BLOCK_THEY_WRITE, &self->past},
+        {TL_LIVE_TWIN_PULSE_READ, sizeof *self->twin, TL_BLOCK_WE_WRITE, &self->twin_pulse},
+        {TL_LIVE_TWIN_OUTBOX, tl_outbox_bytes(&twin), TL_BLOCK_WE_WRITE, &self->twin_outbox},
+        {TL_LIVE_IO_PULSE_READ, tl_live_io_bytes(), TL_BLOCK_WE_WRITE, &self->io_pulse},
+        {TL_LIVE_SUPERVISOR_READ, tl_outbox_bytes(&events), TL_BLOCK_WE_WRITE, &self->supervisor},
+    };
+    for (size_t i = 0; i < sizeof wanted / sizeof wanted[0] && status == TL_OK; i++) {
+        status = tl_block_take(wanted[i].descriptor, wanted[i].size, wanted[i].writer, wanted[i].block, error);
+    }
+    self->own = self->pulse.bytes;
+    self->twin = self->twin_pulse.bytes;
+    return status;
+}
+
+/* ---- the writer ---- */
+
+static tl_status open_writer(recorder *self, tl_error *error) {
+    const tl_outbox_settings events = tl_live_event_outbox();
+    const tl_recorder_writer_outbox outboxes[TL_LIVE_OUTBOXES] = {
+        [TL_LIVE_OUTBOX_TWIN] = {"twin", tl_live_twin_outbox(&self->config), self->twin_outbox.bytes},
+        [TL_LIVE_OUTBOX_IO] = {"io", events, tl_live_io_outbox_of(self->io_pulse.bytes)},
+        [TL_LIVE_OUTBOX_SUPERVISOR] = {"supervisor", events, self->supervisor.bytes},
+    };
+    tl_twin_recorder_describe(&self->config, self->job.database, &self->record);
+    self->record.settings.insistence = self->job.alone ? TL_DATABASE_IF_OURS : TL_DATABASE_ANYHOW;
+    const tl_recorder_writer_settings settings = {
+        .record = &self->record.settings,
+        .outboxes = outboxes,
+        .outbox_count = TL_LIVE_OUTBOXES,
+        .state = &self->own->state,
+        .heart = self->heart,
+    };
+    return tl_recorder_writer_open(&settings, &self->writer, error);
+}
+
+/* ---- the past, for a twin that begins without a predecessor in this run ---- */
+
+/* Further ones than fit are left out. */
+static void note_words(void *context, tl_severity severity, const char *text) {
+    tl_live_past_answer *answer = context;
+    for (size_t i = 0; i < TL_LIVE_PAST_WORDS; i++) {
+        tl_live_past_word *word = &answer->words[i];
+        if (word->text[0] == '\0') {
+            word->severity = (int32_t)severity;
+            (void)snprintf(word->text, sizeof word->text, "%s", text);
+            return;
+        }
+    }
+}
+
+static void open_history(recorder *self) {
+    const tl_past_history_settings settings = {
+        .config = &self->config,
+        .path = tl_recorder_writer_path(self->writer),
+        .before = INT64_MAX,
+        .fmus = self->record.fmus,
+        .boot = self->record.boot,
+        .components = self->config.component_count + 1,
+        .tell = note_words,
+        .context = &self->own->answer,
+    };
+    self->history = tl_past_history_open(&settings);
+}
+
+/* The next older one, into its block. */
+static void answer(recorder *self, tl_live_wish wish) {
+    tl_live_past_answer *given = &self->own->answer;
+    size_t size = 0;
+    memset(given->words, 0, sizeof given->words);
+    if ((uint32_t)wish == 1) {
+        tl_past_history_close(self->history);
+        open_history(self);
+    }
+    bool found = tl_past_history_next(self->history, &size) && size <= TL_LIVE_PAST_BYTES;
+    if (found) {
+        tl_past_history_write(self->history, self->past.bytes);
+    }
+    given->size = found ? size : 0;
+    self->answered = wish;
+    __atomic_store_n(&given->wish, wish, __ATOMIC_RELEASE);
+}
+
+/* Nobody needs it any more: the file is closed, and the memory given back. */
+static void forget_past(recorder *self) {
+    tl_past_history_close(self->history);
+    self->history = NULL;
+    tl_block_forget(&self->past, 0, self->past.size);
+}
+
+static void look_at_wishes(recorder *self) {
+    tl_live_wish wish = __atomic_load_n(&self->twin->past, __ATOMIC_ACQUIRE);
+    if (wish != 0 && wish != self->answered) {
+        answer(self, wish);
+    } else if (self->history != NULL && __atomic_load_n(&self->twin->begun, __ATOMIC_RELAXED) != 0) {
+        forget_past(self);
+    }
+}
+
+/* ---- its life ---- */
+
+/* Whether a twin may wish for a past at any moment. */
+static bool is_awaited(const recorder *self) {
+    return __atomic_load_n(&self->twin->begun, __ATOMIC_RELAXED) == 0;
+}
+
+static void record_until_told(recorder *self) {
+    tl_time due = tl_clock_now(NULL);
+    while (tl_interrupt_requested() == NULL) {
+        tl_heart_beat(self->heart);
+        look_at_wishes(self);
+        if (tl_clock_now(NULL) >= due || tl_recorder_writer_is_pressed(self->writer)) {
+            tl_recorder_writer_write(self->writer);
+            due = tl_clock_now(NULL) + self->config.record_commit;
+        }
+        tl_time look = tl_clock_now(NULL) + (is_awaited(self) ? LOOK_SOON : LOOK);
+        tl_clock_sleep_until(look < due ? look : due);
+    }
+}
+
+int tl_recorder_role_run(void) {
+    static recorder self; /* one for the process */
+    tl_error error;
+    tl_live_role_begin();
+    (void)signal(SIGXFSZ, SIG_IGN); /* a file that may not grow any more is a full disk */
+    tl_status status = take_memory(&self, &error);
+    if (status != TL_OK) {
+        tl_log(TL_LOG_ERROR, "%s", error.text);
+        return tl_exit_code(status);
+    }
+    self.heart = tl_heart_begin(&self.own->beats, "recorder", PATIENCE);
+    status = tl_live_places_confine_recorder(&self.config, self.job.database, &error);
+    if (status == TL_OK) {
+        status = open_writer(&self, &error);
+    }
+    bool was_ready = status == TL_OK;
+    if (was_ready) {
+        tl_heartbeats_set_ready(&self.own->beats);
+        record_until_told(&self);
+        status = tl_recorder_writer_close(self.writer, PATIENCE_AT_END, &error);
+    }
+    if (status != TL_OK) {
+        tl_log(TL_LOG_ERROR, "%s", error.text);
+    }
+    return tl_live_role_end(&self.own->beats, was_ready, tl_exit_code(status));
+}

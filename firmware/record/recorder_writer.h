@@ -1,0 +1,68 @@
+/* The writer: what is in outboxes, into a database. No failure ends it.
+ *
+ * Purpose: takes what producers have put into their outboxes (outbox.h) and writes it in batches, one transaction each. The caller calls it every now
+ *          and then; it has no thread of its own.
+ * Order:   an event of the first outbox is written once all entries are that were put before it, and so belongs to their run; one of the others
+ *          belongs to the run that is open.
+ * Runs:    a START entry begins one, END ends it. Events that come before the first START wait for it. A START while a run is open means that
+ *          that one was not ended cleanly.
+ * Once:    each entry and event is written exactly once, also if the process is killed at any instant: what a successor needs to know for that lies
+ *          in tl_recorder_writer_state (recorder_state.h), in memory that outlives the process. The run goes on in the same row.
+ * Faults:  what is wrong with a file at first is coped with, or refused (insistence of the settings): see database_instead.h. Later everything is
+ *          coped with: a full disk and other programs' locks are waited for, a damaged file is put aside, one that was removed or moved away is made
+ *          anew; then the run begins again in the new file, with what had not been written into the old one. Each is said once, in the log
+ *          and as an event. What waits in the outboxes is not lost by any of it, as long as they have room.
+ * Trust:   none in what is in the outboxes.
+ * Thread:  one at a time.
+ */
+#ifndef TL_FIRMWARE_RECORD_RECORDER_WRITER_H
+#define TL_FIRMWARE_RECORD_RECORDER_WRITER_H
+
+#include <stdbool.h>
+#include <stddef.h>
+
+#include "firmware/outbox/outbox.h"
+#include "firmware/process/heartbeat.h"
+#include "firmware/record/recorder_settings.h"
+#include "firmware/record/recorder_state.h"
+#include "master/base/simtime.h"
+#include "master/base/status.h"
+
+typedef struct tl_recorder_writer tl_recorder_writer;
+
+typedef struct tl_recorder_writer_outbox {
+    const char *name; /* of who writes it: one word */
+    tl_outbox_settings settings;
+    const void *memory;
+} tl_recorder_writer_outbox;
+
+typedef struct tl_recorder_writer_settings {
+    const tl_recorder_settings *record;        /* outlives the writer; its components do not matter */
+    const tl_recorder_writer_outbox *outboxes; /* the first has the ring, the others events only */
+    size_t outbox_count;
+    tl_recorder_writer_state *state;
+    const tl_outbox_start *first; /* NULL, or a run that begins at once, and whose START only tells when */
+    tl_heart *heart;              /* of the caller's thread: beats with each batch; NULL: nobody's */
+} tl_recorder_writer_settings;
+
+/* Errors: those of recorder.h for a file that is refused; TL_TRY_AGAIN if memory is out. */
+tl_status tl_recorder_writer_open(const tl_recorder_writer_settings *settings, tl_recorder_writer **writer,
+                                  tl_error *error);
+
+/* All that is there now, as far as the disk takes it. */
+void tl_recorder_writer_write(tl_recorder_writer *writer);
+
+/* Nothing is left that could be written. */
+bool tl_recorder_writer_is_empty(tl_recorder_writer *writer);
+
+/* The ring is more than half full: it should be written soon. */
+bool tl_recorder_writer_is_pressed(tl_recorder_writer *writer);
+
+/* Where it writes; if no file is open, where it was asked to. */
+const char *tl_recorder_writer_path(const tl_recorder_writer *writer);
+
+/* Writes the rest and closes. Tries for at most `patience` if the disk refuses, then counts what is left as dropped and fails with
+ * TL_TRY_AGAIN. A run without END has no end then, and the next writer without this state marks it as not ended cleanly. NULL is allowed. */
+tl_status tl_recorder_writer_close(tl_recorder_writer *writer, tl_time patience, tl_error *error);
+
+#endif

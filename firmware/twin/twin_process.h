@@ -1,0 +1,83 @@
+/* A process with FMUs, from the side of the one that starts it.
+ *
+ * Purpose: what each of them needs, whatever it computes: a private folder, a user of its own if we are root, surroundings, a job, pipes for what
+ *          it prints, and a warden (twin_warden.h). It is this program once more, in the role "twin" (twin_role.h).
+ * Above:   twin_child.h puts a channel on it. A live twin has blocks, and a supervisor that watches it.
+ * Waiting: for the process nothing waits but kill and close, until it is dead.
+ * Death:   who reaps the process by other means than these calls lets it go before: tl_twin_process_let_go().
+ * Thread:  one, the one that has started it; was_killed, was_refused and flush from any.
+ */
+#ifndef TL_FIRMWARE_TWIN_TWIN_PROCESS_H
+#define TL_FIRMWARE_TWIN_TWIN_PROCESS_H
+
+#include <stdbool.h>
+#include <stdio.h>
+#include <sys/types.h>
+
+#include "firmware/config/config.h"
+#include "firmware/confine/fmu_refusals.h"
+#include "firmware/process/channel.h"
+#include "firmware/process/fmu_call.h"
+#include "firmware/process/role.h"
+#include "firmware/twin/twin_job.h"
+#include "firmware/twin/twin_role.h"
+#include "firmware/twin/twin_warden.h"
+
+enum { TL_TWIN_FOLDER_MIB = 256 }; /* that FMUs may write, beside what they are unpacked to */
+
+typedef struct tl_twin_process tl_twin_process;
+
+/* `calls`, `channel`, `page`, `tasks` and `context` must stay until the process is closed, the rest during the start. Descriptors stay the caller's. */
+typedef struct tl_twin_process_settings {
+    const tl_twin_job *job; /* folder, file_bytes, memory and user are filled in */
+    const tl_config *config;
+    const char *title; /* "twin [motor]" */
+    int given
+        [TL_ROLE_DESCRIPTORS]; /* what it gets beside nothing, output, page, job and start socket (twin_wire.h); -1: nothing */
+    const tl_fmu_calls *calls; /* in memory that the process writes: for the warden */
+    tl_channel *channel;       /* whose thread is nudged if the process ends, or is killed; NULL: none */
+    FILE *page;                /* what a check prints goes here; NULL: nothing is printed */
+    bool
+        passes_signals; /* the warden passes on what asks us to end, and kills the process if a call of an FMU lasts too long */
+    tl_time call_limit;              /* ns of such a call; 0: none */
+    uint64_t memory_limit;           /* bytes that the process may take; 0: three quarters of the machine's */
+    const tl_twin_role_tasks *tasks; /* for a machine without exec (role.h) */
+    tl_fmu_refusals_listener
+        *hear;     /* told of each refusal that is said on the log, in a thread of the warden's; NULL: nobody */
+    void *context; /* of `hear` */
+} tl_twin_process_settings;
+
+/* Starts it, and does not wait for what it does. What it is confined by, it tells by other ways. Errors: TL_TRY_AGAIN; then nothing is left. */
+tl_status tl_twin_process_start(const tl_twin_process_settings *settings, tl_twin_process **process, tl_error *error);
+
+/* 0: it was reaped, or let go. */
+pid_t tl_twin_process_id(const tl_twin_process *process);
+
+/* How it has ended, if it has. */
+const tl_role *tl_twin_process_role(const tl_twin_process *process);
+
+/* Looks without waiting. True: it has ended, and is reaped. */
+bool tl_twin_process_reap(tl_twin_process *process);
+
+/* Kills it if it has not ended, and reaps it. */
+void tl_twin_process_kill(tl_twin_process *process);
+
+/* It is dead, and somebody else reaps it after this: nothing is done to its number any more. Passes on what it has printed. */
+void tl_twin_process_let_go(tl_twin_process *process);
+
+/* True: its warden has killed it, or is about to; `text` says why. */
+bool tl_twin_process_was_killed(const tl_twin_process *process, char text[TL_TWIN_WARDEN_TEXT]);
+
+/* It was refused something. */
+bool tl_twin_process_was_refused(const tl_twin_process *process);
+
+/* Tells what was refused and has not been told by this yet. */
+void tl_twin_process_tell(const tl_twin_process *process, tl_fmu_refusals_listener *hear, void *context);
+
+/* All that it has printed until now has been passed on. */
+void tl_twin_process_flush(const tl_twin_process *process);
+
+/* Kills it if it was neither reaped nor let go; ends the warden, and removes the folder. NULL is allowed. */
+void tl_twin_process_close(tl_twin_process *process);
+
+#endif

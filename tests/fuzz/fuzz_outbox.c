@@ -1,0 +1,304 @@
+/* An outbox in memory that an enemy writes into: the reader's side, and a successor that goes on in it.
+ *
+ * Input:  actions. We put entries, events and checkpoints as they should be; the enemy moves a counter, changes a byte of what was put, makes a
+ *         checkpoint with a digest that fits, or writes a word anywhere; the reader takes; a successor opens the outbox, looks back and puts.
+ * Holds:  what the reader gives out is sound; a fault stays and has a text; after a successor has opened the outbox, a reader finds no fault
+ *         in it, and finds what that one puts. The memory is as large as it must be, so that a byte beyond it is noticed. */
+#include <stdlib.h>
+#include <string.h>
+
+#include "firmware/outbox/outbox_parts.h"
+#include "firmware/outbox/outbox_reader.h"
+#include "tests/fuzz/harness.h"
+#include "tests/fuzz/input.h"
+
+enum { PAGE = 4096, RING = 64 * 1024, CHECKPOINT = 60, CANARY = 0x5A };
+
+static const tl_outbox_settings settings = {.shape = {.plant = 2, .match = 1, .adjust = 1, .components = 1},
+                                            .ring_bytes = RING,
+                                            .checkpoint_bytes = CHECKPOINT};
+static uint8_t *memory; /* taken once */
+static tl_outbox_taken taken;
+static tl_outbox outbox; /* ours, and then its successor's */
+static tl_outbox_reader reader;
+static tl_recorder_entry entry;
+
+/* ---- we ---- */
+
+static bool put_sample(unsigned what) {
+    tl_sample sample = {.tick = what, .quality = {TL_GOOD, TL_STALE}};
+    return tl_outbox_put_sample(&outbox, &sample);
+}
+
+static void put_start(unsigned what) {
+    static tl_outbox_start start;
+    start.holds = what % 8 != 0;
+    start.resumption.tick = what;
+    (void)tl_outbox_put_start(&outbox, &start);
+}
+
+static void put_step(unsigned what) {
+    tl_record record = {.step = what, .flags = what % 32};
+    tl_recorder_component ledger = {.plain = what};
+    (void)tl_outbox_put_step(&outbox, &record, &ledger);
+}
+
+static void put_checkpoint(unsigned what) {
+    size_t capacity = 0;
+    size_t size = what % (CHECKPOINT + 1);
+    (void)tl_outbox_reserve_checkpoint(&outbox, CHECKPOINT);
+    memset(tl_outbox_checkpoint_room(&outbox, &capacity), (int)what, size);
+    tl_outbox_put_checkpoint(&outbox, what, size);
+}
+
+static void put(unsigned what) {
+    switch (what % 6) {
+    case 0:
+        (void)put_sample(what);
+        break;
+    case 1:
+        put_step(what);
+        break;
+    case 2:
+        put_start(what);
+        break;
+    case 3:
+        (void)tl_outbox_put_end(&outbox, "SIGTERM");
+        break;
+    case 4:
+        tl_outbox_event(&outbox, what, TL_EVENT_INFO, "fuzz", "text");
+        break;
+    default:
+        put_checkpoint(what);
+    }
+}
+
+/* ---- the enemy ---- */
+
+static void move_counter(unsigned what) {
+    uint64_t *const counters[] = {&outbox.control->head, &outbox.control->next, &outbox.control->lost,
+                                  &outbox.control->slots[what % TL_RECORDER_EVENTS].state};
+    uint64_t by = what % 3 == 0 ? (uint64_t)tl_fuzz_take_word() << (what % 33) : tl_fuzz_take();
+    *counters[tl_fuzz_take() % 4] += what % 2 == 0 ? by : -by;
+}
+
+/* A checkpoint that says what it likes. */
+static void make_checkpoint(unsigned what) {
+    uint64_t number = what % 4 == 0 ? UINT64_MAX / 2 - tl_fuzz_take() : tl_fuzz_take();
+    tl_outbox_place *place = &outbox.control->places[number % TL_OUTBOX_PLACES];
+    tl_outbox_mark mark;
+    memset(&mark, 0, sizeof mark);
+    mark.tick = tl_fuzz_take();
+    mark.size = what % 8 == 1 ? tl_fuzz_take_word() : tl_fuzz_take() % (CHECKPOINT + 2);
+    mark.position = outbox.control->head - tl_fuzz_take_word() % (RING + 4096);
+    mark.behind = mark.position;
+    mark.beginning.from = (tl_resumed_from)(what % 6);
+    place->digest = mark.size > CHECKPOINT ? what : tl_outbox_digest(number, &mark, outbox.checkpoints);
+    memcpy(place->mark, &mark, sizeof mark);
+    place->number = number;
+}
+
+static void attack(unsigned what) {
+    size_t bytes = tl_outbox_bytes(&settings);
+    switch (what % 5) {
+    case 0:
+        move_counter(tl_fuzz_take());
+        break;
+    case 1: /* what was put last */
+        outbox.ring[(outbox.control->head - tl_fuzz_take() - 1) % RING] = (uint8_t)tl_fuzz_take();
+        break;
+    case 2:
+        make_checkpoint(tl_fuzz_take());
+        break;
+    case 3: {
+        tl_recorder_event_entry *event = &outbox.control->slots[(outbox.control->next - 1) % TL_RECORDER_EVENTS].entry;
+        ((uint8_t *)event)[tl_fuzz_take_word() % sizeof *event] = (uint8_t)tl_fuzz_take();
+        break;
+    }
+    default: {
+        uint32_t word = tl_fuzz_take_word();
+        memcpy(memory + word % (bytes / 4) * 4, &word, 4);
+    }
+    }
+}
+
+/* ---- the reader ---- */
+
+static bool is_text(const char *text, size_t size) {
+    size_t length = strnlen(text, size);
+    for (size_t i = 0; i < length; i++) {
+        if ((unsigned char)text[i] < ' ' || text[i] == 0x7F) {
+            return false;
+        }
+    }
+    return length < size;
+}
+
+static void check_entry(void) {
+    switch (entry.kind) {
+    case TL_ENTRY_START:
+        tl_fuzz_hold((unsigned)entry.beginning.from <= TL_RESUMED_INPUTS);
+        tl_fuzz_hold(entry.holds || tl_account_is_sound(&entry.account));
+        break;
+    case TL_ENTRY_SAMPLE:
+        tl_fuzz_hold(entry.sample.quality[0] <= TL_OUTLIER && entry.sample.quality[1] <= TL_OUTLIER);
+        break;
+    case TL_ENTRY_STEP:
+        tl_fuzz_hold((unsigned)entry.record.outcome < TL_OUTCOMES && (unsigned)entry.record.stop <= TL_STOP_TIME &&
+                     entry.record.flags < 2 * TL_LAST_FLAG && entry.record.y_hat_quality[0] <= TL_OUTLIER);
+        break;
+    case TL_ENTRY_END:
+        tl_fuzz_hold(is_text(entry.reason, sizeof entry.reason));
+        break;
+    default:
+        tl_fuzz_hold(false);
+    }
+}
+
+/* Up to so many; whether all that is there. */
+static bool take_entries(unsigned most) {
+    uint64_t end = tl_outbox_reader_end(&reader, taken.ring);
+    tl_fuzz_hold(end - taken.ring <= RING);
+    while (taken.ring != end && most-- > 0) {
+        uint64_t before = taken.ring;
+        if (!tl_outbox_reader_entry(&reader, &taken.ring, end, &entry)) {
+            tl_fuzz_hold(taken.ring == before && reader.fault[0] != '\0');
+            return false;
+        }
+        tl_fuzz_hold(taken.ring - before > 0 && end - taken.ring < end - before);
+        check_entry();
+    }
+    return taken.ring == end;
+}
+
+static void take_events(unsigned most) {
+    tl_recorder_event_entry event;
+    bool skip = false;
+    while (most-- > 0 && tl_outbox_reader_event(&reader, taken.events, &event, &skip)) {
+        tl_fuzz_hold(skip || ((unsigned)event.severity <= TL_EVENT_ERROR &&
+                              is_text(event.source, sizeof event.source) && is_text(event.text, sizeof event.text)));
+        taken.events++;
+    }
+}
+
+static void take_checkpoint(void) {
+    uint8_t bytes[CHECKPOINT + 16];
+    size_t size = 0;
+    int64_t tick = 0;
+    uint64_t number = 0;
+    memset(bytes, CANARY, sizeof bytes);
+    bool there = tl_outbox_reader_checkpoint(&reader, taken.checkpoint, taken.ring, bytes, &size, &tick, &number);
+    for (size_t i = CHECKPOINT; i < sizeof bytes; i++) {
+        tl_fuzz_hold(bytes[i] == CANARY);
+    }
+    if (there) {
+        tl_fuzz_hold(number > taken.checkpoint && size > 0 && size <= CHECKPOINT);
+        taken.checkpoint = number;
+    }
+}
+
+static void take(unsigned what) {
+    bool was_broken = reader.fault[0] != '\0';
+    (void)take_entries(1 + what);
+    take_events(1 + what);
+    take_checkpoint();
+    tl_fuzz_hold(!was_broken || reader.fault[0] != '\0');
+}
+
+/* ---- the successor ---- */
+
+static void look_back(void) {
+    tl_outbox_left left;
+    uint64_t sum = 0;
+    for (unsigned which = 0; which < 3; which++) {
+        if (!tl_outbox_checkpoint_left(&outbox, which, &left)) {
+            continue;
+        }
+        tl_fuzz_hold(which < 2 && left.size <= CHECKPOINT && (unsigned)left.beginning.from <= TL_RESUMED_INPUTS);
+        for (size_t i = 0; i < left.size; i++) {
+            sum += left.bytes[i];
+        }
+        for (uint64_t left_to_read = outbox.written - left.position;
+             tl_outbox_entry_left(&outbox, &left.position, &entry); left_to_read = outbox.written - left.position) {
+            tl_fuzz_hold(outbox.written - left.position < left_to_read);
+            check_entry();
+        }
+    }
+    tl_fuzz_hold(sum <= (uint64_t)2 * 255 * CHECKPOINT);
+}
+
+/* Now the outbox is sound, whatever it was; and what is put comes out. */
+static void succeed(unsigned what) {
+    tl_recorder_event_entry event;
+    bool skip = false;
+    if (what % 8 == 7) { /* one that nobody reads comes in between */
+        tl_outbox_open(&settings, memory, NULL, &outbox);
+        tl_fuzz_hold(put_sample(what));
+    }
+    tl_outbox_open(&settings, memory, &taken, &outbox);
+    if (what % 8 == 6) {
+        tl_outbox_hide_unused(&outbox);
+    }
+    look_back();
+    tl_fuzz_hold(tl_outbox_reserve_checkpoint(&outbox, CHECKPOINT)); /* nothing is hidden any more */
+    tl_outbox_reader_open(&settings, memory, &reader);
+    tl_fuzz_hold(take_entries(UINT16_MAX));
+    for (int i = 0; i <= TL_RECORDER_EVENTS && tl_outbox_reader_event(&reader, taken.events, &event, &skip); i++) {
+        taken.events++;
+    }
+    put_start(what);
+    tl_fuzz_hold(put_sample(what));
+    uint64_t lost = tl_outbox_lost(&outbox);
+    tl_outbox_event(&outbox, what, TL_EVENT_INFO, "fuzz", "successor");
+    tl_fuzz_hold(tl_outbox_lost(&outbox) == lost);
+    tl_fuzz_hold(take_entries(2) && entry.kind == TL_ENTRY_SAMPLE && entry.sample.tick == what);
+    tl_fuzz_hold(tl_outbox_reader_event(&reader, taken.events, &event, &skip) && !skip &&
+                 strcmp(event.text, "successor") == 0);
+    taken.events++;
+    tl_fuzz_hold(reader.fault[0] == '\0');
+}
+
+static void act(unsigned what) {
+    switch (what % 8) {
+    case 0:
+    case 1:
+    case 2:
+        put(what / 8);
+        break;
+    case 3:
+    case 4:
+        attack(what / 8);
+        break;
+    case 5:
+        succeed(what / 8);
+        break;
+    case 6: /* what the reader says, who may be an enemy too */
+        if (what / 8 % 4 == 0) {
+            uint64_t *const positions[] = {&taken.ring, &taken.events, &taken.checkpoint};
+            *positions[what / 32 % 3] += (uint64_t)tl_fuzz_take_word() << tl_fuzz_take() % 33;
+            break;
+        }
+        take(what / 8);
+        break;
+    default:
+        take(what / 8);
+    }
+}
+
+int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
+    size_t bytes = tl_outbox_bytes(&settings);
+    if (memory == NULL) {
+        void *made = NULL;
+        tl_fuzz_hold(posix_memalign(&made, PAGE, bytes) == 0);
+        memory = made;
+    }
+    memset(memory, 0, bytes);
+    taken = (tl_outbox_taken){0};
+    tl_outbox_open(&settings, memory, &taken, &outbox);
+    tl_outbox_reader_open(&settings, memory, &reader);
+    tl_fuzz_begin(data, size);
+    while (!tl_fuzz_is_over()) {
+        act(tl_fuzz_take());
+    }
+    return 0;
+}

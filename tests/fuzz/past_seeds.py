@@ -1,0 +1,35 @@
+#!/usr/bin/env python3
+"""Makes the seeds of fuzz_past: an image with a checkpoint, one of inputs, and one from the start. Anew after a change of the layout:
+tests/fuzz/past_seeds.py"""
+import struct
+from pathlib import Path
+
+SEEDS = Path(__file__).resolve().parent / "seeds" / "past"
+STEP, NOW = 10_000_000, 5_000_000_000_000
+RIGHT = b"\3"  # magic, size and start are put right by the harness
+
+
+def tick(number, with_u):
+    stamps = (-2**63 if number == 0 else number * STEP - 1234, number * STEP)
+    return struct.pack("=B2d2qd2B", with_u, 0.1 * number, 60.0 - number, *stamps, 0.003 if with_u else 0.0, number % 2, 0)
+
+
+def image(origin, first, count, checkpoint):
+    ticks = b"".join(tick(first + i, i > 0) for i in range(count))
+    size = 96 + len(checkpoint) + len(ticks)
+    last = first + count - 1
+    head = struct.pack("=8s11q", b"twlkpst1", size, 7, first, last, STEP, NOW - last * STEP, 1_700_000_000_000,
+                       len(checkpoint), 2, 1, origin)
+    return RIGHT + head + checkpoint + ticks
+
+
+def main():
+    SEEDS.mkdir(parents=True, exist_ok=True)
+    (SEEDS / "checkpoint").write_bytes(image(1, 1001, 3, b"state"))
+    (SEEDS / "start").write_bytes(image(2, 0, 3, b""))
+    (SEEDS / "inputs").write_bytes(image(3, 500, 2, b""))
+    (SEEDS / "no_ticks").write_bytes(image(1, 77, 0, b"state"))
+
+
+if __name__ == "__main__":
+    main()

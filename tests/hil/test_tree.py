@@ -1,0 +1,164 @@
+#!/usr/bin/env python3
+"""The processes of a run (tests/support/tree.py): who holds what, and that each may die at any instant without harm to the others. Some kills here,
+as many as you like by tests/hil/tree_kills."""
+import argparse
+import json
+import os
+import random
+import shutil
+import signal
+import time
+from pathlib import Path
+
+from live_test import Device, Program, member, number, query, title, wait_until
+from supervised import end_orderly, wait_for_run
+from tree import OMEGA, Campaign, Tree, configuration, descriptors, expect_whole, kills, one_run, read
+from twinlock_test import BUILD, at_most, expect, main, scratch
+
+SEED = 1
+
+
+def gone(pids):
+    return all(not Path(f"/proc/{pid}").exists() or title(pid) == "" for pid in pids)
+
+
+def test_who_holds_what():
+    """Nothing but what it needs: the twin no socket, no database; io no FMU and no database; the recorder no socket and no FMU; the supervisor nothing
+    of all that."""
+    with Device(OMEGA) as device:
+        config, database = configuration(device.port)
+        with Tree(config) as live:
+            wait_for_run(live, database, 1)
+            twin, io, recorder = (live.child(role=role) for role in ("twin", "io", "recorder"))
+            expect(sorted(live.children()) == sorted((twin, io, recorder)), f"{[title(pid) for pid in live.children()]}")
+            held = {name: " ".join(descriptors(pid)) for name, pid in
+                    (("twin", twin), ("io", io), ("recorder", recorder), ("supervisor", live.pid))}
+            maps = {name: Path(f"/proc/{pid}/maps").read_text(encoding="utf-8") for name, pid in
+                    (("io", io), ("recorder", recorder), ("supervisor", live.pid))}
+            end_orderly(live)
+    expect("socket:" in held["io"], f"io: {held['io']}")
+    for name in "twin", "recorder":
+        expect("socket:" not in held[name], f"{name}: {held[name]}")
+    expect("twin.db" in held["recorder"], f"the recorder: {held['recorder']}")
+    for name in "twin", "io", "supervisor":
+        expect("twin.db" not in held[name], f"{name}: {held[name]}")
+    for name, mapped in maps.items():
+        expect("motor.so" not in mapped and "twinlock-fmu" not in mapped, f"{name} has an FMU")
+
+
+def test_nothing_is_left():
+    with Device(OMEGA) as device:
+        config, database = configuration(device.port)
+        with Tree(config) as live:
+            wait_for_run(live, database, 1)
+            pids = live.children()
+            end_orderly(live)
+            expect(gone(pids), "a process is left")
+            expect(not list(live.process.temporary.glob("twinlock-*")), f"{list(live.process.temporary.iterdir())}")
+
+
+def test_the_supervisor_is_killed():
+    """All are gone within a second, and who comes next goes on."""
+    with Device(OMEGA) as device:
+        config, database = configuration(device.port)
+        with Tree(config) as live:
+            wait_for_run(live, database, 1)
+            pids, at = live.children(), time.monotonic()
+            live.kill()
+            wait_until(lambda: gone(pids), "the end of all")
+            at_most(time.monotonic() - at, 1.0, "seconds until all were gone")
+            state = live.state
+        with Program("run", config, "--supervise", "--state", state) as again:
+            wait_for_run(again, database, 2)
+            expect(again.end(signal.SIGTERM)[0] == 0, "ended badly")
+    expect(query(database, "SELECT resumed_run FROM beginnings WHERE run = 2") == [(1,)], "it began anew")
+
+
+def killed(*roles):
+    with Device(OMEGA) as device:
+        campaign = one_run(device, roles, random.Random(SEED), Campaign())
+    expect(campaign.lost == 0, f"{campaign}")
+    print(f"    {campaign}")
+
+
+def test_the_recorder_is_killed():
+    killed(*["recorder"] * 6)
+
+
+def test_io_is_killed():
+    killed(*["io"] * 3)
+
+
+def test_the_twin_is_killed():
+    killed(*["twin"] * 4)
+
+
+def test_all_are_killed_at_random():
+    with Device(OMEGA) as device:
+        campaign = kills(device, 12, SEED)
+    expect(campaign.lost == 0, f"{campaign}")
+    print(f"    {campaign}")
+
+
+def test_an_fmu_that_is_replaced():
+    """A checkpoint is of no use to another FMU: the next twin begins anew, and says why."""
+    with Device(OMEGA) as device:
+        config, database = configuration(device.port)
+        fmu = scratch() / "motor.fmu"
+        shutil.copy(BUILD / "fmus" / "motor.fmu", fmu)
+        document = json.loads(Path(config).read_text(encoding="utf-8"))
+        document["components"]["motor"]["fmu"] = str(fmu)
+        Path(config).write_text(json.dumps(document), encoding="utf-8")
+        with Tree(config) as live:
+            wait_for_run(live, database, 1)
+            shutil.copy(BUILD / "fmus" / "motor.fmu", fmu.with_suffix(".new"))
+            fmu.with_suffix(".new").rename(fmu)
+            live.kill_one("twin")
+            live.wait_for("begins anew: the FMUs are not those of the run before")
+            wait_for_run(live, database, 2)
+            end_orderly(live)
+    expect(query(database, "SELECT resumed_run FROM beginnings WHERE run = 2") == [(None,)], "it went on all the same")
+
+
+def test_a_recorder_that_hangs():
+    """Stopped for some seconds, as by a disk: the twin does not notice, and nothing is lost."""
+    with Device(OMEGA) as device:
+        config, database = configuration(device.port)
+        with Tree(config) as live:
+            live.wait_for_tick(database)
+            recorder = live.child(role="recorder")
+            os.kill(recorder, signal.SIGSTOP)
+            time.sleep(4)
+            os.kill(recorder, signal.SIGCONT)
+            live.wait_for_tick(database)
+            end_orderly(live)
+            expect(live.account()["starts"] == 1, f"{live.account()}")
+    found = read(database)
+    expect_whole(found)
+    expect(number(database, "SELECT sum(entries_lost) FROM runs") == 0, "something was lost")
+
+
+def test_alone_the_run_ends_with_the_twin():
+    """And what was recorded until then is there."""
+    with Device(OMEGA) as device:
+        config, database = configuration(device.port)
+        with Program("run", config) as live:
+            wait_until(lambda: database.exists() and number(database, "SELECT count(*) FROM steps") > 20, "steps", live.log)
+            twin = member(live, "twin")
+            os.kill(twin, signal.SIGKILL)
+            code, _, log = live.end()
+    expect(code == 70 and "the twin failed: it was ended by signal 9" in log, f"ended with {code}\n{log}")
+    expect_whole(read(database))
+
+
+parser = argparse.ArgumentParser()
+parser.add_argument("words", nargs="*")
+parser.add_argument("--by-hand", action="store_true")
+parser.add_argument("--kills", type=int, default=500)
+parser.add_argument("--seed", type=int, default=SEED)
+options = parser.parse_args()
+if options.by_hand:
+    with Device(OMEGA) as plant:
+        print(kills(plant, options.kills, options.seed))
+else:
+    main()

@@ -1,0 +1,70 @@
+/* The course of a run that is never interrupted, and those of a predecessor and a successor beside it: for tests of who goes on with whom.
+ *
+ * Twin:    the motor bench, with a solver that begins every search with an empty head, so that a successor has nothing to learn anew. Every
+ *          thirteenth tick is missed, and now and then a signal is not good.
+ * Use:     tl_course_open() makes the whole course; then twins go parts of it, each begun by tl_course_anew().
+ * Errors:  what does not go well fails the test.
+ * Thread:  one; the environment variable TWINLOCK_FMU_PATH leads to the FMUs.
+ */
+#ifndef TL_TESTS_SUPPORT_COURSE_H
+#define TL_TESTS_SUPPORT_COURSE_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "firmware/past/past_follow.h"
+#include "firmware/past/past_sink.h"
+#include "firmware/twin/assembly.h"
+
+enum { TL_COURSE_TICKS = 240 };
+
+/* By step. */
+typedef struct tl_course_records {
+    tl_record records[TL_COURSE_TICKS];
+    bool there[TL_COURSE_TICKS];
+} tl_course_records;
+
+typedef struct tl_course {
+    tl_assembly assembly;
+    tl_account account; /* of any of its twins */
+    tl_time start;      /* t_start, such that the last tick was just now */
+    int64_t next;       /* tick of the twin */
+    tl_course_records whole;
+    tl_course_records part; /* of the twins since tl_course_forget() */
+    unsigned char *checkpoint;
+    size_t checkpoint_size;
+    int64_t checkpoint_tick;
+    /* what was put into tl_course_sink() */
+    tl_resumption begun;
+    int64_t kept_tick;
+    size_t kept_size;
+    size_t samples;
+} tl_course;
+
+/* `path` is that of config/motor/lock.json. */
+void tl_course_open(tl_course *course, const char *path, tl_measurements measurements);
+void tl_course_close(tl_course *course);
+
+/* A new twin, which has not begun. */
+void tl_course_anew(tl_course *course);
+
+/* What the plant shows at a tick: stamps on the clock of t_start. */
+void tl_course_sample(const tl_course *course, int64_t tick, tl_sample *sample);
+
+/* As the cycle does: up to tick `last`. Records are kept in `part`, and put where `sink` leads (NULL: nowhere). */
+void tl_course_search(tl_course *course, int64_t last, const tl_past_sink *sink);
+
+/* A sink: its steps go to `part`, and its samples must be those of the plant. */
+tl_past_sink tl_course_sink(tl_course *course);
+
+/* The twin as bytes, after the tick it is at. */
+void tl_course_save(tl_course *course);
+
+/* Empties `part`. */
+void tl_course_forget(tl_course *course);
+
+/* Every step that is in `part` is the same to the bit in `whole`; there are at least so many, the last one of the course among them. */
+void tl_course_expect_same(const tl_course *course, size_t least);
+
+#endif

@@ -1,0 +1,42 @@
+/* An outbox and its writer: see test_outbox.h. */
+#include "tests/support/test_outbox.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#include <unity.h>
+
+enum { PAGE = 4096 };
+
+void tl_test_outbox_open(tl_test_outbox *made, const tl_recorder_settings *record, size_t checkpoint_bytes) {
+    tl_error error;
+    made->record = *record;
+    tl_outbox_settings settings = {
+        .shape = {record->plant_count, record->match_count, record->adjust_count, record->component_count},
+        .checkpoint_bytes = checkpoint_bytes};
+    settings.ring_bytes = tl_outbox_ring_bytes(&settings.shape, record->step);
+    size_t size = tl_outbox_bytes(&settings);
+    TEST_ASSERT_EQUAL_INT(0, posix_memalign(&made->memory, PAGE, size));
+    memset(made->memory, 0, size);
+    made->state = calloc(1, sizeof *made->state);
+    TEST_ASSERT_NOT_NULL(made->state);
+    tl_outbox_open(&settings, made->memory, &made->state->taken[0], &made->outbox);
+    const tl_recorder_writer_outbox outbox = {"test", settings, made->memory};
+    const tl_recorder_writer_settings writing = {
+        .record = &made->record, .outboxes = &outbox, .outbox_count = 1, .state = made->state};
+    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_recorder_writer_open(&writing, &made->writer, &error), error.text);
+}
+
+void tl_test_outbox_write(tl_test_outbox *made) {
+    tl_recorder_writer_write(made->writer);
+}
+
+void tl_test_outbox_close(tl_test_outbox *made) {
+    tl_error error;
+    if (made->writer != NULL) {
+        TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_recorder_writer_close(made->writer, TL_SECOND, &error), error.text);
+    }
+    free(made->memory);
+    free(made->state);
+    *made = (tl_test_outbox){.memory = NULL};
+}

@@ -1,0 +1,143 @@
+/* A writer under test: see writer_bench.h. */
+#include "tests/support/writer_bench.h"
+
+#include <stdio.h>
+#include <string.h>
+#include <sys/mman.h>
+#include <unistd.h>
+
+#include <unity.h>
+
+#include "tests/support/made_run.h"
+#include "tests/support/sql.h"
+
+enum { WAITS = 4000, WAIT_US = 5000 };
+
+static void *share(size_t bytes) {
+    /* cppcheck-suppress invalidFunctionArg ; an anonymous mapping has no file, which is -1 */
+    void *memory = mmap(NULL, bytes, PROT_READ | PROT_WRITE, MAP_SHARED | MAP_ANONYMOUS, -1, 0);
+    TEST_ASSERT_TRUE(memory != MAP_FAILED);
+    return memory;
+}
+
+static void make_memory(tl_writer_bench *bench) {
+    const tl_recorder_shape shape = {
+        .plant = TL_MADE_PLANT, .match = TL_MADE_MATCH, .adjust = TL_MADE_ADJUST, .components = TL_MADE_COMPONENTS};
+    bench->settings[0] = (tl_outbox_settings){.shape = shape, .checkpoint_bytes = TL_BENCH_CHECKPOINT};
+    bench->settings[0].ring_bytes = tl_outbox_ring_bytes(&shape, bench->record.step);
+    bench->settings[1] = (tl_outbox_settings){.shape = shape};
+    bench->state = share(sizeof *bench->state);
+    for (int i = 0; i < TL_BENCH_OUTBOXES; i++) {
+        bench->bytes[i] = tl_outbox_bytes(&bench->settings[i]);
+        bench->memory[i] = share(bench->bytes[i]);
+        bench->outboxes[i] = (tl_recorder_writer_outbox){i == 0 ? "twin" : "io", bench->settings[i], bench->memory[i]};
+    }
+    tl_outbox_open(&bench->settings[0], bench->memory[0], &bench->state->taken[0], &bench->twin);
+    tl_outbox_open(&bench->settings[1], bench->memory[1], &bench->state->taken[1], &bench->io);
+    bench->writer = NULL;
+    bench->error = (tl_error){TL_OK, ""};
+}
+
+static void free_memory(tl_writer_bench *bench) {
+    (void)tl_recorder_writer_close(bench->writer, 0, NULL);
+    for (int i = 0; i < TL_BENCH_OUTBOXES; i++) {
+        (void)munmap(bench->memory[i], bench->bytes[i]);
+    }
+    (void)munmap(bench->state, sizeof *bench->state);
+}
+
+void tl_writer_bench_begin(tl_writer_bench *bench) {
+    (void)snprintf(bench->path, sizeof bench->path, "%s", tl_scratch_path(&bench->scratch, "run.db"));
+    bench->record = tl_made_settings(bench->path);
+    bench->record.verb = "run";
+    bench->record.insistence = TL_DATABASE_ANYHOW;
+    make_memory(bench);
+}
+
+void tl_writer_bench_end(tl_writer_bench *bench) {
+    free_memory(bench);
+    tl_scratch_empty(&bench->scratch);
+}
+
+void tl_writer_bench_forget(tl_writer_bench *bench) {
+    free_memory(bench);
+    make_memory(bench);
+}
+
+tl_status tl_writer_bench_try_open(tl_writer_bench *bench) {
+    const tl_recorder_writer_settings settings = {.record = &bench->record,
+                                                  .outboxes = bench->outboxes,
+                                                  .outbox_count = TL_BENCH_OUTBOXES,
+                                                  .state = bench->state};
+    return tl_recorder_writer_open(&settings, &bench->writer, &bench->error);
+}
+
+void tl_writer_bench_open(tl_writer_bench *bench) {
+    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_writer_bench_try_open(bench), bench->error.text);
+}
+
+tl_status tl_writer_bench_close(tl_writer_bench *bench) {
+    tl_recorder_writer *closing = bench->writer;
+    bench->writer = NULL;
+    return tl_recorder_writer_close(closing, 0, &bench->error);
+}
+
+void tl_writer_bench_write_until(tl_writer_bench *bench, uint64_t written) {
+    for (int i = 0; i < WAITS && tl_recorder_state_get(bench->state).written < written; i++) {
+        tl_recorder_writer_write(bench->writer);
+        usleep(WAIT_US);
+    }
+    TEST_ASSERT_EQUAL_UINT64(written, tl_recorder_state_get(bench->state).written);
+}
+
+void tl_writer_bench_start(tl_writer_bench *bench, tl_time start) {
+    static tl_outbox_start made; /* too large for a stack */
+    made = (tl_outbox_start){.resumption = {.start = start, .started = INT64_C(1795219200000)},
+                             .account = {.components = TL_MADE_COMPONENTS,
+                                         .matches = TL_MADE_MATCH,
+                                         .adjusts = TL_MADE_ADJUST,
+                                         .prediction = 2,
+                                         .lead = 0}};
+    for (int i = 0; i < TL_MADE_COMPONENTS; i++) {
+        (void)snprintf(made.account.component[i].name, TL_ACCOUNT_TEXT, "component %d", i);
+    }
+    for (int i = 0; i < TL_MADE_MATCH; i++) {
+        (void)snprintf(made.account.match[i].unit, TL_ACCOUNT_TEXT, "unit %d", i);
+    }
+    TEST_ASSERT_TRUE(tl_outbox_put_start(&bench->twin, &made));
+}
+
+void tl_writer_bench_put(tl_writer_bench *bench, int64_t first, int64_t ticks) {
+    tl_sample sample;
+    tl_record record;
+    tl_recorder_component ledger[TL_MADE_COMPONENTS];
+    for (int64_t tick = first; tick < first + ticks; tick++) {
+        tl_made_sample(tick, &sample);
+        TEST_ASSERT_TRUE(tl_outbox_put_sample(&bench->twin, &sample));
+        tl_made_record(tick, &record);
+        tl_made_ledger(tick, ledger);
+        TEST_ASSERT_TRUE(tl_outbox_put_step(&bench->twin, &record, ledger));
+    }
+}
+
+void tl_writer_bench_expect_whole(const char *path) {
+    static const char *const none[] = {
+        "SELECT count(*) FROM (SELECT count(*) AS n FROM samples GROUP BY run, tick) WHERE n <> 3",
+        "SELECT count(*) FROM steps s WHERE 2 <> (SELECT count(*) FROM outputs o WHERE o.run = s.run AND"
+        " o.step = s.step) OR 2 <> (SELECT count(*) FROM adjustments a WHERE a.run = s.run AND a.step = s.step)",
+        "SELECT count(*) FROM runs r WHERE samples_written <> (SELECT count(DISTINCT tick) FROM samples s WHERE"
+        " s.run = r.run) OR steps_written <> (SELECT count(*) FROM steps s WHERE s.run = r.run) OR"
+        " events_written <> (SELECT count(*) FROM events e WHERE e.run = r.run)",
+    };
+    TEST_ASSERT_EQUAL_STRING("ok", tl_sql_text(path, "PRAGMA integrity_check"));
+    for (size_t i = 0; i < sizeof none / sizeof none[0]; i++) {
+        TEST_ASSERT_EQUAL_INT64_MESSAGE(0, tl_sql_integer(path, none[i]), none[i]);
+    }
+}
+
+int64_t tl_writer_bench_count_own(const char *path, const char *pattern) {
+    char sql[256];
+    (void)snprintf(sql, sizeof sql, "SELECT count(*) FROM events WHERE source = 'recorder' AND text LIKE '%s'",
+                   pattern);
+    return tl_sql_integer(path, sql);
+}

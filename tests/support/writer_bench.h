@@ -1,0 +1,58 @@
+/* A writer under test (recorder_writer.h): outboxes of a twin and of its io, its state, and a database in a folder that is empty again after each test.
+ *
+ * Memory: outboxes and state are shared with the children of this process, so that one of them may write and be killed.
+ * Use:    tl_scratch_make() in main(), tl_writer_bench_begin() in setUp(), tl_writer_bench_end() in tearDown().
+ * Errors: what does not go well fails the test.
+ * Thread: one thread.
+ */
+#ifndef TL_TESTS_SUPPORT_WRITER_BENCH_H
+#define TL_TESTS_SUPPORT_WRITER_BENCH_H
+
+#include <limits.h>
+#include <stddef.h>
+
+#include "firmware/record/recorder_writer.h"
+#include "tests/support/scratch.h"
+
+enum { TL_BENCH_CHECKPOINT = 20000, TL_BENCH_OUTBOXES = 2 };
+
+typedef struct tl_writer_bench {
+    tl_scratch scratch;
+    char path[PATH_MAX]; /* run.db */
+    tl_recorder_settings record;
+    tl_outbox_settings settings[TL_BENCH_OUTBOXES];
+    tl_recorder_writer_outbox outboxes[TL_BENCH_OUTBOXES];
+    void *memory[TL_BENCH_OUTBOXES];
+    size_t bytes[TL_BENCH_OUTBOXES];
+    tl_outbox twin;
+    tl_outbox io;
+    tl_recorder_writer_state *state;
+    tl_recorder_writer *writer; /* NULL: none is open */
+    tl_error error;
+} tl_writer_bench;
+
+void tl_writer_bench_begin(tl_writer_bench *bench);
+void tl_writer_bench_end(tl_writer_bench *bench);
+
+/* The outboxes are empty, and the state knows nothing: another start of the program. Files stay. */
+void tl_writer_bench_forget(tl_writer_bench *bench);
+
+/* A writer that goes on with the state. */
+tl_status tl_writer_bench_try_open(tl_writer_bench *bench);
+void tl_writer_bench_open(tl_writer_bench *bench);
+tl_status tl_writer_bench_close(tl_writer_bench *bench); /* without patience */
+
+/* Writes every now and then, until so many entries and events are written. */
+void tl_writer_bench_write_until(tl_writer_bench *bench, uint64_t written);
+
+/* The beginning of a run that is made up, and some ticks of it (made_run.h), a step for each. */
+void tl_writer_bench_start(tl_writer_bench *bench, tl_time start);
+void tl_writer_bench_put(tl_writer_bench *bench, int64_t first, int64_t ticks);
+
+/* Of the database: every run has what its row says, each tick and step once and whole. */
+void tl_writer_bench_expect_whole(const char *path);
+
+/* How many events of the writer's own are in there, by SQL's LIKE. */
+int64_t tl_writer_bench_count_own(const char *path, const char *pattern);
+
+#endif

@@ -1,0 +1,136 @@
+/* The mail: how much of each signal is kept, and that nobody's mailbox lies in another's. */
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <unity.h>
+
+#include "firmware/plant/plant_mail.h"
+#include "tests/support/config_text.h"
+
+enum { COUNTS = 4096, SLOT = 32 };
+
+static tl_test_verdict verdict;
+static tl_plant_mail_shape shape;
+static tl_mailbox mailboxes[TL_MAX_SIGNALS];
+static void *memory;
+
+void setUp(void) {
+    verdict = (tl_test_verdict){.count = 0};
+    memset(&shape, 0xA5, sizeof shape);
+    memory = NULL;
+}
+
+void tearDown(void) {
+    tl_config_free(&verdict.config);
+    free(memory);
+}
+
+/* Signals: of a device that is polled, of a CAN bus, and of a recording only. */
+static void read_config(const char *step_s, const char *period_s, const char *hang_s) {
+    static const char CONFIG[] =
+        "{ \"twinlock\": 1, \"name\": \"test\", \"step_s\": %s, \"components\": { \"motor\": { \"fmu\": \"motor.fmu\" } },"
+        "  \"sources\": {"
+        "    \"device\": { \"modbus_tcp\": { \"host\": \"127.0.0.1\", \"port\": 1502, \"period_s\": %s } },"
+        "    \"bus\": { \"can\": { \"interface\": \"can0\" } } },"
+        "  \"plant\": {"
+        "    \"a\": { \"modbus\": { \"source\": \"device\", \"table\": \"coil\", \"address\": 0 }, \"type\": \"boolean\" },"
+        "    \"b\": { \"can\": { \"source\": \"bus\", \"id\": 1, \"start\": 0, \"length\": 8 } },"
+        "    \"c\": {} },"
+        "  \"compare\": { \"motor.omega\": { \"to\": \"plant.b\" } },"
+        "  \"realtime\": { \"hang_s\": %s } }";
+    char text[sizeof CONFIG + 64];
+    (void)snprintf(text, sizeof text, CONFIG, step_s, period_s, hang_s);
+    tl_test_judge_text(text, strlen(text), &verdict);
+    TEST_ASSERT_EQUAL_STRING("", verdict.problems[0].text);
+    tl_plant_mail_shape_of(&verdict.config, &shape);
+    TEST_ASSERT_EQUAL_size_t(3, shape.signals);
+}
+
+static void expect(const char *step_s, const char *period_s, const char *hang_s, const uint32_t depth[3]) {
+    read_config(step_s, period_s, hang_s);
+    for (size_t i = 0; i < 3; i++) {
+        TEST_ASSERT_EQUAL_UINT32_MESSAGE(depth[i], shape.depth[i], period_s);
+    }
+    tl_config_free(&verdict.config);
+    verdict = (tl_test_verdict){.count = 0};
+}
+
+static void test_what_is_polled_while_a_twin_is_started_again_is_kept(void) {
+    expect("0.01", "0.01", "2", (const uint32_t[]){2048, 16384, 2048});   /* 12 s of 10 ms: 1201 */
+    expect("0.01", "0.001", "2", (const uint32_t[]){16384, 16384, 2048}); /* 12 s of 1 ms: 12001 */
+    expect("0.01", "0.01", "60", (const uint32_t[]){8192, 65536, 8192});  /* 70 s: 7001 */
+}
+
+static void test_neither_finer_than_a_millisecond_nor_coarser_than_a_step(void) {
+    expect("0.01", "0.00001", "2", (const uint32_t[]){16384, 16384, 2048});
+    expect("0.01", "5", "2", (const uint32_t[]){2048, 16384, 2048});
+    expect("0.0001", "0.0001", "2", (const uint32_t[]){16384, 16384, 16384});
+}
+
+static void test_at_least_256_and_at_most_65536(void) {
+    expect("1", "1", "2", (const uint32_t[]){256, 16384, 256});
+    expect("0.01", "0.001", "3600", (const uint32_t[]){65536, 65536, 65536});
+    expect("0.047", "1", "2", (const uint32_t[]){256, 16384, 256}); /* 12 s of it: 255.3, and one */
+    expect("0.046", "1", "2", (const uint32_t[]){512, 16384, 512});
+}
+
+static void test_mailboxes_lie_one_behind_the_other(void) {
+    read_config("0.01", "0.001", "2");
+    size_t bytes = tl_plant_mail_bytes(&shape);
+    TEST_ASSERT_EQUAL_size_t(COUNTS + (size_t)SLOT * (16384 + 16384 + 2048), bytes);
+    memory = tl_plant_mail_make(&shape, mailboxes);
+    TEST_ASSERT_NOT_NULL(memory);
+    const unsigned char *end = (const unsigned char *)memory + COUNTS;
+    for (size_t i = 0; i < 3; i++) {
+        TEST_ASSERT_EQUAL_PTR((unsigned char *)memory + 64 * i, mailboxes[i].count);
+        TEST_ASSERT_EQUAL_PTR(end, mailboxes[i].slots);
+        end += mailboxes[i].depth * sizeof *mailboxes[i].slots;
+    }
+    TEST_ASSERT_EQUAL_PTR((unsigned char *)memory + bytes, end);
+}
+
+static void test_what_is_posted_to_one_is_in_none_of_the_others(void) {
+    read_config("0.01", "0.001", "2");
+    memory = tl_plant_mail_make(&shape, mailboxes);
+    for (int post = 0; post < 40000; post++) {
+        for (size_t i = 0; i < 3; i++) {
+            const tl_reading reading = {.value = 10.0 * post + (double)i, .stamp = post, .quality = TL_GOOD};
+            tl_mailbox_post(&mailboxes[i], &reading);
+        }
+    }
+    for (size_t i = 0; i < 3; i++) {
+        tl_reading reading = {.value = -1};
+        TEST_ASSERT_TRUE(tl_mailbox_at(&mailboxes[i], 39999, &reading));
+        TEST_ASSERT_EQUAL_DOUBLE(399990.0 + (double)i, reading.value);
+        TEST_ASSERT_TRUE(tl_mailbox_at(&mailboxes[i], 0, &reading));
+        TEST_ASSERT_EQUAL_INT64(40000 - (tl_time)shape.depth[i], reading.stamp); /* the oldest that is kept */
+        TEST_ASSERT_EQUAL_DOUBLE(10.0 * (double)reading.stamp + (double)i, reading.value);
+    }
+}
+
+static void test_a_plant_without_signals_has_a_mail_too(void) {
+    shape.signals = 0;
+    TEST_ASSERT_EQUAL_size_t(COUNTS, tl_plant_mail_bytes(&shape)); /* a block of no bytes there is not */
+}
+
+static void test_the_least(void) {
+    memory = tl_plant_mail_make_least(TL_MAX_SIGNALS, mailboxes);
+    TEST_ASSERT_NOT_NULL(memory);
+    for (size_t i = 0; i < TL_MAX_SIGNALS; i++) {
+        TEST_ASSERT_EQUAL_UINT32(256, mailboxes[i].depth);
+        TEST_ASSERT_EQUAL_PTR((unsigned char *)memory + COUNTS + i * 256 * SLOT, mailboxes[i].slots);
+    }
+}
+
+int main(void) {
+    UNITY_BEGIN();
+    RUN_TEST(test_what_is_polled_while_a_twin_is_started_again_is_kept);
+    RUN_TEST(test_neither_finer_than_a_millisecond_nor_coarser_than_a_step);
+    RUN_TEST(test_at_least_256_and_at_most_65536);
+    RUN_TEST(test_mailboxes_lie_one_behind_the_other);
+    RUN_TEST(test_what_is_posted_to_one_is_in_none_of_the_others);
+    RUN_TEST(test_a_plant_without_signals_has_a_mail_too);
+    RUN_TEST(test_the_least);
+    return UNITY_END();
+}

@@ -1,0 +1,705 @@
+/* The writer: runs as they come out of outboxes, what a successor goes on with, and everything that can be wrong with a file. */
+#include <sqlite3.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <unity.h>
+
+#include "firmware/base/log.h"
+#include "firmware/database/database_file.h"
+#include "firmware/record/history.h"
+#include "firmware/record/recorder.h"
+#include "tests/support/faulty_vfs.h"
+#include "tests/support/made_run.h"
+#include "tests/support/sql.h"
+#include "tests/support/writer_bench.h"
+
+enum { OTHER_USER = 65534 };
+
+static tl_writer_bench bench;
+static char beside[PATH_MAX + 16];
+static char aside[PATH_MAX + 16];
+
+void setUp(void) {
+    tl_writer_bench_begin(&bench);
+    (void)snprintf(beside, sizeof beside, "%s.beside", bench.path);
+    (void)snprintf(aside, sizeof aside, "%s.damaged-1", bench.path);
+    tl_log_set_level(TL_LOG_ERROR - 1);
+}
+
+void tearDown(void) {
+    tl_faulty_vfs_refuse(SQLITE_OK, 0);
+    tl_faulty_vfs_read_only(false);
+    tl_writer_bench_end(&bench);
+}
+
+static int64_t ask(const char *sql) {
+    return tl_sql_integer(bench.path, sql);
+}
+
+static void write_now(void) {
+    tl_recorder_writer_write(bench.writer);
+}
+
+static void close_well(void) {
+    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_writer_bench_close(&bench), bench.error.text);
+}
+
+static uint64_t written(void) {
+    return tl_recorder_state_get(bench.state).written;
+}
+
+/* A run of so many ticks, into the file as it is. */
+static void record(int64_t ticks) {
+    tl_writer_bench_open(&bench);
+    tl_writer_bench_start(&bench, 0);
+    tl_writer_bench_put(&bench, 0, ticks);
+    TEST_ASSERT_TRUE(tl_outbox_put_end(&bench.twin, "SIGTERM"));
+    close_well();
+}
+
+/* ---- Runs -------------------------------------------------------------------------------------------------------- */
+
+static void test_a_run_is_what_its_beginning_says(void) {
+    tl_writer_bench_open(&bench);
+    tl_outbox_event(&bench.io, -1, TL_EVENT_INFO, "io", "before the run");
+    tl_outbox_event(&bench.twin, -1, TL_EVENT_INFO, "twin", "before the run");
+    write_now();
+    TEST_ASSERT_EQUAL_INT64(0, ask("SELECT count(*) FROM runs")); /* they wait */
+    TEST_ASSERT_EQUAL_INT64(0, tl_recorder_state_get(bench.state).run);
+    tl_writer_bench_start(&bench, 12345);
+    tl_writer_bench_put(&bench, 0, 10);
+    write_now();
+    TEST_ASSERT_EQUAL_INT64(1, tl_recorder_state_get(bench.state).run);
+    TEST_ASSERT_TRUE(tl_recorder_writer_is_empty(bench.writer));
+    TEST_ASSERT_EQUAL_STRING(bench.path, tl_recorder_writer_path(bench.writer));
+    TEST_ASSERT_EQUAL_INT64(1, ask("SELECT ended IS NULL FROM runs"));
+    TEST_ASSERT_TRUE(tl_outbox_put_end(&bench.twin, "SIGTERM"));
+    write_now();
+    tl_outbox_event(&bench.io, -1, TL_EVENT_INFO, "io", "after the run");
+    close_well();
+    tl_writer_bench_expect_whole(bench.path);
+    TEST_ASSERT_EQUAL_STRING("run|SIGTERM|2026-11-21T00:00:00.000Z|2|0|10|10|3|0",
+                             tl_sql_text(bench.path, "SELECT verb || '|' || ended_reason || '|' || started || '|' ||"
+                                                     " prediction || '|' || lead || '|' || samples_written || '|' ||"
+                                                     " steps_written || '|' || events_written || '|' || entries_lost"
+                                                     " FROM runs"));
+    TEST_ASSERT_EQUAL_INT64(12345, ask("SELECT start_ns FROM beginnings"));
+    TEST_ASSERT_EQUAL_STRING("unit 0, unit 1", tl_sql_text(bench.path, "SELECT group_concat(unit, ', ') FROM signals"
+                                                                       " WHERE kind = 'match'"));
+    TEST_ASSERT_EQUAL_STRING("motor.omega", tl_sql_text(bench.path, "SELECT name FROM signals WHERE kind = 'match'"));
+    TEST_ASSERT_EQUAL_STRING("component 0, component 1, component 2",
+                             tl_sql_text(bench.path, "SELECT group_concat(name, ', ') FROM components"));
+    TEST_ASSERT_EQUAL_UINT64(23, written());
+}
+
+static void test_runs_follow_each_other(void) {
+    static tl_outbox_start start;
+    tl_writer_bench_open(&bench);
+    tl_writer_bench_start(&bench, 1);
+    tl_writer_bench_put(&bench, 0, 10);
+    tl_outbox_event(&bench.twin, 9, TL_EVENT_INFO, "twin", "first");
+    start = (tl_outbox_start){.resumption = {.from = TL_RESUMED_CHECKPOINT, .run = -1, .tick = 8, .start = 2}};
+    TEST_ASSERT_TRUE(tl_outbox_put_start(&bench.twin, &start)); /* its twin was killed */
+    tl_outbox_event(&bench.twin, 9, TL_EVENT_INFO, "twin", "second");
+    tl_writer_bench_put(&bench, 8, 10);
+    TEST_ASSERT_TRUE(tl_outbox_put_end(&bench.twin, "SIGTERM"));
+    start = (tl_outbox_start){.holds = true, .resumption = {.start = 3, .started = 1}};
+    TEST_ASSERT_TRUE(tl_outbox_put_start(&bench.twin, &start));
+    tl_outbox_event(&bench.twin, 9, TL_EVENT_INFO, "twin", "third");
+    tl_writer_bench_put(&bench, 0, 10);
+    close_well();
+    tl_writer_bench_expect_whole(bench.path);
+    TEST_ASSERT_EQUAL_STRING("run not ended cleanly 10, run SIGTERM 10, hold open 10",
+                             tl_sql_text(bench.path, "SELECT group_concat(verb || ' ' || coalesce(ended_reason, 'open')"
+                                                     " || ' ' || samples_written, ', ') FROM runs"));
+    TEST_ASSERT_EQUAL_STRING("1 8 checkpoint",
+                             tl_sql_text(bench.path, "SELECT resumed_run || ' ' || resumed_tick || ' ' ||"
+                                                     " resumed_from FROM beginnings WHERE run = 2"));
+    TEST_ASSERT_EQUAL_STRING("1 first, 2 second, 3 third",
+                             tl_sql_text(bench.path, "SELECT group_concat(run || ' ' || text, ', ') FROM events"));
+    TEST_ASSERT_EQUAL_INT64(0, ask("SELECT count(*) FROM components WHERE run = 3"));
+    TEST_ASSERT_EQUAL_INT64(0, ask("SELECT count(*) FROM signals WHERE run = 3 AND kind <> 'plant'"));
+}
+
+static void test_checkpoints(void) {
+    size_t capacity = 0;
+    TEST_ASSERT_TRUE(tl_outbox_reserve_checkpoint(&bench.twin, 5000));
+    tl_writer_bench_open(&bench);
+    tl_writer_bench_start(&bench, 1);
+    for (int64_t tick = 0; tick < 40; tick += 10) {
+        tl_writer_bench_put(&bench, tick, 10);
+        memset(tl_outbox_checkpoint_room(&bench.twin, &capacity), 1, 5000);
+        tl_outbox_put_checkpoint(&bench.twin, tick + 9, 5000);
+        write_now();
+        TEST_ASSERT_EQUAL_UINT64((uint64_t)tick / 10 + 1, bench.state->taken[0].checkpoint);
+    }
+    memset(tl_outbox_checkpoint_room(&bench.twin, &capacity), 1, 5000);
+    tl_outbox_put_checkpoint(&bench.twin, INT64_MAX, 5000); /* which cannot be */
+    close_well();
+    TEST_ASSERT_EQUAL_STRING("29, 39", tl_sql_text(bench.path, "SELECT group_concat(tick, ', ') FROM checkpoints"));
+}
+
+/* ---- Who goes on ------------------------------------------------------------------------------------------------- */
+
+static void test_a_run_goes_on_in_its_row(void) {
+    tl_writer_bench_open(&bench);
+    tl_writer_bench_start(&bench, 1);
+    tl_writer_bench_put(&bench, 0, 10);
+    close_well(); /* the process ends, the run does not */
+    TEST_ASSERT_EQUAL_INT64(1, ask("SELECT ended IS NULL FROM runs"));
+    tl_writer_bench_put(&bench, 10, 10);
+    tl_writer_bench_open(&bench);
+    close_well();
+    tl_writer_bench_put(&bench, 20, 10);
+    TEST_ASSERT_TRUE(tl_outbox_put_end(&bench.twin, "SIGTERM"));
+    tl_writer_bench_open(&bench);
+    close_well();
+    tl_writer_bench_expect_whole(bench.path);
+    TEST_ASSERT_EQUAL_STRING("1 30 SIGTERM", tl_sql_text(bench.path, "SELECT run || ' ' || samples_written || ' ' ||"
+                                                                     " ended_reason FROM runs"));
+}
+
+/* Meanwhile another program has recorded into the file, and taken the run for one that was killed. */
+static void test_a_run_goes_on_after_another_program(void) {
+    tl_recorder *recorder = NULL;
+    tl_writer_bench_open(&bench);
+    tl_writer_bench_start(&bench, 1);
+    tl_writer_bench_put(&bench, 0, 10);
+    close_well();
+    const tl_recorder_settings settings = tl_made_settings(bench.path);
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_recorder_open(&settings, &recorder, &bench.error));
+    tl_made_put(recorder, 0, 10);
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_recorder_close(recorder, "end", NULL, &bench.error));
+    TEST_ASSERT_EQUAL_STRING("not ended cleanly", tl_sql_text(bench.path, "SELECT ended_reason FROM runs"));
+    tl_writer_bench_put(&bench, 10, 10);
+    tl_writer_bench_open(&bench);
+    close_well();
+    tl_writer_bench_expect_whole(bench.path);
+    TEST_ASSERT_EQUAL_INT64(2, ask("SELECT count(*) FROM runs"));
+    TEST_ASSERT_EQUAL_INT64(1, ask("SELECT ended IS NULL AND samples_written = 20 FROM runs WHERE run = 1"));
+}
+
+/* The file is another one than the writer before has left: the run begins again in it. */
+static void test_a_file_that_was_put_back(void) {
+    char copy[PATH_MAX + 8];
+    char command[3 * PATH_MAX];
+    (void)snprintf(copy, sizeof copy, "%s.copy", bench.path);
+    tl_writer_bench_open(&bench);
+    tl_writer_bench_start(&bench, 1);
+    tl_writer_bench_put(&bench, 0, 10);
+    close_well();
+    (void)snprintf(command, sizeof command, "VACUUM INTO '%s'", copy);
+    tl_sql_execute(bench.path, command);
+    tl_writer_bench_put(&bench, 10, 10);
+    tl_writer_bench_open(&bench);
+    close_well();
+    TEST_ASSERT_EQUAL_INT(0, rename(copy, bench.path));
+    tl_writer_bench_put(&bench, 20, 10);
+    tl_writer_bench_open(&bench);
+    close_well();
+    tl_writer_bench_expect_whole(bench.path);
+    TEST_ASSERT_EQUAL_STRING("10, 10 20",
+                             tl_sql_text(bench.path, "SELECT group_concat(samples_written || coalesce(' ' ||"
+                                                     " removed_before, ''), ', ') FROM runs"));
+}
+
+/* ---- Files that are damaged -------------------------------------------------------------------------------------- */
+
+static void write_bytes(const char *path, long at, size_t count) {
+    FILE *file = fopen(path, "r+b");
+    TEST_ASSERT_NOT_NULL(file);
+    TEST_ASSERT_EQUAL_INT(0, fseek(file, at, SEEK_SET));
+    for (size_t i = 0; i < count; i++) {
+        TEST_ASSERT_EQUAL_INT(0xA5, fputc(0xA5, file));
+    }
+    TEST_ASSERT_EQUAL_INT(0, fclose(file));
+}
+
+static int64_t size_of(const char *path) {
+    struct stat file;
+    return stat(path, &file) == 0 ? (int64_t)file.st_size : -1;
+}
+
+/* The file is put aside as it is, and a new one is written. */
+static void expect_made_anew(void) {
+    int64_t size = size_of(bench.path);
+    tl_writer_bench_forget(&bench);
+    record(20);
+    TEST_ASSERT_EQUAL_INT64(size, size_of(aside));
+    tl_writer_bench_expect_whole(bench.path);
+    TEST_ASSERT_EQUAL_INT64(20, ask("SELECT samples_written FROM runs"));
+    TEST_ASSERT_EQUAL_INT64(
+        1, tl_writer_bench_count_own(bench.path, "was damaged, is called run.db.damaged-1 now, and was made anew: %"));
+    TEST_ASSERT_EQUAL_INT64(1, ask("SELECT count(*) FROM events"));
+}
+
+static void test_a_truncated_file_is_put_aside(void) {
+    record(2000);
+    TEST_ASSERT_EQUAL_INT(0, truncate(bench.path, size_of(bench.path) / 2));
+    expect_made_anew();
+}
+
+static void test_a_truncated_header_is_put_aside(void) {
+    record(10);
+    TEST_ASSERT_EQUAL_INT(0, truncate(bench.path, 80));
+    expect_made_anew();
+}
+
+static void test_damaged_pages_are_put_aside(void) {
+    record(10);
+    write_bytes(bench.path, 100, 4000); /* the schema */
+    expect_made_anew();
+}
+
+/* Nothing of what waits is lost. */
+static void test_damage_that_shows_while_it_is_written(void) {
+    char wal[PATH_MAX + 24];
+    (void)snprintf(wal, sizeof wal, "%s-wal", aside);
+    tl_writer_bench_open(&bench);
+    tl_writer_bench_start(&bench, 7);
+    tl_writer_bench_put(&bench, 0, 1000);
+    write_now();
+    tl_writer_bench_put(&bench, 1000, 10);
+    tl_outbox_event(&bench.twin, 1009, TL_EVENT_INFO, "twin", "an event");
+    tl_faulty_vfs_refuse(SQLITE_CORRUPT, 0);
+    write_now(); /* it cannot even make a new one */
+    tl_faulty_vfs_refuse(SQLITE_OK, 0);
+    tl_writer_bench_write_until(&bench, 2021);
+    TEST_ASSERT_TRUE(tl_outbox_put_end(&bench.twin, "SIGTERM"));
+    close_well();
+    tl_writer_bench_expect_whole(bench.path);
+    TEST_ASSERT_EQUAL_STRING("10 1000 0 SIGTERM 7",
+                             tl_sql_text(bench.path, "SELECT samples_written || ' ' || removed_before || ' ' ||"
+                                                     " entries_lost || ' ' || ended_reason || ' ' || start_ns"
+                                                     " FROM runs JOIN beginnings USING (run)"));
+    TEST_ASSERT_EQUAL_INT64(1, ask("SELECT count(*) FROM events WHERE source = 'twin'"));
+    TEST_ASSERT_GREATER_THAN_INT64(0, size_of(wal)); /* its log went with it */
+    TEST_ASSERT_EQUAL_INT64(1000, tl_sql_integer(aside, "SELECT samples_written FROM runs"));
+}
+
+/* Real pages, which the writer before has not looked at again. */
+static void test_damage_that_a_successor_finds(void) {
+    tl_writer_bench_open(&bench);
+    tl_writer_bench_start(&bench, 7);
+    tl_writer_bench_put(&bench, 0, 1000);
+    close_well();
+    write_bytes(bench.path, 8 * 4096, (size_t)size_of(bench.path) - 9 * 4096);
+    tl_writer_bench_put(&bench, 1000, 10);
+    tl_writer_bench_open(&bench);
+    tl_writer_bench_write_until(&bench, 2020);
+    close_well();
+    tl_writer_bench_expect_whole(bench.path);
+    TEST_ASSERT_EQUAL_STRING("10 1000 7", tl_sql_text(bench.path, "SELECT samples_written || ' ' || removed_before ||"
+                                                                  " ' ' || start_ns FROM runs JOIN beginnings USING"
+                                                                  " (run)"));
+    TEST_ASSERT_GREATER_THAN_INT64(0, size_of(aside));
+}
+
+/* With so many of them there, it stays where it is. */
+static void test_the_tenth_damaged_file_stays(void) {
+    record(10);
+    write_bytes(bench.path, 100, 4000);
+    for (int i = 1; i <= TL_DATABASE_DAMAGED_MOST; i++) {
+        char name[PATH_MAX + 32];
+        (void)snprintf(name, sizeof name, "%s.damaged-%d", bench.path, i);
+        TEST_ASSERT_EQUAL_INT(0, symlink("whatever", name));
+    }
+    tl_writer_bench_forget(&bench);
+    int64_t size = size_of(bench.path);
+    record(20);
+    TEST_ASSERT_EQUAL_INT64(size, size_of(bench.path));
+    TEST_ASSERT_EQUAL_INT64(20, tl_sql_integer(beside, "SELECT samples_written FROM runs"));
+    TEST_ASSERT_EQUAL_INT64(1, tl_writer_bench_count_own(beside, "is recorded into instead: %"));
+}
+
+/* ---- Files that are not ours, or may not be written -------------------------------------------------------------- */
+
+static void make_file(const char *text) {
+    FILE *file = fopen(bench.path, "wb");
+    TEST_ASSERT_NOT_NULL(file);
+    TEST_ASSERT_TRUE(fputs(text, file) >= 0);
+    TEST_ASSERT_EQUAL_INT(0, fclose(file));
+}
+
+/* With everything that is in it now. */
+static char *content_of(const char *path, size_t *size) {
+    FILE *file = fopen(path, "rb");
+    TEST_ASSERT_NOT_NULL(file);
+    char *bytes = malloc(1 << 20);
+    TEST_ASSERT_NOT_NULL(bytes);
+    *size = fread(bytes, 1, 1 << 20, file);
+    TEST_ASSERT_EQUAL_INT(0, fclose(file));
+    return bytes;
+}
+
+static void expect_recorded_beside(const char *why) {
+    char pattern[200];
+    tl_writer_bench_forget(&bench);
+    record(20);
+    tl_writer_bench_expect_whole(beside);
+    TEST_ASSERT_EQUAL_INT64(20, tl_sql_integer(beside, "SELECT samples_written FROM runs"));
+    (void)snprintf(pattern, sizeof pattern, "is recorded into instead: %%%s%%", why);
+    TEST_ASSERT_EQUAL_INT64_MESSAGE(1, tl_writer_bench_count_own(beside, pattern),
+                                    tl_sql_text(beside, "SELECT text FROM events"));
+    TEST_ASSERT_EQUAL_INT64(1, tl_sql_integer(beside, "SELECT count(*) FROM events"));
+}
+
+static void expect_left_alone(const char *why) {
+    size_t before = 0;
+    size_t after = 0;
+    char *first = content_of(bench.path, &before);
+    expect_recorded_beside(why);
+    char *second = content_of(bench.path, &after);
+    TEST_ASSERT_EQUAL_size_t(before, after);
+    TEST_ASSERT_EQUAL_INT(0, memcmp(first, second, before));
+    free(first);
+    free(second);
+    tl_scratch_empty(&bench.scratch);
+    tl_writer_bench_forget(&bench);
+}
+
+/* Who is there to be told is told. */
+static void expect_refused(tl_status status, const char *why) {
+    bench.record.insistence = TL_DATABASE_IF_OURS;
+    TEST_ASSERT_EQUAL_INT(status, tl_writer_bench_try_open(&bench));
+    TEST_ASSERT_NULL(bench.writer);
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(bench.error.text, why), bench.error.text);
+    TEST_ASSERT_EQUAL_INT(1, tl_scratch_count(&bench.scratch));
+    bench.record.insistence = TL_DATABASE_ANYHOW;
+}
+
+static void test_what_was_never_ours(void) {
+    make_file("");
+    expect_refused(TL_BAD_DATA, "only 0 bytes");
+    expect_left_alone("only 0 bytes");
+    make_file("time,omega\n0,1\n");
+    expect_refused(TL_BAD_DATA, "only 15 bytes");
+    expect_left_alone("only 15 bytes");
+    tl_sql_execute(bench.path, "CREATE TABLE mine (x)");
+    expect_refused(TL_BAD_DATA, "of another program");
+    expect_left_alone("of another program");
+}
+
+static void test_a_newer_file(void) {
+    record(10);
+    tl_sql_execute(bench.path, "PRAGMA user_version = 4");
+    tl_writer_bench_forget(&bench);
+    expect_refused(TL_BAD_DATA, "format 4");
+    expect_left_alone("format 4");
+}
+
+static void test_a_file_without_our_tables(void) {
+    record(10);
+    tl_sql_execute(bench.path, "DROP TABLE steps");
+    tl_writer_bench_forget(&bench);
+    expect_refused(TL_BAD_DATA, "no such table: steps");
+    expect_left_alone("no such table");
+}
+
+static void test_what_is_no_file(void) {
+    TEST_ASSERT_EQUAL_INT(0, mkdir(bench.path, 0700));
+    expect_refused(TL_BAD_DATA, "no ordinary file");
+    expect_recorded_beside("no ordinary file");
+    TEST_ASSERT_EQUAL_INT(0, rmdir(bench.path));
+    tl_scratch_empty(&bench.scratch);
+    TEST_ASSERT_EQUAL_INT(0, symlink("absent.db", bench.path));
+    expect_recorded_beside("symbolic link");
+}
+
+/* And what is beside it is not ours either. */
+static void test_the_next_name(void) {
+    char next[PATH_MAX + 24];
+    (void)snprintf(next, sizeof next, "%s.beside-2", bench.path);
+    make_file("mine");
+    TEST_ASSERT_EQUAL_INT(0, rename(bench.path, beside));
+    make_file("mine too");
+    record(20);
+    TEST_ASSERT_EQUAL_INT64(20, tl_sql_integer(next, "SELECT samples_written FROM runs"));
+    TEST_ASSERT_EQUAL_INT64(4, size_of(beside));
+}
+
+static void test_a_file_that_cannot_be_written(void) {
+    record(10);
+    if (geteuid() == 0) { /* who may do anything */
+        TEST_ASSERT_EQUAL_INT(0, chmod(bench.scratch.folder, 0777));
+        TEST_ASSERT_EQUAL_INT(0, seteuid(OTHER_USER));
+    }
+    TEST_ASSERT_TRUE(geteuid() != 0);
+    (void)chmod(bench.path, 0444);
+    bench.record.insistence = TL_DATABASE_IF_OURS; /* on a terminal too */
+    expect_recorded_beside("may not be written");
+    TEST_ASSERT_EQUAL_INT(0, seteuid(getuid()));
+}
+
+static void test_a_file_that_cannot_be_read(void) {
+    record(10);
+    TEST_ASSERT_EQUAL_INT(0, chmod(bench.path, 0));
+    if (geteuid() == 0) {
+        TEST_ASSERT_EQUAL_INT(0, chmod(bench.scratch.folder, 0777));
+        TEST_ASSERT_EQUAL_INT(0, seteuid(OTHER_USER));
+    }
+    expect_recorded_beside("unable to open database file");
+    TEST_ASSERT_EQUAL_INT(0, seteuid(getuid()));
+}
+
+/* A medium that has begun to fail; opened again, the file would look well. */
+static void test_a_file_that_can_no_longer_be_read(void) {
+    tl_writer_bench_open(&bench);
+    tl_writer_bench_start(&bench, 1);
+    tl_writer_bench_put(&bench, 0, 10);
+    write_now();
+    tl_writer_bench_put(&bench, 10, 10);
+    tl_faulty_vfs_refuse_once(SQLITE_IOERR_READ);
+    write_now();
+    TEST_ASSERT_EQUAL_UINT64(40, written());
+    TEST_ASSERT_EQUAL_STRING(beside, tl_recorder_writer_path(bench.writer));
+    close_well();
+    TEST_ASSERT_EQUAL_INT64(10, ask("SELECT samples_written FROM runs"));
+    TEST_ASSERT_EQUAL_INT64(10, tl_sql_integer(beside, "SELECT samples_written FROM runs"));
+}
+
+/* It goes on where it was, though that is not what was asked for. */
+static void test_a_run_that_is_beside_goes_on_there(void) {
+    make_file("mine");
+    tl_writer_bench_open(&bench);
+    tl_writer_bench_start(&bench, 1);
+    tl_writer_bench_put(&bench, 0, 10);
+    close_well();
+    TEST_ASSERT_EQUAL_INT(0, unlink(bench.path));
+    tl_writer_bench_put(&bench, 10, 10);
+    tl_writer_bench_open(&bench);
+    close_well();
+    TEST_ASSERT_EQUAL_INT64(20, tl_sql_integer(beside, "SELECT samples_written FROM runs"));
+    TEST_ASSERT_EQUAL_INT64(-1, size_of(bench.path));
+}
+
+/* ---- What is waited for ------------------------------------------------------------------------------------------ */
+
+static void test_a_disk_that_is_full_at_first(void) {
+    tl_faulty_vfs_refuse(SQLITE_FULL, 0);
+    tl_writer_bench_open(&bench);
+    tl_writer_bench_start(&bench, 1);
+    tl_writer_bench_put(&bench, 0, 10);
+    write_now();
+    TEST_ASSERT_NOT_EQUAL_INT64(0, tl_recorder_state_get(bench.state).refused_since);
+    tl_faulty_vfs_refuse(SQLITE_OK, 0);
+    tl_writer_bench_write_until(&bench, 20);
+    TEST_ASSERT_EQUAL_INT64(0, tl_recorder_state_get(bench.state).refused_since);
+    close_well();
+    TEST_ASSERT_EQUAL_INT64(1, tl_writer_bench_count_own(bench.path, "cannot write: %full%"));
+    TEST_ASSERT_EQUAL_INT64(1, tl_writer_bench_count_own(bench.path, "writes again after %"));
+    TEST_ASSERT_EQUAL_INT(1, tl_scratch_count(&bench.scratch));
+}
+
+static void test_a_folder_that_comes_later(void) {
+    char folder[PATH_MAX];
+    char path[PATH_MAX + 8];
+    (void)snprintf(folder, sizeof folder, "%s", tl_scratch_path(&bench.scratch, "later"));
+    (void)snprintf(path, sizeof path, "%s/run.db", folder);
+    bench.record.path = path;
+    tl_writer_bench_open(&bench);
+    tl_writer_bench_start(&bench, 1);
+    tl_writer_bench_put(&bench, 0, 10);
+    write_now();
+    TEST_ASSERT_EQUAL_INT(0, mkdir(folder, 0700));
+    tl_writer_bench_write_until(&bench, 20);
+    close_well();
+    TEST_ASSERT_EQUAL_INT64(10, tl_sql_integer(path, "SELECT samples_written FROM runs"));
+    TEST_ASSERT_EQUAL_INT(0, unlink(path));
+    TEST_ASSERT_EQUAL_INT(0, rmdir(folder));
+}
+
+static void test_a_lock_of_another_program(void) {
+    sqlite3 *other = NULL;
+    record(10);
+    tl_writer_bench_forget(&bench);
+    TEST_ASSERT_EQUAL_INT(SQLITE_OK, sqlite3_open(bench.path, &other));
+    TEST_ASSERT_EQUAL_INT(SQLITE_OK, sqlite3_exec(other, "BEGIN IMMEDIATE", NULL, NULL, NULL));
+    tl_writer_bench_open(&bench);
+    tl_writer_bench_start(&bench, 1);
+    tl_writer_bench_put(&bench, 0, 10);
+    write_now();
+    TEST_ASSERT_EQUAL_UINT64(0, written());
+    TEST_ASSERT_EQUAL_INT(SQLITE_OK, sqlite3_exec(other, "COMMIT", NULL, NULL, NULL));
+    TEST_ASSERT_EQUAL_INT(SQLITE_OK, sqlite3_close(other));
+    tl_writer_bench_write_until(&bench, 20);
+    close_well();
+    TEST_ASSERT_EQUAL_INT64(2, ask("SELECT count(*) FROM runs"));
+    TEST_ASSERT_EQUAL_INT64(1, tl_writer_bench_count_own(bench.path, "cannot write: another program has locked%"));
+}
+
+static void test_another_twinlock(void) {
+    const tl_recorder_settings settings = tl_made_settings(bench.path);
+    tl_recorder *other = NULL;
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_recorder_open(&settings, &other, &bench.error));
+    bench.record.insistence = TL_DATABASE_IF_OURS;
+    TEST_ASSERT_EQUAL_INT(TL_TRY_AGAIN, tl_writer_bench_try_open(&bench));
+    TEST_ASSERT_NOT_NULL(strstr(bench.error.text, "another twinlock is writing it"));
+    bench.record.insistence = TL_DATABASE_ANYHOW;
+    tl_writer_bench_open(&bench);
+    tl_writer_bench_start(&bench, 1);
+    tl_writer_bench_put(&bench, 0, 10);
+    write_now();
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_recorder_close(other, "end", NULL, &bench.error));
+    tl_writer_bench_write_until(&bench, 20);
+    close_well();
+    TEST_ASSERT_EQUAL_INT64(2, ask("SELECT count(*) FROM runs"));
+    TEST_ASSERT_EQUAL_INT64(1, tl_writer_bench_count_own(bench.path, "cannot write: %another twinlock%"));
+}
+
+/* Said once, however often it is tried; and what there was no room for is counted. */
+static void test_what_a_full_disk_costs_is_counted(void) {
+    tl_sample sample;
+    uint64_t refused = 0;
+    tl_writer_bench_open(&bench);
+    tl_writer_bench_start(&bench, 1);
+    tl_writer_bench_put(&bench, 0, 10);
+    write_now();
+    tl_faulty_vfs_refuse(SQLITE_FULL, 0);
+    tl_made_sample(10, &sample);
+    for (int64_t tick = 10; refused < 100; tick++) {
+        sample.tick = tick;
+        refused += tl_outbox_put_sample(&bench.twin, &sample) ? 0 : 1;
+    }
+    for (int i = 0; i < 10; i++) {
+        write_now();
+    }
+    tl_faulty_vfs_refuse(SQLITE_OK, 0);
+    close_well();
+    TEST_ASSERT_EQUAL_INT64(100, ask("SELECT entries_lost FROM runs"));
+    TEST_ASSERT_EQUAL_INT64(1, tl_writer_bench_count_own(bench.path, "cannot write: %"));
+    TEST_ASSERT_EQUAL_INT64(1, tl_writer_bench_count_own(bench.path, "100 samples, steps or events were lost: %"));
+}
+
+static void test_what_is_left_at_the_end(void) {
+    tl_writer_bench_open(&bench);
+    tl_writer_bench_start(&bench, 1);
+    tl_writer_bench_put(&bench, 0, 10);
+    write_now();
+    tl_faulty_vfs_refuse(SQLITE_FULL, 0);
+    tl_writer_bench_put(&bench, 10, 10);
+    tl_outbox_event(&bench.io, 1, TL_EVENT_INFO, "io", "an event");
+    TEST_ASSERT_EQUAL_INT(TL_TRY_AGAIN, tl_writer_bench_close(&bench));
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(bench.error.text, "its last 21 entries could not be written: database or disk"),
+                                 bench.error.text);
+    TEST_ASSERT_EQUAL_UINT64(21, tl_recorder_state_get(bench.state).dropped);
+}
+
+/* ---- Outboxes that are not believed ------------------------------------------------------------------------------ */
+
+static void test_numbers_that_no_history_would_take(void) {
+    static tl_outbox_start start;
+    tl_sample sample;
+    tl_record record;
+    tl_recorder_component ledger[TL_MADE_COMPONENTS];
+    tl_history *history = NULL;
+    const tl_history_run *run = NULL;
+    static const int64_t ticks[] = {INT64_MIN, -1, 5, INT64_MAX / 2, INT64_MAX};
+    tl_writer_bench_open(&bench);
+    start = (tl_outbox_start){.resumption = {.from = TL_RESUMED_CHECKPOINT,
+                                             .run = INT64_MAX,
+                                             .tick = INT64_MAX,
+                                             .start = INT64_MAX,
+                                             .started = INT64_MAX},
+                              .account = {.components = 1, .prediction = UINT32_MAX, .lead = UINT32_MAX}};
+    memcpy(start.account.component[0].name, "\xC3\xA4", 2);
+    TEST_ASSERT_TRUE(tl_outbox_put_start(&bench.twin, &start));
+    for (size_t i = 0; i < sizeof ticks / sizeof ticks[0]; i++) {
+        tl_made_sample(0, &sample);
+        sample.tick = ticks[i];
+        sample.stamps[0] = INT64_MIN;
+        sample.stamps[1] = INT64_MAX;
+        TEST_ASSERT_TRUE(tl_outbox_put_sample(&bench.twin, &sample));
+        tl_made_record(0, &record);
+        record.step = ticks[i];
+        record.used = INT64_MIN;
+        memset(ledger, 0xFF, sizeof ledger);
+        TEST_ASSERT_TRUE(tl_outbox_put_step(&bench.twin, &record, ledger));
+        tl_outbox_event(&bench.twin, ticks[i], TL_EVENT_INFO, "\xFF", "\xC3");
+    }
+    TEST_ASSERT_TRUE(tl_outbox_put_end(&bench.twin, "\xFF"));
+    close_well();
+    tl_writer_bench_expect_whole(bench.path);
+    TEST_ASSERT_EQUAL_STRING("1 1 8", tl_sql_text(bench.path, "SELECT samples_written || ' ' || steps_written || ' ' ||"
+                                                              " entries_lost FROM runs"));
+    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_history_open(bench.path, &history, &bench.error), bench.error.text);
+    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_history_find(history, 1, &run, &bench.error), bench.error.text);
+    tl_history_ticks *walk = NULL;
+    tl_history_tick tick;
+    bool end = false;
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_history_ticks_begin(history, run, &walk, &bench.error));
+    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_history_ticks_next(walk, &tick, &end, &bench.error), bench.error.text);
+    TEST_ASSERT_EQUAL_INT64(5, tick.sample.tick);
+    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_history_ticks_next(walk, &tick, &end, &bench.error), bench.error.text);
+    TEST_ASSERT_TRUE(end);
+    tl_history_ticks_end(walk);
+    const tl_run_component *components = NULL;
+    size_t count = 0;
+    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_history_ledger(history, run, &components, &count, &bench.error),
+                                  bench.error.text);
+    tl_history_close(history);
+}
+
+/* It is said once; the others are written on; and a successor that has mended it is read on. */
+static void test_an_outbox_that_is_damaged(void) {
+    tl_writer_bench_open(&bench);
+    tl_writer_bench_start(&bench, 1);
+    tl_writer_bench_put(&bench, 0, 10);
+    write_now();
+    size_t at = (size_t)(bench.twin.ring - (unsigned char *)bench.memory[0]) + (size_t)bench.state->taken[0].ring;
+    tl_writer_bench_put(&bench, 10, 10);
+    memset((unsigned char *)bench.memory[0] + at, 0xEE, 64);
+    tl_outbox_event(&bench.io, 1, TL_EVENT_INFO, "io", "an event");
+    write_now();
+    write_now();
+    TEST_ASSERT_EQUAL_UINT64(21, written());
+    TEST_ASSERT_EQUAL_INT64(1, tl_writer_bench_count_own(bench.path, "what twin has put out cannot be read on: %"));
+    tl_outbox_open(&bench.settings[0], bench.memory[0], &bench.state->taken[0], &bench.twin);
+    tl_writer_bench_start(&bench, 2);
+    tl_writer_bench_put(&bench, 20, 10);
+    tl_writer_bench_write_until(&bench, 41);
+    close_well();
+    tl_writer_bench_expect_whole(bench.path);
+    TEST_ASSERT_EQUAL_INT64(2, ask("SELECT count(*) FROM runs"));
+    TEST_ASSERT_EQUAL_INT64(1, tl_writer_bench_count_own(bench.path, "what twin has put out cannot be read on: %"));
+}
+
+int main(void) {
+    tl_faulty_vfs_install();
+    tl_scratch_make(&bench.scratch, TL_BINARY_DIR, "test_recorder_writer");
+    UNITY_BEGIN();
+    RUN_TEST(test_a_run_is_what_its_beginning_says);
+    RUN_TEST(test_runs_follow_each_other);
+    RUN_TEST(test_checkpoints);
+    RUN_TEST(test_a_run_goes_on_in_its_row);
+    RUN_TEST(test_a_run_goes_on_after_another_program);
+    RUN_TEST(test_a_file_that_was_put_back);
+    RUN_TEST(test_a_truncated_file_is_put_aside);
+    RUN_TEST(test_a_truncated_header_is_put_aside);
+    RUN_TEST(test_damaged_pages_are_put_aside);
+    RUN_TEST(test_damage_that_shows_while_it_is_written);
+    RUN_TEST(test_damage_that_a_successor_finds);
+    RUN_TEST(test_the_tenth_damaged_file_stays);
+    RUN_TEST(test_what_was_never_ours);
+    RUN_TEST(test_a_newer_file);
+    RUN_TEST(test_a_file_without_our_tables);
+    RUN_TEST(test_what_is_no_file);
+    RUN_TEST(test_the_next_name);
+    RUN_TEST(test_a_file_that_cannot_be_written);
+    RUN_TEST(test_a_file_that_cannot_be_read);
+    RUN_TEST(test_a_file_that_can_no_longer_be_read);
+    RUN_TEST(test_a_run_that_is_beside_goes_on_there);
+    RUN_TEST(test_a_disk_that_is_full_at_first);
+    RUN_TEST(test_a_folder_that_comes_later);
+    RUN_TEST(test_a_lock_of_another_program);
+    RUN_TEST(test_another_twinlock);
+    RUN_TEST(test_what_a_full_disk_costs_is_counted);
+    RUN_TEST(test_what_is_left_at_the_end);
+    RUN_TEST(test_numbers_that_no_history_would_take);
+    RUN_TEST(test_an_outbox_that_is_damaged);
+    return tl_scratch_finish(&bench.scratch, UNITY_END());
+}
