@@ -130,7 +130,9 @@ tl_status tl_database_lock_take(const char *database, tl_time patience, tl_datab
 void tl_database_lock_release(tl_database_lock *lock) {
     if (lock->file >= 0) {
         hold(-1);
-        (void)unlink(lock->path);
+        if (is_current(lock)) { /* else it was removed, and what has its name may be another one's lock */
+            (void)unlink(lock->path);
+        }
         (void)close(lock->file); /* in this order: who finds the file finds it locked */
         lock->file = -1;
     }

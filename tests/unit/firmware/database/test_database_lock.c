@@ -74,9 +74,23 @@ static void a_child_of_a_dead_owner_keeps_nobody_out(void) {
     (void)close(told[1]);
 }
 
+/* Whose lock was removed leaves that of the next one alone. */
+static void a_lock_that_was_removed(void) {
+    tl_database_lock first = {.path = ""};
+    tl_database_lock second = {.path = ""};
+    tl_database_lock third = {.path = ""};
+    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_database_lock_take(path, 0, &first, &error), error.text);
+    TEST_ASSERT_EQUAL_INT(0, unlink(first.path));
+    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_database_lock_take(path, 0, &second, &error), error.text);
+    tl_database_lock_release(&first);
+    TEST_ASSERT_EQUAL_INT(TL_TRY_AGAIN, tl_database_lock_take(path, 0, &third, &error));
+    tl_database_lock_release(&second);
+}
+
 int main(void) {
     UNITY_BEGIN();
     RUN_TEST(one_at_a_time);
+    RUN_TEST(a_lock_that_was_removed);
     RUN_TEST(a_child_of_a_dead_owner_keeps_nobody_out);
     return UNITY_END();
 }
