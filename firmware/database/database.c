@@ -65,8 +65,7 @@ static tl_status judge_header(const unsigned char header[HEADER], int64_t size, 
     return check_version(path, big_endian(header + VERSION_AT), error);
 }
 
-/* No SQL may have run on this connection. */
-static tl_status check_header(sqlite3 *database, const char *path, tl_error *error) {
+tl_status tl_database_recognise(sqlite3 *database, const char *path, tl_error *error) {
     sqlite3_file *file = NULL;
     sqlite3_int64 size = 0;
     unsigned char header[HEADER] = {0};
@@ -83,13 +82,16 @@ static tl_status check_header(sqlite3 *database, const char *path, tl_error *err
     return judge_header(header, size, path, error);
 }
 
+/* SQLite does not know the name of what it could not open. */
 static tl_status open_connection(const char *name, int flags, sqlite3 **database, tl_error *error) {
+    char why[TL_ERROR_TEXT];
     int code = sqlite3_open_v2(name, database, flags | SQLITE_OPEN_NOMUTEX | SQLITE_OPEN_EXRESCODE, NULL);
     if (code == SQLITE_OK) {
         tl_database_guard(*database);
         return TL_OK;
     }
-    tl_status status = tl_database_fail(*database, code, error);
+    tl_database_text(*database, code, why, sizeof why);
+    tl_status status = tl_fail(error, tl_database_fail(*database, code, NULL), "%s: %s", name, why);
     (void)sqlite3_close(*database);
     *database = NULL;
     return status;
@@ -216,7 +218,7 @@ tl_status tl_database_open(const char *path, bool write, sqlite3 **database, tl_
         return status;
     }
     (void)sqlite3_busy_timeout(*database, 2000);
-    status = check_header(*database, path, error);
+    status = tl_database_recognise(*database, path, error); /* before any SQL */
     if (status == TL_OK && write && sqlite3_db_readonly(*database, "main") == 1) {
         status = tl_database_refuse(TL_DATABASE_DENIED, error, TL_TRY_AGAIN,
                                     "%s: may not be written: check its permissions and its medium", path);

@@ -22,6 +22,9 @@
  * works on a read-only medium. */
 tl_status tl_database_open(const char *path, bool write, sqlite3 **database, tl_error *error);
 
+/* Is the file of this connection still one of ours, by its header as it is on the disk? */
+tl_status tl_database_recognise(sqlite3 *database, const char *path, tl_error *error);
+
 /* Where a database that is to be written is, or will be: links resolved. Refused is what no database can be, or be
  * made of: anything but an ordinary file, a link that leads nowhere (both TL_BAD_DATA), an empty name (TL_BAD_USAGE),
  * a folder that is not there (TL_TRY_AGAIN). */

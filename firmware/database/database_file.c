@@ -37,12 +37,29 @@ static tl_status make_file(const char *path, tl_error *error) {
     return lstat(path, &file) == 0 ? TL_OK : tl_database_create(path, error);
 }
 
+static void close_handle(int *handle) {
+    if (*handle >= 0) {
+        (void)close(*handle);
+        *handle = -1;
+    }
+}
+
 static void close_connection(tl_database_file *file) {
     (void)sqlite3_close(file->connection); /* writes the log back and removes it where nobody reads */
     file->connection = NULL;
-    if (file->handle >= 0) {
-        (void)close(file->handle);
-        file->handle = -1;
+    close_handle(&file->handle);
+    close_handle(&file->log);
+}
+
+static bool name_log(const tl_database_file *file, char name[PATH_MAX]) {
+    return snprintf(name, PATH_MAX, "%s-wal", file->path) < PATH_MAX;
+}
+
+/* It is there as soon as something was read. */
+static void open_log(tl_database_file *file) {
+    char name[PATH_MAX];
+    if (name_log(file, name)) {
+        file->log = open(name, O_PATH | O_CLOEXEC);
     }
 }
 
@@ -64,6 +81,10 @@ static tl_status open_connection(tl_database_file *file, tl_time patience, const
             status = tl_database_fail(file->connection, code, error);
             user->end(user->context);
         }
+    }
+    if (status == TL_OK) {
+        open_log(file);
+        tl_database_file_note(file);
     }
     if (status != TL_OK) {
         tl_database_fault fault = tl_database_get_fault();
@@ -106,12 +127,16 @@ static tl_status put_aside(const char *path, const char *why, tl_database_aside 
     return tl_database_refuse(TL_DATABASE_FOREIGN, error, TL_BAD_DATA, "%.400s, and it cannot be put aside", why);
 }
 
-tl_status tl_database_file_renew(tl_database_file *file, const char *why, const tl_database_user *user,
-                                 tl_database_aside *aside, tl_error *error) {
-    if (file->connection != NULL) { /* it stays as it is */
+static void close_as_it_is(tl_database_file *file) {
+    if (file->connection != NULL) {
         (void)sqlite3_db_config(file->connection, SQLITE_DBCONFIG_NO_CKPT_ON_CLOSE, 1, NULL);
     }
     close_connection(file);
+}
+
+tl_status tl_database_file_renew(tl_database_file *file, const char *why, const tl_database_user *user,
+                                 tl_database_aside *aside, tl_error *error) {
+    close_as_it_is(file);
     tl_status status = put_aside(file->path, why, aside, error);
     if (status == TL_OK) {
         status = open_connection(file, 0, user, error);
@@ -151,22 +176,97 @@ tl_status tl_database_file_open(const char *given, tl_time patience, const tl_da
     return status;
 }
 
-tl_database_whereabouts tl_database_file_look(const tl_database_file *file) {
+/* Is the file of this handle the one with that name? */
+static tl_database_whereabouts look_for(int handle, const char *name) {
     struct stat ours;
     struct stat named;
-    if (file->handle < 0 || fstat(file->handle, &ours) != 0) {
+    if (handle < 0 || fstat(handle, &ours) != 0) {
         return TL_DATABASE_IN_PLACE;
     }
-    if (stat(file->path, &named) == 0 && named.st_ino == ours.st_ino && named.st_dev == ours.st_dev) {
+    bool is_there = stat(name, &named) == 0;
+    if (!is_there && errno != ENOENT && errno != ENOTDIR) {
+        return TL_DATABASE_IN_PLACE; /* as far as we may know: what is open goes on */
+    }
+    if (is_there && named.st_ino == ours.st_ino && named.st_dev == ours.st_dev) {
         return TL_DATABASE_IN_PLACE;
     }
     return ours.st_nlink == 0 ? TL_DATABASE_REMOVED : TL_DATABASE_MOVED;
 }
 
+static off_t size_of(const tl_database_file *file) {
+    struct stat ours;
+    return file->handle >= 0 && fstat(file->handle, &ours) == 0 ? ours.st_size : -1;
+}
+
+/* How long it would be if all of the log were written back. False: that cannot be told now. */
+static bool ask_pages(const tl_database_file *file, int64_t *bytes) {
+    static const char sql[] = "SELECT page_count * page_size FROM pragma_page_count, pragma_page_size";
+    sqlite3_stmt *statement = NULL;
+    int code = sqlite3_prepare_v2(file->connection, sql, -1, &statement, NULL);
+    if (code == SQLITE_OK) {
+        code = sqlite3_step(statement);
+        *bytes = code == SQLITE_ROW ? sqlite3_column_int64(statement, 0) : 0;
+    }
+    (void)sqlite3_finalize(statement);
+    if ((code & 0xFF) == SQLITE_CORRUPT) { /* SQLite has seen it */
+        *bytes = INT64_MAX;
+    }
+    return code == SQLITE_ROW || *bytes == INT64_MAX;
+}
+
+/* Only a file that is shorter than it was is in doubt: another program may write our log back, and shorten it to what it is to have. */
+static bool is_cut(const tl_database_file *file) {
+    int64_t bytes = 0;
+    off_t size = size_of(file);
+    return size == 0 || (size >= 0 && size < file->size && ask_pages(file, &bytes) && size < bytes);
+}
+
+static tl_database_whereabouts look_inside(tl_database_file *file) {
+    if (size_of(file) != 0 && tl_database_recognise(file->connection, file->path, NULL) != TL_OK &&
+        tl_database_get_fault() == TL_DATABASE_FOREIGN) {
+        return TL_DATABASE_OVERWRITTEN;
+    }
+    if (is_cut(file)) {
+        return TL_DATABASE_CUT;
+    }
+    tl_database_file_note(file);
+    return TL_DATABASE_IN_PLACE;
+}
+
+tl_database_whereabouts tl_database_file_look(tl_database_file *file) {
+    char log[PATH_MAX];
+    tl_database_whereabouts found = look_for(file->handle, file->path);
+    if (found == TL_DATABASE_IN_PLACE) {
+        found = look_inside(file);
+    }
+    if (found == TL_DATABASE_IN_PLACE && name_log(file, log) && look_for(file->log, log) != TL_DATABASE_IN_PLACE) {
+        found = TL_DATABASE_WITHOUT_LOG;
+    }
+    return found;
+}
+
+void tl_database_file_note(tl_database_file *file) {
+    file->size = size_of(file);
+}
+
+bool tl_database_file_write_back(tl_database_file *file) {
+    int left = 0;
+    int done = 0;
+    return sqlite3_wal_checkpoint_v2(file->connection, "main", SQLITE_CHECKPOINT_TRUNCATE, &left, &done) == SQLITE_OK;
+}
+
+void tl_database_file_abandon(tl_database_file *file) {
+    char log[PATH_MAX];
+    if (name_log(file, log) && file->log >= 0 && look_for(file->log, log) == TL_DATABASE_IN_PLACE) {
+        (void)unlink(log);
+    }
+    close_as_it_is(file);
+    tl_database_file_close(file);
+}
+
 void tl_database_file_close(tl_database_file *file) {
-    if (file->connection != NULL && tl_database_file_look(file) == TL_DATABASE_MOVED) {
-        /* SQLite does not when it closes: its log stays under the old name. */
-        (void)sqlite3_wal_checkpoint_v2(file->connection, "main", SQLITE_CHECKPOINT_TRUNCATE, NULL, NULL);
+    if (file->connection != NULL && look_for(file->handle, file->path) == TL_DATABASE_MOVED) {
+        (void)tl_database_file_write_back(file); /* SQLite does not when it closes: its log stays under the old name */
     }
     close_connection(file);
     tl_database_lock_release(&file->lock);

@@ -11,6 +11,7 @@
 #include <limits.h>
 #include <sqlite3.h>
 #include <stdbool.h>
+#include <sys/types.h>
 
 #include "firmware/database/database_lock.h"
 #include "master/base/simtime.h"
@@ -24,6 +25,8 @@ typedef struct tl_database_file {
     sqlite3 *connection;
     tl_database_lock lock;
     int handle; /* of the file itself, whatever it is called by now; −1: none */
+    int log;    /* the same of its log, FILE-wal */
+    off_t size; /* when it was found to be in order */
 } tl_database_file;
 
 /* What was put aside: where it is now, and why. */
@@ -36,7 +39,10 @@ typedef struct tl_database_aside {
 typedef enum tl_database_whereabouts {
     TL_DATABASE_IN_PLACE,
     TL_DATABASE_MOVED,
-    TL_DATABASE_REMOVED
+    TL_DATABASE_REMOVED,
+    TL_DATABASE_OVERWRITTEN, /* what is in it now is not ours */
+    TL_DATABASE_CUT,         /* pages of it are missing */
+    TL_DATABASE_WITHOUT_LOG  /* FILE-wal is not that any more: what was committed lately is in no file with a name */
 } tl_database_whereabouts;
 
 /* Who is going to use a connection: whether it can is part of whether the file can be opened. */
@@ -54,7 +60,14 @@ tl_status tl_database_file_open(const char *given, tl_time patience, const tl_da
 /* What is written in it from now on waits so long for other programs. */
 void tl_database_file_set_patience(tl_database_file *file, tl_time patience);
 
-tl_database_whereabouts tl_database_file_look(const tl_database_file *file);
+/* Before something is written: whoever may not look into the folder any more is told that it is in place. */
+tl_database_whereabouts tl_database_file_look(tl_database_file *file);
+
+/* We have written the log back ourselves: it may be shorter by that. */
+void tl_database_file_note(tl_database_file *file);
+
+/* Brings what is in the log into the file. False: not now, since a reader or the disk is in the way. */
+bool tl_database_file_write_back(tl_database_file *file);
 
 /* It shows damage, as the caller has seen: puts it aside and makes another one. A failure leaves it closed. The user has ended. */
 tl_status tl_database_file_renew(tl_database_file *file, const char *why, const tl_database_user *user,
@@ -63,10 +76,14 @@ tl_status tl_database_file_renew(tl_database_file *file, const char *why, const 
 /* Closes it, written back as far as can be: also where it has another name by now. The user has ended. A closed one is allowed. */
 void tl_database_file_close(tl_database_file *file);
 
+/* Closes one that was removed or overwritten: nothing is written into what has its name now, and its log goes, which would be
+ * played into that. The user has ended. */
+void tl_database_file_abandon(tl_database_file *file);
+
 /* What is closed. */
 #define TL_DATABASE_FILE_NONE                                                                                          \
     {                                                                                                                  \
-        .handle = -1, .lock = {.file = -1 }                                                                            \
+        .handle = -1, .log = -1, .lock = {.file = -1 }                                                                 \
     }
 
 #endif

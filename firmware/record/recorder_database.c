@@ -117,26 +117,16 @@ size_t tl_recorder_database_batch(const tl_recorder_database *database) {
     return tl_recorder_retention_batch(&database->retention);
 }
 
-/* SQLite would go on writing into a file that no longer has a name. */
-static int check_place(const tl_recorder_database *database) {
-    int moved = 0;
-    (void)sqlite3_file_control(database->connection, "main", SQLITE_FCNTL_HAS_MOVED, &moved);
-    return moved != 0 ? SQLITE_READONLY_DBMOVED : SQLITE_OK;
-}
-
 /* The last tick that a run of this step can have. */
 static int64_t last_tick(const tl_recorder_database *database) {
     return TL_ROW_LARGEST / database->settings->step;
 }
 
 int tl_recorder_database_begin(tl_recorder_database *database, int64_t run, size_t bytes) {
-    int code = check_place(database);
     database->run = run;
     database->retention.run = run;
     database->has_ledger = false;
-    if (code == SQLITE_OK) {
-        code = tl_recorder_retention_make_room(&database->retention, bytes);
-    }
+    int code = tl_recorder_retention_make_room(&database->retention, bytes);
     return code == SQLITE_OK ? run_statement(database->statements[BEGIN]) : code;
 }
 
@@ -364,6 +354,10 @@ void tl_recorder_database_rollback(tl_recorder_database *database) {
 
 int tl_recorder_database_tidy(tl_recorder_database *database) {
     return tl_recorder_retention_tidy(&database->retention);
+}
+
+unsigned tl_recorder_database_writings_back(const tl_recorder_database *database) {
+    return database->retention.writings_back;
 }
 
 /* ---- Opening ----------------------------------------------------------------------------------------------------- */

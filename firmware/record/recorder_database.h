@@ -77,4 +77,7 @@ void tl_recorder_database_rollback(tl_recorder_database *database);
 /* After a commit: work that may fail without harm to what was committed. */
 int tl_recorder_database_tidy(tl_recorder_database *database);
 
+/* How often the log was written back, which alone changes the file itself. */
+unsigned tl_recorder_database_writings_back(const tl_recorder_database *database);
+
 #endif

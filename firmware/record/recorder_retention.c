@@ -265,6 +265,7 @@ static int checkpoint(tl_recorder_retention *retention, int mode) {
     int left = 0;
     int done = 0;
     int code = sqlite3_wal_checkpoint_v2(retention->database, "main", mode, &left, &done);
+    retention->writings_back++;
     if (code == SQLITE_OK && left == done) {
         retention->log_frames = 0; /* the next transaction starts the log anew, unless a reader still needs it */
     }

@@ -23,10 +23,11 @@ enum {
 
 typedef struct tl_recorder_retention {
     sqlite3 *database;
-    int64_t run;       /* being written; 0: none yet */
-    int64_t max_bytes; /* 0: no bound */
-    int64_t log_limit; /* bytes of the log after which it is written back */
-    int log_frames;    /* pages in the log after the last commit */
+    int64_t run;            /* being written; 0: none yet */
+    int64_t max_bytes;      /* 0: no bound */
+    int64_t log_limit;      /* bytes of the log after which it is written back */
+    int log_frames;         /* pages in the log after the last commit */
+    unsigned writings_back; /* of the log into the file, so far */
     int64_t page_size;
     sqlite3_stmt *page_count;
     sqlite3_stmt *free_count;

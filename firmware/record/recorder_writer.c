@@ -34,6 +34,7 @@ static const tl_time LOSS_PAUSE = 10 * TL_SECOND;       /* between two events th
 static const tl_time OPEN_PAUSE = TL_SECOND / 10;       /* between two tries to open a file */
 static const tl_time MEND_PAUSE = TL_SECOND;            /* between two looks at an outbox that is damaged */
 static const tl_time CLOSE_PAUSE = TL_SECOND / 20;      /* between two tries when it closes */
+static const tl_time CUT_PAUSE = TL_SECOND / 4;         /* until a file that is too short is looked at again */
 
 #define LOST_MOST (UINT64_C(1) << 60)
 
@@ -608,15 +609,34 @@ static bool replace_damaged(tl_recorder_writer *writer) {
     return status == TL_OK;
 }
 
-static bool replace_moved(tl_recorder_writer *writer) {
+/* What was in it is no more, or somewhere else. */
+static void leave_file(tl_recorder_writer *writer, tl_database_whereabouts found) {
     char text[TL_EVENT_TEXT];
-    bool gone = tl_database_file_look(&writer->file) == TL_DATABASE_REMOVED;
+    bool gone = found != TL_DATABASE_MOVED;
     uint64_t entries = entries_of(tl_recorder_state_mark(writer->state));
-    (void)snprintf(text, sizeof text, "was %s with %" PRIu64 " samples, steps and events of this run, and is made anew",
-                   gone ? "removed" : "moved away", entries);
+    const char *fate = found == TL_DATABASE_MOVED     ? "moved away"
+                       : found == TL_DATABASE_REMOVED ? "removed"
+                                                      : "overwritten";
+    (void)snprintf(text, sizeof text, "was %s with %" PRIu64 " samples, steps and events of this run%s", fate, entries,
+                   found == TL_DATABASE_OVERWRITTEN ? "" : ", and is made anew");
     say(writer, TL_EVENT_ERROR, text);
     leave_run(writer, gone);
     writer->lost_said += gone ? entries : 0;
+    if (gone) {
+        end_use(writer);
+        tl_database_file_abandon(&writer->file);
+    } else {
+        close_file(writer);
+    }
+    writer->opened_at = 0;
+}
+
+/* What it holds is known to us still: it is brought into the file, which is opened anew, with a log that has a name. */
+static bool restore_log(tl_recorder_writer *writer) {
+    if (!tl_database_file_write_back(&writer->file)) {
+        return false;
+    }
+    say(writer, TL_EVENT_WARNING, "its log, -wal, was removed: what it held is written back, and it is made anew");
     close_file(writer);
     writer->opened_at = 0;
     return true;
@@ -644,12 +664,37 @@ static bool mend(tl_recorder_writer *writer, int code) {
     case TL_DATABASE_DAMAGED:
         return replace_damaged(writer);
     case TL_DATABASE_DENIED:
-        if (code == SQLITE_READONLY_DBMOVED) {
-            return replace_moved(writer);
-        }
         return replace_denied(writer);
     default:
         return false;
+    }
+}
+
+/* Whoever overwrites a file empties it first: what is put aside then would be theirs. */
+static tl_database_whereabouts look(tl_recorder_writer *writer) {
+    tl_database_whereabouts found = tl_database_file_look(&writer->file);
+    if (found == TL_DATABASE_CUT) {
+        tl_clock_sleep_until(tl_clock_now(NULL) + CUT_PAUSE);
+        found = tl_database_file_look(&writer->file);
+    }
+    return found;
+}
+
+/* What others have done to the file, which SQLite would go on to write. True: something was done about it, and perhaps none is open. */
+static bool look_after_file(tl_recorder_writer *writer) {
+    tl_database_whereabouts found = look(writer);
+    switch (found) {
+    case TL_DATABASE_IN_PLACE:
+        return false;
+    case TL_DATABASE_WITHOUT_LOG:
+        return restore_log(writer);
+    case TL_DATABASE_CUT:
+        (void)tl_fail(&writer->failure, TL_BAD_DATA, "%s: was cut off", writer->file.path);
+        (void)replace_damaged(writer);
+        return true;
+    default:
+        leave_file(writer, found);
+        return true;
     }
 }
 
@@ -703,6 +748,15 @@ static int write_all(tl_recorder_writer *writer) {
     return code;
 }
 
+static int write_and_note(tl_recorder_writer *writer) {
+    unsigned before = tl_recorder_database_writings_back(writer->database);
+    int code = write_all(writer);
+    if (tl_recorder_database_writings_back(writer->database) != before) {
+        tl_database_file_note(&writer->file);
+    }
+    return code;
+}
+
 /* A damaged outbox may have been mended by its producer's successor. */
 static void look_after_outboxes(tl_recorder_writer *writer) {
     bool again = tl_clock_now(NULL) - writer->mended_at >= MEND_PAUSE;
@@ -737,7 +791,11 @@ void tl_recorder_writer_write(tl_recorder_writer *writer) {
     tl_heart_beat(writer->heart);
     look_after_outboxes(writer);
     while (again && is_open(writer)) {
-        code = write_all(writer);
+        if (mends < MENDS && look_after_file(writer)) {
+            mends++;
+            continue;
+        }
+        code = write_and_note(writer);
         again = code != SQLITE_OK && mends++ < MENDS && mend(writer, code);
         if (code != SQLITE_OK && !again) {
             note_refusal(writer, code & 0xFF);

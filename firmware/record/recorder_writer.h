@@ -9,8 +9,8 @@
  * Once:    each entry and event is written exactly once, also if the process is killed at any instant: what a successor needs to know for that lies
  *          in tl_recorder_writer_state (recorder_state.h), in memory that outlives the process. The run goes on in the same row.
  * Faults:  what is wrong with a file at first is coped with, or refused (insistence of the settings): see database_instead.h. Later everything is
- *          coped with: a full disk and other programs' locks are waited for, a damaged file is put aside, one that was removed or moved away is made
- *          anew; then the run begins again in the new file, with what had not been written into the old one. Each is said once, in the log
+ *          coped with: a full disk and other programs' locks are waited for, a damaged file is put aside, one that was removed, moved away or overwritten is
+ *          made anew; then the run begins again in the new file, with what had not been written into the old one. Each is said once, in the log
  *          and as an event. What waits in the outboxes is not lost by any of it, as long as they have room.
  * Trust:   none in what is in the outboxes.
  * Thread:  one at a time.

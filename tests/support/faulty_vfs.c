@@ -53,7 +53,6 @@ static uint64_t writes_left;
 static uint64_t refusals;
 static uint64_t writes;
 static uint64_t locked;
-static uint64_t moved;
 static int64_t delay;
 
 /* ---- Faults ------------------------------------------------------------------------------------------------------ */
@@ -126,10 +125,6 @@ uint64_t tl_faulty_vfs_writes(void) {
 
 uint64_t tl_faulty_vfs_locked(void) {
     return read_counter(&locked);
-}
-
-uint64_t tl_faulty_vfs_moved(void) {
-    return read_counter(&moved);
 }
 
 static void count_one(uint64_t *counter) {
@@ -361,11 +356,7 @@ static int shim_check_reserved(sqlite3_file *file, int *reserved) {
 
 static int shim_control(sqlite3_file *file, int operation, void *argument) {
     sqlite3_file *real = shim_of(file)->real;
-    int code = real->pMethods->xFileControl(real, operation, argument);
-    if (operation == SQLITE_FCNTL_HAS_MOVED && code == SQLITE_OK && *(const int *)argument != 0) {
-        count_one(&moved);
-    }
-    return code;
+    return real->pMethods->xFileControl(real, operation, argument);
 }
 
 static int shim_sector_size(sqlite3_file *file) {

@@ -27,9 +27,8 @@ void tl_faulty_vfs_refuse_once(int code);
 uint64_t tl_faulty_vfs_refusals(void);
 uint64_t tl_faulty_vfs_writes(void);
 
-/* How often a lock in the write-ahead log was not to be had, and a file was found to have been moved away, since the start. */
+/* How often a lock in the write-ahead log was not to be had, since the start. */
 uint64_t tl_faulty_vfs_locked(void);
-uint64_t tl_faulty_vfs_moved(void);
 
 /* From now on files are opened for reading only, and none is made, as on a medium that is mounted so. */
 void tl_faulty_vfs_read_only(bool on);

@@ -4,6 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
+#include <sys/wait.h>
 #include <unistd.h>
 
 #include <unity.h>
@@ -442,7 +443,7 @@ static void test_a_file_that_cannot_be_read(void) {
         TEST_ASSERT_EQUAL_INT(0, chmod(bench.scratch.folder, 0777));
         TEST_ASSERT_EQUAL_INT(0, seteuid(OTHER_USER));
     }
-    expect_recorded_beside("unable to open database file");
+    expect_recorded_beside("run.db: unable to open database file");
     TEST_ASSERT_EQUAL_INT(0, seteuid(getuid()));
 }
 
@@ -475,6 +476,162 @@ static void test_a_run_that_is_beside_goes_on_there(void) {
     close_well();
     TEST_ASSERT_EQUAL_INT64(20, tl_sql_integer(beside, "SELECT samples_written FROM runs"));
     TEST_ASSERT_EQUAL_INT64(-1, size_of(bench.path));
+}
+
+/* ---- What others do to a file while it is written ---------------------------------------------------------------- */
+
+/* A run that is open, with what it has so far. */
+static void begin_run(int64_t ticks) {
+    tl_writer_bench_open(&bench);
+    tl_writer_bench_start(&bench, 7);
+    tl_writer_bench_put(&bench, 0, ticks);
+    write_now();
+}
+
+static void expect_one_run(const char *path, const char *samples_before_lost) {
+    tl_writer_bench_expect_whole(path);
+    TEST_ASSERT_EQUAL_STRING(samples_before_lost,
+                             tl_sql_text(path, "SELECT samples_written || ' ' || coalesce(removed_before, 0) || ' ' ||"
+                                               " entries_lost FROM runs ORDER BY run DESC LIMIT 1"));
+}
+
+/* What is committed is in the file before anything else is, so that nothing is lost if the box is switched off now. */
+static void test_a_log_that_is_removed(void) {
+    char wal[PATH_MAX + 8];
+    (void)snprintf(wal, sizeof wal, "%s-wal", bench.path);
+    begin_run(10);
+    TEST_ASSERT_EQUAL_INT(0, unlink(wal));
+    tl_writer_bench_put(&bench, 10, 10);
+    write_now();
+    TEST_ASSERT_GREATER_THAN_INT64(0, size_of(wal));
+    TEST_ASSERT_EQUAL_INT64(20, ask("SELECT samples_written FROM runs")); /* as others see it */
+    close_well();
+    expect_one_run(bench.path, "20 0 0");
+    TEST_ASSERT_EQUAL_INT64(1, ask("SELECT count(*) FROM runs"));
+    TEST_ASSERT_EQUAL_INT64(1, tl_writer_bench_count_own(bench.path, "its log, -wal, was removed: %"));
+}
+
+static void expect_cut(bool to_nothing) {
+    begin_run(1000);
+    tl_sql_execute(bench.path, "PRAGMA wal_checkpoint");
+    tl_writer_bench_put(&bench, 1000, 10);
+    write_now();
+    int64_t size = to_nothing ? 0 : size_of(bench.path) / 2;
+    TEST_ASSERT_EQUAL_INT(0, truncate(bench.path, size));
+    tl_writer_bench_put(&bench, 1010, 10);
+    write_now();
+    close_well();
+    expect_one_run(bench.path, "10 1010 0");
+    TEST_ASSERT_EQUAL_INT64(size, size_of(aside));
+    TEST_ASSERT_EQUAL_INT64(1, tl_writer_bench_count_own(bench.path, "was damaged, is called run.db.damaged-1 now, and"
+                                                                     " was made anew: %was cut off"));
+}
+
+static void test_a_file_that_is_cut_off(void) {
+    expect_cut(false);
+}
+
+static void test_a_file_that_is_emptied(void) {
+    expect_cut(true);
+}
+
+/* A file that is shorter because there is less in it is none that was cut off. */
+static void test_a_file_that_another_program_shortens(void) {
+    begin_run(1000);
+    tl_sql_execute(bench.path, "PRAGMA wal_checkpoint");
+    tl_writer_bench_put(&bench, 1000, 10);
+    write_now();
+    int64_t size = size_of(bench.path);
+    tl_sql_execute(bench.path, "DELETE FROM samples WHERE tick < 900; PRAGMA incremental_vacuum;"
+                               " PRAGMA wal_checkpoint(TRUNCATE)");
+    TEST_ASSERT_LESS_THAN_INT64(size, size_of(bench.path));
+    tl_writer_bench_put(&bench, 1010, 10);
+    write_now();
+    close_well();
+    TEST_ASSERT_EQUAL_INT64(-1, size_of(aside));
+    TEST_ASSERT_EQUAL_INT64(1020, ask("SELECT samples_written FROM runs"));
+    TEST_ASSERT_EQUAL_INT64(0, ask("SELECT count(*) FROM events"));
+}
+
+/* What is in it now is not ours, and our log is not played into it. */
+static void test_a_file_that_is_overwritten(void) {
+    static const char text[] = "somebody's text";
+    char wal[PATH_MAX + 8];
+    size_t size = 0;
+    (void)snprintf(wal, sizeof wal, "%s-wal", bench.path);
+    begin_run(10);
+    make_file(text);
+    tl_writer_bench_put(&bench, 10, 10);
+    write_now();
+    close_well();
+    expect_one_run(beside, "10 10 20");
+    TEST_ASSERT_EQUAL_INT64(1, tl_writer_bench_count_own(beside, "was overwritten with 20 samples, steps and events%"));
+    TEST_ASSERT_EQUAL_INT64(1, tl_writer_bench_count_own(beside, "is recorded into instead: %only 15 bytes%"));
+    char *found = content_of(bench.path, &size);
+    TEST_ASSERT_EQUAL_size_t(strlen(text), size);
+    TEST_ASSERT_EQUAL_INT(0, memcmp(text, found, size));
+    free(found);
+    TEST_ASSERT_EQUAL_INT64(-1, size_of(wal));
+}
+
+/* And it is theirs from the moment on at which they have emptied it. */
+static void test_a_file_that_is_being_overwritten(void) {
+    begin_run(10);
+    pid_t other = fork();
+    if (other == 0) {
+        FILE *file = fopen(bench.path, "wb");
+        (void)usleep(100000);
+        _exit(file != NULL && fputs("somebody's text", file) >= 0 && fclose(file) == 0 ? 0 : 1);
+    }
+    while (size_of(bench.path) != 0) {
+        (void)usleep(1000);
+    }
+    tl_writer_bench_put(&bench, 10, 10);
+    write_now();
+    close_well();
+    int how = 0;
+    TEST_ASSERT_EQUAL_INT(other, waitpid(other, &how, 0));
+    TEST_ASSERT_EQUAL_INT(0, how);
+    TEST_ASSERT_EQUAL_INT64(-1, size_of(aside));
+    TEST_ASSERT_EQUAL_INT64(15, size_of(bench.path));
+    expect_one_run(beside, "10 10 20");
+}
+
+/* As by somebody who puts an older copy back: it is written on, and our log is not played into it. */
+static void test_a_file_that_is_replaced(void) {
+    char copy[PATH_MAX + 8];
+    (void)snprintf(copy, sizeof copy, "%s.copy", bench.path);
+    record(10);
+    TEST_ASSERT_EQUAL_INT(0, rename(bench.path, copy));
+    tl_writer_bench_forget(&bench);
+    begin_run(1000);
+    TEST_ASSERT_EQUAL_INT(0, rename(copy, bench.path));
+    tl_writer_bench_put(&bench, 1000, 10);
+    write_now();
+    close_well();
+    expect_one_run(bench.path, "10 1000 2000");
+    TEST_ASSERT_EQUAL_STRING("ok", tl_sql_text(bench.path, "PRAGMA integrity_check"));
+    TEST_ASSERT_EQUAL_STRING("10, 10", tl_sql_text(bench.path, "SELECT group_concat(samples_written, ', ') FROM runs"));
+}
+
+/* The file is where it was, and open: what cannot be seen has not been moved away. */
+static void test_a_folder_that_is_closed_meanwhile(void) {
+    TEST_ASSERT_EQUAL_INT(0, chmod(bench.scratch.folder, 0777));
+    bool is_root = geteuid() == 0;
+    TEST_ASSERT_EQUAL_INT(0, is_root ? seteuid(OTHER_USER) : 0);
+    begin_run(10);
+    TEST_ASSERT_EQUAL_INT(0, seteuid(getuid()));
+    TEST_ASSERT_EQUAL_INT(0, chmod(bench.scratch.folder, is_root ? 0700 : 0));
+    TEST_ASSERT_EQUAL_INT(0, is_root ? seteuid(OTHER_USER) : 0);
+    tl_writer_bench_put(&bench, 10, 10);
+    write_now();
+    uint64_t count = written();
+    TEST_ASSERT_EQUAL_INT(0, seteuid(getuid()));
+    TEST_ASSERT_EQUAL_INT(0, chmod(bench.scratch.folder, 0777));
+    close_well();
+    TEST_ASSERT_EQUAL_UINT64(40, count);
+    expect_one_run(bench.path, "20 0 0");
+    TEST_ASSERT_EQUAL_INT64(0, ask("SELECT count(*) FROM events"));
 }
 
 /* ---- What is waited for ------------------------------------------------------------------------------------------ */
@@ -693,6 +850,14 @@ int main(void) {
     RUN_TEST(test_a_file_that_cannot_be_read);
     RUN_TEST(test_a_file_that_can_no_longer_be_read);
     RUN_TEST(test_a_run_that_is_beside_goes_on_there);
+    RUN_TEST(test_a_log_that_is_removed);
+    RUN_TEST(test_a_file_that_is_cut_off);
+    RUN_TEST(test_a_file_that_is_emptied);
+    RUN_TEST(test_a_file_that_another_program_shortens);
+    RUN_TEST(test_a_file_that_is_overwritten);
+    RUN_TEST(test_a_file_that_is_being_overwritten);
+    RUN_TEST(test_a_file_that_is_replaced);
+    RUN_TEST(test_a_folder_that_is_closed_meanwhile);
     RUN_TEST(test_a_disk_that_is_full_at_first);
     RUN_TEST(test_a_folder_that_comes_later);
     RUN_TEST(test_a_lock_of_another_program);
