@@ -71,10 +71,10 @@ tl_fmu_calls *tl_heartbeats_calls(tl_heartbeats *beats) {
 
 /* ---- in the supervisor ---- */
 
-/* How long this heart has been silent, as seen until now. */
-static tl_time listen(const tl_heart *heart, tl_heartbeats_seen *seen, size_t place, tl_time passed) {
+/* How long this heart has been silent, as seen until now. One that has not begun, or has ended, is not silent. */
+static tl_time listen(const tl_heart *heart, bool lives, tl_heartbeats_seen *seen, size_t place, tl_time passed) {
     uint64_t beats = __atomic_load_n(&heart->beats, __ATOMIC_RELAXED);
-    seen->silence[place] = beats == seen->beats[place] ? seen->silence[place] + passed : 0;
+    seen->silence[place] = lives && beats == seen->beats[place] ? seen->silence[place] + passed : 0;
     seen->beats[place] = beats;
     return seen->silence[place];
 }
@@ -96,7 +96,7 @@ const char *tl_heartbeats_look(const tl_heartbeats *beats, tl_heartbeats_seen *s
     for (size_t i = 0; i < TL_HEARTBEATS; i++) {
         const tl_heart *heart = &beats->hearts[i];
         tl_time patience = __atomic_load_n(&heart->patience, __ATOMIC_ACQUIRE);
-        tl_time since = listen(heart, seen, i, passed);
+        tl_time since = listen(heart, patience > 0, seen, i, passed);
         if (patience > 0 && since > patience && silent == NULL) {
             silent = heart->name;
             *silence = since;

@@ -58,6 +58,15 @@ static void test_silence(void) {
     TEST_ASSERT_NULL(look_for(2 * TL_SECOND));
 }
 
+/* What went before it does not count: a cycle begins when the plant has been waited for. */
+static void test_silence_begins_with_the_heart(void) {
+    (void)look_after(0);
+    TEST_ASSERT_NULL(look_for(5 * TL_SECOND));
+    (void)tl_heart_begin(beats, "cycle", 2 * TL_SECOND);
+    TEST_ASSERT_NULL(look_for(2 * TL_SECOND));
+    TEST_ASSERT_EQUAL_STRING("cycle", look_after(TL_SECOND / 10));
+}
+
 static void test_one_beat_in_time_is_enough(void) {
     tl_heart *heart = tl_heart_begin(beats, "cycle", 2 * TL_SECOND);
     for (int i = 0; i < 50; i++) {
@@ -194,6 +203,7 @@ int main(void) {
     UNITY_BEGIN();
     RUN_TEST(test_nobody_is_silent_where_nobody_is);
     RUN_TEST(test_silence);
+    RUN_TEST(test_silence_begins_with_the_heart);
     RUN_TEST(test_one_beat_in_time_is_enough);
     RUN_TEST(test_the_silent_one_of_many);
     RUN_TEST(test_the_looker_slept);
