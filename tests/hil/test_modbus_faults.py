@@ -2,74 +2,15 @@
 """A Modbus device that is silent, talks garbage, refuses, breaks off in the middle of an answer, answers another question, as
 another unit, in another protocol or with another length, and drops every connection: one supervised run goes through all of it, in lock again after each, and never started anew.
 """
-import os
-import struct
 import time
 
-from live_test import (Device, GOOD, NO_LINK, check_database, check_free_run, check_replay, check_rows, events, expect_events,
+from faulty_device import FaultyDevice
+from live_test import (GOOD, NO_LINK, check_database, check_free_run, check_replay, check_rows, events, expect_events,
                        expect_in_order, last_step, qualities, wait_for_lock, wait_for_quality, wait_for_steps)
 from supervised import Supervised, end_orderly, wait_for_run
 from twinlock_test import at_most, edited_config, expect, main
 
 OMEGA = 62.981  # rad/s: where config/motor's twin starts
-GARBAGE = struct.Struct(">HHHB")
-
-
-class FaultyDevice(Device):
-    """Does as `fault` says: None, or the name of a method below, which gives what is sent instead of the answer."""
-
-    fault, connections = None, 0
-
-    def _serve(self, client):
-        self.connections += 1
-        with client, client.makefile("rb") as requests:
-            try:
-                while len(header := requests.read(7)) == 7:
-                    transaction, _, length, unit = GARBAGE.unpack(header)
-                    request = requests.read(length - 1)
-                    self.functions.add(request[0])
-                    reply = self._reply(request)
-                    whole = GARBAGE.pack(transaction, 0, len(reply) + 1, unit) + reply
-                    sent = whole if self.fault is None else getattr(self, self.fault)(whole)
-                    if sent is None:
-                        return
-                    client.sendall(sent)
-            except OSError:
-                return
-
-    def silence(self, _):
-        return b""
-
-    def garbage(self, _):
-        return os.urandom(23)
-
-    def exception(self, whole):
-        return GARBAGE.pack(*GARBAGE.unpack(whole[:7])[:2], 3, whole[6]) + bytes((whole[7] | 0x80, 4))
-
-    def exception_0(self, whole):
-        return self.exception(whole)[:8] + bytes((0,))
-
-    def other_unit(self, whole):
-        return whole[:6] + bytes((whole[6] ^ 7,)) + whole[7:]
-
-    def other_protocol(self, whole):
-        return whole[:3] + bytes((1,)) + whole[4:]
-
-    def other_length(self, whole):
-        return whole[:4] + bytes((255, 255)) + whole[6:]
-
-    def half_frame(self, whole):
-        return whole[:len(whole) // 2]
-
-    def other_answer(self, whole):
-        """Of another transaction, as one that was given up."""
-        return bytes((whole[0] ^ 0x55, whole[1] ^ 0x55)) + whole[2:]
-
-    def storm(self, _):
-        """The connection is dropped."""
-        return None
-
-
 # What is told of each, and of its end. A device that refuses is there all the same.
 TOLD = {
     "silence": ("warning", "no answer within 0.1 s", "connected"),
