@@ -33,44 +33,64 @@ def configuration(port, **changes):
 
 # ---- what is recorded ----
 
+@dataclass(frozen=True)
+class Newest:
+    """How far somebody has read in a database that is still written."""
+    run: int = 0
+    tick: int = -1
+    step: int = -1
+
+
+BEGINNING = Newest()
+
+
 @dataclass
 class Recorded:
     """All runs of a database as one: ticks count on from run to run."""
     ticks: dict  # tick → the oldest stamp of its signals, relative to the run's start (None: never), and whether all are good
     steps: dict  # step → outcome, of the run that computed it
     firsts: list  # the first tick of its own of each run but the first
-    doubled: int
+    doubled: list  # what is there twice, and in which run
+    cut: int  # ticks in which a twin failed: it had sampled them, and the next one began with them
+    newest: Newest
 
 
-SAMPLE = "SELECT tick, min(quality = ?), min(coalesce(stamp_ns, -1)) FROM samples WHERE run = ? GROUP BY tick ORDER BY tick"
+RUN = "SELECT run, coalesce(resumed_tick, 0), lead FROM beginnings JOIN runs USING (run) WHERE run >= ? ORDER BY run"
+SAMPLE = "SELECT tick, min(quality = ?), min(coalesce(stamp_ns, -1)) FROM samples WHERE run = ? AND tick > ? GROUP BY tick ORDER BY tick"
+STEP = "SELECT step, outcome FROM steps WHERE run = ? AND step > ? ORDER BY step"
 
 
-def read(database):
-    """Ticks that a run follows are the run's before; each tick of its own is there once."""
-    found = Recorded({}, {}, [], 0)
-    for run, first, lead in query(database, "SELECT run, coalesce(resumed_tick, 0), lead FROM beginnings JOIN runs USING (run) ORDER BY run"):
-        for tick, good, stamp in query(database, SAMPLE, GOOD, run):
+def read(database, after=BEGINNING):
+    """Ticks that a run follows are the run's before; each tick of its own is there once. Only what is newer than `after`: a newer run whose ticks
+    were there before has them twice."""
+    found = Recorded({}, {}, [], [], 0, after)
+    for run, first, lead in query(database, RUN, after.run):
+        known = after if run == after.run else BEGINNING
+        last = found.newest.tick
+        for tick, good, stamp in query(database, SAMPLE, GOOD, run, known.tick):
             if tick >= first:
-                found.doubled += tick in found.ticks
+                again = tick in found.ticks or tick <= after.tick
+                cut = again and tick == first == last
+                found.cut += cut
+                found.doubled += [f"tick {tick}, run {run}"] * (again and not cut)
                 found.ticks[tick] = stamp, bool(good)
-        for step, outcome in query(database, "SELECT step, outcome FROM steps WHERE run = ? ORDER BY step", run):
+        for step, outcome in query(database, STEP, run, known.step):
             if outcome != FOLLOWED:
-                found.doubled += step in found.steps
+                found.doubled += [f"step {step}, run {run}"] * (step in found.steps or step <= after.step)
                 found.steps[step] = outcome
         if run > 1:
             found.firsts.append(first - lead)
+        found.newest = Newest(run, max(found.ticks, default=after.tick), max(found.steps, default=after.step))
     return found
 
 
-def expect_whole(found):
+def expect_whole(found, after=BEGINNING):
     """No tick and no step is missing or there twice."""
-    expect(sorted(found.ticks) == list(range(max(found.ticks) + 1)), f"samples are missing: {holes(found.ticks)}")
-    expect(sorted(found.steps) == list(range(max(found.steps) + 1)), f"steps are missing: {holes(found.steps)}")
-    expect(found.doubled == 0, f"{found.doubled} are there twice")
-
-
-def holes(numbers):
-    return sorted(set(range(max(numbers) + 1)) - set(numbers))[:10]
+    expect(found.ticks and found.steps, "nothing is recorded")
+    for what, numbers, last in (("samples", found.ticks, after.tick), ("steps", found.steps, after.step)):
+        missing = sorted(set(range(last + 1, max(numbers, default=last) + 1)) - set(numbers))
+        expect(not missing, f"{len(missing)} {what} are missing: {missing[:10]}")
+    expect(not found.doubled, f"{len(found.doubled)} are there twice: {found.doubled[:10]}")
 
 
 def outages(found):
