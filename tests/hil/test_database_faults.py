@@ -275,7 +275,7 @@ def test_an_unreadable_file_at_the_start():
 
 
 def test_a_folder_that_may_not_be_entered_at_the_start():
-    """Waited for, supervised; on a terminal there is nothing to record into."""
+    """On a terminal there is nothing to record into."""
     with Device(OMEGA) as device:
         config, _ = configuration(device.port)
         folder = scratch()
@@ -287,15 +287,6 @@ def test_a_folder_that_may_not_be_entered_at_the_start():
         with Live(config, False, "--db", path, **options) as live:
             code, _, log = live.end()
         expect(code == 75 and str(path) in log and "Permission denied" in log, f"ended with {code}\n{log}")
-        with Live(config, True, "--db", path, **options) as live:
-            live.wait_for("cannot write")
-            live.twin = member(live, "twin")
-            time.sleep(1)
-            folder.chmod(0o755)
-            live.wait_for_steps(path)
-            told, log = live.finish()
-    check_whole(config, told, path)
-    check_said(log, path, "cannot write: ", "writes again after")
 
 
 def test_a_folder_that_is_not_there_at_the_start():
