@@ -42,10 +42,6 @@ void tl_fmu_archive_remove(tl_fmu_archive *archive) {
     tl_private_folder_remove(&archive->folder);
 }
 
-void tl_fmu_archive_sweep(void) {
-    tl_private_folder_sweep(KIND);
-}
-
 /* ---- Paths --------------------------------------------------------------------------------------------- */
 
 static tl_status refuse(const unpacking *work, const char *name, const char *why) {

@@ -37,9 +37,6 @@ typedef struct tl_fmu_archive {
 tl_status tl_fmu_archive_unpack(const char *path, int opened, const char *label, tl_fmu_archive *archive,
                                 tl_error *error);
 
-/* Removes the folders that killed processes left, as each unpacking does: for who unpacks nothing. */
-void tl_fmu_archive_sweep(void);
-
 /* Removes the folder with all that is in it. An empty (zeroed) archive is allowed. */
 void tl_fmu_archive_remove(tl_fmu_archive *archive);
 

@@ -180,7 +180,7 @@ static void wait_for_readings(const live_twin *self) {
     }
 }
 
-/* The FMUs' thread cannot change its scheduling: FMUs could, too. The supervisor does when it is asked. */
+/* The supervisor changes the scheduling of the FMUs' thread when it is asked; here the main thread waits for it. */
 static void wish_realtime(live_twin *self, bool wished) {
     int wanted = wished ? SCHED_FIFO : SCHED_OTHER;
     pid_t thread = tl_fmu_thread_number(self->fmus);

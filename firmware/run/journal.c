@@ -79,10 +79,6 @@ static tl_log_level level_of(tl_severity severity) {
     return TL_LOG_NOTICE;
 }
 
-bool tl_journal_has_events(const tl_journal *journal) {
-    return __atomic_load_n(&journal->head, __ATOMIC_RELAXED) != journal->tail;
-}
-
 void tl_journal_drain(tl_journal *journal) {
     for (;;) {
         tl_journal_entry *entry = &journal->entries[journal->tail % TL_JOURNAL_ENTRIES];

@@ -42,15 +42,12 @@ void tl_journal_init(tl_journal *journal, tl_recorder *recorder);
 /* From now on events go to this recorder; NULL: they are only logged. While nobody tells any. */
 void tl_journal_use_recorder(tl_journal *journal, tl_recorder *recorder);
 
-/* From now on `hear` is called with every event, in the thread that tells it. For a journal that has one such thread. */
+/* From now on `hear` is called with every event, in the thread that tells it. Any thread may tell: `hear` bears that. */
 void tl_journal_listen(tl_journal *journal, tl_journal_listener *hear, void *context);
 
 /* As tl_recorder_event(); `tick` −1 where it belongs to none. */
 void tl_journal_event(tl_journal *journal, int64_t tick, tl_severity severity, const char *source, const char *format,
                       ...) TL_PRINTF(5, 6);
-
-/* Does anything wait? For the thread that drains. */
-bool tl_journal_has_events(const tl_journal *journal);
 
 /* Writes what waits to the log. */
 void tl_journal_drain(tl_journal *journal);
