@@ -1,7 +1,10 @@
 /* The process that records: SQLite, and nothing else. See live_role.h. */
+#include <libgen.h>
+#include <limits.h>
 #include <signal.h>
 #include <stdio.h>
 #include <string.h>
+#include <sys/stat.h>
 
 #include "firmware/base/clock.h"
 #include "firmware/base/log.h"
@@ -24,6 +27,9 @@ static const tl_time PATIENCE = 60 * TL_SECOND;
 /* For what is left at the end, with a disk that refuses. */
 static const tl_time PATIENCE_AT_END = 2 * TL_SECOND;
 
+/* With a file that cannot be written, before it is asked whether its folder is another one by now. */
+static const tl_time PATIENCE_WITH_FOLDER = TL_SECOND;
+
 typedef struct recorder {
     tl_block job_block;
     tl_live_job job;
@@ -41,6 +47,7 @@ typedef struct recorder {
     tl_recorder_writer *writer;
     tl_past_history *history; /* NULL: nobody has asked, or does any more */
     tl_live_wish answered;
+    struct stat folder; /* that may be written into, since the process began; 0: there was none */
 } recorder;
 
 /* ---- shared memory ---- */
@@ -164,9 +171,31 @@ static bool is_awaited(const recorder *self) {
     return __atomic_load_n(&self->twin->begun, __ATOMIC_RELAXED) == 0;
 }
 
+static struct stat folder_of(const char *path) {
+    char copy[PATH_MAX];
+    struct stat folder;
+    (void)snprintf(copy, sizeof copy, "%s", path);
+    if (stat(dirname(copy), &folder) != 0) {
+        folder.st_ino = 0;
+    }
+    return folder;
+}
+
+/* What a process may write is fixed when it confines itself. A folder that was made anew since, or a disk that was put in its place, takes
+ * another process. */
+static bool needs_another(const recorder *self) {
+    tl_time since = tl_recorder_state_get(&self->own->state).refused_since;
+    if (since == 0 || tl_clock_now(NULL) - since < PATIENCE_WITH_FOLDER) {
+        return false;
+    }
+    struct stat folder = folder_of(self->job.database);
+    return self->folder.st_ino != 0 && folder.st_ino != 0 &&
+           (folder.st_ino != self->folder.st_ino || folder.st_dev != self->folder.st_dev);
+}
+
 static void record_until_told(recorder *self) {
     tl_time due = tl_clock_now(NULL);
-    while (tl_interrupt_requested() == NULL) {
+    while (tl_interrupt_requested() == NULL && !needs_another(self)) {
         tl_heart_beat(self->heart);
         look_at_wishes(self);
         if (tl_clock_now(NULL) >= due || tl_recorder_writer_is_pressed(self->writer)) {
@@ -189,6 +218,7 @@ int tl_recorder_role_run(void) {
         return tl_exit_code(status);
     }
     self.heart = tl_heart_begin(&self.own->beats, "recorder", PATIENCE);
+    self.folder = folder_of(self.job.database);
     status = tl_live_places_confine_recorder(&self.config, self.job.database, &error);
     if (status == TL_OK) {
         status = open_writer(&self, &error);
@@ -197,7 +227,9 @@ int tl_recorder_role_run(void) {
     if (was_ready) {
         tl_heartbeats_set_ready(&self.own->beats);
         record_until_told(&self);
-        status = tl_recorder_writer_close(self.writer, PATIENCE_AT_END, &error);
+        status = tl_interrupt_requested() != NULL
+                     ? tl_recorder_writer_close(self.writer, PATIENCE_AT_END, &error)
+                     : tl_fail(&error, TL_TRY_AGAIN, "%s: its folder is another one now", self.job.database);
     }
     if (status != TL_OK) {
         tl_log(TL_LOG_ERROR, "%s", error.text);

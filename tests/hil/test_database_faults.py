@@ -443,6 +443,23 @@ def test_renamed_while_written():
         check_replay(config, kept, query(kept, "SELECT count(*) FROM steps")[0][0])
 
 
+def test_a_folder_that_is_made_anew_while_written():
+    """By a recorder that may write there: what one may is fixed when it begins."""
+    for supervised in WAYS:
+        with Device(OMEGA) as device:
+            config, _ = configuration(device.port)
+            path = scratch() / "data" / "twin.db"
+            path.parent.mkdir()
+            with Live(config, supervised, "--db", path) as live:
+                live.wait_for_steps(path)
+                shutil.rmtree(path.parent)
+                time.sleep(1)
+                path.parent.mkdir()
+                live.wait_for_steps(path)
+                told, log = live.finish()
+        check_rest(told, path, log, "removed")
+
+
 def lock_for_a_while(live, path):
     connection = hold(path)
     live.wait_for("cannot write")
