@@ -359,9 +359,8 @@ def tell_growth(samples, say):
     """Names of the figures that grow."""
     found = []
     for role in ("supervisor", *ROLES):
-        for name in "rss", "pss":
-            what = f"{role}, {name.upper()}"
-            found += [what] * tell_slope(what, "KiB", lives_of(samples, role, name), say)
+        what = f"{role}, RSS"  # a single process' PSS moves with whoever else shares its memory
+        found += [what] * tell_slope(what, "KiB", lives_of(samples, role, "rss"), say)
         for name in "descriptors", "threads":
             what = f"{role}, {name}"
             found += [what] * tell_counts(what, [getattr(sample.prints[role], name) for sample in samples if sample.settled], say)
