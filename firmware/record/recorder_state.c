@@ -5,6 +5,21 @@
 
 #include <string.h>
 
+#define LOST_MOST (UINT64_C(1) << 60) /* a row takes no count that is larger */
+
+static uint64_t more_of(uint64_t now, uint64_t before) {
+    return now > before ? now - before : 0;
+}
+
+uint64_t tl_recorder_mark_entries(const tl_recorder_mark *mark) {
+    return mark->totals.samples + mark->totals.steps + more_of(mark->totals.events, mark->own);
+}
+
+void tl_recorder_mark_lose(tl_recorder_mark *mark, uint64_t more) {
+    uint64_t lost = mark->totals.lost;
+    mark->totals.lost = more > LOST_MOST - lost ? LOST_MOST : lost + more;
+}
+
 const tl_recorder_mark *tl_recorder_state_mark(const tl_recorder_writer_state *state) {
     return &state->marks[state->current & 1];
 }
@@ -43,6 +58,25 @@ void tl_recorder_state_settle(tl_recorder_writer_state *state) {
         __atomic_store_n(&state->current, ~state->current & 1, __ATOMIC_SEQ_CST);
     }
     tl_recorder_state_show(state);
+}
+
+void tl_recorder_state_leave_run(tl_recorder_writer_state *state, bool gone) {
+    tl_recorder_mark next = *tl_recorder_state_mark(state);
+    next.number++;
+    if (gone) {
+        uint64_t entries = tl_recorder_mark_entries(&next);
+        next.dropped += entries;
+        next.written = more_of(next.written, entries);
+        tl_recorder_mark_lose(&next, entries);
+    }
+    next.is_again = next.is_again || next.totals.samples > 0;
+    next.has_begun = next.has_begun && !next.has_ended;
+    next.has_ended = false;
+    next.run = 0;
+    next.own = 0;
+    next.totals = (tl_recorder_totals){.lost = next.has_begun ? next.totals.lost : 0};
+    tl_recorder_state_try(state, &next);
+    tl_recorder_state_settle(state);
 }
 
 void tl_recorder_state_say(tl_recorder_writer_state *state, tl_severity severity, const char *text) {

@@ -39,6 +39,12 @@ typedef struct tl_recorder_mark {
     tl_outbox_taken taken[TL_WRITER_OUTBOXES];
 } tl_recorder_mark;
 
+/* Entries and events of the run that were written; the writer's own events are not counted. */
+uint64_t tl_recorder_mark_entries(const tl_recorder_mark *mark);
+
+/* So many more are lost of the run. */
+void tl_recorder_mark_lose(tl_recorder_mark *mark, uint64_t more);
+
 /* Fields are private but for `taken`: there each producer looks, in its own. */
 typedef struct tl_recorder_writer_state {
     tl_outbox_taken taken[TL_WRITER_OUTBOXES];
@@ -65,6 +71,9 @@ void tl_recorder_state_try(tl_recorder_writer_state *state, const tl_recorder_ma
 
 /* What was tried is committed. */
 void tl_recorder_state_settle(tl_recorder_writer_state *state);
+
+/* The run is in a file that is not written any more: it begins again in the next one. `gone`: and that one is no more. Takes some 20 KB of stack. */
+void tl_recorder_state_leave_run(tl_recorder_writer_state *state, bool gone);
 
 /* Lets others see what is committed, as settle() does: for a writer that begins, since the one before may have been killed within it. */
 void tl_recorder_state_show(tl_recorder_writer_state *state);

@@ -23,18 +23,13 @@
 
 #include "firmware/outbox/outbox.h"
 #include "firmware/process/heartbeat.h"
+#include "firmware/record/recorder_inbox.h"
 #include "firmware/record/recorder_settings.h"
 #include "firmware/record/recorder_state.h"
 #include "master/base/simtime.h"
 #include "master/base/status.h"
 
 typedef struct tl_recorder_writer tl_recorder_writer;
-
-typedef struct tl_recorder_writer_outbox {
-    const char *name; /* of who writes it: one word */
-    tl_outbox_settings settings;
-    const void *memory;
-} tl_recorder_writer_outbox;
 
 typedef struct tl_recorder_writer_settings {
     const tl_recorder_settings *record;        /* outlives the writer; its components do not matter */

@@ -1,0 +1,368 @@
+/* A batch: see recorder_batch.h. */
+#include "firmware/record/recorder_batch.h"
+
+#include <sqlite3.h>
+#include <stdio.h>
+#include <string.h>
+
+#include "firmware/record/recorder_database.h"
+#include "firmware/text/utc.h"
+
+enum { EVENT_BYTES = 256 }; /* what an event counts in a batch */
+
+static const tl_recorder_mark *mark_of(const tl_recorder_batch *batch) {
+    return tl_recorder_state_mark(batch->settings.state);
+}
+
+static tl_recorder_database *database_of(const tl_recorder_batch *batch) {
+    return batch->settings.file->database;
+}
+
+static bool take_entry(tl_recorder_batch *batch, uint64_t *position, uint64_t end) {
+    return tl_recorder_inbox_entry(batch->settings.inbox, position, end, &batch->entry);
+}
+
+static size_t count_events(tl_recorder_batch *batch, uint64_t written, size_t most) {
+    return tl_recorder_inbox_count_events(batch->settings.inbox, batch->next.taken, written, most);
+}
+
+/* ---- Beginning and ending ---------------------------------------------------------------------------------------- */
+
+static void begin_batch(tl_recorder_batch *batch) {
+    tl_heart_beat(batch->settings.heart);
+    batch->next = *mark_of(batch);
+    batch->next.number++;
+    batch->ends = false;
+}
+
+/* The mark moves on without a transaction: nothing is written by it. */
+static void settle(tl_recorder_batch *batch) {
+    tl_recorder_state_try(batch->settings.state, &batch->next);
+    tl_recorder_state_settle(batch->settings.state);
+}
+
+static int write_row(tl_recorder_batch *batch) {
+    tl_recorder_mark *next = &batch->next;
+    int code = SQLITE_OK;
+    if (next->run == 0) {
+        code = tl_recorder_database_begin_run(database_of(batch), &next->start, !next->is_untimed, &next->run);
+    } else if (batch->settings.file->goes_on && !next->has_ended) {
+        code = tl_recorder_database_go_on(database_of(batch));
+    }
+    return code;
+}
+
+static int begin_transaction(tl_recorder_batch *batch, size_t bytes) {
+    const char *text = batch->settings.file->record->configuration;
+    size_t configuration = batch->next.run == 0 ? strlen(text) : 0;
+    int code = tl_recorder_database_begin(database_of(batch), batch->next.run, bytes + configuration);
+    return code == SQLITE_OK ? write_row(batch) : code;
+}
+
+/* The batch is whole: it is tried, and is the mark if the database takes it. */
+static int commit(tl_recorder_batch *batch) {
+    tl_recorder_mark *next = &batch->next;
+    tl_utc_text(tl_utc_now(), next->totals.committed);
+    (void)snprintf(next->path, sizeof next->path, "%s", tl_recorder_file_path(batch->settings.file));
+    tl_recorder_state_try(batch->settings.state, next);
+    return tl_recorder_database_commit(database_of(batch), &next->totals, batch->ends ? batch->entry.reason : NULL);
+}
+
+static int end_batch(tl_recorder_batch *batch, int code) {
+    tl_recorder_file *file = batch->settings.file;
+    if (code == SQLITE_OK) {
+        code = commit(batch);
+    }
+    if (code != SQLITE_OK) {
+        tl_recorder_file_keep_words(file, code);
+        tl_recorder_database_rollback(file->database);
+        return code;
+    }
+    tl_recorder_state_settle(batch->settings.state);
+    file->goes_on = false;
+    code = tl_recorder_database_tidy(file->database);
+    if (code != SQLITE_OK) {
+        tl_recorder_file_keep_words(file, code);
+    }
+    return code;
+}
+
+/* ---- Runs -------------------------------------------------------------------------------------------------------- */
+
+/* What comes next, if it is the beginning of another run: then the entry is that. */
+static bool is_beginning(tl_recorder_batch *batch, uint64_t end, uint64_t *position) {
+    *position = batch->next.taken[0].ring;
+    return *position != end && take_entry(batch, position, end) && batch->entry.kind == TL_ENTRY_START &&
+           !batch->next.is_untimed;
+}
+
+static tl_outbox_start start_of(const tl_recorder_batch *batch) {
+    tl_outbox_start start = {.holds = batch->entry.holds, .resumption = batch->entry.beginning};
+    if (!start.holds) {
+        start.account = batch->entry.account;
+    }
+    if (start.resumption.run < 0) {
+        start.resumption.run = batch->next.run; /* the one before */
+    }
+    return start;
+}
+
+/* The entry begins a run, whatever became of the one before. */
+static void take_beginning(tl_recorder_batch *batch, uint64_t position) {
+    tl_recorder_mark *next = &batch->next;
+    next->start = start_of(batch);
+    next->totals = (tl_recorder_totals){.lost = next->run != 0 ? 0 : next->totals.lost}; /* not said in any row yet */
+    next->run = 0;
+    next->has_ended = false;
+    next->is_again = false;
+    next->own = 0;
+    next->has_begun = true;
+    next->taken[0].ring = position;
+    batch->settings.file->goes_on = false;
+}
+
+void tl_recorder_batch_begin_run(tl_recorder_batch *batch, const tl_outbox_start *start) {
+    begin_batch(batch);
+    batch->next.start = *start;
+    batch->next.has_begun = true;
+    batch->next.is_untimed = true;
+    settle(batch);
+}
+
+/* ---- What is lost ------------------------------------------------------------------------------------------------ */
+
+/* What producers have lost since the last batch is lost of this run. */
+static void count_lost(tl_recorder_batch *batch) {
+    tl_recorder_mark *next = &batch->next;
+    for (size_t i = 0; i < batch->settings.inbox->count; i++) {
+        uint64_t lost = tl_recorder_inbox_lost(batch->settings.inbox, i);
+        tl_recorder_mark_lose(next, lost > next->lost[i] ? lost - next->lost[i] : 0);
+        next->lost[i] = lost;
+    }
+}
+
+static void drop(tl_recorder_batch *batch) {
+    batch->next.dropped++;
+    tl_recorder_mark_lose(&batch->next, 1);
+}
+
+/* Entries that belong to no run: there is nothing to write them to. */
+static void drop_entries(tl_recorder_batch *batch, uint64_t end) {
+    uint64_t position = batch->next.taken[0].ring;
+    while (position != end && take_entry(batch, &position, end) && batch->entry.kind != TL_ENTRY_START) {
+        batch->next.taken[0].ring = position;
+        drop(batch);
+    }
+    if (batch->next.taken[0].ring != mark_of(batch)->taken[0].ring) {
+        settle(batch);
+    }
+}
+
+/* ---- What is written --------------------------------------------------------------------------------------------- */
+
+static int write_own_events(tl_recorder_batch *batch) {
+    const tl_recorder_writer_state *state = batch->settings.state;
+    tl_recorder_mark *next = &batch->next;
+    int code = SQLITE_OK;
+    for (; next->said < state->own_said && code == SQLITE_OK; next->said++) {
+        code = tl_recorder_database_event(database_of(batch), &state->own[next->said % TL_WRITER_OWN_EVENTS]);
+        next->totals.events++;
+        next->own++;
+    }
+    return code;
+}
+
+static int write_events(tl_recorder_batch *batch, size_t most) {
+    tl_recorder_inbox *inbox = batch->settings.inbox;
+    tl_recorder_mark *next = &batch->next;
+    uint64_t written = next->taken[0].ring;
+    tl_recorder_event_entry event = {.at = 0};
+    bool skip = false;
+    int code = SQLITE_OK;
+    for (size_t n = 0; n < most && code == SQLITE_OK; n++) {
+        size_t from = tl_recorder_inbox_oldest_event(inbox, next->taken, written, &event, &skip);
+        if (from == inbox->count) {
+            break;
+        }
+        code = skip ? SQLITE_OK : tl_recorder_database_event(database_of(batch), &event);
+        next->totals.events += skip ? 0 : 1;
+        next->written += skip ? 0 : 1;
+        next->taken[from].events++;
+    }
+    return code;
+}
+
+static int write_sample_or_step(tl_recorder_batch *batch) {
+    tl_recorder_mark *next = &batch->next;
+    bool impossible = next->has_ended;
+    int code = SQLITE_OK;
+    if (!impossible) {
+        code = tl_recorder_database_entry(database_of(batch), &batch->entry, &impossible);
+    }
+    if (impossible) {
+        drop(batch);
+        return SQLITE_OK;
+    }
+    next->written++;
+    if (batch->entry.kind == TL_ENTRY_STEP) {
+        next->totals.steps++;
+        return code;
+    }
+    next->totals.samples++;
+    if (next->is_again && code == SQLITE_OK) {
+        code = tl_recorder_database_begin_at(database_of(batch), batch->entry.sample.tick);
+        next->is_again = false;
+    }
+    return code;
+}
+
+/* A beginning that only tells when it was; any other one is for another batch. */
+static int write_start(tl_recorder_batch *batch) {
+    tl_recorder_mark *next = &batch->next;
+    if (!next->is_untimed) {
+        batch->is_over = true;
+        return SQLITE_OK;
+    }
+    next->is_untimed = false;
+    next->start.resumption = start_of(batch).resumption;
+    return tl_recorder_database_start(database_of(batch), &next->start.resumption);
+}
+
+static int write_entry(tl_recorder_batch *batch) {
+    switch (batch->entry.kind) {
+    case TL_ENTRY_START:
+        return write_start(batch);
+    case TL_ENTRY_END:
+        batch->ends = !batch->next.has_ended;
+        batch->next.has_ended = true;
+        return SQLITE_OK;
+    default:
+        return write_sample_or_step(batch);
+    }
+}
+
+/* Up to the end of a run, the beginning of another, or so many bytes. */
+static int write_entries(tl_recorder_batch *batch, uint64_t end, size_t limit) {
+    uint64_t *taken = &batch->next.taken[0].ring;
+    uint64_t first = *taken;
+    int code = SQLITE_OK;
+    batch->is_over = false;
+    while (*taken != end && *taken - first < limit && code == SQLITE_OK && !batch->ends) {
+        uint64_t position = *taken;
+        if (!take_entry(batch, &position, end)) {
+            break;
+        }
+        code = write_entry(batch);
+        if (batch->is_over) {
+            break;
+        }
+        *taken = position;
+    }
+    return code;
+}
+
+/* Within the transaction. */
+static int write_all(tl_recorder_batch *batch, uint64_t end, size_t limit) {
+    int code = write_own_events(batch);
+    if (code == SQLITE_OK) {
+        code = write_entries(batch, end, limit);
+    }
+    return code == SQLITE_OK ? write_events(batch, limit / EVENT_BYTES) : code;
+}
+
+/* Whether there is more of the ring behind what is committed. */
+static bool has_more(const tl_recorder_batch *batch, uint64_t end) {
+    return mark_of(batch)->taken[0].ring != end && tl_recorder_inbox_is_whole(batch->settings.inbox);
+}
+
+/* The run is known: its transaction, if there is anything for one. */
+static int write_transaction(tl_recorder_batch *batch, uint64_t end, bool *more) {
+    uint64_t before = mark_of(batch)->number;
+    size_t limit = tl_recorder_database_batch(database_of(batch));
+    uint64_t left = end - batch->next.taken[0].ring;
+    size_t bytes = left < limit ? (size_t)left : limit;
+    size_t events = count_events(batch, end, limit / EVENT_BYTES);
+    bool has_own = batch->next.said != batch->settings.state->own_said;
+    if (bytes == 0 && events == 0 && !has_own && batch->next.run != 0) {
+        return SQLITE_OK;
+    }
+    count_lost(batch);
+    int code = begin_transaction(batch, bytes + events * (size_t)EVENT_BYTES);
+    if (code == SQLITE_OK) {
+        code = write_all(batch, end, limit);
+    }
+    code = end_batch(batch, code);
+    *more = mark_of(batch)->number != before && has_more(batch, end);
+    return code;
+}
+
+int tl_recorder_batch_write(tl_recorder_batch *batch, uint64_t end, bool *more) {
+    uint64_t position = 0;
+    begin_batch(batch);
+    *more = false;
+    bool has_early = batch->next.run != 0 && count_events(batch, batch->next.taken[0].ring, 1) > 0;
+    if (!has_early && is_beginning(batch, end, &position)) { /* else there are events of the run before */
+        take_beginning(batch, position);
+    } else if (!batch->next.has_begun) {
+        drop_entries(batch, end);
+        *more = has_more(batch, end);
+        return SQLITE_OK;
+    }
+    return write_transaction(batch, end, more);
+}
+
+/* ---- Checkpoints ------------------------------------------------------------------------------------------------- */
+
+/* In a transaction of its own, once all that came before it is there. *any: there was one. */
+static int write_checkpoint(tl_recorder_batch *batch, bool *any) {
+    unsigned char *bytes = batch->settings.checkpoint;
+    const tl_recorder_mark *mark = mark_of(batch);
+    size_t size = 0;
+    int64_t tick = 0;
+    uint64_t number = 0;
+    *any = bytes != NULL && mark->run != 0 &&
+           tl_recorder_inbox_checkpoint(batch->settings.inbox, &mark->taken[0], bytes, &size, &tick, &number);
+    if (!*any) {
+        return SQLITE_OK;
+    }
+    begin_batch(batch);
+    batch->next.taken[0].checkpoint = number;
+    int code = begin_transaction(batch, size);
+    if (code == SQLITE_OK) {
+        code = tl_recorder_database_checkpoint(database_of(batch), tick, bytes, size);
+    }
+    return end_batch(batch, code);
+}
+
+/* An outbox has two; who puts them without end is looked at again later. */
+int tl_recorder_batch_write_checkpoints(tl_recorder_batch *batch) {
+    enum { AT_ONCE = 2 };
+    bool any = true;
+    int code = SQLITE_OK;
+    for (int i = 0; i < AT_ONCE && any && code == SQLITE_OK; i++) {
+        code = write_checkpoint(batch, &any);
+    }
+    return code;
+}
+
+/* ---- What is left ------------------------------------------------------------------------------------------------ */
+
+uint64_t tl_recorder_batch_count_left(tl_recorder_batch *batch) {
+    batch->next = *mark_of(batch);
+    uint64_t position = batch->next.taken[0].ring;
+    uint64_t end = tl_recorder_inbox_end(batch->settings.inbox, position);
+    uint64_t left = 0;
+    while (position != end && take_entry(batch, &position, end)) {
+        left += batch->entry.kind == TL_ENTRY_SAMPLE || batch->entry.kind == TL_ENTRY_STEP ? 1 : 0;
+    }
+    return left + (batch->next.has_begun ? count_events(batch, UINT64_MAX, TL_RECORDER_EVENTS) : 0);
+}
+
+bool tl_recorder_batch_is_empty(tl_recorder_batch *batch) {
+    batch->next = *mark_of(batch);
+    uint64_t taken = batch->next.taken[0].ring;
+    uint64_t end = tl_recorder_inbox_end(batch->settings.inbox, taken);
+    bool is_read = taken == end || !tl_recorder_inbox_is_whole(batch->settings.inbox);
+    bool needs_row = batch->next.has_begun && batch->next.run == 0;
+    return is_read && !needs_row && (!batch->next.has_begun || count_events(batch, UINT64_MAX, 1) == 0);
+}

@@ -1,0 +1,59 @@
+/* A batch: what is in the inbox, into the file, in one transaction.
+ *
+ * Purpose: forms batches, of one run each, and commits them. It is formed in `next`, a copy of the mark of what is committed: positions, totals and
+ *          the run move on in it with each thing that is written, and become the mark when the transaction is committed. What fails is forgotten with it.
+ * Order:   the writer's own events, then entries, then the events that were put before the last of these.
+ * Runs:    a START entry begins one, END ends it. Events that come before the first START wait for it; entries before it belong to no run, and are
+ *          dropped. A START while a run is open means that that one was not ended cleanly.
+ * Touches: the marks of the writer's state; the inbox; the file, which is open (tl_recorder_file.database), and which it neither opens nor closes.
+ * Errors:  SQLite's result codes; the file has the words (tl_recorder_file_keep_words()).
+ * Thread:  one at a time.
+ */
+#ifndef TL_FIRMWARE_RECORD_RECORDER_BATCH_H
+#define TL_FIRMWARE_RECORD_RECORDER_BATCH_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+#include "firmware/outbox/outbox.h"
+#include "firmware/outbox/recorder_entry.h"
+#include "firmware/process/heartbeat.h"
+#include "firmware/record/recorder_file.h"
+#include "firmware/record/recorder_inbox.h"
+#include "firmware/record/recorder_state.h"
+
+/* All of these outlive the batches. */
+typedef struct tl_recorder_batch_settings {
+    tl_recorder_file *file;
+    tl_recorder_inbox *inbox;
+    tl_recorder_writer_state *state;
+    unsigned char *checkpoint; /* of the size of the first outbox's; NULL: it has none */
+    tl_heart *heart;           /* of the caller's thread: beats with each batch; NULL: nobody's */
+} tl_recorder_batch_settings;
+
+/* Private; begins with its settings, and zeros. */
+typedef struct tl_recorder_batch {
+    tl_recorder_batch_settings settings;
+    tl_recorder_mark next;
+    tl_recorder_entry entry; /* too large for a small stack */
+    bool is_over;            /* the next entry is for another batch */
+    bool ends;               /* the run does, with this batch */
+} tl_recorder_batch;
+
+/* A run begins, without an entry; its START only tells when. It gets its row with the next batch. */
+void tl_recorder_batch_begin_run(tl_recorder_batch *batch, const tl_outbox_start *start);
+
+/* One transaction, of entries up to `end` of the ring, or to where another run begins, and events as far as they fit. *more: it should be followed
+ * by another one. */
+int tl_recorder_batch_write(tl_recorder_batch *batch, uint64_t end, bool *more);
+
+/* Those whose entries are written, in a transaction of its own each. */
+int tl_recorder_batch_write_checkpoints(tl_recorder_batch *batch);
+
+/* Nothing is left that could be written. */
+bool tl_recorder_batch_is_empty(tl_recorder_batch *batch);
+
+/* Samples, steps and events that are not written. */
+uint64_t tl_recorder_batch_count_left(tl_recorder_batch *batch);
+
+#endif

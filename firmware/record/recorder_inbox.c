@@ -1,0 +1,111 @@
+/* The inbox: see recorder_inbox.h. */
+#include "firmware/record/recorder_inbox.h"
+
+#include <assert.h>
+#include <stdio.h>
+
+#include "firmware/base/clock.h"
+
+static const tl_time MEND_PAUSE = TL_SECOND; /* between two looks at an outbox that is damaged */
+
+void tl_recorder_inbox_open(tl_recorder_inbox *inbox, const tl_recorder_writer_outbox *outboxes, size_t count) {
+    assert(count >= 1 && count <= TL_WRITER_OUTBOXES);
+    *inbox = (tl_recorder_inbox){.count = count};
+    for (size_t i = 0; i < count; i++) {
+        inbox->outboxes[i] = outboxes[i];
+        tl_outbox_reader_open(&outboxes[i].settings, outboxes[i].memory, &inbox->readers[i]);
+    }
+}
+
+/* ---- The ring ---------------------------------------------------------------------------------------------------- */
+
+uint64_t tl_recorder_inbox_end(tl_recorder_inbox *inbox, uint64_t taken) {
+    return tl_outbox_reader_end(&inbox->readers[0], taken);
+}
+
+bool tl_recorder_inbox_is_whole(const tl_recorder_inbox *inbox) {
+    return inbox->readers[0].fault[0] == '\0';
+}
+
+bool tl_recorder_inbox_entry(tl_recorder_inbox *inbox, uint64_t *position, uint64_t end, tl_recorder_entry *entry) {
+    return tl_outbox_reader_entry(&inbox->readers[0], position, end, entry);
+}
+
+bool tl_recorder_inbox_checkpoint(tl_recorder_inbox *inbox, const tl_outbox_taken *taken, unsigned char *bytes,
+                                  size_t *size, int64_t *tick, uint64_t *number) {
+    return tl_outbox_reader_checkpoint(&inbox->readers[0], taken->checkpoint, taken->ring, bytes, size, tick, number);
+}
+
+/* ---- Events ------------------------------------------------------------------------------------------------------ */
+
+/* The event of this number, if all entries are written that were put before it; *skip: it is none. */
+static bool read_event(tl_recorder_inbox *inbox, size_t outbox, uint64_t number, uint64_t written,
+                       tl_recorder_event_entry *event, bool *skip) {
+    return tl_outbox_reader_event(&inbox->readers[outbox], number, event, skip) &&
+           (outbox != 0 || *skip || event->position <= written);
+}
+
+size_t tl_recorder_inbox_oldest_event(tl_recorder_inbox *inbox, const tl_outbox_taken *taken, uint64_t written,
+                                      tl_recorder_event_entry *oldest, bool *skip) {
+    size_t found = inbox->count;
+    tl_recorder_event_entry event;
+    bool skips = false;
+    for (size_t i = 0; i < inbox->count; i++) {
+        if (read_event(inbox, i, taken[i].events, written, &event, &skips) &&
+            (found == inbox->count || skips || event.at <= oldest->at)) {
+            found = i;
+            *oldest = event;
+            *skip = skips;
+        }
+    }
+    return found;
+}
+
+size_t tl_recorder_inbox_count_events(tl_recorder_inbox *inbox, const tl_outbox_taken *taken, uint64_t written,
+                                      size_t most) {
+    tl_recorder_event_entry event;
+    size_t events = 0;
+    bool skip = false;
+    for (size_t i = 0; i < inbox->count; i++) {
+        uint64_t number = taken[i].events;
+        for (size_t n = 0; n < most && read_event(inbox, i, number, written, &event, &skip); n++) {
+            number++;
+            events++;
+        }
+    }
+    return events;
+}
+
+uint64_t tl_recorder_inbox_lost(const tl_recorder_inbox *inbox, size_t outbox) {
+    return tl_outbox_reader_lost(&inbox->readers[outbox]);
+}
+
+/* ---- Damage ------------------------------------------------------------------------------------------------------ */
+
+void tl_recorder_inbox_mend(tl_recorder_inbox *inbox) {
+    tl_time now = tl_clock_now(NULL);
+    if (now - inbox->mended_at < MEND_PAUSE) {
+        return;
+    }
+    inbox->mended_at = now;
+    for (size_t i = 0; i < inbox->count; i++) {
+        const tl_recorder_writer_outbox *outbox = &inbox->outboxes[i];
+        if (inbox->readers[i].fault[0] != '\0') {
+            tl_outbox_reader_open(&outbox->settings, outbox->memory, &inbox->readers[i]);
+        } else {
+            inbox->is_told[i] = false;
+        }
+    }
+}
+
+bool tl_recorder_inbox_tell(tl_recorder_inbox *inbox, char *text, size_t size) {
+    for (size_t i = 0; i < inbox->count; i++) {
+        const char *fault = inbox->readers[i].fault;
+        if (fault[0] != '\0' && !inbox->is_told[i]) {
+            inbox->is_told[i] = true;
+            (void)snprintf(text, size, "what %s has put out cannot be read on: %.160s", inbox->outboxes[i].name, fault);
+            return true;
+        }
+    }
+    return false;
+}

@@ -1,0 +1,75 @@
+/* The inbox: all outboxes that a writer reads, side by side.
+ *
+ * Purpose: the ring of the first, the events of all in the order in which they belong into a run, and what was lost in each. How far everything is
+ *          taken its caller knows (recorder_state.h).
+ * Order:   an event of the first outbox comes once all entries are written that were put before it.
+ * Touches: the outboxes' memory, by their readers; nothing else.
+ * Trust:   none in what is in the outboxes. What is damaged is looked at again every now and then: its producer's successor mends it.
+ * Thread:  one at a time.
+ */
+#ifndef TL_FIRMWARE_RECORD_RECORDER_INBOX_H
+#define TL_FIRMWARE_RECORD_RECORDER_INBOX_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "firmware/outbox/outbox.h"
+#include "firmware/outbox/outbox_reader.h"
+#include "firmware/record/recorder_state.h"
+#include "master/base/simtime.h"
+
+typedef struct tl_recorder_writer_outbox {
+    const char *name; /* of who writes it: one word */
+    tl_outbox_settings settings;
+    const void *memory;
+} tl_recorder_writer_outbox;
+
+/* Private; placed by the caller. */
+typedef struct tl_recorder_inbox {
+    tl_recorder_writer_outbox outboxes[TL_WRITER_OUTBOXES];
+    tl_outbox_reader readers[TL_WRITER_OUTBOXES];
+    bool is_told[TL_WRITER_OUTBOXES]; /* that it is damaged */
+    size_t count;
+    tl_time mended_at; /* when that was tried the last time */
+} tl_recorder_inbox;
+
+/* At most TL_WRITER_OUTBOXES. The first has the ring, the others events only. */
+void tl_recorder_inbox_open(tl_recorder_inbox *inbox, const tl_recorder_writer_outbox *outboxes, size_t count);
+
+/* ---- the ring ---- */
+
+/* Behind the newest entry that is there now, seen from what is taken. */
+uint64_t tl_recorder_inbox_end(tl_recorder_inbox *inbox, uint64_t taken);
+
+/* Whether more can come of it. */
+bool tl_recorder_inbox_is_whole(const tl_recorder_inbox *inbox);
+
+/* As tl_outbox_reader_entry() and tl_outbox_reader_checkpoint(). */
+bool tl_recorder_inbox_entry(tl_recorder_inbox *inbox, uint64_t *position, uint64_t end, tl_recorder_entry *entry);
+bool tl_recorder_inbox_checkpoint(tl_recorder_inbox *inbox, const tl_outbox_taken *taken, unsigned char *bytes,
+                                  size_t *size, int64_t *tick, uint64_t *number);
+
+/* ---- events; `taken`: of each outbox, TL_WRITER_OUTBOXES of them; `written`: of the ring ---- */
+
+/* The oldest one that may be written now; of two of the same instant that of the later outbox, since what io says is often why the twin says
+ * something. The outbox, or `count`: there is none. *skip: it was left half-written, and is none. */
+size_t tl_recorder_inbox_oldest_event(tl_recorder_inbox *inbox, const tl_outbox_taken *taken, uint64_t written,
+                                      tl_recorder_event_entry *oldest, bool *skip);
+
+/* Those that can be written once the ring is as far, of each outbox at most so many. */
+size_t tl_recorder_inbox_count_events(tl_recorder_inbox *inbox, const tl_outbox_taken *taken, uint64_t written,
+                                      size_t most);
+
+/* What the producer of an outbox has lost so far. */
+uint64_t tl_recorder_inbox_lost(const tl_recorder_inbox *inbox, size_t outbox);
+
+/* ---- damage ---- */
+
+/* Looks at damaged outboxes again, once a second. */
+void tl_recorder_inbox_mend(tl_recorder_inbox *inbox);
+
+/* The next damage that was not told yet, in words; false: there is none. */
+bool tl_recorder_inbox_tell(tl_recorder_inbox *inbox, char *text, size_t size);
+
+#endif
