@@ -7,7 +7,6 @@
 #include "firmware/base/clock.h"
 #include "firmware/past/past_follow.h"
 #include "firmware/past/past_outbox.h"
-#include "firmware/past/past_sink.h"
 #include "firmware/process/interrupt.h"
 
 static const tl_time LOOK = TL_SECOND / 1000;
@@ -56,9 +55,8 @@ static int64_t newest_run(const tl_live_past_settings *settings) {
 static tl_status follow(const tl_live_past_settings *settings, const tl_past *past, tl_summary *summary, bool *refused,
                         tl_error *error) {
     const int64_t last = newest_run(settings); /* before this one begins */
-    const tl_past_sink sink = tl_past_sink_of_outbox(settings->outbox, settings->assembly);
     const tl_past_follow_settings following = {
-        .assembly = settings->assembly, .sink = &sink, .tell = tell, .context = settings->journal};
+        .assembly = settings->assembly, .outbox = settings->outbox, .tell = tell, .context = settings->journal};
     follow_job job = {.settings = &following, .past = past, .summary = summary, .error = error};
     tl_fmu_thread_call(settings->thread, do_follow, &job);
     *refused = job.status == TL_OK && job.outcome == TL_PAST_REFUSED;

@@ -4,13 +4,17 @@
 #include <inttypes.h>
 #include <stdarg.h>
 #include <stdio.h>
+#include <string.h>
 
 #include "firmware/base/clock.h"
 #include "firmware/twin/twin_recorder.h"
 
+static const tl_time PATIENCE = 2 * TL_SECOND;
+
 typedef struct follower {
     const tl_past_follow_settings *settings;
     const tl_past *past;
+    tl_time until;           /* CLOCK_MONOTONIC: nobody waits for room for longer */
     char name[TL_PAST_NAME]; /* of its run */
 } follower;
 
@@ -54,33 +58,65 @@ static tl_status begin(const follower *self, tl_past_outcome *outcome, tl_error 
     return TL_OK;
 }
 
+/* ---- what is recorded ---- */
+
+static void wait_for_room(const follower *self) {
+    (void)tl_outbox_wait_for_room(self->settings->outbox, self->until);
+}
+
+static void put_start(const follower *self, const tl_resumption *resumption) {
+    tl_outbox_start start = {.resumption = *resumption};
+    tl_account_take(self->settings->assembly->twin, &start.account);
+    if (!tl_outbox_put_start(self->settings->outbox, &start)) {
+        wait_for_room(self); /* for its room too: it goes in before the first sample */
+    }
+}
+
+/* The one that the run begins with. */
+static void put_checkpoint(const follower *self) {
+    const tl_past *past = self->past;
+    tl_outbox *outbox = self->settings->outbox;
+    size_t capacity = 0;
+    if (tl_outbox_reserve_checkpoint(outbox, past->checkpoint_size)) {
+        memcpy(tl_outbox_checkpoint_room(outbox, &capacity), past->checkpoint, past->checkpoint_size);
+        tl_outbox_put_checkpoint(outbox, past->checkpoint_tick, past->checkpoint_size);
+    }
+}
+
+static void begin_run(const follower *self, const tl_resumption *resumption) {
+    if (self->settings->outbox != NULL) {
+        put_start(self, resumption);
+        if (self->past->checkpoint != NULL) {
+            put_checkpoint(self);
+        }
+    }
+}
+
+static void put_sample(const follower *self, const tl_sample *sample) {
+    if (self->settings->outbox != NULL) {
+        wait_for_room(self);
+        (void)tl_outbox_put_sample(self->settings->outbox, sample); /* what is lost is counted there */
+    }
+}
+
+static void put_step(const follower *self, const tl_record *record) {
+    if (self->settings->outbox != NULL) {
+        tl_twin_recorder_put(self->settings->outbox, record, self->settings->assembly->twin);
+    }
+}
+
 /* ---- following ---- */
-
-static void put_sample(const tl_past_sink *sink, const tl_sample *sample) {
-    if (sink != NULL) {
-        sink->wait(sink);
-        sink->put_sample(sink, sample);
-    }
-}
-
-static void put_step(const tl_past_sink *sink, const tl_record *record, const tl_twin *twin) {
-    if (sink != NULL) {
-        tl_recorder_component counts[TL_RECORDER_COMPONENTS];
-        (void)tl_twin_recorder_count(twin, counts);
-        sink->put_step(sink, record, counts);
-    }
-}
 
 static tl_status follow_tick(const follower *self, const tl_past_tick *tick, tl_summary *summary, tl_error *error) {
     const tl_assembly *assembly = self->settings->assembly;
     tl_record record;
     bool ready = false;
     tl_summary_sample(summary, &assembly->config, &tick->sample);
-    put_sample(self->settings->sink, &tick->sample);
+    put_sample(self, &tick->sample);
     tl_status status = tl_twin_follow(assembly->twin, &tick->sample, tick->u, &record, &ready, error);
     if (ready) {
         tl_summary_add(summary, &assembly->config, &record);
-        put_step(self->settings->sink, &record, assembly->twin);
+        put_step(self, &record);
     }
     return status;
 }
@@ -110,17 +146,6 @@ static void tell_all(const follower *self, tl_time took) {
          past->gap / past->step);
 }
 
-/* The sink's run begins. */
-static void begin_run(const follower *self, const tl_resumption *resumption) {
-    const tl_past_sink *sink = self->settings->sink;
-    if (sink != NULL) {
-        sink->begin(sink, resumption);
-    }
-    if (sink != NULL && self->past->checkpoint != NULL) {
-        sink->keep(sink, self->past->checkpoint_tick, self->past->checkpoint, self->past->checkpoint_size);
-    }
-}
-
 /* From where the twin stands now. A failure leaves a new twin, and a run that is of no use. */
 static tl_status go_on(const follower *self, tl_summary *summary, tl_past_outcome *outcome, tl_error *error) {
     const tl_past *past = self->past;
@@ -144,7 +169,7 @@ static tl_status go_on(const follower *self, tl_summary *summary, tl_past_outcom
 
 tl_status tl_past_follow(const tl_past_follow_settings *settings, const tl_past *past, tl_summary *summary,
                          tl_past_outcome *outcome, tl_error *error) {
-    follower self = {.settings = settings, .past = past};
+    follower self = {.settings = settings, .past = past, .until = tl_clock_now(NULL) + PATIENCE};
     (void)tl_past_name(past->run, self.name);
     *summary = (tl_summary){0};
     *outcome = TL_PAST_FOLLOWED;

@@ -4,13 +4,14 @@
  *          search. The time in which nobody ran is missed ticks then, for the cycle to make up.
  * Own:     what is followed is recorded again, as the new run's, and so is the checkpoint: it then needs nothing of the earlier
  *          run, for its replay, or when it is itself ended before it has got any further.
+ * Waiting: nobody is late while a twin goes on, so room in the outbox is waited for, for two seconds in all; what finds none after that is lost.
  * Thread:  that of the FMUs, before the cycle starts.
  */
 #ifndef TL_FIRMWARE_PAST_PAST_FOLLOW_H
 #define TL_FIRMWARE_PAST_PAST_FOLLOW_H
 
+#include "firmware/outbox/outbox.h"
 #include "firmware/past/past.h"
-#include "firmware/past/past_sink.h"
 #include "firmware/report/summary.h"
 #include "firmware/twin/assembly.h"
 #include "master/base/status.h"
@@ -18,12 +19,12 @@
 typedef enum tl_past_outcome {
     TL_PAST_FOLLOWED, /* the twin is there */
     TL_PAST_REFUSED, /* its checkpoint is of no use. Nothing was recorded, and the twin is a new one again: try an older past */
-    TL_PAST_FAILED /* the same, but the sink's run has got steps of the attempt: end it, and begin another, anew */
+    TL_PAST_FAILED /* the same, but a run was begun, and has got steps of the attempt: end it, and begin another, anew */
 } tl_past_outcome;
 
 typedef struct tl_past_follow_settings {
-    tl_assembly *assembly;    /* its twin has not begun, and may be built anew */
-    const tl_past_sink *sink; /* NULL: nothing is recorded */
+    tl_assembly *assembly; /* its twin has not begun, and may be built anew */
+    tl_outbox *outbox;     /* into which the new run goes; NULL: nothing is recorded */
     tl_past_tell *tell;
     void *context; /* of tell */
 } tl_past_follow_settings;

@@ -332,11 +332,6 @@ void tl_past_history_write(const tl_past_history *history, void *image) {
     tl_past_write(&history->found, image);
 }
 
-size_t tl_past_history_most(const tl_config *config) {
-    const tl_past_shape shape = tl_past_shape_of(config);
-    return tl_past_image_bytes(&shape, TL_PAST_TICKS, CHECKPOINT_BYTES);
-}
-
 tl_past_history *tl_past_history_open(const tl_past_history_settings *settings) {
     tl_error error;
     if (settings->config->record_resume == 0) {

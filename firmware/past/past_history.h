@@ -5,7 +5,6 @@
  *          none, what is told says why the twin begins anew.
  * Twin:    none: what must be known of it is given, so that a process without FMUs can look.
  * Trust:   none in the database (history.h).
- * Size:    an image has at most tl_past_history_most() bytes: TL_PAST_TICKS ticks, and what a row of a database can hold.
  * Owner:   settings are copied, what they point to is not.
  * Thread:  one at a time.
  */
@@ -31,8 +30,6 @@ typedef struct tl_past_history_settings {
     tl_past_tell *tell;
     void *context; /* of tell */
 } tl_past_history_settings;
-
-size_t tl_past_history_most(const tl_config *config);
 
 /* Opens the database. NULL: it cannot be read, which was told and keeps no twin from running; or `record.resume_s` is 0. */
 tl_past_history *tl_past_history_open(const tl_past_history_settings *settings);

@@ -54,18 +54,14 @@ void tl_plant_mail_open(const tl_plant_mail_shape *shape, void *memory, tl_mailb
     }
 }
 
-void *tl_plant_mail_make(const tl_plant_mail_shape *shape, tl_mailbox mailboxes[TL_MAX_SIGNALS]) {
-    void *memory = calloc(1, tl_plant_mail_bytes(shape));
-    if (memory != NULL) {
-        tl_plant_mail_open(shape, memory, mailboxes);
-    }
-    return memory;
-}
-
 void *tl_plant_mail_make_least(size_t signals, tl_mailbox mailboxes[TL_MAX_SIGNALS]) {
     tl_plant_mail_shape shape = {.signals = signals};
     for (size_t i = 0; i < signals; i++) {
         shape.depth[i] = TL_PLANT_MAIL_LEAST;
     }
-    return tl_plant_mail_make(&shape, mailboxes);
+    void *memory = calloc(1, tl_plant_mail_bytes(&shape));
+    if (memory != NULL) {
+        tl_plant_mail_open(&shape, memory, mailboxes);
+    }
+    return memory;
 }

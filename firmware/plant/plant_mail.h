@@ -33,10 +33,8 @@ size_t tl_plant_mail_bytes(const tl_plant_mail_shape *shape);
 /* Handles on what is in the memory, for either side: whoever only reads may have mapped it read-only. */
 void tl_plant_mail_open(const tl_plant_mail_shape *shape, void *memory, tl_mailbox mailboxes[TL_MAX_SIGNALS]);
 
-/* Within one process: memory of this shape, opened. The caller frees it with free(). NULL: there is not enough. */
-void *tl_plant_mail_make(const tl_plant_mail_shape *shape, tl_mailbox mailboxes[TL_MAX_SIGNALS]);
-
-/* The same with the least depth of all: for recordings, whose readings are looked up as they come. */
+/* Within one process: memory with the least depth of all, opened: for recordings, whose readings are looked up as they come. The caller frees it with
+ * free(). NULL: there is not enough. */
 void *tl_plant_mail_make_least(size_t signals, tl_mailbox mailboxes[TL_MAX_SIGNALS]);
 
 #endif

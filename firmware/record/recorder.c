@@ -15,14 +15,11 @@
 #include "firmware/base/side_thread.h"
 #include "firmware/outbox/outbox.h"
 #include "firmware/process/crash.h"
-#include "firmware/record/recorder_database.h"
 #include "firmware/record/recorder_writer.h"
-#include "firmware/text/utc.h"
 
 enum { STACK = 512 * 1024, ALIGNMENT = 64 };
 
-static const tl_time PATIENCE = 2 * TL_SECOND;            /* where the settings do not say it */
-static const tl_time PATIENCE_OF_WRITER = 60 * TL_SECOND; /* a worn-out memory card takes its time for one commit */
+static const tl_time PATIENCE = 2 * TL_SECOND;     /* where the settings do not say it */
 static const tl_time WAKE = TL_SECOND;             /* the thread looks at least this often how full the ring is */
 static const tl_time ROOM_PAUSE = TL_SECOND / 100; /* a producer that waits looks so often whether it is of any use */
 
@@ -34,11 +31,6 @@ struct tl_recorder {
     tl_outbox outbox;
     tl_recorder_writer_state state;
     tl_outbox_start start;
-    tl_heart *heart; /* the thread's */
-
-    /* the producer's */
-    bool waits;           /* a put waits if there is no room */
-    uint64_t checkpoints; /* that were put */
 
     /* between threads, by the lock */
     pthread_mutex_t lock;
@@ -69,7 +61,7 @@ static void ask_to_hurry(tl_recorder *recorder) {
 
 /* Until there is room, or the disk has refused for too long. */
 static void wait_for_room(tl_recorder *recorder) {
-    while (recorder->waits && !tl_outbox_wait_for_room(&recorder->outbox, 0)) {
+    while (recorder->settings.wait_when_full && !tl_outbox_wait_for_room(&recorder->outbox, 0)) {
         tl_time now = tl_clock_now(NULL);
         tl_time since = tl_recorder_state_get(&recorder->state).refused_since;
         if (since != 0 && now - since >= recorder->patience) {
@@ -78,39 +70,6 @@ static void wait_for_room(tl_recorder *recorder) {
         ask_to_hurry(recorder);
         (void)tl_outbox_wait_for_room(&recorder->outbox, now + ROOM_PAUSE);
     }
-}
-
-void tl_recorder_start(tl_recorder *recorder, tl_time start) {
-    recorder->start.resumption = (tl_resumption){.start = start, .started = tl_utc_now()};
-    (void)tl_outbox_put_start(&recorder->outbox, &recorder->start);
-}
-
-void tl_recorder_resume(tl_recorder *recorder, const tl_resumption *resumption) {
-    recorder->start.resumption = *resumption;
-    recorder->waits = true;
-    (void)tl_outbox_put_start(&recorder->outbox, &recorder->start);
-}
-
-void tl_recorder_go_live(tl_recorder *recorder) {
-    recorder->waits = recorder->settings.wait_when_full;
-}
-
-bool tl_recorder_checkpoint_is_waiting(const tl_recorder *recorder) {
-    return __atomic_load_n(&recorder->state.taken[0].checkpoint, __ATOMIC_ACQUIRE) < recorder->checkpoints;
-}
-
-bool tl_recorder_reserve_checkpoint(tl_recorder *recorder, size_t capacity) {
-    return !tl_recorder_checkpoint_is_waiting(recorder) && tl_outbox_reserve_checkpoint(&recorder->outbox, capacity);
-}
-
-unsigned char *tl_recorder_checkpoint_room(tl_recorder *recorder, size_t *capacity) {
-    unsigned char *room = tl_outbox_checkpoint_room(&recorder->outbox, capacity);
-    return tl_recorder_checkpoint_is_waiting(recorder) ? NULL : room;
-}
-
-void tl_recorder_put_checkpoint(tl_recorder *recorder, int64_t tick, size_t size) {
-    recorder->checkpoints++;
-    tl_outbox_put_checkpoint(&recorder->outbox, tick, size);
 }
 
 void tl_recorder_put_sample(tl_recorder *recorder, const tl_sample *sample) {
@@ -166,7 +125,6 @@ static void *run_writer(void *argument) {
     tl_time due = tl_clock_now(NULL) + recorder->settings.commit;
     tl_crash_enter(TL_CRASH_OURS);
     while (!is_stopped(recorder)) {
-        tl_heart_beat(recorder->heart);
         tl_time look = tl_clock_now(NULL) + WAKE;
         bool hurry = sleep_until(recorder, due < look ? due : look);
         if (tl_clock_now(NULL) >= due || (hurry && !is_refused(recorder))) {
@@ -174,7 +132,6 @@ static void *run_writer(void *argument) {
             due = tl_clock_now(NULL) + recorder->settings.commit;
         }
     }
-    tl_heart_end(recorder->heart);
     return NULL;
 }
 
@@ -198,10 +155,9 @@ static void destroy(tl_recorder *recorder) {
     free(recorder);
 }
 
-/* What a twin would say of itself; a run without START began now. */
+/* What a twin would say of itself. */
 static void describe(const tl_recorder_settings *settings, tl_outbox_start *start) {
     tl_account *account = &start->account;
-    start->resumption.started = tl_utc_now();
     account->components = (uint32_t)settings->component_count;
     account->matches = (uint32_t)settings->match_count;
     account->adjusts = (uint32_t)settings->adjust_count;
@@ -232,7 +188,6 @@ static bool make_outbox(tl_recorder *recorder, tl_outbox_settings *outbox) {
                                              .adjust = settings->adjust_count,
                                              .components = settings->component_count}};
     outbox->ring_bytes = tl_outbox_ring_bytes(&outbox->shape, settings->step);
-    outbox->checkpoint_bytes = tl_recorder_database_most(settings->max_bytes);
     recorder->memory = calloc(1, tl_outbox_bytes(outbox) + ALIGNMENT); /* zeros that nobody has to write */
     if (recorder->memory == NULL) {
         return false;
@@ -245,19 +200,16 @@ static tl_status start(tl_recorder *recorder, tl_error *error) {
     const tl_recorder_settings *settings = &recorder->settings;
     tl_recorder_writer_outbox outbox = {.name = "this process"};
     recorder->patience = settings->patience != 0 ? settings->patience : PATIENCE;
-    recorder->waits = settings->wait_when_full;
     if (!make_outbox(recorder, &outbox.settings)) {
         return tl_fail(error, TL_TRY_AGAIN, "%s: out of memory", settings->path);
     }
     outbox.memory = place_of(recorder);
     describe(settings, &recorder->start);
-    recorder->heart = tl_heart_begin(settings->beats, "recorder", PATIENCE_OF_WRITER);
     const tl_recorder_writer_settings made = {.record = settings,
                                               .outboxes = &outbox,
                                               .outbox_count = 1,
                                               .state = &recorder->state,
-                                              .first = &recorder->start,
-                                              .heart = recorder->heart};
+                                              .first = &recorder->start};
     tl_status status = tl_recorder_writer_open(&made, &recorder->writer, error);
     if (status != TL_OK) {
         return status;
@@ -282,7 +234,6 @@ tl_status tl_recorder_open(const tl_recorder_settings *settings, tl_recorder **r
                            ? start(opened, error)
                            : tl_fail(error, TL_TRY_AGAIN, "%s: out of memory", settings->path);
     if (status != TL_OK) {
-        tl_heart_end(opened->heart);
         destroy(opened);
         return status;
     }

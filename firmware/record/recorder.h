@@ -11,7 +11,7 @@
  *          interval. That it works again, and what was lost, is an event too. A file that shows damage, is removed or is moved away
  *          is made anew. The cycle does not notice.
  * Writers: one per database, by a lock file beside it; any number of readers.
- * Thread:  start and put_* from one producer thread (the cycle); event() and counts from any thread; open and close
+ * Thread:  put_* from one producer thread; event() and counts from any thread; open and close
  *          from one, close when nobody uses the recorder any more. The recorder's own thread runs at ordinary priority.
  */
 #ifndef TL_FIRMWARE_RECORD_RECORDER_H
@@ -36,30 +36,11 @@ typedef struct tl_recorder_counts {
     int64_t run;      /* id of this run in the database */
 } tl_recorder_counts;
 
-/* Errors: TL_TRY_AGAIN (cannot create, another recorder has it, locked for 2 s, full), TL_BAD_DATA (the file is no
+/* The run begins now. Errors: TL_TRY_AGAIN (cannot create, another recorder has it, locked for 2 s, full), TL_BAD_DATA (the file is no
  * database of ours; nothing of it is changed). All texts are copied. */
 tl_status tl_recorder_open(const tl_recorder_settings *settings, tl_recorder **recorder, tl_error *error);
 
-/* Producer, before the first put: now is t_start, which is `start` on the clock of the samples' stamps. Without it,
- * `start` is 0 and the run began when the recorder was opened. */
-void tl_recorder_start(tl_recorder *recorder, tl_time start);
-
-/* The same for a run that goes on with an earlier one. Until tl_recorder_go_live() is called a put waits where there is no room, as
- * with wait_when_full: what is made up then comes as fast as it can be computed, and nothing is late by it. */
-void tl_recorder_resume(tl_recorder *recorder, const tl_resumption *resumption);
-void tl_recorder_go_live(tl_recorder *recorder);
-
-/* Producer: room for checkpoints of up to `capacity` bytes, once, or again while none is being written. False where memory is out, or
- * such a checkpoint is too large for the database's bound. */
-bool tl_recorder_reserve_checkpoint(tl_recorder *recorder, size_t capacity);
-
-/* Producer, wait-free: is the one before not written yet? Where the bytes of a checkpoint go; NULL in that case. Then: they are there. The two
- * newest of a run are kept, and that which it began with. */
-bool tl_recorder_checkpoint_is_waiting(const tl_recorder *recorder);
-unsigned char *tl_recorder_checkpoint_room(tl_recorder *recorder, size_t *capacity);
-void tl_recorder_put_checkpoint(tl_recorder *recorder, int64_t tick, size_t size);
-
-/* Producer. Wait-free unless wait_when_full. `ledger` has an entry for each of settings.components, as of this step: so
+/* Producer. Stamps count from t_start. Wait-free unless wait_when_full. `ledger` has an entry for each of settings.components, as of this step: so
  * that what is committed of both belongs together, whatever comes next. */
 void tl_recorder_put_sample(tl_recorder *recorder, const tl_sample *sample);
 void tl_recorder_put_step(tl_recorder *recorder, const tl_record *record, const tl_recorder_component *ledger);

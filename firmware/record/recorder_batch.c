@@ -92,8 +92,7 @@ static int end_batch(tl_recorder_batch *batch, int code) {
 /* What comes next, if it is the beginning of another run: then the entry is that. */
 static bool is_beginning(tl_recorder_batch *batch, uint64_t end, uint64_t *position) {
     *position = batch->next.taken[0].ring;
-    return *position != end && take_entry(batch, position, end) && batch->entry.kind == TL_ENTRY_START &&
-           !batch->next.is_untimed;
+    return *position != end && take_entry(batch, position, end) && batch->entry.kind == TL_ENTRY_START;
 }
 
 static tl_outbox_start start_of(const tl_recorder_batch *batch) {
@@ -117,6 +116,7 @@ static void take_beginning(tl_recorder_batch *batch, uint64_t position) {
     next->is_again = false;
     next->own = 0;
     next->has_begun = true;
+    next->is_untimed = false;
     next->taken[0].ring = position;
     batch->settings.file->goes_on = false;
 }
@@ -216,22 +216,11 @@ static int write_sample_or_step(tl_recorder_batch *batch) {
     return code;
 }
 
-/* A beginning that only tells when it was; any other one is for another batch. */
-static int write_start(tl_recorder_batch *batch) {
-    tl_recorder_mark *next = &batch->next;
-    if (!next->is_untimed) {
-        batch->is_over = true;
-        return SQLITE_OK;
-    }
-    next->is_untimed = false;
-    next->start.resumption = start_of(batch).resumption;
-    return tl_recorder_database_start(database_of(batch), &next->start.resumption);
-}
-
 static int write_entry(tl_recorder_batch *batch) {
     switch (batch->entry.kind) {
     case TL_ENTRY_START:
-        return write_start(batch);
+        batch->is_over = true;
+        return SQLITE_OK;
     case TL_ENTRY_END:
         batch->ends = !batch->next.has_ended;
         batch->next.has_ended = true;

@@ -40,7 +40,7 @@ typedef struct tl_recorder_batch {
     bool ends;               /* the run does, with this batch */
 } tl_recorder_batch;
 
-/* A run begins, without an entry; its START only tells when. It gets its row with the next batch. */
+/* A run begins, without an entry. It gets its row with the next batch. */
 void tl_recorder_batch_begin_run(tl_recorder_batch *batch, const tl_outbox_start *start);
 
 /* One transaction, of entries up to `end` of the ring, or to where another run begins, and events as far as they fit. *more: it should be followed

@@ -144,7 +144,8 @@ static int write_resumption(tl_recorder_database *database, const tl_resumption 
     return run_statement(prepared);
 }
 
-int tl_recorder_database_start(tl_recorder_database *database, const tl_resumption *beginning) {
+/* When it began, and what it goes on with. */
+static int write_start(tl_recorder_database *database, const tl_resumption *beginning) {
     char text[TL_UTC_TEXT];
     sqlite3_stmt *prepared = database->statements[START];
     tl_utc_text(beginning->started, text);
@@ -159,7 +160,7 @@ int tl_recorder_database_begin_run(tl_recorder_database *database, const tl_outb
     int code =
         tl_recorder_beginning_write(database->connection, database->settings, start, tl_utc_now(), &database->run);
     *run = database->run;
-    return code == SQLITE_OK && timed ? tl_recorder_database_start(database, &start->resumption) : code;
+    return code == SQLITE_OK && timed ? write_start(database, &start->resumption) : code;
 }
 
 int tl_recorder_database_go_on(tl_recorder_database *database) {
@@ -177,7 +178,7 @@ int tl_recorder_database_checkpoint(tl_recorder_database *database, int64_t tick
                                     size_t size) {
     char digest[TL_SHA256_TEXT];
     sqlite3_stmt *prepared = database->statements[CHECKPOINT];
-    if (tick < 0 || tick > last_tick(database) || size > tl_recorder_database_most(database->settings->max_bytes)) {
+    if (tick < 0 || tick > last_tick(database) || size > tl_recorder_retention_log(database->settings->max_bytes)) {
         return SQLITE_OK;
     }
     tl_sha256(bytes, size, digest);
@@ -194,10 +195,6 @@ int tl_recorder_database_checkpoint(tl_recorder_database *database, int64_t tick
         code = run_statement(prepared);
     }
     return code;
-}
-
-size_t tl_recorder_database_most(int64_t max_bytes) {
-    return tl_recorder_retention_log(max_bytes);
 }
 
 static int write_sample(tl_recorder_database *database, const tl_sample *sample) {

@@ -37,9 +37,6 @@ int tl_recorder_database_open(sqlite3 *connection, const tl_recorder_settings *s
 /* Before its connection. NULL is allowed. */
 void tl_recorder_database_close(tl_recorder_database *database);
 
-/* Bytes that a checkpoint may have, so that a file with this bound stays within it. */
-size_t tl_recorder_database_most(int64_t max_bytes);
-
 /* Bytes of ring that a batch should not exceed by more than one entry. */
 size_t tl_recorder_database_batch(const tl_recorder_database *database);
 
@@ -51,12 +48,9 @@ int tl_recorder_database_find(tl_recorder_database *database, int64_t run, bool 
 /* Makes room for a batch of `bytes`, then begins it. `run` 0: it begins one. */
 int tl_recorder_database_begin(tl_recorder_database *database, int64_t run, size_t bytes);
 
-/* Begins a run; `timed`: its start is when it says, else now, and that is told later. Gives the id of its row. */
+/* Begins a run; `timed`: its start is when it says; else it is now, and on no clock. Gives the id of its row. */
 int tl_recorder_database_begin_run(tl_recorder_database *database, const tl_outbox_start *start, bool timed,
                                    int64_t *run);
-
-/* When it began, and what it goes on with. */
-int tl_recorder_database_start(tl_recorder_database *database, const tl_resumption *beginning);
 
 /* The run goes on: an end that somebody has found for it is none. */
 int tl_recorder_database_go_on(tl_recorder_database *database);
@@ -66,6 +60,8 @@ int tl_recorder_database_begin_at(tl_recorder_database *database, int64_t tick);
 
 /* A sample or a step. *impossible: its tick is none, and it is not written. */
 int tl_recorder_database_entry(tl_recorder_database *database, const tl_recorder_entry *entry, bool *impossible);
+
+/* One that is larger than a file with this bound bears, or of a tick that is none, is left out. */
 int tl_recorder_database_checkpoint(tl_recorder_database *database, int64_t tick, const unsigned char *bytes,
                                     size_t size);
 int tl_recorder_database_event(tl_recorder_database *database, const tl_recorder_event_entry *event);

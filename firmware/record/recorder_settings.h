@@ -14,7 +14,6 @@
 #include "firmware/config/config.h"
 #include "firmware/database/database_instead.h"
 #include "firmware/outbox/run_types.h"
-#include "firmware/process/heartbeat.h"
 #include "master/base/arena.h"
 #include "master/base/simtime.h"
 #include "master/plan/plan.h"
@@ -38,9 +37,8 @@ typedef struct tl_recorder_settings {
     size_t plant_count, match_count, adjust_count;
     const char *const *components; /* names, in the order of the ledger */
     size_t component_count;
-    tl_heartbeats *beats; /* whom the recorder's thread tells that it is alive; NULL: nobody */
-    bool wait_when_full;  /* replay: put waits instead of losing, but not once the disk has refused for `patience` */
-    tl_time patience;     /* ns, with a disk that refuses: of close, and of a put that waits; 0: 2 s */
+    bool wait_when_full; /* replay: put waits instead of losing, but not once the disk has refused for `patience` */
+    tl_time patience;    /* ns, with a disk that refuses: of close, and of a put that waits; 0: 2 s */
 } tl_recorder_settings;
 
 /* Names as the recorder makes them of a configuration. */

@@ -25,8 +25,8 @@ typedef struct tl_recorder_mark {
     uint64_t number;     /* of the batch; 0: none */
     char path[PATH_MAX]; /* of the file; "": none yet */
     int64_t run;         /* its row in there; 0: it has none yet */
-    bool has_begun;      /* there was a START; */
-    bool is_untimed;     /* one is still to come, which only tells when the run began */
+    bool has_begun;
+    bool is_untimed; /* it began without a START: it is on no clock */
     bool has_ended;
     bool is_again; /* its beginning is in another file, and here it has no sample yet */
     tl_outbox_start start;

@@ -36,7 +36,7 @@ typedef struct tl_recorder_writer_settings {
     const tl_recorder_writer_outbox *outboxes; /* the first has the ring, the others events only */
     size_t outbox_count;
     tl_recorder_writer_state *state;
-    const tl_outbox_start *first; /* NULL, or a run that begins at once, and whose START only tells when */
+    const tl_outbox_start *first; /* NULL, or a run that begins at once, without a START */
     tl_heart *heart;              /* of the caller's thread: beats with each batch; NULL: nobody's */
 } tl_recorder_writer_settings;
 

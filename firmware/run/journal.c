@@ -15,10 +15,6 @@ void tl_journal_init(tl_journal *journal, tl_recorder *recorder) {
     }
 }
 
-void tl_journal_use_recorder(tl_journal *journal, tl_recorder *recorder) {
-    journal->recorder = recorder;
-}
-
 void tl_journal_listen(tl_journal *journal, tl_journal_listener *hear, void *context) {
     journal->hear = hear;
     journal->listener = context;

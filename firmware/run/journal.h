@@ -39,9 +39,6 @@ typedef struct tl_journal {
 /* `recorder` may be NULL: events are only logged. */
 void tl_journal_init(tl_journal *journal, tl_recorder *recorder);
 
-/* From now on events go to this recorder; NULL: they are only logged. While nobody tells any. */
-void tl_journal_use_recorder(tl_journal *journal, tl_recorder *recorder);
-
 /* From now on `hear` is called with every event, in the thread that tells it. Any thread may tell: `hear` bears that. */
 void tl_journal_listen(tl_journal *journal, tl_journal_listener *hear, void *context);
 

@@ -3,8 +3,6 @@
 
 #include <stdio.h>
 
-#include "firmware/base/log.h"
-
 void tl_status_line_write(const tl_config *config, const tl_cycle_status *status, char line[TL_STATUS_LINE]) {
     const tl_record *record = &status->record;
     int length =
@@ -23,13 +21,4 @@ void tl_status_line_write(const tl_config *config, const tl_cycle_status *status
     }
     (void)snprintf(line + length, TL_STATUS_LINE - (size_t)length, "  %.2f ms  skipped %llu",
                    tl_seconds(record->used) * 1e3, (unsigned long long)status->skipped);
-}
-
-void tl_status_line_print(const char *line, bool terminal) {
-    if (terminal) {
-        tl_log_status(line);
-    } else {
-        (void)fprintf(stderr, "%s\n", line);
-        (void)fflush(stderr);
-    }
 }

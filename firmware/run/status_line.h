@@ -5,8 +5,6 @@
 #ifndef TL_FIRMWARE_RUN_STATUS_LINE_H
 #define TL_FIRMWARE_RUN_STATUS_LINE_H
 
-#include <stdbool.h>
-
 #include "firmware/config/config.h"
 #include "firmware/run/cycle.h"
 
@@ -14,8 +12,5 @@ enum { TL_STATUS_LINE = 512 };
 
 /* What matters first: the end is cut off where there is no room. Valid UTF-8. */
 void tl_status_line_write(const tl_config *config, const tl_cycle_status *status, char line[TL_STATUS_LINE]);
-
-/* On standard error: redrawn in place on a terminal, else a line of its own. */
-void tl_status_line_print(const char *line, bool terminal);
 
 #endif

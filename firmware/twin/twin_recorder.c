@@ -52,21 +52,14 @@ tl_status tl_twin_recorder_open(const tl_twin_recorder_settings *settings, tl_re
     tl_twin_recorder_describe(settings->config, settings->path, &record);
     made->verb = settings->verb;
     made->wait_when_full = settings->wait_when_full;
-    made->beats = settings->beats;
     made->components = components;
-    if (account != NULL) {
-        tl_twin_recorder_signals(settings->config, account, record.names.match, record.names.adjust);
-        for (size_t i = 0; i < account->components; i++) {
-            components[i] = account->component[i].name;
-        }
-        made->prediction = account->prediction;
-        made->lead = account->lead;
-        made->component_count = account->components;
-    } else {
-        tl_identity_files(NULL, 0, record.fmus);
-        made->match_count = 0;
-        made->adjust_count = 0;
+    tl_twin_recorder_signals(settings->config, account, record.names.match, record.names.adjust);
+    for (size_t i = 0; i < account->components; i++) {
+        components[i] = account->component[i].name;
     }
+    made->prediction = account->prediction;
+    made->lead = account->lead;
+    made->component_count = account->components;
     return tl_recorder_open(made, recorder, error);
 }
 

@@ -15,11 +15,10 @@
 
 typedef struct tl_twin_recorder_settings {
     const tl_config *config;
-    const tl_account *account; /* NULL: there is no twin, and samples and events only are recorded */
-    const char *verb;          /* "run", "replay", "hold" */
-    const char *path;          /* of the database */
-    bool wait_when_full;       /* as in recorder.h, */
-    tl_heartbeats *beats;      /* and this */
+    const tl_account *account;
+    const char *verb;    /* "replay" */
+    const char *path;    /* of the database */
+    bool wait_when_full; /* as in recorder.h */
 } tl_twin_recorder_settings;
 
 /* Errors: those of tl_recorder_open(). */

@@ -69,7 +69,7 @@ FIRMWARE = {
     "firmware/show": _firmware("report", "record", "outbox", "config", others=_TWIN, public=("show",)),
     "firmware/twin": _firmware("plant", "report", "record", "outbox", "fmu", "confine", "process", "config", others=_TWIN),
     "firmware/past": _firmware("twin", "report", "record", "outbox", "config", others=_TWIN,
-                               public=("past", "past_follow", "past_history", "past_outbox", "past_sink")),
+                               public=("past", "past_follow", "past_history", "past_outbox")),
     "firmware/run": _firmware("twin", "report", "plant", "record", "outbox", "fmu", "process", "config", others=_TWIN,
                               public=("cycle", "journal", "realtime", "replay", "safe_hold", "status_line", "watch")),
     "firmware/live": _firmware("run", "past", "twin", "report", "plant", "record", "outbox", "fmu", "supervise", "confine", "process", "config",

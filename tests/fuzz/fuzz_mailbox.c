@@ -116,8 +116,9 @@ static void begin(void) {
                                             .type = (tl_type)(how % (TL_ENUMERATION + 1))};
         input.looks[i] = (tl_plant_look){.back = (tl_time)tl_fuzz_take() << 20, .next = how >= 128};
     }
-    memory = tl_plant_mail_make(&shape, input.mailboxes);
+    memory = calloc(1, tl_plant_mail_bytes(&shape));
     tl_fuzz_hold(memory != NULL);
+    tl_plant_mail_open(&shape, memory, input.mailboxes);
 }
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {

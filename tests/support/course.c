@@ -11,7 +11,7 @@
 #include "firmware/twin/twin_recorder.h"
 #include "tests/support/random_numbers.h"
 
-enum { MISSED = 13 };
+enum { MISSED = 13, CHECKPOINT = 256 * 1024, PAGE = 4096 };
 
 void tl_course_anew(tl_course *course) {
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_assembly_rebuild(&course->assembly));
@@ -45,6 +45,7 @@ void tl_course_open(tl_course *course, const char *path, tl_measurements measure
 void tl_course_close(tl_course *course) {
     tl_assembly_free(&course->assembly);
     free(course->checkpoint);
+    free(course->memory);
     memset(course, 0, sizeof *course);
 }
 
@@ -62,17 +63,15 @@ void tl_course_sample(const tl_course *course, int64_t tick, tl_sample *sample) 
     sample->stamps[1] = sample->instant - (tl_time)(bits % 3000000);
 }
 
-static void keep(tl_course *course, const tl_record *record, const tl_past_sink *sink) {
-    tl_recorder_component counts[TL_RECORDER_COMPONENTS];
+static void keep(tl_course *course, const tl_record *record, tl_outbox *outbox) {
     course->part.records[record->step] = *record;
     course->part.there[record->step] = true;
-    if (sink != NULL) {
-        (void)tl_twin_recorder_count(course->assembly.twin, counts);
-        sink->put_step(sink, record, counts);
+    if (outbox != NULL) {
+        tl_twin_recorder_put(outbox, record, course->assembly.twin);
     }
 }
 
-void tl_course_search(tl_course *course, int64_t last, const tl_past_sink *sink) {
+void tl_course_search(tl_course *course, int64_t last, tl_outbox *outbox) {
     const tl_budget budget = {.evaluations = 15};
     for (; course->next <= last; course->next++) {
         tl_sample sample;
@@ -80,8 +79,8 @@ void tl_course_search(tl_course *course, int64_t last, const tl_past_sink *sink)
         tl_error error;
         bool ready = false;
         tl_course_sample(course, course->next, &sample);
-        if (sink != NULL) {
-            sink->put_sample(sink, &sample);
+        if (outbox != NULL) {
+            TEST_ASSERT_TRUE(tl_outbox_put_sample(outbox, &sample));
         }
         tl_twin *twin = course->assembly.twin;
         tl_status status = course->next % MISSED == MISSED - 1
@@ -89,7 +88,7 @@ void tl_course_search(tl_course *course, int64_t last, const tl_past_sink *sink)
                                : tl_twin_step(twin, &sample, &budget, &record, &ready, &error);
         TEST_ASSERT_EQUAL_INT(TL_OK, status);
         if (ready) {
-            keep(course, &record, sink);
+            keep(course, &record, outbox);
         }
     }
 }
@@ -107,54 +106,74 @@ void tl_course_save(tl_course *course) {
     course->checkpoint_tick = course->next - 1;
 }
 
-/* ---- a sink ---- */
+/* ---- an outbox ---- */
 
-static void begin(const tl_past_sink *sink, const tl_resumption *resumption) {
-    tl_course *course = sink->place;
-    course->begun = *resumption;
-    course->samples = 0;
-    course->kept_size = 0;
+tl_outbox *tl_course_outbox(tl_course *course) {
+    const tl_config *config = &course->assembly.config;
+    tl_outbox_settings settings = {.shape = {.plant = config->signal_count,
+                                             .match = config->match_count,
+                                             .adjust = config->adjust_count,
+                                             .components = course->account.components},
+                                   .checkpoint_bytes = CHECKPOINT};
+    settings.ring_bytes = tl_outbox_ring_bytes(&settings.shape, config->step);
+    size_t bytes = tl_outbox_bytes(&settings);
+    free(course->memory);
+    TEST_ASSERT_EQUAL_INT(0, posix_memalign(&course->memory, PAGE, bytes));
+    memset(course->memory, 0, bytes);
+    tl_outbox_open(&settings, course->memory, NULL, &course->outbox);
+    return &course->outbox;
 }
 
-static void keep_checkpoint(const tl_past_sink *sink, int64_t tick, const unsigned char *bytes, size_t size) {
-    tl_course *course = sink->place;
-    TEST_ASSERT_EQUAL_size_t(course->checkpoint_size, size);
-    TEST_ASSERT_EQUAL_MEMORY(course->checkpoint, bytes, size);
-    course->kept_tick = tick;
-    course->kept_size = size;
-}
-
-static void wait_for_nothing(const tl_past_sink *sink) {
-    (void)sink;
-}
-
-static void put_sample(const tl_past_sink *sink, const tl_sample *sample) {
-    tl_course *course = sink->place;
+/* Stamps are relative to the start of the run. */
+static void expect_sample(const tl_course *course, const tl_sample *found) {
     const size_t signals = course->assembly.config.signal_count;
     tl_sample wanted;
-    tl_course_sample(course, sample->tick, &wanted);
-    TEST_ASSERT_EQUAL_INT64(wanted.instant, sample->instant);
-    TEST_ASSERT_EQUAL_MEMORY(wanted.values, sample->values, signals * sizeof wanted.values[0]);
-    TEST_ASSERT_EQUAL_MEMORY(wanted.stamps, sample->stamps, signals * sizeof wanted.stamps[0]);
-    TEST_ASSERT_EQUAL_MEMORY(wanted.quality, sample->quality, signals);
-    course->samples++;
+    tl_course_sample(course, found->tick, &wanted);
+    TEST_ASSERT_EQUAL_MEMORY(wanted.values, found->values, signals * sizeof wanted.values[0]);
+    TEST_ASSERT_EQUAL_MEMORY(wanted.quality, found->quality, signals);
+    for (size_t i = 0; i < signals; i++) {
+        bool never = wanted.stamps[i] == TL_TIME_NEVER;
+        TEST_ASSERT_EQUAL_INT64(never ? TL_TIME_NEVER : wanted.stamps[i] - course->begun.start, found->stamps[i]);
+    }
 }
 
-static void put_step(const tl_past_sink *sink, const tl_record *record, const tl_recorder_component *ledger) {
-    tl_course *course = sink->place;
-    (void)ledger;
-    TEST_ASSERT_EQUAL_INT(TL_FOLLOWED, record->outcome);
-    course->part.records[record->step] = *record;
-    course->part.there[record->step] = true;
+static void take_entry(tl_course *course, const tl_recorder_entry *entry) {
+    switch (entry->kind) {
+    case TL_ENTRY_START:
+        TEST_ASSERT_EQUAL_UINT32(course->account.components, entry->account.components);
+        course->begun = entry->beginning;
+        break;
+    case TL_ENTRY_SAMPLE:
+        expect_sample(course, &entry->sample);
+        course->samples++;
+        break;
+    case TL_ENTRY_STEP:
+        TEST_ASSERT_EQUAL_INT(TL_FOLLOWED, entry->record.outcome);
+        course->part.records[entry->record.step] = entry->record;
+        course->part.there[entry->record.step] = true;
+        break;
+    default:
+        TEST_FAIL_MESSAGE("the run was ended");
+    }
 }
 
-tl_past_sink tl_course_sink(tl_course *course) {
-    return (tl_past_sink){.begin = begin,
-                          .keep = keep_checkpoint,
-                          .wait = wait_for_nothing,
-                          .put_sample = put_sample,
-                          .put_step = put_step,
-                          .place = course};
+void tl_course_read(tl_course *course) {
+    static tl_recorder_entry entry; /* too large for a small stack */
+    tl_outbox_left left;
+    uint64_t position = 0;
+    course->begun = (tl_resumption){.tick = -1};
+    course->samples = 0;
+    course->kept_size = 0;
+    while (tl_outbox_entry_left(&course->outbox, &position, &entry)) {
+        take_entry(course, &entry);
+    }
+    TEST_ASSERT_EQUAL_UINT64(course->outbox.written, position);
+    if (tl_outbox_checkpoint_left(&course->outbox, 0, &left)) {
+        TEST_ASSERT_EQUAL_size_t(course->checkpoint_size, left.size);
+        TEST_ASSERT_EQUAL_MEMORY(course->checkpoint, left.bytes, left.size);
+        course->kept_tick = left.tick;
+        course->kept_size = left.size;
+    }
 }
 
 /* ---- the same ---- */

@@ -13,8 +13,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#include "firmware/past/past_follow.h"
-#include "firmware/past/past_sink.h"
+#include "firmware/outbox/outbox.h"
 #include "firmware/twin/assembly.h"
 
 enum { TL_COURSE_TICKS = 240 };
@@ -35,10 +34,11 @@ typedef struct tl_course {
     unsigned char *checkpoint;
     size_t checkpoint_size;
     int64_t checkpoint_tick;
-    /* what was put into tl_course_sink() */
-    tl_resumption begun;
-    int64_t kept_tick;
-    size_t kept_size;
+    tl_outbox outbox; /* tl_course_outbox(), and what tl_course_read() has found in it: */
+    void *memory;
+    tl_resumption begun; /* tick −1: no run */
+    int64_t kept_tick;   /* of the checkpoint, */
+    size_t kept_size;    /* and its size; 0: none */
     size_t samples;
 } tl_course;
 
@@ -52,11 +52,14 @@ void tl_course_anew(tl_course *course);
 /* What the plant shows at a tick: stamps on the clock of t_start. */
 void tl_course_sample(const tl_course *course, int64_t tick, tl_sample *sample);
 
-/* As the cycle does: up to tick `last`. Records are kept in `part`, and put where `sink` leads (NULL: nowhere). */
-void tl_course_search(tl_course *course, int64_t last, const tl_past_sink *sink);
+/* As the cycle does: up to tick `last`. Records are kept in `part`, and put into the outbox (NULL: nowhere). */
+void tl_course_search(tl_course *course, int64_t last, tl_outbox *outbox);
 
-/* A sink: its steps go to `part`, and its samples must be those of the plant. */
-tl_past_sink tl_course_sink(tl_course *course);
+/* An empty outbox of its own, that nobody reads, for a run that goes on. */
+tl_outbox *tl_course_outbox(tl_course *course);
+
+/* What there is in it: steps go to `part`, and have been followed; samples must be those of the plant, the checkpoint that of the course. */
+void tl_course_read(tl_course *course);
 
 /* The twin as bytes, after the tick it is at. */
 void tl_course_save(tl_course *course);

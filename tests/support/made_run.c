@@ -3,6 +3,7 @@
 
 #include <float.h>
 #include <math.h>
+#include <stdio.h>
 #include <string.h>
 
 #include "tests/support/sql.h"
@@ -124,6 +125,37 @@ void tl_made_put(tl_recorder *recorder, int64_t first, int64_t ticks) {
             tl_recorder_put_step(recorder, &record, ledger);
         }
     }
+}
+
+void tl_made_beginning(tl_time start, tl_outbox_start *beginning) {
+    tl_account *account = &beginning->account;
+    *beginning = (tl_outbox_start){.resumption = {.start = start, .started = INT64_C(1795219200000)},
+                                   .account = {.components = TL_MADE_COMPONENTS,
+                                               .matches = TL_MADE_MATCH,
+                                               .adjusts = TL_MADE_ADJUST,
+                                               .prediction = TL_MADE_PREDICTION,
+                                               .lead = 0}};
+    for (int i = 0; i < TL_MADE_COMPONENTS; i++) {
+        (void)snprintf(account->component[i].name, TL_ACCOUNT_TEXT, "component %d", i);
+    }
+    for (int i = 0; i < TL_MADE_MATCH; i++) {
+        (void)snprintf(account->match[i].unit, TL_ACCOUNT_TEXT, "unit %d", i);
+    }
+}
+
+bool tl_made_put_out(tl_outbox *outbox, int64_t first, int64_t ticks) {
+    tl_sample sample;
+    tl_record record;
+    tl_recorder_component ledger[TL_MADE_COMPONENTS];
+    bool has_room = true;
+    for (int64_t tick = first; tick < first + ticks; tick++) {
+        tl_made_sample(tick, &sample);
+        tl_made_record(tick, &record);
+        tl_made_ledger(tick, ledger);
+        has_room = tl_outbox_put_sample(outbox, &sample) && has_room;
+        has_room = tl_outbox_put_step(outbox, &record, ledger) && has_room;
+    }
+    return has_room;
 }
 
 void tl_made_older(const char *path) {

@@ -6,8 +6,10 @@
 #ifndef TL_TESTS_SUPPORT_MADE_RUN_H
 #define TL_TESTS_SUPPORT_MADE_RUN_H
 
+#include <stdbool.h>
 #include <stdint.h>
 
+#include "firmware/outbox/outbox.h"
 #include "firmware/record/recorder.h"
 
 enum { TL_MADE_PLANT = 3, TL_MADE_MATCH = 2, TL_MADE_ADJUST = 2, TL_MADE_COMPONENTS = 3, TL_MADE_PREDICTION = 2 };
@@ -25,6 +27,10 @@ void tl_made_ledger(int64_t step, tl_recorder_component *ledger);
 
 /* As replay does in mode lag: samples 0 … ticks−1, each followed by the step it makes possible. */
 void tl_made_put(tl_recorder *recorder, int64_t first, int64_t ticks);
+
+/* Its beginning in an outbox, and some ticks, a step for each: the test writes in between what the ring has no room for. False: it has none. */
+void tl_made_beginning(tl_time start, tl_outbox_start *beginning);
+bool tl_made_put_out(tl_outbox *outbox, int64_t first, int64_t ticks);
 
 /* Makes format 1 of a database: what the first program to write one left behind. Nobody may have it open. */
 void tl_made_older(const char *path);

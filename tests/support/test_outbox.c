@@ -31,12 +31,16 @@ void tl_test_outbox_write(tl_test_outbox *made) {
     tl_recorder_writer_write(made->writer);
 }
 
-void tl_test_outbox_close(tl_test_outbox *made) {
-    tl_error error;
-    if (made->writer != NULL) {
-        TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_recorder_writer_close(made->writer, TL_SECOND, &error), error.text);
-    }
+tl_status tl_test_outbox_try_close(tl_test_outbox *made, tl_error *error) {
+    tl_status status = tl_recorder_writer_close(made->writer, TL_SECOND, error);
     free(made->memory);
     free(made->state);
     *made = (tl_test_outbox){.memory = NULL};
+    return status;
+}
+
+void tl_test_outbox_close(tl_test_outbox *made) {
+    tl_error error;
+    tl_status status = tl_test_outbox_try_close(made, &error);
+    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, status, error.text);
 }

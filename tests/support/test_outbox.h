@@ -11,11 +11,11 @@
 /* Zeroed: none. */
 typedef struct tl_test_outbox {
     tl_outbox outbox;
+    tl_recorder_writer *writer;
     /* private */
     void *memory;
     tl_recorder_writer_state *state;
     tl_recorder_settings record;
-    tl_recorder_writer *writer;
 } tl_test_outbox;
 
 /* `record`: as for a recorder; its texts must stay. Fails the test if it cannot be. */
@@ -26,5 +26,8 @@ void tl_test_outbox_write(tl_test_outbox *made);
 
 /* Writes the rest, and closes all. A zeroed one is allowed. */
 void tl_test_outbox_close(tl_test_outbox *made);
+
+/* The same of a file that may not take it. */
+tl_status tl_test_outbox_try_close(tl_test_outbox *made, tl_error *error);
 
 #endif

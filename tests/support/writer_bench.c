@@ -92,32 +92,12 @@ void tl_writer_bench_write_until(tl_writer_bench *bench, uint64_t written) {
 
 void tl_writer_bench_start(tl_writer_bench *bench, tl_time start) {
     static tl_outbox_start made; /* too large for a stack */
-    made = (tl_outbox_start){.resumption = {.start = start, .started = INT64_C(1795219200000)},
-                             .account = {.components = TL_MADE_COMPONENTS,
-                                         .matches = TL_MADE_MATCH,
-                                         .adjusts = TL_MADE_ADJUST,
-                                         .prediction = 2,
-                                         .lead = 0}};
-    for (int i = 0; i < TL_MADE_COMPONENTS; i++) {
-        (void)snprintf(made.account.component[i].name, TL_ACCOUNT_TEXT, "component %d", i);
-    }
-    for (int i = 0; i < TL_MADE_MATCH; i++) {
-        (void)snprintf(made.account.match[i].unit, TL_ACCOUNT_TEXT, "unit %d", i);
-    }
+    tl_made_beginning(start, &made);
     TEST_ASSERT_TRUE(tl_outbox_put_start(&bench->twin, &made));
 }
 
 void tl_writer_bench_put(tl_writer_bench *bench, int64_t first, int64_t ticks) {
-    tl_sample sample;
-    tl_record record;
-    tl_recorder_component ledger[TL_MADE_COMPONENTS];
-    for (int64_t tick = first; tick < first + ticks; tick++) {
-        tl_made_sample(tick, &sample);
-        TEST_ASSERT_TRUE(tl_outbox_put_sample(&bench->twin, &sample));
-        tl_made_record(tick, &record);
-        tl_made_ledger(tick, ledger);
-        TEST_ASSERT_TRUE(tl_outbox_put_step(&bench->twin, &record, ledger));
-    }
+    TEST_ASSERT_TRUE(tl_made_put_out(&bench->twin, first, ticks));
 }
 
 void tl_writer_bench_expect_whole(const char *path) {

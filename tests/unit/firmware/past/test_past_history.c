@@ -11,20 +11,20 @@
 #include "firmware/base/identity.h"
 #include "firmware/past/past_follow.h"
 #include "firmware/past/past_history.h"
-#include "firmware/past/past_sink.h"
 #include "firmware/twin/twin_recorder.h"
-#include "tests/support/assembly_recorder.h"
 #include "tests/support/course.h"
 #include "tests/support/kept_file.h"
 #include "tests/support/scratch.h"
 #include "tests/support/sql.h"
+#include "tests/support/test_outbox.h"
 
-enum { OLDER = 60, NEWER = 100, KILLED = 150, TOLD = 8 };
+enum { OLDER = 60, NEWER = 100, KILLED = 150, TOLD = 8, CHECKPOINT_BYTES = 256 * 1024 };
 
 static tl_scratch scratch;
 static char path[PATH_MAX];
 static tl_course course;
-static tl_recorder *recorder;
+static tl_test_outbox box;
+static tl_twin_record recorded;
 static tl_past_history *history;
 static unsigned char *image;
 static tl_past past;
@@ -48,8 +48,7 @@ static void close_history(void) {
 }
 
 void tearDown(void) {
-    (void)tl_recorder_close(recorder, "test failed", NULL, NULL);
-    recorder = NULL;
+    tl_test_outbox_close(&box);
     close_history();
     tl_course_close(&course);
     tl_scratch_empty(&scratch);
@@ -61,37 +60,35 @@ static void expect_ok(tl_status status) {
 
 /* ---- a run that was killed ---- */
 
-static void save_checkpoint(void) {
-    size_t capacity = 0;
-    unsigned char *room = NULL;
-    tl_course_save(&course);
-    for (int tries = 0; tries < 10000 && tl_recorder_checkpoint_is_waiting(recorder); tries++) {
-        (void)usleep(1000);
-    }
-    TEST_ASSERT_TRUE(tl_recorder_reserve_checkpoint(recorder, course.checkpoint_size));
-    room = tl_recorder_checkpoint_room(recorder, &capacity);
-    TEST_ASSERT_NOT_NULL(room);
-    memcpy(room, course.checkpoint, course.checkpoint_size);
-    tl_recorder_put_checkpoint(recorder, course.checkpoint_tick, course.checkpoint_size);
+static void open_run(void) {
+    tl_twin_recorder_describe(&course.assembly.config, path, &recorded);
+    tl_test_outbox_open(&box, &recorded.settings, CHECKPOINT_BYTES);
+    tl_twin_recorder_start(&box.outbox, course.assembly.twin, course.start);
 }
 
 static void close_run(const char *reason) {
-    tl_recorder *closing = recorder;
-    recorder = NULL;
-    expect_ok(tl_recorder_close(closing, reason, NULL, &error));
+    TEST_ASSERT_TRUE(tl_outbox_put_end(&box.outbox, reason));
+    tl_test_outbox_close(&box);
+}
+
+static void save_checkpoint(void) {
+    size_t capacity = 0;
+    tl_course_save(&course);
+    TEST_ASSERT_TRUE(tl_outbox_reserve_checkpoint(&box.outbox, course.checkpoint_size));
+    memcpy(tl_outbox_checkpoint_room(&box.outbox, &capacity), course.checkpoint, course.checkpoint_size);
+    tl_outbox_put_checkpoint(&box.outbox, course.checkpoint_tick, course.checkpoint_size);
+    tl_test_outbox_write(&box);
 }
 
 /* One more run of the database, whose last tick was just now. */
 static void make_run(void) {
-    expect_ok(tl_test_record(&course.assembly, "run", path, &recorder, &error));
-    const tl_past_sink sink = tl_past_sink_of_recorder(recorder);
     course.start = tl_clock_now(NULL) - (KILLED + 1) * course.assembly.config.step;
-    tl_recorder_start(recorder, course.start);
-    tl_course_search(&course, OLDER, &sink);
+    open_run();
+    tl_course_search(&course, OLDER, &box.outbox);
     save_checkpoint();
-    tl_course_search(&course, NEWER, &sink);
+    tl_course_search(&course, NEWER, &box.outbox);
     save_checkpoint();
-    tl_course_search(&course, KILLED, &sink);
+    tl_course_search(&course, KILLED, &box.outbox);
     close_run("SIGTERM");
     tl_course_anew(&course);
     tl_course_forget(&course);
@@ -137,7 +134,7 @@ static bool next(void) {
         TEST_ASSERT_EQUAL_size_t(0, size);
         return false;
     }
-    TEST_ASSERT_LESS_OR_EQUAL_size_t(tl_past_history_most(&course.assembly.config), size);
+    TEST_ASSERT_LESS_OR_EQUAL_size_t(TL_PAST_MOST, size);
     image = malloc(size);
     TEST_ASSERT_NOT_NULL(image);
     tl_past_history_write(history, image);
@@ -164,10 +161,10 @@ static void expect_past(tl_resumed_from from, int64_t first) {
 static void follow(tl_past_outcome wanted) {
     tl_summary summary;
     tl_past_outcome outcome = TL_PAST_FAILED;
-    const tl_past_sink sink = tl_course_sink(&course);
     const tl_past_follow_settings settings = {
-        .assembly = &course.assembly, .sink = &sink, .tell = hear, .context = &course};
+        .assembly = &course.assembly, .outbox = tl_course_outbox(&course), .tell = hear, .context = &course};
     expect_ok(tl_past_follow(&settings, &past, &summary, &outcome, &error));
+    tl_course_read(&course);
     TEST_ASSERT_EQUAL_INT(wanted, outcome);
     bool followed = outcome == TL_PAST_FOLLOWED;
     TEST_ASSERT_EQUAL_INT(followed ? past.from : TL_RESUMED_NOT, summary.resumption.from);
@@ -237,7 +234,6 @@ static void test_a_checkpoint_that_is_refused(void) {
     open_history(INT64_MAX);
     TEST_ASSERT_TRUE(next());
     expect_past(TL_RESUMED_CHECKPOINT, 111);
-    course.begun.tick = -1;
     follow(TL_PAST_REFUSED);
     TEST_ASSERT_EQUAL_INT64(-1, course.begun.tick);
     expect_told(1, TL_EVENT_WARNING, "the checkpoint of tick 110 of run 1 is of no use: ");
@@ -278,7 +274,7 @@ static void test_inputs_that_an_fmu_cannot_bear(void) {
     tl_summary summary;
     tl_past_outcome outcome = TL_PAST_FOLLOWED;
     const tl_past_follow_settings settings = {
-        .assembly = &course.assembly, .sink = NULL, .tell = hear, .context = &course};
+        .assembly = &course.assembly, .outbox = NULL, .tell = hear, .context = &course};
     expect_ok(tl_past_follow(&settings, &past, &summary, &outcome, &error));
     TEST_ASSERT_EQUAL_INT(TL_PAST_FAILED, outcome);
     TEST_ASSERT_EQUAL_INT(TL_RESUMED_NOT, summary.resumption.from);
@@ -352,14 +348,14 @@ static void test_no_database(void) {
 static void test_runs_that_got_nowhere(void) {
     make(TL_LAG);
     for (int i = 0; i < 2; i++) {
-        expect_ok(tl_test_record(&course.assembly, "run", path, &recorder, &error));
+        open_run();
         close_run("SIGKILL");
     }
     open_history(INT64_MAX);
     TEST_ASSERT_TRUE(next());
     expect_past(TL_RESUMED_CHECKPOINT, NEWER + 1);
     close_history();
-    expect_ok(tl_test_record(&course.assembly, "run", path, &recorder, &error));
+    open_run();
     close_run("SIGKILL");
     open_history(INT64_MAX);
     TEST_ASSERT_FALSE(next());

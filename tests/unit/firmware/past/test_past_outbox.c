@@ -14,7 +14,6 @@
 #include "firmware/base/log.h"
 #include "firmware/past/past_follow.h"
 #include "firmware/past/past_outbox.h"
-#include "firmware/past/past_sink.h"
 #include "tests/support/course.h"
 #include "tests/support/random_numbers.h"
 
@@ -86,24 +85,31 @@ static void be_born(void) {
     tl_course_anew(&course);
 }
 
-static void begin_run(void) {
+static void put_start(const tl_resumption *resumption) {
     static tl_outbox_start start;
-    start = (tl_outbox_start){.resumption = {.from = TL_RESUMED_NOT, .start = course.start, .started = 1700000000000},
-                              .account = course.account};
+    start = (tl_outbox_start){.resumption = *resumption, .account = course.account};
     TEST_ASSERT_TRUE(tl_outbox_put_start(&outbox, &start));
 }
 
-static void save_checkpoint(void) {
+static void begin_run(void) {
+    const tl_resumption anew = {.from = TL_RESUMED_NOT, .start = course.start, .started = 1700000000000};
+    put_start(&anew);
+}
+
+static void put_checkpoint(int64_t tick, const unsigned char *bytes, size_t size) {
     size_t capacity = 0;
+    TEST_ASSERT_TRUE(tl_outbox_reserve_checkpoint(&outbox, size));
+    memcpy(tl_outbox_checkpoint_room(&outbox, &capacity), bytes, size);
+    tl_outbox_put_checkpoint(&outbox, tick, size);
+}
+
+static void save_checkpoint(void) {
     tl_course_save(&course);
-    TEST_ASSERT_TRUE(tl_outbox_reserve_checkpoint(&outbox, course.checkpoint_size));
-    memcpy(tl_outbox_checkpoint_room(&outbox, &capacity), course.checkpoint, course.checkpoint_size);
-    tl_outbox_put_checkpoint(&outbox, course.checkpoint_tick, course.checkpoint_size);
+    put_checkpoint(course.checkpoint_tick, course.checkpoint, course.checkpoint_size);
 }
 
 static void live_to(int64_t tick) {
-    const tl_past_sink sink = tl_past_sink_of_outbox(&outbox, &course.assembly);
-    tl_course_search(&course, tick, &sink);
+    tl_course_search(&course, tick, &outbox);
 }
 
 /* One that has died after tick KILLED; and its successor is born. */
@@ -160,11 +166,11 @@ static void expect_none(const char *words) {
 
 /* ---- the same to the bit ---- */
 
-static tl_past_outcome follow_into(const tl_past_sink *sink) {
+static tl_past_outcome follow_into(tl_outbox *into) {
     tl_summary summary;
     tl_past_outcome outcome = TL_PAST_FAILED;
     const tl_past_follow_settings following = {
-        .assembly = &course.assembly, .sink = sink, .tell = hear, .context = &course};
+        .assembly = &course.assembly, .outbox = into, .tell = hear, .context = &course};
     expect_ok(tl_past_follow(&following, &past, &summary, &outcome, &error));
     course.next = past.last + 1;
     return outcome;
@@ -172,9 +178,14 @@ static tl_past_outcome follow_into(const tl_past_sink *sink) {
 
 /* Into the outbox, whose ring it comes from. */
 static void go_on(void) {
-    const tl_past_sink sink = tl_past_sink_of_outbox(&outbox, &course.assembly);
-    TEST_ASSERT_EQUAL_INT(TL_PAST_FOLLOWED, follow_into(&sink));
+    TEST_ASSERT_EQUAL_INT(TL_PAST_FOLLOWED, follow_into(&outbox));
     close_left();
+}
+
+/* Into another one, and looks at what is in there then. */
+static void follow_beside(void) {
+    TEST_ASSERT_EQUAL_INT(TL_PAST_FOLLOWED, follow_into(tl_course_outbox(&course)));
+    tl_course_read(&course);
 }
 
 static void test_the_newest_checkpoint_in_every_mode(void) {
@@ -183,8 +194,7 @@ static void test_the_newest_checkpoint_in_every_mode(void) {
         make(modes[i]);
         look();
         expect_past(TL_RESUMED_CHECKPOINT, NEWER + 1, modes[i] == TL_AHEAD ? KILLED - 1 : KILLED);
-        const tl_past_sink sink = tl_course_sink(&course); /* looks at what is put */
-        TEST_ASSERT_EQUAL_INT(TL_PAST_FOLLOWED, follow_into(&sink));
+        follow_beside();
         expect_told(1, TL_EVENT_INFO, "goes on with the run before at tick 15");
         TEST_ASSERT_EQUAL_INT64(NEWER, course.kept_tick);
         tl_course_search(&course, TL_COURSE_TICKS - 1, NULL);
@@ -220,8 +230,7 @@ static void test_without_checkpoints(void) {
     be_born();
     look();
     expect_past(TL_RESUMED_START, 0, KILLED);
-    const tl_past_sink sink = tl_course_sink(&course);
-    TEST_ASSERT_EQUAL_INT(TL_PAST_FOLLOWED, follow_into(&sink));
+    follow_beside();
     tl_course_search(&course, TL_COURSE_TICKS - 1, NULL);
     tl_course_expect_same(&course, TL_COURSE_TICKS - 12);
     TEST_ASSERT_FALSE(tl_past_outbox_next(left, &past));
@@ -271,10 +280,9 @@ static void test_a_damaged_checkpoint(void) {
     be_born();
     look();
     expect_past(TL_RESUMED_CHECKPOINT, OLDER + 1, KILLED);
-    const tl_past_sink sink = tl_course_sink(&course);
     course.checkpoint_size = past.checkpoint_size;
     memcpy(course.checkpoint, past.checkpoint, past.checkpoint_size);
-    TEST_ASSERT_EQUAL_INT(TL_PAST_FOLLOWED, follow_into(&sink));
+    follow_beside();
     tl_course_search(&course, TL_COURSE_TICKS - 1, NULL);
     tl_course_expect_same(&course, TL_COURSE_TICKS - OLDER - 6);
 }
@@ -297,8 +305,7 @@ static void test_a_checkpoint_that_is_refused(void) {
     look();
     expect_past(TL_RESUMED_CHECKPOINT, 31, 40);
     uint64_t written = outbox.written;
-    const tl_past_sink sink = tl_past_sink_of_outbox(&outbox, &course.assembly);
-    TEST_ASSERT_EQUAL_INT(TL_PAST_REFUSED, follow_into(&sink));
+    TEST_ASSERT_EQUAL_INT(TL_PAST_REFUSED, follow_into(&outbox));
     expect_told(1, TL_EVENT_WARNING, "the checkpoint of tick 30 of the run before is of no use: ");
     TEST_ASSERT_EQUAL_UINT64(written, outbox.written);
     expect_past(TL_RESUMED_CHECKPOINT, 21, 40);
@@ -323,17 +330,16 @@ static void test_a_successor_that_got_nowhere(void) {
     look();
     expect_past(TL_RESUMED_CHECKPOINT, NEWER + 1, KILLED);
     past.last = NEWER + 10; /* as far as it came */
-    const tl_past_sink sink = tl_past_sink_of_outbox(&outbox, &course.assembly);
     const tl_resumption wanted = {.from = TL_RESUMED_CHECKPOINT,
                                   .run = TL_PAST_UNNUMBERED,
                                   .tick = KILLED + 1,
                                   .start = course.start,
                                   .started = past.started};
     tl_past_tick tick;
-    sink.begin(&sink, &wanted);
-    sink.keep(&sink, NEWER, past.checkpoint, past.checkpoint_size);
+    put_start(&wanted);
+    put_checkpoint(NEWER, past.checkpoint, past.checkpoint_size);
     for (int64_t i = past.first; tl_past_tick_at(&past, i, &tick); i++) {
-        sink.put_sample(&sink, &tick.sample);
+        TEST_ASSERT_TRUE(tl_outbox_put_sample(&outbox, &tick.sample));
     }
     be_born();
     look();
@@ -351,10 +357,9 @@ static void test_successors_that_got_nowhere(void) {
     for (int i = 0; i < 2; i++) {
         look();
         expect_past(TL_RESUMED_CHECKPOINT, NEWER + 1, KILLED);
-        const tl_past_sink sink = tl_past_sink_of_outbox(&outbox, &course.assembly);
         const tl_resumption wanted = {.from = TL_RESUMED_CHECKPOINT, .tick = KILLED + 1, .start = course.start};
-        sink.begin(&sink, &wanted);
-        sink.keep(&sink, NEWER, past.checkpoint, past.checkpoint_size);
+        put_start(&wanted);
+        put_checkpoint(NEWER, past.checkpoint, past.checkpoint_size);
         be_born();
     }
     expect_none("begins anew: 2 runs in a row have got nowhere");
@@ -365,10 +370,9 @@ static void test_nothing_but_one_that_got_nowhere(void) {
     open_course(TL_LAG);
     be_born();
     live_to(NEWER);
-    const tl_past_sink sink = tl_past_sink_of_outbox(&outbox, &course.assembly);
     const tl_resumption wanted = {
         .from = TL_RESUMED_CHECKPOINT, .tick = KILLED + 1, .start = course.start, .started = 1700000000000};
-    sink.begin(&sink, &wanted);
+    put_start(&wanted);
     save_checkpoint();
     live_to(NEWER + 10);
     be_born();
@@ -570,13 +574,12 @@ static void test_killed_at_any_moment(void) {
     look();
     TEST_ASSERT_TRUE(tl_past_outbox_next(left, &past));
     TEST_ASSERT_EQUAL_INT64(TL_COURSE_TICKS - 1, past.last);
-    const tl_past_sink sink = tl_course_sink(&course);
     course.checkpoint_size = past.checkpoint_size;
     free(course.checkpoint);
     course.checkpoint = malloc(past.checkpoint_size + 1);
     TEST_ASSERT_NOT_NULL(course.checkpoint);
     memcpy(course.checkpoint, past.checkpoint, past.checkpoint_size);
-    TEST_ASSERT_EQUAL_INT(TL_PAST_FOLLOWED, follow_into(&sink));
+    follow_beside();
     tl_course_expect_same(&course, 20);
 }
 

@@ -118,8 +118,9 @@ static tl_status try_to_open(void) {
     if (mail == NULL) {
         tl_live_plant_set_limits(&input, config);
         tl_plant_mail_shape_of(config, &shape);
-        mail = tl_plant_mail_make(&shape, input.mailboxes);
+        mail = calloc(1, tl_plant_mail_bytes(&shape));
         TEST_ASSERT_NOT_NULL(mail);
+        tl_plant_mail_open(&shape, mail, input.mailboxes);
     }
     return tl_live_plant_open(config, input.mailboxes, NULL, on_link, links, &plant, &error);
 }

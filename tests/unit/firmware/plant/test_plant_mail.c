@@ -75,12 +75,17 @@ static void test_at_least_256_and_at_most_65536(void) {
     expect("0.046", "1", "2", (const uint32_t[]){512, 16384, 512});
 }
 
+static void make_mail(void) {
+    memory = calloc(1, tl_plant_mail_bytes(&shape));
+    TEST_ASSERT_NOT_NULL(memory);
+    tl_plant_mail_open(&shape, memory, mailboxes);
+}
+
 static void test_mailboxes_lie_one_behind_the_other(void) {
     read_config("0.01", "0.001", "2");
     size_t bytes = tl_plant_mail_bytes(&shape);
     TEST_ASSERT_EQUAL_size_t(COUNTS + (size_t)SLOT * (16384 + 16384 + 2048), bytes);
-    memory = tl_plant_mail_make(&shape, mailboxes);
-    TEST_ASSERT_NOT_NULL(memory);
+    make_mail();
     const unsigned char *end = (const unsigned char *)memory + COUNTS;
     for (size_t i = 0; i < 3; i++) {
         TEST_ASSERT_EQUAL_PTR((unsigned char *)memory + 64 * i, mailboxes[i].count);
@@ -92,7 +97,7 @@ static void test_mailboxes_lie_one_behind_the_other(void) {
 
 static void test_what_is_posted_to_one_is_in_none_of_the_others(void) {
     read_config("0.01", "0.001", "2");
-    memory = tl_plant_mail_make(&shape, mailboxes);
+    make_mail();
     for (int post = 0; post < 40000; post++) {
         for (size_t i = 0; i < 3; i++) {
             const tl_reading reading = {.value = 10.0 * post + (double)i, .stamp = post, .quality = TL_GOOD};

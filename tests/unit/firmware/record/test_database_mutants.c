@@ -10,24 +10,25 @@
 #include <unity.h>
 
 #include "firmware/base/clock.h"
-#include "firmware/base/identity.h"
 #include "firmware/base/log.h"
 #include "firmware/past/past_follow.h"
 #include "firmware/past/past_history.h"
 #include "firmware/plant/recording.h"
 #include "firmware/show/show.h"
-#include "tests/support/assembly_recorder.h"
+#include "firmware/twin/twin_recorder.h"
 #include "tests/support/kept_file.h"
 #include "tests/support/random_numbers.h"
 #include "tests/support/scratch.h"
 #include "tests/support/sql.h"
+#include "tests/support/test_outbox.h"
 
-enum { TICKS = 120, SAVED_AT = 60, PAGE = 4096, MUTANTS = 150 };
+enum { TICKS = 120, SAVED_AT = 60, PAGE = 4096, MUTANTS = 150, CHECKPOINT_BYTES = 256 * 1024 };
 
 static tl_scratch scratch;
 static char path[PATH_MAX];
 static tl_assembly assembly;
-static tl_recorder *recorder;
+static tl_test_outbox box;
+static tl_twin_record recorded;
 static tl_error error;
 
 /* The file of the run that was ended. */
@@ -39,8 +40,7 @@ void setUp(void) {
 }
 
 void tearDown(void) {
-    (void)tl_recorder_close(recorder, "test failed", NULL, NULL);
-    recorder = NULL;
+    (void)tl_test_outbox_try_close(&box, NULL);
     tl_assembly_free(&assembly);
     assembly = (tl_assembly){0};
     tl_kept_file_free(&whole);
@@ -59,24 +59,25 @@ static void load_assembly(void) {
     assembly.config.duration = 0;
 }
 
-static void open_run(void) {
-    expect_ok(tl_test_record(&assembly, "run", path, &recorder, &error));
+static void open_writer(void) {
+    tl_twin_recorder_describe(&assembly.config, path, &recorded);
+    recorded.settings.insistence = TL_DATABASE_ANYHOW;
+    tl_test_outbox_open(&box, &recorded.settings, CHECKPOINT_BYTES);
 }
 
 static void close_run(const char *reason) {
-    tl_recorder *closing = recorder;
-    recorder = NULL;
-    expect_ok(tl_recorder_close(closing, reason, NULL, &error));
+    TEST_ASSERT_TRUE(tl_outbox_put_end(&box.outbox, reason));
+    tl_test_outbox_close(&box);
 }
 
 static void save_checkpoint(int64_t tick) {
     size_t capacity = 0;
     size_t needed = 0;
     expect_ok(tl_twin_save(assembly.twin, NULL, 0, &capacity, &error));
-    TEST_ASSERT_TRUE(tl_recorder_reserve_checkpoint(recorder, capacity));
-    unsigned char *room = tl_recorder_checkpoint_room(recorder, &capacity);
+    TEST_ASSERT_TRUE(tl_outbox_reserve_checkpoint(&box.outbox, capacity));
+    unsigned char *room = tl_outbox_checkpoint_room(&box.outbox, &capacity);
     expect_ok(tl_twin_save(assembly.twin, room, capacity, &needed, &error));
-    tl_recorder_put_checkpoint(recorder, tick, needed);
+    tl_outbox_put_checkpoint(&box.outbox, tick, needed);
 }
 
 static void record_run(void) {
@@ -84,22 +85,22 @@ static void record_run(void) {
     tl_record record;
     bool ready = false;
     const tl_budget budget = {.evaluations = assembly.config.budget_evaluations};
-    open_run();
-    tl_recorder_start(recorder, tl_clock_now(NULL) - TICKS * assembly.config.step);
+    open_writer();
+    tl_twin_recorder_start(&box.outbox, assembly.twin, tl_clock_now(NULL) - TICKS * assembly.config.step);
     for (int64_t tick = 0; tick < TICKS; tick++) {
         sample.tick = tick;
         sample.values[0] = 0.01 * (double)(tick % 17);
         sample.values[1] = 60.0 + 0.1 * (double)(tick % 23);
-        tl_recorder_put_sample(recorder, &sample);
+        TEST_ASSERT_TRUE(tl_outbox_put_sample(&box.outbox, &sample));
         expect_ok(tl_twin_step(assembly.twin, &sample, &budget, &record, &ready, &error));
         if (ready) {
-            tl_test_put_step(recorder, &record, assembly.twin);
+            tl_twin_recorder_put(&box.outbox, &record, assembly.twin);
         }
         if (tick == SAVED_AT) {
             save_checkpoint(tick);
         }
     }
-    tl_recorder_event(recorder, 5, TL_EVENT_WARNING, "plant", "the drive does not answer");
+    tl_outbox_event(&box.outbox, 5, TL_EVENT_WARNING, "plant", "the drive does not answer");
     close_run("SIGTERM");
     tl_kept_file_read(&whole, path);
 }
@@ -148,13 +149,12 @@ static tl_status replay(void) {
 
 static void tell(void *context, tl_severity severity, const char *text) {
     (void)context;
-    tl_recorder_event(recorder, -1, severity, "resume", text);
+    tl_outbox_event(&box.outbox, -1, severity, "resume", text);
 }
 
 /* One past, of `size` bytes. */
 static tl_past_outcome try_past(const tl_past_history *history, size_t size, tl_summary *summary) {
-    const tl_past_sink sink = tl_past_sink_of_recorder(recorder);
-    const tl_past_follow_settings following = {.assembly = &assembly, .sink = &sink, .tell = tell};
+    const tl_past_follow_settings following = {.assembly = &assembly, .outbox = &box.outbox, .tell = tell};
     tl_past past;
     tl_past_outcome outcome = TL_PAST_FAILED;
     void *image = malloc(size);
@@ -163,28 +163,25 @@ static tl_past_outcome try_past(const tl_past_history *history, size_t size, tl_
     expect_ok(tl_past_read(image, size, &assembly.config, tl_clock_now(NULL), &past, &error));
     expect_ok(tl_past_follow(&following, &past, summary, &outcome, &error));
     free(image);
+    if (outcome == TL_PAST_FAILED) {
+        TEST_ASSERT_TRUE(tl_outbox_put_end(&box.outbox, "could not go on"));
+    }
     return outcome;
 }
 
-/* As a twin and its recorder do it. False: nobody can record into this file, so nothing is gone on with. */
-static bool restart(tl_summary *summary) {
-    char fmus[TL_SHA256_TEXT];
-    char boot[TL_IDENTITY_TEXT];
+/* As a twin and its recorder do it. */
+static void restart(tl_summary *summary) {
     size_t size = 0;
     tl_past_outcome outcome = TL_PAST_REFUSED;
     *summary = (tl_summary){0};
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_assembly_rebuild(&assembly));
-    if (tl_test_record(&assembly, "run", path, &recorder, &error) != TL_OK) {
-        return false;
-    }
-    tl_twin_recorder_identify(&assembly.config, fmus);
-    tl_identity_boot(boot);
+    open_writer();
     const tl_past_history_settings settings = {
         .config = &assembly.config,
-        .path = path,
-        .before = tl_recorder_get_counts(recorder).run,
-        .fmus = fmus,
-        .boot = boot,
+        .path = tl_recorder_writer_path(box.writer),
+        .before = INT64_MAX,
+        .fmus = recorded.fmus,
+        .boot = recorded.boot,
         .components = tl_twin_get_facts(assembly.twin).components,
         .tell = tell,
     };
@@ -193,8 +190,9 @@ static bool restart(tl_summary *summary) {
         outcome = try_past(history, size, summary);
     }
     tl_past_history_close(history);
-    tl_recorder_go_live(recorder);
-    return true;
+    if (outcome != TL_PAST_FOLLOWED) {
+        tl_twin_recorder_start(&box.outbox, assembly.twin, tl_clock_now(NULL));
+    }
 }
 
 /* ---- Tests ------------------------------------------------------------------------------------------------------- */
@@ -206,7 +204,7 @@ static void test_a_run_that_is_whole(void) {
     record_run();
     show();
     TEST_ASSERT_EQUAL_INT(TL_OK, replay());
-    TEST_ASSERT_TRUE(restart(&summary));
+    restart(&summary);
     TEST_ASSERT_EQUAL_INT(TL_RESUMED_CHECKPOINT, summary.resumption.from);
     TEST_ASSERT_EQUAL_INT64(TICKS, summary.resumption.tick);
     close_run("end");
@@ -234,11 +232,11 @@ static void test_damaged_runs_are_not_gone_on_with(void) {
         tl_summary summary;
         tl_kept_file_write(&whole, path);
         tl_sql_execute(path, damages[i]);
-        TEST_ASSERT_TRUE_MESSAGE(restart(&summary), damages[i]);
+        restart(&summary);
         TEST_ASSERT_EQUAL_INT_MESSAGE(TL_RESUMED_NOT, summary.resumption.from, damages[i]);
         close_run("end");
         TEST_ASSERT_EQUAL_INT64_MESSAGE(1,
-                                        tl_sql_integer(path, "SELECT count(*) FROM events WHERE run = 2 AND source ="
+                                        tl_sql_integer(path, "SELECT count(*) FROM events WHERE run > 1 AND source ="
                                                              " 'resume' AND text LIKE 'begins anew: %is damaged: %'"),
                                         damages[i]);
         tl_scratch_empty(&scratch);
@@ -282,11 +280,9 @@ static void test_mutants(void) {
         error = (tl_error){TL_OK, ""};
         refused += replay() == TL_BAD_DATA ? 1 : 0;
         error = (tl_error){TL_OK, ""};
-        if (restart(&summary)) {
-            tl_recorder *closing = recorder;
-            recorder = NULL;
-            (void)tl_recorder_close(closing, "end", NULL, NULL); /* nobody can write into some of them */
-        }
+        restart(&summary);
+        (void)tl_outbox_put_end(&box.outbox, "end");
+        (void)tl_test_outbox_try_close(&box, NULL); /* nobody can write into some of them */
         TEST_ASSERT_TRUE(tl_clock_now(NULL) - began < 60 * TL_SECOND);
     }
     tl_log_set_level(TL_LOG_NOTICE);

@@ -171,30 +171,6 @@ static void test_what_is_not_finite_is_null(void) {
     TEST_ASSERT_EQUAL_INT64(1, tl_sql_integer(bench.path, "SELECT count(*) FROM steps WHERE J IS NULL"));
 }
 
-static void test_stamps_count_from_the_start(void) {
-    const tl_recorder_settings settings = tl_made_settings(bench.path);
-    const tl_time start = INT64_C(123456789012345);
-    tl_sample sample;
-    tl_bench_open(&bench, &settings);
-    usleep(30000);
-    int64_t before = tl_utc_now();
-    tl_recorder_start(bench.recorder, start);
-    int64_t after = tl_utc_now();
-    tl_made_sample(0, &sample);
-    sample.stamps[0] = start - 17;
-    sample.stamps[1] = start + 5;
-    sample.stamps[2] = TL_TIME_NEVER;
-    tl_recorder_put_sample(bench.recorder, &sample);
-    tl_bench_close(&bench, "end");
-    TEST_ASSERT_EQUAL_INT64(-17, tl_sql_integer(bench.path, "SELECT stamp_ns FROM samples WHERE signal = 0"));
-    TEST_ASSERT_EQUAL_INT64(5, tl_sql_integer(bench.path, "SELECT stamp_ns FROM samples WHERE signal = 1"));
-    TEST_ASSERT_EQUAL_INT64(1, tl_sql_integer(bench.path, "SELECT stamp_ns IS NULL FROM samples WHERE signal = 2"));
-    TEST_ASSERT_EQUAL_INT64(1, bench.counts.written); /* the start is no entry */
-    int64_t started = 0;
-    TEST_ASSERT_TRUE(tl_utc_parse(tl_sql_text(bench.path, "SELECT started FROM runs"), &started));
-    TEST_ASSERT_TRUE(started >= before && started <= after);
-}
-
 static void test_the_run_says_what_it_was(void) {
     record_run(10);
     TEST_ASSERT_EQUAL_INT64(0x74776C6B, tl_sql_integer(bench.path, "PRAGMA application_id"));
@@ -715,7 +691,6 @@ int main(void) {
     RUN_TEST(test_samples_come_back_bit_for_bit);
     RUN_TEST(test_steps_come_back_bit_for_bit);
     RUN_TEST(test_what_is_not_finite_is_null);
-    RUN_TEST(test_stamps_count_from_the_start);
     RUN_TEST(test_the_run_says_what_it_was);
     RUN_TEST(test_the_ledger);
     RUN_TEST(test_flags_have_words);

@@ -10,75 +10,93 @@
 #include "firmware/database/database_schema.h"
 #include "firmware/record/history.h"
 #include "tests/support/made_run.h"
-#include "tests/support/recorder_bench.h"
+#include "tests/support/scratch.h"
 #include "tests/support/sql.h"
+#include "tests/support/test_outbox.h"
 
-enum { SIZE = 5000, LARGE = 60000 };
+enum { SIZE = 5000, LARGE = 60000, TOO_LARGE = 200000 };
 
+static tl_scratch scratch;
+static char path[PATH_MAX];
+static char wal[PATH_MAX + 8];
+static tl_test_outbox box;
 static tl_history *history;
 static const tl_history_run *run;
-static tl_recorder_bench bench;
+static tl_error error;
 
 void setUp(void) {
-    tl_bench_begin(&bench);
+    (void)snprintf(path, sizeof path, "%s", tl_scratch_path(&scratch, "run.db"));
+    (void)snprintf(wal, sizeof wal, "%s-wal", path);
     history = NULL;
 }
 
 void tearDown(void) {
     tl_history_close(history);
-    tl_bench_end(&bench);
+    tl_test_outbox_close(&box);
+    tl_scratch_empty(&scratch);
 }
 
-static tl_recorder_settings settings_of(int64_t max_bytes) {
-    tl_recorder_settings settings = tl_made_settings(bench.path);
+static void expect_ok(tl_status status) {
+    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, status, error.text);
+}
+
+static void open_writer(int64_t max_bytes) {
+    tl_recorder_settings settings = tl_made_settings(path);
     settings.verb = "run";
-    settings.wait_when_full = true;
     settings.max_bytes = max_bytes;
     settings.fmus = "digest";
     settings.boot = "boot";
     settings.format = "this one";
-    return settings;
+    tl_test_outbox_open(&box, &settings, TOO_LARGE);
 }
 
-static void open_recorder(int64_t max_bytes) {
-    const tl_recorder_settings settings = settings_of(max_bytes);
-    tl_bench_open(&bench, &settings);
+static void begin_run(int64_t max_bytes) {
+    static tl_outbox_start start;
+    open_writer(max_bytes);
+    tl_made_beginning(1234, &start);
+    TEST_ASSERT_TRUE(tl_outbox_put_start(&box.outbox, &start));
 }
 
-static void close_recorder(void) {
-    tl_bench_close(&bench, "SIGTERM");
+static void close_writer(void) {
+    TEST_ASSERT_TRUE(tl_outbox_put_end(&box.outbox, "SIGTERM"));
+    tl_test_outbox_close(&box);
+}
+
+static void put(int64_t first, int64_t ticks) {
+    enum { AT_ONCE = 500 };
+    for (int64_t done = 0; done < ticks; done += AT_ONCE) {
+        TEST_ASSERT_TRUE(tl_made_put_out(&box.outbox, first + done, ticks - done < AT_ONCE ? ticks - done : AT_ONCE));
+        tl_test_outbox_write(&box);
+    }
 }
 
 static unsigned char byte_of(int64_t tick, size_t i) {
     return (unsigned char)((uint64_t)tick * 7 + i * 13 + i / 251);
 }
 
-/* As soon as the one before is written. */
 static void put_checkpoint(int64_t tick, size_t size) {
     size_t capacity = 0;
-    unsigned char *room = NULL;
-    for (int tries = 0; room == NULL && tries < 10000; tries++) {
-        room = tl_recorder_checkpoint_room(bench.recorder, &capacity);
-        (void)usleep(1000);
-    }
+    TEST_ASSERT_TRUE(tl_outbox_reserve_checkpoint(&box.outbox, size));
+    unsigned char *room = tl_outbox_checkpoint_room(&box.outbox, &capacity);
     TEST_ASSERT_NOT_NULL(room);
     TEST_ASSERT_GREATER_OR_EQUAL_size_t(size, capacity);
     for (size_t i = 0; i < size; i++) {
         room[i] = byte_of(tick, i);
     }
-    tl_recorder_put_checkpoint(bench.recorder, tick, size);
+    tl_outbox_put_checkpoint(&box.outbox, tick, size);
+    tl_test_outbox_write(&box);
 }
 
 static void open_history(int64_t id) {
     tl_history_close(history);
     history = NULL;
-    tl_bench_expect_ok(&bench, tl_history_open(bench.path, &history, &bench.error));
-    tl_bench_expect_ok(&bench, tl_history_find(history, id, &run, &bench.error));
+    expect_ok(tl_history_open(path, &history, &error));
+    expect_ok(tl_history_find(history, id, &run, &error));
 }
 
 static const tl_history_checkpoint *checkpoint_before(int64_t tick) {
     const tl_history_checkpoint *checkpoint = NULL;
-    tl_bench_expect_ok(&bench, tl_history_checkpoint_before(history, run, tick, &checkpoint, &bench.error));
+    expect_ok(tl_history_checkpoint_before(history, run, tick, &checkpoint, &error));
     return checkpoint;
 }
 
@@ -96,16 +114,17 @@ static void expect_checkpoint(const tl_history_checkpoint *checkpoint, int64_t t
 /* ---- what is kept ---- */
 
 static void test_the_two_newest_and_the_first_are_kept(void) {
-    const tl_resumption resumption = {
-        .from = TL_RESUMED_CHECKPOINT, .run = 7, .tick = 20, .start = -5, .started = 1000};
-    open_recorder(0);
-    tl_recorder_resume(bench.recorder, &resumption);
-    TEST_ASSERT_TRUE(tl_recorder_reserve_checkpoint(bench.recorder, SIZE));
+    static tl_outbox_start start;
+    open_writer(0);
+    tl_made_beginning(0, &start);
+    start.resumption =
+        (tl_resumption){.from = TL_RESUMED_CHECKPOINT, .run = 7, .tick = 20, .start = -5, .started = 1000};
+    TEST_ASSERT_TRUE(tl_outbox_put_start(&box.outbox, &start));
     for (int64_t tick = 10; tick < 60; tick += 10) {
         put_checkpoint(tick, SIZE - (size_t)tick);
-        tl_made_put(bench.recorder, tick, 10);
+        put(tick, 10);
     }
-    close_recorder();
+    close_writer();
     open_history(1);
     expect_checkpoint(checkpoint_before(INT64_MAX), 50, SIZE - 50);
     expect_checkpoint(checkpoint_before(50), 40, SIZE - 40);
@@ -122,41 +141,23 @@ static void test_the_two_newest_and_the_first_are_kept(void) {
 }
 
 static void test_a_run_that_begins_anew(void) {
-    open_recorder(0);
-    tl_recorder_start(bench.recorder, 1234);
-    tl_made_put(bench.recorder, 0, 10);
-    close_recorder();
+    begin_run(0);
+    put(0, 10);
+    close_writer();
     open_history(1);
     TEST_ASSERT_EQUAL_INT(TL_RESUMED_NOT, run->resumption.from);
     TEST_ASSERT_EQUAL_INT64(1234, run->start);
     TEST_ASSERT_NULL(checkpoint_before(INT64_MAX));
 }
 
-/* The one before is being written, or there is no room at all: the producer does not wait. */
-static void test_room_for_one(void) {
-    size_t capacity = 9;
-    open_recorder(0);
-    TEST_ASSERT_NULL(tl_recorder_checkpoint_room(bench.recorder, &capacity));
-    TEST_ASSERT_EQUAL_size_t(0, capacity);
-    TEST_ASSERT_TRUE(tl_recorder_reserve_checkpoint(bench.recorder, SIZE));
-    put_checkpoint(3, SIZE);
-    if (tl_recorder_checkpoint_room(bench.recorder, &capacity) == NULL) { /* or it has been written already */
-        TEST_ASSERT_FALSE(tl_recorder_reserve_checkpoint(bench.recorder, SIZE));
-    }
-    close_recorder();
-    open_history(1);
-    expect_checkpoint(checkpoint_before(INT64_MAX), 3, SIZE);
-}
-
 static void test_damage_shows(void) {
-    open_recorder(0);
-    TEST_ASSERT_TRUE(tl_recorder_reserve_checkpoint(bench.recorder, SIZE));
+    begin_run(0);
     put_checkpoint(3, SIZE);
-    close_recorder();
-    tl_sql_execute(bench.path, "UPDATE checkpoints SET bytes = zeroblob(5000)");
+    close_writer();
+    tl_sql_execute(path, "UPDATE checkpoints SET bytes = zeroblob(5000)");
     open_history(1);
     TEST_ASSERT_FALSE(checkpoint_before(INT64_MAX)->whole);
-    tl_sql_execute(bench.path, "UPDATE checkpoints SET bytes = x''");
+    tl_sql_execute(path, "UPDATE checkpoints SET bytes = x''");
     open_history(1);
     TEST_ASSERT_FALSE(checkpoint_before(INT64_MAX)->whole);
 }
@@ -170,45 +171,44 @@ static int64_t size_of(const char *name) {
 
 static void test_the_bound_holds(void) {
     const int64_t bound = 1000000;
-    open_recorder(bound);
-    TEST_ASSERT_FALSE(
-        tl_recorder_reserve_checkpoint(bench.recorder, 200000)); /* no such one would leave room for anything else */
-    TEST_ASSERT_TRUE(tl_recorder_reserve_checkpoint(bench.recorder, LARGE));
+    begin_run(bound);
+    put_checkpoint(-1, SIZE);
+    put_checkpoint(0, TOO_LARGE); /* would leave no room for anything else */
+    TEST_ASSERT_EQUAL_INT64(0, tl_sql_integer(path, "SELECT count(*) FROM checkpoints"));
     for (int64_t tick = 0; tick < 20000; tick += 500) {
-        tl_made_put(bench.recorder, tick, 500);
+        put(tick, 500);
         put_checkpoint(tick + 499, LARGE);
-        TEST_ASSERT_LESS_OR_EQUAL_INT64(bound, size_of(bench.path) + size_of(bench.wal));
+        TEST_ASSERT_LESS_OR_EQUAL_INT64(bound, size_of(path) + size_of(wal));
     }
-    close_recorder();
-    int64_t first = tl_sql_integer(bench.path, "SELECT removed_before FROM runs");
+    close_writer();
+    int64_t first = tl_sql_integer(path, "SELECT removed_before FROM runs");
     TEST_ASSERT_GREATER_THAN_INT64(0, first);
-    TEST_ASSERT_EQUAL_INT64(2, tl_sql_integer(bench.path, "SELECT count(*) FROM checkpoints"));
-    TEST_ASSERT_GREATER_OR_EQUAL_INT64(first - 1, tl_sql_integer(bench.path, "SELECT min(tick) FROM checkpoints"));
-    TEST_ASSERT_EQUAL_STRING("ok", tl_sql_text(bench.path, "PRAGMA integrity_check"));
+    TEST_ASSERT_EQUAL_INT64(2, tl_sql_integer(path, "SELECT count(*) FROM checkpoints"));
+    TEST_ASSERT_GREATER_OR_EQUAL_INT64(first - 1, tl_sql_integer(path, "SELECT min(tick) FROM checkpoints"));
+    TEST_ASSERT_EQUAL_STRING("ok", tl_sql_text(path, "PRAGMA integrity_check"));
 }
 
 /* A run that is removed leaves neither. */
 static void test_removed_with_the_run(void) {
-    open_recorder(0);
-    TEST_ASSERT_TRUE(tl_recorder_reserve_checkpoint(bench.recorder, LARGE));
+    begin_run(0);
     put_checkpoint(0, LARGE);
-    tl_made_put(bench.recorder, 0, 2000);
-    close_recorder();
-    open_recorder(1000000);
-    tl_made_put(bench.recorder, 0, 20000);
-    close_recorder();
-    TEST_ASSERT_EQUAL_INT64(0, tl_sql_integer(bench.path, "SELECT count(*) FROM runs WHERE run = 1"));
-    TEST_ASSERT_EQUAL_INT64(0, tl_sql_integer(bench.path, "SELECT count(*) FROM checkpoints"));
-    TEST_ASSERT_EQUAL_INT64(0, tl_sql_integer(bench.path, "SELECT count(*) FROM beginnings WHERE run = 1"));
+    put(0, 2000);
+    close_writer();
+    begin_run(1000000);
+    put(0, 20000);
+    close_writer();
+    TEST_ASSERT_EQUAL_INT64(0, tl_sql_integer(path, "SELECT count(*) FROM runs WHERE run = 1"));
+    TEST_ASSERT_EQUAL_INT64(0, tl_sql_integer(path, "SELECT count(*) FROM checkpoints"));
+    TEST_ASSERT_EQUAL_INT64(0, tl_sql_integer(path, "SELECT count(*) FROM beginnings WHERE run = 1"));
 }
 
 /* ---- older files ---- */
 
 static void make_format_2(void) {
-    open_recorder(0);
-    tl_made_put(bench.recorder, 0, 10);
-    close_recorder();
-    tl_sql_execute(bench.path, "DROP TABLE beginnings; DROP TABLE checkpoints; PRAGMA user_version = 2");
+    begin_run(0);
+    put(0, 10);
+    close_writer();
+    tl_sql_execute(path, "DROP TABLE beginnings; DROP TABLE checkpoints; PRAGMA user_version = 2");
 }
 
 static void expect_nothing_known(void) {
@@ -223,16 +223,15 @@ static void expect_nothing_known(void) {
 static void test_a_file_of_format_2_is_read_as_it_is(void) {
     make_format_2();
     expect_nothing_known();
-    TEST_ASSERT_EQUAL_INT64(2, tl_sql_integer(bench.path, "PRAGMA user_version"));
+    TEST_ASSERT_EQUAL_INT64(2, tl_sql_integer(path, "PRAGMA user_version"));
 }
 
 static void test_a_file_of_format_2_is_brought_up_to_date(void) {
     make_format_2();
-    open_recorder(0);
-    tl_recorder_start(bench.recorder, 1);
-    tl_made_put(bench.recorder, 0, 10);
-    close_recorder();
-    TEST_ASSERT_EQUAL_INT64(TL_DATABASE_VERSION, tl_sql_integer(bench.path, "PRAGMA user_version"));
+    begin_run(0);
+    put(0, 10);
+    close_writer();
+    TEST_ASSERT_EQUAL_INT64(TL_DATABASE_VERSION, tl_sql_integer(path, "PRAGMA user_version"));
     expect_nothing_known();
     open_history(2);
     TEST_ASSERT_EQUAL_STRING("digest", run->fmus);
@@ -240,24 +239,23 @@ static void test_a_file_of_format_2_is_brought_up_to_date(void) {
 }
 
 static void test_a_file_of_format_1_is_read_as_it_is(void) {
-    open_recorder(0);
-    tl_made_put(bench.recorder, 0, 10);
-    close_recorder();
-    tl_made_older(bench.path);
+    begin_run(0);
+    put(0, 10);
+    close_writer();
+    tl_made_older(path);
     expect_nothing_known();
 }
 
 int main(void) {
-    tl_scratch_make(&bench.scratch, TL_BINARY_DIR, "test_recorder_checkpoint");
+    tl_scratch_make(&scratch, TL_BINARY_DIR, "test_recorder_checkpoint");
     UNITY_BEGIN();
     RUN_TEST(test_the_two_newest_and_the_first_are_kept);
     RUN_TEST(test_a_run_that_begins_anew);
-    RUN_TEST(test_room_for_one);
     RUN_TEST(test_damage_shows);
     RUN_TEST(test_the_bound_holds);
     RUN_TEST(test_removed_with_the_run);
     RUN_TEST(test_a_file_of_format_2_is_read_as_it_is);
     RUN_TEST(test_a_file_of_format_2_is_brought_up_to_date);
     RUN_TEST(test_a_file_of_format_1_is_read_as_it_is);
-    return tl_scratch_finish(&bench.scratch, UNITY_END());
+    return tl_scratch_finish(&scratch, UNITY_END());
 }

@@ -97,6 +97,23 @@ static void test_a_run_is_what_its_beginning_says(void) {
     TEST_ASSERT_EQUAL_UINT64(23, written());
 }
 
+static void test_stamps_count_from_the_start(void) {
+    const tl_time start = INT64_C(123456789012345);
+    tl_sample sample;
+    tl_writer_bench_open(&bench);
+    tl_writer_bench_start(&bench, start);
+    tl_made_sample(0, &sample);
+    sample.stamps[0] = start - 17;
+    sample.stamps[1] = start + 5;
+    sample.stamps[2] = TL_TIME_NEVER;
+    TEST_ASSERT_TRUE(tl_outbox_put_sample(&bench.twin, &sample));
+    close_well();
+    TEST_ASSERT_EQUAL_STRING("-17 5 never",
+                             tl_sql_text(bench.path, "SELECT group_concat(coalesce(stamp_ns, 'never'), ' ') FROM"
+                                                     " (SELECT stamp_ns FROM samples ORDER BY signal)"));
+    TEST_ASSERT_EQUAL_UINT64(1, written()); /* the start is no entry */
+}
+
 static void test_runs_follow_each_other(void) {
     static tl_outbox_start start;
     tl_writer_bench_open(&bench);
@@ -830,6 +847,7 @@ int main(void) {
     tl_scratch_make(&bench.scratch, TL_BINARY_DIR, "test_recorder_writer");
     UNITY_BEGIN();
     RUN_TEST(test_a_run_is_what_its_beginning_says);
+    RUN_TEST(test_stamps_count_from_the_start);
     RUN_TEST(test_runs_follow_each_other);
     RUN_TEST(test_checkpoints);
     RUN_TEST(test_a_run_goes_on_in_its_row);

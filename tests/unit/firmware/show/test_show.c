@@ -141,7 +141,6 @@ static void record_anew(const char *verb) {
     tl_recorder_component ledger[TL_MADE_COMPONENTS];
     settings.verb = verb;
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_recorder_open(&settings, &recorder, &error));
-    tl_recorder_start(recorder, 0);
     tl_recorder_event(recorder, 17, TL_EVENT_WARNING, "plant", "the drive does not answer");
     for (int64_t tick = 0; tick < STEPS; tick++) {
         tl_made_sample(tick, &sample);
