@@ -25,7 +25,7 @@ static void find_names(void) {
 }
 
 /* Whoever comes second meanwhile writes the same. */
-void tl_refusal_prepare(void) {
+static void prepare(void) {
     if (!__atomic_load_n(&named, __ATOMIC_ACQUIRE)) {
         find_names();
         __atomic_store_n(&named, true, __ATOMIC_RELEASE);
@@ -53,7 +53,7 @@ bool tl_refusal_take(int listener, tl_refusal *refusal) {
         ioctl(listener, SECCOMP_IOCTL_NOTIF_RECV, &asked) != 0) {
         return false;
     }
-    tl_refusal_prepare();
+    prepare();
     describe(&asked, refusal);
     return true;
 }

@@ -24,9 +24,6 @@ typedef struct tl_refusal {
         [TL_REFUSAL_ARGUMENTS]; /* as they were passed: what they point at is the other process's, and may change */
 } tl_refusal;
 
-/* For who answers in the process that is refused: before it is confined. */
-void tl_refusal_prepare(void);
-
 /* Takes one, which must be answered. False: none waits, or the process has ended. Never waits. `listener` is tl_confine()'s, or -1: never one. */
 bool tl_refusal_take(int listener, tl_refusal *refusal);
 

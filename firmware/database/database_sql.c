@@ -8,7 +8,8 @@
 
 #include "firmware/database/database_fault.h"
 
-tl_status tl_database_status(int code) {
+/* What kind of failure a result code is; TL_OK for SQLITE_OK, SQLITE_ROW and SQLITE_DONE. */
+static tl_status status_of(int code) {
     switch (code & 0xFF) {
     case SQLITE_OK:
     case SQLITE_ROW:
@@ -56,13 +57,13 @@ tl_status tl_database_fail(sqlite3 *database, int code, tl_error *error) {
     char text[TL_ERROR_TEXT];
     const char *path = database == NULL ? NULL : sqlite3_db_filename(database, "main");
     tl_database_text(database, code, text, sizeof text);
-    if (database != NULL && tl_database_status(code) == TL_BAD_DATA) {
+    if (database != NULL && status_of(code) == TL_BAD_DATA) {
         (void)tl_database_damaged(database, error, "%s", text);
         tl_database_set_fault(tl_database_fault_of(code, 0));
         return TL_BAD_DATA;
     }
     tl_database_set_fault(tl_database_fault_of(code, database == NULL ? 0 : sqlite3_system_errno(database)));
-    return tl_fail(error, tl_database_status(code), "%s: %s", path == NULL ? "database" : path, text);
+    return tl_fail(error, status_of(code), "%s: %s", path == NULL ? "database" : path, text);
 }
 
 tl_status tl_database_execute(sqlite3 *database, const char *sql, tl_error *error) {

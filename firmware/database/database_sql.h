@@ -16,9 +16,6 @@
 tl_status tl_database_execute(sqlite3 *database, const char *sql, tl_error *error);
 tl_status tl_database_prepare(sqlite3 *database, const char *sql, sqlite3_stmt **statement, tl_error *error);
 
-/* What kind of failure a result code is; TL_OK for SQLITE_OK, SQLITE_ROW and SQLITE_DONE. */
-tl_status tl_database_status(int code);
-
 /* What went wrong in the last call on this connection: what SQLite says, and what the system says. */
 void tl_database_text(sqlite3 *database, int code, char *text, size_t size);
 

@@ -134,14 +134,6 @@ static void store(tl_plant_server *server, size_t index, double value) {
     tl_modbus_encode(channel, value, own->words + (channel->address - own->first));
 }
 
-void tl_plant_server_set(tl_plant_server *server, size_t channel, double value) {
-    (void)pthread_mutex_lock(&server->lock);
-    if (channel < server->channel_count) {
-        store(server, channel, value);
-    }
-    (void)pthread_mutex_unlock(&server->lock);
-}
-
 void tl_plant_server_set_all(tl_plant_server *server, const double *values, const bool *present) {
     (void)pthread_mutex_lock(&server->lock);
     for (size_t i = 0; i < server->channel_count; i++) {

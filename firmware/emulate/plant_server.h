@@ -44,10 +44,7 @@ tl_status tl_plant_server_start(const tl_plant_server_settings *settings, tl_pla
 /* The port it listens at. */
 uint16_t tl_plant_server_port(const tl_plant_server *server);
 
-/* Sets the value of one channel, encoded as the channel says. */
-void tl_plant_server_set(tl_plant_server *server, size_t channel, double value);
-
-/* Sets one value per channel at once; where `present` is not NULL, those marked there. */
+/* Sets one value per channel at once, encoded as the channel says; where `present` is not NULL, those marked there. */
 void tl_plant_server_set_all(tl_plant_server *server, const double *values, const bool *present);
 
 tl_plant_server_counts tl_plant_server_count(tl_plant_server *server);

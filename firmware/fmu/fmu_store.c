@@ -110,11 +110,7 @@ static tl_status load(const char *path, int opened, const char *label, tl_fmu *f
     return tl_fmu_binary_open(files->archive.folder.path, &fmu->model, label, &fmu->guard, error);
 }
 
-tl_status tl_fmu_load(const char *path, tl_fmu *fmu, tl_error *error) {
-    return tl_fmu_load_opened(path, -1, fmu, error);
-}
-
-tl_status tl_fmu_load_opened(const char *path, int opened, tl_fmu *fmu, tl_error *error) {
+tl_status tl_fmu_load(const char *path, int opened, tl_fmu *fmu, tl_error *error) {
     size_t length = strlen(path);
     const char *label = length > LABEL ? path + length - LABEL : path;
     while (((unsigned char)*label & 0xC0U) == 0x80U) {

@@ -26,12 +26,9 @@ typedef struct tl_fmu {
     struct tl_fmu_files *files; /* private: memory, unpacked folder */
 } tl_fmu;
 
-/* Errors: TL_BAD_DATA for anything wrong in the file, TL_TRY_AGAIN where disk or memory is missing.
+/* `opened`: the file, if it was opened before; the descriptor stays the caller's. -1: it is opened here. Errors: TL_BAD_DATA for anything wrong in the file, TL_TRY_AGAIN where disk or memory is missing.
  * On failure nothing is left behind and *fmu is zeroed. */
-tl_status tl_fmu_load(const char *path, tl_fmu *fmu, tl_error *error);
-
-/* The same of a file that was opened before; its descriptor stays the caller's. -1: it is opened here. */
-tl_status tl_fmu_load_opened(const char *path, int opened, tl_fmu *fmu, tl_error *error);
+tl_status tl_fmu_load(const char *path, int opened, tl_fmu *fmu, tl_error *error);
 
 /* No instance of it may exist any more. A zeroed tl_fmu is allowed. */
 void tl_fmu_unload(tl_fmu *fmu);

@@ -127,19 +127,6 @@ tl_status tl_fmu_thread_start(tl_fmu_watch watch, tl_fmu_thread **thread, tl_err
     return TL_OK;
 }
 
-void tl_fmu_thread_end(tl_fmu_thread *thread) {
-    if (thread == NULL) {
-        return;
-    }
-    tl_fmu_thread_wait(thread);
-    (void)pthread_mutex_lock(&thread->lock);
-    thread->end = true;
-    (void)pthread_cond_broadcast(&thread->changed);
-    (void)pthread_mutex_unlock(&thread->lock);
-    (void)pthread_join(thread->handle, NULL);
-    destroy(thread);
-}
-
 void tl_fmu_thread_begin(tl_fmu_thread *thread, tl_fmu_job *job, void *context) {
     set_job(thread, job, context);
 }
@@ -166,7 +153,8 @@ static void wake(const tl_fmu_thread *thread) {
     }
 }
 
-void tl_fmu_thread_wait(tl_fmu_thread *thread) {
+/* Until the job is done; a signal that asks to end wakes it, so that it may see to that. */
+static void wait_for_job(tl_fmu_thread *thread) {
     while (!is_done_soon(thread)) {
         tl_fmu_thread_watch(thread);
         if (tl_interrupt_requested() != NULL) {
@@ -184,7 +172,20 @@ void tl_fmu_thread_hurry(tl_fmu_thread *thread) {
 
 void tl_fmu_thread_call(tl_fmu_thread *thread, tl_fmu_job *job, void *context) {
     tl_fmu_thread_begin(thread, job, context);
-    tl_fmu_thread_wait(thread);
+    wait_for_job(thread);
+}
+
+void tl_fmu_thread_end(tl_fmu_thread *thread) {
+    if (thread == NULL) {
+        return;
+    }
+    wait_for_job(thread);
+    (void)pthread_mutex_lock(&thread->lock);
+    thread->end = true;
+    (void)pthread_cond_broadcast(&thread->changed);
+    (void)pthread_mutex_unlock(&thread->lock);
+    (void)pthread_join(thread->handle, NULL);
+    destroy(thread);
 }
 
 tl_status tl_fmu_thread_run(tl_fmu_job *job, void *context) {

@@ -37,14 +37,11 @@ void tl_fmu_thread_end(tl_fmu_thread *thread);
 /* Hands it a job, and does not wait. The one before must be done. */
 void tl_fmu_thread_begin(tl_fmu_thread *thread, tl_fmu_job *job, void *context);
 
-/* Waits until the job is done; a signal that asks to end wakes it, so that it may see to that. */
-void tl_fmu_thread_wait(tl_fmu_thread *thread);
-
-/* The same, and wakes it from every sleep of its own: it was told to end. */
-void tl_fmu_thread_hurry(tl_fmu_thread *thread);
-
-/* Both: begins and waits. */
+/* The same, and waits until it is done; a signal that asks to end wakes it, so that it may see to that. */
 void tl_fmu_thread_call(tl_fmu_thread *thread, tl_fmu_job *job, void *context);
+
+/* Waits until the job is done, and wakes it from every sleep of its own: it was told to end. */
+void tl_fmu_thread_hurry(tl_fmu_thread *thread);
 
 /* All of it for a single job, watched elsewhere: start, call, end. What fails was said on the log. */
 tl_status tl_fmu_thread_run(tl_fmu_job *job, void *context);

@@ -216,10 +216,6 @@ tl_channel_news tl_channel_take(tl_channel *channel, tl_message *type, void *pay
     return TL_CHANNEL_SOMETHING;
 }
 
-tl_phase tl_channel_phase(const tl_channel *channel, tl_side side) {
-    return channel->phases.of[side];
-}
-
 /* ---- Sleeping ---- */
 
 static bool is_nudged(tl_channel *channel) {

@@ -94,7 +94,4 @@ tl_channel_news tl_channel_wait(tl_channel *channel, uint32_t messages, uint32_t
 /* The thread that waits, or does so next, comes back. Any thread of this side but that one, while the channel is open; no signal handler. */
 void tl_channel_nudge(tl_channel *channel);
 
-/* How far each side is. */
-tl_phase tl_channel_phase(const tl_channel *channel, tl_side side);
-
 #endif

@@ -87,14 +87,6 @@ void tl_host_state_keep(void) {
     host.kept = true;
 }
 
-void tl_host_state_keep_anew(void) {
-    if (host.kept && host.folder >= 0) {
-        (void)close(host.folder);
-    }
-    host.kept = false;
-    tl_host_state_keep();
-}
-
 int tl_host_state_handle(int signal, const struct sigaction *action, tl_host_state_displaced *displaced) {
     if (sigaction(signal, action, NULL) != 0) {
         return -1;

@@ -30,9 +30,6 @@ enum { TL_HOST_CHANGES = 7, TL_HOST_CHANGE_TEXT = 192 };
 /* What is in force now is right: for the thread that calls, before FMUs are called in it. Folder and umask are those of the first time. */
 void tl_host_state_keep(void);
 
-/* The same, folder and umask too: the thread has got its own. Before FMUs were called. */
-void tl_host_state_keep_anew(void);
-
 /* Puts back what differs from what was kept; the bits of what did. Nothing was ever kept: does nothing. Costs some 14 system calls. */
 unsigned tl_host_state_put_back(void);
 

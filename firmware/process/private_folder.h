@@ -38,7 +38,4 @@ void tl_private_folder_remove(tl_private_folder *folder);
  * the first is made, while there is one thread. */
 void tl_private_folder_leave(void);
 
-/* Removes those of a kind that killed processes of this user left. */
-void tl_private_folder_sweep(const char *kind);
-
 #endif

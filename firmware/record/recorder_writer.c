@@ -181,10 +181,6 @@ bool tl_recorder_writer_is_pressed(tl_recorder_writer *writer) {
     return end - taken > writer->inbox.outboxes[0].settings.ring_bytes / 2;
 }
 
-bool tl_recorder_writer_is_empty(tl_recorder_writer *writer) {
-    return tl_recorder_batch_is_empty(&writer->batch);
-}
-
 /* ---- Opening and closing ----------------------------------------------------------------------------------------- */
 
 /* The run that begins at once, in a file that is new to us. */
@@ -278,7 +274,7 @@ tl_status tl_recorder_writer_open(const tl_recorder_writer_settings *settings, t
 static bool has_more(tl_recorder_writer *writer) {
     const tl_recorder_mark *mark = tl_recorder_state_mark(writer->state);
     bool has_words = mark->has_begun && mark->said != writer->state->own_said;
-    return has_words || !tl_recorder_writer_is_empty(writer);
+    return has_words || !tl_recorder_batch_is_empty(&writer->batch);
 }
 
 tl_status tl_recorder_writer_close(tl_recorder_writer *writer, tl_time patience, tl_error *error) {
@@ -294,7 +290,7 @@ tl_status tl_recorder_writer_close(tl_recorder_writer *writer, tl_time patience,
         (void)nanosleep(&pause, NULL);
         tl_recorder_writer_write(writer);
     }
-    if (!tl_recorder_writer_is_empty(writer)) {
+    if (!tl_recorder_batch_is_empty(&writer->batch)) {
         uint64_t left = tl_recorder_batch_count_left(&writer->batch);
         tl_recorder_state_drop(writer->state, left);
         status =

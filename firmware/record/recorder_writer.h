@@ -47,9 +47,6 @@ tl_status tl_recorder_writer_open(const tl_recorder_writer_settings *settings, t
 /* All that is there now, as far as the disk takes it. */
 void tl_recorder_writer_write(tl_recorder_writer *writer);
 
-/* Nothing is left that could be written. */
-bool tl_recorder_writer_is_empty(tl_recorder_writer *writer);
-
 /* The ring is more than half full: it should be written soon. */
 bool tl_recorder_writer_is_pressed(tl_recorder_writer *writer);
 

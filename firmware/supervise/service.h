@@ -18,7 +18,4 @@ bool tl_service_tell(const char *state);
 /* WatchdogSec: at least so often it wants to hear "WATCHDOG=1" (ns); 0: never. */
 tl_time tl_service_patience(void);
 
-/* In a child process: what it says is not for the service manager. */
-void tl_service_leave(void);
-
 #endif

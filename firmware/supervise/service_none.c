@@ -9,5 +9,3 @@ bool tl_service_tell(const char *state) {
 tl_time tl_service_patience(void) {
     return 0;
 }
-
-void tl_service_leave(void) {}

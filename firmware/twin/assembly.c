@@ -120,7 +120,7 @@ static const tl_fmu *load_fmu(tl_assembly *assembly, const char *path, int opene
     }
     tl_error error;
     tl_fmu *fmu = &assembly->fmus[assembly->fmu_count];
-    tl_status status = tl_fmu_load_opened(path, opened, fmu, &error);
+    tl_status status = tl_fmu_load(path, opened, fmu, &error);
     if (status != TL_OK) {
         tl_report_add(&assembly->problems.report, status, where, "%s", error.text);
         return NULL;
@@ -281,19 +281,6 @@ tl_status tl_assembly_rebuild(tl_assembly *assembly) {
     tl_twin_destroy(assembly->twin);
     assembly->twin = tl_twin_build(&assembly->plan, &assembly->problems.report);
     return assembly->twin != NULL ? TL_OK : assembly->problems.report.worst;
-}
-
-tl_status tl_assembly_read(const char *path, tl_assembly *assembly) {
-    *assembly = (tl_assembly){0};
-    tl_problems_init(&assembly->problems, path);
-    tl_status status = tl_config_read(path, &assembly->config, &assembly->problems.report);
-    assembly->problems.config = status == TL_OK ? &assembly->config : NULL;
-    return status;
-}
-
-tl_status tl_assembly_load(const char *path, tl_assembly *assembly) {
-    tl_status status = tl_assembly_read(path, assembly);
-    return status == TL_OK ? tl_assembly_build(assembly) : status;
 }
 
 void tl_assembly_free(tl_assembly *assembly) {

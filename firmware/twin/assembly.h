@@ -36,12 +36,8 @@ typedef struct tl_assembly {
     size_t library_count;
 } tl_assembly;
 
-/* Reads the configuration, loads the FMUs and builds the twin. On failure every problem was said on the log and the
+/* Of an assembly with a configuration: loads the FMUs and builds the twin. On failure every problem was said on the log and the
  * status is that of the first; the assembly must be freed all the same. */
-tl_status tl_assembly_load(const char *path, tl_assembly *assembly);
-
-/* The same in two parts, for a verb whose options change something in assembly->config between them. */
-tl_status tl_assembly_read(const char *path, tl_assembly *assembly);
 tl_status tl_assembly_build(tl_assembly *assembly);
 
 /* For a process that gives up its rights between the two: finds the FMUs and the libraries, and opens the FMUs. What cannot be is told by the

@@ -21,13 +21,7 @@ enum {
     TL_TWIN_JOB = 4,           /* twin_job.h */
     TL_TWIN_PARENTS_BLOCK = 5, /* read here */
     TL_TWIN_OWN_BLOCK = 6,     /* written here */
-    TL_TWIN_START_SOCKET = 7,  /* for the descriptor that tells of refused calls; closed before an FMU is loaded */
-    /* blocks of a live twin, TL_TASK_LIVE, which has no channel */
-    TL_TWIN_MAIL = 3,      /* read: the plant's readings */
-    TL_TWIN_RECORDERS = 5, /* read: what the recorder has taken */
-    TL_TWIN_PULSE = 6,     /* written: heartbeats, the call under way */
-    TL_TWIN_OUTBOX = 8,    /* written: what is to be recorded */
-    TL_TWIN_PAST = 9       /* read: what it goes on from */
+    TL_TWIN_START_SOCKET = 7   /* for the descriptor that tells of refused calls; closed before an FMU is loaded */
 };
 
 /* Payload of TL_MESSAGE_BUILT and TL_MESSAGE_ENDED. Why it failed is in the block; "": it was said on the log. */

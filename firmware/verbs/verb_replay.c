@@ -111,8 +111,7 @@ static tl_status close_outputs(const tl_verb_job *job, tl_replay *replay, tl_sta
                          : status == TL_INTERRUPTED ? tl_interrupt_requested()
                                                     : error->text;
     if (replay->recorder != NULL) {
-        tl_recorder_counts counts;
-        tl_status closed = tl_recorder_close(replay->recorder, reason, &counts, &later);
+        tl_status closed = tl_recorder_close(replay->recorder, reason, NULL, &later);
         status = first_of(status, closed, &later, error);
     }
     tl_replay_report_close(replay->report);

@@ -9,6 +9,7 @@
 
 #include "firmware/base/c_locale.h"
 #include "firmware/run/replay.h"
+#include "tests/support/read_assembly.h"
 
 static int run(tl_assembly *assembly, const char *recording) {
     static tl_account account;
@@ -45,7 +46,7 @@ int main(int argc, char **argv) {
         return tl_exit_code(TL_BAD_USAGE);
     }
     tl_locale_use();
-    tl_status status = tl_assembly_load(argv[1], &assembly);
+    tl_status status = tl_test_load_assembly(argv[1], &assembly);
     int code = status == TL_OK ? run(&assembly, argv[2]) : tl_exit_code(status);
     tl_assembly_free(&assembly);
     return code;

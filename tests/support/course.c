@@ -10,6 +10,7 @@
 #include "firmware/base/clock.h"
 #include "firmware/twin/twin_recorder.h"
 #include "tests/support/random_numbers.h"
+#include "tests/support/read_assembly.h"
 
 enum { MISSED = 13, CHECKPOINT = 256 * 1024, PAGE = 4096 };
 
@@ -25,7 +26,7 @@ void tl_course_forget(tl_course *course) {
 void tl_course_open(tl_course *course, const char *path, tl_measurements measurements) {
     tl_config *config = &course->assembly.config;
     memset(course, 0, sizeof *course);
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_assembly_read(path, &course->assembly));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_test_read_assembly(path, &course->assembly));
     config->algorithm = "nelder-mead";
     config->measurements = measurements;
     config->prediction = 3;

@@ -21,6 +21,7 @@
 
 #include "board/modbus/modbus.h"
 #include "firmware/emulate/plant_server.h"
+#include "tests/support/device_value.h"
 #include "tests/support/driver_probe.h"
 #include "tests/support/modbus_peer.h"
 #include "tests/support/real_time.h"
@@ -293,7 +294,7 @@ static void test_more_than_one_request_holds(void) {
     }
     tl_plant_server *device = start_device(0);
     for (size_t i = 0; i < channel_count; i++) {
-        tl_plant_server_set(device, i, i < 40 ? 1.0 / (double)(i + 1) : (double)(i % 3 == 0));
+        tl_test_set_value(device, i, i < 40 ? 1.0 / (double)(i + 1) : (double)(i % 3 == 0));
     }
     open_driver("127.0.0.1", tl_plant_server_port(device), 10);
     tl_probe_poll(&probe);
@@ -358,7 +359,7 @@ static void test_a_server_that_dies_and_returns(void) {
     add(5);
     tl_plant_server *device = start_device(0);
     uint16_t port = tl_plant_server_port(device);
-    tl_plant_server_set(device, 0, 11);
+    tl_test_set_value(device, 0, 11);
     open_driver("127.0.0.1", port, 10);
     tl_probe_poll(&probe);
     tl_probe_expect(&probe, 0, 11, TL_GOOD);
@@ -367,7 +368,7 @@ static void test_a_server_that_dies_and_returns(void) {
     TEST_ASSERT_EQUAL_size_t(2, probe.links);
     tl_probe_expect_link(&probe, false, "refused");
     device = start_device(port);
-    tl_plant_server_set(device, 0, 12);
+    tl_test_set_value(device, 0, 12);
     tl_probe_poll_until(&probe, 0, TL_GOOD);
     tl_probe_expect(&probe, 0, 12, TL_GOOD);
     TEST_ASSERT_EQUAL_size_t(3, probe.links);
@@ -915,7 +916,7 @@ static void test_interrupts_at_any_time(void) {
     pthread_t thread;
     add(1);
     tl_plant_server *device = start_device(0);
-    tl_plant_server_set(device, 0, 9);
+    tl_test_set_value(device, 0, 9);
     open_driver("127.0.0.1", tl_plant_server_port(device), 10);
     __atomic_store_n(&polling, true, __ATOMIC_RELEASE);
     TEST_ASSERT_EQUAL_INT(0, pthread_create(&thread, NULL, interrupt_often, NULL));

@@ -8,6 +8,7 @@
 
 #include "firmware/emulate/emulation.h"
 #include "tests/support/config_text.h"
+#include "tests/support/read_assembly.h"
 #include "tests/support/scratch.h"
 
 #define MOTOR TL_SOURCE_DIR "/config/motor"
@@ -126,7 +127,7 @@ static void open_model(const char *old, const char *new, uint64_t seed) {
     tl_emulation_close(emulation);
     tl_assembly_free(&assembly);
     emulation = NULL;
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_assembly_load(path, &assembly));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_test_load_assembly(path, &assembly));
     expect_ok(emulate(MOTOR "/brake.csv", seed));
 }
 
@@ -226,7 +227,7 @@ static void test_signals_that_are_passed_on(void) {
 }
 
 static void test_a_plant_without_what_drives_it(void) {
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_assembly_load(MOTOR "/plant.json", &assembly));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_test_load_assembly(MOTOR "/plant.json", &assembly));
     TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, emulate("/nowhere/x.csv", 1));
     TEST_ASSERT_NOT_NULL(strstr(error.text, "/nowhere/x.csv"));
     TEST_ASSERT_NULL(emulation);

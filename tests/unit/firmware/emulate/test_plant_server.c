@@ -13,6 +13,7 @@
 
 #include "firmware/base/clock.h"
 #include "firmware/emulate/plant_server.h"
+#include "tests/support/device_value.h"
 
 static tl_plant_server *server;
 static tl_error error;
@@ -113,8 +114,8 @@ static void expect_answer(uint8_t unit, const uint8_t *pdu, size_t pdu_size, con
 /* ---- reading ---- */
 
 static void test_holding_registers(void) {
-    tl_plant_server_set(server, 0, 258);
-    tl_plant_server_set(server, 1, 1);
+    tl_test_set_value(server, 0, 258);
+    tl_test_set_value(server, 1, 1);
     ANSWER(1, BYTES(3, 0, 10, 0, 1), BYTES(3, 2, 1, 2));
     ANSWER(1, BYTES(3, 0, 10, 0, 5), BYTES(3, 10, 1, 2, 0, 0, 0, 0, 0x3F, 0x80, 0, 0)); /* the gap is 0 */
     ANSWER(1, BYTES(3, 0, 13, 0, 2), BYTES(3, 4, 0x3F, 0x80, 0, 0));
@@ -122,29 +123,29 @@ static void test_holding_registers(void) {
 
 static void test_input_registers(void) {
     ANSWER(1, BYTES(4, 0, 0, 0, 2), BYTES(4, 4, 0, 0, 0, 0)); /* raw 0 at first */
-    tl_plant_server_set(server, 2, 0);
+    tl_test_set_value(server, 2, 0);
     ANSWER(1, BYTES(4, 0, 0, 0, 2), BYTES(4, 4, 0xFF, 0xFF, 0xFF, 0xFE));
 }
 
 static void test_coils(void) {
-    tl_plant_server_set(server, 3, 1);
+    tl_test_set_value(server, 3, 1);
     ANSWER(1, BYTES(1, 0, 100, 0, 11), BYTES(1, 2, 0x01, 0x00));
-    tl_plant_server_set(server, 4, 1);
+    tl_test_set_value(server, 4, 1);
     ANSWER(1, BYTES(1, 0, 100, 0, 11), BYTES(1, 2, 0x01, 0x04));
-    tl_plant_server_set(server, 3, 0);
+    tl_test_set_value(server, 3, 0);
     ANSWER(1, BYTES(1, 0, 100, 0, 8), BYTES(1, 1, 0x00));
     ANSWER(1, BYTES(1, 0, 110, 0, 1), BYTES(1, 1, 0x01));
 }
 
 static void test_discrete_inputs(void) {
-    tl_plant_server_set(server, 5, 1);
+    tl_test_set_value(server, 5, 1);
     ANSWER(7, BYTES(2, 0xFF, 0xFF, 0, 1), BYTES(2, 1, 1));
 }
 
 static void test_set_all(void) {
     const double values[CHANNEL_COUNT] = {1, 0, 0, 1, 0, 0, 3, 0};
     const bool present[CHANNEL_COUNT] = {true, false, false, false, false, false, true, false};
-    tl_plant_server_set(server, 3, 0);
+    tl_test_set_value(server, 3, 0);
     tl_plant_server_set_all(server, values, present);
     ANSWER(1, BYTES(3, 0, 10, 0, 1), BYTES(3, 2, 0, 1));
     ANSWER(1, BYTES(1, 0, 100, 0, 1), BYTES(1, 1, 0)); /* not present: as it was */
@@ -154,7 +155,7 @@ static void test_set_all(void) {
 }
 
 static void test_a_channel_that_is_none(void) {
-    tl_plant_server_set(server, CHANNEL_COUNT, 1);
+    tl_test_set_value(server, CHANNEL_COUNT, 1);
     ANSWER(1, BYTES(3, 0, 10, 0, 1), BYTES(3, 2, 0, 0));
 }
 
@@ -167,7 +168,7 @@ static void test_the_largest_answers(void) {
     tl_plant_server_stop(server);
     TEST_ASSERT_EQUAL_INT(TL_OK, start_at("127.0.0.1", 0, many, 2));
     client = dial();
-    tl_plant_server_set(server, 1, 5);
+    tl_test_set_value(server, 1, 5);
     const uint8_t most[] = {4, 0, 0, 0, 125};
     uint8_t answer[252] = {4, 250, 0, 5};
     expect_answer(1, most, sizeof most, answer, sizeof answer);
@@ -200,7 +201,7 @@ static void test_units_outside(void) {
 }
 
 static void test_writes_are_refused_and_counted(void) {
-    tl_plant_server_set(server, 0, 77);
+    tl_test_set_value(server, 0, 77);
     ANSWER(1, BYTES(5, 0, 100, 0xFF, 0), BYTES(0x85, 1));
     ANSWER(1, BYTES(6, 0, 10, 0, 1), BYTES(0x86, 1));
     ANSWER(1, BYTES(15, 0, 100, 0, 8, 1, 0xFF), BYTES(0x8F, 1));

@@ -12,6 +12,7 @@
 #include "firmware/plant/live_plant.h"
 #include "firmware/plant/plant_mail.h"
 #include "tests/support/config_text.h"
+#include "tests/support/device_value.h"
 #include "tests/support/scratch.h"
 
 #define PATIENCE (60 * TL_SECOND)
@@ -93,8 +94,8 @@ static void start_server(uint16_t port) {
     const tl_plant_server_settings settings = {
         .host = "127.0.0.1", .port = port, .channels = CHANNELS, .channel_count = 2};
     TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_plant_server_start(&settings, &server, &error), error.text);
-    tl_plant_server_set(server, 0, 1.5);
-    tl_plant_server_set(server, 1, 1.0);
+    tl_test_set_value(server, 0, 1.5);
+    tl_test_set_value(server, 1, 1.0);
 }
 
 static void write_rows(void) {
@@ -165,7 +166,7 @@ static void test_values_are_judged_as_configured(void) {
     read_config(tl_plant_server_port(server));
     open_plant();
     wait_until_complete();
-    tl_plant_server_set(server, 0, 10.5);
+    tl_test_set_value(server, 0, 10.5);
     tl_time until = tl_clock_now(NULL) + PATIENCE;
     while (take().quality[0] != TL_OUT_OF_RANGE) {
         TEST_ASSERT_TRUE_MESSAGE(tl_clock_now(NULL) < until, "never out of range");
@@ -228,7 +229,7 @@ static void test_a_successor_goes_on_in_the_mailboxes(void) {
     const tl_mailbox *mailbox = &input.mailboxes[0];
     uint64_t posts = *mailbox->count;
     mailbox->slots[posts % mailbox->depth].sequence = 2 * posts + 1;
-    tl_plant_server_set(server, 0, 2.5);
+    tl_test_set_value(server, 0, 2.5);
     open_plant();
     tl_time until = tl_clock_now(NULL) + PATIENCE;
     while (take().values[0] != 2.5) {

@@ -108,10 +108,10 @@ static void drive(tl_channel *channel, uint32_t count, uint32_t wanted) {
     tl_message type = TL_MESSAGES;
     uint32_t sent = 0;
     uint32_t received = 0;
+    bool steps = false;
     bool told = false;
     while (type != TL_MESSAGE_ENDED) {
-        while (tl_channel_phase(channel, TL_PARENT) == TL_STEPPING && sent < count &&
-               send_one(channel, TL_MESSAGE_TICK, TICK, sent)) {
+        while (steps && sent < count && send_one(channel, TL_MESSAGE_TICK, TICK, sent)) {
             sent++;
             tl_channel_push(channel);
         }
@@ -119,6 +119,7 @@ static void drive(tl_channel *channel, uint32_t count, uint32_t wanted) {
         uint32_t taken = 0;
         while (tl_channel_take(channel, &type, payload) == TL_CHANNEL_SOMETHING) {
             taken++;
+            steps = steps || type == TL_MESSAGE_BUILT;
             if (type == TL_MESSAGE_RESULT) {
                 TEST_ASSERT_TRUE(is_filled(payload, RESULT, received));
                 received++;
@@ -201,7 +202,6 @@ static void get_to_stepping(void) {
     tl_channel_push(&child);
     TEST_ASSERT_EQUAL_INT(TL_CHANNEL_SOMETHING, tl_channel_take(&parent, &type, payload));
     TEST_ASSERT_EQUAL_INT(TL_CHANNEL_SOMETHING, tl_channel_take(&parent, &type, payload));
-    TEST_ASSERT_EQUAL_INT(TL_STEPPING, tl_channel_phase(&parent, TL_PARENT));
 }
 
 static void test_a_ring_is_full_and_empty_again(void) {

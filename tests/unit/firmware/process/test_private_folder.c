@@ -154,6 +154,13 @@ static void test_forbidden_folders(void) {
     as_user(remove_forbidden);
 }
 
+/* As who makes one does. */
+static void sweep(const char *kind) {
+    tl_private_folder made;
+    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_private_folder_make(kind, 0, &made, &error), error.text);
+    tl_private_folder_remove(&made);
+}
+
 /* The folder of a process that was killed, with something in it. */
 static void leave_one(const char *kind, char path[PATH_MAX]) {
     int ends[2];
@@ -167,7 +174,7 @@ static void leave_one(const char *kind, char path[PATH_MAX]) {
         (void)pause();
     }
     TEST_ASSERT_EQUAL_INT(sizeof folder.path, read(ends[0], path, PATH_MAX));
-    tl_private_folder_sweep(kind);
+    sweep(kind);
     TEST_ASSERT_TRUE(is_there(path)); /* its process is alive */
     TEST_ASSERT_EQUAL_INT(0, kill(pid, SIGKILL));
     TEST_ASSERT_EQUAL_INT(pid, waitpid(pid, NULL, 0));
@@ -183,7 +190,7 @@ static void test_what_killed_processes_left(void) {
     make();
     TEST_ASSERT_FALSE(is_there(left));
     TEST_ASSERT_TRUE(is_there(other)); /* of another kind */
-    tl_private_folder_sweep("other");
+    sweep("other");
     TEST_ASSERT_FALSE(is_there(other));
     TEST_ASSERT_TRUE(is_there(folder.path));
 }
@@ -226,7 +233,7 @@ static void test_what_another_process_removes(void) {
     }
     TEST_ASSERT_EQUAL_INT(pid, waitpid(pid, &status, 0));
     TEST_ASSERT_EQUAL_INT(0, status);
-    tl_private_folder_sweep("test");
+    sweep("test");
 }
 
 static void refuse(const char *folder_for_files, const char *why) {

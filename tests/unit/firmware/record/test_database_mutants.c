@@ -18,6 +18,7 @@
 #include "firmware/twin/twin_recorder.h"
 #include "tests/support/kept_file.h"
 #include "tests/support/random_numbers.h"
+#include "tests/support/read_assembly.h"
 #include "tests/support/scratch.h"
 #include "tests/support/sql.h"
 #include "tests/support/test_outbox.h"
@@ -54,7 +55,7 @@ static void expect_ok(tl_status status) {
 /* ---- A run that was ended by a signal just now ------------------------------------------------------------------- */
 
 static void load_assembly(void) {
-    expect_ok(tl_assembly_load(TL_SOURCE_DIR "/config/motor/lock.json", &assembly));
+    expect_ok(tl_test_load_assembly(TL_SOURCE_DIR "/config/motor/lock.json", &assembly));
     assembly.config.record_resume = 3600 * TL_SECOND;
     assembly.config.duration = 0;
 }

@@ -9,6 +9,7 @@
 
 #include "firmware/report/summary.h"
 #include "firmware/twin/assembly.h"
+#include "tests/support/read_assembly.h"
 
 static tl_assembly assembly;
 static tl_summary summary;
@@ -19,7 +20,7 @@ static cJSON *root;
 
 void setUp(void) {
     TEST_ASSERT_EQUAL_INT(0, setenv("TWINLOCK_FMU_PATH", TL_BINARY_DIR "/fmus", 1));
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_assembly_read(TL_SOURCE_DIR "/config/motor/lock.json", &assembly));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_test_read_assembly(TL_SOURCE_DIR "/config/motor/lock.json", &assembly));
     assembly.config.algorithm = "nelder-mead"; /* whatever is best at present */
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_assembly_build(&assembly));
     memset(&summary, 0, sizeof summary);
@@ -225,7 +226,7 @@ static void test_a_measure_beyond_all_numbers(void) {
 
 static void load(const char *path) {
     tl_assembly_free(&assembly);
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_assembly_read(path, &assembly));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_test_read_assembly(path, &assembly));
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_assembly_build(&assembly));
 }
 

@@ -10,6 +10,7 @@
 
 #include "firmware/run/replay.h"
 #include "tests/support/assembly_recorder.h"
+#include "tests/support/read_assembly.h"
 #include "tests/support/scratch.h"
 #include "tests/support/sql.h"
 
@@ -95,7 +96,7 @@ static tl_time unsteady_clock(void *context) {
 }
 
 static void open_run(const char *database) {
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_assembly_load(config_path, &assembly));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_test_load_assembly(config_path, &assembly));
     expect_ok(tl_test_record(&assembly, "run", database, &recorder, &error));
 }
 

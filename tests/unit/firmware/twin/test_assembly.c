@@ -9,6 +9,7 @@
 #include "tests/support/assembly_recorder.h"
 #include "tests/support/config_text.h"
 #include "tests/support/fmu_maker.h"
+#include "tests/support/read_assembly.h"
 #include "tests/support/scratch.h"
 #include "tests/support/sql.h"
 #include "tests/support/stderr_capture.h"
@@ -48,7 +49,7 @@ static tl_status load_text(char *text) {
     (void)fclose(file);
     free(text);
     TEST_ASSERT_TRUE(tl_stderr_capture_begin());
-    tl_status status = tl_assembly_load(path, &assembly);
+    tl_status status = tl_test_load_assembly(path, &assembly);
     said = tl_stderr_capture_end();
     return status;
 }
@@ -63,7 +64,7 @@ static void expect_said(const char *text) {
 }
 
 static void test_a_good_one(void) {
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_assembly_load(LOCK, &assembly));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_test_load_assembly(LOCK, &assembly));
     TEST_ASSERT_NOT_NULL(assembly.twin);
     TEST_ASSERT_EQUAL_size_t(2, assembly.fmu_count);
     TEST_ASSERT_EQUAL_size_t(3, tl_twin_get_facts(assembly.twin).components);
@@ -105,7 +106,7 @@ static void test_modes_reach_the_plan(void) {
 
 /* Between reading and building a verb may change the configuration. */
 static void test_in_two_parts(void) {
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_assembly_read(LOCK, &assembly));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_test_read_assembly(LOCK, &assembly));
     TEST_ASSERT_NULL(assembly.twin);
     TEST_ASSERT_EQUAL_size_t(0, assembly.fmu_count);
     assembly.config.saving.sequences = false;
@@ -158,14 +159,14 @@ static void test_a_twin_that_cannot_be_built(void) {
 
 static void test_no_file(void) {
     TEST_ASSERT_TRUE(tl_stderr_capture_begin());
-    tl_status status = tl_assembly_load(tl_scratch_path(&scratch, "absent.json"), &assembly);
+    tl_status status = tl_test_load_assembly(tl_scratch_path(&scratch, "absent.json"), &assembly);
     said = tl_stderr_capture_end();
     TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, status);
     expect_said("absent.json");
 }
 
 static void test_freeing_twice(void) {
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_assembly_load(LOCK, &assembly));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_test_load_assembly(LOCK, &assembly));
     tl_assembly_free(&assembly);
     TEST_ASSERT_NULL(assembly.twin);
     tl_assembly_free(&assembly);
@@ -173,7 +174,7 @@ static void test_freeing_twice(void) {
 
 /* What `emulate` reads from FMUs is the plan's outputs; what it reads from the plant is not. */
 static void test_outputs_of_an_emulated_plant(void) {
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_assembly_load(TL_SOURCE_DIR "/config/motor/plant.json", &assembly));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_test_load_assembly(TL_SOURCE_DIR "/config/motor/plant.json", &assembly));
     TEST_ASSERT_EQUAL_size_t(2, assembly.config.emulated_count);
     TEST_ASSERT_EQUAL_size_t(1, assembly.plan.output_count);
     TEST_ASSERT_EQUAL_STRING("motor.omega", assembly.outputs[0].variable);
@@ -183,7 +184,7 @@ static void test_recording_names_and_units(void) {
     tl_recorder *recorder = NULL;
     tl_error error;
     const char *database = tl_scratch_path(&scratch, "run.db");
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_assembly_load(LOCK, &assembly));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_test_load_assembly(LOCK, &assembly));
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_test_record(&assembly, "replay", database, &recorder, &error));
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_recorder_close(recorder, "test", NULL, &error));
     TEST_ASSERT_EQUAL_INT64(4, tl_sql_integer(database, "SELECT count(*) FROM signals"));

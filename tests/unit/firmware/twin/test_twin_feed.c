@@ -9,6 +9,7 @@
 
 #include "firmware/twin/twin_feed.h"
 #include "tests/support/config_text.h"
+#include "tests/support/read_assembly.h"
 #include "tests/support/scratch.h"
 
 #define LOCK TL_SOURCE_DIR "/config/motor/lock.json"
@@ -79,7 +80,7 @@ static void write_config(const char *horizon, const char *duration) {
 }
 
 static void open_feed(bool plant, bool paced) {
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_assembly_load(config_path, &assembly));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_test_load_assembly(config_path, &assembly));
     tl_account_take(assembly.twin, &account);
     TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_recording_open(recording_path, &assembly.config, &recording, &error),
                                   error.text);

@@ -29,7 +29,7 @@
 #define LOCK TL_SOURCE_DIR "/config/motor/lock.json"
 #define SLOW "twin slow"
 
-enum { GATE = TL_TWIN_PAST, NUMBERS = 12, DONE = 42, WAIT_S = 20 };
+enum { PULSE = 6, OUTBOX = 8, GATE = 9, NUMBERS = 12, DONE = 42, WAIT_S = 20 };
 
 /* What the process tells, in a block that it writes. */
 typedef struct told {
@@ -110,7 +110,7 @@ static int live(tl_assembly *assembly, const tl_twin_job *job, const tl_confine_
         int (*act)(told *what);
     } acts[] = {{"end", end}, {"wait", wait_long}, {"ask", ask}, {"hang", hang}, {"print", print}};
     tl_block block;
-    if (tl_block_take(TL_TWIN_PULSE, sizeof(told), TL_BLOCK_THEY_WRITE, &block, NULL) != TL_OK) {
+    if (tl_block_take(PULSE, sizeof(told), TL_BLOCK_THEY_WRITE, &block, NULL) != TL_OK) {
         return 100;
     }
     tell(block.bytes, assembly, facts);
@@ -166,7 +166,7 @@ void setUp(void) {
     for (int i = 0; i < TL_ROLE_DESCRIPTORS; i++) {
         settings.given[i] = -1;
     }
-    settings.given[TL_TWIN_PULSE] = block.descriptor;
+    settings.given[PULSE] = block.descriptor;
     nothing = open("/dev/null", O_RDONLY | O_CLOEXEC);
 }
 
@@ -240,15 +240,14 @@ static void test_it_lives_confined(void) {
 static void test_it_holds(void) {
     order.holds = true;
     order.unconfined = true; /* what confines opens some places for good */
-    settings.given[TL_TWIN_OUTBOX] = nothing;
+    settings.given[OUTBOX] = nothing;
     settings.given[NUMBERS - 1] = nothing;
     start();
     expect_end(DONE, 0);
     TEST_ASSERT_FALSE(seen->has_files);
     TEST_ASSERT_FALSE(seen->facts.filter);
-    TEST_ASSERT_EQUAL_HEX(1U << 0 | 1U << 1 | 1U << 2 | 1U << TL_TWIN_JOB | 1U << TL_TWIN_PULSE | 1U << TL_TWIN_OUTBOX |
-                              1U << (NUMBERS - 1),
-                          seen->open);
+    TEST_ASSERT_EQUAL_HEX(
+        1U << 0 | 1U << 1 | 1U << 2 | 1U << TL_TWIN_JOB | 1U << PULSE | 1U << OUTBOX | 1U << (NUMBERS - 1), seen->open);
 }
 
 static void test_it_holds_confined(void) {

@@ -7,6 +7,7 @@
 
 #include "firmware/verbs/advice.h"
 #include "tests/support/config_text.h"
+#include "tests/support/read_assembly.h"
 #include "tests/support/scratch.h"
 
 #define LOCK TL_SOURCE_DIR "/config/motor/lock.json"
@@ -35,7 +36,7 @@ void tearDown(void) {
 static void load(const char *file, const char *old, const char *new) {
     const char *path = tl_scratch_path(&scratch, "config.json");
     TEST_ASSERT_TRUE_MESSAGE(tl_test_write_replaced(file, path, old, new), old);
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_assembly_load(path, &assembly));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_test_load_assembly(path, &assembly));
 }
 
 /* Another key of "synchronise". */
@@ -56,12 +57,12 @@ static void expect_advice(size_t count, const char *text) {
 }
 
 static void test_nothing_to_say(void) {
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_assembly_load(LIVE, &assembly));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_test_load_assembly(LIVE, &assembly));
     expect_advice(0, "");
 }
 
 static void test_a_step_that_takes_too_long(void) {
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_assembly_load(LOCK, &assembly));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_test_load_assembly(LOCK, &assembly));
     prognosis.step_time = 10000000;
     expect_advice(1, "warnings\n"
                      "  step_s: a free step takes 10 ms here, and the period is 10 ms: `run` cannot\n"
@@ -69,7 +70,7 @@ static void test_a_step_that_takes_too_long(void) {
 }
 
 static void test_initial_values_that_fail(void) {
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_assembly_load(LOCK, &assembly));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_test_load_assembly(LOCK, &assembly));
     prognosis = (tl_prognosis){0};
     expect_advice(1, "warnings\n"
                      "  plant: the FMUs cannot step with its initial values, and until there is a\n"
@@ -84,7 +85,7 @@ static void test_a_budget_as_long_as_the_period(void) {
 }
 
 static void test_a_budget_that_cuts_searches_short(void) {
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_assembly_load(LOCK, &assembly));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_test_load_assembly(LOCK, &assembly));
     prognosis.worst_time = 12000000;
     prognosis.fitting = 29;
     expect_advice(1, "warnings\n"

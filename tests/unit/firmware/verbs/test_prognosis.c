@@ -8,6 +8,7 @@
 #include "firmware/verbs/prognosis.h"
 #include "master/base/duration.h"
 #include "tests/support/config_text.h"
+#include "tests/support/read_assembly.h"
 #include "tests/support/scratch.h"
 #include "tests/support/stderr_capture.h"
 
@@ -31,7 +32,7 @@ void tearDown(void) {
 static void make(const char *old, const char *new) {
     const char *path = tl_scratch_path(&scratch, "config.json");
     TEST_ASSERT_TRUE_MESSAGE(tl_test_write_replaced(LOCK, path, old, new), old);
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_assembly_load(path, &assembly));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_test_load_assembly(path, &assembly));
     tl_prognosis_make(&assembly, &prognosis);
 }
 
@@ -88,7 +89,7 @@ static void test_times_that_cannot_be_added_up(void) {
 }
 
 static void test_a_twin_that_runs_free(void) {
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_assembly_load(TL_SOURCE_DIR "/config/motor/free.json", &assembly));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_test_load_assembly(TL_SOURCE_DIR "/config/motor/free.json", &assembly));
     tl_prognosis_make(&assembly, &prognosis);
     TEST_ASSERT_EQUAL_UINT64(3, prognosis.step);
     TEST_ASSERT_EQUAL_UINT64(3, prognosis.worst);

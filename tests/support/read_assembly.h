@@ -1,0 +1,24 @@
+/* An assembly of a configuration file, as verbs and roles make one of its text. */
+#ifndef TL_TESTS_SUPPORT_READ_ASSEMBLY_H
+#define TL_TESTS_SUPPORT_READ_ASSEMBLY_H
+
+#include "firmware/config/config.h"
+#include "firmware/twin/assembly.h"
+
+/* Its configuration alone: a test may change something in it before tl_assembly_build(). The assembly must be freed, after a failure too, whose
+ * problems were said on the log. */
+static inline tl_status tl_test_read_assembly(const char *path, tl_assembly *assembly) {
+    *assembly = (tl_assembly){0};
+    tl_problems_init(&assembly->problems, path);
+    tl_status status = tl_config_read(path, &assembly->config, &assembly->problems.report);
+    assembly->problems.config = status == TL_OK ? &assembly->config : NULL;
+    return status;
+}
+
+/* With FMUs and twin. */
+static inline tl_status tl_test_load_assembly(const char *path, tl_assembly *assembly) {
+    tl_status status = tl_test_read_assembly(path, assembly);
+    return status == TL_OK ? tl_assembly_build(assembly) : status;
+}
+
+#endif
