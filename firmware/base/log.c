@@ -69,6 +69,13 @@ void tl_log_use_levels(void) {
     __atomic_store_n(&known_style, (int)STYLE_JOURNAL, __ATOMIC_RELAXED);
 }
 
+/* Nothing of ours has a level that shakes up all who are logged in. */
+int tl_log_level_of(const char *line, const char **text) {
+    bool has_level = line[0] == '<' && line[1] >= '0' + TL_LOG_ERROR && line[1] <= '0' + TL_LOG_DEBUG && line[2] == '>';
+    *text = has_level ? line + 3 : line;
+    return has_level ? line[1] - '0' : TL_LOG_FOREIGN;
+}
+
 static const char *level_name(tl_log_level level) {
     switch (level) {
     case TL_LOG_ERROR:

@@ -35,10 +35,6 @@ static void on_link(void *context, const char *source, bool up, const char *text
     tl_journal_event(&self->journal, -1, up ? TL_EVENT_INFO : TL_EVENT_WARNING, "plant", "%s: %s", source, text);
 }
 
-static void put_event(void *context, int64_t tick, tl_severity severity, const char *source, const char *text) {
-    tl_outbox_event(context, tick, severity, source, text);
-}
-
 /* Without a recorder nobody takes the events; they are logged all the same. */
 static tl_status take_memory(io *self, tl_error *error) {
     const tl_outbox_settings events = tl_live_event_outbox();
@@ -93,8 +89,7 @@ int tl_io_role_run(void) {
         return tl_exit_code(status);
     }
     tl_heart *heart = tl_heart_begin(self.beats, "io", PATIENCE);
-    tl_journal_init(&self.journal, NULL);
-    tl_journal_listen(&self.journal, put_event, &self.outbox);
+    tl_live_role_open_journal(&self.journal, &self.outbox);
     status = tl_live_places_confine_io(&self.config, &error);
     if (status == TL_OK) {
         status = open_plant(&self, &error);

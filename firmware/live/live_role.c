@@ -13,6 +13,15 @@ void tl_live_role_begin(void) {
     tl_interrupt_install();
 }
 
+static void put_event(void *context, int64_t tick, tl_severity severity, const char *source, const char *text) {
+    tl_outbox_event(context, tick, severity, source, text);
+}
+
+void tl_live_role_open_journal(tl_journal *journal, tl_outbox *outbox) {
+    tl_journal_init(journal, NULL);
+    tl_journal_listen(journal, put_event, outbox);
+}
+
 int tl_live_role_end(tl_heartbeats *beats, bool was_ready, int code) {
     if (code != 0) {
         tl_heartbeats_announce(beats, was_ready ? TL_FAREWELL_FAILED : TL_FAREWELL_REFUSED, code);

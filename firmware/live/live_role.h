@@ -7,7 +7,9 @@
 #ifndef TL_FIRMWARE_LIVE_LIVE_ROLE_H
 #define TL_FIRMWARE_LIVE_LIVE_ROLE_H
 
+#include "firmware/outbox/outbox.h"
 #include "firmware/process/heartbeat.h"
+#include "firmware/run/journal.h"
 
 /* Titles begin with these. */
 #define TL_LIVE_IO "io"
@@ -21,6 +23,9 @@ int tl_recorder_role_run(void);
 
 /* First in each of them: the log is for who reads the pipe, and the process ends with its parent. */
 void tl_live_role_begin(void);
+
+/* Events go to the log and into the outbox, which outlives the journal. */
+void tl_live_role_open_journal(tl_journal *journal, tl_outbox *outbox);
 
 /* Last: what it says of its end, and its exit code. */
 int tl_live_role_end(tl_heartbeats *beats, bool was_ready, int code);

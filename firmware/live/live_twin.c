@@ -1,13 +1,16 @@
 /* The live twin: see live_twin.h. */
 #include "firmware/live/live_twin.h"
 
+#include <inttypes.h>
 #include <sched.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
 
 #include "firmware/base/clock.h"
 #include "firmware/base/log.h"
+#include "firmware/base/sha256.h"
 #include "firmware/fmu/fmu_thread.h"
 #include "firmware/live/live_job.h"
 #include "firmware/live/live_past.h"
@@ -94,24 +97,22 @@ static tl_status take_own(live_twin *self, tl_error *error) {
 
 /* ---- the FMUs' files ---- */
 
-static uint64_t mix(uint64_t digest, uint64_t word) {
-    digest = (digest ^ word) * UINT64_C(0x9E3779B97F4A7C15);
-    return digest ^ digest >> 29;
-}
-
 /* Another number where a file was replaced or written since: a checkpoint is of no use to another FMU. Never 0. */
 static uint64_t number_of_files(const tl_assembly *assembly) {
-    uint64_t digest = 1;
+    char digest[TL_SHA256_TEXT] = ""; /* of the files before, and this one */
     for (size_t i = 0; i < assembly->config.component_count; i++) {
         struct stat about;
+        char text[TL_SHA256_TEXT + 100];
         if (fstat(assembly->files[i].descriptor, &about) == 0) {
-            digest = mix(digest, (uint64_t)about.st_ino);
-            digest = mix(digest, (uint64_t)about.st_size);
-            digest = mix(digest, (uint64_t)about.st_mtim.tv_sec);
-            digest = mix(digest, (uint64_t)about.st_mtim.tv_nsec);
+            int length = snprintf(text, sizeof text, "%s %" PRIuMAX " %" PRIdMAX " %" PRIdMAX ".%09ld", digest,
+                                  (uintmax_t)about.st_ino, (intmax_t)about.st_size, (intmax_t)about.st_mtim.tv_sec,
+                                  about.st_mtim.tv_nsec);
+            tl_sha256(text, (size_t)length, digest);
         }
     }
-    return digest == 0 ? 1 : digest;
+    digest[2 * sizeof(uint64_t)] = '\0';
+    uint64_t number = strtoull(digest, NULL, 16);
+    return number == 0 ? 1 : number;
 }
 
 /* True: they are those of the twin before in this run, or there was none. */
@@ -122,10 +123,6 @@ static bool are_same_files(live_twin *self) {
 }
 
 /* ---- telling ---- */
-
-static void put_event(void *context, int64_t tick, tl_severity severity, const char *source, const char *text) {
-    tl_outbox_event(context, tick, severity, source, text);
-}
 
 /* Which start this is, and why: the box's memory of its own troubles. */
 static void tell_start(live_twin *self) {
@@ -390,8 +387,7 @@ int tl_live_twin(tl_assembly *assembly, const tl_twin_job *job, const tl_confine
     tl_interrupt_install();
     tl_fmu_calls_use(tl_heartbeats_calls(&self.pulse->beats));
     self.heart = tl_heart_begin(&self.pulse->beats, "main", PATIENCE_AT_START);
-    tl_journal_init(&self.journal, NULL);
-    tl_journal_listen(&self.journal, put_event, &self.outbox);
+    tl_live_role_open_journal(&self.journal, &self.outbox);
     tl_process_keep(keep, &self);
     status = self.job.holds ? TL_OK : build(&self);
     if (status == TL_OK) {

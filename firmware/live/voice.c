@@ -35,10 +35,12 @@ struct tl_voice {
 
 static void pass(void *context, const char *line) {
     (void)context;
-    if (line[0] == '<' && line[1] >= '3' && line[1] <= '7' && line[2] == '>') {
-        tl_log((tl_log_level)(line[1] - '0'), "%s", line + 3);
+    const char *text = NULL;
+    int level = tl_log_level_of(line, &text);
+    if (level == TL_LOG_FOREIGN) {
+        tl_log_plain(text);
     } else {
-        tl_log_plain(line);
+        tl_log((tl_log_level)level, "%s", text);
     }
 }
 

@@ -64,21 +64,17 @@ static void say_too_much(tl_twin_output *self) {
     }
 }
 
-/* A line of our own log begins with its level, as in a journal; any other is an FMU's. Our log has no level that shakes up all who are logged in. */
-static int level_of(const char *line) {
-    bool has_level = line[0] == '<' && line[1] >= '0' + TL_LOG_ERROR && line[1] <= '0' + TL_LOG_DEBUG && line[2] == '>';
-    return has_level ? line[1] - '0' : TL_LOG_FOREIGN;
-}
-
+/* A line without a level is an FMU's. */
 static void pass_output(void *context, const char *line) {
     tl_twin_output *self = context;
-    int level = level_of(line);
+    const char *text = NULL;
+    int level = tl_log_level_of(line, &text);
     bool passed = may_pass(&self->budgets[level == TL_LOG_FOREIGN ? 0 : 1], strlen(line) + 1);
     if (!passed) {
         say_too_much(self);
     } else {
         int patience = self->is_stuck ? 0 : TL_TWIN_OUTPUT_PATIENCE;
-        passed = tl_log_foreign(level, level == TL_LOG_FOREIGN ? line : line + 3, patience);
+        passed = tl_log_foreign(level, text, patience);
         self->is_stuck = !passed;
     }
     self->left_out += passed ? 0 : 1;

@@ -186,6 +186,21 @@ static void test_journal(void) {
     free(other);
 }
 
+static void expect_level(int level, const char *rest, const char *line) {
+    const char *text = NULL;
+    TEST_ASSERT_EQUAL_INT_MESSAGE(level, tl_log_level_of(line, &text), line);
+    TEST_ASSERT_EQUAL_STRING(rest, text);
+}
+
+static void test_the_level_of_a_line(void) {
+    expect_level(TL_LOG_ERROR, "broken", "<3>broken");
+    expect_level(TL_LOG_DEBUG, "", "<7>");
+    static const char *const others[] = {"", "<", "<3", "<2>none of ours", "<8>none at all", "3>text", " <3>text"};
+    for (size_t i = 0; i < sizeof others / sizeof others[0]; i++) {
+        expect_level(TL_LOG_FOREIGN, others[i], others[i]);
+    }
+}
+
 static void test_foreign_lines(void) {
     static char line[TL_LOG_PLAIN + 100];
     memset(line, 'x', sizeof line - 1);
@@ -403,6 +418,7 @@ int main(void) {
     RUN_TEST(test_a_new_second_has_room_again);
     RUN_TEST(test_a_limited_message_does_not_wait);
     RUN_TEST(test_lines_of_many_threads_stay_whole);
+    RUN_TEST(test_the_level_of_a_line);
     RUN_TEST(test_foreign_lines);
     RUN_TEST(test_lines_of_fmus);
     RUN_TEST(test_lines_of_fmus_wait_for_nobody);
