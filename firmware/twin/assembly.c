@@ -6,6 +6,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include "firmware/base/heap.h"
@@ -19,6 +20,20 @@ static size_t count_libraries(const tl_config *config) {
         count += config->components[i].library_count;
     }
     return count;
+}
+
+/* The end of a sentence that says that there is no file: what there is instead. Empty if that is nothing. Returns `text`. */
+static const char *tell_what_is_there(const char *path, char text[TL_OTHER_CASE_TEXT]) {
+    struct stat about;
+    if (stat(path, &about) != 0) {
+        return tl_other_case(path, text);
+    }
+    (void)snprintf(text, TL_OTHER_CASE_TEXT, "; what is there is %s, and an FMU is a file: name the .fmu file itself",
+                   S_ISDIR(about.st_mode)    ? "a folder"
+                   : S_ISFIFO(about.st_mode) ? "a FIFO"
+                   : S_ISSOCK(about.st_mode) ? "a socket"
+                                             : "a device");
+    return text;
 }
 
 /* An absolute path, since the current folder will be another one; a bare name is the loader's affair. */
@@ -46,7 +61,7 @@ tl_status tl_assembly_open(tl_assembly *assembly, tl_error *error) {
             file->path = strdup(path);
             file->descriptor = open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK);
         } else {
-            (void)tl_other_case(path, file->other);
+            (void)tell_what_is_there(path, file->other);
         }
         for (size_t k = 0; k < component->library_count; k++) {
             assembly->libraries[assembly->library_count++] = find_library(config, component->libraries[k].name);
@@ -144,7 +159,7 @@ static void load_component(tl_assembly *assembly, size_t index) {
     int opened = assembly->files != NULL ? assembly->files[index].descriptor : -1;
     if (!fmu_path(assembly, index, path, sizeof path)) {
         char other[TL_OTHER_CASE_TEXT];
-        const char *beside = assembly->files != NULL ? assembly->files[index].other : tl_other_case(path, other);
+        const char *beside = assembly->files != NULL ? assembly->files[index].other : tell_what_is_there(path, other);
         tl_report_add(
             &assembly->problems.report, TL_BAD_DATA, configured->where,
             "no file \"%s\" here, in TWINLOCK_FMU_PATH, or in ../fmus or ../lib/twinlock/fmus beside the program (looked "

@@ -90,6 +90,22 @@ def test_files_with_other_letters_case():
     expect("beside it" not in lines[0], lines[0])
 
 
+def test_fmus_that_are_no_files():
+    """What is there instead is told; nobody waits for the other end of a FIFO, or reads a device for ever."""
+    folder = scratch()
+    os.mkfifo(folder / "fifo.fmu")
+    (folder / "folder.fmu").mkdir()
+    with socket.socket(socket.AF_UNIX) as listening:
+        listening.bind(str(folder / "socket.fmu"))
+        for path, what in ((folder / "fifo.fmu", "a FIFO"), (folder / "folder.fmu", "a folder"),
+                           (folder / "socket.fmu", "a socket"), ("/dev/zero", "a device")):
+            expect_problem({"components": {"motor": {"fmu": str(path)}}}, "components.motor", f"no file \"{path}\"",
+                           f"what is there is {what}, and an FMU is a file: name the .fmu file itself")
+    lines = expect_refused(["check", edited_config("motor/lock.json", {"components": {"motor": {"fmu": "/no.fmu"}}})],
+                           BAD_DATA, "no file \"/no.fmu\"")
+    expect("what is there" not in lines[0], lines[0])
+
+
 def test_types_that_do_not_fit():
     integer = {"plant": {"torque": {"type": "integer"}}}
     expect_problem(integer, "connect[0]", "plant.torque is Integer", "motor.M_w is Real")
