@@ -15,6 +15,8 @@
 #include <time.h>
 #include <unistd.h>
 
+#include "master/base/utf8.h"
+
 /* To the beginning of the line, and what stands there is gone. */
 #define WIPE "\r\x1b[K"
 
@@ -100,13 +102,25 @@ static size_t whole_characters(const char *text, size_t length) {
     return length;
 }
 
-/* Control characters become spaces. */
+/* Control characters of ASCII become spaces, what else cannot be shown becomes "?". */
 static void make_harmless(char *text) {
-    for (char *c = text; *c != '\0'; c++) {
-        if ((unsigned char)*c < ' ' || *c == '\x7f') {
-            *c = ' ';
+    char *end = text;
+    for (size_t left = strlen(text); left > 0;) {
+        uint32_t code = 0;
+        size_t length = tl_utf8_read(text, left, &code);
+        bool stays = length > 0 && tl_utf8_can_be_shown(code);
+        bool is_ascii = length == 1;
+        length = length == 0 ? 1 : length;
+        if (stays) {
+            memmove(end, text, length);
+            end += length;
+        } else {
+            *end++ = is_ascii ? ' ' : '?';
         }
+        text += length;
+        left -= length;
     }
+    *end = '\0';
 }
 
 /* Formats into text[TL_LOG_TEXT]; one line, without a newline. */

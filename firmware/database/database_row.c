@@ -4,7 +4,7 @@
 #include <math.h>
 #include <string.h>
 
-#include "firmware/text/json_text.h"
+#include "master/base/utf8.h"
 
 tl_row tl_row_of(sqlite3_stmt *statement) {
     return (tl_row){.statement = statement, .right = true};
@@ -45,7 +45,8 @@ double tl_row_number(tl_row *row) {
 
 static bool is_utf8(const char *text, size_t size) {
     while (size > 0) {
-        size_t length = tl_utf8_length(text, size);
+        uint32_t code = 0;
+        size_t length = tl_utf8_read(text, size, &code);
         if (length == 0) {
             return false;
         }

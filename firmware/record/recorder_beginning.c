@@ -7,8 +7,8 @@
 #include "firmware/base/identity.h"
 #include "firmware/base/sha256.h"
 #include "firmware/config/measurements.h"
-#include "firmware/text/json_text.h"
 #include "firmware/text/utc.h"
+#include "master/base/utf8.h"
 
 #ifndef TL_VERSION
 #define TL_VERSION "unknown"
@@ -25,7 +25,8 @@ typedef struct beginning {
 
 void tl_recorder_beginning_repair(char *text) {
     for (size_t left = strlen(text); left > 0;) {
-        size_t length = tl_utf8_length(text, left);
+        uint32_t code = 0;
+        size_t length = tl_utf8_read(text, left, &code);
         if (length == 0) {
             *text = '?';
             length = 1;

@@ -6,27 +6,54 @@
 #include <string.h>
 
 #include "firmware/base/sha256.h"
+#include "firmware/text/clean_text.h"
+#include "master/base/utf8.h"
+
+enum { SHOWN = 16, LONGEST = 4 };
+
+/* The next character as it may be shown (clean_text.h), white space as it is. Returns the text behind it. */
+static const char *take(const char *text, char shown[SHOWN]) {
+    uint32_t code = 0;
+    size_t length = tl_utf8_read(text, strnlen(text, LONGEST), &code);
+    length = length == 0 ? 1 : length;
+    if (*text == '\n' || *text == '\r') {
+        (void)snprintf(shown, SHOWN, "%c", *text);
+    } else {
+        (void)tl_clean_text(text, length, shown, SHOWN);
+    }
+    return text + length;
+}
 
 void tl_html_put_text(FILE *file, const char *text) {
     static const char marks[] = "&<>\"'";
     static const char *const entities[] = {"&amp;", "&lt;", "&gt;", "&quot;", "&#39;"};
-    for (const char *c = text; *c != '\0'; c++) {
-        const char *mark = strchr(marks, *c);
+    while (*text != '\0') {
+        char shown[SHOWN];
+        text = take(text, shown);
+        const char *mark = strchr(marks, shown[0]);
         if (mark != NULL) {
             (void)fputs(entities[mark - marks], file);
         } else {
-            (void)fputc((unsigned char)*c < 0x20 || *c == 0x7F ? ' ' : *c, file);
+            (void)fputs((unsigned char)shown[0] < ' ' ? " " : shown, file);
         }
+    }
+}
+
+static void put_string_character(FILE *file, char character) {
+    if ((unsigned char)character < ' ' || strchr("\"\\<>&'", character) != NULL) {
+        (void)fprintf(file, "\\u%04x", (unsigned)(unsigned char)character);
+    } else {
+        (void)fputc(character, file);
     }
 }
 
 void tl_html_put_string(FILE *file, const char *text) {
     (void)fputc('"', file);
-    for (const char *c = text; *c != '\0'; c++) {
-        if ((unsigned char)*c < 0x20 || strchr("\"\\<>&'\x7F", *c) != NULL) {
-            (void)fprintf(file, "\\u%04x", (unsigned)(unsigned char)*c);
-        } else {
-            (void)fputc(*c, file);
+    while (*text != '\0') {
+        char shown[SHOWN];
+        text = take(text, shown);
+        for (const char *c = shown; *c != '\0'; c++) {
+            put_string_character(file, *c);
         }
     }
     (void)fputc('"', file);

@@ -11,7 +11,8 @@
 #include <stdint.h>
 #include <stdio.h>
 
-/* As content of an element, or of an attribute in double quotes. Control characters become blanks. */
+/* As content of an element, or of an attribute in double quotes. White space becomes blanks, and what cannot be shown what clean_text.h says; so it
+ * does in a string. */
 void tl_html_put_text(FILE *file, const char *text);
 
 /* As a JSON string, quotes included, that may stand in a script element: no "<", ">" or "&" is left in it. */

@@ -6,6 +6,9 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "firmware/text/clean_text.h"
+#include "master/base/utf8.h"
+
 enum { END = -1 }; /* what peek() says at the end of the text */
 
 typedef struct scanner {
@@ -21,40 +24,12 @@ typedef struct scanner {
 
 /* ---- characters ---- */
 
-size_t tl_utf8_length(const char *at, size_t left) {
-    const unsigned char *byte = (const unsigned char *)at;
-    if (byte[0] < 0x80) {
-        return 1;
-    }
-    size_t length = byte[0] >= 0xF0 ? 4 : byte[0] >= 0xE0 ? 3 : 2;
-    if (byte[0] < 0xC2 || byte[0] > 0xF4 || left < length) {
-        return 0;
-    }
-    /* The second byte tells overlong forms, surrogates and what is beyond Unicode. */
-    unsigned char low = byte[0] == 0xE0 ? 0xA0 : byte[0] == 0xF0 ? 0x90 : 0x80;
-    unsigned char high = byte[0] == 0xED ? 0x9F : byte[0] == 0xF4 ? 0x8F : 0xBF;
-    if (byte[1] < low || byte[1] > high) {
-        return 0;
-    }
-    for (size_t i = 2; i < length; i++) {
-        if ((byte[i] & 0xC0) != 0x80) {
-            return 0;
-        }
-    }
-    return length;
-}
-
-/* Also the controls U+0080 … U+009F, which a terminal may obey. */
-static bool is_control(const char *at, size_t length) {
-    unsigned char first = (unsigned char)at[0];
-    return first < 0x20 || first == 0x7F || (length == 2 && first == 0xC2 && (unsigned char)at[1] < 0xA0);
-}
-
 bool tl_text_is_plain(const char *text) {
     size_t left = strlen(text);
     while (left > 0) {
-        size_t length = tl_utf8_length(text, left);
-        if (length == 0 || is_control(text, length)) {
+        uint32_t code = 0;
+        size_t length = tl_utf8_read(text, left, &code);
+        if (length == 0 || !tl_utf8_can_be_shown(code)) {
             return false;
         }
         text += length;
@@ -65,28 +40,28 @@ bool tl_text_is_plain(const char *text) {
 
 void tl_text_for_people(const char *text, char *copy, size_t size) {
     static const char cut[] = "…";
+    enum { SHOWN = 16 }; /* what stands for one character, at most */
     size_t left = strlen(text);
-    size_t room = left < size ? size : size - (sizeof cut - 1);
     size_t used = 0;
+    size_t cut_at = 0; /* the last end of a character behind which there is room for that */
     while (left > 0) {
-        size_t length = tl_utf8_length(text, left);
-        if (length == 0 || used + length >= room) {
-            break;
+        char shown[SHOWN];
+        uint32_t code = 0;
+        size_t length = tl_utf8_read(text, left, &code);
+        length = length == 0 ? 1 : length;
+        size_t added = code == '\t' ? (size_t)snprintf(shown, sizeof shown, "\\t")
+                                    : tl_clean_text(text, length, shown, sizeof shown);
+        if (used + added >= size) {
+            memcpy(copy + cut_at, cut, sizeof cut);
+            return;
         }
-        if (is_control(text, length)) {
-            copy[used++] = '?';
-        } else {
-            memcpy(copy + used, text, length);
-            used += length;
-        }
+        memcpy(copy + used, shown, added);
+        used += added;
+        cut_at = used + sizeof cut <= size ? used : cut_at;
         text += length;
         left -= length;
     }
-    if (left > 0) {
-        memcpy(copy + used, cut, sizeof cut);
-    } else {
-        copy[used] = '\0';
-    }
+    copy[used] = '\0';
 }
 
 static bool is_digit(int character) {
@@ -146,7 +121,8 @@ static void describe(const scanner *s, size_t at, char *found, size_t size) {
     } else if (byte < 0x20 || byte == 0x7F) {
         (void)snprintf(found, size, "the control character U+%04X", byte);
     } else {
-        (void)snprintf(found, size, "%.*s", (int)tl_utf8_length(s->text + at, s->size - at), s->text + at);
+        uint32_t code = 0;
+        (void)tl_clean_text(s->text + at, tl_utf8_read(s->text + at, s->size - at, &code), found, size);
     }
 }
 
@@ -397,7 +373,8 @@ static bool check_encoding(scanner *s) {
         return wrong(s, 0, "a byte order mark", "UTF-8 without one: save the file as \"UTF-8 without BOM\"");
     }
     for (size_t at = 0; at < s->size;) {
-        size_t length = tl_utf8_length(s->text + at, s->size - at);
+        uint32_t code = 0;
+        size_t length = tl_utf8_read(s->text + at, s->size - at, &code);
         if (length == 0) {
             char found[64];
             (void)snprintf(found, sizeof found, "the byte 0x%02X, which is not UTF-8 here",

@@ -31,15 +31,11 @@ typedef struct tl_json_lines {
  * characters, from 1); TL_TRY_AGAIN where memory is out. */
 tl_status tl_json_text_check(const char *text, size_t size, tl_arena *arena, tl_json_lines *lines, tl_error *error);
 
-/* Bytes of the UTF-8 character at `at`, of which `left` ≥ 1 bytes are there; 0 where it is malformed, overlong, a
- * surrogate or beyond U+10FFFF. */
-size_t tl_utf8_length(const char *at, size_t left);
-
-/* True where valid UTF-8 holds no control character (U+0000 … U+001F, U+007F … U+009F). */
+/* Whether all of it can be shown as it is: valid UTF-8 without control characters, marks that turn text and unseen ones (utf8.h). */
 bool tl_text_is_plain(const char *text);
 
-/* Copies `text` for people: control characters become '?', and what does not fit is cut at a character and ends in
- * "…". `size` ≥ 8. `text` is valid UTF-8. */
+/* Copies `text` for people: what cannot be shown becomes \x1B or \u{202E} (clean_text.h), and what does not fit is cut at a character and ends in
+ * "…". `size` ≥ 8. */
 void tl_text_for_people(const char *text, char *copy, size_t size);
 
 #endif

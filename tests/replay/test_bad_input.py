@@ -3,6 +3,7 @@
 Each must end with the right exit code and a text that says what is wrong, where, and what to do; nothing
 crashes, nothing is left among the temporary files (twinlock_test.run() sees to both), and nothing of the
 user's is lost."""
+import copy
 import os
 import random
 import re
@@ -12,7 +13,7 @@ import socket
 import subprocess
 import zipfile
 
-from twinlock_test import FMUS, SOURCE, edited_config, expect, main, run, run_well, scratch, write_config
+from twinlock_test import FMUS, SOURCE, edited_config, expect, main, read_config, run, run_well, scratch, write_config
 
 BAD_DATA, BAD_USAGE, FMU_FAILED, TRY_AGAIN = 65, 2, 70, 75
 FREE = SOURCE / "config" / "motor" / "free.json"
@@ -104,6 +105,49 @@ def test_fmus_that_are_no_files():
     lines = expect_refused(["check", edited_config("motor/lock.json", {"components": {"motor": {"fmu": "/no.fmu"}}})],
                            BAD_DATA, "no file \"/no.fmu\"")
     expect("what is there" not in lines[0], lines[0])
+
+
+def places_of_texts(document, path=()):
+    """Every key and every text of a document: the way to it, and whether it is a key."""
+    entries = document.items() if isinstance(document, dict) else enumerate(document)
+    for key, value in entries:
+        if isinstance(document, dict):
+            yield (*path, key), True
+        if isinstance(value, (dict, list)):
+            yield from places_of_texts(value, (*path, key))
+        elif isinstance(value, str):
+            yield (*path, key), False
+
+
+def with_text(base, path, is_key, text):
+    """The document with something behind a key or a text."""
+    document = copy.deepcopy(base)
+    *way, last = path
+    at = document
+    for key in way:
+        at = at[key]
+    if is_key:
+        entries = [(key + text if key == last else key, value) for key, value in at.items()]
+        at.clear()
+        at.update(entries)
+    else:
+        at[last] += text
+    return document
+
+
+def test_texts_that_command_a_terminal():
+    """Escape sequences, of one byte or two, and what turns or breaks a line: shown as text, wherever they stand."""
+    base = read_config(SOURCE / "config" / "motor" / "lock.json")
+    commands = "\x1b[31m\x9b31m\u202e\u2028\U000e0041"
+    seen = 0
+    for path, is_key in places_of_texts(base):
+        config = write_config(with_text(base, path, is_key, commands))
+        code, out, err = run(["check", config])
+        raw = [character for character in commands if not character.isprintable() and character in out + err]
+        expect(code != 0, f"{path}: is taken")
+        expect(not raw, f"{path}: {raw} reach the terminal:\n{out}{err}")
+        seen += "\\x1B[31m\\u{9B}31m\\u{202E}\\u{2028}" in err
+    expect(seen > 40, f"only {seen} of them are shown")
 
 
 def test_types_that_do_not_fit():

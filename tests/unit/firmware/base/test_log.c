@@ -50,6 +50,9 @@ static void test_one_message_is_one_line(void) {
     begin();
     tl_log(TL_LOG_ERROR, "two\nlines\t\x1b[31m and an end\r\n\n");
     tl_stderr_expect("twinlock: error: two lines  [31m and an end\n");
+    begin();
+    tl_log(TL_LOG_ERROR, "é\uFEFF\xC2\x9B\u2028\xFF€");
+    tl_stderr_expect("twinlock: error: é????€\n");
 }
 
 static void test_long_messages_are_cut_between_characters(void) {

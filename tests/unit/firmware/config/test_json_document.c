@@ -138,9 +138,9 @@ static void test_making_paths(void) {
     tl_json_member_path(path, path, "plant");
     TEST_ASSERT_EQUAL_STRING("plant", path);
     tl_json_member_path(path, path, "a\x1B");
-    TEST_ASSERT_EQUAL_STRING("plant.a?", path);
+    TEST_ASSERT_EQUAL_STRING("plant.a\\x1B", path);
     tl_json_element_path(path, path, 12);
-    TEST_ASSERT_EQUAL_STRING("plant.a?[12]", path);
+    TEST_ASSERT_EQUAL_STRING("plant.a\\x1B[12]", path);
 }
 
 static void test_paths_are_cut(void) {

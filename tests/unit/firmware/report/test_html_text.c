@@ -34,14 +34,14 @@ static void test_letters_of_all_countries_stay(void) {
     expect("Förderhöhe ŷ 速度");
 }
 
-static void test_control_characters_become_blanks(void) {
-    tl_html_put_text(file, "a\nb\tc\x1b[31m\x7f.");
-    expect("a b c [31m .");
+static void test_what_cannot_be_shown(void) {
+    tl_html_put_text(file, "a\nb\tc\x1b[31m\x7f.\uFEFF\xC2\x9B\u2028\xFF");
+    expect("a b c\\x1B[31m\\x7F.\\u{FEFF}\\u{9B}\\u{2028}\\xFF");
 }
 
 static void test_a_string_in_a_script(void) {
-    tl_html_put_string(file, "</script><!--\"\\&'\n\x7fü");
-    expect("\"\\u003c/script\\u003e\\u003c!--\\u0022\\u005c\\u0026\\u0027\\u000a\\u007fü\"");
+    tl_html_put_string(file, "</script><!--\"\\&'\n\x7f\uFEFFü");
+    expect("\"\\u003c/script\\u003e\\u003c!--\\u0022\\u005c\\u0026\\u0027\\u000a\\u005cx7F\\u005cu{FEFF}ü\"");
 }
 
 static void test_every_byte_of_a_string(void) {
@@ -93,7 +93,7 @@ int main(void) {
     UNITY_BEGIN();
     RUN_TEST(test_markup_is_text);
     RUN_TEST(test_letters_of_all_countries_stay);
-    RUN_TEST(test_control_characters_become_blanks);
+    RUN_TEST(test_what_cannot_be_shown);
     RUN_TEST(test_a_string_in_a_script);
     RUN_TEST(test_every_byte_of_a_string);
     RUN_TEST(test_numbers);
