@@ -1,10 +1,10 @@
 #!/usr/bin/env python3
-"""Makes the seeds of fuzz_past: an image with a checkpoint, one of inputs, and one from the start. Anew after a change of the layout:
-tests/fuzz/past_seeds.py"""
+"""Makes the seeds of fuzz_past: an image with a checkpoint, one of inputs, and one from the start. The build runs it:
+tests/fuzz/past_seeds.py FOLDER"""
 import struct
+import sys
 from pathlib import Path
 
-SEEDS = Path(__file__).resolve().parent / "seeds" / "past"
 STEP, NOW = 10_000_000, 5_000_000_000_000
 RIGHT = b"\3"  # magic, size and start are put right by the harness
 
@@ -24,11 +24,11 @@ def image(origin, first, count, checkpoint):
 
 
 def main():
-    SEEDS.mkdir(parents=True, exist_ok=True)
-    (SEEDS / "checkpoint").write_bytes(image(1, 1001, 3, b"state"))
-    (SEEDS / "start").write_bytes(image(2, 0, 3, b""))
-    (SEEDS / "inputs").write_bytes(image(3, 500, 2, b""))
-    (SEEDS / "no_ticks").write_bytes(image(1, 77, 0, b"state"))
+    folder = Path(sys.argv[1])
+    (folder / "checkpoint").write_bytes(image(1, 1001, 3, b"state"))
+    (folder / "start").write_bytes(image(2, 0, 3, b""))
+    (folder / "inputs").write_bytes(image(3, 500, 2, b""))
+    (folder / "no_ticks").write_bytes(image(1, 77, 0, b"state"))
 
 
 if __name__ == "__main__":
