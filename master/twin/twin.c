@@ -6,7 +6,8 @@
 #include "master/twin/twin_parts.h"
 
 tl_status tl_twin_start(tl_twin *twin, tl_error *error) {
-    tl_status status = tl_exchange_initialize(&twin->exchange, twin->first, error);
+    tl_exchange *exchange = &twin->exchange;
+    tl_status status = tl_exchange_initialize(exchange, twin->first, exchange->plant.newest, error);
     if (status == TL_OK && twin->lock.horizon.variables != 0) {
         bool stepped = true;
         const tl_proof_place place = {.outputs = twin->proof, .stepped = &stepped};
@@ -67,7 +68,7 @@ static void judge_delay(tl_twin *twin) {
 
 static void measure_delay(tl_twin *twin, tl_record *record) {
     if (twin->measure.lags != 0) {
-        bool free = is_free(twin, record);
+        bool free = is_free(twin, record) && (record->flags & TL_FLAG_RESET) == 0;
         for (size_t i = 0; i < twin->lock.objective.term_count; i++) {
             tl_delay_meter_step(twin->meters[i], record->step + 1, record->y[i], free);
         }
@@ -121,7 +122,12 @@ static tl_status step_by(tl_twin *twin, int64_t step, const tick_way *way, tl_re
 static tl_status compute(tl_twin *twin, int64_t step, const tick_way *way, tl_record *record, tl_error *error) {
     uint64_t before = count_executions(twin);
     uint64_t predicted = tl_ledger_total(&twin->lock.ledger);
-    tl_status status = step_by(twin, step, way, record, error);
+    uint32_t flags = 0;
+    tl_status status = twin->resets ? tl_twin_begin_anew(twin, step, &flags, error) : TL_OK;
+    if (status == TL_OK) {
+        status = step_by(twin, step, way, record, error);
+        record->flags |= flags;
+    }
     record->executions = (uint32_t)(count_executions(twin) - before);
     record->predicted = (uint32_t)(tl_ledger_total(&twin->lock.ledger) - predicted);
     record->used = 0;
