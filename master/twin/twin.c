@@ -5,9 +5,8 @@
 #include "master/sync/proof.h"
 #include "master/twin/twin_parts.h"
 
-tl_status tl_twin_start(tl_twin *twin, tl_error *error) {
-    tl_exchange *exchange = &twin->exchange;
-    tl_status status = tl_exchange_initialize(exchange, twin->first, exchange->plant.newest, error);
+tl_status tl_twin_start(tl_twin *twin, int64_t shown, tl_error *error) {
+    tl_status status = tl_exchange_initialize(&twin->exchange, twin->first, shown, error);
     if (status == TL_OK && twin->lock.horizon.variables != 0) {
         bool stepped = true;
         const tl_proof_place place = {.outputs = twin->proof, .stepped = &stepped};
@@ -18,7 +17,8 @@ tl_status tl_twin_start(tl_twin *twin, tl_error *error) {
 }
 
 static tl_status start(tl_twin *twin, tl_error *error) {
-    tl_status status = tl_twin_start(twin, error);
+    const tl_plant *plant = &twin->exchange.plant;
+    tl_status status = tl_twin_start(twin, tl_plant_shown(plant, twin->first, plant->newest), error);
     return status == TL_OK ? tl_exchange_start(&twin->exchange, twin->state_bytes, twin->heap, error) : status;
 }
 

@@ -46,8 +46,8 @@ struct tl_twin {
     tl_record pending;
 };
 
-/* The FMUs stand initialised at the newest sample, and their rollback is tested; not known to the caches yet. */
-tl_status tl_twin_start(tl_twin *twin, tl_error *error);
+/* The FMUs stand initialised at t_first, with the sample of tick `shown`, and their rollback is tested; not known to the caches yet. */
+tl_status tl_twin_start(tl_twin *twin, int64_t shown, tl_error *error);
 
 /* The FMUs begin anew, at the instant of `step`. *flags: of its record. */
 tl_status tl_twin_begin_anew(tl_twin *twin, int64_t step, uint32_t *flags, tl_error *error);

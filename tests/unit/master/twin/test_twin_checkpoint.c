@@ -20,6 +20,7 @@ static size_t size;
 
 void setUp(void) {
     scene.forgetful = false;
+    scene.good = false;
 }
 
 void tearDown(void) {
@@ -263,6 +264,28 @@ static void test_begun_at_a_tick(void) {
     }
 }
 
+/* Where older samples are looked up, that which is shown at the first instant is not the newest. */
+static void test_it_begins_with_what_the_plant_shows_then(void) {
+    scene.good = true;
+    for (tl_test_scene_kind of = TL_SCENE_LAG; of < TL_SCENE_STROKES; of++) {
+        tl_test_scene_build(&scene, of);
+        tl_twin_begin_at(run->twin, 100);
+        tl_test_scene_move(&scene, 100);
+        int64_t first = tl_twin_get_facts(run->twin).first;
+        int64_t shown = first + scene.plan.plan.input_ticks;
+        double u = 0.0;
+        while (run->sample.tick <= 120) {
+            tl_test_scene_show(&scene);
+            u = run->sample.tick == shown ? run->sample.values[0] : u;
+            tl_test_run_step(run);
+        }
+        const tl_test_entry *step = tl_test_log_step(&scene.log, &scene.fmus[0], 0);
+        TEST_ASSERT_EQUAL_DOUBLE_MESSAGE(0.1 * (double)first, step->time, tl_test_scene_name(of));
+        TEST_ASSERT_EQUAL_DOUBLE_MESSAGE(u, step->u[0], tl_test_scene_name(of));
+        tl_test_scene_end(&scene);
+    }
+}
+
 /* ---- what is not right ---- */
 
 static void expect_not_loaded(tl_status status, const char *words) {
@@ -420,6 +443,7 @@ int main(void) {
     RUN_TEST(test_it_goes_on_and_repeats);
     RUN_TEST(test_saving_changes_nothing);
     RUN_TEST(test_begun_at_a_tick);
+    RUN_TEST(test_it_begins_with_what_the_plant_shows_then);
     RUN_TEST(test_bytes_that_end_too_soon_or_too_late);
     RUN_TEST(test_bytes_of_another_twin);
     RUN_TEST(test_bytes_that_were_made_to_do_harm);
