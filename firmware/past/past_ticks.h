@@ -1,8 +1,8 @@
 /* Ticks to be followed, packed one after the other: what the plant showed, and the u that was committed.
  *
  * Purpose: in an image (past.h) and for who makes one. A tick of two signals takes a thirtieth of what a tl_past_tick takes.
- * Format:  whether the tick has u, and whether the FMUs began anew before it (a byte), values, stamps relative to t_start, u, qualities; private to program and machine. It may
- *          lie anywhere.
+ * Format:  whether the tick has u, and whether the FMUs began anew before its step (a byte), values, stamps relative to t_start, u, qualities;
+ *          private to program and machine. It may lie anywhere.
  * Trust:   tl_past_tick_is_sound() judges packed bytes; the others believe them.
  * Owner:   the memory of a row is its own until tl_past_ticks_free().
  * Thread:  one at a time.

@@ -8,7 +8,7 @@ import sqlite3
 from contextlib import closing
 
 import hostile_fmu
-from twinlock_test import (SANITIZER, Skip, at_least, at_most, edited_config, expect, main, run, run_well, scratch,
+from twinlock_test import (PATIENCE, SANITIZER, Skip, at_least, at_most, edited_config, expect, main, run_well, scratch,
                            start)
 
 RESET, MADE_UP = 32, 6
@@ -129,22 +129,27 @@ def test_an_fmu_that_refuses_is_instantiated_anew():
     expect(ask(replay(path, recorded), STEPS) == good, "other values than those of an FMU that does not refuse")
 
 
+def expect_end(words, fmu):
+    """Whatever the FMU leaves behind."""
+    path, recorded = marked_run(fmu)
+    process = start(("replay", path, "--recording", recorded))
+    try:
+        _, log = process.communicate(timeout=60 * PATIENCE)
+    finally:
+        process.kill()
+    expect(process.returncode == 70 and words in log, f"ended with {process.returncode}\n{log}")
+
+
 def test_an_fmu_that_is_fatal_ends_the_run():
-    path, recorded = marked_run(hostile_fmu.make("no_reset", RESET=FATAL))
-    code, _, log = run(("replay", path, "--recording", recorded))
-    expect(code == 70 and "hostile: fmi2Reset failed for good (fmi2Fatal)" in log, f"ended with {code}\n{log}")
+    expect_end("hostile: fmi2Reset failed for good (fmi2Fatal)", hostile_fmu.make("no_reset", RESET=FATAL))
 
 
 def test_an_fmu_that_is_not_instantiated_a_second_time_ends_the_run():
-    path, recorded = marked_run(hostile_fmu.make("no_reset", RESET=FAILED, SECOND="fmi2Instantiate"))
-    code, _, log = run(("replay", path, "--recording", recorded))
-    expect(code == 70 and "hostile: fmi2Instantiate refused" in log, f"ended with {code}\n{log}")
+    expect_end("hostile: fmi2Instantiate refused", hostile_fmu.make("no_reset", RESET=FAILED, SECOND="fmi2Instantiate"))
 
 
 def test_a_crash_in_a_reset_is_told():
-    path, recorded = marked_run(hostile_fmu.make("end", AT="fmi2Reset", HOW="*(volatile int *)8 = 0;"))
-    code, _, log = run(("replay", path, "--recording", recorded))
-    expect(code == 70 and "FMU hostile crashed in fmi2Reset" in log, f"ended with {code}\n{log}")
+    expect_end("FMU hostile crashed in fmi2Reset", hostile_fmu.make("end", AT="fmi2Reset", HOW="*(volatile int *)8 = 0;"))
 
 
 # ---- memory ----

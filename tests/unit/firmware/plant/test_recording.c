@@ -329,6 +329,8 @@ static void test_where_the_fmus_began_anew(void) {
             int64_t step = i - TL_MADE_PREDICTION;
             TEST_ASSERT_EQUAL_INT(again == 0 && step >= 0 && step % 7 == 3, tick.resets);
         }
+        tl_recording_close(recording);
+        recording = NULL;
         configure(CONFIGURATION " ");
     }
 }
