@@ -171,6 +171,12 @@ static fmi2Status terminate(fmi2Component component) {
     return leave_slowly(self, self->own->terminate(self->instance));
 }
 
+static fmi2Status reset(fmi2Component component) {
+    guarded *self = component;
+    enter(self, TL_FMU_RESET);
+    return leave_slowly(self, self->own->reset(self->instance));
+}
+
 /* ---- values ---- */
 
 static fmi2Status get_real(fmi2Component component, const fmi2ValueReference references[], size_t count,
@@ -331,6 +337,7 @@ void tl_fmu_guard_front(tl_fmu_guard *guard, const tl_fmi2 *own) {
         .enter_initialization_mode = enter_initialization_mode,
         .exit_initialization_mode = exit_initialization_mode,
         .terminate = terminate,
+        .reset = reset,
         .get_real = get_real,
         .get_integer = get_integer,
         .get_boolean = get_boolean,

@@ -3,7 +3,7 @@
  * Purpose: everything that calls an FMU comes through here, so this is the place for what must be done around each call:
  *            - note the call, so that a crash, a hang or an exit in it is told by name (fmu_call.h);
  *            - put back the floating-point control bits (fp_control.h) and the locale of the thread, without a system call;
- *            - after loading, instantiating, initialising, freeing, and once a tick: put back the rest of what an FMU may have
+ *            - after loading, instantiating, initialising, resetting, freeing, and once a tick: put back the rest of what an FMU may have
  *              changed of the process (host_state.h), and say so once;
  *            - take for a failure what claims success and is none: no state with fmi2OK.
  *          A caller of the table cannot tell the difference. Ways of rolling back other than the FMU's own will stand here too.

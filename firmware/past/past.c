@@ -24,7 +24,7 @@ typedef struct past_head {
     uint64_t from;
 } past_head;
 
-static const char MAGIC[8] = {'t', 'w', 'l', 'k', 'p', 's', 't', '1'};
+static const char MAGIC[8] = {'t', 'w', 'l', 'k', 'p', 's', 't', '2'};
 
 tl_past_shape tl_past_shape_of(const tl_config *config) {
     return (tl_past_shape){.signals = config->signal_count, .adjusts = config->adjust_count};

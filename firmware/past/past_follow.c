@@ -113,6 +113,9 @@ static tl_status follow_tick(const follower *self, const tl_past_tick *tick, tl_
     bool ready = false;
     tl_summary_sample(summary, &assembly->config, &tick->sample);
     put_sample(self, &tick->sample);
+    if (tick->resets) {
+        tl_twin_reset(assembly->twin);
+    }
     tl_status status = tl_twin_follow(assembly->twin, &tick->sample, tick->u, &record, &ready, error);
     if (ready) {
         tl_summary_add(summary, &assembly->config, &record);

@@ -1,7 +1,8 @@
 /* Going on with a past: the new twin is brought to where an earlier run was ended.
  *
  * Purpose: the twin loads the checkpoint, or begins with the FMUs' start values, and is led along the ticks of the past without a
- *          search. The time in which nobody ran is missed ticks then, for the cycle to make up.
+ *          search; before the steps before which the FMUs of that run began anew, its own do too. The time in which nobody ran is missed ticks
+ *          then, for the cycle to make up.
  * Own:     what is followed is recorded again, as the new run's, and so is the checkpoint: it then needs nothing of the earlier
  *          run, for its replay, or when it is itself ended before it has got any further.
  * Waiting: nobody is late while a twin goes on, so room in the outbox is waited for, for two seconds in all; what finds none after that is lost.

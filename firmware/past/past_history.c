@@ -172,6 +172,14 @@ static const double *u_of(const tl_past_history *self, const tl_history_tick *ti
     return tick->has_step && tick->adjusted == config_of(self)->adjust_count ? tick->u : NULL;
 }
 
+static bool add_tick(tl_past_history *self, const tl_history_tick *tick) {
+    bool added = tl_past_ticks_add(&self->ticks, &tick->sample, u_of(self, tick));
+    if (added && tick->has_step && (tick->flags & TL_FLAG_RESET) != 0) {
+        tl_past_ticks_set_reset(&self->ticks, tick->sample.tick);
+    }
+    return added;
+}
+
 /* The ticks from `from` on, up to a hole. Looks at no more than it takes to see that there are more than can be followed. */
 static tl_status survey(tl_past_history *self, int64_t from, tl_error *error) {
     tl_history_ticks *ticks = NULL;
@@ -185,7 +193,7 @@ static tl_status survey(tl_past_history *self, int64_t from, tl_error *error) {
     }
     for (int64_t next = from; status == TL_OK && !end && next - from <= self->most && tick.sample.tick == next;
          next++) {
-        status = tl_past_ticks_add(&self->ticks, &tick.sample, u_of(self, &tick))
+        status = add_tick(self, &tick)
                      ? tl_history_ticks_next(ticks, &tick, &end, error)
                      : tl_fail(error, TL_TRY_AGAIN, "not enough memory for what an earlier run has recorded");
     }

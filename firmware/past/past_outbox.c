@@ -112,6 +112,9 @@ static void take_step(tl_past_outbox *self, const tl_record *record) {
     int64_t tick = record->step + lead;
     run->last = tick > run->last ? tick : run->last;
     tl_past_ticks_set_u(&run->ticks, tick, record->u);
+    if ((record->flags & TL_FLAG_RESET) != 0) {
+        tl_past_ticks_set_reset(&run->ticks, tick);
+    }
     if (record->used > 0 && record->used < TL_SECOND) {
         run->used += record->used;
         run->executions += record->executions;

@@ -7,6 +7,9 @@
 
 enum { FIRST_CAPACITY = 64 };
 
+/* What the first byte may be: a tick without u has no step. */
+enum { NO_STEP, HAS_STEP, HAS_RESET };
+
 /* ---- one ---- */
 
 static size_t u_at(const tl_past_shape *shape) {
@@ -18,7 +21,7 @@ size_t tl_past_tick_bytes(const tl_past_shape *shape) {
 }
 
 static void pack_u(const tl_past_shape *shape, const double *u, unsigned char *bytes) {
-    bytes[0] = 1;
+    bytes[0] = HAS_STEP;
     memcpy(bytes + u_at(shape), u, shape->adjusts * sizeof *u);
 }
 
@@ -42,7 +45,8 @@ static void pack(const tl_past_shape *shape, const tl_sample *sample, unsigned c
 /* As it is packed, and no further. */
 static void take(const tl_past_shape *shape, const unsigned char *bytes, tl_past_tick *tick) {
     size_t words = shape->signals * sizeof(double);
-    tick->has_u = bytes[0] != 0;
+    tick->has_u = bytes[0] != NO_STEP;
+    tick->resets = bytes[0] == HAS_RESET;
     memcpy(tick->sample.values, bytes + 1, words);
     memcpy(tick->sample.stamps, bytes + 1 + words, words);
     memcpy(tick->u, bytes + u_at(shape), shape->adjusts * sizeof(double));
@@ -51,7 +55,7 @@ static void take(const tl_past_shape *shape, const unsigned char *bytes, tl_past
 
 bool tl_past_tick_is_sound(const tl_past_shape *shape, const unsigned char *bytes) {
     tl_past_tick tick;
-    bool sound = bytes[0] <= 1;
+    bool sound = bytes[0] <= HAS_RESET;
     take(shape, bytes, &tick);
     for (size_t i = 0; sound && i < shape->signals; i++) {
         tl_time stamp = tick.sample.stamps[i];
@@ -115,9 +119,23 @@ bool tl_past_ticks_add(tl_past_ticks *ticks, const tl_sample *sample, const doub
     return true;
 }
 
+/* Its bytes; NULL: it was not added. */
+static unsigned char *find(const tl_past_ticks *ticks, int64_t tick) {
+    bool added = tick >= ticks->first && tick - ticks->first < (int64_t)ticks->count;
+    return added ? place_of(ticks, (size_t)(tick - ticks->first)) : NULL;
+}
+
 void tl_past_ticks_set_u(tl_past_ticks *ticks, int64_t tick, const double *u) {
-    if (tick >= ticks->first && tick - ticks->first < (int64_t)ticks->count) {
-        pack_u(&ticks->shape, u, place_of(ticks, (size_t)(tick - ticks->first)));
+    unsigned char *bytes = find(ticks, tick);
+    if (bytes != NULL) {
+        pack_u(&ticks->shape, u, bytes);
+    }
+}
+
+void tl_past_ticks_set_reset(tl_past_ticks *ticks, int64_t tick) {
+    unsigned char *bytes = find(ticks, tick);
+    if (bytes != NULL && bytes[0] != NO_STEP) {
+        bytes[0] = HAS_RESET;
     }
 }
 
@@ -133,8 +151,8 @@ void tl_past_ticks_cut(tl_past_ticks *ticks, int64_t first) {
 int64_t tl_past_ticks_last(const tl_past_ticks *ticks) {
     bool stepped = false;
     size_t count = 0;
-    while (count < ticks->count && (place_of(ticks, count)[0] != 0 || !stepped)) {
-        stepped = place_of(ticks, count)[0] != 0;
+    while (count < ticks->count && (place_of(ticks, count)[0] != NO_STEP || !stepped)) {
+        stepped = place_of(ticks, count)[0] != NO_STEP;
         count++;
     }
     return stepped ? ticks->first + (int64_t)count - 1 : ticks->first - 1;

@@ -1,8 +1,8 @@
 /* Ticks to be followed, packed one after the other: what the plant showed, and the u that was committed.
  *
  * Purpose: in an image (past.h) and for who makes one. A tick of two signals takes a thirtieth of what a tl_past_tick takes.
- * Format:  whether the tick has u (a byte), values, stamps relative to t_start, u, qualities; private to program and machine. It may
- *          lie anywhere.
+ * Format:  whether the tick has u, and whether the FMUs began anew before its step (a byte), values, stamps relative to t_start, u, qualities;
+ *          private to program and machine. It may lie anywhere.
  * Trust:   tl_past_tick_is_sound() judges packed bytes; the others believe them.
  * Owner:   the memory of a row is its own until tl_past_ticks_free().
  * Thread:  one at a time.
@@ -29,6 +29,7 @@ typedef struct tl_past_shape {
 typedef struct tl_past_tick {
     tl_sample sample;        /* signals that the shape does not have: no link */
     bool has_u;              /* false for the first ticks of a run */
+    bool resets;             /* before its step the FMUs began anew (TL_FLAG_RESET) */
     double u[TL_MAX_ADJUST]; /* zeros if it has none */
 } tl_past_tick;
 
@@ -60,6 +61,9 @@ bool tl_past_ticks_add(tl_past_ticks *ticks, const tl_sample *sample, const doub
 
 /* The u of a tick that was added; of others it is ignored. */
 void tl_past_ticks_set_u(tl_past_ticks *ticks, int64_t tick, const double *u);
+
+/* Before its step the FMUs began anew: of a tick that was added and has u; of others it is ignored. */
+void tl_past_ticks_set_reset(tl_past_ticks *ticks, int64_t tick);
 
 /* Leaves out those before `first`, which is one of them, or the next. */
 void tl_past_ticks_cut(tl_past_ticks *ticks, int64_t first);

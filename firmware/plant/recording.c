@@ -136,6 +136,7 @@ static tl_status next_from_csv(tl_recording *recording, tl_recording_tick *tick,
     tl_plant_input_take(&recording->input, recording->next, instant, &tick->sample);
     tick->made_up = false;
     tick->cut_short = false;
+    tick->resets = false;
     tick->evaluations = 0;
     tick->without_nominal = false;
     tick->followed = false;

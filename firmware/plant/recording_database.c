@@ -235,6 +235,7 @@ tl_status tl_recording_database_next(tl_recording_database *database, tl_recordi
     tick->followed = database->beginning.follows && read.sample.tick < database->beginning.resumption.tick;
     memcpy(tick->u, read.u, sizeof tick->u);
     tick->made_up = repeat && read.outcome == TL_MADE_UP;
+    tick->resets = repeat && (read.flags & TL_FLAG_RESET) != 0;
     bool without_nominal = (read.flags & TL_FLAG_WITHOUT_NOMINAL) != 0;
     tick->cut_short = repeat && (read.stop == TL_STOP_TIME || without_nominal);
     tick->evaluations = tick->cut_short ? read.evaluations : 0;

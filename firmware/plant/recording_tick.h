@@ -21,6 +21,7 @@ typedef struct tl_recording_tick {
     uint32_t evaluations;    /* it had time for these, which may be none, */
     bool without_nominal;    /* and nominal's was not among them, */
     uint64_t executions;     /* and for so many executions */
+    bool resets;             /* before its step the run's FMUs began anew */
     bool followed;           /* it is one of the run that this one goes on with, */
     double u[TL_MAX_ADJUST]; /* which committed this */
 } tl_recording_tick;

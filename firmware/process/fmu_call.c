@@ -18,6 +18,7 @@ static const char *const FUNCTIONS[TL_FMU_FUNCTIONS] = {
     [TL_FMU_ENTER_INITIALIZATION_MODE] = "fmi2EnterInitializationMode",
     [TL_FMU_EXIT_INITIALIZATION_MODE] = "fmi2ExitInitializationMode",
     [TL_FMU_TERMINATE] = "fmi2Terminate",
+    [TL_FMU_RESET] = "fmi2Reset",
     [TL_FMU_GET_REAL] = "fmi2GetReal",
     [TL_FMU_GET_INTEGER] = "fmi2GetInteger",
     [TL_FMU_GET_BOOLEAN] = "fmi2GetBoolean",

@@ -97,6 +97,10 @@ static void tell_late(tl_checkpointer *self, int64_t tick) {
     }
 }
 
+void tl_checkpointer_hurry(tl_checkpointer *self, int64_t tick) {
+    self->next = tick < self->next ? tick : self->next;
+}
+
 void tl_checkpointer_after(tl_checkpointer *self, int64_t tick, const tl_budget *budget) {
     size_t size = 0;
     if (self->is_off || budget == NULL || tick < self->next) {

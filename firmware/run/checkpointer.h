@@ -3,8 +3,9 @@
  * Purpose: after a tick, in the cycle's own thread, if the budget has time for it; the bytes go into the outbox, where a successor of this
  *          process finds them, and the recorder.
  * When:    after the first tick, which also measures what it costs; from then on every 10 s of plant time, or 2000 ticks where
- *          that is less. If a checkpoint does not fit into the budget, or an FMU cannot be turned into bytes, an event
- *          says so, once; a restart then runs the newest inputs again, which the outbox keeps for that.
+ *          that is less; and as soon as there is time after the FMUs have begun anew. If a checkpoint does not fit into the budget, or an
+ *          FMU cannot be turned into bytes, an event says so, once; a restart then runs the newest inputs again, which the outbox
+ *          keeps for that.
  * Thread:  the cycle's. Memory: taken after the first tick.
  */
 #ifndef TL_FIRMWARE_RUN_CHECKPOINTER_H
@@ -32,6 +33,9 @@ typedef struct tl_checkpointer {
 } tl_checkpointer;
 
 void tl_checkpointer_init(tl_checkpointer *self, const tl_assembly *assembly, tl_outbox *outbox, tl_journal *journal);
+
+/* What was saved is of a twin that is no more, since its FMUs began anew: one is due after this tick. */
+void tl_checkpointer_hurry(tl_checkpointer *self, int64_t tick);
 
 /* After a tick that was computed within `budget`; NULL: it was made up, and there is no time for anything else. */
 void tl_checkpointer_after(tl_checkpointer *self, int64_t tick, const tl_budget *budget);

@@ -48,6 +48,9 @@ static void show(tl_cycle *cycle) {
 static void keep(tl_cycle *cycle, int64_t tick, const tl_record *record) {
     tl_summary_add(&cycle->summary, &cycle->settings.assembly->config, record);
     tl_watch_record(&cycle->watch, tick, record);
+    if ((record->flags & TL_FLAG_RESET) != 0) {
+        tl_checkpointer_hurry(&cycle->checkpointer, tick);
+    }
     tl_twin_recorder_put(cycle->settings.outbox, record, cycle->settings.assembly->twin);
     cycle->shown.record = *record;
 }

@@ -180,13 +180,14 @@ static void tell_stroke(tl_watch *watch, int64_t tick, const tl_record *record) 
 
 /* The first of a row is told, and how many there were when one is searched again. */
 static void tell_abandoned(tl_watch *watch, int64_t tick, const tl_record *record) {
+    bool reset = (record->flags & TL_FLAG_RESET) != 0;
     if (watch->abandoned++ == 0) {
-        tl_journal_event(
-            watch->journal, tick, TL_EVENT_WARNING, "twin",
-            "stroke: not searched to its end; it lasted too long, an edge fell into a gap of the measurements, "
-            "there was no time before the next one, or what was found failed");
+        tl_journal_event(watch->journal, tick, TL_EVENT_WARNING, "twin", "stroke: not searched to its end; %s",
+                         reset ? "the FMUs began anew"
+                               : "it lasted too long, an edge fell into a gap of the measurements, there was no time "
+                                 "before the next one, or what was found failed");
     }
-    if (has_moved(watch, record)) {
+    if (has_moved(watch, record) && !reset) {
         tl_journal_event(watch->journal, tick, TL_EVENT_INFO, "twin", "stroke: %s from %.6g to %.6g, the best so far",
                          watch->config->adjust[0].variable, watch->stroke_u, record->u[0]);
     }
@@ -215,7 +216,7 @@ static void watch_stroke(tl_watch *watch, int64_t tick, const tl_record *record)
         tell_searched_again(watch, tick);
         tell_stroke(watch, tick, record);
     }
-    if (ended || abandoned) {
+    if (ended || abandoned || (record->flags & TL_FLAG_RESET) != 0) {
         watch->stroke_u = record->u[0];
         watch->stroke_evaluations = 0;
     }

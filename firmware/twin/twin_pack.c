@@ -6,16 +6,16 @@
 
 enum { WORD = sizeof(uint64_t) };
 
+/* How a tick's step comes about; bits. */
+enum { MADE_UP = 1, CUT_SHORT = 2, WITHOUT_NOMINAL = 4, FOLLOWED = 8, RESETS = 16 };
+
 /* What is of one size in every tick. */
 typedef struct tick_head {
     int64_t tick;
     tl_time instant;
     uint64_t executions;
     uint32_t evaluations;
-    uint8_t made_up;
-    uint8_t cut_short;
-    uint8_t without_nominal;
-    uint8_t followed;
+    uint32_t how;
 } tick_head;
 
 /* What is of one size in every result. */
@@ -79,10 +79,9 @@ void tl_twin_pack_tick(const tl_config *config, const tl_recording_tick *tick, u
         .instant = sample->instant,
         .executions = tick->executions,
         .evaluations = tick->evaluations,
-        .made_up = tick->made_up ? 1 : 0,
-        .cut_short = tick->cut_short ? 1 : 0,
-        .without_nominal = tick->without_nominal ? 1 : 0,
-        .followed = tick->followed ? 1 : 0,
+        .how = (tick->made_up ? MADE_UP : 0U) | (tick->cut_short ? CUT_SHORT : 0U) |
+               (tick->without_nominal ? WITHOUT_NOMINAL : 0U) | (tick->followed ? FOLLOWED : 0U) |
+               (tick->resets ? RESETS : 0U),
     };
     memcpy(bytes, &head, sizeof head);
     bytes += sizeof head;
@@ -105,10 +104,11 @@ void tl_twin_unpack_tick(const tl_config *config, const unsigned char *bytes, tl
     sample->instant = head.instant;
     tick->executions = head.executions;
     tick->evaluations = head.evaluations;
-    tick->made_up = head.made_up != 0;
-    tick->cut_short = head.cut_short != 0;
-    tick->without_nominal = head.without_nominal != 0;
-    tick->followed = head.followed != 0;
+    tick->made_up = (head.how & MADE_UP) != 0;
+    tick->cut_short = (head.how & CUT_SHORT) != 0;
+    tick->without_nominal = (head.how & WITHOUT_NOMINAL) != 0;
+    tick->followed = (head.how & FOLLOWED) != 0;
+    tick->resets = (head.how & RESETS) != 0;
 }
 
 /* ---- results ---- */

@@ -43,6 +43,13 @@ static tl_budget budget_of(const tl_config *config, const tl_recording_tick *tic
     return budget;
 }
 
+/* Before the step: whether the FMUs begin anew. */
+static void bring_back(const tl_assembly *assembly, const tl_recording_tick *tick) {
+    if (tick->resets) {
+        tl_twin_reset(assembly->twin);
+    }
+}
+
 /* As the run did: led along, made up, or searched. */
 static tl_status step(const tl_assembly *assembly, const tl_recording_tick *tick, tl_twin_tells tells,
                       tl_record *record, bool *ready, tl_error *error) {
@@ -76,6 +83,7 @@ static void look_after_host(const tl_recording_tick *tick) {
 tl_status tl_twin_execute(const tl_assembly *assembly, const tl_recording_tick *tick, tl_twin_tells tells,
                           tl_twin_result *result, tl_error *error) {
     bool ready = false;
+    bring_back(assembly, tick);
     tl_status status = step(assembly, tick, tells, &result->record, &ready, error);
     result->tick = tick->sample.tick;
     result->status = (int32_t)status;

@@ -39,8 +39,8 @@ typedef struct tl_twin_result {
  * tick. Numbers are not judged. */
 bool tl_twin_result_is_sound(const tl_twin_result *result, const tl_config *config, int64_t tick, int64_t least);
 
-/* The tick through the twin: searched as configured, without a clock; made up, followed or cut short if it was so in the recording. Errors: those
- * of tl_twin_step(), in the result too. */
+/* The tick through the twin: searched as configured, without a clock; made up, followed, cut short, or after the FMUs began anew if it was so in
+ * the recording. Errors: those of tl_twin_step(), in the result too. */
 tl_status tl_twin_execute(const tl_assembly *assembly, const tl_recording_tick *tick, tl_twin_tells tells,
                           tl_twin_result *result, tl_error *error);
 

@@ -75,8 +75,14 @@ tl_status tl_cached_component_start(tl_cached_component *cached, tl_error *error
     return status;
 }
 
+tl_status tl_cached_component_begin_anew(tl_cached_component *cached, tl_error *error) {
+    tl_sequence_cache_clear(&cached->tree);
+    return tl_cached_component_start(cached, error);
+}
+
 void tl_cached_component_end(tl_cached_component *cached) {
     tl_sequence_cache *tree = &cached->tree;
+    cached->made = 0;
     for (uint32_t i = 0; i < tree->capacity; i++) {
         tl_component_forget(cached->component, &tree->nodes[i].state);
     }

@@ -62,6 +62,10 @@ void tl_cached_component_limit(tl_cached_component *cached, uint32_t states);
 /* The FMU stands initialised at t_0: plants the root and makes the first state handles. */
 tl_status tl_cached_component_start(tl_cached_component *cached, tl_error *error);
 
+/* The FMU has begun anew, and stands initialised at what is t_i from now on: all that was known is given up, and the root is planted
+ * there. Handles stay; what tl_cached_component_end() has freed of them is made again. */
+tl_status tl_cached_component_begin_anew(tl_cached_component *cached, tl_error *error);
+
 /* The candidate goes back to the root. */
 void tl_cached_component_rewind(tl_cached_component *cached);
 

@@ -112,6 +112,14 @@ void tl_sequence_cache_prune(tl_sequence_cache *cache, uint32_t node) {
     }
 }
 
+void tl_sequence_cache_clear(tl_sequence_cache *cache) {
+    for (uint32_t node = 0; node < cache->capacity; node++) {
+        if (cache->nodes[node].used) {
+            give_up(cache, node);
+        }
+    }
+}
+
 /* Makes `child` the only child of its parent. */
 static void keep_only(tl_sequence_cache *cache, uint32_t child) {
     uint32_t parent = cache->nodes[child].parent;

@@ -71,6 +71,9 @@ void tl_sequence_cache_put_spare(tl_sequence_cache *cache, fmi2FMUstate state);
  * ancestor of it; it has no parent afterwards. */
 void tl_sequence_cache_keep(tl_sequence_cache *cache, uint32_t first, uint32_t root);
 
+/* Gives up all nodes: the tree is empty, and may be planted anew. */
+void tl_sequence_cache_clear(tl_sequence_cache *cache);
+
 /* Gives up everything below a node. */
 void tl_sequence_cache_prune(tl_sequence_cache *cache, uint32_t node);
 

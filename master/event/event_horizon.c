@@ -504,6 +504,15 @@ tl_status tl_event_horizon_follow(tl_event_horizon *self, int64_t step, double u
     return status;
 }
 
+bool tl_event_horizon_begin_anew(tl_event_horizon *self) {
+    bool under_way = self->phase != WAITING && self->phase != CONFIRMING;
+    tl_stroke_drop(&self->stroke);
+    self->phase = WAITING;
+    self->own_course = false;
+    self->u = nominal_of(self);
+    return under_way;
+}
+
 void tl_event_horizon_archive(tl_event_horizon *self, tl_archive *archive) {
     tl_archive_part(archive, &self->u, sizeof self->u);
     tl_archive_require_finite(archive, &self->u, 1);

@@ -52,6 +52,9 @@ tl_status tl_event_horizon_step(tl_event_horizon *self, int64_t step, const tl_b
 /* A step that is not searched, with this u in force from now on, which an earlier run has committed. */
 tl_status tl_event_horizon_follow(tl_event_horizon *self, int64_t step, double u, tl_record *record, tl_error *error);
 
+/* All FMUs have begun anew: nominal is in force, and a stroke or search under way is given up, which is whether there was one. */
+bool tl_event_horizon_begin_anew(tl_event_horizon *self);
+
 /* The u in force. A stroke that was under way is not known when it is loaded. */
 void tl_event_horizon_archive(tl_event_horizon *self, tl_archive *archive);
 

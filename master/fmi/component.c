@@ -68,6 +68,8 @@ static fmi2Component instantiate(const tl_component *component, const fmi2Callba
 
 tl_status tl_component_instantiate(tl_component *component, const fmi2CallbackFunctions *callbacks,
                                    const char *resources, tl_error *error) {
+    component->callbacks = callbacks;
+    component->resources = resources;
     component->instance = instantiate(component, callbacks, resources, component->logging);
     if (component->instance == NULL && !component->logging) {
         component->instance = instantiate(component, callbacks, resources, true);
@@ -104,6 +106,35 @@ tl_status tl_component_set_start(tl_component *component, const tl_variable *var
         return judge(component, fmi->set_string(component->instance, &reference, 1, &text), "fmi2SetString", error);
     }
     return tl_fail(error, TL_BAD_DATA, "%s.%s: unknown base type", component->name, variable->name);
+}
+
+tl_status tl_component_set_starts(tl_component *component, tl_error *error) {
+    tl_status status = TL_OK;
+    for (size_t i = 0; i < component->start_count && status == TL_OK; i++) {
+        const tl_start_value *start = &component->starts[i];
+        status = tl_component_set_start(component, start->variable, &start->value, error);
+    }
+    return status;
+}
+
+tl_status tl_component_reset(tl_component *component, tl_error *error) {
+    tl_status status = judge(component, component->fmi->reset(component->instance), "fmi2Reset", error);
+    if (status != TL_OK) {
+        component->mode =
+            status == TL_FMU_FAILED ? TL_MODE_FAILED : component->mode; /* wherever a refusal has left it */
+        return status;
+    }
+    component->mode = TL_MODE_INSTANTIATED;
+    return tl_component_set_starts(component, error);
+}
+
+tl_status tl_component_renew(tl_component *component, tl_error *error) {
+    tl_component_free(component);
+    if (component->mode == TL_MODE_DEAD) {
+        return tl_fail(error, TL_FMU_FATAL, "%s: cannot be instantiated anew after fmi2Fatal", component->name);
+    }
+    tl_status status = tl_component_instantiate(component, component->callbacks, component->resources, error);
+    return status == TL_OK ? tl_component_set_starts(component, error) : status;
 }
 
 tl_status tl_component_enter_initialization(tl_component *component, double start, tl_error *error) {

@@ -49,10 +49,20 @@ typedef enum tl_component_mode {
     TL_MODE_DEAD    /* after fmi2Fatal: nothing */
 } tl_component_mode;
 
+/* A value that a variable gets before initialisation, of the variable's own type. */
+typedef struct tl_start_value {
+    const tl_variable *variable;
+    tl_value value;
+} tl_start_value;
+
 typedef struct tl_component {
     const char *name;
     const tl_model *model;
     const tl_fmi2 *fmi;
+    const fmi2CallbackFunctions *callbacks; /* as it was instantiated with, */
+    const char *resources;                  /* and this */
+    const tl_start_value *starts;
+    size_t start_count;
     fmi2Component instance;
     tl_component_mode mode;
     tl_ports inputs;      /* connected inputs and adjusted variables: set before each step */
@@ -63,14 +73,24 @@ typedef struct tl_component {
     uint64_t executions;  /* fmi2DoStep calls */
 } tl_component;
 
-/* fmi2Instantiate; then `set_*` of start values may follow. An FMU that refuses is asked a second time with its logging on,
- * because some say why only then. */
+/* fmi2Instantiate; then start values may be set. An FMU that refuses is asked a second time with its logging on, because some say
+ * why only then. */
 tl_status tl_component_instantiate(tl_component *component, const fmi2CallbackFunctions *callbacks,
                                    const char *resources, tl_error *error);
 
 /* Sets one variable before initialisation. `value` has the variable's own type. */
 tl_status tl_component_set_start(tl_component *component, const tl_variable *variable, const tl_value *value,
                                  tl_error *error);
+
+/* Sets all of `starts`. */
+tl_status tl_component_set_starts(tl_component *component, tl_error *error);
+
+/* Begins anew: fmi2Reset, and `starts` again. What comes next is initialisation. States that were saved stay the FMU's until they are given
+ * back, and their handles may be reused. TL_FMU_FAILED: tl_component_renew() is what is left. */
+tl_status tl_component_reset(tl_component *component, tl_error *error);
+
+/* The same for an FMU that refuses it: fmi2FreeInstance, fmi2Instantiate, and `starts` again. All its states must have been given back. */
+tl_status tl_component_renew(tl_component *component, tl_error *error);
 
 /* fmi2SetupExperiment (from `start`, s of simulated time; no stop time, no tolerance) and fmi2EnterInitializationMode. */
 tl_status tl_component_enter_initialization(tl_component *component, double start, tl_error *error);

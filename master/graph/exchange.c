@@ -73,6 +73,18 @@ tl_status tl_exchange_start(tl_exchange *exchange, uint64_t bytes, size_t (*heap
     return status;
 }
 
+tl_status tl_exchange_begin_anew(tl_exchange *exchange, int64_t step, tl_error *error) {
+    tl_status status = TL_OK;
+    if (exchange->cached == NULL) {
+        return TL_OK;
+    }
+    tl_plant_forget(&exchange->plant, step);
+    for (size_t i = 0; i < exchange->component_count && status == TL_OK; i++) {
+        status = tl_cached_component_begin_anew(&exchange->cached[i], error);
+    }
+    return status;
+}
+
 void tl_exchange_end_component(tl_exchange *exchange, size_t component) {
     if (exchange->cached != NULL) {
         tl_cached_component_end(&exchange->cached[component]);

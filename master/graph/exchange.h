@@ -102,9 +102,12 @@ static inline void tl_exchange_set_adjusted(tl_exchange *exchange, size_t variab
 double tl_exchange_adjusted(const tl_exchange *exchange, size_t variable);
 double tl_exchange_nominal(const tl_exchange *exchange, size_t variable);
 
+/* All values as they were before the first initialisation. */
+void tl_exchange_clear(tl_exchange *exchange, const tl_graph *graph);
+
 /* fmi2SetupExperiment … fmi2ExitInitializationMode of all components at the instant of macro step `first`, outputs and inputs
- * exchanged in between until they agree. The plant must have a sample; it is delivered first. */
-tl_status tl_exchange_initialize(tl_exchange *exchange, int64_t first, tl_error *error);
+ * exchanged in between until they agree. The plant must have a sample; that of tick `shown` is delivered first. */
+tl_status tl_exchange_initialize(tl_exchange *exchange, int64_t first, int64_t shown, tl_error *error);
 
 /* Inputs from outputs. */
 void tl_exchange_deliver(tl_exchange *exchange);
@@ -121,6 +124,10 @@ tl_time tl_exchange_cost(const tl_exchange *exchange, tl_time steps);
  * they are now, stay within `bytes` (0: there is no bound), but for the two that each component must have. `heap` as in
  * tl_cached_component_measure(). */
 tl_status tl_exchange_start(tl_exchange *exchange, uint64_t bytes, size_t (*heap)(void), tl_error *error);
+
+/* The same after all FMUs have begun anew and are initialised at the instant of macro step `step`: nothing that was saved is known any
+ * more. */
+tl_status tl_exchange_begin_anew(tl_exchange *exchange, int64_t step, tl_error *error);
 
 /* The values and states as committed are where candidates begin. Once per step, before the first candidate. Saves all
  * states where there are no caches; else no FMU is called, and nothing can fail. */

@@ -70,18 +70,24 @@ static tl_ports *ports_of(const tl_exchange *exchange, const tl_port *port) {
     return port->input ? &component->inputs : &component->outputs;
 }
 
-/* Gives a port its value reference and, for an input, its start value. */
-static void fill_port(tl_exchange *exchange, const tl_port *port) {
-    tl_ports *ports = ports_of(exchange, port);
+/* Gives a port its value reference. */
+static void place_reference(const tl_exchange *exchange, const tl_port *port) {
+    const tl_ports *ports = ports_of(exchange, port);
+    fmi2ValueReference *references = port->type == TL_REAL      ? ports->real_references
+                                     : port->type == TL_INTEGER ? ports->integer_references
+                                                                : ports->boolean_references;
+    references[port->index] = port->variable->reference;
+}
+
+/* And its start value. */
+static void fill_port(const tl_exchange *exchange, const tl_port *port) {
+    const tl_ports *ports = ports_of(exchange, port);
     const tl_variable *variable = port->variable;
     if (port->type == TL_REAL) {
-        ports->real_references[port->index] = variable->reference;
         ports->reals[port->index] = variable->has_start ? variable->start.real : 0.0;
     } else if (port->type == TL_INTEGER) {
-        ports->integer_references[port->index] = variable->reference;
         ports->integers[port->index] = variable->has_start ? variable->start.integer : 0;
     } else {
-        ports->boolean_references[port->index] = variable->reference;
         ports->booleans[port->index] = variable->has_start && variable->start.integer != 0 ? fmi2True : fmi2False;
     }
 }
@@ -176,6 +182,7 @@ tl_status tl_exchange_init(tl_exchange *exchange, tl_arena *arena, tl_graph *gra
         if (graph->ports[i].variable == NULL) {
             place_signal(exchange, &graph->ports[i], &layout);
         } else {
+            place_reference(exchange, &graph->ports[i]);
             fill_port(exchange, &graph->ports[i]);
         }
     }
@@ -208,6 +215,21 @@ void tl_exchange_place_adjusted(tl_exchange *exchange, size_t variable, const tl
         input->delivered_boolean = delivered;
     }
     tl_exchange_set_adjusted(exchange, variable, nominal);
+}
+
+void tl_exchange_clear(tl_exchange *exchange, const tl_graph *graph) {
+    memset(exchange->values, 0, exchange->values_size);
+    for (size_t i = 0; i < graph->port_count; i++) {
+        if (graph->ports[i].variable != NULL) {
+            fill_port(exchange, &graph->ports[i]);
+        }
+    }
+    for (size_t v = 0; v < TL_MAX_ADJUST; v++) {
+        const tl_adjusted_input *input = &exchange->adjusted[v];
+        if (input->real != NULL || input->boolean != NULL) {
+            tl_exchange_set_adjusted(exchange, v, input->nominal);
+        }
+    }
 }
 
 /* ---- initialisation ---- */
@@ -250,13 +272,13 @@ static tl_status settle(tl_exchange *exchange, tl_error *error) {
     return TL_OK;
 }
 
-tl_status tl_exchange_initialize(tl_exchange *exchange, int64_t first, tl_error *error) {
+tl_status tl_exchange_initialize(tl_exchange *exchange, int64_t first, int64_t shown, tl_error *error) {
     double start = tl_seconds(tl_time_of_step(0, exchange->step, first));
     tl_status status = TL_OK;
     for (size_t i = 0; i < exchange->component_count && status == TL_OK; i++) {
         status = tl_component_enter_initialization(&exchange->components[i], start, error);
     }
-    tl_plant_deliver(&exchange->plant, exchange->plant.newest);
+    tl_plant_deliver(&exchange->plant, shown);
     /* A chain of direct feed-through settles after as many rounds as it has components. */
     for (size_t round = 0; round < exchange->component_count + 1 && status == TL_OK; round++) {
         memcpy(exchange->home.values, exchange->values, exchange->values_size);

@@ -120,6 +120,10 @@ static bool is_known(tl_plant *plant, int64_t step, int64_t number) {
     return false;
 }
 
+void tl_plant_forget(tl_plant *plant, int64_t step) {
+    plant->known = plant->known < step ? plant->known : step;
+}
+
 void tl_plant_step(tl_plant *plant, int64_t step) {
     int64_t number = tl_plant_shown(plant, step + 1, plant->newest);
     if (plant->delivered == NULL || !is_known(plant, step, number)) {

@@ -76,6 +76,9 @@ int64_t tl_plant_shown(const tl_plant *plant, int64_t i, int64_t newest);
 /* Delivers the sample of `tick` to the outputs. */
 void tl_plant_deliver(tl_plant *plant, int64_t tick);
 
+/* Of macro step i and those after it nothing is known any more. */
+void tl_plant_forget(tl_plant *plant, int64_t step);
+
 /* Macro step i: delivers what the plant shows at its end, t_(i+1). An execution, if it was not known. Steps are taken from the
  * committed one on, at most T_P. */
 void tl_plant_step(tl_plant *plant, int64_t step);

@@ -82,6 +82,11 @@ static void committed(tl_optimiser *self, const double *u) {
     self->has_committed = true;
 }
 
+static void forget(tl_optimiser *self) {
+    self->has_committed = false;
+    memset(self->resting, 0, self->space->count * sizeof *self->resting);
+}
+
 /* All memory is the arena's. */
 static void destroy(tl_optimiser *self) {
     (void)self;
@@ -94,5 +99,6 @@ const tl_optimiser_class tl_boolean = {
     .minimise = minimise,
     .rest = rest,
     .committed = committed,
+    .forget = forget,
     .destroy = destroy,
 };

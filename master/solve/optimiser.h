@@ -82,6 +82,8 @@ typedef struct tl_optimiser_class {
     void (*rest)(const tl_optimiser *optimiser, double *u);
     /* Told of each commit, with the unknowns that were committed. NULL: of no interest. */
     void (*committed)(tl_optimiser *optimiser, const double *u);
+    /* Forgets what it remembers of earlier steps: as it was created. NULL: it remembers nothing. */
+    void (*forget)(tl_optimiser *optimiser);
     void (*destroy)(tl_optimiser *optimiser);
 } tl_optimiser_class;
 

@@ -638,6 +638,13 @@ static bool is_new(const tl_optimiser *self) {
     return !self->has_slope;
 }
 
+static void forget(tl_optimiser *self) {
+    self->has_slope = false;
+    self->promised = (double)NAN;
+    memset(self->slope, 0, self->residuals * self->unknowns * sizeof *self->slope);
+    memset(self->lean, 0, self->unknowns * sizeof *self->lean);
+}
+
 const tl_optimiser_class tl_secant = {
     .name = "secant",
     .create = create,
@@ -645,5 +652,6 @@ const tl_optimiser_class tl_secant = {
     .retract = retract,
     .minimise = minimise,
     .is_new = is_new,
+    .forget = forget,
     .destroy = destroy,
 };

@@ -366,6 +366,11 @@ void tl_ledger_commit(tl_ledger *ledger, const double *values) {
     tidy(ledger);
 }
 
+void tl_ledger_begin_anew(tl_ledger *ledger) {
+    ledger->count = 0;
+    memset(ledger->settled, 0, ledger->horizon->nodes * sizeof *ledger->settled);
+}
+
 uint64_t tl_ledger_predicted(const tl_ledger *ledger, size_t node) {
     return ledger->plain - ledger->saved[node];
 }

@@ -657,6 +657,22 @@ tl_status tl_lock_follow(tl_lock *lock, int64_t step, const double *u, tl_record
     return step_unsearched(lock, step, TL_FOLLOWED, u, record, error);
 }
 
+static void forget(const tl_optimiser_class *solver, tl_optimiser *optimiser) {
+    if (optimiser != NULL && solver->forget != NULL) {
+        solver->forget(optimiser);
+    }
+}
+
+void tl_lock_begin_anew(tl_lock *lock) {
+    lock->has_last = false;
+    lock->courses = 0;
+    lock->was_blind = false;
+    lock->met = false;
+    forget(lock->solver, lock->optimiser);
+    forget(lock->fallback, lock->second);
+    tl_ledger_begin_anew(&lock->ledger);
+}
+
 void tl_lock_archive(tl_lock *lock, tl_archive *archive) {
     const tl_objective *objective = &lock->objective;
     tl_archive_flag(archive, &lock->has_last);

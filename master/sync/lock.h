@@ -51,6 +51,10 @@ tl_status tl_lock_make_up(tl_lock *lock, int64_t step, tl_record *record, tl_err
 /* Commits step i with this u, which an earlier run has committed, without a search. */
 tl_status tl_lock_follow(tl_lock *lock, int64_t step, const double *u, tl_record *record, tl_error *error);
 
+/* All FMUs have begun anew at the committed instant, with nominal u: what was learned of the twin is forgotten. What is known of the
+ * measurements and of what things take stays. */
+void tl_lock_begin_anew(tl_lock *lock);
+
 /* What a step without a search needs of the steps before it, and the noise of the measurements; solvers begin anew. */
 void tl_lock_archive(tl_lock *lock, tl_archive *archive);
 

@@ -36,6 +36,8 @@ const char *tl_flag_name(tl_flag flag) {
         return "plateau";
     case TL_FLAG_ABANDONED:
         return "abandoned";
+    case TL_FLAG_RESET:
+        return "reset";
     }
     return "unknown";
 }

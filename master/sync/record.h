@@ -56,7 +56,8 @@ typedef enum tl_flag {
     TL_FLAG_WITHOUT_NOMINAL = 4, /* time cut the step short, and nominal was not evaluated */
     TL_FLAG_PLATEAU = 8,         /* event horizon: with the first guess the event fell outside the window */
     TL_FLAG_ABANDONED = 16,      /* event horizon: a stroke was not searched, or not to the end */
-    TL_LAST_FLAG = TL_FLAG_ABANDONED
+    TL_FLAG_RESET = 32,          /* the FMUs began anew before it, with their start values (tl_twin_reset()) */
+    TL_LAST_FLAG = TL_FLAG_RESET
 } tl_flag;
 
 /* What is known of a measured delay. */

@@ -5,8 +5,8 @@
 #include "master/sync/proof.h"
 #include "master/twin/twin_parts.h"
 
-tl_status tl_twin_start(tl_twin *twin, tl_error *error) {
-    tl_status status = tl_exchange_initialize(&twin->exchange, twin->first, error);
+tl_status tl_twin_start(tl_twin *twin, int64_t shown, tl_error *error) {
+    tl_status status = tl_exchange_initialize(&twin->exchange, twin->first, shown, error);
     if (status == TL_OK && twin->lock.horizon.variables != 0) {
         bool stepped = true;
         const tl_proof_place place = {.outputs = twin->proof, .stepped = &stepped};
@@ -17,7 +17,8 @@ tl_status tl_twin_start(tl_twin *twin, tl_error *error) {
 }
 
 static tl_status start(tl_twin *twin, tl_error *error) {
-    tl_status status = tl_twin_start(twin, error);
+    const tl_plant *plant = &twin->exchange.plant;
+    tl_status status = tl_twin_start(twin, tl_plant_shown(plant, twin->first, plant->newest), error);
     return status == TL_OK ? tl_exchange_start(&twin->exchange, twin->state_bytes, twin->heap, error) : status;
 }
 
@@ -67,7 +68,7 @@ static void judge_delay(tl_twin *twin) {
 
 static void measure_delay(tl_twin *twin, tl_record *record) {
     if (twin->measure.lags != 0) {
-        bool free = is_free(twin, record);
+        bool free = is_free(twin, record) && (record->flags & TL_FLAG_RESET) == 0;
         for (size_t i = 0; i < twin->lock.objective.term_count; i++) {
             tl_delay_meter_step(twin->meters[i], record->step + 1, record->y[i], free);
         }
@@ -121,7 +122,12 @@ static tl_status step_by(tl_twin *twin, int64_t step, const tick_way *way, tl_re
 static tl_status compute(tl_twin *twin, int64_t step, const tick_way *way, tl_record *record, tl_error *error) {
     uint64_t before = count_executions(twin);
     uint64_t predicted = tl_ledger_total(&twin->lock.ledger);
-    tl_status status = step_by(twin, step, way, record, error);
+    uint32_t flags = 0;
+    tl_status status = twin->resets ? tl_twin_begin_anew(twin, step, &flags, error) : TL_OK;
+    if (status == TL_OK) {
+        status = step_by(twin, step, way, record, error);
+        record->flags |= flags;
+    }
     record->executions = (uint32_t)(count_executions(twin) - before);
     record->predicted = (uint32_t)(tl_ledger_total(&twin->lock.ledger) - predicted);
     record->used = 0;

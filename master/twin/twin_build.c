@@ -288,6 +288,19 @@ static void place_adjusted(tl_twin *twin, const tl_plan *plan, tl_report *report
     }
 }
 
+/* As they are set now, and whenever the FMU begins anew. */
+static bool place_starts(tl_twin *twin, const tl_plan_component *description, tl_component *component) {
+    tl_start_value *starts = tl_arena_take(&twin->arena, description->set_count, sizeof *starts);
+    for (size_t i = 0; i < description->set_count && starts != NULL; i++) {
+        const char *expected;
+        starts[i].variable = tl_model_variable(description->model, description->set[i].variable);
+        (void)tl_graph_fit_value(starts[i].variable, &description->set[i].value, &starts[i].value, &expected);
+    }
+    component->starts = starts;
+    component->start_count = description->set_count;
+    return starts != NULL;
+}
+
 static void instantiate(tl_twin *twin, const tl_plan *plan, tl_report *report) {
     for (size_t i = 0; i < plan->component_count; i++) {
         const tl_plan_component *description = &plan->components[i];
@@ -296,14 +309,12 @@ static void instantiate(tl_twin *twin, const tl_plan *plan, tl_report *report) {
         if (tl_twin_is_lost(twin, component)) {
             continue;
         }
-        tl_status status = tl_component_instantiate(component, description->callbacks, description->resources, &error);
-        for (size_t k = 0; k < description->set_count && status == TL_OK; k++) {
-            const tl_variable *variable = tl_model_variable(description->model, description->set[k].variable);
-            tl_value value;
-            const char *expected;
-            (void)tl_graph_fit_value(variable, &description->set[k].value, &value, &expected);
-            status = tl_component_set_start(component, variable, &value, &error);
+        if (!place_starts(twin, description, component)) {
+            tl_report_add(report, TL_TRY_AGAIN, description->where, "not enough memory for its start values");
+            continue;
         }
+        tl_status status = tl_component_instantiate(component, description->callbacks, description->resources, &error);
+        status = status == TL_OK ? tl_component_set_starts(component, &error) : status;
         if (status != TL_OK) {
             tl_report_add(report, status, description->where, "%s", error.text);
         }

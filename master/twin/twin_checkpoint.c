@@ -157,9 +157,9 @@ static tl_status load_head(tl_twin *twin, int64_t tick, tl_archive *archive, tl_
     return TL_OK;
 }
 
-/* The FMUs are initialised where they once were; then they get their states. */
+/* The FMUs are initialised where they once were, with what the plant shows now; then they get their states. */
 static tl_status load_components(tl_twin *twin, tl_archive *archive, tl_error *error) {
-    tl_status status = tl_twin_start(twin, error);
+    tl_status status = tl_twin_start(twin, twin->exchange.plant.newest, error);
     if (status == TL_OK) {
         status = tl_snapshot_archive(&twin->exchange.home, archive, error);
     }

@@ -1,7 +1,7 @@
 /* What a twin is made of.
  *
- * Purpose: private to twin.c (the life of a twin, tick by tick), twin_build.c (from a plan) and twin_facts.c (what is known
- *          of it).
+ * Purpose: private to twin.c (the life of a twin, tick by tick), twin_build.c (from a plan), twin_reset.c (anew in the middle),
+ *          twin_checkpoint.c (from and to bytes) and twin_facts.c (what is known of it).
  */
 #ifndef TL_MASTER_TWIN_TWIN_PARTS_H
 #define TL_MASTER_TWIN_TWIN_PARTS_H
@@ -40,13 +40,17 @@ struct tl_twin {
     uint64_t state_bytes; /* that saved states may take; 0: there is no bound */
     size_t (*heap)(void); /* as in the plan */
     double *proof;        /* for the proof at start: one value per port */
+    bool resets;          /* the FMUs begin anew before the next step */
     tl_status ended;      /* not TL_OK: a step has failed, nothing may follow */
     bool has_pending;     /* mode ahead: computed, its measurement not there yet */
     tl_record pending;
 };
 
-/* The FMUs stand initialised at the newest sample, and their rollback is tested; not known to the caches yet. */
-tl_status tl_twin_start(tl_twin *twin, tl_error *error);
+/* The FMUs stand initialised at t_first, with the sample of tick `shown`, and their rollback is tested; not known to the caches yet. */
+tl_status tl_twin_start(tl_twin *twin, int64_t shown, tl_error *error);
+
+/* The FMUs begin anew, at the instant of `step`. *flags: of its record. */
+tl_status tl_twin_begin_anew(tl_twin *twin, int64_t step, uint32_t *flags, tl_error *error);
 
 /* fmi2Fatal is for all instances of an FMU: none of them may be called any more. */
 bool tl_twin_is_lost(const tl_twin *twin, const tl_component *component);

@@ -24,7 +24,7 @@ static const char configuration[] =
 enum { SIZE = 8, LAST = 32, STEP = 40, START = 48 };
 
 static void put_right(unsigned what, unsigned char *image, size_t size) {
-    static const char magic[] = {'t', 'w', 'l', 'k', 'p', 's', 't', '1'};
+    static const char magic[] = {'t', 'w', 'l', 'k', 'p', 's', 't', '2'};
     const uint64_t bytes = size;
     int64_t last = 0;
     int64_t step = 0;
@@ -43,6 +43,7 @@ static void put_right(unsigned what, unsigned char *image, size_t size) {
 static void check_tick(const tl_past *past, int64_t number) {
     tl_past_tick tick;
     tl_fuzz_hold(tl_past_tick_at(past, number, &tick) && tick.sample.tick == number);
+    tl_fuzz_hold(tick.has_u || !tick.resets);
     for (size_t i = 0; i < TL_MAX_SIGNALS; i++) {
         tl_fuzz_hold(isfinite(tick.sample.values[i]) && tick.sample.quality[i] <= TL_OUTLIER);
     }

@@ -7,18 +7,19 @@ from pathlib import Path
 
 STEP, NOW = 10_000_000, 5_000_000_000_000
 RIGHT = b"\3"  # magic, size and start are put right by the harness
+NO_STEP, STEPPED, BEGAN_ANEW = 0, 1, 2
 
 
-def tick(number, with_u):
+def tick(number, step):
     stamps = (-2**63 if number == 0 else number * STEP - 1234, number * STEP)
-    return struct.pack("=B2d2qd2B", with_u, 0.1 * number, 60.0 - number, *stamps, 0.003 if with_u else 0.0, number % 2, 0)
+    return struct.pack("=B2d2qd2B", step, 0.1 * number, 60.0 - number, *stamps, 0.0 if step == NO_STEP else 0.003, number % 2, 0)
 
 
 def image(origin, first, count, checkpoint):
-    ticks = b"".join(tick(first + i, i > 0) for i in range(count))
+    ticks = b"".join(tick(first + i, (NO_STEP, STEPPED, BEGAN_ANEW)[i]) for i in range(count))
     size = 96 + len(checkpoint) + len(ticks)
     last = first + count - 1
-    head = struct.pack("=8s11q", b"twlkpst1", size, 7, first, last, STEP, NOW - last * STEP, 1_700_000_000_000,
+    head = struct.pack("=8s11q", b"twlkpst2", size, 7, first, last, STEP, NOW - last * STEP, 1_700_000_000_000,
                        len(checkpoint), 2, 1, origin)
     return RIGHT + head + checkpoint + ticks
 

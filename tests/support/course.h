@@ -1,7 +1,7 @@
 /* The course of a run that is never interrupted, and those of a predecessor and a successor beside it: for tests of who goes on with whom.
  *
  * Twin:    the motor bench, with a solver that begins every search with an empty head, so that a successor has nothing to learn anew. Every
- *          thirteenth tick is missed, and now and then a signal is not good.
+ *          thirteenth tick is missed, now and then a signal is not good, and three times all FMUs begin anew.
  * Use:     tl_course_open() makes the whole course; then twins go parts of it, each begun by tl_course_anew().
  * Errors:  what does not go well fails the test.
  * Thread:  one; the environment variable TWINLOCK_FMU_PATH leads to the FMUs.

@@ -109,6 +109,7 @@ typedef struct values {
 typedef struct saved {
     struct saved *next;
     const struct tl_test_instance *owner;
+    size_t life; /* of the owner */
     values values;
     unsigned char ballast[];
 } saved;
@@ -118,6 +119,7 @@ typedef struct tl_test_instance {
     saved *states;
     tl_test_fmu *fmu;
     size_t number;
+    size_t life; /* resets so far */
     unsigned mode;
     values now;
     bool is_set_up;     /* fmi2SetupExperiment was called */
@@ -230,6 +232,12 @@ static void start_values(values *now, const tl_model *model) {
     }
 }
 
+static void begin_life(instance *self) {
+    self->mode = INSTANTIATED;
+    self->final_time = -HUGE_VAL;
+    start_values(&self->now, &self->fmu->model);
+}
+
 static fmi2Component instantiate(fmi2String name, fmi2Type type, fmi2String guid, fmi2String resources,
                                  const fmi2CallbackFunctions *callbacks, fmi2Boolean visible, fmi2Boolean logging) {
     (void)name;
@@ -241,9 +249,7 @@ static fmi2Component instantiate(fmi2String name, fmi2Type type, fmi2String guid
     assert(self != NULL);
     self->fmu = fmu;
     self->number = fmu->instances++;
-    self->mode = INSTANTIATED;
-    self->final_time = -HUGE_VAL;
-    start_values(&self->now, &fmu->model);
+    begin_life(self);
     fmi2Status status = plain(self, TL_TEST_INSTANTIATE, INSTANTIATED);
     if (status != fmi2OK || type != fmi2CoSimulation || strcmp(guid, GUID) != 0) {
         free(self);
@@ -339,6 +345,20 @@ static fmi2Status terminate(fmi2Component component) {
         self->mode = TERMINATED;
     }
     return status;
+}
+
+/* As it was instantiated; its states stay. */
+static fmi2Status reset(fmi2Component component) {
+    instance *self = component;
+    fmi2Status status =
+        plain(self, TL_TEST_RESET, INSTANTIATED | INITIALIZING | STEPPING | STEP_FAILED | ERROR | TERMINATED);
+    if (status != fmi2OK) {
+        return status;
+    }
+    *self = (instance){
+        .next = self->next, .states = self->states, .fmu = self->fmu, .number = self->number, .life = self->life + 1};
+    begin_life(self);
+    return fmi2OK;
 }
 
 /* ---- values ---- */
@@ -619,6 +639,7 @@ static fmi2Status get_state(fmi2Component component, fmi2FMUstate *state) {
         }
         handle = handle != NULL ? handle : new_state(self);
         handle->values = self->now;
+        handle->life = self->life;
         *state = handle;
     }
     const tl_test_entry details = {.handle = handle};
@@ -638,6 +659,9 @@ static fmi2Status set_state(fmi2Component component, fmi2FMUstate state) {
     if (handle == NULL || handle->owner != self) {
         violate(self, TL_TEST_SET_STATE, "the handle is not of this instance");
         return fmi2Error;
+    }
+    if (handle->life != self->life) {
+        violate(self, TL_TEST_SET_STATE, "goes back behind a reset");
     }
     if (handle->values.time < self->final_time - 1e-9 * (1.0 + fabs(self->final_time))) {
         violate(self, TL_TEST_SET_STATE, "goes back behind a point that was said to be final");
@@ -708,6 +732,7 @@ static fmi2Status deserialize(fmi2Component component, const fmi2Byte *bytes, si
     }
     handle = handle != NULL ? handle : new_state(component);
     memcpy(&handle->values, bytes, size);
+    handle->life = ((instance *)component)->life;
     *state = handle;
     return fmi2OK;
 }
@@ -741,6 +766,7 @@ void tl_test_fmu_init(tl_test_fmu *fmu, size_t width, bool discrete, tl_test_log
         .enter_initialization_mode = enter_initialization_mode,
         .exit_initialization_mode = exit_initialization_mode,
         .terminate = terminate,
+        .reset = reset,
         .get_real = get_real,
         .get_integer = get_integer,
         .get_boolean = get_boolean,
@@ -853,6 +879,7 @@ const char *tl_test_call_name(tl_test_call call) {
                                                      "fmi2DeSerializeFMUstate",
                                                      "fmi2DoStep",
                                                      "fmi2Terminate",
+                                                     "fmi2Reset",
                                                      "fmi2FreeInstance"};
     return call < TL_TEST_CALLS ? names[call] : "?";
 }

@@ -17,7 +17,8 @@
  * Judged:  which call is legal in which state; nothing at all after fmi2Fatal, on any instance of the same FMU; only inputs
  *          and tunable parameters set while stepping; no Get after Set without a step between; communication points
  *          that continue; all inputs set again after fmi2SetFMUstate; no return to a point before one that was said to
- *          be final; state handles of this instance only, reused rather than leaked; equal GUID.
+ *          be final, nor behind a reset; state handles of this instance only, reused rather than leaked, also over a reset; equal
+ *          GUID.
  * Source:  FMI 2.0.4, sections 2.1 and 4.2.4.
  * Owner:   the caller places everything; an instance takes memory of the process and gives it back when freed, or by
  *          tl_test_fmu_end().
@@ -61,6 +62,7 @@ typedef enum tl_test_call {
     TL_TEST_DESERIALIZE,
     TL_TEST_DO_STEP,
     TL_TEST_TERMINATE,
+    TL_TEST_RESET,
     TL_TEST_FREE_INSTANCE,
     TL_TEST_CALLS /* how many there are */
 } tl_test_call;

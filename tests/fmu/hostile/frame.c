@@ -11,6 +11,7 @@ fmi2SetupExperimentTYPE inner_setup_experiment;
 fmi2EnterInitializationModeTYPE inner_enter_initialization_mode;
 fmi2ExitInitializationModeTYPE inner_exit_initialization_mode;
 fmi2TerminateTYPE inner_terminate;
+fmi2ResetTYPE inner_reset;
 fmi2GetRealTYPE inner_get_real;
 fmi2SetRealTYPE inner_set_real;
 fmi2GetFMUstateTYPE inner_get_state;
@@ -57,6 +58,15 @@ fmi2Status fmi2ExitInitializationMode(fmi2Component component) {
 
 fmi2Status fmi2Terminate(fmi2Component component) {
     return hostile_before("fmi2Terminate") ? inner_terminate(component) : fmi2Error;
+}
+
+/* How it fails. */
+#ifndef RESET
+#define RESET fmi2Error
+#endif
+
+fmi2Status fmi2Reset(fmi2Component component) {
+    return hostile_before("fmi2Reset") ? inner_reset(component) : RESET;
 }
 
 fmi2Status fmi2GetReal(fmi2Component component, const fmi2ValueReference references[], size_t count,

@@ -14,6 +14,7 @@
 #undef fmi2EnterInitializationMode
 #undef fmi2ExitInitializationMode
 #undef fmi2Terminate
+#undef fmi2Reset
 #undef fmi2GetReal
 #undef fmi2SetReal
 #undef fmi2GetFMUstate
@@ -30,6 +31,7 @@
 #define fmi2EnterInitializationMode inner_enter_initialization_mode
 #define fmi2ExitInitializationMode inner_exit_initialization_mode
 #define fmi2Terminate inner_terminate
+#define fmi2Reset inner_reset
 #define fmi2GetReal inner_get_real
 #define fmi2SetReal inner_set_real
 #define fmi2GetFMUstate inner_get_state
@@ -46,6 +48,7 @@ fmi2SetupExperimentTYPE inner_setup_experiment;
 fmi2EnterInitializationModeTYPE inner_enter_initialization_mode;
 fmi2ExitInitializationModeTYPE inner_exit_initialization_mode;
 fmi2TerminateTYPE inner_terminate;
+fmi2ResetTYPE inner_reset;
 fmi2GetRealTYPE inner_get_real;
 fmi2SetRealTYPE inner_set_real;
 fmi2GetFMUstateTYPE inner_get_state;

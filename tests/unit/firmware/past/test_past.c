@@ -11,7 +11,7 @@
 #include "tests/support/made_run.h"
 #include "tests/support/random_numbers.h"
 
-enum { TICKS = 40, CHECKPOINT = 100 };
+enum { TICKS = 40, CHECKPOINT = 100, RESET_EVERY = 7 };
 
 static const tl_time NOW = 5000 * TL_SECOND;
 
@@ -32,6 +32,9 @@ static void make_ticks(int64_t first, size_t count) {
         tl_made_sample(first + (int64_t)i, &sample);
         tl_made_record(first + (int64_t)i, &record);
         TEST_ASSERT_TRUE(tl_past_ticks_add(&ticks, &sample, i < 3 ? NULL : record.u));
+        if (i % RESET_EVERY == 0) {
+            tl_past_ticks_set_reset(&ticks, first + (int64_t)i);
+        }
     }
     past.first = first;
     past.last = first + (int64_t)count - 1;
@@ -109,6 +112,7 @@ static void expect_tick(int64_t tick) {
     bool has_u = tick >= read.first + 3;
     const double none[TL_MADE_ADJUST] = {0};
     TEST_ASSERT_EQUAL_INT(has_u, found.has_u);
+    TEST_ASSERT_EQUAL_INT(has_u && (tick - read.first) % RESET_EVERY == 0, found.resets);
     TEST_ASSERT_EQUAL_MEMORY(has_u ? record.u : none, found.u, sizeof none);
 }
 
@@ -285,7 +289,7 @@ static void write_tick(size_t index, size_t at, const void *bytes, size_t count)
 static void test_damaged_ticks(void) {
     static const double numbers[] = {(double)NAN, (double)INFINITY, -(double)INFINITY};
     static const tl_time stamps[] = {TL_PAST_FAR + 1, -TL_PAST_FAR - 1, INT64_MAX, INT64_MIN + 1};
-    const unsigned char two = 2;
+    const unsigned char three = 3;
     const unsigned char quality = TL_OUTLIER + 1;
     const size_t words = TL_MADE_PLANT * 8;
     for (size_t i = 0; i < sizeof numbers / sizeof numbers[0]; i++) {
@@ -298,7 +302,7 @@ static void test_damaged_ticks(void) {
         write_tick(0, 1 + words, &stamps[i], 8);
         expect_refused("its tick 1001");
     }
-    write_tick(9, 0, &two, 1);
+    write_tick(9, 0, &three, 1);
     expect_refused("its tick 1010");
     write_tick(9, 1 + 2 * words + TL_MADE_ADJUST * 8 + 2, &quality, 1);
     expect_refused("its tick 1010");

@@ -318,6 +318,23 @@ static void test_no_evaluation_at_all(void) {
     }
 }
 
+/* With the run's own configuration the FMUs begin anew where they did; with another one that is not known. */
+static void test_where_the_fmus_began_anew(void) {
+    record_run(60);
+    tl_sql_execute(path, "UPDATE steps SET flags = 32 + flags % 8 WHERE step % 7 = 3");
+    for (int again = 0; again < 2; again++) {
+        open_recording();
+        for (int64_t i = 0; i < 60; i++) {
+            TEST_ASSERT_TRUE(next());
+            int64_t step = i - TL_MADE_PREDICTION;
+            TEST_ASSERT_EQUAL_INT(again == 0 && step >= 0 && step % 7 == 3, tick.resets);
+        }
+        tl_recording_close(recording);
+        recording = NULL;
+        configure(CONFIGURATION " ");
+    }
+}
+
 static void test_the_last_run_counts(void) {
     record_run(50);
     record_run(20);
@@ -377,6 +394,7 @@ int main(void) {
     RUN_TEST(test_what_the_run_could_spend);
     RUN_TEST(test_another_configuration_is_not_bound_by_it);
     RUN_TEST(test_no_evaluation_at_all);
+    RUN_TEST(test_where_the_fmus_began_anew);
     RUN_TEST(test_the_last_run_counts);
     RUN_TEST(test_runs_that_do_not_fit);
     RUN_TEST(test_a_run_whose_beginning_is_gone);

@@ -160,6 +160,20 @@ static void test_the_first_one_is_there_at_once(void) {
     TEST_ASSERT_EQUAL_INT64(1, checkpoints());
 }
 
+/* What is saved is of before: the next one comes as soon as a tick has time for it, and the one after that an interval later. */
+static void test_soon_after_the_fmus_began_anew(void) {
+    begin(MUCH);
+    play(31, 0);
+    tl_checkpointer_hurry(&checkpointer, 30);
+    play(4, TL_SECOND / 20);
+    TEST_ASSERT_EQUAL_INT64(1, checkpoints());
+    play(INTERVAL + 5, 0);
+    close_recorder();
+    TEST_ASSERT_EQUAL_STRING("35, 135",
+                             tl_sql_text(path, "SELECT group_concat(tick, ', ') FROM checkpoints ORDER BY tick"));
+    expect_event("", 0);
+}
+
 /* The budget is used up by searches, tick after tick. It is said once, and saved again when there is time. */
 static void test_no_step_has_time_left(void) {
     begin(MUCH);
@@ -238,6 +252,7 @@ int main(void) {
     RUN_TEST(test_after_the_first_tick_and_then_every_ten_seconds);
     RUN_TEST(test_never_after_a_tick_that_was_made_up);
     RUN_TEST(test_the_first_one_is_there_at_once);
+    RUN_TEST(test_soon_after_the_fmus_began_anew);
     RUN_TEST(test_no_step_has_time_left);
     RUN_TEST(test_it_takes_too_long);
     RUN_TEST(test_it_is_too_large);

@@ -27,6 +27,7 @@ static uint64_t posts;
 static tl_plant_input input;
 static tl_journal journal;
 static tl_test_outbox box;
+static size_t checkpoint_bytes; /* room in it */
 static tl_fmu_thread *thread;
 static tl_cycle *cycle;
 static tl_cycle_status shown;
@@ -40,12 +41,16 @@ static char database[PATH_MAX];
 static fmi2DoStepTYPE *quick_step;
 static unsigned long slow_call; /* counted from 1; 0: none */
 static tl_time slow_time;
+static unsigned long reset_call; /* in which it is found that the FMUs must begin anew; 0: none */
 
 static fmi2Status slow_step(fmi2Component component, fmi2Real point, fmi2Real size, fmi2Boolean final) {
     static unsigned long calls; /* of the cycle's thread alone */
     calls = fmu.calls[TL_TEST_DO_STEP] == 0 ? 1 : calls + 1;
     if (calls == slow_call) {
         tl_clock_sleep_until(tl_clock_now(NULL) + slow_time);
+    }
+    if (calls == reset_call) {
+        tl_twin_reset(assembly.twin);
     }
     return quick_step(component, point, size, final);
 }
@@ -60,6 +65,8 @@ void setUp(void) {
     input = (tl_plant_input){.mailboxes = {{.slots = slots, .count = &posts, .depth = 256}}};
     memset(&shown, 0, sizeof shown);
     slow_call = 0;
+    reset_call = 0;
+    checkpoint_bytes = 0;
     cycle = NULL;
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_fmu_thread_start(TL_FMU_WATCHED_HERE, &thread, &error));
     (void)snprintf(database, sizeof database, "%s", tl_scratch_path(&scratch, "twin.db"));
@@ -129,7 +136,7 @@ static void make_recorder(void) {
         .components = COMPONENTS,
         .component_count = 2,
     };
-    tl_test_outbox_open(&box, &settings, 0);
+    tl_test_outbox_open(&box, &settings, checkpoint_bytes);
 }
 
 static void post(double speed) {
@@ -281,6 +288,29 @@ static void test_missed_ticks_without_time(void) {
     expect_rows(51);
 }
 
+/* It is recorded, and so is the twin as it is from then on, though the next checkpoint would be due after 500 ticks. */
+static void test_fmus_that_begin_anew(void) {
+    make_twin(20 * MILLISECOND, 800 * MILLISECOND, TL_LAG);
+    fmu.model.capabilities.can_serialize_state = true;
+    assembly.config.record_resume = TL_SECOND;
+    assembly.config.budget_time = TL_SECOND; /* there is time for one after every tick that is not missed */
+    checkpoint_bytes = (size_t)1 << 20;
+    reset_call = 30;
+    start();
+    watch(UINT64_MAX);
+    TEST_ASSERT_EQUAL_INT(TL_OK, end());
+    expect_rows(41);
+    expect_ledger();
+    TEST_ASSERT_EQUAL_INT64(1, tl_sql_integer(database, "SELECT count(*) FROM steps WHERE flags & 32"));
+    TEST_ASSERT_EQUAL_INT64(1, tl_sql_integer(database, "SELECT count(*) FROM v_steps WHERE flags LIKE '%reset%'"));
+    TEST_ASSERT_EQUAL_UINT64(1, fmu.calls[TL_TEST_RESET]);
+    TEST_ASSERT_EQUAL_INT64(1, tl_sql_integer(database, "SELECT count(*) FROM checkpoints WHERE tick >= "
+                                                        "(SELECT step + 1 FROM steps WHERE flags & 32)"));
+    for (size_t i = 0; i < 2; i++) {
+        TEST_ASSERT_EQUAL_INT64(0, tl_twin_get_ledger(assembly.twin, i).difference);
+    }
+}
+
 /* ---- ends ---- */
 
 static void test_stops_though_the_next_tick_is_far_away(void) {
@@ -345,6 +375,7 @@ int main(void) {
     RUN_TEST(test_stamps_are_recorded_relative_to_the_first_tick);
     RUN_TEST(test_missed_ticks_are_made_up);
     RUN_TEST(test_missed_ticks_without_time);
+    RUN_TEST(test_fmus_that_begin_anew);
     RUN_TEST(test_stops_though_the_next_tick_is_far_away);
     RUN_TEST(test_stops_when_asked);
     RUN_TEST(test_stops_without_the_last_measurement);

@@ -371,6 +371,31 @@ static void test_strokes_are_told_where_they_change_something(void) {
     config.event.start.signal = NULL;
 }
 
+/* What was in force before is no more: nominal is, and that is not the best of a search. */
+static void test_a_stroke_that_a_reset_gave_up(void) {
+    config.event.start.signal = "plant.move";
+    config.adjust_count = 1;
+    record.u[0] = 0.01;
+    record.u_hat[0] = 0.01;
+    stroke(TL_OPTIMISED, 0.0231, 0.0, 7);
+    expect_told_with("stroke: motor.d from 0.01 to 0.0231");
+    record.u[0] = 0.01;
+    record.flags = TL_FLAG_RESET | TL_FLAG_ABANDONED;
+    records(TL_HELD, 1);
+    expect_told("twinlock: warning: twin: stroke: not searched to its end; the FMUs began anew\n");
+    record.flags = 0;
+    stroke(TL_OPTIMISED, 0.02, 0.0, 3);
+    expect_told_with("stroke: motor.d from 0.01 to 0.02");
+    record.u[0] = 0.01;
+    record.flags = TL_FLAG_RESET;
+    records(TL_HELD, 1);
+    expect_told("");
+    record.flags = 0;
+    stroke(TL_OPTIMISED, 0.02, 0.0, 3);
+    expect_told_with("stroke: motor.d from 0.01 to 0.02");
+    config.event.start.signal = NULL;
+}
+
 int main(void) {
     UNITY_BEGIN();
     RUN_TEST(test_a_delay_that_is_measured_drifts_and_is_lost);
@@ -392,5 +417,6 @@ int main(void) {
     RUN_TEST(test_troubles_of_a_slow_twin);
     RUN_TEST(test_missed_ticks_are_told_once_a_second);
     RUN_TEST(test_strokes_are_told_where_they_change_something);
+    RUN_TEST(test_a_stroke_that_a_reset_gave_up);
     return UNITY_END();
 }

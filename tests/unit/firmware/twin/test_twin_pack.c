@@ -48,6 +48,7 @@ static void make_tick(tl_recording_tick *made) {
     made->cut_short = tl_test_random_chance(&numbers, 50);
     made->without_nominal = tl_test_random_chance(&numbers, 50);
     made->followed = tl_test_random_chance(&numbers, 50);
+    made->resets = tl_test_random_chance(&numbers, 50);
 }
 
 /* ---- ticks ---- */
@@ -67,6 +68,7 @@ static void expect_same_tick(const tl_config *config) {
     TEST_ASSERT_EQUAL_INT(tick.cut_short, tick_back.cut_short);
     TEST_ASSERT_EQUAL_INT(tick.without_nominal, tick_back.without_nominal);
     TEST_ASSERT_EQUAL_INT(tick.followed, tick_back.followed);
+    TEST_ASSERT_EQUAL_INT(tick.resets, tick_back.resets);
 }
 
 static void expect_canaries(const unsigned char *bytes, size_t from, size_t to) {

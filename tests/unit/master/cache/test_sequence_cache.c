@@ -312,6 +312,33 @@ static void random_walks_know_what_a_list_knows(void) {
     }
 }
 
+/* Whatever was in it, and whichever node is the root: all nodes are free, and all handles are spare. */
+static void a_cleared_tree_is_empty(void) {
+    static int handles[ROOM];
+    for (int round = 0; round < 3; round++) {
+        uint32_t at = root;
+        for (int i = 0; i < 3; i++) {
+            uint32_t child = add(at, (double)i);
+            (void)add(at, 10.0 + (double)i);
+            fmi2FMUstate spare = tl_sequence_cache_take_spare(&cache);
+            cache.nodes[child].state = spare != NULL ? spare : &handles[i];
+            at = child;
+        }
+        tl_sequence_cache_keep(&cache, root, at);
+        tl_sequence_cache_clear(&cache);
+        TEST_ASSERT_EQUAL_UINT32(0, cache.count);
+        TEST_ASSERT_EQUAL_UINT32(3, cache.spare_count);
+        root = tl_sequence_cache_plant(&cache);
+        TEST_ASSERT_NOT_EQUAL_UINT32(TL_NO_NODE, root);
+        TEST_ASSERT_EQUAL_UINT32(TL_NO_NODE, find(root, 0.0));
+        for (int i = 1; i < ROOM; i++) {
+            TEST_ASSERT_NOT_EQUAL_UINT32(TL_NO_NODE, add(root, (double)i));
+        }
+        TEST_ASSERT_EQUAL_UINT32(TL_NO_NODE, add(root, 99.0));
+        tl_sequence_cache_prune(&cache, root);
+    }
+}
+
 int main(void) {
     UNITY_BEGIN();
     RUN_TEST(a_sequence_is_found_by_its_inputs_in_order);
@@ -326,6 +353,7 @@ int main(void) {
     RUN_TEST(a_committed_root_keeps_what_is_below_it);
     RUN_TEST(the_way_back_to_an_ancestor_is_kept);
     RUN_TEST(a_branch_is_pruned_and_its_siblings_stay);
+    RUN_TEST(a_cleared_tree_is_empty);
     RUN_TEST(random_walks_know_what_a_list_knows);
     return UNITY_END();
 }

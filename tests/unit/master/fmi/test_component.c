@@ -203,6 +203,82 @@ static void a_refused_start_value_is_a_failure(void) {
     TEST_ASSERT_NOT_NULL(strstr(error.text, "fmi2SetReal"));
 }
 
+/* With its start values, as it began. */
+static void begin_with_starts(tl_start_value *starts) {
+    starts[0] = (tl_start_value){tl_test_fmu_variable(&fmu, "gain"), {.type = TL_REAL, .real = 2.5}};
+    starts[1] = (tl_start_value){tl_test_fmu_variable(&fmu, "start"), {.type = TL_REAL, .real = -1.0}};
+    component.starts = starts;
+    component.start_count = 2;
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_instantiate(&component, &fmu.callbacks, "file:///r", &error));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_set_starts(&component, &error));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_enter_initialization(&component, 0.0, &error));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_exit_initialization(&component, &error));
+}
+
+static void a_reset_begins_anew_with_the_start_values(void) {
+    static const tl_test_call calls[] = {TL_TEST_RESET, TL_TEST_SET_REAL, TL_TEST_SET_REAL};
+    tl_start_value starts[2];
+    begin_with_starts(starts);
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_save(&component, &state, &error));
+    in_reals[0] = 1.5;
+    TEST_ASSERT_EQUAL_INT(TL_OK, step(0));
+    size_t before = call_log.count;
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_reset(&component, &error));
+    TEST_ASSERT_EQUAL_INT(TL_MODE_INSTANTIATED, component.mode);
+    assert_calls(before, calls, 3);
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_enter_initialization(&component, 0.5, &error));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_exit_initialization(&component, &error));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_get_outputs(&component, &error));
+    TEST_ASSERT_EQUAL_DOUBLE(-1.0, out_reals[0]);
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_save(&component, &state, &error)); /* the handle is used again */
+    TEST_ASSERT_EQUAL_UINT64(1, fmu.states);
+    TEST_ASSERT_EQUAL_INT(TL_OK, step(5));
+    TEST_ASSERT_EQUAL_DOUBLE(3.75, out_reals[0]);
+    TEST_ASSERT_EQUAL_UINT64(2, component.executions);
+}
+
+/* After an error, too: that is what FMI has it for. */
+static void a_failed_fmu_can_be_reset(void) {
+    tl_start_value starts[2];
+    begin_with_starts(starts);
+    tl_test_fmu_fail(&fmu, TL_TEST_DO_STEP, TL_TEST_ERROR, 1, 1);
+    TEST_ASSERT_EQUAL_INT(TL_FMU_FAILED, step(0));
+    TEST_ASSERT_EQUAL_INT(TL_MODE_FAILED, component.mode);
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_reset(&component, &error));
+    TEST_ASSERT_EQUAL_INT(TL_MODE_INSTANTIATED, component.mode);
+}
+
+/* Whatever mode a refusal leaves it in: it is freed, and not terminated before. */
+static void who_refuses_a_reset_is_renewed(void) {
+    static const tl_test_call calls[] = {TL_TEST_FREE_INSTANCE, TL_TEST_INSTANTIATE, TL_TEST_SET_REAL,
+                                         TL_TEST_SET_REAL};
+    static const tl_test_fault_kind kinds[] = {TL_TEST_ERROR, TL_TEST_DISCARD};
+    tl_start_value starts[2];
+    for (size_t i = 0; i < 2; i++) {
+        begin_with_starts(starts);
+        tl_test_fmu_fail(&fmu, TL_TEST_RESET, kinds[i], i + 1, i + 1);
+        TEST_ASSERT_EQUAL_INT(TL_FMU_FAILED, tl_component_reset(&component, &error));
+        TEST_ASSERT_NOT_NULL(strstr(error.text, "fmi2Reset"));
+        TEST_ASSERT_EQUAL_INT(TL_MODE_FAILED, component.mode);
+        size_t before = call_log.count;
+        TEST_ASSERT_EQUAL_INT(TL_OK, tl_component_renew(&component, &error));
+        assert_calls(before, calls, 4);
+        TEST_ASSERT_EQUAL_INT(TL_MODE_INSTANTIATED, component.mode);
+        tl_component_free(&component);
+    }
+}
+
+static void after_a_fatal_reset_nothing_is_called(void) {
+    start();
+    tl_test_fmu_fail(&fmu, TL_TEST_RESET, TL_TEST_FATAL, 1, 1);
+    TEST_ASSERT_EQUAL_INT(TL_FMU_FATAL, tl_component_reset(&component, &error));
+    TEST_ASSERT_EQUAL_INT(TL_MODE_DEAD, component.mode);
+    size_t before = call_log.count;
+    TEST_ASSERT_EQUAL_INT(TL_FMU_FATAL, tl_component_renew(&component, &error));
+    TEST_ASSERT_NOT_NULL(strstr(error.text, "cannot be instantiated anew after fmi2Fatal"));
+    TEST_ASSERT_EQUAL_UINT64(before, call_log.count);
+}
+
 static void a_step_sets_steps_and_reads(void) {
     start();
     in_reals[0] = 1.5;
@@ -429,6 +505,10 @@ int main(void) {
     RUN_TEST(start_values_go_to_their_own_base_type);
     RUN_TEST(who_refuses_is_asked_again_with_logging);
     RUN_TEST(a_refused_start_value_is_a_failure);
+    RUN_TEST(a_reset_begins_anew_with_the_start_values);
+    RUN_TEST(a_failed_fmu_can_be_reset);
+    RUN_TEST(who_refuses_a_reset_is_renewed);
+    RUN_TEST(after_a_fatal_reset_nothing_is_called);
     RUN_TEST(a_step_sets_steps_and_reads);
     RUN_TEST(a_true_of_7_is_plain_true);
     RUN_TEST(a_snapshot_reuses_its_handle_and_brings_the_state_back);

@@ -246,6 +246,19 @@ static void variables_rest_independently(void) {
     assert_asked(0, 0.0, 0.0, 1.0);
 }
 
+/* Nothing rests, and the next commit is no change: there was nothing before. */
+static void what_it_forgets_is_forgotten(void) {
+    dwell[0] = 5;
+    create(1);
+    commit(0.0);
+    commit(1.0);
+    TEST_ASSERT_EQUAL_UINT64(0, asks_at(1.0));
+    tl_boolean.forget(solver);
+    TEST_ASSERT_EQUAL_UINT64(1, asks_at(1.0));
+    commit(0.0);
+    TEST_ASSERT_EQUAL_UINT64(1, asks_at(0.0));
+}
+
 static void it_never_guesses(void) {
     create(1);
     TEST_ASSERT_NULL(tl_boolean.guess);
@@ -273,6 +286,7 @@ int main(void) {
     RUN_TEST(a_change_while_resting_begins_the_rest_anew);
     RUN_TEST(searches_alone_do_not_count_as_steps);
     RUN_TEST(variables_rest_independently);
+    RUN_TEST(what_it_forgets_is_forgotten);
     RUN_TEST(it_never_guesses);
     RUN_TEST(without_memory_there_is_no_solver);
     return UNITY_END();

@@ -966,6 +966,32 @@ static void equal_searches_ask_the_same(void) {
     TEST_ASSERT_EQUAL_MEMORY(first, asked, count * sizeof first[0]);
 }
 
+/* It asks as one that is new, and its slope is not one that a failure could leave in force. */
+static void what_it_forgets_is_forgotten(void) {
+    const double start[] = {0.0};
+    const double nominal[] = {0.0};
+    const double residuals[] = {0.0625};
+    const bool free[] = {true};
+    double leaning[] = {0.5};
+    double guess[1];
+    double fresh = guess_towards(0.0, 0.0);
+    const tl_forecast forecast = {leaning, residuals, quiet, free, nominal};
+    for (int i = 0; i < 2000; i++) {
+        TEST_ASSERT_TRUE(tl_secant.guess(solver, &forecast, guess));
+    }
+    TEST_ASSERT_FALSE(tl_secant.is_new(solver));
+    tl_secant.forget(solver);
+    TEST_ASSERT_TRUE(tl_secant.is_new(solver));
+    TEST_ASSERT_FALSE(tl_secant.guess(solver, &forecast, guess));
+    TEST_ASSERT_EQUAL_INT(TL_SEARCH_STOPPED, search(line, start));
+    TEST_ASSERT_EQUAL_UINT64(2, questions); /* the slope, and the move */
+    const double u[] = {1.0};
+    const double away[] = {-4.0};
+    const tl_forecast again = {u, away, quiet, free, nominal};
+    TEST_ASSERT_TRUE(tl_secant.guess(solver, &again, guess));
+    TEST_ASSERT_EQUAL_DOUBLE(fresh, guess[0]);
+}
+
 int main(void) {
     UNITY_BEGIN();
     RUN_TEST(a_line_needs_the_slope_and_one_question);
@@ -1007,5 +1033,6 @@ int main(void) {
     RUN_TEST(a_guess_lets_go_of_a_u_that_leans);
     RUN_TEST(it_stops_when_told);
     RUN_TEST(equal_searches_ask_the_same);
+    RUN_TEST(what_it_forgets_is_forgotten);
     return UNITY_END();
 }

@@ -335,7 +335,7 @@ static void forget_tallies(void) {
     most_beyond = 0;
 }
 
-/* One tick: mostly searched, at times measured, missed or without a good measurement. */
+/* One tick: mostly searched, at times measured, missed or without a good measurement; at times the FMUs begin anew. */
 static void tick(void) {
     int64_t number = run.sample.tick;
     double t = (double)number;
@@ -346,6 +346,9 @@ static void tick(void) {
     run.sample.quality[2] = run.sample.quality[1];
     run.budget.now = number % 3 == 0 ? no_time : NULL;
     run.budget.time = TL_SECOND;
+    if (number % 997 == 996) {
+        tl_twin_reset(run.twin);
+    }
     if (number % 97 == 96) {
         tl_test_run_make_up(&run);
     } else {
