@@ -28,20 +28,6 @@ void tl_watch_sample(tl_watch *watch, const tl_sample *sample) {
     }
 }
 
-static void watch_free_run(tl_watch *watch, int64_t tick, const tl_record *record) {
-    bool free_run = record->outcome == TL_FREE_RUN;
-    if (free_run == watch->free_run || record->outcome == TL_MADE_UP) {
-        return;
-    }
-    watch->free_run = free_run;
-    if (free_run) {
-        tl_journal_event(watch->journal, tick, TL_EVENT_WARNING, "twin",
-                         "no matched signal is good: the twin runs free on the last good values");
-    } else {
-        tl_journal_event(watch->journal, tick, TL_EVENT_INFO, "twin", "matched signals are good: synchronising again");
-    }
-}
-
 /* Of a step out of tolerance. A J that is not there had no time, or was beyond what a number can be. */
 static void write_objective(const tl_record *record, char *text, size_t size) {
     if (isfinite(record->objective)) {
@@ -50,39 +36,6 @@ static void write_objective(const tl_record *record, char *text, size_t size) {
         (void)snprintf(text, size, "no time to evaluate");
     } else {
         (void)snprintf(text, size, "J is not finite");
-    }
-}
-
-static void tell_tolerance(const tl_watch *watch, int64_t tick, const tl_record *record) {
-    char objective[32];
-    if (!watch->out_of_tolerance) {
-        tl_journal_event(watch->journal, tick, TL_EVENT_INFO, "twin", "in lock again");
-        return;
-    }
-    write_objective(record, objective, sizeof objective);
-    tl_journal_event(watch->journal, tick, TL_EVENT_WARNING, "twin",
-                     "out of tolerance for %d steps (%s): in most of them %s was used", TL_WATCH_STEPS, objective,
-                     watch->nominal > TL_WATCH_STEPS / 2 ? "nominal" : "the best correction found");
-}
-
-static void watch_tolerance(tl_watch *watch, int64_t tick, const tl_record *record) {
-    bool out = record->outcome == TL_BEST_SO_FAR || record->outcome == TL_NOMINAL;
-    bool in = record->outcome == TL_FIRST_GUESS || record->outcome == TL_OPTIMISED;
-    if (!out && !in) {
-        return;
-    }
-    if (out == watch->out_of_tolerance) {
-        watch->run_length = 0;
-        watch->nominal = 0;
-        return;
-    }
-    watch->run_length++;
-    watch->nominal += record->outcome == TL_NOMINAL ? 1 : 0;
-    if (watch->run_length == TL_WATCH_STEPS) {
-        watch->out_of_tolerance = out;
-        tell_tolerance(watch, tick, record);
-        watch->run_length = 0;
-        watch->nominal = 0;
     }
 }
 
@@ -261,14 +214,22 @@ void tl_watch_record(tl_watch *watch, int64_t tick, const tl_record *record) {
         watch_stroke(watch, tick, record);
         return;
     }
-    watch_free_run(watch, tick, record);
-    watch_tolerance(watch, tick, record);
     for (size_t i = 0; i < watch->config->adjust_count; i++) {
         watch_variable(watch, tick, record, i);
     }
     watch_fallback(watch, tick, record);
     watch_stagnation(watch, tick, record);
     watch_delay(watch, tick, record);
+}
+
+void tl_watch_lock(const tl_watch *watch, int64_t tick, const tl_lock_change *change) {
+    static const tl_severity severities[TL_LOCK_STATES] = {[TL_LOCK_FREE] = TL_EVENT_WARNING,
+                                                           [TL_LOCK_LOCKED] = TL_EVENT_INFO,
+                                                           [TL_LOCK_TRACKING] = TL_EVENT_WARNING,
+                                                           [TL_LOCK_DEGRADED] = TL_EVENT_WARNING,
+                                                           [TL_LOCK_LOST] = TL_EVENT_ERROR};
+    tl_journal_event(watch->journal, tick, severities[change->to], "lock", "%s: %s", tl_lock_state_name(change->to),
+                     change->cause);
 }
 
 void tl_watch_skipped(tl_watch *watch, int64_t tick, uint64_t count, tl_time now) {
