@@ -22,8 +22,8 @@ static const limit AT_BOUND = {0.5, 0.25};
 static const limit BEYOND_USUAL = {3.0, 2.0};
 static const double NEGLIGIBLE = 0.1;
 
-/* From ten tolerances on. */
-static const double FAR_J = 100.0;
+/* Tolerances. */
+static const double FAR_AWAY = 10.0;
 
 /* u is where it was if it is within so much of the way that it has been meanwhile. */
 static const double SAME_PLACE = 0.1;
@@ -80,29 +80,33 @@ static bool is_compared(const tl_lock_judge *judge, const tl_record *record) {
     return compared && record->outcome != TL_FREE && record->outcome != TL_FREE_RUN;
 }
 
-/* How far a committed step is off, in the measure of J. */
+/* How far a committed step is off, in tolerances: over all matched outputs, by their weights. */
 static double distance(const tl_lock_judge *judge, const tl_record *record) {
     double sum = 0.0;
+    double weights = 0.0;
     for (size_t i = 0; i < judge->config->match_count; i++) {
         const tl_plan_match *match = &judge->config->match[i];
         if (match->weight > 0.0 && record->y_hat_quality[i] == TL_GOOD) {
             double error = (record->y[i] - record->y_hat[i]) / match->tolerance;
             sum += match->weight * error * error;
+            weights += match->weight;
         }
     }
-    return sum;
+    return sqrt(sum / weights);
 }
 
-/* What the search has found is what its step is like; one that was not searched is held against what was measured. */
+/* A stroke is compared by its search, and within tolerance if that says so. */
+static double distance_of_stroke(const tl_record *record) {
+    bool within = record->outcome == TL_FIRST_GUESS || record->outcome == TL_OPTIMISED;
+    double size = sqrt(record->objective);
+    return within ? 0.0 : size < 1.0 ? 1.0 : size;
+}
+
 static void see_tolerance(const tl_lock_judge *judge, const tl_record *record, tl_lock_part *part) {
-    bool searched = record->outcome != TL_MADE_UP && !isnan(record->objective);
-    double size = searched ? record->objective : distance(judge, record);
-    bool within = searched ? record->outcome == TL_FIRST_GUESS || record->outcome == TL_OPTIMISED : size < 1.0;
-    part->outside += within ? 0 : 1;
-    if (!within && !(size < FAR_J)) { /* not a number is as far as can be */
-        part->far++;
-        part->worst = size > part->worst || !isfinite(size) ? size : part->worst;
-    }
+    double away = is_by_strokes(judge) ? distance_of_stroke(record) : distance(judge, record);
+    part->outside += away < 1.0 ? 0 : 1; /* not a number is as far as can be */
+    part->far += away < FAR_AWAY ? 0 : 1;
+    part->worst = away <= part->worst ? part->worst : away;
 }
 
 static void see_bounds(const tl_account_adjust *adjust, double u, uint32_t *at_bound) {
@@ -150,7 +154,7 @@ static void add_part(const tl_lock_part *part, const tl_config *config, window *
     all->outside += part->outside;
     all->far += part->far;
     all->samples += part->samples;
-    all->worst = part->worst > all->worst || !isfinite(part->worst) ? part->worst : all->worst;
+    all->worst = part->worst <= all->worst ? all->worst : part->worst;
     for (size_t i = 0; i < config->signal_count; i++) {
         all->bad[i] += part->bad[i];
     }
@@ -190,9 +194,7 @@ static const char *units(const tl_lock_judge *judge) {
 
 static bool judge_free(const tl_lock_judge *judge, const window *all, char cause[TL_LOCK_CAUSE]) {
     double value = share(all->free, all->steps);
-    (void)snprintf(cause, TL_LOCK_CAUSE,
-                   "no matched signal was good in %.0f %% of the last %u %s (limit %.0f %%): the twin runs free on the "
-                   "last good values",
+    (void)snprintf(cause, TL_LOCK_CAUSE, "no matched signal was good in %.0f %% of the last %u %s (limit %.0f %%)",
                    HUNDRED * value, (unsigned)all->steps, units(judge), HUNDRED * FREE.enter);
     return is_beyond(value, &FREE, judge->judged && judge->tally.state == TL_LOCK_FREE);
 }
@@ -229,8 +231,9 @@ static bool judge_lost(tl_lock_judge *judge, const window *all, char cause[TL_LO
     judge->astray = is_beyond(far, &FAR_OUTSIDE, inside);
     if (judge->astray) {
         (void)snprintf(cause, TL_LOCK_CAUSE,
-                       "%.0f %% of the last %u %s are more than ten tolerances off (limit %.0f %%), J = %.3g at worst",
-                       HUNDRED * far, (unsigned)compared, units(judge), HUNDRED * FAR_OUTSIDE.enter, all->worst);
+                       "%.0f %% of the last %u %s are %.0f tolerances off, and more (limit %.0f %%), at worst %.3g",
+                       HUNDRED * far, (unsigned)compared, units(judge), FAR_AWAY, HUNDRED * FAR_OUTSIDE.enter,
+                       all->worst);
     } else {
         (void)snprintf(cause, TL_LOCK_CAUSE, "%.0f %% of the last %u %s are out of tolerance (limit %.0f %%)",
                        HUNDRED * outside, (unsigned)compared, units(judge),
@@ -347,6 +350,8 @@ static bool close_part(tl_lock_judge *judge) {
     const tl_lock_part *full = &judge->part[judge->at];
     judge->parts += judge->parts < TL_LOCK_PARTS ? 1 : 0;
     judge->pending += full->steps;
+    judge->tally.within += full->outside == 0 && full->free == 0 ? 1 : 0;
+    judge->tally.windows += has_window(judge) ? 1 : 0;
     bool changed = has_window(judge) && judge_now(judge);
     if (judge->judged) {
         learn(judge, full);

@@ -40,8 +40,7 @@ static void append_others(const tl_lock_tally *tally, char text[TL_LOCK_SENTENCE
 }
 
 bool tl_lock_tally_is_enough(const tl_lock_tally *tally, double least) {
-    double found = tl_lock_tally_percent(tally);
-    return tl_lock_tally_total(tally) == 0 || (found > 0.0 && found >= least);
+    return least > 0.0 ? tl_lock_tally_percent(tally) >= least : tally->within != 0 || tally->windows == 0;
 }
 
 void tl_lock_tally_write(const tl_lock_tally *tally, char text[TL_LOCK_SENTENCE]) {

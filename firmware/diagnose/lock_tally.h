@@ -23,6 +23,8 @@ enum { TL_LOCK_STATES = TL_LOCK_LOST + 1, TL_LOCK_SENTENCE = 256 };
 typedef struct tl_lock_tally {
     tl_lock_state state;            /* the last one */
     uint64_t steps[TL_LOCK_STATES]; /* in each state, made up ones among them; with an event horizon strokes */
+    uint64_t windows;               /* that were judged; 0: the run was shorter than one */
+    uint64_t within;                /* tenths of a window with no step that was not within tolerance */
     uint64_t changes;               /* of the state */
     uint64_t losses;                /* how often it was lost */
 } tl_lock_tally;
@@ -39,7 +41,8 @@ double tl_lock_tally_percent(const tl_lock_tally *tally);
 /* The one sentence with which a run ends, without a full stop. */
 void tl_lock_tally_write(const tl_lock_tally *tally, char text[TL_LOCK_SENTENCE]);
 
-/* Whether at least `percent` of the steps were in lock, and any of them; a run without a step cannot tell, and is. */
+/* Whether at least `percent` of the steps were in lock. 0: whether the twin ever was for a tenth of a window; of a run that was
+ * shorter than a window that is not asked. */
 bool tl_lock_tally_is_enough(const tl_lock_tally *tally, double percent);
 
 #endif

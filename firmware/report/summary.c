@@ -36,7 +36,7 @@ tl_status tl_summary_require_lock(const tl_summary *summary, const tl_config *co
         return TL_OK;
     }
     double found = tl_lock_tally_percent(&summary->lock);
-    if (found > 0.0) {
+    if (percent > 0.0) {
         return tl_fail(error, TL_NOT_LOCKED, "the twin was in lock in %.1f %% of the steps, and %g %% were required",
                        found, percent);
     }

@@ -28,6 +28,20 @@ void tl_watch_sample(tl_watch *watch, const tl_sample *sample) {
     }
 }
 
+static void watch_free_run(tl_watch *watch, int64_t tick, const tl_record *record) {
+    bool free_run = record->outcome == TL_FREE_RUN;
+    if (free_run == watch->free_run || record->outcome == TL_MADE_UP) {
+        return;
+    }
+    watch->free_run = free_run;
+    if (free_run) {
+        tl_journal_event(watch->journal, tick, TL_EVENT_WARNING, "twin",
+                         "no matched signal is good: the twin runs free on the last good values");
+    } else {
+        tl_journal_event(watch->journal, tick, TL_EVENT_INFO, "twin", "matched signals are good: synchronising again");
+    }
+}
+
 /* Of a step out of tolerance. A J that is not there had no time, or was beyond what a number can be. */
 static void write_objective(const tl_record *record, char *text, size_t size) {
     if (isfinite(record->objective)) {
@@ -214,6 +228,7 @@ void tl_watch_record(tl_watch *watch, int64_t tick, const tl_record *record) {
         watch_stroke(watch, tick, record);
         return;
     }
+    watch_free_run(watch, tick, record);
     for (size_t i = 0; i < watch->config->adjust_count; i++) {
         watch_variable(watch, tick, record, i);
     }

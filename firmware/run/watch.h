@@ -1,6 +1,6 @@
 /* The watch: turns samples and records into events worth telling.
  *
- * Purpose: what a technician wants to read: a signal became bad or good, the state of the lock has changed, a variable does not matter, a solver had to be helped, a stroke changed u, ticks were missed. Changes are told, not
+ * Purpose: what a technician wants to read: a signal became bad or good, the twin runs free, the state of the lock has changed, a variable does not matter, a solver had to be helped, a stroke changed u, ticks were missed. Changes are told, not
  *          states, so that a bad hour is two lines.
  * Thread:  the thread that steps.
  */
@@ -32,7 +32,8 @@ typedef struct tl_watch_trouble {
 typedef struct tl_watch {
     const tl_config *config;
     tl_journal *journal;
-    uint8_t quality[TL_MAX_SIGNALS];      /* as last told */
+    uint8_t quality[TL_MAX_SIGNALS]; /* as last told */
+    bool free_run;
     bool out_of_tolerance;                /* event horizon: the last stroke */
     tl_watch_trouble held[TL_MAX_ADJUST]; /* variables that are not identifiable */
     tl_watch_trouble fallback;            /* the second solver takes over */

@@ -6,7 +6,7 @@
 #include "firmware/show/show.h"
 
 /* A name and its value beyond this width have a line of their own. */
-enum { WIDEST = 16 };
+enum { WIDEST = 16, EXITS_OF_A_LINE = 4 };
 
 const tl_verb_row tl_verb_rows[TL_VERB_COUNT] = {
     [TL_VERB_CHECK] =
@@ -202,7 +202,7 @@ void tl_option_table_print_usage(FILE *file) {
         "\n`twinlock help VERB` and `twinlock VERB --help` say more. `twinlock --version` prints the version.\n", file);
     for (size_t i = 0; i < sizeof EXITS / sizeof EXITS[0]; i++) {
         (void)fprintf(file, "%s%d %s", before, tl_exit_code(EXITS[i].status), EXITS[i].meaning);
-        before = ", ";
+        before = i + 1 == EXITS_OF_A_LINE ? ",\n            " : ", ";
     }
     (void)fputs(".\n", file);
 }

@@ -18,12 +18,12 @@
 
 typedef enum tl_status {
     TL_OK = 0,
-    TL_BAD_USAGE,  /* the command line is wrong */
-    TL_BAD_DATA,   /* a configuration, recording or FMU file is wrong */
-    TL_PLANT_DOWN, /* plant I/O cannot be opened or read */
-    TL_FMU_FAILED, /* an FMU returned an error, or a value that is not finite */
-    TL_FMU_FATAL,  /* an FMU returned fmi2Fatal: nothing of it may be called again */
-    TL_TRY_AGAIN,  /* a resource is missing now: disk, memory, lock, port */
+    TL_BAD_USAGE,   /* the command line is wrong */
+    TL_BAD_DATA,    /* a configuration, recording or FMU file is wrong */
+    TL_PLANT_DOWN,  /* plant I/O cannot be opened or read */
+    TL_FMU_FAILED,  /* an FMU returned an error, or a value that is not finite */
+    TL_FMU_FATAL,   /* an FMU returned fmi2Fatal: nothing of it may be called again */
+    TL_TRY_AGAIN,   /* a resource is missing now: disk, memory, lock, port */
     TL_INTERRUPTED, /* the user or the system asked to stop */
     TL_NOT_LOCKED   /* all was done, and the twin was not in lock as it should have been */
 } tl_status;

@@ -30,15 +30,25 @@ static void test_a_run_that_was_never_in_lock(void) {
 }
 
 static void test_what_is_enough(void) {
-    const tl_lock_tally some = {.steps = {[TL_LOCK_LOCKED] = 90, [TL_LOCK_TRACKING] = 5, [TL_LOCK_DEGRADED] = 5}};
-    const tl_lock_tally none = {.steps = {[TL_LOCK_DEGRADED] = 5, [TL_LOCK_FREE] = 5}};
-    const tl_lock_tally nothing = {0};
+    const tl_lock_tally some = {
+        .steps = {[TL_LOCK_LOCKED] = 90, [TL_LOCK_TRACKING] = 5, [TL_LOCK_DEGRADED] = 5}, .windows = 9, .within = 9};
     TEST_ASSERT_EQUAL_DOUBLE(95, tl_lock_tally_percent(&some));
     TEST_ASSERT_TRUE(tl_lock_tally_is_enough(&some, 0));
     TEST_ASSERT_TRUE(tl_lock_tally_is_enough(&some, 95));
     TEST_ASSERT_FALSE(tl_lock_tally_is_enough(&some, 95.1));
-    TEST_ASSERT_FALSE(tl_lock_tally_is_enough(&none, 0));
-    TEST_ASSERT_TRUE(tl_lock_tally_is_enough(&nothing, 95)); /* who stops a run at its start has not failed */
+}
+
+/* Without a percentage: once is enough, and who stops a run at its start has not failed. */
+static void test_what_is_enough_at_least(void) {
+    tl_lock_tally never = {.steps = {[TL_LOCK_FREE] = 5, [TL_LOCK_LOST] = 5}, .windows = 1};
+    TEST_ASSERT_FALSE(tl_lock_tally_is_enough(&never, 0));
+    never.within = 1;
+    TEST_ASSERT_TRUE(tl_lock_tally_is_enough(&never, 0));
+    TEST_ASSERT_FALSE(tl_lock_tally_is_enough(&never, 1));
+    never.within = 0;
+    never.windows = 0;
+    TEST_ASSERT_TRUE(tl_lock_tally_is_enough(&never, 0));
+    TEST_ASSERT_FALSE(tl_lock_tally_is_enough(&never, 1));
 }
 
 int main(void) {
@@ -46,5 +56,6 @@ int main(void) {
     RUN_TEST(test_the_sentence_at_the_end);
     RUN_TEST(test_a_run_that_was_never_in_lock);
     RUN_TEST(test_what_is_enough);
+    RUN_TEST(test_what_is_enough_at_least);
     return UNITY_END();
 }

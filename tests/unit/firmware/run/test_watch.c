@@ -234,6 +234,17 @@ static void test_troubles_of_a_slow_twin(void) {
     expect_told_with("react to it again");
 }
 
+static void test_free_running(void) {
+    records(TL_OPTIMISED, 3);
+    expect_told("");
+    records(TL_FREE_RUN, 5);
+    expect_told_with("the twin runs free on the last good values");
+    records(TL_MADE_UP, 2); /* a missed tick tells nothing of the measurements */
+    expect_told("");
+    records(TL_FIRST_GUESS, 5);
+    expect_told_with("synchronising again");
+}
+
 /* A lost twin is what somebody must do something about. */
 static void test_the_state_of_the_lock(void) {
     static const struct {
@@ -324,6 +335,7 @@ int main(void) {
     RUN_TEST(test_the_second_solver);
     RUN_TEST(test_stagnation_is_told_apart);
     RUN_TEST(test_troubles_of_a_slow_twin);
+    RUN_TEST(test_free_running);
     RUN_TEST(test_the_state_of_the_lock);
     RUN_TEST(test_missed_ticks_are_told_once_a_second);
     RUN_TEST(test_strokes_are_told_where_they_change_something);
