@@ -29,6 +29,10 @@ static const double FAR_AWAY = 10.0;
 static const double SAME_PLACE = 0.1;
 static const double IN_CYCLE = 0.5;
 
+/* A share, and how much further the twin has moved than the plant. */
+static const double ASTRAY = 0.25;
+static const double MUCH_MORE = 3.0;
+
 /* Parts are at least so long, and have at least so many steps. */
 static const tl_time PART = TL_SECOND / 10;
 enum { PART_STEPS = 2, STROKES = 3, HUNDRED = 100 };
@@ -54,7 +58,9 @@ void tl_lock_judge_init(tl_lock_judge *judge, const tl_config *config, const tl_
     memcpy(judge->adjust, account->adjust, sizeof judge->adjust);
 }
 
-void tl_lock_judge_forget(tl_lock_judge *judge) {
+/* What was seen says nothing of what comes. What is usual stays. */
+static void forget(tl_lock_judge *judge) {
+    judge->pending += judge->part[judge->at].steps;
     memset(judge->part, 0, sizeof judge->part);
     judge->parts = 0;
     judge->at = 0;
@@ -127,6 +133,19 @@ static void see_cycle(const tl_lock_judge *judge, size_t v, uint32_t cycling[TL_
     }
 }
 
+static void widen(tl_lock_range *range, double value, bool first) {
+    range->least = first || value < range->least ? value : range->least;
+    range->most = first || value > range->most ? value : range->most;
+}
+
+static void see_outputs(const tl_lock_judge *judge, const tl_record *record, tl_lock_part *part) {
+    for (size_t i = 0; i < judge->config->match_count; i++) {
+        double tolerance = judge->config->match[i].tolerance;
+        widen(&part->simulated[i], record->y[i] / tolerance, part->steps == 0);
+        widen(&part->measured[i], record->y_hat[i] / tolerance, part->steps == 0);
+    }
+}
+
 static void see_corrections(tl_lock_judge *judge, const tl_record *record, tl_lock_part *part) {
     size_t count = judge->config->adjust_count;
     memmove(judge->u[1], judge->u[0], sizeof judge->u - sizeof judge->u[0]);
@@ -134,9 +153,7 @@ static void see_corrections(tl_lock_judge *judge, const tl_record *record, tl_lo
     judge->u_count += judge->u_count <= TL_LOCK_PERIODS ? 1 : 0;
     for (size_t v = 0; v < count; v++) {
         double u = record->u[v];
-        bool first = part->steps == 0;
-        part->least[v] = first || u < part->least[v] ? u : part->least[v];
-        part->most[v] = first || u > part->most[v] ? u : part->most[v];
+        widen(&part->u[v], u, part->steps == 0);
         if (is_real(judge, v)) {
             part->correction[v] += fabs(u - record->u_hat[v]);
             see_bounds(&judge->adjust[v], u, &part->at_bound[v]);
@@ -158,11 +175,17 @@ static void add_part(const tl_lock_part *part, const tl_config *config, window *
     for (size_t i = 0; i < config->signal_count; i++) {
         all->bad[i] += part->bad[i];
     }
+    for (size_t i = 0; i < config->match_count; i++) {
+        widen(&all->simulated[i], part->simulated[i].least, first);
+        widen(&all->simulated[i], part->simulated[i].most, false);
+        widen(&all->measured[i], part->measured[i].least, first);
+        widen(&all->measured[i], part->measured[i].most, false);
+    }
     for (size_t v = 0; v < config->adjust_count; v++) {
         all->at_bound[v] += part->at_bound[v];
         all->correction[v] += part->correction[v];
-        all->least[v] = first || part->least[v] < all->least[v] ? part->least[v] : all->least[v];
-        all->most[v] = first || part->most[v] > all->most[v] ? part->most[v] : all->most[v];
+        widen(&all->u[v], part->u[v].least, first);
+        widen(&all->u[v], part->u[v].most, false);
         for (int period = 0; period <= TL_LOCK_PERIODS; period++) {
             all->cycling[v][period] += part->cycling[v][period];
         }
@@ -217,7 +240,22 @@ static void append_cycle(const tl_lock_judge *judge, const window *all, size_t v
                          char cause[TL_LOCK_CAUSE]) {
     size_t length = strlen(cause);
     (void)snprintf(cause + length, TL_LOCK_CAUSE - length, "; %.60s swings between %.4g and %.4g every %d steps",
-                   judge->config->adjust[v].variable, all->least[v], all->most[v], period);
+                   judge->config->adjust[v].variable, all->u[v].least, all->u[v].most, period);
+}
+
+static double width(const tl_lock_range *range) {
+    return range->most - range->least;
+}
+
+/* One of the matched outputs has gone far, and its measurement has not. */
+static bool has_left(const tl_lock_judge *judge, const window *all) {
+    bool left = false;
+    for (size_t i = 0; i < judge->config->match_count; i++) {
+        double measured = width(&all->measured[i]);
+        bool is_matched = judge->config->match[i].weight > 0.0;
+        left = left || (is_matched && (measured < FAR_AWAY || width(&all->simulated[i]) > MUCH_MORE * measured));
+    }
+    return left;
 }
 
 static bool judge_lost(tl_lock_judge *judge, const window *all, char cause[TL_LOCK_CAUSE]) {
@@ -228,8 +266,9 @@ static bool judge_lost(tl_lock_judge *judge, const window *all, char cause[TL_LO
     size_t variable = 0;
     int period = 0;
     bool cycles = find_cycle(judge, all, &variable, &period) && is_beyond(outside, &OUTSIDE_IN_CYCLE, inside);
-    judge->astray = is_beyond(far, &FAR_OUTSIDE, inside);
-    if (judge->astray) {
+    bool away = is_beyond(far, &FAR_OUTSIDE, inside);
+    judge->astray = far >= ASTRAY && has_left(judge, all);
+    if (away) {
         (void)snprintf(cause, TL_LOCK_CAUSE,
                        "%.0f %% of the last %u %s are %.0f tolerances off, and more (limit %.0f %%), at worst %.3g",
                        HUNDRED * far, (unsigned)compared, units(judge), FAR_AWAY, HUNDRED * FAR_OUTSIDE.enter,
@@ -242,7 +281,7 @@ static bool judge_lost(tl_lock_judge *judge, const window *all, char cause[TL_LO
     if (cycles) {
         append_cycle(judge, all, variable, period, cause);
     }
-    return judge->astray || cycles || is_beyond(outside, &OUTSIDE, inside);
+    return away || cycles || is_beyond(outside, &OUTSIDE, inside);
 }
 
 static bool judge_degraded(const tl_lock_judge *judge, const window *all, char cause[TL_LOCK_CAUSE]) {
@@ -371,11 +410,16 @@ const tl_lock_change *tl_lock_judge_step(tl_lock_judge *judge, const tl_record *
     if (!counts(judge, record)) {
         return NULL;
     }
+    if ((record->flags & TL_FLAG_RESET) != 0) {
+        forget(judge);
+        part = &judge->part[judge->at];
+    }
     if (is_compared(judge, record)) {
         see_tolerance(judge, record, part);
     } else {
         part->free++;
     }
+    see_outputs(judge, record, part);
     see_corrections(judge, record, part);
     part->steps++;
     return part->steps == judge->part_steps && close_part(judge) ? &judge->change : NULL;

@@ -27,6 +27,11 @@ enum {
     TL_LOCK_CAUSE = 200    /* bytes of a cause */
 };
 
+/* From where to where something has been. */
+typedef struct tl_lock_range {
+    double least, most;
+} tl_lock_range;
+
 /* What a part of the window has seen. */
 typedef struct tl_lock_part {
     uint32_t steps;
@@ -41,7 +46,8 @@ typedef struct tl_lock_part {
         cycling[TL_MAX_ADJUST]
                [TL_LOCK_PERIODS + 1]; /* steps at which u was where it was that many steps ago, and elsewhere between */
     double correction[TL_MAX_ADJUST]; /* sum of |Δu| */
-    double least[TL_MAX_ADJUST], most[TL_MAX_ADJUST]; /* u */
+    tl_lock_range u[TL_MAX_ADJUST];
+    tl_lock_range simulated[TL_MAX_MATCH], measured[TL_MAX_MATCH]; /* y and its measurement, in tolerances */
 } tl_lock_part;
 
 /* A change of the state, to be told once. */
@@ -75,14 +81,13 @@ void tl_lock_judge_init(tl_lock_judge *judge, const tl_config *config, const tl_
 /* A sample as the twin was given it. */
 void tl_lock_judge_sample(tl_lock_judge *judge, const tl_sample *sample);
 
-/* A step of the run's own; what it has followed of an earlier one is passed over. The state has changed: how, until the next call. Else NULL. */
+/* A step of the run's own; what it has followed of an earlier one is passed over. One before which the FMUs began anew (TL_FLAG_RESET) begins a
+ * window. The state has changed: how, until the next call. Else NULL. */
 const tl_lock_change *tl_lock_judge_step(tl_lock_judge *judge, const tl_record *record);
 
-/* As judged last: lost, and so far off, or in such a limit cycle of u, that the twin will hardly come back by itself. */
+/* As judged last: a quarter of the window is ten tolerances off and more, and it is the twin that went there: the plant has hardly moved
+ * meanwhile, or far less than the twin. Whether a plant jumps, or what measures it, is no matter of the twin. */
 bool tl_lock_judge_is_astray(const tl_lock_judge *judge);
-
-/* The twin has begun anew: what was seen before says nothing of it. What is usual stays. */
-void tl_lock_judge_forget(tl_lock_judge *judge);
 
 /* So far. A run that ended before its first window was full is judged by what there is of it. */
 void tl_lock_judge_get(const tl_lock_judge *judge, tl_lock_tally *tally);
