@@ -10,5 +10,6 @@ bool tl_live_end_is_sound(const tl_summary *summary, const tl_account *account, 
     bool fits = account->components == config->component_count + 1 && account->matches == config->match_count &&
                 account->adjusts == config->adjust_count;
     bool goes_on = (unsigned)summary->resumption.from <= (unsigned)TL_RESUMED_INPUTS;
-    return fits && goes_on && has_no_pointers(&summary->figures) && tl_account_is_sound(account);
+    bool judged = (unsigned)summary->lock.state < (unsigned)TL_LOCK_STATES;
+    return fits && judged && goes_on && has_no_pointers(&summary->figures) && tl_account_is_sound(account);
 }

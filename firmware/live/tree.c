@@ -361,7 +361,7 @@ static tl_status open_all(tree *self, tl_error *error) {
     return status;
 }
 
-/* What the twin says of its run, as far as it can be. */
+/* What the twin says of its run, as far as it can be; and whether that is what was wanted of it. */
 static tl_status print_summary(tree *self, tl_error *error) {
     tl_live_end *end = &twin_pulse(self)->end;
     tl_summary summary = end->summary;
@@ -374,11 +374,16 @@ static tl_status print_summary(tree *self, tl_error *error) {
         return tl_fail(error, TL_FMU_FAILED,
                        "the summary of the run is none: the process of the FMUs has destroyed it");
     }
+    tl_status status = TL_OK;
     if (self->settings->json) {
-        return tl_summary_print_json(&summary, &self->config, &account, self->output, error);
+        status = tl_summary_print_json(&summary, &self->config, &account, self->output, error);
+    } else {
+        tl_summary_print_table(&summary, &self->config, &account, self->output);
     }
-    tl_summary_print_table(&summary, &self->config, &account, self->output);
-    return TL_OK;
+    bool asked = self->settings->require_lock > 0.0 || !self->settings->supervised;
+    return status == TL_OK && asked
+               ? tl_summary_require_lock(&summary, &self->config, self->settings->require_lock, error)
+               : status;
 }
 
 static int supervise(tree *self) {

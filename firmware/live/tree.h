@@ -25,6 +25,7 @@ typedef struct tl_tree_settings {
     bool status;             /* a status line also if standard error is no terminal */
     bool unconfined;         /* FMUs may do what the user can */
     uint64_t memory_limit;   /* bytes that the process of the FMUs may take; 0: three quarters of the machine's */
+    double require_lock;     /* percent of the steps that must have been in lock; 0: any, if nobody supervises */
     bool supervised;
     const char *state; /* as in supervisor.h: supervised only */
     const char *watchdog;

@@ -31,6 +31,20 @@ void tl_summary_sample(tl_summary *summary, const tl_config *config, const tl_sa
     }
 }
 
+tl_status tl_summary_require_lock(const tl_summary *summary, const tl_config *config, double percent, tl_error *error) {
+    if (config->adjust_count == 0 || tl_lock_tally_is_enough(&summary->lock, percent)) {
+        return TL_OK;
+    }
+    double found = tl_lock_tally_percent(&summary->lock);
+    if (percent > 0.0) {
+        return tl_fail(error, TL_NOT_LOCKED, "the twin was in lock in %.1f %% of the steps, and %g %% were required",
+                       found, percent);
+    }
+    return tl_fail(error, TL_NOT_LOCKED,
+                   "the twin was never in lock: look at the events of the run, or at the signals and the tolerance by "
+                   "`twinlock check`");
+}
+
 /* A summary while it is printed. */
 typedef struct printing {
     const tl_summary *summary;
@@ -48,6 +62,20 @@ static void begin_printing(printing *page, const tl_summary *summary, const tl_c
 /* Without a step nothing was corrected. */
 static double or_zero(const tl_run_adjusted *adjusted, double value) {
     return adjusted->count == 0 ? 0.0 : value;
+}
+
+static void add_lock(tl_json_writer *json, const tl_lock_tally *lock) {
+    tl_json_open_object(json, "lock");
+    tl_json_add_text(json, "state", tl_lock_state_name(lock->state));
+    tl_json_add_number(json, "percent", tl_lock_tally_percent(lock));
+    tl_json_open_object(json, "steps");
+    for (int i = 0; i < TL_LOCK_STATES; i++) {
+        tl_json_add_count(json, tl_lock_state_name((tl_lock_state)i), lock->steps[i]);
+    }
+    tl_json_close(json);
+    tl_json_add_count(json, "changes", lock->changes);
+    tl_json_add_count(json, "losses", lock->losses);
+    tl_json_close(json);
 }
 
 static void add_executions(tl_json_writer *json, const tl_account *account) {
@@ -155,6 +183,9 @@ tl_status tl_summary_print_json(const tl_summary *summary, const tl_config *conf
     begin_printing(&page, summary, config, account);
     tl_json_writer_begin(&json);
     tl_json_add_count(&json, "steps", page.figures.steps);
+    if (config->adjust_count != 0) {
+        add_lock(&json, &summary->lock);
+    }
     add_executions(&json, account);
     tl_json_add_count(&json, "evaluations", page.figures.evaluations);
     tl_json_add_count(&json, "optimised_steps", page.figures.optimised_steps);
@@ -185,6 +216,14 @@ static void print_outcomes(const tl_run_figures *figures, FILE *file) {
         }
     }
     (void)fputc('\n', file);
+}
+
+static void print_lock(const tl_summary *summary, const tl_config *config, FILE *file) {
+    char text[TL_LOCK_SENTENCE];
+    if (config->adjust_count != 0) {
+        tl_lock_tally_write(&summary->lock, text);
+        (void)fprintf(file, "  lock         %s\n", text);
+    }
 }
 
 static void print_executions(const tl_run_figures *figures, const tl_account *account, FILE *file) {
@@ -319,6 +358,7 @@ void tl_summary_print_table(const tl_summary *summary, const tl_config *config, 
     (void)fprintf(file, "%s\n", config->name);
     (void)fprintf(file, "  steps        %" PRIu64 " of %g s: ", page.figures.steps, tl_seconds(config->step));
     print_outcomes(&page.figures, file);
+    print_lock(summary, config, file);
     print_executions(&page.figures, account, file);
     if (config->adjust_count != 0) {
         print_ledger(&page.figures, account, file);

@@ -11,6 +11,7 @@
 #include <stdio.h>
 
 #include "firmware/config/config.h"
+#include "firmware/diagnose/lock_tally.h"
 #include "firmware/report/run_figures.h"
 #include "master/twin/account.h"
 
@@ -21,6 +22,7 @@ typedef struct tl_summary {
     uint64_t
         ticks; /* instants at which a step was due, counted by the clock, which are steps + skipped; 0: there is none */
     uint64_t deadline_misses; /* steps that ended after their period */
+    tl_lock_tally lock;       /* of the last twin of a run */
     double wall_s;
     tl_resumption resumption; /* of a run that goes on with an earlier one, whose last steps are among the outcomes */
 } tl_summary;
@@ -29,6 +31,10 @@ void tl_summary_add(tl_summary *summary, const tl_config *config, const tl_recor
 
 /* A sample of the plant, as the twin was given it. */
 void tl_summary_sample(tl_summary *summary, const tl_config *config, const tl_sample *sample);
+
+/* Whether the twin was in lock in at least `percent` of the steps, as tl_lock_tally_is_enough(); if nothing is adjusted that is not asked.
+ * Errors: TL_NOT_LOCKED. */
+tl_status tl_summary_require_lock(const tl_summary *summary, const tl_config *config, double percent, tl_error *error);
 
 /* One JSON object and a newline. Errors: TL_TRY_AGAIN if memory is out; nothing is printed then. */
 tl_status tl_summary_print_json(const tl_summary *summary, const tl_config *config, const tl_account *account,

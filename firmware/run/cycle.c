@@ -7,6 +7,7 @@
 #include "firmware/base/c_locale.h"
 #include "firmware/base/clock.h"
 #include "firmware/base/latest.h"
+#include "firmware/diagnose/lock_rescue.h"
 #include "firmware/fmu/fmu_guard.h"
 #include "firmware/process/host_state.h"
 #include "firmware/run/checkpointer.h"
@@ -24,6 +25,7 @@ struct tl_cycle {
     bool stop;
     tl_summary summary;
     tl_watch watch;
+    tl_lock_rescue rescue;
     tl_checkpointer checkpointer;
     tl_status status;
     tl_error error;
@@ -46,10 +48,18 @@ static void show(tl_cycle *cycle) {
 }
 
 static void keep(tl_cycle *cycle, int64_t tick, const tl_record *record) {
+    const tl_lock_change *change = NULL;
     tl_summary_add(&cycle->summary, &cycle->settings.assembly->config, record);
     tl_watch_record(&cycle->watch, tick, record);
     if ((record->flags & TL_FLAG_RESET) != 0) {
         tl_checkpointer_hurry(&cycle->checkpointer, tick);
+    }
+    if (tl_lock_rescue_step(&cycle->rescue, record, &change)) {
+        tl_twin_reset(cycle->settings.assembly->twin);
+    }
+    if (change != NULL) {
+        tl_watch_lock(&cycle->watch, tick, change);
+        cycle->shown.lock = change->to;
     }
     tl_twin_recorder_put(cycle->settings.outbox, record, cycle->settings.assembly->twin);
     cycle->shown.record = *record;
@@ -65,6 +75,7 @@ static tl_status compute(tl_cycle *cycle, int64_t tick, const tl_budget *budget)
     tl_time instant = tl_time_of_step(cycle->start, cycle->settings.assembly->config.step, tick);
     tl_plant_input_take(cycle->settings.input, tick, instant, &sample);
     tl_watch_sample(&cycle->watch, &sample);
+    tl_lock_rescue_sample(&cycle->rescue, &sample);
     tl_summary_sample(&cycle->summary, &cycle->settings.assembly->config, &sample);
     (void)tl_outbox_put_sample(cycle->settings.outbox, &sample);
     tl_status status = budget == NULL ? tl_twin_make_up(twin, &sample, &record, &ready, &cycle->error)
@@ -182,6 +193,7 @@ static int64_t last_tick(const tl_config *config, int64_t delay) {
 
 tl_status tl_cycle_start(const tl_cycle_settings *settings, tl_cycle **cycle, tl_error *error) {
     const tl_config *config = &settings->assembly->config;
+    tl_account account;
     tl_cycle *started = calloc(1, sizeof *started);
     if (started == NULL) {
         return tl_fail(error, TL_TRY_AGAIN, "not enough memory for the cycle");
@@ -190,6 +202,8 @@ tl_status tl_cycle_start(const tl_cycle_settings *settings, tl_cycle **cycle, tl
     started->summary = settings->resumed;
     started->last_tick = last_tick(config, tl_twin_get_facts(settings->assembly->twin).lead);
     tl_watch_init(&started->watch, config, settings->journal);
+    tl_account_take(settings->assembly->twin, &account);
+    tl_lock_rescue_init(&started->rescue, config, &account);
     started->heart = tl_heart_begin(settings->beats, "cycle", config->realtime_hang + 2 * config->step);
     tl_checkpointer_init(&started->checkpointer, settings->assembly, settings->outbox, settings->journal);
     find_start(started);
@@ -207,6 +221,7 @@ tl_status tl_cycle_stop(tl_cycle *cycle, tl_summary *summary, tl_error *error) {
     __atomic_store_n(&cycle->stop, true, __ATOMIC_RELAXED);
     tl_fmu_thread_hurry(cycle->settings.thread);
     *summary = cycle->summary;
+    tl_lock_judge_get(&cycle->rescue.judge, &summary->lock);
     *error = cycle->error;
     tl_status status = cycle->status;
     free(cycle);

@@ -42,8 +42,9 @@ typedef struct tl_cycle_status {
     uint64_t ticks;
     uint64_t skipped;
     uint64_t deadline_misses;
-    bool ended;       /* the duration is over, or the twin failed */
-    tl_record record; /* the newest */
+    bool ended;         /* the duration is over, or the twin failed */
+    tl_record record;   /* the newest */
+    tl_lock_state lock; /* free until it is judged */
 } tl_cycle_status;
 
 /* Tick 0 is due one period from now, and the run begins in the outbox; of a twin that goes on with an earlier run, its next tick at that run's own time, and

@@ -14,8 +14,12 @@ static void keep(const tl_replay *replay, int64_t tick, const tl_twin_result *re
     const tl_config *config = replay->config;
     const tl_record *record = &result->record;
     tl_summary_add(summary, config, record);
+    const tl_lock_change *change = tl_lock_judge_step(replay->judge, record);
     if (replay->watch != NULL) {
         tl_watch_record(replay->watch, tick, record);
+    }
+    if (replay->watch != NULL && change != NULL) {
+        tl_watch_lock(replay->watch, tick, change);
     }
     if (replay->recorder != NULL) {
         tl_recorder_put_step(replay->recorder, record, result->besides.counts);
@@ -49,6 +53,9 @@ static void take_sample(const tl_replay *replay, const tl_recording_tick *tick, 
         tl_time instant = tl_time_of_step(0, replay->config->step, sample->tick);
         tl_watch_skipped(replay->watch, sample->tick, *missed, instant);
         *missed = 0;
+    }
+    if (!tick->followed) {
+        tl_lock_judge_sample(replay->judge, sample);
     }
     if (replay->watch != NULL && !tick->followed) { /* that was told by the run that it is of */
         tl_watch_sample(replay->watch, sample);
@@ -138,6 +145,7 @@ tl_status tl_replay_run(const tl_replay *replay, tl_summary *summary, tl_error *
                     "than its first",
                     (long long)ticks, tl_seconds(replay->config->step), ticks_needed(replay));
     }
+    tl_lock_judge_get(replay->judge, &summary->lock);
     summary->wall_s = tl_seconds(tl_clock_now(NULL) - started);
     return status;
 }

@@ -53,39 +53,6 @@ static void write_objective(const tl_record *record, char *text, size_t size) {
     }
 }
 
-static void tell_tolerance(const tl_watch *watch, int64_t tick, const tl_record *record) {
-    char objective[32];
-    if (!watch->out_of_tolerance) {
-        tl_journal_event(watch->journal, tick, TL_EVENT_INFO, "twin", "in lock again");
-        return;
-    }
-    write_objective(record, objective, sizeof objective);
-    tl_journal_event(watch->journal, tick, TL_EVENT_WARNING, "twin",
-                     "out of tolerance for %d steps (%s): in most of them %s was used", TL_WATCH_STEPS, objective,
-                     watch->nominal > TL_WATCH_STEPS / 2 ? "nominal" : "the best correction found");
-}
-
-static void watch_tolerance(tl_watch *watch, int64_t tick, const tl_record *record) {
-    bool out = record->outcome == TL_BEST_SO_FAR || record->outcome == TL_NOMINAL;
-    bool in = record->outcome == TL_FIRST_GUESS || record->outcome == TL_OPTIMISED;
-    if (!out && !in) {
-        return;
-    }
-    if (out == watch->out_of_tolerance) {
-        watch->run_length = 0;
-        watch->nominal = 0;
-        return;
-    }
-    watch->run_length++;
-    watch->nominal += record->outcome == TL_NOMINAL ? 1 : 0;
-    if (watch->run_length == TL_WATCH_STEPS) {
-        watch->out_of_tolerance = out;
-        tell_tolerance(watch, tick, record);
-        watch->run_length = 0;
-        watch->nominal = 0;
-    }
-}
-
 /* Only a search can show that a trouble is over, and one that was cut short shows nothing: it takes many of them, and some
  * time, so that what comes and goes is told once. */
 static turn follow(const tl_watch *watch, tl_watch_trouble *trouble, const tl_record *record, bool has) {
@@ -254,22 +221,40 @@ static void watch_delay(tl_watch *watch, int64_t tick, const tl_record *record) 
     watch->delay = delay;
 }
 
+static void watch_reset(const tl_watch *watch, int64_t tick, const tl_record *record) {
+    if ((record->flags & TL_FLAG_RESET) != 0) {
+        tl_journal_event(watch->journal, tick, TL_EVENT_WARNING, "lock",
+                         "brought back: the FMUs began anew with their start values before step %lld, and u at nominal",
+                         (long long)record->step);
+    }
+}
+
 void tl_watch_record(tl_watch *watch, int64_t tick, const tl_record *record) {
     if (record->outcome == TL_FOLLOWED) {
         return; /* told by the run that it is of */
     }
+    watch_reset(watch, tick, record);
     if (watch->config->event.start.signal != NULL) {
         watch_stroke(watch, tick, record);
         return;
     }
     watch_free_run(watch, tick, record);
-    watch_tolerance(watch, tick, record);
     for (size_t i = 0; i < watch->config->adjust_count; i++) {
         watch_variable(watch, tick, record, i);
     }
     watch_fallback(watch, tick, record);
     watch_stagnation(watch, tick, record);
     watch_delay(watch, tick, record);
+}
+
+void tl_watch_lock(const tl_watch *watch, int64_t tick, const tl_lock_change *change) {
+    static const tl_severity severities[TL_LOCK_STATES] = {[TL_LOCK_FREE] = TL_EVENT_WARNING,
+                                                           [TL_LOCK_LOCKED] = TL_EVENT_INFO,
+                                                           [TL_LOCK_TRACKING] = TL_EVENT_WARNING,
+                                                           [TL_LOCK_DEGRADED] = TL_EVENT_WARNING,
+                                                           [TL_LOCK_LOST] = TL_EVENT_ERROR};
+    tl_journal_event(watch->journal, tick, severities[change->to], "lock", "%s: %s", tl_lock_state_name(change->to),
+                     change->cause);
 }
 
 void tl_watch_skipped(tl_watch *watch, int64_t tick, uint64_t count, tl_time now) {

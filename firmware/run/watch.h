@@ -1,7 +1,6 @@
 /* The watch: turns samples and records into events worth telling.
  *
- * Purpose: what a technician wants to read: a signal became bad or good, the twin runs free, is out of tolerance, or is
- *          in lock again, a variable does not matter, a solver had to be helped, a stroke changed u, ticks were missed. Changes are told, not
+ * Purpose: what a technician wants to read: a signal became bad or good, the twin runs free, the state of the lock has changed, a variable does not matter, a solver had to be helped, a stroke changed u, ticks were missed. Changes are told, not
  *          states, so that a bad hour is two lines.
  * Thread:  the thread that steps.
  */
@@ -12,10 +11,11 @@
 #include <stdint.h>
 
 #include "firmware/config/config.h"
+#include "firmware/diagnose/lock_judge.h"
 #include "firmware/run/journal.h"
 #include "master/twin/twin.h"
 
-/* Steps in a row before "out of tolerance", "in lock again", and the end of a trouble are told. */
+/* Searches in a row without a trouble before its end is told. */
 enum { TL_WATCH_STEPS = 20 };
 
 /* A trouble's last step is at least this long ago before its end is told. */
@@ -34,9 +34,7 @@ typedef struct tl_watch {
     tl_journal *journal;
     uint8_t quality[TL_MAX_SIGNALS]; /* as last told */
     bool free_run;
-    bool out_of_tolerance;
-    uint32_t run_length;                  /* steps in a row that contradict out_of_tolerance, */
-    uint32_t nominal;                     /* and those of them that used nominal */
+    bool out_of_tolerance;                /* event horizon: the last stroke */
     tl_watch_trouble held[TL_MAX_ADJUST]; /* variables that are not identifiable */
     tl_watch_trouble fallback;            /* the second solver takes over */
     tl_watch_trouble stagnation;          /* solvers make no progress */
@@ -55,6 +53,9 @@ void tl_watch_sample(tl_watch *watch, const tl_sample *sample);
 
 /* `tick`: at which the record was complete. Events carry it, and not the step, so that they follow each other. */
 void tl_watch_record(tl_watch *watch, int64_t tick, const tl_record *record);
+
+/* The judge has found another state (lock_judge.h) with the record that was complete at this tick. */
+void tl_watch_lock(const tl_watch *watch, int64_t tick, const tl_lock_change *change);
 
 /* `count` ticks before `tick`, at which a step was due, were missed; told at most once a second, so call it with 0 too.
  * `now` is any clock's that does not go back. */

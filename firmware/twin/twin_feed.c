@@ -24,6 +24,7 @@ struct tl_twin_feed {
     uint64_t given; /* given to the twin, */
     uint64_t taken; /* and back */
     tl_twin_result result;
+    tl_lock_rescue rescue; /* of a twin in this process */
     wanted ring[PLACES];
 };
 
@@ -38,6 +39,7 @@ tl_status tl_twin_feed_open(const tl_twin_feed_settings *settings, tl_twin_feed 
     }
     made->settings = *settings;
     made->last_tick = tl_twin_feed_last_tick(settings->config, settings->account);
+    tl_lock_rescue_init(&made->rescue, settings->config, settings->account);
     *feed = made;
     return TL_OK;
 }
@@ -123,7 +125,7 @@ static tl_status take_here(tl_twin_feed *feed, const wanted *place, tl_error *er
         tl_twin_execute_last(settings->assembly, &place->tick, settings->tells, &feed->result);
         return TL_OK;
     }
-    return tl_twin_execute(settings->assembly, &place->tick, settings->tells, &feed->result, error);
+    return tl_twin_execute(settings->assembly, &place->tick, settings->tells, &feed->rescue, &feed->result, error);
 }
 
 tl_status tl_twin_feed_next(tl_twin_feed *feed, tl_twin_fed *fed, bool *end, tl_error *error) {

@@ -35,6 +35,7 @@ typedef struct role {
     tl_twin_extra *extra;
     const tl_twin_orders *orders;
     tl_assembly assembly;
+    tl_lock_rescue rescue;
     tl_recording_tick tick; /* as it came last, */
     tl_twin_result result;  /* and what came of it */
     unsigned char packed[TL_TWIN_PACKED];
@@ -221,7 +222,8 @@ static void answer(role *self, bool last) {
     tl_twin_unpack_tick(config, self->packed, &self->tick);
     if (last) {
         tl_twin_execute_last(&self->assembly, &self->tick, self->job.tells, &self->result);
-    } else if (tl_twin_execute(&self->assembly, &self->tick, self->job.tells, &self->result, &error) != TL_OK) {
+    } else if (tl_twin_execute(&self->assembly, &self->tick, self->job.tells, &self->rescue, &self->result, &error) !=
+               TL_OK) {
         set_error(self, &error);
         self->over = true;
     }
@@ -274,6 +276,7 @@ static void work(void *context) {
     }
     if (self->assembly.twin != NULL) {
         tl_account_take(self->assembly.twin, &self->extra->account);
+        tl_lock_rescue_init(&self->rescue, &self->assembly.config, &self->extra->account);
     }
     send_word(self, TL_MESSAGE_BUILT, status, &error);
     if (self->job.task == TL_TASK_CHECK) {

@@ -43,7 +43,7 @@ static tl_budget budget_of(const tl_config *config, const tl_recording_tick *tic
     return budget;
 }
 
-/* Before the step: whether the FMUs begin anew. */
+/* The FMUs begin anew if they did so in the recording; that the rescue has wanted it at the tick before is known already. */
 static void bring_back(const tl_assembly *assembly, const tl_recording_tick *tick) {
     if (tick->resets) {
         tl_twin_reset(assembly->twin);
@@ -81,10 +81,17 @@ static void look_after_host(const tl_recording_tick *tick) {
 }
 
 tl_status tl_twin_execute(const tl_assembly *assembly, const tl_recording_tick *tick, tl_twin_tells tells,
-                          tl_twin_result *result, tl_error *error) {
+                          tl_lock_rescue *rescue, tl_twin_result *result, tl_error *error) {
+    const tl_lock_change *change = NULL; /* the other end judges it again, and tells */
     bool ready = false;
     bring_back(assembly, tick);
+    if (!tick->followed) {
+        tl_lock_rescue_sample(rescue, &tick->sample);
+    }
     tl_status status = step(assembly, tick, tells, &result->record, &ready, error);
+    if (ready && tl_lock_rescue_step(rescue, &result->record, &change)) {
+        tl_twin_reset(assembly->twin);
+    }
     result->tick = tick->sample.tick;
     result->status = (int32_t)status;
     result->ready = ready ? 1 : 0;

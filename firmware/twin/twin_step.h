@@ -10,6 +10,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#include "firmware/diagnose/lock_rescue.h"
 #include "firmware/outbox/run_types.h"
 #include "firmware/plant/recording.h"
 #include "firmware/twin/assembly.h"
@@ -40,9 +41,9 @@ typedef struct tl_twin_result {
 bool tl_twin_result_is_sound(const tl_twin_result *result, const tl_config *config, int64_t tick, int64_t least);
 
 /* The tick through the twin: searched as configured, without a clock; made up, followed, cut short, or after the FMUs began anew if it was so in
- * the recording. Errors: those of tl_twin_step(), in the result too. */
+ * the recording. `rescue` sees it, and lets them begin anew as well, as a live run's does. Errors: those of tl_twin_step(), in the result too. */
 tl_status tl_twin_execute(const tl_assembly *assembly, const tl_recording_tick *tick, tl_twin_tells tells,
-                          tl_twin_result *result, tl_error *error);
+                          tl_lock_rescue *rescue, tl_twin_result *result, tl_error *error);
 
 /* Completes the last record with the sample after it (tl_twin_finish()). */
 void tl_twin_execute_last(const tl_assembly *assembly, const tl_recording_tick *tick, tl_twin_tells tells,

@@ -6,7 +6,7 @@
 #include "firmware/show/show.h"
 
 /* A name and its value beyond this width have a line of their own. */
-enum { WIDEST = 16 };
+enum { WIDEST = 16, EXITS_OF_A_LINE = 4 };
 
 const tl_verb_row tl_verb_rows[TL_VERB_COUNT] = {
     [TL_VERB_CHECK] =
@@ -84,6 +84,11 @@ const tl_option tl_option_rows[TL_OPTION_COUNT] = {
     {RUN, "status", NULL, TL_OPTION_SWITCH, SETS(status),
      .help = "a status line per second also if the output is no terminal"},
     {RUN, "json", NULL, TL_OPTION_SWITCH, SETS(json), .help = "print the summary as one JSON object at the end"},
+    {REPLAY | RUN, "require-lock", "PERCENT", TL_OPTION_PERCENT, SETS(require_lock),
+     .help =
+         "end with 3 unless the twin was in lock in so much of the steps; without this\noption it must have been at "
+         "some time (with --supervise that is not asked)",
+     .expected = "a percentage above 0, at most 100, for example 95"},
     {RUN, "supervise", NULL, TL_OPTION_SWITCH, SETS(supervise),
      .help = "start the twin again if it hangs or dies, and without FMUs after a restart\n"
              "loop (safe hold); tell systemd, if that started it"},
@@ -125,6 +130,7 @@ static const struct {
 } EXITS[] = {
     {TL_OK, "done"},
     {TL_BAD_USAGE, "wrong usage"},
+    {TL_NOT_LOCKED, "not in lock"},
     {TL_BAD_DATA, "bad configuration or data"},
     {TL_PLANT_DOWN, "plant I/O"},
     {TL_FMU_FAILED, "FMU"},
@@ -196,7 +202,7 @@ void tl_option_table_print_usage(FILE *file) {
         "\n`twinlock help VERB` and `twinlock VERB --help` say more. `twinlock --version` prints the version.\n", file);
     for (size_t i = 0; i < sizeof EXITS / sizeof EXITS[0]; i++) {
         (void)fprintf(file, "%s%d %s", before, tl_exit_code(EXITS[i].status), EXITS[i].meaning);
-        before = ", ";
+        before = i + 1 == EXITS_OF_A_LINE ? ",\n            " : ", ";
     }
     (void)fputs(".\n", file);
 }

@@ -28,6 +28,7 @@ typedef enum tl_option_kind {
     TL_OPTION_TEXT,          /* a file, a folder, a device; a const char * */
     TL_OPTION_SECONDS,       /* a double, above 0 and below 1e9 */
     TL_OPTION_WHOLE_SECONDS, /* a double, from 1 to 3600 */
+    TL_OPTION_PERCENT,       /* a double, above 0 and at most 100 */
     TL_OPTION_NUMBER,        /* a uint64_t, whole */
     TL_OPTION_MEBIBYTES,     /* a uint64_t, from 64 to 1048576 */
     TL_OPTION_RUN,           /* a uint64_t, the number of a run, from 1 to INT64_MAX */
@@ -48,7 +49,7 @@ typedef struct tl_option {
     bool alone;           /* at most one of those that are `alone` may be there */
 } tl_option;
 
-enum { TL_OPTION_COUNT = 33 };
+enum { TL_OPTION_COUNT = 34 };
 
 extern const tl_verb_row tl_verb_rows[TL_VERB_COUNT];
 extern const tl_option tl_option_rows[TL_OPTION_COUNT];

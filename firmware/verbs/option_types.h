@@ -37,7 +37,8 @@ typedef struct tl_options {
     const char *report;
     bool realtime;
     bool plain;
-    double duration_s; /* 0: as configured */
+    double duration_s;   /* 0: as configured */
+    double require_lock; /* percent; 0: at all */
     bool status;
     bool supervise;
     const char *state;

@@ -21,6 +21,7 @@ enum { FIRST_ROW = 256, LONGEST_NAME = 64 };
 
 static const double MOST_SECONDS = 1e9;
 static const double MOST_WHOLE_SECONDS = 3600;
+static const double MOST_PERCENT = 100;
 enum { LEAST_MEBIBYTES = 64, MOST_MEBIBYTES = 1 << 20 };
 
 /* One command line while it is read. */
@@ -160,6 +161,11 @@ static bool read_whole_seconds(const char *text, void *target) {
            *seconds == floor(*seconds);
 }
 
+static bool read_percent(const char *text, void *target) {
+    double *percent = target;
+    return read_double(text, percent) && *percent > 0.0 && *percent <= MOST_PERCENT;
+}
+
 static bool read_number(const char *text, void *target) {
     char *end = NULL;
     errno = 0;
@@ -214,11 +220,17 @@ static bool read_table(const char *text, void *target) {
 
 /* Each sets what a value means; false if it is not what was expected. */
 static bool (*const READ[])(const char *text, void *target) = {
-    [TL_OPTION_SWITCH] = read_switch,   [TL_OPTION_TEXT] = read_text,
-    [TL_OPTION_SECONDS] = read_seconds, [TL_OPTION_WHOLE_SECONDS] = read_whole_seconds,
-    [TL_OPTION_NUMBER] = read_number,   [TL_OPTION_MEBIBYTES] = read_mebibytes,
-    [TL_OPTION_RUN] = read_run,         [TL_OPTION_RUN_OR_LAST] = read_run_or_last,
-    [TL_OPTION_SINCE] = read_since,     [TL_OPTION_TABLE] = read_table,
+    [TL_OPTION_SWITCH] = read_switch,
+    [TL_OPTION_TEXT] = read_text,
+    [TL_OPTION_SECONDS] = read_seconds,
+    [TL_OPTION_WHOLE_SECONDS] = read_whole_seconds,
+    [TL_OPTION_PERCENT] = read_percent,
+    [TL_OPTION_NUMBER] = read_number,
+    [TL_OPTION_MEBIBYTES] = read_mebibytes,
+    [TL_OPTION_RUN] = read_run,
+    [TL_OPTION_RUN_OR_LAST] = read_run_or_last,
+    [TL_OPTION_SINCE] = read_since,
+    [TL_OPTION_TABLE] = read_table,
 };
 
 /* ---- the command line -------------------------------------------------------------------------------------------- */

@@ -22,6 +22,7 @@
 typedef struct event_way {
     tl_journal journal;
     tl_watch watch;
+    tl_lock_judge judge;
 } event_way;
 
 /* What begins its file anew must not be given one that this run reads or writes. */
@@ -85,6 +86,8 @@ static tl_status open_outputs(const tl_verb_job *job, const char *recording, eve
     }
     tl_journal_init(&way->journal, replay->recorder);
     tl_watch_init(&way->watch, config, &way->journal);
+    tl_lock_judge_init(&way->judge, config, replay->account);
+    replay->judge = &way->judge;
     if (replay->report != NULL) {
         tl_replay_report_listen(replay->report, &way->journal);
     }
@@ -183,7 +186,11 @@ static tl_status replay_into(const tl_verb_job *job, const char *recording, even
             status = tell(job, replay, &summary, status, error);
         }
     }
-    return close_outputs(job, replay, status, error);
+    bool is_whole = status == TL_OK;
+    status = close_outputs(job, replay, status, error);
+    return is_whole && status == TL_OK
+               ? tl_summary_require_lock(&summary, replay->config, job->options->require_lock, error)
+               : status;
 }
 
 static tl_status replay_fed(const tl_verb_job *job, const char *path, tl_account *account, tl_recording *recording,

@@ -30,6 +30,7 @@ int tl_verb_run(const tl_options *options) {
         .status = options->status,
         .unconfined = tl_verb_is_unconfined(options, &config),
         .memory_limit = options->memory_limit_mib * 1024 * 1024,
+        .require_lock = options->require_lock,
         .supervised = options->supervise,
         .state = options->state,
         .watchdog = options->watchdog,

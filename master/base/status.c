@@ -36,6 +36,8 @@ int tl_exit_code(tl_status status) {
         return 0;
     case TL_BAD_USAGE:
         return 2;
+    case TL_NOT_LOCKED:
+        return 3;
     case TL_BAD_DATA:
         return 65;
     case TL_PLANT_DOWN:

@@ -18,13 +18,14 @@
 
 typedef enum tl_status {
     TL_OK = 0,
-    TL_BAD_USAGE,  /* the command line is wrong */
-    TL_BAD_DATA,   /* a configuration, recording or FMU file is wrong */
-    TL_PLANT_DOWN, /* plant I/O cannot be opened or read */
-    TL_FMU_FAILED, /* an FMU returned an error, or a value that is not finite */
-    TL_FMU_FATAL,  /* an FMU returned fmi2Fatal: nothing of it may be called again */
-    TL_TRY_AGAIN,  /* a resource is missing now: disk, memory, lock, port */
-    TL_INTERRUPTED /* the user or the system asked to stop */
+    TL_BAD_USAGE,   /* the command line is wrong */
+    TL_BAD_DATA,    /* a configuration, recording or FMU file is wrong */
+    TL_PLANT_DOWN,  /* plant I/O cannot be opened or read */
+    TL_FMU_FAILED,  /* an FMU returned an error, or a value that is not finite */
+    TL_FMU_FATAL,   /* an FMU returned fmi2Fatal: nothing of it may be called again */
+    TL_TRY_AGAIN,   /* a resource is missing now: disk, memory, lock, port */
+    TL_INTERRUPTED, /* the user or the system asked to stop */
+    TL_NOT_LOCKED   /* all was done, and the twin was not in lock as it should have been */
 } tl_status;
 
 enum { TL_ERROR_TEXT = 512 };
@@ -49,7 +50,7 @@ typedef struct tl_report {
 
 void tl_report_add(tl_report *report, tl_status status, const char *where, const char *format, ...) TL_PRINTF(4, 5);
 
-/* The process exit code for a status: 0 done, 2 usage, 65 data, 69 plant I/O, 70 FMU, 75 try again. */
+/* The process exit code for a status: 0 done, 2 usage, 3 not in lock, 65 data, 69 plant I/O, 70 FMU, 75 try again. */
 int tl_exit_code(tl_status status);
 
 #endif

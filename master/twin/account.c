@@ -48,7 +48,11 @@ static void take_ports(const tl_twin *twin, tl_account *account) {
     while (account->adjusts < TL_MAX_ADJUST && twin->adjust_ports[account->adjusts] != NULL) {
         tl_account_adjust *adjust = &account->adjust[account->adjusts];
         copy_text(adjust->unit, tl_twin_adjust_unit(twin, account->adjusts));
+        tl_twin_adjusted adjusted = tl_twin_get_adjusted(twin, account->adjusts);
         adjust->type = twin->adjust_ports[account->adjusts]->variable->type;
+        adjust->step = adjusted.step;
+        adjust->lower = adjusted.lower;
+        adjust->upper = adjusted.upper;
         account->adjusts++;
     }
 }

@@ -70,8 +70,8 @@ def test_events_of_a_replay():
         (first, last), = connection.execute("SELECT min(tick), max(tick) FROM v_samples WHERE quality <> 'good' AND"
                                             " name = 'plant.omega'")
     expect([(tick, text.split(":")[0]) for tick, _, _, text in told] ==
-           [(first, "plant.omega"), (first + 2, "no matched signal is good"), (last + 1, "plant.omega"),
-            (last + 1, "matched signals are good")], f"{first} to {last}: {told}")
+           [(102, "locked"), (first, "plant.omega"), (first + 2, "no matched signal is good"), (382, "free"), (last + 1, "plant.omega"),
+            (last + 1, "matched signals are good"), (572, "locked")], f"{first} to {last}: {told}")
     run_well(["replay", config, "--recording", database, "--db", again])
     expect(events(again) == told, f"{events(again)}, not {told}")
 

@@ -144,10 +144,12 @@ static void run_live(void) {
 
 static void run_again(void) {
     static tl_account account;
-    tl_replay replay = {.config = &assembly.config, .account = &account};
+    static tl_lock_judge judge;
+    tl_replay replay = {.config = &assembly.config, .account = &account, .judge = &judge};
     tl_summary summary;
     open_run(again_path);
     tl_account_take(assembly.twin, &account);
+    tl_lock_judge_init(&judge, &assembly.config, &account);
     expect_ok(tl_recording_open(live_path, &assembly.config, &replay.recording, &error));
     const tl_twin_feed_settings settings = {.config = &assembly.config,
                                             .account = &account,

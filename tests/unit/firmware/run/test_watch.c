@@ -135,75 +135,6 @@ static void test_signals_are_watched_one_by_one(void) {
     expect_told("twinlock: notice: plant: plant.torque: good again\n");
 }
 
-static void test_free_running(void) {
-    records(TL_OPTIMISED, 3);
-    expect_told("");
-    records(TL_FREE_RUN, 5);
-    expect_told_with("the twin runs free on the last good values");
-    records(TL_MADE_UP, 2); /* a missed tick tells nothing of the measurements */
-    expect_told("");
-    records(TL_FIRST_GUESS, 5);
-    expect_told_with("synchronising again");
-}
-
-static void test_out_of_tolerance(void) {
-    record.objective = 12.5;
-    records(TL_BEST_SO_FAR, TL_WATCH_STEPS - 1);
-    expect_told("");
-    records(TL_NOMINAL, 1);
-    expect_told(
-        "twinlock: warning: twin: out of tolerance for 20 steps (J = 12.5): in most of them the best correction "
-        "found was used\n");
-    records(TL_BEST_SO_FAR, 500);
-    expect_told("");
-    records(TL_OPTIMISED, TL_WATCH_STEPS - 1);
-    expect_told("");
-    records(TL_FIRST_GUESS, 1);
-    expect_told_with("notice: twin: in lock again");
-    records(TL_FIRST_GUESS, 500);
-    expect_told("");
-}
-
-/* What was used may change in these steps, and a run that was too short counts for nothing. */
-static void test_out_of_tolerance_at_nominal(void) {
-    record.objective = 7;
-    records(TL_NOMINAL, TL_WATCH_STEPS - 1);
-    records(TL_FIRST_GUESS, 1);
-    records(TL_NOMINAL, TL_WATCH_STEPS / 2);
-    records(TL_BEST_SO_FAR, TL_WATCH_STEPS / 2);
-    expect_told_with("(J = 7): in most of them the best correction found was used");
-    records(TL_FIRST_GUESS, TL_WATCH_STEPS);
-    expect_told_with("in lock again");
-    records(TL_BEST_SO_FAR, TL_WATCH_STEPS / 2 - 1);
-    records(TL_NOMINAL, TL_WATCH_STEPS / 2 + 1);
-    expect_told_with("(J = 7): in most of them nominal was used");
-}
-
-static void expect_without_objective(tl_stop stop, uint32_t flags, const char *text) {
-    tl_watch_init(&watch, &config, &journal);
-    record.objective = (double)NAN;
-    record.stop = stop;
-    record.flags = flags;
-    records(TL_NOMINAL, TL_WATCH_STEPS);
-    expect_told_with(text);
-}
-
-static void test_out_of_tolerance_without_a_number(void) {
-    static const char no_time[] =
-        "out of tolerance for 20 steps (no time to evaluate): in most of them nominal was used";
-    expect_without_objective(TL_STOP_TIME, 0, no_time);
-    expect_without_objective(TL_STOP_NONE, TL_FLAG_WITHOUT_NOMINAL, no_time);
-    expect_without_objective(TL_STOP_SOLVER, 0, "(J is not finite): in most of them nominal was used");
-}
-
-static void test_a_short_excursion_is_not_told(void) {
-    for (int i = 0; i < 20; i++) {
-        records(TL_BEST_SO_FAR, TL_WATCH_STEPS - 1);
-        records(TL_OPTIMISED, 1);
-    }
-    expect_told("");
-}
-
 /* Searches in which these variables were held. */
 static void searches(uint32_t held, int count) {
     record.held = held;
@@ -303,14 +234,34 @@ static void test_troubles_of_a_slow_twin(void) {
     expect_told_with("react to it again");
 }
 
-/* Neither in nor out of tolerance. */
-static void test_free_steps_do_not_count(void) {
-    records(TL_BEST_SO_FAR, TL_WATCH_STEPS - 1);
-    records(TL_MADE_UP, 100);
-    records(TL_FREE, 100);
+static void test_free_running(void) {
+    records(TL_OPTIMISED, 3);
     expect_told("");
-    records(TL_BEST_SO_FAR, 1);
-    expect_told_with("out of tolerance");
+    records(TL_FREE_RUN, 5);
+    expect_told_with("the twin runs free on the last good values");
+    records(TL_MADE_UP, 2); /* a missed tick tells nothing of the measurements */
+    expect_told("");
+    records(TL_FIRST_GUESS, 5);
+    expect_told_with("synchronising again");
+}
+
+/* A lost twin is what somebody must do something about. */
+static void test_the_state_of_the_lock(void) {
+    static const struct {
+        tl_lock_state state;
+        const char *told;
+    } cases[] = {
+        {TL_LOCK_FREE, "twinlock: warning: lock: free: why\n"},
+        {TL_LOCK_LOCKED, "twinlock: notice: lock: locked: why\n"},
+        {TL_LOCK_TRACKING, "twinlock: warning: lock: tracking: why\n"},
+        {TL_LOCK_DEGRADED, "twinlock: warning: lock: degraded: why\n"},
+        {TL_LOCK_LOST, "twinlock: error: lock: lost: why\n"},
+    };
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+        const tl_lock_change change = {.to = cases[i].state, .cause = "why"};
+        tl_watch_lock(&watch, 5, &change);
+        expect_told(cases[i].told);
+    }
 }
 
 static void test_missed_ticks_are_told_once_a_second(void) {
@@ -403,18 +354,14 @@ int main(void) {
     RUN_TEST(test_good_signals_are_not_worth_a_word);
     RUN_TEST(test_a_signal_that_goes_bad_and_comes_back);
     RUN_TEST(test_signals_are_watched_one_by_one);
-    RUN_TEST(test_free_running);
-    RUN_TEST(test_out_of_tolerance);
-    RUN_TEST(test_out_of_tolerance_at_nominal);
-    RUN_TEST(test_out_of_tolerance_without_a_number);
-    RUN_TEST(test_a_short_excursion_is_not_told);
-    RUN_TEST(test_free_steps_do_not_count);
     RUN_TEST(test_a_variable_that_does_not_matter);
     RUN_TEST(test_a_variable_that_matters_now_and_then);
     RUN_TEST(test_variables_are_watched_one_by_one);
     RUN_TEST(test_the_second_solver);
     RUN_TEST(test_stagnation_is_told_apart);
     RUN_TEST(test_troubles_of_a_slow_twin);
+    RUN_TEST(test_free_running);
+    RUN_TEST(test_the_state_of_the_lock);
     RUN_TEST(test_missed_ticks_are_told_once_a_second);
     RUN_TEST(test_strokes_are_told_where_they_change_something);
     RUN_TEST(test_a_stroke_that_a_reset_gave_up);

@@ -1,0 +1,440 @@
+/* The judge of the lock: see lock_judge.h. */
+#include "firmware/diagnose/lock_judge.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+
+/* A limit at which a state is entered, and the one at which it is left. */
+typedef struct limit {
+    double enter, leave;
+} limit;
+
+/* Shares of the window's steps. */
+static const limit FREE = {0.5, 0.25};
+static const limit OUTSIDE = {0.5, 0.25};
+static const limit FAR_OUTSIDE = {0.1, 0.05};
+static const limit OUTSIDE_IN_CYCLE = {0.1, 0.05};
+static const limit BAD = {0.5, 0.1};
+static const limit AT_BOUND = {0.5, 0.25};
+
+/* Of the usual |Δu|; and how much of a first step of the search is no change, whatever is usual. */
+static const limit BEYOND_USUAL = {3.0, 2.0};
+static const double NEGLIGIBLE = 0.1;
+
+/* Tolerances. */
+static const double FAR_AWAY = 10.0;
+
+/* u is where it was if it is within so much of the way that it has been meanwhile. */
+static const double SAME_PLACE = 0.1;
+static const double IN_CYCLE = 0.5;
+
+/* A share, and how much further the twin has moved than the plant. */
+static const double ASTRAY = 0.25;
+static const double MUCH_MORE = 3.0;
+
+/* Parts are at least so long, and have at least so many steps. */
+static const tl_time PART = TL_SECOND / 10;
+enum { PART_STEPS = 2, STROKES = 3, HUNDRED = 100 };
+
+/* The window as a whole. */
+typedef tl_lock_part window;
+
+static bool is_by_strokes(const tl_lock_judge *judge) {
+    return judge->config->event.start.signal != NULL;
+}
+
+static bool is_real(const tl_lock_judge *judge, size_t adjust) {
+    return judge->adjust[adjust].type == TL_REAL;
+}
+
+void tl_lock_judge_init(tl_lock_judge *judge, const tl_config *config, const tl_account *account) {
+    *judge = (tl_lock_judge){.config = config};
+    int64_t steps = (PART + config->step - 1) / config->step;
+    judge->part_steps = (uint32_t)(steps > PART_STEPS ? steps : PART_STEPS);
+    if (is_by_strokes(judge)) {
+        judge->part_steps = 1;
+    }
+    memcpy(judge->adjust, account->adjust, sizeof judge->adjust);
+}
+
+/* What was seen says nothing of what comes. What is usual stays. */
+static void forget(tl_lock_judge *judge) {
+    judge->pending += judge->part[judge->at].steps;
+    memset(judge->part, 0, sizeof judge->part);
+    judge->parts = 0;
+    judge->at = 0;
+    judge->u_count = 0;
+    judge->astray = false;
+}
+
+/* ---- what is seen ---- */
+
+void tl_lock_judge_sample(tl_lock_judge *judge, const tl_sample *sample) {
+    tl_lock_part *part = &judge->part[judge->at];
+    part->samples++;
+    for (size_t i = 0; i < judge->config->signal_count; i++) {
+        part->bad[i] += sample->quality[i] == TL_GOOD ? 0 : 1;
+    }
+}
+
+static bool is_compared(const tl_lock_judge *judge, const tl_record *record) {
+    bool compared = false;
+    for (size_t i = 0; i < judge->config->match_count; i++) {
+        compared = compared || (judge->config->match[i].weight > 0.0 && record->y_hat_quality[i] == TL_GOOD);
+    }
+    return compared && record->outcome != TL_FREE && record->outcome != TL_FREE_RUN;
+}
+
+/* How far a committed step is off, in tolerances: over all matched outputs, by their weights. */
+static double distance(const tl_lock_judge *judge, const tl_record *record) {
+    double sum = 0.0;
+    double weights = 0.0;
+    for (size_t i = 0; i < judge->config->match_count; i++) {
+        const tl_plan_match *match = &judge->config->match[i];
+        if (match->weight > 0.0 && record->y_hat_quality[i] == TL_GOOD) {
+            double error = (record->y[i] - record->y_hat[i]) / match->tolerance;
+            sum += match->weight * error * error;
+            weights += match->weight;
+        }
+    }
+    return sqrt(sum / weights);
+}
+
+/* A stroke is compared by its search, and within tolerance if that says so. */
+static double distance_of_stroke(const tl_record *record) {
+    bool within = record->outcome == TL_FIRST_GUESS || record->outcome == TL_OPTIMISED;
+    double size = sqrt(record->objective);
+    return within ? 0.0 : size < 1.0 ? 1.0 : size;
+}
+
+static void see_tolerance(const tl_lock_judge *judge, const tl_record *record, tl_lock_part *part) {
+    double away = is_by_strokes(judge) ? distance_of_stroke(record) : distance(judge, record);
+    part->outside += away < 1.0 ? 0 : 1; /* not a number is as far as can be */
+    part->far += away < FAR_AWAY ? 0 : 1;
+    part->worst = away <= part->worst ? part->worst : away;
+}
+
+static void see_bounds(const tl_account_adjust *adjust, double u, uint32_t *at_bound) {
+    *at_bound += u <= adjust->lower || u >= adjust->upper ? 1 : 0;
+}
+
+static void see_cycle(const tl_lock_judge *judge, size_t v, uint32_t cycling[TL_LOCK_PERIODS + 1]) {
+    double least = judge->u[0][v];
+    double most = least;
+    for (uint32_t period = 1; period <= TL_LOCK_PERIODS && period < judge->u_count; period++) {
+        double then = judge->u[period][v];
+        double way = most - least; /* of the steps since */
+        if (period > 1 && way >= judge->adjust[v].step && fabs(judge->u[0][v] - then) <= SAME_PLACE * way) {
+            cycling[period]++;
+        }
+        least = then < least ? then : least;
+        most = then > most ? then : most;
+    }
+}
+
+static void widen(tl_lock_range *range, double value, bool first) {
+    range->least = first || value < range->least ? value : range->least;
+    range->most = first || value > range->most ? value : range->most;
+}
+
+static void see_outputs(const tl_lock_judge *judge, const tl_record *record, tl_lock_part *part) {
+    for (size_t i = 0; i < judge->config->match_count; i++) {
+        double tolerance = judge->config->match[i].tolerance;
+        widen(&part->simulated[i], record->y[i] / tolerance, part->steps == 0);
+        widen(&part->measured[i], record->y_hat[i] / tolerance, part->steps == 0);
+    }
+}
+
+static void see_corrections(tl_lock_judge *judge, const tl_record *record, tl_lock_part *part) {
+    size_t count = judge->config->adjust_count;
+    memmove(judge->u[1], judge->u[0], sizeof judge->u - sizeof judge->u[0]);
+    memcpy(judge->u[0], record->u, count * sizeof record->u[0]);
+    judge->u_count += judge->u_count <= TL_LOCK_PERIODS ? 1 : 0;
+    for (size_t v = 0; v < count; v++) {
+        double u = record->u[v];
+        widen(&part->u[v], u, part->steps == 0);
+        if (is_real(judge, v)) {
+            part->correction[v] += fabs(u - record->u_hat[v]);
+            see_bounds(&judge->adjust[v], u, &part->at_bound[v]);
+            see_cycle(judge, v, part->cycling[v]);
+        }
+    }
+}
+
+/* ---- the window ---- */
+
+static void add_part(const tl_lock_part *part, const tl_config *config, window *all) {
+    bool first = all->steps == 0;
+    all->steps += part->steps;
+    all->free += part->free;
+    all->outside += part->outside;
+    all->far += part->far;
+    all->samples += part->samples;
+    all->worst = part->worst <= all->worst ? all->worst : part->worst;
+    for (size_t i = 0; i < config->signal_count; i++) {
+        all->bad[i] += part->bad[i];
+    }
+    for (size_t i = 0; i < config->match_count; i++) {
+        widen(&all->simulated[i], part->simulated[i].least, first);
+        widen(&all->simulated[i], part->simulated[i].most, false);
+        widen(&all->measured[i], part->measured[i].least, first);
+        widen(&all->measured[i], part->measured[i].most, false);
+    }
+    for (size_t v = 0; v < config->adjust_count; v++) {
+        all->at_bound[v] += part->at_bound[v];
+        all->correction[v] += part->correction[v];
+        widen(&all->u[v], part->u[v].least, first);
+        widen(&all->u[v], part->u[v].most, false);
+        for (int period = 0; period <= TL_LOCK_PERIODS; period++) {
+            all->cycling[v][period] += part->cycling[v][period];
+        }
+    }
+}
+
+static void add_window(const tl_lock_judge *judge, window *all) {
+    memset(all, 0, sizeof *all);
+    for (uint32_t i = 0; i < TL_LOCK_PARTS; i++) {
+        if (judge->part[i].steps != 0) {
+            add_part(&judge->part[i], judge->config, all);
+        }
+    }
+}
+
+/* ---- judging ---- */
+
+static double share(uint32_t count, uint32_t of) {
+    return of == 0 ? 0.0 : (double)count / (double)of;
+}
+
+static bool is_beyond(double value, const limit *of, bool inside) {
+    return value >= (inside ? of->leave : of->enter);
+}
+
+static const char *units(const tl_lock_judge *judge) {
+    return is_by_strokes(judge) ? "strokes" : "steps";
+}
+
+static bool judge_free(const tl_lock_judge *judge, const window *all, char cause[TL_LOCK_CAUSE]) {
+    double value = share(all->free, all->steps);
+    (void)snprintf(cause, TL_LOCK_CAUSE, "no matched signal was good in %.0f %% of the last %u %s (limit %.0f %%)",
+                   HUNDRED * value, (unsigned)all->steps, units(judge), HUNDRED * FREE.enter);
+    return is_beyond(value, &FREE, judge->judged && judge->tally.state == TL_LOCK_FREE);
+}
+
+/* The adjusted variable whose u is in a limit cycle, and its period; false: none is. */
+static bool find_cycle(const tl_lock_judge *judge, const window *all, size_t *variable, int *period) {
+    for (size_t v = 0; v < judge->config->adjust_count; v++) {
+        for (int p = 2; p <= TL_LOCK_PERIODS; p++) {
+            if (share(all->cycling[v][p], all->steps) >= IN_CYCLE) {
+                *variable = v;
+                *period = p;
+                return true;
+            }
+        }
+    }
+    return false;
+}
+
+static void append_cycle(const tl_lock_judge *judge, const window *all, size_t v, int period,
+                         char cause[TL_LOCK_CAUSE]) {
+    size_t length = strlen(cause);
+    (void)snprintf(cause + length, TL_LOCK_CAUSE - length, "; %.60s swings between %.4g and %.4g every %d steps",
+                   judge->config->adjust[v].variable, all->u[v].least, all->u[v].most, period);
+}
+
+static double width(const tl_lock_range *range) {
+    return range->most - range->least;
+}
+
+/* One of the matched outputs has gone far, and its measurement has not. */
+static bool has_left(const tl_lock_judge *judge, const window *all) {
+    bool left = false;
+    for (size_t i = 0; i < judge->config->match_count; i++) {
+        double measured = width(&all->measured[i]);
+        bool is_matched = judge->config->match[i].weight > 0.0;
+        left = left || (is_matched && (measured < FAR_AWAY || width(&all->simulated[i]) > MUCH_MORE * measured));
+    }
+    return left;
+}
+
+static bool judge_lost(tl_lock_judge *judge, const window *all, char cause[TL_LOCK_CAUSE]) {
+    bool inside = judge->judged && judge->tally.state == TL_LOCK_LOST;
+    uint32_t compared = all->steps - all->free;
+    double outside = share(all->outside, compared);
+    double far = share(all->far, compared);
+    size_t variable = 0;
+    int period = 0;
+    bool cycles = find_cycle(judge, all, &variable, &period) && is_beyond(outside, &OUTSIDE_IN_CYCLE, inside);
+    bool away = is_beyond(far, &FAR_OUTSIDE, inside);
+    judge->astray = far >= ASTRAY && has_left(judge, all);
+    if (away) {
+        (void)snprintf(cause, TL_LOCK_CAUSE,
+                       "%.0f %% of the last %u %s are %.0f tolerances off, and more (limit %.0f %%), at worst %.3g",
+                       HUNDRED * far, (unsigned)compared, units(judge), FAR_AWAY, HUNDRED * FAR_OUTSIDE.enter,
+                       all->worst);
+    } else {
+        (void)snprintf(cause, TL_LOCK_CAUSE, "%.0f %% of the last %u %s are out of tolerance (limit %.0f %%)",
+                       HUNDRED * outside, (unsigned)compared, units(judge),
+                       HUNDRED * (cycles ? OUTSIDE_IN_CYCLE.enter : OUTSIDE.enter));
+    }
+    if (cycles) {
+        append_cycle(judge, all, variable, period, cause);
+    }
+    return away || cycles || is_beyond(outside, &OUTSIDE, inside);
+}
+
+static bool judge_degraded(const tl_lock_judge *judge, const window *all, char cause[TL_LOCK_CAUSE]) {
+    bool inside = judge->judged && judge->tally.state == TL_LOCK_DEGRADED;
+    for (size_t i = 0; i < judge->config->signal_count; i++) {
+        double value = share(all->bad[i], all->samples);
+        if (is_beyond(value, &BAD, inside)) {
+            (void)snprintf(
+                cause, TL_LOCK_CAUSE, "plant.%.60s was not good in %.0f %% of the last %u samples (limit %.0f %%)",
+                judge->config->signals[i].plan.name, HUNDRED * value, (unsigned)all->samples, HUNDRED * BAD.enter);
+            return true;
+        }
+    }
+    return false;
+}
+
+static bool is_unusual(const tl_lock_judge *judge, const window *all, size_t v, bool inside,
+                       char cause[TL_LOCK_CAUSE]) {
+    double value = all->steps == 0 ? 0.0 : all->correction[v] / (double)all->steps;
+    double floor = NEGLIGIBLE * judge->adjust[v].step;
+    const limit of = {BEYOND_USUAL.enter * judge->usual[v] + floor, BEYOND_USUAL.leave * judge->usual[v] + floor};
+    (void)snprintf(cause, TL_LOCK_CAUSE,
+                   "%.60s is corrected by %.3g on average over the last %u %s, and usually by %.3g (limit %.3g)",
+                   judge->config->adjust[v].variable, value, (unsigned)all->steps, units(judge), judge->usual[v],
+                   of.enter);
+    return judge->learned >= TL_LOCK_LEARNS && is_beyond(value, &of, inside);
+}
+
+static bool judge_tracking(const tl_lock_judge *judge, const window *all, char cause[TL_LOCK_CAUSE]) {
+    bool inside = judge->judged && judge->tally.state == TL_LOCK_TRACKING;
+    for (size_t v = 0; v < judge->config->adjust_count; v++) {
+        double value = share(all->at_bound[v], all->steps);
+        if (is_real(judge, v) && is_beyond(value, &AT_BOUND, inside)) {
+            (void)snprintf(cause, TL_LOCK_CAUSE, "%.60s is at a bound in %.0f %% of the last %u %s (limit %.0f %%)",
+                           judge->config->adjust[v].variable, HUNDRED * value, (unsigned)all->steps, units(judge),
+                           HUNDRED * AT_BOUND.enter);
+            return true;
+        }
+        if (is_real(judge, v) && is_unusual(judge, all, v, inside, cause)) {
+            return true;
+        }
+    }
+    return false;
+}
+
+static tl_lock_state judge_window(tl_lock_judge *judge, const window *all, char cause[TL_LOCK_CAUSE]) {
+    judge->astray = false;
+    if (judge_free(judge, all, cause)) {
+        return TL_LOCK_FREE;
+    }
+    if (judge_lost(judge, all, cause)) {
+        return TL_LOCK_LOST;
+    }
+    if (judge_degraded(judge, all, cause)) {
+        return TL_LOCK_DEGRADED;
+    }
+    if (judge_tracking(judge, all, cause)) {
+        return TL_LOCK_TRACKING;
+    }
+    uint32_t compared = all->steps - all->free;
+    (void)snprintf(cause, TL_LOCK_CAUSE, "%.0f %% of the last %u %s are within tolerance",
+                   HUNDRED * (1.0 - share(all->outside, compared)), (unsigned)compared, units(judge));
+    return TL_LOCK_LOCKED;
+}
+
+/* Only what a twin in lock does is usual. */
+static void learn(tl_lock_judge *judge, const tl_lock_part *part) {
+    if (judge->tally.state != TL_LOCK_LOCKED && judge->tally.state != TL_LOCK_TRACKING) {
+        return;
+    }
+    judge->learned += judge->learned < TL_LOCK_MEMORY ? 1 : 0;
+    for (size_t v = 0; v < judge->config->adjust_count; v++) {
+        double mean = part->correction[v] / (double)part->steps;
+        judge->usual[v] += (mean - judge->usual[v]) / judge->learned;
+    }
+}
+
+/* Gives the window its state, and the steps since it was judged last theirs. True: it is another one than before. */
+static bool judge_now(tl_lock_judge *judge) {
+    window all;
+    tl_lock_state before = judge->tally.state;
+    bool first = !judge->judged;
+    add_window(judge, &all);
+    tl_lock_state state = judge_window(judge, &all, judge->change.cause);
+    judge->tally.steps[state] += judge->pending;
+    judge->tally.state = state;
+    judge->pending = 0;
+    judge->judged = true;
+    if (!first && state == before) {
+        return false;
+    }
+    judge->tally.changes += first ? 0 : 1;
+    judge->tally.losses += state == TL_LOCK_LOST ? 1 : 0;
+    judge->change.from = before;
+    judge->change.to = state;
+    return true;
+}
+
+static bool has_window(const tl_lock_judge *judge) {
+    return judge->parts >= (is_by_strokes(judge) ? (uint32_t)STROKES : (uint32_t)TL_LOCK_PARTS);
+}
+
+/* The part at hand is full: true if the state has changed with it. */
+static bool close_part(tl_lock_judge *judge) {
+    const tl_lock_part *full = &judge->part[judge->at];
+    judge->parts += judge->parts < TL_LOCK_PARTS ? 1 : 0;
+    judge->pending += full->steps;
+    judge->tally.within += full->outside == 0 && full->free == 0 ? 1 : 0;
+    judge->tally.windows += has_window(judge) ? 1 : 0;
+    bool changed = has_window(judge) && judge_now(judge);
+    if (judge->judged) {
+        learn(judge, full);
+    }
+    judge->at = (judge->at + 1) % TL_LOCK_PARTS;
+    memset(&judge->part[judge->at], 0, sizeof judge->part[judge->at]);
+    return changed;
+}
+
+static bool counts(const tl_lock_judge *judge, const tl_record *record) {
+    bool ended = record->outcome != TL_HELD && record->outcome != TL_SEARCHING && record->outcome != TL_MADE_UP;
+    return judge->config->adjust_count != 0 && record->outcome != TL_FOLLOWED && (ended || !is_by_strokes(judge));
+}
+
+const tl_lock_change *tl_lock_judge_step(tl_lock_judge *judge, const tl_record *record) {
+    tl_lock_part *part = &judge->part[judge->at];
+    if (!counts(judge, record)) {
+        return NULL;
+    }
+    if ((record->flags & TL_FLAG_RESET) != 0) {
+        forget(judge);
+        part = &judge->part[judge->at];
+    }
+    if (is_compared(judge, record)) {
+        see_tolerance(judge, record, part);
+    } else {
+        part->free++;
+    }
+    see_outputs(judge, record, part);
+    see_corrections(judge, record, part);
+    part->steps++;
+    return part->steps == judge->part_steps && close_part(judge) ? &judge->change : NULL;
+}
+
+bool tl_lock_judge_is_astray(const tl_lock_judge *judge) {
+    return judge->astray;
+}
+
+void tl_lock_judge_get(const tl_lock_judge *judge, tl_lock_tally *tally) {
+    tl_lock_judge last = *judge;
+    last.pending += last.part[last.at].steps;
+    if (!last.judged && last.pending != 0) {
+        (void)judge_now(&last);
+    }
+    last.tally.steps[last.tally.state] += last.pending;
+    *tally = last.tally;
+}

@@ -1,0 +1,107 @@
+#!/usr/bin/env python3
+"""The state of the lock, as `replay` tells it: of a twin that is lost, of a plant that never answers, and what `--require-lock` makes of it."""
+import json
+import random
+import sqlite3
+from contextlib import closing
+
+from twinlock_test import NOT_LOCKED, at_most, edited_config, expect, main, run, run_well, scratch
+
+OMEGA = 62.981  # rad/s: where config/motor's twin starts
+STEP_S = 0.001
+MADE_UP = 6
+CONFIG = {"step_s": STEP_S, "duration_s": None, "sources": None, "record": None, "realtime": None, "recording": {"file": "plant.csv"},
+          "plant": {"torque": {"modbus": None}, "omega": {"min": None, "max": None, "modbus": None}},
+          "synchronise": {"budget": {"time_s": None}}}
+
+
+def config_of(seconds, seed, omega=lambda t: OMEGA, torque=lambda t: "0"):
+    """The path of config/motor/live.json as a replay at 1 kHz, beside a recording of a noisy plant that stands still."""
+    draw = random.Random(seed)
+    config = edited_config("motor/live.json", CONFIG)
+    times = [i * STEP_S for i in range(round(seconds / STEP_S) + 2)]
+    rows = [f"{t:.3f},{omega(t) + draw.gauss(0, 0.3):.6f},{torque(t)}" for t in times]
+    (config.parent / "plant.csv").write_text("t,omega,M_brake\n" + "\n".join(rows) + "\n", encoding="utf-8")
+    return config
+
+
+def recorded(config, *options):
+    """(database, what --json told, exit code) of a replay."""
+    database = scratch() / "run.db"
+    code, out, _ = run(["replay", config, "--json", "--db", database, *options])
+    return database, json.loads(out), code
+
+
+def lock_events(database):
+    with closing(sqlite3.connect(database)) as connection:
+        return connection.execute("SELECT tick, severity, text FROM v_events WHERE source = 'lock' ORDER BY tick").fetchall()
+
+
+def miss(database, steps):
+    """As a live run would have it that missed so many ticks after the step with the most negative u: its last correction was noise."""
+    with closing(sqlite3.connect(database)) as connection:
+        (step,), = connection.execute("SELECT step FROM adjustments WHERE step BETWEEN 3000 AND 6000 ORDER BY u LIMIT 1")
+        connection.execute("UPDATE steps SET outcome = ?, stop = 0, evaluations = 0, J = NULL, J_nominal = NULL "
+                           "WHERE step > ? AND step <= ?", (MADE_UP, step, step + steps))
+        connection.execute("UPDATE runs SET verb = 'run'")
+        connection.commit()
+    return step
+
+
+def test_a_lost_twin_says_so():
+    """A friction that was noise, held over 0.5 s of missed ticks, blows the twin up; then u swings, and every second step is within tolerance."""
+    for seed in (1, 2, 3):
+        config = config_of(20, seed)
+        database, told, code = recorded(config)
+        expect(code == 0 and told["lock"]["state"] == "locked" and told["lock"]["percent"] == 100, f"before: {code}, {told['lock']}")
+        missed = miss(database, 500)
+        again, told, code = recorded(config, "--recording", database)
+        found = [(tick, severity) for tick, severity, text in lock_events(again) if text.startswith("lost: ")]
+        expect(found and found[0][1] == "error", f"seed {seed}: it was not told: {lock_events(again)}")
+        at_most((found[0][0] - missed) * STEP_S, 2, f"seed {seed}: told after so many s")
+        third = scratch() / "third.db"
+        run(["replay", config, "--recording", again, "--db", third])
+        expect(lock_events(third) == lock_events(again), "a replay of the replay tells something else")
+
+
+def test_a_plant_that_never_answers():
+    config = config_of(3, 1, omega=lambda t: float("nan"))
+    database, told, code = recorded(config)
+    expect(code == NOT_LOCKED and told["lock"]["state"] == "free" and told["lock"]["percent"] == 0, f"{code}, {told['lock']}")
+    code, out, err = run(["replay", config])
+    expect(code == NOT_LOCKED and "never locked: no matched signal was ever good for long enough" in out, f"{code}\n{out}")
+    expect("the twin was never in lock" in err, err)
+    expect([text.split(":")[0] for _, _, text in lock_events(database)] == ["free"], f"{lock_events(database)}")
+    with closing(sqlite3.connect(database)) as connection:
+        ended = connection.execute("SELECT ended_reason FROM runs").fetchall()
+    expect(ended == [("end of recording",)], f"{ended}")
+
+
+def test_a_run_shorter_than_a_window_has_not_failed():
+    code, out, err = run(["replay", config_of(0.5, 1, omega=lambda t: float("nan"))])
+    expect(code == 0 and "never locked" in out and err == "", f"{code}\n{out}{err}")
+
+
+def test_require_lock():
+    config = config_of(4, 1, omega=lambda t: OMEGA if t < 2 else float("nan"))
+    _, told, code = recorded(config)
+    percent = told["lock"]["percent"]
+    expect(code == 0 and 50 < percent < 70, f"{code}, {told['lock']}")
+    run_well(["replay", config, "--require-lock", f"{percent - 0.1}"])
+    code, out, err = run(["replay", config, "--require-lock", "95"])
+    expect(code == NOT_LOCKED and f"in lock in {percent:.1f} % of the steps, and 95 % were required" in err, f"{code}\n{err}")
+    expect("free at the end" in out, out)
+    for wrong in ("0", "101", "x", "-5"):
+        code, _, err = run(["replay", config, "--require-lock", wrong])
+        expect(code == 2 and "a percentage above 0, at most 100" in err, f"{wrong}: {code}\n{err}")
+
+
+def test_a_signal_that_is_bad():
+    """The outputs agree, as far as can be seen: the brake's torque is missing for a while."""
+    config = config_of(6, 1, torque=lambda t: "x" if 2 < t < 3 else "0")
+    states = [text.split(":")[0] for _, _, text in lock_events(recorded(config)[0])]
+    expect(states == ["locked", "degraded", "locked"], f"{states}")
+
+
+if __name__ == "__main__":
+    main()
