@@ -6,18 +6,21 @@ import csv
 import functools
 import math
 import os
+import sqlite3
 import subprocess
 import sys
+from contextlib import closing
 
 import fmpy
 from fmpy.fmi2 import FMU2Slave
 
 from python_fmu import LIBRARY, export
 from twinlock_test import (BUILD, FMUS, SANITIZER, Skip, expect, main, merge, read_table, replay_csv, replay_json, run,
-                           scratch, write_config)
+                           run_well, scratch, write_config)
 
 STEP_NS = 10_000_000
 STEPS = 1000
+ANEW = 300
 
 
 # ---- FMUs and recordings ----
@@ -208,6 +211,21 @@ def test_several_instances_of_one_fmu():
                                          "compare": {f"{name}.u": {"to": "plant.y"} for name in others}})))
     expect(rows["second.u"] == rows["controller.u"], "an equal instance differs")
     expect(rows["third.u"] != rows["controller.u"], "law is not set")
+
+
+def test_they_begin_anew():
+    """Two exporters' FMUs and ours, in the middle of a run: as in one that begins there."""
+    path, database, cut = write_config(loop()), scratch() / "run.db", scratch() / "cut.csv"
+    run_well(["replay", path, "--db", database])
+    with closing(sqlite3.connect(database)) as connection, connection:
+        connection.execute(f"UPDATE steps SET flags = flags | 32 WHERE step = {ANEW}")
+    header, *lines = recording().read_text(encoding="utf-8").splitlines(keepends=True)
+    cut.write_text(header + "".join(lines[ANEW:]), encoding="utf-8")
+    whole, found = replay_csv(path), replay_csv(path, "--recording", database)
+    wanted = replay_csv(write_config(loop({"recording": {"file": str(cut)}})))
+    for name in COMPARED:
+        expect(found[name][ANEW:] == wanted[name], f"{name} is not what it is in a run that begins there")
+        expect(found[name] != whole[name], f"{name} does not begin anew")
 
 
 # ---- synchronised ----
