@@ -7,6 +7,9 @@
  * Death:   the memory may outlive its writer. A successor goes on in it: all that was published stands; what was left half-written, and what is
  *          not sound of that which the reader has not taken, goes. A successor may also look back: what was taken stays in the ring until new entries
  *          need its bytes, and the ring is large enough for 30 s of new ones beside those since the older of the two checkpoints.
+ * Ticks:   a sample waits for its step, and is in the ring together with it, or with whatever else is put next: so that of a tick in which its writer dies
+ *          nothing is there. If the successor goes on with that tick, it takes its sample anew; if it begins another run, the sample that waited is the
+ *          last one of the run before.
  * Loss:    what finds no room is counted, and never waited for. Room is lost only to a reader that is too slow, not to what is kept.
  * Order:   nothing of a run is in the ring before its beginning. A beginning without room waits, and goes first; until then the rest is lost.
  * Thread:  put_* and checkpoints: one thread, the cycle's; event(): any; lost(): any. Lock-free: an event is tried again only
@@ -55,7 +58,9 @@ typedef struct tl_outbox {
     unsigned char *ring;
     unsigned char *checkpoints;
     const tl_outbox_taken *taken; /* NULL: nobody reads */
-    uint64_t written;             /* end of what is in the ring */
+    uint64_t written;             /* end of what was put, */
+    uint64_t published;           /* and of what is in the ring: between them is a sample that waits, */
+    int64_t waiting;              /* of this tick */
     uint64_t number;              /* of the newest checkpoint */
     size_t reserved;              /* bytes for each */
     bool hides;                   /* what is not reserved */
@@ -75,7 +80,7 @@ void tl_outbox_open(const tl_outbox_settings *settings, void *memory, const tl_o
 /* ---- a run ---- */
 
 /* False: there was no room. A beginning goes in before the next entry that finds room; anything else was counted as lost. Stamps are kept relative
- * to the start. */
+ * to the start. A sample finds room only together with its step. */
 bool tl_outbox_put_start(tl_outbox *outbox, const tl_outbox_start *start);
 bool tl_outbox_put_sample(tl_outbox *outbox, const tl_sample *sample);
 bool tl_outbox_put_step(tl_outbox *outbox, const tl_record *record, const tl_recorder_component *ledger);

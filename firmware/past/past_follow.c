@@ -75,12 +75,18 @@ static tl_status follow_tick(const follower *self, const tl_past_tick *tick, tl_
     const tl_assembly *assembly = self->settings->assembly;
     tl_record record;
     bool ready = false;
+    bool ahead = assembly->config.measurements == TL_AHEAD; /* the step before comes before the sample */
     tl_summary_sample(summary, &assembly->config, &tick->sample);
-    put_sample(self->settings->sink, &tick->sample);
+    if (!ahead) {
+        put_sample(self->settings->sink, &tick->sample);
+    }
     tl_status status = tl_twin_follow(assembly->twin, &tick->sample, tick->u, &record, &ready, error);
     if (ready) {
         tl_summary_add(summary, &assembly->config, &record);
         put_step(self->settings->sink, &record, assembly->twin);
+    }
+    if (ahead) {
+        put_sample(self->settings->sink, &tick->sample);
     }
     return status;
 }

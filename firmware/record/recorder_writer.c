@@ -309,8 +309,9 @@ static int write_entry(tl_recorder_writer *writer) {
     }
 }
 
-/* Up to the end of a run, the beginning of another, or so many bytes. */
+/* Up to the end of a run, the beginning of another, or so many bytes. A sample and its step are in one batch: so no power cut leaves half a tick. */
 static int write_entries(tl_recorder_writer *writer, uint64_t end, size_t limit) {
+    const size_t step = tl_recorder_entry_size(&writer->outboxes[0].settings.shape, TL_ENTRY_STEP);
     uint64_t *taken = &writer->next.taken[0].ring;
     uint64_t first = *taken;
     int code = SQLITE_OK;
@@ -318,6 +319,9 @@ static int write_entries(tl_recorder_writer *writer, uint64_t end, size_t limit)
     while (*taken != end && *taken - first < limit && code == SQLITE_OK && !writer->ends) {
         uint64_t position = *taken;
         if (!tl_outbox_reader_entry(&writer->outboxes[0].reader, &position, end, &writer->entry)) {
+            break;
+        }
+        if (writer->entry.kind == TL_ENTRY_SAMPLE && *taken != first && position - first + step > limit) {
             break;
         }
         code = write_entry(writer);

@@ -10,9 +10,10 @@ import signal
 import time
 from pathlib import Path
 
+import kills
 from live_test import Device, Program, member, number, query, title, wait_until
 from supervised import end_orderly, wait_for_run
-from tree import OMEGA, Campaign, Tree, configuration, descriptors, expect_whole, kills, one_run, read
+from tree import OMEGA, Campaign, Tree, configuration, descriptors, expect_whole, kill_at_random, one_run, read
 from twinlock_test import BUILD, at_most, expect, main, scratch
 
 SEED = 1
@@ -74,9 +75,9 @@ def test_the_supervisor_is_killed():
     expect(query(database, "SELECT resumed_run FROM beginnings WHERE run = 2") == [(1,)], "it began anew")
 
 
-def killed(*roles):
+def killed(*roles, **changes):
     with Device(OMEGA) as device:
-        campaign = one_run(device, roles, random.Random(SEED), Campaign())
+        campaign = one_run(device, roles, random.Random(SEED), Campaign(), **changes)
     expect(campaign.lost == 0, f"{campaign}")
     print(f"    {campaign}")
 
@@ -93,9 +94,31 @@ def test_the_twin_is_killed():
     killed(*["twin"] * 4)
 
 
+def test_the_twin_is_killed_in_mode_ahead():
+    """There a tick is over only when the next one has come."""
+    killed(*["twin"] * 4, synchronise={"horizon": {"measurements": "ahead"}})
+
+
+def test_the_twin_dies_in_its_step():
+    """It has taken the sample, and there is no step: the next one takes that tick as its own. The recorder is killed with it every other time."""
+    with Device(OMEGA) as device, kills.Unruly(device) as unruly:
+        for run in range(1, 5):
+            unruly.wait_for_tick(run)
+            unruly.tell("crash")
+            if run % 2 == 0:
+                os.kill(unruly.live.child(role="recorder"), signal.SIGKILL)
+        unruly.wait_for_tick(5)
+        end_orderly(unruly.live)
+    found = read(unruly.database)
+    expect_whole(found)
+    expect(len(found.firsts) == 4, f"{found.firsts}")
+    lead = number(unruly.database, "SELECT lead FROM runs WHERE run = 1")
+    expect(sorted(found.ticks) == [*range(lead), *(step + lead for step in sorted(found.steps))], "half a tick")
+
+
 def test_all_are_killed_at_random():
     with Device(OMEGA) as device:
-        campaign = kills(device, 12, SEED)
+        campaign = kill_at_random(device, 12, SEED)
     expect(campaign.lost == 0, f"{campaign}")
     print(f"    {campaign}")
 
@@ -159,6 +182,6 @@ parser.add_argument("--seed", type=int, default=SEED)
 options = parser.parse_args()
 if options.by_hand:
     with Device(OMEGA) as plant:
-        print(kills(plant, options.kills, options.seed))
+        print(kill_at_random(plant, options.kills, options.seed))
 else:
     main()

@@ -95,6 +95,7 @@ static void a_kind_that_there_is_not(void) {
         tearDown();
         setUp();
         put_sample();
+        put_step();
         unsigned char right = outbox.ring[0];
         outbox.ring[0] = (unsigned char)kind;
         TEST_ASSERT_EQUAL_INT(kind == right, take());
@@ -136,6 +137,7 @@ static void spoil(size_t offset, unsigned char value) {
 static void qualities_that_there_are_not(void) {
     size_t quality = tl_recorder_entry_size(&settings.shape, TL_ENTRY_SAMPLE) - 1;
     put_sample();
+    put_step();
     outbox.ring[quality] = TL_OUTLIER;
     TEST_ASSERT_TRUE(take());
     spoil(quality, TL_OUTLIER + 1);

@@ -746,6 +746,27 @@ static void test_what_is_left_at_the_end(void) {
     TEST_ASSERT_EQUAL_UINT64(21, tl_recorder_state_get(bench.state).dropped);
 }
 
+/* What a power cut leaves: of a tick all or nothing, wherever a batch ends. */
+static void test_batches_end_between_ticks(void) {
+    bench.record.max_bytes = 1000000;
+    tl_writer_bench_open(&bench);
+    tl_writer_bench_start(&bench, 1);
+    int64_t tick = 0;
+    unsigned batches = 0;
+    for (int64_t ticks = 1; ticks < 400; ticks += 7) {
+        tl_writer_bench_put(&bench, tick, ticks);
+        tick += ticks;
+        write_now();
+        for (int i = 0; i < 2; i++) { /* the last batch, and the one before */
+            const tl_recorder_mark *mark = &bench.state->marks[i];
+            TEST_ASSERT_EQUAL_UINT64(mark->totals.samples, mark->totals.steps);
+            batches += mark->totals.samples > 0 && mark->totals.samples + 1 < (uint64_t)tick ? 1 : 0;
+        }
+    }
+    TEST_ASSERT_GREATER_THAN_UINT(20, batches);
+    close_well();
+}
+
 /* ---- Outboxes that are not believed ------------------------------------------------------------------------------ */
 
 static void test_numbers_that_no_history_would_take(void) {
@@ -864,6 +885,7 @@ int main(void) {
     RUN_TEST(test_another_twinlock);
     RUN_TEST(test_what_a_full_disk_costs_is_counted);
     RUN_TEST(test_what_is_left_at_the_end);
+    RUN_TEST(test_batches_end_between_ticks);
     RUN_TEST(test_numbers_that_no_history_would_take);
     RUN_TEST(test_an_outbox_that_is_damaged);
     return tl_scratch_finish(&bench.scratch, UNITY_END());
