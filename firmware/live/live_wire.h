@@ -86,6 +86,7 @@ typedef struct tl_live_past_answer {
 /* The pulse of the recorder. */
 typedef struct tl_live_recorder_pulse {
     tl_heartbeats beats;
+    tl_time damaged[TL_LIVE_OUTBOXES]; /* tl_recorder_writer_damage() of each */
     tl_recorder_writer_state state;
     tl_live_past_answer answer;
 } tl_live_recorder_pulse;

@@ -193,6 +193,13 @@ static bool needs_another(const recorder *self) {
            (folder.st_ino != self->folder.st_ino || folder.st_dev != self->folder.st_dev);
 }
 
+/* For the supervisor: a process that has destroyed its outbox is to be replaced. */
+static void tell_damage(recorder *self) {
+    for (size_t i = 0; i < TL_LIVE_OUTBOXES; i++) {
+        __atomic_store_n(&self->own->damaged[i], tl_recorder_writer_damage(self->writer, i), __ATOMIC_RELAXED);
+    }
+}
+
 static void record_until_told(recorder *self) {
     tl_time due = tl_clock_now(NULL);
     while (tl_interrupt_requested() == NULL && !needs_another(self)) {
@@ -200,6 +207,7 @@ static void record_until_told(recorder *self) {
         look_at_wishes(self);
         if (tl_clock_now(NULL) >= due || tl_recorder_writer_is_pressed(self->writer)) {
             tl_recorder_writer_write(self->writer);
+            tell_damage(self);
             due = tl_clock_now(NULL) + self->config.record_commit;
         }
         tl_time look = tl_clock_now(NULL) + (is_awaited(self) ? LOOK_SOON : LOOK);

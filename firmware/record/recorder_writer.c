@@ -43,7 +43,8 @@ typedef struct source {
     const void *memory;
     tl_outbox_settings settings;
     tl_outbox_reader reader;
-    bool is_damaged; /* and that was said */
+    bool is_damaged;    /* and that was said */
+    tl_time damaged_at; /* by a look that was not before this; 0: it is not */
 } source;
 
 struct tl_recorder_writer {
@@ -765,13 +766,23 @@ static int write_and_note(tl_recorder_writer *writer) {
 static void look_after_outboxes(tl_recorder_writer *writer) {
     bool again = tl_clock_now(NULL) - writer->mended_at >= MEND_PAUSE;
     writer->mended_at = again ? tl_clock_now(NULL) : writer->mended_at;
-    for (size_t i = 0; i < writer->count && again; i++) {
+    for (size_t i = 0; i < writer->count; i++) {
         source *outbox = &writer->outboxes[i];
-        if (outbox->reader.fault[0] != '\0') {
+        bool is_broken = outbox->reader.fault[0] != '\0';
+        if (is_broken && (again || outbox->damaged_at == 0)) { /* or it was found between two writings */
             tl_outbox_reader_open(&outbox->settings, outbox->memory, &outbox->reader);
-        } else {
+            outbox->damaged_at = 0;
+        } else if (!is_broken && again) {
             outbox->is_damaged = false;
         }
+    }
+}
+
+static void note_damage(tl_recorder_writer *writer, tl_time begun) {
+    for (size_t i = 0; i < writer->count; i++) {
+        source *outbox = &writer->outboxes[i];
+        bool is_broken = outbox->reader.fault[0] != '\0';
+        outbox->damaged_at = !is_broken ? 0 : outbox->damaged_at != 0 ? outbox->damaged_at : begun;
     }
 }
 
@@ -792,6 +803,7 @@ void tl_recorder_writer_write(tl_recorder_writer *writer) {
     int code = SQLITE_OK;
     int mends = 0;
     bool again = true;
+    tl_time begun = tl_clock_now(NULL);
     tl_heart_beat(writer->heart);
     look_after_outboxes(writer);
     while (again && is_open(writer)) {
@@ -805,7 +817,12 @@ void tl_recorder_writer_write(tl_recorder_writer *writer) {
             note_refusal(writer, code & 0xFF);
         }
     }
+    note_damage(writer, begun);
     say_damaged_outboxes(writer);
+}
+
+tl_time tl_recorder_writer_damage(const tl_recorder_writer *writer, size_t outbox) {
+    return writer->outboxes[outbox].damaged_at;
 }
 
 bool tl_recorder_writer_is_pressed(tl_recorder_writer *writer) {

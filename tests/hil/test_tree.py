@@ -116,6 +116,22 @@ def test_the_twin_dies_in_its_step():
     expect(sorted(found.ticks) == [*range(lead), *(step + lead for step in sorted(found.steps))], "half a tick")
 
 
+def test_a_twin_that_has_destroyed_its_outbox():
+    """Its heart beats, and nothing of it can be recorded any more: the recorder says so, and another one goes on with what is in the database."""
+    with Device(OMEGA) as device, kills.Unruly(device) as unruly:
+        live = unruly.live
+        unruly.wait_for_tick(1)
+        unruly.tell("scribble")
+        live.wait_for("the twin failed: it has destroyed its own memory: what it hands to the recorder cannot be read on")
+        unruly.wait_for_tick(2)
+        unruly.tell("crash")  # it is a twin like any other
+        unruly.wait_for_tick(3)
+        end_orderly(live)
+        expect(live.account()["restarts"] == 2, f"{live.account()}")
+    expect(number(unruly.database, "SELECT count(*) FROM events WHERE text LIKE 'what twin has put out cannot be read on: %'") == 1, "not said")
+    expect_whole(read(unruly.database))
+
+
 def test_all_are_killed_at_random():
     with Device(OMEGA) as device:
         campaign = kill_at_random(device, 12, SEED)

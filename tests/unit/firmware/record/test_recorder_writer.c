@@ -9,6 +9,7 @@
 
 #include <unity.h>
 
+#include "firmware/base/clock.h"
 #include "firmware/base/log.h"
 #include "firmware/database/database_file.h"
 #include "firmware/record/history.h"
@@ -828,6 +829,8 @@ static void test_an_outbox_that_is_damaged(void) {
     tl_writer_bench_start(&bench, 1);
     tl_writer_bench_put(&bench, 0, 10);
     write_now();
+    TEST_ASSERT_EQUAL_INT64(0, tl_recorder_writer_damage(bench.writer, 0));
+    tl_time before = tl_clock_now(NULL);
     size_t at = (size_t)(bench.twin.ring - (unsigned char *)bench.memory[0]) + (size_t)bench.state->taken[0].ring;
     tl_writer_bench_put(&bench, 10, 10);
     memset((unsigned char *)bench.memory[0] + at, 0xEE, 64);
@@ -835,11 +838,15 @@ static void test_an_outbox_that_is_damaged(void) {
     write_now();
     write_now();
     TEST_ASSERT_EQUAL_UINT64(21, written());
+    tl_time found = tl_recorder_writer_damage(bench.writer, 0);
+    TEST_ASSERT_TRUE(found >= before && found <= tl_clock_now(NULL));
+    TEST_ASSERT_EQUAL_INT64(0, tl_recorder_writer_damage(bench.writer, 1));
     TEST_ASSERT_EQUAL_INT64(1, tl_writer_bench_count_own(bench.path, "what twin has put out cannot be read on: %"));
     tl_outbox_open(&bench.settings[0], bench.memory[0], &bench.state->taken[0], &bench.twin);
     tl_writer_bench_start(&bench, 2);
     tl_writer_bench_put(&bench, 20, 10);
     tl_writer_bench_write_until(&bench, 41);
+    TEST_ASSERT_EQUAL_INT64(0, tl_recorder_writer_damage(bench.writer, 0));
     close_well();
     tl_writer_bench_expect_whole(bench.path);
     TEST_ASSERT_EQUAL_INT64(2, ask("SELECT count(*) FROM runs"));
