@@ -31,6 +31,9 @@ typedef struct tl_checkpointer {
     bool has_told;
 } tl_checkpointer;
 
+/* What is reserved for each checkpoint of a twin that takes so many bytes now: it may grow. */
+size_t tl_checkpointer_room(size_t size);
+
 void tl_checkpointer_init(tl_checkpointer *self, const tl_assembly *assembly, tl_outbox *outbox, tl_journal *journal);
 
 /* After a tick that was computed within `budget`; NULL: it was made up, and there is no time for anything else. */

@@ -5,18 +5,21 @@ import argparse
 import json
 import os
 import random
+import re
 import shutil
 import signal
 import time
 from pathlib import Path
 
 import kills
+from footprint import shared_kib
 from live_test import Device, Program, member, number, query, title, wait_until
 from supervised import end_orderly, wait_for_run
 from tree import OMEGA, Campaign, Tree, configuration, descriptors, expect_whole, kill_at_random, one_run, read
-from twinlock_test import BUILD, at_most, expect, main, scratch
+from twinlock_test import BUILD, at_most, expect, main, run_well, scratch
 
 SEED = 1
+JOBS_KIB = 64
 
 
 def gone(pids):
@@ -45,6 +48,24 @@ def test_who_holds_what():
         expect("twin.db" not in held[name], f"{name}: {held[name]}")
     for name, mapped in maps.items():
         expect("motor.so" not in mapped and "twinlock-fmu" not in mapped, f"{name} has an FMU")
+
+
+def test_check_names_what_they_share():
+    """After a cold start and a warm one: no more than that, but for the jobs, and rounding to pages; and no less than what is always in use."""
+    with Device(OMEGA) as device:
+        config, database = configuration(device.port)
+        with Tree(config) as live:
+            live.wait_for_tick(database)
+            live.kill_one("twin")
+            wait_for_run(live, database, 2)
+            taken = sum(shared_kib(pid) for pid in (live.pid, *live.children()))
+            end_orderly(live)
+        named = {name: float(size) for name, size in
+                 re.findall(r"^  (mail|outbox|checkpoint|past) +([0-9.]+) KiB ", run_well(["check", config]), re.M)}
+    print(f"    {taken} KiB of {named}")
+    expect(len(named) == 4, f"{named}")
+    at_most(taken, named["mail"] + named["outbox"] + named["checkpoint"] + JOBS_KIB, "KiB shared")
+    at_most(named["outbox"] + named["checkpoint"], taken + JOBS_KIB, "KiB named")
 
 
 def test_nothing_is_left():
