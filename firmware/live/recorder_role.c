@@ -7,6 +7,7 @@
 #include <sys/stat.h>
 
 #include "firmware/base/clock.h"
+#include "firmware/base/identity.h"
 #include "firmware/base/log.h"
 #include "firmware/live/live_job.h"
 #include "firmware/live/live_places.h"
@@ -47,7 +48,8 @@ typedef struct recorder {
     tl_recorder_writer *writer;
     tl_past_history *history; /* NULL: nobody has asked, or does any more */
     tl_live_wish answered;
-    struct stat folder; /* that may be written into, since the process began; 0: there was none */
+    char fmus[TL_SHA256_TEXT]; /* of the past */
+    struct stat folder;        /* that may be written into, since the process began; 0: there was none */
 } recorder;
 
 /* ---- shared memory ---- */
@@ -116,12 +118,19 @@ static void note_words(void *context, tl_severity severity, const char *text) {
     }
 }
 
+/* Those that the twin has loaded, whatever lies in their places by now. */
+static const char *fmus_of_twin(recorder *self) {
+    memcpy(self->fmus, self->twin->digest, sizeof self->fmus);
+    self->fmus[TL_SHA256_TEXT - 1] = '\0';
+    return self->fmus[0] != '\0' && tl_identity_is_sound(self->fmus) ? self->fmus : self->record.fmus;
+}
+
 static void open_history(recorder *self) {
     const tl_past_history_settings settings = {
         .config = &self->config,
         .path = tl_recorder_writer_path(self->writer),
         .before = INT64_MAX,
-        .fmus = self->record.fmus,
+        .fmus = fmus_of_twin(self),
         .boot = self->record.boot,
         .components = self->config.component_count + 1,
         .tell = note_words,

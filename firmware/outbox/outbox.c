@@ -100,7 +100,7 @@ static bool put_waiting_start(tl_outbox *outbox) {
     }
     tl_recorder_pen pen = pen_of(outbox);
     tl_recorder_entry_pack_start(&pen, &control->start.resumption,
-                                 control->start.holds ? NULL : &control->start.account);
+                                 control->start.holds ? NULL : &control->start.account, control->start.fmus);
     publish_entry(outbox, &pen);
     control->start_waits = false;
     return true;
@@ -155,9 +155,14 @@ static void settle_waiting_sample(tl_outbox *outbox, const tl_resumption *beginn
     publish(outbox);
 }
 
+void tl_outbox_name_fmus(tl_outbox *outbox, const char fmus[TL_SHA256_TEXT]) {
+    memcpy(outbox->fmus, fmus, sizeof outbox->fmus);
+}
+
 bool tl_outbox_put_start(tl_outbox *outbox, const tl_outbox_start *start) {
     settle_waiting_sample(outbox, &start->resumption);
     outbox->control->start = *start;
+    memcpy(outbox->control->start.fmus, start->holds ? "" : outbox->fmus, start->holds ? 1 : sizeof outbox->fmus);
     outbox->control->start_waits = true;
     outbox->beginning = start->resumption;
     return put_waiting_start(outbox);

@@ -23,6 +23,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#include "firmware/base/sha256.h"
 #include "firmware/outbox/recorder_entry.h"
 #include "firmware/outbox/run_types.h"
 #include "master/base/signal.h"
@@ -46,9 +47,10 @@ typedef struct tl_outbox_taken {
 
 /* A run begins. */
 typedef struct tl_outbox_start {
-    bool holds;               /* safe hold: samples and events only */
-    tl_resumption resumption; /* `start` and `started` always count. Its run, if below 0: the one before in here */
-    tl_account account;       /* of the twin; nothing if it holds */
+    bool holds;                /* safe hold: samples and events only */
+    tl_resumption resumption;  /* `start` and `started` always count. Its run, if below 0: the one before in here */
+    tl_account account;        /* of the twin; nothing if it holds */
+    char fmus[TL_SHA256_TEXT]; /* which FMUs it has: see tl_outbox_name_fmus(). "": nobody has named them */
 } tl_outbox_start;
 
 /* Private; placed by the caller. */
@@ -64,7 +66,8 @@ typedef struct tl_outbox {
     uint64_t number;              /* of the newest checkpoint */
     size_t reserved;              /* bytes for each */
     bool hides;                   /* what is not reserved */
-    tl_resumption beginning;      /* of the run; stamps are relative to its start */
+    char fmus[TL_SHA256_TEXT];
+    tl_resumption beginning; /* of the run; stamps are relative to its start */
 } tl_outbox;
 
 /* For 30 s of such a run, and what a successor looks back at; between 256 KiB and 16 MiB. */
@@ -78,6 +81,9 @@ size_t tl_outbox_bytes(const tl_outbox_settings *settings);
 void tl_outbox_open(const tl_outbox_settings *settings, void *memory, const tl_outbox_taken *taken, tl_outbox *outbox);
 
 /* ---- a run ---- */
+
+/* Which FMUs the runs have that are begun from now on, as identity.h says; of those that hold, nothing is said. */
+void tl_outbox_name_fmus(tl_outbox *outbox, const char fmus[TL_SHA256_TEXT]);
 
 /* False: there was no room. A beginning goes in before the next entry that finds room; anything else was counted as lost. Stamps are kept relative
  * to the start. A sample finds room only together with its step. */

@@ -151,6 +151,7 @@ static tl_outbox_start start_of(const tl_recorder_writer *writer) {
     tl_outbox_start start = {.holds = writer->entry.holds, .resumption = writer->entry.beginning};
     if (!start.holds) {
         start.account = writer->entry.account;
+        memcpy(start.fmus, writer->entry.fmus, sizeof start.fmus);
     }
     if (start.resumption.run < 0) {
         start.resumption.run = writer->next.run; /* the one before */

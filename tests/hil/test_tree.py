@@ -2,6 +2,7 @@
 """The processes of a run (tests/support/tree.py): who holds what, and that each may die at any instant without harm to the others. Some kills here,
 as many as you like by tests/hil/tree_kills."""
 import argparse
+import hashlib
 import json
 import os
 import random
@@ -9,6 +10,7 @@ import re
 import shutil
 import signal
 import time
+import zipfile
 from pathlib import Path
 
 import kills
@@ -160,8 +162,15 @@ def test_all_are_killed_at_random():
     print(f"    {campaign}")
 
 
+def digest_of(document):
+    """As `fmus` in the database."""
+    files = [(BUILD / "fmus" / entry["fmu"]).read_bytes() for entry in document["components"].values()]
+    return hashlib.sha256(b"".join(hashlib.sha256(file).hexdigest().encode() + b"\0" for file in files)).hexdigest()
+
+
 def test_an_fmu_that_is_replaced():
-    """A checkpoint is of no use to another FMU: the next twin begins anew, and says why."""
+    """A checkpoint is of no use to another FMU: the next twin begins anew, and says why. Its run is that of the other FMU, also for who goes on with
+    it after another start, and whoever records."""
     with Device(OMEGA) as device:
         config, database = configuration(device.port)
         fmu = scratch() / "motor.fmu"
@@ -171,13 +180,23 @@ def test_an_fmu_that_is_replaced():
         Path(config).write_text(json.dumps(document), encoding="utf-8")
         with Tree(config) as live:
             wait_for_run(live, database, 1)
-            shutil.copy(BUILD / "fmus" / "motor.fmu", fmu.with_suffix(".new"))
-            fmu.with_suffix(".new").rename(fmu)
+            first, other = digest_of(document), fmu.with_suffix(".new")
+            shutil.copy(fmu, other)
+            with zipfile.ZipFile(other, "a") as file:
+                file.writestr("resources/another", "one")
+            other.rename(fmu)
             live.kill_one("twin")
             live.wait_for("begins anew: the FMUs are not those of the run before")
             wait_for_run(live, database, 2)
+            live.kill_one("twin")
+            wait_for_run(live, database, 3)
             end_orderly(live)
-    expect(query(database, "SELECT resumed_run FROM beginnings WHERE run = 2") == [(None,)], "it went on all the same")
+        with Tree(config) as live:
+            wait_for_run(live, database, 4)
+            end_orderly(live)
+    second = digest_of(document)
+    rows = query(database, "SELECT fmus, resumed_run FROM beginnings ORDER BY run")
+    expect(first != second and rows == [(first, None), (second, None), (second, 2), (second, 3)], f"{first}, {second}: {rows}")
 
 
 def test_a_recorder_that_hangs():

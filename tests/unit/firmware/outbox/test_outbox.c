@@ -143,12 +143,15 @@ static void expect_beginning(const tl_resumption *right, const tl_resumption *fo
 }
 
 static void a_run_comes_out_as_it_was_put(void) {
+    char fmus[TL_SHA256_TEXT] = "";
     start.holds = false;
     start.resumption = (tl_resumption){TL_RESUMED_CHECKPOINT, -1, 17, 12345, 1700000000000};
     start.account.components = 2;
     (void)strcpy(start.account.component[1].name, "plant");
     start.account.lead = 7;
     expect_nothing();
+    memset(fmus, 'a', sizeof fmus - 1);
+    tl_outbox_name_fmus(&outbox, fmus);
     TEST_ASSERT_TRUE(tl_outbox_put_start(&outbox, &start));
     for (int64_t tick = 0; tick < 10; tick++) {
         TEST_ASSERT_TRUE(put_both(tick));
@@ -158,6 +161,7 @@ static void a_run_comes_out_as_it_was_put(void) {
     TEST_ASSERT_FALSE(entry.holds);
     expect_beginning(&start.resumption, &entry.beginning);
     TEST_ASSERT_EQUAL_MEMORY(&start.account, &entry.account, sizeof start.account);
+    TEST_ASSERT_EQUAL_STRING(fmus, entry.fmus);
     for (int64_t tick = 0; tick < 10; tick++) {
         take_both(tick);
     }

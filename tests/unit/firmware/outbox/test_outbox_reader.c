@@ -188,6 +188,14 @@ static void an_account_that_is_none(void) {
     expect_fault("holds an account that is none");
 }
 
+static void fmus_that_are_none(void) {
+    start.holds = false;
+    TEST_ASSERT_TRUE(tl_outbox_put_start(&outbox, &start));
+    TEST_ASSERT_TRUE(take());
+    spoil(tl_recorder_entry_size_of_start(false) - TL_SHA256_TEXT, 'a');
+    expect_fault("holds a digest of FMUs that is none");
+}
+
 static void a_reason_without_an_end(void) {
     TEST_ASSERT_TRUE(tl_outbox_put_end(&outbox, "x\x1b[2J \xc2\x9b y\x7f \xc3\xa4"));
     TEST_ASSERT_TRUE(take());
@@ -311,6 +319,7 @@ int main(void) {
     RUN_TEST(a_step_of_any_bytes_is_sound_or_refused);
     RUN_TEST(a_beginning_that_cannot_be);
     RUN_TEST(an_account_that_is_none);
+    RUN_TEST(fmus_that_are_none);
     RUN_TEST(a_reason_without_an_end);
     RUN_TEST(an_event_of_no_severity);
     RUN_TEST(events_without_an_end);
