@@ -435,25 +435,29 @@ static uint64_t end_left(const tl_outbox *outbox, uint64_t head) {
     return waiting <= outbox->settings.ring_bytes ? head + waiting : head;
 }
 
-/* The new end: that of the last sound entry. A wild store of a dead process may have hit what it had put before. */
+/* The new end: that of the last sound entry, which waits if it is a sample that was not for the reader yet. A wild store of a dead process may have hit what it had put before, or the ends. */
 static void mend_ring(tl_outbox *outbox) {
     tl_recorder_entry entry;
     uint64_t head = __atomic_load_n(&outbox->control->head, __ATOMIC_ACQUIRE);
     uint64_t end = end_left(outbox, head);
-    uint64_t position = has_reader(outbox) ? __atomic_load_n(&outbox->taken->ring, __ATOMIC_ACQUIRE) : head;
-    bool sound = end - position <= outbox->settings.ring_bytes;
+    uint64_t taken = has_reader(outbox) ? __atomic_load_n(&outbox->taken->ring, __ATOMIC_ACQUIRE) : head;
+    uint64_t there = taken - head <= end - head ? 0 : head - taken; /* bytes for the reader */
+    uint64_t position = taken;
+    bool sound = end - taken <= outbox->settings.ring_bytes;
     outbox->written = end;
+    outbox->published = taken;
     tl_recorder_page page = page_of(outbox);
-    outbox->waiting = INT64_MIN;
     while (sound && position != end) {
+        uint64_t before = position;
         sound = tl_recorder_entry_unpack(&page, &outbox->settings.shape, &position, &entry) == NULL;
-        outbox->waiting = sound && entry.kind == TL_ENTRY_SAMPLE ? entry.sample.tick : INT64_MIN;
+        bool waits = sound && entry.kind == TL_ENTRY_SAMPLE && position - taken > there;
+        outbox->published = waits ? before : position;
+        outbox->waiting = waits ? entry.sample.tick : 0;
     }
     if (!sound) {
         lose(outbox);
         go_back(outbox, position);
     }
-    outbox->published = end - position > end - head ? position : head;
     __atomic_store_n(&outbox->control->head, outbox->published, __ATOMIC_RELEASE);
     __atomic_store_n(&outbox->control->put, outbox->written, __ATOMIC_RELEASE);
 }

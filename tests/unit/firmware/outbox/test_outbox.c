@@ -677,6 +677,28 @@ static void a_successor_drops_what_is_not_sound(void) {
     take_both(4);
 }
 
+/* Nor is a number believed that says how far it got. */
+static void what_was_taken_was_there(void) {
+    TEST_ASSERT_TRUE(tl_outbox_put_start(&outbox, &start) && put_both(0) && take(TL_ENTRY_START));
+    take_both(0);
+    outbox.control->head -= 10;
+    succeed();
+    expect_nothing();
+    TEST_ASSERT_TRUE(tl_outbox_put_start(&outbox, &start) && put_both(1));
+    TEST_ASSERT_TRUE(take(TL_ENTRY_START));
+    take_both(1);
+}
+
+/* Nor one that leads into the middle of an entry. */
+static void an_end_within_an_entry(void) {
+    TEST_ASSERT_TRUE(tl_outbox_put_start(&outbox, &start) && put_both(0));
+    outbox.control->head -= 10;
+    succeed();
+    TEST_ASSERT_TRUE(take(TL_ENTRY_START));
+    take_both(0);
+    expect_nothing();
+}
+
 /* Nor does it look back at what lay behind the entry that it dropped, or under it. */
 static void an_end_that_goes_back_reaches_no_further_back(void) {
     tl_outbox_left left;
@@ -1004,6 +1026,8 @@ int main(void) {
     RUN_TEST(one_that_cannot_be_saved_leaves_its_entries);
     RUN_TEST(what_was_overtaken_is_not_left);
     RUN_TEST(a_successor_drops_what_is_not_sound);
+    RUN_TEST(what_was_taken_was_there);
+    RUN_TEST(an_end_within_an_entry);
     RUN_TEST(an_end_that_goes_back_reaches_no_further_back);
     RUN_TEST(a_sample_waits_for_its_step);
     RUN_TEST(a_tick_finds_room_as_a_whole);
