@@ -118,7 +118,8 @@ static uint64_t number_of_files(const tl_assembly *assembly) {
 
 static void digest_files(const tl_assembly *assembly, char digest[TL_SHA256_TEXT]) {
     int descriptors[TL_IDENTITY_FILES] = {0};
-    size_t count = assembly->config.component_count;
+    size_t components = assembly->config.component_count;
+    size_t count = components < TL_IDENTITY_FILES ? components : TL_IDENTITY_FILES;
     for (size_t i = 0; i < count; i++) {
         descriptors[i] = assembly->files[i].descriptor;
     }

@@ -126,7 +126,8 @@ static bool is_kept(const tl_outbox *outbox, uint64_t end, uint64_t position) {
     return reach > slack && since <= reach - slack;
 }
 
-/* What was put behind the new end has taken the bytes of what that end does not reach any more; and nothing may be gone on from what lies behind it. */
+/* What was put behind the new end has taken the bytes of what that end does not reach any more; and nothing may be gone on from what lies
+ * behind it. */
 static void go_back(tl_outbox *outbox, uint64_t end) {
     uint64_t before = outbox->written;
     outbox->written = end;
@@ -435,7 +436,8 @@ static uint64_t end_left(const tl_outbox *outbox, uint64_t head) {
     return waiting <= outbox->settings.ring_bytes ? head + waiting : head;
 }
 
-/* The new end: that of the last sound entry, which waits if it is a sample that was not for the reader yet. A wild store of a dead process may have hit what it had put before, or the ends. */
+/* The new end: that of the last sound entry, which waits if it is a sample that was not for the reader yet. A wild store of a dead process
+ * may have hit what it had put before, or the ends. */
 static void mend_ring(tl_outbox *outbox) {
     tl_recorder_entry entry;
     uint64_t head = __atomic_load_n(&outbox->control->head, __ATOMIC_ACQUIRE);

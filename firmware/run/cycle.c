@@ -63,8 +63,8 @@ static tl_status compute(tl_cycle *cycle, int64_t tick, const tl_budget *budget)
     tl_plant_input_take(cycle->settings.input, tick, instant, &sample);
     tl_watch_sample(&cycle->watch, &sample);
     tl_summary_sample(&cycle->summary, &cycle->settings.assembly->config, &sample);
-    bool ahead =
-        cycle->settings.assembly->config.measurements == TL_AHEAD; /* the step before comes before the sample */
+    /* There the step before is complete only now, and comes before the sample. */
+    bool ahead = cycle->settings.assembly->config.measurements == TL_AHEAD;
     if (!ahead) {
         (void)tl_outbox_put_sample(cycle->settings.outbox, &sample);
     }

@@ -5,6 +5,7 @@
  *   scribble   writes over what the twin hands to the recorder, and goes on
  *
  * The word is taken out first, so that the process that is begun after this one is a well-behaved one. */
+#include <inttypes.h>
 #include <signal.h>
 #include <stdint.h>
 #include <stdio.h>
@@ -48,8 +49,8 @@ static void scribble(void) {
     while (maps != NULL && fgets(line, sizeof line, maps) != NULL) {
         uintptr_t from = 0;
         uintptr_t to = 0;
-        if (strstr(line, "memfd:twinlock outbox") != NULL && sscanf(line, "%zx-%zx rw-s", &from, &to) == 2 &&
-            strstr(line, " rw-s ") != NULL) {
+        if (strstr(line, "memfd:twinlock outbox") != NULL && strstr(line, " rw-s ") != NULL &&
+            sscanf(line, "%" SCNxPTR "-%" SCNxPTR, &from, &to) == 2) {
             memset((void *)from, 0x55, to - from); /* NOLINT(performance-no-int-to-ptr): as /proc tells */
         }
     }
