@@ -1,56 +1,71 @@
 /* What must be the same: see identity.h. */
 #include "firmware/base/identity.h"
 
-#include <stdbool.h>
+#include <fcntl.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
 #include <sys/utsname.h>
+#include <unistd.h>
 
 #ifndef TL_VERSION
 #define TL_VERSION "unknown"
 #endif
 
-/* The whole of a file; NULL where it cannot be read. The caller frees it. */
-static void *read_file(const char *path, size_t *size) {
-    struct stat about;
-    void *bytes = NULL;
-    FILE *file = fopen(path, "rb");
-    if (file != NULL && fstat(fileno(file), &about) == 0 && about.st_size > 0) {
-        *size = (size_t)about.st_size;
-        bytes = malloc(*size);
+/* All of it; false: it cannot be read. */
+static bool read_all(int descriptor, unsigned char *bytes, size_t size) {
+    size_t done = 0;
+    ssize_t part = 1;
+    while (done < size && part > 0) {
+        part = pread(descriptor, bytes + done, size - done, (off_t)done);
+        done += part > 0 ? (size_t)part : 0;
     }
-    if (bytes != NULL && fread(bytes, 1, *size, file) != *size) {
-        free(bytes);
-        bytes = NULL;
-    }
-    if (file != NULL) {
-        (void)fclose(file);
-    }
-    return bytes;
+    return done == size;
 }
 
-static bool digest_file(const char *path, char text[TL_SHA256_TEXT]) {
-    size_t size = 0;
-    void *bytes = read_file(path, &size);
-    if (bytes == NULL) {
+static bool digest_open(int descriptor, char text[TL_SHA256_TEXT]) {
+    struct stat about;
+    if (fstat(descriptor, &about) != 0 || about.st_size <= 0) {
         return false;
     }
-    tl_sha256(bytes, size, text);
+    size_t size = (size_t)about.st_size;
+    unsigned char *bytes = malloc(size);
+    bool whole = bytes != NULL && read_all(descriptor, bytes, size);
+    if (whole) {
+        tl_sha256(bytes, size, text);
+    }
     free(bytes);
-    return true;
+    return whole;
 }
 
-void tl_identity_files(const char *const *paths, size_t count, char text[TL_SHA256_TEXT]) {
+void tl_identity_open_files(const int *descriptors, size_t count, char text[TL_SHA256_TEXT]) {
     char digests[TL_IDENTITY_FILES * TL_SHA256_TEXT];
     text[0] = '\0';
     for (size_t i = 0; i < count; i++) {
-        if (!digest_file(paths[i], digests + i * TL_SHA256_TEXT)) {
+        if (!digest_open(descriptors[i], digests + i * TL_SHA256_TEXT)) {
             return;
         }
     }
     tl_sha256(digests, count * TL_SHA256_TEXT, text);
+}
+
+void tl_identity_files(const char *const *paths, size_t count, char text[TL_SHA256_TEXT]) {
+    int descriptors[TL_IDENTITY_FILES] = {0};
+    for (size_t i = 0; i < count; i++) {
+        descriptors[i] = open(paths[i], O_RDONLY | O_CLOEXEC);
+    }
+    tl_identity_open_files(descriptors, count, text);
+    for (size_t i = 0; i < count; i++) {
+        if (descriptors[i] >= 0) {
+            (void)close(descriptors[i]);
+        }
+    }
+}
+
+bool tl_identity_is_sound(const char text[TL_SHA256_TEXT]) {
+    size_t length = strnlen(text, TL_SHA256_TEXT);
+    return length == 0 || (length == TL_SHA256_TEXT - 1 && strspn(text, "0123456789abcdef") == length);
 }
 
 void tl_identity_boot(char text[TL_IDENTITY_TEXT]) {

@@ -5,6 +5,7 @@
 #ifndef TL_FIRMWARE_BASE_IDENTITY_H
 #define TL_FIRMWARE_BASE_IDENTITY_H
 
+#include <stdbool.h>
 #include <stddef.h>
 
 #include "firmware/base/sha256.h"
@@ -13,6 +14,12 @@ enum { TL_IDENTITY_TEXT = 128, TL_IDENTITY_FILES = 64 };
 
 /* SHA-256 over those of files, in their order; at most TL_IDENTITY_FILES. "" where one cannot be read (any more). */
 void tl_identity_files(const char *const *paths, size_t count, char text[TL_SHA256_TEXT]);
+
+/* The same of files that are open for reading; where they are read from stays. */
+void tl_identity_open_files(const int *descriptors, size_t count, char text[TL_SHA256_TEXT]);
+
+/* Whether a text of so many bytes, of another process, can be what these give: "", or digits. */
+bool tl_identity_is_sound(const char text[TL_SHA256_TEXT]);
 
 /* Another one after each boot; "" where the kernel tells none. Times of CLOCK_MONOTONIC belong to it. */
 void tl_identity_boot(char text[TL_IDENTITY_TEXT]);

@@ -9,6 +9,7 @@
 #include <sys/stat.h>
 
 #include "firmware/base/clock.h"
+#include "firmware/base/identity.h"
 #include "firmware/base/log.h"
 #include "firmware/base/sha256.h"
 #include "firmware/fmu/fmu_thread.h"
@@ -56,6 +57,7 @@ typedef struct live_twin {
     tl_fmu_thread *fmus; /* NULL if it holds */
     tl_cycle *cycle;
     tl_summary resumed;
+    bool are_others; /* the FMUs' files, than those of the twin before in this run */
     bool was_ready;
 } live_twin;
 
@@ -115,11 +117,27 @@ static uint64_t number_of_files(const tl_assembly *assembly) {
     return number == 0 ? 1 : number;
 }
 
-/* True: they are those of the twin before in this run, or there was none. */
-static bool are_same_files(live_twin *self) {
-    uint64_t before = self->pulse->fmus;
-    self->pulse->fmus = number_of_files(self->assembly);
-    return before == 0 || before == self->pulse->fmus;
+static void digest_files(const tl_assembly *assembly, char digest[TL_SHA256_TEXT]) {
+    int descriptors[TL_IDENTITY_FILES] = {0};
+    size_t components = assembly->config.component_count;
+    size_t count = components < TL_IDENTITY_FILES ? components : TL_IDENTITY_FILES;
+    for (size_t i = 0; i < count; i++) {
+        descriptors[i] = assembly->files[i].descriptor;
+    }
+    tl_identity_open_files(descriptors, count, digest);
+}
+
+/* Which they are; before any of them is loaded. What is in them is looked at once, since that takes its time. */
+static void identify_files(live_twin *self) {
+    tl_live_twin_pulse *pulse = self->pulse;
+    uint64_t number = number_of_files(self->assembly);
+    bool is_known = pulse->fmus == number && pulse->digest[0] != '\0' && tl_identity_is_sound(pulse->digest);
+    self->are_others = pulse->fmus != 0 && pulse->fmus != number;
+    if (!is_known && self->job.database[0] != '\0') {
+        digest_files(self->assembly, pulse->digest);
+    }
+    pulse->fmus = number;
+    tl_outbox_name_fmus(&self->outbox, pulse->digest);
 }
 
 /* ---- telling ---- */
@@ -204,7 +222,7 @@ static tl_status start_cycle(live_twin *self, tl_error *error) {
         .heart = self->heart,
     };
     tl_status status = TL_OK;
-    if (are_same_files(self)) {
+    if (!self->are_others) {
         status = tl_live_past_follow(&past, &self->resumed, error);
     } else {
         tl_journal_event(&self->journal, -1, TL_EVENT_INFO, "resume",
@@ -389,7 +407,10 @@ int tl_live_twin(tl_assembly *assembly, const tl_twin_job *job, const tl_confine
     self.heart = tl_heart_begin(&self.pulse->beats, "main", PATIENCE_AT_START);
     tl_live_role_open_journal(&self.journal, &self.outbox);
     tl_process_keep(keep, &self);
-    status = self.job.holds ? TL_OK : build(&self);
+    if (!self.job.holds) {
+        identify_files(&self);
+        status = build(&self);
+    }
     if (status == TL_OK) {
         status = live(&self);
     }

@@ -9,6 +9,7 @@
 
 #include <stdint.h>
 
+#include "firmware/base/sha256.h"
 #include "firmware/outbox/outbox.h"
 #include "firmware/past/past.h"
 #include "firmware/plant/plant_mail.h"
@@ -62,9 +63,10 @@ typedef struct tl_live_twin_pulse {
     tl_heartbeats beats;
     int32_t
         realtime; /* the number of the thread that shall have the configured priority; 0: none shall have it any more */
-    uint32_t begun;    /* 1: it needs no past any more */
-    uint64_t fmus;     /* the files of its FMUs, as a number; kept for a successor. 0: there was none */
-    tl_live_wish past; /* which past it wants: of this start, the first, the next one older, … */
+    uint32_t begun;              /* 1: it needs no past any more */
+    uint64_t fmus;               /* the files of its FMUs, as a number; kept for a successor. 0: there was none */
+    char digest[TL_SHA256_TEXT]; /* of what is in them; there before it wishes for a past */
+    tl_live_wish past;           /* which past it wants: of this start, the first, the next one older, … */
     tl_live_end end;
 } tl_live_twin_pulse;
 
@@ -86,6 +88,7 @@ typedef struct tl_live_past_answer {
 /* The pulse of the recorder. */
 typedef struct tl_live_recorder_pulse {
     tl_heartbeats beats;
+    tl_time damaged[TL_LIVE_OUTBOXES]; /* tl_recorder_writer_damage() of each */
     tl_recorder_writer_state state;
     tl_live_past_answer answer;
 } tl_live_recorder_pulse;

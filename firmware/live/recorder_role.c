@@ -7,6 +7,7 @@
 #include <sys/stat.h>
 
 #include "firmware/base/clock.h"
+#include "firmware/base/identity.h"
 #include "firmware/base/log.h"
 #include "firmware/live/live_job.h"
 #include "firmware/live/live_places.h"
@@ -47,7 +48,8 @@ typedef struct recorder {
     tl_recorder_writer *writer;
     tl_past_history *history; /* NULL: nobody has asked, or does any more */
     tl_live_wish answered;
-    struct stat folder; /* that may be written into, since the process began; 0: there was none */
+    char fmus[TL_SHA256_TEXT]; /* of the past */
+    struct stat folder;        /* that may be written into, since the process began; 0: there was none */
 } recorder;
 
 /* ---- shared memory ---- */
@@ -116,12 +118,19 @@ static void note_words(void *context, tl_severity severity, const char *text) {
     }
 }
 
+/* Those that the twin has loaded, whatever lies in their places by now. */
+static const char *fmus_of_twin(recorder *self) {
+    memcpy(self->fmus, self->twin->digest, sizeof self->fmus);
+    self->fmus[TL_SHA256_TEXT - 1] = '\0';
+    return self->fmus[0] != '\0' && tl_identity_is_sound(self->fmus) ? self->fmus : self->record.fmus;
+}
+
 static void open_history(recorder *self) {
     const tl_past_history_settings settings = {
         .config = &self->config,
         .path = tl_recorder_writer_path(self->writer),
         .before = INT64_MAX,
-        .fmus = self->record.fmus,
+        .fmus = fmus_of_twin(self),
         .boot = self->record.boot,
         .components = self->config.component_count + 1,
         .tell = note_words,
@@ -193,6 +202,13 @@ static bool needs_another(const recorder *self) {
            (folder.st_ino != self->folder.st_ino || folder.st_dev != self->folder.st_dev);
 }
 
+/* For the supervisor: a process that has destroyed its outbox is to be replaced. */
+static void tell_damage(recorder *self) {
+    for (size_t i = 0; i < TL_LIVE_OUTBOXES; i++) {
+        __atomic_store_n(&self->own->damaged[i], tl_recorder_writer_damage(self->writer, i), __ATOMIC_RELAXED);
+    }
+}
+
 static void record_until_told(recorder *self) {
     tl_time due = tl_clock_now(NULL);
     while (tl_interrupt_requested() == NULL && !needs_another(self)) {
@@ -200,6 +216,7 @@ static void record_until_told(recorder *self) {
         look_at_wishes(self);
         if (tl_clock_now(NULL) >= due || tl_recorder_writer_is_pressed(self->writer)) {
             tl_recorder_writer_write(self->writer);
+            tell_damage(self);
             due = tl_clock_now(NULL) + self->config.record_commit;
         }
         tl_time look = tl_clock_now(NULL) + (is_awaited(self) ? LOOK_SOON : LOOK);

@@ -338,6 +338,15 @@ static void look(void *context) {
     self->urgent = wished;
 }
 
+/* The recorder's word. */
+static tl_time damaged(void *context, tl_member which) {
+    static const size_t outbox_of[TL_MEMBERS] = {
+        [TL_MEMBER_TWIN] = TL_LIVE_OUTBOX_TWIN, [TL_MEMBER_IO] = TL_LIVE_OUTBOX_IO};
+    const tree *self = context;
+    bool is_read = records(self) && which != TL_MEMBER_RECORDER;
+    return is_read ? __atomic_load_n(&recorder_pulse(self)->damaged[outbox_of[which]], __ATOMIC_RELAXED) : 0;
+}
+
 /* ---- the run ---- */
 
 static void find_database(tree *self) {
@@ -398,6 +407,7 @@ static int supervise(tree *self) {
         .context = self,
         .begin = begin,
         .ended = ended,
+        .damaged = damaged,
         .look = look,
     };
     return tl_supervise(&settings);

@@ -1,7 +1,7 @@
 /* The writer's side of an outbox. The header says what it is, outbox_parts.h what lies where.
  *
  * Ring:        who appends publishes the new end with a release; the reader hands room back by `taken`, which is acquired here. What was appended and
- *              not published when its writer died is not there.
+ *              not published when its writer died is not there. A sample that waits for its step has another end, which only a successor looks at.
  * Kept:        nothing has to be marked. An entry stays until another one needs its bytes, and its position tells whether that has
  *              happened: at most one entry is appended beyond the published end.
  * Events:      a thread draws a number if its slot is free, fills it, and says so with a release. One that died in between leaves a gap, which the
@@ -77,9 +77,16 @@ static tl_recorder_pen pen_of(const tl_outbox *outbox) {
         .bytes = outbox->ring, .capacity = outbox->settings.ring_bytes, .position = outbox->written};
 }
 
-static void publish(tl_outbox *outbox, const tl_recorder_pen *pen) {
-    outbox->written = pen->position;
+/* All that was put is there. A writer that dies between the two stores leaves no sample that waits. */
+static void publish(tl_outbox *outbox) {
+    outbox->published = outbox->written;
     __atomic_store_n(&outbox->control->head, outbox->written, __ATOMIC_RELEASE);
+    __atomic_store_n(&outbox->control->put, outbox->written, __ATOMIC_RELEASE);
+}
+
+static void publish_entry(tl_outbox *outbox, const tl_recorder_pen *pen) {
+    outbox->written = pen->position;
+    publish(outbox);
 }
 
 /* The beginning of the run, if it still waits. False: nothing may come before it, and it finds no room. */
@@ -93,15 +100,17 @@ static bool put_waiting_start(tl_outbox *outbox) {
     }
     tl_recorder_pen pen = pen_of(outbox);
     tl_recorder_entry_pack_start(&pen, &control->start.resumption,
-                                 control->start.holds ? NULL : &control->start.account);
-    publish(outbox, &pen);
+                                 control->start.holds ? NULL : &control->start.account, control->start.fmus);
+    publish_entry(outbox, &pen);
     control->start_waits = false;
     return true;
 }
 
-/* Room for an entry of this kind; if there is none, it is lost. */
+/* Room for an entry of this kind, and for what belongs to it; if there is none, it is lost. */
 static bool find_room(tl_outbox *outbox, tl_recorder_kind kind, tl_recorder_pen *pen) {
-    bool found = put_waiting_start(outbox) && has_room(outbox, tl_recorder_entry_size(&outbox->settings.shape, kind));
+    size_t size = tl_recorder_entry_size(&outbox->settings.shape, kind);
+    size_t step = kind == TL_ENTRY_SAMPLE ? tl_recorder_entry_size(&outbox->settings.shape, TL_ENTRY_STEP) : 0;
+    bool found = put_waiting_start(outbox) && has_room(outbox, size + step);
     if (!found) {
         lose(outbox);
     }
@@ -109,10 +118,52 @@ static bool find_room(tl_outbox *outbox, tl_recorder_kind kind, tl_recorder_pen 
     return found;
 }
 
+/* Nothing that was put up to this end has taken its bytes. */
+static bool is_kept(const tl_outbox *outbox, uint64_t end, uint64_t position) {
+    uint64_t since = end - position;
+    size_t reach = outbox->settings.ring_bytes;
+    size_t slack = tl_recorder_entry_largest(&outbox->settings.shape);
+    return reach > slack && since <= reach - slack;
+}
+
+/* What was put behind the new end has taken the bytes of what that end does not reach any more; and nothing may be gone on from what lies
+ * behind it. */
+static void go_back(tl_outbox *outbox, uint64_t end) {
+    uint64_t before = outbox->written;
+    outbox->written = end;
+    for (unsigned place = 0; place < TL_OUTBOX_PLACES; place++) {
+        tl_outbox_place *there = &outbox->control->places[place];
+        uint64_t number = 0;
+        uint64_t digest = 0;
+        tl_outbox_mark mark;
+        if (!tl_outbox_place_look(there, &number, &digest, &mark) || !is_kept(outbox, before, mark.position) ||
+            !is_kept(outbox, end, mark.position)) {
+            __atomic_store_n(&there->number, 0, __ATOMIC_RELAXED);
+        }
+    }
+}
+
 /* ---- A run ------------------------------------------------------------------------------------------------------- */
 
+/* Whose is a sample that a dead one has not come to the end of? That of the run which begins, if it has that tick: it takes it anew. */
+static void settle_waiting_sample(tl_outbox *outbox, const tl_resumption *beginning) {
+    if (outbox->written == outbox->published) {
+        return;
+    }
+    if (beginning->from != TL_RESUMED_NOT && outbox->waiting >= beginning->tick) {
+        go_back(outbox, outbox->published);
+    }
+    publish(outbox);
+}
+
+void tl_outbox_name_fmus(tl_outbox *outbox, const char fmus[TL_SHA256_TEXT]) {
+    memcpy(outbox->fmus, fmus, sizeof outbox->fmus);
+}
+
 bool tl_outbox_put_start(tl_outbox *outbox, const tl_outbox_start *start) {
+    settle_waiting_sample(outbox, &start->resumption);
     outbox->control->start = *start;
+    memcpy(outbox->control->start.fmus, start->holds ? "" : outbox->fmus, start->holds ? 1 : sizeof outbox->fmus);
     outbox->control->start_waits = true;
     outbox->beginning = start->resumption;
     return put_waiting_start(outbox);
@@ -122,8 +173,11 @@ bool tl_outbox_put_sample(tl_outbox *outbox, const tl_sample *sample) {
     tl_recorder_pen pen;
     bool found = find_room(outbox, TL_ENTRY_SAMPLE, &pen);
     if (found) {
+        publish(outbox);
         tl_recorder_entry_pack_sample(&pen, &outbox->settings.shape, sample, outbox->beginning.start);
-        publish(outbox, &pen);
+        outbox->written = pen.position;
+        outbox->waiting = sample->tick;
+        __atomic_store_n(&outbox->control->put, outbox->written, __ATOMIC_RELEASE);
     }
     return found;
 }
@@ -133,7 +187,7 @@ bool tl_outbox_put_step(tl_outbox *outbox, const tl_record *record, const tl_rec
     bool found = find_room(outbox, TL_ENTRY_STEP, &pen);
     if (found) {
         tl_recorder_entry_pack_step(&pen, &outbox->settings.shape, record, ledger);
-        publish(outbox, &pen);
+        publish_entry(outbox, &pen);
     }
     return found;
 }
@@ -143,7 +197,7 @@ bool tl_outbox_put_end(tl_outbox *outbox, const char *reason) {
     bool found = find_room(outbox, TL_ENTRY_END, &pen);
     if (found) {
         tl_recorder_entry_pack_end(&pen, reason);
-        publish(outbox, &pen);
+        publish_entry(outbox, &pen);
     }
     return found;
 }
@@ -321,14 +375,6 @@ static tl_recorder_page page_of(const tl_outbox *outbox) {
     return (tl_recorder_page){.bytes = outbox->ring, .capacity = outbox->settings.ring_bytes, .end = outbox->written};
 }
 
-/* Nothing that was put later has taken its bytes. */
-static bool is_kept(const tl_outbox *outbox, uint64_t position) {
-    uint64_t since = outbox->written - position;
-    size_t reach = outbox->settings.ring_bytes;
-    size_t slack = tl_recorder_entry_largest(&outbox->settings.shape);
-    return reach > slack && since <= reach - slack;
-}
-
 /* Number of the checkpoint in a place that is whole; 0: there is none. */
 static uint64_t look_at_place(const tl_outbox *outbox, unsigned place, tl_outbox_mark *mark) {
     uint64_t number = 0;
@@ -361,7 +407,7 @@ bool tl_outbox_checkpoint_left(const tl_outbox *outbox, unsigned which, tl_outbo
     uint64_t numbers[TL_OUTBOX_PLACES];
     for (unsigned place = 0; place < TL_OUTBOX_PLACES; place++) {
         numbers[place] = look_at_place(outbox, place, &marks[place]);
-        numbers[place] = is_kept(outbox, marks[place].position) ? numbers[place] : 0;
+        numbers[place] = is_kept(outbox, outbox->written, marks[place].position) ? numbers[place] : 0;
     }
     unsigned newest = numbers[1] > numbers[0] ? 1 : 0;
     unsigned place = which == 0 ? newest : 1 - newest;
@@ -378,39 +424,44 @@ bool tl_outbox_checkpoint_left(const tl_outbox *outbox, unsigned which, tl_outbo
 
 bool tl_outbox_entry_left(const tl_outbox *outbox, uint64_t *position, tl_recorder_entry *entry) {
     tl_recorder_page page = page_of(outbox);
-    return is_kept(outbox, *position) && *position != outbox->written &&
+    return is_kept(outbox, outbox->written, *position) && *position != outbox->written &&
            tl_recorder_entry_unpack(&page, &outbox->settings.shape, position, entry) == NULL;
 }
 
 /* ---- Opening ----------------------------------------------------------------------------------------------------- */
 
-/* Before the end goes back: what was behind it has taken the bytes of what it does not reach any more. */
-static void drop_overtaken_checkpoints(tl_outbox *outbox) {
-    for (unsigned place = 0; place < TL_OUTBOX_PLACES; place++) {
-        tl_outbox_mark mark;
-        if (look_at_place(outbox, place, &mark) == 0 || !is_kept(outbox, mark.position)) {
-            __atomic_store_n(&outbox->control->places[place].number, 0, __ATOMIC_RELAXED);
-        }
-    }
+/* The end of what a dead one has put, with a sample that waits. */
+static uint64_t end_left(const tl_outbox *outbox, uint64_t head) {
+    uint64_t waiting = __atomic_load_n(&outbox->control->put, __ATOMIC_ACQUIRE) - head;
+    return waiting <= outbox->settings.ring_bytes ? head + waiting : head;
 }
 
-/* The new end: that of the last sound entry. A wild store of a dead process may have hit what it had put before. */
+/* The new end: that of the last sound entry, which waits if it is a sample that was not for the reader yet. A wild store of a dead process
+ * may have hit what it had put before, or the ends. */
 static void mend_ring(tl_outbox *outbox) {
     tl_recorder_entry entry;
     uint64_t head = __atomic_load_n(&outbox->control->head, __ATOMIC_ACQUIRE);
-    uint64_t position = has_reader(outbox) ? __atomic_load_n(&outbox->taken->ring, __ATOMIC_ACQUIRE) : head;
-    bool sound = head - position <= outbox->settings.ring_bytes;
-    outbox->written = head;
+    uint64_t end = end_left(outbox, head);
+    uint64_t taken = has_reader(outbox) ? __atomic_load_n(&outbox->taken->ring, __ATOMIC_ACQUIRE) : head;
+    uint64_t there = taken - head <= end - head ? 0 : head - taken; /* bytes for the reader */
+    uint64_t position = taken;
+    bool sound = end - taken <= outbox->settings.ring_bytes;
+    outbox->written = end;
+    outbox->published = taken;
     tl_recorder_page page = page_of(outbox);
-    while (sound && position != head) {
+    while (sound && position != end) {
+        uint64_t before = position;
         sound = tl_recorder_entry_unpack(&page, &outbox->settings.shape, &position, &entry) == NULL;
+        bool waits = sound && entry.kind == TL_ENTRY_SAMPLE && position - taken > there;
+        outbox->published = waits ? before : position;
+        outbox->waiting = waits ? entry.sample.tick : 0;
     }
     if (!sound) {
         lose(outbox);
-        drop_overtaken_checkpoints(outbox);
+        go_back(outbox, position);
     }
-    outbox->written = position;
-    __atomic_store_n(&outbox->control->head, position, __ATOMIC_RELEASE);
+    __atomic_store_n(&outbox->control->head, outbox->published, __ATOMIC_RELEASE);
+    __atomic_store_n(&outbox->control->put, outbox->written, __ATOMIC_RELEASE);
 }
 
 /* The slot of an event that was drawn. */

@@ -7,6 +7,9 @@
  * Death:   the memory may outlive its writer. A successor goes on in it: all that was published stands; what was left half-written, and what is
  *          not sound of that which the reader has not taken, goes. A successor may also look back: what was taken stays in the ring until new entries
  *          need its bytes, and the ring is large enough for 30 s of new ones beside those since the older of the two checkpoints.
+ * Ticks:   a sample waits for its step, and is in the ring together with it, or with whatever else is put next: so that of a tick in which its writer dies
+ *          nothing is there. If the successor goes on with that tick, it takes its sample anew; if it begins another run, the sample that waited is the
+ *          last one of the run before.
  * Loss:    what finds no room is counted, and never waited for. Room is lost only to a reader that is too slow, not to what is kept.
  * Order:   nothing of a run is in the ring before its beginning. A beginning without room waits, and goes first; until then the rest is lost.
  * Thread:  put_* and checkpoints: one thread, the cycle's; event(): any; lost(): any. Lock-free: an event is tried again only
@@ -20,6 +23,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#include "firmware/base/sha256.h"
 #include "firmware/outbox/recorder_entry.h"
 #include "firmware/outbox/run_types.h"
 #include "master/base/signal.h"
@@ -43,9 +47,10 @@ typedef struct tl_outbox_taken {
 
 /* A run begins. */
 typedef struct tl_outbox_start {
-    bool holds;               /* safe hold: samples and events only */
-    tl_resumption resumption; /* `start` and `started` always count. Its run, if below 0: the one before in here */
-    tl_account account;       /* of the twin; nothing if it holds */
+    bool holds;                /* safe hold: samples and events only */
+    tl_resumption resumption;  /* `start` and `started` always count. Its run, if below 0: the one before in here */
+    tl_account account;        /* of the twin; nothing if it holds */
+    char fmus[TL_SHA256_TEXT]; /* which FMUs it has: see tl_outbox_name_fmus(). "": nobody has named them */
 } tl_outbox_start;
 
 /* Private; placed by the caller. */
@@ -55,11 +60,14 @@ typedef struct tl_outbox {
     unsigned char *ring;
     unsigned char *checkpoints;
     const tl_outbox_taken *taken; /* NULL: nobody reads */
-    uint64_t written;             /* end of what is in the ring */
+    uint64_t written;             /* end of what was put, */
+    uint64_t published;           /* and of what is in the ring: between them is a sample that waits, */
+    int64_t waiting;              /* of this tick */
     uint64_t number;              /* of the newest checkpoint */
     size_t reserved;              /* bytes for each */
     bool hides;                   /* what is not reserved */
-    tl_resumption beginning;      /* of the run; stamps are relative to its start */
+    char fmus[TL_SHA256_TEXT];
+    tl_resumption beginning; /* of the run; stamps are relative to its start */
 } tl_outbox;
 
 /* For 30 s of such a run, and what a successor looks back at; between 256 KiB and 16 MiB. */
@@ -74,8 +82,11 @@ void tl_outbox_open(const tl_outbox_settings *settings, void *memory, const tl_o
 
 /* ---- a run ---- */
 
+/* Which FMUs the runs have that are begun from now on, as identity.h says; of those that hold, nothing is said. */
+void tl_outbox_name_fmus(tl_outbox *outbox, const char fmus[TL_SHA256_TEXT]);
+
 /* False: there was no room. A beginning goes in before the next entry that finds room; anything else was counted as lost. Stamps are kept relative
- * to the start. */
+ * to the start. A sample finds room only together with its step. */
 bool tl_outbox_put_start(tl_outbox *outbox, const tl_outbox_start *start);
 bool tl_outbox_put_sample(tl_outbox *outbox, const tl_sample *sample);
 bool tl_outbox_put_step(tl_outbox *outbox, const tl_record *record, const tl_recorder_component *ledger);

@@ -6,6 +6,8 @@
 
 #include <string.h>
 
+#include "firmware/base/identity.h"
+
 enum { MARK = 0xB4 }; /* kinds begin with it */
 
 /* The fields of a tl_record before its arrays. */
@@ -27,7 +29,7 @@ typedef struct step_head {
 /* ---- Sizes ---- */
 
 size_t tl_recorder_entry_size_of_start(bool holds) {
-    return 2 + sizeof(tl_resumption) + (holds ? 0 : sizeof(tl_account));
+    return 2 + sizeof(tl_resumption) + (holds ? 0 : sizeof(tl_account) + TL_SHA256_TEXT);
 }
 
 size_t tl_recorder_entry_size(const tl_recorder_shape *shape, tl_recorder_kind kind) {
@@ -73,12 +75,14 @@ static void put_kind(tl_recorder_pen *pen, tl_recorder_kind kind) {
     put_byte(pen, MARK + (unsigned)kind);
 }
 
-void tl_recorder_entry_pack_start(tl_recorder_pen *pen, const tl_resumption *beginning, const tl_account *account) {
+void tl_recorder_entry_pack_start(tl_recorder_pen *pen, const tl_resumption *beginning, const tl_account *account,
+                                  const char fmus[TL_SHA256_TEXT]) {
     put_kind(pen, TL_ENTRY_START);
     put_byte(pen, account == NULL);
     put(pen, beginning, sizeof *beginning);
     if (account != NULL) {
         put(pen, account, sizeof *account);
+        put(pen, fmus, TL_SHA256_TEXT);
     }
 }
 
@@ -182,8 +186,11 @@ static const char *get_start(look *at, tl_recorder_entry *entry) {
     if (entry->holds) {
         return NULL;
     }
-    if (!get(at, &entry->account, sizeof entry->account)) {
+    if (!get(at, &entry->account, sizeof entry->account) || !get(at, entry->fmus, sizeof entry->fmus)) {
         return CUT;
+    }
+    if (!tl_identity_is_sound(entry->fmus)) {
+        return "a digest of FMUs that is none";
     }
     return tl_account_is_sound(&entry->account) ? NULL : "an account that is none";
 }

@@ -13,6 +13,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#include "firmware/base/sha256.h"
 #include "firmware/outbox/run_types.h"
 #include "master/base/signal.h"
 #include "master/base/status.h"
@@ -36,7 +37,8 @@ typedef struct tl_recorder_entry {
     tl_recorder_kind kind;
     tl_resumption beginning;                              /* TL_ENTRY_START */
     bool holds;                                           /* and whether there is no twin, */
-    tl_account account;                                   /* or what it is; sound */
+    tl_account account;                                   /* or what it is; sound, */
+    char fmus[TL_SHA256_TEXT];                            /* and which FMUs it has: tl_identity_is_sound() */
     tl_sample sample;                                     /* TL_ENTRY_SAMPLE; without its instant */
     tl_record record;                                     /* TL_ENTRY_STEP; without the measured delay */
     tl_recorder_component ledger[TL_RECORDER_COMPONENTS]; /* as of the record */
@@ -59,7 +61,8 @@ typedef struct tl_recorder_pen {
 
 /* There is room for it. Stamps become relative to `start`; what is too far from it stays at the end of what can be told. */
 void tl_recorder_entry_pack_start(tl_recorder_pen *pen, const tl_resumption *beginning,
-                                  const tl_account *account); /* NULL: it holds */
+                                  const tl_account *account, /* NULL: it holds */
+                                  const char fmus[TL_SHA256_TEXT]);
 void tl_recorder_entry_pack_sample(tl_recorder_pen *pen, const tl_recorder_shape *shape, const tl_sample *sample,
                                    tl_time start);
 void tl_recorder_entry_pack_step(tl_recorder_pen *pen, const tl_recorder_shape *shape, const tl_record *record,

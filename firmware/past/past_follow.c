@@ -111,8 +111,11 @@ static tl_status follow_tick(const follower *self, const tl_past_tick *tick, tl_
     const tl_assembly *assembly = self->settings->assembly;
     tl_record record;
     bool ready = false;
+    bool ahead = assembly->config.measurements == TL_AHEAD; /* the step before comes before the sample */
     tl_summary_sample(summary, &assembly->config, &tick->sample);
-    put_sample(self, &tick->sample);
+    if (!ahead) {
+        put_sample(self, &tick->sample);
+    }
     if (tick->resets) {
         tl_twin_reset(assembly->twin);
     }
@@ -120,6 +123,9 @@ static tl_status follow_tick(const follower *self, const tl_past_tick *tick, tl_
     if (ready) {
         tl_summary_add(summary, &assembly->config, &record);
         put_step(self, &record);
+    }
+    if (ahead) {
+        put_sample(self, &tick->sample);
     }
     return status;
 }

@@ -99,6 +99,7 @@ static tl_outbox_start start_of(const tl_recorder_batch *batch) {
     tl_outbox_start start = {.holds = batch->entry.holds, .resumption = batch->entry.beginning};
     if (!start.holds) {
         start.account = batch->entry.account;
+        memcpy(start.fmus, batch->entry.fmus, sizeof start.fmus);
     }
     if (start.resumption.run < 0) {
         start.resumption.run = batch->next.run; /* the one before */
@@ -230,8 +231,9 @@ static int write_entry(tl_recorder_batch *batch) {
     }
 }
 
-/* Up to the end of a run, the beginning of another, or so many bytes. */
+/* Up to the end of a run, the beginning of another, or so many bytes. A sample and its step are in one batch: so no power cut leaves half a tick. */
 static int write_entries(tl_recorder_batch *batch, uint64_t end, size_t limit) {
+    const size_t step = tl_recorder_entry_size(&batch->settings.inbox->outboxes[0].settings.shape, TL_ENTRY_STEP);
     uint64_t *taken = &batch->next.taken[0].ring;
     uint64_t first = *taken;
     int code = SQLITE_OK;
@@ -239,6 +241,9 @@ static int write_entries(tl_recorder_batch *batch, uint64_t end, size_t limit) {
     while (*taken != end && *taken - first < limit && code == SQLITE_OK && !batch->ends) {
         uint64_t position = *taken;
         if (!take_entry(batch, &position, end)) {
+            break;
+        }
+        if (batch->entry.kind == TL_ENTRY_SAMPLE && *taken != first && position - first + step > limit) {
             break;
         }
         code = write_entry(batch);

@@ -114,11 +114,12 @@ static int write_run(beginning *self, int64_t began) {
     return code == SQLITE_DONE ? SQLITE_OK : code;
 }
 
-/* Which FMUs there are, none if nothing but the plant is recorded. */
+/* Which FMUs there are, by who has loaded them or else by the settings; none if nothing but the plant is recorded. */
 static int write_beginning(const beginning *self) {
     char none[TL_SHA256_TEXT];
     const tl_recorder_settings *settings = self->settings;
-    const char *fmus = settings->fmus != NULL ? settings->fmus : "";
+    const char *known = settings->fmus != NULL ? settings->fmus : "";
+    const char *fmus = self->start->fmus[0] != '\0' ? self->start->fmus : known;
     if (self->start->holds) {
         tl_identity_files(NULL, 0, none);
         fmus = none;

@@ -84,18 +84,30 @@ uint64_t tl_recorder_inbox_lost(const tl_recorder_inbox *inbox, size_t outbox) {
 
 void tl_recorder_inbox_mend(tl_recorder_inbox *inbox) {
     tl_time now = tl_clock_now(NULL);
-    if (now - inbox->mended_at < MEND_PAUSE) {
-        return;
-    }
-    inbox->mended_at = now;
+    bool again = now - inbox->mended_at >= MEND_PAUSE;
+    inbox->mended_at = again ? now : inbox->mended_at;
     for (size_t i = 0; i < inbox->count; i++) {
         const tl_recorder_writer_outbox *outbox = &inbox->outboxes[i];
-        if (inbox->readers[i].fault[0] != '\0') {
+        bool is_broken = inbox->readers[i].fault[0] != '\0';
+        if (is_broken && (again || inbox->damaged_at[i] == 0)) { /* or it was found between two writings */
             tl_outbox_reader_open(&outbox->settings, outbox->memory, &inbox->readers[i]);
-        } else {
+            inbox->damaged_at[i] = 0;
+        } else if (!is_broken && again) {
             inbox->is_told[i] = false;
         }
     }
+}
+
+void tl_recorder_inbox_note_damage(tl_recorder_inbox *inbox, tl_time begun) {
+    for (size_t i = 0; i < inbox->count; i++) {
+        bool is_broken = inbox->readers[i].fault[0] != '\0';
+        tl_time since = inbox->damaged_at[i] != 0 ? inbox->damaged_at[i] : begun;
+        inbox->damaged_at[i] = is_broken ? since : 0;
+    }
+}
+
+tl_time tl_recorder_inbox_damage(const tl_recorder_inbox *inbox, size_t outbox) {
+    return inbox->damaged_at[outbox];
 }
 
 bool tl_recorder_inbox_tell(tl_recorder_inbox *inbox, char *text, size_t size) {

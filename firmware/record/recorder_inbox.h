@@ -29,7 +29,8 @@ typedef struct tl_recorder_writer_outbox {
 typedef struct tl_recorder_inbox {
     tl_recorder_writer_outbox outboxes[TL_WRITER_OUTBOXES];
     tl_outbox_reader readers[TL_WRITER_OUTBOXES];
-    bool is_told[TL_WRITER_OUTBOXES]; /* that it is damaged */
+    bool is_told[TL_WRITER_OUTBOXES];       /* that it is damaged */
+    tl_time damaged_at[TL_WRITER_OUTBOXES]; /* by a look that was not before this; 0: it is not */
     size_t count;
     tl_time mended_at; /* when that was tried the last time */
 } tl_recorder_inbox;
@@ -66,8 +67,12 @@ uint64_t tl_recorder_inbox_lost(const tl_recorder_inbox *inbox, size_t outbox);
 
 /* ---- damage ---- */
 
-/* Looks at damaged outboxes again, once a second. */
+/* Looks at damaged outboxes again, once a second; at one that was found damaged since the last look by another caller, at once. */
 void tl_recorder_inbox_mend(tl_recorder_inbox *inbox);
+
+/* After reading, which began at this time (CLOCK_MONOTONIC): notes what was found damaged. And since when an outbox is, by that; 0: it is not. */
+void tl_recorder_inbox_note_damage(tl_recorder_inbox *inbox, tl_time begun);
+tl_time tl_recorder_inbox_damage(const tl_recorder_inbox *inbox, size_t outbox);
 
 /* The next damage that was not told yet, in words; false: there is none. */
 bool tl_recorder_inbox_tell(tl_recorder_inbox *inbox, char *text, size_t size);

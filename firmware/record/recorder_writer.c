@@ -158,6 +158,7 @@ void tl_recorder_writer_write(tl_recorder_writer *writer) {
     int code = SQLITE_OK;
     int mends = 0;
     bool again = true;
+    tl_time begun = tl_clock_now(NULL);
     tl_heart_beat(writer->heart);
     tl_recorder_inbox_mend(&writer->inbox);
     while (again && is_open(writer)) {
@@ -172,7 +173,12 @@ void tl_recorder_writer_write(tl_recorder_writer *writer) {
             note_refusal(writer, code & 0xFF);
         }
     }
+    tl_recorder_inbox_note_damage(&writer->inbox, begun);
     say_damage(writer);
+}
+
+tl_time tl_recorder_writer_damage(const tl_recorder_writer *writer, size_t outbox) {
+    return tl_recorder_inbox_damage(&writer->inbox, outbox);
 }
 
 bool tl_recorder_writer_is_pressed(tl_recorder_writer *writer) {

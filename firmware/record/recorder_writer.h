@@ -50,6 +50,10 @@ void tl_recorder_writer_write(tl_recorder_writer *writer);
 /* The ring is more than half full: it should be written soon. */
 bool tl_recorder_writer_is_pressed(tl_recorder_writer *writer);
 
+/* If what is in this outbox cannot be read on: a time (CLOCK_MONOTONIC) since which that was found; 0: it can. It is looked at again every second, since a
+ * successor of its producer may have mended it. */
+tl_time tl_recorder_writer_damage(const tl_recorder_writer *writer, size_t outbox);
+
 /* Where it writes; if no file is open, where it was asked to. */
 const char *tl_recorder_writer_path(const tl_recorder_writer *writer);
 

@@ -11,6 +11,10 @@ static int64_t interval_of(tl_time step) {
     return ticks < 1 ? 1 : ticks < INTERVAL_MOST ? ticks : INTERVAL_MOST;
 }
 
+size_t tl_checkpointer_room(size_t size) {
+    return 2 * size;
+}
+
 void tl_checkpointer_init(tl_checkpointer *self, const tl_assembly *assembly, tl_outbox *outbox, tl_journal *journal) {
     *self = (tl_checkpointer){
         .twin = assembly->twin,
@@ -71,7 +75,7 @@ static void begin(tl_checkpointer *self, int64_t tick, const tl_budget *budget) 
     if (size == 0) {
         return;
     }
-    if (!tl_outbox_reserve_checkpoint(self->outbox, 2 * size)) {
+    if (!tl_outbox_reserve_checkpoint(self->outbox, tl_checkpointer_room(size))) {
         end(self, "it is too large, or there is not enough memory");
         return;
     }

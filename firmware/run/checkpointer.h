@@ -32,6 +32,9 @@ typedef struct tl_checkpointer {
     bool has_told;
 } tl_checkpointer;
 
+/* What is reserved for each checkpoint of a twin that takes so many bytes now: it may grow. */
+size_t tl_checkpointer_room(size_t size);
+
 void tl_checkpointer_init(tl_checkpointer *self, const tl_assembly *assembly, tl_outbox *outbox, tl_journal *journal);
 
 /* What was saved is of a twin that is no more, since its FMUs began anew: one is due after this tick. */

@@ -77,11 +77,18 @@ static tl_status compute(tl_cycle *cycle, int64_t tick, const tl_budget *budget)
     tl_watch_sample(&cycle->watch, &sample);
     tl_lock_rescue_sample(&cycle->rescue, &sample);
     tl_summary_sample(&cycle->summary, &cycle->settings.assembly->config, &sample);
-    (void)tl_outbox_put_sample(cycle->settings.outbox, &sample);
+    /* There the step before is complete only now, and comes before the sample. */
+    bool ahead = cycle->settings.assembly->config.measurements == TL_AHEAD;
+    if (!ahead) {
+        (void)tl_outbox_put_sample(cycle->settings.outbox, &sample);
+    }
     tl_status status = budget == NULL ? tl_twin_make_up(twin, &sample, &record, &ready, &cycle->error)
                                       : tl_twin_step(twin, &sample, budget, &record, &ready, &cycle->error);
     if (ready) {
         keep(cycle, tick, &record);
+    }
+    if (ahead) {
+        (void)tl_outbox_put_sample(cycle->settings.outbox, &sample);
     }
     if (status == TL_OK) {
         cycle->summary.figures.skipped += budget == NULL && tick >= cycle->warm_up ? 1 : 0;
@@ -134,8 +141,8 @@ static void finish(tl_cycle *cycle) {
     }
     tl_twin_finish(cycle->settings.assembly->twin, &sample, &record, &ready);
     if (ready) {
-        (void)tl_outbox_put_sample(cycle->settings.outbox, &sample);
         keep(cycle, cycle->next_tick, &record);
+        (void)tl_outbox_put_sample(cycle->settings.outbox, &sample);
     }
 }
 

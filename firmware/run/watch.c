@@ -233,11 +233,11 @@ void tl_watch_record(tl_watch *watch, int64_t tick, const tl_record *record) {
     if (record->outcome == TL_FOLLOWED) {
         return; /* told by the run that it is of */
     }
-    watch_reset(watch, tick, record);
     if (watch->config->event.start.signal != NULL) {
         watch_stroke(watch, tick, record);
         return;
     }
+    watch_reset(watch, tick, record);
     watch_free_run(watch, tick, record);
     for (size_t i = 0; i < watch->config->adjust_count; i++) {
         watch_variable(watch, tick, record, i);

@@ -51,6 +51,15 @@ void tl_child_kill_silent(tl_child *child, const char *silent, tl_time silence) 
     }
 }
 
+/* Which call it was is not known. */
+void tl_child_kill_damaged(tl_child *child) {
+    if (!child->killed) {
+        (void)snprintf(child->fault, sizeof child->fault,
+                       "it has destroyed its own memory: what it hands to the recorder cannot be read on");
+        end_child(child, INT64_MAX);
+    }
+}
+
 void tl_child_ask(tl_child *child, int signal) {
     child->asked = true;
     (void)kill(child->pid, signal);

@@ -60,6 +60,9 @@ typedef struct member {
     tl_time pause;     /* and for how long at least */
     unsigned failures; /* in a row, none of which was ever ready; the twin's are in the account */
     tl_time lived;     /* since it was begun */
+    tl_time ready;     /* when that was seen; 0: it is not */
+    tl_time sound;     /* how long it has lived since */
+    bool was_damaged;  /* one of them was */
 } member;
 
 typedef struct supervisor {
@@ -170,6 +173,8 @@ static void begin(supervisor *self, tl_member which, tl_time now) {
     tl_start start = {.restarts = &self->restarts, .again = is_twin && self->restarts.failures > 0};
     tl_child_prepare(&begun->child);
     begun->lived = 0;
+    begun->ready = 0;
+    begun->sound = 0;
     if (is_twin) {
         start.hold = tl_restarts_is_loop(&self->restarts);
         self->held = start.hold;
@@ -295,6 +300,29 @@ static void note_life(supervisor *self, tl_time now, tl_time passed) {
     tell_status(self, now);
 }
 
+/* What was found before it was ready is what the one before has left: it has mended that. */
+static bool is_damaged(const supervisor *self, tl_member which) {
+    const member *living = &self->members[which];
+    bool is_believed = !living->was_damaged || living->sound > TL_RESTARTS_FORGIVEN;
+    return is_believed && living->ready != 0 && !living->child.asked &&
+           self->settings->damaged(self->settings->context, which) > living->ready;
+}
+
+/* True: it is no more. */
+static bool look_for_damage(supervisor *self, tl_member which, tl_time now, tl_time passed) {
+    member *living = &self->members[which];
+    living->sound += living->ready != 0 ? passed : 0;
+    if (living->ready == 0 && tl_heartbeats_is_ready(living->child.beats)) {
+        living->ready = now;
+    }
+    bool damaged = is_damaged(self, which);
+    if (damaged) {
+        living->was_damaged = true;
+        tl_child_kill_damaged(&living->child);
+    }
+    return damaged;
+}
+
 static void look_at_living(supervisor *self, tl_member which, tl_time now, tl_time passed) {
     member *living = &self->members[which];
     bool is_twin = which == TL_MEMBER_TWIN;
@@ -302,6 +330,9 @@ static void look_at_living(supervisor *self, tl_member which, tl_time now, tl_ti
     const char *silent = tl_child_look(&living->child, now, &silence);
     if (silent != NULL && !(is_twin && self->settings->alone)) {
         tl_child_kill_silent(&living->child, silent, silence);
+        return;
+    }
+    if (look_for_damage(self, which, now, passed)) {
         return;
     }
     tl_child_press(&living->child, passed, GRACE);

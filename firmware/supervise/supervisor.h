@@ -7,6 +7,9 @@
  * Stroked: as long as the twin is alive, and while the supervisor does something about it if not. A dead disk or device resets no box.
  *          Not while a thread of the twin is silent, and no more once even safe hold could not be kept up TL_RESTARTS_MOST times. Nor once a dead
  *          twin has not been reaped for 30 s.
+ * Damage:  a process may be well by its heart, and its memory not: what it writes for others is. Who reads that says so, and it is killed and begun again as
+ *          one that is silent; alone, too. But who says so may lie: so it costs a process one failure, and further ones only after a life in which the one
+ *          before is forgiven. It never leads to safe hold.
  * Ends:    only one that a process announced (heartbeat.h) is orderly: the run is over, or it could not begin before anything ever
  *          ran, which is told to whoever started the supervisor by the exit code; or the supervisor was asked to end, and asked the
  *          processes: the twin first, then io, then the recorder, which writes the rest. Any other end is a failure, which is named, with the FMU and
@@ -50,6 +53,9 @@ typedef struct tl_supervisor_settings {
 
     /* One has ended, and is not reaped yet. `reason` says why, and may be bettered. `again`: another one will be begun. */
     void (*ended)(void *context, tl_member which, bool again, char reason[TL_RESTARTS_REASON]);
+
+    /* Whoever reads what this one writes has looked at it at this time at the earliest (CLOCK_MONOTONIC), and cannot read it on; 0: it can. */
+    tl_time (*damaged)(void *context, tl_member which);
 
     /* Between two looks. */
     void (*look)(void *context);

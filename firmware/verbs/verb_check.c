@@ -9,7 +9,7 @@
 #include "firmware/base/log.h"
 #include "firmware/config/measurements.h"
 #include "firmware/fmu/fmu_thread.h"
-#include "firmware/plant/plant_mail.h"
+#include "firmware/live/live_blocks.h"
 #include "firmware/text/clean_text.h"
 #include "firmware/text/output.h"
 #include "firmware/twin/assembly.h"
@@ -241,15 +241,33 @@ static void print_states(const tl_assembly *assembly, FILE *output) {
     }
 }
 
-/* Of plants that are read live. */
-static void print_mail(const tl_config *config, FILE *output) {
-    tl_plant_mail_shape shape;
-    if (config->source_count != 0) {
-        tl_plant_mail_shape_of(config, &shape);
-        (void)fputs("  mail         ", output);
-        print_size(output, (double)tl_plant_mail_bytes(&shape));
-        (void)fputs(" for the plant's newest readings, in `run`\n", output);
+static void print_block(const char *name, size_t bytes, const char *purpose, FILE *output) {
+    if (bytes != 0) {
+        (void)fprintf(output, "  %-13s", name);
+        print_size(output, (double)bytes);
+        (void)fprintf(output, " %s\n", purpose);
     }
+}
+
+/* Bytes of the twin as it is saved, after the dry run; 0: it is not, or cannot be. */
+static size_t saved_size(const tl_assembly *assembly, const tl_prognosis *prognosis) {
+    bool is_saved = assembly->config.record_resume != 0 && prognosis->steps != 0 && tl_twin_can_save(assembly->twin);
+    size_t size = 0;
+    tl_error error;
+    return is_saved && tl_twin_save(assembly->twin, NULL, 0, &size, &error) == TL_OK ? size : 0;
+}
+
+/* Of plants that are read live. */
+static void print_blocks(const tl_assembly *assembly, const tl_prognosis *prognosis, FILE *output) {
+    tl_live_blocks blocks;
+    if (assembly->config.source_count == 0) {
+        return;
+    }
+    tl_live_blocks_of(&assembly->config, saved_size(assembly, prognosis), &blocks);
+    print_block("mail", blocks.mail, "for the plant's newest readings, in `run`", output);
+    print_block("outbox", blocks.outbox, "for what waits for the recorder, in `run`", output);
+    print_block("checkpoint", blocks.checkpoints, "for the saved twin, in `run`", output);
+    print_block("past", blocks.past, "at most, while `run` goes on with an earlier one", output);
 }
 
 static void print_costs(const tl_assembly *assembly, const tl_prognosis *prognosis, FILE *output) {
@@ -271,7 +289,7 @@ static void print_costs(const tl_assembly *assembly, const tl_prognosis *prognos
     (void)fprintf(output, "               and %d MiB of stack for FMUs%s\n", TL_FMU_THREAD_STACK >> 20,
                   config->realtime_lock_memory ? ", all of it resident in `run`" : "");
     print_states(assembly, output);
-    print_mail(config, output);
+    print_blocks(assembly, prognosis, output);
     if (prognosis->steps != 0) {
         (void)fprintf(output, "  measured by %zu free steps on the plant's initial values, without a solver\n",
                       prognosis->steps);

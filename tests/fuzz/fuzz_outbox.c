@@ -33,14 +33,15 @@ static bool put_sample(unsigned what) {
 static void put_start(unsigned what) {
     static tl_outbox_start start;
     start.holds = what % 8 != 0;
+    start.resumption.from = what % 3 == 0 ? TL_RESUMED_CHECKPOINT : TL_RESUMED_NOT;
     start.resumption.tick = what;
     (void)tl_outbox_put_start(&outbox, &start);
 }
 
-static void put_step(unsigned what) {
+static bool put_step(unsigned what) {
     tl_record record = {.step = what, .flags = what % 32};
     tl_recorder_component ledger = {.plain = what};
-    (void)tl_outbox_put_step(&outbox, &record, &ledger);
+    return tl_outbox_put_step(&outbox, &record, &ledger);
 }
 
 static void put_checkpoint(unsigned what) {
@@ -57,7 +58,7 @@ static void put(unsigned what) {
         (void)put_sample(what);
         break;
     case 1:
-        put_step(what);
+        (void)put_step(what);
         break;
     case 2:
         put_start(what);
@@ -76,10 +77,10 @@ static void put(unsigned what) {
 /* ---- the enemy ---- */
 
 static void move_counter(unsigned what) {
-    uint64_t *const counters[] = {&outbox.control->head, &outbox.control->next, &outbox.control->lost,
-                                  &outbox.control->slots[what % TL_RECORDER_EVENTS].state};
+    uint64_t *const counters[] = {&outbox.control->head, &outbox.control->put, &outbox.control->next,
+                                  &outbox.control->lost, &outbox.control->slots[what % TL_RECORDER_EVENTS].state};
     uint64_t by = what % 3 == 0 ? (uint64_t)tl_fuzz_take_word() << (what % 33) : tl_fuzz_take();
-    *counters[tl_fuzz_take() % 4] += what % 2 == 0 ? by : -by;
+    *counters[tl_fuzz_take() % 5] += what % 2 == 0 ? by : -by;
 }
 
 /* A checkpoint that says what it likes. */
@@ -247,11 +248,11 @@ static void succeed(unsigned what) {
         taken.events++;
     }
     put_start(what);
-    tl_fuzz_hold(put_sample(what));
+    tl_fuzz_hold(put_sample(what) && put_step(what));
     uint64_t lost = tl_outbox_lost(&outbox);
     tl_outbox_event(&outbox, what, TL_EVENT_INFO, "fuzz", "successor");
     tl_fuzz_hold(tl_outbox_lost(&outbox) == lost);
-    tl_fuzz_hold(take_entries(2) && entry.kind == TL_ENTRY_SAMPLE && entry.sample.tick == what);
+    tl_fuzz_hold(take_entries(UINT16_MAX) && entry.kind == TL_ENTRY_STEP && entry.record.step == what);
     tl_fuzz_hold(tl_outbox_reader_event(&reader, taken.events, &event, &skip) && !skip &&
                  strcmp(event.text, "successor") == 0);
     taken.events++;

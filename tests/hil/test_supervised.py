@@ -11,7 +11,7 @@ from pathlib import Path
 
 import kills
 from live_test import Device, Program, check_database, number, query, stop, wait_for_lock, wait_for_steps, wait_until
-from supervised import WORD, Supervised, end_orderly, expect_starts, starts, wait_for_run
+from supervised import Supervised, end_orderly, expect_starts, starts, wait_for_run
 from twinlock_test import at_least, edited_config, expect, main, run, run_well, scratch, write_config
 
 OMEGA = 62.981  # rad/s: where config/motor's twin starts
@@ -195,33 +195,9 @@ def test_a_loop_ends_in_safe_hold():
 
 # ---- an FMU that is to blame ----
 
-class Unruly:
-    """A supervised twin with an FMU that obeys (tests/hil/fmus/unruly)."""
-
-    def __init__(self, device, pace=kills.Pace()):
-        config = kills.configuration(device.port, pace)
-        self.database, self.child = config.parent / "twin.db", 0
-        os.environ["TWINLOCK_UNRULY"] = WORD
-        self.live = Supervised(config)
-
-    def __enter__(self):
-        return self
-
-    def __exit__(self, *unused):
-        del os.environ["TWINLOCK_UNRULY"]
-        self.live.__exit__()
-
-    def wait_for_tick(self, run):
-        wait_until(lambda: kills.first_tick(self.database, run), f"a tick of run {run}", self.live.log)
-
-    def tell(self, word):
-        self.child = self.live.child(self.child)
-        self.live.tell(word)
-
-
 def test_an_fmu_is_named():
     """Whatever it does, it is a failure of the twin; also to end the process as if all was well."""
-    with Device(OMEGA) as device, Unruly(device) as unruly:
+    with Device(OMEGA) as device, kills.Unruly(device) as unruly:
         for run, word in enumerate(("exit", "crash", "hang"), 1):
             unruly.wait_for_tick(run)
             unruly.tell(word)
@@ -234,7 +210,7 @@ def test_an_fmu_is_named():
 
 def test_told_to_end_while_an_fmu_hangs():
     """For longer than anybody wants to wait. The twin gives it up; what does not is tests/unit/firmware/supervise/test_supervisor.c's."""
-    with Device(OMEGA) as device, Unruly(device, kills.Pace(hang_s=60)) as unruly:
+    with Device(OMEGA) as device, kills.Unruly(device, kills.Pace(hang_s=60)) as unruly:
         live = unruly.live
         unruly.wait_for_tick(1)
         unruly.tell("hang")
@@ -247,7 +223,7 @@ def test_told_to_end_while_an_fmu_hangs():
 
 def test_told_to_end_by_somebody_else():
     """A friend of the memory, for example, who asks before he kills. Nobody wanted to be without a twin."""
-    with Device(OMEGA) as device, Unruly(device) as unruly:
+    with Device(OMEGA) as device, kills.Unruly(device) as unruly:
         unruly.wait_for_tick(1)
         os.kill(unruly.live.child(), signal.SIGTERM)
         unruly.wait_for_tick(2)

@@ -2,20 +2,26 @@
 """The processes of a run (tests/support/tree.py): who holds what, and that each may die at any instant without harm to the others. Some kills here,
 as many as you like by tests/hil/tree_kills."""
 import argparse
+import hashlib
 import json
 import os
 import random
+import re
 import shutil
 import signal
 import time
+import zipfile
 from pathlib import Path
 
+import kills
+from footprint import shared_kib
 from live_test import Device, Program, member, number, query, title, wait_until
 from supervised import end_orderly, wait_for_run
-from tree import OMEGA, Campaign, Tree, configuration, descriptors, expect_whole, kills, one_run, read
-from twinlock_test import BUILD, at_most, expect, main, scratch
+from tree import OMEGA, Campaign, Tree, configuration, descriptors, expect_whole, kill_at_random, one_run, read
+from twinlock_test import BUILD, at_most, expect, main, run_well, scratch
 
 SEED = 1
+JOBS_KIB = 64
 
 
 def gone(pids):
@@ -46,6 +52,24 @@ def test_who_holds_what():
         expect("motor.so" not in mapped and "twinlock-fmu" not in mapped, f"{name} has an FMU")
 
 
+def test_check_names_what_they_share():
+    """After a cold start and a warm one: no more than that, but for the jobs, and rounding to pages; and no less than what is always in use."""
+    with Device(OMEGA) as device:
+        config, database = configuration(device.port)
+        with Tree(config) as live:
+            live.wait_for_tick(database)
+            live.kill_one("twin")
+            wait_for_run(live, database, 2)
+            taken = sum(shared_kib(pid) for pid in (live.pid, *live.children()))
+            end_orderly(live)
+        named = {name: float(size) for name, size in
+                 re.findall(r"^  (mail|outbox|checkpoint|past) +([0-9.]+) KiB ", run_well(["check", config]), re.M)}
+    print(f"    {taken} KiB of {named}")
+    expect(len(named) == 4, f"{named}")
+    at_most(taken, named["mail"] + named["outbox"] + named["checkpoint"] + JOBS_KIB, "KiB shared")
+    at_most(named["outbox"] + named["checkpoint"], taken + JOBS_KIB, "KiB named")
+
+
 def test_nothing_is_left():
     with Device(OMEGA) as device:
         config, database = configuration(device.port)
@@ -74,9 +98,9 @@ def test_the_supervisor_is_killed():
     expect(query(database, "SELECT resumed_run FROM beginnings WHERE run = 2") == [(1,)], "it began anew")
 
 
-def killed(*roles):
+def killed(*roles, **changes):
     with Device(OMEGA) as device:
-        campaign = one_run(device, roles, random.Random(SEED), Campaign())
+        campaign = one_run(device, roles, random.Random(SEED), Campaign(), **changes)
     expect(campaign.lost == 0, f"{campaign}")
     print(f"    {campaign}")
 
@@ -93,15 +117,60 @@ def test_the_twin_is_killed():
     killed(*["twin"] * 4)
 
 
+def test_the_twin_is_killed_in_mode_ahead():
+    """There a tick is over only when the next one has come."""
+    killed(*["twin"] * 4, synchronise={"horizon": {"measurements": "ahead"}})
+
+
+def test_the_twin_dies_in_its_step():
+    """It has taken the sample, and there is no step: the next one takes that tick as its own. The recorder is killed with it every other time."""
+    with Device(OMEGA) as device, kills.Unruly(device) as unruly:
+        for run in range(1, 5):
+            unruly.wait_for_tick(run)
+            unruly.tell("crash")
+            if run % 2 == 0:
+                os.kill(unruly.live.child(role="recorder"), signal.SIGKILL)
+        unruly.wait_for_tick(5)
+        end_orderly(unruly.live)
+    found = read(unruly.database)
+    expect_whole(found)
+    expect(len(found.firsts) == 4, f"{found.firsts}")
+    lead = number(unruly.database, "SELECT lead FROM runs WHERE run = 1")
+    expect(sorted(found.ticks) == [*range(lead), *(step + lead for step in sorted(found.steps))], "half a tick")
+
+
+def test_a_twin_that_has_destroyed_its_outbox():
+    """Its heart beats, and nothing of it can be recorded any more: the recorder says so, and another one goes on with what is in the database."""
+    with Device(OMEGA) as device, kills.Unruly(device) as unruly:
+        live = unruly.live
+        unruly.wait_for_tick(1)
+        unruly.tell("scribble")
+        live.wait_for("the twin failed: it has destroyed its own memory: what it hands to the recorder cannot be read on")
+        unruly.wait_for_tick(2)
+        unruly.tell("crash")  # it is a twin like any other
+        unruly.wait_for_tick(3)
+        end_orderly(live)
+        expect(live.account()["restarts"] == 2, f"{live.account()}")
+    expect(number(unruly.database, "SELECT count(*) FROM events WHERE text LIKE 'what twin has put out cannot be read on: %'") == 1, "not said")
+    expect_whole(read(unruly.database))
+
+
 def test_all_are_killed_at_random():
     with Device(OMEGA) as device:
-        campaign = kills(device, 12, SEED)
+        campaign = kill_at_random(device, 12, SEED)
     expect(campaign.lost == 0, f"{campaign}")
     print(f"    {campaign}")
 
 
+def digest_of(document):
+    """As `fmus` in the database."""
+    files = [(BUILD / "fmus" / entry["fmu"]).read_bytes() for entry in document["components"].values()]
+    return hashlib.sha256(b"".join(hashlib.sha256(file).hexdigest().encode() + b"\0" for file in files)).hexdigest()
+
+
 def test_an_fmu_that_is_replaced():
-    """A checkpoint is of no use to another FMU: the next twin begins anew, and says why."""
+    """A checkpoint is of no use to another FMU: the next twin begins anew, and says why. Its run is that of the other FMU, also for who goes on with
+    it after another start, and whoever records."""
     with Device(OMEGA) as device:
         config, database = configuration(device.port)
         fmu = scratch() / "motor.fmu"
@@ -111,13 +180,23 @@ def test_an_fmu_that_is_replaced():
         Path(config).write_text(json.dumps(document), encoding="utf-8")
         with Tree(config) as live:
             wait_for_run(live, database, 1)
-            shutil.copy(BUILD / "fmus" / "motor.fmu", fmu.with_suffix(".new"))
-            fmu.with_suffix(".new").rename(fmu)
+            first, other = digest_of(document), fmu.with_suffix(".new")
+            shutil.copy(fmu, other)
+            with zipfile.ZipFile(other, "a") as file:
+                file.writestr("resources/another", "one")
+            other.rename(fmu)
             live.kill_one("twin")
             live.wait_for("begins anew: the FMUs are not those of the run before")
             wait_for_run(live, database, 2)
+            live.kill_one("twin")
+            wait_for_run(live, database, 3)
             end_orderly(live)
-    expect(query(database, "SELECT resumed_run FROM beginnings WHERE run = 2") == [(None,)], "it went on all the same")
+        with Tree(config) as live:
+            wait_for_run(live, database, 4)
+            end_orderly(live)
+    second = digest_of(document)
+    rows = query(database, "SELECT fmus, resumed_run FROM beginnings ORDER BY run")
+    expect(first != second and rows == [(first, None), (second, None), (second, 2), (second, 3)], f"{first}, {second}: {rows}")
 
 
 def test_a_recorder_that_hangs():
@@ -159,6 +238,6 @@ parser.add_argument("--seed", type=int, default=SEED)
 options = parser.parse_args()
 if options.by_hand:
     with Device(OMEGA) as plant:
-        print(kills(plant, options.kills, options.seed))
+        print(kill_at_random(plant, options.kills, options.seed))
 else:
     main()

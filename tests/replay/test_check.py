@@ -77,8 +77,13 @@ def test_what_a_live_plant_takes():
     """12 s of two signals, polled every 5 ms: 4096 readings of 32 bytes each, and their counts."""
     page = run_well(["check", SOURCE / "config" / "motor" / "live.json"])
     expect("  mail         260.0 KiB for the plant's newest readings, in `run`\n" in page, page)
+    sizes = {name: (float(size), unit) for name, size, unit in re.findall(r"^  (outbox|checkpoint|past) +([0-9.]+) (\w+) ", page, re.M)}
+    expect(sizes.keys() == {"outbox", "checkpoint", "past"}, page)
+    expect(sizes["outbox"][1] == "KiB" and sizes["outbox"][0] > 2048, f"a ring of 30 s: {sizes}")
+    page = run_well(["check", edited_config("motor/live.json", {"record": {"resume_s": 0}})])
+    expect("  outbox " in page and "  checkpoint " not in page and "  past " not in page, page)
     page = run_well(["check", SOURCE / "config" / "motor" / "free.json"])
-    expect("  mail " not in page, page)
+    expect("  mail " not in page and "  outbox " not in page and "  past " not in page, page)
 
 
 def test_warnings_are_counted_and_no_error():

@@ -117,6 +117,30 @@ class FifoLoad:
         os.waitpid(self.pid, 0)
 
 
+class Unruly:
+    """A supervised twin with an FMU that obeys (tests/hil/fmus/unruly)."""
+
+    def __init__(self, device, pace=Pace()):
+        config = configuration(device.port, pace)
+        self.database, self.child = config.parent / "twin.db", 0
+        os.environ["TWINLOCK_UNRULY"] = WORD
+        self.live = Supervised(config)
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *unused):
+        del os.environ["TWINLOCK_UNRULY"]
+        self.live.__exit__()
+
+    def wait_for_tick(self, run):
+        wait_until(lambda: first_tick(self.database, run), f"a tick of run {run}", self.live.log)
+
+    def tell(self, word):
+        self.child = self.live.child(self.child)
+        self.live.tell(word)
+
+
 def observe(pid):
     """As top and the exporters of monitoring do."""
     for file in [*Path(f"/proc/{pid}").glob("task/*/stat*"), *Path(f"/proc/{pid}").glob("stat*")]:

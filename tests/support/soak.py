@@ -147,13 +147,11 @@ class Accounts:
     newest: object = BEGINNING
     outcomes: Counter = field(default_factory=Counter)
     lost: dict = field(default_factory=dict)  # run → entries
-    cut: int = 0
 
     def read_on(self):
         found = read(self.database, self.newest)
         expect_whole(found, self.newest)
         self.newest = found.newest
-        self.cut += found.cut
         self.outcomes.update(found.steps.values())
         self.lost.update(query(self.database, "SELECT run, entries_lost FROM runs"))
         anew = query(self.database, "SELECT run FROM beginnings WHERE run > 1 AND resumed_run IS NULL")
@@ -162,7 +160,7 @@ class Accounts:
 
     def describe(self):
         skipped = self.outcomes[MADE_UP]
-        return f"{self.newest.tick + 1} ticks in {self.newest.run} runs: {self.outcomes.total() - skipped} steps, {skipped} made up, {self.cut} cut short"
+        return f"{self.newest.tick + 1} ticks in {self.newest.run} runs: {self.outcomes.total() - skipped} steps, {skipped} made up"
 
 
 NEWEST = """SELECT tick, quality FROM samples WHERE run = (SELECT max(run) FROM samples) ORDER BY run DESC, tick DESC LIMIT 1"""

@@ -51,7 +51,6 @@ class Recorded:
     steps: dict  # step → outcome, of the run that computed it
     firsts: list  # the first tick of its own of each run but the first
     doubled: list  # what is there twice, and in which run
-    cut: int  # ticks in which a twin failed: it had sampled them, and the next one began with them
     newest: Newest
 
 
@@ -61,21 +60,17 @@ STEP = "SELECT step, outcome FROM steps WHERE run = ? AND step > ? ORDER BY step
 
 
 def read(database, after=BEGINNING):
-    """Ticks that a run follows are the run's before; each tick of its own is there once. Only what is newer than `after`: a newer run whose ticks
-    were there before has them twice."""
-    found = Recorded({}, {}, [], [], 0, after)
+    """Ticks that a run follows are the run's before, and so are steps, but for one that was not complete yet (mode ahead); each of its own is there once.
+    Only what is newer than `after`: a newer run whose ticks were there before has them twice."""
+    found = Recorded({}, {}, [], [], after)
     for run, first, lead in query(database, RUN, after.run):
         known = after if run == after.run else BEGINNING
-        last = found.newest.tick
         for tick, good, stamp in query(database, SAMPLE, GOOD, run, known.tick):
             if tick >= first:
-                again = tick in found.ticks or tick <= after.tick
-                cut = again and tick == first == last
-                found.cut += cut
-                found.doubled += [f"tick {tick}, run {run}"] * (again and not cut)
+                found.doubled += [f"tick {tick}, run {run}"] * (tick in found.ticks or tick <= after.tick)
                 found.ticks[tick] = stamp, bool(good)
         for step, outcome in query(database, STEP, run, known.step):
-            if outcome != FOLLOWED:
+            if outcome != FOLLOWED or (step not in found.steps and step > after.step):
                 found.doubled += [f"step {step}, run {run}"] * (step in found.steps or step <= after.step)
                 found.steps[step] = outcome
         if run > 1:
@@ -148,9 +143,9 @@ class Campaign:
         at_most(self.longest_lock, LOCK_STEPS, f"steps until lock\n{log}")
 
 
-def one_run(device, roles, order, campaign):
+def one_run(device, roles, order, campaign, **changes):
     """Kills those in that order, at random instants."""
-    config, database = configuration(device.port)
+    config, database = configuration(device.port, **changes)
     with Tree(config) as live:
         live.wait_for_tick(database)
         for role in roles:
@@ -165,7 +160,7 @@ def one_run(device, roles, order, campaign):
     return campaign
 
 
-def kills(device, count, seed):
+def kill_at_random(device, count, seed):
     """So many at random; in each run at most as many twins as may die."""
     order, campaign = random.Random(seed), Campaign()
     while campaign.kills < count:

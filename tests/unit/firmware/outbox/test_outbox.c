@@ -143,12 +143,15 @@ static void expect_beginning(const tl_resumption *right, const tl_resumption *fo
 }
 
 static void a_run_comes_out_as_it_was_put(void) {
+    char fmus[TL_SHA256_TEXT] = "";
     start.holds = false;
     start.resumption = (tl_resumption){TL_RESUMED_CHECKPOINT, -1, 17, 12345, 1700000000000};
     start.account.components = 2;
     (void)strcpy(start.account.component[1].name, "plant");
     start.account.lead = 7;
     expect_nothing();
+    memset(fmus, 'a', sizeof fmus - 1);
+    tl_outbox_name_fmus(&outbox, fmus);
     TEST_ASSERT_TRUE(tl_outbox_put_start(&outbox, &start));
     for (int64_t tick = 0; tick < 10; tick++) {
         TEST_ASSERT_TRUE(put_both(tick));
@@ -158,6 +161,7 @@ static void a_run_comes_out_as_it_was_put(void) {
     TEST_ASSERT_FALSE(entry.holds);
     expect_beginning(&start.resumption, &entry.beginning);
     TEST_ASSERT_EQUAL_MEMORY(&start.account, &entry.account, sizeof start.account);
+    TEST_ASSERT_EQUAL_STRING(fmus, entry.fmus);
     for (int64_t tick = 0; tick < 10; tick++) {
         take_both(tick);
     }
@@ -220,6 +224,7 @@ static void stamps_that_are_too_far_away_do_not_wrap(void) {
     TEST_ASSERT_TRUE(tl_outbox_put_start(&outbox, &start) && tl_outbox_put_sample(&outbox, &sample));
     start.resumption.start = -1000;
     TEST_ASSERT_TRUE(tl_outbox_put_start(&outbox, &start) && tl_outbox_put_sample(&outbox, &sample));
+    TEST_ASSERT_TRUE(put_step(5));
     TEST_ASSERT_TRUE(take(TL_ENTRY_START) && take(TL_ENTRY_SAMPLE));
     TEST_ASSERT_EQUAL_INT64(TL_TIME_NEVER, entry.sample.stamps[0]);
     TEST_ASSERT_EQUAL_INT64(TL_TIME_NEVER + 1, entry.sample.stamps[1]);
@@ -303,11 +308,12 @@ static void a_beginning_without_room_goes_first(void) {
     while (tl_outbox_reader_end(&reader, taken.ring) != taken.ring) {
         (void)take(TL_ENTRY_SAMPLE);
     }
-    TEST_ASSERT_TRUE(put_sample(2));
+    TEST_ASSERT_TRUE(put_both(2));
     TEST_ASSERT_TRUE(take(TL_ENTRY_START));
     TEST_ASSERT_EQUAL_INT64(77, entry.beginning.start);
     TEST_ASSERT_TRUE(take(TL_ENTRY_SAMPLE));
     check_sample(2, 77);
+    TEST_ASSERT_TRUE(take(TL_ENTRY_STEP));
     expect_nothing();
 }
 
@@ -337,6 +343,7 @@ static void waiting_for_room(void) {
         put++;
     }
     uint64_t written = outbox.written;
+    start.holds = false; /* too large for what is left */
     TEST_ASSERT_FALSE(tl_outbox_wait_for_room(&outbox, now));
     TEST_ASSERT_FALSE(tl_outbox_wait_for_room(&outbox, tl_clock_now(NULL) + TL_SECOND / 100));
     TEST_ASSERT_GREATER_OR_EQUAL_INT64(now + TL_SECOND / 100, tl_clock_now(NULL));
@@ -597,8 +604,8 @@ static void a_successor_finds_what_was_left(void) {
         }
     }
     TEST_ASSERT_TRUE(put_sample(30));
-    taken.ring = outbox.written; /* the reader has taken all of it */
-    outbox.ring[taken.ring % RING] = 0xB5;
+    taken.ring = outbox.published; /* the reader has taken all of it */
+    outbox.ring[outbox.written % RING] = 0xB5;
     succeed();
     TEST_ASSERT_TRUE(tl_outbox_checkpoint_left(&outbox, 0, &left));
     TEST_ASSERT_EQUAL_INT64(29, left.tick);
@@ -670,6 +677,28 @@ static void a_successor_drops_what_is_not_sound(void) {
     take_both(4);
 }
 
+/* Nor is a number believed that says how far it got. */
+static void what_was_taken_was_there(void) {
+    TEST_ASSERT_TRUE(tl_outbox_put_start(&outbox, &start) && put_both(0) && take(TL_ENTRY_START));
+    take_both(0);
+    outbox.control->head -= 10;
+    succeed();
+    expect_nothing();
+    TEST_ASSERT_TRUE(tl_outbox_put_start(&outbox, &start) && put_both(1));
+    TEST_ASSERT_TRUE(take(TL_ENTRY_START));
+    take_both(1);
+}
+
+/* Nor one that leads into the middle of an entry. */
+static void an_end_within_an_entry(void) {
+    TEST_ASSERT_TRUE(tl_outbox_put_start(&outbox, &start) && put_both(0));
+    outbox.control->head -= 10;
+    succeed();
+    TEST_ASSERT_TRUE(take(TL_ENTRY_START));
+    take_both(0);
+    expect_nothing();
+}
+
 /* Nor does it look back at what lay behind the entry that it dropped, or under it. */
 static void an_end_that_goes_back_reaches_no_further_back(void) {
     tl_outbox_left left;
@@ -684,6 +713,114 @@ static void an_end_that_goes_back_reaches_no_further_back(void) {
     succeed();
     TEST_ASSERT_EQUAL_UINT64(taken.ring, outbox.written);
     TEST_ASSERT_FALSE(tl_outbox_checkpoint_left(&outbox, 0, &left));
+}
+
+/* ---- a tick is there as a whole ---- */
+
+static void a_sample_waits_for_its_step(void) {
+    TEST_ASSERT_TRUE(tl_outbox_put_start(&outbox, &start) && take(TL_ENTRY_START));
+    TEST_ASSERT_TRUE(put_sample(0));
+    expect_nothing();
+    TEST_ASSERT_TRUE(put_step(0));
+    take_both(0);
+    TEST_ASSERT_TRUE(put_sample(1)); /* no step is due */
+    expect_nothing();
+    TEST_ASSERT_TRUE(put_sample(2));
+    TEST_ASSERT_TRUE(take(TL_ENTRY_SAMPLE));
+    check_sample(1, start.resumption.start);
+    expect_nothing();
+    TEST_ASSERT_TRUE(tl_outbox_put_end(&outbox, "SIGTERM"));
+    TEST_ASSERT_TRUE(take(TL_ENTRY_SAMPLE) && take(TL_ENTRY_END));
+}
+
+/* Both, or neither. */
+static void a_tick_finds_room_as_a_whole(void) {
+    int64_t put = 0;
+    TEST_ASSERT_TRUE(tl_outbox_put_start(&outbox, &start));
+    while (put_sample(put)) {
+        TEST_ASSERT_TRUE(put_step(put));
+        put++;
+    }
+    TEST_ASSERT_EQUAL_UINT64(1, tl_outbox_lost(&outbox));
+}
+
+/* A run whose writer has died in the step of tick 5; what it had put before is taken. */
+static void die_in_a_step(void) {
+    TEST_ASSERT_TRUE(tl_outbox_put_start(&outbox, &start) && take(TL_ENTRY_START));
+    for (int64_t tick = 0; tick < 5; tick++) {
+        TEST_ASSERT_TRUE(put_both(tick));
+        take_both(tick);
+    }
+    TEST_ASSERT_TRUE(put_sample(5));
+    memset(&outbox, 0xA5, sizeof outbox);
+    tl_outbox_open(&settings, memory, &taken, &outbox);
+    expect_nothing();
+}
+
+/* The successor begins another run: with `from`, and `tick` the first of its own. */
+static void begin_another(tl_resumed_from from, int64_t tick) {
+    start.resumption.from = from;
+    start.resumption.tick = tick;
+    TEST_ASSERT_TRUE(tl_outbox_put_start(&outbox, &start));
+}
+
+static void a_successor_that_goes_on_takes_the_sample_again(void) {
+    die_in_a_step();
+    begin_another(TL_RESUMED_CHECKPOINT, 5);
+    TEST_ASSERT_TRUE(put_both(5));
+    TEST_ASSERT_TRUE(take(TL_ENTRY_START));
+    take_both(5);
+    expect_nothing();
+    TEST_ASSERT_EQUAL_UINT64(0, tl_outbox_lost(&outbox));
+}
+
+/* One that dies before it has begun a run changes nothing. */
+static void so_does_the_next_but_one(void) {
+    die_in_a_step();
+    tl_outbox_open(&settings, memory, &taken, &outbox);
+    begin_another(TL_RESUMED_START, 5);
+    TEST_ASSERT_TRUE(put_both(5) && take(TL_ENTRY_START));
+    take_both(5);
+}
+
+static void one_that_begins_anew_leaves_it_to_the_run_before(void) {
+    die_in_a_step();
+    begin_another(TL_RESUMED_NOT, 0);
+    TEST_ASSERT_TRUE(take(TL_ENTRY_SAMPLE));
+    check_sample(5, start.resumption.start);
+    TEST_ASSERT_TRUE(take(TL_ENTRY_START));
+    expect_nothing();
+}
+
+/* In mode ahead: a checkpoint was made of a twin that had the sample already. */
+static void one_that_goes_on_behind_it_leaves_it_too(void) {
+    tl_outbox_left left;
+    TEST_ASSERT_TRUE(tl_outbox_put_start(&outbox, &start) && put_both(4) && put_sample(5));
+    put_checkpoint(5, 100);
+    tl_outbox_open(&settings, memory, &taken, &outbox);
+    TEST_ASSERT_TRUE(tl_outbox_checkpoint_left(&outbox, 0, &left));
+    TEST_ASSERT_EQUAL_INT64(5, left.tick);
+    TEST_ASSERT_FALSE(tl_outbox_entry_left(&outbox, &left.position, &entry));
+    begin_another(TL_RESUMED_CHECKPOINT, 6);
+    TEST_ASSERT_TRUE(take(TL_ENTRY_START));
+    take_both(4);
+    TEST_ASSERT_TRUE(take(TL_ENTRY_SAMPLE) && take(TL_ENTRY_START));
+}
+
+/* Nor is anything gone on from a place that is not there any more. */
+static void a_checkpoint_goes_with_the_sample_that_it_comes_after(void) {
+    tl_outbox_left left;
+    TEST_ASSERT_TRUE(tl_outbox_put_start(&outbox, &start) && put_both(4) && put_sample(5));
+    put_checkpoint(5, 100);
+    tl_outbox_open(&settings, memory, &taken, &outbox);
+    begin_another(TL_RESUMED_START, 5);
+    TEST_ASSERT_TRUE(put_both(5) && put_both(6));
+    TEST_ASSERT_FALSE(tl_outbox_checkpoint_left(&outbox, 0, &left));
+    TEST_ASSERT_TRUE(take(TL_ENTRY_START));
+    take_both(4);
+    TEST_ASSERT_TRUE(take(TL_ENTRY_START));
+    take_both(5);
+    take_both(6);
 }
 
 /* ---- nobody reads ---- */
@@ -889,7 +1026,16 @@ int main(void) {
     RUN_TEST(one_that_cannot_be_saved_leaves_its_entries);
     RUN_TEST(what_was_overtaken_is_not_left);
     RUN_TEST(a_successor_drops_what_is_not_sound);
+    RUN_TEST(what_was_taken_was_there);
+    RUN_TEST(an_end_within_an_entry);
     RUN_TEST(an_end_that_goes_back_reaches_no_further_back);
+    RUN_TEST(a_sample_waits_for_its_step);
+    RUN_TEST(a_tick_finds_room_as_a_whole);
+    RUN_TEST(a_successor_that_goes_on_takes_the_sample_again);
+    RUN_TEST(so_does_the_next_but_one);
+    RUN_TEST(one_that_begins_anew_leaves_it_to_the_run_before);
+    RUN_TEST(one_that_goes_on_behind_it_leaves_it_too);
+    RUN_TEST(a_checkpoint_goes_with_the_sample_that_it_comes_after);
     RUN_TEST(without_a_reader_all_is_for_a_successor);
     RUN_TEST(what_is_not_used_cannot_be_touched);
     RUN_TEST(threads_put_and_one_takes);

@@ -95,6 +95,7 @@ static void a_kind_that_there_is_not(void) {
         tearDown();
         setUp();
         put_sample();
+        put_step();
         unsigned char right = outbox.ring[0];
         outbox.ring[0] = (unsigned char)kind;
         TEST_ASSERT_EQUAL_INT(kind == right, take());
@@ -136,6 +137,7 @@ static void spoil(size_t offset, unsigned char value) {
 static void qualities_that_there_are_not(void) {
     size_t quality = tl_recorder_entry_size(&settings.shape, TL_ENTRY_SAMPLE) - 1;
     put_sample();
+    put_step();
     outbox.ring[quality] = TL_OUTLIER;
     TEST_ASSERT_TRUE(take());
     spoil(quality, TL_OUTLIER + 1);
@@ -184,6 +186,14 @@ static void an_account_that_is_none(void) {
     TEST_ASSERT_TRUE(tl_outbox_put_start(&outbox, &start));
     TEST_ASSERT_FALSE(take());
     expect_fault("holds an account that is none");
+}
+
+static void fmus_that_are_none(void) {
+    start.holds = false;
+    TEST_ASSERT_TRUE(tl_outbox_put_start(&outbox, &start));
+    TEST_ASSERT_TRUE(take());
+    spoil(tl_recorder_entry_size_of_start(false) - TL_SHA256_TEXT, 'a');
+    expect_fault("holds a digest of FMUs that is none");
 }
 
 static void a_reason_without_an_end(void) {
@@ -309,6 +319,7 @@ int main(void) {
     RUN_TEST(a_step_of_any_bytes_is_sound_or_refused);
     RUN_TEST(a_beginning_that_cannot_be);
     RUN_TEST(an_account_that_is_none);
+    RUN_TEST(fmus_that_are_none);
     RUN_TEST(a_reason_without_an_end);
     RUN_TEST(an_event_of_no_severity);
     RUN_TEST(events_without_an_end);

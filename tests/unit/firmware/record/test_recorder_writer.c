@@ -9,6 +9,7 @@
 
 #include <unity.h>
 
+#include "firmware/base/clock.h"
 #include "firmware/base/log.h"
 #include "firmware/database/database_file.h"
 #include "firmware/record/history.h"
@@ -762,6 +763,27 @@ static void test_what_is_left_at_the_end(void) {
     TEST_ASSERT_EQUAL_UINT64(21, tl_recorder_state_get(bench.state).dropped);
 }
 
+/* What a power cut leaves: of a tick all or nothing, wherever a batch ends. */
+static void test_batches_end_between_ticks(void) {
+    bench.record.max_bytes = 1000000;
+    tl_writer_bench_open(&bench);
+    tl_writer_bench_start(&bench, 1);
+    int64_t tick = 0;
+    unsigned batches = 0;
+    for (int64_t ticks = 1; ticks < 400; ticks += 7) {
+        tl_writer_bench_put(&bench, tick, ticks);
+        tick += ticks;
+        write_now();
+        for (int i = 0; i < 2; i++) { /* the last batch, and the one before */
+            const tl_recorder_mark *mark = &bench.state->marks[i];
+            TEST_ASSERT_EQUAL_UINT64(mark->totals.samples, mark->totals.steps);
+            batches += mark->totals.samples > 0 && mark->totals.samples + 1 < (uint64_t)tick ? 1 : 0;
+        }
+    }
+    TEST_ASSERT_GREATER_THAN_UINT(20, batches);
+    close_well();
+}
+
 /* ---- Outboxes that are not believed ------------------------------------------------------------------------------ */
 
 static void test_numbers_that_no_history_would_take(void) {
@@ -823,6 +845,8 @@ static void test_an_outbox_that_is_damaged(void) {
     tl_writer_bench_start(&bench, 1);
     tl_writer_bench_put(&bench, 0, 10);
     write_now();
+    TEST_ASSERT_EQUAL_INT64(0, tl_recorder_writer_damage(bench.writer, 0));
+    tl_time before = tl_clock_now(NULL);
     size_t at = (size_t)(bench.twin.ring - (unsigned char *)bench.memory[0]) + (size_t)bench.state->taken[0].ring;
     tl_writer_bench_put(&bench, 10, 10);
     memset((unsigned char *)bench.memory[0] + at, 0xEE, 64);
@@ -830,11 +854,15 @@ static void test_an_outbox_that_is_damaged(void) {
     write_now();
     write_now();
     TEST_ASSERT_EQUAL_UINT64(21, written());
+    tl_time found = tl_recorder_writer_damage(bench.writer, 0);
+    TEST_ASSERT_TRUE(found >= before && found <= tl_clock_now(NULL));
+    TEST_ASSERT_EQUAL_INT64(0, tl_recorder_writer_damage(bench.writer, 1));
     TEST_ASSERT_EQUAL_INT64(1, tl_writer_bench_count_own(bench.path, "what twin has put out cannot be read on: %"));
     tl_outbox_open(&bench.settings[0], bench.memory[0], &bench.state->taken[0], &bench.twin);
     tl_writer_bench_start(&bench, 2);
     tl_writer_bench_put(&bench, 20, 10);
     tl_writer_bench_write_until(&bench, 41);
+    TEST_ASSERT_EQUAL_INT64(0, tl_recorder_writer_damage(bench.writer, 0));
     close_well();
     tl_writer_bench_expect_whole(bench.path);
     TEST_ASSERT_EQUAL_INT64(2, ask("SELECT count(*) FROM runs"));
@@ -881,6 +909,7 @@ int main(void) {
     RUN_TEST(test_another_twinlock);
     RUN_TEST(test_what_a_full_disk_costs_is_counted);
     RUN_TEST(test_what_is_left_at_the_end);
+    RUN_TEST(test_batches_end_between_ticks);
     RUN_TEST(test_numbers_that_no_history_would_take);
     RUN_TEST(test_an_outbox_that_is_damaged);
     return tl_scratch_finish(&bench.scratch, UNITY_END());

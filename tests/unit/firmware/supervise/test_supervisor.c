@@ -23,6 +23,7 @@
 
 #include <unity.h>
 
+#include "firmware/base/clock.h"
 #include "firmware/process/fmu_call.h"
 #include "firmware/supervise/service.h"
 #include "firmware/supervise/supervisor.h"
@@ -51,6 +52,7 @@ typedef struct stage {
     pid_t last;
     int told;                        /* ends of which the supervisor told */
     char better[TL_RESTARTS_REASON]; /* the reason that it is told instead */
+    tl_time damaged[TL_MEMBERS];     /* what is said of each */
 } stage;
 
 static stage *shared;
@@ -269,6 +271,11 @@ static void ended(void *context, tl_member which, bool again, char reason[TL_RES
     }
 }
 
+static tl_time damaged(void *context, tl_member which) {
+    const stage *on = context;
+    return on->damaged[which];
+}
+
 static void look(void *context) {
     (void)context;
 }
@@ -278,7 +285,8 @@ static void look(void *context) {
 void setUp(void) {
     tl_scratch_empty(&scratch);
     memset(shared, 0, sizeof *shared);
-    settings = (tl_supervisor_settings){.begin = begin, .ended = ended, .look = look, .context = shared};
+    settings =
+        (tl_supervisor_settings){.begin = begin, .ended = ended, .damaged = damaged, .look = look, .context = shared};
     (void)unsetenv("NOTIFY_SOCKET");
     (void)unsetenv("WATCHDOG_USEC");
     TEST_ASSERT_TRUE(tl_stderr_capture_begin());
@@ -458,7 +466,7 @@ static void test_a_killed_supervisor_takes_its_child_along(void) {
 }
 
 /* The exit code of a supervisor that gets the signal `after_ms` after the first start. */
-static int supervise_and_tell(const char *plan, int number, long after_ms) {
+static int supervise_for(const char *plan, int number, long after_ms) {
     cast(TL_MEMBER_TWIN, plan);
     pid_t self = getpid();
     pid_t killer = fork();
@@ -471,8 +479,13 @@ static int supervise_and_tell(const char *plan, int number, long after_ms) {
         _exit(0);
     }
     int code = tl_supervise(&settings);
-    TEST_ASSERT_EQUAL_INT(1, shared->starts);
     TEST_ASSERT_EQUAL_INT(killer, waitpid(killer, NULL, 0));
+    return code;
+}
+
+static int supervise_and_tell(const char *plan, int number, long after_ms) {
+    int code = supervise_for(plan, number, after_ms);
+    TEST_ASSERT_EQUAL_INT(1, shared->starts);
     return code;
 }
 
@@ -496,6 +509,48 @@ static void test_told_to_end_and_deaf(void) {
     expect_code("0", 0);
     TEST_ASSERT_EQUAL_STRING("it was told to", shared->reason[0]);
     TEST_ASSERT_FALSE(shared->again[0]);
+}
+
+/* ---- damage ---- */
+
+static tl_time in_future(void) {
+    return tl_clock_now(NULL) + 3600 * TL_SECOND;
+}
+
+/* Once: whoever says so for ever is not believed for ever. */
+static void test_damage_is_a_failure(void) {
+    settings.state = scratch.folder;
+    shared->damaged[TL_MEMBER_TWIN] = in_future();
+    TEST_ASSERT_EQUAL_INT(0, supervise_for("ww", SIGTERM, 1500));
+    TEST_ASSERT_EQUAL_INT(2, shared->starts);
+    TEST_ASSERT_EQUAL_STRING("it has destroyed its own memory: what it hands to the recorder cannot be read on",
+                             shared->reason[1]);
+}
+
+/* Of the one before: found before this one was ready. */
+static void test_damage_that_was_mended(void) {
+    shared->damaged[TL_MEMBER_TWIN] = tl_clock_now(NULL);
+    TEST_ASSERT_EQUAL_INT(0, supervise_and_tell("w", SIGTERM, 700));
+}
+
+static void test_damage_before_it_is_ready(void) {
+    shared->damaged[TL_MEMBER_TWIN] = in_future();
+    TEST_ASSERT_EQUAL_INT(0, supervise_and_tell("a", SIGTERM, 700));
+}
+
+static void test_damage_of_another_one(void) {
+    cast(TL_MEMBER_IO, "ww");
+    shared->damaged[TL_MEMBER_IO] = in_future();
+    TEST_ASSERT_EQUAL_INT(0, supervise_and_tell("w", SIGTERM, 1500));
+    TEST_ASSERT_EQUAL_INT(2, shared->parts[TL_MEMBER_IO].starts);
+    expect_said("the reading of the plant failed: it has destroyed its own memory");
+}
+
+static void test_damage_alone(void) {
+    settings.alone = true;
+    shared->damaged[TL_MEMBER_TWIN] = in_future();
+    expect_code("w", 70);
+    expect_said("the twin failed: it has destroyed its own memory");
 }
 
 /* ---- alone ---- */
@@ -709,6 +764,11 @@ int main(void) {
     RUN_TEST(test_told_to_end);
     RUN_TEST(test_told_to_end_while_it_hangs);
     RUN_TEST(test_told_to_end_and_deaf);
+    RUN_TEST(test_damage_is_a_failure);
+    RUN_TEST(test_damage_that_was_mended);
+    RUN_TEST(test_damage_before_it_is_ready);
+    RUN_TEST(test_damage_of_another_one);
+    RUN_TEST(test_damage_alone);
     RUN_TEST(test_alone_a_failure_is_the_end);
     RUN_TEST(test_alone_what_it_says_itself_is_not_said_again);
     RUN_TEST(test_alone_silence_is_allowed);
