@@ -22,6 +22,7 @@
 #include "firmware/text/utc.h"
 
 enum {
+    FATE_TEXT = 80,
     EVENT_BYTES = 256, /* what an event counts in a batch */
     MENDS = 3,         /* of a file, in one go */
     STALLS = 8, /* batches of events alone: who puts them out faster than they are written does not keep the caller */
@@ -57,6 +58,8 @@ struct tl_recorder_writer {
     tl_database_file file;
     tl_recorder_database *database; /* NULL: no file is open */
     bool goes_on;                   /* with a run that another writer began */
+    bool is_kept;                   /* what that one wrote is still in its file, as far as we know */
+    char fate[FATE_TEXT];           /* of the file before, as long as it is not said; "": nothing has happened to it */
     tl_time opened_at;              /* when that was tried the last time */
     tl_time mended_at;
 
@@ -334,6 +337,7 @@ static int commit(tl_recorder_writer *writer) {
     tl_recorder_mark *next = &writer->next;
     tl_utc_text(tl_utc_now(), next->totals.committed);
     (void)snprintf(next->path, sizeof next->path, "%s", writer->file.path);
+    next->identity = tl_database_identify(&writer->file);
     tl_recorder_state_try(writer->state, next);
     return tl_recorder_database_commit(writer->database, &next->totals, writer->ends ? writer->entry.reason : NULL);
 }
@@ -485,6 +489,7 @@ static void leave_run(tl_recorder_writer *writer, bool gone) {
         next->dropped += entries_of(next);
         next->written = more_of(next->written, entries_of(next));
         next->totals.lost = lose(next->totals.lost, entries_of(next));
+        writer->lost_said += entries_of(next); /* with its fate */
     }
     next->is_again = next->is_again || next->totals.samples > 0;
     next->has_begun = next->has_begun && !next->has_ended;
@@ -496,18 +501,49 @@ static void leave_run(tl_recorder_writer *writer, bool gone) {
     tl_recorder_state_settle(writer->state);
 }
 
-static void tell_news(tl_recorder_writer *writer, const tl_database_news *news) {
+/* What has become of the file that the run was in; not said yet. */
+static void note_fate(tl_recorder_writer *writer, const char *fate) {
+    (void)snprintf(writer->fate, sizeof writer->fate, "%s with %" PRIu64 " samples, steps and events of this run", fate,
+                   entries_of(tl_recorder_state_mark(writer->state)));
+}
+
+static void tell_fate(tl_recorder_writer *writer, const char *end) {
     char text[TL_EVENT_TEXT];
-    if (news->aside.name[0] != '\0') {
-        const char *name = strrchr(news->aside.name, '/');
-        (void)snprintf(text, sizeof text, "was damaged, is called %.60s now, and was made anew: %.100s",
-                       name == NULL ? news->aside.name : name + 1, news->aside.why);
+    if (writer->fate[0] != '\0') {
+        (void)snprintf(text, sizeof text, "was %s%s", writer->fate, end);
         say(writer, TL_EVENT_ERROR, text);
+    }
+    writer->fate[0] = '\0';
+}
+
+static void tell_beside(tl_recorder_writer *writer, const char *why) {
+    char text[TL_EVENT_TEXT + 2 * FATE_TEXT];
+    bool has_fate = writer->fate[0] != '\0';
+    (void)snprintf(text, sizeof text, "is recorded into instead%s%s: %.180s", has_fate ? " of one that was " : "",
+                   writer->fate, why);
+    say(writer, TL_EVENT_ERROR, text);
+    writer->fate[0] = '\0';
+}
+
+static void tell_aside(tl_recorder_writer *writer, const tl_database_aside *aside) {
+    char text[TL_EVENT_TEXT + 2 * FATE_TEXT];
+    const char *name = strrchr(aside->name, '/');
+    bool has_fate = writer->fate[0] != '\0';
+    (void)snprintf(text, sizeof text, "was %s%sdamaged, is called %.60s now, and was made anew: %.100s", writer->fate,
+                   has_fate ? "; what took its place was " : "", name == NULL ? aside->name : name + 1, aside->why);
+    say(writer, TL_EVENT_ERROR, text);
+    writer->fate[0] = '\0';
+}
+
+/* Of the file that is open now, and why it is another one. */
+static void tell_news(tl_recorder_writer *writer, const tl_database_news *news) {
+    if (news->aside.name[0] != '\0') {
+        tell_aside(writer, &news->aside);
     }
     if (news->beside[0] != '\0') {
-        (void)snprintf(text, sizeof text, "is recorded into instead: %.180s", news->beside);
-        say(writer, TL_EVENT_ERROR, text);
+        tell_beside(writer, news->beside);
     }
+    tell_fate(writer, ", and is made anew");
 }
 
 static bool is_same(const tl_recorder_totals *totals, const tl_recorder_totals *other) {
@@ -527,8 +563,19 @@ static int is_there(tl_recorder_writer *writer, const tl_recorder_mark *mark, bo
     return code;
 }
 
+/* The writer before us wrote another file. What is in that is lost unless it is still there, only not for us to write, or was put aside. */
+static void leave_kept(tl_recorder_writer *writer, const tl_database_news *news) {
+    bool is_aside = news->aside.name[0] != '\0';
+    bool is_here = strcmp(tl_recorder_state_mark(writer->state)->path, writer->file.path) == 0 && !is_aside;
+    bool gone = !writer->is_kept || is_here;
+    if (gone) {
+        note_fate(writer, "gone");
+    }
+    leave_run(writer, gone);
+}
+
 /* How far the writer before us came; and whether what it wrote is here. */
-static int find_run(tl_recorder_writer *writer) {
+static int find_run(tl_recorder_writer *writer, const tl_database_news *news) {
     const tl_recorder_mark *mark = tl_recorder_state_mark(writer->state);
     const tl_recorder_mark *tried = tl_recorder_state_tried(writer->state);
     bool there = false;
@@ -543,7 +590,7 @@ static int find_run(tl_recorder_writer *writer) {
     if (code == SQLITE_OK && !there && mark->run != 0) {
         code = is_there(writer, mark, &there);
         if (code == SQLITE_OK && !there) {
-            leave_run(writer, false);
+            leave_kept(writer, news);
         }
     }
     writer->goes_on = there;
@@ -566,32 +613,43 @@ static void close_file(tl_recorder_writer *writer) {
     tl_database_file_close(&writer->file);
 }
 
+/* Logs of ours beside files that are not: they would be played into those. */
+static void remove_stray_logs(const tl_recorder_writer *writer) {
+    const tl_recorder_mark *mark = tl_recorder_state_mark(writer->state);
+    const tl_recorder_mark *tried = tl_recorder_state_tried(writer->state);
+    tl_database_remove_stray_log(mark->path, &mark->identity);
+    if (tried != NULL) {
+        tl_database_remove_stray_log(tried->path, &tried->identity);
+    }
+}
+
 /* A file that the writer before us was writing, though another one was asked for. */
 static tl_status open_kept(tl_recorder_writer *writer) {
     const tl_database_user user = {begin_use, end_use, writer};
     const tl_recorder_mark *mark = tl_recorder_state_mark(writer->state);
+    writer->is_kept = !tl_database_is_gone(mark->path, &mark->identity);
     if (mark->run == 0 || access(mark->path, F_OK) != 0) {
         return TL_BAD_DATA;
     }
-    return tl_database_file_open(mark->path, 0, &user, &writer->file, NULL, NULL);
+    tl_status status = tl_database_file_open(mark->path, 0, &user, &writer->file, NULL, NULL);
+    if (status != TL_OK && tl_database_get_fault() == TL_DATABASE_FOREIGN) { /* somebody has written into it */
+        writer->is_kept = false;
+    }
+    return status;
 }
 
-static tl_status open_file(tl_recorder_writer *writer, tl_database_insistence insistence, bool *waits) {
+static tl_status open_file(tl_recorder_writer *writer, tl_database_insistence insistence, tl_database_news *news,
+                           bool *waits) {
     const tl_database_user user = {begin_use, end_use, writer};
     const tl_database_wanted wanted = {.path = writer->record.path,
                                        .patience = insistence == TL_DATABASE_ANYHOW ? 0 : PATIENCE,
                                        .insistence = insistence,
                                        .user = &user};
-    tl_database_news news = {.beside = ""};
-    tl_status status = open_kept(writer);
+    *news = (tl_database_news){.beside = ""};
     *waits = false;
-    if (status != TL_OK) {
-        status = tl_database_instead_open(&wanted, &writer->file, &news, waits, &writer->failure);
-    }
-    if (status == TL_OK) {
-        tell_news(writer, &news);
-    }
-    return status;
+    remove_stray_logs(writer);
+    tl_status status = open_kept(writer);
+    return status == TL_OK ? TL_OK : tl_database_instead_open(&wanted, &writer->file, news, waits, &writer->failure);
 }
 
 static bool replace_damaged(tl_recorder_writer *writer) {
@@ -609,19 +667,13 @@ static bool replace_damaged(tl_recorder_writer *writer) {
     return status == TL_OK;
 }
 
-/* What was in it is no more, or somewhere else. */
+/* What was in it is no more, or somewhere else. That is said with what is written instead. */
 static void leave_file(tl_recorder_writer *writer, tl_database_whereabouts found) {
-    char text[TL_EVENT_TEXT];
     bool gone = found != TL_DATABASE_MOVED;
-    uint64_t entries = entries_of(tl_recorder_state_mark(writer->state));
-    const char *fate = found == TL_DATABASE_MOVED     ? "moved away"
-                       : found == TL_DATABASE_REMOVED ? "removed"
-                                                      : "overwritten";
-    (void)snprintf(text, sizeof text, "was %s with %" PRIu64 " samples, steps and events of this run%s", fate, entries,
-                   found == TL_DATABASE_OVERWRITTEN ? "" : ", and is made anew");
-    say(writer, TL_EVENT_ERROR, text);
+    note_fate(writer, found == TL_DATABASE_MOVED     ? "moved away"
+                      : found == TL_DATABASE_REMOVED ? "removed"
+                                                     : "overwritten");
     leave_run(writer, gone);
-    writer->lost_said += gone ? entries : 0;
     if (gone) {
         end_use(writer);
         tl_database_file_abandon(&writer->file);
@@ -700,6 +752,7 @@ static bool look_after_file(tl_recorder_writer *writer) {
 
 /* Is there a file to write into? Tries to open one every now and then. */
 static bool is_open(tl_recorder_writer *writer) {
+    tl_database_news news;
     bool waits = false;
     if (writer->database != NULL) {
         return true;
@@ -708,12 +761,14 @@ static bool is_open(tl_recorder_writer *writer) {
         return false;
     }
     writer->opened_at = tl_clock_now(NULL);
-    if (open_file(writer, TL_DATABASE_ANYHOW, &waits) != TL_OK) {
+    if (open_file(writer, TL_DATABASE_ANYHOW, &news, &waits) != TL_OK) {
+        tell_fate(writer, "");
         note_refusal_to_open(writer);
         return false;
     }
     tl_database_file_set_patience(&writer->file, PATIENCE_RUNNING);
-    int code = find_run(writer);
+    int code = find_run(writer, &news);
+    tell_news(writer, &news);
     if (code != SQLITE_OK) {
         keep_words(writer, code);
     }
@@ -852,6 +907,7 @@ static tl_status begin_first(tl_recorder_writer *writer, const tl_outbox_start *
 }
 
 static tl_status open_all(tl_recorder_writer *writer, const tl_recorder_writer_settings *settings) {
+    tl_database_news news;
     bool waits = false;
     bool is_new = tl_recorder_state_mark(writer->state)->number == 0 && tl_recorder_state_tried(writer->state) == NULL;
     tl_database_insistence insistence = is_new ? settings->record->insistence : TL_DATABASE_ANYHOW;
@@ -859,11 +915,13 @@ static tl_status open_all(tl_recorder_writer *writer, const tl_recorder_writer_s
         (void)is_open(writer); /* and if it is not, it will be */
         return TL_OK;
     }
-    tl_status status = open_file(writer, insistence, &waits);
+    tl_status status = open_file(writer, insistence, &news, &waits);
     if (status != TL_OK && !waits) {
         return status;
     }
-    if (status != TL_OK) {
+    if (status == TL_OK) {
+        tell_news(writer, &news);
+    } else {
         note_refusal_to_open(writer);
     }
     status = settings->first == NULL ? TL_OK : begin_first(writer, settings->first, insistence);

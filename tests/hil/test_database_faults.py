@@ -7,20 +7,18 @@ import functools
 import os
 import shutil
 import signal
-import sqlite3
 import subprocess
 import time
-from contextlib import closing
 
 from attacks import PLAIN_USER, open_to_all, program_for
-from live_test import FIRST_GUESS, MADE_UP, OPTIMISED, Device, Program, check_replay, end_well, member, query, wait_until
+from bad_databases import FOREIGN, aside, beside, copied, execute, halve, hold, let_go, log_of, names, remove_all, replace, spoil, steps_in
+from live_test import FIRST_GUESS, MADE_UP, OPTIMISED, Device, Program, check_replay, end_well, member, query, stop, wait_until
 from test_disk_full import SmallDisk, fill
 from tree import OMEGA, Tree, configuration
 from twinlock_test import PROGRAM, Skip, expect, main, run, scratch
 
 ENOUGH = 60  # steps
 LOCKED_S = 5
-FOREIGN = b"time,omega\n0,1\n"
 WAYS = True, False  # supervised, alone
 
 
@@ -61,13 +59,6 @@ class Live(Tree):
         told, log = end_well(self, signal.SIGTERM)
         expect(told["steps"] + told["skipped"] == told["ticks"] > 0, f"{told}")
         return told, log
-
-
-def steps_in(database):
-    try:
-        return query(database, "SELECT count(*) FROM steps WHERE outcome <> ?", MADE_UP)[0][0]
-    except sqlite3.Error:
-        return 0
 
 
 def check_said(log, database, *words):
@@ -120,41 +111,6 @@ def healthy():
         code, _, log = run(["run", config, "--duration", "0.5"])
         expect(code == 0, log)
     return database.read_bytes()
-
-
-def spoil(path, at, end=None):
-    """Bytes that no page has, up to the end."""
-    with open(path, "r+b") as file:
-        size = file.seek(0, os.SEEK_END) if end is None else end
-        file.seek(at)
-        file.write(b"\xa5" * (size - at))
-
-
-def halve(path):
-    os.truncate(path, os.path.getsize(path) // 2 // 4096 * 4096)
-
-
-def execute(path, *statements):
-    with closing(sqlite3.connect(path, timeout=10, isolation_level=None)) as connection:
-        for statement in statements:
-            connection.execute(statement).fetchall()
-
-
-def beside(path):
-    return path.with_name(path.name + ".beside")
-
-
-def aside(path):
-    return path.with_name(path.name + ".damaged-1")
-
-
-def log_of(path):
-    return path.with_name(path.name + "-wal")
-
-
-def names(path):
-    """What there is of a database's; not SQLite's."""
-    return sorted(entry.name for entry in path.parent.iterdir() if entry.name.startswith(path.name) and not entry.name.endswith(("-shm", "-wal")))
 
 
 # ---- a user who may not do everything ----
@@ -275,7 +231,7 @@ def test_an_unreadable_file_at_the_start():
 
 
 def test_a_folder_that_may_not_be_entered_at_the_start():
-    """On a terminal there is nothing to record into."""
+    """Waited for, supervised; on a terminal there is nothing to record into."""
     with Device(OMEGA) as device:
         config, _ = configuration(device.port)
         folder = scratch()
@@ -287,6 +243,15 @@ def test_a_folder_that_may_not_be_entered_at_the_start():
         with Live(config, False, "--db", path, **options) as live:
             code, _, log = live.end()
         expect(code == 75 and str(path) in log and "Permission denied" in log, f"ended with {code}\n{log}")
+        with Live(config, True, "--db", path, **options) as live:
+            live.wait_for("cannot write")
+            live.twin = member(live, "twin")
+            time.sleep(1)
+            folder.chmod(0o755)
+            live.wait_for_steps(path)
+            told, log = live.finish()
+    check_whole(config, told, path)
+    check_said(log, path, "cannot write: ", "writes again after")
 
 
 def test_a_folder_that_is_not_there_at_the_start():
@@ -303,23 +268,15 @@ def test_a_folder_that_is_not_there_at_the_start():
     check_said(log, path, "cannot write: ", "writes again after")
 
 
-def hold(path):
-    """Another program has it for itself."""
-    connection = sqlite3.connect(path, timeout=10, isolation_level=None)
-    connection.execute("BEGIN EXCLUSIVE")
-    return connection
-
-
 def test_locked_at_the_start():
     for supervised in WAYS:
         held = []
 
-        def let_go(live, held=held):
+        def free(live, held=held):
             live.wait_for("cannot write")
             time.sleep(LOCKED_S)
-            held[0].execute("ROLLBACK")
-            held[0].close()
-        path, log = start_with(lambda path, held=held: held.append(hold(path)), supervised, lambda path: path, let_go)
+            let_go(held[0])
+        path, log = start_with(lambda path, held=held: held.append(hold(path)), supervised, lambda path: path, free)
         check_said(log, path, "cannot write: another program has locked", "writes again after")
 
 
@@ -392,14 +349,9 @@ def test_overwritten_while_written():
     """In its place, by what is not ours: that is left as it is, and our log is not played into it."""
     for supervised in WAYS:
         _, path, told, log = change_while_written(written_back(lambda path: path.write_bytes(FOREIGN)), supervised, beside)
-        check_said(log, beside(path), "was overwritten with ", f"is recorded into instead: {path}: is not a twinlock database")
+        check_said(log, beside(path), "is recorded into instead of one that was overwritten with ")
         check_rest(told, beside(path), log, "overwritten")
         expect(path.read_bytes() == FOREIGN and not log_of(path).exists(), "touched, or a log of ours is beside it")
-
-
-def replace(path, content):
-    path.with_suffix(".other").write_bytes(content)
-    path.with_suffix(".other").rename(path)
 
 
 def test_replaced_while_written():
@@ -411,19 +363,14 @@ def test_replaced_while_written():
         expect(query(path, "PRAGMA integrity_check") == [("ok",)], "the two were mixed")
         expect(query(path, "SELECT name FROM runs WHERE run = 1") == [("before",)], "what was in it is gone")
         _, path, told, log = change_while_written(lambda _, path: replace(path, FOREIGN), supervised, beside)
-        check_said(log, beside(path), "was removed with ", f"is recorded into instead: {path}: is not a twinlock database")
+        check_said(log, beside(path), "is recorded into instead of one that was removed with ")
         check_rest(told, beside(path), log, "removed")
         expect(path.read_bytes() == FOREIGN, "touched")
 
 
-def remove_all(_, path):
-    for name in path.parent.glob(path.name + "*"):
-        name.unlink()
-
-
 def test_deleted_while_written():
     for supervised in WAYS:
-        for act in lambda _, path: path.unlink(), remove_all:
+        for act in lambda _, path: path.unlink(), lambda _, path: remove_all(path):
             _, path, told, log = change_while_written(act, supervised, lambda path: path)
             check_said(log, path, "was removed with ")
             check_rest(told, path, log, "removed")
@@ -460,12 +407,59 @@ def test_a_folder_that_is_made_anew_while_written():
         check_rest(told, path, log, "removed")
 
 
+def when_nobody_writes(act):
+    """The recorder is stopped, so that it cannot look, and is killed after that."""
+    def change(live, path):
+        recorder = member(live, "recorder")
+        stop(recorder)
+        act(live, path)
+        os.kill(recorder, signal.SIGKILL)
+    return change
+
+
+def damaged():
+    """A database of ours whose pages are not what they were."""
+    path = scratch() / "damaged.db"
+    path.write_bytes(healthy())
+    spoil(path, 2 * 4096)
+    return path.read_bytes()
+
+
+def test_deleted_and_killed():
+    """What waits is written into the next file; what was in the one before is counted."""
+    for supervised in WAYS:
+        for act in lambda _, path: path.unlink(), lambda _, path: remove_all(path):
+            _, path, told, log = change_while_written(when_nobody_writes(act), supervised, lambda path: path)
+            check_said(log, path, "was gone with ")
+            check_rest(told, path, log, "gone")
+
+
+def test_replaced_and_killed():
+    """Our log is not played into what is there now."""
+    for supervised in WAYS:
+        act = when_nobody_writes(lambda _, path: replace(path, healthy()))
+        _, path, told, log = change_while_written(act, supervised, lambda path: path)
+        check_said(log, path, "was gone with ")
+        check_rest(told, path, log, "gone")
+        expect(query(path, "PRAGMA integrity_check") == [("ok",)], "the two were mixed")
+        expect(query(path, "SELECT name FROM runs WHERE run = 1") == [("before",)], "what was in it is gone")
+        act = when_nobody_writes(lambda _, path: replace(path, damaged()))
+        _, path, told, log = change_while_written(act, supervised, lambda path: path)
+        check_said(log, path, "what took its place was damaged, is called twin.db.damaged-1 now, and was made anew: ")
+        check_rest(told, path, log, "gone")
+        expect(aside(path).read_bytes() == damaged(), "what was put aside has changed")
+        act = when_nobody_writes(lambda _, path: replace(path, FOREIGN))
+        _, path, told, log = change_while_written(act, supervised, beside)
+        check_said(log, beside(path), "is recorded into instead of one that was gone with ")
+        check_rest(told, beside(path), log, "gone")
+        expect(path.read_bytes() == FOREIGN and not log_of(path).exists(), "touched, or a log of ours is beside it")
+
+
 def lock_for_a_while(live, path):
     connection = hold(path)
     live.wait_for("cannot write")
     time.sleep(LOCKED_S)
-    connection.execute("ROLLBACK")
-    connection.close()
+    let_go(connection)
 
 
 def test_locked_while_written():
@@ -545,19 +539,13 @@ FULL = 'mount -t tmpfs -o size=16m none "$0" && { head -c 20M /dev/zero >"$0/bal
 
 
 class Disk:
-    """The folder of a run that has a file system of its own, as seen from here: SQLite would take its path for another one."""
+    """The folder of a run that has a file system of its own, as seen from here."""
 
     def __init__(self, live, folder):
         self.folder = os.open(f"/proc/{live.pid}/root{folder}", os.O_RDONLY)  # also beyond the program's end
-        self.copy = scratch() / "twin.db"
 
     def copied(self):
-        for end in "", "-wal":
-            try:
-                shutil.copy(f"/proc/self/fd/{self.folder}/twin.db{end}", f"{self.copy}{end}")
-            except FileNotFoundError:
-                self.copy.with_name(f"twin.db{end}").unlink(missing_ok=True)
-        return self.copy
+        return copied(f"/proc/self/fd/{self.folder}", "twin.db")
 
     def wait_for_steps(self, live):
         before = steps_in(self.copied())
@@ -589,8 +577,9 @@ def on_a_small_disk(supervised, script, act):
             live.wait_for("writes again")
             disk.wait_for_steps(live)
             told, log = live.finish()
-    check_whole(config, told, disk.copied())
-    check_said(log, disk.copy, "cannot write: ", "writes again after")
+    copy = disk.copied()
+    check_whole(config, told, copy)
+    check_said(log, copy, "cannot write: ", "writes again after")
     os.close(disk.folder)
 
 

@@ -1,0 +1,58 @@
+/* Which files a database was in: see database_identity.h. */
+#include "firmware/database/database_identity.h"
+
+#include <errno.h>
+#include <fcntl.h>
+#include <limits.h>
+#include <stdio.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include "master/base/simtime.h"
+
+/* Of an open file (name "") or of one with this name; false: errno. */
+static bool look(int handle, const char *name, tl_database_inode *inode) {
+    struct statx found;
+    if (statx(handle, name, AT_EMPTY_PATH, STATX_INO | STATX_BTIME, &found) != 0) {
+        return false;
+    }
+    inode->device = (uint64_t)found.stx_dev_major << 32 | found.stx_dev_minor;
+    inode->number = found.stx_ino;
+    inode->born =
+        (found.stx_mask & STATX_BTIME) != 0 ? found.stx_btime.tv_sec * TL_SECOND + found.stx_btime.tv_nsec : 0;
+    return true;
+}
+
+static bool is_same(const tl_database_inode *inode, const tl_database_inode *other) {
+    return inode->device == other->device && inode->number == other->number && inode->born == other->born;
+}
+
+tl_database_identity tl_database_identify(const tl_database_file *file) {
+    const tl_database_inode none = {.number = 0};
+    tl_database_identity identity = {.file = none};
+    if (!look(file->handle, "", &identity.file)) {
+        identity.file = none;
+    }
+    if (!look(file->log, "", &identity.log)) {
+        identity.log = none;
+    }
+    return identity;
+}
+
+bool tl_database_is_gone(const char *path, const tl_database_identity *identity) {
+    tl_database_inode now;
+    if (identity->file.number == 0) {
+        return false;
+    }
+    return look(AT_FDCWD, path, &now) ? !is_same(&now, &identity->file) : errno == ENOENT || errno == ENOTDIR;
+}
+
+void tl_database_remove_stray_log(const char *path, const tl_database_identity *identity) {
+    char name[PATH_MAX];
+    tl_database_inode now;
+    int length = snprintf(name, sizeof name, "%s-wal", path);
+    if (length < PATH_MAX && identity->log.number != 0 && tl_database_is_gone(path, identity) &&
+        look(AT_FDCWD, name, &now) && is_same(&now, &identity->log)) {
+        (void)unlink(name);
+    }
+}
