@@ -47,12 +47,17 @@ bool tl_database_is_gone(const char *path, const tl_database_identity *identity)
     return look(AT_FDCWD, path, &now) ? !is_same(&now, &identity->file) : errno == ENOENT || errno == ENOTDIR;
 }
 
+/* Its index goes first: one that is there is believed, and who reads the other file at this moment may have made it of this log. */
 void tl_database_remove_stray_log(const char *path, const tl_database_identity *identity) {
-    char name[PATH_MAX];
+    char log[PATH_MAX];
+    char index[PATH_MAX];
     tl_database_inode now;
-    int length = snprintf(name, sizeof name, "%s-wal", path);
-    if (length < PATH_MAX && identity->log.number != 0 && tl_database_is_gone(path, identity) &&
-        look(AT_FDCWD, name, &now) && is_same(&now, &identity->log)) {
-        (void)unlink(name);
+    if (snprintf(log, sizeof log, "%s-wal", path) >= PATH_MAX ||
+        snprintf(index, sizeof index, "%s-shm", path) >= PATH_MAX || identity->log.number == 0) {
+        return;
+    }
+    if (tl_database_is_gone(path, identity) && look(AT_FDCWD, log, &now) && is_same(&now, &identity->log)) {
+        (void)unlink(index);
+        (void)unlink(log);
     }
 }

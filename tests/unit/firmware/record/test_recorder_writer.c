@@ -4,6 +4,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/prctl.h>
 #include <sys/stat.h>
 #include <sys/wait.h>
 #include <unistd.h>
@@ -734,6 +735,94 @@ static void test_a_file_that_is_replaced_when_nobody_writes(void) {
                              tl_sql_text(bench.path, "SELECT group_concat(samples_written, ', ') FROM runs"));
 }
 
+/* Somebody reads what is at the path while nobody writes, or before the one who writes has looked: SQLite makes an index of our log for them. */
+typedef struct stranger {
+    pid_t child;
+    int go;   /* a byte to it: read now */
+    int done; /* a byte from it: it has */
+} stranger;
+
+static void read_and_stay(int go, int done) {
+    sqlite3 *database = NULL;
+    char byte = 0;
+    (void)prctl(PR_SET_PDEATHSIG, SIGKILL);
+    if (read(go, &byte, 1) == 1 && sqlite3_open_v2(bench.path, &database, SQLITE_OPEN_READONLY, NULL) == SQLITE_OK &&
+        sqlite3_exec(database, "SELECT count(*) FROM runs", NULL, NULL, NULL) == SQLITE_OK &&
+        write(done, &byte, 1) == 1) {
+        (void)pause();
+    }
+    _exit(1);
+}
+
+static stranger begin_stranger(void) {
+    int go[2];
+    int done[2];
+    TEST_ASSERT_EQUAL_INT(0, pipe(go));
+    TEST_ASSERT_EQUAL_INT(0, pipe(done));
+    pid_t child = fork();
+    if (child == 0) {
+        (void)close(go[1]);
+        (void)close(done[0]);
+        read_and_stay(go[0], done[1]);
+    }
+    (void)close(go[0]);
+    (void)close(done[1]);
+    return (stranger){child, go[1], done[0]};
+}
+
+static void let_read(const stranger *who) {
+    char byte = 0;
+    TEST_ASSERT_EQUAL_INT(1, write(who->go, &byte, 1));
+    TEST_ASSERT_EQUAL_INT(1, read(who->done, &byte, 1));
+}
+
+static void end_stranger(const stranger *who) {
+    TEST_ASSERT_EQUAL_INT(0, kill(who->child, SIGKILL));
+    TEST_ASSERT_EQUAL_INT(who->child, waitpid(who->child, NULL, 0));
+    (void)close(who->go);
+    (void)close(who->done);
+}
+
+static void expect_replaced_before_a_reader(const char *words) {
+    expect_one_run(bench.path, "10 10 20");
+    TEST_ASSERT_EQUAL_STRING("10, 10", tl_sql_text(bench.path, "SELECT group_concat(samples_written, ', ') FROM runs"));
+    TEST_ASSERT_EQUAL_INT64(1, tl_writer_bench_count_own(bench.path, words));
+    TEST_ASSERT_EQUAL_INT64(1, ask("SELECT count(*) FROM events"));
+}
+
+static void test_a_file_that_is_replaced_before_a_reader(void) {
+    char copy[PATH_MAX + 8];
+    (void)snprintf(copy, sizeof copy, "%s.copy", bench.path);
+    record(10);
+    TEST_ASSERT_EQUAL_INT(0, rename(bench.path, copy));
+    tl_writer_bench_forget(&bench);
+    stranger reader = begin_stranger();
+    begin_run(10);
+    TEST_ASSERT_EQUAL_INT(0, rename(copy, bench.path));
+    let_read(&reader);
+    tl_writer_bench_put(&bench, 10, 10);
+    write_now();
+    close_well();
+    end_stranger(&reader);
+    expect_replaced_before_a_reader("was removed with 20 samples%, and is made anew");
+}
+
+static void test_a_file_that_is_replaced_before_a_reader_when_nobody_writes(void) {
+    char copy[PATH_MAX + 8];
+    (void)snprintf(copy, sizeof copy, "%s.copy", bench.path);
+    record(10);
+    TEST_ASSERT_EQUAL_INT(0, rename(bench.path, copy));
+    tl_writer_bench_forget(&bench);
+    begin_and_be_killed(10);
+    TEST_ASSERT_EQUAL_INT(0, rename(copy, bench.path));
+    stranger reader = begin_stranger();
+    let_read(&reader);
+    tl_writer_bench_open(&bench);
+    close_well();
+    end_stranger(&reader);
+    expect_replaced_before_a_reader("was gone with 20 samples%, and is made anew");
+}
+
 /* It is put aside as it was: our log would have made it look well. */
 static void test_a_damaged_file_in_its_place_when_nobody_writes(void) {
     char copy[PATH_MAX + 8];
@@ -1018,6 +1107,8 @@ int main(void) {
     RUN_TEST(test_a_file_that_is_removed_when_nobody_writes);
     RUN_TEST(test_a_folder_that_is_emptied_when_nobody_writes);
     RUN_TEST(test_a_file_that_is_replaced_when_nobody_writes);
+    RUN_TEST(test_a_file_that_is_replaced_before_a_reader);
+    RUN_TEST(test_a_file_that_is_replaced_before_a_reader_when_nobody_writes);
     RUN_TEST(test_a_damaged_file_in_its_place_when_nobody_writes);
     RUN_TEST(test_a_foreign_file_in_its_place_when_nobody_writes);
     RUN_TEST(test_a_file_that_is_overwritten_when_nobody_writes);
