@@ -13,7 +13,7 @@
 #include "tests/support/random_numbers.h"
 #include "tests/support/scratch.h"
 
-enum { OTHER_USER = 65534, TRIALS = 400, LONGEST_NS = 50000 };
+enum { OTHER_USER = 65534, TRIALS = 200, LONGEST_NS = 50000 };
 
 static tl_scratch scratch;
 static char path[PATH_MAX];
