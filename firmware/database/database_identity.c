@@ -8,6 +8,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include "firmware/database/database_lock.h"
 #include "master/base/simtime.h"
 
 /* Of an open file (name "") or of one with this name; false: errno. */
@@ -47,17 +48,27 @@ bool tl_database_is_gone(const char *path, const tl_database_identity *identity)
     return look(AT_FDCWD, path, &now) ? !is_same(&now, &identity->file) : errno == ENOENT || errno == ENOTDIR;
 }
 
-/* Its index goes first: one that is there is believed, and who reads the other file at this moment may have made it of this log. */
+/* Its log is there, without it. */
+static bool is_stray(const char *path, const char *log, const tl_database_identity *identity) {
+    tl_database_inode now;
+    return identity->log.number != 0 && tl_database_is_gone(path, identity) && look(AT_FDCWD, log, &now) &&
+           is_same(&now, &identity->log);
+}
+
+/* Under the lock, since another twinlock may be writing there, with this log for its own. The index goes first: one that is there is believed,
+ * and who reads the other file at this moment may have made it of this log. */
 void tl_database_remove_stray_log(const char *path, const tl_database_identity *identity) {
     char log[PATH_MAX];
     char index[PATH_MAX];
-    tl_database_inode now;
+    tl_database_lock lock;
     if (snprintf(log, sizeof log, "%s-wal", path) >= PATH_MAX ||
-        snprintf(index, sizeof index, "%s-shm", path) >= PATH_MAX || identity->log.number == 0) {
+        snprintf(index, sizeof index, "%s-shm", path) >= PATH_MAX || !is_stray(path, log, identity) ||
+        tl_database_lock_take(path, 0, &lock, NULL) != TL_OK) {
         return;
     }
-    if (tl_database_is_gone(path, identity) && look(AT_FDCWD, log, &now) && is_same(&now, &identity->log)) {
+    if (is_stray(path, log, identity)) {
         (void)unlink(index);
         (void)unlink(log);
     }
+    tl_database_lock_release(&lock);
 }

@@ -31,7 +31,8 @@ tl_database_identity tl_database_identify(const tl_database_file *file);
 /* At this path there is another file now, or none. False also if that cannot be told, as in a folder that may not be entered. */
 bool tl_database_is_gone(const char *path, const tl_database_identity *identity);
 
-/* If it is gone and its log is still there: removes that, and the log's index, FILE-shm. */
+/* If it is gone and its log is still there: removes that, and the log's index, FILE-shm. Not while another recorder has the lock. The caller must
+ * have none. */
 void tl_database_remove_stray_log(const char *path, const tl_database_identity *identity);
 
 #endif

@@ -22,7 +22,7 @@
 #include "firmware/text/utc.h"
 
 enum {
-    FATE_TEXT = 80,
+    FATE_TEXT = 80,    /* of one file */
     EVENT_BYTES = 256, /* what an event counts in a batch */
     MENDS = 3,         /* of a file, in one go */
     STALLS = 8, /* batches of events alone: who puts them out faster than they are written does not keep the caller */

@@ -823,6 +823,28 @@ static void test_a_file_that_is_replaced_before_a_reader_when_nobody_writes(void
     expect_replaced_before_a_reader("was gone with 20 samples%, and is made anew");
 }
 
+/* It takes our log for its own, and writes on into it: that stays. */
+static void test_a_file_that_is_replaced_and_written_by_another(void) {
+    char copy[PATH_MAX + 8];
+    char wal[PATH_MAX + 8];
+    tl_recorder *other = NULL;
+    const tl_recorder_settings settings = tl_made_settings(bench.path);
+    (void)snprintf(copy, sizeof copy, "%s.copy", bench.path);
+    (void)snprintf(wal, sizeof wal, "%s-wal", bench.path);
+    record(10);
+    TEST_ASSERT_EQUAL_INT(0, rename(bench.path, copy));
+    tl_writer_bench_forget(&bench);
+    begin_and_be_killed(10);
+    TEST_ASSERT_EQUAL_INT(0, rename(copy, bench.path));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_recorder_open(&settings, &other, &bench.error));
+    tl_writer_bench_open(&bench);
+    int64_t size = size_of(wal);
+    TEST_ASSERT_EQUAL_INT(TL_TRY_AGAIN, tl_writer_bench_close(&bench));
+    TEST_ASSERT_NOT_NULL(strstr(bench.error.text, "another twinlock is writing it"));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_recorder_close(other, "end", NULL, &bench.error));
+    TEST_ASSERT_GREATER_THAN_INT64(0, size);
+}
+
 /* It is put aside as it was: our log would have made it look well. */
 static void test_a_damaged_file_in_its_place_when_nobody_writes(void) {
     char copy[PATH_MAX + 8];
@@ -1109,6 +1131,7 @@ int main(void) {
     RUN_TEST(test_a_file_that_is_replaced_when_nobody_writes);
     RUN_TEST(test_a_file_that_is_replaced_before_a_reader);
     RUN_TEST(test_a_file_that_is_replaced_before_a_reader_when_nobody_writes);
+    RUN_TEST(test_a_file_that_is_replaced_and_written_by_another);
     RUN_TEST(test_a_damaged_file_in_its_place_when_nobody_writes);
     RUN_TEST(test_a_foreign_file_in_its_place_when_nobody_writes);
     RUN_TEST(test_a_file_that_is_overwritten_when_nobody_writes);
