@@ -84,12 +84,13 @@ def steps_in(database):
         return 0
 
 
-def copied(folder, name):
-    """A copy of a database in a file system that other processes have for themselves: SQLite would take its path for another one."""
-    copy = scratch() / name
+def copied(folder, name, into=None):
+    """A copy of a database that SQLite had better not read in its place: in a file system that other processes have for themselves it would take its
+    path for another one."""
+    copy = (into or scratch()) / name
     for end in "", "-wal":
         try:
             shutil.copy(f"{folder}/{name}{end}", f"{copy}{end}")
         except FileNotFoundError:
-            pass
+            copy.with_name(copy.name + end).unlink(missing_ok=True)
     return copy

@@ -17,6 +17,7 @@ NAME = "faults"
 UNIT = f"twinlock@{NAME}"
 FOLDER = "/var/lib/twinlock"
 PORT = 1503
+LATE_S = 5  # of an answer and of a reading: the plant shares a busy machine with all else
 ENOUGH = 50  # steps
 IN_LOCK = 0.95  # of them
 OUTCOMES = "SELECT outcome FROM steps WHERE run = ? AND step > ? AND outcome <> ? AND stop <> ? ORDER BY step"
@@ -57,9 +58,9 @@ class Service:
         live = json.loads((examples / "motor/live.json").read_text(encoding="utf-8"))
         del live["duration_s"]
         live["record"]["commit_s"] = 0.1
-        live["sources"]["inverter"]["modbus_tcp"]["port"] = PORT
+        live["sources"]["inverter"]["modbus_tcp"].update(port=PORT, timeout_s=LATE_S)
         for signal_ in live["plant"].values():
-            signal_["stale_s"] = 5  # the plant shares a busy machine with all else
+            signal_["stale_s"] = LATE_S
         self.configuration.write_text(json.dumps(live), encoding="utf-8")
         plant = json.loads((examples / "motor/plant.json").read_text(encoding="utf-8"))
         plant.update(duration_s=3600, recording={"file": "still.csv", "time_column": "t"})
