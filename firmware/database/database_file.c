@@ -55,6 +55,16 @@ static bool name_log(const tl_database_file *file, char name[PATH_MAX]) {
     return snprintf(name, PATH_MAX, "%s-wal", file->path) < PATH_MAX;
 }
 
+/* As if it had never been there: an index that is left is believed. */
+static void remove_log(const tl_database_file *file) {
+    char log[PATH_MAX];
+    char index[PATH_MAX];
+    if (name_log(file, log) && snprintf(index, sizeof index, "%s-shm", file->path) < PATH_MAX) {
+        (void)unlink(index);
+        (void)unlink(log);
+    }
+}
+
 /* It is there as soon as something was read. */
 static void open_log(tl_database_file *file) {
     char name[PATH_MAX];
@@ -258,7 +268,7 @@ bool tl_database_file_write_back(tl_database_file *file) {
 void tl_database_file_abandon(tl_database_file *file) {
     char log[PATH_MAX];
     if (name_log(file, log) && file->log >= 0 && look_for(file->log, log) == TL_DATABASE_IN_PLACE) {
-        (void)unlink(log);
+        remove_log(file);
     }
     close_as_it_is(file);
     tl_database_file_close(file);

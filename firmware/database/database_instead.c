@@ -1,7 +1,10 @@
 /* Which file is written: see database_instead.h. */
 #include "firmware/database/database_instead.h"
 
+#include <fcntl.h>
+#include <libgen.h>
 #include <stdio.h>
+#include <unistd.h>
 
 #include "firmware/database/database.h"
 #include "firmware/database/database_fault.h"
@@ -15,11 +18,14 @@ static bool is_waited_for(tl_database_fault fault) {
     return fault == TL_DATABASE_LATER || fault == TL_DATABASE_TAKEN;
 }
 
-tl_status tl_database_instead_beside(const char *given, const char *why, const tl_database_user *user,
-                                     tl_database_file *file, tl_database_news *news, tl_error *error) {
-    char place[PATH_MAX];
+/* Which file the others are beside: links resolved. */
+static const char *find_place(const char *given, char place[PATH_MAX]) {
+    return tl_database_place(given, place, NULL) == TL_OK ? place : given;
+}
+
+static tl_status open_beside(const char *path, const char *why, const tl_database_user *user, tl_database_file *file,
+                             tl_database_news *news, tl_error *error) {
     char name[PATH_MAX];
-    const char *path = tl_database_place(given, place, NULL) == TL_OK ? place : given;
     tl_status status = TL_BAD_DATA;
     bool ends = false;
     for (int i = 1; i <= TL_DATABASE_BESIDE_MOST && !ends; i++) {
@@ -35,16 +41,45 @@ tl_status tl_database_instead_beside(const char *given, const char *why, const t
     return status;
 }
 
+tl_status tl_database_instead_beside(const char *given, const char *why, const tl_database_user *user,
+                                     tl_database_file *file, tl_database_news *news, tl_error *error) {
+    char place[PATH_MAX];
+    return open_beside(find_place(given, place), why, user, file, news, error);
+}
+
+/* Nothing can be written in its folder. Then no name beside it can be either, unless the folder is opened meanwhile, and then the file itself
+ * can be. */
+static bool is_shut_in(const char *path) {
+    char copy[PATH_MAX];
+    (void)snprintf(copy, sizeof copy, "%s", path);
+    return faccessat(AT_FDCWD, dirname(copy), W_OK | X_OK, AT_EACCESS) != 0;
+}
+
+/* The file that was asked for. `path` is what others are beside; *shut: none of them is to be tried. A file that was denied is tried again once
+ * its folder is known to be open: else it might have been opened since, and another file be written for no reason. */
+static tl_status open_wanted(const tl_database_wanted *wanted, const char *path, tl_database_file *file,
+                             tl_database_aside *aside, bool *shut, tl_error *error) {
+    tl_status status = tl_database_file_open(wanted->path, wanted->patience, wanted->user, file, aside, error);
+    if (status == TL_OK || tl_database_get_fault() != TL_DATABASE_DENIED) {
+        return status;
+    }
+    *shut = is_shut_in(path);
+    return *shut ? status : tl_database_file_open(wanted->path, wanted->patience, wanted->user, file, aside, error);
+}
+
 tl_status tl_database_instead_open(const tl_database_wanted *wanted, tl_database_file *file, tl_database_news *news,
                                    bool *waits, tl_error *error) {
+    char place[PATH_MAX];
     tl_error first = {TL_OK, ""};
+    bool shut = false;
     *news = (tl_database_news){.beside = ""};
     *waits = false;
     tl_database_aside *aside = wanted->insistence == TL_DATABASE_ALL_OR_NOTHING ? NULL : &news->aside;
-    tl_status status = tl_database_file_open(wanted->path, wanted->patience, wanted->user, file, aside, &first);
+    const char *path = find_place(wanted->path, place);
+    tl_status status = open_wanted(wanted, path, file, aside, &shut, &first);
     tl_database_fault fault = tl_database_get_fault();
     if (status != TL_OK && !is_refused(wanted->insistence, fault) && !is_waited_for(fault)) {
-        if (tl_database_instead_beside(wanted->path, first.text, wanted->user, file, news, NULL) == TL_OK) {
+        if (!shut && open_beside(path, first.text, wanted->user, file, news, NULL) == TL_OK) {
             return TL_OK;
         }
         *waits = wanted->insistence == TL_DATABASE_ANYHOW || tl_database_get_fault() == TL_DATABASE_LATER;

@@ -64,6 +64,7 @@ static int commit(tl_recorder_batch *batch) {
     tl_recorder_mark *next = &batch->next;
     tl_utc_text(tl_utc_now(), next->totals.committed);
     (void)snprintf(next->path, sizeof next->path, "%s", tl_recorder_file_path(batch->settings.file));
+    next->identity = tl_database_identify(&batch->settings.file->file);
     tl_recorder_state_try(batch->settings.state, next);
     return tl_recorder_database_commit(database_of(batch), &next->totals, batch->ends ? batch->entry.reason : NULL);
 }

@@ -35,18 +35,52 @@ void tl_recorder_file_keep_words(tl_recorder_file *file, int code) {
     (void)tl_database_fail(file->file.connection, code, &file->failure);
 }
 
-static void tell_news(tl_recorder_file *file, const tl_database_news *news) {
+/* What has become of the file that the run was in; not said yet. */
+static void note_fate(tl_recorder_file *file, const char *fate) {
+    (void)snprintf(file->fate, sizeof file->fate, "%s with %" PRIu64 " samples, steps and events of this run", fate,
+                   tl_recorder_mark_entries(tl_recorder_state_mark(file->state)));
+}
+
+static void tell_fate(tl_recorder_file *file, const char *end) {
     char text[TL_EVENT_TEXT];
-    if (news->aside.name[0] != '\0') {
-        const char *name = strrchr(news->aside.name, '/');
-        (void)snprintf(text, sizeof text, "was damaged, is called %.60s now, and was made anew: %.100s",
-                       name == NULL ? news->aside.name : name + 1, news->aside.why);
+    if (file->fate[0] != '\0') {
+        (void)snprintf(text, sizeof text, "was %s%s", file->fate, end);
         tl_recorder_file_say(file, TL_EVENT_ERROR, text);
+    }
+    file->fate[0] = '\0';
+}
+
+static void tell_beside(tl_recorder_file *file, const char *why) {
+    char text[TL_EVENT_TEXT + 2 * TL_RECORDER_FATE];
+    bool has_fate = file->fate[0] != '\0';
+    (void)snprintf(text, sizeof text, "is recorded into instead%s%s: %.180s", has_fate ? " of one that was " : "",
+                   file->fate, why);
+    tl_recorder_file_say(file, TL_EVENT_ERROR, text);
+    file->fate[0] = '\0';
+}
+
+static void tell_aside(tl_recorder_file *file, const tl_database_aside *aside) {
+    char text[TL_EVENT_TEXT + 2 * TL_RECORDER_FATE];
+    const char *name = strrchr(aside->name, '/');
+    bool has_fate = file->fate[0] != '\0';
+    (void)snprintf(text, sizeof text, "was %s%sdamaged, is called %.60s now, and was made anew: %.100s", file->fate,
+                   has_fate ? "; what took its place was " : "", name == NULL ? aside->name : name + 1, aside->why);
+    tl_recorder_file_say(file, TL_EVENT_ERROR, text);
+    file->fate[0] = '\0';
+}
+
+void tl_recorder_file_tell(tl_recorder_file *file, const tl_database_news *news) {
+    if (news->aside.name[0] != '\0') {
+        tell_aside(file, &news->aside);
     }
     if (news->beside[0] != '\0') {
-        (void)snprintf(text, sizeof text, "is recorded into instead: %.180s", news->beside);
-        tl_recorder_file_say(file, TL_EVENT_ERROR, text);
+        tell_beside(file, news->beside);
     }
+    tell_fate(file, ", and is made anew");
+}
+
+void tl_recorder_file_tell_none(tl_recorder_file *file) {
+    tell_fate(file, "");
 }
 
 /* ---- The run in it ----------------------------------------------------------------------------------------------- */
@@ -68,7 +102,24 @@ static int is_there(tl_recorder_file *file, const tl_recorder_mark *mark, bool *
     return code;
 }
 
-int tl_recorder_file_find_run(tl_recorder_file *file) {
+/* What went with a file is lost; how many, its fate says. */
+static void leave_run(tl_recorder_file *file, bool gone) {
+    file->lost_said += gone ? tl_recorder_mark_entries(tl_recorder_state_mark(file->state)) : 0;
+    tl_recorder_state_leave_run(file->state, gone);
+}
+
+/* The writer before us wrote another file. What is in that is lost unless it is still there, only not for us to write, or was put aside. */
+static void leave_kept(tl_recorder_file *file, const tl_database_news *news) {
+    bool is_aside = news->aside.name[0] != '\0';
+    bool is_here = strcmp(tl_recorder_state_mark(file->state)->path, file->file.path) == 0 && !is_aside;
+    bool gone = !file->is_kept || is_here;
+    if (gone) {
+        note_fate(file, "gone");
+    }
+    leave_run(file, gone);
+}
+
+int tl_recorder_file_find_run(tl_recorder_file *file, const tl_database_news *news) {
     const tl_recorder_mark *mark = tl_recorder_state_mark(file->state);
     const tl_recorder_mark *tried = tl_recorder_state_tried(file->state);
     bool there = false;
@@ -83,7 +134,7 @@ int tl_recorder_file_find_run(tl_recorder_file *file) {
     if (code == SQLITE_OK && !there && mark->run != 0) {
         code = is_there(file, mark, &there);
         if (code == SQLITE_OK && !there) {
-            tl_recorder_state_leave_run(file->state, false);
+            leave_kept(file, news);
         }
     }
     file->goes_on = there;
@@ -108,32 +159,43 @@ void tl_recorder_file_close(tl_recorder_file *file) {
     tl_database_file_close(&file->file);
 }
 
+/* Logs of ours beside files that are not: they would be played into those. */
+static void remove_stray_logs(const tl_recorder_file *file) {
+    const tl_recorder_mark *mark = tl_recorder_state_mark(file->state);
+    const tl_recorder_mark *tried = tl_recorder_state_tried(file->state);
+    tl_database_remove_stray_log(mark->path, &mark->identity);
+    if (tried != NULL) {
+        tl_database_remove_stray_log(tried->path, &tried->identity);
+    }
+}
+
 /* A file that the writer before us was writing, though another one was asked for. */
 static tl_status open_kept(tl_recorder_file *file) {
     const tl_database_user user = {begin_use, end_use, file};
     const tl_recorder_mark *mark = tl_recorder_state_mark(file->state);
+    file->is_kept = !tl_database_is_gone(mark->path, &mark->identity);
     if (mark->run == 0 || access(mark->path, F_OK) != 0) {
         return TL_BAD_DATA;
     }
-    return tl_database_file_open(mark->path, 0, &user, &file->file, NULL, NULL);
+    tl_status status = tl_database_file_open(mark->path, 0, &user, &file->file, NULL, NULL);
+    if (status != TL_OK && tl_database_get_fault() == TL_DATABASE_FOREIGN) { /* somebody has written into it */
+        file->is_kept = false;
+    }
+    return status;
 }
 
-tl_status tl_recorder_file_open(tl_recorder_file *file, tl_database_insistence insistence, bool *waits) {
+tl_status tl_recorder_file_open(tl_recorder_file *file, tl_database_insistence insistence, tl_database_news *news,
+                                bool *waits) {
     const tl_database_user user = {begin_use, end_use, file};
     const tl_database_wanted wanted = {.path = file->record->path,
                                        .patience = insistence == TL_DATABASE_ANYHOW ? 0 : PATIENCE,
                                        .insistence = insistence,
                                        .user = &user};
-    tl_database_news news = {.beside = ""};
-    tl_status status = open_kept(file);
+    *news = (tl_database_news){.beside = ""};
     *waits = false;
-    if (status != TL_OK) {
-        status = tl_database_instead_open(&wanted, &file->file, &news, waits, &file->failure);
-    }
-    if (status == TL_OK) {
-        tell_news(file, &news);
-    }
-    return status;
+    remove_stray_logs(file);
+    tl_status status = open_kept(file);
+    return status == TL_OK ? TL_OK : tl_database_instead_open(&wanted, &file->file, news, waits, &file->failure);
 }
 
 bool tl_recorder_file_is_due(tl_recorder_file *file) {
@@ -176,7 +238,7 @@ static bool replace_damaged(tl_recorder_file *file) {
     if (status != TL_OK && tl_database_get_fault() == TL_DATABASE_FOREIGN) { /* it stays where it is */
         status = open_beside(file, &why, &news);
     }
-    tell_news(file, &news);
+    tl_recorder_file_tell(file, &news);
     return status == TL_OK;
 }
 
@@ -189,7 +251,7 @@ static bool replace_denied(tl_recorder_file *file) {
         return false;
     }
     tl_recorder_state_leave_run(file->state, false);
-    tell_news(file, &news);
+    tl_recorder_file_tell(file, &news);
     return true;
 }
 
@@ -206,19 +268,13 @@ bool tl_recorder_file_mend(tl_recorder_file *file, int code) {
 
 /* ---- What others do to it ---------------------------------------------------------------------------------------- */
 
-/* What was in it is no more, or somewhere else. */
-static void leave(tl_recorder_file *file, tl_database_whereabouts found, uint64_t *said) {
-    char text[TL_EVENT_TEXT];
+/* What was in it is no more, or somewhere else. That is said with what is written instead. */
+static void leave(tl_recorder_file *file, tl_database_whereabouts found) {
     bool gone = found != TL_DATABASE_MOVED;
-    uint64_t entries = tl_recorder_mark_entries(tl_recorder_state_mark(file->state));
-    const char *fate = found == TL_DATABASE_MOVED     ? "moved away"
-                       : found == TL_DATABASE_REMOVED ? "removed"
-                                                      : "overwritten";
-    (void)snprintf(text, sizeof text, "was %s with %" PRIu64 " samples, steps and events of this run%s", fate, entries,
-                   found == TL_DATABASE_OVERWRITTEN ? "" : ", and is made anew");
-    tl_recorder_file_say(file, TL_EVENT_ERROR, text);
-    tl_recorder_state_leave_run(file->state, gone);
-    *said += gone ? entries : 0;
+    note_fate(file, found == TL_DATABASE_MOVED     ? "moved away"
+                    : found == TL_DATABASE_REMOVED ? "removed"
+                                                   : "overwritten");
+    leave_run(file, gone);
     if (gone) {
         end_use(file);
         tl_database_file_abandon(&file->file);
@@ -250,7 +306,7 @@ static tl_database_whereabouts look(tl_recorder_file *file) {
     return found;
 }
 
-bool tl_recorder_file_look_after(tl_recorder_file *file, uint64_t *said) {
+bool tl_recorder_file_look_after(tl_recorder_file *file) {
     tl_database_whereabouts found = look(file);
     switch (found) {
     case TL_DATABASE_IN_PLACE:
@@ -262,7 +318,7 @@ bool tl_recorder_file_look_after(tl_recorder_file *file, uint64_t *said) {
         (void)replace_damaged(file);
         return true;
     default:
-        leave(file, found, said);
+        leave(file, found);
         return true;
     }
 }

@@ -22,13 +22,18 @@
 #include "master/base/simtime.h"
 #include "master/base/status.h"
 
-/* Placed by the caller, who reads it, and writes `goes_on`. */
+enum { TL_RECORDER_FATE = 80 };
+
+/* Placed by the caller, who reads it, and writes `goes_on` and `lost_said`. */
 typedef struct tl_recorder_file {
     const tl_recorder_settings *record;
     tl_recorder_writer_state *state;
     tl_database_file file;
     tl_recorder_database *database; /* NULL: no file is open */
     bool goes_on;                   /* with a run that another writer began, and of which nothing was written since */
+    bool is_kept;                   /* what that one wrote is still in its file, as far as we know */
+    char fate[TL_RECORDER_FATE];    /* of the file before, as long as it is not said; "": nothing has happened to it */
+    uint64_t lost_said;             /* of totals.lost, what was said */
     tl_time opened_at;              /* when that was tried the last time */
     tl_error failure;               /* the last one, with the file */
     char reason[192];               /* and without */
@@ -48,9 +53,14 @@ void tl_recorder_file_say(tl_recorder_file *file, tl_severity severity, const ch
 /* Of a call that has failed: sets `failure` and `reason`. Before a roll-back, which has words of its own. */
 void tl_recorder_file_keep_words(tl_recorder_file *file, int code);
 
-/* That which the writer before us was writing, or the one that is asked for, or what there is instead. Else sets `failure`; *waits: trying
- * again may help. */
-tl_status tl_recorder_file_open(tl_recorder_file *file, tl_database_insistence insistence, bool *waits);
+/* That which the writer before us was writing, or the one that is asked for, or what there is instead: why is in *news, still to be told. Else
+ * sets `failure`; *waits: trying again may help. */
+tl_status tl_recorder_file_open(tl_recorder_file *file, tl_database_insistence insistence, tl_database_news *news,
+                                bool *waits);
+
+/* Says why it is another file than before, or that there is none. */
+void tl_recorder_file_tell(tl_recorder_file *file, const tl_database_news *news);
+void tl_recorder_file_tell_none(tl_recorder_file *file);
 
 /* Whether it is time to try that again; it is noted as tried then. */
 bool tl_recorder_file_is_due(tl_recorder_file *file);
@@ -58,12 +68,11 @@ bool tl_recorder_file_is_due(tl_recorder_file *file);
 /* From now on commits wait but shortly for other programs: entries are waiting meanwhile. */
 void tl_recorder_file_hurry(tl_recorder_file *file);
 
-/* How far the writer before us came, and whether what it wrote is here; else its run is left. SQLite's result code. */
-int tl_recorder_file_find_run(tl_recorder_file *file);
+/* How far the writer before us came, and whether what it wrote is here; else its run is left. `news`: of the opening. SQLite's result code. */
+int tl_recorder_file_find_run(tl_recorder_file *file, const tl_database_news *news);
 
-/* What others have done to it, which SQLite would go on to write. True: something was done about it, and perhaps none is open. *said grows by the
- * entries of which it was said that they went with it. */
-bool tl_recorder_file_look_after(tl_recorder_file *file, uint64_t *said);
+/* What others have done to it, which SQLite would go on to write. True: something was done about it, and perhaps none is open. */
+bool tl_recorder_file_look_after(tl_recorder_file *file);
 
 /* Something else can be done about a failure than to try again; true: at once. */
 bool tl_recorder_file_mend(tl_recorder_file *file, int code);

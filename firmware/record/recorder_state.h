@@ -13,6 +13,7 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+#include "firmware/database/database_identity.h"
 #include "firmware/outbox/outbox.h"
 #include "firmware/outbox/recorder_events.h"
 #include "firmware/record/recorder_database.h"
@@ -22,9 +23,10 @@ enum { TL_WRITER_OUTBOXES = 8, TL_WRITER_OWN_EVENTS = 8 };
 
 /* How far everything has been written. */
 typedef struct tl_recorder_mark {
-    uint64_t number;     /* of the batch; 0: none */
-    char path[PATH_MAX]; /* of the file; "": none yet */
-    int64_t run;         /* its row in there; 0: it has none yet */
+    uint64_t number;               /* of the batch; 0: none */
+    char path[PATH_MAX];           /* of the file; "": none yet */
+    tl_database_identity identity; /* which one that is */
+    int64_t run;                   /* its row in there; 0: it has none yet */
     bool has_begun;
     bool is_untimed; /* it began without a START: it is on no clock */
     bool has_ended;

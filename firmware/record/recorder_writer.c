@@ -30,7 +30,6 @@ struct tl_recorder_writer {
     tl_recorder_batch batch;
     unsigned char *checkpoint; /* of the first outbox; NULL: it has none */
     int refusal;               /* the kind of the last failure; 0: nothing is refused */
-    uint64_t lost_said;        /* of totals.lost, what an event has said */
     tl_time lost_said_at;
 };
 
@@ -47,13 +46,13 @@ static uint64_t taken_of_ring(const tl_recorder_writer *writer) {
 static void say_loss(tl_recorder_writer *writer, const char *why) {
     char text[TL_EVENT_TEXT];
     uint64_t lost = tl_recorder_state_mark(writer->state)->totals.lost;
-    if (lost > writer->lost_said) {
+    if (lost > writer->file.lost_said) {
         (void)snprintf(text, sizeof text, "%" PRIu64 " samples, steps or events were lost: %s",
-                       lost - writer->lost_said, why);
+                       lost - writer->file.lost_said, why);
         writer->lost_said_at = tl_clock_now(NULL);
         tl_recorder_file_say(&writer->file, TL_EVENT_WARNING, text);
     }
-    writer->lost_said = lost;
+    writer->file.lost_said = lost;
 }
 
 /* Once, as long as it is for the same reason. */
@@ -101,6 +100,7 @@ static void say_damage(tl_recorder_writer *writer) {
 /* Is there a file to write into? Tries to open one every now and then. */
 static bool is_open(tl_recorder_writer *writer) {
     tl_recorder_file *file = &writer->file;
+    tl_database_news news;
     bool waits = false;
     if (file->database != NULL) {
         return true;
@@ -108,12 +108,14 @@ static bool is_open(tl_recorder_writer *writer) {
     if (!tl_recorder_file_is_due(file)) {
         return false;
     }
-    if (tl_recorder_file_open(file, TL_DATABASE_ANYHOW, &waits) != TL_OK) {
+    if (tl_recorder_file_open(file, TL_DATABASE_ANYHOW, &news, &waits) != TL_OK) {
+        tl_recorder_file_tell_none(file);
         note_refusal_to_open(writer);
         return false;
     }
     tl_recorder_file_hurry(file);
-    int code = tl_recorder_file_find_run(file);
+    int code = tl_recorder_file_find_run(file, &news);
+    tl_recorder_file_tell(file, &news);
     if (code != SQLITE_OK) {
         tl_recorder_file_keep_words(file, code);
     }
@@ -162,7 +164,7 @@ void tl_recorder_writer_write(tl_recorder_writer *writer) {
     tl_heart_beat(writer->heart);
     tl_recorder_inbox_mend(&writer->inbox);
     while (again && is_open(writer)) {
-        if (mends < MENDS && tl_recorder_file_look_after(&writer->file, &writer->lost_said)) {
+        if (mends < MENDS && tl_recorder_file_look_after(&writer->file)) {
             mends++;
             tl_heart_beat(writer->heart);
             continue;
@@ -202,6 +204,7 @@ static tl_status begin_first(tl_recorder_writer *writer, const tl_outbox_start *
 }
 
 static tl_status open_all(tl_recorder_writer *writer, const tl_recorder_writer_settings *settings) {
+    tl_database_news news;
     bool waits = false;
     bool is_new = tl_recorder_state_mark(writer->state)->number == 0 && tl_recorder_state_tried(writer->state) == NULL;
     tl_database_insistence insistence = is_new ? settings->record->insistence : TL_DATABASE_ANYHOW;
@@ -209,11 +212,13 @@ static tl_status open_all(tl_recorder_writer *writer, const tl_recorder_writer_s
         (void)is_open(writer); /* and if it is not, it will be */
         return TL_OK;
     }
-    tl_status status = tl_recorder_file_open(&writer->file, insistence, &waits);
+    tl_status status = tl_recorder_file_open(&writer->file, insistence, &news, &waits);
     if (status != TL_OK && !waits) {
         return status;
     }
-    if (status != TL_OK) {
+    if (status == TL_OK) {
+        tl_recorder_file_tell(&writer->file, &news);
+    } else {
         note_refusal_to_open(writer);
     }
     status = settings->first == NULL ? TL_OK : begin_first(writer, settings->first, insistence);
@@ -233,9 +238,9 @@ static tl_recorder_writer *make(const tl_recorder_writer_settings *settings) {
     writer->state = settings->state;
     writer->heart = settings->heart;
     writer->lost_said_at = tl_clock_now(NULL) - LOSS_PAUSE;
-    writer->lost_said = tl_recorder_state_mark(writer->state)->totals.lost;
     tl_recorder_inbox_open(&writer->inbox, settings->outboxes, settings->outbox_count);
     tl_recorder_file_begin(&writer->file, &writer->record, writer->state);
+    writer->file.lost_said = tl_recorder_state_mark(writer->state)->totals.lost;
     writer->batch.settings = (tl_recorder_batch_settings){
         .file = &writer->file, .inbox = &writer->inbox, .state = writer->state, .heart = writer->heart};
     return writer;

@@ -8,7 +8,6 @@ import contextlib
 import json
 import os
 import re
-import sqlite3
 import subprocess
 import sys
 import time
@@ -18,7 +17,8 @@ import debian
 import twinlock_test
 from booted import Booted
 from debian import output_of
-from live_test import query, wait_until
+from live_test import wait_until
+from service_faults import check_bad_databases
 from twinlock_test import Skip, at_most, expect, scratch
 
 SCORE = 2.5  # of `systemd-analyze security`: 0 is a cell, 10 is the whole machine
@@ -218,43 +218,6 @@ def check_a_bite(machine):
     machine.run_well("systemctl", "daemon-reload")
 
 
-def steps_in(database):
-    try:
-        return query(database, "SELECT count(*) FROM steps")[0][0]
-    except sqlite3.Error:
-        return 0
-
-
-def wait_for_recording(machine, main_, database):
-    """The twin that was started records into that file; for systemd nothing has happened."""
-    before = steps_in(database)
-    wait_until(lambda: steps_in(database) > before + 50, f"steps in {database}", lambda: machine.journal("twinlock@motor"))
-    expect(machine.property("twinlock@motor", "ActiveState") == "active", machine.journal("twinlock@motor"))
-    expect(machine.property("twinlock@motor", "MainPID") == main_ and machine.property("twinlock@motor", "NRestarts") == "0",
-           machine.journal("twinlock@motor"))
-
-
-def check_bad_databases(machine):
-    """Cut off, empty, of somebody else, and removed while it is written: nobody has to do anything."""
-    database = place("/var/lib/twinlock/motor.db")
-    machine.run_well("systemctl", "stop", "twinlock@motor")
-    whole = database.read_bytes()
-    for content, end in (whole[:len(whole) // 2], ""), (b"", ".beside"), (b"somebody's text\n", ".beside"):
-        database.write_bytes(content)
-        main_, _ = start_motor(machine)
-        wait_for_recording(machine, main_, database.with_name(database.name + end))
-        machine.run_well("systemctl", "stop", "twinlock@motor")
-        expect(end == "" or database.read_bytes() == content, "what is not ours was touched")
-    database.write_bytes(whole)
-    main_, twin = start_motor(machine)
-    wait_for_recording(machine, main_, database)
-    database.unlink()
-    wait_for_recording(machine, main_, database)
-    expect(twins_of(machine, "twinlock@motor") == [twin], "another twin")
-    machine.run_well("systemctl", "stop", "twinlock@motor")
-    expect(place("/var/lib/twinlock/motor.db.damaged-1").exists(), "what was cut off was not put aside")
-
-
 def check_what_is_wrong_for_ever(machine):
     """Begun once, and left."""
     place("/etc/twinlock/bad.json").write_text("{}\n", encoding="utf-8")
@@ -313,7 +276,7 @@ def test_under_systemd():
         machine.run_well("systemctl", "stop", "twinlock@motor")
         expect(machine.property("twinlock@motor", "Result") == "success", machine.journal("twinlock@motor"))
         expect("SIGTERM" in machine.run_well("twinlock", "show", "/var/lib/twinlock/motor.db"), "not ended orderly")
-        check_bad_databases(machine)
+        check_bad_databases(machine, place(EXAMPLES))
         check_what_is_wrong_for_ever(machine)
         check_packages(machine)
 

@@ -1,8 +1,10 @@
 /* The writer: runs as they come out of outboxes, what a successor goes on with, and everything that can be wrong with a file. */
+#include <signal.h>
 #include <sqlite3.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/prctl.h>
 #include <sys/stat.h>
 #include <sys/wait.h>
 #include <unistd.h>
@@ -582,8 +584,9 @@ static void test_a_file_that_is_overwritten(void) {
     write_now();
     close_well();
     expect_one_run(beside, "10 10 20");
-    TEST_ASSERT_EQUAL_INT64(1, tl_writer_bench_count_own(beside, "was overwritten with 20 samples, steps and events%"));
-    TEST_ASSERT_EQUAL_INT64(1, tl_writer_bench_count_own(beside, "is recorded into instead: %only 15 bytes%"));
+    TEST_ASSERT_EQUAL_INT64(1, tl_writer_bench_count_own(beside, "is recorded into instead of one that was overwritten"
+                                                                 " with 20 samples, steps and events of this run: %"));
+    TEST_ASSERT_EQUAL_INT64(1, tl_sql_integer(beside, "SELECT count(*) FROM events"));
     char *found = content_of(bench.path, &size);
     TEST_ASSERT_EQUAL_size_t(strlen(text), size);
     TEST_ASSERT_EQUAL_INT(0, memcmp(text, found, size));
@@ -631,6 +634,42 @@ static void test_a_file_that_is_replaced(void) {
     TEST_ASSERT_EQUAL_STRING("10, 10", tl_sql_text(bench.path, "SELECT group_concat(samples_written, ', ') FROM runs"));
 }
 
+/* What is in its place is not ours: all of it is said at once. */
+static void test_a_file_that_is_replaced_by_a_foreign_one(void) {
+    begin_run(10);
+    TEST_ASSERT_EQUAL_INT(0, unlink(bench.path));
+    make_file("somebody's text");
+    tl_writer_bench_put(&bench, 10, 10);
+    write_now();
+    close_well();
+    TEST_ASSERT_EQUAL_INT64(15, size_of(bench.path));
+    expect_one_run(beside, "10 10 20");
+    TEST_ASSERT_EQUAL_INT64(1, tl_writer_bench_count_own(beside, "is recorded into instead of one that was removed with"
+                                                                 " 20 samples, steps and events of this run: %"));
+    TEST_ASSERT_EQUAL_INT64(1, tl_sql_integer(beside, "SELECT count(*) FROM events"));
+}
+
+/* The same of a file of ours that is damaged. */
+static void test_a_file_that_is_replaced_by_a_damaged_one(void) {
+    char copy[PATH_MAX + 8];
+    (void)snprintf(copy, sizeof copy, "%s.copy", bench.path);
+    record(10);
+    write_bytes(bench.path, 100, 4000);
+    TEST_ASSERT_EQUAL_INT(0, rename(bench.path, copy));
+    tl_writer_bench_forget(&bench);
+    begin_run(10);
+    TEST_ASSERT_EQUAL_INT(0, rename(copy, bench.path));
+    tl_writer_bench_put(&bench, 10, 10);
+    write_now();
+    close_well();
+    expect_one_run(bench.path, "10 10 20");
+    TEST_ASSERT_EQUAL_INT64(1, tl_writer_bench_count_own(bench.path,
+                                                         "was removed with 20 samples, steps and events of this run;"
+                                                         " what took its place was damaged, is called"
+                                                         " run.db.damaged-1 now, and was made anew: %"));
+    TEST_ASSERT_EQUAL_INT64(1, ask("SELECT count(*) FROM events"));
+}
+
 /* The file is where it was, and open: what cannot be seen has not been moved away. */
 static void test_a_folder_that_is_closed_meanwhile(void) {
     TEST_ASSERT_EQUAL_INT(0, chmod(bench.scratch.folder, 0777));
@@ -649,6 +688,233 @@ static void test_a_folder_that_is_closed_meanwhile(void) {
     TEST_ASSERT_EQUAL_UINT64(40, count);
     expect_one_run(bench.path, "20 0 0");
     TEST_ASSERT_EQUAL_INT64(0, ask("SELECT count(*) FROM events"));
+}
+
+/* ---- What others do to a file while nobody writes it ------------------------------------------------------------- */
+
+/* A run of so many ticks that are written by a process that is killed; as many wait. Its log has what it wrote. */
+static void begin_and_be_killed(int64_t ticks) {
+    int how = 0;
+    tl_writer_bench_start(&bench, 7);
+    tl_writer_bench_put(&bench, 0, ticks);
+    pid_t child = fork();
+    if (child == 0) {
+        if (tl_writer_bench_try_open(&bench) == TL_OK) {
+            write_now();
+            (void)raise(SIGKILL);
+        }
+        _exit(1);
+    }
+    TEST_ASSERT_EQUAL_INT(child, waitpid(child, &how, 0));
+    TEST_ASSERT_TRUE(WIFSIGNALED(how));
+    TEST_ASSERT_EQUAL_UINT64(2 * (uint64_t)ticks, written());
+    tl_writer_bench_put(&bench, ticks, ticks);
+}
+
+/* The next one writes all that waits, and says once what has become of the rest. */
+static void expect_begun_again(const char *path, const char *samples_before_lost, const char *words) {
+    uint64_t before = written();
+    tl_writer_bench_open(&bench);
+    close_well();
+    expect_one_run(path, samples_before_lost);
+    TEST_ASSERT_EQUAL_INT64_MESSAGE(1, tl_writer_bench_count_own(path, words),
+                                    tl_sql_text(path, "SELECT group_concat(text, ' | ') FROM events"));
+    TEST_ASSERT_EQUAL_INT64(1, tl_sql_integer(path, "SELECT count(*) FROM events"));
+    TEST_ASSERT_EQUAL_UINT64(before, written()); /* as many as were lost */
+    TEST_ASSERT_EQUAL_UINT64(before, tl_recorder_state_get(bench.state).dropped);
+}
+
+static void test_a_file_that_is_removed_when_nobody_writes(void) {
+    begin_and_be_killed(10);
+    TEST_ASSERT_EQUAL_INT(0, unlink(bench.path));
+    expect_begun_again(bench.path, "10 10 20",
+                       "was gone with 20 samples, steps and events of this run, and is made anew");
+}
+
+static void test_a_folder_that_is_emptied_when_nobody_writes(void) {
+    begin_and_be_killed(10);
+    tl_scratch_empty(&bench.scratch);
+    expect_begun_again(bench.path, "10 10 20",
+                       "was gone with 20 samples, steps and events of this run, and is made anew");
+}
+
+/* By an older copy, say: the log of the one before is not played into it. */
+static void test_a_file_that_is_replaced_when_nobody_writes(void) {
+    char copy[PATH_MAX + 8];
+    (void)snprintf(copy, sizeof copy, "%s.copy", bench.path);
+    record(10);
+    TEST_ASSERT_EQUAL_INT(0, rename(bench.path, copy));
+    tl_writer_bench_forget(&bench);
+    begin_and_be_killed(1000);
+    TEST_ASSERT_EQUAL_INT(0, rename(copy, bench.path));
+    expect_begun_again(bench.path, "1000 1000 2000", "was gone with 2000 samples%, and is made anew");
+    TEST_ASSERT_EQUAL_STRING("10, 1000",
+                             tl_sql_text(bench.path, "SELECT group_concat(samples_written, ', ') FROM runs"));
+}
+
+/* Somebody reads what is at the path while nobody writes, or before the one who writes has looked: SQLite makes an index of our log for them. */
+typedef struct stranger {
+    pid_t child;
+    int go;   /* a byte to it: read now */
+    int done; /* a byte from it: it has */
+} stranger;
+
+static void read_and_stay(int go, int done) {
+    sqlite3 *database = NULL;
+    char byte = 0;
+    (void)prctl(PR_SET_PDEATHSIG, SIGKILL);
+    if (read(go, &byte, 1) == 1 && sqlite3_open_v2(bench.path, &database, SQLITE_OPEN_READONLY, NULL) == SQLITE_OK &&
+        sqlite3_exec(database, "SELECT count(*) FROM runs", NULL, NULL, NULL) == SQLITE_OK &&
+        write(done, &byte, 1) == 1) {
+        (void)pause();
+    }
+    _exit(1);
+}
+
+static stranger begin_stranger(void) {
+    int go[2];
+    int done[2];
+    TEST_ASSERT_EQUAL_INT(0, pipe(go));
+    TEST_ASSERT_EQUAL_INT(0, pipe(done));
+    pid_t child = fork();
+    if (child == 0) {
+        (void)close(go[1]);
+        (void)close(done[0]);
+        read_and_stay(go[0], done[1]);
+    }
+    (void)close(go[0]);
+    (void)close(done[1]);
+    return (stranger){child, go[1], done[0]};
+}
+
+static void let_read(const stranger *who) {
+    char byte = 0;
+    TEST_ASSERT_EQUAL_INT(1, write(who->go, &byte, 1));
+    TEST_ASSERT_EQUAL_INT(1, read(who->done, &byte, 1));
+}
+
+static void end_stranger(const stranger *who) {
+    TEST_ASSERT_EQUAL_INT(0, kill(who->child, SIGKILL));
+    TEST_ASSERT_EQUAL_INT(who->child, waitpid(who->child, NULL, 0));
+    (void)close(who->go);
+    (void)close(who->done);
+}
+
+static void expect_replaced_before_a_reader(const char *words) {
+    expect_one_run(bench.path, "10 10 20");
+    TEST_ASSERT_EQUAL_STRING("10, 10", tl_sql_text(bench.path, "SELECT group_concat(samples_written, ', ') FROM runs"));
+    TEST_ASSERT_EQUAL_INT64(1, tl_writer_bench_count_own(bench.path, words));
+    TEST_ASSERT_EQUAL_INT64(1, ask("SELECT count(*) FROM events"));
+}
+
+static void test_a_file_that_is_replaced_before_a_reader(void) {
+    char copy[PATH_MAX + 8];
+    (void)snprintf(copy, sizeof copy, "%s.copy", bench.path);
+    record(10);
+    TEST_ASSERT_EQUAL_INT(0, rename(bench.path, copy));
+    tl_writer_bench_forget(&bench);
+    stranger reader = begin_stranger();
+    begin_run(10);
+    TEST_ASSERT_EQUAL_INT(0, rename(copy, bench.path));
+    let_read(&reader);
+    tl_writer_bench_put(&bench, 10, 10);
+    write_now();
+    close_well();
+    end_stranger(&reader);
+    expect_replaced_before_a_reader("was removed with 20 samples%, and is made anew");
+}
+
+static void test_a_file_that_is_replaced_before_a_reader_when_nobody_writes(void) {
+    char copy[PATH_MAX + 8];
+    (void)snprintf(copy, sizeof copy, "%s.copy", bench.path);
+    record(10);
+    TEST_ASSERT_EQUAL_INT(0, rename(bench.path, copy));
+    tl_writer_bench_forget(&bench);
+    begin_and_be_killed(10);
+    TEST_ASSERT_EQUAL_INT(0, rename(copy, bench.path));
+    stranger reader = begin_stranger();
+    let_read(&reader);
+    tl_writer_bench_open(&bench);
+    close_well();
+    end_stranger(&reader);
+    expect_replaced_before_a_reader("was gone with 20 samples%, and is made anew");
+}
+
+/* It takes our log for its own, and writes on into it: that stays. */
+static void test_a_file_that_is_replaced_and_written_by_another(void) {
+    char copy[PATH_MAX + 8];
+    char wal[PATH_MAX + 8];
+    tl_recorder *other = NULL;
+    const tl_recorder_settings settings = tl_made_settings(bench.path);
+    (void)snprintf(copy, sizeof copy, "%s.copy", bench.path);
+    (void)snprintf(wal, sizeof wal, "%s-wal", bench.path);
+    record(10);
+    TEST_ASSERT_EQUAL_INT(0, rename(bench.path, copy));
+    tl_writer_bench_forget(&bench);
+    begin_and_be_killed(10);
+    TEST_ASSERT_EQUAL_INT(0, rename(copy, bench.path));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_recorder_open(&settings, &other, &bench.error));
+    tl_writer_bench_open(&bench);
+    int64_t size = size_of(wal);
+    TEST_ASSERT_EQUAL_INT(TL_TRY_AGAIN, tl_writer_bench_close(&bench));
+    TEST_ASSERT_NOT_NULL(strstr(bench.error.text, "another twinlock is writing it"));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_recorder_close(other, "end", NULL, &bench.error));
+    TEST_ASSERT_GREATER_THAN_INT64(0, size);
+}
+
+/* It is put aside as it was: our log would have made it look well. */
+static void test_a_damaged_file_in_its_place_when_nobody_writes(void) {
+    char copy[PATH_MAX + 8];
+    size_t before = 0;
+    size_t after = 0;
+    (void)snprintf(copy, sizeof copy, "%s.copy", bench.path);
+    record(10);
+    write_bytes(bench.path, 2L * 4096, (size_t)size_of(bench.path) - 2 * 4096);
+    TEST_ASSERT_EQUAL_INT(0, rename(bench.path, copy));
+    char *first = content_of(copy, &before);
+    tl_writer_bench_forget(&bench);
+    begin_and_be_killed(10);
+    TEST_ASSERT_EQUAL_INT(0, rename(copy, bench.path));
+    expect_begun_again(bench.path, "10 10 20",
+                       "was gone with 20 samples%; what took its place was damaged, is called"
+                       " run.db.damaged-1 now, and was made anew: %");
+    char *second = content_of(aside, &after);
+    TEST_ASSERT_EQUAL_size_t(before, after);
+    TEST_ASSERT_EQUAL_INT(0, memcmp(first, second, before));
+    free(first);
+    free(second);
+}
+
+static void expect_foreign_left_alone(void) {
+    make_file("somebody's text");
+    expect_begun_again(beside, "10 10 20", "is recorded into instead of one that was gone with 20 samples%");
+    TEST_ASSERT_EQUAL_INT64(15, size_of(bench.path));
+}
+
+static void test_a_foreign_file_in_its_place_when_nobody_writes(void) {
+    char wal[PATH_MAX + 8];
+    (void)snprintf(wal, sizeof wal, "%s-wal", bench.path);
+    begin_and_be_killed(10);
+    TEST_ASSERT_EQUAL_INT(0, unlink(bench.path));
+    expect_foreign_left_alone();
+    TEST_ASSERT_EQUAL_INT64(-1, size_of(wal)); /* it would be played into that */
+}
+
+static void test_a_file_that_is_overwritten_when_nobody_writes(void) {
+    begin_and_be_killed(10);
+    expect_foreign_left_alone();
+}
+
+/* What is in it is there still: it is not lost. */
+static void test_a_file_that_is_damaged_when_nobody_writes(void) {
+    begin_and_be_killed(10);
+    tl_sql_execute(bench.path, "PRAGMA wal_checkpoint(TRUNCATE)");
+    write_bytes(bench.path, 2L * 4096, (size_t)size_of(bench.path) - 2 * 4096);
+    tl_writer_bench_open(&bench);
+    close_well();
+    expect_one_run(bench.path, "10 10 0");
+    TEST_ASSERT_EQUAL_INT64(1, tl_writer_bench_count_own(bench.path, "was damaged, is called run.db.damaged-1 now,%"));
+    TEST_ASSERT_EQUAL_INT64(1, ask("SELECT count(*) FROM events"));
 }
 
 /* ---- What is waited for ------------------------------------------------------------------------------------------ */
@@ -902,7 +1168,19 @@ int main(void) {
     RUN_TEST(test_a_file_that_is_overwritten);
     RUN_TEST(test_a_file_that_is_being_overwritten);
     RUN_TEST(test_a_file_that_is_replaced);
+    RUN_TEST(test_a_file_that_is_replaced_by_a_foreign_one);
+    RUN_TEST(test_a_file_that_is_replaced_by_a_damaged_one);
     RUN_TEST(test_a_folder_that_is_closed_meanwhile);
+    RUN_TEST(test_a_file_that_is_removed_when_nobody_writes);
+    RUN_TEST(test_a_folder_that_is_emptied_when_nobody_writes);
+    RUN_TEST(test_a_file_that_is_replaced_when_nobody_writes);
+    RUN_TEST(test_a_file_that_is_replaced_before_a_reader);
+    RUN_TEST(test_a_file_that_is_replaced_before_a_reader_when_nobody_writes);
+    RUN_TEST(test_a_file_that_is_replaced_and_written_by_another);
+    RUN_TEST(test_a_damaged_file_in_its_place_when_nobody_writes);
+    RUN_TEST(test_a_foreign_file_in_its_place_when_nobody_writes);
+    RUN_TEST(test_a_file_that_is_overwritten_when_nobody_writes);
+    RUN_TEST(test_a_file_that_is_damaged_when_nobody_writes);
     RUN_TEST(test_a_disk_that_is_full_at_first);
     RUN_TEST(test_a_folder_that_comes_later);
     RUN_TEST(test_a_lock_of_another_program);

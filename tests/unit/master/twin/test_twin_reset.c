@@ -478,7 +478,7 @@ static void test_a_search_is_given_up(void) {
     run->budget.executions = 40; /* of a cycle */
     run_to(3 * TL_SCENE_PERIOD - 1, found, in_found);
     int64_t step = 0;
-    while (step < TICKS && found[step].outcome != TL_SEARCHING) {
+    while (step + 2 < TICKS && found[step].outcome != TL_SEARCHING) {
         step++;
     }
     int64_t tick = step + 2 + (int64_t)tl_twin_get_facts(run->twin).lead;

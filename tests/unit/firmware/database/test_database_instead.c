@@ -1,0 +1,134 @@
+/* Which file is written: a folder that is opened while names in it are tried. */
+#include "firmware/database/database_instead.h"
+
+#include <pthread.h>
+#include <stdio.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <unity.h>
+
+#include "firmware/base/clock.h"
+#include "tests/support/random_numbers.h"
+#include "tests/support/scratch.h"
+
+enum { OTHER_USER = 65534, TRIALS = 200, LONGEST_NS = 50000 };
+
+static tl_scratch scratch;
+static char path[PATH_MAX];
+static tl_test_random dice;
+
+static int begin_use(void *context, sqlite3 *connection) {
+    (void)context;
+    (void)connection;
+    return SQLITE_OK;
+}
+
+static void end_use(void *context) {
+    (void)context;
+}
+
+static const tl_database_user user = {begin_use, end_use, NULL};
+
+/* Who may do everything is kept out of no folder. */
+void setUp(void) {
+    tl_scratch_make(&scratch, "/tmp", "database_instead");
+    (void)snprintf(path, sizeof path, "%s", tl_scratch_path(&scratch, "run.db"));
+    dice = (tl_test_random){20261123};
+    if (geteuid() == 0) {
+        TEST_ASSERT_EQUAL_INT(0, chown(scratch.folder, OTHER_USER, OTHER_USER));
+        TEST_ASSERT_EQUAL_INT(0, seteuid(OTHER_USER));
+    }
+}
+
+void tearDown(void) {
+    TEST_ASSERT_EQUAL_INT(0, seteuid(getuid()));
+    (void)chmod(scratch.folder, 0700);
+    tl_scratch_empty(&scratch);
+    tl_scratch_remove(&scratch);
+}
+
+static tl_status open_one(tl_database_file *file, bool *waits) {
+    const tl_database_wanted wanted = {.path = path, .insistence = TL_DATABASE_ANYHOW, .user = &user};
+    tl_database_news news;
+    tl_error error;
+    return tl_database_instead_open(&wanted, file, &news, waits, &error);
+}
+
+static void make_one(void) {
+    tl_database_file file;
+    bool waits = false;
+    TEST_ASSERT_EQUAL_INT(TL_OK, open_one(&file, &waits));
+    tl_database_file_close(&file);
+}
+
+typedef struct opening {
+    tl_time delay;
+    bool is_there; /* atomic, as the next */
+    bool goes;
+    int result;
+} opening;
+
+static void *open_folder(void *context) {
+    opening *later = context;
+    __atomic_store_n(&later->is_there, true, __ATOMIC_RELEASE);
+    while (!__atomic_load_n(&later->goes, __ATOMIC_ACQUIRE)) {
+    }
+    tl_time until = tl_clock_now(NULL) + later->delay;
+    while (tl_clock_now(NULL) < until) {
+    }
+    later->result = chmod(scratch.folder, 0700);
+    return NULL;
+}
+
+/* It is written, or waited for. */
+static void open_while_the_folder_opens(tl_time delay) {
+    opening later = {.delay = delay};
+    tl_database_file file = TL_DATABASE_FILE_NONE;
+    pthread_t thread;
+    bool waits = false;
+    TEST_ASSERT_EQUAL_INT(0, chmod(scratch.folder, 0));
+    TEST_ASSERT_EQUAL_INT(0, pthread_create(&thread, NULL, open_folder, &later));
+    while (!__atomic_load_n(&later.is_there, __ATOMIC_ACQUIRE)) {
+    }
+    __atomic_store_n(&later.goes, true, __ATOMIC_RELEASE);
+    tl_status status = open_one(&file, &waits);
+    TEST_ASSERT_EQUAL_INT(0, pthread_join(thread, NULL));
+    TEST_ASSERT_EQUAL_INT(0, later.result);
+    if (status == TL_OK) {
+        TEST_ASSERT_EQUAL_STRING(path, file.path);
+        tl_database_file_close(&file);
+    }
+    TEST_ASSERT_TRUE(status == TL_OK || waits);
+}
+
+/* At whatever instant: the file that was asked for is written, then or later. */
+static void a_folder_that_is_opened_meanwhile(void) {
+    make_one();
+    for (int i = 0; i < TRIALS; i++) {
+        open_while_the_folder_opens((tl_time)tl_test_random_below(&dice, LONGEST_NS));
+    }
+    TEST_ASSERT_EQUAL_INT(1, tl_scratch_count(&scratch));
+}
+
+/* One that may be looked into is no better. */
+static void a_folder_that_may_not_be_written(void) {
+    tl_database_file file = TL_DATABASE_FILE_NONE;
+    bool waits = false;
+    make_one();
+    TEST_ASSERT_EQUAL_INT(0, chmod(scratch.folder, 0500));
+    TEST_ASSERT_NOT_EQUAL_INT(TL_OK, open_one(&file, &waits));
+    TEST_ASSERT_TRUE(waits);
+    TEST_ASSERT_EQUAL_INT(0, chmod(scratch.folder, 0700));
+    TEST_ASSERT_EQUAL_INT(TL_OK, open_one(&file, &waits));
+    TEST_ASSERT_EQUAL_STRING(path, file.path);
+    tl_database_file_close(&file);
+}
+
+int main(void) {
+    UNITY_BEGIN();
+    RUN_TEST(a_folder_that_is_opened_meanwhile);
+    RUN_TEST(a_folder_that_may_not_be_written);
+    return UNITY_END();
+}
