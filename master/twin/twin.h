@@ -122,10 +122,10 @@ tl_status tl_twin_follow(tl_twin *twin, const tl_sample *sample, const double *u
                          tl_error *error);
 
 /* Brings a twin back that is lost: before the step of the next tick, however that comes about, all FMUs begin anew with their start values at
- * that step's instant, with what the plant shows then and with nominal u; the solver knows nothing, and an event horizon's stroke or search
- * under way is given up (TL_FLAG_ABANDONED). Samples, what the filters of the measurements know, the measured delay, metrics, ledger and the
- * numbers of steps go on. The step's record has TL_FLAG_RESET. If no step is due at the next tick, the FMUs have their start values: then
- * nothing happens.
+ * that step's instant, with what the plant shows then and with nominal u; the solver knows nothing, no Δu is left, and an event horizon's
+ * stroke or search under way is given up (TL_FLAG_ABANDONED). Samples, what the filters of the measurements know, the measured delay, metrics,
+ * ledger and the numbers of steps go on. The step's record has TL_FLAG_RESET. If no step is due at the next tick, the FMUs have their start
+ * values: then nothing happens.
  * Calls:  of each FMU fmi2Reset and what initialises it, as at the start. One that refuses fmi2Reset gives back its saved states, is freed and
  *         instantiated anew, and so are all if their initialisation fails then. No budget is for it: the tick takes as long as that takes.
  * Errors: none here. The next tick's are TL_FMU_FAILED where that fails as well, TL_FMU_FATAL where an FMU was fatal. */
