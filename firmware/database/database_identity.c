@@ -60,7 +60,7 @@ static bool is_stray(const char *path, const char *log, const tl_database_identi
 void tl_database_remove_stray_log(const char *path, const tl_database_identity *identity) {
     char log[PATH_MAX];
     char index[PATH_MAX];
-    tl_database_lock lock;
+    tl_database_lock lock = {.file = -1};
     if (snprintf(log, sizeof log, "%s-wal", path) >= PATH_MAX ||
         snprintf(index, sizeof index, "%s-shm", path) >= PATH_MAX || !is_stray(path, log, identity) ||
         tl_database_lock_take(path, 0, &lock, NULL) != TL_OK) {

@@ -145,15 +145,14 @@ static void go_back(tl_outbox *outbox, uint64_t end) {
 
 /* ---- A run ------------------------------------------------------------------------------------------------------- */
 
-/* Whose is a sample that a dead one has not come to the end of? That of the run which begins, if it has that tick: it takes it anew. */
+/* Whose is a sample that a dead one has not come to the end of? That of the run which begins, if it has that tick: it takes it anew. Else it goes to
+ * the reader together with the beginning: who dies before that leaves it to the next one to decide. */
 static void settle_waiting_sample(tl_outbox *outbox, const tl_resumption *beginning) {
-    if (outbox->written == outbox->published) {
-        return;
-    }
-    if (beginning->from != TL_RESUMED_NOT && outbox->waiting >= beginning->tick) {
+    bool waits = outbox->written != outbox->published;
+    if (waits && beginning->from != TL_RESUMED_NOT && outbox->waiting >= beginning->tick) {
         go_back(outbox, outbox->published);
+        publish(outbox);
     }
-    publish(outbox);
 }
 
 void tl_outbox_name_fmus(tl_outbox *outbox, const char fmus[TL_SHA256_TEXT]) {

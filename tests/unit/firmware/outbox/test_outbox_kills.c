@@ -96,12 +96,14 @@ typedef struct progress {
     int64_t sample; /* the newest */
     int64_t step;
     int64_t starts;
+    bool waits; /* the sample is the last entry: it is not the reader's yet */
 } progress;
 
 /* Whether an entry is the one that has to come next, and whole. */
 static bool follows(const tl_recorder_entry *found, progress *at) {
     tl_sample sample;
     tl_record record;
+    at->waits = found->kind == TL_ENTRY_SAMPLE;
     switch (found->kind) {
     case TL_ENTRY_START:
         at->starts++;
@@ -225,7 +227,7 @@ static void live(pid_t reader) {
     }
     start_tellers();
     note(&noted->life, life);
-    if (life % 2 != 0) {
+    if (life % 2 != 0 && at.waits) { /* it is dropped, and taken anew */
         at.sample = at.step;
         note(&noted->samples, at.sample);
     }

@@ -109,6 +109,7 @@ static void test_stamps_count_from_the_start(void) {
     sample.stamps[1] = start + 5;
     sample.stamps[2] = TL_TIME_NEVER;
     TEST_ASSERT_TRUE(tl_outbox_put_sample(&bench.twin, &sample));
+    TEST_ASSERT_TRUE(tl_outbox_put_end(&bench.twin, "")); /* with what is put next it is handed over */
     close_well();
     TEST_ASSERT_EQUAL_STRING("-17 5 never",
                              tl_sql_text(bench.path, "SELECT group_concat(coalesce(stamp_ns, 'never'), ' ') FROM"
