@@ -17,7 +17,7 @@ from collections import namedtuple
 from pathlib import Path
 from xml.etree import ElementTree
 
-from study import PROGRAM, Progress, Trouble, print_figures, run_command
+from study import NOT_LOCKED, PROGRAM, Progress, Trouble, print_figures, run_command
 
 # A step where the FMU names none (s), and what a configuration takes.
 STEP, LEAST_STEP, LONGEST_STEP = 0.01, 1e-5, 3600.0
@@ -212,7 +212,7 @@ def run_program(program, limit, folder, label):
         err = log.read_text(encoding="utf-8", errors="replace")
         codes[name] = code
         refused.update(" in ".join(found) for found in REFUSED.findall(err))
-        why = why or (f"{name}: {first_error(code, err)}" if code != 0 else "")
+        why = why or (f"{name}: {first_error(code, err)}" if code not in (0, NOT_LOCKED) else "")
         if code == ENDED_BY_LIMIT:
             break
     return {"runs": not why, "why": why.replace(str(folder), ""), "codes": codes, "refused": sorted(refused),

@@ -9,6 +9,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 PROGRAM = ROOT / "build" / "host" / "bin" / "twinlock"
+NOT_LOCKED = 3  # the exit code of a replay that went through, and whose twin was never in lock
 
 
 class Trouble(Exception):
