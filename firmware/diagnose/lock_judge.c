@@ -29,7 +29,7 @@ static const double FAR_AWAY = 10.0;
 static const double SAME_PLACE = 0.1;
 static const double IN_CYCLE = 0.5;
 
-/* A share, and how much further the twin has moved than the plant. */
+/* A share, and how much further the twin has jumped than the plant. */
 static const double ASTRAY = 0.25;
 static const double MUCH_MORE = 3.0;
 
@@ -60,7 +60,8 @@ void tl_lock_judge_init(tl_lock_judge *judge, const tl_config *config, const tl_
 
 /* What was seen says nothing of what comes. What is usual stays. */
 static void forget(tl_lock_judge *judge) {
-    judge->pending += judge->part[judge->at].steps;
+    judge->tally.steps[judge->tally.state] += judge->pending + judge->part[judge->at].steps;
+    judge->pending = 0;
     memset(judge->part, 0, sizeof judge->part);
     judge->parts = 0;
     judge->at = 0;
@@ -98,7 +99,7 @@ static double distance(const tl_lock_judge *judge, const tl_record *record) {
             weights += match->weight;
         }
     }
-    return sqrt(sum / weights);
+    return sqrt(sum / fmax(weights, 1.0)); /* J itself, if weights make it less strict */
 }
 
 /* A stroke is compared by its search, and within tolerance if that says so. */
@@ -115,8 +116,10 @@ static void see_tolerance(const tl_lock_judge *judge, const tl_record *record, t
     part->worst = away <= part->worst ? part->worst : away;
 }
 
-static void see_bounds(const tl_account_adjust *adjust, double u, uint32_t *at_bound) {
-    *at_bound += u <= adjust->lower || u >= adjust->upper ? 1 : 0;
+/* It would be further from nominal if it might. */
+static void see_bounds(const tl_account_adjust *adjust, double u, double nominal, uint32_t *at_bound) {
+    bool is_there = u <= adjust->lower || u >= adjust->upper;
+    *at_bound += is_there && fabs(u - nominal) > NEGLIGIBLE * adjust->step ? 1 : 0;
 }
 
 static void see_cycle(const tl_lock_judge *judge, size_t v, uint32_t cycling[TL_LOCK_PERIODS + 1]) {
@@ -138,12 +141,24 @@ static void widen(tl_lock_range *range, double value, bool first) {
     range->most = first || value > range->most ? value : range->most;
 }
 
-static void see_outputs(const tl_lock_judge *judge, const tl_record *record, tl_lock_part *part) {
+/* A matched output that has gone far from one step to the next, and its measurement has not. */
+static bool has_jumped(const tl_lock_judge *judge, const tl_record *record) {
+    bool jumped = false;
     for (size_t i = 0; i < judge->config->match_count; i++) {
-        double tolerance = judge->config->match[i].tolerance;
-        widen(&part->simulated[i], record->y[i] / tolerance, part->steps == 0);
-        widen(&part->measured[i], record->y_hat[i] / tolerance, part->steps == 0);
+        const tl_plan_match *match = &judge->config->match[i];
+        double simulated = fabs(record->y[i] - judge->y[i]) / match->tolerance;
+        double measured = fabs(record->y_hat[i] - judge->y_hat[i]) / match->tolerance;
+        bool far = !(simulated < FAR_AWAY) && !(simulated < MUCH_MORE * measured);
+        bool counts = match->weight > 0.0 && record->y_hat_quality[i] == TL_GOOD;
+        jumped = jumped || (counts && far);
     }
+    return jumped;
+}
+
+static void see_outputs(tl_lock_judge *judge, const tl_record *record, tl_lock_part *part) {
+    part->jumps += judge->u_count != 0 && has_jumped(judge, record) ? 1 : 0;
+    memcpy(judge->y, record->y, judge->config->match_count * sizeof record->y[0]);
+    memcpy(judge->y_hat, record->y_hat, judge->config->match_count * sizeof record->y_hat[0]);
 }
 
 static void see_corrections(tl_lock_judge *judge, const tl_record *record, tl_lock_part *part) {
@@ -156,7 +171,7 @@ static void see_corrections(tl_lock_judge *judge, const tl_record *record, tl_lo
         widen(&part->u[v], u, part->steps == 0);
         if (is_real(judge, v)) {
             part->correction[v] += fabs(u - record->u_hat[v]);
-            see_bounds(&judge->adjust[v], u, &part->at_bound[v]);
+            see_bounds(&judge->adjust[v], u, record->u_hat[v], &part->at_bound[v]);
             see_cycle(judge, v, part->cycling[v]);
         }
     }
@@ -170,16 +185,11 @@ static void add_part(const tl_lock_part *part, const tl_config *config, window *
     all->free += part->free;
     all->outside += part->outside;
     all->far += part->far;
+    all->jumps += part->jumps;
     all->samples += part->samples;
     all->worst = part->worst <= all->worst ? all->worst : part->worst;
     for (size_t i = 0; i < config->signal_count; i++) {
         all->bad[i] += part->bad[i];
-    }
-    for (size_t i = 0; i < config->match_count; i++) {
-        widen(&all->simulated[i], part->simulated[i].least, first);
-        widen(&all->simulated[i], part->simulated[i].most, false);
-        widen(&all->measured[i], part->measured[i].least, first);
-        widen(&all->measured[i], part->measured[i].most, false);
     }
     for (size_t v = 0; v < config->adjust_count; v++) {
         all->at_bound[v] += part->at_bound[v];
@@ -239,23 +249,14 @@ static bool find_cycle(const tl_lock_judge *judge, const window *all, size_t *va
 static void append_cycle(const tl_lock_judge *judge, const window *all, size_t v, int period,
                          char cause[TL_LOCK_CAUSE]) {
     size_t length = strlen(cause);
-    (void)snprintf(cause + length, TL_LOCK_CAUSE - length, "; %.60s swings between %.4g and %.4g every %d steps",
-                   judge->config->adjust[v].variable, all->u[v].least, all->u[v].most, period);
+    (void)snprintf(cause + length, TL_LOCK_CAUSE - length, "; %.60s swings between %.4g and %.4g every %d %s",
+                   judge->config->adjust[v].variable, all->u[v].least, all->u[v].most, period, units(judge));
 }
 
-static double width(const tl_lock_range *range) {
-    return range->most - range->least;
-}
-
-/* One of the matched outputs has gone far, and its measurement has not. */
-static bool has_left(const tl_lock_judge *judge, const window *all) {
-    bool left = false;
-    for (size_t i = 0; i < judge->config->match_count; i++) {
-        double measured = width(&all->measured[i]);
-        bool is_matched = judge->config->match[i].weight > 0.0;
-        left = left || (is_matched && (measured < FAR_AWAY || width(&all->simulated[i]) > MUCH_MORE * measured));
-    }
-    return left;
+/* Whoever has come back by himself is not sent back. */
+static bool is_still_astray(const tl_lock_part *newest) {
+    uint32_t compared = newest->steps - newest->free;
+    return share(newest->far, compared) >= ASTRAY && share(newest->jumps, compared) >= ASTRAY;
 }
 
 static bool judge_lost(tl_lock_judge *judge, const window *all, char cause[TL_LOCK_CAUSE]) {
@@ -267,10 +268,10 @@ static bool judge_lost(tl_lock_judge *judge, const window *all, char cause[TL_LO
     int period = 0;
     bool cycles = find_cycle(judge, all, &variable, &period) && is_beyond(outside, &OUTSIDE_IN_CYCLE, inside);
     bool away = is_beyond(far, &FAR_OUTSIDE, inside);
-    judge->astray = far >= ASTRAY && has_left(judge, all);
+    judge->astray = far >= ASTRAY && share(all->jumps, compared) >= ASTRAY && is_still_astray(&judge->part[judge->at]);
     if (away) {
         (void)snprintf(cause, TL_LOCK_CAUSE,
-                       "%.0f %% of the last %u %s are %.0f tolerances off, and more (limit %.0f %%), at worst %.3g",
+                       "%.0f %% of the last %u %s are off by %.0f tolerances or more (limit %.0f %%), at worst by %.3g",
                        HUNDRED * far, (unsigned)compared, units(judge), FAR_AWAY, HUNDRED * FAR_OUTSIDE.enter,
                        all->worst);
     } else {
@@ -400,9 +401,15 @@ static bool close_part(tl_lock_judge *judge) {
     return changed;
 }
 
+/* A stroke whose search has ended; what is at nominal and was not searched is none. */
+static bool is_stroke(const tl_record *record) {
+    return record->outcome != TL_HELD && record->outcome != TL_SEARCHING && record->outcome != TL_MADE_UP &&
+           (record->outcome != TL_NOMINAL || isfinite(record->objective));
+}
+
 static bool counts(const tl_lock_judge *judge, const tl_record *record) {
-    bool ended = record->outcome != TL_HELD && record->outcome != TL_SEARCHING && record->outcome != TL_MADE_UP;
-    return judge->config->adjust_count != 0 && record->outcome != TL_FOLLOWED && (ended || !is_by_strokes(judge));
+    return judge->config->adjust_count != 0 && record->outcome != TL_FOLLOWED &&
+           (!is_by_strokes(judge) || is_stroke(record));
 }
 
 const tl_lock_change *tl_lock_judge_step(tl_lock_judge *judge, const tl_record *record) {

@@ -35,11 +35,12 @@ typedef struct tl_lock_range {
 /* What a part of the window has seen. */
 typedef struct tl_lock_part {
     uint32_t steps;
-    uint32_t free;                    /* that were not compared: nothing is adjusted, or no matched signal was good */
-    uint32_t outside;                 /* out of tolerance, */
-    uint32_t far;                     /* and more than ten times as far */
-    double worst;                     /* tolerances */
-    uint32_t samples;                 /* of the plant, */
+    uint32_t free;    /* that were not compared: nothing is adjusted, or no matched signal was good */
+    uint32_t outside; /* out of tolerance, */
+    uint32_t far;     /* and more than ten times as far */
+    uint32_t jumps;   /* in which an output has gone that far from the step before, and its measurement has not */
+    double worst;     /* tolerances */
+    uint32_t samples; /* of the plant, */
     uint32_t bad[TL_MAX_SIGNALS];     /* and those that were not good, by signal */
     uint32_t at_bound[TL_MAX_ADJUST]; /* steps with u at a bound */
     uint32_t
@@ -47,7 +48,6 @@ typedef struct tl_lock_part {
                [TL_LOCK_PERIODS + 1]; /* steps at which u was where it was that many steps ago, and elsewhere between */
     double correction[TL_MAX_ADJUST]; /* sum of |Δu| */
     tl_lock_range u[TL_MAX_ADJUST];
-    tl_lock_range simulated[TL_MAX_MATCH], measured[TL_MAX_MATCH]; /* y and its measurement, in tolerances */
 } tl_lock_part;
 
 /* A change of the state, to be told once. */
@@ -65,6 +65,7 @@ typedef struct tl_lock_judge {
     uint32_t at;    /* index of the part at hand */
     tl_lock_part part[TL_LOCK_PARTS];
     double u[TL_LOCK_PERIODS + 1][TL_MAX_ADJUST]; /* of the last steps, the newest first, */
+    double y[TL_MAX_MATCH], y_hat[TL_MAX_MATCH];  /* of the last step */
     uint32_t u_count;                             /* as far as there were some */
     double usual[TL_MAX_ADJUST];                  /* |Δu| on average */
     uint32_t learned;                             /* parts */
@@ -85,8 +86,9 @@ void tl_lock_judge_sample(tl_lock_judge *judge, const tl_sample *sample);
  * window. The state has changed: how, until the next call. Else NULL. */
 const tl_lock_change *tl_lock_judge_step(tl_lock_judge *judge, const tl_record *record);
 
-/* As judged last: a quarter of the window is ten tolerances off and more, and it is the twin that went there: the plant has hardly moved
- * meanwhile, or far less than the twin. Whether a plant jumps, or what measures it, is no matter of the twin. */
+/* As judged last: in a quarter of the window and more the twin is ten tolerances off, and in as much of it has gone so far in a single step, which the
+ * plant has not. No plant that is sampled fast enough does that, and no model of it, unless it is unstable. One that is off and goes its steady way is
+ * not astray: to begin anew would not make it a better model, and would lose what it has been through. */
 bool tl_lock_judge_is_astray(const tl_lock_judge *judge);
 
 /* So far. A run that ended before its first window was full is judged by what there is of it. */

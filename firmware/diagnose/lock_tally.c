@@ -40,7 +40,8 @@ static void append_others(const tl_lock_tally *tally, char text[TL_LOCK_SENTENCE
 }
 
 bool tl_lock_tally_is_enough(const tl_lock_tally *tally, double least) {
-    return least > 0.0 ? tl_lock_tally_percent(tally) >= least : tally->within != 0 || tally->windows == 0;
+    bool ever = tl_lock_tally_percent(tally) > 0.0;
+    return least > 0.0 ? tl_lock_tally_percent(tally) >= least : ever || tally->within != 0 || tally->windows == 0;
 }
 
 void tl_lock_tally_write(const tl_lock_tally *tally, char text[TL_LOCK_SENTENCE]) {

@@ -41,8 +41,8 @@ double tl_lock_tally_percent(const tl_lock_tally *tally);
 /* The one sentence with which a run ends, without a full stop. */
 void tl_lock_tally_write(const tl_lock_tally *tally, char text[TL_LOCK_SENTENCE]);
 
-/* Whether at least `percent` of the steps were in lock. 0: whether the twin ever was for a tenth of a window; of a run that was
- * shorter than a window that is not asked. */
+/* Whether at least `percent` of the steps were in lock. 0: whether the twin ever was, or was within tolerance for a
+ * tenth of a window; of a run that was shorter than a window that is not asked. */
 bool tl_lock_tally_is_enough(const tl_lock_tally *tally, double percent);
 
 #endif

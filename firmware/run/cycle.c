@@ -15,6 +15,9 @@
 #include "firmware/run/watch.h"
 #include "firmware/twin/twin_recorder.h"
 
+/* What FMUs may take to begin, as at the start of a run. */
+static const tl_time PATIENCE_WITH_BEGINNING = 120 * TL_SECOND;
+
 struct tl_cycle {
     tl_cycle_settings settings;
     tl_heart *heart;
@@ -47,14 +50,20 @@ static void show(tl_cycle *cycle) {
     tl_latest_publish(&cycle->published, &cycle->shown, sizeof cycle->shown);
 }
 
+static tl_time patience(const tl_config *config) {
+    return config->realtime_hang + 2 * config->step;
+}
+
 static void keep(tl_cycle *cycle, int64_t tick, const tl_record *record) {
     const tl_lock_change *change = NULL;
     tl_summary_add(&cycle->summary, &cycle->settings.assembly->config, record);
     tl_watch_record(&cycle->watch, tick, record);
     if ((record->flags & TL_FLAG_RESET) != 0) {
         tl_checkpointer_hurry(&cycle->checkpointer, tick);
+        tl_heart_be_patient(cycle->heart, patience(&cycle->settings.assembly->config));
     }
     if (tl_lock_rescue_step(&cycle->rescue, record, &change)) {
+        tl_heart_be_patient(cycle->heart, PATIENCE_WITH_BEGINNING);
         tl_twin_reset(cycle->settings.assembly->twin);
     }
     if (change != NULL) {
@@ -211,7 +220,7 @@ tl_status tl_cycle_start(const tl_cycle_settings *settings, tl_cycle **cycle, tl
     tl_watch_init(&started->watch, config, settings->journal);
     tl_account_take(settings->assembly->twin, &account);
     tl_lock_rescue_init(&started->rescue, config, &account);
-    started->heart = tl_heart_begin(settings->beats, "cycle", config->realtime_hang + 2 * config->step);
+    started->heart = tl_heart_begin(settings->beats, "cycle", patience(config));
     tl_checkpointer_init(&started->checkpointer, settings->assembly, settings->outbox, settings->journal);
     find_start(started);
     begin_run(started);

@@ -224,7 +224,7 @@ static void watch_delay(tl_watch *watch, int64_t tick, const tl_record *record) 
 static void watch_reset(const tl_watch *watch, int64_t tick, const tl_record *record) {
     if ((record->flags & TL_FLAG_RESET) != 0) {
         tl_journal_event(watch->journal, tick, TL_EVENT_WARNING, "lock",
-                         "brought back: the FMUs began anew with their start values before step %lld, and u at nominal",
+                         "begun anew: the FMUs have their start values before step %lld, and u is nominal",
                          (long long)record->step);
     }
 }

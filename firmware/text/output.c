@@ -22,7 +22,7 @@ FILE *tl_output_claim(void) {
 tl_status tl_output_finish(FILE *output, tl_status status) {
     bool failed = ferror(output) != 0;
     failed = fflush(output) != 0 || failed;
-    if (!failed || status != TL_OK) {
+    if (!failed || (status != TL_OK && status != TL_NOT_LOCKED)) {
         return status;
     }
     tl_log(TL_LOG_ERROR, "the result could not be written to standard output: %s", strerror(errno));

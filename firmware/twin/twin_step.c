@@ -89,7 +89,8 @@ tl_status tl_twin_execute(const tl_assembly *assembly, const tl_recording_tick *
         tl_lock_rescue_sample(rescue, &tick->sample);
     }
     tl_status status = step(assembly, tick, tells, &result->record, &ready, error);
-    if (ready && tl_lock_rescue_step(rescue, &result->record, &change)) {
+    if (ready && tl_lock_rescue_step(rescue, &result->record, &change) &&
+        tells != TL_TELLS_OUTPUTS) { /* a plant is as it is */
         tl_twin_reset(assembly->twin);
     }
     result->tick = tick->sample.tick;

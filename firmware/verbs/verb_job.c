@@ -53,7 +53,7 @@ int tl_verb_job_end(tl_verb_job *job, tl_status status) {
     tl_error error;
     if (job->child != NULL && tl_twin_child_wait(job->child, &error) != TL_OK) {
         tl_log(TL_LOG_ERROR, "%s", error.text);
-        status = status == TL_OK ? error.status : status;
+        status = status == TL_OK || status == TL_NOT_LOCKED ? error.status : status;
     }
     if (job->child != NULL && is_of_fmus(status) && tl_twin_child_was_refused(job->child)) {
         tl_log(TL_LOG_NOTICE,

@@ -47,7 +47,7 @@ def test_options_of_every_verb():
     for verb in re.findall(r"^  ([a-z]+) ", run_well(["--help"]), re.M):
         wanted = re.findall(r"^ +(--[a-z-]+)", run_well([verb, "--help"]), re.M)
         expect(offered(verb, "-") == wanted, f"{verb}: {offered(verb, '-')}, wanted {wanted}")
-    expect(offered("replay", "x.json", "--re") == ["--recording", "--report", "--realtime"],
+    expect(offered("replay", "x.json", "--re") == ["--recording", "--report", "--realtime", "--require-lock"],
            f"{offered('replay', 'x.json', '--re')}")
 
 

@@ -59,11 +59,11 @@ def test_a_lost_twin_says_so_and_is_brought_back():
         again, told, code = recorded(config, "--recording", database)
         found = lock_events(again)
         lost, back, locked = (next((tick for tick, _, text in found if tick > missed and text.startswith(words)), None)
-                              for words in ("lost: ", "brought back: ", "locked: "))
+                              for words in ("lost: ", "begun anew: ", "locked: "))
         expect(None not in (lost, back, locked), f"seed {seed}: {found}")
         at_most((lost - missed) * STEP_S, 2, f"seed {seed}: told after so many s")
         at_most((locked - missed) * STEP_S, 10, f"seed {seed}: locked again after so many s")
-        expect(sum("brought back" in text for _, _, text in found) == 1, f"seed {seed}: {found}")
+        expect(sum("begun anew" in text for _, _, text in found) == 1, f"seed {seed}: {found}")
         expect(code == 0 and told["lock"]["losses"] == 1 and told["lock"]["percent"] > 90, f"{code}, {told['lock']}")
         third, repeated, _ = recorded(config, "--recording", again)
         expect(lock_events(third) == found and repeated["adjust"] == told["adjust"] and repeated["match"] == told["match"],

@@ -47,10 +47,10 @@ static void scribble(void) {
     char line[512];
     FILE *maps = fopen("/proc/self/maps", "r");
     while (maps != NULL && fgets(line, sizeof line, maps) != NULL) {
-        uintptr_t from = 0;
-        uintptr_t to = 0;
-        if (strstr(line, "memfd:twinlock outbox") != NULL && strstr(line, " rw-s ") != NULL &&
-            sscanf(line, "%" SCNxPTR "-%" SCNxPTR, &from, &to) == 2) {
+        char *end = line;
+        uintptr_t from = (uintptr_t)strtoull(line, &end, 16);
+        uintptr_t to = *end == '-' ? (uintptr_t)strtoull(end + 1, NULL, 16) : from;
+        if (strstr(line, "memfd:twinlock outbox") != NULL && strstr(line, " rw-s ") != NULL) {
             memset((void *)from, 0x55, to - from); /* NOLINT(performance-no-int-to-ptr): as /proc tells */
         }
     }
