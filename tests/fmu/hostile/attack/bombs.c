@@ -35,20 +35,22 @@ static void linger(void) {
     }
 }
 
-/* COUNT processes that stay. */
+/* COUNT processes that stay. They have their name from birth, however long they wait for a processor. */
 static int processes(char *const words[]) {
+    char name[16] = "";
     size_t wanted = number(words[0]);
-    for (size_t made = 0; made < wanted; made++) {
+    int failure = 0;
+    (void)prctl(PR_GET_NAME, name);
+    (void)prctl(PR_SET_NAME, "attack-left");
+    for (size_t made = 0; made < wanted && failure == 0; made++) {
         pid_t child = fork();
         if (child == 0) {
             linger();
         }
-        if (child < 0) {
-            return errno;
-        }
+        failure = child < 0 ? errno : 0;
     }
-    attack_pause(100);
-    return 0;
+    (void)prctl(PR_SET_NAME, name);
+    return failure;
 }
 
 /* One that no longer has anything to do with who began it. */
