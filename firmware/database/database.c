@@ -405,6 +405,19 @@ static tl_status check_folder(const char *path, tl_error *error) {
     return TL_OK;
 }
 
+/* The name that it will have once it is there: whoever looks for it then must find the same one. Its folder is there. */
+static void place_new(const char *given, char path[PATH_MAX]) {
+    char copy[PATH_MAX];
+    char folder[PATH_MAX];
+    const char *slash = strrchr(given, '/');
+    const char *name = slash == NULL ? given : slash + 1;
+    (void)snprintf(copy, sizeof copy, "%s", given);
+    if (realpath(dirname(copy), folder) == NULL ||
+        snprintf(path, PATH_MAX, "%s/%s", strcmp(folder, "/") == 0 ? "" : folder, name) >= PATH_MAX) {
+        (void)snprintf(path, PATH_MAX, "%s", given);
+    }
+}
+
 tl_status tl_database_place(const char *given, char path[PATH_MAX], tl_error *error) {
     struct stat file;
     if (given[0] == '\0') {
@@ -426,6 +439,9 @@ tl_status tl_database_place(const char *given, char path[PATH_MAX], tl_error *er
                                   "%s: is a symbolic link to a file that is not there, and left as it is", given);
     }
     tl_status status = check_folder(given, error);
-    (void)snprintf(path, PATH_MAX, "%s", status == TL_OK ? given : "");
+    path[0] = '\0';
+    if (status == TL_OK) {
+        place_new(given, path);
+    }
     return status;
 }

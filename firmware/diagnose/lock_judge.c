@@ -32,6 +32,7 @@ static const double IN_CYCLE = 0.5;
 /* A share, and how much further the twin has jumped than the plant. */
 static const double ASTRAY = 0.25;
 static const double MUCH_MORE = 3.0;
+static const double FADING = 0.99; /* a step */
 
 /* Parts are at least so long, and have at least so many steps. */
 static const tl_time PART = TL_SECOND / 10;
@@ -141,22 +142,28 @@ static void widen(tl_lock_range *range, double value, bool first) {
     range->most = first || value > range->most ? value : range->most;
 }
 
-/* A matched output that has gone far from one step to the next, and its measurement has not. */
-static bool has_jumped(const tl_lock_judge *judge, const tl_record *record) {
-    bool jumped = false;
-    for (size_t i = 0; i < judge->config->match_count; i++) {
-        const tl_plan_match *match = &judge->config->match[i];
-        double simulated = fabs(record->y[i] - judge->y[i]) / match->tolerance;
-        double measured = fabs(record->y_hat[i] - judge->y_hat[i]) / match->tolerance;
-        bool far = !(simulated < FAR_AWAY) && !(simulated < MUCH_MORE * measured);
-        bool counts = match->weight > 0.0 && record->y_hat_quality[i] == TL_GOOD;
-        jumped = jumped || (counts && far);
-    }
-    return jumped;
+/* How far a measurement goes at once: the largest step so far, fading. Readings come in messages, and stand still in between. */
+static void see_stride(tl_lock_judge *judge, size_t i, const tl_record *record) {
+    double step = fabs(record->y_hat[i] - judge->y_hat[i]);
+    double faded = FADING * judge->stride[i];
+    judge->stride[i] = step > faded ? step : faded;
+}
+
+/* A matched output that has gone far from one step to the next, and further than its measurement does. */
+static bool has_jumped(const tl_lock_judge *judge, size_t i, const tl_record *record) {
+    const tl_plan_match *match = &judge->config->match[i];
+    double simulated = fabs(record->y[i] - judge->y[i]);
+    bool far = !(simulated < FAR_AWAY * match->tolerance) && !(simulated < MUCH_MORE * judge->stride[i]);
+    return far && match->weight > 0.0 && record->y_hat_quality[i] == TL_GOOD;
 }
 
 static void see_outputs(tl_lock_judge *judge, const tl_record *record, tl_lock_part *part) {
-    part->jumps += judge->u_count != 0 && has_jumped(judge, record) ? 1 : 0;
+    bool jumped = false;
+    for (size_t i = 0; i < judge->config->match_count && judge->u_count != 0; i++) {
+        see_stride(judge, i, record);
+        jumped = has_jumped(judge, i, record) || jumped;
+    }
+    part->jumps += jumped ? 1 : 0;
     memcpy(judge->y, record->y, judge->config->match_count * sizeof record->y[0]);
     memcpy(judge->y_hat, record->y_hat, judge->config->match_count * sizeof record->y_hat[0]);
 }
@@ -390,7 +397,7 @@ static bool close_part(tl_lock_judge *judge) {
     const tl_lock_part *full = &judge->part[judge->at];
     judge->parts += judge->parts < TL_LOCK_PARTS ? 1 : 0;
     judge->pending += full->steps;
-    judge->tally.within += full->outside == 0 && full->free == 0 ? 1 : 0;
+    judge->tally.within += full->outside == 0 && full->free == 0 ? full->steps : 0;
     judge->tally.windows += has_window(judge) ? 1 : 0;
     bool changed = has_window(judge) && judge_now(judge);
     if (judge->judged) {

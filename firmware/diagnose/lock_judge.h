@@ -38,9 +38,10 @@ typedef struct tl_lock_part {
     uint32_t free;    /* that were not compared: nothing is adjusted, or no matched signal was good */
     uint32_t outside; /* out of tolerance, */
     uint32_t far;     /* and more than ten times as far */
-    uint32_t jumps;   /* in which an output has gone that far from the step before, and its measurement has not */
-    double worst;     /* tolerances */
-    uint32_t samples; /* of the plant, */
+    uint32_t
+        jumps;    /* in which an output has gone that far from the step before, and further than its measurement goes */
+    double worst; /* tolerances */
+    uint32_t samples;                 /* of the plant, */
     uint32_t bad[TL_MAX_SIGNALS];     /* and those that were not good, by signal */
     uint32_t at_bound[TL_MAX_ADJUST]; /* steps with u at a bound */
     uint32_t
@@ -66,6 +67,7 @@ typedef struct tl_lock_judge {
     tl_lock_part part[TL_LOCK_PARTS];
     double u[TL_LOCK_PERIODS + 1][TL_MAX_ADJUST]; /* of the last steps, the newest first, */
     double y[TL_MAX_MATCH], y_hat[TL_MAX_MATCH];  /* of the last step */
+    double stride[TL_MAX_MATCH];                  /* the largest step of y_hat, fading */
     uint32_t u_count;                             /* as far as there were some */
     double usual[TL_MAX_ADJUST];                  /* |Δu| on average */
     uint32_t learned;                             /* parts */

@@ -3,6 +3,8 @@
 
 #include <stdio.h>
 
+enum { ENOUGH = 10 }; /* steps: some may be within tolerance by chance */
+
 const char *tl_lock_state_name(tl_lock_state state) {
     static const char *const names[TL_LOCK_STATES] = {[TL_LOCK_FREE] = "free",
                                                       [TL_LOCK_LOCKED] = "locked",
@@ -41,7 +43,7 @@ static void append_others(const tl_lock_tally *tally, char text[TL_LOCK_SENTENCE
 
 bool tl_lock_tally_is_enough(const tl_lock_tally *tally, double least) {
     bool ever = tl_lock_tally_percent(tally) > 0.0;
-    return least > 0.0 ? tl_lock_tally_percent(tally) >= least : ever || tally->within != 0 || tally->windows == 0;
+    return least > 0.0 ? tl_lock_tally_percent(tally) >= least : ever || tally->within >= ENOUGH || tally->windows == 0;
 }
 
 void tl_lock_tally_write(const tl_lock_tally *tally, char text[TL_LOCK_SENTENCE]) {

@@ -24,7 +24,7 @@ typedef struct tl_lock_tally {
     tl_lock_state state;            /* the last one */
     uint64_t steps[TL_LOCK_STATES]; /* in each state, made up ones among them; with an event horizon strokes */
     uint64_t windows;               /* that were judged; 0: the run was shorter than one */
-    uint64_t within;                /* tenths of a window with no step that was not within tolerance */
+    uint64_t within;                /* steps of those tenths of a window in which no step was out of tolerance */
     uint64_t changes;               /* of the state */
     uint64_t losses;                /* how often it was lost */
 } tl_lock_tally;
@@ -41,8 +41,8 @@ double tl_lock_tally_percent(const tl_lock_tally *tally);
 /* The one sentence with which a run ends, without a full stop. */
 void tl_lock_tally_write(const tl_lock_tally *tally, char text[TL_LOCK_SENTENCE]);
 
-/* Whether at least `percent` of the steps were in lock. 0: whether the twin ever was, or was within tolerance for a
- * tenth of a window; of a run that was shorter than a window that is not asked. */
+/* Whether at least `percent` of the steps were in lock. 0: whether the twin ever was, or was within tolerance in
+ * ten steps and more of whole tenths of a window; of a run that was shorter than a window that is not asked. */
 bool tl_lock_tally_is_enough(const tl_lock_tally *tally, double percent);
 
 #endif

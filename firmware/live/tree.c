@@ -376,7 +376,9 @@ static tl_status print_summary(tree *self, tl_error *error) {
     tl_summary summary = end->summary;
     tl_account account = end->account;
     if (end->is_there == 0) {
-        return TL_OK;
+        return self->settings->require_lock <= 0.0
+                   ? TL_OK
+                   : tl_fail(error, TL_NOT_LOCKED, "the run ended without a twin: it was not in lock");
     }
     summary.wall_s = tl_seconds(tl_clock_now(NULL) - self->began);
     if (!tl_live_end_is_sound(&summary, &account, &self->config)) {

@@ -32,17 +32,22 @@ void tl_summary_sample(tl_summary *summary, const tl_config *config, const tl_sa
 }
 
 tl_status tl_summary_require_lock(const tl_summary *summary, const tl_config *config, double percent, tl_error *error) {
-    if (config->adjust_count == 0 || tl_lock_tally_is_enough(&summary->lock, percent)) {
+    bool goes_on = summary->resumption.from != TL_RESUMED_NOT; /* what came before is not in here */
+    bool is_asked = percent > 0.0 || (config->adjust_count != 0 && !goes_on);
+    if (!is_asked || (config->adjust_count != 0 && tl_lock_tally_is_enough(&summary->lock, percent))) {
         return TL_OK;
     }
-    double found = tl_lock_tally_percent(&summary->lock);
+    if (config->adjust_count == 0) {
+        return tl_fail(error, TL_NOT_LOCKED, "nothing is adjusted: there is no lock of which %g %% could be required",
+                       percent);
+    }
     if (percent > 0.0) {
-        return tl_fail(error, TL_NOT_LOCKED, "the twin was in lock in %.1f %% of the steps, and %g %% were required",
-                       found, percent);
+        return tl_fail(error, TL_NOT_LOCKED, "the twin was in lock in %.2f %% of the steps, and %g %% were required",
+                       tl_lock_tally_percent(&summary->lock), percent);
     }
     return tl_fail(error, TL_NOT_LOCKED,
-                   "the twin was never in lock: look at the events of the run, or at the signals and the tolerance by "
-                   "`twinlock check`");
+                   "the twin was never in lock: the run's events say why (--db records them); look at the signals, the "
+                   "tolerance, the bounds of what is adjusted, and the model");
 }
 
 /* A summary while it is printed. */

@@ -32,8 +32,8 @@ void tl_summary_add(tl_summary *summary, const tl_config *config, const tl_recor
 /* A sample of the plant, as the twin was given it. */
 void tl_summary_sample(tl_summary *summary, const tl_config *config, const tl_sample *sample);
 
-/* Whether the twin was in lock in at least `percent` of the steps, as tl_lock_tally_is_enough(); if nothing is adjusted that is not asked.
- * Errors: TL_NOT_LOCKED. */
+/* Whether the twin was in lock in at least `percent` of the steps, as tl_lock_tally_is_enough(). 0 is not asked if nothing is adjusted, or if the run
+ * goes on with another one. Errors: TL_NOT_LOCKED. */
 tl_status tl_summary_require_lock(const tl_summary *summary, const tl_config *config, double percent, tl_error *error);
 
 /* One JSON object and a newline. Errors: TL_TRY_AGAIN if memory is out; nothing is printed then. */

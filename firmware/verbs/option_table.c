@@ -86,7 +86,7 @@ const tl_option tl_option_rows[TL_OPTION_COUNT] = {
     {RUN, "json", NULL, TL_OPTION_SWITCH, SETS(json), .help = "print the summary as one JSON object at the end"},
     {REPLAY | RUN, "require-lock", "PERCENT", TL_OPTION_PERCENT, SETS(require_lock),
      .help = "end with 3 unless the twin was in lock in at least so much of the steps;\n"
-             "without this option, unless it was at some time (not asked of --supervise)",
+             "without this option, unless it was at some time",
      .expected = "a percentage above 0, at most 100, for example 95"},
     {RUN, "supervise", NULL, TL_OPTION_SWITCH, SETS(supervise),
      .help = "start the twin again if it hangs or dies, and without FMUs after a restart\n"

@@ -5,7 +5,7 @@ import random
 import sqlite3
 from contextlib import closing
 
-from twinlock_test import NOT_LOCKED, at_most, edited_config, expect, main, run, run_well, scratch
+from twinlock_test import NOT_LOCKED, SOURCE, at_most, edited_config, expect, main, run, run_well, scratch
 
 OMEGA = 62.981  # rad/s: where config/motor's twin starts
 STEP_S = 0.001
@@ -95,11 +95,25 @@ def test_require_lock():
     expect(code == 0 and 50 < percent < 70, f"{code}, {told['lock']}")
     run_well(["replay", config, "--require-lock", f"{percent - 0.1}"])
     code, out, err = run(["replay", config, "--require-lock", "95"])
-    expect(code == NOT_LOCKED and f"in lock in {percent:.1f} % of the steps, and 95 % were required" in err, f"{code}\n{err}")
+    expect(code == NOT_LOCKED and f"in lock in {percent:.2f} % of the steps, and 95 % were required" in err, f"{code}\n{err}")
     expect("free at the end" in out, out)
+    code, _, err = run(["replay", SOURCE / "config" / "motor" / "free.json", "--require-lock", "95"])
+    expect(code == NOT_LOCKED and "nothing is adjusted" in err, f"{code}\n{err}")
     for wrong in ("0", "101", "x", "-5"):
         code, _, err = run(["replay", config, "--require-lock", wrong])
         expect(code == 2 and "a percentage above 0, at most 100" in err, f"{wrong}: {code}\n{err}")
+
+
+def test_a_true_model_is_left_alone():
+    """A tolerance that is too small, and no room to correct: it is lost by its tolerance, and what it has been through is worth more than start values."""
+    for tolerance in (0.02, 0.05):
+        config = edited_config("motor/lock.json", {
+            "components": {"motor": {"set": {"J": 0.0015}}},
+            "synchronise": {"adjust": {"motor.d": {"min": 0.003, "max": 0.0032}}, "match": {"motor.omega": {"tolerance": tolerance}}}})
+        database, told, _ = recorded(config)
+        begun = [text for _, _, text in lock_events(database) if text.startswith("begun anew")]
+        expect(begun == [], f"{tolerance}: {begun}")
+        at_most(told["match"]["motor.omega"]["mse"], 1.0, f"tolerance {tolerance}: MSE, (rad/s)\u00b2")
 
 
 def test_a_signal_that_is_bad():

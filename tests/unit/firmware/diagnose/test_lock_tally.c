@@ -31,7 +31,7 @@ static void test_a_run_that_was_never_in_lock(void) {
 
 static void test_what_is_enough(void) {
     const tl_lock_tally some = {
-        .steps = {[TL_LOCK_LOCKED] = 90, [TL_LOCK_TRACKING] = 5, [TL_LOCK_DEGRADED] = 5}, .windows = 9, .within = 9};
+        .steps = {[TL_LOCK_LOCKED] = 90, [TL_LOCK_TRACKING] = 5, [TL_LOCK_DEGRADED] = 5}, .windows = 9, .within = 90};
     TEST_ASSERT_EQUAL_DOUBLE(95, tl_lock_tally_percent(&some));
     TEST_ASSERT_TRUE(tl_lock_tally_is_enough(&some, 0));
     TEST_ASSERT_TRUE(tl_lock_tally_is_enough(&some, 95));
@@ -42,7 +42,9 @@ static void test_what_is_enough(void) {
 static void test_what_is_enough_at_least(void) {
     tl_lock_tally never = {.steps = {[TL_LOCK_FREE] = 5, [TL_LOCK_LOST] = 5}, .windows = 1};
     TEST_ASSERT_FALSE(tl_lock_tally_is_enough(&never, 0));
-    never.within = 1;
+    never.within = 9;
+    TEST_ASSERT_FALSE(tl_lock_tally_is_enough(&never, 0));
+    never.within = 10;
     TEST_ASSERT_TRUE(tl_lock_tally_is_enough(&never, 0));
     TEST_ASSERT_FALSE(tl_lock_tally_is_enough(&never, 1));
     never.within = 0;
