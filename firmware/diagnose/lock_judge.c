@@ -383,7 +383,6 @@ static bool judge_now(tl_lock_judge *judge) {
     }
     judge->tally.changes += first ? 0 : 1;
     judge->tally.losses += state == TL_LOCK_LOST ? 1 : 0;
-    judge->change.from = before;
     judge->change.to = state;
     return true;
 }
@@ -420,14 +419,13 @@ static bool counts(const tl_lock_judge *judge, const tl_record *record) {
 }
 
 const tl_lock_change *tl_lock_judge_step(tl_lock_judge *judge, const tl_record *record) {
-    tl_lock_part *part = &judge->part[judge->at];
     if (!counts(judge, record)) {
         return NULL;
     }
     if ((record->flags & TL_FLAG_RESET) != 0) {
         forget(judge);
-        part = &judge->part[judge->at];
     }
+    tl_lock_part *part = &judge->part[judge->at];
     if (is_compared(judge, record)) {
         see_tolerance(judge, record, part);
     } else {

@@ -37,7 +37,7 @@ typedef struct tl_lock_part {
     uint32_t steps;
     uint32_t free;    /* that were not compared: nothing is adjusted, or no matched signal was good */
     uint32_t outside; /* out of tolerance, */
-    uint32_t far;     /* and more than ten times as far */
+    uint32_t far;     /* and by ten tolerances or more */
     uint32_t
         jumps;    /* in which an output has gone that far from the step before, and further than its measurement goes */
     double worst; /* tolerances */
@@ -53,7 +53,7 @@ typedef struct tl_lock_part {
 
 /* A change of the state, to be told once. */
 typedef struct tl_lock_change {
-    tl_lock_state from, to;
+    tl_lock_state to;
     char cause[TL_LOCK_CAUSE]; /* a sentence with the value and its limit */
 } tl_lock_change;
 
