@@ -1,0 +1,41 @@
+#!/usr/bin/env python3
+"""What a live run ends with if its twin was not in lock: by itself, with --require-lock, supervised."""
+import socket
+
+from live_test import Device
+from twinlock_test import NOT_LOCKED, edited_config, expect, main, run
+
+OMEGA = 62.981  # rad/s: where config/motor's twin starts
+
+
+def ended(port, *options):
+    """(exit code, standard error) of a run of 3 s."""
+    config = edited_config("motor/live.json", {"duration_s": 3, "sources": {"inverter": {"modbus_tcp": {"port": port}}}})
+    code, _, err = run(["run", config, *options])
+    return code, err
+
+
+def free_port():
+    with socket.socket() as unused:
+        unused.bind(("127.0.0.1", 0))
+        return unused.getsockname()[1]
+
+
+def test_a_plant_that_never_answers():
+    port = free_port()
+    code, err = ended(port)
+    expect(code == NOT_LOCKED and "the twin was never in lock" in err, f"{code}\n{err}")
+    code, err = ended(port, "--supervise")
+    expect(code == 0, f"supervised: {code}\n{err}")
+    code, err = ended(port, "--supervise", "--require-lock", "50")
+    expect(code == NOT_LOCKED and "in lock in 0.00 % of the steps, and 50 % were required" in err, f"supervised: {code}\n{err}")
+
+
+def test_a_twin_in_lock():
+    with Device(OMEGA) as device:
+        code, err = ended(device.port, "--require-lock", "90")
+    expect(code == 0, f"{code}\n{err}")
+
+
+if __name__ == "__main__":
+    main()
