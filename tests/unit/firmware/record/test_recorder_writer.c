@@ -9,7 +9,7 @@
 
 #include "firmware/base/clock.h"
 #include "firmware/base/log.h"
-#include "firmware/record/history.h"
+#include "firmware/history/history.h"
 #include "firmware/record/recorder.h"
 #include "tests/support/faulty_vfs.h"
 #include "tests/support/made_run.h"
