@@ -24,6 +24,8 @@ def without_once(life):
     """A process takes memory when something happens to it for the first time: a thread gets an arena, a batch is longer than ever. One such rise looks
     like a slope to least squares. So the largest two are taken away, as far as they are beyond the usual and no larger than an arena. What leaks goes on
     rising."""
+    if len(life) < 2:
+        return life
     moves = [after[1] - before[1] for before, after in zip(life, life[1:])]
     by_size = sorted(range(len(moves)), key=lambda i: moves[i], reverse=True)
     usual = sorted(map(abs, moves), reverse=True)[min(max(ONCE, len(moves) // 10), len(moves) - 1)]
@@ -49,9 +51,8 @@ def alike(residuals):
 
 
 def slope_of(lives):
-    """`lives`: for each process that had the role, [(seconds, KiB)]. One slope for all of them, without what each takes once; None if there are too
-    few points."""
-    lives = [without_once(life) for life in lives if len(life) > 1]
+    """`lives`: for each process that had the role, [(seconds, KiB)]. One slope for all of them; None if there are too few points."""
+    lives = [life for life in lives if len(life) > 1]
     points = list(centred(lives))
     square = sum(t * t for life in points for t, _ in life)
     freedom = sum(map(len, points)) - len(points) - 1

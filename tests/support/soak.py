@@ -18,7 +18,7 @@ from dataclasses import dataclass, field
 from faulty_device import FaultyDevice
 from footprint import footprint
 from live_test import GOOD, MADE_UP, query, title, wait_until
-from slopes import HOUR, count_grows, slope_of
+from slopes import HOUR, count_grows, slope_of, without_once
 from supervised import WORD
 from tree import BEGINNING, OMEGA, ROLES, Tree, expect_whole, read
 from twinlock_test import BUILD, Failure, edited_config, expect, json, scratch
@@ -358,7 +358,7 @@ def tell_growth(samples, say):
     found = []
     for role in ("supervisor", *ROLES):
         what = f"{role}, private memory"
-        found += [what] * tell_slope(what, "KiB", lives_of(samples, role, "private"), say)
+        found += [what] * tell_slope(what, "KiB", map(without_once, lives_of(samples, role, "private")), say)
         for name, words in ("shared", "shared KiB mapped"), ("descriptors", "descriptors"), ("threads", "threads"):
             what = f"{role}, {words}"
             found += [what] * tell_counts(what, [getattr(sample.prints[role], name) for sample in samples if sample.settled], say)
