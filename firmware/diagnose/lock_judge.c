@@ -41,6 +41,16 @@ enum { PART_STEPS = 2, STROKES = 3, HUNDRED = 100 };
 /* The window as a whole. */
 typedef tl_lock_part window;
 
+/* What it shows, and by what. */
+typedef struct finding {
+    tl_lock_state state;
+    size_t which;  /* degraded: the signal; tracking, or in a cycle: the adjusted variable */
+    int period;    /* of the cycle */
+    bool cycles;   /* lost: u is in a limit cycle */
+    bool is_far;   /* lost: it is ten tolerances off, and not only out of one */
+    bool at_bound; /* tracking: u is at a bound, and not only unusual */
+} finding;
+
 static bool is_by_strokes(const tl_lock_judge *judge) {
     return judge->config->event.start.signal != NULL;
 }
@@ -228,18 +238,11 @@ static bool is_beyond(double value, const limit *of, bool inside) {
     return value >= (inside ? of->leave : of->enter);
 }
 
-static const char *units(const tl_lock_judge *judge) {
-    return is_by_strokes(judge) ? "strokes" : "steps";
+static bool judge_free(const tl_lock_judge *judge, const window *all) {
+    return is_beyond(share(all->free, all->steps), &FREE, judge->judged && judge->tally.state == TL_LOCK_FREE);
 }
 
-static bool judge_free(const tl_lock_judge *judge, const window *all, char cause[TL_LOCK_CAUSE]) {
-    double value = share(all->free, all->steps);
-    (void)snprintf(cause, TL_LOCK_CAUSE, "no matched signal was good in %.0f %% of the last %u %s (limit %.0f %%)",
-                   HUNDRED * value, (unsigned)all->steps, units(judge), HUNDRED * FREE.enter);
-    return is_beyond(value, &FREE, judge->judged && judge->tally.state == TL_LOCK_FREE);
-}
-
-/* The adjusted variable whose u is in a limit cycle, and its period; false: none is. */
+/* The first adjusted variable whose u is in a limit cycle, and its period; false: none is. */
 static bool find_cycle(const tl_lock_judge *judge, const window *all, size_t *variable, int *period) {
     for (size_t v = 0; v < judge->config->adjust_count; v++) {
         for (int p = 2; p <= TL_LOCK_PERIODS; p++) {
@@ -253,107 +256,160 @@ static bool find_cycle(const tl_lock_judge *judge, const window *all, size_t *va
     return false;
 }
 
-static void append_cycle(const tl_lock_judge *judge, const window *all, size_t v, int period,
-                         char cause[TL_LOCK_CAUSE]) {
-    size_t length = strlen(cause);
-    (void)snprintf(cause + length, TL_LOCK_CAUSE - length, "; %.60s swings between %.4g and %.4g every %d %s",
-                   judge->config->adjust[v].variable, all->u[v].least, all->u[v].most, period, units(judge));
-}
-
 /* Whoever has come back by himself is not sent back. */
 static bool is_still_astray(const tl_lock_part *newest) {
     uint32_t compared = newest->steps - newest->free;
     return share(newest->far, compared) >= ASTRAY && share(newest->jumps, compared) >= ASTRAY;
 }
 
-static bool judge_lost(tl_lock_judge *judge, const window *all, char cause[TL_LOCK_CAUSE]) {
+static bool judge_lost(tl_lock_judge *judge, const window *all, finding *found) {
     bool inside = judge->judged && judge->tally.state == TL_LOCK_LOST;
     uint32_t compared = all->steps - all->free;
     double outside = share(all->outside, compared);
     double far = share(all->far, compared);
-    size_t variable = 0;
-    int period = 0;
-    bool cycles = find_cycle(judge, all, &variable, &period) && is_beyond(outside, &OUTSIDE_IN_CYCLE, inside);
-    bool away = is_beyond(far, &FAR_OUTSIDE, inside);
     judge->astray = far >= ASTRAY && share(all->jumps, compared) >= ASTRAY && is_still_astray(&judge->part[judge->at]);
-    if (away) {
-        (void)snprintf(cause, TL_LOCK_CAUSE,
-                       "%.0f %% of the last %u %s are off by %.0f tolerances or more (limit %.0f %%), at worst by %.3g",
-                       HUNDRED * far, (unsigned)compared, units(judge), FAR_AWAY, HUNDRED * FAR_OUTSIDE.enter,
-                       all->worst);
-    } else {
-        (void)snprintf(cause, TL_LOCK_CAUSE, "%.0f %% of the last %u %s are out of tolerance (limit %.0f %%)",
-                       HUNDRED * outside, (unsigned)compared, units(judge),
-                       HUNDRED * (cycles ? OUTSIDE_IN_CYCLE.enter : OUTSIDE.enter));
-    }
-    if (cycles) {
-        append_cycle(judge, all, variable, period, cause);
-    }
-    return away || cycles || is_beyond(outside, &OUTSIDE, inside);
+    found->cycles =
+        find_cycle(judge, all, &found->which, &found->period) && is_beyond(outside, &OUTSIDE_IN_CYCLE, inside);
+    found->is_far = is_beyond(far, &FAR_OUTSIDE, inside);
+    return found->is_far || found->cycles || is_beyond(outside, &OUTSIDE, inside);
 }
 
-static bool judge_degraded(const tl_lock_judge *judge, const window *all, char cause[TL_LOCK_CAUSE]) {
+static bool judge_degraded(const tl_lock_judge *judge, const window *all, finding *found) {
     bool inside = judge->judged && judge->tally.state == TL_LOCK_DEGRADED;
     for (size_t i = 0; i < judge->config->signal_count; i++) {
-        double value = share(all->bad[i], all->samples);
-        if (is_beyond(value, &BAD, inside)) {
-            (void)snprintf(
-                cause, TL_LOCK_CAUSE, "plant.%.60s was not good in %.0f %% of the last %u samples (limit %.0f %%)",
-                judge->config->signals[i].plan.name, HUNDRED * value, (unsigned)all->samples, HUNDRED * BAD.enter);
+        if (is_beyond(share(all->bad[i], all->samples), &BAD, inside)) {
+            found->which = i;
             return true;
         }
     }
     return false;
 }
 
-static bool is_unusual(const tl_lock_judge *judge, const window *all, size_t v, bool inside,
-                       char cause[TL_LOCK_CAUSE]) {
-    double value = all->steps == 0 ? 0.0 : all->correction[v] / (double)all->steps;
-    double floor = NEGLIGIBLE * judge->adjust[v].step;
-    const limit of = {BEYOND_USUAL.enter * judge->usual[v] + floor, BEYOND_USUAL.leave * judge->usual[v] + floor};
-    (void)snprintf(cause, TL_LOCK_CAUSE,
-                   "%.60s is corrected by %.3g on average over the last %u %s, and usually by %.3g (limit %.3g)",
-                   judge->config->adjust[v].variable, value, (unsigned)all->steps, units(judge), judge->usual[v],
-                   of.enter);
-    return judge->learned >= TL_LOCK_LEARNS && is_beyond(value, &of, inside);
+static double mean_correction(const window *all, size_t v) {
+    return all->steps == 0 ? 0.0 : all->correction[v] / (double)all->steps;
 }
 
-static bool judge_tracking(const tl_lock_judge *judge, const window *all, char cause[TL_LOCK_CAUSE]) {
+static limit unusual(const tl_lock_judge *judge, size_t v) {
+    double floor = NEGLIGIBLE * judge->adjust[v].step;
+    return (limit){BEYOND_USUAL.enter * judge->usual[v] + floor, BEYOND_USUAL.leave * judge->usual[v] + floor};
+}
+
+static bool is_unusual(const tl_lock_judge *judge, const window *all, size_t v, bool inside) {
+    const limit of = unusual(judge, v);
+    return judge->learned >= TL_LOCK_LEARNS && is_beyond(mean_correction(all, v), &of, inside);
+}
+
+static bool judge_tracking(const tl_lock_judge *judge, const window *all, finding *found) {
     bool inside = judge->judged && judge->tally.state == TL_LOCK_TRACKING;
     for (size_t v = 0; v < judge->config->adjust_count; v++) {
-        double value = share(all->at_bound[v], all->steps);
-        if (is_real(judge, v) && is_beyond(value, &AT_BOUND, inside)) {
-            (void)snprintf(cause, TL_LOCK_CAUSE, "%.60s is at a bound in %.0f %% of the last %u %s (limit %.0f %%)",
-                           judge->config->adjust[v].variable, HUNDRED * value, (unsigned)all->steps, units(judge),
-                           HUNDRED * AT_BOUND.enter);
-            return true;
-        }
-        if (is_real(judge, v) && is_unusual(judge, all, v, inside, cause)) {
+        found->at_bound = is_beyond(share(all->at_bound[v], all->steps), &AT_BOUND, inside);
+        if (is_real(judge, v) && (found->at_bound || is_unusual(judge, all, v, inside))) {
+            found->which = v;
             return true;
         }
     }
     return false;
 }
 
-static tl_lock_state judge_window(tl_lock_judge *judge, const window *all, char cause[TL_LOCK_CAUSE]) {
+static finding judge_window(tl_lock_judge *judge, const window *all) {
+    finding found = {.state = TL_LOCK_LOCKED};
     judge->astray = false;
-    if (judge_free(judge, all, cause)) {
-        return TL_LOCK_FREE;
+    if (judge_free(judge, all)) {
+        found.state = TL_LOCK_FREE;
+    } else if (judge_lost(judge, all, &found)) {
+        found.state = TL_LOCK_LOST;
+    } else if (judge_degraded(judge, all, &found)) {
+        found.state = TL_LOCK_DEGRADED;
+    } else if (judge_tracking(judge, all, &found)) {
+        found.state = TL_LOCK_TRACKING;
     }
-    if (judge_lost(judge, all, cause)) {
-        return TL_LOCK_LOST;
+    return found;
+}
+
+/* ---- telling why: of a change only, as this is in the cycle's thread ---- */
+
+static const char *units(const tl_lock_judge *judge) {
+    return is_by_strokes(judge) ? "strokes" : "steps";
+}
+
+static void tell_free(const tl_lock_judge *judge, const window *all, char cause[TL_LOCK_CAUSE]) {
+    (void)snprintf(cause, TL_LOCK_CAUSE, "no matched signal was good in %.0f %% of the last %u %s (limit %.0f %%)",
+                   HUNDRED * share(all->free, all->steps), (unsigned)all->steps, units(judge), HUNDRED * FREE.enter);
+}
+
+static void tell_cycle(const tl_lock_judge *judge, const window *all, const finding *found, char cause[TL_LOCK_CAUSE]) {
+    size_t length = strlen(cause);
+    const tl_lock_range *u = &all->u[found->which];
+    (void)snprintf(cause + length, TL_LOCK_CAUSE - length, "; %.60s swings between %.4g and %.4g every %d %s",
+                   judge->config->adjust[found->which].variable, u->least, u->most, found->period, units(judge));
+}
+
+static void tell_lost(const tl_lock_judge *judge, const window *all, const finding *found, char cause[TL_LOCK_CAUSE]) {
+    uint32_t compared = all->steps - all->free;
+    if (found->is_far) {
+        (void)snprintf(cause, TL_LOCK_CAUSE,
+                       "%.0f %% of the last %u %s are off by %.0f tolerances or more (limit %.0f %%), at worst by %.3g",
+                       HUNDRED * share(all->far, compared), (unsigned)compared, units(judge), FAR_AWAY,
+                       HUNDRED * FAR_OUTSIDE.enter, all->worst);
+    } else {
+        (void)snprintf(cause, TL_LOCK_CAUSE, "%.0f %% of the last %u %s are out of tolerance (limit %.0f %%)",
+                       HUNDRED * share(all->outside, compared), (unsigned)compared, units(judge),
+                       HUNDRED * (found->cycles ? OUTSIDE_IN_CYCLE.enter : OUTSIDE.enter));
     }
-    if (judge_degraded(judge, all, cause)) {
-        return TL_LOCK_DEGRADED;
+    if (found->cycles) {
+        tell_cycle(judge, all, found, cause);
     }
-    if (judge_tracking(judge, all, cause)) {
-        return TL_LOCK_TRACKING;
+}
+
+static void tell_degraded(const tl_lock_judge *judge, const window *all, size_t signal, char cause[TL_LOCK_CAUSE]) {
+    (void)snprintf(cause, TL_LOCK_CAUSE, "plant.%.60s was not good in %.0f %% of the last %u samples (limit %.0f %%)",
+                   judge->config->signals[signal].plan.name, HUNDRED * share(all->bad[signal], all->samples),
+                   (unsigned)all->samples, HUNDRED * BAD.enter);
+}
+
+static void tell_tracking(const tl_lock_judge *judge, const window *all, const finding *found,
+                          char cause[TL_LOCK_CAUSE]) {
+    size_t v = found->which;
+    const char *variable = judge->config->adjust[v].variable;
+    if (found->at_bound) {
+        (void)snprintf(cause, TL_LOCK_CAUSE, "%.60s is at a bound in %.0f %% of the last %u %s (limit %.0f %%)",
+                       variable, HUNDRED * share(all->at_bound[v], all->steps), (unsigned)all->steps, units(judge),
+                       HUNDRED * AT_BOUND.enter);
+    } else {
+        (void)snprintf(cause, TL_LOCK_CAUSE,
+                       "%.60s is corrected by %.3g on average over the last %u %s, and usually by %.3g (limit %.3g)",
+                       variable, mean_correction(all, v), (unsigned)all->steps, units(judge), judge->usual[v],
+                       unusual(judge, v).enter);
     }
+}
+
+static void tell_locked(const tl_lock_judge *judge, const window *all, char cause[TL_LOCK_CAUSE]) {
     uint32_t compared = all->steps - all->free;
     (void)snprintf(cause, TL_LOCK_CAUSE, "%.0f %% of the last %u %s are within tolerance",
                    HUNDRED * (1.0 - share(all->outside, compared)), (unsigned)compared, units(judge));
-    return TL_LOCK_LOCKED;
 }
+
+static void tell_cause(const tl_lock_judge *judge, const window *all, const finding *found, char cause[TL_LOCK_CAUSE]) {
+    switch (found->state) {
+    case TL_LOCK_FREE:
+        tell_free(judge, all, cause);
+        break;
+    case TL_LOCK_LOST:
+        tell_lost(judge, all, found, cause);
+        break;
+    case TL_LOCK_DEGRADED:
+        tell_degraded(judge, all, found->which, cause);
+        break;
+    case TL_LOCK_TRACKING:
+        tell_tracking(judge, all, found, cause);
+        break;
+    case TL_LOCK_LOCKED:
+        tell_locked(judge, all, cause);
+        break;
+    }
+}
+
+/* ---- over the run ---- */
 
 /* Only what a twin in lock does is usual. */
 static void learn(tl_lock_judge *judge, const tl_lock_part *part) {
@@ -373,7 +429,8 @@ static bool judge_now(tl_lock_judge *judge) {
     tl_lock_state before = judge->tally.state;
     bool first = !judge->judged;
     add_window(judge, &all);
-    tl_lock_state state = judge_window(judge, &all, judge->change.cause);
+    const finding found = judge_window(judge, &all);
+    tl_lock_state state = found.state;
     judge->tally.steps[state] += judge->pending;
     judge->tally.state = state;
     judge->pending = 0;
@@ -384,6 +441,7 @@ static bool judge_now(tl_lock_judge *judge) {
     judge->tally.changes += first ? 0 : 1;
     judge->tally.losses += state == TL_LOCK_LOST ? 1 : 0;
     judge->change.to = state;
+    tell_cause(judge, &all, &found, judge->change.cause);
     return true;
 }
 

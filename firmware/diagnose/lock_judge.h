@@ -85,7 +85,7 @@ void tl_lock_judge_init(tl_lock_judge *judge, const tl_config *config, const tl_
 void tl_lock_judge_sample(tl_lock_judge *judge, const tl_sample *sample);
 
 /* A step of the run's own; what it has followed of an earlier one is passed over. One before which the FMUs began anew (TL_FLAG_RESET) begins a
- * window. The state has changed: how, until the next call. Else NULL. */
+ * window. The state has changed: how, until it changes again. Else NULL. */
 const tl_lock_change *tl_lock_judge_step(tl_lock_judge *judge, const tl_record *record);
 
 /* As judged last: in a quarter of the window and more the twin is ten tolerances off, and in as much of it has gone so far in a single step, which the

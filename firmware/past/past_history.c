@@ -9,8 +9,8 @@
 
 #include "firmware/base/clock.h"
 #include "firmware/base/identity.h"
+#include "firmware/history/history.h"
 #include "firmware/past/past_rule.h"
-#include "firmware/record/history.h"
 #include "firmware/text/utc.h"
 
 enum {

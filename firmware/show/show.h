@@ -11,7 +11,7 @@
 #include <stdint.h>
 #include <stdio.h>
 
-#include "firmware/record/history.h"
+#include "firmware/history/history.h"
 #include "firmware/text/show_text.h"
 #include "firmware/text/utc.h"
 

@@ -6,7 +6,7 @@
 #include <math.h>
 #include <string.h>
 
-#include "firmware/record/history_rows.h"
+#include "firmware/history/history_rows.h"
 #include "firmware/show/show.h"
 
 enum { MOST_FIELDS = 4 * TL_MAX_SIGNALS, NUMBER = 40 };

@@ -2,7 +2,7 @@
 #include <math.h>
 
 #include "firmware/config/measurements.h"
-#include "firmware/record/history_rows.h"
+#include "firmware/history/history_rows.h"
 #include "firmware/report/figures_json.h"
 #include "firmware/show/show.h"
 #include "firmware/show/show_summary.h"

@@ -5,7 +5,7 @@
 #include <sys/stat.h>
 
 #include "firmware/config/measurements.h"
-#include "firmware/record/history_rows.h"
+#include "firmware/history/history_rows.h"
 #include "firmware/show/show.h"
 #include "firmware/show/show_summary.h"
 

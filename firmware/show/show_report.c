@@ -6,7 +6,7 @@
 #include "firmware/base/new_file.h"
 #include "firmware/config/config.h"
 #include "firmware/config/measurements.h"
-#include "firmware/record/history_rows.h"
+#include "firmware/history/history_rows.h"
 #include "firmware/report/html_report.h"
 #include "firmware/show/show.h"
 #include "firmware/show/show_summary.h"

@@ -4,7 +4,7 @@
 #include <math.h>
 #include <string.h>
 
-#include "firmware/record/history_rows.h"
+#include "firmware/history/history_rows.h"
 
 static int64_t steps_between(const tl_show_summary *summary) {
     return summary->range[1] - summary->range[0] + 1;

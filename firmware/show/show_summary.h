@@ -9,7 +9,7 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-#include "firmware/record/history.h"
+#include "firmware/history/history.h"
 #include "firmware/report/run_figures.h"
 
 enum { TL_SHOW_WINDOWS = 8, TL_SHOW_POINTS = 64 };

@@ -26,7 +26,7 @@ OWNERS = {
     "modbus.h": ("board/modbus",),
     "gpiod.h": ("board/gpio",),
     "cJSON.h": ("firmware/config", "firmware/text/json_writer.c", "firmware/text/json_reader.c"),
-    "sqlite3.h": ("firmware/database", "firmware/record"),
+    "sqlite3.h": ("firmware/database", "firmware/record", "firmware/history"),
     "expat.h": ("firmware/fmu",),
     "zip.h": ("firmware/fmu",),
     "seccomp.h": ("firmware/confine",),

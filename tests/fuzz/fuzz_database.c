@@ -7,8 +7,8 @@
 #include "firmware/base/log.h"
 #include "firmware/config/config.h"
 #include "firmware/database/database.h"
+#include "firmware/history/history.h"
 #include "firmware/plant/recording.h"
-#include "firmware/record/history.h"
 #include "firmware/show/show.h"
 #include "tests/fuzz/harness.h"
 

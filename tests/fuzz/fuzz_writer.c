@@ -8,7 +8,7 @@
 #include <string.h>
 
 #include "firmware/base/log.h"
-#include "firmware/record/history.h"
+#include "firmware/history/history.h"
 #include "firmware/record/recorder_writer.h"
 #include "tests/fuzz/harness.h"
 #include "tests/fuzz/input.h"

@@ -1,6 +1,8 @@
 #!/usr/bin/env python3
 """A minute and a bit of script/soak, with each of its faults; and that it would find what grows. The long form is by hand."""
 import argparse
+import mmap
+import os
 import random
 import re
 import signal
@@ -8,8 +10,9 @@ import subprocess
 import sys
 from collections import Counter
 
+from footprint import footprint
 from live_test import wait_until
-from slopes import count_grows, slope_of
+from slopes import count_grows, slope_of, without_once
 from soak import ELSEWHERE, FORGIVEN_S, MOST_FAILURES, TWIN, plan, soak
 from twinlock_test import SOURCE, expect, main, scratch
 
@@ -30,6 +33,10 @@ def life(order, begun, slope, count=100, period=5.0):
     return points
 
 
+def lasting_slope(lives):
+    return slope_of(map(without_once, lives))
+
+
 def test_slopes():
     """What grows is seen through restarts, and noise is not taken for growth."""
     order, false = random.Random(1), 0
@@ -37,10 +44,66 @@ def test_slopes():
         lives = [life(order, 500 * j, 0) for j in range(7)]
         false += slope_of(lives).grows()
         grown = slope_of([life(order, 500 * j, 3000) for j in range(7)])
+        expect(lasting_slope([life(order, 500 * j, 3000) for j in range(7)]).grows(), f"{i}: taken for what is taken once")
         expect(grown.grows() and abs(grown.slope - 3000) < 2 * grown.noise, f"{i}: {grown}")
     expect(false <= 4, f"noise was taken for growth {false} times of 200")
     expect(slope_of([[(0, 1), (1, 2)]]) is None, "a slope of two points")
     expect(not slope_of([[(i, 7) for i in range(10)]]).grows(), "what stays the same grows")
+
+
+PAGE = 4  # KiB
+
+
+def paged(seconds, taken):
+    """A life looked at every 5 s. `taken`: KiB that a process has taken by then."""
+    return [(t, 2000 + taken(t) // PAGE * PAGE) for t in range(0, seconds, 5)]
+
+
+def rising(seconds, rises):
+    """[(at, KiB)] each time."""
+    return paged(seconds, lambda t: sum(kib for at, kib in rises if t >= at))
+
+
+def test_leaks():
+    """Of the kind that there are: pages, in processes that are begun anew every two minutes, or live for hours."""
+    for seconds, lives, kib_per_s in (120, 20, 4), (120, 20, 1), (450, 7, 4), (450, 7, 0.25), (3500, 1, 4), (3500, 1, 0.02):
+        slope = lasting_slope([paged(seconds, lambda t: t * kib_per_s) for _ in range(lives)])
+        expect(slope.grows(), f"{kib_per_s} KiB/s in {lives} lives of {seconds} s: {slope}")
+    storms = lasting_slope([rising(600, [(at, 100) for at in range(50, 600, 120)]) for _ in range(5)])
+    expect(storms.grows(), f"100 KiB at each storm: {storms}")
+    kills = lasting_slope([rising(3500, [(at, 132) for at in range(100, 3500, 180)])])
+    expect(kills.grows(), f"132 KiB at each restart: {kills}")
+
+
+def test_no_leaks():
+    """What is taken once, at whatever moment, is none; nor is much at once."""
+    order = random.Random(2)
+    for seconds, lives in (120, 20), (450, 7), (3500, 1):
+        for kib in PAGE, 24, 132:
+            slope = lasting_slope([rising(seconds, [(order.uniform(0, seconds), kib) for _ in range(2)]) for _ in range(lives)])
+            expect(not slope.grows(), f"{kib} KiB twice in each of {lives} lives of {seconds} s: {slope}")
+    pages = lasting_slope([rising(450, [(100, 24), (200, 132), (300, PAGE)]) for _ in range(7)])
+    expect(not pages.grows(), f"a page more: {pages}")
+
+
+def test_footprint():
+    """Memory that is shared has its size, and is not private, touched or not."""
+    mib = 1 << 20
+    before = footprint(os.getpid())
+    block = os.memfd_create("twinlock test")
+    os.ftruncate(block, 8 * mib)
+    with mmap.mmap(-1, 4 * mib, flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS) as private, mmap.mmap(block, 8 * mib) as shared:
+        mapped = footprint(os.getpid())
+        expect(mapped.shared - before.shared == 8192 and mapped.held - before.held < 1024, f"{before}, {mapped}")
+        shared.write(bytes(2 * mib))
+        touched = footprint(os.getpid())
+        expect(touched.shared == mapped.shared and touched.private - before.private < 1024, f"touched: {before}, {touched}")
+        expect(1024 < touched.held - before.held < 3072, f"touched, held: {before}, {touched}")
+        private.write(bytes(4 * mib))
+        grown = footprint(os.getpid())
+        expect(3072 < grown.private - touched.private < 5120 and 3072 < grown.held - touched.held < 5120, f"grown: {touched}, {grown}")
+    os.close(block)
+    expect(footprint(os.getpid()).shared == before.shared, "what is unmapped counts")
 
 
 def test_counts():

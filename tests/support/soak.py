@@ -18,7 +18,7 @@ from dataclasses import dataclass, field
 from faulty_device import FaultyDevice
 from footprint import footprint
 from live_test import GOOD, MADE_UP, query, title, wait_until
-from slopes import HOUR, count_grows, slope_of
+from slopes import HOUR, count_grows, slope_of, without_once
 from supervised import WORD
 from tree import BEGINNING, OMEGA, ROLES, Tree, expect_whole, read
 from twinlock_test import BUILD, Failure, edited_config, expect, json, scratch
@@ -34,7 +34,7 @@ SURE_S = 15  # a new twin does not live at once
 TICKS_PER_S = 1000
 SETTLED_TICKS = 500  # good ones after a fault, until it counts as over
 SETTLED_S = 1.5  # from then on everything holds what it will hold
-WARM_S = 60.0  # a process touches its memory little by little: the rings are of 30 s
+WARM_S = 60.0  # a process takes what it needs little by little
 ENOUGH_S = 600.0  # below that nothing is said about slopes
 DISK_MB, DATABASE_MB = 256, 100
 
@@ -262,8 +262,8 @@ class Soak:
         took = self.now() - at
         self.accounts.read_on()
         self.sampler.quiet_since = time.monotonic()
-        pss = sum(one.pss for one in self.sampler.samples[-1].prints.values()) if self.sampler.samples else 0
-        self.say(f"{at:7.0f} s  {kind}: whole again after {took:.1f} s; {self.accounts.describe()}; PSS {pss / 1024:.1f} MiB")
+        held = sum(one.held for one in self.sampler.samples[-1].prints.values()) if self.sampler.samples else 0
+        self.say(f"{at:7.0f} s  {kind}: whole again after {took:.1f} s; {self.accounts.describe()}; {held / 1024:.1f} MiB held")
 
     # -- from the start to the end --
 
@@ -338,10 +338,10 @@ def tell_slope(what, unit, lives, say):
     """True if it grows."""
     slope = slope_of(lives)
     if slope is None or slope.seconds < ENOUGH_S:
-        say(f"{what:24}{'too short to say':>28}")
+        say(f"{what:30}{'too short to say':>28}")
         return False
     grows = slope.grows()
-    say(f"{what:24}{slope.slope:+12.1f} {unit} an hour; noise up to {slope.noise:.1f}, {slope.seconds / HOUR:.2f} h"
+    say(f"{what:30}{slope.slope:+12.1f} {unit} an hour; noise up to {slope.noise:.1f}, {slope.seconds / HOUR:.2f} h"
         f"{'; GROWS' if grows else ''}")
     return grows
 
@@ -349,7 +349,7 @@ def tell_slope(what, unit, lives, say):
 def tell_counts(what, counts, say):
     grows = count_grows(counts)
     if counts:
-        say(f"{what:24}{counts[0]:6} first,{counts[-1]:4} last, {min(counts)} to {max(counts)}{'; GROWS' if grows else ''}")
+        say(f"{what:30}{counts[0]:6} first,{counts[-1]:7} last, {min(counts)} to {max(counts)}{'; GROWS' if grows else ''}")
     return grows
 
 
@@ -357,12 +357,13 @@ def tell_growth(samples, say):
     """Names of the figures that grow."""
     found = []
     for role in ("supervisor", *ROLES):
-        what = f"{role}, RSS"  # a single process' PSS moves with whoever else shares its memory
-        found += [what] * tell_slope(what, "KiB", lives_of(samples, role, "rss"), say)
-        for name in "descriptors", "threads":
-            what = f"{role}, {name}"
+        what = f"{role}, private memory"
+        found += [what] * tell_slope(what, "KiB", map(without_once, lives_of(samples, role, "private")), say)
+        for name, words in ("shared", "shared KiB mapped"), ("descriptors", "descriptors"), ("threads", "threads"):
+            what = f"{role}, {words}"
             found += [what] * tell_counts(what, [getattr(sample.prints[role], name) for sample in samples if sample.settled], say)
-    found += ["all, PSS"] * tell_slope("all, PSS, between faults", "KiB", [sum_of(samples, "pss")], say)
+    what = "all, memory between faults"
+    found += [what] * tell_slope(what, "KiB", [sum_of(samples, "held")], say)
     return found
 
 

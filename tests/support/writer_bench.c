@@ -82,6 +82,10 @@ tl_status tl_writer_bench_close(tl_writer_bench *bench) {
     return tl_recorder_writer_close(closing, 0, &bench->error);
 }
 
+void tl_writer_bench_close_well(tl_writer_bench *bench) {
+    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_writer_bench_close(bench), bench->error.text);
+}
+
 void tl_writer_bench_write_until(tl_writer_bench *bench, uint64_t written) {
     for (int i = 0; i < WAITS && tl_recorder_state_get(bench->state).written < written; i++) {
         tl_recorder_writer_write(bench->writer);
@@ -98,6 +102,14 @@ void tl_writer_bench_start(tl_writer_bench *bench, tl_time start) {
 
 void tl_writer_bench_put(tl_writer_bench *bench, int64_t first, int64_t ticks) {
     TEST_ASSERT_TRUE(tl_made_put_out(&bench->twin, first, ticks));
+}
+
+void tl_writer_bench_record(tl_writer_bench *bench, int64_t ticks) {
+    tl_writer_bench_open(bench);
+    tl_writer_bench_start(bench, 0);
+    tl_writer_bench_put(bench, 0, ticks);
+    TEST_ASSERT_TRUE(tl_outbox_put_end(&bench->twin, "SIGTERM"));
+    tl_writer_bench_close_well(bench);
 }
 
 void tl_writer_bench_expect_whole(const char *path) {

@@ -41,6 +41,7 @@ void tl_writer_bench_forget(tl_writer_bench *bench);
 tl_status tl_writer_bench_try_open(tl_writer_bench *bench);
 void tl_writer_bench_open(tl_writer_bench *bench);
 tl_status tl_writer_bench_close(tl_writer_bench *bench); /* without patience */
+void tl_writer_bench_close_well(tl_writer_bench *bench); /* nothing is left */
 
 /* Writes every now and then, until so many entries and events are written. */
 void tl_writer_bench_write_until(tl_writer_bench *bench, uint64_t written);
@@ -48,6 +49,9 @@ void tl_writer_bench_write_until(tl_writer_bench *bench, uint64_t written);
 /* The beginning of a run that is made up, and some ticks of it (made_run.h), a step for each. */
 void tl_writer_bench_start(tl_writer_bench *bench, tl_time start);
 void tl_writer_bench_put(tl_writer_bench *bench, int64_t first, int64_t ticks);
+
+/* A run of so many ticks, from its beginning to its end, into the file as it is. */
+void tl_writer_bench_record(tl_writer_bench *bench, int64_t ticks);
 
 /* Of the database: every run has what its row says, each tick and step once and whole. */
 void tl_writer_bench_expect_whole(const char *path);

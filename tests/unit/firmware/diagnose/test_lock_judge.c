@@ -122,6 +122,20 @@ static void test_locked_when_a_window_is_full(void) {
     TEST_ASSERT_EQUAL_UINT64(10 * WINDOW / PART + 1, tally().windows);
 }
 
+/* The cycle's thread judges ten times a second, and writes a sentence at a change only: what it told stays. */
+static void test_what_was_told_stays(void) {
+    const tl_lock_change *first = NULL;
+    record.outcome = TL_FIRST_GUESS;
+    for (int i = 0; i < WINDOW; i++) {
+        first = tl_lock_judge_step(&judge, &record);
+    }
+    TEST_ASSERT_NOT_NULL(first);
+    const tl_lock_change before = *first;
+    mixed(2, OUTSIDE, 3 * WINDOW);
+    expect_no_change();
+    TEST_ASSERT_EQUAL_MEMORY(&before, first, sizeof before);
+}
+
 static void test_lost_and_found(void) {
     lock();
     many(OUTSIDE, WINDOW / 2 - 1);
@@ -446,6 +460,7 @@ static void test_a_twin_that_begins_anew(void) {
 int main(void) {
     UNITY_BEGIN();
     RUN_TEST(test_locked_when_a_window_is_full);
+    RUN_TEST(test_what_was_told_stays);
     RUN_TEST(test_lost_and_found);
     RUN_TEST(test_noise_is_no_loss);
     RUN_TEST(test_no_chatter);

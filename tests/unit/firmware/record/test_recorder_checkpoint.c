@@ -8,7 +8,7 @@
 #include <unity.h>
 
 #include "firmware/database/database_schema.h"
-#include "firmware/record/history.h"
+#include "firmware/history/history.h"
 #include "tests/support/made_run.h"
 #include "tests/support/scratch.h"
 #include "tests/support/sql.h"

@@ -164,7 +164,7 @@ static void everything_is_there_once(void) {
         live_and_be_killed();
     }
     tl_writer_bench_open(&bench);
-    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_writer_bench_close(&bench), bench.error.text);
+    tl_writer_bench_close_well(&bench);
     tl_sql_execute(bench.path, "UPDATE runs SET ended = committed, ended_reason = 'not ended cleanly'"
                                " WHERE ended IS NULL"); /* the last one */
     expect_all_once();

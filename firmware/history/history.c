@@ -3,7 +3,7 @@
  * A walk through the ticks reads TICKS_AT_ONCE of them in one transaction and hands them out one by one. Nothing in a
  * database is believed, not even that rows come in the order that was asked for: SQLite takes them as they lie in pages,
  * which may be damaged. What the recorder does not write is damage, and said. */
-#include "firmware/record/history.h"
+#include "firmware/history/history.h"
 
 #include <inttypes.h>
 #include <math.h>
@@ -17,7 +17,7 @@
 #include "firmware/database/database_guard.h"
 #include "firmware/database/database_row.h"
 #include "firmware/database/database_sql.h"
-#include "firmware/record/history_parts.h"
+#include "firmware/history/history_parts.h"
 #include "firmware/text/utc.h"
 #include "master/base/arena.h"
 

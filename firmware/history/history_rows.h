@@ -8,14 +8,14 @@
  * Errors:  those of history.h.
  * Thread:  the history's.
  */
-#ifndef TL_FIRMWARE_RECORD_HISTORY_ROWS_H
-#define TL_FIRMWARE_RECORD_HISTORY_ROWS_H
+#ifndef TL_FIRMWARE_HISTORY_HISTORY_ROWS_H
+#define TL_FIRMWARE_HISTORY_HISTORY_ROWS_H
 
 #include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
 
-#include "firmware/record/history.h"
+#include "firmware/history/history.h"
 
 /* One signal of the plant at one tick. */
 typedef struct tl_history_sample {

@@ -2,14 +2,14 @@
  *
  * Thread: the history's.
  */
-#ifndef TL_FIRMWARE_RECORD_HISTORY_PARTS_H
-#define TL_FIRMWARE_RECORD_HISTORY_PARTS_H
+#ifndef TL_FIRMWARE_HISTORY_HISTORY_PARTS_H
+#define TL_FIRMWARE_HISTORY_HISTORY_PARTS_H
 
 #include <sqlite3.h>
 #include <stdint.h>
 
 #include "firmware/database/database_row.h"
-#include "firmware/record/history.h"
+#include "firmware/history/history.h"
 
 /* SELECT only. */
 sqlite3 *tl_history_database(tl_history *history);

@@ -8,8 +8,8 @@
  * Errors:  TL_BAD_DATA (no database of ours, damaged, no such run), TL_TRY_AGAIN (locked, no permission).
  * Thread:  one thread at a time.
  */
-#ifndef TL_FIRMWARE_RECORD_HISTORY_H
-#define TL_FIRMWARE_RECORD_HISTORY_H
+#ifndef TL_FIRMWARE_HISTORY_HISTORY_H
+#define TL_FIRMWARE_HISTORY_HISTORY_H
 
 #include <stdbool.h>
 #include <stddef.h>

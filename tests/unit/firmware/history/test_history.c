@@ -10,7 +10,7 @@
 
 #include "firmware/database/database.h"
 #include "firmware/database/database_sql.h"
-#include "firmware/record/history_parts.h"
+#include "firmware/history/history_parts.h"
 #include "firmware/text/utc.h"
 #include "tests/support/faulty_vfs.h"
 #include "tests/support/kept_file.h"

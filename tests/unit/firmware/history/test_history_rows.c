@@ -6,7 +6,7 @@
 
 #include <unity.h>
 
-#include "firmware/record/history_rows.h"
+#include "firmware/history/history_rows.h"
 #include "tests/support/made_run.h"
 #include "tests/support/scratch.h"
 #include "tests/support/sql.h"

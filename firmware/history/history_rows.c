@@ -1,12 +1,12 @@
 /* Walking along the key: each statement begins behind the last row of the one before. */
-#include "firmware/record/history_rows.h"
+#include "firmware/history/history_rows.h"
 
 #include <inttypes.h>
 #include <sqlite3.h>
 
 #include "firmware/database/database_row.h"
 #include "firmware/database/database_sql.h"
-#include "firmware/record/history_parts.h"
+#include "firmware/history/history_parts.h"
 #include "firmware/text/utc.h"
 
 enum { ROWS_AT_ONCE = 4096 };
