@@ -294,16 +294,14 @@ static void end_twin(tree *self, char reason[TL_RESTARTS_REASON]) {
     self->twin = NULL;
 }
 
-static void ended(void *context, tl_member which, bool again, char reason[TL_RESTARTS_REASON]) {
-    tree *self = context;
-    char text[TL_RESTARTS_REASON + 64];
+static void ended(void *context, tl_member which, char reason[TL_RESTARTS_REASON]) {
     if (which == TL_MEMBER_TWIN) {
-        end_twin(self, reason);
-    } else if (again) {
-        (void)snprintf(text, sizeof text, "%s failed: %s",
-                       which == TL_MEMBER_IO ? "the reading of the plant" : "the recorder", reason);
-        put_event(self, TL_EVENT_ERROR, "supervisor", text);
+        end_twin(context, reason);
     }
+}
+
+static void tell(void *context, const char *text) {
+    put_event(context, TL_EVENT_ERROR, "supervisor", text);
 }
 
 /* ---- looking ---- */
@@ -409,6 +407,7 @@ static int supervise(tree *self) {
         .context = self,
         .begin = begin,
         .ended = ended,
+        .tell = tell,
         .damaged = damaged,
         .look = look,
     };

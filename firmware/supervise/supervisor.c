@@ -202,23 +202,31 @@ static bool was_told_early(const tl_child *child) {
            !tl_heartbeats_is_ready(child->beats);
 }
 
+/* `how`: what came of it. For the database, too, unless that is told there by whoever comes next. */
+static void say_failure(supervisor *self, tl_member which, const char *how, const char *reason, bool is_event) {
+    char text[TL_RESTARTS_REASON + 64];
+    (void)snprintf(text, sizeof text, "%s failed%s: %s", name_of[which], how, reason);
+    tl_log(TL_LOG_ERROR, "%s", text);
+    if (is_event) {
+        self->settings->tell(self->settings->context, text);
+    }
+}
+
 /* In its end it failed, or could not keep all that was to be kept. Alone, an FMU that ends its process is what the run ends with. */
 static void take_last_code(supervisor *self, tl_member which, const char *reason) {
     const tl_child *child = &self->members[which].child;
     bool is_told = self->settings->alone && which == TL_MEMBER_TWIN;
-    char what[64];
     if (was_told_early(child)) {
         end_all(self, 0);
         return;
     }
-    (void)snprintf(what, sizeof what, "%s failed when", name_of[which]);
     if (tl_child_was_killed(child) || child->end.farewell == TL_FAREWELL_NONE) {
-        tl_log(TL_LOG_ERROR, "%s it was to end: %s", what, reason);
+        say_failure(self, which, " when it was to end", reason, true);
         end_all(self, which == TL_MEMBER_IO ? 0 : is_told && !tl_child_was_killed(child) ? FMU_FAILED : TRY_AGAIN);
         return;
     }
     if (!tl_child_kept_its_word(child)) {
-        tl_log(TL_LOG_WARNING, "%s all was done: %s", what, reason);
+        tl_log(TL_LOG_WARNING, "%s failed when all was done: %s", name_of[which], reason);
         end_all(self, is_told ? FMU_FAILED : 0);
     }
     end_all(self, child->end.code);
@@ -245,7 +253,7 @@ static void end_alone(supervisor *self, const char *reason) {
         end_all(self, child->end.code); /* which it has said itself */
         return;
     }
-    tl_log(TL_LOG_ERROR, "the twin failed: %s", reason);
+    say_failure(self, TL_MEMBER_TWIN, "", reason, true);
     end_all(self, FMU_FAILED);
 }
 
@@ -255,7 +263,7 @@ static void note_end(supervisor *self, tl_member which, tl_time now) {
     bool is_last = is_final(self, which) && !is_worth_another(self, which);
     bool is_alone = which == TL_MEMBER_TWIN && self->settings->alone;
     tl_child_describe(&ended->child, reason);
-    self->settings->ended(self->settings->context, which, !is_last && !is_alone, reason);
+    self->settings->ended(self->settings->context, which, reason);
     if (is_last) {
         ended->state = ABSENT;
         take_last_code(self, which, reason);
@@ -266,7 +274,7 @@ static void note_end(supervisor *self, tl_member which, tl_time now) {
         end_alone(self, reason);
         return;
     }
-    tl_log(TL_LOG_ERROR, "%s failed: %s", name_of[which], reason);
+    say_failure(self, which, "", reason, which != TL_MEMBER_TWIN);
     tl_child_bury(&ended->child);
     note_failure(self, which, now, reason);
 }

@@ -51,8 +51,12 @@ typedef struct tl_supervisor_settings {
     /* Starts a process (role.h). 0: it could not be, and that was said on the log. */
     pid_t (*begin)(void *context, tl_member which, const tl_start *start);
 
-    /* One has ended, and is not reaped yet. `reason` says why, and may be bettered. `again`: another one will be begun. */
-    void (*ended)(void *context, tl_member which, bool again, char reason[TL_RESTARTS_REASON]);
+    /* One has ended, and is not reaped yet. `reason` says why, and may be bettered. */
+    void (*ended)(void *context, tl_member which, char reason[TL_RESTARTS_REASON]);
+
+    /* Which one has failed, and why: for the database; on the log it is already. Not of a twin that is followed by another one, which is told by
+     * its start why there is one. */
+    void (*tell)(void *context, const char *text);
 
     /* Whoever reads what this one writes has looked at it at this time at the earliest (CLOCK_MONOTONIC), and cannot read it on; 0: it can. */
     tl_time (*damaged)(void *context, tl_member which);

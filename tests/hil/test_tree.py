@@ -15,7 +15,7 @@ from pathlib import Path
 
 import kills
 from footprint import shared_kib
-from live_test import Device, Program, member, number, query, title, wait_until
+from live_test import Device, Program, expect_reasons, member, number, query, title, wait_until
 from supervised import end_orderly, wait_for_run
 from tree import OMEGA, Campaign, Tree, configuration, descriptors, expect_whole, kill_at_random, one_run, read
 from twinlock_test import BUILD, at_most, expect, main, run_well, scratch
@@ -218,7 +218,7 @@ def test_a_recorder_that_hangs():
 
 
 def test_alone_the_run_ends_with_the_twin():
-    """And what was recorded until then is there."""
+    """What was recorded until then is there, the run has an end, and an event says why."""
     with Device(OMEGA) as device:
         config, database = configuration(device.port)
         with Program("run", config) as live:
@@ -226,8 +226,15 @@ def test_alone_the_run_ends_with_the_twin():
             twin = member(live, "twin")
             os.kill(twin, signal.SIGKILL)
             code, _, log = live.end()
-    expect(code == 70 and "the twin failed: it was ended by signal 9" in log, f"ended with {code}\n{log}")
-    expect_whole(read(database))
+        expect(code == 70 and "the twin failed: it was ended by signal 9" in log, f"ended with {code}\n{log}")
+        expect_whole(read(database))
+        expect_reasons(database, "not ended cleanly")
+        told = query(database, "SELECT severity, source FROM v_events WHERE text = 'the twin failed: it was ended by signal 9, Killed'")
+        expect(told == [("error", "supervisor")], f"{told}")
+        with Program("run", config) as live:  # and who is started after it goes on with it
+            wait_for_run(live, database, 2)
+            expect(live.end(signal.SIGTERM)[0] == 0, "ended badly")
+    expect(query(database, "SELECT resumed_run FROM beginnings WHERE run = 2") == [(1,)], "it began anew")
 
 
 parser = argparse.ArgumentParser()

@@ -52,6 +52,7 @@ typedef struct stage {
     pid_t last;
     int told;                        /* ends of which the supervisor told */
     char better[TL_RESTARTS_REASON]; /* the reason that it is told instead */
+    char event[256];                 /* the last one for the database */
     tl_time damaged[TL_MEMBERS];     /* what is said of each */
 } stage;
 
@@ -261,14 +262,18 @@ static pid_t begin(void *context, tl_member which, const tl_start *start) {
     return pid > 0 ? pid : 0;
 }
 
-static void ended(void *context, tl_member which, bool again, char reason[TL_RESTARTS_REASON]) {
+static void ended(void *context, tl_member which, char reason[TL_RESTARTS_REASON]) {
     stage *on = context;
     (void)which;
-    (void)again;
     on->told++;
     if (on->better[0] != '\0') {
         (void)snprintf(reason, TL_RESTARTS_REASON, "%s", on->better);
     }
+}
+
+static void tell(void *context, const char *text) {
+    stage *on = context;
+    (void)snprintf(on->event, sizeof on->event, "%s", text);
 }
 
 static tl_time damaged(void *context, tl_member which) {
@@ -285,8 +290,8 @@ static void look(void *context) {
 void setUp(void) {
     tl_scratch_empty(&scratch);
     memset(shared, 0, sizeof *shared);
-    settings =
-        (tl_supervisor_settings){.begin = begin, .ended = ended, .damaged = damaged, .look = look, .context = shared};
+    settings = (tl_supervisor_settings){
+        .begin = begin, .ended = ended, .tell = tell, .damaged = damaged, .look = look, .context = shared};
     (void)unsetenv("NOTIFY_SOCKET");
     (void)unsetenv("WATCHDOG_USEC");
     TEST_ASSERT_TRUE(tl_stderr_capture_begin());
@@ -321,6 +326,12 @@ static void test_ends_with_its_child(void) {
     TEST_ASSERT_EQUAL_STRING("it was told to", shared->reason[0]);
 }
 
+/* On the log, and as an event. */
+static void expect_told(const char *words) {
+    expect_said(words);
+    TEST_ASSERT_EQUAL_STRING(words, shared->event);
+}
+
 static void test_a_bad_configuration_is_not_tried_again(void) {
     expect_code("6", 65);
 }
@@ -346,6 +357,7 @@ static void test_what_ran_is_tried_again(void) {
 static void test_a_crash(void) {
     expect_code("k0", 0);
     TEST_ASSERT_EQUAL_STRING("it was ended by signal 11, Segmentation fault", shared->reason[1]);
+    TEST_ASSERT_EQUAL_STRING("", shared->event); /* that reason is one */
 }
 
 /* Whoever started us may not have wanted to hear of its children. */
@@ -502,9 +514,9 @@ static void test_told_to_end_while_it_hangs(void) {
 static void test_told_to_end_and_deaf(void) {
     settings.state = scratch.folder;
     TEST_ASSERT_EQUAL_INT(75, supervise_and_tell("b", SIGTERM, 200));
-    expect_said(
+    expect_told(
         "the twin failed when it was to end: it was told to end, and was still there 16 s later, in fmi2DoStep of "
-        "motor\n");
+        "motor");
     memset(shared, 0, sizeof *shared);
     expect_code("0", 0);
     TEST_ASSERT_EQUAL_STRING("it was told to", shared->reason[0]);
@@ -558,7 +570,7 @@ static void test_damage_alone(void) {
 static void test_alone_a_failure_is_the_end(void) {
     settings.alone = true;
     expect_code("c", 70);
-    expect_said("the twin failed: it was ended by signal 11, Segmentation fault, in fmi2DoStep of motor");
+    expect_told("the twin failed: it was ended by signal 11, Segmentation fault, in fmi2DoStep of motor");
 }
 
 static void test_alone_what_it_says_itself_is_not_said_again(void) {
@@ -622,7 +634,7 @@ static void test_they_are_begun_again_for_ever(void) {
     cast(TL_MEMBER_RECORDER, "kkkhkkw");
     TEST_ASSERT_EQUAL_INT(0, supervise_and_tell("w", SIGTERM, 9000));
     TEST_ASSERT_EQUAL_INT(7, shared->parts[TL_MEMBER_RECORDER].starts);
-    expect_said("the recorder failed: it was ended by signal 11");
+    expect_told("the recorder failed: it was ended by signal 11, Segmentation fault");
 }
 
 static void test_one_that_never_could_begin_ends_all(void) {
