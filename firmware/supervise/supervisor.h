@@ -19,7 +19,9 @@
  * Hold:    after a restart loop of the twin (restarts.h) a new one is told to hold: no FMU, the plant's samples are recorded.
  * Alone:   a twin that fails is not begun again: the run ends with exit code 70. It may be silent for as long as it likes.
  * Signals: SIGTERM, SIGINT and SIGHUP (but not under nohup) end all. A process that has not ended 16 s
- *          later is killed, some seconds after it would have given up an FMU that does not return (fmu_patience.h). An orderly end in any case: all failures are forgiven. A supervisor that is killed takes all with it.
+ *          later is killed, some seconds after it would have given up an FMU that does not return (fmu_patience.h). An orderly end in any case: all failures are forgiven.
+ *          Asked again after a second, each has 2 s. A supervisor that is killed takes all with it.
+ * Rest:    a recorder that fails in the end is followed by another one, which writes the rest: at most twice, once if it had to be killed.
  */
 #ifndef TL_FIRMWARE_SUPERVISE_SUPERVISOR_H
 #define TL_FIRMWARE_SUPERVISE_SUPERVISOR_H

@@ -15,10 +15,10 @@ from pathlib import Path
 
 import kills
 from footprint import shared_kib
-from live_test import Device, Program, expect_reasons, member, number, query, title, wait_until
+from live_test import Device, Program, expect_reasons, member, number, query, stop, title, wait_until
 from supervised import end_orderly, wait_for_run
 from tree import OMEGA, Campaign, Tree, configuration, descriptors, expect_whole, kill_at_random, one_run, read
-from twinlock_test import BUILD, at_most, expect, main, run_well, scratch
+from twinlock_test import BUILD, at_least, at_most, expect, main, run_well, scratch
 
 SEED = 1
 JOBS_KIB = 64
@@ -215,6 +215,55 @@ def test_a_recorder_that_hangs():
     found = read(database)
     expect_whole(found)
     expect(number(database, "SELECT sum(entries_lost) FROM runs") == 0, "something was lost")
+
+
+def stop_one(live, role, other_than=0):
+    """The process, once it has stopped."""
+    pid = wait_until(lambda: [pid for pid in live.children() if pid != other_than and title(pid).startswith(f"twinlock: {role}")],
+                     role, live.log, every=0.001)[0]
+    stop(pid)
+    return pid
+
+
+def test_a_recorder_that_hangs_at_the_end():
+    """Asked twice, nobody waits for it; and another one writes what it has left."""
+    with Device(OMEGA) as device:
+        config, database = configuration(device.port)
+        with Tree(config) as live:
+            live.wait_for_tick(database)
+            stop_one(live, "recorder")
+            time.sleep(1)
+            live.signal(signal.SIGINT)
+            time.sleep(1.5)
+            at = time.monotonic()
+            end_orderly(live, signal.SIGINT)
+            at_most(time.monotonic() - at, 5, "seconds from the second signal to the end")
+    found = read(database)
+    expect_whole(found)
+    at_least(len(found.steps), 100, "steps, also of the time in which it had stopped")
+    expect_reasons(database, "SIGINT")
+    told = query(database, "SELECT count(*) FROM events WHERE source = 'supervisor' AND text = 'the recorder failed when it was to end: "
+                           "it was told to end, and was still there 2 s later; another one is begun'")
+    expect(told == [(1,)], f"{query(database, 'SELECT text FROM events')}")
+
+
+def test_recorders_that_hang_at_the_end():
+    """What is lost then is said, and how much it is."""
+    with Device(OMEGA) as device:
+        config, database = configuration(device.port)
+        with Tree(config) as live:
+            live.wait_for_tick(database)
+            first = stop_one(live, "recorder")
+            time.sleep(1)
+            live.signal(signal.SIGINT)
+            time.sleep(1.5)
+            live.signal(signal.SIGINT)
+            stop_one(live, "recorder", first)
+            code, _, log = live.end()
+    lost = [int(count) for count in re.findall(r"error: (\d+) samples, steps and events are lost: no recorder is left to write them", log)]
+    expect(code == 75 and len(lost) == 1, f"ended with {code}\n{log}")
+    at_least(lost[0], 100, "samples, steps and events lost")
+    expect_whole(read(database))
 
 
 def test_alone_the_run_ends_with_the_twin():
