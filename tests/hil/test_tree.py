@@ -266,6 +266,22 @@ def test_recorders_that_hang_at_the_end():
     expect_whole(read(database))
 
 
+def test_told_to_end_before_the_recorder_has_answered():
+    """What it was before is not known, and does not matter any more."""
+    with Device(OMEGA) as device:
+        config, database = configuration(device.port)
+        with Tree(config) as live:
+            recorder = stop_one(live, "recorder")
+            live.child(role="twin")
+            time.sleep(1)
+            live.signal(signal.SIGTERM)
+            time.sleep(0.5)
+            os.kill(recorder, signal.SIGCONT)
+            code, _, log = live.end()
+    expect(code == 0 and "begins anew" not in log, f"ended with {code}\n{log}")
+    expect_reasons(database, "SIGTERM")
+
+
 def test_alone_the_run_ends_with_the_twin():
     """What was recorded until then is there, the run has an end, and an event says why."""
     with Device(OMEGA) as device:
