@@ -297,6 +297,9 @@ tl_status tl_recorder_writer_close(tl_recorder_writer *writer, tl_time patience,
     if (writer == NULL) {
         return TL_OK;
     }
+    if (writer->is_last) {
+        tl_recorder_inbox_leave(&writer->inbox);
+    }
     say_loss(writer, "they came faster than the disk takes them");
     tl_recorder_writer_write(writer);
     while (has_more(writer) && tl_clock_now(NULL) - began < patience) {

@@ -16,8 +16,8 @@ from pathlib import Path
 import kills
 from footprint import shared_kib
 from live_test import Device, Program, expect_reasons, member, number, query, stop, title, wait_until
-from supervised import end_orderly, wait_for_run
-from tree import OMEGA, Campaign, Tree, configuration, descriptors, expect_whole, kill_at_random, one_run, read
+from supervised import WORD, Supervised, end_orderly, wait_for_run
+from tree import FOLLOWED, OMEGA, Campaign, Tree, configuration, descriptors, expect_whole, kill_at_random, one_run, read
 from twinlock_test import BUILD, at_least, at_most, expect, main, run_well, scratch
 
 SEED = 1
@@ -300,6 +300,28 @@ def test_alone_the_run_ends_with_the_twin():
             wait_for_run(live, database, 2)
             expect(live.end(signal.SIGTERM)[0] == 0, "ended badly")
     expect(query(database, "SELECT resumed_run FROM beginnings WHERE run = 2") == [(1,)], "it began anew")
+
+
+def test_alone_an_fmu_crashes():
+    """The sample of the tick in which it did is recorded, without a step; and who goes on with the run takes that tick anew."""
+    with Device(OMEGA) as device:
+        config = kills.configuration(device.port, kills.Pace())
+        database = config.parent / "twin.db"
+        os.environ["TWINLOCK_UNRULY"] = WORD
+        with Program("run", config) as live:
+            wait_until(lambda: database.exists() and number(database, "SELECT count(*) FROM steps") > 20, "steps", live.log)
+            Supervised.tell(live, "crash")
+            code, _, log = live.end()
+        with Program("run", config) as again:
+            wait_until(lambda: number(database, "SELECT count(*) FROM steps WHERE run = 2 AND outcome <> ?", FOLLOWED), "another run", again.log)
+            again.end(signal.SIGTERM)
+        del os.environ["TWINLOCK_UNRULY"]
+    expect(code == 70 and "Segmentation fault, in fmi2DoStep of unruly" in log, f"ended with {code}\n{log}")
+    lead, last, step = query(database, "SELECT lead, (SELECT max(tick) FROM samples s WHERE s.run = r.run), (SELECT max(step) FROM steps s "
+                                       "WHERE s.run = r.run) FROM runs r WHERE run = 1")[0]
+    expect(last == step + lead + 1, f"its last sample is that of tick {last}, its last step {step}, its lead {lead}")
+    resumed = query(database, "SELECT resumed_run, resumed_tick FROM beginnings WHERE run = 2")
+    expect(resumed == [(1, last)], f"{resumed}, not {last}")
 
 
 parser = argparse.ArgumentParser()

@@ -1,6 +1,7 @@
 /* The end of a run whose twin has not told it: by the last writer, or by nobody yet. */
 #include <unity.h>
 
+#include "tests/support/made_run.h"
 #include "tests/support/sql.h"
 #include "tests/support/writer_bench.h"
 
@@ -64,6 +65,24 @@ static void test_it_was_not_the_last_one(void) {
     tl_writer_bench_expect_whole(bench.path);
 }
 
+/* Its twin has died in the step. */
+static void test_the_last_sample_has_no_step(void) {
+    tl_sample sample;
+    record(false);
+    tl_made_sample(10, &sample);
+    TEST_ASSERT_TRUE(tl_outbox_put_sample(&bench.twin, &sample));
+    tl_writer_bench_open(&bench);
+    close_well();
+    TEST_ASSERT_EQUAL_INT64(10, tl_sql_integer(bench.path, "SELECT samples_written FROM runs")); /* it may still come */
+    bench.is_last = true;
+    tl_writer_bench_open(&bench);
+    close_well();
+    TEST_ASSERT_EQUAL_STRING("11 10 not ended cleanly", tl_sql_text(bench.path, "SELECT samples_written || ' ' ||"
+                                                                                " steps_written || ' ' || ended_reason"
+                                                                                " FROM runs"));
+    tl_writer_bench_expect_whole(bench.path);
+}
+
 static void test_without_a_run_there_is_no_end(void) {
     bench.is_last = true;
     tl_writer_bench_open(&bench);
@@ -78,6 +97,7 @@ int main(void) {
     RUN_TEST(test_the_last_one_ends_the_run);
     RUN_TEST(test_an_end_that_was_told_stays);
     RUN_TEST(test_it_was_not_the_last_one);
+    RUN_TEST(test_the_last_sample_has_no_step);
     RUN_TEST(test_without_a_run_there_is_no_end);
     tl_scratch_remove(&bench.scratch);
     return UNITY_END();
