@@ -160,7 +160,7 @@ static void a_reader_who_is_root(void) {
     make_one();
     pid_t reader = begin_to_read();
     int wrong = 0;
-    for (int i = 0; i < 10 * TRIALS; i++) {
+    for (int i = 0; i < 3 * TRIALS; i++) {
         bool waits = false;
         if (open_one(&file, &waits) == TL_OK) {
             bool is_written =
