@@ -130,11 +130,11 @@ static bool has_wal(const char *path) {
     return length > 0 && length < PATH_MAX && stat(name, &status) == 0 && status.st_size > 0;
 }
 
-/* The first SQL: with -wal and -shm files where that is possible, without where it must and can be. */
-static tl_status first_read(const char *path, sqlite3 **database, tl_error *error) {
+/* The first SQL: with -wal and -shm files where that is possible, without where it must and can be: not if it is to be written. */
+static tl_status first_read(const char *path, bool write, sqlite3 **database, tl_error *error) {
     static const char question[] = "SELECT 1 FROM sqlite_schema LIMIT 1";
     int code = sqlite3_exec(*database, question, NULL, NULL, NULL);
-    if (((code & 0xFF) == SQLITE_CANTOPEN || (code & 0xFF) == SQLITE_READONLY) && !has_wal(path)) {
+    if (!write && ((code & 0xFF) == SQLITE_CANTOPEN || (code & 0xFF) == SQLITE_READONLY) && !has_wal(path)) {
         (void)sqlite3_close(*database);
         *database = NULL;
         tl_status status = open_immutable(path, database, error);
@@ -224,7 +224,7 @@ tl_status tl_database_open(const char *path, bool write, sqlite3 **database, tl_
                                     "%s: may not be written: check its permissions and its medium", path);
     }
     if (status == TL_OK) {
-        status = first_read(path, database, error);
+        status = first_read(path, write, database, error);
     }
     if (status == TL_OK) {
         status = tl_database_execute(*database, both, error);

@@ -32,6 +32,17 @@ static tl_status configure(sqlite3 *connection, tl_error *error) {
     return tl_database_execute(connection, sql, error);
 }
 
+/* Its log, or the index of that, may be another user's, and then SQLite reads and says nothing. Whether somebody else writes now does not matter. */
+static tl_status prove_writable(sqlite3 *connection, tl_error *error) {
+    (void)sqlite3_busy_timeout(connection, 100);
+    int code = sqlite3_exec(connection, "BEGIN IMMEDIATE", NULL, NULL, NULL);
+    if ((code & 0xFF) == SQLITE_READONLY) {
+        return tl_database_fail(connection, code, error);
+    }
+    (void)sqlite3_exec(connection, "ROLLBACK", NULL, NULL, NULL);
+    return TL_OK;
+}
+
 static tl_status make_file(const char *path, tl_error *error) {
     struct stat file;
     return lstat(path, &file) == 0 ? TL_OK : tl_database_create(path, error);
@@ -80,6 +91,9 @@ static tl_status open_connection(tl_database_file *file, tl_time patience, const
     if (status == TL_OK) {
         file->handle = open(file->path, O_PATH | O_CLOEXEC);
         status = tl_database_open(file->path, true, &file->connection, error);
+    }
+    if (status == TL_OK) {
+        status = prove_writable(file->connection, error);
     }
     if (status == TL_OK) {
         tl_database_file_set_patience(file, patience);

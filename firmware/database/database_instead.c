@@ -6,8 +6,12 @@
 #include <stdio.h>
 #include <unistd.h>
 
+#include "firmware/base/clock.h"
 #include "firmware/database/database.h"
 #include "firmware/database/database_fault.h"
+
+enum { DENIALS = 3 }; /* that are not believed */
+static const tl_time DENIAL_PAUSE = TL_SECOND / 1000;
 
 static bool is_refused(tl_database_insistence insistence, tl_database_fault fault) {
     bool is_ours = fault != TL_DATABASE_FOREIGN && fault != TL_DATABASE_OTHER && fault != TL_DATABASE_TAKEN;
@@ -56,15 +60,20 @@ static bool is_shut_in(const char *path) {
 }
 
 /* The file that was asked for. `path` is what others are beside; *shut: none of them is to be tried. A file that was denied is tried again once
- * its folder is known to be open: else it might have been opened since, and another file be written for no reason. */
+ * its folder is known to be open: else it might have been opened since, and another file be written for no reason. And more than once: a reader that
+ * is root makes log and index as root's, and only then gives them to the owner of the file. */
 static tl_status open_wanted(const tl_database_wanted *wanted, const char *path, tl_database_file *file,
                              tl_database_aside *aside, bool *shut, tl_error *error) {
     tl_status status = tl_database_file_open(wanted->path, wanted->patience, wanted->user, file, aside, error);
-    if (status == TL_OK || tl_database_get_fault() != TL_DATABASE_DENIED) {
-        return status;
+    for (int i = 0; i < DENIALS && status != TL_OK && tl_database_get_fault() == TL_DATABASE_DENIED; i++) {
+        *shut = is_shut_in(path);
+        if (*shut) {
+            return status;
+        }
+        tl_clock_sleep_until(tl_clock_now(NULL) + DENIAL_PAUSE);
+        status = tl_database_file_open(wanted->path, wanted->patience, wanted->user, file, aside, error);
     }
-    *shut = is_shut_in(path);
-    return *shut ? status : tl_database_file_open(wanted->path, wanted->patience, wanted->user, file, aside, error);
+    return status;
 }
 
 tl_status tl_database_instead_open(const tl_database_wanted *wanted, tl_database_file *file, tl_database_news *news,

@@ -143,6 +143,9 @@ static tl_status follow_recorder(const tl_live_past_settings *settings, tl_summa
     tl_status status = TL_OK;
     for (uint32_t number = 1; status == TL_OK && refused; number++) {
         if (!ask(settings, number, &answer)) {
+            if (tl_interrupt_requested() != NULL) { /* who is told to end needs no answer */
+                return TL_OK;
+            }
             tl_journal_event(settings->journal, -1, TL_EVENT_WARNING, "resume",
                              "begins anew: the recorder does not say what was recorded before");
             return TL_OK;

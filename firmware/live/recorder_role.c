@@ -99,6 +99,7 @@ static tl_status open_writer(recorder *self, tl_error *error) {
         .outbox_count = TL_LIVE_OUTBOXES,
         .state = &self->own->state,
         .heart = self->heart,
+        .is_last = true,
     };
     return tl_recorder_writer_open(&settings, &self->writer, error);
 }

@@ -3,6 +3,7 @@
 
 #include <errno.h>
 #include <fcntl.h>
+#include <inttypes.h>
 #include <sched.h>
 #include <signal.h>
 #include <stdio.h>
@@ -16,6 +17,7 @@
 #include "firmware/config/problems.h"
 #include "firmware/live/live_end.h"
 #include "firmware/live/live_job.h"
+#include "firmware/live/live_rest.h"
 #include "firmware/live/live_role.h"
 #include "firmware/live/live_wire.h"
 #include "firmware/live/voice.h"
@@ -294,16 +296,14 @@ static void end_twin(tree *self, char reason[TL_RESTARTS_REASON]) {
     self->twin = NULL;
 }
 
-static void ended(void *context, tl_member which, bool again, char reason[TL_RESTARTS_REASON]) {
-    tree *self = context;
-    char text[TL_RESTARTS_REASON + 64];
+static void ended(void *context, tl_member which, char reason[TL_RESTARTS_REASON]) {
     if (which == TL_MEMBER_TWIN) {
-        end_twin(self, reason);
-    } else if (again) {
-        (void)snprintf(text, sizeof text, "%s failed: %s",
-                       which == TL_MEMBER_IO ? "the reading of the plant" : "the recorder", reason);
-        put_event(self, TL_EVENT_ERROR, "supervisor", text);
+        end_twin(context, reason);
     }
+}
+
+static void tell(void *context, const char *text) {
+    put_event(context, TL_EVENT_ERROR, "supervisor", text);
 }
 
 /* ---- looking ---- */
@@ -409,6 +409,7 @@ static int supervise(tree *self) {
         .context = self,
         .begin = begin,
         .ended = ended,
+        .tell = tell,
         .damaged = damaged,
         .look = look,
     };
@@ -435,11 +436,44 @@ static tl_status read_config(tree *self, tl_error *error) {
     return TL_OK;
 }
 
+/* The twin's outbox is not ours to read before it is dead. */
+static uint64_t count_rest_of_twin(tree *self, const tl_outbox_taken *taken) {
+    const tl_outbox_settings settings = tl_live_twin_outbox(&self->config);
+    tl_block outbox = {.descriptor = -1};
+    tl_error error;
+    uint64_t count = 0;
+    if (tl_block_take(tl_block_reader(&self->memory.twin_outbox), tl_outbox_bytes(&settings), TL_BLOCK_WE_WRITE,
+                      &outbox, &error) == TL_OK) {
+        count = tl_live_rest_count(&settings, outbox.bytes, taken);
+    }
+    tl_block_close(&outbox);
+    return count;
+}
+
+/* What nobody has recorded, if the last one who could have has not said that itself. */
+static void say_rest(tree *self) {
+    const tl_outbox_settings events = tl_live_event_outbox();
+    int code = 0;
+    if (!records(self) || tl_heartbeats_get_farewell(&recorder_pulse(self)->beats, &code) != TL_FAREWELL_NONE) {
+        return;
+    }
+    const tl_outbox_taken *taken = recorder_pulse(self)->state.taken;
+    uint64_t rest = count_rest_of_twin(self, &taken[TL_LIVE_OUTBOX_TWIN]);
+    rest += tl_live_rest_count(&events, tl_live_io_outbox_of(self->memory.io_pulse.bytes), &taken[TL_LIVE_OUTBOX_IO]);
+    rest += tl_live_rest_count(&events, self->memory.supervisor.bytes, &taken[TL_LIVE_OUTBOX_SUPERVISOR]);
+    if (rest > 0) {
+        tl_log(TL_LOG_ERROR, "%" PRIu64 " samples, steps and events are lost: no recorder is left to write them", rest);
+    }
+}
+
 static int end(tree *self, int code) {
     tl_error error = {0};
     tl_status printed = print_summary(self, &error);
     tl_voice_stop(self->voice); /* all that the processes have said comes before what is said of them */
     self->voice = NULL;
+    if (code != 0) {
+        say_rest(self);
+    }
     if (printed != TL_OK) {
         tl_log(TL_LOG_ERROR, "%s", error.text);
     }

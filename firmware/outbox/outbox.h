@@ -8,8 +8,8 @@
  *          not sound of that which the reader has not taken, goes. A successor may also look back: what was taken stays in the ring until new entries
  *          need its bytes, and the ring is large enough for 30 s of new ones beside those since the older of the two checkpoints.
  * Ticks:   a sample waits for its step, and is in the ring together with it, or with whatever else is put next: so that of a tick in which its writer dies
- *          nothing is there. If the successor goes on with that tick, it takes its sample anew; if it begins another run, the sample that waited is the
- *          last one of the run before.
+ *          nothing is there, unless the reader knows that nobody goes on. If the successor goes on with that tick, it takes its sample anew; if it begins
+ *          another run, the sample that waited is the last one of the run before.
  * Loss:    what finds no room is counted, and never waited for. Room is lost only to a reader that is too slow, not to what is kept.
  * Order:   nothing of a run is in the ring before its beginning. A beginning without room waits, and goes first; until then the rest is lost.
  * Thread:  put_* and checkpoints: one thread, the cycle's; event(): any; lost(): any. Lock-free: an event is tried again only

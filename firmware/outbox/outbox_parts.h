@@ -44,7 +44,7 @@ typedef struct tl_outbox_place {
 
 typedef struct tl_outbox_control {
     uint64_t head __attribute__((aligned(TL_OUTBOX_LINE))); /* end of what is in the ring, for the reader */
-    uint64_t put; /* and with a sample that waits for its step; for a successor */
+    uint64_t put; /* and with a sample that waits for its step; for a successor, or a reader if there is none */
     uint64_t next __attribute__((aligned(TL_OUTBOX_LINE))); /* event */
     uint64_t lost __attribute__((aligned(TL_OUTBOX_LINE)));
     tl_outbox_place places[TL_OUTBOX_PLACES];

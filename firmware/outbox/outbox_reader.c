@@ -30,12 +30,21 @@ static bool refuse(tl_outbox_reader *reader, const char *format, ...) {
     return false;
 }
 
+void tl_outbox_reader_leave(tl_outbox_reader *reader) {
+    reader->is_left = true;
+}
+
+/* A reader before this one may have thought that the writer was no more, and have taken what waited: then that is not there yet, seen from here. */
 uint64_t tl_outbox_reader_end(tl_outbox_reader *reader, uint64_t taken) {
+    uint64_t ring = reader->settings.ring_bytes;
     uint64_t head = __atomic_load_n(&reader->control->head, __ATOMIC_ACQUIRE);
-    if (!is_broken(reader) && head - taken > reader->settings.ring_bytes) {
-        (void)refuse(reader, "counts %" PRIu64 " bytes in a ring of %zu", head - taken, reader->settings.ring_bytes);
+    uint64_t waiting = __atomic_load_n(&reader->control->put, __ATOMIC_ACQUIRE) - head;
+    bool waits = waiting <= ring && (reader->is_left || taken - head <= waiting);
+    uint64_t end = !waits ? head : reader->is_left ? head + waiting : taken;
+    if (!is_broken(reader) && end - taken > ring) {
+        (void)refuse(reader, "counts %" PRIu64 " bytes in a ring of %" PRIu64, end - taken, ring);
     }
-    return is_broken(reader) ? taken : head;
+    return is_broken(reader) ? taken : end;
 }
 
 bool tl_outbox_reader_entry(tl_outbox_reader *reader, uint64_t *position, uint64_t end, tl_recorder_entry *entry) {

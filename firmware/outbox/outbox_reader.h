@@ -19,10 +19,14 @@ typedef struct tl_outbox_reader {
     const struct tl_outbox_control *control;
     const unsigned char *ring;
     const unsigned char *checkpoints;
+    bool is_left;              /* its writer is no more */
     char fault[TL_ERROR_TEXT]; /* "": none */
 } tl_outbox_reader;
 
 void tl_outbox_reader_open(const tl_outbox_settings *settings, const void *memory, tl_outbox_reader *reader);
+
+/* Its writer is no more, and nobody goes on in it: from now on a sample that waits for its step is there, too. */
+void tl_outbox_reader_leave(tl_outbox_reader *reader);
 
 /* Behind the newest entry that is there now, seen from `taken`. */
 uint64_t tl_outbox_reader_end(tl_outbox_reader *reader, uint64_t taken);

@@ -77,7 +77,7 @@ static int write_names(sqlite3 *connection) {
 
 /* We have the writer's lock: a run without an end was killed. Its last commit was at most one interval after its last
  * step. */
-static int end_killed_runs(sqlite3 *connection) {
+int tl_recorder_beginning_end_killed(sqlite3 *connection) {
     return change(connection,
                   "UPDATE runs SET ended = coalesce(committed, started), ended_reason = 'not ended cleanly'"
                   " WHERE ended IS NULL",
@@ -220,7 +220,7 @@ int tl_recorder_beginning_write(sqlite3 *connection, const tl_recorder_settings 
                                 int64_t began, int64_t *run) {
     beginning self = {.connection = connection, .settings = settings, .start = start};
     tl_sha256(settings->configuration, strlen(settings->configuration), self.hash);
-    int code = end_killed_runs(connection);
+    int code = tl_recorder_beginning_end_killed(connection);
     if (code == SQLITE_OK) {
         code = write_names(connection);
     }

@@ -18,6 +18,9 @@
 int tl_recorder_beginning_write(sqlite3 *connection, const tl_recorder_settings *settings, const tl_outbox_start *start,
                                 int64_t began, int64_t *run);
 
+/* Runs without an end were not ended cleanly, unless we record them: they get that end. */
+int tl_recorder_beginning_end_killed(sqlite3 *connection);
+
 /* What is no character becomes "?". */
 void tl_recorder_beginning_repair(char *text);
 

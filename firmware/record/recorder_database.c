@@ -168,6 +168,10 @@ int tl_recorder_database_go_on(tl_recorder_database *database) {
     return run_statement(database->statements[GO_ON]);
 }
 
+int tl_recorder_database_give_up(tl_recorder_database *database) {
+    return tl_recorder_beginning_end_killed(database->connection);
+}
+
 int tl_recorder_database_begin_at(tl_recorder_database *database, int64_t tick) {
     (void)sqlite3_bind_int64(database->statements[BEGIN_AT], 1, database->run);
     bind_within(database->statements[BEGIN_AT], 2, 0, tick);

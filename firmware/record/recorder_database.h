@@ -55,6 +55,9 @@ int tl_recorder_database_begin_run(tl_recorder_database *database, const tl_outb
 /* The run goes on: an end that somebody has found for it is none. */
 int tl_recorder_database_go_on(tl_recorder_database *database);
 
+/* Whoever was to end the run will not: it was not ended cleanly, unless it goes on all the same. */
+int tl_recorder_database_give_up(tl_recorder_database *database);
+
 /* What comes is not the run's beginning, which is not in this file. */
 int tl_recorder_database_begin_at(tl_recorder_database *database, int64_t tick);
 

@@ -23,6 +23,10 @@ uint64_t tl_recorder_inbox_end(tl_recorder_inbox *inbox, uint64_t taken) {
     return tl_outbox_reader_end(&inbox->readers[0], taken);
 }
 
+void tl_recorder_inbox_leave(tl_recorder_inbox *inbox) {
+    tl_outbox_reader_leave(&inbox->readers[0]);
+}
+
 bool tl_recorder_inbox_is_whole(const tl_recorder_inbox *inbox) {
     return inbox->readers[0].fault[0] == '\0';
 }

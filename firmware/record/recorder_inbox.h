@@ -43,6 +43,9 @@ void tl_recorder_inbox_open(tl_recorder_inbox *inbox, const tl_recorder_writer_o
 /* Behind the newest entry that is there now, seen from what is taken. */
 uint64_t tl_recorder_inbox_end(tl_recorder_inbox *inbox, uint64_t taken);
 
+/* Its producer is no more: a sample that waits for its step is there, too. */
+void tl_recorder_inbox_leave(tl_recorder_inbox *inbox);
+
 /* Whether more can come of it. */
 bool tl_recorder_inbox_is_whole(const tl_recorder_inbox *inbox);
 

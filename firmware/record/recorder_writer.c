@@ -25,6 +25,7 @@ struct tl_recorder_writer {
     tl_recorder_settings record;
     tl_recorder_writer_state *state;
     tl_heart *heart;
+    bool is_last;
     tl_recorder_inbox inbox;
     tl_recorder_file file;
     tl_recorder_batch batch;
@@ -237,6 +238,7 @@ static tl_recorder_writer *make(const tl_recorder_writer_settings *settings) {
     writer->record.component_count = settings->outboxes[0].settings.shape.components;
     writer->state = settings->state;
     writer->heart = settings->heart;
+    writer->is_last = settings->is_last;
     writer->lost_said_at = tl_clock_now(NULL) - LOSS_PAUSE;
     tl_recorder_inbox_open(&writer->inbox, settings->outboxes, settings->outbox_count);
     tl_recorder_file_begin(&writer->file, &writer->record, writer->state);
@@ -295,6 +297,9 @@ tl_status tl_recorder_writer_close(tl_recorder_writer *writer, tl_time patience,
     if (writer == NULL) {
         return TL_OK;
     }
+    if (writer->is_last) {
+        tl_recorder_inbox_leave(&writer->inbox);
+    }
     say_loss(writer, "they came faster than the disk takes them");
     tl_recorder_writer_write(writer);
     while (has_more(writer) && tl_clock_now(NULL) - began < patience) {
@@ -307,6 +312,8 @@ tl_status tl_recorder_writer_close(tl_recorder_writer *writer, tl_time patience,
         status =
             tl_fail(error, TL_TRY_AGAIN, "%s: the run's end and its last %" PRIu64 " entries could not be written: %s",
                     tl_recorder_writer_path(writer), left, writer->file.reason);
+    } else if (writer->is_last && writer->file.database != NULL) {
+        (void)tl_recorder_database_give_up(writer->file.database); /* else the next writer does that */
     }
     destroy(writer);
     return status;

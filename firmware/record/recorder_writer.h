@@ -38,6 +38,7 @@ typedef struct tl_recorder_writer_settings {
     tl_recorder_writer_state *state;
     const tl_outbox_start *first; /* NULL, or a run that begins at once, without a START */
     tl_heart *heart;              /* of the caller's thread: beats with each batch; NULL: nobody's */
+    bool is_last;                 /* when it is closed, whoever could go on with the run, or end it, is no more */
 } tl_recorder_writer_settings;
 
 /* Errors: those of recorder.h for a file that is refused; TL_TRY_AGAIN if memory is out. */
@@ -58,7 +59,8 @@ tl_time tl_recorder_writer_damage(const tl_recorder_writer *writer, size_t outbo
 const char *tl_recorder_writer_path(const tl_recorder_writer *writer);
 
 /* Writes the rest and closes. Tries for at most `patience` if the disk refuses, then counts what is left as dropped and fails with
- * TL_TRY_AGAIN. A run without END has no end then, and the next writer without this state marks it as not ended cleanly. NULL is allowed. */
+ * TL_TRY_AGAIN. A run without END has no end then, and the next writer without this state marks it as not ended cleanly. So does the last writer itself
+ * if all is written, a sample that waits for its step included; a writer with this state goes on with the run all the same. NULL is allowed. */
 tl_status tl_recorder_writer_close(tl_recorder_writer *writer, tl_time patience, tl_error *error);
 
 #endif

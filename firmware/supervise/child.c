@@ -62,6 +62,7 @@ void tl_child_kill_damaged(tl_child *child) {
 
 void tl_child_ask(tl_child *child, int signal) {
     child->asked = true;
+    child->asking = 0;
     (void)kill(child->pid, signal);
 }
 

@@ -39,7 +39,7 @@ typedef struct tl_child {
     bool killed; /* by us, and why; */
     char fault[TL_RESTARTS_REASON];
     tl_time blamed; /* the FMU call that is to blame has lasted for so long */
-    tl_time asking; /* what has passed since it was asked to end, of its life */
+    tl_time asking; /* what has passed since it was asked to end the last time, of its life */
 } tl_child;
 
 /* Before it is started: nothing was heard of it. */
@@ -60,7 +60,7 @@ void tl_child_kill_silent(tl_child *child, const char *silent, tl_time silence);
 /* The same: it has destroyed what it writes for others. */
 void tl_child_kill_damaged(tl_child *child);
 
-/* Asks it to end, each time anew. */
+/* Asks it to end, each time anew, and gives it as much time again. */
 void tl_child_ask(tl_child *child, int signal);
 
 /* `passed` of its life since the last look. Asked to end, and still there after `grace`, it is killed. */

@@ -42,9 +42,15 @@ static const tl_time STATUS = 5 * TL_SECOND;
  * be kept then, is better than to be killed. */
 static const tl_time GRACE = TL_FMU_PATIENCE_END + (TL_PROCESS_END_S + 1) * TL_SECOND;
 
+/* The same, of one that is asked again: nobody is patient any more. */
+static const tl_time GRACE_AGAIN = 2 * TL_SECOND;
+
+/* Signals that come within this time, from a terminal and who watches over us, ask once. */
+static const tl_time AGAIN = TL_SECOND;
+
 enum { TRY_AGAIN = 75, FMU_FAILED = 70 };
 
-/* Recorders that die in the end, before it is given up that all is written. */
+/* Recorders that die in the end, before it is given up that all is written. One that had to be killed has taken so much time that it counts as two. */
 enum { LAST_TRIES = 3 };
 
 typedef enum state {
@@ -77,6 +83,8 @@ typedef struct supervisor {
     bool ran;         /* a twin has been ready, */
     bool told_ready;  /* and the service manager has heard of it */
     int stop;         /* asked to end, by this signal; 0: not */
+    tl_time stopped;  /* when */
+    bool hurries;     /* asked again */
     bool is_ending;   /* all end, for that reason or another one */
     int code;         /* what the run ends with, as far as that is known */
     int tries;        /* recorders that have died in that end */
@@ -194,31 +202,44 @@ static void begin(supervisor *self, tl_member which, tl_time now) {
 
 /* ---- what an end means ---- */
 
-/* It was told to end before it could hear that. */
-static bool was_told_early(const tl_child *child) {
+/* It was told to end before it could hear that, and nothing was to be kept yet. */
+static bool was_told_early(const supervisor *self, tl_member which) {
+    const tl_child *child = &self->members[which].child;
     const tl_child_end *end = &child->end;
-    return child->asked && end->by_signal &&
+    bool has_nothing = which != TL_MEMBER_RECORDER || !self->ran;
+    return has_nothing && child->asked && end->by_signal &&
            (end->number == SIGTERM || end->number == SIGINT || end->number == SIGHUP) &&
            !tl_heartbeats_is_ready(child->beats);
+}
+
+/* On the log, and for the database; there the next twin tells itself why there is one. */
+static void say_failure(supervisor *self, tl_member which, const char *reason, bool is_followed) {
+    const tl_child *child = &self->members[which].child;
+    char text[TL_RESTARTS_REASON + 96];
+    (void)snprintf(text, sizeof text, "%s failed%s: %s%s", name_of[which],
+                   self->is_ending && child->asked ? " when it was to end" : "", reason,
+                   is_followed ? "; another one is begun" : "");
+    tl_log(TL_LOG_ERROR, "%s", text);
+    if (which != TL_MEMBER_TWIN || !is_followed) {
+        self->settings->tell(self->settings->context, text);
+    }
 }
 
 /* In its end it failed, or could not keep all that was to be kept. Alone, an FMU that ends its process is what the run ends with. */
 static void take_last_code(supervisor *self, tl_member which, const char *reason) {
     const tl_child *child = &self->members[which].child;
     bool is_told = self->settings->alone && which == TL_MEMBER_TWIN;
-    char what[64];
-    if (was_told_early(child)) {
+    if (was_told_early(self, which)) {
         end_all(self, 0);
         return;
     }
-    (void)snprintf(what, sizeof what, "%s failed when", name_of[which]);
     if (tl_child_was_killed(child) || child->end.farewell == TL_FAREWELL_NONE) {
-        tl_log(TL_LOG_ERROR, "%s it was to end: %s", what, reason);
+        say_failure(self, which, reason, false);
         end_all(self, which == TL_MEMBER_IO ? 0 : is_told && !tl_child_was_killed(child) ? FMU_FAILED : TRY_AGAIN);
         return;
     }
     if (!tl_child_kept_its_word(child)) {
-        tl_log(TL_LOG_WARNING, "%s all was done: %s", what, reason);
+        tl_log(TL_LOG_WARNING, "%s failed when all was done: %s", name_of[which], reason);
         end_all(self, is_told ? FMU_FAILED : 0);
     }
     end_all(self, child->end.code);
@@ -227,8 +248,12 @@ static void take_last_code(supervisor *self, tl_member which, const char *reason
 /* What a recorder had to write still is in memory that outlives it: another one may. */
 static bool is_worth_another(supervisor *self, tl_member which) {
     const tl_child *child = &self->members[which].child;
-    return which == TL_MEMBER_RECORDER && self->is_ending && !tl_child_was_killed(child) && !was_told_early(child) &&
-           child->end.farewell == TL_FAREWELL_NONE && ++self->tries < LAST_TRIES;
+    if (which != TL_MEMBER_RECORDER || !self->is_ending || was_told_early(self, which) ||
+        child->end.farewell != TL_FAREWELL_NONE) {
+        return false;
+    }
+    self->tries += tl_child_was_killed(child) ? 2 : 1;
+    return self->tries < LAST_TRIES;
 }
 
 /* The run ends with it: it was asked to, it is over, or it never ran, and who started it is told why. */
@@ -245,7 +270,7 @@ static void end_alone(supervisor *self, const char *reason) {
         end_all(self, child->end.code); /* which it has said itself */
         return;
     }
-    tl_log(TL_LOG_ERROR, "the twin failed: %s", reason);
+    say_failure(self, TL_MEMBER_TWIN, reason, false);
     end_all(self, FMU_FAILED);
 }
 
@@ -255,7 +280,7 @@ static void note_end(supervisor *self, tl_member which, tl_time now) {
     bool is_last = is_final(self, which) && !is_worth_another(self, which);
     bool is_alone = which == TL_MEMBER_TWIN && self->settings->alone;
     tl_child_describe(&ended->child, reason);
-    self->settings->ended(self->settings->context, which, !is_last && !is_alone, reason);
+    self->settings->ended(self->settings->context, which, reason);
     if (is_last) {
         ended->state = ABSENT;
         take_last_code(self, which, reason);
@@ -266,27 +291,46 @@ static void note_end(supervisor *self, tl_member which, tl_time now) {
         end_alone(self, reason);
         return;
     }
-    tl_log(TL_LOG_ERROR, "%s failed: %s", name_of[which], reason);
+    say_failure(self, which, reason, true);
     tl_child_bury(&ended->child);
     note_failure(self, which, now, reason);
 }
 
 /* ---- watching ---- */
 
+/* Whoever asks a second time does not want to wait for one that hangs; nor does an FMU get any patience then. */
+static void hurry(supervisor *self, int signal) {
+    self->hurries = true;
+    tl_log(TL_LOG_NOTICE, "asked again to end: who has not ended in %.0f s is killed", tl_seconds(GRACE_AGAIN));
+    for (tl_member which = 0; which < TL_MEMBERS; which++) {
+        member *asked = &self->members[which];
+        if (asked->state == LIVING && asked->child.asked) {
+            tl_child_ask(&asked->child, which == TL_MEMBER_TWIN ? signal : SIGTERM);
+        }
+    }
+}
+
+static void stop(supervisor *self, int signal) {
+    tl_time now = tl_clock_now(NULL);
+    if (self->stop == 0) {
+        (void)tl_service_tell("STOPPING=1");
+        self->stop = signal;
+        self->stopped = now;
+        end_all(self, 0);
+        if (twin_of(self)->state == LIVING) {
+            tl_child_ask(&twin_of(self)->child, signal);
+        }
+    } else if (now - self->stopped >= AGAIN && !self->hurries) {
+        hurry(self, signal);
+    }
+}
+
 /* Waits a little for a signal: `most` < 1 s. */
 static void listen(supervisor *self, tl_time time) {
     const struct timespec most = {.tv_sec = 0, .tv_nsec = (long)time};
     int signal = sigtimedwait(&self->signals, NULL, &most);
-    if (signal != SIGTERM && signal != SIGINT && signal != SIGHUP) {
-        return;
-    }
-    if (self->stop == 0) {
-        (void)tl_service_tell("STOPPING=1");
-        self->stop = signal;
-        end_all(self, 0);
-    }
-    if (twin_of(self)->state == LIVING) {
-        tl_child_ask(&twin_of(self)->child, signal); /* a second time, too: it then has no patience with an FMU */
+    if (signal == SIGTERM || signal == SIGINT || signal == SIGHUP) {
+        stop(self, signal);
     }
 }
 
@@ -335,7 +379,7 @@ static void look_at_living(supervisor *self, tl_member which, tl_time now, tl_ti
     if (look_for_damage(self, which, now, passed)) {
         return;
     }
-    tl_child_press(&living->child, passed, GRACE);
+    tl_child_press(&living->child, passed, self->hurries ? GRACE_AGAIN : GRACE);
     living->lived += passed;
     if (!is_twin) {
         return;
@@ -379,6 +423,13 @@ static void look_at(supervisor *self, tl_member which, tl_time now, tl_time pass
     }
 }
 
+/* A recorder that has only begun would die of it, and there is something to write. */
+static bool can_be_asked(const supervisor *self, tl_member which) {
+    const member *living = &self->members[which];
+    return which != TL_MEMBER_RECORDER || !self->ran || tl_heartbeats_is_ready(living->child.beats) ||
+           living->lived >= GRACE_AGAIN;
+}
+
 /* Asks the next one to end. True: nobody is left. */
 static bool go_on_ending(supervisor *self, tl_time now) {
     for (int i = 0; i < TL_MEMBERS; i++) {
@@ -386,7 +437,7 @@ static bool go_on_ending(supervisor *self, tl_time now) {
         if (next->state == ABSENT) {
             continue;
         }
-        if (next->state == LIVING && !next->child.asked) {
+        if (next->state == LIVING && !next->child.asked && can_be_asked(self, end_order[i])) {
             tl_child_ask(&next->child, self->stop != 0 && end_order[i] == TL_MEMBER_TWIN ? self->stop : SIGTERM);
         }
         if (end_order[i] != TL_MEMBER_TWIN) {
@@ -487,6 +538,7 @@ static void close_all(supervisor *self) {
     for (tl_member which = 0; which < TL_MEMBERS; which++) {
         tl_reaper_leave(&self->members[which].child.reaper);
     }
+    (void)munlockall(); /* our caller may look at what is large */
     tl_restarts_close(&self->restarts);
 }
 

@@ -19,7 +19,9 @@
  * Hold:    after a restart loop of the twin (restarts.h) a new one is told to hold: no FMU, the plant's samples are recorded.
  * Alone:   a twin that fails is not begun again: the run ends with exit code 70. It may be silent for as long as it likes.
  * Signals: SIGTERM, SIGINT and SIGHUP (but not under nohup) end all. A process that has not ended 16 s
- *          later is killed, some seconds after it would have given up an FMU that does not return (fmu_patience.h). An orderly end in any case: all failures are forgiven. A supervisor that is killed takes all with it.
+ *          later is killed, some seconds after it would have given up an FMU that does not return (fmu_patience.h). An orderly end in any case: all failures are forgiven.
+ *          Asked again after a second, each has 2 s. A supervisor that is killed takes all with it.
+ * Rest:    a recorder that fails in the end is followed by another one, which writes the rest: at most twice, once if it had to be killed.
  */
 #ifndef TL_FIRMWARE_SUPERVISE_SUPERVISOR_H
 #define TL_FIRMWARE_SUPERVISE_SUPERVISOR_H
@@ -51,8 +53,12 @@ typedef struct tl_supervisor_settings {
     /* Starts a process (role.h). 0: it could not be, and that was said on the log. */
     pid_t (*begin)(void *context, tl_member which, const tl_start *start);
 
-    /* One has ended, and is not reaped yet. `reason` says why, and may be bettered. `again`: another one will be begun. */
-    void (*ended)(void *context, tl_member which, bool again, char reason[TL_RESTARTS_REASON]);
+    /* One has ended, and is not reaped yet. `reason` says why, and may be bettered. */
+    void (*ended)(void *context, tl_member which, char reason[TL_RESTARTS_REASON]);
+
+    /* Which one has failed, and why: for the database; on the log it is already. Not of a twin that is followed by another one, which is told by
+     * its start why there is one. */
+    void (*tell)(void *context, const char *text);
 
     /* Whoever reads what this one writes has looked at it at this time at the earliest (CLOCK_MONOTONIC), and cannot read it on; 0: it can. */
     tl_time (*damaged)(void *context, tl_member which);

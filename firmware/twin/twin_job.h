@@ -37,7 +37,7 @@ typedef struct tl_twin_job {
     size_t checkpoint_size;
     const char *path;    /* of the configuration, as given: relative names start at its folder */
     const char *text;    /* what it says */
-    const char *folder;  /* private, absolute: for what FMUs write */
+    const char *folder;  /* private, absolute: for what FMUs write; "": none */
     uint64_t file_bytes; /* of one file that is unpacked or written */
     uint64_t memory;     /* that the process may take; 0: no limit */
     uint32_t user;       /* to become; 0: stay */

@@ -99,15 +99,19 @@ static bool is_open_to_others(const char *folder) {
     return true;
 }
 
+/* There is nothing to unpack and nobody who writes if it holds; and it is to be there where no folder can be made. */
+static bool needs_folder(const tl_twin_process *process) {
+    return !process->settings.job->holds;
+}
+
 /* Started as root, it gets a user that nobody else has: numbers that systemd leaves to nobody, and one process at a time. Where that user could
  * not come to its folder, it stays root without root's capabilities. */
-static uint32_t private_user(void) {
+static uint32_t private_user(const tl_twin_process *process) {
     const char *folder = getenv("TMPDIR");
     tl_confine_facts facts;
     tl_confine_probe(&facts);
-    bool possible =
-        geteuid() == 0 && facts.user && is_open_to_others(folder == NULL || folder[0] == '\0' ? "/tmp" : folder);
-    return possible ? 0x70000000U + (uint32_t)getpid() : 0;
+    bool is_open = !needs_folder(process) || is_open_to_others(folder == NULL || folder[0] == '\0' ? "/tmp" : folder);
+    return geteuid() == 0 && facts.user && is_open ? 0x70000000U + (uint32_t)getpid() : 0;
 }
 
 /* Bytes. */
@@ -126,7 +130,10 @@ static tl_status make_job(tl_twin_process *process, tl_error *error) {
 
 /* Root of a container may have numbers of users only for some, and no right to give a folder away. Then it stays who it is. */
 static tl_status make_folder(tl_twin_process *process, tl_error *error) {
-    process->user = process->settings.job->unconfined ? 0 : private_user();
+    process->user = process->settings.job->unconfined ? 0 : private_user(process);
+    if (!needs_folder(process)) {
+        return TL_OK;
+    }
     if (process->user != 0 && tl_private_folder_make("twin", process->user, &process->folder, error) != TL_OK) {
         process->user = 0;
     }
@@ -159,6 +166,9 @@ static bool find_packages(char variable[VARIABLE]) {
  * nothing that it has compiled: its folder is gone at the end, and where no Landlock holds it may rename no file. */
 static void surround(const tl_twin_process *process, surroundings *made) {
     made->count = 0;
+    if (!needs_folder(process)) {
+        return;
+    }
     (void)snprintf(made->temporary, sizeof made->temporary, "TMPDIR=%s", process->folder.path);
     made->variables[made->count++] = made->temporary;
     if (process->settings.job->unconfined) {
@@ -253,7 +263,7 @@ static tl_status start_warden(tl_twin_process *process, pipes *ends, tl_error *e
         .channel = given->channel,
         .passes_signals = given->passes_signals,
         .call_limit = given->call_limit,
-        .bounds = {.folder = process->folder.path,
+        .bounds = {.folder = needs_folder(process) ? process->folder.path : NULL,
                    .bytes = TL_TWIN_FOLDER_MIB * MIB + unpacked_bytes(given->config),
                    .files = FILES * (given->config->component_count + 1),
                    .threads = THREADS,

@@ -148,7 +148,7 @@ static tl_status confine(const role *self, tl_confine_facts *facts, tl_error *er
     const tl_confine_settings settings = {
         .read = (const char *const *)places.path,
         .read_count = places.count,
-        .folder = self->job.folder,
+        .folder = self->job.folder[0] != '\0' ? self->job.folder : NULL,
         .file_bytes = self->job.file_bytes,
         .memory = self->job.memory,
         .user = self->job.user,

@@ -10,6 +10,7 @@ from live_test import (Program, check_replay, check_rows, check_summary, end_wel
 from twinlock_test import SOURCE, edited_config, expect, main, run_well, scratch
 
 SECOND, MS = 10**9, 10**6
+LATE = 4 * MS  # after its stamp, a reading may still be on its way: as long as from row to row
 
 
 def streamed(config, signals, recording, **changes):
@@ -32,7 +33,10 @@ def chain(seconds, seed=1):
 
 
 def expect_looked_up(database, name, look_back, take_next):
-    """Every sample of a signal has the reading that is to be taken, of all that the run has ever seen of it."""
+    """Every sample of a signal has the reading that is to be taken, of all that the run has ever seen of it.
+
+    Rows come as often as ticks do, so that in one run all of them are stamped just before their tick, and in another one just after it. What is
+    stamped just before a tick comes after it on a busy machine, and then the one before is the right one."""
     rows = query(database, """SELECT tick * step_ns, stamp_ns FROM samples JOIN signals USING (run, signal)
                               JOIN runs USING (run) WHERE kind = 'plant' AND signals.name = ? AND run = 1 ORDER BY tick""", name)
     stamps = sorted({stamp for _, stamp in rows if stamp is not None})
@@ -41,10 +45,18 @@ def expect_looked_up(database, name, look_back, take_next):
         at = instant - look_back
         later = [other for other in stamps if at <= other <= instant]
         before = [other for other in stamps if other <= at]
-        wanted = later[0] if take_next and later else before[-1]
-        wrong += stamp != wanted
-    # a reading that came only after its tick is in the database by way of a later one
+        there = [other for other in before if other <= instant - LATE] or before[:1]
+        right = stamp == later[0] if take_next and later else there[-1] <= stamp <= before[-1]
+        wrong += not right
+    # one that came even later is in the database by way of a later tick
     expect(len(rows) > 300 and wrong <= len(rows) // 10, f"{name}: {wrong} of {len(rows)} are not as they should be")
+
+
+def age(database, name):
+    """How old a signal's values were at their ticks, in ms: all but one in twenty were no older. From row to row, if the machine has time for them."""
+    ages = query(database, """SELECT (tick * step_ns - stamp_ns) / 1e6 FROM samples JOIN signals USING (run, signal) JOIN runs USING (run)
+                              WHERE kind = 'plant' AND signals.name = ? AND run = 1 AND stamp_ns IS NOT NULL ORDER BY 1""", name)
+    return ages[len(ages) * 19 // 20][0]
 
 
 def play(path, fifo, database, steps):
@@ -69,8 +81,10 @@ def test_a_free_twin_that_measures():
     expect_looked_up(database, "plant.u", 100000, False)
     found = told["delays"]
     print(f"    {found}; true {true:.3f} ms as they were read")
-    # inputs are shifted by 11.9 ms, and taken as of the newest at or before: up to a step less
-    expect(found["state"] == "known" and true - 4.5 <= found["measured_s"] * 1e3 <= true + 8.5, f"{found}, true {true}")
+    # inputs are shifted by 11.9 ms, and taken as of the newest at or before: up to a step less; older ones make the twin late
+    late = age(database, "plant.u")
+    print(f"    19 of 20 values of u are at most {late:.1f} ms old")
+    expect(found["state"] == "known" and true - 4.5 <= found["measured_s"] * 1e3 <= true + 4.5 + late, f"{found}, true {true}, {late} ms late")
     expect_events(database, ("info", "ms measured, and used from now on"))
     again = scratch() / "again.db"
     run_well(["replay", path, "--recording", database, "--db", again])

@@ -1,8 +1,12 @@
 #!/usr/bin/env python3
 """What a live run ends with if its twin was not in lock: by itself, with --require-lock, supervised."""
+import os
+import shutil
+import signal
 import socket
 
 from live_test import Device
+from supervised import Supervised, wait_for_run
 from twinlock_test import NOT_LOCKED, edited_config, expect, main, run
 
 OMEGA = 62.981  # rad/s: where config/motor's twin starts
@@ -35,6 +39,21 @@ def test_a_twin_in_lock():
     with Device(OMEGA) as device:
         code, err = ended(device.port, "--require-lock", "90")
     expect(code == 0, f"{code}\n{err}")
+
+
+def test_a_run_that_ends_without_a_twin():
+    """In safe hold, since its FMUs have no folder any more: asked for it, that is no lock."""
+    with Device(OMEGA) as device:
+        config = edited_config("motor/live.json", {"duration_s": None, "record": {"commit_s": 0.1},
+                                                   "sources": {"inverter": {"modbus_tcp": {"port": device.port}}}})
+        with Supervised(config, "--require-lock", "50") as live:
+            wait_for_run(live, config.parent / "twin.db", 1)
+            shutil.rmtree(live.process.temporary)
+            os.kill(live.child(), signal.SIGKILL)
+            live.wait_for("safe hold: the twin failed 5 times")
+            live.process.temporary.mkdir()
+            code, _, log = live.end(signal.SIGTERM)
+    expect(code == NOT_LOCKED and "the run ended without a twin: it was not in lock" in log, f"{code}\n{log}")
 
 
 if __name__ == "__main__":

@@ -4,6 +4,7 @@ only dead around it makes it restart."""
 import json
 import os
 import re
+import shutil
 import signal
 import socket
 import time
@@ -190,6 +191,22 @@ def test_a_loop_ends_in_safe_hold():
             again.wait_for("reason: it was told to")
             wait_for_steps(again, database, 100, run=7)
             expect(again.end(signal.SIGTERM)[0] == 0, "ended badly")
+    check_database(database)
+
+
+def test_safe_hold_needs_no_place():
+    """The folder for what FMUs write is gone: there can be no twin, but the plant is recorded."""
+    with Device(OMEGA) as device:
+        config, database = live_config(device)
+        with Supervised(config) as live:
+            wait_for_run(live, database, 1)
+            shutil.rmtree(live.process.temporary)
+            os.kill(live.child(), signal.SIGKILL)
+            live.wait_for("safe hold: the twin failed 5 times")
+            wait_until(lambda: number(database, "SELECT count(*) FROM samples JOIN runs USING (run) WHERE verb = 'hold'") > 100,
+                       "samples in safe hold", live.log)
+            live.process.temporary.mkdir()
+            end_orderly(live)
     check_database(database)
 
 

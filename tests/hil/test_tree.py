@@ -15,10 +15,10 @@ from pathlib import Path
 
 import kills
 from footprint import shared_kib
-from live_test import Device, Program, member, number, query, title, wait_until
-from supervised import end_orderly, wait_for_run
-from tree import OMEGA, Campaign, Tree, configuration, descriptors, expect_whole, kill_at_random, one_run, read
-from twinlock_test import BUILD, at_most, expect, main, run_well, scratch
+from live_test import Device, Program, expect_reasons, member, number, query, stop, title, wait_until
+from supervised import WORD, Supervised, end_orderly, wait_for_run
+from tree import FOLLOWED, OMEGA, Campaign, Tree, configuration, descriptors, expect_whole, kill_at_random, one_run, read
+from twinlock_test import BUILD, at_least, at_most, expect, main, run_well, scratch
 
 SEED = 1
 JOBS_KIB = 64
@@ -217,8 +217,73 @@ def test_a_recorder_that_hangs():
     expect(number(database, "SELECT sum(entries_lost) FROM runs") == 0, "something was lost")
 
 
+def stop_one(live, role, other_than=0):
+    """The process, once it has stopped."""
+    pid = wait_until(lambda: [pid for pid in live.children() if pid != other_than and title(pid).startswith(f"twinlock: {role}")],
+                     role, live.log, every=0.001)[0]
+    stop(pid)
+    return pid
+
+
+def test_a_recorder_that_hangs_at_the_end():
+    """Asked twice, nobody waits for it; and another one writes what it has left."""
+    with Device(OMEGA) as device:
+        config, database = configuration(device.port)
+        with Tree(config) as live:
+            live.wait_for_tick(database)
+            stop_one(live, "recorder")
+            time.sleep(1)
+            live.signal(signal.SIGINT)
+            time.sleep(1.5)
+            at = time.monotonic()
+            end_orderly(live, signal.SIGINT)
+            at_most(time.monotonic() - at, 5, "seconds from the second signal to the end")
+    found = read(database)
+    expect_whole(found)
+    at_least(len(found.steps), 100, "steps, also of the time in which it had stopped")
+    expect_reasons(database, "SIGINT")
+    told = query(database, "SELECT count(*) FROM events WHERE source = 'supervisor' AND text = 'the recorder failed when it was to end: "
+                           "it was told to end, and was still there 2 s later; another one is begun'")
+    expect(told == [(1,)], f"{query(database, 'SELECT text FROM events')}")
+
+
+def test_recorders_that_hang_at_the_end():
+    """What is lost then is said, and how much it is."""
+    with Device(OMEGA) as device:
+        config, database = configuration(device.port)
+        with Tree(config) as live:
+            live.wait_for_tick(database)
+            first = stop_one(live, "recorder")
+            time.sleep(1)
+            live.signal(signal.SIGINT)
+            time.sleep(1.5)
+            live.signal(signal.SIGINT)
+            stop_one(live, "recorder", first)
+            code, _, log = live.end()
+    lost = [int(count) for count in re.findall(r"error: (\d+) samples, steps and events are lost: no recorder is left to write them", log)]
+    expect(code == 75 and len(lost) == 1, f"ended with {code}\n{log}")
+    at_least(lost[0], 100, "samples, steps and events lost")
+    expect_whole(read(database))
+
+
+def test_told_to_end_before_the_recorder_has_answered():
+    """What it was before is not known, and does not matter any more."""
+    with Device(OMEGA) as device:
+        config, database = configuration(device.port)
+        with Tree(config) as live:
+            recorder = stop_one(live, "recorder")
+            live.child(role="twin")
+            time.sleep(1)
+            live.signal(signal.SIGTERM)
+            time.sleep(0.5)
+            os.kill(recorder, signal.SIGCONT)
+            code, _, log = live.end()
+    expect(code == 0 and "begins anew" not in log, f"ended with {code}\n{log}")
+    expect_reasons(database, "SIGTERM")
+
+
 def test_alone_the_run_ends_with_the_twin():
-    """And what was recorded until then is there."""
+    """What was recorded until then is there, the run has an end, and an event says why."""
     with Device(OMEGA) as device:
         config, database = configuration(device.port)
         with Program("run", config) as live:
@@ -226,8 +291,37 @@ def test_alone_the_run_ends_with_the_twin():
             twin = member(live, "twin")
             os.kill(twin, signal.SIGKILL)
             code, _, log = live.end()
-    expect(code == 70 and "the twin failed: it was ended by signal 9" in log, f"ended with {code}\n{log}")
-    expect_whole(read(database))
+        expect(code == 70 and "the twin failed: it was ended by signal 9" in log, f"ended with {code}\n{log}")
+        expect_whole(read(database))
+        expect_reasons(database, "not ended cleanly")
+        told = query(database, "SELECT severity, source FROM v_events WHERE text = 'the twin failed: it was ended by signal 9, Killed'")
+        expect(told == [("error", "supervisor")], f"{told}")
+        with Program("run", config) as live:  # and who is started after it goes on with it
+            wait_for_run(live, database, 2)
+            expect(live.end(signal.SIGTERM)[0] == 0, "ended badly")
+    expect(query(database, "SELECT resumed_run FROM beginnings WHERE run = 2") == [(1,)], "it began anew")
+
+
+def test_alone_an_fmu_crashes():
+    """The sample of the tick in which it did is recorded, without a step; and who goes on with the run takes that tick anew."""
+    with Device(OMEGA) as device:
+        config = kills.configuration(device.port, kills.Pace())
+        database = config.parent / "twin.db"
+        os.environ["TWINLOCK_UNRULY"] = WORD
+        with Program("run", config) as live:
+            wait_until(lambda: database.exists() and number(database, "SELECT count(*) FROM steps") > 20, "steps", live.log)
+            Supervised.tell(live, "crash")
+            code, _, log = live.end()
+        with Program("run", config) as again:
+            wait_until(lambda: number(database, "SELECT count(*) FROM steps WHERE run = 2 AND outcome <> ?", FOLLOWED), "another run", again.log)
+            again.end(signal.SIGTERM)
+        del os.environ["TWINLOCK_UNRULY"]
+    expect(code == 70 and "Segmentation fault, in fmi2DoStep of unruly" in log, f"ended with {code}\n{log}")
+    lead, last, step = query(database, "SELECT lead, (SELECT max(tick) FROM samples s WHERE s.run = r.run), (SELECT max(step) FROM steps s "
+                                       "WHERE s.run = r.run) FROM runs r WHERE run = 1")[0]
+    expect(last == step + lead + 1, f"its last sample is that of tick {last}, its last step {step}, its lead {lead}")
+    resumed = query(database, "SELECT resumed_run, resumed_tick FROM beginnings WHERE run = 2")
+    expect(resumed == [(1, last)], f"{resumed}, not {last}")
 
 
 parser = argparse.ArgumentParser()

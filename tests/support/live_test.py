@@ -25,8 +25,8 @@ FIRST_GUESS, OPTIMISED, FREE_RUN, MADE_UP = 1, 2, 5, 6  # master/sync/record.h
 STOP_TIME = 4
 
 
-def wait_until(condition, what, explain=lambda: ""):
-    """What `condition` gives as soon as that is true; a failure where it never becomes so."""
+def wait_until(condition, what, explain=lambda: "", every=0.01):
+    """What `condition` gives as soon as that is true; a failure where it never becomes so. Looks `every` so many seconds."""
     until = time.monotonic() + PATIENCE
     while True:
         value = condition()
@@ -34,7 +34,7 @@ def wait_until(condition, what, explain=lambda: ""):
             return value
         if time.monotonic() > until:
             raise Failure(f"waited in vain for {what}\n{explain()}")
-        time.sleep(0.01)
+        time.sleep(every)
 
 
 class Program:

@@ -34,6 +34,7 @@ static void make_memory(tl_writer_bench *bench) {
     }
     tl_outbox_open(&bench->settings[0], bench->memory[0], &bench->state->taken[0], &bench->twin);
     tl_outbox_open(&bench->settings[1], bench->memory[1], &bench->state->taken[1], &bench->io);
+    bench->is_last = false;
     bench->writer = NULL;
     bench->error = (tl_error){TL_OK, ""};
 }
@@ -68,7 +69,8 @@ tl_status tl_writer_bench_try_open(tl_writer_bench *bench) {
     const tl_recorder_writer_settings settings = {.record = &bench->record,
                                                   .outboxes = bench->outboxes,
                                                   .outbox_count = TL_BENCH_OUTBOXES,
-                                                  .state = bench->state};
+                                                  .state = bench->state,
+                                                  .is_last = bench->is_last};
     return tl_recorder_writer_open(&settings, &bench->writer, &bench->error);
 }
 

@@ -27,6 +27,7 @@ typedef struct tl_writer_bench {
     tl_outbox twin;
     tl_outbox io;
     tl_recorder_writer_state *state;
+    bool is_last;               /* as in recorder_writer.h */
     tl_recorder_writer *writer; /* NULL: none is open */
     tl_error error;
 } tl_writer_bench;

@@ -1,10 +1,12 @@
-/* Which file is written: a folder that is opened while names in it are tried. */
+/* Which file is written: a folder that is opened while names in it are tried, and a reader who is root. */
 #include "firmware/database/database_instead.h"
 
 #include <pthread.h>
+#include <signal.h>
 #include <stdio.h>
 #include <string.h>
 #include <sys/stat.h>
+#include <sys/wait.h>
 #include <unistd.h>
 
 #include <unity.h>
@@ -126,8 +128,56 @@ static void a_folder_that_may_not_be_written(void) {
     tl_database_file_close(&file);
 }
 
+/* Reads again and again, as the first and the last one who has it open: makes log and index, and removes them. */
+static void read_as_root(pid_t parent) {
+    int result = seteuid(0);
+    while (result == 0 && getppid() == parent) {
+        sqlite3 *database = NULL;
+        if (sqlite3_open_v2(path, &database, SQLITE_OPEN_READWRITE, NULL) == SQLITE_OK) {
+            (void)sqlite3_exec(database, "SELECT count(*) FROM runs", NULL, NULL, NULL);
+        }
+        (void)sqlite3_close(database);
+    }
+    _exit(result);
+}
+
+static pid_t begin_to_read(void) {
+    pid_t parent = getpid();
+    pid_t reader = fork();
+    if (reader == 0) {
+        read_as_root(parent);
+    }
+    TEST_ASSERT_GREATER_THAN_INT(0, reader);
+    return reader;
+}
+
+/* What it makes is root's for an instant. That keeps nobody from writing. */
+static void a_reader_who_is_root(void) {
+    tl_database_file file = TL_DATABASE_FILE_NONE;
+    if (getuid() != 0) {
+        TEST_IGNORE_MESSAGE("needs root");
+    }
+    make_one();
+    pid_t reader = begin_to_read();
+    int wrong = 0;
+    for (int i = 0; i < 3 * TRIALS; i++) {
+        bool waits = false;
+        if (open_one(&file, &waits) == TL_OK) {
+            bool is_written =
+                sqlite3_exec(file.connection, "UPDATE runs SET name = ''", NULL, NULL, NULL) != SQLITE_READONLY;
+            wrong += strcmp(path, file.path) == 0 && is_written ? 0 : 1;
+            tl_database_file_close(&file);
+        }
+    }
+    TEST_ASSERT_EQUAL_INT(0, seteuid(0));
+    TEST_ASSERT_EQUAL_INT(0, kill(reader, SIGKILL));
+    TEST_ASSERT_EQUAL_INT(reader, waitpid(reader, NULL, 0));
+    TEST_ASSERT_EQUAL_INT(0, wrong);
+}
+
 int main(void) {
     UNITY_BEGIN();
+    RUN_TEST(a_reader_who_is_root);
     RUN_TEST(a_folder_that_is_opened_meanwhile);
     RUN_TEST(a_folder_that_may_not_be_written);
     return UNITY_END();

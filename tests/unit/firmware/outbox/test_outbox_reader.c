@@ -90,6 +90,36 @@ static void less_than_was_taken(void) {
     expect_fault("counts 18446744073709551615 bytes");
 }
 
+/* For who knows that its step never comes; and who was wrong goes on with that. */
+static void a_sample_that_waits(void) {
+    tl_outbox_reader another;
+    put_sample();
+    TEST_ASSERT_FALSE(take());
+    tl_outbox_reader_leave(&reader);
+    TEST_ASSERT_TRUE(take());
+    TEST_ASSERT_EQUAL_INT(TL_ENTRY_SAMPLE, entry.kind);
+    TEST_ASSERT_EQUAL_INT64(3, entry.sample.tick);
+    uint64_t position = tl_outbox_reader_end(&reader, 0);
+    tl_outbox_reader_open(&settings, memory, &another);
+    TEST_ASSERT_EQUAL_UINT64(position, tl_outbox_reader_end(&another, position));
+    put_step();
+    uint64_t end = tl_outbox_reader_end(&another, position);
+    TEST_ASSERT_TRUE(tl_outbox_reader_entry(&another, &position, end, &entry));
+    TEST_ASSERT_EQUAL_INT(TL_ENTRY_STEP, entry.kind);
+    TEST_ASSERT_EQUAL_UINT64(end, position);
+}
+
+/* Whoever lies about it gets no further than its ring. */
+static void more_waits_than_a_ring_holds(void) {
+    outbox.control->put = RING + 1;
+    tl_outbox_reader_leave(&reader);
+    TEST_ASSERT_EQUAL_UINT64(0, tl_outbox_reader_end(&reader, 0));
+    outbox.control->head = 10;
+    outbox.control->put = RING + 1;
+    TEST_ASSERT_EQUAL_UINT64(0, tl_outbox_reader_end(&reader, 0));
+    expect_fault("counts 65537 bytes in a ring of 65536");
+}
+
 static void a_kind_that_there_is_not(void) {
     for (unsigned kind = 0; kind < 256; kind++) {
         tearDown();
@@ -313,6 +343,8 @@ int main(void) {
     UNITY_BEGIN();
     RUN_TEST(more_than_a_ring_holds);
     RUN_TEST(less_than_was_taken);
+    RUN_TEST(a_sample_that_waits);
+    RUN_TEST(more_waits_than_a_ring_holds);
     RUN_TEST(a_kind_that_there_is_not);
     RUN_TEST(an_entry_that_is_cut);
     RUN_TEST(qualities_that_there_are_not);

@@ -211,6 +211,21 @@ static void test_the_start(void) {
     tl_course_expect_same(&course, TL_COURSE_TICKS - 12);
 }
 
+/* Its twin has died in the last step: the next one takes that tick anew, and lives on. */
+static void test_a_last_sample_without_its_step(void) {
+    make(TL_LAG);
+    tl_sql_execute(path, "INSERT INTO samples SELECT run, tick + 1, signal, value, quality, stamp_ns FROM samples WHERE"
+                         " tick = (SELECT max(tick) FROM samples)");
+    open_history(INT64_MAX);
+    TEST_ASSERT_TRUE(next());
+    expect_past(TL_RESUMED_CHECKPOINT, NEWER + 1);
+    TEST_ASSERT_EQUAL_INT64(KILLED, past.last);
+    TEST_ASSERT_TRUE(next());
+    TEST_ASSERT_TRUE(next());
+    expect_past(TL_RESUMED_START, 0);
+    TEST_ASSERT_EQUAL_INT64(KILLED, past.last);
+}
+
 /* ---- ever older ---- */
 
 static void test_ever_older(void) {
@@ -370,6 +385,7 @@ int main(void) {
     UNITY_BEGIN();
     RUN_TEST(test_the_newest_checkpoint_in_every_mode);
     RUN_TEST(test_the_start);
+    RUN_TEST(test_a_last_sample_without_its_step);
     RUN_TEST(test_ever_older);
     RUN_TEST(test_a_checkpoint_that_is_refused);
     RUN_TEST(test_checkpoints_of_no_use);

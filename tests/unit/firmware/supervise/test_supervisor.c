@@ -5,6 +5,7 @@
  *   6  ends with 65, never ready   w  ready, beats until SIGTERM   a  beats until SIGTERM, never ready
  *   -  cannot be started                       d  dies of SIGTERM before it is ready
  *   l  has done all, and crashes then              t  told to end by somebody else
+ *   e  as w, and needs half a second to become ready, in which it dies of SIGTERM
  * and in an FMU, which nobody announces:
  *   c  crashes    f  hangs    x  ends with 0    y  ends with 65 before it is ready    n  crashes, and has spoilt its name
  *   r  a thread of ours hangs, while FMUs are called as ever      b  called while it is told to end, deaf
@@ -52,6 +53,7 @@ typedef struct stage {
     pid_t last;
     int told;                        /* ends of which the supervisor told */
     char better[TL_RESTARTS_REASON]; /* the reason that it is told instead */
+    char event[256];                 /* the last one for the database */
     tl_time damaged[TL_MEMBERS];     /* what is said of each */
 } stage;
 
@@ -162,6 +164,12 @@ static int finish(char what, bool asked, tl_heartbeats *beats) {
     return code;
 }
 
+static void begin_late(void) {
+    (void)signal(SIGTERM, SIG_DFL);
+    pause_ms(500);
+    (void)signal(SIGTERM, note);
+}
+
 static int play(char what, tl_heart *heart, tl_heartbeats *beats) {
     if (what == 'k') {
         crash();
@@ -173,6 +181,9 @@ static int play(char what, tl_heart *heart, tl_heartbeats *beats) {
         (void)signal(SIGTERM, SIG_DFL);
         be_well(heart);
     }
+    if (what == 'e') {
+        begin_late();
+    }
     if (strchr("68ya", what) == NULL) {
         tl_heartbeats_set_ready(beats);
     }
@@ -180,10 +191,10 @@ static int play(char what, tl_heart *heart, tl_heartbeats *beats) {
         misbehave(what, heart, beats);
     }
     suffer(what);
-    if (what == 'w' || what == 'a') {
+    if (strchr("wae", what) != NULL) {
         be_well(heart);
     }
-    return finish(what, strchr("wat", what) != NULL, beats);
+    return finish(what, strchr("waet", what) != NULL, beats);
 }
 
 static unsigned processes_of(pid_t parent) {
@@ -261,14 +272,18 @@ static pid_t begin(void *context, tl_member which, const tl_start *start) {
     return pid > 0 ? pid : 0;
 }
 
-static void ended(void *context, tl_member which, bool again, char reason[TL_RESTARTS_REASON]) {
+static void ended(void *context, tl_member which, char reason[TL_RESTARTS_REASON]) {
     stage *on = context;
     (void)which;
-    (void)again;
     on->told++;
     if (on->better[0] != '\0') {
         (void)snprintf(reason, TL_RESTARTS_REASON, "%s", on->better);
     }
+}
+
+static void tell(void *context, const char *text) {
+    stage *on = context;
+    (void)snprintf(on->event, sizeof on->event, "%s", text);
 }
 
 static tl_time damaged(void *context, tl_member which) {
@@ -285,8 +300,8 @@ static void look(void *context) {
 void setUp(void) {
     tl_scratch_empty(&scratch);
     memset(shared, 0, sizeof *shared);
-    settings =
-        (tl_supervisor_settings){.begin = begin, .ended = ended, .damaged = damaged, .look = look, .context = shared};
+    settings = (tl_supervisor_settings){
+        .begin = begin, .ended = ended, .tell = tell, .damaged = damaged, .look = look, .context = shared};
     (void)unsetenv("NOTIFY_SOCKET");
     (void)unsetenv("WATCHDOG_USEC");
     TEST_ASSERT_TRUE(tl_stderr_capture_begin());
@@ -321,6 +336,12 @@ static void test_ends_with_its_child(void) {
     TEST_ASSERT_EQUAL_STRING("it was told to", shared->reason[0]);
 }
 
+/* On the log, and as an event. */
+static void expect_told(const char *words) {
+    expect_said(words);
+    TEST_ASSERT_EQUAL_STRING(words, shared->event);
+}
+
 static void test_a_bad_configuration_is_not_tried_again(void) {
     expect_code("6", 65);
 }
@@ -346,6 +367,7 @@ static void test_what_ran_is_tried_again(void) {
 static void test_a_crash(void) {
     expect_code("k0", 0);
     TEST_ASSERT_EQUAL_STRING("it was ended by signal 11, Segmentation fault", shared->reason[1]);
+    TEST_ASSERT_EQUAL_STRING("", shared->event); /* that reason is one */
 }
 
 /* Whoever started us may not have wanted to hear of its children. */
@@ -465,8 +487,8 @@ static void test_a_killed_supervisor_takes_its_child_along(void) {
     TEST_ASSERT_TRUE(shared->again[0]);
 }
 
-/* The exit code of a supervisor that gets the signal `after_ms` after the first start. */
-static int supervise_for(const char *plan, int number, long after_ms) {
+/* The exit code of a supervisor that gets the signal `after_ms` after the first start, and once more `again_ms` later; 0: it does not. */
+static int supervise_and_signal(const char *plan, int number, long after_ms, long again_ms) {
     cast(TL_MEMBER_TWIN, plan);
     pid_t self = getpid();
     pid_t killer = fork();
@@ -476,10 +498,26 @@ static int supervise_for(const char *plan, int number, long after_ms) {
         }
         pause_ms(after_ms);
         (void)kill(self, number);
+        pause_ms(again_ms);
+        if (again_ms != 0) {
+            (void)kill(self, number);
+        }
         _exit(0);
     }
     int code = tl_supervise(&settings);
     TEST_ASSERT_EQUAL_INT(killer, waitpid(killer, NULL, 0));
+    return code;
+}
+
+static int supervise_for(const char *plan, int number, long after_ms) {
+    return supervise_and_signal(plan, number, after_ms, 0);
+}
+
+/* Not before everybody hangs. */
+static int supervise_and_hurry(const char *plan) {
+    tl_time begun = tl_clock_now(NULL);
+    int code = supervise_and_signal(plan, SIGINT, 200, 1500);
+    TEST_ASSERT_TRUE(tl_clock_now(NULL) - begun < 12 * TL_SECOND);
     return code;
 }
 
@@ -498,13 +536,15 @@ static void test_told_to_end_while_it_hangs(void) {
     TEST_ASSERT_EQUAL_INT(75, supervise_and_tell("s", SIGINT, 0));
 }
 
-/* It hangs, and yet its heart beats. That it was killed is an orderly end of the supervisor all the same. */
+/* It hangs, and yet its heart beats. That it was killed is an orderly end of the supervisor all the same. Two signals at once, as of a terminal and a
+ * shell, are one. */
 static void test_told_to_end_and_deaf(void) {
     settings.state = scratch.folder;
-    TEST_ASSERT_EQUAL_INT(75, supervise_and_tell("b", SIGTERM, 200));
-    expect_said(
+    TEST_ASSERT_EQUAL_INT(75, supervise_and_signal("b", SIGTERM, 200, 300));
+    TEST_ASSERT_EQUAL_INT(1, shared->starts);
+    expect_told(
         "the twin failed when it was to end: it was told to end, and was still there 16 s later, in fmi2DoStep of "
-        "motor\n");
+        "motor");
     memset(shared, 0, sizeof *shared);
     expect_code("0", 0);
     TEST_ASSERT_EQUAL_STRING("it was told to", shared->reason[0]);
@@ -558,7 +598,7 @@ static void test_damage_alone(void) {
 static void test_alone_a_failure_is_the_end(void) {
     settings.alone = true;
     expect_code("c", 70);
-    expect_said("the twin failed: it was ended by signal 11, Segmentation fault, in fmi2DoStep of motor");
+    expect_told("the twin failed: it was ended by signal 11, Segmentation fault, in fmi2DoStep of motor");
 }
 
 static void test_alone_what_it_says_itself_is_not_said_again(void) {
@@ -622,7 +662,7 @@ static void test_they_are_begun_again_for_ever(void) {
     cast(TL_MEMBER_RECORDER, "kkkhkkw");
     TEST_ASSERT_EQUAL_INT(0, supervise_and_tell("w", SIGTERM, 9000));
     TEST_ASSERT_EQUAL_INT(7, shared->parts[TL_MEMBER_RECORDER].starts);
-    expect_said("the recorder failed: it was ended by signal 11");
+    expect_told("the recorder failed: it was ended by signal 11, Segmentation fault; another one is begun");
 }
 
 static void test_one_that_never_could_begin_ends_all(void) {
@@ -632,11 +672,31 @@ static void test_one_that_never_could_begin_ends_all(void) {
     TEST_ASSERT_EQUAL_INT(3, shared->ends);
 }
 
-static void test_a_recorder_that_cannot_keep_all(void) {
-    cast(TL_MEMBER_RECORDER, "b");
+static void test_a_recorder_that_hangs_in_the_end_is_followed_by_one(void) {
+    cast(TL_MEMBER_RECORDER, "be");
     cast(TL_MEMBER_IO, "w");
-    expect_code("0", 75);
-    expect_said("the recorder failed when it was to end: it was told to end, and was still there 16 s later");
+    expect_code("0", 0);
+    expect_told(
+        "the recorder failed when it was to end: it was told to end, and was still there 16 s later, in fmi2DoStep "
+        "of motor; another one is begun");
+    TEST_ASSERT_EQUAL_INT(2, shared->parts[TL_MEMBER_RECORDER].starts);
+    TEST_ASSERT_EQUAL_INT(3, shared->parts[TL_MEMBER_RECORDER].order); /* in its own time */
+}
+
+/* Nobody waits for ever. */
+static void test_recorders_that_cannot_keep_all(void) {
+    cast(TL_MEMBER_RECORDER, "bb");
+    TEST_ASSERT_EQUAL_INT(75, supervise_and_hurry("w"));
+    TEST_ASSERT_EQUAL_INT(2, shared->parts[TL_MEMBER_RECORDER].starts);
+    expect_told(
+        "the recorder failed when it was to end: it was told to end, and was still there 2 s later, in fmi2DoStep "
+        "of motor");
+}
+
+/* Whoever asks again waits for nobody. */
+static void test_asked_again_to_end(void) {
+    TEST_ASSERT_EQUAL_INT(75, supervise_and_hurry("b"));
+    expect_said("asked again to end: who has not ended in 2 s is killed");
 }
 
 /* What it had to write still is in memory that outlives it. */
@@ -779,7 +839,9 @@ int main(void) {
     RUN_TEST(test_the_others_end_with_the_twin);
     RUN_TEST(test_they_are_begun_again_for_ever);
     RUN_TEST(test_one_that_never_could_begin_ends_all);
-    RUN_TEST(test_a_recorder_that_cannot_keep_all);
+    RUN_TEST(test_a_recorder_that_hangs_in_the_end_is_followed_by_one);
+    RUN_TEST(test_recorders_that_cannot_keep_all);
+    RUN_TEST(test_asked_again_to_end);
     RUN_TEST(test_a_recorder_that_dies_in_the_end_is_begun_again);
     RUN_TEST(test_a_reason_can_be_bettered);
     RUN_TEST(test_nobody_waits_for_the_service_manager);

@@ -260,6 +260,20 @@ static void test_it_holds_confined(void) {
     TEST_ASSERT_EQUAL_INT(facts.filter, seen->facts.filter);
 }
 
+/* There is nothing to unpack, and nobody who writes: it can be where no folder can be made. */
+static void test_it_holds_without_a_folder(void) {
+    tl_confine_facts facts;
+    tl_confine_probe(&facts);
+    TEST_ASSERT_EQUAL_INT(0, setenv("TMPDIR", "/nowhere/at/all", 1));
+    TEST_ASSERT_NOT_EQUAL(TL_OK, tl_twin_process_start(&settings, &process, &error));
+    order.holds = true;
+    start();
+    expect_end(DONE, 0);
+    TEST_ASSERT_EQUAL_INT(facts.filter, seen->facts.filter);
+    TEST_ASSERT_EQUAL_INT(facts.landlock, seen->facts.landlock);
+    TEST_ASSERT_EQUAL_INT(facts.user && geteuid() == 0, seen->facts.user);
+}
+
 /* Whether this process may raise that limit so far; asked by another one, since there is no way back. */
 static bool may_raise(int resource, rlim_t limit) {
     int status = 1;
@@ -544,6 +558,7 @@ int main(int argc, char **argv) {
     RUN_TEST(test_it_lives_confined);
     RUN_TEST(test_it_holds);
     RUN_TEST(test_it_holds_confined);
+    RUN_TEST(test_it_holds_without_a_folder);
     RUN_TEST(test_it_may_be_in_real_time);
     RUN_TEST(test_the_start_does_not_wait);
     RUN_TEST(test_what_it_is_refused_is_told_once);
