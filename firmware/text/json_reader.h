@@ -1,6 +1,6 @@
 /* A small JSON object that this program has written earlier, read back as if a stranger had.
  *
- * Purpose: a few members by their keys. What says where in a file something is wrong is firmware/config/json_document.h.
+ * Purpose: a few members by their keys. What says where in a file something is wrong is firmware/json/json_document.h.
  * Use:     `right` is looked at once all members are read.
  * Errors:  a member that is missing or of another type makes `right` false, and reads as something harmless.
  * Owner:   the caller, who frees it; texts live until then.

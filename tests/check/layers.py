@@ -25,7 +25,7 @@ OWNERS = {
     "nlopt.h": ("master/solve",),
     "modbus.h": ("board/modbus",),
     "gpiod.h": ("board/gpio",),
-    "cJSON.h": ("firmware/config", "firmware/text/json_writer.c", "firmware/text/json_reader.c"),
+    "cJSON.h": ("firmware/json", "firmware/config", "firmware/text/json_writer.c", "firmware/text/json_reader.c"),
     "sqlite3.h": ("firmware/database", "firmware/record"),
     "expat.h": ("firmware/fmu",),
     "zip.h": ("firmware/fmu",),

@@ -1,30 +1,15 @@
 /* cJSON's tree, walked in the order of the text. */
-#include "firmware/config/json_document.h"
+#include "firmware/json/json_document.h"
 
 #include <assert.h>
 #include <stdbool.h>
 #include <stdint.h>
-#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "firmware/text/json_text.h"
 
 /* ---- paths ---- */
-
-void tl_json_member_path(char *path, const char *parent, const char *key) {
-    char joined[TL_JSON_PATH + 1]; /* one more than fits, so that cutting is seen */
-    char shown[TL_JSON_PATH];
-    tl_text_for_people(key, shown, sizeof shown);
-    (void)snprintf(joined, sizeof joined, "%s%s%s", parent, parent[0] == '\0' ? "" : ".", shown);
-    tl_text_for_people(joined, path, TL_JSON_PATH);
-}
-
-void tl_json_element_path(char *path, const char *parent, size_t index) {
-    char joined[TL_JSON_PATH + 1];
-    (void)snprintf(joined, sizeof joined, "%s[%zu]", parent, index);
-    tl_text_for_people(joined, path, TL_JSON_PATH);
-}
 
 size_t tl_json_line(const cJSON *item) {
     return (size_t)item->valueint;

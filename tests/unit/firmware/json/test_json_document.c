@@ -5,7 +5,7 @@
 
 #include <unity.h>
 
-#include "firmware/config/json_document.h"
+#include "firmware/json/json_document.h"
 
 enum { MOST_SAID = 8192 };
 

@@ -1,23 +1,20 @@
 /* A JSON document: a text that passed json_text.h, parsed by cJSON, with lines and paths.
  *
  * Purpose: everything that is needed to say where in a file a value stands.
- * Paths:   "plant.omega.stale_s", "connect[2][0]"; "" is the root. A key may hold dots ("motor.d").
  * Lines:   each item's `valueint` holds its line from 1 in place of the truncated number, which nobody reads: numbers
  *          are in `valuedouble`.
  * Owner:   the caller, who frees the root by cJSON_Delete().
  */
-#ifndef TL_FIRMWARE_CONFIG_JSON_DOCUMENT_H
-#define TL_FIRMWARE_CONFIG_JSON_DOCUMENT_H
+#ifndef TL_FIRMWARE_JSON_JSON_DOCUMENT_H
+#define TL_FIRMWARE_JSON_JSON_DOCUMENT_H
 
 #include <stddef.h>
 
 #include <cjson/cJSON.h>
 
+#include "firmware/json/json_path.h"
 #include "master/base/arena.h"
 #include "master/base/status.h"
-
-/* Room for a path and for a key or text in a message; what is longer is cut, see tl_text_for_people(). */
-enum { TL_JSON_PATH = 256, TL_JSON_SHOWN = 64 };
 
 /* Parses the text. `scratch` is used during the call only.
  * Errors: TL_BAD_DATA for what json_text.h refuses, and TL_TRY_AGAIN: reported, *root is NULL. Keys that appear
@@ -30,10 +27,5 @@ size_t tl_json_line(const cJSON *item);
 /* The item at a path, or the innermost one around it that exists; NULL where not even the first part exists. Where
  * several keys fit, the longest does. */
 const cJSON *tl_json_nearest(const cJSON *root, const char *path);
-
-/* The path of a member of the object at `parent`, and of an element of the array at `parent`. `path` has TL_JSON_PATH
- * bytes and may be `parent` itself. */
-void tl_json_member_path(char *path, const char *parent, const char *key);
-void tl_json_element_path(char *path, const char *parent, size_t index);
 
 #endif
