@@ -7,6 +7,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "firmware/json/json_walk.h"
 #include "firmware/text/json_text.h"
 
 /* ---- paths ---- */
@@ -65,24 +66,6 @@ const cJSON *tl_json_nearest(const cJSON *root, const char *path) {
 
 /* ---- walking ---- */
 
-/* The items around the current one, outermost first. The depth was checked with the text. */
-typedef struct json_walk {
-    cJSON *around[TL_JSON_MAX_DEPTH];
-    size_t depth;
-} json_walk;
-
-/* The item that begins next in the text, NULL after the last. */
-static cJSON *next_item(json_walk *w, cJSON *item) {
-    if (item->child != NULL && w->depth < TL_JSON_MAX_DEPTH) {
-        w->around[w->depth++] = item;
-        return item->child;
-    }
-    while (w->depth > 0 && item->next == NULL) {
-        item = w->around[--w->depth];
-    }
-    return w->depth > 0 ? item->next : NULL;
-}
-
 static size_t index_of(const cJSON *array, const cJSON *element) {
     size_t index = 0;
     for (const cJSON *child = array->child; child != element; child = child->next) {
@@ -91,7 +74,7 @@ static size_t index_of(const cJSON *array, const cJSON *element) {
     return index;
 }
 
-static void path_of(const json_walk *w, const cJSON *item, char path[TL_JSON_PATH]) {
+static void path_of(const tl_json_walk *w, const cJSON *item, char path[TL_JSON_PATH]) {
     path[0] = '\0';
     for (size_t i = 0; i < w->depth; i++) {
         const cJSON *inner = i + 1 < w->depth ? w->around[i + 1] : item;
@@ -104,9 +87,9 @@ static void path_of(const json_walk *w, const cJSON *item, char path[TL_JSON_PAT
 }
 
 static void number_lines(cJSON *root, const tl_json_lines *lines) {
-    json_walk w = {.depth = 0};
+    tl_json_walk w = {.depth = 0};
     size_t i = 0;
-    for (cJSON *item = root; item != NULL; item = next_item(&w, item)) {
+    for (cJSON *item = root; item != NULL; item = tl_json_walk_next(&w, item)) {
         assert(i < lines->count);
         item->valueint = (int)lines->line[i++];
     }
@@ -137,7 +120,7 @@ static void report_duplicate(const char *parent, const keyed *first, const keyed
 }
 
 /* False where memory is out. */
-static bool check_keys(const json_walk *w, const cJSON *object, tl_report *report) {
+static bool check_keys(const tl_json_walk *w, const cJSON *object, tl_report *report) {
     size_t count = (size_t)cJSON_GetArraySize(object);
     keyed *keys = count > 1 ? calloc(count, sizeof *keys) : NULL;
     if (keys == NULL) {
@@ -167,8 +150,8 @@ static bool check_keys(const json_walk *w, const cJSON *object, tl_report *repor
 }
 
 static bool check_all_keys(cJSON *root, tl_report *report) {
-    json_walk w = {.depth = 0};
-    for (cJSON *item = root; item != NULL; item = next_item(&w, item)) {
+    tl_json_walk w = {.depth = 0};
+    for (cJSON *item = root; item != NULL; item = tl_json_walk_next(&w, item)) {
         if (cJSON_IsObject(item) && !check_keys(&w, item, report)) {
             return false;
         }
