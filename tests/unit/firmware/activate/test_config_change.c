@@ -322,8 +322,9 @@ static size_t choose_edits(const cJSON *root, random_edit edits[MOST_EDITS], tl_
     for (size_t i = 0; i < wanted; i++) {
         random_edit edit = {tl_test_random_below(random, all), tl_test_random_chance(random, 30),
                             tl_test_random_number(random, 1.0, 2.0)};
-        bool is_empty = cJSON_IsString(leaves[edit.leaf].item) && leaves[edit.leaf].item->valuestring[0] == '\0';
-        if (!is_empty && !is_chosen(edits, count, edit.leaf)) {
+        const cJSON *item = leaves[edit.leaf].item;
+        bool is_plain = !cJSON_IsString(item) || (item->valuestring[0] > 0 && item->valuestring[0] <= 0x7E);
+        if (is_plain && !is_chosen(edits, count, edit.leaf)) {
             edits[count++] = edit;
         }
     }
