@@ -3,8 +3,9 @@
  * Purpose: whether it goes on, is kept or is returned from. Pure logic: time and figures are handed in, nothing is asked and nothing written.
  * Returned from at once:
  *          - the twin has failed, or does not run for TL_PROBATION_START without a break;
- *          - deadlines: TL_PROBATION_MISSES and more were missed on probation, and that is more than TL_PROBATION_MISS_PERCENT of its ticks, and more
- *            than TL_PROBATION_MISS_TIMES the share of ticks that the configuration before has missed;
+ *          - deadlines: TL_PROBATION_MISSES and more were missed on probation, and that is more than TL_PROBATION_MISS_PERCENT of its steps, and more
+ *            than TL_PROBATION_MISS_TIMES the share that the configuration before has missed. Ticks that were skipped are no steps: of those, a
+ *            restart has as many as its gap was long;
  *          - the lock is lost for TL_PROBATION_LOST without a break. In the first TL_PROBATION_GRACE, or half of its time if that is
  *            less, that does not count; nor again after it was resumed, since a twin may just have begun.
  * When the time is over: kept if nobody must confirm it, the twin runs, and the asked share of the probation's steps was in lock; else returned from.
@@ -42,7 +43,7 @@ typedef struct tl_probation_terms {
 
 /* How the twin is now. Counts are those of its run: they grow, and begin at 0 with another run. */
 typedef struct tl_probation_snapshot {
-    uint64_t ticks;
+    uint64_t ticks; /* steps + skipped */
     uint64_t steps;
     uint64_t skipped;
     uint64_t deadline_misses;
@@ -54,10 +55,10 @@ typedef struct tl_probation_snapshot {
 /* What a probation has come to: all that is kept of it on disk, and enough to go on with it. */
 typedef struct tl_probation_account {
     tl_probation_terms terms;
-    uint64_t before_ticks, before_misses; /* of the configuration before */
+    uint64_t before_steps, before_misses; /* of the configuration before */
     uint64_t left_ms;
-    uint64_t ticks, misses;        /* on probation, */
-    uint64_t lock[TL_LOCK_STATES]; /* and steps in each state */
+    uint64_t steps, misses, skipped; /* on probation; */
+    uint64_t lock[TL_LOCK_STATES];   /* steps that were judged, by state */
 } tl_probation_account;
 
 typedef enum tl_probation_result { TL_PROBATION_GOES_ON, TL_PROBATION_KEPT, TL_PROBATION_RETURN } tl_probation_result;
