@@ -56,6 +56,12 @@ typedef enum tl_version_result {
     TL_VERSION_RESULTS
 } tl_version_result;
 
+/* "start", "reload", "inbox", "network". */
+const char *tl_version_origin_name(tl_version_origin origin);
+
+/* "candidate", "active", "probation", "kept", "returned", "refused". */
+const char *tl_version_result_name(tl_version_result result);
+
 typedef struct tl_version {
     uint64_t number; /* counts up from 1, and is never given again */
     uint64_t parent; /* the one that was active when it came; 0: none */
@@ -87,6 +93,7 @@ typedef struct tl_versions {
     tl_version_probation probation;
     char taken[TL_SHA256_TEXT]; /* of the file on the box that was taken last; "": none */
     /* private */
+    size_t room;      /* of the list */
     uint64_t newest;  /* number that was ever given */
     uint64_t settled; /* the version whose probation ended last, 0: none; and how */
     tl_version_result how;
@@ -132,7 +139,8 @@ tl_status tl_versions_add(tl_versions *versions, const tl_version_news *news, ui
 tl_status tl_versions_refuse(tl_versions *versions, uint64_t number, const char *reason, tl_error *error);
 
 /* From now on it is the active one, on probation from `account` on; NULL: without. One that was on probation until now is returned from by this; what it
- * would have returned to is then returned to by this one. If it was the file on the box, that counts as taken. */
+ * would have returned to is then returned to by this one; and if it is this one, it needs no probation. If it was the file on the box, that counts as
+ * taken. */
 tl_status tl_versions_activate(tl_versions *versions, uint64_t number, const tl_probation_account *account,
                                tl_error *error);
 
