@@ -84,7 +84,7 @@ static size_t way_of(char *pattern, tl_json_step way[STEPS]) {
     while (pattern[0] != '\0') {
         TEST_ASSERT_LESS_THAN_size_t(STEPS, depth);
         if (pattern[0] == '[') {
-            way[depth++] = (tl_json_step){NULL, depth};
+            way[depth++] = (tl_json_step){NULL, 7};
             pattern += 2;
         } else {
             size_t length = strcspn(pattern, ".[");

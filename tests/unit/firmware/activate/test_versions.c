@@ -25,6 +25,7 @@ void setUp(void) {
     (void)rmdir(folder.folder);
     tl_scratch_empty(&state);
     error = (tl_error){TL_OK, ""};
+    free(choice.text);
     choice = (tl_version_choice){.text = NULL};
 }
 
@@ -81,6 +82,13 @@ static void expect_choice(const char *file, const char *text, uint64_t number, b
     TEST_ASSERT_EQUAL_size_t(strlen(text), choice.size);
     TEST_ASSERT_EQUAL_UINT64(number, choice.number);
     TEST_ASSERT_EQUAL_INT(is_candidate, choice.is_candidate);
+}
+
+static void expect_no_choice(void) {
+    free(choice.text);
+    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, tl_versions_choose(&versions, NULL, 0, &choice, &error));
+    TEST_ASSERT_EQUAL_STRING("there is no configuration: neither its file nor a version of it can be read", error.text);
+    TEST_ASSERT_NULL(choice.text);
 }
 
 /* The first one is "one", the active one; it was the file on the box. */
@@ -519,9 +527,7 @@ static void test_falling_back(void) {
     expect_choice("one", "one", 1, false);
     TEST_ASSERT_NOT_NULL_MESSAGE(strstr(choice.say, "version 1 runs in its place"), choice.say);
     write_file(text_name(1), "");
-    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, tl_versions_choose(&versions, NULL, 0, &choice, &error));
-    TEST_ASSERT_EQUAL_STRING("there is no configuration: neither its file nor a version of it can be read", error.text);
-    TEST_ASSERT_NULL(choice.text);
+    expect_no_choice();
     TEST_ASSERT_EQUAL_UINT64(1, versions.active);
 }
 
@@ -641,7 +647,7 @@ static void test_a_first_file_that_was_refused(void) {
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_versions_refuse(&versions, add_of("one", TL_VERSION_BY_START), "bad", &error));
     expect_choice("one", "one", 0, true);
     TEST_ASSERT_EQUAL_STRING("", choice.say);
-    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, tl_versions_choose(&versions, NULL, 0, &choice, &error));
+    expect_no_choice();
 }
 
 /* ---- a disk that refuses ---- */
