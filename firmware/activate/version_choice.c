@@ -12,8 +12,9 @@ enum { SHORT_HASH = 12 };
 
 static const tl_version *find_number(const tl_versions *versions, const char *what) {
     size_t digits = strspn(what, "0123456789");
-    return digits > 0 && digits < 16 && what[digits] == '\0' ? tl_versions_get(versions, strtoull(what, NULL, 10))
-                                                             : NULL;
+    return digits > 0 && digits <= TL_VERSION_DIGITS && what[digits] == '\0'
+               ? tl_versions_get(versions, strtoull(what, NULL, 10))
+               : NULL;
 }
 
 static const tl_version *find_hash(const tl_versions *versions, const char *what, tl_error *error) {

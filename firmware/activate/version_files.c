@@ -27,7 +27,7 @@ tl_version_file tl_version_file_of(const char *name, uint64_t *number, char hash
     if (strstr(name, ".json.new-") != NULL) {
         return TL_VERSION_FILE_LEFT;
     }
-    if (digits > 0 && digits < 16 && name[0] != '0' && strcmp(name + digits, ".record.json") == 0) {
+    if (digits > 0 && digits <= TL_VERSION_DIGITS && name[0] != '0' && strcmp(name + digits, ".record.json") == 0) {
         *number = strtoull(name, NULL, 10);
         return TL_VERSION_FILE_RECORD;
     }
@@ -318,6 +318,12 @@ static void understand_probation(tl_json_reader *reader, tl_version_probation *p
     }
 }
 
+/* One that this program may have given. */
+static bool is_number(uint64_t number) {
+    const uint64_t above = 1000000000000;
+    return number < above;
+}
+
 static void understand_active(tl_json_reader *reader, tl_versions *versions) {
     versions->active = tl_json_count(reader, "active");
     versions->settled = tl_json_count(reader, "settled");
@@ -326,6 +332,7 @@ static void understand_active(tl_json_reader *reader, tl_versions *versions) {
     read_text(reader, "taken", versions->taken, sizeof versions->taken);
     understand_probation(reader, &versions->probation);
     reader->right = reader->right && (versions->taken[0] == '\0' || is_hash(versions->taken)) &&
+                    is_number(versions->active) && is_number(versions->settled) &&
                     (versions->probation.version == 0 || versions->probation.version == versions->active);
 }
 

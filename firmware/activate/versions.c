@@ -18,6 +18,8 @@
 
 enum { LONGEST_NAME = 128 }; /* in the folder, with what a new file adds to it */
 
+static const uint64_t LAST_NUMBER = 999999999999999; /* of TL_VERSION_DIGITS */
+
 /* ---- the list ---- */
 
 static tl_version *find(const tl_versions *versions, uint64_t number) {
@@ -314,6 +316,11 @@ tl_status tl_versions_add(tl_versions *versions, const tl_version_news *news, ui
     if (news->size > TL_VERSIONS_BYTES || !grow(versions)) {
         return tl_fail(error, TL_TRY_AGAIN, "the configuration is not kept: not enough memory for its %zu bytes",
                        news->size);
+    }
+    if (versions->newest >= LAST_NUMBER) {
+        return tl_fail(error, TL_BAD_DATA,
+                       "%.300s: there is a record with the last number that a version can have: remove it",
+                       versions->folder);
     }
     const tl_version version = version_of(versions, news);
     tl_status status = tl_version_write_text(versions, version.hash, news->text, news->size, &made, error);

@@ -9,6 +9,9 @@
 
 #include "firmware/activate/versions.h"
 
+/* A version's number has so many digits at most. */
+enum { TL_VERSION_DIGITS = 15 };
+
 /* What a name in the folder means. */
 typedef enum tl_version_file {
     TL_VERSION_FILE_FOREIGN,

@@ -496,6 +496,24 @@ static void test_record_that_cannot_be(void) {
     TEST_ASSERT_EQUAL_size_t(1, versions.count);
 }
 
+/* A stranger's number: the last one there can be. */
+static void test_no_number_is_left(void) {
+    uint64_t number = 0;
+    const tl_version_news news = {"two", 3, "", "", TL_VERSION_BY_NETWORK, TL_CHANGE_BY_RETUNE, TL_CHANGE_NONE};
+    begin();
+    write_file("999999999999999.record.json", "");
+    (void)tl_stderr_capture_begin();
+    open_here();
+    free(tl_stderr_capture_end());
+    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, tl_versions_add(&versions, &news, &number, &error));
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, "/versions: there is a record with the last number"), error.text);
+    TEST_ASSERT_EQUAL_size_t(1, versions.count);
+    write_file("1000000000000000.record.json", ""); /* is not one of ours */
+    TEST_ASSERT_EQUAL_INT(0, unlink(tl_scratch_path(&folder, "999999999999999.record.json")));
+    open_here();
+    TEST_ASSERT_EQUAL_UINT64(2, add("two"));
+}
+
 static void test_damaged_text(void) {
     char *text = NULL;
     begin();
@@ -553,14 +571,18 @@ static void test_falling_back_to_the_file(void) {
 }
 
 static void test_damaged_active(void) {
-    static const char *const damages[] = {"", "{\"active\": 2}", "{\"active\": -1}", "[1]"};
+    static const char *const damages[] = {"", "{\"active\": 2}", "{\"active\": -1}", "[1]", NULL};
     for (size_t i = 0; i < sizeof damages / sizeof damages[0]; i++) {
         setUp();
         begin();
         activate(add("two"), true);
         TEST_ASSERT_EQUAL_INT(TL_OK, tl_versions_keep(&versions, "good", &error));
         activate(add("three"), true);
-        write_file("active.json", damages[i]);
+        char *active = tl_test_read_text(tl_scratch_path(&folder, "active.json"));
+        char *changed = tl_test_replaced(active, "\"settled\":\t2", "\"settled\":\t1000000000000");
+        write_file("active.json", damages[i] != NULL ? damages[i] : changed);
+        free(active);
+        free(changed);
         TEST_ASSERT_TRUE(tl_stderr_capture_begin());
         open_here();
         char *said = tl_stderr_capture_end();
@@ -739,6 +761,7 @@ int main(void) {
     RUN_TEST(test_bytes_are_bounded);
     RUN_TEST(test_damaged_record);
     RUN_TEST(test_record_that_cannot_be);
+    RUN_TEST(test_no_number_is_left);
     RUN_TEST(test_damaged_text);
     RUN_TEST(test_falling_back);
     RUN_TEST(test_the_file_mends_the_active_one);
