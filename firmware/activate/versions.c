@@ -75,7 +75,7 @@ static tl_status make_folder(const char *state, tl_versions *versions, tl_error 
     if (length + LONGEST_NAME >= (int)sizeof versions->folder) {
         return tl_fail(error, TL_BAD_DATA, "the folder of versions, %.100s…: its name is too long", state);
     }
-    if (mkdir(versions->folder, 0755) == 0) {
+    if (mkdir(versions->folder, 0750) == 0) {
         keep_folder(state);
     } else if (errno != EEXIST) {
         return tl_fail(error, TL_TRY_AGAIN, "the folder of versions, %.300s: cannot be made: %s", versions->folder,
@@ -355,11 +355,11 @@ static void take(tl_versions *versions, const tl_version *version) {
     }
 }
 
-/* What came of a version, told with active.json: both at once, or neither. */
+/* What came of a version, told with active.json: both at once, or neither. A reason may be a stranger's, or cut within a character. */
 static void note(tl_versions *versions, uint64_t number, tl_version_result result, const char *reason) {
     versions->settled = number;
     versions->how = result;
-    (void)snprintf(versions->because, sizeof versions->because, "%s", reason);
+    tl_text_for_people(reason, versions->because, sizeof versions->because);
 }
 
 static void end_probation(tl_versions *versions, tl_version_result result, const char *reason) {

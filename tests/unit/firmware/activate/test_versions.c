@@ -302,6 +302,29 @@ static void test_words_of_strangers(void) {
     TEST_ASSERT_EQUAL_STRING("inbox", tl_version_origin_name(version->origin));
 }
 
+/* A reason that is no text, and one that is too long: what is written can be read. */
+static void test_reasons_of_strangers(void) {
+    char reason[3 * TL_VERSION_WHY];
+    for (size_t i = 0; i + 2 < sizeof reason; i += 2) {
+        memcpy(&reason[i], "\xC3\xA9", 3);
+    }
+    begin();
+    activate(add("two"), true);
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_versions_return(&versions, "fmi2DoStep said \xC3\n", &error));
+    open_here();
+    expect_result(2, TL_VERSION_RETURNED, "fmi2DoStep said \\xC3\\x0A");
+    for (size_t cut = 0; cut < 2; cut++) {
+        activate(2, true);
+        TEST_ASSERT_EQUAL_INT(TL_OK, tl_versions_return(&versions, reason + cut, &error));
+        open_here();
+        TEST_ASSERT_EQUAL_UINT64(1, versions.active);
+        TEST_ASSERT_GREATER_THAN_size_t(TL_VERSION_WHY - 8, strlen(tl_versions_get(&versions, 2)->reason));
+    }
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_versions_refuse(&versions, add("three"), "\xFF", &error));
+    open_here();
+    expect_result(3, TL_VERSION_REFUSED, "\\xFF");
+}
+
 /* Bytes are kept as they are, a NUL too. */
 static void test_bytes(void) {
     uint64_t number = 0;
@@ -752,6 +775,7 @@ int main(void) {
     RUN_TEST(test_another_life);
     RUN_TEST(test_refused);
     RUN_TEST(test_words_of_strangers);
+    RUN_TEST(test_reasons_of_strangers);
     RUN_TEST(test_bytes);
     RUN_TEST(test_finding);
     RUN_TEST(test_finding_nothing);
