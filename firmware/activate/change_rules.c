@@ -286,9 +286,19 @@ const tl_change_rule *tl_change_rule_of(const tl_json_step *way, size_t depth) {
     return NULL;
 }
 
+/* A tuning tells numbers by the places of what they are of. */
+static tl_change_needs needs_of_order(const tl_change_rule *rule) {
+    bool means = rule != NULL &&
+                 (strcmp(rule->pattern, "synchronise.match") == 0 || strcmp(rule->pattern, "synchronise.adjust") == 0);
+    return (tl_change_needs){means ? TL_CHANGE_NEW_TWIN : TL_CHANGE_NONE, TL_CHANGE_BY_RETUNE};
+}
+
 tl_change_needs tl_change_needs_of(const tl_json_difference *difference) {
     tl_change_needs needs = RESTART_COMMISSIONED;
     const tl_change_rule *rule = tl_change_rule_of(difference->way, difference->depth);
+    if (difference->is_order) {
+        return needs_of_order(rule);
+    }
     if (rule != NULL) {
         needs = rule->needs;
         if (rule->judge != NULL) {

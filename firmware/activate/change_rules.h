@@ -50,7 +50,8 @@ const tl_change_rule *tl_change_rules(void);
 /* The one of a path; NULL: none, and a change there is the worst of all. */
 const tl_change_rule *tl_change_rule_of(const tl_json_step *way, size_t depth);
 
-/* What this difference by itself needs, without what is within it. */
+/* What this difference by itself needs, without what is within it. Another order of keys is none, but of what is matched and adjusted: a twin knows these by
+ * their places. */
 tl_change_needs tl_change_needs_of(const tl_json_difference *difference);
 
 /* "none", "in place", "new twin", "restart". */

@@ -52,6 +52,9 @@ static void list_last(collection *c) {
 static void collect(const tl_json_difference *difference, void *context) {
     collection *c = context;
     tl_change_needs needs = tl_change_needs_of(difference);
+    if (needs.kind == TL_CHANGE_NONE) {
+        return;
+    }
     raise_needs(&c->change->needs, needs);
     if (difference->within) {
         raise_needs(&c->edit.needs, needs);
@@ -61,8 +64,13 @@ static void collect(const tl_json_difference *difference, void *context) {
     c->has_edit = true;
     c->edit.needs = needs;
     tl_json_way_path(c->edit.path, difference->way, difference->depth);
-    tl_json_show(&difference->before, c->edit.before, sizeof c->edit.before);
-    tl_json_show(&difference->after, c->edit.after, sizeof c->edit.after);
+    if (difference->is_order) {
+        (void)snprintf(c->edit.before, sizeof c->edit.before, "entries");
+        (void)snprintf(c->edit.after, sizeof c->edit.after, "entries in another order");
+    } else {
+        tl_json_show(&difference->before, c->edit.before, sizeof c->edit.before);
+        tl_json_show(&difference->after, c->edit.after, sizeof c->edit.after);
+    }
 }
 
 tl_status tl_config_change_find(const char *in_force, size_t in_force_size, const char *candidate,

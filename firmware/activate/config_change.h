@@ -1,6 +1,7 @@
 /* What the change from one configuration to another is, and what it needs.
  *
  * Purpose: a configuration is changed in the way that the worst of its differences needs, by who may make all of them.
+ * Order:   of keys counts as nothing, but in `match` and `adjust` (change_rules.h).
  * Default: a key with its default value and a key left out are two different configurations; nothing is guessed.
  * Thread:  one thread; plain data.
  */

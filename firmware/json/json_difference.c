@@ -59,8 +59,13 @@ static bool sort_keys(cJSON *object) {
     return true;
 }
 
+/* `valueint`, the line, becomes the place in the text. */
 static bool sort_all_keys(cJSON *root) {
     tl_json_walk walk = {.depth = 0};
+    int place = 0;
+    for (cJSON *item = root; item != NULL; item = tl_json_walk_next(&walk, item)) {
+        item->valueint = place++;
+    }
     for (cJSON *item = root; item != NULL; item = tl_json_walk_next(&walk, item)) {
         if (cJSON_IsObject(item) && !sort_keys(item)) {
             return false;
@@ -162,6 +167,7 @@ typedef struct comparison {
     tl_json_step way[TL_JSON_MAX_DEPTH + 1];
     void (*see)(const tl_json_difference *difference, void *context);
     void *context;
+    bool out_of_memory;
 } comparison;
 
 static side side_of(const cJSON *item) {
@@ -195,6 +201,50 @@ static void trim(side *before, side *after) {
     }
 }
 
+/* Places of a key that both objects have. */
+typedef struct pair {
+    int before, after;
+} pair;
+
+static int by_place(const void *left, const void *right) {
+    const pair *a = left;
+    const pair *b = right;
+    return (a->before > b->before) - (a->before < b->before);
+}
+
+/* Both are sorted by their keys. Returns how many they have in common. */
+static size_t find_pairs(const cJSON *before, const cJSON *after, pair *pairs) {
+    size_t count = 0;
+    const cJSON *a = before->child;
+    const cJSON *b = after->child;
+    while (a != NULL && b != NULL) {
+        int order = strcmp(a->string, b->string);
+        if (order == 0) {
+            pairs[count++] = (pair){a->valueint, b->valueint};
+        }
+        a = order <= 0 ? a->next : a;
+        b = order >= 0 ? b->next : b;
+    }
+    return count;
+}
+
+static bool is_in_order(comparison *c, const cJSON *before, const cJSON *after) {
+    size_t most = (size_t)cJSON_GetArraySize(before);
+    pair *pairs = most > 1 ? calloc(most, sizeof *pairs) : NULL;
+    bool in_order = true;
+    if (pairs == NULL) {
+        c->out_of_memory = c->out_of_memory || most > 1;
+        return true;
+    }
+    size_t count = find_pairs(before, after, pairs);
+    qsort(pairs, count, sizeof *pairs, by_place);
+    for (size_t i = 1; i < count; i++) {
+        in_order = in_order && pairs[i].after > pairs[i - 1].after;
+    }
+    free(pairs);
+    return in_order;
+}
+
 static void enter(comparison *c, const cJSON *before, const cJSON *after, size_t depth, bool within) {
     level next = {side_of(before), side_of(after), depth, within};
     if (cJSON_IsArray(before) && cJSON_IsArray(after)) {
@@ -209,10 +259,14 @@ static void enter(comparison *c, const cJSON *before, const cJSON *after, size_t
 static void look_at(comparison *c, const cJSON *before, const cJSON *after, size_t depth, bool within) {
     tl_json_value a = value_of(before);
     tl_json_value b = value_of(after);
-    if (a.type == b.type && a.type >= TL_JSON_ARRAY) {
+    if (before != NULL && after != NULL && a.type == b.type && a.type >= TL_JSON_ARRAY) {
+        if (a.type == TL_JSON_OBJECT && !is_in_order(c, before, after)) {
+            tl_json_difference difference = {c->way, depth, a, b, within, true};
+            c->see(&difference, c->context);
+        }
         enter(c, before, after, depth, within);
     } else if (!is_same(before, after)) {
-        tl_json_difference difference = {c->way, depth, a, b, within};
+        tl_json_difference difference = {c->way, depth, a, b, within, false};
         c->see(&difference, c->context);
         if (b.type >= TL_JSON_ARRAY) {
             enter(c, NULL, after, depth, true);
@@ -268,6 +322,9 @@ tl_status tl_json_compare(const tl_json_source *before, const tl_json_source *af
         while (c.count > 0) {
             c.count -= go_on(&c) ? 0 : 1;
         }
+    }
+    if (c.out_of_memory) {
+        status = tl_fail(error, TL_TRY_AGAIN, "%s: not enough memory to compare it", after->called);
     }
     cJSON_Delete(a);
     cJSON_Delete(b);

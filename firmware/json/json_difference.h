@@ -1,7 +1,8 @@
 /* What is different between two JSON documents, path by path.
  *
- * Purpose: two texts that passed json_text.h are the same if they have the same values at the same paths. The order of keys and white space count
- *          as nothing, and 5, 5.0 and 5e0 are one number; a key that is left out is not the same as one with any value.
+ * Purpose: two texts that passed json_text.h are the same if they have the same values at the same paths. White space counts as nothing, and 5, 5.0
+ *          and 5e0 are one number; a key that is left out is not the same as one with any value. If keys that an object has on both sides are in another
+ *          order, that is told too, for who it means something to (`is_order`).
  * Arrays:  elements that are the same at the beginning and at the end are paired; those between by their order. So one that was put in or taken out
  *          is one difference. An element's index is the one it has afterwards, or had before if it is gone.
  * Order:   keys of an object by their bytes, elements by their index.
@@ -43,6 +44,8 @@ typedef struct tl_json_difference {
     size_t depth;            /* 0: the root itself */
     tl_json_value before, after;
     bool within; /* a part of the last one that is not */
+    bool
+        is_order; /* two objects, of which the keys that both have are in another order; all else that is different in them is told besides */
 } tl_json_difference;
 
 /* A text; it needs no terminator. */

@@ -27,6 +27,11 @@ static void say(const tl_json_difference *difference, void *context) {
     char after[TL_JSON_SHOWN];
     (void)context;
     tl_json_way_path(path, difference->way, difference->depth);
+    if (difference->is_order) {
+        size_t end = strlen(said);
+        (void)snprintf(said + end, sizeof said - end, "%s: order\n", path);
+        return;
+    }
     tl_json_show(&difference->before, before, sizeof before);
     tl_json_show(&difference->after, after, sizeof after);
     size_t used = strlen(said);
@@ -49,9 +54,16 @@ static void expect(const char *before, const char *after, const char *expected) 
 
 static void test_the_same(void) {
     expect("{}", "{}", "");
-    expect("{\"a\": 1, \"b\": [1, {\"c\": null}]}", " { \"b\":[1,{\"c\":null}],\n\"a\":1 } ", "");
+    expect("{\"a\": 1, \"b\": [1, {\"c\": null}]}", " {\"a\":1,\n\"b\":[1,{\"c\":null}] } ", "");
     expect("[5, 1e3, 0.5, \"\\u0041\"]", "[5.0, 1000, 5e-1, \"A\"]", "");
-    expect("{\"x\": {\"z\": true, \"y\": false}}", "{\"x\": {\"y\": false, \"z\": true}}", "");
+}
+
+static void test_order(void) {
+    expect("{\"x\": {\"z\": true, \"y\": false}}", "{\"x\": {\"y\": false, \"z\": true}}", "x: order\n");
+    expect("{\"a\": 1, \"b\": [1, {\"c\": null}]}", " { \"b\":[1,{\"c\":null}],\n\"a\":1 } ", ": order\n");
+    expect("{\"b\": 1, \"d\": 2, \"c\": 3}", "{\"a\": 0, \"b\": 1, \"c\": 3}", "a:  > 0\nd: 2 > \n");
+    expect("{\"b\": 1, \"d\": 2, \"c\": 3}", "{\"c\": 4, \"a\": 0, \"b\": 1}", ": order\na:  > 0\nc: 3 > 4\nd: 2 > \n");
+    expect("[{\"a\": 1, \"b\": 2}, 7]", "[{\"b\": 2, \"a\": 1}, 8]", "[1]: 7 > 8\n");
 }
 
 static void test_values(void) {
@@ -150,7 +162,8 @@ static void test_size(void) {
     (void)snprintf(a, 20, "}");
     (void)snprintf(b, 20, "}");
     TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, compare(before, after), error.text);
-    TEST_ASSERT_EQUAL_size_t(0, count);
+    TEST_ASSERT_EQUAL_STRING(": order\n", said);
+    setUp();
     memset(before, ' ', ROOM - 1);
     memset(after, ' ', ROOM - 1);
     for (int i = 0; i < KEYS; i++) {
@@ -183,6 +196,7 @@ static void test_values_for_people(void) {
 int main(void) {
     UNITY_BEGIN();
     RUN_TEST(test_the_same);
+    RUN_TEST(test_order);
     RUN_TEST(test_values);
     RUN_TEST(test_zero_has_a_sign);
     RUN_TEST(test_keys_that_come_and_go);
