@@ -236,7 +236,7 @@ static char *read_bytes(const char *path, size_t size) {
 
 char *tl_version_read_text(const tl_versions *versions, const char *hash, uint64_t size, tl_error *error) {
     char path[PATH_MAX];
-    char found[TL_SHA256_TEXT];
+    char found[TL_SHA256_TEXT] = "";
     tl_version_text_path(versions, hash, path);
     char *text = read_bytes(path, (size_t)size);
     if (text == NULL && errno != 0) {
