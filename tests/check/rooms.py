@@ -14,7 +14,7 @@ class Room(NamedTuple):
 MASTER = {
     "master/base": Room(()),
     "master/fmi": Room(("master/base",)),
-    "master/plan": Room(("master/fmi", "master/base"), ("plan",)),
+    "master/plan": Room(("master/fmi", "master/base"), ("plan", "tuning")),
     "master/cache": Room(("master/plan", "master/fmi", "master/base"), ("cached_component",)),
     "master/graph": Room(("master/cache", "master/plan", "master/fmi", "master/base"),
                          ("costs", "exchange", "graph", "plant", "snapshot", "track")),
