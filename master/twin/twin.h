@@ -83,6 +83,8 @@ typedef struct tl_twin_adjusted {
     double step;
     double lower;
     double upper;
+    double least; /* that the FMU declares: the bounds are within */
+    double most;
 } tl_twin_adjusted;
 
 /* A measured delay: of the first matched output that is sure of one. */

@@ -1,0 +1,37 @@
+/* What of a configuration a running twin can take anew. */
+#include "firmware/config/config.h"
+
+void tl_config_tuning(const tl_config *config, tl_tuning *tuning) {
+    const tl_plan plan = {
+        .adjust = config->adjust,
+        .adjust_count = config->adjust_count,
+        .match = config->match,
+        .match_count = config->match_count,
+        .margin = config->margin,
+        .noise_floor = config->noise_floor,
+        .evaluations = config->budget_evaluations,
+    };
+    tl_tuning_of(&plan, tuning);
+    tuning->time = config->budget_time;
+}
+
+void tl_config_retune(tl_config *config, const tl_tuning *tuning) {
+    for (size_t i = 0; i < config->match_count; i++) {
+        config->match[i].tolerance = tuning->match[i].tolerance;
+        config->match[i].weight = tuning->match[i].weight;
+        config->match[i].huber = tuning->match[i].huber;
+    }
+    for (size_t v = 0; v < config->adjust_count; v++) {
+        tl_plan_adjust *adjust = &config->adjust[v];
+        const tl_tuning_adjust *now = &tuning->adjust[v];
+        adjust->nominal = now->has_nominal != 0 ? now->nominal : adjust->nominal;
+        adjust->lower = now->lower;
+        adjust->upper = now->upper;
+        adjust->deviation_penalty = now->deviation_penalty;
+        adjust->rate_penalty = now->rate_penalty;
+    }
+    config->margin = tuning->margin;
+    config->noise_floor = tuning->noise_floor;
+    config->budget_evaluations = (uint32_t)tuning->evaluations;
+    config->budget_time = tuning->time;
+}
