@@ -156,6 +156,8 @@ static void take_entry(tl_past_outbox *self, const tl_recorder_entry *entry) {
         self->newest.ended = true;
         memcpy(self->newest.reason, entry->reason, sizeof entry->reason);
         break;
+    case TL_ENTRY_TUNING:
+        break;
     }
 }
 

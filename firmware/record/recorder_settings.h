@@ -18,6 +18,17 @@
 #include "master/base/simtime.h"
 #include "master/plan/plan.h"
 
+/* A configuration that a run may be begun with, or take, besides its own. */
+typedef struct tl_recorder_known {
+    uint32_t number;    /* as in tl_run_tuning; 0: any */
+    const char *hash;   /* of the text; "": there is none */
+    const char *text;   /* UTF-8 */
+    const char *at;     /* UTC, when it was taken; NULL: when it is recorded */
+    const char *who;    /* told so, */
+    const char *origin; /* how, */
+    const char *why;
+} tl_recorder_known;
+
 typedef struct tl_recorder_settings {
     const char *path;
     tl_database_insistence insistence; /* at the opening; once it is open, whatever happens is coped with */
@@ -25,11 +36,13 @@ typedef struct tl_recorder_settings {
     tl_time commit;                    /* ns between commits, > 0, default 0.5 s */
     const char *verb;                  /* "run", "hold", "replay" */
     const char *name;                  /* of the configuration */
-    const char *configuration;         /* its text */
-    const char *fmus;                  /* SHA-256 over those of the FMUs, */
-    const char *boot;                  /* of the system, */
-    const char *format;                /* and of the bytes of checkpoints; each may be NULL */
-    tl_time step;                      /* T_S */
+    const char *configuration;         /* its text, */
+    const tl_recorder_known *known;    /* and others: they may change between two writes */
+    size_t known_count;
+    const char *fmus;   /* SHA-256 over those of the FMUs, */
+    const char *boot;   /* of the system, */
+    const char *format; /* and of the bytes of checkpoints; each may be NULL */
+    tl_time step;       /* T_S */
     uint32_t prediction;
     uint32_t lead; /* step i is computed at tick i + lead */
     tl_measurements measurements;
