@@ -72,7 +72,7 @@ FIRMWARE = {
     "firmware/past": _firmware("twin", "report", "record", "outbox", "config", others=_TWIN,
                                public=("past", "past_follow", "past_history", "past_outbox")),
     "firmware/run": _firmware("twin", "report", "diagnose", "plant", "record", "outbox", "fmu", "process", "config", others=_TWIN,
-                              public=("checkpointer", "cycle", "journal", "realtime", "replay", "safe_hold", "status_line", "watch")),
+                              public=("checkpointer", "cycle", "journal", "live_tuning", "realtime", "replay", "safe_hold", "status_line", "watch")),
     "firmware/live": _firmware("run", "past", "twin", "report", "diagnose", "plant", "record", "outbox", "fmu", "supervise", "confine", "process", "config",
                                others=_TWIN, public=("live_blocks", "live_role", "live_twin", "tree")),
     "firmware/emulate": _firmware("twin", "plant", "process", "config", others=_DRIVERS),
