@@ -1,6 +1,8 @@
 /* What of a configuration a running twin can take anew. */
 #include "firmware/config/config.h"
 
+#include <string.h>
+
 void tl_config_tuning(const tl_config *config, tl_tuning *tuning) {
     const tl_plan plan = {
         .adjust = config->adjust,
@@ -34,4 +36,22 @@ void tl_config_retune(tl_config *config, const tl_tuning *tuning) {
     config->noise_floor = tuning->noise_floor;
     config->budget_evaluations = (uint32_t)tuning->evaluations;
     config->budget_time = tuning->time;
+}
+
+static void hear_nothing(void *context, tl_status status, const char *where, const char *text) {
+    (void)context;
+    (void)status;
+    (void)where;
+    (void)text;
+}
+
+tl_status tl_config_tuning_of(const tl_config *own, const char *text, tl_tuning *tuning, tl_error *error) {
+    tl_config config;
+    tl_report report = {.add = hear_nothing};
+    if (tl_config_read_text(own->path, text, strlen(text), &config, &report) != TL_OK) {
+        return tl_fail(error, TL_BAD_DATA, "its text is no configuration");
+    }
+    tl_config_tuning(&config, tuning);
+    tl_config_free(&config);
+    return tl_tuning_check(tuning, error);
 }
