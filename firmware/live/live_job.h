@@ -26,6 +26,7 @@ typedef struct tl_live_job {
     char database[PATH_MAX]; /* "": nothing is recorded */
     /* of the twin's start */
     uint32_t number; /* of this start, from 1 on */
+    uint32_t tuning; /* number of the tuning that the text of the configuration has in it; 0: none */
     bool again;      /* after a failure */
     bool holds;      /* safe hold */
     uint64_t starts;

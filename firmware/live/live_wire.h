@@ -16,6 +16,7 @@
 #include "firmware/process/heartbeat.h"
 #include "firmware/record/recorder_state.h"
 #include "firmware/report/summary.h"
+#include "firmware/run/live_tuning.h"
 #include "master/base/status.h"
 #include "master/twin/account.h"
 
@@ -29,7 +30,8 @@ enum {
     TL_LIVE_OWN_PULSE = 6,       /* each writes its own */
     TL_LIVE_SUPERVISOR_READ = 7, /* of the recorder: the supervisor's outbox */
     TL_LIVE_TWIN_OUTBOX = 8,     /* the twin writes; the recorder reads */
-    TL_LIVE_PAST = 9             /* the recorder writes; the twin reads */
+    TL_LIVE_PAST = 9,            /* the recorder writes; the twin reads */
+    TL_LIVE_TUNING = 10          /* whoever retunes writes (live_tuning.h); the twin and the recorder read */
 };
 
 /* Which outbox is which, for the recorder. */
@@ -67,6 +69,7 @@ typedef struct tl_live_twin_pulse {
     uint64_t fmus;               /* the files of its FMUs, as a number; kept for a successor. 0: there was none */
     char digest[TL_SHA256_TEXT]; /* of what is in them; there before it wishes for a past */
     tl_live_wish past;           /* which past it wants: of this start, the first, the next one older, … */
+    tl_live_tuning_answer tuned; /* what it made of the newest tuning that it was told; kept for who waits for that */
     tl_live_end end;
 } tl_live_twin_pulse;
 

@@ -33,6 +33,7 @@ typedef struct memory {
     tl_block twin_outbox;
     tl_block recorder_pulse;
     tl_block past;
+    tl_block tuning;
     tl_block supervisor; /* an outbox of ours */
 } memory;
 
@@ -103,12 +104,15 @@ static tl_status make_memory(tree *self, tl_error *error) {
     if (status == TL_OK) {
         status = tl_block_make_sparse("twinlock outbox", tl_outbox_bytes(&outbox), &made->twin_outbox, error);
     }
+    if (status == TL_OK) {
+        status = tl_block_make_sparse("twinlock tuning", sizeof(tl_live_tuning), &made->tuning, error);
+    }
     return status == TL_OK ? make_recorder_memory(self, error) : status;
 }
 
 static void free_memory(memory *made) {
     tl_block *const blocks[] = {&made->mail,           &made->io_pulse, &made->twin_pulse, &made->twin_outbox,
-                                &made->recorder_pulse, &made->past,     &made->supervisor};
+                                &made->recorder_pulse, &made->past,     &made->tuning,     &made->supervisor};
     for (size_t i = 0; i < sizeof blocks / sizeof blocks[0]; i++) {
         tl_block_close(blocks[i]);
     }
@@ -213,6 +217,7 @@ static pid_t start_recorder(tree *self, tl_error *error) {
     give_to_read(&made, TL_LIVE_TWIN_OUTBOX, &self->memory.twin_outbox);
     give_to_read(&made, TL_LIVE_IO_PULSE_READ, &self->memory.io_pulse);
     give_to_read(&made, TL_LIVE_SUPERVISOR_READ, &self->memory.supervisor);
+    give_to_read(&made, TL_LIVE_TUNING, &self->memory.tuning);
     pid_t pid = start_plain(self, TL_LIVE_RECORDER, 1, &made, error);
     take_back(&made);
     return pid;
@@ -243,6 +248,7 @@ static pid_t start_twin(tree *self, const tl_start *start, tl_error *error) {
     give_to_read(&made, TL_LIVE_MAIL, &self->memory.mail);
     give_to_read(&made, TL_LIVE_RECORDER_PULSE, &self->memory.recorder_pulse);
     give_to_read(&made, TL_LIVE_PAST, &self->memory.past);
+    give_to_read(&made, TL_LIVE_TUNING, &self->memory.tuning);
     give(&made, TL_LIVE_OWN_PULSE, &self->memory.twin_pulse);
     give(&made, TL_LIVE_TWIN_OUTBOX, &self->memory.twin_outbox);
     self->twin_job = (tl_twin_job){

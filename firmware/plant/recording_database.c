@@ -129,11 +129,15 @@ static tl_status find_beginning(tl_recording_database *database, const tl_histor
 
 /* ---- tunings ---- */
 
-/* What a text says, for a twin that is built with `own`. */
+/* What a text says, for a twin that is built with `own`. More evaluations than that has room for were in force only in what the run followed of an
+ * earlier one, where nothing was searched. */
 static tl_status parse_tuning(const char *text, const tl_config *own, tl_tuning *tuning, tl_error *error) {
     tl_tuning built;
     tl_config_tuning(own, &built);
     tl_status status = tl_config_tuning_of(own, text, tuning, error);
+    if (status == TL_OK && tuning->evaluations > built.evaluations) {
+        tuning->evaluations = built.evaluations;
+    }
     return status == TL_OK ? tl_tuning_fits(tuning, &built, error) : status;
 }
 

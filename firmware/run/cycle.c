@@ -96,6 +96,7 @@ static void take_tuning(tl_cycle *cycle, const tl_live_tuning_head *head) {
     cycle->tuning = (tl_run_tuning){.tick = cycle->next_tick, .number = head->number, .values = head->tuning};
     memcpy(cycle->tuning.hash, head->hash, sizeof cycle->tuning.hash);
     cycle->has_tuning = true;
+    cycle->summary.tunings++;
     tl_lock_judge_retune(&cycle->rescue.judge, &head->tuning);
     tl_watch_retune(&cycle->watch, cycle->next_tick, head->hash);
     answer(cycle, head->number, NULL);
