@@ -11,6 +11,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "firmware/base/identity.h"
 #include "firmware/base/sha256.h"
 #include "firmware/config/measurements.h"
 #include "firmware/database/database.h"
@@ -300,7 +301,8 @@ static bool read_tuning(tl_history *history, const tl_history_run *run, sqlite3_
     tuning->who = take_text(history, &row, TL_ROW_NAME);
     tuning->origin = take_text(history, &row, TL_ROW_NAME);
     tuning->why = take_text(history, &row, TL_ROW_NAME);
-    return row.right && tl_utc_parse(tuning->at, &at) && strlen(tuning->hash) == TL_SHA256_TEXT - 1;
+    return row.right && tl_utc_parse(tuning->at, &at) && strlen(tuning->hash) == TL_SHA256_TEXT - 1 &&
+           tl_identity_is_sound(tuning->hash);
 }
 
 static tl_status fail_tunings(tl_history *history, const tl_history_run *run, tl_error *error) {

@@ -107,6 +107,10 @@ def test_taken_and_repeated():
         expect(len(told) == 3 and "refused: found 100000 evaluations" in told[1] and told[0] == f"configuration {rows[0][1]} in force", f"{told}")
         nominals = query(database, "SELECT u_hat, count(*) FROM adjustments GROUP BY u_hat ORDER BY min(step)")
         expect([row[0] for row in nominals] == [0.0031, 0.01, 0.02], f"{nominals}")
+        page = run_well(["show", database])
+        expect(re.search(rf"Retuned while it ran \(UTC\)\n.* tick {at} +configuration {rows[0][1]}  ann, test: to see what it does\n", page), page)
+        shown = json.loads(run_well(["show", database, "--json"]))["tunings"]
+        expect([(one["tick"], one["configuration"][:12], one["who"], one["origin"], one["why"]) for one in shown] == rows, f"{shown}")
         again = expect_repeated(config, database, 1)
         expect(again["tunings"] == {"recorded": 2, "followed": 2}, f"{again.get('tunings')}")
         page = run_well(["replay", config, "--recording", database], wells=(0, 3))

@@ -295,6 +295,7 @@ static void a_file_of_format_3_is_brought_up_to_date(void) {
 
 static void damage_shows(void) {
     static const char *const damages[] = {
+        "UPDATE tunings SET configuration = replace(configuration, substr(configuration, 1, 1), char(27))",
         "UPDATE tunings SET tick = -1",
         "UPDATE tunings SET tick = 9223372036854775807",
         "UPDATE tunings SET tick = 'five'",
