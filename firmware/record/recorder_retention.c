@@ -21,13 +21,12 @@ enum {
 };
 
 /* But that which is in force in the first tick that stays. */
-#define OLD_TUNINGS                                                                                                    \
-    "DELETE FROM tunings WHERE run = ?1 AND tick <"                                                                    \
-    " (SELECT max(tick) FROM tunings WHERE run = ?1 AND tick <= ?2)"
+static const char OLD_TUNINGS[] = "DELETE FROM tunings WHERE run = ?1 AND tick <"
+                                  " (SELECT max(tick) FROM tunings WHERE run = ?1 AND tick <= ?2)";
 
-#define UNUSED_CONFIGURATIONS                                                                                          \
-    "DELETE FROM configurations WHERE hash NOT IN (SELECT configuration FROM runs)"                                    \
-    " AND hash NOT IN (SELECT configuration FROM tunings)"
+static const char UNUSED_CONFIGURATIONS[] =
+    "DELETE FROM configurations WHERE hash NOT IN (SELECT configuration FROM runs)"
+    " AND hash NOT IN (SELECT configuration FROM tunings)";
 
 size_t tl_recorder_retention_log(int64_t max_bytes) {
     int64_t part = max_bytes / 16;

@@ -272,6 +272,25 @@ static void test_no_memory(void) {
     TEST_ASSERT_EQUAL_size_t(0, printed_size);
 }
 
+/* Told only of a run that took some. */
+static void test_tunings(void) {
+    add(TL_FIRST_GUESS, 1, 1.0, 1.0);
+    print_table();
+    TEST_ASSERT_NULL(strstr(printed, "tunings"));
+    free(printed);
+    summary.tunings = 3;
+    print_table();
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(printed, "  tunings      3 taken while it ran\n"), printed);
+    free(printed);
+    summary.tunings_left_out = 3;
+    print_table();
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(printed, "3 taken while it ran, and not followed: this is another"), printed);
+    free(printed);
+    print_json();
+    expect_number(3, "tunings/recorded");
+    expect_number(0, "tunings/followed");
+}
+
 int main(void) {
     UNITY_BEGIN();
     RUN_TEST(test_what_is_added_up);
@@ -284,5 +303,6 @@ int main(void) {
     RUN_TEST(test_a_boolean);
     RUN_TEST(test_measurements_left_out);
     RUN_TEST(test_no_memory);
+    RUN_TEST(test_tunings);
     return UNITY_END();
 }
