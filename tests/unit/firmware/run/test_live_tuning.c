@@ -96,12 +96,13 @@ static void a_dead_writer_leaves_nothing(void) {
     } while (0)
 
 static void what_cannot_be_is_refused(void) {
+    const unsigned char turning[] = {0xE2, 0x80, 0xAE, 0}; /* the direction of text */
     REFUSED(block.head.hash[0] = 'g', "a digest that is none");
     REFUSED(block.head.hash[0] = '\0', "a digest that is none");
     REFUSED(memset(block.head.hash, 'a', sizeof block.head.hash), "a digest that is none");
     REFUSED(memset(block.head.who, 'a', sizeof block.head.who), "cannot be shown");
     REFUSED(block.head.origin[0] = '\n', "cannot be shown");
-    REFUSED(memcpy(block.head.why, "\342\200\256", 4), "cannot be shown");
+    REFUSED(memcpy(block.head.why, turning, sizeof turning), "cannot be shown");
     REFUSED(block.head.why[0] = (char)0xFF, "cannot be shown");
     REFUSED(block.head.size = TL_CONFIG_MAX_BYTES + 1, "expected at most 262144");
     REFUSED(block.head.size = UINT32_MAX, "expected at most 262144");
