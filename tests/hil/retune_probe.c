@@ -16,6 +16,10 @@ enum { SKIPPED = 77 };
 
 static const tl_time PATIENCE = 20 * TL_SECOND;
 
+static int number_of(const char *text) {
+    return (int)strtol(text, NULL, 10);
+}
+
 /* Another process's descriptor, here; the test cannot do without. */
 static int take_descriptor(int process, int number) {
     int pidfd = (int)syscall(SYS_pidfd_open, process, 0);
@@ -28,7 +32,7 @@ static int take_descriptor(int process, int number) {
 
 static void *map(int process, const char *number, size_t size, tl_block *block) {
     tl_error error;
-    if (tl_block_take(take_descriptor(process, atoi(number)), size, TL_BLOCK_THEY_WRITE, block, &error) != TL_OK) {
+    if (tl_block_take(take_descriptor(process, number_of(number)), size, TL_BLOCK_THEY_WRITE, block, &error) != TL_OK) {
         (void)fprintf(stderr, "retune_probe: %s\n", error.text);
         exit(2);
     }
@@ -56,7 +60,7 @@ int main(int argc, char **argv) {
     if (argc != 6) {
         return 2;
     }
-    int process = atoi(argv[1]);
+    int process = number_of(argv[1]);
     tl_live_tuning *block = map(process, argv[2], sizeof *block, &tuning);
     const tl_live_twin_pulse *twin = map(process, argv[3], sizeof *twin, &pulse);
     fill(argv[4], argv[5], &config, &head);
