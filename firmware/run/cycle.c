@@ -289,8 +289,8 @@ tl_status tl_cycle_start(const tl_cycle_settings *settings, tl_cycle **cycle, tl
     started->heart = tl_heart_begin(settings->beats, "cycle", patience(config));
     tl_checkpointer_init(&started->checkpointer, settings->assembly, settings->outbox, settings->journal);
     find_start(started);
-    started->tuned = tl_outbox_tuning(settings->outbox)->number;
     begin_run(started);
+    started->tuned = tl_outbox_tuning(settings->outbox)->number; /* what an attempt to go on has left is none of it */
     tl_fmu_thread_begin(settings->thread, run, started);
     *cycle = started;
     return TL_OK;

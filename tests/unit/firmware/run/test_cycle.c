@@ -456,6 +456,27 @@ static void test_a_tuning_that_is_in_force_already(void) {
     TEST_ASSERT_EQUAL_INT64(0, tl_sql_integer(database, "SELECT count(*) FROM tunings"));
 }
 
+/* Somebody tried to go on with an earlier run, and failed: the twin is a new one, and has nothing of what that had. */
+static void test_a_tuning_of_a_run_that_got_nowhere(void) {
+    static tl_outbox_start before;
+    make_twin(2 * MILLISECOND, 20 * MILLISECOND, TL_LAG);
+    tl_config_tuning(&assembly.config, &told.tuning);
+    told.tuning.margin = 0.25;
+    tell(2);
+    make_recorder();
+    tl_run_tuning taken = {.tick = 5, .number = 2, .values = told.tuning};
+    memcpy(taken.hash, told.hash, sizeof taken.hash);
+    tl_account_take(assembly.twin, &before.account);
+    TEST_ASSERT_TRUE(tl_outbox_put_start(&box.outbox, &before) && tl_outbox_put_tuning(&box.outbox, &taken));
+    TEST_ASSERT_TRUE(tl_outbox_put_end(&box.outbox, "could not go on with an earlier run"));
+    start();
+    watch(UINT64_MAX);
+    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, end(), error.text);
+    TEST_ASSERT_EQUAL_DOUBLE(0.25, assembly.config.margin);
+    TEST_ASSERT_EQUAL_INT64(0, tl_sql_integer(database, "SELECT tick FROM tunings WHERE run = 2"));
+    TEST_ASSERT_EQUAL_INT64(1, tl_sql_integer(database, "SELECT count(*) FROM tunings WHERE run = 2"));
+}
+
 /* ---- ends ---- */
 
 static void test_stops_though_the_next_tick_is_far_away(void) {
@@ -526,6 +547,7 @@ int main(void) {
     RUN_TEST(test_a_tuning_that_is_refused);
     RUN_TEST(test_a_tuning_that_is_half_written);
     RUN_TEST(test_a_tuning_that_is_in_force_already);
+    RUN_TEST(test_a_tuning_of_a_run_that_got_nowhere);
     RUN_TEST(test_stops_though_the_next_tick_is_far_away);
     RUN_TEST(test_stops_when_asked);
     RUN_TEST(test_stops_without_the_last_measurement);
