@@ -180,7 +180,7 @@ static tl_status run(const tl_verb_job *job, const tl_replay *replay, tl_account
 /* Runs, then closes what the run wrote. */
 static tl_status replay_into(const tl_verb_job *job, const char *recording, event_way *way, tl_account *account,
                              tl_replay *replay, tl_error *error) {
-    tl_summary summary;
+    tl_summary summary = {.wall_s = 0.0};
     tl_status status = open_outputs(job, recording, way, replay, error);
     if (status == TL_OK) {
         status = run(job, replay, account, &summary, error);
