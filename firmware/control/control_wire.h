@@ -2,7 +2,7 @@
  *
  * Purpose: who changes the configuration of a running plant, or asks how it is, does so by this socket (Unix, SOCK_SEQPACKET) and by
  *          nothing else: `twinlock reload` on the box, and twinlock-serve for who is on the network.
- * Course:  one request for each connection, with a candidate's text in a sealed block (block.h) if it has one; then replies, the last of which is
+ * Course:  one request for each connection, with a candidate's text in memory that it hands over by descriptor if it has one; then replies, the last of which is
  *          TL_CONTROL_END. Every message has exactly the size of its struct, in this machine's own byte order.
  * Trust:   the server believes nothing of a request, and who sends it is known from the kernel. The client believes no reply: each has a checked
  *          kind, and ends its texts within their room.
@@ -16,19 +16,19 @@
 #include "firmware/base/sha256.h"
 
 enum {
-    TL_CONTROL_PROTOCOL = 1,        /* the number of this protocol: both sides have the same */
-    TL_CONTROL_MOST = 256 * 1024,   /* bytes of a configuration's text */
-    TL_CONTROL_NAME = 64,           /* of who asks, of a plant; with the NUL, as all texts */
-    TL_CONTROL_WHY = 256,           /* what somebody wrote about a change */
-    TL_CONTROL_PATH = 256,          /* a JSON path */
-    TL_CONTROL_TEXT = 1024,         /* a sentence for people */
-    TL_CONTROL_TIME = 32            /* "2026-11-23T10:02:03.456Z"; "": not known */
+    TL_CONTROL_PROTOCOL = 1,      /* the number of this protocol: both sides have the same */
+    TL_CONTROL_MOST = 256 * 1024, /* bytes of a configuration's text */
+    TL_CONTROL_NAME = 64,         /* of who asks, of a plant; with the NUL, as all texts */
+    TL_CONTROL_WHY = 256,         /* what somebody wrote about a change */
+    TL_CONTROL_PATH = 256,        /* a JSON path */
+    TL_CONTROL_TEXT = 1024,       /* a sentence for people */
+    TL_CONTROL_TIME = 32          /* "2026-11-23T10:02:03.456Z"; "": not known */
 };
 
 /* What is asked for. */
 typedef enum tl_control_verb {
     TL_CONTROL_SHOW,     /* how the plant is: one STATE */
-    TL_CONTROL_READ,     /* a version's text: one TEXT with a block */
+    TL_CONTROL_READ,     /* a version's text: one CONFIGURATION */
     TL_CONTROL_VERSIONS, /* all that are kept, newest first: a VERSION each */
     TL_CONTROL_TAKE,     /* a new configuration: CHANGE, PROBLEM and STEP, as they come */
     TL_CONTROL_CONFIRM,  /* the one on probation is kept */
@@ -53,22 +53,23 @@ typedef enum tl_control_origin {
 
 /* How a change is to be made. */
 typedef enum tl_control_flag {
-    TL_CONTROL_ONLY_CHECK = 1,   /* all steps up to the activation, and not that */
-    TL_CONTROL_MAY_RESTART = 2,  /* what cannot change while the plant's twin runs is changed by an end and a new start, with a gap */
-    TL_CONTROL_BY_PERSON = 4,    /* kept only if somebody confirms it */
-    TL_CONTROL_WAIT = 8,         /* replies go on until it is kept or returned; else until it is active */
+    TL_CONTROL_ONLY_CHECK = 1, /* all steps up to the activation, and not that */
+    TL_CONTROL_MAY_RESTART =
+        2, /* what cannot change while the plant's twin runs is changed by an end and a new start, with a gap */
+    TL_CONTROL_BY_PERSON = 4, /* kept only if somebody confirms it */
+    TL_CONTROL_WAIT = 8,      /* replies go on until it is kept or returned; else until it is active */
     TL_CONTROL_FLAGS = 15
 } tl_control_flag;
 
 typedef struct tl_control_request {
     uint32_t protocol;
-    uint32_t verb;                 /* tl_control_verb */
-    uint32_t right;                /* tl_control_right: what who asks was found to have; the peer's own user may have less */
-    uint32_t origin;               /* tl_control_origin */
-    uint32_t flags;                /* tl_control_flag, of TAKE and RETURN */
-    uint32_t probation_s;          /* 0: as usual */
-    double require_lock;           /* percent of the probation's steps that must be in lock; < 0: as usual */
-    uint64_t version;              /* of READ and RETURN: its number; 0: the active one, or the one before it */
+    uint32_t verb;        /* tl_control_verb */
+    uint32_t right;       /* tl_control_right: what who asks was found to have; the peer's own user may have less */
+    uint32_t origin;      /* tl_control_origin */
+    uint32_t flags;       /* tl_control_flag, of TAKE and RETURN */
+    uint32_t probation_s; /* 0: as usual */
+    double require_lock;  /* percent of the probation's steps that must be in lock; < 0: as usual */
+    uint64_t version;     /* of READ and RETURN: its number; 0: the active one, or the one before it */
     char hash[TL_SHA256_TEXT];     /* of the candidate */
     char if_match[TL_SHA256_TEXT]; /* of what is expected to be active; "": whatever is */
     char who[TL_CONTROL_NAME];     /* asks */
@@ -78,7 +79,7 @@ typedef struct tl_control_request {
 typedef enum tl_control_kind {
     TL_CONTROL_STATE,
     TL_CONTROL_VERSION,
-    TL_CONTROL_CONFIGURATION, /* with a block: the text */
+    TL_CONTROL_CONFIGURATION, /* a version, and its text in memory */
     TL_CONTROL_CHANGE,        /* one difference to what is active */
     TL_CONTROL_PROBLEM,       /* one thing that is wrong with the candidate */
     TL_CONTROL_STEP,          /* a step of the activation begins, or says something */
@@ -125,8 +126,8 @@ typedef struct tl_control_state {
     char lock[16];             /* "locked", …; "hold": safe hold; "": nothing runs */
     double step_s;             /* T_S */
     uint64_t ticks, steps, skipped, deadline_misses;
-    double in_lock;            /* percent of the run's steps */
-    char line[512];            /* the status line */
+    double in_lock; /* percent of the run's steps */
+    char line[512]; /* the status line */
 } tl_control_state;
 
 typedef struct tl_control_version {
@@ -172,7 +173,8 @@ typedef struct tl_control_end {
 
 typedef struct tl_control_reply {
     uint32_t kind; /* tl_control_kind */
-    uint32_t more; /* of CHANGE and PROBLEM: so many are there that were not told; of CONFIGURATION: bytes of the text */
+    uint32_t
+        more; /* of CHANGE and PROBLEM: so many are there that were not told; of CONFIGURATION: bytes of the text */
     union {
         tl_control_state state;
         tl_control_version version; /* also of a CONFIGURATION */

@@ -53,6 +53,7 @@ FIRMWARE = {
     "firmware/base": Room(("master/base",)),
     "firmware/text": Room(("firmware/base", "master/base")),
     "firmware/process": _firmware(),
+    "firmware/control": _firmware("process", public=("control_wire", "control_words", "control_client", "control_server")),
     "firmware/confine": _firmware("process", public=("confine", "refusal", "bounds", "limits", "fmu_refusals")),
     "firmware/config": _firmware(others=(*_TWIN, *_DRIVERS), public=("config", "measurements", "problems")),
     "firmware/fmu": _firmware("process", others=("master/fmi",),
