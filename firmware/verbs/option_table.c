@@ -4,6 +4,7 @@
 #include <string.h>
 
 #include "firmware/show/show.h"
+#include "firmware/verbs/verb_program.h"
 
 /* A name and its value beyond this width have a line of their own. */
 enum { WIDEST = 16, EXITS_OF_A_LINE = 4 };
@@ -196,6 +197,9 @@ void tl_option_table_print_usage(FILE *file) {
                 file);
     for (size_t i = 0; i < TL_VERB_COUNT; i++) {
         (void)fprintf(file, "  %-8s %s\n", tl_verb_rows[i].name, tl_verb_rows[i].purpose);
+    }
+    for (size_t i = 0; i < TL_VERB_PROGRAMS; i++) {
+        (void)fprintf(file, "  %-8s %s\n", tl_verb_programs[i].name, tl_verb_programs[i].purpose);
     }
     (void)fputs(
         "\n`twinlock help VERB` and `twinlock VERB --help` say more. `twinlock --version` prints the version.\n", file);

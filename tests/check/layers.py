@@ -34,6 +34,10 @@ OWNERS = {
     "dlfcn.h": ("firmware/fmu",),
     "sd-daemon.h": ("firmware/supervise",),
     "watchdog.h": ("board/watchdog", "firmware/confine/filter_drivers.c"),
+    "microhttpd.h": ("firmware/serve",),
+    "gnutls.h": ("firmware/tls", "firmware/serve/certificate.c"),
+    "x509.h": ("firmware/tls", "firmware/serve/certificate.c"),
+    "curl.h": ("firmware/push",),
     "grp.h": ("firmware/confine",),
     # Who starts threads, or has a lock that several of them take.
     "pthread.h": ("firmware/base/c_locale.c", "firmware/base/side_thread.h", "firmware/database/database_lock.c",
@@ -45,7 +49,7 @@ OWNERS = {
 
 MADE = "description.h"  # of an FMU, from its modelDescription.xml
 # What else the floors above the master may include: C99, the system, and no library that has no owner.
-SYSTEM = set("dirent.h elf.h fcntl.h gcov.h getopt.h libgen.h malloc.h net/if.h netdb.h netinet/in.h netinet/tcp.h poll.h "
+SYSTEM = set("dirent.h elf.h fcntl.h gcov.h getopt.h libgen.h malloc.h net/if.h arpa/inet.h netdb.h netinet/in.h netinet/tcp.h poll.h "
              "sched.h strings.h termios.h unistd.h sanitizer/lsan_interface.h".split())
 SYSTEM_FOLDERS = ("sys/", "linux/")
 
