@@ -2,6 +2,8 @@
 #include "firmware/serve/serve_verb.h"
 
 #include <errno.h>
+#include <libgen.h>
+#include <limits.h>
 #include <netinet/in.h>
 #include <stdio.h>
 #include <string.h>
@@ -10,12 +12,13 @@
 
 #include "firmware/base/clock.h"
 #include "firmware/base/log.h"
+#include "firmware/confine/confine.h"
 #include "firmware/door/address.h"
 #include "firmware/process/interrupt.h"
 #include "firmware/serve/server.h"
 #include "firmware/supervise/service.h"
 
-enum { BACKLOG = 128 };
+enum { BACKLOG = 128, MEMORY = 64 * 1024 * 1024 };
 
 static const tl_time TURN = TL_SECOND;
 
@@ -70,6 +73,33 @@ static void serve(tl_server *server) {
     (void)tl_service_tell("STOPPING=1");
 }
 
+/* From now on it has its listener, local sockets, and two folders to look into. */
+static tl_status confine(const tl_serve_options *options, tl_error *error) {
+    char folder[PATH_MAX];
+    tl_confine_facts facts;
+    if (options->unconfined) {
+        return TL_OK;
+    }
+    if (snprintf(folder, sizeof folder, "%s", options->tokens) >= PATH_MAX) {
+        return tl_fail(error, TL_BAD_USAGE, "%.300s…: the name is too long", options->tokens);
+    }
+    const char *const read[] = {dirname(folder), options->plants};
+    const tl_confine_settings settings = {.read = read,
+                                          .read_count = sizeof read / sizeof read[0],
+                                          .memory = MEMORY,
+                                          .file_bytes = 2 * (uint64_t)TL_CONTROL_MOST,
+                                          .start_socket = -1,
+                                          .whole_process = true,
+                                          .may_answer = true,
+                                          .lives_on = true};
+    tl_status status = tl_confine(&settings, &facts, NULL, error);
+    if (status == TL_OK && (!facts.filter || facts.landlock == 0)) {
+        tl_log(TL_LOG_NOTICE, "this kernel has no %s: what breaks into this server has what its user has",
+               facts.filter ? "Landlock" : "seccomp");
+    }
+    return status;
+}
+
 static tl_status serve_on(const tl_serve_options *options, int listener, const tl_certificate *certificate,
                           tl_error *error) {
     tl_server *server = NULL;
@@ -80,7 +110,9 @@ static tl_status serve_on(const tl_serve_options *options, int listener, const t
                                          .certificate = certificate,
                                          .names = &names};
     tl_status status = tl_server_open(&settings, &server, error);
+    status = status == TL_OK ? confine(options, error) : status;
     if (status != TL_OK) {
+        tl_server_close(server);
         return status;
     }
     tl_log(TL_LOG_NOTICE, "serves %s on port %u as %s", options->plants, port_of(listener),

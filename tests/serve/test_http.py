@@ -4,12 +4,12 @@ import os
 import re
 import subprocess
 import time
+from pathlib import Path
 
-from served import FIRST, SERVE, Box, said_by, tag, wait_for
-from twinlock_test import expect, main, scratch
+from served import FIRST, MOTOR, SERVE, Box, said_by, tag, wait_for
+from twinlock_test import SANITIZER, expect, main, scratch
 
 SECOND = b'{"synchronise": {"margin": 2}}\n'
-MOTOR = "/api/v1/plants/motor"
 
 
 def expect_status(answer, status, result=None):
@@ -235,6 +235,15 @@ def test_a_plant_that_says_nothing_stops_nobody():
             expect(time.monotonic() - begun < 5, "it waits for the other plant")
         slow.close()
         wait_for(lambda: "not known: who asked has left" in box.log(), "the audit of who left")
+
+
+def test_it_has_given_up_what_it_does_not_need():
+    """The kernel's word; what it still does is what all other tests need."""
+    with Box() as box:
+        status = dict(re.findall(r"^(\w+):\t(.*)$", Path(f"/proc/{box.process.pid}/status").read_text("ascii"), re.M))
+        expect(status["Seccomp"] == "2" and status["NoNewPrivs"] == "1" and int(status["CapEff"], 16) == 0, f"{status}")
+        limits = Path(f"/proc/{box.process.pid}/limits").read_text("ascii")
+        expect(SANITIZER or re.search(r"Max data size +67108864 ", limits), limits)
 
 
 def test_a_plant_that_ends_and_comes_again():

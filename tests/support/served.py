@@ -14,6 +14,7 @@ from pathlib import Path
 from twinlock_test import BUILD, PROGRAM, Failure, Skip, expect, program, scratch
 
 SERVE = str(Path(PROGRAM).parent / "twinlock-serve")
+MOTOR = "/api/v1/plants/motor"
 FIRST = b'{"synchronise": {"margin": 1.5}}\n'
 
 
