@@ -302,6 +302,8 @@ int main(int argc, char **argv) {
     }
     tl_interrupt_install();
     keep(room, size, NULL);
+    (void)puts("ready");
+    (void)fflush(stdout);
     while (tl_interrupt_requested() == NULL) {
         struct pollfd waited = {.fd = listener, .events = POLLIN};
         (void)poll(&waited, 1, TURN_MS);

@@ -112,7 +112,7 @@ class Box:
         folder.mkdir(exist_ok=True)
         (self.folder / f"{name}.json").write_bytes(FIRST)
         self.plants[name] = begin([program("control_plant"), folder / "control", self.folder / f"{name}.json"])
-        wait_for((folder / "control").exists, f"the socket of {name}")
+        wait_for(lambda: "ready" in said_by(self.plants[name]), f"the plant {name}")
 
     def start(self):
         command = [SERVE, "--listen", "127.0.0.1:0", "--state", self.folder / "state", "--tokens", self.folder / "tokens",
