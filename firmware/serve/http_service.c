@@ -125,6 +125,7 @@ static void ask(tl_server *server, tl_visit *visit) {
 }
 
 /* Called when the head is there, for pieces of the body, at its end, and when the connection was resumed. */
+// NOLINTNEXTLINE(readability-function-size): its parameters are libmicrohttpd's
 static enum MHD_Result serve(void *context, struct MHD_Connection *connection, const char *url, const char *method,
                              const char *protocol, const char *data, size_t *size, void **state) {
     tl_server *server = context;

@@ -1,9 +1,9 @@
 /* Fingerprints: see fingerprint.h. */
 #include "firmware/tls/fingerprint.h"
 
-#include <ctype.h>
 #include <stdio.h>
 #include <string.h>
+#include <strings.h>
 
 #include <gnutls/gnutls.h>
 #include <gnutls/x509.h>
@@ -64,15 +64,14 @@ tl_status tl_fingerprint_of(const char *pem, size_t size, tl_fingerprint *finger
                              failure < 0 ? gnutls_strerror(failure) : "its key is unknown");
 }
 
-/* Letters without what a person may write between and before them. */
+/* Digits without what a person may write between them, up to anything else. */
 static size_t plain_hex(const char *words, char *plain, size_t room) {
     size_t used = 0;
-    for (size_t i = 0; words[i] != '\0' && used + 1 < room; i++) {
-        if (isxdigit((unsigned char)words[i])) {
-            plain[used] = (char)toupper((unsigned char)words[i]);
+    for (const char *next = words;
+         used + 1 < room && *next != '\0' && strchr(": 0123456789ABCDEFabcdef", *next) != NULL; next++) {
+        if (*next != ':' && *next != ' ') {
+            plain[used] = *next;
             used++;
-        } else if (words[i] != ':' && words[i] != ' ') {
-            break;
         }
     }
     plain[used] = '\0';
@@ -87,5 +86,5 @@ bool tl_fingerprint_is(const tl_fingerprint *fingerprint, const char *words) {
     }
     size_t length = strlen(words) < TL_FINGERPRINT_TEXT ? plain_hex(words, one, sizeof one) : 0;
     return length == 2 * (size_t)DIGEST && plain_hex(fingerprint->certificate, other, sizeof other) == length &&
-           strcmp(one, other) == 0;
+           strcasecmp(one, other) == 0;
 }

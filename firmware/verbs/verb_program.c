@@ -6,13 +6,14 @@
 #include <limits.h>
 #include <stdbool.h>
 #include <stddef.h>
-#include <stdint.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
 
 #include "firmware/base/log.h"
+
+enum { NAME = 32 };
 
 const tl_verb_program tl_verb_programs[TL_VERB_PROGRAMS] = {
     {"push", "twinlock-push", "change the configuration of a running plant, from anywhere"},
@@ -43,12 +44,14 @@ static bool find_beside(const char *program, char path[PATH_MAX]) {
 int tl_verb_program_run(const tl_verb_program *verb, int argc, char **argv) {
     char path[PATH_MAX];
     char **words = calloc((size_t)argc + 2, sizeof *words);
+    char name[NAME];
     size_t count = 0;
+    (void)snprintf(name, sizeof name, "%s", verb->program);
     if (words == NULL) {
         tl_log(TL_LOG_ERROR, "out of memory");
         return tl_exit_code(TL_TRY_AGAIN);
     }
-    words[count++] = (char *)(uintptr_t)verb->program; /* execv() does not change it */
+    words[count++] = name;
     if (strcmp(verb->name, "token") == 0) {
         words[count++] = argv[0];
     }
