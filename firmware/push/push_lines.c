@@ -14,7 +14,7 @@ typedef struct clean {
 } clean;
 
 static clean text_of(tl_json_reader *json, const char *key) {
-    clean copy;
+    clean copy = {""};
     const char *text = tl_json_text(json, key);
     (void)tl_clean_text(text, strlen(text), copy.text, sizeof copy.text);
     return copy;
