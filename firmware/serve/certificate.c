@@ -4,6 +4,7 @@
 #include <errno.h>
 #include <fcntl.h>
 #include <limits.h>
+#include <stdbool.h>
 #include <stdint.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -149,13 +150,20 @@ static int print_new(FILE *file) {
     return failure;
 }
 
-static tl_status make(const char *path, tl_error *error) {
+/* Root, who asks for the fingerprint before the server was ever started, makes it for whose folder it is. */
+static bool keep_for_owner(int file, const char *folder) {
+    struct stat about;
+    bool is_given = stat(folder, &about) == 0 && (geteuid() != 0 || fchown(file, about.st_uid, about.st_gid) == 0);
+    return is_given && fchmod(file, S_IRUSR | S_IWUSR) == 0;
+}
+
+static tl_status make(const char *folder, const char *path, tl_error *error) {
     tl_new_file made;
     tl_status status = tl_new_file_open(path, &made, error);
     if (status != TL_OK) {
         return status;
     }
-    if (fchmod(fileno(made.file), S_IRUSR | S_IWUSR) != 0) {
+    if (!keep_for_owner(fileno(made.file), folder)) {
         tl_new_file_discard(&made);
         return tl_fail(error, TL_TRY_AGAIN, "%s: cannot be kept from others: %s", path, strerror(errno));
     }
@@ -172,6 +180,6 @@ tl_status tl_certificate_have(const char *folder, tl_certificate *certificate, t
     if (snprintf(path, sizeof path, "%s/%s", folder, NAME) >= PATH_MAX) {
         return tl_fail(error, TL_BAD_USAGE, "%.300s…: the name of the folder is too long", folder);
     }
-    tl_status status = access(path, F_OK) == 0 ? TL_OK : make(path, error);
+    tl_status status = access(path, F_OK) == 0 ? TL_OK : make(folder, path, error);
     return status == TL_OK ? tl_certificate_load(path, path, certificate, error) : status;
 }

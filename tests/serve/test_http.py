@@ -1,13 +1,16 @@
 #!/usr/bin/env python3
 """twinlock-serve by HTTP: what it answers to whom, and that nothing else gets through to a plant."""
+import contextlib
 import os
+import random
 import re
+import socket
 import subprocess
 import time
 from pathlib import Path
 
 from served import FIRST, MOTOR, SERVE, Box, said_by, tag, wait_for
-from twinlock_test import SANITIZER, expect, main, scratch
+from twinlock_test import SANITIZER, Skip, expect, main, scratch
 
 SECOND = b'{"synchronise": {"margin": 2}}\n'
 
@@ -266,6 +269,38 @@ def test_the_certificate_stays():
         text = subprocess.run(["openssl", "x509", "-noout", "-startdate", "-enddate", "-in", str(box.folder / "state/server.pem")],
                               capture_output=True, encoding="ascii", check=True).stdout
         expect("Jan  1 00:00:00 2020" in text and "9999" in text, text)
+
+
+def test_the_key_is_for_whose_folder_it_is():
+    """Root asks for the fingerprint before the server, which is another user, was ever started."""
+    if os.geteuid() != 0:
+        raise Skip("only root can have another user's folder")
+    folder = scratch()
+    os.chown(folder, 12345, 12346)
+    subprocess.run([SERVE, "--fingerprint", "--state", folder], capture_output=True, check=True)
+    about = os.stat(folder / "server.pem")
+    expect((about.st_uid, about.st_gid, about.st_mode & 0o777) == (12345, 12346, 0o600), f"{about}")
+
+
+def test_garbage_is_no_request():
+    """Requests of which some bytes are others, over one connection each: an answer or none, and the server goes on."""
+    chance = random.Random(16)
+    with Box() as box:
+        whole = (f"PUT {MOTOR}/configuration?check=1 HTTP/1.1\r\nHost: localhost\r\nAuthorization: Bearer {box.tokens['read']}\r\n"
+                 "If-Match: *\r\nContent-Length: 3\r\nExpect: 100-continue\r\n\r\n{}\n").encode("ascii")
+        context = box.connect()._context  # pylint: disable=protected-access
+        for _ in range(120):
+            request = bytearray(whole)
+            for _ in range(chance.randint(1, 6)):
+                place = chance.randrange(len(request))
+                request[place:place + chance.randint(0, 3)] = chance.randbytes(chance.randint(0, 3))
+            with contextlib.suppress(OSError), socket.create_connection(("127.0.0.1", box.port), 5) as line:
+                with context.wrap_socket(line) as secure:
+                    secure.sendall(request)
+                    secure.settimeout(0.05)
+                    secure.recv(4096)
+        wait_for(lambda: box.ask("GET", MOTOR, address="127.0.0.2").status == 200, "the server")
+        expect(len([one for one in box.requests() if one["verb"] != "0"]) == 0, f"a plant was asked: {box.requests()}")
 
 
 def test_a_certificate_of_ones_own():
