@@ -21,6 +21,7 @@ _twinlock_value() {
     case $2 in
         FILE | DEVICE | CONFIG*) compgen -f -- "$3" ;;
         DIR) compgen -d -- "$3" ;;
+        ROLE) compgen -W "read retune commission" -- "$3" ;;
         TABLE) compgen -W "$(_twinlock_tables "$1")" -- "$3" ;;
     esac
 }
@@ -49,6 +50,8 @@ _twinlock() {
         mapfile -t COMPREPLY < <(_twinlock_value "$1" "$value" "$word" | sort -u)
     elif [[ $word == -* ]]; then
         mapfile -t COMPREPLY < <(compgen -W "$(cut -d ' ' -f 1 <<<"$options")" -- "$word")
+    elif [[ $verb == token ]]; then
+        mapfile -t COMPREPLY < <(compgen -W "add list revoke" -- "$word")
     else
         compopt -o filenames 2>/dev/null
         if [[ $verb == show ]]; then

@@ -1,7 +1,6 @@
 /* SHA-256: the fingerprint that ties a recording to the configuration it was made with.
  *
- * Purpose: none of the libraries we link offers it yet; this one function is what GnuTLS will replace once the server
- *          links it.
+ * Purpose: none of the libraries that the program with FMUs links offers it. GnuTLS does, and is linked by those of the network only.
  * Source:  FIPS 180-4, section 6.2.
  * Thread:  pure function.
  */

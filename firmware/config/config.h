@@ -21,6 +21,7 @@
 #include "master/base/signal.h"
 #include "master/base/status.h"
 #include "master/plan/plan.h"
+#include "master/plan/tuning.h"
 
 enum { TL_CONFIG_MAX_BYTES = 256 * 1024 };
 
@@ -211,6 +212,14 @@ void tl_config_forget_delays(tl_config *config);
 
 /* An empty (zeroed) configuration is allowed. */
 void tl_config_free(tl_config *config);
+
+/* What of it a running twin can take anew; and another such one in place of its own, which fits it (tl_tuning_fits()). Text and hash stay what was
+ * read. */
+void tl_config_tuning(const tl_config *config, tl_tuning *tuning);
+void tl_config_retune(tl_config *config, const tl_tuning *tuning);
+
+/* That of a text that was a configuration beside `own` once; its problems are not told. Checked, but for whether it fits. Errors: TL_BAD_DATA. */
+tl_status tl_config_tuning_of(const tl_config *own, const char *text, tl_tuning *tuning, tl_error *error);
 
 /* The line (from 1) of the item at a JSON path of this configuration, or of the innermost item around it that is
  * there ("plant.omega" for "plant.omega.unit" where no unit is given); 0 for "" and for a path that leads nowhere.

@@ -4,7 +4,7 @@
 #include <stdio.h>
 #include <string.h>
 
-#include "firmware/config/json_document.h"
+#include "firmware/json/json_document.h"
 #include "firmware/text/json_text.h"
 #include "master/base/nearest.h"
 #include "master/base/signal.h"

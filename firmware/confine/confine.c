@@ -70,6 +70,7 @@ static tl_status restrict_calls(const tl_confine_settings *settings, int version
                                        .whole_process = settings->whole_process,
                                        .may_connect = settings->may_connect,
                                        .keeps_files = settings->keeps_files,
+                                       .may_answer = settings->may_answer,
                                        .lives_on = settings->lives_on,
                                        .removal_holds = version > 0,
                                        .truncation_holds = version >= TL_LANDLOCK_TRUNCATION};

@@ -12,7 +12,8 @@
  *          the disk gets full (bounds.h).
  * Others:  a process without FMUs gives up all it does not need, too. With may_connect the drivers of a plant can connect again: TCP to
  *          anybody, CAN, UDP for looking names up, serial lines and GPIO lines. With keeps_files a recorder can remove and rename below the folders
- *          that it writes, and give files the mode of others. Neither can listen, start programs or reach a local socket.
+ *          that it writes, and give files the mode of others. Neither can listen, start programs or reach a local socket. With may_answer a server that listens
+ *          already can accept, and reach local sockets, and nobody else.
  * Thread:  from the thread that will load FMUs, best while there is no other: Landlock and capabilities hold for the thread that calls and
  *          those that it starts. With whole_process the list of system calls, the limits and the user hold for all threads.
  * Before:  what needs more than the above, as PR_SET_PDEATHSIG, setsid(), opening a device, has been done. PR_SET_PDEATHSIG is kept, which the
@@ -46,6 +47,7 @@ typedef struct tl_confine_settings {
     bool whole_process;  /* the list of system calls for all threads; else for the one that calls */
     bool may_connect;    /* see above, */
     bool keeps_files;    /* and this */
+    bool may_answer;     /* and this */
     bool lives_on;       /* who reaches for another process is refused that, as all else; else his process is ended */
     int landlock_newest; /* for tests, to play an older kernel: at most this version; -1: none; 0: what the kernel has */
 } tl_confine_settings;

@@ -80,6 +80,9 @@ static int load(const tl_filter_settings *settings, uint32_t refuse, int *listen
     if (settings->may_connect) {
         failure = failure != 0 ? failure : tl_filter_add_drivers(context);
     }
+    if (settings->may_answer) {
+        failure = failure != 0 ? failure : tl_filter_add_server(context);
+    }
     failure = failure != 0 ? failure : seccomp_load(context);
     if (failure == 0 && refuse == SCMP_ACT_NOTIFY) {
         *listener = seccomp_notify_fd(context);

@@ -17,6 +17,7 @@ typedef struct tl_filter_settings {
     bool whole_process;    /* all threads; else the one that calls */
     bool may_connect;      /* what drivers of a plant need besides */
     bool keeps_files;      /* what a recorder needs besides */
+    bool may_answer;       /* what a server needs besides */
     bool lives_on;         /* reaching for another process is refused, and not the end of this one */
     bool removal_holds;    /* Landlock keeps files elsewhere from being removed; else nothing is removed or renamed */
     bool truncation_holds; /* Landlock keeps files from being emptied (ABI 3); else calls that could are refused */

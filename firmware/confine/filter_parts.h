@@ -28,4 +28,7 @@ int tl_filter_add_arguments(scmp_filter_ctx context, const tl_filter_settings *s
 /* filter_drivers.c */
 int tl_filter_add_drivers(scmp_filter_ctx context);
 
+/* filter_server.c */
+int tl_filter_add_server(scmp_filter_ctx context);
+
 #endif

@@ -10,8 +10,9 @@
 #include "firmware/database/database.h"
 #include "firmware/database/database_fault.h"
 
-enum { DENIALS = 3 }; /* that are not believed */
+enum { DENIALS = 12 }; /* that are not believed */
 static const tl_time DENIAL_PAUSE = TL_SECOND / 1000;
+static const tl_time DENIAL_PAUSE_LAST = 16 * (TL_SECOND / 1000);
 
 static bool is_refused(tl_database_insistence insistence, tl_database_fault fault) {
     bool is_ours = fault != TL_DATABASE_FOREIGN && fault != TL_DATABASE_OTHER && fault != TL_DATABASE_TAKEN;
@@ -65,12 +66,14 @@ static bool is_shut_in(const char *path) {
 static tl_status open_wanted(const tl_database_wanted *wanted, const char *path, tl_database_file *file,
                              tl_database_aside *aside, bool *shut, tl_error *error) {
     tl_status status = tl_database_file_open(wanted->path, wanted->patience, wanted->user, file, aside, error);
+    tl_time pause = DENIAL_PAUSE;
     for (int i = 0; i < DENIALS && status != TL_OK && tl_database_get_fault() == TL_DATABASE_DENIED; i++) {
         *shut = is_shut_in(path);
         if (*shut) {
             return status;
         }
-        tl_clock_sleep_until(tl_clock_now(NULL) + DENIAL_PAUSE);
+        tl_clock_sleep_until(tl_clock_now(NULL) + pause); /* the reader may wait for its turn on a busy machine */
+        pause = 2 * pause < DENIAL_PAUSE_LAST ? 2 * pause : DENIAL_PAUSE_LAST;
         status = tl_database_file_open(wanted->path, wanted->patience, wanted->user, file, aside, error);
     }
     return status;

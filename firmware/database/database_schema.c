@@ -42,6 +42,23 @@
     "  bytes BLOB NOT NULL,"                                                                                           \
     "  PRIMARY KEY (run, tick))"
 
+/* What format 4 has that format 3 has not: what a run took of other configurations while it ran. */
+#define CREATE_TUNINGS                                                                                                 \
+    "CREATE TABLE tunings ("                                                                                           \
+    "  run INTEGER NOT NULL REFERENCES runs (run),"                                                                    \
+    "  tick INTEGER NOT NULL," /* the first with it */                                                                 \
+    "  configuration TEXT NOT NULL REFERENCES configurations (hash),"                                                  \
+    "  at TEXT NOT NULL,"                                                                                              \
+    "  who TEXT NOT NULL,"                                                                                             \
+    "  origin TEXT NOT NULL,"                                                                                          \
+    "  why TEXT NOT NULL,"                                                                                             \
+    "  PRIMARY KEY (run, tick)) WITHOUT ROWID"
+
+#define CREATE_V_TUNINGS                                                                                               \
+    "CREATE VIEW v_tunings AS SELECT t.run, t.tick, t.tick * r.step_ns / 1e9 AS time_s, t.at,"                         \
+    "  substr(t.configuration, 1, 12) AS configuration, t.who, t.origin, t.why"                                        \
+    "  FROM tunings t JOIN runs r USING (run) ORDER BY t.run, t.tick"
+
 /* Bits as names; NULL where none is set. */
 #define CREATE_V_STEPS                                                                                                 \
     "CREATE VIEW v_steps AS SELECT s.run, s.step, s.t_ns / 1e9 AS time_s,"                                             \
@@ -156,6 +173,8 @@ const char *const tl_database_schema[] = {
 
     CREATE_CHECKPOINTS,
 
+    CREATE_TUNINGS,
+
     "CREATE TABLE events ("
     "  event INTEGER PRIMARY KEY,"
     "  run INTEGER NOT NULL,"
@@ -203,6 +222,8 @@ const char *const tl_database_schema[] = {
     "  FROM events e LEFT JOIN severities v ON v.code = e.severity ORDER BY e.event",
 
     CREATE_V_LEDGER,
+
+    CREATE_V_TUNINGS,
     NULL,
 };
 
@@ -217,6 +238,7 @@ const tl_database_key tl_database_keys[] = {
     {"components", "run, component"},
     {"beginnings", "run"},
     {"checkpoints", "run, tick"},
+    {"tunings", "run, tick"},
     {"events", "event"},
     {"severities", "code"},
     {NULL, NULL},
@@ -238,11 +260,19 @@ static const char *const upgrade_1[] = {
 
 static const char *const upgrade_2[] = {CREATE_BEGINNINGS, CREATE_CHECKPOINTS, NULL};
 
+static const char *const upgrade_3[] = {CREATE_TUNINGS, CREATE_V_TUNINGS, NULL};
+
+/* An older program's run kept what it was begun with. */
+#define BRIDGE_3                                                                                                       \
+    "CREATE TEMP VIEW tunings AS SELECT 0 AS run, 0 AS tick, '' AS configuration, '' AS at, '' AS who, '' AS origin,"  \
+    "  '' AS why WHERE 0"
+
 /* Nobody can go on with a run of an older program. */
-#define BRIDGE_2                                                                                                       \
-    "CREATE TEMP VIEW beginnings AS SELECT 0 AS run, '' AS fmus, '' AS boot, 0 AS start_ns, 0 AS resumed_run,"         \
-    "  0 AS resumed_tick, '' AS resumed_from WHERE 0",                                                                 \
-        "CREATE TEMP VIEW checkpoints AS SELECT 0 AS run, 0 AS tick, '' AS format, '' AS sha256, x'' AS bytes WHERE 0"
+#define BRIDGE_2                                                                                                        \
+    "CREATE TEMP VIEW beginnings AS SELECT 0 AS run, '' AS fmus, '' AS boot, 0 AS start_ns, 0 AS resumed_run,"          \
+    "  0 AS resumed_tick, '' AS resumed_from WHERE 0",                                                                  \
+        "CREATE TEMP VIEW checkpoints AS SELECT 0 AS run, 0 AS tick, '' AS format, '' AS sha256, x'' AS bytes WHERE 0", \
+        BRIDGE_3
 
 static const char *const bridge_1[] = {
     "CREATE TEMP VIEW runs AS SELECT *, " LEAD " AS lead FROM main.runs",
@@ -254,6 +284,7 @@ static const char *const bridge_1[] = {
 };
 
 static const char *const bridge_2[] = {BRIDGE_2, NULL};
+static const char *const bridge_3[] = {BRIDGE_3, NULL};
 
-const char *const *const tl_database_upgrades[] = {NULL, upgrade_1, upgrade_2};
-const char *const *const tl_database_bridges[] = {NULL, bridge_1, bridge_2};
+const char *const *const tl_database_upgrades[] = {NULL, upgrade_1, upgrade_2, upgrade_3};
+const char *const *const tl_database_bridges[] = {NULL, bridge_1, bridge_2, bridge_3};

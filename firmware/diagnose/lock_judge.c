@@ -69,6 +69,16 @@ void tl_lock_judge_init(tl_lock_judge *judge, const tl_config *config, const tl_
     memcpy(judge->adjust, account->adjust, sizeof judge->adjust);
 }
 
+void tl_lock_judge_retune(tl_lock_judge *judge, const tl_tuning *tuning) {
+    for (size_t v = 0; v < judge->config->adjust_count; v++) {
+        tl_account_adjust *adjust = &judge->adjust[v];
+        if (is_real(judge, v)) {
+            adjust->lower = fmax(tuning->adjust[v].lower, adjust->least);
+            adjust->upper = fmin(tuning->adjust[v].upper, adjust->most);
+        }
+    }
+}
+
 /* What was seen says nothing of what comes. What is usual stays. */
 static void forget(tl_lock_judge *judge) {
     judge->tally.steps[judge->tally.state] += judge->pending + judge->part[judge->at].steps;

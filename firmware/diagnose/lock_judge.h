@@ -81,6 +81,9 @@ typedef struct tl_lock_judge {
 /* `account` tells kinds, steps and bounds of what is adjusted. Both must stay, but for the account. */
 void tl_lock_judge_init(tl_lock_judge *judge, const tl_config *config, const tl_account *account);
 
+/* The twin has taken another tuning, and so has the configuration (tl_config_retune()): from the next step on. What was seen of the window stays. */
+void tl_lock_judge_retune(tl_lock_judge *judge, const tl_tuning *tuning);
+
 /* A sample as the twin was given it. */
 void tl_lock_judge_sample(tl_lock_judge *judge, const tl_sample *sample);
 

@@ -11,6 +11,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "firmware/base/identity.h"
 #include "firmware/base/sha256.h"
 #include "firmware/config/measurements.h"
 #include "firmware/database/database.h"
@@ -263,24 +264,105 @@ tl_status tl_history_find(tl_history *history, int64_t id, const tl_history_run 
     return status;
 }
 
-tl_status tl_history_configuration(tl_history *history, const tl_history_run *run, const char **text, tl_error *error) {
+tl_status tl_history_text(tl_history *history, const char *hash, const char **text, tl_error *error) {
     sqlite3_stmt *statement = NULL;
     *text = NULL;
     tl_status status =
         tl_database_prepare(history->database, "SELECT text FROM configurations WHERE hash = ?1", &statement, error);
     if (status == TL_OK) {
-        (void)sqlite3_bind_text(statement, 1, run->configuration_hash, -1, SQLITE_STATIC);
+        (void)sqlite3_bind_text(statement, 1, hash, -1, SQLITE_STATIC);
         int code = sqlite3_step(statement);
         tl_row row = tl_row_of(statement);
         *text = code == SQLITE_ROW ? take_text(history, &row, TL_ROW_TEXT) : NULL;
         if (code == SQLITE_DONE || !row.right) {
-            status = tl_database_damaged(history->database, error, "the configuration of run %" PRId64 " is missing",
-                                         run->run);
+            status =
+                tl_database_damaged(history->database, error, "the configuration %.12s\342\200\246 is missing", hash);
         } else if (code != SQLITE_ROW) {
             status = tl_database_fail(history->database, code, error);
         }
     }
     (void)sqlite3_finalize(statement);
+    return status;
+}
+
+tl_status tl_history_configuration(tl_history *history, const tl_history_run *run, const char **text, tl_error *error) {
+    return tl_history_text(history, run->configuration_hash, text, error);
+}
+
+/* ---- Tunings ---- */
+
+static bool read_tuning(tl_history *history, const tl_history_run *run, sqlite3_stmt *statement, int64_t least,
+                        tl_history_tuning *tuning) {
+    tl_row row = tl_row_of(statement);
+    int64_t at = 0;
+    tuning->tick = tl_row_integer(&row, least, tl_history_last_possible(run));
+    tuning->hash = take_text(history, &row, TL_SHA256_TEXT);
+    tuning->at = take_text(history, &row, TL_UTC_TEXT);
+    tuning->who = take_text(history, &row, TL_ROW_NAME);
+    tuning->origin = take_text(history, &row, TL_ROW_NAME);
+    tuning->why = take_text(history, &row, TL_ROW_NAME);
+    return row.right && tl_utc_parse(tuning->at, &at) && strlen(tuning->hash) == TL_SHA256_TEXT - 1 &&
+           tl_identity_is_sound(tuning->hash);
+}
+
+static tl_status fail_tunings(tl_history *history, const tl_history_run *run, tl_error *error) {
+    return tl_database_damaged(history->database, error, "the tunings of run %" PRId64 " are incomplete or wrong",
+                               run->run);
+}
+
+static tl_status read_tunings(tl_history *history, const tl_history_run *run, sqlite3_stmt *statement,
+                              tl_history_tuning *tunings, size_t *count, tl_error *error) {
+    int code = SQLITE_ROW;
+    int64_t least = 0;
+    size_t most = *count;
+    *count = 0;
+    while (*count < most && (code = sqlite3_step(statement)) == SQLITE_ROW) {
+        if (!read_tuning(history, run, statement, least, &tunings[*count])) {
+            return fail_tunings(history, run, error);
+        }
+        least = tunings[*count].tick + 1;
+        (*count)++;
+    }
+    return code == SQLITE_DONE || code == SQLITE_ROW ? TL_OK : tl_database_fail(history->database, code, error);
+}
+
+/* How many there are, at most TL_HISTORY_TUNINGS. */
+static tl_status count_tunings(tl_history *history, const tl_history_run *run, size_t *count, tl_error *error) {
+    sqlite3_stmt *statement = NULL;
+    tl_status status =
+        tl_database_prepare(history->database, "SELECT count(*) FROM tunings WHERE run = ?1", &statement, error);
+    *count = 0;
+    if (status == TL_OK) {
+        (void)sqlite3_bind_int64(statement, 1, run->run);
+        int code = sqlite3_step(statement);
+        int64_t found = code == SQLITE_ROW ? sqlite3_column_int64(statement, 0) : 0;
+        status = code != SQLITE_ROW                        ? tl_database_fail(history->database, code, error)
+                 : found < 0 || found > TL_HISTORY_TUNINGS ? fail_tunings(history, run, error)
+                                                           : TL_OK;
+        *count = status == TL_OK ? (size_t)found : 0;
+    }
+    (void)sqlite3_finalize(statement);
+    return status;
+}
+
+tl_status tl_history_tunings(tl_history *history, const tl_history_run *run, const tl_history_tuning **tunings,
+                             size_t *count, tl_error *error) {
+    static const char sql[] =
+        "SELECT tick, configuration, at, who, origin, why FROM tunings WHERE run = ?1 ORDER BY tick";
+    sqlite3_stmt *statement = NULL;
+    tl_history_tuning *read = NULL;
+    *tunings = NULL;
+    tl_status status = count_tunings(history, run, count, error);
+    if (status == TL_OK) {
+        read = tl_arena_take(&history->arena, *count, sizeof *read);
+        status = read != NULL ? tl_database_prepare(history->database, sql, &statement, error) : fail_memory(error);
+    }
+    if (status == TL_OK) {
+        (void)sqlite3_bind_int64(statement, 1, run->run);
+        status = read_tunings(history, run, statement, read, count, error);
+    }
+    (void)sqlite3_finalize(statement);
+    *tunings = read;
     return status;
 }
 

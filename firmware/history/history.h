@@ -62,6 +62,26 @@ tl_status tl_history_find(tl_history *history, int64_t id, const tl_history_run 
 /* The text of the configuration that a run was made with. */
 tl_status tl_history_configuration(tl_history *history, const tl_history_run *run, const char **text, tl_error *error);
 
+/* A configuration that a run took while it ran, which differs from the one before in its tuning. */
+typedef struct tl_history_tuning {
+    int64_t tick;     /* the first with it */
+    const char *hash; /* SHA-256 of the configuration's text */
+    const char *at;   /* UTC */
+    const char *who;
+    const char *origin;
+    const char *why;
+} tl_history_tuning;
+
+/* More of one run are damage. */
+enum { TL_HISTORY_TUNINGS = 100000 };
+
+/* Those of a run, in the order of their ticks; none in most, and in those of a program that took none. */
+tl_status tl_history_tunings(tl_history *history, const tl_history_run *run, const tl_history_tuning **tunings,
+                             size_t *count, tl_error *error);
+
+/* The text of a configuration that a tuning names. */
+tl_status tl_history_text(tl_history *history, const char *hash, const char **text, tl_error *error);
+
 /* The signals of one kind, in the order of the arrays of tl_sample (plant) and tl_record (match, adjust). */
 tl_status tl_history_signals(tl_history *history, const tl_history_run *run, tl_history_kind kind,
                              const tl_recorder_signal **signals, size_t *count, tl_error *error);

@@ -25,6 +25,6 @@ void tl_live_blocks_of(const tl_config *config, size_t checkpoint, tl_live_block
         blocks->checkpoints = outbox_with(config, room) - outbox_with(config, 0);
     }
     if (config->record_resume != 0) {
-        blocks->past = tl_past_image_bytes(&ticks, TL_PAST_TICKS, checkpoint);
+        blocks->past = tl_past_image_bytes(&ticks, TL_PAST_TICKS, checkpoint, 0);
     }
 }

@@ -24,6 +24,8 @@ typedef struct tl_live_job {
     bool unconfined;         /* FMUs may do what the user can */
     tl_time duration;        /* that was asked for; 0: as configured */
     char database[PATH_MAX]; /* "": nothing is recorded */
+    char state[PATH_MAX];    /* of the activator: where versions are kept; "": there is none */
+    uint64_t memory_limit;   /* the same: bytes that a process of FMUs may take; 0: as usual */
     /* of the twin's start */
     uint32_t number; /* of this start, from 1 on */
     bool again;      /* after a failure */

@@ -1,4 +1,4 @@
-/* The processes of a run, from within: io and recorder; the twin is in live_twin.h.
+/* The processes of a run, from within: io, recorder, activator; the twin is in live_twin.h.
  *
  * Purpose: what main() becomes in a process that the tree (tree.h) has started with such a role.
  * Order:   the same in each: log, parent, shared memory, places, confinement, signals, then the work. Told to end by SIGTERM.
@@ -14,12 +14,16 @@
 /* Titles begin with these. */
 #define TL_LIVE_IO "io"
 #define TL_LIVE_RECORDER "recorder"
+#define TL_LIVE_ACTIVATOR "activator"
 
 /* Reads the plant: the configured sources, into the mailboxes. */
 int tl_io_role_run(void);
 
 /* Writes what the others hand over into the database. */
 int tl_recorder_role_run(void);
+
+/* Answers at the control socket, and changes the configuration (activator.h), until nothing is to be done. */
+int tl_activator_role_run(void);
 
 /* First in each of them: the log is for who reads the pipe, and the process ends with its parent. */
 void tl_live_role_begin(void);

@@ -47,6 +47,7 @@ typedef struct live_twin {
     tl_block mail;
     tl_block pulse_block;
     tl_block outbox_block;
+    tl_block tuning_block;
     tl_live_memory memory; /* for the past */
     tl_live_twin_pulse *pulse;
     const tl_live_mail_end *mail_end;
@@ -71,6 +72,21 @@ static tl_status take_mail(live_twin *self, tl_error *error) {
         tl_live_plant_set_limits(&self->input, self->config);
         tl_plant_mail_open(&shape, self->mail.bytes, self->input.mailboxes);
         self->mail_end = tl_live_mail_end_of(&shape, self->mail.bytes);
+    }
+    return status;
+}
+
+/* What it is built with, and where it is told of another tuning. The text is the recorder's affair. */
+static tl_status take_tuning(live_twin *self, tl_error *error) {
+    const tl_config *config = self->config;
+    tl_run_tuning configured = {.number = 0};
+    tl_status status =
+        tl_block_take(TL_LIVE_TUNING, sizeof(tl_live_tuning), TL_BLOCK_WE_WRITE, &self->tuning_block, error);
+    if (status == TL_OK) {
+        tl_live_tuning_hide_text(&self->tuning_block);
+        memcpy(configured.hash, config->hash, sizeof configured.hash);
+        tl_config_tuning(config, &configured.values);
+        tl_outbox_name_configuration(&self->outbox, &configured);
     }
     return status;
 }
@@ -243,6 +259,8 @@ static tl_status start_cycle(live_twin *self, tl_error *error) {
         .outbox = &self->outbox,
         .journal = &self->journal,
         .beats = &self->pulse->beats,
+        .tuning = self->tuning_block.bytes,
+        .answer = &self->pulse->tuned,
         .resumed = self->resumed,
     };
     status = tl_cycle_start(&settings, &self->cycle, error);
@@ -256,8 +274,16 @@ static tl_status start_cycle(live_twin *self, tl_error *error) {
 
 static void show_status(const live_twin *self, const tl_cycle_status *status) {
     char line[TL_STATUS_LINE];
+    const tl_live_figures figures = {
+        .ticks = status->ticks,
+        .steps = status->steps,
+        .skipped = status->skipped,
+        .deadline_misses = status->deadline_misses,
+        .lock = status->lock,
+    };
     tl_status_line_write(self->config, status, line);
     tl_heartbeats_set_status(&self->pulse->beats, line);
+    tl_latest_publish(&self->pulse->figures, &figures, sizeof figures);
 }
 
 /* Watches until the cycle ends or a signal comes; the cycle needs nothing of this. */
@@ -388,7 +414,10 @@ static tl_status take_memory(live_twin *self, const tl_twin_job *job, tl_error *
     memcpy(&self->job, job->live, sizeof self->job);
     tl_live_job_apply(&self->job, &self->assembly->config);
     tl_status status = take_mail(self, error);
-    return status == TL_OK ? take_own(self, error) : status;
+    if (status == TL_OK) {
+        status = take_own(self, error);
+    }
+    return status == TL_OK ? take_tuning(self, error) : status;
 }
 
 int tl_live_twin(tl_assembly *assembly, const tl_twin_job *job, const tl_confine_facts *facts) {

@@ -9,13 +9,16 @@
 
 #include <stdint.h>
 
+#include "firmware/base/latest.h"
 #include "firmware/base/sha256.h"
+#include "firmware/diagnose/lock_tally.h"
 #include "firmware/outbox/outbox.h"
 #include "firmware/past/past.h"
 #include "firmware/plant/plant_mail.h"
 #include "firmware/process/heartbeat.h"
 #include "firmware/record/recorder_state.h"
 #include "firmware/report/summary.h"
+#include "firmware/run/live_tuning.h"
 #include "master/base/status.h"
 #include "master/twin/account.h"
 
@@ -29,11 +32,15 @@ enum {
     TL_LIVE_OWN_PULSE = 6,       /* each writes its own */
     TL_LIVE_SUPERVISOR_READ = 7, /* of the recorder: the supervisor's outbox */
     TL_LIVE_TWIN_OUTBOX = 8,     /* the twin writes; the recorder reads */
-    TL_LIVE_PAST = 9             /* the recorder writes; the twin reads */
+    TL_LIVE_PAST = 9,            /* the recorder writes; the twin reads */
+    TL_LIVE_KNOCKER = 3,         /* of the activator: the control socket */
+    TL_LIVE_ACTIVATOR_TWIN = 9,  /* of the activator: the twin's pulse, to read */
+    TL_LIVE_ACTIVATOR_READ = 11, /* of the recorder: the activator's pulse */
+    TL_LIVE_TUNING = 10          /* the activator writes; the twin and the recorder read */
 };
 
 /* Which outbox is which, for the recorder. */
-enum { TL_LIVE_OUTBOX_TWIN, TL_LIVE_OUTBOX_IO, TL_LIVE_OUTBOX_SUPERVISOR, TL_LIVE_OUTBOXES };
+enum { TL_LIVE_OUTBOX_TWIN, TL_LIVE_OUTBOX_IO, TL_LIVE_OUTBOX_SUPERVISOR, TL_LIVE_OUTBOX_ACTIVATOR, TL_LIVE_OUTBOXES };
 
 /* Bytes that a checkpoint may have, and the past that a cold start goes on from. Their memory is there only as far as it is used. */
 #define TL_LIVE_CHECKPOINT_BYTES ((size_t)32 * 1024 * 1024)
@@ -58,15 +65,28 @@ static inline tl_live_wish tl_live_wish_of(uint32_t twin, uint32_t number) {
     return (uint64_t)twin << 32 | number;
 }
 
+/* How the run is, for whoever shows it. */
+typedef struct tl_live_figures {
+    uint64_t ticks;
+    uint64_t steps;
+    uint64_t skipped;
+    uint64_t deadline_misses;
+    tl_lock_tally lock;
+} tl_live_figures;
+
 /* The pulse of the twin. Heartbeats come first in every pulse. */
 typedef struct tl_live_twin_pulse {
     tl_heartbeats beats;
+    uint32_t number;   /* which twin of this run it is, from 1 on, */
+    uint32_t holds;    /* and 1 if it holds; both by the supervisor */
+    tl_latest figures; /* tl_live_figures; nothing while it holds */
     int32_t
         realtime; /* the number of the thread that shall have the configured priority; 0: none shall have it any more */
     uint32_t begun;              /* 1: it needs no past any more */
     uint64_t fmus;               /* the files of its FMUs, as a number; kept for a successor. 0: there was none */
     char digest[TL_SHA256_TEXT]; /* of what is in them; there before it wishes for a past */
     tl_live_wish past;           /* which past it wants: of this start, the first, the next one older, … */
+    tl_live_tuning_answer tuned; /* what it made of the newest tuning that it was told; kept for who waits for that */
     tl_live_end end;
 } tl_live_twin_pulse;
 
@@ -97,6 +117,12 @@ typedef struct tl_live_recorder_pulse {
 typedef struct tl_live_io_pulse {
     tl_heartbeats beats;
 } tl_live_io_pulse;
+
+/* The pulse of the activator; its outbox, of events, follows. */
+typedef struct tl_live_activator_pulse {
+    tl_heartbeats beats;
+    uint32_t restart; /* 1: the run is to end, and another one to begin */
+} tl_live_activator_pulse;
 
 static inline size_t tl_live_round(size_t size) {
     return (size + 63U) & ~(size_t)63U;
@@ -132,6 +158,15 @@ static inline size_t tl_live_io_bytes(void) {
 
 static inline void *tl_live_io_outbox_of(void *pulse) {
     return (unsigned char *)pulse + tl_live_round(sizeof(tl_live_io_pulse));
+}
+
+static inline size_t tl_live_activator_bytes(void) {
+    const tl_outbox_settings outbox = tl_live_event_outbox();
+    return tl_live_round(sizeof(tl_live_activator_pulse)) + tl_outbox_bytes(&outbox);
+}
+
+static inline void *tl_live_activator_outbox_of(void *pulse) {
+    return (unsigned char *)pulse + tl_live_round(sizeof(tl_live_activator_pulse));
 }
 
 #endif

@@ -41,6 +41,8 @@ typedef struct recorder {
     tl_block twin_outbox;
     tl_block io_pulse;
     tl_block supervisor;
+    tl_block activator;
+    tl_block tuning;
     tl_live_recorder_pulse *own;
     const tl_live_twin_pulse *twin;
     tl_heart *heart;
@@ -48,8 +50,12 @@ typedef struct recorder {
     tl_recorder_writer *writer;
     tl_past_history *history; /* NULL: nobody has asked, or does any more */
     tl_live_wish answered;
-    char fmus[TL_SHA256_TEXT]; /* of the past */
-    struct stat folder;        /* that may be written into, since the process began; 0: there was none */
+    char fmus[TL_SHA256_TEXT];          /* of the past */
+    tl_live_tuning_head head;           /* of the newest tuning that was read, */
+    char text[TL_CONFIG_MAX_BYTES + 1]; /* its configuration, */
+    uint32_t looked;                    /* and the number that was looked at last */
+    tl_recorder_known known;            /* the same, for the writer */
+    struct stat folder;                 /* that may be written into, since the process began; 0: there was none */
 } recorder;
 
 /* ---- shared memory ---- */
@@ -73,6 +79,8 @@ static tl_status take_memory(recorder *self, tl_error *error) {
         {TL_LIVE_TWIN_OUTBOX, tl_outbox_bytes(&twin), TL_BLOCK_WE_WRITE, &self->twin_outbox},
         {TL_LIVE_IO_PULSE_READ, tl_live_io_bytes(), TL_BLOCK_WE_WRITE, &self->io_pulse},
         {TL_LIVE_SUPERVISOR_READ, tl_outbox_bytes(&events), TL_BLOCK_WE_WRITE, &self->supervisor},
+        {TL_LIVE_ACTIVATOR_READ, tl_live_activator_bytes(), TL_BLOCK_WE_WRITE, &self->activator},
+        {TL_LIVE_TUNING, sizeof(tl_live_tuning), TL_BLOCK_WE_WRITE, &self->tuning},
     };
     for (size_t i = 0; i < sizeof wanted / sizeof wanted[0] && status == TL_OK; i++) {
         status = tl_block_take(wanted[i].descriptor, wanted[i].size, wanted[i].writer, wanted[i].block, error);
@@ -84,14 +92,39 @@ static tl_status take_memory(recorder *self, tl_error *error) {
 
 /* ---- the writer ---- */
 
+/* What whoever retunes has written since: before entries that may be of it are. What cannot be is passed over, since no twin takes it either. */
+static void look_at_tuning(recorder *self) {
+    const tl_live_tuning *block = self->tuning.bytes;
+    uint32_t number = tl_live_tuning_number(block);
+    tl_error error;
+    if (number == self->looked || number % 2 != 0) {
+        return;
+    }
+    self->known = (tl_recorder_known){.hash = "", .text = ""};
+    tl_status status = tl_live_tuning_read_text(block, &self->head, self->text, &error);
+    if (status == TL_OK) {
+        self->known = (tl_recorder_known){.number = self->head.number,
+                                          .hash = self->head.hash,
+                                          .text = self->text,
+                                          .who = self->head.who,
+                                          .origin = self->head.origin,
+                                          .why = self->head.why};
+    }
+    self->looked = status != TL_TRY_AGAIN ? number : self->looked;
+}
+
 static tl_status open_writer(recorder *self, tl_error *error) {
     const tl_outbox_settings events = tl_live_event_outbox();
     const tl_recorder_writer_outbox outboxes[TL_LIVE_OUTBOXES] = {
         [TL_LIVE_OUTBOX_TWIN] = {"twin", tl_live_twin_outbox(&self->config), self->twin_outbox.bytes},
         [TL_LIVE_OUTBOX_IO] = {"io", events, tl_live_io_outbox_of(self->io_pulse.bytes)},
         [TL_LIVE_OUTBOX_SUPERVISOR] = {"supervisor", events, self->supervisor.bytes},
+        [TL_LIVE_OUTBOX_ACTIVATOR] = {"activator", events, tl_live_activator_outbox_of(self->activator.bytes)},
     };
     tl_twin_recorder_describe(&self->config, self->job.database, &self->record);
+    self->known = (tl_recorder_known){.hash = "", .text = ""};
+    self->record.settings.known = &self->known;
+    self->record.settings.known_count = 1;
     self->record.settings.insistence = self->job.alone ? TL_DATABASE_IF_OURS : TL_DATABASE_ANYHOW;
     const tl_recorder_writer_settings settings = {
         .record = &self->record.settings,
@@ -216,6 +249,7 @@ static void record_until_told(recorder *self) {
         tl_heart_beat(self->heart);
         look_at_wishes(self);
         if (tl_clock_now(NULL) >= due || tl_recorder_writer_is_pressed(self->writer)) {
+            look_at_tuning(self);
             tl_recorder_writer_write(self->writer);
             tell_damage(self);
             due = tl_clock_now(NULL) + self->config.record_commit;

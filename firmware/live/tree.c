@@ -15,12 +15,13 @@
 #include "firmware/base/clock.h"
 #include "firmware/base/log.h"
 #include "firmware/config/problems.h"
+#include "firmware/live/live_activator.h"
 #include "firmware/live/live_end.h"
 #include "firmware/live/live_job.h"
-#include "firmware/live/live_rest.h"
 #include "firmware/live/live_role.h"
 #include "firmware/live/live_wire.h"
 #include "firmware/live/voice.h"
+#include "firmware/outbox/outbox_rest.h"
 #include "firmware/plant/live_plant.h"
 #include "firmware/process/role.h"
 #include "firmware/supervise/supervisor.h"
@@ -35,6 +36,7 @@ typedef struct memory {
     tl_block twin_outbox;
     tl_block recorder_pulse;
     tl_block past;
+    tl_block tuning;     /* of the activator */
     tl_block supervisor; /* an outbox of ours */
 } memory;
 
@@ -43,6 +45,9 @@ typedef struct tree {
     tl_config config; /* as the processes have it, with what the command line changes */
     tl_live_job job;  /* what does not change from start to start */
     memory memory;
+    tl_live_activator activator;
+    bool again;       /* the run is to begin anew */
+    int stopped;      /* by this signal; 0: by none */
     tl_outbox outbox; /* of the supervisor */
     tl_voice *voice;
     tl_twin_process *twin; /* NULL: none */
@@ -105,12 +110,15 @@ static tl_status make_memory(tree *self, tl_error *error) {
     if (status == TL_OK) {
         status = tl_block_make_sparse("twinlock outbox", tl_outbox_bytes(&outbox), &made->twin_outbox, error);
     }
+    if (status == TL_OK) {
+        status = tl_block_make_sparse("twinlock tuning", sizeof(tl_live_tuning), &made->tuning, error);
+    }
     return status == TL_OK ? make_recorder_memory(self, error) : status;
 }
 
 static void free_memory(memory *made) {
     tl_block *const blocks[] = {&made->mail,           &made->io_pulse, &made->twin_pulse, &made->twin_outbox,
-                                &made->recorder_pulse, &made->past,     &made->supervisor};
+                                &made->recorder_pulse, &made->past,     &made->tuning,     &made->supervisor};
     for (size_t i = 0; i < sizeof blocks / sizeof blocks[0]; i++) {
         tl_block_close(blocks[i]);
     }
@@ -215,8 +223,27 @@ static pid_t start_recorder(tree *self, tl_error *error) {
     give_to_read(&made, TL_LIVE_TWIN_OUTBOX, &self->memory.twin_outbox);
     give_to_read(&made, TL_LIVE_IO_PULSE_READ, &self->memory.io_pulse);
     give_to_read(&made, TL_LIVE_SUPERVISOR_READ, &self->memory.supervisor);
+    give_to_read(&made, TL_LIVE_ACTIVATOR_READ, &self->activator.pulse);
+    give_to_read(&made, TL_LIVE_TUNING, &self->memory.tuning);
     pid_t pid = start_plain(self, TL_LIVE_RECORDER, 1, &made, error);
     take_back(&made);
+    return pid;
+}
+
+static pid_t start_activator(void *context) {
+    tree *self = context;
+    tl_error error = {0};
+    gift made = no_gift();
+    made.given[TL_LIVE_KNOCKER] = fcntl(self->activator.listener, F_DUPFD_CLOEXEC, 0);
+    give(&made, TL_LIVE_OWN_PULSE, &self->activator.pulse);
+    give(&made, TL_LIVE_TUNING, &self->memory.tuning);
+    give_to_read(&made, TL_LIVE_ACTIVATOR_TWIN, &self->memory.twin_pulse);
+    give_to_read(&made, TL_LIVE_RECORDER_PULSE, &self->memory.recorder_pulse);
+    pid_t pid = start_plain(self, TL_LIVE_ACTIVATOR, 2, &made, &error);
+    take_back(&made);
+    if (pid == 0) {
+        tl_log(TL_LOG_ERROR, "%s", error.text);
+    }
     return pid;
 }
 
@@ -231,6 +258,8 @@ static void prepare_twin(tree *self, const tl_start *start) {
     self->job.number++;
     self->job.again = start->again;
     self->job.holds = start->hold;
+    pulse->number = self->job.number;
+    pulse->holds = start->hold ? 1 : 0;
     self->job.starts = start->restarts->starts;
     self->job.restarts = start->restarts->restarts;
     self->job.failures = start->restarts->failures;
@@ -245,6 +274,7 @@ static pid_t start_twin(tree *self, const tl_start *start, tl_error *error) {
     give_to_read(&made, TL_LIVE_MAIL, &self->memory.mail);
     give_to_read(&made, TL_LIVE_RECORDER_PULSE, &self->memory.recorder_pulse);
     give_to_read(&made, TL_LIVE_PAST, &self->memory.past);
+    give_to_read(&made, TL_LIVE_TUNING, &self->memory.tuning);
     give(&made, TL_LIVE_OWN_PULSE, &self->memory.twin_pulse);
     give(&made, TL_LIVE_TWIN_OUTBOX, &self->memory.twin_outbox);
     self->twin_job = (tl_twin_job){
@@ -322,8 +352,7 @@ static void schedule(int32_t thread, int priority) {
 }
 
 /* The twin's cycle wants its priority, or does not any more: no thread beside FMUs can set one itself. */
-static void look(void *context) {
-    tree *self = context;
+static void look_at_priority(tree *self) {
     int32_t wished = __atomic_load_n(&twin_pulse(self)->realtime, __ATOMIC_ACQUIRE);
     if (self->twin == NULL || wished == self->urgent) {
         return;
@@ -336,6 +365,22 @@ static void look(void *context) {
         schedule(wished, self->config.realtime_priority);
     }
     self->urgent = wished;
+}
+
+static void tell_of_activator(void *context, const char *reason) {
+    char text[TL_RESTARTS_REASON + 64];
+    (void)snprintf(text, sizeof text, "the activator failed: %s; another one is begun", reason);
+    tl_log(TL_LOG_ERROR, "%s", text);
+    put_event(context, TL_EVENT_ERROR, "supervisor", text);
+}
+
+static bool look(void *context, bool ends) {
+    tree *self = context;
+    const tl_live_activator_host host = {.context = self, .begin = start_activator, .tell = tell_of_activator};
+    look_at_priority(self);
+    bool again = tl_live_activator_look(&self->activator, &host, ends);
+    self->again = self->again || (again && !ends);
+    return again;
 }
 
 /* The recorder's word. */
@@ -362,6 +407,9 @@ static tl_status open_all(tree *self, tl_error *error) {
     find_database(self);
     tl_status status = make_memory(self, error);
     const tl_voice_settings voice = {.status = self->settings->status};
+    if (status == TL_OK) {
+        status = tl_live_activator_open(&self->activator, self->settings->control, error);
+    }
     if (status == TL_OK) {
         tl_voice_settings settings = voice;
         settings.beats = &twin_pulse(self)->beats;
@@ -413,11 +461,12 @@ static int supervise(tree *self) {
         .damaged = damaged,
         .look = look,
     };
-    return tl_supervise(&settings);
+    return tl_supervise(&settings, &self->stopped);
 }
 
 static void close_all(tree *self) {
     tl_voice_stop(self->voice);
+    tl_live_activator_close(&self->activator, self->settings->control);
     free_memory(&self->memory);
     tl_config_free(&self->config);
 }
@@ -444,7 +493,7 @@ static uint64_t count_rest_of_twin(tree *self, const tl_outbox_taken *taken) {
     uint64_t count = 0;
     if (tl_block_take(tl_block_reader(&self->memory.twin_outbox), tl_outbox_bytes(&settings), TL_BLOCK_WE_WRITE,
                       &outbox, &error) == TL_OK) {
-        count = tl_live_rest_count(&settings, outbox.bytes, taken);
+        count = tl_outbox_rest_count(&settings, outbox.bytes, taken);
     }
     tl_block_close(&outbox);
     return count;
@@ -459,14 +508,14 @@ static void say_rest(tree *self) {
     }
     const tl_outbox_taken *taken = recorder_pulse(self)->state.taken;
     uint64_t rest = count_rest_of_twin(self, &taken[TL_LIVE_OUTBOX_TWIN]);
-    rest += tl_live_rest_count(&events, tl_live_io_outbox_of(self->memory.io_pulse.bytes), &taken[TL_LIVE_OUTBOX_IO]);
-    rest += tl_live_rest_count(&events, self->memory.supervisor.bytes, &taken[TL_LIVE_OUTBOX_SUPERVISOR]);
+    rest += tl_outbox_rest_count(&events, tl_live_io_outbox_of(self->memory.io_pulse.bytes), &taken[TL_LIVE_OUTBOX_IO]);
+    rest += tl_outbox_rest_count(&events, self->memory.supervisor.bytes, &taken[TL_LIVE_OUTBOX_SUPERVISOR]);
     if (rest > 0) {
         tl_log(TL_LOG_ERROR, "%" PRIu64 " samples, steps and events are lost: no recorder is left to write them", rest);
     }
 }
 
-static int end(tree *self, int code) {
+static int finish(tree *self, int code) {
     tl_error error = {0};
     tl_status printed = print_summary(self, &error);
     tl_voice_stop(self->voice); /* all that the processes have said comes before what is said of them */
@@ -482,7 +531,7 @@ static int end(tree *self, int code) {
     return code != 0 ? code : tl_exit_code(printed);
 }
 
-int tl_tree_run(const tl_tree_settings *settings) {
+int tl_tree_run(const tl_tree_settings *settings, tl_tree_end *end) {
     static tree self; /* one for the process; its threads may look at it */
     tl_error error = {0};
     sigset_t asked;
@@ -492,6 +541,12 @@ int tl_tree_run(const tl_tree_settings *settings) {
     self.job.alone = !settings->supervised;
     self.job.unconfined = settings->unconfined;
     self.job.duration = settings->duration;
+    self.job.memory_limit = settings->memory_limit;
+    self.activator = (tl_live_activator){.listener = -1, .pulse = {.descriptor = -1}};
+    *end = (tl_tree_end){.again = false};
+    if (settings->control != NULL) {
+        (void)snprintf(self.job.state, sizeof self.job.state, "%s", settings->state);
+    }
     (void)sigemptyset(&asked);
     (void)sigaddset(&asked, SIGCHLD);
     (void)sigaddset(&asked, SIGTERM);
@@ -510,5 +565,8 @@ int tl_tree_run(const tl_tree_settings *settings) {
         close_all(&self);
         return tl_exit_code(tl_output_finish(self.output, status));
     }
-    return end(&self, supervise(&self));
+    int code = finish(&self, supervise(&self));
+    end->again = self.again && code == 0 && self.stopped == 0;
+    end->is_failure = code != 0 && self.stopped == 0;
+    return code;
 }

@@ -27,14 +27,21 @@ typedef struct tl_tree_settings {
     uint64_t memory_limit;   /* bytes that the process of the FMUs may take; 0: three quarters of the machine's */
     double require_lock;     /* percent of the steps that must have been in lock; 0: any, if nobody supervises */
     bool supervised;
-    const char *state; /* as in supervisor.h: supervised only */
+    const char *state;   /* as in supervisor.h: supervised only */
+    const char *control; /* the socket by which the configuration is changed; NULL: it is not. Needs `state` */
     const char *watchdog;
     int watchdog_s;
     const tl_twin_role_tasks *tasks;             /* of a twin's process, */
     int (*be)(const char *title, void *context); /* and what main() does for a title: where there is no exec */
 } tl_tree_settings;
 
+/* Nobody asked for the end by a signal, and: */
+typedef struct tl_tree_end {
+    bool again; /* the run has ended so that another one begins, with the version that is active by now (versions.h) */
+    bool is_failure; /* it could not begin, or not go on */
+} tl_tree_end;
+
 /* Returns an exit code; what went wrong was said on the log. */
-int tl_tree_run(const tl_tree_settings *settings);
+int tl_tree_run(const tl_tree_settings *settings, tl_tree_end *end);
 
 #endif

@@ -1,6 +1,6 @@
 /* The voice of a run: the one thread by which its processes reach standard error.
  *
- * Purpose: io and recorder print into pipes; what comes out is logged here, line by line. So only the supervisor holds the terminal, and no line is
+ * Purpose: io, recorder and activator print into pipes; what comes out is logged here, line by line. So only the supervisor holds the terminal, and no line is
  *          smeared by the status line, which is drawn here as well. Processes of twins that are over are cleared away here, since that may wait.
  * Priority: ordinary, whatever that of the supervisor is.
  * Thread:  all functions: the supervisor's. None waits for the voice, but for the end.
@@ -13,7 +13,7 @@
 #include "firmware/process/heartbeat.h"
 #include "firmware/twin/twin_process.h"
 
-enum { TL_VOICE_PIPES = 2 };
+enum { TL_VOICE_PIPES = 3 };
 
 typedef struct tl_voice tl_voice;
 

@@ -16,6 +16,7 @@
 #include <sys/mman.h>
 
 #include "firmware/base/clock.h"
+#include "firmware/base/identity.h"
 
 enum { PAGE = 4096, RING_LEAST = 256 * 1024, RING_MOST = 16 * 1024 * 1024, LOOK_BACK_TICKS = 2000 };
 
@@ -100,7 +101,8 @@ static bool put_waiting_start(tl_outbox *outbox) {
     }
     tl_recorder_pen pen = pen_of(outbox);
     tl_recorder_entry_pack_start(&pen, &control->start.resumption,
-                                 control->start.holds ? NULL : &control->start.account, control->start.fmus);
+                                 control->start.holds ? NULL : &control->start.account, control->start.fmus,
+                                 &control->start.configured);
     publish_entry(outbox, &pen);
     control->start_waits = false;
     return true;
@@ -159,12 +161,19 @@ void tl_outbox_name_fmus(tl_outbox *outbox, const char fmus[TL_SHA256_TEXT]) {
     memcpy(outbox->fmus, fmus, sizeof outbox->fmus);
 }
 
+void tl_outbox_name_configuration(tl_outbox *outbox, const tl_run_tuning *configured) {
+    outbox->configured = *configured;
+    outbox->tuning = *configured;
+}
+
 bool tl_outbox_put_start(tl_outbox *outbox, const tl_outbox_start *start) {
     settle_waiting_sample(outbox, &start->resumption);
     outbox->control->start = *start;
     memcpy(outbox->control->start.fmus, start->holds ? "" : outbox->fmus, start->holds ? 1 : sizeof outbox->fmus);
+    outbox->control->start.configured = outbox->configured;
     outbox->control->start_waits = true;
     outbox->beginning = start->resumption;
+    outbox->tuning = outbox->configured;
     return put_waiting_start(outbox);
 }
 
@@ -191,6 +200,28 @@ bool tl_outbox_put_step(tl_outbox *outbox, const tl_record *record, const tl_rec
     return found;
 }
 
+bool tl_outbox_has_room_for_tuning(const tl_outbox *outbox) {
+    const tl_recorder_shape *shape = &outbox->settings.shape;
+    return !outbox->control->start_waits && has_room(outbox, tl_recorder_entry_size(shape, TL_ENTRY_TUNING) +
+                                                                 tl_recorder_entry_size(shape, TL_ENTRY_SAMPLE) +
+                                                                 2 * tl_recorder_entry_size(shape, TL_ENTRY_STEP));
+}
+
+bool tl_outbox_put_tuning(tl_outbox *outbox, const tl_run_tuning *tuning) {
+    tl_recorder_pen pen;
+    bool found = find_room(outbox, TL_ENTRY_TUNING, &pen);
+    outbox->tuning = *tuning;
+    if (found) {
+        tl_recorder_entry_pack_tuning(&pen, tuning);
+        publish_entry(outbox, &pen);
+    }
+    return found;
+}
+
+const tl_run_tuning *tl_outbox_tuning(const tl_outbox *outbox) {
+    return &outbox->tuning;
+}
+
 bool tl_outbox_put_end(tl_outbox *outbox, const char *reason) {
     tl_recorder_pen pen;
     bool found = find_room(outbox, TL_ENTRY_END, &pen);
@@ -204,7 +235,7 @@ bool tl_outbox_put_end(tl_outbox *outbox, const char *reason) {
 bool tl_outbox_wait_for_room(tl_outbox *outbox, tl_time until) {
     const tl_recorder_shape *shape = &outbox->settings.shape;
     size_t size = tl_recorder_entry_size(shape, TL_ENTRY_SAMPLE) + tl_recorder_entry_size(shape, TL_ENTRY_STEP) +
-                  tl_recorder_entry_size(shape, TL_ENTRY_END) +
+                  tl_recorder_entry_size(shape, TL_ENTRY_END) + tl_recorder_entry_size(shape, TL_ENTRY_TUNING) +
                   (outbox->control->start_waits ? tl_recorder_entry_size(shape, TL_ENTRY_START) : 0);
     tl_time now = tl_clock_now(NULL);
     while (!has_room(outbox, size) && now < until) {
@@ -302,7 +333,8 @@ bool tl_outbox_place_look(const tl_outbox_place *place, uint64_t *number, uint64
         words[i] = __atomic_load_n(&place->mark[i], __ATOMIC_RELAXED);
     }
     memcpy(mark, words, sizeof *mark);
-    return *number != 0 && *number < TL_OUTBOX_NUMBERS && (unsigned)mark->beginning.from <= (unsigned)TL_RESUMED_INPUTS;
+    return *number != 0 && *number < TL_OUTBOX_NUMBERS &&
+           (unsigned)mark->beginning.from <= (unsigned)TL_RESUMED_INPUTS && tl_identity_is_sound(mark->tuning.hash);
 }
 
 static unsigned char *bytes_of_place(const tl_outbox *outbox, uint64_t place) {
@@ -354,7 +386,8 @@ void tl_outbox_put_checkpoint(tl_outbox *outbox, int64_t tick, size_t size) {
                            .size = size,
                            .position = outbox->written,
                            .behind = outbox->written + waiting,
-                           .beginning = outbox->beginning};
+                           .beginning = outbox->beginning,
+                           .tuning = outbox->tuning};
     uint64_t words[TL_OUTBOX_MARK_WORDS] = {0};
     assert(size <= outbox->reserved);
     memcpy(words, &mark, sizeof mark);
@@ -417,7 +450,8 @@ bool tl_outbox_checkpoint_left(const tl_outbox *outbox, unsigned which, tl_outbo
                              .bytes = bytes_of_place(outbox, place),
                              .size = (size_t)marks[place].size,
                              .position = marks[place].position,
-                             .beginning = marks[place].beginning};
+                             .beginning = marks[place].beginning,
+                             .tuning = marks[place].tuning};
     return true;
 }
 

@@ -1,6 +1,6 @@
 /* An outbox: what a process hands to the recorder, in memory that the recorder reads.
  *
- * Purpose: the beginning of a run, its samples, steps and end go through a ring of bytes; events through a queue for many threads;
+ * Purpose: the beginning of a run, its samples, steps, tunings and end go through a ring of bytes; events through a queue for many threads;
  *          saved twins (checkpoints) lie in two places that take turns. Nothing of it ever waits for the recorder.
  * Memory:  of the caller, zeroed at first, at a multiple of 64 bytes: of this process, or a block (block.h) that only this process writes. It has
  *          no pointers. What the reader gives back, tl_outbox_taken, lies in the reader's memory.
@@ -51,6 +51,8 @@ typedef struct tl_outbox_start {
     tl_resumption resumption;  /* `start` and `started` always count. Its run, if below 0: the one before in here */
     tl_account account;        /* of the twin; nothing if it holds */
     char fmus[TL_SHA256_TEXT]; /* which FMUs it has: see tl_outbox_name_fmus(). "": nobody has named them */
+    tl_run_tuning
+        configured; /* what it was built with: see tl_outbox_name_configuration(). Its hash "": nobody has named it */
 } tl_outbox_start;
 
 /* Private; placed by the caller. */
@@ -67,7 +69,9 @@ typedef struct tl_outbox {
     size_t reserved;              /* bytes for each */
     bool hides;                   /* what is not reserved */
     char fmus[TL_SHA256_TEXT];
-    tl_resumption beginning; /* of the run; stamps are relative to its start */
+    tl_run_tuning configured; /* of the runs that are begun, */
+    tl_run_tuning tuning;     /* and what is in force */
+    tl_resumption beginning;  /* of the run; stamps are relative to its start */
 } tl_outbox;
 
 /* For 30 s of such a run, and what a successor looks back at; between 256 KiB and 16 MiB. */
@@ -85,6 +89,9 @@ void tl_outbox_open(const tl_outbox_settings *settings, void *memory, const tl_o
 /* Which FMUs the runs have that are begun from now on, as identity.h says; of those that hold, nothing is said. */
 void tl_outbox_name_fmus(tl_outbox *outbox, const char fmus[TL_SHA256_TEXT]);
 
+/* What they are built with; of those that hold, nothing is said. */
+void tl_outbox_name_configuration(tl_outbox *outbox, const tl_run_tuning *configured);
+
 /* False: there was no room. A beginning goes in before the next entry that finds room; anything else was counted as lost. Stamps are kept relative
  * to the start. A sample finds room only together with its step. */
 bool tl_outbox_put_start(tl_outbox *outbox, const tl_outbox_start *start);
@@ -92,7 +99,15 @@ bool tl_outbox_put_sample(tl_outbox *outbox, const tl_sample *sample);
 bool tl_outbox_put_step(tl_outbox *outbox, const tl_record *record, const tl_recorder_component *ledger);
 bool tl_outbox_put_end(tl_outbox *outbox, const char *reason); /* cut to TL_RECORDER_REASON */
 
-/* Sleeps in small pieces until a sample, a step and an end have room; false: not by `until` (CLOCK_MONOTONIC). For who makes up what is past. */
+/* The twin has this from `tick` on: just before that tick's sample. Whoever asks first whether there is room, beside that tick and the step before it,
+ * does not lose it. */
+bool tl_outbox_has_room_for_tuning(const tl_outbox *outbox);
+bool tl_outbox_put_tuning(tl_outbox *outbox, const tl_run_tuning *tuning);
+
+/* What is in force: what the run was built with, or what was put since. */
+const tl_run_tuning *tl_outbox_tuning(const tl_outbox *outbox);
+
+/* Sleeps in small pieces until a tuning, a sample, a step and an end have room; false: not by `until` (CLOCK_MONOTONIC). For who makes up what is past. */
 bool tl_outbox_wait_for_room(tl_outbox *outbox, tl_time until);
 
 /* Any thread. `source` is one word; `tick` −1 if it belongs to none. Texts are cut to what an entry holds. */
@@ -127,6 +142,7 @@ typedef struct tl_outbox_left {
     size_t size;
     uint64_t position;       /* of the first entry after it */
     tl_resumption beginning; /* of its run */
+    tl_run_tuning tuning;    /* in force then; its values are not judged, its hash is */
 } tl_outbox_left;
 
 /* The newest (0) or the older (1) checkpoint that is whole, and since which no entry was overwritten. False: there is none. */

@@ -30,6 +30,7 @@ typedef struct tl_outbox_mark {
     uint64_t position; /* of the first entry after it */
     uint64_t behind;   /* what the reader takes before it: that far, and the beginning of its run if that still waits */
     tl_resumption beginning;
+    tl_run_tuning tuning; /* in force */
 } tl_outbox_mark;
 
 enum { TL_OUTBOX_MARK_WORDS = (sizeof(tl_outbox_mark) + 7) / 8 };

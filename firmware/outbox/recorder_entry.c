@@ -29,7 +29,7 @@ typedef struct step_head {
 /* ---- Sizes ---- */
 
 size_t tl_recorder_entry_size_of_start(bool holds) {
-    return 2 + sizeof(tl_resumption) + (holds ? 0 : sizeof(tl_account) + TL_SHA256_TEXT);
+    return 2 + sizeof(tl_resumption) + (holds ? 0 : sizeof(tl_account) + TL_SHA256_TEXT + sizeof(tl_run_tuning));
 }
 
 size_t tl_recorder_entry_size(const tl_recorder_shape *shape, tl_recorder_kind kind) {
@@ -43,13 +43,15 @@ size_t tl_recorder_entry_size(const tl_recorder_shape *shape, tl_recorder_kind k
                shape->components * sizeof(tl_recorder_component);
     case TL_ENTRY_END:
         return 1 + TL_RECORDER_REASON;
+    case TL_ENTRY_TUNING:
+        return 1 + sizeof(tl_run_tuning);
     }
     return 0;
 }
 
 size_t tl_recorder_entry_largest(const tl_recorder_shape *shape) {
     size_t largest = 0;
-    for (int kind = TL_ENTRY_START; kind <= TL_ENTRY_END; kind++) {
+    for (int kind = TL_ENTRY_START; kind <= TL_ENTRY_TUNING; kind++) {
         size_t size = tl_recorder_entry_size(shape, (tl_recorder_kind)kind);
         largest = size > largest ? size : largest;
     }
@@ -76,13 +78,14 @@ static void put_kind(tl_recorder_pen *pen, tl_recorder_kind kind) {
 }
 
 void tl_recorder_entry_pack_start(tl_recorder_pen *pen, const tl_resumption *beginning, const tl_account *account,
-                                  const char fmus[TL_SHA256_TEXT]) {
+                                  const char fmus[TL_SHA256_TEXT], const tl_run_tuning *configured) {
     put_kind(pen, TL_ENTRY_START);
     put_byte(pen, account == NULL);
     put(pen, beginning, sizeof *beginning);
     if (account != NULL) {
         put(pen, account, sizeof *account);
         put(pen, fmus, TL_SHA256_TEXT);
+        put(pen, configured, sizeof *configured);
     }
 }
 
@@ -133,6 +136,11 @@ void tl_recorder_entry_pack_step(tl_recorder_pen *pen, const tl_recorder_shape *
     put(pen, ledger, shape->components * sizeof *ledger);
 }
 
+void tl_recorder_entry_pack_tuning(tl_recorder_pen *pen, const tl_run_tuning *tuning) {
+    put_kind(pen, TL_ENTRY_TUNING);
+    put(pen, tuning, sizeof *tuning);
+}
+
 void tl_recorder_entry_pack_end(tl_recorder_pen *pen, const char *reason) {
     char text[TL_RECORDER_REASON] = "";
     memcpy(text, reason, strnlen(reason, sizeof text - 1));
@@ -174,6 +182,13 @@ static bool are_qualities(const uint8_t *quality, size_t count) {
     return i == count;
 }
 
+static const char *get_tuning(look *at, tl_run_tuning *tuning) {
+    if (!get(at, tuning, sizeof *tuning)) {
+        return CUT;
+    }
+    return tl_identity_is_sound(tuning->hash) ? NULL : "a digest of a configuration that is none";
+}
+
 static const char *get_start(look *at, tl_recorder_entry *entry) {
     uint8_t holds = 0;
     if (!get(at, &holds, 1) || !get(at, &entry->beginning, sizeof entry->beginning)) {
@@ -192,7 +207,7 @@ static const char *get_start(look *at, tl_recorder_entry *entry) {
     if (!tl_identity_is_sound(entry->fmus)) {
         return "a digest of FMUs that is none";
     }
-    return tl_account_is_sound(&entry->account) ? NULL : "an account that is none";
+    return tl_account_is_sound(&entry->account) ? get_tuning(at, &entry->tuning) : "an account that is none";
 }
 
 static const char *get_sample(look *at, const tl_recorder_shape *shape, tl_sample *sample) {
@@ -266,6 +281,9 @@ const char *tl_recorder_entry_unpack(const tl_recorder_page *page, const tl_reco
         break;
     case MARK + TL_ENTRY_END:
         fault = get_end(&at, entry->reason);
+        break;
+    case MARK + TL_ENTRY_TUNING:
+        fault = get_tuning(&at, &entry->tuning);
         break;
     default:
         break;

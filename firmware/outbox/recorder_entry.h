@@ -1,4 +1,4 @@
-/* What waits in a ring for the recorder: a run's beginning, its samples, steps and end, cut to the signals that the run has.
+/* What waits in a ring for the recorder: a run's beginning, its samples, steps, tunings and end, cut to the signals that the run has.
  *
  * Purpose: a tl_sample is 1.1 kB, of which a plant with three signals uses 60 bytes; the ring then lasts longer.
  * Format:  one byte that says what follows, then its fields one after the other; the same program on both sides.
@@ -30,17 +30,24 @@ typedef struct tl_recorder_shape {
     size_t components;
 } tl_recorder_shape;
 
-typedef enum tl_recorder_kind { TL_ENTRY_START, TL_ENTRY_SAMPLE, TL_ENTRY_STEP, TL_ENTRY_END } tl_recorder_kind;
+typedef enum tl_recorder_kind {
+    TL_ENTRY_START,
+    TL_ENTRY_SAMPLE,
+    TL_ENTRY_STEP,
+    TL_ENTRY_END,
+    TL_ENTRY_TUNING /* before the sample of its tick */
+} tl_recorder_kind;
 
 /* Some 20 KB: not for a small stack. */
 typedef struct tl_recorder_entry {
     tl_recorder_kind kind;
-    tl_resumption beginning;                              /* TL_ENTRY_START */
-    bool holds;                                           /* and whether there is no twin, */
-    tl_account account;                                   /* or what it is; sound, */
-    char fmus[TL_SHA256_TEXT];                            /* and which FMUs it has: tl_identity_is_sound() */
-    tl_sample sample;                                     /* TL_ENTRY_SAMPLE; without its instant */
-    tl_record record;                                     /* TL_ENTRY_STEP; without the measured delay */
+    tl_resumption beginning;   /* TL_ENTRY_START */
+    bool holds;                /* and whether there is no twin, */
+    tl_account account;        /* or what it is; sound, */
+    char fmus[TL_SHA256_TEXT]; /* and which FMUs it has: tl_identity_is_sound(), */
+    tl_run_tuning tuning;      /* and what it was built with; TL_ENTRY_TUNING. Its values are not judged */
+    tl_sample sample;          /* TL_ENTRY_SAMPLE; without its instant */
+    tl_record record;          /* TL_ENTRY_STEP; without the measured delay */
     tl_recorder_component ledger[TL_RECORDER_COMPONENTS]; /* as of the record */
     char reason[TL_RECORDER_REASON];                      /* TL_ENTRY_END */
 } tl_recorder_entry;
@@ -62,11 +69,12 @@ typedef struct tl_recorder_pen {
 /* There is room for it. Stamps become relative to `start`; what is too far from it stays at the end of what can be told. */
 void tl_recorder_entry_pack_start(tl_recorder_pen *pen, const tl_resumption *beginning,
                                   const tl_account *account, /* NULL: it holds */
-                                  const char fmus[TL_SHA256_TEXT]);
+                                  const char fmus[TL_SHA256_TEXT], const tl_run_tuning *configured);
 void tl_recorder_entry_pack_sample(tl_recorder_pen *pen, const tl_recorder_shape *shape, const tl_sample *sample,
                                    tl_time start);
 void tl_recorder_entry_pack_step(tl_recorder_pen *pen, const tl_recorder_shape *shape, const tl_record *record,
                                  const tl_recorder_component *ledger);
+void tl_recorder_entry_pack_tuning(tl_recorder_pen *pen, const tl_run_tuning *tuning);
 void tl_recorder_entry_pack_end(tl_recorder_pen *pen, const char *reason);
 
 /* What is written, up to a position that is at most `capacity` further. */

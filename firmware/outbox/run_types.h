@@ -8,8 +8,10 @@
 
 #include <stdint.h>
 
+#include "firmware/base/sha256.h"
 #include "master/base/signal.h"
 #include "master/base/simtime.h"
+#include "master/plan/tuning.h"
 
 /* One name with its unit. */
 typedef struct tl_recorder_signal {
@@ -56,6 +58,27 @@ typedef struct tl_resumption {
     tl_time start;        /* t_start on the clock of the samples' stamps; both are that run's */
     int64_t started;      /* and UTC, ms */
 } tl_resumption;
+
+/* A tuning that a twin has in force, and of which configuration it is. */
+typedef struct tl_run_tuning {
+    int64_t tick; /* the first with it */
+    uint32_t
+        number; /* of what the twin was told it by, see live_tuning.h; 0: it was built with it, or that is not known */
+    char hash[TL_SHA256_TEXT]; /* of the configuration's text: tl_identity_is_sound(); "": not known */
+    char unused[3];            /* so that no byte of it is indeterminate */
+    tl_tuning values;
+} tl_run_tuning;
+
+/* A configuration that a run may be begun with, or take, besides its own. */
+typedef struct tl_recorder_known {
+    uint32_t number;    /* as in tl_run_tuning; 0: any */
+    const char *hash;   /* of the text; "": there is none */
+    const char *text;   /* UTF-8 */
+    const char *at;     /* UTC, when it was taken; NULL: when it is recorded */
+    const char *who;    /* told so, */
+    const char *origin; /* how, */
+    const char *why;
+} tl_recorder_known;
 
 /* How much an event matters. */
 typedef enum tl_severity { TL_EVENT_INFO, TL_EVENT_WARNING, TL_EVENT_ERROR } tl_severity;

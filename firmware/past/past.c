@@ -5,6 +5,8 @@
 #include <stdio.h>
 #include <string.h>
 
+#include "firmware/base/identity.h"
+
 /* Between who finds a past and who reads it FMUs may be loaded. */
 static const tl_time READING = 300 * TL_SECOND;
 
@@ -12,7 +14,7 @@ static const tl_time READING = 300 * TL_SECOND;
 #define FIRST_YEAR (INT64_C(-62167219200000))
 #define LAST_YEAR (INT64_C(253402300799999))
 
-/* Everything of an image that has one size; the checkpoint is behind it, then the ticks. */
+/* Everything of an image that has one size; the checkpoint is behind it, then the tunings, then the ticks. */
 typedef struct past_head {
     char magic[8]; /* its last character changes with the layout */
     uint64_t size; /* of the image */
@@ -20,18 +22,30 @@ typedef struct past_head {
     tl_time step, start;
     int64_t started;
     uint64_t checkpoint_size;
+    uint64_t tunings;
     uint64_t signals, adjusts;
     uint64_t from;
 } past_head;
 
-static const char MAGIC[8] = {'t', 'w', 'l', 'k', 'p', 's', 't', '2'};
+static const char MAGIC[8] = {'t', 'w', 'l', 'k', 'p', 's', 't', '3'};
 
 tl_past_shape tl_past_shape_of(const tl_config *config) {
     return (tl_past_shape){.signals = config->signal_count, .adjusts = config->adjust_count};
 }
 
-size_t tl_past_image_bytes(const tl_past_shape *shape, size_t ticks, size_t checkpoint) {
-    return sizeof(past_head) + checkpoint + ticks * tl_past_tick_bytes(shape);
+size_t tl_past_image_bytes(const tl_past_shape *shape, size_t ticks, size_t checkpoint, size_t tunings) {
+    return sizeof(past_head) + checkpoint + tunings * sizeof(tl_run_tuning) + ticks * tl_past_tick_bytes(shape);
+}
+
+size_t tl_past_choose_tunings(tl_run_tuning *tunings, size_t count, int64_t first, int64_t last) {
+    size_t from = 0;
+    size_t to = 0;
+    for (size_t i = 0; i < count; i++) {
+        from = tunings[i].tick <= first ? i : from; /* in force then */
+        to = tunings[i].tick <= last || i == from ? i + 1 : to;
+    }
+    memmove(tunings, tunings + from, (to - from) * sizeof *tunings);
+    return to - from;
 }
 
 const char *tl_past_name(int64_t run, char text[TL_PAST_NAME]) {
@@ -47,7 +61,7 @@ void tl_past_write(const tl_past *past, void *image) {
     unsigned char *place = image;
     size_t ticks = (size_t)(past->last - past->first + 1);
     past_head own = {
-        .size = tl_past_image_bytes(&past->shape, ticks, past->checkpoint_size),
+        .size = tl_past_image_bytes(&past->shape, ticks, past->checkpoint_size, past->tuning_count),
         .run = past->run,
         .first = past->first,
         .last = past->last,
@@ -55,6 +69,7 @@ void tl_past_write(const tl_past *past, void *image) {
         .start = past->start,
         .started = past->started,
         .checkpoint_size = past->checkpoint_size,
+        .tunings = past->tuning_count,
         .signals = past->shape.signals,
         .adjusts = past->shape.adjusts,
         .from = (uint64_t)past->from,
@@ -65,6 +80,10 @@ void tl_past_write(const tl_past *past, void *image) {
     if (past->checkpoint_size != 0) {
         memcpy(place, past->checkpoint, past->checkpoint_size);
         place += past->checkpoint_size;
+    }
+    if (past->tuning_count != 0) {
+        memcpy(place, past->tunings, past->tuning_count * sizeof(tl_run_tuning));
+        place += past->tuning_count * sizeof(tl_run_tuning);
     }
     if (ticks != 0) {
         memcpy(place, past->ticks, ticks * tl_past_tick_bytes(&past->shape));
@@ -109,7 +128,8 @@ static tl_status check_head(const past_head *found, size_t size, const tl_config
         return fail_damaged(error, "its ticks cannot be");
     }
     size_t ticks = (size_t)(found->last - found->first + 1);
-    if (found->checkpoint_size > size || tl_past_image_bytes(&shape, ticks, (size_t)found->checkpoint_size) != size) {
+    if (found->checkpoint_size > size || found->tunings > TL_PAST_TUNINGS ||
+        tl_past_image_bytes(&shape, ticks, (size_t)found->checkpoint_size, (size_t)found->tunings) != size) {
         return fail_damaged(error, "it has not its size");
     }
     if (!is_origin(found) || !is_within(found->run, TL_PAST_UNNUMBERED, TL_PAST_FAR)) {
@@ -139,6 +159,21 @@ static tl_status check_ticks(const tl_past *past, tl_error *error) {
     return TL_OK;
 }
 
+static tl_status check_tunings(const tl_past *past, tl_error *error) {
+    int64_t least = 0;
+    for (size_t i = 0; i < past->tuning_count; i++) {
+        tl_run_tuning tuning;
+        tl_error why;
+        memcpy(&tuning, past->tunings + i * sizeof tuning, sizeof tuning);
+        if (!is_within(tuning.tick, least, TL_PAST_FAR) || !tl_identity_is_sound(tuning.hash) ||
+            tuning.hash[0] == '\0' || tl_tuning_check(&tuning.values, &why) != TL_OK) {
+            return fail_damaged(error, "what was in force");
+        }
+        least = tuning.tick;
+    }
+    return TL_OK;
+}
+
 static tl_past past_of(const past_head *found, const unsigned char *behind, tl_time now) {
     tl_past past = {
         .from = (tl_resumed_from)found->from,
@@ -152,7 +187,9 @@ static tl_past past_of(const past_head *found, const unsigned char *behind, tl_t
         .checkpoint_tick = found->first - 1,
         .checkpoint_size = (size_t)found->checkpoint_size,
         .shape = {.signals = (size_t)found->signals, .adjusts = (size_t)found->adjusts},
-        .ticks = behind + found->checkpoint_size,
+        .tunings = behind + found->checkpoint_size,
+        .tuning_count = (size_t)found->tunings,
+        .ticks = behind + found->checkpoint_size + found->tunings * sizeof(tl_run_tuning),
     };
     past.gap = past.gap < 0 ? 0 : past.gap;
     if (past.checkpoint_size != 0) {
@@ -176,7 +213,8 @@ tl_status tl_past_read(const void *image, size_t size, const tl_config *config, 
     }
     if (status == TL_OK) {
         tl_past read = past_of(&found, (const unsigned char *)image + sizeof found, now);
-        status = check_ticks(&read, error);
+        status = check_tunings(&read, error);
+        status = status == TL_OK ? check_ticks(&read, error) : status;
         *past = status == TL_OK ? read : *past;
     }
     return status;

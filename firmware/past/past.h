@@ -3,7 +3,7 @@
  * Purpose: a run that was ended by a kill, a crash, a restart or a reboot is gone on with: from a checkpoint, or from the FMUs' start values,
  *          the new twin is led along the samples and the u of that run (past_follow.h). Who looks for them, in a database
  *          (past_history.h) or in what a dead process has left (past_outbox.h), may be another process than the twin's.
- * Image:   a past as bytes without pointers, at most TL_PAST_MOST of them: a head, the checkpoint, the packed ticks. It is for the same program
+ * Image:   a past as bytes without pointers, at most TL_PAST_MOST of them: a head, the checkpoint, the tunings, the packed ticks. It is for the same program
  *          and machine only.
  * Trust:   tl_past_read() believes nothing of an image, and checks all of it. What is checked may not change any more: an image that
  *          others can write is copied first, and they say when it is whole.
@@ -25,6 +25,7 @@
 
 enum {
     TL_PAST_TICKS = 5000, /* to be followed at most; what records them takes some 0.1 ms each */
+    TL_PAST_TUNINGS = 16, /* what was in force first, and the newest of what was taken since */
     TL_PAST_NAME = 32,
     TL_PAST_TEXT = 224 /* of what is told */
 };
@@ -47,6 +48,9 @@ typedef struct tl_past {
     int64_t checkpoint_tick;         /* first − 1 */
     const unsigned char *checkpoint; /* NULL: none */
     size_t checkpoint_size;
+    const unsigned char *
+        tunings; /* tl_run_tuning one behind the other, anywhere; in force at their ticks, or before the first of all */
+    size_t tuning_count;
     tl_past_shape shape;
     const unsigned char *ticks; /* packed */
 } tl_past;
@@ -57,8 +61,11 @@ typedef void tl_past_tell(void *context, tl_severity severity, const char *text)
 /* Its signals and adjusted variables. `config` is one whose second look-ups are signals (tl_config_use_lookups()), here and below. */
 tl_past_shape tl_past_shape_of(const tl_config *config);
 
-/* An image of so many ticks, and a checkpoint of so many bytes. */
-size_t tl_past_image_bytes(const tl_past_shape *shape, size_t ticks, size_t checkpoint);
+/* An image of so many ticks, a checkpoint of so many bytes, and so many tunings. */
+size_t tl_past_image_bytes(const tl_past_shape *shape, size_t ticks, size_t checkpoint, size_t tunings);
+
+/* Of all that was taken in a run, in the order of their ticks, what matters from `first` to `last`: to the front. How many. */
+size_t tl_past_choose_tunings(tl_run_tuning *tunings, size_t count, int64_t first, int64_t last);
 
 /* The image, as large as that. Gap and age are not in it. */
 void tl_past_write(const tl_past *past, void *image);

@@ -8,6 +8,7 @@
 
 #include "firmware/base/clock.h"
 #include "firmware/twin/twin_recorder.h"
+#include "firmware/twin/twin_step.h"
 
 static const tl_time PATIENCE = 2 * TL_SECOND;
 
@@ -16,6 +17,9 @@ typedef struct follower {
     const tl_past *past;
     tl_time until;           /* CLOCK_MONOTONIC: nobody waits for room for longer */
     char name[TL_PAST_NAME]; /* of its run */
+    tl_twin_tunings tunings; /* that are still to be taken; */
+    bool has_tuning;         /* one was, and is not recorded yet: */
+    tl_run_tuning tuning;    /* this */
 } follower;
 
 static void tell(const follower *self, tl_severity severity, const char *format, ...) TL_PRINTF(3, 4);
@@ -92,8 +96,17 @@ static void begin_run(const follower *self, const tl_resumption *resumption) {
     }
 }
 
-static void put_sample(const follower *self, const tl_sample *sample) {
+static void put_tuning(follower *self) {
+    if (self->has_tuning) {
+        wait_for_room(self);
+        (void)tl_outbox_put_tuning(self->settings->outbox, &self->tuning);
+        self->has_tuning = false;
+    }
+}
+
+static void put_sample(follower *self, const tl_sample *sample) {
     if (self->settings->outbox != NULL) {
+        put_tuning(self);
         wait_for_room(self);
         (void)tl_outbox_put_sample(self->settings->outbox, sample); /* what is lost is counted there */
     }
@@ -105,13 +118,46 @@ static void put_step(const follower *self, const tl_record *record) {
     }
 }
 
+/* ---- what was in force ---- */
+
+/* Of the new run, at this tick; what it was begun with needs no saying, and has the number that it has now. */
+static void note_tuning(follower *self, const tl_run_tuning *tuning, int64_t tick) {
+    const tl_outbox *outbox = self->settings->outbox;
+    const tl_run_tuning *in_force = outbox != NULL ? tl_outbox_tuning(outbox) : NULL;
+    self->has_tuning = in_force != NULL && (self->has_tuning || strcmp(in_force->hash, tuning->hash) != 0);
+    self->tuning = *tuning;
+    self->tuning.tick = tick;
+    if (outbox != NULL && strcmp(outbox->configured.hash, tuning->hash) == 0) {
+        self->tuning.number = outbox->configured.number;
+    }
+}
+
+/* Nothing is searched here, so that more evaluations than there is room for do no harm. */
+static void take_tunings(follower *self, int64_t tick) {
+    tl_assembly *assembly = self->settings->assembly;
+    tl_run_tuning tuning;
+    tl_error error;
+    while (tl_twin_tunings_next(&self->tunings, tick, &tuning)) {
+        if (tuning.values.evaluations > assembly->tuning.evaluations) {
+            tuning.values.evaluations = assembly->tuning.evaluations;
+        }
+        if (tl_assembly_retune(assembly, &tuning.values, &error) == TL_OK) {
+            note_tuning(self, &tuning, tick);
+        } else {
+            tell(self, TL_EVENT_WARNING, "what %s took at tick %" PRId64 " is passed over: %.140s", self->name,
+                 tuning.tick, error.text);
+        }
+    }
+}
+
 /* ---- following ---- */
 
-static tl_status follow_tick(const follower *self, const tl_past_tick *tick, tl_summary *summary, tl_error *error) {
+static tl_status follow_tick(follower *self, const tl_past_tick *tick, tl_summary *summary, tl_error *error) {
     const tl_assembly *assembly = self->settings->assembly;
     tl_record record;
     bool ready = false;
     bool ahead = assembly->config.measurements == TL_AHEAD; /* the step before comes before the sample */
+    take_tunings(self, tick->sample.tick);
     tl_summary_sample(summary, &assembly->config, &tick->sample);
     if (!ahead) {
         put_sample(self, &tick->sample);
@@ -130,7 +176,7 @@ static tl_status follow_tick(const follower *self, const tl_past_tick *tick, tl_
     return status;
 }
 
-static tl_status follow(const follower *self, tl_summary *summary, tl_error *error) {
+static tl_status follow(follower *self, tl_summary *summary, tl_error *error) {
     tl_past_tick tick;
     tl_status status = TL_OK;
     for (int64_t number = self->past->first; status == TL_OK && tl_past_tick_at(self->past, number, &tick); number++) {
@@ -156,7 +202,7 @@ static void tell_all(const follower *self, tl_time took) {
 }
 
 /* From where the twin stands now. A failure leaves a new twin, and a run that is of no use. */
-static tl_status go_on(const follower *self, tl_summary *summary, tl_past_outcome *outcome, tl_error *error) {
+static tl_status go_on(follower *self, tl_summary *summary, tl_past_outcome *outcome, tl_error *error) {
     const tl_past *past = self->past;
     tl_time begun = tl_clock_now(NULL);
     summary->resumption = (tl_resumption){
@@ -164,6 +210,8 @@ static tl_status go_on(const follower *self, tl_summary *summary, tl_past_outcom
     begin_run(self, &summary->resumption);
     tl_status status = follow(self, summary, error);
     if (status == TL_OK) {
+        take_tunings(self, past->last + 1); /* where there was no tick to be followed */
+        put_tuning(self);
         tell_all(self, tl_clock_now(NULL) - begun);
         return TL_OK;
     }
@@ -178,7 +226,10 @@ static tl_status go_on(const follower *self, tl_summary *summary, tl_past_outcom
 
 tl_status tl_past_follow(const tl_past_follow_settings *settings, const tl_past *past, tl_summary *summary,
                          tl_past_outcome *outcome, tl_error *error) {
-    follower self = {.settings = settings, .past = past, .until = tl_clock_now(NULL) + PATIENCE};
+    follower self = {.settings = settings,
+                     .past = past,
+                     .until = tl_clock_now(NULL) + PATIENCE,
+                     .tunings = {.bytes = past->tunings, .count = past->tuning_count}};
     (void)tl_past_name(past->run, self.name);
     *summary = (tl_summary){0};
     *outcome = TL_PAST_FOLLOWED;

@@ -35,6 +35,9 @@ struct tl_past_history {
     int looked;                /* checkpoints looked at, */
     int64_t before;            /* all of them of this tick or later */
     tl_past_ticks ticks;
+    const tl_history_tuning *taken; /* by the run */
+    size_t taken_count;
+    tl_run_tuning tunings[TL_PAST_TUNINGS];
     tl_past found;
     char why[TL_PAST_WHY]; /* the twin begins anew; "": nothing worth saying */
 };
@@ -103,12 +106,17 @@ static tl_status find_run(tl_past_history *self, tl_error *error) {
     return status;
 }
 
+/* What was in force when it ended. */
+static const char *hash_at_end(const tl_past_history *self) {
+    return self->taken_count != 0 ? self->taken[self->taken_count - 1].hash : self->run->configuration_hash;
+}
+
 static bool is_same(tl_past_history *self) {
     const tl_history_run *run = self->run;
     if (run->fmus[0] == '\0' || run->boot[0] == '\0' || !run->has_start) {
         return tl_past_refuse(self->why, "run %" PRId64 " does not tell what it takes to go on with it", run->run);
     }
-    if (strcmp(run->configuration_hash, config_of(self)->hash) != 0) {
+    if (strcmp(hash_at_end(self), config_of(self)->hash) != 0) {
         return tl_past_refuse(self->why, "the configuration is not that of run %" PRId64, run->run);
     }
     return strcmp(run->fmus, self->settings.fmus) == 0 ||
@@ -158,6 +166,9 @@ static tl_status find(tl_past_history *self, bool *found, tl_error *error) {
         return status;
     }
     status = last_tick(self, run, &self->last, error);
+    if (status == TL_OK) {
+        status = tl_history_tunings(self->history, run, &self->taken, &self->taken_count, error);
+    }
     *found = status == TL_OK && tl_past_was_interrupted(run->run, run->ended_reason, self->why) && is_same(self) &&
              find_time(self) &&
              tl_past_is_under_way(run->run, config_of(self), self->last, self->gap, run->lead, self->why);
@@ -201,9 +212,40 @@ static tl_status survey(tl_past_history *self, int64_t from, tl_error *error) {
     return status;
 }
 
+/* ---- what was in force ---- */
+
+/* A text that is no configuration any more is passed over: nothing is searched with it. */
+static bool read_tuning(tl_past_history *self, const char *hash, int64_t tick, tl_run_tuning *tuning) {
+    const char *text = NULL;
+    tl_error error;
+    *tuning = (tl_run_tuning){.tick = tick};
+    (void)snprintf(tuning->hash, sizeof tuning->hash, "%s", hash);
+    return tl_history_text(self->history, hash, &text, &error) == TL_OK &&
+           tl_config_tuning_of(config_of(self), text, &tuning->values, &error) == TL_OK;
+}
+
+/* In force at `first`, and the newest that were taken up to `last`. */
+static size_t read_tunings(tl_past_history *self, int64_t first, int64_t last) {
+    size_t from = 0; /* of those after the one in force */
+    size_t to = 0;
+    for (size_t i = 0; i < self->taken_count; i++) {
+        from = self->taken[i].tick <= first ? i + 1 : from;
+        to = self->taken[i].tick <= last ? i + 1 : to;
+    }
+    bool own = from == 0;
+    const char *hash = own ? self->run->configuration_hash : self->taken[from - 1].hash;
+    size_t count = read_tuning(self, hash, own ? 0 : self->taken[from - 1].tick, &self->tunings[0]) ? 1 : 0;
+    from = to > from + TL_PAST_TUNINGS - 1 ? to - (TL_PAST_TUNINGS - 1) : from;
+    for (size_t i = from; i < to; i++) {
+        count += read_tuning(self, self->taken[i].hash, self->taken[i].tick, &self->tunings[count]) ? 1 : 0;
+    }
+    return count;
+}
+
 /* The past from the ticks that were looked at, up to `last`. */
 static void take(tl_past_history *self, tl_resumed_from from, int64_t last, const tl_history_checkpoint *checkpoint) {
     int64_t started = 0;
+    size_t tunings = self->taken_count != 0 ? read_tunings(self, self->ticks.first, last) : 0;
     (void)tl_utc_parse(self->run->started, &started);
     self->found = (tl_past){
         .from = from,
@@ -215,6 +257,8 @@ static void take(tl_past_history *self, tl_resumed_from from, int64_t last, cons
         .started = started,
         .checkpoint = checkpoint != NULL ? checkpoint->bytes : NULL,
         .checkpoint_size = checkpoint != NULL ? checkpoint->size : 0,
+        .tunings = (const unsigned char *)self->tunings,
+        .tuning_count = tunings,
         .shape = self->ticks.shape,
         .ticks = self->ticks.bytes,
     };
@@ -328,7 +372,8 @@ bool tl_past_history_next(tl_past_history *history, size_t *size) {
     }
     if (found) {
         const tl_past *past = &history->found;
-        *size = tl_past_image_bytes(&past->shape, (size_t)(past->last - past->first + 1), past->checkpoint_size);
+        *size = tl_past_image_bytes(&past->shape, (size_t)(past->last - past->first + 1), past->checkpoint_size,
+                                    past->tuning_count);
     } else if (history->why[0] != '\0') {
         tell(history, TL_EVENT_INFO, "begins anew: %s", history->why);
         history->why[0] = '\0';

@@ -27,11 +27,13 @@ typedef struct stretch {
     tl_resumption beginning;
     bool has_checkpoint; /* `left` of the walk, and no hole since */
     bool has_hole;
-    bool has_begun;      /* `ticks` say which tick is to come */
-    tl_past_ticks ticks; /* since the last hole */
-    int64_t last;        /* the last tick that has a step; −1: none */
-    tl_time used;        /* ns, by searches, */
-    uint64_t executions; /* of so many executions */
+    bool has_begun;                         /* `ticks` say which tick is to come */
+    tl_past_ticks ticks;                    /* since the last hole */
+    int64_t last;                           /* the last tick that has a step; −1: none */
+    tl_time used;                           /* ns, by searches, */
+    uint64_t executions;                    /* of so many executions */
+    tl_run_tuning tunings[TL_PAST_TUNINGS]; /* in force first, and the newest that were taken since */
+    size_t tuning_count;
     bool ended;
     char reason[TL_RECORDER_REASON];
 } stretch;
@@ -62,11 +64,15 @@ static const tl_config *config_of(const tl_past_outbox *self) {
 
 /* ---- one stretch ---- */
 
-static void begin_stretch(const tl_past_outbox *self, stretch *run, const tl_resumption *beginning) {
+static void begin_stretch(const tl_past_outbox *self, stretch *run, const tl_resumption *beginning,
+                          const tl_run_tuning *in_force) {
     unsigned char *bytes = run->ticks.bytes; /* its memory is used again */
     size_t capacity = run->ticks.capacity;
     *run = (stretch){.is_there = true, .beginning = *beginning, .last = -1};
     run->ticks = (tl_past_ticks){.shape = tl_past_shape_of(config_of(self)), .bytes = bytes, .capacity = capacity};
+    run->tunings[0] = *in_force;
+    run->tunings[0].tick = 0;
+    run->tuning_count = in_force->hash[0] != '\0' ? 1 : 0;
 }
 
 /* One that was ended before it had a step of its own has nothing that the run before it has not. */
@@ -121,6 +127,20 @@ static void take_step(tl_past_outbox *self, const tl_record *record) {
     }
 }
 
+/* The same tick's twice, if a successor died in it. What is too many leaves the second oldest out. */
+static void take_tuning(tl_past_outbox *self, const tl_run_tuning *tuning) {
+    stretch *run = &self->newest;
+    int64_t before = run->tuning_count != 0 ? run->tunings[run->tuning_count - 1].tick : 0;
+    if (!run->is_there || !is_tick(self, tuning->tick) || tuning->tick < before || tuning->hash[0] == '\0') {
+        return;
+    }
+    if (run->tuning_count == TL_PAST_TUNINGS) {
+        run->tuning_count--;
+        memmove(&run->tunings[1], &run->tunings[2], (TL_PAST_TUNINGS - 2) * sizeof run->tunings[0]);
+    }
+    run->tunings[run->tuning_count++] = *tuning;
+}
+
 /* ---- the walk ---- */
 
 static void choose_newest(tl_past_outbox *self) {
@@ -143,7 +163,7 @@ static void take_entry(tl_past_outbox *self, const tl_recorder_entry *entry) {
     switch (entry->kind) {
     case TL_ENTRY_START:
         choose(self);
-        begin_stretch(self, &self->newest, &entry->beginning);
+        begin_stretch(self, &self->newest, &entry->beginning, &entry->tuning);
         self->newest.holds = entry->holds;
         break;
     case TL_ENTRY_SAMPLE:
@@ -155,6 +175,9 @@ static void take_entry(tl_past_outbox *self, const tl_recorder_entry *entry) {
     case TL_ENTRY_END:
         self->newest.ended = true;
         memcpy(self->newest.reason, entry->reason, sizeof entry->reason);
+        break;
+    case TL_ENTRY_TUNING:
+        take_tuning(self, &entry->tuning);
         break;
     }
 }
@@ -168,7 +191,7 @@ static bool begin_walk(tl_past_outbox *self, unsigned which, uint64_t *position)
     if (self->left.tick < -1 || !is_tick(self, self->left.tick + 1)) {
         return false;
     }
-    begin_stretch(self, &self->newest, &self->left.beginning);
+    begin_stretch(self, &self->newest, &self->left.beginning, &self->left.tuning);
     self->newest.has_checkpoint = self->left.size != 0;
     self->newest.has_begun = self->left.size != 0;
     self->newest.last = self->left.tick;
@@ -221,7 +244,8 @@ static int64_t most_followed(const tl_past_outbox *self, const stretch *run) {
 
 /* ---- from where ---- */
 
-static void take(tl_past_outbox *self, const stretch *run, tl_resumed_from from, int64_t last) {
+static void take(tl_past_outbox *self, stretch *run, tl_resumed_from from, int64_t last) {
+    run->tuning_count = tl_past_choose_tunings(run->tunings, run->tuning_count, run->ticks.first, last);
     self->found = (tl_past){
         .from = from,
         .run = TL_PAST_UNNUMBERED,
@@ -232,13 +256,15 @@ static void take(tl_past_outbox *self, const stretch *run, tl_resumed_from from,
         .started = run->beginning.started,
         .checkpoint = from == TL_RESUMED_CHECKPOINT ? self->left.bytes : NULL,
         .checkpoint_size = from == TL_RESUMED_CHECKPOINT ? self->left.size : 0,
+        .tunings = (const unsigned char *)run->tunings,
+        .tuning_count = run->tuning_count,
         .shape = run->ticks.shape,
         .ticks = run->ticks.bytes,
     };
 }
 
 /* Of mode ahead it may lead one tick further. */
-static bool take_checkpoint(tl_past_outbox *self, const stretch *run) {
+static bool take_checkpoint(tl_past_outbox *self, stretch *run) {
     int64_t last = tl_past_ticks_last(&run->ticks);
     bool leads = run->has_checkpoint && last >= run->last && last - self->left.tick <= most_followed(self, run);
     if (leads) {
@@ -308,7 +334,8 @@ static void tell_why(const tl_past_outbox *self, const char *why) {
 static bool make_image(tl_past_outbox *self, tl_past *past) {
     const tl_past *found = &self->found;
     tl_error error = {TL_OK, ""};
-    size_t size = tl_past_image_bytes(&found->shape, (size_t)(found->last - found->first + 1), found->checkpoint_size);
+    size_t size = tl_past_image_bytes(&found->shape, (size_t)(found->last - found->first + 1), found->checkpoint_size,
+                                      found->tuning_count);
     free(self->image);
     self->image = malloc(size);
     if (self->image == NULL) {

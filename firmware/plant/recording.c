@@ -187,6 +187,11 @@ tl_status tl_recording_open(const char *path, const tl_config *config, tl_record
     return TL_OK;
 }
 
+tl_recording_tunings tl_recording_get_tunings(const tl_recording *recording) {
+    return recording->database != NULL ? tl_recording_database_tunings(recording->database)
+                                       : (tl_recording_tunings){.recorded = 0};
+}
+
 const tl_recording_beginning *tl_recording_get_beginning(const tl_recording *recording) {
     return recording->database != NULL ? tl_recording_database_beginning(recording->database) : NULL;
 }

@@ -30,6 +30,9 @@ tl_status tl_recording_open(const char *path, const tl_config *config, tl_record
 /* NULL: it begins at tick 0, as any twin does. */
 const tl_recording_beginning *tl_recording_get_beginning(const tl_recording *recording);
 
+/* None in most. */
+tl_recording_tunings tl_recording_get_tunings(const tl_recording *recording);
+
 /* The next tick, from 0, or where it begins. *end where the recording does not reach the tick's instant. */
 tl_status tl_recording_next(tl_recording *recording, tl_recording_tick *tick, bool *end, tl_error *error);
 

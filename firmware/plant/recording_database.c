@@ -23,6 +23,9 @@ struct tl_recording_database {
     bool by_recording; /* stamps are those of the recording that the run replayed … */
     tl_time start;     /* … and so is t_start; else 0 */
     tl_recording_beginning beginning;
+    tl_recording_tunings tunings;
+    tl_run_tuning *tuning_list;
+    tl_recorder_known *tuning_known;
     /* where signals are looked up anew */
     bool anew;
     tl_time posted[TL_MAX_SIGNALS]; /* stamp of the newest */
@@ -124,6 +127,85 @@ static tl_status find_beginning(tl_recording_database *database, const tl_histor
     return loads ? find_checkpoint(database, run, error) : TL_OK;
 }
 
+/* ---- tunings ---- */
+
+/* What a text says, for a twin that is built with `own`. More evaluations than that has room for were in force only in what the run followed of an
+ * earlier one, where nothing was searched. */
+static tl_status parse_tuning(const char *text, const tl_config *own, tl_tuning *tuning, tl_error *error) {
+    tl_tuning built;
+    tl_config_tuning(own, &built);
+    tl_status status = tl_config_tuning_of(own, text, tuning, error);
+    if (status == TL_OK && tuning->evaluations > built.evaluations) {
+        tuning->evaluations = built.evaluations;
+    }
+    return status == TL_OK ? tl_tuning_fits(tuning, &built, error) : status;
+}
+
+/* One that was met before need not be read again. */
+static bool copy_earlier(tl_recording_database *database, size_t index) {
+    tl_run_tuning *list = database->tuning_list;
+    for (size_t i = 0; i < index; i++) {
+        if (strcmp(list[i].hash, list[index].hash) == 0) {
+            list[index].values = list[i].values;
+            database->tuning_known[index].text = database->tuning_known[i].text;
+            return true;
+        }
+    }
+    return false;
+}
+
+static tl_status take_tuning(tl_recording_database *database, const tl_history_run *run, const tl_history_tuning *found,
+                             size_t index, tl_error *error) {
+    tl_run_tuning *tuning = &database->tuning_list[index];
+    tl_recorder_known *known = &database->tuning_known[index];
+    tl_error why;
+    tuning->tick = found->tick;
+    (void)snprintf(tuning->hash, sizeof tuning->hash, "%s", found->hash);
+    *known = (tl_recorder_known){
+        .hash = found->hash, .at = found->at, .who = found->who, .origin = found->origin, .why = found->why};
+    if (copy_earlier(database, index)) {
+        return TL_OK;
+    }
+    tl_status status = tl_history_text(database->history, found->hash, &known->text, error);
+    if (status == TL_OK) {
+        status = parse_tuning(known->text, database->config, &tuning->values, &why);
+        return status == TL_OK ? TL_OK
+                               : tl_fail(error, TL_BAD_DATA,
+                                         "%s: run %" PRId64 " took the configuration %.12s at tick %" PRId64
+                                         ", which cannot be followed: %.200s",
+                                         database->path, run->run, found->hash, found->tick, why.text);
+    }
+    return status;
+}
+
+/* All of them, if they are to be followed; else how many there are. */
+static tl_status find_tunings(tl_recording_database *database, const tl_history_run *run, tl_error *error) {
+    const tl_history_tuning *found = NULL;
+    size_t count = 0;
+    tl_status status = tl_history_tunings(database->history, run, &found, &count, error);
+    database->tunings.recorded = status == TL_OK ? count : 0;
+    if (status != TL_OK || count == 0 || !database->same_configuration) {
+        return status;
+    }
+    if (count > TL_RECORDING_TUNINGS) {
+        return tl_fail(error, TL_BAD_DATA,
+                       "%s: run %" PRId64 " took %zu configurations while it ran: at most %d can be followed",
+                       database->path, run->run, count, (int)TL_RECORDING_TUNINGS);
+    }
+    database->tuning_list = calloc(count, sizeof *database->tuning_list);
+    database->tuning_known = calloc(count, sizeof *database->tuning_known);
+    if (database->tuning_list == NULL || database->tuning_known == NULL) {
+        return tl_fail(error, TL_TRY_AGAIN, "%s: not enough memory", database->path);
+    }
+    for (size_t i = 0; status == TL_OK && i < count; i++) {
+        status = take_tuning(database, run, &found[i], i, error);
+    }
+    database->tunings.list = database->tuning_list;
+    database->tunings.known = database->tuning_known;
+    database->tunings.count = count;
+    return status;
+}
+
 static tl_status open_run(tl_recording_database *database, const tl_config *config, int64_t *ticks, tl_error *error) {
     const tl_history_run *run = NULL;
     int64_t first = 0;
@@ -149,7 +231,8 @@ static tl_status open_run(tl_recording_database *database, const tl_config *conf
     database->anew = config->delays != NULL && !database->same_configuration;
     database->by_recording = strcmp(run->verb, "replay") == 0;
     *ticks = last + 1;
-    return find_beginning(database, run, first, error);
+    status = find_tunings(database, run, error);
+    return status == TL_OK ? find_beginning(database, run, first, error) : status;
 }
 
 tl_status tl_recording_database_open(const char *path, const tl_config *config, tl_recording_database **database,
@@ -250,8 +333,14 @@ void tl_recording_database_close(tl_recording_database *database) {
     }
     tl_history_ticks_end(database->ticks);
     tl_history_close(database->history);
+    free(database->tuning_list);
+    free(database->tuning_known);
     free(database->mail);
     free(database);
+}
+
+tl_recording_tunings tl_recording_database_tunings(const tl_recording_database *database) {
+    return database->tunings;
 }
 
 const tl_recording_beginning *tl_recording_database_beginning(const tl_recording_database *database) {

@@ -26,6 +26,18 @@ typedef struct tl_recording_tick {
     double u[TL_MAX_ADJUST]; /* which committed this */
 } tl_recording_tick;
 
+/* What a run took of other configurations while it ran. Lives as long as the recording. */
+typedef struct tl_recording_tunings {
+    size_t recorded; /* how many */
+    /* With the run's own configuration they are followed, in the order of their ticks; with another they are not, and there are none: */
+    const tl_run_tuning *list;
+    const tl_recorder_known *known; /* whose configurations these are */
+    size_t count;                   /* of both */
+} tl_recording_tunings;
+
+/* More are not followed. */
+enum { TL_RECORDING_TUNINGS = 4096 };
+
 /* Of a run that does not begin at tick 0 with the FMUs' start values. Lives as long as the recording. */
 typedef struct tl_recording_beginning {
     int64_t run;                             /* of the database */

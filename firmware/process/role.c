@@ -23,18 +23,45 @@ enum { PROGRAM = TL_ROLE_DESCRIPTORS, NEWS, FIRST_TO_CLOSE, GATHER = FIRST_TO_CL
 
 /* Of the process. */
 static int program = -1;
+static char **words;               /* of its command line, as it was; NULL: it has a role */
 static int program_fault = ENOSYS; /* why there is none */
 static pid_t parent;               /* of a process with a role */
 
 /* ---- At the start ---- */
 
+/* Options are put into another order later. */
+static void keep_words(char *const *argv) {
+    size_t count = 0;
+    while (argv[count] != NULL) {
+        count++;
+    }
+    words = calloc(count + 1, sizeof *words);
+    for (size_t i = 0; words != NULL && i < count; i++) {
+        words[i] = argv[i];
+    }
+}
+
 const char *tl_role_begin(char *const *argv) {
     if (argv[0] != NULL && strncmp(argv[0], PREFIX, strlen(PREFIX)) == 0) {
         return argv[0] + strlen(PREFIX);
     }
+    keep_words(argv);
+    tl_role_open_program();
+    return NULL;
+}
+
+void tl_role_open_program(void) {
     program = open("/proc/self/exe", O_RDONLY | O_CLOEXEC);
     program_fault = program < 0 ? errno : 0;
-    return NULL;
+}
+
+void tl_role_begin_anew(void) {
+    sigset_t none;
+    (void)sigemptyset(&none);
+    (void)pthread_sigmask(SIG_SETMASK, &none, NULL);
+    if (words != NULL && program >= 0) {
+        (void)fexecve(program, words, environ);
+    }
 }
 
 void tl_role_enter(void) {

@@ -45,6 +45,13 @@ typedef struct tl_role {
 /* First of all in main(). The title of the role it was started as, which lives as long as argv; NULL: an ordinary start. */
 const char *tl_role_begin(char *const *argv);
 
+/* In a process with a role that starts others itself. */
+void tl_role_open_program(void);
+
+/* In a process without a role, once all its children have ended: it becomes the program that it was started as, with the same command line, anew. Returns
+ * if that cannot be. */
+void tl_role_begin_anew(void);
+
 /* In a process with a role: it is killed when its parent ends, now and from now on. Again after the user has changed, which undoes it. Ends the
  * process if the parent is gone. */
 void tl_role_enter(void);

@@ -82,6 +82,11 @@ void tl_recorder_put_step(tl_recorder *recorder, const tl_record *record, const 
     (void)tl_outbox_put_step(&recorder->outbox, record, ledger);
 }
 
+void tl_recorder_put_tuning(tl_recorder *recorder, const tl_run_tuning *tuning) {
+    wait_for_room(recorder);
+    (void)tl_outbox_put_tuning(&recorder->outbox, tuning);
+}
+
 void tl_recorder_event(tl_recorder *recorder, int64_t tick, tl_severity severity, const char *source,
                        const char *text) {
     tl_outbox_event(&recorder->outbox, tick, severity, source, text);

@@ -45,6 +45,9 @@ tl_status tl_recorder_open(const tl_recorder_settings *settings, tl_recorder **r
 void tl_recorder_put_sample(tl_recorder *recorder, const tl_sample *sample);
 void tl_recorder_put_step(tl_recorder *recorder, const tl_record *record, const tl_recorder_component *ledger);
 
+/* The twin has this from its tick on: before that tick's sample. Its configuration is one of settings.known, or that of the settings. */
+void tl_recorder_put_tuning(tl_recorder *recorder, const tl_run_tuning *tuning);
+
 /* Any thread, wait-free, the cycle's too. `source` is one word ("plant", "cycle", "twin"); `tick` −1 where it belongs to
  * none. Both texts are copied and cut to what an entry holds (31 and 223 bytes). */
 void tl_recorder_event(tl_recorder *recorder, int64_t tick, tl_severity severity, const char *source, const char *text);

@@ -52,10 +52,19 @@ static int write_row(tl_recorder_batch *batch) {
     return code;
 }
 
+/* Bytes of texts that may be written with the batch. */
+static size_t configurations(const tl_recorder_batch *batch) {
+    const tl_recorder_settings *record = batch->settings.file->record;
+    size_t bytes = batch->next.run == 0 ? strlen(record->configuration) : 0;
+    for (size_t i = 0; i < record->known_count; i++) {
+        const tl_recorder_known *known = &record->known[i];
+        bytes += known->number > batch->next.tuning.number ? strlen(known->text) : 0;
+    }
+    return bytes;
+}
+
 static int begin_transaction(tl_recorder_batch *batch, size_t bytes) {
-    const char *text = batch->settings.file->record->configuration;
-    size_t configuration = batch->next.run == 0 ? strlen(text) : 0;
-    int code = tl_recorder_database_begin(database_of(batch), batch->next.run, bytes + configuration);
+    int code = tl_recorder_database_begin(database_of(batch), batch->next.run, bytes + configurations(batch));
     return code == SQLITE_OK ? write_row(batch) : code;
 }
 
@@ -101,6 +110,7 @@ static tl_outbox_start start_of(const tl_recorder_batch *batch) {
     if (!start.holds) {
         start.account = batch->entry.account;
         memcpy(start.fmus, batch->entry.fmus, sizeof start.fmus);
+        start.configured = batch->entry.tuning;
     }
     if (start.resumption.run < 0) {
         start.resumption.run = batch->next.run; /* the one before */
@@ -119,6 +129,7 @@ static void take_beginning(tl_recorder_batch *batch, uint64_t position) {
     next->own = 0;
     next->has_begun = true;
     next->is_untimed = false;
+    next->tuning = (tl_run_tuning){.number = next->tuning.number};
     next->taken[0].ring = position;
     batch->settings.file->goes_on = false;
 }
@@ -194,25 +205,57 @@ static int write_events(tl_recorder_batch *batch, size_t most) {
     return code;
 }
 
-static int write_sample_or_step(tl_recorder_batch *batch) {
+/* Is it one of the run, and can it be written? Else it is dropped. */
+static int write_part(tl_recorder_batch *batch, bool *written) {
     tl_recorder_mark *next = &batch->next;
     bool impossible = next->has_ended;
     int code = SQLITE_OK;
     if (!impossible) {
         code = tl_recorder_database_entry(database_of(batch), &batch->entry, &impossible);
     }
+    *written = !impossible;
     if (impossible) {
         drop(batch);
         return SQLITE_OK;
     }
     next->written++;
+    return code;
+}
+
+static int write_tuning(tl_recorder_batch *batch) {
+    bool written = false;
+    int code = write_part(batch, &written);
+    batch->next.tuning = written ? batch->entry.tuning : batch->next.tuning;
+    return code;
+}
+
+/* The run's beginning is in another file, and with it what was taken before this tick. */
+static int begin_at(tl_recorder_batch *batch, int64_t tick) {
+    tl_recorder_database *database = database_of(batch);
+    int code = tl_recorder_database_begin_at(database, tick);
+    bool impossible = false;
+    if (code == SQLITE_OK && batch->next.tuning.hash[0] != '\0' && batch->next.tuning.tick < tick) {
+        tl_run_tuning again = batch->next.tuning;
+        again.tick = tick;
+        code = tl_recorder_database_tuning(database, &again, &impossible);
+    }
+    return code;
+}
+
+static int write_sample_or_step(tl_recorder_batch *batch) {
+    tl_recorder_mark *next = &batch->next;
+    bool written = false;
+    int code = write_part(batch, &written);
+    if (!written) {
+        return code;
+    }
     if (batch->entry.kind == TL_ENTRY_STEP) {
         next->totals.steps++;
         return code;
     }
     next->totals.samples++;
     if (next->is_again && code == SQLITE_OK) {
-        code = tl_recorder_database_begin_at(database_of(batch), batch->entry.sample.tick);
+        code = begin_at(batch, batch->entry.sample.tick);
         next->is_again = false;
     }
     return code;
@@ -227,6 +270,8 @@ static int write_entry(tl_recorder_batch *batch) {
         batch->ends = !batch->next.has_ended;
         batch->next.has_ended = true;
         return SQLITE_OK;
+    case TL_ENTRY_TUNING:
+        return write_tuning(batch);
     default:
         return write_sample_or_step(batch);
     }
@@ -348,7 +393,7 @@ uint64_t tl_recorder_batch_count_left(tl_recorder_batch *batch) {
     uint64_t end = tl_recorder_inbox_end(batch->settings.inbox, position);
     uint64_t left = 0;
     while (position != end && take_entry(batch, &position, end)) {
-        left += batch->entry.kind == TL_ENTRY_SAMPLE || batch->entry.kind == TL_ENTRY_STEP ? 1 : 0;
+        left += batch->entry.kind != TL_ENTRY_START && batch->entry.kind != TL_ENTRY_END ? 1 : 0;
     }
     return left + (batch->next.has_begun ? count_events(batch, UINT64_MAX, TL_RECORDER_EVENTS) : 0);
 }

@@ -20,7 +20,8 @@ typedef struct beginning {
     const tl_recorder_settings *settings;
     const tl_outbox_start *start;
     int64_t run;
-    char hash[TL_SHA256_TEXT]; /* of the configuration */
+    char own[TL_SHA256_TEXT]; /* of the configuration of the settings, */
+    const char *hash;         /* and of that of the run */
 } beginning;
 
 void tl_recorder_beginning_repair(char *text) {
@@ -219,14 +220,15 @@ static int write_components(const beginning *self) {
 int tl_recorder_beginning_write(sqlite3 *connection, const tl_recorder_settings *settings, const tl_outbox_start *start,
                                 int64_t began, int64_t *run) {
     beginning self = {.connection = connection, .settings = settings, .start = start};
-    tl_sha256(settings->configuration, strlen(settings->configuration), self.hash);
+    tl_sha256(settings->configuration, strlen(settings->configuration), self.own);
+    self.hash = start->holds || start->configured.hash[0] == '\0' ? self.own : start->configured.hash;
     int code = tl_recorder_beginning_end_killed(connection);
     if (code == SQLITE_OK) {
         code = write_names(connection);
     }
     if (code == SQLITE_OK) {
         code = change(connection, "INSERT OR IGNORE INTO configurations (hash, text) VALUES (?2, ?3)", 0, self.hash,
-                      settings->configuration);
+                      strcmp(self.hash, self.own) == 0 ? settings->configuration : "");
     }
     if (code == SQLITE_OK) {
         code = write_run(&self, began);

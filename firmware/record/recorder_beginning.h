@@ -14,7 +14,8 @@
 #include "firmware/outbox/outbox.h"
 #include "firmware/record/recorder_settings.h"
 
-/* Ends what was left open in the file, and begins this one. `began`: UTC, ms. Gives its row's id. */
+/* Ends what was left open in the file, and begins this one. `began`: UTC, ms. Gives its row's id. The text of another configuration than that of the
+ * settings, which a twin was built with, is "" until somebody knows it. */
 int tl_recorder_beginning_write(sqlite3 *connection, const tl_recorder_settings *settings, const tl_outbox_start *start,
                                 int64_t began, int64_t *run);
 

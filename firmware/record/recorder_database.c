@@ -21,6 +21,10 @@ typedef enum statement {
     BEGINNING,
     GO_ON,
     BEGIN_AT,
+    CONFIGURATION,
+    TUNING,
+    TUNING_AGAIN,
+    IS_CONFIGURATION,
     CHECKPOINT,
     OLD_CHECKPOINTS,
     SAMPLE,
@@ -46,6 +50,16 @@ static const char *const sql_of[STATEMENTS] = {
     [GO_ON] = "UPDATE runs SET ended = NULL, ended_reason = NULL"
               " WHERE run = ?1 AND ended_reason = 'not ended cleanly'",
     [BEGIN_AT] = "UPDATE runs SET removed_before = ?2 WHERE run = ?1",
+    /* One that was not known when a run was begun with it is now. */
+    [CONFIGURATION] = "INSERT INTO configurations (hash, text) VALUES (?1, ?2)"
+                      " ON CONFLICT (hash) DO UPDATE SET text = excluded.text WHERE text = ''",
+    [TUNING] = "INSERT OR REPLACE INTO tunings (run, tick, configuration, at, who, origin, why)"
+               " VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7)",
+    /* As it was said before, by this run or one before it. */
+    [TUNING_AGAIN] = "INSERT OR REPLACE INTO tunings (run, tick, configuration, at, who, origin, why)"
+                     " SELECT ?1, ?2, ?3, at, who, origin, why FROM tunings WHERE configuration = ?3"
+                     " ORDER BY run DESC, tick DESC LIMIT 1",
+    [IS_CONFIGURATION] = "SELECT 1 FROM configurations WHERE hash = ?1",
     [CHECKPOINT] = "INSERT OR REPLACE INTO checkpoints (run, tick, format, sha256, bytes) VALUES (?1, ?2, ?3, ?4, ?5)",
     /* But the two newest, and what the run began with. */
     [OLD_CHECKPOINTS] = "DELETE FROM checkpoints WHERE run = ?1"
@@ -111,6 +125,27 @@ static void bind_text(sqlite3_stmt *prepared, int index, const char *text) {
     (void)sqlite3_bind_text(prepared, index, repaired, -1, sqlite3_free);
 }
 
+/* ---- Configurations ---------------------------------------------------------------------------------------------- */
+
+/* Whose text is known; NULL: it is not. */
+static const tl_recorder_known *find_known(const tl_recorder_database *database, const tl_run_tuning *tuning) {
+    const tl_recorder_settings *settings = database->settings;
+    for (size_t i = 0; i < settings->known_count; i++) {
+        const tl_recorder_known *known = &settings->known[i];
+        if (tuning->hash[0] != '\0' && strcmp(known->hash, tuning->hash) == 0) {
+            return known;
+        }
+    }
+    return NULL;
+}
+
+static int write_configuration(tl_recorder_database *database, const char *hash, const char *text) {
+    sqlite3_stmt *prepared = database->statements[CONFIGURATION];
+    bind_text(prepared, 1, hash);
+    bind_text(prepared, 2, text);
+    return run_statement(prepared);
+}
+
 /* ---- A batch ----------------------------------------------------------------------------------------------------- */
 
 size_t tl_recorder_database_batch(const tl_recorder_database *database) {
@@ -157,8 +192,12 @@ static int write_start(tl_recorder_database *database, const tl_resumption *begi
 
 int tl_recorder_database_begin_run(tl_recorder_database *database, const tl_outbox_start *start, bool timed,
                                    int64_t *run) {
+    const tl_recorder_known *known = find_known(database, &start->configured);
     int code =
         tl_recorder_beginning_write(database->connection, database->settings, start, tl_utc_now(), &database->run);
+    if (code == SQLITE_OK && known != NULL) {
+        code = write_configuration(database, known->hash, known->text);
+    }
     *run = database->run;
     return code == SQLITE_OK && timed ? write_start(database, &start->resumption) : code;
 }
@@ -285,14 +324,76 @@ static int write_ledger(tl_recorder_database *database) {
     return code;
 }
 
+/* ---- Tunings ---- */
+
+static void bind_tuning(sqlite3_stmt *prepared, int64_t run, const tl_run_tuning *tuning) {
+    (void)sqlite3_bind_int64(prepared, 1, run);
+    (void)sqlite3_bind_int64(prepared, 2, tuning->tick);
+    bind_text(prepared, 3, tuning->hash);
+}
+
+/* With what is known of it; NULL: nothing but that it was taken. */
+static int write_tuning_of(tl_recorder_database *database, const tl_run_tuning *tuning,
+                           const tl_recorder_known *known) {
+    char now[TL_UTC_TEXT];
+    sqlite3_stmt *prepared = database->statements[TUNING];
+    tl_utc_text(tl_utc_now(), now);
+    bind_tuning(prepared, database->run, tuning);
+    bind_text(prepared, 4, known != NULL && known->at != NULL ? known->at : now);
+    bind_text(prepared, 5, known != NULL ? known->who : "");
+    bind_text(prepared, 6, known != NULL ? known->origin : "");
+    bind_text(prepared, 7, known != NULL ? known->why : "");
+    return run_statement(prepared);
+}
+
+static int is_configuration(tl_recorder_database *database, const char *hash, bool *is) {
+    sqlite3_stmt *prepared = database->statements[IS_CONFIGURATION];
+    bind_text(prepared, 1, hash);
+    int code = sqlite3_step(prepared);
+    *is = code == SQLITE_ROW;
+    (void)sqlite3_reset(prepared);
+    return code == SQLITE_ROW || code == SQLITE_DONE ? SQLITE_OK : code;
+}
+
+/* As it was said before; else with nothing but that it was taken. */
+static int write_tuning_again(tl_recorder_database *database, const tl_run_tuning *tuning) {
+    bind_tuning(database->statements[TUNING_AGAIN], database->run, tuning);
+    int code = run_statement(database->statements[TUNING_AGAIN]);
+    bool done = sqlite3_changes(database->connection) > 0;
+    return code != SQLITE_OK || done ? code : write_tuning_of(database, tuning, NULL);
+}
+
+/* A text that nobody has told us is none that a replay could follow. */
+int tl_recorder_database_tuning(tl_recorder_database *database, const tl_run_tuning *tuning, bool *impossible) {
+    const tl_recorder_known *known = find_known(database, tuning);
+    bool is = known != NULL;
+    int code =
+        is ? write_configuration(database, known->hash, known->text) : is_configuration(database, tuning->hash, &is);
+    *impossible = !is;
+    if (code != SQLITE_OK || !is) {
+        return code;
+    }
+    bool is_told = known != NULL && (known->number == 0 || known->number == tuning->number);
+    return is_told ? write_tuning_of(database, tuning, known) : write_tuning_again(database, tuning);
+}
+
+static int64_t tick_of(const tl_recorder_entry *entry) {
+    return entry->kind == TL_ENTRY_SAMPLE   ? entry->sample.tick
+           : entry->kind == TL_ENTRY_TUNING ? entry->tuning.tick
+                                            : entry->record.step;
+}
+
 int tl_recorder_database_entry(tl_recorder_database *database, const tl_recorder_entry *entry, bool *impossible) {
-    int64_t tick = entry->kind == TL_ENTRY_SAMPLE ? entry->sample.tick : entry->record.step;
+    int64_t tick = tick_of(entry);
     *impossible = tick < 0 || tick >= last_tick(database);
     if (*impossible) {
         return SQLITE_OK;
     }
     if (entry->kind == TL_ENTRY_SAMPLE) {
         return write_sample(database, &entry->sample);
+    }
+    if (entry->kind == TL_ENTRY_TUNING) {
+        return tl_recorder_database_tuning(database, &entry->tuning, impossible);
     }
     keep_ledger(database, entry->ledger);
     return write_step(database, &entry->record);

@@ -61,8 +61,11 @@ int tl_recorder_database_give_up(tl_recorder_database *database);
 /* What comes is not the run's beginning, which is not in this file. */
 int tl_recorder_database_begin_at(tl_recorder_database *database, int64_t tick);
 
-/* A sample or a step. *impossible: its tick is none, and it is not written. */
+/* A sample, a step or a tuning. *impossible: its tick is none, or it is of a configuration that nobody knows, and it is not written. */
 int tl_recorder_database_entry(tl_recorder_database *database, const tl_recorder_entry *entry, bool *impossible);
+
+/* Its tick is one. */
+int tl_recorder_database_tuning(tl_recorder_database *database, const tl_run_tuning *tuning, bool *impossible);
 
 /* One that is larger than a file with this bound bears, or of a tick that is none, is left out. */
 int tl_recorder_database_checkpoint(tl_recorder_database *database, int64_t tick, const unsigned char *bytes,

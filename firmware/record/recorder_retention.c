@@ -20,6 +20,14 @@ enum {
     OVERHEAD_PAGES = 24   /* that a batch may add beside its rows */
 };
 
+/* But that which is in force in the first tick that stays. */
+static const char OLD_TUNINGS[] = "DELETE FROM tunings WHERE run = ?1 AND tick <"
+                                  " (SELECT max(tick) FROM tunings WHERE run = ?1 AND tick <= ?2)";
+
+static const char UNUSED_CONFIGURATIONS[] =
+    "DELETE FROM configurations WHERE hash NOT IN (SELECT configuration FROM runs)"
+    " AND hash NOT IN (SELECT configuration FROM tunings)";
+
 size_t tl_recorder_retention_log(int64_t max_bytes) {
     int64_t part = max_bytes / 16;
     return (size_t)(max_bytes == 0 || part > MOST_LOG ? MOST_LOG : part < LEAST_LOG ? LEAST_LOG : part);
@@ -136,9 +144,12 @@ static int newest_tick(tl_recorder_retention *retention, int64_t run, int64_t *t
 
 static int remove_ticks_before(tl_recorder_retention *retention, int64_t run, int64_t tick) {
     static const char *const statements[] = {
-        "DELETE FROM samples WHERE run = ?1 AND tick < ?2",         "DELETE FROM outputs WHERE run = ?1 AND step < ?2",
-        "DELETE FROM adjustments WHERE run = ?1 AND step < ?2",     "DELETE FROM steps WHERE run = ?1 AND step < ?2",
+        "DELETE FROM samples WHERE run = ?1 AND tick < ?2",
+        "DELETE FROM outputs WHERE run = ?1 AND step < ?2",
+        "DELETE FROM adjustments WHERE run = ?1 AND step < ?2",
+        "DELETE FROM steps WHERE run = ?1 AND step < ?2",
         "DELETE FROM checkpoints WHERE run = ?1 AND tick + 1 < ?2", /* what came after it is gone */
+        OLD_TUNINGS,
         "UPDATE runs SET removed_before = ?2 WHERE run = ?1",
     };
     int code = SQLITE_OK;
@@ -155,9 +166,10 @@ static int remove_rest(tl_recorder_retention *retention, int64_t run) {
         "DELETE FROM signals WHERE run = ?1 AND NOT EXISTS (SELECT 1 FROM events WHERE run = ?1)",
         "DELETE FROM components WHERE run = ?1 AND NOT EXISTS (SELECT 1 FROM events WHERE run = ?1)",
         "DELETE FROM checkpoints WHERE run = ?1 AND NOT EXISTS (SELECT 1 FROM events WHERE run = ?1)",
+        "DELETE FROM tunings WHERE run = ?1 AND NOT EXISTS (SELECT 1 FROM events WHERE run = ?1)",
         "DELETE FROM beginnings WHERE run = ?1 AND NOT EXISTS (SELECT 1 FROM events WHERE run = ?1)",
         "DELETE FROM runs WHERE run = ?1 AND NOT EXISTS (SELECT 1 FROM events WHERE run = ?1)",
-        "DELETE FROM configurations WHERE hash NOT IN (SELECT configuration FROM runs)",
+        UNUSED_CONFIGURATIONS,
     };
     int code = SQLITE_OK;
     for (size_t i = 0; i < sizeof statements / sizeof statements[0] && code == SQLITE_OK; i++) {

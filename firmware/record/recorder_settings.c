@@ -62,6 +62,21 @@ static const char *const *keep_texts(tl_arena *arena, const char *const *texts, 
     return copy;
 }
 
+static const tl_recorder_known *keep_known(tl_arena *arena, const tl_recorder_known *known, size_t count, bool *kept) {
+    tl_recorder_known *copy = tl_arena_take(arena, count, sizeof *copy);
+    *kept = *kept && copy != NULL;
+    for (size_t i = 0; i < count && *kept; i++) {
+        copy[i].number = known[i].number;
+        copy[i].hash = keep_text(arena, known[i].hash, kept);
+        copy[i].text = keep_text(arena, known[i].text, kept);
+        copy[i].at = keep_text(arena, known[i].at, kept);
+        copy[i].who = keep_text(arena, known[i].who, kept);
+        copy[i].origin = keep_text(arena, known[i].origin, kept);
+        copy[i].why = keep_text(arena, known[i].why, kept);
+    }
+    return copy;
+}
+
 bool tl_recorder_settings_copy(const tl_recorder_settings *settings, tl_arena *arena, tl_recorder_settings *copy) {
     bool kept = true;
     *copy = *settings;
@@ -69,6 +84,7 @@ bool tl_recorder_settings_copy(const tl_recorder_settings *settings, tl_arena *a
     copy->verb = keep_text(arena, settings->verb, &kept);
     copy->name = keep_text(arena, settings->name, &kept);
     copy->configuration = keep_text(arena, settings->configuration, &kept);
+    copy->known = keep_known(arena, settings->known, settings->known_count, &kept);
     copy->fmus = keep_text(arena, settings->fmus, &kept);
     copy->boot = keep_text(arena, settings->boot, &kept);
     copy->format = keep_text(arena, settings->format, &kept);

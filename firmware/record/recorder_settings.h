@@ -25,11 +25,13 @@ typedef struct tl_recorder_settings {
     tl_time commit;                    /* ns between commits, > 0, default 0.5 s */
     const char *verb;                  /* "run", "hold", "replay" */
     const char *name;                  /* of the configuration */
-    const char *configuration;         /* its text */
-    const char *fmus;                  /* SHA-256 over those of the FMUs, */
-    const char *boot;                  /* of the system, */
-    const char *format;                /* and of the bytes of checkpoints; each may be NULL */
-    tl_time step;                      /* T_S */
+    const char *configuration;         /* its text, */
+    const tl_recorder_known *known;    /* and others: they may change between two writes */
+    size_t known_count;
+    const char *fmus;   /* SHA-256 over those of the FMUs, */
+    const char *boot;   /* of the system, */
+    const char *format; /* and of the bytes of checkpoints; each may be NULL */
+    tl_time step;       /* T_S */
     uint32_t prediction;
     uint32_t lead; /* step i is computed at tick i + lead */
     tl_measurements measurements;

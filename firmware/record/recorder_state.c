@@ -48,6 +48,7 @@ void tl_recorder_state_show(tl_recorder_writer_state *state) {
     }
     __atomic_store_n(&state->written, mark->written, __ATOMIC_RELAXED);
     __atomic_store_n(&state->dropped, mark->dropped, __ATOMIC_RELAXED);
+    __atomic_store_n(&state->tuning, mark->tuning.number, __ATOMIC_RELAXED);
     if (mark->run != 0) {
         __atomic_store_n(&state->run, mark->run, __ATOMIC_RELAXED);
     }
@@ -99,6 +100,7 @@ tl_recorder_state_counts tl_recorder_state_get(const tl_recorder_writer_state *s
         .written = __atomic_load_n(&state->written, __ATOMIC_RELAXED),
         .dropped = __atomic_load_n(&state->dropped, __ATOMIC_RELAXED),
         .run = __atomic_load_n(&state->run, __ATOMIC_RELAXED),
+        .tuning = __atomic_load_n(&state->tuning, __ATOMIC_RELAXED),
         .refused_since = __atomic_load_n(&state->refused_since, __ATOMIC_RELAXED),
     };
     return counts;

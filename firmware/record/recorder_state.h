@@ -34,6 +34,7 @@ typedef struct tl_recorder_mark {
     tl_outbox_start start;
     tl_recorder_totals totals;         /* of the row, */
     uint64_t own;                      /* and how many of its events are the writer's own */
+    tl_run_tuning tuning;              /* in force: the newest one of the run that was written; its hash "": none */
     uint64_t written;                  /* entries and events of all runs, */
     uint64_t dropped;                  /* and those that a file took with it, or that belonged to no run */
     uint64_t said;                     /* number of the first of the writer's own events that is not written */
@@ -57,6 +58,7 @@ typedef struct tl_recorder_writer_state {
     uint64_t written; /* to be shown */
     uint64_t dropped;
     int64_t run;
+    uint32_t tuning;
     tl_time refused_since;
 } tl_recorder_writer_state;
 
@@ -92,9 +94,10 @@ void tl_recorder_state_refuse(tl_recorder_writer_state *state, tl_time since);
 /* ---- any thread's or process's ---- */
 
 typedef struct tl_recorder_state_counts {
-    uint64_t written;      /* entries and events that are in a file; the writer's own are not counted */
-    uint64_t dropped;      /* that are in none, though their producers have not lost them */
-    int64_t run;           /* id of the newest run; 0: none yet */
+    uint64_t written; /* entries and events that are in a file; the writer's own are not counted */
+    uint64_t dropped; /* that are in none, though their producers have not lost them */
+    int64_t run;      /* id of the newest run; 0: none yet */
+    uint32_t tuning;  /* number of the newest tuning that is in a file, and its configuration's text with it; 0: none */
     tl_time refused_since; /* CLOCK_MONOTONIC; 0: what is to be written can be */
 } tl_recorder_state_counts;
 

@@ -181,6 +181,16 @@ static void add_ledger(tl_json_writer *json, const printing *page) {
     tl_json_close(json);
 }
 
+/* Only if there are any. */
+static void add_tunings(tl_json_writer *json, const tl_summary *summary) {
+    if (summary->tunings != 0) {
+        tl_json_open_object(json, "tunings");
+        tl_json_add_count(json, "recorded", summary->tunings);
+        tl_json_add_count(json, "followed", summary->tunings - summary->tunings_left_out);
+        tl_json_close(json);
+    }
+}
+
 tl_status tl_summary_print_json(const tl_summary *summary, const tl_config *config, const tl_account *account,
                                 FILE *file, tl_error *error) {
     printing page;
@@ -206,6 +216,7 @@ tl_status tl_summary_print_json(const tl_summary *summary, const tl_config *conf
     tl_json_add_count(&json, "deadline_misses", summary->deadline_misses);
     tl_json_add_count(&json, "time_limited", page.figures.time_limited);
     tl_figures_json_add_resumption(&json, &summary->resumption);
+    add_tunings(&json, summary);
     tl_json_add_number(&json, "wall_s", summary->wall_s);
     tl_status status = tl_json_writer_print(&json, file, error);
     tl_json_writer_free(&json);
@@ -357,6 +368,14 @@ static void print_delays(const tl_config *config, const tl_account *account, FIL
     }
 }
 
+static void print_tunings(const tl_summary *summary, FILE *file) {
+    if (summary->tunings != 0) {
+        (void)fprintf(
+            file, "  tunings      %" PRIu64 " taken while it ran%s\n", summary->tunings,
+            summary->tunings_left_out == 0 ? "" : ", and not followed: this is another configuration than the run's");
+    }
+}
+
 void tl_summary_print_table(const tl_summary *summary, const tl_config *config, const tl_account *account, FILE *file) {
     printing page;
     begin_printing(&page, summary, config, account);
@@ -372,6 +391,7 @@ void tl_summary_print_table(const tl_summary *summary, const tl_config *config, 
     print_inputs(summary, config, file);
     print_adjusted(&page, file);
     print_delays(config, account, file);
+    print_tunings(summary, file);
     if (summary->ticks != 0) {
         (void)fprintf(file,
                       "  real time    %" PRIu64 " ticks, %" PRIu64 " skipped, %" PRIu64

@@ -21,8 +21,10 @@ typedef struct tl_summary {
     uint64_t not_good[TL_MAX_SIGNALS]; /* and those of them that were not good, by signal */
     uint64_t
         ticks; /* instants at which a step was due, counted by the clock, which are steps + skipped; 0: there is none */
-    uint64_t deadline_misses; /* steps that ended after their period */
-    tl_lock_tally lock;       /* of the last twin of a run */
+    uint64_t deadline_misses;  /* steps that ended after their period */
+    tl_lock_tally lock;        /* of the last twin of a run */
+    uint64_t tunings;          /* that the run took while it ran, */
+    uint64_t tunings_left_out; /* and that a replay with another configuration does not follow */
     double wall_s;
     tl_resumption resumption; /* of a run that goes on with an earlier one, whose last steps are among the outcomes */
 } tl_summary;

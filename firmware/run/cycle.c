@@ -6,6 +6,7 @@
 
 #include "firmware/base/c_locale.h"
 #include "firmware/base/clock.h"
+#include "firmware/base/identity.h"
 #include "firmware/base/latest.h"
 #include "firmware/diagnose/lock_rescue.h"
 #include "firmware/fmu/fmu_guard.h"
@@ -30,6 +31,9 @@ struct tl_cycle {
     tl_watch watch;
     tl_lock_rescue rescue;
     tl_checkpointer checkpointer;
+    uint32_t tuned;       /* number of the tuning that was looked at last */
+    bool has_tuning;      /* one was taken, and is not in the outbox yet: */
+    tl_run_tuning tuning; /* this */
     tl_status status;
     tl_error error;
     tl_cycle_status shown;
@@ -47,6 +51,7 @@ static void show(tl_cycle *cycle) {
     cycle->shown.ticks = cycle->summary.ticks;
     cycle->shown.skipped = cycle->summary.figures.skipped;
     cycle->shown.deadline_misses = cycle->summary.deadline_misses;
+    cycle->shown.lock = cycle->rescue.judge.tally;
     tl_latest_publish(&cycle->published, &cycle->shown, sizeof cycle->shown);
 }
 
@@ -68,10 +73,70 @@ static void keep(tl_cycle *cycle, int64_t tick, const tl_record *record) {
     }
     if (change != NULL) {
         tl_watch_lock(&cycle->watch, tick, change);
-        cycle->shown.lock = change->to;
     }
     tl_twin_recorder_put(cycle->settings.outbox, record, cycle->settings.assembly->twin);
     cycle->shown.record = *record;
+}
+
+/* ---- another tuning ---- */
+
+static void answer(const tl_cycle *cycle, uint32_t number, const char *why) {
+    if (cycle->settings.answer != NULL) {
+        tl_live_tuning_answer_with(cycle->settings.answer, number, cycle->next_tick, why);
+    }
+}
+
+static void refuse_tuning(tl_cycle *cycle, const tl_live_tuning_head *head, const char *why) {
+    tl_journal_event(cycle->settings.journal, cycle->next_tick, TL_EVENT_WARNING, "retune",
+                     "configuration %.12s refused: %.150s", tl_identity_is_sound(head->hash) ? head->hash : "?", why);
+    answer(cycle, head->number, why);
+}
+
+static void take_tuning(tl_cycle *cycle, const tl_live_tuning_head *head) {
+    cycle->tuning = (tl_run_tuning){.tick = cycle->next_tick, .number = head->number, .values = head->tuning};
+    memcpy(cycle->tuning.hash, head->hash, sizeof cycle->tuning.hash);
+    cycle->has_tuning = true;
+    cycle->summary.tunings++;
+    tl_lock_judge_retune(&cycle->rescue.judge, &head->tuning);
+    tl_watch_retune(&cycle->watch, cycle->next_tick, head->hash);
+    answer(cycle, head->number, NULL);
+}
+
+/* There is another number than that which was looked at last. */
+static void look_at_tuning(tl_cycle *cycle) {
+    tl_live_tuning_head head = {.number = 0};
+    tl_error error = {TL_OK, ""};
+    tl_status status = tl_live_tuning_read(cycle->settings.tuning, &head, &error);
+    if (status == TL_TRY_AGAIN) {
+        return; /* at the next tick */
+    }
+    cycle->tuned = head.number;
+    status = status == TL_OK ? tl_assembly_retune(cycle->settings.assembly, &head.tuning, &error) : status;
+    if (status == TL_OK) {
+        take_tuning(cycle, &head);
+    } else {
+        refuse_tuning(cycle, &head, error.text);
+    }
+}
+
+static void look_for_tuning(tl_cycle *cycle) {
+    const tl_live_tuning *block = cycle->settings.tuning;
+    uint32_t number = block != NULL ? tl_live_tuning_number(block) : cycle->tuned;
+    if (number != cycle->tuned && number % 2 == 0 && !cycle->has_tuning &&
+        tl_outbox_has_room_for_tuning(cycle->settings.outbox)) {
+        look_at_tuning(cycle);
+    }
+}
+
+/* ---- ticks ---- */
+
+/* With what is in force from its tick on. */
+static void put_sample(tl_cycle *cycle, const tl_sample *sample) {
+    if (cycle->has_tuning) {
+        (void)tl_outbox_put_tuning(cycle->settings.outbox, &cycle->tuning);
+        cycle->has_tuning = false;
+    }
+    (void)tl_outbox_put_sample(cycle->settings.outbox, sample);
 }
 
 /* One tick: searched within `budget`, or made up where that is NULL. */
@@ -89,7 +154,7 @@ static tl_status compute(tl_cycle *cycle, int64_t tick, const tl_budget *budget)
     /* There the step before is complete only now, and comes before the sample. */
     bool ahead = cycle->settings.assembly->config.measurements == TL_AHEAD;
     if (!ahead) {
-        (void)tl_outbox_put_sample(cycle->settings.outbox, &sample);
+        put_sample(cycle, &sample);
     }
     tl_status status = budget == NULL ? tl_twin_make_up(twin, &sample, &record, &ready, &cycle->error)
                                       : tl_twin_step(twin, &sample, budget, &record, &ready, &cycle->error);
@@ -97,7 +162,7 @@ static tl_status compute(tl_cycle *cycle, int64_t tick, const tl_budget *budget)
         keep(cycle, tick, &record);
     }
     if (ahead) {
-        (void)tl_outbox_put_sample(cycle->settings.outbox, &sample);
+        put_sample(cycle, &sample);
     }
     if (status == TL_OK) {
         cycle->summary.figures.skipped += budget == NULL && tick >= cycle->warm_up ? 1 : 0;
@@ -163,6 +228,7 @@ static void run(void *context) {
     while (!is_stopped(cycle) && cycle->status == TL_OK && cycle->next_tick <= cycle->last_tick) {
         tl_time instant = tl_time_of_step(cycle->start, config->step, cycle->next_tick);
         tl_clock_sleep_until(instant);
+        look_for_tuning(cycle);
         const tl_budget budget = {
             .evaluations = config->budget_evaluations,
             .time = config->budget_time,
@@ -224,6 +290,7 @@ tl_status tl_cycle_start(const tl_cycle_settings *settings, tl_cycle **cycle, tl
     tl_checkpointer_init(&started->checkpointer, settings->assembly, settings->outbox, settings->journal);
     find_start(started);
     begin_run(started);
+    started->tuned = tl_outbox_tuning(settings->outbox)->number; /* what an attempt to go on has left is none of it */
     tl_fmu_thread_begin(settings->thread, run, started);
     *cycle = started;
     return TL_OK;

@@ -6,6 +6,8 @@
  *          plus the last Δu (a Boolean: the last u), within the time budget of a later tick, so that model time stays plant
  *          time. Of the ticks at which a step was due,
  *          ticks = steps + skipped.
+ * Tunings: looked for at the start of each tick, and in force from the first one on that is computed then: a load where there is none, no system call.
+ *          One that finds no room in the outbox waits for the next tick: nobody shall have it who cannot say so.
  * Thread:  start and stop from one thread; status from any. Between them the thread of the FMUs should have the configured real-time
  *          priority, and an ordinary one before and after, while FMUs are loaded and freed: whoever starts it sees to that.
  */
@@ -21,17 +23,20 @@
 #include "firmware/process/heartbeat.h"
 #include "firmware/report/summary.h"
 #include "firmware/run/journal.h"
+#include "firmware/run/live_tuning.h"
 #include "firmware/twin/assembly.h"
 
 typedef struct tl_cycle tl_cycle;
 
 typedef struct tl_cycle_settings {
-    const tl_assembly *assembly;
+    tl_assembly *assembly;
     tl_fmu_thread *thread; /* in which the assembly was built; it belongs to the cycle from start to stop */
     const tl_plant_input *input;
     tl_outbox *outbox; /* for whoever records it */
     tl_journal *journal;
-    tl_heartbeats *beats; /* NULL: nobody listens */
+    tl_heartbeats *beats;          /* NULL: nobody listens */
+    const tl_live_tuning *tuning;  /* what another process tells; NULL: nobody does */
+    tl_live_tuning_answer *answer; /* what the cycle says of it; NULL: nobody asks */
     tl_summary
         resumed; /* what was done before the first tick, where the twin goes on with an earlier run; else zeroes */
 } tl_cycle_settings;
@@ -44,7 +49,7 @@ typedef struct tl_cycle_status {
     uint64_t deadline_misses;
     bool ended;         /* the duration is over, or the twin failed */
     tl_record record;   /* the newest */
-    tl_lock_state lock; /* free until it is judged */
+    tl_lock_tally lock; /* free until it is judged */
 } tl_cycle_status;
 
 /* Tick 0 is due one period from now, and the run begins in the outbox; of a twin that goes on with an earlier run, its next tick at that run's own time, and

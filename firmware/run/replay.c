@@ -43,6 +43,21 @@ static void pace(const tl_replay *replay, tl_time started, tl_summary *summary) 
     }
 }
 
+/* What the run took at this tick, for all that are here: the twin has taken it. */
+static void take_tunings(const tl_replay *replay, int64_t tick, tl_twin_tunings *tunings) {
+    tl_run_tuning tuning;
+    while (tl_twin_tunings_next(tunings, tick, &tuning)) {
+        tl_config_retune(replay->config, &tuning.values);
+        tl_lock_judge_retune(replay->judge, &tuning.values);
+        if (replay->watch != NULL) {
+            tl_watch_retune(replay->watch, tick, tuning.hash);
+        }
+        if (replay->recorder != NULL) {
+            tl_recorder_put_tuning(replay->recorder, &tuning);
+        }
+    }
+}
+
 /* What goes before a tick's step: its sample, and its events. `missed` counts the ticks that the run made up before one
  * that it met, where it told so. */
 static void take_sample(const tl_replay *replay, const tl_recording_tick *tick, uint64_t *missed) {
@@ -76,7 +91,9 @@ static void keep_last(const tl_replay *replay, const tl_twin_fed *fed, tl_summar
     keep(replay, fed->tick->sample.tick, fed->result, summary);
 }
 
-static void keep_step(const tl_replay *replay, const tl_twin_fed *fed, uint64_t *missed, tl_summary *summary) {
+static void keep_step(const tl_replay *replay, const tl_twin_fed *fed, uint64_t *missed, tl_twin_tunings *tunings,
+                      tl_summary *summary) {
+    take_tunings(replay, fed->tick->sample.tick, tunings);
     take_sample(replay, fed->tick, missed);
     tl_summary_sample(summary, replay->config, &fed->tick->sample);
     if (fed->result->ready != 0) {
@@ -96,6 +113,8 @@ static tl_status look_for_interruption(const tl_replay *replay, const tl_summary
 }
 
 static tl_status run(const tl_replay *replay, tl_progress *progress, tl_summary *summary, tl_error *error) {
+    const tl_recording_tunings recorded = tl_recording_get_tunings(replay->recording);
+    tl_twin_tunings tunings = {.bytes = (const unsigned char *)recorded.list, .count = recorded.count};
     uint64_t missed = 0;
     bool end = false;
     tl_time started = tl_clock_now(NULL);
@@ -109,7 +128,7 @@ static tl_status run(const tl_replay *replay, tl_progress *progress, tl_summary 
         if (fed.last) {
             keep_last(replay, &fed, summary);
         } else {
-            keep_step(replay, &fed, &missed, summary);
+            keep_step(replay, &fed, &missed, &tunings, summary);
         }
         if (status != TL_OK) {
             return status;
@@ -136,6 +155,9 @@ tl_status tl_replay_run(const tl_replay *replay, tl_summary *summary, tl_error *
     if (beginning != NULL && beginning->follows) {
         summary->resumption = beginning->resumption;
     }
+    const tl_recording_tunings tunings = tl_recording_get_tunings(replay->recording);
+    summary->tunings = tunings.recorded;
+    summary->tunings_left_out = tunings.recorded - tunings.count;
     tl_status status = run(replay, &progress, summary, error);
     tl_progress_end(&progress);
     if (status == TL_OK && summary->figures.steps + summary->figures.skipped == 0) {

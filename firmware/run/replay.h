@@ -19,7 +19,7 @@
 #include "master/twin/account.h"
 
 typedef struct tl_replay {
-    const tl_config *config;
+    tl_config *config;         /* has the recording's tunings as they come into force */
     const tl_account *account; /* of the built twin */
     tl_recording *recording;
     tl_twin_feed *feed;    /* of this recording; with TL_TELLS_COUNTS if there is a recorder */

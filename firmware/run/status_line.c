@@ -13,7 +13,8 @@ void tl_status_line_write(const tl_config *config, const tl_cycle_status *status
     }
     length += snprintf(line + length, TL_STATUS_LINE - (size_t)length, "  %-12s", tl_outcome_name(record->outcome));
     if (config->adjust_count != 0) {
-        length += snprintf(line + length, TL_STATUS_LINE - (size_t)length, "  %-8s", tl_lock_state_name(status->lock));
+        length +=
+            snprintf(line + length, TL_STATUS_LINE - (size_t)length, "  %-8s", tl_lock_state_name(status->lock.state));
     }
     for (size_t i = 0; i < config->match_count && i < 2; i++) {
         length += snprintf(line + length, TL_STATUS_LINE - (size_t)length,

@@ -257,6 +257,10 @@ void tl_watch_lock(const tl_watch *watch, int64_t tick, const tl_lock_change *ch
                      change->cause);
 }
 
+void tl_watch_retune(const tl_watch *watch, int64_t tick, const char *hash) {
+    tl_journal_event(watch->journal, tick, TL_EVENT_INFO, "retune", "configuration %.12s in force", hash);
+}
+
 void tl_watch_skipped(tl_watch *watch, int64_t tick, uint64_t count, tl_time now) {
     watch->skipped += count;
     if (watch->skipped == 0) {

@@ -57,6 +57,9 @@ void tl_watch_record(tl_watch *watch, int64_t tick, const tl_record *record);
 /* The judge has found another state (lock_judge.h) with the record that was complete at this tick. */
 void tl_watch_lock(const tl_watch *watch, int64_t tick, const tl_lock_change *change);
 
+/* The twin has the tuning of this configuration from this tick on. */
+void tl_watch_retune(const tl_watch *watch, int64_t tick, const char *hash);
+
 /* `count` ticks before `tick`, at which a step was due, were missed; told at most once a second, so call it with 0 too.
  * `now` is any clock's that does not go back. */
 void tl_watch_skipped(tl_watch *watch, int64_t tick, uint64_t count, tl_time now);

@@ -146,6 +146,25 @@ static tl_status add_events(tl_json_writer *json, const tl_show_request *request
     return status;
 }
 
+static tl_status add_tunings(tl_json_writer *json, const tl_show_request *request, tl_error *error) {
+    const tl_history_tuning *tunings = NULL;
+    size_t count = 0;
+    tl_status status = tl_history_tunings(request->history, request->run, &tunings, &count, error);
+    tl_json_open_array(json, "tunings");
+    for (size_t i = 0; status == TL_OK && i < count; i++) {
+        tl_json_open_object(json, NULL);
+        tl_json_add_number(json, "tick", (double)tunings[i].tick);
+        tl_json_add_text(json, "configuration", tunings[i].hash);
+        tl_json_add_text(json, "at", tunings[i].at);
+        tl_json_add_text(json, "who", tunings[i].who);
+        tl_json_add_text(json, "origin", tunings[i].origin);
+        tl_json_add_text(json, "why", tunings[i].why);
+        tl_json_close(json);
+    }
+    tl_json_close(json);
+    return status;
+}
+
 static tl_status fill(tl_json_writer *json, const tl_show_request *request, tl_error *error) {
     tl_show_summary summary;
     tl_status status = tl_show_summarise(request->history, request->run, request->from_step, &summary, error);
@@ -162,7 +181,8 @@ static tl_status fill(tl_json_writer *json, const tl_show_request *request, tl_e
     add_matches(json, &summary);
     add_adjusted(json, request, &summary);
     add_ledger(json, &summary.figures);
-    return add_events(json, request, error);
+    status = add_tunings(json, request, error);
+    return status == TL_OK ? add_events(json, request, error) : status;
 }
 
 tl_status tl_show_json(const tl_show_request *request, FILE *file, tl_error *error) {

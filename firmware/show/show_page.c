@@ -381,6 +381,34 @@ static tl_status print_corrections(const show_page *page, tl_error *error) {
     return status;
 }
 
+/* ---- Tunings ----------------------------------------------------------------------------------------------------- */
+
+static void print_tuning(const show_page *page, const tl_history_tuning *tuning) {
+    char when[TEXT];
+    char who[TEXT];
+    char origin[TEXT];
+    char why[TEXT * 8];
+    short_time(tuning->at, when, sizeof when);
+    (void)fprintf(page->file, "  %s  tick %-10lld  configuration %.12s  %s%s%s%s%s\n", when, (long long)tuning->tick,
+                  tuning->hash, clean(page, tuning->who, who, sizeof who), tuning->origin[0] != '\0' ? ", " : "",
+                  clean(page, tuning->origin, origin, sizeof origin), tuning->why[0] != '\0' ? ": " : "",
+                  clean(page, tuning->why, why, sizeof why));
+}
+
+/* None in most runs. */
+static tl_status print_tunings(show_page *page, tl_error *error) {
+    const tl_history_tuning *tunings = NULL;
+    size_t count = 0;
+    tl_status status = tl_history_tunings(page->request->history, page->request->run, &tunings, &count, error);
+    if (status == TL_OK && count != 0) {
+        heading(page, "Retuned while it ran (UTC)");
+        for (size_t i = 0; i < count; i++) {
+            print_tuning(page, &tunings[i]);
+        }
+    }
+    return status;
+}
+
 /* ---- Events ------------------------------------------------------------------------------------------------------ */
 
 static void take_event(void *context, const tl_history_event *event) {
@@ -449,6 +477,9 @@ tl_status tl_show_page(const tl_show_request *request, FILE *file, tl_error *err
     }
     if (status == TL_OK) {
         status = print_corrections(&page, error);
+    }
+    if (status == TL_OK) {
+        status = print_tunings(&page, error);
     }
     return status == TL_OK ? print_events(&page, error) : status;
 }

@@ -473,7 +473,9 @@ static int supervise(supervisor *self) {
             look_at(self, which, now, now - looked);
         }
         looked = now;
-        self->settings->look(self->settings->context);
+        if (self->settings->look(self->settings->context, self->is_ending)) {
+            end_all(self, 0);
+        }
         if (self->is_ending && go_on_ending(self, now)) {
             return self->code;
         }
@@ -555,7 +557,7 @@ static void wait_for_signals(supervisor *self) {
                  SIG_DFL); /* whoever started us may have ignored it, and the kernel tells nobody of an end then */
 }
 
-int tl_supervise(const tl_supervisor_settings *settings) {
+int tl_supervise(const tl_supervisor_settings *settings, int *stopped) {
     supervisor self = {.settings = settings};
     tl_error error = {0};
     wait_for_signals(&self);
@@ -573,5 +575,8 @@ int tl_supervise(const tl_supervisor_settings *settings) {
     }
     close_all(&self);
     (void)pthread_sigmask(SIG_SETMASK, &self.before, NULL);
+    if (stopped != NULL) {
+        *stopped = self.stop;
+    }
     return code;
 }

@@ -63,13 +63,13 @@ typedef struct tl_supervisor_settings {
     /* Whoever reads what this one writes has looked at it at this time at the earliest (CLOCK_MONOTONIC), and cannot read it on; 0: it can. */
     tl_time (*damaged)(void *context, tl_member which);
 
-    /* Between two looks. */
-    void (*look)(void *context);
+    /* Between two looks. `ends`: all do by now. True: all shall. */
+    bool (*look)(void *context, bool ends);
 } tl_supervisor_settings;
 
-/* Returns an exit code once no process runs any more: the one that the twin announced at last, or the recorder if that is worse; 75 if a process
+/* *stopped (NULL: not wanted): the signal by which it was asked to end; 0: it was not. Returns an exit code once no process runs any more: the one that the twin announced at last, or the recorder if that is worse; 75 if a process
  * had to be killed in its end; 70 if the twin failed and was alone. A process that ended last is not reaped, which is done when this one ends. SIGCHLD is
  * as by default from now on. Threads of the caller's must have SIGCHLD, SIGTERM, SIGINT and SIGHUP blocked. */
-int tl_supervise(const tl_supervisor_settings *settings);
+int tl_supervise(const tl_supervisor_settings *settings, int *stopped);
 
 #endif

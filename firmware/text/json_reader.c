@@ -31,6 +31,12 @@ uint64_t tl_json_count(tl_json_reader *reader, const char *key) {
     return 0;
 }
 
+double tl_json_number(tl_json_reader *reader, const char *key) {
+    const cJSON *item = cJSON_GetObjectItemCaseSensitive(reader->root, key);
+    reader->right = reader->right && cJSON_IsNumber(item) != 0;
+    return cJSON_IsNumber(item) ? item->valuedouble : 0.0;
+}
+
 bool tl_json_truth(tl_json_reader *reader, const char *key) {
     const cJSON *item = cJSON_GetObjectItemCaseSensitive(reader->root, key);
     reader->right = reader->right && cJSON_IsBool(item) != 0;

@@ -2,6 +2,8 @@
 #include "firmware/text/json_writer.h"
 
 #include <assert.h>
+#include <limits.h>
+#include <string.h>
 
 #include <cjson/cJSON.h>
 
@@ -70,6 +72,12 @@ tl_status tl_json_writer_print(const tl_json_writer *writer, FILE *file, tl_erro
     (void)fprintf(file, "%s\n", text);
     cJSON_free(text);
     return TL_OK;
+}
+
+/* cJSON wants some bytes more than it writes. */
+size_t tl_json_writer_line(const tl_json_writer *writer, char *line, size_t room) {
+    bool fits = !writer->failed && room <= INT_MAX && cJSON_PrintPreallocated(writer->open[0], line, (int)room, 0) != 0;
+    return fits ? strlen(line) : 0;
 }
 
 void tl_json_writer_free(tl_json_writer *writer) {

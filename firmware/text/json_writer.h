@@ -49,6 +49,9 @@ void tl_json_close(tl_json_writer *writer);
 /* Prints the object, indented, and a newline. Errors: TL_TRY_AGAIN if memory was out; nothing is printed then. */
 tl_status tl_json_writer_print(const tl_json_writer *writer, FILE *file, tl_error *error);
 
+/* The object in one line without its end, with a NUL behind it. Returns its length; 0: it does not fit into `room` bytes, or memory was out. */
+size_t tl_json_writer_line(const tl_json_writer *writer, char *line, size_t room);
+
 void tl_json_writer_free(tl_json_writer *writer);
 
 #endif

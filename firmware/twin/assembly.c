@@ -286,14 +286,24 @@ tl_status tl_assembly_build(tl_assembly *assembly) {
         load_component(assembly, i);
     }
     if (report->count == 0) {
+        tl_config_tuning(config, &assembly->tuning);
         fill_plan(assembly);
         assembly->twin = tl_twin_build(&assembly->plan, report);
     }
     return report->worst;
 }
 
+tl_status tl_assembly_retune(tl_assembly *assembly, const tl_tuning *tuning, tl_error *error) {
+    tl_status status = tl_twin_retune(assembly->twin, tuning, error);
+    if (status == TL_OK) {
+        tl_config_retune(&assembly->config, tuning);
+    }
+    return status;
+}
+
 tl_status tl_assembly_rebuild(tl_assembly *assembly) {
     tl_twin_destroy(assembly->twin);
+    tl_config_retune(&assembly->config, &assembly->tuning);
     assembly->twin = tl_twin_build(&assembly->plan, &assembly->problems.report);
     return assembly->twin != NULL ? TL_OK : assembly->problems.report.worst;
 }

@@ -31,6 +31,7 @@ typedef struct tl_assembly {
     tl_plan_match *match;
     tl_plan_output *outputs; /* what `emulate` reads */
     tl_twin *twin;
+    tl_tuning tuning;        /* as configured */
     tl_assembly_file *files; /* FMU of each component; NULL: not opened before */
     char **libraries; /* of all components in order, absolute; NULL: not looked for before; an element: nor found */
     size_t library_count;
@@ -44,7 +45,10 @@ tl_status tl_assembly_build(tl_assembly *assembly);
  * building. Errors: TL_TRY_AGAIN. */
 tl_status tl_assembly_open(tl_assembly *assembly, tl_error *error);
 
-/* The twin anew, of an assembly that has had one. Problems are said on the log. */
+/* tl_twin_retune(), and the configuration has these values from now on, for whoever else looks at them (tl_config_retune()). */
+tl_status tl_assembly_retune(tl_assembly *assembly, const tl_tuning *tuning, tl_error *error);
+
+/* The twin anew, as it was configured, of an assembly that has had one. Problems are said on the log. */
 tl_status tl_assembly_rebuild(tl_assembly *assembly);
 
 /* A zeroed assembly is allowed. */

@@ -24,7 +24,8 @@ struct tl_twin_feed {
     uint64_t given; /* given to the twin, */
     uint64_t taken; /* and back */
     tl_twin_result result;
-    tl_lock_rescue rescue; /* of a twin in this process */
+    tl_lock_rescue rescue;   /* of a twin in this process, */
+    tl_twin_tunings tunings; /* and what it is still to take */
     wanted ring[PLACES];
 };
 
@@ -40,6 +41,8 @@ tl_status tl_twin_feed_open(const tl_twin_feed_settings *settings, tl_twin_feed 
     made->settings = *settings;
     made->last_tick = tl_twin_feed_last_tick(settings->config, settings->account);
     tl_lock_rescue_init(&made->rescue, settings->config, settings->account);
+    tl_recording_tunings tunings = tl_recording_get_tunings(settings->recording);
+    made->tunings = (tl_twin_tunings){.bytes = (const unsigned char *)tunings.list, .count = tunings.count};
     *feed = made;
     return TL_OK;
 }
@@ -124,6 +127,11 @@ static tl_status take_here(tl_twin_feed *feed, const wanted *place, tl_error *er
     if (place->last) {
         tl_twin_execute_last(settings->assembly, &place->tick, settings->tells, &feed->result);
         return TL_OK;
+    }
+    tl_status status =
+        tl_twin_take_tunings(settings->assembly, &feed->tunings, place->tick.sample.tick, &feed->rescue, error);
+    if (status != TL_OK) {
+        return status;
     }
     return tl_twin_execute(settings->assembly, &place->tick, settings->tells, &feed->rescue, &feed->result, error);
 }

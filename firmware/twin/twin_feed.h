@@ -19,10 +19,10 @@ typedef struct tl_twin_feed tl_twin_feed;
 
 typedef struct tl_twin_feed_settings {
     const tl_config *config;
-    const tl_account *account;   /* of the built twin */
-    tl_recording *recording;     /* read by nobody else while it feeds */
-    tl_twin_child *child;        /* the twin in a process of its own; NULL: */
-    const tl_assembly *assembly; /* the one in this process */
+    const tl_account *account; /* of the built twin */
+    tl_recording *recording;   /* read by nobody else while it feeds */
+    tl_twin_child *child;      /* the twin in a process of its own; NULL: */
+    tl_assembly *assembly;     /* the one in this process; it takes the recording's tunings */
     tl_twin_tells tells;
     bool plant; /* every tick of the recording is a step, whatever the configuration says of an end */
     bool paced; /* a tick is given when it is wanted, and not before */

@@ -5,7 +5,7 @@
 #include <string.h>
 
 /* In this order; the texts with the zero at their end. */
-enum { PATH, TEXT, FOLDER, TEXTS, CHECKPOINT = TEXTS, LIVE, PIECES };
+enum { PATH, TEXT, FOLDER, TEXTS, CHECKPOINT = TEXTS, TUNINGS, LIVE, PIECES };
 
 /* What lies in the block: this, then the pieces one behind the other. Pointers and sizes in `job` mean nothing there. */
 typedef struct packed {
@@ -14,10 +14,10 @@ typedef struct packed {
 } packed;
 
 tl_status tl_twin_job_make(const tl_twin_job *job, tl_block *block, tl_error *error) {
-    const void *const pieces[PIECES] = {job->path, job->text, job->folder, job->checkpoint, job->live};
+    const void *const pieces[PIECES] = {job->path, job->text, job->folder, job->checkpoint, job->tunings, job->live};
     const packed head = {.job = *job,
                          .sizes = {strlen(job->path) + 1, strlen(job->text) + 1, strlen(job->folder) + 1,
-                                   job->checkpoint_size, job->live_size}};
+                                   job->checkpoint_size, job->tunings_size, job->live_size}};
     size_t size = sizeof head;
     for (size_t i = 0; i < PIECES; i++) {
         size += head.sizes[i];
@@ -75,6 +75,8 @@ tl_status tl_twin_job_read(const tl_block *block, tl_twin_job *job, tl_error *er
     job->folder = (const char *)pieces[FOLDER];
     job->checkpoint = pieces[CHECKPOINT];
     job->checkpoint_size = head.sizes[CHECKPOINT];
+    job->tunings = pieces[TUNINGS];
+    job->tunings_size = head.sizes[TUNINGS];
     job->live = pieces[LIVE];
     job->live_size = head.sizes[LIVE];
     return TL_OK;

@@ -35,6 +35,9 @@ typedef struct tl_twin_job {
     int64_t tick;                    /* of where it begins */
     const unsigned char *checkpoint; /* and with what */
     size_t checkpoint_size;
+    const unsigned char *
+        tunings; /* that are taken at their ticks, in that order: tl_run_tuning, at no aligned place when it was read */
+    size_t tunings_size; /* bytes */
     const char *path;    /* of the configuration, as given: relative names start at its folder */
     const char *text;    /* what it says */
     const char *folder;  /* private, absolute: for what FMUs write; "": none */

@@ -52,6 +52,8 @@ tl_status tl_twin_recorder_open(const tl_twin_recorder_settings *settings, tl_re
     tl_twin_recorder_describe(settings->config, settings->path, &record);
     made->verb = settings->verb;
     made->wait_when_full = settings->wait_when_full;
+    made->known = settings->known;
+    made->known_count = settings->known_count;
     made->components = components;
     tl_twin_recorder_signals(settings->config, account, record.names.match, record.names.adjust);
     for (size_t i = 0; i < account->components; i++) {

@@ -16,8 +16,10 @@
 typedef struct tl_twin_recorder_settings {
     const tl_config *config;
     const tl_account *account;
-    const char *verb;    /* "replay" */
-    const char *path;    /* of the database */
+    const char *verb;               /* "replay" */
+    const char *path;               /* of the database */
+    const tl_recorder_known *known; /* as in recorder_settings.h */
+    size_t known_count;
     bool wait_when_full; /* as in recorder.h */
 } tl_twin_recorder_settings;
 

@@ -36,8 +36,9 @@ typedef struct role {
     const tl_twin_orders *orders;
     tl_assembly assembly;
     tl_lock_rescue rescue;
-    tl_recording_tick tick; /* as it came last, */
-    tl_twin_result result;  /* and what came of it */
+    tl_twin_tunings tunings; /* that are still to be taken */
+    tl_recording_tick tick;  /* as it came last, */
+    tl_twin_result result;   /* and what came of it */
     unsigned char packed[TL_TWIN_PACKED];
     unsigned unpushed; /* results since the other end was woken, if it slept */
     bool over;         /* a step has failed: what is still asked for gets no answer */
@@ -212,6 +213,16 @@ static bool is_stopped(const role *self) {
     return __atomic_load_n(&self->orders->stop, __ATOMIC_RELAXED) != 0;
 }
 
+static tl_status execute(role *self, tl_error *error) {
+    int64_t tick = self->tick.sample.tick;
+    tl_status status = tl_twin_take_tunings(&self->assembly, &self->tunings, tick, &self->rescue, error);
+    if (status != TL_OK) {
+        self->result = (tl_twin_result){.tick = tick, .status = (int32_t)status};
+        return status;
+    }
+    return tl_twin_execute(&self->assembly, &self->tick, self->job.tells, &self->rescue, &self->result, error);
+}
+
 /* The tick is in self->packed. */
 static void answer(role *self, bool last) {
     const tl_config *config = &self->assembly.config;
@@ -222,8 +233,7 @@ static void answer(role *self, bool last) {
     tl_twin_unpack_tick(config, self->packed, &self->tick);
     if (last) {
         tl_twin_execute_last(&self->assembly, &self->tick, self->job.tells, &self->result);
-    } else if (tl_twin_execute(&self->assembly, &self->tick, self->job.tells, &self->rescue, &self->result, &error) !=
-               TL_OK) {
+    } else if (execute(self, &error) != TL_OK) {
         set_error(self, &error);
         self->over = true;
     }
@@ -277,6 +287,8 @@ static void work(void *context) {
     if (self->assembly.twin != NULL) {
         tl_account_take(self->assembly.twin, &self->extra->account);
         tl_lock_rescue_init(&self->rescue, &self->assembly.config, &self->extra->account);
+        self->tunings =
+            (tl_twin_tunings){.bytes = self->job.tunings, .count = self->job.tunings_size / sizeof(tl_run_tuning)};
     }
     send_word(self, TL_MESSAGE_BUILT, status, &error);
     if (self->job.task == TL_TASK_CHECK) {

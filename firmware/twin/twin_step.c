@@ -80,6 +80,29 @@ static void look_after_host(const tl_recording_tick *tick) {
     }
 }
 
+bool tl_twin_tunings_next(tl_twin_tunings *tunings, int64_t tick, tl_run_tuning *tuning) {
+    if (tunings->taken == tunings->count) {
+        return false;
+    }
+    memcpy(tuning, tunings->bytes + tunings->taken * sizeof *tuning, sizeof *tuning);
+    bool is_due = tuning->tick <= tick;
+    tunings->taken += is_due ? 1 : 0;
+    return is_due;
+}
+
+tl_status tl_twin_take_tunings(tl_assembly *assembly, tl_twin_tunings *tunings, int64_t tick, tl_lock_rescue *rescue,
+                               tl_error *error) {
+    tl_run_tuning tuning;
+    tl_status status = TL_OK;
+    while (status == TL_OK && tl_twin_tunings_next(tunings, tick, &tuning)) {
+        status = tl_assembly_retune(assembly, &tuning.values, error);
+        if (status == TL_OK) {
+            tl_lock_judge_retune(&rescue->judge, &tuning.values);
+        }
+    }
+    return status;
+}
+
 tl_status tl_twin_execute(const tl_assembly *assembly, const tl_recording_tick *tick, tl_twin_tells tells,
                           tl_lock_rescue *rescue, tl_twin_result *result, tl_error *error) {
     const tl_lock_change *change = NULL; /* the other end judges it again, and tells */

@@ -4,15 +4,18 @@
 #include <stdio.h>
 #include <string.h>
 
+#include "firmware/activate/trial.h"
+#include "firmware/activate/validator.h"
 #include "firmware/live/live_role.h"
 #include "firmware/live/live_twin.h"
 #include "firmware/verbs/option_table.h"
+#include "firmware/verbs/verb_program.h"
 #include "firmware/verbs/verbs.h"
 #include "master/base/nearest.h"
 
 static int (*const RUN[TL_VERB_COUNT])(const tl_options *options) = {
     [TL_VERB_CHECK] = tl_verb_check, [TL_VERB_REPLAY] = tl_verb_replay, [TL_VERB_RUN] = tl_verb_run,
-    [TL_VERB_PLANT] = tl_verb_plant, [TL_VERB_SHOW] = tl_verb_show,
+    [TL_VERB_PLANT] = tl_verb_plant, [TL_VERB_SHOW] = tl_verb_show,     [TL_VERB_RELOAD] = tl_verb_reload,
 };
 
 /* TL_VERB_COUNT if there is none. */
@@ -29,6 +32,9 @@ static int refuse_verb(const char *name) {
     for (size_t i = 0; i < TL_VERB_COUNT; i++) {
         tl_nearest_offer(&nearest, tl_verb_rows[i].name);
     }
+    for (size_t i = 0; i < TL_VERB_PROGRAMS; i++) {
+        tl_nearest_offer(&nearest, tl_verb_programs[i].name);
+    }
     (void)fprintf(stderr, "twinlock: there is no verb \"%s\"", name);
     if (nearest.best != NULL) {
         (void)fprintf(stderr, ": did you mean %s?", nearest.best);
@@ -40,9 +46,20 @@ static int refuse_verb(const char *name) {
     return tl_exit_code(TL_BAD_USAGE);
 }
 
+static int help_program(const tl_verb_program *program) {
+    char name[] = "token";
+    char option[] = "--help";
+    char *words[] = {name, option, NULL};
+    return tl_verb_program_run(program, 2, words);
+}
+
 /* `twinlock help`, `twinlock help VERB`. */
 static int help(const char *name) {
     tl_verb verb = name != NULL ? find_verb(name) : TL_VERB_COUNT;
+    const tl_verb_program *program = name != NULL ? tl_verb_program_find(name) : NULL;
+    if (program != NULL) {
+        return help_program(program);
+    }
     if (name == NULL) {
         tl_option_table_print_usage(stdout);
     } else if (verb == TL_VERB_COUNT) {
@@ -69,12 +86,16 @@ static int run_verb(tl_verb verb, int argc, char **argv) {
 int tl_command_line_run(int argc, char **argv) {
     const char *first = argc > 1 ? argv[1] : "";
     tl_verb verb = find_verb(first);
+    const tl_verb_program *program = tl_verb_program_find(first);
     if (argc < 2) {
         tl_option_table_print_usage(stderr);
         return tl_exit_code(TL_BAD_USAGE);
     }
     if (verb != TL_VERB_COUNT) {
         return run_verb(verb, argc - 1, argv + 1);
+    }
+    if (program != NULL) {
+        return tl_verb_program_run(program, argc - 1, argv + 1);
     }
     if (strcmp(first, "help") == 0) {
         return help(argc > 2 ? argv[2] : NULL);
@@ -104,6 +125,15 @@ int tl_command_line_be(const char *title) {
     }
     if (begins_with(title, TL_LIVE_RECORDER)) {
         return tl_recorder_role_run();
+    }
+    if (begins_with(title, TL_LIVE_ACTIVATOR)) {
+        return tl_activator_role_run();
+    }
+    if (begins_with(title, TL_VALIDATOR)) {
+        return tl_validator_role_run();
+    }
+    if (begins_with(title, TL_TRIAL)) {
+        return tl_trial_role_run(&tl_verb_twin_tasks);
     }
     (void)fprintf(stderr, "twinlock: there is no role \"%s\"\n", title);
     return tl_exit_code(TL_BAD_USAGE);

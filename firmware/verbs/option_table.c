@@ -4,6 +4,7 @@
 #include <string.h>
 
 #include "firmware/show/show.h"
+#include "firmware/verbs/verb_program.h"
 
 /* A name and its value beyond this width have a line of their own. */
 enum { WIDEST = 16, EXITS_OF_A_LINE = 4 };
@@ -31,6 +32,12 @@ const tl_verb_row tl_verb_rows[TL_VERB_COUNT] = {
         {"show", "DATABASE", "database", "show what was corrected, when and why",
          "Shows what a run that was recorded had to correct, when and why: how well the twin followed, Δu per\n"
          "adjusted variable and since when, events. Works while the run is going on."},
+    [TL_VERB_RELOAD] =
+        {"reload", "CONFIG", "configuration", "bring a changed configuration into a running plant's twin",
+         "Hands a changed configuration to the run that was started with it and with --control. It is read,\n"
+         "held against the one in force, and activated: tolerances, weights, bounds, penalties and budgets in\n"
+         "place, without a gap; all else by a restart of the run, if --restart allows that. It is on probation\n"
+         "then, and returned from by itself if deadlines are missed or the lock is lost."},
 };
 
 enum {
@@ -39,6 +46,7 @@ enum {
     RUN = 1 << TL_VERB_RUN,
     PLANT = 1 << TL_VERB_PLANT,
     SHOW = 1 << TL_VERB_SHOW,
+    RELOAD = 1 << TL_VERB_RELOAD,
     EVERY = (1 << TL_VERB_COUNT) - 1
 };
 
@@ -93,6 +101,31 @@ const tl_option tl_option_rows[TL_OPTION_COUNT] = {
              "loop (safe hold); tell systemd, if that started it"},
     {RUN, "state", "DIR", TL_OPTION_TEXT, SETS(state), .needs = "supervise",
      .help = "with --supervise: count restarts in DIR/supervisor.json, across resets of the\nbox"},
+    {RUN, "control", "SOCKET", TL_OPTION_TEXT, SETS(control), .needs = "state",
+     .help = "with --state: take changed configurations by this socket; versions are kept\nin DIR/versions"},
+    {RELOAD, "control", "SOCKET", TL_OPTION_TEXT, SETS(control),
+     .help = "of the run; default: /run/twinlock/NAME/control, NAME being that of the file"},
+    {RELOAD, "no-activate", NULL, TL_OPTION_SWITCH, SETS(only_check), .help = "all steps but the activation"},
+    {RELOAD, "restart", NULL, TL_OPTION_SWITCH, SETS(restart),
+     .help = "end the run and begin anew for what no running twin can take"},
+    {RELOAD, "probation", "S", TL_OPTION_WHOLE_SECONDS, SETS(probation_s),
+     .help = "whole seconds in which it has to prove itself; default 300",
+     .expected = "whole seconds from 1 to 3600, for example 60"},
+    {RELOAD, "require-lock", "PERCENT", TL_OPTION_PERCENT, SETS(keep_lock),
+     .help = "keep it if the twin was in lock in at least so much of the probation's\nsteps; default 95",
+     .expected = "a percentage above 0, at most 100, for example 95"},
+    {RELOAD, "until-confirmed", NULL, TL_OPTION_SWITCH, SETS(until_confirmed),
+     .help = "keep it only if somebody confirms it during the probation"},
+    {RELOAD, "wait", NULL, TL_OPTION_SWITCH, SETS(wait), .help = "end when it is kept, or returned from"},
+    {RELOAD, "why", "TEXT", TL_OPTION_TEXT, SETS(why), .help = "a word to those who look at the versions later"},
+    {RELOAD, "confirm", NULL, TL_OPTION_SWITCH, SETS(confirm), .alone = true,
+     .help = "keep the version that is on probation; nothing is sent"},
+    {RELOAD, "rollback", NULL, TL_OPTION_SWITCH, SETS(rollback), .alone = true,
+     .help = "bring the version before back; nothing is sent"},
+    {RELOAD, "version", "N", TL_OPTION_NUMBER, SETS(version), .needs = "rollback",
+     .help = "with --rollback: which version", .expected = "the number of a version, see --versions"},
+    {RELOAD, "versions", NULL, TL_OPTION_SWITCH, SETS(versions), .alone = true, .help = "list what is kept"},
+    {RELOAD, "state", NULL, TL_OPTION_SWITCH, SETS(show), .alone = true, .help = "say how the run is"},
     {RUN, "watchdog", "DEVICE", TL_OPTION_TEXT, SETS(watchdog), .needs = "supervise",
      .help = "with --supervise: stroke this watchdog (/dev/watchdog) while the twin is alive"},
     {RUN, "watchdog-timeout", "S", TL_OPTION_WHOLE_SECONDS, SETS(watchdog_s), .needs = "watchdog",
@@ -196,6 +229,9 @@ void tl_option_table_print_usage(FILE *file) {
                 file);
     for (size_t i = 0; i < TL_VERB_COUNT; i++) {
         (void)fprintf(file, "  %-8s %s\n", tl_verb_rows[i].name, tl_verb_rows[i].purpose);
+    }
+    for (size_t i = 0; i < TL_VERB_PROGRAMS; i++) {
+        (void)fprintf(file, "  %-8s %s\n", tl_verb_programs[i].name, tl_verb_programs[i].purpose);
     }
     (void)fputs(
         "\n`twinlock help VERB` and `twinlock VERB --help` say more. `twinlock --version` prints the version.\n", file);

@@ -49,7 +49,7 @@ typedef struct tl_option {
     bool alone;           /* at most one of those that are `alone` may be there */
 } tl_option;
 
-enum { TL_OPTION_COUNT = 34 };
+enum { TL_OPTION_COUNT = 48 };
 
 extern const tl_verb_row tl_verb_rows[TL_VERB_COUNT];
 extern const tl_option tl_option_rows[TL_OPTION_COUNT];

@@ -10,7 +10,15 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-typedef enum tl_verb { TL_VERB_CHECK, TL_VERB_REPLAY, TL_VERB_RUN, TL_VERB_PLANT, TL_VERB_SHOW, TL_VERB_COUNT } tl_verb;
+typedef enum tl_verb {
+    TL_VERB_CHECK,
+    TL_VERB_REPLAY,
+    TL_VERB_RUN,
+    TL_VERB_PLANT,
+    TL_VERB_SHOW,
+    TL_VERB_RELOAD,
+    TL_VERB_COUNT
+} tl_verb;
 
 /* The value of --since. */
 typedef struct tl_options_since {
@@ -42,6 +50,7 @@ typedef struct tl_options {
     bool status;
     bool supervise;
     const char *state;
+    const char *control; /* a socket */
     const char *watchdog;
     double watchdog_s;    /* whole; default 30 */
     const char *listener; /* --for */
@@ -51,7 +60,19 @@ typedef struct tl_options {
     uint64_t seed; /* default 1 */
     tl_options_since since;
     bool events;
-    int table; /* --csv TABLE: a tl_show_csv_table; TL_OPTIONS_NO_TABLE: not given */
+    bool only_check; /* --no-activate */
+    bool restart;
+    bool until_confirmed;
+    bool wait;
+    bool confirm;
+    bool rollback;
+    uint64_t version; /* --version; 0: the one before */
+    bool versions;
+    bool show;
+    const char *why;
+    double probation_s; /* whole; 0: as usual */
+    double keep_lock;   /* --require-lock of reload: percent; below 0: as usual */
+    int table;          /* --csv TABLE: a tl_show_csv_table; TL_OPTIONS_NO_TABLE: not given */
 } tl_options;
 
 #endif

@@ -68,12 +68,15 @@ static tl_status print_summary(const tl_replay *replay, const tl_verb_job *job, 
 static tl_status open_outputs(const tl_verb_job *job, const char *recording, event_way *way, tl_replay *replay,
                               tl_error *error) {
     const tl_config *config = replay->config;
+    const tl_recording_tunings tunings = tl_recording_get_tunings(replay->recording);
     tl_status status = TL_OK;
     if (job->options->database != NULL) {
         const tl_twin_recorder_settings settings = {.config = config,
                                                     .account = replay->account,
                                                     .verb = "replay",
                                                     .path = job->options->database,
+                                                    .known = tunings.known,
+                                                    .known_count = tunings.count,
                                                     .wait_when_full = true};
         status = tl_twin_recorder_open(&settings, &replay->recorder, error);
     }
@@ -177,7 +180,7 @@ static tl_status run(const tl_verb_job *job, const tl_replay *replay, tl_account
 /* Runs, then closes what the run wrote. */
 static tl_status replay_into(const tl_verb_job *job, const char *recording, event_way *way, tl_account *account,
                              tl_replay *replay, tl_error *error) {
-    tl_summary summary;
+    tl_summary summary = {.wall_s = 0.0};
     tl_status status = open_outputs(job, recording, way, replay, error);
     if (status == TL_OK) {
         status = run(job, replay, account, &summary, error);
@@ -193,7 +196,7 @@ static tl_status replay_into(const tl_verb_job *job, const char *recording, even
                : status;
 }
 
-static tl_status replay_fed(const tl_verb_job *job, const char *path, tl_account *account, tl_recording *recording,
+static tl_status replay_fed(tl_verb_job *job, const char *path, tl_account *account, tl_recording *recording,
                             tl_error *error) {
     const tl_twin_feed_settings settings = {
         .config = &job->config,
@@ -265,6 +268,9 @@ static tl_status replay(tl_verb_job *job) {
     job->order.plain = options->plain;
     tl_status opened = open_recording(&job->config, options, path, &recording, &error);
     if (opened == TL_OK) {
+        const tl_recording_tunings tunings = tl_recording_get_tunings(recording);
+        job->order.tunings = (const unsigned char *)tunings.list;
+        job->order.tunings_size = tunings.count * sizeof *tunings.list;
         opened = order_beginning(job, recording, &error);
     }
     tl_status status = replay_with(job, path, recording, opened, &error);

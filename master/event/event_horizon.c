@@ -303,7 +303,7 @@ static tl_status proceed(tl_event_horizon *self, tl_record *record, tl_error *er
     bool again = search->count == 1 && tl_event_search_find(search, u) == NULL;
     double ignored = 0.0;
     bool nominal_known = tl_event_search_find(search, nominal_of(self)) != NULL;
-    bool room = search->count + (nominal_known ? 0 : 1) < search->capacity;
+    bool room = search->count + (nominal_known ? 0 : 1) < search->most;
     if (search->count == 0 || (room && tl_event_search_next(search, again ? &ignored : &u))) {
         return try(self, u, error);
     }
@@ -511,6 +511,16 @@ bool tl_event_horizon_begin_anew(tl_event_horizon *self) {
     self->own_course = false;
     self->u = nominal_of(self);
     return under_way;
+}
+
+void tl_event_horizon_retune(tl_event_horizon *self, const tl_tuning *tuning, bool begun) {
+    const tl_adjusted *adjusted = &self->lock->adjusted[0];
+    tl_event_search_retune(&self->search, adjusted->lower, adjusted->upper, (size_t)tuning->evaluations);
+    self->u = begun ? self->u : nominal_of(self);
+    if (self->phase == SEARCHING) { /* what was found is not to be compared with what comes */
+        tl_stroke_drop(&self->stroke);
+        self->phase = WINDOW;
+    }
 }
 
 void tl_event_horizon_archive(tl_event_horizon *self, tl_archive *archive) {

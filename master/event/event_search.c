@@ -27,7 +27,7 @@ bool tl_event_search_init(tl_event_search *search, tl_arena *arena, const tl_eve
         .upper = settings->upper,
         .stagnation = settings->stagnation != 0 ? settings->stagnation : TL_EVENT_STAGNATION,
         .trials = tl_arena_take(arena, settings->evaluations, sizeof *search->trials),
-        .capacity = settings->evaluations,
+        .most = settings->evaluations,
     };
     search->space = (tl_optimiser_space){.count = 1,
                                          .step = &search->z_step,
@@ -47,6 +47,12 @@ void tl_event_search_end(tl_event_search *search) {
     }
 }
 
+void tl_event_search_retune(tl_event_search *search, double lower, double upper, size_t evaluations) {
+    search->lower = lower;
+    search->upper = upper;
+    search->most = evaluations;
+}
+
 void tl_event_search_begin(tl_event_search *search) {
     search->count = 0;
 }
@@ -56,7 +62,7 @@ void tl_event_search_tell(tl_event_search *search, double u, double value, tl_ev
 }
 
 bool tl_event_search_is_full(const tl_event_search *search) {
-    return search->count == search->capacity;
+    return search->count >= search->most;
 }
 
 const tl_event_trial *tl_event_search_best(const tl_event_search *search) {

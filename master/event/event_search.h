@@ -56,7 +56,7 @@ typedef struct tl_event_search {
     uint32_t stagnation; /* trials without progress that end the solver */
     tl_event_trial *trials;
     size_t count;
-    size_t capacity;
+    size_t most;  /* of a search, at most */
     double asked; /* by the solver, and not known yet */
     bool asks;
 } tl_event_search;
@@ -75,6 +75,9 @@ typedef struct tl_event_search_settings {
 /* False when memory is out. */
 bool tl_event_search_init(tl_event_search *search, tl_arena *arena, const tl_event_search_settings *settings);
 void tl_event_search_end(tl_event_search *search);
+
+/* Other bounds, and another number of trials: at most that of the settings. A search under way goes on with them. */
+void tl_event_search_retune(tl_event_search *search, double lower, double upper, size_t evaluations);
 
 /* Forgets all trials. */
 void tl_event_search_begin(tl_event_search *search);

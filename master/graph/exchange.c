@@ -26,6 +26,10 @@ double tl_exchange_nominal(const tl_exchange *exchange, size_t variable) {
                                               : input->nominal;
 }
 
+void tl_exchange_set_nominal(tl_exchange *exchange, size_t variable, double nominal) {
+    exchange->adjusted[variable].nominal = nominal;
+}
+
 void tl_exchange_deliver(tl_exchange *exchange) {
     for (size_t i = 0; i < exchange->copy_count; i++) {
         *exchange->copies[i].to = *exchange->copies[i].from;

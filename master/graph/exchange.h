@@ -98,6 +98,9 @@ static inline void tl_exchange_set_adjusted(tl_exchange *exchange, size_t variab
     }
 }
 
+/* Another û of a variable that no connection delivers it to; u stays. */
+void tl_exchange_set_nominal(tl_exchange *exchange, size_t variable, double nominal);
+
 /* The u that is set; and û, as it is delivered now. */
 double tl_exchange_adjusted(const tl_exchange *exchange, size_t variable);
 double tl_exchange_nominal(const tl_exchange *exchange, size_t variable);

@@ -172,10 +172,6 @@ static double objective(unsigned count, const double *v, double *gradient, void 
 
 /* Sets what is the same for every search. */
 static bool configure(tl_optimiser *self) {
-    for (size_t i = 0; i < self->space->count; i++) {
-        const double room = (self->space->upper[i] - self->space->lower[i]) / UNITS_IN_BOUNDS;
-        self->unit[i] = fmin(self->space->step[i], room);
-    }
     return nlopt_set_min_objective(self->solver, objective, self) == NLOPT_SUCCESS &&
            nlopt_set_initial_step1(self->solver, 1.0) == NLOPT_SUCCESS &&
            nlopt_set_xtol_abs1(self->solver, SMALLEST_STEP) == NLOPT_SUCCESS &&
@@ -215,6 +211,8 @@ static bool begin(tl_optimiser *self, const tl_search *search) {
     self->scale = 0.0;
     self->stopped = false;
     for (size_t i = 0; i < space->count; i++) {
+        const double room = (space->upper[i] - space->lower[i]) / UNITS_IN_BOUNDS;
+        self->unit[i] = fmin(space->step[i], room);
         self->v[i] = 0.0;
         self->lowest[i] = (space->lower[i] - search->start[i]) / self->unit[i];
         self->highest[i] = (space->upper[i] - search->start[i]) / self->unit[i];

@@ -18,15 +18,16 @@
 /* J below this: every output is within its tolerance. */
 #define TL_OBJECTIVE_TOLERANCE 1.0
 
-/* The unknowns, fixed for the life of a solver: for each adjusted variable one (static horizon) or several, one after the
- * other in time (dynamic). All arrays have `count` entries. */
+/* The unknowns: for each adjusted variable one (static horizon) or several, one after the other in time (dynamic). All arrays have `count`
+ * entries. Bounds and residual_count may be others from search to search (see `retune`); the rest is fixed for the life of a solver. */
 typedef struct tl_optimiser_space {
     size_t count;
     const double *step;    /* first step, > 0; 1 for a Boolean */
     const double *lower;   /* −infinity: none; 0 for a Boolean */
     const double *upper;   /* +infinity: none; 1 for a Boolean */
     const uint32_t *dwell; /* Boolean: macro steps it stays after a change; else 0 */
-    size_t residual_count; /* of every search: samples, then penalties */
+    size_t residual_count; /* of a search: samples, then penalties */
+    size_t residual_most;  /* that it will ever be */
     size_t sample_count;
     bool held; /* static over several samples: what is found will do for later steps too */
 } tl_optimiser_space;
@@ -82,6 +83,9 @@ typedef struct tl_optimiser_class {
     void (*rest)(const tl_optimiser *optimiser, double *u);
     /* Told of each commit, with the unknowns that were committed. NULL: of no interest. */
     void (*committed)(tl_optimiser *optimiser, const double *u);
+    /* From now on residuals are in other units: residual i of the residual_most is factors[i] times what it was. `space` is what it is now.
+     * NULL: it remembers nothing of them. */
+    void (*retune)(tl_optimiser *optimiser, const double *factors);
     /* Forgets what it remembers of earlier steps: as it was created. NULL: it remembers nothing. */
     void (*forget)(tl_optimiser *optimiser);
     void (*destroy)(tl_optimiser *optimiser);

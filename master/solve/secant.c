@@ -88,15 +88,15 @@ static tl_optimiser *create(tl_arena *arena, const tl_optimiser_space *space) {
     self->promised = (double)NAN;
     self->unknowns = space->count;
     self->residuals = space->residual_count;
-    self->slope = tl_arena_take(arena, self->residuals * self->unknowns, sizeof *self->slope);
+    self->slope = tl_arena_take(arena, space->residual_most * self->unknowns, sizeof *self->slope);
     self->normal = tl_arena_take(arena, self->unknowns * self->unknowns, sizeof *self->normal);
     self->move = tl_arena_take(arena, self->unknowns, sizeof *self->move);
     self->fixed = tl_arena_take(arena, self->unknowns, sizeof *self->fixed);
     self->point = tl_arena_take(arena, self->unknowns, sizeof *self->point);
     self->trial = tl_arena_take(arena, self->unknowns, sizeof *self->trial);
-    self->r = tl_arena_take(arena, self->residuals, sizeof *self->r);
-    self->expected = tl_arena_take(arena, self->residuals, sizeof *self->expected);
-    self->further = tl_arena_take(arena, self->residuals, sizeof *self->further);
+    self->r = tl_arena_take(arena, space->residual_most, sizeof *self->r);
+    self->expected = tl_arena_take(arena, space->residual_most, sizeof *self->expected);
+    self->further = tl_arena_take(arena, space->residual_most, sizeof *self->further);
     self->lean = tl_arena_take(arena, self->unknowns, sizeof *self->lean);
     self->leaned = tl_arena_take(arena, self->unknowns, sizeof *self->leaned);
     bool taken = self->slope != NULL && self->normal != NULL && self->move != NULL && self->fixed != NULL &&
@@ -634,6 +634,20 @@ static void retract(tl_optimiser *self) {
     self->promised = (double)NAN;
 }
 
+/* What is known of the slope stays true. A promise was in the old units. */
+static void retune(tl_optimiser *self, const double *factors) {
+    size_t n = self->unknowns;
+    bool same = true;
+    for (size_t i = 0; i < self->space->residual_most; i++) {
+        same = same && !(factors[i] < 1.0) && !(factors[i] > 1.0);
+        for (size_t k = 0; k < n; k++) {
+            self->slope[i * n + k] *= factors[i];
+        }
+    }
+    self->residuals = self->space->residual_count;
+    self->promised = same ? self->promised : (double)NAN;
+}
+
 static bool is_new(const tl_optimiser *self) {
     return !self->has_slope;
 }
@@ -652,6 +666,7 @@ const tl_optimiser_class tl_secant = {
     .retract = retract,
     .minimise = minimise,
     .is_new = is_new,
+    .retune = retune,
     .forget = forget,
     .destroy = destroy,
 };

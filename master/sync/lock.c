@@ -26,15 +26,15 @@ static bool take_all(tl_arena *arena, double **const *arrays, size_t array_count
 
 static bool take_memory(tl_lock *lock, tl_arena *arena) {
     tl_lock_memory *memory = &lock->memory;
-    double **const sequences[] = {&memory->committed, &memory->nominal, &memory->guess,
-                                  &memory->start,     &memory->best,    &memory->trial};
+    double **const sequences[] = {&memory->committed, &memory->nominal, &memory->guess, &memory->start,
+                                  &memory->best,      &memory->trial,   &memory->lower, &memory->upper};
     double **const vectors[] = {&memory->residuals, &memory->start_residuals, &memory->best_residuals,
-                                &memory->forecast, &memory->noise};
+                                &memory->forecast,  &memory->noise,           &memory->factors};
     double **const courses[] = {&memory->candidate_course, &memory->best_course, &memory->course};
     double **const samples[] = {&memory->earlier};
     memory->free = tl_arena_take(arena, lock->horizon.count, sizeof *memory->free);
-    return memory->free != NULL && take_all(arena, sequences, 6, lock->horizon.count) &&
-           take_all(arena, vectors, 5, lock->objective.residual_count) &&
+    return memory->free != NULL && take_all(arena, sequences, 8, lock->horizon.count) &&
+           take_all(arena, vectors, 6, lock->objective.residual_most) &&
            take_all(arena, courses, 3, size_of_course(lock)) && take_all(arena, samples, 1, lock->objective.matched);
 }
 
@@ -46,30 +46,38 @@ static void find_free(tl_lock *lock) {
     }
 }
 
+static void place_bounds(tl_lock *lock) {
+    const tl_horizon *horizon = &lock->horizon;
+    for (size_t v = 0; v < horizon->variables; v++) {
+        for (size_t i = horizon->offset[v]; i < horizon->offset[v] + horizon->length[v]; i++) {
+            lock->memory.lower[i] = lock->adjusted[v].lower;
+            lock->memory.upper[i] = lock->adjusted[v].upper;
+        }
+    }
+}
+
 /* What the solvers are told of each unknown. */
 static bool describe_space(tl_lock *lock, tl_arena *arena, const tl_plan *plan) {
     const tl_horizon *horizon = &lock->horizon;
     double *step = tl_arena_take(arena, horizon->count, sizeof *step);
-    double *lower = tl_arena_take(arena, horizon->count, sizeof *lower);
-    double *upper = tl_arena_take(arena, horizon->count, sizeof *upper);
     uint32_t *dwell = tl_arena_take(arena, horizon->count, sizeof *dwell);
-    if (step == NULL || lower == NULL || upper == NULL || dwell == NULL) {
+    if (step == NULL || dwell == NULL) {
         return false;
     }
     for (size_t v = 0; v < horizon->variables; v++) {
         for (size_t i = horizon->offset[v]; i < horizon->offset[v] + horizon->length[v]; i++) {
             step[i] = lock->adjusted[v].step;
-            lower[i] = lock->adjusted[v].lower;
-            upper[i] = lock->adjusted[v].upper;
             dwell[i] = lock->adjusted[v].dwell;
         }
     }
+    place_bounds(lock);
     lock->space = (tl_optimiser_space){.count = horizon->count,
                                        .step = step,
-                                       .lower = lower,
-                                       .upper = upper,
+                                       .lower = lock->memory.lower,
+                                       .upper = lock->memory.upper,
                                        .dwell = dwell,
                                        .residual_count = lock->objective.residual_count,
+                                       .residual_most = lock->objective.residual_most,
                                        .sample_count = size_of_course(lock),
                                        .held = plan->shape == TL_STATIC && tl_objective_samples(&lock->objective) > 1};
     return true;
@@ -671,6 +679,41 @@ void tl_lock_begin_anew(tl_lock *lock) {
     forget(lock->solver, lock->optimiser);
     forget(lock->fallback, lock->second);
     tl_ledger_begin_anew(&lock->ledger);
+}
+
+/* u stays where it is: so it is as far from another nominal as it is. */
+static void move_nominal(tl_lock *lock, size_t variable, const tl_tuning_adjust *adjust) {
+    double before = tl_exchange_nominal(lock->exchange, variable);
+    bool moves = adjust->has_nominal != 0 && (adjust->nominal < before || adjust->nominal > before);
+    if (moves && lock->has_last) {
+        lock->last_delta[variable] = lock->memory.before[variable] - adjust->nominal;
+    }
+}
+
+static void retune(const tl_lock *lock, const tl_optimiser_class *solver, tl_optimiser *optimiser) {
+    if (solver != NULL && solver->retune != NULL) {
+        solver->retune(optimiser, lock->memory.factors);
+    }
+}
+
+void tl_lock_retune(tl_lock *lock, tl_objective_term *terms, const tl_tuning *tuning) {
+    if (lock->horizon.variables == 0) {
+        return; /* nothing is searched */
+    }
+    tl_objective_retune(&lock->objective, terms, tuning, lock->memory.factors);
+    lock->space.residual_count = lock->objective.residual_count;
+    for (size_t v = 0; v < lock->horizon.variables; v++) {
+        if (!lock->adjusted[v].is_boolean) {
+            lock->adjusted[v].lower = tuning->adjust[v].lower;
+            lock->adjusted[v].upper = tuning->adjust[v].upper;
+        }
+        move_nominal(lock, v, &tuning->adjust[v]);
+    }
+    place_bounds(lock);
+    lock->margin = tuning->margin;
+    lock->noise_floor = tuning->noise_floor;
+    retune(lock, lock->solver, lock->optimiser);
+    retune(lock, lock->fallback, lock->second);
 }
 
 void tl_lock_archive(tl_lock *lock, tl_archive *archive) {

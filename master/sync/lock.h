@@ -18,6 +18,7 @@
 #include "master/base/arena.h"
 #include "master/base/status.h"
 #include "master/plan/plan.h"
+#include "master/plan/tuning.h"
 #include "master/sync/lock_state.h"
 #include "master/sync/record.h"
 
@@ -54,6 +55,10 @@ tl_status tl_lock_follow(tl_lock *lock, int64_t step, const double *u, tl_record
 /* All FMUs have begun anew at the committed instant, with nominal u: what was learned of the twin is forgotten. What is known of the
  * measurements and of what things take stays. */
 void tl_lock_begin_anew(tl_lock *lock);
+
+/* From the next step on. The tuning was checked, and fits; its bounds are within those that the FMUs declare. `terms` are those of the settings.
+ * What was learned of the twin, and what was committed, stays. */
+void tl_lock_retune(tl_lock *lock, tl_objective_term *terms, const tl_tuning *tuning);
 
 /* What a step without a search needs of the steps before it, and the noise of the measurements; solvers begin anew. */
 void tl_lock_archive(tl_lock *lock, tl_archive *archive);

@@ -51,11 +51,14 @@ typedef struct tl_lock_memory {
     double *start_residuals; /* at start */
     double *best_residuals;
     double *forecast;
-    double *noise;                /* as tl_objective_noise() */
-    double *candidate_course;     /* y of the matched outputs along the horizon: of the candidate evaluated last, */
-    double *best_course;          /* of the best, */
-    double *course;               /* and of what was committed last */
-    double *earlier;              /* the sample before the last one of `course` */
+    double *noise;            /* as tl_objective_noise() */
+    double *candidate_course; /* y of the matched outputs along the horizon: of the candidate evaluated last, */
+    double *best_course;      /* of the best, */
+    double *course;           /* and of what was committed last */
+    double *earlier;          /* the sample before the last one of `course` */
+    double *lower;            /* bounds of the unknowns */
+    double *upper;
+    double *factors;              /* of the residuals, in another tuning */
     bool *free;                   /* unknowns that a guess may move */
     double before[TL_MAX_ADJUST]; /* u of the step before, by variable; nominal where there was none */
 } tl_lock_memory;

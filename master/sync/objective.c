@@ -22,6 +22,29 @@ static void place_target(const tl_objective *objective, const tl_objective_term 
     target->huber = term->huber > 0.0 ? term->huber : HUGE_VAL;
 }
 
+static void place_targets(tl_objective *objective) {
+    tl_objective_target *target = objective->targets;
+    for (size_t sample = 0; sample < tl_objective_samples(objective); sample++) {
+        for (size_t i = 0; i < objective->term_count; i++) {
+            if (has_weight(&objective->terms[i])) {
+                place_target(objective, &objective->terms[i], target++);
+            }
+        }
+    }
+}
+
+/* Whether there are any, and how many residuals there are then. */
+static void count_residuals(tl_objective *objective) {
+    size_t count = tl_objective_samples(objective) * objective->matched;
+    objective->penalised = false;
+    for (size_t v = 0; v < objective->horizon->variables; v++) {
+        const tl_objective_penalty *penalty = &objective->penalties[v];
+        objective->penalised = objective->penalised || penalty->deviation > 0.0 || penalty->rate > 0.0;
+    }
+    objective->residual_most = count + 2 * objective->horizon->count;
+    objective->residual_count = objective->penalised ? objective->residual_most : count;
+}
+
 bool tl_objective_init(tl_objective *objective, tl_arena *arena, const tl_objective_settings *settings) {
     *objective = (tl_objective){.exchange = settings->exchange,
                                 .horizon = settings->horizon,
@@ -31,26 +54,64 @@ bool tl_objective_init(tl_objective *objective, tl_arena *arena, const tl_object
         objective->matched += has_weight(&objective->terms[i]);
     }
     for (size_t v = 0; v < objective->horizon->variables; v++) {
-        const tl_objective_penalty *penalty = &settings->penalties[v];
-        objective->penalties[v] = *penalty;
-        objective->penalised = objective->penalised || penalty->deviation > 0.0 || penalty->rate > 0.0;
+        objective->penalties[v] = settings->penalties[v];
     }
+    count_residuals(objective);
     size_t count = tl_objective_samples(objective) * objective->matched;
-    objective->residual_count = count + (objective->penalised ? 2 * objective->horizon->count : 0);
     objective->targets = tl_arena_take(arena, count, sizeof *objective->targets);
     objective->jitters = tl_arena_take(arena, objective->matched, sizeof *objective->jitters);
     if (objective->targets == NULL || objective->jitters == NULL) {
         return false;
     }
-    tl_objective_target *target = objective->targets;
+    place_targets(objective);
+    return true;
+}
+
+/* ---- another tuning ---- */
+
+/* Of a residual that is there now and then; one that was not there is not known, which is a slope of nothing. */
+static double growth(double before, double now) {
+    return before > 0.0 ? now / before : 1.0;
+}
+
+/* Of the samples, whose terms are still those of before. */
+static double *compare_terms(const tl_objective *objective, const tl_tuning *tuning, double *factors) {
     for (size_t sample = 0; sample < tl_objective_samples(objective); sample++) {
         for (size_t i = 0; i < objective->term_count; i++) {
-            if (has_weight(&objective->terms[i])) {
-                place_target(objective, &objective->terms[i], target++);
+            const tl_objective_term *term = &objective->terms[i];
+            const tl_tuning_match *match = &tuning->match[i];
+            if (has_weight(term)) {
+                *factors++ = growth(sqrt(term->weight) / term->tolerance, sqrt(match->weight) / match->tolerance);
             }
         }
     }
-    return true;
+    return factors;
+}
+
+/* As in tl_objective_penalise(). */
+static void take_penalties(tl_objective *objective, const tl_tuning *tuning, double *factors) {
+    for (size_t v = 0; v < objective->horizon->variables; v++) {
+        tl_objective_penalty *penalty = &objective->penalties[v];
+        const tl_tuning_adjust *adjust = &tuning->adjust[v];
+        for (uint32_t m = 0; m < objective->horizon->length[v]; m++) {
+            *factors++ = growth(sqrt(penalty->deviation), sqrt(adjust->deviation_penalty));
+            *factors++ = growth(sqrt(penalty->rate), sqrt(adjust->rate_penalty));
+        }
+        penalty->deviation = adjust->deviation_penalty;
+        penalty->rate = adjust->rate_penalty;
+    }
+}
+
+void tl_objective_retune(tl_objective *objective, tl_objective_term *terms, const tl_tuning *tuning, double *factors) {
+    factors = compare_terms(objective, tuning, factors);
+    take_penalties(objective, tuning, factors);
+    for (size_t i = 0; i < objective->term_count; i++) {
+        terms[i].tolerance = tuning->match[i].tolerance;
+        terms[i].weight = tuning->match[i].weight;
+        terms[i].huber = tuning->match[i].huber;
+    }
+    place_targets(objective);
+    count_residuals(objective);
 }
 
 /* ŷ of one term that belongs to the plant of `tick`: conditioned where that is asked for, and then it comes later. */

@@ -18,6 +18,7 @@
 #include "master/graph/exchange.h"
 #include "master/measure/conditioner.h"
 #include "master/measure/jitter.h"
+#include "master/plan/tuning.h"
 #include "master/sync/horizon.h"
 
 typedef struct tl_objective_term {
@@ -59,7 +60,8 @@ typedef struct tl_objective {
     size_t matched;               /* terms with a weight */
     tl_objective_target *targets; /* [(depth − T_D)·matched + …] */
     tl_jitter *jitters;           /* of the matched ŷ, in y's unit */
-    size_t residual_count;        /* of the samples, then of the penalties */
+    size_t residual_count;        /* of the samples, then of the penalties, */
+    size_t residual_most;         /* and if there were penalties */
 } tl_objective;
 
 /* What an objective is made of. The penalties are copied; all else must outlive it. */
@@ -73,6 +75,10 @@ typedef struct tl_objective_settings {
 
 /* False when memory is out. */
 bool tl_objective_init(tl_objective *objective, tl_arena *arena, const tl_objective_settings *settings);
+
+/* From the next step on. `terms` are those of the objective, which get these values; the penalties are copied. factors[i], of residual_most, is how
+ * much larger residual i of the same difference is than it was. */
+void tl_objective_retune(tl_objective *objective, tl_objective_term *terms, const tl_tuning *tuning, double *factors);
 
 /* Looks up the measurements that step i is matched with; false where none of them is good. */
 bool tl_objective_prepare(tl_objective *objective, int64_t step);

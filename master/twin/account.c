@@ -53,6 +53,8 @@ static void take_ports(const tl_twin *twin, tl_account *account) {
         adjust->step = adjusted.step;
         adjust->lower = adjusted.lower;
         adjust->upper = adjusted.upper;
+        adjust->least = adjusted.least;
+        adjust->most = adjusted.most;
         account->adjusts++;
     }
 }

@@ -41,7 +41,7 @@ typedef struct tl_account_match {
 typedef struct tl_account_adjust {
     char unit[TL_ACCOUNT_TEXT];
     tl_type type;
-    double step, lower, upper; /* as in tl_twin_adjusted */
+    double step, lower, upper, least, most; /* as in tl_twin_adjusted */
 } tl_account_adjust;
 
 typedef struct tl_account {

@@ -23,6 +23,7 @@
 #include "master/base/signal.h"
 #include "master/base/status.h"
 #include "master/plan/plan.h"
+#include "master/plan/tuning.h"
 #include "master/sync/record.h"
 #include "master/twin/metrics.h"
 
@@ -82,6 +83,8 @@ typedef struct tl_twin_adjusted {
     double step;
     double lower;
     double upper;
+    double least; /* that the FMU declares: the bounds are within */
+    double most;
 } tl_twin_adjusted;
 
 /* A measured delay: of the first matched output that is sure of one. */
@@ -130,6 +133,16 @@ tl_status tl_twin_follow(tl_twin *twin, const tl_sample *sample, const double *u
  *         instantiated anew, and so are all if their initialisation fails then. No budget is for it: the tick takes as long as that takes.
  * Errors: none here. The next tick's are TL_FMU_FAILED where that fails as well, TL_FMU_FATAL where an FMU was fatal. */
 void tl_twin_reset(tl_twin *twin);
+
+/* Another tuning, from the next tick on, however that comes about: what the FMUs and the solver know, u, filters, metrics and ledger stay. A u that is
+ * outside of new bounds is brought into them by the next search, as at a start; the bounds that the FMU declares hold as before. Of an event horizon a
+ * search under way begins again. Before the first tick it is as if the twin had been built with it; the same tuning again changes nothing. Its time is
+ * for who makes the budget. Costs no call of an FMU.
+ * Errors: TL_BAD_DATA, and nothing is changed: a number that cannot be (tl_tuning_check()), or a twin that was built otherwise (tl_tuning_fits()). */
+tl_status tl_twin_retune(tl_twin *twin, const tl_tuning *tuning, tl_error *error);
+
+/* The one in force. */
+void tl_twin_get_tuning(const tl_twin *twin, tl_tuning *tuning);
 
 /* ---- to begin where an earlier run has ended: before the first tick, one of the two ---- */
 

@@ -482,6 +482,10 @@ tl_twin *tl_twin_build(const tl_plan *plan, tl_report *report) {
     twin->measurements = plan->measurements;
     twin->state_bytes = plan->state_bytes;
     twin->heap = plan->heap;
+    if (plan->match_count <= TL_MAX_MATCH && plan->adjust_count <= TL_MAX_ADJUST) { /* or nothing is built */
+        tl_tuning_of(plan, &twin->built);
+        twin->tuning = twin->built;
+    }
     tl_plan own = *plan;
     if (own.event.start.signal != NULL) {
         own.saving = (tl_plan_saving){0}; /* candidates differ from the first step on: there is nothing to save */

@@ -121,6 +121,8 @@ tl_twin_adjusted tl_twin_get_adjusted(const tl_twin *twin, size_t adjust) {
         .step = adjusted->step,
         .lower = adjusted->lower,
         .upper = adjusted->upper,
+        .least = twin->adjust_ports[adjust]->variable->minimum,
+        .most = twin->adjust_ports[adjust]->variable->maximum,
     };
 }
 

@@ -1,7 +1,7 @@
 /* What a twin is made of.
  *
  * Purpose: private to twin.c (the life of a twin, tick by tick), twin_build.c (from a plan), twin_reset.c (anew in the middle),
- *          twin_checkpoint.c (from and to bytes) and twin_facts.c (what is known of it).
+ *          twin_retune.c (with other tolerances and bounds), twin_checkpoint.c (from and to bytes) and twin_facts.c (what is known of it).
  */
 #ifndef TL_MASTER_TWIN_TWIN_PARTS_H
 #define TL_MASTER_TWIN_TWIN_PARTS_H
@@ -39,6 +39,8 @@ struct tl_twin {
     int64_t begin;        /* tick at which they are */
     uint64_t state_bytes; /* that saved states may take; 0: there is no bound */
     size_t (*heap)(void); /* as in the plan */
+    tl_tuning built;      /* with which the twin was built: what of it cannot change, */
+    tl_tuning tuning;     /* and which is in force */
     double *proof;        /* for the proof at start: one value per port */
     bool resets;          /* the FMUs begin anew before the next step */
     tl_status ended;      /* not TL_OK: a step has failed, nothing may follow */

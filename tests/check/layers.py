@@ -25,7 +25,7 @@ OWNERS = {
     "nlopt.h": ("master/solve",),
     "modbus.h": ("board/modbus",),
     "gpiod.h": ("board/gpio",),
-    "cJSON.h": ("firmware/config", "firmware/text/json_writer.c", "firmware/text/json_reader.c"),
+    "cJSON.h": ("firmware/json", "firmware/config", "firmware/text/json_writer.c", "firmware/text/json_reader.c"),
     "sqlite3.h": ("firmware/database", "firmware/record", "firmware/history"),
     "expat.h": ("firmware/fmu",),
     "zip.h": ("firmware/fmu",),
@@ -34,7 +34,12 @@ OWNERS = {
     "dlfcn.h": ("firmware/fmu",),
     "sd-daemon.h": ("firmware/supervise",),
     "watchdog.h": ("board/watchdog", "firmware/confine/filter_drivers.c"),
+    "microhttpd.h": ("firmware/serve",),
+    "gnutls.h": ("firmware/tls", "firmware/serve/certificate.c"),
+    "x509.h": ("firmware/tls", "firmware/serve/certificate.c"),
+    "curl.h": ("firmware/push",),
     "grp.h": ("firmware/confine",),
+    "pwd.h": ("firmware/verbs/verb_reload.c",),
     # Who starts threads, or has a lock that several of them take.
     "pthread.h": ("firmware/base/c_locale.c", "firmware/base/side_thread.h", "firmware/database/database_lock.c",
                   "firmware/emulate/plant_server.c", "firmware/fmu/fmu_thread.c", "firmware/live/voice.c", "firmware/plant/plant_reader.c",
@@ -45,7 +50,7 @@ OWNERS = {
 
 MADE = "description.h"  # of an FMU, from its modelDescription.xml
 # What else the floors above the master may include: C99, the system, and no library that has no owner.
-SYSTEM = set("dirent.h elf.h fcntl.h gcov.h getopt.h libgen.h malloc.h net/if.h netdb.h netinet/in.h netinet/tcp.h poll.h "
+SYSTEM = set("dirent.h elf.h fcntl.h gcov.h getopt.h libgen.h malloc.h net/if.h arpa/inet.h netdb.h netinet/in.h netinet/tcp.h poll.h "
              "sched.h strings.h termios.h unistd.h sanitizer/lsan_interface.h".split())
 SYSTEM_FOLDERS = ("sys/", "linux/")
 

@@ -12,7 +12,7 @@ SOURCE = Path(__file__).resolve().parents[2]
 SEEDS = SOURCE / "tests" / "fuzz" / "seeds" / "database"
 
 # The columns of format 1; its runs have no ledger, no beginning and no checkpoint.
-OLDER = """DROP TABLE beginnings; DROP TABLE checkpoints; DROP TABLE components; DROP TABLE flags;
+OLDER = """DROP TABLE tunings; DROP TABLE beginnings; DROP TABLE checkpoints; DROP TABLE components; DROP TABLE flags;
 ALTER TABLE runs DROP COLUMN lead; ALTER TABLE steps DROP COLUMN predicted; ALTER TABLE steps DROP COLUMN flags;
 ALTER TABLE steps DROP COLUMN held; PRAGMA user_version = 1;"""
 

@@ -69,10 +69,13 @@ static void walk(tl_history *history, const tl_history_run *run) {
 
 static void ask(tl_history *history, const tl_history_run *run) {
     const tl_history_checkpoint *checkpoint = NULL;
+    const tl_history_tuning *tunings = NULL;
+    size_t count = 0;
     const char *text = NULL;
     tl_error error = {TL_OK, ""};
     int64_t step = 0;
     expect(tl_history_configuration(history, run, &text, &error), &error);
+    expect(tl_history_tunings(history, run, &tunings, &count, &error), &error);
     expect(tl_history_last_step(history, run, &step, &error), &error);
     expect(tl_history_checkpoint_before(history, run, INT64_MAX, &checkpoint, &error), &error);
     (void)tl_history_execution_cost(history, run);

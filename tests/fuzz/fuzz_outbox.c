@@ -7,6 +7,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "firmware/base/identity.h"
 #include "firmware/outbox/outbox_parts.h"
 #include "firmware/outbox/outbox_reader.h"
 #include "tests/fuzz/harness.h"
@@ -52,8 +53,14 @@ static void put_checkpoint(unsigned what) {
     tl_outbox_put_checkpoint(&outbox, what, size);
 }
 
+static void put_tuning(unsigned what) {
+    tl_run_tuning tuning = {.tick = what, .number = what};
+    memset(tuning.hash, what % 16 == 6 ? 'x' : 'a', what % 3 == 0 ? 0 : sizeof tuning.hash - 1);
+    (void)tl_outbox_put_tuning(&outbox, &tuning);
+}
+
 static void put(unsigned what) {
-    switch (what % 6) {
+    switch (what % 7) {
     case 0:
         (void)put_sample(what);
         break;
@@ -68,6 +75,9 @@ static void put(unsigned what) {
         break;
     case 4:
         tl_outbox_event(&outbox, what, TL_EVENT_INFO, "fuzz", "text");
+        break;
+    case 6:
+        put_tuning(what);
         break;
     default:
         put_checkpoint(what);
@@ -150,6 +160,9 @@ static void check_entry(void) {
         break;
     case TL_ENTRY_END:
         tl_fuzz_hold(is_text(entry.reason, sizeof entry.reason));
+        break;
+    case TL_ENTRY_TUNING:
+        tl_fuzz_hold(tl_identity_is_sound(entry.tuning.hash));
         break;
     default:
         tl_fuzz_hold(false);

@@ -24,7 +24,7 @@ static const char configuration[] =
 enum { SIZE = 8, LAST = 32, STEP = 40, START = 48 };
 
 static void put_right(unsigned what, unsigned char *image, size_t size) {
-    static const char magic[] = {'t', 'w', 'l', 'k', 'p', 's', 't', '2'};
+    static const char magic[] = {'t', 'w', 'l', 'k', 'p', 's', 't', '3'};
     const uint64_t bytes = size;
     int64_t last = 0;
     int64_t step = 0;
@@ -63,6 +63,13 @@ static void check(const tl_past *past) {
                  past->age >= 0);
     for (int64_t number = past->first; number <= past->last; number++) {
         check_tick(past, number);
+    }
+    tl_fuzz_hold(past->tuning_count <= TL_PAST_TUNINGS);
+    for (size_t i = 0; i < past->tuning_count; i++) {
+        tl_run_tuning tuning;
+        tl_error error;
+        memcpy(&tuning, past->tunings + i * sizeof tuning, sizeof tuning);
+        tl_fuzz_hold(tuning.tick >= 0 && tl_tuning_check(&tuning.values, &error) == TL_OK);
     }
     tl_fuzz_hold(!tl_past_tick_at(past, past->first - 1, &tick) && !tl_past_tick_at(past, past->last + 1, &tick));
 }

@@ -26,6 +26,13 @@ static tl_recorder_writer_state state;
 static tl_recorder_writer *writer;
 static tl_outbox outbox;
 
+static const tl_recorder_known known = {.number = 2,
+                                        .hash = "aaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaa",
+                                        .text = "{\"another\": 1}",
+                                        .who = "who",
+                                        .origin = "origin",
+                                        .why = "why"};
+
 static tl_recorder_settings record(void) {
     return (tl_recorder_settings){.path = path,
                                   .insistence = TL_DATABASE_ANYHOW,
@@ -40,7 +47,9 @@ static tl_recorder_settings record(void) {
                                   .adjust = signals,
                                   .plant_count = 2,
                                   .match_count = 1,
-                                  .adjust_count = 1};
+                                  .adjust_count = 1,
+                                  .known = &known,
+                                  .known_count = 1};
 }
 
 static void open_writer(void) {
@@ -84,7 +93,18 @@ static void put_start(unsigned what) {
     (void)tl_outbox_put_start(&outbox, &start);
 }
 
+/* Of a configuration that is known, or of another. */
+static void put_tuning(unsigned what) {
+    tl_run_tuning tuning = {.tick = number(), .number = (uint32_t)what};
+    memset(tuning.hash, what % 4 == 1 ? 'b' : 'a', sizeof tuning.hash - 1);
+    (void)tl_outbox_put_tuning(&outbox, &tuning);
+}
+
 static void put_entry(unsigned what) {
+    if (what % 7 == 4) {
+        put_tuning(what);
+        return;
+    }
     if (what % 2 == 0) {
         tl_sample sample = {.tick = number(), .values = {value(), value()}, .stamps = {number(), number()}};
         sample.quality[0] = (uint8_t)(what % (TL_OUTLIER + 1));
@@ -136,6 +156,10 @@ static void read_run(tl_history *history, const tl_history_run *run) {
     const tl_history_checkpoint *checkpoint = NULL;
     size_t count = 0;
     int64_t step = 0;
+    const tl_history_tuning *tunings = NULL;
+    const char *text = NULL;
+    tl_fuzz_hold(tl_history_tunings(history, run, &tunings, &count, NULL) == TL_OK);
+    tl_fuzz_hold(count == 0 || tl_history_text(history, tunings[0].hash, &text, NULL) == TL_OK);
     tl_fuzz_hold(tl_history_ledger(history, run, &components, &count, NULL) == TL_OK);
     tl_fuzz_hold(tl_history_signals(history, run, TL_HISTORY_MATCH, &found, &count, NULL) == TL_OK);
     tl_fuzz_hold(tl_history_last_step(history, run, &step, NULL) == TL_OK);

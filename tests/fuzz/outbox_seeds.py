@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 
 PUT, ATTACK, SUCCEED, SAY, TAKE = 0, 3, 5, 6, 7  # of act()
-SAMPLE, STEP, START, END, EVENT, CHECKPOINT = range(6)  # of put()
+SAMPLE, STEP, START, END, EVENT, CHECKPOINT, TUNING = range(7)  # of put()
 COUNTER, BYTE, FORGE, SLOT, ANYWHERE = range(5)  # of attack()
 EVENTS = 512
 
@@ -37,6 +37,7 @@ def run(ticks):
 
 SEEDS = {
     "whole_run": run(5) + put(CHECKPOINT) + put(SAMPLE) + put(EVENT, 2) + put(END) + take() * 2,
+    "tunings": run(2) + put(TUNING) + put(SAMPLE) + put(STEP) + put(CHECKPOINT) + put(TUNING, 3) + take() + put(SAMPLE) + succeed() + take() * 2,
     "full_ring": put(START, 7) + put(SAMPLE) + put(STEP) + put(END) + take() + succeed() + (put(SAMPLE) + put(STEP)) * 21 + take(),
     "full_queue": put(EVENT, EVENTS + 8) + take() + succeed() + take() * 20,
     "successor": run(4) + put(CHECKPOINT) + put(SAMPLE) + put(STEP) + put(CHECKPOINT) + put(SAMPLE) + put(STEP) + put(EVENT) + take(1)

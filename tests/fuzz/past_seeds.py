@@ -15,18 +15,26 @@ def tick(number, step):
     return struct.pack("=B2d2qd2B", step, 0.1 * number, 60.0 - number, *stamps, 0.0 if step == NO_STEP else 0.003, number % 2, 0)
 
 
-def image(origin, first, count, checkpoint):
+def tuning(tick):
+    """Of one match and one variable."""
+    values = struct.pack("=IIddQq", 1, 1, 0.01, 0.001, 60, 6000000) + struct.pack("=ddd", 1.0, 1.0, 0.0).ljust(16 * 24, b"\0")
+    adjust = struct.pack("=Qddddd", 1, 0.0031, -1.0, 1.0, 0.0, 0.0).ljust(8 * 48, b"\0")
+    return struct.pack("=qI65s3x", tick, 2, b"a" * 64) + values + adjust
+
+
+def image(origin, first, count, checkpoint, taken=b""):
     ticks = b"".join(tick(first + i, (NO_STEP, STEPPED, BEGAN_ANEW)[i]) for i in range(count))
-    size = 96 + len(checkpoint) + len(ticks)
+    size = 104 + len(taken) + len(checkpoint) + len(ticks)
     last = first + count - 1
-    head = struct.pack("=8s11q", b"twlkpst2", size, 7, first, last, STEP, NOW - last * STEP, 1_700_000_000_000,
-                       len(checkpoint), 2, 1, origin)
-    return RIGHT + head + checkpoint + ticks
+    head = struct.pack("=8s12q", b"twlkpst3", size, 7, first, last, STEP, NOW - last * STEP, 1_700_000_000_000,
+                       len(checkpoint), len(taken) // 888, 2, 1, origin)
+    return RIGHT + head + checkpoint + taken + ticks
 
 
 def main():
     folder = Path(sys.argv[1])
     (folder / "checkpoint").write_bytes(image(1, 1001, 3, b"state"))
+    (folder / "tunings").write_bytes(image(1, 1001, 3, b"state", tuning(900) + tuning(1002)))
     (folder / "start").write_bytes(image(2, 0, 3, b""))
     (folder / "inputs").write_bytes(image(3, 500, 2, b""))
     (folder / "no_ticks").write_bytes(image(1, 77, 0, b"state"))

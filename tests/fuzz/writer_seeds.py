@@ -33,6 +33,11 @@ def step(tick, value=1):
     return act(ENTRY, 3) + b"".join(map(number, (tick, 100, value, 40, 20, 21, value, value)))
 
 
+def tuning(tick, how=4):
+    """With 4 of the configuration that is known and told so, with 18 of it too, with 25 of another."""
+    return act(ENTRY, how) + number(tick)
+
+
 def event(tick, text=b"ABC"):
     return act(EVENT) + text + number(tick)
 
@@ -52,6 +57,8 @@ def ticks(first, count):
 WRITTEN, ENDED = act(WRITE), act(OTHER, END)
 SEEDS = {
     "whole_run": start() + ticks(0, 5) + event(1) + checkpoint(4) + WRITTEN + act(OTHER, OPEN_AGAIN) + ticks(5, 1) + ENDED + WRITTEN,
+    "tunings": start() + ticks(0, 2) + tuning(2, 18) + ticks(2, 1) + tuning(3) + tuning(3, 25) + ticks(3, 1) + WRITTEN + start(how=2) + tuning(3, 18)
+               + WRITTEN + ENDED,
     "two_runs": start() + ticks(0, 1) + event(1) + start(how=2) + event(1) + ticks(0, 2) + WRITTEN + start(how=3) + ticks(1, 2) + event(1)
                 + act(OTHER, OPEN_AGAIN) + WRITTEN,
     "wild_numbers": start(run=-2**62, tick=2**50, at=-2**40, how=3) + ticks(2**50, 1) + sample(-5, 2**50, -2**62) + step(2**55, -2**60)

@@ -39,7 +39,7 @@ def test_verbs():
     verbs = re.findall(r"^  ([a-z]+) ", run_well(["--help"]), re.M)
     expect(offered("") == [*verbs, "help", "--help", "--version"], f"{offered('')}")
     expect(offered("help", "") == verbs, f"{offered('help', '')}")
-    expect(offered("r") == ["replay", "run"], f"{offered('r')}")
+    expect(offered("r") == ["replay", "run", "reload"], f"{offered('r')}")
     expect(offered("--v") == ["--version"], f"{offered('--v')}")
 
 
@@ -70,6 +70,11 @@ def test_values_of_options():
     expect(offered("show", "x.db", "--run", "", folder=folder) == [], "files for a number or last")
     tables = re.search(r"--csv TABLE +print a table as CSV: (.*)", run_well(["show", "--help"]))[1]
     expect(sorted(re.split(r", | or ", tables)) == offered("show", "x.db", "--csv", ""), f"tables are {tables}")
+
+
+def test_tokens():
+    expect(offered("token", "") == ["add", "list", "revoke"], f"{offered('token', '')}")
+    expect(offered("token", "add", "anna", "--role", "r") == ["read", "retune"], "other roles")
 
 
 def test_nothing_where_the_program_is_missing():

@@ -12,6 +12,8 @@ from twinlock_test import BUILD, SOURCE, expect, main, scratch
 
 PACKAGE = debian.make()
 ROOT = debian.unpacked(PACKAGE)
+SERVE = debian.make(name="twinlock-serve")
+SERVE_ROOT = debian.unpacked(SERVE)
 
 
 def elves():
@@ -45,17 +47,41 @@ def test_it_depends_on_what_it_is_linked_to_and_nothing_else():
     expect("libc6 (>= " in debian.fields(PACKAGE)["Depends"], "no version of libc6")
 
 
+def test_what_loads_fmus_is_linked_to_nothing_of_the_network():
+    libraries = {name.split(".so")[0] for elf in elves() for name in debian.needed(elf)}
+    expect(not libraries & {"libgnutls", "libmicrohttpd", "libcurl", "libcurl-gnutls"}, f"{libraries}")
+
+
+def test_the_package_of_the_network():
+    own, first = debian.fields(SERVE), debian.fields(PACKAGE)
+    expect(own["Package"] == "twinlock-serve" and own["Version"] == first["Version"], f"{own}")
+    programs = [SERVE_ROOT / "usr/bin" / name for name in ("twinlock-serve", "twinlock-push")]
+    wanted = {debian.package_of(name) for elf in programs for name in debian.needed(elf) if not name.startswith("ld-linux")}
+    found = {part.split()[0] for part in own["Depends"].split(", ")}
+    expect(found == wanted | {"systemd", "twinlock"}, f"Depends has {found}, wanted {wanted}")
+    expect(f"twinlock (= {own['Version']})" in own["Depends"], own["Depends"])
+    paths = {path for mode, _, path, _ in debian.contents(SERVE) if mode[0] != "d"}
+    expect(paths == {f"./{path}" for path in (
+        "etc/default/twinlock-serve", "usr/bin/twinlock-push", "usr/bin/twinlock-serve", "usr/lib/systemd/system/twinlock-serve.service",
+        "usr/lib/sysusers.d/twinlock-serve.conf", "usr/share/doc/twinlock-serve/changelog.Debian.gz",
+        "usr/share/doc/twinlock-serve/copyright", "usr/share/man/man1/twinlock-push.1.gz", "usr/share/man/man1/twinlock-serve.1.gz")},
+        f"{paths}")
+    expect((SERVE_ROOT / "DEBIAN/conffiles").read_text("ascii") == "/etc/default/twinlock-serve\n", "other conffiles")
+    others = {path for _, _, path, _ in debian.contents(PACKAGE)}
+    expect(not paths & others, f"both packages have {paths & others}")
+
+
 def test_owners_and_modes():
     """Whatever umask whoever makes it has."""
-    for mode, owner, path, _ in debian.contents(debian.make(umask=0o077)):
-        wanted = {"d": "drwxr-xr-x", "l": "lrwxrwxrwx"}.get(
-            mode[0], "-rwxr-xr-x" if path == "./usr/bin/twinlock" else "-rw-r--r--")
-        expect(mode == wanted and owner == "root/root", f"{mode} {owner} {path}")
+    for package in ("twinlock", "twinlock-serve"):
+        for mode, owner, path, _ in debian.contents(debian.make(umask=0o077, name=package)):
+            wanted = {"d": "drwxr-xr-x", "l": "lrwxrwxrwx"}.get(mode[0], "-rwxr-xr-x" if path.startswith("./usr/bin/") else "-rw-r--r--")
+            expect(mode == wanted and owner == "root/root", f"{mode} {owner} {path}")
 
 
 def test_only_places_that_are_ours():
     ours = ("./etc/twinlock/", "./usr/bin/twinlock", "./usr/lib/systemd/system/twinlock@.service",
-            "./usr/lib/sysusers.d/twinlock.conf", "./usr/lib/twinlock/", "./usr/share/bash-completion/completions/twinlock",
+            "./usr/lib/sysusers.d/twinlock.conf", "./usr/lib/tmpfiles.d/twinlock.conf", "./usr/lib/twinlock/", "./usr/share/bash-completion/completions/twinlock",
             "./usr/share/doc/twinlock/", "./usr/share/lintian/overrides/twinlock", "./usr/share/man/man1/twinlock.1.gz",
             "./usr/share/twinlock/")
     paths = [path for _, _, path, _ in debian.contents(PACKAGE)]
@@ -103,7 +129,7 @@ def test_documents():
 
 
 def test_no_place_of_the_build_in_it():
-    for elf in elves():
+    for elf in [*elves(), SERVE_ROOT / "usr/bin/twinlock-serve", SERVE_ROOT / "usr/bin/twinlock-push"]:
         content = elf.read_bytes()
         for place in {str(SOURCE), str(BUILD), os.path.expanduser("~/")} - {"/root/"}:
             expect(place.encode() not in content, f"{elf.name} has {place} in it")
@@ -117,6 +143,8 @@ def test_the_same_bytes_again():
     """Whoever makes it, and when."""
     again = debian.make(TZ="Pacific/Auckland", LC_ALL="C.UTF-8", HOME="/nonexistent")
     expect(sum_of(again) == sum_of(PACKAGE), "another package in another time zone")
+    serve = debian.make(name="twinlock-serve", TZ="Pacific/Auckland", LC_ALL="C.UTF-8", HOME="/nonexistent")
+    expect(sum_of(serve) == sum_of(SERVE), "another twinlock-serve in another time zone")
     other = debian.make(SOURCE_DATE_EPOCH="1000000000")
     expect(sum_of(other) != sum_of(PACKAGE), "SOURCE_DATE_EPOCH changes nothing")
     times = {line.split()[3] for line in output_of("dpkg-deb", "--contents", other, env={**os.environ, "TZ": "UTC"})

@@ -46,7 +46,8 @@ class Box:
         self.pidfile = self.folder / "pid"
         self.log = self.folder / "log"
         values = {"PROGRAM": PROGRAM, "CONFIG": edited_config("motor/live.json", NO_PLANT), "DATA": self.folder,
-                  "WATCHDOG": "", "LOGGER": f"tee -a {self.log}", "PIDFILE": self.pidfile, "PATIENCE": 10, **settings}
+                  "WATCHDOG": "", "LOGGER": f"tee -a {self.log}", "PIDFILE": self.pidfile, "PATIENCE": 10,
+                  "CONTROL": self.folder / "run/control", **settings}
         self.settings = self.folder / "settings"
         self.settings.write_text("".join(f"{name}='{value}'\n" for name, value in values.items()), encoding="utf-8")
 
@@ -101,6 +102,7 @@ def test_a_day(shell):
         expect(os.getsid(first) == first, "it ends with the terminal")
         expect(f"runs already, process {first}" in box.call("start") and box.pid() == first, "started twice")
         wait_until(lambda: "inverter" in box.said(), "its log", box.said)
+        expect("is what is active" in box.call("reload"), "not reloaded")
         box.call("restart")
         expect(is_gone(first) and box.pid() != first, "not restarted")
         second = box.pid()
@@ -108,7 +110,7 @@ def test_a_day(shell):
         expect("does not run" in box.call("stop"), "it ran")
         box.call("status", 3)
         left = sorted(path.name for path in box.folder.iterdir() if not path.name.startswith("twin.db"))
-        expect(left == ["log", "settings", "supervisor.json"], f"left: {left}")
+        expect(left == ["log", "run", "settings", "supervisor.json", "versions"], f"left: {left}")
         reasons = subprocess.run([PROGRAM, "show", box.folder / "twin.db"], stdout=subprocess.PIPE, check=True, text=True)
         expect("SIGTERM" in reasons.stdout, reasons.stdout)
 
@@ -172,7 +174,7 @@ def test_what_cannot_start(shell):
 @with_each_shell
 def test_usage(shell):
     with Box(shell) as box:
-        expect("usage:" in box.call("reload", 2), "no usage")
+        expect("usage:" in box.call("rest", 2), "no usage")
 
 
 twinlock_test.main()

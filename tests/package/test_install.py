@@ -23,6 +23,7 @@ from twinlock_test import Skip, at_most, expect, scratch
 
 SCORE = 2.5  # of `systemd-analyze security`: 0 is a cell, 10 is the whole machine
 EXAMPLES = "/usr/share/doc/twinlock/examples"
+SERVE_SCORE = 2.0
 AGAIN = "/srv/again.deb"  # the package inside, where a boot leaves it
 ROOT = Path(sys.argv[2]) if sys.argv[1:2] == ["--inside"] else None
 
@@ -44,8 +45,10 @@ def make_and_enter():
     package = debian.make()
     copied = scratch() / "twinlock.deb"  # under the same name inside
     copied.write_bytes(package.read_bytes())
-    command = ["mmdebstrap", "--quiet", "--variant=apt", "--format=null", f"--include={copied}",
-               f"--setup-hook=mkdir -p \"$1{copied.parent}\" \"$1/srv\" && cp '{copied}' \"$1{copied}\"",
+    serve = copied.parent / "twinlock-serve.deb"
+    serve.write_bytes(debian.make(name="twinlock-serve").read_bytes())
+    command = ["mmdebstrap", "--quiet", "--variant=apt", "--format=null", f"--include={copied}", f"--include={serve}",
+               f"--setup-hook=mkdir -p \"$1{copied.parent}\" \"$1/srv\" && cp '{copied}' '{serve}' \"$1{copied.parent}\"",
                f"--customize-hook=cp '{copied}' \"$1{AGAIN}\"",
                f"--customize-hook='{sys.executable}' '{__file__}' --inside \"$1\"", "bookworm", "-", "-"]
     done = subprocess.run(command, input=sources(), stdout=subprocess.PIPE, stderr=subprocess.STDOUT, check=False,
@@ -69,7 +72,7 @@ def place(path):
 
 def of_ours():
     """Every path with our name in it, outside of what the kernel shows."""
-    found = inside("find", "/", "-xdev", "(", "-path", "/proc", "-o", "-path", "/sys", "-o", "-path", "/tmp", "-o",
+    found = inside("find", "/", "-xdev", "(", "-path", "/proc", "-o", "-path", "/sys", "-o", "-path", "/tmp", "-o", "-path", "/run", "-o",
                    "-path", "/var/lib/dpkg", ")", "-prune", "-o", "-name", "*twinlock*", "-print")
     return sorted(found.splitlines())
 
@@ -128,6 +131,23 @@ def test_the_unit_with_the_drop_ins_of_the_examples():
     expect(len(list(folder.iterdir())) == 2, "other drop-ins")
     at_most(exposure_of("twinlock@dropped.service"), SCORE, "exposure")
     inside("rm", "-r", "/etc/systemd/system/twinlock@dropped.service.d")
+
+
+def test_the_unit_of_the_network():
+    at_most(exposure_of("twinlock-serve.service"), SERVE_SCORE, "exposure")
+    groups = set(inside("id", "-nG", "twinlock-serve").split())
+    expect(groups == {"twinlock-serve", "twinlock-control"}, f"{groups}")
+
+
+def test_tokens_are_the_administrator_s():
+    secret = inside("twinlock", "token", "add", "anna", "--role", "retune").strip()
+    expect(len(secret) == 64 and "anna" in inside("twinlock", "token", "list"), secret)
+    place_ = "/etc/twinlock-serve"
+    expect(inside("stat", "-c", "%a %U %G", place_, f"{place_}/tokens").splitlines() ==
+           ["750 root twinlock-serve", "640 root twinlock-serve"], inside("stat", place_, f"{place_}/tokens"))
+    expect(secret not in inside("cat", f"{place_}/tokens", user="root"), "the token itself is kept")
+    expect("sha256//" in inside("twinlock", "serve", "--fingerprint", "--state", "/tmp"), "no fingerprint")
+    inside("rm", "/tmp/server.pem")
 
 
 def command_of_the_unit(name):
@@ -260,6 +280,51 @@ def services_allowed():
     finally:
         if there:
             aside.rename(policy)
+
+
+def check_a_change_by_the_network(machine):
+    """Between two users who share nothing but the folder of control sockets: `push` asks the server, the server the twin."""
+    machine.run_well("systemd-run", "--unit=plant", "twinlock", "plant", f"{EXAMPLES}/motor/plant.json", "--for",
+                     f"{EXAMPLES}/motor/live.json")
+    start_motor(machine)
+    pin = re.search(r"sha256//\S+", machine.run_well("twinlock", "serve", "--fingerprint"))[0]
+    secret = re.search(r"[0-9a-f]{64}", machine.run_well("twinlock", "token", "add", "ben", "--role", "retune"))[0]
+    place("/tmp/ben").write_text(secret, encoding="ascii")
+    document = json.loads(place("/etc/twinlock/motor.json").read_text(encoding="utf-8"))
+    document["synchronise"]["match"]["motor.omega"]["tolerance"] = 1.5
+    place("/tmp/new.json").write_text(json.dumps(document), encoding="utf-8")
+    words = ["https://127.0.0.1:8443/motor", "--pin", pin, "--token-file", "/tmp/ben"]
+    said = machine.run_well("twinlock", "push", "/tmp/new.json", *words, "--why", "wider")
+    expect("(in place)" in said and "done" in said, said)
+    expect("ben" in machine.run_well("twinlock", "push", "--versions", *words), "another book")
+    wait_until(lambda: "token=ben role=retune" in machine.journal("twinlock-serve"), "its entry", machine.log)
+    machine.run_well("systemctl", "stop", "twinlock@motor", "plant")
+    inside("rm", "-r", "/var/lib/twinlock/motor/versions", "/tmp/ben", "/tmp/new.json")
+
+
+def test_the_server_under_systemd():
+    """It comes up confined by its unit and by itself, is answered for by its watchdog, and ends in good order."""
+    unit = "twinlock-serve"
+    with services_allowed(), Booted(ROOT) as machine:
+        machine.run_well("systemctl", "start", unit)
+        check_a_change_by_the_network(machine)
+        pid = machine.property(unit, "MainPID")
+        status = dict(re.findall(r"^(\w+):\t(.*)$", machine.run_well("cat", f"/proc/{pid}/status"), re.M))
+        expect(status["Seccomp"] == "2" and status["NoNewPrivs"] == "1", f"{status}")
+        expect(not any(int(value, 16) for name, value in status.items() if name.startswith("Cap")), f"{status}")
+        expect(status["Uid"].split()[0] == inside("id", "-u", unit).strip(), status["Uid"])
+        expect("sha256//" in machine.journal(unit), machine.journal(unit))
+        machine.run_well("systemctl", "stop", unit)
+        expect(machine.property(unit, "Result") == "success", machine.journal(unit))
+    expect(inside("stat", "-c", "%a %U", "/var/lib/twinlock-serve/server.pem") == "600 twinlock-serve\n", "another owner")
+
+
+def test_the_server_goes_without_a_trace():
+    inside("dpkg", "--remove", "twinlock-serve")
+    expect(place("/var/lib/twinlock-serve/server.pem").exists() and place("/etc/twinlock-serve/tokens").exists(), "all is gone")
+    inside("dpkg", "--purge", "twinlock-serve")
+    left = [path for path in of_ours() if "serve" in path]
+    expect(not left, f"{left}")
 
 
 def test_under_systemd():

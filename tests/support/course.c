@@ -9,6 +9,7 @@
 
 #include "firmware/base/clock.h"
 #include "firmware/twin/twin_recorder.h"
+#include "tests/support/config_text.h"
 #include "tests/support/random_numbers.h"
 #include "tests/support/read_assembly.h"
 
@@ -23,6 +24,25 @@ void tl_course_forget(tl_course *course) {
     memset(&course->part, 0, sizeof course->part);
 }
 
+/* Another tolerance, another nominal. */
+static void make_other(tl_course *course) {
+    tl_error error;
+    const tl_config *config = &course->assembly.config;
+    char *text = tl_test_replaced(config->text, "\"tolerance\": 1.0", "\"tolerance\": 0.4, \"weight\": 2");
+    TEST_ASSERT_NOT_NULL(text);
+    course->other = tl_test_replaced(text, "\"nominal\": 0.0031", "\"nominal\": 0.02, \"min\": 0.001");
+    free(text);
+    TEST_ASSERT_NOT_NULL(course->other);
+    tl_sha256(course->other, strlen(course->other), course->other_hash);
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_config_tuning_of(config, course->other, &course->other_values, &error));
+}
+
+tl_run_tuning tl_course_configured(const tl_course *course) {
+    tl_run_tuning configured = {.values = course->assembly.tuning};
+    memcpy(configured.hash, course->assembly.config.hash, sizeof configured.hash);
+    return configured;
+}
+
 void tl_course_open(tl_course *course, const char *path, tl_measurements measurements) {
     tl_config *config = &course->assembly.config;
     memset(course, 0, sizeof *course);
@@ -35,6 +55,7 @@ void tl_course_open(tl_course *course, const char *path, tl_measurements measure
     config->record_resume = 3600 * TL_SECOND;
     config->record_commit = TL_SECOND / 100;
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_assembly_build(&course->assembly));
+    make_other(course);
     tl_account_take(course->assembly.twin, &course->account);
     course->start = tl_clock_now(NULL) - TL_COURSE_TICKS * config->step;
     tl_course_search(course, TL_COURSE_TICKS - 1, NULL);
@@ -47,6 +68,7 @@ void tl_course_close(tl_course *course) {
     tl_assembly_free(&course->assembly);
     free(course->checkpoint);
     free(course->memory);
+    free(course->other);
     memset(course, 0, sizeof *course);
 }
 
@@ -69,6 +91,24 @@ static bool is_reset(int64_t tick) {
     return tick == 90 || tick == 116 || tick == 170;
 }
 
+/* The other one, what it was built with, the other one: one before what tests go on from, one between that and their end, one behind. */
+static bool takes_tuning(const tl_course *course, int64_t tick, tl_run_tuning *tuning) {
+    *tuning = tl_course_configured(course);
+    tuning->tick = tick;
+    if (tick == 85 || tick == 180) {
+        memcpy(tuning->hash, course->other_hash, sizeof tuning->hash);
+        tuning->values = course->other_values;
+    }
+    return tick == 85 || tick == 120 || tick == 180;
+}
+
+static void put_sample(tl_outbox *outbox, const tl_sample *sample, const tl_run_tuning *tuning) {
+    if (tuning != NULL) {
+        TEST_ASSERT_TRUE(tl_outbox_put_tuning(outbox, tuning));
+    }
+    TEST_ASSERT_TRUE(tl_outbox_put_sample(outbox, sample));
+}
+
 static void keep(tl_course *course, const tl_record *record, tl_outbox *outbox) {
     course->part.records[record->step] = *record;
     course->part.there[record->step] = true;
@@ -84,10 +124,15 @@ void tl_course_search(tl_course *course, int64_t last, tl_outbox *outbox) {
         tl_record record;
         tl_error error;
         bool ready = false;
+        tl_run_tuning taken;
         tl_course_sample(course, course->next, &sample);
+        const tl_run_tuning *tuning = takes_tuning(course, course->next, &taken) ? &taken : NULL;
+        if (tuning != NULL) {
+            TEST_ASSERT_EQUAL_INT(TL_OK, tl_assembly_retune(&course->assembly, &tuning->values, &error));
+        }
         bool ahead = course->assembly.config.measurements == TL_AHEAD; /* the step before comes before the sample */
         if (outbox != NULL && !ahead) {
-            TEST_ASSERT_TRUE(tl_outbox_put_sample(outbox, &sample));
+            put_sample(outbox, &sample, tuning);
         }
         tl_twin *twin = course->assembly.twin;
         if (is_reset(course->next)) {
@@ -101,7 +146,7 @@ void tl_course_search(tl_course *course, int64_t last, tl_outbox *outbox) {
             keep(course, &record, outbox);
         }
         if (outbox != NULL && ahead) {
-            TEST_ASSERT_TRUE(tl_outbox_put_sample(outbox, &sample));
+            put_sample(outbox, &sample, tuning);
         }
     }
 }
@@ -165,6 +210,11 @@ static void take_entry(tl_course *course, const tl_recorder_entry *entry) {
         course->part.records[entry->record.step] = entry->record;
         course->part.there[entry->record.step] = true;
         break;
+    case TL_ENTRY_TUNING:
+        TEST_ASSERT_TRUE(strcmp(entry->tuning.hash, course->other_hash) == 0 ||
+                         strcmp(entry->tuning.hash, course->assembly.config.hash) == 0);
+        course->tunings++;
+        break;
     default:
         TEST_FAIL_MESSAGE("the run was ended");
     }
@@ -176,6 +226,7 @@ void tl_course_read(tl_course *course) {
     uint64_t position = 0;
     course->begun = (tl_resumption){.tick = -1};
     course->samples = 0;
+    course->tunings = 0;
     course->kept_size = 0;
     while (tl_outbox_entry_left(&course->outbox, &position, &entry)) {
         take_entry(course, &entry);

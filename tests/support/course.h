@@ -1,7 +1,7 @@
 /* The course of a run that is never interrupted, and those of a predecessor and a successor beside it: for tests of who goes on with whom.
  *
  * Twin:    the motor bench, with a solver that begins every search with an empty head, so that a successor has nothing to learn anew. Every
- *          thirteenth tick is missed, now and then a signal is not good, and three times all FMUs begin anew.
+ *          thirteenth tick is missed, now and then a signal is not good, three times all FMUs begin anew, and three times it takes another tuning.
  * Use:     tl_course_open() makes the whole course; then twins go parts of it, each begun by tl_course_anew().
  * Errors:  what does not go well fails the test.
  * Thread:  one; the environment variable TWINLOCK_FMU_PATH leads to the FMUs.
@@ -40,11 +40,18 @@ typedef struct tl_course {
     int64_t kept_tick;   /* of the checkpoint, */
     size_t kept_size;    /* and its size; 0: none */
     size_t samples;
+    size_t tunings;
+    char *other;                     /* text of the other configuration that it takes, */
+    char other_hash[TL_SHA256_TEXT]; /* its digest, */
+    tl_tuning other_values;          /* and what it says */
 } tl_course;
 
 /* `path` is that of config/motor/lock.json. */
 void tl_course_open(tl_course *course, const char *path, tl_measurements measurements);
 void tl_course_close(tl_course *course);
+
+/* What its twins are built with. */
+tl_run_tuning tl_course_configured(const tl_course *course);
 
 /* A new twin, which has not begun. */
 void tl_course_anew(tl_course *course);

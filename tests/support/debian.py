@@ -29,12 +29,12 @@ def sources(*below, root=SOURCE):
                                        "--others", "--exclude-standard", *below).split("\0") if name]
 
 
-def make(build=BUILD, umask=0o022, **environment):
+def make(build=BUILD, umask=0o022, name="twinlock", **environment):
     """The path of a package that is made now, of what is built in `build`, with a given umask and environment."""
     folder = scratch()
     output_of("cpack", "--config", build / "CPackConfig.cmake", "-B", folder, umask=umask,
               env={**os.environ, **environment})
-    packages = list(folder.glob("*.deb"))
+    packages = list(folder.glob(f"{name}_*.deb"))
     expect(len(packages) == 1, f"cpack has made {packages}")
     return packages[0]
 

@@ -159,7 +159,7 @@ bool tl_made_put_out(tl_outbox *outbox, int64_t first, int64_t ticks) {
 }
 
 void tl_made_older(const char *path) {
-    tl_sql_execute(path, "DROP TABLE beginnings; DROP TABLE checkpoints;"
+    tl_sql_execute(path, "DROP VIEW v_tunings; DROP TABLE tunings; DROP TABLE beginnings; DROP TABLE checkpoints;"
                          "DROP VIEW v_steps; DROP VIEW v_ledger; DROP TABLE components; DROP TABLE flags;"
                          "ALTER TABLE runs DROP COLUMN lead; ALTER TABLE steps DROP COLUMN predicted;"
                          "ALTER TABLE steps DROP COLUMN flags; ALTER TABLE steps DROP COLUMN held;"

@@ -98,6 +98,9 @@ static void make(tl_test_scene *scene) {
 void tl_test_scene_build(tl_test_scene *scene, tl_test_scene_kind kind) {
     scene->kind = kind;
     make(scene);
+    if (scene->change != NULL) {
+        scene->change(&scene->plan);
+    }
     tl_twin *twin = tl_test_plan_build(&scene->plan);
     TEST_ASSERT_EQUAL_STRING_MESSAGE("", scene->plan.problems[0].text, tl_test_scene_name(kind));
     tl_test_run_init(&scene->run, twin);

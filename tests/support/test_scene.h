@@ -40,6 +40,7 @@ typedef struct tl_test_scene {
     bool good;      /* to be set before: the plant's signals are always good, */
     bool still;     /* and what is matched stands still, but in strokes: there is no noise to be measured */
     bool shortest;  /* to be set before: T_P is T_D */
+    void (*change)(tl_test_plan *plan); /* to be set before: what else is other in the plan; NULL: nothing */
     tl_test_log log;
     tl_test_fmu fmus[TL_SCENE_FMUS];
     tl_test_plan plan;

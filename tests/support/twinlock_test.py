@@ -28,6 +28,7 @@ EMULATED = os.environ.get("TL_EMULATED")  # folder of programs that start the bu
 PATIENCE = int(os.environ.get("TL_PATIENCE", "1"))  # times as long for everything that ends by itself
 SANITIZER = os.environ.get("TL_SANITIZER", "")
 NOT_LOCKED = 3
+BAD_DATA = 65
 EXIT_CODES = (0, 2, NOT_LOCKED, 65, 69, 70, 75)  # firmware/verbs/option_table.c
 SKIPPED = 77
 

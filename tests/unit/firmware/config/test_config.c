@@ -872,8 +872,51 @@ static void test_an_fmu_beside_the_program(void) {
     expect_an_fmu_found_in("lib/twinlock/fmus");
 }
 
+/* What a running twin can take of a configuration; and what it took, in place of what was read. */
+static void test_tuning(void) {
+    tl_tuning tuning;
+    tl_tuning again;
+    tl_error error;
+    const tl_config *config = read_good(FULL);
+    tl_config_tuning(config, &tuning);
+    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_tuning_check(&tuning, &error), error.text);
+    TEST_ASSERT_EQUAL_UINT32(config->match_count, tuning.matches);
+    TEST_ASSERT_EQUAL_UINT32(config->adjust_count, tuning.adjusts);
+    TEST_ASSERT_EQUAL_DOUBLE(config->match[0].tolerance, tuning.match[0].tolerance);
+    TEST_ASSERT_EQUAL_DOUBLE(config->match[0].weight, tuning.match[0].weight);
+    TEST_ASSERT_EQUAL_DOUBLE(config->match[0].huber, tuning.match[0].huber);
+    TEST_ASSERT_EQUAL_INT(config->adjust[0].has_nominal, tuning.adjust[0].has_nominal);
+    TEST_ASSERT_EQUAL_DOUBLE(config->adjust[0].lower, tuning.adjust[0].lower);
+    TEST_ASSERT_EQUAL_DOUBLE(config->adjust[0].upper, tuning.adjust[0].upper);
+    TEST_ASSERT_EQUAL_DOUBLE(config->adjust[0].deviation_penalty, tuning.adjust[0].deviation_penalty);
+    TEST_ASSERT_EQUAL_DOUBLE(config->adjust[0].rate_penalty, tuning.adjust[0].rate_penalty);
+    TEST_ASSERT_EQUAL_DOUBLE(config->margin, tuning.margin);
+    TEST_ASSERT_EQUAL_DOUBLE(config->noise_floor, tuning.noise_floor);
+    TEST_ASSERT_EQUAL_UINT64(config->budget_evaluations, tuning.evaluations);
+    TEST_ASSERT_EQUAL_INT64(config->budget_time, tuning.time);
+    for (uint32_t i = 0; i < tuning.matches; i++) {
+        tuning.match[i] = (tl_tuning_match){.tolerance = 0.5 + i, .weight = 1.0 + i, .huber = 2.0 + i};
+    }
+    for (uint32_t v = 0; v < tuning.adjusts; v++) {
+        tl_tuning_adjust *adjust = &tuning.adjust[v];
+        adjust->nominal = adjust->has_nominal != 0 ? 1.5 + v : 0.0;
+        adjust->lower = -3.0 - v;
+        adjust->upper = 9.0 + v;
+        adjust->deviation_penalty = 0.25 + v;
+        adjust->rate_penalty = 0.125 + v;
+    }
+    tuning.margin = 0.5;
+    tuning.noise_floor = 0.75;
+    tuning.evaluations = 7;
+    tuning.time = 1234;
+    tl_config_retune(&verdict.config, &tuning);
+    tl_config_tuning(config, &again);
+    TEST_ASSERT_EQUAL_MEMORY(&tuning, &again, sizeof tuning);
+}
+
 int main(void) {
     UNITY_BEGIN();
+    RUN_TEST(test_tuning);
     RUN_TEST(test_root);
     RUN_TEST(test_text_and_fingerprint);
     RUN_TEST(test_components);

@@ -6,7 +6,7 @@
 
 #include <unity.h>
 
-#include "firmware/config/json_document.h"
+#include "firmware/json/json_document.h"
 #include "firmware/text/json_text.h"
 #include "master/solve/optimiser.h"
 #include "tests/support/config_text.h"

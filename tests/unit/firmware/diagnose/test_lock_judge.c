@@ -457,8 +457,37 @@ static void test_a_twin_that_begins_anew(void) {
     TEST_ASSERT_EQUAL_UINT64(3 * WINDOW, total());
 }
 
+/* Another tolerance counts from the next step on; another bound within what the FMU declares. */
+static void another_tuning_counts_from_the_next_step_on(void) {
+    tl_tuning tuning;
+    adjust[0].lower = -1;
+    adjust[0].upper = 2;
+    account.adjust[0].least = -0.5;
+    account.adjust[0].most = 10;
+    tl_lock_judge_init(&judge, &config, &account);
+    lock();
+    tl_config_tuning(&config, &tuning);
+    tuning.match[0].tolerance = match[0].tolerance * WITHIN / OUTSIDE; /* what was within is outside now */
+    tuning.adjust[0].lower = -5;
+    tuning.adjust[0].upper = 5;
+    tl_config_retune(&config, &tuning);
+    tl_lock_judge_retune(&judge, &tuning);
+    TEST_ASSERT_EQUAL_DOUBLE(-0.5, judge.adjust[0].lower);
+    TEST_ASSERT_EQUAL_DOUBLE(5, judge.adjust[0].upper);
+    many(WITHIN, WINDOW / 2);
+    expect_change(TL_LOCK_LOST, "50 % of the last 100 steps are out of tolerance (limit 50 %)");
+    tuning.match[0].tolerance = 2;
+    tl_config_retune(&config, &tuning);
+    tl_lock_judge_retune(&judge, &tuning);
+    many(WITHIN, WINDOW / 4);
+    expect_no_change();
+    many(WITHIN, WINDOW / 2 + PART / 2);
+    expect_change(TL_LOCK_LOCKED, "80 % of the last 100 steps are within tolerance");
+}
+
 int main(void) {
     UNITY_BEGIN();
+    RUN_TEST(another_tuning_counts_from_the_next_step_on);
     RUN_TEST(test_locked_when_a_window_is_full);
     RUN_TEST(test_what_was_told_stays);
     RUN_TEST(test_lost_and_found);

@@ -171,6 +171,64 @@ static void a_run_comes_out_as_it_was_put(void) {
     TEST_ASSERT_EQUAL_UINT64(0, tl_outbox_lost(&outbox));
 }
 
+static tl_run_tuning tuning_of(int64_t tick) {
+    tl_run_tuning tuning;
+    memset(&tuning, 0, sizeof tuning);
+    tuning.tick = tick;
+    tuning.number = (uint32_t)tick * 2;
+    memset(tuning.hash, 'a' + (int)(tick % 6), sizeof tuning.hash - 1);
+    tuning.values.match[0].tolerance = (double)tick;
+    tuning.values.time = tick;
+    return tuning;
+}
+
+static void expect_tuning(int64_t tick) {
+    tl_run_tuning wanted = tuning_of(tick);
+    TEST_ASSERT_EQUAL_MEMORY(&wanted, &entry.tuning, sizeof wanted);
+}
+
+/* What a run was built with comes with its beginning; what it takes, before the sample of its tick. */
+static void tunings_come_out_in_their_place(void) {
+    tl_run_tuning configured = tuning_of(1);
+    tl_run_tuning taken_one = tuning_of(5);
+    start.holds = false;
+    TEST_ASSERT_EQUAL_STRING("", tl_outbox_tuning(&outbox)->hash);
+    tl_outbox_name_configuration(&outbox, &configured);
+    TEST_ASSERT_TRUE(tl_outbox_put_start(&outbox, &start));
+    TEST_ASSERT_EQUAL_MEMORY(&configured, tl_outbox_tuning(&outbox), sizeof configured);
+    TEST_ASSERT_TRUE(put_both(4));
+    TEST_ASSERT_TRUE(tl_outbox_has_room_for_tuning(&outbox));
+    TEST_ASSERT_TRUE(tl_outbox_put_tuning(&outbox, &taken_one));
+    TEST_ASSERT_TRUE(put_both(5));
+    TEST_ASSERT_EQUAL_MEMORY(&taken_one, tl_outbox_tuning(&outbox), sizeof taken_one);
+    TEST_ASSERT_TRUE(take(TL_ENTRY_START));
+    expect_tuning(1);
+    take_both(4);
+    TEST_ASSERT_TRUE(take(TL_ENTRY_TUNING));
+    expect_tuning(5);
+    take_both(5);
+    expect_nothing();
+    TEST_ASSERT_TRUE(tl_outbox_put_start(&outbox, &start)); /* the next one is begun as it was configured */
+    TEST_ASSERT_EQUAL_MEMORY(&configured, tl_outbox_tuning(&outbox), sizeof configured);
+}
+
+/* Who asks first does not lose one. */
+static void a_full_ring_has_no_room_for_a_tuning(void) {
+    tl_run_tuning tuning = tuning_of(3);
+    int64_t tick = 0;
+    TEST_ASSERT_TRUE(tl_outbox_put_start(&outbox, &start));
+    while (tl_outbox_has_room_for_tuning(&outbox)) {
+        TEST_ASSERT_TRUE(tl_outbox_put_tuning(&outbox, &tuning));
+        TEST_ASSERT_TRUE(put_both(tick++));
+    }
+    TEST_ASSERT_TRUE(tick > 10);
+    TEST_ASSERT_EQUAL_UINT64(0, tl_outbox_lost(&outbox));
+    while (tl_outbox_put_tuning(&outbox, &tuning)) {
+        tick++;
+    }
+    TEST_ASSERT_EQUAL_UINT64(1, tl_outbox_lost(&outbox));
+}
+
 static void a_run_that_holds_has_no_account(void) {
     TEST_ASSERT_TRUE(tl_outbox_put_start(&outbox, &start));
     TEST_ASSERT_TRUE(take(TL_ENTRY_START));
@@ -623,6 +681,27 @@ static void a_successor_finds_what_was_left(void) {
     expect_nothing();
 }
 
+/* A successor learns from a checkpoint what was in force when it was made. */
+static void a_checkpoint_knows_the_tuning_in_force(void) {
+    tl_outbox_left left;
+    tl_run_tuning configured = tuning_of(1);
+    tl_run_tuning wanted = tuning_of(7);
+    start.holds = false;
+    tl_outbox_name_configuration(&outbox, &configured);
+    TEST_ASSERT_TRUE(tl_outbox_put_start(&outbox, &start) && put_both(0));
+    put_checkpoint(0, 1000);
+    TEST_ASSERT_TRUE(tl_outbox_put_tuning(&outbox, &wanted) && put_both(1));
+    put_checkpoint(1, 1000);
+    succeed();
+    TEST_ASSERT_TRUE(tl_outbox_checkpoint_left(&outbox, 0, &left));
+    TEST_ASSERT_EQUAL_MEMORY(&wanted, &left.tuning, sizeof wanted);
+    TEST_ASSERT_TRUE(tl_outbox_checkpoint_left(&outbox, 1, &left));
+    TEST_ASSERT_EQUAL_MEMORY(&configured, &left.tuning, sizeof configured);
+    TEST_ASSERT_TRUE(tl_outbox_entry_left(&outbox, &left.position, &entry));
+    TEST_ASSERT_EQUAL_INT(TL_ENTRY_TUNING, entry.kind);
+    expect_tuning(7);
+}
+
 static void one_that_cannot_be_saved_leaves_its_entries(void) {
     tl_outbox_left left;
     TEST_ASSERT_TRUE(tl_outbox_put_start(&outbox, &start) && put_both(0));
@@ -1002,6 +1081,9 @@ static void threads_put_and_one_takes(void) {
 int main(void) {
     UNITY_BEGIN();
     RUN_TEST(a_run_comes_out_as_it_was_put);
+    RUN_TEST(tunings_come_out_in_their_place);
+    RUN_TEST(a_checkpoint_knows_the_tuning_in_force);
+    RUN_TEST(a_full_ring_has_no_room_for_a_tuning);
     RUN_TEST(a_run_that_holds_has_no_account);
     RUN_TEST(a_long_reason_is_cut);
     RUN_TEST(what_does_not_wait_goes_around_for_long);

@@ -121,6 +121,9 @@ static bool follows(const tl_recorder_entry *found, progress *at) {
         return at->step == at->sample && found->record.step == at->step &&
                memcmp(found->record.y_hat, record.y_hat, TL_MADE_MATCH * sizeof(double)) == 0 &&
                memcmp(found->record.u, record.u, TL_MADE_ADJUST * sizeof(double)) == 0;
+    case TL_ENTRY_TUNING: /* again, if its tick died */
+        return found->tuning.tick == at->sample + 1 && found->tuning.number == (uint32_t)found->tuning.tick &&
+               found->tuning.values.margin == (double)found->tuning.tick;
     case TL_ENTRY_END:
         break;
     }
@@ -166,6 +169,12 @@ static void put_start(int64_t tick, tl_resumed_from from) {
     start.resumption = (tl_resumption){.from = from, .run = -1, .tick = tick, .start = life * 1000};
     start.account.lead = (uint32_t)tick;
     demand(tl_outbox_wait_for_room(&outbox, INT64_MAX) && tl_outbox_put_start(&outbox, &start), REFUSED);
+}
+
+/* Before the sample of its tick. */
+static void put_tuning(int64_t tick) {
+    const tl_run_tuning tuning = {.tick = tick, .number = (uint32_t)tick, .values = {.margin = (double)tick}};
+    demand(tl_outbox_wait_for_room(&outbox, INT64_MAX) && tl_outbox_put_tuning(&outbox, &tuning), REFUSED);
 }
 
 static void put_sample(int64_t tick) {
@@ -237,6 +246,9 @@ static void live(pid_t reader) {
     }
     put_checkpoint(at.sample);
     for (int64_t tick = at.sample + 1;; tick++) {
+        if (tick % 3 == 0) {
+            put_tuning(tick);
+        }
         put_sample(tick);
         put_step(tick);
         if (tick % BETWEEN == 0) {

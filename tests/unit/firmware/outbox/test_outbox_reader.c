@@ -1,4 +1,5 @@
 /* The reader of an outbox believes nothing: whatever does not fit ends it with a word of what it was. */
+#include <stddef.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -129,7 +130,7 @@ static void a_kind_that_there_is_not(void) {
         unsigned char right = outbox.ring[0];
         outbox.ring[0] = (unsigned char)kind;
         TEST_ASSERT_EQUAL_INT(kind == right, take());
-        if (kind + 1 < right || kind > right + 2U) {
+        if (kind + 1 < right || kind > right + 3U) {
             expect_fault("holds an entry of a kind that there is not");
         } else if (kind != right) {
             TEST_ASSERT_NOT_EQUAL_INT('\0', reader.fault[0]); /* of another one, which does not fit */
@@ -222,8 +223,25 @@ static void fmus_that_are_none(void) {
     start.holds = false;
     TEST_ASSERT_TRUE(tl_outbox_put_start(&outbox, &start));
     TEST_ASSERT_TRUE(take());
-    spoil(tl_recorder_entry_size_of_start(false) - TL_SHA256_TEXT, 'a');
+    spoil(tl_recorder_entry_size_of_start(false) - sizeof(tl_run_tuning) - TL_SHA256_TEXT, 'a');
     expect_fault("holds a digest of FMUs that is none");
+}
+
+static void configurations_that_are_none(void) {
+    size_t hash = offsetof(tl_run_tuning, hash);
+    start.holds = false;
+    TEST_ASSERT_TRUE(tl_outbox_put_start(&outbox, &start));
+    TEST_ASSERT_TRUE(take());
+    spoil(tl_recorder_entry_size_of_start(false) - sizeof(tl_run_tuning) + hash, 'a');
+    expect_fault("holds a digest of a configuration that is none");
+    tearDown();
+    setUp();
+    tl_run_tuning tuning = {.tick = 5};
+    TEST_ASSERT_TRUE(tl_outbox_put_tuning(&outbox, &tuning));
+    TEST_ASSERT_TRUE(take());
+    TEST_ASSERT_EQUAL_INT64(5, entry.tuning.tick);
+    spoil(1 + hash, 'g');
+    expect_fault("holds a digest of a configuration that is none");
 }
 
 static void a_reason_without_an_end(void) {
@@ -352,6 +370,7 @@ int main(void) {
     RUN_TEST(a_beginning_that_cannot_be);
     RUN_TEST(an_account_that_is_none);
     RUN_TEST(fmus_that_are_none);
+    RUN_TEST(configurations_that_are_none);
     RUN_TEST(a_reason_without_an_end);
     RUN_TEST(an_event_of_no_severity);
     RUN_TEST(events_without_an_end);

@@ -16,6 +16,7 @@ enum { TICKS = 40, CHECKPOINT = 100, RESET_EVERY = 7 };
 static const tl_time NOW = 5000 * TL_SECOND;
 
 static tl_config config;
+static tl_run_tuning tunings[2];
 static tl_past_ticks ticks;
 static tl_past past; /* as it is made */
 static tl_past read; /* as it is read */
@@ -41,9 +42,22 @@ static void make_ticks(int64_t first, size_t count) {
     past.ticks = ticks.bytes;
 }
 
+/* In force at the first tick, and taken after that. */
+static void make_tunings(void) {
+    for (size_t i = 0; i < 2; i++) {
+        tunings[i] = (tl_run_tuning){.tick = i == 0 ? 900 : 1010, .number = 2, .values = {.evaluations = 60}};
+        memset(tunings[i].hash, 'a' + (int)i, sizeof tunings[i].hash - 1);
+        tunings[i].values.matches = 1;
+        tunings[i].values.match[0] = (tl_tuning_match){.tolerance = 1.0 + (double)i, .weight = 1.0};
+    }
+    past.tunings = (const unsigned char *)tunings;
+    past.tuning_count = 2;
+}
+
 static void write(void) {
     free(image);
-    size = tl_past_image_bytes(&past.shape, (size_t)(past.last - past.first + 1), past.checkpoint_size);
+    size =
+        tl_past_image_bytes(&past.shape, (size_t)(past.last - past.first + 1), past.checkpoint_size, past.tuning_count);
     image = malloc(size); /* as large as it is said: the sanitizers look */
     TEST_ASSERT_NOT_NULL(image);
     tl_past_write(&past, image);
@@ -67,6 +81,7 @@ void setUp(void) {
         .checkpoint_size = CHECKPOINT,
         .shape = ticks.shape,
     };
+    make_tunings();
     make_ticks(1001, TICKS);
     past.start = NOW - tl_time_of_step(0, past.step, past.last) - TL_SECOND;
     write();
@@ -201,6 +216,34 @@ static void test_names(void) {
     TEST_ASSERT_EQUAL_STRING("the run before", tl_past_name(TL_PAST_UNNUMBERED, text));
 }
 
+static void test_tunings(void) {
+    tl_run_tuning found[2];
+    expect_read();
+    TEST_ASSERT_EQUAL_size_t(2, read.tuning_count);
+    memcpy(found, read.tunings, sizeof found);
+    TEST_ASSERT_EQUAL_MEMORY(tunings, found, sizeof found);
+    past.tuning_count = 0;
+    write();
+    expect_read();
+    TEST_ASSERT_EQUAL_size_t(0, read.tuning_count);
+    expect_tick(1020);
+}
+
+/* Of all that a run took, what matters to who follows a part of it. */
+static void test_tunings_that_matter(void) {
+    static const int64_t ticks_of[] = {0, 5, 10, 20, 30};
+    tl_run_tuning taken[5];
+    for (size_t i = 0; i < 5; i++) {
+        taken[i] = (tl_run_tuning){.tick = ticks_of[i]};
+    }
+    TEST_ASSERT_EQUAL_size_t(3, tl_past_choose_tunings(taken, 5, 7, 20));
+    TEST_ASSERT_EQUAL_INT64(5, taken[0].tick);
+    TEST_ASSERT_EQUAL_INT64(20, taken[2].tick);
+    TEST_ASSERT_EQUAL_size_t(1, tl_past_choose_tunings(taken, 3, 25, 24)); /* no tick is followed */
+    TEST_ASSERT_EQUAL_INT64(20, taken[0].tick);
+    TEST_ASSERT_EQUAL_size_t(0, tl_past_choose_tunings(taken, 0, 25, 30));
+}
+
 /* ---- what is no image ---- */
 
 static void test_another_size(void) {
@@ -211,7 +254,7 @@ static void test_another_size(void) {
     free(image);
     image = longer;
     for (size = 0; size < whole; size++) {
-        expect_refused(size < 96 ? "it has not its size" : "it does not begin as it should");
+        expect_refused(size < 104 ? "it has not its size" : "it does not begin as it should");
     }
     size = whole + 1;
     expect_refused("it does not begin as it should");
@@ -236,7 +279,7 @@ typedef struct damage {
     const char *words;
 } damage;
 
-enum { MAGIC, SIZE, RUN, FIRST, LAST, STEP, START, STARTED, CHECKPOINT_SIZE, SIGNALS, ADJUSTS, FROM };
+enum { MAGIC, SIZE, RUN, FIRST, LAST, STEP, START, STARTED, CHECKPOINT_SIZE, TUNINGS, SIGNALS, ADJUSTS, FROM };
 
 static void test_a_damaged_head(void) {
     static const damage damages[] = {
@@ -264,6 +307,10 @@ static void test_a_damaged_head(void) {
         {CHECKPOINT_SIZE, 0, "its size"},
         {CHECKPOINT_SIZE, CHECKPOINT + 1, "its size"},
         {CHECKPOINT_SIZE, UINT64_MAX - 50, "its size"},
+        {TUNINGS, 0, "its size"},
+        {TUNINGS, 3, "its size"},
+        {TUNINGS, TL_PAST_TUNINGS + 1, "its size"},
+        {TUNINGS, UINT64_MAX, "its size"},
         {SIGNALS, 0, "signals"},
         {SIGNALS, UINT64_MAX, "signals"},
         {ADJUSTS, 9, "signals"},
@@ -278,6 +325,34 @@ static void test_a_damaged_head(void) {
         memcpy(image + damages[i].word * 8, &damages[i].value, 8);
         expect_refused(damages[i].words);
     }
+}
+
+static void refuse_tuning(size_t index, const tl_run_tuning *bad) {
+    tl_run_tuning good = tunings[index];
+    tunings[index] = *bad;
+    write();
+    expect_refused("what was in force");
+    tunings[index] = good;
+}
+
+static void test_damaged_tunings(void) {
+    tl_run_tuning bad = tunings[1];
+    bad.tick = 899;
+    refuse_tuning(1, &bad);
+    bad.tick = -1;
+    refuse_tuning(0, &bad);
+    bad.tick = INT64_MAX;
+    refuse_tuning(1, &bad);
+    bad = tunings[1];
+    bad.hash[0] = '\0';
+    refuse_tuning(1, &bad);
+    bad.hash[0] = 'g';
+    refuse_tuning(1, &bad);
+    bad = tunings[1];
+    bad.values.match[0].tolerance = -1.0;
+    refuse_tuning(1, &bad);
+    bad.values.matches = UINT32_MAX;
+    refuse_tuning(0, &bad);
 }
 
 static void write_tick(size_t index, size_t at, const void *bytes, size_t count) {
@@ -378,6 +453,9 @@ int main(void) {
     RUN_TEST(test_just_now);
     RUN_TEST(test_stamps_that_are_far_away);
     RUN_TEST(test_names);
+    RUN_TEST(test_tunings);
+    RUN_TEST(test_tunings_that_matter);
+    RUN_TEST(test_damaged_tunings);
     RUN_TEST(test_another_size);
     RUN_TEST(test_another_configuration);
     RUN_TEST(test_a_damaged_head);

@@ -25,6 +25,7 @@ static char path[PATH_MAX];
 static tl_course course;
 static tl_test_outbox box;
 static tl_twin_record recorded;
+static tl_recorder_known known; /* the other configuration that the course takes */
 static tl_past_history *history;
 static unsigned char *image;
 static tl_past past;
@@ -62,6 +63,10 @@ static void expect_ok(tl_status status) {
 
 static void open_run(void) {
     tl_twin_recorder_describe(&course.assembly.config, path, &recorded);
+    known = (tl_recorder_known){
+        .hash = course.other_hash, .text = course.other, .who = "ann", .origin = "test", .why = "to see"};
+    recorded.settings.known = &known;
+    recorded.settings.known_count = 1;
     tl_test_outbox_open(&box, &recorded.settings, CHECKPOINT_BYTES);
     tl_twin_recorder_start(&box.outbox, course.assembly.twin, course.start);
 }
@@ -320,7 +325,12 @@ static void test_why_there_is_none(void) {
     make(TL_LAG);
     expect_none("UPDATE runs SET ended_reason = 'end of duration'", TL_EVENT_INFO,
                 "begins anew: run 1 ended: end of duration");
-    expect_none("UPDATE runs SET configuration = 'x'", TL_EVENT_INFO, "begins anew: the configuration is not that of");
+    expect_none("DELETE FROM tunings; UPDATE runs SET configuration = 'x'", TL_EVENT_INFO,
+                "begins anew: the configuration is not that of");
+    expect_none("DELETE FROM tunings WHERE tick = 120", TL_EVENT_INFO, /* so it ended with the other one */
+                "begins anew: the configuration is not that of");
+    expect_none("UPDATE tunings SET tick = -1 WHERE tick = 120", TL_EVENT_WARNING,
+                "the tunings of run 1 are incomplete or wrong");
     expect_none("UPDATE beginnings SET fmus = 'x'", TL_EVENT_INFO, "begins anew: the FMUs are not those of run 1");
     expect_none("UPDATE beginnings SET boot = ''", TL_EVENT_INFO, "begins anew: run 1 does not tell what it takes");
     expect_none("UPDATE beginnings SET start_ns = start_ns - 4000000000000", TL_EVENT_INFO,

@@ -83,6 +83,8 @@ static void expect_ok(tl_status status) {
 static void be_born(void) {
     tl_outbox_open(&settings, memory, &taken, &outbox);
     tl_course_anew(&course);
+    const tl_run_tuning configured = tl_course_configured(&course);
+    tl_outbox_name_configuration(&outbox, &configured);
 }
 
 static void put_start(const tl_resumption *resumption) {

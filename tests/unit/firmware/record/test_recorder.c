@@ -174,7 +174,7 @@ static void test_what_is_not_finite_is_null(void) {
 static void test_the_run_says_what_it_was(void) {
     record_run(10);
     TEST_ASSERT_EQUAL_INT64(0x74776C6B, tl_sql_integer(bench.path, "PRAGMA application_id"));
-    TEST_ASSERT_EQUAL_INT64(3, tl_sql_integer(bench.path, "PRAGMA user_version"));
+    TEST_ASSERT_EQUAL_INT64(4, tl_sql_integer(bench.path, "PRAGMA user_version"));
     TEST_ASSERT_EQUAL_INT64(TL_MADE_PREDICTION, tl_sql_integer(bench.path, "SELECT lead FROM runs"));
     TEST_ASSERT_EQUAL_INT64(2, tl_sql_integer(bench.path, "PRAGMA auto_vacuum"));
     TEST_ASSERT_EQUAL_STRING("wal", tl_sql_text(bench.path, "PRAGMA journal_mode"));
@@ -254,7 +254,7 @@ static void test_an_older_file_is_brought_up_to_date(void) {
                    " committed, step_ns, 5, 'hold', 0, 0, 0, 0, NULL, 0 FROM runs WHERE run = 1");
     tl_made_older(bench.path);
     record_run(10);
-    TEST_ASSERT_EQUAL_INT64(3, tl_sql_integer(bench.path, "PRAGMA user_version"));
+    TEST_ASSERT_EQUAL_INT64(4, tl_sql_integer(bench.path, "PRAGMA user_version"));
     TEST_ASSERT_EQUAL_STRING("2, 0, 1, 2", tl_sql_text(bench.path, "SELECT group_concat(lead, ', ') FROM runs"));
     TEST_ASSERT_EQUAL_INT64(8,
                             tl_sql_integer(bench.path, "SELECT count(*) FROM steps WHERE run = 1 AND predicted IS NULL"
@@ -426,8 +426,8 @@ static void test_foreign_files_stay_as_they_are(void) {
     (void)unlink(bench.path);
     tl_sql_execute(bench.path, "CREATE TABLE mine (x); INSERT INTO mine VALUES (1)");
     expect_refused(TL_BAD_DATA, "of another program");
-    tl_sql_execute(bench.path, "PRAGMA application_id = 1953983595; PRAGMA user_version = 4");
-    expect_refused(TL_BAD_DATA, "another version of twinlock (format 4, this program knows 1 to 3)");
+    tl_sql_execute(bench.path, "PRAGMA application_id = 1953983595; PRAGMA user_version = 5");
+    expect_refused(TL_BAD_DATA, "another version of twinlock (format 5, this program knows 1 to 4)");
     tl_sql_execute(bench.path, "PRAGMA user_version = 0");
     expect_refused(TL_BAD_DATA, "another version of twinlock (format 0");
 }

@@ -208,7 +208,9 @@ static void make_format_2(void) {
     begin_run(0);
     put(0, 10);
     close_writer();
-    tl_sql_execute(path, "DROP TABLE beginnings; DROP TABLE checkpoints; PRAGMA user_version = 2");
+    tl_sql_execute(
+        path,
+        "DROP VIEW v_tunings; DROP TABLE tunings; DROP TABLE beginnings; DROP TABLE checkpoints; PRAGMA user_version = 2");
 }
 
 static void expect_nothing_known(void) {

@@ -272,6 +272,28 @@ static void test_no_memory(void) {
     TEST_ASSERT_EQUAL_size_t(0, printed_size);
 }
 
+/* Whether a table says so. */
+static bool tells(const char *words) {
+    print_table();
+    bool told = strstr(printed, words) != NULL;
+    free(printed);
+    printed = NULL;
+    return told;
+}
+
+/* Told only of a run that took some. */
+static void test_tunings(void) {
+    add(TL_FIRST_GUESS, 1, 1.0, 1.0);
+    TEST_ASSERT_FALSE(tells("tunings"));
+    summary.tunings = 3;
+    TEST_ASSERT_TRUE(tells("  tunings      3 taken while it ran\n"));
+    summary.tunings_left_out = 3;
+    TEST_ASSERT_TRUE(tells("3 taken while it ran, and not followed: this is another configuration than the run's\n"));
+    print_json();
+    expect_number(3, "tunings/recorded");
+    expect_number(0, "tunings/followed");
+}
+
 int main(void) {
     UNITY_BEGIN();
     RUN_TEST(test_what_is_added_up);
@@ -284,5 +306,6 @@ int main(void) {
     RUN_TEST(test_a_boolean);
     RUN_TEST(test_measurements_left_out);
     RUN_TEST(test_no_memory);
+    RUN_TEST(test_tunings);
     return UNITY_END();
 }

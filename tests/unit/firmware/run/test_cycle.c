@@ -36,6 +36,15 @@ static tl_error error;
 static tl_scratch scratch;
 static char database[PATH_MAX];
 
+/* ---- another tuning ---- */
+
+#define OTHER "{ \"other\": 1 }"
+
+static tl_live_tuning tuning;
+static tl_live_tuning_answer answer;
+static tl_live_tuning_head told;
+static tl_recorder_known known;
+
 /* ---- an FMU that takes its time ---- */
 
 static fmi2DoStepTYPE *quick_step;
@@ -64,6 +73,13 @@ void setUp(void) {
     posts = 0;
     input = (tl_plant_input){.mailboxes = {{.slots = slots, .count = &posts, .depth = 256}}};
     memset(&shown, 0, sizeof shown);
+    memset(&tuning, 0, sizeof tuning);
+    memset(&answer, 0, sizeof answer);
+    memset(&told, 0, sizeof told);
+    tl_sha256(OTHER, strlen(OTHER), told.hash);
+    told.size = (uint32_t)strlen(OTHER);
+    known = (tl_recorder_known){
+        .number = 2, .hash = told.hash, .text = OTHER, .who = "ann", .origin = "test", .why = "it was wrong"};
     slow_call = 0;
     reset_call = 0;
     checkpoint_bytes = 0;
@@ -135,6 +151,8 @@ static void make_recorder(void) {
         .adjust_count = 1,
         .components = COMPONENTS,
         .component_count = 2,
+        .known = &known,
+        .known_count = 1,
     };
     tl_test_outbox_open(&box, &settings, checkpoint_bytes);
 }
@@ -157,8 +175,13 @@ static void start(void) {
     tl_journal_init(&journal, NULL);
     tl_journal_listen(&journal, put_event, &box.outbox);
     post(5.0);
-    const tl_cycle_settings settings = {
-        .assembly = &assembly, .thread = thread, .input = &input, .outbox = &box.outbox, .journal = &journal};
+    const tl_cycle_settings settings = {.assembly = &assembly,
+                                        .thread = thread,
+                                        .input = &input,
+                                        .outbox = &box.outbox,
+                                        .journal = &journal,
+                                        .tuning = &tuning,
+                                        .answer = &answer};
     TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_cycle_start(&settings, &cycle, &error), error.text);
 }
 
@@ -311,6 +334,149 @@ static void test_fmus_that_begin_anew(void) {
     }
 }
 
+/* A twin whose tolerance is so wide that nothing is ever searched, until it is told another one. */
+static void begin_wide(tl_time step, tl_measurements measurements) {
+    make_twin(step, 0, measurements);
+    tl_config_tuning(&assembly.config, &told.tuning);
+    told.tuning.match[0].tolerance = 100.0;
+    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_assembly_retune(&assembly, &told.tuning, &error), error.text);
+    start();
+    watch(20);
+    told.tuning.match[0].tolerance = 0.5;
+    told.tuning.time = step / 2;
+}
+
+static void tell(uint32_t number) {
+    TEST_ASSERT_EQUAL_UINT32(number, tl_live_tuning_write(&tuning, &told, OTHER));
+}
+
+static void wait_for_answer(uint32_t number, tl_live_tuning_answer *heard) {
+    tl_time until = tl_clock_now(NULL) + PATIENCE;
+    while (!tl_live_tuning_answered(&answer, number, heard)) {
+        TEST_ASSERT_TRUE_MESSAGE(tl_clock_now(NULL) < until, "the cycle does not answer");
+        tl_clock_sleep_until(tl_clock_now(NULL) + MILLISECOND / 5);
+    }
+}
+
+/* `what` of those before, or not before, a tick or step. */
+static double recorded(const char *what, const char *compared, int64_t number) {
+    char sql[256];
+    (void)snprintf(sql, sizeof sql, "SELECT %s %s %lld", what, compared, (long long)number);
+    return tl_sql_number(database, sql);
+}
+
+/* Up to a tick it is as it was, and from then on as it was told; the twin, the judge and the budget alike. */
+static void retune_in_mode(tl_measurements measurements) {
+    tl_live_tuning_answer heard;
+    begin_wide(2 * MILLISECOND, measurements);
+    tell(2);
+    wait_for_answer(2, &heard);
+    watch(shown.ticks + 20);
+    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, end(), error.text);
+    int64_t lead = measurements == TL_AHEAD ? 0 : 1;
+    TEST_ASSERT_EQUAL_UINT32(0, heard.refused);
+    TEST_ASSERT_TRUE(heard.tick >= 20);
+    TEST_ASSERT_EQUAL_DOUBLE(0.5, assembly.config.match[0].tolerance);
+    TEST_ASSERT_EQUAL_INT64(MILLISECOND, assembly.config.budget_time);
+    TEST_ASSERT_EQUAL_INT64(heard.tick, tl_sql_integer(database, "SELECT tick FROM tunings"));
+    TEST_ASSERT_EQUAL_STRING("ann|test|it was wrong",
+                             tl_sql_text(database, "SELECT who || '|' || origin || '|' || why FROM tunings"));
+    TEST_ASSERT_EQUAL_STRING(OTHER, tl_sql_text(database, "SELECT text FROM tunings JOIN configurations ON hash = "
+                                                          "configuration"));
+    TEST_ASSERT_EQUAL_INT64(heard.tick, tl_sql_integer(database, "SELECT tick FROM events WHERE source = 'retune' AND "
+                                                                 "text LIKE 'configuration ____________ in force'"));
+    TEST_ASSERT_EQUAL_DOUBLE(1.0, recorded("count(*) FROM samples WHERE tick", "=", heard.tick));
+    /* 5 is 0.05 of the wide tolerance, and ten of the other one: nominal before, whatever was missed; found after. */
+    TEST_ASSERT_EQUAL_DOUBLE(0.0, recorded("max(abs(u)) FROM adjustments WHERE step", "<", heard.tick - lead));
+    TEST_ASSERT_TRUE(recorded("max(abs(u)) FROM adjustments WHERE step", ">=", heard.tick - lead) > 0.5);
+}
+
+static void test_another_tuning_in_mode_lag(void) {
+    retune_in_mode(TL_LAG);
+}
+
+static void test_another_tuning_in_mode_ahead(void) {
+    retune_in_mode(TL_AHEAD);
+}
+
+/* What cannot be, or is not for this twin, changes nothing, and is said. */
+static void test_a_tuning_that_is_refused(void) {
+    tl_live_tuning_answer heard;
+    begin_wide(2 * MILLISECOND, TL_LAG);
+    told.tuning.evaluations = 61;
+    tell(2);
+    wait_for_answer(2, &heard);
+    TEST_ASSERT_EQUAL_UINT32(1, heard.refused);
+    TEST_ASSERT_EQUAL_STRING("found 61 evaluations, and the running twin has room for 60: more need a new one",
+                             heard.why);
+    told.tuning.evaluations = 60;
+    told.hash[0] = 'x';
+    tell(4);
+    wait_for_answer(4, &heard);
+    TEST_ASSERT_EQUAL_STRING("a tuning came with a digest that is none", heard.why);
+    watch(shown.ticks + 5);
+    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, end(), error.text);
+    TEST_ASSERT_EQUAL_DOUBLE(100.0, assembly.config.match[0].tolerance);
+    TEST_ASSERT_EQUAL_INT64(0, tl_sql_integer(database, "SELECT count(*) FROM tunings"));
+    TEST_ASSERT_EQUAL_INT64(2, tl_sql_integer(database, "SELECT count(*) FROM events WHERE source = 'retune' AND "
+                                                        "severity = 1 AND text LIKE 'configuration % refused: %'"));
+    TEST_ASSERT_EQUAL_DOUBLE(0.0, tl_sql_number(database, "SELECT max(abs(u)) FROM adjustments"));
+}
+
+/* A writer that died in the middle: nothing happens until another one has come. */
+static void test_a_tuning_that_is_half_written(void) {
+    tl_live_tuning_answer heard;
+    begin_wide(2 * MILLISECOND, TL_LAG);
+    tuning.head.tuning = told.tuning;
+    __atomic_store_n(&tuning.head.number, 1, __ATOMIC_RELEASE);
+    watch(shown.ticks + 10);
+    TEST_ASSERT_EQUAL_UINT32(0, answer.number);
+    tell(2);
+    wait_for_answer(2, &heard);
+    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, end(), error.text);
+    TEST_ASSERT_EQUAL_INT64(1, tl_sql_integer(database, "SELECT count(*) FROM tunings"));
+}
+
+/* What the twin has already, it does not take again. */
+static void test_a_tuning_that_is_in_force_already(void) {
+    begin_wide(2 * MILLISECOND, TL_LAG);
+    TEST_ASSERT_EQUAL_INT(TL_OK, end());
+    tearDown();
+    setUp();
+    make_twin(2 * MILLISECOND, 20 * MILLISECOND, TL_LAG);
+    tl_config_tuning(&assembly.config, &told.tuning);
+    tell(2);
+    make_recorder();
+    tl_run_tuning configured = {.number = 2, .values = told.tuning};
+    tl_outbox_name_configuration(&box.outbox, &configured);
+    start();
+    watch(UINT64_MAX);
+    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, end(), error.text);
+    TEST_ASSERT_EQUAL_UINT32(0, answer.number);
+    TEST_ASSERT_EQUAL_INT64(0, tl_sql_integer(database, "SELECT count(*) FROM tunings"));
+}
+
+/* Somebody tried to go on with an earlier run, and failed: the twin is a new one, and has nothing of what that had. */
+static void test_a_tuning_of_a_run_that_got_nowhere(void) {
+    static tl_outbox_start before;
+    make_twin(2 * MILLISECOND, 20 * MILLISECOND, TL_LAG);
+    tl_config_tuning(&assembly.config, &told.tuning);
+    told.tuning.margin = 0.25;
+    tell(2);
+    make_recorder();
+    tl_run_tuning taken = {.tick = 5, .number = 2, .values = told.tuning};
+    memcpy(taken.hash, told.hash, sizeof taken.hash);
+    tl_account_take(assembly.twin, &before.account);
+    TEST_ASSERT_TRUE(tl_outbox_put_start(&box.outbox, &before) && tl_outbox_put_tuning(&box.outbox, &taken));
+    TEST_ASSERT_TRUE(tl_outbox_put_end(&box.outbox, "could not go on with an earlier run"));
+    start();
+    watch(UINT64_MAX);
+    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, end(), error.text);
+    TEST_ASSERT_EQUAL_DOUBLE(0.25, assembly.config.margin);
+    TEST_ASSERT_EQUAL_INT64(0, tl_sql_integer(database, "SELECT tick FROM tunings WHERE run = 2"));
+    TEST_ASSERT_EQUAL_INT64(1, tl_sql_integer(database, "SELECT count(*) FROM tunings WHERE run = 2"));
+}
+
 /* ---- ends ---- */
 
 static void test_stops_though_the_next_tick_is_far_away(void) {
@@ -376,6 +542,12 @@ int main(void) {
     RUN_TEST(test_missed_ticks_are_made_up);
     RUN_TEST(test_missed_ticks_without_time);
     RUN_TEST(test_fmus_that_begin_anew);
+    RUN_TEST(test_another_tuning_in_mode_lag);
+    RUN_TEST(test_another_tuning_in_mode_ahead);
+    RUN_TEST(test_a_tuning_that_is_refused);
+    RUN_TEST(test_a_tuning_that_is_half_written);
+    RUN_TEST(test_a_tuning_that_is_in_force_already);
+    RUN_TEST(test_a_tuning_of_a_run_that_got_nowhere);
     RUN_TEST(test_stops_though_the_next_tick_is_far_away);
     RUN_TEST(test_stops_when_asked);
     RUN_TEST(test_stops_without_the_last_measurement);

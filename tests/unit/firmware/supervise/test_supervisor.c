@@ -291,8 +291,10 @@ static tl_time damaged(void *context, tl_member which) {
     return on->damaged[which];
 }
 
-static void look(void *context) {
+static bool look(void *context, bool ends) {
     (void)context;
+    (void)ends;
+    return false;
 }
 
 /* ---- tests ---- */
@@ -318,7 +320,7 @@ static void cast(tl_member which, const char *plan) {
 
 static void expect_code(const char *plan, int code) {
     cast(TL_MEMBER_TWIN, plan);
-    TEST_ASSERT_EQUAL_INT(code, tl_supervise(&settings));
+    TEST_ASSERT_EQUAL_INT(code, tl_supervise(&settings, NULL));
     TEST_ASSERT_EQUAL_INT((int)strlen(plan), shared->starts);
 }
 
@@ -463,7 +465,7 @@ static void supervise_and_kill(void) {
     (void)fflush(NULL);
     pid_t supervisor = fork();
     if (supervisor == 0) {
-        _exit(tl_supervise(&settings));
+        _exit(tl_supervise(&settings, NULL));
     }
     for (int i = 0; i < 1000 && __atomic_load_n(&shared->last, __ATOMIC_ACQUIRE) == 0; i++) {
         pause_ms(10);
@@ -504,7 +506,7 @@ static int supervise_and_signal(const char *plan, int number, long after_ms, lon
         }
         _exit(0);
     }
-    int code = tl_supervise(&settings);
+    int code = tl_supervise(&settings, NULL);
     TEST_ASSERT_EQUAL_INT(killer, waitpid(killer, NULL, 0));
     return code;
 }
@@ -781,14 +783,14 @@ static void test_a_watchdog_that_is_none(void) {
     settings.watchdog = "/dev/null";
     settings.watchdog_s = 10;
     cast(TL_MEMBER_TWIN, "");
-    TEST_ASSERT_EQUAL_INT(69, tl_supervise(&settings));
+    TEST_ASSERT_EQUAL_INT(69, tl_supervise(&settings, NULL));
     TEST_ASSERT_EQUAL_INT(0, shared->starts);
 }
 
 static void test_a_folder_that_is_none(void) {
     settings.state = "/nowhere/state";
     cast(TL_MEMBER_TWIN, "");
-    TEST_ASSERT_EQUAL_INT(65, tl_supervise(&settings));
+    TEST_ASSERT_EQUAL_INT(65, tl_supervise(&settings, NULL));
     TEST_ASSERT_EQUAL_INT(0, shared->starts);
 }
 

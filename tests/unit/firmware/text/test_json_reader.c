@@ -22,10 +22,12 @@ static void read_text(const char *text) {
 }
 
 static void test_members(void) {
-    read_text("{\"n\": 7, \"zero\": 0, \"most\": 8999999999999999, \"yes\": true, \"no\": false, \"t\": \"a\\u00e9\"}");
+    read_text(
+        "{\"n\": 7, \"zero\": 0, \"most\": 8999999999999999, \"x\": -0.5, \"yes\": true, \"no\": false, \"t\": \"a\\u00e9\"}");
     TEST_ASSERT_EQUAL_UINT64(7, tl_json_count(&reader, "n"));
     TEST_ASSERT_EQUAL_UINT64(0, tl_json_count(&reader, "zero"));
     TEST_ASSERT_EQUAL_UINT64(8999999999999999, tl_json_count(&reader, "most"));
+    TEST_ASSERT_EQUAL_DOUBLE(-0.5, tl_json_number(&reader, "x"));
     TEST_ASSERT_TRUE(tl_json_truth(&reader, "yes"));
     TEST_ASSERT_FALSE(tl_json_truth(&reader, "no"));
     TEST_ASSERT_EQUAL_STRING("aé", tl_json_text(&reader, "t"));
@@ -38,6 +40,15 @@ static void test_bytes_behind_the_text(void) {
     reader = tl_json_reader_of(text, sizeof text - 3);
     TEST_ASSERT_EQUAL_UINT64(7, tl_json_count(&reader, "n"));
     TEST_ASSERT_TRUE(reader.right);
+}
+
+static void test_numbers_that_are_wrong(void) {
+    static const char *const texts[] = {"{}", "{\"n\": null}", "{\"n\": \"1\"}", "{\"n\": true}", "[1]"};
+    for (size_t i = 0; i < sizeof texts / sizeof texts[0]; i++) {
+        read_text(texts[i]);
+        TEST_ASSERT_EQUAL_DOUBLE_MESSAGE(0.0, tl_json_number(&reader, "n"), texts[i]);
+        TEST_ASSERT_FALSE_MESSAGE(reader.right, texts[i]);
+    }
 }
 
 /* One member that is not as it is asked for, and what is read in its place. */
@@ -95,6 +106,7 @@ int main(void) {
     UNITY_BEGIN();
     RUN_TEST(test_members);
     RUN_TEST(test_bytes_behind_the_text);
+    RUN_TEST(test_numbers_that_are_wrong);
     RUN_TEST(test_members_that_are_wrong);
     RUN_TEST(test_texts_that_are_no_object);
     RUN_TEST(test_no_memory);

@@ -1,4 +1,5 @@
 /* An assembly: what is built, what is shared, what is said where it cannot be built, and that all of it ends. */
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -251,6 +252,95 @@ static void test_recording_types(void) {
     }
 }
 
+/* ---- another tuning ---- */
+
+enum { RETUNED_TICKS = 500 };
+
+static void expect_same_tuning(const tl_assembly *a, const tl_assembly *b) {
+    tl_tuning of_a;
+    tl_tuning of_b;
+    tl_config_tuning(&a->config, &of_a);
+    tl_config_tuning(&b->config, &of_b);
+    TEST_ASSERT_EQUAL_MEMORY(&of_a, &of_b, sizeof of_a);
+}
+
+/* A plant that the model does not fit, so that each step is searched. */
+static void step_both(const tl_assembly *built, const tl_assembly *retuned, int64_t tick) {
+    const tl_assembly *const both[] = {built, retuned};
+    const tl_budget budget = {.evaluations = built->config.budget_evaluations};
+    tl_record records[2] = {{.step = -1}, {.step = -1}};
+    tl_sample sample = {.tick = tick, .instant = tick * built->config.step};
+    tl_error error;
+    sample.values[0] = 0.3 + 0.2 * sin(0.01 * (double)tick);
+    sample.values[1] = 10.0 * (1.0 - exp(-0.02 * (double)tick)) + 2.0 * sin(0.05 * (double)tick);
+    for (int i = 0; i < 2; i++) {
+        bool ready = false;
+        TEST_ASSERT_EQUAL_INT(TL_OK, tl_twin_step(both[i]->twin, &sample, &budget, &records[i], &ready, &error));
+        TEST_ASSERT_EQUAL_INT(tick > 0, ready);
+    }
+    TEST_ASSERT_EQUAL_INT64(records[0].step, records[1].step);
+    TEST_ASSERT_EQUAL_INT(records[0].outcome, records[1].outcome);
+    TEST_ASSERT_EQUAL_UINT32(records[0].evaluations, records[1].evaluations);
+    TEST_ASSERT_EQUAL_UINT32(records[0].executions, records[1].executions);
+    TEST_ASSERT_EQUAL_MEMORY(&records[0].objective, &records[1].objective, sizeof(double));
+    TEST_ASSERT_EQUAL_MEMORY(records[0].u, records[1].u, sizeof(double));
+    TEST_ASSERT_EQUAL_MEMORY(records[0].u_hat, records[1].u_hat, sizeof(double));
+    TEST_ASSERT_EQUAL_MEMORY(records[0].y, records[1].y, sizeof(double));
+}
+
+/* The motor bench, before its first tick: to the bit as one that was built with the other numbers. */
+static void test_retuned_before_the_first_tick(void) {
+    static const char *const others[][2] = {
+        {"\"nominal\": 0.0031, \"step\": 0.12",
+         "\"nominal\": 0.01, \"min\": 0.002, \"max\": 0.5, \"penalty\": {\"deviation\": 0.01, \"rate\": 0.002}, \"step\": 0.12"},
+        {"\"tolerance\": 1.0", "\"tolerance\": 0.25, \"weight\": 2, \"huber\": 4"},
+        {"\"evaluations\": 60, \"time_s\": 0.006", "\"evaluations\": 12, \"time_s\": 0.004"},
+        {"\"algorithm\"", "\"margin\": 0.03, \"noise_floor\": 0.01, \"algorithm\""},
+    };
+    static tl_assembly built;
+    tl_tuning tuning;
+    tl_error error;
+    char *text = tl_test_read_text(LOCK);
+    for (size_t i = 0; i < sizeof others / sizeof others[0]; i++) {
+        text = replaced(text, others[i][0], others[i][1]);
+    }
+    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, load_text(text), said);
+    built = assembly;
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_test_load_assembly(LOCK, &assembly));
+    tl_config_tuning(&built.config, &tuning);
+    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_assembly_retune(&assembly, &tuning, &error), error.text);
+    expect_same_tuning(&built, &assembly);
+    for (int64_t tick = 0; tick < RETUNED_TICKS; tick++) {
+        step_both(&built, &assembly, tick);
+    }
+    TEST_ASSERT_EQUAL_UINT64(tl_twin_executions(built.twin, 1), tl_twin_executions(assembly.twin, 1));
+    tl_assembly_free(&built);
+}
+
+/* Built anew it is as it was configured; what is refused leaves the configuration alone. */
+static void test_built_anew_after_another_tuning(void) {
+    static tl_assembly other;
+    tl_tuning tuning;
+    tl_error error;
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_test_load_assembly(LOCK, &other));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_test_load_assembly(LOCK, &assembly));
+    tl_config_tuning(&assembly.config, &tuning);
+    tuning.evaluations = 61;
+    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, tl_assembly_retune(&assembly, &tuning, &error));
+    expect_same_tuning(&other, &assembly);
+    tuning.evaluations = 12;
+    tuning.match[0].tolerance = 0.25;
+    tuning.adjust[0].nominal = 0.1;
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_assembly_retune(&assembly, &tuning, &error));
+    TEST_ASSERT_EQUAL_UINT32(12, assembly.config.budget_evaluations);
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_assembly_rebuild(&assembly));
+    expect_same_tuning(&other, &assembly);
+    for (int64_t tick = 0; tick < RETUNED_TICKS; tick++) {
+        step_both(&other, &assembly, tick);
+    }
+    tl_assembly_free(&other);
+}
+
 int main(void) {
     tl_scratch_make(&scratch, TL_BINARY_DIR, "test_assembly");
     UNITY_BEGIN();
@@ -267,6 +357,8 @@ int main(void) {
     RUN_TEST(test_outputs_of_an_emulated_plant);
     RUN_TEST(test_recording_names_and_units);
     RUN_TEST(test_recording_types);
+    RUN_TEST(test_retuned_before_the_first_tick);
+    RUN_TEST(test_built_anew_after_another_tuning);
     tl_scratch_remove(&scratch);
     return UNITY_END();
 }

@@ -7,9 +7,10 @@
 #include "firmware/twin/twin_job.h"
 
 /* Of pieces, behind the job in the block; those of texts come first. */
-enum { LENGTHS = 5, TEXTS = 3 };
+enum { LENGTHS = 6, TEXTS = 3 };
 
 static const unsigned char checkpoint[] = {1, 7, 2, 255, 9}; /* no zero, which could be a text's end */
+static const unsigned char tunings[] = {8, 1, 77, 6};
 static const unsigned char live[] = {3, 0, 141};
 static const tl_twin_job order = {.task = TL_TASK_LIVE,
                                   .tells = TL_TELLS_COUNTS,
@@ -17,6 +18,8 @@ static const tl_twin_job order = {.task = TL_TASK_LIVE,
                                   .tick = -77,
                                   .checkpoint = checkpoint,
                                   .checkpoint_size = sizeof checkpoint,
+                                  .tunings = tunings,
+                                  .tunings_size = sizeof tunings,
                                   .path = "a folder/lock.json",
                                   .text = "{ \"twinlock\": 1 }\n",
                                   .folder = "/tmp/twinlock-twin-1-abcdef",
@@ -69,6 +72,8 @@ static void test_all_of_it_comes_back(void) {
     expect_order();
     TEST_ASSERT_EQUAL_size_t(sizeof checkpoint, job.checkpoint_size);
     TEST_ASSERT_EQUAL_UINT8_ARRAY(checkpoint, job.checkpoint, sizeof checkpoint);
+    TEST_ASSERT_EQUAL_size_t(sizeof tunings, job.tunings_size);
+    TEST_ASSERT_EQUAL_UINT8_ARRAY(tunings, job.tunings, sizeof tunings);
     TEST_ASSERT_EQUAL_size_t(sizeof live, job.live_size);
     TEST_ASSERT_EQUAL_UINT8_ARRAY(live, job.live, sizeof live);
     block.descriptor = -1; /* which `taken` owns now */

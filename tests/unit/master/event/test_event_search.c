@@ -123,7 +123,7 @@ static void a_plateau_without_an_end_is_given_up(void) {
 
 static void the_room_for_trials_is_the_limit(void) {
     make(&tl_nelder_mead, 1e-9, 0.0, HUGE_VAL); /* so small a step that widening takes 30 of them */
-    search.capacity = 5;
+    search.most = 5;
     travel = 55 * 0.023;
     wanted = 55;
     (void)run(0.01);

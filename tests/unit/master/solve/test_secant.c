@@ -54,6 +54,7 @@ static void create(size_t unknowns, size_t residual_count) {
                                  .lower = lower,
                                  .upper = upper,
                                  .residual_count = residual_count,
+                                 .residual_most = residual_count,
                                  .sample_count = residual_count};
     solver = tl_secant.create(&arena, &space);
     TEST_ASSERT_NOT_NULL(solver);
@@ -131,6 +132,54 @@ static void a_slope_that_is_remembered_is_not_measured_again(void) {
         TEST_ASSERT_EQUAL_UINT64(i == 0 ? 2 : 1, questions);
         TEST_ASSERT_DOUBLE_WITHIN(1e-6, target, best[0]);
     }
+}
+
+/* Residuals in other units, as of another tolerance: what is known of the slope is known in them. */
+static void a_slope_goes_along_into_other_units(void) {
+    const double factors[ROWS] = {20.0, 20.0, 20.0, 20.0};
+    const double start[] = {0.0};
+    const double later[] = {5.0};
+    slope = 2.0;
+    target = 3.0;
+    create(1, 1);
+    TEST_ASSERT_EQUAL_INT(TL_SEARCH_STOPPED, search(line, start));
+    slope *= 20.0;
+    tl_secant.retune(solver, factors);
+    target = -4.0;
+    TEST_ASSERT_EQUAL_INT(TL_SEARCH_STOPPED, search(line, later));
+    TEST_ASSERT_EQUAL_UINT64(1, questions);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-6, -4.0, best[0]);
+}
+
+/* Residuals that were not there before are learnt from the first question; those that go are forgotten. */
+static bool line_and_penalty(const double *u, double *r) {
+    r[0] = 2.0 * (u[0] - target);
+    r[1] = 0.5 * u[0];
+    return true;
+}
+
+static void residuals_may_come_and_go(void) {
+    const double same[ROWS] = {1.0, 1.0, 1.0, 1.0};
+    const double gone[ROWS] = {1.0, 0.0, 1.0, 1.0};
+    const double start[] = {0.0};
+    slope = 2.0;
+    target = 3.0;
+    good_enough = 1e-12;
+    create(1, 2);
+    space.residual_count = 1;
+    tl_secant.retune(solver, gone);
+    TEST_ASSERT_EQUAL_INT(TL_SEARCH_STOPPED, search(line, start));
+    TEST_ASSERT_DOUBLE_WITHIN(1e-6, 3.0, best[0]);
+    space.residual_count = 2;
+    space.sample_count = 1;
+    tl_secant.retune(solver, same);
+    TEST_ASSERT_EQUAL_INT(TL_SEARCH_DONE, search(line_and_penalty, start));
+    TEST_ASSERT_DOUBLE_WITHIN(1e-3, 12.0 / 4.25, best[0]);
+    TEST_ASSERT_TRUE(questions <= 4);
+    space.residual_count = 1;
+    tl_secant.retune(solver, gone);
+    TEST_ASSERT_EQUAL_INT(TL_SEARCH_STOPPED, search(line, start));
+    TEST_ASSERT_EQUAL_UINT64(1, questions);
 }
 
 static void a_slope_whose_last_question_was_good_enough_is_remembered(void) {
@@ -996,6 +1045,8 @@ int main(void) {
     UNITY_BEGIN();
     RUN_TEST(a_line_needs_the_slope_and_one_question);
     RUN_TEST(a_slope_that_is_remembered_is_not_measured_again);
+    RUN_TEST(a_slope_goes_along_into_other_units);
+    RUN_TEST(residuals_may_come_and_go);
     RUN_TEST(a_slope_whose_last_question_was_good_enough_is_remembered);
     RUN_TEST(a_wrong_slope_is_recovered_from);
     RUN_TEST(steps_of_any_size_do);

@@ -1,0 +1,93 @@
+/* An activation: one change of a plant's configuration on its way, from a candidate's text to what came of it.
+ *
+ * Purpose: the steps, in their order, each told as it begins: authorise, validate, try, activate, probation; then kept, or returned.
+ * Kinds:   what is changed in place is handed to the running twin, which takes it at a tick's beginning and keeps all it has. For all else the run
+ *          ends and begins anew, if who asked allows that.
+ * Order:   a version is on disk as the active one before anybody acts on it. So a power cut, or the end of this process at any moment, leaves the old
+ *          one or the new one in force, and tl_activation_begin() brings the run to what the disk says.
+ * Way back: probation.h says when. It is a change like any other: to the version that is returned to.
+ * One:     at a time. A candidate that comes while another is on probation takes its place; what is returned to stays the same.
+ * Waiting: never, but for the disk.
+ * Owner:   the caller places it; what it is given must stay.
+ * Thread:  one, the main thread of its process.
+ */
+#ifndef TL_FIRMWARE_ACTIVATE_ACTIVATION_H
+#define TL_FIRMWARE_ACTIVATE_ACTIVATION_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "firmware/activate/activation_host.h"
+#include "firmware/activate/errand.h"
+#include "firmware/activate/verdict.h"
+#include "firmware/control/control_wire.h"
+#include "firmware/versions/versions.h"
+
+/* What a probation is if nobody says otherwise. */
+enum { TL_ACTIVATION_PROBATION_S = 300, TL_ACTIVATION_LOCK_PERCENT = 95 };
+
+typedef struct tl_activation_settings {
+    const tl_activation_host *host;
+    tl_versions *versions;
+    const char *plant;     /* its name, for titles */
+    const char *path;      /* of its configuration: relative names start at its folder */
+    uint64_t memory_limit; /* as in errand.h */
+    bool unconfined;
+    int (*be)(const char *title, void *context); /* as in errand.h */
+    void *context;                               /* of it */
+
+    /* Says something to who has asked for the change; nobody may listen any more. TL_CONTROL_END is the last. */
+    void (*say)(void *listener, const tl_control_reply *reply);
+    void *listener;
+} tl_activation_settings;
+
+/* Fields are private. */
+typedef struct tl_activation {
+    tl_activation_settings settings;
+    tl_control_step step;
+    bool is_return;  /* to a version that is there already */
+    bool settles;    /* nothing changes on disk: the run is to be brought to what is there */
+    bool is_handed;  /* the twin has been given the tuning */
+    bool is_awaited; /* who asked is told more than that it is active */
+    uint64_t target; /* of a return */
+    tl_control_request request;
+    char *text; /* the candidate's, with a NUL; NULL: there is none */
+    size_t size;
+    char *before;                /* the active one's, while it is validated */
+    char reason[TL_VERSION_WHY]; /* of a return */
+    tl_errand errand;
+    tl_verdict verdict;
+    tl_time waited; /* since the twin was given a tuning */
+    tl_probation probation;
+    tl_time unsaved; /* since the probation was written */
+    tl_time pause;   /* before its end is tried again */
+    tl_time looked;
+} tl_activation;
+
+/* Goes on with what is on disk: a probation that was under way, a change that was not finished. */
+void tl_activation_begin(tl_activation *activation, const tl_activation_settings *settings);
+
+/* Nothing is under way, nor on probation. */
+bool tl_activation_is_idle(const tl_activation *activation);
+
+/* A step is under way in which no other change can begin. */
+bool tl_activation_is_busy(const tl_activation *activation);
+
+/* Of the probation; 0: there is none. */
+uint32_t tl_activation_left_s(const tl_activation *activation);
+
+/* A candidate: `size` bytes of `text`, copied. Whatever comes of it is said. Must not be busy. */
+void tl_activation_take(tl_activation *activation, const tl_control_request *request, const char *text, size_t size);
+
+/* The version on probation is kept, or returned from. False: there is none. What comes of it is said to who has asked for that change. */
+bool tl_activation_confirm(tl_activation *activation, const char *who);
+bool tl_activation_refuse(tl_activation *activation, const char *who);
+
+/* Goes on; as often as wanted. */
+void tl_activation_look(tl_activation *activation);
+
+/* Ends errands that are under way. What is on disk is gone on with by the next one. */
+void tl_activation_end(tl_activation *activation);
+
+#endif

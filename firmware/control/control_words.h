@@ -1,0 +1,27 @@
+/* The words for what is said over a control socket, as people, JSON and versions have them.
+ *
+ * Thread: pure.
+ */
+#ifndef TL_FIRMWARE_CONTROL_CONTROL_WORDS_H
+#define TL_FIRMWARE_CONTROL_CONTROL_WORDS_H
+
+#include <stdbool.h>
+
+#include "firmware/control/control_wire.h"
+
+/* "read", "retune", "commission". */
+const char *tl_control_right_name(tl_control_right right);
+
+/* False: there is no such right. */
+bool tl_control_right_of(const char *name, tl_control_right *right);
+
+/* "reload", "network". */
+const char *tl_control_origin_name(tl_control_origin origin);
+
+/* "authorise", "validate", …; "idle". */
+const char *tl_control_step_name(tl_control_step step);
+
+/* "done", "same", "bad request", "forbidden", …. */
+const char *tl_control_result_name(tl_control_result result);
+
+#endif

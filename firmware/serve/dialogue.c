@@ -1,0 +1,239 @@
+/* Dialogues: see dialogue.h. */
+#include "firmware/serve/dialogue.h"
+
+#include <dirent.h>
+#include <errno.h>
+#include <limits.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include "firmware/control/control_client.h"
+#include "firmware/control/control_words.h"
+#include "firmware/door/plain_name.h"
+#include "firmware/serve/answer.h"
+#include "firmware/text/json_writer.h"
+
+enum { PLANTS = 256 };
+
+/* ---- text ---- */
+
+static bool append(tl_dialogue *dialogue, const char *text, size_t size) {
+    if (size > TL_DIALOGUE_MOST - dialogue->size) {
+        return false;
+    }
+    char *grown = size > 0 ? realloc(dialogue->text, dialogue->size + size) : NULL;
+    if (grown == NULL) {
+        return false;
+    }
+    memcpy(grown + dialogue->size, text, size);
+    dialogue->text = grown;
+    dialogue->size += size;
+    return true;
+}
+
+static void hang_up(tl_dialogue *dialogue) {
+    if (dialogue->is_asked) {
+        (void)close(dialogue->socket);
+    }
+    dialogue->is_asked = false;
+    dialogue->has_ended = true;
+}
+
+void tl_dialogue_refuse(tl_dialogue *dialogue, tl_http_status status, tl_control_result result, const char *sentence) {
+    char line[TL_ANSWER_LINE];
+    hang_up(dialogue);
+    dialogue->result = tl_control_result_name(result);
+    dialogue->is_text = false;
+    if (dialogue->status == 0) {
+        dialogue->size = 0;
+        dialogue->status = status;
+    }
+    (void)append(dialogue, line, tl_answer_refusal(result, sentence, line));
+}
+
+bool tl_dialogue_add_body(tl_dialogue *dialogue, const char *bytes, size_t size) {
+    size_t whole = dialogue->request.body;
+    if (dialogue->body == NULL) {
+        dialogue->body = malloc(whole);
+    }
+    if (dialogue->body == NULL || size > whole - dialogue->body_size) {
+        return false;
+    }
+    memcpy(dialogue->body + dialogue->body_size, bytes, size);
+    dialogue->body_size += size;
+    return true;
+}
+
+size_t tl_dialogue_take(tl_dialogue *dialogue, char *to, size_t room) {
+    size_t left = dialogue->size - dialogue->taken;
+    size_t now = left < room ? left : room;
+    if (now > 0) {
+        memcpy(to, dialogue->text + dialogue->taken, now);
+        dialogue->taken += now;
+    }
+    if (dialogue->taken == dialogue->size) { /* the next lines have the room again */
+        dialogue->taken = 0;
+        dialogue->size = 0;
+    }
+    return now;
+}
+
+void tl_dialogue_close(tl_dialogue *dialogue) {
+    hang_up(dialogue);
+    free(dialogue->body);
+    free(dialogue->text);
+    *dialogue = (tl_dialogue){.socket = -1};
+}
+
+/* ---- asking ---- */
+
+/* Who is not there at all, and who is there and does not answer now. */
+static void refuse_plant(tl_dialogue *dialogue, const char *place, tl_status status) {
+    struct stat about;
+    char sentence[TL_HTTP_SENTENCE];
+    const char *plant = dialogue->request.plant;
+    if (status == TL_TRY_AGAIN) {
+        (void)snprintf(sentence, sizeof sentence, "too many others ask %s: try again", plant);
+        tl_dialogue_refuse(dialogue, TL_HTTP_UNAVAILABLE, TL_CONTROL_BUSY, sentence);
+    } else if (stat(place, &about) != 0 && errno == ENOENT) {
+        (void)snprintf(sentence, sizeof sentence, "there is no plant %s on this box that can be asked", plant);
+        tl_dialogue_refuse(dialogue, TL_HTTP_NOT_FOUND, TL_CONTROL_ABSENT, sentence);
+    } else {
+        (void)snprintf(sentence, sizeof sentence, "the twin of %s does not run, or this server may not ask it", plant);
+        tl_dialogue_refuse(dialogue, TL_HTTP_UNAVAILABLE, TL_CONTROL_FAILED, sentence);
+    }
+}
+
+void tl_dialogue_begin(tl_dialogue *dialogue, const char *folder) {
+    char place[PATH_MAX];
+    tl_error error;
+    const tl_control_request *control = &dialogue->request.control;
+    if (snprintf(place, sizeof place, "%s/%s/%s", folder, dialogue->request.plant, TL_CONTROL_SOCKET) >= PATH_MAX) {
+        place[0] = '\0';
+    }
+    tl_status status = tl_control_connect(place, &dialogue->socket, &error);
+    dialogue->is_asked = status == TL_OK;
+    if (status == TL_OK) {
+        status = tl_control_ask(dialogue->socket, control, dialogue->body, dialogue->body_size, &error);
+    }
+    free(dialogue->body);
+    dialogue->body = NULL;
+    if (status != TL_OK) {
+        refuse_plant(dialogue, place, status);
+    }
+}
+
+/* ---- plants ---- */
+
+static int by_name(const void *one, const void *other) {
+    return strcmp(one, other);
+}
+
+/* Those that have a socket, in the order of their names. */
+static size_t find_plants(const char *folder, char (*plants)[TL_CONTROL_NAME]) {
+    size_t count = 0;
+    char place[PATH_MAX];
+    struct stat about;
+    DIR *opened = opendir(folder);
+    const struct dirent *entry = NULL;
+    while (opened != NULL && count < PLANTS && (entry = readdir(opened)) != NULL) {
+        bool is_good = tl_plain_name(entry->d_name);
+        if (is_good && snprintf(place, sizeof place, "%s/%s/%s", folder, entry->d_name, TL_CONTROL_SOCKET) < PATH_MAX &&
+            stat(place, &about) == 0 && S_ISSOCK(about.st_mode)) {
+            memcpy(plants[count], entry->d_name, strlen(entry->d_name) + 1);
+            count++;
+        }
+    }
+    if (opened != NULL) {
+        (void)closedir(opened);
+    }
+    qsort(plants, count, TL_CONTROL_NAME, by_name);
+    return count;
+}
+
+void tl_dialogue_list_plants(tl_dialogue *dialogue, const char *folder) {
+    char plants[PLANTS][TL_CONTROL_NAME];
+    char line[PLANTS * (TL_CONTROL_NAME + 4)];
+    tl_json_writer json;
+    size_t count = find_plants(folder, plants);
+    tl_json_writer_begin(&json);
+    tl_json_open_array(&json, "plants");
+    for (size_t i = 0; i < count; i++) {
+        tl_json_add_text(&json, NULL, plants[i]);
+    }
+    tl_json_close(&json);
+    size_t length = tl_json_writer_line(&json, line, sizeof line);
+    tl_json_writer_free(&json);
+    bool is_whole = length > 0 && append(dialogue, line, length) && append(dialogue, "\n", 1);
+    dialogue->status = is_whole ? TL_HTTP_OK : TL_HTTP_UNAVAILABLE;
+    dialogue->has_ended = true;
+}
+
+/* ---- what comes back ---- */
+
+static void take_configuration(tl_dialogue *dialogue, const tl_control_reply *reply, const char *text) {
+    const tl_control_version *version = &reply->as.version;
+    dialogue->is_text = append(dialogue, text, reply->more);
+    dialogue->version = version->version;
+    memcpy(dialogue->hash, version->hash, sizeof dialogue->hash);
+}
+
+static void take_line(tl_dialogue *dialogue, const tl_control_reply *reply) {
+    char line[TL_ANSWER_LINE];
+    (void)append(dialogue, line, tl_answer_line(reply, line));
+}
+
+/* A question that was answered is answered by that alone; of all others the end belongs to the answer. */
+static void take_end(tl_dialogue *dialogue, const tl_control_reply *reply) {
+    const tl_control_end *end = &reply->as.end;
+    tl_http_status status = tl_answer_status(end->result);
+    bool is_question = !dialogue->request.is_change;
+    if (is_question && status != TL_HTTP_OK) {
+        tl_dialogue_refuse(dialogue, status, (tl_control_result)end->result, end->text);
+        return;
+    }
+    if (!is_question) {
+        take_line(dialogue, reply);
+        dialogue->version = end->version;
+        memcpy(dialogue->hash, end->hash, sizeof dialogue->hash);
+    }
+    dialogue->result = tl_control_result_name((tl_control_result)end->result);
+    dialogue->status = dialogue->status == 0 ? status : dialogue->status;
+    hang_up(dialogue);
+}
+
+static void take_reply(tl_dialogue *dialogue, const tl_control_reply *reply, const char *text) {
+    if (reply->kind == TL_CONTROL_END) {
+        take_end(dialogue, reply);
+    } else if (reply->kind == TL_CONTROL_CONFIGURATION && dialogue->request.control.verb == TL_CONTROL_READ) {
+        take_configuration(dialogue, reply, text);
+    } else {
+        take_line(dialogue, reply);
+        bool begins = dialogue->request.is_change && tl_answer_is_under_way(reply);
+        dialogue->status = dialogue->status == 0 && begins ? TL_HTTP_OK : dialogue->status;
+    }
+}
+
+/* A line always fits, and so does a configuration into an answer that has nothing else. */
+bool tl_dialogue_listens(const tl_dialogue *dialogue) {
+    return dialogue->is_asked && dialogue->size <= TL_DIALOGUE_MOST - TL_CONTROL_MOST;
+}
+
+void tl_dialogue_follow(tl_dialogue *dialogue, char *room) {
+    tl_control_reply reply;
+    tl_error error;
+    while (tl_dialogue_listens(dialogue)) {
+        tl_status status = tl_control_next(dialogue->socket, 0, &reply, room, &error);
+        if (status == TL_TRY_AGAIN) {
+            return;
+        }
+        if (status != TL_OK) {
+            tl_dialogue_refuse(dialogue, TL_HTTP_UNAVAILABLE, TL_CONTROL_FAILED, error.text);
+            return;
+        }
+        take_reply(dialogue, &reply, room);
+    }
+}

@@ -1,0 +1,197 @@
+/* Requests: see http_request.h. */
+#include "firmware/serve/http_request.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "firmware/door/plain_name.h"
+#include "firmware/serve/http_query.h"
+
+static const char ROOT[] = "/api/v1/plants";
+static const uint64_t MOST_VERSION = UINT64_C(1) << 53;
+
+/* What there is: below /api/v1/plants/NAME. */
+typedef struct route {
+    const char *path; /* behind the name; one that ends in "/" has a number behind it */
+    const char *method;
+    const char *query; /* keys that it may have */
+    tl_control_verb verb;
+    bool is_change;
+    bool has_body;
+} route;
+
+static const route ROUTES[] = {
+    {"", "GET", "", TL_CONTROL_SHOW, false, false},
+    {"/configuration", "GET", "", TL_CONTROL_READ, false, false},
+    {"/configuration", "PUT", "check restart confirm wait probation require_lock why", TL_CONTROL_TAKE, true, true},
+    {"/versions", "GET", "", TL_CONTROL_VERSIONS, false, false},
+    {"/versions/", "GET", "", TL_CONTROL_READ, false, false},
+    {"/confirm", "POST", "why", TL_CONTROL_CONFIRM, true, false},
+    {"/return", "POST", "version restart wait probation require_lock why", TL_CONTROL_RETURN, true, false},
+};
+
+static tl_http_status refuse(char *sentence, tl_http_status status, const char *why) {
+    (void)snprintf(sentence, TL_HTTP_SENTENCE, "%s", why);
+    return status;
+}
+
+/* ---- the address ---- */
+
+/* "/motor/versions/3" -> "motor" and "/versions/3". */
+static bool split_name(const char *path, tl_http_request *request, const char **rest) {
+    size_t length = strcspn(path + 1, "/");
+    if (path[0] != '/' || length >= sizeof request->plant) {
+        return false;
+    }
+    memcpy(request->plant, path + 1, length);
+    request->plant[length] = '\0';
+    *rest = path + 1 + length;
+    return tl_plain_name(request->plant);
+}
+
+/* Of a route that ends in a number, that number is read. */
+static bool fits(const route *one, const char *path, uint64_t *version) {
+    size_t length = strlen(one->path);
+    if (length == 0 || one->path[length - 1] != '/') {
+        return strcmp(path, one->path) == 0;
+    }
+    const char *digits = path + length;
+    if (strncmp(path, one->path, length) != 0 || strlen(digits) > 16 || digits[0] == '\0' ||
+        digits[strspn(digits, "0123456789")] != '\0') {
+        return false;
+    }
+    *version = strtoull(digits, NULL, 10);
+    return *version >= 1 && *version <= MOST_VERSION;
+}
+
+static tl_http_status find_route(const char *path, const char *method, tl_http_request *request, const route **found,
+                                 char *sentence) {
+    const char *rest = NULL;
+    bool is_there = false;
+    if (!split_name(path, request, &rest)) {
+        return refuse(sentence, TL_HTTP_NOT_FOUND,
+                      "there is nothing here: a plant's name has letters, digits, - _ and .");
+    }
+    for (size_t i = 0; i < sizeof ROUTES / sizeof ROUTES[0]; i++) {
+        if (!fits(&ROUTES[i], rest, &request->control.version)) {
+            continue;
+        }
+        is_there = true;
+        if (strcmp(method, ROUTES[i].method) == 0) {
+            *found = &ROUTES[i];
+            return TL_HTTP_OK;
+        }
+    }
+    return is_there ? refuse(sentence, TL_HTTP_WRONG_METHOD, "this address has no such method")
+                    : refuse(sentence, TL_HTTP_NOT_FOUND,
+                             "there is nothing here: a plant has configuration, versions, confirm and return");
+}
+
+/* ---- headers ---- */
+
+/* A strong tag of SHA-256 in quotes, or * for whatever is active. */
+static tl_http_status read_match(const char *word, tl_control_request *control, char *sentence) {
+    if (word == NULL) {
+        return refuse(sentence, TL_HTTP_MATCH_REQUIRED,
+                      "If-Match is missing: send the ETag of the configuration that you have changed, or *");
+    }
+    if (strcmp(word, "*") == 0) {
+        return TL_HTTP_OK;
+    }
+    size_t length = strlen(word);
+    if (length != TL_SHA256_TEXT + 1 || word[0] != '"' || word[length - 1] != '"' ||
+        strspn(word + 1, "0123456789abcdef") != TL_SHA256_TEXT - 1) {
+        return refuse(sentence, TL_HTTP_CHANGED, "If-Match is the ETag of no configuration");
+    }
+    memcpy(control->if_match, word + 1, TL_SHA256_TEXT - 1);
+    return TL_HTTP_OK;
+}
+
+static tl_http_status read_length(const tl_http_words *words, size_t *length, char *sentence) {
+    const char *word = words->content_length;
+    *length = 0;
+    if (words->transfer_encoding != NULL || words->content_encoding != NULL) {
+        return refuse(sentence, TL_HTTP_LENGTH_REQUIRED, "send the body as it is, with its Content-Length");
+    }
+    if (word == NULL) {
+        return TL_HTTP_OK;
+    }
+    size_t digits = strspn(word, "0123456789");
+    if (digits == 0 || word[digits] != '\0') {
+        return refuse(sentence, TL_HTTP_BAD_REQUEST, "Content-Length is no number");
+    }
+    uint64_t bytes = digits > 9 ? UINT64_MAX : strtoull(word, NULL, 10);
+    if (bytes > TL_CONTROL_MOST) {
+        return refuse(sentence, TL_HTTP_TOO_LARGE, "a configuration has at most 262144 bytes");
+    }
+    *length = (size_t)bytes;
+    return TL_HTTP_OK;
+}
+
+static tl_http_status read_body(const tl_http_words *words, const route *found, tl_http_request *request,
+                                char *sentence) {
+    tl_http_status status = read_length(words, &request->body, sentence);
+    if (status != TL_HTTP_OK) {
+        return status;
+    }
+    if (found == NULL || !found->has_body) {
+        return request->body == 0 ? TL_HTTP_OK : refuse(sentence, TL_HTTP_BAD_REQUEST, "nothing is to be sent here");
+    }
+    if (request->body == 0) {
+        return words->content_length == NULL
+                   ? refuse(sentence, TL_HTTP_LENGTH_REQUIRED, "send a configuration, with its Content-Length")
+                   : refuse(sentence, TL_HTTP_BAD_REQUEST, "the configuration is empty");
+    }
+    return read_match(words->if_match, &request->control, sentence);
+}
+
+/* ---- the whole ---- */
+
+static tl_http_status read_plants(const tl_http_words *words, const char *query, tl_http_request *request,
+                                  char *sentence) {
+    request->wants_plants = true;
+    if (strcmp(words->method, "GET") != 0) {
+        return refuse(sentence, TL_HTTP_WRONG_METHOD, "this address has no such method");
+    }
+    return query[0] == '\0' ? read_body(words, NULL, request, sentence)
+                            : refuse(sentence, TL_HTTP_BAD_REQUEST, "this address takes no query");
+}
+
+static tl_http_status read_plant(const tl_http_words *words, const char *path, const char *query,
+                                 tl_http_request *request, char *sentence) {
+    char fault[TL_HTTP_QUERY_FAULT] = "";
+    const route *found = NULL;
+    tl_http_status status = find_route(path, words->method, request, &found, sentence);
+    if (status != TL_HTTP_OK) {
+        return status;
+    }
+    request->is_change = found->is_change;
+    request->control.verb = found->verb;
+    if (!tl_http_query_read(query, found->query, &request->control, fault)) {
+        return refuse(sentence, TL_HTTP_BAD_REQUEST, fault);
+    }
+    return read_body(words, found, request, sentence);
+}
+
+tl_http_status tl_http_request_read(const tl_http_words *words, tl_http_request *request,
+                                    char sentence[TL_HTTP_SENTENCE]) {
+    char path[TL_HTTP_TARGET];
+    size_t length = strlen(words->target);
+    *request = (tl_http_request){.control = {.origin = TL_CONTROL_BY_NETWORK, .require_lock = -1.0}};
+    if (length >= sizeof path) {
+        return refuse(sentence, TL_HTTP_TARGET_TOO_LONG, "the address is too long");
+    }
+    memcpy(path, words->target, length + 1);
+    char *mark = strchr(path, '?');
+    const char *query = mark == NULL ? "" : mark + 1;
+    if (mark != NULL) {
+        *mark = '\0';
+    }
+    if (strncmp(path, ROOT, strlen(ROOT)) != 0) {
+        return refuse(sentence, TL_HTTP_NOT_FOUND, "there is nothing here: begin at /api/v1/plants");
+    }
+    const char *rest = path + strlen(ROOT);
+    return rest[0] == '\0' || strcmp(rest, "/") == 0 ? read_plants(words, query, request, sentence)
+                                                     : read_plant(words, rest, query, request, sentence);
+}

@@ -1,0 +1,61 @@
+/* What a request asks for: read from the words of HTTP, before anything of it is believed.
+ *
+ * Purpose: the one place that knows the addresses and what may stand in their queries. What it returns can be said to a plant's control socket.
+ * Trust:   method, target and headers are a stranger's: any bytes. Each is checked once, here; what is left has names and numbers that exist.
+ * Thread:  pure.
+ */
+#ifndef TL_FIRMWARE_SERVE_HTTP_REQUEST_H
+#define TL_FIRMWARE_SERVE_HTTP_REQUEST_H
+
+#include <stdbool.h>
+#include <stddef.h>
+
+#include "firmware/control/control_wire.h"
+
+enum { TL_HTTP_TARGET = 1024, TL_HTTP_SENTENCE = 256 };
+
+/* Statuses that this server answers with. */
+typedef enum tl_http_status {
+    TL_HTTP_OK = 200,
+    TL_HTTP_BAD_REQUEST = 400,
+    TL_HTTP_UNAUTHORISED = 401,
+    TL_HTTP_FORBIDDEN = 403,
+    TL_HTTP_NOT_FOUND = 404,
+    TL_HTTP_WRONG_METHOD = 405,
+    TL_HTTP_CONFLICT = 409,
+    TL_HTTP_LENGTH_REQUIRED = 411,
+    TL_HTTP_CHANGED = 412,
+    TL_HTTP_TOO_LARGE = 413,
+    TL_HTTP_TARGET_TOO_LONG = 414,
+    TL_HTTP_MISDIRECTED = 421,
+    TL_HTTP_INVALID = 422,
+    TL_HTTP_MATCH_REQUIRED = 428,
+    TL_HTTP_TOO_MANY = 429,
+    TL_HTTP_FAILED = 500,
+    TL_HTTP_UNAVAILABLE = 503,
+    TL_HTTP_TIMEOUT = 504
+} tl_http_status;
+
+/* Words as they came; NULL: that header was not there. */
+typedef struct tl_http_words {
+    const char *method;
+    const char *target; /* "/api/v1/plants/motor?x=1", not decoded */
+    const char *if_match;
+    const char *content_length;
+    const char *content_encoding;
+    const char *transfer_encoding;
+} tl_http_words;
+
+typedef struct tl_http_request {
+    bool wants_plants;           /* the list of all; else what `control` says */
+    bool is_change;              /* it may change something: has an entry in the audit */
+    char plant[TL_CONTROL_NAME]; /* "motor" */
+    size_t body;                 /* bytes that follow; 0: none */
+    tl_control_request control;  /* but for `right` and `who` */
+} tl_http_request;
+
+/* TL_HTTP_OK, or the status to refuse it with, and a sentence why. */
+tl_http_status tl_http_request_read(const tl_http_words *words, tl_http_request *request,
+                                    char sentence[TL_HTTP_SENTENCE]);
+
+#endif

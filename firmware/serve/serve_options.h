@@ -1,0 +1,40 @@
+/* The options of `twinlock serve` and `twinlock token`.
+ *
+ * Thread: one thread, at the start of the process.
+ */
+#ifndef TL_FIRMWARE_SERVE_SERVE_OPTIONS_H
+#define TL_FIRMWARE_SERVE_SERVE_OPTIONS_H
+
+#include <stdbool.h>
+
+#include "firmware/control/control_wire.h"
+#include "firmware/text/program_options.h"
+
+/* Texts are those of the command line. */
+typedef struct tl_serve_options {
+    const char *listen; /* "127.0.0.1:8443" */
+    tl_program_list hosts;
+    const char *certificate; /* NULL: one of our own */
+    const char *key;
+    const char *state; /* folder of that */
+    const char *tokens;
+    const char *plants;
+    bool fingerprint;
+    bool unconfined;
+} tl_serve_options;
+
+tl_program_outcome tl_serve_options_read(int argc, char **argv, tl_serve_options *options);
+
+typedef enum tl_token_action { TL_TOKEN_ADD, TL_TOKEN_LIST, TL_TOKEN_REVOKE } tl_token_action;
+
+typedef struct tl_token_options {
+    tl_token_action action;
+    const char *name; /* of ADD and REVOKE */
+    tl_control_right role;
+    const char *tokens;
+} tl_token_options;
+
+/* argv[0] is "token". */
+tl_program_outcome tl_token_options_read(int argc, char **argv, tl_token_options *options);
+
+#endif

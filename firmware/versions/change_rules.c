@@ -1,0 +1,321 @@
+/* The table of rules, and how a path finds its own. */
+#include "firmware/versions/change_rules.h"
+
+#include <math.h>
+#include <string.h>
+
+/* ---- values ---- */
+
+/* A value of `set` that is a text may name a file, which the FMU may read then. */
+static void judge_set(const tl_json_value *before, const tl_json_value *after, tl_change_needs *needs) {
+    (void)before;
+    if (after->type == TL_JSON_TEXT) {
+        needs->right = TL_CHANGE_BY_COMMISSION;
+    }
+}
+
+/* What stands in place of a key that is left out, only a new twin finds in the FMU. */
+static void judge_given(const tl_json_value *before, const tl_json_value *after, tl_change_needs *needs) {
+    if (before->type == TL_JSON_ABSENT || after->type == TL_JSON_ABSENT) {
+        needs->kind = TL_CHANGE_NEW_TWIN;
+    }
+}
+
+static double number_of(const tl_json_value *value, double otherwise) {
+    if (value->type == TL_JSON_ABSENT) {
+        return otherwise;
+    }
+    return value->type == TL_JSON_NUMBER ? value->number : (double)NAN;
+}
+
+/* Whether an output is matched at all decides how far a horizon has to reach. */
+static void judge_weight(const tl_json_value *before, const tl_json_value *after, tl_change_needs *needs) {
+    const double usual = 1.0;
+    if (!(number_of(before, usual) > 0.0 && number_of(after, usual) > 0.0)) {
+        needs->kind = TL_CHANGE_NEW_TWIN;
+    }
+}
+
+/* A twin has room for so many as it began with, and for as many as are usual. */
+static void judge_evaluations(const tl_json_value *before, const tl_json_value *after, tl_change_needs *needs) {
+    const double usual = 60.0;
+    double most = fmax(usual, number_of(before, usual));
+    if (!(number_of(after, usual) <= most)) {
+        needs->kind = TL_CHANGE_NEW_TWIN;
+    }
+}
+
+/* ---- the table ---- */
+
+#define IN_PLACE                                                                                                       \
+    { TL_CHANGE_IN_PLACE, TL_CHANGE_BY_RETUNE }
+#define NEW_TWIN                                                                                                       \
+    { TL_CHANGE_NEW_TWIN, TL_CHANGE_BY_RETUNE }
+#define NEW_TWIN_COMMISSIONED                                                                                          \
+    { TL_CHANGE_NEW_TWIN, TL_CHANGE_BY_COMMISSION }
+#define RESTART                                                                                                        \
+    { TL_CHANGE_RESTART, TL_CHANGE_BY_RETUNE }
+#define RESTART_COMMISSIONED                                                                                           \
+    { TL_CHANGE_RESTART, TL_CHANGE_BY_COMMISSION }
+
+/* An object that comes or goes as a whole needs what its own row says, and what those of all that is in it say. */
+static const tl_change_rule rules[] = {
+    /* what is about the whole */
+    {"$schema", IN_PLACE, NULL},
+    {"twinlock", RESTART, NULL},
+    {"name", NEW_TWIN, NULL},
+    {"step_s", RESTART, NULL},
+    {"duration_s", RESTART, NULL},
+    /* FMUs */
+    {"components", NEW_TWIN_COMMISSIONED, NULL},
+    {"components.*", NEW_TWIN_COMMISSIONED, NULL},
+    {"components.*.fmu", NEW_TWIN_COMMISSIONED, NULL},
+    {"components.*.set", NEW_TWIN, NULL},
+    {"components.*.set.*", NEW_TWIN, judge_set},
+    {"components.*.keep", NEW_TWIN, NULL},
+    {"components.*.libraries", NEW_TWIN_COMMISSIONED, NULL},
+    {"components.*.libraries[]", NEW_TWIN_COMMISSIONED, NULL},
+    {"components.*.read", NEW_TWIN_COMMISSIONED, NULL},
+    {"components.*.read[]", NEW_TWIN_COMMISSIONED, NULL},
+    {"components.*.unconfined", NEW_TWIN_COMMISSIONED, NULL},
+    {"components.*.logging", NEW_TWIN, NULL},
+    /* where live signals come from */
+    {"sources", RESTART_COMMISSIONED, NULL},
+    {"sources.*", RESTART_COMMISSIONED, NULL},
+    {"sources.*.modbus_tcp", RESTART_COMMISSIONED, NULL},
+    {"sources.*.modbus_tcp.host", RESTART_COMMISSIONED, NULL},
+    {"sources.*.modbus_tcp.port", RESTART_COMMISSIONED, NULL},
+    {"sources.*.modbus_tcp.any_unit_id", RESTART, NULL},
+    {"sources.*.modbus_tcp.period_s", RESTART, NULL},
+    {"sources.*.modbus_tcp.timeout_s", RESTART, NULL},
+    {"sources.*.modbus_rtu", RESTART_COMMISSIONED, NULL},
+    {"sources.*.modbus_rtu.device", RESTART_COMMISSIONED, NULL},
+    {"sources.*.modbus_rtu.baud", RESTART_COMMISSIONED, NULL},
+    {"sources.*.modbus_rtu.parity", RESTART_COMMISSIONED, NULL},
+    {"sources.*.modbus_rtu.stop_bits", RESTART_COMMISSIONED, NULL},
+    {"sources.*.modbus_rtu.rs485", RESTART_COMMISSIONED, NULL},
+    {"sources.*.modbus_rtu.period_s", RESTART, NULL},
+    {"sources.*.modbus_rtu.timeout_s", RESTART, NULL},
+    {"sources.*.gpio", RESTART_COMMISSIONED, NULL},
+    {"sources.*.gpio.chip", RESTART_COMMISSIONED, NULL},
+    {"sources.*.gpio.period_s", RESTART, NULL},
+    {"sources.*.csv", RESTART_COMMISSIONED, NULL},
+    {"sources.*.csv.file", RESTART_COMMISSIONED, NULL},
+    {"sources.*.csv.time_column", RESTART, NULL},
+    {"sources.*.csv.period_s", RESTART, NULL},
+    {"sources.*.can", RESTART_COMMISSIONED, NULL},
+    {"sources.*.can.interface", RESTART_COMMISSIONED, NULL},
+    /* signals */
+    {"plant", RESTART, NULL},
+    {"plant.*", RESTART, NULL},
+    {"plant.*.type", RESTART, NULL},
+    {"plant.*.unit", RESTART, NULL},
+    {"plant.*.min", RESTART, NULL},
+    {"plant.*.max", RESTART, NULL},
+    {"plant.*.stale_s", RESTART, NULL},
+    {"plant.*.initial", RESTART, NULL},
+    {"plant.*.csv", RESTART, NULL},
+    {"plant.*.csv.column", RESTART, NULL},
+    {"plant.*.csv.source", RESTART, NULL},
+    {"plant.*.modbus", RESTART_COMMISSIONED, NULL},
+    {"plant.*.modbus.source", RESTART, NULL},
+    {"plant.*.modbus.unit_id", RESTART_COMMISSIONED, NULL},
+    {"plant.*.modbus.table", RESTART, NULL},
+    {"plant.*.modbus.address", RESTART, NULL},
+    {"plant.*.modbus.type", RESTART, NULL},
+    {"plant.*.modbus.words", RESTART, NULL},
+    {"plant.*.modbus.bytes", RESTART, NULL},
+    {"plant.*.modbus.scale", RESTART, NULL},
+    {"plant.*.modbus.offset", RESTART, NULL},
+    {"plant.*.can", RESTART, NULL},
+    {"plant.*.can.source", RESTART, NULL},
+    {"plant.*.can.id", RESTART, NULL},
+    {"plant.*.can.extended", RESTART, NULL},
+    {"plant.*.can.bytes", RESTART, NULL},
+    {"plant.*.can.fd", RESTART, NULL},
+    {"plant.*.can.start", RESTART, NULL},
+    {"plant.*.can.length", RESTART, NULL},
+    {"plant.*.can.order", RESTART, NULL},
+    {"plant.*.can.type", RESTART, NULL},
+    {"plant.*.can.scale", RESTART, NULL},
+    {"plant.*.can.offset", RESTART, NULL},
+    {"plant.*.can.multiplex", RESTART, NULL},
+    {"plant.*.can.multiplex.**", RESTART, NULL},
+    {"plant.*.gpio", RESTART_COMMISSIONED, NULL},
+    {"plant.*.gpio.source", RESTART, NULL},
+    {"plant.*.gpio.line", RESTART_COMMISSIONED, NULL},
+    {"plant.*.gpio.offset", RESTART_COMMISSIONED, NULL},
+    {"plant.*.gpio.bias", RESTART_COMMISSIONED, NULL},
+    {"plant.*.gpio.active_low", RESTART, NULL},
+    {"plant.*.gpio.debounce_s", RESTART, NULL},
+    {"recording", RESTART, NULL},
+    {"recording.file", RESTART_COMMISSIONED, NULL},
+    {"recording.time_column", RESTART, NULL},
+    /* the twin */
+    {"connect", NEW_TWIN, NULL},
+    {"connect[]", NEW_TWIN, NULL},
+    {"connect[][]", NEW_TWIN, NULL},
+    {"compare", NEW_TWIN, NULL},
+    {"compare.*", NEW_TWIN, NULL},
+    {"compare.*.to", NEW_TWIN, NULL},
+    {"synchronise", NEW_TWIN, NULL},
+    {"synchronise.adjust", NEW_TWIN, NULL},
+    {"synchronise.adjust.*", NEW_TWIN, NULL},
+    {"synchronise.adjust.*.step", NEW_TWIN, NULL},
+    {"synchronise.adjust.*.nominal", IN_PLACE, judge_given},
+    {"synchronise.adjust.*.min", IN_PLACE, NULL},
+    {"synchronise.adjust.*.max", IN_PLACE, NULL},
+    {"synchronise.adjust.*.penalty", IN_PLACE, NULL},
+    {"synchronise.adjust.*.penalty.deviation", IN_PLACE, NULL},
+    {"synchronise.adjust.*.penalty.rate", IN_PLACE, NULL},
+    {"synchronise.adjust.*.dwell_s", NEW_TWIN, NULL},
+    {"synchronise.match", NEW_TWIN, NULL},
+    {"synchronise.match.*", NEW_TWIN, NULL},
+    {"synchronise.match.*.to", NEW_TWIN, NULL},
+    {"synchronise.match.*.tolerance", IN_PLACE, judge_given},
+    {"synchronise.match.*.weight", IN_PLACE, judge_weight},
+    {"synchronise.match.*.huber", IN_PLACE, NULL},
+    {"synchronise.match.*.condition", NEW_TWIN, NULL},
+    {"synchronise.match.*.condition.median", NEW_TWIN, NULL},
+    {"synchronise.match.*.condition.low_pass_s", NEW_TWIN, NULL},
+    {"synchronise.match.*.condition.gate", NEW_TWIN, NULL},
+    {"synchronise.epsilon", NEW_TWIN, NULL},
+    {"synchronise.horizon", NEW_TWIN, NULL},
+    {"synchronise.horizon.prediction", NEW_TWIN, NULL},
+    {"synchronise.horizon.shape", NEW_TWIN, NULL},
+    {"synchronise.horizon.measurements", NEW_TWIN, NULL},
+    {"synchronise.horizon.event", NEW_TWIN, NULL},
+    {"synchronise.horizon.event.start", NEW_TWIN, NULL},
+    {"synchronise.horizon.event.end", NEW_TWIN, NULL},
+    {"synchronise.horizon.event.window_s", NEW_TWIN, NULL},
+    {"synchronise.horizon.event.longest_s", NEW_TWIN, NULL},
+    {"synchronise.algorithm", NEW_TWIN, NULL},
+    {"synchronise.fallback", NEW_TWIN, NULL},
+    {"synchronise.stagnation", NEW_TWIN, NULL},
+    {"synchronise.noise_floor", IN_PLACE, NULL},
+    {"synchronise.saving", NEW_TWIN, NULL},
+    {"synchronise.saving.structure", NEW_TWIN, NULL},
+    {"synchronise.saving.sequences", NEW_TWIN, NULL},
+    {"synchronise.saving.nodes", NEW_TWIN, NULL},
+    {"synchronise.saving.memory_mb", NEW_TWIN, NULL},
+    {"synchronise.margin", IN_PLACE, NULL},
+    {"synchronise.budget", IN_PLACE, NULL},
+    {"synchronise.budget.evaluations", IN_PLACE, judge_evaluations},
+    {"synchronise.budget.time_s", IN_PLACE, NULL},
+    /* delays */
+    {"delays", NEW_TWIN, NULL},
+    {"delays.measure", NEW_TWIN, NULL},
+    {"delays.measure.range_s", NEW_TWIN, NULL},
+    {"delays.participants", NEW_TWIN, NULL},
+    {"delays.participants.*", NEW_TWIN, NULL},
+    {"delays.participants.*.dead_s", NEW_TWIN, NULL},
+    {"delays.participants.*.cycle_s", NEW_TWIN, NULL},
+    {"delays.synchronous", NEW_TWIN, NULL},
+    {"delays.synchronous[]", NEW_TWIN, NULL},
+    {"delays.synchronous[][]", NEW_TWIN, NULL},
+    {"delays.take", NEW_TWIN, NULL},
+    {"delays.input", NEW_TWIN, NULL},
+    {"delays.input.plant", NEW_TWIN, NULL},
+    {"delays.input.plant[]", NEW_TWIN, NULL},
+    {"delays.input.simulation", NEW_TWIN, NULL},
+    {"delays.input.simulation[]", NEW_TWIN, NULL},
+    {"delays.output", NEW_TWIN, NULL},
+    {"delays.output.plant", NEW_TWIN, NULL},
+    {"delays.output.plant[]", NEW_TWIN, NULL},
+    {"delays.output.simulation", NEW_TWIN, NULL},
+    {"delays.output.simulation[]", NEW_TWIN, NULL},
+    /* the database, the process, the emulated plant */
+    {"record", RESTART_COMMISSIONED, NULL},
+    {"record.file", RESTART_COMMISSIONED, NULL},
+    {"record.max_mb", RESTART_COMMISSIONED, NULL},
+    {"record.commit_s", RESTART, NULL},
+    {"record.resume_s", RESTART, NULL},
+    {"realtime", RESTART_COMMISSIONED, NULL},
+    {"realtime.priority", RESTART_COMMISSIONED, NULL},
+    {"realtime.lock_memory", RESTART_COMMISSIONED, NULL},
+    {"realtime.hang_s", RESTART_COMMISSIONED, NULL},
+    {"emulate", RESTART, NULL},
+    {"emulate.columns", RESTART, NULL},
+    {"emulate.columns.*", RESTART, NULL},
+    {"emulate.columns.*.from", RESTART, NULL},
+    {"emulate.columns.*.noise", RESTART, NULL},
+    {"emulate.message_s", RESTART, NULL},
+    {"emulate.message_s[]", RESTART, NULL},
+    {NULL, RESTART_COMMISSIONED, NULL},
+};
+
+const tl_change_rule *tl_change_rules(void) {
+    return rules;
+}
+
+/* ---- looking up ---- */
+
+/* The next part of a pattern: "[]", or a key. */
+static size_t part_length(const char *pattern) {
+    return pattern[0] == '[' ? 2 : strcspn(pattern, ".[");
+}
+
+static bool fits(const char *part, size_t length, const tl_json_step *step) {
+    if (step->key == NULL) {
+        return part[0] == '[';
+    }
+    return (length == 1 && part[0] == '*') || (strlen(step->key) == length && strncmp(part, step->key, length) == 0);
+}
+
+static bool matches(const char *pattern, const tl_json_step *way, size_t depth) {
+    for (size_t i = 0; i < depth; i++) {
+        if (strcmp(pattern, "**") == 0) {
+            return true;
+        }
+        size_t length = part_length(pattern);
+        if (length == 0 || !fits(pattern, length, &way[i])) {
+            return false;
+        }
+        pattern += length;
+        pattern += pattern[0] == '.' ? 1 : 0;
+    }
+    return depth > 0 && pattern[0] == '\0';
+}
+
+const tl_change_rule *tl_change_rule_of(const tl_json_step *way, size_t depth) {
+    for (const tl_change_rule *rule = rules; rule->pattern != NULL; rule++) {
+        if (matches(rule->pattern, way, depth)) {
+            return rule;
+        }
+    }
+    return NULL;
+}
+
+/* A tuning tells numbers by the places of what they are of. */
+static tl_change_needs needs_of_order(const tl_change_rule *rule) {
+    bool means = rule != NULL &&
+                 (strcmp(rule->pattern, "synchronise.match") == 0 || strcmp(rule->pattern, "synchronise.adjust") == 0);
+    return (tl_change_needs){means ? TL_CHANGE_NEW_TWIN : TL_CHANGE_NONE, TL_CHANGE_BY_RETUNE};
+}
+
+tl_change_needs tl_change_needs_of(const tl_json_difference *difference) {
+    tl_change_needs needs = RESTART_COMMISSIONED;
+    const tl_change_rule *rule = tl_change_rule_of(difference->way, difference->depth);
+    if (difference->is_order) {
+        return needs_of_order(rule);
+    }
+    if (rule != NULL) {
+        needs = rule->needs;
+        if (rule->judge != NULL) {
+            rule->judge(&difference->before, &difference->after, &needs);
+        }
+    }
+    return needs;
+}
+
+const char *tl_change_kind_name(tl_change_kind kind) {
+    static const char *const names[TL_CHANGE_KINDS] = {[TL_CHANGE_NONE] = "none",
+                                                       [TL_CHANGE_IN_PLACE] = "in place",
+                                                       [TL_CHANGE_NEW_TWIN] = "new twin",
+                                                       [TL_CHANGE_RESTART] = "restart"};
+    return names[kind];
+}
+
+const char *tl_change_right_name(tl_change_right right) {
+    return right == TL_CHANGE_BY_COMMISSION ? "commission" : "retune";
+}

@@ -1,0 +1,63 @@
+/* What a change of each key of a configuration needs: the table, and nothing else.
+ *
+ * Purpose: the one place in which it is decided what is changed in place, what takes a new twin or a new start, and who may do it. A test holds it
+ *          against config/schema/twinlock-1.json, so that a new key has to be decided; until it is, a change of it is a restart and commissioning.
+ * Patterns: keys from the root with dots between them; "*" is any key of an object of named entries, "[]" any element of an array, "**" at the end
+ *          whatever is below.
+ * Thread:  pure functions.
+ */
+#ifndef TL_FIRMWARE_VERSIONS_CHANGE_RULES_H
+#define TL_FIRMWARE_VERSIONS_CHANGE_RULES_H
+
+#include <stddef.h>
+
+#include "firmware/json/json_difference.h"
+
+/* From the least to the most. */
+typedef enum tl_change_kind {
+    TL_CHANGE_NONE,     /* the same values */
+    TL_CHANGE_IN_PLACE, /* the twin takes it at the beginning of a tick, and keeps its state and all it has learned */
+    TL_CHANGE_NEW_TWIN, /* other FMUs, parameters, connections, another search: a twin of another build, over the same samples */
+    TL_CHANGE_RESTART /* the rest: other samples, another cycle, another database */
+} tl_change_kind;
+
+enum { TL_CHANGE_KINDS = TL_CHANGE_RESTART + 1 };
+
+/* What who changes it must be allowed to do; each may what those before it may. */
+typedef enum tl_change_right {
+    TL_CHANGE_BY_RETUNE, /* values */
+    TL_CHANGE_BY_COMMISSION /* what names a host, port, device, interface, file or component, what acts on a line's electrical side, what may remove
+                               recorded runs, and how the process is scheduled */
+} tl_change_right;
+
+enum { TL_CHANGE_RIGHTS = TL_CHANGE_BY_COMMISSION + 1 };
+
+typedef struct tl_change_needs {
+    tl_change_kind kind;
+    tl_change_right right;
+} tl_change_needs;
+
+typedef struct tl_change_rule {
+    const char *pattern;
+    tl_change_needs needs;
+    /* Values that need more than the key does; NULL: none do. */
+    void (*judge)(const tl_json_value *before, const tl_json_value *after, tl_change_needs *needs);
+} tl_change_rule;
+
+/* All of them, ended by one without a pattern. */
+const tl_change_rule *tl_change_rules(void);
+
+/* The one of a path; NULL: none, and a change there is the worst of all. */
+const tl_change_rule *tl_change_rule_of(const tl_json_step *way, size_t depth);
+
+/* What this difference by itself needs, without what is within it. Another order of keys is none, but of what is matched and adjusted: a twin knows these by
+ * their places. */
+tl_change_needs tl_change_needs_of(const tl_json_difference *difference);
+
+/* "none", "in place", "new twin", "restart". */
+const char *tl_change_kind_name(tl_change_kind kind);
+
+/* "retune", "commission". */
+const char *tl_change_right_name(tl_change_right right);
+
+#endif

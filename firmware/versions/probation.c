@@ -1,0 +1,185 @@
+/* Probation: see probation.h. */
+#include "firmware/versions/probation.h"
+
+#include <inttypes.h>
+#include <math.h>
+#include <stdio.h>
+
+static const tl_time MILLISECOND = TL_SECOND / 1000;
+
+static tl_time least(tl_time a, tl_time b) {
+    return a < b ? a : b;
+}
+
+static void enter(tl_probation *probation, uint64_t left_ms) {
+    probation->account.left_ms = left_ms;
+    probation->left = (tl_time)left_ms * MILLISECOND;
+    probation->grace = least(TL_PROBATION_GRACE, probation->left / 2);
+}
+
+/* What is read from a disk may be anything. */
+static tl_probation_terms possible_terms(const tl_probation_terms *terms) {
+    tl_probation_terms possible = *terms;
+    possible.given_s = possible.given_s < 1 ? 1 : possible.given_s;
+    possible.given_s = possible.given_s > TL_PROBATION_LONGEST_S ? TL_PROBATION_LONGEST_S : possible.given_s;
+    possible.require_lock = fmax(0.0, fmin(100.0, possible.require_lock));
+    return possible;
+}
+
+void tl_probation_begin(tl_probation *probation, const tl_probation_terms *terms, const tl_probation_snapshot *before,
+                        const tl_probation_snapshot *now) {
+    *probation = (tl_probation){
+        .account = {.terms = possible_terms(terms),
+                    .before_steps = before->steps,
+                    .before_misses = before->deadline_misses},
+        .has_last = true,
+    };
+    if (now != NULL) {
+        probation->last = *now;
+    }
+    enter(probation, 1000 * (uint64_t)probation->account.terms.given_s);
+}
+
+void tl_probation_resume(tl_probation *probation, const tl_probation_account *account) {
+    *probation = (tl_probation){.account = *account};
+    probation->account.terms = possible_terms(&account->terms);
+    uint64_t given_ms = 1000 * (uint64_t)probation->account.terms.given_s;
+    enter(probation, account->left_ms < given_ms ? account->left_ms : given_ms);
+}
+
+/* ---- counting ---- */
+
+static uint64_t grown(uint64_t before, uint64_t now) {
+    return now >= before ? now - before : now;
+}
+
+/* What has come since the last snapshot; all of it if this is another run. */
+static void count(tl_probation *probation, const tl_probation_snapshot *now) {
+    static const tl_probation_snapshot beginning = {.ticks = 0};
+    const tl_probation_snapshot *last = now->ticks < probation->last.ticks ? &beginning : &probation->last;
+    tl_probation_account *account = &probation->account;
+    account->steps += grown(last->steps, now->steps);
+    account->misses += grown(last->deadline_misses, now->deadline_misses);
+    account->skipped += grown(last->skipped, now->skipped);
+    for (int i = 0; i < TL_LOCK_STATES; i++) {
+        account->lock[i] += grown(last->lock.steps[i], now->lock.steps[i]);
+    }
+}
+
+/* Time counts if it was so at its beginning and at its end. */
+static void measure(tl_probation *probation, tl_time passed, const tl_probation_snapshot *now) {
+    const tl_probation_snapshot *last = &probation->last;
+    tl_time excused = least(passed, probation->grace);
+    bool is_lost = now->twin_alive && now->lock.state == TL_LOCK_LOST;
+    bool was_lost = last->twin_alive && last->lock.state == TL_LOCK_LOST;
+    probation->grace -= excused;
+    probation->lost = is_lost && was_lost ? probation->lost + passed - excused : 0;
+    probation->down = !now->twin_alive && !last->twin_alive ? probation->down + passed : 0;
+}
+
+/* ---- judging ---- */
+
+static tl_probation_result end(tl_probation *probation, tl_probation_result result) {
+    return probation->result = result;
+}
+
+static double share(uint64_t part, uint64_t whole) {
+    return whole == 0 ? 0.0 : 100.0 * (double)part / (double)whole;
+}
+
+static bool misses_too_much(const tl_probation_account *account) {
+    double now = share(account->misses, account->steps);
+    double before = share(account->before_misses, account->before_steps);
+    return account->misses >= TL_PROBATION_MISSES &&
+           now > fmax(TL_PROBATION_MISS_PERCENT, TL_PROBATION_MISS_TIMES * before);
+}
+
+/* The twin cannot be left as it is; `why` says so. */
+static bool is_broken(tl_probation *probation, const tl_probation_snapshot *now) {
+    const tl_probation_account *account = &probation->account;
+    char *why = probation->why;
+    if (grown(probation->last.twin_failures, now->twin_failures) != 0) {
+        (void)snprintf(why, TL_PROBATION_WHY, "the twin has failed");
+    } else if (misses_too_much(account)) {
+        (void)snprintf(why, TL_PROBATION_WHY,
+                       "%" PRIu64 " of %" PRIu64 " deadlines were missed: %.3g %%, and %.3g %% before; %" PRIu64
+                       " ticks were skipped",
+                       account->misses, account->steps, share(account->misses, account->steps),
+                       share(account->before_misses, account->before_steps), account->skipped);
+    } else if (probation->lost >= TL_PROBATION_LOST) {
+        (void)snprintf(why, TL_PROBATION_WHY, "the lock was lost for %.1f s without a break",
+                       tl_seconds(probation->lost));
+    } else if (probation->down >= TL_PROBATION_START) {
+        (void)snprintf(why, TL_PROBATION_WHY, "the twin has not run for %.0f s", tl_seconds(probation->down));
+    }
+    return why[0] != '\0';
+}
+
+/* Its time is over. */
+static tl_probation_result judge(tl_probation *probation, const tl_probation_snapshot *now) {
+    const tl_probation_terms *terms = &probation->account.terms;
+    double in_lock = tl_probation_in_lock(probation);
+    char *why = probation->why;
+    if (terms->must_confirm) {
+        (void)snprintf(why, TL_PROBATION_WHY, "nobody confirmed it");
+        return end(probation, TL_PROBATION_RETURN);
+    }
+    if (!now->twin_alive) {
+        (void)snprintf(why, TL_PROBATION_WHY, "the twin did not run when its time was over");
+        return end(probation, TL_PROBATION_RETURN);
+    }
+    if (terms->require_lock == 0.0) {
+        (void)snprintf(why, TL_PROBATION_WHY, "its time has passed without a failure");
+        return end(probation, TL_PROBATION_KEPT);
+    }
+    (void)snprintf(why, TL_PROBATION_WHY, "in lock for %.4g %% of the steps, asked were %.4g %%", in_lock,
+                   terms->require_lock);
+    return end(probation, in_lock >= terms->require_lock ? TL_PROBATION_KEPT : TL_PROBATION_RETURN);
+}
+
+tl_probation_result tl_probation_feed(tl_probation *probation, tl_time passed, const tl_probation_snapshot *now) {
+    if (probation->result != TL_PROBATION_GOES_ON) {
+        return probation->result;
+    }
+    if (!probation->has_last) {
+        probation->last = *now;
+        probation->has_last = true;
+    }
+    passed = passed > 0 ? least(passed, probation->left) : 0;
+    count(probation, now);
+    measure(probation, passed, now);
+    probation->left -= passed;
+    probation->account.left_ms = (uint64_t)(probation->left / MILLISECOND);
+    if (is_broken(probation, now)) {
+        return end(probation, TL_PROBATION_RETURN);
+    }
+    probation->last = *now;
+    return probation->left > 0 ? TL_PROBATION_GOES_ON : judge(probation, now);
+}
+
+/* ---- by somebody ---- */
+
+static tl_probation_result decide(tl_probation *probation, tl_probation_result result, const char *why,
+                                  const char *rest) {
+    if (probation->result == TL_PROBATION_GOES_ON) {
+        probation->result = result;
+        (void)snprintf(probation->why, TL_PROBATION_WHY, "%s%s", why, rest);
+    }
+    return probation->result;
+}
+
+tl_probation_result tl_probation_confirm(tl_probation *probation, const char *who) {
+    return decide(probation, TL_PROBATION_KEPT, who, " has confirmed it");
+}
+
+tl_probation_result tl_probation_refuse(tl_probation *probation, const char *why) {
+    return decide(probation, TL_PROBATION_RETURN, why, "");
+}
+
+double tl_probation_in_lock(const tl_probation *probation) {
+    tl_lock_tally tally = {.state = TL_LOCK_FREE};
+    for (int i = 0; i < TL_LOCK_STATES; i++) {
+        tally.steps[i] = probation->account.lock[i];
+    }
+    return tl_lock_tally_percent(&tally);
+}

@@ -1,0 +1,58 @@
+/* A candidate against the configuration in force: what the change needs.
+ *
+ * Input:  a candidate; or, with a NUL between, the configuration in force and a candidate. */
+#include <string.h>
+
+#include "firmware/versions/config_change.h"
+#include "tests/fuzz/harness.h"
+#include "tests/fuzz/input.h"
+
+static const char usual[] =
+    "{\"twinlock\": 1, \"name\": \"motor\", \"step_s\": 0.01, \"components\": {\"motor\": {\"fmu\": \"motor.fmu\"}},\n"
+    " \"plant\": {\"torque\": {}, \"omega\": {}}, \"connect\": [[\"plant.torque\", \"motor.M_w\"]],\n"
+    " \"synchronise\": {\"adjust\": {\"motor.d\": {\"nominal\": 0.0031, \"step\": 0.12}},\n"
+    "  \"match\": {\"motor.omega\": {\"to\": \"plant.omega\", \"tolerance\": 1.0}}}}";
+
+static tl_status find(const char *before, size_t before_size, const char *after, size_t after_size,
+                      tl_config_change *change) {
+    tl_error error = {TL_OK, ""};
+    tl_status status = tl_config_change_find(before, before_size, after, after_size, change, &error);
+    tl_fuzz_hold((status == TL_OK) == (error.text[0] == '\0'));
+    return status;
+}
+
+/* No edit needs more than all of them, and what is there for people ends. */
+static void check(const tl_config_change *change) {
+    char text[TL_CONFIG_EDIT_TEXT];
+    tl_fuzz_hold((change->count == 0) == (change->needs.kind == TL_CHANGE_NONE));
+    tl_fuzz_hold(change->listed == (change->count < TL_CONFIG_EDITS ? change->count : TL_CONFIG_EDITS));
+    tl_change_kind worst = TL_CHANGE_NONE;
+    for (size_t i = 0; i < change->listed; i++) {
+        const tl_config_edit *edit = &change->edits[i];
+        tl_fuzz_hold(edit->needs.kind <= change->needs.kind && edit->needs.right <= change->needs.right);
+        tl_fuzz_hold(edit->before[0] != '\0' || edit->after[0] != '\0');
+        worst = edit->needs.kind > worst ? edit->needs.kind : worst;
+        tl_config_edit_write(edit, text);
+        tl_fuzz_hold(strlen(text) < sizeof text);
+    }
+    tl_fuzz_hold(worst == change->needs.kind);
+}
+
+int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
+    static tl_config_change change;
+    const char *after = (const char *)data;
+    const char *end = size > 0 ? memchr(data, '\0', size) : NULL;
+    const char *before = end != NULL ? after : usual;
+    size_t before_size = end != NULL ? (size_t)(end - after) : strlen(usual);
+    size_t after_size = end != NULL ? size - before_size - 1 : size;
+    after = end != NULL ? end + 1 : after;
+    if (find(before, before_size, after, after_size, &change) != TL_OK) {
+        return 0;
+    }
+    check(&change);
+    size_t count = change.count;
+    tl_fuzz_hold(find(after, after_size, before, before_size, &change) == TL_OK && change.count == count);
+    check(&change);
+    tl_fuzz_hold(find(after, after_size, after, after_size, &change) == TL_OK && change.count == 0);
+    return 0;
+}

@@ -1,0 +1,84 @@
+/* What comes from a plant's control socket: whatever it is, the answer is lines of JSON of a bounded size, and it ends; and who reads them prints
+ * nothing that commands a terminal.
+ *
+ * Input:  the verb that was asked; then packets: a kind, how long it is (255: as long as a reply), and its bytes, with which it is filled. */
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/socket.h>
+#include <unistd.h>
+
+#include "firmware/push/push_lines.h"
+#include "firmware/serve/dialogue.h"
+#include "tests/fuzz/harness.h"
+#include "tests/fuzz/input.h"
+
+enum { PACKETS = 8, WHOLE = 255 };
+
+/* The bytes of a reply are the input's, again and again. */
+static void send_packet(int socket, unsigned kind, unsigned length, const uint8_t *fill, size_t size) {
+    tl_control_reply reply;
+    for (size_t i = 0; i < sizeof reply; i++) {
+        ((uint8_t *)&reply)[i] = size > 0 ? fill[i % size] : 0;
+    }
+    reply.kind = kind % (TL_CONTROL_KINDS + 1);
+    if (kind >= 128) { /* its number is one that there is */
+        reply.as.end.result = reply.kind == TL_CONTROL_END ? length % TL_CONTROL_RESULTS : reply.as.end.result;
+        reply.as.progress.step = reply.kind == TL_CONTROL_STEP ? length % TL_CONTROL_STEPS : reply.as.progress.step;
+        reply.as.state.step = reply.kind == TL_CONTROL_STATE ? length % TL_CONTROL_STEPS : reply.as.state.step;
+        length = WHOLE;
+    }
+    (void)send(socket, &reply, length == WHOLE ? sizeof reply : length, MSG_DONTWAIT | MSG_NOSIGNAL);
+}
+
+static void check_shown(const char *text, size_t size) {
+    for (size_t i = 0; i < size; i++) {
+        unsigned char byte = (unsigned char)text[i];
+        tl_fuzz_hold((byte >= ' ' && byte != 0x7F) || byte == '\n' || byte == '\t');
+        tl_fuzz_hold(byte != 0xC2 || (unsigned char)text[i + 1] >= 0xA0);
+    }
+}
+
+/* A client reads the whole answer, in pieces. */
+static void read_answer(tl_dialogue *dialogue) {
+    static tl_push_lines lines;
+    char piece[777];
+    char *told = NULL;
+    size_t size = 0;
+    FILE *file = open_memstream(&told, &size);
+    tl_fuzz_hold(file != NULL);
+    tl_push_lines_begin(&lines, file, false, "motor.json");
+    for (size_t now = 1; now > 0;) {
+        now = tl_dialogue_take(dialogue, piece, sizeof piece);
+        tl_push_lines_take(&lines, piece, now);
+    }
+    (void)fclose(file);
+    tl_fuzz_hold(!lines.is_broken && lines.used == 0);
+    check_shown(told, size);
+    free(told);
+}
+
+int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
+    static char room[TL_CONTROL_MOST + 1];
+    int ends[2];
+    tl_fuzz_begin(data, size);
+    if (socketpair(AF_UNIX, SOCK_SEQPACKET | SOCK_NONBLOCK | SOCK_CLOEXEC, 0, ends) != 0) {
+        return 0;
+    }
+    unsigned verb = tl_fuzz_take() % TL_CONTROL_VERBS;
+    tl_dialogue dialogue = {
+        .is_asked = true, .socket = ends[0], .request = {.plant = "motor", .is_change = verb >= TL_CONTROL_TAKE}};
+    dialogue.request.control.verb = verb;
+    for (int i = 0; i < PACKETS; i++) {
+        unsigned kind = tl_fuzz_take();
+        unsigned length = tl_fuzz_take();
+        send_packet(ends[1], kind, length, data, size);
+        tl_dialogue_follow(&dialogue, room);
+    }
+    (void)close(ends[1]);
+    tl_dialogue_follow(&dialogue, room);
+    tl_fuzz_hold(dialogue.has_ended && dialogue.status >= TL_HTTP_OK && dialogue.size <= TL_DIALOGUE_MOST);
+    read_answer(&dialogue);
+    tl_dialogue_close(&dialogue);
+    return 0;
+}

@@ -1,0 +1,81 @@
+/* Tells a running twin another configuration, as whoever retunes will do: usage: retune_probe SUPERVISOR BLOCK PULSE CONFIG WHO. For tests/hil: it
+ * takes the block out of the supervisor's hands, by the numbers of its descriptors, so it needs the right to look into that process.
+ *
+ * Prints "NUMBER TICK" once the twin has taken it, and "NUMBER refused: WHY" if it has not. Ends with 77 if it may not. */
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/syscall.h>
+#include <unistd.h>
+
+#include "firmware/base/clock.h"
+#include "firmware/config/problems.h"
+#include "firmware/live/live_wire.h"
+
+enum { SKIPPED = 77 };
+
+static const tl_time PATIENCE = 20 * TL_SECOND;
+
+static int number_of(const char *text) {
+    return (int)strtol(text, NULL, 10);
+}
+
+/* Another process's descriptor, here; the test cannot do without. */
+static int take_descriptor(int process, int number) {
+    int pidfd = (int)syscall(SYS_pidfd_open, process, 0);
+    int taken = pidfd < 0 ? -1 : (int)syscall(SYS_pidfd_getfd, pidfd, number, 0);
+    if (taken < 0) {
+        exit(SKIPPED);
+    }
+    return taken;
+}
+
+static void *map(int process, const char *number, size_t size, tl_block *block) {
+    tl_error error;
+    if (tl_block_take(take_descriptor(process, number_of(number)), size, TL_BLOCK_THEY_WRITE, block, &error) != TL_OK) {
+        (void)fprintf(stderr, "retune_probe: %s\n", error.text);
+        exit(2);
+    }
+    return block->bytes;
+}
+
+static void fill(const char *path, const char *who, tl_config *config, tl_live_tuning_head *head) {
+    tl_problems problems;
+    tl_problems_init(&problems, path);
+    if (tl_config_read(path, config, &problems.report) != TL_OK) {
+        exit(2);
+    }
+    *head = (tl_live_tuning_head){.size = (uint32_t)config->size, .origin = "test", .why = "to see what it does"};
+    (void)snprintf(head->who, sizeof head->who, "%s", who);
+    memcpy(head->hash, config->hash, sizeof head->hash);
+    tl_config_tuning(config, &head->tuning);
+}
+
+int main(int argc, char **argv) {
+    tl_block tuning;
+    tl_block pulse;
+    tl_config config;
+    tl_live_tuning_head head;
+    tl_live_tuning_answer answer = {.number = 0};
+    if (argc != 6) {
+        return 2;
+    }
+    int process = number_of(argv[1]);
+    tl_live_tuning *block = map(process, argv[2], sizeof *block, &tuning);
+    const tl_live_twin_pulse *twin = map(process, argv[3], sizeof *twin, &pulse);
+    fill(argv[4], argv[5], &config, &head);
+    uint32_t number = tl_live_tuning_write(block, &head, config.text);
+    tl_time until = tl_clock_now(NULL) + PATIENCE;
+    while (!tl_live_tuning_answered(&twin->tuned, number, &answer) && tl_clock_now(NULL) < until) {
+        tl_clock_sleep_until(tl_clock_now(NULL) + TL_SECOND / 1000);
+    }
+    if (answer.number != number) {
+        (void)printf("%u silent\n", (unsigned)number);
+    } else if (answer.refused != 0) {
+        (void)printf("%u refused: %s\n", (unsigned)number, answer.why);
+    } else {
+        (void)printf("%u %lld\n", (unsigned)number, (long long)answer.tick);
+    }
+    tl_config_free(&config);
+    return 0;
+}

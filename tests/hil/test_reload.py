@@ -1,0 +1,213 @@
+#!/usr/bin/env python3
+"""The configuration of a run is changed while it runs (`twinlock reload`): in place, by a restart, and back again; and nothing of it is lost when
+processes die."""
+import os
+import signal
+
+from live_test import Device, children, number, query, title, wait_until
+from retuned import Retuned, events, match, tolerance
+from supervised import end_orderly, wait_for_run
+from tree import OMEGA, expect_whole, read
+from twinlock_test import BAD_DATA, NOT_LOCKED, at_most, expect, main
+
+PROBATION = "--probation", "2"
+
+
+def horizon(document):
+    document["synchronise"]["horizon"]["prediction"] = 3
+
+
+def expect_one_run(live):
+    """Nobody was begun again, and every tick is there once."""
+    expect(number(live.database, "SELECT count(*) FROM runs") == 1, "there is another run")
+    expect_whole(read(live.database))
+
+
+def test_in_place():
+    """A wrong tolerance is corrected: the twin stays, no tick is made up for it, the way is written down."""
+    with Device(OMEGA) as device, Retuned(device.port) as live:
+        wait_for_run(live, live.database, 1)
+        twin = live.child()
+        code, out, err = live.reload(live.edited(tolerance(0.5)), "--why", "too wide", "--wait", *PROBATION)
+        expect(code == 0, f"{code}\n{out}{err}{live.log()}")
+        expect("synchronise.match.motor.omega.tolerance: 1 → 0.5 (in place)" in out.replace("1.0", "1"), out)
+        expect(live.child() == twin, "the twin was begun again")
+        versions = live.versions()
+        expect(versions[2][0] and versions[2][1].startswith("kept") and "too wide" in versions[2][1], f"{versions}")
+        live.wait_for_tick(live.database)
+        end_orderly(live)
+        expect_one_run(live)
+        rows = query(live.database, "SELECT tick, who, why FROM tunings")
+        expect(len(rows) == 1 and rows[0][2] == "too wide", f"{rows}")
+        texts = query(live.database, "SELECT count(*) FROM tunings JOIN configurations ON configuration = hash")
+        expect(texts[0][0] == 1, "its text is not in the database")
+
+
+def test_what_is_wrong_changes_nothing():
+    """All problems at once; the version in force goes on without a trace in the cycle."""
+    bad = {
+        "no JSON": b"{\"name\": ",
+        "a NUL": b"{}\0{}",
+        "nothing": b"",
+        "too long": b" " * (256 * 1024 + 1),
+        "two problems": lambda document: (match(document).update(tolerance=-1), document.update(step_s=0)),
+        "an unknown key": lambda document: match(document).update(tolerence=1),
+        "no such variable": lambda document: document["synchronise"]["adjust"].update({"motor.q": {"step": 1}}),
+    }
+    with Device(OMEGA) as device, Retuned(device.port) as live:
+        wait_for_run(live, live.database, 1)
+        twin = live.child()
+        for name, change in bad.items():
+            code, out, err = live.reload(live.edited(change), "--restart")
+            expect(code == BAD_DATA, f"{name}: {code}\n{out}{err}")
+            print(f"    {name}: {err.splitlines()[-1] if err else out}")
+        code, _, err = live.reload(live.edited(bad["two problems"]))
+        expect("synchronise.match.motor.omega.tolerance" in err and "step_s" in err and "line " in err, err)
+        code, _, err = live.reload(live.edited(horizon))
+        expect(code == BAD_DATA and "--restart" in err, f"{code} {err}")
+        expect(live.active() == 1 and live.child() == twin, f"{live.versions()}")
+        end_orderly(live)
+        expect_one_run(live)
+
+
+def test_only_checked():
+    with Device(OMEGA) as device, Retuned(device.port) as live:
+        wait_for_run(live, live.database, 1)
+        for change in tolerance(0.5), horizon:
+            code, out, err = live.reload(live.edited(change), "--no-activate")
+            expect(code == 0 and "can be activated" in out, f"{code}\n{out}{err}")
+        expect(live.active() == 1, f"{live.versions()}")
+        code, out, _ = live.reload(None)
+        expect(code == 0 and "is what is active" in out, out)
+        end_orderly(live)
+
+
+def test_by_restart():
+    """Another horizon: the run ends, another one begins with it, and is kept."""
+    with Device(OMEGA) as device, Retuned(device.port) as live:
+        wait_for_run(live, live.database, 1)
+        code, out, err = live.reload(live.edited(horizon), "--restart", *PROBATION)
+        expect(code == 0, f"{code}\n{out}{err}{live.log()}")
+        wait_for_run(live, live.database, 2)
+        wait_until(lambda: live.versions()[2][1].startswith("kept"), "it is kept", live.log)
+        end_orderly(live)
+    expect(query(live.database, "SELECT prediction FROM runs ORDER BY run") == [(1,), (3,)], "the horizons")
+
+
+def test_returned_from():
+    """Bounds within which the twin cannot follow: the lock is lost, and the version before comes back by itself."""
+    def bound(document):
+        document["synchronise"]["adjust"]["motor.d"].update(min=0.003, max=0.0032)
+
+    with Device(OMEGA) as device, Retuned(device.port) as live:
+        wait_for_run(live, live.database, 1)
+        code, out, err = live.reload(live.edited(bound), "--probation", "20")
+        expect(code == 0, f"{code}\n{out}{err}")
+        device.omega = 20.0
+        wait_until(lambda: live.active() == 1, "the first version is back", live.log, every=0.5)
+        result = live.versions()[2][1]
+        expect(result.startswith("returned: ") and "lost" in result, result)
+        live.wait_for_tick(live.database)
+        expect(events(live.database, "returned") == 1, "no event says so")
+        end_orderly(live)
+        expect_one_run(live)
+
+
+def test_until_confirmed():
+    """Nobody confirms, and it is returned from; somebody does, and it is kept. By hand, too."""
+    with Device(OMEGA) as device, Retuned(device.port) as live:
+        wait_for_run(live, live.database, 1)
+        narrower = live.edited(tolerance(0.8))
+        code, out, err = live.reload(narrower, "--until-confirmed", "--wait", *PROBATION)
+        expect(code == NOT_LOCKED and live.active() == 1, f"{code}\n{out}{err}{live.versions()}")
+        code, out, err = live.reload(narrower, "--until-confirmed", "--probation", "600")
+        expect(code == 0, f"{code}\n{out}{err}")
+        code, _, err = live.reload(None, "--confirm")
+        expect(code == 0 and live.active() == 3, f"{code}\n{err}{live.versions()}")
+        code, _, err = live.reload(None, "--confirm")
+        expect(code == BAD_DATA and "no version is on probation" in err, f"{code} {err}")
+        code, _, err = live.reload(None, "--rollback", "--wait", *PROBATION)
+        expect(code == 0, f"{code} {err}")
+        text = live.file.read_bytes()
+        expect(query(live.database, "SELECT count(*) FROM tunings")[0][0] == 4, "tunings")
+        end_orderly(live)
+        last = query(live.database, "SELECT text FROM tunings JOIN configurations ON configuration = hash ORDER BY tick DESC LIMIT 1")
+        expect(last[0][0].encode() == text, "the first version is not in force")
+        expect_one_run(live)
+
+
+def test_deaths_on_probation():
+    """Activator, recorder and twin are killed while a version is on probation; it goes on, and what is in force stays so."""
+    with Device(OMEGA) as device, Retuned(device.port) as live:
+        wait_for_run(live, live.database, 1)
+        code, out, err = live.reload(live.edited(tolerance(0.8)), "--until-confirmed", "--probation", "600")
+        expect(code == 0, f"{code}\n{out}{err}")
+        for role in "activator", "recorder", "io":
+            live.kill_one(role)
+            live.wait_for_tick(live.database)
+        code, out, _ = live.reload(None, "--state")
+        expect(code == 0 and "on probation" in out, out)
+        code, _, err = live.reload(None, "--confirm")
+        expect(code == 0 and live.active() == 2, f"{code}\n{err}{live.versions()}")
+        live.kill_one("twin")
+        live.wait_for_tick(live.database)
+        end_orderly(live)
+        expect_whole(read(live.database))
+        expect(number(live.database, "SELECT count(*) FROM tunings") >= 1, "no tuning")
+
+
+def test_the_supervisor_is_killed():
+    """On probation: the next start goes on with the version on probation and the time that is left."""
+    with Device(OMEGA) as device:
+        with Retuned(device.port) as live:
+            wait_for_run(live, live.database, 1)
+            code, out, err = live.reload(live.edited(tolerance(0.8)), "--until-confirmed", "--probation", "600")
+            expect(code == 0, f"{code}\n{out}{err}")
+            os.kill(live.pid, signal.SIGKILL)
+            live.process.wait()
+        with Retuned(device.port, config=live.file, state=live.state) as again:
+            wait_until(lambda: again.socket.exists(), "its socket", again.log)
+            code, out, _ = again.reload(None, "--state")
+            expect(code == 0 and "on probation" in out and "version 2" in out, out)
+            code, _, err = again.reload(None, "--rollback")
+            expect(code == 0, err)
+            wait_until(lambda: again.active() == 1, "the first version", again.log)
+            end_orderly(again)
+
+
+def test_an_edited_file_at_the_start():
+    """It is taken, on probation; a broken one is not, and the version that was active runs."""
+    with Device(OMEGA) as device:
+        with Retuned(device.port) as live:
+            wait_for_run(live, live.database, 1)
+            end_orderly(live)
+        live.file.write_bytes(live.edited(tolerance(0.8)).read_bytes())
+        with Retuned(device.port, config=live.file, state=live.state) as second:
+            wait_for_run(second, live.database, 2)
+            expect(second.active() == 2, f"{second.versions()}")
+            code, _, err = second.reload(None, "--confirm")
+            expect(code == 0, err)
+            end_orderly(second)
+        live.file.write_bytes(b"{")
+        with Retuned(device.port, config=live.file, state=live.state) as third:
+            wait_for_run(third, live.database, 3)
+            expect(third.active() == 2 and "is not taken" in third.log(), f"{third.versions()}\n{third.log()}")
+            end_orderly(third)
+
+
+def test_who_holds_what():
+    """An activator has no socket but the control's, no FMU and no database; it ends by itself when nothing is to be done."""
+    with Device(OMEGA) as device, Retuned(device.port) as live:
+        wait_for_run(live, live.database, 1)
+        wait_until(lambda: not [pid for pid in children(live.pid) if "activator" in title(pid)], "its end", live.log)
+        live.reload(None, "--state")
+        activator = live.child(role="activator")
+        maps = open(f"/proc/{activator}/maps", encoding="utf-8").read()
+        held = " ".join(os.readlink(f"/proc/{activator}/fd/{name}") for name in os.listdir(f"/proc/{activator}/fd"))
+        expect("motor.so" not in maps and "twin.db" not in held, held)
+        at_most(held.count("socket:"), 1, "sockets")
+        end_orderly(live)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,204 @@
+#!/usr/bin/env python3
+"""A running twin takes another configuration at the start of a tick: what is recorded of it, that a replay repeats it to the bit, and that it is in
+force after whoever took it was killed. A small program (retune_probe) is who tells."""
+import json
+import os
+import re
+import subprocess
+from pathlib import Path
+
+from live_test import Device, bits, query, wait_until
+from supervised import end_orderly, wait_for_run
+from tree import OMEGA, Tree, configuration
+from twinlock_test import BUILD, Skip, expect, main, run_well, scratch
+
+PROBE = BUILD / "tests" / "retune_probe"
+SKIPPED = 77
+FOLLOWED = 9  # master/sync/record.h
+STEPS = ("SELECT a.step, a.signal, a.u, a.u_hat, o.y, s.J, s.outcome, s.evaluations FROM adjustments a JOIN outputs o USING (run, step) "
+         "JOIN steps s USING (run, step) WHERE run = ? ORDER BY a.step, a.signal")
+TUNINGS = ("SELECT tick, substr(configuration, 1, 12), who, origin, why FROM tunings WHERE run = ? ORDER BY tick")
+
+
+def other(config, name, change):
+    """The configuration with another text, beside it."""
+    document = json.loads(config.read_text(encoding="utf-8"))
+    change(document["synchronise"])
+    path = config.parent / name
+    path.write_text(json.dumps(document), encoding="utf-8")
+    return path
+
+
+def tighter(synchronise):
+    match = synchronise["match"]["motor.omega"]
+    match["tolerance"] = match["tolerance"] / 5
+    synchronise["adjust"]["motor.d"]["nominal"] = 0.01
+    synchronise["budget"] = {"evaluations": 20}
+
+
+def wider(synchronise):
+    synchronise["match"]["motor.omega"]["tolerance"] = 20.0
+    synchronise["match"]["motor.omega"]["weight"] = 0.5
+    synchronise["adjust"]["motor.d"].update({"nominal": 0.02, "min": 0.001, "max": 1.0, "penalty": {"rate": 0.001}})
+
+
+def too_many(synchronise):
+    synchronise["budget"] = {"evaluations": 100000}
+
+
+def descriptor(pid, name):
+    """The number of a block of the supervisor's that it can write."""
+    for entry in Path(f"/proc/{pid}/fd").iterdir():
+        if os.readlink(entry).startswith(f"/memfd:{name} "):
+            return entry.name
+    raise AssertionError(f"the supervisor has no block {name}")
+
+
+def retune(live, path, who="ann"):
+    """(number, tick), or (number, why it was refused)."""
+    blocks = descriptor(live.pid, "twinlock tuning"), descriptor(live.pid, "twinlock twin")
+    probe = subprocess.run([PROBE, str(live.pid), *blocks, path, who], capture_output=True, text=True, timeout=60, check=False)
+    if probe.returncode == SKIPPED:
+        raise Skip("no right to look into the supervisor")
+    expect(probe.returncode == 0, f"retune_probe ended with {probe.returncode}: {probe.stdout}{probe.stderr}")
+    found = probe.stdout.split(" ", 1)
+    return int(found[0]), int(found[1]) if re.fullmatch(r"\d+\n", found[1]) else found[1].strip()
+
+
+def wait_for_tuning(live, database, run_number, tick):
+    wait_until(lambda: query(database, "SELECT 1 FROM tunings WHERE run = ? AND tick = ?", run_number, tick), "the tuning in the database", live.log)
+
+
+def wait_for_steps_after(live, database, run_number, tick, count=20):
+    wait_until(lambda: query(database, "SELECT count(*) FROM samples WHERE run = ? AND tick > ?", run_number, tick)[0][0] > count, "ticks after it", live.log)
+
+
+def expect_repeated(config, database, run_number):
+    """The replay's JSON. All steps that the run computed are the same to the bit, and so are the tunings of the replay's own recording."""
+    again = scratch() / "again.db"
+    told = json.loads(run_well(["replay", config, "--recording", database, "--run", str(run_number), "--db", again, "--json"], wells=(0, 3)))
+    wanted = query(database, STEPS, run_number)
+    found = query(again, STEPS, 1)
+    differ = [a[0] for a, b in zip(wanted, found) if bits(a) != bits(b)]
+    expect(len(found) >= len(wanted) - 1 > 20 and not differ, f"{len(found)} of {len(wanted)} steps, the first that differs is {differ[:1]}")
+    expect(query(again, TUNINGS, 1) == query(database, TUNINGS, run_number), f"{query(again, TUNINGS, 1)} {query(database, TUNINGS, run_number)}")
+    return told
+
+
+def test_taken_and_repeated():
+    with Device(OMEGA) as device:
+        config, database = configuration(device.port)
+        first, second, bad = other(config, "first.json", tighter), other(config, "second.json", wider), other(config, "bad.json", too_many)
+        with Tree(config) as live:
+            wait_for_run(live, database, 1)
+            live.wait_for_tick(database)
+            _, at = retune(live, first)
+            wait_for_tuning(live, database, 1, at)
+            wait_for_steps_after(live, database, 1, at)
+            number, why = retune(live, bad)
+            expect(number == 4 and "evaluations, and the running twin has room for" in str(why), f"{number} {why}")
+            _, later = retune(live, second, "bo")
+            wait_for_tuning(live, database, 1, later)
+            wait_for_steps_after(live, database, 1, later)
+            end_orderly(live)
+        rows = query(database, TUNINGS, 1)
+        expect([(row[0], *row[2:]) for row in rows] == [(at, "ann", "test", "to see what it does"), (later, "bo", "test", "to see what it does")], f"{rows}")
+        told = [row[0] for row in query(database, "SELECT text FROM events WHERE source = 'retune' ORDER BY event")]
+        expect(len(told) == 3 and "refused: found 100000 evaluations" in told[1] and told[0] == f"configuration {rows[0][1]} in force", f"{told}")
+        nominals = query(database, "SELECT u_hat, count(*) FROM adjustments GROUP BY u_hat ORDER BY min(step)")
+        expect([row[0] for row in nominals] == [0.0031, 0.01, 0.02], f"{nominals}")
+        page = run_well(["show", database])
+        expect(re.search(rf"Retuned while it ran \(UTC\)\n.* tick {at} +configuration {rows[0][1]}  ann, test: to see what it does\n", page), page)
+        shown = json.loads(run_well(["show", database, "--json"]))["tunings"]
+        expect([(one["tick"], one["configuration"][:12], one["who"], one["origin"], one["why"]) for one in shown] == rows, f"{shown}")
+        again = expect_repeated(config, database, 1)
+        expect(again["tunings"] == {"recorded": 2, "followed": 2}, f"{again.get('tunings')}")
+        page = run_well(["replay", config, "--recording", database], wells=(0, 3))
+        expect("tunings      2 taken while it ran\n" in page, page)
+        left_out = json.loads(run_well(["replay", first, "--recording", database, "--json"], wells=(0, 3)))
+        expect(left_out["tunings"] == {"recorded": 2, "followed": 0}, f"{left_out.get('tunings')}")
+        page = run_well(["replay", first, "--recording", database], wells=(0, 3))
+        expect("2 taken while it ran, and not followed: this is another configuration than the run's" in page, page)
+
+
+def test_the_twin_is_killed():
+    """Its successor has it from the beginning, records it once, and repeats to the bit."""
+    with Device(OMEGA) as device:
+        config, database = configuration(device.port)
+        first, second = other(config, "first.json", tighter), other(config, "second.json", wider)
+        with Tree(config) as live:
+            wait_for_run(live, database, 1)
+            live.wait_for_tick(database)
+            _, at = retune(live, first)
+            live.kill_one("twin")
+            wait_for_run(live, database, 2)
+            live.wait_for_tick(database)
+            followed = query(database, "SELECT resumed_tick FROM beginnings WHERE run = 2")[0][0]
+            _, later = retune(live, second)
+            wait_for_tuning(live, database, 2, later)
+            wait_for_steps_after(live, database, 2, later)
+            end_orderly(live)
+        expect(query(database, "SELECT tick, who FROM tunings WHERE run = 1 ORDER BY tick") in ([(at, "ann")], []), f"{query(database, TUNINGS, 1)}")
+        rows = query(database, "SELECT tick, who FROM tunings WHERE run = 2 ORDER BY tick")
+        expect(rows == [(min(at, followed) if at >= rows[0][0] else rows[0][0], "ann"), (later, "ann")], f"{rows}, at {at}, followed to {followed}")
+        own = query(database, "SELECT u_hat, min(step) FROM adjustments WHERE run = 2 AND step >= ? GROUP BY u_hat ORDER BY 2", followed)
+        expect([row[0] for row in own] == [0.01, 0.02], f"{own}")
+        expect_repeated(config, database, 1)
+        expect_repeated(config, database, 2)
+
+
+def test_the_recorder_is_killed():
+    """Before it has written what the twin took: it is recorded once, with who and why."""
+    with Device(OMEGA) as device:
+        config, database = configuration(device.port)
+        with Tree(config) as live:
+            wait_for_run(live, database, 1)
+            live.wait_for_tick(database)
+            taken = []
+            for i in range(4):
+                path = other(config, f"{i}.json", lambda values, i=i: values["match"]["motor.omega"].update({"tolerance": 0.5 + i}))
+                live.kill_one("recorder") if i % 2 == 0 else None
+                taken.append(retune(live, path, f"who {i}")[1])
+                live.kill_one("recorder") if i % 2 == 1 else None
+                wait_for_tuning(live, database, 1, taken[-1])
+            wait_for_steps_after(live, database, 1, taken[-1])
+            end_orderly(live)
+        rows = query(database, "SELECT tick, who FROM tunings ORDER BY run, tick")
+        expect(rows == [(tick, f"who {i}") for i, tick in enumerate(taken)], f"{rows} of {taken}")
+        expect(query(database, "SELECT count(*) FROM runs") == [(1,)], "the run was begun again")
+        expect(query(database, "SELECT entries_lost FROM runs") == [(0,)], "something was lost")
+        expect_repeated(config, database, 1)
+
+
+def test_a_warm_restart():
+    """Goes on with what was in force, if that is the configuration now; not with what the run was begun with."""
+    with Device(OMEGA) as device:
+        config, database = configuration(device.port)
+        first = other(config, "first.json", tighter)
+        with Tree(config) as live:
+            wait_for_run(live, database, 1)
+            live.wait_for_tick(database)
+            _, at = retune(live, first)
+            wait_for_tuning(live, database, 1, at)
+            wait_for_steps_after(live, database, 1, at)
+            end_orderly(live)
+        with Tree(first) as live:
+            wait_for_run(live, database, 2)
+            live.wait_for_tick(database)
+            end_orderly(live)
+        expect(query(database, "SELECT resumed_run FROM beginnings WHERE run = 2") == [(1,)], f"{query(database, 'SELECT text FROM events WHERE run = 2')}")
+        hashes = query(database, "SELECT substr(configuration, 1, 12) FROM runs ORDER BY run")
+        rows = query(database, TUNINGS, 2)
+        expect(all(row[1] in (hashes[0][0], hashes[1][0]) for row in rows), f"{rows} {hashes}")
+        expect_repeated(first, database, 2)
+        with Tree(config) as live:
+            wait_for_run(live, database, 3)
+            live.wait_for_tick(database)
+            end_orderly(live)
+        expect(query(database, "SELECT resumed_run FROM beginnings WHERE run = 3") == [(None,)], "it went on with another configuration")
+        told = query(database, "SELECT text FROM events WHERE run = 3 AND source = 'resume'")
+        expect("the configuration is not that of run 2" in str(told), f"{told}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,75 @@
+#!/usr/bin/env python3
+"""docs/retune.md: each command is typed into one shell, and prints what the page says."""
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+from live_test import free_port
+from twinlock_test import FMUS, PROGRAM, SOURCE, Skip, expect, main, scratch
+
+PAGE = SOURCE / "docs/retune.md"
+END = "=== end of the command ==="
+
+
+def commands():
+    """(command, the lines that it prints)"""
+    for block in re.findall(r"^```console\n(.*?)^```$", PAGE.read_text(encoding="utf-8"), re.M | re.S):
+        for command, output in re.findall(r"^\$ (.*)\n((?:(?!\$ ).*\n)*)", block, re.M):
+            yield command, output.splitlines()
+
+
+def fits(line, pattern):
+    return re.fullmatch(".*".join(map(re.escape, pattern.split("…"))), line) is not None
+
+
+class Shell:
+    """As an engineer sits before it: one shell, its folder, jobs in the background."""
+
+    def __init__(self):
+        self.folder = scratch()
+        tools = self.folder / "bin"
+        tools.mkdir()
+        (tools / "twinlock").symlink_to(PROGRAM)
+        environment = {"PATH": f"{tools}:/usr/bin:/bin", "TWINLOCK_FMU_PATH": str(FMUS), "TWINLOCK": str(SOURCE),
+                       "TMPDIR": str(scratch()), "LC_ALL": "C.UTF-8"}
+        self.process = subprocess.Popen(["bash", "-m"], cwd=self.folder, env=environment, stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+                                        stderr=subprocess.STDOUT, text=True)
+        self.type(":")  # what bash says of a terminal that is none
+
+    def type(self, command):
+        self.process.stdin.write(f"{command}\necho '{END}'\n")
+        self.process.stdin.flush()
+        lines = []
+        while (line := self.process.stdout.readline().rstrip("\n")) != END:
+            lines.append(line)
+        return lines
+
+    def close(self):
+        self.process.stdin.write("kill $(jobs -p) 2>/dev/null; wait\n")
+        self.process.communicate(timeout=60)
+
+
+def said(folder):
+    return "".join(path.read_text(encoding="utf-8") for path in (Path(folder) / "plant.log", Path(folder) / "run.log") if path.exists())
+
+
+def test_the_page():
+    if not shutil.which("sqlite3", path="/usr/bin:/bin"):
+        raise Skip("sqlite3 is missing")
+    port = free_port()
+    shell = Shell()
+    try:
+        for command, wanted in commands():
+            if command.startswith("sed -e '/\"duration_s\"/d"):
+                command = command.replace("live.json >", f"live.json | sed 's/1502/{port}/' >")  # tests run side by side
+            found = shell.type(command)
+            print(f"    $ {command[:100]}")
+            right = len(found) == len(wanted) and all(map(fits, found, wanted))
+            expect(right, f"$ {command}\n" + "\n".join(found) + "\n--- the page says:\n" + "\n".join(wanted) + "\n" + said(shell.folder))
+    finally:
+        shell.close()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,90 @@
+#!/usr/bin/env python3
+"""From a terminal elsewhere to a twin that runs: twinlock push, twinlock serve, a supervised run with its activator."""
+import json
+
+from live_test import Device, query
+from pushed import expect_push, push
+from retuned import Retuned, match, tolerance
+from served import Box
+from supervised import end_orderly, wait_for_run
+from tree import OMEGA, expect_whole, read
+from twinlock_test import expect, main
+
+
+class RealBox(Box):
+    """A box whose plant is a run; `edited` as that of Retuned."""
+
+    def __init__(self, live):
+        super().__init__(plants=())
+        self.live = live
+
+    def __enter__(self):
+        super().__enter__()
+        (self.folder / "plants/motor").mkdir()
+        (self.folder / "plants/motor/control").symlink_to(self.live.socket)
+        return self
+
+    def push(self, *words, change=None, role="retune"):
+        config = None if change is None else self.live.edited(change).read_bytes()
+        return push(self, *words, config=config, role=role)
+
+
+def test_a_wrong_tolerance_is_corrected_and_kept():
+    """In place, and nobody was begun again."""
+    with Device(OMEGA) as device, Retuned(device.port) as live, RealBox(live) as box:
+        wait_for_run(live, live.database, 1)
+        twin = live.child()
+        expect_push(box.push("--state", role="read"), 0, "motor bench", "version 1")
+        found = box.push("--wait", "--probation", "3", "--require-lock", "10", "--why", "too wide", change=tolerance(0.5))
+        expect_push(found, 0, "authorise", "validate", "synchronise.match.motor.omega.tolerance: ", "→ 0.5 (in place)", "activate", "kept")
+        expect(live.child() == twin, "the twin was begun again")
+        expect_push(box.push("--versions", role="read"), 0, "*    2", "retune", "too wide", "kept")
+        code, text, _ = box.push("--get", role="read")
+        expect(code == 0 and match(json.loads(text))["tolerance"] == 0.5, f"{code} {text[:200]}")
+        live.wait_for_tick(live.database)
+        end_orderly(live)
+        expect_whole(read(live.database))
+        expect(query(live.database, "SELECT who, why FROM tunings") == [("retune", "too wide")], "another book")
+
+
+def test_what_is_refused():
+    """With its own exit code each, and the version in force goes on."""
+    with Device(OMEGA) as device, Retuned(device.port) as live, RealBox(live) as box:
+        wait_for_run(live, live.database, 1)
+        twin = live.child()
+
+        def two_problems(document):
+            match(document).update(tolerance=-1)
+            document.update(step_s=0)
+
+        def another_host(document):
+            document["sources"]["inverter"]["modbus_tcp"]["host"] = "192.0.2.9"
+
+        def horizon(document):
+            document["synchronise"]["horizon"]["prediction"] = 3
+
+        found = box.push(change=two_problems)
+        expect_push(found, 65, "synchronise.match.motor.omega.tolerance: found -1", "step_s: found 0", "new.json:")
+        expect_push(box.push("--restart", change=another_host), 77, "sources.inverter.modbus_tcp.host", "forbidden")
+        expect_push(box.push(change=horizon), 2, "needs a restart")
+        expect_push(box.push("--no-activate", change=tolerance(0.5)), 0)
+        expect_push(box.push("--confirm"), 69, "absent")
+        expect_push(box.push(change=tolerance(0.5), role="read"), 77)
+        expect(live.child() == twin and live.active() == 1, f"{live.versions()}")
+        end_orderly(live)
+
+
+def test_a_person_confirms_or_takes_it_back():
+    with Device(OMEGA) as device, Retuned(device.port) as live, RealBox(live) as box:
+        wait_for_run(live, live.database, 1)
+        expect_push(box.push("--until-confirmed", change=tolerance(0.5)), 0, "version 2")
+        expect_push(box.push("--state"), 0, "probation")
+        expect_push(box.push("--base", live.file, change=tolerance(0.25)), 75, "changed")
+        expect_push(box.push("--confirm"), 0)
+        expect_push(box.push("--rollback", "--version", "1", "--why", "it was better"), 0)
+        code, text, _ = box.push("--get")
+        expect(code == 0 and text.encode() == live.file.read_bytes(), "another configuration is active")
+        end_orderly(live)
+
+
+main()

@@ -1,0 +1,250 @@
+"""Attacks on twinlock-serve by who has no token, or one: as contexts, while which an honest client at another address asks."""
+import contextlib
+import socket
+import ssl
+import threading
+import time
+
+from served import MOTOR
+from twinlock_test import expect
+
+HONEST = "127.0.0.2"
+MANY = 1000
+
+
+def _connect(box, address):
+    line = socket.socket()
+    line.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+    line.bind((address, 0))
+    line.settimeout(5)
+    line.connect(("127.0.0.1", box.port))
+    return line
+
+
+def _context():
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
+    context.check_hostname, context.verify_mode = False, ssl.CERT_NONE
+    return context
+
+
+def _hello():
+    """The first bytes of a handshake."""
+    outgoing = ssl.MemoryBIO()
+    client = _context().wrap_bio(ssl.MemoryBIO(), outgoing)
+    try:
+        client.do_handshake()
+    except ssl.SSLWantReadError:
+        pass
+    return outgoing.read()
+
+
+@contextlib.contextmanager
+def lines(box, count, begin=lambda line: line, addresses=("127.0.0.1",)):
+    """So many connections, each as `begin` leaves it; those that the server does not want are opened again and again."""
+    held, stop = [], threading.Event()
+
+    def open_all():
+        for number in range(count):
+            if stop.is_set():
+                return
+            try:
+                held.append(begin(_connect(box, addresses[number % len(addresses)])))
+            except OSError:
+                pass
+
+    thread = threading.Thread(target=open_all)
+    thread.start()
+    try:
+        yield held
+    finally:
+        stop.set()
+        thread.join()
+        for line in held:
+            line.close()
+
+
+def silent(box):
+    return lines(box, MANY)
+
+
+def from_everywhere(box):
+    """More addresses than there are places."""
+    return lines(box, MANY, addresses=[f"127.0.1.{i}" for i in range(1, 201)])
+
+
+def half_handshakes(box):
+    hello = _hello()
+
+    def begin(line):
+        line.sendall(hello[:100])
+        return line
+    return lines(box, MANY, begin)
+
+
+def whole_hellos(box):
+    """The server computes an answer for each, and nobody goes on."""
+    hello = _hello()
+
+    def begin(line):
+        line.sendall(hello)
+        return line
+    return lines(box, MANY, begin)
+
+
+def half_requests(box):
+    def begin(line):
+        secure = _context().wrap_socket(line)
+        secure.sendall(b"GET /api/v1/plants/motor HTTP/1.1\r\nHost: loc")
+        return secure
+    return lines(box, MANY, begin)
+
+
+@contextlib.contextmanager
+def drips(box, count=20):
+    """A byte every now and then: never silent, never done."""
+    stop = threading.Event()
+    with lines(box, count, lambda line: _context().wrap_socket(line)) as held:
+        def drip():
+            while not stop.wait(0.2):
+                for line in list(held):
+                    with contextlib.suppress(OSError):
+                        line.send(b"G")
+        thread = threading.Thread(target=drip)
+        thread.start()
+        try:
+            yield held
+        finally:
+            stop.set()
+            thread.join()
+
+
+def _ask(box, target, token):
+    return (f"GET {target} HTTP/1.1\r\nHost: localhost\r\nAuthorization: Bearer {token}\r\n\r\n").encode("ascii")
+
+
+@contextlib.contextmanager
+def slow_readers(box, count=20):
+    """With a token, and a large answer that is taken a byte a second."""
+    stop = threading.Event()
+
+    def begin(line):
+        secure = _context().wrap_socket(line)
+        secure.sendall(_ask(box, f"{MOTOR}/configuration", box.tokens["read"]))
+        return secure
+    with lines(box, count, begin) as held:
+        def read():
+            while not stop.wait(1):
+                for line in list(held):
+                    with contextlib.suppress(OSError):
+                        line.recv(1)
+        thread = threading.Thread(target=read)
+        thread.start()
+        try:
+            yield held
+        finally:
+            stop.set()
+            thread.join()
+
+
+@contextlib.contextmanager
+def wrong_tokens(box, count=10000, clients=4):
+    """As fast as they can, each by a connection that stays."""
+    stop = threading.Event()
+    told = []
+
+    def guess(first):
+        connection = box.connect()
+        for number in range(first, count, clients):
+            if stop.is_set():
+                break
+            try:
+                connection.request("GET", MOTOR, headers={"Authorization": f"Bearer {number:064x}"})
+                response = connection.getresponse()
+                response.read()
+                told.append(response.status)
+            except OSError:
+                connection.close()
+    threads = [threading.Thread(target=guess, args=(first,)) for first in range(clients)]
+    for thread in threads:
+        thread.start()
+    try:
+        yield told
+        for thread in threads:
+            thread.join()
+        expect(len(told) >= 0.99 * count and set(told) <= {401, 429} and told.count(401) < 100,
+               f"{len(told)} answers: {sorted(set(told))}, {told.count(401)} tokens were looked at")
+    finally:
+        stop.set()
+        for thread in threads:
+            thread.join()
+
+
+@contextlib.contextmanager
+def large_bodies(box, clients=4):
+    """Without a token, and as much as anybody takes."""
+    stop = threading.Event()
+
+    def send():
+        while not stop.is_set():
+            with contextlib.suppress(OSError):
+                secure = _context().wrap_socket(_connect(box, "127.0.0.1"))
+                secure.sendall(b"PUT /api/v1/plants/motor/configuration HTTP/1.1\r\nHost: localhost\r\nContent-Length: 100000000\r\n\r\n")
+                while not stop.is_set():
+                    secure.sendall(65536 * b"x")
+                secure.close()
+    threads = [threading.Thread(target=send) for _ in range(clients)]
+    for thread in threads:
+        thread.start()
+    try:
+        yield
+    finally:
+        stop.set()
+        for thread in threads:
+            thread.join()
+
+
+@contextlib.contextmanager
+def long_heads(box, clients=4):
+    """Headers without an end."""
+    stop = threading.Event()
+
+    def send():
+        while not stop.is_set():
+            with contextlib.suppress(OSError):
+                secure = _context().wrap_socket(_connect(box, "127.0.0.1"))
+                secure.sendall(b"GET / HTTP/1.1\r\n")
+                while not stop.is_set():
+                    secure.sendall(b"X-Long: " + 1000 * b"x" + b"\r\n")
+                secure.close()
+    threads = [threading.Thread(target=send) for _ in range(clients)]
+    for thread in threads:
+        thread.start()
+    try:
+        yield
+    finally:
+        stop.set()
+        for thread in threads:
+            thread.join()
+
+
+ATTACKS = (silent, from_everywhere, half_handshakes, whole_hellos, half_requests, drips, slow_readers, wrong_tokens, large_bodies,
+           long_heads)
+
+
+def longest_wait(box, attack, seconds=2.0):
+    """For how long an honest client waited at most, of those that asked while the attack went on; it may have to come again if it is sent away."""
+    waits = []
+    with attack(box):
+        end = time.monotonic() + seconds
+        while time.monotonic() < end:
+            begun = time.monotonic()
+            while True:
+                try:
+                    answer = box.ask("GET", MOTOR, "read", address=HONEST)
+                    break
+                except OSError:
+                    expect(time.monotonic() - begun < 30, f"{attack.__name__}: nobody answers the honest one")
+            expect(answer.status == 200, f"{attack.__name__}: the honest one gets {answer.status}")
+            waits.append(time.monotonic() - begun)
+            time.sleep(0.1)
+    return max(waits)

@@ -1,0 +1,50 @@
+"""A supervised run whose configuration is changed while it runs, by `twinlock reload`: what the tests of that share."""
+import json
+import re
+
+from live_test import query
+from tree import Tree, configuration
+from twinlock_test import expect, run, scratch, write_config
+
+
+class Retuned(Tree):
+    """A run of config/motor/live.json with a control socket; `edit` changes its file as an engineer would."""
+
+    def __init__(self, port, *args, state=None, config=None, **changes):
+        self.file, self.database = (config, config.parent / "twin.db") if config else configuration(port, **changes)
+        self.socket = scratch() / "control"
+        super().__init__(self.file, "--control", self.socket, *args, state=state)
+
+    def edited(self, change):
+        """Another file: the configuration with that change, which is a function of it, a JSON document, or bytes."""
+        document = change
+        if callable(change):
+            document = json.loads(self.file.read_text(encoding="utf-8"))
+            change(document)
+        return write_config(document)
+
+    def reload(self, config=None, *options, timeout=60):
+        """(exit code, standard output, standard error)"""
+        return run(["reload", config or self.file, "--control", self.socket, *options], timeout=timeout)
+
+    def versions(self):
+        """number → (is active, what came of it)"""
+        code, out, err = self.reload(None, "--versions")
+        expect(code == 0, err)
+        return {int(number): (star == "*", result) for star, number, result in
+                re.findall(r"^([* ]) *(\d+)  .*\n +(.*)$", out, re.M)}
+
+    def active(self):
+        return next(number for number, (active, _) in self.versions().items() if active)
+
+
+def match(document):
+    return document["synchronise"]["match"]["motor.omega"]
+
+
+def tolerance(value):
+    return lambda document: match(document).update(tolerance=value)
+
+
+def events(database, text):
+    return query(database, "SELECT count(*) FROM events WHERE source = 'retune' AND text LIKE ?", f"%{text}%")[0][0]
