@@ -164,8 +164,11 @@ static void say_changes(const tl_activation *self) {
     }
 }
 
+/* In safe hold there is no twin that could take it. */
 static bool is_in_place(const tl_activation *self) {
-    return self->verdict.kind <= TL_CHANGE_IN_PLACE;
+    tl_activation_view view = {.step_s = 0.0};
+    self->settings.host->look(self->settings.host->context, &view);
+    return self->verdict.kind <= TL_CHANGE_IN_PLACE && !view.holds;
 }
 
 static tl_control_right right_of(const tl_verdict *verdict) {
@@ -175,6 +178,8 @@ static tl_control_right right_of(const tl_verdict *verdict) {
 static void activate(tl_activation *self);
 
 static void try_fmus(tl_activation *self);
+
+static void settle(tl_activation *self);
 
 /* It can be read; may it be done, and how? */
 static void weigh(tl_activation *self) {
@@ -423,6 +428,7 @@ static void give_up(tl_activation *self, const char *why) {
         tell(self, TL_EVENT_ERROR, error.text);
     }
     fail(self, text);
+    settle(self); /* a twin that was only slow must not take it after all */
 }
 
 static void look_at_activation(tl_activation *self, tl_time passed) {
@@ -527,16 +533,20 @@ static bool is_unfinished(const tl_activation *self) {
     return active != NULL && strcmp(active->hash, hash) != 0;
 }
 
+static void settle(tl_activation *self) {
+    if (is_unfinished(self) && load(self, versions_of(self)->active)) {
+        self->settles = true;
+        validate(self);
+    }
+}
+
 void tl_activation_begin(tl_activation *activation, const tl_activation_settings *settings) {
     *activation = (tl_activation){.settings = *settings, .step = TL_CONTROL_IDLE, .looked = tl_clock_now(NULL)};
     if (settings->versions->probation.version != 0) {
         tl_probation_resume(&activation->probation, &settings->versions->probation.account);
         activation->step = TL_CONTROL_PROBATION;
     }
-    if (is_unfinished(activation) && load(activation, settings->versions->active)) {
-        activation->settles = true;
-        validate(activation);
-    }
+    settle(activation);
 }
 
 bool tl_activation_is_idle(const tl_activation *activation) {
