@@ -187,6 +187,9 @@ static void weigh(tl_activation *self) {
     say_changes(self);
     if (right_of(verdict) > self->request.right) {
         refuse(self, TL_CONTROL_FORBIDDEN, "it changes what takes the right to commission, and was sent with less");
+    } else if (verdict->right == TL_CHANGE_ON_THE_BOX && self->request.origin == TL_CONTROL_BY_NETWORK) {
+        refuse(self, TL_CONTROL_FORBIDDEN,
+               "it names a library or a file, or lets an FMU out: that is changed on the box, by twinlock reload");
     } else if (!is_in_place(self) && (self->request.flags & (TL_CONTROL_MAY_RESTART | TL_CONTROL_ONLY_CHECK)) == 0) {
         refuse(self, TL_CONTROL_RESTART,
                "it changes what no running twin can take: with --restart the run ends and begins anew, with a gap");

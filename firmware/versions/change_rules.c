@@ -6,11 +6,23 @@
 
 /* ---- values ---- */
 
+static bool is_path(const tl_json_value *value) {
+    return value->type == TL_JSON_TEXT && strchr(value->text, '/') != NULL;
+}
+
 /* A value of `set` that is a text may name a file, which the FMU may read then. */
 static void judge_set(const tl_json_value *before, const tl_json_value *after, tl_change_needs *needs) {
     (void)before;
     if (after->type == TL_JSON_TEXT) {
-        needs->right = TL_CHANGE_BY_COMMISSION;
+        needs->right = is_path(after) ? TL_CHANGE_ON_THE_BOX : TL_CHANGE_BY_COMMISSION;
+    }
+}
+
+/* A name is looked up among the FMUs that are installed; a path is any file. */
+static void judge_fmu(const tl_json_value *before, const tl_json_value *after, tl_change_needs *needs) {
+    (void)before;
+    if (is_path(after)) {
+        needs->right = TL_CHANGE_ON_THE_BOX;
     }
 }
 
@@ -53,6 +65,10 @@ static void judge_evaluations(const tl_json_value *before, const tl_json_value *
     { TL_CHANGE_NEW_TWIN, TL_CHANGE_BY_RETUNE }
 #define NEW_TWIN_COMMISSIONED                                                                                          \
     { TL_CHANGE_NEW_TWIN, TL_CHANGE_BY_COMMISSION }
+#define NEW_TWIN_ON_THE_BOX                                                                                            \
+    { TL_CHANGE_NEW_TWIN, TL_CHANGE_ON_THE_BOX }
+#define RESTART_ON_THE_BOX                                                                                             \
+    { TL_CHANGE_RESTART, TL_CHANGE_ON_THE_BOX }
 #define RESTART                                                                                                        \
     { TL_CHANGE_RESTART, TL_CHANGE_BY_RETUNE }
 #define RESTART_COMMISSIONED                                                                                           \
@@ -69,15 +85,15 @@ static const tl_change_rule rules[] = {
     /* FMUs */
     {"components", NEW_TWIN_COMMISSIONED, NULL},
     {"components.*", NEW_TWIN_COMMISSIONED, NULL},
-    {"components.*.fmu", NEW_TWIN_COMMISSIONED, NULL},
+    {"components.*.fmu", NEW_TWIN_COMMISSIONED, judge_fmu},
     {"components.*.set", NEW_TWIN, NULL},
     {"components.*.set.*", NEW_TWIN, judge_set},
     {"components.*.keep", NEW_TWIN, NULL},
-    {"components.*.libraries", NEW_TWIN_COMMISSIONED, NULL},
-    {"components.*.libraries[]", NEW_TWIN_COMMISSIONED, NULL},
-    {"components.*.read", NEW_TWIN_COMMISSIONED, NULL},
-    {"components.*.read[]", NEW_TWIN_COMMISSIONED, NULL},
-    {"components.*.unconfined", NEW_TWIN_COMMISSIONED, NULL},
+    {"components.*.libraries", NEW_TWIN_ON_THE_BOX, NULL},
+    {"components.*.libraries[]", NEW_TWIN_ON_THE_BOX, NULL},
+    {"components.*.read", NEW_TWIN_ON_THE_BOX, NULL},
+    {"components.*.read[]", NEW_TWIN_ON_THE_BOX, NULL},
+    {"components.*.unconfined", NEW_TWIN_ON_THE_BOX, NULL},
     {"components.*.logging", NEW_TWIN, NULL},
     /* where live signals come from */
     {"sources", RESTART_COMMISSIONED, NULL},
@@ -99,8 +115,8 @@ static const tl_change_rule rules[] = {
     {"sources.*.gpio", RESTART_COMMISSIONED, NULL},
     {"sources.*.gpio.chip", RESTART_COMMISSIONED, NULL},
     {"sources.*.gpio.period_s", RESTART, NULL},
-    {"sources.*.csv", RESTART_COMMISSIONED, NULL},
-    {"sources.*.csv.file", RESTART_COMMISSIONED, NULL},
+    {"sources.*.csv", RESTART_ON_THE_BOX, NULL},
+    {"sources.*.csv.file", RESTART_ON_THE_BOX, NULL},
     {"sources.*.csv.time_column", RESTART, NULL},
     {"sources.*.csv.period_s", RESTART, NULL},
     {"sources.*.can", RESTART_COMMISSIONED, NULL},
@@ -226,7 +242,7 @@ static const tl_change_rule rules[] = {
     {"delays.output.simulation[]", NEW_TWIN, NULL},
     /* the database, the process, the emulated plant */
     {"record", RESTART_COMMISSIONED, NULL},
-    {"record.file", RESTART_COMMISSIONED, NULL},
+    {"record.file", RESTART_ON_THE_BOX, NULL},
     {"record.max_mb", RESTART_COMMISSIONED, NULL},
     {"record.commit_s", RESTART, NULL},
     {"record.resume_s", RESTART, NULL},
@@ -317,5 +333,8 @@ const char *tl_change_kind_name(tl_change_kind kind) {
 }
 
 const char *tl_change_right_name(tl_change_right right) {
-    return right == TL_CHANGE_BY_COMMISSION ? "commission" : "retune";
+    static const char *const names[TL_CHANGE_RIGHTS] = {[TL_CHANGE_BY_RETUNE] = "retune",
+                                                        [TL_CHANGE_BY_COMMISSION] = "commission",
+                                                        [TL_CHANGE_ON_THE_BOX] = "on the box"};
+    return names[right];
 }

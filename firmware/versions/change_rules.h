@@ -25,12 +25,13 @@ enum { TL_CHANGE_KINDS = TL_CHANGE_RESTART + 1 };
 
 /* What who changes it must be allowed to do; each may what those before it may. */
 typedef enum tl_change_right {
-    TL_CHANGE_BY_RETUNE, /* values */
-    TL_CHANGE_BY_COMMISSION /* what names a host, port, device, interface, file or component, what acts on a line's electrical side, what may remove
-                               recorded runs, and how the process is scheduled */
+    TL_CHANGE_BY_RETUNE,     /* values */
+    TL_CHANGE_BY_COMMISSION, /* what names a host, port, device, interface or component, what acts on a line's electrical side, what may remove recorded
+                                runs, and how the process is scheduled */
+    TL_CHANGE_ON_THE_BOX /* what names a library or a file, or lets FMUs out: that does not come by the network, whoever sends it */
 } tl_change_right;
 
-enum { TL_CHANGE_RIGHTS = TL_CHANGE_BY_COMMISSION + 1 };
+enum { TL_CHANGE_RIGHTS = TL_CHANGE_ON_THE_BOX + 1 };
 
 typedef struct tl_change_needs {
     tl_change_kind kind;
@@ -57,7 +58,7 @@ tl_change_needs tl_change_needs_of(const tl_json_difference *difference);
 /* "none", "in place", "new twin", "restart". */
 const char *tl_change_kind_name(tl_change_kind kind);
 
-/* "retune", "commission". */
+/* "retune", "commission", "on the box". */
 const char *tl_change_right_name(tl_change_right right);
 
 #endif

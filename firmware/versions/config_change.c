@@ -99,5 +99,7 @@ void tl_config_edit_write(const tl_config_edit *edit, char text[TL_CONFIG_EDIT_T
     }
     (void)snprintf(text, TL_CONFIG_EDIT_TEXT, "%s: %s (%s%s)", edit->path[0] != '\0' ? edit->path : "all of it", what,
                    tl_change_kind_name(edit->needs.kind),
-                   edit->needs.right == TL_CHANGE_BY_COMMISSION ? ", needs the right to commission" : "");
+                   edit->needs.right == TL_CHANGE_ON_THE_BOX      ? ", on the box only"
+                   : edit->needs.right == TL_CHANGE_BY_COMMISSION ? ", needs the right to commission"
+                                                                  : "");
 }

@@ -241,6 +241,28 @@ static void test_in_safe_hold(void) {
     TEST_ASSERT_EQUAL_UINT64(2, versions.active);
 }
 
+/* Whoever sends it: what names a file comes from the box. */
+static void test_what_does_not_come_by_the_network(void) {
+    char text[2048];
+    tl_control_request request;
+    size_t size = write_configuration(text, "1", 1);
+    char *fmu = strstr(text, "motor.fmu");
+    memcpy(fmu, "/a/b.fmu ", strlen("motor.fmu"));
+    memset(&request, 0, sizeof request);
+    request.right = TL_CONTROL_MAY_COMMISSION;
+    request.flags = TL_CONTROL_MAY_RESTART;
+    for (unsigned i = 0; i < TL_CONTROL_ORIGINS; i++) {
+        unsigned origin = TL_CONTROL_ORIGINS - 1 - i; /* the network first */
+        request.origin = origin;
+        tl_sha256(text, size, request.hash);
+        count = 0;
+        tl_activation_take(&activation, &request, text, size);
+        look_until(is_ended);
+        TEST_ASSERT_EQUAL_UINT(origin == TL_CONTROL_BY_NETWORK ? TL_CONTROL_FORBIDDEN : TL_CONTROL_DONE,
+                               said[count - 1].as.end.result);
+    }
+}
+
 static void test_who_may_not(void) {
     char text[2048];
     tl_control_request request;
@@ -280,6 +302,7 @@ int main(int argc, char **argv) {
     RUN_TEST(test_a_failure_of_the_twin);
     RUN_TEST(test_what_takes_a_restart);
     RUN_TEST(test_in_safe_hold);
+    RUN_TEST(test_what_does_not_come_by_the_network);
     RUN_TEST(test_who_may_not);
     setUp();
     tearDown();
