@@ -12,7 +12,7 @@
 
 enum { DENIALS = 12 }; /* that are not believed */
 static const tl_time DENIAL_PAUSE = TL_SECOND / 1000;
-static const tl_time DENIAL_PAUSE_LAST = 16 * (TL_SECOND / 1000);
+static const tl_time DENIAL_PAUSE_LAST = TL_SECOND / 8;
 
 static bool is_refused(tl_database_insistence insistence, tl_database_fault fault) {
     bool is_ours = fault != TL_DATABASE_FOREIGN && fault != TL_DATABASE_OTHER && fault != TL_DATABASE_TAKEN;
@@ -60,6 +60,11 @@ static bool is_shut_in(const char *path) {
     return faccessat(AT_FDCWD, dirname(copy), W_OK | X_OK, AT_EACCESS) != 0;
 }
 
+/* It is denied, and its mode does not say so: what is beside it is somebody else's, for as long as that one needs. */
+static bool is_writable(const char *path) {
+    return faccessat(AT_FDCWD, path, W_OK, AT_EACCESS) == 0;
+}
+
 /* The file that was asked for. `path` is what others are beside; *shut: none of them is to be tried. A file that was denied is tried again once
  * its folder is known to be open: else it might have been opened since, and another file be written for no reason. And more than once: a reader that
  * is root makes log and index as root's, and only then gives them to the owner of the file. */
@@ -69,7 +74,7 @@ static tl_status open_wanted(const tl_database_wanted *wanted, const char *path,
     tl_time pause = DENIAL_PAUSE;
     for (int i = 0; i < DENIALS && status != TL_OK && tl_database_get_fault() == TL_DATABASE_DENIED; i++) {
         *shut = is_shut_in(path);
-        if (*shut) {
+        if (*shut || (i > 0 && !is_writable(path))) {
             return status;
         }
         tl_clock_sleep_until(tl_clock_now(NULL) + pause); /* the reader may wait for its turn on a busy machine */
