@@ -3,7 +3,6 @@
 
 #include <errno.h>
 #include <linux/magic.h>
-#include <stdint.h>
 #include <string.h>
 #include <sys/socket.h>
 #include <sys/stat.h>
@@ -24,8 +23,12 @@ typedef union room_for_descriptors {
 /* ---- sending ---- */
 
 static bool send_packet(int socket, const void *bytes, size_t size, int descriptor) {
+    const union {
+        const void *ours;
+        void *for_kernel; /* which only reads it */
+    } what = {.ours = bytes};
     room_for_descriptors room = {.header = {0}};
-    struct iovec part = {.iov_base = (void *)(uintptr_t)bytes, .iov_len = size};
+    struct iovec part = {.iov_base = what.for_kernel, .iov_len = size};
     struct msghdr message = {.msg_iov = &part, .msg_iovlen = 1};
     if (descriptor >= 0) {
         message.msg_control = room.bytes;
