@@ -284,7 +284,7 @@ static int be_trial(void) {
     if (wanted != NULL && strcmp(wanted, "crash") == 0) {
         (void)raise(SIGSEGV);
     }
-    return wanted == NULL ? 0 : atoi(wanted);
+    return wanted == NULL ? 0 : (int)strtol(wanted, NULL, 10);
 }
 
 int main(int argc, char **argv) {
