@@ -12,8 +12,8 @@
 #include "firmware/control/control_wire.h"
 #include "firmware/process/block.h"
 
-/* Descriptors that one packet may bring: a stranger's, too. */
-enum { DESCRIPTORS = 8 };
+/* Descriptors that one packet may bring, at most: what finds no room here would not be closed by every emulator. */
+enum { DESCRIPTORS = 253 };
 
 typedef union room_for_descriptors {
     struct cmsghdr header; /* for its alignment */

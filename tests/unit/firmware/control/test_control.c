@@ -184,7 +184,7 @@ static void test_numbers_that_do_not_exist(void) {
     bad[2].right = TL_CONTROL_RIGHTS;
     bad[3].origin = TL_CONTROL_ORIGINS;
     bad[4].flags = TL_CONTROL_FLAGS + 1;
-    bad[5].require_lock = NAN;
+    bad[5].require_lock = (double)NAN;
     bad[6].require_lock = 100.5;
     memset(bad[7].hash, 'a', sizeof bad[7].hash);
     (void)snprintf(bad[8].if_match, sizeof bad[8].if_match, "abc");
