@@ -75,6 +75,7 @@ static void forget(tl_activation *self) {
     self->text = NULL;
     self->before = NULL;
     self->is_return = false;
+    self->is_wanted = false;
     self->settles = false;
     self->is_handed = false;
     self->step = versions_of(self)->probation.version != 0 ? TL_CONTROL_PROBATION : TL_CONTROL_IDLE;
@@ -360,6 +361,7 @@ static void note_active(tl_activation *self) {
     bool is_return = self->is_return;
     bool settles = self->settles;
     bool is_awaited = self->is_awaited;
+    bool is_wanted = self->is_wanted;
     describe_changes(self, changes, sizeof changes);
     (void)snprintf(text, sizeof text, "version %llu (%.12s) is in force%s%s",
                    active == NULL ? 0ULL : (unsigned long long)active->number, active == NULL ? "?" : active->hash,
@@ -371,7 +373,7 @@ static void note_active(tl_activation *self) {
     }
     if (is_return) {
         say_step(self, TL_CONTROL_RETURNED, self->reason);
-        say_end(self, TL_CONTROL_UNDONE, self->reason);
+        say_end(self, is_wanted ? TL_CONTROL_DONE : TL_CONTROL_UNDONE, self->reason);
         return;
     }
     begin_probation(self);
@@ -382,7 +384,7 @@ static void note_active(tl_activation *self) {
 
 static void restart(tl_activation *self) {
     tell(self, TL_EVENT_WARNING, "the run ends, and begins anew with another configuration");
-    say_end(self, self->is_return ? TL_CONTROL_UNDONE : TL_CONTROL_DONE,
+    say_end(self, self->is_return && !self->is_wanted ? TL_CONTROL_UNDONE : TL_CONTROL_DONE,
             self->is_return ? self->reason : "the run ends, and begins anew with it; then its probation begins");
     forget(self);
     self->settings.host->restart(self->settings.host->context);
@@ -485,6 +487,7 @@ static void keep(tl_activation *self) {
     if (tl_versions_keep(versions_of(self), self->probation.why, &error) != TL_OK) {
         tell(self, TL_EVENT_ERROR, error.text);
         self->pause = PAUSE;
+        self->probation.result = TL_PROBATION_GOES_ON; /* whatever is said of it meanwhile counts */
         return;
     }
     (void)snprintf(text, sizeof text, "the configuration in force is kept: %s", self->probation.why);
@@ -607,13 +610,14 @@ void tl_activation_take(tl_activation *activation, const tl_control_request *req
     }
 }
 
-bool tl_activation_confirm(tl_activation *activation, const char *who) {
+bool tl_activation_confirm(tl_activation *activation, const char *who, bool *is_done) {
     if (activation->step != TL_CONTROL_PROBATION) {
         return false;
     }
     activation->pause = 0;
     (void)tl_probation_confirm(&activation->probation, who);
     look_at_probation(activation, 0);
+    *is_done = versions_of(activation)->probation.version == 0;
     return true;
 }
 
@@ -624,6 +628,7 @@ bool tl_activation_refuse(tl_activation *activation, const char *who) {
     }
     (void)snprintf(why, sizeof why, "%s has returned from it", who);
     activation->pause = 0;
+    activation->is_wanted = true;
     (void)tl_probation_refuse(&activation->probation, why);
     look_at_probation(activation, 0);
     return true;

@@ -47,6 +47,7 @@ typedef struct tl_activation {
     tl_activation_settings settings;
     tl_control_step step;
     bool is_return;  /* to a version that is there already */
+    bool is_wanted;  /* by somebody */
     bool settles;    /* nothing changes on disk: the run is to be brought to what is there */
     bool is_handed;  /* the twin has been given the tuning */
     bool is_awaited; /* who asked is told more than that it is active */
@@ -80,8 +81,8 @@ uint32_t tl_activation_left_s(const tl_activation *activation);
 /* A candidate: `size` bytes of `text`, copied. Whatever comes of it is said. Must not be busy. */
 void tl_activation_take(tl_activation *activation, const tl_control_request *request, const char *text, size_t size);
 
-/* The version on probation is kept, or returned from. False: there is none. What comes of it is said to who has asked for that change. */
-bool tl_activation_confirm(tl_activation *activation, const char *who);
+/* The version on probation is kept, or returned from. False: there is none. *is_done: that is on disk. What comes of a return is said. */
+bool tl_activation_confirm(tl_activation *activation, const char *who, bool *is_done);
 bool tl_activation_refuse(tl_activation *activation, const char *who);
 
 /* Goes on; as often as wanted. */

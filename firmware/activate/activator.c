@@ -151,13 +151,24 @@ static void take(tl_activator *self, visitor *who, const tl_control_request *req
     tl_activation_take(&self->activation, request, text, size);
 }
 
-static void end_probation(tl_activator *self, visitor *who, bool (*end)(tl_activation *activation, const char *name),
-                          const char *name, const char *done) {
-    if (end(&self->activation, name)) {
-        finish(self, who, TL_CONTROL_DONE, done);
-    } else {
+static void confirm(tl_activator *self, visitor *who, const char *name) {
+    bool is_done = false;
+    if (!tl_activation_confirm(&self->activation, name, &is_done)) {
         finish(self, who, TL_CONTROL_ABSENT, "no version is on probation");
+    } else if (is_done) {
+        finish(self, who, TL_CONTROL_DONE, "it is kept");
+    } else {
+        finish(self, who, TL_CONTROL_FAILED, "that cannot be written down: it is on probation still; the log says why");
     }
+}
+
+/* Who asks for it hears what comes of it; who has asked for the change, that it is no more. */
+static void go_back(tl_activator *self, visitor *who, const char *name) {
+    if (self->listener != NULL) {
+        finish(self, self->listener, TL_CONTROL_UNDONE, "the version before was asked for");
+    }
+    self->listener = who;
+    (void)tl_activation_refuse(&self->activation, name);
 }
 
 /* An older one is a candidate like any other. */
@@ -170,7 +181,7 @@ static void bring_back(tl_activator *self, visitor *who, const tl_control_reques
     char *text = NULL;
     if (self->activation.step == TL_CONTROL_PROBATION &&
         (request->version == 0 || request->version == self->versions.probation.return_to)) {
-        end_probation(self, who, tl_activation_refuse, request->who, "the version before is brought back");
+        go_back(self, who, request->who);
     } else if (version == NULL) {
         finish(self, who, TL_CONTROL_ABSENT, "there is no such version to return to");
     } else if (tl_versions_read(&self->versions, number, &text, &error) != TL_OK) {
@@ -206,7 +217,7 @@ static void answer(tl_activator *self, visitor *who, const tl_control_request *r
         take(self, who, request, self->text, size);
         break;
     case TL_CONTROL_CONFIRM:
-        end_probation(self, who, tl_activation_confirm, request->who, "it is kept");
+        confirm(self, who, request->who);
         break;
     case TL_CONTROL_RETURN:
         bring_back(self, who, request);

@@ -10,6 +10,7 @@
 #include "firmware/base/log.h"
 #include "firmware/config/config.h"
 #include "firmware/config/problems.h"
+#include "firmware/plant/live_plant.h"
 #include "firmware/twin/twin_child.h"
 
 /* The plant's twin goes first. */
@@ -97,7 +98,8 @@ int tl_trial_role_run(const tl_twin_role_tasks *tasks) {
         status = tl_config_read_text(job.path, job.candidate, strlen(job.candidate), &config, &problems.report);
     }
     if (status == TL_OK) {
-        status = try_it(&job, &config, tasks, &error);
+        status = tl_live_plant_check(&config, &error);
+        status = status == TL_OK ? try_it(&job, &config, tasks, &error) : status;
         tl_config_free(&config);
     }
     if (status != TL_OK && error.text[0] != '\0') {

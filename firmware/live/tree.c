@@ -563,6 +563,7 @@ int tl_tree_run(const tl_tree_settings *settings, tl_tree_end *end) {
     if (status != TL_OK) {
         tl_log(TL_LOG_ERROR, "%s", error.text);
         close_all(&self);
+        end->is_failure = true;
         return tl_exit_code(tl_output_finish(self.output, status));
     }
     int code = finish(&self, supervise(&self));

@@ -47,6 +47,8 @@ const char *tl_role_begin(char *const *argv) {
     }
     keep_words(argv);
     tl_role_open_program();
+    while (waitpid(-1, NULL, WNOHANG) > 0) { /* those of the program that this process was before */
+    }
     return NULL;
 }
 

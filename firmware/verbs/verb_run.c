@@ -62,8 +62,8 @@ static int run(const tl_options *options, const tl_config *config, tl_tree_end *
 int tl_verb_run(const tl_options *options) {
     const tl_version_start start = {.state = options->state, .path = options->subject, .be = be};
     tl_config config;
-    tl_tree_end end = {.again = false};
     tl_status status = read_config(options, &start, &config);
+    tl_tree_end end = {.is_failure = status != TL_OK};
     int code = status == TL_OK ? run(options, &config, &end) : tl_exit_code(status);
     tl_config_free(&config);
     if (options->control != NULL && end.is_failure &&

@@ -81,7 +81,7 @@ static const tl_change_rule rules[] = {
     {"twinlock", RESTART, NULL},
     {"name", NEW_TWIN, NULL},
     {"step_s", RESTART, NULL},
-    {"duration_s", RESTART, NULL},
+    {"duration_s", RESTART_COMMISSIONED, NULL},
     /* FMUs */
     {"components", NEW_TWIN_COMMISSIONED, NULL},
     {"components.*", NEW_TWIN_COMMISSIONED, NULL},

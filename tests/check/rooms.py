@@ -79,7 +79,7 @@ FIRMWARE = {
     "firmware/live": _firmware("activate", "versions", "control", "run", "past", "twin", "report", "diagnose", "plant", "record", "outbox", "fmu", "supervise", "confine", "process", "config",
                                others=_TWIN, public=("live_blocks", "live_role", "live_twin", "tree")),
     "firmware/versions": _firmware("diagnose", "config", "json", others=_TWIN, public=("change_rules", "config_change", "probation", "versions")),
-    "firmware/activate": _firmware("versions", "control", "twin", "confine", "outbox", "process", "diagnose", "config", others=_TWIN,
+    "firmware/activate": _firmware("versions", "control", "plant", "twin", "confine", "outbox", "process", "diagnose", "config", others=_TWIN,
                                    public=("activator", "activation_host", "trial", "validator", "version_start")),
     "firmware/emulate": _firmware("twin", "plant", "process", "config", others=_DRIVERS),
     # What the network reaches: programs of their own.

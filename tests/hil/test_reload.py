@@ -70,6 +70,37 @@ def test_what_is_wrong_changes_nothing():
         expect_one_run(live)
 
 
+def test_what_no_run_can_begin_with():
+    """A signal without a live source is good for a replay; a run with it could not even begin, and nobody would be left to return from it."""
+    def without_source(document):
+        del document["plant"]["torque"]["modbus"]
+
+    with Device(OMEGA) as device, Retuned(device.port) as live:
+        wait_for_run(live, live.database, 1)
+        code, out, err = live.reload(live.edited(without_source), "--restart")
+        expect(code == BAD_DATA and "live source" in out + err and live.active() == 1, f"{code}\n{out}{err}")
+        end_orderly(live)
+        expect_one_run(live)
+
+
+def test_a_version_that_cannot_begin():
+    """The edited file of the start: it is returned from, and the version before runs, in the same process."""
+    def without_source(document):
+        del document["plant"]["torque"]["modbus"]
+
+    with Device(OMEGA) as device:
+        with Retuned(device.port) as live:
+            wait_for_run(live, live.database, 1)
+            end_orderly(live)
+        live.file.write_bytes(live.edited(without_source).read_bytes())
+        with Retuned(device.port, config=live.file, state=live.state) as again:
+            wait_for_run(again, live.database, 2)
+            versions = again.versions()
+            expect(versions[1][0] and versions[2][1].startswith("returned"), f"{versions}\n{again.log()}")
+            expect(not [pid for pid in children(again.pid) if title(pid) == ""], "the dead of the run before are not buried")
+            end_orderly(again)
+
+
 def test_only_checked():
     with Device(OMEGA) as device, Retuned(device.port) as live:
         wait_for_run(live, live.database, 1)
