@@ -85,9 +85,23 @@ static void hear(void *listener, const tl_control_reply *reply) {
     said[count++] = *reply;
 }
 
+/* What is to come of a trial is in the environment. */
+static int be_trial(void) {
+    const char *wanted = getenv("TRIAL");
+    if (wanted != NULL && strcmp(wanted, "crash") == 0) {
+        (void)raise(SIGSEGV);
+    }
+    return wanted == NULL ? 0 : (int)strtol(wanted, NULL, 10);
+}
+
+static int be(const char *title, void *context) {
+    (void)context;
+    return strncmp(title, TL_TRIAL, strlen(TL_TRIAL)) == 0 ? be_trial() : tl_validator_role_run();
+}
+
 static void begin(void) {
     const tl_activation_settings settings = {
-        .host = &host, .versions = &versions, .plant = "motor", .path = path, .say = hear};
+        .host = &host, .versions = &versions, .plant = "motor", .path = path, .be = be, .say = hear};
     tl_activation_begin(&activation, &settings);
 }
 
@@ -278,20 +292,11 @@ static void test_who_may_not(void) {
     TEST_ASSERT_EQUAL_UINT64(1, versions.active);
 }
 
-/* What is to come of a trial is in the environment. */
-static int be_trial(void) {
-    const char *wanted = getenv("TRIAL");
-    if (wanted != NULL && strcmp(wanted, "crash") == 0) {
-        (void)raise(SIGSEGV);
-    }
-    return wanted == NULL ? 0 : (int)strtol(wanted, NULL, 10);
-}
-
 int main(int argc, char **argv) {
     (void)argc;
     const char *title = tl_role_begin(argv);
     if (title != NULL) {
-        return strncmp(title, TL_TRIAL, strlen(TL_TRIAL)) == 0 ? be_trial() : tl_validator_role_run();
+        return be(title, NULL);
     }
     tl_scratch_make(&scratch, TL_BINARY_DIR, "activation");
     (void)snprintf(folder.folder, sizeof folder.folder, "%.*s/versions", PATH_MAX - 16, scratch.folder);
