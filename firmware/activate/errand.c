@@ -51,6 +51,11 @@ static tl_status make_job(const tl_errand_job *job, tl_block *block, tl_error *e
     return status;
 }
 
+static void pass_over(void *context, const char *line) {
+    (void)context;
+    (void)line;
+}
+
 static tl_status start(tl_errand *errand, const tl_errand_settings *settings, const tl_block *job, int output,
                        int nothing, tl_error *error) {
     tl_role_settings role = {.title = settings->title, .fallback = settings->be, .context = settings->context};
@@ -81,7 +86,8 @@ static tl_status start_heard(tl_errand *errand, const tl_errand_settings *settin
     (void)close(nothing);
     (void)close(output[1]);
     if (status == TL_OK) {
-        tl_relay_open(&errand->relay, output[0], settings->hear, settings->context);
+        tl_relay_open(&errand->relay, output[0], settings->hear != NULL ? settings->hear : pass_over,
+                      settings->context);
     } else {
         (void)close(output[0]);
     }

@@ -35,7 +35,7 @@ typedef struct tl_errand_settings {
     size_t answer;                               /* bytes of the block that it writes; 0: it writes none */
     tl_time limit;                               /* ns that it may take */
     int (*be)(const char *title, void *context); /* where there is no exec (role.h) */
-    tl_relay_line *hear;                         /* what it prints */
+    tl_relay_line *hear;                         /* what it prints; NULL: nobody does */
     void *context;                               /* of both */
 } tl_errand_settings;
 

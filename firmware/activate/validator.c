@@ -2,32 +2,17 @@
 #include "firmware/activate/validator.h"
 
 #include <stdio.h>
-#include <stdlib.h>
 #include <string.h>
 
 #include "firmware/activate/errand.h"
 #include "firmware/activate/verdict.h"
 #include "firmware/base/log.h"
 #include "firmware/config/config.h"
+#include "firmware/config/problems.h"
 #include "firmware/confine/confine.h"
 #include "firmware/versions/config_change.h"
 
 /* ---- what is wrong ---- */
-
-/* The line that a text begins with ("line 12: found …"); `text` then begins behind it. */
-static uint32_t take_line(const char **text) {
-    static const char prefix[] = "line ";
-    char *end = NULL;
-    if (strncmp(*text, prefix, sizeof prefix - 1) != 0) {
-        return 0;
-    }
-    unsigned long line = strtoul(*text + sizeof prefix - 1, &end, 10);
-    if (strncmp(end, ": ", 2) != 0) {
-        return 0;
-    }
-    *text = end + 2;
-    return (uint32_t)line;
-}
 
 static void add_problem(void *context, tl_status status, const char *where, const char *text) {
     (void)status;
@@ -35,7 +20,7 @@ static void add_problem(void *context, tl_status status, const char *where, cons
     uint32_t number = verdict->problems++;
     if (number < TL_VERDICT_PROBLEMS) {
         tl_control_problem *problem = &verdict->problem[number];
-        problem->line = take_line(&text);
+        problem->line = (uint32_t)tl_problems_take_line(&text);
         (void)snprintf(problem->path, sizeof problem->path, "%s", where);
         (void)snprintf(problem->text, sizeof problem->text, "%s", text);
     }

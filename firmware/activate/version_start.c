@@ -48,11 +48,6 @@ static void read_file(starting_run *self) {
 
 /* ---- validating ---- */
 
-static void ignore(void *context, const char *line) {
-    (void)context;
-    (void)line;
-}
-
 static tl_errand_state wait_for(tl_errand *errand) {
     tl_errand_state state = tl_errand_look(errand);
     while (state == TL_ERRAND_GOES_ON) {
@@ -72,7 +67,6 @@ static bool ask_validator(starting_run *self, const char *in_force, char why[TL_
         .answer = sizeof(tl_verdict),
         .limit = VALIDATION,
         .be = self->start->be,
-        .hear = ignore,
         .context = self->start->context,
     };
     if (tl_errand_send(&errand, &settings, &error) != TL_OK) {

@@ -6,8 +6,7 @@
 
 #include "firmware/base/log.h"
 
-/* The line a text begins with ("line 12: found …"), which is how the reader says it; `text` then begins behind it. */
-static size_t take_line(const char **text) {
+size_t tl_problems_take_line(const char **text) {
     static const char PREFIX[] = "line ";
     if (strncmp(*text, PREFIX, sizeof PREFIX - 1) != 0) {
         return 0;
@@ -24,7 +23,7 @@ static size_t take_line(const char **text) {
 static void say(void *context, tl_status status, const char *where, const char *text) {
     (void)status;
     const tl_problems *problems = context;
-    size_t line = problems->config == NULL ? take_line(&text) : tl_config_line(problems->config, where);
+    size_t line = problems->config == NULL ? tl_problems_take_line(&text) : tl_config_line(problems->config, where);
     const char *separator = where[0] == '\0' ? "" : ": ";
     if (line != 0) {
         tl_log(TL_LOG_ERROR, "%s: line %zu: %s%s%s", problems->file, line, where, separator, text);

@@ -6,6 +6,8 @@
 #ifndef TL_FIRMWARE_CONFIG_PROBLEMS_H
 #define TL_FIRMWARE_CONFIG_PROBLEMS_H
 
+#include <stddef.h>
+
 #include "firmware/config/config.h"
 #include "master/base/status.h"
 
@@ -16,5 +18,8 @@ typedef struct tl_problems {
 } tl_problems;
 
 void tl_problems_init(tl_problems *problems, const char *file);
+
+/* The line that a problem's text begins with ("line 12: found …"), which is how the reader says it; *text then begins behind it. 0: none. */
+size_t tl_problems_take_line(const char **text);
 
 #endif

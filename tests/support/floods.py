@@ -180,51 +180,38 @@ def wrong_tokens(box, count=10000, clients=4):
 
 
 @contextlib.contextmanager
+def _endless(box, clients, head, more):
+    """Each says `head`, and then `more` for as long as anybody takes it."""
+    stop = threading.Event()
+
+    def send():
+        while not stop.is_set():
+            with contextlib.suppress(OSError):
+                secure = _context().wrap_socket(_connect(box, "127.0.0.1"))
+                secure.sendall(head)
+                while not stop.is_set():
+                    secure.sendall(more)
+                secure.close()
+    threads = [threading.Thread(target=send) for _ in range(clients)]
+    for thread in threads:
+        thread.start()
+    try:
+        yield
+    finally:
+        stop.set()
+        for thread in threads:
+            thread.join()
+
+
 def large_bodies(box, clients=4):
     """Without a token, and as much as anybody takes."""
-    stop = threading.Event()
-
-    def send():
-        while not stop.is_set():
-            with contextlib.suppress(OSError):
-                secure = _context().wrap_socket(_connect(box, "127.0.0.1"))
-                secure.sendall(b"PUT /api/v1/plants/motor/configuration HTTP/1.1\r\nHost: localhost\r\nContent-Length: 100000000\r\n\r\n")
-                while not stop.is_set():
-                    secure.sendall(65536 * b"x")
-                secure.close()
-    threads = [threading.Thread(target=send) for _ in range(clients)]
-    for thread in threads:
-        thread.start()
-    try:
-        yield
-    finally:
-        stop.set()
-        for thread in threads:
-            thread.join()
+    head = b"PUT /api/v1/plants/motor/configuration HTTP/1.1\r\nHost: localhost\r\nContent-Length: 100000000\r\n\r\n"
+    return _endless(box, clients, head, 65536 * b"x")
 
 
-@contextlib.contextmanager
 def long_heads(box, clients=4):
     """Headers without an end."""
-    stop = threading.Event()
-
-    def send():
-        while not stop.is_set():
-            with contextlib.suppress(OSError):
-                secure = _context().wrap_socket(_connect(box, "127.0.0.1"))
-                secure.sendall(b"GET / HTTP/1.1\r\n")
-                while not stop.is_set():
-                    secure.sendall(b"X-Long: " + 1000 * b"x" + b"\r\n")
-                secure.close()
-    threads = [threading.Thread(target=send) for _ in range(clients)]
-    for thread in threads:
-        thread.start()
-    try:
-        yield
-    finally:
-        stop.set()
-        for thread in threads:
-            thread.join()
+    return _endless(box, clients, b"GET / HTTP/1.1\r\n", b"X-Long: " + 1000 * b"x" + b"\r\n")
 
 
 ATTACKS = (silent, from_everywhere, half_handshakes, whole_hellos, half_requests, drips, slow_readers, wrong_tokens, large_bodies,

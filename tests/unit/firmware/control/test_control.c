@@ -17,11 +17,12 @@
 #include "firmware/control/control_packet.h"
 #include "firmware/control/control_server.h"
 #include "firmware/control/control_words.h"
+#include "tests/support/scratch.h"
 
 static const char text[] = "{\"name\": \"motor\"}";
 static const tl_time SOON = TL_SECOND;
 
-static char folder[64];
+static tl_scratch scratch; /* in /tmp: a socket has no long name */
 static char plant[96];
 static char path[128];
 static int listener;
@@ -45,9 +46,7 @@ static size_t open_descriptors(void) {
 }
 
 void setUp(void) {
-    (void)snprintf(folder, sizeof folder, "/tmp/control-XXXXXX");
-    TEST_ASSERT_NOT_NULL(mkdtemp(folder));
-    (void)snprintf(plant, sizeof plant, "%s/motor", folder);
+    (void)snprintf(plant, sizeof plant, "%.64s/motor", scratch.folder);
     (void)snprintf(path, sizeof path, "%s/%s", plant, TL_CONTROL_SOCKET);
     peer = (tl_control_peer){.socket = -1};
     client = -1;
@@ -65,7 +64,6 @@ void tearDown(void) {
     }
     (void)unlink(path);
     (void)rmdir(plant);
-    (void)rmdir(folder);
 }
 
 static void meet(void) {
@@ -382,6 +380,7 @@ static void test_words(void) {
 }
 
 int main(void) {
+    tl_scratch_make(&scratch, "/tmp", "control");
     UNITY_BEGIN();
     RUN_TEST(test_a_candidate_arrives);
     RUN_TEST(test_the_largest_candidate_arrives);
@@ -400,5 +399,5 @@ int main(void) {
     RUN_TEST(test_a_file_in_its_place_stays);
     RUN_TEST(test_names_that_lead_nowhere);
     RUN_TEST(test_words);
-    return UNITY_END();
+    return tl_scratch_finish(&scratch, UNITY_END());
 }
