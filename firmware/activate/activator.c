@@ -23,10 +23,14 @@ typedef struct visitor {
 struct tl_activator {
     tl_activator_settings settings;
     tl_versions versions;
+    tl_refusals refusals;
     tl_activation activation;
     visitor clients[TL_CONTROL_CLIENTS];
     visitor *listener; /* who hears of the change that is under way; NULL: nobody */
-    tl_time busy;      /* when there was something to do last */
+    visitor *
+        waiter; /* who waits for what comes of the version on probation, while another candidate is looked at; NULL: nobody, */
+    uint64_t awaited; /* which that is */
+    tl_time busy;     /* when there was something to do last */
     char text[TL_CONTROL_MOST + 1];
 };
 
@@ -35,6 +39,7 @@ struct tl_activator {
 static void hang_up(tl_activator *self, visitor *who) {
     tl_control_close(&who->peer);
     self->listener = self->listener == who ? NULL : self->listener;
+    self->waiter = self->waiter == who ? NULL : self->waiter;
 }
 
 static void say(void *context, const tl_control_reply *reply) {
@@ -109,6 +114,28 @@ static void describe(const tl_activator *self, const tl_version *version, tl_con
                    version->reason[0] == '\0' ? "" : ": ", (int)sizeof told->result - 24, version->reason);
 }
 
+/* It never was a version, and has no number. */
+static void describe_refusal(const tl_refused *refusal, tl_control_version *told) {
+    memset(told, 0, sizeof *told);
+    memcpy(told->hash, refusal->hash, sizeof told->hash);
+    (void)snprintf(told->origin, sizeof told->origin, "%s", refusal->origin);
+    (void)snprintf(told->who, sizeof told->who, "%s", refusal->who);
+    (void)snprintf(told->why, sizeof told->why, "%s", refusal->why);
+    (void)snprintf(told->at, sizeof told->at, "%s", refusal->at);
+    (void)snprintf(told->result, sizeof told->result, "%s: %.*s", refusal->result, (int)sizeof told->result - 24,
+                   refusal->reason);
+}
+
+static void list_refusals(tl_activator *self, visitor *who) {
+    for (size_t i = self->refusals.count; i > 0; i--) {
+        tl_control_reply reply;
+        memset(&reply, 0, sizeof reply);
+        reply.kind = TL_CONTROL_VERSION;
+        describe_refusal(&self->refusals.list[i - 1], &reply.as.version);
+        (void)tl_control_send(&who->peer, &reply);
+    }
+}
+
 static void list_versions(tl_activator *self, visitor *who) {
     for (size_t i = self->versions.count; i > 0; i--) {
         tl_control_reply reply;
@@ -117,6 +144,7 @@ static void list_versions(tl_activator *self, visitor *who) {
         describe(self, &self->versions.list[i - 1], &reply.as.version);
         (void)tl_control_send(&who->peer, &reply);
     }
+    list_refusals(self, who);
     finish(self, who, TL_CONTROL_DONE, "");
 }
 
@@ -140,15 +168,36 @@ static void read_version(tl_activator *self, visitor *who, uint64_t number) {
 /* ---- what changes something ---- */
 
 static void take(tl_activator *self, visitor *who, const tl_control_request *request, const char *text, size_t size) {
+    char why[TL_CONTROL_TEXT];
     if (tl_activation_is_busy(&self->activation)) {
-        finish(self, who, TL_CONTROL_BUSY, "another change is under way: try again when it is done");
+        tl_activation_describe(&self->activation, why);
+        finish(self, who, TL_CONTROL_BUSY, why);
         return;
     }
     if (self->listener != NULL) { /* of the one that is on probation */
-        finish(self, self->listener, TL_CONTROL_UNDONE, "another configuration has taken its place");
+        self->waiter = self->listener;
+        self->awaited = self->versions.active;
     }
     self->listener = who;
     tl_activation_take(&self->activation, request, text, size);
+}
+
+/* A candidate that becomes nothing takes nobody's place. */
+static void look_at_waiter(tl_activator *self) {
+    visitor *who = self->waiter;
+    const tl_version *version = tl_versions_get(&self->versions, self->awaited);
+    if (who == NULL) {
+        return;
+    }
+    if (self->versions.active != self->awaited) {
+        bool is_returned = version != NULL && version->result == TL_VERSION_RETURNED;
+        finish(self, who, TL_CONTROL_UNDONE, is_returned ? version->reason : "another version took its place");
+    } else if (self->versions.probation.version != self->awaited) {
+        finish(self, who, TL_CONTROL_DONE, version == NULL ? "it is kept" : version->reason);
+    } else if (self->listener == NULL && !tl_activation_is_busy(&self->activation)) {
+        self->listener = who;
+        self->waiter = NULL;
+    }
 }
 
 static void confirm(tl_activator *self, visitor *who, const char *name) {
@@ -171,6 +220,15 @@ static void go_back(tl_activator *self, visitor *who, const char *name) {
     (void)tl_activation_refuse(&self->activation, name);
 }
 
+/* The candidate that is on its way is gone; what is active stays. */
+static void cancel(tl_activator *self, visitor *who, const char *name) {
+    if (tl_activation_cancel(&self->activation, name)) {
+        finish(self, who, TL_CONTROL_DONE, "the change that was under way is cancelled; nothing was changed");
+    } else {
+        finish(self, who, TL_CONTROL_BUSY, "a change is being made just now, and cannot be cancelled: try again");
+    }
+}
+
 /* An older one is a candidate like any other. */
 static void bring_back(tl_activator *self, visitor *who, const tl_control_request *request) {
     const tl_version *active = active_of(self);
@@ -179,11 +237,17 @@ static void bring_back(tl_activator *self, visitor *who, const tl_control_reques
     tl_control_request order = *request;
     tl_error error;
     char *text = NULL;
-    if (self->activation.step == TL_CONTROL_PROBATION &&
-        (request->version == 0 || request->version == self->versions.probation.return_to)) {
+    if ((request->flags & TL_CONTROL_ONLY_PENDING) != 0 && tl_activation_is_idle(&self->activation)) {
+        finish(self, who, TL_CONTROL_ABSENT, "no change is under way, and none is on probation");
+    } else if (request->version == 0 && tl_activation_is_busy(&self->activation)) {
+        cancel(self, who, request->who);
+    } else if (self->activation.step == TL_CONTROL_PROBATION &&
+               (request->version == 0 || request->version == self->versions.probation.return_to)) {
         go_back(self, who, request->who);
     } else if (version == NULL) {
-        finish(self, who, TL_CONTROL_ABSENT, "there is no such version to return to");
+        finish(self, who, TL_CONTROL_ABSENT,
+               request->version != 0 ? "there is no such version to return to; --versions lists those that are kept"
+                                     : "the active version is the first: there is none before it to return to");
     } else if (tl_versions_read(&self->versions, number, &text, &error) != TL_OK) {
         finish(self, who, TL_CONTROL_FAILED, error.text);
     } else {
@@ -294,6 +358,7 @@ bool tl_activator_work(tl_activator *activator) {
         }
     }
     tl_activation_look(&activator->activation);
+    look_at_waiter(activator);
     if (is_anybody_there(activator) || !tl_activation_is_idle(&activator->activation)) {
         activator->busy = now;
     }
@@ -313,6 +378,7 @@ tl_status tl_activator_open(const tl_activator_settings *settings, tl_activator 
         free(made);
         return status;
     }
+    tl_refusals_open(&made->refusals, &made->versions);
     made->settings = *settings;
     made->busy = tl_clock_now(NULL);
     for (size_t i = 0; i < TL_CONTROL_CLIENTS; i++) {
@@ -321,6 +387,7 @@ tl_status tl_activator_open(const tl_activator_settings *settings, tl_activator 
     const tl_activation_settings activation = {
         .host = settings->host,
         .versions = &made->versions,
+        .refusals = &made->refusals,
         .plant = settings->plant,
         .path = settings->path,
         .memory_limit = settings->memory_limit,

@@ -10,12 +10,12 @@
 #include <unistd.h>
 
 #include "firmware/activate/activation.h"
-#include "firmware/activate/errand.h"
-#include "firmware/activate/validator.h"
-#include "firmware/activate/verdict.h"
 #include "firmware/base/clock.h"
 #include "firmware/base/file_bytes.h"
 #include "firmware/base/log.h"
+#include "firmware/errand/errand.h"
+#include "firmware/errand/validator.h"
+#include "firmware/errand/verdict.h"
 #include "firmware/versions/versions.h"
 
 static const tl_time VALIDATION = 20 * TL_SECOND;
@@ -83,7 +83,11 @@ static void say_problems(const starting_run *self) {
     const tl_verdict *verdict = &self->verdict;
     for (uint32_t i = 0; i < verdict->problems && i < TL_VERDICT_PROBLEMS; i++) {
         const tl_control_problem *problem = &verdict->problem[i];
-        tl_log(TL_LOG_ERROR, "%s: line %u: %s%s%s", self->start->path, problem->line, problem->path,
+        char line[32] = "";
+        if (problem->line != 0) {
+            (void)snprintf(line, sizeof line, "line %u: ", problem->line);
+        }
+        tl_log(TL_LOG_ERROR, "%s: %s%s%s%s", self->start->path, line, problem->path,
                problem->path[0] == '\0' ? "" : ": ", problem->text);
     }
 }
@@ -157,6 +161,16 @@ static tl_status take_file(starting_run *self, tl_error *error) {
     return takes ? TL_OK : fall_back(self, error);
 }
 
+static void say_probation(const starting_run *self) {
+    const tl_version_probation *probation = &self->versions.probation;
+    if (probation->version != 0) {
+        tl_log(TL_LOG_NOTICE, "version %llu is on probation, %llu s are left; %s",
+               (unsigned long long)probation->version, (unsigned long long)((probation->account.left_ms + 999) / 1000),
+               probation->account.terms.must_confirm ? "it is returned from unless somebody confirms it"
+                                                     : "it is kept if the lock holds");
+    }
+}
+
 static tl_status choose(starting_run *self, tl_error *error) {
     read_file(self);
     bool is_there = self->file_size >= 0;
@@ -171,12 +185,14 @@ static tl_status choose(starting_run *self, tl_error *error) {
     if (self->choice.say[0] != '\0') {
         tl_log(TL_LOG_NOTICE, "%s", self->choice.say);
     }
-    return self->choice.is_candidate ? take_file(self, error) : TL_OK;
+    status = self->choice.is_candidate ? take_file(self, error) : TL_OK;
+    say_probation(self);
+    return status;
 }
 
 /* Nothing is known of versions: the file is what there is. */
 static tl_status take_only_file(starting_run *self, tl_error *error) {
-    tl_log(TL_LOG_ERROR, "%s: %s runs, whatever was active", error->text, self->start->path);
+    tl_log(TL_LOG_ERROR, "%s: the run begins with %s, whatever was active", error->text, self->start->path);
     read_file(self);
     if (self->file_size < 0) {
         return tl_fail(error, TL_BAD_DATA, "%s: %s", self->start->path, self->fault);

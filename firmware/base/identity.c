@@ -24,8 +24,9 @@ static bool read_all(int descriptor, unsigned char *bytes, size_t size) {
     return done == size;
 }
 
-static bool digest_open(int descriptor, char text[TL_SHA256_TEXT]) {
+bool tl_identity_open_file(int descriptor, char text[TL_SHA256_TEXT]) {
     struct stat about;
+    text[0] = '\0';
     if (fstat(descriptor, &about) != 0 || about.st_size <= 0) {
         return false;
     }
@@ -43,7 +44,7 @@ void tl_identity_open_files(const int *descriptors, size_t count, char text[TL_S
     char digests[TL_IDENTITY_FILES * TL_SHA256_TEXT];
     text[0] = '\0';
     for (size_t i = 0; i < count; i++) {
-        if (!digest_open(descriptors[i], digests + i * TL_SHA256_TEXT)) {
+        if (!tl_identity_open_file(descriptors[i], digests + i * TL_SHA256_TEXT)) {
             return;
         }
     }

@@ -15,7 +15,10 @@ enum { TL_IDENTITY_TEXT = 128, TL_IDENTITY_FILES = 64 };
 /* SHA-256 over those of files, in their order; at most TL_IDENTITY_FILES. "" where one cannot be read (any more). */
 void tl_identity_files(const char *const *paths, size_t count, char text[TL_SHA256_TEXT]);
 
-/* The same of files that are open for reading; where they are read from stays. */
+/* SHA-256 of one file that is open for reading. False, and "": it cannot be read. */
+bool tl_identity_open_file(int descriptor, char text[TL_SHA256_TEXT]);
+
+/* Over those of files that are open for reading; where they are read from stays. */
 void tl_identity_open_files(const int *descriptors, size_t count, char text[TL_SHA256_TEXT]);
 
 /* Whether a text of so many bytes, of another process, can be what these give: "", or digits. */

@@ -35,6 +35,7 @@ typedef struct tl_config_component {
     const char *where; /* JSON path */
     const char *name;
     const char *fmu;           /* as written; see tl_config_fmu_path */
+    const char *sha256;        /* of that file, 64 digits; NULL: any will do */
     tl_config_name *libraries; /* shared ones that the FMU expects the program to have */
     size_t library_count;
     tl_config_name *reads; /* what it may read */
@@ -206,6 +207,9 @@ tl_status tl_config_read_text(const char *path, const char *text, size_t size, t
 
 /* For who takes samples as `delays` have them: from now on the second look-ups are signals as well. */
 void tl_config_use_lookups(tl_config *config);
+
+/* Whether a signal feeds an input of an FMU, or begins a stroke. */
+bool tl_config_feeds(const tl_config *config, const tl_config_signal *signal);
 
 /* For who is the plant: it has no delays. Before the above. */
 void tl_config_forget_delays(tl_config *config);

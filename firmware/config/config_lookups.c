@@ -15,8 +15,8 @@ static bool leads_to(const char *reference, const tl_config_signal *signal) {
     return reference != NULL && strncmp(reference, "plant.", 6) == 0 && strcmp(reference + 6, signal->plan.name) == 0;
 }
 
-/* A command: what feeds an input, or starts a stroke. */
-static bool feeds(const tl_config *config, const tl_config_signal *signal) {
+/* A command. */
+bool tl_config_feeds(const tl_config *config, const tl_config_signal *signal) {
     if (leads_to(config->event.start.signal, signal)) {
         return true;
     }
@@ -103,7 +103,7 @@ void tl_config_place_lookups(tl_config_object *root, tl_config *config) {
     }
     for (size_t i = 0; i < config->signal_count; i++) {
         bool matched = is_matched(config, &signals[i]);
-        bool feeding = feeds(config, &signals[i]);
+        bool feeding = tl_config_feeds(config, &signals[i]);
         if (matched && feeding) {
             add_second(root->reader, config, i);
         } else if (matched) {

@@ -54,6 +54,19 @@ static void read_set(tl_config_object *entry, tl_config_component *component) {
     }
 }
 
+/* As sha256sum prints it. */
+static void read_hash(tl_config_object *entry, tl_config_component *component) {
+    enum { DIGITS = 64 };
+    static const char EXAMPLE[] = "\"9f86d081884c7d659a2feaa0c55ad015a3bf4f1b2b0b822cd15d6c15b0f00a08\"";
+    const char *text = NULL;
+    if (tl_config_get_text(entry, "sha256", TL_CONFIG_OPTIONAL, EXAMPLE, &text)) {
+        component->sha256 = text;
+        if (strlen(text) != DIGITS || strspn(text, "0123456789abcdef") != DIGITS) {
+            tl_config_wrong(entry, "sha256", NULL, "64 digits of 0 to 9 and a to f, as sha256sum prints them", EXAMPLE);
+        }
+    }
+}
+
 static void read_keep(tl_config_object *entry, tl_config_component *component) {
     static const char *const choices[] = {[TL_KEEP_STATES] = "states", [TL_KEEP_OUTPUTS] = "outputs", NULL};
     size_t index = TL_KEEP_STATES;
@@ -129,6 +142,7 @@ static void read_component(const tl_config_object *map, const cJSON *item, size_
     component->name = item->string;
     if (tl_config_entry(map, item, "{\"fmu\": \"motor.fmu\"}", &entry)) {
         (void)tl_config_get_text(&entry, "fmu", TL_CONFIG_REQUIRED, "\"motor.fmu\"", &component->fmu);
+        read_hash(&entry, component);
         read_set(&entry, component);
         read_keep(&entry, component);
         read_libraries(&entry, component);

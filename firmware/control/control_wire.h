@@ -16,7 +16,7 @@
 #include "firmware/base/sha256.h"
 
 enum {
-    TL_CONTROL_PROTOCOL = 1,      /* the number of this protocol: both sides have the same */
+    TL_CONTROL_PROTOCOL = 2,      /* the number of this protocol: both sides have the same */
     TL_CONTROL_MOST = 256 * 1024, /* bytes of a configuration's text */
     TL_CONTROL_NAME = 64,         /* of who asks, of a plant; with the NUL, as all texts */
     TL_CONTROL_WHY = 256,         /* what somebody wrote about a change */
@@ -29,7 +29,7 @@ enum {
 typedef enum tl_control_verb {
     TL_CONTROL_SHOW,     /* how the plant is: one STATE */
     TL_CONTROL_READ,     /* a version's text: one CONFIGURATION */
-    TL_CONTROL_VERSIONS, /* all that are kept, newest first: a VERSION each */
+    TL_CONTROL_VERSIONS, /* all that are kept, newest first, then what was refused last: a VERSION each */
     TL_CONTROL_TAKE,     /* a new configuration: CHANGE, PROBLEM and STEP, as they come */
     TL_CONTROL_CONFIRM,  /* the one on probation is kept */
     TL_CONTROL_RETURN,   /* another version is brought back: by `version`, or the one before the active one */
@@ -48,6 +48,7 @@ typedef enum tl_control_right {
 typedef enum tl_control_origin {
     TL_CONTROL_BY_RELOAD,  /* `twinlock reload`: a file on the box */
     TL_CONTROL_BY_NETWORK, /* twinlock-serve */
+    TL_CONTROL_BY_INBOX,   /* `twinlock inbox`: a file that somebody has put into a folder */
     TL_CONTROL_ORIGINS
 } tl_control_origin;
 
@@ -56,9 +57,11 @@ typedef enum tl_control_flag {
     TL_CONTROL_ONLY_CHECK = 1, /* all steps up to the activation, and not that */
     TL_CONTROL_MAY_RESTART =
         2, /* what cannot change while the plant's twin runs is changed by an end and a new start, with a gap */
-    TL_CONTROL_BY_PERSON = 4, /* kept only if somebody confirms it */
-    TL_CONTROL_WAIT = 8,      /* replies go on until it is kept or returned; else until it is active */
-    TL_CONTROL_FLAGS = 15
+    TL_CONTROL_BY_PERSON = 4,     /* kept only if somebody confirms it */
+    TL_CONTROL_WAIT = 8,          /* replies go on until it is kept or returned; else until it is active */
+    TL_CONTROL_ONLY_PENDING = 16, /* of RETURN: what is under way or on probation; if nothing is, nothing is done */
+    TL_CONTROL_EVEN_WORSE = 32,   /* also if an output is worse than that of the run's twin, beside which it has run */
+    TL_CONTROL_FLAGS = 63
 } tl_control_flag;
 
 typedef struct tl_control_request {
@@ -68,8 +71,10 @@ typedef struct tl_control_request {
     uint32_t origin;      /* tl_control_origin */
     uint32_t flags;       /* tl_control_flag, of TAKE and RETURN */
     uint32_t probation_s; /* 0: as usual */
-    double require_lock;  /* percent of the probation's steps that must be in lock; < 0: as usual */
-    uint64_t version;     /* of READ and RETURN: its number; 0: the active one, or the one before it */
+    uint32_t shadow_s;    /* for which a new twin runs beside the old one over live samples; 0: as usual */
+    uint32_t unused;
+    double require_lock;           /* percent of the probation's steps that must be in lock; < 0: as usual */
+    uint64_t version;              /* of READ and RETURN: its number; 0: the active one, or the one before it */
     char hash[TL_SHA256_TEXT];     /* of the candidate */
     char if_match[TL_SHA256_TEXT]; /* of what is expected to be active; "": whatever is */
     char who[TL_CONTROL_NAME];     /* asks */
@@ -94,6 +99,8 @@ typedef enum tl_control_step {
     TL_CONTROL_VALIDATE,
     TL_CONTROL_TRY,     /* its FMUs */
     TL_CONTROL_PREDICT, /* what it will cost */
+    TL_CONTROL_SHADOW,  /* the new twin beside the old one: over recorded samples, then over live ones */
+    TL_CONTROL_COMPARE, /* the two */
     TL_CONTROL_ACTIVATE,
     TL_CONTROL_PROBATION,
     TL_CONTROL_KEPT,
@@ -114,6 +121,7 @@ typedef enum tl_control_result {
     TL_CONTROL_ABSENT,    /* no such version; nothing is on probation */
     TL_CONTROL_FAILED,    /* it could not be done, and all is as it was */
     TL_CONTROL_UNDONE,    /* it was active, and has been returned from */
+    TL_CONTROL_CANCELLED, /* somebody did not want it any more, before it was active */
     TL_CONTROL_RESULTS
 } tl_control_result;
 
@@ -132,12 +140,12 @@ typedef struct tl_control_state {
 } tl_control_state;
 
 typedef struct tl_control_version {
-    uint64_t version; /* its number, from 1 on */
+    uint64_t version; /* its number, from 1 on; 0: of a candidate that was refused or cancelled, and never was one */
     uint64_t parent;  /* 0: none */
     uint32_t is_active;
     char hash[TL_SHA256_TEXT];
-    char kind[16];   /* "in place", "new twin", "restart" */
-    char origin[16]; /* "start", "reload", "network" */
+    char kind[16];   /* "in place", "new twin", "new sources", "restart" */
+    char origin[16]; /* "start", "reload", "inbox", … */
     char right[16];  /* it was taken with */
     char who[TL_CONTROL_NAME];
     char why[TL_CONTROL_WHY];

@@ -3,18 +3,19 @@
 
 #include <string.h>
 
+#include "master/base/status.h"
+
 static const char *const right_names[TL_CONTROL_RIGHTS] = {
     [TL_CONTROL_MAY_READ] = "read", [TL_CONTROL_MAY_RETUNE] = "retune", [TL_CONTROL_MAY_COMMISSION] = "commission"};
 
 static const char *const origin_names[TL_CONTROL_ORIGINS] = {
-    [TL_CONTROL_BY_RELOAD] = "reload", [TL_CONTROL_BY_NETWORK] = "network"};
+    [TL_CONTROL_BY_RELOAD] = "reload", [TL_CONTROL_BY_NETWORK] = "network", [TL_CONTROL_BY_INBOX] = "inbox"};
 
 static const char *const step_names[TL_CONTROL_STEPS] = {
-    [TL_CONTROL_IDLE] = "idle",           [TL_CONTROL_AUTHORISE] = "authorise",
-    [TL_CONTROL_VALIDATE] = "validate",   [TL_CONTROL_TRY] = "try",
-    [TL_CONTROL_PREDICT] = "predict",     [TL_CONTROL_ACTIVATE] = "activate",
-    [TL_CONTROL_PROBATION] = "probation", [TL_CONTROL_KEPT] = "kept",
-    [TL_CONTROL_RETURNED] = "returned",
+    [TL_CONTROL_IDLE] = "idle",       [TL_CONTROL_AUTHORISE] = "authorise", [TL_CONTROL_VALIDATE] = "validate",
+    [TL_CONTROL_TRY] = "try",         [TL_CONTROL_PREDICT] = "predict",     [TL_CONTROL_SHADOW] = "shadow",
+    [TL_CONTROL_COMPARE] = "compare", [TL_CONTROL_ACTIVATE] = "activate",   [TL_CONTROL_PROBATION] = "probation",
+    [TL_CONTROL_KEPT] = "kept",       [TL_CONTROL_RETURNED] = "returned",
 };
 
 static const char *const result_names[TL_CONTROL_RESULTS] = {
@@ -29,6 +30,7 @@ static const char *const result_names[TL_CONTROL_RESULTS] = {
     [TL_CONTROL_ABSENT] = "absent",
     [TL_CONTROL_FAILED] = "failed",
     [TL_CONTROL_UNDONE] = "undone",
+    [TL_CONTROL_CANCELLED] = "cancelled",
 };
 
 const char *tl_control_right_name(tl_control_right right) {
@@ -55,4 +57,41 @@ const char *tl_control_step_name(tl_control_step step) {
 
 const char *tl_control_result_name(tl_control_result result) {
     return result_names[result];
+}
+
+/* As sysexits.h and a tl_status have them. */
+int tl_control_exit_code(tl_control_result result) {
+    switch (result) {
+    case TL_CONTROL_DONE:
+    case TL_CONTROL_SAME:
+        return 0;
+    case TL_CONTROL_BAD:
+    case TL_CONTROL_RESTART:
+        return tl_exit_code(TL_BAD_USAGE);
+    case TL_CONTROL_UNDONE:
+        return tl_exit_code(TL_NOT_LOCKED);
+    case TL_CONTROL_INVALID:
+        return tl_exit_code(TL_BAD_DATA);
+    case TL_CONTROL_ABSENT:
+        return tl_exit_code(TL_PLANT_DOWN);
+    case TL_CONTROL_FORBIDDEN:
+        return TL_CONTROL_NOT_PERMITTED;
+    case TL_CONTROL_CHANGED:
+    case TL_CONTROL_BUSY:
+    case TL_CONTROL_FAILED:
+    case TL_CONTROL_CANCELLED:
+    case TL_CONTROL_RESULTS:
+        break;
+    }
+    return tl_exit_code(TL_TRY_AGAIN);
+}
+
+bool tl_control_result_of(const char *name, tl_control_result *result) {
+    for (unsigned i = 0; i < TL_CONTROL_RESULTS; i++) {
+        if (strcmp(name, result_names[i]) == 0) {
+            *result = (tl_control_result)i;
+            return true;
+        }
+    }
+    return false;
 }

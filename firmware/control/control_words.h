@@ -15,7 +15,7 @@ const char *tl_control_right_name(tl_control_right right);
 /* False: there is no such right. */
 bool tl_control_right_of(const char *name, tl_control_right *right);
 
-/* "reload", "network". */
+/* "reload", "network", "inbox". */
 const char *tl_control_origin_name(tl_control_origin origin);
 
 /* "authorise", "validate", …; "idle". */
@@ -23,5 +23,14 @@ const char *tl_control_step_name(tl_control_step step);
 
 /* "done", "same", "bad request", "forbidden", …. */
 const char *tl_control_result_name(tl_control_result result);
+
+/* False: there is no such result. */
+bool tl_control_result_of(const char *name, tl_control_result *result);
+
+/* Beside the exit codes of a tl_status. */
+enum { TL_CONTROL_NOT_PERMITTED = 77 };
+
+/* What a program that has asked ends with: reload, push and the inbox alike. */
+int tl_control_exit_code(tl_control_result result);
 
 #endif

@@ -51,8 +51,23 @@ typedef struct finding {
     bool at_bound; /* tracking: u is at a bound, and not only unusual */
 } finding;
 
+static bool has_strokes(const tl_config *config) {
+    return config->event.start.signal != NULL;
+}
+
 static bool is_by_strokes(const tl_lock_judge *judge) {
-    return judge->config->event.start.signal != NULL;
+    return has_strokes(judge->config);
+}
+
+static uint32_t steps_of_part(const tl_config *config) {
+    int64_t steps = (PART + config->step - 1) / config->step;
+    return (uint32_t)(steps > PART_STEPS ? steps : PART_STEPS);
+}
+
+tl_lock_window tl_lock_judge_window(const tl_config *config) {
+    return has_strokes(config)
+               ? (tl_lock_window){.strokes = STROKES, .time = STROKES * config->event.longest}
+               : (tl_lock_window){.time = TL_LOCK_PARTS * (tl_time)steps_of_part(config) * config->step};
 }
 
 static bool is_real(const tl_lock_judge *judge, size_t adjust) {
@@ -61,11 +76,7 @@ static bool is_real(const tl_lock_judge *judge, size_t adjust) {
 
 void tl_lock_judge_init(tl_lock_judge *judge, const tl_config *config, const tl_account *account) {
     *judge = (tl_lock_judge){.config = config};
-    int64_t steps = (PART + config->step - 1) / config->step;
-    judge->part_steps = (uint32_t)(steps > PART_STEPS ? steps : PART_STEPS);
-    if (is_by_strokes(judge)) {
-        judge->part_steps = 1;
-    }
+    judge->part_steps = has_strokes(config) ? 1 : steps_of_part(config);
     memcpy(judge->adjust, account->adjust, sizeof judge->adjust);
 }
 

@@ -78,6 +78,14 @@ typedef struct tl_lock_judge {
     tl_lock_change change;
 } tl_lock_judge;
 
+/* What a state is judged over first. */
+typedef struct tl_lock_window {
+    uint32_t strokes; /* that have ended (event horizon); 0: steps */
+    tl_time time;     /* ns that they take; strokes: at most, and without what is between them */
+} tl_lock_window;
+
+tl_lock_window tl_lock_judge_window(const tl_config *config);
+
 /* `account` tells kinds, steps and bounds of what is adjusted. Both must stay, but for the account. */
 void tl_lock_judge_init(tl_lock_judge *judge, const tl_config *config, const tl_account *account);
 

@@ -6,17 +6,19 @@
 
 #include "firmware/config/problems.h"
 
-tl_status tl_live_job_make(const tl_live_job *job, const tl_config *config, tl_block *block, tl_error *error) {
-    size_t path = strlen(config->path) + 1;
-    size_t text = strlen(config->text) + 1;
-    unsigned char *bytes = malloc(sizeof *job + path + text);
+tl_status tl_live_job_make(const tl_live_job *job, const char *path, const char *text, tl_block *block,
+                           tl_error *error) {
+    size_t path_size = strlen(path) + 1;
+    size_t text_size = strlen(text) + 1;
+    size_t size = sizeof *job + path_size + text_size;
+    unsigned char *bytes = malloc(size);
     if (bytes == NULL) {
         return tl_fail(error, TL_TRY_AGAIN, "not enough memory for the configuration");
     }
     memcpy(bytes, job, sizeof *job);
-    memcpy(bytes + sizeof *job, config->path, path);
-    memcpy(bytes + sizeof *job + path, config->text, text);
-    tl_status status = tl_block_make_of("twinlock job", bytes, sizeof *job + path + text, block, error);
+    memcpy(bytes + sizeof *job, path, path_size);
+    memcpy(bytes + sizeof *job + path_size, text, text_size);
+    tl_status status = tl_block_make_of("twinlock job", bytes, size, block, error);
     free(bytes);
     return status;
 }
@@ -34,8 +36,19 @@ void tl_live_job_apply(const tl_live_job *job, tl_config *config) {
     tl_config_use_lookups(config);
 }
 
-tl_status tl_live_job_take(int descriptor, tl_block *block, tl_live_job *job, tl_config *config, tl_error *error) {
+tl_status tl_live_job_read(const tl_live_job *job, const char *path, const char *text, tl_config *config,
+                           tl_error *error) {
     tl_problems problems;
+    tl_problems_init(&problems, path);
+    tl_status status = tl_config_read_text(path, text, strlen(text), config, &problems.report);
+    if (status != TL_OK) {
+        return tl_fail(error, status, "%s was read differently by a process of the run", path);
+    }
+    tl_live_job_apply(job, config);
+    return TL_OK;
+}
+
+tl_status tl_live_job_take(int descriptor, tl_block *block, tl_live_job *job, tl_config *config, tl_error *error) {
     tl_status status = tl_block_take(descriptor, 0, TL_BLOCK_IS_WRITTEN, block, error);
     const char *path = status == TL_OK && block->size > sizeof *job ? text_at(block, sizeof *job) : NULL;
     const char *text = path == NULL ? NULL : text_at(block, sizeof *job + strlen(path) + 1);
@@ -43,11 +56,29 @@ tl_status tl_live_job_take(int descriptor, tl_block *block, tl_live_job *job, tl
         return status != TL_OK ? status : tl_fail(error, TL_BAD_DATA, "the job of a process is none");
     }
     memcpy(job, block->bytes, sizeof *job);
-    tl_problems_init(&problems, path);
-    status = tl_config_read_text(path, text, strlen(text), config, &problems.report);
-    if (status != TL_OK) {
-        return tl_fail(error, status, "%s was read differently by a process of the run", path);
+    return tl_live_job_read(job, path, text, config, error);
+}
+
+/* ---- of a twin ---- */
+
+tl_status tl_live_job_pack(const tl_live_job *job, const char *of_run, tl_live_job_bytes *packed, tl_error *error) {
+    size_t text_size = strlen(of_run) + 1;
+    packed->size = sizeof *job + text_size;
+    packed->bytes = malloc(packed->size);
+    if (packed->bytes == NULL) {
+        return tl_fail(error, TL_TRY_AGAIN, "not enough memory for the job of a twin");
     }
-    tl_live_job_apply(job, config);
+    memcpy(packed->bytes, job, sizeof *job);
+    memcpy(packed->bytes + sizeof *job, of_run, text_size);
+    return TL_OK;
+}
+
+tl_status tl_live_job_unpack(const unsigned char *bytes, size_t size, tl_live_job *job, const char **of_run,
+                             tl_error *error) {
+    if (size <= sizeof *job || bytes[size - 1] != '\0') {
+        return tl_fail(error, TL_BAD_DATA, "the job of the twin is none");
+    }
+    memcpy(job, bytes, sizeof *job);
+    *of_run = (const char *)bytes + sizeof *job;
     return TL_OK;
 }

@@ -14,6 +14,7 @@
 
 #include "firmware/config/config.h"
 #include "firmware/process/block.h"
+#include "firmware/run/live_stage.h"
 #include "firmware/supervise/restarts.h"
 #include "master/base/simtime.h"
 #include "master/base/status.h"
@@ -26,21 +27,48 @@ typedef struct tl_live_job {
     char database[PATH_MAX]; /* "": nothing is recorded */
     char state[PATH_MAX];    /* of the activator: where versions are kept; "": there is none */
     uint64_t memory_limit;   /* the same: bytes that a process of FMUs may take; 0: as usual */
+    uint32_t
+        place; /* of the twin, or of the twin whose outbox the recorder reads, or which is the run's as the activator begins */
+    char hash[TL_LIVE_PLACES][TL_SHA256_TEXT]; /* of the activator: of the configuration in each place; "": none is */
     /* of the twin's start */
-    uint32_t number; /* of this start, from 1 on */
-    bool again;      /* after a failure */
-    bool holds;      /* safe hold */
+    uint32_t number;  /* of this start, from 1 on */
+    bool is_shadow;   /* it is not the run's twin, until a flip makes it that, */
+    bool other_plant; /* and has other sources than the run: it reads the run's mail besides its own, */
+    tl_time start;    /* and t_start of the run beside which it runs (CLOCK_MONOTONIC), */
+    int64_t started;  /* and UTC, ms */
+    uint32_t
+        flips; /* number of the newest flip that was announced before it was begun; of the recorder: by which the run is here */
+    bool again; /* after a failure */
+    bool holds; /* safe hold */
     uint64_t starts;
     uint64_t restarts;
     unsigned failures;
     char reason[TL_RESTARTS_REASON];
 } tl_live_job;
 
-/* For io and the recorder: with path and text of the configuration behind it. Errors: TL_TRY_AGAIN. */
-tl_status tl_live_job_make(const tl_live_job *job, const tl_config *config, tl_block *block, tl_error *error);
+/* For all but the twin: with path and text of the configuration behind it. Errors: TL_TRY_AGAIN. */
+tl_status tl_live_job_make(const tl_live_job *job, const char *path, const char *text, tl_block *block,
+                           tl_error *error);
+
+/* Of a twin: what tl_twin_job.live holds. */
+typedef struct tl_live_job_bytes {
+    unsigned char *bytes; /* to free() */
+    size_t size;
+} tl_live_job_bytes;
+
+/* With the text of the run's configuration, for a shadow; else "". Errors: TL_TRY_AGAIN. */
+tl_status tl_live_job_pack(const tl_live_job *job, const char *of_run, tl_live_job_bytes *packed, tl_error *error);
+
+/* There: the text lies in `bytes`. Errors: TL_BAD_DATA. */
+tl_status tl_live_job_unpack(const unsigned char *bytes, size_t size, tl_live_job *job, const char **of_run,
+                             tl_error *error);
 
 /* There: takes it, and reads the configuration as all the others do. `block` must stay. Errors: TL_BAD_DATA, TL_TRY_AGAIN. */
 tl_status tl_live_job_take(int descriptor, tl_block *block, tl_live_job *job, tl_config *config, tl_error *error);
+
+/* A configuration that was read before, as this process has it. To be freed. Errors: TL_BAD_DATA, TL_TRY_AGAIN. */
+tl_status tl_live_job_read(const tl_live_job *job, const char *path, const char *text, tl_config *config,
+                           tl_error *error);
 
 /* What changes the configuration by the command line; look-ups are in use then. */
 void tl_live_job_apply(const tl_live_job *job, tl_config *config);

@@ -19,9 +19,29 @@ tl_status tl_live_memory_take(tl_live_memory *memory, const tl_outbox_taken **ta
     }
     if (status == TL_OK) {
         const tl_live_recorder_pulse *recorder = memory->recorder.bytes;
-        *taken = &recorder->state.taken[TL_LIVE_OUTBOX_TWIN];
+        *taken = &recorder->state.taken[tl_live_outbox_of_place(memory->place)];
     }
     return status;
+}
+
+bool tl_live_memory_ask(const tl_live_memory *memory, uint32_t number, tl_heart *heart, tl_live_past_answer *answer) {
+    const tl_live_recorder_pulse *recorder = memory->recorder.bytes;
+    tl_live_wish wish = tl_live_wish_of(memory->twin, number);
+    tl_time until = tl_clock_now(NULL) + TL_LIVE_PAST_PATIENCE;
+    __atomic_store_n(&memory->pulse->past, wish, __ATOMIC_RELEASE);
+    const tl_live_past_answer *given = &recorder->answer[memory->place];
+    while (__atomic_load_n(&given->wish, __ATOMIC_ACQUIRE) != wish) {
+        if (tl_clock_now(NULL) > until || tl_interrupt_requested() != NULL) {
+            return false;
+        }
+        tl_heart_beat(heart);
+        tl_clock_sleep_until(tl_clock_now(NULL) + LOOK);
+    }
+    *answer = *given;
+    for (size_t i = 0; i < TL_LIVE_PAST_WORDS; i++) {
+        answer->words[i].text[TL_PAST_TEXT - 1] = '\0';
+    }
+    return true;
 }
 
 /* ---- following, in the thread of the FMUs ---- */
@@ -87,27 +107,6 @@ static tl_status follow_outbox(const tl_live_past_settings *settings, tl_summary
 
 /* ---- what the recorder finds ---- */
 
-/* Waits for the answer; a copy of it. False: it does not come. */
-static bool ask(const tl_live_past_settings *settings, uint32_t number, tl_live_past_answer *answer) {
-    const tl_live_memory *memory = settings->memory;
-    const tl_live_recorder_pulse *recorder = memory->recorder.bytes;
-    tl_live_wish wish = tl_live_wish_of(memory->twin, number);
-    tl_time until = tl_clock_now(NULL) + TL_LIVE_PAST_PATIENCE;
-    __atomic_store_n(&memory->pulse->past, wish, __ATOMIC_RELEASE);
-    while (__atomic_load_n(&recorder->answer.wish, __ATOMIC_ACQUIRE) != wish) {
-        if (tl_clock_now(NULL) > until || tl_interrupt_requested() != NULL) {
-            return false;
-        }
-        tl_heart_beat(settings->heart);
-        tl_clock_sleep_until(tl_clock_now(NULL) + LOOK);
-    }
-    *answer = recorder->answer;
-    for (size_t i = 0; i < TL_LIVE_PAST_WORDS; i++) {
-        answer->words[i].text[TL_PAST_TEXT - 1] = '\0';
-    }
-    return true;
-}
-
 static void tell_answer(const tl_live_past_settings *settings, const tl_live_past_answer *answer) {
     for (size_t i = 0; i < TL_LIVE_PAST_WORDS && answer->words[i].text[0] != '\0'; i++) {
         const tl_live_past_word *word = &answer->words[i];
@@ -142,7 +141,7 @@ static tl_status follow_recorder(const tl_live_past_settings *settings, tl_summa
     bool refused = true;
     tl_status status = TL_OK;
     for (uint32_t number = 1; status == TL_OK && refused; number++) {
-        if (!ask(settings, number, &answer)) {
+        if (!tl_live_memory_ask(settings->memory, number, settings->heart, &answer)) {
             if (tl_interrupt_requested() != NULL) { /* who is told to end needs no answer */
                 return TL_OK;
             }
@@ -169,6 +168,65 @@ tl_status tl_live_past_follow(const tl_live_past_settings *settings, tl_summary 
     if (status == TL_OK && !any && settings->memory->recorder.bytes != NULL) {
         status = follow_recorder(settings, summary, error);
     }
+    tl_block_close(&settings->memory->past);
+    return status;
+}
+
+/* ---- a shadow ---- */
+
+/* What it has asked for so far, and the last answer. */
+typedef struct samples {
+    const tl_live_past_settings *settings;
+    const tl_live_past_show *show;
+    uint32_t asked;
+    void *image; /* a copy, of which nobody else has one */
+} samples;
+
+static size_t fetch_samples(void *context, int64_t from, const void **image) {
+    samples *self = context;
+    const tl_live_memory *memory = self->settings->memory;
+    tl_live_past_answer answer = {.size = 0};
+    if (memory->recorder.bytes == NULL) {
+        return 0;
+    }
+    __atomic_store_n(&memory->pulse->past_from, from, __ATOMIC_RELAXED);
+    if (!tl_live_memory_ask(memory, ++self->asked, self->settings->heart, &answer) ||
+        answer.size > TL_LIVE_PAST_BYTES) {
+        return 0;
+    }
+    tell_answer(self->settings, &answer);
+    free(self->image);
+    self->image = malloc((size_t)answer.size + 1);
+    if (self->image == NULL) {
+        return 0;
+    }
+    memcpy(self->image, memory->past.bytes, (size_t)answer.size);
+    *image = self->image;
+    return (size_t)answer.size;
+}
+
+static void show_samples(void *context, const tl_recorded_figures *figures) {
+    const samples *self = context;
+    self->show->show(self->show->context, figures);
+}
+
+tl_status tl_live_past_begin_shadow(const tl_live_past_settings *settings, const tl_live_past_show *show, tl_time start,
+                                    int64_t *next, tl_error *error) {
+    samples self = {.settings = settings, .show = show};
+    const tl_recorded_course course = {
+        .assembly = settings->assembly,
+        .thread = settings->thread,
+        .journal = settings->journal,
+        .heart = settings->heart,
+        .start = start,
+        .run = settings->run,
+        .same = settings->same,
+        .fetch = fetch_samples,
+        .show = show_samples,
+        .context = &self,
+    };
+    tl_status status = tl_recorded_course_take(&course, next, error);
+    free(self.image);
     tl_block_close(&settings->memory->past);
     return status;
 }

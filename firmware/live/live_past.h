@@ -3,6 +3,7 @@
  * Purpose: a twin whose predecessor has died in the same run finds checkpoint and entries in the outbox, and asks nobody. Any other asks the
  *          recorder, who looks in the database and answers with an image (past.h); if that is of no use, with an older one. A recorder that does
  *          not answer is waited for no longer than TL_LIVE_PAST_PATIENCE: the plant's lock comes first.
+ *          A shadow has no predecessor: it asks for the recorded samples of the run beside which it begins.
  * Trust:   an image is copied before it is looked at.
  * Thread:  the main thread of the twin's process; FMUs are called in theirs.
  */
@@ -14,6 +15,7 @@
 #include "firmware/process/block.h"
 #include "firmware/report/summary.h"
 #include "firmware/run/journal.h"
+#include "firmware/shadow/recorded_course.h"
 #include "firmware/twin/assembly.h"
 
 #define TL_LIVE_PAST_PATIENCE (10 * TL_SECOND)
@@ -23,15 +25,21 @@ typedef struct tl_live_memory {
     tl_block recorder; /* its pulse */
     tl_block past;
     tl_live_twin_pulse *pulse; /* ours */
-    uint32_t twin;             /* the number of this start */
+    uint32_t twin;             /* the number of this start, */
+    uint32_t place;            /* and where */
 } tl_live_memory;
 
-/* Takes the descriptors. *taken is what the recorder has taken of the twin's outbox. Errors: TL_BAD_DATA. */
+/* Takes the descriptors. *taken is what the recorder has taken of the twin's outbox; `place` is set. Errors: TL_BAD_DATA. */
 tl_status tl_live_memory_take(tl_live_memory *memory, const tl_outbox_taken **taken, tl_error *error);
+
+/* Wishes for what has this number, and waits for the answer; a copy of it. False: it does not come. */
+bool tl_live_memory_ask(const tl_live_memory *memory, uint32_t number, tl_heart *heart, tl_live_past_answer *answer);
 
 typedef struct tl_live_past_settings {
     tl_live_memory *memory;
-    tl_assembly *assembly; /* built; its twin may be built anew */
+    const tl_config *run;        /* of a shadow: the configuration of the run beside which it begins, */
+    const tl_same_signals *same; /* and which of its signals are its own */
+    tl_assembly *assembly;       /* built; its twin may be built anew */
     tl_fmu_thread *thread;
     tl_outbox *outbox; /* nothing was put yet */
     tl_journal *journal;
@@ -41,5 +49,15 @@ typedef struct tl_live_past_settings {
 /* Leads the twin to where an earlier one was ended, and fills the summary: `resumption` in it says what was done, of which nothing is no failure.
  * Gives the memory of the past back. Errors: TL_FMU_FATAL, or what building the twin anew has met. */
 tl_status tl_live_past_follow(const tl_live_past_settings *settings, tl_summary *summary, tl_error *error);
+
+/* Who is told how far a shadow is. */
+typedef struct tl_live_past_show {
+    void (*show)(void *context, const tl_recorded_figures *figures);
+    void *context;
+} tl_live_past_show;
+
+/* Of a shadow, instead: leads it over what was recorded of the run that began at `start` (recorded_course.h). *next is the tick that it is ready for. Errors: those of tl_recorded_course_take(). */
+tl_status tl_live_past_begin_shadow(const tl_live_past_settings *settings, const tl_live_past_show *show, tl_time start,
+                                    int64_t *next, tl_error *error);
 
 #endif

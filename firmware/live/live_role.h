@@ -15,6 +15,9 @@
 #define TL_LIVE_IO "io"
 #define TL_LIVE_RECORDER "recorder"
 #define TL_LIVE_ACTIVATOR "activator"
+#define TL_LIVE_TWIN "twin"
+#define TL_LIVE_TWIN_SHADOW "twin, shadow" /* changes with TL_LIVE_TWIN at a flip, and so that has room for it: */
+#define TL_LIVE_TWIN_ROOM "        "
 
 /* Reads the plant: the configured sources, into the mailboxes. */
 int tl_io_role_run(void);

@@ -13,13 +13,12 @@
 #include "firmware/base/log.h"
 #include "firmware/base/sha256.h"
 #include "firmware/fmu/fmu_thread.h"
-#include "firmware/live/live_job.h"
-#include "firmware/live/live_past.h"
 #include "firmware/live/live_role.h"
-#include "firmware/live/live_wire.h"
-#include "firmware/plant/live_plant.h"
+#include "firmware/live/live_shown.h"
+#include "firmware/live/live_twin_memory.h"
 #include "firmware/process/interrupt.h"
 #include "firmware/process/process_end.h"
+#include "firmware/process/role.h"
 #include "firmware/run/cycle.h"
 #include "firmware/run/journal.h"
 #include "firmware/run/realtime.h"
@@ -35,6 +34,12 @@ static const tl_time PRIORITY = TL_SECOND / 2;
 static const tl_time PATIENCE_AT_START = 120 * TL_SECOND;
 static const tl_time PATIENCE = 30 * TL_SECOND;
 
+/* A shadow that has not made up what it missed after so long never will; nor is it any use if it misses this part of its ticks, which is judged after some
+ * time. */
+static const tl_time PATIENCE_BEHIND = 60 * TL_SECOND;
+static const tl_time FIRST_JUDGED = 10 * TL_SECOND;
+enum { MISSED_PART = 10 };
+
 static const tl_time LOOK = TL_SECOND / 20;
 static const tl_time LOOK_SOON = TL_SECOND / 1000;
 
@@ -43,75 +48,20 @@ typedef struct live_twin {
     tl_assembly *assembly;
     const tl_config *config;
     const tl_confine_facts *facts;
-    tl_live_job job;
-    tl_block mail;
-    tl_block pulse_block;
-    tl_block outbox_block;
-    tl_block tuning_block;
-    tl_live_memory memory; /* for the past */
-    tl_live_twin_pulse *pulse;
-    const tl_live_mail_end *mail_end;
-    tl_plant_input input;
-    tl_outbox outbox;
+    tl_live_twin_memory shared;
     tl_heart *heart;
     tl_journal journal;
     tl_fmu_thread *fmus; /* NULL if it holds */
     tl_cycle *cycle;
     tl_summary resumed;
-    bool are_others; /* the FMUs' files, than those of the twin before in this run */
+    tl_account account; /* for the units of what is matched */
+    bool is_shadow;     /* now */
+    int64_t next;       /* of a shadow: the first tick of the cycle, */
+    int64_t parent;     /* and the run with which it goes on if it becomes the run's */
+    bool are_others;    /* the FMUs' files, than those of the twin before in this run */
     bool was_ready;
+    bool has_run; /* a run has begun in the outbox, and has not ended */
 } live_twin;
-
-/* ---- shared memory ---- */
-
-static tl_status take_mail(live_twin *self, tl_error *error) {
-    tl_plant_mail_shape shape;
-    tl_plant_mail_shape_of(self->config, &shape);
-    tl_status status = tl_block_take(TL_LIVE_MAIL, tl_live_mail_bytes(&shape), TL_BLOCK_WE_WRITE, &self->mail, error);
-    if (status == TL_OK) {
-        tl_live_plant_set_limits(&self->input, self->config);
-        tl_plant_mail_open(&shape, self->mail.bytes, self->input.mailboxes);
-        self->mail_end = tl_live_mail_end_of(&shape, self->mail.bytes);
-    }
-    return status;
-}
-
-/* What it is built with, and where it is told of another tuning. The text is the recorder's affair. */
-static tl_status take_tuning(live_twin *self, tl_error *error) {
-    const tl_config *config = self->config;
-    tl_run_tuning configured = {.number = 0};
-    tl_status status =
-        tl_block_take(TL_LIVE_TUNING, sizeof(tl_live_tuning), TL_BLOCK_WE_WRITE, &self->tuning_block, error);
-    if (status == TL_OK) {
-        tl_live_tuning_hide_text(&self->tuning_block);
-        memcpy(configured.hash, config->hash, sizeof configured.hash);
-        tl_config_tuning(config, &configured.values);
-        tl_outbox_name_configuration(&self->outbox, &configured);
-    }
-    return status;
-}
-
-static tl_status take_own(live_twin *self, tl_error *error) {
-    const tl_outbox_settings settings = tl_live_twin_outbox(self->config);
-    const tl_outbox_taken *taken = NULL;
-    tl_status status =
-        tl_block_take(TL_LIVE_OWN_PULSE, sizeof *self->pulse, TL_BLOCK_THEY_WRITE, &self->pulse_block, error);
-    if (status == TL_OK) {
-        status = tl_block_take(TL_LIVE_TWIN_OUTBOX, tl_outbox_bytes(&settings), TL_BLOCK_THEY_WRITE,
-                               &self->outbox_block, error);
-    }
-    if (status == TL_OK && self->job.database[0] != '\0') {
-        status = tl_live_memory_take(&self->memory, &taken, error);
-    }
-    if (status == TL_OK) {
-        self->pulse = self->pulse_block.bytes;
-        self->memory.pulse = self->pulse;
-        self->memory.twin = self->job.number;
-        tl_outbox_open(&settings, self->outbox_block.bytes, taken, &self->outbox);
-        tl_outbox_hide_unused(&self->outbox);
-    }
-    return status;
-}
 
 /* ---- the FMUs' files ---- */
 
@@ -145,35 +95,36 @@ static void digest_files(const tl_assembly *assembly, char digest[TL_SHA256_TEXT
 
 /* Which they are; before any of them is loaded. What is in them is looked at once, since that takes its time. */
 static void identify_files(live_twin *self) {
-    tl_live_twin_pulse *pulse = self->pulse;
+    tl_live_twin_pulse *pulse = self->shared.pulse;
     uint64_t number = number_of_files(self->assembly);
     bool is_known = pulse->fmus == number && pulse->digest[0] != '\0' && tl_identity_is_sound(pulse->digest);
     self->are_others = pulse->fmus != 0 && pulse->fmus != number;
-    if (!is_known && self->job.database[0] != '\0') {
+    if (!is_known && self->shared.job.database[0] != '\0') {
         digest_files(self->assembly, pulse->digest);
     }
     pulse->fmus = number;
-    tl_outbox_name_fmus(&self->outbox, pulse->digest);
+    tl_outbox_name_fmus(&self->shared.outbox, pulse->digest);
 }
 
 /* ---- telling ---- */
 
 /* Which start this is, and why: the box's memory of its own troubles. */
 static void tell_start(live_twin *self) {
-    if (!self->job.alone) {
-        tl_journal_event(&self->journal, -1, self->job.again ? TL_EVENT_WARNING : TL_EVENT_INFO, "supervisor",
-                         "start %llu, %llu of them after a failure; reason: %s", (unsigned long long)self->job.starts,
-                         (unsigned long long)self->job.restarts, self->job.reason);
+    if (!self->shared.job.alone) {
+        tl_journal_event(&self->journal, -1, self->shared.job.again ? TL_EVENT_WARNING : TL_EVENT_INFO, "supervisor",
+                         "start %llu, %llu of them after a failure; reason: %s",
+                         (unsigned long long)self->shared.job.starts, (unsigned long long)self->shared.job.restarts,
+                         self->shared.job.reason);
     }
 }
 
 /* What the FMUs are held by, if that is not all there is. */
 static void tell_confinement(live_twin *self) {
     char text[TL_CONFINE_TEXT];
-    if (self->job.holds) {
+    if (self->shared.job.holds) {
         return;
     }
-    if (self->job.unconfined) {
+    if (self->shared.job.unconfined) {
         tl_journal_event(&self->journal, -1, TL_EVENT_WARNING, "twin", "unconfined: FMUs can do what this user can");
         return;
     }
@@ -184,7 +135,7 @@ static void tell_confinement(live_twin *self) {
 }
 
 static void tell_recording(const live_twin *self) {
-    if (self->job.database[0] == '\0') {
+    if (self->shared.job.database[0] == '\0') {
         tl_log(TL_LOG_NOTICE,
                "nothing is recorded: the configuration has no \"record\", and no --db was given; after a restart "
                "of this program the twin begins anew");
@@ -194,13 +145,16 @@ static void tell_recording(const live_twin *self) {
 /* The process ends while an FMU has not returned. Whoever takes it out of the outbox lives on. */
 static void keep(void *context, const char *why) {
     live_twin *self = context;
-    tl_outbox_event(&self->outbox, -1, TL_EVENT_ERROR, "twin", why);
+    if (!tl_journal_is_apart(&self->journal)) {
+        tl_outbox_event(&self->shared.outbox, -1, TL_EVENT_ERROR, "twin", why);
+    }
 }
 
 /* ---- the cycle ---- */
 
 static bool is_complete(const live_twin *self) {
-    return __atomic_load_n(&self->mail_end->opened, __ATOMIC_ACQUIRE) != 0 && tl_plant_input_is_complete(&self->input);
+    return __atomic_load_n(&self->shared.mail_end->opened, __ATOMIC_ACQUIRE) != 0 &&
+           tl_plant_input_is_complete(&self->shared.input);
 }
 
 /* A sample without unknown values is a better start; a dead device must not prevent one. */
@@ -219,7 +173,7 @@ static void wish_realtime(live_twin *self, bool wished) {
     if (self->config->realtime_priority <= 0) {
         return;
     }
-    __atomic_store_n(&self->pulse->realtime, wished ? (int32_t)thread : 0, __ATOMIC_RELEASE);
+    __atomic_store_n(&self->shared.pulse->realtime, wished ? (int32_t)thread : 0, __ATOMIC_RELEASE);
     while (sched_getscheduler(thread) % SCHED_RESET_ON_FORK != wanted && tl_clock_now(NULL) < until) {
         tl_clock_sleep_until(tl_clock_now(NULL) + LOOK_SOON);
     }
@@ -228,88 +182,202 @@ static void wish_realtime(live_twin *self, bool wished) {
     }
 }
 
-static tl_status start_cycle(live_twin *self, tl_error *error) {
+/* ---- figures ---- */
+
+static tl_live_shown shown_by(live_twin *self) {
+    return (tl_live_shown){.config = self->config,
+                           .account = &self->account,
+                           .mail = self->shared.mail_end,
+                           .figures = &self->shared.pulse->figures};
+}
+
+static void show_recorded(void *context, const tl_recorded_figures *figures) {
+    const tl_live_shown shown = shown_by(context);
+    tl_live_shown_recorded(&shown, figures);
+}
+
+static void show_status(live_twin *self, const tl_cycle_status *status) {
+    char line[TL_STATUS_LINE];
+    const tl_live_shown shown = shown_by(self);
+    tl_status_line_write(self->config, status, line);
+    tl_heartbeats_set_status(&self->shared.pulse->beats, line);
+    tl_live_shown_live(&shown, status);
+}
+
+/* ---- where it begins ---- */
+
+/* t_start of the run, for a twin that may come beside this one. */
+static void tell_beginning(live_twin *self, tl_time start, int64_t started) {
+    __atomic_store_n(&self->shared.pulse->started, started, __ATOMIC_RELAXED);
+    __atomic_store_n(&self->shared.pulse->start, start, __ATOMIC_RELEASE);
+}
+
+static void be_ready(live_twin *self) {
+    tl_heartbeats_set_ready(&self->shared.pulse->beats);
+    self->was_ready = true;
+}
+
+/* A shadow is ready before its recorded part, which may take a minute. */
+static tl_status begin_shadow(live_twin *self, const tl_live_past_settings *past, tl_error *error) {
+    const tl_live_past_show show = {.show = show_recorded, .context = self};
+    const tl_recorded_figures none = {.ticks = 0};
+    tell_beginning(self, self->shared.job.start, self->shared.job.started);
+    be_ready(self);
+    show_recorded(self, &none);
+    return tl_live_past_begin_shadow(past, &show, self->shared.job.start, &self->next, error);
+}
+
+static tl_status go_on(live_twin *self, const tl_live_past_settings *past, tl_error *error) {
+    if (self->are_others) {
+        tl_journal_event(&self->journal, -1, TL_EVENT_INFO, "resume",
+                         "begins anew: the FMUs are not those of the run before");
+        return TL_OK;
+    }
+    return tl_live_past_follow(past, &self->resumed, error);
+}
+
+static tl_status lead(live_twin *self, tl_error *error) {
     const tl_live_past_settings past = {
-        .memory = &self->memory,
+        .memory = &self->shared.past,
+        .run = &self->shared.run,
+        .same = &self->shared.same,
         .assembly = self->assembly,
         .thread = self->fmus,
-        .outbox = &self->outbox,
+        .outbox = &self->shared.outbox,
         .journal = &self->journal,
         .heart = self->heart,
     };
-    tl_status status = TL_OK;
-    if (!self->are_others) {
-        status = tl_live_past_follow(&past, &self->resumed, error);
-    } else {
-        tl_journal_event(&self->journal, -1, TL_EVENT_INFO, "resume",
-                         "begins anew: the FMUs are not those of the run before");
-    }
+    tl_account_take(self->assembly->twin, &self->account);
+    return self->is_shadow ? begin_shadow(self, &past, error) : go_on(self, &past, error);
+}
+
+/* ---- the cycle's start ---- */
+
+static tl_cycle_settings settings_of_cycle(live_twin *self) {
+    return (tl_cycle_settings){
+        .assembly = self->assembly,
+        .thread = self->fmus,
+        .input = &self->shared.input,
+        .mail = &self->shared.change,
+        .outbox = &self->shared.outbox,
+        .journal = &self->journal,
+        .beats = &self->shared.pulse->beats,
+        .tuning = self->shared.tuning_block.bytes,
+        .answer = &self->shared.pulse->tuned,
+        .resumed = self->resumed,
+        .place = {.stage = self->shared.stage_block.bytes,
+                  .place = self->shared.job.place,
+                  .flips = self->shared.job.flips,
+                  .flipped = &self->shared.pulse->flipped,
+                  .is_shadow = self->is_shadow,
+                  .tick = self->next,
+                  .start = self->shared.job.start,
+                  .started = self->shared.job.started},
+    };
+}
+
+static tl_status start_cycle(live_twin *self, tl_error *error) {
+    tl_status status = lead(self, error);
     if (status != TL_OK) {
         return status;
     }
-    wait_for_readings(self);
+    if (!self->is_shadow) {
+        wait_for_readings(self);
+    }
     if (self->config->realtime_lock_memory) {
         tl_realtime_lock_memory(&self->journal);
     }
-    wish_realtime(self, true);
-    const tl_cycle_settings settings = {
-        .assembly = self->assembly,
-        .thread = self->fmus,
-        .input = &self->input,
-        .outbox = &self->outbox,
-        .journal = &self->journal,
-        .beats = &self->pulse->beats,
-        .tuning = self->tuning_block.bytes,
-        .answer = &self->pulse->tuned,
-        .resumed = self->resumed,
-    };
+    wish_realtime(self, !self->is_shadow);
+    const tl_cycle_settings settings = settings_of_cycle(self);
     status = tl_cycle_start(&settings, &self->cycle, error);
     if (status == TL_OK) {
-        tell_start(self);
+        if (!self->is_shadow) {
+            tell_start(self);
+        }
         tell_confinement(self);
         tell_recording(self);
+    }
+    if (status == TL_OK && !self->is_shadow) {
+        const tl_resumption *beginning = tl_outbox_beginning(&self->shared.outbox);
+        tell_beginning(self, beginning->start, beginning->started);
     }
     return status;
 }
 
-static void show_status(const live_twin *self, const tl_cycle_status *status) {
-    char line[TL_STATUS_LINE];
-    const tl_live_figures figures = {
-        .ticks = status->ticks,
-        .steps = status->steps,
-        .skipped = status->skipped,
-        .deadline_misses = status->deadline_misses,
-        .lock = status->lock,
-    };
-    tl_status_line_write(self->config, status, line);
-    tl_heartbeats_set_status(&self->pulse->beats, line);
-    tl_latest_publish(&self->pulse->figures, &figures, sizeof figures);
+/* ---- while the cycle runs ---- */
+
+/* The number of the run beside which a shadow runs: that with which it will go on. 0: nothing is recorded. */
+static int64_t number_of_run(const live_twin *self) {
+    const tl_live_recorder_pulse *recorder = self->shared.past.recorder.bytes;
+    return recorder == NULL ? 0 : tl_recorder_state_get(&recorder->state).run;
 }
 
-/* Watches until the cycle ends or a signal comes; the cycle needs nothing of this. */
-static void look_on(live_twin *self) {
+/* A flip may have made it the run's, or the shadow. Nobody waits for the priority. */
+static void look_at_part(live_twin *self, bool is_shadow) {
+    if (is_shadow == self->is_shadow) {
+        self->parent = is_shadow ? number_of_run(self) : self->parent;
+        return;
+    }
+    bool wishes = !is_shadow && self->config->realtime_priority > 0;
+    char title[TL_ROLE_TITLE];
+    self->is_shadow = is_shadow;
+    (void)snprintf(title, sizeof title, "%s [%s]", is_shadow ? TL_LIVE_TWIN_SHADOW : TL_LIVE_TWIN, self->config->name);
+    tl_role_entitle(title);
+    __atomic_store_n(&self->shared.pulse->realtime, wishes ? (int32_t)tl_fmu_thread_number(self->fmus) : 0,
+                     __ATOMIC_RELEASE);
+}
+
+/* A shadow that cannot keep pace tells nothing, and takes time from the run's twin. */
+static tl_status judge_pace(const live_twin *self, const tl_cycle_status *status, tl_time since, tl_error *error) {
+    if (!status->is_shadow) {
+        return TL_OK;
+    }
+    if (!status->is_live && tl_clock_now(NULL) - since > PATIENCE_BEHIND) {
+        return tl_fail(error, TL_TRY_AGAIN,
+                       "this box does not carry two twins: the shadow does not catch up with the plant");
+    }
+    bool judged = status->is_live && tl_time_of_step(0, self->config->step, (int64_t)status->ticks) >= FIRST_JUDGED;
+    return !judged || status->skipped <= status->ticks / MISSED_PART
+               ? TL_OK
+               : tl_fail(error, TL_TRY_AGAIN,
+                         "this box does not carry two twins: the shadow has missed %llu of %llu ticks",
+                         (unsigned long long)status->skipped, (unsigned long long)status->ticks);
+}
+
+/* Watches until the cycle ends or a signal comes; the cycle needs nothing of this. Errors: those of judge_pace(). */
+static tl_status look_on(live_twin *self, tl_error *error) {
     tl_cycle_status status = {0};
-    while (tl_interrupt_requested() == NULL && !status.ended) {
+    tl_status judged = TL_OK;
+    tl_time since = tl_clock_now(NULL);
+    while (tl_interrupt_requested() == NULL && !status.ended && judged == TL_OK) {
         tl_clock_sleep_until(tl_clock_now(NULL) + LOOK);
         tl_heart_beat(self->heart);
         tl_fmu_thread_watch(self->fmus);
         tl_journal_drain(&self->journal);
-        if (tl_cycle_status_now(self->cycle, &status) && status.steps != 0) {
+        tl_live_twin_memory_look(&self->shared);
+        if (!tl_cycle_status_now(self->cycle, &status)) {
+            continue;
+        }
+        judged = judge_pace(self, &status, since, error);
+        if (status.steps != 0) {
             show_status(self, &status);
+            look_at_part(self, status.is_shadow);
         }
     }
+    return judged;
 }
 
 static void hold(live_twin *self) {
     const tl_safe_hold_settings settings = {
         .config = self->config,
-        .input = &self->input,
-        .outbox = &self->outbox,
+        .input = &self->shared.input,
+        .outbox = &self->shared.outbox,
         .journal = &self->journal,
-        .beats = &self->pulse->beats,
+        .beats = &self->shared.pulse->beats,
         .heart = self->heart,
-        .failures = self->job.failures,
-        .reason = self->job.reason,
+        .failures = self->shared.job.failures,
+        .reason = self->shared.job.reason,
+        .records = self->shared.job.database[0] != '\0',
     };
     tell_start(self);
     tl_safe_hold(&settings);
@@ -322,8 +390,11 @@ static void warn(void *context, const char *text) {
 }
 
 static tl_status close_cycle(live_twin *self, tl_error *error) {
-    tl_live_end *end = &self->pulse->end;
-    tl_status status = tl_cycle_stop(self->cycle, &end->summary, error);
+    tl_live_end *end = &self->shared.pulse->end;
+    tl_status status = tl_cycle_stop(self->cycle, &end->summary, &self->has_run, error);
+    if (end->summary.resumption.run < 0) {
+        end->summary.resumption.run = self->parent;
+    }
     wish_realtime(self, false);
     if (status != TL_OK) {
         tl_journal_event(&self->journal, -1, TL_EVENT_ERROR, "twin", "%s", error->text);
@@ -335,37 +406,44 @@ static tl_status close_cycle(live_twin *self, tl_error *error) {
 }
 
 static void put_end(live_twin *self, tl_status status, const tl_error *error) {
-    const char *signal = tl_interrupt_requested();
+    const tl_live_stage *stage = self->shared.stage_block.bytes;
+    bool again = stage != NULL && __atomic_load_n(&stage->again, __ATOMIC_ACQUIRE) != 0;
+    const char *signal = again ? TL_LIVE_BEGUN_ANEW : tl_interrupt_requested();
     const char *reason = status != TL_OK ? error->text : signal != NULL ? signal : "end of duration";
-    (void)tl_outbox_put_end(&self->outbox, reason);
+    (void)tl_outbox_put_end(&self->shared.outbox, reason);
 }
 
 /* What it is there for, until it is told to end. */
 static tl_status live(live_twin *self) {
     tl_error error = {0};
-    tl_status status = self->job.holds ? TL_OK : start_cycle(self, &error);
+    tl_status status = self->shared.job.holds ? TL_OK : start_cycle(self, &error);
     bool begun = status == TL_OK;
     tl_heart_be_patient(self->heart, PATIENCE);
-    __atomic_store_n(&self->pulse->begun, 1, __ATOMIC_RELEASE);
+    __atomic_store_n(&self->shared.pulse->begun, 1, __ATOMIC_RELEASE);
     if (begun) {
-        tl_heartbeats_set_ready(&self->pulse->beats);
-        self->was_ready = true;
-        if (self->job.holds) {
+        be_ready(self);
+        if (self->shared.job.holds) {
             hold(self);
         } else {
-            look_on(self);
+            status = look_on(self, &error);
         }
     }
     if (self->cycle != NULL) {
-        status = close_cycle(self, &error);
+        tl_error of_cycle = {0};
+        tl_status closed = close_cycle(self, &of_cycle);
+        error = status == TL_OK ? of_cycle : error;
+        status = status == TL_OK ? closed : status;
     }
     tl_process_keep(NULL, NULL);
-    if (begun) {
+    if (begun && (self->shared.job.holds || self->has_run)) {
         put_end(self, status, &error);
     }
     tl_journal_drain(&self->journal);
     if (status != TL_OK) {
         tl_log(TL_LOG_ERROR, "%s", error.text);
+        if (self->is_shadow) {
+            tl_heartbeats_set_status(&self->shared.pulse->beats, error.text); /* for who tells why it has ended */
+        }
     }
     return status;
 }
@@ -407,43 +485,32 @@ static void release(live_twin *self) {
     }
 }
 
-static tl_status take_memory(live_twin *self, const tl_twin_job *job, tl_error *error) {
-    if (job->live_size != sizeof self->job) {
-        return tl_fail(error, TL_BAD_DATA, "the job of the twin is none");
-    }
-    memcpy(&self->job, job->live, sizeof self->job);
-    tl_live_job_apply(&self->job, &self->assembly->config);
-    tl_status status = take_mail(self, error);
-    if (status == TL_OK) {
-        status = take_own(self, error);
-    }
-    return status == TL_OK ? take_tuning(self, error) : status;
-}
-
 int tl_live_twin(tl_assembly *assembly, const tl_twin_job *job, const tl_confine_facts *facts) {
     static live_twin self; /* one for the process */
     tl_error error;
     self.assembly = assembly;
     self.config = &assembly->config;
     self.facts = facts;
-    tl_status status = take_memory(&self, job, &error);
+    tl_status status = tl_live_twin_memory_take(&self.shared, job, &assembly->config, &error);
     if (status != TL_OK) {
         tl_log(TL_LOG_ERROR, "%s", error.text);
         return tl_exit_code(status);
     }
     tl_interrupt_install();
-    tl_fmu_calls_use(tl_heartbeats_calls(&self.pulse->beats));
-    self.heart = tl_heart_begin(&self.pulse->beats, "main", PATIENCE_AT_START);
-    tl_live_role_open_journal(&self.journal, &self.outbox);
+    tl_fmu_calls_use(tl_heartbeats_calls(&self.shared.pulse->beats));
+    self.heart = tl_heart_begin(&self.shared.pulse->beats, "main", PATIENCE_AT_START);
+    tl_live_role_open_journal(&self.journal, &self.shared.outbox);
+    self.is_shadow = self.shared.job.is_shadow;
+    tl_journal_set_apart(&self.journal, self.is_shadow);
     tl_process_keep(keep, &self);
-    if (!self.job.holds) {
+    if (!self.shared.job.holds) {
         identify_files(&self);
         status = build(&self);
     }
     if (status == TL_OK) {
         status = live(&self);
     }
-    int code = tl_live_role_end(&self.pulse->beats, self.was_ready, tl_exit_code(status));
+    int code = tl_live_role_end(&self.shared.pulse->beats, self.was_ready, tl_exit_code(status));
     release(&self);
     return code;
 }

@@ -5,6 +5,8 @@
  * Holds:   nothing but that (confine.h). It reads the mailboxes that io writes; it writes its outbox and its pulse.
  * Past:    if a process before it has died in the same run, it goes on from the newest checkpoint in the outbox and what was put since. Else
  *          it asks the recorder, who reads the database.
+ * Shadow:  a twin of another configuration beside the run's, in the other place (live_stage.h): it is led over what is recorded, then over the plant's
+ *          ticks. What happens in it goes to the log only; a flip makes it the run's twin, and the run's twin a shadow. One that cannot keep pace ends.
  * Thread:  the main thread of its process; FMUs and cycle have another one.
  */
 #ifndef TL_FIRMWARE_LIVE_LIVE_TWIN_H

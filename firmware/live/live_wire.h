@@ -18,6 +18,7 @@
 #include "firmware/process/heartbeat.h"
 #include "firmware/record/recorder_state.h"
 #include "firmware/report/summary.h"
+#include "firmware/run/live_stage.h"
 #include "firmware/run/live_tuning.h"
 #include "master/base/status.h"
 #include "master/twin/account.h"
@@ -36,11 +37,30 @@ enum {
     TL_LIVE_KNOCKER = 3,         /* of the activator: the control socket */
     TL_LIVE_ACTIVATOR_TWIN = 9,  /* of the activator: the twin's pulse, to read */
     TL_LIVE_ACTIVATOR_READ = 11, /* of the recorder: the activator's pulse */
-    TL_LIVE_TUNING = 10          /* the activator writes; the twin and the recorder read */
+    TL_LIVE_TUNING =
+        10, /* the activator writes; the twin and the recorder read: of its place, as all below that has places */
+    TL_LIVE_STAGE = 12, /* the supervisor writes; all but io read */
+    TL_LIVE_OTHER_PULSE =
+        13, /* of the recorder and the activator: of the twin in the other place than that of their job, to read */
+    TL_LIVE_RUN_MAIL = 13,     /* of a shadow with another plant than the run's: io writes that of the run; it reads */
+    TL_LIVE_OTHER_PAST = 14,   /* of the recorder, which writes it: for that twin */
+    TL_LIVE_OTHER_TUNING = 14, /* of the activator, which writes it */
+    TL_LIVE_CANDIDATE = 15     /* of the activator, which writes it: tl_live_candidate */
 };
 
 /* Which outbox is which, for the recorder. */
-enum { TL_LIVE_OUTBOX_TWIN, TL_LIVE_OUTBOX_IO, TL_LIVE_OUTBOX_SUPERVISOR, TL_LIVE_OUTBOX_ACTIVATOR, TL_LIVE_OUTBOXES };
+enum {
+    TL_LIVE_OUTBOX_TWIN, /* in place 0 */
+    TL_LIVE_OUTBOX_IO,
+    TL_LIVE_OUTBOX_SUPERVISOR,
+    TL_LIVE_OUTBOX_ACTIVATOR,
+    TL_LIVE_OUTBOX_OTHER_TWIN, /* in place 1 */
+    TL_LIVE_OUTBOXES
+};
+
+static inline size_t tl_live_outbox_of_place(uint32_t place) {
+    return place == 0 ? TL_LIVE_OUTBOX_TWIN : TL_LIVE_OUTBOX_OTHER_TWIN;
+}
 
 /* Bytes that a checkpoint may have, and the past that a cold start goes on from. Their memory is there only as far as it is used. */
 #define TL_LIVE_CHECKPOINT_BYTES ((size_t)32 * 1024 * 1024)
@@ -65,27 +85,61 @@ static inline tl_live_wish tl_live_wish_of(uint32_t twin, uint32_t number) {
     return (uint64_t)twin << 32 | number;
 }
 
-/* How the run is, for whoever shows it. */
+/* What a twin does. */
+typedef enum tl_live_phase {
+    TL_LIVE_BEGINS,   /* FMUs are loaded, a past is followed */
+    TL_LIVE_RECORDED, /* a shadow: over recorded samples, as fast as it is let */
+    TL_LIVE_LIVE      /* at the plant's ticks */
+} tl_live_phase;
+
+enum { TL_LIVE_OUTPUT_NAME = 40, TL_LIVE_OUTPUT_UNIT = 16 };
+
+/* One output that is compared with the plant. */
+typedef struct tl_live_output {
+    char name[TL_LIVE_OUTPUT_NAME]; /* "motor.omega", cut */
+    char unit[TL_LIVE_OUTPUT_UNIT]; /* "": none */
+    uint64_t pairs;
+    double sum_of_squares; /* of y − ŷ, in that unit */
+    double tolerance;      /* in that unit, as in force now; 0: it is compared only */
+} tl_live_output;
+
+/* How the run is, or the shadow, for whoever shows and compares it. All but the phase counts what was done in it. Fits tl_latest. */
 typedef struct tl_live_figures {
+    uint32_t phase; /* tl_live_phase */
+    uint32_t outputs;
+    int64_t tick; /* the newest; of a shadow over recorded samples how many it has done, */
+    int64_t last; /* and of how many it knows */
     uint64_t ticks;
     uint64_t steps;
     uint64_t skipped;
     uint64_t deadline_misses;
+    uint64_t evaluations;
+    uint64_t executions;
+    uint64_t timed_out; /* steps whose search the time has cut short */
+    tl_time used;       /* ns in all steps */
+    uint32_t shut;      /* 1: io has not opened the sources of its configuration yet */
     tl_lock_tally lock;
+    tl_live_output output[TL_MAX_MATCH];
 } tl_live_figures;
 
 /* The pulse of the twin. Heartbeats come first in every pulse. */
 typedef struct tl_live_twin_pulse {
     tl_heartbeats beats;
-    uint32_t number;   /* which twin of this run it is, from 1 on, */
-    uint32_t holds;    /* and 1 if it holds; both by the supervisor */
+    uint32_t number;   /* which twin of this place it is, from 1 on, */
+    uint32_t first;    /* which was the first of its configuration, */
+    uint32_t holds;    /* and 1 if it holds; all by the supervisor */
     tl_latest figures; /* tl_live_figures; nothing while it holds */
     int32_t
         realtime; /* the number of the thread that shall have the configured priority; 0: none shall have it any more */
     uint32_t begun;              /* 1: it needs no past any more */
     uint64_t fmus;               /* the files of its FMUs, as a number; kept for a successor. 0: there was none */
     char digest[TL_SHA256_TEXT]; /* of what is in them; there before it wishes for a past */
-    tl_live_wish past;           /* which past it wants: of this start, the first, the next one older, … */
+    tl_live_wish
+        past; /* which past it wants: of this start, the first, the next one older, …; of a shadow: which samples, */
+    int64_t past_from;           /* from this tick on; written before `past` */
+    tl_time start;               /* t_start of its run (CLOCK_MONOTONIC), */
+    int64_t started;             /* and UTC, ms; before it is ready. 0: not known yet */
+    uint32_t flipped;            /* number of the newest flip in which it has done its part */
     tl_live_tuning_answer tuned; /* what it made of the newest tuning that it was told; kept for who waits for that */
     tl_live_end end;
 } tl_live_twin_pulse;
@@ -109,8 +163,10 @@ typedef struct tl_live_past_answer {
 typedef struct tl_live_recorder_pulse {
     tl_heartbeats beats;
     tl_time damaged[TL_LIVE_OUTBOXES]; /* tl_recorder_writer_damage() of each */
+    uint32_t
+        drained; /* number of the newest flip of which all is written that the twin had to say whose run has ended by it */
     tl_recorder_writer_state state;
-    tl_live_past_answer answer;
+    tl_live_past_answer answer[TL_LIVE_PLACES]; /* of the twin in each place */
 } tl_live_recorder_pulse;
 
 /* The pulse of io; its outbox, of events, follows. The supervisor's block is such an outbox only. */
@@ -122,6 +178,8 @@ typedef struct tl_live_io_pulse {
 typedef struct tl_live_activator_pulse {
     tl_heartbeats beats;
     uint32_t restart; /* 1: the run is to end, and another one to begin */
+    tl_live_order order;
+    uint32_t flips; /* the activator's own: number of the newest flip when it ordered one */
 } tl_live_activator_pulse;
 
 static inline size_t tl_live_round(size_t size) {
@@ -133,18 +191,26 @@ static inline tl_outbox_settings tl_live_event_outbox(void) {
     return (tl_outbox_settings){.ring_bytes = 0};
 }
 
+static inline tl_outbox_settings tl_live_outbox_of_shape(const tl_recorder_shape *shape, tl_time step) {
+    return (tl_outbox_settings){
+        .shape = *shape, .ring_bytes = tl_outbox_ring_bytes(shape, step), .checkpoint_bytes = TL_LIVE_CHECKPOINT_BYTES};
+}
+
 static inline tl_outbox_settings tl_live_twin_outbox(const tl_config *config) {
     const tl_recorder_shape shape = {.plant = config->signal_count,
                                      .match = config->match_count,
                                      .adjust = config->adjust_count,
                                      .components = config->component_count + 1};
-    return (tl_outbox_settings){.shape = shape,
-                                .ring_bytes = tl_outbox_ring_bytes(&shape, config->step),
-                                .checkpoint_bytes = TL_LIVE_CHECKPOINT_BYTES};
+    return tl_live_outbox_of_shape(&shape, config->step);
+}
+
+/* Of a block with a plant mail of so many bytes. */
+static inline size_t tl_live_mail_bytes_of(size_t plant_bytes) {
+    return tl_live_round(plant_bytes) + sizeof(tl_live_mail_end);
 }
 
 static inline size_t tl_live_mail_bytes(const tl_plant_mail_shape *shape) {
-    return tl_live_round(tl_plant_mail_bytes(shape)) + sizeof(tl_live_mail_end);
+    return tl_live_mail_bytes_of(tl_plant_mail_bytes(shape));
 }
 
 static inline tl_live_mail_end *tl_live_mail_end_of(const tl_plant_mail_shape *shape, void *mail) {

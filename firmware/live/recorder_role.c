@@ -12,6 +12,7 @@
 #include "firmware/live/live_job.h"
 #include "firmware/live/live_places.h"
 #include "firmware/live/live_role.h"
+#include "firmware/live/live_samples.h"
 #include "firmware/live/live_wire.h"
 #include "firmware/past/past_history.h"
 #include "firmware/process/interrupt.h"
@@ -36,20 +37,26 @@ typedef struct recorder {
     tl_live_job job;
     tl_config config;
     tl_block pulse;
-    tl_block past;
+    tl_block past; /* of the place of the job, as all of the twin's that follows; */
     tl_block twin_pulse;
     tl_block twin_outbox;
+    tl_block other_past; /* and of the other place */
+    tl_block other_pulse;
+    tl_block stage_block;
     tl_block io_pulse;
     tl_block supervisor;
     tl_block activator;
     tl_block tuning;
     tl_live_recorder_pulse *own;
     const tl_live_twin_pulse *twin;
+    const tl_live_twin_pulse *other;
+    const tl_live_stage *stage;
     tl_heart *heart;
     tl_twin_record record; /* what the run is, but for its twin */
     tl_recorder_writer *writer;
     tl_past_history *history; /* NULL: nobody has asked, or does any more */
     tl_live_wish answered;
+    tl_live_samples samples;            /* for the other place */
     char fmus[TL_SHA256_TEXT];          /* of the past */
     tl_live_tuning_head head;           /* of the newest tuning that was read, */
     char text[TL_CONFIG_MAX_BYTES + 1]; /* its configuration, */
@@ -81,12 +88,17 @@ static tl_status take_memory(recorder *self, tl_error *error) {
         {TL_LIVE_SUPERVISOR_READ, tl_outbox_bytes(&events), TL_BLOCK_WE_WRITE, &self->supervisor},
         {TL_LIVE_ACTIVATOR_READ, tl_live_activator_bytes(), TL_BLOCK_WE_WRITE, &self->activator},
         {TL_LIVE_TUNING, sizeof(tl_live_tuning), TL_BLOCK_WE_WRITE, &self->tuning},
+        {TL_LIVE_STAGE, sizeof *self->stage, TL_BLOCK_WE_WRITE, &self->stage_block},
+        {TL_LIVE_OTHER_PULSE, sizeof *self->other, TL_BLOCK_WE_WRITE, &self->other_pulse},
+        {TL_LIVE_OTHER_PAST, TL_LIVE_PAST_BYTES, TL_BLOCK_THEY_WRITE, &self->other_past},
     };
     for (size_t i = 0; i < sizeof wanted / sizeof wanted[0] && status == TL_OK; i++) {
         status = tl_block_take(wanted[i].descriptor, wanted[i].size, wanted[i].writer, wanted[i].block, error);
     }
     self->own = self->pulse.bytes;
     self->twin = self->twin_pulse.bytes;
+    self->other = self->other_pulse.bytes;
+    self->stage = self->stage_block.bytes;
     return status;
 }
 
@@ -113,14 +125,21 @@ static void look_at_tuning(recorder *self) {
     self->looked = status != TL_TRY_AGAIN ? number : self->looked;
 }
 
+/* No other twin can have taken over: none was to, since this process was begun. */
+static bool is_nobody_else(void *context) {
+    const recorder *self = context;
+    return __atomic_load_n(&self->stage->flips, __ATOMIC_ACQUIRE) == self->job.flips;
+}
+
 static tl_status open_writer(recorder *self, tl_error *error) {
     const tl_outbox_settings events = tl_live_event_outbox();
-    const tl_recorder_writer_outbox outboxes[TL_LIVE_OUTBOXES] = {
-        [TL_LIVE_OUTBOX_TWIN] = {"twin", tl_live_twin_outbox(&self->config), self->twin_outbox.bytes},
+    const size_t ring = tl_live_outbox_of_place(self->job.place);
+    tl_recorder_writer_outbox outboxes[TL_LIVE_OUTBOXES] = {
         [TL_LIVE_OUTBOX_IO] = {"io", events, tl_live_io_outbox_of(self->io_pulse.bytes)},
         [TL_LIVE_OUTBOX_SUPERVISOR] = {"supervisor", events, self->supervisor.bytes},
         [TL_LIVE_OUTBOX_ACTIVATOR] = {"activator", events, tl_live_activator_outbox_of(self->activator.bytes)},
     };
+    outboxes[ring] = (tl_recorder_writer_outbox){"twin", tl_live_twin_outbox(&self->config), self->twin_outbox.bytes};
     tl_twin_recorder_describe(&self->config, self->job.database, &self->record);
     self->known = (tl_recorder_known){.hash = "", .text = ""};
     self->record.settings.known = &self->known;
@@ -130,10 +149,18 @@ static tl_status open_writer(recorder *self, tl_error *error) {
         .record = &self->record.settings,
         .outboxes = outboxes,
         .outbox_count = TL_LIVE_OUTBOXES,
+        .ring = ring,
+        .hand_over = TL_LIVE_TAKEN_OVER,
+        .goes_on = is_nobody_else,
+        .context = self,
         .state = &self->own->state,
         .heart = self->heart,
         .is_last = true,
     };
+    self->samples = (tl_live_samples){.pulse = self->other,
+                                      .answer = &self->own->answer[1 - self->job.place],
+                                      .past = &self->other_past,
+                                      .boot = self->record.boot};
     return tl_recorder_writer_open(&settings, &self->writer, error);
 }
 
@@ -168,14 +195,14 @@ static void open_history(recorder *self) {
         .boot = self->record.boot,
         .components = self->config.component_count + 1,
         .tell = note_words,
-        .context = &self->own->answer,
+        .context = &self->own->answer[self->job.place],
     };
     self->history = tl_past_history_open(&settings);
 }
 
 /* The next older one, into its block. */
 static void answer(recorder *self, tl_live_wish wish) {
-    tl_live_past_answer *given = &self->own->answer;
+    tl_live_past_answer *given = &self->own->answer[self->job.place];
     size_t size = 0;
     memset(given->words, 0, sizeof given->words);
     if ((uint32_t)wish == 1) {
@@ -196,6 +223,13 @@ static void forget_past(recorder *self) {
     tl_past_history_close(self->history);
     self->history = NULL;
     tl_block_forget(&self->past, 0, self->past.size);
+}
+
+/* Whoever is in the other place is a shadow, unless the run has gone there. */
+static void look_at_samples(recorder *self) {
+    if (__atomic_load_n(&self->stage->place, __ATOMIC_ACQUIRE) == self->job.place) {
+        tl_live_samples_look(&self->samples, tl_recorder_writer_path(self->writer));
+    }
 }
 
 static void look_at_wishes(recorder *self) {
@@ -243,18 +277,53 @@ static void tell_damage(recorder *self) {
     }
 }
 
+/* The run has another twin, which puts into another outbox; in that of the job nothing more is put that is ours to read. */
+static bool is_over(const recorder *self) {
+    uint32_t flips = __atomic_load_n(&self->stage->flips, __ATOMIC_ACQUIRE);
+    uint32_t place = __atomic_load_n(&self->stage->place, __ATOMIC_ACQUIRE);
+    return flips != self->job.flips && (flips != self->job.flips + 1 || place != self->job.place);
+}
+
+/* For the supervisor: another recorder can go on with the other outbox. */
+static void tell_drained(recorder *self) {
+    __atomic_store_n(&self->own->drained, self->job.flips + 1, __ATOMIC_RELEASE);
+}
+
+static void write_now(recorder *self) {
+    bool over = is_over(self); /* first: what is put before that is read now */
+    if (over) {
+        tl_recorder_writer_leave(self->writer);
+    }
+    look_at_tuning(self);
+    tl_recorder_writer_write(self->writer);
+    tell_damage(self);
+    if (over && tl_recorder_writer_has_drained(self->writer)) {
+        tell_drained(self);
+    }
+}
+
+static tl_status close_writer(recorder *self, tl_error *error) {
+    bool over = is_over(self);
+    tl_status status = tl_recorder_writer_close(self->writer, PATIENCE_AT_END, error);
+    if (over && status == TL_OK) {
+        tell_drained(self);
+    }
+    return status;
+}
+
 static void record_until_told(recorder *self) {
     tl_time due = tl_clock_now(NULL);
     while (tl_interrupt_requested() == NULL && !needs_another(self)) {
         tl_heart_beat(self->heart);
         look_at_wishes(self);
+        look_at_samples(self);
         if (tl_clock_now(NULL) >= due || tl_recorder_writer_is_pressed(self->writer)) {
-            look_at_tuning(self);
-            tl_recorder_writer_write(self->writer);
-            tell_damage(self);
+            write_now(self);
             due = tl_clock_now(NULL) + self->config.record_commit;
         }
-        tl_time look = tl_clock_now(NULL) + (is_awaited(self) ? LOOK_SOON : LOOK);
+        tl_time now = tl_clock_now(NULL);
+        tl_time look = now + (is_awaited(self) ? LOOK_SOON : LOOK);
+        due = is_over(self) && due > now + LOOK ? now + LOOK : due; /* the other one waits */
         tl_clock_sleep_until(look < due ? look : due);
     }
 }
@@ -280,7 +349,7 @@ int tl_recorder_role_run(void) {
         tl_heartbeats_set_ready(&self.own->beats);
         record_until_told(&self);
         status = tl_interrupt_requested() != NULL
-                     ? tl_recorder_writer_close(self.writer, PATIENCE_AT_END, &error)
+                     ? close_writer(&self, &error)
                      : tl_fail(&error, TL_TRY_AGAIN, "%s: its folder is another one now", self.job.database);
     }
     if (status != TL_OK) {

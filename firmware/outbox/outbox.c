@@ -222,6 +222,10 @@ const tl_run_tuning *tl_outbox_tuning(const tl_outbox *outbox) {
     return &outbox->tuning;
 }
 
+const tl_resumption *tl_outbox_beginning(const tl_outbox *outbox) {
+    return &outbox->beginning;
+}
+
 bool tl_outbox_put_end(tl_outbox *outbox, const char *reason) {
     tl_recorder_pen pen;
     bool found = find_room(outbox, TL_ENTRY_END, &pen);
@@ -551,6 +555,19 @@ static void touch(unsigned char *bytes, size_t size) {
     }
 }
 
+/* Nothing was ever put: it takes the place of one that the reader knows, and goes on with its numbers. */
+static void follow_numbers(tl_outbox *outbox) {
+    tl_outbox_control *control = outbox->control;
+    uint64_t head = __atomic_load_n(&control->head, __ATOMIC_ACQUIRE);
+    uint64_t put = __atomic_load_n(&control->put, __ATOMIC_ACQUIRE);
+    if (has_reader(outbox) && (head | put | control->next | control->lost) == 0) {
+        uint64_t taken = __atomic_load_n(&outbox->taken->ring, __ATOMIC_ACQUIRE);
+        control->next = __atomic_load_n(&outbox->taken->events, __ATOMIC_ACQUIRE);
+        __atomic_store_n(&control->head, taken, __ATOMIC_RELEASE);
+        __atomic_store_n(&control->put, taken, __ATOMIC_RELEASE);
+    }
+}
+
 void tl_outbox_open(const tl_outbox_settings *settings, void *memory, const tl_outbox_taken *taken, tl_outbox *outbox) {
     unsigned char *bytes = memory;
     size_t ring = settings->ring_bytes;
@@ -564,6 +581,7 @@ void tl_outbox_open(const tl_outbox_settings *settings, void *memory, const tl_o
                           .taken = taken};
     touch(bytes, tl_outbox_place_at(settings, 0));
     outbox->control->start_waits = false;
+    follow_numbers(outbox);
     mend_ring(outbox);
     mend_events(outbox);
     mend_checkpoints(outbox);

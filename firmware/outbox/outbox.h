@@ -7,6 +7,7 @@
  * Death:   the memory may outlive its writer. A successor goes on in it: all that was published stands; what was left half-written, and what is
  *          not sound of that which the reader has not taken, goes. A successor may also look back: what was taken stays in the ring until new entries
  *          need its bytes, and the ring is large enough for 30 s of new ones beside those since the older of the two checkpoints.
+ * New:     memory of zeros in the place of another outbox, all of which was taken, goes on with its numbers: those of a reader never go back.
  * Ticks:   a sample waits for its step, and is in the ring together with it, or with whatever else is put next: so that of a tick in which its writer dies
  *          nothing is there, unless the reader knows that nobody goes on. If the successor goes on with that tick, it takes its sample anew; if it begins
  *          another run, the sample that waited is the last one of the run before.
@@ -106,6 +107,9 @@ bool tl_outbox_put_tuning(tl_outbox *outbox, const tl_run_tuning *tuning);
 
 /* What is in force: what the run was built with, or what was put since. */
 const tl_run_tuning *tl_outbox_tuning(const tl_outbox *outbox);
+
+/* How the run began that is being put. */
+const tl_resumption *tl_outbox_beginning(const tl_outbox *outbox);
 
 /* Sleeps in small pieces until a tuning, a sample, a step and an end have room; false: not by `until` (CLOCK_MONOTONIC). For who makes up what is past. */
 bool tl_outbox_wait_for_room(tl_outbox *outbox, tl_time until);

@@ -138,8 +138,8 @@ static void take_tunings(follower *self, int64_t tick) {
     tl_run_tuning tuning;
     tl_error error;
     while (tl_twin_tunings_next(&self->tunings, tick, &tuning)) {
-        if (tuning.values.evaluations > assembly->tuning.evaluations) {
-            tuning.values.evaluations = assembly->tuning.evaluations;
+        if (tuning.values.evaluations > tl_tuning_room(assembly->tuning.evaluations)) {
+            tuning.values.evaluations = tl_tuning_room(assembly->tuning.evaluations);
         }
         if (tl_assembly_retune(assembly, &tuning.values, &error) == TL_OK) {
             note_tuning(self, &tuning, tick);

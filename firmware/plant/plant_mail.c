@@ -41,6 +41,12 @@ size_t tl_plant_mail_bytes(const tl_plant_mail_shape *shape) {
     return bytes;
 }
 
+bool tl_plant_mail_can_have(size_t signals, uint64_t bytes) {
+    const size_t least = COUNTS + signals * TL_PLANT_MAIL_LEAST * sizeof(tl_mailbox_slot);
+    const size_t most = COUNTS + signals * TL_PLANT_MAIL_MOST * sizeof(tl_mailbox_slot);
+    return signals > 0 && signals <= TL_MAX_SIGNALS && bytes >= least && bytes <= most;
+}
+
 void tl_plant_mail_open(const tl_plant_mail_shape *shape, void *memory, tl_mailbox mailboxes[TL_MAX_SIGNALS]) {
     unsigned char *counts = memory;
     unsigned char *slots = counts + COUNTS;

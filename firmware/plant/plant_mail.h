@@ -9,6 +9,7 @@
 #ifndef TL_FIRMWARE_PLANT_PLANT_MAIL_H
 #define TL_FIRMWARE_PLANT_PLANT_MAIL_H
 
+#include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
 
@@ -29,6 +30,9 @@ void tl_plant_mail_shape_of(const tl_config *config, tl_plant_mail_shape *shape)
 
 /* Of the memory; never 0. */
 size_t tl_plant_mail_bytes(const tl_plant_mail_shape *shape);
+
+/* The mail of so many signals can have that size. */
+bool tl_plant_mail_can_have(size_t signals, uint64_t bytes);
 
 /* Handles on what is in the memory, for either side: whoever only reads may have mapped it read-only. */
 void tl_plant_mail_open(const tl_plant_mail_shape *shape, void *memory, tl_mailbox mailboxes[TL_MAX_SIGNALS]);

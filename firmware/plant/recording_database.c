@@ -135,8 +135,8 @@ static tl_status parse_tuning(const char *text, const tl_config *own, tl_tuning 
     tl_tuning built;
     tl_config_tuning(own, &built);
     tl_status status = tl_config_tuning_of(own, text, tuning, error);
-    if (status == TL_OK && tuning->evaluations > built.evaluations) {
-        tuning->evaluations = built.evaluations;
+    if (status == TL_OK && tuning->evaluations > tl_tuning_room(built.evaluations)) {
+        tuning->evaluations = tl_tuning_room(built.evaluations);
     }
     return status == TL_OK ? tl_tuning_fits(tuning, &built, error) : status;
 }
@@ -290,6 +290,12 @@ static void look_up_anew(tl_recording_database *database, const tl_sample *seen,
     tl_plant_input_take(&database->input, seen->tick, seen->instant, sample);
 }
 
+/* What a run took over at a flip it had searched itself, in the shadow of the run before: only what it did not search is led along. */
+static bool was_followed(const tl_recording_database *database, const tl_history_tick *read) {
+    return database->beginning.follows && read->sample.tick < database->beginning.resumption.tick &&
+           (!read->has_step || read->outcome == TL_FOLLOWED);
+}
+
 tl_status tl_recording_database_next(tl_recording_database *database, tl_recording_tick *tick, bool *end,
                                      tl_error *error) {
     tl_history_tick read;
@@ -315,7 +321,7 @@ tl_status tl_recording_database_next(tl_recording_database *database, tl_recordi
     if (database->anew) {
         look_up_anew(database, &read.sample, &tick->sample);
     }
-    tick->followed = database->beginning.follows && read.sample.tick < database->beginning.resumption.tick;
+    tick->followed = was_followed(database, &read);
     memcpy(tick->u, read.u, sizeof tick->u);
     tick->made_up = repeat && read.outcome == TL_MADE_UP;
     tick->resets = repeat && (read.flags & TL_FLAG_RESET) != 0;

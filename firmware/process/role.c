@@ -25,7 +25,8 @@ enum { PROGRAM = TL_ROLE_DESCRIPTORS, NEWS, FIRST_TO_CLOSE, GATHER = FIRST_TO_CL
 static int program = -1;
 static char **words;               /* of its command line, as it was; NULL: it has a role */
 static int program_fault = ENOSYS; /* why there is none */
-static pid_t parent;               /* of a process with a role */
+static pid_t parent;               /* of a process with a role, */
+static char *own_title;            /* in its argv */
 
 /* ---- At the start ---- */
 
@@ -43,7 +44,8 @@ static void keep_words(char *const *argv) {
 
 const char *tl_role_begin(char *const *argv) {
     if (argv[0] != NULL && strncmp(argv[0], PREFIX, strlen(PREFIX)) == 0) {
-        return argv[0] + strlen(PREFIX);
+        own_title = argv[0] + strlen(PREFIX);
+        return own_title;
     }
     keep_words(argv);
     tl_role_open_program();
@@ -55,6 +57,14 @@ const char *tl_role_begin(char *const *argv) {
 void tl_role_open_program(void) {
     program = open("/proc/self/exe", O_RDONLY | O_CLOEXEC);
     program_fault = program < 0 ? errno : 0;
+}
+
+void tl_role_entitle(const char *title) {
+    if (own_title != NULL) {
+        size_t room = strlen(own_title);
+        memset(own_title, ' ', room);
+        memcpy(own_title, title, strnlen(title, room));
+    }
 }
 
 void tl_role_begin_anew(void) {

@@ -17,12 +17,12 @@
 
 #include "master/base/status.h"
 
-enum { TL_ROLE_DESCRIPTORS = 12, TL_ROLE_TITLE = 96, TL_ROLE_VARIABLES = 8 };
+enum { TL_ROLE_DESCRIPTORS = 16, TL_ROLE_TITLE = 96, TL_ROLE_VARIABLES = 8 };
 
 typedef struct tl_role_settings {
     const char *title; /* "twin [motor]"; cut to TL_ROLE_TITLE bytes */
     int descriptors
-        [TL_ROLE_DESCRIPTORS];    /* of ours, which become 0 … 11 in the child; −1: closed there. They stay ours */
+        [TL_ROLE_DESCRIPTORS];    /* of ours, which become 0 … 15 in the child; −1: closed there. They stay ours */
     const char *const *variables; /* "TMPDIR=…", which are added to the environment or replace one of that name */
     size_t variable_count;        /* at most TL_ROLE_VARIABLES */
     const char *const
@@ -44,6 +44,9 @@ typedef struct tl_role {
 
 /* First of all in main(). The title of the role it was started as, which lives as long as argv; NULL: an ordinary start. */
 const char *tl_role_begin(char *const *argv);
+
+/* In a process with a role: another title from now on, cut to as many bytes as it was started with: spaces at its end are room. */
+void tl_role_entitle(const char *title);
 
 /* In a process with a role that starts others itself. */
 void tl_role_open_program(void);

@@ -5,6 +5,7 @@
 
 #include "firmware/text/clean_text.h"
 #include "firmware/text/json_reader.h"
+#include "firmware/text/json_writer.h"
 
 enum { CLEAN = 2048, HASH_SHOWN = 12 };
 
@@ -92,9 +93,13 @@ static void tell_version(tl_push_lines *lines, tl_json_reader *json) {
     clean who = text_of(json, "who");
     clean why = text_of(json, "why");
     clean result = text_of(json, "result");
-    (void)fprintf(lines->file, "%c %4llu  %.*s  %-24s  %-12s  %s%s%s\n", tl_json_truth(json, "is_active") ? '*' : ' ',
-                  count_of(json, "version"), (int)HASH_SHOWN, hash.text, at.text, who.text, result.text,
-                  why.text[0] != '\0' ? ": " : "", why.text);
+    char number[24] = "-"; /* of what never was a version */
+    if (count_of(json, "version") != 0) {
+        (void)snprintf(number, sizeof number, "%llu", count_of(json, "version"));
+    }
+    (void)fprintf(lines->file, "%c %4s  %.*s  %-24s  %-12s  %s%s%s\n", tl_json_truth(json, "is_active") ? '*' : ' ',
+                  number, (int)HASH_SHOWN, hash.text, at.text, who.text, result.text, why.text[0] != '\0' ? ": " : "",
+                  why.text);
 }
 
 static void tell_end(tl_push_lines *lines, tl_json_reader *json) {
@@ -118,9 +123,41 @@ static const struct {
 
 /* ---- lines ---- */
 
-static void note_end(tl_push_lines *lines, tl_json_reader *json) {
+static void copy(tl_json_reader *json, const char *key, char *to, size_t room) {
+    clean text = text_of(json, key);
+    (void)snprintf(to, room, "%.*s", (int)room - 1, text.text);
+}
+
+static void note_state(tl_push_lines *lines, tl_json_reader *json) {
+    tl_push_state *state = &lines->state;
+    copy(json, "hash", state->hash, sizeof state->hash);
+    copy(json, "step", state->step, sizeof state->step);
+    state->version = count_of(json, "version");
+    state->left_s = count_of(json, "left_s");
+    state->runs = tl_json_text(json, "lock")[0] != '\0';
+}
+
+static void note_version(tl_push_lines *lines, tl_json_reader *json) {
     clean result = text_of(json, "result");
-    (void)snprintf(lines->result, sizeof lines->result, "%.*s", (int)sizeof lines->result - 1, result.text);
+    const char *colon = strstr(result.text, ": ");
+    if (lines->wanted != 0 && count_of(json, "version") == lines->wanted) {
+        (void)snprintf(lines->version_result, sizeof lines->version_result, "%.*s",
+                       (int)sizeof lines->version_result - 1, colon != NULL ? colon + 2 : result.text);
+    }
+}
+
+static void note(tl_push_lines *lines, tl_json_reader *json, const char *reply) {
+    if (strcmp(reply, "end") == 0) {
+        copy(json, "result", lines->result, sizeof lines->result);
+        copy(json, "hash", lines->hash, sizeof lines->hash);
+        lines->version = count_of(json, "version");
+    } else if (strcmp(reply, "step") == 0) {
+        copy(json, "step", lines->step, sizeof lines->step);
+    } else if (strcmp(reply, "state") == 0) {
+        note_state(lines, json);
+    } else if (strcmp(reply, "version") == 0) {
+        note_version(lines, json);
+    }
 }
 
 /* What is of a later version and not known here is passed over; what is no object ends it all. */
@@ -128,8 +165,10 @@ static void tell_line(tl_push_lines *lines) {
     tl_json_reader json = tl_json_reader_of(lines->line, lines->used);
     lines->is_broken = !json.right;
     const char *reply = json.right ? tl_json_text(&json, "reply") : "";
-    if (strcmp(reply, "end") == 0) {
-        note_end(lines, &json);
+    note(lines, &json, reply);
+    if (lines->file == NULL) {
+        tl_json_reader_free(&json);
+        return;
     }
     if (lines->as_json && !lines->is_broken) {
         (void)fprintf(lines->file, "%.*s\n", (int)lines->used, lines->line);
@@ -148,6 +187,12 @@ void tl_push_lines_begin(tl_push_lines *lines, FILE *file, bool as_json, const c
     lines->as_json = as_json;
     lines->config = config;
     lines->result[0] = '\0';
+    lines->hash[0] = '\0';
+    lines->version = 0;
+    lines->step[0] = '\0';
+    lines->state = (tl_push_state){.hash = ""};
+    lines->wanted = 0;
+    lines->version_result[0] = '\0';
     lines->used = 0;
     lines->is_broken = false;
 }
@@ -164,4 +209,35 @@ void tl_push_lines_take(tl_push_lines *lines, const char *bytes, size_t size) {
             lines->used++;
         }
     }
+}
+
+/* ---- what is told in place of the box ---- */
+
+static void tell_made(tl_push_lines *lines, tl_json_writer *json) {
+    char line[4 * TL_PUSH_SENTENCE];
+    size_t length = tl_json_writer_line(json, line, sizeof line);
+    tl_json_writer_free(json);
+    tl_push_lines_take(lines, line, length);
+    tl_push_lines_take(lines, "\n", 1);
+}
+
+void tl_push_lines_say(tl_push_lines *lines, const char *step, unsigned long long left_s, const char *text) {
+    tl_json_writer json;
+    tl_json_writer_begin(&json);
+    tl_json_add_text(&json, "reply", "step");
+    tl_json_add_text(&json, "step", step);
+    tl_json_add_count(&json, "left_s", left_s);
+    tl_json_add_text(&json, "text", text);
+    tell_made(lines, &json);
+}
+
+void tl_push_lines_end(tl_push_lines *lines, const char *result, const tl_push_state *now, const char *text) {
+    tl_json_writer json;
+    tl_json_writer_begin(&json);
+    tl_json_add_text(&json, "reply", "end");
+    tl_json_add_text(&json, "result", result);
+    tl_json_add_count(&json, "version", now->version);
+    tl_json_add_text(&json, "hash", now->hash);
+    tl_json_add_text(&json, "text", text);
+    tell_made(lines, &json);
 }

@@ -98,6 +98,13 @@ static tl_push_outcome compare(const char *box, const tl_fingerprint *seen, cons
             box, seen->pin, seen->pin);
         return TL_PUSH_STRANGER;
     }
+    if (!tl_fingerprint_is_one(pin)) {
+        (void)tl_fail(error, TL_BAD_USAGE,
+                      "--pin %.100s is no pin: expected what `twinlock serve --fingerprint` prints on the box, such as "
+                      "sha256//1vn7…= or AB:CD:…",
+                      pin);
+        return TL_PUSH_WRONG;
+    }
     if (!tl_fingerprint_is(seen, pin)) {
         (void)tl_fail(
             error, TL_BAD_USAGE,

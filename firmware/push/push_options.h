@@ -17,6 +17,7 @@ typedef enum tl_push_action {
     TL_PUSH_VERSIONS,
     TL_PUSH_GET,
     TL_PUSH_CONFIRM,
+    TL_PUSH_CANCEL,
     TL_PUSH_RETURN
 } tl_push_action;
 
@@ -30,11 +31,14 @@ typedef struct tl_push_options {
     const char *base;       /* the file that must be active; NULL: whatever is */
     const char *why;
     bool check;
+    bool activate;
     bool restart;
+    bool accept_worse;
     bool needs_confirm;
     bool wait;
     bool json;
     uint32_t probation_s; /* 0: as usual */
+    uint32_t shadow_s;    /* the same */
     double require_lock;  /* 0: as usual */
     uint64_t version;     /* of GET and RETURN; 0: the active one, the one before */
 } tl_push_options;

@@ -11,12 +11,12 @@
 #include "firmware/base/file_bytes.h"
 #include "firmware/base/log.h"
 #include "firmware/base/sha256.h"
-#include "firmware/control/control_wire.h"
+#include "firmware/control/control_words.h"
+#include "firmware/control/last_word.h"
+#include "firmware/push/push_follow.h"
 #include "firmware/push/push_lines.h"
 #include "firmware/push/push_link.h"
 
-/* Exit codes beyond those of a tl_status; --help says them. */
-enum { RETURNED_FROM = 3, NOT_PERMITTED = 77 };
 enum { PATH = 1024, TOKEN = 256, TOKEN_DIGITS = 64 };
 
 /* One run of the program. */
@@ -75,26 +75,11 @@ static tl_status read_token(const tl_push_options *options, char token[TOKEN], t
 
 /* ---- the end ---- */
 
-static const struct {
-    const char *result;
-    int code;
-} RESULTS[] = {
-    {"done", 0},
-    {"same", 0},
-    {"undone", RETURNED_FROM},
-    {"needs a restart", 2},
-    {"invalid", 65},
-    {"forbidden", NOT_PERMITTED},
-    {"changed", 75},
-    {"busy", 75},
-};
-
 /* Of an answer that has come to its end. */
 static int code_of(const push *self, long status) {
-    for (size_t i = 0; i < sizeof RESULTS / sizeof RESULTS[0]; i++) {
-        if (strcmp(self->lines.result, RESULTS[i].result) == 0) {
-            return RESULTS[i].code;
-        }
+    tl_control_result result = TL_CONTROL_FAILED;
+    if (tl_control_result_of(self->lines.result, &result) && result != TL_CONTROL_FAILED) {
+        return tl_control_exit_code(result);
     }
     switch (status) {
     case 200:
@@ -120,7 +105,7 @@ static int code_without(tl_push_outcome outcome) {
     case TL_PUSH_WRONG:
         return tl_exit_code(TL_BAD_USAGE);
     case TL_PUSH_STRANGER:
-        return NOT_PERMITTED;
+        return TL_CONTROL_NOT_PERMITTED;
     case TL_PUSH_NOBODY:
         return tl_exit_code(TL_PLANT_DOWN);
     case TL_PUSH_OK:
@@ -175,11 +160,16 @@ static void add_options(char path[PATH], const tl_push_options *options) {
     char number[32];
     add_flag(path, "check", options->check);
     add_flag(path, "restart", options->restart);
+    add_flag(path, "accept_worse", options->accept_worse);
     add_flag(path, "confirm", options->needs_confirm);
     add_flag(path, "wait", options->wait);
     if (options->probation_s != 0) {
         (void)snprintf(number, sizeof number, "%u", (unsigned)options->probation_s);
         add_query(path, "probation", number);
+    }
+    if (options->shadow_s != 0) {
+        (void)snprintf(number, sizeof number, "%u", (unsigned)options->shadow_s);
+        add_query(path, "shadow", number);
     }
     if (options->require_lock > 0.0) {
         (void)snprintf(number, sizeof number, "%.6f", options->require_lock);
@@ -209,6 +199,20 @@ static int ask(push *self, tl_push_request *request) {
     return code_of(self, request->status);
 }
 
+/* A change that somebody waits for, over the restart that it may take. `hash`: of what is to be active; "": the box has said that. */
+static int change(push *self, tl_push_request *request, const char *hash) {
+    char wanted[TL_PUSH_HASH];
+    tl_last_word_set(
+        "if the box has taken the change, it goes on there: --state shows how it is, and --cancel ends it, or returns "
+        "from it");
+    int code = ask(self, request);
+    (void)snprintf(wanted, sizeof wanted, "%s", hash[0] != '\0' ? hash : self->lines.hash);
+    bool is_due = self->options->wait && wanted[0] != '\0' && tl_push_follow_is_due(&self->lines);
+    code = is_due ? tl_push_follow(self->link, &self->lines, wanted) : code;
+    tl_last_word_set(NULL);
+    return code;
+}
+
 /* ---- what is to be done ---- */
 
 static int ask_plainly(push *self) {
@@ -220,6 +224,7 @@ static int ask_plainly(push *self) {
         [TL_PUSH_VERSIONS] = {"GET", "/versions"},
         [TL_PUSH_GET] = {"GET", "/configuration"},
         [TL_PUSH_CONFIRM] = {"POST", "/confirm"},
+        [TL_PUSH_CANCEL] = {"DELETE", "/change"},
         [TL_PUSH_RETURN] = {"POST", "/return"},
     };
     char path[PATH];
@@ -227,15 +232,15 @@ static int ask_plainly(push *self) {
     tl_push_request request = {.method = rows[options->action].method,
                                .path = path,
                                .take = options->action == TL_PUSH_GET ? print_text : tell,
-                               .can_last = options->wait};
+                               .can_last = options->action >= TL_PUSH_CONFIRM};
     (void)snprintf(path, sizeof path, "%s", rows[options->action].path);
     if (options->action == TL_PUSH_GET && options->version != 0) {
         (void)snprintf(path, sizeof path, "/versions/%llu", (unsigned long long)options->version);
     }
-    if (options->action == TL_PUSH_CONFIRM || options->action == TL_PUSH_RETURN) {
+    if (options->action >= TL_PUSH_CONFIRM) {
         add_options(path, options);
     }
-    return ask(self, &request);
+    return options->action == TL_PUSH_RETURN ? change(self, &request, "") : ask(self, &request);
 }
 
 /* The tag of what the change is made from: of a file, or of what is active now. */
@@ -260,6 +265,7 @@ static int find_base(push *self, char tag[TL_PUSH_TAG]) {
 
 static int give_configuration(push *self) {
     char path[PATH] = "/configuration";
+    char hash[TL_SHA256_TEXT];
     char tag[TL_PUSH_TAG];
     int code = find_base(self, tag);
     if (code != 0) {
@@ -275,9 +281,10 @@ static int give_configuration(push *self) {
                                .match = tag,
                                .body = self->text,
                                .size = self->size,
-                               .can_last = self->options->wait,
+                               .can_last = true,
                                .take = tell};
-    code = ask(self, &request);
+    tl_sha256(self->text, self->size, hash);
+    code = change(self, &request, hash);
     if (code == 0 && self->lines.result[0] == '\0') {
         tl_log(TL_LOG_ERROR, "the box did not say how it ended: look at it by --state");
         code = tl_exit_code(TL_TRY_AGAIN);

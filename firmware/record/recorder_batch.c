@@ -18,6 +18,15 @@ static tl_recorder_database *database_of(const tl_recorder_batch *batch) {
     return batch->settings.file->database;
 }
 
+static size_t ring_of(const tl_recorder_batch *batch) {
+    return batch->settings.inbox->ring;
+}
+
+/* Of the outbox with the ring. */
+static tl_outbox_taken *taken_of(tl_recorder_batch *batch) {
+    return &batch->next.taken[ring_of(batch)];
+}
+
 static bool take_entry(tl_recorder_batch *batch, uint64_t *position, uint64_t end) {
     return tl_recorder_inbox_entry(batch->settings.inbox, position, end, &batch->entry);
 }
@@ -99,9 +108,26 @@ static int end_batch(tl_recorder_batch *batch, int code) {
 
 /* ---- Runs -------------------------------------------------------------------------------------------------------- */
 
+/* What lies behind is of a run that comes after one in another ring. */
+static bool is_handed_over(const tl_recorder_batch *batch) {
+    const tl_recorder_batch_settings *settings = &batch->settings;
+    const tl_recorder_mark *mark = &batch->next;
+    return mark->hands_over && mark->ring == ring_of(batch) && !settings->goes_on(settings->context);
+}
+
+/* How far of that the ring may be read. */
+static uint64_t end_of(tl_recorder_batch *batch, uint64_t end) {
+    return is_handed_over(batch) ? taken_of(batch)->ring : end;
+}
+
+/* Up to which position of the ring its events are ours. */
+static uint64_t reach_of(tl_recorder_batch *batch) {
+    return end_of(batch, UINT64_MAX);
+}
+
 /* What comes next, if it is the beginning of another run: then the entry is that. */
 static bool is_beginning(tl_recorder_batch *batch, uint64_t end, uint64_t *position) {
-    *position = batch->next.taken[0].ring;
+    *position = taken_of(batch)->ring;
     return *position != end && take_entry(batch, position, end) && batch->entry.kind == TL_ENTRY_START;
 }
 
@@ -125,12 +151,14 @@ static void take_beginning(tl_recorder_batch *batch, uint64_t position) {
     next->totals = (tl_recorder_totals){.lost = next->run != 0 ? 0 : next->totals.lost}; /* not said in any row yet */
     next->run = 0;
     next->has_ended = false;
+    next->hands_over = false;
+    next->ring = (uint32_t)ring_of(batch);
     next->is_again = false;
     next->own = 0;
     next->has_begun = true;
     next->is_untimed = false;
     next->tuning = (tl_run_tuning){.number = next->tuning.number};
-    next->taken[0].ring = position;
+    next->taken[ring_of(batch)].ring = position;
     batch->settings.file->goes_on = false;
 }
 
@@ -139,6 +167,7 @@ void tl_recorder_batch_begin_run(tl_recorder_batch *batch, const tl_outbox_start
     batch->next.start = *start;
     batch->next.has_begun = true;
     batch->next.is_untimed = true;
+    batch->next.ring = (uint32_t)ring_of(batch);
     settle(batch);
 }
 
@@ -148,7 +177,7 @@ void tl_recorder_batch_begin_run(tl_recorder_batch *batch, const tl_outbox_start
 static void count_lost(tl_recorder_batch *batch) {
     tl_recorder_mark *next = &batch->next;
     for (size_t i = 0; i < batch->settings.inbox->count; i++) {
-        uint64_t lost = tl_recorder_inbox_lost(batch->settings.inbox, i);
+        uint64_t lost = tl_recorder_inbox_lost(batch->settings.inbox, i, next->lost[i]);
         tl_recorder_mark_lose(next, lost > next->lost[i] ? lost - next->lost[i] : 0);
         next->lost[i] = lost;
     }
@@ -161,12 +190,12 @@ static void drop(tl_recorder_batch *batch) {
 
 /* Entries that belong to no run: there is nothing to write them to. */
 static void drop_entries(tl_recorder_batch *batch, uint64_t end) {
-    uint64_t position = batch->next.taken[0].ring;
+    uint64_t position = taken_of(batch)->ring;
     while (position != end && take_entry(batch, &position, end) && batch->entry.kind != TL_ENTRY_START) {
-        batch->next.taken[0].ring = position;
+        taken_of(batch)->ring = position;
         drop(batch);
     }
-    if (batch->next.taken[0].ring != mark_of(batch)->taken[0].ring) {
+    if (taken_of(batch)->ring != mark_of(batch)->taken[ring_of(batch)].ring) {
         settle(batch);
     }
 }
@@ -188,7 +217,7 @@ static int write_own_events(tl_recorder_batch *batch) {
 static int write_events(tl_recorder_batch *batch, size_t most) {
     tl_recorder_inbox *inbox = batch->settings.inbox;
     tl_recorder_mark *next = &batch->next;
-    uint64_t written = next->taken[0].ring;
+    uint64_t written = next->taken[ring_of(batch)].ring;
     tl_recorder_event_entry event = {.at = 0};
     bool skip = false;
     int code = SQLITE_OK;
@@ -261,14 +290,20 @@ static int write_sample_or_step(tl_recorder_batch *batch) {
     return code;
 }
 
+static void take_end(tl_recorder_batch *batch) {
+    const char *hand_over = batch->settings.hand_over;
+    batch->ends = !batch->next.has_ended;
+    batch->next.has_ended = true;
+    batch->next.hands_over = hand_over != NULL && strcmp(batch->entry.reason, hand_over) == 0;
+}
+
 static int write_entry(tl_recorder_batch *batch) {
     switch (batch->entry.kind) {
     case TL_ENTRY_START:
         batch->is_over = true;
         return SQLITE_OK;
     case TL_ENTRY_END:
-        batch->ends = !batch->next.has_ended;
-        batch->next.has_ended = true;
+        take_end(batch);
         return SQLITE_OK;
     case TL_ENTRY_TUNING:
         return write_tuning(batch);
@@ -279,8 +314,9 @@ static int write_entry(tl_recorder_batch *batch) {
 
 /* Up to the end of a run, the beginning of another, or so many bytes. A sample and its step are in one batch: so no power cut leaves half a tick. */
 static int write_entries(tl_recorder_batch *batch, uint64_t end, size_t limit) {
-    const size_t step = tl_recorder_entry_size(&batch->settings.inbox->outboxes[0].settings.shape, TL_ENTRY_STEP);
-    uint64_t *taken = &batch->next.taken[0].ring;
+    const size_t step =
+        tl_recorder_entry_size(&batch->settings.inbox->outboxes[ring_of(batch)].settings.shape, TL_ENTRY_STEP);
+    uint64_t *taken = &taken_of(batch)->ring;
     uint64_t first = *taken;
     int code = SQLITE_OK;
     batch->is_over = false;
@@ -312,14 +348,14 @@ static int write_all(tl_recorder_batch *batch, uint64_t end, size_t limit) {
 
 /* Whether there is more of the ring behind what is committed. */
 static bool has_more(const tl_recorder_batch *batch, uint64_t end) {
-    return mark_of(batch)->taken[0].ring != end && tl_recorder_inbox_is_whole(batch->settings.inbox);
+    return mark_of(batch)->taken[ring_of(batch)].ring != end && tl_recorder_inbox_is_whole(batch->settings.inbox);
 }
 
 /* The run is known: its transaction, if there is anything for one. */
 static int write_transaction(tl_recorder_batch *batch, uint64_t end, bool *more) {
     uint64_t before = mark_of(batch)->number;
     size_t limit = tl_recorder_database_batch(database_of(batch));
-    uint64_t left = end - batch->next.taken[0].ring;
+    uint64_t left = end - taken_of(batch)->ring;
     size_t bytes = left < limit ? (size_t)left : limit;
     size_t events = count_events(batch, end, limit / EVENT_BYTES);
     bool has_own = batch->next.said != batch->settings.state->own_said;
@@ -340,7 +376,8 @@ int tl_recorder_batch_write(tl_recorder_batch *batch, uint64_t end, bool *more) 
     uint64_t position = 0;
     begin_batch(batch);
     *more = false;
-    bool has_early = batch->next.run != 0 && count_events(batch, batch->next.taken[0].ring, 1) > 0;
+    end = end_of(batch, end);
+    bool has_early = batch->next.run != 0 && count_events(batch, taken_of(batch)->ring, 1) > 0;
     if (!has_early && is_beginning(batch, end, &position)) { /* else there are events of the run before */
         take_beginning(batch, position);
     } else if (!batch->next.has_begun) {
@@ -360,13 +397,14 @@ static int write_checkpoint(tl_recorder_batch *batch, bool *any) {
     size_t size = 0;
     int64_t tick = 0;
     uint64_t number = 0;
-    *any = bytes != NULL && mark->run != 0 &&
-           tl_recorder_inbox_checkpoint(batch->settings.inbox, &mark->taken[0], bytes, &size, &tick, &number);
+    *any =
+        bytes != NULL && mark->run != 0 && mark->ring == ring_of(batch) &&
+        tl_recorder_inbox_checkpoint(batch->settings.inbox, &mark->taken[ring_of(batch)], bytes, &size, &tick, &number);
     if (!*any) {
         return SQLITE_OK;
     }
     begin_batch(batch);
-    batch->next.taken[0].checkpoint = number;
+    taken_of(batch)->checkpoint = number;
     int code = begin_transaction(batch, size);
     if (code == SQLITE_OK) {
         code = tl_recorder_database_checkpoint(database_of(batch), tick, bytes, size);
@@ -389,20 +427,29 @@ int tl_recorder_batch_write_checkpoints(tl_recorder_batch *batch) {
 
 uint64_t tl_recorder_batch_count_left(tl_recorder_batch *batch) {
     batch->next = *mark_of(batch);
-    uint64_t position = batch->next.taken[0].ring;
-    uint64_t end = tl_recorder_inbox_end(batch->settings.inbox, position);
+    uint64_t position = taken_of(batch)->ring;
+    uint64_t end = end_of(batch, tl_recorder_inbox_end(batch->settings.inbox, position));
     uint64_t left = 0;
     while (position != end && take_entry(batch, &position, end)) {
         left += batch->entry.kind != TL_ENTRY_START && batch->entry.kind != TL_ENTRY_END ? 1 : 0;
     }
-    return left + (batch->next.has_begun ? count_events(batch, UINT64_MAX, TL_RECORDER_EVENTS) : 0);
+    return left + (batch->next.has_begun ? count_events(batch, reach_of(batch), TL_RECORDER_EVENTS) : 0);
+}
+
+/* Of the ring. */
+static bool is_read(tl_recorder_batch *batch) {
+    batch->next = *mark_of(batch);
+    uint64_t taken = taken_of(batch)->ring;
+    uint64_t end = end_of(batch, tl_recorder_inbox_end(batch->settings.inbox, taken));
+    return taken == end || !tl_recorder_inbox_is_whole(batch->settings.inbox);
+}
+
+bool tl_recorder_batch_has_drained(tl_recorder_batch *batch) {
+    return is_read(batch) && !tl_recorder_inbox_has_event_of_ring(batch->settings.inbox, taken_of(batch));
 }
 
 bool tl_recorder_batch_is_empty(tl_recorder_batch *batch) {
-    batch->next = *mark_of(batch);
-    uint64_t taken = batch->next.taken[0].ring;
-    uint64_t end = tl_recorder_inbox_end(batch->settings.inbox, taken);
-    bool is_read = taken == end || !tl_recorder_inbox_is_whole(batch->settings.inbox);
+    bool has_none_of_ring = is_read(batch);
     bool needs_row = batch->next.has_begun && batch->next.run == 0;
-    return is_read && !needs_row && (!batch->next.has_begun || count_events(batch, UINT64_MAX, 1) == 0);
+    return has_none_of_ring && !needs_row && (!batch->next.has_begun || count_events(batch, reach_of(batch), 1) == 0);
 }

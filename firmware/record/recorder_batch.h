@@ -5,6 +5,8 @@
  * Order:   the writer's own events, then entries, then the events that were put before the last of these.
  * Runs:    a START entry begins one, END ends it. Events that come before the first START wait for it; entries before it belong to no run, and are
  *          dropped. A START while a run is open means that that one was not ended cleanly.
+ * Handing: an END with the settings' reason hands over: what follows it in the ring is of a later run than one in another ring, and is not read before
+ *          that was. Nor is it ever if nobody may go on; but if the reason was said without cause, who knows that says so.
  * Touches: the marks of the writer's state; the inbox; the file, which is open (tl_recorder_file.database), and which it neither opens nor closes.
  * Errors:  SQLite's result codes; the file has the words (tl_recorder_file_keep_words()).
  * Thread:  one at a time.
@@ -27,8 +29,11 @@ typedef struct tl_recorder_batch_settings {
     tl_recorder_file *file;
     tl_recorder_inbox *inbox;
     tl_recorder_writer_state *state;
-    unsigned char *checkpoint; /* of the size of the first outbox's; NULL: it has none */
-    tl_heart *heart;           /* of the caller's thread: beats with each batch; NULL: nobody's */
+    unsigned char *checkpoint;      /* of the size of those of the outbox with the ring; NULL: it has none */
+    tl_heart *heart;                /* of the caller's thread: beats with each batch; NULL: nobody's */
+    const char *hand_over;          /* see above; NULL: no run does */
+    bool (*goes_on)(void *context); /* after such an END there is no other ring */
+    void *context;
 } tl_recorder_batch_settings;
 
 /* Private; begins with its settings, and zeros. */
@@ -49,6 +54,9 @@ int tl_recorder_batch_write(tl_recorder_batch *batch, uint64_t end, bool *more);
 
 /* Those whose entries are written, in a transaction of its own each. */
 int tl_recorder_batch_write_checkpoints(tl_recorder_batch *batch);
+
+/* All of the ring is written, up to where it hands over, and the events of that outbox. */
+bool tl_recorder_batch_has_drained(tl_recorder_batch *batch);
 
 /* Nothing is left that could be written. */
 bool tl_recorder_batch_is_empty(tl_recorder_batch *batch);

@@ -8,36 +8,45 @@
 
 static const tl_time MEND_PAUSE = TL_SECOND; /* between two looks at an outbox that is damaged */
 
-void tl_recorder_inbox_open(tl_recorder_inbox *inbox, const tl_recorder_writer_outbox *outboxes, size_t count) {
-    assert(count >= 1 && count <= TL_WRITER_OUTBOXES);
-    *inbox = (tl_recorder_inbox){.count = count};
+/* One that is not there has no reader: nothing is in it, and it is never damaged. */
+static bool is_there(const tl_recorder_inbox *inbox, size_t outbox) {
+    return inbox->outboxes[outbox].memory != NULL;
+}
+
+void tl_recorder_inbox_open(tl_recorder_inbox *inbox, const tl_recorder_writer_outbox *outboxes, size_t count,
+                            size_t ring) {
+    assert(count >= 1 && count <= TL_WRITER_OUTBOXES && ring < count && outboxes[ring].memory != NULL);
+    *inbox = (tl_recorder_inbox){.count = count, .ring = ring};
     for (size_t i = 0; i < count; i++) {
         inbox->outboxes[i] = outboxes[i];
-        tl_outbox_reader_open(&outboxes[i].settings, outboxes[i].memory, &inbox->readers[i]);
+        if (is_there(inbox, i)) {
+            tl_outbox_reader_open(&outboxes[i].settings, outboxes[i].memory, &inbox->readers[i]);
+        }
     }
 }
 
 /* ---- The ring ---------------------------------------------------------------------------------------------------- */
 
 uint64_t tl_recorder_inbox_end(tl_recorder_inbox *inbox, uint64_t taken) {
-    return tl_outbox_reader_end(&inbox->readers[0], taken);
+    return tl_outbox_reader_end(&inbox->readers[inbox->ring], taken);
 }
 
 void tl_recorder_inbox_leave(tl_recorder_inbox *inbox) {
-    tl_outbox_reader_leave(&inbox->readers[0]);
+    tl_outbox_reader_leave(&inbox->readers[inbox->ring]);
 }
 
 bool tl_recorder_inbox_is_whole(const tl_recorder_inbox *inbox) {
-    return inbox->readers[0].fault[0] == '\0';
+    return inbox->readers[inbox->ring].fault[0] == '\0';
 }
 
 bool tl_recorder_inbox_entry(tl_recorder_inbox *inbox, uint64_t *position, uint64_t end, tl_recorder_entry *entry) {
-    return tl_outbox_reader_entry(&inbox->readers[0], position, end, entry);
+    return tl_outbox_reader_entry(&inbox->readers[inbox->ring], position, end, entry);
 }
 
 bool tl_recorder_inbox_checkpoint(tl_recorder_inbox *inbox, const tl_outbox_taken *taken, unsigned char *bytes,
                                   size_t *size, int64_t *tick, uint64_t *number) {
-    return tl_outbox_reader_checkpoint(&inbox->readers[0], taken->checkpoint, taken->ring, bytes, size, tick, number);
+    return tl_outbox_reader_checkpoint(&inbox->readers[inbox->ring], taken->checkpoint, taken->ring, bytes, size, tick,
+                                       number);
 }
 
 /* ---- Events ------------------------------------------------------------------------------------------------------ */
@@ -45,8 +54,8 @@ bool tl_recorder_inbox_checkpoint(tl_recorder_inbox *inbox, const tl_outbox_take
 /* The event of this number, if all entries are written that were put before it; *skip: it is none. */
 static bool read_event(tl_recorder_inbox *inbox, size_t outbox, uint64_t number, uint64_t written,
                        tl_recorder_event_entry *event, bool *skip) {
-    return tl_outbox_reader_event(&inbox->readers[outbox], number, event, skip) &&
-           (outbox != 0 || *skip || event->position <= written);
+    return is_there(inbox, outbox) && tl_outbox_reader_event(&inbox->readers[outbox], number, event, skip) &&
+           (outbox != inbox->ring || *skip || event->position <= written);
 }
 
 size_t tl_recorder_inbox_oldest_event(tl_recorder_inbox *inbox, const tl_outbox_taken *taken, uint64_t written,
@@ -80,8 +89,14 @@ size_t tl_recorder_inbox_count_events(tl_recorder_inbox *inbox, const tl_outbox_
     return events;
 }
 
-uint64_t tl_recorder_inbox_lost(const tl_recorder_inbox *inbox, size_t outbox) {
-    return tl_outbox_reader_lost(&inbox->readers[outbox]);
+bool tl_recorder_inbox_has_event_of_ring(tl_recorder_inbox *inbox, const tl_outbox_taken *taken) {
+    tl_recorder_event_entry event;
+    bool skip = false;
+    return read_event(inbox, inbox->ring, taken->events, taken->ring, &event, &skip);
+}
+
+uint64_t tl_recorder_inbox_lost(const tl_recorder_inbox *inbox, size_t outbox, uint64_t known) {
+    return is_there(inbox, outbox) ? tl_outbox_reader_lost(&inbox->readers[outbox]) : known;
 }
 
 /* ---- Damage ------------------------------------------------------------------------------------------------------ */

@@ -1,8 +1,8 @@
 /* The inbox: all outboxes that a writer reads, side by side.
  *
- * Purpose: the ring of the first, the events of all in the order in which they belong into a run, and what was lost in each. How far everything is
+ * Purpose: the ring of one of them, the events of all in the order in which they belong into a run, and what was lost in each. How far everything is
  *          taken its caller knows (recorder_state.h).
- * Order:   an event of the first outbox comes once all entries are written that were put before it.
+ * Order:   an event of the outbox with the ring comes once all entries are written that were put before it.
  * Touches: the outboxes' memory, by their readers; nothing else.
  * Trust:   none in what is in the outboxes. What is damaged is looked at again every now and then: its producer's successor mends it.
  * Thread:  one at a time.
@@ -22,7 +22,7 @@
 typedef struct tl_recorder_writer_outbox {
     const char *name; /* of who writes it: one word */
     tl_outbox_settings settings;
-    const void *memory;
+    const void *memory; /* NULL: there is none now */
 } tl_recorder_writer_outbox;
 
 /* Private; placed by the caller. */
@@ -32,11 +32,13 @@ typedef struct tl_recorder_inbox {
     bool is_told[TL_WRITER_OUTBOXES];       /* that it is damaged */
     tl_time damaged_at[TL_WRITER_OUTBOXES]; /* by a look that was not before this; 0: it is not */
     size_t count;
+    size_t ring;       /* which of them has the ring */
     tl_time mended_at; /* when that was tried the last time */
 } tl_recorder_inbox;
 
-/* At most TL_WRITER_OUTBOXES. The first has the ring, the others events only. */
-void tl_recorder_inbox_open(tl_recorder_inbox *inbox, const tl_recorder_writer_outbox *outboxes, size_t count);
+/* At most TL_WRITER_OUTBOXES. `ring` is there; of the others only events are read. */
+void tl_recorder_inbox_open(tl_recorder_inbox *inbox, const tl_recorder_writer_outbox *outboxes, size_t count,
+                            size_t ring);
 
 /* ---- the ring ---- */
 
@@ -65,8 +67,11 @@ size_t tl_recorder_inbox_oldest_event(tl_recorder_inbox *inbox, const tl_outbox_
 size_t tl_recorder_inbox_count_events(tl_recorder_inbox *inbox, const tl_outbox_taken *taken, uint64_t written,
                                       size_t most);
 
-/* What the producer of an outbox has lost so far. */
-uint64_t tl_recorder_inbox_lost(const tl_recorder_inbox *inbox, size_t outbox);
+/* One of the outbox with the ring that can be written; `taken` is of that one. */
+bool tl_recorder_inbox_has_event_of_ring(tl_recorder_inbox *inbox, const tl_outbox_taken *taken);
+
+/* What the producer of an outbox has lost so far; of one that is not there, as much as was `known`. */
+uint64_t tl_recorder_inbox_lost(const tl_recorder_inbox *inbox, size_t outbox, uint64_t known);
 
 /* ---- damage ---- */
 

@@ -30,7 +30,9 @@ typedef struct tl_recorder_mark {
     bool has_begun;
     bool is_untimed; /* it began without a START: it is on no clock */
     bool has_ended;
-    bool is_again; /* its beginning is in another file, and here it has no sample yet */
+    bool hands_over; /* it has ended so that a run from another ring goes on */
+    uint32_t ring;   /* the outbox from which it came */
+    bool is_again;   /* its beginning is in another file, and here it has no sample yet */
     tl_outbox_start start;
     tl_recorder_totals totals;         /* of the row, */
     uint64_t own;                      /* and how many of its events are the writer's own */

@@ -29,7 +29,7 @@ struct tl_recorder_writer {
     tl_recorder_inbox inbox;
     tl_recorder_file file;
     tl_recorder_batch batch;
-    unsigned char *checkpoint; /* of the first outbox; NULL: it has none */
+    unsigned char *checkpoint; /* of the outbox with the ring; NULL: it has none */
     int refusal;               /* the kind of the last failure; 0: nothing is refused */
     tl_time lost_said_at;
 };
@@ -39,7 +39,7 @@ const char *tl_recorder_writer_path(const tl_recorder_writer *writer) {
 }
 
 static uint64_t taken_of_ring(const tl_recorder_writer *writer) {
-    return tl_recorder_state_mark(writer->state)->taken[0].ring;
+    return tl_recorder_state_mark(writer->state)->taken[writer->inbox.ring].ring;
 }
 
 /* ---- What it says ------------------------------------------------------------------------------------------------ */
@@ -48,8 +48,9 @@ static void say_loss(tl_recorder_writer *writer, const char *why) {
     char text[TL_EVENT_TEXT];
     uint64_t lost = tl_recorder_state_mark(writer->state)->totals.lost;
     if (lost > writer->file.lost_said) {
-        (void)snprintf(text, sizeof text, "%" PRIu64 " samples, steps or events were lost: %s",
-                       lost - writer->file.lost_said, why);
+        uint64_t more = lost - writer->file.lost_said;
+        (void)snprintf(text, sizeof text, "%" PRIu64 " %s lost: %s", more,
+                       more == 1 ? "sample, step or event was" : "samples, steps or events were", why);
         writer->lost_said_at = tl_clock_now(NULL);
         tl_recorder_file_say(&writer->file, TL_EVENT_WARNING, text);
     }
@@ -184,10 +185,18 @@ tl_time tl_recorder_writer_damage(const tl_recorder_writer *writer, size_t outbo
     return tl_recorder_inbox_damage(&writer->inbox, outbox);
 }
 
+void tl_recorder_writer_leave(tl_recorder_writer *writer) {
+    tl_recorder_inbox_leave(&writer->inbox);
+}
+
+bool tl_recorder_writer_has_drained(tl_recorder_writer *writer) {
+    return tl_recorder_batch_has_drained(&writer->batch);
+}
+
 bool tl_recorder_writer_is_pressed(tl_recorder_writer *writer) {
     uint64_t taken = taken_of_ring(writer);
     uint64_t end = tl_recorder_inbox_end(&writer->inbox, taken);
-    return end - taken > writer->inbox.outboxes[0].settings.ring_bytes / 2;
+    return writer->refusal == 0 && end - taken > writer->inbox.outboxes[writer->inbox.ring].settings.ring_bytes / 2;
 }
 
 /* ---- Opening and closing ----------------------------------------------------------------------------------------- */
@@ -235,16 +244,21 @@ static tl_recorder_writer *make(const tl_recorder_writer_settings *settings) {
         return NULL;
     }
     writer->record = *settings->record;
-    writer->record.component_count = settings->outboxes[0].settings.shape.components;
+    writer->record.component_count = settings->outboxes[settings->ring].settings.shape.components;
     writer->state = settings->state;
     writer->heart = settings->heart;
     writer->is_last = settings->is_last;
     writer->lost_said_at = tl_clock_now(NULL) - LOSS_PAUSE;
-    tl_recorder_inbox_open(&writer->inbox, settings->outboxes, settings->outbox_count);
+    tl_recorder_inbox_open(&writer->inbox, settings->outboxes, settings->outbox_count, settings->ring);
     tl_recorder_file_begin(&writer->file, &writer->record, writer->state);
     writer->file.lost_said = tl_recorder_state_mark(writer->state)->totals.lost;
-    writer->batch.settings = (tl_recorder_batch_settings){
-        .file = &writer->file, .inbox = &writer->inbox, .state = writer->state, .heart = writer->heart};
+    writer->batch.settings = (tl_recorder_batch_settings){.file = &writer->file,
+                                                          .inbox = &writer->inbox,
+                                                          .state = writer->state,
+                                                          .heart = writer->heart,
+                                                          .hand_over = settings->hand_over,
+                                                          .goes_on = settings->goes_on,
+                                                          .context = settings->context};
     return writer;
 }
 
@@ -268,7 +282,7 @@ tl_status tl_recorder_writer_open(const tl_recorder_writer_settings *settings, t
     if (opened == NULL) {
         return tl_fail(error, TL_TRY_AGAIN, "%s: out of memory", path);
     }
-    if (!make_checkpoint(opened, settings->outboxes[0].settings.checkpoint_bytes)) {
+    if (!make_checkpoint(opened, settings->outboxes[settings->ring].settings.checkpoint_bytes)) {
         destroy(opened);
         return tl_fail(error, TL_TRY_AGAIN, "%s: out of memory", path);
     }

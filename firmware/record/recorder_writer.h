@@ -2,10 +2,13 @@
  *
  * Purpose: takes what producers have put into their outboxes (outbox.h) and writes it in batches, one transaction each. The caller calls it every now
  *          and then; it has no thread of its own.
- * Order:   an event of the first outbox is written once all entries are that were put before it, and so belongs to their run; one of the others
- *          belongs to the run that is open.
+ * Order:   an event of the outbox with the ring is written once all entries are that were put before it, and so belongs to their run; one of the others
+ *          belongs to the run that is open, or was the last one.
  * Runs:    a START entry begins one, END ends it. Events that come before the first START wait for it. A START while a run is open means that
  *          that one was not ended cleanly.
+ * Rings:   a run may be followed by one that comes by the ring of another outbox. It ends with the reason `hand_over` then, and nothing behind that is read
+ *          by this writer: once all is written that came before (tl_recorder_writer_has_drained()) it is closed, and the next one is opened for the other ring,
+ *          with the same state. An outbox keeps its place in the list for ever: by that the state knows how far it was taken.
  * Once:    each entry and event is written exactly once, also if the process is killed at any instant: what a successor needs to know for that lies
  *          in tl_recorder_writer_state (recorder_state.h), in memory that outlives the process. The run goes on in the same row.
  * Faults:  what is wrong with a file at first is coped with, or refused (insistence of the settings): see database_instead.h. Later everything is
@@ -32,9 +35,15 @@
 typedef struct tl_recorder_writer tl_recorder_writer;
 
 typedef struct tl_recorder_writer_settings {
-    const tl_recorder_settings *record;        /* outlives the writer; its components do not matter */
-    const tl_recorder_writer_outbox *outboxes; /* the first has the ring, the others events only */
+    const tl_recorder_settings *record; /* outlives the writer; its components do not matter */
+    const tl_recorder_writer_outbox *outboxes;
     size_t outbox_count;
+    size_t ring;           /* the one whose entries are read; of the others it is events only */
+    const char *hand_over; /* as above; NULL: no run ends so */
+    bool (*goes_on)(
+        void *
+            context); /* after such an end no other ring goes on: it was said without cause. With `hand_over`; called in the writer's thread */
+    void *context;
     tl_recorder_writer_state *state;
     const tl_outbox_start *first; /* NULL, or a run that begins at once, without a START */
     tl_heart *heart;              /* of the caller's thread: beats with each batch; NULL: nobody's */
@@ -48,8 +57,14 @@ tl_status tl_recorder_writer_open(const tl_recorder_writer_settings *settings, t
 /* All that is there now, as far as the disk takes it. */
 void tl_recorder_writer_write(tl_recorder_writer *writer);
 
-/* The ring is more than half full: it should be written soon. */
+/* The ring is more than half full: it should be written soon, and can be, as far as the last try has shown. */
 bool tl_recorder_writer_is_pressed(tl_recorder_writer *writer);
+
+/* Who has put into the ring is no more, or puts nothing until it is read by the next writer: what waits there for its end is there, too. */
+void tl_recorder_writer_leave(tl_recorder_writer *writer);
+
+/* All is written that is in the ring, as far as it is this writer's, and what its outbox has said of that. */
+bool tl_recorder_writer_has_drained(tl_recorder_writer *writer);
 
 /* If what is in this outbox cannot be read on: a time (CLOCK_MONOTONIC) since which that was found; 0: it can. It is looked at again every second, since a
  * successor of its producer may have mended it. */

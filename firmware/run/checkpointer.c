@@ -59,37 +59,34 @@ static bool save(tl_checkpointer *self, size_t *size) {
     return *size != 0;
 }
 
-static void put(tl_checkpointer *self, int64_t tick, size_t size) {
+void tl_checkpointer_put(tl_checkpointer *self, int64_t tick, size_t size) {
     tl_outbox_put_checkpoint(self->outbox, tick, size);
     self->next = tick + self->interval;
 }
 
-/* The first one: takes room for twice as much, and is saved twice, since the first time is the longest. */
-static void begin(tl_checkpointer *self, int64_t tick, const tl_budget *budget) {
+/* The first one: takes room for twice as much, and is saved twice, since the first time is the longest. False: nothing is saved. */
+static bool save_first(tl_checkpointer *self, const tl_budget *budget, size_t *size) {
     tl_error error;
-    size_t size = 0;
-    if (tl_twin_save(self->twin, NULL, 0, &size, &error) != TL_OK) {
+    if (tl_twin_save(self->twin, NULL, 0, size, &error) != TL_OK) {
         end(self, error.text);
-        return;
+        return false;
     }
-    if (size == 0) {
-        return;
+    if (*size == 0) {
+        return false;
     }
-    if (!tl_outbox_reserve_checkpoint(self->outbox, tl_checkpointer_room(size))) {
+    if (!tl_outbox_reserve_checkpoint(self->outbox, tl_checkpointer_room(*size))) {
         end(self, "it is too large, or there is not enough memory");
-        return;
+        return false;
     }
-    bool saved = save(self, &size);
+    bool saved = save(self, size);
     if (saved) {
-        saved = save(self, &size);
+        saved = save(self, size);
     }
-    if (saved) {
-        self->is_ready = true;
-        put(self, tick, size);
-    }
+    self->is_ready = saved;
     if (self->cost > budget->time) {
         end(self, "it takes longer than the budget of a step");
     }
+    return self->is_ready;
 }
 
 static void tell_late(tl_checkpointer *self, int64_t tick) {
@@ -111,12 +108,26 @@ void tl_checkpointer_after(tl_checkpointer *self, int64_t tick, const tl_budget 
         return;
     }
     if (self->only_marks) {
-        put(self, tick, 0);
+        tl_checkpointer_put(self, tick, 0);
     } else if (!self->is_ready) {
-        begin(self, tick, budget);
+        if (save_first(self, budget, &size)) {
+            tl_checkpointer_put(self, tick, size);
+        }
     } else if (tl_clock_now(NULL) - budget->started + self->cost > budget->time) {
         tell_late(self, tick);
     } else if (save(self, &size)) {
-        put(self, tick, size);
+        tl_checkpointer_put(self, tick, size);
     }
+}
+
+void tl_checkpointer_rehearse(tl_checkpointer *self, const tl_budget *budget) {
+    size_t size = 0;
+    if (budget != NULL && !self->is_ready && !self->only_marks && tl_twin_can_save(self->twin)) {
+        (void)save_first(self, budget, &size);
+    }
+}
+
+bool tl_checkpointer_save(tl_checkpointer *self, tl_time left, size_t *size) {
+    *size = 0;
+    return self->is_ready && self->cost < left && save(self, size);
 }

@@ -6,6 +6,7 @@
  *          that is less; and as soon as there is time after the FMUs have begun anew. If a checkpoint does not fit into the budget, or an
  *          FMU cannot be turned into bytes, an event says so, once; a restart then runs the newest inputs again, which the outbox
  *          keeps for that.
+ * Shadow:  what it would take is found out while there is time; the first checkpoint is that with which its run begins.
  * Thread:  the cycle's. Memory: taken after the first tick.
  */
 #ifndef TL_FIRMWARE_RUN_CHECKPOINTER_H
@@ -42,5 +43,16 @@ void tl_checkpointer_hurry(tl_checkpointer *self, int64_t tick);
 
 /* After a tick that was computed within `budget`; NULL: it was made up, and there is no time for anything else. */
 void tl_checkpointer_after(tl_checkpointer *self, int64_t tick, const tl_budget *budget);
+
+/* ---- of a shadow, whose run begins in its middle ---- */
+
+/* After a tick that was computed within `budget`, NULL as above: what a checkpoint takes is found out, once. Nothing is put. */
+void tl_checkpointer_rehearse(tl_checkpointer *self, const tl_budget *budget);
+
+/* Saves the twin, if that is expected to take less than `left` ns. False: it did not, or the twin cannot be saved (now). */
+bool tl_checkpointer_save(tl_checkpointer *self, tl_time left, size_t *size);
+
+/* What was saved last, which is the twin after this tick. The next one is due as after any. */
+void tl_checkpointer_put(tl_checkpointer *self, int64_t tick, size_t size);
 
 #endif

@@ -6,39 +6,14 @@
 
 #include "firmware/base/c_locale.h"
 #include "firmware/base/clock.h"
-#include "firmware/base/identity.h"
-#include "firmware/base/latest.h"
-#include "firmware/diagnose/lock_rescue.h"
 #include "firmware/fmu/fmu_guard.h"
 #include "firmware/process/host_state.h"
-#include "firmware/run/checkpointer.h"
+#include "firmware/run/cycle_parts.h"
 #include "firmware/run/realtime.h"
-#include "firmware/run/watch.h"
 #include "firmware/twin/twin_recorder.h"
 
 /* What FMUs may take to begin, as at the start of a run. */
 static const tl_time PATIENCE_WITH_BEGINNING = 120 * TL_SECOND;
-
-struct tl_cycle {
-    tl_cycle_settings settings;
-    tl_heart *heart;
-    tl_time start;     /* t_0 */
-    int64_t next_tick; /* not yet computed */
-    int64_t warm_up;   /* ticks at which no step is due yet */
-    int64_t last_tick; /* after it the duration is over */
-    bool stop;
-    tl_summary summary;
-    tl_watch watch;
-    tl_lock_rescue rescue;
-    tl_checkpointer checkpointer;
-    uint32_t tuned;       /* number of the tuning that was looked at last */
-    bool has_tuning;      /* one was taken, and is not in the outbox yet: */
-    tl_run_tuning tuning; /* this */
-    tl_status status;
-    tl_error error;
-    tl_cycle_status shown;
-    tl_latest published; /* the same, for other threads */
-};
 
 static bool is_stopped(const tl_cycle *cycle) {
     return __atomic_load_n(&cycle->stop, __ATOMIC_RELAXED);
@@ -46,22 +21,42 @@ static bool is_stopped(const tl_cycle *cycle) {
 
 static void show(tl_cycle *cycle) {
     int64_t due = cycle->next_tick - cycle->warm_up;
+    tl_cycle_status *shown = &cycle->shown;
     cycle->summary.ticks = due > 0 ? (uint64_t)due : 0;
-    cycle->shown.steps = cycle->summary.figures.steps;
-    cycle->shown.ticks = cycle->summary.ticks;
-    cycle->shown.skipped = cycle->summary.figures.skipped;
-    cycle->shown.deadline_misses = cycle->summary.deadline_misses;
-    cycle->shown.lock = cycle->rescue.judge.tally;
-    tl_latest_publish(&cycle->published, &cycle->shown, sizeof cycle->shown);
+    shown->is_shadow = cycle->is_shadow;
+    shown->is_live = !cycle->is_behind;
+    shown->tick = cycle->next_tick - 1;
+    shown->steps = cycle->summary.figures.steps;
+    shown->ticks = cycle->summary.ticks;
+    shown->skipped = cycle->summary.figures.skipped;
+    shown->deadline_misses = cycle->summary.deadline_misses;
+    shown->evaluations = cycle->summary.figures.evaluations;
+    shown->timed_out = cycle->summary.figures.time_limited;
+    shown->lock = cycle->rescue.judge.tally;
+    tl_latest_publish(&cycle->published, shown, sizeof *shown);
 }
 
 static tl_time patience(const tl_config *config) {
     return config->realtime_hang + 2 * config->step;
 }
 
+/* In mode ahead the record that is complete at its first tick is not of its own steps. */
+static void count(tl_cycle *cycle, const tl_record *record) {
+    const tl_config *config = &cycle->settings.assembly->config;
+    if (record->step >= cycle->first_step) {
+        tl_summary_add(&cycle->summary, config, record);
+        cycle->shown.executions += record->executions;
+        cycle->shown.used += record->used;
+        for (size_t i = 0; i < config->match_count; i++) {
+            tl_metrics_add(&cycle->shown.match[i], record->y[i], record->y_hat[i],
+                           (tl_quality)record->y_hat_quality[i]);
+        }
+    }
+}
+
 static void keep(tl_cycle *cycle, int64_t tick, const tl_record *record) {
     const tl_lock_change *change = NULL;
-    tl_summary_add(&cycle->summary, &cycle->settings.assembly->config, record);
+    count(cycle, record);
     tl_watch_record(&cycle->watch, tick, record);
     if ((record->flags & TL_FLAG_RESET) != 0) {
         tl_checkpointer_hurry(&cycle->checkpointer, tick);
@@ -74,64 +69,19 @@ static void keep(tl_cycle *cycle, int64_t tick, const tl_record *record) {
     if (change != NULL) {
         tl_watch_lock(&cycle->watch, tick, change);
     }
-    tl_twin_recorder_put(cycle->settings.outbox, record, cycle->settings.assembly->twin);
+    if (cycle->has_run) {
+        tl_twin_recorder_put(cycle->settings.outbox, record, cycle->settings.assembly->twin);
+    }
     cycle->shown.record = *record;
-}
-
-/* ---- another tuning ---- */
-
-static void answer(const tl_cycle *cycle, uint32_t number, const char *why) {
-    if (cycle->settings.answer != NULL) {
-        tl_live_tuning_answer_with(cycle->settings.answer, number, cycle->next_tick, why);
-    }
-}
-
-static void refuse_tuning(tl_cycle *cycle, const tl_live_tuning_head *head, const char *why) {
-    tl_journal_event(cycle->settings.journal, cycle->next_tick, TL_EVENT_WARNING, "retune",
-                     "configuration %.12s refused: %.150s", tl_identity_is_sound(head->hash) ? head->hash : "?", why);
-    answer(cycle, head->number, why);
-}
-
-static void take_tuning(tl_cycle *cycle, const tl_live_tuning_head *head) {
-    cycle->tuning = (tl_run_tuning){.tick = cycle->next_tick, .number = head->number, .values = head->tuning};
-    memcpy(cycle->tuning.hash, head->hash, sizeof cycle->tuning.hash);
-    cycle->has_tuning = true;
-    cycle->summary.tunings++;
-    tl_lock_judge_retune(&cycle->rescue.judge, &head->tuning);
-    tl_watch_retune(&cycle->watch, cycle->next_tick, head->hash);
-    answer(cycle, head->number, NULL);
-}
-
-/* There is another number than that which was looked at last. */
-static void look_at_tuning(tl_cycle *cycle) {
-    tl_live_tuning_head head = {.number = 0};
-    tl_error error = {TL_OK, ""};
-    tl_status status = tl_live_tuning_read(cycle->settings.tuning, &head, &error);
-    if (status == TL_TRY_AGAIN) {
-        return; /* at the next tick */
-    }
-    cycle->tuned = head.number;
-    status = status == TL_OK ? tl_assembly_retune(cycle->settings.assembly, &head.tuning, &error) : status;
-    if (status == TL_OK) {
-        take_tuning(cycle, &head);
-    } else {
-        refuse_tuning(cycle, &head, error.text);
-    }
-}
-
-static void look_for_tuning(tl_cycle *cycle) {
-    const tl_live_tuning *block = cycle->settings.tuning;
-    uint32_t number = block != NULL ? tl_live_tuning_number(block) : cycle->tuned;
-    if (number != cycle->tuned && number % 2 == 0 && !cycle->has_tuning &&
-        tl_outbox_has_room_for_tuning(cycle->settings.outbox)) {
-        look_at_tuning(cycle);
-    }
 }
 
 /* ---- ticks ---- */
 
 /* With what is in force from its tick on. */
 static void put_sample(tl_cycle *cycle, const tl_sample *sample) {
+    if (!cycle->has_run) {
+        return;
+    }
     if (cycle->has_tuning) {
         (void)tl_outbox_put_tuning(cycle->settings.outbox, &cycle->tuning);
         cycle->has_tuning = false;
@@ -139,15 +89,22 @@ static void put_sample(tl_cycle *cycle, const tl_sample *sample) {
     (void)tl_outbox_put_sample(cycle->settings.outbox, sample);
 }
 
+static void take_sample(const tl_cycle *cycle, int64_t tick, tl_time instant, tl_sample *sample) {
+    if (cycle->settings.mail != NULL) {
+        tl_mail_change_look(cycle->settings.mail, instant);
+    }
+    tl_plant_input_take(cycle->settings.input, tick, instant, sample);
+}
+
 /* One tick: searched within `budget`, or made up where that is NULL. */
-static tl_status compute(tl_cycle *cycle, int64_t tick, const tl_budget *budget) {
+static tl_status compute_tick(tl_cycle *cycle, int64_t tick, const tl_budget *budget) {
     tl_heart_beat(cycle->heart);
     tl_sample sample;
     tl_record record;
     bool ready = false;
     tl_twin *twin = cycle->settings.assembly->twin;
     tl_time instant = tl_time_of_step(cycle->start, cycle->settings.assembly->config.step, tick);
-    tl_plant_input_take(cycle->settings.input, tick, instant, &sample);
+    take_sample(cycle, tick, instant, &sample);
     tl_watch_sample(&cycle->watch, &sample);
     tl_lock_rescue_sample(&cycle->rescue, &sample);
     tl_summary_sample(&cycle->summary, &cycle->settings.assembly->config, &sample);
@@ -163,34 +120,50 @@ static tl_status compute(tl_cycle *cycle, int64_t tick, const tl_budget *budget)
     }
     if (ahead) {
         put_sample(cycle, &sample);
+        tl_cycle_hand_over_with(cycle);
     }
     if (status == TL_OK) {
-        cycle->summary.figures.skipped += budget == NULL && tick >= cycle->warm_up ? 1 : 0;
+        bool skipped = budget == NULL && tick >= cycle->warm_up;
+        cycle->summary.figures.skipped += skipped ? 1 : 0;
+        cycle->skipped += skipped ? 1 : 0;
         cycle->next_tick = tick + 1;
-        tl_checkpointer_after(&cycle->checkpointer, tick, budget);
+        status = tl_cycle_after_tick(cycle, tick, budget);
     }
     return status;
+}
+
+static tl_status compute(tl_cycle *cycle, int64_t tick, const tl_budget *budget) {
+    tl_status status = tl_cycle_before_tick(cycle);
+    return status == TL_OK ? compute_tick(cycle, tick, budget) : status;
+}
+
+/* A missed tick is made up; but a shadow that comes to the plant's ticks searches on its way, so that it has found its lock once it is there. */
+static tl_status compute_missed(tl_cycle *cycle, const tl_budget *budget) {
+    tl_budget own = *budget;
+    own.started = tl_clock_now(NULL);
+    return compute(cycle, cycle->next_tick, cycle->is_behind ? &own : NULL);
 }
 
 /* All that is due: missed ticks first, as many as the budget allows, then the present one. */
 static tl_status catch_up(tl_cycle *cycle, const tl_budget *budget) {
     tl_time period = cycle->settings.assembly->config.step;
-    int64_t present = (budget->started - cycle->start) / period;
+    tl_time start = cycle->start + tl_cycle_delay(cycle);
+    int64_t present = (budget->started - start) / period;
     int64_t missed_from = cycle->next_tick;
-    uint64_t skipped_before = cycle->summary.figures.skipped;
+    uint64_t skipped_before = cycle->skipped;
     tl_status status = TL_OK;
     present = present < cycle->last_tick ? present : cycle->last_tick;
     while (status == TL_OK && cycle->next_tick < present) {
         if (cycle->next_tick != missed_from && tl_clock_now(NULL) - budget->started >= budget->time) {
             break; /* the rest at the next tick */
         }
-        status = compute(cycle, cycle->next_tick, NULL);
+        status = compute_missed(cycle, budget);
     }
-    tl_watch_skipped(&cycle->watch, present, cycle->summary.figures.skipped - skipped_before,
-                     tl_time_of_step(cycle->start, period, present));
+    tl_watch_skipped(&cycle->watch, present, cycle->skipped - skipped_before, tl_time_of_step(start, period, present));
     if (status == TL_OK && cycle->next_tick == present) {
+        tl_cycle_be_live(cycle);
         status = compute(cycle, present, budget);
-        tl_time deadline = tl_time_of_step(cycle->start, period, present + 1);
+        tl_time deadline = tl_time_of_step(start, period, present + 1);
         cycle->summary.deadline_misses += tl_clock_now(NULL) > deadline ? 1 : 0;
     }
     return status;
@@ -209,14 +182,14 @@ static void finish(tl_cycle *cycle) {
     if (!is_stopped(cycle)) {
         tl_clock_sleep_until(instant);
     }
-    tl_plant_input_take(cycle->settings.input, cycle->next_tick, instant, &sample);
+    take_sample(cycle, cycle->next_tick, instant, &sample);
     if (tl_clock_now(NULL) < instant) {
         memset(sample.quality, TL_STALE, config->signal_count);
     }
     tl_twin_finish(cycle->settings.assembly->twin, &sample, &record, &ready);
     if (ready) {
         keep(cycle, cycle->next_tick, &record);
-        (void)tl_outbox_put_sample(cycle->settings.outbox, &sample);
+        put_sample(cycle, &sample);
     }
 }
 
@@ -226,9 +199,10 @@ static void run(void *context) {
     tl_locale_use();
     tl_realtime_touch_stack();
     while (!is_stopped(cycle) && cycle->status == TL_OK && cycle->next_tick <= cycle->last_tick) {
-        tl_time instant = tl_time_of_step(cycle->start, config->step, cycle->next_tick);
+        tl_time instant = tl_time_of_step(cycle->start, config->step, cycle->next_tick) + tl_cycle_delay(cycle);
         tl_clock_sleep_until(instant);
-        look_for_tuning(cycle);
+        tl_cycle_look_for_tuning(cycle);
+        tl_cycle_look_for_flip(cycle);
         const tl_budget budget = {
             .evaluations = config->budget_evaluations,
             .time = config->budget_time,
@@ -247,23 +221,31 @@ static void run(void *context) {
     tl_heart_end(cycle->heart);
 }
 
+/* It goes on with the ticks of a run that began at `start`. */
+static void go_on_at(tl_cycle *cycle, int64_t tick, tl_time start) {
+    cycle->start = start;
+    cycle->next_tick = tick;
+    cycle->warm_up = cycle->warm_up > tick ? cycle->warm_up : tick;
+}
+
 /* Tick 0 is a period away, unless there were ticks before. */
 static void find_start(tl_cycle *cycle) {
     const tl_resumption *resumption = &cycle->settings.resumed.resumption;
+    const tl_cycle_place *place = &cycle->settings.place;
     tl_twin_facts facts = tl_twin_get_facts(cycle->settings.assembly->twin);
     cycle->warm_up = facts.first + facts.lead;
     cycle->start = tl_clock_now(NULL) + cycle->settings.assembly->config.step;
-    if (resumption->from != TL_RESUMED_NOT) {
-        cycle->start = resumption->start;
-        cycle->next_tick = resumption->tick;
-        cycle->warm_up = cycle->warm_up > resumption->tick ? cycle->warm_up : resumption->tick;
+    if (place->is_shadow) {
+        go_on_at(cycle, place->tick, place->start);
+    } else if (resumption->from != TL_RESUMED_NOT) {
+        go_on_at(cycle, resumption->tick, resumption->start);
     }
 }
 
 /* For the recorder: t_start is tick 0. A run that goes on with an earlier one has begun with what it has followed. */
 static void begin_run(const tl_cycle *cycle) {
     const tl_cycle_settings *settings = &cycle->settings;
-    if (settings->resumed.resumption.from == TL_RESUMED_NOT) {
+    if (settings->resumed.resumption.from == TL_RESUMED_NOT && !cycle->is_shadow) {
         tl_twin_recorder_start(settings->outbox, settings->assembly->twin, cycle->start);
     }
 }
@@ -288,6 +270,10 @@ tl_status tl_cycle_start(const tl_cycle_settings *settings, tl_cycle **cycle, tl
     tl_lock_rescue_init(&started->rescue, config, &account);
     started->heart = tl_heart_begin(settings->beats, "cycle", patience(config));
     tl_checkpointer_init(&started->checkpointer, settings->assembly, settings->outbox, settings->journal);
+    started->is_shadow = settings->place.is_shadow;
+    started->is_behind = started->is_shadow;
+    started->has_run = !started->is_shadow;
+    started->flip.number = settings->place.flips;
     find_start(started);
     begin_run(started);
     started->tuned = tl_outbox_tuning(settings->outbox)->number; /* what an attempt to go on has left is none of it */
@@ -300,11 +286,12 @@ bool tl_cycle_status_now(const tl_cycle *cycle, tl_cycle_status *status) {
     return tl_latest_read(&cycle->published, status, sizeof *status);
 }
 
-tl_status tl_cycle_stop(tl_cycle *cycle, tl_summary *summary, tl_error *error) {
+tl_status tl_cycle_stop(tl_cycle *cycle, tl_summary *summary, bool *has_run, tl_error *error) {
     __atomic_store_n(&cycle->stop, true, __ATOMIC_RELAXED);
     tl_fmu_thread_hurry(cycle->settings.thread);
     *summary = cycle->summary;
     tl_lock_judge_get(&cycle->rescue.judge, &summary->lock);
+    *has_run = cycle->has_run;
     *error = cycle->error;
     tl_status status = cycle->status;
     free(cycle);

@@ -20,6 +20,14 @@ void tl_journal_listen(tl_journal *journal, tl_journal_listener *hear, void *con
     journal->listener = context;
 }
 
+void tl_journal_set_apart(tl_journal *journal, bool apart) {
+    __atomic_store_n(&journal->apart, apart, __ATOMIC_RELAXED);
+}
+
+bool tl_journal_is_apart(const tl_journal *journal) {
+    return __atomic_load_n(&journal->apart, __ATOMIC_RELAXED);
+}
+
 /* A slot to write to, or NULL when all are taken. Slot i is free for the writer of number n when its turn is n. */
 static tl_journal_entry *claim(tl_journal *journal, uint64_t *number) {
     *number = __atomic_load_n(&journal->head, __ATOMIC_RELAXED);
@@ -45,10 +53,11 @@ void tl_journal_event(tl_journal *journal, int64_t tick, tl_severity severity, c
     va_start(arguments, format);
     (void)vsnprintf(text, sizeof text, format, arguments);
     va_end(arguments);
-    if (journal->recorder != NULL) {
+    bool apart = tl_journal_is_apart(journal);
+    if (journal->recorder != NULL && !apart) {
         tl_recorder_event(journal->recorder, tick, severity, source, text);
     }
-    if (journal->hear != NULL) {
+    if (journal->hear != NULL && !apart) {
         journal->hear(journal->listener, tick, severity, source, text);
     }
     uint64_t number;
@@ -58,6 +67,7 @@ void tl_journal_event(tl_journal *journal, int64_t tick, tl_severity severity, c
         return;
     }
     entry->severity = severity;
+    entry->apart = apart;
     (void)snprintf(entry->source, sizeof entry->source, "%s", source);
     memcpy(entry->text, text, sizeof text);
     __atomic_store_n(&entry->turn, number + 1, __ATOMIC_RELEASE);
@@ -81,7 +91,7 @@ void tl_journal_drain(tl_journal *journal) {
         if (__atomic_load_n(&entry->turn, __ATOMIC_ACQUIRE) != journal->tail + 1) {
             break;
         }
-        tl_log(level_of(entry->severity), "%s: %s", entry->source, entry->text);
+        tl_log(level_of(entry->severity), "%s%s: %s", entry->apart ? "shadow: " : "", entry->source, entry->text);
         __atomic_store_n(&entry->turn, journal->tail + TL_JOURNAL_ENTRIES, __ATOMIC_RELEASE);
         journal->tail++;
     }

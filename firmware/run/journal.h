@@ -18,6 +18,7 @@ enum { TL_JOURNAL_ENTRIES = 256, TL_JOURNAL_TEXT = 224 };
 typedef struct tl_journal_entry {
     uint64_t turn; /* whose turn the slot is */
     tl_severity severity;
+    bool apart;
     char source[16];
     char text[TL_JOURNAL_TEXT];
 } tl_journal_entry;
@@ -33,6 +34,7 @@ typedef struct tl_journal {
     uint64_t head; /* next to write */
     uint64_t tail; /* next to read */
     uint64_t dropped;
+    bool apart; /* as tl_journal_set_apart() */
     tl_journal_entry entries[TL_JOURNAL_ENTRIES];
 } tl_journal;
 
@@ -45,6 +47,10 @@ void tl_journal_listen(tl_journal *journal, tl_journal_listener *hear, void *con
 /* As tl_recorder_event(); `tick` −1 where it belongs to none. */
 void tl_journal_event(tl_journal *journal, int64_t tick, tl_severity severity, const char *source, const char *format,
                       ...) TL_PRINTF(5, 6);
+
+/* From now on, until it is told otherwise: what happens is a shadow's. It goes to the log only, as "shadow: …". Any thread. */
+void tl_journal_set_apart(tl_journal *journal, bool apart);
+bool tl_journal_is_apart(const tl_journal *journal);
 
 /* Writes what waits to the log. */
 void tl_journal_drain(tl_journal *journal);

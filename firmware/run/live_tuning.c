@@ -48,6 +48,13 @@ uint32_t tl_live_tuning_write(tl_live_tuning *block, const tl_live_tuning_head *
     return writing + 1;
 }
 
+void tl_live_tuning_skip(tl_live_tuning *block, uint32_t number) {
+    uint32_t before = tl_live_tuning_number(block);
+    if (before != 0 || number != 0) {
+        __atomic_store_n(&block->head.number, (before > number ? before : number) | 1U, __ATOMIC_RELEASE);
+    }
+}
+
 bool tl_live_tuning_answered(const tl_live_tuning_answer *answer, uint32_t number, tl_live_tuning_answer *copy) {
     if (__atomic_load_n(&answer->number, __ATOMIC_ACQUIRE) != number) {
         return false;

@@ -3,7 +3,7 @@
  * Purpose: one process writes it, the activator, that holds no FMU and no plant; the twin's cycle looks at its number at the start of each tick, and
  *          takes what it finds; the recorder takes the text. What came of it, each says in its own pulse: tl_live_tuning_answer, and
  *          tl_recorder_state_get().tuning. Who writes the next one before both have said so loses what the recorder had to say of the one before.
- * Numbers: odd while it is written, and even when it is whole; each one is 2 more than the one before. A writer that died in between leaves an odd one,
+ * Numbers: odd while it is written or there is none any more, and even when it is whole; each one is 2 more than the one before. A writer that died in between leaves an odd one,
  *          with which nobody does anything, and its successor goes on from there.
  * Trust:   none in what is read: all of it is looked at in a copy. Nor in the answer, which is the twin's.
  * Memory:  of a block (block.h), zeroed at first; copied by words, so that nobody waits for anybody.
@@ -51,6 +51,9 @@ typedef struct tl_live_tuning_answer {
 
 /* The next one. The head's number does not matter; its size and hash are those of the text, which is at most TL_CONFIG_MAX_BYTES long. Its number. */
 uint32_t tl_live_tuning_write(tl_live_tuning *block, const tl_live_tuning_head *head, const char *text);
+
+/* What is there is for nobody any more; and the next one has a number above this. */
+void tl_live_tuning_skip(tl_live_tuning *block, uint32_t number);
 
 /* What the twin says of this number. False: nothing yet. */
 bool tl_live_tuning_answered(const tl_live_tuning_answer *answer, uint32_t number, tl_live_tuning_answer *copy);

@@ -29,9 +29,9 @@ void tl_safe_hold(const tl_safe_hold_settings *settings) {
     char text[TL_HEARTBEAT_STATUS];
     (void)snprintf(
         text, sizeof text,
-        "safe hold: the twin failed %u times, the last time because %s. The plant is read and recorded. Find the "
-        "fault, then stop and start again",
-        settings->failures, settings->reason);
+        "safe hold: the twin failed %u times, the last time because %s. The plant is read%s. Find the fault, then "
+        "stop and start again",
+        settings->failures, settings->reason, settings->records ? " and recorded" : "; nothing is recorded");
     tl_journal_event(settings->journal, -1, TL_EVENT_ERROR, "supervisor", "%s", text);
     tl_heartbeats_set_status(settings->beats, text);
     tl_time start = tl_clock_now(NULL) + settings->config->step;

@@ -23,6 +23,7 @@ typedef struct tl_safe_hold_settings {
     tl_heart *heart;    /* of the thread */
     unsigned failures;  /* that are not forgiven, */
     const char *reason; /* and why the last of them */
+    bool records;       /* somebody writes down what goes into the outbox */
 } tl_safe_hold_settings;
 
 /* Returns once a signal to end has come. */

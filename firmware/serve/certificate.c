@@ -180,6 +180,12 @@ tl_status tl_certificate_have(const char *folder, tl_certificate *certificate, t
     if (snprintf(path, sizeof path, "%s/%s", folder, NAME) >= PATH_MAX) {
         return tl_fail(error, TL_BAD_USAGE, "%.300s…: the name of the folder is too long", folder);
     }
+    struct stat about;
+    if (stat(folder, &about) != 0 || !S_ISDIR(about.st_mode)) {
+        return tl_fail(error, TL_BAD_DATA,
+                       "--state %.300s: there is no such folder; make it, for the user that the server runs as",
+                       folder);
+    }
     tl_status status = access(path, F_OK) == 0 ? TL_OK : make(folder, path, error);
     return status == TL_OK ? tl_certificate_load(path, path, certificate, error) : status;
 }

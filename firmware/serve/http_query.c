@@ -9,7 +9,7 @@
 
 #include "firmware/text/json_text.h"
 
-enum { LONGEST_NAME = 16, LONGEST_VALUE = TL_CONTROL_WHY, LONGEST_PROBATION = 604800 };
+enum { LONGEST_NAME = 16, LONGEST_VALUE = TL_CONTROL_WHY, LONGEST_PROBATION = 604800, LONGEST_SHADOW = 3600 };
 
 static const uint64_t MOST_VERSION = UINT64_C(1) << 53;
 static const double MOST_PERCENT = 100;
@@ -45,6 +45,10 @@ static bool set_wait(const char *value, tl_control_request *control) {
     return set_flag(value, TL_CONTROL_WAIT, control);
 }
 
+static bool set_accept(const char *value, tl_control_request *control) {
+    return set_flag(value, TL_CONTROL_EVEN_WORSE, control);
+}
+
 static bool read_number(const char *value, uint64_t most, uint64_t *number) {
     size_t digits = strspn(value, "0123456789");
     errno = 0;
@@ -56,6 +60,13 @@ static bool set_probation(const char *value, tl_control_request *control) {
     uint64_t number = 0;
     bool is_good = read_number(value, LONGEST_PROBATION, &number);
     control->probation_s = (uint32_t)number;
+    return is_good;
+}
+
+static bool set_shadow(const char *value, tl_control_request *control) {
+    uint64_t number = 0;
+    bool is_good = read_number(value, LONGEST_SHADOW, &number);
+    control->shadow_s = (uint32_t)number;
     return is_good;
 }
 
@@ -84,7 +95,9 @@ static const struct {
     {"restart", set_restart, "0 or 1"},
     {"confirm", set_confirm, "0 or 1"},
     {"wait", set_wait, "0 or 1"},
+    {"accept_worse", set_accept, "0 or 1"},
     {"probation", set_probation, "whole seconds from 1 to 604800"},
+    {"shadow", set_shadow, "whole seconds from 1 to 3600"},
     {"require_lock", set_lock, "a percentage from 0 to 100"},
     {"why", set_why, "plain text of at most 255 bytes"},
     {"version", set_version, "a whole number from 1 on"},

@@ -11,7 +11,7 @@
 
 enum { TL_HTTP_QUERY_FAULT = 128 };
 
-/* Sets what it says in `control`: check, restart, confirm, wait (each 0 or 1), probation, require_lock, why, version. `allowed` are those that the
+/* Sets what it says in `control`: check, restart, confirm, wait (each 0 or 1), probation, shadow, require_lock, why, version. `allowed` are those that the
  * address takes: "check wait why". False: `fault` says what is wrong. */
 bool tl_http_query_read(const char *query, const char *allowed, tl_control_request *control,
                         char fault[TL_HTTP_QUERY_FAULT]);

@@ -24,11 +24,14 @@ typedef struct route {
 static const route ROUTES[] = {
     {"", "GET", "", TL_CONTROL_SHOW, false, false},
     {"/configuration", "GET", "", TL_CONTROL_READ, false, false},
-    {"/configuration", "PUT", "check restart confirm wait probation require_lock why", TL_CONTROL_TAKE, true, true},
+    {"/configuration", "PUT", "check restart confirm wait accept_worse probation shadow require_lock why",
+     TL_CONTROL_TAKE, true, true},
     {"/versions", "GET", "", TL_CONTROL_VERSIONS, false, false},
     {"/versions/", "GET", "", TL_CONTROL_READ, false, false},
     {"/confirm", "POST", "why", TL_CONTROL_CONFIRM, true, false},
-    {"/return", "POST", "version restart wait probation require_lock why", TL_CONTROL_RETURN, true, false},
+    {"/return", "POST", "version restart wait accept_worse probation shadow require_lock why", TL_CONTROL_RETURN, true,
+     false},
+    {"/change", "DELETE", "why wait", TL_CONTROL_RETURN, true, false},
 };
 
 static tl_http_status refuse(char *sentence, tl_http_status status, const char *why) {
@@ -85,7 +88,7 @@ static tl_http_status find_route(const char *path, const char *method, tl_http_r
     }
     return is_there ? refuse(sentence, TL_HTTP_WRONG_METHOD, "this address has no such method")
                     : refuse(sentence, TL_HTTP_NOT_FOUND,
-                             "there is nothing here: a plant has configuration, versions, confirm and return");
+                             "there is nothing here: a plant has configuration, versions, change, confirm and return");
 }
 
 /* ---- headers ---- */
@@ -168,6 +171,7 @@ static tl_http_status read_plant(const tl_http_words *words, const char *path, c
     }
     request->is_change = found->is_change;
     request->control.verb = found->verb;
+    request->control.flags = strcmp(found->method, "DELETE") == 0 ? TL_CONTROL_ONLY_PENDING : 0U;
     if (!tl_http_query_read(query, found->query, &request->control, fault)) {
         return refuse(sentence, TL_HTTP_BAD_REQUEST, fault);
     }

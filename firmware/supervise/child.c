@@ -60,6 +60,13 @@ void tl_child_kill_damaged(tl_child *child) {
     }
 }
 
+void tl_child_kill_late(tl_child *child) {
+    if (!child->killed) {
+        (void)snprintf(child->fault, sizeof child->fault, "it did not end its run when another twin was to take over");
+        end_child(child, 0);
+    }
+}
+
 void tl_child_ask(tl_child *child, int signal) {
     child->asked = true;
     child->asking = 0;

@@ -60,6 +60,9 @@ void tl_child_kill_silent(tl_child *child, const char *silent, tl_time silence);
 /* The same: it has destroyed what it writes for others. */
 void tl_child_kill_damaged(tl_child *child);
 
+/* The same: it has not handed over what another one is to go on with. */
+void tl_child_kill_late(tl_child *child);
+
 /* Asks it to end, each time anew, and gives it as much time again. */
 void tl_child_ask(tl_child *child, int signal);
 

@@ -56,16 +56,40 @@ static bool read_kept(const char *path, kept *before) {
     return right;
 }
 
+/* The same length always, so that one can be written over another. */
+enum { ACCOUNT_BYTES = 200 };
+
+static int write_account(const tl_restarts *restarts, bool running, char text[ACCOUNT_BYTES + 1]) {
+    int length = snprintf(
+        text, ACCOUNT_BYTES + 1,
+        "{\"starts\": %" PRIu64 ", \"restarts\": %" PRIu64 ", \"failures\": %u, \"running\": %s, \"boot\": \"%s\"}",
+        restarts->starts, restarts->restarts, restarts->failures, running ? "true" : "false", restarts->boot);
+    memset(text + length, ' ', (size_t)(ACCOUNT_BYTES - 1 - length));
+    text[ACCOUNT_BYTES - 1] = '\n';
+    return ACCOUNT_BYTES;
+}
+
+/* On a full disk: over the bytes that are there, which takes no room. Not whole if the power fails just now, so it is for an end only. */
+static bool write_over(const tl_restarts *restarts, bool running) {
+    char text[ACCOUNT_BYTES + 1];
+    int length = write_account(restarts, running, text);
+    int file = open(restarts->path, O_WRONLY | O_CLOEXEC | O_NOFOLLOW);
+    bool is_written = file >= 0 && write(file, text, (size_t)length) == length && fdatasync(file) == 0;
+    if (file >= 0) {
+        (void)close(file);
+    }
+    return is_written;
+}
+
 static tl_status write_file(const tl_restarts *restarts, bool running, tl_error *error) {
     tl_new_file file;
     tl_status status = tl_new_file_open(restarts->path, &file, error);
     if (status != TL_OK) {
         return status;
     }
-    (void)fprintf(file.file,
-                  "{\"starts\": %" PRIu64 ", \"restarts\": %" PRIu64
-                  ", \"failures\": %u, \"running\": %s, \"boot\": \"%s\"}\n",
-                  restarts->starts, restarts->restarts, restarts->failures, running ? "true" : "false", restarts->boot);
+    char text[ACCOUNT_BYTES + 1];
+    int length = write_account(restarts, running, text);
+    (void)fwrite(text, 1, (size_t)length, file.file);
     return tl_new_file_keep(&file, error);
 }
 
@@ -76,6 +100,7 @@ static void keep(tl_restarts *restarts, bool running) {
         return;
     }
     bool failed = write_file(restarts, running, &error) != TL_OK;
+    failed = failed && (running || !write_over(restarts, running));
     if (failed && !restarts->unwritten) {
         tl_log(TL_LOG_WARNING, "restarts are not kept: %s", error.text);
     }
@@ -92,12 +117,24 @@ static const char *reason_of(const tl_restarts *restarts, const kept *before, bo
     return watchdog ? "the box was reset by its watchdog" : "the box was reset, or lost its power";
 }
 
+/* A disk that can only be read, as after a fault of it, keeps no twin from its plant. */
+static bool is_read_only(const char *folder) {
+    bool is = access(folder, W_OK | X_OK) != 0 && errno == EROFS;
+    if (is) {
+        tl_log(TL_LOG_ERROR,
+               "--state %.300s: the file system can only be read: restarts are not kept, and no change is taken",
+               folder);
+    }
+    return is;
+}
+
 static tl_status set_folder(const char *folder, tl_restarts *restarts, tl_error *error) {
     struct stat about;
     if (mkdir(folder, 0755) != 0 && errno != EEXIST) {
         return tl_fail(error, TL_BAD_DATA, "--state %.300s: cannot be made: %s", folder, strerror(errno));
     }
-    if (stat(folder, &about) != 0 || !S_ISDIR(about.st_mode) || access(folder, W_OK | X_OK) != 0) {
+    if (stat(folder, &about) != 0 || !S_ISDIR(about.st_mode) ||
+        (access(folder, W_OK | X_OK) != 0 && !is_read_only(folder))) {
         return tl_fail(error, TL_BAD_DATA, "--state %.300s: expected a folder that this user may write into", folder);
     }
     restarts->lock = open(folder, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
@@ -137,9 +174,13 @@ void tl_restarts_begin(tl_restarts *restarts, bool again) {
     keep(restarts, true);
 }
 
+void tl_restarts_excuse(tl_restarts *restarts, const char *reason) {
+    (void)snprintf(restarts->reason, sizeof restarts->reason, "%s", reason);
+}
+
 void tl_restarts_fail(tl_restarts *restarts, const char *reason) {
     restarts->failures++;
-    (void)snprintf(restarts->reason, sizeof restarts->reason, "%s", reason);
+    tl_restarts_excuse(restarts, reason);
 }
 
 void tl_restarts_live(tl_restarts *restarts, tl_time passed) {

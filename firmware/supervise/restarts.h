@@ -36,7 +36,7 @@ typedef struct tl_restarts {
 } tl_restarts;
 
 /* Reads what is kept, and finds out why there is a start: at best an orderly end before. `watchdog` says that the box was reset
- * by it. A file that is damaged is told on the log, and counting begins anew. Errors: TL_BAD_DATA where the folder cannot be
+ * by it. A file that is damaged is told on the log, and counting begins anew; so is a folder that can only be read, in which nothing is kept. Errors: TL_BAD_DATA where the folder cannot be
  * used, TL_TRY_AGAIN where another supervisor has it; nothing is changed then. */
 tl_status tl_restarts_open(const char *folder, bool watchdog, tl_restarts *restarts, tl_error *error);
 
@@ -45,6 +45,9 @@ void tl_restarts_begin(tl_restarts *restarts, bool again);
 
 /* Its end that nobody asked for. */
 void tl_restarts_fail(tl_restarts *restarts, const char *reason);
+
+/* There is a start for this reason, which is no failure. */
+void tl_restarts_excuse(tl_restarts *restarts, const char *reason);
 
 /* It has been alive for so long, since this was last called. */
 void tl_restarts_live(tl_restarts *restarts, tl_time passed);

@@ -45,6 +45,9 @@ static const tl_time GRACE = TL_FMU_PATIENCE_END + (TL_PROCESS_END_S + 1) * TL_S
 /* The same, of one that is asked again: nobody is patient any more. */
 static const tl_time GRACE_AGAIN = 2 * TL_SECOND;
 
+/* The same, of io that makes room for another one. */
+static const tl_time GRACE_OF_IO = TL_SECOND / 2;
+
 /* Signals that come within this time, from a terminal and who watches over us, ask once. */
 static const tl_time AGAIN = TL_SECOND;
 
@@ -62,19 +65,22 @@ typedef enum state {
 typedef struct member {
     tl_child child;
     state state;
-    tl_time ended;     /* when it rests, since when, */
-    tl_time pause;     /* and for how long at least */
-    unsigned failures; /* in a row, none of which was ever ready; the twin's are in the account */
-    tl_time lived;     /* since it was begun */
-    tl_time ready;     /* when that was seen; 0: it is not */
-    tl_time sound;     /* how long it has lived since */
-    bool was_damaged;  /* one of them was */
+    tl_time ended;                   /* when it rests, since when, */
+    tl_time pause;                   /* and for how long at least */
+    unsigned failures;               /* in a row, none of which was ever ready; the twin's are in the account */
+    tl_time lived;                   /* since it was begun */
+    tl_time ready;                   /* when that was seen; 0: it is not */
+    tl_time sound;                   /* how long it has lived since */
+    bool was_damaged;                /* one of them was */
+    bool is_changed;                 /* it was asked to end so that another one is begun */
+    char reason[TL_RESTARTS_REASON]; /* of a shadow: why the last one ended; "": none did */
 } member;
 
 typedef struct supervisor {
     const tl_supervisor_settings *settings;
-    member members[TL_MEMBERS];
-    tl_restarts restarts; /* of the twin */
+    member processes[TL_MEMBERS];
+    member *members[TL_MEMBERS]; /* which of them is which */
+    tl_restarts restarts;        /* of the twin */
     tl_watchdog watchdog;
     tl_time stroke; /* interval */
     tl_time stroked, told;
@@ -90,16 +96,24 @@ typedef struct supervisor {
     int tries;        /* recorders that have died in that end */
     bool held;        /* the twin that lives holds */
     unsigned bad_holds;
+    bool is_excused; /* the twin rests, and has not failed as one */
+    bool hastens;    /* the next look is soon */
 } supervisor;
 
-static const char *const name_of[TL_MEMBERS] = {
-    [TL_MEMBER_RECORDER] = "the recorder", [TL_MEMBER_IO] = "the reading of the plant", [TL_MEMBER_TWIN] = "the twin"};
+static const char *const name_of[TL_MEMBERS] = {[TL_MEMBER_RECORDER] = "the recorder",
+                                                [TL_MEMBER_IO] = "the reading of the plant",
+                                                [TL_MEMBER_TWIN] = "the twin",
+                                                [TL_MEMBER_SHADOW] = "the shadow"};
 
 /* The order in which they end: the twin needs io to its end, and both tell the recorder something in theirs. */
-static const tl_member end_order[TL_MEMBERS] = {TL_MEMBER_TWIN, TL_MEMBER_IO, TL_MEMBER_RECORDER};
+static const tl_member end_order[TL_MEMBERS] = {TL_MEMBER_SHADOW, TL_MEMBER_TWIN, TL_MEMBER_IO, TL_MEMBER_RECORDER};
 
 static member *twin_of(supervisor *self) {
-    return &self->members[TL_MEMBER_TWIN];
+    return self->members[TL_MEMBER_TWIN];
+}
+
+static member *shadow_of(supervisor *self) {
+    return self->members[TL_MEMBER_SHADOW];
 }
 
 /* ---- strokes ---- */
@@ -160,7 +174,7 @@ static tl_time pause_of_other(member *failed) {
 
 /* Another one is needed. `reason` is told by who begins it. */
 static void note_failure(supervisor *self, tl_member which, tl_time now, const char *reason) {
-    member *failed = &self->members[which];
+    member *failed = self->members[which];
     if (which == TL_MEMBER_TWIN) {
         self->bad_holds += self->held ? 1 : 0;
         tl_restarts_fail(&self->restarts, reason);
@@ -176,16 +190,20 @@ static void end_all(supervisor *self, int code) {
 }
 
 static void begin(supervisor *self, tl_member which, tl_time now) {
-    member *begun = &self->members[which];
+    member *begun = self->members[which];
     bool is_twin = which == TL_MEMBER_TWIN;
-    tl_start start = {.restarts = &self->restarts, .again = is_twin && self->restarts.failures > 0};
+    bool is_again = is_twin && (self->restarts.failures > 0 || self->is_excused);
+    tl_start start = {.restarts = &self->restarts, .again = is_again};
     tl_child_prepare(&begun->child);
     begun->lived = 0;
     begun->ready = 0;
     begun->sound = 0;
+    begun->is_changed = false;
+    begun->reason[0] = '\0';
     if (is_twin) {
         start.hold = tl_restarts_is_loop(&self->restarts);
         self->held = start.hold;
+        self->is_excused = false;
         tl_restarts_begin(&self->restarts, start.again);
     }
     pid_t pid = self->settings->begin(self->settings->context, which, &start);
@@ -195,6 +213,8 @@ static void begin(supervisor *self, tl_member which, tl_time now) {
     } else if (is_twin && self->settings->alone) {
         begun->state = ABSENT;
         end_all(self, TRY_AGAIN);
+    } else if (which == TL_MEMBER_SHADOW) {
+        begun->state = ABSENT;
     } else {
         note_failure(self, which, now, "no process could be made for it");
     }
@@ -204,7 +224,7 @@ static void begin(supervisor *self, tl_member which, tl_time now) {
 
 /* It was told to end before it could hear that, and nothing was to be kept yet. */
 static bool was_told_early(const supervisor *self, tl_member which) {
-    const tl_child *child = &self->members[which].child;
+    const tl_child *child = &self->members[which]->child;
     const tl_child_end *end = &child->end;
     bool has_nothing = which != TL_MEMBER_RECORDER || !self->ran;
     return has_nothing && child->asked && end->by_signal &&
@@ -214,7 +234,7 @@ static bool was_told_early(const supervisor *self, tl_member which) {
 
 /* On the log, and for the database; there the next twin tells itself why there is one. */
 static void say_failure(supervisor *self, tl_member which, const char *reason, bool is_followed) {
-    const tl_child *child = &self->members[which].child;
+    const tl_child *child = &self->members[which]->child;
     char text[TL_RESTARTS_REASON + 96];
     (void)snprintf(text, sizeof text, "%s failed%s: %s%s", name_of[which],
                    self->is_ending && child->asked ? " when it was to end" : "", reason,
@@ -227,7 +247,7 @@ static void say_failure(supervisor *self, tl_member which, const char *reason, b
 
 /* In its end it failed, or could not keep all that was to be kept. Alone, an FMU that ends its process is what the run ends with. */
 static void take_last_code(supervisor *self, tl_member which, const char *reason) {
-    const tl_child *child = &self->members[which].child;
+    const tl_child *child = &self->members[which]->child;
     bool is_told = self->settings->alone && which == TL_MEMBER_TWIN;
     if (was_told_early(self, which)) {
         end_all(self, 0);
@@ -247,7 +267,7 @@ static void take_last_code(supervisor *self, tl_member which, const char *reason
 
 /* What a recorder had to write still is in memory that outlives it: another one may. */
 static bool is_worth_another(supervisor *self, tl_member which) {
-    const tl_child *child = &self->members[which].child;
+    const tl_child *child = &self->members[which]->child;
     if (which != TL_MEMBER_RECORDER || !self->is_ending || was_told_early(self, which) ||
         child->end.farewell != TL_FAREWELL_NONE) {
         return false;
@@ -258,7 +278,7 @@ static bool is_worth_another(supervisor *self, tl_member which) {
 
 /* The run ends with it: it was asked to, it is over, or it never ran, and who started it is told why. */
 static bool is_final(const supervisor *self, tl_member which) {
-    const tl_child *child = &self->members[which].child;
+    const tl_child *child = &self->members[which]->child;
     bool refused = child->end.farewell == TL_FAREWELL_REFUSED && !self->ran;
     return self->is_ending || refused || (which == TL_MEMBER_TWIN && child->end.farewell == TL_FAREWELL_OVER);
 }
@@ -274,13 +294,33 @@ static void end_alone(supervisor *self, const char *reason) {
     end_all(self, FMU_FAILED);
 }
 
+/* Of a shadow: what follows from it is not decided here. */
+static void note_end_of_shadow(supervisor *self) {
+    member *ended = shadow_of(self);
+    tl_child_describe(&ended->child, ended->reason);
+    self->settings->ended(self->settings->context, TL_MEMBER_SHADOW, ended->reason);
+    tl_child_bury(&ended->child);
+    ended->state = ABSENT;
+}
+
+/* It has done all that it was there for, and makes room for another one. Of io nothing is left that could be done. */
+static bool is_changed(tl_member which, const member *ended) {
+    bool is_orderly = tl_child_kept_its_word(&ended->child) && ended->child.end.code == 0;
+    return ended->is_changed && (which == TL_MEMBER_IO || is_orderly);
+}
+
 static void note_end(supervisor *self, tl_member which, tl_time now) {
-    member *ended = &self->members[which];
+    member *ended = self->members[which];
     char reason[TL_RESTARTS_REASON];
     bool is_last = is_final(self, which) && !is_worth_another(self, which);
     bool is_alone = which == TL_MEMBER_TWIN && self->settings->alone;
     tl_child_describe(&ended->child, reason);
     self->settings->ended(self->settings->context, which, reason);
+    if (is_changed(which, ended)) {
+        tl_child_bury(&ended->child);
+        rest(ended, now, 0);
+        return;
+    }
     if (is_last) {
         ended->state = ABSENT;
         take_last_code(self, which, reason);
@@ -303,7 +343,7 @@ static void hurry(supervisor *self, int signal) {
     self->hurries = true;
     tl_log(TL_LOG_NOTICE, "asked again to end: who has not ended in %.0f s is killed", tl_seconds(GRACE_AGAIN));
     for (tl_member which = 0; which < TL_MEMBERS; which++) {
-        member *asked = &self->members[which];
+        member *asked = self->members[which];
         if (asked->state == LIVING && asked->child.asked) {
             tl_child_ask(&asked->child, which == TL_MEMBER_TWIN ? signal : SIGTERM);
         }
@@ -317,7 +357,7 @@ static void stop(supervisor *self, int signal) {
         self->stop = signal;
         self->stopped = now;
         end_all(self, 0);
-        if (twin_of(self)->state == LIVING) {
+        if (twin_of(self)->state == LIVING && shadow_of(self)->state != LIVING) {
             tl_child_ask(&twin_of(self)->child, signal);
         }
     } else if (now - self->stopped >= AGAIN && !self->hurries) {
@@ -346,7 +386,7 @@ static void note_life(supervisor *self, tl_time now, tl_time passed) {
 
 /* What was found before it was ready is what the one before has left: it has mended that. */
 static bool is_damaged(const supervisor *self, tl_member which) {
-    const member *living = &self->members[which];
+    const member *living = self->members[which];
     bool is_believed = !living->was_damaged || living->sound > TL_RESTARTS_FORGIVEN;
     return is_believed && living->ready != 0 && !living->child.asked &&
            self->settings->damaged(self->settings->context, which) > living->ready;
@@ -354,7 +394,7 @@ static bool is_damaged(const supervisor *self, tl_member which) {
 
 /* True: it is no more. */
 static bool look_for_damage(supervisor *self, tl_member which, tl_time now, tl_time passed) {
-    member *living = &self->members[which];
+    member *living = self->members[which];
     living->sound += living->ready != 0 ? passed : 0;
     if (living->ready == 0 && tl_heartbeats_is_ready(living->child.beats)) {
         living->ready = now;
@@ -367,8 +407,15 @@ static bool look_for_damage(supervisor *self, tl_member which, tl_time now, tl_t
     return damaged;
 }
 
+static tl_time grace_of(supervisor *self, tl_member which) {
+    if (self->hurries || (which == TL_MEMBER_SHADOW && self->is_ending)) {
+        return GRACE_AGAIN;
+    }
+    return which == TL_MEMBER_IO && self->members[which]->is_changed ? GRACE_OF_IO : GRACE;
+}
+
 static void look_at_living(supervisor *self, tl_member which, tl_time now, tl_time passed) {
-    member *living = &self->members[which];
+    member *living = self->members[which];
     bool is_twin = which == TL_MEMBER_TWIN;
     tl_time silence = 0;
     const char *silent = tl_child_look(&living->child, now, &silence);
@@ -379,7 +426,7 @@ static void look_at_living(supervisor *self, tl_member which, tl_time now, tl_ti
     if (look_for_damage(self, which, now, passed)) {
         return;
     }
-    tl_child_press(&living->child, passed, self->hurries ? GRACE_AGAIN : GRACE);
+    tl_child_press(&living->child, passed, grace_of(self, which));
     living->lived += passed;
     if (!is_twin) {
         return;
@@ -392,7 +439,7 @@ static void look_at_living(supervisor *self, tl_member which, tl_time now, tl_ti
 
 /* It begins again when its time has come, or not at all if all ends; a recorder has something left to write then. */
 static void look_at_resting(supervisor *self, tl_member which, tl_time now) {
-    member *resting = &self->members[which];
+    member *resting = self->members[which];
     bool is_buried = tl_child_is_buried(&resting->child);
     if (which == TL_MEMBER_TWIN && now - resting->ended < resting->pause + REAPING) {
         stroke(self, now);
@@ -405,7 +452,7 @@ static void look_at_resting(supervisor *self, tl_member which, tl_time now) {
 }
 
 static void look_at(supervisor *self, tl_member which, tl_time now, tl_time passed) {
-    member *member_ = &self->members[which];
+    member *member_ = self->members[which];
     switch (member_->state) {
     case ABSENT:
         break;
@@ -413,11 +460,13 @@ static void look_at(supervisor *self, tl_member which, tl_time now, tl_time pass
         look_at_resting(self, which, now);
         break;
     case LIVING:
-        if (tl_child_has_ended(&member_->child)) {
+        if (!tl_child_has_ended(&member_->child)) {
+            look_at_living(self, which, now, passed);
+        } else if (which == TL_MEMBER_SHADOW) {
+            note_end_of_shadow(self);
+        } else {
             self->ran = self->ran || (which == TL_MEMBER_TWIN && tl_heartbeats_is_ready(member_->child.beats));
             note_end(self, which, now);
-        } else {
-            look_at_living(self, which, now, passed);
         }
         break;
     }
@@ -425,7 +474,7 @@ static void look_at(supervisor *self, tl_member which, tl_time now, tl_time pass
 
 /* A recorder that has only begun would die of it, and there is something to write. */
 static bool can_be_asked(const supervisor *self, tl_member which) {
-    const member *living = &self->members[which];
+    const member *living = self->members[which];
     return which != TL_MEMBER_RECORDER || !self->ran || tl_heartbeats_is_ready(living->child.beats) ||
            living->lived >= GRACE_AGAIN;
 }
@@ -433,14 +482,14 @@ static bool can_be_asked(const supervisor *self, tl_member which) {
 /* Asks the next one to end. True: nobody is left. */
 static bool go_on_ending(supervisor *self, tl_time now) {
     for (int i = 0; i < TL_MEMBERS; i++) {
-        member *next = &self->members[end_order[i]];
+        member *next = self->members[end_order[i]];
         if (next->state == ABSENT) {
             continue;
         }
         if (next->state == LIVING && !next->child.asked && can_be_asked(self, end_order[i])) {
             tl_child_ask(&next->child, self->stop != 0 && end_order[i] == TL_MEMBER_TWIN ? self->stop : SIGTERM);
         }
-        if (end_order[i] != TL_MEMBER_TWIN) {
+        if (end_order[i] != TL_MEMBER_TWIN && end_order[i] != TL_MEMBER_SHADOW) {
             stroke(self, now);
         }
         return false;
@@ -448,10 +497,87 @@ static bool go_on_ending(supervisor *self, tl_time now) {
     return true;
 }
 
+/* ---- orders ---- */
+
+static void see_to_shadow(supervisor *self, bool wanted, tl_time now) {
+    member *shadow = shadow_of(self);
+    bool shall_be = wanted && !self->is_ending;
+    if (shadow->state == LIVING && !shall_be && !shadow->child.asked) {
+        tl_child_ask(&shadow->child, SIGTERM);
+    } else if (shadow->state == ABSENT && shall_be && tl_child_is_buried(&shadow->child)) {
+        begin(self, TL_MEMBER_SHADOW, now);
+    }
+}
+
+static void swap(supervisor *self, tl_time now) {
+    member *before = twin_of(self);
+    member *after = shadow_of(self);
+    self->members[TL_MEMBER_TWIN] = after;
+    self->members[TL_MEMBER_SHADOW] = before;
+    after->child.name = name_of[TL_MEMBER_TWIN];
+    before->child.name = name_of[TL_MEMBER_SHADOW];
+    before->state = before->state == LIVING ? LIVING : ABSENT;
+    before->reason[0] = '\0';
+    self->held = false;
+    if (after->state != LIVING) {
+        tl_restarts_excuse(&self->restarts, after->reason[0] != '\0' ? after->reason : "it was not there");
+        self->is_excused = true;
+        rest(after, now, 0);
+    }
+}
+
+/* One that has ended with the run may have left something for another one. */
+static void change_recorder(supervisor *self, tl_time now) {
+    member *recorder = self->members[TL_MEMBER_RECORDER];
+    if (recorder->state == LIVING && !recorder->child.asked && tl_heartbeats_is_ready(recorder->child.beats)) {
+        recorder->is_changed = true;
+        tl_child_ask(&recorder->child, SIGTERM);
+    } else if (recorder->state == ABSENT && recorder->child.pid != 0) {
+        tl_child_bury(&recorder->child);
+        rest(recorder, now, 0);
+    }
+}
+
+static void change_io(supervisor *self, tl_time now) {
+    member *io = self->members[TL_MEMBER_IO];
+    if (io->state == LIVING && !io->child.asked) {
+        io->is_changed = true;
+        tl_child_ask(&io->child, SIGTERM);
+    } else if (io->state == RESTING) {
+        io->failures = 0;
+        rest(io, now, 0);
+    }
+}
+
+static void look_for_orders(supervisor *self, tl_time now) {
+    tl_orders orders = {.end = false};
+    self->settings->look(self->settings->context, self->is_ending, &orders);
+    self->hastens = orders.soon;
+    if (orders.end) {
+        end_all(self, 0);
+    }
+    if (orders.kill_twin && twin_of(self)->state == LIVING) {
+        tl_child_kill_late(&twin_of(self)->child);
+    }
+    if (orders.swap && !self->is_ending) {
+        swap(self, now);
+    }
+    see_to_shadow(self, orders.shadow, now);
+    if (orders.recorder) {
+        change_recorder(self, now);
+    }
+    if (orders.io && !self->is_ending) {
+        change_io(self, now);
+    }
+}
+
+/* ---- the run ---- */
+
+/* A shadow needs nothing of us at once. */
 static bool is_something_about_to_happen(supervisor *self) {
-    bool is_about = self->is_ending;
-    for (tl_member which = 0; which < TL_MEMBERS; which++) {
-        member *member_ = &self->members[which];
+    bool is_about = self->is_ending || self->hastens;
+    for (tl_member which = 0; which < TL_MEMBER_SHADOW; which++) {
+        member *member_ = self->members[which];
         is_about = is_about || (member_->state == RESTING && !tl_child_is_buried(&member_->child)) ||
                    (member_->state == LIVING && !tl_heartbeats_is_ready(member_->child.beats));
     }
@@ -462,7 +588,7 @@ static bool is_something_about_to_happen(supervisor *self) {
 static int supervise(supervisor *self) {
     tl_time looked = tl_clock_now(NULL);
     for (tl_member which = 0; which < TL_MEMBERS; which++) {
-        if (self->settings->beats[which] != NULL) {
+        if (self->settings->beats[which] != NULL && which != TL_MEMBER_SHADOW) {
             begin(self, which, looked);
         }
     }
@@ -473,9 +599,7 @@ static int supervise(supervisor *self) {
             look_at(self, which, now, now - looked);
         }
         looked = now;
-        if (self->settings->look(self->settings->context, self->is_ending)) {
-            end_all(self, 0);
-        }
+        look_for_orders(self, now);
         if (self->is_ending && go_on_ending(self, now)) {
             return self->code;
         }
@@ -523,7 +647,8 @@ static tl_status open_all(supervisor *self, tl_error *error) {
     self->watchdog.file = -1;
     self->restarts.lock = -1;
     for (tl_member which = 0; which < TL_MEMBERS; which++) {
-        self->members[which].child = (tl_child){.name = name_of[which], .beats = self->settings->beats[which]};
+        self->members[which] = &self->processes[which];
+        self->members[which]->child = (tl_child){.name = name_of[which], .beats = self->settings->beats[which]};
     }
     tl_status status = open_watchdog(self, error);
     if (status == TL_OK) {
@@ -538,7 +663,7 @@ static void close_all(supervisor *self) {
         tl_log(TL_LOG_WARNING, "watchdog %s could not be disarmed, and will reset the box", self->settings->watchdog);
     }
     for (tl_member which = 0; which < TL_MEMBERS; which++) {
-        tl_reaper_leave(&self->members[which].child.reaper);
+        tl_reaper_leave(&self->members[which]->child.reaper);
     }
     (void)munlockall(); /* our caller may look at what is large */
     tl_restarts_close(&self->restarts);

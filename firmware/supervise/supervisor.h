@@ -3,7 +3,8 @@
  * Purpose: an FMU may hang, or destroy the memory of the process that it is in; a device may take a driver with it, a disk the recorder.
  *          So each is in a process of its own, and this one, which has no FMU, no plant and no database, listens to their heartbeats
  *          (heartbeat.h), ends a process that is silent, begins a new one, and strokes the box's watchdog and systemd's.
- * Members: the *twin* is what the run is for. *io* reads the plant, the *recorder* writes what is to be kept; the twin goes on without them.
+ * Members: the *twin* is what the run is for. *io* reads the plant, the *recorder* writes what is to be kept; the twin goes on without them. A *shadow*
+ *          is another twin beside it, for as long as it is ordered: see below.
  * Stroked: as long as the twin is alive, and while the supervisor does something about it if not. A dead disk or device resets no box.
  *          Not while a thread of the twin is silent, and no more once even safe hold could not be kept up TL_RESTARTS_MOST times. Nor once a dead
  *          twin has not been reaped for 30 s.
@@ -21,6 +22,17 @@
  * Signals: SIGTERM, SIGINT and SIGHUP (but not under nohup) end all. A process that has not ended 16 s
  *          later is killed, some seconds after it would have given up an FMU that does not return (fmu_patience.h). An orderly end in any case: all failures are forgiven.
  *          Asked again after a second, each has 2 s. A supervisor that is killed takes all with it.
+ * Shadow:  there on order, and asked to end once it is not ordered any more. Watched as the others are; but it is not begun again by itself, and its end,
+ *          of which who orders it is told, is nobody's failure: no stroke, account, exit code or safe hold depends on it. When all end it is the first, and is
+ *          killed after 2 s: nothing of it is kept.
+ * Swap:    twin and shadow change places on order, with all that belongs to their processes: from then on the other one is the twin, and strokes, account and
+ *          status are its. One that is dead by then is begun at once; its death is not in the account, which says whether a *run's* twin can live: whoever
+ *          died as a shadow has done no run any harm, and if it cannot live as the twin either, that is soon in there. The old twin goes on as the shadow; if it
+ *          is dead there is none, and it is not begun again.
+ * Anew:    on order the recorder is asked to end, and another one is begun: an orderly change, without a failure, a line or an event. Also after the end of
+ *          all, if the one that has ended left something for another one.
+ *          io the same, since the plant is to be read by other sources; however it ends then, nothing of it is kept. It is killed after 0.5 s: no device is
+ *          worth waiting for while signals are stale. One that rests is begun at once.
  * Rest:    a recorder that fails in the end is followed by another one, which writes the rest: at most twice, once if it had to be killed.
  */
 #ifndef TL_FIRMWARE_SUPERVISE_SUPERVISOR_H
@@ -33,7 +45,7 @@
 #include "firmware/supervise/restarts.h"
 
 /* In the order in which they begin. */
-typedef enum tl_member { TL_MEMBER_RECORDER, TL_MEMBER_IO, TL_MEMBER_TWIN, TL_MEMBERS } tl_member;
+typedef enum tl_member { TL_MEMBER_RECORDER, TL_MEMBER_IO, TL_MEMBER_TWIN, TL_MEMBER_SHADOW, TL_MEMBERS } tl_member;
 
 /* What a twin is told at its start. */
 typedef struct tl_start {
@@ -42,15 +54,26 @@ typedef struct tl_start {
     bool hold;                   /* safe hold */
 } tl_start;
 
+/* What is to be done, looked for again and again: an order stands for as long as it is given, but for `swap`, which is obeyed each time. */
+typedef struct tl_orders {
+    bool end;       /* all shall */
+    bool shadow;    /* there shall be one; if it has ended, it is begun again for as long as this is ordered */
+    bool kill_twin; /* it does not do its part in a swap, and shall not be waited for */
+    bool swap;      /* not once all end */
+    bool recorder;  /* another one shall be begun */
+    bool io;        /* the same */
+    bool soon;      /* something is about to happen: the next look is in 2 ms */
+} tl_orders;
+
 typedef struct tl_supervisor_settings {
     bool alone;
     const char *state;    /* a folder for the account of restarts, of one supervisor at a time; NULL: none */
     const char *watchdog; /* the device; NULL: none */
     int watchdog_s;
-    tl_heartbeats *beats[TL_MEMBERS]; /* of each; NULL: there is no such member */
+    tl_heartbeats *beats[TL_MEMBERS]; /* of each, at first; NULL: there is no such member */
     void *context; /* of all below, which are called in the thread of the supervisor, and must not wait */
 
-    /* Starts a process (role.h). 0: it could not be, and that was said on the log. */
+    /* Starts a process (role.h). `start` is of the twin. 0: it could not be, and that was said on the log. */
     pid_t (*begin)(void *context, tl_member which, const tl_start *start);
 
     /* One has ended, and is not reaped yet. `reason` says why, and may be bettered. */
@@ -63,8 +86,8 @@ typedef struct tl_supervisor_settings {
     /* Whoever reads what this one writes has looked at it at this time at the earliest (CLOCK_MONOTONIC), and cannot read it on; 0: it can. */
     tl_time (*damaged)(void *context, tl_member which);
 
-    /* Between two looks. `ends`: all do by now. True: all shall. */
-    bool (*look)(void *context, bool ends);
+    /* Between two looks. `ends`: all do by now. `orders` is zeroed. */
+    void (*look)(void *context, bool ends, tl_orders *orders);
 } tl_supervisor_settings;
 
 /* *stopped (NULL: not wanted): the signal by which it was asked to end; 0: it was not. Returns an exit code once no process runs any more: the one that the twin announced at last, or the recorder if that is worse; 75 if a process

@@ -8,7 +8,7 @@
 #include <gnutls/gnutls.h>
 #include <gnutls/x509.h>
 
-enum { DIGEST = 32 };
+enum { DIGEST = 32, BASE64_OF_DIGEST = 44 };
 
 static void write_hex(const unsigned char digest[DIGEST], char text[TL_FINGERPRINT_TEXT]) {
     for (size_t i = 0; i < DIGEST; i++) {
@@ -76,6 +76,18 @@ static size_t plain_hex(const char *words, char *plain, size_t room) {
     }
     plain[used] = '\0';
     return used;
+}
+
+bool tl_fingerprint_is_one(const char *words) {
+    static const char letters[] = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/=";
+    char plain[TL_FINGERPRINT_TEXT];
+    size_t length = strlen(words);
+    if (strncmp(words, "sha256//", strlen("sha256//")) == 0) {
+        const char *digest = words + strlen("sha256//");
+        return strlen(digest) == BASE64_OF_DIGEST && digest[strspn(digest, letters)] == '\0';
+    }
+    bool is_hex = words[strspn(words, ": 0123456789ABCDEFabcdef")] == '\0';
+    return is_hex && length < TL_FINGERPRINT_TEXT && plain_hex(words, plain, sizeof plain) == 2 * (size_t)DIGEST;
 }
 
 bool tl_fingerprint_is(const tl_fingerprint *fingerprint, const char *words) {

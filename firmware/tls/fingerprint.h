@@ -22,6 +22,9 @@ typedef struct tl_fingerprint {
 /* Of the first certificate in a text of PEM. TL_BAD_DATA: there is none. */
 tl_status tl_fingerprint_of(const char *pem, size_t size, tl_fingerprint *fingerprint, tl_error *error);
 
+/* Whether a person's words can be either of the two. */
+bool tl_fingerprint_is_one(const char *words);
+
 /* Whether a person's words, either of the two, mean this one; colons and case of the second do not matter. */
 bool tl_fingerprint_is(const tl_fingerprint *fingerprint, const char *words);
 

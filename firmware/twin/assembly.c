@@ -10,6 +10,7 @@
 #include <unistd.h>
 
 #include "firmware/base/heap.h"
+#include "firmware/base/identity.h"
 #include "firmware/fmu/library.h"
 
 /* ---- before ---- */
@@ -144,6 +145,27 @@ static const tl_fmu *load_fmu(tl_assembly *assembly, const char *path, int opene
     return check_module(assembly, fmu, where) ? fmu : NULL;
 }
 
+/* Who writes a configuration elsewhere says by this which of the installed FMUs is meant. */
+static bool is_meant(tl_assembly *assembly, const tl_config_component *configured, const char *path, int opened) {
+    char found[TL_SHA256_TEXT];
+    if (configured->sha256 == NULL) {
+        return true;
+    }
+    int file = opened >= 0 ? opened : open(path, O_RDONLY | O_CLOEXEC);
+    (void)tl_identity_open_file(file, found);
+    if (opened < 0 && file >= 0) {
+        (void)close(file);
+    }
+    if (strcmp(found, configured->sha256) != 0) {
+        tl_report_add(&assembly->problems.report, TL_BAD_DATA, configured->where,
+                      "another file is meant than %.200s: its SHA-256 is %s, expected %s; install that one, or correct "
+                      "\"sha256\"",
+                      path, found[0] != '\0' ? found : "not known, as it cannot be read", configured->sha256);
+        return false;
+    }
+    return true;
+}
+
 /* As it was found before, or is found now. */
 static bool fmu_path(const tl_assembly *assembly, size_t index, char *path, size_t size) {
     if (assembly->files != NULL && assembly->files[index].path != NULL) {
@@ -167,7 +189,8 @@ static void load_component(tl_assembly *assembly, size_t index) {
             configured->fmu, path, beside);
         return;
     }
-    const tl_fmu *fmu = load_fmu(assembly, path, opened, configured->where);
+    const tl_fmu *fmu =
+        is_meant(assembly, configured, path, opened) ? load_fmu(assembly, path, opened, configured->where) : NULL;
     if (fmu != NULL) {
         *component = (tl_plan_component){
             .where = configured->where,

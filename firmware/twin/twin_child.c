@@ -232,7 +232,7 @@ static tl_status start(tl_twin_child *child, tl_error *error) {
     }
     tl_twin_process_settings settings = {
         .job = child->settings.job,
-        .config = child->settings.config,
+        .fmus = tl_twin_fmus_of(child->settings.config),
         .title = title,
         .calls = &child->extra->calls,
         .channel = &child->channel,

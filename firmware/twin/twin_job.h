@@ -47,6 +47,7 @@ typedef struct tl_twin_job {
     bool plain;          /* save no executions */
     bool without_delays;
     bool variables; /* the page lists them */
+    bool cost;      /* the page ends with it (twin_cost.h) */
     bool unconfined;
     bool holds;                /* safe hold: no FMU is touched */
     const unsigned char *live; /* for the live room, which knows what it is; at no aligned place when it was read */

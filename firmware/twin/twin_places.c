@@ -7,10 +7,18 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* What exists, and is not everything. */
+static bool is_known(const tl_twin_places *places, const char *path) {
+    size_t i = 0;
+    while (i < places->count && strcmp(places->path[i], path) != 0) {
+        i++;
+    }
+    return i < places->count;
+}
+
+/* What exists, is not everything, and is there once. */
 static void add(tl_twin_places *places, const char *path) {
     char *found = places->count < TL_TWIN_PLACES ? realpath(path, NULL) : NULL;
-    if (found != NULL && strcmp(found, "/") != 0) {
+    if (found != NULL && strcmp(found, "/") != 0 && !is_known(places, found)) {
         places->path[places->count++] = found;
     } else {
         free(found);

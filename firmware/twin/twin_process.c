@@ -18,7 +18,7 @@
 static const uint64_t MIB = UINT64_C(1024) * 1024;
 
 /* Threads of an honest FMU: an interpreter has a handful, a numeric library one for each processor. */
-enum { THREADS = 1024, FILES = TL_FMU_ENTRIES };
+enum { THREADS = 1024, FILES = TL_FMU_ENTRIES, PROCESSES = 1 << 22 };
 
 struct tl_twin_process {
     tl_twin_process_settings settings;
@@ -68,8 +68,8 @@ static void close_pipes(pipes *made) {
 
 /* ---- what it may ---- */
 
-/* What the archives of these FMUs may unpack to (fmu_archive.h). */
-static uint64_t unpacked_bytes(const tl_config *config) {
+/* See fmu_archive.h. */
+tl_twin_fmus tl_twin_fmus_of(const tl_config *config) {
     uint64_t sum = 0;
     for (size_t i = 0; i < config->component_count; i++) {
         char path[PATH_MAX];
@@ -80,7 +80,14 @@ static uint64_t unpacked_bytes(const tl_config *config) {
             sum += most < TL_FMU_TOTAL_BYTES ? most : TL_FMU_TOTAL_BYTES;
         }
     }
-    return sum;
+    return (tl_twin_fmus){.count = config->component_count, .unpacked_bytes = sum};
+}
+
+/* Each of them may be one of those that are too small for a ratio. */
+tl_twin_fmus tl_twin_fmus_of_numbers(size_t count, uint64_t file_bytes) {
+    const uint64_t most = (uint64_t)count * TL_FMU_TOTAL_BYTES;
+    uint64_t bytes = file_bytes < most ? file_bytes * TL_FMU_RATIO + count * TL_FMU_RATIO_FROM_BYTES : most;
+    return (tl_twin_fmus){.count = count, .unpacked_bytes = bytes < most ? bytes : most};
 }
 
 /* Another user can go through all folders on the way to this one. */
@@ -104,14 +111,17 @@ static bool needs_folder(const tl_twin_process *process) {
     return !process->settings.job->holds;
 }
 
-/* Started as root, it gets a user that nobody else has: numbers that systemd leaves to nobody, and one process at a time. Where that user could
+/* Started as root, it gets a user that nobody else has: numbers that systemd leaves to nobody, and one process at a time for each that we have. Numbers
+ * of processes are below PROCESSES. Where that user could
  * not come to its folder, it stays root without root's capabilities. */
 static uint32_t private_user(const tl_twin_process *process) {
     const char *folder = getenv("TMPDIR");
     tl_confine_facts facts;
     tl_confine_probe(&facts);
     bool is_open = !needs_folder(process) || is_open_to_others(folder == NULL || folder[0] == '\0' ? "/tmp" : folder);
-    return geteuid() == 0 && facts.user && is_open ? 0x70000000U + (uint32_t)getpid() : 0;
+    return geteuid() == 0 && facts.user && is_open
+               ? 0x70000000U + process->settings.which * PROCESSES + (uint32_t)getpid()
+               : 0;
 }
 
 /* Bytes. */
@@ -264,8 +274,8 @@ static tl_status start_warden(tl_twin_process *process, pipes *ends, tl_error *e
         .passes_signals = given->passes_signals,
         .call_limit = given->call_limit,
         .bounds = {.folder = needs_folder(process) ? process->folder.path : NULL,
-                   .bytes = TL_TWIN_FOLDER_MIB * MIB + unpacked_bytes(given->config),
-                   .files = FILES * (given->config->component_count + 1),
+                   .bytes = TL_TWIN_FOLDER_MIB * MIB + given->fmus.unpacked_bytes,
+                   .files = FILES * (given->fmus.count + 1),
                    .threads = THREADS,
                    .memory = memory_limit(process)},
         .hear = given->hear,

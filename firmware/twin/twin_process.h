@@ -25,12 +25,19 @@
 
 enum { TL_TWIN_FOLDER_MIB = 256 }; /* that FMUs may write, beside what they are unpacked to */
 
+/* The FMUs of a configuration, as far as their process is bounded by them. */
+typedef struct tl_twin_fmus {
+    size_t count;
+    uint64_t unpacked_bytes; /* that their archives may unpack to, together */
+} tl_twin_fmus;
+
 typedef struct tl_twin_process tl_twin_process;
 
 /* `calls`, `channel`, `page`, `tasks` and `context` must stay until the process is closed, the rest during the start. Descriptors stay the caller's. */
 typedef struct tl_twin_process_settings {
     const tl_twin_job *job; /* folder, file_bytes, memory and user are filled in */
-    const tl_config *config;
+    tl_twin_fmus fmus;
+    unsigned which;    /* 0 … 63, of those that we have at the same time: none has the user of another one */
     const char *title; /* "twin [motor]" */
     int given
         [TL_ROLE_DESCRIPTORS]; /* what it gets beside nothing, output, page, job and start socket (twin_wire.h); -1: nothing */
@@ -46,6 +53,12 @@ typedef struct tl_twin_process_settings {
         *hear;     /* told of each refusal that is said on the log, in a thread of the warden's; NULL: nobody */
     void *context; /* of `hear` */
 } tl_twin_process_settings;
+
+/* Looks at the files. One that is not there counts as none. */
+tl_twin_fmus tl_twin_fmus_of(const tl_config *config);
+
+/* The same of somebody else's numbers, for who does not read the configuration: FMUs, and bytes of all their files. At least as much. */
+tl_twin_fmus tl_twin_fmus_of_numbers(size_t count, uint64_t file_bytes);
 
 /* Starts it, and does not wait for what it does. What it is confined by, it tells by other ways. Errors: TL_TRY_AGAIN; then nothing is left. */
 tl_status tl_twin_process_start(const tl_twin_process_settings *settings, tl_twin_process **process, tl_error *error);

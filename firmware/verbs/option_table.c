@@ -36,8 +36,16 @@ const tl_verb_row tl_verb_rows[TL_VERB_COUNT] = {
         {"reload", "CONFIG", "configuration", "bring a changed configuration into a running plant's twin",
          "Hands a changed configuration to the run that was started with it and with --control. It is read,\n"
          "held against the one in force, and activated: tolerances, weights, bounds, penalties and budgets in\n"
-         "place, without a gap; all else by a restart of the run, if --restart allows that. It is on probation\n"
+         "place; what takes another twin, or other sources, by a twin that runs beside the run's first, and\n"
+         "takes over between two ticks; all else by a restart of the run, with a gap, if --restart allows\n"
+         "that. It is on probation\n"
          "then, and returned from by itself if deadlines are missed or the lock is lost."},
+    [TL_VERB_INBOX] =
+        {"inbox", "DIR", "folder", "take configurations that are put into a folder, for a running plant's twin",
+         "Waits for files DIR/NAME.json and hands each to the run, as `twinlock reload` does, with the right\n"
+         "to retune and no other. A file is taken once it was renamed to that name, as SFTP clients do: put it\n"
+         "there as NAME.json.part first. It becomes NAME.json.taken, and NAME.json.result.txt says what came\n"
+         "of it. Ends on SIGTERM or Ctrl-C."},
 };
 
 enum {
@@ -47,6 +55,7 @@ enum {
     PLANT = 1 << TL_VERB_PLANT,
     SHOW = 1 << TL_VERB_SHOW,
     RELOAD = 1 << TL_VERB_RELOAD,
+    INBOX = 1 << TL_VERB_INBOX,
     EVERY = (1 << TL_VERB_COUNT) - 1
 };
 
@@ -105,28 +114,39 @@ const tl_option tl_option_rows[TL_OPTION_COUNT] = {
      .help = "with --state: take changed configurations by this socket; versions are kept\nin DIR/versions"},
     {RELOAD, "control", "SOCKET", TL_OPTION_TEXT, SETS(control),
      .help = "of the run; default: /run/twinlock/NAME/control, NAME being that of the file"},
-    {RELOAD, "no-activate", NULL, TL_OPTION_SWITCH, SETS(only_check), .help = "all steps but the activation"},
-    {RELOAD, "restart", NULL, TL_OPTION_SWITCH, SETS(restart),
-     .help = "end the run and begin anew for what no running twin can take"},
-    {RELOAD, "probation", "S", TL_OPTION_WHOLE_SECONDS, SETS(probation_s),
+    {INBOX, "control", "SOCKET", TL_OPTION_TEXT, SETS(control),
+     .help = "of the run; default: /run/twinlock/NAME/control, NAME being that of DIR"},
+    {RELOAD, "no-activate", NULL, TL_OPTION_SWITCH, SETS(only_check), .changes = true,
+     .help = "all steps but the activation"},
+    {RELOAD, "restart", NULL, TL_OPTION_SWITCH, SETS(restart), .changes = true,
+     .help = "end the run and begin anew for what needs that, or if the box does not carry\nboth twins"},
+    {RELOAD, "shadow", "S", TL_OPTION_WHOLE_SECONDS, SETS(shadow_s), .changes = true,
+     .help = "whole seconds for which another twin runs beside the run's before it takes\nover; default 60",
+     .expected = "whole seconds from 1 to 3600, for example 60"},
+    {RELOAD, "accept-worse", NULL, TL_OPTION_SWITCH, SETS(accept_worse), .changes = true,
+     .help = "let another twin take over also if an output is more than twice as far off as\n"
+             "the run's, and out of its tolerance"},
+    {RELOAD, "probation", "S", TL_OPTION_WHOLE_SECONDS, SETS(probation_s), .changes = true,
      .help = "whole seconds in which it has to prove itself; default 300",
      .expected = "whole seconds from 1 to 3600, for example 60"},
-    {RELOAD, "require-lock", "PERCENT", TL_OPTION_PERCENT, SETS(keep_lock),
+    {RELOAD, "require-lock", "PERCENT", TL_OPTION_PERCENT, SETS(keep_lock), .changes = true,
      .help = "keep it if the twin was in lock in at least so much of the probation's\nsteps; default 95",
      .expected = "a percentage above 0, at most 100, for example 95"},
-    {RELOAD, "until-confirmed", NULL, TL_OPTION_SWITCH, SETS(until_confirmed),
+    {RELOAD, "until-confirmed", NULL, TL_OPTION_SWITCH, SETS(until_confirmed), .changes = true,
      .help = "keep it only if somebody confirms it during the probation"},
-    {RELOAD, "wait", NULL, TL_OPTION_SWITCH, SETS(wait),
-     .help = "end when it is kept, or returned from; of a restart: when the run ends"},
-    {RELOAD, "why", "TEXT", TL_OPTION_TEXT, SETS(why), .help = "a word to those who look at the versions later"},
-    {RELOAD, "confirm", NULL, TL_OPTION_SWITCH, SETS(confirm), .alone = true,
+    {RELOAD, "wait", NULL, TL_OPTION_SWITCH, SETS(wait), .changes = true,
+     .help = "end when it is kept, or returned from; also over a restart"},
+    {RELOAD, "why", "TEXT", TL_OPTION_TEXT, SETS(why), .changes = true,
+     .help = "a word to those who look at the versions later"},
+    {RELOAD, "confirm", NULL, TL_OPTION_SWITCH, SETS(confirm), .alone = true, .only = true,
      .help = "keep the version that is on probation; nothing is sent"},
     {RELOAD, "rollback", NULL, TL_OPTION_SWITCH, SETS(rollback), .alone = true,
-     .help = "bring the version before back; nothing is sent"},
+     .help = "bring the version before back, or cancel a change that is under way; nothing is\nsent"},
     {RELOAD, "version", "N", TL_OPTION_NUMBER, SETS(version), .needs = "rollback",
      .help = "with --rollback: which version", .expected = "the number of a version, see --versions"},
-    {RELOAD, "versions", NULL, TL_OPTION_SWITCH, SETS(versions), .alone = true, .help = "list what is kept"},
-    {RELOAD, "state", NULL, TL_OPTION_SWITCH, SETS(show), .alone = true, .help = "say how the run is"},
+    {RELOAD, "versions", NULL, TL_OPTION_SWITCH, SETS(versions), .alone = true, .only = true,
+     .help = "list what is kept, and what was refused last"},
+    {RELOAD, "state", NULL, TL_OPTION_SWITCH, SETS(show), .alone = true, .only = true, .help = "say how the run is"},
     {RUN, "watchdog", "DEVICE", TL_OPTION_TEXT, SETS(watchdog), .needs = "supervise",
      .help = "with --supervise: stroke this watchdog (/dev/watchdog) while the twin is alive"},
     {RUN, "watchdog-timeout", "S", TL_OPTION_WHOLE_SECONDS, SETS(watchdog_s), .needs = "watchdog",

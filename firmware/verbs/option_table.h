@@ -47,9 +47,11 @@ typedef struct tl_option {
     const char *expected; /* what its value should be, if values are checked; else NULL */
     const char *needs;    /* the name of an option that must be there too, or NULL */
     bool alone;           /* at most one of those that are `alone` may be there */
+    bool changes;         /* says how something is changed, or why */
+    bool only;            /* changes nothing, or no more than it says: makes no sense with what `changes` */
 } tl_option;
 
-enum { TL_OPTION_COUNT = 48 };
+enum { TL_OPTION_COUNT = 51 };
 
 extern const tl_verb_row tl_verb_rows[TL_VERB_COUNT];
 extern const tl_option tl_option_rows[TL_OPTION_COUNT];

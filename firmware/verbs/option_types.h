@@ -17,6 +17,7 @@ typedef enum tl_verb {
     TL_VERB_PLANT,
     TL_VERB_SHOW,
     TL_VERB_RELOAD,
+    TL_VERB_INBOX,
     TL_VERB_COUNT
 } tl_verb;
 
@@ -63,6 +64,7 @@ typedef struct tl_options {
     bool only_check; /* --no-activate */
     bool restart;
     bool until_confirmed;
+    bool accept_worse;
     bool wait;
     bool confirm;
     bool rollback;
@@ -70,6 +72,7 @@ typedef struct tl_options {
     bool versions;
     bool show;
     const char *why;
+    double shadow_s;    /* whole; 0: as usual */
     double probation_s; /* whole; 0: as usual */
     double keep_lock;   /* --require-lock of reload: percent; below 0: as usual */
     int table;          /* --csv TABLE: a tl_show_csv_table; TL_OPTIONS_NO_TABLE: not given */

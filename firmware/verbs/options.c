@@ -284,6 +284,17 @@ static tl_options_outcome refuse_together(const reading *self) {
     return refuse(self, "expected at most one of %s", text);
 }
 
+/* The first given one that is so; NULL: none is. */
+static const tl_option *find_given(const reading *self, bool only) {
+    for (size_t i = 0; i < TL_OPTION_COUNT; i++) {
+        const tl_option *option = &tl_option_rows[i];
+        if (self->given[i] && (only ? option->only : option->changes)) {
+            return option;
+        }
+    }
+    return NULL;
+}
+
 /* What belongs together is there together, and nothing else is. */
 static tl_options_outcome check_options(const reading *self) {
     size_t alone = 0;
@@ -298,6 +309,11 @@ static tl_options_outcome check_options(const reading *self) {
             return refuse(self, "--%s needs --%s%s%s", option->name, option->needs, value != NULL ? " " : "",
                           value != NULL ? value : "");
         }
+    }
+    const tl_option *only = find_given(self, true);
+    const tl_option *changes = find_given(self, false);
+    if (alone <= 1 && only != NULL && changes != NULL) {
+        return refuse(self, "--%s is of no use with --%s", changes->name, only->name);
     }
     return alone > 1 ? refuse_together(self) : TL_OPTIONS_READ;
 }

@@ -8,6 +8,7 @@
 
 #include "firmware/base/log.h"
 #include "firmware/config/measurements.h"
+#include "firmware/errand/twin_cost.h"
 #include "firmware/fmu/fmu_thread.h"
 #include "firmware/live/live_blocks.h"
 #include "firmware/text/clean_text.h"
@@ -268,6 +269,7 @@ static void print_blocks(const tl_assembly *assembly, const tl_prognosis *progno
     print_block("outbox", blocks.outbox, "for what waits for the recorder, in `run`", output);
     print_block("checkpoint", blocks.checkpoints, "for the saved twin, in `run`", output);
     print_block("past", blocks.past, "at most, while `run` goes on with an earlier one", output);
+    print_block("shadow", blocks.shadow, "more, at most, for a second twin beside that of `run`", output);
 }
 
 static void print_costs(const tl_assembly *assembly, const tl_prognosis *prognosis, FILE *output) {
@@ -314,7 +316,20 @@ static void print_places(const tl_assembly *assembly, FILE *output) {
     }
 }
 
-static tl_status print_page(const tl_assembly *assembly, bool confined, FILE *output) {
+/* For a program. */
+static void print_figures(const tl_assembly *assembly, const tl_prognosis *prognosis, FILE *output) {
+    tl_twin_facts facts = tl_twin_get_facts(assembly->twin);
+    tl_live_blocks blocks;
+    tl_live_blocks_of(&assembly->config, saved_size(assembly, prognosis), &blocks);
+    const tl_twin_cost cost = {
+        .least = prognosis->step_time,
+        .worst = prognosis->worst_time,
+        .memory = (uint64_t)facts.memory + facts.state_memory + blocks.outbox + blocks.checkpoints,
+    };
+    tl_twin_cost_print(&cost, output);
+}
+
+static tl_status print_page(const tl_assembly *assembly, const tl_twin_job *job, FILE *output) {
     const tl_config *config = &assembly->config;
     tl_prognosis prognosis;
     tl_prognosis_make(assembly, &prognosis);
@@ -329,7 +344,7 @@ static tl_status print_page(const tl_assembly *assembly, bool confined, FILE *ou
     tl_delay_page_print(config, output);
     print_needs(assembly, &prognosis, output);
     print_costs(assembly, &prognosis, output);
-    if (confined) {
+    if (!job->unconfined) {
         print_places(assembly, output);
     }
     size_t warnings = tl_advice_print(assembly, &prognosis, output);
@@ -338,12 +353,15 @@ static tl_status print_page(const tl_assembly *assembly, bool confined, FILE *ou
         (void)fprintf(output, ", %zu warning%s", warnings, warnings == 1 ? "" : "s");
     }
     (void)fputc('\n', output);
+    if (job->cost) {
+        print_figures(assembly, &prognosis, output);
+    }
     return TL_OK;
 }
 
 tl_status tl_verb_check_page(const tl_assembly *assembly, const tl_twin_job *job, tl_status status, FILE *page) {
     if (status == TL_OK) {
-        status = print_page(assembly, !job->unconfined, page);
+        status = print_page(assembly, job, page);
     } else if (assembly->problems.report.count > 1) {
         tl_log(TL_LOG_ERROR, "%zu problems", assembly->problems.report.count);
     }

@@ -5,8 +5,8 @@
 
 #include "firmware/activate/version_start.h"
 #include "firmware/base/log.h"
-#include "firmware/live/tree.h"
 #include "firmware/process/role.h"
+#include "firmware/tree/tree.h"
 #include "firmware/verbs/command_line.h"
 #include "firmware/verbs/verb_job.h"
 #include "firmware/verbs/verbs.h"

@@ -4,6 +4,8 @@
 #include <math.h>
 #include <string.h>
 
+#include "master/plan/tuning.h"
+
 /* ---- values ---- */
 
 static bool is_path(const tl_json_value *value) {
@@ -50,7 +52,7 @@ static void judge_weight(const tl_json_value *before, const tl_json_value *after
 
 /* A twin has room for so many as it began with, and for as many as are usual. */
 static void judge_evaluations(const tl_json_value *before, const tl_json_value *after, tl_change_needs *needs) {
-    const double usual = 60.0;
+    const double usual = TL_TUNING_ROOM;
     double most = fmax(usual, number_of(before, usual));
     if (!(number_of(after, usual) <= most)) {
         needs->kind = TL_CHANGE_NEW_TWIN;
@@ -67,6 +69,12 @@ static void judge_evaluations(const tl_json_value *before, const tl_json_value *
     { TL_CHANGE_NEW_TWIN, TL_CHANGE_BY_COMMISSION }
 #define NEW_TWIN_ON_THE_BOX                                                                                            \
     { TL_CHANGE_NEW_TWIN, TL_CHANGE_ON_THE_BOX }
+#define NEW_SOURCES                                                                                                    \
+    { TL_CHANGE_NEW_SOURCES, TL_CHANGE_BY_RETUNE }
+#define NEW_SOURCES_COMMISSIONED                                                                                       \
+    { TL_CHANGE_NEW_SOURCES, TL_CHANGE_BY_COMMISSION }
+#define NEW_SOURCES_ON_THE_BOX                                                                                         \
+    { TL_CHANGE_NEW_SOURCES, TL_CHANGE_ON_THE_BOX }
 #define RESTART_ON_THE_BOX                                                                                             \
     { TL_CHANGE_RESTART, TL_CHANGE_ON_THE_BOX }
 #define RESTART                                                                                                        \
@@ -79,16 +87,18 @@ static const tl_change_rule rules[] = {
     /* what is about the whole */
     {"$schema", IN_PLACE, NULL},
     {"twinlock", RESTART, NULL},
-    {"name", NEW_TWIN, NULL},
+    {"name", RESTART, NULL}, /* titles and units are by it */
     {"step_s", RESTART, NULL},
     {"duration_s", RESTART_COMMISSIONED, NULL},
     /* FMUs */
     {"components", NEW_TWIN_COMMISSIONED, NULL},
     {"components.*", NEW_TWIN_COMMISSIONED, NULL},
     {"components.*.fmu", NEW_TWIN_COMMISSIONED, judge_fmu},
+    {"components.*.sha256", NEW_TWIN_COMMISSIONED, NULL},
     {"components.*.set", NEW_TWIN, NULL},
     {"components.*.set.*", NEW_TWIN, judge_set},
     {"components.*.keep", NEW_TWIN, NULL},
+    {"components.*.rollback", NEW_TWIN, NULL},
     {"components.*.libraries", NEW_TWIN_ON_THE_BOX, NULL},
     {"components.*.libraries[]", NEW_TWIN_ON_THE_BOX, NULL},
     {"components.*.read", NEW_TWIN_ON_THE_BOX, NULL},
@@ -96,74 +106,74 @@ static const tl_change_rule rules[] = {
     {"components.*.unconfined", NEW_TWIN_ON_THE_BOX, NULL},
     {"components.*.logging", NEW_TWIN, NULL},
     /* where live signals come from */
-    {"sources", RESTART_COMMISSIONED, NULL},
-    {"sources.*", RESTART_COMMISSIONED, NULL},
-    {"sources.*.modbus_tcp", RESTART_COMMISSIONED, NULL},
-    {"sources.*.modbus_tcp.host", RESTART_COMMISSIONED, NULL},
-    {"sources.*.modbus_tcp.port", RESTART_COMMISSIONED, NULL},
-    {"sources.*.modbus_tcp.any_unit_id", RESTART, NULL},
-    {"sources.*.modbus_tcp.period_s", RESTART, NULL},
-    {"sources.*.modbus_tcp.timeout_s", RESTART, NULL},
-    {"sources.*.modbus_rtu", RESTART_COMMISSIONED, NULL},
-    {"sources.*.modbus_rtu.device", RESTART_COMMISSIONED, NULL},
-    {"sources.*.modbus_rtu.baud", RESTART_COMMISSIONED, NULL},
-    {"sources.*.modbus_rtu.parity", RESTART_COMMISSIONED, NULL},
-    {"sources.*.modbus_rtu.stop_bits", RESTART_COMMISSIONED, NULL},
-    {"sources.*.modbus_rtu.rs485", RESTART_COMMISSIONED, NULL},
-    {"sources.*.modbus_rtu.period_s", RESTART, NULL},
-    {"sources.*.modbus_rtu.timeout_s", RESTART, NULL},
-    {"sources.*.gpio", RESTART_COMMISSIONED, NULL},
-    {"sources.*.gpio.chip", RESTART_COMMISSIONED, NULL},
-    {"sources.*.gpio.period_s", RESTART, NULL},
-    {"sources.*.csv", RESTART_ON_THE_BOX, NULL},
-    {"sources.*.csv.file", RESTART_ON_THE_BOX, NULL},
-    {"sources.*.csv.time_column", RESTART, NULL},
-    {"sources.*.csv.period_s", RESTART, NULL},
-    {"sources.*.can", RESTART_COMMISSIONED, NULL},
-    {"sources.*.can.interface", RESTART_COMMISSIONED, NULL},
+    {"sources", NEW_SOURCES_COMMISSIONED, NULL},
+    {"sources.*", NEW_SOURCES_COMMISSIONED, NULL},
+    {"sources.*.modbus_tcp", NEW_SOURCES_COMMISSIONED, NULL},
+    {"sources.*.modbus_tcp.host", NEW_SOURCES_COMMISSIONED, NULL},
+    {"sources.*.modbus_tcp.port", NEW_SOURCES_COMMISSIONED, NULL},
+    {"sources.*.modbus_tcp.any_unit_id", NEW_SOURCES, NULL},
+    {"sources.*.modbus_tcp.period_s", NEW_SOURCES, NULL},
+    {"sources.*.modbus_tcp.timeout_s", NEW_SOURCES, NULL},
+    {"sources.*.modbus_rtu", NEW_SOURCES_COMMISSIONED, NULL},
+    {"sources.*.modbus_rtu.device", NEW_SOURCES_COMMISSIONED, NULL},
+    {"sources.*.modbus_rtu.baud", NEW_SOURCES_COMMISSIONED, NULL},
+    {"sources.*.modbus_rtu.parity", NEW_SOURCES_COMMISSIONED, NULL},
+    {"sources.*.modbus_rtu.stop_bits", NEW_SOURCES_COMMISSIONED, NULL},
+    {"sources.*.modbus_rtu.rs485", NEW_SOURCES_COMMISSIONED, NULL},
+    {"sources.*.modbus_rtu.period_s", NEW_SOURCES, NULL},
+    {"sources.*.modbus_rtu.timeout_s", NEW_SOURCES, NULL},
+    {"sources.*.gpio", NEW_SOURCES_COMMISSIONED, NULL},
+    {"sources.*.gpio.chip", NEW_SOURCES_COMMISSIONED, NULL},
+    {"sources.*.gpio.period_s", NEW_SOURCES, NULL},
+    {"sources.*.csv", NEW_SOURCES_ON_THE_BOX, NULL},
+    {"sources.*.csv.file", NEW_SOURCES_ON_THE_BOX, NULL},
+    {"sources.*.csv.time_column", NEW_SOURCES, NULL},
+    {"sources.*.csv.period_s", NEW_SOURCES, NULL},
+    {"sources.*.can", NEW_SOURCES_COMMISSIONED, NULL},
+    {"sources.*.can.interface", NEW_SOURCES_COMMISSIONED, NULL},
     /* signals */
-    {"plant", RESTART, NULL},
-    {"plant.*", RESTART, NULL},
-    {"plant.*.type", RESTART, NULL},
-    {"plant.*.unit", RESTART, NULL},
-    {"plant.*.min", RESTART, NULL},
-    {"plant.*.max", RESTART, NULL},
-    {"plant.*.stale_s", RESTART, NULL},
-    {"plant.*.initial", RESTART, NULL},
-    {"plant.*.csv", RESTART, NULL},
-    {"plant.*.csv.column", RESTART, NULL},
-    {"plant.*.csv.source", RESTART, NULL},
-    {"plant.*.modbus", RESTART_COMMISSIONED, NULL},
-    {"plant.*.modbus.source", RESTART, NULL},
-    {"plant.*.modbus.unit_id", RESTART_COMMISSIONED, NULL},
-    {"plant.*.modbus.table", RESTART, NULL},
-    {"plant.*.modbus.address", RESTART, NULL},
-    {"plant.*.modbus.type", RESTART, NULL},
-    {"plant.*.modbus.words", RESTART, NULL},
-    {"plant.*.modbus.bytes", RESTART, NULL},
-    {"plant.*.modbus.scale", RESTART, NULL},
-    {"plant.*.modbus.offset", RESTART, NULL},
-    {"plant.*.can", RESTART, NULL},
-    {"plant.*.can.source", RESTART, NULL},
-    {"plant.*.can.id", RESTART, NULL},
-    {"plant.*.can.extended", RESTART, NULL},
-    {"plant.*.can.bytes", RESTART, NULL},
-    {"plant.*.can.fd", RESTART, NULL},
-    {"plant.*.can.start", RESTART, NULL},
-    {"plant.*.can.length", RESTART, NULL},
-    {"plant.*.can.order", RESTART, NULL},
-    {"plant.*.can.type", RESTART, NULL},
-    {"plant.*.can.scale", RESTART, NULL},
-    {"plant.*.can.offset", RESTART, NULL},
-    {"plant.*.can.multiplex", RESTART, NULL},
-    {"plant.*.can.multiplex.**", RESTART, NULL},
-    {"plant.*.gpio", RESTART_COMMISSIONED, NULL},
-    {"plant.*.gpio.source", RESTART, NULL},
-    {"plant.*.gpio.line", RESTART_COMMISSIONED, NULL},
-    {"plant.*.gpio.offset", RESTART_COMMISSIONED, NULL},
-    {"plant.*.gpio.bias", RESTART_COMMISSIONED, NULL},
-    {"plant.*.gpio.active_low", RESTART, NULL},
-    {"plant.*.gpio.debounce_s", RESTART, NULL},
+    {"plant", NEW_SOURCES, NULL},
+    {"plant.*", NEW_SOURCES, NULL},
+    {"plant.*.type", NEW_SOURCES, NULL},
+    {"plant.*.unit", NEW_SOURCES, NULL},
+    {"plant.*.min", NEW_SOURCES, NULL},
+    {"plant.*.max", NEW_SOURCES, NULL},
+    {"plant.*.stale_s", NEW_SOURCES, NULL},
+    {"plant.*.initial", NEW_SOURCES, NULL},
+    {"plant.*.csv", NEW_SOURCES, NULL},
+    {"plant.*.csv.column", NEW_SOURCES, NULL},
+    {"plant.*.csv.source", NEW_SOURCES, NULL},
+    {"plant.*.modbus", NEW_SOURCES_COMMISSIONED, NULL},
+    {"plant.*.modbus.source", NEW_SOURCES, NULL},
+    {"plant.*.modbus.unit_id", NEW_SOURCES_COMMISSIONED, NULL},
+    {"plant.*.modbus.table", NEW_SOURCES, NULL},
+    {"plant.*.modbus.address", NEW_SOURCES, NULL},
+    {"plant.*.modbus.type", NEW_SOURCES, NULL},
+    {"plant.*.modbus.words", NEW_SOURCES, NULL},
+    {"plant.*.modbus.bytes", NEW_SOURCES, NULL},
+    {"plant.*.modbus.scale", NEW_SOURCES, NULL},
+    {"plant.*.modbus.offset", NEW_SOURCES, NULL},
+    {"plant.*.can", NEW_SOURCES, NULL},
+    {"plant.*.can.source", NEW_SOURCES, NULL},
+    {"plant.*.can.id", NEW_SOURCES, NULL},
+    {"plant.*.can.extended", NEW_SOURCES, NULL},
+    {"plant.*.can.bytes", NEW_SOURCES, NULL},
+    {"plant.*.can.fd", NEW_SOURCES, NULL},
+    {"plant.*.can.start", NEW_SOURCES, NULL},
+    {"plant.*.can.length", NEW_SOURCES, NULL},
+    {"plant.*.can.order", NEW_SOURCES, NULL},
+    {"plant.*.can.type", NEW_SOURCES, NULL},
+    {"plant.*.can.scale", NEW_SOURCES, NULL},
+    {"plant.*.can.offset", NEW_SOURCES, NULL},
+    {"plant.*.can.multiplex", NEW_SOURCES, NULL},
+    {"plant.*.can.multiplex.**", NEW_SOURCES, NULL},
+    {"plant.*.gpio", NEW_SOURCES_COMMISSIONED, NULL},
+    {"plant.*.gpio.source", NEW_SOURCES, NULL},
+    {"plant.*.gpio.line", NEW_SOURCES_COMMISSIONED, NULL},
+    {"plant.*.gpio.offset", NEW_SOURCES_COMMISSIONED, NULL},
+    {"plant.*.gpio.bias", NEW_SOURCES_COMMISSIONED, NULL},
+    {"plant.*.gpio.active_low", NEW_SOURCES, NULL},
+    {"plant.*.gpio.debounce_s", NEW_SOURCES, NULL},
     {"recording", RESTART, NULL},
     {"recording.file", RESTART_COMMISSIONED, NULL},
     {"recording.time_column", RESTART, NULL},
@@ -302,11 +312,19 @@ const tl_change_rule *tl_change_rule_of(const tl_json_step *way, size_t depth) {
     return NULL;
 }
 
-/* A tuning tells numbers by the places of what they are of. */
+/* A tuning tells numbers by the places of what they are of, a mail signals. */
 static tl_change_needs needs_of_order(const tl_change_rule *rule) {
-    bool means = rule != NULL &&
-                 (strcmp(rule->pattern, "synchronise.match") == 0 || strcmp(rule->pattern, "synchronise.adjust") == 0);
-    return (tl_change_needs){means ? TL_CHANGE_NEW_TWIN : TL_CHANGE_NONE, TL_CHANGE_BY_RETUNE};
+    static const struct {
+        const char *pattern;
+        tl_change_kind kind;
+    } means[] = {{"synchronise.match", TL_CHANGE_NEW_TWIN},
+                 {"synchronise.adjust", TL_CHANGE_NEW_TWIN},
+                 {"plant", TL_CHANGE_NEW_SOURCES}};
+    tl_change_needs needs = {TL_CHANGE_NONE, TL_CHANGE_BY_RETUNE};
+    for (size_t i = 0; rule != NULL && i < sizeof means / sizeof means[0]; i++) {
+        needs.kind = strcmp(rule->pattern, means[i].pattern) == 0 ? means[i].kind : needs.kind;
+    }
+    return needs;
 }
 
 tl_change_needs tl_change_needs_of(const tl_json_difference *difference) {
@@ -328,6 +346,7 @@ const char *tl_change_kind_name(tl_change_kind kind) {
     static const char *const names[TL_CHANGE_KINDS] = {[TL_CHANGE_NONE] = "none",
                                                        [TL_CHANGE_IN_PLACE] = "in place",
                                                        [TL_CHANGE_NEW_TWIN] = "new twin",
+                                                       [TL_CHANGE_NEW_SOURCES] = "new sources",
                                                        [TL_CHANGE_RESTART] = "restart"};
     return names[kind];
 }

@@ -40,6 +40,11 @@ void tl_probation_begin(tl_probation *probation, const tl_probation_terms *terms
     enter(probation, 1000 * (uint64_t)probation->account.terms.given_s);
 }
 
+void tl_probation_let_settle(tl_probation *probation) {
+    probation->settling = probation->grace;
+    probation->reads_anew = true;
+}
+
 void tl_probation_resume(tl_probation *probation, const tl_probation_account *account) {
     *probation = (tl_probation){.account = *account};
     probation->account.terms = possible_terms(&account->terms);
@@ -61,9 +66,20 @@ static void count(tl_probation *probation, const tl_probation_snapshot *now) {
     account->steps += grown(last->steps, now->steps);
     account->misses += grown(last->deadline_misses, now->deadline_misses);
     account->skipped += grown(last->skipped, now->skipped);
+    bool is_judged = !now->plant_is_shut && probation->settling == 0;
     for (int i = 0; i < TL_LOCK_STATES; i++) {
-        account->lock[i] += grown(last->lock.steps[i], now->lock.steps[i]);
+        account->lock[i] += is_judged ? grown(last->lock.steps[i], now->lock.steps[i]) : 0;
     }
+}
+
+/* Nothing that is matched is good: of a device that does not answer, for example. */
+static void measure_sight(tl_probation *probation, tl_time passed, const tl_probation_snapshot *now) {
+    bool is_expected = probation->reads_anew && probation->account.terms.require_lock > 0.0;
+    bool is_seen = now->pairs != probation->last.pairs;
+    uint64_t steps = grown(probation->last.steps, now->steps);
+    probation->unseen = is_expected && !is_seen ? probation->unseen + passed : 0;
+    probation->unseen_steps = is_expected && !is_seen ? probation->unseen_steps + steps : 0;
+    probation->shut = now->twin_alive && now->plant_is_shut ? probation->shut + passed : 0;
 }
 
 /* Time counts if it was so at its beginning and at its end. */
@@ -73,6 +89,7 @@ static void measure(tl_probation *probation, tl_time passed, const tl_probation_
     bool is_lost = now->twin_alive && now->lock.state == TL_LOCK_LOST;
     bool was_lost = last->twin_alive && last->lock.state == TL_LOCK_LOST;
     probation->grace -= excused;
+    probation->settling -= least(passed, probation->settling);
     probation->lost = is_lost && was_lost ? probation->lost + passed - excused : 0;
     probation->down = !now->twin_alive && !last->twin_alive ? probation->down + passed : 0;
 }
@@ -87,17 +104,21 @@ static double share(uint64_t part, uint64_t whole) {
     return whole == 0 ? 0.0 : 100.0 * (double)part / (double)whole;
 }
 
+bool tl_probation_is_too_many(uint64_t misses, uint64_t steps, uint64_t misses_before, uint64_t steps_before) {
+    double now = share(misses, steps);
+    double before = share(misses_before, steps_before);
+    return misses >= TL_PROBATION_MISSES && now > fmax(TL_PROBATION_MISS_PERCENT, TL_PROBATION_MISS_TIMES * before);
+}
+
 static bool misses_too_much(const tl_probation_account *account) {
-    double now = share(account->misses, account->steps);
-    double before = share(account->before_misses, account->before_steps);
-    return account->misses >= TL_PROBATION_MISSES &&
-           now > fmax(TL_PROBATION_MISS_PERCENT, TL_PROBATION_MISS_TIMES * before);
+    return tl_probation_is_too_many(account->misses, account->steps, account->before_misses, account->before_steps);
 }
 
 /* The twin cannot be left as it is; `why` says so. */
 static bool is_broken(tl_probation *probation, const tl_probation_snapshot *now) {
     const tl_probation_account *account = &probation->account;
     char *why = probation->why;
+    why[0] = '\0'; /* what was decided, and could not be written down, counts no more */
     if (grown(probation->last.twin_failures, now->twin_failures) != 0) {
         (void)snprintf(why, TL_PROBATION_WHY, "the twin has failed");
     } else if (misses_too_much(account)) {
@@ -109,10 +130,25 @@ static bool is_broken(tl_probation *probation, const tl_probation_snapshot *now)
     } else if (probation->lost >= TL_PROBATION_LOST) {
         (void)snprintf(why, TL_PROBATION_WHY, "the lock was lost for %.1f s without a break",
                        tl_seconds(probation->lost));
+    } else if (probation->shut >= TL_PROBATION_SHUT) {
+        (void)snprintf(why, TL_PROBATION_WHY, "the plant was not read for %.0f s: its sources could not be opened",
+                       tl_seconds(probation->shut));
+    } else if (probation->unseen >= TL_PROBATION_SHUT && probation->unseen_steps >= TL_PROBATION_UNSEEN) {
+        (void)snprintf(why, TL_PROBATION_WHY,
+                       "the plant was read anew, and nothing of what is matched was good for %.0f s",
+                       tl_seconds(probation->unseen));
     } else if (probation->down >= TL_PROBATION_START) {
         (void)snprintf(why, TL_PROBATION_WHY, "the twin has not run for %.0f s", tl_seconds(probation->down));
     }
     return why[0] != '\0';
+}
+
+static bool is_unjudged(const tl_probation *probation) {
+    uint64_t judged = 0;
+    for (int i = 0; i < TL_LOCK_STATES; i++) {
+        judged += probation->account.lock[i];
+    }
+    return judged == 0;
 }
 
 /* Its time is over. */
@@ -128,9 +164,22 @@ static tl_probation_result judge(tl_probation *probation, const tl_probation_sna
         (void)snprintf(why, TL_PROBATION_WHY, "the twin did not run when its time was over");
         return end(probation, TL_PROBATION_RETURN);
     }
+    if (now->plant_is_shut) {
+        (void)snprintf(why, TL_PROBATION_WHY, "the plant's sources could not be opened in its time");
+        return end(probation, TL_PROBATION_RETURN);
+    }
     if (terms->require_lock == 0.0) {
         (void)snprintf(why, TL_PROBATION_WHY, "its time has passed without a failure");
         return end(probation, TL_PROBATION_KEPT);
+    }
+    if (is_unjudged(probation) && probation->account.steps > probation->account.skipped) {
+        (void)snprintf(why, TL_PROBATION_WHY,
+                       "its time has passed without a failure; nothing came that its lock is judged by");
+        return end(probation, TL_PROBATION_KEPT);
+    }
+    if (is_unjudged(probation)) {
+        (void)snprintf(why, TL_PROBATION_WHY, "it was too short to tell whether the twin is in lock");
+        return end(probation, TL_PROBATION_RETURN);
     }
     (void)snprintf(why, TL_PROBATION_WHY, "in lock for %.4g %% of the steps, asked were %.4g %%", in_lock,
                    terms->require_lock);
@@ -148,6 +197,7 @@ tl_probation_result tl_probation_feed(tl_probation *probation, tl_time passed, c
     passed = passed > 0 ? least(passed, probation->left) : 0;
     count(probation, now);
     measure(probation, passed, now);
+    measure_sight(probation, passed, now);
     probation->left -= passed;
     probation->account.left_ms = (uint64_t)(probation->left / MILLISECOND);
     if (is_broken(probation, now)) {

@@ -8,7 +8,11 @@
  *            restart has as many as its gap was long;
  *          - the lock is lost for TL_PROBATION_LOST without a break. In the first TL_PROBATION_GRACE, or half of its time if that is
  *            less, that does not count; nor again after it was resumed, since a twin may just have begun.
- * When the time is over: kept if nobody must confirm it, the twin runs, and the asked share of the probation's steps was in lock; else returned from.
+ *          - the plant's sources could not be opened for TL_PROBATION_SHUT; or, if it is read anew, for as long, and TL_PROBATION_UNSEEN steps, nothing of what
+ *            is matched was good.
+ * Lock:    steps do not count as long as the plant's sources are not opened.
+ * When the time is over: kept if nobody must confirm it, the twin runs, and the asked share of the probation's steps was in lock; else returned from. If it has computed steps and none of them was judged (event
+ *          horizon: no stroke has ended), its lock is not asked.
  * Confirmed: kept at once.
  * Time:    the time that was handed in; a box may come up in 1970.
  * Thread:  plain data.
@@ -24,6 +28,7 @@
 
 enum {
     TL_PROBATION_WHY = 192,
+    TL_PROBATION_UNSEEN = 10, /* steps */
     TL_PROBATION_MISSES = 3,
     TL_PROBATION_MISS_PERCENT = 1,
     TL_PROBATION_MISS_TIMES = 3,
@@ -33,6 +38,7 @@ enum {
 #define TL_PROBATION_GRACE (10 * TL_SECOND)
 #define TL_PROBATION_LOST (2 * TL_SECOND)
 #define TL_PROBATION_START (30 * TL_SECOND)
+#define TL_PROBATION_SHUT (10 * TL_SECOND)
 
 /* What is asked. */
 typedef struct tl_probation_terms {
@@ -50,6 +56,8 @@ typedef struct tl_probation_snapshot {
     tl_lock_tally lock;
     uint64_t twin_failures; /* ends that nobody asked for */
     bool twin_alive;
+    uint64_t pairs; /* of an output and what it is matched with, both good; of a twin that matches nothing its steps */
+    bool plant_is_shut; /* its sources were not opened yet */
 } tl_probation_snapshot;
 
 /* What a probation has come to: all that is kept of it on disk, and enough to go on with it. */
@@ -71,12 +79,21 @@ typedef struct tl_probation {
     bool has_last;
     tl_probation_snapshot last;
     tl_time left, grace, lost, down; /* ns */
+    tl_time settling;                /* the lock does not count for so long */
+    bool reads_anew;
+    tl_time shut;
+    tl_time unseen;        /* since there was a pair, */
+    uint64_t unseen_steps; /* and so many steps */
 } tl_probation;
 
 /* `before`: the configuration before, as it was at the end, or is. `now`: what counts from here on begins with; NULL: a run that has
  * not begun yet, all counts at 0. */
 void tl_probation_begin(tl_probation *probation, const tl_probation_terms *terms, const tl_probation_snapshot *before,
                         const tl_probation_snapshot *now);
+
+/* After the above: the plant is read anew, by other sources, and the lock has to be found by what comes then. In the first TL_PROBATION_GRACE, or half of its time if that is
+ * less, steps do not count for the lock. */
+void tl_probation_let_settle(tl_probation *probation);
 
 /* After a new start of whoever keeps it, or of the box: what was kept is taken as far as it can be true. What has happened meanwhile is not known: counting
  * goes on with the first snapshot. */
@@ -90,6 +107,9 @@ tl_probation_result tl_probation_confirm(tl_probation *probation, const char *wh
 
 /* Somebody is not, or the candidate cannot be tried any more. Nothing if it was kept. */
 tl_probation_result tl_probation_refuse(tl_probation *probation, const char *why);
+
+/* The rule of missed deadlines: so many of so many steps are too many, after so many of so many before. */
+bool tl_probation_is_too_many(uint64_t misses, uint64_t steps, uint64_t misses_before, uint64_t steps_before);
 
 /* Percent of the probation's steps in lock, so far. */
 double tl_probation_in_lock(const tl_probation *probation);

@@ -64,6 +64,18 @@ tl_status tl_versions_read(const tl_versions *versions, uint64_t number, char **
                          : tl_fail(error, TL_BAD_DATA, "version %" PRIu64 " cannot be read: %s", number, cause.text);
 }
 
+tl_status tl_versions_mend(const tl_versions *versions, uint64_t number, const char *text, size_t size,
+                           tl_error *error) {
+    const tl_version *version = tl_versions_get(versions, number);
+    char hash[TL_SHA256_TEXT];
+    bool is_made = false;
+    tl_sha256(text, size, hash);
+    if (version == NULL || version->size != size || strcmp(version->hash, hash) != 0) {
+        return tl_fail(error, TL_BAD_DATA, "that is not the text of version %" PRIu64, number);
+    }
+    return tl_version_write_text(versions, hash, text, size, &is_made, error);
+}
+
 /* ---- choosing ---- */
 
 static void say(tl_version_choice *choice, const char *text) {

@@ -107,7 +107,7 @@ static void read_text(tl_json_reader *reader, const char *key, char *text, size_
 
 /* ---- small files ---- */
 
-static tl_status write_object(const char *path, const tl_json_writer *writer, tl_error *error) {
+tl_status tl_version_write_object(const char *path, const tl_json_writer *writer, tl_error *error) {
     tl_new_file file;
     tl_status status = tl_new_file_open(path, &file, error);
     if (status != TL_OK) {
@@ -121,8 +121,7 @@ static tl_status write_object(const char *path, const tl_json_writer *writer, tl
     return tl_new_file_keep(&file, error);
 }
 
-/* False where it cannot be read; `reader` is to be freed in any case. */
-static bool read_object(const char *path, tl_json_reader *reader) {
+bool tl_version_read_object(const char *path, tl_json_reader *reader) {
     char text[SMALL_FILE];
     *reader = (tl_json_reader){NULL, false};
     FILE *file = fopen(path, "re");
@@ -136,6 +135,23 @@ static bool read_object(const char *path, tl_json_reader *reader) {
         *reader = tl_json_reader_of(text, size);
     }
     return reader->right;
+}
+
+/* What a version takes beside its text: its record, and active.json. */
+enum { BESIDE = 16 * 1024 };
+
+tl_status tl_versions_check_room(const tl_versions *versions, size_t size, tl_error *error) {
+    char path[PATH_MAX];
+    tl_new_file file;
+    path_of(versions, "room", ".json", path);
+    if (tl_new_file_open(path, &file, error) != TL_OK) {
+        return TL_TRY_AGAIN;
+    }
+    int code = posix_fallocate(fileno(file.file), 0, (off_t)(size + BESIDE));
+    tl_new_file_discard(&file);
+    return code == 0 ? TL_OK
+                     : tl_fail(error, TL_TRY_AGAIN, "%.300s: a version of %zu bytes could not be kept: %s", path, size,
+                               strerror(code));
 }
 
 /* ---- a record ---- */
@@ -159,7 +175,7 @@ tl_status tl_version_write_record(const tl_versions *versions, const tl_version 
     tl_json_add_text(&writer, "boot", version->boot);
     tl_json_add_count(&writer, "boottime_ms", version->boottime_ms);
     tl_version_record_path(versions, version->number, path);
-    tl_status status = write_object(path, &writer, error);
+    tl_status status = tl_version_write_object(path, &writer, error);
     tl_json_writer_free(&writer);
     return status;
 }
@@ -187,7 +203,7 @@ bool tl_version_read_record(const tl_versions *versions, uint64_t number, tl_ver
     char path[PATH_MAX];
     tl_json_reader reader;
     tl_version_record_path(versions, number, path);
-    bool right = read_object(path, &reader);
+    bool right = tl_version_read_object(path, &reader);
     if (right) {
         understand_record(&reader, version);
         right = reader.right && version->number == number && version->parent < number && is_hash(version->hash) &&
@@ -292,7 +308,7 @@ tl_status tl_version_write_active(const tl_versions *versions, tl_error *error) 
     tl_json_add_text(&writer, "settled_because", versions->because);
     write_probation(&writer, &versions->probation);
     path_of(versions, "active", ".json", path);
-    tl_status status = write_object(path, &writer, error);
+    tl_status status = tl_version_write_object(path, &writer, error);
     tl_json_writer_free(&writer);
     return status;
 }
@@ -345,7 +361,7 @@ tl_version_found tl_version_read_active(tl_versions *versions) {
     if (access(path, F_OK) != 0 && errno == ENOENT) {
         return TL_VERSION_NONE;
     }
-    bool right = read_object(path, &reader);
+    bool right = tl_version_read_object(path, &reader);
     if (right) {
         understand_active(&reader, &read);
         right = reader.right;

@@ -57,7 +57,7 @@ typedef enum tl_version_result {
     TL_VERSION_RESULTS
 } tl_version_result;
 
-/* "start", "reload", "inbox", "network". */
+/* "start", "reload", "inbox", "network", "hand". */
 const char *tl_version_origin_name(tl_version_origin origin);
 
 /* "candidate", "active", "probation", "kept", "returned", "refused". */
@@ -133,6 +133,9 @@ typedef struct tl_version_news {
     tl_change_kind kind;
 } tl_version_news;
 
+/* Whether the disk takes a version of so many bytes now: found out by trying it. */
+tl_status tl_versions_check_room(const tl_versions *versions, size_t size, tl_error *error);
+
 /* A new version, whose parent is the active one; a candidate. */
 tl_status tl_versions_add(tl_versions *versions, const tl_version_news *news, uint64_t *number, tl_error *error);
 
@@ -144,6 +147,10 @@ tl_status tl_versions_refuse(tl_versions *versions, uint64_t number, const char 
  * taken. */
 tl_status tl_versions_activate(tl_versions *versions, uint64_t number, const tl_probation_account *account,
                                tl_error *error);
+
+/* The text of a version that is damaged or gone is written again; it must be that one. */
+tl_status tl_versions_mend(const tl_versions *versions, uint64_t number, const char *text, size_t size,
+                           tl_error *error);
 
 /* The probation goes on: what it has come to. Every 10 s, and at each start. */
 tl_status tl_versions_pass(tl_versions *versions, const tl_probation_account *account, tl_error *error);

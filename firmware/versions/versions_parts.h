@@ -7,6 +7,8 @@
 #ifndef TL_FIRMWARE_VERSIONS_VERSIONS_PARTS_H
 #define TL_FIRMWARE_VERSIONS_VERSIONS_PARTS_H
 
+#include "firmware/text/json_reader.h"
+#include "firmware/text/json_writer.h"
 #include "firmware/versions/versions.h"
 
 /* A version's number has so many digits at most. */
@@ -24,6 +26,12 @@ tl_version_file tl_version_file_of(const char *name, uint64_t *number, char hash
 
 void tl_version_record_path(const tl_versions *versions, uint64_t number, char path[PATH_MAX]);
 void tl_version_text_path(const tl_versions *versions, const char *hash, char path[PATH_MAX]);
+
+/* A small file, whole or not at all. */
+tl_status tl_version_write_object(const char *path, const tl_json_writer *writer, tl_error *error);
+
+/* False where it cannot be read; `reader` is to be freed in any case. */
+bool tl_version_read_object(const char *path, tl_json_reader *reader);
 
 tl_status tl_version_write_record(const tl_versions *versions, const tl_version *version, tl_error *error);
 

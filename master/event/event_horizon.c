@@ -504,11 +504,15 @@ tl_status tl_event_horizon_follow(tl_event_horizon *self, int64_t step, double u
     return status;
 }
 
-bool tl_event_horizon_begin_anew(tl_event_horizon *self) {
-    bool under_way = self->phase != WAITING && self->phase != CONFIRMING;
+void tl_event_horizon_go_on(tl_event_horizon *self) {
     tl_stroke_drop(&self->stroke);
     self->phase = WAITING;
     self->own_course = false;
+}
+
+bool tl_event_horizon_begin_anew(tl_event_horizon *self) {
+    bool under_way = self->phase != WAITING && self->phase != CONFIRMING;
+    tl_event_horizon_go_on(self);
     self->u = nominal_of(self);
     return under_way;
 }

@@ -55,6 +55,9 @@ tl_status tl_event_horizon_follow(tl_event_horizon *self, int64_t step, double u
 /* All FMUs have begun anew: nominal is in force, and a stroke or search under way is given up, which is whether there was one. */
 bool tl_event_horizon_begin_anew(tl_event_horizon *self);
 
+/* What tl_event_horizon_archive() does not keep is forgotten, as if it had been loaded: a stroke or search under way. */
+void tl_event_horizon_go_on(tl_event_horizon *self);
+
 /* As tl_lock_retune(), which comes before it. Before anything has `begun` u is nominal. A search under way begins again. */
 void tl_event_horizon_retune(tl_event_horizon *self, const tl_tuning *tuning, bool begun);
 

@@ -276,13 +276,40 @@ static bool can_stand(const tl_exchange *exchange) {
     return can;
 }
 
-tl_status tl_exchange_take(tl_exchange *exchange, bool *taken, tl_error *error) {
+static tl_status stand(const tl_exchange *exchange, tl_error *error) {
     tl_status status = TL_OK;
-    *taken = can_stand(exchange);
-    for (size_t i = 0; *taken && exchange->cached != NULL && i < exchange->component_count && status == TL_OK; i++) {
+    for (size_t i = 0; exchange->cached != NULL && i < exchange->component_count && status == TL_OK; i++) {
         status = tl_cached_component_stand(&exchange->cached[i], error);
     }
+    return status;
+}
+
+tl_status tl_exchange_take(tl_exchange *exchange, bool *taken, tl_error *error) {
+    *taken = can_stand(exchange);
+    tl_status status = *taken ? stand(exchange, error) : TL_OK;
     return *taken && status == TL_OK ? tl_snapshot_take(&exchange->home, error) : status;
+}
+
+static void count_from_0(tl_exchange *exchange) {
+    exchange->executions = 0;
+    exchange->plant.executions = 0;
+    for (size_t i = 0; i < exchange->component_count; i++) {
+        exchange->components[i].executions = 0;
+        if (exchange->cached != NULL) {
+            exchange->cached[i].caught_up = 0;
+            exchange->cached[i].unstored = 0;
+        }
+    }
+}
+
+tl_status tl_exchange_forget(tl_exchange *exchange, int64_t step, bool *done, tl_error *error) {
+    *done = can_stand(exchange);
+    tl_status status = *done ? stand(exchange, error) : TL_OK;
+    if (*done && status == TL_OK) {
+        status = tl_exchange_begin_anew(exchange, step, error);
+        count_from_0(exchange);
+    }
+    return status;
 }
 
 tl_status tl_exchange_return(tl_exchange *exchange, tl_error *error) {

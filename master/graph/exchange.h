@@ -132,6 +132,10 @@ tl_status tl_exchange_start(tl_exchange *exchange, uint64_t bytes, size_t (*heap
  * more. */
 tl_status tl_exchange_begin_anew(tl_exchange *exchange, int64_t step, tl_error *error);
 
+/* Between steps, before macro step `step`: what the caches know is given up, and all executions are counted from 0. False in *done: an FMU would have
+ * to be executed again for it, and nothing is given up. */
+tl_status tl_exchange_forget(tl_exchange *exchange, int64_t step, bool *done, tl_error *error);
+
 /* The values and states as committed are where candidates begin. Once per step, before the first candidate. Saves all
  * states where there are no caches; else no FMU is called, and nothing can fail. */
 tl_status tl_exchange_begin(tl_exchange *exchange, tl_error *error);

@@ -186,7 +186,8 @@ typedef struct tl_plan {
     double margin;         /* a correction must lower J to at most (1 − margin) of the nominal's, [0, 1) */
     double noise_floor;    /* ≥ 0: a variable whose `step` moves no matched output by this many tolerances is not
                               identifiable and held at nominal for the step; 0: never */
-    uint32_t evaluations;  /* the most a step's budget will allow, ≥ 1: sizes caches and ledger; 0: 60 */
+    uint32_t
+        evaluations; /* the most a step's budget will allow, ≥ 1: sizes caches and ledger, for at least 60; 0: 60 */
     tl_plan_saving saving;
     uint64_t state_bytes; /* that the states of all FMUs that are saved by sequences may take; 0: there is no bound */
     size_t (*heap)(void); /* bytes allocated in this process, to see how large states are; NULL: nobody knows */

@@ -11,7 +11,7 @@ void tl_tuning_of(const tl_plan *plan, tl_tuning *tuning) {
         .adjusts = (uint32_t)plan->adjust_count,
         .margin = plan->margin,
         .noise_floor = plan->noise_floor,
-        .evaluations = plan->evaluations != 0 ? plan->evaluations : 60,
+        .evaluations = plan->evaluations != 0 ? plan->evaluations : TL_TUNING_ROOM,
     };
     for (size_t i = 0; i < plan->match_count; i++) {
         const tl_plan_match *match = &plan->match[i];
@@ -107,10 +107,10 @@ tl_status tl_tuning_fits(const tl_tuning *tuning, const tl_tuning *built, tl_err
             error, TL_BAD_DATA, "found %u matches and %u adjusted variables, and the running twin has %u and %u",
             (unsigned)tuning->matches, (unsigned)tuning->adjusts, (unsigned)built->matches, (unsigned)built->adjusts);
     }
-    if (tuning->evaluations > built->evaluations) {
+    if (tuning->evaluations > tl_tuning_room(built->evaluations)) {
         return tl_fail(error, TL_BAD_DATA,
                        "found %llu evaluations, and the running twin has room for %llu: more need a new one",
-                       (unsigned long long)tuning->evaluations, (unsigned long long)built->evaluations);
+                       (unsigned long long)tuning->evaluations, (unsigned long long)tl_tuning_room(built->evaluations));
     }
     for (unsigned i = 0; i < tuning->matches; i++) {
         if ((tuning->match[i].weight > 0.0) != (built->match[i].weight > 0.0)) {

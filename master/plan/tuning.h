@@ -16,8 +16,8 @@
 #include "master/base/status.h"
 #include "master/plan/plan.h"
 
-/* The most evaluations of a step, in any plan. */
-enum { TL_TUNING_EVALUATIONS = 100000 };
+/* The most evaluations of a step, in any plan; and those that every twin has room for, however few it is built with. */
+enum { TL_TUNING_EVALUATIONS = 100000, TL_TUNING_ROOM = 60 };
 
 /* As in tl_plan_match. */
 typedef struct tl_tuning_match {
@@ -52,6 +52,11 @@ void tl_tuning_of(const tl_plan *plan, tl_tuning *tuning);
 
 /* Whether each number is one that a plan may have. Errors: TL_BAD_DATA, which says which one is not. */
 tl_status tl_tuning_check(const tl_tuning *tuning, tl_error *error);
+
+/* The evaluations that a twin has room for that was built with so many. */
+static inline uint64_t tl_tuning_room(uint64_t evaluations) {
+    return evaluations > TL_TUNING_ROOM ? evaluations : TL_TUNING_ROOM;
+}
 
 /* Whether a twin that was built with `built` can take it; both were checked. Errors: TL_BAD_DATA, which says what cannot change. */
 tl_status tl_tuning_fits(const tl_tuning *tuning, const tl_tuning *built, tl_error *error);

@@ -371,6 +371,14 @@ void tl_ledger_begin_anew(tl_ledger *ledger) {
     memset(ledger->settled, 0, ledger->horizon->nodes * sizeof *ledger->settled);
 }
 
+void tl_ledger_forget(tl_ledger *ledger) {
+    tl_ledger_begin_anew(ledger);
+    memset(ledger->saved, 0, ledger->horizon->nodes * sizeof *ledger->saved);
+    ledger->saved_in_all = 0;
+    ledger->plain = 0;
+    ledger->incomplete = false;
+}
+
 uint64_t tl_ledger_predicted(const tl_ledger *ledger, size_t node) {
     return ledger->plain - ledger->saved[node];
 }

@@ -80,6 +80,9 @@ void tl_ledger_commit(tl_ledger *ledger, const double *values);
 /* All FMUs have begun anew at the committed instant: nothing that was executed before is known of what comes. */
 void tl_ledger_begin_anew(tl_ledger *ledger);
 
+/* The same, and what was predicted counts from 0. */
+void tl_ledger_forget(tl_ledger *ledger);
+
 /* Executions of a node that the graph predicts so far, and of all. */
 uint64_t tl_ledger_predicted(const tl_ledger *ledger, size_t node);
 uint64_t tl_ledger_total(const tl_ledger *ledger);

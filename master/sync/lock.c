@@ -671,14 +671,23 @@ static void forget(const tl_optimiser_class *solver, tl_optimiser *optimiser) {
     }
 }
 
-void tl_lock_begin_anew(tl_lock *lock) {
-    lock->has_last = false;
+static void forget_courses(tl_lock *lock) {
     lock->courses = 0;
     lock->was_blind = false;
     lock->met = false;
     forget(lock->solver, lock->optimiser);
     forget(lock->fallback, lock->second);
+}
+
+void tl_lock_begin_anew(tl_lock *lock) {
+    lock->has_last = false;
+    forget_courses(lock);
     tl_ledger_begin_anew(&lock->ledger);
+}
+
+void tl_lock_forget(tl_lock *lock) {
+    forget_courses(lock);
+    tl_ledger_forget(&lock->ledger);
 }
 
 /* u stays where it is: so it is as far from another nominal as it is. */

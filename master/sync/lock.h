@@ -56,6 +56,9 @@ tl_status tl_lock_follow(tl_lock *lock, int64_t step, const double *u, tl_record
  * measurements and of what things take stays. */
 void tl_lock_begin_anew(tl_lock *lock);
 
+/* Between steps: what tl_lock_archive() does not keep is forgotten, but for what things take. */
+void tl_lock_forget(tl_lock *lock);
+
 /* From the next step on. The tuning was checked, and fits; its bounds are within those that the FMUs declare. `terms` are those of the settings.
  * What was learned of the twin, and what was committed, stays. */
 void tl_lock_retune(tl_lock *lock, tl_objective_term *terms, const tl_tuning *tuning);

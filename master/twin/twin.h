@@ -166,6 +166,13 @@ bool tl_twin_can_save(const tl_twin *twin);
  * Errors: TL_FMU_FAILED, TL_FMU_FATAL where an FMU refuses; the twin goes on, unless an FMU's state was lost or it was fatal. */
 tl_status tl_twin_save(tl_twin *twin, unsigned char *bytes, size_t capacity, size_t *size, tl_error *error);
 
+/* Between two ticks: forgets all that tl_twin_save() does not keep, so that every result from here on, effort, ledger and metrics included, is to the
+ * bit that of a new twin which has loaded what is saved now. So a record can begin here, with a checkpoint, that a replay repeats. What executions take
+ * is remembered. *done is false if nothing could be saved at this tick; then nothing was forgotten.
+ * Calls:  of each FMU fmi2SetFMUstate at most, no step. An FMU that cannot turn its state into bytes is none the worse.
+ * Errors: TL_FMU_FAILED, TL_FMU_FATAL if an FMU refuses; the twin is then over. */
+tl_status tl_twin_forget(tl_twin *twin, bool *done, tl_error *error);
+
 /* Completes the last record in mode ahead with the sample that follows, without a step. */
 void tl_twin_finish(tl_twin *twin, const tl_sample *sample, tl_record *record, bool *ready);
 

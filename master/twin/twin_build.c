@@ -381,7 +381,7 @@ static uint64_t nodes_least(const tl_horizon *horizon) {
  * only from `nearest` steps on: all of them stay for as many ticks, and then one node less of each from tick to tick. The
  * same goes for courses that began with values which stood for later ones: T_P²/4 at most. */
 static uint64_t nodes_worst(const tl_horizon *horizon, const tl_plan *plan, size_t node) {
-    uint64_t evaluations = plan->evaluations != 0 ? plan->evaluations : 60;
+    uint64_t evaluations = tl_tuning_room(plan->evaluations);
     uint32_t reach = plan->saving.structure ? horizon->reach[node] : horizon->prediction;
     uint64_t span = tl_horizon_next_need(horizon, node, reach);
     uint64_t longest = horizon->prediction;

@@ -179,6 +179,12 @@ static tl_status load_components(tl_twin *twin, tl_archive *archive, tl_error *e
     return status == TL_OK ? tl_exchange_start(&twin->exchange, twin->state_bytes, twin->heap, error) : status;
 }
 
+/* The one that is computed after `tick`, or the first. */
+static int64_t next_step(const tl_twin *twin, int64_t tick) {
+    int64_t next = tick + 1 - (int64_t)twin->lead;
+    return next > twin->first ? next : twin->first;
+}
+
 /* Mode ahead: the step that waits for its measurement was the earlier run's, and so is what it cost. */
 static void disown_pending(tl_twin *twin) {
     tl_record *pending = &twin->pending;
@@ -191,6 +197,26 @@ static void disown_pending(tl_twin *twin) {
     pending->used = 0;
 }
 
+tl_status tl_twin_forget(tl_twin *twin, bool *done, tl_error *error) {
+    *done = false;
+    if (twin->ended != TL_OK || twin->exchange.plant.newest < twin->begin) {
+        return TL_OK;
+    }
+    tl_status status = tl_exchange_forget(&twin->exchange, next_step(twin, twin->exchange.plant.newest), done, error);
+    if (status != TL_OK || !*done) {
+        twin->ended = status;
+        return status;
+    }
+    tl_lock_forget(&twin->lock);
+    if (twin->event != NULL) {
+        tl_event_horizon_go_on(twin->event);
+    }
+    memset(twin->metrics, 0, sizeof twin->metrics);
+    twin->resets = false;
+    disown_pending(twin);
+    return TL_OK;
+}
+
 tl_status tl_twin_load(tl_twin *twin, int64_t tick, const unsigned char *bytes, size_t size, tl_error *error) {
     tl_archive archive = tl_archive_loading(bytes, size);
     tl_status status = load_head(twin, tick, &archive, error);
@@ -201,8 +227,7 @@ tl_status tl_twin_load(tl_twin *twin, int64_t tick, const unsigned char *bytes, 
                       : tl_fail(error, TL_BAD_DATA, "the checkpoint of tick %lld ends too soon, or is damaged",
                                 (long long)tick);
     }
-    int64_t next = tick + 1 - (int64_t)twin->lead;
-    twin->lock.ledger.step = next > twin->first ? next : twin->first;
+    twin->lock.ledger.step = next_step(twin, tick); /* whatever the bytes say */
     disown_pending(twin);
     twin->begin = -1;
     twin->ended = status;

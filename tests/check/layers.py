@@ -39,10 +39,10 @@ OWNERS = {
     "x509.h": ("firmware/tls", "firmware/serve/certificate.c"),
     "curl.h": ("firmware/push",),
     "grp.h": ("firmware/confine",),
-    "pwd.h": ("firmware/verbs/verb_reload.c",),
+    "pwd.h": ("firmware/retune/talk.c",),
     # Who starts threads, or has a lock that several of them take.
     "pthread.h": ("firmware/base/c_locale.c", "firmware/base/side_thread.h", "firmware/database/database_lock.c",
-                  "firmware/emulate/plant_server.c", "firmware/fmu/fmu_thread.c", "firmware/live/voice.c", "firmware/plant/plant_reader.c",
+                  "firmware/emulate/plant_server.c", "firmware/fmu/fmu_thread.c", "firmware/tree/voice.c", "firmware/plant/plant_reader.c",
                   "firmware/process/crash.c", "firmware/process/private_folder.c", "firmware/record/recorder.c",
                   "firmware/supervise/reaper.h",
                   "firmware/text/relay.h", "firmware/twin/twin_output.c", "firmware/twin/twin_warden.c"),
@@ -50,8 +50,8 @@ OWNERS = {
 
 MADE = "description.h"  # of an FMU, from its modelDescription.xml
 # What else the floors above the master may include: C99, the system, and no library that has no owner.
-SYSTEM = set("dirent.h elf.h fcntl.h gcov.h getopt.h libgen.h malloc.h net/if.h arpa/inet.h netdb.h netinet/in.h netinet/tcp.h poll.h "
-             "sched.h strings.h termios.h unistd.h sanitizer/lsan_interface.h".split())
+SYSTEM = set("dirent.h elf.h fcntl.h gcov.h getopt.h libgen.h link.h malloc.h net/if.h arpa/inet.h netdb.h netinet/in.h netinet/tcp.h poll.h "
+             "sched.h stdio_ext.h strings.h termios.h unistd.h sanitizer/lsan_interface.h".split())
 SYSTEM_FOLDERS = ("sys/", "linux/")
 
 READS_FILES = "fmus/csv"  # the one model that does: without waiting, which takes POSIX

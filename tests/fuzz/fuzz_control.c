@@ -9,10 +9,10 @@
 #include <sys/socket.h>
 #include <unistd.h>
 
-#include "firmware/activate/verdict.h"
 #include "firmware/control/control_client.h"
 #include "firmware/control/control_packet.h"
 #include "firmware/control/control_server.h"
+#include "firmware/errand/verdict.h"
 #include "firmware/versions/change_rules.h"
 #include "tests/fuzz/harness.h"
 #include "tests/fuzz/input.h"

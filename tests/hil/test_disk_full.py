@@ -37,16 +37,20 @@ class SmallDisk(Program):
 
     MOUNT = 'mount -t tmpfs -o size=16m none "$0" && exec "$@"'
 
-    def __init__(self, folder, *args):
-        wrapped = ["unshare", "-Urm", "sh", "-c", self.MOUNT, str(folder), PROGRAM, *args]
+    def __init__(self, folder, *args, mount=MOUNT):
+        wrapped = ["unshare", "-Urm", "sh", "-c", mount, str(folder), PROGRAM, *args]
         super().__init__(*wrapped[1:], executable=wrapped[0])
 
 
-def test_full_disk():
+def expect_small_disks():
     trial = ["unshare", "-Urm", "sh", "-c", SmallDisk.MOUNT, scratch(), "true"]
     there = shutil.which("unshare") is not None
     if not there or subprocess.run(trial, capture_output=True, check=False).returncode != 0:
         raise Skip("a file system of its own is not permitted here")
+
+
+def test_full_disk():
+    expect_small_disks()
     folder = scratch()
     with Device(OMEGA) as device:
         config = disk_config(device)
@@ -95,6 +99,38 @@ def fill(file):
         except OSError as reason:
             expect(reason.errno == errno.ENOSPC, f"the ballast cannot be written: {reason}")
             size //= 2
+
+
+def test_full_disk_at_an_orderly_end():
+    """The account says that nobody was killed, although there is no room for another file."""
+    expect_small_disks()
+    folder = scratch()
+    with Device(OMEGA) as device:
+        arguments = "--supervise", "--state", folder / "state", "--db", scratch() / "twin.db"
+        with SmallDisk(folder, "run", disk_config(device), *arguments) as live:
+            live.wait_for("connected")
+            disk = os.open(f"/proc/{live.pid}/root{folder}", os.O_RDONLY)
+            account = os.open("state/supervisor.json", os.O_RDONLY, dir_fd=disk)
+            expect(json.loads(os.read(account, 4096))["running"], "it does not run")
+            fill(os.open("ballast", os.O_WRONLY | os.O_CREAT, dir_fd=disk))
+            code, _, log = live.end(signal.SIGTERM)
+            expect(code == 0 and "not kept" not in log, f"{code}\n{log}")
+            expect(not json.loads(os.pread(account, 4096, 0))["running"], "the next start would say that it was killed")
+
+
+def test_a_state_that_can_only_be_read():
+    """As after a fault of a memory card: the twin comes first."""
+    expect_small_disks()
+    folder = scratch()
+    mount = 'mount -t tmpfs none "$0" && mount -o remount,ro "$0" && exec "$@"'
+    with Device(OMEGA) as device:
+        arguments = "--supervise", "--state", folder, "--control", scratch() / "control", "--db", scratch() / "twin.db"
+        with SmallDisk(folder, "run", disk_config(device), *arguments, mount=mount) as live:
+            live.wait_for("connected")
+            live.wait_for("the file system can only be read")
+            live.wait_for("the run begins with ")
+            code, _, log = live.end(signal.SIGTERM)
+            expect(code == 0, f"{code}\n{log}")
 
 
 def limit_files(live, size):

@@ -1,10 +1,11 @@
 #!/usr/bin/env python3
-"""The power of a box is cut while it records (tests/support/power_cuts.py): three times here, as often as you like by
-tests/hil/power_cuts."""
+"""The power of a box is cut while it records (tests/support/power_cuts.py), and while the configuration of its run is changed
+(tests/support/activation_cuts.py): a few times here, as often as you like by tests/hil/power_cuts."""
 import json
 import sys
 import time
 
+import activation_cuts
 from power_cuts import PATIENCE_S, check_accounts, cuts, need_rig
 from twinlock_test import Failure, expect, main, scratch
 
@@ -24,6 +25,16 @@ def show_late(number, why):
 def test_power_cuts():
     need_rig()
     cuts(CUTS, time.time_ns(), show, show_late)
+
+
+def show_change(number, cut):
+    print(f"    cut {number}, in phase {cut.phase} ({cut.after_s:.1f} s after the one that was waited for): candidate {cut.active} of {cut.sent} is active"
+          f"{' on probation' if cut.on_probation else ''}, {cut.runs} runs", flush=True)
+
+
+def test_power_cuts_while_it_is_retuned():
+    need_rig()
+    activation_cuts.cuts(2, time.time_ns(), show_change, show_late)
 
 
 def test_a_box_that_boots_late_costs_one_cut():
@@ -72,7 +83,16 @@ def by_hand(count, seed):
           f"{sum(figures['behind'] == 1 for figures in table)} times, neither 0 times")
 
 
+def retuned_by_hand(count, seed):
+    table = activation_cuts.cuts(count, seed, show_change, show_late)
+    fell = ", ".join(f"{sum(cut.phase == phase for cut in table)} on {phase}" for phase in (*activation_cuts.PHASES, "active", "sent"))
+    print(f"{len(table)} of {count} cuts (seed {seed}; the others were late): {fell}; the newest candidate was active {sum(cut.active == cut.sent for cut in table)} times, an older "
+          f"one {sum(cut.active < cut.sent for cut in table)} times, {sum(cut.on_probation for cut in table)} times on probation; none of them was damaged, and a run began with each")
+
+
 if sys.argv[1:2] == ["--cuts"]:
     by_hand(int(sys.argv[2]), int(sys.argv[4]))
+elif sys.argv[1:2] == ["--retuned"]:
+    retuned_by_hand(int(sys.argv[2]), int(sys.argv[4]))
 else:
     main()

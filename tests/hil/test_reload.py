@@ -3,18 +3,21 @@
 processes die."""
 import os
 import signal
+from concurrent.futures import ThreadPoolExecutor
 
-from live_test import Device, children, number, query, title, wait_until
+from live_test import Device, Program, children, member, number, query, title, wait_until
 from retuned import Retuned, events, match, tolerance
 from supervised import end_orderly, wait_for_run
 from tree import OMEGA, expect_whole, read
-from twinlock_test import BAD_DATA, NOT_LOCKED, at_most, expect, main
+from twinlock_test import BAD_DATA, BAD_USAGE, NOT_LOCKED, PLANT_DOWN, expect, main
 
 PROBATION = "--probation", "2"
 
 
 def horizon(document):
+    """And another name, which only a new run can have."""
     document["synchronise"]["horizon"]["prediction"] = 3
+    document["name"] = "another bench"
 
 
 def expect_one_run(live):
@@ -64,7 +67,7 @@ def test_what_is_wrong_changes_nothing():
         code, _, err = live.reload(live.edited(bad["two problems"]))
         expect("synchronise.match.motor.omega.tolerance" in err and "step_s" in err and "line " in err, err)
         code, _, err = live.reload(live.edited(horizon))
-        expect(code == BAD_DATA and "--restart" in err, f"{code} {err}")
+        expect(code == BAD_USAGE and "--restart" in err, f"{code} {err}")
         expect(live.active() == 1 and live.child() == twin, f"{live.versions()}")
         end_orderly(live)
         expect_one_run(live)
@@ -114,15 +117,53 @@ def test_only_checked():
 
 
 def test_by_restart():
-    """Another horizon: the run ends, another one begins with it, and is kept."""
+    """Another horizon: the run ends, another one begins with it, and is kept. Who waits hears all of it, over the restart."""
     with Device(OMEGA) as device, Retuned(device.port) as live:
         wait_for_run(live, live.database, 1)
-        code, out, err = live.reload(live.edited(horizon), "--restart", *PROBATION)
-        expect(code == 0, f"{code}\n{out}{err}{live.log()}")
-        wait_for_run(live, live.database, 2)
-        wait_until(lambda: live.versions()[2][1].startswith("kept"), "it is kept", live.log)
+        code, out, err = live.reload(live.edited(horizon), "--restart", "--wait", "--why", "a longer look", *PROBATION)
+        expect(code == 0 and "version 2 is kept" in out and "kept        in lock" in out, f"{code}\n{out}{err}{live.log()}")
+        expect(live.versions()[2][1].startswith("kept"), f"{live.versions()}")
         end_orderly(live)
-    expect(query(live.database, "SELECT prediction FROM runs ORDER BY run") == [(1,), (3,)], "the horizons")
+    expect(query(live.database, "SELECT prediction, ended_reason FROM runs ORDER BY run") ==
+           [(1, "another configuration: the run begins anew"), (3, "SIGTERM")], f"{query(live.database, 'SELECT * FROM v_runs')}")
+    expect(events(live.database, "version 2 is of %, by hand: a longer look") == 1, "nobody knows who has brought it")
+
+
+def test_returned_from_by_restart():
+    """One that is not confirmed in time: who waits hears of the way back, although the connection has not lasted so long."""
+    with Device(OMEGA) as device, Retuned(device.port) as live:
+        wait_for_run(live, live.database, 1)
+        code, out, err = live.reload(live.edited(horizon), "--restart", "--wait", "--until-confirmed", *PROBATION)
+        expect(code == NOT_LOCKED and "undone: " in err and "returned  " in out, f"{code}\n{out}{err}{live.log()}")
+        wait_for_run(live, live.database, 3)
+        expect(live.active() == 1, f"{live.versions()}")
+        end_orderly(live)
+
+
+def test_killed_while_somebody_listens():
+    """An activator that dies in the middle: who waits goes on with the next one; who does not is told how to look."""
+    with Device(OMEGA) as device, Retuned(device.port) as live:
+        wait_for_run(live, live.database, 1)
+        with Program("reload", live.edited(tolerance(0.5)), "--control", live.socket, "--wait", "--probation", "6") as waiting:
+            wait_until(lambda: len(live.versions()) == 2 and "probation" in live.versions()[2][1], "its probation", live.log)
+            os.kill(member(live, "activator"), signal.SIGKILL)
+            code, out, log = waiting.end()
+            expect(code == 0 and "version 2 is kept" in out, f"{code}\n{out}{log}")
+            expect("  the run has hung up before it said what came of it: it is waited for" in out, out)
+        end_orderly(live)
+
+
+def test_interrupted():
+    """Ctrl-C ends who looks on, and not the change: that is said, and how to end it."""
+    with Device(OMEGA) as device, Retuned(device.port) as live:
+        wait_for_run(live, live.database, 1)
+        with Program("reload", live.edited(tolerance(0.5)), "--control", live.socket, "--wait", "--probation", "600") as waiting:
+            wait_until(lambda: live.active() == 2, "its probation", live.log)
+            waiting.signal(signal.SIGINT)
+            code, log = waiting.process.wait(timeout=20), waiting.log()
+            expect(code == -signal.SIGINT and "the change goes on in the run" in log and "--rollback" in log, f"{code}\n{log}")
+        wait_until(lambda: "on probation" in live.reload(None, "--state")[1], "its probation goes on", live.log)
+        end_orderly(live)
 
 
 def test_returned_from():
@@ -144,6 +185,20 @@ def test_returned_from():
         expect_one_run(live)
 
 
+def test_a_damaged_text():
+    """A worn-out card has lost the text of what runs: it is written anew from memory, and the change is made."""
+    with Device(OMEGA) as device, Retuned(device.port) as live:
+        wait_for_run(live, live.database, 1)
+        for value in 0.5, 0.6:
+            for text in (live.state / "versions").glob("*.json"):
+                if len(text.stem) == 64:
+                    text.write_bytes(b"{}")
+            code, out, err = live.reload(live.edited(tolerance(value)))
+            expect(code == 0, f"{code}\n{out}{err}{live.log()}")
+        expect(live.log().count("is written anew from the run's memory") == 2, live.log())
+        end_orderly(live)
+
+
 def test_until_confirmed():
     """Nobody confirms, and it is returned from; somebody does, and it is kept. By hand, too."""
     with Device(OMEGA) as device, Retuned(device.port) as live:
@@ -156,7 +211,7 @@ def test_until_confirmed():
         code, _, err = live.reload(None, "--confirm")
         expect(code == 0 and live.active() == 3, f"{code}\n{err}{live.versions()}")
         code, _, err = live.reload(None, "--confirm")
-        expect(code == BAD_DATA and "no version is on probation" in err, f"{code} {err}")
+        expect(code == PLANT_DOWN and "no version is on probation" in err, f"{code} {err}")
         code, _, err = live.reload(None, "--rollback", "--wait", *PROBATION)
         expect(code == 0, f"{code} {err}")
         text = live.file.read_bytes()
@@ -165,6 +220,25 @@ def test_until_confirmed():
         last = query(live.database, "SELECT text FROM tunings JOIN configurations ON configuration = hash ORDER BY tick DESC LIMIT 1")
         expect(last[0][0].encode() == text, "the first version is not in force")
         expect_one_run(live)
+
+
+def test_who_waits_hears_what_came_of_it():
+    """Another candidate that becomes nothing takes nobody's place; one that does, does."""
+    with Device(OMEGA) as device, Retuned(device.port) as live, ThreadPoolExecutor() as pool:
+        wait_for_run(live, live.database, 1)
+        first = pool.submit(live.reload, live.edited(tolerance(0.8)), "--wait", "--probation", "4")
+        wait_until(lambda: live.active() == 2 and "on probation" in live.reload(None, "--state")[1], "version 2", live.log)
+        code, out, err = live.reload(live.edited(tolerance(0.7)), "--no-activate")
+        expect(code == 0, f"{code}\n{out}{err}")
+        code, out, err = first.result()
+        expect(code == 0 and "in lock" in out, f"{code}\n{out}{err}")
+        first = pool.submit(live.reload, live.edited(tolerance(0.6)), "--wait", "--probation", "60")
+        wait_until(lambda: live.active() == 3 and "on probation" in live.reload(None, "--state")[1], "version 3", live.log)
+        code, out, err = live.reload(live.edited(tolerance(0.5)), "--probation", "2", "--wait")
+        expect(code == 0, f"{code}\n{out}{err}")
+        code, out, err = first.result()
+        expect(code == NOT_LOCKED and "took its place" in out + err, f"{code}\n{out}{err}")
+        end_orderly(live)
 
 
 def test_deaths_on_probation():
@@ -200,9 +274,12 @@ def test_the_supervisor_is_killed():
             wait_until(lambda: again.socket.exists(), "its socket", again.log)
             code, out, _ = again.reload(None, "--state")
             expect(code == 0 and "on probation" in out and "version 2" in out, out)
+            expect("version 2 is on probation, " in again.log(), again.log())
             code, _, err = again.reload(None, "--rollback")
             expect(code == 0, err)
             wait_until(lambda: again.active() == 1, "the first version", again.log)
+            code, _, err = again.reload(None, "--rollback")
+            expect(code == PLANT_DOWN and "there is none before it" in err, f"{code} {err}")
             end_orderly(again)
 
 
@@ -226,6 +303,12 @@ def test_an_edited_file_at_the_start():
             end_orderly(third)
 
 
+def held(pid):
+    """What its descriptors are of; one may be closed meanwhile."""
+    folder = f"/proc/{pid}/fd"
+    return [os.readlink(f"{folder}/{name}") for name in os.listdir(folder) if os.path.islink(f"{folder}/{name}")]
+
+
 def test_who_holds_what():
     """An activator has no socket but the control's, no FMU and no database; it ends by itself when nothing is to be done."""
     with Device(OMEGA) as device, Retuned(device.port) as live:
@@ -234,9 +317,8 @@ def test_who_holds_what():
         live.reload(None, "--state")
         activator = live.child(role="activator")
         maps = open(f"/proc/{activator}/maps", encoding="utf-8").read()
-        held = " ".join(os.readlink(f"/proc/{activator}/fd/{name}") for name in os.listdir(f"/proc/{activator}/fd"))
-        expect("motor.so" not in maps and "twin.db" not in held, held)
-        at_most(held.count("socket:"), 1, "sockets")
+        wait_until(lambda: " ".join(held(activator)).count("socket:") == 1, "the end of the connection", lambda: f"{held(activator)}")
+        expect("motor.so" not in maps and not [name for name in held(activator) if "twin.db" in name], f"{held(activator)}")
         end_orderly(live)
 
 

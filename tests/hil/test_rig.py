@@ -1,6 +1,7 @@
 #!/usr/bin/env python3
 """The box with its real kernel and drivers, as tests/hil/rig.json describes it: the tests of tests/hil/box run on it,
 its watchdog bites, and script/rig tells how a box came to its end that came to none."""
+import contextlib
 import functools
 import os
 import shutil
@@ -103,8 +104,9 @@ def emulator_of(process):
     while time.monotonic() < deadline:
         children = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text(encoding="ascii").split()
         for child in children:
-            if Path(f"/proc/{child}/comm").read_text(encoding="ascii").startswith("qemu"):
-                return child
+            with contextlib.suppress(FileNotFoundError, ProcessLookupError):  # a tool that has ended meanwhile
+                if Path(f"/proc/{child}/comm").read_text(encoding="ascii").startswith("qemu"):
+                    return child
         time.sleep(0.05)
     raise Failure("script/rig has not started QEMU within 30 s")
 

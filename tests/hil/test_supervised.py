@@ -194,6 +194,18 @@ def test_a_loop_ends_in_safe_hold():
     check_database(database)
 
 
+def test_safe_hold_without_record():
+    """What is nowhere recorded is not said to be."""
+    with Device(OMEGA) as device, Supervised(live_config(device, record=None)[0]) as live:
+        live.wait_for("nothing is recorded: the configuration has no")
+        shutil.rmtree(live.process.temporary)
+        os.kill(live.child(), signal.SIGKILL)
+        live.wait_for("safe hold: the twin failed 5 times")
+        live.wait_for("The plant is read; nothing is recorded.")
+        live.process.temporary.mkdir()
+        end_orderly(live)
+
+
 def test_safe_hold_needs_no_place():
     """The folder for what FMUs write is gone: there can be no twin, but the plant is recorded."""
     with Device(OMEGA) as device:
@@ -226,7 +238,7 @@ def test_an_fmu_is_named():
 
 
 def test_told_to_end_while_an_fmu_hangs():
-    """For longer than anybody wants to wait. The twin gives it up; what does not is tests/unit/firmware/supervise/test_supervisor.c's."""
+    """For longer than anybody wants to wait. The twin gives it up; what does not is tests/unit/firmware/supervise/test_supervisor_end.c's."""
     with Device(OMEGA) as device, kills.Unruly(device, kills.Pace(hang_s=60)) as unruly:
         live = unruly.live
         unruly.wait_for_tick(1)

@@ -260,7 +260,7 @@ def test_recorders_that_hang_at_the_end():
             live.signal(signal.SIGINT)
             stop_one(live, "recorder", first)
             code, _, log = live.end()
-    lost = [int(count) for count in re.findall(r"error: (\d+) samples, steps and events are lost: no recorder is left to write them", log)]
+    lost = [int(count) for count in re.findall(r"error: (\d+) samples, steps and events are lost: no recorder is left to write what came last", log)]
     expect(code == 75 and len(lost) == 1, f"ended with {code}\n{log}")
     at_least(lost[0], 100, "samples, steps and events lost")
     expect_whole(read(database))

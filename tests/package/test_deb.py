@@ -80,7 +80,7 @@ def test_owners_and_modes():
 
 
 def test_only_places_that_are_ours():
-    ours = ("./etc/twinlock/", "./usr/bin/twinlock", "./usr/lib/systemd/system/twinlock@.service",
+    ours = ("./etc/twinlock/", "./usr/bin/twinlock", "./usr/lib/systemd/system/twinlock-inbox@.service", "./usr/lib/systemd/system/twinlock@.service",
             "./usr/lib/sysusers.d/twinlock.conf", "./usr/lib/tmpfiles.d/twinlock.conf", "./usr/lib/twinlock/", "./usr/share/bash-completion/completions/twinlock",
             "./usr/share/doc/twinlock/", "./usr/share/lintian/overrides/twinlock", "./usr/share/man/man1/twinlock.1.gz",
             "./usr/share/twinlock/")

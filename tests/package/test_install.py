@@ -133,8 +133,9 @@ def test_the_unit_with_the_drop_ins_of_the_examples():
     inside("rm", "-r", "/etc/systemd/system/twinlock@dropped.service.d")
 
 
-def test_the_unit_of_the_network():
+def test_the_units_of_those_who_change_something():
     at_most(exposure_of("twinlock-serve.service"), SERVE_SCORE, "exposure")
+    at_most(exposure_of("twinlock-inbox@motor.service"), SERVE_SCORE, "exposure")
     groups = set(inside("id", "-nG", "twinlock-serve").split())
     expect(groups == {"twinlock-serve", "twinlock-control"}, f"{groups}")
 

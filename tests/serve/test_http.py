@@ -36,14 +36,14 @@ def test_a_configuration_goes_round():
         answer = box.ask("GET", f"{MOTOR}/configuration", "read")
         expect(answer.status == 200 and answer.body == FIRST and answer.headers["ETag"] == tag(FIRST), f"{answer.body}")
         expect(answer.headers["Twinlock-Version"] == "1", f"{answer.headers}")
-        answer = box.put(SECOND, "?why=the%20seal%20is%20new&probation=60&require_lock=95", "retune", answer.headers["ETag"])
+        answer = box.put(SECOND, "?why=the%20seal%20is%20new&probation=60&shadow=30&require_lock=95", "retune", answer.headers["ETag"])
         expect_status(answer, 200, "done")
         expect([line.get("step") for line in answer.lines] == ["authorise", "validate", None, "try", "activate", None],
                f"{answer.lines}")
         expect(answer.lines[2]["path"] == "synchronise.match[0].tolerance" and answer.lines[2]["kind"] == "in place",
                f"{answer.lines[2]}")
         asked = box.requests()[-1]
-        expect(asked == {"verb": "3", "right": "1", "flags": "0", "probation": "60", "lock": "95", "version": "0",
+        expect(asked == {"verb": "3", "right": "1", "flags": "0", "probation": "60", "shadow": "30", "lock": "95", "version": "0",
                          "who": "retune", "why": "the seal is new"}, f"{asked}")
         expect(box.ask("GET", f"{MOTOR}/configuration", "read").body == SECOND, "the first one is still active")
         expect_status(box.put(FIRST, match=tag(FIRST)), 412, "changed")
@@ -74,6 +74,8 @@ def test_refusals_have_their_status():
         expect_status(box.put(b'{"commission": 1}', role="commission"), 200, "done")
         expect_status(box.put(b'{"restart": 1}'), 409, "needs a restart")
         expect_status(box.put(b'{"restart": 1}', "?restart=1"), 200, "done")
+        expect_status(box.put(b'{"worse": 1}', "?accept_worse=1"), 200, "done")
+        expect(box.requests()[-1]["flags"] == "32", f"{box.requests()[-1]}")
         expect_status(box.put(b'{"busy": 1}'), 409, "busy")
         expect_status(box.put(b'{"dies": 1}'), 503, "failed")
         expect_status(box.put(b'{"fails": 1}'), 200, "failed")
@@ -165,6 +167,9 @@ def test_what_a_request_must_not_be():
                 (400, "PUT", put, {"If-Match": "*", "Content-Length": "0"}),
                 (400, "PUT", f"{put}?check=2", {"If-Match": "*", "Content-Length": "3"}),
                 (400, "PUT", f"{put}?require_lock=nan", {"If-Match": "*", "Content-Length": "3"}),
+                (400, "PUT", f"{put}?shadow=3601", {"If-Match": "*", "Content-Length": "3"}),
+                (400, "PUT", f"{put}?shadow=", {"If-Match": "*", "Content-Length": "3"}),
+                (405, "POST", f"{MOTOR}/change", {}), (400, "DELETE", f"{MOTOR}/change?version=1", {}),
                 (400, "PUT", f"{put}?probation=1e9", {"If-Match": "*", "Content-Length": "3"}),
                 (400, "PUT", f"{put}?version=1", {"If-Match": "*", "Content-Length": "3"})):
             connection = box.connect()
@@ -329,6 +334,8 @@ def test_wrong_usage():
                   ["word"], ["--host"]):
         done = subprocess.run([SERVE, "--state", scratch(), *words], capture_output=True, encoding="utf-8", check=False)
         expect(done.returncode == 2 and done.stderr, f"{words}: {done.returncode} {done.stderr}")
+    done = subprocess.run([SERVE, "--state", scratch() / "none"], capture_output=True, encoding="utf-8", check=False)
+    expect(done.returncode == 65 and "there is no such folder; make it" in done.stderr, f"{done.returncode} {done.stderr}")
 
 
 main()

@@ -3,13 +3,14 @@
 import hashlib
 import json
 import os
+import signal
 import socket
 import ssl
 import subprocess
 import threading
 from pathlib import Path
 
-from pushed import expect_push, push
+from pushed import expect_push, push, pushing
 from served import FIRST, Box, begin, said_by, wait_for
 from twinlock_test import PROGRAM, expect, main, scratch
 
@@ -65,9 +66,16 @@ def test_what_it_can_ask():
         expect(push(box, "--get")[1] == SECOND.decode(), "not returned")
         expect_push(push(box, "--confirm"), 0, "it is kept")
         expect_push(push(box, "--confirm"), 69, "nothing is on probation")
+        expect_push(push(box, "--cancel"), 69, "nothing is under way")
+        expect_push(push(box, "--activate", "--shadow", "20", config=b'{"other": 1}'), 0)
+        expect(box.requests()[-1]["shadow"] == "20", f"{box.requests()[-1]}")
+        expect_push(push(box, "--cancel"), 0, "it is active")
+        expect(push(box, "--get")[1] == SECOND.decode(), "not cancelled")
         expect_push(push(box, "--until-confirmed", config=FIRST), 0)
         expect(box.requests()[-1]["flags"] == "4", f"{box.requests()[-1]}")
         expect_push(push(box, "--confirm"), 0, "it is kept")
+        expect_push(push(box, "--accept-worse", config=SECOND), 0)
+        expect(box.requests()[-1]["flags"] == "32", f"{box.requests()[-1]}")
 
 
 def test_a_check_changes_nothing():
@@ -104,7 +112,8 @@ def test_only_the_box_that_is_meant():
         text = fingerprint.hexdigest()
         expect_push(push(box, "--state", pin=text), 0)
         expect_push(push(box, "--state", pin=":".join(text[i:i + 2] for i in range(0, 64, 2)).upper()), 0)
-        expect_push(push(box, "--state", pin=text[:-1]), 77)
+        for word in text[:-1], "sha256//short", "none":
+            expect_push(push(box, "--state", pin=word), 2, "is no pin")
         expect(len(box.requests()) == 2, f"something was sent: {box.requests()}")
         expect("wrong token" not in box.log(), "a token was sent")
 
@@ -177,10 +186,31 @@ def test_steps_are_told_while_they_run():
         expect(process.wait(20) == 0 and "kept" in said_by(process), said_by(process))
 
 
+def test_over_a_restart():
+    """Who waits hears what came of it, although the answer has ended with the run."""
+    with Box() as box:
+        found = push(box, "--wait", config=b'{"anew": 1}')
+        expect_push(found, 0, "begins anew", "activate: the run is waited for, for 60 s at most", "probation: the run is there again", "kept: in lock", "done (version 2 is active)")
+        found = push(box, "--wait", config=b'{"anew": "returns"}')
+        expect_push(found, 3, "returned: the lock was lost", "undone (version 2 is active): the lock was lost")
+        expect_push(push(box, config=b'{"anew": 2}'), 0, "done (version 4 is active)")
+
+
+def test_interrupted():
+    """Ctrl-C ends who looks on, and not the change: that is said."""
+    with Box() as box, pushing(box, "--wait", config=b'{"waits": 2}') as process:
+        expect("authorise" in process.stdout.readline(), "no step")
+        process.send_signal(signal.SIGINT)
+        _, err = process.communicate(timeout=20)
+        expect(process.returncode == -signal.SIGINT and "it goes on there" in err and "--cancel" in err, f"{process.returncode} {err}")
+
+
 def test_wrong_usage():
     with Box() as box:
         for words in (["--state", "--versions"], [], ["--version", "1", "--state"], ["--rollback", "--version", "0"],
-                      ["--state", "--probation", "x"], ["--state", "--require-lock", "101"], ["--states"], ["--sta", "x", "y"]):
+                      ["--state", "--probation", "x"], ["--state", "--require-lock", "101"], ["--states"],
+                      ["--state", "--cancel"], ["--versions", "--wait"], ["--confirm", "--probation", "5"], ["--rollback", "--no-activate"], ["--get", "--why", "x"],
+                      ["--state", "--shadow", "3601"], ["--state", "--activate", "--no-activate"], ["--sta", "x", "y"]):
             expect_push(push(box, *words), 2, "usage: ")
         for url in ("https://127.0.0.1", f"http://127.0.0.1:{box.port}/motor", f"https://127.0.0.1:{box.port}/a/b", "motor",
                     f"https://127.0.0.1:{box.port}/motor?x=1"):

@@ -62,6 +62,7 @@ def test_what_is_refused():
 
         def horizon(document):
             document["synchronise"]["horizon"]["prediction"] = 3
+            document["name"] = "another bench"  # which only a new run can have
 
         found = box.push(change=two_problems)
         expect_push(found, 65, "synchronise.match.motor.omega.tolerance: found -1", "step_s: found 0", "new.json:")

@@ -461,12 +461,21 @@ def socket_in_folder(kind):
 
 
 def ethernet(ground):
-    """The loopback interface, where only root may listen."""
+    """The loopback interface, where only root may listen; it is everybody's, so that a frame says whose it is."""
     if os.geteuid() != 0:
-        return ("1",), lambda: False
+        return ("1", ground.secret), lambda: False
     listener = ground.keep(socket.socket(socket.AF_PACKET, socket.SOCK_RAW, socket.htons(0x88B5)))
     listener.bind(("lo", 0x88B5))
-    return (socket.if_nametoindex("lo"),), lambda: received(listener)
+    listener.setblocking(False)
+
+    def reached():
+        try:
+            while ground.secret.encode() not in listener.recv(100):
+                pass
+            return True
+        except BlockingIOError:
+            return False
+    return (socket.if_nametoindex("lo"), ground.secret), reached
 
 
 # ---- stages: devices ----
@@ -627,6 +636,11 @@ def many_processors(_):
 def told(*words):
     """Only the attacker knows."""
     return lambda ground: (words, None)
+
+
+def told_or_seen(words):
+    """Whoever watches the process may be faster than the attacker's word, and says that he has seen it. For one that is alone."""
+    return lambda ground: ((), lambda: "succeeded" in ground.reports().values() or words in ground.said())
 
 
 def system_v(ground):
@@ -880,7 +894,7 @@ def inside(label, function, stage):
 
 
 INSIDE = (
-    inside("writes into all descriptors", "write_descriptors", told()),
+    inside("writes into all descriptors", "write_descriptors", told_or_seen("its memory was destroyed")),
     inside("closes all descriptors but the log", "close_descriptors", told(3)),
     inside("closes all descriptors", "close_descriptors", told(0)),
     *(inside(f"scribbles over shared memory, seed {seed}", "scribble_over_shared", told(seed)) for seed in range(1, 6)),

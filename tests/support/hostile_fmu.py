@@ -21,9 +21,15 @@ DESCRIPTION = SOURCE / "fmus" / "lag" / "modelDescription.xml"
 PLATFORMS = {"x86_64": "linux64", "aarch64": "aarch64-linux", "armv7l": "aarch32-linux"}
 
 
-def _run(*command):
+def compile_with(*command):
+    """Runs a command that makes something; its failure is the test's."""
     done = subprocess.run([str(word) for word in command], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, check=False)
     expect(done.returncode == 0, f"{' '.join(map(str, command))}\n{done.stdout}")
+
+
+def machine():
+    """What the processor is called, as PLATFORMS knows it."""
+    return os.uname().machine
 
 
 FLAGS = ("-std=gnu99", "-D_GNU_SOURCE", "-O1", "-g0", "-fPIC", "-fvisibility=hidden", "-I", SOURCE, "-isystem", SOURCE / ".deps" / "fmi2")
@@ -34,10 +40,10 @@ COMPILER = os.environ.get("CC", "cc")
 def _good():
     """The objects of the good FMU."""
     folder = scratch()
-    _run(sys.executable, COMMON / "description.py", DESCRIPTION, folder / "description.h")
+    compile_with(sys.executable, COMMON / "description.py", DESCRIPTION, folder / "description.h")
     made = [folder / f"{source.stem}.o" for source in GOOD]
     for source, binary in zip(GOOD, made):
-        _run(COMPILER, *FLAGS, "-include", FOLDER / "inner.h", "-I", folder, "-c", source, "-o", binary)
+        compile_with(COMPILER, *FLAGS, "-include", FOLDER / "inner.h", "-I", folder, "-c", source, "-o", binary)
     return made
 
 
@@ -46,14 +52,23 @@ def make(name, **macros):
     """The path of an FMU with the behaviour `name`: tests/fmu/hostile/NAME.c, or all sources of the folder NAME. A macro's text is a C text where its value is a str that
     is no statement (which ends with ";"), its value else; True: only defined."""
     folder = scratch()
-    defined = [f"-D{macro}={_text(value)}" for macro, value in macros.items()]
     binary = folder / "lag.so"
     sources = sorted((FOLDER / name).glob("*.c")) or [FOLDER / f"{name}.c"]
-    _run(COMPILER, *FLAGS, *defined, "-shared", "-pthread", "-o", binary, *sources, FOLDER / "frame.c", *_good(), "-lm")
+    compile_shared(binary, [*sources, FOLDER / "frame.c", *_good()], macros)
     fmu = folder / f"{name}.fmu"
-    _run(sys.executable, COMMON / "package.py", fmu, f"modelDescription.xml={DESCRIPTION}",
-         f"binaries/{PLATFORMS[os.uname().machine]}/lag.so={binary}")
+    package(fmu, DESCRIPTION, binary)
     return fmu
+
+
+def compile_shared(binary, sources, macros):
+    """A library of these sources and objects; macros as those of make()."""
+    defined = [f"-D{macro}={_text(value)}" for macro, value in macros.items()]
+    compile_with(COMPILER, *FLAGS, *defined, "-shared", "-pthread", "-o", binary, *sources, "-lm")
+
+
+def package(fmu, description, binary):
+    compile_with(sys.executable, COMMON / "package.py", fmu, f"modelDescription.xml={description}",
+         f"binaries/{PLATFORMS[machine()]}/lag.so={binary}")
 
 
 def _text(value):

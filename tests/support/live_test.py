@@ -332,12 +332,12 @@ class Device:
     """A Modbus TCP server of one unit whose input registers 0 … 2 are what live.json reads: omega as float32,
     torque as int16. It remembers the function codes it was sent, and keeps silent when told."""
 
-    def __init__(self, omega, torque=0):
+    def __init__(self, omega, torque=0, port=0):
         self.omega, self.torque, self.silent = omega, torque, False
         self.functions = set()
         self.listener = socket.socket()
         self.listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        self.listener.bind(("127.0.0.1", 0))
+        self.listener.bind(("127.0.0.1", port))
         self.listener.listen()
         self.port = self.listener.getsockname()[1]
         threading.Thread(target=self._accept, daemon=True).start()
@@ -346,6 +346,7 @@ class Device:
         return self
 
     def __exit__(self, *unused):
+        self.listener.shutdown(socket.SHUT_RDWR)  # else who accepts keeps the port
         self.listener.close()
 
     def _accept(self):

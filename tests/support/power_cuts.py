@@ -45,19 +45,25 @@ def configuration(port, version):
 
 
 class Told:
-    """What the box tells, as it comes: the newest number of each kind."""
+    """What the box tells, as it comes: the newest number of each kind, and last the kind that was told last."""
 
     def __init__(self):
-        self.numbers, self.rest, self.recording = {}, b"", threading.Event()
+        self.numbers, self.rest, self.news = {}, b"", threading.Condition()
 
     def write(self, block):
         *lines, self.rest = (self.rest + block).split(b"\n")
-        for line in lines:
-            kind, _, value = line.decode(errors="replace").partition(" ")
-            if value.isdigit():
-                self.numbers[kind] = int(value)
-        if self.numbers.get("committed", 0) > 0:
-            self.recording.set()
+        with self.news:
+            for line in lines:
+                kind, _, value = line.decode(errors="replace").partition(" ")
+                if value.isdigit():
+                    self.numbers.pop(kind, None)
+                    self.numbers[kind] = int(value)
+            self.news.notify_all()
+
+    def wait_for(self, kind, number_, timeout):
+        """Whether so much of it was told before the time was over."""
+        with self.news:
+            return self.news.wait_for(lambda: self.numbers.get(kind, 0) >= number_, timeout)
 
     def flush(self):
         pass
@@ -80,25 +86,29 @@ def command(words):
     return done.stdout
 
 
-def wait_for_recording(guest, runner, told, patience_s):
-    """Until the first commit, the end of the guest, or the end of our patience with a guest that was begun."""
+RECORDS = "committed", 1  # what the box tells when it has recorded something
+
+
+def wait_for_moment(guest, runner, told, moment, patience_s):
+    """Whether it was told (kind, number) before the end of the guest, or of our patience with a guest that was begun."""
     while runner.is_alive() and guest.emulator is None:
         time.sleep(0.1)
     until = time.monotonic() + patience_s
-    while runner.is_alive() and time.monotonic() < until and not told.recording.wait(0.1):
-        pass
+    while runner.is_alive() and time.monotonic() < until:
+        if told.wait_for(*moment, 0.1):
+            return True
+    return False
 
 
-def record_and_cut(guest_module, folder, after_s, patience_s):
-    """(the disk, what the box told): the power was cut `after_s` seconds after the first commit."""
+def record_and_cut(guest_module, folder, after_s, patience_s, script="record.py", moments=(RECORDS,)):
+    """(the disk, what the box told): the power was cut `after_s` seconds after it had told these, one after the other. `script` is what the box runs."""
     told, disk = Told(), make_disk(folder)
-    guest = guest_module.Guest(build=BUILD, disk=disk, timeout=patience_s + 2 * LAST_S + 60)
+    guest = guest_module.Guest(build=BUILD, disk=disk, timeout=len(moments) * patience_s + 2 * after_s + 60)
     with open(folder / "log", "wb") as log:
-        runner = threading.Thread(target=guest.run, args=(["python3", SOURCE / "tests/hil/box/record.py"], told, log))
+        runner = threading.Thread(target=guest.run, args=(["python3", SOURCE / "tests/hil/box" / script], told, log))
         runner.start()
-        wait_for_recording(guest, runner, told, patience_s)
-        recorded = told.recording.is_set()
-        if recorded:
+        missed = next((moment for moment in moments if not wait_for_moment(guest, runner, told, moment, patience_s)), None)
+        if missed is None:
             time.sleep(after_s)
         ended = not runner.is_alive()
         if not ended:
@@ -106,12 +116,14 @@ def record_and_cut(guest_module, folder, after_s, patience_s):
         runner.join()
     log = (folder / "log").read_text(encoding="utf-8", errors="replace")
     expect(not ended, f"the box ended by itself: {told.numbers}\n{log}")
-    if not recorded:
+    if missed == RECORDS:
         raise Late(f"nothing was recorded within {patience_s:g} s")
+    if missed is not None:
+        raise Late(f"\"{missed[0]} {missed[1]}\" was not told within {patience_s:g} s")
     return disk, told.numbers
 
 
-def files_of(disk, folder):
+def check_file_system(disk, folder):
     """The files of the disk after its journal was played back; its file system must be without a fault then."""
     command(["e2fsck", "-E", "journal_only", "-y", disk])
     command(["e2fsck", "-f", "-n", disk])
@@ -172,7 +184,7 @@ def one_cut(guest_module, after_s, patience_s=PATIENCE_S):
     """The figures of one cut, as a dictionary; raises a Failure where something is lost, and Late where nothing was begun."""
     folder = scratch()
     disk, told = record_and_cut(guest_module, folder, after_s, patience_s)
-    files = files_of(disk, folder)
+    files = check_file_system(disk, folder)
     behind = check_configuration(files, told)
     check_accounts(files, told)
     missing, rows = check_database(files, told, folder)

@@ -1,19 +1,22 @@
 """A supervised run whose configuration is changed while it runs, by `twinlock reload`: what the tests of that share."""
 import json
+import os
 import re
 
-from live_test import query
+from live_test import query, wait_until
 from tree import Tree, configuration
 from twinlock_test import expect, run, scratch, write_config
 
 
 class Retuned(Tree):
-    """A run of config/motor/live.json with a control socket; `edit` changes its file as an engineer would."""
+    """A run of config/motor/live.json with a control socket; `edited` changes its file as an engineer would.
+    `processor`: the only one that it has."""
 
-    def __init__(self, port, *args, state=None, config=None, **changes):
+    def __init__(self, port, *args, state=None, config=None, processor=None, **changes):
         self.file, self.database = (config, config.parent / "twin.db") if config else configuration(port, **changes)
         self.socket = scratch() / "control"
-        super().__init__(self.file, "--control", self.socket, *args, state=state)
+        pinned = {} if processor is None else {"preexec_fn": lambda: os.sched_setaffinity(0, {processor})}
+        super().__init__(self.file, "--control", self.socket, *args, state=state, **pinned)
 
     def edited(self, change):
         """Another file: the configuration with that change, which is a function of it, a JSON document, or bytes."""
@@ -28,11 +31,18 @@ class Retuned(Tree):
         return run(["reload", config or self.file, "--control", self.socket, *options], timeout=timeout)
 
     def versions(self):
-        """number → (is active, what came of it)"""
-        code, out, err = self.reload(None, "--versions")
+        """number → (is active, what came of it). A run that begins anew at this moment is asked again."""
+        code, out, err = wait_until(self._ask_for_versions, "an answer", self.log)
         expect(code == 0, err)
         return {int(number): (star == "*", result) for star, number, result in
                 re.findall(r"^([* ]) *(\d+)  .*\n +(.*)$", out, re.M)}
+
+    def _ask_for_versions(self):
+        code, out, err = self.reload(None, "--versions")
+        return None if code != 0 and "has hung up" in err else (code, out, err)
+
+    def version_on_disk(self, number):
+        return json.loads((self.state / "versions" / f"{number}.record.json").read_text(encoding="utf-8"))
 
     def active(self):
         return next(number for number, (active, _) in self.versions().items() if active)

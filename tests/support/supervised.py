@@ -10,6 +10,14 @@ WORD = "word"  # for TWINLOCK_UNRULY
 LOCK_STEPS = 200  # until the first of 20, of 10 ms each
 
 
+def left_in(file):
+    """Nothing either if it goes while it is read: its folder is the twin's."""
+    try:
+        return file.read_bytes()
+    except FileNotFoundError:
+        return b""
+
+
 class Supervised(Program):
     """A supervised run, and the processes that it has begun. `state`: where it keeps its account."""
 
@@ -29,7 +37,7 @@ class Supervised(Program):
             return sorted(self.process.temporary.glob(f"twinlock-twin-{self.pid}-*"), key=lambda path: path.stat().st_mtime)
         file = wait_until(folders, "the folder of the FMUs", self.log)[-1] / WORD
         file.write_text(word, encoding="utf-8")
-        wait_until(lambda: not file.exists() or not file.read_bytes(), "a step that takes the word", self.log)
+        wait_until(lambda: not left_in(file), "a step that takes the word", self.log)
 
     def account(self):
         return json.loads((self.state / "supervisor.json").read_text(encoding="utf-8"))

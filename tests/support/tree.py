@@ -54,23 +54,25 @@ class Recorded:
     newest: Newest
 
 
-RUN = "SELECT run, coalesce(resumed_tick, 0), lead FROM beginnings JOIN runs USING (run) WHERE run >= ? ORDER BY run"
+RUN = """SELECT b.run, coalesce(resumed_tick, 0), r.lead, coalesce(before.lead, r.lead) FROM beginnings b JOIN runs r USING (run)
+         LEFT JOIN runs before ON before.run = resumed_run WHERE b.run >= ? ORDER BY b.run"""
 SAMPLE = "SELECT tick, min(quality = ?), min(coalesce(stamp_ns, -1)) FROM samples WHERE run = ? AND tick > ? GROUP BY tick ORDER BY tick"
 STEP = "SELECT step, outcome FROM steps WHERE run = ? AND step > ? ORDER BY step"
 
 
 def read(database, after=BEGINNING):
-    """Ticks that a run follows are the run's before, and so are steps, but for one that was not complete yet (mode ahead); each of its own is there once.
-    Only what is newer than `after`: a newer run whose ticks were there before has them twice."""
+    """Ticks that a run follows are the run's before, and so are steps, but for one that was not complete yet (mode ahead); and so is what a twin has computed as a
+    shadow, before it took over: up to the last step of the run before. Each of its own is there once. Only what is newer than `after`: a newer run whose ticks were there before has them twice."""
     found = Recorded({}, {}, [], [], after)
-    for run, first, lead in query(database, RUN, after.run):
+    for run, first, lead, lead_before in query(database, RUN, after.run):
         known = after if run == after.run else BEGINNING
         for tick, good, stamp in query(database, SAMPLE, GOOD, run, known.tick):
             if tick >= first:
                 found.doubled += [f"tick {tick}, run {run}"] * (tick in found.ticks or tick <= after.tick)
                 found.ticks[tick] = stamp, bool(good)
         for step, outcome in query(database, STEP, run, known.step):
-            if outcome != FOLLOWED or (step not in found.steps and step > after.step):
+            is_own = step >= first - lead_before and outcome != FOLLOWED
+            if is_own or (outcome == FOLLOWED and step not in found.steps and step > after.step):
                 found.doubled += [f"step {step}, run {run}"] * (step in found.steps or step <= after.step)
                 found.steps[step] = outcome
         if run > 1:

@@ -27,8 +27,10 @@ PROGRAM = os.environ["TWINLOCK"]
 EMULATED = os.environ.get("TL_EMULATED")  # folder of programs that start the build's in an emulator, or None
 PATIENCE = int(os.environ.get("TL_PATIENCE", "1"))  # times as long for everything that ends by itself
 SANITIZER = os.environ.get("TL_SANITIZER", "")
+BAD_USAGE = 2
 NOT_LOCKED = 3
 BAD_DATA = 65
+PLANT_DOWN = 69
 EXIT_CODES = (0, 2, NOT_LOCKED, 65, 69, 70, 75)  # firmware/verbs/option_table.c
 SKIPPED = 77
 

@@ -1,17 +1,21 @@
 /* A writer under test: see writer_bench.h. */
 #include "tests/support/writer_bench.h"
 
+#include <signal.h>
 #include <stdio.h>
 #include <string.h>
 #include <sys/mman.h>
+#include <sys/wait.h>
 #include <unistd.h>
 
 #include <unity.h>
 
+#include "firmware/base/clock.h"
+#include "firmware/base/log.h"
 #include "tests/support/made_run.h"
 #include "tests/support/sql.h"
 
-enum { WAITS = 4000, WAIT_US = 5000 };
+enum { WAITS = 4000, WAIT_US = 5000, PUT_US = 300 };
 
 static void *share(size_t bytes) {
     /* cppcheck-suppress invalidFunctionArg ; an anonymous mapping has no file, which is -1 */
@@ -25,15 +29,20 @@ static void make_memory(tl_writer_bench *bench) {
         .plant = TL_MADE_PLANT, .match = TL_MADE_MATCH, .adjust = TL_MADE_ADJUST, .components = TL_MADE_COMPONENTS};
     bench->settings[0] = (tl_outbox_settings){.shape = shape, .checkpoint_bytes = TL_BENCH_CHECKPOINT};
     bench->settings[0].ring_bytes = tl_outbox_ring_bytes(&shape, bench->record.step);
-    bench->settings[1] = (tl_outbox_settings){.shape = shape};
+    bench->settings[TL_BENCH_IO] = (tl_outbox_settings){.shape = shape};
+    bench->settings[TL_BENCH_OTHER] = bench->settings[TL_BENCH_TWIN];
     bench->state = share(sizeof *bench->state);
     for (int i = 0; i < TL_BENCH_OUTBOXES; i++) {
         bench->bytes[i] = tl_outbox_bytes(&bench->settings[i]);
         bench->memory[i] = share(bench->bytes[i]);
-        bench->outboxes[i] = (tl_recorder_writer_outbox){i == 0 ? "twin" : "io", bench->settings[i], bench->memory[i]};
+        bench->outboxes[i] =
+            (tl_recorder_writer_outbox){i == TL_BENCH_IO ? "io" : "twin", bench->settings[i], bench->memory[i]};
     }
     tl_outbox_open(&bench->settings[0], bench->memory[0], &bench->state->taken[0], &bench->twin);
     tl_outbox_open(&bench->settings[1], bench->memory[1], &bench->state->taken[1], &bench->io);
+    tl_outbox_open(&bench->settings[2], bench->memory[2], &bench->state->taken[2], &bench->other);
+    bench->ring = TL_BENCH_TWIN;
+    bench->goes_on = false;
     bench->is_last = false;
     bench->writer = NULL;
     bench->error = (tl_error){TL_OK, ""};
@@ -56,6 +65,11 @@ void tl_writer_bench_begin(tl_writer_bench *bench) {
 }
 
 void tl_writer_bench_end(tl_writer_bench *bench) {
+    if (bench->child > 0) {
+        (void)kill(bench->child, SIGKILL);
+        (void)waitpid(bench->child, NULL, 0);
+        bench->child = 0;
+    }
     free_memory(bench);
     tl_scratch_empty(&bench->scratch);
 }
@@ -65,10 +79,21 @@ void tl_writer_bench_forget(tl_writer_bench *bench) {
     make_memory(bench);
 }
 
+static bool goes_on(void *context) {
+    const tl_writer_bench *bench = context;
+    return bench->goes_on;
+}
+
 tl_status tl_writer_bench_try_open(tl_writer_bench *bench) {
+    bench->outboxes[TL_BENCH_TWIN].memory = bench->ring == TL_BENCH_TWIN ? bench->memory[TL_BENCH_TWIN] : NULL;
+    bench->outboxes[TL_BENCH_OTHER].memory = bench->ring == TL_BENCH_OTHER ? bench->memory[TL_BENCH_OTHER] : NULL;
     const tl_recorder_writer_settings settings = {.record = &bench->record,
                                                   .outboxes = bench->outboxes,
                                                   .outbox_count = TL_BENCH_OUTBOXES,
+                                                  .ring = bench->ring,
+                                                  .hand_over = TL_BENCH_HAND_OVER,
+                                                  .goes_on = goes_on,
+                                                  .context = bench,
                                                   .state = bench->state,
                                                   .is_last = bench->is_last};
     return tl_recorder_writer_open(&settings, &bench->writer, &bench->error);
@@ -94,6 +119,33 @@ void tl_writer_bench_write_until(tl_writer_bench *bench, uint64_t written) {
         usleep(WAIT_US);
     }
     TEST_ASSERT_EQUAL_UINT64(written, tl_recorder_state_get(bench->state).written);
+}
+
+static void write_for_ever(tl_writer_bench *bench, void (*write)(void)) {
+    tl_log_set_level(TL_LOG_ERROR);
+    if (tl_writer_bench_try_open(bench) == TL_OK) {
+        for (;;) {
+            write();
+        }
+    }
+    _exit(1);
+}
+
+void tl_writer_bench_live(tl_writer_bench *bench, tl_time until, void (*write)(void), void (*put)(void)) {
+    int how = 0;
+    bench->child = fork();
+    if (bench->child == 0) {
+        write_for_ever(bench, write);
+    }
+    TEST_ASSERT_GREATER_THAN(0, bench->child);
+    while (tl_clock_now(NULL) < until) {
+        put();
+        usleep(PUT_US);
+    }
+    TEST_ASSERT_EQUAL_INT(0, kill(bench->child, SIGKILL));
+    TEST_ASSERT_EQUAL_INT(bench->child, waitpid(bench->child, &how, 0));
+    bench->child = 0;
+    TEST_ASSERT_TRUE(WIFSIGNALED(how)); /* it did not end by itself */
 }
 
 void tl_writer_bench_start(tl_writer_bench *bench, tl_time start) {

@@ -1,4 +1,4 @@
-/* A writer under test (recorder_writer.h): outboxes of a twin and of its io, its state, and a database in a folder that is empty again after each test.
+/* A writer under test (recorder_writer.h): outboxes of a twin, of its io and of another twin, its state, and a database in a folder that is empty again after each test.
  *
  * Memory: outboxes and state are shared with the children of this process, so that one of them may write and be killed.
  * Use:    tl_scratch_make() in main(), tl_writer_bench_begin() in setUp(), tl_writer_bench_end() in tearDown().
@@ -10,11 +10,16 @@
 
 #include <limits.h>
 #include <stddef.h>
+#include <sys/types.h>
 
 #include "firmware/record/recorder_writer.h"
 #include "tests/support/scratch.h"
 
-enum { TL_BENCH_CHECKPOINT = 20000, TL_BENCH_OUTBOXES = 2 };
+enum { TL_BENCH_TWIN, TL_BENCH_IO, TL_BENCH_OTHER, TL_BENCH_OUTBOXES };
+enum { TL_BENCH_CHECKPOINT = 20000 };
+
+/* The reason with which a run in one ring hands over to one in the other. */
+#define TL_BENCH_HAND_OVER "hand over"
 
 typedef struct tl_writer_bench {
     tl_scratch scratch;
@@ -26,10 +31,14 @@ typedef struct tl_writer_bench {
     size_t bytes[TL_BENCH_OUTBOXES];
     tl_outbox twin;
     tl_outbox io;
+    tl_outbox other;
+    size_t ring;  /* that is read: of the twin, at first, or of the other one; the outbox without is not there then */
+    bool goes_on; /* as in recorder_writer.h: what that says */
     tl_recorder_writer_state *state;
     bool is_last;               /* as in recorder_writer.h */
     tl_recorder_writer *writer; /* NULL: none is open */
     tl_error error;
+    pid_t child; /* that lives; 0: none */
 } tl_writer_bench;
 
 void tl_writer_bench_begin(tl_writer_bench *bench);
@@ -46,6 +55,9 @@ void tl_writer_bench_close_well(tl_writer_bench *bench); /* nothing is left */
 
 /* Writes every now and then, until so many entries and events are written. */
 void tl_writer_bench_write_until(tl_writer_bench *bench, uint64_t written);
+
+/* A life: a child opens the writer and calls `write` for ever, and at `until` it is killed, at whatever it does. Meanwhile this process calls `put`. */
+void tl_writer_bench_live(tl_writer_bench *bench, tl_time until, void (*write)(void), void (*put)(void));
 
 /* The beginning of a run that is made up, and some ticks of it (made_run.h), a step for each. */
 void tl_writer_bench_start(tl_writer_bench *bench, tl_time start);

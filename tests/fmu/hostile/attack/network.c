@@ -120,10 +120,11 @@ static int can_frame(char *const words[]) {
     return error;
 }
 
-/* INDEX of an interface: an Ethernet frame of the type for local experiments. */
+/* INDEX of an interface, WORD: an Ethernet frame of the type for local experiments, with the word in it, since others may listen to the same interface. */
 static int ethernet_frame(char *const words[]) {
-    static const uint8_t frame[64] = {[12] = 0x88, 0xB5, 'a', 't', 't', 'a', 'c', 'k'};
+    uint8_t frame[64] = {[12] = 0x88, 0xB5};
     address to = {.link = {.sll_family = AF_PACKET, .sll_ifindex = (int)strtol(words[0], NULL, 10), .sll_halen = 6}};
+    (void)snprintf((char *)frame + 14, sizeof frame - 14, "%s", words[1]);
     int made = socket(AF_PACKET, SOCK_RAW | SOCK_CLOEXEC, 0);
     if (made < 0) {
         return errno;

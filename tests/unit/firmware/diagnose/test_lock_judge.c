@@ -485,6 +485,19 @@ static void another_tuning_counts_from_the_next_step_on(void) {
     expect_change(TL_LOCK_LOCKED, "80 % of the last 100 steps are within tolerance");
 }
 
+/* Ten parts of 0.1 s or two steps; or three strokes, however long they are. */
+static void test_the_window(void) {
+    tl_lock_window window = tl_lock_judge_window(&config);
+    TEST_ASSERT_EQUAL_INT64(TL_SECOND, window.time);
+    TEST_ASSERT_EQUAL_UINT32(0, window.strokes);
+    config.step = 3 * TL_SECOND;
+    TEST_ASSERT_EQUAL_INT64(60 * TL_SECOND, tl_lock_judge_window(&config).time);
+    config.event = (tl_plan_event){.start.signal = "plant.torque", .longest = 7 * TL_SECOND};
+    window = tl_lock_judge_window(&config);
+    TEST_ASSERT_EQUAL_INT64(21 * TL_SECOND, window.time);
+    TEST_ASSERT_EQUAL_UINT32(3, window.strokes);
+}
+
 int main(void) {
     UNITY_BEGIN();
     RUN_TEST(another_tuning_counts_from_the_next_step_on);
@@ -515,5 +528,6 @@ int main(void) {
     RUN_TEST(test_strokes);
     RUN_TEST(test_a_run_shorter_than_a_window);
     RUN_TEST(test_a_twin_that_begins_anew);
+    RUN_TEST(test_the_window);
     return UNITY_END();
 }

@@ -119,6 +119,17 @@ static void test_a_plant_without_signals_has_a_mail_too(void) {
     TEST_ASSERT_EQUAL_size_t(COUNTS, tl_plant_mail_bytes(&shape)); /* a block of no bytes there is not */
 }
 
+static void test_sizes_that_can_be(void) {
+    const size_t least = COUNTS + (size_t)2 * 256 * SLOT;
+    const size_t most = COUNTS + (size_t)2 * 65536 * SLOT;
+    TEST_ASSERT_TRUE(tl_plant_mail_can_have(2, least));
+    TEST_ASSERT_TRUE(tl_plant_mail_can_have(2, most));
+    TEST_ASSERT_FALSE(tl_plant_mail_can_have(2, least - 1));
+    TEST_ASSERT_FALSE(tl_plant_mail_can_have(2, most + 1));
+    TEST_ASSERT_FALSE(tl_plant_mail_can_have(0, COUNTS));
+    TEST_ASSERT_FALSE(tl_plant_mail_can_have(TL_MAX_SIGNALS + 1, most));
+}
+
 static void test_the_least(void) {
     memory = tl_plant_mail_make_least(TL_MAX_SIGNALS, mailboxes);
     TEST_ASSERT_NOT_NULL(memory);
@@ -136,6 +147,7 @@ int main(void) {
     RUN_TEST(test_mailboxes_lie_one_behind_the_other);
     RUN_TEST(test_what_is_posted_to_one_is_in_none_of_the_others);
     RUN_TEST(test_a_plant_without_signals_has_a_mail_too);
+    RUN_TEST(test_sizes_that_can_be);
     RUN_TEST(test_the_least);
     return UNITY_END();
 }

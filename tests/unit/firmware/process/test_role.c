@@ -51,6 +51,18 @@ static void tell_signals(FILE *out) {
     (void)fprintf(out, ", SIGHUP: %s\n", now.sa_handler == SIG_IGN ? "ignored" : "default");
 }
 
+/* As ps shows it, after it has changed. */
+static void tell_own_title(FILE *out) {
+    char words[256] = "";
+    tl_role_entitle("shadow [motor], which is too long for it");
+    FILE *file = fopen("/proc/self/cmdline", "r");
+    if (file != NULL) {
+        (void)!fread(words, 1, sizeof words - 1, file);
+        (void)fclose(file);
+    }
+    (void)fprintf(out, "now: %s.\n", words);
+}
+
 static int be_role(const char *title, void *context) {
     char byte = 0;
     int death = 0;
@@ -72,6 +84,9 @@ static int be_role(const char *title, void *context) {
     (void)fprintf(out, "leads its session: %s, death: %d, ", getsid(0) == getpid() ? "yes" : "no", death);
     (void)fprintf(out, "TMPDIR: %s, TL_TEST_A: %s, TL_TEST_B: %s\n", getenv("TMPDIR"), getenv("TL_TEST_A"),
                   getenv("TL_TEST_B"));
+    if (title[strlen(title) - 1] == ' ') {
+        tell_own_title(out);
+    }
     (void)fflush(out);
     (void)!read(GATE, &byte, 1);
     return 42;
@@ -102,11 +117,12 @@ void tearDown(void) {
 static void start(const char *title) {
     static const char *const variables[] = {"TMPDIR=/nowhere", "TL_TEST_A=new"};
     /* In a wrong order on purpose: each number is another's target. */
-    const tl_role_settings settings = {.title = title,
-                                       .descriptors = {0, 1, 2, report[1], gate[0], -1, -1, 1, -1, 2, -1, 0},
-                                       .variables = variables,
-                                       .variable_count = 2,
-                                       .fallback = be_role};
+    const tl_role_settings settings = {
+        .title = title,
+        .descriptors = {0, 1, 2, report[1], gate[0], -1, -1, 1, -1, 2, -1, 0, -1, -1, -1, 1},
+        .variables = variables,
+        .variable_count = 2,
+        .fallback = be_role};
     TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_role_start(&settings, &role, &error), error.text);
     TEST_ASSERT_GREATER_THAN_INT(0, role.pid);
 }
@@ -153,15 +169,18 @@ static void test_a_child_has_what_it_was_given(void) {
     (void)sigprocmask(SIG_BLOCK, &some, &before);
     (void)setenv("TL_TEST_A", "old", 1);
     (void)setenv("TL_TEST_B", "kept", 1);
-    start("twin [motor]");
+    start("twin [motor]  ");
     read_report(text);
     sigset_t after;
     (void)sigprocmask(SIG_SETMASK, &before, &after);
     TEST_ASSERT_EQUAL_INT(1, sigismember(&after, SIGUSR2));
     TEST_ASSERT_EQUAL_INT(0, sigismember(&after, SIGUSR1));
     expect(text, role.is_forked ? "inherited: 7\n" : "inherited: 0\n");
-    expect(text, "title: twin [motor]");
-    expect(text, "open: 0 1 2 3 4 7 9 11\n");
+    expect(text, "title: twin [motor]  ,");
+    if (!role.is_forked) {
+        expect(text, "now: twinlock: shadow [motor].\n");
+    }
+    expect(text, "open: 0 1 2 3 4 7 9 11 15\n");
     expect(text, "blocked: 0, SIGPIPE: default, SIGUSR1: default, SIGHUP: default\n");
     expect(text, "leads its session: yes, death: 9, TMPDIR: /nowhere, TL_TEST_A: new, TL_TEST_B: kept\n");
     TEST_ASSERT_FALSE(tl_role_watch(&role));

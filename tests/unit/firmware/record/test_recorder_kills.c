@@ -2,16 +2,12 @@
  * its row.
  *
  * This process puts entries, events and checkpoints; a child writes them and is killed; the next one goes on. TL_WRITER_LIVES: how many of them. */
-#include <signal.h>
 #include <stdio.h>
 #include <string.h>
-#include <sys/wait.h>
-#include <unistd.h>
 
 #include <unity.h>
 
 #include "firmware/base/clock.h"
-#include "firmware/base/log.h"
 #include "tests/support/made_run.h"
 #include "tests/support/random_numbers.h"
 #include "tests/support/sql.h"
@@ -28,21 +24,15 @@ static int64_t ticks; /* of the run */
 static int64_t all_ticks;
 static int64_t events[TL_BENCH_OUTBOXES];
 static int64_t ended;
-static pid_t child;
 
 void setUp(void) {
     tl_writer_bench_begin(&bench);
     dice = (tl_test_random){20261123};
     runs = ticks = all_ticks = ended = 0;
-    child = 0;
     memset(events, 0, sizeof events);
 }
 
 void tearDown(void) {
-    if (child > 0) {
-        (void)kill(child, SIGKILL);
-        (void)waitpid(child, NULL, 0);
-    }
     tl_writer_bench_end(&bench);
 }
 
@@ -86,7 +76,7 @@ static void put_some(void) {
         tl_writer_bench_put(&bench, ticks++, 1);
         all_ticks++;
     }
-    put_event((int)tl_test_random_below(&dice, TL_BENCH_OUTBOXES));
+    put_event((int)tl_test_random_below(&dice, 2));
     if (tl_test_random_chance(&dice, 5)) {
         put_checkpoint();
     }
@@ -100,32 +90,13 @@ static void put_some(void) {
 
 /* ---- a life ---- */
 
-static void write_for_ever(void) {
-    tl_log_set_level(TL_LOG_ERROR);
-    if (tl_writer_bench_try_open(&bench) == TL_OK) {
-        for (;;) {
-            tl_recorder_writer_write(bench.writer);
-        }
-    }
-    _exit(1);
+static void write_now(void) {
+    tl_recorder_writer_write(bench.writer);
 }
 
 static void live_and_be_killed(void) {
-    int how = 0;
-    tl_time until = tl_clock_now(NULL) + (tl_time)tl_test_random_below(&dice, LONGEST_US) * 1000;
-    child = fork();
-    if (child == 0) {
-        write_for_ever();
-    }
-    TEST_ASSERT_GREATER_THAN(0, child);
-    while (tl_clock_now(NULL) < until) {
-        put_some();
-        usleep(300);
-    }
-    TEST_ASSERT_EQUAL_INT(0, kill(child, SIGKILL));
-    TEST_ASSERT_EQUAL_INT(child, waitpid(child, &how, 0));
-    child = 0;
-    TEST_ASSERT_TRUE(WIFSIGNALED(how)); /* it did not end by itself */
+    tl_time life = (tl_time)tl_test_random_below(&dice, LONGEST_US) * 1000;
+    tl_writer_bench_live(&bench, tl_clock_now(NULL) + life, write_now, put_some);
 }
 
 /* ---- what is there ---- */

@@ -267,8 +267,10 @@ static void test_what_a_full_disk_costs_is_counted(void) {
         sample.tick = tick;
         refused += tl_outbox_put_sample(&bench.twin, &sample) ? 0 : 1;
     }
+    TEST_ASSERT_TRUE(tl_recorder_writer_is_pressed(bench.writer));
     for (int i = 0; i < 10; i++) {
         write_now();
+        TEST_ASSERT_FALSE(tl_recorder_writer_is_pressed(bench.writer)); /* each try costs, and would be in vain */
     }
     tl_faulty_vfs_refuse(SQLITE_OK, 0);
     tl_writer_bench_close_well(&bench);

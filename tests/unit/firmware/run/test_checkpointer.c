@@ -246,6 +246,71 @@ static void test_it_is_not_wanted(void) {
     expect_event("", 0);
 }
 
+/* ---- a shadow ---- */
+
+static void step_and_rehearse(bool made_up) {
+    const tl_budget budget = {.time = TL_SECOND / 20, .started = tl_clock_now(NULL), .now = tl_clock_now};
+    tl_test_run_step(&run);
+    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, run.status, run.error.text);
+    tl_checkpointer_rehearse(&checkpointer, made_up ? NULL : &budget);
+}
+
+/* Nothing is put before its run begins; then it is there at once, and the next one as after any. */
+static void test_rehearsed_and_saved_once(void) {
+    size_t size = 0;
+    begin(MUCH);
+    step_and_rehearse(true);
+    TEST_ASSERT_FALSE(tl_checkpointer_save(&checkpointer, TL_SECOND, &size));
+    step_and_rehearse(false);
+    uint64_t calls = fmu.calls[TL_TEST_SERIALIZE];
+    step_and_rehearse(false); /* once is enough */
+    TEST_ASSERT_EQUAL_UINT64(calls, fmu.calls[TL_TEST_SERIALIZE]);
+    tl_test_outbox_write(&box);
+    TEST_ASSERT_EQUAL_INT64(0, checkpoints());
+    TEST_ASSERT_TRUE(tl_checkpointer_save(&checkpointer, TL_SECOND, &size));
+    TEST_ASSERT_NOT_EQUAL_size_t(0, size);
+    tl_checkpointer_put(&checkpointer, run.sample.tick - 1, size);
+    tl_test_outbox_write(&box);
+    TEST_ASSERT_EQUAL_INT64(1, checkpoints());
+    play(INTERVAL + 2, 0);
+    close_recorder();
+    TEST_ASSERT_EQUAL_INT64(2, checkpoints());
+    expect_event("", 0);
+}
+
+/* What it will take is known, and is not begun if there is less left. */
+static void test_not_saved_without_time(void) {
+    size_t size = 1;
+    delay = TL_SECOND / 100;
+    begin(MUCH);
+    step_and_rehearse(false);
+    TEST_ASSERT_FALSE(tl_checkpointer_save(&checkpointer, TL_SECOND / 200, &size));
+    TEST_ASSERT_EQUAL_size_t(0, size);
+    delay = 0;
+    TEST_ASSERT_TRUE(tl_checkpointer_save(&checkpointer, TL_SECOND, &size));
+}
+
+/* It is saved though nobody would go on with the run, since a replay begins with it. */
+static void test_a_shadow_that_nobody_goes_on_with(void) {
+    size_t size = 0;
+    begin(MUCH);
+    assembly.config.record_resume = 0;
+    tl_checkpointer_init(&checkpointer, &assembly, &box.outbox, &journal);
+    step_and_rehearse(false);
+    TEST_ASSERT_TRUE(tl_checkpointer_save(&checkpointer, TL_SECOND, &size));
+}
+
+static void test_a_shadow_that_cannot_be_saved(void) {
+    size_t size = 0;
+    fmu.model.capabilities.can_serialize_state = false;
+    begin(MUCH);
+    assembly.config.record_resume = 0;
+    tl_checkpointer_init(&checkpointer, &assembly, &box.outbox, &journal);
+    step_and_rehearse(false);
+    TEST_ASSERT_FALSE(tl_checkpointer_save(&checkpointer, TL_SECOND, &size));
+    TEST_ASSERT_EQUAL_UINT64(0, fmu.calls[TL_TEST_SERIALIZE]);
+}
+
 int main(void) {
     tl_scratch_make(&scratch, TL_BINARY_DIR, "test_checkpointer");
     UNITY_BEGIN();
@@ -260,5 +325,9 @@ int main(void) {
     RUN_TEST(test_an_fmu_that_cannot);
     RUN_TEST(test_an_fmu_that_refuses);
     RUN_TEST(test_it_is_not_wanted);
+    RUN_TEST(test_rehearsed_and_saved_once);
+    RUN_TEST(test_not_saved_without_time);
+    RUN_TEST(test_a_shadow_that_nobody_goes_on_with);
+    RUN_TEST(test_a_shadow_that_cannot_be_saved);
     return tl_scratch_finish(&scratch, UNITY_END());
 }

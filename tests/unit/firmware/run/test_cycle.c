@@ -9,19 +9,15 @@
 
 #include "firmware/base/clock.h"
 #include "firmware/run/cycle.h"
+#include "tests/support/follower.h"
 #include "tests/support/scratch.h"
 #include "tests/support/sql.h"
 #include "tests/support/test_outbox.h"
-#include "tests/support/test_plan.h"
 
 #define MILLISECOND (TL_SECOND / 1000)
 #define PATIENCE (60 * TL_SECOND)
 
-static tl_test_log call_log;
-static tl_test_fmu fmu;
-static tl_test_plan plan;
-static tl_config_signal config_signal;
-static tl_assembly assembly;
+static tl_follower twin;
 static tl_mailbox_slot slots[256];
 static uint64_t posts;
 static tl_plant_input input;
@@ -31,6 +27,7 @@ static size_t checkpoint_bytes; /* room in it */
 static tl_fmu_thread *thread;
 static tl_cycle *cycle;
 static tl_cycle_status shown;
+static bool has_run;
 static tl_summary summary;
 static tl_error error;
 static tl_scratch scratch;
@@ -54,12 +51,12 @@ static unsigned long reset_call; /* in which it is found that the FMUs must begi
 
 static fmi2Status slow_step(fmi2Component component, fmi2Real point, fmi2Real size, fmi2Boolean final) {
     static unsigned long calls; /* of the cycle's thread alone */
-    calls = fmu.calls[TL_TEST_DO_STEP] == 0 ? 1 : calls + 1;
+    calls = twin.fmu.calls[TL_TEST_DO_STEP] == 0 ? 1 : calls + 1;
     if (calls == slow_call) {
         tl_clock_sleep_until(tl_clock_now(NULL) + slow_time);
     }
     if (calls == reset_call) {
-        tl_twin_reset(assembly.twin);
+        tl_twin_reset(twin.assembly.twin);
     }
     return quick_step(component, point, size, final);
 }
@@ -67,8 +64,6 @@ static fmi2Status slow_step(fmi2Component component, fmi2Real point, fmi2Real si
 /* ---- one twin: motor.y0 follows plant.speed, which is 5, by adjusting motor.u0 from 0 ---- */
 
 void setUp(void) {
-    tl_test_log_clear(&call_log);
-    memset(&assembly, 0, sizeof assembly);
     memset(slots, 0, sizeof slots);
     posts = 0;
     input = (tl_plant_input){.mailboxes = {{.slots = slots, .count = &posts, .depth = 256}}};
@@ -90,70 +85,28 @@ void setUp(void) {
 
 void tearDown(void) {
     if (cycle != NULL) {
-        (void)tl_cycle_stop(cycle, &summary, &error);
+        (void)tl_cycle_stop(cycle, &summary, &has_run, &error);
     }
     tl_test_outbox_close(&box);
     tl_fmu_thread_end(thread);
-    tl_twin_destroy(assembly.twin);
-    tl_test_fmu_end(&fmu);
+    tl_follower_end(&twin);
     tl_scratch_empty(&scratch);
-    TEST_ASSERT_EQUAL_STRING("", call_log.first_violation);
 }
 
 static void make_twin(tl_time step, tl_time duration, tl_measurements measurements) {
-    tl_test_fmu_init(&fmu, 1, false, &call_log);
-    quick_step = fmu.functions.do_step;
-    fmu.functions.do_step = slow_step;
-    tl_test_plan_init(&plan, step);
-    plan.plan.measurements = measurements;
-    (void)tl_test_plan_component(&plan, "motor", &fmu);
-    config_signal.plan = *tl_test_plan_signal(&plan, "speed", TL_REAL, "");
-    (void)tl_test_plan_adjust(&plan, "motor.u0", 1.0);
-    (void)tl_test_plan_match(&plan, "motor.y0", "plant.speed", 0.5);
-    assembly.twin = tl_test_plan_build(&plan);
-    TEST_ASSERT_EQUAL_STRING("", plan.problems[0].text);
-    assembly.config = (tl_config){
-        .name = "test",
-        .step = step,
-        .duration = duration,
-        .signals = &config_signal,
-        .signal_count = 1,
-        .adjust = plan.adjust,
-        .adjust_count = 1,
-        .match = plan.match,
-        .match_count = 1,
-        .measurements = measurements,
-        .budget_evaluations = 60,
-        .budget_time = step,
-    };
+    tl_follower_begin(&twin, step);
+    quick_step = twin.fmu.functions.do_step;
+    twin.fmu.functions.do_step = slow_step;
+    twin.plan.plan.measurements = measurements;
+    tl_follower_build(&twin, 0.5);
+    twin.assembly.config.duration = duration;
 }
 
 static void make_recorder(void) {
-    static const char *const COMPONENTS[] = {"motor", "plant"};
-    static const tl_recorder_signal SPEED = {.name = "speed", .unit = "", .type = TL_REAL};
-    static const tl_recorder_signal OUTPUT = {.name = "motor.y0", .unit = "", .to = "plant.speed", .type = TL_REAL};
-    static const tl_recorder_signal ADJUSTED = {.name = "motor.u0", .unit = "", .type = TL_REAL};
-    const tl_recorder_settings settings = {
-        .path = database,
-        .commit = 20 * MILLISECOND,
-        .verb = "run",
-        .name = "test",
-        .configuration = "{}",
-        .step = assembly.config.step,
-        .prediction = tl_twin_get_facts(assembly.twin).prediction,
-        .lead = tl_twin_get_facts(assembly.twin).lead,
-        .measurements = assembly.config.measurements,
-        .plant = &SPEED,
-        .match = &OUTPUT,
-        .adjust = &ADJUSTED,
-        .plant_count = 1,
-        .match_count = 1,
-        .adjust_count = 1,
-        .components = COMPONENTS,
-        .component_count = 2,
-        .known = &known,
-        .known_count = 1,
-    };
+    tl_recorder_settings settings = tl_follower_recording(&twin, database);
+    settings.commit = 20 * MILLISECOND;
+    settings.known = &known;
+    settings.known_count = 1;
     tl_test_outbox_open(&box, &settings, checkpoint_bytes);
 }
 
@@ -175,7 +128,7 @@ static void start(void) {
     tl_journal_init(&journal, NULL);
     tl_journal_listen(&journal, put_event, &box.outbox);
     post(5.0);
-    const tl_cycle_settings settings = {.assembly = &assembly,
+    const tl_cycle_settings settings = {.assembly = &twin.assembly,
                                         .thread = thread,
                                         .input = &input,
                                         .outbox = &box.outbox,
@@ -189,7 +142,7 @@ static void start(void) {
 static void watch(uint64_t ticks) {
     uint64_t steps = 0;
     uint64_t pending =
-        assembly.config.measurements == TL_AHEAD ? 1 : 0; /* the newest record is complete a tick later */
+        twin.assembly.config.measurements == TL_AHEAD ? 1 : 0; /* the newest record is complete a tick later */
     tl_time until = tl_clock_now(NULL) + PATIENCE;
     while (!shown.ended && shown.ticks < ticks) {
         TEST_ASSERT_TRUE_MESSAGE(tl_clock_now(NULL) < until, "the cycle does not go on");
@@ -204,7 +157,7 @@ static void watch(uint64_t ticks) {
 }
 
 static tl_status end(void) {
-    tl_status status = tl_cycle_stop(cycle, &summary, &error);
+    tl_status status = tl_cycle_stop(cycle, &summary, &has_run, &error);
     cycle = NULL;
     (void)tl_outbox_put_end(&box.outbox, "end");
     tl_test_outbox_close(&box);
@@ -226,7 +179,7 @@ static void expect_ledger(void) {
                             tl_sql_integer(database, "SELECT sum(predicted) FROM components"));
     for (size_t i = 0; i < 2; i++) {
         char sql[96];
-        tl_twin_ledger entry = tl_twin_get_ledger(assembly.twin, i);
+        tl_twin_ledger entry = tl_twin_get_ledger(twin.assembly.twin, i);
         (void)snprintf(sql, sizeof sql, "SELECT executions FROM components WHERE name = '%s'", entry.name);
         TEST_ASSERT_EQUAL_INT64((int64_t)entry.executions, tl_sql_integer(database, sql));
     }
@@ -299,7 +252,7 @@ static void test_missed_ticks_are_made_up(void) {
 /* Made up with a budget that is over at once: one at a time, and still all of them. */
 static void test_missed_ticks_without_time(void) {
     make_twin(2 * MILLISECOND, 100 * MILLISECOND, TL_LAG);
-    assembly.config.budget_time = 1;
+    twin.assembly.config.budget_time = 1;
     slow_call = 5;
     slow_time = 30 * MILLISECOND;
     start();
@@ -314,9 +267,9 @@ static void test_missed_ticks_without_time(void) {
 /* It is recorded, and so is the twin as it is from then on, though the next checkpoint would be due after 500 ticks. */
 static void test_fmus_that_begin_anew(void) {
     make_twin(20 * MILLISECOND, 800 * MILLISECOND, TL_LAG);
-    fmu.model.capabilities.can_serialize_state = true;
-    assembly.config.record_resume = TL_SECOND;
-    assembly.config.budget_time = TL_SECOND; /* there is time for one after every tick that is not missed */
+    twin.fmu.model.capabilities.can_serialize_state = true;
+    twin.assembly.config.record_resume = TL_SECOND;
+    twin.assembly.config.budget_time = TL_SECOND; /* there is time for one after every tick that is not missed */
     checkpoint_bytes = (size_t)1 << 20;
     reset_call = 30;
     start();
@@ -326,20 +279,20 @@ static void test_fmus_that_begin_anew(void) {
     expect_ledger();
     TEST_ASSERT_EQUAL_INT64(1, tl_sql_integer(database, "SELECT count(*) FROM steps WHERE flags & 32"));
     TEST_ASSERT_EQUAL_INT64(1, tl_sql_integer(database, "SELECT count(*) FROM v_steps WHERE flags LIKE '%reset%'"));
-    TEST_ASSERT_EQUAL_UINT64(1, fmu.calls[TL_TEST_RESET]);
+    TEST_ASSERT_EQUAL_UINT64(1, twin.fmu.calls[TL_TEST_RESET]);
     TEST_ASSERT_EQUAL_INT64(1, tl_sql_integer(database, "SELECT count(*) FROM checkpoints WHERE tick >= "
                                                         "(SELECT step + 1 FROM steps WHERE flags & 32)"));
     for (size_t i = 0; i < 2; i++) {
-        TEST_ASSERT_EQUAL_INT64(0, tl_twin_get_ledger(assembly.twin, i).difference);
+        TEST_ASSERT_EQUAL_INT64(0, tl_twin_get_ledger(twin.assembly.twin, i).difference);
     }
 }
 
 /* A twin whose tolerance is so wide that nothing is ever searched, until it is told another one. */
 static void begin_wide(tl_time step, tl_measurements measurements) {
     make_twin(step, 0, measurements);
-    tl_config_tuning(&assembly.config, &told.tuning);
+    tl_config_tuning(&twin.assembly.config, &told.tuning);
     told.tuning.match[0].tolerance = 100.0;
-    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_assembly_retune(&assembly, &told.tuning, &error), error.text);
+    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_assembly_retune(&twin.assembly, &told.tuning, &error), error.text);
     start();
     watch(20);
     told.tuning.match[0].tolerance = 0.5;
@@ -376,8 +329,8 @@ static void retune_in_mode(tl_measurements measurements) {
     int64_t lead = measurements == TL_AHEAD ? 0 : 1;
     TEST_ASSERT_EQUAL_UINT32(0, heard.refused);
     TEST_ASSERT_TRUE(heard.tick >= 20);
-    TEST_ASSERT_EQUAL_DOUBLE(0.5, assembly.config.match[0].tolerance);
-    TEST_ASSERT_EQUAL_INT64(MILLISECOND, assembly.config.budget_time);
+    TEST_ASSERT_EQUAL_DOUBLE(0.5, twin.assembly.config.match[0].tolerance);
+    TEST_ASSERT_EQUAL_INT64(MILLISECOND, twin.assembly.config.budget_time);
     TEST_ASSERT_EQUAL_INT64(heard.tick, tl_sql_integer(database, "SELECT tick FROM tunings"));
     TEST_ASSERT_EQUAL_STRING("ann|test|it was wrong",
                              tl_sql_text(database, "SELECT who || '|' || origin || '|' || why FROM tunings"));
@@ -416,7 +369,7 @@ static void test_a_tuning_that_is_refused(void) {
     TEST_ASSERT_EQUAL_STRING("a tuning came with a digest that is none", heard.why);
     watch(shown.ticks + 5);
     TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, end(), error.text);
-    TEST_ASSERT_EQUAL_DOUBLE(100.0, assembly.config.match[0].tolerance);
+    TEST_ASSERT_EQUAL_DOUBLE(100.0, twin.assembly.config.match[0].tolerance);
     TEST_ASSERT_EQUAL_INT64(0, tl_sql_integer(database, "SELECT count(*) FROM tunings"));
     TEST_ASSERT_EQUAL_INT64(2, tl_sql_integer(database, "SELECT count(*) FROM events WHERE source = 'retune' AND "
                                                         "severity = 1 AND text LIKE 'configuration % refused: %'"));
@@ -444,7 +397,7 @@ static void test_a_tuning_that_is_in_force_already(void) {
     tearDown();
     setUp();
     make_twin(2 * MILLISECOND, 20 * MILLISECOND, TL_LAG);
-    tl_config_tuning(&assembly.config, &told.tuning);
+    tl_config_tuning(&twin.assembly.config, &told.tuning);
     tell(2);
     make_recorder();
     tl_run_tuning configured = {.number = 2, .values = told.tuning};
@@ -460,19 +413,19 @@ static void test_a_tuning_that_is_in_force_already(void) {
 static void test_a_tuning_of_a_run_that_got_nowhere(void) {
     static tl_outbox_start before;
     make_twin(2 * MILLISECOND, 20 * MILLISECOND, TL_LAG);
-    tl_config_tuning(&assembly.config, &told.tuning);
+    tl_config_tuning(&twin.assembly.config, &told.tuning);
     told.tuning.margin = 0.25;
     tell(2);
     make_recorder();
     tl_run_tuning taken = {.tick = 5, .number = 2, .values = told.tuning};
     memcpy(taken.hash, told.hash, sizeof taken.hash);
-    tl_account_take(assembly.twin, &before.account);
+    tl_account_take(twin.assembly.twin, &before.account);
     TEST_ASSERT_TRUE(tl_outbox_put_start(&box.outbox, &before) && tl_outbox_put_tuning(&box.outbox, &taken));
     TEST_ASSERT_TRUE(tl_outbox_put_end(&box.outbox, "could not go on with an earlier run"));
     start();
     watch(UINT64_MAX);
     TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, end(), error.text);
-    TEST_ASSERT_EQUAL_DOUBLE(0.25, assembly.config.margin);
+    TEST_ASSERT_EQUAL_DOUBLE(0.25, twin.assembly.config.margin);
     TEST_ASSERT_EQUAL_INT64(0, tl_sql_integer(database, "SELECT tick FROM tunings WHERE run = 2"));
     TEST_ASSERT_EQUAL_INT64(1, tl_sql_integer(database, "SELECT count(*) FROM tunings WHERE run = 2"));
 }
@@ -521,7 +474,7 @@ static void test_stops_without_the_last_measurement(void) {
 
 static void test_a_twin_that_fails_ends_it(void) {
     make_twin(MILLISECOND, 0, TL_LAG);
-    tl_test_fmu_fail(&fmu, TL_TEST_DO_STEP, TL_TEST_ERROR, 30, UINT64_MAX);
+    tl_test_fmu_fail(&twin.fmu, TL_TEST_DO_STEP, TL_TEST_ERROR, 30, UINT64_MAX);
     start();
     watch(UINT64_MAX);
     TEST_ASSERT_TRUE(shown.ended);

@@ -51,6 +51,28 @@ static void test_events_are_logged_in_order(void) {
     expect_drained("");
 }
 
+static void count_heard(void *context, int64_t tick, tl_severity severity, const char *source, const char *text) {
+    size_t *heard = context;
+    TEST_ASSERT_TRUE(tick != 7 && severity != TL_EVENT_WARNING && source != NULL && text != NULL);
+    (*heard)++;
+}
+
+/* What happens in a shadow is heard by nobody, and logged as such. */
+static void test_what_is_set_apart(void) {
+    size_t heard = 0;
+    tl_journal_listen(&journal, count_heard, &heard);
+    tl_journal_event(&journal, 6, TL_EVENT_INFO, "cycle", "before");
+    tl_journal_set_apart(&journal, true);
+    TEST_ASSERT_TRUE(tl_journal_is_apart(&journal));
+    tl_journal_event(&journal, 7, TL_EVENT_WARNING, "cycle", "meanwhile");
+    tl_journal_set_apart(&journal, false);
+    tl_journal_event(&journal, 8, TL_EVENT_INFO, "cycle", "after");
+    TEST_ASSERT_EQUAL_size_t(2, heard);
+    expect_drained("twinlock: notice: cycle: before\n"
+                   "twinlock: warning: shadow: cycle: meanwhile\n"
+                   "twinlock: notice: cycle: after\n");
+}
+
 static void test_what_is_too_long_is_cut(void) {
     char text[2 * TL_JOURNAL_TEXT];
     memset(text, 'x', sizeof text - 1);
@@ -175,6 +197,7 @@ int main(void) {
     tl_scratch_make(&scratch, TL_BINARY_DIR, "test_journal");
     UNITY_BEGIN();
     RUN_TEST(test_events_are_logged_in_order);
+    RUN_TEST(test_what_is_set_apart);
     RUN_TEST(test_what_is_too_long_is_cut);
     RUN_TEST(test_what_has_no_room_is_counted);
     RUN_TEST(test_many_rounds);

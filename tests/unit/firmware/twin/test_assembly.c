@@ -6,6 +6,7 @@
 
 #include <unity.h>
 
+#include "firmware/base/identity.h"
 #include "firmware/twin/assembly.h"
 #include "tests/support/assembly_recorder.h"
 #include "tests/support/config_text.h"
@@ -125,6 +126,27 @@ static void test_components_share_an_fmu(void) {
     TEST_ASSERT_EQUAL_size_t(2, assembly.fmu_count);
     TEST_ASSERT_EQUAL_size_t(4, tl_twin_get_facts(assembly.twin).components);
     TEST_ASSERT_EQUAL_PTR(assembly.components[0].model, assembly.components[2].model);
+}
+
+/* Which of the installed files is meant. */
+static void test_an_fmu_by_its_hash(void) {
+    char hash[TL_SHA256_TEXT];
+    char text[256];
+    FILE *file = fopen(TL_BINARY_DIR "/fmus/motor.fmu", "rb");
+    TEST_ASSERT_NOT_NULL(file);
+    TEST_ASSERT_TRUE(tl_identity_open_file(fileno(file), hash));
+    (void)fclose(file);
+    (void)snprintf(text, sizeof text, "\"motor.fmu\", \"sha256\": \"%s\"", hash);
+    TEST_ASSERT_EQUAL_INT(TL_OK, load("\"motor.fmu\"", text));
+    TEST_ASSERT_EQUAL_STRING("", said);
+    tearDown();
+    setUp();
+    (void)snprintf(text, sizeof text, "\"drive.fmu\", \"sha256\": \"%s\"", hash);
+    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, load("\"drive.fmu\"", text));
+    expect_said("components.drive: another file is meant than ");
+    (void)snprintf(text, sizeof text, ", expected %s; install that one", hash);
+    expect_said(text);
+    TEST_ASSERT_NULL(assembly.twin);
 }
 
 static void test_all_fmus_that_are_missing_are_said(void) {
@@ -349,6 +371,7 @@ int main(void) {
     RUN_TEST(test_modes_reach_the_plan);
     RUN_TEST(test_in_two_parts);
     RUN_TEST(test_components_share_an_fmu);
+    RUN_TEST(test_an_fmu_by_its_hash);
     RUN_TEST(test_all_fmus_that_are_missing_are_said);
     RUN_TEST(test_a_configuration_that_is_wrong);
     RUN_TEST(test_a_twin_that_cannot_be_built);

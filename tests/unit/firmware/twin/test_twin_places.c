@@ -9,7 +9,7 @@
 #include "firmware/twin/twin_places.h"
 #include "tests/support/scratch.h"
 
-enum { MANY = TL_TWIN_PLACES + 44 };
+enum { MANY = 2 * TL_TWIN_PLACES + 44 };
 
 static const char *const variables[] = {"LD_LIBRARY_PATH", "PYTHONPATH", "LOCPATH",
                                         "PYTHONHOME",      "PATH",       TL_TWIN_PLACES_HOME};
@@ -199,15 +199,28 @@ static void test_never_everything(void) {
     assembly.libraries = NULL;
 }
 
+/* What is named twice is one place. */
 static void test_more_than_there_is_room_for(void) {
     static tl_config_name reads[MANY];
+    static char names[MANY][16];
     for (size_t i = 0; i < MANY; i++) {
-        reads[i].name = "data";
+        (void)snprintf(names[i], sizeof names[i], "many-%zu", i / 2);
+        if (i % 2 == 0) {
+            make_file(names[i]);
+        }
+        reads[i].name = names[i];
     }
     component.reads = reads;
+    component.read_count = 20;
+    tl_twin_places_find(&assembly, &places);
+    TEST_ASSERT_EQUAL_size_t(10, places.count);
+    tl_twin_places_free(&places);
     component.read_count = MANY;
     tl_twin_places_find(&assembly, &places);
     TEST_ASSERT_EQUAL_size_t(TL_TWIN_PLACES, places.count);
+    for (size_t i = 0; i < MANY; i += 2) {
+        (void)unlink(in_root(names[i]));
+    }
 }
 
 static void test_freed_it_is_empty(void) {

@@ -161,8 +161,11 @@ void setUp(void) {
     seen = block.bytes;
     order = (tl_twin_job){.task = TL_TASK_LIVE, .path = LOCK, .text = config.text};
     act("end");
-    settings = (tl_twin_process_settings){
-        .job = &order, .config = &config, .title = "twin [motor]", .calls = &seen->calls, .tasks = &tasks};
+    settings = (tl_twin_process_settings){.job = &order,
+                                          .fmus = tl_twin_fmus_of(&config),
+                                          .title = "twin [motor]",
+                                          .calls = &seen->calls,
+                                          .tasks = &tasks};
     for (int i = 0; i < TL_ROLE_DESCRIPTORS; i++) {
         settings.given[i] = -1;
     }
@@ -234,6 +237,32 @@ static void test_it_lives_confined(void) {
     TEST_ASSERT_EQUAL_INT(facts.user && geteuid() == 0, seen->facts.user);
     TEST_ASSERT_EQUAL_UINT(seen->facts.user ? 0x70000000U + (unsigned)getpid() : getuid(), seen->user);
     TEST_ASSERT_TRUE(seen->has_files);
+}
+
+/* Two at a time can do nothing to each other. */
+static void test_another_one_is_another_user(void) {
+    settings.which = 1;
+    start();
+    expect_end(DONE, 0);
+    TEST_ASSERT_EQUAL_UINT(seen->facts.user ? 0x70400000U + (unsigned)getpid() : getuid(), seen->user);
+}
+
+/* Who does not read the configuration knows no less than who does. */
+static void test_numbers_bound_as_much_as_files(void) {
+    uint64_t bytes = 0;
+    for (size_t i = 0; i < config.component_count; i++) {
+        char path[PATH_MAX];
+        struct stat about;
+        TEST_ASSERT_TRUE(tl_config_fmu_path(&config, config.components[i].fmu, path, sizeof path));
+        TEST_ASSERT_EQUAL_INT(0, stat(path, &about));
+        bytes += (uint64_t)about.st_size;
+    }
+    const tl_twin_fmus of_files = tl_twin_fmus_of(&config);
+    const tl_twin_fmus of_numbers = tl_twin_fmus_of_numbers(config.component_count, bytes);
+    TEST_ASSERT_EQUAL_size_t(of_files.count, of_numbers.count);
+    TEST_ASSERT_GREATER_OR_EQUAL_UINT64(of_files.unpacked_bytes, of_numbers.unpacked_bytes);
+    const tl_twin_fmus most = tl_twin_fmus_of_numbers(2, UINT64_MAX);
+    TEST_ASSERT_EQUAL_UINT64(UINT64_C(2) * 1024 * 1024 * 1024, most.unpacked_bytes);
 }
 
 /* Safe hold touches no FMU. Numbers beside those that every such process has are those that were given. */
@@ -556,6 +585,8 @@ int main(int argc, char **argv) {
     (void)chmod(scratch.folder, S_IRWXU | S_IXOTH); /* open to another user */
     UNITY_BEGIN();
     RUN_TEST(test_it_lives_confined);
+    RUN_TEST(test_another_one_is_another_user);
+    RUN_TEST(test_numbers_bound_as_much_as_files);
     RUN_TEST(test_it_holds);
     RUN_TEST(test_it_holds_confined);
     RUN_TEST(test_it_holds_without_a_folder);

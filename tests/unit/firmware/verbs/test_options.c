@@ -140,6 +140,7 @@ static void test_values_that_are_refused(void) {
     static const char *const timeouts[] = {"0", "0.5", "2.5", "3601", "soon", "-3", "nan", ""};
     for (size_t i = 0; i < sizeof timeouts / sizeof timeouts[0]; i++) {
         expect_wrong(TL_VERB_RUN, "--watchdog-timeout", timeouts[i], "whole seconds from 1 to 3600, for example 30");
+        expect_wrong(TL_VERB_RELOAD, "--shadow", timeouts[i], "whole seconds from 1 to 3600, for example 60");
     }
     static const char *const runs[] = {"0", "-1", "x", "1x", "", "9223372036854775808", "99999999999999999999"};
     for (size_t i = 0; i < sizeof runs / sizeof runs[0]; i++) {
@@ -158,6 +159,16 @@ static void test_options_that_need_another(void) {
     expect_said("--state needs --supervise\n");
     TEST_ASSERT_EQUAL_INT(TL_OPTIONS_WRONG, READ(TL_VERB_RUN, "c", "--watchdog-timeout", "3", "--supervise"));
     expect_said("--watchdog-timeout needs --watchdog DEVICE\n");
+}
+
+/* What would be ignored is not taken. */
+static void test_options_of_no_use(void) {
+    TEST_ASSERT_EQUAL_INT(TL_OPTIONS_WRONG, READ(TL_VERB_RELOAD, "c", "--state", "--probation", "3"));
+    expect_said("--probation is of no use with --state\n");
+    TEST_ASSERT_EQUAL_INT(TL_OPTIONS_WRONG, READ(TL_VERB_RELOAD, "c", "--why", "x", "--confirm"));
+    expect_said("--why is of no use with --confirm\n");
+    TEST_ASSERT_EQUAL_INT(TL_OPTIONS_READ, READ(TL_VERB_RELOAD, "c", "--versions", "--control", "s"));
+    TEST_ASSERT_EQUAL_INT(TL_OPTIONS_READ, READ(TL_VERB_RELOAD, "c", "--rollback", "--why", "x", "--wait"));
 }
 
 /* Each verb has its options once, and of values that are checked it is said what they should be. */
@@ -184,6 +195,7 @@ int main(void) {
     RUN_TEST(test_since);
     RUN_TEST(test_values_that_are_refused);
     RUN_TEST(test_options_that_need_another);
+    RUN_TEST(test_options_of_no_use);
     RUN_TEST(test_the_table);
     return UNITY_END();
 }

@@ -149,8 +149,6 @@ static void test_evaluations(void) {
 
 static void test_what_takes_a_new_twin(void) {
     static const one changes[] = {
-        {"\"name\": \"motor\"", "\"name\": \"pump\"", TL_CHANGE_NEW_TWIN, TL_CHANGE_BY_RETUNE,
-         "name: \"motor\" → \"pump\" (new twin)"},
         {"\"R\": 1", "\"R\": 1.25", TL_CHANGE_NEW_TWIN, TL_CHANGE_BY_RETUNE,
          "components.motor.set.R: 1 → 1.25 (new twin)"},
         {"\"table\": 2", "\"table\": \"/srv/other\"", TL_CHANGE_NEW_TWIN, TL_CHANGE_ON_THE_BOX,
@@ -181,23 +179,33 @@ static void test_what_takes_a_new_twin(void) {
     }
 }
 
+static void test_what_takes_new_sources(void) {
+    static const one changes[] = {
+        {"\"stale_s\": 0.5", "\"stale_s\": 1", TL_CHANGE_NEW_SOURCES, TL_CHANGE_BY_RETUNE,
+         "plant.omega.stale_s: 0.5 → 1 (new sources)"},
+        {"\"plant\": {", "\"plant\": {\"i\": {\"csv\": {\"source\": \"inverter\"}}, ", TL_CHANGE_NEW_SOURCES,
+         TL_CHANGE_BY_RETUNE, "plant.i: {\"csv\":{\"source\":\"inverter\"}} is added (new sources)"},
+        {"\"plant\": {", "\"plant\": {\"i\": {\"gpio\": {\"line\": \"door\"}}, ", TL_CHANGE_NEW_SOURCES,
+         TL_CHANGE_BY_COMMISSION,
+         "plant.i: {\"gpio\":{\"line\":\"door\"}} is added (new sources, needs the right to commission)"},
+        {"10.0.0.5", "10.0.0.6", TL_CHANGE_NEW_SOURCES, TL_CHANGE_BY_COMMISSION,
+         "sources.inverter.modbus_tcp.host: \"10.0.0.5\" → \"10.0.0.6\" (new sources, needs the right to commission)"},
+        {"\"sources\": {", "\"sources\": {\"lines\": {\"gpio\": {}}, ", TL_CHANGE_NEW_SOURCES, TL_CHANGE_BY_COMMISSION,
+         "sources.lines: {\"gpio\":{}} is added (new sources, needs the right to commission)"},
+        {"\"period_s\": 0.01", "\"period_s\": 0.1", TL_CHANGE_NEW_SOURCES, TL_CHANGE_BY_RETUNE,
+         "sources.inverter.modbus_tcp.period_s: 0.01 → 0.1 (new sources)"},
+    };
+    for (size_t i = 0; i < sizeof changes / sizeof changes[0]; i++) {
+        expect_one(&changes[i]);
+    }
+}
+
 static void test_what_takes_a_restart(void) {
     static const one changes[] = {
+        {"\"name\": \"motor\"", "\"name\": \"pump\"", TL_CHANGE_RESTART, TL_CHANGE_BY_RETUNE,
+         "name: \"motor\" → \"pump\" (restart)"},
         {"\"step_s\": 0.01", "\"step_s\": 0.02", TL_CHANGE_RESTART, TL_CHANGE_BY_RETUNE,
          "step_s: 0.01 → 0.02 (restart)"},
-        {"\"stale_s\": 0.5", "\"stale_s\": 1", TL_CHANGE_RESTART, TL_CHANGE_BY_RETUNE,
-         "plant.omega.stale_s: 0.5 → 1 (restart)"},
-        {"\"plant\": {", "\"plant\": {\"i\": {\"csv\": {\"source\": \"inverter\"}}, ", TL_CHANGE_RESTART,
-         TL_CHANGE_BY_RETUNE, "plant.i: {\"csv\":{\"source\":\"inverter\"}} is added (restart)"},
-        {"\"plant\": {", "\"plant\": {\"i\": {\"gpio\": {\"line\": \"door\"}}, ", TL_CHANGE_RESTART,
-         TL_CHANGE_BY_COMMISSION,
-         "plant.i: {\"gpio\":{\"line\":\"door\"}} is added (restart, needs the right to commission)"},
-        {"10.0.0.5", "10.0.0.6", TL_CHANGE_RESTART, TL_CHANGE_BY_COMMISSION,
-         "sources.inverter.modbus_tcp.host: \"10.0.0.5\" → \"10.0.0.6\" (restart, needs the right to commission)"},
-        {"\"sources\": {", "\"sources\": {\"lines\": {\"gpio\": {}}, ", TL_CHANGE_RESTART, TL_CHANGE_BY_COMMISSION,
-         "sources.lines: {\"gpio\":{}} is added (restart, needs the right to commission)"},
-        {"\"period_s\": 0.01", "\"period_s\": 0.1", TL_CHANGE_RESTART, TL_CHANGE_BY_RETUNE,
-         "sources.inverter.modbus_tcp.period_s: 0.01 → 0.1 (restart)"},
         {"run.db", "/srv/run.db", TL_CHANGE_RESTART, TL_CHANGE_ON_THE_BOX,
          "record.file: \"run.db\" → \"/srv/run.db\" (restart, on the box only)"},
         {"\"commit_s\": 1", "\"commit_s\": 2", TL_CHANGE_RESTART, TL_CHANGE_BY_RETUNE,
@@ -219,7 +227,7 @@ static void test_the_same(void) {
     expect_needs(TL_CHANGE_NONE, TL_CHANGE_BY_RETUNE, 0, "");
 }
 
-/* A tuning tells numbers by the places of what they are of: those may not change places. */
+/* A tuning tells numbers by the places of what they are of, a mail signals: those may not change places. */
 static void test_order(void) {
     char text[TL_CONFIG_EDIT_TEXT];
     find("{\"synchronise\": {\"adjust\": {}, \"match\": {\"a.x\": {\"tolerance\": 1}, \"a.y\": {\"tolerance\": 2}}}}",
@@ -232,6 +240,8 @@ static void test_order(void) {
          "{\"synchronise\": {\"adjust\": {\"a.v\": {\"step\": 1}, \"a.u\": {\"step\": 1}}}}");
     expect_needs(TL_CHANGE_NEW_TWIN, TL_CHANGE_BY_RETUNE, 1, "");
     find("{\"plant\": {\"x\": {}, \"y\": {}}}", "{\"plant\": {\"y\": {}, \"x\": {}}}");
+    expect_needs(TL_CHANGE_NEW_SOURCES, TL_CHANGE_BY_RETUNE, 1, "");
+    find("{\"sources\": {\"x\": {}, \"y\": {}}}", "{\"sources\": {\"y\": {}, \"x\": {}}}");
     expect_needs(TL_CHANGE_NONE, TL_CHANGE_BY_RETUNE, 0, "");
 }
 
@@ -247,8 +257,8 @@ static void test_a_full_list(void) {
         a += snprintf(before + a, ROOM - (size_t)a, ", \"k%03d\": 1", i);
         b += snprintf(after + b, ROOM - (size_t)b, ", \"k%03d\": %s", i, i == 150 ? "\"x\"" : "2");
     }
-    (void)snprintf(before + a, ROOM - (size_t)a, "}}}, \"name\": \"a\", \"step_s\": 1}");
-    (void)snprintf(after + b, ROOM - (size_t)b, "}}}, \"name\": \"b\", \"step_s\": 2}");
+    (void)snprintf(before + a, ROOM - (size_t)a, "}}}, \"connect\": 1, \"step_s\": 1}");
+    (void)snprintf(after + b, ROOM - (size_t)b, "}}}, \"connect\": 2, \"step_s\": 2}");
     find(before, after);
     free(before);
     free(after);
@@ -396,12 +406,14 @@ static void turn_round(cJSON *root) {
     }
 }
 
-/* Objects whose entries a twin knows by their places, and that have several. */
-static size_t count_places(const cJSON *root) {
+/* Objects whose entries are known by their places, and that have several: those of a twin, and the plant's signals. */
+static size_t count_places(const cJSON *root, tl_change_kind *kind) {
     const cJSON *synchronise = cJSON_GetObjectItemCaseSensitive(root, "synchronise");
     int matched = cJSON_GetArraySize(cJSON_GetObjectItemCaseSensitive(synchronise, "match"));
     int adjusted = cJSON_GetArraySize(cJSON_GetObjectItemCaseSensitive(synchronise, "adjust"));
-    return (matched > 1 ? 1U : 0U) + (adjusted > 1 ? 1U : 0U);
+    int signals = cJSON_GetArraySize(cJSON_GetObjectItemCaseSensitive(root, "plant"));
+    *kind = signals > 1 ? TL_CHANGE_NEW_SOURCES : matched > 1 || adjusted > 1 ? TL_CHANGE_NEW_TWIN : TL_CHANGE_NONE;
+    return (matched > 1 ? 1U : 0U) + (adjusted > 1 ? 1U : 0U) + (signals > 1 ? 1U : 0U);
 }
 
 static void check_order_and_space(const cJSON *root, const char *about) {
@@ -410,9 +422,10 @@ static void check_order_and_space(const cJSON *root, const char *about) {
     char *text = cJSON_Print(root);
     char *turned = cJSON_PrintUnformatted(copy);
     TEST_ASSERT_NOT_EQUAL_INT(0, strcmp(text, turned));
-    size_t places = count_places(root);
+    tl_change_kind kind = TL_CHANGE_NONE;
+    size_t places = count_places(root, &kind);
     find(text, turned);
-    expect_needs(places > 0 ? TL_CHANGE_NEW_TWIN : TL_CHANGE_NONE, TL_CHANGE_BY_RETUNE, places, about);
+    expect_needs(kind, TL_CHANGE_BY_RETUNE, places, about);
     cJSON_free(text);
     cJSON_free(turned);
     cJSON_Delete(copy);
@@ -446,6 +459,7 @@ int main(void) {
     RUN_TEST(test_values_of_these_keys_that_are_not);
     RUN_TEST(test_evaluations);
     RUN_TEST(test_what_takes_a_new_twin);
+    RUN_TEST(test_what_takes_new_sources);
     RUN_TEST(test_what_takes_a_restart);
     RUN_TEST(test_the_same);
     RUN_TEST(test_order);

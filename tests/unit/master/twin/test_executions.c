@@ -436,7 +436,7 @@ static void an_fmu_without_states_is_refused_whatever_is_kept(void) {
         make_mixed(TL_STATIC);
         plan.plan.saving = BOTH;
         plan.components[1].keep = keeps[i];
-        network.fmus[1].model.capabilities.can_get_and_set_state = false;
+        network.fmus[1].functions.get_fmu_state = NULL;
         TEST_ASSERT_NULL(tl_test_plan_build(&plan));
         TEST_ASSERT_NOT_NULL(tl_test_plan_problem(&plan, "components.k1", "canGetAndSetFMUstate"));
         TEST_ASSERT_EQUAL_UINT64(1, plan.report.count);

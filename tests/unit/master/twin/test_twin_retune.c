@@ -393,6 +393,22 @@ static void what_the_twin_was_built_as_stays(void) {
     retune();
 }
 
+static void begin_with_few(tl_test_plan *test) {
+    begin_with(test);
+    test->plan.evaluations = 27;
+}
+
+/* A budget that was small in the beginning may grow to what is usual. */
+static void a_small_budget_may_grow(void) {
+    scene.change = begin_with_few;
+    tl_test_scene_build(&scene, TL_SCENE_LAG);
+    tl_twin_get_tuning(run->twin, &given);
+    TEST_ASSERT_EQUAL_UINT64(27, given.evaluations);
+    given.evaluations = 60;
+    retune();
+    REFUSED(evaluations = 61, "found 61 evaluations, and the running twin has room for 60");
+}
+
 static void a_boolean_is_0_or_1(void) {
     scene.change = begin_with;
     tl_test_scene_build(&scene, TL_SCENE_FLAG);
@@ -417,6 +433,7 @@ int main(void) {
     RUN_TEST(what_the_fmu_declares_holds_as_before);
     RUN_TEST(numbers_that_cannot_be_are_refused);
     RUN_TEST(what_the_twin_was_built_as_stays);
+    RUN_TEST(a_small_budget_may_grow);
     RUN_TEST(a_boolean_is_0_or_1);
     return UNITY_END();
 }

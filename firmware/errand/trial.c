@@ -1,0 +1,189 @@
+/* The trial: see trial.h. */
+#include "firmware/errand/trial.h"
+
+#include <limits.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/resource.h>
+#include <sys/stat.h>
+
+#include "firmware/base/log.h"
+#include "firmware/config/config.h"
+#include "firmware/config/config_same_signals.h"
+#include "firmware/config/problems.h"
+#include "firmware/errand/errand.h"
+#include "firmware/errand/trial_answer.h"
+#include "firmware/errand/twin_cost.h"
+#include "firmware/plant/live_plant.h"
+#include "firmware/plant/plant_mail.h"
+#include "firmware/twin/twin_child.h"
+
+/* The plant's twin goes first. */
+enum { NICE = 10 };
+
+static const tl_time CALL_LIMIT = 60 * TL_SECOND;
+
+static bool is_unconfined(const tl_errand_job *job, const tl_config *config) {
+    bool unconfined = job->unconfined;
+    for (size_t i = 0; i < config->component_count; i++) {
+        unconfined = unconfined || config->components[i].unconfined;
+    }
+    return unconfined;
+}
+
+static tl_status check(const tl_errand_job *job, tl_config *config, FILE *page, const tl_twin_role_tasks *tasks,
+                       tl_error *error) {
+    tl_config_use_lookups(config);
+    const tl_twin_job order = {
+        .task = TL_TASK_CHECK,
+        .path = job->path,
+        .text = config->text,
+        .cost = true,
+        .unconfined = is_unconfined(job, config),
+    };
+    const tl_twin_child_settings settings = {
+        .job = &order,
+        .config = config,
+        .page = page,
+        .print_page = tasks->print_page,
+        .call_limit = CALL_LIMIT,
+        .memory_limit = job->memory_limit,
+    };
+    tl_twin_child *child = NULL;
+    tl_status status = tl_twin_child_start(&settings, &child, error);
+    if (status == TL_OK) {
+        status = tl_twin_child_check(child, error);
+    }
+    if (child != NULL && status == TL_OK) {
+        status = tl_twin_child_wait(child, error);
+    }
+    tl_twin_child_close(child);
+    return status;
+}
+
+/* ---- the plant ---- */
+
+/* Names of the file's signals, as far as they fit. */
+static void list_unseen(const tl_same_signals *same, const tl_config *config, char text[TL_TRIAL_BLIND]) {
+    text[0] = '\0';
+    for (size_t i = 0; i < same->count; i++) {
+        size_t length = strlen(text);
+        if (same->of[i] == TL_NO_SUCH_SIGNAL && config->signals[i].of == i) {
+            (void)snprintf(text + length, TL_TRIAL_BLIND - length, "%s%s", length == 0 ? "" : ", ",
+                           config->signals[i].plan.name);
+        }
+    }
+}
+
+/* Against what is in force. */
+static tl_status compare_plants(const tl_errand_job *job, const tl_config *config, tl_trial_answer *told,
+                                tl_error *error) {
+    tl_config in_force;
+    tl_problems problems;
+    tl_plant_mail_shape shape;
+    tl_same_signals same;
+    tl_problems_init(&problems, "the configuration in force");
+    tl_status status =
+        tl_config_read_text(job->path, job->in_force, strlen(job->in_force), &in_force, &problems.report);
+    if (status != TL_OK) {
+        return tl_fail(error, status, "the configuration in force cannot be read");
+    }
+    tl_config_use_lookups(&in_force);
+    status = tl_config_same_signals(&in_force, config, &same, error);
+    tl_config_free(&in_force);
+    tl_plant_mail_shape_of(config, &shape);
+    told->signals = (uint32_t)config->signal_count;
+    told->mail_bytes = tl_plant_mail_bytes(&shape);
+    told->other_plant = same.is_each ? 0 : 1;
+    told->unseen = (uint32_t)same.unseen;
+    told->lacks_input = tl_same_signals_lack_input(&same, config) ? 1 : 0;
+    list_unseen(&same, config, told->blind);
+    return status;
+}
+
+/* ---- the answer ---- */
+
+static uint64_t fmu_bytes(const tl_config *config) {
+    uint64_t sum = 0;
+    for (size_t i = 0; i < config->component_count; i++) {
+        char path[PATH_MAX];
+        struct stat about;
+        if (tl_config_fmu_path(config, config->components[i].fmu, path, sizeof path) && stat(path, &about) == 0) {
+            sum += (uint64_t)about.st_size;
+        }
+    }
+    return sum;
+}
+
+/* Of the process of the FMUs, which has ended: as the kernel says. */
+static uint64_t resident_bytes(void) {
+    struct rusage usage = {.ru_maxrss = 0};
+    (void)getrusage(RUSAGE_CHILDREN, &usage);
+    return 1024 * (uint64_t)usage.ru_maxrss;
+}
+
+/* Its block is opened only now: no FMU has been near it. */
+static tl_status answer(const tl_errand_job *job, const tl_config *config, char *page, tl_error *error) {
+    tl_twin_cost cost = {.least = 0};
+    void *block = NULL;
+    if (!tl_twin_cost_take(page, &cost)) {
+        return tl_fail(error, TL_FMU_FAILED, "the check does not say what the twin costs");
+    }
+    tl_status status = tl_errand_take_answer(sizeof(tl_trial_answer), &block, error);
+    if (status == TL_OK) {
+        tl_trial_answer *told = block;
+        *told = (tl_trial_answer){
+            .match = (uint32_t)config->match_count,
+            .adjust = (uint32_t)config->adjust_count,
+            .components = (uint32_t)config->component_count,
+            .unconfined = is_unconfined(job, config) ? 1 : 0,
+            .fmu_bytes = fmu_bytes(config),
+            .memory = resident_bytes() + cost.memory,
+            .step = config->step,
+            .budget = config->budget_time,
+            .least = cost.least,
+            .worst = cost.worst,
+        };
+        status = compare_plants(job, config, told, error);
+        __atomic_store_n(&told->is_there, status == TL_OK ? 1 : 0, __ATOMIC_RELEASE);
+    }
+    return status;
+}
+
+static tl_status try_it(const tl_errand_job *job, tl_config *config, const tl_twin_role_tasks *tasks, tl_error *error) {
+    char *text = NULL;
+    size_t size = 0;
+    FILE *page = open_memstream(&text, &size);
+    if (page == NULL) {
+        return tl_fail(error, TL_TRY_AGAIN, "not enough memory");
+    }
+    tl_status status = check(job, config, page, tasks, error);
+    if (fclose(page) == 0 && status == TL_OK) {
+        status = answer(job, config, text, error);
+    }
+    free(text);
+    return status;
+}
+
+int tl_trial_role_run(const tl_twin_role_tasks *tasks) {
+    tl_errand_job job;
+    tl_config config;
+    tl_problems problems;
+    tl_error error = {.text = ""};
+    tl_status status = tl_errand_begin(&job, &error);
+    if (status == TL_OK) {
+        (void)setpriority(PRIO_PROCESS, 0, NICE);
+        tl_problems_init(&problems, "the candidate");
+        status = tl_config_read_text(job.path, job.candidate, strlen(job.candidate), &config, &problems.report);
+    }
+    if (status == TL_OK) {
+        status = tl_live_plant_check(&config, &error);
+        status = status == TL_OK ? try_it(&job, &config, tasks, &error) : status;
+        tl_config_free(&config);
+    }
+    if (status != TL_OK && error.text[0] != '\0') {
+        tl_log(TL_LOG_ERROR, "%s", error.text);
+    }
+    return tl_exit_code(status);
+}

@@ -1,0 +1,108 @@
+/* The validator: see validator.h. */
+#include "firmware/errand/validator.h"
+
+#include <stdio.h>
+#include <string.h>
+
+#include "firmware/base/log.h"
+#include "firmware/config/config.h"
+#include "firmware/config/problems.h"
+#include "firmware/confine/confine.h"
+#include "firmware/diagnose/lock_judge.h"
+#include "firmware/errand/errand.h"
+#include "firmware/errand/verdict.h"
+#include "firmware/versions/config_change.h"
+
+/* ---- what is wrong ---- */
+
+static void add_problem(void *context, tl_status status, const char *where, const char *text) {
+    (void)status;
+    tl_verdict *verdict = context;
+    uint32_t number = verdict->problems++;
+    if (number < TL_VERDICT_PROBLEMS) {
+        tl_control_problem *problem = &verdict->problem[number];
+        problem->line = (uint32_t)tl_problems_take_line(&text);
+        (void)snprintf(problem->path, sizeof problem->path, "%s", where);
+        (void)snprintf(problem->text, sizeof problem->text, "%s", text);
+    }
+}
+
+/* ---- what changes ---- */
+
+static void add_change(tl_verdict *verdict, const tl_config_edit *edit) {
+    tl_control_change *change = &verdict->change[verdict->changes++];
+    (void)snprintf(change->path, sizeof change->path, "%s", edit->path);
+    (void)snprintf(change->before, sizeof change->before, "%.*s", (int)sizeof change->before - 1, edit->before);
+    (void)snprintf(change->after, sizeof change->after, "%.*s", (int)sizeof change->after - 1, edit->after);
+    (void)snprintf(change->kind, sizeof change->kind, "%s", tl_change_kind_name(edit->needs.kind));
+    (void)snprintf(change->right, sizeof change->right, "%s", tl_change_right_name(edit->needs.right));
+}
+
+static tl_status find_change(const tl_errand_job *job, tl_verdict *verdict, tl_error *error) {
+    static tl_config_change change;
+    if (job->in_force[0] == '\0') {
+        verdict->kind = TL_CHANGE_RESTART;
+        verdict->right = TL_CHANGE_BY_COMMISSION;
+        return TL_OK;
+    }
+    tl_status status = tl_config_change_find(job->in_force, strlen(job->in_force), job->candidate,
+                                             strlen(job->candidate), &change, error);
+    if (status != TL_OK) {
+        return status;
+    }
+    verdict->kind = change.needs.kind;
+    verdict->right = change.needs.right;
+    for (size_t i = 0; i < change.listed && i < TL_VERDICT_CHANGES; i++) {
+        add_change(verdict, &change.edits[i]);
+    }
+    verdict->changes = (uint32_t)change.count;
+    return TL_OK;
+}
+
+/* ---- the process ---- */
+
+static tl_status confine(tl_error *error) {
+    tl_confine_facts facts;
+    const tl_confine_settings settings = {.start_socket = -1, .whole_process = true, .lives_on = true};
+    return tl_confine(&settings, &facts, NULL, error);
+}
+
+static tl_status judge(const tl_errand_job *job, tl_verdict *verdict, tl_error *error) {
+    tl_config config;
+    tl_report report = {.add = add_problem, .context = verdict};
+    tl_status status = tl_config_read_text(job->path, job->candidate, strlen(job->candidate), &config, &report);
+    if (status != TL_OK) {
+        return status == TL_BAD_DATA ? TL_OK : tl_fail(error, status, "the configuration could not be read");
+    }
+    (void)snprintf(verdict->name, sizeof verdict->name, "%s", config.name);
+    tl_config_tuning(&config, &verdict->tuning);
+    const tl_lock_window window = tl_lock_judge_window(&config);
+    verdict->strokes = window.strokes;
+    verdict->window = window.time;
+    tl_config_free(&config);
+    status = find_change(job, verdict, error);
+    verdict->is_valid = status == TL_OK ? 1 : 0;
+    return status;
+}
+
+int tl_validator_role_run(void) {
+    tl_errand_job job;
+    tl_error error;
+    void *answer = NULL;
+    tl_status status = tl_errand_begin(&job, &error);
+    if (status == TL_OK) {
+        status = tl_errand_take_answer(sizeof(tl_verdict), &answer, &error);
+    }
+    if (status == TL_OK) {
+        status = confine(&error);
+    }
+    if (status == TL_OK) {
+        status = judge(&job, answer, &error);
+    }
+    if (status != TL_OK) {
+        tl_log(TL_LOG_ERROR, "%s", error.text);
+        return tl_exit_code(status);
+    }
+    __atomic_store_n(&((tl_verdict *)answer)->is_there, 1, __ATOMIC_RELEASE);
+    return 0;
+}

@@ -1,0 +1,352 @@
+/* The host of an activation in a live run: see live_host.h. */
+#include "firmware/live/live_host.h"
+
+#include <stdio.h>
+#include <string.h>
+
+#include "firmware/base/identity.h"
+#include "firmware/config/problems.h"
+#include "firmware/text/clean_text.h"
+
+/* ---- places ---- */
+
+/* Whose twin is the run's. */
+static uint32_t place_of_run(const tl_live_host *self) {
+    uint32_t place = __atomic_load_n(&self->stage->place, __ATOMIC_ACQUIRE);
+    return place < TL_LIVE_PLACES ? place : 0;
+}
+
+static const tl_live_twin_pulse *twin_of_run(const tl_live_host *self) {
+    return self->twins[place_of_run(self)];
+}
+
+static tl_live_tuning *tuning_of_run(const tl_live_host *self) {
+    return self->tunings[place_of_run(self)];
+}
+
+/* ---- what it sees, and can do ---- */
+
+static uint64_t count_pairs(const tl_live_figures *figures) {
+    uint64_t pairs = 0;
+    if (figures->outputs == 0) {
+        return figures->steps;
+    }
+    for (size_t i = 0; i < figures->outputs && i < TL_MAX_MATCH; i++) {
+        pairs += figures->output[i].pairs;
+    }
+    return pairs;
+}
+
+static void take_snapshot(const tl_live_twin_pulse *twin, const tl_live_figures *figures,
+                          tl_probation_snapshot *snapshot) {
+    int code = 0;
+    *snapshot = (tl_probation_snapshot){
+        .ticks = figures->ticks,
+        .steps = figures->steps,
+        .skipped = figures->skipped,
+        .deadline_misses = figures->deadline_misses,
+        .lock = figures->lock,
+        .pairs = count_pairs(figures),
+        .plant_is_shut = figures->shut != 0,
+        .twin_failures = twin->number > twin->first ? twin->number - twin->first : 0,
+        .twin_alive = twin->holds == 0 && tl_heartbeats_is_ready(&twin->beats) &&
+                      tl_heartbeats_get_farewell(&twin->beats, &code) == TL_FAREWELL_NONE,
+    };
+    snapshot->lock.state = figures->lock.state <= TL_LOCK_LOST ? figures->lock.state : TL_LOCK_FREE;
+}
+
+static void look(void *context, tl_activation_view *view) {
+    const tl_live_host *self = context;
+    const tl_live_twin_pulse *twin = twin_of_run(self);
+    tl_live_figures figures = {.ticks = 0};
+    memset(view, 0, sizeof *view);
+    view->step_s = tl_seconds(self->step);
+    view->holds = twin->holds != 0;
+    (void)tl_latest_read(&twin->figures, &figures, sizeof figures);
+    take_snapshot(twin, &figures, &view->figures);
+    (void)tl_heartbeats_get_status(&twin->beats, view->line);
+    view->line[sizeof view->line - 1] = '\0';
+}
+
+/* What the twin in a place was given last; what its configuration says as long as that is nothing. */
+static void find_in_force(const tl_live_host *self, uint32_t place, char hash[TL_SHA256_TEXT]) {
+    tl_live_tuning_head head;
+    bool is_given = tl_live_tuning_read(self->tunings[place], &head, NULL) == TL_OK;
+    memcpy(hash, is_given ? head.hash : self->hash[place], TL_SHA256_TEXT);
+}
+
+static void in_force(void *context, char hash[TL_SHA256_TEXT]) {
+    const tl_live_host *self = context;
+    find_in_force(self, place_of_run(self), hash);
+}
+
+static bool copy_text(char *text, size_t *size, const char *from, size_t length) {
+    if (length > TL_CONFIG_MAX_BYTES) {
+        return false;
+    }
+    memcpy(text, from, length);
+    text[length] = '\0';
+    *size = length;
+    return true;
+}
+
+/* What was tuned last, what the run was of, and what was begun beside it. */
+static bool running_text(void *context, const char *hash, char *text, size_t *size) {
+    const tl_live_host *self = context;
+    tl_live_tuning_head head;
+    for (size_t i = 0; i < TL_LIVE_PLACES; i++) {
+        if (tl_live_tuning_read_text(self->tunings[i], &head, text, NULL) == TL_OK && strcmp(head.hash, hash) == 0) {
+            *size = head.size;
+            return true;
+        }
+    }
+    if (strcmp(self->text_hash, hash) == 0) {
+        return copy_text(text, size, self->text, strlen(self->text));
+    }
+    return strcmp(self->candidate->hash, hash) == 0 &&
+           copy_text(text, size, self->candidate->text, self->candidate->size);
+}
+
+/* ---- the FMUs' files ---- */
+
+static void digest_files(const tl_config *config, char digest[TL_SHA256_TEXT]) {
+    static char paths[TL_IDENTITY_FILES][PATH_MAX];
+    const char *names[TL_IDENTITY_FILES];
+    size_t count = config->component_count < TL_IDENTITY_FILES ? config->component_count : TL_IDENTITY_FILES;
+    for (size_t i = 0; i < count; i++) {
+        (void)tl_config_fmu_path(config, config->components[i].fmu, paths[i], sizeof paths[i]);
+        names[i] = paths[i];
+    }
+    tl_identity_files(names, count, digest);
+}
+
+/* The text is in force, and so was validated. */
+static bool has_other_fmus(void *context, const char *text, size_t size) {
+    const tl_live_host *self = context;
+    char now[TL_SHA256_TEXT];
+    char loaded[TL_SHA256_TEXT];
+    tl_config config;
+    tl_problems problems;
+    memcpy(loaded, twin_of_run(self)->digest, sizeof loaded);
+    tl_problems_init(&problems, self->path);
+    if (loaded[0] == '\0' || !tl_identity_is_sound(loaded) ||
+        tl_config_read_text(self->path, text, size, &config, &problems.report) != TL_OK) {
+        return false;
+    }
+    digest_files(&config, now);
+    tl_config_free(&config);
+    return now[0] != '\0' && strcmp(now, loaded) != 0;
+}
+
+/* ---- tunings ---- */
+
+/* The recorder keeps a tuning's text before the next one is written over it; unless nothing can be recorded now, or the twin has refused it. */
+static bool is_kept(const tl_live_host *self) {
+    uint32_t number = tl_live_tuning_number(tuning_of_run(self));
+    tl_live_tuning_answer answer;
+    bool is_refused = tl_live_tuning_answered(&twin_of_run(self)->tuned, number, &answer) && answer.refused != 0;
+    if (self->recorder == NULL || number == 0 || number % 2 != 0 || is_refused) {
+        return true;
+    }
+    tl_recorder_state_counts counts = tl_recorder_state_get(&self->recorder->state);
+    return counts.tuning >= number || counts.refused_since != 0;
+}
+
+/* Of the tunings in both places, and of those that the recorder knows: numbers of one are not taken for those of the other. */
+static uint32_t newest_tuning(const tl_live_host *self) {
+    uint32_t newest = self->recorder != NULL ? tl_recorder_state_get(&self->recorder->state).tuning : 0;
+    for (size_t i = 0; i < TL_LIVE_PLACES; i++) {
+        uint32_t number = tl_live_tuning_number(self->tunings[i]);
+        newest = number > newest ? number : newest;
+    }
+    return newest;
+}
+
+static void copy_words(char *to, size_t room, const char *from) {
+    (void)snprintf(to, room, "%s", from);
+}
+
+static bool tune(void *context, const tl_activation_tuning *tuning) {
+    tl_live_host *self = context;
+    tl_live_tuning_head head = {.size = (uint32_t)tuning->size, .tuning = *tuning->tuning};
+    if (!is_kept(self)) {
+        return false;
+    }
+    copy_words(head.hash, sizeof head.hash, tuning->hash);
+    copy_words(head.who, sizeof head.who, tuning->who);
+    copy_words(head.origin, sizeof head.origin, tuning->origin);
+    copy_words(head.why, sizeof head.why, tuning->why);
+    tl_live_tuning_skip(tuning_of_run(self), newest_tuning(self));
+    self->given = tl_live_tuning_write(tuning_of_run(self), &head, tuning->text);
+    return true;
+}
+
+static tl_activation_news was_taken(void *context, char why[TL_ACTIVATION_WHY]) {
+    const tl_live_host *self = context;
+    tl_live_tuning_answer answer;
+    if (!tl_live_tuning_answered(&twin_of_run(self)->tuned, self->given, &answer)) {
+        return TL_ACTIVATION_WAITS;
+    }
+    (void)snprintf(why, TL_ACTIVATION_WHY, "%.*s", TL_ACTIVATION_WHY - 1, answer.why);
+    return answer.refused != 0 ? TL_ACTIVATION_REFUSED : TL_ACTIVATION_TAKEN;
+}
+
+/* ---- another twin ---- */
+
+static bool is_obeyed(const tl_live_host *self) {
+    return __atomic_load_n(&self->stage->order, __ATOMIC_ACQUIRE) == self->pulse->order.number;
+}
+
+static void order(tl_live_host *self, tl_live_verb verb) {
+    self->wants_none = false;
+    self->pulse->order.verb = (uint32_t)verb;
+    __atomic_store_n(&self->pulse->order.number, self->pulse->order.number + 1, __ATOMIC_RELEASE);
+}
+
+static bool begin_shadow(void *context, const tl_activation_candidate *candidate) {
+    tl_live_host *self = context;
+    uint32_t place = 1 - place_of_run(self);
+    if (!is_obeyed(self)) {
+        return false;
+    }
+    self->candidate->size = (uint32_t)candidate->size;
+    memcpy(self->candidate->text, candidate->text, candidate->size + 1);
+    copy_words(self->candidate->hash, sizeof self->candidate->hash, candidate->hash);
+    copy_words(self->hash[place], sizeof self->hash[place], candidate->hash);
+    tl_live_tuning_skip(self->tunings[place], newest_tuning(self)); /* what is there was not for this one */
+    self->pulse->order.needs = (tl_live_needs){.match = candidate->needs.match,
+                                               .adjust = candidate->needs.adjust,
+                                               .components = candidate->needs.components,
+                                               .unconfined = candidate->needs.unconfined ? 1 : 0,
+                                               .fmu_bytes = candidate->needs.fmu_bytes,
+                                               .signals = candidate->needs.signals,
+                                               .other_plant = candidate->needs.other_plant ? 1 : 0,
+                                               .mail_bytes = candidate->needs.mail_bytes};
+    order(self, TL_LIVE_SHADOW);
+    return true;
+}
+
+static void end_shadow(void *context) {
+    tl_live_host *self = context;
+    self->wants_none = true;
+    if (is_obeyed(self)) {
+        order(self, TL_LIVE_NO_SHADOW);
+    }
+}
+
+static bool flip(void *context) {
+    tl_live_host *self = context;
+    if (!is_obeyed(self)) {
+        return false;
+    }
+    self->pulse->flips = self->stage->flips;
+    order(self, TL_LIVE_FLIP);
+    return true;
+}
+
+static void copy_why(const tl_live_host *self, char why[TL_ACTIVATION_WHY]) {
+    (void)snprintf(why, TL_ACTIVATION_WHY, "%.*s", TL_LIVE_STAGE_WHY - 1, self->stage->why);
+}
+
+/* Also of a flip that an activator before this one has ordered. */
+static tl_activation_news has_flipped(void *context, char why[TL_ACTIVATION_WHY]) {
+    const tl_live_host *self = context;
+    const tl_live_stage *stage = self->stage;
+    if (!is_obeyed(self)) {
+        return TL_ACTIVATION_WAITS;
+    }
+    if (__atomic_load_n(&stage->flips, __ATOMIC_ACQUIRE) == self->pulse->flips) {
+        copy_why(self, why);
+        return TL_ACTIVATION_REFUSED;
+    }
+    return place_of_run(self) == __atomic_load_n(&stage->to, __ATOMIC_RELAXED) ? TL_ACTIVATION_TAKEN
+                                                                               : TL_ACTIVATION_WAITS;
+}
+
+/* Names are those of a process with FMUs. */
+static void copy_name(char *to, size_t room, const char *from, size_t from_room) {
+    (void)tl_clean_text(from, strnlen(from, from_room), to, room);
+}
+
+static void take_work(const tl_live_twin_pulse *twin, tl_live_figures *figures, tl_activation_work *work) {
+    *figures = (tl_live_figures){.phase = TL_LIVE_BEGINS};
+    (void)tl_latest_read(&twin->figures, figures, sizeof *figures);
+    *work = (tl_activation_work){.evaluations = figures->evaluations,
+                                 .executions = figures->executions,
+                                 .timed_out = figures->timed_out,
+                                 .used_s = tl_seconds(figures->used)};
+    take_snapshot(twin, figures, &work->figures);
+    work->outputs = figures->outputs < TL_ACTIVATION_OUTPUTS ? figures->outputs : TL_ACTIVATION_OUTPUTS;
+    for (size_t i = 0; i < work->outputs; i++) {
+        const tl_live_output *from = &figures->output[i];
+        tl_activation_output *to = &work->output[i];
+        to->pairs = from->pairs;
+        to->sum_of_squares = from->sum_of_squares;
+        to->tolerance = from->tolerance;
+        copy_name(to->name, sizeof to->name, from->name, sizeof from->name);
+        copy_name(to->unit, sizeof to->unit, from->unit, sizeof from->unit);
+    }
+}
+
+static tl_activation_phase phase_of(const tl_live_figures *figures) {
+    return figures->phase == TL_LIVE_LIVE       ? TL_ACTIVATION_SHADOW_LIVE
+           : figures->phase == TL_LIVE_RECORDED ? TL_ACTIVATION_SHADOW_RECORDED
+                                                : TL_ACTIVATION_SHADOW_BEGINS;
+}
+
+static void look_at_shadow(void *context, tl_activation_shadow *shadow) {
+    const tl_live_host *self = context;
+    tl_live_figures figures;
+    uint32_t state = __atomic_load_n(&self->stage->shadow, __ATOMIC_ACQUIRE);
+    memset(shadow, 0, sizeof *shadow);
+    take_work(twin_of_run(self), &figures, &shadow->beside);
+    find_in_force(self, 1 - place_of_run(self), shadow->hash);
+    if (!is_obeyed(self) && self->pulse->order.verb == TL_LIVE_SHADOW) {
+        shadow->phase = TL_ACTIVATION_SHADOW_BEGINS;
+    } else if (state == TL_LIVE_SHADOW_ENDED) {
+        shadow->phase = TL_ACTIVATION_SHADOW_FAILED;
+        copy_why(self, shadow->why);
+    } else if (state == TL_LIVE_SHADOW_LIVES) {
+        take_work(self->twins[1 - place_of_run(self)], &figures, &shadow->work);
+        shadow->phase = phase_of(&figures);
+        shadow->done = figures.tick;
+        shadow->known = figures.last;
+    }
+}
+
+/* ---- the rest ---- */
+
+static void ask_for_restart(void *context) {
+    tl_live_host *self = context;
+    __atomic_store_n(&self->pulse->restart, 1, __ATOMIC_RELEASE);
+}
+
+static void tell(void *context, tl_severity severity, const char *text) {
+    tl_live_host *self = context;
+    tl_journal_event(self->journal, -1, severity, "retune", "%s", text);
+}
+
+void tl_live_host_look(tl_live_host *host) {
+    if (host->wants_none) {
+        end_shadow(host);
+    }
+}
+
+tl_activation_host tl_live_host_functions(tl_live_host *host) {
+    return (tl_activation_host){
+        .context = host,
+        .look = look,
+        .in_force = in_force,
+        .text = running_text,
+        .has_other_fmus = has_other_fmus,
+        .tune = tune,
+        .was_taken = was_taken,
+        .begin_shadow = begin_shadow,
+        .look_at_shadow = look_at_shadow,
+        .end_shadow = end_shadow,
+        .flip = flip,
+        .has_flipped = has_flipped,
+        .restart = ask_for_restart,
+        .tell = tell,
+    };
+}

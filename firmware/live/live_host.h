@@ -1,0 +1,42 @@
+/* The host of an activation (activation_host.h) in a live run: how the twins are, their tunings, the shadow and the flip.
+ *
+ * Purpose: what an activation asks and orders, by the memory that the activator shares with the others of the run. It talks about two places
+ *          (live_stage.h): whatever it says of the run is of the place that the stage says.
+ * Orders:  one at a time, each obeyed before the next is given. They outlive the process: a successor finds what was ordered and what came of it.
+ * Tunings: their numbers grow over both places, so that what the recorder says of one is never taken for another.
+ * Trust:   pulses are those of processes with FMUs: numbers are bounded, names are cleaned.
+ * Thread:  the activator's.
+ */
+#ifndef TL_FIRMWARE_LIVE_LIVE_HOST_H
+#define TL_FIRMWARE_LIVE_LIVE_HOST_H
+
+#include "firmware/activate/activation_host.h"
+#include "firmware/live/live_wire.h"
+#include "firmware/run/journal.h"
+#include "firmware/run/live_tuning.h"
+
+/* Set by its user, but for the private ones. */
+typedef struct tl_live_host {
+    tl_live_activator_pulse *pulse; /* ours */
+    const tl_live_twin_pulse *twins[TL_LIVE_PLACES];
+    tl_live_tuning *tunings[TL_LIVE_PLACES];
+    const tl_live_recorder_pulse *recorder; /* NULL: nothing is recorded */
+    const tl_live_stage *stage;
+    tl_live_candidate *candidate;
+    char hash[TL_LIVE_PLACES][TL_SHA256_TEXT]; /* of the configuration in each place; "": none is */
+    const char *path;                          /* of the configuration: relative names start at its folder */
+    const char *text;                          /* of what the run was of as we began, */
+    const char *text_hash;                     /* and its hash */
+    tl_time step;
+    tl_journal *journal;
+    bool wants_none; /* private: a shadow is to end, once what was ordered before is obeyed */
+    uint32_t given;  /* private: number of the tuning that was written last, by us */
+} tl_live_host;
+
+/* What an activation is given; the host stays. */
+tl_activation_host tl_live_host_functions(tl_live_host *host);
+
+/* Every now and then: gives an order that had to wait. */
+void tl_live_host_look(tl_live_host *host);
+
+#endif

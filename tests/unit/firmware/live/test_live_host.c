@@ -1,0 +1,396 @@
+/* The host of an activation, with a played supervisor and played twins: what it orders and says of two places. */
+#include <stdio.h>
+#include <string.h>
+
+#include <unity.h>
+
+#include "firmware/base/identity.h"
+#include "firmware/live/live_host.h"
+#include "master/base/simtime.h"
+#include "tests/support/scratch.h"
+
+#define FIRST "aaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaa"
+#define OTHER "bbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbb"
+#define TUNED "cccccccccccccccccccccccccccccccccccccccccccccccccccccccccccccccc"
+
+static tl_live_activator_pulse pulse;
+static tl_live_twin_pulse twins[TL_LIVE_PLACES];
+static tl_live_tuning tunings[TL_LIVE_PLACES];
+static tl_live_recorder_pulse recorder;
+static tl_live_stage stage;
+static tl_live_candidate candidate;
+static tl_live_host host;
+static tl_activation_host functions;
+static tl_activation_shadow shadow;
+static tl_activation_view view;
+static char why[TL_ACTIVATION_WHY];
+static char hash[TL_SHA256_TEXT];
+static tl_tuning values;
+
+static tl_scratch scratch;
+static void begin_host(void) {
+    host = (tl_live_host){.pulse = &pulse,
+                          .twins = {&twins[0], &twins[1]},
+                          .tunings = {&tunings[0], &tunings[1]},
+                          .recorder = &recorder,
+                          .stage = &stage,
+                          .candidate = &candidate,
+                          .text = "began",
+                          .text_hash = "0b",
+                          .step = TL_SECOND / 100};
+    memcpy(host.hash[0], FIRST, sizeof host.hash[0]);
+    functions = tl_live_host_functions(&host);
+}
+
+void setUp(void) {
+    memset(&pulse, 0, sizeof pulse);
+    memset(twins, 0, sizeof twins);
+    memset(tunings, 0, sizeof tunings);
+    memset(&recorder, 0, sizeof recorder);
+    memset(&stage, 0, sizeof stage);
+    memset(&candidate, 0, sizeof candidate);
+    begin_host();
+}
+
+void tearDown(void) {}
+
+/* ---- the others ---- */
+
+static void obey(tl_live_shadow state, const char *text) {
+    (void)snprintf(stage.why, sizeof stage.why, "%s", text);
+    stage.shadow = (uint32_t)state;
+    stage.order = pulse.order.number;
+}
+
+static void announce(void) {
+    stage.to = 1 - stage.place;
+    stage.flips++;
+    stage.order = pulse.order.number;
+}
+
+static bool begin(const char *text, const char *of) {
+    const tl_activation_candidate given = {.text = text,
+                                           .size = strlen(text),
+                                           .hash = of,
+                                           .needs = {.match = 3,
+                                                     .adjust = 2,
+                                                     .components = 4,
+                                                     .fmu_bytes = 99,
+                                                     .signals = 7,
+                                                     .other_plant = true,
+                                                     .mail_bytes = 4711}};
+    return functions.begin_shadow(functions.context, &given);
+}
+
+static tl_activation_phase phase(void) {
+    functions.look_at_shadow(functions.context, &shadow);
+    return shadow.phase;
+}
+
+static tl_activation_news flipped(void) {
+    return functions.has_flipped(functions.context, why);
+}
+
+static const char *in_force(void) {
+    functions.in_force(functions.context, hash);
+    return hash;
+}
+
+static bool tune(const char *of) {
+    const tl_activation_tuning given = {
+        .tuning = &values, .text = "{}", .size = 2, .hash = of, .who = "ann", .origin = "push", .why = ""};
+    return functions.tune(functions.context, &given);
+}
+
+static void publish(uint32_t place, tl_live_figures *figures) {
+    tl_latest_publish(&twins[place].figures, figures, sizeof *figures);
+}
+
+/* ---- orders ---- */
+
+static void test_a_candidate_is_handed_over(void) {
+    TEST_ASSERT_EQUAL_INT(TL_ACTIVATION_NO_SHADOW, phase());
+    TEST_ASSERT_TRUE(begin("{ \"a\": 1 }", OTHER));
+    TEST_ASSERT_EQUAL_UINT32(1, pulse.order.number);
+    TEST_ASSERT_EQUAL_UINT32(TL_LIVE_SHADOW, pulse.order.verb);
+    TEST_ASSERT_EQUAL_UINT32(3, pulse.order.needs.match);
+    TEST_ASSERT_EQUAL_UINT64(99, pulse.order.needs.fmu_bytes);
+    TEST_ASSERT_EQUAL_UINT32(7, pulse.order.needs.signals);
+    TEST_ASSERT_EQUAL_UINT32(1, pulse.order.needs.other_plant);
+    TEST_ASSERT_EQUAL_UINT64(4711, pulse.order.needs.mail_bytes);
+    TEST_ASSERT_EQUAL_UINT32(10, candidate.size);
+    TEST_ASSERT_EQUAL_STRING("{ \"a\": 1 }", candidate.text);
+    TEST_ASSERT_EQUAL_STRING(OTHER, candidate.hash);
+    TEST_ASSERT_EQUAL_INT(TL_ACTIVATION_SHADOW_BEGINS, phase());
+    TEST_ASSERT_EQUAL_STRING(FIRST, in_force());
+}
+
+static void test_one_order_at_a_time(void) {
+    TEST_ASSERT_TRUE(begin("{}", OTHER));
+    TEST_ASSERT_FALSE(begin("[]", TUNED));
+    TEST_ASSERT_FALSE(functions.flip(functions.context));
+    TEST_ASSERT_EQUAL_STRING("{}", candidate.text);
+    TEST_ASSERT_EQUAL_UINT32(1, pulse.order.number);
+}
+
+static void test_an_end_waits_until_it_can_be_ordered(void) {
+    TEST_ASSERT_TRUE(begin("{}", OTHER));
+    functions.end_shadow(functions.context);
+    tl_live_host_look(&host);
+    TEST_ASSERT_EQUAL_UINT32(1, pulse.order.number);
+    obey(TL_LIVE_SHADOW_LIVES, "");
+    tl_live_host_look(&host);
+    TEST_ASSERT_EQUAL_UINT32(2, pulse.order.number);
+    TEST_ASSERT_EQUAL_UINT32(TL_LIVE_NO_SHADOW, pulse.order.verb);
+    obey(TL_LIVE_SHADOW_NONE, "");
+    tl_live_host_look(&host);
+    TEST_ASSERT_EQUAL_UINT32(2, pulse.order.number);
+    TEST_ASSERT_EQUAL_INT(TL_ACTIVATION_NO_SHADOW, phase());
+}
+
+static void test_a_shadow_is_looked_at(void) {
+    static tl_live_figures figures;
+    TEST_ASSERT_TRUE(begin("{}", OTHER));
+    obey(TL_LIVE_SHADOW_LIVES, "");
+    TEST_ASSERT_EQUAL_INT(TL_ACTIVATION_SHADOW_BEGINS, phase());
+    figures = (tl_live_figures){.phase = TL_LIVE_RECORDED, .tick = 40, .last = 60, .steps = 7, .outputs = 1};
+    figures.used = TL_SECOND / 2;
+    figures.output[0].pairs = 5;
+    figures.output[0].sum_of_squares = 2.5;
+    figures.output[0].tolerance = 0.5;
+    memset(figures.output[0].name, 'x', sizeof figures.output[0].name); /* no end, */
+    memcpy(figures.output[0].unit, "m\x1b", 3);                         /* and what commands a terminal */
+    publish(1, &figures);
+    figures = (tl_live_figures){.phase = TL_LIVE_LIVE, .steps = 9};
+    publish(0, &figures);
+    TEST_ASSERT_EQUAL_INT(TL_ACTIVATION_SHADOW_RECORDED, phase());
+    TEST_ASSERT_EQUAL_INT64(40, shadow.done);
+    TEST_ASSERT_EQUAL_INT64(60, shadow.known);
+    TEST_ASSERT_EQUAL_UINT64(7, shadow.work.figures.steps);
+    TEST_ASSERT_EQUAL_DOUBLE(0.5, shadow.work.used_s);
+    TEST_ASSERT_EQUAL_UINT64(9, shadow.beside.figures.steps);
+    TEST_ASSERT_EQUAL_size_t(1, shadow.work.outputs);
+    TEST_ASSERT_EQUAL_UINT64(5, shadow.work.output[0].pairs);
+    TEST_ASSERT_EQUAL_DOUBLE(2.5, shadow.work.output[0].sum_of_squares);
+    TEST_ASSERT_EQUAL_DOUBLE(0.5, shadow.work.output[0].tolerance);
+    TEST_ASSERT_EQUAL_size_t(TL_ACTIVATION_NAME - 1, strlen(shadow.work.output[0].name));
+    TEST_ASSERT_EQUAL_STRING("m\\x1B", shadow.work.output[0].unit);
+    figures = (tl_live_figures){.phase = 77, .outputs = UINT32_MAX};
+    publish(1, &figures);
+    TEST_ASSERT_EQUAL_INT(TL_ACTIVATION_SHADOW_BEGINS, phase());
+    TEST_ASSERT_EQUAL_size_t(TL_ACTIVATION_OUTPUTS, shadow.work.outputs);
+    figures = (tl_live_figures){.phase = TL_LIVE_LIVE};
+    publish(1, &figures);
+    TEST_ASSERT_EQUAL_INT(TL_ACTIVATION_SHADOW_LIVE, phase());
+    obey(TL_LIVE_SHADOW_ENDED, "it was ended by signal 9");
+    TEST_ASSERT_EQUAL_INT(TL_ACTIVATION_SHADOW_FAILED, phase());
+    TEST_ASSERT_EQUAL_STRING("it was ended by signal 9", shadow.why);
+}
+
+/* ---- the FMUs' files ---- */
+
+static const char TEXT[] =
+    "{\"twinlock\": 1, \"name\": \"motor\", \"step_s\": 0.01, \"components\": {\"motor\": {\"fmu\": \"nobodys.fmu\"}},"
+    " \"plant\": {\"omega\": {\"unit\": \"rad/s\"}}, \"recording\": {\"file\": \"r.csv\"},"
+    " \"compare\": {\"motor.omega\": {\"to\": \"plant.omega\"}}}";
+
+static void write_fmu(const char *bytes) {
+    char path[PATH_MAX + 16];
+    (void)snprintf(path, sizeof path, "%s/nobodys.fmu", scratch.folder);
+    FILE *file = fopen(path, "w");
+    TEST_ASSERT_NOT_NULL(file);
+    (void)fputs(bytes, file);
+    TEST_ASSERT_EQUAL_INT(0, fclose(file));
+    const char *const paths[] = {path};
+    tl_identity_files(paths, 1, hash);
+}
+
+static bool has_other_fmus(const char *text) {
+    return functions.has_other_fmus(functions.context, text, strlen(text));
+}
+
+static void test_files_of_fmus(void) {
+    char path[PATH_MAX + 16];
+    (void)snprintf(path, sizeof path, "%s/motor.json", scratch.folder);
+    host.path = path;
+    write_fmu("one");
+    TEST_ASSERT_FALSE(has_other_fmus(TEXT)); /* nobody says what is loaded */
+    memcpy(twins[0].digest, hash, sizeof hash);
+    TEST_ASSERT_FALSE(has_other_fmus(TEXT));
+    write_fmu("another");
+    TEST_ASSERT_TRUE(has_other_fmus(TEXT));
+    TEST_ASSERT_FALSE(has_other_fmus("{}")); /* no text that was ever in force */
+    memset(twins[0].digest, 'x', sizeof twins[0].digest);
+    TEST_ASSERT_FALSE(has_other_fmus(TEXT)); /* a twin that talks nonsense */
+    tl_scratch_empty(&scratch);
+    memcpy(twins[0].digest, hash, sizeof hash);
+    TEST_ASSERT_FALSE(has_other_fmus(TEXT)); /* it is gone: whoever tries it says so */
+}
+
+/* ---- a flip ---- */
+
+static void begin_and_flip(void) {
+    TEST_ASSERT_TRUE(begin("{}", OTHER));
+    obey(TL_LIVE_SHADOW_LIVES, "");
+    TEST_ASSERT_TRUE(functions.flip(functions.context));
+    TEST_ASSERT_EQUAL_UINT32(TL_LIVE_FLIP, pulse.order.verb);
+    TEST_ASSERT_EQUAL_INT(TL_ACTIVATION_WAITS, flipped());
+}
+
+static void test_a_flip(void) {
+    begin_and_flip();
+    announce();
+    TEST_ASSERT_EQUAL_INT(TL_ACTIVATION_WAITS, flipped());
+    TEST_ASSERT_EQUAL_STRING(FIRST, in_force());
+    stage.place = 1;
+    TEST_ASSERT_EQUAL_INT(TL_ACTIVATION_TAKEN, flipped());
+    TEST_ASSERT_EQUAL_STRING(OTHER, in_force());
+    TEST_ASSERT_TRUE(functions.flip(functions.context));
+    announce();
+    stage.place = 0;
+    TEST_ASSERT_EQUAL_INT(TL_ACTIVATION_TAKEN, flipped());
+    TEST_ASSERT_EQUAL_STRING(FIRST, in_force());
+}
+
+static void test_a_flip_that_is_refused(void) {
+    begin_and_flip();
+    obey(TL_LIVE_SHADOW_ENDED, "there is no shadow");
+    TEST_ASSERT_EQUAL_INT(TL_ACTIVATION_REFUSED, flipped());
+    TEST_ASSERT_EQUAL_STRING("there is no shadow", why);
+}
+
+/* The one before has ordered it, and died. */
+static void test_a_successor_sees_what_came_of_a_flip(void) {
+    begin_and_flip();
+    begin_host();
+    memcpy(host.hash[1], OTHER, sizeof host.hash[1]);
+    TEST_ASSERT_EQUAL_INT(TL_ACTIVATION_WAITS, flipped());
+    announce();
+    stage.place = 1;
+    begin_host();
+    memcpy(host.hash[1], OTHER, sizeof host.hash[1]);
+    TEST_ASSERT_EQUAL_INT(TL_ACTIVATION_TAKEN, flipped());
+    TEST_ASSERT_EQUAL_STRING(OTHER, in_force());
+    TEST_ASSERT_TRUE(functions.flip(functions.context));
+    obey(TL_LIVE_SHADOW_ENDED, "it has died");
+    begin_host();
+    TEST_ASSERT_EQUAL_INT(TL_ACTIVATION_REFUSED, flipped());
+}
+
+/* ---- tunings and figures follow ---- */
+
+static void test_tunings_are_of_the_runs_place(void) {
+    TEST_ASSERT_TRUE(tune(TUNED));
+    TEST_ASSERT_EQUAL_UINT32(2, tl_live_tuning_number(&tunings[0]));
+    TEST_ASSERT_EQUAL_STRING(TUNED, in_force());
+    recorder.state.tuning = 2;
+    begin_and_flip();
+    announce();
+    stage.place = 1;
+    TEST_ASSERT_EQUAL_STRING(OTHER, in_force());
+    TEST_ASSERT_TRUE(tune(TUNED));
+    TEST_ASSERT_EQUAL_UINT32(4, tl_live_tuning_number(&tunings[1])); /* above all that the recorder knows */
+    TEST_ASSERT_FALSE(tune(OTHER));
+    recorder.state.tuning = 4;
+    TEST_ASSERT_TRUE(tune(OTHER));
+    TEST_ASSERT_EQUAL_INT(TL_ACTIVATION_WAITS, functions.was_taken(functions.context, why));
+    tl_live_tuning_answer_with(&twins[1].tuned, 6, 1, NULL);
+    TEST_ASSERT_EQUAL_INT(TL_ACTIVATION_TAKEN, functions.was_taken(functions.context, why));
+    TEST_ASSERT_EQUAL_UINT32(2, tl_live_tuning_number(&tunings[0]));
+}
+
+/* Another twin was told it. */
+static void test_a_new_tenant_takes_no_tuning_of_the_one_before(void) {
+    tl_live_tuning_head head;
+    begin_and_flip();
+    announce();
+    stage.place = 1;
+    TEST_ASSERT_TRUE(tune(TUNED));
+    recorder.state.tuning = 2;
+    TEST_ASSERT_TRUE(functions.flip(functions.context));
+    announce();
+    stage.place = 0;
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_live_tuning_read(&tunings[1], &head, NULL));
+    TEST_ASSERT_TRUE(begin("{}", OTHER));
+    TEST_ASSERT_EQUAL_INT(TL_TRY_AGAIN, tl_live_tuning_read(&tunings[1], &head, NULL));
+    stage.place = 1;
+    TEST_ASSERT_EQUAL_STRING(OTHER, in_force());
+    TEST_ASSERT_TRUE(tune(TUNED));
+    TEST_ASSERT_EQUAL_UINT32(4, tl_live_tuning_number(&tunings[1]));
+}
+
+static void test_failures_are_those_of_the_configuration(void) {
+    twins[0].number = 9;
+    twins[0].first = 7;
+    functions.look(functions.context, &view);
+    TEST_ASSERT_EQUAL_UINT64(2, view.figures.twin_failures);
+    TEST_ASSERT_FALSE(view.figures.twin_alive);
+    stage.place = 1;
+    twins[1].number = 3;
+    twins[1].first = 3;
+    tl_heartbeats_set_ready(&twins[1].beats);
+    functions.look(functions.context, &view);
+    TEST_ASSERT_EQUAL_UINT64(0, view.figures.twin_failures);
+    TEST_ASSERT_TRUE(view.figures.twin_alive);
+}
+
+/* What the twin sees of the plant. */
+static void test_sight(void) {
+    static tl_live_figures figures;
+    figures = (tl_live_figures){.steps = 50, .shut = 1, .outputs = 2, .output = {{.pairs = 7}, {.pairs = 4}}};
+    publish(0, &figures);
+    functions.look(functions.context, &view);
+    TEST_ASSERT_EQUAL_UINT64(11, view.figures.pairs);
+    TEST_ASSERT_TRUE(view.figures.plant_is_shut);
+    figures.outputs = 0; /* it matches nothing */
+    figures.shut = 0;
+    publish(0, &figures);
+    functions.look(functions.context, &view);
+    TEST_ASSERT_EQUAL_UINT64(50, view.figures.pairs);
+    TEST_ASSERT_FALSE(view.figures.plant_is_shut);
+    figures.outputs = UINT32_MAX; /* a lie */
+    publish(0, &figures);
+    functions.look(functions.context, &view);
+    TEST_ASSERT_EQUAL_UINT64(11, view.figures.pairs);
+}
+
+/* Whatever of the run's is damaged on disk is in memory. */
+static void test_texts_of_the_run(void) {
+    static char text[TL_CONFIG_MAX_BYTES + 1];
+    size_t size = 0;
+    TEST_ASSERT_TRUE(functions.text(functions.context, "0b", text, &size));
+    TEST_ASSERT_EQUAL_STRING("began", text);
+    TEST_ASSERT_EQUAL_size_t(5, size);
+    TEST_ASSERT_FALSE(functions.text(functions.context, OTHER, text, &size));
+    TEST_ASSERT_TRUE(begin("other", OTHER));
+    TEST_ASSERT_TRUE(functions.text(functions.context, OTHER, text, &size));
+    TEST_ASSERT_EQUAL_STRING("other", text);
+    candidate.size = sizeof text;
+    TEST_ASSERT_FALSE(functions.text(functions.context, OTHER, text, &size));
+}
+
+int main(void) {
+    tl_scratch_make(&scratch, TL_BINARY_DIR, "live_host");
+    static tl_config config;
+    tl_report report = {0};
+    if (tl_config_read(TL_SOURCE_DIR "/config/motor/lock.json", &config, &report) != TL_OK) {
+        return 1;
+    }
+    tl_config_tuning(&config, &values);
+    tl_config_free(&config);
+    UNITY_BEGIN();
+    RUN_TEST(test_a_candidate_is_handed_over);
+    RUN_TEST(test_one_order_at_a_time);
+    RUN_TEST(test_an_end_waits_until_it_can_be_ordered);
+    RUN_TEST(test_a_shadow_is_looked_at);
+    RUN_TEST(test_files_of_fmus);
+    RUN_TEST(test_a_flip);
+    RUN_TEST(test_a_flip_that_is_refused);
+    RUN_TEST(test_a_successor_sees_what_came_of_a_flip);
+    RUN_TEST(test_tunings_are_of_the_runs_place);
+    RUN_TEST(test_a_new_tenant_takes_no_tuning_of_the_one_before);
+    RUN_TEST(test_failures_are_those_of_the_configuration);
+    RUN_TEST(test_sight);
+    RUN_TEST(test_texts_of_the_run);
+    return tl_scratch_finish(&scratch, UNITY_END());
+}

@@ -1,0 +1,108 @@
+/* A shadow's wish for recorded samples, as the recorder answers it. */
+#include <string.h>
+
+#include <unity.h>
+
+#include "firmware/live/live_samples.h"
+#include "firmware/past/past_samples.h"
+#include "tests/support/course_record.h"
+#include "tests/support/scratch.h"
+
+enum { NEWEST = 150, ROOM = 1 << 20 };
+
+static tl_scratch scratch;
+static tl_course_record run;
+static tl_live_twin_pulse pulse;
+static tl_live_past_answer answer;
+static tl_block past;
+static tl_live_samples wishes;
+static tl_past_samples samples;
+static tl_error error;
+
+void setUp(void) {
+    tl_course_record_open(&run, TL_SOURCE_DIR "/config/motor/lock.json", tl_scratch_path(&scratch, "run.db"), NEWEST);
+    tl_course_record_to(&run, NEWEST);
+    memset(&pulse, 0, sizeof pulse);
+    memset(&answer, 0, sizeof answer);
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_block_make("past", ROOM, TL_BLOCK_THEY_WRITE, &past, &error));
+    wishes = (tl_live_samples){.pulse = &pulse, .answer = &answer, .past = &past, .boot = run.boot};
+}
+
+void tearDown(void) {
+    tl_block_close(&past);
+    tl_course_record_close(&run);
+    tl_scratch_empty(&scratch);
+}
+
+static void wish(uint32_t number, int64_t from) {
+    pulse.past_from = from;
+    pulse.past = tl_live_wish_of(7, number);
+}
+
+static tl_status read_past(void) {
+    return tl_past_samples_read(past.bytes, (size_t)answer.size, &run.course.assembly.config, run.course.start,
+                                &samples, &error);
+}
+
+static void test_one_wish_after_the_other(void) {
+    tl_live_samples_look(&wishes, run.path);
+    TEST_ASSERT_EQUAL_UINT64(0, answer.wish);
+    wish(1, 40);
+    tl_live_samples_look(&wishes, run.path);
+    TEST_ASSERT_EQUAL_UINT64(pulse.past, answer.wish);
+    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, read_past(), error.text);
+    TEST_ASSERT_EQUAL_INT64(40, samples.first);
+    TEST_ASSERT_EQUAL_size_t(NEWEST - 40 + 1, samples.count);
+    wish(2, NEWEST);
+    tl_live_samples_look(&wishes, run.path);
+    TEST_ASSERT_EQUAL_UINT64(pulse.past, answer.wish);
+    TEST_ASSERT_EQUAL_INT(TL_OK, read_past());
+    TEST_ASSERT_EQUAL_INT64(NEWEST, samples.first);
+    wish(3, NEWEST + 1);
+    tl_live_samples_look(&wishes, run.path);
+    TEST_ASSERT_EQUAL_UINT64(pulse.past, answer.wish);
+    TEST_ASSERT_EQUAL_UINT64(0, answer.size);
+    TEST_ASSERT_EQUAL_STRING("", answer.words[0].text);
+}
+
+/* It is answered once. */
+static void test_a_wish_that_was_answered(void) {
+    wish(1, 40);
+    tl_live_samples_look(&wishes, run.path);
+    answer.size = 1;
+    tl_live_samples_look(&wishes, run.path);
+    TEST_ASSERT_EQUAL_UINT64(1, answer.size);
+}
+
+/* The memory is the machine's again, and whoever has begun gets no more. */
+static void test_nobody_wants_any_more(void) {
+    wish(1, 40);
+    tl_live_samples_look(&wishes, run.path);
+    pulse.begun = 1;
+    tl_live_samples_look(&wishes, run.path);
+    const unsigned char *bytes = past.bytes;
+    for (size_t i = 0; i < ROOM; i++) {
+        TEST_ASSERT_EQUAL_UINT8(0, bytes[i]);
+    }
+    wish(2, 40);
+    tl_live_samples_look(&wishes, run.path);
+    TEST_ASSERT_EQUAL_UINT64(tl_live_wish_of(7, 1), answer.wish);
+}
+
+static void test_a_database_that_is_none(void) {
+    wish(1, 40);
+    tl_live_samples_look(&wishes, "/nowhere/run.db");
+    TEST_ASSERT_EQUAL_UINT64(pulse.past, answer.wish);
+    TEST_ASSERT_EQUAL_UINT64(0, answer.size);
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(answer.words[0].text, "/nowhere/run.db"), answer.words[0].text);
+}
+
+int main(void) {
+    tl_scratch_make(&scratch, TL_BINARY_DIR, "test_live_samples");
+    UNITY_BEGIN();
+    RUN_TEST(test_one_wish_after_the_other);
+    RUN_TEST(test_a_wish_that_was_answered);
+    RUN_TEST(test_nobody_wants_any_more);
+    RUN_TEST(test_a_database_that_is_none);
+    return tl_scratch_finish(&scratch, UNITY_END());
+}

@@ -1,0 +1,216 @@
+/* What a twin takes at its start: its own plant's mail, and beside another plant that of the run. The supervisor is played: blocks are put where a process
+ * finds them. */
+#include <fcntl.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include <unity.h>
+
+#include "firmware/live/live_twin_memory.h"
+#include "firmware/live/live_wire.h"
+#include "firmware/process/role.h"
+#include "tests/support/config_text.h"
+
+static const char *const base =
+    "{\"twinlock\": 1, \"name\": \"motor\", \"step_s\": 0.01,\n"
+    " \"components\": {\"motor\": {\"fmu\": \"motor.fmu\"}},\n"
+    " \"sources\": {\"plc\": {\"modbus_tcp\": {\"host\": \"10.0.0.5\"}}, \"bus\": {\"modbus_tcp\": {\"host\": \"10.0.0.9\"}}},\n"
+    " \"plant\": {\"u\": {\"modbus\": {\"source\": \"plc\", \"table\": \"coil\", \"address\": 1}},\n"
+    "  \"w\": {\"modbus\": {\"source\": \"bus\", \"table\": \"coil\", \"address\": 2}}},\n"
+    " \"compare\": {\"motor.omega\": {\"to\": \"plant.w\"}}}\n";
+
+enum { U, W };
+
+static tl_test_verdict run, own;
+static tl_live_twin_memory *memory;
+static tl_live_job job;
+static tl_block mail, run_mail;
+static tl_error error;
+
+/* So that no block is made at one of their numbers. */
+static void occupy_numbers(void) {
+    while (open("/dev/null", O_RDONLY | O_CLOEXEC) < TL_ROLE_DESCRIPTORS) {
+    }
+}
+
+void setUp(void) {
+    occupy_numbers();
+    memset(&run, 0, sizeof run);
+    memset(&own, 0, sizeof own);
+    memset(&job, 0, sizeof job);
+    job.is_shadow = true;
+    memory = calloc(1, sizeof *memory);
+    TEST_ASSERT_NOT_NULL(memory);
+    error.text[0] = '\0';
+}
+
+/* All that was taken goes with the process; of a test, here. */
+void tearDown(void) {
+    tl_block *const taken[] = {&memory->mail,         &memory->run_mail,     &memory->pulse_block,
+                               &memory->outbox_block, &memory->tuning_block, &memory->stage_block};
+    for (size_t i = 0; i < sizeof taken / sizeof taken[0]; i++) {
+        tl_block_close(taken[i]);
+    }
+    tl_block_close(&mail);
+    tl_block_close(&run_mail);
+    tl_config_free(&memory->run);
+    tl_config_free(&run.config);
+    tl_config_free(&own.config);
+    free(memory);
+}
+
+static void read_config(const char *text, tl_test_verdict *verdict) {
+    tl_test_judge_text(text, strlen(text), verdict);
+    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, verdict->status, verdict->problems[0].text);
+}
+
+/* The run has the base, the shadow an edited one. */
+static void edit(const char *old, const char *new) {
+    char *text = tl_test_replaced(base, old, new);
+    TEST_ASSERT_NOT_NULL(text);
+    read_config(base, &run);
+    read_config(text, &own);
+    free(text);
+}
+
+static void put(int number, const tl_block *block) {
+    TEST_ASSERT_EQUAL_INT(number, dup2(block->descriptor, number));
+}
+
+static void give(int number, size_t size) {
+    tl_block block;
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_block_make("given", size, TL_BLOCK_THEY_WRITE, &block, &error));
+    put(number, &block);
+    tl_block_close(&block);
+}
+
+static void give_mail(int number, const tl_config *config, tl_block *block) {
+    tl_plant_mail_shape shape;
+    tl_plant_mail_shape_of(config, &shape);
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_block_make("mail", tl_live_mail_bytes(&shape), TL_BLOCK_THEY_WRITE, block, &error));
+    put(number, block);
+}
+
+static void give_rest(void) {
+    const tl_outbox_settings settings = tl_live_twin_outbox(&own.config);
+    give(TL_LIVE_OWN_PULSE, sizeof(tl_live_twin_pulse));
+    give(TL_LIVE_TWIN_OUTBOX, tl_outbox_bytes(&settings));
+    give(TL_LIVE_TUNING, sizeof(tl_live_tuning));
+    give(TL_LIVE_STAGE, sizeof(tl_live_stage));
+}
+
+static tl_status take_with(const char *of_run) {
+    tl_live_job_bytes live;
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_live_job_pack(&job, of_run, &live, &error));
+    const tl_twin_job twin_job = {.live = live.bytes, .live_size = live.size};
+    tl_status status = tl_live_twin_memory_take(memory, &twin_job, &own.config, &error);
+    free(live.bytes);
+    return status;
+}
+
+/* As io would. */
+static void post(tl_block *block, const tl_config *config, size_t signal, double value) {
+    tl_mailbox mailboxes[TL_MAX_SIGNALS];
+    tl_plant_mail_shape shape;
+    const tl_reading reading = {.value = value, .stamp = 1000, .quality = TL_GOOD};
+    tl_plant_mail_shape_of(config, &shape);
+    tl_plant_mail_open(&shape, block->bytes, mailboxes);
+    tl_mailbox_post(&mailboxes[signal], &reading);
+}
+
+static void expect(size_t signal, double value, tl_quality quality) {
+    tl_sample sample;
+    tl_plant_input_take(&memory->input, 0, 2000, &sample);
+    TEST_ASSERT_EQUAL_DOUBLE(value, sample.values[signal]);
+    TEST_ASSERT_EQUAL_INT(quality, sample.quality[signal]);
+}
+
+static void test_the_plant_of_the_run(void) {
+    edit("\"name\": \"motor\"", "\"name\": \"motor\", \"$schema\": \"x\"");
+    give_mail(TL_LIVE_MAIL, &run.config, &mail);
+    give_rest();
+    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, take_with(base), error.text);
+    post(&mail, &run.config, W, 1.0);
+    expect(W, 1.0, TL_GOOD);
+    TEST_ASSERT_TRUE(tl_mail_change_is_over(&memory->change));
+    TEST_ASSERT_TRUE(memory->same.is_each);
+}
+
+static void test_another_plant(void) {
+    edit("10.0.0.9", "10.0.0.8");
+    job.other_plant = true;
+    give_mail(TL_LIVE_MAIL, &own.config, &mail);
+    give_mail(TL_LIVE_RUN_MAIL, &run.config, &run_mail);
+    give_rest();
+    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, take_with(base), error.text);
+    post(&run_mail, &run.config, U, 1.0);
+    post(&run_mail, &run.config, W, 1.0);
+    expect(U, 1.0, TL_GOOD);
+    expect(W, 0.0, TL_NO_LINK);
+    tl_live_twin_memory_look(memory);
+    TEST_ASSERT_NOT_EQUAL_size_t(0, memory->run_mail.size);
+    tl_mail_change_begin(&memory->change, 0);
+    tl_mail_change_look(&memory->change, TL_MAIL_CHANGE_LONGEST);
+    tl_live_twin_memory_look(memory);
+    TEST_ASSERT_EQUAL_size_t(0, memory->run_mail.size);
+    post(&mail, &own.config, U, 0.0);
+    expect(U, 0.0, TL_GOOD);
+}
+
+/* It is the run's, and was begun again: nobody tells it of another one. */
+static void test_no_shadow(void) {
+    edit("10.0.0.9", "10.0.0.8");
+    job.is_shadow = false;
+    give_mail(TL_LIVE_MAIL, &own.config, &mail);
+    give_rest();
+    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, take_with(""), error.text);
+    post(&mail, &own.config, W, 1.0);
+    expect(W, 1.0, TL_GOOD);
+}
+
+/* Somebody has said that both read the plant alike. */
+static void test_a_lie_about_the_plant(void) {
+    edit("10.0.0.9", "10.0.0.8");
+    give_mail(TL_LIVE_MAIL, &run.config, &mail);
+    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, take_with(base));
+    TEST_ASSERT_EQUAL_STRING("its signals are not in the places of those of the run", error.text);
+}
+
+static void test_a_lie_about_a_size(void) {
+    edit("10.0.0.9\"", "10.0.0.8\", \"period_s\": 0.001");
+    job.other_plant = true;
+    give_mail(TL_LIVE_MAIL, &run.config, &mail);
+    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, take_with(base));
+    tl_block_close(&mail);
+    tl_config_free(&memory->run);
+    give_mail(TL_LIVE_MAIL, &own.config, &mail);
+    give_mail(TL_LIVE_RUN_MAIL, &own.config, &run_mail);
+    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, take_with(base));
+}
+
+static void test_jobs_that_are_none(void) {
+    const char *text = NULL;
+    unsigned char bytes[sizeof job + 2];
+    memcpy(bytes, &job, sizeof job);
+    bytes[sizeof job] = 'x';
+    bytes[sizeof job + 1] = 'y';
+    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, tl_live_job_unpack(bytes, sizeof job, &job, &text, &error));
+    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, tl_live_job_unpack(bytes, sizeof bytes, &job, &text, &error));
+    bytes[sizeof job + 1] = '\0';
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_live_job_unpack(bytes, sizeof bytes, &job, &text, &error));
+    TEST_ASSERT_EQUAL_STRING("x", text);
+    edit("10.0.0.9", "10.0.0.8");
+    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, take_with("{ no configuration"));
+}
+
+int main(void) {
+    UNITY_BEGIN();
+    RUN_TEST(test_the_plant_of_the_run);
+    RUN_TEST(test_another_plant);
+    RUN_TEST(test_no_shadow);
+    RUN_TEST(test_a_lie_about_the_plant);
+    RUN_TEST(test_a_lie_about_a_size);
+    RUN_TEST(test_jobs_that_are_none);
+    return UNITY_END();
+}

@@ -1,0 +1,186 @@
+/* The supervisor and the twin's companions: io and recorder, their order, their failures, and one that makes room for another one. What each letter
+ * of a plan means: stage.h. */
+#include <signal.h>
+
+#include <unity.h>
+
+#include "firmware/base/clock.h"
+#include "firmware/supervise/supervisor.h"
+#include "tests/support/stage.h"
+
+static tl_stage *stage;
+
+void setUp(void) {
+    tl_stage_set();
+}
+
+void tearDown(void) {
+    tl_stage_clear();
+}
+
+static void test_all_end_in_order(void) {
+    tl_stage_cast(TL_MEMBER_IO, "w");
+    tl_stage_cast(TL_MEMBER_RECORDER, "w");
+    TEST_ASSERT_EQUAL_INT(0, tl_stage_end("w", SIGTERM, 200));
+    TEST_ASSERT_EQUAL_INT(1, stage->parts[TL_MEMBER_TWIN].order);
+    TEST_ASSERT_EQUAL_INT(2, stage->parts[TL_MEMBER_IO].order);
+    TEST_ASSERT_EQUAL_INT(3, stage->parts[TL_MEMBER_RECORDER].order);
+    TEST_ASSERT_EQUAL_INT(3, stage->told);
+}
+
+static void test_the_others_end_with_the_twin(void) {
+    tl_stage_cast(TL_MEMBER_IO, "w");
+    tl_stage_cast(TL_MEMBER_RECORDER, "w");
+    tl_stage_expect_code("0", 0);
+    TEST_ASSERT_EQUAL_INT(3, stage->ends);
+}
+
+/* More often than a twin may: and the twin goes on. */
+static void test_they_are_begun_again_for_ever(void) {
+    stage->settings.state = stage->scratch.folder;
+    tl_stage_cast(TL_MEMBER_RECORDER, "kkkhkkw");
+    TEST_ASSERT_EQUAL_INT(0, tl_stage_end("w", SIGTERM, 9000));
+    TEST_ASSERT_EQUAL_INT(7, stage->parts[TL_MEMBER_RECORDER].starts);
+    tl_stage_expect_told("the recorder failed: it was ended by signal 11, Segmentation fault; another one is begun");
+}
+
+static void test_one_that_never_could_begin_ends_all(void) {
+    tl_stage_cast(TL_MEMBER_IO, "6");
+    tl_stage_cast(TL_MEMBER_RECORDER, "w");
+    tl_stage_expect_code("a", 65);
+    TEST_ASSERT_EQUAL_INT(3, stage->ends);
+}
+
+static void test_a_recorder_that_hangs_in_the_end_is_followed_by_one(void) {
+    tl_stage_cast(TL_MEMBER_RECORDER, "be");
+    tl_stage_cast(TL_MEMBER_IO, "w");
+    tl_stage_expect_code("0", 0);
+    tl_stage_expect_told(
+        "the recorder failed when it was to end: it was told to end, and was still there 16 s later, in fmi2DoStep "
+        "of motor; another one is begun");
+    TEST_ASSERT_EQUAL_INT(2, stage->parts[TL_MEMBER_RECORDER].starts);
+    TEST_ASSERT_EQUAL_INT(3, stage->parts[TL_MEMBER_RECORDER].order); /* in its own time */
+}
+
+/* What it had to write still is in memory that outlives it. */
+static void test_a_recorder_that_dies_in_the_end_is_begun_again(void) {
+    tl_stage_cast(TL_MEMBER_RECORDER, "kkw");
+    tl_stage_expect_code("0", 0);
+    TEST_ASSERT_TRUE(stage->parts[TL_MEMBER_RECORDER].starts <= 3);
+}
+
+/* ---- another recorder ---- */
+
+static void change_the_recorder(bool ends, tl_orders *orders) {
+    (void)ends;
+    orders->recorder = tl_stage_is_ready(TL_MEMBER_RECORDER) && !tl_stage_has_died(TL_MEMBER_RECORDER);
+}
+
+static void test_another_recorder_is_begun(void) {
+    tl_stage_cast(TL_MEMBER_RECORDER, "ww");
+    stage->play_on = change_the_recorder;
+    TEST_ASSERT_EQUAL_INT(0, tl_stage_end("w", SIGTERM, 700));
+    TEST_ASSERT_EQUAL_INT(2, stage->parts[TL_MEMBER_RECORDER].starts);
+    tl_stage_expect_silence();
+}
+
+/* That is a failure as any. */
+static void test_a_recorder_that_crashes_when_it_makes_room(void) {
+    tl_stage_cast(TL_MEMBER_RECORDER, "lw");
+    stage->play_on = change_the_recorder;
+    TEST_ASSERT_EQUAL_INT(0, tl_stage_end("w", SIGTERM, 1200));
+    TEST_ASSERT_EQUAL_INT(2, stage->parts[TL_MEMBER_RECORDER].starts);
+    tl_stage_expect_told("the recorder failed: it was ended by signal 11, Segmentation fault; another one is begun");
+}
+
+static void change_it_in_the_end(bool ends, tl_orders *orders) {
+    orders->recorder = ends && tl_stage_has_died(TL_MEMBER_RECORDER) && stage->parts[TL_MEMBER_RECORDER].starts == 1;
+}
+
+static void test_another_recorder_writes_what_is_left_in_the_end(void) {
+    tl_stage_cast(TL_MEMBER_RECORDER, "ww");
+    stage->play_on = change_it_in_the_end;
+    TEST_ASSERT_EQUAL_INT(0, tl_stage_end("w", SIGTERM, 400));
+    TEST_ASSERT_EQUAL_INT(2, stage->parts[TL_MEMBER_RECORDER].starts);
+    TEST_ASSERT_EQUAL_INT(3, stage->parts[TL_MEMBER_RECORDER].order);
+    tl_stage_expect_silence();
+}
+
+/* ---- another io ---- */
+
+static void change_io(bool ends, tl_orders *orders) {
+    (void)ends;
+    orders->io = stage->parts[TL_MEMBER_IO].starts == 1 && tl_stage_is_ready(TL_MEMBER_IO);
+}
+
+static void test_another_io_is_begun(void) {
+    tl_stage_cast(TL_MEMBER_IO, "ww");
+    stage->play_on = change_io;
+    TEST_ASSERT_EQUAL_INT(0, tl_stage_end("w", SIGTERM, 700));
+    TEST_ASSERT_EQUAL_INT(2, stage->parts[TL_MEMBER_IO].starts);
+    tl_stage_expect_silence();
+}
+
+static void change_io_at_once(bool ends, tl_orders *orders) {
+    (void)ends;
+    orders->io = stage->parts[TL_MEMBER_IO].starts == 1 && !tl_stage_has_died(TL_MEMBER_IO);
+}
+
+/* There is nothing of it that could be lost. */
+static void test_an_io_that_dies_of_it(void) {
+    tl_stage_cast(TL_MEMBER_IO, "dw");
+    stage->play_on = change_io_at_once;
+    TEST_ASSERT_EQUAL_INT(0, tl_stage_end("w", SIGTERM, 700));
+    TEST_ASSERT_EQUAL_INT(2, stage->parts[TL_MEMBER_IO].starts);
+    tl_stage_expect_silence();
+}
+
+/* Signals are stale meanwhile. */
+static void test_an_io_that_does_not_make_room(void) {
+    tl_stage_cast(TL_MEMBER_IO, "bw");
+    stage->play_on = change_io;
+    TEST_ASSERT_EQUAL_INT(0, tl_stage_end("w", SIGTERM, 1500));
+    TEST_ASSERT_EQUAL_INT(2, stage->parts[TL_MEMBER_IO].starts);
+    tl_stage_expect_silence();
+}
+
+static tl_time rested; /* from the order to the next one */
+
+static void change_io_that_rests(bool ends, tl_orders *orders) {
+    (void)ends;
+    bool is_resting = stage->parts[TL_MEMBER_IO].starts == 4 && stage->parts[TL_MEMBER_IO].told == 4;
+    bool is_back = stage->parts[TL_MEMBER_IO].starts == 5 && tl_stage_is_ready(TL_MEMBER_IO);
+    stage->at = is_resting && stage->at == 0 ? tl_clock_now(NULL) : stage->at;
+    orders->io = is_resting;
+    orders->end = is_back;
+    rested = is_back && rested == 0 ? tl_clock_now(NULL) - stage->at : rested;
+}
+
+/* After the fourth failure it would rest for a second; another one may find what this one did not. */
+static void test_another_io_after_some_that_could_not_begin(void) {
+    tl_stage_cast(TL_MEMBER_IO, "kkkkw");
+    rested = 0;
+    stage->play_on = change_io_that_rests;
+    tl_stage_expect_code("w", 0);
+    TEST_ASSERT_EQUAL_INT(5, stage->parts[TL_MEMBER_IO].starts);
+    TEST_ASSERT_TRUE(rested > 0 && rested < TL_SECOND * 9 / 10);
+}
+
+int main(void) {
+    UNITY_BEGIN();
+    stage = tl_stage_open(TL_BINARY_DIR, "test_supervisor_members");
+    RUN_TEST(test_all_end_in_order);
+    RUN_TEST(test_the_others_end_with_the_twin);
+    RUN_TEST(test_they_are_begun_again_for_ever);
+    RUN_TEST(test_one_that_never_could_begin_ends_all);
+    RUN_TEST(test_a_recorder_that_hangs_in_the_end_is_followed_by_one);
+    RUN_TEST(test_a_recorder_that_dies_in_the_end_is_begun_again);
+    RUN_TEST(test_another_recorder_is_begun);
+    RUN_TEST(test_a_recorder_that_crashes_when_it_makes_room);
+    RUN_TEST(test_another_recorder_writes_what_is_left_in_the_end);
+    RUN_TEST(test_another_io_is_begun);
+    RUN_TEST(test_an_io_that_dies_of_it);
+    RUN_TEST(test_an_io_that_does_not_make_room);
+    RUN_TEST(test_another_io_after_some_that_could_not_begin);
+    return tl_stage_close(UNITY_END());
+}

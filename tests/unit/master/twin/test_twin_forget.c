@@ -1,0 +1,232 @@
+/* A twin that forgets what is not saved: from there on the same to the bit as one that has loaded what was saved. */
+#include <stdlib.h>
+#include <string.h>
+#include <unity.h>
+
+#include "master/twin/account.h"
+#include "tests/support/test_scene.h"
+
+enum { TICKS = 240 };
+
+static tl_test_scene scene;
+static tl_test_run *const run = &scene.run;
+
+/* By step. */
+typedef struct course {
+    tl_record record[TICKS];
+    bool there[TICKS];
+    tl_account account; /* at the end */
+} course;
+
+static course forgotten, loaded;
+
+static unsigned char *bytes;
+static size_t size;
+
+void setUp(void) {
+    scene.unsaved = false;
+}
+
+void tearDown(void) {
+    tl_test_scene_end(&scene);
+    free(bytes);
+    bytes = NULL;
+}
+
+/* Every thirteenth tick was missed. */
+static void search_to(int64_t to, course *into) {
+    while (run->sample.tick <= to) {
+        tl_test_scene_show(&scene);
+        if (run->sample.tick % 13 == 12) {
+            tl_test_run_make_up(run);
+        } else {
+            tl_test_run_step(run);
+        }
+        TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, run->status, run->error.text);
+        if (run->ready && run->record.step < TICKS) {
+            into->record[run->record.step] = run->record;
+            into->there[run->record.step] = true;
+        }
+    }
+}
+
+static void save(void) {
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_twin_save(run->twin, NULL, 0, &size, &run->error));
+    free(bytes);
+    bytes = malloc(size + 1);
+    TEST_ASSERT_NOT_NULL(bytes);
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_twin_save(run->twin, bytes, size, &size, &run->error));
+}
+
+static void expect_same(const course *wanted, const course *found, const char *what) {
+    size_t compared = 0;
+    for (int64_t step = 0; step < TICKS; step++) {
+        TEST_ASSERT_EQUAL_INT_MESSAGE(wanted->there[step], found->there[step], what);
+        if (wanted->there[step]) {
+            const tl_record *a = &wanted->record[step];
+            const tl_record *b = &found->record[step];
+            compared++;
+            TEST_ASSERT_EQUAL_MEMORY_MESSAGE(a->y, b->y, TL_SCENE_MATCHES * sizeof a->y[0], what);
+            TEST_ASSERT_EQUAL_MEMORY_MESSAGE(a->y_hat, b->y_hat, TL_SCENE_MATCHES * sizeof a->y_hat[0], what);
+            size_t adjusted = scene.plan.plan.adjust_count * sizeof a->u[0];
+            TEST_ASSERT_TRUE_MESSAGE(memcmp(a->u, b->u, adjusted) == 0, what);
+            TEST_ASSERT_TRUE_MESSAGE(memcmp(a->u_hat, b->u_hat, adjusted) == 0, what);
+            TEST_ASSERT_EQUAL_MEMORY_MESSAGE(&a->objective, &b->objective, sizeof a->objective, what);
+            TEST_ASSERT_EQUAL_INT_MESSAGE(a->outcome, b->outcome, what);
+            TEST_ASSERT_EQUAL_INT_MESSAGE(a->stop, b->stop, what);
+            TEST_ASSERT_EQUAL_UINT32_MESSAGE(a->evaluations, b->evaluations, what);
+            TEST_ASSERT_EQUAL_UINT32_MESSAGE(a->executions, b->executions, what);
+            TEST_ASSERT_EQUAL_UINT32_MESSAGE(a->predicted, b->predicted, what);
+            TEST_ASSERT_EQUAL_UINT32_MESSAGE(a->flags, b->flags, what);
+            TEST_ASSERT_EQUAL_UINT32_MESSAGE(a->held, b->held, what);
+            TEST_ASSERT_EQUAL_INT64_MESSAGE(a->delay, b->delay, what);
+        }
+    }
+    TEST_ASSERT_GREATER_THAN_size_t_MESSAGE(20, compared, what);
+}
+
+/* All that was counted since. */
+static void expect_same_account(const tl_account *wanted, const tl_account *found, const char *what) {
+    for (size_t k = 0; k < wanted->components; k++) {
+        const tl_account_component *a = &wanted->component[k];
+        const tl_account_component *b = &found->component[k];
+        TEST_ASSERT_EQUAL_UINT64_MESSAGE(a->plain, b->plain, what);
+        TEST_ASSERT_EQUAL_UINT64_MESSAGE(a->predicted, b->predicted, what);
+        TEST_ASSERT_EQUAL_UINT64_MESSAGE(a->executions, b->executions, what);
+        TEST_ASSERT_EQUAL_UINT64_MESSAGE(a->caught_up, b->caught_up, what);
+        TEST_ASSERT_EQUAL_UINT64_MESSAGE(a->unstored, b->unstored, what);
+    }
+    TEST_ASSERT_EQUAL_MEMORY_MESSAGE(&wanted->match[0].metrics, &found->match[0].metrics,
+                                     sizeof found->match[0].metrics, what);
+}
+
+/* Runs to `tick`, forgets there, and goes on; `saved_first`: saves before it forgets, not after. False: it could not. */
+static bool go_on(tl_test_scene_kind of, int64_t tick, bool saved_first) {
+    bool done = false;
+    memset(&forgotten, 0, sizeof forgotten);
+    tl_test_scene_build(&scene, of);
+    search_to(tick, &forgotten);
+    memset(&forgotten, 0, sizeof forgotten);
+    if (saved_first) {
+        save();
+    }
+    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_twin_forget(run->twin, &done, &run->error), run->error.text);
+    if (!saved_first) {
+        save();
+    }
+    TEST_ASSERT_EQUAL_INT_MESSAGE(size != 0, done, tl_test_scene_name(of));
+    search_to(TICKS - 1, &forgotten);
+    tl_account_take(run->twin, &forgotten.account);
+    tl_test_scene_end(&scene);
+    return done;
+}
+
+static void load(tl_test_scene_kind of, int64_t tick) {
+    memset(&loaded, 0, sizeof loaded);
+    tl_test_scene_build(&scene, of);
+    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_twin_load(run->twin, tick, bytes, size, &run->error), run->error.text);
+    tl_test_scene_move(&scene, tick + 1);
+    search_to(TICKS - 1, &loaded);
+    tl_account_take(run->twin, &loaded.account);
+    tl_test_scene_end(&scene);
+}
+
+static void compare_all(void) {
+    static const int64_t ticks[] = {8, 9, 25, 30, 60, 77, 100, 131, 158, 199};
+    for (tl_test_scene_kind of = TL_SCENE_LAG; of < TL_SCENES; of++) {
+        for (size_t i = 0; i < sizeof ticks / sizeof ticks[0]; i++) {
+            if (go_on(of, ticks[i], i % 2 == 0)) {
+                load(of, ticks[i]);
+                expect_same(&loaded, &forgotten, tl_test_scene_name(of));
+                expect_same_account(&loaded.account, &forgotten.account, tl_test_scene_name(of));
+            } else {
+                TEST_ASSERT_EQUAL_INT(TL_SCENE_LONG, of); /* an FMU would have to be executed again */
+            }
+        }
+    }
+}
+
+static void test_the_same_as_one_that_was_loaded(void) {
+    compare_all();
+}
+
+static void test_the_same_where_no_executions_are_saved(void) {
+    scene.unsaved = true;
+    compare_all();
+}
+
+/* Once more, before anything was computed since, it has nothing to forget. */
+static void test_twice_is_once(void) {
+    static course once;
+    bool done = false;
+    TEST_ASSERT_TRUE(go_on(TL_SCENE_HOLD, 60, true));
+    once = forgotten;
+    tl_test_scene_build(&scene, TL_SCENE_HOLD);
+    search_to(60, &forgotten);
+    memset(&forgotten, 0, sizeof forgotten);
+    for (int i = 0; i < 2; i++) {
+        TEST_ASSERT_EQUAL_INT(TL_OK, tl_twin_forget(run->twin, &done, &run->error));
+        TEST_ASSERT_TRUE(done);
+    }
+    search_to(TICKS - 1, &forgotten);
+    tl_test_scene_end(&scene);
+    expect_same(&once, &forgotten, "twice");
+}
+
+/* Before anything has begun there is nothing: a run begins there as any. */
+static void test_before_the_first_tick(void) {
+    bool done = true;
+    tl_test_scene_build(&scene, TL_SCENE_LAG);
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_twin_forget(run->twin, &done, &run->error));
+    TEST_ASSERT_FALSE(done);
+}
+
+/* A reset that was asked for, and has not happened, is not in the bytes either. */
+static void test_a_reset_that_waits(void) {
+    bool done = false;
+    memset(&forgotten, 0, sizeof forgotten);
+    tl_test_scene_build(&scene, TL_SCENE_LAG);
+    search_to(60, &forgotten);
+    tl_twin_reset(run->twin);
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_twin_forget(run->twin, &done, &run->error));
+    search_to(80, &forgotten);
+    for (int64_t step = 0; step < 80; step++) {
+        TEST_ASSERT_EQUAL_UINT32(0, forgotten.record[step].flags & TL_FLAG_RESET);
+    }
+}
+
+static void fail_to_return(bool fails) {
+    for (size_t i = 0; i < TL_SCENE_FMUS; i++) {
+        uint64_t next = fails ? scene.fmus[i].calls[TL_TEST_SET_STATE] + 1 : UINT64_MAX;
+        tl_test_fmu_fail(&scene.fmus[i], TL_TEST_SET_STATE, TL_TEST_ERROR, next, next);
+    }
+}
+
+/* It stands in another candidate's place, and its way back fails: nothing may follow. */
+static void test_an_fmu_that_refuses(void) {
+    bool done = true;
+    int64_t tick = 20;
+    tl_status status = TL_OK;
+    tl_test_scene_build(&scene, TL_SCENE_AHEAD);
+    while (status == TL_OK && tick < TICKS) {
+        search_to(tick++, &forgotten);
+        fail_to_return(true);
+        status = tl_twin_forget(run->twin, &done, &run->error);
+        fail_to_return(false);
+    }
+    TEST_ASSERT_EQUAL_INT(TL_FMU_FAILED, status);
+    tl_test_scene_show(&scene);
+    tl_test_run_step(run);
+    TEST_ASSERT_EQUAL_INT(TL_FMU_FAILED, run->status);
+}
+
+int main(void) {
+    UNITY_BEGIN();
+    RUN_TEST(test_the_same_as_one_that_was_loaded);
+    RUN_TEST(test_the_same_where_no_executions_are_saved);
+    RUN_TEST(test_twice_is_once);
+    RUN_TEST(test_before_the_first_tick);
+    RUN_TEST(test_a_reset_that_waits);
+    RUN_TEST(test_an_fmu_that_refuses);
+    return UNITY_END();
+}
