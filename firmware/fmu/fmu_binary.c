@@ -15,6 +15,7 @@
 #include <unistd.h>
 
 #include "firmware/base/shortage.h"
+#include "firmware/copies/own_copies.h"
 
 /* ---- This machine -------------------------------------------------------------------------------------- */
 
@@ -282,9 +283,27 @@ static bool is_shortage(const char *reason) {
     return reason != NULL && (tl_shortage_is_told(reason) || strstr(reason, "failed to map segment") != NULL);
 }
 
+/* Whether what dlopen() says is that thread-local variables of the kind that must be there before a thread begins find no room. */
+static bool lacks_thread_memory(const char *reason) {
+    return reason != NULL && strstr(reason, "static TLS") != NULL;
+}
+
+/* No other try helps: how much there is was settled when the process began. */
+static tl_status fail_thread_memory(const char *label, tl_error *error) {
+    return tl_fail(
+        error, TL_BAD_DATA,
+        "%s: the binary cannot be opened: cannot allocate memory in static TLS block: thread-local variables of the FMUs "
+        "before it take what there is; start twinlock with GLIBC_TUNABLES=glibc.rtld.optional_static_tls=65536 in its "
+        "environment (of a service: systemctl edit, [Service] Environment=)",
+        label);
+}
+
 /* dlopen()'s own text names the file, and a neighbour or a symbol that is missing. */
 static tl_status fail_open(const char *path, const char *label, const char *reason, tl_error *error) {
     struct statvfs system;
+    if (lacks_thread_memory(reason)) {
+        return fail_thread_memory(label, error);
+    }
     bool no_programs = statvfs(path, &system) == 0 && (system.f_flag & ST_NOEXEC) != 0;
     bool shortage = is_shortage(reason);
     const char *advice = "install what it needs, export the FMU with it, or name the library that has the symbol in "
@@ -315,6 +334,10 @@ tl_status tl_fmu_binary_open(const char *folder, const tl_model *model, const ch
     char path[PATH_MAX];
     tl_fmi2 functions;
     tl_status status = find_binary(folder, model, label, path, sizeof path, error);
+    if (status != TL_OK) {
+        return status;
+    }
+    status = tl_own_copies_make(folder, path, label, error);
     if (status != TL_OK) {
         return status;
     }

@@ -16,7 +16,7 @@
 #include "master/fmi/model.h"
 
 /* `folder` is that of the unpacked FMU, absolute. The whole folder of the binary must be there: it may load its
- * neighbours. Optional functions that the model does not claim are NULL in the table. */
+ * neighbours. What it shares a name with another FMU's is made its own before (own_copies.h). Optional functions that the model does not claim are NULL in the table. */
 tl_status tl_fmu_binary_open(const char *folder, const tl_model *model, const char *label, tl_fmu_guard *guard,
                              tl_error *error);
 

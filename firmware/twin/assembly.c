@@ -126,13 +126,22 @@ static bool check_module(tl_assembly *assembly, const tl_fmu *fmu, const char *w
     return true;
 }
 
-/* The FMU at `path`, loaded once; NULL where reported. */
-static const tl_fmu *load_fmu(tl_assembly *assembly, const char *path, int opened, const char *where) {
+/* The one of this file, if it runs in Python: that has its modules once, so there is no second copy to be had. Else NULL. */
+static const tl_fmu *find_shared(const tl_assembly *assembly, const char *path) {
     for (size_t i = 0; i < assembly->fmu_count; i++) {
-        const char *known = assembly->fmus[i].path;
-        if (known != NULL && strcmp(known, path) == 0) {
-            return &assembly->fmus[i];
+        const tl_fmu *known = &assembly->fmus[i];
+        if (known->module[0] != '\0' && strcmp(known->path, path) == 0) {
+            return known;
         }
+    }
+    return NULL;
+}
+
+/* The FMU at `path`, with variables of its own whoever else uses that file; NULL where reported. */
+static const tl_fmu *load_fmu(tl_assembly *assembly, const char *path, int opened, const char *where) {
+    const tl_fmu *shared = find_shared(assembly, path);
+    if (shared != NULL) {
+        return shared;
     }
     tl_error error;
     tl_fmu *fmu = &assembly->fmus[assembly->fmu_count];

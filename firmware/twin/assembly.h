@@ -23,7 +23,7 @@ typedef struct tl_assembly_file {
 typedef struct tl_assembly {
     tl_config config;
     tl_problems problems;
-    tl_fmu *fmus; /* each file once, however many components use it */
+    tl_fmu *fmus; /* one of each component; those of one file that run in Python share one */
     size_t fmu_count;
     tl_plan plan;
     tl_plan_component *components; /* of the plan */

@@ -13,6 +13,7 @@ OUTSIDE = {
     FMUS: [FMUS],
     "tests": ["tests", *FLOORS],
     "tests/hil/fmus": ["fmus/common"],  # FMUs as ours are
+    "tests/fmu/copies": ["tests/fmu/copies", "fmus/common"],
 }
 
 C99 = set("assert complex ctype errno fenv float inttypes iso646 limits locale math setjmp signal stdarg stdbool "
@@ -31,7 +32,7 @@ OWNERS = {
     "zip.h": ("firmware/fmu",),
     "seccomp.h": ("firmware/confine",),
     "landlock.h": ("firmware/confine",),
-    "dlfcn.h": ("firmware/fmu",),
+    "dlfcn.h": ("firmware/fmu", "firmware/copies/own_copies.c"),
     "sd-daemon.h": ("firmware/supervise",),
     "watchdog.h": ("board/watchdog", "firmware/confine/filter_drivers.c"),
     "microhttpd.h": ("firmware/serve",),

@@ -88,9 +88,9 @@ static void test_no_descriptor_for_a_recording(void) {
     expect_try_again(status, "recording.csv cannot be opened: Too many open files");
 }
 
-/* dlopen() finds no room to map it. */
-static void test_no_memory_for_a_binary(void) {
+static void expect_no_memory(const char *what) {
 #if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+    (void)what;
     TEST_IGNORE_MESSAGE("a sanitizer needs its address space");
 #else
     if (getenv("TL_EMULATOR") != NULL) {
@@ -102,8 +102,17 @@ static void test_no_memory_for_a_binary(void) {
     TEST_ASSERT_EQUAL_INT(0, setrlimit(RLIMIT_AS, &tight));
     tl_status status = tl_fmu_binary_open(archive.folder.path, &model, "motor", &guard, &error);
     TEST_ASSERT_EQUAL_INT(0, setrlimit(RLIMIT_AS, &usual));
-    expect_try_again(status, "failed to map segment from shared object; free memory or descriptors and try again");
+    expect_try_again(status, what);
 #endif
+}
+
+/* dlopen() finds no room to map it. The first binary of the process: nothing looks into that before. */
+static void test_no_memory_for_a_binary(void) {
+    expect_no_memory("failed to map segment from shared object; free memory or descriptors and try again");
+}
+
+static void test_no_memory_to_look_into_a_second_binary(void) {
+    expect_no_memory("motor.so cannot be read: Cannot allocate memory; free memory, descriptors or disk and try again");
 }
 
 /* One more each time, until an FMU can be loaded; nothing of it stays in the folder for temporary files. */
@@ -133,11 +142,12 @@ int main(void) {
     if (setenv("TMPDIR", scratch.folder, 1) != 0) {
         return EXIT_FAILURE;
     }
+    RUN_TEST(test_no_memory_for_a_binary);
+    RUN_TEST(test_no_memory_to_look_into_a_second_binary);
     RUN_TEST(test_what_is_a_shortage);
     RUN_TEST(test_no_descriptor_for_a_binary);
     RUN_TEST(test_no_descriptor_for_a_library);
     RUN_TEST(test_no_descriptor_for_a_recording);
-    RUN_TEST(test_no_memory_for_a_binary);
     RUN_TEST(test_descriptors_one_by_one);
     tl_scratch_remove(&scratch);
     return UNITY_END();

@@ -117,15 +117,21 @@ static void test_in_two_parts(void) {
     TEST_ASSERT_FALSE(assembly.plan.saving.sequences);
 }
 
-/* One file is loaded once, however many components use it. */
-static void test_components_share_an_fmu(void) {
+/* Each component has an FMU of its own, whose file another one may use as well. */
+static void test_components_of_one_file(void) {
     TEST_ASSERT_EQUAL_INT(TL_OK, load("\"drive\": { \"fmu\"", "\"other\": { \"fmu\": \"motor.fmu\", \"set\": "
                                                               "{ \"I_in\": 0.3, \"M_w\": 0 } },\n"
                                                               "    \"drive\": { \"fmu\""));
     TEST_ASSERT_EQUAL_STRING("", said);
-    TEST_ASSERT_EQUAL_size_t(2, assembly.fmu_count);
+    TEST_ASSERT_EQUAL_size_t(3, assembly.fmu_count);
     TEST_ASSERT_EQUAL_size_t(4, tl_twin_get_facts(assembly.twin).components);
-    TEST_ASSERT_EQUAL_PTR(assembly.components[0].model, assembly.components[2].model);
+    for (size_t i = 0; i < 3; i++) {
+        for (size_t k = 0; k < i; k++) {
+            TEST_ASSERT_TRUE(assembly.components[i].model != assembly.components[k].model);
+            TEST_ASSERT_TRUE(assembly.components[i].functions != assembly.components[k].functions);
+            TEST_ASSERT_TRUE(strcmp(assembly.components[i].resources, assembly.components[k].resources) != 0);
+        }
+    }
 }
 
 /* Which of the installed files is meant. */
@@ -370,7 +376,7 @@ int main(void) {
     RUN_TEST(test_the_plan);
     RUN_TEST(test_modes_reach_the_plan);
     RUN_TEST(test_in_two_parts);
-    RUN_TEST(test_components_share_an_fmu);
+    RUN_TEST(test_components_of_one_file);
     RUN_TEST(test_an_fmu_by_its_hash);
     RUN_TEST(test_all_fmus_that_are_missing_are_said);
     RUN_TEST(test_a_configuration_that_is_wrong);
