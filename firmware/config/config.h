@@ -42,6 +42,7 @@ typedef struct tl_config_component {
     size_t read_count;
     bool unconfined; /* it may do what the user can; and so may the FMUs that share its process */
     bool logging;    /* debug logging of the FMU */
+    tl_rollback rollback;
     tl_plan_set *set;
     size_t set_count;
     tl_keep keep;

@@ -130,6 +130,14 @@ static void read_reads(tl_config_object *entry, tl_config_component *component) 
     component->read_count = read_names(entry, &reads, &component->reads);
 }
 
+static void read_rollback(tl_config_object *entry, tl_config_component *component) {
+    static const char *const names[] = {"auto", "state", "memory", NULL};
+    static const tl_rollback ways[] = {TL_ROLLBACK_AUTO, TL_ROLLBACK_STATE, TL_ROLLBACK_MEMORY};
+    size_t chosen = 0;
+    (void)tl_config_get_choice(entry, "rollback", TL_CONFIG_OPTIONAL, names, &chosen);
+    component->rollback = ways[chosen];
+}
+
 static void read_component(const tl_config_object *map, const cJSON *item, size_t index, void *context) {
     const tl_config *config = context;
     tl_config_component *component = &config->components[index];
@@ -145,6 +153,7 @@ static void read_component(const tl_config_object *map, const cJSON *item, size_
         read_hash(&entry, component);
         read_set(&entry, component);
         read_keep(&entry, component);
+        read_rollback(&entry, component);
         read_libraries(&entry, component);
         read_reads(&entry, component);
         (void)tl_config_get_boolean(&entry, "unconfined", &component->unconfined);

@@ -20,6 +20,7 @@ typedef struct tl_fmu_guarded {
     fmi2GetRealTYPE *get_real;
     const unsigned short *const *characters; /* where the C library keeps the thread's table of characters, and which */
     const unsigned short *table;             /* it is: a glance at the locale */
+    tl_fmu_heap *heap;                       /* that its calls are served from; NULL: the C library's */
     uint32_t name;
     uint32_t control;
     const tl_fmi2 *own; /* all functions */
@@ -70,10 +71,21 @@ static bool holds_all(const guarded *self) {
 
 static inline void enter(const guarded *self, tl_fmu_function function) {
     tl_fmu_call_begin(self->name, function);
+    if (self->heap != NULL) {
+        tl_fmu_memory_enter(&self->guard->memory);
+    }
+}
+
+/* First of all after a call: what comes then is not the FMU's. */
+static inline void leave_memory(const guarded *self) {
+    if (self->heap != NULL) {
+        tl_fmu_memory_leave(&self->guard->memory);
+    }
 }
 
 /* After an ordinary call: no system call. */
 static inline fmi2Status leave(guarded *self, fmi2Status status) {
+    leave_memory(self);
     if (!holds_all(self)) {
         put_back_some(self, NULL);
     }
@@ -83,6 +95,7 @@ static inline fmi2Status leave(guarded *self, fmi2Status status) {
 
 /* After a call in which much may have been set up. */
 static fmi2Status leave_slowly(guarded *self, fmi2Status status) {
+    leave_memory(self);
     say_changes(self->guard, &self->told, tl_host_state_put_back(), NULL);
     tl_fmu_call_end();
     return status;
@@ -90,9 +103,15 @@ static fmi2Status leave_slowly(guarded *self, fmi2Status status) {
 
 void tl_fmu_guard_enter(tl_fmu_guard *guard, tl_fmu_function function) {
     tl_fmu_call_begin(guard->name, function);
+    if (guard->memory.heap != NULL) {
+        tl_fmu_memory_enter(&guard->memory);
+    }
 }
 
 void tl_fmu_guard_leave(tl_fmu_guard *guard) {
+    if (guard->memory.heap != NULL) {
+        tl_fmu_memory_leave(&guard->memory);
+    }
     say_changes(guard, &guard->told, tl_host_state_put_back(), NULL);
     tl_fmu_call_end();
 }
@@ -106,7 +125,7 @@ static fmi2Component instantiate(fmi2String name, fmi2Type type, fmi2String guid
     if (self == NULL) {
         return NULL;
     }
-    *self = (guarded){.own = &guard->own, .name = tl_fmu_calls_name(name), .guard = guard};
+    *self = (guarded){.own = &guard->own, .name = tl_fmu_calls_name(name), .heap = guard->memory.heap, .guard = guard};
     self->set_real = guard->own.set_real;
     self->do_step = guard->own.do_step;
     self->get_real = guard->own.get_real;
@@ -239,6 +258,7 @@ static fmi2Status do_step(fmi2Component component, fmi2Real now, fmi2Real step, 
 /* Between two instances of one macro step a glance must do, since for a small FMU more would take as long as its step: at what the control
  * bits do (fp_control.h), and at the table of characters, which another locale brings with it unless it was made from ours. */
 static inline fmi2Status leave_step(guarded *self, bool last, fmi2Status status) {
+    leave_memory(self);
     bool holds = last ? holds_all(self) : tl_fp_control_holds(self->control) && *self->characters == self->table;
     if (!holds) {
         put_back_some(self, "a step");
@@ -318,6 +338,77 @@ static fmi2Status deserialize_fmu_state(fmi2Component component, const fmi2Byte 
     return leave(self, expect_state(self, state, self->own->deserialize_fmu_state(self->instance, bytes, size, state)));
 }
 
+/* ---- states that are its memory: no call of the FMU ---- */
+
+static fmi2Status save_memory(fmi2Component component, fmi2FMUstate *state) {
+    guarded *self = component;
+    tl_error error;
+    if (tl_fmu_memory_save(&self->guard->memory, state, &error) != TL_OK) {
+        tl_fmu_logger_say(&self->guard->logger, TL_LOG_ERROR, "", error.text);
+        return fmi2Error;
+    }
+    return fmi2OK;
+}
+
+static fmi2Status restore_memory(fmi2Component component, fmi2FMUstate state) {
+    guarded *self = component;
+    tl_fmu_memory_restore(&self->guard->memory, state);
+    return fmi2OK;
+}
+
+static fmi2Status forget_memory(fmi2Component component, fmi2FMUstate *state) {
+    (void)component;
+    tl_fmu_memory_forget(*state);
+    *state = NULL;
+    return fmi2OK;
+}
+
+/* ---- kept aside: for one whose own states may be wrong ---- */
+
+static fmi2Status keep_aside(fmi2Component component) {
+    guarded *self = component;
+    return save_memory(component, &self->guard->aside);
+}
+
+static fmi2Status come_back(fmi2Component component) {
+    guarded *self = component;
+    return self->guard->aside == NULL ? fmi2Error : restore_memory(component, self->guard->aside);
+}
+
+static void let_go(fmi2Component component) {
+    guarded *self = component;
+    tl_fmu_memory_forget(self->guard->aside);
+    self->guard->aside = NULL;
+}
+
+static void roll_back_by_memory(tl_fmu_guard *guard);
+
+static fmi2Status give_up_states(fmi2Component component) {
+    guarded *self = component;
+    tl_fmu_call call = {.fmu = ""};
+    if (self->guard->by_memory || come_back(component) != fmi2OK) {
+        return fmi2Error;
+    }
+    (void)tl_fmu_calls_look(tl_fmu_calls_here(), &call);
+    tl_fmu_logger_say(&self->guard->logger, TL_LOG_WARNING, call.fmu,
+                      "does not come back to where it was by its own states: it is rolled back by its memory instead");
+    roll_back_by_memory(self->guard);
+    return fmi2OK;
+}
+
+/* What the FMU has of its own for it is not used. */
+static void roll_back_by_memory(tl_fmu_guard *guard) {
+    tl_fmi2 *functions = &guard->functions;
+    guard->by_memory = true;
+    guard->memory.has_flags = true;
+    functions->get_fmu_state = save_memory;
+    functions->set_fmu_state = restore_memory;
+    functions->free_fmu_state = forget_memory;
+    functions->serialized_fmu_state_size = NULL;
+    functions->serialize_fmu_state = NULL;
+    functions->deserialize_fmu_state = NULL;
+}
+
 /* ---- the guard ---- */
 
 void tl_fmu_guard_open(tl_fmu_guard *guard, const char *name, const char *generator) {
@@ -328,7 +419,14 @@ void tl_fmu_guard_open(tl_fmu_guard *guard, const char *name, const char *genera
     guard->given = (fmi2CallbackFunctions){tl_fmu_logger_take, calloc, free, NULL, &guard->logger};
 }
 
+tl_status tl_fmu_guard_use_memory(tl_fmu_guard *guard, const char *folder, bool at_once, tl_error *error) {
+    guard->by_memory = at_once;
+    return tl_fmu_memory_open(folder, &guard->memory, error);
+}
+
 void tl_fmu_guard_front(tl_fmu_guard *guard, const tl_fmi2 *own) {
+    static const tl_fmi2_aside aside = {
+        .keep = keep_aside, .come_back = come_back, .give_up_states = give_up_states, .let_go = let_go};
     guard->own = *own;
     guard->functions = (tl_fmi2){
         .instantiate = instantiate,
@@ -354,9 +452,16 @@ void tl_fmu_guard_front(tl_fmu_guard *guard, const tl_fmi2 *own) {
         .do_step = do_step,
         .step_reals = step_reals,
     };
+    if (guard->by_memory) {
+        roll_back_by_memory(guard);
+    } else if (guard->memory.heap != NULL) {
+        guard->functions.aside = &aside;
+    }
 }
 
 void tl_fmu_guard_close(tl_fmu_guard *guard) {
+    tl_fmu_memory_forget(guard->aside);
+    guard->aside = NULL;
     for (guarded *self = guard->instances, *next = NULL; self != NULL; self = next) {
         next = self->next;
         free(self);

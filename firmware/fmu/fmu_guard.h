@@ -5,8 +5,10 @@
  *            - put back the floating-point control bits (fp_control.h) and the locale of the thread, without a system call;
  *            - after loading, instantiating, initialising, resetting, freeing, and once a tick: put back the rest of what an FMU may have
  *              changed of the process (host_state.h), and say so once;
- *            - take for a failure what claims success and is none: no state with fmi2OK.
- *          A caller of the table cannot tell the difference. Ways of rolling back other than the FMU's own will stand here too.
+ *            - take for a failure what claims success and is none: no state with fmi2OK;
+ *            - if the FMU is rolled back by its memory (rollback/fmu_memory.h): serve it from a heap of its own, and save and restore that in
+ *              place of the FMU's own functions.
+ *          A caller of the table cannot tell the difference.
  * Owner:   the caller places a guard and keeps it where it is until tl_fmu_guard_close(); instances made through it, and their
  *          states, are the guard's.
  * Thread:  that of the FMUs.
@@ -14,10 +16,12 @@
 #ifndef TL_FIRMWARE_FMU_FMU_GUARD_H
 #define TL_FIRMWARE_FMU_FMU_GUARD_H
 
+#include <stdbool.h>
 #include <stdint.h>
 
 #include "firmware/fmu/fmu_logger.h"
 #include "firmware/process/fmu_call.h"
+#include "firmware/rollback/fmu_memory.h"
 #include "master/fmi/fmi2.h"
 
 typedef struct tl_fmu_guard {
@@ -26,14 +30,20 @@ typedef struct tl_fmu_guard {
     tl_fmi2 own;                     /* private, from here on: the FMU's functions */
     fmi2CallbackFunctions given;     /* to the FMU */
     tl_fmu_logger logger;
-    uint32_t name; /* of the file, for calls without an instance */
-    unsigned told; /* changes of the process that were said of the file */
+    tl_fmu_memory memory; /* zeroed: it is not rolled back by that */
+    bool by_memory;       /* it is; else it may be, if its own states are wrong */
+    void *aside;          /* private: all that it knew when a proof began; NULL: nothing is kept */
+    uint32_t name;        /* of the file, for calls without an instance */
+    unsigned told;        /* changes of the process that were said of the file */
     struct tl_fmu_guarded *instances;
 } tl_fmu_guard;
 
 /* Before the FMU is loaded: from now on it may be called. `name` and `generator` are those of its
  * description. */
 void tl_fmu_guard_open(tl_fmu_guard *guard, const char *name, const char *generator);
+
+/* After that: it is rolled back by its memory, or can be. `folder` is what it is unpacked to, absolute and without links; it must stay. Errors: TL_TRY_AGAIN. */
+tl_status tl_fmu_guard_use_memory(tl_fmu_guard *guard, const char *folder, bool at_once, tl_error *error);
 
 /* Around what calls the FMU without the table: opening its library, asking for its version. */
 void tl_fmu_guard_enter(tl_fmu_guard *guard, tl_fmu_function function);

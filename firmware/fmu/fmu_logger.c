@@ -8,6 +8,7 @@
 
 #include "firmware/fmu/fmu_message.h"
 #include "firmware/process/fmu_call.h"
+#include "firmware/rollback/fmu_allocation.h"
 
 enum { LOGGERS = TL_FMU_CALL_FMUS, WORD_TEXT = 80 };
 
@@ -66,12 +67,14 @@ static tl_log_level level_of(fmi2Status status) {
 
 void tl_fmu_logger_take(fmi2ComponentEnvironment environment, fmi2String instance, fmi2Status status,
                         fmi2String category, fmi2String message, ...) {
+    tl_fmu_heap *heap = tl_fmu_allocation_enter(NULL); /* what a message takes here is not the FMU's */
     char text[TL_LOG_TEXT];
     char name[WORD_TEXT];
     char kind[WORD_TEXT];
     tl_fmu_call call;
     tl_fmu_logger *logger = find(environment);
     if (message == NULL) {
+        (void)tl_fmu_allocation_enter(heap);
         return;
     }
     if (logger != NULL && logger->plain) {
@@ -92,6 +95,7 @@ void tl_fmu_logger_take(fmi2ComponentEnvironment environment, fmi2String instanc
     tl_log_limited(logger != NULL ? &logger->limiter : &unknown, level_of(status), "FMU %s%s%s: %s%s%s%s",
                    logger != NULL ? logger->name : caller, name[0] != '\0' ? ", instance " : "", name, text,
                    kind[0] != '\0' ? " [" : "", kind, kind[0] != '\0' ? "]" : "");
+    (void)tl_fmu_allocation_enter(heap);
 }
 
 void tl_fmu_logger_say(tl_fmu_logger *logger, tl_log_level level, const char *who, const char *text) {

@@ -12,6 +12,7 @@
 #include "firmware/fmu/fmu_archive.h"
 #include "firmware/fmu/fmu_binary.h"
 #include "firmware/fmu/model_description.h"
+#include "firmware/rollback/fmu_allocation.h"
 #include "master/base/arena.h"
 
 /* Bytes of a path that an error shows: its end. */
@@ -83,7 +84,27 @@ static tl_status read_module(tl_fmu *fmu, const char *label, tl_error *error) {
 
 /* ---- Loading ------------------------------------------------------------------------------------------- */
 
-static tl_status load(const char *path, int opened, const char *label, tl_fmu *fmu, tl_error *error) {
+/* By the way that is wanted, or none; from what its description says. One Python runs all FMUs that need it: none has a memory of its own. */
+static tl_status open_rollback(tl_fmu *fmu, tl_rollback wanted, tl_error *error) {
+    bool has_state = fmu->model.capabilities.can_get_and_set_state;
+    bool has_memory = tl_fmu_memory_serves() && fmu->module[0] == '\0';
+    bool may_use_memory = wanted == TL_ROLLBACK_MEMORY || wanted == TL_ROLLBACK_AUTO;
+    fmu->has_state = has_state && wanted != TL_ROLLBACK_NONE && wanted != TL_ROLLBACK_MEMORY;
+    return has_memory && may_use_memory
+               ? tl_fmu_guard_use_memory(&fmu->guard, fmu->files->archive.folder.path, !fmu->has_state, error)
+               : TL_OK;
+}
+
+size_t tl_fmu_used(void) {
+    return tl_fmu_allocation_used();
+}
+
+tl_rollback tl_fmu_rollback(const tl_fmu *fmu) {
+    return fmu->guard.by_memory ? TL_ROLLBACK_MEMORY : fmu->has_state ? TL_ROLLBACK_STATE : TL_ROLLBACK_NONE;
+}
+
+static tl_status load(const char *path, int opened, tl_rollback wanted, const char *label, tl_fmu *fmu,
+                      tl_error *error) {
     tl_fmu_files *files = fmu->files;
     char description[PATH_MAX + sizeof "/modelDescription.xml"];
     fmu->path = tl_arena_text(&files->arena, path);
@@ -107,10 +128,12 @@ static tl_status load(const char *path, int opened, const char *label, tl_fmu *f
         return status;
     }
     tl_fmu_guard_open(&fmu->guard, fmu->model.name, fmu->model.generation_tool);
-    return tl_fmu_binary_open(files->archive.folder.path, &fmu->model, label, &fmu->guard, error);
+    status = open_rollback(fmu, wanted, error);
+    return status != TL_OK ? status
+                           : tl_fmu_binary_open(files->archive.folder.path, &fmu->model, label, &fmu->guard, error);
 }
 
-tl_status tl_fmu_load(const char *path, int opened, tl_fmu *fmu, tl_error *error) {
+tl_status tl_fmu_load(const char *path, int opened, tl_rollback rollback, tl_fmu *fmu, tl_error *error) {
     size_t length = strlen(path);
     const char *label = length > LABEL ? path + length - LABEL : path;
     while (((unsigned char)*label & 0xC0U) == 0x80U) {
@@ -121,7 +144,7 @@ tl_status tl_fmu_load(const char *path, int opened, tl_fmu *fmu, tl_error *error
         return tl_fail(error, TL_TRY_AGAIN, "%s: out of memory; free some and try again", label);
     }
     tl_arena_init(&fmu->files->arena);
-    tl_status status = load(path, opened, label, fmu, error);
+    tl_status status = load(path, opened, rollback, label, fmu, error);
     if (status != TL_OK) {
         tl_fmu_unload(fmu);
         return status;

@@ -2,7 +2,7 @@
  *
  * Purpose: from a path to a tl_model, a function table and a resources URI; what a plan needs of an FMU.
  * Owner:   the store owns all of it but the opened binary, which stays until the process ends, until tl_fmu_unload(), which also removes the unpacked folder. Each load has a
- *          folder, and so a binary with globals, of its own: an FMU that can be instantiated only once can be loaded
+ *          folder, and libraries with variables, of its own (own_copies.h): an FMU that can be instantiated only once can be loaded
  *          twice.
  * Limits:  see fmu_archive.h (size, count, path of entries) and model_description.h (size of the XML); for its messages fmu_logger.h.
  * Thread:  that of the FMUs (fmu_guard.h).
@@ -10,9 +10,12 @@
 #ifndef TL_FIRMWARE_FMU_FMU_STORE_H
 #define TL_FIRMWARE_FMU_FMU_STORE_H
 
+#include <stdbool.h>
+
 #include "firmware/fmu/fmu_guard.h"
 #include "master/base/status.h"
 #include "master/fmi/model.h"
+#include "master/fmi/rollback.h"
 
 enum { TL_FMU_MODULE = 128 };
 
@@ -21,14 +24,21 @@ typedef struct tl_fmu {
     const char *path; /* as given */
     tl_model model;
     tl_fmu_guard guard;         /* its functions, and the callbacks to instantiate it with */
+    bool has_state;             /* private: it may be rolled back by its own states */
     const char *resources;      /* file:/// URI; the folder exists also where the FMU has none */
     char module[TL_FMU_MODULE]; /* the Python module that an FMU of PythonFMU imports, cut; "": none */
     struct tl_fmu_files *files; /* private: memory, unpacked folder */
 } tl_fmu;
 
-/* `opened`: the file, if it was opened before; the descriptor stays the caller's. -1: it is opened here. Errors: TL_BAD_DATA for anything wrong in the file, TL_TRY_AGAIN where disk or memory is missing.
+/* `opened`: the file, if it was opened before; the descriptor stays the caller's. -1: it is opened here. `rollback`: how it shall be rolled back; without a way the FMU has no functions for it. Errors: TL_BAD_DATA for anything wrong in the file, TL_TRY_AGAIN where disk or memory is missing.
  * On failure nothing is left behind and *fmu is zeroed. */
-tl_status tl_fmu_load(const char *path, int opened, tl_fmu *fmu, tl_error *error);
+tl_status tl_fmu_load(const char *path, int opened, tl_rollback rollback, tl_fmu *fmu, tl_error *error);
+
+/* Bytes that FMUs have allocated from heaps of their own. */
+size_t tl_fmu_used(void);
+
+/* How it is rolled back now, never TL_ROLLBACK_AUTO: one whose own states turned out to be wrong is so by its memory since. */
+tl_rollback tl_fmu_rollback(const tl_fmu *fmu);
 
 /* No instance of it may exist any more. A zeroed tl_fmu is allowed. */
 void tl_fmu_unload(tl_fmu *fmu);

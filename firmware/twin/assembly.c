@@ -138,14 +138,15 @@ static const tl_fmu *find_shared(const tl_assembly *assembly, const char *path) 
 }
 
 /* The FMU at `path`, with variables of its own whoever else uses that file; NULL where reported. */
-static const tl_fmu *load_fmu(tl_assembly *assembly, const char *path, int opened, const char *where) {
+static const tl_fmu *load_fmu(tl_assembly *assembly, const char *path, int opened, tl_rollback rollback,
+                              const char *where) {
     const tl_fmu *shared = find_shared(assembly, path);
     if (shared != NULL) {
         return shared;
     }
     tl_error error;
     tl_fmu *fmu = &assembly->fmus[assembly->fmu_count];
-    tl_status status = tl_fmu_load(path, opened, fmu, &error);
+    tl_status status = tl_fmu_load(path, opened, rollback, fmu, &error);
     if (status != TL_OK) {
         tl_report_add(&assembly->problems.report, status, where, "%s", error.text);
         return NULL;
@@ -199,7 +200,10 @@ static void load_component(tl_assembly *assembly, size_t index) {
         return;
     }
     const tl_fmu *fmu =
-        is_meant(assembly, configured, path, opened) ? load_fmu(assembly, path, opened, configured->where) : NULL;
+        is_meant(assembly, configured, path, opened)
+            ? load_fmu(assembly, path, opened, assembly->config.synchronise ? configured->rollback : TL_ROLLBACK_NONE,
+                       configured->where)
+            : NULL;
     if (fmu != NULL) {
         *component = (tl_plan_component){
             .where = configured->where,
@@ -252,6 +256,11 @@ static tl_plan_event event_of(const tl_config *config) {
     return event;
 }
 
+/* With what FMUs have of their own. */
+static size_t memory_used(void) {
+    return tl_heap_used() + tl_fmu_used();
+}
+
 static void fill_plan(tl_assembly *assembly) {
     const tl_config *config = &assembly->config;
     for (size_t i = 0; i < config->signal_count; i++) {
@@ -290,7 +299,7 @@ static void fill_plan(tl_assembly *assembly) {
         .evaluations = config->budget_evaluations,
         .saving = config->saving,
         .state_bytes = (uint64_t)config->saving_memory << 20,
-        .heap = tl_heap_used,
+        .heap = memory_used,
     };
 }
 

@@ -58,14 +58,23 @@ static void print_variables(const tl_assembly *assembly, FILE *output) {
     }
 }
 
+/* Also of a twin that rolls nothing back. */
+static const char *describe_rollback(const tl_assembly *assembly, const tl_plan_component *component) {
+    for (size_t i = 0; i < assembly->fmu_count; i++) {
+        const tl_fmu *fmu = &assembly->fmus[i];
+        if (&fmu->model == component->model && tl_fmu_rollback(fmu) == TL_ROLLBACK_MEMORY) {
+            return "rolled back by its memory";
+        }
+    }
+    return component->model->capabilities.can_get_and_set_state ? "can save its state" : "cannot save its state";
+}
+
 static void print_components(const tl_assembly *assembly, FILE *output) {
     (void)fputs("components\n", output);
     for (size_t i = 0; i < assembly->plan.component_count; i++) {
         const tl_plan_component *component = &assembly->components[i];
         (void)fprintf(output, "  %-12s %s, %zu variables, %s\n", component->name, assembly->config.components[i].fmu,
-                      component->model->variable_count,
-                      component->model->capabilities.can_get_and_set_state ? "can save its state"
-                                                                           : "cannot save its state");
+                      component->model->variable_count, describe_rollback(assembly, component));
     }
     (void)fprintf(output, "  %-12s %zu signal%s\n", "plant", assembly->plan.signal_count,
                   assembly->plan.signal_count == 1 ? "" : "s");

@@ -309,6 +309,28 @@ tl_status tl_component_restore(tl_component *component, fmi2FMUstate state, tl_e
     return TL_OK;
 }
 
+bool tl_component_keep(tl_component *component) {
+    const tl_fmi2_aside *aside = component->fmi->aside;
+    return aside != NULL && component->mode != TL_MODE_DEAD && aside->keep(component->instance) <= fmi2Warning;
+}
+
+bool tl_component_come_back(tl_component *component, bool for_good) {
+    const tl_fmi2_aside *aside = component->fmi->aside;
+    if (aside == NULL || component->mode == TL_MODE_DEAD ||
+        (for_good ? aside->give_up_states : aside->come_back)(component->instance) > fmi2Warning) {
+        return false;
+    }
+    component->mode = TL_MODE_STEPPING;
+    component->replaces_states = false;
+    return true;
+}
+
+void tl_component_let_go(const tl_component *component) {
+    if (component->fmi->aside != NULL && component->mode != TL_MODE_ABSENT) {
+        component->fmi->aside->let_go(component->instance);
+    }
+}
+
 bool tl_component_can_serialize(const tl_component *component) {
     const tl_fmi2 *fmi = component->fmi;
     return component->model->capabilities.can_get_and_set_state && component->model->capabilities.can_serialize_state &&

@@ -121,6 +121,16 @@ tl_status tl_component_check_outputs(const tl_component *component, tl_error *er
 tl_status tl_component_save(tl_component *component, fmi2FMUstate *state, tl_error *error);
 tl_status tl_component_restore(tl_component *component, fmi2FMUstate state, tl_error *error);
 
+/* Of an FMU whose own states may be wrong (tl_fmi2_aside): all that it knows is kept, besides its states. False: there is no way for it, and nothing is kept. */
+bool tl_component_keep(tl_component *component);
+
+/* Back to what was kept. Its states that were made since are none: they are to be forgotten before. With `for_good` states are made and restored in this other way
+ * from now on. False: the FMU cannot, and has said why. */
+bool tl_component_come_back(tl_component *component, bool for_good);
+
+/* What was kept is not needed any more. */
+void tl_component_let_go(const tl_component *component);
+
 /* Whether the FMU says that it can turn a saved state into bytes and back. */
 bool tl_component_can_serialize(const tl_component *component);
 

@@ -27,6 +27,16 @@ typedef struct tl_fmi2_step {
 typedef fmi2Status tl_fmi2_step_reals(fmi2Component instance, const struct tl_ports *inputs,
                                       const struct tl_ports *outputs, const tl_fmi2_step *step, unsigned *done);
 
+/* Not FMI's: of an FMU whose own states may be wrong, by a way of ours that needs none of them. `keep` keeps all that the FMU knows now, in place of what was
+ * kept; `come_back` leads back there, as if nothing had been called since; `give_up_states` does so for good: from then on saving and restoring are of that way.
+ * `let_go`: what was kept is not needed any more. fmi2Error: it cannot be, and the FMU has said why. */
+typedef struct tl_fmi2_aside {
+    fmi2Status (*keep)(fmi2Component instance);
+    fmi2Status (*come_back)(fmi2Component instance);
+    fmi2Status (*give_up_states)(fmi2Component instance);
+    void (*let_go)(fmi2Component instance);
+} tl_fmi2_aside;
+
 /* Functions an FMU may omit (its capability flags say so) are NULL. */
 typedef struct tl_fmi2 {
     fmi2GetTypesPlatformTYPE *get_types_platform;
@@ -58,6 +68,7 @@ typedef struct tl_fmi2 {
     fmi2GetStatusTYPE *get_status;
     fmi2GetBooleanStatusTYPE *get_boolean_status;
     tl_fmi2_step_reals *step_reals; /* NULL: the three are called one by one */
+    const tl_fmi2_aside *aside;     /* NULL: there is no such way */
 } tl_fmi2;
 
 #endif

@@ -268,6 +268,42 @@ tl_status tl_exchange_restore(tl_exchange *exchange, tl_error *error) {
     return tl_snapshot_restore(&exchange->home, error);
 }
 
+void tl_exchange_keep(tl_exchange *exchange) {
+    for (size_t i = 0; i < exchange->component_count; i++) {
+        exchange->is_kept[i] = tl_component_keep(&exchange->components[i]);
+    }
+}
+
+/* Those that cannot come back by anything else do by their states. */
+static bool come_back(tl_exchange *exchange, size_t component, bool for_good) {
+    tl_error error;
+    tl_component *one = &exchange->components[component];
+    if (!exchange->is_kept[component]) {
+        return tl_component_restore(one, exchange->home.states[component], &error) == TL_OK;
+    }
+    tl_snapshot_forget(&exchange->home, component);
+    return tl_component_come_back(one, for_good);
+}
+
+bool tl_exchange_come_back(tl_exchange *exchange, size_t component) {
+    bool is_back = exchange->is_kept[component];
+    for (size_t i = 0; i < exchange->component_count && is_back; i++) {
+        is_back = come_back(exchange, i, i == component);
+    }
+    if (is_back) {
+        memcpy(exchange->home.live, exchange->home.values, exchange->home.values_size);
+        exchange->is_kept[component] = false;
+    }
+    return is_back;
+}
+
+void tl_exchange_let_go(tl_exchange *exchange) {
+    for (size_t i = 0; i < exchange->component_count; i++) {
+        tl_component_let_go(&exchange->components[i]);
+        exchange->is_kept[i] = false;
+    }
+}
+
 static bool can_stand(const tl_exchange *exchange) {
     bool can = true;
     for (size_t i = 0; exchange->cached != NULL && i < exchange->component_count; i++) {

@@ -62,6 +62,7 @@ typedef struct tl_exchange {
     size_t failed;               /* the component at which the last macro step failed */
     unsigned char *values;       /* reals, then integers, then booleans, of all ports; then û of cut connections */
     tl_snapshot home;            /* where candidates begin; of caches, its values only */
+    bool *is_kept;               /* of each component: all that it knows, while a proof goes on */
     const fmi2Real *outputs;     /* the Real outputs of all components lie together */
     size_t output_count;
     size_t values_size;
@@ -161,6 +162,13 @@ tl_status tl_exchange_commit(tl_exchange *exchange, int64_t step, tl_error *erro
 tl_status tl_exchange_save(tl_exchange *exchange, tl_error *error);
 tl_status tl_exchange_restore(tl_exchange *exchange, tl_error *error);
 tl_status tl_exchange_step(tl_exchange *exchange, int64_t step, tl_error *error);
+
+/* For the proof at start: what components can keep besides their states, as a whole. tl_exchange_keep() comes before tl_exchange_save().
+ * tl_exchange_come_back() leads there if the states of one component are wrong: it makes none of its own any more. False: it cannot be, and all is as it was
+ * left. */
+void tl_exchange_keep(tl_exchange *exchange);
+bool tl_exchange_come_back(tl_exchange *exchange, size_t component);
+void tl_exchange_let_go(tl_exchange *exchange);
 
 /* The committed instant into `home`, where each FMU can be brought there without an execution; else *taken is false. Between
  * steps only. And from what was loaded into `home` to it: everything stands there, before tl_exchange_start(). */

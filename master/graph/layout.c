@@ -146,8 +146,9 @@ static bool take_tables(tl_exchange *exchange, tl_arena *arena, const tl_graph *
     exchange->copies = tl_arena_take(arena, connections, sizeof *exchange->copies);
     exchange->conversions = tl_arena_take(arena, connections, sizeof *exchange->conversions);
     exchange->integer_copies = tl_arena_take(arena, connections, sizeof *exchange->integer_copies);
+    exchange->is_kept = tl_arena_take(arena, graph->component_count, sizeof *exchange->is_kept);
     layout->block = exchange->values;
-    return exchange->values != NULL &&
+    return exchange->values != NULL && exchange->is_kept != NULL &&
            tl_snapshot_init(&exchange->home, arena, graph->components, graph->component_count, exchange->values,
                             exchange->values_size) &&
            exchange->copies != NULL && exchange->conversions != NULL && exchange->integer_copies != NULL &&

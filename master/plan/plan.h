@@ -19,6 +19,7 @@
 #include "master/base/status.h"
 #include "master/fmi/fmi2.h"
 #include "master/fmi/model.h"
+#include "master/fmi/rollback.h"
 #include "master/plan/delay.h"
 
 /* A variable that gets a value before the FMU is initialised. */

@@ -3,6 +3,7 @@
 #include <string.h>
 
 #include "master/event/event_plan.h"
+#include "master/sync/proof.h"
 #include "master/twin/twin_parts.h"
 
 static void build_matches(tl_twin *twin, const tl_plan *plan, tl_report *report) {
@@ -26,13 +27,12 @@ static void check_state(const tl_plan *plan, tl_report *report) {
     for (size_t i = 0; i < plan->component_count; i++) {
         const tl_plan_component *component = &plan->components[i];
         const tl_fmi2 *fmi = component->functions;
-        if (!component->model->capabilities.can_get_and_set_state || fmi->get_fmu_state == NULL ||
-            fmi->set_fmu_state == NULL || fmi->free_fmu_state == NULL) {
+        if (fmi->get_fmu_state == NULL || fmi->set_fmu_state == NULL || fmi->free_fmu_state == NULL) {
             tl_report_add(
                 report, TL_BAD_DATA, component->where,
                 "the FMU of %s cannot save and restore its state "
-                "(canGetAndSetFMUstate), which synchronising needs; have it exported with that capability, or "
-                "remove \"synchronise\"",
+                "(canGetAndSetFMUstate), which synchronising needs; have it exported with that capability, remove "
+                "\"rollback\": \"state\" of the component, or remove \"synchronise\"",
                 component->name);
         }
     }
@@ -439,7 +439,7 @@ static void build_values(tl_twin *twin, const tl_plan *plan, tl_lock_settings *l
     build_initial_values(twin, plan);
     lock->exchange = &twin->exchange;
     lock->terms = twin->terms;
-    twin->proof = tl_arena_take(&twin->arena, twin->graph.port_count, sizeof *twin->proof);
+    twin->proof = tl_arena_take(&twin->arena, twin->graph.port_count * TL_PROOF_STEPS, sizeof *twin->proof);
     place_adjusted(twin, plan, report);
     if (twin->proof == NULL || !condition_matches(twin, plan) || !create_meters(twin, plan) ||
         !save_executions(twin, plan, lock) || !tl_lock_init(&twin->lock, &twin->arena, plan, lock)) {

@@ -41,7 +41,7 @@ struct tl_twin {
     size_t (*heap)(void); /* as in the plan */
     tl_tuning built;      /* with which the twin was built: what of it cannot change, */
     tl_tuning tuning;     /* and which is in force */
-    double *proof;        /* for the proof at start: one value per port */
+    double *proof;        /* for the proof at start: one value per port and step */
     bool resets;          /* the FMUs begin anew before the next step */
     tl_status ended;      /* not TL_OK: a step has failed, nothing may follow */
     bool has_pending;     /* mode ahead: computed, its measurement not there yet */

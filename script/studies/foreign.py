@@ -33,7 +33,7 @@ REFUSED = re.compile(r"asked for (\w+) in (\w+)")
 ENDED_BY_LIMIT = 124
 
 Variable = namedtuple("Variable", "name kind start low high")
-Description = namedtuple("Description", "inputs results step most_steps saves_state python")
+Description = namedtuple("Description", "inputs results step most_steps python")
 Program = namedtuple("Program", "path options")
 
 
@@ -80,10 +80,8 @@ def describe(fmu):
     for element in root.iterfind("ModelVariables/ScalarVariable"):
         if len(element):
             by_causality.setdefault(element.get("causality", "local"), []).append(read_variable(element))
-    co_simulation = root.find("CoSimulation")
-    saves_state = co_simulation is not None and co_simulation.get("canGetAndSetFMUstate") in ("true", "1")
     results = list(filter(has_signal, by_causality["output"])) or list(filter(has_signal, by_causality["local"]))
-    return Description(by_causality["input"], results, *read_steps(root), saves_state, python)
+    return Description(by_causality["input"], results, *read_steps(root), python)
 
 
 # ---- what is run ----
@@ -133,7 +131,7 @@ def component_of(fmu, description, without_signal):
 def configure(fmu, description, mode):
     """(configuration, {column: variable}), or None where the FMU has nothing for this mode."""
     adjusted = next((given for given in description.inputs if given.kind == "real"), None) if mode == LOCKED else None
-    if mode == LOCKED and (adjusted is None or not description.saves_state) or mode != ALONE and not description.results:
+    if mode == LOCKED and adjusted is None or mode != ALONE and not description.results:
         return None
     driven = [given for given in description.inputs if has_signal(given) and given is not adjusted][:MOST_SIGNALS]
     columns = {f"u{i}": variable for i, variable in enumerate(driven)}
@@ -234,7 +232,7 @@ def run_fmu(fmu, programs, options, folder):
     if description is None:
         return {"fmu": fmu.name, "mode": None, "why_not_locked": "",
                 "outcomes": {label: unreadable() for label in programs}}
-    mode, outcomes, not_locked = None, None, "" if description.saves_state else "cannot save its state"
+    mode, outcomes, not_locked = None, None, ""
     for tried in (LOCKED, COMPARED, ALONE):
         found = run_mode(fmu, description, tried, programs, options, folder)
         if found is None:

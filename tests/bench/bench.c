@@ -330,7 +330,7 @@ static void load(const char *folder, const char *model, tl_fmu *fmu) {
     char path[4096];
     tl_error error;
     (void)snprintf(path, sizeof path, "%s/%s.fmu", folder, model);
-    if (tl_fmu_load(path, -1, fmu, &error) != TL_OK) {
+    if (tl_fmu_load(path, -1, TL_ROLLBACK_STATE, fmu, &error) != TL_OK) {
         bench_fail("cannot load", error.text);
     }
 }

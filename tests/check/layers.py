@@ -32,7 +32,7 @@ OWNERS = {
     "zip.h": ("firmware/fmu",),
     "seccomp.h": ("firmware/confine",),
     "landlock.h": ("firmware/confine",),
-    "dlfcn.h": ("firmware/fmu", "firmware/copies/own_copies.c"),
+    "dlfcn.h": ("firmware/fmu", "firmware/copies/own_copies.c", "firmware/rollback/fmu_allocation.c"),
     "sd-daemon.h": ("firmware/supervise",),
     "watchdog.h": ("board/watchdog", "firmware/confine/filter_drivers.c"),
     "microhttpd.h": ("firmware/serve",),
@@ -44,7 +44,7 @@ OWNERS = {
     # Who starts threads, or has a lock that several of them take.
     "pthread.h": ("firmware/base/c_locale.c", "firmware/base/side_thread.h", "firmware/database/database_lock.c",
                   "firmware/emulate/plant_server.c", "firmware/fmu/fmu_thread.c", "firmware/tree/voice.c", "firmware/plant/plant_reader.c",
-                  "firmware/process/crash.c", "firmware/process/private_folder.c", "firmware/record/recorder.c",
+                  "firmware/process/crash.c", "firmware/process/private_folder.c", "firmware/rollback/fmu_allocation.c", "firmware/record/recorder.c",
                   "firmware/supervise/reaper.h",
                   "firmware/text/relay.h", "firmware/twin/twin_output.c", "firmware/twin/twin_warden.c"),
 }

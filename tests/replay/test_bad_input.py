@@ -278,9 +278,9 @@ def changed_fmu(name, path, change):
             archive.writestr(entry, content)
 
 
-def expect_fmu_refused(change, *words, base="motor/free.json", code=BAD_DATA):
-    """Refused by `check` and `replay`; `change` as for changed_fmu()."""
-    config = edited_config(base)
+def expect_fmu_refused(change, *words, base="motor/free.json", code=BAD_DATA, edits=None):
+    """Refused by `check` and `replay`; `change` as for changed_fmu(), `edits` of the configuration."""
+    config = edited_config(base, edits)
     fmu = config.parent / "drive.fmu"
     changed_fmu("drive", fmu, change)
     for verb in ("check", "replay"):
@@ -384,9 +384,9 @@ def test_another_machine():
 
 
 def test_no_state():
-    """An FMU that cannot save its state can run free, but cannot be synchronised."""
+    """An FMU that cannot save its state can run free, but is not synchronised by that; what else there is see test_rollback.py."""
     change = replace("modelDescription.xml", b'canGetAndSetFMUstate="true"', b'canGetAndSetFMUstate="false"')
-    expect_fmu_refused(change, "canGetAndSetFMUstate", base="motor/lock.json")
+    expect_fmu_refused(change, "canGetAndSetFMUstate", base="motor/lock.json", edits={"components": {"drive": {"rollback": "state"}}})
     config = edited_config("motor/free.json")
     changed_fmu("drive", config.parent / "drive.fmu", change)
     run_well(["replay", config])

@@ -122,7 +122,7 @@ static void test_descriptors_one_by_one(void) {
     for (int count = 0; count < MOST; count++) {
         tl_fmu fmu;
         leave_descriptors((rlim_t)count);
-        tl_status status = tl_fmu_load(MOTOR, -1, &fmu, &error);
+        tl_status status = tl_fmu_load(MOTOR, -1, TL_ROLLBACK_STATE, &fmu, &error);
         put_back();
         if (status == TL_OK) {
             enough = enough < 0 ? count : enough;

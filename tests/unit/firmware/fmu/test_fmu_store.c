@@ -85,7 +85,7 @@ static size_t count_all(const char *path) {
 
 static void expect_loaded(const char *path) {
     error = (tl_error){TL_OK, ""};
-    tl_status status = tl_fmu_load(path, -1, &fmu, &error);
+    tl_status status = tl_fmu_load(path, -1, TL_ROLLBACK_STATE, &fmu, &error);
     TEST_ASSERT_EQUAL_STRING("", error.text);
     TEST_ASSERT_EQUAL_INT(TL_OK, status);
     TEST_ASSERT_EQUAL_size_t(1, count_unpacked());
@@ -95,7 +95,7 @@ static void expect_loaded(const char *path) {
 static void expect_refused_file(const char *path, tl_status expected, const char *what, const char *part) {
     tl_fmu empty = {0};
     size_t beside = count_all(folder);
-    TEST_ASSERT_EQUAL_INT(expected, tl_fmu_load(path, -1, &fmu, &error));
+    TEST_ASSERT_EQUAL_INT(expected, tl_fmu_load(path, -1, TL_ROLLBACK_STATE, &fmu, &error));
     TEST_ASSERT_EQUAL_INT(expected, error.status);
     TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, path), error.text);
     TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, what), error.text);
@@ -206,7 +206,7 @@ static void test_a_good_fmu_runs(void) {
 static void test_each_load_has_a_binary_of_its_own(void) {
     tl_fmu other;
     expect_loaded(GOOD);
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_fmu_load(GOOD, -1, &other, &error));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_fmu_load(GOOD, -1, TL_ROLLBACK_STATE, &other, &error));
     TEST_ASSERT_EQUAL_size_t(2, count_unpacked());
     TEST_ASSERT_TRUE(fmu.guard.own.do_step != other.guard.own.do_step);
     TEST_ASSERT_EQUAL_DOUBLE(run_ten_steps(), run_ten_steps());
@@ -298,7 +298,7 @@ static pid_t start_loader(void) {
     TEST_ASSERT_EQUAL_INT(0, pipe(ready));
     pid_t child = fork();
     if (child == 0) {
-        byte = tl_fmu_load(GOOD, -1, &fmu, NULL) == TL_OK ? 'y' : 'n';
+        byte = tl_fmu_load(GOOD, -1, TL_ROLLBACK_STATE, &fmu, NULL) == TL_OK ? 'y' : 'n';
         (void)!write(ready[1], &byte, 1);
         (void)pause();
         _exit(0);
@@ -320,7 +320,7 @@ static void test_folders_of_killed_processes_are_swept(void) {
     kill_loader(dead);
     pid_t alive = start_loader(); /* sweeps what the dead one left */
     TEST_ASSERT_EQUAL_size_t(1, count_unpacked());
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_fmu_load(GOOD, -1, &fmu, &error));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_fmu_load(GOOD, -1, TL_ROLLBACK_STATE, &fmu, &error));
     TEST_ASSERT_EQUAL_size_t(2, count_unpacked()); /* that of the one alive, and ours */
     tl_fmu_unload(&fmu);
     TEST_ASSERT_EQUAL_size_t(1, count_unpacked());
@@ -351,7 +351,7 @@ static void test_sweeping_touches_nothing_else(void) {
     TEST_ASSERT_EQUAL_INT(0, mkdir(target, 0700));
     (void)snprintf(path, sizeof path, "%s/" PREFIX "%ld-linked", temporary, (long)dead);
     TEST_ASSERT_EQUAL_INT(0, symlink(target, path)); /* the right form, but a link */
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_fmu_load(GOOD, -1, &fmu, &error));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_fmu_load(GOOD, -1, TL_ROLLBACK_STATE, &fmu, &error));
     tl_fmu_unload(&fmu);
     TEST_ASSERT_EQUAL_size_t(sizeof names / sizeof names[0] + 1, count_all(temporary));
     TEST_ASSERT_TRUE(exists(target));
@@ -503,7 +503,7 @@ static void test_a_compression_bomb(void) {
     const unsigned char true_size[4] = {0, 0, 0x80, 0x02};
     const unsigned char claimed[4] = {16, 0, 0, 0};
     TEST_ASSERT_TRUE(tl_fmu_maker_patch_file(made, true_size, claimed, 4));
-    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, tl_fmu_load(made, -1, &fmu, &error));
+    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, tl_fmu_load(made, -1, TL_ROLLBACK_STATE, &fmu, &error));
     TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, "\"resources/bomb\""), error.text);
     TEST_ASSERT_EQUAL_size_t(0, count_all(temporary));
 }
@@ -541,7 +541,7 @@ static void test_no_descriptors(void) {
     for (rlim_t limit = 3; limit < 40 && !loaded; limit++) { /* each call in turn that opens something fails once */
         struct rlimit few = {limit, original.rlim_max};
         TEST_ASSERT_EQUAL_INT(0, setrlimit(RLIMIT_NOFILE, &few));
-        tl_status status = tl_fmu_load(made, -1, &fmu, &error);
+        tl_status status = tl_fmu_load(made, -1, TL_ROLLBACK_STATE, &fmu, &error);
         TEST_ASSERT_EQUAL_INT(0, setrlimit(RLIMIT_NOFILE, &original));
         loaded = status == TL_OK;
         TEST_ASSERT_EQUAL_size_t(loaded ? 1 : 0, count_all(temporary));
@@ -771,8 +771,8 @@ static void test_messages_are_bounded(void) {
 static void test_error_may_be_null(void) {
     put_text("modelDescription.xml", "");
     write_made();
-    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, tl_fmu_load(made, -1, &fmu, NULL));
-    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, tl_fmu_load("/nowhere", -1, &fmu, NULL));
+    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, tl_fmu_load(made, -1, TL_ROLLBACK_STATE, &fmu, NULL));
+    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, tl_fmu_load("/nowhere", -1, TL_ROLLBACK_STATE, &fmu, NULL));
     TEST_ASSERT_EQUAL_size_t(0, count_all(temporary));
 }
 
@@ -784,7 +784,7 @@ static void test_long_paths_of_fmus(void) {
         used += (size_t)snprintf(path + used, sizeof path - used, "/./.");
     }
     (void)snprintf(path + used, sizeof path - used, "/none.fmu");
-    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, tl_fmu_load(path, -1, &fmu, &error));
+    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, tl_fmu_load(path, -1, TL_ROLLBACK_STATE, &fmu, &error));
     TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, "/./none.fmu: cannot be opened: No such file"), error.text);
 }
 

@@ -97,10 +97,10 @@ static int load_with_library(void) {
         return 1;
     }
     tl_fmu_maker_free(maker);
-    if (tl_fmu_load(made, -1, &fmu, NULL) != TL_BAD_DATA || tl_library_open(OLD, NULL) != TL_OK) {
+    if (tl_fmu_load(made, -1, TL_ROLLBACK_STATE, &fmu, NULL) != TL_BAD_DATA || tl_library_open(OLD, NULL) != TL_OK) {
         return 2;
     }
-    if (tl_fmu_load(made, -1, &fmu, NULL) != TL_OK) {
+    if (tl_fmu_load(made, -1, TL_ROLLBACK_STATE, &fmu, NULL) != TL_OK) {
         return 3;
     }
     fmi2Component instance =

@@ -227,7 +227,8 @@ static fmi2Status fmu_set_state(fmi2Component component, fmi2FMUstate state) {
 
 void setUp(void) {
     tl_error error = {TL_OK, ""};
-    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_fmu_load(TL_BINARY_DIR "/fmus/lag.fmu", -1, &lag, &error), error.text);
+    TEST_ASSERT_EQUAL_INT_MESSAGE(
+        TL_OK, tl_fmu_load(TL_BINARY_DIR "/fmus/lag.fmu", -1, TL_ROLLBACK_STATE, &lag, &error), error.text);
     of_lag = lag.guard.functions;
     lag.guard.functions.do_step = fmu_step;
     lag.guard.functions.get_fmu_state = fmu_get_state;

@@ -7,6 +7,7 @@
 #include <string.h>
 #include <unity.h>
 
+#include "master/sync/proof.h"
 #include "tests/support/random_network.h"
 #include "tests/support/random_numbers.h"
 #include "tests/support/test_network.h"
@@ -347,7 +348,7 @@ static void assert_variant(const char *what, tl_plan_saving saving) {
 
 /* All executed: K·steps + K·T_P·E. */
 static void assert_plain(void) {
-    listen_anew(plan.plan.prediction + 2);
+    listen_anew(plan.plan.prediction + 2 * TL_PROOF_STEPS);
     listen();
     drive("nothing saved", (tl_plan_saving){.structure = false}, &reference);
     assert_ledger();

@@ -1,0 +1,61 @@
+/* The heap of one FMU: what its calls allocate lies in one range of addresses, so that it can be saved and put back by copying.
+ *
+ * Purpose: the allocator behind malloc() while a call of the FMU runs (fmu_allocation.h). All that it knows of its blocks stands at the beginning of the
+ *          range itself: whoever copies the first tl_fmu_heap_used() bytes back has put back what was allocated, too.
+ * Range:   addresses are reserved at once, without memory, and made usable in pieces as they are needed. So nothing ever moves, and a process whose memory is
+ *          locked has locked what is used, not what is reserved.
+ * Blocks:  in classes of size, four to each doubling; a block that is given back waits in a list of its class for the next one of that class. Nothing is
+ *          split or joined: the same calls lead to the same addresses, always.
+ * Memory:  what was never given out, or lies behind what is used after a restore, is zero.
+ * Trust:   an FMU may write into all of it, as into any heap of its process. What it destroys is its own.
+ * Thread:  blocks may be taken and given back by any; all else by one at a time.
+ */
+#ifndef TL_FIRMWARE_ROLLBACK_FMU_HEAP_H
+#define TL_FIRMWARE_ROLLBACK_FMU_HEAP_H
+
+#include <stdbool.h>
+#include <stddef.h>
+
+#include "master/base/status.h"
+
+/* Fields are private. */
+typedef struct tl_fmu_heap {
+    unsigned char *base; /* NULL: there is none */
+    size_t reserved;     /* bytes of addresses */
+    size_t usable;       /* bytes from the beginning on that may be touched; never less than once */
+    size_t highest;      /* bytes from the beginning on that were ever used since they were zero */
+    void *first;         /* its user's: the first block that was taken, */
+    bool is_not_all;     /* and whether the FMU has memory elsewhere */
+    bool has_threads;    /* or threads */
+    bool is_taken;       /* by a thread: one of the FMU's may give back what another has taken */
+} tl_fmu_heap;
+
+/* Bytes of addresses that a heap reserves: 1 GiB, or 32 MiB if a word has 32 bits. */
+size_t tl_fmu_heap_most(void);
+
+/* Errors: TL_TRY_AGAIN: there are no addresses, or no memory. */
+tl_status tl_fmu_heap_open(tl_fmu_heap *heap, size_t reserve, tl_error *error);
+
+/* A zeroed one is allowed. */
+void tl_fmu_heap_close(tl_fmu_heap *heap);
+
+/* A block of at least `size` bytes, 0 counts as 1, at a multiple of `alignment`, a power of two and at least 16. NULL: there is no room. */
+void *tl_fmu_heap_take(tl_fmu_heap *heap, size_t size, size_t alignment);
+
+/* A block of this heap that was not given back yet. */
+void tl_fmu_heap_give_back(tl_fmu_heap *heap, void *block);
+
+/* Bytes that the block has, at least what was asked for. */
+size_t tl_fmu_heap_size(const void *block);
+
+static inline bool tl_fmu_heap_holds(const tl_fmu_heap *heap, const void *address) {
+    return (size_t)((const unsigned char *)address - heap->base) < heap->reserved;
+}
+
+/* Bytes from the beginning of the range on that make up all of its state. */
+size_t tl_fmu_heap_used(const tl_fmu_heap *heap);
+
+/* `used` bytes that were saved by a copy are in place again: the rest is zero now. */
+void tl_fmu_heap_restored(tl_fmu_heap *heap, size_t used);
+
+#endif

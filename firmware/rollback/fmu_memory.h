@@ -1,0 +1,91 @@
+/* The memory of one FMU, saved and restored as a whole: a rollback for FMUs that cannot do it themselves, or not exactly.
+ *
+ * Purpose: what an FMU knows lies in memory: what it has allocated (fmu_heap.h), its globals and thread-local variables (fmu_places.h), the
+ *          random numbers of the C library, the exception flags of the floating-point unit. A *state* is a copy of these. All
+ *          instances that an FMU has are in it.
+ * Exact:   a state leads back to the bit if that is all there is. What the kernel or another library keeps for the FMU is not in it: threads, open files,
+ *          sockets, memory that it maps itself. So a rollback is always proved before it is used.
+ * States:  never leave the process, and are of no use once the FMU is loaded anew. They may be restored in any order, any number of times.
+ * Owner:   the guard (fmu_guard.h) has one for each FMU that is loaded.
+ * Thread:  that of the FMUs.
+ */
+#ifndef TL_FIRMWARE_ROLLBACK_FMU_MEMORY_H
+#define TL_FIRMWARE_ROLLBACK_FMU_MEMORY_H
+
+#include <fenv.h>
+
+#include "firmware/rollback/fmu_allocation.h"
+#include "firmware/rollback/fmu_heap.h"
+#include "firmware/rollback/fmu_places.h"
+#include "firmware/rollback/fmu_traces.h"
+
+/* Calls after which it is looked for what the FMU has left, from its first one on. */
+enum { TL_FMU_MEMORY_WATCHED = 24 };
+
+typedef struct tl_fmu_memory {
+    tl_fmu_heap *heap; /* the FMU's calls are served from it; NULL: it has none */
+    unsigned watched;  /* calls that are still to be watched */
+    bool
+        has_flags; /* set by its user: exceptions are kept for it; not before it is rolled back by this, since to look at them takes as long as a small step */
+    int raised;    /* exceptions of the floating-point unit as the FMU knows them, as fetestexcept() tells them, */
+    fexcept_t flags; /* and as the machine has them */
+    const char *folder;
+    tl_fmu_places places;         /* private, from here on */
+    bool are_found;               /* the places, */
+    unsigned long long opened;    /* when so many libraries had been opened */
+    tl_fmu_traces before;         /* the call that is under way */
+    char left[TL_FMU_TRACE_TEXT]; /* what no copy takes back; "": nothing that was seen */
+} tl_fmu_memory;
+
+/* Whether this program can do it: not with a sanitizer, which has an allocator of its own. */
+bool tl_fmu_memory_serves(void);
+
+/* Before the FMU is loaded from `folder`, an absolute path without links, which must stay. It is there as long as the FMU's library: until the process ends. Errors: TL_TRY_AGAIN. */
+tl_status tl_fmu_memory_open(const char *folder, tl_fmu_memory *memory, tl_error *error);
+
+/* Around each call of the FMU. With `has_flags` it does not see exceptions that others have raised, nor others its own. */
+static inline void tl_fmu_memory_enter(tl_fmu_memory *memory);
+static inline void tl_fmu_memory_leave(tl_fmu_memory *memory);
+
+/* Between two calls of the FMU, at least one of which was made: what its memory holds now, in *state, which is reused unless it is NULL.
+ * Errors: TL_TRY_AGAIN: not enough memory; TL_FMU_FAILED: the FMU has what no copy takes back; *state is as it was. */
+tl_status tl_fmu_memory_save(tl_fmu_memory *memory, void **state, tl_error *error);
+
+/* Back to it. */
+void tl_fmu_memory_restore(tl_fmu_memory *memory, const void *state);
+
+/* NULL is allowed. */
+void tl_fmu_memory_forget(void *state);
+
+/* Bytes that a state of now takes; 0: not known yet. */
+size_t tl_fmu_memory_size(const tl_fmu_memory *memory);
+
+/* ---- inline ---- */
+
+/* Private: before a call that is watched, and after it; flags that are not as the FMU knows them. */
+void tl_fmu_memory_watch(tl_fmu_memory *memory);
+void tl_fmu_memory_watched(tl_fmu_memory *memory);
+void tl_fmu_memory_set_flags(tl_fmu_memory *memory);
+void tl_fmu_memory_keep_flags(tl_fmu_memory *memory);
+
+static inline void tl_fmu_memory_enter(tl_fmu_memory *memory) {
+    if (memory->watched > 0) {
+        tl_fmu_memory_watch(memory);
+    }
+    if (memory->has_flags && fetestexcept(FE_ALL_EXCEPT) != memory->raised) {
+        tl_fmu_memory_set_flags(memory);
+    }
+    (void)tl_fmu_allocation_enter(memory->heap);
+}
+
+static inline void tl_fmu_memory_leave(tl_fmu_memory *memory) {
+    (void)tl_fmu_allocation_enter(NULL);
+    if (memory->has_flags && fetestexcept(FE_ALL_EXCEPT) != memory->raised) {
+        tl_fmu_memory_keep_flags(memory);
+    }
+    if (memory->watched > 0) {
+        tl_fmu_memory_watched(memory);
+    }
+}
+
+#endif

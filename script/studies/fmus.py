@@ -1,0 +1,110 @@
+"""How FMUs are rolled back: see the command script/fmus, which builds and starts this."""
+import argparse
+import json
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+from xml.etree import ElementTree
+
+from foreign import describe
+from study import ROOT, Progress, Trouble, print_figures, run_command
+
+PROBE = ROOT / "build" / "host" / "tests" / "fmu" / "rollback_probe"
+WAYS = "state", "memory"
+
+
+def exporter_of(fmu):
+    with zipfile.ZipFile(fmu) as archive:
+        root = ElementTree.fromstring(archive.read("modelDescription.xml"))
+    claims = (root.find("CoSimulation").attrib if root.find("CoSimulation") is not None else {}).get("canGetAndSetFMUstate")
+    return root.get("generationTool", ""), claims in ("true", "1")
+
+
+def probe(program, fmu, way, step, steps, limit):
+    """What rollback_probe says, or why it says nothing."""
+    try:
+        done = subprocess.run([str(program), str(fmu), way, repr(step), str(steps)], capture_output=True, timeout=limit, check=False)
+        return json.loads(done.stdout.decode(errors="replace").strip().rpartition("\n")[2])
+    except subprocess.TimeoutExpired:
+        return {"error": f"did not end within {limit:g} s"}
+    except ValueError:
+        return {"error": f"ended with {done.returncode}"}
+
+
+def look_at(fmu, arguments):
+    description = describe(fmu)
+    if description is None:
+        return {"fmu": fmu.name, "exporter": "", "ways": {}, "error": "no FMU that can be read"}
+    exporter, claims = exporter_of(fmu)
+    steps = max(1, min(arguments.steps, int(min(description.most_steps, arguments.steps))))
+    ways = {way: probe(arguments.probe, fmu, way, description.step, steps, arguments.limit) for way in WAYS if way == "memory" or claims}
+    return {"fmu": fmu.name, "exporter": exporter, "ways": ways, "error": ways["memory"].get("error")}
+
+
+def is_exact(found):
+    return not found.get("error") and found["way"] != "none" and found["differs"] is None
+
+
+def in_words(found):
+    if found is None:
+        return "none"
+    if found.get("error"):
+        return "fails"
+    if not found["steady"]:
+        return "unsteady"
+    return "exact" if is_exact(found) else f"differs in step {found['differs'] + 1}"
+
+
+def has_run(result):
+    return any(not found.get("error") and found["steps"] > 0 for found in result["ways"].values())
+
+
+def time_in_words(us):
+    return f"{us / 1e3:.2g} ms" if us >= 1e3 else f"{us:.3g} µs"
+
+
+def print_table(figures):
+    print("FMU | exporter | steps | by its state | by its memory | bytes | save + restore\n--- | --- | --- | --- | --- | --- | ---")
+    for result in figures["fmus"]:
+        memory = result["ways"].get("memory", {})
+        if not has_run(result):
+            print(f"{result['fmu']} | {result['exporter']} | does not run: {result['error']}")
+            continue
+        print(f"{result['fmu']} | {result['exporter']} | {memory.get('steps', 0)} | {in_words(result['ways'].get('state'))} | "
+              f"{in_words(memory)} | {memory.get('bytes', 0)} | {time_in_words(memory.get('save_us', 0) + memory.get('restore_us', 0))}")
+    print(f"\n{figures['run']} of {len(figures['fmus'])} run; {figures['exact']['memory']} come back exactly by their memory, and "
+          f"{figures['exact']['state']} of {figures['claim']} that declare a state by that")
+
+
+def study(arguments):
+    fmus = sorted(path for path in arguments.fmus.glob("*.fmu") if arguments.only in path.name)
+    if not fmus:
+        raise Trouble(f"there is no *.fmu in {arguments.fmus}")
+    progress = Progress(len(fmus))
+    results = []
+    for fmu in fmus:
+        progress.say(fmu.name)
+        results.append(look_at(fmu, arguments))
+    progress.end()
+    ran = [result for result in results if has_run(result)]
+    figures = {"fmus": results, "run": len(ran), "claim": sum("state" in result["ways"] for result in ran),
+               "exact": {way: sum(is_exact(result["ways"].get(way, {"error": "none"})) for result in ran) for way in WAYS}}
+    print_figures(figures, arguments.json, print_table)
+    return 0 if all(any(map(is_exact, result["ways"].values())) for result in ran) else 1
+
+
+def main():
+    parser = argparse.ArgumentParser(prog="script/fmus")
+    parser.add_argument("--fmus", type=Path, required=True)
+    parser.add_argument("--only", default="")
+    parser.add_argument("--steps", type=int, default=200)
+    parser.add_argument("--limit", type=float, default=60.0)
+    parser.add_argument("--probe", type=Path, default=PROBE)
+    parser.add_argument("--json", action="store_true")
+    arguments = parser.parse_args()
+    return run_command("fmus", lambda: study(arguments), 65)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,275 @@
+/* An FMU that has no functions for its state, and keeps it wherever a program can: on the heap, which changes with each step, in globals, in
+ * variables of its thread, in the random numbers and the exception flags of the machine. Its variables are those of fmus/lag.
+ *
+ * Each of these macros, a number of a step, makes it keep something more from that step on, which no copy of its memory takes back: THREAD, FILE_OPEN,
+ * MAPPED, CHILD. With OWN_STATE it has functions for its state, and these forget all but the heap's sum. */
+#include <fcntl.h>
+#include <fenv.h>
+#include <fmi2Functions.h>
+#include <math.h>
+#include <pthread.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/mman.h>
+#include <unistd.h>
+
+#ifndef THREAD
+#define THREAD -1
+#endif
+#ifndef FILE_OPEN
+#define FILE_OPEN -1
+#endif
+#ifndef MAPPED
+#define MAPPED -1
+#endif
+#ifndef CHILD
+#define CHILD -1
+#endif
+
+enum { U = 0, Y = 1, T = 2, LONGEST = 7 };
+
+typedef struct entry {
+    struct entry *next;
+    double *values; /* `count` of them: blocks of many sizes */
+    size_t count;
+} entry;
+
+typedef struct keeper {
+    double u, t, y;
+    entry *first;
+} keeper;
+
+static int steps;             /* .bss */
+static double factor = 0.875; /* .data */
+static __thread double thread_sum = 0.125;
+static __thread double *thread_own; /* made in the third step */
+static double *late;                /* made in the fifth */
+static volatile double seen;
+
+/* ---- what no copy takes back ---- */
+
+static void *wait_for_ever(void *context) {
+    for (;;) {
+        (void)pause();
+    }
+    return context;
+}
+
+static void keep_more(void) {
+    pthread_t thread;
+    if (steps == THREAD) {
+        (void)pthread_create(&thread, NULL, wait_for_ever, NULL);
+    }
+    if (steps == FILE_OPEN) {
+        (void)open("keeper.txt", O_RDWR | O_CREAT, 0600);
+    }
+    if (steps == MAPPED) {
+        double *own = mmap(NULL, 4096, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
+        seen = own == MAP_FAILED ? 0.0 : own[0];
+    }
+    if (steps == CHILD && fork() == 0) {
+        (void)pause();
+    }
+}
+
+/* ---- a step ---- */
+
+static void push(keeper *self) {
+    entry *made = malloc(sizeof *made);
+    made->count = 1 + (size_t)steps * 37 % 500;
+    made->values = calloc(made->count, sizeof *made->values);
+    made->values[made->count - 1] = self->u * factor + (double)(rand() % 100) / 1e3 + drand48() / 1e3;
+    made->next = self->first;
+    self->first = made;
+}
+
+static void pop_oldest(keeper *self) {
+    entry **last = &self->first;
+    size_t length = 1;
+    while (*last != NULL && (*last)->next != NULL) {
+        last = &(*last)->next;
+        length++;
+    }
+    if (length > LONGEST) {
+        free((*last)->values);
+        free(*last);
+        *last = NULL;
+    }
+}
+
+static double sum(const keeper *self) {
+    double result = 0.0;
+    for (const entry *at = self->first; at != NULL; at = at->next) {
+        result += at->values[at->count - 1] / (double)at->count;
+    }
+    return result;
+}
+
+static void keep_late(void) {
+    if (steps == 3) {
+        thread_own = calloc(2, sizeof *thread_own);
+        thread_own[1] = 0.5;
+    }
+    if (steps == 5) {
+        late = aligned_alloc(64, 64);
+        late[0] = 0.25;
+    }
+    if (thread_own != NULL) {
+        thread_own[1] *= -0.75;
+    }
+    if (late != NULL) {
+        late = realloc(late, 64 + (size_t)steps % 9 * 100);
+        late[0] = late[0] * 0.5 + 0.01;
+    }
+}
+
+static double odd(void) {
+    double result = fetestexcept(FE_DIVBYZERO) != 0 ? 0.01 : 0.0;
+    (void)feclearexcept(FE_ALL_EXCEPT);
+    if (steps % 3 == 0) {
+        (void)feraiseexcept(FE_DIVBYZERO);
+    }
+    return result;
+}
+
+static void step(keeper *self) {
+    steps++;
+    push(self);
+    pop_oldest(self);
+    keep_late();
+    thread_sum = thread_sum * 0.9 + self->u;
+    factor = factor * 0.99 + 0.001 * steps;
+    self->y = self->y * (1.0 - self->t) + self->t * (sum(self) + 0.1 * thread_sum) + odd() +
+              (thread_own == NULL ? 0.0 : thread_own[1]) + (late == NULL ? 0.0 : late[0]);
+    keep_more();
+}
+
+/* ---- FMI ---- */
+
+const char *fmi2GetTypesPlatform(void) {
+    return fmi2TypesPlatform;
+}
+
+const char *fmi2GetVersion(void) {
+    return fmi2Version;
+}
+
+fmi2Status fmi2SetDebugLogging(fmi2Component component, fmi2Boolean on, size_t count, const fmi2String categories[]) {
+    (void)component, (void)on, (void)count, (void)categories;
+    return fmi2OK;
+}
+
+fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, fmi2String resources,
+                              const fmi2CallbackFunctions *functions, fmi2Boolean visible, fmi2Boolean logging) {
+    (void)name, (void)type, (void)guid, (void)resources, (void)visible, (void)logging;
+    keeper *self = functions->allocateMemory(1, sizeof *self);
+    self->t = 0.1;
+    return self;
+}
+
+void fmi2FreeInstance(fmi2Component component) {
+    free(component);
+}
+
+fmi2Status fmi2SetupExperiment(fmi2Component component, fmi2Boolean has_tolerance, fmi2Real tolerance, fmi2Real start,
+                               fmi2Boolean has_stop, fmi2Real stop) {
+    (void)component, (void)has_tolerance, (void)tolerance, (void)start, (void)has_stop, (void)stop;
+    return fmi2OK;
+}
+
+fmi2Status fmi2EnterInitializationMode(fmi2Component component) {
+    (void)component;
+    return fmi2OK;
+}
+
+fmi2Status fmi2ExitInitializationMode(fmi2Component component) {
+    (void)component;
+    return fmi2OK;
+}
+
+fmi2Status fmi2Terminate(fmi2Component component) {
+    (void)component;
+    return fmi2OK;
+}
+
+fmi2Status fmi2Reset(fmi2Component component) {
+    (void)component;
+    return fmi2Error;
+}
+
+fmi2Status fmi2SetReal(fmi2Component component, const fmi2ValueReference references[], size_t count,
+                       const fmi2Real values[]) {
+    keeper *self = component;
+    for (size_t i = 0; i < count; i++) {
+        self->u = references[i] == U ? values[i] : self->u;
+        self->t = references[i] == T ? values[i] : self->t;
+    }
+    return fmi2OK;
+}
+
+fmi2Status fmi2GetReal(fmi2Component component, const fmi2ValueReference references[], size_t count,
+                       fmi2Real values[]) {
+    const keeper *self = component;
+    for (size_t i = 0; i < count; i++) {
+        values[i] = references[i] == Y ? self->y : references[i] == T ? self->t : self->u;
+    }
+    return fmi2OK;
+}
+
+#define NONE(Name, Type)                                                                                               \
+    fmi2Status fmi2Get##Name(fmi2Component component, const fmi2ValueReference references[], size_t count,             \
+                             Type values[]) {                                                                          \
+        (void)component, (void)references, (void)values;                                                               \
+        return count == 0 ? fmi2OK : fmi2Error;                                                                        \
+    }                                                                                                                  \
+    fmi2Status fmi2Set##Name(fmi2Component component, const fmi2ValueReference references[], size_t count,             \
+                             const Type values[]) {                                                                    \
+        (void)component, (void)references, (void)values;                                                               \
+        return count == 0 ? fmi2OK : fmi2Error;                                                                        \
+    }
+NONE(Integer, fmi2Integer)
+NONE(Boolean, fmi2Boolean)
+NONE(String, fmi2String)
+
+fmi2Status fmi2DoStep(fmi2Component component, fmi2Real point, fmi2Real size, fmi2Boolean no_set_state_prior) {
+    (void)point, (void)size, (void)no_set_state_prior;
+    step(component);
+    return fmi2OK;
+}
+
+fmi2Status fmi2CancelStep(fmi2Component component) {
+    (void)component;
+    return fmi2Error;
+}
+
+fmi2Status fmi2GetStatus(fmi2Component component, const fmi2StatusKind kind, fmi2Status *value) {
+    (void)component, (void)kind, (void)value;
+    return fmi2Discard;
+}
+
+fmi2Status fmi2GetBooleanStatus(fmi2Component component, const fmi2StatusKind kind, fmi2Boolean *value) {
+    (void)component, (void)kind, (void)value;
+    return fmi2Discard;
+}
+
+#ifdef OWN_STATE
+fmi2Status fmi2GetFMUstate(fmi2Component component, fmi2FMUstate *state) {
+    if (*state == NULL) {
+        *state = malloc(sizeof(double));
+    }
+    memcpy(*state, &((keeper *)component)->y, sizeof(double));
+    return fmi2OK;
+}
+
+fmi2Status fmi2SetFMUstate(fmi2Component component, fmi2FMUstate state) {
+    memcpy(&((keeper *)component)->y, state, sizeof(double));
+    return fmi2OK;
+}
+
+fmi2Status fmi2FreeFMUstate(fmi2Component component, fmi2FMUstate *state) {
+    (void)component;
+    free(*state);
+    *state = NULL;
+    return fmi2OK;
+}
+#endif

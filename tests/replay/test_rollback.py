@@ -1,0 +1,111 @@
+#!/usr/bin/env python3
+"""An FMU without functions for its state, or with wrong ones, is rolled back by its memory: to the bit, or it is said why not."""
+import json
+import shutil
+import subprocess
+import sys
+
+import keeper_fmu
+from twinlock_test import BAD_DATA, BUILD, NOT_LOCKED, SANITIZER, SOURCE, Skip, config_path, edited_config, expect, main, read_config, run, run_well, scratch
+
+FMU_FAILED = 70
+PROBE = BUILD / "tests" / "fmu" / "rollback_probe"
+
+
+def need_memory():
+    if SANITIZER:
+        raise Skip("a sanitizer has an allocator of its own: FMUs are not rolled back by their memory")
+
+
+def probe(fmu, way):
+    done = subprocess.run([str(PROBE), str(fmu), way, "0.01", "200"], capture_output=True, text=True, timeout=120, check=False)
+    expect(done.returncode == 0, done.stdout + done.stderr)
+    return json.loads(done.stdout)
+
+
+def steps_of(config, *options):
+    steps = scratch() / "steps.csv"
+    run_well(["replay", config, "--csv", steps, *options], wells=(0, NOT_LOCKED))
+    return steps.read_text(encoding="utf-8")
+
+
+def test_wherever_it_keeps_its_state():
+    need_memory()
+    found = probe(keeper_fmu.make(), "memory")
+    expect(found["way"] == "memory" and found["differs"] is None and found["error"] is None and found["steps"] == 200, f"{found}")
+    found = probe(keeper_fmu.make(OWN_STATE=1), "state")
+    expect(found["way"] == "state" and found["differs"] is not None, f"the probe finds nothing: {found}")
+    found = probe(keeper_fmu.make(OWN_STATE=1), "memory")
+    expect(found["way"] == "memory" and found["differs"] is None, f"{found}")
+
+
+def test_synchronised():
+    """The same with and without all that is saved; one by one, and two of one file, whose globals are each one's own."""
+    need_memory()
+    for components in 1, 2:
+        config = keeper_fmu.config(keeper_fmu.make(), components=components)
+        saved = steps_of(config)
+        expect(saved.count("\n") > 90 and saved == steps_of(config, "--plain"), "other values with what is saved")
+
+
+def test_what_no_copy_takes_back():
+    """It is named, at the start, and nothing is synchronised."""
+    need_memory()
+    for macros, said in (({"THREAD": 2}, "a thread"), ({"FILE_OPEN": 2}, "keeper.txt"), ({"MAPPED": 2}, "memory elsewhere")):
+        code, out, err = run(["replay", keeper_fmu.config(keeper_fmu.make(**macros))])
+        expect(code not in (0, NOT_LOCKED) and said in err and "no copy of its memory takes back" in err, f"{macros}: {code}\n{out}{err}")
+
+
+def test_what_is_chosen():
+    config = keeper_fmu.config(keeper_fmu.make(), "state")
+    code, out, err = run(["replay", config])
+    expect(code == BAD_DATA and "canGetAndSetFMUstate" in err, f"{code}\n{out}{err}")
+    code, out, err = run(["replay", keeper_fmu.config(keeper_fmu.make(), "fork")])
+    expect(code == BAD_DATA and "rollback" in err, f"{code}\n{out}{err}")
+    need_memory()
+    for fmu, way in ((keeper_fmu.make(), None), (keeper_fmu.make(OWN_STATE=1), "memory")):
+        code, out, err = run(["check", keeper_fmu.config(fmu, way)])
+        expect(code == 0 and "rolled back by its memory" in out and "instead" not in err, f"{code}\n{out}{err}")
+
+
+def test_wrong_states():
+    """Found before the first step: then its memory it is, and the values are those that it has by its memory from the beginning."""
+    need_memory()
+    wrong = keeper_fmu.make(OWN_STATE=1)
+    code, out, err = run(["replay", keeper_fmu.config(wrong, "state")])
+    expect(code == FMU_FAILED and "does not come back to where it was" in err and '"rollback" of the component' in err, f"{code}\n{out}{err}")
+    code, out, err = run(["check", keeper_fmu.config(wrong)])
+    expect(code == 0 and "rolled back by its memory" in out and "by its own states: it is rolled back by its memory instead" in err, f"{code}\n{out}{err}")
+    for components in 1, 2:
+        chosen = steps_of(keeper_fmu.config(wrong, components=components))
+        expect(chosen == steps_of(keeper_fmu.config(wrong, "memory", components)), f"{components}: other values than by memory from the beginning")
+        expect(chosen == steps_of(keeper_fmu.config(wrong, components=components), "--plain"), f"{components}: other values with what is saved")
+
+
+def test_a_folder_of_fmus():
+    """script/fmus, without what bash does for it."""
+    need_memory()
+    folder = scratch()
+    for name, fmu in ("good", keeper_fmu.make()), ("wrong", keeper_fmu.make(OWN_STATE=1)):
+        shutil.copy(fmu, folder / f"{name}.fmu")
+    (folder / "none.fmu").write_bytes(b"PK")
+    command = [sys.executable, str(SOURCE / "script" / "studies" / "fmus.py"), "--fmus", str(folder), "--probe", str(PROBE), "--steps", "50"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+    lines = {line.split(" | ")[0]: line for line in done.stdout.splitlines()}
+    expect(done.returncode == 0 and "| 50 | none | exact |" in lines["good.fmu"] and "| differs in step 1 | exact |" in lines["wrong.fmu"]
+           and "does not run" in lines["none.fmu"] and "2 of 3 run; 2 come back exactly by their memory, and 0 of 1 that declare" in done.stdout,
+           done.stdout + done.stderr)
+    done = subprocess.run([*command, "--only", "nothing"], capture_output=True, text=True, timeout=120, check=False)
+    expect(done.returncode == BAD_DATA and "there is no *.fmu" in done.stderr, done.stdout + done.stderr)
+
+
+def test_ours_are_the_same():
+    """By memory to the bit what they are by their own states."""
+    need_memory()
+    for name in "motor/lock.json", "cylinder/lock.json":
+        components = read_config(name)["components"]
+        by_memory = edited_config(name, {"components": {component: {"rollback": "memory"} for component in components}})
+        expect(steps_of(by_memory) == steps_of(config_path(name)), f"{name}: other values by memory")
+
+
+main()

@@ -1,0 +1,47 @@
+"""An FMU that keeps its state wherever a program can, made here from tests/fmu/keeper with the machine's compiler. To import this ends a test that cannot
+run here."""
+import functools
+
+import hostile_fmu
+from twinlock_test import SOURCE, scratch, write_config
+
+STEPS = 100
+
+
+@functools.cache
+def make(**macros):
+    """The path of one; `macros`: what it keeps more from which step on, see keeper.c. With OWN_STATE it claims a state, which is not all of it."""
+    folder = scratch()
+    binary = folder / "lag.so"
+    hostile_fmu.compile_shared(binary, [SOURCE / "tests" / "fmu" / "keeper" / "keeper.c"], macros)
+    description = hostile_fmu.DESCRIPTION.read_text(encoding="utf-8")
+    description = description.replace(' canSerializeFMUstate="true"', "")
+    if "OWN_STATE" not in macros:
+        description = description.replace(' canGetAndSetFMUstate="true"', "")
+    (folder / "modelDescription.xml").write_text(description, encoding="utf-8")
+    fmu = folder / "keeper.fmu"
+    hostile_fmu.package(fmu, folder / "modelDescription.xml", binary)
+    return fmu
+
+
+@functools.cache
+def recording():
+    """Of a plant whose y swings, in steps of 10 ms."""
+    path = scratch() / "recording.csv"
+    path.write_text("time,y\n" + "".join(f"{i / 100},{0.5 + 0.3 * (i % 20) / 20}\n" for i in range(STEPS + 1)), encoding="utf-8")
+    return path
+
+
+def config(fmu, way=None, components=1):
+    """`components` of that FMU, each corrected by its input until its output agrees with the plant's."""
+    names = [f"keeper{i}" for i in range(components)]
+    rollback = {} if way is None else {"rollback": way}
+    return write_config({
+        "twinlock": 1, "name": "keeper", "step_s": 0.01,
+        "components": {name: {"fmu": str(fmu), **rollback} for name in names},
+        "plant": {"y": {"csv": {"column": "y"}}},
+        "recording": {"file": str(recording())},
+        "synchronise": {"horizon": {"prediction": 3}, "algorithm": "nelder-mead",
+                        "adjust": {f"{name}.u": {"step": 0.1, "nominal": 1, "min": -20, "max": 20} for name in names},
+                        "match": {f"{name}.y": {"to": "plant.y", "tolerance": 0.01} for name in names}},
+    })

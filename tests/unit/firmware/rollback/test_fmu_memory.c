@@ -1,0 +1,296 @@
+/* An FMU's memory as its state: in any order, to the bit; and what is in none. A real FMU, which does not know of it. */
+#include <dlfcn.h>
+#include <fcntl.h>
+#include <fenv.h>
+#include <glob.h>
+#include <limits.h>
+#include <pthread.h>
+#include <signal.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <unity.h>
+
+#include "firmware/fmu/fmu_store.h"
+#include "firmware/rollback/fmu_memory.h"
+
+enum { SKIPPED = 77, STATES = 8 };
+
+static tl_fmu fmu;
+static fmi2Component instance;
+static int64_t steps;
+
+static void begin(void) {
+    tl_error error;
+    TEST_ASSERT_EQUAL_INT_MESSAGE(
+        TL_OK, tl_fmu_load(TL_BINARY_DIR "/fmus/cylinder.fmu", -1, TL_ROLLBACK_MEMORY, &fmu, &error), error.text);
+    const tl_fmi2 *fmi = &fmu.guard.functions;
+    instance = fmi->instantiate("memory", fmi2CoSimulation, fmu.model.guid, fmu.resources, &fmu.guard.callbacks,
+                                fmi2False, fmi2False);
+    TEST_ASSERT_NOT_NULL(instance);
+    TEST_ASSERT_EQUAL_INT(fmi2OK, fmi->setup_experiment(instance, fmi2False, 0.0, 0.0, fmi2False, 0.0));
+    TEST_ASSERT_EQUAL_INT(fmi2OK, fmi->enter_initialization_mode(instance));
+    TEST_ASSERT_EQUAL_INT(fmi2OK, fmi->exit_initialization_mode(instance));
+    steps = 0;
+}
+
+void setUp(void) {
+    begin();
+}
+
+void tearDown(void) {
+    fmu.guard.functions.free_instance(instance);
+    tl_fmu_unload(&fmu);
+}
+
+static const tl_variable *variable_of(const char *name) {
+    for (size_t i = 0; i < fmu.model.variable_count; i++) {
+        if (strcmp(fmu.model.variables[i].name, name) == 0) {
+            return &fmu.model.variables[i];
+        }
+    }
+    TEST_FAIL_MESSAGE(name);
+    return NULL;
+}
+
+/* All Real outputs and locals: their sum tells one from another. */
+static double look(void) {
+    double sum = 0.0;
+    for (size_t i = 0; i < fmu.model.variable_count; i++) {
+        const tl_variable *variable = &fmu.model.variables[i];
+        fmi2ValueReference reference = variable->reference;
+        fmi2Real value = 0.0;
+        if (variable->type == TL_REAL && (variable->causality == TL_OUTPUT || variable->causality == TL_LOCAL) &&
+            fmu.guard.functions.get_real(instance, &reference, 1, &value) == fmi2OK) {
+            sum += value * (double)(i + 1);
+        }
+    }
+    return sum;
+}
+
+static double step(bool forward) {
+    fmi2ValueReference reference = variable_of("move_out")->reference;
+    fmi2Boolean value = forward ? fmi2True : fmi2False;
+    TEST_ASSERT_EQUAL_INT(fmi2OK, fmu.guard.functions.set_boolean(instance, &reference, 1, &value));
+    TEST_ASSERT_EQUAL_INT(fmi2OK, fmu.guard.functions.do_step(instance, 0.005 * (double)steps++, 0.005, fmi2False));
+    return look();
+}
+
+static void save(void **state) {
+    tl_error error;
+    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_fmu_memory_save(&fmu.guard.memory, state, &error), error.text);
+}
+
+static void test_any_order(void) {
+    static const int order[] = {3, 0, 7, 7, 1, 6, 2, 5, 4, 0};
+    void *states[STATES] = {NULL};
+    double next[STATES];
+    for (int i = 0; i < STATES; i++) {
+        save(&states[i]);
+        next[i] = step(i % 3 != 0);
+    }
+    for (size_t i = 0; i < sizeof order / sizeof order[0]; i++) {
+        tl_fmu_memory_restore(&fmu.guard.memory, states[order[i]]);
+        steps = order[i];
+        double again = step(order[i] % 3 != 0);
+        TEST_ASSERT_EQUAL_MEMORY(&next[order[i]], &again, sizeof again);
+        (void)step(true);
+    }
+    for (int i = 0; i < STATES; i++) {
+        tl_fmu_memory_forget(states[i]);
+    }
+}
+
+static void test_by_the_table(void) {
+    const tl_fmi2 *fmi = &fmu.guard.functions;
+    fmi2FMUstate state = NULL;
+    TEST_ASSERT_EQUAL_INT(TL_ROLLBACK_MEMORY, tl_fmu_rollback(&fmu));
+    TEST_ASSERT_NULL(fmi->serialize_fmu_state);
+    TEST_ASSERT_EQUAL_INT(fmi2OK, fmi->get_fmu_state(instance, &state));
+    double first = step(true);
+    TEST_ASSERT_EQUAL_INT(fmi2OK, fmi->set_fmu_state(instance, state));
+    steps = 0;
+    TEST_ASSERT_EQUAL_DOUBLE(first, step(true));
+    TEST_ASSERT_EQUAL_INT(fmi2OK, fmi->free_fmu_state(instance, &state));
+    TEST_ASSERT_NULL(state);
+}
+
+/* What it allocates later needs a larger state. */
+static void test_a_state_that_is_used_again_grows(void) {
+    void *state = NULL;
+    save(&state);
+    const void *before = state;
+    save(&state);
+    TEST_ASSERT_EQUAL_PTR(before, state);
+    size_t size = tl_fmu_memory_size(&fmu.guard.memory);
+    (void)tl_fmu_allocation_enter(fmu.guard.memory.heap);
+    unsigned char *more = malloc(100000);
+    memset(more, 3, 100000);
+    (void)tl_fmu_allocation_enter(NULL);
+    size_t grown = tl_fmu_memory_size(&fmu.guard.memory);
+    save(&state);
+    memset(more, 4, 100000);
+    tl_fmu_memory_restore(&fmu.guard.memory, state);
+    TEST_ASSERT_EQUAL_UINT8(3, more[99999]);
+    free(more);
+    TEST_ASSERT_GREATER_OR_EQUAL_UINT64(size + 100000, grown);
+    tl_fmu_memory_forget(state);
+}
+
+/* Those of others it never sees, nor they its own. */
+static void test_exceptions_are_its_own(void) {
+    tl_fmu_memory *memory = &fmu.guard.memory;
+    (void)feclearexcept(FE_ALL_EXCEPT);
+    tl_fmu_memory_enter(memory);
+    (void)feclearexcept(FE_ALL_EXCEPT);
+    (void)feraiseexcept(FE_DIVBYZERO);
+    tl_fmu_memory_leave(memory);
+    void *state = NULL;
+    save(&state);
+    (void)feclearexcept(FE_ALL_EXCEPT);
+    (void)feraiseexcept(FE_OVERFLOW);
+    tl_fmu_memory_enter(memory);
+    TEST_ASSERT_EQUAL_INT(FE_DIVBYZERO, fetestexcept(FE_DIVBYZERO | FE_OVERFLOW));
+    (void)feclearexcept(FE_ALL_EXCEPT);
+    tl_fmu_memory_leave(memory);
+    tl_fmu_memory_enter(memory);
+    TEST_ASSERT_EQUAL_INT(0, fetestexcept(FE_DIVBYZERO));
+    tl_fmu_memory_leave(memory);
+    tl_fmu_memory_restore(memory, state);
+    tl_fmu_memory_enter(memory);
+    TEST_ASSERT_EQUAL_INT(FE_DIVBYZERO, fetestexcept(FE_DIVBYZERO | FE_OVERFLOW));
+    tl_fmu_memory_leave(memory);
+    tl_fmu_memory_forget(state);
+}
+
+/* ---- what no copy takes back ---- */
+
+static void expect_left(const char *said) {
+    void *state = NULL;
+    tl_error error;
+    TEST_ASSERT_EQUAL_INT(TL_FMU_FAILED, tl_fmu_memory_save(&fmu.guard.memory, &state, &error));
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, said), error.text);
+    TEST_ASSERT_NULL(state);
+}
+
+static void *wait_on(void *pipe) {
+    char byte = 0;
+    (void)!read(*(int *)pipe, &byte, 1);
+    return NULL;
+}
+
+static void test_a_thread(void) {
+    int pipes[2];
+    pthread_t thread;
+    TEST_ASSERT_EQUAL_INT(0, pipe(pipes));
+    tl_fmu_memory_enter(&fmu.guard.memory);
+    TEST_ASSERT_EQUAL_INT(0, pthread_create(&thread, NULL, wait_on, &pipes[0]));
+    tl_fmu_memory_leave(&fmu.guard.memory);
+    expect_left("a thread");
+    TEST_ASSERT_EQUAL_INT(0, close(pipes[1]));
+    TEST_ASSERT_EQUAL_INT(0, pthread_join(thread, NULL));
+    TEST_ASSERT_EQUAL_INT(0, close(pipes[0]));
+}
+
+static void *do_nothing(void *context) {
+    return context;
+}
+
+/* What it has allocated is in no heap. */
+static void test_a_thread_that_ends_within_the_call(void) {
+    pthread_t thread;
+    tl_fmu_memory_enter(&fmu.guard.memory);
+    TEST_ASSERT_EQUAL_INT(0, pthread_create(&thread, NULL, do_nothing, NULL));
+    TEST_ASSERT_EQUAL_INT(0, pthread_join(thread, NULL));
+    tl_fmu_memory_leave(&fmu.guard.memory);
+    expect_left("a thread");
+}
+
+static void test_a_file(void) {
+    tl_fmu_memory_enter(&fmu.guard.memory);
+    int file = open("/dev/null", O_RDONLY | O_CLOEXEC);
+    tl_fmu_memory_leave(&fmu.guard.memory);
+    TEST_ASSERT_EQUAL_INT(0, close(file));
+    expect_left("an open file or socket");
+}
+
+static void test_a_process(void) {
+    tl_fmu_memory_enter(&fmu.guard.memory);
+    pid_t child = fork();
+    if (child == 0) {
+        (void)pause();
+        _exit(0);
+    }
+    tl_fmu_memory_leave(&fmu.guard.memory);
+    expect_left("a process");
+    (void)kill(child, SIGKILL);
+    TEST_ASSERT_EQUAL_INT(child, waitpid(child, NULL, 0));
+}
+
+/* Under another name in its folder: what it keeps is in no state that was made before. */
+static void open_late_library(void) {
+    char pattern[PATH_MAX];
+    char late[PATH_MAX];
+    char bytes[4096];
+    size_t count = 0;
+    glob_t found;
+    (void)snprintf(pattern, sizeof pattern, "%s/binaries/*/cylinder.so", fmu.guard.memory.folder);
+    TEST_ASSERT_EQUAL_INT(0, glob(pattern, 0, NULL, &found));
+    (void)snprintf(late, sizeof late, "%s/late.so", fmu.guard.memory.folder);
+    FILE *from = fopen(found.gl_pathv[0], "rb");
+    FILE *to = fopen(late, "wb");
+    TEST_ASSERT_TRUE(from != NULL && to != NULL);
+    while ((count = fread(bytes, 1, sizeof bytes, from)) > 0) {
+        TEST_ASSERT_EQUAL_size_t(count, fwrite(bytes, 1, count, to));
+    }
+    TEST_ASSERT_EQUAL_INT(0, fclose(from) + fclose(to));
+    globfree(&found);
+    tl_fmu_memory_enter(&fmu.guard.memory);
+    void *opened = dlopen(late, RTLD_NOW | RTLD_LOCAL);
+    tl_fmu_memory_leave(&fmu.guard.memory);
+    TEST_ASSERT_NOT_NULL(opened);
+}
+
+static void test_a_library_that_is_opened_late(void) {
+    void *state = NULL;
+    save(&state);
+    tl_fmu_memory_forget(state);
+    open_late_library();
+    expect_left("has opened a library since");
+}
+
+static void test_only_the_first_calls_are_watched(void) {
+    while (fmu.guard.memory.watched > 0) {
+        tl_fmu_memory_enter(&fmu.guard.memory);
+        tl_fmu_memory_leave(&fmu.guard.memory);
+    }
+    tl_fmu_memory_enter(&fmu.guard.memory);
+    int file = open("/dev/null", O_RDONLY | O_CLOEXEC);
+    tl_fmu_memory_leave(&fmu.guard.memory);
+    void *state = NULL;
+    save(&state);
+    tl_fmu_memory_forget(state);
+    TEST_ASSERT_EQUAL_INT(0, close(file));
+}
+
+int main(void) {
+    if (!tl_fmu_memory_serves()) {
+        printf("skipped: a sanitizer has an allocator of its own\n");
+        return SKIPPED;
+    }
+    UNITY_BEGIN();
+    RUN_TEST(test_any_order);
+    RUN_TEST(test_by_the_table);
+    RUN_TEST(test_a_state_that_is_used_again_grows);
+    RUN_TEST(test_exceptions_are_its_own);
+    RUN_TEST(test_a_thread);
+    RUN_TEST(test_a_thread_that_ends_within_the_call);
+    RUN_TEST(test_a_file);
+    RUN_TEST(test_a_process);
+    RUN_TEST(test_a_library_that_is_opened_late);
+    RUN_TEST(test_only_the_first_calls_are_watched);
+    return UNITY_END();
+}
