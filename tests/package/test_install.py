@@ -47,7 +47,8 @@ def make_and_enter():
     copied.write_bytes(package.read_bytes())
     serve = copied.parent / "twinlock-serve.deb"
     serve.write_bytes(debian.make(name="twinlock-serve").read_bytes())
-    command = ["mmdebstrap", "--quiet", "--variant=apt", "--format=null", f"--include={copied}", f"--include={serve}",
+    command = ["mmdebstrap", "--quiet", "--variant=apt", "--format=null", "--skip=cleanup/apt",  # that empties this machine's lists
+               f"--include={copied}", f"--include={serve}",
                f"--setup-hook=mkdir -p \"$1{copied.parent}\" \"$1/srv\" && cp '{copied}' '{serve}' \"$1{copied.parent}\"",
                f"--customize-hook=cp '{copied}' \"$1{AGAIN}\"",
                f"--customize-hook='{sys.executable}' '{__file__}' --inside \"$1\"", "bookworm", "-", "-"]
