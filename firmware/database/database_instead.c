@@ -10,9 +10,9 @@
 #include "firmware/database/database.h"
 #include "firmware/database/database_fault.h"
 
-enum { DENIALS = 12 }; /* that are not believed */
+enum { DENIALS = 60 }; /* that are not believed */
 static const tl_time DENIAL_PAUSE = TL_SECOND / 1000;
-static const tl_time DENIAL_PAUSE_LAST = TL_SECOND / 8;
+static const tl_time DENIAL_PAUSE_LAST = TL_SECOND / 64;
 
 static bool is_refused(tl_database_insistence insistence, tl_database_fault fault) {
     bool is_ours = fault != TL_DATABASE_FOREIGN && fault != TL_DATABASE_OTHER && fault != TL_DATABASE_TAKEN;
@@ -28,30 +28,6 @@ static const char *find_place(const char *given, char place[PATH_MAX]) {
     return tl_database_place(given, place, NULL) == TL_OK ? place : given;
 }
 
-static tl_status open_beside(const char *path, const char *why, const tl_database_user *user, tl_database_file *file,
-                             tl_database_news *news, tl_error *error) {
-    char name[PATH_MAX];
-    tl_status status = TL_BAD_DATA;
-    bool ends = false;
-    for (int i = 1; i <= TL_DATABASE_BESIDE_MOST && !ends; i++) {
-        int length = i == 1 ? snprintf(name, sizeof name, "%s.beside", path)
-                            : snprintf(name, sizeof name, "%s.beside-%d", path, i);
-        if (length >= PATH_MAX) {
-            return tl_database_refuse(TL_DATABASE_FOREIGN, error, TL_TRY_AGAIN, "%.200s…: the name is too long", path);
-        }
-        status = tl_database_file_open(name, 0, user, file, &news->aside, error);
-        ends = status == TL_OK || tl_database_get_fault() == TL_DATABASE_LATER; /* the next one would meet the same */
-    }
-    (void)snprintf(news->beside, sizeof news->beside, "%s", status == TL_OK ? why : "");
-    return status;
-}
-
-tl_status tl_database_instead_beside(const char *given, const char *why, const tl_database_user *user,
-                                     tl_database_file *file, tl_database_news *news, tl_error *error) {
-    char place[PATH_MAX];
-    return open_beside(find_place(given, place), why, user, file, news, error);
-}
-
 /* Nothing can be written in its folder. Then no name beside it can be either, unless the folder is opened meanwhile, and then the file itself
  * can be. */
 static bool is_shut_in(const char *path) {
@@ -65,23 +41,48 @@ static bool is_writable(const char *path) {
     return faccessat(AT_FDCWD, path, W_OK, AT_EACCESS) == 0;
 }
 
-/* The file that was asked for. `path` is what others are beside; *shut: none of them is to be tried. A file that was denied is tried again once
- * its folder is known to be open: else it might have been opened since, and another file be written for no reason. And more than once: a reader that
- * is root makes log and index as root's, and only then gives them to the owner of the file. */
-static tl_status open_wanted(const tl_database_wanted *wanted, const char *path, tl_database_file *file,
-                             tl_database_aside *aside, bool *shut, tl_error *error) {
-    tl_status status = tl_database_file_open(wanted->path, wanted->patience, wanted->user, file, aside, error);
+/* One file, which `place` is without links; *shut: its folder is, so none beside it is to be tried. A file that was denied is tried again once its
+ * folder is known to be open: else it might have been opened since, and another file be written for no reason. And more than once: a reader that is
+ * root makes log and index as root's, and only then gives them to the owner of the file. */
+static tl_status open_file(const char *path, const char *place, const tl_database_wanted *wanted,
+                           tl_database_file *file, tl_database_aside *aside, bool *shut, tl_error *error) {
+    tl_status status = tl_database_file_open(path, wanted->patience, wanted->user, file, aside, error);
     tl_time pause = DENIAL_PAUSE;
     for (int i = 0; i < DENIALS && status != TL_OK && tl_database_get_fault() == TL_DATABASE_DENIED; i++) {
-        *shut = is_shut_in(path);
-        if (*shut || (i > 0 && !is_writable(path))) {
+        *shut = is_shut_in(place);
+        if (*shut || (i > 0 && !is_writable(place))) {
             return status;
         }
         tl_clock_sleep_until(tl_clock_now(NULL) + pause); /* the reader may wait for its turn on a busy machine */
         pause = 2 * pause < DENIAL_PAUSE_LAST ? 2 * pause : DENIAL_PAUSE_LAST;
-        status = tl_database_file_open(wanted->path, wanted->patience, wanted->user, file, aside, error);
+        status = tl_database_file_open(path, wanted->patience, wanted->user, file, aside, error);
     }
     return status;
+}
+
+static tl_status open_beside(const char *path, const char *why, const tl_database_user *user, tl_database_file *file,
+                             tl_database_news *news, tl_error *error) {
+    char name[PATH_MAX];
+    tl_status status = TL_BAD_DATA;
+    const tl_database_wanted wanted = {.path = name, .user = user};
+    bool ends = false; /* also if the next one would meet the same */
+    for (int i = 1; i <= TL_DATABASE_BESIDE_MOST && !ends; i++) {
+        int length = i == 1 ? snprintf(name, sizeof name, "%s.beside", path)
+                            : snprintf(name, sizeof name, "%s.beside-%d", path, i);
+        if (length >= PATH_MAX) {
+            return tl_database_refuse(TL_DATABASE_FOREIGN, error, TL_TRY_AGAIN, "%.200s…: the name is too long", path);
+        }
+        status = open_file(name, name, &wanted, file, &news->aside, &ends, error);
+        ends = ends || status == TL_OK || tl_database_get_fault() == TL_DATABASE_LATER;
+    }
+    (void)snprintf(news->beside, sizeof news->beside, "%s", status == TL_OK ? why : "");
+    return status;
+}
+
+tl_status tl_database_instead_beside(const char *given, const char *why, const tl_database_user *user,
+                                     tl_database_file *file, tl_database_news *news, tl_error *error) {
+    char place[PATH_MAX];
+    return open_beside(find_place(given, place), why, user, file, news, error);
 }
 
 tl_status tl_database_instead_open(const tl_database_wanted *wanted, tl_database_file *file, tl_database_news *news,
@@ -93,7 +94,7 @@ tl_status tl_database_instead_open(const tl_database_wanted *wanted, tl_database
     *waits = false;
     tl_database_aside *aside = wanted->insistence == TL_DATABASE_ALL_OR_NOTHING ? NULL : &news->aside;
     const char *path = find_place(wanted->path, place);
-    tl_status status = open_wanted(wanted, path, file, aside, &shut, &first);
+    tl_status status = open_file(wanted->path, path, wanted, file, aside, &shut, &first);
     tl_database_fault fault = tl_database_get_fault();
     if (status != TL_OK && !is_refused(wanted->insistence, fault) && !is_waited_for(fault)) {
         if (!shut && open_beside(path, first.text, wanted->user, file, news, NULL) == TL_OK) {

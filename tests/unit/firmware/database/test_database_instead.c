@@ -5,6 +5,7 @@
 #include <signal.h>
 #include <stdio.h>
 #include <string.h>
+#include <sys/mman.h>
 #include <sys/stat.h>
 #include <sys/wait.h>
 #include <unistd.h>
@@ -128,12 +129,12 @@ static void a_folder_that_may_not_be_written(void) {
     tl_database_file_close(&file);
 }
 
-/* Reads again and again, as the first and the last one who has it open: makes log and index, and removes them. */
-static void read_as_root(pid_t parent) {
+/* Reads again and again, as the first and the last one who has it open: makes log and index, and removes them. `name` is shared, and changes. */
+static void read_as_root(pid_t parent, const char *name) {
     int result = seteuid(0);
     while (result == 0 && getppid() == parent) {
         sqlite3 *database = NULL;
-        if (sqlite3_open_v2(path, &database, SQLITE_OPEN_READWRITE, NULL) == SQLITE_OK) {
+        if (sqlite3_open_v2(name, &database, SQLITE_OPEN_READWRITE, NULL) == SQLITE_OK) {
             (void)sqlite3_exec(database, "SELECT count(*) FROM runs", NULL, NULL, NULL);
         }
         (void)sqlite3_close(database);
@@ -141,43 +142,87 @@ static void read_as_root(pid_t parent) {
     _exit(result);
 }
 
-static pid_t begin_to_read(void) {
+static pid_t begin_to_read(const char *name) {
     pid_t parent = getpid();
     pid_t reader = fork();
     if (reader == 0) {
-        read_as_root(parent);
+        read_as_root(parent, name);
     }
     TEST_ASSERT_GREATER_THAN_INT(0, reader);
     return reader;
 }
 
+static void end_reading(pid_t reader) {
+    TEST_ASSERT_EQUAL_INT(0, seteuid(0));
+    TEST_ASSERT_EQUAL_INT(0, kill(reader, SIGKILL));
+    TEST_ASSERT_EQUAL_INT(reader, waitpid(reader, NULL, 0));
+}
+
+/* Whether another file is written than that one, or that one is and cannot be. */
+static bool is_written_wrongly(const char *wanted) {
+    tl_database_file file = TL_DATABASE_FILE_NONE;
+    bool waits = false;
+    if (open_one(&file, &waits) != TL_OK) {
+        return !waits;
+    }
+    bool is_written = sqlite3_exec(file.connection, "UPDATE runs SET name = ''", NULL, NULL, NULL) != SQLITE_READONLY;
+    bool is_wanted = strcmp(wanted, file.path) == 0;
+    tl_database_file_close(&file);
+    return !is_wanted || !is_written;
+}
+
 /* What it makes is root's for an instant. That keeps nobody from writing. */
 static void a_reader_who_is_root(void) {
-    tl_database_file file = TL_DATABASE_FILE_NONE;
     if (getuid() != 0) {
         TEST_IGNORE_MESSAGE("needs root");
     }
     make_one();
-    pid_t reader = begin_to_read();
+    pid_t reader = begin_to_read(path);
     int wrong = 0;
     for (int i = 0; i < 3 * TRIALS; i++) {
-        bool waits = false;
-        if (open_one(&file, &waits) == TL_OK) {
-            bool is_written =
-                sqlite3_exec(file.connection, "UPDATE runs SET name = ''", NULL, NULL, NULL) != SQLITE_READONLY;
-            wrong += strcmp(path, file.path) == 0 && is_written ? 0 : 1;
-            tl_database_file_close(&file);
-        }
+        wrong += is_written_wrongly(path) ? 1 : 0;
     }
-    TEST_ASSERT_EQUAL_INT(0, seteuid(0));
-    TEST_ASSERT_EQUAL_INT(0, kill(reader, SIGKILL));
-    TEST_ASSERT_EQUAL_INT(reader, waitpid(reader, NULL, 0));
+    end_reading(reader);
+    TEST_ASSERT_EQUAL_INT(0, wrong);
+}
+
+static void write_foreign(void) {
+    FILE *file = fopen(path, "w");
+    TEST_ASSERT_NOT_NULL(file);
+    TEST_ASSERT_GREATER_THAN_INT(0, fputs("time,omega\n", file));
+    TEST_ASSERT_EQUAL_INT(0, fclose(file));
+}
+
+/* Nor from beginning a file beside one that is not ours, nor from finding it again. */
+static void a_reader_who_is_root_of_a_file_beside(void) {
+    char name[32];
+    if (getuid() != 0) {
+        TEST_IGNORE_MESSAGE("needs root");
+    }
+    /* cppcheck-suppress invalidFunctionArg ; an anonymous mapping has no file, which is -1 */
+    void *shared = mmap(NULL, PATH_MAX, PROT_READ | PROT_WRITE, MAP_SHARED | MAP_ANONYMOUS, -1, 0);
+    TEST_ASSERT_TRUE(shared != MAP_FAILED);
+    char *beside = shared;
+    pid_t reader = begin_to_read(beside);
+    int wrong = 0;
+    for (int i = 0; i < TRIALS; i++) {
+        (void)snprintf(name, sizeof name, "%d.db", i);
+        (void)snprintf(path, sizeof path, "%s", tl_scratch_path(&scratch, name));
+        write_foreign();
+        (void)snprintf(name, sizeof name, "%d.db.beside", i);
+        (void)snprintf(beside, PATH_MAX, "%s", tl_scratch_path(&scratch, name));
+        wrong += is_written_wrongly(beside) ? 1 : 0; /* begun, */
+        wrong += is_written_wrongly(beside) ? 1 : 0; /* found again */
+    }
+    end_reading(reader);
+    TEST_ASSERT_EQUAL_INT(0, munmap(beside, PATH_MAX));
     TEST_ASSERT_EQUAL_INT(0, wrong);
 }
 
 int main(void) {
     UNITY_BEGIN();
     RUN_TEST(a_reader_who_is_root);
+    RUN_TEST(a_reader_who_is_root_of_a_file_beside);
     RUN_TEST(a_folder_that_is_opened_meanwhile);
     RUN_TEST(a_folder_that_may_not_be_written);
     return UNITY_END();
