@@ -275,8 +275,8 @@ tl_status tl_twin_child_start(const tl_twin_child_settings *settings, tl_twin_ch
 
 /* ---- work ---- */
 
-static tl_status take_account(tl_twin_child *child, tl_account *account, tl_error *error) {
-    *account = child->extra->account;
+static tl_status take_account(tl_twin_child *child, const tl_account *told, tl_account *account, tl_error *error) {
+    *account = *told;
     bool fits = account->components == child->settings.config->component_count + 1 &&
                 account->matches == child->settings.config->match_count &&
                 account->adjusts == child->settings.config->adjust_count;
@@ -293,7 +293,7 @@ tl_status tl_twin_child_build(tl_twin_child *child, tl_account *account, tl_erro
         *error = child->last_error;
         return child->last_status;
     }
-    return take_account(child, account, error);
+    return take_account(child, &child->extra->built, account, error);
 }
 
 tl_status tl_twin_child_check(tl_twin_child *child, tl_error *error) {
@@ -414,7 +414,7 @@ tl_status tl_twin_child_end(tl_twin_child *child, tl_account *account, tl_error 
     tl_twin_child_stop(child);
     tl_status status = wait_for_last_word(child, error);
     if (status == TL_OK && account != NULL) {
-        status = take_account(child, account, error);
+        status = take_account(child, &child->extra->ended, account, error);
     }
     return status;
 }

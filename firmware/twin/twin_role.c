@@ -285,8 +285,8 @@ static void work(void *context) {
         status = begin(self, &error);
     }
     if (self->assembly.twin != NULL) {
-        tl_account_take(self->assembly.twin, &self->extra->account);
-        tl_lock_rescue_init(&self->rescue, &self->assembly.config, &self->extra->account);
+        tl_account_take(self->assembly.twin, &self->extra->built);
+        tl_lock_rescue_init(&self->rescue, &self->assembly.config, &self->extra->built);
         self->tunings =
             (tl_twin_tunings){.bytes = self->job.tunings, .count = self->job.tunings_size / sizeof(tl_run_tuning)};
     }
@@ -295,7 +295,7 @@ static void work(void *context) {
         status = check(self, status, &error);
     } else if (status == TL_OK) {
         status = step_until_end(self, &error);
-        tl_account_take(self->assembly.twin, &self->extra->account);
+        tl_account_take(self->assembly.twin, &self->extra->ended);
     }
     send_word(self, TL_MESSAGE_ENDED, status, &error);
     tl_assembly_free(&self->assembly);

@@ -31,8 +31,10 @@ typedef struct tl_twin_word {
 
 /* In the block of the process with the FMUs, beside its messages. */
 typedef struct tl_twin_extra {
-    tl_fmu_calls calls;        /* the call that is under way */
-    tl_account account;        /* as of TL_MESSAGE_BUILT, and again as of TL_MESSAGE_ENDED */
+    tl_fmu_calls calls; /* the call that is under way */
+    tl_account built;   /* as of TL_MESSAGE_BUILT */
+    tl_account
+        ended; /* as of TL_MESSAGE_ENDED; apart, since who is told to end early writes it while the other one is read */
     char error[TL_ERROR_TEXT]; /* of the message that tells of a failure: BUILT, RESULT or ENDED */
 } tl_twin_extra;
 

@@ -64,7 +64,7 @@ static void make_account(tl_account *account) {
 }
 
 static void send_built(void) {
-    make_account(&extra->account);
+    make_account(&extra->built);
     send_word(TL_MESSAGE_BUILT, TL_OK, "");
 }
 
@@ -115,12 +115,16 @@ static bool lie_early(const char *lie, const tl_config *config) {
     } else if (strcmp(lie, "ended instead of built") == 0) {
         send_word(TL_MESSAGE_ENDED, TL_OK, "");
     } else if (strcmp(lie, "an account of another") == 0) {
-        make_account(&extra->account);
-        extra->account.components++;
+        make_account(&extra->built);
+        extra->built.components++;
         send_word(TL_MESSAGE_BUILT, TL_OK, "");
     } else if (strcmp(lie, "an account without end") == 0) {
-        make_account(&extra->account);
-        memset(extra->account.algorithm, 'x', sizeof extra->account.algorithm);
+        make_account(&extra->built);
+        memset(extra->built.algorithm, 'x', sizeof extra->built.algorithm);
+        send_word(TL_MESSAGE_BUILT, TL_OK, "");
+    } else if (strcmp(lie, "writes the account of its end") == 0) {
+        make_account(&extra->built);
+        memset(&extra->ended, 'x', sizeof extra->ended);
         send_word(TL_MESSAGE_BUILT, TL_OK, "");
     } else {
         return false;
@@ -410,6 +414,13 @@ static void test_an_account_without_end(void) {
     expect_killed_at_build("an account without end", "its account is none");
 }
 
+/* Told to end early it is at that while we still read the first one. */
+static void test_its_last_account_is_apart(void) {
+    start_liar("writes the account of its end", 0, TL_OK);
+    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_twin_child_build(child, &account, &error), error.text);
+    TEST_ASSERT_EQUAL_UINT32(3, account.components);
+}
+
 static void test_a_building_that_fails(void) {
     start_liar("fails and says nothing", 0, TL_OK);
     TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, tl_twin_child_build(child, &account, &error));
@@ -581,6 +592,7 @@ int main(int argc, char **argv) {
     RUN_TEST(test_ended_instead_of_built);
     RUN_TEST(test_an_account_of_another);
     RUN_TEST(test_an_account_without_end);
+    RUN_TEST(test_its_last_account_is_apart);
     RUN_TEST(test_a_building_that_fails);
     RUN_TEST(test_its_words_are_shown_without_escapes);
     RUN_TEST(test_a_status_that_is_none);
