@@ -29,12 +29,12 @@ typedef struct tl_twin_word {
     int32_t status; /* tl_status */
 } tl_twin_word;
 
-/* In the block of the process with the FMUs, beside its messages. */
+/* In the block of the process with the FMUs, beside its messages. The two accounts are apart: told to end early it writes the last one while its parent
+ * still reads the first. */
 typedef struct tl_twin_extra {
-    tl_fmu_calls calls; /* the call that is under way */
-    tl_account built;   /* as of TL_MESSAGE_BUILT */
-    tl_account
-        ended; /* as of TL_MESSAGE_ENDED; apart, since who is told to end early writes it while the other one is read */
+    tl_fmu_calls calls;        /* the call that is under way */
+    tl_account built;          /* as of TL_MESSAGE_BUILT */
+    tl_account ended;          /* as of TL_MESSAGE_ENDED */
     char error[TL_ERROR_TEXT]; /* of the message that tells of a failure: BUILT, RESULT or ENDED */
 } tl_twin_extra;
 
