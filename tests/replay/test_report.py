@@ -17,6 +17,7 @@ from twinlock_test import (BUILD, SOURCE, at_least, at_most, edited_config, expe
                            read_table, run, run_well, scratch, start, write_config)
 
 LOCK = SOURCE / "config" / "motor" / "lock.json"
+CYLINDER = SOURCE / "config" / "cylinder" / "lock.json"
 PICTURES = BUILD / "report"
 HOSTILE = "</script><script>window.hacked = 1</script><img src=x onerror=\"window.hacked = 2\"><!-- '&\\ {{data}} \u017d"
 BAD_USAGE, BAD_DATA, TRY_AGAIN = 2, 65, 75
@@ -467,18 +468,23 @@ def test_nothing_of_the_users_is_overwritten():
         expect(path.read_bytes() == content, f"{path.name} was overwritten")
 
 
-def limit_files():
-    """In the program to be: a file larger than that cannot be written, as on a full disk."""
-    resource.setrlimit(resource.RLIMIT_FSIZE, (240_000, 240_000))  # binaries and what processes share fit, a report does not
-    signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+def limited_to(size):
+    """For the program to be: a file larger than that cannot be written, as on a full disk."""
+    def limit():
+        resource.setrlimit(resource.RLIMIT_FSIZE, (size, size))
+        signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    return limit
 
 
 def test_a_full_disk():
+    """The page is the largest file that the program writes: all but its last byte fits."""
     path, database = scratch() / "report.html", scratch() / "run.db"
-    run_well(["replay", LOCK, "--db", database])
-    path.write_text("the one of yesterday", encoding="utf-8")
-    for args in (["replay", LOCK], ["show", database]):
-        code, _, err = run([*args, "--report", path], preexec_fn=limit_files, restore_signals=False)
+    run_well(["replay", CYLINDER, "--db", database])
+    for args in (["replay", CYLINDER], ["show", database]):
+        run_well([*args, "--report", path])
+        limit = limited_to(path.stat().st_size - 1)
+        path.write_text("the one of yesterday", encoding="utf-8")
+        code, _, err = run([*args, "--report", path], preexec_fn=limit, restore_signals=False)
         expect(code == TRY_AGAIN and "not everything could be written: File too large" in err, f"{code}: {err}")
         expect(path.read_text(encoding="utf-8") == "the one of yesterday", "the old page is gone")
         expect(len(list(path.parent.iterdir())) == 1, f"{list(path.parent.iterdir())}")
