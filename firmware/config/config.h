@@ -169,6 +169,7 @@ typedef struct tl_config {
     const char *fallback; /* the same; NULL: none */
     uint32_t stagnation;  /* 0: never */
     double noise_floor;
+    uint32_t verify_every;
     double margin;
     tl_plan_saving saving;
     uint32_t saving_memory; /* MB that the FMUs' saved states may take */

@@ -298,6 +298,8 @@ static void read_budget(tl_config_object *object, tl_config *config) {
 void tl_config_read_synchronise(tl_config_object *root, tl_config *config) {
     static const tl_config_number margin = {.maximum = 1, .below = true, .example = "0.01"};
     static const tl_config_number noise_floor = {.maximum = HUGE_VAL, .example = "0.001"};
+    static const tl_config_number verify_every = {.whole = true, .maximum = 1e9, .example = "400"};
+    double every = 400;
     tl_config_object object;
     config->margin = 0.01;
     config->noise_floor = 1e-3;
@@ -320,6 +322,8 @@ void tl_config_read_synchronise(tl_config_object *root, tl_config *config) {
     read_solvers(&object, config);
     (void)tl_config_get_number(&object, "margin", &margin, &config->margin);
     (void)tl_config_get_number(&object, "noise_floor", &noise_floor, &config->noise_floor);
+    (void)tl_config_get_number(&object, "verify_every", &verify_every, &every);
+    config->verify_every = (uint32_t)every;
     read_saving(&object, config);
     read_budget(&object, config);
     tl_config_done(&object);

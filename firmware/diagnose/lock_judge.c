@@ -46,6 +46,7 @@ typedef struct finding {
     tl_lock_state state;
     size_t which;  /* degraded: the signal; tracking, or in a cycle: the adjusted variable */
     int period;    /* of the cycle */
+    bool differed; /* degraded: an FMU, and no signal */
     bool cycles;   /* lost: u is in a limit cycle */
     bool is_far;   /* lost: it is ten tolerances off, and not only out of one */
     bool at_bound; /* tracking: u is at a bound, and not only unusual */
@@ -224,6 +225,7 @@ static void add_part(const tl_lock_part *part, const tl_config *config, window *
     all->outside += part->outside;
     all->far += part->far;
     all->jumps += part->jumps;
+    all->differed += part->differed;
     all->samples += part->samples;
     all->worst = part->worst <= all->worst ? all->worst : part->worst;
     for (size_t i = 0; i < config->signal_count; i++) {
@@ -297,6 +299,10 @@ static bool judge_lost(tl_lock_judge *judge, const window *all, finding *found) 
 
 static bool judge_degraded(const tl_lock_judge *judge, const window *all, finding *found) {
     bool inside = judge->judged && judge->tally.state == TL_LOCK_DEGRADED;
+    found->differed = all->differed != 0;
+    if (found->differed) {
+        return true;
+    }
     for (size_t i = 0; i < judge->config->signal_count; i++) {
         if (is_beyond(share(all->bad[i], all->samples), &BAD, inside)) {
             found->which = i;
@@ -382,7 +388,15 @@ static void tell_lost(const tl_lock_judge *judge, const window *all, const findi
     }
 }
 
-static void tell_degraded(const tl_lock_judge *judge, const window *all, size_t signal, char cause[TL_LOCK_CAUSE]) {
+static void tell_degraded(const tl_lock_judge *judge, const window *all, const finding *found,
+                          char cause[TL_LOCK_CAUSE]) {
+    size_t signal = found->which;
+    if (found->differed) {
+        (void)snprintf(cause, TL_LOCK_CAUSE,
+                       "an FMU was found not to come back to where it was, before %u of the last %u steps",
+                       (unsigned)all->differed, (unsigned)all->steps);
+        return;
+    }
     (void)snprintf(cause, TL_LOCK_CAUSE, "plant.%.60s was not good in %.0f %% of the last %u samples (limit %.0f %%)",
                    judge->config->signals[signal].plan.name, HUNDRED * share(all->bad[signal], all->samples),
                    (unsigned)all->samples, HUNDRED * BAD.enter);
@@ -419,7 +433,7 @@ static void tell_cause(const tl_lock_judge *judge, const window *all, const find
         tell_lost(judge, all, found, cause);
         break;
     case TL_LOCK_DEGRADED:
-        tell_degraded(judge, all, found->which, cause);
+        tell_degraded(judge, all, found, cause);
         break;
     case TL_LOCK_TRACKING:
         tell_tracking(judge, all, found, cause);
@@ -510,6 +524,7 @@ const tl_lock_change *tl_lock_judge_step(tl_lock_judge *judge, const tl_record *
     } else {
         part->free++;
     }
+    part->differed += (record->flags & TL_FLAG_DIFFERED) != 0 ? 1 : 0;
     see_outputs(judge, record, part);
     see_corrections(judge, record, part);
     part->steps++;

@@ -1,7 +1,7 @@
 /* The judge of the lock: whether the twin is where the plant is.
  *
  * Purpose: one place that says of a run, live or replayed, whether its twin can be believed: from how many tolerances
- *          each committed step was off, from Δu, from bounds and from the plant's qualities. Nothing else is looked at, so that a replay says the same.
+ *          each committed step was off, from Δu, from bounds, from the plant's qualities, and from what was found of the FMUs' rollback. Nothing else is looked at, so that a replay says the same.
  * Window:  a step proves nothing, and neither do twenty in a row: a twin that is lost can be within tolerance at every second step. So shares
  *          of a window count, and how far off it is. The window is ten parts of 0.1 s each, or of two steps if they are longer; the
  *          state is judged at the end of each part. With an event horizon a step that counts is a stroke whose search has ended.
@@ -39,8 +39,9 @@ typedef struct tl_lock_part {
     uint32_t outside; /* out of tolerance, */
     uint32_t far;     /* and by ten tolerances or more */
     uint32_t
-        jumps;    /* in which an output has gone that far from the step before, and further than its measurement goes */
-    double worst; /* tolerances */
+        jumps; /* in which an output has gone that far from the step before, and further than its measurement goes */
+    uint32_t differed;                /* before which an FMU was found not to come back to where it was */
+    double worst;                     /* tolerances */
     uint32_t samples;                 /* of the plant, */
     uint32_t bad[TL_MAX_SIGNALS];     /* and those that were not good, by signal */
     uint32_t at_bound[TL_MAX_ADJUST]; /* steps with u at a bound */

@@ -8,6 +8,7 @@
 #include <string.h>
 #include <sys/stat.h>
 
+#include "firmware/assembly/twin_recorder.h"
 #include "firmware/base/clock.h"
 #include "firmware/base/identity.h"
 #include "firmware/base/log.h"
@@ -24,7 +25,6 @@
 #include "firmware/run/realtime.h"
 #include "firmware/run/safe_hold.h"
 #include "firmware/run/status_line.h"
-#include "firmware/twin/twin_recorder.h"
 
 /* How long the start waits for a first reading of every signal, and for its priority. */
 static const tl_time FIRST_READING = 2 * TL_SECOND;

@@ -6,6 +6,7 @@
 #include <string.h>
 #include <sys/stat.h>
 
+#include "firmware/assembly/twin_recorder.h"
 #include "firmware/base/clock.h"
 #include "firmware/base/identity.h"
 #include "firmware/base/log.h"
@@ -17,7 +18,6 @@
 #include "firmware/past/past_history.h"
 #include "firmware/process/interrupt.h"
 #include "firmware/record/recorder_writer.h"
-#include "firmware/twin/twin_recorder.h"
 
 /* Between two looks: while a twin may ask for a past, and later. */
 static const tl_time LOOK_SOON = TL_SECOND / 500;

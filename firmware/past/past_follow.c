@@ -6,9 +6,9 @@
 #include <stdio.h>
 #include <string.h>
 
+#include "firmware/assembly/twin_recorder.h"
+#include "firmware/assembly/twin_step.h"
 #include "firmware/base/clock.h"
-#include "firmware/twin/twin_recorder.h"
-#include "firmware/twin/twin_step.h"
 
 static const tl_time PATIENCE = 2 * TL_SECOND;
 

@@ -11,10 +11,10 @@
 #ifndef TL_FIRMWARE_PAST_PAST_FOLLOW_H
 #define TL_FIRMWARE_PAST_PAST_FOLLOW_H
 
+#include "firmware/assembly/assembly.h"
 #include "firmware/outbox/outbox.h"
 #include "firmware/past/past.h"
 #include "firmware/report/summary.h"
-#include "firmware/twin/assembly.h"
 #include "master/base/status.h"
 
 typedef enum tl_past_outcome {

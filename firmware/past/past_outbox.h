@@ -14,9 +14,9 @@
 
 #include <stdbool.h>
 
+#include "firmware/assembly/assembly.h"
 #include "firmware/outbox/outbox.h"
 #include "firmware/past/past.h"
-#include "firmware/twin/assembly.h"
 
 typedef struct tl_past_outbox tl_past_outbox;
 

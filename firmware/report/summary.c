@@ -92,6 +92,15 @@ static void add_executions(tl_json_writer *json, const tl_account *account) {
     tl_json_close(json);
 }
 
+/* Beside the others: what was executed again to see whether the FMUs come back to where they were. */
+static void add_verified(tl_json_writer *json, const tl_account *account) {
+    tl_json_open_object(json, "verified");
+    tl_json_add_count(json, "times", account->verified);
+    tl_json_add_count(json, "executions", account->verified_executions);
+    tl_json_add_count(json, "differed", account->differed);
+    tl_json_close(json);
+}
+
 static void add_matches(tl_json_writer *json, const printing *page) {
     tl_json_open_object(json, "match");
     for (size_t i = 0; i < page->config->match_count; i++) {
@@ -202,6 +211,7 @@ tl_status tl_summary_print_json(const tl_summary *summary, const tl_config *conf
         add_lock(&json, &summary->lock);
     }
     add_executions(&json, account);
+    add_verified(&json, account);
     tl_json_add_count(&json, "evaluations", page.figures.evaluations);
     tl_json_add_count(&json, "optimised_steps", page.figures.optimised_steps);
     add_matches(&json, &page);

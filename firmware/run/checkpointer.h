@@ -16,9 +16,9 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#include "firmware/assembly/assembly.h"
 #include "firmware/outbox/outbox.h"
 #include "firmware/run/journal.h"
-#include "firmware/twin/assembly.h"
 
 typedef struct tl_checkpointer {
     tl_twin *twin;

@@ -4,13 +4,14 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "firmware/assembly/twin_recorder.h"
+#include "firmware/assembly/twin_verify.h"
 #include "firmware/base/c_locale.h"
 #include "firmware/base/clock.h"
 #include "firmware/fmu/fmu_guard.h"
 #include "firmware/process/host_state.h"
 #include "firmware/run/cycle_parts.h"
 #include "firmware/run/realtime.h"
-#include "firmware/twin/twin_recorder.h"
 
 /* What FMUs may take to begin, as at the start of a run. */
 static const tl_time PATIENCE_WITH_BEGINNING = 120 * TL_SECOND;
@@ -193,6 +194,20 @@ static void finish(tl_cycle *cycle) {
     }
 }
 
+/* What is left until the next tick is for looking whether the FMUs still come back to where they were; some of it stays left. */
+static tl_status look(tl_cycle *cycle) {
+    enum { STAYS_LEFT = 8 }; /* of a period, the part */
+    tl_time period = cycle->settings.assembly->config.step;
+    tl_time next = tl_time_of_step(cycle->start, period, cycle->next_tick) + tl_cycle_delay(cycle);
+    tl_twin_look_news news;
+    tl_status status = tl_twin_look(cycle->settings.assembly->twin, next - period / STAYS_LEFT, &news, &cycle->error);
+    if (news.found) {
+        tl_journal_event(cycle->settings.journal, -1, news.mended ? TL_EVENT_WARNING : TL_EVENT_ERROR, "twin", "%s",
+                         news.text);
+    }
+    return status;
+}
+
 static void run(void *context) {
     tl_cycle *cycle = context;
     const tl_config *config = &cycle->settings.assembly->config;
@@ -213,6 +228,7 @@ static void run(void *context) {
             cycle->status = catch_up(cycle, &budget);
             tl_fmu_guard_tick();
             show(cycle);
+            cycle->status = cycle->status == TL_OK ? look(cycle) : cycle->status;
         }
     }
     finish(cycle);

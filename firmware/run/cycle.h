@@ -22,6 +22,7 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+#include "firmware/assembly/assembly.h"
 #include "firmware/fmu/fmu_thread.h"
 #include "firmware/outbox/outbox.h"
 #include "firmware/plant/mail_change.h"
@@ -31,7 +32,6 @@
 #include "firmware/run/journal.h"
 #include "firmware/run/live_stage.h"
 #include "firmware/run/live_tuning.h"
-#include "firmware/twin/assembly.h"
 
 typedef struct tl_cycle tl_cycle;
 

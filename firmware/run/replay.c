@@ -4,11 +4,11 @@
 #include <inttypes.h>
 #include <string.h>
 
+#include "firmware/assembly/twin_recorder.h"
 #include "firmware/base/clock.h"
 #include "firmware/base/identity.h"
 #include "firmware/process/interrupt.h"
 #include "firmware/text/progress.h"
-#include "firmware/twin/twin_recorder.h"
 
 static void keep(const tl_replay *replay, int64_t tick, const tl_twin_result *result, tl_summary *summary) {
     const tl_config *config = replay->config;

@@ -3,10 +3,10 @@
 
 #include <stdlib.h>
 
+#include "firmware/assembly/twin_recorder.h"
 #include "firmware/base/new_file.h"
 #include "firmware/config/measurements.h"
 #include "firmware/report/html_report.h"
-#include "firmware/twin/twin_recorder.h"
 
 struct tl_replay_report {
     const tl_config *config;

@@ -229,6 +229,15 @@ static void watch_reset(const tl_watch *watch, int64_t tick, const tl_record *re
     }
 }
 
+/* What was found is an event of its own, which has no tick: a replay may find it at another one. */
+static void watch_difference(tl_watch *watch, int64_t tick, const tl_record *record) {
+    bool differed = (record->flags & TL_FLAG_DIFFERED) != 0;
+    if (differed && !watch->differed) {
+        tl_journal_event(watch->journal, tick, TL_EVENT_WARNING, "twin", "an FMU does not come back to where it was");
+    }
+    watch->differed = differed;
+}
+
 void tl_watch_record(tl_watch *watch, int64_t tick, const tl_record *record) {
     if (record->outcome == TL_FOLLOWED) {
         return; /* told by the run that it is of */
@@ -238,6 +247,7 @@ void tl_watch_record(tl_watch *watch, int64_t tick, const tl_record *record) {
         return;
     }
     watch_reset(watch, tick, record);
+    watch_difference(watch, tick, record);
     watch_free_run(watch, tick, record);
     for (size_t i = 0; i < watch->config->adjust_count; i++) {
         watch_variable(watch, tick, record, i);

@@ -43,6 +43,7 @@ typedef struct tl_watch {
     uint64_t stroke_evaluations;          /* and what its search has evaluated so far */
     tl_delay_state delay_state;           /* as last told */
     tl_time delay;                        /* the measured delay as last told */
+    bool differed;                        /* an FMU does not come back to where it was: told */
     uint64_t skipped;                     /* not told yet */
     tl_time skipped_since;
 } tl_watch;

@@ -13,11 +13,11 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#include "firmware/assembly/assembly.h"
 #include "firmware/config/config_same_signals.h"
 #include "firmware/fmu/fmu_thread.h"
 #include "firmware/process/heartbeat.h"
 #include "firmware/run/journal.h"
-#include "firmware/twin/assembly.h"
 #include "master/base/simtime.h"
 #include "master/base/status.h"
 

@@ -12,8 +12,8 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#include "firmware/assembly/twin_step.h"
 #include "firmware/process/block.h"
-#include "firmware/twin/twin_step.h"
 
 typedef enum tl_twin_task {
     TL_TASK_CHECK, /* build, print the page, end */

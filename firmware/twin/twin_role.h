@@ -14,8 +14,8 @@
 
 #include <stdio.h>
 
+#include "firmware/assembly/assembly.h"
 #include "firmware/confine/confine.h"
-#include "firmware/twin/assembly.h"
 #include "firmware/twin/twin_job.h"
 
 /* Prints what a check tells of an assembly, which was built if `status` is TL_OK, and says on the log what is wrong with it. Returns the status

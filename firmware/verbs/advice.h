@@ -9,7 +9,7 @@
 #include <stddef.h>
 #include <stdio.h>
 
-#include "firmware/twin/assembly.h"
+#include "firmware/assembly/assembly.h"
 #include "firmware/verbs/prognosis.h"
 
 /* A paragraph each, of 79 columns at most, with the JSON path in front; how many there are. */

@@ -11,8 +11,8 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#include "firmware/assembly/assembly.h"
 #include "firmware/outbox/run_types.h"
-#include "firmware/twin/assembly.h"
 
 typedef struct tl_prognosis {
     /* executions, of all components together */

@@ -6,6 +6,7 @@
 #include <string.h>
 #include <unistd.h>
 
+#include "firmware/assembly/assembly.h"
 #include "firmware/base/log.h"
 #include "firmware/config/measurements.h"
 #include "firmware/errand/twin_cost.h"
@@ -13,7 +14,6 @@
 #include "firmware/live/live_blocks.h"
 #include "firmware/text/clean_text.h"
 #include "firmware/text/output.h"
-#include "firmware/twin/assembly.h"
 #include "firmware/twin/twin_places.h"
 #include "firmware/verbs/advice.h"
 #include "firmware/verbs/delay_page.h"

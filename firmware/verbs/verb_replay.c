@@ -4,6 +4,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "firmware/assembly/twin_recorder.h"
+#include "firmware/assembly/twin_verify.h"
 #include "firmware/base/log.h"
 #include "firmware/base/new_file.h"
 #include "firmware/plant/recording.h"
@@ -14,7 +16,6 @@
 #include "firmware/run/replay.h"
 #include "firmware/run/watch.h"
 #include "firmware/text/output.h"
-#include "firmware/twin/twin_recorder.h"
 #include "firmware/verbs/verb_job.h"
 #include "firmware/verbs/verbs.h"
 
@@ -132,6 +133,14 @@ static void warn(void *context, const char *text) {
     }
 }
 
+/* On the log it is already. */
+static void note_finding(const tl_replay *replay) {
+    tl_twin_look_news news;
+    if (tl_twin_look_at_account(replay->account, &news) && replay->recorder != NULL) {
+        tl_recorder_event(replay->recorder, -1, news.mended ? TL_EVENT_WARNING : TL_EVENT_ERROR, "twin", news.text);
+    }
+}
+
 /* Of a run that came to its end, or was interrupted. */
 static tl_status tell(const tl_verb_job *job, const tl_replay *replay, const tl_summary *summary, tl_status status,
                       tl_error *error) {
@@ -139,6 +148,7 @@ static tl_status tell(const tl_verb_job *job, const tl_replay *replay, const tl_
     tl_status printed = print_summary(replay, job, summary, &later);
     status = first_of(status, printed, &later, error);
     tl_twin_recorder_check(replay->account, warn, replay->recorder);
+    note_finding(replay);
     if (replay->report != NULL) {
         const char *ended = status == TL_OK ? "end of recording" : error->text;
         tl_status kept = tl_replay_report_keep(replay->report, summary, ended, &later);

@@ -155,9 +155,37 @@ tl_status tl_cached_component_stand(tl_cached_component *cached, tl_error *error
     return cached->at == cached->root ? TL_OK : load(cached, cached->root, error);
 }
 
+/* The FMU is elsewhere: there, and back. */
+static tl_status copy_from_afar(tl_component *component, fmi2FMUstate root, fmi2FMUstate *state, fmi2FMUstate *aside,
+                                tl_error *error) {
+    tl_status status = tl_component_save(component, aside, error);
+    if (status != TL_OK) {
+        return status;
+    }
+    status = tl_component_restore(component, root, error);
+    status = status == TL_OK ? tl_component_save(component, state, error) : status;
+    tl_status back = status == TL_FMU_FATAL ? status : tl_component_restore(component, *aside, error);
+    return back != TL_OK ? back : status;
+}
+
+tl_status tl_cached_component_copy_root(tl_cached_component *cached, fmi2FMUstate *state, fmi2FMUstate *aside,
+                                        bool *taken, tl_error *error) {
+    fmi2FMUstate root = cached->tree.nodes[cached->root].state;
+    bool is_here = cached->at == cached->root;
+    *taken = cached->component->mode == TL_MODE_STEPPING && (is_here || root != NULL);
+    if (!*taken) {
+        return TL_OK;
+    }
+    return is_here ? tl_component_save(cached->component, state, error)
+                   : copy_from_afar(cached->component, root, state, aside, error);
+}
+
 /* Whether no state before the one of this node can be wanted any more: it is saved, and every candidate passes it. */
 static bool is_final(const tl_cached_component *cached, uint32_t node) {
     const tl_sequence_cache *tree = &cached->tree;
+    if (cached->is_kept_from) {
+        return false;
+    }
     uint32_t above = cached->root;
     while (above != node && above != TL_NO_NODE) {
         above = tree->nodes[above].parent;

@@ -9,7 +9,8 @@
  *          TL_KEEP_OUTPUTS saves states only every `spacing` steps; from there the FMU catches up (left column).
  * Final:   a step from the newest saved state that all candidates pass (the root's, where states are kept) tells the FMU that
  *          no earlier one comes back, so that it can give up what it has buffered; the state itself may come back.
- *          While each horizon finds its first steps known from the one before, there is no such step.
+ *          While each horizon finds its first steps known from the one before, there is no such step; nor while somebody else keeps an
+ *          earlier state of the FMU (`is_kept_from`).
  * Full:    a result for which the pool has no room is used and not stored, and counted.
  * Room:    where not all nodes may have a state (`states`), those that find no room go without one, and the FMU catches up from the one
  *          above, as with TL_KEEP_OUTPUTS. One handle is held back for the committed instant, which must have one.
@@ -42,6 +43,7 @@ typedef struct tl_cached_component {
     uint32_t at;          /* where the FMU is; TL_NO_NODE: nowhere, or with the candidate beyond the pool */
     unsigned char *key;   /* scratch: inputs of the step at hand, */
     unsigned char *value; /* and outputs */
+    bool is_kept_from;    /* somebody keeps a state that is older than the root, and will come back to it */
     uint32_t states;      /* handles that there may be, ≥ 2 */
     uint32_t made;        /* handles that there are */
     uint64_t caught_up;   /* executions repeated to bring the FMU to a place */
@@ -73,6 +75,11 @@ void tl_cached_component_rewind(tl_cached_component *cached);
  * (TL_KEEP_OUTPUTS). */
 bool tl_cached_component_can_stand(const tl_cached_component *cached);
 tl_status tl_cached_component_stand(tl_cached_component *cached, tl_error *error);
+
+/* Between steps: the FMU's state at the root, to a handle of the caller's. The FMU stays where it is. False in *taken: nobody has that state (TL_KEEP_OUTPUTS),
+ * or the FMU is nowhere. `aside` is a second handle of the caller's, for where the FMU is meanwhile. */
+tl_status tl_cached_component_copy_root(tl_cached_component *cached, fmi2FMUstate *state, fmi2FMUstate *aside,
+                                        bool *taken, tl_error *error);
 
 /* One step of the candidate, macro step `step`, with the inputs in the ports; the outputs are in the ports afterwards. */
 tl_status tl_cached_component_step(tl_cached_component *cached, int64_t step, tl_error *error);

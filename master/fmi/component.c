@@ -322,6 +322,7 @@ bool tl_component_come_back(tl_component *component, bool for_good) {
     }
     component->mode = TL_MODE_STEPPING;
     component->replaces_states = false;
+    component->gave_up_states = component->gave_up_states || for_good;
     return true;
 }
 

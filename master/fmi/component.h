@@ -69,6 +69,7 @@ typedef struct tl_component {
     tl_ports outputs;     /* connected and matched outputs: read after each step */
     bool logging;         /* fmi2Instantiate: loggingOn */
     bool replaces_states; /* a handle to be reused is not: the FMU made another one */
+    bool gave_up_states;  /* tl_component_come_back() for good */
     bool reals_only;      /* no other ports: set by the exchange, once they are placed */
     uint64_t executions;  /* fmi2DoStep calls */
 } tl_component;

@@ -117,12 +117,17 @@ static tl_status check_outputs(const tl_exchange *exchange, tl_error *error) {
     return status;
 }
 
+/* Without caches only what is committed is; and not while somebody keeps a state from before. */
+static bool is_final(const tl_exchange *exchange, uint32_t depth) {
+    return depth == TL_ALL_DEPTHS && !exchange->is_kept_from;
+}
+
 /* Everything is executed: all components in one go, and all outputs judged in one go. */
 static tl_status execute_all(tl_exchange *exchange, int64_t step, uint32_t depth, tl_error *error) {
     double now = tl_seconds(tl_time_of_step(0, exchange->step, step));
     exchange->failed = exchange->component_count - 1;
     tl_status status = tl_component_step_all(exchange->components, exchange->component_count, now, exchange->step_s,
-                                             depth == TL_ALL_DEPTHS, &exchange->failed, error);
+                                             is_final(exchange, depth), &exchange->failed, error);
     exchange->executions += exchange->failed + 1;
     if (status == TL_OK) {
         tl_costs_ran_all(&exchange->costs);
@@ -139,7 +144,7 @@ static tl_status advance(tl_exchange *exchange, size_t index, int64_t step, uint
         return tl_cached_component_step(&exchange->cached[index], step, error);
     }
     double now = tl_seconds(tl_time_of_step(0, exchange->step, step));
-    return tl_component_step(&exchange->components[index], now, exchange->step_s, depth == TL_ALL_DEPTHS, error);
+    return tl_component_step(&exchange->components[index], now, exchange->step_s, is_final(exchange, depth), error);
 }
 
 /* Watched: what was executed. What was known says nothing about the cost. */
@@ -230,7 +235,7 @@ static tl_status gather(tl_exchange *exchange, size_t component, int64_t step, t
     return status;
 }
 
-tl_status tl_exchange_commit(tl_exchange *exchange, int64_t step, tl_error *error) {
+static tl_status commit(tl_exchange *exchange, int64_t step, tl_error *error) {
     if (exchange->cached == NULL) {
         return step_components(exchange, step, TL_ALL_DEPTHS, error);
     }
@@ -243,6 +248,18 @@ tl_status tl_exchange_commit(tl_exchange *exchange, int64_t step, tl_error *erro
     for (size_t i = 0; i < exchange->component_count && status == TL_OK; i++) {
         tl_cached_component_commit(&exchange->cached[i]);
     }
+    return status;
+}
+
+tl_status tl_exchange_commit(tl_exchange *exchange, int64_t step, tl_error *error) {
+    const tl_exchange_note *note = exchange->note;
+    if (note == NULL) {
+        return commit(exchange, step, error);
+    }
+    const tl_component *component = &exchange->components[note->component];
+    tl_ports_read(&component->inputs, note->inputs);
+    tl_status status = commit(exchange, step, error);
+    tl_ports_read(&component->outputs, note->outputs);
     return status;
 }
 
@@ -346,6 +363,40 @@ tl_status tl_exchange_forget(tl_exchange *exchange, int64_t step, bool *done, tl
         count_from_0(exchange);
     }
     return status;
+}
+
+tl_status tl_exchange_copy_state(tl_exchange *exchange, size_t component, fmi2FMUstate *state, fmi2FMUstate *aside,
+                                 bool *taken, tl_error *error) {
+    tl_component *one = &exchange->components[component];
+    if (exchange->cached != NULL) {
+        return tl_cached_component_copy_root(&exchange->cached[component], state, aside, taken, error);
+    }
+    *taken = one->mode == TL_MODE_STEPPING;
+    return *taken ? tl_component_save(one, state, error) : TL_OK;
+}
+
+void tl_exchange_keep_from(tl_exchange *exchange, size_t component, bool is_kept_from) {
+    exchange->is_kept_from = is_kept_from;
+    if (exchange->cached != NULL) {
+        exchange->cached[component].is_kept_from = is_kept_from;
+    }
+}
+
+tl_status tl_exchange_give_up_states(tl_exchange *exchange, size_t component, int64_t step, bool *done,
+                                     tl_error *error) {
+    tl_component *one = &exchange->components[component];
+    *done = false;
+    if (one->gave_up_states || !can_stand(exchange)) {
+        return TL_OK;
+    }
+    tl_status status = stand(exchange, error);
+    if (status != TL_OK || !tl_component_keep(one)) {
+        return status;
+    }
+    tl_exchange_end_component(exchange, component);
+    *done = tl_component_come_back(one, true);
+    tl_component_let_go(one);
+    return tl_exchange_begin_anew(exchange, step, error);
 }
 
 tl_status tl_exchange_return(tl_exchange *exchange, tl_error *error) {

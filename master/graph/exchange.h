@@ -47,23 +47,32 @@ typedef struct tl_adjusted_input {
     double nominal;                       /* and it is this */
 } tl_adjusted_input;
 
+/* What one component was given in a committed step, and what it gave, as bytes of its ports (tl_ports_read()). */
+typedef struct tl_exchange_note {
+    size_t component;
+    unsigned char *inputs;
+    unsigned char *outputs;
+} tl_exchange_note;
+
 typedef struct tl_exchange {
     tl_component *components;
     size_t component_count;
     tl_plant plant;
-    tl_time step;                /* T_S */
-    double step_s;               /* the same, s */
-    uint32_t *reach;             /* Γ_k of each component, the plant last; NULL: all take part in all steps */
-    tl_cached_component *cached; /* one per component; NULL: everything is executed */
-    tl_state_room *rooms;        /* one per component, of its cache; filled by tl_exchange_start() */
-    bool whole;                  /* nothing is saved: all components execute in one go */
-    tl_costs costs;              /* what executions take */
-    uint64_t executions;         /* of all components, the plant not counted */
-    size_t failed;               /* the component at which the last macro step failed */
-    unsigned char *values;       /* reals, then integers, then booleans, of all ports; then û of cut connections */
-    tl_snapshot home;            /* where candidates begin; of caches, its values only */
-    bool *is_kept;               /* of each component: all that it knows, while a proof goes on */
-    const fmi2Real *outputs;     /* the Real outputs of all components lie together */
+    tl_time step;                 /* T_S */
+    double step_s;                /* the same, s */
+    uint32_t *reach;              /* Γ_k of each component, the plant last; NULL: all take part in all steps */
+    tl_cached_component *cached;  /* one per component; NULL: everything is executed */
+    tl_state_room *rooms;         /* one per component, of its cache; filled by tl_exchange_start() */
+    bool whole;                   /* nothing is saved: all components execute in one go */
+    tl_costs costs;               /* what executions take */
+    uint64_t executions;          /* of all components, the plant not counted */
+    size_t failed;                /* the component at which the last macro step failed */
+    unsigned char *values;        /* reals, then integers, then booleans, of all ports; then û of cut connections */
+    tl_snapshot home;             /* where candidates begin; of caches, its values only */
+    bool *is_kept;                /* of each component: all that it knows, while a proof goes on */
+    const tl_exchange_note *note; /* each committed step is noted there; NULL: nobody looks */
+    bool is_kept_from;            /* somebody keeps a state from before the committed instant: no step is final */
+    const fmi2Real *outputs;      /* the Real outputs of all components lie together */
     size_t output_count;
     size_t values_size;
     size_t real_count;    /* of `values`, at its front */
@@ -158,6 +167,12 @@ tl_status tl_exchange_try(tl_exchange *exchange, int64_t step, uint32_t depth, t
  * tl_exchange_rewind() leads back, if tl_exchange_begin() was called or executions are saved. */
 tl_status tl_exchange_commit(tl_exchange *exchange, int64_t step, tl_error *error);
 
+/* Between steps: a component's state at the committed instant, as tl_cached_component_copy_root(). And from now on, until it is told otherwise: somebody keeps
+ * such a state for longer. */
+tl_status tl_exchange_copy_state(tl_exchange *exchange, size_t component, fmi2FMUstate *state, fmi2FMUstate *aside,
+                                 bool *taken, tl_error *error);
+void tl_exchange_keep_from(tl_exchange *exchange, size_t component, bool is_kept_from);
+
 /* Keeps all components and values beside all caches, for the proof at start, where candidates begin else. */
 tl_status tl_exchange_save(tl_exchange *exchange, tl_error *error);
 tl_status tl_exchange_restore(tl_exchange *exchange, tl_error *error);
@@ -169,6 +184,11 @@ tl_status tl_exchange_step(tl_exchange *exchange, int64_t step, tl_error *error)
 void tl_exchange_keep(tl_exchange *exchange);
 bool tl_exchange_come_back(tl_exchange *exchange, size_t component);
 void tl_exchange_let_go(tl_exchange *exchange);
+
+/* Between steps, before macro step `step`: a component does not come back to where it was. From now on it is saved and restored in the other way
+ * (tl_fmi2_aside), from where it stands; what the caches know of all is given up. False in *done: there is none, or not now. */
+tl_status tl_exchange_give_up_states(tl_exchange *exchange, size_t component, int64_t step, bool *done,
+                                     tl_error *error);
 
 /* The committed instant into `home`, where each FMU can be brought there without an execution; else *taken is false. Between
  * steps only. And from what was loaded into `home` to it: everything stands there, before tl_exchange_start(). */

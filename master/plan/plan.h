@@ -190,6 +190,8 @@ typedef struct tl_plan {
     uint32_t
         evaluations; /* the most a step's budget will allow, ≥ 1: sizes caches and ledger, for at least 60; 0: 60 */
     tl_plan_saving saving;
+    uint32_t
+        verify_every; /* committed steps from one look whether FMUs still come back to where they were to the next (sync/verifier.h); 0: none */
     uint64_t state_bytes; /* that the states of all FMUs that are saved by sequences may take; 0: there is no bound */
     size_t (*heap)(void); /* bytes allocated in this process, to see how large states are; NULL: nobody knows */
 } tl_plan;

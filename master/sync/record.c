@@ -38,6 +38,8 @@ const char *tl_flag_name(tl_flag flag) {
         return "abandoned";
     case TL_FLAG_RESET:
         return "reset";
+    case TL_FLAG_DIFFERED:
+        return "differed";
     }
     return "unknown";
 }

@@ -57,7 +57,9 @@ typedef enum tl_flag {
     TL_FLAG_PLATEAU = 8,         /* event horizon: with the first guess the event fell outside the window */
     TL_FLAG_ABANDONED = 16,      /* event horizon: a stroke was not searched, or not to the end */
     TL_FLAG_RESET = 32,          /* the FMUs began anew before it, with their start values (tl_twin_reset()) */
-    TL_LAST_FLAG = TL_FLAG_RESET
+    TL_FLAG_DIFFERED =
+        64, /* before it an FMU was found not to come back to where it was (sync/verifier.h), or is known not to */
+    TL_LAST_FLAG = TL_FLAG_DIFFERED
 } tl_flag;
 
 /* What is known of a measured delay. */

@@ -59,6 +59,20 @@ static void take_ports(const tl_twin *twin, tl_account *account) {
     }
 }
 
+static void take_finding(const tl_twin_finding *from, tl_account_finding *finding) {
+    if (from->component != NULL) {
+        copy_text(finding->component, from->component);
+        copy_text(finding->variable, from->variable != NULL ? from->variable : "");
+        copy_text(finding->unit, from->unit);
+        finding->step = from->step;
+        finding->after = from->after;
+        finding->mended = from->mended ? 1 : 0;
+        finding->committed = from->committed;
+        finding->again = from->again;
+        finding->tolerances = from->tolerances;
+    }
+}
+
 void tl_account_take(const tl_twin *twin, tl_account *account) {
     tl_twin_facts facts = tl_twin_get_facts(twin);
     memset(account, 0, sizeof *account);
@@ -66,6 +80,10 @@ void tl_account_take(const tl_twin *twin, tl_account *account) {
         facts.components < TL_ACCOUNT_COMPONENTS ? (uint32_t)facts.components : (uint32_t)TL_ACCOUNT_COMPONENTS;
     account->prediction = facts.prediction;
     account->lead = facts.lead;
+    account->verified = facts.verified;
+    account->verified_executions = facts.verified_executions;
+    account->differed = facts.differed;
+    take_finding(&twin->finding, &account->finding);
     account->complete = tl_twin_ledger_is_complete(twin) ? 1 : 0;
     account->delay = tl_twin_get_delay(twin);
     copy_text(account->algorithm, facts.algorithm);
@@ -98,6 +116,8 @@ static bool is_type(tl_type type) {
 bool tl_account_is_sound(const tl_account *account) {
     bool sound = account->components <= TL_ACCOUNT_COMPONENTS && account->matches <= TL_MAX_MATCH &&
                  account->adjusts <= TL_MAX_ADJUST && is_text(account->algorithm) && is_text(account->fallback) &&
+                 is_text(account->finding.component) && is_text(account->finding.variable) &&
+                 is_text(account->finding.unit) && account->finding.mended <= 1 &&
                  (unsigned)account->delay.state <= (unsigned)TL_DELAY_LOST;
     for (size_t i = 0; sound && i < account->components; i++) {
         sound = is_text(account->component[i].name);

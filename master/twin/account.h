@@ -44,6 +44,17 @@ typedef struct tl_account_adjust {
     double step, lower, upper, least, most; /* as in tl_twin_adjusted */
 } tl_account_adjust;
 
+/* As in tl_twin_finding. */
+typedef struct tl_account_finding {
+    char component[TL_ACCOUNT_TEXT];
+    char variable[TL_ACCOUNT_TEXT]; /* "": the FMU failed */
+    char unit[TL_ACCOUNT_TEXT];
+    int64_t step;
+    uint32_t after;
+    uint32_t mended; /* 0 or 1 */
+    double committed, again, tolerances;
+} tl_account_finding;
+
 typedef struct tl_account {
     uint32_t components; /* at most TL_ACCOUNT_COMPONENTS */
     uint32_t matches;    /* at most TL_MAX_MATCH */
@@ -51,6 +62,10 @@ typedef struct tl_account {
     uint32_t prediction; /* T_P in force */
     uint32_t lead;       /* step i is computed at tick i + lead */
     uint8_t complete;    /* 1: the ledger is; 0: what it predicts is too high */
+    uint64_t verified;   /* as in tl_twin_facts, */
+    uint64_t verified_executions;
+    uint64_t differed;
+    tl_account_finding finding; /* the newest of these */
     tl_twin_delay delay;
     char algorithm[TL_ACCOUNT_TEXT]; /* the solver in force; "": nothing is adjusted */
     char fallback[TL_ACCOUNT_TEXT];

@@ -16,10 +16,11 @@ tl_status tl_twin_start(tl_twin *twin, int64_t shown, tl_error *error) {
     return status;
 }
 
-static tl_status start(tl_twin *twin, tl_error *error) {
+static tl_status start(tl_twin *twin, const tl_budget *budget, tl_error *error) {
     const tl_plant *plant = &twin->exchange.plant;
     tl_status status = tl_twin_start(twin, tl_plant_shown(plant, twin->first, plant->newest), error);
-    return status == TL_OK ? tl_exchange_start(&twin->exchange, twin->state_bytes, twin->heap, error) : status;
+    status = status == TL_OK ? tl_exchange_start(&twin->exchange, twin->state_bytes, twin->heap, error) : status;
+    return status == TL_OK ? tl_verifier_start(&twin->verifier, budget, error) : status;
 }
 
 /* ---- a measured delay ---- */
@@ -126,7 +127,11 @@ static tl_status compute(tl_twin *twin, int64_t step, const tick_way *way, tl_re
     tl_status status = twin->resets ? tl_twin_begin_anew(twin, step, &flags, error) : TL_OK;
     if (status == TL_OK) {
         status = step_by(twin, step, way, record, error);
-        record->flags |= flags;
+        record->flags |= flags | twin->marks | twin->lasting;
+        twin->marks = 0;
+    }
+    if (status == TL_OK) {
+        tl_verifier_committed(&twin->verifier, step);
     }
     record->executions = (uint32_t)(count_executions(twin) - before);
     record->predicted = (uint32_t)(tl_ledger_total(&twin->lock.ledger) - predicted);
@@ -165,7 +170,7 @@ static tl_status advance(tl_twin *twin, const tl_sample *sample, const tick_way 
                          tl_error *error) {
     push(twin, sample);
     if (sample->tick == twin->begin) {
-        tl_status status = start(twin, error);
+        tl_status status = start(twin, way->budget, error);
         if (status != TL_OK) {
             return status;
         }
@@ -249,6 +254,7 @@ void tl_twin_destroy(tl_twin *twin) {
         if (!tl_twin_is_lost(twin, &twin->graph.components[i])) {
             tl_exchange_end_component(&twin->exchange, i);
             tl_event_horizon_forget(twin->event, i);
+            tl_verifier_end_component(&twin->verifier, i);
         }
         if (!tl_twin_is_lost(twin, &twin->graph.components[i])) {
             tl_component_free(&twin->graph.components[i]);

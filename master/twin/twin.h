@@ -44,6 +44,9 @@ typedef struct tl_twin_facts {
     uint64_t executions_per_step;       /* K: of a step that runs free */
     uint64_t executions_per_evaluation; /* K·T_P: if nothing were saved */
     bool cannot_return;                 /* begun, and an FMU's rollback was found not to hold */
+    uint64_t verified;                  /* how often an FMU was led back and executed again (tl_twin_verify()), */
+    uint64_t verified_executions;       /* with so many executions, which no other count has, */
+    uint64_t differed;                  /* and how often it did not come back to where it was */
     bool structure;                     /* what is saved */
     bool sequences;
 } tl_twin_facts;
@@ -133,6 +136,28 @@ tl_status tl_twin_follow(tl_twin *twin, const tl_sample *sample, const double *u
  *         instantiated anew, and so are all if their initialisation fails then. No budget is for it: the tick takes as long as that takes.
  * Errors: none here. The next tick's are TL_FMU_FAILED where that fails as well, TL_FMU_FATAL where an FMU was fatal. */
 void tl_twin_reset(tl_twin *twin);
+
+/* What tl_twin_verify() has found: an FMU does not come back to where it was. */
+typedef struct tl_twin_finding {
+    const char *component;
+    const char *variable; /* the output that is not the same; NULL: the FMU failed when it executed the step again */
+    const char *unit;     /* of it; "": none is declared */
+    int64_t step;         /* that was executed again, */
+    unsigned after;       /* the how manieth since the state that it was led back to */
+    double committed;     /* value then, */
+    double again;         /* and when it was executed again */
+    double tolerances;    /* that these are apart, of a match; NaN: the variable is not matched */
+    bool mended;          /* from now on it is led back by a copy of its memory, and not by its own states */
+} tl_twin_finding;
+
+/* Between two ticks, in the time that is left: goes on with looking whether the FMUs still come back to where they were (sync/verifier.h). `budget`: time from `started`
+ * on within which it must be done, by the clock `now` (NULL: there is none, and time enough). *found: `finding` says what. Then the next step's record has
+ * TL_FLAG_DIFFERED; and those of all after it, unless the finding is mended or makes less than a hundredth of a tolerance.
+ * Calls:  of one FMU at most fmi2SetFMUstate twice, fmi2GetFMUstate twice, and TL_VERIFIED_STEPS steps, which are not among the executions. Results are
+ *         the same as without.
+ * Errors: TL_FMU_FAILED, TL_FMU_FATAL if an FMU could not be brought to where it was; the twin is then over. */
+tl_status tl_twin_verify(tl_twin *twin, const tl_budget *budget, tl_twin_finding *finding, bool *found,
+                         tl_error *error);
 
 /* Another tuning, from the next tick on, however that comes about: what the FMUs and the solver know, u, filters, metrics and ledger stay. A u that is
  * outside of new bounds is brought into them by the next search, as at a start; the bounds that the FMU declares hold as before. Of an event horizon a

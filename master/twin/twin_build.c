@@ -424,6 +424,12 @@ static bool save_executions(tl_twin *twin, const tl_plan *plan, tl_lock_settings
     return lock->track != NULL;
 }
 
+static bool create_verifier(tl_twin *twin, const tl_plan *plan) {
+    bool goes_back = plan->adjust_count != 0 && plan->event.start.signal == NULL;
+    return tl_verifier_init(&twin->verifier, &twin->arena, &twin->exchange, &twin->graph,
+                            goes_back ? plan->verify_every : 0);
+}
+
 static void build_values(tl_twin *twin, const tl_plan *plan, tl_lock_settings *lock, tl_report *report) {
     tl_error error;
     /* As far back as a candidate that is remembered may have been fed. */
@@ -442,7 +448,8 @@ static void build_values(tl_twin *twin, const tl_plan *plan, tl_lock_settings *l
     twin->proof = tl_arena_take(&twin->arena, twin->graph.port_count * TL_PROOF_STEPS, sizeof *twin->proof);
     place_adjusted(twin, plan, report);
     if (twin->proof == NULL || !condition_matches(twin, plan) || !create_meters(twin, plan) ||
-        !save_executions(twin, plan, lock) || !tl_lock_init(&twin->lock, &twin->arena, plan, lock)) {
+        !save_executions(twin, plan, lock) || !create_verifier(twin, plan) ||
+        !tl_lock_init(&twin->lock, &twin->arena, plan, lock)) {
         tl_report_add(report, TL_TRY_AGAIN, "", "not enough memory for the search");
         return;
     }

@@ -176,7 +176,8 @@ static tl_status load_components(tl_twin *twin, tl_archive *archive, tl_error *e
     if (status == TL_OK) {
         status = tl_exchange_return(&twin->exchange, error);
     }
-    return status == TL_OK ? tl_exchange_start(&twin->exchange, twin->state_bytes, twin->heap, error) : status;
+    status = status == TL_OK ? tl_exchange_start(&twin->exchange, twin->state_bytes, twin->heap, error) : status;
+    return status == TL_OK ? tl_verifier_start(&twin->verifier, NULL, error) : status;
 }
 
 /* The one that is computed after `tick`, or the first. */

@@ -51,6 +51,9 @@ tl_twin_facts tl_twin_get_facts(const tl_twin *twin) {
         .executions_per_step = components,
         .executions_per_evaluation = searches ? components * prediction : 0,
         .cannot_return = twin->cannot_return,
+        .verified = twin->verifier.counts.turns,
+        .verified_executions = twin->verifier.counts.executions,
+        .differed = twin->verifier.counts.found,
         .structure = searches && lock->ledger.saving.structure,
         .sequences = searches && lock->ledger.saving.sequences,
     };

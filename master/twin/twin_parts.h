@@ -1,7 +1,7 @@
 /* What a twin is made of.
  *
  * Purpose: private to twin.c (the life of a twin, tick by tick), twin_build.c (from a plan), twin_reset.c (anew in the middle),
- *          twin_retune.c (with other tolerances and bounds), twin_checkpoint.c (from and to bytes) and twin_facts.c (what is known of it).
+ *          twin_verify.c (looked at between two ticks), twin_retune.c (with other tolerances and bounds), twin_checkpoint.c (from and to bytes) and twin_facts.c (what is known of it).
  */
 #ifndef TL_MASTER_TWIN_TWIN_PARTS_H
 #define TL_MASTER_TWIN_TWIN_PARTS_H
@@ -12,6 +12,7 @@
 #include "master/graph/graph.h"
 #include "master/measure/delay_meter.h"
 #include "master/sync/lock.h"
+#include "master/sync/verifier.h"
 #include "master/twin/twin.h"
 
 struct tl_twin {
@@ -43,8 +44,12 @@ struct tl_twin {
     tl_tuning tuning;     /* and which is in force */
     double *proof;        /* for the proof at start: one value per port and step */
     bool resets;          /* the FMUs begin anew before the next step */
-    tl_status ended;      /* not TL_OK: a step has failed, nothing may follow */
-    bool has_pending;     /* mode ahead: computed, its measurement not there yet */
+    tl_verifier verifier;
+    tl_twin_finding finding; /* the newest; no component: none */
+    uint32_t marks;          /* flags of the next step's record, */
+    uint32_t lasting;        /* and of all */
+    tl_status ended;         /* not TL_OK: a step has failed, nothing may follow */
+    bool has_pending;        /* mode ahead: computed, its measurement not there yet */
     tl_record pending;
 };
 

@@ -13,6 +13,7 @@ void tl_twin_reset(tl_twin *twin) {
 static tl_status renew(tl_twin *twin, size_t component, tl_error *error) {
     tl_exchange_end_component(&twin->exchange, component);
     tl_event_horizon_forget(twin->event, component);
+    tl_verifier_end_component(&twin->verifier, component);
     return tl_component_renew(&twin->graph.components[component], error);
 }
 
@@ -35,6 +36,7 @@ static tl_status begin(tl_twin *twin, int64_t step, tl_status (*way)(tl_twin *, 
 
 tl_status tl_twin_begin_anew(tl_twin *twin, int64_t step, uint32_t *flags, tl_error *error) {
     twin->resets = false;
+    tl_verifier_abandon(&twin->verifier);
     tl_status status = begin(twin, step, reset, error);
     if (status == TL_FMU_FAILED) {
         status = begin(twin, step, renew, error); /* an FMU may say that it was reset, and not be able to begin */

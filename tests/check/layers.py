@@ -14,6 +14,7 @@ OUTSIDE = {
     "tests": ["tests", *FLOORS],
     "tests/hil/fmus": ["fmus/common"],  # FMUs as ours are
     "tests/fmu/copies": ["tests/fmu/copies", "fmus/common"],
+    "tests/fmu/keeper": ["fmus/common"],
 }
 
 C99 = set("assert complex ctype errno fenv float inttypes iso646 limits locale math setjmp signal stdarg stdbool "

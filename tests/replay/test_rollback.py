@@ -2,11 +2,13 @@
 """An FMU without functions for its state, or with wrong ones, is rolled back by its memory: to the bit, or it is said why not."""
 import json
 import shutil
+import sqlite3
 import subprocess
 import sys
+from contextlib import closing
 
 import keeper_fmu
-from twinlock_test import BAD_DATA, BUILD, NOT_LOCKED, SANITIZER, SOURCE, Skip, config_path, edited_config, expect, main, read_config, run, run_well, scratch
+from twinlock_test import BAD_DATA, BUILD, NOT_LOCKED, SANITIZER, SOURCE, Skip, at_least, config_path, edited_config, expect, main, read_config, run, run_well, scratch
 
 FMU_FAILED = 70
 PROBE = BUILD / "tests" / "fmu" / "rollback_probe"
@@ -80,6 +82,34 @@ def test_wrong_states():
         chosen = steps_of(keeper_fmu.config(wrong, components=components))
         expect(chosen == steps_of(keeper_fmu.config(wrong, "memory", components)), f"{components}: other values than by memory from the beginning")
         expect(chosen == steps_of(keeper_fmu.config(wrong, components=components), "--plain"), f"{components}: other values with what is saved")
+
+
+def late(way, *options):
+    """What the replay tells of one whose states are right at the start: code, --json, what it says, and its events."""
+    config, database = keeper_fmu.config(keeper_fmu.make_late(500), way), scratch() / "run.db"
+    content = json.loads(config.read_text(encoding="utf-8"))
+    content["synchronise"]["verify_every"] = 10
+    config.write_text(json.dumps(content), encoding="utf-8")
+    code, out, err = run(["replay", config, "--json", "--db", database, *options])
+    with closing(sqlite3.connect(database)) as found:
+        events = found.execute("SELECT tick, text FROM events WHERE source = 'twin' ORDER BY event").fetchall()
+    return code, json.loads(out), err, events
+
+
+def test_states_that_are_wrong_later():
+    """Told with the size of it, and degraded; by its memory from then on, if that may be."""
+    code, told, err, events = late("state")
+    said = "keeper0 does not come back to where it was: y was 0."
+    expect(code == 0 and said in err and "tolerances) 1 step after it was led back; what is committed may be wrong" in err, f"{code}\n{err}")
+    expect(told["verified"]["differed"] == 1 and told["lock"]["state"] == "degraded", f"{told['verified']}, {told['lock']}")
+    expect([tick is None for tick, text in events] == [False, True] and said in events[1][1], f"{events}")
+    expect(late("state", "--require-lock", "95")[0] == NOT_LOCKED, "it counts as in lock")
+    need_memory()
+    _, told, err, events = late("auto")
+    expect("by its memory from now on" in err and told["verified"]["differed"] == 1, f"{told['verified']}\n{err}")
+    at_least(told["verified"]["times"], 5, "looked, and further on")
+    code, told, err, events = late("memory")
+    expect(code == 0 and err == "" and told["verified"]["differed"] == 0 and not events, f"{code} {told['verified']} {events}\n{err}")
 
 
 def test_a_folder_of_fmus():

@@ -16,7 +16,8 @@ if EMULATED:
 
 FOLDER = SOURCE / "tests" / "fmu" / "hostile"
 COMMON = SOURCE / "fmus" / "common"
-GOOD = [COMMON / f"{name}.c" for name in ("instance", "life", "values", "state")] + [SOURCE / "fmus" / "lag" / "model.c"]
+OWN_STATE = [COMMON / f"{name}.c" for name in ("instance", "life", "values", "state")]
+GOOD = [*OWN_STATE, SOURCE / "fmus" / "lag" / "model.c"]
 DESCRIPTION = SOURCE / "fmus" / "lag" / "modelDescription.xml"
 PLATFORMS = {"x86_64": "linux64", "aarch64": "aarch64-linux", "armv7l": "aarch32-linux"}
 
@@ -36,11 +37,16 @@ FLAGS = ("-std=gnu99", "-D_GNU_SOURCE", "-O1", "-g0", "-fPIC", "-fvisibility=hid
 COMPILER = os.environ.get("CC", "cc")
 
 
+def describe(header):
+    """What the sources of fmus/common want to know of the variables."""
+    compile_with(sys.executable, COMMON / "description.py", DESCRIPTION, header)
+
+
 @functools.cache
 def _good():
     """The objects of the good FMU."""
     folder = scratch()
-    compile_with(sys.executable, COMMON / "description.py", DESCRIPTION, folder / "description.h")
+    describe(folder / "description.h")
     made = [folder / f"{source.stem}.o" for source in GOOD]
     for source, binary in zip(GOOD, made):
         compile_with(COMPILER, *FLAGS, "-include", FOLDER / "inner.h", "-I", folder, "-c", source, "-o", binary)
@@ -60,10 +66,10 @@ def make(name, **macros):
     return fmu
 
 
-def compile_shared(binary, sources, macros):
-    """A library of these sources and objects; macros as those of make()."""
+def compile_shared(binary, sources, macros, *folders):
+    """A library of these sources and objects; macros as those of make(); folders with headers."""
     defined = [f"-D{macro}={_text(value)}" for macro, value in macros.items()]
-    compile_with(COMPILER, *FLAGS, *defined, "-shared", "-pthread", "-o", binary, *sources, "-lm")
+    compile_with(COMPILER, *FLAGS, *defined, *(word for folder in folders for word in ("-I", folder)), "-shared", "-pthread", "-o", binary, *sources, "-lm")
 
 
 def package(fmu, description, binary):

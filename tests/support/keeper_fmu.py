@@ -25,6 +25,17 @@ def make(**macros):
 
 
 @functools.cache
+def make_late(step):
+    """The path of one whose states are right until this step, of all that it executes: see late.c."""
+    folder = scratch()
+    hostile_fmu.describe(folder / "description.h")
+    sources = [*hostile_fmu.OWN_STATE, SOURCE / "tests" / "fmu" / "keeper" / "late.c"]
+    hostile_fmu.compile_shared(folder / "lag.so", sources, {"LATE": step}, folder)
+    hostile_fmu.package(folder / "late.fmu", hostile_fmu.DESCRIPTION, folder / "lag.so")
+    return folder / "late.fmu"
+
+
+@functools.cache
 def recording():
     """Of a plant whose y swings, in steps of 10 ms."""
     path = scratch() / "recording.csv"

@@ -360,6 +360,25 @@ static void test_a_signal_of_the_plant_is_bad(void) {
     expect_change(TL_LOCK_LOCKED, "100 % of the last 100 steps are within tolerance");
 }
 
+/* Whatever the share: what is within tolerance of a twin that cannot be led back may be so by luck. */
+static void test_an_fmu_that_does_not_come_back(void) {
+    lock();
+    record.flags = TL_FLAG_DIFFERED;
+    one(WITHIN);
+    record.flags = 0;
+    many(WITHIN, WINDOW / 10 - 1);
+    expect_change(TL_LOCK_DEGRADED,
+                  "an FMU was found not to come back to where it was, before 1 of the last 100 steps");
+    many(WITHIN, WINDOW - WINDOW / 10);
+    expect_no_change();
+    many(WITHIN, WINDOW / 10);
+    expect_change(TL_LOCK_LOCKED, "100 % of the last 100 steps are within tolerance");
+    record.flags = TL_FLAG_DIFFERED;
+    many(WITHIN, 2 * WINDOW);
+    TEST_ASSERT_EQUAL_INT(1, changes); /* and stays */
+    record.flags = 0;
+}
+
 /* ---- tracking ---- */
 
 static void corrected(double by, int count) {
@@ -521,6 +540,7 @@ int main(void) {
     RUN_TEST(test_a_signal_that_is_only_compared_holds_nothing);
     RUN_TEST(test_nothing_is_adjusted);
     RUN_TEST(test_a_signal_of_the_plant_is_bad);
+    RUN_TEST(test_an_fmu_that_does_not_come_back);
     RUN_TEST(test_more_correction_than_usual);
     RUN_TEST(test_what_is_usual_has_to_be_learned);
     RUN_TEST(test_at_a_bound);

@@ -9,13 +9,13 @@
 
 #include <unity.h>
 
+#include "firmware/assembly/twin_recorder.h"
 #include "firmware/base/clock.h"
 #include "firmware/base/log.h"
 #include "firmware/past/past_follow.h"
 #include "firmware/past/past_history.h"
 #include "firmware/plant/recording.h"
 #include "firmware/show/show.h"
-#include "firmware/twin/twin_recorder.h"
 #include "tests/support/kept_file.h"
 #include "tests/support/random_numbers.h"
 #include "tests/support/read_assembly.h"

@@ -7,11 +7,11 @@
 
 #include <unity.h>
 
+#include "firmware/assembly/twin_recorder.h"
 #include "firmware/base/clock.h"
 #include "firmware/base/identity.h"
 #include "firmware/past/past_follow.h"
 #include "firmware/past/past_history.h"
-#include "firmware/twin/twin_recorder.h"
 #include "tests/support/course.h"
 #include "tests/support/kept_file.h"
 #include "tests/support/scratch.h"

@@ -3,9 +3,9 @@
 #include <string.h>
 #include <unity.h>
 
+#include "firmware/assembly/twin_recorder.h"
 #include "firmware/base/clock.h"
 #include "firmware/run/checkpointer.h"
-#include "firmware/twin/twin_recorder.h"
 #include "tests/support/scratch.h"
 #include "tests/support/sql.h"
 #include "tests/support/test_outbox.h"

@@ -6,11 +6,11 @@
 
 #include <unity.h>
 
+#include "firmware/assembly/twin_step.h"
 #include "firmware/base/clock.h"
 #include "firmware/history/history.h"
 #include "firmware/plant/recording.h"
 #include "firmware/run/cycle.h"
-#include "firmware/twin/twin_step.h"
 #include "tests/support/follower.h"
 #include "tests/support/random_numbers.h"
 #include "tests/support/scratch.h"

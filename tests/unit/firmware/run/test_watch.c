@@ -234,6 +234,19 @@ static void test_troubles_of_a_slow_twin(void) {
     expect_told_with("react to it again");
 }
 
+static void test_an_fmu_that_does_not_come_back_is_told_once(void) {
+    records(TL_FIRST_GUESS, 3);
+    record.flags = TL_FLAG_DIFFERED;
+    records(TL_FIRST_GUESS, 5);
+    expect_told("twinlock: warning: twin: an FMU does not come back to where it was\n");
+    record.flags = 0;
+    records(TL_FIRST_GUESS, 1);
+    expect_told("");
+    record.flags = TL_FLAG_DIFFERED;
+    records(TL_FIRST_GUESS, 1);
+    expect_told("twinlock: warning: twin: an FMU does not come back to where it was\n");
+}
+
 static void test_free_running(void) {
     records(TL_OPTIMISED, 3);
     expect_told("");
@@ -360,6 +373,7 @@ int main(void) {
     RUN_TEST(test_the_second_solver);
     RUN_TEST(test_stagnation_is_told_apart);
     RUN_TEST(test_troubles_of_a_slow_twin);
+    RUN_TEST(test_an_fmu_that_does_not_come_back_is_told_once);
     RUN_TEST(test_free_running);
     RUN_TEST(test_the_state_of_the_lock);
     RUN_TEST(test_missed_ticks_are_told_once_a_second);

@@ -5,11 +5,11 @@
 
 #include <unity.h>
 
+#include "firmware/assembly/twin_recorder.h"
 #include "firmware/base/clock.h"
 #include "firmware/base/identity.h"
 #include "firmware/past/past_samples.h"
 #include "firmware/shadow/recorded_course.h"
-#include "firmware/twin/twin_recorder.h"
 #include "tests/support/follower.h"
 #include "tests/support/scratch.h"
 #include "tests/support/test_outbox.h"

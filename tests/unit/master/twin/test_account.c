@@ -44,8 +44,9 @@ static void test_counts_stay_within_their_arrays(void) {
 }
 
 static void test_texts_end(void) {
-    char *const texts[] = {account.algorithm, account.fallback, account.component[1].name, account.match[0].unit,
-                           account.adjust[0].unit};
+    char *const texts[] = {account.algorithm,        account.fallback,       account.component[1].name,
+                           account.match[0].unit,    account.adjust[0].unit, account.finding.component,
+                           account.finding.variable, account.finding.unit};
     for (size_t i = 0; i < sizeof texts / sizeof texts[0]; i++) {
         setUp();
         memset(texts[i], 'x', TL_ACCOUNT_TEXT);
@@ -76,6 +77,9 @@ static void test_enumerations_exist(void) {
     TEST_ASSERT_FALSE(tl_account_is_sound(&account));
     setUp();
     memcpy(&account.delay.state, &wrong, sizeof wrong);
+    TEST_ASSERT_FALSE(tl_account_is_sound(&account));
+    setUp();
+    account.finding.mended = 2;
     TEST_ASSERT_FALSE(tl_account_is_sound(&account));
 }
 

@@ -1,5 +1,5 @@
 /* An assembly: see assembly.h. */
-#include "firmware/twin/assembly.h"
+#include "firmware/assembly/assembly.h"
 
 #include <fcntl.h>
 #include <limits.h>
@@ -296,6 +296,7 @@ static void fill_plan(tl_assembly *assembly) {
         .stagnation = config->stagnation,
         .margin = config->margin,
         .noise_floor = config->noise_floor,
+        .verify_every = config->verify_every,
         .evaluations = config->budget_evaluations,
         .saving = config->saving,
         .state_bytes = (uint64_t)config->saving_memory << 20,

@@ -3,8 +3,8 @@
  * Purpose: run and replay record the same, whether the twin is in this process or in another.
  * Thread:  that of the recorder's functions (recorder.h); the counts are taken in the twin's.
  */
-#ifndef TL_FIRMWARE_TWIN_TWIN_RECORDER_H
-#define TL_FIRMWARE_TWIN_TWIN_RECORDER_H
+#ifndef TL_FIRMWARE_ASSEMBLY_TWIN_RECORDER_H
+#define TL_FIRMWARE_ASSEMBLY_TWIN_RECORDER_H
 
 #include "firmware/base/identity.h"
 #include "firmware/base/sha256.h"

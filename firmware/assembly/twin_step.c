@@ -1,11 +1,13 @@
 /* One tick for the twin: see twin_step.h. */
-#include "firmware/twin/twin_step.h"
+#include "firmware/assembly/twin_step.h"
 
 #include <string.h>
 
+#include "firmware/assembly/twin_recorder.h"
+#include "firmware/assembly/twin_verify.h"
 #include "firmware/base/clock.h"
+#include "firmware/base/log.h"
 #include "firmware/fmu/fmu_guard.h"
-#include "firmware/twin/twin_recorder.h"
 
 /* What takes system calls is looked after now and then, since a replayed tick may last less than a microsecond: more often than in a live run, where
  * it is once a tick. The clock is looked at now and then as well. */
@@ -103,6 +105,16 @@ tl_status tl_twin_take_tunings(tl_assembly *assembly, tl_twin_tunings *tunings, 
     return status;
 }
 
+/* Whether the FMUs still come back to where they were. */
+static tl_status look(const tl_assembly *assembly, tl_error *error) {
+    tl_twin_look_news news;
+    tl_status status = tl_twin_look(assembly->twin, TL_TIME_NEVER, &news, error);
+    if (news.found) {
+        tl_log(news.mended ? TL_LOG_WARNING : TL_LOG_ERROR, "%s", news.text);
+    }
+    return status;
+}
+
 tl_status tl_twin_execute(const tl_assembly *assembly, const tl_recording_tick *tick, tl_twin_tells tells,
                           tl_lock_rescue *rescue, tl_twin_result *result, tl_error *error) {
     const tl_lock_change *change = NULL; /* the other end judges it again, and tells */
@@ -116,6 +128,7 @@ tl_status tl_twin_execute(const tl_assembly *assembly, const tl_recording_tick *
         tells != TL_TELLS_OUTPUTS) { /* a plant is as it is */
         tl_twin_reset(assembly->twin);
     }
+    status = status == TL_OK ? look(assembly, error) : status;
     result->tick = tick->sample.tick;
     result->status = (int32_t)status;
     result->ready = ready ? 1 : 0;

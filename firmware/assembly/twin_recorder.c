@@ -1,5 +1,5 @@
 /* The recorder of a twin: see twin_recorder.h. */
-#include "firmware/twin/twin_recorder.h"
+#include "firmware/assembly/twin_recorder.h"
 
 #include <inttypes.h>
 #include <limits.h>

@@ -5,7 +5,7 @@
 
 #include <unity.h>
 
-#include "firmware/twin/twin_step.h"
+#include "firmware/assembly/twin_step.h"
 
 enum { TICK = 50, LEAST = 40 };
 

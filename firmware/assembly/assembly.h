@@ -4,8 +4,8 @@
  * Owner:   the assembly owns all of it until tl_assembly_free().
  * Thread:  one thread, that of the FMUs (fmu_thread.h), from load or build to free; read may come before, in another one.
  */
-#ifndef TL_FIRMWARE_TWIN_ASSEMBLY_H
-#define TL_FIRMWARE_TWIN_ASSEMBLY_H
+#ifndef TL_FIRMWARE_ASSEMBLY_ASSEMBLY_H
+#define TL_FIRMWARE_ASSEMBLY_ASSEMBLY_H
 
 #include "firmware/base/other_case.h"
 #include "firmware/config/config.h"

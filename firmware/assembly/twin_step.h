@@ -3,17 +3,17 @@
  * Purpose: a replay and an emulated plant ask the same of a twin, wherever it is: to be led along, to make a tick up, to search.
  * Thread:  plain data; execute in the thread of the FMUs.
  */
-#ifndef TL_FIRMWARE_TWIN_TWIN_STEP_H
-#define TL_FIRMWARE_TWIN_TWIN_STEP_H
+#ifndef TL_FIRMWARE_ASSEMBLY_TWIN_STEP_H
+#define TL_FIRMWARE_ASSEMBLY_TWIN_STEP_H
 
 #include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
 
+#include "firmware/assembly/assembly.h"
 #include "firmware/diagnose/lock_rescue.h"
 #include "firmware/outbox/run_types.h"
 #include "firmware/plant/recording.h"
-#include "firmware/twin/assembly.h"
 
 /* What is told of each step besides its record. */
 typedef enum tl_twin_tells {

@@ -6,8 +6,8 @@
 
 #include <unity.h>
 
+#include "firmware/assembly/assembly.h"
 #include "firmware/base/identity.h"
-#include "firmware/twin/assembly.h"
 #include "tests/support/assembly_recorder.h"
 #include "tests/support/config_text.h"
 #include "tests/support/fmu_maker.h"

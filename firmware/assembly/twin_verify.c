@@ -1,0 +1,72 @@
+/* What is left of a tick: see twin_verify.h. */
+#include "firmware/assembly/twin_verify.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+
+#include "firmware/base/clock.h"
+
+/* How far apart, as it is judged. */
+static void write_size(const tl_twin_finding *finding, char *text, size_t size) {
+    const char *unit = finding->unit;
+    bool has_unit = unit[0] != '\0' && strcmp(unit, "1") != 0;
+    (void)snprintf(text, size, "%.9g%s%.12s, and then %.9g", finding->committed, has_unit ? " " : "",
+                   has_unit ? unit : "", finding->again);
+    size_t length = strlen(text);
+    if (isfinite(finding->tolerances)) {
+        (void)snprintf(text + length, size - length, " (%.3g tolerances)", finding->tolerances);
+    }
+}
+
+static void write_sentence(const tl_twin_finding *finding, tl_twin_look_news *news) {
+    const char *then =
+        finding->mended ? "it is rolled back by its memory from now on" : "what is committed may be wrong from now on";
+    if (finding->variable == NULL) {
+        (void)snprintf(
+            news->text, sizeof news->text,
+            "%.40s does not come back to where it was: led back, it fails in step %lld, which it had done; %s",
+            finding->component, (long long)finding->step, then);
+        return;
+    }
+    char apart[100];
+    write_size(finding, apart, sizeof apart);
+    (void)snprintf(news->text, sizeof news->text,
+                   "%.30s does not come back to where it was: %.30s was %s %u step%s after it was led back; %s",
+                   finding->component, finding->variable, apart, finding->after, finding->after == 1 ? "" : "s", then);
+}
+
+tl_status tl_twin_look(tl_twin *twin, tl_time until, tl_twin_look_news *news, tl_error *error) {
+    tl_twin_finding finding;
+    tl_budget left = {.now = NULL};
+    if (until != TL_TIME_NEVER) {
+        left.now = tl_clock_now;
+        left.started = tl_clock_now(NULL);
+        left.time = until - left.started;
+    }
+    tl_status status = tl_twin_verify(twin, &left, &finding, &news->found, error);
+    if (news->found) {
+        news->mended = finding.mended;
+        write_sentence(&finding, news);
+    }
+    return status;
+}
+
+bool tl_twin_look_at_account(const tl_account *account, tl_twin_look_news *news) {
+    const tl_account_finding *last = &account->finding;
+    const tl_twin_finding finding = {
+        .component = last->component,
+        .variable = last->variable[0] != '\0' ? last->variable : NULL,
+        .unit = last->unit,
+        .step = last->step,
+        .after = last->after,
+        .committed = last->committed,
+        .again = last->again,
+        .tolerances = last->tolerances,
+        .mended = last->mended != 0,
+    };
+    news->found = account->differed != 0;
+    news->mended = finding.mended;
+    write_sentence(&finding, news);
+    return news->found;
+}

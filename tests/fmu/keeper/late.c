@@ -1,0 +1,29 @@
+/* An FMU whose states are right until its step LATE, and wrong from then on: it begins to remember what they do not hold. Its variables are those of
+ * fmus/lag, and so are its functions. */
+#include "description.h"
+#include "fmus/common/model.h"
+
+typedef struct lag {
+    fmi2Real u;
+    fmi2Real T;
+    fmi2Real x_start, t_step;
+    fmi2Real y;
+} lag;
+
+static unsigned long steps;
+static double remembered; /* 0 until then */
+
+static void start(void *model) {
+    lag *m = model;
+    m->y = m->x_start;
+}
+
+static void step(void *model, double h) {
+    lag *m = model;
+    if (++steps >= LATE) {
+        remembered = 0.5 * remembered + 0.001 * m->u;
+    }
+    m->y += h * (m->u - m->y) / m->T + remembered;
+}
+
+TL_FMU_MODEL(lag, .t_step = offsetof(lag, t_step), .start = start, .step = step);
