@@ -120,6 +120,12 @@ static bool is_compared(const tl_lock_judge *judge, const tl_record *record) {
     return compared && record->outcome != TL_FREE && record->outcome != TL_FREE_RUN;
 }
 
+/* No measurement beside the step itself, and yet by a horizon that has some: such a twin is not left to itself. */
+static bool is_searched(const tl_record *record) {
+    return record->outcome == TL_FIRST_GUESS || record->outcome == TL_OPTIMISED || record->outcome == TL_BEST_SO_FAR ||
+           (record->outcome == TL_NOMINAL && isfinite(record->objective));
+}
+
 /* How far a committed step is off, in tolerances: over all matched outputs, by their weights. */
 static double distance(const tl_lock_judge *judge, const tl_record *record) {
     double sum = 0.0;
@@ -222,6 +228,7 @@ static void add_part(const tl_lock_part *part, const tl_config *config, window *
     bool first = all->steps == 0;
     all->steps += part->steps;
     all->free += part->free;
+    all->between += part->between;
     all->outside += part->outside;
     all->far += part->far;
     all->jumps += part->jumps;
@@ -261,8 +268,13 @@ static bool is_beyond(double value, const limit *of, bool inside) {
     return value >= (inside ? of->leave : of->enter);
 }
 
+static uint32_t count_compared(const tl_lock_part *all) {
+    return all->steps - all->free - all->between;
+}
+
 static bool judge_free(const tl_lock_judge *judge, const window *all) {
-    return is_beyond(share(all->free, all->steps), &FREE, judge->judged && judge->tally.state == TL_LOCK_FREE);
+    bool inside = judge->judged && judge->tally.state == TL_LOCK_FREE;
+    return count_compared(all) == 0 || is_beyond(share(all->free, all->steps), &FREE, inside);
 }
 
 /* The first adjusted variable whose u is in a limit cycle, and its period; false: none is. */
@@ -281,13 +293,13 @@ static bool find_cycle(const tl_lock_judge *judge, const window *all, size_t *va
 
 /* Whoever has come back by himself is not sent back. */
 static bool is_still_astray(const tl_lock_part *newest) {
-    uint32_t compared = newest->steps - newest->free;
+    uint32_t compared = count_compared(newest);
     return share(newest->far, compared) >= ASTRAY && share(newest->jumps, compared) >= ASTRAY;
 }
 
 static bool judge_lost(tl_lock_judge *judge, const window *all, finding *found) {
     bool inside = judge->judged && judge->tally.state == TL_LOCK_LOST;
-    uint32_t compared = all->steps - all->free;
+    uint32_t compared = count_compared(all);
     double outside = share(all->outside, compared);
     double far = share(all->far, compared);
     judge->astray = far >= ASTRAY && share(all->jumps, compared) >= ASTRAY && is_still_astray(&judge->part[judge->at]);
@@ -361,7 +373,8 @@ static const char *units(const tl_lock_judge *judge) {
 
 static void tell_free(const tl_lock_judge *judge, const window *all, char cause[TL_LOCK_CAUSE]) {
     (void)snprintf(cause, TL_LOCK_CAUSE, "no matched signal was good in %.0f %% of the last %u %s (limit %.0f %%)",
-                   HUNDRED * share(all->free, all->steps), (unsigned)all->steps, units(judge), HUNDRED * FREE.enter);
+                   HUNDRED * share(count_compared(all) == 0 ? all->steps : all->free, all->steps), (unsigned)all->steps,
+                   units(judge), HUNDRED * FREE.enter);
 }
 
 static void tell_cycle(const tl_lock_judge *judge, const window *all, const finding *found, char cause[TL_LOCK_CAUSE]) {
@@ -372,7 +385,7 @@ static void tell_cycle(const tl_lock_judge *judge, const window *all, const find
 }
 
 static void tell_lost(const tl_lock_judge *judge, const window *all, const finding *found, char cause[TL_LOCK_CAUSE]) {
-    uint32_t compared = all->steps - all->free;
+    uint32_t compared = count_compared(all);
     if (found->is_far) {
         (void)snprintf(cause, TL_LOCK_CAUSE,
                        "%.0f %% of the last %u %s are off by %.0f tolerances or more (limit %.0f %%), at worst by %.3g",
@@ -419,7 +432,7 @@ static void tell_tracking(const tl_lock_judge *judge, const window *all, const f
 }
 
 static void tell_locked(const tl_lock_judge *judge, const window *all, char cause[TL_LOCK_CAUSE]) {
-    uint32_t compared = all->steps - all->free;
+    uint32_t compared = count_compared(all);
     (void)snprintf(cause, TL_LOCK_CAUSE, "%.0f %% of the last %u %s are within tolerance",
                    HUNDRED * (1.0 - share(all->outside, compared)), (unsigned)compared, units(judge));
 }
@@ -521,6 +534,8 @@ const tl_lock_change *tl_lock_judge_step(tl_lock_judge *judge, const tl_record *
     tl_lock_part *part = &judge->part[judge->at];
     if (is_compared(judge, record)) {
         see_tolerance(judge, record, part);
+    } else if (is_searched(record)) {
+        part->between++;
     } else {
         part->free++;
     }

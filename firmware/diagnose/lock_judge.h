@@ -35,7 +35,9 @@ typedef struct tl_lock_range {
 /* What a part of the window has seen. */
 typedef struct tl_lock_part {
     uint32_t steps;
-    uint32_t free;    /* that were not compared: nothing is adjusted, or no matched signal was good */
+    uint32_t free; /* that were not compared: nothing is adjusted, or no matched signal was good */
+    uint32_t
+        between; /* nor these, since no matched signal was good at their own instant, but the horizon that they come from had some */
     uint32_t outside; /* out of tolerance, */
     uint32_t far;     /* and by ten tolerances or more */
     uint32_t

@@ -109,6 +109,7 @@ static void add_matches(tl_json_writer *json, const printing *page) {
         tl_json_add_number(json, "max", tl_run_figures_maximum(&page->figures, i));
         tl_json_add_text(json, "unit", page->account->match[i].unit);
         tl_json_add_count(json, "pairs", page->figures.match[i].pairs);
+        tl_json_add_count(json, "left_out", page->figures.match[i].left_out);
         tl_json_close(json);
     }
     tl_json_close(json);

@@ -26,17 +26,20 @@ typedef struct tl_optimiser_space {
     const double *lower;   /* −infinity: none; 0 for a Boolean */
     const double *upper;   /* +infinity: none; 1 for a Boolean */
     const uint32_t *dwell; /* Boolean: macro steps it stays after a change; else 0 */
-    size_t residual_count; /* of a search: samples, then penalties */
+    size_t residual_count; /* of a search: samples, what may be damped, then penalties */
     size_t residual_most;  /* that it will ever be */
     size_t sample_count;
-    bool held; /* static over several samples: what is found will do for later steps too */
+    size_t damping_count;
+    const bool
+        *damped; /* of each of these: in this search it belongs to J; else it is as it would be, and counts nothing */
+    bool held;   /* static over several samples: what is found will do for later steps too */
 } tl_optimiser_space;
 
 /* One search. */
 typedef struct tl_search {
     const double *start; /* within the bounds */
     double start_value;  /* J at the start, already known; finite or HUGE_VAL */
-    /* The residuals behind it: J = Σ residuals². Not meaningful where start_value is HUGE_VAL. Valid until the first
+    /* The residuals behind it: J = Σ residuals² of those that belong to J. Not meaningful where start_value is HUGE_VAL. Valid until the first
      * question. */
     const double *start_residuals;
     /* J at u and the residuals behind it (valid until the next question), or false: stop now. The value is finite or

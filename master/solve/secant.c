@@ -13,7 +13,7 @@
  *          best line through the horizon, which leaves the tolerance on the other side soon after; each new u costs a whole
  *          horizon of executions, and a held one nothing but its newest step.
  * Rows:    a sample's residual of exactly 0 is one that was not measured: it tells nothing, and takes no part. A penalty's
- *          is one at nominal, and does.
+ *          is one at nominal, and does. What may be damped does if it is damped in this search.
  * Source:  Broyden 1965 (update), Levenberg 1944 (damping).
  */
 #include <math.h>
@@ -115,7 +115,11 @@ static double within(const tl_optimiser *self, size_t k, double value) {
 
 /* Whether a residual at `point` takes part. */
 static bool counts(const tl_optimiser *self, size_t i) {
-    return i >= self->space->sample_count || fabs(self->r[i]) > 0.0;
+    size_t samples = self->space->sample_count;
+    if (i < samples) {
+        return fabs(self->r[i]) > 0.0;
+    }
+    return i - samples >= self->space->damping_count || self->space->damped[i - samples];
 }
 
 /* ---- the move ---- */
@@ -598,10 +602,11 @@ static tl_search_end minimise(tl_optimiser *self, const tl_search *search) {
     return TL_SEARCH_DONE;
 }
 
-static double squares(const tl_optimiser *self, const double *r) {
+/* At the point. */
+static double squares(const tl_optimiser *self) {
     double sum = 0.0;
     for (size_t i = 0; i < self->residuals; i++) {
-        sum += r[i] * r[i];
+        sum += counts(self, i) ? self->r[i] * self->r[i] : 0.0;
     }
     return sum;
 }
@@ -614,7 +619,8 @@ static bool guess(tl_optimiser *self, const tl_forecast *forecast, double *u) {
     }
     self->damping = 0.0;
     self->longest = LONGEST_MOVE;
-    go_to(self, forecast->u, forecast->residuals, squares(self, forecast->residuals));
+    go_to(self, forecast->u, forecast->residuals, 0.0);
+    self->value = squares(self);
     watch_lean(self, forecast);
     bool stays = self->space->held && self->value < TL_OBJECTIVE_TOLERANCE;
     if (!stays && !propose(self, forecast->free)) {

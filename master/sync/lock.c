@@ -79,6 +79,8 @@ static bool describe_space(tl_lock *lock, tl_arena *arena, const tl_plan *plan) 
                                        .residual_count = lock->objective.residual_count,
                                        .residual_most = lock->objective.residual_most,
                                        .sample_count = size_of_course(lock),
+                                       .damping_count = lock->objective.damping_count,
+                                       .damped = lock->objective.damped,
                                        .held = plan->shape == TL_STATIC && tl_objective_samples(&lock->objective) > 1};
     return true;
 }
@@ -106,6 +108,7 @@ bool tl_lock_init(tl_lock *lock, tl_arena *arena, const tl_plan *plan, const tl_
         .terms = settings->terms,
         .term_count = plan->match_count,
         .penalties = settings->penalties,
+        .damps = !settings->adjusted[0].is_boolean,
     };
     take_settings(lock, plan, settings);
     if (!tl_objective_init(&lock->objective, arena, &objective) ||

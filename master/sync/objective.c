@@ -35,7 +35,7 @@ static void place_targets(tl_objective *objective) {
 
 /* Whether there are any, and how many residuals there are then. */
 static void count_residuals(tl_objective *objective) {
-    size_t count = tl_objective_samples(objective) * objective->matched;
+    size_t count = tl_objective_samples(objective) * objective->matched + objective->damping_count;
     objective->penalised = false;
     for (size_t v = 0; v < objective->horizon->variables; v++) {
         const tl_objective_penalty *penalty = &objective->penalties[v];
@@ -56,11 +56,13 @@ bool tl_objective_init(tl_objective *objective, tl_arena *arena, const tl_object
     for (size_t v = 0; v < objective->horizon->variables; v++) {
         objective->penalties[v] = settings->penalties[v];
     }
+    objective->damping_count = settings->damps && objective->horizon->longest > 1 ? objective->horizon->count : 0;
     count_residuals(objective);
     size_t count = tl_objective_samples(objective) * objective->matched;
     objective->targets = tl_arena_take(arena, count, sizeof *objective->targets);
     objective->jitters = tl_arena_take(arena, objective->matched, sizeof *objective->jitters);
-    if (objective->targets == NULL || objective->jitters == NULL) {
+    objective->damped = tl_arena_take(arena, objective->damping_count + 1, sizeof *objective->damped);
+    if (objective->targets == NULL || objective->jitters == NULL || objective->damped == NULL) {
         return false;
     }
     place_targets(objective);
@@ -90,6 +92,9 @@ static double *compare_terms(const tl_objective *objective, const tl_tuning *tun
 
 /* As in tl_objective_penalise(). */
 static void take_penalties(tl_objective *objective, const tl_tuning *tuning, double *factors) {
+    for (size_t i = 0; i < objective->damping_count; i++) {
+        *factors++ = 1.0;
+    }
     for (size_t v = 0; v < objective->horizon->variables; v++) {
         tl_objective_penalty *penalty = &objective->penalties[v];
         const tl_tuning_adjust *adjust = &tuning->adjust[v];
@@ -137,6 +142,35 @@ static void watch_noise(const tl_objective *objective) {
     }
 }
 
+/* Whether a measurement shows unknown `m` of a variable as soon as it can be felt. */
+static bool is_seen(const tl_objective *objective, size_t variable, uint32_t m) {
+    const tl_horizon *horizon = objective->horizon;
+    size_t i = 0;
+    for (size_t term = 0; term < objective->term_count; term++) {
+        if (!has_weight(&objective->terms[term])) {
+            continue;
+        }
+        uint32_t way = horizon->from_adjust[variable * horizon->nodes + objective->terms[term].port->node];
+        uint64_t depth = (uint64_t)way + 1 + m; /* TL_NEVER is beyond all */
+        if (depth <= horizon->prediction &&
+            objective->targets[(depth - horizon->distance) * objective->matched + i].scale > 0.0) {
+            return true;
+        }
+        i++;
+    }
+    return false;
+}
+
+static void find_unseen(tl_objective *objective) {
+    const tl_horizon *horizon = objective->horizon;
+    for (size_t v = 0; v < horizon->variables && objective->damping_count != 0; v++) {
+        for (uint32_t m = 0; m < horizon->length[v]; m++) {
+            objective->damped[horizon->offset[v] + m] =
+                objective->penalties[v].rate < TL_UNSEEN_RATE && !is_seen(objective, v, m);
+        }
+    }
+}
+
 bool tl_objective_prepare(tl_objective *objective, int64_t step) {
     const tl_horizon *horizon = objective->horizon;
     tl_objective_target *target = objective->targets;
@@ -155,6 +189,7 @@ bool tl_objective_prepare(tl_objective *objective, int64_t step) {
         }
     }
     watch_noise(objective);
+    find_unseen(objective);
     return measured;
 }
 
@@ -202,14 +237,30 @@ double tl_objective_sample(const tl_objective *objective, int64_t tick, const do
     return sum;
 }
 
+/* All of them are filled, so that whoever remembers how they change need not care which belong to J. */
+static double damp(const tl_objective *objective, const double *u, const double *before, double *residuals) {
+    const tl_horizon *horizon = objective->horizon;
+    double sum = 0.0;
+    for (size_t v = 0; v < horizon->variables && objective->damping_count != 0; v++) {
+        double last = before[v];
+        for (size_t i = horizon->offset[v]; i < horizon->offset[v] + horizon->length[v]; i++) {
+            residuals[i] = sqrt(TL_UNSEEN_RATE) * (u[i] - last) / objective->penalties[v].step;
+            sum += objective->damped[i] ? residuals[i] * residuals[i] : 0.0;
+            last = u[i];
+        }
+    }
+    return sum;
+}
+
 double tl_objective_penalise(const tl_objective *objective, const double *u, const double *nominal,
                              const double *before, double *residuals) {
     const tl_horizon *horizon = objective->horizon;
-    if (!objective->penalised) {
-        return 0.0;
-    }
     double *rest = residuals + tl_objective_samples(objective) * objective->matched;
-    double sum = 0.0;
+    double sum = damp(objective, u, before, rest);
+    if (!objective->penalised) {
+        return sum;
+    }
+    rest += objective->damping_count;
     for (size_t v = 0; v < horizon->variables; v++) {
         const tl_objective_penalty *penalty = &objective->penalties[v];
         double last = before[v];

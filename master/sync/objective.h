@@ -4,6 +4,9 @@
  *          output's own T_D to T_P, beyond `huber` tolerances √weight·√(2·huber·|d| − huber²) with its sign; or a penalty,
  *          √factor·(u − û)/step or √factor·(u − the u before)/step. J < 1 reads "within tolerance" at one sample. A ŷ
  *          whose quality is not good has no weight.
+ * Unseen:  in a dynamic horizon a sample may be missing at the instant at which an unknown is first felt, as between two messages. Only the sum of
+ *          several unknowns is seen then, and they may swing against each other. So such an unknown is damped: √TL_UNSEEN_RATE·(u − the u
+ *          before)/step belongs to J, if the penalty of its rate is not that large anyway.
  * Use:     once per step tl_objective_prepare(); then, for each candidate, tl_objective_at() at each depth and
  *          tl_objective_penalise() once.
  * Thread:  the twin's. Memory: the arena, at start-up.
@@ -40,6 +43,9 @@ typedef struct tl_objective_penalty {
     double step;
 } tl_objective_penalty;
 
+/* Of unknowns that no sample sees; measured: a tenth of it is too little at T_P = 6. */
+#define TL_UNSEEN_RATE 1e-2
+
 /* One matched output at one horizon sample, as prepared. */
 typedef struct tl_objective_target {
     const double *real;         /* where y is; NULL: */
@@ -60,7 +66,9 @@ typedef struct tl_objective {
     size_t matched;               /* terms with a weight */
     tl_objective_target *targets; /* [(depth − T_D)·matched + …] */
     tl_jitter *jitters;           /* of the matched ŷ, in y's unit */
-    size_t residual_count;        /* of the samples, then of the penalties, */
+    size_t damping_count;         /* residuals of unknowns that may be unseen: all of a dynamic horizon, or none */
+    bool *damped;                 /* of each of these: in this step it belongs to J */
+    size_t residual_count;        /* of the samples, of the damping, then of the penalties, */
     size_t residual_most;         /* and if there were penalties */
 } tl_objective;
 
@@ -71,6 +79,7 @@ typedef struct tl_objective_settings {
     const tl_objective_term *terms;
     size_t term_count;
     const tl_objective_penalty *penalties; /* one for each adjusted variable */
+    bool damps; /* unknowns that no sample sees: not Boolean ones, which cannot move a little */
 } tl_objective_settings;
 
 /* False when memory is out. */
@@ -80,15 +89,15 @@ bool tl_objective_init(tl_objective *objective, tl_arena *arena, const tl_object
  * much larger residual i of the same difference is than it was. */
 void tl_objective_retune(tl_objective *objective, tl_objective_term *terms, const tl_tuning *tuning, double *factors);
 
-/* Looks up the measurements that step i is matched with; false where none of them is good. */
+/* Looks up the measurements that step i is matched with, and which unknowns they do not see; false where none of them is good. */
 bool tl_objective_prepare(tl_objective *objective, int64_t step);
 
 /* What the outputs as they stand contribute `depth` steps (T_D … T_P) after t_i; fills their part of the residuals, and of
  * the course: the y themselves, `matched` of them at each sample. */
 double tl_objective_at(const tl_objective *objective, uint32_t depth, double *residuals, double *course);
 
-/* What u costs beside: its distance from nominal and its rate; fills the rest of the residuals. `before` is the u of the
- * step before, by variable. */
+/* What u costs beside: its rate if it is damped, its distance from nominal and its rate; fills the rest of the residuals, also of what is not damped in this
+ * step. `before` is the u of the step before, by variable. */
 double tl_objective_penalise(const tl_objective *objective, const double *u, const double *nominal,
                              const double *before, double *residuals);
 

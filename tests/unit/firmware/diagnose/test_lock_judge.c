@@ -336,6 +336,24 @@ static void test_a_signal_that_is_only_compared_holds_nothing(void) {
     TEST_ASSERT_EQUAL_INT(TL_LOCK_FREE, told.to);
 }
 
+/* A horizon may have measurements if the step itself has none, as between two messages. */
+static void test_a_step_between_two_measurements(void) {
+    for (int i = 0; i < WINDOW; i++) {
+        record.y_hat_quality[0] = (uint8_t)(i % 3 == 0 ? TL_GOOD : TL_STALE);
+        many(WITHIN, 1);
+    }
+    TEST_ASSERT_EQUAL_INT(TL_LOCK_LOCKED, told.to);
+    for (int i = 0; i < WINDOW; i++) {
+        record.y_hat_quality[0] = (uint8_t)(i % 3 == 0 ? TL_GOOD : TL_STALE);
+        many(3.0, 1); /* what is compared says that it is lost */
+    }
+    TEST_ASSERT_EQUAL_INT(TL_LOCK_LOST, told.to);
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(told.cause, "are out of tolerance (limit 50 %)"), told.cause);
+    record.y_hat_quality[0] = TL_STALE;
+    many(WITHIN, 2 * WINDOW);
+    TEST_ASSERT_EQUAL_INT(TL_LOCK_FREE, told.to); /* nothing is compared any more */
+}
+
 static void test_nothing_is_adjusted(void) {
     config.adjust_count = 0;
     record.outcome = TL_FREE;
@@ -538,6 +556,7 @@ int main(void) {
     RUN_TEST(test_what_is_followed_does_not_count);
     RUN_TEST(test_no_signal_to_hold_on_to);
     RUN_TEST(test_a_signal_that_is_only_compared_holds_nothing);
+    RUN_TEST(test_a_step_between_two_measurements);
     RUN_TEST(test_nothing_is_adjusted);
     RUN_TEST(test_a_signal_of_the_plant_is_bad);
     RUN_TEST(test_an_fmu_that_does_not_come_back);

@@ -21,6 +21,7 @@ static tl_objective_term terms[TERMS];
 static tl_horizon horizon;
 static tl_objective_penalty penalties[TL_MAX_ADJUST];
 static tl_objective objective;
+static bool damps;
 static double *y; /* of the two Real terms */
 static fmi2Boolean *on;
 static double residuals[32];
@@ -52,6 +53,7 @@ void setUp(void) {
     horizon = (tl_horizon){
         .distance = 1, .prediction = 1, .variables = 1, .count = 1, .length = {1}, .match_distance = {1, 1, 1}};
     memset(penalties, 0, sizeof penalties);
+    damps = true;
     y = graph.components[0].outputs.reals;
     on = graph.components[0].outputs.booleans;
     y[0] = 0.0;
@@ -73,8 +75,12 @@ static void push(double a, double b, bool is_on) {
 
 /* Of terms, horizon and penalties as they stand now. */
 static void init(void) {
-    const tl_objective_settings settings = {
-        .exchange = &exchange, .horizon = &horizon, .terms = terms, .term_count = TERMS, .penalties = penalties};
+    const tl_objective_settings settings = {.exchange = &exchange,
+                                            .horizon = &horizon,
+                                            .terms = terms,
+                                            .term_count = TERMS,
+                                            .penalties = penalties,
+                                            .damps = damps};
     TEST_ASSERT_TRUE(tl_objective_init(&objective, &arena, &settings));
     TEST_ASSERT_TRUE(objective.residual_count <= sizeof residuals / sizeof residuals[0]);
 }
@@ -257,6 +263,79 @@ static void penalties_are_residuals_of_their_own(void) {
     TEST_ASSERT_EQUAL_DOUBLE(2.0, residuals[10]);
 }
 
+/* ---- unknowns that no sample sees ---- */
+
+static const double rising[] = {5.0, 7.0, 7.5};
+static const double from[] = {3.0};
+
+/* A dynamic horizon of three steps, the measurements at the end of which are good or not. */
+static void prepare_three(bool first, bool second, bool third) {
+    static uint32_t way[] = {0, 1};
+    const bool good[] = {true, first, second, third};
+    horizon.prediction = 3;
+    horizon.count = horizon.longest = horizon.length[0] = 3;
+    horizon.nodes = 2;
+    horizon.from_adjust = way;
+    penalties[0].step = 0.5;
+    for (size_t i = 0; i < 4; i++) {
+        sample.quality[SIGNAL_A] = sample.quality[SIGNAL_B] = sample.quality[SIGNAL_ON] =
+            (uint8_t)(good[i] ? TL_GOOD : TL_STALE);
+        push(0.0, 0.0, false);
+    }
+    init();
+    (void)tl_objective_prepare(&objective, sample.tick - 4);
+}
+
+static double damping(void) {
+    return tl_objective_penalise(&objective, rising, from, from, residuals);
+}
+
+static void what_a_sample_sees_is_not_damped(void) {
+    prepare_three(true, true, true);
+    TEST_ASSERT_EQUAL_DOUBLE(0.0, damping());
+    TEST_ASSERT_DOUBLE_WITHIN(1e-12, sqrt(TL_UNSEEN_RATE) * 4.0, residuals[9]); /* filled all the same */
+}
+
+static void what_no_sample_sees_is_damped(void) {
+    prepare_three(false, true, false);
+    TEST_ASSERT_EQUAL_UINT64(9 + 3, objective.residual_count);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-12, TL_UNSEEN_RATE * (16.0 + 1.0), damping()); /* rates 4, 4, 1 in steps of 0.5 */
+    penalties[0].rate = 0.5 * TL_UNSEEN_RATE;
+    prepare_three(true, false, true);
+    TEST_ASSERT_EQUAL_UINT64(9 + 3 + 6, objective.residual_count);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-12, TL_UNSEEN_RATE * (16.0 + 0.5 * 33.0), damping());
+}
+
+static void one_of_several_outputs_is_enough(void) {
+    prepare_three(true, true, true);
+    horizon.prediction = 3;
+    sample.quality[SIGNAL_A] = TL_STALE;
+    sample.quality[SIGNAL_B] = TL_GOOD;
+    for (size_t i = 0; i < 3; i++) {
+        push(0.0, 0.0, false);
+    }
+    TEST_ASSERT_TRUE(tl_objective_prepare(&objective, 3));
+    TEST_ASSERT_EQUAL_DOUBLE(0.0, damping());
+    terms[TERM_B].weight = 0.0;
+    terms[TERM_ON].weight = 0.0;
+    init();
+    TEST_ASSERT_FALSE(tl_objective_prepare(&objective, 3));
+    TEST_ASSERT_DOUBLE_WITHIN(1e-12, TL_UNSEEN_RATE * 33.0, damping());
+}
+
+static void a_rate_that_costs_enough_is_damping_enough(void) {
+    penalties[0].rate = TL_UNSEEN_RATE;
+    prepare_three(false, false, true);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-12, TL_UNSEEN_RATE * 33.0, damping());
+}
+
+static void a_boolean_is_not_damped(void) {
+    damps = false;
+    prepare_three(false, false, true);
+    TEST_ASSERT_EQUAL_UINT64(9, objective.residual_count);
+    TEST_ASSERT_EQUAL_DOUBLE(0.0, damping());
+}
+
 static void without_penalties_nothing_is_added(void) {
     static const double u[] = {5.0};
     init();
@@ -310,6 +389,11 @@ int main(void) {
     RUN_TEST(before_its_own_distance_an_output_does_not_count);
     RUN_TEST(beyond_huber_a_difference_counts_linearly);
     RUN_TEST(penalties_are_residuals_of_their_own);
+    RUN_TEST(what_a_sample_sees_is_not_damped);
+    RUN_TEST(what_no_sample_sees_is_damped);
+    RUN_TEST(one_of_several_outputs_is_enough);
+    RUN_TEST(a_rate_that_costs_enough_is_damping_enough);
+    RUN_TEST(a_boolean_is_not_damped);
     RUN_TEST(without_penalties_nothing_is_added);
     RUN_TEST(a_forecast_moves_one_nearer_and_goes_on);
     RUN_TEST(a_change_is_the_largest_of_a_sample);
