@@ -25,14 +25,14 @@ static void write_sentence(const tl_twin_finding *finding, tl_twin_look_news *ne
     if (finding->variable == NULL) {
         (void)snprintf(
             news->text, sizeof news->text,
-            "%.40s does not come back to where it was: led back, it fails in step %lld, which it had done; %s",
+            "%.24s does not come back to where it was: led back, it fails in step %lld, which it had done; %s",
             finding->component, (long long)finding->step, then);
         return;
     }
     char apart[100];
     write_size(finding, apart, sizeof apart);
     (void)snprintf(news->text, sizeof news->text,
-                   "%.30s does not come back to where it was: %.30s was %s %u step%s after it was led back; %s",
+                   "%.24s does not come back to where it was: %.24s was %s %u step%s after it was led back; %s",
                    finding->component, finding->variable, apart, finding->after, finding->after == 1 ? "" : "s", then);
 }
 
