@@ -11,6 +11,9 @@
 
 static const tl_time LOOK = TL_SECOND / 1000;
 
+/* Ticks that a twin has followed with a state that it was given as bytes: what is wrong with those shows in a step. */
+enum { SOUND_AFTER = 3 };
+
 tl_status tl_live_memory_take(tl_live_memory *memory, const tl_outbox_taken **taken, tl_error *error) {
     tl_status status = tl_block_take(TL_LIVE_RECORDER_PULSE, sizeof(tl_live_recorder_pulse), TL_BLOCK_WE_WRITE,
                                      &memory->recorder, error);
@@ -71,6 +74,17 @@ static int64_t newest_run(const tl_live_past_settings *settings) {
     return recorder == NULL ? 0 : tl_recorder_state_get(&recorder->state).run;
 }
 
+/* What is noted here outlives this process: the FMUs are given bytes that another one has made. */
+static void note_load(const tl_live_past_settings *settings, bool loads) {
+    __atomic_store_n(&settings->memory->pulse->loads, loads ? 1 : 0, __ATOMIC_RELEASE);
+}
+
+/* Once it was followed; before that only its own steps can show whether the state that was loaded does harm. */
+static bool is_loaded_well(const tl_past *past, const follow_job *job) {
+    return job->status != TL_FMU_FATAL &&
+           (job->outcome != TL_PAST_FOLLOWED || past->last - past->first + 1 >= SOUND_AFTER);
+}
+
 /* *refused: it is of no use, and an older one may be. */
 static tl_status follow(const tl_live_past_settings *settings, const tl_past *past, tl_summary *summary, bool *refused,
                         tl_error *error) {
@@ -78,7 +92,15 @@ static tl_status follow(const tl_live_past_settings *settings, const tl_past *pa
     const tl_past_follow_settings following = {
         .assembly = settings->assembly, .outbox = settings->outbox, .tell = tell, .context = settings->journal};
     follow_job job = {.settings = &following, .past = past, .summary = summary, .error = error};
+    *refused = settings->no_checkpoints && past->checkpoint != NULL;
+    if (*refused) {
+        return TL_OK;
+    }
+    note_load(settings, past->checkpoint != NULL);
     tl_fmu_thread_call(settings->thread, do_follow, &job);
+    if (is_loaded_well(past, &job)) {
+        note_load(settings, false);
+    }
     *refused = job.status == TL_OK && job.outcome == TL_PAST_REFUSED;
     if (job.status == TL_OK && job.outcome == TL_PAST_FAILED) {
         (void)tl_outbox_put_end(settings->outbox, "could not go on with an earlier run");

@@ -43,7 +43,8 @@ typedef struct tl_live_past_settings {
     tl_fmu_thread *thread;
     tl_outbox *outbox; /* nothing was put yet */
     tl_journal *journal;
-    tl_heart *heart; /* of the caller */
+    tl_heart *heart;     /* of the caller */
+    bool no_checkpoints; /* pasts that begin with one are passed over: loading one has ended a process (live_wire.h) */
 } tl_live_past_settings;
 
 /* Leads the twin to where an earlier one was ended, and fills the summary: `resumption` in it says what was done, of which nothing is no failure.

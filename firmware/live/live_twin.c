@@ -59,6 +59,8 @@ typedef struct live_twin {
     int64_t next;       /* of a shadow: the first tick of the cycle, */
     int64_t parent;     /* and the run with which it goes on if it becomes the run's */
     bool are_others;    /* the FMUs' files, than those of the twin before in this run */
+    bool has_crashed;   /* the twin before: it had loaded a checkpoint, and made no step with it */
+    bool unreadable;    /* what these FMUs make of saved states in another process has ended one */
     bool was_ready;
     bool has_run; /* a run has begun in the outbox, and has not ended */
 } live_twin;
@@ -103,6 +105,9 @@ static void identify_files(live_twin *self) {
         digest_files(self->assembly, pulse->digest);
     }
     pulse->fmus = number;
+    self->has_crashed = pulse->loads != 0 && !self->are_others;
+    self->unreadable = pulse->unreadable == number;
+    pulse->loads = 0;
     tl_outbox_name_fmus(&self->shared.outbox, pulse->digest);
 }
 
@@ -227,7 +232,18 @@ static tl_status begin_shadow(live_twin *self, const tl_live_past_settings *past
     return tl_live_past_begin_shadow(past, &show, self->shared.job.start, &self->next, error);
 }
 
+/* No checkpoint is tried twice: not the one that this happened with, and no other one by this process. */
+static void tell_crash(live_twin *self) {
+    if (self->has_crashed) {
+        tl_journal_event(&self->journal, -1, TL_EVENT_WARNING, "resume",
+                         "the twin before has ended as it loaded a checkpoint: this one loads none, and inputs are run "
+                         "again%s",
+                         self->unreadable ? "; no more are saved, nor loaded, with these FMUs" : "");
+    }
+}
+
 static tl_status go_on(live_twin *self, const tl_live_past_settings *past, tl_error *error) {
+    tell_crash(self);
     if (self->are_others) {
         tl_journal_event(&self->journal, -1, TL_EVENT_INFO, "resume",
                          "begins anew: the FMUs are not those of the run before");
@@ -246,6 +262,7 @@ static tl_status lead(live_twin *self, tl_error *error) {
         .outbox = &self->shared.outbox,
         .journal = &self->journal,
         .heart = self->heart,
+        .no_checkpoints = self->has_crashed || self->unreadable,
     };
     tl_account_take(self->assembly->twin, &self->account);
     return self->is_shadow ? begin_shadow(self, &past, error) : go_on(self, &past, error);
@@ -265,6 +282,7 @@ static tl_cycle_settings settings_of_cycle(live_twin *self) {
         .tuning = self->shared.tuning_block.bytes,
         .answer = &self->shared.pulse->tuned,
         .resumed = self->resumed,
+        .unreadable = self->unreadable,
         .place = {.stage = self->shared.stage_block.bytes,
                   .place = self->shared.job.place,
                   .flips = self->shared.job.flips,
@@ -360,6 +378,7 @@ static tl_status look_on(live_twin *self, tl_error *error) {
         }
         judged = judge_pace(self, &status, since, error);
         if (status.steps != 0) {
+            __atomic_store_n(&self->shared.pulse->loads, 0, __ATOMIC_RELAXED);
             show_status(self, &status);
             look_at_part(self, status.is_shadow);
         }

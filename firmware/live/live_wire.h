@@ -134,6 +134,10 @@ typedef struct tl_live_twin_pulse {
     uint32_t begun;              /* 1: it needs no past any more */
     uint64_t fmus;               /* the files of its FMUs, as a number; kept for a successor. 0: there was none */
     char digest[TL_SHA256_TEXT]; /* of what is in them; there before it wishes for a past */
+    uint32_t
+        loads; /* 1: a checkpoint is being loaded, or was, and too few steps were made since to say that it does no harm; kept for a successor */
+    uint64_t
+        unreadable; /* `fmus` of which a saved state has ended the process that loaded it; by the supervisor. 0: none */
     tl_live_wish
         past; /* which past it wants: of this start, the first, the next one older, …; of a shadow: which samples, */
     int64_t past_from;           /* from this tick on; written before `past` */

@@ -15,7 +15,8 @@ size_t tl_checkpointer_room(size_t size) {
     return 2 * size;
 }
 
-void tl_checkpointer_init(tl_checkpointer *self, const tl_assembly *assembly, tl_outbox *outbox, tl_journal *journal) {
+void tl_checkpointer_init(tl_checkpointer *self, const tl_assembly *assembly, tl_outbox *outbox, tl_journal *journal,
+                          bool readable) {
     *self = (tl_checkpointer){
         .twin = assembly->twin,
         .outbox = outbox,
@@ -29,6 +30,11 @@ void tl_checkpointer_init(tl_checkpointer *self, const tl_assembly *assembly, tl
             journal, -1, TL_EVENT_INFO, "checkpoint",
             "not every FMU can turn its state into bytes (canSerializeFMUstate): after a restart the newest "
             "inputs are run again");
+    } else if (!self->is_off && !readable) {
+        self->only_marks = true;
+        tl_journal_event(journal, -1, TL_EVENT_WARNING, "checkpoint",
+                         "loading a saved state of these FMUs has ended a process before: none are saved, and after a "
+                         "restart the newest inputs are run again");
     }
 }
 

@@ -2,6 +2,7 @@
  *
  * Purpose: after a tick, in the cycle's own thread, if the budget has time for it; the bytes go into the outbox, where a successor of this
  *          process finds them, and the recorder.
+ *          Of FMUs whose saved states are of no use to another process nothing is saved.
  * When:    after the first tick, which also measures what it costs; from then on every 10 s of plant time, or 2000 ticks where
  *          that is less; and as soon as there is time after the FMUs have begun anew. If a checkpoint does not fit into the budget, or an
  *          FMU cannot be turned into bytes, an event says so, once; a restart then runs the newest inputs again, which the outbox
@@ -36,7 +37,9 @@ typedef struct tl_checkpointer {
 /* What is reserved for each checkpoint of a twin that takes so many bytes now: it may grow. */
 size_t tl_checkpointer_room(size_t size);
 
-void tl_checkpointer_init(tl_checkpointer *self, const tl_assembly *assembly, tl_outbox *outbox, tl_journal *journal);
+/* `readable`: false if states of these FMUs, as bytes, have ended a process that loaded them. */
+void tl_checkpointer_init(tl_checkpointer *self, const tl_assembly *assembly, tl_outbox *outbox, tl_journal *journal,
+                          bool readable);
 
 /* What was saved is of a twin that is no more, since its FMUs began anew: one is due after this tick. */
 void tl_checkpointer_hurry(tl_checkpointer *self, int64_t tick);

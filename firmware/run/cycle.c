@@ -285,7 +285,8 @@ tl_status tl_cycle_start(const tl_cycle_settings *settings, tl_cycle **cycle, tl
     tl_account_take(settings->assembly->twin, &account);
     tl_lock_rescue_init(&started->rescue, config, &account);
     started->heart = tl_heart_begin(settings->beats, "cycle", patience(config));
-    tl_checkpointer_init(&started->checkpointer, settings->assembly, settings->outbox, settings->journal);
+    tl_checkpointer_init(&started->checkpointer, settings->assembly, settings->outbox, settings->journal,
+                         !settings->unreadable);
     started->is_shadow = settings->place.is_shadow;
     started->is_behind = started->is_shadow;
     started->has_run = !started->is_shadow;

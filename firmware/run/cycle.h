@@ -58,6 +58,7 @@ typedef struct tl_cycle_settings {
     const tl_live_tuning *tuning;  /* what another process tells; NULL: nobody does */
     tl_live_tuning_answer *answer; /* what the cycle says of it; NULL: nobody asks */
     tl_cycle_place place;
+    bool unreadable; /* saved states of these FMUs are not to be loaded: none are saved */
     tl_summary
         resumed; /* what was done before the first tick, where the twin goes on with an earlier run; else zeroes */
 } tl_cycle_settings;

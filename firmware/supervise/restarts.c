@@ -22,9 +22,17 @@ enum { FILE_BYTES = 4096 };
 /* What the supervisor before this one left. */
 typedef struct kept {
     uint64_t starts, restarts, failures;
-    bool running; /* it did not end orderly */
+    bool running;        /* it did not end orderly */
+    uint64_t unreadable; /* 0 in a file of before that was kept */
     char boot[TL_IDENTITY_TEXT];
 } kept;
+
+/* More than a number of JSON's holds. */
+static uint64_t read_unreadable(const tl_json_reader *reader) {
+    tl_json_reader optional = *reader;
+    const char *digits = tl_json_text(&optional, "unreadable");
+    return optional.right ? strtoull(digits, NULL, 16) : 0;
+}
 
 static bool understand(const char *text, size_t size, kept *before) {
     tl_json_reader reader = tl_json_reader_of(text, size);
@@ -33,6 +41,7 @@ static bool understand(const char *text, size_t size, kept *before) {
     before->failures = tl_json_count(&reader, "failures");
     before->running = tl_json_truth(&reader, "running");
     (void)snprintf(before->boot, sizeof before->boot, "%s", tl_json_text(&reader, "boot"));
+    before->unreadable = read_unreadable(&reader);
     bool right = reader.right;
     tl_json_reader_free(&reader);
     return right;
@@ -57,13 +66,14 @@ static bool read_kept(const char *path, kept *before) {
 }
 
 /* The same length always, so that one can be written over another. */
-enum { ACCOUNT_BYTES = 200 };
+enum { ACCOUNT_BYTES = 256 };
 
 static int write_account(const tl_restarts *restarts, bool running, char text[ACCOUNT_BYTES + 1]) {
-    int length = snprintf(
-        text, ACCOUNT_BYTES + 1,
-        "{\"starts\": %" PRIu64 ", \"restarts\": %" PRIu64 ", \"failures\": %u, \"running\": %s, \"boot\": \"%s\"}",
-        restarts->starts, restarts->restarts, restarts->failures, running ? "true" : "false", restarts->boot);
+    int length = snprintf(text, ACCOUNT_BYTES + 1,
+                          "{\"starts\": %" PRIu64 ", \"restarts\": %" PRIu64
+                          ", \"failures\": %u, \"running\": %s, \"boot\": \"%s\", \"unreadable\": \"%" PRIx64 "\"}",
+                          restarts->starts, restarts->restarts, restarts->failures, running ? "true" : "false",
+                          restarts->boot, restarts->unreadable);
     memset(text + length, ' ', (size_t)(ACCOUNT_BYTES - 1 - length));
     text[ACCOUNT_BYTES - 1] = '\n';
     return ACCOUNT_BYTES;
@@ -159,6 +169,7 @@ tl_status tl_restarts_open(const char *folder, bool watchdog, tl_restarts *resta
     if (status == TL_OK && read_kept(restarts->path, &before)) {
         restarts->starts = before.starts;
         restarts->restarts = before.restarts;
+        restarts->unreadable = before.unreadable;
         restarts->failures = (unsigned)(before.failures < TL_RESTARTS_MOST ? before.failures : TL_RESTARTS_MOST);
         if (before.running) {
             tl_restarts_fail(restarts, reason_of(restarts, &before, watchdog));
@@ -181,6 +192,10 @@ void tl_restarts_excuse(tl_restarts *restarts, const char *reason) {
 void tl_restarts_fail(tl_restarts *restarts, const char *reason) {
     restarts->failures++;
     tl_restarts_excuse(restarts, reason);
+}
+
+void tl_restarts_note_unreadable(tl_restarts *restarts, uint64_t files) {
+    restarts->unreadable = files != 0 ? files : restarts->unreadable;
 }
 
 void tl_restarts_live(tl_restarts *restarts, tl_time passed) {

@@ -27,6 +27,8 @@ typedef struct tl_restarts {
     uint64_t restarts;               /* and those of them after a failure */
     unsigned failures;               /* not forgiven */
     char reason[TL_RESTARTS_REASON]; /* why the twin starts: "the box was reset by its watchdog" */
+    uint64_t
+        unreadable; /* FMU files, by a number, of which a saved state has ended the process that loaded it; 0: none */
     /* private */
     char path[PATH_MAX]; /* "": nowhere */
     char boot[TL_IDENTITY_TEXT];
@@ -45,6 +47,9 @@ void tl_restarts_begin(tl_restarts *restarts, bool again);
 
 /* Its end that nobody asked for. */
 void tl_restarts_fail(tl_restarts *restarts, const char *reason);
+
+/* These files' saved states are not to be loaded any more; kept with the next start. 0: nothing is noted. */
+void tl_restarts_note_unreadable(tl_restarts *restarts, uint64_t files);
 
 /* There is a start for this reason, which is no failure. */
 void tl_restarts_excuse(tl_restarts *restarts, const char *reason);

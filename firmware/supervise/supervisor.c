@@ -294,11 +294,17 @@ static void end_alone(supervisor *self, const char *reason) {
     end_all(self, FMU_FAILED);
 }
 
+/* By somebody beside this run, or by the kernel for want of memory: nothing that it did itself. */
+static bool was_killed_by_others(const tl_child *child) {
+    return child->end.by_signal && child->end.number == SIGKILL && !tl_child_was_killed(child);
+}
+
 /* Of a shadow: what follows from it is not decided here. */
 static void note_end_of_shadow(supervisor *self) {
     member *ended = shadow_of(self);
     tl_child_describe(&ended->child, ended->reason);
-    self->settings->ended(self->settings->context, TL_MEMBER_SHADOW, ended->reason);
+    (void)self->settings->ended(self->settings->context, TL_MEMBER_SHADOW, was_killed_by_others(&ended->child),
+                                ended->reason);
     tl_child_bury(&ended->child);
     ended->state = ABSENT;
 }
@@ -315,7 +321,8 @@ static void note_end(supervisor *self, tl_member which, tl_time now) {
     bool is_last = is_final(self, which) && !is_worth_another(self, which);
     bool is_alone = which == TL_MEMBER_TWIN && self->settings->alone;
     tl_child_describe(&ended->child, reason);
-    self->settings->ended(self->settings->context, which, reason);
+    tl_restarts_note_unreadable(&self->restarts, self->settings->ended(self->settings->context, which,
+                                                                       was_killed_by_others(&ended->child), reason));
     if (is_changed(which, ended)) {
         tl_child_bury(&ended->child);
         rest(ended, now, 0);

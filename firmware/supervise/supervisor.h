@@ -76,8 +76,9 @@ typedef struct tl_supervisor_settings {
     /* Starts a process (role.h). `start` is of the twin. 0: it could not be, and that was said on the log. */
     pid_t (*begin)(void *context, tl_member which, const tl_start *start);
 
-    /* One has ended, and is not reaped yet. `reason` says why, and may be bettered. */
-    void (*ended)(void *context, tl_member which, char reason[TL_RESTARTS_REASON]);
+    /* One has ended, and is not reaped yet. `reason` says why, and may be bettered. `by_others`: somebody beside the run has killed it. Returns, of a twin, the
+     * files of its FMUs if a saved state of them was to blame (restarts.h); 0: none was. */
+    uint64_t (*ended)(void *context, tl_member which, bool by_others, char reason[TL_RESTARTS_REASON]);
 
     /* Which one has failed, and why: for the database; on the log it is already. Not of a twin that is followed by another one, which is told by
      * its start why there is one. */

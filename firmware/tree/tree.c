@@ -82,15 +82,24 @@ void tl_tree_put_event(tl_tree *self, tl_severity severity, const char *source, 
 
 /* ---- ending ---- */
 
-static void end_twin(tl_tree *self, tl_live_place *place, char reason[TL_RESTARTS_REASON]) {
+/* Whether that was because of a checkpoint that it had loaded (live_wire.h): the files of its FMUs, or 0. */
+static uint64_t note_unreadable(tl_live_twin_pulse *pulse, bool by_others) {
+    bool is_to_blame = pulse->loads != 0 && !by_others && pulse->fmus != 0;
+    pulse->unreadable = is_to_blame ? pulse->fmus : pulse->unreadable;
+    return is_to_blame ? pulse->fmus : 0;
+}
+
+static uint64_t end_twin(tl_tree *self, tl_live_place *place, bool by_others, char reason[TL_RESTARTS_REASON]) {
     char why[TL_TWIN_WARDEN_TEXT];
-    if (tl_twin_process_was_killed(place->twin, why)) {
+    bool was_killed = tl_twin_process_was_killed(place->twin, why);
+    if (was_killed) {
         (void)snprintf(reason, TL_RESTARTS_REASON, "%.*s", TL_RESTARTS_REASON - 1, why);
     }
     tl_twin_process_let_go(place->twin);
     tl_voice_clear(self->voice, place->twin);
     place->twin = NULL;
     place->pid = 0;
+    return note_unreadable(place->pulse, by_others && !was_killed);
 }
 
 /* One that could not go on has said why. It is bounded here, and cleaned by who shows it. */
@@ -104,14 +113,16 @@ static void note_end_of_shadow(tl_tree *self, const tl_heartbeats *beats, const 
     tl_live_change_note_end_of_shadow(&self->change, is_said && said[0] != '\0' ? said : reason);
 }
 
-static void ended(void *context, tl_member which, char reason[TL_RESTARTS_REASON]) {
+static uint64_t ended(void *context, tl_member which, bool by_others, char reason[TL_RESTARTS_REASON]) {
     tl_tree *self = context;
+    uint64_t unreadable = 0;
     if (which == TL_MEMBER_TWIN || which == TL_MEMBER_SHADOW) {
-        end_twin(self, tl_tree_place_of(self, which), reason);
+        unreadable = end_twin(self, tl_tree_place_of(self, which), by_others, reason);
     }
     if (which == TL_MEMBER_SHADOW) {
         note_end_of_shadow(self, &tl_tree_place_of(self, which)->pulse->beats, reason);
     }
+    return unreadable;
 }
 
 static void tell(void *context, const char *text) {

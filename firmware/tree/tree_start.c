@@ -165,7 +165,8 @@ pid_t tl_tree_begin_activator(void *context) {
 }
 
 /* Nothing of the one before is left but what its successor goes on with. */
-static void prepare_pulse(tl_live_twin_pulse *pulse, bool holds) {
+static void prepare_pulse(tl_live_twin_pulse *pulse, bool holds, uint64_t unreadable) {
+    pulse->unreadable = pulse->unreadable != 0 ? pulse->unreadable : unreadable;
     pulse->realtime = 0;
     pulse->begun = 0;
     pulse->past = 0;
@@ -253,7 +254,7 @@ static tl_status start_with_job(tl_tree *self, tl_live_place *place, const tl_li
 
 static pid_t start_twin(tl_tree *self, tl_live_place *place, bool is_shadow, const tl_start *start, tl_error *error) {
     char title[TL_ROLE_TITLE];
-    prepare_pulse(place->pulse, start->hold);
+    prepare_pulse(place->pulse, start->hold, start->restarts->unreadable);
     const tl_live_job job = job_of_twin(self, place, is_shadow, start);
     (void)snprintf(title, sizeof title, "%s [%s]%s", kind_of_twin(is_shadow, start->hold), self->config.name,
                    is_shadow || start->hold ? "" : TL_LIVE_TWIN_ROOM);

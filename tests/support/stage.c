@@ -111,6 +111,9 @@ static void suffer(char what) {
     case 't':
         (void)kill(getpid(), SIGTERM);
         break;
+    case 'o':
+        (void)kill(getpid(), SIGKILL);
+        break;
     default:
         break;
     }
@@ -183,6 +186,7 @@ static int play_twin(tl_stage_part *played, const tl_start *start, char what) {
     stage->hold[which] = start->hold;
     stage->again[which] = start->again;
     stage->failures[which] = start->restarts->failures;
+    stage->unreadable[which] = start->restarts->unreadable;
     stage->processes[which] = tl_stage_processes_of(getppid());
     (void)snprintf(stage->reason[which], TL_RESTARTS_REASON, "%s", start->restarts->reason);
     return play(what, tl_heart_begin(&played->beats, "cycle", TL_SECOND), &played->beats);
@@ -238,13 +242,15 @@ static pid_t begin(void *context, tl_member which, const tl_start *start) {
     return pid > 0 ? pid : 0;
 }
 
-static void ended(void *context, tl_member which, char reason[TL_RESTARTS_REASON]) {
+static uint64_t ended(void *context, tl_member which, bool by_others, char reason[TL_RESTARTS_REASON]) {
     tl_stage *on = context;
+    on->was_killed_by_others = on->was_killed_by_others || by_others;
     part_of(which)->told++;
     on->told++;
     if (on->better[0] != '\0') {
         (void)snprintf(reason, TL_RESTARTS_REASON, "%s", on->better);
     }
+    return on->blames;
 }
 
 static void tell(void *context, const char *text) {

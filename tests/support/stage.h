@@ -54,8 +54,11 @@ typedef struct tl_stage {
     pid_t last;
     int told;                        /* ends of which the supervisor told */
     char better[TL_RESTARTS_REASON]; /* the reason that it is told instead */
-    char event[256];                 /* the last one for the database */
-    tl_time damaged[TL_MEMBERS];     /* what is said of each */
+    bool was_killed_by_others;       /* as it told of any end of the twin */
+    uint64_t blames;                 /* what it is told then */
+    uint64_t unreadable[TL_STAGE_STARTS];
+    char event[256];             /* the last one for the database */
+    tl_time damaged[TL_MEMBERS]; /* what is said of each */
 } tl_stage;
 
 /* The program's stage, with a folder `parent`/`name`_XXXXXX; ends the program if there is no room. */

@@ -101,7 +101,7 @@ static void begin(size_t checkpoint_bytes) {
     assembly.twin = run.twin;
     assembly.config.step = STEP;
     assembly.config.record_resume = TL_SECOND;
-    tl_checkpointer_init(&checkpointer, &assembly, &box.outbox, &journal);
+    tl_checkpointer_init(&checkpointer, &assembly, &box.outbox, &journal, true);
     tl_twin_recorder_start(&box.outbox, run.twin, 0);
 }
 
@@ -239,7 +239,7 @@ static void test_an_fmu_that_refuses(void) {
 static void test_it_is_not_wanted(void) {
     begin(MUCH);
     assembly.config.record_resume = 0;
-    tl_checkpointer_init(&checkpointer, &assembly, &box.outbox, &journal);
+    tl_checkpointer_init(&checkpointer, &assembly, &box.outbox, &journal, true);
     play(INTERVAL, 0);
     close_recorder();
     TEST_ASSERT_EQUAL_INT64(0, checkpoints());
@@ -295,7 +295,7 @@ static void test_a_shadow_that_nobody_goes_on_with(void) {
     size_t size = 0;
     begin(MUCH);
     assembly.config.record_resume = 0;
-    tl_checkpointer_init(&checkpointer, &assembly, &box.outbox, &journal);
+    tl_checkpointer_init(&checkpointer, &assembly, &box.outbox, &journal, true);
     step_and_rehearse(false);
     TEST_ASSERT_TRUE(tl_checkpointer_save(&checkpointer, TL_SECOND, &size));
 }
@@ -305,7 +305,17 @@ static void test_a_shadow_that_cannot_be_saved(void) {
     fmu.model.capabilities.can_serialize_state = false;
     begin(MUCH);
     assembly.config.record_resume = 0;
-    tl_checkpointer_init(&checkpointer, &assembly, &box.outbox, &journal);
+    tl_checkpointer_init(&checkpointer, &assembly, &box.outbox, &journal, true);
+    step_and_rehearse(false);
+    TEST_ASSERT_FALSE(tl_checkpointer_save(&checkpointer, TL_SECOND, &size));
+    TEST_ASSERT_EQUAL_UINT64(0, fmu.calls[TL_TEST_SERIALIZE]);
+}
+
+/* What was saved of these FMUs has ended a process. */
+static void test_fmus_whose_states_are_of_no_use_elsewhere(void) {
+    size_t size = 0;
+    begin(MUCH);
+    tl_checkpointer_init(&checkpointer, &assembly, &box.outbox, &journal, false);
     step_and_rehearse(false);
     TEST_ASSERT_FALSE(tl_checkpointer_save(&checkpointer, TL_SECOND, &size));
     TEST_ASSERT_EQUAL_UINT64(0, fmu.calls[TL_TEST_SERIALIZE]);
@@ -325,6 +335,7 @@ int main(void) {
     RUN_TEST(test_an_fmu_that_cannot);
     RUN_TEST(test_an_fmu_that_refuses);
     RUN_TEST(test_it_is_not_wanted);
+    RUN_TEST(test_fmus_whose_states_are_of_no_use_elsewhere);
     RUN_TEST(test_rehearsed_and_saved_once);
     RUN_TEST(test_not_saved_without_time);
     RUN_TEST(test_a_shadow_that_nobody_goes_on_with);

@@ -50,6 +50,25 @@ static void test_an_orderly_life(void) {
     TEST_ASSERT_EQUAL_STRING("it was told to", restarts.reason);
 }
 
+/* For good: a box that begins anew has the same files. */
+static void test_files_whose_states_are_not_loaded(void) {
+    open_here(false);
+    TEST_ASSERT_EQUAL_UINT64(0, restarts.unreadable);
+    tl_restarts_note_unreadable(&restarts, 0xfedcba9876543210);
+    tl_restarts_note_unreadable(&restarts, 0);
+    tl_restarts_begin(&restarts, true);
+    tl_restarts_end(&restarts);
+    open_here(false);
+    TEST_ASSERT_EQUAL_UINT64(0xfedcba9876543210, restarts.unreadable);
+}
+
+static void test_a_file_of_before_they_were_kept(void) {
+    write_account("{\"starts\": 3, \"restarts\": 1, \"failures\": 0, \"running\": false, \"boot\": \"\"}");
+    open_here(false);
+    TEST_ASSERT_EQUAL_UINT64(3, restarts.starts);
+    TEST_ASSERT_EQUAL_UINT64(0, restarts.unreadable);
+}
+
 static void test_a_loop(void) {
     open_here(false);
     tl_restarts_begin(&restarts, false);
@@ -203,6 +222,8 @@ int main(void) {
     UNITY_BEGIN();
     tl_scratch_make(&scratch, TL_BINARY_DIR, "test_restarts");
     RUN_TEST(test_an_orderly_life);
+    RUN_TEST(test_files_whose_states_are_not_loaded);
+    RUN_TEST(test_a_file_of_before_they_were_kept);
     RUN_TEST(test_a_loop);
     RUN_TEST(test_forgiven);
     RUN_TEST(test_forgiven_by_life_since_the_start);

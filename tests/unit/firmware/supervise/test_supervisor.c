@@ -55,6 +55,22 @@ static void test_a_crash(void) {
     tl_stage_expect_code("k0", 0);
     TEST_ASSERT_EQUAL_STRING("it was ended by signal 11, Segmentation fault", stage->reason[1]);
     TEST_ASSERT_EQUAL_STRING("", stage->event); /* that reason is one */
+    TEST_ASSERT_FALSE(stage->was_killed_by_others);
+}
+
+/* As by the kernel, for want of memory: nothing that a state can be blamed for. */
+static void test_killed_by_others(void) {
+    tl_stage_expect_code("o0", 0);
+    TEST_ASSERT_EQUAL_STRING("it was ended by signal 9, Killed", stage->reason[1]);
+    TEST_ASSERT_TRUE(stage->was_killed_by_others);
+}
+
+/* It is in the account, and so each start from then on is told. */
+static void test_states_that_are_to_blame(void) {
+    stage->blames = 77;
+    tl_stage_expect_code("k0", 0);
+    TEST_ASSERT_EQUAL_UINT64(0, stage->unreadable[0]);
+    TEST_ASSERT_EQUAL_UINT64(77, stage->unreadable[1]);
 }
 
 /* Whoever started us may not have wanted to hear of its children. */
@@ -224,6 +240,8 @@ int main(void) {
     RUN_TEST(test_what_ran_and_cannot_begin_any_more);
     RUN_TEST(test_what_ran_is_tried_again);
     RUN_TEST(test_a_crash);
+    RUN_TEST(test_killed_by_others);
+    RUN_TEST(test_states_that_are_to_blame);
     RUN_TEST(test_a_crash_where_children_are_ignored);
     RUN_TEST(test_the_dead_are_reaped);
     RUN_TEST(test_an_fmu_that_ends_the_process);
