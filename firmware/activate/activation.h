@@ -50,6 +50,7 @@ typedef struct tl_activation_settings {
     tl_refusals *refusals;
     const char *plant;     /* its name, for titles */
     const char *path;      /* of its configuration: relative names start at its folder */
+    const char *allowed;   /* where the administrator's list of names is (box_texts.h); NULL: there is none */
     uint64_t memory_limit; /* as in errand.h */
     bool unconfined;
     int (*be)(const char *title, void *context); /* as in errand.h */

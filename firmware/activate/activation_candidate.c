@@ -5,6 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "firmware/activate/box_texts.h"
 #include "firmware/activate/forecast.h"
 #include "firmware/base/log.h"
 #include "firmware/errand/trial.h"
@@ -17,7 +18,13 @@ static const tl_time SAYING = 10 * TL_SECOND;
 
 /* ---- validate ---- */
 
-static void send_errand(tl_activation *self, const char *kind, size_t answer, tl_time limit, tl_relay_line *hear) {
+/* What the box says of names; "" of what it does not. */
+typedef struct box_says {
+    const char *list, *file;
+} box_says;
+
+static void send_errand(tl_activation *self, const char *kind, const box_says *box, size_t answer, tl_time limit,
+                        tl_relay_line *hear) {
     char title[TL_ROLE_TITLE];
     tl_error error;
     (void)snprintf(title, sizeof title, "%s [%s]", kind, self->settings.plant);
@@ -26,6 +33,9 @@ static void send_errand(tl_activation *self, const char *kind, size_t answer, tl
         .job = {.path = self->settings.path,
                 .in_force = self->before,
                 .candidate = self->text,
+                .on_the_box = box->file,
+                .list = box->list,
+                .list_path = self->settings.allowed,
                 .memory_limit = self->settings.memory_limit,
                 .unconfined = self->settings.unconfined},
         .answer = answer,
@@ -37,6 +47,20 @@ static void send_errand(tl_activation *self, const char *kind, size_t answer, tl
     if (tl_errand_send(&self->errand, &settings, &error) != TL_OK) {
         tl_activation_fail(self, error.text);
     }
+}
+
+static void send_validator(tl_activation *self) {
+    char fault[TL_BOX_FAULT] = "";
+    const char *list_path = self->settings.allowed;
+    char *list = list_path == NULL ? NULL : tl_box_read_list(list_path, fault);
+    char *file = tl_box_read_file(self->settings.path);
+    const box_says found = {list, file};
+    if (fault[0] != '\0') {
+        tl_activation_say(self, TL_CONTROL_VALIDATE, fault);
+    }
+    send_errand(self, TL_VALIDATOR, &found, sizeof(tl_verdict), VALIDATION, NULL); /* the verdict says all */
+    free(list);
+    free(file);
 }
 
 /* What runs is in memory too. */
@@ -86,7 +110,7 @@ void tl_activation_validate(tl_activation *self, const tl_version *in_force) {
         tl_activation_fail(self, error.text);
         return;
     }
-    send_errand(self, TL_VALIDATOR, sizeof(tl_verdict), VALIDATION, NULL); /* the verdict says all */
+    send_validator(self);
 }
 
 /* In safe hold there is no twin that could take anything, or be compared with. */
@@ -135,13 +159,15 @@ static void weigh(tl_activation *self) {
     }
     self->way = way_of(self);
     bool is_allowed = (self->request.flags & (TL_CONTROL_MAY_RESTART | TL_CONTROL_ONLY_CHECK)) != 0;
-    if (right_of(verdict) > self->request.right) {
-        tl_activation_turn_down(self, TL_CONTROL_FORBIDDEN,
-                                "it changes what takes the right to commission, and was sent with less");
-    } else if (verdict->right == TL_CHANGE_ON_THE_BOX && self->request.origin != TL_CONTROL_BY_RELOAD) {
+    if (verdict->right == TL_CHANGE_ON_THE_BOX && self->request.origin != TL_CONTROL_BY_RELOAD) {
+        tl_activation_say_problems(self);
         tl_activation_turn_down(
             self, TL_CONTROL_FORBIDDEN,
-            "it names a library or a file, or lets an FMU out: that is changed on the box, by twinlock reload");
+            "it names a library, a file or an FMU that nobody on the box has named, or lets an FMU out: that is changed "
+            "on the box, by twinlock reload");
+    } else if (right_of(verdict) > self->request.right) {
+        tl_activation_turn_down(self, TL_CONTROL_FORBIDDEN,
+                                "it changes what takes the right to commission, and was sent with less");
     } else if (self->way == TL_ACTIVATION_BY_RESTART && !is_allowed) {
         tl_activation_write_restart(self, text, sizeof text);
         tl_activation_turn_down(self, TL_CONTROL_RESTART, text);
@@ -230,7 +256,7 @@ static void try_fmus(tl_activation *self) {
     self->heard[0] = '\0';
     self->problems = 0;
     tl_activation_say(self, TL_CONTROL_TRY, "its FMUs are loaded, started and set back, beside the plant's");
-    send_errand(self, TL_TRIAL, sizeof(tl_trial_answer), TRIAL, hear_trial);
+    send_errand(self, TL_TRIAL, &(const box_says){NULL, NULL}, sizeof(tl_trial_answer), TRIAL, hear_trial);
 }
 
 static void say_time(tl_activation *self) {

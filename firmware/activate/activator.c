@@ -390,6 +390,7 @@ tl_status tl_activator_open(const tl_activator_settings *settings, tl_activator 
         .refusals = &made->refusals,
         .plant = settings->plant,
         .path = settings->path,
+        .allowed = settings->allowed,
         .memory_limit = settings->memory_limit,
         .unconfined = settings->unconfined,
         .be = settings->be,

@@ -22,6 +22,7 @@ typedef struct tl_activator_settings {
     const char *state; /* the folder in which versions/ is */
     const char *plant; /* the rest as in activation.h */
     const char *path;
+    const char *allowed; /* as in activation.h */
     uint64_t memory_limit;
     bool unconfined;
     const tl_activation_host *host;

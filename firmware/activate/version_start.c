@@ -99,7 +99,9 @@ static bool is_good(starting_run *self, const char *in_force) {
         tl_log(TL_LOG_ERROR, "%s: nobody can read it", self->start->path);
         return false;
     }
-    say_problems(self);
+    if (self->verdict.is_valid == 0) {
+        say_problems(self);
+    }
     return self->verdict.is_valid != 0;
 }
 

@@ -16,9 +16,11 @@
 /* Beside nothing, and what is printed. */
 enum { JOB = 3, ANSWER = 4 };
 
-/* Then come the three texts, each with its NUL. */
+enum { PATH, IN_FORCE, CANDIDATE, ON_THE_BOX, LIST, LIST_PATH, TEXTS };
+
+/* Then come the texts, each with its NUL. */
 typedef struct job_head {
-    uint64_t path, in_force, candidate; /* bytes, with the NUL */
+    uint64_t bytes[TEXTS]; /* with the NUL */
     uint64_t memory_limit;
     uint64_t unconfined;
 } job_head;
@@ -26,26 +28,25 @@ typedef struct job_head {
 /* ---- sending ---- */
 
 static tl_status make_job(const tl_errand_job *job, tl_block *block, tl_error *error) {
-    const size_t path = strlen(job->path) + 1;
-    const size_t in_force = strlen(job->in_force) + 1;
-    const size_t candidate = strlen(job->candidate) + 1;
-    const job_head head = {
-        .path = path,
-        .in_force = in_force,
-        .candidate = candidate,
-        .memory_limit = job->memory_limit,
-        .unconfined = job->unconfined ? 1 : 0,
-    };
-    size_t size = sizeof head + path + in_force + candidate;
+    const char *const given[TEXTS] = {
+        [PATH] = job->path, [IN_FORCE] = job->in_force,  [CANDIDATE] = job->candidate, [ON_THE_BOX] = job->on_the_box,
+        [LIST] = job->list, [LIST_PATH] = job->list_path};
+    job_head head = {.memory_limit = job->memory_limit, .unconfined = job->unconfined ? 1 : 0};
+    size_t size = sizeof head;
+    for (size_t i = 0; i < TEXTS; i++) {
+        head.bytes[i] = given[i] == NULL ? 1 : strlen(given[i]) + 1;
+        size += head.bytes[i];
+    }
     char *bytes = malloc(size);
     if (bytes == NULL) {
         return tl_fail(error, TL_TRY_AGAIN, "not enough memory for the configuration");
     }
     char *at = bytes + sizeof head;
     memcpy(bytes, &head, sizeof head);
-    memcpy(at, job->path, path);
-    memcpy(at + path, job->in_force, in_force);
-    memcpy(at + path + in_force, job->candidate, candidate);
+    for (size_t i = 0; i < TEXTS; i++) {
+        memcpy(at, given[i] == NULL ? "" : given[i], head.bytes[i]);
+        at += head.bytes[i];
+    }
     tl_status status = tl_block_make_of("twinlock errand", bytes, size, block, error);
     free(bytes);
     return status;
@@ -158,17 +159,23 @@ void tl_errand_close(tl_errand *errand) {
 
 /* ---- in its process ---- */
 
-static bool is_job(const tl_block *block, const job_head *head) {
-    size_t room = block->size - sizeof *head;
-    const char *texts = (const char *)block->bytes + sizeof *head;
-    bool fits = head->path - 1 < room && head->in_force - 1 < room && head->candidate - 1 < room &&
-                head->path + head->in_force + head->candidate == room;
-    return fits && texts[head->path - 1] == '\0' && texts[head->path + head->in_force - 1] == '\0' &&
-           texts[room - 1] == '\0';
+/* Each text ends where it is said to. */
+static bool find_texts(const tl_block *block, const job_head *head, const char *texts[TEXTS]) {
+    const char *at = (const char *)block->bytes + sizeof *head;
+    size_t left = block->size - sizeof *head;
+    bool fits = true;
+    for (size_t i = 0; i < TEXTS && fits; i++) {
+        fits = head->bytes[i] - 1 < left && at[head->bytes[i] - 1] == '\0';
+        texts[i] = at;
+        at += fits ? head->bytes[i] : 0;
+        left -= fits ? head->bytes[i] : 0;
+    }
+    return fits && left == 0;
 }
 
 tl_status tl_errand_begin(tl_errand_job *job, tl_error *error) {
     static tl_block block; /* as long as the process */
+    const char *texts[TEXTS];
     job_head head;
     tl_log_use_levels();
     tl_role_enter();
@@ -182,14 +189,16 @@ tl_status tl_errand_begin(tl_errand_job *job, tl_error *error) {
         return tl_fail(error, TL_BAD_DATA, "the job of the process is none");
     }
     memcpy(&head, block.bytes, sizeof head);
-    if (!is_job(&block, &head)) {
+    if (!find_texts(&block, &head, texts)) {
         return tl_fail(error, TL_BAD_DATA, "the job of the process is none");
     }
-    const char *texts = (const char *)block.bytes + sizeof head;
     *job = (tl_errand_job){
-        .path = texts,
-        .in_force = texts + head.path,
-        .candidate = texts + head.path + head.in_force,
+        .path = texts[PATH],
+        .in_force = texts[IN_FORCE],
+        .candidate = texts[CANDIDATE],
+        .on_the_box = texts[ON_THE_BOX],
+        .list = texts[LIST],
+        .list_path = texts[LIST_PATH],
         .memory_limit = head.memory_limit,
         .unconfined = head.unconfined != 0,
     };

@@ -1,7 +1,7 @@
 /* An errand: a short-lived process that is given configurations, and comes back with an answer.
  *
  * Purpose: what a stranger has sent is parsed, and its FMUs are tried, by a process that holds nothing and may die of it.
- * Given:   path and text of the configuration in force and of the candidate, in memory that nobody can change.
+ * Given:   path and text of the configuration in force and of the candidate, and names that are allowed in it, in memory that nobody can change.
  * Answer:  what it writes into a block of a known size, which whoever reads it copies and checks; lines that it prints; and how it ends.
  * Waiting: starting does, for a fork; looking does not. Whoever has started it looks, and it is killed if its time is over.
  * Owner:   the caller places an errand. A zeroed one is none.
@@ -22,11 +22,14 @@
 
 /* What it is sent with. Texts live during the start only. */
 typedef struct tl_errand_job {
-    const char *path;      /* of the configuration: relative names start at its folder */
-    const char *in_force;  /* text; "": there is none */
-    const char *candidate; /* text */
-    uint64_t memory_limit; /* bytes that the process of its FMUs may take; 0: as usual */
-    bool unconfined;       /* FMUs may do what the user can */
+    const char *path;       /* of the configuration: relative names start at its folder */
+    const char *in_force;   /* text; "": there is none */
+    const char *candidate;  /* text */
+    const char *on_the_box; /* text of the configuration's file as it is now; NULL: not known, */
+    const char *list;       /* and of the administrator's list of names that are allowed (allowed_names.h), */
+    const char *list_path;  /* and where that is; NULL, of both: there is none */
+    uint64_t memory_limit;  /* bytes that the process of its FMUs may take; 0: as usual */
+    bool unconfined;        /* FMUs may do what the user can */
 } tl_errand_job;
 
 typedef struct tl_errand_settings {

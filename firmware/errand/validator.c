@@ -38,15 +38,63 @@ static void add_change(tl_verdict *verdict, const tl_config_edit *edit) {
     (void)snprintf(change->right, sizeof change->right, "%s", tl_change_right_name(edit->needs.right));
 }
 
+/* ---- what only somebody on the box may give ---- */
+
+static void add_barred(tl_verdict *verdict, const tl_config_barred *barred, const char *list) {
+    char text[TL_CONTROL_TEXT];
+    if (barred->is_installed) {
+        (void)snprintf(text, sizeof text,
+                       "found %s without its hash, expected \"sha256\" beside it, as sha256sum prints it on the box",
+                       barred->found);
+    } else if (barred->names == TL_NAMES_FMU) {
+        (void)snprintf(text, sizeof text,
+                       "found %s, expected the name of an FMU that is installed, without a folder, and its \"sha256\"",
+                       barred->found);
+    } else if (barred->names != TL_NAMES_NOTHING && list[0] != '\0') {
+        (void)snprintf(
+            text, sizeof text,
+            "found %s, expected a name that the active configuration, its file on the box or %.300s has: let "
+            "root add there the line: %s NAME",
+            barred->found, list, barred->names == TL_NAMES_FILE ? "file" : "library");
+    } else {
+        (void)snprintf(text, sizeof text, "found %s, expected nothing: it is changed on the box, by twinlock reload",
+                       barred->found);
+    }
+    add_problem(verdict, TL_BAD_DATA, barred->path, text);
+}
+
+static void add_all_barred(tl_verdict *verdict, const tl_config_change *change, const char *list) {
+    for (size_t i = 0; i < change->barred && i < TL_CONFIG_BARRED; i++) {
+        add_barred(verdict, &change->bar[i], list);
+    }
+    verdict->problems = (uint32_t)change->barred;
+}
+
+/* What the active one names is no news; that of a broken file on the box is not known. */
+static tl_status find_allowed(const tl_errand_job *job, tl_allowed_names *allowed, tl_error *error) {
+    tl_error ignored;
+    tl_status status = tl_allowed_names_add_list(allowed, job->list, error);
+    if (status == TL_OK) {
+        status = tl_allowed_names_add_configuration(allowed, job->in_force, error);
+    }
+    (void)tl_allowed_names_add_configuration(allowed, job->on_the_box, &ignored);
+    return status;
+}
+
 static tl_status find_change(const tl_errand_job *job, tl_verdict *verdict, tl_error *error) {
     static tl_config_change change;
+    tl_allowed_names allowed = {.count = 0};
     if (job->in_force[0] == '\0') {
         verdict->kind = TL_CHANGE_RESTART;
         verdict->right = TL_CHANGE_BY_COMMISSION;
         return TL_OK;
     }
-    tl_status status = tl_config_change_find(job->in_force, strlen(job->in_force), job->candidate,
-                                             strlen(job->candidate), &change, error);
+    tl_status status = find_allowed(job, &allowed, error);
+    if (status == TL_OK) {
+        status = tl_config_change_find(job->in_force, strlen(job->in_force), job->candidate, strlen(job->candidate),
+                                       &allowed, &change, error);
+    }
+    tl_allowed_names_free(&allowed);
     if (status != TL_OK) {
         return status;
     }
@@ -56,6 +104,7 @@ static tl_status find_change(const tl_errand_job *job, tl_verdict *verdict, tl_e
         add_change(verdict, &change.edits[i]);
     }
     verdict->changes = (uint32_t)change.count;
+    add_all_barred(verdict, &change, job->list_path);
     return TL_OK;
 }
 

@@ -25,10 +25,11 @@ typedef struct tl_verdict {
     uint32_t is_valid; /* 1: the candidate can be read without a problem, and `kind` … `tuning` mean something */
     uint32_t kind;     /* tl_change_kind */
     uint32_t right;    /* tl_change_right */
-    uint32_t problems; /* that were found; the first ones are listed */
-    uint32_t changes;  /* the same */
-    uint32_t strokes;  /* that must have ended before its lock is judged (lock_judge.h); 0: steps, */
-    tl_time window;    /* ns that those take */
+    uint32_t
+        problems; /* that were found; of one that is valid: values that only somebody on the box may give; the first ones are listed */
+    uint32_t changes;           /* the same */
+    uint32_t strokes;           /* that must have ended before its lock is judged (lock_judge.h); 0: steps, */
+    tl_time window;             /* ns that those take */
     char name[TL_CONTROL_NAME]; /* of the plant, as the candidate has it */
     tl_control_problem problem[TL_VERDICT_PROBLEMS];
     tl_control_change change[TL_VERDICT_CHANGES];

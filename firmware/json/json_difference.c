@@ -142,6 +142,23 @@ static bool are_same(cJSON *a, cJSON *b) {
     return same;
 }
 
+static bool is_called(const cJSON *item, const char *key) {
+    return item->string != NULL && strcmp(item->string, key) == 0;
+}
+
+/* As cJSON links its items: see link_again(). */
+bool tl_json_has_sibling(const tl_json_value *value, const char *key) {
+    const cJSON *item = value->item;
+    bool is_there = false;
+    while (item != NULL && item->prev != NULL && item->prev->next != NULL) {
+        item = item->prev;
+    }
+    for (; item != NULL && !is_there; item = item->next) {
+        is_there = is_called(item, key);
+    }
+    return is_there;
+}
+
 /* ---- the walk ---- */
 
 /* What is left of an object or array that is there on both sides, or of one that is there on one of them. */

@@ -62,6 +62,9 @@ tl_status tl_json_compare(const tl_json_source *before, const tl_json_source *af
                           void (*see)(const tl_json_difference *difference, void *context), void *context,
                           tl_error *error);
 
+/* The object that it is a member of has such a key, too. */
+bool tl_json_has_sibling(const tl_json_value *value, const char *key);
+
 /* The value as JSON for people, cut to `size` ≥ 8 bytes; "" of one that is absent. */
 void tl_json_show(const tl_json_value *value, char *text, size_t size);
 

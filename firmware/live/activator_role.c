@@ -99,6 +99,7 @@ static tl_status open_activator(activator_process *self, tl_error *error) {
         .state = self->job.state,
         .plant = self->config.name,
         .path = self->config.path,
+        .allowed = self->job.allowed,
         .memory_limit = self->job.memory_limit,
         .unconfined = self->job.unconfined,
         .host = &self->functions,

@@ -26,6 +26,7 @@ typedef struct tl_live_job {
     tl_time duration;        /* that was asked for; 0: as configured */
     char database[PATH_MAX]; /* "": nothing is recorded */
     char state[PATH_MAX];    /* of the activator: where versions are kept; "": there is none */
+    char allowed[PATH_MAX];  /* the same: the administrator's list of names */
     uint64_t memory_limit;   /* the same: bytes that a process of FMUs may take; 0: as usual */
     uint32_t
         place; /* of the twin, or of the twin whose outbox the recorder reads, or which is the run's as the activator begins */

@@ -387,6 +387,7 @@ int tl_tree_run(const tl_tree_settings *settings, tl_tree_end *end) {
     *end = (tl_tree_end){.again = false};
     if (settings->control != NULL) {
         (void)snprintf(self.job.state, sizeof self.job.state, "%s", settings->state);
+        (void)snprintf(self.job.allowed, sizeof self.job.allowed, "%s", settings->allowed);
     }
     (void)sigemptyset(&asked);
     (void)sigaddset(&asked, SIGCHLD);

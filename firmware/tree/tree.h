@@ -29,6 +29,7 @@ typedef struct tl_tree_settings {
     bool supervised;
     const char *state;   /* as in supervisor.h: supervised only */
     const char *control; /* the socket by which the configuration is changed; NULL: it is not. Needs `state` */
+    const char *allowed; /* the administrator's list of names that a configuration from the network may have */
     const char *watchdog;
     int watchdog_s;
     const tl_twin_role_tasks *tasks;             /* of a twin's process, */

@@ -112,6 +112,9 @@ const tl_option tl_option_rows[TL_OPTION_COUNT] = {
      .help = "with --supervise: count restarts in DIR/supervisor.json, across resets of the\nbox"},
     {RUN, "control", "SOCKET", TL_OPTION_TEXT, SETS(control), .needs = "state",
      .help = "with --state: take changed configurations by this socket; versions are kept\nin DIR/versions"},
+    {RUN, "allowed", "FILE", TL_OPTION_TEXT, SETS(allowed), .needs = "control",
+     .help =
+         "with --control: names of files and libraries that a configuration from the\nnetwork may have, lines \"file NAME\", \"library NAME\"; default:\n/etc/twinlock/allowed"},
     {RELOAD, "control", "SOCKET", TL_OPTION_TEXT, SETS(control),
      .help = "of the run; default: /run/twinlock/NAME/control, NAME being that of the file"},
     {INBOX, "control", "SOCKET", TL_OPTION_TEXT, SETS(control),

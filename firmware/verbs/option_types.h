@@ -52,6 +52,7 @@ typedef struct tl_options {
     bool supervise;
     const char *state;
     const char *control; /* a socket */
+    const char *allowed; /* a list of names; NULL: where it is usually */
     const char *watchdog;
     double watchdog_s;    /* whole; default 30 */
     const char *listener; /* --for */

@@ -51,6 +51,7 @@ static int run(const tl_options *options, const tl_config *config, tl_tree_end *
         .supervised = options->supervise,
         .state = options->state,
         .control = options->control,
+        .allowed = options->allowed != NULL ? options->allowed : "/etc/twinlock/allowed",
         .watchdog = options->watchdog,
         .watchdog_s = (int)options->watchdog_s,
         .tasks = &tl_verb_twin_tasks,

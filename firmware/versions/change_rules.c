@@ -12,19 +12,39 @@ static bool is_path(const tl_json_value *value) {
     return value->type == TL_JSON_TEXT && strchr(value->text, '/') != NULL;
 }
 
-/* A value of `set` that is a text may name a file, which the FMU may read then. */
-static void judge_set(const tl_json_value *before, const tl_json_value *after, tl_change_needs *needs) {
-    (void)before;
-    if (after->type == TL_JSON_TEXT) {
-        needs->right = is_path(after) ? TL_CHANGE_ON_THE_BOX : TL_CHANGE_BY_COMMISSION;
+static void name(const tl_json_value *after, tl_change_named what, tl_change_needs *needs) {
+    needs->right = TL_CHANGE_BY_COMMISSION; /* if it is gone */
+    if (after->type != TL_JSON_ABSENT) {
+        needs->right = TL_CHANGE_ON_THE_BOX;
+        needs->names = what;
     }
 }
 
-/* A name is looked up among the FMUs that are installed; a path is any file. */
-static void judge_fmu(const tl_json_value *before, const tl_json_value *after, tl_change_needs *needs) {
+static void judge_file(const tl_json_value *before, const tl_json_value *after, tl_change_needs *needs) {
+    (void)before;
+    name(after, TL_NAMES_FILE, needs);
+}
+
+static void judge_library(const tl_json_value *before, const tl_json_value *after, tl_change_needs *needs) {
+    (void)before;
+    name(after, TL_NAMES_LIBRARY, needs);
+}
+
+/* A value of `set` that is a text may name a file, which the FMU may read then. */
+static void judge_set(const tl_json_value *before, const tl_json_value *after, tl_change_needs *needs) {
     (void)before;
     if (is_path(after)) {
-        needs->right = TL_CHANGE_ON_THE_BOX;
+        name(after, TL_NAMES_FILE, needs);
+    } else if (after->type == TL_JSON_TEXT) {
+        needs->right = TL_CHANGE_BY_COMMISSION;
+    }
+}
+
+/* A name is looked up among the FMUs that are installed, and its hash says which file is meant; a path is any file. */
+static void judge_fmu(const tl_json_value *before, const tl_json_value *after, tl_change_needs *needs) {
+    (void)before;
+    if (is_path(after) || !tl_json_has_sibling(after, "sha256")) {
+        name(after, TL_NAMES_FMU, needs);
     }
 }
 
@@ -62,25 +82,23 @@ static void judge_evaluations(const tl_json_value *before, const tl_json_value *
 /* ---- the table ---- */
 
 #define IN_PLACE                                                                                                       \
-    { TL_CHANGE_IN_PLACE, TL_CHANGE_BY_RETUNE }
+    { TL_CHANGE_IN_PLACE, TL_CHANGE_BY_RETUNE, TL_NAMES_NOTHING }
 #define NEW_TWIN                                                                                                       \
-    { TL_CHANGE_NEW_TWIN, TL_CHANGE_BY_RETUNE }
+    { TL_CHANGE_NEW_TWIN, TL_CHANGE_BY_RETUNE, TL_NAMES_NOTHING }
 #define NEW_TWIN_COMMISSIONED                                                                                          \
-    { TL_CHANGE_NEW_TWIN, TL_CHANGE_BY_COMMISSION }
+    { TL_CHANGE_NEW_TWIN, TL_CHANGE_BY_COMMISSION, TL_NAMES_NOTHING }
 #define NEW_TWIN_ON_THE_BOX                                                                                            \
-    { TL_CHANGE_NEW_TWIN, TL_CHANGE_ON_THE_BOX }
+    { TL_CHANGE_NEW_TWIN, TL_CHANGE_ON_THE_BOX, TL_NAMES_NOTHING }
 #define NEW_SOURCES                                                                                                    \
-    { TL_CHANGE_NEW_SOURCES, TL_CHANGE_BY_RETUNE }
+    { TL_CHANGE_NEW_SOURCES, TL_CHANGE_BY_RETUNE, TL_NAMES_NOTHING }
 #define NEW_SOURCES_COMMISSIONED                                                                                       \
-    { TL_CHANGE_NEW_SOURCES, TL_CHANGE_BY_COMMISSION }
-#define NEW_SOURCES_ON_THE_BOX                                                                                         \
-    { TL_CHANGE_NEW_SOURCES, TL_CHANGE_ON_THE_BOX }
+    { TL_CHANGE_NEW_SOURCES, TL_CHANGE_BY_COMMISSION, TL_NAMES_NOTHING }
 #define RESTART_ON_THE_BOX                                                                                             \
-    { TL_CHANGE_RESTART, TL_CHANGE_ON_THE_BOX }
+    { TL_CHANGE_RESTART, TL_CHANGE_ON_THE_BOX, TL_NAMES_NOTHING }
 #define RESTART                                                                                                        \
-    { TL_CHANGE_RESTART, TL_CHANGE_BY_RETUNE }
+    { TL_CHANGE_RESTART, TL_CHANGE_BY_RETUNE, TL_NAMES_NOTHING }
 #define RESTART_COMMISSIONED                                                                                           \
-    { TL_CHANGE_RESTART, TL_CHANGE_BY_COMMISSION }
+    { TL_CHANGE_RESTART, TL_CHANGE_BY_COMMISSION, TL_NAMES_NOTHING }
 
 /* An object that comes or goes as a whole needs what its own row says, and what those of all that is in it say. */
 static const tl_change_rule rules[] = {
@@ -99,10 +117,10 @@ static const tl_change_rule rules[] = {
     {"components.*.set.*", NEW_TWIN, judge_set},
     {"components.*.keep", NEW_TWIN, NULL},
     {"components.*.rollback", NEW_TWIN, NULL},
-    {"components.*.libraries", NEW_TWIN_ON_THE_BOX, NULL},
-    {"components.*.libraries[]", NEW_TWIN_ON_THE_BOX, NULL},
-    {"components.*.read", NEW_TWIN_ON_THE_BOX, NULL},
-    {"components.*.read[]", NEW_TWIN_ON_THE_BOX, NULL},
+    {"components.*.libraries", NEW_TWIN_COMMISSIONED, NULL},
+    {"components.*.libraries[]", NEW_TWIN_COMMISSIONED, judge_library},
+    {"components.*.read", NEW_TWIN_COMMISSIONED, NULL},
+    {"components.*.read[]", NEW_TWIN_COMMISSIONED, judge_file},
     {"components.*.unconfined", NEW_TWIN_ON_THE_BOX, NULL},
     {"components.*.logging", NEW_TWIN, NULL},
     /* where live signals come from */
@@ -125,8 +143,8 @@ static const tl_change_rule rules[] = {
     {"sources.*.gpio", NEW_SOURCES_COMMISSIONED, NULL},
     {"sources.*.gpio.chip", NEW_SOURCES_COMMISSIONED, NULL},
     {"sources.*.gpio.period_s", NEW_SOURCES, NULL},
-    {"sources.*.csv", NEW_SOURCES_ON_THE_BOX, NULL},
-    {"sources.*.csv.file", NEW_SOURCES_ON_THE_BOX, NULL},
+    {"sources.*.csv", NEW_SOURCES_COMMISSIONED, NULL},
+    {"sources.*.csv.file", NEW_SOURCES_COMMISSIONED, judge_file},
     {"sources.*.csv.time_column", NEW_SOURCES, NULL},
     {"sources.*.csv.period_s", NEW_SOURCES, NULL},
     {"sources.*.can", NEW_SOURCES_COMMISSIONED, NULL},
@@ -219,6 +237,7 @@ static const tl_change_rule rules[] = {
     {"synchronise.fallback", NEW_TWIN, NULL},
     {"synchronise.stagnation", NEW_TWIN, NULL},
     {"synchronise.noise_floor", IN_PLACE, NULL},
+    {"synchronise.verify_every", NEW_TWIN, NULL},
     {"synchronise.saving", NEW_TWIN, NULL},
     {"synchronise.saving.structure", NEW_TWIN, NULL},
     {"synchronise.saving.sequences", NEW_TWIN, NULL},
@@ -320,7 +339,7 @@ static tl_change_needs needs_of_order(const tl_change_rule *rule) {
     } means[] = {{"synchronise.match", TL_CHANGE_NEW_TWIN},
                  {"synchronise.adjust", TL_CHANGE_NEW_TWIN},
                  {"plant", TL_CHANGE_NEW_SOURCES}};
-    tl_change_needs needs = {TL_CHANGE_NONE, TL_CHANGE_BY_RETUNE};
+    tl_change_needs needs = {TL_CHANGE_NONE, TL_CHANGE_BY_RETUNE, TL_NAMES_NOTHING};
     for (size_t i = 0; rule != NULL && i < sizeof means / sizeof means[0]; i++) {
         needs.kind = strcmp(rule->pattern, means[i].pattern) == 0 ? means[i].kind : needs.kind;
     }

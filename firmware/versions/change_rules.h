@@ -29,14 +29,23 @@ typedef enum tl_change_right {
     TL_CHANGE_BY_RETUNE,     /* values */
     TL_CHANGE_BY_COMMISSION, /* what names a host, port, device, interface or component, what acts on a line's electrical side, what may remove recorded
                                 runs, and how the process is scheduled */
-    TL_CHANGE_ON_THE_BOX /* what names a library or a file, or lets FMUs out: that does not come by the network, whoever sends it */
+    TL_CHANGE_ON_THE_BOX /* what names a library or a file that nobody on the box has named, or lets FMUs out: that does not come by the network, whoever sends it */
 } tl_change_right;
 
 enum { TL_CHANGE_RIGHTS = TL_CHANGE_ON_THE_BOX + 1 };
 
+/* What a value names that does not come by the network, unless it was named on the box before (allowed_names.h). */
+typedef enum tl_change_named {
+    TL_NAMES_NOTHING,
+    TL_NAMES_FILE, /* or a FIFO, or a folder: to be read */
+    TL_NAMES_LIBRARY,
+    TL_NAMES_FMU
+} tl_change_named;
+
 typedef struct tl_change_needs {
     tl_change_kind kind;
-    tl_change_right right;
+    tl_change_right right; /* of what has a name: unless that is allowed; then TL_CHANGE_BY_COMMISSION is enough */
+    tl_change_named names;
 } tl_change_needs;
 
 typedef struct tl_change_rule {

@@ -7,6 +7,7 @@
 
 typedef struct collection {
     tl_config_change *change;
+    const tl_allowed_names *allowed;
     tl_config_edit edit; /* the last one: what is within it is still to come */
     bool has_edit;
 } collection;
@@ -49,9 +50,36 @@ static void list_last(collection *c) {
     c->has_edit = false;
 }
 
+static void bar(tl_config_change *change, const tl_json_difference *difference, tl_change_named names) {
+    size_t number = change->barred++;
+    if (number < TL_CONFIG_BARRED) {
+        tl_config_barred *barred = &change->bar[number];
+        const tl_json_value *after = &difference->after;
+        *barred = (tl_config_barred){.names = names};
+        barred->is_installed = names == TL_NAMES_FMU && after->type == TL_JSON_TEXT && strchr(after->text, '/') == NULL;
+        tl_json_way_path(barred->path, difference->way, difference->depth);
+        tl_json_show(after, barred->found, sizeof barred->found);
+    }
+}
+
+static tl_change_needs needs_of(collection *c, const tl_json_difference *difference) {
+    tl_change_needs needs = tl_change_needs_of(difference);
+    if (needs.right != TL_CHANGE_ON_THE_BOX) {
+        return needs;
+    }
+    bool is_allowed = needs.names != TL_NAMES_NOTHING && difference->after.type == TL_JSON_TEXT &&
+                      tl_allowed_names_have(c->allowed, needs.names, difference->after.text);
+    if (is_allowed) {
+        needs.right = TL_CHANGE_BY_COMMISSION;
+    } else {
+        bar(c->change, difference, needs.names);
+    }
+    return needs;
+}
+
 static void collect(const tl_json_difference *difference, void *context) {
     collection *c = context;
-    tl_change_needs needs = tl_change_needs_of(difference);
+    tl_change_needs needs = needs_of(c, difference);
     if (needs.kind == TL_CHANGE_NONE) {
         return;
     }
@@ -74,8 +102,9 @@ static void collect(const tl_json_difference *difference, void *context) {
 }
 
 tl_status tl_config_change_find(const char *in_force, size_t in_force_size, const char *candidate,
-                                size_t candidate_size, tl_config_change *change, tl_error *error) {
-    collection c = {.change = change};
+                                size_t candidate_size, const tl_allowed_names *allowed, tl_config_change *change,
+                                tl_error *error) {
+    collection c = {.change = change, .allowed = allowed};
     tl_json_source before = {in_force, in_force_size, "the configuration in force"};
     tl_json_source after = {candidate, candidate_size, "the new configuration"};
     *change = (tl_config_change){.count = 0};

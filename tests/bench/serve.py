@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 """What an honest client of twinlock-serve waits for at most while others attack it, the server's memory, and what a twin of 10 ms beside it
-loses: `tests/bench/serve.py [SECONDS]`.
+loses, and how long its steps take: `tests/bench/serve.py [SECONDS]`.
 
 Each attack goes on for so long (default 10 s); before them, the twin runs as long undisturbed. Ends with 1 if somebody waited for more than 2 s, or the server
 took more than 64 MiB. It starts what is in build/host, or in $TL_BUILD, and its figures are those of a machine that nobody else uses.
@@ -17,7 +17,7 @@ os.environ.setdefault("TWINLOCK", os.environ["TL_BUILD"] + "/bin/twinlock")
 sys.path.insert(0, str(ROOT / "tests/support"))
 
 from floods import ATTACKS, HONEST, longest_wait  # noqa: E402  the path is set above
-from live_test import Device  # noqa: E402
+from live_test import Device, query  # noqa: E402
 from retuned import Retuned  # noqa: E402
 from served import MOTOR, Box  # noqa: E402
 from supervised import end_orderly, wait_for_run  # noqa: E402
@@ -32,9 +32,13 @@ def counts(box):
     return [state[name] for name in COUNTS]
 
 
-def tell_twin(what, before, after):
+def tell_twin(what, before, after, database):
+    """Of the steps between the two."""
     lost = [new - old for old, new in zip(before, after)]
-    print(f"twin, {what:12} {lost[0]} ticks, {lost[1]} skipped, {lost[2]} deadlines missed", flush=True)
+    used = sorted(nanoseconds / 1e6 for nanoseconds, in query(
+        database, f"SELECT used_ns FROM steps WHERE step BETWEEN {before[0] + 1} AND {after[0]}"))
+    print(f"twin, {what:12} {lost[0]} ticks, {lost[1]} skipped, {lost[2]} deadlines missed; a step took {used[len(used) // 2]:.3f} ms in the middle, "
+          f"{used[len(used) * 99 // 100]:.3f} of 99 %, {used[-1]:.3f} at most", flush=True)
 
 
 def main():
@@ -48,14 +52,15 @@ def main():
         before = counts(box)
         time.sleep(seconds * len(ATTACKS))
         between = counts(box)
-        tell_twin("undisturbed", before, between)
         for attack in ATTACKS:
             wait = longest_wait(box, attack, seconds)
             is_good = is_good and wait <= LIMIT_S
             print(f"{attack.__name__:18} {wait:6.3f} s", flush=True)
-        tell_twin("attacked", between, counts(box))
+        after = counts(box)
         memory = box.memory() / 2**20
         end_orderly(live)
+        tell_twin("undisturbed", before, between, live.database)
+        tell_twin("attacked", between, after, live.database)
     print(f"memory             {memory:6.1f} MiB")
     sys.exit(0 if is_good and memory <= LIMIT_MIB else 1)
 

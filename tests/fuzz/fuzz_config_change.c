@@ -1,6 +1,7 @@
-/* A candidate against the configuration in force: what the change needs.
+/* A candidate against the configuration in force: what the change needs, if the names that are in force are allowed, and the candidate, read as a list, says more.
  *
  * Input:  a candidate; or, with a NUL between, the configuration in force and a candidate. */
+#include <stdlib.h>
 #include <string.h>
 
 #include "firmware/versions/config_change.h"
@@ -13,10 +14,23 @@ static const char usual[] =
     " \"synchronise\": {\"adjust\": {\"motor.d\": {\"nominal\": 0.0031, \"step\": 0.12}},\n"
     "  \"match\": {\"motor.omega\": {\"to\": \"plant.omega\", \"tolerance\": 1.0}}}}";
 
+static tl_allowed_names allowed;
+
+static void allow(const char *before, size_t before_size, const char *after, size_t after_size) {
+    tl_error error;
+    char *text = strndup(before, before_size);
+    char *list = strndup(after, after_size);
+    tl_fuzz_hold(text != NULL && list != NULL);
+    (void)tl_allowed_names_add_configuration(&allowed, text, &error);
+    (void)tl_allowed_names_add_list(&allowed, list, &error);
+    free(text);
+    free(list);
+}
+
 static tl_status find(const char *before, size_t before_size, const char *after, size_t after_size,
                       tl_config_change *change) {
     tl_error error = {TL_OK, ""};
-    tl_status status = tl_config_change_find(before, before_size, after, after_size, change, &error);
+    tl_status status = tl_config_change_find(before, before_size, after, after_size, &allowed, change, &error);
     tl_fuzz_hold((status == TL_OK) == (error.text[0] == '\0'));
     return status;
 }
@@ -36,6 +50,7 @@ static void check(const tl_config_change *change) {
         tl_fuzz_hold(strlen(text) < sizeof text);
     }
     tl_fuzz_hold(worst == change->needs.kind);
+    tl_fuzz_hold((change->barred > 0) == (change->needs.right == TL_CHANGE_ON_THE_BOX));
 }
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
@@ -46,13 +61,14 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
     size_t before_size = end != NULL ? (size_t)(end - after) : strlen(usual);
     size_t after_size = end != NULL ? size - before_size - 1 : size;
     after = end != NULL ? end + 1 : after;
-    if (find(before, before_size, after, after_size, &change) != TL_OK) {
-        return 0;
+    allow(before, before_size, after, after_size);
+    if (find(before, before_size, after, after_size, &change) == TL_OK) {
+        check(&change);
+        size_t count = change.count;
+        tl_fuzz_hold(find(after, after_size, before, before_size, &change) == TL_OK && change.count == count);
+        check(&change);
+        tl_fuzz_hold(find(after, after_size, after, after_size, &change) == TL_OK && change.count == 0);
     }
-    check(&change);
-    size_t count = change.count;
-    tl_fuzz_hold(find(after, after_size, before, before_size, &change) == TL_OK && change.count == count);
-    check(&change);
-    tl_fuzz_hold(find(after, after_size, after, after_size, &change) == TL_OK && change.count == 0);
+    tl_allowed_names_free(&allowed);
     return 0;
 }

@@ -22,7 +22,7 @@ def test_a_few():
 def by_hand(count, seed, processor):
     cost = many_changes(count, seed, show, processor)
     print(f"{cost.changes} changes (seed {seed}{'' if processor is None else f', on processor {processor}'}), {cost.runs} runs: {cost.ticks} ticks, none missing or twice; "
-          f"{cost.skipped} made up, {cost.misses} deadlines missed, {cost.out_of_lock} steps not within tolerance; private memory {cost.grown_kib:+} KiB")
+          f"{cost.busy} sent again as the machine was busy; {cost.skipped} made up, {cost.misses} deadlines missed, {cost.out_of_lock} steps not within tolerance; private memory {cost.grown_kib:+} KiB")
     ticks, skipped, misses = undisturbed(cost.ticks / 100, processor)
     print(f"the same time without a change: {ticks} ticks, {skipped} made up, {misses} deadlines missed")
     at_most(cost.grown_kib, GROWN_KIB, "KiB that are left behind")

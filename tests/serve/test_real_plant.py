@@ -8,7 +8,7 @@ from retuned import Retuned, match, tolerance
 from served import Box
 from supervised import end_orderly, wait_for_run
 from tree import OMEGA, expect_whole, read
-from twinlock_test import expect, main
+from twinlock_test import expect, main, scratch
 
 
 class RealBox(Box):
@@ -72,6 +72,31 @@ def test_what_is_refused():
         expect_push(box.push("--confirm"), 69, "absent")
         expect_push(box.push(change=tolerance(0.5), role="read"), 77)
         expect(live.child() == twin and live.active() == 1, f"{live.versions()}")
+        end_orderly(live)
+
+
+def test_names_of_files_and_libraries():
+    """Only those that the box has named before; and of an FMU only the file whose hash was given."""
+    allowed = scratch() / "allowed"
+    with Device(OMEGA) as device, Retuned(device.port, "--allowed", allowed) as live, RealBox(live) as box:
+        wait_for_run(live, live.database, 1)
+
+        def names(document):
+            document["components"]["motor"].update(libraries=["libm.so.6"], read=["/srv/tables"])
+
+        def another_file(document):
+            document["components"]["motor"]["sha256"] = 64 * "0"
+
+        found = box.push("--no-activate", change=names, role="commission")
+        expect_push(found, 77, 'components.motor.libraries[0]: found "libm.so.6", expected a name that', f"{allowed} has: let root add there the line: library NAME",
+                    'components.motor.read[0]: found "/srv/tables"', "on the box")
+        allowed.write_text("library libm.so.6\nfile /srv/tables\n", encoding="utf-8")
+        expect_push(box.push("--no-activate", change=names), 77, "the right to commission")
+        expect_push(box.push("--no-activate", "--restart", "--shadow", "1", change=names, role="commission"), 0, "it can be activated")
+        expect_push(box.push("--no-activate", change=another_file, role="commission"), 65, "sha256", 64 * "0", "it cannot run")
+        allowed.chmod(0o666)
+        expect_push(box.push("--no-activate", change=names, role="commission"), 77, "others than root may write it")
+        expect(live.active() == 1, f"{live.versions()}")
         end_orderly(live)
 
 

@@ -216,6 +216,7 @@ void tl_played_begin(void) {
                                              .refusals = &run->refusals,
                                              .plant = "motor",
                                              .path = run->path,
+                                             .allowed = run->allowed,
                                              .be = tl_played_be,
                                              .say = hear};
     tl_activation_begin(&run->activation, &settings);

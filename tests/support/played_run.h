@@ -48,8 +48,9 @@ typedef struct tl_played {
     tl_probation_snapshot beside; /* and by the run's twin */
     double off, off_beside;       /* what the one output that both match is off by, for each look */
     int flips, ends;
-    const char *step_s; /* of configurations, */
-    bool by_strokes;    /* which have an event horizon */
+    char allowed[PATH_MAX + 32]; /* where the administrator's list is */
+    const char *step_s;          /* of configurations, */
+    bool by_strokes;             /* which have an event horizon */
 
     /* What was said to who has asked. */
     tl_control_reply said[TL_PLAYED_SAID];

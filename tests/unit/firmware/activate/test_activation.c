@@ -5,6 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/resource.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include <unity.h>
@@ -217,26 +218,79 @@ static void test_in_safe_hold(void) {
     TEST_ASSERT_EQUAL_UINT64(2, run->versions.active);
 }
 
-/* Whoever sends it: what names a file comes from the box. */
-static void test_what_does_not_come_by_the_network(void) {
+/* The configuration with something else in place of its FMU's name. */
+static tl_control_result take_fmu(const char *fmu, tl_control_origin origin) {
     char text[TL_PLAYED_TEXT];
+    char edited[TL_PLAYED_TEXT];
     tl_control_request request;
-    size_t size = tl_played_write(text, "1", 1);
-    char *fmu = strstr(text, "motor.fmu");
-    memcpy(fmu, "/a/b.fmu ", strlen("motor.fmu"));
+    (void)tl_played_write(text, "1", 1);
+    char *at = strstr(text, "\"motor.fmu\"");
+    int size = snprintf(edited, sizeof edited, "%.*s%s%s", (int)(at - text), text, fmu, at + strlen("\"motor.fmu\""));
     memset(&request, 0, sizeof request);
     request.right = TL_CONTROL_MAY_COMMISSION;
-    request.flags = TL_CONTROL_MAY_RESTART;
+    request.flags = TL_CONTROL_MAY_RESTART | TL_CONTROL_ONLY_CHECK;
+    request.origin = (uint32_t)origin;
+    request.shadow_s = 5;
+    tl_sha256(edited, (size_t)size, request.hash);
+    run->count = 0;
+    tl_activation_take(&run->activation, &request, edited, (size_t)size);
+    tl_played_look_until(tl_played_is_ended);
+    return (tl_control_result)run->said[run->count - 1].as.end.result;
+}
+
+static void expect_problem(const char *path, const char *text) {
+    size_t i = 0;
+    const tl_control_problem *problem = next_problem(&i);
+    TEST_ASSERT_EQUAL_STRING(path, problem->path);
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(problem->text, text), problem->text);
+}
+
+/* Whoever sends it: what names a file comes from the box. */
+static void test_what_does_not_come_by_the_network(void) {
     for (unsigned i = 0; i < TL_CONTROL_ORIGINS; i++) {
-        unsigned origin = TL_CONTROL_ORIGINS - 1 - i; /* the file on the box last */
-        request.origin = origin;
-        tl_sha256(text, size, request.hash);
-        run->count = 0;
-        tl_activation_take(&run->activation, &request, text, size);
-        tl_played_look_until(tl_played_is_ended);
-        TEST_ASSERT_EQUAL_UINT(origin == TL_CONTROL_BY_RELOAD ? TL_CONTROL_DONE : TL_CONTROL_FORBIDDEN,
-                               run->said[run->count - 1].as.end.result);
+        tl_control_result result = i == TL_CONTROL_BY_RELOAD ? TL_CONTROL_DONE : TL_CONTROL_FORBIDDEN;
+        TEST_ASSERT_EQUAL_INT(result, take_fmu("\"/a/b.fmu\"", (tl_control_origin)i));
+        TEST_ASSERT_EQUAL_INT(result, take_fmu("\"other.fmu\"", (tl_control_origin)i));
     }
+    TEST_ASSERT_EQUAL_INT(TL_CONTROL_FORBIDDEN, take_fmu("\"/a/b.fmu\"", TL_CONTROL_BY_NETWORK));
+    expect_problem("components.motor.fmu", "found \"/a/b.fmu\", expected the name of an FMU that is installed");
+    TEST_ASSERT_EQUAL_INT(TL_CONTROL_FORBIDDEN, take_fmu("\"other.fmu\"", TL_CONTROL_BY_NETWORK));
+    expect_problem("components.motor.fmu", "found \"other.fmu\" without its hash, expected \"sha256\"");
+    TEST_ASSERT_EQUAL_INT(TL_CONTROL_FORBIDDEN, take_fmu("\"motor.fmu\", \"unconfined\": true", TL_CONTROL_BY_NETWORK));
+    expect_problem("components.motor.unconfined", "found true, expected nothing: it is changed on the box");
+    TEST_ASSERT_EQUAL_INT(TL_CONTROL_DONE,
+                          take_fmu("\"other.fmu\", \"sha256\": "
+                                   "\"0123456789012345678901234567890123456789012345678901234567890123\"",
+                                   TL_CONTROL_BY_NETWORK));
+}
+
+static void write_file(const char *path, const char *text) {
+    FILE *file = fopen(path, "w");
+    TEST_ASSERT_NOT_NULL(file);
+    TEST_ASSERT_GREATER_OR_EQUAL_INT(0, fputs(text, file));
+    TEST_ASSERT_EQUAL_INT(0, fclose(file));
+    TEST_ASSERT_EQUAL_INT(0, chmod(path, 0644));
+}
+
+/* As soon as the administrator, or the file on the box, names it. */
+static void test_names_that_are_allowed(void) {
+    static const char *const library = "\"motor.fmu\", \"libraries\": [\"/lib/l.so\"]";
+    static const char *const file = "\"motor.fmu\", \"read\": [\"/srv/r\"]";
+    (void)snprintf(run->allowed, sizeof run->allowed, "%s/allowed", run->scratch.folder);
+    TEST_ASSERT_EQUAL_INT(TL_CONTROL_FORBIDDEN, take_fmu(library, TL_CONTROL_BY_NETWORK));
+    expect_problem("components.motor.libraries[0]", "/allowed has: let root add there the line: library NAME");
+    write_file(run->allowed, "file /lib/l.so\nfile /srv/r\n");
+    TEST_ASSERT_EQUAL_INT(TL_CONTROL_FORBIDDEN, take_fmu(library, TL_CONTROL_BY_NETWORK));
+    TEST_ASSERT_EQUAL_INT(TL_CONTROL_DONE, take_fmu(file, TL_CONTROL_BY_NETWORK));
+    write_file(run->allowed, "library /lib/l.so\n");
+    TEST_ASSERT_EQUAL_INT(TL_CONTROL_DONE, take_fmu(library, TL_CONTROL_BY_NETWORK));
+    TEST_ASSERT_EQUAL_INT(TL_CONTROL_FORBIDDEN, take_fmu(file, TL_CONTROL_BY_NETWORK));
+    expect_problem("components.motor.read[0]", "let root add there the line: file NAME");
+    write_file(run->path, "{\"components\": {\"motor\": {\"read\": [\"/srv/r\"]}}}");
+    TEST_ASSERT_EQUAL_INT(TL_CONTROL_DONE, take_fmu(file, TL_CONTROL_BY_NETWORK));
+    TEST_ASSERT_EQUAL_INT(0, chmod(run->allowed, 0666));
+    TEST_ASSERT_EQUAL_INT(TL_CONTROL_FORBIDDEN, take_fmu(library, TL_CONTROL_BY_NETWORK));
+    TEST_ASSERT_TRUE(tl_played_was_said(TL_CONTROL_VALIDATE, "others than root may write it"));
 }
 
 static void test_who_may_not(void) {
@@ -276,6 +330,7 @@ int main(int argc, char **argv) {
     RUN_TEST(test_a_why_of_blanks);
     RUN_TEST(test_in_safe_hold);
     RUN_TEST(test_what_does_not_come_by_the_network);
+    RUN_TEST(test_names_that_are_allowed);
     RUN_TEST(test_who_may_not);
     return tl_played_close(UNITY_END());
 }

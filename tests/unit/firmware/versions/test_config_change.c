@@ -25,17 +25,21 @@ static const char *const base =
     " \"record\": {\"file\": \"run.db\", \"commit_s\": 1}, \"realtime\": {\"priority\": 10}}\n";
 
 static tl_config_change change;
+static tl_allowed_names allowed;
 static tl_error error;
 
 void setUp(void) {
     error = (tl_error){TL_OK, ""};
 }
 
-void tearDown(void) {}
+void tearDown(void) {
+    tl_allowed_names_free(&allowed);
+}
 
 static void find(const char *before, const char *after) {
     TEST_ASSERT_EQUAL_INT_MESSAGE(
-        TL_OK, tl_config_change_find(before, strlen(before), after, strlen(after), &change, &error), error.text);
+        TL_OK, tl_config_change_find(before, strlen(before), after, strlen(after), &allowed, &change, &error),
+        error.text);
 }
 
 static void expect_needs(tl_change_kind kind, tl_change_right right, size_t count, const char *about) {
@@ -157,8 +161,10 @@ static void test_what_takes_a_new_twin(void) {
          "components.motor.set.table: 2 → \"other\" (new twin, needs the right to commission)"},
         {"motor.fmu", "/tmp/motor.fmu", TL_CHANGE_NEW_TWIN, TL_CHANGE_ON_THE_BOX,
          "components.motor.fmu: \"motor.fmu\" → \"/tmp/motor.fmu\" (new twin, on the box only)"},
-        {"motor.fmu", "pump.fmu", TL_CHANGE_NEW_TWIN, TL_CHANGE_BY_COMMISSION,
-         "components.motor.fmu: \"motor.fmu\" → \"pump.fmu\" (new twin, needs the right to commission)"},
+        {"motor.fmu", "pump.fmu", TL_CHANGE_NEW_TWIN, TL_CHANGE_ON_THE_BOX,
+         "components.motor.fmu: \"motor.fmu\" → \"pump.fmu\" (new twin, on the box only)"},
+        {"\"read\": [\"/srv/tables\"]", "\"read\": []", TL_CHANGE_NEW_TWIN, TL_CHANGE_BY_COMMISSION,
+         "components.motor.read[0]: \"/srv/tables\" is removed (new twin, needs the right to commission)"},
         {"[\"/srv/tables\"]", "[\"/etc\", \"/srv/tables\"]", TL_CHANGE_NEW_TWIN, TL_CHANGE_ON_THE_BOX,
          "components.motor.read[0]: \"/etc\" is added (new twin, on the box only)"},
         {"\"connect\": [", "\"connect\": [[\"plant.omega\", \"motor.x\"], ", TL_CHANGE_NEW_TWIN, TL_CHANGE_BY_RETUNE,
@@ -169,8 +175,10 @@ static void test_what_takes_a_new_twin(void) {
          TL_CHANGE_BY_RETUNE,
          "synchronise.match.motor.i: {\"to\":\"plant.omega\",\"tolerance\":1} is added (new twin)"},
         {"\"components\": {", "\"components\": {\"pump\": {\"fmu\": \"pump.fmu\"}, ", TL_CHANGE_NEW_TWIN,
-         TL_CHANGE_BY_COMMISSION,
-         "components.pump: {\"fmu\":\"pump.fmu\"} is added (new twin, needs the right to commission)"},
+         TL_CHANGE_ON_THE_BOX, "components.pump: {\"fmu\":\"pump.fmu\"} is added (new twin, on the box only)"},
+        {"\"components\": {", "\"components\": {\"pump\": {\"fmu\": \"pump.fmu\", \"sha256\": \"00\"}, ",
+         TL_CHANGE_NEW_TWIN, TL_CHANGE_BY_COMMISSION,
+         "components.pump: {\"fmu\":\"pump.fmu\",\"sha256\":\"00\"} is added (new twin, needs the right to commission)"},
         {" \"record\"", " \"delays\": \"measure\", \"record\"", TL_CHANGE_NEW_TWIN, TL_CHANGE_BY_RETUNE,
          "delays: \"measure\" is added (new twin)"},
     };
@@ -270,11 +278,87 @@ static void test_a_full_list(void) {
     TEST_ASSERT_EQUAL_STRING("step_s", change.edits[TL_CONFIG_EDITS - 1].path);
 }
 
+/* ---- names ---- */
+
+static const char names_in_force[] =
+    "{\"components\": {\"a\": {\"fmu\": \"/opt/a.fmu\", \"libraries\": [\"/lib/active.so\"]}},"
+    " \"sources\": {\"s\": {\"csv\": {\"file\": \"/run/active\"}}}, \"record\": {\"file\": \"/srv/run.db\"}}";
+
+/* Component b is added, and the source's file is another. */
+static void find_names(const char *component, const char *file) {
+    char after[1024];
+    (void)snprintf(
+        after, sizeof after,
+        "{\"components\": {\"a\": {\"fmu\": \"/opt/a.fmu\", \"libraries\": [\"/lib/active.so\"]}, \"b\": %s},"
+        " \"sources\": {\"s\": {\"csv\": {\"file\": \"%s\"}}}, \"record\": {\"file\": \"/srv/run.db\"}}",
+        component, file);
+    find(names_in_force, after);
+}
+
+static void expect_barred(size_t count, const char *path, const char *found, tl_change_named names) {
+    TEST_ASSERT_EQUAL_size_t_MESSAGE(count, change.barred, path);
+    TEST_ASSERT_EQUAL_INT_MESSAGE(count == 0 ? TL_CHANGE_BY_COMMISSION : TL_CHANGE_ON_THE_BOX, change.needs.right,
+                                  path);
+    for (size_t i = 0; i < count && i < TL_CONFIG_BARRED; i++) {
+        if (strcmp(change.bar[i].path, path) == 0) {
+            TEST_ASSERT_EQUAL_STRING(found, change.bar[i].found);
+            TEST_ASSERT_EQUAL_INT(names, change.bar[i].names);
+            return;
+        }
+    }
+    TEST_ASSERT_EQUAL_size_t_MESSAGE(0, count, path);
+}
+
+/* With the list, with what is active, and with neither; a file is no library. */
+static void test_names_that_are_allowed(void) {
+    const char *list = "# ours\n\nfile /run/listed\nlibrary /lib/listed.so\r\nfile /srv/two words\n";
+    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_allowed_names_add_list(&allowed, list, &error), error.text);
+    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_allowed_names_add_configuration(&allowed, names_in_force, &error),
+                                  error.text);
+    find_names("{\"fmu\": \"/opt/a.fmu\", \"libraries\": [\"/lib/active.so\", \"/lib/listed.so\"]}", "/run/listed");
+    expect_barred(0, "", "", TL_NAMES_NOTHING);
+    find_names("{\"fmu\": \"/opt/a.fmu\", \"read\": [\"/srv/two words\"], \"set\": {\"x\": \"/run/active\"}}",
+               "/run/active");
+    expect_barred(0, "", "", TL_NAMES_NOTHING);
+    find_names("{\"fmu\": \"/opt/a.fmu\", \"libraries\": [\"/run/listed\"]}", "/run/active");
+    expect_barred(1, "components.b.libraries[0]", "\"/run/listed\"", TL_NAMES_LIBRARY);
+    find_names("{\"fmu\": \"/opt/a.fmu\", \"read\": [\"/lib/listed.so\", \"/srv\"]}", "/run/../run/listed");
+    expect_barred(3, "components.b.read[1]", "\"/srv\"", TL_NAMES_FILE);
+    expect_barred(3, "sources.s.csv.file", "\"/run/../run/listed\"", TL_NAMES_FILE);
+    find_names("{\"fmu\": \"/opt/a.fmu\", \"unconfined\": true}", "/run/active");
+    expect_barred(1, "components.b.unconfined", "true", TL_NAMES_NOTHING);
+    tl_allowed_names_free(&allowed);
+    find_names("{\"fmu\": \"/opt/a.fmu\"}", "/run/listed");
+    expect_barred(2, "components.b.fmu", "\"/opt/a.fmu\"", TL_NAMES_FMU);
+    expect_barred(2, "sources.s.csv.file", "\"/run/listed\"", TL_NAMES_FILE);
+}
+
+/* An installed FMU is named with its hash; without it that is said. */
+static void test_installed_fmus(void) {
+    find_names("{\"fmu\": \"b.fmu\"}", "/run/active");
+    expect_barred(1, "components.b.fmu", "\"b.fmu\"", TL_NAMES_FMU);
+    TEST_ASSERT_TRUE(change.bar[0].is_installed);
+    find_names("{\"sha256\": \"00\", \"fmu\": \"b.fmu\"}", "/run/active");
+    expect_barred(0, "", "", TL_NAMES_NOTHING);
+    find_names("{\"fmu\": \"b.fmu\", \"sha256\": \"00\", \"keep\": []}", "/run/active");
+    expect_barred(0, "", "", TL_NAMES_NOTHING);
+    find_names("{\"fmu\": \"../b.fmu\", \"sha256\": \"00\"}", "/run/active");
+    expect_barred(1, "components.b.fmu", "\"../b.fmu\"", TL_NAMES_FMU);
+    TEST_ASSERT_FALSE(change.bar[0].is_installed);
+}
+
+/* More than are listed are counted. */
+static void test_many_that_are_barred(void) {
+    find_names("{\"fmu\": \"/x\", \"read\": [\"/1\", \"/2\", \"/3\", \"/4\", \"/5\", \"/6\", \"/7\", \"/8\", \"/9\"]}",
+               "/run/y");
+    expect_barred(11, "components.b.fmu", "\"/x\"", TL_NAMES_FMU);
+}
+
 static void test_what_is_no_json(void) {
-    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, tl_config_change_find("{", 1, "{}", 2, &change, &error));
+    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, tl_config_change_find("{", 1, "{}", 2, &allowed, &change, &error));
     TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, "the configuration in force: line 1"), error.text);
-    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA,
-                          tl_config_change_find("{\"step_s\": 1}", 13, "{\"step_s\": 01}", 14, &change, &error));
+    TEST_ASSERT_EQUAL_INT(
+        TL_BAD_DATA, tl_config_change_find("{\"step_s\": 1}", 13, "{\"step_s\": 01}", 14, &allowed, &change, &error));
     TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, "the new configuration: line 1"), error.text);
     TEST_ASSERT_EQUAL_size_t(0, change.count);
     TEST_ASSERT_EQUAL_INT(TL_CHANGE_NONE, change.needs.kind);
@@ -375,7 +459,7 @@ static void check_back(const char *text, const char *edited, const char *about) 
 
 static void check_edits(const cJSON *root, tl_test_random *random, const char *about) {
     random_edit edits[MOST_EDITS];
-    tl_change_needs worst = {TL_CHANGE_NONE, TL_CHANGE_BY_RETUNE};
+    tl_change_needs worst = {TL_CHANGE_NONE, TL_CHANGE_BY_RETUNE, TL_NAMES_NOTHING};
     char *text = cJSON_Print(root);
     size_t count = choose_edits(root, edits, random);
     for (size_t i = 0; i < count; i++) {
@@ -464,6 +548,9 @@ int main(void) {
     RUN_TEST(test_the_same);
     RUN_TEST(test_order);
     RUN_TEST(test_a_full_list);
+    RUN_TEST(test_names_that_are_allowed);
+    RUN_TEST(test_installed_fmus);
+    RUN_TEST(test_many_that_are_barred);
     RUN_TEST(test_what_is_no_json);
     RUN_TEST(test_random_edits);
     return UNITY_END();
