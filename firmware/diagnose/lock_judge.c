@@ -25,6 +25,9 @@ static const double NEGLIGIBLE = 0.1;
 /* Tolerances. */
 static const double FAR_AWAY = 10.0;
 
+/* The same, beyond which is no plant: a converter of 24 bits tells 2e7 levels, and a start from 0 may be as far from the plant as its range is wide. */
+static const double RUNAWAY = 1e9;
+
 /* u is where it was if it is within so much of the way that it has been meanwhile. */
 static const double SAME_PLACE = 0.1;
 static const double IN_CYCLE = 0.5;
@@ -48,6 +51,7 @@ typedef struct finding {
     int period;    /* of the cycle */
     bool differed; /* degraded: an FMU, and no signal */
     bool cycles;   /* lost: u is in a limit cycle */
+    bool ran_away; /* lost: an output has */
     bool is_far;   /* lost: it is ten tolerances off, and not only out of one */
     bool at_bound; /* tracking: u is at a bound, and not only unusual */
 } finding;
@@ -148,17 +152,39 @@ static double distance_of_stroke(const tl_record *record) {
     return within ? 0.0 : size < 1.0 ? 1.0 : size;
 }
 
-static void see_tolerance(const tl_lock_judge *judge, const tl_record *record, tl_lock_part *part) {
+/* How far it is off. */
+static double see_tolerance(const tl_lock_judge *judge, const tl_record *record, tl_lock_part *part) {
     double away = is_by_strokes(judge) ? distance_of_stroke(record) : distance(judge, record);
     part->outside += away < 1.0 ? 0 : 1; /* not a number is as far as can be */
     part->far += away < FAR_AWAY ? 0 : 1;
     part->worst = away <= part->worst ? part->worst : away;
+    return away;
+}
+
+/* A search that ended with candidates, and had the time for them. At nominal there may be no J, since nothing was searched. */
+static bool has_objective(const tl_record *record) {
+    return record->stop != TL_STOP_TIME && (record->flags & TL_FLAG_WITHOUT_NOMINAL) == 0 &&
+           (record->outcome == TL_FIRST_GUESS || record->outcome == TL_OPTIMISED || record->outcome == TL_BEST_SO_FAR);
+}
+
+static bool has_run_away(const tl_lock_judge *judge, const tl_record *record, double away) {
+    bool ran_away = !(away < RUNAWAY) || (has_objective(record) && !isfinite(record->objective));
+    for (size_t i = 0; i < judge->config->match_count; i++) {
+        ran_away = ran_away || !isfinite(record->y[i]);
+    }
+    return ran_away;
 }
 
 /* It would be further from nominal if it might. */
-static void see_bounds(const tl_account_adjust *adjust, double u, double nominal, uint32_t *at_bound) {
+static bool is_at_bound(const tl_account_adjust *adjust, double u, double nominal) {
     bool is_there = u <= adjust->lower || u >= adjust->upper;
-    *at_bound += is_there && fabs(u - nominal) > NEGLIGIBLE * adjust->step ? 1 : 0;
+    return is_there && fabs(u - nominal) > NEGLIGIBLE * adjust->step;
+}
+
+static void see_bounds(tl_lock_judge *judge, size_t v, const tl_record *record, tl_lock_part *part) {
+    bool is_there = is_at_bound(&judge->adjust[v], record->u[v], record->u_hat[v]);
+    part->at_bound[v] += is_there ? 1 : 0;
+    tl_bound_stay_step(&judge->stay[v], tl_time_of_step(0, judge->config->step, record->step), is_there);
 }
 
 static void see_cycle(const tl_lock_judge *judge, size_t v, uint32_t cycling[TL_LOCK_PERIODS + 1]) {
@@ -216,7 +242,7 @@ static void see_corrections(tl_lock_judge *judge, const tl_record *record, tl_lo
         widen(&part->u[v], u, part->steps == 0);
         if (is_real(judge, v)) {
             part->correction[v] += fabs(u - record->u_hat[v]);
-            see_bounds(&judge->adjust[v], u, record->u_hat[v], &part->at_bound[v]);
+            see_bounds(judge, v, record, part);
             see_cycle(judge, v, part->cycling[v]);
         }
     }
@@ -232,6 +258,7 @@ static void add_part(const tl_lock_part *part, const tl_config *config, window *
     all->outside += part->outside;
     all->far += part->far;
     all->jumps += part->jumps;
+    all->ran_away += part->ran_away;
     all->differed += part->differed;
     all->samples += part->samples;
     all->worst = part->worst <= all->worst ? all->worst : part->worst;
@@ -306,7 +333,8 @@ static bool judge_lost(tl_lock_judge *judge, const window *all, finding *found) 
     found->cycles =
         find_cycle(judge, all, &found->which, &found->period) && is_beyond(outside, &OUTSIDE_IN_CYCLE, inside);
     found->is_far = is_beyond(far, &FAR_OUTSIDE, inside);
-    return found->is_far || found->cycles || is_beyond(outside, &OUTSIDE, inside);
+    found->ran_away = all->ran_away != 0;
+    return found->ran_away || found->is_far || found->cycles || is_beyond(outside, &OUTSIDE, inside);
 }
 
 static bool judge_degraded(const tl_lock_judge *judge, const window *all, finding *found) {
@@ -386,7 +414,12 @@ static void tell_cycle(const tl_lock_judge *judge, const window *all, const find
 
 static void tell_lost(const tl_lock_judge *judge, const window *all, const finding *found, char cause[TL_LOCK_CAUSE]) {
     uint32_t compared = count_compared(all);
-    if (found->is_far) {
+    if (found->ran_away) {
+        (void)snprintf(cause, TL_LOCK_CAUSE,
+                       "an output, or J, has run away: it was off by %.0e tolerances or more, or not finite, in %u of "
+                       "the last %u %s",
+                       RUNAWAY, (unsigned)all->ran_away, (unsigned)all->steps, units(judge));
+    } else if (found->is_far) {
         (void)snprintf(cause, TL_LOCK_CAUSE,
                        "%.0f %% of the last %u %s are off by %.0f tolerances or more (limit %.0f %%), at worst by %.3g",
                        HUNDRED * share(all->far, compared), (unsigned)compared, units(judge), FAR_AWAY,
@@ -532,12 +565,17 @@ const tl_lock_change *tl_lock_judge_step(tl_lock_judge *judge, const tl_record *
         forget(judge);
     }
     tl_lock_part *part = &judge->part[judge->at];
+    double away = 0.0;
     if (is_compared(judge, record)) {
-        see_tolerance(judge, record, part);
+        away = see_tolerance(judge, record, part);
     } else if (is_searched(record)) {
         part->between++;
     } else {
         part->free++;
+    }
+    if (has_run_away(judge, record, away)) {
+        part->ran_away++;
+        judge->tally.ran_away++;
     }
     part->differed += (record->flags & TL_FLAG_DIFFERED) != 0 ? 1 : 0;
     see_outputs(judge, record, part);
@@ -550,10 +588,15 @@ bool tl_lock_judge_is_astray(const tl_lock_judge *judge) {
     return judge->astray;
 }
 
+tl_bound_turn tl_lock_judge_bound(const tl_lock_judge *judge, size_t adjust, double *share) {
+    *share = judge->stay[adjust].share;
+    return judge->stay[adjust].turn;
+}
+
 void tl_lock_judge_get(const tl_lock_judge *judge, tl_lock_tally *tally) {
     tl_lock_judge last = *judge;
     last.pending += last.part[last.at].steps;
-    if (!last.judged && last.pending != 0) {
+    if ((!last.judged || last.part[last.at].ran_away != 0) && last.pending != 0) {
         (void)judge_now(&last);
     }
     last.tally.steps[last.tally.state] += last.pending;

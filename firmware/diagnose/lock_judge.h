@@ -5,6 +5,7 @@
  * Window:  a step proves nothing, and neither do twenty in a row: a twin that is lost can be within tolerance at every second step. So shares
  *          of a window count, and how far off it is. The window is ten parts of 0.1 s each, or of two steps if they are longer; the
  *          state is judged at the end of each part. With an event horizon a step that counts is a stroke whose search has ended.
+ * Runaway: one step is enough if an output is further from its measurement than any measurement can resolve, or is no finite number, or a search's J is none.
  * Limits:  each state is left at another limit than it is entered at, so that a twin between two of them does not chatter.
  * Usual:   what Δu is on average while the twin is in lock, learned over TL_LOCK_LEARNS parts before it is held against, and slowly ever after.
  * Thread:  plain data; one thread at a time.
@@ -16,6 +17,7 @@
 #include <stdint.h>
 
 #include "firmware/config/config.h"
+#include "firmware/diagnose/bound_stay.h"
 #include "firmware/diagnose/lock_tally.h"
 #include "master/twin/account.h"
 
@@ -42,6 +44,7 @@ typedef struct tl_lock_part {
     uint32_t far;     /* and by ten tolerances or more */
     uint32_t
         jumps; /* in which an output has gone that far from the step before, and further than its measurement goes */
+    uint32_t ran_away;                /* in which an output, or J, was beyond all measure */
     uint32_t differed;                /* before which an FMU was found not to come back to where it was */
     double worst;                     /* tolerances */
     uint32_t samples;                 /* of the plant, */
@@ -73,6 +76,7 @@ typedef struct tl_lock_judge {
     double stride[TL_MAX_MATCH];                  /* the largest step of y_hat, fading */
     uint32_t u_count;                             /* as far as there were some */
     double usual[TL_MAX_ADJUST];                  /* |Δu| on average */
+    tl_bound_stay stay[TL_MAX_ADJUST];            /* of those that are numbers */
     uint32_t learned;                             /* parts */
     bool judged;                                  /* there is a state */
     bool astray;
@@ -107,7 +111,10 @@ const tl_lock_change *tl_lock_judge_step(tl_lock_judge *judge, const tl_record *
  * not astray: to begin anew would not make it a better model, and would lose what it has been through. */
 bool tl_lock_judge_is_astray(const tl_lock_judge *judge);
 
-/* So far. A run that ended before its first window was full is judged by what there is of it. */
+/* Whether with the last step this variable has been at a bound for most of the last minute, or is not any more; and the share of that minute. */
+tl_bound_turn tl_lock_judge_bound(const tl_lock_judge *judge, size_t adjust, double *share);
+
+/* So far. A run that ended before its first window was full is judged by what there is of it; so is one in whose last steps an output ran away. */
 void tl_lock_judge_get(const tl_lock_judge *judge, tl_lock_tally *tally);
 
 #endif

@@ -27,6 +27,7 @@ typedef struct tl_lock_tally {
     uint64_t within;                /* steps of those tenths of a window in which no step was out of tolerance */
     uint64_t changes;               /* of the state */
     uint64_t losses;                /* how often it was lost */
+    uint64_t ran_away;              /* steps in which an output, or J, was beyond all measure */
 } tl_lock_tally;
 
 /* "free", "locked", …. */
@@ -42,7 +43,7 @@ double tl_lock_tally_percent(const tl_lock_tally *tally);
 void tl_lock_tally_write(const tl_lock_tally *tally, char text[TL_LOCK_SENTENCE]);
 
 /* Whether at least `percent` of the steps were in lock. 0: whether the twin ever was, or was within tolerance in
- * ten steps and more of whole tenths of a window; of a run that was shorter than a window that is not asked. */
+ * ten steps and more of whole tenths of a window; of a run that was shorter than a window that is not asked. And whether it never ran away. */
 bool tl_lock_tally_is_enough(const tl_lock_tally *tally, double percent);
 
 #endif

@@ -45,6 +45,13 @@ tl_status tl_summary_require_lock(const tl_summary *summary, const tl_config *co
         return tl_fail(error, TL_NOT_LOCKED, "the twin was in lock in %.2f %% of the steps, and %g %% were required",
                        tl_lock_tally_percent(&summary->lock), percent);
     }
+    if (summary->lock.ran_away != 0) {
+        return tl_fail(error, TL_NOT_LOCKED,
+                       "an output, or J, has run away in %" PRIu64
+                       " steps: the run's events say when (--db records them); look at the model, and at the bounds of "
+                       "what is adjusted",
+                       summary->lock.ran_away);
+    }
     return tl_fail(error, TL_NOT_LOCKED,
                    "the twin was never in lock: the run's events say why (--db records them); look at the signals, the "
                    "tolerance, the bounds of what is adjusted, and the model");
@@ -80,6 +87,7 @@ static void add_lock(tl_json_writer *json, const tl_lock_tally *lock) {
     tl_json_close(json);
     tl_json_add_count(json, "changes", lock->changes);
     tl_json_add_count(json, "losses", lock->losses);
+    tl_json_add_count(json, "ran_away", lock->ran_away);
     tl_json_close(json);
 }
 

@@ -70,6 +70,7 @@ static void keep(tl_cycle *cycle, int64_t tick, const tl_record *record) {
     if (change != NULL) {
         tl_watch_lock(&cycle->watch, tick, change);
     }
+    tl_watch_bounds(&cycle->watch, tick, &cycle->rescue.judge);
     if (cycle->has_run) {
         tl_twin_recorder_put(cycle->settings.outbox, record, cycle->settings.assembly->twin);
     }

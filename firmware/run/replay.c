@@ -21,6 +21,9 @@ static void keep(const tl_replay *replay, int64_t tick, const tl_twin_result *re
     if (replay->watch != NULL && change != NULL) {
         tl_watch_lock(replay->watch, tick, change);
     }
+    if (replay->watch != NULL) {
+        tl_watch_bounds(replay->watch, tick, replay->judge);
+    }
     if (replay->recorder != NULL) {
         tl_recorder_put_step(replay->recorder, record, result->besides.counts);
     }

@@ -58,6 +58,9 @@ void tl_watch_record(tl_watch *watch, int64_t tick, const tl_record *record);
 /* The judge has found another state (lock_judge.h) with the record that was complete at this tick. */
 void tl_watch_lock(const tl_watch *watch, int64_t tick, const tl_lock_change *change);
 
+/* What the judge says of u at its bounds, after each record. */
+void tl_watch_bounds(const tl_watch *watch, int64_t tick, const tl_lock_judge *judge);
+
 /* The twin has the tuning of this configuration from this tick on. */
 void tl_watch_retune(const tl_watch *watch, int64_t tick, const char *hash);
 

@@ -27,12 +27,23 @@ def make(**macros):
 @functools.cache
 def make_late(step):
     """The path of one whose states are right until this step, of all that it executes: see late.c."""
+    return _make_model("late", LATE=step)
+
+
+@functools.cache
+def make_runaway(**macros):
+    """The path of one whose output grows without an end: see runaway.c."""
+    return _make_model("runaway", **macros)
+
+
+def _make_model(name, **macros):
+    """tests/fmu/keeper/NAME.c, with the functions of our own FMUs."""
     folder = scratch()
     hostile_fmu.describe(folder / "description.h")
-    sources = [*hostile_fmu.OWN_STATE, SOURCE / "tests" / "fmu" / "keeper" / "late.c"]
-    hostile_fmu.compile_shared(folder / "lag.so", sources, {"LATE": step}, folder)
-    hostile_fmu.package(folder / "late.fmu", hostile_fmu.DESCRIPTION, folder / "lag.so")
-    return folder / "late.fmu"
+    sources = [*hostile_fmu.OWN_STATE, SOURCE / "tests" / "fmu" / "keeper" / f"{name}.c"]
+    hostile_fmu.compile_shared(folder / "lag.so", sources, macros, folder)
+    hostile_fmu.package(folder / f"{name}.fmu", hostile_fmu.DESCRIPTION, folder / "lag.so")
+    return folder / f"{name}.fmu"
 
 
 @functools.cache

@@ -268,6 +268,68 @@ static void test_numbers_that_are_none(void) {
 }
 
 /* What a search makes of a long horizon is another matter: it is the committed steps that are held against the plant. */
+/* One step is enough, in a window that is full and in what is left at the end; and it is counted. */
+static void test_a_runaway(void) {
+    lock();
+    one(0.9e9);
+    many(WITHIN, PART - 1);
+    TEST_ASSERT_EQUAL_INT(TL_LOCK_LOCKED, tally().state);
+    TEST_ASSERT_EQUAL_UINT64(0, tally().ran_away);
+    one(1.1e9);
+    TEST_ASSERT_EQUAL_INT(TL_LOCK_LOST, tally().state); /* if it ended here */
+    expect_no_change();
+    many(WITHIN, PART - 1);
+    expect_change(TL_LOCK_LOST, "an output, or J, has run away: it was off by 1e+09 tolerances or more, or not finite, "
+                                "in 1 of the last 100 steps");
+    TEST_ASSERT_EQUAL_UINT64(1, tally().ran_away);
+    many(WITHIN, WINDOW);
+    expect_change(TL_LOCK_LOCKED, "100 % of the last 100 steps are within tolerance");
+}
+
+static void test_an_objective_that_is_not_finite(void) {
+    static const struct {
+        tl_outcome outcome;
+        tl_stop stop;
+        uint64_t ran_away;
+    } cases[] = {{TL_OPTIMISED, TL_STOP_NONE, 1},
+                 {TL_BEST_SO_FAR, TL_STOP_NONE, 1},
+                 {TL_BEST_SO_FAR, TL_STOP_TIME, 0},
+                 {TL_NOMINAL, TL_STOP_NONE, 0}};
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+        setUp();
+        lock();
+        record.outcome = cases[i].outcome;
+        record.stop = cases[i].stop;
+        record.objective = (double)NAN;
+        step();
+        TEST_ASSERT_EQUAL_UINT64(cases[i].ran_away, tally().ran_away);
+    }
+}
+
+/* Though nothing is compared. */
+static void test_an_output_that_is_no_number_any_more(void) {
+    match[0].weight = 0;
+    record.y[0] = INFINITY;
+    step();
+    TEST_ASSERT_EQUAL_UINT64(1, tally().ran_away);
+}
+
+static void test_at_a_bound_for_a_minute(void) {
+    double share = 0.0;
+    int reached = 0;
+    int left = 0;
+    for (int i = 0; i < 20000; i++) {
+        record.u[0] = i < 10000 ? 2 : 0.5;
+        record.u[1] = 1;
+        one(WITHIN);
+        reached += tl_lock_judge_bound(&judge, 0, &share) == TL_BOUND_REACHED ? 1 : 0;
+        left += tl_lock_judge_bound(&judge, 0, &share) == TL_BOUND_LEFT ? 1 : 0;
+        TEST_ASSERT_EQUAL_INT(TL_BOUND_AS_BEFORE, tl_lock_judge_bound(&judge, 1, &share));
+    }
+    TEST_ASSERT_EQUAL_INT(1, reached);
+    TEST_ASSERT_EQUAL_INT(1, left);
+}
+
 static void test_what_the_search_says_does_not_count(void) {
     record.outcome = TL_BEST_SO_FAR;
     record.objective = 40;
@@ -551,6 +613,10 @@ int main(void) {
     RUN_TEST(test_what_swings_unmeasured);
     RUN_TEST(test_a_twin_that_is_elsewhere);
     RUN_TEST(test_numbers_that_are_none);
+    RUN_TEST(test_a_runaway);
+    RUN_TEST(test_an_objective_that_is_not_finite);
+    RUN_TEST(test_an_output_that_is_no_number_any_more);
+    RUN_TEST(test_at_a_bound_for_a_minute);
     RUN_TEST(test_what_the_search_says_does_not_count);
     RUN_TEST(test_several_outputs);
     RUN_TEST(test_what_is_followed_does_not_count);

@@ -39,6 +39,13 @@ static void test_what_is_enough(void) {
 }
 
 /* Without a percentage: once is enough, and who stops a run at its start has not failed. */
+static void test_what_ran_away_is_not_enough(void) {
+    const tl_lock_tally tally = {.steps = {[TL_LOCK_LOCKED] = 99, [TL_LOCK_LOST] = 1}, .ran_away = 1, .windows = 9};
+    TEST_ASSERT_FALSE(tl_lock_tally_is_enough(&tally, 0));
+    TEST_ASSERT_TRUE(tl_lock_tally_is_enough(&tally, 99));
+    expect_sentence("free at the end; 99.0 % locked, 1.0 % lost; ran away in 1 steps", tally);
+}
+
 static void test_what_is_enough_at_least(void) {
     tl_lock_tally never = {.steps = {[TL_LOCK_FREE] = 5, [TL_LOCK_LOST] = 5}, .windows = 1};
     TEST_ASSERT_FALSE(tl_lock_tally_is_enough(&never, 0));
@@ -58,6 +65,7 @@ int main(void) {
     RUN_TEST(test_the_sentence_at_the_end);
     RUN_TEST(test_a_run_that_was_never_in_lock);
     RUN_TEST(test_what_is_enough);
+    RUN_TEST(test_what_ran_away_is_not_enough);
     RUN_TEST(test_what_is_enough_at_least);
     return UNITY_END();
 }
