@@ -42,3 +42,15 @@ void tl_figures_json_add_resumption(tl_json_writer *json, const tl_resumption *r
     tl_json_add_text(json, "from", tl_resumed_from_name(resumption->from));
     tl_json_close(json);
 }
+
+void tl_figures_json_add_lock(tl_json_writer *json, const tl_lock_tally *lock) {
+    tl_json_add_text(json, "state", tl_lock_state_name(lock->state));
+    tl_json_add_number(json, "percent", tl_lock_tally_percent(lock));
+    tl_json_open_object(json, "steps");
+    for (int i = 0; i < TL_LOCK_STATES; i++) {
+        tl_json_add_count(json, tl_lock_state_name((tl_lock_state)i), lock->steps[i]);
+    }
+    tl_json_close(json);
+    tl_json_add_count(json, "changes", lock->changes);
+    tl_json_add_count(json, "losses", lock->losses);
+}

@@ -6,6 +6,7 @@
 #ifndef TL_FIRMWARE_REPORT_FIGURES_JSON_H
 #define TL_FIRMWARE_REPORT_FIGURES_JSON_H
 
+#include "firmware/diagnose/lock_tally.h"
 #include "firmware/report/run_figures.h"
 #include "firmware/text/json_writer.h"
 
@@ -17,5 +18,8 @@ void tl_figures_json_add_components(tl_json_writer *json, const tl_run_figures *
 
 /* "resumed"; null if the run has begun anew. */
 void tl_figures_json_add_resumption(tl_json_writer *json, const tl_resumption *resumption);
+
+/* Of the state, into the "lock" that is open. */
+void tl_figures_json_add_lock(tl_json_writer *json, const tl_lock_tally *lock);
 
 #endif

@@ -76,17 +76,10 @@ static double or_zero(const tl_run_adjusted *adjusted, double value) {
     return adjusted->count == 0 ? 0.0 : value;
 }
 
+/* What no event tells is here only. */
 static void add_lock(tl_json_writer *json, const tl_lock_tally *lock) {
     tl_json_open_object(json, "lock");
-    tl_json_add_text(json, "state", tl_lock_state_name(lock->state));
-    tl_json_add_number(json, "percent", tl_lock_tally_percent(lock));
-    tl_json_open_object(json, "steps");
-    for (int i = 0; i < TL_LOCK_STATES; i++) {
-        tl_json_add_count(json, tl_lock_state_name((tl_lock_state)i), lock->steps[i]);
-    }
-    tl_json_close(json);
-    tl_json_add_count(json, "changes", lock->changes);
-    tl_json_add_count(json, "losses", lock->losses);
+    tl_figures_json_add_lock(json, lock);
     tl_json_add_count(json, "ran_away", lock->ran_away);
     tl_json_close(json);
 }

@@ -154,6 +154,15 @@ static void print_steps(const show_page *page) {
     }
 }
 
+/* In the words with which a run ends. */
+static void print_lock(const show_page *page) {
+    char text[TL_LOCK_SENTENCE];
+    if (tl_lock_tally_total(&page->summary.lock) > 0) {
+        tl_lock_tally_write(&page->summary.lock, text);
+        (void)fprintf(page->file, "  lock           %s\n", text);
+    }
+}
+
 /* Of the whole run, whatever part of it is shown. */
 static void print_ledger(const show_page *page) {
     tl_recorder_component total = tl_run_figures_total(&page->summary.figures);
@@ -201,6 +210,7 @@ static void print_run(const show_page *page) {
                   clean(page, run->configuration_hash, name, sizeof name),
                   clean(page, run->version, version, sizeof version));
     print_steps(page);
+    print_lock(page);
     print_ledger(page);
     print_recorded(page);
 }

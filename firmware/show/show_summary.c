@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "firmware/history/history_rows.h"
+#include "firmware/show/show_lock.h"
 
 static int64_t steps_between(const tl_show_summary *summary) {
     return summary->range[1] - summary->range[0] + 1;
@@ -146,5 +147,5 @@ tl_status tl_show_summarise(tl_history *history, const tl_history_run *run, int6
     };
     status = tl_history_rows(history, run, summary->range, &visitor, error);
     summary->figures.skipped = summary->figures.outcomes[TL_MADE_UP];
-    return status;
+    return status == TL_OK ? tl_show_lock(history, run, summary->range, &summary->lock, error) : status;
 }

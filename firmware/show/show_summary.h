@@ -9,6 +9,7 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+#include "firmware/diagnose/lock_tally.h"
 #include "firmware/history/history.h"
 #include "firmware/report/run_figures.h"
 
@@ -36,6 +37,7 @@ typedef struct tl_show_summary {
     const tl_recorder_signal *match, *adjust;
     size_t match_count, adjust_count;
     tl_run_figures figures; /* the ledger is of the whole run, the rest of these steps */
+    tl_lock_tally lock;     /* without a step: no event tells of it */
     tl_time period;
     tl_show_adjust detail[TL_MAX_ADJUST];
 } tl_show_summary;

@@ -72,7 +72,7 @@ FIRMWARE = {
     "firmware/diagnose": _firmware("config", others=_TWIN, public=("lock_judge", "lock_rescue", "lock_tally")),
     "firmware/report": _firmware("diagnose", "outbox", "config", others=_TWIN,
                                  public=("figures_json", "html_report", "run_end", "run_figures", "summary", "trajectory")),
-    "firmware/show": _firmware("report", "history", "outbox", "config", others=_TWIN, public=("show",)),
+    "firmware/show": _firmware("report", "history", "outbox", "diagnose", "config", others=_TWIN, public=("show",)),
     "firmware/assembly": _firmware("plant", "report", "diagnose", "record", "outbox", "fmu", "config", others=_TWIN),
     "firmware/twin": _firmware("assembly", "plant", "report", "diagnose", "record", "outbox", "fmu", "confine", "process", "config", others=_TWIN),
     "firmware/past": _firmware("twin", "assembly", "report", "history", "outbox", "config", others=_TWIN,

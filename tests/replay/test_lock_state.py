@@ -65,6 +65,9 @@ def test_a_lost_twin_says_so_and_is_brought_back():
         at_most((locked - missed) * STEP_S, 10, f"seed {seed}: locked again after so many s")
         expect(sum("begun anew" in text for _, _, text in found) == 1, f"seed {seed}: {found}")
         expect(code == 0 and told["lock"]["losses"] == 1 and told["lock"]["percent"] > 90, f"{code}, {told['lock']}")
+        shown = json.loads(run_well(["show", again, "--json"]))["lock"]
+        window = 100 * 1 / 20  # percent of the run: what is judged anew after a reset is told at its end
+        expect(shown["losses"] == 1 and shown["state"] == "locked" and abs(shown["percent"] - told["lock"]["percent"]) < window, f"{shown}, {told['lock']}")
         third, repeated, _ = recorded(config, "--recording", again)
         expect(lock_events(third) == found and repeated["adjust"] == told["adjust"] and repeated["match"] == told["match"],
                f"seed {seed}: the replay of the replay is another one: {repeated} not {told}")

@@ -232,6 +232,34 @@ static void test_since_counts_back_from_the_end(void) {
     expect_in("run 1 is a replay, its steps have no date", errors);
 }
 
+/* What is before the first change counts as that; other events of the lock's change nothing. */
+static void test_the_shares_of_the_lock(void) {
+    record_known("run");
+    TEST_ASSERT_EQUAL_INT(0, SHOW(path));
+    expect_not_shown("  lock  ");
+    TEST_ASSERT_EQUAL_INT(0, SHOW(path, "--json"));
+    expect_shown("\"lock\":\tnull");
+    tl_sql_execute(
+        path,
+        "INSERT INTO events (run, at, tick, severity, source, text) SELECT 1, (SELECT max(at) FROM events), column1 + "
+        "coalesce((SELECT lead FROM runs), 0), 1, column2, column3 FROM (VALUES (99, 'lock', 'locked: 100 %'), "
+        "(400, 'lock', 'lost: far off'), (500, 'lock', 'begun anew: of step 500'), (600, 'twin', 'free: no'), "
+        "(800, 'lock', 'tracking: at a bound'), (1200, 'lock', 'locked: again'), (5000, 'lock', 'free: later'))");
+    TEST_ASSERT_EQUAL_INT(0, SHOW(path));
+    expect_shown("  lock           locked at the end; 50.0 % locked, 25.0 % tracking, 25.0 % lost\n");
+    TEST_ASSERT_EQUAL_INT(0, SHOW(path, "--json"));
+    cJSON *json = cJSON_Parse(output);
+    char *lock = cJSON_PrintUnformatted(cJSON_GetObjectItemCaseSensitive(json, "lock"));
+    TEST_ASSERT_EQUAL_STRING(
+        "{\"state\":\"locked\",\"percent\":75,\"steps\":{\"free\":0,\"locked\":800,\"tracking\":400,\"degraded\":0,"
+        "\"lost\":400},\"changes\":3,\"losses\":1}",
+        lock);
+    cJSON_free(lock);
+    cJSON_Delete(json);
+    TEST_ASSERT_EQUAL_INT(0, SHOW(path, "--since", "8s"));
+    expect_shown("  lock           locked at the end; 50.0 % locked, 50.0 % tracking\n");
+}
+
 static void test_the_run_can_be_chosen(void) {
     record_known("replay");
     record_known("run");
@@ -770,6 +798,7 @@ int main(void) {
     RUN_TEST(test_a_pipe_gets_plain_text);
     RUN_TEST(test_a_live_run_has_dates);
     RUN_TEST(test_since_counts_back_from_the_end);
+    RUN_TEST(test_the_shares_of_the_lock);
     RUN_TEST(test_the_run_can_be_chosen);
     RUN_TEST(test_many_runs_and_events);
     RUN_TEST(test_what_was_removed_and_lost_is_said);
