@@ -267,6 +267,22 @@ static CURLcode perform(asking *self, const char *url, struct curl_slist *header
     return curl_easy_perform(curl);
 }
 
+static tl_push_outcome outcome_of(CURLcode code) {
+    switch (code) {
+    case CURLE_SSL_PINNEDPUBKEYNOTMATCH:
+        return TL_PUSH_STRANGER;
+    case CURLE_COULDNT_CONNECT:
+        return TL_PUSH_NOBODY;
+    case CURLE_SEND_ERROR:
+    case CURLE_RECV_ERROR:
+    case CURLE_GOT_NOTHING:
+    case CURLE_PARTIAL_FILE:
+        return TL_PUSH_HUNG_UP;
+    default:
+        return TL_PUSH_BROKEN;
+    }
+}
+
 tl_push_outcome tl_push_link_ask(tl_push_link *link, tl_push_request *request, tl_error *error) {
     char url[3 * TEXT];
     asking self = {.link = link, .request = request};
@@ -285,7 +301,5 @@ tl_push_outcome tl_push_link_ask(tl_push_link *link, tl_push_request *request, t
     }
     (void)tl_fail(error, TL_TRY_AGAIN, "%.100s: %s", link->box,
                   link->said[0] != '\0' ? link->said : curl_easy_strerror(code));
-    return code == CURLE_SSL_PINNEDPUBKEYNOTMATCH ? TL_PUSH_STRANGER
-           : code == CURLE_COULDNT_CONNECT        ? TL_PUSH_NOBODY
-                                                  : TL_PUSH_BROKEN;
+    return outcome_of(code);
 }

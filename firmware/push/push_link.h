@@ -2,7 +2,7 @@
  *
  * Purpose: the certificate of a box is its own, so it is compared with a pin. That is done in a connection of its own, by which nothing is sent; from then
  *          on libcurl takes that key only. A token never goes to anybody else.
- * Errors:  TL_PUSH_NOBODY: nobody is there; TL_PUSH_STRANGER: another box; TL_PUSH_BROKEN: the connection ended. `error` says all.
+ * Errors:  TL_PUSH_NOBODY: nobody is there; TL_PUSH_STRANGER: another box; TL_PUSH_HUNG_UP: it has ended the connection; TL_PUSH_BROKEN: something else is wrong with that. `error` says all.
  * Thread:  one.
  */
 #ifndef TL_FIRMWARE_PUSH_PUSH_LINK_H
@@ -20,6 +20,7 @@ typedef enum tl_push_outcome {
     TL_PUSH_WRONG,
     TL_PUSH_NOBODY,
     TL_PUSH_STRANGER,
+    TL_PUSH_HUNG_UP,
     TL_PUSH_BROKEN
 } tl_push_outcome;
 

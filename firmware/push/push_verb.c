@@ -27,6 +27,7 @@ typedef struct push {
     tl_error error;
     char text[TL_CONTROL_MOST + 1]; /* of the configuration */
     size_t size;
+    bool has_hung_up; /* the box, before its answer had an end */
 } push;
 
 /* ---- files ---- */
@@ -107,6 +108,7 @@ static int code_without(tl_push_outcome outcome) {
     case TL_PUSH_STRANGER:
         return TL_CONTROL_NOT_PERMITTED;
     case TL_PUSH_NOBODY:
+    case TL_PUSH_HUNG_UP:
         return tl_exit_code(TL_PLANT_DOWN);
     case TL_PUSH_OK:
     case TL_PUSH_BROKEN:
@@ -188,6 +190,7 @@ static void add_options(char path[PATH], const tl_push_options *options) {
 static int ask(push *self, tl_push_request *request) {
     request->context = self;
     tl_push_outcome outcome = tl_push_link_ask(self->link, request, &self->error);
+    self->has_hung_up = outcome == TL_PUSH_HUNG_UP;
     if (outcome != TL_PUSH_OK) {
         tl_log(TL_LOG_ERROR, "%s", self->error.text);
         return code_without(outcome);
@@ -201,11 +204,15 @@ static int ask(push *self, tl_push_request *request) {
 
 /* A change that somebody waits for, over the restart that it may take. `hash`: of what is to be active; "": the box has said that. */
 static int change(push *self, tl_push_request *request, const char *hash) {
-    char wanted[TL_PUSH_HASH];
-    tl_last_word_set(
+    static const char goes_on[] =
         "if the box has taken the change, it goes on there: --state shows how it is, and --cancel ends it, or returns "
-        "from it");
+        "from it";
+    char wanted[TL_PUSH_HASH];
+    tl_last_word_set(goes_on);
     int code = ask(self, request);
+    if (self->has_hung_up) {
+        tl_log(TL_LOG_NOTICE, "%s", goes_on);
+    }
     (void)snprintf(wanted, sizeof wanted, "%s", hash[0] != '\0' ? hash : self->lines.hash);
     bool is_due = self->options->wait && wanted[0] != '\0' && tl_push_follow_is_due(&self->lines);
     code = is_due ? tl_push_follow(self->link, &self->lines, wanted) : code;

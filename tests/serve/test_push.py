@@ -196,6 +196,17 @@ def test_over_a_restart():
         expect_push(push(box, config=b'{"anew": 2}'), 0, "done (version 4 is active)")
 
 
+def test_a_server_that_dies():
+    """As if nobody was there, and what may go on is said."""
+    with Box() as box, pushing(box, "--wait", config=b'{"waits": 2}') as process:
+        expect("authorise" in process.stdout.readline(), "no step")
+        box.process.kill()
+        _, err = process.communicate(timeout=20)
+        expect(process.returncode == 69 and "it goes on there" in err, f"{process.returncode} {err}")
+        box.process.wait()
+        box.start()
+
+
 def test_interrupted():
     """Ctrl-C ends who looks on, and not the change: that is said."""
     with Box() as box, pushing(box, "--wait", config=b'{"waits": 2}') as process:
