@@ -22,6 +22,9 @@
 /* Unless told otherwise: loading and instantiating may take long. */
 #define TL_FMU_PATIENCE_CALL (60 * TL_SECOND)
 
+/* Nothing may come of a process with FMUs for as long as so many calls may last: whoever is not in a call, or says so, does not escape. */
+enum { TL_FMU_PATIENCE_CALLS = 10 };
+
 /* Fields are private. */
 typedef struct tl_fmu_patience {
     tl_time limit;  /* ns of one call; 0: none */

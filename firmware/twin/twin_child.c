@@ -16,9 +16,9 @@
 /* How long it sleeps at most before it looks whether the process is alive. */
 static const tl_time LOOK = TL_SECOND / 10;
 
-/* What is not a call of an FMU, such as to unpack one, may take so many times what a call may; a tick with all its calls so many. The process says
- * itself in which call it is, and may lie: what nobody can lie about is that nothing came. */
-enum { SILENT_CALLS = 10, TICK_CALLS = 100 };
+/* A tick with all its calls may take so many times what a call may; what is not a call of an FMU, such as to unpack one, TL_FMU_PATIENCE_CALLS times. The
+ * process says itself in which call it is, and may lie: what nobody can lie about is that nothing came. */
+enum { TICK_CALLS = 100 };
 
 struct tl_twin_child {
     tl_twin_child_settings settings;
@@ -118,7 +118,8 @@ static void begin_patience(tl_twin_child *child) {
 static bool has_patience(const tl_twin_child *child) {
     const tl_time call = child->settings.call_limit;
     const tl_time end = call > TL_FMU_PATIENCE_END ? call : TL_FMU_PATIENCE_END;
-    return call == 0 || (child->idle < SILENT_CALLS * call && child->silence < TICK_CALLS * call && child->asked < end);
+    return call == 0 || (child->idle / TL_FMU_PATIENCE_CALLS < call && child->silence / TICK_CALLS < call &&
+                         child->asked < end); /* the limit may be years */
 }
 
 /* Sleeps until `wanted` messages are there, or for `longest`. False: the process has said nothing for so long that nothing will come any more; it is

@@ -353,6 +353,12 @@ static void test_what_cannot_be_built_is_said_on_the_log(void) {
     free(text);
 }
 
+/* Of which many are more than a clock can count. */
+static void test_a_limit_of_years(void) {
+    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, start(INT64_C(999999999) * TL_SECOND), error.text);
+    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_twin_child_build(child, &account, &error), error.text);
+}
+
 /* ---- liars ---- */
 
 static char lie_name[96];
@@ -585,6 +591,7 @@ int main(int argc, char **argv) {
     RUN_TEST(test_its_end_is_not_waited_for);
     RUN_TEST(test_a_check);
     RUN_TEST(test_what_cannot_be_built_is_said_on_the_log);
+    RUN_TEST(test_a_limit_of_years);
     RUN_TEST(test_it_ends_at_its_start);
     RUN_TEST(test_it_fails_at_its_start);
     RUN_TEST(test_a_result_before_it_is_built);
