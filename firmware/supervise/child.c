@@ -51,6 +51,10 @@ void tl_child_kill_silent(tl_child *child, const char *silent, tl_time silence) 
     }
 }
 
+void tl_child_let_be(tl_child *child) {
+    memset(child->seen.silence, 0, sizeof child->seen.silence);
+}
+
 /* Which call it was is not known. */
 void tl_child_kill_damaged(tl_child *child) {
     if (!child->killed) {

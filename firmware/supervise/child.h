@@ -57,6 +57,9 @@ const char *tl_child_look(tl_child *child, tl_time now, tl_time *silence);
 /* Kills it, if that was not done: a thread of it has been silent for so long. */
 void tl_child_kill_silent(tl_child *child, const char *silent, tl_time silence);
 
+/* It may be silent for as long again. */
+void tl_child_let_be(tl_child *child);
+
 /* The same: it has destroyed what it writes for others. */
 void tl_child_kill_damaged(tl_child *child);
 

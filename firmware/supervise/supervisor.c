@@ -17,6 +17,7 @@
 #include "firmware/process/interrupt.h"
 #include "firmware/process/process_end.h"
 #include "firmware/supervise/child.h"
+#include "firmware/supervise/onlooker.h"
 #include "firmware/supervise/service.h"
 
 /* Between two looks: what a hang costs beyond the patience. Shorter while something is about to happen: a twin that waits for its
@@ -421,12 +422,28 @@ static tl_time grace_of(supervisor *self, tl_member which) {
     return which == TL_MEMBER_IO && self->members[which]->is_changed ? GRACE_OF_IO : GRACE;
 }
 
+/* Has it been silent for too long? Alone the limit is another one, since nobody would begin another twin; and not if somebody holds it. */
+static bool is_to_be_killed(supervisor *self, tl_member which, const char *silent, tl_time silence) {
+    member *living = self->members[which];
+    if (silent == NULL || which != TL_MEMBER_TWIN || !self->settings->alone) {
+        return silent != NULL;
+    }
+    if (silence / TL_FMU_PATIENCE_CALLS <= self->settings->call_limit) {
+        return false;
+    }
+    bool is_held = tl_onlooker_holds(living->child.pid);
+    if (is_held) {
+        tl_child_let_be(&living->child);
+    }
+    return !is_held;
+}
+
 static void look_at_living(supervisor *self, tl_member which, tl_time now, tl_time passed) {
     member *living = self->members[which];
     bool is_twin = which == TL_MEMBER_TWIN;
     tl_time silence = 0;
     const char *silent = tl_child_look(&living->child, now, &silence);
-    if (silent != NULL && !(is_twin && self->settings->alone)) {
+    if (is_to_be_killed(self, which, silent, silence)) {
         tl_child_kill_silent(&living->child, silent, silence);
         return;
     }

@@ -18,7 +18,8 @@
  * Restart: of what failed. The twin: at once after the first failure; the pause doubles with each that is not forgiven, up to 8 s. io and the
  *          recorder: for ever; after 0.25 s at most if it could do its work before, else with pauses that double as well.
  * Hold:    after a restart loop of the twin (restarts.h) a new one is told to hold: no FMU, the plant's samples are recorded.
- * Alone:   a twin that fails is not begun again: the run ends with exit code 70. It may be silent for as long as it likes.
+ * Alone:   a twin that fails is not begun again: the run ends with exit code 70. It may be silent for longer than its threads say, for
+ *          TL_FMU_PATIENCE_CALLS times `call_limit`; while it is stopped or traced (onlooker.h) for as long as it likes.
  * Signals: SIGTERM, SIGINT and SIGHUP (but not under nohup) end all. A process that has not ended 16 s
  *          later is killed, some seconds after it would have given up an FMU that does not return (fmu_patience.h). An orderly end in any case: all failures are forgiven.
  *          Asked again after a second, each has 2 s. A supervisor that is killed takes all with it.
@@ -67,6 +68,7 @@ typedef struct tl_orders {
 
 typedef struct tl_supervisor_settings {
     bool alone;
+    tl_time call_limit;   /* alone: how long a call of an FMU may last */
     const char *state;    /* a folder for the account of restarts, of one supervisor at a time; NULL: none */
     const char *watchdog; /* the device; NULL: none */
     int watchdog_s;

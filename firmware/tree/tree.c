@@ -302,6 +302,7 @@ static tl_status print_summary(tl_tree *self, tl_error *error) {
 static int supervise(tl_tree *self) {
     const tl_supervisor_settings settings = {
         .alone = !self->settings->supervised,
+        .call_limit = self->settings->call_limit,
         .state = self->settings->state,
         .watchdog = self->settings->watchdog,
         .watchdog_s = self->settings->watchdog_s,

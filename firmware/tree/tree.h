@@ -27,6 +27,7 @@ typedef struct tl_tree_settings {
     uint64_t memory_limit;   /* bytes that the process of the FMUs may take; 0: three quarters of the machine's */
     double require_lock;     /* percent of the steps that must have been in lock; 0: any, if nobody supervises */
     bool supervised;
+    tl_time call_limit;  /* as in supervisor.h: if nobody supervises */
     const char *state;   /* as in supervisor.h: supervised only */
     const char *control; /* the socket by which the configuration is changed; NULL: it is not. Needs `state` */
     const char *allowed; /* the administrator's list of names that a configuration from the network may have */

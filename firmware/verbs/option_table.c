@@ -105,7 +105,7 @@ const tl_option tl_option_rows[TL_OPTION_COUNT] = {
      .help = "end with 3 unless the twin was in lock in at least so much of the steps;\n"
              "without this option, unless it was at some time",
      .expected = "a percentage above 0, at most 100, for example 95"},
-    {RUN, "supervise", NULL, TL_OPTION_SWITCH, SETS(supervise),
+    {RUN, "supervise", NULL, TL_OPTION_SWITCH, SETS(supervise), .alone = true,
      .help = "start the twin again if it hangs or dies, and without FMUs after a restart\n"
              "loop (safe hold); tell systemd, if that started it"},
     {RUN, "state", "DIR", TL_OPTION_TEXT, SETS(state), .needs = "supervise",
@@ -165,6 +165,9 @@ const tl_option tl_option_rows[TL_OPTION_COUNT] = {
      .expected = "a whole number"},
     {CHECK | REPLAY | PLANT, "call-limit", "S", TL_OPTION_SECONDS, SETS(call_limit_s),
      .help = "end with 70 if an FMU does not return from a call for S seconds; default 60",
+     .expected = "seconds > 0 and below 1e9, for example 600"},
+    {RUN, "call-limit", "S", TL_OPTION_SECONDS, SETS(call_limit_s), .alone = true,
+     .help = "without --supervise: end with 70 if the FMUs hang for ten times S seconds;\ndefault 60",
      .expected = "seconds > 0 and below 1e9, for example 600"},
     {CHECK | REPLAY | PLANT | RUN, "memory-limit", "MIB", TL_OPTION_MEBIBYTES, SETS(memory_limit_mib),
      .help = "how much memory the process of the FMUs may take; default: three quarters of\nthe machine's",

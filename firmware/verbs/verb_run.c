@@ -49,6 +49,7 @@ static int run(const tl_options *options, const tl_config *config, tl_tree_end *
         .memory_limit = options->memory_limit_mib * 1024 * 1024,
         .require_lock = options->require_lock,
         .supervised = options->supervise,
+        .call_limit = tl_time_of_seconds(options->call_limit_s),
         .state = options->state,
         .control = options->control,
         .allowed = options->allowed != NULL ? options->allowed : "/etc/twinlock/allowed",

@@ -324,6 +324,52 @@ def test_alone_an_fmu_crashes():
     expect(resumed == [(1, last)], f"{resumed}, not {last}")
 
 
+def hanging(device, *options):
+    """A run of nobody's but its user's, whose FMU hangs from now on; and its database."""
+    config = kills.configuration(device.port, kills.Pace())
+    database = config.parent / "twin.db"
+    os.environ["TWINLOCK_UNRULY"] = WORD
+    live = Program("run", config, *options)
+    del os.environ["TWINLOCK_UNRULY"]
+    wait_until(lambda: database.exists() and number(database, "SELECT count(*) FROM steps") > 20, "steps", live.log)
+    Supervised.tell(live, "hang")
+    return live, database
+
+
+HUNG = re.compile(r"the twin failed: it hung: \"cycle\" gave no sign of life for \d+\.\d s, in fmi2DoStep of unruly")
+
+
+def expect_given_up(live, database):
+    """Its FMU is named, on the log and by an event, and all steps until then are kept."""
+    code, _, log = live.end()
+    expect(code == 70 and HUNG.search(log), f"ended with {code}\n{log}")
+    told = query(database, "SELECT text FROM v_events WHERE severity = 'error' AND source = 'supervisor'")
+    expect(len(told) == 1 and HUNG.fullmatch(told[0][0]), f"{told}")
+    expect(number(database, "SELECT max(step) FROM steps") > 20, "steps are lost")
+    expect_whole(read(database))
+
+
+def test_alone_an_fmu_hangs():
+    """For ten times the limit of a call: that is the end."""
+    with Device(OMEGA) as device:
+        live, database = hanging(device, "--call-limit", "0.1")
+        with live:
+            expect_given_up(live, database)
+
+
+def test_alone_somebody_holds_the_twin():
+    """A debugger, or whoever stops it, for longer than that: it lives, until it is let go."""
+    with Device(OMEGA) as device:
+        live, database = hanging(device, "--call-limit", "0.1")
+        with live:
+            twin = member(live, "twin")
+            os.kill(twin, signal.SIGSTOP)
+            time.sleep(4)
+            expect(title(twin).startswith("twinlock: twin"), f"it was killed\n{live.log()}")
+            os.kill(twin, signal.SIGCONT)
+            expect_given_up(live, database)
+
+
 parser = argparse.ArgumentParser()
 parser.add_argument("words", nargs="*")
 parser.add_argument("--by-hand", action="store_true")

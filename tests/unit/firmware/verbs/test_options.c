@@ -161,6 +161,14 @@ static void test_options_that_need_another(void) {
     expect_said("--watchdog-timeout needs --watchdog DEVICE\n");
 }
 
+/* A run that is supervised has its own patience. */
+static void test_options_of_which_one_may_be_there(void) {
+    TEST_ASSERT_EQUAL_INT(TL_OPTIONS_READ, READ(TL_VERB_RUN, "c", "--call-limit", "2.5"));
+    TEST_ASSERT_EQUAL_DOUBLE(2.5, options.call_limit_s);
+    TEST_ASSERT_EQUAL_INT(TL_OPTIONS_WRONG, READ(TL_VERB_RUN, "c", "--call-limit", "2.5", "--supervise"));
+    expect_said("expected at most one of --supervise, --call-limit\n");
+}
+
 /* What would be ignored is not taken. */
 static void test_options_of_no_use(void) {
     TEST_ASSERT_EQUAL_INT(TL_OPTIONS_WRONG, READ(TL_VERB_RELOAD, "c", "--state", "--probation", "3"));
@@ -195,6 +203,7 @@ int main(void) {
     RUN_TEST(test_since);
     RUN_TEST(test_values_that_are_refused);
     RUN_TEST(test_options_that_need_another);
+    RUN_TEST(test_options_of_which_one_may_be_there);
     RUN_TEST(test_options_of_no_use);
     RUN_TEST(test_the_table);
     return UNITY_END();
