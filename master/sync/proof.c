@@ -103,7 +103,8 @@ static tl_status prove(tl_lock *lock, const tl_graph *graph, int64_t first, cons
     status = status == TL_OK ? lead_astray(lock, first, error) : status;
     status = status == TL_OK ? tl_exchange_restore(exchange, error) : status;
     status = status == TL_OK ? repeat_steps(exchange, graph, first, place->outputs, steps, culprit, error) : status;
-    return status == TL_OK ? tl_exchange_restore(exchange, error) : status;
+    status = status == TL_OK ? tl_exchange_restore(exchange, error) : status;
+    return status == TL_OK ? tl_exchange_save(exchange, error) : status; /* it may have done what no copy takes back */
 }
 
 tl_status tl_proof_of_rollback(tl_lock *lock, const tl_graph *graph, int64_t first, const tl_proof_place *place,

@@ -3,6 +3,8 @@
  * Purpose: before the first step of a synchronised twin: some steps, back, other steps with other inputs, back, and the first steps
  *          again must give the same bits at every output that is exchanged. One step is not enough: a solver inside of an FMU that begins
  *          anew after a restore shows it in the second.
+ *          Then the state is saved once more: an FMU may have done in these steps what its states, or a copy of its memory, do not take back, such as to open a
+ *          file; the next save is refused for that, and shall not be the first one of the run.
  * Other:   one whose states turn out to be wrong is led back by another way from then on, if there is one (tl_fmi2_aside), and all are proved again.
  * Thread:  the twin's.
  */
