@@ -55,6 +55,13 @@ static void take_snapshot(const tl_live_twin_pulse *twin, const tl_live_figures 
     snapshot->lock.state = figures->lock.state <= TL_LOCK_LOST ? figures->lock.state : TL_LOCK_FREE;
 }
 
+/* It came before the number of the twin that follows, by which failures are counted. */
+static void copy_failure(const tl_live_host *self, char failure[TL_PROBATION_FAILURE]) {
+    char said[TL_LIVE_STAGE_WHY] = "";
+    (void)tl_latest_read(&self->stage->failure, said, sizeof said);
+    (void)tl_clean_text(said, strnlen(said, sizeof said), failure, TL_PROBATION_FAILURE);
+}
+
 static void look(void *context, tl_activation_view *view) {
     const tl_live_host *self = context;
     const tl_live_twin_pulse *twin = twin_of_run(self);
@@ -64,6 +71,7 @@ static void look(void *context, tl_activation_view *view) {
     view->holds = twin->holds != 0;
     (void)tl_latest_read(&twin->figures, &figures, sizeof figures);
     take_snapshot(twin, &figures, &view->figures);
+    copy_failure(self, view->figures.failure);
     (void)tl_heartbeats_get_status(&twin->beats, view->line);
     view->line[sizeof view->line - 1] = '\0';
 }

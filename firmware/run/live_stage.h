@@ -18,6 +18,7 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+#include "firmware/base/latest.h"
 #include "firmware/base/sha256.h"
 #include "firmware/config/config.h"
 #include "master/base/simtime.h"
@@ -45,6 +46,7 @@ typedef struct tl_live_stage {
     uint32_t to;                 /* The place whose twin is the run's by it, */
     int64_t tick;                /* from this tick on */
     uint32_t again;              /* 1: all end, and another run begins, with another configuration */
+    tl_latest failure;           /* why a twin of the run has ended last: a text of TL_LIVE_STAGE_WHY bytes */
 } tl_live_stage;
 
 /* The newest flip. False: there is none other than `seen`. One relaxed load if there is none. */

@@ -119,6 +119,11 @@ static uint64_t ended(void *context, tl_member which, bool by_others, char reaso
     if (which == TL_MEMBER_TWIN || which == TL_MEMBER_SHADOW) {
         unreadable = end_twin(self, tl_tree_place_of(self, which), by_others, reason);
     }
+    if (which == TL_MEMBER_TWIN) {
+        char why[TL_LIVE_STAGE_WHY] = "";
+        (void)snprintf(why, sizeof why, "%.*s", TL_LIVE_STAGE_WHY - 1, reason);
+        tl_latest_publish(&tl_tree_stage(self)->failure, why, sizeof why);
+    }
     if (which == TL_MEMBER_SHADOW) {
         note_end_of_shadow(self, &tl_tree_place_of(self, which)->pulse->beats, reason);
     }

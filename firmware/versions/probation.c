@@ -120,7 +120,8 @@ static bool is_broken(tl_probation *probation, const tl_probation_snapshot *now)
     char *why = probation->why;
     why[0] = '\0'; /* what was decided, and could not be written down, counts no more */
     if (grown(probation->last.twin_failures, now->twin_failures) != 0) {
-        (void)snprintf(why, TL_PROBATION_WHY, "the twin has failed");
+        (void)snprintf(why, TL_PROBATION_WHY, "the twin has failed%s%.*s", now->failure[0] != '\0' ? ": " : "",
+                       TL_PROBATION_FAILURE - 1, now->failure);
     } else if (misses_too_much(account)) {
         (void)snprintf(why, TL_PROBATION_WHY,
                        "%" PRIu64 " of %" PRIu64 " deadlines were missed: %.3g %%, and %.3g %% before; %" PRIu64

@@ -28,6 +28,7 @@
 
 enum {
     TL_PROBATION_WHY = 192,
+    TL_PROBATION_FAILURE = 128,
     TL_PROBATION_UNSEEN = 10, /* steps */
     TL_PROBATION_MISSES = 3,
     TL_PROBATION_MISS_PERCENT = 1,
@@ -54,7 +55,8 @@ typedef struct tl_probation_snapshot {
     uint64_t skipped;
     uint64_t deadline_misses;
     tl_lock_tally lock;
-    uint64_t twin_failures; /* ends that nobody asked for */
+    uint64_t twin_failures;             /* ends that nobody asked for; */
+    char failure[TL_PROBATION_FAILURE]; /* why it was the last time; "": not known */
     bool twin_alive;
     uint64_t pairs; /* of an output and what it is matched with, both good; of a twin that matches nothing its steps */
     bool plant_is_shut; /* its sources were not opened yet */

@@ -11,11 +11,12 @@ import threading
 import zipfile
 
 from changes import moving
+from hostile_fmu import make
 from live_test import Device, bits, children, number, query, title, wait_until
 from retuned import Retuned, events, match, tolerance
-from supervised import end_orderly, wait_for_run
+from supervised import WORD, end_orderly, wait_for_run
 from tree import OMEGA, configuration, expect_whole, read
-from twinlock_test import BAD_DATA, FMUS, at_most, expect, main, run_well, scratch
+from twinlock_test import BAD_DATA, BUILD, FMUS, at_most, expect, main, run_well, scratch
 
 SHORT = "--shadow", "2", "--probation", "3"
 LONG = "--shadow", "2", "--probation", "600"
@@ -209,6 +210,55 @@ def test_a_twin_that_dies_on_probation():
         found = read(live.database)
         expect(not found.doubled, f"{found.doubled[:5]}")
         expect("failed" in live.version_on_disk(2)["reason"], f"{live.version_on_disk(2)}")
+
+
+def fails_beside(fmu, **more):
+    """One FMU more, which nobody is connected with."""
+    def change(document):
+        document["components"]["extra"] = {"fmu": str(fmu), "set": {"u": 1.0}, **more}
+    return change
+
+
+def fail_on_probation(live, candidate, fail):
+    """The new twin has taken over, and `fail` makes it fail: the old one is the run's again, and what is recorded is found to have no hole. Returns the reason."""
+    code, out, err = live.reload(live.edited(candidate), *LONG, timeout=120)
+    expect(code == 0, f"{code}\n{out}{err}{live.log()}")
+    before = shadow(live)
+    wait_until(lambda: number(live.database, "SELECT count(*) FROM steps WHERE run = 2") > 20, "run 2", live.log)
+    fail()
+    wait_until(lambda: live.active() == 1, "the first version is back", live.log, every=0.1)
+    live.wait_for("is in force: returned, by a flip: the twin has failed: it ")
+    wait_until(lambda: twins(live) == [before], "the first twin alone", live.log)
+    live.wait_for_tick(live.database)
+    end_orderly(live)
+    return live.version_on_disk(2)["reason"]
+
+
+def test_an_fmu_that_crashes_on_probation():
+    """Once: the reason says which one, and where. The twin after it makes up for it until the old one takes over: no tick is missing, and no step."""
+    os.environ["TWINLOCK_UNRULY"] = WORD
+    with Device(OMEGA) as device, moving(device), Retuned(device.port) as live:
+        del os.environ["TWINLOCK_UNRULY"]
+        wait_for_run(live, live.database, 1)
+        reason = fail_on_probation(live, fails_beside(BUILD / "tests" / "unruly.fmu"), lambda: live.tell("crash"))
+        expect(reason == "the twin has failed: it was ended by signal 11, Segmentation fault, in fmi2DoStep of extra", reason)
+        expect_whole(read(live.database))
+
+
+def test_an_fmu_that_crashes_again_on_probation():
+    """Each twin after it as well: nobody makes up for it, so what is missing are the ticks from the crash to the flip."""
+    switch = scratch() / "switch"
+    for folder in switch.parents[:2]:
+        folder.chmod(0o755)  # FMUs may have a user of their own
+    fmu = make("end", AT="fmi2DoStep", HOW=f'calls = 0; if (access("{switch}", F_OK) == 0) {{ abort(); }};')
+    with Device(OMEGA) as device, moving(device), Retuned(device.port) as live:
+        wait_for_run(live, live.database, 1)
+        reason = fail_on_probation(live, fails_beside(fmu), lambda: switch.write_text("crash", encoding="utf-8"))
+        expect(reason == "the twin has failed: it was ended by signal 6, Aborted, in fmi2DoStep of extra", reason)
+        found = read(live.database)
+        expect(not found.doubled, f"{found.doubled[:5]}")
+        missing = sorted(set(range(max(found.ticks) + 1)) - set(found.ticks))
+        at_most(len(missing), 300, "ticks of 10 ms that nobody has computed")
 
 
 def test_the_first_twin_dies_on_probation():

@@ -334,6 +334,20 @@ static void test_failures_are_those_of_the_configuration(void) {
     TEST_ASSERT_TRUE(view.figures.twin_alive);
 }
 
+/* The supervisor says it; an FMU's name may be in it. */
+static void test_why_the_twin_has_failed(void) {
+    char failure[TL_LIVE_STAGE_WHY] = "it hung, in fmi2DoStep of mo\x1btor";
+    functions.look(functions.context, &view);
+    TEST_ASSERT_EQUAL_STRING("", view.figures.failure);
+    tl_latest_publish(&stage.failure, failure, sizeof failure);
+    functions.look(functions.context, &view);
+    TEST_ASSERT_EQUAL_STRING("it hung, in fmi2DoStep of mo\\x1Btor", view.figures.failure);
+    memset(failure, 'x', sizeof failure); /* without an end */
+    tl_latest_publish(&stage.failure, failure, sizeof failure);
+    functions.look(functions.context, &view);
+    TEST_ASSERT_EQUAL_size_t(TL_PROBATION_FAILURE - 1, strlen(view.figures.failure));
+}
+
 /* What the twin sees of the plant. */
 static void test_sight(void) {
     static tl_live_figures figures;
@@ -390,6 +404,7 @@ int main(void) {
     RUN_TEST(test_tunings_are_of_the_runs_place);
     RUN_TEST(test_a_new_tenant_takes_no_tuning_of_the_one_before);
     RUN_TEST(test_failures_are_those_of_the_configuration);
+    RUN_TEST(test_why_the_twin_has_failed);
     RUN_TEST(test_sight);
     RUN_TEST(test_texts_of_the_run);
     return tl_scratch_finish(&scratch, UNITY_END());

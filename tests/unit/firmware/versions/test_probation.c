@@ -207,6 +207,16 @@ static void test_twin_that_fails(void) {
     expect_end(0.1, TL_PROBATION_RETURN, "the twin has failed");
 }
 
+static void test_why_it_fails_is_said(void) {
+    begin(60, 0.0, true);
+    now.twin_failures = 1;
+    memset(now.failure, 'x', sizeof now.failure);
+    memcpy(now.failure, "it hung ", 8);
+    TEST_ASSERT_EQUAL_INT(TL_PROBATION_RETURN, pass_seconds(0.1));
+    TEST_ASSERT_EQUAL_STRING_LEN("the twin has failed: it hung xx", probation.why, 31);
+    TEST_ASSERT_EQUAL_size_t(strlen("the twin has failed: ") + TL_PROBATION_FAILURE - 1, strlen(probation.why));
+}
+
 static void test_another_run_that_fails(void) {
     now.twin_failures = 7;
     begin(60, 0.0, true);
@@ -408,6 +418,7 @@ int main(void) {
     RUN_TEST(test_confirmed);
     RUN_TEST(test_refused);
     RUN_TEST(test_twin_that_fails);
+    RUN_TEST(test_why_it_fails_is_said);
     RUN_TEST(test_another_run_that_fails);
     RUN_TEST(test_twin_that_does_not_come);
     RUN_TEST(test_twin_that_comes_late);
