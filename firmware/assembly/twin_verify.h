@@ -12,7 +12,7 @@
 #include "master/twin/account.h"
 #include "master/twin/twin.h"
 
-enum { TL_TWIN_FINDING_TEXT = 320 };
+enum { TL_TWIN_FINDING_TEXT = 400 };
 
 /* What was found. */
 typedef struct tl_twin_look_news {

@@ -277,9 +277,17 @@ static tl_status check(const role *self, tl_status built, tl_error *error) {
                                              "the page of the check was cut: an FMU has closed what it is printed to");
 }
 
+/* A check looks at all FMUs as often as it can (far_look.h). */
+static void look_often(tl_config *config) {
+    config->verify_every = config->verify_every != 0 ? 1 : 0;
+}
+
 static void work(void *context) {
     role *self = context;
     tl_error error = {TL_OK, ""};
+    if (self->job.task == TL_TASK_CHECK) {
+        look_often(&self->assembly.config);
+    }
     tl_status status = tl_assembly_build(&self->assembly);
     if (status == TL_OK) {
         status = begin(self, &error);

@@ -298,10 +298,22 @@ static void check_delays(advice *given, const tl_config *config) {
     }
 }
 
-size_t tl_advice_print(const tl_assembly *assembly, const tl_prognosis *prognosis, FILE *file) {
+/* What is told begins with the component's name. */
+static void check_rollback(advice *given, const tl_far_look *look) {
+    char where[64];
+    if (look->news.found) {
+        (void)snprintf(where, sizeof where, "components.%.*s.rollback", (int)strcspn(look->news.text, " "),
+                       look->news.text);
+        warn(given, where, "%s", look->news.text);
+    }
+}
+
+size_t tl_advice_print(const tl_assembly *assembly, const tl_prognosis *prognosis, const tl_far_look *look,
+                       FILE *file) {
     const tl_config *config = &assembly->config;
     advice given = {.file = file};
     check_step(&given, config, prognosis);
+    check_rollback(&given, look);
     if (config->event.start.signal != NULL) {
         check_stroke_budget(&given, config, prognosis);
         check_stroke_tolerance(&given, config);

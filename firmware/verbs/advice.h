@@ -10,9 +10,10 @@
 #include <stdio.h>
 
 #include "firmware/assembly/assembly.h"
+#include "firmware/assembly/far_look.h"
 #include "firmware/verbs/prognosis.h"
 
 /* A paragraph each, of 79 columns at most, with the JSON path in front; how many there are. */
-size_t tl_advice_print(const tl_assembly *assembly, const tl_prognosis *prognosis, FILE *file);
+size_t tl_advice_print(const tl_assembly *assembly, const tl_prognosis *prognosis, const tl_far_look *look, FILE *file);
 
 #endif

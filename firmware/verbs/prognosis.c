@@ -67,6 +67,7 @@ static void run_dry(const tl_assembly *assembly, tl_prognosis *prognosis) {
         note_costs(assembly, prognosis);
         prognosis->steps++;
     }
+    prognosis->next_tick = sample.tick;
     if (status != TL_OK || prognosis->steps == 0) {
         prognosis->steps = 0;
         memset(prognosis->cost, 0, sizeof prognosis->cost);

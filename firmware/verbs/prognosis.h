@@ -25,6 +25,7 @@ typedef struct tl_prognosis {
     /* ns here; 0: not known */
     size_t steps;                         /* of the dry run; 0: the FMUs cannot step with the plant's initial values: */
     tl_error error;                       /* why */
+    int64_t next_tick;                    /* the one after it */
     tl_time step_time;                    /* of a free step */
     tl_time cost[TL_RECORDER_COMPONENTS]; /* of one execution of each component, saving its state included */
     tl_time worst_time;                   /* of `worst`; INT64_MAX stands for all that is more */

@@ -7,6 +7,7 @@
 #include <unistd.h>
 
 #include "firmware/assembly/assembly.h"
+#include "firmware/assembly/far_look.h"
 #include "firmware/base/log.h"
 #include "firmware/config/measurements.h"
 #include "firmware/errand/twin_cost.h"
@@ -325,6 +326,17 @@ static void print_places(const tl_assembly *assembly, FILE *output) {
     }
 }
 
+/* Of a twin that goes back; a trial is waited for, and looks no further. */
+static void print_far_look(const tl_assembly *assembly, const tl_far_look *look, FILE *output) {
+    tl_time step = assembly->config.step;
+    if (look->times != 0) {
+        (void)fprintf(output, "rollback\n  looked at %" PRIu64 " times, %g \342\200\246 %g s from the start: %s\n",
+                      look->times, tl_seconds(tl_time_of_step(0, step, look->first)),
+                      tl_seconds(tl_time_of_step(0, step, look->first + look->steps)),
+                      look->news.found ? "not exact" : "exact");
+    }
+}
+
 /* For a program. */
 static void print_figures(const tl_assembly *assembly, const tl_prognosis *prognosis, FILE *output) {
     tl_twin_facts facts = tl_twin_get_facts(assembly->twin);
@@ -341,6 +353,7 @@ static void print_figures(const tl_assembly *assembly, const tl_prognosis *progn
 static tl_status print_page(const tl_assembly *assembly, const tl_twin_job *job, FILE *output) {
     const tl_config *config = &assembly->config;
     tl_prognosis prognosis;
+    tl_far_look look = {.times = 0};
     tl_prognosis_make(assembly, &prognosis);
     if (tl_twin_get_facts(assembly->twin).cannot_return) {
         tl_log(TL_LOG_ERROR, "%s", prognosis.error.text);
@@ -353,10 +366,14 @@ static tl_status print_page(const tl_assembly *assembly, const tl_twin_job *job,
     tl_delay_page_print(config, output);
     print_needs(assembly, &prognosis, output);
     print_costs(assembly, &prognosis, output);
+    if (prognosis.steps != 0 && !job->cost) {
+        tl_far_look_take(assembly, prognosis.next_tick, &look);
+    }
+    print_far_look(assembly, &look, output);
     if (!job->unconfined) {
         print_places(assembly, output);
     }
-    size_t warnings = tl_advice_print(assembly, &prognosis, output);
+    size_t warnings = tl_advice_print(assembly, &prognosis, &look, output);
     (void)fputs("no problem found", output);
     if (warnings > 0) {
         (void)fprintf(output, ", %zu warning%s", warnings, warnings == 1 ? "" : "s");

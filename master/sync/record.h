@@ -100,4 +100,15 @@ const char *tl_outcome_name(tl_outcome outcome);
 const char *tl_stop_name(tl_stop stop);
 const char *tl_flag_name(tl_flag flag);
 
+/* Why an FMU does not come back to where it was (restore_cause.h). */
+typedef enum tl_restore_cause {
+    TL_CAUSE_UNKNOWN,  /* nobody has looked, or it does not show here */
+    TL_CAUSE_UNSTEADY, /* it goes two ways from one copy of all that it knows: by a clock, a file, or what no copy has */
+    TL_CAUSE_COLD,     /* other values though nothing lay between save and restore: what computes them begins anew */
+    TL_CAUSE_INCOMPLETE, /* the same values then, and others if steps lay between: its states do not hold all that steps change */
+    TL_CAUSE_REFUSES /* led back, it fails in a step that it had done */
+} tl_restore_cause;
+
+enum { TL_RESTORE_CAUSES = TL_CAUSE_REFUSES + 1 };
+
 #endif

@@ -218,6 +218,22 @@ static tl_status execute_again(tl_verifier *verifier, tl_verifier_finding *findi
     return status == TL_FMU_FATAL ? status : TL_OK;
 }
 
+/* What is in the places of the steps is needed no more. */
+static tl_status find_cause(tl_verifier *verifier, tl_restore_cause *cause, tl_error *error) {
+    const tl_restore_trial trial = {
+        .component = at_hand(verifier),
+        .macro_step = verifier->exchange->step,
+        .step = verifier->first + TL_VERIFIED_STEPS,
+        .steps = TL_VERIFIED_STEPS,
+        .state = verifier->verified[verifier->component].earlier,
+        .inputs = verifier->inputs,
+        .input_bytes = verifier->input_bytes,
+        .outputs = verifier->outputs,
+        .output_bytes = verifier->output_bytes,
+    };
+    return tl_restore_cause_find(&trial, cause, error);
+}
+
 static void count(tl_verifier *verifier, uint64_t executions, bool found) {
     tl_component *component = at_hand(verifier);
     verifier->counts.executions += component->executions - executions;
@@ -243,6 +259,11 @@ static tl_status repeat(tl_verifier *verifier, const tl_budget *budget, tl_verif
     tl_ports_read(&component->outputs, outputs_of(verifier, PRESENT));
     status = execute_again(verifier, finding, found, error);
     status = status == TL_OK ? come_back(verifier, is_kept, error) : status;
+    if (status == TL_OK && *found && finding->port == NULL) {
+        finding->cause = TL_CAUSE_REFUSES;
+    } else if (status == TL_OK && *found && is_kept && budget->now == NULL) {
+        status = find_cause(verifier, &finding->cause, error);
+    }
     tl_ports_write(&component->inputs, inputs_of(verifier, PRESENT));
     tl_ports_write(&component->outputs, outputs_of(verifier, PRESENT));
     count(verifier, executions, *found);

@@ -21,6 +21,7 @@
 #include "master/graph/exchange.h"
 #include "master/graph/graph.h"
 #include "master/sync/record.h"
+#include "master/sync/restore_cause.h"
 
 enum {
     TL_VERIFIED_STEPS = 3, /* a solver that begins anew shows it in the second */
@@ -35,6 +36,7 @@ typedef struct tl_verifier_finding {
     unsigned after;      /* 1 … TL_VERIFIED_STEPS: the how manieth since the state was saved */
     double committed;
     double again;
+    tl_restore_cause cause; /* looked for only if there is time enough, and a copy of its memory */
 } tl_verifier_finding;
 
 typedef struct tl_verifier_counts {

@@ -67,6 +67,7 @@ static void take_finding(const tl_twin_finding *from, tl_account_finding *findin
         finding->step = from->step;
         finding->after = from->after;
         finding->mended = from->mended ? 1 : 0;
+        finding->cause = (uint32_t)from->cause;
         finding->committed = from->committed;
         finding->again = from->again;
         finding->tolerances = from->tolerances;
@@ -118,6 +119,7 @@ bool tl_account_is_sound(const tl_account *account) {
                  account->adjusts <= TL_MAX_ADJUST && is_text(account->algorithm) && is_text(account->fallback) &&
                  is_text(account->finding.component) && is_text(account->finding.variable) &&
                  is_text(account->finding.unit) && account->finding.mended <= 1 &&
+                 account->finding.cause < TL_RESTORE_CAUSES &&
                  (unsigned)account->delay.state <= (unsigned)TL_DELAY_LOST;
     for (size_t i = 0; sound && i < account->components; i++) {
         sound = is_text(account->component[i].name);

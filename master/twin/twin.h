@@ -140,19 +140,21 @@ void tl_twin_reset(tl_twin *twin);
 /* What tl_twin_verify() has found: an FMU does not come back to where it was. */
 typedef struct tl_twin_finding {
     const char *component;
-    const char *variable; /* the output that is not the same; NULL: the FMU failed when it executed the step again */
-    const char *unit;     /* of it; "": none is declared */
-    int64_t step;         /* that was executed again, */
-    unsigned after;       /* the how manieth since the state that it was led back to */
-    double committed;     /* value then, */
-    double again;         /* and when it was executed again */
-    double tolerances;    /* that these are apart, of a match; NaN: the variable is not matched */
-    bool mended;          /* from now on it is led back by a copy of its memory, and not by its own states */
+    const char *variable;   /* the output that is not the same; NULL: the FMU failed when it executed the step again */
+    const char *unit;       /* of it; "": none is declared */
+    int64_t step;           /* that was executed again, */
+    unsigned after;         /* the how manieth since the state that it was led back to */
+    double committed;       /* value then, */
+    double again;           /* and when it was executed again */
+    double tolerances;      /* that these are apart, of a match; NaN: the variable is not matched */
+    tl_restore_cause cause; /* as far as it was found out */
+    bool mended;            /* from now on it is led back by a copy of its memory, and not by its own states */
 } tl_twin_finding;
 
 /* Between two ticks, in the time that is left: goes on with looking whether the FMUs still come back to where they were (sync/verifier.h). `budget`: time from `started`
  * on within which it must be done, by the clock `now` (NULL: there is none, and time enough). *found: `finding` says what. Then the next step's record has
  * TL_FLAG_DIFFERED; and those of all after it, unless the finding is mended or makes less than a hundredth of a tolerance.
+ * Cause:  without a clock it is also found out in which way that FMU does not come back, if there is a copy of all that it knows; with the calls that this takes.
  * Calls:  of one FMU at most fmi2SetFMUstate twice, fmi2GetFMUstate twice, and TL_VERIFIED_STEPS steps, which are not among the executions. Results are
  *         the same as without.
  * Errors: TL_FMU_FAILED, TL_FMU_FATAL if an FMU could not be brought to where it was; the twin is then over. */

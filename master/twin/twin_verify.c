@@ -26,6 +26,7 @@ static void describe(const tl_twin *twin, const tl_verifier_finding *found, tl_t
         .after = found->after,
         .committed = found->committed,
         .again = found->again,
+        .cause = found->cause,
         .tolerances = found->port != NULL ? tolerances_apart(twin, found) : (double)NAN,
     };
 }

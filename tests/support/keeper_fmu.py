@@ -5,6 +5,7 @@ import functools
 import hostile_fmu
 from twinlock_test import SOURCE, scratch, write_config
 
+KEEPER = SOURCE / "tests" / "fmu" / "keeper"
 STEPS = 100
 
 
@@ -13,7 +14,7 @@ def make(**macros):
     """The path of one; `macros`: what it keeps more from which step on, see keeper.c. With OWN_STATE it claims a state, which is not all of it."""
     folder = scratch()
     binary = folder / "lag.so"
-    hostile_fmu.compile_shared(binary, [SOURCE / "tests" / "fmu" / "keeper" / "keeper.c"], macros)
+    hostile_fmu.compile_shared(binary, [KEEPER / "keeper.c"], macros)
     description = hostile_fmu.DESCRIPTION.read_text(encoding="utf-8")
     description = description.replace(' canSerializeFMUstate="true"', "")
     if "OWN_STATE" not in macros:
@@ -31,6 +32,12 @@ def make_late(step):
 
 
 @functools.cache
+def make_later(name, step):
+    """The path of one that is exact until this step: "late", "cold" or "clock", see those sources."""
+    return _make_model(name, LATE=step)
+
+
+@functools.cache
 def make_runaway(**macros):
     """The path of one whose output grows without an end: see runaway.c."""
     return _make_model("runaway", **macros)
@@ -40,7 +47,11 @@ def _make_model(name, **macros):
     """tests/fmu/keeper/NAME.c, with the functions of our own FMUs."""
     folder = scratch()
     hostile_fmu.describe(folder / "description.h")
-    sources = [*hostile_fmu.OWN_STATE, SOURCE / "tests" / "fmu" / "keeper" / f"{name}.c"]
+    sources = [KEEPER / f"{name}.c", *hostile_fmu.OWN_STATE]
+    if name == "cold":
+        *others, state = sources
+        sources = [*others, folder / "state.o"]
+        hostile_fmu.compile_with(hostile_fmu.COMPILER, *hostile_fmu.FLAGS, "-I", folder, "-include", KEEPER / "other_set_state.h", "-c", state, "-o", sources[-1])
     hostile_fmu.compile_shared(folder / "lag.so", sources, macros, folder)
     hostile_fmu.package(folder / f"{name}.fmu", hostile_fmu.DESCRIPTION, folder / "lag.so")
     return folder / f"{name}.fmu"

@@ -18,12 +18,14 @@
 static tl_scratch scratch;
 static tl_assembly assembly;
 static tl_prognosis prognosis;
+static tl_far_look look;
 static char *printed;
 
 void setUp(void) {
     TEST_ASSERT_EQUAL_INT(0, setenv("TWINLOCK_FMU_PATH", TL_BINARY_DIR "/fmus", 1));
     assembly = (tl_assembly){0};
     prognosis = (tl_prognosis){.steps = 200, .step_time = 1000, .worst_time = 2000, .fitting = 60};
+    look = (tl_far_look){.times = 0};
     printed = NULL;
 }
 
@@ -50,7 +52,7 @@ static void expect_advice(size_t count, const char *text) {
     size_t size = 0;
     free(printed);
     FILE *file = open_memstream(&printed, &size);
-    size_t given = tl_advice_print(&assembly, &prognosis, file);
+    size_t given = tl_advice_print(&assembly, &prognosis, &look, file);
     (void)fclose(file);
     TEST_ASSERT_EQUAL_STRING(text, printed);
     TEST_ASSERT_EQUAL_size_t(count, given);
@@ -67,6 +69,14 @@ static void test_a_step_that_takes_too_long(void) {
     expect_advice(1, "warnings\n"
                      "  step_s: a free step takes 10 ms here, and the period is 10 ms: `run` cannot\n"
                      "    keep up on this machine\n");
+}
+
+static void test_an_fmu_that_does_not_come_back(void) {
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_test_load_assembly(LOCK, &assembly));
+    look.news.found = true;
+    (void)snprintf(look.news.text, sizeof look.news.text, "motor does not come back to where it was: so");
+    expect_advice(1, "warnings\n"
+                     "  components.motor.rollback: motor does not come back to where it was: so\n");
 }
 
 static void test_initial_values_that_fail(void) {
@@ -241,6 +251,7 @@ int main(void) {
     tl_scratch_make(&scratch, TL_BINARY_DIR, "test_advice");
     RUN_TEST(test_nothing_to_say);
     RUN_TEST(test_a_step_that_takes_too_long);
+    RUN_TEST(test_an_fmu_that_does_not_come_back);
     RUN_TEST(test_initial_values_that_fail);
     RUN_TEST(test_a_budget_as_long_as_the_period);
     RUN_TEST(test_a_budget_that_cuts_searches_short);

@@ -169,6 +169,7 @@ static void states_that_are_wrong_later_are_found(void) {
     TEST_ASSERT_EQUAL_STRING("y0", with.finding.variable);
     TEST_ASSERT_TRUE(fabs(with.finding.again - with.finding.committed) / 0.01 == with.finding.tolerances);
     TEST_ASSERT_FALSE(with.finding.mended);
+    TEST_ASSERT_EQUAL_INT(TL_CAUSE_UNKNOWN, with.finding.cause);
     TEST_ASSERT_EQUAL_size_t((size_t)(TICKS - 1 - with.found_at), flagged(&with)); /* all records since */
     TEST_ASSERT_EQUAL_UINT64(1, tl_twin_get_facts(run.twin).differed);
 }
@@ -244,6 +245,7 @@ static void a_liar_with_another_way_goes_it(void) {
     lead(&with, &fmus[1]);
     TEST_ASSERT_EQUAL_size_t(1, with.found);
     TEST_ASSERT_TRUE(with.finding.mended);
+    TEST_ASSERT_EQUAL_INT(TL_CAUSE_INCOMPLETE, with.finding.cause); /* a state that lies changes nothing at all */
     TEST_ASSERT_EQUAL_INT(1, given_up);
     TEST_ASSERT_EQUAL_size_t(1, flagged(&with));
     for (size_t i = 0; i < with.count; i++) {
@@ -282,6 +284,7 @@ static void lead_to_repetition(size_t which) {
 static void a_step_that_fails_when_it_is_repeated_is_found(void) {
     lead_to_repetition(1);
     TEST_ASSERT_NULL(with.finding.variable);
+    TEST_ASSERT_EQUAL_INT(TL_CAUSE_REFUSES, with.finding.cause);
     TEST_ASSERT_EQUAL_STRING("motor", with.finding.component);
     TEST_ASSERT_EQUAL_UINT(2, with.finding.after);
     tick(with.found_at + 1); /* the twin goes on */
