@@ -95,3 +95,9 @@ bool tl_control_result_of(const char *name, tl_control_result *result) {
     }
     return false;
 }
+
+const char *tl_control_right_note(const char *right) {
+    return strcmp(right, "commission") == 0   ? ", takes the right to commission"
+           : strcmp(right, "on the box") == 0 ? ", on the box only"
+                                              : "";
+}

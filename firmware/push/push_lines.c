@@ -3,6 +3,7 @@
 
 #include <string.h>
 
+#include "firmware/control/control_words.h"
 #include "firmware/text/clean_text.h"
 #include "firmware/text/json_reader.h"
 #include "firmware/text/json_writer.h"
@@ -50,8 +51,9 @@ static void tell_change(tl_push_lines *lines, tl_json_reader *json) {
     clean before = text_of(json, "before");
     clean after = text_of(json, "after");
     clean kind = text_of(json, "kind");
-    (void)fprintf(lines->file, "  %s: %s → %s (%s)\n", path.text, before.text[0] != '\0' ? before.text : "nothing",
-                  after.text[0] != '\0' ? after.text : "nothing", kind.text);
+    clean right = text_of(json, "right");
+    (void)fprintf(lines->file, "  %s: %s → %s (%s%s)\n", path.text, before.text[0] != '\0' ? before.text : "nothing",
+                  after.text[0] != '\0' ? after.text : "nothing", kind.text, tl_control_right_note(right.text));
     tell_more(lines, json);
 }
 

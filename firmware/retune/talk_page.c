@@ -32,9 +32,10 @@ static void print_version(const tl_control_version *version, FILE *output) {
 
 static void print_change(const tl_control_reply *reply, FILE *output) {
     const tl_control_change *change = &reply->as.change;
-    (void)fprintf(output, "            %s: %s → %s (%s)\n", change->path,
+    (void)fprintf(output, "            %s: %s → %s (%s%s)\n", change->path,
                   change->before[0] == '\0' ? "nothing" : change->before,
-                  change->after[0] == '\0' ? "nothing" : change->after, change->kind);
+                  change->after[0] == '\0' ? "nothing" : change->after, change->kind,
+                  tl_control_right_note(change->right));
     if (reply->more > 0) {
         (void)fprintf(output, "            and %u more\n", reply->more);
     }

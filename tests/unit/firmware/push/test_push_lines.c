@@ -37,12 +37,16 @@ static void each_kind_for_people(void) {
     static const char text[] =
         "{\"reply\":\"step\",\"step\":\"probation\",\"left_s\":60,\"text\":\"in lock\"}\n"
         "{\"reply\":\"change\",\"path\":\"a.b\",\"before\":\"\",\"after\":\"2\",\"kind\":\"in place\",\"right\":\"retune\",\"more\":3}\n"
+        "{\"reply\":\"change\",\"path\":\"c\",\"before\":\"1\",\"after\":\"2\",\"kind\":\"new twin\",\"right\":\"commission\",\"more\":0}\n"
+        "{\"reply\":\"change\",\"path\":\"d\",\"before\":\"1\",\"after\":\"\",\"kind\":\"restart\",\"right\":\"on the box\",\"more\":0}\n"
         "{\"reply\":\"problem\",\"line\":7,\"path\":\"\",\"text\":\"\\u001b[2J\",\"more\":0}\n"
         "{\"reply\":\"of tomorrow\"}\n"
         "{\"reply\":\"end\",\"result\":\"done\",\"version\":2,\"hash\":\"\",\"text\":\"\"}\n";
     static const char wanted[] = "probation, 60 s left: in lock\n"
                                  "  a.b: nothing → 2 (in place)\n"
                                  "  and 3 more\n"
+                                 "  c: 1 → 2 (new twin, takes the right to commission)\n"
+                                 "  d: 1 → nothing (restart, on the box only)\n"
                                  "motor.json:7: \\x1B[2J\n"
                                  "done (version 2 is active)\n";
     for (size_t piece = 1; piece < sizeof text; piece += 13) {
