@@ -241,7 +241,7 @@ static tl_plan_measure measure_of(const tl_config *config) {
     return (tl_plan_measure){
         .lags = (uint32_t)((delays->range + config->step - 1) / config->step) + 1,
         .range = delays->range,
-        .look_back = delays->output_lookup.look_back,
+        .look_back = config->output_lookup.look_back,
     };
 }
 
@@ -288,9 +288,9 @@ static void fill_plan(tl_assembly *assembly) {
         .shape = config->shape,
         .measurements = config->measurements,
         .event = event_of(config),
-        .input_ticks = config->delays != NULL ? config->delays->input_lookup.ticks : 0,
+        .input_ticks = config->input_lookup.ticks,
         .measure = measure_of(config),
-        .output_ticks = config->delays != NULL ? config->delays->output_lookup.ticks : 0,
+        .output_ticks = config->output_lookup.ticks,
         .algorithm = config->algorithm,
         .fallback = config->fallback,
         .stagnation = config->stagnation,

@@ -87,9 +87,12 @@ typedef struct tl_config_signal {
     tl_modbus_channel modbus; /* where the source is Modbus */
     tl_can_channel can;       /* where the source is CAN */
     tl_gpio_channel gpio;     /* where the source is GPIO */
-    tl_time look_back; /* a sample takes what was seen so long before its instant: see tl_plant_look (plant_input.h) */
-    bool next;         /* there, or next */
-    size_t of;         /* its own index; of a second look-up: that of the signal it is of */
+    tl_time look_back;  /* a sample takes what was seen so long before its instant: see tl_plant_look (plant_input.h) */
+    bool next;          /* there, or next */
+    tl_between between; /* what it is where it is looked up between two readings */
+    tl_between as_input; /* the same as configured: of one that feeds an input */
+    tl_time every;       /* the longest time from one reading to the next, as a rule; ns, 0: not given */
+    size_t of;           /* its own index; of a second look-up: that of the signal it is of */
 } tl_config_signal;
 
 /* `emulate`: what `twinlock plant` serves when it runs FMUs as the true plant. */
@@ -130,7 +133,6 @@ typedef struct tl_config_delays {
     tl_config_pair input, output;
     tl_time shift; /* the ŷ of y_j is looked up so long after t_j: Δi − Δo, and Δi is 0 where there is no `input` */
     tl_time wait; /* and so long may the next one take: the cycle by which ŷ is renewed; 0 where none is waited for */
-    tl_delay_lookup input_lookup, output_lookup;
 } tl_config_delays;
 
 typedef struct tl_config {
@@ -159,7 +161,8 @@ typedef struct tl_config {
     size_t adjust_count;
     tl_plan_match *match;
     size_t match_count;
-    const char **matched_as; /* of each match: `to`, or the second look-up of that signal, "plant.NAME@match" */
+    tl_between *matched_between; /* of each match: last or line */
+    const char **matched_as;     /* of each match: `to`, or the second look-up of that signal, "plant.NAME@match" */
     uint32_t prediction;
     tl_shape shape;
     tl_measurements measurements;
@@ -177,6 +180,8 @@ typedef struct tl_config {
     tl_time budget_time; /* ns; 0: none but the step itself */
 
     const tl_config_delays *delays; /* NULL: none */
+    tl_delay_lookup input_lookup,
+        output_lookup; /* of what feeds an input, and of what is matched: for `delays`, and for what waits for a next reading */
 
     const char *recording_file;        /* NULL: none */
     const char *recording_time_column; /* default "time" */

@@ -200,19 +200,18 @@ static bool read_pair(tl_config_object *object, const char *key, tl_config_delay
 /* ---- what they amount to ---- */
 
 /* Samples are kept for so long. */
-static bool is_near(const tl_config_object *object, const char *key, tl_time shift, tl_time wait, tl_time step) {
+static void check_near(const tl_config_object *object, const char *key, tl_time shift, tl_time wait, tl_time step) {
     char found[FOUND];
     char expected[EXPECTED];
     tl_time longest = TL_CONFIG_LONGEST_SHIFT * step;
     if (shift <= longest - wait && shift >= -longest) {
-        return true;
+        return;
     }
     (void)snprintf(found, sizeof found, "a shift by %.9g s%s", tl_seconds(shift < 0 ? -shift : shift + wait),
                    shift > 0 && wait > 0 ? ", with the cycle of the plant's last participant" : "");
     (void)snprintf(expected, sizeof expected, "at most %d times step_s, which is %.15g s", (int)TL_CONFIG_LONGEST_SHIFT,
                    tl_seconds(longest));
     tl_config_wrong(object, key, found, expected, NULL);
-    return false;
 }
 
 /* Eq. 4.15 counts from the command on, so Δo has Δi in it: where inputs are shifted, less is left for outputs. */
@@ -222,17 +221,15 @@ static void find_shifts(const tl_config_object *object, tl_time step, tl_config_
     if (step <= 0) {
         return; /* it is wrong, and that was said */
     }
-    if (delays->has_input && is_near(object, "input", delays->input.delay, 0, step)) {
-        delays->input_lookup = tl_delay_look_up(delays->input.delay, 0, step);
+    if (delays->has_input) {
+        check_near(object, "input", delays->input.delay, 0, step);
     }
     if (delays->has_output) {
         renewed = last->length > 0 ? delays->participants[last->parts[last->length - 1]].cycle : step;
         delays->shift = (delays->has_input ? delays->input.delay : 0) - delays->output.delay;
     }
     delays->wait = (delays->has_output || delays->measure) && delays->next ? renewed : 0;
-    if (is_near(object, "output", delays->shift, delays->wait, step)) {
-        delays->output_lookup = tl_delay_look_up(delays->shift, delays->wait, step);
-    }
+    check_near(object, "output", delays->shift, delays->wait, step);
 }
 
 static void read_take(tl_config_object *object, tl_config_delays *delays) {

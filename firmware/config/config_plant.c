@@ -136,6 +136,21 @@ static void read_limits(tl_config_object *entry, tl_config_signal *signal) {
     }
 }
 
+/* What it is between two readings. Whether it feeds an input, and what else has to be, is known later: config_lookups.c. */
+static void read_between(tl_config_object *entry, tl_config_signal *signal) {
+    static const char *const choices[] = {
+        [TL_BETWEEN_LAST] = "last", [TL_BETWEEN_LINE] = "line", [TL_BETWEEN_MEAN] = "mean", NULL};
+    static const tl_config_number every = {
+        .above = true, .maximum = TL_CONFIG_LONGEST_S, .expected = TL_CONFIG_DURATION, .example = "0.04"};
+    size_t between = TL_BETWEEN_LAST;
+    double every_s = 0;
+    (void)tl_config_get_choice(entry, "between", TL_CONFIG_OPTIONAL, choices, &between);
+    signal->as_input = (tl_between)between;
+    if (tl_config_get_number(entry, "every_s", &every, &every_s)) {
+        signal->every = tl_config_duration(every_s);
+    }
+}
+
 static void read_signal(tl_config_object *entry, const tl_config *config, tl_config_signal *signal) {
     static const char *const types[] = {"real", "integer", "boolean", NULL};
     static const tl_type type_of[] = {TL_REAL, TL_INTEGER, TL_BOOLEAN};
@@ -145,6 +160,7 @@ static void read_signal(tl_config_object *entry, const tl_config *config, tl_con
     signal->plan.type = type_of[type];
     (void)tl_config_get_text(entry, "unit", TL_CONFIG_MAY_BE_EMPTY, "\"rad/s\"", &signal->plan.unit);
     read_limits(entry, signal);
+    read_between(entry, signal);
     if (understood) {
         read_initial(entry, &signal->plan);
     } else { /* its type is not known either */

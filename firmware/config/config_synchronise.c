@@ -111,6 +111,13 @@ typedef struct match_list {
     double tolerance;    /* as in read_tolerance() */
 } match_list;
 
+static tl_between read_between(tl_config_object *entry) {
+    static const char *const choices[] = {[TL_BETWEEN_LAST] = "last", [TL_BETWEEN_LINE] = "line", NULL};
+    size_t between = TL_BETWEEN_LAST;
+    (void)tl_config_get_choice(entry, "between", TL_CONFIG_OPTIONAL, choices, &between);
+    return (tl_between)between;
+}
+
 static void read_output(const tl_config_object *map, const cJSON *item, size_t index, void *context) {
     const match_list *list = context;
     tl_plan_match *match = &list->config->match[index];
@@ -120,6 +127,7 @@ static void read_output(const tl_config_object *map, const cJSON *item, size_t i
     match->variable = item->string;
     match->tolerance = 1;
     read_target(&entry, match);
+    list->config->matched_between[index] = read_between(&entry);
     if (list->weighted) {
         read_matched(&entry, list->tolerance, list->config->step, match);
     }
@@ -130,7 +138,10 @@ static void read_match(tl_config_object *parent, const char *key, const tl_confi
     tl_config *config = list->config;
     tl_config_object map;
     config->match = tl_config_take_entries(parent, key, rule, sizeof *config->match, &map, &config->match_count);
-    tl_config_each(&map, read_output, list);
+    config->matched_between = tl_config_take(parent->reader, config->match_count, sizeof *config->matched_between);
+    if (config->matched_between != NULL) {
+        tl_config_each(&map, read_output, list);
+    }
 }
 
 void tl_config_read_compare(tl_config_object *root, tl_config *config) {

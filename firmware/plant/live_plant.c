@@ -32,7 +32,8 @@ void tl_live_plant_set_limits(tl_plant_input *input, const tl_config *config) {
             .stale = tl_time_of_seconds(signal->stale_s),
             .type = signal->plan.type,
         };
-        input->looks[i] = (tl_plant_look){.back = signal->look_back, .next = signal->next};
+        input->looks[i] = (tl_plant_look){
+            .back = signal->look_back, .next = signal->next, .between = signal->between, .span = config->step};
     }
 }
 

@@ -143,6 +143,28 @@ bool tl_mailbox_from(const tl_mailbox *mailbox, tl_time from, tl_time until, tl_
     return false;
 }
 
+bool tl_mailbox_around(const tl_mailbox *mailbox, tl_time at, tl_time until, tl_reading *before, tl_reading *after) {
+    for (int attempt = 0; attempt < ATTEMPTS; attempt++) {
+        uint64_t count = __atomic_load_n(mailbox->count, __ATOMIC_ACQUIRE);
+        neighbours found;
+        find(mailbox, count, at, &found);
+        if (found.has_before) {
+            bool next = found.has_after && found.after.stamp <= until;
+            if (next) {
+                find_last_equal(mailbox, count, found.end, &found.after);
+            }
+            *before = found.before;
+            *after = next ? found.after : (tl_reading){.stamp = TL_TIME_NEVER};
+            return true;
+        }
+        if (count == 0 || found.has_after) {
+            return false;
+        }
+        /* Not even the newest was kept until we looked at it. */
+    }
+    return false;
+}
+
 bool tl_mailbox_at(const tl_mailbox *mailbox, tl_time instant, tl_reading *reading) {
     return tl_mailbox_from(mailbox, instant, instant, reading);
 }

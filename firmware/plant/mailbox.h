@@ -44,6 +44,10 @@ void tl_mailbox_mend(const tl_mailbox *mailbox);
  * before; else as below. */
 bool tl_mailbox_from(const tl_mailbox *mailbox, tl_time from, tl_time until, tl_reading *reading);
 
+/* Reader, at ≤ until: the newest reading with stamp ≤ `at`, and the one behind it where its stamp is ≤ `until`; else *after has the stamp
+ * TL_TIME_NEVER. False if there is none at or before `at`, or it is not kept any more; both are then as they were. */
+bool tl_mailbox_around(const tl_mailbox *mailbox, tl_time at, tl_time until, tl_reading *before, tl_reading *after);
+
 /* Reader: the newest reading with stamp ≤ instant; the oldest kept one if all are later than `instant` and
  * something had to be forgotten. False if there is none; *reading is then as it was. */
 bool tl_mailbox_at(const tl_mailbox *mailbox, tl_time instant, tl_reading *reading);

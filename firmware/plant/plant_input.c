@@ -1,4 +1,16 @@
-/* Judges what the plant says: the newest reading at an instant, and how far it can be trusted. */
+/* Judges what the plant says: what it showed at an instant, and how far that can be trusted.
+ *
+ * Alike:   a reading whose stamp is within TL_PLANT_ALIKE of an instant is one of that instant. A plant that is sampled in step with the twin would else
+ *          lose a whole sample to a stamp that is some nanoseconds late, now and then: half of the error of a fast signal. Not at tick 0, which begins at a reading.
+ * Between: the plant goes on between two messages, and whoever holds the last one matches what was true some messages' time ago on average half of that. So
+ *          a signal may be looked up on the line between the reading before the instant and the one after it, by their own stamps. The one after is
+ *          waited for: the sample of t looks back by `back`, which is at least as long as the next message may take, and the twin is led by as many ticks
+ *          less (config_lookups.c). What comes out of it is the sample, and is recorded as that; so a replay takes what the run took.
+ *          The last reading stands, as it does where nothing is asked for, and is judged by its own age: where the next one is not there by t; where one of
+ *          the two is not good; and where they are further apart than what makes one stale, since nobody knows what was in between.
+ * Mean:    the same line, but what an input is held at for a macro step is its mean over that step: from t − back on, by trapezoids from reading to reading.
+ *          An instant's value, held, would be half a step late; a mean is late by nothing, and takes the noise of all readings in the step along.
+ */
 #include "firmware/plant/plant_input.h"
 
 #include <math.h>
@@ -61,19 +73,115 @@ static tl_quality judge(const tl_plant_limits *limits, tl_time instant, tl_readi
     return quality;
 }
 
+/* ---- between two readings ---- */
+
+/* A signal as it is looked up. */
+typedef struct view {
+    const tl_mailbox *mailbox;
+    const tl_plant_limits *limits;
+    tl_time until; /* what is later is not there yet */
+} view;
+
+static bool is_good(const view *self, const tl_reading *reading) {
+    tl_reading own = *reading;
+    return judge(self->limits, own.stamp, &own) == TL_GOOD;
+}
+
+/* Whether there is a line from one to the other. */
+static bool are_joined(const view *self, const tl_reading *before, const tl_reading *after) {
+    if (after->stamp == TL_TIME_NEVER || !is_near(after->stamp, before->stamp) || after->stamp <= before->stamp) {
+        return false;
+    }
+    bool is_close = self->limits->stale <= 0 || after->stamp - before->stamp <= self->limits->stale;
+    return is_close && is_good(self, before) && is_good(self, after) && isfinite(after->value - before->value);
+}
+
+static double on_line(const tl_reading *before, const tl_reading *after, tl_time at) {
+    double share = (double)(at - before->stamp) / (double)(after->stamp - before->stamp);
+    return before->value + share * (after->value - before->value);
+}
+
+/* What there is at an instant: a reading of it, a value between two, or the last one. False where there was none yet. */
+static bool look_between(const view *self, tl_time at, tl_time alike, tl_reading *reading) {
+    tl_reading after;
+    if (!tl_mailbox_around(self->mailbox, at + alike, self->until, reading, &after) || !is_near(reading->stamp, at)) {
+        return false;
+    }
+    if (reading->stamp < at - alike && are_joined(self, reading, &after)) {
+        *reading = (tl_reading){.value = on_line(reading, &after, at), .stamp = at, .quality = TL_GOOD};
+    }
+    return true;
+}
+
+/* A bound for who floods the mail; what is behind so many readings is one line. */
+enum { MOST_OF_A_SPAN = 256 };
+
+/* The integral from one instant to another, of what begins with `from`, which is good. */
+static double integrate(const view *self, tl_reading from, tl_time end) {
+    double sum = 0;
+    tl_reading before;
+    tl_reading after;
+    for (int i = 0; i < MOST_OF_A_SPAN; i++) {
+        bool goes_on = tl_mailbox_around(self->mailbox, from.stamp, self->until, &before, &after) &&
+                       are_joined(self, &before, &after) && after.stamp > from.stamp && after.stamp < end;
+        if (!goes_on) {
+            break;
+        }
+        sum += (double)(after.stamp - from.stamp) * 0.5 * (from.value + after.value);
+        from = after;
+    }
+    tl_reading last = from;
+    bool any = look_between(self, end, 0, &last) && is_good(self, &last);
+    return sum + (double)(end - from.stamp) * 0.5 * (from.value + (any ? last.value : from.value));
+}
+
+/* Over the span that begins at an instant; where that begins with nothing good, what is there stands. */
+static bool look_mean(const view *self, const tl_plant_look *look, tl_time at, tl_reading *reading) {
+    if (!look_between(self, at, 0, reading)) {
+        return false;
+    }
+    tl_reading from = *reading;
+    if (judge(self->limits, at, &from) == TL_GOOD) {
+        from.stamp = at;
+        double mean = integrate(self, from, at + look->span) / (double)look->span;
+        *reading = (tl_reading){.value = mean, .stamp = at + look->span / 2, .quality = TL_GOOD};
+    }
+    return true;
+}
+
+/* ---- a sample ---- */
+
+/* Of an instant, or the last one before it, or the next one. */
+static bool look_last(const view *self, const tl_plant_look *look, tl_time at, tl_time alike, tl_reading *reading) {
+    bool any = tl_mailbox_at(self->mailbox, at + alike, reading);
+    bool is_of_it = any && is_near(reading->stamp, at) && reading->stamp >= at - alike && reading->stamp <= at + alike;
+    return is_of_it || (!look->next && any) || tl_mailbox_from(self->mailbox, at, self->until, reading);
+}
+
 /* By `instant`, as the signal's look says. */
-static bool look_up(const tl_mailbox *mailbox, const tl_plant_look *look, tl_time instant, tl_reading *reading) {
+static bool look_up(const tl_plant_input *input, size_t signal, tl_time instant, tl_time alike, tl_reading *reading) {
+    const tl_plant_look *look = &input->looks[signal];
+    const view self = {&input->mailboxes[signal], &input->limits[signal], instant + alike};
     tl_time at = instant - look->back;
-    return (!look->next && tl_mailbox_at(mailbox, at, reading)) || tl_mailbox_from(mailbox, at, instant, reading);
+    switch (look->between) {
+    case TL_BETWEEN_LINE:
+        return look_between(&self, at, alike, reading) || look_last(&self, look, at, alike, reading);
+    case TL_BETWEEN_MEAN:
+        return look_mean(&self, look, at, reading) || look_last(&self, look, at, alike, reading);
+    case TL_BETWEEN_LAST:
+        break;
+    }
+    return look_last(&self, look, at, alike, reading);
 }
 
 void tl_plant_input_take(const tl_plant_input *input, int64_t tick, tl_time instant, tl_sample *sample) {
+    tl_time alike = tick > 0 ? TL_PLANT_ALIKE : 0;
     sample->tick = tick;
     sample->instant = instant;
     for (size_t i = 0; i < input->count; i++) {
         tl_time at = instant - input->looks[i].back;
         tl_reading reading;
-        if (look_up(&input->mailboxes[i], &input->looks[i], instant, &reading) && is_near(reading.stamp, at)) {
+        if (look_up(input, i, instant, alike, &reading) && is_near(reading.stamp, at)) {
             sample->quality[i] = (uint8_t)judge(&input->limits[i], at, &reading);
         } else {
             reading = (tl_reading){.value = 0, .stamp = TL_TIME_NEVER};

@@ -2,6 +2,7 @@
  *
  * Purpose: the one place where a value of the plant is judged: finite, in range, fresh. Live sources
  *          (plant_reader.h) and recordings (recording.h) both post into its mailboxes, so replay judges as live does.
+ * Between: two readings a signal is what its look says (plant_input.c).
  * Memory:  the mailboxes' is of whoever sets this up (plant_mail.h); another process may write it, which is not trusted.
  * Thread:  tl_plant_input_post: one thread per signal; all else: one thread, the cycle's. Wait-free.
  */
@@ -16,10 +17,15 @@
 
 /* Where a signal is looked up in a sample of the instant t. */
 typedef struct tl_plant_look {
-    tl_time back; /* ≥ 0: at t − back, */
-    bool next;    /* and where no reading lies there: the next one that is there by t, else the newest before.
+    tl_time back;       /* ≥ 0: at t − back, */
+    bool next;          /* and where no reading lies there: the next one that is there by t, else the newest before.
                      Otherwise the newest at or before, and where there is none yet, the next */
+    tl_between between; /* what the signal is there, where no reading lies there and the next one is there by t */
+    tl_time span;       /* of a mean: from t − back on so long, > 0 */
 } tl_plant_look;
+
+/* Readings no further than this from an instant are of it: 1 us. A clock that counts in other units, or is read a little later, is off by less. */
+#define TL_PLANT_ALIKE ((tl_time)1000)
 
 typedef struct tl_plant_limits {
     double minimum; /* −infinity: none */
@@ -46,7 +52,7 @@ void tl_plant_input_post(const tl_plant_input *input, size_t signal, const tl_re
 bool tl_plant_input_is_complete(const tl_plant_input *input);
 
 /* The sample of `tick` at `instant`, both of the cycle. The value of a signal whose quality is not good is what
- * was read (0 where nothing or no number was). Where several things are wrong with a value, the worst counts. How old one is
+ * was read (0 where nothing or no number was). One that lies between two readings has the stamp of where it is looked up, a mean that of the middle of its span. Where several things are wrong with a value, the worst counts. How old one is
  * counts from where it is looked up. A stamp that is further from there than TL_PLANT_FARTHEST is nobody's: there was no reading. */
 void tl_plant_input_take(const tl_plant_input *input, int64_t tick, tl_time instant, tl_sample *sample);
 

@@ -82,7 +82,7 @@ static tl_status survey(const char *path, const tl_config *config, tl_recording 
     if (status == TL_OK && rows == 0) {
         return tl_fail(error, TL_BAD_DATA, "%s: there is a header, but no row", path);
     }
-    recording->ticks = status == TL_OK ? (last - recording->start) / config->step + 1 : 0;
+    recording->ticks = status == TL_OK ? (last - recording->start + TL_PLANT_ALIKE) / config->step + 1 : 0;
     return status;
 }
 
@@ -115,6 +115,7 @@ static void post_row(tl_recording *recording) {
 
 static tl_status next_from_csv(tl_recording *recording, tl_recording_tick *tick, tl_error *error) {
     tl_time instant = tl_time_of_step(recording->start, recording->step, recording->next);
+    tl_time alike = recording->next > 0 ? TL_PLANT_ALIKE : 0; /* as in plant_input.c */
     for (;;) {
         if (!recording->row_waits) {
             bool end = false;
@@ -127,7 +128,7 @@ static tl_status next_from_csv(tl_recording *recording, tl_recording_tick *tick,
             }
             recording->row_waits = true;
         }
-        if (recording->row.time > instant) {
+        if (recording->row.time > instant + alike) {
             break;
         }
         post_row(recording);

@@ -206,6 +206,51 @@ static tl_status find_tunings(tl_recording_database *database, const tl_history_
     return status;
 }
 
+/* ---- look-ups ---- */
+
+static bool looks_as(const tl_config_signal *signal, const tl_config_signal *other) {
+    return signal->look_back == other->look_back && signal->next == other->next && signal->between == other->between;
+}
+
+static bool look_alike(const tl_config *config, const tl_config *run) {
+    bool alike = config->signal_count == run->signal_count;
+    for (size_t i = 0; alike && i < config->signal_count; i++) {
+        alike = looks_as(&config->signals[i], &run->signals[i]);
+    }
+    return alike;
+}
+
+static bool looks_back(const tl_config *config) {
+    bool any = config->delays != NULL;
+    for (size_t i = 0; i < config->signal_count; i++) {
+        any = any || config->signals[i].look_back != 0;
+    }
+    return any;
+}
+
+static void hear_nothing(void *context, tl_status status, const char *where, const char *text) {
+    (void)context;
+    (void)status;
+    (void)where;
+    (void)text;
+}
+
+/* Whether the run may have seen signals at other instants than the configuration does. Its text tells, where it is there and still is a configuration. */
+static bool sees_otherwise(tl_recording_database *database, const tl_history_run *run) {
+    const char *text = NULL;
+    tl_config own;
+    tl_error error;
+    tl_report silent = {.add = hear_nothing};
+    if (tl_history_text(database->history, run->configuration_hash, &text, &error) != TL_OK ||
+        tl_config_read_text(database->config->path, text, strlen(text), &own, &silent) != TL_OK) {
+        return looks_back(database->config);
+    }
+    tl_config_use_lookups(&own);
+    bool otherwise = !look_alike(database->config, &own);
+    tl_config_free(&own);
+    return otherwise;
+}
+
 static tl_status open_run(tl_recording_database *database, const tl_config *config, int64_t *ticks, tl_error *error) {
     const tl_history_run *run = NULL;
     int64_t first = 0;
@@ -228,7 +273,7 @@ static tl_status open_run(tl_recording_database *database, const tl_config *conf
     if (!any) {
         return fail_beginning(database, run, error);
     }
-    database->anew = config->delays != NULL && !database->same_configuration;
+    database->anew = !database->same_configuration && sees_otherwise(database, run);
     database->by_recording = strcmp(run->verb, "replay") == 0;
     *ticks = last + 1;
     status = find_tunings(database, run, error);

@@ -6,6 +6,7 @@
 #include <stdarg.h>
 #include <string.h>
 
+#include "firmware/config/measurements.h"
 #include "master/plan/plan.h"
 
 enum { WIDTH = 79, INDENT = 4, TEXT = 512 };
@@ -275,6 +276,30 @@ static void check_conditions(advice *given, const tl_config *config) {
     }
 }
 
+static void warn_of_between(advice *given, const tl_config *config, const char *where) {
+    warn(given, where,
+         "in mode %s no step waits for the next reading, and the last one stands: \"between\" does nothing",
+         tl_measurements_name(config->measurements));
+}
+
+/* Only in mode lag a step waits for a next reading. */
+static void check_between(advice *given, const tl_config *config) {
+    if (config->measurements == TL_LAG) {
+        return;
+    }
+    for (size_t i = 0; i < config->signal_count; i++) {
+        const tl_config_signal *signal = &config->signals[i];
+        if (signal->as_input != TL_BETWEEN_LAST && signal->of == i) {
+            warn_of_between(given, config, signal->plan.where);
+        }
+    }
+    for (size_t i = 0; i < config->match_count; i++) {
+        if (config->matched_between[i] != TL_BETWEEN_LAST) {
+            warn_of_between(given, config, config->match[i].where);
+        }
+    }
+}
+
 /* In mode ahead no step waits for what delays ask for. */
 static void check_delays(advice *given, const tl_config *config) {
     const tl_config_delays *delays = config->delays;
@@ -286,8 +311,8 @@ static void check_delays(advice *given, const tl_config *config) {
     if (delays == NULL || config->measurements != TL_AHEAD) {
         return;
     }
-    int32_t inputs = delays->input_lookup.ticks;
-    int32_t outputs = delays->output_lookup.ticks;
+    int32_t inputs = config->input_lookup.ticks;
+    int32_t outputs = config->output_lookup.ticks;
     if (inputs > 0 || outputs > 0) {
         int32_t longest = inputs > outputs ? inputs : outputs;
         warn(given, "delays",
@@ -327,6 +352,7 @@ size_t tl_advice_print(const tl_assembly *assembly, const tl_prognosis *prognosi
         check_conditions(&given, config);
         check_lead(&given, config, tl_twin_get_facts(assembly->twin).lead);
     }
+    check_between(&given, config);
     check_delays(&given, config);
     check_sources(&given, config);
     return given.count;

@@ -127,6 +127,19 @@ static void print_mode(const tl_assembly *assembly, FILE *output) {
                   tl_measurements_name(config->measurements), facts.lead);
 }
 
+/* What a step waits for the next reading of. */
+static void print_wait(const tl_config *config, const char *what, bool inputs, int32_t ticks, FILE *output) {
+    bool any = false;
+    for (size_t i = 0; i < config->signal_count; i++) {
+        const tl_config_signal *signal = &config->signals[i];
+        any = any || (signal->between != TL_BETWEEN_LAST && inputs == tl_config_feeds(config, signal));
+    }
+    if (any) {
+        (void)fprintf(output, "  between %s: a step waits for the next one, %" PRId32 " tick%s\n", what, ticks,
+                      ticks == 1 ? "" : "s");
+    }
+}
+
 static void print_adjusted(const tl_assembly *assembly, size_t index, FILE *output) {
     const tl_plan_adjust *adjust = &assembly->config.adjust[index];
     (void)fprintf(output, "  adjust  %s", adjust->variable);
@@ -156,6 +169,8 @@ static void print_synchronisation(const tl_assembly *assembly, FILE *output) {
             (void)fprintf(output, "  compare %s \342\206\224 %s\n", match->variable, match->to);
         }
     }
+    print_wait(config, "readings that are matched", false, config->output_lookup.ticks, output);
+    print_wait(config, "readings that feed inputs", true, config->input_lookup.ticks, output);
     for (size_t i = 0; i < config->adjust_count; i++) {
         print_adjusted(assembly, i, output);
     }

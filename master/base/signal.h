@@ -30,6 +30,13 @@ enum {
     TL_MAX_ADJUST = 8    /* variables adjusted */
 };
 
+/* What a signal is between two of its readings. */
+typedef enum tl_between {
+    TL_BETWEEN_LAST, /* the last one, held */
+    TL_BETWEEN_LINE, /* on the line between them */
+    TL_BETWEEN_MEAN  /* the mean of that line over a macro step */
+} tl_between;
+
 /* One value as a driver read it. */
 typedef struct tl_reading {
     double value;

@@ -84,6 +84,11 @@ static void look_up(void) {
     tl_time other = (tl_time)take_number();
     (void)tl_mailbox_at(mailbox, one, &reading);
     hold_reading(&reading);
+    tl_reading after = {.quality = TL_NO_LINK};
+    if (tl_mailbox_around(mailbox, one < other ? one : other, one < other ? other : one, &reading, &after)) {
+        hold_reading(&reading);
+        hold_reading(&after);
+    }
     (void)tl_mailbox_from(mailbox, one < other ? one : other, one < other ? other : one, &reading);
     hold_reading(&reading);
 }
@@ -114,7 +119,10 @@ static void begin(void) {
                                             .maximum = 1000,
                                             .stale = how % 3 * TL_SECOND,
                                             .type = (tl_type)(how % (TL_ENUMERATION + 1))};
-        input.looks[i] = (tl_plant_look){.back = (tl_time)tl_fuzz_take() << 20, .next = how >= 128};
+        input.looks[i] = (tl_plant_look){.back = (tl_time)tl_fuzz_take() << 20,
+                                         .next = how >= 128,
+                                         .between = (tl_between)(how / 4 % 3),
+                                         .span = TL_SECOND / 100};
     }
     memory = calloc(1, tl_plant_mail_bytes(&shape));
     tl_fuzz_hold(memory != NULL);

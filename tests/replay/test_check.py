@@ -2,14 +2,14 @@
 """The page of `check`: what an engineer reads before a run, and that the run keeps to it."""
 import re
 
-from twinlock_test import (SOURCE, at_most, edited_config, expect, main, replay_json, run, run_well, scratch)
+from twinlock_test import (PLAIN_LOCK, SOURCE, at_most, edited_config, expect, main, replay_json, run, run_well, scratch)
 
 WIDTH = 80
 CONFIGURATIONS = ("motor/lock.json", "motor/free.json", "motor/live.json", "emps/lock.json", "emps/ahead.json")
 
 
 def config(**synchronise):
-    return edited_config("motor/lock.json", {"synchronise": {"algorithm": "nelder-mead", **synchronise}})
+    return edited_config(PLAIN_LOCK, {"synchronise": {"algorithm": "nelder-mead", **synchronise}})
 
 
 def number(page, pattern):
@@ -29,7 +29,7 @@ def test_it_fits_into_a_terminal():
     long = {"synchronise": {"horizon": {"prediction": 12, "shape": "dynamic"}, "fallback": "sbplx",
                             "budget": {"evaluations": 100000}, "saving": {"structure": False}}}
     pages = [run_well(["check", SOURCE / "config" / name]) for name in CONFIGURATIONS]
-    pages.append(run_well(["check", edited_config("motor/lock.json", long)]))
+    pages.append(run_well(["check", edited_config(PLAIN_LOCK, long)]))
     for page in pages:
         lines = page.splitlines()[1:]  # the first is the configuration's own name
         widest = max(lines, key=len)
@@ -96,7 +96,7 @@ def test_warnings_are_counted_and_no_error():
 
 
 def refused(path, text, **edits):
-    code, _, err = run(["check", edited_config("motor/lock.json", {"synchronise": edits})])
+    code, _, err = run(["check", edited_config(PLAIN_LOCK, {"synchronise": edits})])
     expect(code == 65 and path in err and text in err, f"it ended with {code}\n{err}")
 
 
@@ -112,7 +112,7 @@ def test_what_would_have_no_effect_or_no_end():
 
 def test_fmus_that_cannot_step():
     edits = {"components": {"motor": {"set": {"J": 1e-320}}}, "plant": {"torque": {"initial": 5}}}
-    code, page, _ = run(["check", edited_config("motor/lock.json", edits)])
+    code, page, _ = run(["check", edited_config(PLAIN_LOCK, edits)])
     expect(code == 0 and "time is not told: the FMUs cannot step" in page, f"it ended with {code}\n{page}")
     warning = " ".join(page.partition("\nwarnings\n")[2].split())
     expect(warning.startswith("plant: the FMUs cannot step with its initial values (motor"), page)

@@ -4,7 +4,7 @@ and the seed of the plant's noise; and that everything repeats to the bit."""
 import filecmp
 import json
 
-from twinlock_test import (SOURCE, at_least, at_most, edited_config, expect, main, replay_csv, replay_json,
+from twinlock_test import (PLAIN_LOCK, SOURCE, at_least, at_most, edited_config, expect, main, replay_csv, replay_json,
                            run, run_well, scratch)
 
 STEPS = 1401
@@ -55,7 +55,7 @@ def test_free():
 
 
 def test_lock():
-    result = replay_json("motor/lock.json")
+    result = replay_json(PLAIN_LOCK)
     check_sums(result)
     at_most(result["match"]["motor.omega"]["mse"], 0.05, "MSE, locked, (rad/s)\u00b2")
     at_most(result["match"]["motor.omega"]["max"], 1.0, "MAX, locked, rad/s")
@@ -65,7 +65,7 @@ def test_lock():
 
 
 def test_lock_with_another_solver():
-    result = replay_json(edited_config("motor/lock.json", {"synchronise": {"algorithm": "nelder-mead"}}))
+    result = replay_json(edited_config(PLAIN_LOCK, {"synchronise": {"algorithm": "nelder-mead"}}))
     check_sums(result)
     outcomes = result["outcomes"]
     expect(outcomes["first guess"] + outcomes["optimised"] == STEPS, f"outcomes: {outcomes}")
@@ -74,14 +74,14 @@ def test_lock_with_another_solver():
 
 def test_the_slope_is_learned_at_the_first_step():
     """One question more, though all is well; so the twin follows its plant closely before the brake has ever been touched."""
-    rows = replay_csv("motor/lock.json")
+    rows = replay_csv(PLAIN_LOCK)
     expect(rows["evaluations"][:3] == [2, 1, 1], f"evaluations: {rows['evaluations'][:3]}")
     at_most(max(rows["J"][1:100]), 0.05, "J in the first second")
 
 
 def test_keys():
     """The keys of DESIGN.md and their types."""
-    result = replay_json("motor/lock.json")
+    result = replay_json(PLAIN_LOCK)
     for key in ("steps", "evaluations", "optimised_steps", "deadline_misses"):
         expect(isinstance(result[key], int), f"{key}: {result[key]!r}")
     expect({"mse", "max", "unit"} <= set(result["match"]["motor.omega"]), f"{result['match']}")
@@ -91,7 +91,7 @@ def test_keys():
 
 
 def test_json_and_csv_agree():
-    result, rows = replay_json("motor/lock.json"), replay_csv("motor/lock.json")
+    result, rows = replay_json(PLAIN_LOCK), replay_csv(PLAIN_LOCK)
     adjust = result["adjust"][U]
     corrections = [u - nominal for u, nominal in zip(rows[U], rows[f"{U} nominal"])]
     expect(rows["step"] == list(range(STEPS)), "steps are not 0 \u2026 1400")
@@ -116,13 +116,13 @@ def test_ahead():
 
 def test_hold():
     """One step is all of the horizon: the step's own measurement is the only one, and known."""
-    hold, lag = (csv_file(edited_config("motor/lock.json", horizon(1, mode))) for mode in ("hold", "lag"))
+    hold, lag = (csv_file(edited_config(PLAIN_LOCK, horizon(1, mode))) for mode in ("hold", "lag"))
     expect(filecmp.cmp(hold, lag, False), "T_P = 1: hold differs from lag")
 
 
 def test_lag_with_longer_horizons():
     for prediction in (2, 3):
-        result = replay_json(edited_config("motor/lock.json", horizon(prediction)))
+        result = replay_json(edited_config(PLAIN_LOCK, horizon(prediction)))
         check_sums(result)
         at_most(result["match"]["motor.omega"]["mse"], 0.60, f"T_P = {prediction}: MSE, (rad/s)\u00b2")
 
@@ -135,7 +135,7 @@ def test_horizon_ends_with_the_recording():
     short.write_text("\n".join([lines[0], *rows]) + "\n", encoding="utf-8")
     last_tick = int(float(rows[-1].split(",")[0]) * 100)
     for prediction in (1, 2, 3):
-        config = edited_config("motor/lock.json", horizon(prediction))
+        config = edited_config(PLAIN_LOCK, horizon(prediction))
         steps = replay_json(config, "--recording", short)["steps"]
         expect(steps == last_tick - prediction + 1, f"T_P = {prediction}: {steps} steps of {last_tick} ticks")
 
@@ -143,27 +143,27 @@ def test_horizon_ends_with_the_recording():
 def test_budget_bounds_evaluations():
     for limit in (2, 5):
         edits = {"synchronise": {"algorithm": "l-bfgs", "budget": {"evaluations": limit}}}
-        largest = max(replay_csv(edited_config("motor/lock.json", edits))["evaluations"])
+        largest = max(replay_csv(edited_config(PLAIN_LOCK, edits))["evaluations"])
         expect(largest == limit, f"{largest} evaluations, the budget is {limit}")
 
 
 def test_time_budget_is_ignored():
-    hurried = csv_file(edited_config("motor/lock.json", {"synchronise": {"budget": {"time_s": 1e-9}}}))
-    expect(filecmp.cmp(hurried, csv_file(edited_config("motor/lock.json")), False), "the time budget matters")
+    hurried = csv_file(edited_config(PLAIN_LOCK, {"synchronise": {"budget": {"time_s": 1e-9}}}))
+    expect(filecmp.cmp(hurried, csv_file(edited_config(PLAIN_LOCK)), False), "the time budget matters")
 
 
 def test_plain():
     """Without saving every evaluation executes every component, and nothing else is different."""
     for prediction in (1, 3):
-        config = edited_config("motor/lock.json", horizon(prediction))
+        config = edited_config(PLAIN_LOCK, horizon(prediction))
         check_plain_sums(replay_json(config, "--plain"), prediction)
         expect(filecmp.cmp(csv_file(config), csv_file(config, "--plain"), False), f"T_P = {prediction}: --plain matters")
 
 
 def test_weight_0_is_reported_only():
     compared = {"synchronise": {"match": {"drive.e": {"to": "plant.omega", "weight": 0}}}}
-    config = edited_config("motor/lock.json", compared)
-    result, rows, alone = replay_json(config), replay_csv(config), replay_csv("motor/lock.json")
+    config = edited_config(PLAIN_LOCK, compared)
+    result, rows, alone = replay_json(config), replay_csv(config), replay_csv(PLAIN_LOCK)
     check_sums(result)
     match = result["match"]["drive.e"]
     expect(match["pairs"] == STEPS and match["mse"] > 100 and match["unit"] == "rad/s", f"drive.e: {match}")
@@ -174,7 +174,7 @@ def test_weight_0_is_reported_only():
 def test_never_worse_than_nominal():
     """Where the bounds leave nothing that helps, the nominal is committed: the twin is the free one."""
     edits = {"synchronise": {"adjust": {U: {"min": 1e6, "max": 2e6}}}}
-    rows, free = replay_csv(edited_config("motor/lock.json", edits)), replay_csv("motor/free.json")
+    rows, free = replay_csv(edited_config(PLAIN_LOCK, edits)), replay_csv("motor/free.json")
     expect(rows["outcome"].count("nominal") > 100, "no search failed")
     later = set(rows["outcome"][1:])  # in the first step the solver looks around once
     expect(later == {"first guess", "nominal"}, f"outcomes: {later}")
@@ -184,7 +184,7 @@ def test_never_worse_than_nominal():
 
 def test_bounds_hold():
     edits = {"synchronise": {"adjust": {U: {"min": -0.05, "max": 0.04}}}}
-    rows = replay_csv(edited_config("motor/lock.json", edits))
+    rows = replay_csv(edited_config(PLAIN_LOCK, edits))
     expect(all(-0.05 <= u <= 0.04 for u in rows[U]), f"u in {min(rows[U])} … {max(rows[U])}")
     expect(len(set(rows[U])) > 3, "u hardly moves")
 
@@ -202,7 +202,7 @@ def test_repeatable_to_the_bit():
 
 
 def test_realtime_gives_the_same():
-    config = edited_config("motor/lock.json", {"duration_s": 0.2})
+    config = edited_config(PLAIN_LOCK, {"duration_s": 0.2})
     quick, paced = csv_file(config), csv_file(config, "--realtime")
     expect(filecmp.cmp(quick, paced, False), "--realtime gives other values")
     wall = json.loads(run_well(["replay", config, "--json", "--realtime"]))["wall_s"]
@@ -210,7 +210,7 @@ def test_realtime_gives_the_same():
 
 
 def test_what_a_replay_recorded_replays_the_same():
-    config, database = edited_config("motor/lock.json"), scratch() / "run.db"
+    config, database = edited_config(PLAIN_LOCK), scratch() / "run.db"
     from_csv = csv_file(config, "--db", database)
     from_database = csv_file(config, "--recording", database)
     expect(filecmp.cmp(from_csv, from_database, False), "the database gives other values")
@@ -223,6 +223,49 @@ def test_the_recording_is_regenerated():
     made = scratch() / "recording.csv"
     run_well(["plant", SOURCE / "config" / "motor" / "plant.json", "--record", made, "--seed", "1"])
     expect(filecmp.cmp(made, RECORDING, False), "twinlock plant --seed 1 makes another recording")
+
+
+# ---- between two readings ----
+
+LINE = {"plant": {"omega": {"every_s": 0.04}, "torque": {"every_s": 0.04, "between": "mean"}},
+        "synchronise": {"match": {"motor.omega": {"between": "line"}}}}
+
+
+def recorded(config):
+    """The database of a replay."""
+    path = scratch() / "run.db"
+    run_well(["replay", config, "--db", path])
+    return path
+
+
+def test_a_run_of_the_last_messages_is_replayed_on_a_line():
+    """By the stamps that it has recorded, as the recording itself is; it only ends some steps sooner."""
+    line = edited_config(PLAIN_LOCK, LINE)
+    wanted = csv_file(line).read_bytes()
+    found = csv_file(line, "--recording", recorded(PLAIN_LOCK)).read_bytes()
+    expect(wanted.startswith(found), "a run that was recorded by its last messages gives another line")
+    at_least(found.count(b"\n"), STEPS - 8, "rows")
+
+
+def test_a_run_on_a_line_is_taken_as_it_was_recorded():
+    """Also by a configuration that is not to the letter its own: what lies between readings is not looked up twice."""
+    line = edited_config(PLAIN_LOCK, LINE)
+    run_of_it = recorded(line)
+    for config in (line, edited_config(line, {"name": "another"})):
+        expect(filecmp.cmp(csv_file(line), csv_file(config, "--recording", run_of_it), False), "another replay")
+
+
+def test_what_check_says_of_the_wait():
+    page = run_well(["check", edited_config(PLAIN_LOCK, LINE)])
+    for words in ("measurements lag: step i is computed at tick i + 6", "matched: a step waits for the next one, 4 ticks",
+                  "feed inputs: a step waits for the next one, 5 ticks"):
+        expect(words in page, f"no \"{words}\": {page}")
+    for mode in ("hold", "ahead"):
+        edits = {**LINE, "synchronise": {**LINE["synchronise"], "horizon": {"measurements": mode}}}
+        page = " ".join(run_well(["check", edited_config(PLAIN_LOCK, edits)]).split())
+        expect(page.count("the last one stands: \"between\" does nothing") == 2, page)
+        expect(filecmp.cmp(csv_file(edited_config(PLAIN_LOCK, edits)), csv_file(edited_config(PLAIN_LOCK, horizon(1, mode))), False),
+               f"{mode}: what no step waits for changes something")
 
 
 main()

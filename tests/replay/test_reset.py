@@ -7,7 +7,7 @@ import sqlite3
 from contextlib import closing
 
 import hostile_fmu
-from twinlock_test import NOT_LOCKED, PATIENCE, SANITIZER, Skip, at_most, edited_config, expect, main, run_well, scratch, start
+from twinlock_test import PLAIN_LOCK, NOT_LOCKED, PATIENCE, SANITIZER, Skip, at_most, edited_config, expect, main, run_well, scratch, start
 
 RESET = 32
 STEPS = "SELECT s.step, outcome, flags, evaluations, J, y, u FROM steps s JOIN outputs USING (run, step) " \
@@ -61,8 +61,8 @@ def test_a_run_is_repeated_to_the_bit():
 
 
 def test_another_configuration_knows_of_no_reset():
-    path = edited_config("motor/lock.json", {"duration_s": 1})
-    other = edited_config("motor/lock.json", {"duration_s": 1, "name": "other"})
+    path = edited_config(PLAIN_LOCK, {"duration_s": 1})
+    other = edited_config(PLAIN_LOCK, {"duration_s": 1, "name": "other"})
     again = replay(other, change(replay(path), resets(40)))
     expect(ask(again, f"SELECT count(*) FROM steps WHERE flags & {RESET}") == [(0,)], "it has begun anew")
 

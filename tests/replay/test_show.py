@@ -5,9 +5,9 @@ import json
 import math
 import sqlite3
 
-from twinlock_test import SOURCE, edited_config, expect, main, read_table, replay_csv, replay_json, run, run_well, scratch
+from twinlock_test import PLAIN_LOCK, SOURCE, edited_config, expect, main, read_table, replay_csv, replay_json, run, run_well, scratch
 
-CONFIG = "motor/lock.json"
+CONFIG = PLAIN_LOCK
 SAME = ("steps", "optimised_steps", "evaluations", "time_limited", "outcomes")
 
 

@@ -7,7 +7,7 @@ from contextlib import closing
 from pathlib import Path
 
 from live_test import bits, query
-from twinlock_test import edited_config, expect, main, run, run_well, scratch
+from twinlock_test import PLAIN_LOCK, edited_config, expect, main, run, run_well, scratch
 
 STEPS = "SELECT step, u, u_hat, y, J, outcome, evaluations FROM adjustments JOIN outputs USING (run, step, signal) JOIN steps USING (run, step) WHERE run = 1 ORDER BY step"
 AT = 300
@@ -15,7 +15,7 @@ AT = 300
 
 def recorded():
     """A configuration, and a database with its replay."""
-    config = edited_config("motor/lock.json", {"duration_s": 6})
+    config = edited_config(PLAIN_LOCK, {"duration_s": 6})
     database = scratch() / "run.db"
     run_well(["replay", config, "--db", database])
     return config, database

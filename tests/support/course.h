@@ -46,7 +46,7 @@ typedef struct tl_course {
     tl_tuning other_values;          /* and what it says */
 } tl_course;
 
-/* `path` is that of config/motor/lock.json. */
+/* `path` is that of tests/support/motor_lock.json. */
 void tl_course_open(tl_course *course, const char *path, tl_measurements measurements);
 void tl_course_close(tl_course *course);
 

@@ -25,7 +25,7 @@ typedef struct tl_course_record {
     tl_recorder_known known; /* the other configuration that the course takes */
 } tl_course_record;
 
-/* A run begins, such that tick `newest` was just now; nothing of it is recorded yet. `configuration` is the path of config/motor/lock.json. */
+/* A run begins, such that tick `newest` was just now; nothing of it is recorded yet. `configuration` is the path of tests/support/motor_lock.json. */
 void tl_course_record_open(tl_course_record *record, const char *configuration, const char *path, int64_t newest);
 
 /* Goes on up to this tick, and writes. */

@@ -194,6 +194,10 @@ def config_path(path):
     return Path(path) if os.path.isabs(path) else SOURCE / "config" / path
 
 
+# The motor bench, locked by the last message: what config/motor/lock.json is, without what makes its steps wait.
+PLAIN_LOCK = str(SOURCE / "tests" / "support" / "motor_lock.json")
+
+
 def read_config(path):
     with open(config_path(path), encoding="utf-8") as file:
         return json.load(file)

@@ -16,7 +16,7 @@
 #include "tests/support/sql.h"
 #include "tests/support/stderr_capture.h"
 
-#define LOCK TL_SOURCE_DIR "/config/motor/lock.json"
+#define LOCK TL_SOURCE_DIR "/tests/support/motor_lock.json"
 
 static tl_scratch scratch;
 static char path[PATH_MAX];

@@ -386,10 +386,10 @@ static void test_delays(void) {
     TEST_ASSERT_EQUAL_INT64(8000000, delays->output.delay);
     TEST_ASSERT_EQUAL_INT64(3900000, delays->shift);
     TEST_ASSERT_EQUAL_INT64(8000000, delays->wait);
-    TEST_ASSERT_EQUAL_INT32(2, delays->input_lookup.ticks);
-    TEST_ASSERT_EQUAL_INT64(8100000, delays->input_lookup.look_back);
-    TEST_ASSERT_EQUAL_INT32(2, delays->output_lookup.ticks);
-    TEST_ASSERT_EQUAL_INT64(16100000, delays->output_lookup.look_back);
+    TEST_ASSERT_EQUAL_INT32(2, verdict.config.input_lookup.ticks);
+    TEST_ASSERT_EQUAL_INT64(8100000, verdict.config.input_lookup.look_back);
+    TEST_ASSERT_EQUAL_INT32(2, verdict.config.output_lookup.ticks);
+    TEST_ASSERT_EQUAL_INT64(16100000, verdict.config.output_lookup.look_back);
 }
 
 /* A signal that feeds an input and is matched is looked up twice. */
@@ -425,6 +425,29 @@ static void test_second_look_ups(void) {
     TEST_ASSERT_EQUAL_INT64(16100000, config->signals[4].look_back); /* current: matched only */
     TEST_ASSERT_EQUAL_INT64(8100000, config->signals[0].look_back);  /* torque: feeds only */
     TEST_ASSERT_EQUAL_INT64(0, config->signals[1].look_back);        /* running: neither */
+}
+
+/* A wait for the next reading is a look-up too: of what feeds and is matched, twice. */
+static void test_between_readings(void) {
+    char *text = tl_test_read_text(FULL);
+    char *lagging = tl_test_replaced(text, "\"ahead\"", "\"lag\"");
+    char *without = tl_test_replaced(lagging, "\"measure\": { \"range_s\": 0.1 },", "");
+    char *line = tl_test_replaced(without, "\"between\": \"last\", \"every_s\": 0.04",
+                                  "\"between\": \"mean\", \"every_s\": 0.04");
+    tl_test_judge_text(line, strlen(line), &verdict);
+    TEST_ASSERT_EQUAL_INT(TL_OK, verdict.status);
+    /* 40 ms, a step, and 11.9 ms later: the tick at 70 ms looks back by 58.1. */
+    TEST_ASSERT_EQUAL_INT32(7, verdict.config.input_lookup.ticks);
+    TEST_ASSERT_EQUAL_INT64(58100000, verdict.config.input_lookup.look_back);
+    TEST_ASSERT_EQUAL_INT(TL_BETWEEN_MEAN, verdict.config.signals[0].between);
+    TEST_ASSERT_EQUAL_INT64(58100000, verdict.config.signals[0].look_back);
+    tl_config_forget_delays(&verdict.config);
+    TEST_ASSERT_EQUAL_INT(TL_BETWEEN_LAST, verdict.config.signals[0].between);
+    TEST_ASSERT_EQUAL_INT32(0, verdict.config.input_lookup.ticks);
+    free(line);
+    free(without);
+    free(lagging);
+    free(text);
 }
 
 static void test_a_plant_has_no_delays(void) {
@@ -513,10 +536,10 @@ static void test_delays_of_outputs_alone(void) {
     const tl_config_delays *delays = verdict.config.delays;
     TEST_ASSERT_FALSE(delays->has_input);
     TEST_ASSERT_EQUAL_INT64(-8000000, delays->shift);
-    TEST_ASSERT_EQUAL_INT32(0, delays->input_lookup.ticks);
-    TEST_ASSERT_EQUAL_INT64(0, delays->input_lookup.look_back);
-    TEST_ASSERT_EQUAL_INT32(0, delays->output_lookup.ticks);
-    TEST_ASSERT_EQUAL_INT64(8000000, delays->output_lookup.look_back);
+    TEST_ASSERT_EQUAL_INT32(0, verdict.config.input_lookup.ticks);
+    TEST_ASSERT_EQUAL_INT64(0, verdict.config.input_lookup.look_back);
+    TEST_ASSERT_EQUAL_INT32(0, verdict.config.output_lookup.ticks);
+    TEST_ASSERT_EQUAL_INT64(8000000, verdict.config.output_lookup.look_back);
 }
 
 static void test_nothing_to_compare(void) {
@@ -937,6 +960,7 @@ int main(void) {
     RUN_TEST(test_delays);
     RUN_TEST(test_delays_of_outputs_alone);
     RUN_TEST(test_second_look_ups);
+    RUN_TEST(test_between_readings);
     RUN_TEST(test_a_plant_has_no_delays);
     RUN_TEST(test_defaults);
     RUN_TEST(test_compare_only);

@@ -446,7 +446,7 @@ static void test_compare(void) {
         {"{ \"to\": \"plant.omega\" }", "{ \"to\": 1 }", "compare.motor.omega.to",
          "found 1 (number), expected a text, for example \"plant.omega\"", NULL},
         {"{ \"to\": \"plant.omega\" }", "{ \"to\": \"plant.omega\", \"tolerance\": 1 }",
-         "compare.motor.omega.tolerance", "found the unknown key \"tolerance\", expected only to", NULL},
+         "compare.motor.omega.tolerance", "found the unknown key \"tolerance\", expected one of to, between", NULL},
         {"\"motor.omega\": {", "\"moter.omega\": {", "compare.moter.omega",
          "found \"moter.omega\", expected a variable of one of \"components\", for example \"motor.omega\"", NULL},
         {"\"motor.omega\": {", "\"plant.omega\": {", "compare.plant.omega",
@@ -926,6 +926,41 @@ static void test_delays_without_a_step(void) {
     EXPECT_EACH(free_running, changes);
 }
 
+/* What waits for a next reading is Real, feeds an input or is matched, and says how long that takes. */
+static void test_between_readings(void) {
+    static const tl_test_change changes[] = {
+        {"\"between\": \"last\", \"every_s\": 0.04", "\"between\": \"linear\"", "plant.torque.between",
+         "found \"linear\" (text), expected \"last\", \"line\" or \"mean\", for example \"last\"", NULL},
+        {"\"between\": \"last\", \"every_s\": 0.04", "\"every_s\": 0", "plant.torque.every_s",
+         "found 0 (number), expected a number > 0 (at most 1e9), for example 0.04", NULL},
+        {"\"between\": \"last\", \"every_s\": 0.04", "\"between\": \"line\"", "plant.torque.every_s",
+         "found none, expected the longest time from one reading to the next, for which a step waits, for example 0.04",
+         "\"torque\": {"},
+        {"\"between\": \"last\", \"every_s\": 0.04", "\"between\": \"mean\", \"every_s\": 10.5", "plant.torque.every_s",
+         "found 10.5 (number), expected at most 1000 times step_s", NULL},
+        {"\"current\": {}", "\"current\": { \"between\": \"mean\", \"every_s\": 0.04 }", "plant.current.between",
+         "found a signal that feeds no input, expected no such key: of a signal that is matched it stands beside its "
+         "\"to\"",
+         NULL},
+        {"\"huber\": 3, \"between\": \"last\"", "\"huber\": 3, \"between\": \"mean\"",
+         "synchronise.match.motor.omega.between",
+         "found \"mean\" (text), expected \"last\" or \"line\", for example \"last\"", NULL},
+        {"\"huber\": 3, \"between\": \"last\"", "\"huber\": 3, \"between\": \"line\"", "plant.omega.every_s",
+         "found none, expected the longest time from one reading to the next, for which a step waits, for example 0.04",
+         "\"omega\": { \"unit\""},
+        {"{ \"to\": \"plant.current\", \"weight\": 0 }",
+         "{ \"to\": \"plant.stage\", \"weight\": 0, \"between\": \"line\" }", "synchronise.match.motor.I.between",
+         "found \"line\" (text), expected \"last\": between two readings of an Integer or Boolean signal there is "
+         "nothing",
+         NULL},
+    };
+    for (size_t i = 0; i < sizeof changes / sizeof changes[0]; i++) {
+        char *lagging = tl_test_replaced(full, "\"measurements\": \"ahead\"", "\"measurements\": \"lag\"");
+        tl_test_expect_problems(lagging, &changes[i], 1);
+        free(lagging);
+    }
+}
+
 /* 62 signals, three of which would be there twice. */
 static void test_too_many_look_ups(void) {
     enum { SIGNALS = 62, ROOM = 16384 };
@@ -946,7 +981,7 @@ static void test_too_many_look_ups(void) {
     TEST_ASSERT_EQUAL_STRING("delays", verdict.problems[0].where);
     TEST_ASSERT_EQUAL_STRING(
         "line 5: found 62 signals, and 3 of them feed an input and are matched, expected at most 64 "
-        "together: with delays such a signal is looked up twice, and counts twice",
+        "together: with delays or a \"between\" such a signal is looked up twice, and counts twice",
         verdict.problems[0].text);
 }
 
@@ -1175,6 +1210,7 @@ int main(void) {
     RUN_TEST(test_delays);
     RUN_TEST(test_delays_of_other_kinds);
     RUN_TEST(test_delays_without_a_step);
+    RUN_TEST(test_between_readings);
     RUN_TEST(test_too_many_look_ups);
     RUN_TEST(test_doubled_keys);
     RUN_TEST(test_everything_at_once);

@@ -55,7 +55,7 @@ static void expect_ok(tl_status status) {
 /* ---- A run that was ended by a signal just now ------------------------------------------------------------------- */
 
 static void load_assembly(void) {
-    expect_ok(tl_test_load_assembly(TL_SOURCE_DIR "/config/motor/lock.json", &assembly));
+    expect_ok(tl_test_load_assembly(TL_SOURCE_DIR "/tests/support/motor_lock.json", &assembly));
     assembly.config.record_resume = 3600 * TL_SECOND;
     assembly.config.duration = 0;
 }

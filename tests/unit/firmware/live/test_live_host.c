@@ -387,7 +387,7 @@ int main(void) {
     tl_scratch_make(&scratch, TL_BINARY_DIR, "live_host");
     static tl_config config;
     tl_report report = {0};
-    if (tl_config_read(TL_SOURCE_DIR "/config/motor/lock.json", &config, &report) != TL_OK) {
+    if (tl_config_read(TL_SOURCE_DIR "/tests/support/motor_lock.json", &config, &report) != TL_OK) {
         return 1;
     }
     tl_config_tuning(&config, &values);

@@ -20,7 +20,8 @@ static tl_past_samples samples;
 static tl_error error;
 
 void setUp(void) {
-    tl_course_record_open(&run, TL_SOURCE_DIR "/config/motor/lock.json", tl_scratch_path(&scratch, "run.db"), NEWEST);
+    tl_course_record_open(&run, TL_SOURCE_DIR "/tests/support/motor_lock.json", tl_scratch_path(&scratch, "run.db"),
+                          NEWEST);
     tl_course_record_to(&run, NEWEST);
     memset(&pulse, 0, sizeof pulse);
     memset(&answer, 0, sizeof answer);

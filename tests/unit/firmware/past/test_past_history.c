@@ -100,7 +100,7 @@ static void make_run(void) {
 }
 
 static void make(tl_measurements measurements) {
-    tl_course_open(&course, TL_SOURCE_DIR "/config/motor/lock.json", measurements);
+    tl_course_open(&course, TL_SOURCE_DIR "/tests/support/motor_lock.json", measurements);
     make_run();
 }
 
@@ -358,7 +358,7 @@ static void test_nothing_to_say(void) {
 }
 
 static void test_no_database(void) {
-    tl_course_open(&course, TL_SOURCE_DIR "/config/motor/lock.json", TL_LAG);
+    tl_course_open(&course, TL_SOURCE_DIR "/tests/support/motor_lock.json", TL_LAG);
     FILE *file = fopen(path, "w");
     TEST_ASSERT_NOT_NULL(file);
     (void)fputs("this is no database, though it is long enough to be taken for one by who looks at sizes only ........",

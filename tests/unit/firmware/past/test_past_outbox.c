@@ -41,7 +41,7 @@ static void make_memory(void) {
 }
 
 static void open_course(tl_measurements measurements) {
-    tl_course_open(&course, TL_SOURCE_DIR "/config/motor/lock.json", measurements);
+    tl_course_open(&course, TL_SOURCE_DIR "/tests/support/motor_lock.json", measurements);
     settings = (tl_outbox_settings){
         .shape = {.plant = course.assembly.config.signal_count,
                   .match = course.assembly.config.match_count,

@@ -19,7 +19,8 @@ static tl_past_samples samples;
 static tl_error error;
 
 void setUp(void) {
-    tl_course_record_open(&run, TL_SOURCE_DIR "/config/motor/lock.json", tl_scratch_path(&scratch, "run.db"), NEWEST);
+    tl_course_record_open(&run, TL_SOURCE_DIR "/tests/support/motor_lock.json", tl_scratch_path(&scratch, "run.db"),
+                          NEWEST);
 }
 
 void tearDown(void) {

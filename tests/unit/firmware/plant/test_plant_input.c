@@ -265,6 +265,150 @@ static void test_integer(void) {
     }
 }
 
+/* ---- between readings ---- */
+
+enum { STEP = 10000000 };
+
+/* At the tick after the first, `back` after which something lies between readings. */
+static void take_between(tl_between between, tl_time back, tl_time instant) {
+    input.looks[0] = (tl_plant_look){.back = back, .between = between, .span = STEP};
+    tl_plant_input_take(&input, 1, instant, &sample);
+}
+
+static void expect_between(double value, tl_time stamp, tl_quality quality) {
+    TEST_ASSERT_EQUAL_DOUBLE(value, sample.values[0]);
+    TEST_ASSERT_EQUAL_INT64(stamp, sample.stamps[0]);
+    TEST_ASSERT_EQUAL_INT(quality, sample.quality[0]);
+}
+
+/* 1 at 0, 5 at 4 steps, 3 at 6. */
+static void post_messages(void) {
+    post(1, 0, TL_GOOD);
+    post(5, 4 * STEP, TL_GOOD);
+    post(3, 6 * STEP, TL_GOOD);
+}
+
+static void test_a_line_between_two_readings(void) {
+    post_messages();
+    take_between(TL_BETWEEN_LINE, 4 * STEP, 5 * STEP);
+    expect_between(2, STEP, TL_GOOD);
+    take_between(TL_BETWEEN_LINE, 4 * STEP, 9 * STEP);
+    expect_between(4, 5 * STEP, TL_GOOD);
+    take_between(TL_BETWEEN_LINE, 4 * STEP, 8 * STEP);
+    expect_between(5, 4 * STEP, TL_GOOD);
+    take_between(TL_BETWEEN_LAST, 4 * STEP, 9 * STEP);
+    expect_between(5, 4 * STEP, TL_GOOD);
+}
+
+static void test_a_next_reading_that_has_not_come(void) {
+    post_messages();
+    take_between(TL_BETWEEN_LINE, STEP, 4 * STEP); /* it is just there */
+    expect_between(4, 3 * STEP, TL_GOOD);
+    take_between(TL_BETWEEN_LINE, STEP, 3 * STEP);
+    expect_between(1, 0, TL_GOOD);
+    take_between(TL_BETWEEN_LINE, STEP, 7 * STEP + 1);
+    expect_between(3, 6 * STEP, TL_GOOD);
+    input.limits[0].stale = STEP;
+    take_between(TL_BETWEEN_LINE, STEP, 9 * STEP);
+    expect_between(3, 6 * STEP, TL_STALE);
+}
+
+static void test_no_line_over_a_gap(void) {
+    post_messages();
+    input.limits[0].stale = 3 * STEP;
+    take_between(TL_BETWEEN_LINE, 4 * STEP, 7 * STEP); /* they are 4 steps apart */
+    expect_between(1, 0, TL_GOOD);
+    take_between(TL_BETWEEN_LINE, 4 * STEP, 7 * STEP + STEP / 2);
+    expect_between(1, 0, TL_STALE);
+    take_between(TL_BETWEEN_LINE, 4 * STEP, 9 * STEP);
+    expect_between(4, 5 * STEP, TL_GOOD);
+}
+
+static void test_no_line_to_or_from_what_is_bad(void) {
+    post(1, 0, TL_GOOD);
+    post(100, 4 * STEP, TL_GOOD);
+    post(3, 6 * STEP, TL_GOOD);
+    post(0, 8 * STEP, TL_NO_LINK);
+    input.limits[0].maximum = 10;
+    take_between(TL_BETWEEN_LINE, 4 * STEP, 6 * STEP);
+    expect_between(1, 0, TL_GOOD);
+    take_between(TL_BETWEEN_LINE, 4 * STEP, 9 * STEP);
+    expect_between(100, 4 * STEP, TL_OUT_OF_RANGE);
+    take_between(TL_BETWEEN_LINE, 4 * STEP, 11 * STEP);
+    expect_between(3, 6 * STEP, TL_GOOD);
+    take_between(TL_BETWEEN_LINE, 4 * STEP, 12 * STEP);
+    expect_between(0, 8 * STEP, TL_NO_LINK);
+}
+
+static void test_no_line_before_the_first_reading(void) {
+    post(1, 2 * STEP, TL_GOOD);
+    post(5, 4 * STEP, TL_GOOD);
+    take_between(TL_BETWEEN_LINE, 4 * STEP, 5 * STEP);
+    expect_between(1, 2 * STEP, TL_GOOD);
+    take_between(TL_BETWEEN_MEAN, 4 * STEP, 5 * STEP);
+    expect_between(1, 2 * STEP, TL_GOOD);
+}
+
+/* What overflows between them is on no line. */
+static void test_a_line_that_would_be_endless(void) {
+    post(-DBL_MAX, 0, TL_GOOD);
+    post(DBL_MAX, 2 * STEP, TL_GOOD);
+    take_between(TL_BETWEEN_LINE, 2 * STEP, 3 * STEP);
+    expect_between(-DBL_MAX, 0, TL_GOOD);
+    take_between(TL_BETWEEN_MEAN, 2 * STEP, 3 * STEP);
+    expect_between(0, STEP + STEP / 2, TL_GOOD); /* from one end to the other */
+}
+
+/* From one instant of the line to another, over the reading between them. */
+static void test_a_mean_over_a_step(void) {
+    post_messages();
+    take_between(TL_BETWEEN_MEAN, 5 * STEP, 6 * STEP);
+    expect_between(2.5, STEP + STEP / 2, TL_GOOD);
+    take_between(TL_BETWEEN_MEAN, 5 * STEP, 8 * STEP + STEP / 2); /* from 3.5 to 4.5: 4.5 to 5 to 4.5 */
+    expect_between(4.75, 4 * STEP, TL_GOOD);
+    take_between(TL_BETWEEN_MEAN, 2 * STEP, 7 * STEP + STEP / 2); /* 3.5 to 3 at 6, then 3 held */
+    expect_between(3.125, 6 * STEP, TL_GOOD);
+    input.limits[0].stale = STEP;
+    take_between(TL_BETWEEN_MEAN, 2 * STEP, 10 * STEP);
+    expect_between(3, 6 * STEP, TL_STALE);
+}
+
+/* A thousand readings in a step: the first 256, and one line. */
+static void test_a_mean_of_a_flood(void) {
+    static tl_mailbox_slot many[2048];
+    input.mailboxes[0] = (tl_mailbox){.slots = many, .count = &counts[0], .depth = 2048};
+    for (int i = 0; i <= 1000; i++) {
+        post(2, i * (STEP / 1000), TL_GOOD);
+    }
+    take_between(TL_BETWEEN_MEAN, STEP, STEP);
+    expect_between(2, STEP / 2, TL_GOOD);
+}
+
+/* ---- alike ---- */
+
+static void test_a_stamp_that_is_a_little_late_is_of_the_instant(void) {
+    post(1, 0, TL_GOOD);
+    post(2, STEP + TL_PLANT_ALIKE, TL_GOOD);
+    post(3, 2 * STEP + TL_PLANT_ALIKE + 1, TL_GOOD);
+    take_between(TL_BETWEEN_LAST, 0, STEP);
+    expect_between(2, STEP + TL_PLANT_ALIKE, TL_GOOD);
+    take_between(TL_BETWEEN_LAST, 0, 2 * STEP);
+    expect_between(2, STEP + TL_PLANT_ALIKE, TL_GOOD);
+    take_between(TL_BETWEEN_LINE, 2 * STEP, 3 * STEP);
+    expect_between(2, STEP + TL_PLANT_ALIKE, TL_GOOD);
+}
+
+static void test_a_stamp_that_is_a_little_early_is_not_before_the_next_one(void) {
+    post(1, 0, TL_GOOD);
+    post(2, STEP - TL_PLANT_ALIKE, TL_GOOD);
+    post(3, 2 * STEP, TL_GOOD);
+    input.looks[0] = (tl_plant_look){.back = STEP, .next = true};
+    tl_plant_input_take(&input, 1, 2 * STEP, &sample);
+    expect_between(2, STEP - TL_PLANT_ALIKE, TL_GOOD);
+    take_between(TL_BETWEEN_LINE, STEP, 2 * STEP);
+    expect_between(2, STEP - TL_PLANT_ALIKE, TL_GOOD);
+}
+
 int main(void) {
     UNITY_BEGIN();
     RUN_TEST(test_good);
@@ -285,5 +429,15 @@ int main(void) {
     RUN_TEST(test_complete_once_all_signals_are_good);
     RUN_TEST(test_boolean);
     RUN_TEST(test_integer);
+    RUN_TEST(test_a_line_between_two_readings);
+    RUN_TEST(test_a_next_reading_that_has_not_come);
+    RUN_TEST(test_no_line_over_a_gap);
+    RUN_TEST(test_no_line_to_or_from_what_is_bad);
+    RUN_TEST(test_no_line_before_the_first_reading);
+    RUN_TEST(test_a_line_that_would_be_endless);
+    RUN_TEST(test_a_mean_over_a_step);
+    RUN_TEST(test_a_mean_of_a_flood);
+    RUN_TEST(test_a_stamp_that_is_a_little_late_is_of_the_instant);
+    RUN_TEST(test_a_stamp_that_is_a_little_early_is_not_before_the_next_one);
     return UNITY_END();
 }

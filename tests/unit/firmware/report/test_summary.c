@@ -20,7 +20,7 @@ static cJSON *root;
 
 void setUp(void) {
     TEST_ASSERT_EQUAL_INT(0, setenv("TWINLOCK_FMU_PATH", TL_BINARY_DIR "/fmus", 1));
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_test_read_assembly(TL_SOURCE_DIR "/config/motor/lock.json", &assembly));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_test_read_assembly(TL_SOURCE_DIR "/tests/support/motor_lock.json", &assembly));
     assembly.config.algorithm = "nelder-mead"; /* whatever is best at present */
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_assembly_build(&assembly));
     memset(&summary, 0, sizeof summary);

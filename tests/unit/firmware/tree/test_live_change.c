@@ -9,7 +9,7 @@
 
 #include "firmware/tree/live_change.h"
 
-#define LOCK TL_SOURCE_DIR "/config/motor/lock.json"
+#define LOCK TL_SOURCE_DIR "/tests/support/motor_lock.json"
 #define TEXT "{\"this is\": \"a candidate, which the supervisor does not read\"}"
 
 enum { RUN = 1001, SHADOW = 1002, NEXT = 1003 };

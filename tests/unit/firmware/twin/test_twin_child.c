@@ -19,7 +19,7 @@
 #include "tests/support/scratch.h"
 #include "tests/support/stderr_capture.h"
 
-#define LOCK TL_SOURCE_DIR "/config/motor/lock.json"
+#define LOCK TL_SOURCE_DIR "/tests/support/motor_lock.json"
 #define LIE "lie: "
 
 enum { PAGE = 4096, LINE = 64, TICKS = 300 };

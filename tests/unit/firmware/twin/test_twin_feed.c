@@ -12,7 +12,7 @@
 #include "tests/support/read_assembly.h"
 #include "tests/support/scratch.h"
 
-#define LOCK TL_SOURCE_DIR "/config/motor/lock.json"
+#define LOCK TL_SOURCE_DIR "/tests/support/motor_lock.json"
 
 enum { ROWS = 700, SOME = 20, ROW = 12 /* bytes */ };
 

@@ -26,7 +26,7 @@
 #include "tests/support/scratch.h"
 #include "tests/support/stderr_capture.h"
 
-#define LOCK TL_SOURCE_DIR "/config/motor/lock.json"
+#define LOCK TL_SOURCE_DIR "/tests/support/motor_lock.json"
 #define SLOW "twin slow"
 
 enum { PULSE = 6, OUTBOX = 8, GATE = 9, NUMBERS = 12, DONE = 42, WAIT_S = 20 };

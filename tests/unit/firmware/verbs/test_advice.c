@@ -10,7 +10,7 @@
 #include "tests/support/read_assembly.h"
 #include "tests/support/scratch.h"
 
-#define LOCK TL_SOURCE_DIR "/config/motor/lock.json"
+#define LOCK TL_SOURCE_DIR "/tests/support/motor_lock.json"
 #define SLOW TL_SOURCE_DIR "/config/transport/slow.json"
 #define LIVE TL_SOURCE_DIR "/config/motor/live.json"
 #define BUS TL_SOURCE_DIR "/config/motor/can.json"
