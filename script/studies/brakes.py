@@ -103,14 +103,18 @@ def write_brake(path, shape, seed, force):
             file.write(f"{i * SAMPLE_S:.2f},{force * torque(i * SAMPLE_S):.4f}\n")
 
 
-def make_recording(program, folder, seed, shape="own", brake=None, force=1.0):
+def make_recording(program, folder, seed, shape="own", brake=None, force=1.0, exact=False):
     """The path of a new recording in `folder` as `twinlock plant` makes it with a seed: under a brake in a file, under the
-    bench's own (config/motor/brake.csv), or under one of the shapes, `force` times as strong."""
+    bench's own (config/motor/brake.csv), or under one of the shapes, `force` times as strong. `exact`: what the plant truly
+    does under that brake, without noise, a row at each step."""
     document = json.loads((MOTOR / "plant.json").read_text(encoding="utf-8"))
     if brake is None and shape in SHAPES:
         brake = folder / "brake.csv"
         write_brake(brake, shape, seed, force)
     document["recording"]["file"] = str(Path(brake or MOTOR / "brake.csv").resolve())
+    if exact:
+        document["emulate"] = {"columns": {name: {"from": column["from"]}
+                                           for name, column in document["emulate"]["columns"].items()}}
     config, made = folder / "plant.json", folder / f"{shape}-{seed}.csv"
     config.write_text(json.dumps(document), encoding="utf-8")
     subprocess.run([program, "plant", config, "--record", made, "--seed", str(seed)], check=True, capture_output=True)

@@ -4,7 +4,7 @@ absent), with a model three times too heavy. Only the position is matched; the v
 all the same, and what had to be corrected must be the force that the excess of mass needs."""
 import functools
 
-from twinlock_test import at_least, expect, main, replay_csv, replay_json, shared_recording, within
+from twinlock_test import at_least, edited_config, expect, main, replay_csv, replay_json, shared_recording, within
 
 STEP_S = 0.01
 MASS_ERROR = 273.99 - 91.33  # kg; config/emps against the fitted mass
@@ -40,6 +40,14 @@ def test_free():
 
 def test_lag():
     check_falls("lock", 1e4, 1e3)
+
+
+def test_each_step_from_1_to_10_ms():
+    """Stamps of the record are up to 32 ns late: of a step that is a multiple of its own, one in some would be a whole sample old."""
+    for milliseconds in range(1, 11):
+        free, locked = (replay_json(edited_config(f"emps/{name}.json", {"step_s": milliseconds / 1000}), "--recording",
+                                    shared_recording("emps_train.csv"))["match"]["emps.v"]["mse"] for name in ("free", "lock"))
+        at_least(free / locked, 1000, f"step of {milliseconds} ms: velocity, not matched: MSE falls by")
 
 
 def test_ahead():

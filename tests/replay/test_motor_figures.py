@@ -5,7 +5,9 @@ from pathlib import Path
 
 import brakes
 import campaign
-from twinlock_test import PROGRAM, at_most, edited_config, expect, main, replay_json, scratch
+from truth import true_mse
+from twinlock_test import (PROGRAM, at_least, at_most, edited_config, expect, main, read_table, replay_csv, replay_json,
+                           scratch)
 
 STEPS, FEWEST = 1401, 4203
 SEEDS = (1001, 1002, 1003)
@@ -44,6 +46,21 @@ def test_lock():
     expect(len({path.read_bytes() for path in recordings}) == len(SEEDS), "seeds make the same recording")
     for recording in recordings:
         check_lock(recording, 0.25, (1.08, 0.30))
+
+
+def true_error(recording, truth, edits=None):
+    rows = replay_csv(edited_config("motor/lock.json", edits), "--recording", recording)
+    return true_mse(rows, "motor.omega", read_table(truth), "omega", 0.01)
+
+
+def test_the_true_speed():
+    """Nobody may see it but a test: the speed itself, not what messages of 25 to 40 ms say of it, with a noise of 0.09 (rad/s)\u00b2."""
+    last = {"synchronise": {"match": {"motor.omega": {"between": "last", "condition": None}}}}
+    truth = brakes.make_recording(PROGRAM, scratch(), 1, exact=True)
+    for recording in own_recordings():
+        error = true_error(recording, truth)
+        at_most(error, 0.08, "MSE against the true speed, (rad/s)\u00b2")
+        at_least(true_error(recording, truth, last) / error, 3, "MSE against the true speed: what holding the last message costs")
 
 
 def test_horizons():

@@ -4,6 +4,7 @@ and that what was corrected is the heat, or the heat capacity, that it is wrong 
 import filecmp
 
 from diagnosis import excess_heat_capacity
+from truth import make_truth, true_mse
 from twinlock_test import (SOURCE, at_least, at_most, edited_config, expect, main, replay_csv, replay_json, run_well,
                            scratch, within)
 
@@ -37,6 +38,13 @@ def test_lock_by_heat():
         at_least(free / result["match"][sensor]["mse"], 5000, f"{sensor}: MSE falls by")
         at_most(result["match"][sensor]["max"], 0.5, f"{sensor}: MAX, K")
     at_most(result["evaluations"] / result["steps"], 1.05, "evaluations for a step")
+
+
+def test_the_true_temperatures():
+    truth = make_truth("tclab/plant.json")
+    rows = replay_csv("tclab/lock.json")
+    for sensor, column in zip(SENSORS, ("T1", "T2")):
+        at_most(true_mse(rows, sensor, truth, column, 1), 0.01, f"{sensor}: MSE against the true one, K\u00b2")
 
 
 def test_the_heat_is_what_the_excess_takes_up():
