@@ -22,11 +22,13 @@ static tl_status add(tl_allowed_names *allowed, tl_change_named kind, const char
         allowed->names = names;
         allowed->room = room;
     }
-    char *copy = strndup(text, length);
-    if (copy == NULL) {
+    struct tl_allowed_name *name = &allowed->names[allowed->count];
+    name->kind = kind;
+    name->text = strndup(text, length);
+    if (name->text == NULL) {
         return tl_fail(error, TL_TRY_AGAIN, "not enough memory for names that are allowed");
     }
-    allowed->names[allowed->count++] = (struct tl_allowed_name){kind, copy};
+    allowed->count++;
     return TL_OK;
 }
 
@@ -80,7 +82,7 @@ tl_status tl_allowed_names_add_list(tl_allowed_names *allowed, const char *text,
 typedef struct name_search {
     tl_allowed_names *allowed;
     tl_status status;
-    tl_error *error;
+    tl_error error;
 } name_search;
 
 static void collect(const tl_json_difference *difference, void *context) {
@@ -88,16 +90,16 @@ static void collect(const tl_json_difference *difference, void *context) {
     tl_change_needs needs = tl_change_needs_of(difference);
     if (c->status == TL_OK && needs.names != TL_NAMES_NOTHING && difference->after.type == TL_JSON_TEXT) {
         const char *text = difference->after.text;
-        c->status = add(c->allowed, needs.names, text, strlen(text), c->error);
+        c->status = add(c->allowed, needs.names, text, strlen(text), &c->error);
     }
 }
 
 tl_status tl_allowed_names_add_configuration(tl_allowed_names *allowed, const char *text, tl_error *error) {
     const tl_json_source nothing = {"{}", strlen("{}"), "nothing"};
     const tl_json_source all = {text, strlen(text), "a configuration"};
-    name_search c = {allowed, TL_OK, error};
+    name_search c = {.allowed = allowed, .status = TL_OK};
     tl_status status = tl_json_compare(&nothing, &all, collect, &c, error);
-    return status != TL_OK ? status : c.status;
+    return status != TL_OK ? status : c.status == TL_OK ? TL_OK : tl_fail(error, c.status, "%s", c.error.text);
 }
 
 /* ---- asking ---- */
