@@ -87,20 +87,33 @@ static void follow_call(const tl_heartbeats *beats, tl_heartbeats_seen *seen, tl
     seen->call = call.begun;
 }
 
+/* False: it had one, and has none for too long. */
+static bool note_hearts(tl_heartbeats_seen *seen, bool has, tl_time passed) {
+    seen->had = seen->had || has;
+    seen->no_heart = seen->had && !has ? seen->no_heart + passed : 0;
+    return seen->no_heart <= TL_HEARTBEAT_NONE;
+}
+
 const char *tl_heartbeats_look(const tl_heartbeats *beats, tl_heartbeats_seen *seen, tl_time now, tl_time *silence) {
     tl_time passed = seen->looked == 0 ? 0 : now - seen->looked;
     passed = passed > TL_HEARTBEAT_LOOK ? TL_HEARTBEAT_LOOK : passed;
     seen->looked = now;
     follow_call(beats, seen, passed);
     const char *silent = NULL;
+    bool has = false;
     for (size_t i = 0; i < TL_HEARTBEATS; i++) {
         const tl_heart *heart = &beats->hearts[i];
         tl_time patience = __atomic_load_n(&heart->patience, __ATOMIC_ACQUIRE);
         tl_time since = listen(heart, patience > 0, seen, i, passed);
+        has = has || patience > 0;
         if (patience > 0 && since > patience && silent == NULL) {
             silent = heart->name;
             *silence = since;
         }
+    }
+    if (!note_hearts(seen, has, passed)) {
+        silent = "every thread";
+        *silence = seen->no_heart;
     }
     return silent;
 }

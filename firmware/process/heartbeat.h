@@ -30,6 +30,9 @@ enum {
 /* Of the time between two looks, what counts at most. */
 #define TL_HEARTBEAT_LOOK (TL_SECOND / 5)
 
+/* For how long a process may have no heart that is watched, once it had one: the main thread's never ends. */
+#define TL_HEARTBEAT_NONE (2 * TL_SECOND)
+
 /* One thread's heart. Fields are private. */
 typedef struct tl_heart {
     uint64_t beats;
@@ -86,12 +89,15 @@ tl_fmu_calls *tl_heartbeats_calls(tl_heartbeats *beats);
 typedef struct tl_heartbeats_seen {
     uint64_t beats[TL_HEARTBEATS];
     tl_time silence[TL_HEARTBEATS];
-    tl_time looked; /* 0: never */
-    uint32_t call;  /* FMU call, */
-    tl_time lasted; /* and how long it was seen to be under way */
+    bool had;         /* a heart that is watched, */
+    tl_time no_heart; /* and for how long it was seen to have none */
+    tl_time looked;   /* 0: never */
+    uint32_t call;    /* FMU call, */
+    tl_time lasted;   /* and how long it was seen to be under way */
 } tl_heartbeats_seen;
 
-/* Looks. NULL: everybody is alive. Else the name of one that has been silent for longer than its patience, and in `silence` for how long. */
+/* Looks. NULL: everybody is alive. Else the name of one that has been silent for longer than its patience, and in `silence` for how long. A process that
+ * had a heart and has none for longer than TL_HEARTBEAT_NONE, as one whose memory was written over, is "every thread". */
 const char *tl_heartbeats_look(const tl_heartbeats *beats, tl_heartbeats_seen *seen, tl_time now, tl_time *silence);
 
 /* The FMU call that is under way, where it has lasted for at least so long when tl_heartbeats_look() looked last; 0: any. False where there is none. */

@@ -53,6 +53,7 @@ void tl_child_kill_silent(tl_child *child, const char *silent, tl_time silence) 
 
 void tl_child_let_be(tl_child *child) {
     memset(child->seen.silence, 0, sizeof child->seen.silence);
+    child->seen.no_heart = 0;
 }
 
 /* Which call it was is not known. */

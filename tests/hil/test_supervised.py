@@ -237,6 +237,16 @@ def test_an_fmu_is_named():
                   "reason: it was ended by signal 11, Segmentation fault, in fmi2DoStep of unruly", " s, in fmi2DoStep of unruly")
 
 
+def test_an_fmu_that_takes_the_hearts_out():
+    """It wipes out what says that the twin lives, and hangs: nobody is silent then who could be looked at, and that is no life."""
+    with Device(OMEGA) as device, kills.Unruly(device) as unruly:
+        unruly.wait_for_tick(1)
+        unruly.tell("heartless")
+        unruly.wait_for_tick(2)
+        end_orderly(unruly.live)
+    expect_starts(unruly.database, "it was told to", 'reason: it hung: "every thread" gave no sign of life for 2.')
+
+
 def test_told_to_end_while_an_fmu_hangs():
     """For longer than anybody wants to wait. The twin gives it up; what does not is tests/unit/firmware/supervise/test_supervisor_end.c's."""
     with Device(OMEGA) as device, kills.Unruly(device, kills.Pace(hang_s=60)) as unruly:

@@ -3,6 +3,7 @@
  *
  *   hang   never returns      crash   is ended by SIGSEGV      exit   calls exit(0)
  *   scribble   writes over what the twin hands to the recorder, and goes on
+ *   heartless  wipes out what the twin shows of its life, and never returns
  *
  * The word is taken out first, so that the process that is begun after this one is a well-behaved one. */
 #include <inttypes.h>
@@ -42,16 +43,16 @@ static void hang(void) {
     }
 }
 
-/* All of it that can be written. */
-static void scribble(void) {
+/* All of the block of this name that can be written. */
+static void scribble(const char *block, int with) {
     char line[512];
     FILE *maps = fopen("/proc/self/maps", "r");
     while (maps != NULL && fgets(line, sizeof line, maps) != NULL) {
         char *end = line;
         uintptr_t from = (uintptr_t)strtoull(line, &end, 16);
         uintptr_t to = *end == '-' ? (uintptr_t)strtoull(end + 1, NULL, 16) : from;
-        if (strstr(line, "memfd:twinlock outbox") != NULL && strstr(line, " rw-s ") != NULL) {
-            memset((void *)from, 0x55, to - from); /* NOLINT(performance-no-int-to-ptr): as /proc tells */
+        if (strstr(line, block) != NULL && strstr(line, " rw-s ") != NULL) {
+            memset((void *)from, with, to - from); /* NOLINT(performance-no-int-to-ptr): as /proc tells */
         }
     }
     if (maps != NULL) {
@@ -65,7 +66,10 @@ static void obey(const char *word) {
     } else if (strcmp(word, "exit") == 0) {
         exit(0);
     } else if (strcmp(word, "scribble") == 0) {
-        scribble();
+        scribble("memfd:twinlock outbox", 0x55);
+    } else if (strcmp(word, "heartless") == 0) {
+        scribble("memfd:twinlock twin", 0);
+        hang();
     } else if (strcmp(word, "crash") == 0) {
         (void)signal(SIGSEGV, SIG_DFL);
         (void)raise(SIGSEGV);

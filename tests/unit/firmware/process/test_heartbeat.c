@@ -106,12 +106,26 @@ static void test_the_looker_slept(void) {
 }
 
 static void test_more_patience_and_none(void) {
-    tl_heart *heart = tl_heart_begin(beats, "main", TL_SECOND);
+    tl_heart *heart = tl_heart_begin(beats, "cycle", TL_SECOND);
+    (void)tl_heart_begin(beats, "main", 1000 * TL_SECOND);
     (void)look_after(0);
     tl_heart_be_patient(heart, 5 * TL_SECOND);
     TEST_ASSERT_NULL(look_for(5 * TL_SECOND));
     tl_heart_end(heart);
     TEST_ASSERT_NULL(look_for(100 * TL_SECOND));
+}
+
+/* Somebody has written over it, and hangs. */
+static void test_hearts_that_are_gone(void) {
+    (void)tl_heart_begin(beats, "cycle", TL_SECOND);
+    (void)tl_heart_begin(beats, "main", 1000 * TL_SECOND);
+    (void)look_after(0);
+    memset(beats->hearts, 0, sizeof beats->hearts);
+    TEST_ASSERT_NULL(look_for(TL_HEARTBEAT_NONE));
+    TEST_ASSERT_EQUAL_STRING("every thread", look_after(TL_SECOND / 10));
+    TEST_ASSERT_EQUAL_INT64(TL_HEARTBEAT_NONE + TL_SECOND / 10, silence);
+    (void)tl_heart_begin(beats, "cycle", TL_SECOND);
+    TEST_ASSERT_NULL(look_for(TL_SECOND));
 }
 
 static void test_nobody_supervises(void) {
@@ -208,6 +222,7 @@ int main(void) {
     RUN_TEST(test_the_silent_one_of_many);
     RUN_TEST(test_the_looker_slept);
     RUN_TEST(test_more_patience_and_none);
+    RUN_TEST(test_hearts_that_are_gone);
     RUN_TEST(test_nobody_supervises);
     RUN_TEST(test_seen_from_another_process);
     RUN_TEST(test_a_call_is_as_old_as_it_was_seen);
