@@ -316,8 +316,17 @@ static bool is_changed(tl_member which, const member *ended) {
     return ended->is_changed && (which == TL_MEMBER_IO || is_orderly);
 }
 
+/* What the twin announces is in memory that its FMUs can write, too. */
+static void doubt_farewell(supervisor *self, tl_member which) {
+    tl_child_end *end = &self->members[which]->child.end;
+    if (which == TL_MEMBER_TWIN && end->farewell == TL_FAREWELL_OVER && !self->settings->has_duration) {
+        end->farewell = TL_FAREWELL_NONE;
+    }
+}
+
 static void note_end(supervisor *self, tl_member which, tl_time now) {
     member *ended = self->members[which];
+    doubt_farewell(self, which);
     char reason[TL_RESTARTS_REASON];
     bool is_last = is_final(self, which) && !is_worth_another(self, which);
     bool is_alone = which == TL_MEMBER_TWIN && self->settings->alone;

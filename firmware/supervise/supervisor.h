@@ -11,7 +11,7 @@
  * Damage:  a process may be well by its heart, and its memory not: what it writes for others is. Who reads that says so, and it is killed and begun again as
  *          one that is silent; alone, too. But who says so may lie: so it costs a process one failure, and further ones only after a life in which the one
  *          before is forgiven. It never leads to safe hold.
- * Ends:    only one that a process announced (heartbeat.h) is orderly: the run is over, or it could not begin before anything ever
+ * Ends:    only one that a process announced (heartbeat.h) is orderly: the run is over (if it has a duration: an FMU may have forged the word), or it could not begin before anything ever
  *          ran, which is told to whoever started the supervisor by the exit code; or the supervisor was asked to end, and asked the
  *          processes: the twin first, then io, then the recorder, which writes the rest. Any other end is a failure, which is named, with the FMU and
  *          its function if one was being called.
@@ -68,6 +68,7 @@ typedef struct tl_orders {
 
 typedef struct tl_supervisor_settings {
     bool alone;
+    bool has_duration;    /* the run is over some time by itself */
     tl_time call_limit;   /* alone: how long a call of an FMU may last */
     const char *state;    /* a folder for the account of restarts, of one supervisor at a time; NULL: none */
     const char *watchdog; /* the device; NULL: none */

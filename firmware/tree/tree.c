@@ -308,6 +308,7 @@ static int supervise(tl_tree *self) {
     const tl_supervisor_settings settings = {
         .alone = !self->settings->supervised,
         .call_limit = self->settings->call_limit,
+        .has_duration = self->config.duration > 0,
         .state = self->settings->state,
         .watchdog = self->settings->watchdog,
         .watchdog_s = self->settings->watchdog_s,

@@ -247,6 +247,16 @@ def test_an_fmu_that_takes_the_hearts_out():
     expect_starts(unruly.database, "it was told to", 'reason: it hung: "every thread" gave no sign of life for 2.')
 
 
+def test_an_fmu_that_says_that_the_run_is_over():
+    """In the memory by which the twin says it; this run has no end of its own."""
+    with Device(OMEGA) as device, kills.Unruly(device) as unruly:
+        unruly.wait_for_tick(1)
+        unruly.tell("over")
+        unruly.wait_for_tick(2)
+        end_orderly(unruly.live)
+    expect_starts(unruly.database, "it was told to", "reason: it ended unannounced, with exit code 2")
+
+
 def test_told_to_end_while_an_fmu_hangs():
     """For longer than anybody wants to wait. The twin gives it up; what does not is tests/unit/firmware/supervise/test_supervisor_end.c's."""
     with Device(OMEGA) as device, kills.Unruly(device, kills.Pace(hang_s=60)) as unruly:

@@ -295,8 +295,13 @@ void tl_stage_empty(void) {
 void tl_stage_set(void) {
     tl_scratch_empty(&stage->scratch);
     tl_stage_empty();
-    stage->settings = (tl_supervisor_settings){
-        .begin = begin, .ended = ended, .tell = tell, .damaged = damaged, .look = look, .context = stage};
+    stage->settings = (tl_supervisor_settings){.has_duration = true,
+                                               .begin = begin,
+                                               .ended = ended,
+                                               .tell = tell,
+                                               .damaged = damaged,
+                                               .look = look,
+                                               .context = stage};
     (void)unsetenv("NOTIFY_SOCKET");
     (void)unsetenv("WATCHDOG_USEC");
     TEST_ASSERT_TRUE(tl_stderr_capture_begin());

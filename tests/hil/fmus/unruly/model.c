@@ -3,6 +3,7 @@
  *
  *   hang   never returns      crash   is ended by SIGSEGV      exit   calls exit(0)
  *   scribble   writes over what the twin hands to the recorder, and goes on
+ *   over       says of its run that it is over, and ends the process as it said
  *   heartless  wipes out what the twin shows of its life, and never returns
  *
  * The word is taken out first, so that the process that is begun after this one is a well-behaved one. */
@@ -12,9 +13,13 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 
 #include "description.h"
 #include "fmus/common/model.h"
+
+/* Each byte of where a process says why and with which code it ends, which is in these first ones: TL_FAREWELL_OVER (firmware/process/heartbeat.h). */
+enum { OVER = 2, PULSE = 4096 };
 
 typedef struct unruly {
     fmi2Real u, y, t_step;
@@ -43,8 +48,8 @@ static void hang(void) {
     }
 }
 
-/* All of the block of this name that can be written. */
-static void scribble(const char *block, int with) {
+/* Over the first `count` bytes of the block of this name, if it can be written; 0: over all of it. */
+static void scribble(const char *block, int with, size_t count) {
     char line[512];
     FILE *maps = fopen("/proc/self/maps", "r");
     while (maps != NULL && fgets(line, sizeof line, maps) != NULL) {
@@ -52,7 +57,8 @@ static void scribble(const char *block, int with) {
         uintptr_t from = (uintptr_t)strtoull(line, &end, 16);
         uintptr_t to = *end == '-' ? (uintptr_t)strtoull(end + 1, NULL, 16) : from;
         if (strstr(line, block) != NULL && strstr(line, " rw-s ") != NULL) {
-            memset((void *)from, with, to - from); /* NOLINT(performance-no-int-to-ptr): as /proc tells */
+            void *begin = (void *)from; /* NOLINT(performance-no-int-to-ptr): as /proc tells */
+            memset(begin, with, count != 0 ? count : to - from);
         }
     }
     if (maps != NULL) {
@@ -66,10 +72,13 @@ static void obey(const char *word) {
     } else if (strcmp(word, "exit") == 0) {
         exit(0);
     } else if (strcmp(word, "scribble") == 0) {
-        scribble("memfd:twinlock outbox", 0x55);
+        scribble("memfd:twinlock outbox", 0x55, 0);
     } else if (strcmp(word, "heartless") == 0) {
-        scribble("memfd:twinlock twin", 0);
+        scribble("memfd:twinlock twin", 0, 0);
         hang();
+    } else if (strcmp(word, "over") == 0) {
+        scribble("memfd:twinlock twin", OVER, PULSE);
+        _exit(OVER);
     } else if (strcmp(word, "crash") == 0) {
         (void)signal(SIGSEGV, SIG_DFL);
         (void)raise(SIGSEGV);

@@ -195,6 +195,18 @@ static void test_damage_of_another_one(void) {
     tl_stage_expect_said("the reading of the plant failed: it has destroyed its own memory");
 }
 
+static void end_after_the_second(bool ends, tl_orders *orders) {
+    orders->end = !ends && stage->starts == 2 && tl_stage_is_ready(TL_MEMBER_TWIN);
+}
+
+/* A run without a duration is over when it is told to. */
+static void test_an_end_that_cannot_be(void) {
+    stage->settings.has_duration = false;
+    stage->play_on = end_after_the_second;
+    tl_stage_expect_code("0w", 0);
+    TEST_ASSERT_EQUAL_STRING("it ended unannounced, with exit code 0", stage->reason[1]);
+}
+
 static void test_damage_alone(void) {
     stage->settings.alone = true;
     stage->damaged[TL_MEMBER_TWIN] = in_future();
@@ -260,6 +272,7 @@ int main(void) {
     RUN_TEST(test_damage_that_was_mended);
     RUN_TEST(test_damage_before_it_is_ready);
     RUN_TEST(test_damage_of_another_one);
+    RUN_TEST(test_an_end_that_cannot_be);
     RUN_TEST(test_damage_alone);
     RUN_TEST(test_a_process_that_cannot_be_made_is_tried_again);
     RUN_TEST(test_a_reason_can_be_bettered);
