@@ -4,20 +4,22 @@
 #include <dirent.h>
 #include <fcntl.h>
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
 
 /* The first lines of a thread's status, with its name, which nobody can put a line's end into, its state and who traces it. */
 enum { STATUS = 1024 };
 
+/* What stands behind this name; "": nothing. */
+static const char *find(const char *status, const char *name) {
+    const char *found = strstr(status, name);
+    return found != NULL ? found + strlen(name) : "";
+}
+
 static bool is_held(const char *status) {
-    const char *state = strstr(status, "\nState:\t");
-    const char *tracer = strstr(status, "\nTracerPid:\t");
-    char letter = '\0';
-    long number = 0;
-    bool is_stopped = state != NULL && sscanf(state, " State: %c", &letter) == 1 && (letter == 'T' || letter == 't');
-    bool is_traced = tracer != NULL && sscanf(tracer, " TracerPid: %ld", &number) == 1 && number != 0;
-    return is_stopped || is_traced;
+    char state = *find(status, "\nState:\t");
+    return state == 'T' || state == 't' || strtol(find(status, "\nTracerPid:\t"), NULL, 10) != 0;
 }
 
 /* One that has ended meanwhile is not held. */
