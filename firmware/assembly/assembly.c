@@ -138,8 +138,10 @@ static const tl_fmu *find_shared(const tl_assembly *assembly, const char *path) 
 }
 
 /* The FMU at `path`, with variables of its own whoever else uses that file; NULL where reported. */
-static const tl_fmu *load_fmu(tl_assembly *assembly, const char *path, int opened, tl_rollback rollback,
-                              const char *where) {
+static const tl_fmu *load_fmu(tl_assembly *assembly, const char *path, int opened,
+                              const tl_config_component *configured) {
+    const char *where = configured->where;
+    tl_rollback rollback = assembly->config.synchronise ? configured->rollback : TL_ROLLBACK_NONE;
     const tl_fmu *shared = find_shared(assembly, path);
     if (shared != NULL) {
         return shared;
@@ -152,6 +154,7 @@ static const tl_fmu *load_fmu(tl_assembly *assembly, const char *path, int opene
         return NULL;
     }
     assembly->fmu_count++;
+    tl_fmu_set_replay_steps(fmu, configured->replay_steps);
     return check_module(assembly, fmu, where) ? fmu : NULL;
 }
 
@@ -200,10 +203,7 @@ static void load_component(tl_assembly *assembly, size_t index) {
         return;
     }
     const tl_fmu *fmu =
-        is_meant(assembly, configured, path, opened)
-            ? load_fmu(assembly, path, opened, assembly->config.synchronise ? configured->rollback : TL_ROLLBACK_NONE,
-                       configured->where)
-            : NULL;
+        is_meant(assembly, configured, path, opened) ? load_fmu(assembly, path, opened, configured) : NULL;
     if (fmu != NULL) {
         *component = (tl_plan_component){
             .where = configured->where,

@@ -115,6 +115,18 @@ static tl_status look(const tl_assembly *assembly, tl_error *error) {
     return status;
 }
 
+/* Once a process. */
+static void tell_free_run(const tl_assembly *assembly, const tl_twin_result *result) {
+    static bool told;
+    bool is_free = result->ready == 1 && (result->record.flags & TL_FLAG_NO_WAY_BACK) != 0;
+    char text[TL_TWIN_NO_WAY_BACK_TEXT];
+    if (is_free && !told) {
+        tl_twin_tell_no_way_back(assembly->twin, result->record.step, assembly->config.step, text);
+        tl_log(TL_LOG_WARNING, "%s", text);
+    }
+    told = told || is_free;
+}
+
 tl_status tl_twin_execute(const tl_assembly *assembly, const tl_recording_tick *tick, tl_twin_tells tells,
                           tl_lock_rescue *rescue, tl_twin_result *result, tl_error *error) {
     const tl_lock_change *change = NULL; /* the other end judges it again, and tells */
@@ -132,6 +144,7 @@ tl_status tl_twin_execute(const tl_assembly *assembly, const tl_recording_tick *
     result->tick = tick->sample.tick;
     result->status = (int32_t)status;
     result->ready = ready ? 1 : 0;
+    tell_free_run(assembly, result);
     tell(assembly, tells, result);
     look_after_host(tick);
     return status;

@@ -83,3 +83,19 @@ bool tl_twin_look_at_account(const tl_account *account, tl_twin_look_news *news)
     write_sentence(&finding, news);
     return news->found;
 }
+
+void tl_twin_tell_no_way_back(const tl_twin *twin, int64_t step, tl_time size, char text[TL_TWIN_NO_WAY_BACK_TEXT]) {
+    tl_twin_facts facts = tl_twin_get_facts(twin);
+    const char *name = facts.runs_free != NULL ? facts.runs_free : "an FMU";
+    tl_twin_ledger entry = {.name = ""};
+    for (size_t i = 0; i < facts.components && strcmp(entry.name, name) != 0; i++) {
+        entry = tl_twin_get_ledger(twin, i);
+    }
+    const char *why = entry.replay.differs   ? "did not do again what it had done"
+                      : entry.replay.is_over ? "was tried on more ways than there is room for"
+                                             : "is rolled back by replay, for so many steps only (\"replay_steps\")";
+    (void)snprintf(text, TL_TWIN_NO_WAY_BACK_TEXT,
+                   "from t = %.6g s on the twin runs free, with nominal u: %.40s %s; it was given %llu steps again "
+                   "until then",
+                   tl_seconds(tl_time_of_step(0, size, step)), name, why, (unsigned long long)entry.replay.steps);
+}

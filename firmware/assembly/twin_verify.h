@@ -28,4 +28,9 @@ tl_status tl_twin_look(tl_twin *twin, tl_time until, tl_twin_look_news *news, tl
 /* The newest finding of a run that has ended. False: there is none. */
 bool tl_twin_look_at_account(const tl_account *account, tl_twin_look_news *news);
 
+enum { TL_TWIN_NO_WAY_BACK_TEXT = 320 };
+
+/* A sentence: why it runs free from `step` on, of T_S = `size`. */
+void tl_twin_tell_no_way_back(const tl_twin *twin, int64_t step, tl_time size, char text[TL_TWIN_NO_WAY_BACK_TEXT]);
+
 #endif

@@ -43,6 +43,7 @@ typedef struct tl_config_component {
     bool unconfined; /* it may do what the user can; and so may the FMUs that share its process */
     bool logging;    /* debug logging of the FMU */
     tl_rollback rollback;
+    uint32_t replay_steps; /* from its beginning to where it can be led back by replay */
     tl_plan_set *set;
     size_t set_count;
     tl_keep keep;

@@ -131,11 +131,18 @@ static void read_reads(tl_config_object *entry, tl_config_component *component) 
 }
 
 static void read_rollback(tl_config_object *entry, tl_config_component *component) {
-    static const char *const names[] = {"auto", "state", "memory", NULL};
-    static const tl_rollback ways[] = {TL_ROLLBACK_AUTO, TL_ROLLBACK_STATE, TL_ROLLBACK_MEMORY};
+    static const char *const names[] = {"auto", "state", "memory", "replay", NULL};
+    static const tl_rollback ways[] = {TL_ROLLBACK_AUTO, TL_ROLLBACK_STATE, TL_ROLLBACK_MEMORY, TL_ROLLBACK_REPLAY};
     size_t chosen = 0;
     (void)tl_config_get_choice(entry, "rollback", TL_CONFIG_OPTIONAL, names, &chosen);
     component->rollback = ways[chosen];
+}
+
+static void read_replay_steps(tl_config_object *entry, tl_config_component *component) {
+    static const tl_config_number steps = {.whole = true, .minimum = 1, .maximum = 1e5, .example = "1000"};
+    double chosen = TL_REPLAY_STEPS;
+    (void)tl_config_get_number(entry, "replay_steps", &steps, &chosen);
+    component->replay_steps = (uint32_t)chosen;
 }
 
 static void read_component(const tl_config_object *map, const cJSON *item, size_t index, void *context) {
@@ -154,6 +161,7 @@ static void read_component(const tl_config_object *map, const cJSON *item, size_
         read_set(&entry, component);
         read_keep(&entry, component);
         read_rollback(&entry, component);
+        read_replay_steps(&entry, component);
         read_libraries(&entry, component);
         read_reads(&entry, component);
         (void)tl_config_get_boolean(&entry, "unconfined", &component->unconfined);

@@ -9,6 +9,7 @@
 
 #include "firmware/process/fp_control.h"
 #include "firmware/process/host_state.h"
+#include "firmware/rollback/fmu_replay.h"
 #include "master/fmi/component.h"
 
 /* One instance. The table's callers get this in place of the FMU's own handle. What a step needs comes first, in one line of a
@@ -20,6 +21,8 @@ typedef struct tl_fmu_guarded {
     fmi2GetRealTYPE *get_real;
     const unsigned short *const *characters; /* where the C library keeps the thread's table of characters, and which */
     const unsigned short *table;             /* it is: a glance at the locale */
+    tl_fmu_replay *replay;                   /* what it is given is noted there; NULL: it is not */
+    bool by_replay;                          /* it is led back by that */
     tl_fmu_heap *heap;                       /* that its calls are served from; NULL: the C library's */
     uint32_t name;
     uint32_t control;
@@ -28,6 +31,11 @@ typedef struct tl_fmu_guarded {
     unsigned told; /* changes that were said of this instance */
     tl_fmu_guard *guard;
     struct tl_fmu_guarded *next;
+    struct begun { /* how it was instantiated; texts are the caller's, and stay */
+        fmi2String name, guid, resources;
+        fmi2Type type;
+        fmi2Boolean visible, logging;
+    } begun;
 } guarded;
 
 /* ---- what was changed ---- */
@@ -116,7 +124,98 @@ void tl_fmu_guard_leave(tl_fmu_guard *guard) {
     tl_fmu_call_end();
 }
 
+/* ---- what it is given, to give it again ---- */
+
+static inline fmi2Status noted(guarded *self, tl_fmu_prologue_kind kind, const fmi2ValueReference references[],
+                               size_t count, const void *values, fmi2Status status) {
+    if (self->replay != NULL) {
+        tl_fmu_replay_note(self->replay, kind, references, count, values, status);
+    }
+    return status;
+}
+
+/* As if it had just been instantiated. */
+static fmi2Status renew(fmi2Component component) {
+    guarded *self = component;
+    const struct begun *begun = &self->begun;
+    if (self->instance != NULL) {
+        enter(self, TL_FMU_FREE_INSTANCE);
+        self->own->free_instance(self->instance);
+        (void)leave_slowly(self, fmi2OK);
+    }
+    enter(self, TL_FMU_INSTANTIATE);
+    self->instance = self->own->instantiate(begun->name, begun->type, begun->guid, begun->resources,
+                                            &self->guard->given, begun->visible, begun->logging);
+    return leave_slowly(self, self->instance != NULL ? fmi2OK : fmi2Error);
+}
+
+/* To where it can be initialised. One that refuses is not asked again. */
+static fmi2Status lead_to_start(fmi2Component component) {
+    guarded *self = component;
+    if (!self->guard->renews && self->own->reset != NULL) {
+        enter(self, TL_FMU_RESET);
+        fmi2Status status = leave_slowly(self, self->own->reset(self->instance));
+        if (status <= fmi2Warning || status == fmi2Fatal) {
+            return status;
+        }
+    }
+    self->guard->renews = true;
+    return renew(component);
+}
+
+static bool begin_notes(guarded *self) {
+    self->replay = calloc(1, sizeof *self->replay);
+    if (self->replay == NULL) {
+        return false;
+    }
+    self->by_replay = self->guard->by_replay;
+    *self->replay = (tl_fmu_replay){.most = self->guard->most,
+                                    .told = &self->guard->functions.replay,
+                                    .functions = &self->guard->functions,
+                                    .instance = self,
+                                    .reset = lead_to_start};
+    return true;
+}
+
+static void end_notes(guarded *self) {
+    if (self->replay != NULL) {
+        tl_fmu_replay_end(self->replay);
+        free(self->replay);
+        self->replay = NULL;
+    }
+}
+
+static void know_ports(fmi2Component component, const tl_ports *inputs, const tl_ports *outputs) {
+    const guarded *self = component;
+    if (self->replay != NULL) {
+        self->replay->inputs = inputs;
+        self->replay->outputs = outputs;
+    }
+}
+
 /* ---- life of an instance ---- */
+
+static void forget(guarded *self) {
+    guarded **link = &self->guard->instances;
+    while (*link != NULL && *link != self) {
+        link = &(*link)->next;
+    }
+    if (*link == self) {
+        *link = self->next;
+    }
+    end_notes(self);
+    free(self);
+}
+
+static void free_instance(fmi2Component component) {
+    guarded *self = component;
+    if (self->instance != NULL) { /* or it could not be made anew */
+        enter(self, TL_FMU_FREE_INSTANCE);
+        self->own->free_instance(self->instance);
+        (void)leave_slowly(self, fmi2OK);
+    }
+    forget(self);
+}
 
 static fmi2Component instantiate(fmi2String name, fmi2Type type, fmi2String guid, fmi2String resources,
                                  const fmi2CallbackFunctions *callbacks, fmi2Boolean visible, fmi2Boolean logging) {
@@ -126,6 +225,7 @@ static fmi2Component instantiate(fmi2String name, fmi2Type type, fmi2String guid
         return NULL;
     }
     *self = (guarded){.own = &guard->own, .name = tl_fmu_calls_name(name), .heap = guard->memory.heap, .guard = guard};
+    self->begun = (struct begun){name, guid, resources, type, visible, logging};
     self->set_real = guard->own.set_real;
     self->do_step = guard->own.do_step;
     self->get_real = guard->own.get_real;
@@ -142,46 +242,35 @@ static fmi2Component instantiate(fmi2String name, fmi2Type type, fmi2String guid
     }
     self->next = guard->instances;
     guard->instances = self;
+    if (guard->may_replay && !begin_notes(self)) {
+        free_instance(self);
+        return NULL;
+    }
     return self;
-}
-
-static void forget(guarded *self) {
-    guarded **link = &self->guard->instances;
-    while (*link != NULL && *link != self) {
-        link = &(*link)->next;
-    }
-    if (*link == self) {
-        *link = self->next;
-    }
-    free(self);
-}
-
-static void free_instance(fmi2Component component) {
-    guarded *self = component;
-    enter(self, TL_FMU_FREE_INSTANCE);
-    self->own->free_instance(self->instance);
-    (void)leave_slowly(self, fmi2OK);
-    forget(self);
 }
 
 static fmi2Status setup_experiment(fmi2Component component, fmi2Boolean has_tolerance, fmi2Real tolerance,
                                    fmi2Real start, fmi2Boolean has_stop, fmi2Real stop) {
     guarded *self = component;
     enter(self, TL_FMU_SETUP_EXPERIMENT);
-    return leave_slowly(self,
-                        self->own->setup_experiment(self->instance, has_tolerance, tolerance, start, has_stop, stop));
+    fmi2Status status = leave_slowly(
+        self, self->own->setup_experiment(self->instance, has_tolerance, tolerance, start, has_stop, stop));
+    const tl_fmu_setup setup = {tolerance, start, stop, has_tolerance, has_stop};
+    return noted(self, TL_PROLOGUE_SETUP, NULL, 1, &setup, status);
 }
 
 static fmi2Status enter_initialization_mode(fmi2Component component) {
     guarded *self = component;
     enter(self, TL_FMU_ENTER_INITIALIZATION_MODE);
-    return leave_slowly(self, self->own->enter_initialization_mode(self->instance));
+    fmi2Status status = leave_slowly(self, self->own->enter_initialization_mode(self->instance));
+    return noted(self, TL_PROLOGUE_ENTER_INITIALIZATION, NULL, 0, NULL, status);
 }
 
 static fmi2Status exit_initialization_mode(fmi2Component component) {
     guarded *self = component;
     enter(self, TL_FMU_EXIT_INITIALIZATION_MODE);
-    return leave_slowly(self, self->own->exit_initialization_mode(self->instance));
+    fmi2Status status = leave_slowly(self, self->own->exit_initialization_mode(self->instance));
+    return noted(self, TL_PROLOGUE_EXIT_INITIALIZATION, NULL, 0, NULL, status);
 }
 
 static fmi2Status terminate(fmi2Component component) {
@@ -193,7 +282,11 @@ static fmi2Status terminate(fmi2Component component) {
 static fmi2Status reset(fmi2Component component) {
     guarded *self = component;
     enter(self, TL_FMU_RESET);
-    return leave_slowly(self, self->own->reset(self->instance));
+    fmi2Status status = leave_slowly(self, self->own->reset(self->instance));
+    if (self->replay != NULL && status <= fmi2Warning) {
+        tl_fmu_replay_begin(self->replay);
+    }
+    return status;
 }
 
 /* ---- values ---- */
@@ -202,57 +295,77 @@ static fmi2Status get_real(fmi2Component component, const fmi2ValueReference ref
                            fmi2Real values[]) {
     guarded *self = component;
     enter(self, TL_FMU_GET_REAL);
-    return leave(self, self->own->get_real(self->instance, references, count, values));
+    fmi2Status status = leave(self, self->own->get_real(self->instance, references, count, values));
+    return noted(self, TL_PROLOGUE_GET_REAL, references, count, values, status);
 }
 
 static fmi2Status get_integer(fmi2Component component, const fmi2ValueReference references[], size_t count,
                               fmi2Integer values[]) {
     guarded *self = component;
     enter(self, TL_FMU_GET_INTEGER);
-    return leave(self, self->own->get_integer(self->instance, references, count, values));
+    fmi2Status status = leave(self, self->own->get_integer(self->instance, references, count, values));
+    return noted(self, TL_PROLOGUE_GET_INTEGER, references, count, values, status);
 }
 
 static fmi2Status get_boolean(fmi2Component component, const fmi2ValueReference references[], size_t count,
                               fmi2Boolean values[]) {
     guarded *self = component;
     enter(self, TL_FMU_GET_BOOLEAN);
-    return leave(self, self->own->get_boolean(self->instance, references, count, values));
+    fmi2Status status = leave(self, self->own->get_boolean(self->instance, references, count, values));
+    return noted(self, TL_PROLOGUE_GET_BOOLEAN, references, count, values, status);
 }
 
 static fmi2Status set_real(fmi2Component component, const fmi2ValueReference references[], size_t count,
                            const fmi2Real values[]) {
     guarded *self = component;
     enter(self, TL_FMU_SET_REAL);
-    return leave(self, self->own->set_real(self->instance, references, count, values));
+    fmi2Status status = leave(self, self->own->set_real(self->instance, references, count, values));
+    return noted(self, TL_PROLOGUE_SET_REAL, references, count, values, status);
 }
 
 static fmi2Status set_integer(fmi2Component component, const fmi2ValueReference references[], size_t count,
                               const fmi2Integer values[]) {
     guarded *self = component;
     enter(self, TL_FMU_SET_INTEGER);
-    return leave(self, self->own->set_integer(self->instance, references, count, values));
+    fmi2Status status = leave(self, self->own->set_integer(self->instance, references, count, values));
+    return noted(self, TL_PROLOGUE_SET_INTEGER, references, count, values, status);
 }
 
 static fmi2Status set_boolean(fmi2Component component, const fmi2ValueReference references[], size_t count,
                               const fmi2Boolean values[]) {
     guarded *self = component;
     enter(self, TL_FMU_SET_BOOLEAN);
-    return leave(self, self->own->set_boolean(self->instance, references, count, values));
+    fmi2Status status = leave(self, self->own->set_boolean(self->instance, references, count, values));
+    return noted(self, TL_PROLOGUE_SET_BOOLEAN, references, count, values, status);
 }
 
 static fmi2Status set_string(fmi2Component component, const fmi2ValueReference references[], size_t count,
                              const fmi2String values[]) {
     guarded *self = component;
     enter(self, TL_FMU_SET_STRING);
-    return leave(self, self->own->set_string(self->instance, references, count, values));
+    fmi2Status status = leave(self, self->own->set_string(self->instance, references, count, values));
+    return noted(self, TL_PROLOGUE_SET_STRING, references, count, values, status);
 }
 
 /* ---- steps ---- */
 
+/* What comes before the first one is the beginning, also if nobody kept a state there. */
+static void note_step(guarded *self, const tl_fmi2_step *step, fmi2Status status) {
+    if (self->by_replay && self->replay->phase == TL_FMU_REPLAY_BEGINS) {
+        self->guard->functions.replay.is_over = tl_fmu_replay_start(self->replay) != fmi2OK;
+    }
+    tl_fmu_replay_note_step(self->replay, step, status);
+}
+
 static fmi2Status do_step(fmi2Component component, fmi2Real now, fmi2Real step, fmi2Boolean final) {
     guarded *self = component;
     enter(self, TL_FMU_DO_STEP);
-    return leave(self, self->own->do_step(self->instance, now, step, final));
+    fmi2Status status = leave(self, self->own->do_step(self->instance, now, step, final));
+    if (self->replay != NULL) {
+        const tl_fmi2_step made = {.now = now, .size = step, .final = final};
+        note_step(self, &made, status);
+    }
+    return status;
 }
 
 /* Between two instances of one macro step a glance must do, since for a small FMU more would take as long as its step: at what the control
@@ -265,6 +378,19 @@ static inline fmi2Status leave_step(guarded *self, bool last, fmi2Status status)
     }
     tl_fmu_call_end();
     return status;
+}
+
+/* Three calls, of which the last one may have failed. */
+static void note_reals(guarded *self, const tl_ports *inputs, const tl_ports *outputs, const tl_fmi2_step *step,
+                       unsigned done, fmi2Status status) {
+    (void)noted(self, TL_PROLOGUE_SET_REAL, inputs->real_references, inputs->real_count, inputs->reals,
+                done > 0 ? fmi2OK : status);
+    if (done > 0) {
+        note_step(self, step, done > 1 ? fmi2OK : status);
+    }
+    if (done > 1) {
+        (void)noted(self, TL_PROLOGUE_GET_REAL, outputs->real_references, outputs->real_count, outputs->reals, status);
+    }
 }
 
 static fmi2Status step_reals(fmi2Component component, const tl_ports *inputs, const tl_ports *outputs,
@@ -284,7 +410,11 @@ static fmi2Status step_reals(fmi2Component component, const tl_ports *inputs, co
         tl_fmu_call_go_on(self->name, TL_FMU_GET_REAL);
         status = self->get_real(instance, outputs->real_references, outputs->real_count, outputs->reals);
     }
-    return leave_step(self, step->last, status);
+    status = leave_step(self, step->last, status);
+    if (self->replay != NULL) {
+        note_reals(self, inputs, outputs, step, *done, status);
+    }
+    return status;
 }
 
 /* ---- states ---- */
@@ -340,18 +470,37 @@ static fmi2Status deserialize_fmu_state(fmi2Component component, const fmi2Byte 
 
 /* ---- states that are its memory: no call of the FMU ---- */
 
+/* While the rollback is proved. */
+static bool may_descend(const guarded *self) {
+    return self->replay != NULL && !self->guard->was_proved && !(self->by_replay && self->guard->renews);
+}
+
+/* Why it cannot be; if there is another way, that is no error. */
+static void say_why_not(guarded *self, const char *text) {
+    tl_log_level level = may_descend(self) ? TL_LOG_WARNING : TL_LOG_ERROR;
+    tl_fmu_logger_say(&self->guard->logger, level, "", text);
+}
+
 static fmi2Status save_memory(fmi2Component component, fmi2FMUstate *state) {
     guarded *self = component;
     tl_error error;
     if (tl_fmu_memory_save(&self->guard->memory, state, &error) != TL_OK) {
-        tl_fmu_logger_say(&self->guard->logger, TL_LOG_ERROR, "", error.text);
+        say_why_not(self, error.text);
         return fmi2Error;
     }
     return fmi2OK;
 }
 
+/* What it has had since it was saved may not be in the copy. */
 static fmi2Status restore_memory(fmi2Component component, fmi2FMUstate state) {
     guarded *self = component;
+    if (tl_fmu_memory_left(&self->guard->memory) != NULL) {
+        tl_error error;
+        (void)tl_fail(&error, TL_FMU_FAILED, "has %s, which no copy of its memory takes back",
+                      tl_fmu_memory_left(&self->guard->memory));
+        say_why_not(self, error.text);
+        return fmi2Error;
+    }
     tl_fmu_memory_restore(&self->guard->memory, state);
     return fmi2OK;
 }
@@ -363,37 +512,120 @@ static fmi2Status forget_memory(fmi2Component component, fmi2FMUstate *state) {
     return fmi2OK;
 }
 
-/* ---- kept aside: for one whose own states may be wrong ---- */
+/* ---- states that are positions in what it was given; another instance may still have its own ---- */
 
+static fmi2Status keep_position(fmi2Component component, fmi2FMUstate *state) {
+    guarded *self = component;
+    return self->by_replay ? tl_fmu_replay_keep(self->replay, state) : get_fmu_state(component, state);
+}
+
+static fmi2Status go_to_position(fmi2Component component, fmi2FMUstate state) {
+    guarded *self = component;
+    return self->by_replay ? tl_fmu_replay_lead(self->replay, state) : set_fmu_state(component, state);
+}
+
+static fmi2Status forget_position(fmi2Component component, fmi2FMUstate *state) {
+    guarded *self = component;
+    if (!self->by_replay) {
+        return free_fmu_state(component, state);
+    }
+    tl_fmu_replay_give_back(self->replay, state);
+    return fmi2OK;
+}
+
+/* ---- the ladder: which way is next if one is wrong ---- */
+
+static void roll_back_by_memory(tl_fmu_guard *guard);
+static void roll_back_by_replay(tl_fmu_guard *guard);
+
+/* Where a proof begins. By replay that is the end of its prologue, which needs no keeping. */
 static fmi2Status keep_aside(fmi2Component component) {
     guarded *self = component;
-    return save_memory(component, &self->guard->aside);
+    tl_fmu_guard *guard = self->guard;
+    if (self->replay != NULL && !guard->was_proved) {
+        tl_fmu_replay_wait(self->replay);
+    }
+    bool has_copy = guard->memory.heap != NULL && !self->by_replay &&
+                    (guard->by_memory ? tl_fmu_memory_left(&guard->memory) == NULL : true) &&
+                    save_memory(component, &guard->aside) == fmi2OK;
+    return has_copy || may_descend(self) ? fmi2OK : fmi2Error;
+}
+
+static void drop_copy(tl_fmu_guard *guard) {
+    tl_fmu_memory_forget(guard->aside);
+    guard->aside = NULL;
+}
+
+static fmi2Status replay_from_beginning(guarded *self) {
+    return self->replay != NULL && tl_fmu_replay_start(self->replay) == fmi2OK
+               ? tl_fmu_replay_lead_to_beginning(self->replay)
+               : fmi2Error;
 }
 
 static fmi2Status come_back(fmi2Component component) {
     guarded *self = component;
-    return self->guard->aside == NULL ? fmi2Error : restore_memory(component, self->guard->aside);
+    tl_fmu_guard *guard = self->guard;
+    if (guard->aside != NULL && !self->by_replay) {
+        return restore_memory(component, guard->aside);
+    }
+    fmi2Status status = guard->was_proved ? fmi2Error : replay_from_beginning(self);
+    if (self->replay != NULL && !self->by_replay && !guard->was_proved) {
+        self->replay->phase = TL_FMU_REPLAY_WAITS;
+    }
+    return status;
 }
 
 static void let_go(fmi2Component component) {
     guarded *self = component;
-    tl_fmu_memory_forget(self->guard->aside);
-    self->guard->aside = NULL;
+    tl_fmu_guard *guard = self->guard;
+    drop_copy(guard);
+    guard->was_proved = true;
+    guard->functions.replay.steps = 0;
+    if (!self->by_replay) {
+        end_notes(self);
+    }
 }
 
-static void roll_back_by_memory(tl_fmu_guard *guard);
+static fmi2Status descend(guarded *self, const char *text) {
+    tl_fmu_call call = {.fmu = ""};
+    (void)tl_fmu_calls_look(tl_fmu_calls_here(), &call);
+    tl_fmu_logger_say(&self->guard->logger, TL_LOG_WARNING, call.fmu, text);
+    return fmi2OK;
+}
+
+/* By replay, or that in its other way. */
+static fmi2Status give_up_all_else(guarded *self) {
+    tl_fmu_guard *guard = self->guard;
+    if (!may_descend(self)) {
+        return fmi2Error;
+    }
+    drop_copy(guard);
+    guard->renews = guard->renews || self->by_replay;
+    if (!self->by_replay) {
+        self->by_replay = true;
+        roll_back_by_replay(guard);
+        (void)descend(self, "does not come back to where it was otherwise: it is reset and given its inputs again "
+                            "instead, which is called replay");
+    }
+    return replay_from_beginning(self);
+}
 
 static fmi2Status give_up_states(fmi2Component component) {
     guarded *self = component;
-    tl_fmu_call call = {.fmu = ""};
-    if (self->guard->by_memory || come_back(component) != fmi2OK) {
-        return fmi2Error;
+    tl_fmu_guard *guard = self->guard;
+    bool may_be_by_memory = guard->aside != NULL && !guard->by_memory && !self->by_replay;
+    if (!may_be_by_memory || come_back(component) != fmi2OK) {
+        return give_up_all_else(self);
     }
-    (void)tl_fmu_calls_look(tl_fmu_calls_here(), &call);
-    tl_fmu_logger_say(&self->guard->logger, TL_LOG_WARNING, call.fmu,
-                      "does not come back to where it was by its own states: it is rolled back by its memory instead");
-    roll_back_by_memory(self->guard);
-    return fmi2OK;
+    roll_back_by_memory(guard);
+    return descend(self,
+                   "does not come back to where it was by its own states: it is rolled back by its memory instead");
+}
+
+static void own_no_bytes(tl_fmi2 *functions) {
+    functions->serialized_fmu_state_size = NULL;
+    functions->serialize_fmu_state = NULL;
+    functions->deserialize_fmu_state = NULL;
 }
 
 /* What the FMU has of its own for it is not used. */
@@ -404,9 +636,19 @@ static void roll_back_by_memory(tl_fmu_guard *guard) {
     functions->get_fmu_state = save_memory;
     functions->set_fmu_state = restore_memory;
     functions->free_fmu_state = forget_memory;
-    functions->serialized_fmu_state_size = NULL;
-    functions->serialize_fmu_state = NULL;
-    functions->deserialize_fmu_state = NULL;
+    own_no_bytes(functions);
+}
+
+static void roll_back_by_replay(tl_fmu_guard *guard) {
+    tl_fmi2 *functions = &guard->functions;
+    guard->by_memory = false;
+    guard->by_replay = true;
+    guard->memory.has_flags = false;
+    functions->get_fmu_state = keep_position;
+    functions->set_fmu_state = go_to_position;
+    functions->free_fmu_state = forget_position;
+    functions->replay.most = guard->most;
+    own_no_bytes(functions);
 }
 
 /* ---- the guard ---- */
@@ -422,6 +664,12 @@ void tl_fmu_guard_open(tl_fmu_guard *guard, const char *name, const char *genera
 tl_status tl_fmu_guard_use_memory(tl_fmu_guard *guard, const char *folder, bool at_once, tl_error *error) {
     guard->by_memory = at_once;
     return tl_fmu_memory_open(folder, &guard->memory, error);
+}
+
+void tl_fmu_guard_use_replay(tl_fmu_guard *guard, uint32_t most, bool at_once) {
+    guard->may_replay = true;
+    guard->by_replay = at_once;
+    guard->most = most;
 }
 
 void tl_fmu_guard_front(tl_fmu_guard *guard, const tl_fmi2 *own) {
@@ -454,8 +702,14 @@ void tl_fmu_guard_front(tl_fmu_guard *guard, const tl_fmi2 *own) {
     };
     if (guard->by_memory) {
         roll_back_by_memory(guard);
-    } else if (guard->memory.heap != NULL) {
+    } else if (guard->by_replay) {
+        roll_back_by_replay(guard);
+    }
+    if (guard->may_replay || (guard->memory.heap != NULL && !guard->by_memory)) {
         guard->functions.aside = &aside;
+    }
+    if (guard->may_replay) {
+        guard->functions.know_ports = know_ports;
     }
 }
 
@@ -464,6 +718,7 @@ void tl_fmu_guard_close(tl_fmu_guard *guard) {
     guard->aside = NULL;
     for (guarded *self = guard->instances, *next = NULL; self != NULL; self = next) {
         next = self->next;
+        end_notes(self);
         free(self);
     }
     guard->instances = NULL;

@@ -8,6 +8,7 @@
  *            - take for a failure what claims success and is none: no state with fmi2OK;
  *            - if the FMU is rolled back by its memory (rollback/fmu_memory.h): serve it from a heap of its own, and save and restore that in
  *              place of the FMU's own functions.
+ *            - or if it is rolled back by replay (rollback/fmu_replay.h): note what it is given.
  *          A caller of the table cannot tell the difference.
  * Owner:   the caller places a guard and keeps it where it is until tl_fmu_guard_close(); instances made through it, and their
  *          states, are the guard's.
@@ -32,9 +33,14 @@ typedef struct tl_fmu_guard {
     tl_fmu_logger logger;
     tl_fmu_memory memory; /* zeroed: it is not rolled back by that */
     bool by_memory;       /* it is; else it may be, if its own states are wrong */
-    void *aside;          /* private: all that it knew when a proof began; NULL: nothing is kept */
-    uint32_t name;        /* of the file, for calls without an instance */
-    unsigned told;        /* changes of the process that were said of the file */
+    bool may_replay;      /* it may be reset and given again what it was given, if all else is wrong, */
+    bool by_replay;       /* and it is; */
+    bool renews;     /* private: and is freed and instantiated for it, since fmi2Reset refuses, or does not do it; */
+    uint32_t most;   /* of so many steps */
+    void *aside;     /* private: all that it knew when a proof began; NULL: nothing is kept */
+    bool was_proved; /* private: no other way is tried any more */
+    uint32_t name;   /* of the file, for calls without an instance */
+    unsigned told;   /* changes of the process that were said of the file */
     struct tl_fmu_guarded *instances;
 } tl_fmu_guard;
 
@@ -44,6 +50,9 @@ void tl_fmu_guard_open(tl_fmu_guard *guard, const char *name, const char *genera
 
 /* After that: it is rolled back by its memory, or can be. `folder` is what it is unpacked to, absolute and without links; it must stay. Errors: TL_TRY_AGAIN. */
 tl_status tl_fmu_guard_use_memory(tl_fmu_guard *guard, const char *folder, bool at_once, tl_error *error);
+
+/* After that: it is led back by replay, or can be, from `most` steps after its beginning at most. */
+void tl_fmu_guard_use_replay(tl_fmu_guard *guard, uint32_t most, bool at_once);
 
 /* Around what calls the FMU without the table: opening its library, asking for its version. */
 void tl_fmu_guard_enter(tl_fmu_guard *guard, tl_fmu_function function);

@@ -84,15 +84,22 @@ static tl_status read_module(tl_fmu *fmu, const char *label, tl_error *error) {
 
 /* ---- Loading ------------------------------------------------------------------------------------------- */
 
-/* By the way that is wanted, or none; from what its description says. One Python runs all FMUs that need it: none has a memory of its own. */
+/* By the way that is wanted, or none; from what its description says. One Python runs all FMUs that need it: none has a memory of its own. The first of the ladder
+ * that can be is the one to begin with: its own state, its memory, replay. */
 static tl_status open_rollback(tl_fmu *fmu, tl_rollback wanted, tl_error *error) {
-    bool has_state = fmu->model.capabilities.can_get_and_set_state;
-    bool has_memory = tl_fmu_memory_serves() && fmu->module[0] == '\0';
-    bool may_use_memory = wanted == TL_ROLLBACK_MEMORY || wanted == TL_ROLLBACK_AUTO;
-    fmu->has_state = has_state && wanted != TL_ROLLBACK_NONE && wanted != TL_ROLLBACK_MEMORY;
-    return has_memory && may_use_memory
-               ? tl_fmu_guard_use_memory(&fmu->guard, fmu->files->archive.folder.path, !fmu->has_state, error)
-               : TL_OK;
+    bool is_auto = wanted == TL_ROLLBACK_AUTO;
+    bool by_memory = (is_auto || wanted == TL_ROLLBACK_MEMORY) && tl_fmu_memory_serves() && fmu->module[0] == '\0';
+    fmu->has_state = (is_auto || wanted == TL_ROLLBACK_STATE) && fmu->model.capabilities.can_get_and_set_state;
+    if (is_auto || wanted == TL_ROLLBACK_REPLAY) {
+        tl_fmu_guard_use_replay(&fmu->guard, TL_REPLAY_STEPS, !fmu->has_state && !by_memory);
+    }
+    return by_memory ? tl_fmu_guard_use_memory(&fmu->guard, fmu->files->archive.folder.path, !fmu->has_state, error)
+                     : TL_OK;
+}
+
+void tl_fmu_set_replay_steps(tl_fmu *fmu, uint32_t steps) {
+    fmu->guard.most = steps;
+    fmu->guard.functions.replay.most = fmu->guard.by_replay ? steps : 0;
 }
 
 size_t tl_fmu_used(void) {
@@ -100,7 +107,10 @@ size_t tl_fmu_used(void) {
 }
 
 tl_rollback tl_fmu_rollback(const tl_fmu *fmu) {
-    return fmu->guard.by_memory ? TL_ROLLBACK_MEMORY : fmu->has_state ? TL_ROLLBACK_STATE : TL_ROLLBACK_NONE;
+    return fmu->guard.by_memory   ? TL_ROLLBACK_MEMORY
+           : fmu->guard.by_replay ? TL_ROLLBACK_REPLAY
+           : fmu->has_state       ? TL_ROLLBACK_STATE
+                                  : TL_ROLLBACK_NONE;
 }
 
 static tl_status load(const char *path, int opened, tl_rollback wanted, const char *label, tl_fmu *fmu,

@@ -37,7 +37,10 @@ tl_status tl_fmu_load(const char *path, int opened, tl_rollback rollback, tl_fmu
 /* Bytes that FMUs have allocated from heaps of their own. */
 size_t tl_fmu_used(void);
 
-/* How it is rolled back now, never TL_ROLLBACK_AUTO: one whose own states turned out to be wrong is so by its memory since. */
+/* Before it is instantiated: by replay it can be led back from so many steps after its beginning. Else TL_REPLAY_STEPS. */
+void tl_fmu_set_replay_steps(tl_fmu *fmu, uint32_t steps);
+
+/* How it is rolled back now, never TL_ROLLBACK_AUTO: one whose own states turned out to be wrong is so by another way since. */
 tl_rollback tl_fmu_rollback(const tl_fmu *fmu);
 
 /* No instance of it may exist any more. A zeroed tl_fmu is allowed. */

@@ -214,6 +214,7 @@ tl_status tl_summary_print_json(const tl_summary *summary, const tl_config *conf
     }
     add_executions(&json, account);
     add_verified(&json, account);
+    tl_json_add_count(&json, "replayed", account->replayed);
     tl_json_add_count(&json, "evaluations", page.figures.evaluations);
     tl_json_add_count(&json, "optimised_steps", page.figures.optimised_steps);
     add_matches(&json, &page);

@@ -77,8 +77,7 @@ size_t tl_fmu_memory_size(const tl_fmu_memory *memory) {
     return memory->are_found ? sizeof(memory_state) + tl_fmu_heap_used(memory->heap) + memory->places.bytes : 0;
 }
 
-/* NULL: nothing that was seen. */
-static const char *find_left(const tl_fmu_memory *memory) {
+const char *tl_fmu_memory_left(const tl_fmu_memory *memory) {
     if (memory->left[0] != '\0') {
         return memory->left;
     }
@@ -106,8 +105,9 @@ static tl_status find_places(tl_fmu_memory *memory, tl_error *error) {
 
 tl_status tl_fmu_memory_save(tl_fmu_memory *memory, void **state, tl_error *error) {
     memory_state *kept = *state;
-    if (find_left(memory) != NULL) {
-        return tl_fail(error, TL_FMU_FAILED, "has %s, which no copy of its memory takes back", find_left(memory));
+    const char *left = tl_fmu_memory_left(memory);
+    if (left != NULL) {
+        return tl_fail(error, TL_FMU_FAILED, "has %s, which no copy of its memory takes back", left);
     }
     tl_status status = find_places(memory, error);
     if (status != TL_OK) {

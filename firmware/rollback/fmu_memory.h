@@ -51,6 +51,9 @@ static inline void tl_fmu_memory_leave(tl_fmu_memory *memory);
  * Errors: TL_TRY_AGAIN: not enough memory; TL_FMU_FAILED: the FMU has what no copy takes back; *state is as it was. */
 tl_status tl_fmu_memory_save(tl_fmu_memory *memory, void **state, tl_error *error);
 
+/* What the FMU was seen to have that no copy of its memory takes back; NULL: nothing. */
+const char *tl_fmu_memory_left(const tl_fmu_memory *memory);
+
 /* Back to it. */
 void tl_fmu_memory_restore(tl_fmu_memory *memory, const void *state);
 

@@ -28,8 +28,24 @@ void tl_watch_sample(tl_watch *watch, const tl_sample *sample) {
     }
 }
 
+/* For good, unless the FMUs begin anew. */
+static void watch_way_back(tl_watch *watch, int64_t tick, const tl_record *record) {
+    bool has_none = (record->flags & TL_FLAG_NO_WAY_BACK) != 0;
+    if (has_none && !watch->no_way_back) {
+        tl_journal_event(
+            watch->journal, tick, TL_EVENT_WARNING, "twin",
+            "the twin runs free from step %lld on: an FMU that is rolled back by replay is too far from its "
+            "beginning (replay_steps), or did not do again what it had done",
+            (long long)record->step);
+    } else if (!has_none && watch->no_way_back) {
+        tl_journal_event(watch->journal, tick, TL_EVENT_INFO, "twin",
+                         "all FMUs can be rolled back: synchronising again");
+    }
+    watch->no_way_back = has_none;
+}
+
 static void watch_free_run(tl_watch *watch, int64_t tick, const tl_record *record) {
-    bool free_run = record->outcome == TL_FREE_RUN;
+    bool free_run = record->outcome == TL_FREE_RUN && (record->flags & TL_FLAG_NO_WAY_BACK) == 0;
     if (free_run == watch->free_run || record->outcome == TL_MADE_UP) {
         return;
     }
@@ -242,6 +258,7 @@ void tl_watch_record(tl_watch *watch, int64_t tick, const tl_record *record) {
     if (record->outcome == TL_FOLLOWED) {
         return; /* told by the run that it is of */
     }
+    watch_way_back(watch, tick, record);
     if (watch->config->event.start.signal != NULL) {
         watch_stroke(watch, tick, record);
         return;

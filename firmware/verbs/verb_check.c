@@ -63,8 +63,12 @@ static void print_variables(const tl_assembly *assembly, FILE *output) {
 static const char *describe_rollback(const tl_assembly *assembly, const tl_plan_component *component) {
     for (size_t i = 0; i < assembly->fmu_count; i++) {
         const tl_fmu *fmu = &assembly->fmus[i];
-        if (&fmu->model == component->model && tl_fmu_rollback(fmu) == TL_ROLLBACK_MEMORY) {
+        tl_rollback way = &fmu->model == component->model ? tl_fmu_rollback(fmu) : TL_ROLLBACK_NONE;
+        if (way == TL_ROLLBACK_MEMORY) {
             return "rolled back by its memory";
+        }
+        if (way == TL_ROLLBACK_REPLAY) {
+            return "rolled back by replay: reset, and given its inputs again";
         }
     }
     return component->model->capabilities.can_get_and_set_state ? "can save its state" : "cannot save its state";
@@ -267,6 +271,40 @@ static void print_states(const tl_assembly *assembly, FILE *output) {
     }
 }
 
+/* A way back takes as long as the way was: until when there is one, and until when one fits into a step's budget. */
+static void print_replay(const tl_config *config, const tl_twin_ledger *entry, tl_time each, FILE *output) {
+    const tl_fmi2_replay *replay = &entry->replay;
+    tl_time longest = replay->beginning + each * (tl_time)replay->most;
+    (void)fprintf(output,
+                  "  replay       %s is rolled back within %" PRIu32 " steps of its beginning, %g s of plant time, and "
+                  "runs free\n               afterwards; its inputs take ",
+                  entry->name, replay->most, tl_seconds(config->step * (tl_time)replay->most));
+    print_size(output, (double)replay->bytes);
+    if (each == 0) {
+        (void)fputs("\n", output);
+        return;
+    }
+    (void)fprintf(output, ", a rollback %.4g \302\265s there", tl_seconds(longest) * 1e6);
+    if (longest <= config->budget_time) {
+        (void)fputs("\n", output);
+        return;
+    }
+    tl_time left = config->budget_time - replay->beginning;
+    tl_time fitting = left > 0 ? left / each : 0;
+    (void)fprintf(output, ":\n               from %g s on one takes longer than the budget of %g ms\n",
+                  tl_seconds(config->step * fitting), tl_seconds(config->budget_time) * 1e3);
+}
+
+static void print_replays(const tl_assembly *assembly, const tl_prognosis *prognosis, FILE *output) {
+    tl_twin_facts facts = tl_twin_get_facts(assembly->twin);
+    for (size_t k = 0; k + 1 < facts.components; k++) {
+        tl_twin_ledger entry = tl_twin_get_ledger(assembly->twin, k);
+        if (entry.replay.most != 0) {
+            print_replay(&assembly->config, &entry, prognosis->cost[k], output);
+        }
+    }
+}
+
 static void print_block(const char *name, size_t bytes, const char *purpose, FILE *output) {
     if (bytes != 0) {
         (void)fprintf(output, "  %-13s", name);
@@ -316,6 +354,7 @@ static void print_costs(const tl_assembly *assembly, const tl_prognosis *prognos
     (void)fprintf(output, "               and %d MiB of stack for FMUs%s\n", TL_FMU_THREAD_STACK >> 20,
                   config->realtime_lock_memory ? ", all of it resident in `run`" : "");
     print_states(assembly, output);
+    print_replays(assembly, prognosis, output);
     print_blocks(assembly, prognosis, output);
     if (prognosis->steps != 0) {
         (void)fprintf(output, "  measured by %zu free steps on the plant's initial values, without a solver\n",

@@ -8,6 +8,8 @@
 #define TL_MASTER_FMI_FMI2_H
 
 #include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
 
 #include "fmi2FunctionTypes.h"
 
@@ -36,6 +38,19 @@ typedef struct tl_fmi2_aside {
     fmi2Status (*give_up_states)(fmi2Component instance);
     void (*let_go)(fmi2Component instance);
 } tl_fmi2_aside;
+
+/* Not FMI's: of an instance that is reset and given again what it was given, to lead it back. Zeroed: it is led back otherwise, or not at all. */
+typedef struct tl_fmi2_replay {
+    uint32_t most;     /* steps from its beginning to where it can be led back; 0: see above */
+    bool is_over;      /* nor to where it was since: there was no room for what it was given, */
+    bool differs;      /* or it did not do again what it had done */
+    uint64_t steps;    /* executed again */
+    size_t bytes;      /* that what it was given has room in */
+    int64_t beginning; /* ns that a reset and its initialisation take, at most so far */
+} tl_fmi2_replay;
+
+/* Not FMI's: before its first step, what will be set and read in each. */
+typedef void tl_fmi2_know_ports(fmi2Component instance, const struct tl_ports *inputs, const struct tl_ports *outputs);
 
 /* Functions an FMU may omit (its capability flags say so) are NULL. */
 typedef struct tl_fmi2 {
@@ -69,6 +84,8 @@ typedef struct tl_fmi2 {
     fmi2GetBooleanStatusTYPE *get_boolean_status;
     tl_fmi2_step_reals *step_reals; /* NULL: the three are called one by one */
     const tl_fmi2_aside *aside;     /* NULL: there is no such way */
+    tl_fmi2_know_ports *know_ports; /* NULL: nobody asks */
+    tl_fmi2_replay replay;
 } tl_fmi2;
 
 #endif

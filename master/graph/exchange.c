@@ -251,6 +251,17 @@ static tl_status commit(tl_exchange *exchange, int64_t step, tl_error *error) {
     return status;
 }
 
+const tl_component *tl_exchange_find_free(const tl_exchange *exchange, int64_t step, uint32_t ahead) {
+    for (size_t i = 0; i < exchange->component_count; i++) {
+        const tl_fmi2_replay *replay = &exchange->components[i].fmi->replay;
+        bool is_far = step - exchange->begun + (int64_t)ahead > (int64_t)replay->most;
+        if (replay->most != 0 && (replay->is_over || replay->differs || is_far)) {
+            return &exchange->components[i];
+        }
+    }
+    return NULL;
+}
+
 tl_status tl_exchange_commit(tl_exchange *exchange, int64_t step, tl_error *error) {
     const tl_exchange_note *note = exchange->note;
     if (note == NULL) {
@@ -309,7 +320,7 @@ bool tl_exchange_come_back(tl_exchange *exchange, size_t component) {
     }
     if (is_back) {
         memcpy(exchange->home.live, exchange->home.values, exchange->home.values_size);
-        exchange->is_kept[component] = false;
+        exchange->is_kept[component] = tl_component_keep(&exchange->components[component]);
     }
     return is_back;
 }

@@ -70,6 +70,7 @@ typedef struct tl_exchange {
     unsigned char *values;        /* reals, then integers, then booleans, of all ports; then û of cut connections */
     tl_snapshot home;             /* where candidates begin; of caches, its values only */
     bool *is_kept;                /* of each component: all that it knows, while a proof goes on */
+    int64_t begun;                /* step at which the FMUs have begun */
     const tl_exchange_note *note; /* each committed step is noted there; NULL: nobody looks */
     bool is_kept_from;            /* somebody keeps a state from before the committed instant: no step is final */
     const fmi2Real *outputs;      /* the Real outputs of all components lie together */
@@ -166,6 +167,9 @@ tl_status tl_exchange_try(tl_exchange *exchange, int64_t step, uint32_t depth, t
 /* The committed macro step: all components take part. No state before t_step will be wanted any more. Where it fails,
  * tl_exchange_rewind() leads back, if tl_exchange_begin() was called or executions are saved. */
 tl_status tl_exchange_commit(tl_exchange *exchange, int64_t step, tl_error *error);
+
+/* Before macro step `step`: whether a component cannot be led back any more, or not from `ahead` steps later: the first such; NULL: there is none. It can still be stepped. */
+const tl_component *tl_exchange_find_free(const tl_exchange *exchange, int64_t step, uint32_t ahead);
 
 /* Between steps: a component's state at the committed instant, as tl_cached_component_copy_root(). And from now on, until it is told otherwise: somebody keeps
  * such a state for longer. */

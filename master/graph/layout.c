@@ -276,6 +276,7 @@ static tl_status settle(tl_exchange *exchange, tl_error *error) {
 tl_status tl_exchange_initialize(tl_exchange *exchange, int64_t first, int64_t shown, tl_error *error) {
     double start = tl_seconds(tl_time_of_step(0, exchange->step, first));
     tl_status status = TL_OK;
+    exchange->begun = first;
     for (size_t i = 0; i < exchange->component_count && status == TL_OK; i++) {
         status = tl_component_enter_initialization(&exchange->components[i], start, error);
     }

@@ -605,7 +605,7 @@ tl_status tl_lock_step(tl_lock *lock, int64_t step, const tl_budget *budget, tl_
     if (status != TL_OK) {
         return status;
     }
-    if (!tl_objective_prepare(&lock->objective, step)) {
+    if (!tl_objective_prepare(&lock->objective, step) || lock->runs_free) {
         record->outcome = TL_FREE_RUN;
         return commit_found(&attempt, lock->memory.nominal, record);
     }

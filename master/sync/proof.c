@@ -77,11 +77,22 @@ static tl_status take_steps(tl_exchange *exchange, const tl_graph *graph, int64_
     return *steps > 0 && status != TL_FMU_FATAL ? TL_OK : status;
 }
 
+/* The one whose state could not be saved or restored. */
+static size_t find_failed(const tl_exchange *exchange) {
+    for (size_t i = 0; i < exchange->component_count; i++) {
+        if (exchange->components[i].mode == TL_MODE_FAILED) {
+            return i;
+        }
+    }
+    return NOBODY;
+}
+
 static tl_status repeat_steps(tl_exchange *exchange, const tl_graph *graph, int64_t first, const double *outputs,
                               int steps, size_t *culprit, tl_error *error) {
     tl_status status = TL_OK;
     for (int i = 0; i < steps && status == TL_OK; i++) {
         status = tl_exchange_step(exchange, first + i, error);
+        *culprit = status == TL_FMU_FAILED ? find_failed(exchange) : *culprit;
         if (status == TL_OK) {
             status = compare_outputs(exchange, graph, &outputs[(size_t)i * graph->port_count], i, culprit, error);
         }
@@ -89,22 +100,35 @@ static tl_status repeat_steps(tl_exchange *exchange, const tl_graph *graph, int6
     return status;
 }
 
+/* To where it began. Who cannot even be led there is to blame. */
+static tl_status go_back(tl_exchange *exchange, size_t *culprit, tl_error *error) {
+    tl_status status = tl_exchange_restore(exchange, error);
+    *culprit = status == TL_FMU_FAILED ? find_failed(exchange) : *culprit;
+    return status;
+}
+
+static tl_status save(tl_exchange *exchange, size_t *culprit, tl_error *error) {
+    tl_status status = tl_exchange_save(exchange, error);
+    *culprit = status == TL_FMU_FAILED ? find_failed(exchange) : *culprit;
+    return status;
+}
+
 static tl_status prove(tl_lock *lock, const tl_graph *graph, int64_t first, const tl_proof_place *place,
                        size_t *culprit, tl_error *error) {
     tl_exchange *exchange = lock->exchange;
     int steps = 0;
-    tl_status status = tl_exchange_save(exchange, error);
+    tl_status status = save(exchange, culprit, error);
     if (status != TL_OK) {
         return status;
     }
     status = take_steps(exchange, graph, first, place->outputs, &steps, error);
     *place->stepped = status == TL_OK;
-    status = status == TL_OK ? tl_exchange_restore(exchange, error) : status;
+    status = status == TL_OK ? go_back(exchange, culprit, error) : status;
     status = status == TL_OK ? lead_astray(lock, first, error) : status;
-    status = status == TL_OK ? tl_exchange_restore(exchange, error) : status;
+    status = status == TL_OK ? go_back(exchange, culprit, error) : status;
     status = status == TL_OK ? repeat_steps(exchange, graph, first, place->outputs, steps, culprit, error) : status;
-    status = status == TL_OK ? tl_exchange_restore(exchange, error) : status;
-    return status == TL_OK ? tl_exchange_save(exchange, error) : status; /* it may have done what no copy takes back */
+    status = status == TL_OK ? go_back(exchange, culprit, error) : status;
+    return status == TL_OK ? save(exchange, culprit, error) : status; /* it may have done what no copy takes back */
 }
 
 tl_status tl_proof_of_rollback(tl_lock *lock, const tl_graph *graph, int64_t first, const tl_proof_place *place,

@@ -40,6 +40,8 @@ const char *tl_flag_name(tl_flag flag) {
         return "reset";
     case TL_FLAG_DIFFERED:
         return "differed";
+    case TL_FLAG_NO_WAY_BACK:
+        return "no way back";
     }
     return "unknown";
 }

@@ -31,7 +31,7 @@ typedef enum tl_outcome {
     TL_OPTIMISED,   /* the search found a u within tolerance */
     TL_BEST_SO_FAR, /* the search ended outside the tolerance, yet better than nominal by the margin */
     TL_NOMINAL,     /* nothing found was better than nominal: nominal u committed */
-    TL_FREE_RUN,    /* no matched signal was good: nominal u committed, nothing evaluated */
+    TL_FREE_RUN,    /* no matched signal was good, or TL_FLAG_NO_WAY_BACK: nominal u committed, nothing evaluated */
     TL_MADE_UP,     /* a missed tick: nominal plus the last Δu (a Boolean: the last u), nothing evaluated */
     TL_HELD, /* event horizon: the u found last; the outcomes above are those of a stroke, when its search is over */
     TL_SEARCHING, /* event horizon: the same, while a stroke is searched */
@@ -59,7 +59,8 @@ typedef enum tl_flag {
     TL_FLAG_RESET = 32,          /* the FMUs began anew before it, with their start values (tl_twin_reset()) */
     TL_FLAG_DIFFERED =
         64, /* before it an FMU was found not to come back to where it was (sync/verifier.h), or is known not to */
-    TL_LAST_FLAG = TL_FLAG_DIFFERED
+    TL_FLAG_NO_WAY_BACK = 128, /* an FMU that is led back by replay is too far from its beginning: the twin runs free */
+    TL_LAST_FLAG = TL_FLAG_NO_WAY_BACK
 } tl_flag;
 
 /* What is known of a measured delay. */

@@ -91,6 +91,7 @@ void tl_account_take(const tl_twin *twin, tl_account *account) {
     copy_text(account->fallback, facts.fallback);
     for (size_t i = 0; i < account->components; i++) {
         take_component(twin, i, &account->component[i]);
+        account->replayed += tl_twin_get_ledger(twin, i).replay.steps;
     }
     take_ports(twin, account);
 }

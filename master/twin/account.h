@@ -66,6 +66,7 @@ typedef struct tl_account {
     uint64_t verified;   /* as in tl_twin_facts, */
     uint64_t verified_executions;
     uint64_t differed;
+    uint64_t replayed;          /* steps by which FMUs were led back by replay, which no other count has */
     tl_account_finding finding; /* the newest of these */
     tl_twin_delay delay;
     char algorithm[TL_ACCOUNT_TEXT]; /* the solver in force; "": nothing is adjusted */

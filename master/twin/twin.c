@@ -103,7 +103,20 @@ typedef struct tick_way {
     const double *u;         /* which has committed this; NULL where nothing is adjusted. Else it is made up */
 } tick_way;
 
+/* As of a step that is followed, with nominal u: what goes back to a stroke's beginning is given up. */
+static tl_status step_free_by_event(tl_twin *twin, int64_t step, tl_record *record, tl_error *error) {
+    bool given_up = tl_event_horizon_begin_anew(twin->event);
+    tl_status status =
+        tl_event_horizon_follow(twin->event, step, tl_exchange_nominal(&twin->exchange, 0), record, error);
+    record->outcome = TL_FREE_RUN;
+    record->flags |= given_up ? (uint32_t)TL_FLAG_ABANDONED : 0U;
+    return status;
+}
+
 static tl_status step_by_event(tl_twin *twin, int64_t step, const tick_way *way, tl_record *record, tl_error *error) {
+    if (twin->lock.runs_free && !way->follows) {
+        return step_free_by_event(twin, step, record, error);
+    }
     return way->follows ? tl_event_horizon_follow(twin->event, step, way->u[0], record, error)
                         : tl_event_horizon_step(twin->event, step, way->budget, record, error);
 }
@@ -119,6 +132,18 @@ static tl_status step_by(tl_twin *twin, int64_t step, const tick_way *way, tl_re
                                : tl_lock_step(&twin->lock, step, way->budget, record, error);
 }
 
+/* Whether there is a way back from as far as a search may go. If not, nothing is tried and nothing looked at. */
+static void look_for_way_back(tl_twin *twin, int64_t step, uint32_t *flags) {
+    bool searches = twin->lock.horizon.variables != 0;
+    const tl_component *free = searches ? tl_exchange_find_free(&twin->exchange, step, tl_twin_prediction(twin)) : NULL;
+    if (free != NULL && !twin->lock.runs_free) {
+        tl_verifier_abandon(&twin->verifier);
+    }
+    twin->lock.runs_free = free != NULL;
+    twin->runs_free = free != NULL ? free->name : NULL;
+    *flags |= free != NULL ? (uint32_t)TL_FLAG_NO_WAY_BACK : 0U;
+}
+
 /* Computes one step. */
 static tl_status compute(tl_twin *twin, int64_t step, const tick_way *way, tl_record *record, tl_error *error) {
     uint64_t before = count_executions(twin);
@@ -126,11 +151,12 @@ static tl_status compute(tl_twin *twin, int64_t step, const tick_way *way, tl_re
     uint32_t flags = 0;
     tl_status status = twin->resets ? tl_twin_begin_anew(twin, step, &flags, error) : TL_OK;
     if (status == TL_OK) {
+        look_for_way_back(twin, step, &flags);
         status = step_by(twin, step, way, record, error);
         record->flags |= flags | twin->marks | twin->lasting;
         twin->marks = 0;
     }
-    if (status == TL_OK) {
+    if (status == TL_OK && !twin->lock.runs_free) {
         tl_verifier_committed(&twin->verifier, step);
     }
     record->executions = (uint32_t)(count_executions(twin) - before);

@@ -44,10 +44,12 @@ typedef struct tl_twin_facts {
     uint64_t executions_per_step;       /* K: of a step that runs free */
     uint64_t executions_per_evaluation; /* K·T_P: if nothing were saved */
     bool cannot_return;                 /* begun, and an FMU's rollback was found not to hold */
-    uint64_t verified;                  /* how often an FMU was led back and executed again (tl_twin_verify()), */
-    uint64_t verified_executions;       /* with so many executions, which no other count has, */
-    uint64_t differed;                  /* and how often it did not come back to where it was */
-    bool structure;                     /* what is saved */
+    const char *
+        runs_free; /* the component that can no longer be led back by replay, so that nothing is synchronised; NULL: none */
+    uint64_t verified;            /* how often an FMU was led back and executed again (tl_twin_verify()), */
+    uint64_t verified_executions; /* with so many executions, which no other count has, */
+    uint64_t differed;            /* and how often it did not come back to where it was */
+    bool structure;               /* what is saved */
     bool sequences;
 } tl_twin_facts;
 
@@ -66,15 +68,16 @@ typedef struct tl_twin_ledger {
     size_t
         state_size; /* bytes of one saved state of the FMU, and how many of the nodes may have one; 0: not begun, or not known */
     uint32_t states;
-    uint64_t plain;      /* executions if nothing were saved */
-    uint64_t predicted;  /* by the graph for the same evaluations */
-    uint64_t executions; /* done */
-    uint64_t caught_up;  /* executions done again to bring an FMU to a place (TL_KEEP_OUTPUTS) */
-    uint64_t unstored;   /* results that found no room: what they cost again is not predicted */
-    int64_t difference;  /* executions that were neither predicted nor to catch up. Above 0: results found no room, or a
+    uint64_t plain;        /* executions if nothing were saved */
+    uint64_t predicted;    /* by the graph for the same evaluations */
+    uint64_t executions;   /* done */
+    uint64_t caught_up;    /* executions done again to bring an FMU to a place (TL_KEEP_OUTPUTS) */
+    tl_fmi2_replay replay; /* how it is led back by replay: steps for that are in no other count; zeroed: it is not */
+    uint64_t unstored;     /* results that found no room: what they cost again is not predicted */
+    int64_t difference; /* executions that were neither predicted nor to catch up. Above 0: results found no room, or a
                             committed step that failed was repeated. Below: inputs came out the same for another u, or
                             the ledger is not complete. Else 0 */
-    tl_time cost;        /* ns of one execution, saving its state included: the last, or an earlier one that was longer,
+    tl_time cost;       /* ns of one execution, saving its state included: the last, or an earlier one that was longer,
                             fading; 0 where none ran under a budget with a clock */
 } tl_twin_ledger;
 

@@ -18,7 +18,7 @@ const char *tl_twin_solver_names(void) {
     return tl_optimiser_names();
 }
 
-static uint32_t prediction_of(const tl_twin *twin) {
+uint32_t tl_twin_prediction(const tl_twin *twin) {
     return twin->event != NULL ? tl_event_horizon_steps(twin->event) : twin->lock.horizon.prediction;
 }
 
@@ -36,7 +36,7 @@ tl_twin_facts tl_twin_get_facts(const tl_twin *twin) {
     const tl_lock *lock = &twin->lock;
     uint64_t components = twin->graph.component_count + 1;
     bool searches = lock->horizon.variables != 0;
-    uint32_t prediction = prediction_of(twin);
+    uint32_t prediction = tl_twin_prediction(twin);
     tl_twin_facts facts = {
         .components = (size_t)components,
         .prediction = prediction,
@@ -51,6 +51,7 @@ tl_twin_facts tl_twin_get_facts(const tl_twin *twin) {
         .executions_per_step = components,
         .executions_per_evaluation = searches ? components * prediction : 0,
         .cannot_return = twin->cannot_return,
+        .runs_free = twin->runs_free,
         .verified = twin->verifier.counts.turns,
         .verified_executions = twin->verifier.counts.executions,
         .differed = twin->verifier.counts.found,
@@ -67,7 +68,7 @@ static void fill_needs(const tl_twin *twin, size_t component, tl_twin_ledger *en
         return;
     }
     const tl_plan_saving *saving = &twin->lock.ledger.saving;
-    uint32_t full = saving->structure ? horizon->reach[component] : prediction_of(twin);
+    uint32_t full = saving->structure ? horizon->reach[component] : tl_twin_prediction(twin);
     entry->reach = horizon->reach[component];
     entry->on_a_way = horizon->longer[component] != TL_NEVER;
     entry->longer = entry->on_a_way ? horizon->longer[component] : 0;
@@ -85,6 +86,7 @@ tl_twin_ledger tl_twin_get_ledger(const tl_twin *twin, size_t component) {
         .executions = tl_twin_executions(twin, component),
     };
     fill_needs(twin, component, &entry);
+    entry.replay = plant ? (tl_fmi2_replay){0} : exchange->components[component].fmi->replay;
     entry.cost = plant ? 0 : exchange->costs.each[component].most;
     if (!plant && exchange->cached != NULL) {
         const tl_cached_component *cached = &exchange->cached[component];

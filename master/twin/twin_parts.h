@@ -44,6 +44,8 @@ struct tl_twin {
     tl_tuning tuning;     /* and which is in force */
     double *proof;        /* for the proof at start: one value per port and step */
     bool resets;          /* the FMUs begin anew before the next step */
+    const char *
+        runs_free; /* the component that keeps it from being synchronised since the step last computed; NULL: none does */
     tl_verifier verifier;
     tl_twin_finding finding; /* the newest; no component: none */
     uint32_t marks;          /* flags of the next step's record, */
@@ -58,6 +60,9 @@ tl_status tl_twin_start(tl_twin *twin, int64_t shown, tl_error *error);
 
 /* The FMUs begin anew, at the instant of `step`. *flags: of its record. */
 tl_status tl_twin_begin_anew(tl_twin *twin, int64_t step, uint32_t *flags, tl_error *error);
+
+/* T_P in force; of an event horizon, at most. */
+uint32_t tl_twin_prediction(const tl_twin *twin);
 
 /* fmi2Fatal is for all instances of an FMU: none of them may be called any more. */
 bool tl_twin_is_lost(const tl_twin *twin, const tl_component *component);

@@ -58,7 +58,7 @@ FIRMWARE = {
     "firmware/json": _firmware(),
     "firmware/config": _firmware("json", others=(*_TWIN, *_DRIVERS), public=("config", "config_same_signals", "measurements", "problems")),
     "firmware/copies": _firmware(public=("own_copies",)),
-    "firmware/rollback": _firmware(public=("fmu_allocation", "fmu_memory")),
+    "firmware/rollback": _firmware(others=("master/fmi",), public=("fmu_allocation", "fmu_memory", "fmu_replay")),
     "firmware/fmu": _firmware("copies", "rollback", "process", others=("master/fmi",),
                               public=("fmu_store", "fmu_archive", "fmu_guard", "fmu_thread", "library")),
     "firmware/supervise": _firmware("process", others=("board/watchdog",), public=("supervisor", "restarts", "service")),

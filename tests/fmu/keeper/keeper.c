@@ -2,15 +2,19 @@
  * variables of its thread, in the random numbers and the exception flags of the machine. Its variables are those of fmus/lag.
  *
  * Each of these macros, a number of a step, makes it keep something more from that step on, which no copy of its memory takes back: THREAD, FILE_OPEN,
- * MAPPED, CHILD. With OWN_STATE it has functions for its state, and these forget all but the heap's sum. */
+ * MAPPED, CHILD. With RESETS it can begin anew, and ends all of that then: 1, by fmi2Reset; 2, as it is instantiated. With OWN_STATE it has functions for its state, and these forget all but the heap's sum. */
 #include <fcntl.h>
 #include <fenv.h>
 #include <fmi2Functions.h>
 #include <math.h>
 #include <pthread.h>
+#include <signal.h>
+#include <stdbool.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/mman.h>
+#include <sys/types.h>
+#include <sys/wait.h>
 #include <unistd.h>
 
 #ifndef THREAD
@@ -24,6 +28,9 @@
 #endif
 #ifndef CHILD
 #define CHILD -1
+#endif
+#ifndef RESETS
+#define RESETS 0
 #endif
 
 enum { U = 0, Y = 1, T = 2, LONGEST = 7 };
@@ -55,20 +62,49 @@ static void *wait_for_ever(void *context) {
     return context;
 }
 
+static pthread_t thread;
+static bool has_thread;
+static int file = -1;
+static double *mapped = MAP_FAILED;
+static pid_t child;
+
 static void keep_more(void) {
-    pthread_t thread;
     if (steps == THREAD) {
-        (void)pthread_create(&thread, NULL, wait_for_ever, NULL);
+        has_thread = pthread_create(&thread, NULL, wait_for_ever, NULL) == 0;
     }
     if (steps == FILE_OPEN) {
-        (void)open("keeper.txt", O_RDWR | O_CREAT, 0600);
+        file = open("keeper.txt", O_RDWR | O_CREAT, 0600);
     }
     if (steps == MAPPED) {
-        double *own = mmap(NULL, 4096, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
-        seen = own == MAP_FAILED ? 0.0 : own[0];
+        mapped = mmap(NULL, 4096, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
+        seen = mapped == MAP_FAILED ? 0.0 : mapped[0];
     }
-    if (steps == CHILD && fork() == 0) {
-        (void)pause();
+    if (steps == CHILD) {
+        child = fork();
+        if (child == 0) {
+            (void)pause();
+        }
+    }
+}
+
+static void let_go(void) {
+    if (has_thread) {
+        (void)pthread_cancel(thread);
+        (void)pthread_join(thread, NULL);
+        has_thread = false;
+    }
+    if (file >= 0) {
+        (void)close(file);
+        file = -1;
+    }
+    if (mapped != MAP_FAILED) {
+        (void)munmap(mapped, 4096);
+        mapped = MAP_FAILED;
+    }
+    if (child > 0) {
+        (void)kill(child, SIGKILL);
+        (void)waitpid(child, NULL, 0);
+        child = 0;
     }
 }
 
@@ -144,6 +180,36 @@ static void step(keeper *self) {
     keep_more();
 }
 
+/* ---- its beginning ---- */
+
+static void forget_all(keeper *self) {
+    while (self->first != NULL) {
+        entry *next = self->first->next;
+        free(self->first->values);
+        free(self->first);
+        self->first = next;
+    }
+    self->u = 0.0;
+    self->t = 0.1;
+    self->y = 0.0;
+}
+
+/* All that is not the instance's, too. */
+static void begin_anew(void) {
+    unsigned short first[3] = {1, 2, 3};
+    let_go();
+    steps = 0;
+    factor = 0.875;
+    thread_sum = 0.125;
+    free(thread_own);
+    thread_own = NULL;
+    free(late);
+    late = NULL;
+    srand(1);
+    (void)seed48(first);
+    (void)feclearexcept(FE_ALL_EXCEPT);
+}
+
 /* ---- FMI ---- */
 
 const char *fmi2GetTypesPlatform(void) {
@@ -163,11 +229,17 @@ fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, f
                               const fmi2CallbackFunctions *functions, fmi2Boolean visible, fmi2Boolean logging) {
     (void)name, (void)type, (void)guid, (void)resources, (void)visible, (void)logging;
     keeper *self = functions->allocateMemory(1, sizeof *self);
-    self->t = 0.1;
+    forget_all(self);
+    if (RESETS != 0) {
+        begin_anew();
+    }
     return self;
 }
 
 void fmi2FreeInstance(fmi2Component component) {
+    if (RESETS != 0) {
+        forget_all(component);
+    }
     free(component);
 }
 
@@ -193,8 +265,12 @@ fmi2Status fmi2Terminate(fmi2Component component) {
 }
 
 fmi2Status fmi2Reset(fmi2Component component) {
-    (void)component;
-    return fmi2Error;
+    if (RESETS != 1) {
+        return fmi2Error;
+    }
+    forget_all(component);
+    begin_anew();
+    return fmi2OK;
 }
 
 fmi2Status fmi2SetReal(fmi2Component component, const fmi2ValueReference references[], size_t count,
