@@ -72,7 +72,7 @@ static void add_all_barred(tl_verdict *verdict, const tl_config_change *change, 
 
 /* What the active one names is no news; that of a broken file on the box is not known. */
 static tl_status find_allowed(const tl_errand_job *job, tl_allowed_names *allowed, tl_error *error) {
-    tl_error ignored;
+    tl_error ignored = {.status = TL_OK};
     tl_status status = tl_allowed_names_add_list(allowed, job->list, error);
     if (status == TL_OK) {
         status = tl_allowed_names_add_configuration(allowed, job->in_force, error);

@@ -17,7 +17,7 @@ static const char usual[] =
 static tl_allowed_names allowed;
 
 static void allow(const char *before, size_t before_size, const char *after, size_t after_size) {
-    tl_error error;
+    tl_error error = {TL_OK, ""};
     char *text = strndup(before, before_size);
     char *list = strndup(after, after_size);
     tl_fuzz_hold(text != NULL && list != NULL);
