@@ -158,7 +158,9 @@ static bool add_changes(tl_fmu_history *history, uint32_t call, const uint64_t *
             .next = history->calls[call].change, .index = (uint32_t)(first + i), .value = values[i]};
         history->calls[call].change = change;
     }
-    memcpy(&history->value[first], values, count * sizeof *values);
+    if (count != 0) {
+        memcpy(&history->value[first], values, count * sizeof *values);
+    }
     return true;
 }
 
