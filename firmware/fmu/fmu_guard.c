@@ -556,6 +556,11 @@ static void drop_copy(tl_fmu_guard *guard) {
     guard->aside = NULL;
 }
 
+static size_t size_aside(fmi2Component component) {
+    const guarded *self = component;
+    return self->guard->memory.heap != NULL ? tl_fmu_memory_size(&self->guard->memory) : 0;
+}
+
 static fmi2Status replay_from_beginning(guarded *self) {
     return self->replay != NULL && tl_fmu_replay_start(self->replay) == fmi2OK
                ? tl_fmu_replay_lead_to_beginning(self->replay)
@@ -673,8 +678,11 @@ void tl_fmu_guard_use_replay(tl_fmu_guard *guard, uint32_t most, bool at_once) {
 }
 
 void tl_fmu_guard_front(tl_fmu_guard *guard, const tl_fmi2 *own) {
-    static const tl_fmi2_aside aside = {
-        .keep = keep_aside, .come_back = come_back, .give_up_states = give_up_states, .let_go = let_go};
+    static const tl_fmi2_aside aside = {.keep = keep_aside,
+                                        .come_back = come_back,
+                                        .give_up_states = give_up_states,
+                                        .let_go = let_go,
+                                        .size = size_aside};
     guard->own = *own;
     guard->functions = (tl_fmi2){
         .instantiate = instantiate,

@@ -317,6 +317,11 @@ bool tl_component_keep(tl_component *component) {
     return aside != NULL && component->mode != TL_MODE_DEAD && aside->keep(component->instance) <= fmi2Warning;
 }
 
+size_t tl_component_keeping_takes(const tl_component *component) {
+    const tl_fmi2_aside *aside = component->fmi->aside;
+    return aside != NULL && component->mode != TL_MODE_DEAD ? aside->size(component->instance) : 0;
+}
+
 bool tl_component_come_back(tl_component *component, bool for_good) {
     const tl_fmi2_aside *aside = component->fmi->aside;
     if (aside == NULL || component->mode == TL_MODE_DEAD ||

@@ -125,6 +125,9 @@ tl_status tl_component_restore(tl_component *component, fmi2FMUstate state, tl_e
 /* Of an FMU whose own states may be wrong (tl_fmi2_aside): all that it knows is kept, besides its states. False: there is no way for it, and nothing is kept. */
 bool tl_component_keep(tl_component *component);
 
+/* Bytes that this would take now; 0: not known, or there is no way. */
+size_t tl_component_keeping_takes(const tl_component *component);
+
 /* Back to what was kept. Its states that were made since are none: they are to be forgotten before. With `for_good` states are made and restored in this other way
  * from now on. False: the FMU cannot, and has said why. */
 bool tl_component_come_back(tl_component *component, bool for_good);

@@ -61,6 +61,15 @@ bool tl_exchange_save_executions(tl_exchange *exchange, tl_arena *arena, const t
     return placed;
 }
 
+/* What is left of the bound for the caches; as good as nothing, but not without a bound, if the others take all of it. */
+static uint64_t leave_beside(const tl_exchange *exchange, uint64_t bytes) {
+    uint64_t beside = 0;
+    for (size_t i = 0; i < exchange->component_count && exchange->cached != NULL; i++) {
+        beside += (uint64_t)exchange->beside * exchange->rooms[i].size;
+    }
+    return bytes == 0 || beside == 0 ? bytes : beside < bytes ? bytes - beside : 1;
+}
+
 tl_status tl_exchange_start(tl_exchange *exchange, uint64_t bytes, size_t (*heap)(void), tl_error *error) {
     size_t count = exchange->cached != NULL ? exchange->component_count : 0;
     tl_status status = TL_OK;
@@ -69,7 +78,7 @@ tl_status tl_exchange_start(tl_exchange *exchange, uint64_t bytes, size_t (*heap
         exchange->rooms[i].most = cached->tree.capacity;
         status = tl_cached_component_measure(cached, heap, &exchange->rooms[i].size, error);
     }
-    tl_state_room_share(exchange->rooms, count, bytes);
+    tl_state_room_share(exchange->rooms, count, leave_beside(exchange, bytes));
     for (size_t i = 0; i < count && status == TL_OK; i++) {
         tl_cached_component_limit(&exchange->cached[i], exchange->rooms[i].kept);
         status = tl_cached_component_start(&exchange->cached[i], error);

@@ -62,6 +62,7 @@ typedef struct tl_exchange {
     double step_s;                /* the same, s */
     uint32_t *reach;              /* Γ_k of each component, the plant last; NULL: all take part in all steps */
     tl_cached_component *cached;  /* one per component; NULL: everything is executed */
+    uint32_t beside;              /* states of each component that somebody else keeps, within the same bound */
     tl_state_room *rooms;         /* one per component, of its cache; filled by tl_exchange_start() */
     bool whole;                   /* nothing is saved: all components execute in one go */
     tl_costs costs;               /* what executions take */

@@ -6,6 +6,12 @@
 /* Places beside those of the steps that are noted: what a step gives again, and what is in the ports between two ticks. */
 enum { AGAIN = TL_VERIFIED_STEPS, PRESENT, PLACES };
 
+/* States that it keeps of each component: the earlier one, and where it is. */
+enum { STATES = 2 };
+
+/* Bytes of a copy of all that an FMU knows, its states among it, that are taken only to look at it. Dymola's 13 MiB are less. */
+static const size_t MOST_COPIED = (size_t)16 << 20;
+
 static size_t greater(size_t a, size_t b) {
     return a > b ? a : b;
 }
@@ -16,6 +22,7 @@ bool tl_verifier_init(tl_verifier *verifier, tl_arena *arena, tl_exchange *excha
     if (every == 0) {
         return true;
     }
+    exchange->beside = STATES;
     for (size_t i = 0; i < exchange->component_count; i++) {
         verifier->input_bytes = greater(verifier->input_bytes, tl_ports_size(&exchange->components[i].inputs));
         verifier->output_bytes = greater(verifier->output_bytes, tl_ports_size(&exchange->components[i].outputs));
@@ -104,7 +111,7 @@ void tl_verifier_committed(tl_verifier *verifier, int64_t step) {
 
 /* Where it is now, to come back to. */
 static tl_status leave(tl_verifier *verifier, bool *is_kept, tl_error *error) {
-    *is_kept = tl_component_keep(at_hand(verifier));
+    *is_kept = tl_component_keeping_takes(at_hand(verifier)) <= MOST_COPIED && tl_component_keep(at_hand(verifier));
     return *is_kept ? TL_OK
                     : tl_component_save(at_hand(verifier), &verifier->verified[verifier->component].aside, error);
 }

@@ -3,7 +3,7 @@
  * Purpose: the proof (proof.h) sees an FMU where it begins, and some are exact there and wrong later. So one component after the other takes its turn: its
  *          state at the committed instant is saved, what it is given in the next TL_VERIFIED_STEPS committed steps is noted, and what it gives;
  *          then it is led back, is given the same again, and is led to where it was.
- * No harm:  if there is a copy of all that it knows beside its own states (tl_fmi2_aside), that copy leads it to where it was, and not a state of the kind
+ * No harm:  if there is a copy of all that it knows beside its own states (tl_fmi2_aside), of 16 MiB at most, that copy leads it to where it was, and not a state of the kind
  *          that is in question. Values, caches and counts of executions are as if nothing had been: what is executed here is counted apart.
  * Time:    between two ticks, a turn's work is done at once or not begun: it needs TL_VERIFIER_ROOM times what it is expected to take.
  * Not:     for a twin that adjusts nothing, since it never goes back; nor with an event horizon, which holds states of its own.

@@ -22,12 +22,12 @@ uint32_t tl_twin_prediction(const tl_twin *twin) {
     return twin->event != NULL ? tl_event_horizon_steps(twin->event) : twin->lock.horizon.prediction;
 }
 
-/* Those of the caches, and of each component one more: where candidates begin, kept for the proof at the start and for checkpoints. */
+/* Those of the caches, and of each component one more, where candidates begin, kept for the proof at the start and for checkpoints; and the verifier's. */
 static uint64_t state_memory(const tl_twin *twin) {
     const tl_exchange *exchange = &twin->exchange;
     uint64_t sum = 0;
     for (size_t k = 0; k < exchange->component_count && exchange->rooms != NULL; k++) {
-        sum += exchange->rooms[k].size;
+        sum += (1 + (uint64_t)exchange->beside) * exchange->rooms[k].size;
     }
     return exchange->rooms != NULL ? sum + tl_state_room_bytes(exchange->rooms, exchange->component_count) : 0;
 }

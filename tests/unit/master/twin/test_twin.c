@@ -570,7 +570,12 @@ static void let_go(fmi2Component instance) {
     }
 }
 
-static const tl_fmi2_aside other_way = {keep_aside, come_back, give_up_states, let_go};
+static size_t size_aside(fmi2Component instance) {
+    (void)instance;
+    return 100;
+}
+
+static const tl_fmi2_aside other_way = {keep_aside, come_back, give_up_states, let_go, size_aside};
 
 /* The bits of the first locked step, with states that lie or not. */
 static tl_record first_step(bool lies) {

@@ -227,7 +227,12 @@ static void let_go(fmi2Component instance) {
     }
 }
 
-static const tl_fmi2_aside other_way = {keep_aside, come_back, give_up_states, let_go};
+static size_t size_aside(fmi2Component instance) {
+    (void)instance;
+    return 100;
+}
+
+static const tl_fmi2_aside other_way = {keep_aside, come_back, give_up_states, let_go, size_aside};
 
 static void use_other_way(void) {
     given_up = 0;
