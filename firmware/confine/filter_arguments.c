@@ -38,6 +38,10 @@ static const uint32_t file_commands[] = {
     F_DUPFD, F_DUPFD_CLOEXEC, F_GETFD,     F_SETFD,      F_GETFL,      F_SETFL,      5,          6, 7, 12, 13,
     14,      F_OFD_GETLK,     F_OFD_SETLK, F_OFD_SETLKW, F_GETPIPE_SZ, F_SETPIPE_SZ, F_GET_SEALS};
 static const uint32_t device_commands[] = {FIONREAD, FIONBIO, FIOCLEX, FIONCLEX, TCGETS, TIOCGWINSZ};
+
+/* Which pages of its own memory a process has written, by descriptors from before (fmu_written.h): PAGEMAP_SCAN, whose order has 96 bytes, and UFFDIO_REGISTER.
+ * Neither leads to memory of another process. */
+static const uint32_t page_commands[] = {0xc0606610, 0xc020aa00};
 static const uint32_t process_commands[] = {
     PR_SET_NAME,        PR_GET_NAME,         PR_GET_DUMPABLE,     PR_GET_PDEATHSIG,
     PR_GET_KEEPCAPS,    PR_GET_SECUREBITS,   PR_CAPBSET_READ,     PR_GET_SECCOMP,
@@ -63,6 +67,7 @@ static int allow_commands(scmp_filter_ctx context) {
     int failure = allow_values(context, "fcntl", 1, file_commands, COUNT(file_commands));
     failure = failure != 0 ? failure : allow_values(context, "fcntl64", 1, file_commands, COUNT(file_commands));
     failure = failure != 0 ? failure : allow_values(context, "ioctl", 1, device_commands, COUNT(device_commands));
+    failure = failure != 0 ? failure : allow_values(context, "ioctl", 1, page_commands, COUNT(page_commands));
     failure = failure != 0 ? failure : allow_values(context, "prctl", 0, process_commands, COUNT(process_commands));
     return failure != 0 ? failure : allow_one(context, "personality", IS(0, QUERY));
 }

@@ -512,6 +512,11 @@ static fmi2Status forget_memory(fmi2Component component, fmi2FMUstate *state) {
     return fmi2OK;
 }
 
+static size_t memory_size(fmi2Component component) {
+    const guarded *self = component;
+    return tl_fmu_memory_size(&self->guard->memory);
+}
+
 /* ---- states that are positions in what it was given; another instance may still have its own ---- */
 
 static fmi2Status keep_position(fmi2Component component, fmi2FMUstate *state) {
@@ -641,6 +646,7 @@ static void roll_back_by_memory(tl_fmu_guard *guard) {
     functions->get_fmu_state = save_memory;
     functions->set_fmu_state = restore_memory;
     functions->free_fmu_state = forget_memory;
+    functions->state_size = memory_size;
     own_no_bytes(functions);
 }
 
@@ -652,6 +658,7 @@ static void roll_back_by_replay(tl_fmu_guard *guard) {
     functions->get_fmu_state = keep_position;
     functions->set_fmu_state = go_to_position;
     functions->free_fmu_state = forget_position;
+    functions->state_size = NULL;
     functions->replay.most = guard->most;
     own_no_bytes(functions);
 }

@@ -102,6 +102,12 @@ void tl_fmu_set_replay_steps(tl_fmu *fmu, uint32_t steps) {
     fmu->guard.functions.replay.most = fmu->guard.by_replay ? steps : 0;
 }
 
+void tl_fmu_prepare(void) {
+    if (tl_fmu_memory_serves()) {
+        tl_fmu_memory_prepare();
+    }
+}
+
 size_t tl_fmu_used(void) {
     return tl_fmu_allocation_used();
 }

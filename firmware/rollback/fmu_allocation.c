@@ -96,9 +96,13 @@ static void find_loader(void) {
 
 /* ---- whose it is ---- */
 
-/* A stream that everybody writes to asks for its buffer when it is first used: that must not be in a call of an FMU. */
+/* A stream of everybody's asks for its buffer when it is first used: that must not be in a call of an FMU. */
 static void give_buffers(void) {
     static char buffer[BUFSIZ];
+    static char read[BUFSIZ];
+    if (__fbufsize(stdin) == 0) {
+        (void)setvbuf(stdin, read, _IOFBF, sizeof read);
+    }
     if (__fbufsize(stdout) == 0) {
         (void)setvbuf(stdout, buffer, isatty(STDOUT_FILENO) == 1 ? _IOLBF : _IOFBF, sizeof buffer);
     }

@@ -2,19 +2,27 @@
 #include "firmware/rollback/fmu_memory.h"
 
 #include <fenv.h>
+#include <stdint.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "firmware/rollback/fmu_allocation.h"
+#include "firmware/rollback/fmu_keeping.h"
 #include "firmware/rollback/fmu_random.h"
+#include "firmware/rollback/fmu_written.h"
 
 /* A state's heap has room for some more than was used when it was made: an FMU that allocates a little in each step need not have new states for it. */
 enum { SPARE = 4096, SPARE_PART = 8 };
 
+/* A place of less has no pages of its own to look after. */
+enum { PLACE_OF_PAGES = 4 * TL_FMU_PAGE };
+
 typedef struct memory_state {
-    size_t room; /* bytes of `bytes` */
-    size_t used; /* bytes of the heap; they come first, then the places */
-    int raised;  /* as in tl_fmu_memory */
+    size_t room;         /* bytes of `bytes` */
+    size_t used;         /* bytes of the heap */
+    tl_fmu_pages *pages; /* NULL: all is in `bytes`, the heap first, then the places; else: what is not in `version` */
+    tl_fmu_version version;
+    int raised; /* as in tl_fmu_memory */
     fexcept_t flags;
     unsigned char bytes[];
 } memory_state;
@@ -23,8 +31,13 @@ bool tl_fmu_memory_serves(void) {
     return tl_fmu_allocation_serves();
 }
 
+void tl_fmu_memory_prepare(void) {
+    tl_fmu_written_begin();
+}
+
 tl_status tl_fmu_memory_open(const char *folder, tl_fmu_memory *memory, tl_error *error) {
     *memory = (tl_fmu_memory){.folder = folder, .watched = TL_FMU_MEMORY_WATCHED};
+    tl_fmu_keeping_begin();
     memory->heap = tl_fmu_allocation_open(tl_fmu_heap_most(), error);
     if (memory->heap == NULL) {
         return TL_TRY_AGAIN;
@@ -58,6 +71,11 @@ void tl_fmu_memory_watched(tl_fmu_memory *memory) {
 
 /* ---- states ---- */
 
+static void note_used(tl_fmu_memory *memory) {
+    size_t used = tl_fmu_heap_used(memory->heap);
+    memory->most_used = used > memory->most_used ? used : memory->most_used;
+}
+
 static tl_status make_room(tl_fmu_memory *memory, memory_state **state, size_t need, tl_error *error) {
     if (*state != NULL && (*state)->room >= need) {
         return TL_OK;
@@ -65,17 +83,62 @@ static tl_status make_room(tl_fmu_memory *memory, memory_state **state, size_t n
     size_t room = need + SPARE + need / SPARE_PART;
     memory_state *made = malloc(sizeof *made + room);
     if (made == NULL) {
-        return tl_fail(error, TL_TRY_AGAIN, "not enough memory for a state of %zu bytes of %s", need, memory->folder);
+        (void)tl_fail(error, TL_TRY_AGAIN, "not enough memory for a state of %zu bytes of %s", need, memory->folder);
+        return TL_TRY_AGAIN;
     }
-    made->room = room;
-    free(*state);
+    *made = (memory_state){.room = room};
+    tl_fmu_memory_forget(*state);
     *state = made;
     return TL_OK;
 }
 
-size_t tl_fmu_memory_size(const tl_fmu_memory *memory) {
-    return memory->are_found ? sizeof(memory_state) + tl_fmu_heap_used(memory->heap) + memory->places.bytes : 0;
+static bool is_in_pages(const tl_fmu_place *place) {
+    return place->has_pages && place->size >= PLACE_OF_PAGES;
 }
+
+static size_t bytes_outside_pages(const tl_fmu_places *places) {
+    size_t sum = 0;
+    for (size_t i = 0; i < places->count; i++) {
+        sum += is_in_pages(&places->place[i]) ? 0 : places->place[i].size;
+    }
+    return sum;
+}
+
+size_t tl_fmu_memory_size(const tl_fmu_memory *memory) {
+    if (!memory->are_found) {
+        return 0;
+    }
+    return sizeof(memory_state) + (memory->pages == NULL
+                                       ? tl_fmu_heap_used(memory->heap) + memory->places.bytes
+                                       : tl_fmu_pages_size(memory->pages) + bytes_outside_pages(&memory->places));
+}
+
+/* ---- pages ---- */
+
+static tl_fmu_place whole_pages(const tl_fmu_place *place) {
+    size_t before = (uintptr_t)place->begin % TL_FMU_PAGE;
+    size_t size = (before + place->size + TL_FMU_PAGE - 1) / TL_FMU_PAGE * TL_FMU_PAGE;
+    return (tl_fmu_place){.begin = place->begin - before, .size = size, .has_pages = true};
+}
+
+/* If it is large, and was not before. */
+static tl_status look_at_size(tl_fmu_memory *memory, size_t used, tl_error *error) {
+    tl_fmu_place ranges[TL_FMU_PLACES + 1];
+    size_t count = 0;
+    if (memory->pages != NULL || used + memory->places.bytes < TL_FMU_MEMORY_LARGE) {
+        return TL_OK;
+    }
+    for (size_t i = 0; i < memory->places.count; i++) {
+        if (is_in_pages(&memory->places.place[i])) {
+            ranges[count++] = whole_pages(&memory->places.place[i]);
+        }
+    }
+    ranges[count++] = (tl_fmu_place){.begin = memory->heap->base, .size = memory->heap->reserved, .has_pages = true};
+    memory->pages = tl_fmu_pages_open(ranges, count, error);
+    return memory->pages != NULL ? TL_OK : TL_TRY_AGAIN;
+}
+
+/* ---- what was left ---- */
 
 const char *tl_fmu_memory_left(const tl_fmu_memory *memory) {
     if (memory->left[0] != '\0') {
@@ -103,49 +166,103 @@ static tl_status find_places(tl_fmu_memory *memory, tl_error *error) {
     return status;
 }
 
+/* ---- to save ---- */
+
+static void copy_places(const tl_fmu_memory *memory, bool all, unsigned char *to) {
+    for (size_t i = 0; i < memory->places.count; i++) {
+        const tl_fmu_place *place = &memory->places.place[i];
+        if (all || !is_in_pages(place)) {
+            memcpy(to, place->begin, place->size);
+            to += place->size;
+        }
+    }
+}
+
+static tl_status save_whole(tl_fmu_memory *memory, memory_state **state, size_t used, tl_error *error) {
+    tl_status status = make_room(memory, state, used + memory->places.bytes, error);
+    if (status == TL_OK) {
+        memcpy((*state)->bytes, memory->heap->base, used);
+        copy_places(memory, true, (*state)->bytes + used);
+    }
+    return status;
+}
+
+static tl_status save_pages(tl_fmu_memory *memory, memory_state **state, size_t used, tl_error *error) {
+    memory_state *before = *state;
+    tl_status status = make_room(memory, state, bytes_outside_pages(&memory->places), error);
+    status = status == TL_OK ? tl_fmu_pages_save(memory->pages, used, &(*state)->version, error) : status;
+    if (status == TL_OK) {
+        (*state)->pages = memory->pages;
+        copy_places(memory, false, (*state)->bytes);
+    } else if (before == NULL) {
+        tl_fmu_memory_forget(*state);
+    }
+    return status;
+}
+
 tl_status tl_fmu_memory_save(tl_fmu_memory *memory, void **state, tl_error *error) {
     memory_state *kept = *state;
     const char *left = tl_fmu_memory_left(memory);
     if (left != NULL) {
         return tl_fail(error, TL_FMU_FAILED, "has %s, which no copy of its memory takes back", left);
     }
-    tl_status status = find_places(memory, error);
-    if (status != TL_OK) {
-        return status;
-    }
     size_t used = tl_fmu_heap_used(memory->heap);
-    status = make_room(memory, &kept, used + memory->places.bytes, error);
+    tl_status status = find_places(memory, error);
+    status = status == TL_OK ? look_at_size(memory, used, error) : status;
+    if (status == TL_OK) {
+        status =
+            memory->pages == NULL ? save_whole(memory, &kept, used, error) : save_pages(memory, &kept, used, error);
+    }
     if (status != TL_OK) {
         return status;
     }
     *state = kept;
+    note_used(memory);
     kept->used = used;
     kept->raised = memory->raised;
     kept->flags = memory->flags;
-    memcpy(kept->bytes, memory->heap->base, used);
-    unsigned char *to = kept->bytes + used;
+    return TL_OK;
+}
+
+/* ---- to restore ---- */
+
+static void put_places(const tl_fmu_memory *memory, bool all, const unsigned char *from) {
     for (size_t i = 0; i < memory->places.count; i++) {
         const tl_fmu_place *place = &memory->places.place[i];
-        memcpy(to, place->begin, place->size);
-        to += place->size;
+        if (all || !is_in_pages(place)) {
+            memcpy(place->begin, from, place->size);
+            from += place->size;
+        }
     }
-    return TL_OK;
+}
+
+/* One that was made before it was large is still of use. */
+static void restore_whole(tl_fmu_memory *memory, const memory_state *kept) {
+    memcpy(memory->heap->base, kept->bytes, kept->used);
+    put_places(memory, true, kept->bytes + kept->used);
+    if (memory->pages != NULL) {
+        tl_fmu_pages_lose(memory->pages);
+    }
 }
 
 void tl_fmu_memory_restore(tl_fmu_memory *memory, const void *state) {
     const memory_state *kept = state;
-    memcpy(memory->heap->base, kept->bytes, kept->used);
-    tl_fmu_heap_restored(memory->heap, kept->used);
-    const unsigned char *from = kept->bytes + kept->used;
-    for (size_t i = 0; i < memory->places.count; i++) {
-        const tl_fmu_place *place = &memory->places.place[i];
-        memcpy(place->begin, from, place->size);
-        from += place->size;
+    note_used(memory);
+    if (kept->pages == NULL) {
+        restore_whole(memory, kept);
+    } else {
+        tl_fmu_pages_restore(memory->pages, &kept->version);
+        put_places(memory, false, kept->bytes);
     }
+    tl_fmu_heap_restored(memory->heap, kept->used);
     memory->raised = kept->raised;
     memory->flags = kept->flags;
 }
 
 void tl_fmu_memory_forget(void *state) {
-    free(state);
+    memory_state *kept = state;
+    if (kept != NULL && kept->pages != NULL) {
+        tl_fmu_pages_forget(kept->pages, &kept->version);
+    }
+    free(kept);
 }

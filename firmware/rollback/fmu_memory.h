@@ -3,6 +3,7 @@
  * Purpose: what an FMU knows lies in memory: what it has allocated (fmu_heap.h), its globals and thread-local variables (fmu_places.h), the
  *          random numbers of the C library, the exception flags of the floating-point unit. A *state* is a copy of these. All
  *          instances that an FMU has are in it.
+ * Large:   from TL_FMU_MEMORY_LARGE on only the pages that differ are copied and kept (fmu_pages.h); below that all is, which is faster.
  * Exact:   a state leads back to the bit if that is all there is. What the kernel or another library keeps for the FMU is not in it: threads, open files,
  *          sockets, memory that it maps itself. So a rollback is always proved before it is used.
  * States:  never leave the process, and are of no use once the FMU is loaded anew. They may be restored in any order, any number of times.
@@ -16,11 +17,15 @@
 
 #include "firmware/rollback/fmu_allocation.h"
 #include "firmware/rollback/fmu_heap.h"
+#include "firmware/rollback/fmu_pages.h"
 #include "firmware/rollback/fmu_places.h"
 #include "firmware/rollback/fmu_traces.h"
 
 /* Calls after which it is looked for what the FMU has left, from its first one on. */
 enum { TL_FMU_MEMORY_WATCHED = 24 };
+
+/* Bytes from which on an FMU is large: a copy of all takes longer than to ask what was written. If nobody can be asked, and all is compared, it is kept for its size. */
+enum { TL_FMU_MEMORY_LARGE = 256 * 1024 };
 
 typedef struct tl_fmu_memory {
     tl_fmu_heap *heap; /* the FMU's calls are served from it; NULL: it has none */
@@ -33,12 +38,17 @@ typedef struct tl_fmu_memory {
     tl_fmu_places places;         /* private, from here on */
     bool are_found;               /* the places, */
     unsigned long long opened;    /* when so many libraries had been opened */
+    size_t most_used;             /* bytes of the heap, when it was saved or left */
+    tl_fmu_pages *pages;          /* NULL: it is not large */
     tl_fmu_traces before;         /* the call that is under way */
     char left[TL_FMU_TRACE_TEXT]; /* what no copy takes back; "": nothing that was seen */
 } tl_fmu_memory;
 
 /* Whether this program can do it: not with a sanitizer, which has an allocator of its own. */
 bool tl_fmu_memory_serves(void);
+
+/* Before the process gives up its rights: opens what tells later which pages were written, if there is such a thing (fmu_written.h). */
+void tl_fmu_memory_prepare(void);
 
 /* Before the FMU is loaded from `folder`, an absolute path without links, which must stay. It is there as long as the FMU's library: until the process ends. Errors: TL_TRY_AGAIN. */
 tl_status tl_fmu_memory_open(const char *folder, tl_fmu_memory *memory, tl_error *error);
@@ -60,7 +70,7 @@ void tl_fmu_memory_restore(tl_fmu_memory *memory, const void *state);
 /* NULL is allowed. */
 void tl_fmu_memory_forget(void *state);
 
-/* Bytes that a state of now takes; 0: not known yet. */
+/* Bytes that a state takes, if the FMU has as much as it ever had; of a large one: that one more takes. 0: not known yet. */
 size_t tl_fmu_memory_size(const tl_fmu_memory *memory);
 
 /* ---- inline ---- */

@@ -24,7 +24,7 @@ typedef struct place_search {
     bool is_full;
 } place_search;
 
-static void add(place_search *self, uintptr_t begin, uintptr_t end) {
+static void add(place_search *self, uintptr_t begin, uintptr_t end, bool has_pages) {
     tl_fmu_places *places = self->places;
     if (begin >= end) {
         return;
@@ -36,6 +36,7 @@ static void add(place_search *self, uintptr_t begin, uintptr_t end) {
     tl_fmu_place *place = &places->place[places->count++];
     memcpy(&place->begin, &begin, sizeof place->begin);
     place->size = end - begin;
+    place->has_pages = has_pages;
     places->bytes += end - begin;
 }
 
@@ -59,11 +60,11 @@ static void add_object(place_search *self, struct dl_phdr_info *object) {
         uintptr_t begin = object->dlpi_addr + header->p_vaddr;
         uintptr_t end = begin + header->p_memsz;
         if (header->p_type == PT_LOAD && (header->p_flags & PF_W) != 0) {
-            add(self, end_of_relro(object, begin, end), end);
+            add(self, end_of_relro(object, begin, end), end, true);
         } else if (header->p_type == PT_TLS && object->dlpi_tls_modid != 0) {
             tls_index index = {.module = object->dlpi_tls_modid, .offset = 0};
             uintptr_t variables = (uintptr_t)get_thread_local(&index);
-            add(self, variables, variables + header->p_memsz);
+            add(self, variables, variables + header->p_memsz, false);
         }
     }
 }

@@ -7,6 +7,7 @@
 #ifndef TL_FIRMWARE_ROLLBACK_FMU_PLACES_H
 #define TL_FIRMWARE_ROLLBACK_FMU_PLACES_H
 
+#include <stdbool.h>
 #include <stddef.h>
 
 #include "master/base/status.h"
@@ -16,6 +17,7 @@ enum { TL_FMU_PLACES = 64 };
 typedef struct tl_fmu_place {
     unsigned char *begin;
     size_t size;
+    bool has_pages; /* of its own: nothing else lies in them; not so for a thread's variables */
 } tl_fmu_place;
 
 typedef struct tl_fmu_places {

@@ -10,6 +10,7 @@
 #include "firmware/base/clock.h"
 #include "firmware/base/log.h"
 #include "firmware/confine/limits.h"
+#include "firmware/fmu/fmu_store.h"
 #include "firmware/fmu/fmu_thread.h"
 #include "firmware/process/crash.h"
 #include "firmware/process/interrupt.h"
@@ -186,6 +187,7 @@ static tl_status start(role *self, tl_confine_facts *facts, tl_error *error) {
     }
     *facts = (tl_confine_facts){0};
     if (status == TL_OK && !self->job.unconfined) {
+        tl_fmu_prepare();
         tl_private_folder_leave(); /* what is confined removes no file, and our parent removes all of them */
         status = confine(self, facts, error);
     }

@@ -8,6 +8,7 @@
 
 #include "firmware/assembly/assembly.h"
 #include "firmware/assembly/far_look.h"
+#include "firmware/base/clock.h"
 #include "firmware/base/log.h"
 #include "firmware/config/measurements.h"
 #include "firmware/errand/twin_cost.h"
@@ -21,6 +22,10 @@
 #include "firmware/verbs/prognosis.h"
 #include "firmware/verbs/verb_job.h"
 #include "firmware/verbs/verbs.h"
+#include "master/twin/twin_timing.h"
+
+/* For the timing of one component. */
+static const tl_time LONGEST_TIMING = TL_SECOND / 10;
 
 static void print_start(const tl_variable *variable, FILE *output) {
     if (!variable->has_start) {
@@ -254,6 +259,41 @@ static void print_size(FILE *output, double bytes) {
     (void)fprintf(output, "%.1f %s", large ? kibibytes / 1024.0 : kibibytes, large ? "MiB" : "KiB");
 }
 
+static void print_spread(const char *name, const tl_twin_spread *spread, FILE *output) {
+    (void)fprintf(output, "    %-8s %10.2f %10.2f %10.2f\n", name, tl_seconds(spread->median) * 1e6,
+                  tl_seconds(spread->high) * 1e6, tl_seconds(spread->worst) * 1e6);
+}
+
+static void print_timing(const tl_twin_ledger *entry, const tl_twin_timing *timing, FILE *output) {
+    (void)fprintf(output, "  %-27s", entry->name);
+    if (entry->state_size != 0) {
+        (void)fputs(" a state takes ", output);
+        print_size(output, (double)entry->state_size);
+        (void)fprintf(output, ", %" PRIu32 " of them ", entry->states);
+        print_size(output, (double)entry->state_size * entry->states);
+    }
+    (void)fputs("\n", output);
+    print_spread("step", &timing->step, output);
+    print_spread("save", &timing->save, output);
+    print_spread("restore", &timing->restore, output);
+}
+
+/* Of each component that is rolled back, what a search has of it. The FMUs step on: after all else that is measured. */
+static void print_timings(const tl_assembly *assembly, const tl_prognosis *prognosis, FILE *output) {
+    tl_twin_facts facts = tl_twin_get_facts(assembly->twin);
+    bool has_title = false;
+    for (size_t k = 0; k + 1 < facts.components && facts.unknowns != 0 && prognosis->steps != 0; k++) {
+        tl_twin_timing timing;
+        tl_twin_ledger entry = tl_twin_get_ledger(assembly->twin, k);
+        tl_twin_time_component(assembly->twin, k, tl_clock_now, NULL, LONGEST_TIMING, &timing);
+        if (timing.rounds != 0) {
+            (void)fputs(has_title ? "" : "going back, \302\265s   median       99 %      worst\n", output);
+            has_title = true;
+            print_timing(&entry, &timing, output);
+        }
+    }
+}
+
 /* They are the FMUs' own, beside `memory`. */
 static void print_states(const tl_assembly *assembly, FILE *output) {
     tl_twin_facts facts = tl_twin_get_facts(assembly->twin);
@@ -424,6 +464,9 @@ static tl_status print_page(const tl_assembly *assembly, const tl_twin_job *job,
         tl_far_look_take(assembly, prognosis.next_tick, &look);
     }
     print_far_look(assembly, &look, output);
+    if (!job->cost) {
+        print_timings(assembly, &prognosis, output);
+    }
     if (!job->unconfined) {
         print_places(assembly, output);
     }

@@ -50,7 +50,8 @@ tl_status tl_cached_component_measure(tl_cached_component *cached, size_t (*heap
     if (tells && status == TL_OK) {
         status = tl_component_serialized_size(cached->component, cached->tree.spare[0], &told, error);
     }
-    *size = heap != NULL && least > told ? least : told;
+    size_t known = tl_component_state_size(cached->component);
+    *size = known != 0 ? known : heap != NULL && least > told ? least : told;
     return status;
 }
 

@@ -340,6 +340,10 @@ void tl_component_let_go(const tl_component *component) {
     }
 }
 
+size_t tl_component_state_size(const tl_component *component) {
+    return component->fmi->state_size != NULL ? component->fmi->state_size(component->instance) : 0;
+}
+
 bool tl_component_can_serialize(const tl_component *component) {
     const tl_fmi2 *fmi = component->fmi;
     return component->model->capabilities.can_get_and_set_state && component->model->capabilities.can_serialize_state &&

@@ -135,6 +135,9 @@ bool tl_component_come_back(tl_component *component, bool for_good);
 /* What was kept is not needed any more. */
 void tl_component_let_go(const tl_component *component);
 
+/* Bytes that one state more takes; 0: nobody knows without looking. */
+size_t tl_component_state_size(const tl_component *component);
+
 /* Whether the FMU says that it can turn a saved state into bytes and back. */
 bool tl_component_can_serialize(const tl_component *component);
 

@@ -53,6 +53,9 @@ typedef struct tl_fmi2_replay {
 /* Not FMI's: before its first step, what will be set and read in each. */
 typedef void tl_fmi2_know_ports(fmi2Component instance, const struct tl_ports *inputs, const struct tl_ports *outputs);
 
+/* Not FMI's: bytes that one state more takes, if that is known without asking the FMU. */
+typedef size_t tl_fmi2_state_size(fmi2Component instance);
+
 /* Functions an FMU may omit (its capability flags say so) are NULL. */
 typedef struct tl_fmi2 {
     fmi2GetTypesPlatformTYPE *get_types_platform;
@@ -87,6 +90,7 @@ typedef struct tl_fmi2 {
     const tl_fmi2_aside *aside;     /* NULL: there is no such way */
     tl_fmi2_know_ports *know_ports; /* NULL: nobody asks */
     tl_fmi2_replay replay;
+    tl_fmi2_state_size *state_size; /* NULL: it is not known */
 } tl_fmi2;
 
 #endif

@@ -1,6 +1,7 @@
 #!/usr/bin/env python3
 """An FMU without functions for its state, or with wrong ones, is rolled back by its memory: to the bit, or it is said why not."""
 import json
+import re
 import shutil
 import sqlite3
 import subprocess
@@ -48,6 +49,31 @@ def test_synchronised():
         config = keeper_fmu.config(keeper_fmu.make(), components=components)
         saved = steps_of(config)
         expect(saved.count("\n") > 90 and saved == steps_of(config, "--plain"), "other values with what is saved")
+
+
+def test_large():
+    """Some MiB, of which a step changes a few pages: to the bit, and a state is those, not the megabytes."""
+    need_memory()
+    large = keeper_fmu.make(LARGE=4 << 20)
+    found = probe(large, "memory")
+    expect(found["way"] == "memory" and found["differs"] is None and found["error"] is None and found["steps"] == 200, f"{found}")
+    code, out, err = run(["check", keeper_fmu.config(large)])
+    size = re.search(r"one of keeper0 takes (\d+)\.\d KiB", out)
+    expect(code == 0 and size is not None and int(size[1]) < 1024, f"a state takes more than its pages:\n{out}{err}")
+    figures = {name: [float(value) for value in re.search(rf"^    {name} +([\d.]+) +([\d.]+) +([\d.]+)$", out, re.M).groups()] for name in ("step", "save", "restore")}
+    expect(all(0 < median <= high <= worst for median, high, worst in figures.values()), f"{figures}")
+    saved = steps_of(keeper_fmu.config(large))
+    expect(saved.count("\n") > 90 and saved == steps_of(keeper_fmu.config(large), "--plain"), "other values with what is saved")
+
+
+def test_what_the_library_keeps():
+    """Environment, time zones, locales, what is called at the end: everybody's, and in no FMU's heap."""
+    need_memory()
+    asks = keeper_fmu.make(LIBRARY=12)
+    found = probe(asks, "memory")
+    expect(found["way"] == "memory" and found["differs"] is None and found["error"] is None and found["steps"] == 200, f"{found}")
+    saved = steps_of(keeper_fmu.config(asks))
+    expect(saved.count("\n") > 90 and saved == steps_of(keeper_fmu.config(asks), "--plain"), "other values with what is saved")
 
 
 def test_what_no_copy_takes_back():

@@ -9,6 +9,14 @@
 
 /* ---- Instances ---- */
 
+static void begin(void *instance) {
+    if (model.defaults != NULL) {
+        memcpy(instance, model.defaults, model.size);
+    } else {
+        memset(instance, 0, model.size);
+    }
+}
+
 fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, fmi2String resources,
                               const fmi2CallbackFunctions *callbacks, fmi2Boolean visible, fmi2Boolean logging) {
     (void)name;
@@ -18,7 +26,7 @@ fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, f
     (void)logging;
     void *instance = type == fmi2CoSimulation && strcmp(guid, model.guid) == 0 ? malloc(model.size) : NULL;
     if (instance != NULL) {
-        memcpy(instance, model.defaults, model.size);
+        begin(instance);
     }
     return instance;
 }
@@ -28,7 +36,7 @@ void fmi2FreeInstance(fmi2Component component) {
 }
 
 fmi2Status fmi2Reset(fmi2Component component) {
-    memcpy(component, model.defaults, model.size);
+    begin(component);
     return fmi2OK;
 }
 

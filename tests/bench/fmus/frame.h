@@ -7,7 +7,7 @@
 typedef struct bench_model {
     const char *guid;
     size_t size;          /* of an instance */
-    const void *defaults; /* what it starts as */
+    const void *defaults; /* what it starts as; NULL: zeros */
 } bench_model;
 
 extern const bench_model model;

@@ -1,20 +1,29 @@
 /* An FMU that has no functions for its state, and keeps it wherever a program can: on the heap, which changes with each step, in globals, in
  * variables of its thread, in the random numbers and the exception flags of the machine. Its variables are those of fmus/lag.
  *
+ * LARGE is a size, in bytes, of what it has besides on the heap, and as much again in globals; a step writes to one to DIRTY pages of it, here and there, and
+ * what it has written there is in y.
+ *
+ * From step LIBRARY on the C library is asked for what it keeps itself: environment, time zone, locales, what is to be called at the end, users.
+ *
  * Each of these macros, a number of a step, makes it keep something more from that step on, which no copy of its memory takes back: THREAD, FILE_OPEN,
  * MAPPED, CHILD. With RESETS it can begin anew, and ends all of that then: 1, by fmi2Reset; 2, as it is instantiated. With OWN_STATE it has functions for its state, and these forget all but the heap's sum. */
 #include <fcntl.h>
 #include <fenv.h>
 #include <fmi2Functions.h>
+#include <locale.h>
 #include <math.h>
 #include <pthread.h>
+#include <pwd.h>
 #include <signal.h>
 #include <stdbool.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/mman.h>
 #include <sys/types.h>
 #include <sys/wait.h>
+#include <time.h>
 #include <unistd.h>
 
 #ifndef THREAD
@@ -26,11 +35,21 @@
 #ifndef MAPPED
 #define MAPPED -1
 #endif
+#ifndef LIBRARY
+#define LIBRARY -1
+#endif
 #ifndef CHILD
 #define CHILD -1
 #endif
 #ifndef RESETS
 #define RESETS 0
+#endif
+
+#ifndef LARGE
+#define LARGE 0
+#endif
+#ifndef DIRTY
+#define DIRTY 63
 #endif
 
 enum { U = 0, Y = 1, T = 2, LONGEST = 7 };
@@ -44,6 +63,7 @@ typedef struct entry {
 typedef struct keeper {
     double u, t, y;
     entry *first;
+    double *large;
 } keeper;
 
 static int steps;             /* .bss */
@@ -52,6 +72,8 @@ static __thread double thread_sum = 0.125;
 static __thread double *thread_own; /* made in the third step */
 static double *late;                /* made in the fifth */
 static volatile double seen;
+static double large_globals[LARGE / sizeof(double) + 1];
+static double large_values[LARGE / sizeof(double) + 1] = {1.0}; /* .data */
 
 /* ---- what no copy takes back ---- */
 
@@ -159,6 +181,27 @@ static void keep_late(void) {
     }
 }
 
+static void at_exit(void) {}
+
+/* The same value in each step, if the library finds what it has kept. */
+static double ask_library(void) {
+    time_t time = 1000000000;
+    struct tm parts;
+    char text[32];
+    locale_t made = newlocale(LC_ALL_MASK, "C.UTF-8", (locale_t)0);
+    (void)setenv("KEEPER", "17", 1);
+    (void)setenv("TZ", steps % 2 == 0 ? "EST5EDT" : "CET-1CEST", 1);
+    (void)localtime_r(&time, &parts);
+    (void)snprintf(text, sizeof text, "KEEPER_%d", steps);
+    (void)setenv(text, "1", 1);
+    (void)atexit(at_exit);
+    if (made != (locale_t)0) {
+        freelocale(made);
+    }
+    const char *seen_value = getenv("KEEPER");
+    return (seen_value == NULL ? 1e9 : atof(seen_value)) + parts.tm_hour + (getpwuid(0) != NULL ? 1.0 : 0.0);
+}
+
 static double odd(void) {
     double result = fetestexcept(FE_DIVBYZERO) != 0 ? 0.01 : 0.0;
     (void)feclearexcept(FE_ALL_EXCEPT);
@@ -166,6 +209,20 @@ static double odd(void) {
         (void)feraiseexcept(FE_DIVBYZERO);
     }
     return result;
+}
+
+/* In one of 16 steps many pages, else two. */
+static double write_here_and_there(keeper *self) {
+    const size_t count = LARGE / sizeof(double);
+    double result = 0.0;
+    for (size_t i = 0; count > 0 && i < (steps % 16 == 5 ? DIRTY : 1); i++) {
+        size_t place = ((size_t)steps / 4 * 7919 + i * 104729) % count;
+        self->large[place] += self->u * factor + 1e-3;
+        large_globals[place] = large_globals[place] * 0.5 + self->large[place];
+        large_values[place / 2] += large_globals[place] * 1e-3;
+        result += large_values[place / 2] + large_globals[place];
+    }
+    return result * 1e-3;
 }
 
 static void step(keeper *self) {
@@ -176,6 +233,7 @@ static void step(keeper *self) {
     thread_sum = thread_sum * 0.9 + self->u;
     factor = factor * 0.99 + 0.001 * steps;
     self->y = self->y * (1.0 - self->t) + self->t * (sum(self) + 0.1 * thread_sum) + odd() +
+              (LIBRARY >= 0 && steps >= LIBRARY ? 1e-3 * ask_library() : 0.0) + write_here_and_there(self) +
               (thread_own == NULL ? 0.0 : thread_own[1]) + (late == NULL ? 0.0 : late[0]);
     keep_more();
 }
@@ -233,6 +291,7 @@ fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, f
     if (RESETS != 0) {
         begin_anew();
     }
+    self->large = functions->allocateMemory(LARGE + sizeof(double), 1);
     return self;
 }
 

@@ -452,6 +452,8 @@ static bool use_descriptors(void *context) {
            TL_EXPECT(epoll_wait(poller, &event, 1, 1000) == 1) && TL_EXPECT(read(pipes[0], &letter, 1) == 1) &&
            TL_EXPECT(eventfd(0, EFD_CLOEXEC) >= 0) && TL_EXPECT(timerfd_create(CLOCK_MONOTONIC, TFD_CLOEXEC) >= 0) &&
            TL_EXPECT(fcntl(pipes[0], F_SETFL, O_NONBLOCK) == 0) && TL_EXPECT(ioctl(pipes[0], FIONREAD, &event) == 0) &&
+           TL_EXPECT(ioctl(-1, 0xc0606610UL, NULL) == -1 && errno == EBADF) && /* PAGEMAP_SCAN */
+           TL_EXPECT(ioctl(-1, 0xc020aa00UL, NULL) == -1 && errno == EBADF) && /* UFFDIO_REGISTER */
            TL_EXPECT(fcntl(pipes[0], F_DUPFD_CLOEXEC, 0) >= 0) && TL_EXPECT(dup2(pipes[0], 100) == 100) &&
            TL_EXPECT(isatty(pipes[0]) == 0 && errno != EPERM);
 }

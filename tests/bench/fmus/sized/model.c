@@ -1,0 +1,40 @@
+/* An FMU that knows SIZE bytes, on the heap, of which a step changes the first ones and some in the middle: two pages at most. */
+#include "fmi2Functions.h"
+#include "tests/bench/fmus/frame.h"
+
+enum { COUNT = SIZE / sizeof(fmi2Real), U = 0, Y = 1 };
+
+const bench_model model = {"{1b0f7f0e-6f0c-4a6e-9d0b-2f6a3c1d5e77}", SIZE, NULL};
+
+fmi2Status fmi2SetReal(fmi2Component component, const fmi2ValueReference references[], size_t count,
+                       const fmi2Real values[]) {
+    fmi2Real *all = component;
+    for (size_t i = 0; i < count; i++) {
+        if (references[i] != U) {
+            return fmi2Error;
+        }
+        all[U] = values[i];
+    }
+    return fmi2OK;
+}
+
+fmi2Status fmi2GetReal(fmi2Component component, const fmi2ValueReference references[], size_t count,
+                       fmi2Real values[]) {
+    const fmi2Real *all = component;
+    for (size_t i = 0; i < count; i++) {
+        if (references[i] > Y) {
+            return fmi2Error;
+        }
+        values[i] = all[references[i]];
+    }
+    return fmi2OK;
+}
+
+fmi2Status fmi2DoStep(fmi2Component component, fmi2Real now, fmi2Real step, fmi2Boolean is_final) {
+    fmi2Real *all = component;
+    (void)now;
+    (void)is_final;
+    all[COUNT / 2] += step * (all[U] + 1.0);
+    all[Y] += all[COUNT / 2];
+    return fmi2OK;
+}

@@ -1,0 +1,158 @@
+/* What the C library keeps does not lie in the heap of an FMU that called it: looked for in all that the library may write. */
+#include <grp.h>
+#include <iconv.h>
+#include <libintl.h>
+#include <link.h>
+#include <locale.h>
+#include <pwd.h>
+#include <stdint.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <time.h>
+#include <wchar.h>
+
+#include <unity.h>
+
+#include "firmware/rollback/fmu_allocation.h"
+#include "firmware/rollback/fmu_keeping.h"
+
+enum { SKIPPED = 77, AT_EXIT = 70 };
+
+static tl_fmu_heap *heap;
+
+void setUp(void) {
+    tl_error error;
+    tl_fmu_keeping_begin();
+    heap = tl_fmu_allocation_open((size_t)1 << 24, &error);
+    TEST_ASSERT_NOT_NULL(heap);
+    (void)tl_fmu_allocation_enter(heap);
+}
+
+void tearDown(void) {
+    (void)tl_fmu_allocation_enter(NULL);
+}
+
+static int count_in_object(struct dl_phdr_info *object, size_t size, void *context) {
+    (void)size;
+    for (size_t i = 0; strstr(object->dlpi_name, "/libc.so") != NULL && i < object->dlpi_phnum; i++) {
+        const ElfW(Phdr) *segment = &object->dlpi_phdr[i];
+        const char *begin = NULL;
+        uintptr_t address = (object->dlpi_addr + segment->p_vaddr + sizeof(void *) - 1) & ~(sizeof(void *) - 1);
+        memcpy(&begin, &address, sizeof begin);
+        for (size_t at = 0; segment->p_type == PT_LOAD && (segment->p_flags & PF_W) != 0 &&
+                            at + 2 * sizeof(void *) <= segment->p_memsz;
+             at += sizeof(void *)) {
+            const void *kept = NULL;
+            memcpy(&kept, begin + at, sizeof kept);
+            *(size_t *)context += tl_fmu_heap_holds(heap, kept) ? 1 : 0;
+        }
+    }
+    return 0;
+}
+
+static size_t count_kept(void) {
+    size_t count = 0;
+    (void)tl_fmu_allocation_enter(NULL);
+    (void)dl_iterate_phdr(count_in_object, &count);
+    return count;
+}
+
+/* What nobody has changed keeps the FMU's: this looks, and finds. */
+static void test_something_is_found(void) {
+    char *text = strdup("two words");
+    TEST_ASSERT_NOT_NULL(strtok(text, " ")); /* NOLINT(concurrency-mt-unsafe): what it keeps is what is looked for */
+    TEST_ASSERT_GREATER_THAN_size_t(0, count_kept());
+    while (strtok(NULL, " ") != NULL) { /* NOLINT(concurrency-mt-unsafe) */
+    }
+}
+
+static void test_the_environment(void) {
+    char *pair = strdup("TL_KEEPING_TWO=2");
+    TEST_ASSERT_EQUAL_INT(0, setenv("TL_KEEPING", "1", 1));
+    TEST_ASSERT_EQUAL_INT(0, unsetenv("TL_KEEPING"));
+    TEST_ASSERT_EQUAL_INT(0, count_kept());
+    (void)tl_fmu_allocation_enter(heap);
+    TEST_ASSERT_EQUAL_INT(0, putenv(pair)); /* the pair itself is the caller's: in no place of the library's own */
+    TEST_ASSERT_EQUAL_INT(0, count_kept());
+    TEST_ASSERT_EQUAL_STRING("2", getenv("TL_KEEPING_TWO"));
+    TEST_ASSERT_EQUAL_INT(0, unsetenv("TL_KEEPING_TWO"));
+}
+
+static void test_locales(void) {
+    locale_t made = newlocale(LC_ALL_MASK, "C.UTF-8", (locale_t)0);
+    (void)setlocale(LC_ALL, "C.UTF-8");
+    (void)setlocale(LC_ALL, "C");
+    if (made != (locale_t)0) {
+        freelocale(made);
+    }
+    TEST_ASSERT_EQUAL_INT(0, count_kept());
+}
+
+static void test_time_zones(void) {
+    static const char *const zones[] = {"Europe/Berlin", "EST5EDT", "<+03>-3"};
+    for (size_t i = 0; i < sizeof zones / sizeof zones[0]; i++) {
+        time_t time = 1000000000;
+        struct tm parts;
+        char text[64];
+        wchar_t wide[64];
+        TEST_ASSERT_EQUAL_INT(0, setenv("TZ", zones[i], 1));
+        tzset();
+        TEST_ASSERT_TRUE(localtime_r(&time, &parts) != NULL && mktime(&parts) == time);
+        TEST_ASSERT_TRUE(localtime(&time) != NULL && gmtime(&time) != NULL && gmtime_r(&time, &parts) != NULL);
+        TEST_ASSERT_EQUAL_INT(6, parts.tm_mon + 1 - 3);
+        TEST_ASSERT_TRUE(ctime(&time) != NULL && ctime_r(&time, text) != NULL && timelocal(&parts) != 0);
+        TEST_ASSERT_EQUAL_size_t(4, strftime(text, sizeof text, "%Y", &parts));
+        TEST_ASSERT_EQUAL_size_t(4, wcsftime(wide, 64, L"%Y", &parts));
+        TEST_ASSERT_EQUAL_INT(0, count_kept());
+        (void)tl_fmu_allocation_enter(heap);
+    }
+    TEST_ASSERT_EQUAL_INT(0, unsetenv("TZ"));
+}
+
+static void at_exit(void) {}
+
+static void test_what_is_called_at_the_end(void) {
+    for (int i = 0; i < AT_EXIT; i++) {
+        TEST_ASSERT_EQUAL_INT(0, atexit(at_exit));
+    }
+    TEST_ASSERT_EQUAL_INT(0, count_kept());
+}
+
+static void test_other_tables(void) {
+    struct passwd user;
+    struct passwd *found = NULL;
+    char bytes[4096];
+    iconv_t codes = iconv_open("UTF-16", "ISO-8859-1");
+    if (codes != (iconv_t)-1) {
+        (void)iconv_close(codes);
+    }
+    (void)bindtextdomain("keeping", "/nowhere");
+    (void)bind_textdomain_codeset("keeping", "UTF-8");
+    (void)textdomain("keeping");
+    TEST_ASSERT_EQUAL_STRING("word", gettext("word"));
+    TEST_ASSERT_EQUAL_STRING("word", dgettext("keeping", "word"));
+    TEST_ASSERT_EQUAL_STRING("word", dcgettext("keeping", "word", LC_MESSAGES));
+    (void)getpwuid(0);
+    (void)getpwnam("root");
+    (void)getpwuid_r(0, &user, bytes, sizeof bytes, &found);
+    (void)getpwnam_r("root", &user, bytes, sizeof bytes, &found);
+    (void)getgrgid(0);
+    (void)getgrnam("root");
+    TEST_ASSERT_EQUAL_INT(0, count_kept());
+}
+
+int main(void) {
+    if (!tl_fmu_allocation_serves()) {
+        printf("skipped: a sanitizer has an allocator of its own\n");
+        return SKIPPED;
+    }
+    UNITY_BEGIN();
+    RUN_TEST(test_the_environment);
+    RUN_TEST(test_locales);
+    RUN_TEST(test_time_zones);
+    RUN_TEST(test_what_is_called_at_the_end);
+    RUN_TEST(test_other_tables);
+    RUN_TEST(test_something_is_found);
+    return UNITY_END();
+}

@@ -1,0 +1,181 @@
+/* Versions of much memory: any order, to the byte, whether the kernel tells what was written or all is compared. */
+#include <fcntl.h>
+#include <stdint.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/mman.h>
+#include <sys/resource.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <unity.h>
+
+#include "firmware/rollback/fmu_pages.h"
+#include "firmware/rollback/fmu_written.h"
+#include "tests/support/random_numbers.h"
+
+enum { FIXED = 40, GROWING = 200, VERSIONS = 24, ROUNDS = 3000, ALL = FIXED + GROWING };
+
+static unsigned char *memory; /* two ranges with a gap between them, the second one first in memory */
+static tl_fmu_pages *pages;
+static tl_fmu_version versions[VERSIONS];
+static unsigned char *copies[VERSIONS];
+static size_t used_of[VERSIONS];
+static size_t used;
+static tl_test_random dice;
+
+static unsigned char *fixed(void) {
+    return memory + (size_t)(GROWING + 3) * TL_FMU_PAGE;
+}
+
+void setUp(void) {
+    tl_error error;
+    memory = mmap(NULL, (size_t)(ALL + 3) * TL_FMU_PAGE, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
+    TEST_ASSERT_TRUE(memory != MAP_FAILED);
+    const tl_fmu_place ranges[] = {{.begin = fixed(), .size = FIXED * TL_FMU_PAGE, .has_pages = true},
+                                   {.begin = memory, .size = GROWING * TL_FMU_PAGE, .has_pages = true}};
+    pages = tl_fmu_pages_open(ranges, 2, &error);
+    TEST_ASSERT_NOT_NULL(pages);
+    TEST_ASSERT_EQUAL_INT(tl_fmu_written_serves(), tl_fmu_pages_are_told(pages));
+    for (int i = 0; i < VERSIONS; i++) {
+        copies[i] = calloc(ALL, TL_FMU_PAGE);
+    }
+    used = 10000;
+    dice = (tl_test_random){20261125};
+}
+
+void tearDown(void) {
+    for (int i = 0; i < VERSIONS; i++) {
+        tl_fmu_pages_forget(pages, &versions[i]);
+        free(copies[i]);
+    }
+    (void)munmap(memory, (size_t)(ALL + 3) * TL_FMU_PAGE);
+}
+
+static size_t random_below(size_t most) {
+    return tl_test_random_below(&dice, most);
+}
+
+static void write_some(void) {
+    for (size_t i = random_below(6); i > 0; i--) {
+        fixed()[random_below((size_t)FIXED * TL_FMU_PAGE)]++;
+        memory[random_below(used)]++;
+    }
+    if (random_below(10) == 0 && used + 50000 < (size_t)GROWING * TL_FMU_PAGE) {
+        size_t more = random_below(50000);
+        memset(memory + used, 7, more);
+        used += more;
+    }
+}
+
+static void save(size_t i) {
+    tl_error error;
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_fmu_pages_save(pages, used, &versions[i], &error));
+    memcpy(copies[i], fixed(), (size_t)FIXED * TL_FMU_PAGE);
+    memcpy(copies[i] + (size_t)FIXED * TL_FMU_PAGE, memory, used);
+    used_of[i] = used;
+}
+
+/* As the heap does: what lies behind is zero. */
+static void restore(size_t i) {
+    tl_fmu_pages_restore(pages, &versions[i]);
+    used = used_of[i];
+    memset(memory + used, 0, (size_t)GROWING * TL_FMU_PAGE - used);
+}
+
+static void expect(size_t i) {
+    TEST_ASSERT_EQUAL_MEMORY(copies[i], fixed(), (size_t)FIXED * TL_FMU_PAGE);
+    TEST_ASSERT_EQUAL_MEMORY(copies[i] + (size_t)FIXED * TL_FMU_PAGE, memory, used_of[i]);
+}
+
+static void test_any_order(void) {
+    for (int round = 0; round < ROUNDS; round++) {
+        size_t i = random_below(VERSIONS);
+        size_t what = random_below(8);
+        if (what < 4) {
+            write_some();
+            save(i);
+        } else if (what < 7 && versions[i].leaf != NULL) {
+            write_some();
+            restore(i);
+            expect(i);
+        } else if (what == 7 && random_below(4) == 0) {
+            tl_fmu_pages_forget(pages, &versions[i]);
+        }
+    }
+}
+
+/* Neither is the way back nor what is kept after it. */
+static void test_written_by_somebody_else(void) {
+    save(0);
+    memset(memory, 5, used);
+    tl_fmu_pages_lose(pages);
+    save(1);
+    restore(0);
+    expect(0);
+    restore(1);
+    expect(1);
+}
+
+/* EFAULT is what a page answers that nobody may write to. */
+static void test_a_system_call_may_write(void) {
+    int zeros = open("/dev/zero", O_RDONLY | O_CLOEXEC);
+    memset(fixed(), 9, (size_t)FIXED * TL_FMU_PAGE);
+    save(0);
+    TEST_ASSERT_EQUAL_INT(3 * TL_FMU_PAGE, read(zeros, fixed() + 100, 3 * TL_FMU_PAGE));
+    save(1);
+    restore(0);
+    expect(0);
+    restore(1);
+    expect(1);
+    TEST_ASSERT_EQUAL_INT(0, close(zeros));
+}
+
+/* Once it is seen what differs, a version is said to take that. */
+static void test_what_one_takes(void) {
+    save(0);
+    size_t supposed = tl_fmu_pages_size(pages);
+    for (size_t i = 1; i < VERSIONS; i++) {
+        fixed()[0]++;
+        memory[TL_FMU_PAGE]++;
+        save(i);
+    }
+    TEST_ASSERT_LESS_THAN_size_t(supposed / 16, tl_fmu_pages_size(pages));
+    TEST_ASSERT_GREATER_THAN_size_t(2 * TL_FMU_PAGE, tl_fmu_pages_size(pages));
+}
+
+static int run_all(void) {
+    UNITY_BEGIN();
+    RUN_TEST(test_any_order);
+    RUN_TEST(test_written_by_somebody_else);
+    RUN_TEST(test_a_system_call_may_write);
+    RUN_TEST(test_what_one_takes);
+    return UNITY_END();
+}
+
+/* One that may open nothing when it begins: nobody tells it. */
+static int run_without_kernel(void) {
+    struct rlimit before;
+    (void)getrlimit(RLIMIT_NOFILE, &before);
+    const struct rlimit none = {.rlim_cur = 3, .rlim_max = before.rlim_max};
+    (void)setrlimit(RLIMIT_NOFILE, &none);
+    tl_fmu_written_begin();
+    (void)setrlimit(RLIMIT_NOFILE, &before);
+    return tl_fmu_written_serves() ? 1 : run_all();
+}
+
+int main(void) {
+    int status = 0;
+    (void)fflush(stdout);
+    pid_t child = fork();
+    if (child == 0) {
+        (void)close_range(3, ~0U, 0);
+        int result = run_without_kernel();
+        (void)fflush(stdout);
+        _exit(result);
+    }
+    bool is_right = child > 0 && waitpid(child, &status, 0) == child && status == 0;
+    printf("the kernel %s what was written\n", tl_fmu_written_serves() ? "tells" : "does not tell");
+    return run_all() != 0 || !is_right;
+}
