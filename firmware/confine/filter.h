@@ -13,11 +13,12 @@
 #include "master/base/status.h"
 
 typedef struct tl_filter_settings {
-    int start_socket;      /* sendmsg() on this descriptor only; -1: on none */
-    bool whole_process;    /* all threads; else the one that calls */
-    bool may_connect;      /* what drivers of a plant need besides */
-    bool keeps_files;      /* what a recorder needs besides */
-    bool may_answer;       /* what a server needs besides */
+    int start_socket;   /* sendmsg() on this descriptor only; -1: on none */
+    bool whole_process; /* all threads; else the one that calls */
+    bool may_connect;   /* what drivers of a plant need besides */
+    bool keeps_files;   /* what a recorder needs besides */
+    bool may_answer;    /* what a server needs besides */
+    bool forks; /* copies of itself, as its parent's children, which it may ask to be ended with that; and no signals */
     bool lives_on;         /* reaching for another process is refused, and not the end of this one */
     bool removal_holds;    /* Landlock keeps files elsewhere from being removed; else nothing is removed or renamed */
     bool truncation_holds; /* Landlock keeps files from being emptied (ABI 3); else calls that could are refused */

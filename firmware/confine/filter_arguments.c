@@ -8,6 +8,7 @@
 #include <errno.h>
 #include <fcntl.h>
 #include <sched.h>
+#include <signal.h>
 #include <sys/ioctl.h>
 #include <sys/mman.h>
 #include <sys/prctl.h>
@@ -80,6 +81,14 @@ static int allow_threads(scmp_filter_ctx context) {
     const uint32_t shared = CLONE_THREAD | CLONE_FILES | CLONE_FS;
     int failure = allow_one(context, "clone", MASKED(0, shared | apart, shared));
     return failure != 0 ? failure : allow_one(context, "close_range", MASKED(2, CLOSE_APART, 0));
+}
+
+/* A copy of the process that is a child of its parent, not of its own, so that the parent reaps it and knows of all; and to be ended
+ * with that. */
+static int add_forks(scmp_filter_ctx context) {
+    const struct scmp_arg_cmp copy[] = {{0, SCMP_CMP_EQ, CLONE_PARENT | SIGCHLD, 0}, {1, SCMP_CMP_EQ, 0, 0}};
+    int failure = tl_filter_add(context, SCMP_ACT_ALLOW, "clone", copy, COUNT(copy));
+    return failure != 0 ? failure : allow_one(context, "prctl", IS(0, PR_SET_PDEATHSIG));
 }
 
 /* Memory that is shared and has no file, or grows by itself, does not count as data: it would be a way around the limit. */
@@ -179,7 +188,11 @@ int tl_filter_add_arguments(scmp_filter_ctx context, const tl_filter_settings *s
     for (size_t i = 0; i < COUNT(parts) && failure == 0; i++) {
         failure = parts[i](context);
     }
-    failure = failure != 0 ? failure : add_signals(context, settings->lives_on);
+    if (settings->forks) { /* a number of its own would be another process's once this one has ended */
+        failure = failure != 0 ? failure : add_forks(context);
+    } else {
+        failure = failure != 0 ? failure : add_signals(context, settings->lives_on);
+    }
     failure = failure != 0 ? failure : add_tracing(context, settings->lives_on);
     failure = failure != 0 ? failure : add_files(context, settings);
     if (settings->start_socket >= 0) {

@@ -27,6 +27,7 @@ typedef struct tl_fmu {
     bool has_state;             /* private: it may be rolled back by its own states */
     const char *resources;      /* file:/// URI; the folder exists also where the FMU has none */
     char module[TL_FMU_MODULE]; /* the Python module that an FMU of PythonFMU imports, cut; "": none */
+    tl_forked_line *line;       /* private: to the process that it is in; NULL: it is in this one */
     struct tl_fmu_files *files; /* private: memory, unpacked folder */
 } tl_fmu;
 

@@ -72,6 +72,9 @@ static const char *describe_rollback(const tl_assembly *assembly, const tl_plan_
         if (way == TL_ROLLBACK_MEMORY) {
             return "rolled back by its memory";
         }
+        if (way == TL_ROLLBACK_FORK) {
+            return "rolled back by forking its process";
+        }
         if (way == TL_ROLLBACK_REPLAY) {
             return "rolled back by replay: reset, and given its inputs again";
         }

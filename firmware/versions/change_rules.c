@@ -118,6 +118,7 @@ static const tl_change_rule rules[] = {
     {"components.*.keep", NEW_TWIN, NULL},
     {"components.*.rollback", NEW_TWIN, NULL},
     {"components.*.replay_steps", NEW_TWIN, NULL},
+    {"components.*.fork_nodes", NEW_TWIN, NULL},
     {"components.*.libraries", NEW_TWIN_COMMISSIONED, NULL},
     {"components.*.libraries[]", NEW_TWIN_COMMISSIONED, judge_library},
     {"components.*.read", NEW_TWIN_COMMISSIONED, NULL},

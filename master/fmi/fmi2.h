@@ -91,6 +91,7 @@ typedef struct tl_fmi2 {
     tl_fmi2_know_ports *know_ports; /* NULL: nobody asks */
     tl_fmi2_replay replay;
     tl_fmi2_state_size *state_size; /* NULL: it is not known */
+    uint32_t most_states; /* that its caller should have at a time; some more are there for a proof. 0: any number */
 } tl_fmi2;
 
 #endif

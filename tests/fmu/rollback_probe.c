@@ -1,14 +1,15 @@
 /* Whether an FMU is led back to where it was, to the bit: for script/fmus, and tests.
  *
- *   rollback_probe FMU state|memory STEP STEPS
+ *   rollback_probe FMU state|memory|fork STEP STEPS
  *
  * The FMU is run twice, each time in a process of its own, with the same inputs: once straight on, once saved again and again, led astray with
  * other inputs, and restored. All values after each step are compared. Prints a JSON object:
- *   way      "state", "memory", or "none": the FMU has no such way
+ *   way      "state", "memory", "fork", or "none": the FMU has no such way
  *   steps    that it did straight on; it may refuse further ones
  *   steady   false: straight on a second time it does something else, so nothing can be said
  *   differs  null, or the first step after which a value is another one
  *   bytes, save_us, restore_us   of a state: its size if that is known, medians
+ *   step_us  of a step after restoring, a median
  *   error    what went wrong, or null
  * Exit: 0 whatever was found; 2 the arguments are wrong. An FMU may end the process, or never return: who starts this one expects it. */
 #include <errno.h>
@@ -23,7 +24,9 @@
 
 #include "firmware/base/clock.h"
 #include "firmware/base/log.h"
+#include "firmware/fmu/fmu_host.h"
 #include "firmware/fmu/fmu_store.h"
+#include "firmware/forked/forked_pool.h"
 #include "master/fmi/component.h"
 
 enum { MOST_STEPS = 400, MOST_VALUES = 2000, SAVES = 5, ASTRAY = 6, TRIALS = 51 };
@@ -33,7 +36,7 @@ typedef struct findings {
     int steps;
     tl_rollback way;
     size_t bytes;
-    double save_us, restore_us;
+    double save_us, restore_us, step_us;
     char error[sizeof(tl_error)];
     uint64_t digest[MOST_STEPS]; /* of all values after each step */
 } findings;
@@ -172,16 +175,22 @@ static double median(double times[TRIALS]) {
 static void measure(const probe *self, fmi2FMUstate *state, findings *found) {
     static double saves[TRIALS];
     static double restores[TRIALS];
+    static double steps[TRIALS];
     for (int i = 0; i < TRIALS; i++) {
         tl_time begun = tl_clock_now(NULL);
         (void)self->fmi->get_fmu_state(self->instance, state);
         tl_time between = tl_clock_now(NULL);
         (void)self->fmi->set_fmu_state(self->instance, *state);
         saves[i] = (double)(between - begun) / 1e3;
-        restores[i] = (double)(tl_clock_now(NULL) - between) / 1e3;
+        tl_time restored = tl_clock_now(NULL);
+        restores[i] = (double)(restored - between) / 1e3;
+        (void)do_step(self, found->steps, 0.0);
+        steps[i] = (double)(tl_clock_now(NULL) - restored) / 1e3;
+        (void)self->fmi->set_fmu_state(self->instance, *state);
     }
     found->save_us = median(saves);
     found->restore_us = median(restores);
+    found->step_us = median(steps);
     found->bytes = tl_fmu_memory_size(&self->fmu.guard.memory);
 }
 
@@ -226,8 +235,12 @@ static void run(const char *path, tl_rollback way, double step, int steps, bool 
     int how = 0;
     pid_t child = fork();
     if (child == 0) {
+        const tl_forked_service service = {.load = tl_fmu_host_load};
+        tl_error error;
         self.steps = steps;
-        if (begin(&self, path, way, step, found)) {
+        if (way == TL_ROLLBACK_FORK && tl_forked_begin(TL_FORK_NODES, &service, &error) != TL_OK) {
+            (void)snprintf(found->error, sizeof found->error, "%s", error.text);
+        } else if (begin(&self, path, way, step, found)) {
             if (straight) {
                 go_straight(&self, found);
             } else if (self.fmi->get_fmu_state != NULL) {
@@ -267,8 +280,10 @@ static void print_text(const char *text) {
 }
 
 static void print(const findings *found) {
-    static const char *const ways[] = {
-        [TL_ROLLBACK_NONE] = "none", [TL_ROLLBACK_STATE] = "state", [TL_ROLLBACK_MEMORY] = "memory"};
+    static const char *const ways[] = {[TL_ROLLBACK_NONE] = "none",
+                                       [TL_ROLLBACK_STATE] = "state",
+                                       [TL_ROLLBACK_MEMORY] = "memory",
+                                       [TL_ROLLBACK_FORK] = "fork"};
     const findings *straight = &found[0];
     const findings *saved = &found[2];
     int differs = compare(straight, saved);
@@ -280,8 +295,8 @@ static void print(const findings *found) {
     } else {
         (void)printf("\"differs\": %d, ", differs);
     }
-    (void)printf("\"bytes\": %zu, \"save_us\": %.3g, \"restore_us\": %.3g, \"error\": ", saved->bytes, saved->save_us,
-                 saved->restore_us);
+    (void)printf("\"bytes\": %zu, \"save_us\": %.3g, \"restore_us\": %.3g, \"step_us\": %.3g, \"error\": ",
+                 saved->bytes, saved->save_us, saved->restore_us, saved->step_us);
     if (error[0] == '\0') {
         (void)printf("null");
     } else {
@@ -293,11 +308,13 @@ static void print(const findings *found) {
 int main(int argc, char **argv) {
     double step = argc == 5 ? strtod(argv[3], NULL) : 0.0;
     long steps = argc == 5 ? strtol(argv[4], NULL, 10) : 0;
-    tl_rollback way = argc == 5 && strcmp(argv[2], "memory") == 0 ? TL_ROLLBACK_MEMORY : TL_ROLLBACK_STATE;
+    tl_rollback way = argc == 5 && strcmp(argv[2], "memory") == 0 ? TL_ROLLBACK_MEMORY
+                      : argc == 5 && strcmp(argv[2], "fork") == 0 ? TL_ROLLBACK_FORK
+                                                                  : TL_ROLLBACK_STATE;
     /* cppcheck-suppress invalidFunctionArg ; an anonymous mapping has no file, which is -1 */
     findings *found = mmap(NULL, 3 * sizeof *found, PROT_READ | PROT_WRITE, MAP_SHARED | MAP_ANONYMOUS, -1, 0);
     if (!(step > 0.0) || steps < 1 || steps > MOST_STEPS || found == MAP_FAILED) {
-        (void)fprintf(stderr, "usage: rollback_probe FMU state|memory STEP STEPS, 1 ... %d of them\n", MOST_STEPS);
+        (void)fprintf(stderr, "usage: rollback_probe FMU state|memory|fork STEP STEPS, 1 ... %d of them\n", MOST_STEPS);
         return 2;
     }
     tl_log_set_level(TL_LOG_ERROR - 1);

@@ -90,7 +90,7 @@ def test_what_is_chosen():
     config = keeper_fmu.config(keeper_fmu.make(), "state")
     code, out, err = run(["replay", config])
     expect(code == BAD_DATA and "canGetAndSetFMUstate" in err, f"{code}\n{out}{err}")
-    code, out, err = run(["replay", keeper_fmu.config(keeper_fmu.make(), "fork")])
+    code, out, err = run(["replay", keeper_fmu.config(keeper_fmu.make(), "copy")])
     expect(code == BAD_DATA and "rollback" in err, f"{code}\n{out}{err}")
     need_memory()
     for fmu, way in ((keeper_fmu.make(), None), (keeper_fmu.make(OWN_STATE=1), "memory")):

@@ -1,0 +1,53 @@
+#!/usr/bin/env python3
+"""What it costs to save an FMU, to lead it back, and to step after that, by each rung, for states of several sizes: a table.
+
+usage: rollback.py [--build FOLDER] [--pages N]
+
+Builds only the FMU (tests/fmu/sized), with the machine's compiler. README.md says what the figures mean.
+"""
+import argparse
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+sys.path.insert(0, str(ROOT / "tests" / "support"))
+SIZES = {"1 kB": 1000, "16 kB": 16000, "1 MB": 1000000, "50 MB": 50000000}
+WAYS = ("state", "memory", "fork")
+
+
+def sized_fmu(folder, size, pages):
+    """The path of one whose state has so many bytes."""
+    import hostile_fmu  # pylint: disable=import-outside-toplevel
+    binary = folder / "lag.so"
+    hostile_fmu.compile_shared(binary, [ROOT / "tests" / "fmu" / "sized" / "sized.c"], {"SIZE": size, "PAGES": pages})
+    fmu = folder / f"sized{size}.fmu"
+    description = folder / "modelDescription.xml"
+    description.write_text(hostile_fmu.DESCRIPTION.read_text(encoding="utf-8").replace(' canSerializeFMUstate="true"', ""), encoding="utf-8")
+    hostile_fmu.package(fmu, description, binary)
+    return fmu
+
+
+def main():
+    parser = argparse.ArgumentParser(description="What saving, restoring and the step after it cost, by each rung.")
+    parser.add_argument("--build", default=str(ROOT / "build" / "host"), help="default: build/host")
+    parser.add_argument("--pages", type=int, default=2, help="that a step writes; default 2")
+    options = parser.parse_args()
+    probe = Path(options.build) / "tests" / "fmu" / "rollback_probe"
+    os.environ.update(TL_SOURCE=str(ROOT), TL_BUILD=options.build, TWINLOCK=str(Path(options.build) / "bin" / "twinlock"))
+    from twinlock_test import scratch  # pylint: disable=import-outside-toplevel
+    print("| state | by | save, µs | restore, µs | step after it, µs |\n| --- | --- | --- | --- | --- |")
+    for name, size in SIZES.items():
+        fmu = sized_fmu(scratch(), size, options.pages)
+        for way in WAYS:
+            done = subprocess.run([str(probe), str(fmu), way, "0.01", "130"], capture_output=True, text=True, check=True)
+            found = json.loads(done.stdout)
+            if found["way"] != way or found["differs"] is not None or found["error"] is not None:
+                print(f"| {name} | {way} | not here: {found['error'] or found['way']} | | |")
+                continue
+            print(f"| {name} | {way} | {found['save_us']:.3g} | {found['restore_us']:.3g} | {found['step_us']:.3g} |")
+
+
+main()
