@@ -21,6 +21,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/mman.h>
+#include <sys/prctl.h>
 #include <sys/types.h>
 #include <sys/wait.h>
 #include <time.h>
@@ -103,8 +104,10 @@ static void keep_more(void) {
     }
     if (steps == CHILD) {
         child = fork();
-        if (child == 0) {
+        if (child == 0) { /* it stays as long as its parent, and never goes on as an FMU */
+            (void)prctl(PR_SET_PDEATHSIG, SIGKILL);
             (void)pause();
+            _exit(0);
         }
     }
 }
