@@ -169,7 +169,8 @@ static tl_time wait_of_outputs(const tl_config *config) {
 static tl_delay_lookup place(tl_time shift, tl_time wait, tl_time step) {
     tl_time longest = (tl_time)2 * TL_CONFIG_LONGEST_SHIFT * step;
     bool is_wrong = step <= 0 || shift > longest || shift < -longest || wait > longest;
-    return is_wrong ? (tl_delay_lookup){0} : tl_delay_look_up(shift, wait, step);
+    static const tl_delay_lookup none = {0};
+    return is_wrong ? none : tl_delay_look_up(shift, wait, step);
 }
 
 static void find_lookups(tl_config_object *root, tl_config *config) {

@@ -17,8 +17,11 @@ static size_t size_for(uint32_t slots) {
 
 tl_forked_block *tl_forked_block_make(uint32_t slots) {
     /* cppcheck-suppress invalidFunctionArg ; an anonymous mapping has no file, which is -1 */
-    void *made = mmap(NULL, size_for(slots), PROT_READ | PROT_WRITE, MAP_SHARED | MAP_ANONYMOUS, -1, 0);
-    return made == MAP_FAILED ? NULL : made;
+    tl_forked_block *made = mmap(NULL, size_for(slots), PROT_READ | PROT_WRITE, MAP_SHARED | MAP_ANONYMOUS, -1, 0);
+    if (made == MAP_FAILED) {
+        return NULL;
+    }
+    return made;
 }
 
 void tl_forked_block_free(tl_forked_block *block, uint32_t slots) {

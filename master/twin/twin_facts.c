@@ -86,8 +86,10 @@ tl_twin_ledger tl_twin_get_ledger(const tl_twin *twin, size_t component) {
         .executions = tl_twin_executions(twin, component),
     };
     fill_needs(twin, component, &entry);
-    entry.replay = plant ? (tl_fmi2_replay){0} : exchange->components[component].fmi->replay;
-    entry.cost = plant ? 0 : exchange->costs.each[component].most;
+    if (!plant) {
+        entry.replay = exchange->components[component].fmi->replay;
+        entry.cost = exchange->costs.each[component].most;
+    }
     if (!plant && exchange->cached != NULL) {
         const tl_cached_component *cached = &exchange->cached[component];
         entry.nodes = cached->tree.capacity;

@@ -12,7 +12,7 @@ import zipfile
 from contextlib import closing
 
 from hostile_fmu import LOCKED, config, make
-from twinlock_test import PATIENCE, SANITIZER, at_least, at_most, describe, expect, finish, main, read_table, run, scratch, start
+from twinlock_test import NOT_LOCKED, PATIENCE, SANITIZER, at_least, at_most, describe, expect, finish, main, merge, read_table, run, scratch, start
 
 FUNCTIONS = ("load", "fmi2Instantiate", "fmi2SetupExperiment", "fmi2EnterInitializationMode", "fmi2ExitInitializationMode",
              "fmi2SetReal", "fmi2GetReal", "fmi2DoStep", "fmi2Terminate", "fmi2FreeInstance")
@@ -176,10 +176,13 @@ def test_results_outlive_a_crash_in_freeing():
 # ---- states that are none ----
 
 def test_a_state_that_cannot_be_saved_is_an_error_of_the_fmu():
-    path = config(make("no_state"), LOCKED)
+    """If nothing else may be tried; else it is led back otherwise, which is said."""
+    only, any_way = (config(make("no_state"), merge(LOCKED, {"components": {"hostile": {"rollback": way}}})) for way in ("state", "auto"))
     for verb in ("check", "replay"):
-        code, log, _ = end_of((verb, path))
+        code, log, _ = end_of((verb, only))
         expect(code == 70 and "hostile: fmi2GetFMUstate failed" in log, f"{verb} ended with {code}\n{log}")
+        code, log, _ = end_of((verb, any_way))
+        expect(code in (0, NOT_LOCKED) and "does not come back to where it was" in log, f"{verb} ended with {code}\n{log}")
 
 
 # ---- calls that never return ----

@@ -296,17 +296,21 @@ def test_states_do_not_pile_up():
     expect(long - short < STEPS, f"memory has grown by {long - short} kB")
 
 
-def test_without_states_it_is_not_synchronised():
-    document = loop(merge(LOCK, {"components": {"process": {"fmu": str(export("plant"))}}}))
-    refused(document, 65, "components.process", "canGetAndSetFMUstate")
+def test_without_states_it_is_led_back_by_replay():
+    process = {"fmu": str(export("plant"))}
+    refused(loop(merge(LOCK, {"components": {"process": {**process, "rollback": "state"}}})), 65, "components.process", "canGetAndSetFMUstate")
+    code, out, err = run(["check", write_config(loop(merge(LOCK, {"components": {"process": process}})))])
+    expect(code == 0 and "replay" in out, f"exit code {code}\n{out}{err}")
 
 
 def test_a_state_that_is_not_registered_is_found_out():
     """PythonFMU saves registered variables and nothing else; an FMU that forgets one of its states says that it can be
     rolled back, and cannot."""
     fmu = slave_that("self.hidden += self.gain; self.y = self.hidden")
-    code, _, err = run(["replay", write_config(alone(fmu, TUNED))])
+    code, _, err = run(["replay", write_config(merge(alone(fmu, TUNED), {"components": {"slave": {"rollback": "state"}}}))])
     expect(code == 70 and "slave" in err and "state" in err, f"exit code {code}\n{err}")
+    code, _, err = run(["replay", write_config(alone(fmu, TUNED))])
+    expect(code == 0 and "which is called replay" in err, f"exit code {code}\n{err}")
 
 
 # ---- what goes wrong ----

@@ -61,7 +61,9 @@ static bool go(void *kept) {
     if (!tl_fmu_history_find_way(&history, kept, &at, &anew)) {
         return false;
     }
-    fmu = anew ? (model){.sum = 1} : fmu;
+    if (anew) {
+        fmu = (model){.sum = 1};
+    }
     while (at != TL_FMU_HISTORY_NONE) {
         const tl_fmu_history_call *call;
         at = tl_fmu_history_follow(&history, at, &call);

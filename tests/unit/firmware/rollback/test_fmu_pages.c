@@ -31,6 +31,7 @@ static unsigned char *fixed(void) {
 
 void setUp(void) {
     tl_error error;
+    /* cppcheck-suppress invalidFunctionArg ; an anonymous mapping has no file, which is -1 */
     memory = mmap(NULL, (size_t)(ALL + 3) * TL_FMU_PAGE, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
     TEST_ASSERT_TRUE(memory != MAP_FAILED);
     const tl_fmu_place ranges[] = {{.begin = fixed(), .size = FIXED * TL_FMU_PAGE, .has_pages = true},
