@@ -146,10 +146,10 @@ void tl_forked_answer(tl_forked_answers *answers, tl_forked_message *message) {
     if (self.fmi == NULL || message->instance >= TL_FORKED_INSTANCES || (self.instance == NULL && is_made)) {
         message->status = fmi2Error;
     } else if (!is_made) {
-        message->status = instantiate(answers, message);
+        message->status = (int32_t)instantiate(answers, message);
     } else if (message->function == TL_FMU_FREE_INSTANCE) {
-        message->status = free_instance(answers, &self);
+        message->status = (int32_t)free_instance(answers, &self);
     } else {
-        message->status = execute(&self);
+        message->status = (int32_t)execute(&self);
     }
 }

@@ -309,7 +309,7 @@ static void test_an_objective_that_is_not_finite(void) {
 /* Though nothing is compared. */
 static void test_an_output_that_is_no_number_any_more(void) {
     match[0].weight = 0;
-    record.y[0] = INFINITY;
+    record.y[0] = (double)INFINITY;
     step();
     TEST_ASSERT_EQUAL_UINT64(1, tally().ran_away);
 }
