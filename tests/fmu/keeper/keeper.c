@@ -299,10 +299,10 @@ fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, f
 }
 
 void fmi2FreeInstance(fmi2Component component) {
-    if (RESETS != 0) {
-        forget_all(component);
-    }
-    free(component);
+    keeper *self = component;
+    forget_all(self);
+    free(self->large);
+    free(self);
 }
 
 fmi2Status fmi2SetupExperiment(fmi2Component component, fmi2Boolean has_tolerance, fmi2Real tolerance, fmi2Real start,
