@@ -20,7 +20,7 @@ enum { PATH, IN_FORCE, CANDIDATE, ON_THE_BOX, LIST, LIST_PATH, TEXTS };
 
 /* Then come the texts, each with its NUL. */
 typedef struct job_head {
-    uint64_t bytes[TEXTS]; /* with the NUL */
+    size_t bytes[TEXTS]; /* with the NUL */
     uint64_t memory_limit;
     uint64_t unconfined;
 } job_head;

@@ -99,7 +99,7 @@ void tl_fmu_prologue_add(tl_fmu_prologue *prologue, tl_fmu_prologue_kind kind, c
     const call_head made = {
         .kind = (uint32_t)kind, .count = (uint32_t)count, .size = size_of_values(kind, count, values)};
     size_t named = references == NULL ? 0 : count * sizeof *references;
-    size_t need = sizeof made + aligned(made.size) + aligned(named);
+    size_t need = sizeof made + aligned((size_t)made.size) + aligned(named);
     if (!make_room(prologue, need) || !make_place(prologue, count)) {
         return;
     }
@@ -109,10 +109,10 @@ void tl_fmu_prologue_add(tl_fmu_prologue *prologue, tl_fmu_prologue_kind kind, c
     if (kind == TL_PROLOGUE_SET_STRING) {
         put_texts(at, values, count);
     } else if (made.size != 0) {
-        memcpy(at, values, made.size);
+        memcpy(at, values, (size_t)made.size);
     }
     if (named != 0) {
-        memcpy(at + aligned(made.size), references, named);
+        memcpy(at + aligned((size_t)made.size), references, named);
     }
     prologue->used += need;
 }
@@ -172,9 +172,10 @@ static void read_next(const tl_fmu_prologue *prologue, size_t *at, played *next)
     next->kind = (tl_fmu_prologue_kind)made.kind;
     next->count = made.count;
     next->values = bytes + sizeof made;
-    next->references = (const void *)(bytes + sizeof made + aligned(made.size));
+    next->references = (const void *)(bytes + sizeof made + aligned((size_t)made.size));
     bool is_of_values = next->kind <= TL_PROLOGUE_GET_BOOLEAN;
-    *at += sizeof made + aligned(made.size) + (is_of_values ? aligned(made.count * sizeof *next->references) : 0);
+    *at +=
+        sizeof made + aligned((size_t)made.size) + (is_of_values ? aligned(made.count * sizeof *next->references) : 0);
 }
 
 fmi2Status tl_fmu_prologue_play(const tl_fmu_prologue *prologue, const tl_fmi2 *functions, fmi2Component instance) {
