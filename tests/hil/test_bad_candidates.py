@@ -14,10 +14,10 @@ from twinlock_test import BAD_DATA, BAD_USAGE, expect, main, scratch
 
 
 
-def with_fmu(fmu):
+def with_fmu(fmu, **keys):
     """One FMU more, which nobody is connected with."""
     def change(document):
-        document["components"]["extra"] = {"fmu": str(fmu), "set": {"u": 1.0}}
+        document["components"]["extra"] = {"fmu": str(fmu), "set": {"u": 1.0}, **keys}
     return change
 
 
@@ -67,7 +67,7 @@ def bad_ones():
         ("a crash as it is loaded", ended("abort()", "fmi2Instantiate"), "fmi2Instantiate"),
         ("a crash as it begins", ended("abort()", "fmi2EnterInitializationMode"), "fmi2EnterInitializationMode"),
         ("exit(0)", ended("exit(0)"), "fmi2DoStep"),
-        ("no state", with_fmu(make("no_state")), "state"),
+        ("no state", with_fmu(make("no_state"), rollback="state"), "state"),
         ("too slow", ended("calls = 0; usleep(30000)"), "step"),
         ("too slow beside another one", SLOW, "does not carry two twins"),
         ("a crash as a shadow", ended("abort()", call=1800), "fmi2DoStep"),
