@@ -19,17 +19,6 @@ static void write_size(const tl_twin_finding *finding, char *text, size_t size) 
     }
 }
 
-/* What was seen, in a word and why. */
-static const char *cause_of(const tl_twin_finding *finding) {
-    static const char *const words[TL_RESTORE_CAUSES] = {
-        [TL_CAUSE_UNKNOWN] = "",
-        [TL_CAUSE_UNSTEADY] = " (not steady: it goes two ways from one copy of its memory)",
-        [TL_CAUSE_COLD] = " (cold solver: so it is if it is led back at once)",
-        [TL_CAUSE_INCOMPLETE] = " (incomplete state: led back at once it is exact, after other steps it is not)",
-        [TL_CAUSE_REFUSES] = ""};
-    return words[finding->cause];
-}
-
 static void write_sentence(const tl_twin_finding *finding, tl_twin_look_news *news) {
     const char *then =
         finding->mended ? "it is rolled back by its memory from now on" : "what is committed may be wrong from now on";
@@ -42,10 +31,12 @@ static void write_sentence(const tl_twin_finding *finding, tl_twin_look_news *ne
     }
     char apart[100];
     write_size(finding, apart, sizeof apart);
+    const char *why = tl_twin_cause_text(finding->cause);
+    bool is_known = why[0] != '\0';
     (void)snprintf(news->text, sizeof news->text,
-                   "%.24s does not come back to where it was: %.24s was %s %u step%s after it was led back%s; %s",
+                   "%.24s does not come back to where it was: %.24s was %s %u step%s after it was led back%s%s%s; %s",
                    finding->component, finding->variable, apart, finding->after, finding->after == 1 ? "" : "s",
-                   cause_of(finding), then);
+                   is_known ? " (" : "", why, is_known ? ")" : "", then);
 }
 
 tl_status tl_twin_look(tl_twin *twin, tl_time until, tl_twin_look_news *news, tl_error *error) {

@@ -573,7 +573,7 @@ static void drop_copy(tl_fmu_guard *guard) {
 
 static size_t size_aside(fmi2Component component) {
     const guarded *self = component;
-    return self->guard->memory.heap != NULL ? tl_fmu_memory_size(&self->guard->memory) : 0;
+    return self->guard->memory.heap != NULL && !self->by_replay ? tl_fmu_memory_size(&self->guard->memory) : 0;
 }
 
 static fmi2Status replay_from_beginning(guarded *self) {
@@ -606,15 +606,20 @@ static void let_go(fmi2Component component) {
     }
 }
 
-static fmi2Status descend(guarded *self, const char *text) {
+/* `why`: "", or in which way it was wrong. */
+static fmi2Status descend(guarded *self, const char *otherwise, const char *why, const char *instead) {
     tl_fmu_call call = {.fmu = ""};
+    tl_error text;
+    bool is_known = why[0] != '\0';
     (void)tl_fmu_calls_look(tl_fmu_calls_here(), &call);
-    tl_fmu_logger_say(&self->guard->logger, TL_LOG_WARNING, call.fmu, text);
+    (void)tl_fail(&text, TL_FMU_FAILED, "does not come back to where it was %s%s%s%s: %s", otherwise,
+                  is_known ? " (" : "", why, is_known ? ")" : "", instead);
+    tl_fmu_logger_say(&self->guard->logger, TL_LOG_WARNING, call.fmu, text.text);
     return fmi2OK;
 }
 
 /* By replay, or that in its other way. */
-static fmi2Status give_up_all_else(guarded *self) {
+static fmi2Status give_up_all_else(guarded *self, const char *why) {
     tl_fmu_guard *guard = self->guard;
     if (!may_descend(self)) {
         return fmi2Error;
@@ -624,22 +629,20 @@ static fmi2Status give_up_all_else(guarded *self) {
     if (!self->by_replay) {
         self->by_replay = true;
         roll_back_by_replay(guard);
-        (void)descend(self, "does not come back to where it was otherwise: it is reset and given its inputs again "
-                            "instead, which is called replay");
+        (void)descend(self, "otherwise", why, "it is reset and given its inputs again instead, which is called replay");
     }
     return replay_from_beginning(self);
 }
 
-static fmi2Status give_up_states(fmi2Component component) {
+static fmi2Status give_up_states(fmi2Component component, const char *why) {
     guarded *self = component;
     tl_fmu_guard *guard = self->guard;
     bool may_be_by_memory = guard->aside != NULL && !guard->by_memory && !self->by_replay;
     if (!may_be_by_memory || come_back(component) != fmi2OK) {
-        return give_up_all_else(self);
+        return give_up_all_else(self, why);
     }
     roll_back_by_memory(guard);
-    return descend(self,
-                   "does not come back to where it was by its own states: it is rolled back by its memory instead");
+    return descend(self, "by its own states", why, "it is rolled back by its memory instead");
 }
 
 static void own_no_bytes(tl_fmi2 *functions) {

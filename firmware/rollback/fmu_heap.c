@@ -109,7 +109,9 @@ size_t tl_fmu_heap_used(const tl_fmu_heap *heap) {
 }
 
 void tl_fmu_heap_restored(tl_fmu_heap *heap, size_t used) {
-    memset(heap->base + used, 0, heap->highest - used);
+    if (used < heap->highest) { /* else it was larger than it is now, and what was copied is all of it */
+        memset(heap->base + used, 0, heap->highest - used);
+    }
     heap->highest = used;
 }
 

@@ -426,9 +426,14 @@ static void print_places(const tl_assembly *assembly, FILE *output) {
 /* Of a twin that goes back; a trial is waited for, and looks no further. */
 static void print_far_look(const tl_assembly *assembly, const tl_far_look *look, FILE *output) {
     tl_time step = assembly->config.step;
+    tl_twin_facts facts = tl_twin_get_facts(assembly->twin);
+    if (facts.proved_executions != 0) {
+        (void)fprintf(output, "rollback\n  proved at the start by %" PRIu64 " executions, which no other count has\n",
+                      facts.proved_executions);
+    }
     if (look->times != 0) {
-        (void)fprintf(output, "rollback\n  looked at %" PRIu64 " times, %g \342\200\246 %g s from the start: %s\n",
-                      look->times, tl_seconds(tl_time_of_step(0, step, look->first)),
+        (void)fprintf(output, "  looked at %" PRIu64 " times, %g \342\200\246 %g s from the start: %s\n", look->times,
+                      tl_seconds(tl_time_of_step(0, step, look->first)),
                       tl_seconds(tl_time_of_step(0, step, look->first + look->steps)),
                       look->news.found ? "not exact" : "exact");
     }

@@ -322,15 +322,19 @@ size_t tl_component_keeping_takes(const tl_component *component) {
     return aside != NULL && component->mode != TL_MODE_DEAD ? aside->size(component->instance) : 0;
 }
 
-bool tl_component_come_back(tl_component *component, bool for_good) {
+bool tl_component_come_back(tl_component *component, const char *why) {
     const tl_fmi2_aside *aside = component->fmi->aside;
-    if (aside == NULL || component->mode == TL_MODE_DEAD ||
-        (for_good ? aside->give_up_states : aside->come_back)(component->instance) > fmi2Warning) {
+    if (aside == NULL || component->mode == TL_MODE_DEAD) {
+        return false;
+    }
+    fmi2Status status =
+        why != NULL ? aside->give_up_states(component->instance, why) : aside->come_back(component->instance);
+    if (status > fmi2Warning) {
         return false;
     }
     component->mode = TL_MODE_STEPPING;
     component->replaces_states = false;
-    component->gave_up_states = component->gave_up_states || for_good;
+    component->gave_up_states = component->gave_up_states || why != NULL;
     return true;
 }
 

@@ -69,7 +69,7 @@ typedef struct tl_component {
     tl_ports outputs;     /* connected and matched outputs: read after each step */
     bool logging;         /* fmi2Instantiate: loggingOn */
     bool replaces_states; /* a handle to be reused is not: the FMU made another one */
-    bool gave_up_states;  /* tl_component_come_back() for good */
+    bool gave_up_states;  /* tl_component_come_back() with a reason */
     bool reals_only;      /* no other ports: set by the exchange, once they are placed */
     uint64_t executions;  /* fmi2DoStep calls */
 } tl_component;
@@ -128,9 +128,9 @@ bool tl_component_keep(tl_component *component);
 /* Bytes that this would take now; 0: not known, or there is no way. */
 size_t tl_component_keeping_takes(const tl_component *component);
 
-/* Back to what was kept. Its states that were made since are none: they are to be forgotten before. With `for_good` states are made and restored in this other way
- * from now on. False: the FMU cannot, and has said why. */
-bool tl_component_come_back(tl_component *component, bool for_good);
+/* Back to what was kept. Its states that were made since are none: they are to be forgotten before. With `why`, which says in which way its states are wrong and may be "", states are made and
+ * restored in this other way from now on. False: the FMU cannot, and has said why. */
+bool tl_component_come_back(tl_component *component, const char *why);
 
 /* What was kept is not needed any more. */
 void tl_component_let_go(const tl_component *component);

@@ -35,7 +35,7 @@ typedef fmi2Status tl_fmi2_step_reals(fmi2Component instance, const struct tl_po
 typedef struct tl_fmi2_aside {
     fmi2Status (*keep)(fmi2Component instance);
     fmi2Status (*come_back)(fmi2Component instance);
-    fmi2Status (*give_up_states)(fmi2Component instance);
+    fmi2Status (*give_up_states)(fmi2Component instance, const char *why);
     void (*let_go)(fmi2Component instance);
     size_t (*size)(fmi2Component instance);
 } tl_fmi2_aside;

@@ -317,24 +317,26 @@ void tl_exchange_keep(tl_exchange *exchange) {
 }
 
 /* Those that cannot come back by anything else do by their states. */
-static bool come_back(tl_exchange *exchange, size_t component, bool for_good) {
+static bool come_back(tl_exchange *exchange, size_t component, const char *why) {
     tl_error error;
     tl_component *one = &exchange->components[component];
     if (!exchange->is_kept[component]) {
         return tl_component_restore(one, exchange->home.states[component], &error) == TL_OK;
     }
     tl_snapshot_forget(&exchange->home, component);
-    return tl_component_come_back(one, for_good);
+    return tl_component_come_back(one, why);
 }
 
-bool tl_exchange_come_back(tl_exchange *exchange, size_t component) {
+bool tl_exchange_come_back(tl_exchange *exchange, size_t component, const char *why) {
     bool is_back = exchange->is_kept[component];
     for (size_t i = 0; i < exchange->component_count && is_back; i++) {
-        is_back = come_back(exchange, i, i == component);
+        is_back = come_back(exchange, i, i == component ? why : NULL);
     }
     if (is_back) {
         memcpy(exchange->home.live, exchange->home.values, exchange->home.values_size);
-        exchange->is_kept[component] = tl_component_keep(&exchange->components[component]);
+        if (why != NULL) {
+            exchange->is_kept[component] = tl_component_keep(&exchange->components[component]);
+        }
     }
     return is_back;
 }
@@ -419,7 +421,7 @@ tl_status tl_exchange_give_up_states(tl_exchange *exchange, size_t component, in
         return status;
     }
     tl_exchange_end_component(exchange, component);
-    *done = tl_component_come_back(one, true);
+    *done = tl_component_come_back(one, "");
     tl_component_let_go(one);
     return tl_exchange_begin_anew(exchange, step, error);
 }

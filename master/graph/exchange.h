@@ -184,10 +184,10 @@ tl_status tl_exchange_restore(tl_exchange *exchange, tl_error *error);
 tl_status tl_exchange_step(tl_exchange *exchange, int64_t step, tl_error *error);
 
 /* For the proof at start: what components can keep besides their states, as a whole. tl_exchange_keep() comes before tl_exchange_save().
- * tl_exchange_come_back() leads there if the states of one component are wrong: it makes none of its own any more. False: it cannot be, and all is as it was
- * left. */
+ * tl_exchange_come_back() leads there, of which this component must be able to. With `why`, which may be "", its states are wrong: it makes none of its own any more.
+ * False: it cannot be, and all is as it was left. */
 void tl_exchange_keep(tl_exchange *exchange);
-bool tl_exchange_come_back(tl_exchange *exchange, size_t component);
+bool tl_exchange_come_back(tl_exchange *exchange, size_t component, const char *why);
 void tl_exchange_let_go(tl_exchange *exchange);
 
 /* Between steps, before macro step `step`: a component does not come back to where it was. From now on it is saved and restored in the other way

@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include "master/sync/attempt.h"
+#include "master/sync/restore_cause.h"
 
 static bool is_output(const tl_port *port) {
     return port->variable != NULL && !port->input;
@@ -21,7 +22,7 @@ static void note_outputs(const tl_exchange *exchange, const tl_graph *graph, dou
 
 #define NOBODY SIZE_MAX
 
-/* Compares the outputs of all FMUs with those noted, to the bit. What one does with another's wrong output comes a step later: the first is the culprit. */
+/* After `step` + 1 steps from a state. Compares the outputs of all FMUs with those noted, to the bit. What one does with another's wrong output comes a step later: the first is the culprit. */
 static tl_status compare_outputs(const tl_exchange *exchange, const tl_graph *graph, const double *outputs, int step,
                                  size_t *culprit, tl_error *error) {
     for (size_t i = 0; i < graph->port_count; i++) {
@@ -43,6 +44,15 @@ static tl_status compare_outputs(const tl_exchange *exchange, const tl_graph *gr
     return TL_OK;
 }
 
+/* ---- elsewhere ---- */
+
+/* Within so many first steps of the search: as far as it may soon go. */
+static const double FAR = 4.0;
+
+static double within(const tl_adjusted *adjusted, double value) {
+    return fmin(fmax(value, adjusted->lower), adjusted->upper);
+}
+
 /* Leads all states away from where they were: a horizon with other inputs. It may fail, as any candidate may. */
 static tl_status lead_astray(const tl_lock *lock, int64_t first, tl_error *error) {
     double *u = lock->memory.trial;
@@ -52,7 +62,7 @@ static tl_status lead_astray(const tl_lock *lock, int64_t first, tl_error *error
         double now = tl_exchange_adjusted(lock->exchange, v);
         double value = adjusted->is_boolean ? 1.0 - now : now + adjusted->step;
         for (uint32_t m = 0; m < lock->horizon.length[v]; m++) {
-            u[lock->horizon.offset[v] + m] = fmin(fmax(value, adjusted->lower), adjusted->upper);
+            u[lock->horizon.offset[v] + m] = within(adjusted, value);
         }
     }
     tl_attempt_set_inputs(lock, u, 0);
@@ -62,20 +72,39 @@ static tl_status lead_astray(const tl_lock *lock, int64_t first, tl_error *error
     return status == TL_FMU_FATAL ? status : TL_OK;
 }
 
-/* Steps as they are, their outputs noted. Of the first one a failure is one, of a later one the end, unless it is fatal. */
-static tl_status take_steps(tl_exchange *exchange, const tl_graph *graph, int64_t first, double *outputs, int *steps,
-                            tl_error *error) {
-    tl_status status = TL_OK;
-    *steps = 0;
-    while (*steps < TL_PROOF_STEPS && status == TL_OK) {
-        status = tl_exchange_step(exchange, first + *steps, error);
-        if (status == TL_OK) {
-            note_outputs(exchange, graph, &outputs[(size_t)*steps * graph->port_count]);
-            (*steps)++;
-        }
+/* Far up, far down, and back; what is Boolean, off and on. */
+static double swept(const tl_adjusted *adjusted, double now, int step) {
+    if (adjusted->is_boolean) {
+        return step % 2 == 0 ? 1.0 - now : now;
     }
-    return *steps > 0 && status != TL_FMU_FATAL ? TL_OK : status;
+    return within(adjusted, now + (step % 4 < 2 ? FAR : -FAR) * adjusted->step);
 }
+
+static void note_inputs(const tl_proof *proof, const tl_exchange *exchange, size_t component, unsigned char *to,
+                        int step) {
+    if (component != NOBODY) {
+        tl_ports_read(&exchange->components[component].inputs, to + (size_t)step * proof->value_bytes);
+    }
+}
+
+/* As fast as inputs may change, and as far. It may fail, too. */
+static tl_status sweep(const tl_proof *proof, const tl_lock *lock, int64_t first, size_t noted, tl_error *error) {
+    double now[TL_MAX_ADJUST];
+    tl_status status = TL_OK;
+    for (size_t v = 0; v < lock->horizon.variables; v++) {
+        now[v] = tl_exchange_adjusted(lock->exchange, v);
+    }
+    for (int i = 0; i < TL_PROOF_STEPS && status == TL_OK; i++) {
+        for (size_t v = 0; v < lock->horizon.variables; v++) {
+            tl_exchange_set_adjusted(lock->exchange, v, swept(&lock->adjusted[v], now[v], i));
+        }
+        note_inputs(proof, lock->exchange, noted, proof->elsewhere, i);
+        status = tl_exchange_step(lock->exchange, first + i, error);
+    }
+    return status == TL_FMU_FATAL ? status : TL_OK;
+}
+
+/* ---- there and back ---- */
 
 /* The one whose state could not be saved or restored. */
 static size_t find_failed(const tl_exchange *exchange) {
@@ -87,63 +116,209 @@ static size_t find_failed(const tl_exchange *exchange) {
     return NOBODY;
 }
 
-static tl_status repeat_steps(tl_exchange *exchange, const tl_graph *graph, int64_t first, const double *outputs,
-                              int steps, size_t *culprit, tl_error *error) {
+/* What is under way. */
+typedef struct proof_attempt {
+    tl_proof *proof;
+    tl_lock *lock;
+    const tl_graph *graph;
+    int64_t first;
+    int steps; /* that could be made */
+    size_t culprit;
+    tl_restore_cause cause; /* as far as it shows in how it failed */
+} proof_attempt;
+
+/* Who is to blame for a failure that was no step's. */
+static tl_status blame(proof_attempt *self, tl_status status) {
+    if (status == TL_FMU_FAILED) {
+        self->culprit = find_failed(self->lock->exchange);
+        self->cause = self->proof->was_saved ? TL_CAUSE_LATE : TL_CAUSE_UNKNOWN;
+    }
+    return status;
+}
+
+static tl_status save_midst(proof_attempt *self, tl_error *error) {
+    self->proof->has_midst = true;
+    return blame(self, tl_snapshot_take(&self->proof->midst, error));
+}
+
+/* Steps as they are, their outputs noted. Of the first one a failure is one, of a later one the end, unless it is fatal. */
+static tl_status take_steps(proof_attempt *self, tl_error *error) {
+    tl_exchange *exchange = self->lock->exchange;
+    tl_status saved = TL_OK;
     tl_status status = TL_OK;
-    for (int i = 0; i < steps && status == TL_OK; i++) {
-        status = tl_exchange_step(exchange, first + i, error);
-        *culprit = status == TL_FMU_FAILED ? find_failed(exchange) : *culprit;
-        if (status == TL_OK) {
-            status = compare_outputs(exchange, graph, &outputs[(size_t)i * graph->port_count], i, culprit, error);
+    while (self->steps < TL_PROOF_STEPS && status == TL_OK && saved == TL_OK) {
+        saved = self->steps == TL_PROOF_MIDST ? save_midst(self, error) : TL_OK;
+        status = saved == TL_OK ? tl_exchange_step(exchange, self->first + self->steps, error) : TL_OK;
+        if (status == TL_OK && saved == TL_OK) {
+            note_outputs(exchange, self->graph, &self->proof->outputs[(size_t)self->steps * self->graph->port_count]);
+            self->steps++;
+        }
+    }
+    self->proof->stepped = self->steps > 0;
+    return saved != TL_OK ? saved : self->steps > 0 && status != TL_FMU_FATAL ? TL_OK : status;
+}
+
+/* Led back, one fails in a step that it had done. */
+static tl_status tell_refusal(proof_attempt *self, tl_error *error) {
+    const tl_error failed = *error;
+    self->culprit = find_failed(self->lock->exchange);
+    self->cause = TL_CAUSE_REFUSES;
+    return tl_fail(error, TL_FMU_FAILED,
+                   "does not come back to where it was: led back, it fails in a step that it had done: %s",
+                   failed.text);
+}
+
+static tl_status repeat_steps(proof_attempt *self, int from, tl_error *error) {
+    tl_exchange *exchange = self->lock->exchange;
+    tl_status status = TL_OK;
+    for (int i = from; i < self->steps && status == TL_OK; i++) {
+        status = tl_exchange_step(exchange, self->first + i, error);
+        if (status == TL_FMU_FAILED) {
+            status = tell_refusal(self, error);
+        } else if (status == TL_OK) {
+            status = compare_outputs(exchange, self->graph, &self->proof->outputs[(size_t)i * self->graph->port_count],
+                                     i - from, &self->culprit, error);
         }
     }
     return status;
 }
 
 /* To where it began. Who cannot even be led there is to blame. */
-static tl_status go_back(tl_exchange *exchange, size_t *culprit, tl_error *error) {
-    tl_status status = tl_exchange_restore(exchange, error);
-    *culprit = status == TL_FMU_FAILED ? find_failed(exchange) : *culprit;
+static tl_status go_back(proof_attempt *self, tl_error *error) {
+    return blame(self, tl_exchange_restore(self->lock->exchange, error));
+}
+
+static tl_status save(proof_attempt *self, tl_error *error) {
+    tl_status status = blame(self, tl_exchange_save(self->lock->exchange, error));
+    self->proof->was_saved = self->proof->was_saved || status == TL_OK;
     return status;
 }
 
-static tl_status save(tl_exchange *exchange, size_t *culprit, tl_error *error) {
-    tl_status status = tl_exchange_save(exchange, error);
-    *culprit = status == TL_FMU_FAILED ? find_failed(exchange) : *culprit;
-    return status;
-}
-
-static tl_status prove(tl_lock *lock, const tl_graph *graph, int64_t first, const tl_proof_place *place,
-                       size_t *culprit, tl_error *error) {
-    tl_exchange *exchange = lock->exchange;
-    int steps = 0;
-    tl_status status = save(exchange, culprit, error);
-    if (status != TL_OK) {
-        return status;
+/* The second state, after the first one was restored. */
+static tl_status prove_midst(proof_attempt *self, tl_error *error) {
+    if (!self->proof->has_midst) {
+        return TL_OK;
     }
-    status = take_steps(exchange, graph, first, place->outputs, &steps, error);
-    *place->stepped = status == TL_OK;
-    status = status == TL_OK ? go_back(exchange, culprit, error) : status;
-    status = status == TL_OK ? lead_astray(lock, first, error) : status;
-    status = status == TL_OK ? go_back(exchange, culprit, error) : status;
-    status = status == TL_OK ? repeat_steps(exchange, graph, first, place->outputs, steps, culprit, error) : status;
-    status = status == TL_OK ? go_back(exchange, culprit, error) : status;
-    return status == TL_OK ? save(exchange, culprit, error) : status; /* it may have done what no copy takes back */
+    tl_status status = blame(self, tl_snapshot_restore(&self->proof->midst, error));
+    return status == TL_OK ? repeat_steps(self, TL_PROOF_MIDST, error) : status;
 }
 
-tl_status tl_proof_of_rollback(tl_lock *lock, const tl_graph *graph, int64_t first, const tl_proof_place *place,
-                               tl_error *error) {
-    tl_exchange *exchange = lock->exchange;
-    size_t culprit = NOBODY;
+static tl_status prove(proof_attempt *self, tl_error *error) {
+    const tl_lock *lock = self->lock;
+    tl_status status = save(self, error);
+    status = status == TL_OK ? take_steps(self, error) : status;
+    status = status == TL_OK ? go_back(self, error) : status;
+    status = status == TL_OK ? lead_astray(lock, self->first, error) : status;
+    status = status == TL_OK ? prove_midst(self, error) : status;
+    status = status == TL_OK ? go_back(self, error) : status;
+    status = status == TL_OK ? sweep(self->proof, lock, self->first, NOBODY, error) : status;
+    status = status == TL_OK ? go_back(self, error) : status;
+    status = status == TL_OK ? repeat_steps(self, 0, error) : status;
+    status = status == TL_OK ? go_back(self, error) : status;
+    return status == TL_OK ? save(self, error) : status; /* it may have done what no copy takes back */
+}
+
+static void forget_midst(proof_attempt *self) {
+    for (size_t i = 0; i < self->lock->exchange->component_count; i++) {
+        tl_snapshot_forget(&self->proof->midst, i);
+    }
+    self->proof->has_midst = false;
+}
+
+/* ---- why ---- */
+
+/* What the culprit is given in the steps, and in those that lead elsewhere; all are led back by what is no state. */
+static bool note_ways(const proof_attempt *self) {
+    tl_exchange *exchange = self->lock->exchange;
+    tl_error ignored;
     tl_status status = TL_OK;
+    if (!tl_exchange_come_back(exchange, self->culprit, NULL)) {
+        return false;
+    }
+    for (int i = 0; i < self->steps && status == TL_OK; i++) {
+        note_inputs(self->proof, exchange, self->culprit, self->proof->inputs, i);
+        status = tl_exchange_step(exchange, self->first + i, &ignored);
+    }
+    if (status == TL_FMU_FATAL || !tl_exchange_come_back(exchange, self->culprit, NULL)) {
+        return false;
+    }
+    return sweep(self->proof, self->lock, self->first, self->culprit, &ignored) == TL_OK &&
+           tl_exchange_come_back(exchange, self->culprit, NULL);
+}
+
+/* It is asked only if all that it knows can be copied. */
+static tl_restore_cause find_cause(const proof_attempt *self) {
+    tl_exchange *exchange = self->lock->exchange;
+    tl_component *culprit = &exchange->components[self->culprit];
+    const tl_restore_cause cause = self->cause;
+    tl_restore_cause found = TL_CAUSE_UNKNOWN;
+    tl_error ignored;
+    const tl_restore_trial trial = {
+        .component = culprit,
+        .macro_step = exchange->step,
+        .step = self->first,
+        .steps = (unsigned)self->steps,
+        .inputs = self->proof->inputs,
+        .input_bytes = self->proof->value_bytes,
+        .elsewhere = self->proof->elsewhere,
+        .outputs = self->proof->gave,
+        .output_bytes = self->proof->value_bytes,
+    };
+    if (cause != TL_CAUSE_LATE && self->steps > 1 && exchange->is_kept[self->culprit] &&
+        tl_component_keeping_takes(culprit) != 0 && note_ways(self)) {
+        (void)tl_restore_cause_find(&trial, &found, &ignored);
+    }
+    return found != TL_CAUSE_UNKNOWN ? found : cause;
+}
+
+/* Whether there is another way for who is to blame, by which all stand where they began. Else the error says in which way it is wrong. */
+static bool take_other_way(proof_attempt *self, tl_error *error) {
+    tl_restore_cause cause = find_cause(self);
+    const char *why = tl_restore_cause_text(cause);
+    if (tl_exchange_come_back(self->lock->exchange, self->culprit, why)) {
+        return true;
+    }
+    tl_error found = *error;
+    (void)tl_fail(error, TL_FMU_FAILED, "%s%s%s%s", found.text, why[0] != '\0' ? " (" : "", why,
+                  why[0] != '\0' ? ")" : "");
+    return false;
+}
+
+/* ---- the whole ---- */
+
+bool tl_proof_init(tl_proof *proof, tl_arena *arena, tl_exchange *exchange, const tl_graph *graph) {
+    *proof = (tl_proof){.value_bytes = 1};
+    for (size_t i = 0; i < exchange->component_count; i++) {
+        size_t in = tl_ports_size(&exchange->components[i].inputs);
+        size_t out = tl_ports_size(&exchange->components[i].outputs);
+        proof->value_bytes = in > proof->value_bytes ? in : proof->value_bytes;
+        proof->value_bytes = out > proof->value_bytes ? out : proof->value_bytes;
+    }
+    proof->outputs = tl_arena_take(arena, graph->port_count * TL_PROOF_STEPS, sizeof *proof->outputs);
+    proof->inputs = tl_arena_take(arena, TL_PROOF_STEPS, proof->value_bytes);
+    proof->elsewhere = tl_arena_take(arena, TL_PROOF_STEPS, proof->value_bytes);
+    proof->gave = tl_arena_take(arena, TL_PROOF_STEPS + 1, proof->value_bytes);
+    return proof->outputs != NULL && proof->inputs != NULL && proof->elsewhere != NULL && proof->gave != NULL &&
+           tl_snapshot_init(&proof->midst, arena, exchange->components, exchange->component_count, exchange->values,
+                            exchange->values_size);
+}
+
+tl_status tl_proof_of_rollback(tl_proof *proof, tl_lock *lock, const tl_graph *graph, int64_t first, tl_error *error) {
+    tl_exchange *exchange = lock->exchange;
+    tl_status status = TL_OK;
+    bool again = false;
     tl_exchange_keep(exchange);
     do {
-        *place->stepped = true;
-        culprit = NOBODY;
-        status = prove(lock, graph, first, place, &culprit, error);
-    } while (status == TL_FMU_FAILED && culprit != NOBODY && tl_exchange_come_back(exchange, culprit));
+        proof_attempt now = {.proof = proof, .lock = lock, .graph = graph, .first = first, .culprit = NOBODY};
+        proof->stepped = true;
+        proof->was_saved = false;
+        status = prove(&now, error);
+        forget_midst(&now);
+        again = status == TL_FMU_FAILED && now.culprit != NOBODY && take_other_way(&now, error);
+    } while (again);
     tl_exchange_let_go(exchange);
     for (size_t i = 0; i < exchange->component_count; i++) {
+        proof->executions += exchange->components[i].executions;
         exchange->components[i].executions = 0;
     }
     return status;

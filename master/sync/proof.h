@@ -1,34 +1,48 @@
 /* A rollback is tested, not believed: there are FMUs that declare saved states and do not honour them.
  *
- * Purpose: before the first step of a synchronised twin: some steps, back, other steps with other inputs, back, and the first steps
- *          again must give the same bits at every output that is exchanged. One step is not enough: a solver inside of an FMU that begins
- *          anew after a restore shows it in the second.
- *          Then the state is saved once more: an FMU may have done in these steps what its states, or a copy of its memory, do not take back, such as to open a
+ * Purpose: before the first step of a synchronised twin, all its components interleaved: TL_PROOF_STEPS steps, with a second state saved in the midst of them. Then back to the
+ *          first state, elsewhere with other inputs, to the second, on from there; back to the first, elsewhere across as far as a search may soon go (and so across
+ *          an event, if inputs lead to one), back, and all steps again. Whatever is repeated must give the same bits at every output that is exchanged.
+ *          One step is not enough: a solver inside of an FMU that begins anew after a restore shows it in the second. Nor is one state: some FMUs have room for one only.
+ *          At last the first state is saved once more: an FMU may have done in these steps what its states, or a copy of its memory, do not take back, such as to open a
  *          file; the next save is refused for that, and shall not be the first one of the run.
- * Other:   one whose states turn out to be wrong is led back by another way from then on, if there is one (tl_fmi2_aside), and all are proved again.
- * Thread:  the twin's.
+ * Other:   one whose states turn out to be wrong is led back by another way from then on, if there is one (tl_fmi2_aside), and all are proved again. If there is a copy of
+ *          all that it knows, it is found out in which way they are wrong (restore_cause.h).
+ * Thread:  the twin's. Memory: the arena, at start-up.
  */
 #ifndef TL_MASTER_SYNC_PROOF_H
 #define TL_MASTER_SYNC_PROOF_H
 
 #include <stdbool.h>
+#include <stdint.h>
 
+#include "master/base/arena.h"
 #include "master/base/status.h"
 #include "master/graph/graph.h"
+#include "master/graph/snapshot.h"
 #include "master/sync/lock.h"
 
 /* That are repeated. An FMU that refuses a later one ends the proof there: that says nothing about its rollback. */
-enum { TL_PROOF_STEPS = 10 };
+enum { TL_PROOF_STEPS = 10, TL_PROOF_MIDST = 5 };
 
-/* Where a proof puts what it finds. */
-typedef struct tl_proof_place {
-    double *outputs; /* scratch: for each port of the graph and each of the steps */
-    bool *stepped;   /* false: what failed was the first step, which says nothing about the rollback */
-} tl_proof_place;
+typedef struct tl_proof {
+    uint64_t executions;      /* that it took, which no other count has */
+    bool stepped;             /* false: what failed was the first step, which says nothing about the rollback */
+    double *outputs;          /* private, from here on: for each port of the graph and each of the steps */
+    tl_snapshot midst;        /* the second state, */
+    bool has_midst;           /* if so many steps could be made */
+    bool was_saved;           /* the first one */
+    size_t value_bytes;       /* the most that one component is given in a step, or gives */
+    unsigned char *inputs;    /* of the steps of one component, */
+    unsigned char *elsewhere; /* and of those that lead it elsewhere */
+    unsigned char *gave;
+} tl_proof;
+
+/* False: there is no memory. The exchange has its values. */
+bool tl_proof_init(tl_proof *proof, tl_arena *arena, tl_exchange *exchange, const tl_graph *graph);
 
 /* After initialisation, before tl_exchange_start(); leaves everything where it was, at the beginning of step `first`, and
- * no executions counted. TL_FMU_FAILED, and which output it is, if the rollback does not hold. */
-tl_status tl_proof_of_rollback(tl_lock *lock, const tl_graph *graph, int64_t first, const tl_proof_place *place,
-                               tl_error *error);
+ * no executions counted but in `proof`. TL_FMU_FAILED, and which output it is, if the rollback does not hold. */
+tl_status tl_proof_of_rollback(tl_proof *proof, tl_lock *lock, const tl_graph *graph, int64_t first, tl_error *error);
 
 #endif

@@ -106,7 +106,11 @@ typedef enum tl_restore_cause {
     TL_CAUSE_UNKNOWN,  /* nobody has looked, or it does not show here */
     TL_CAUSE_UNSTEADY, /* it goes two ways from one copy of all that it knows: by a clock, a file, or what no copy has */
     TL_CAUSE_COLD,     /* other values though nothing lay between save and restore: what computes them begins anew */
-    TL_CAUSE_INCOMPLETE, /* the same values then, and others if steps lay between: its states do not hold all that steps change */
+    TL_CAUSE_PARAMETERS, /* the same values then, and others if something was set in between: what is set is not in its states */
+    TL_CAUSE_INCOMPLETE, /* others if steps lay between: its states do not hold all that steps change */
+    TL_CAUSE_ONE_STATE,  /* others if a second state was saved in between: it has room for one */
+    TL_CAUSE_EVENTS, /* others if steps lay between with inputs that went far, and not if they went near: its states do not hold what an event has changed */
+    TL_CAUSE_LATE,   /* it was saved and led back once, and refuses it later */
     TL_CAUSE_REFUSES /* led back, it fails in a step that it had done */
 } tl_restore_cause;
 

@@ -11,13 +11,31 @@ static unsigned char *outputs_of(const tl_restore_trial *trial, unsigned place) 
     return trial->outputs + place * trial->output_bytes;
 }
 
-/* Elsewhere than the FMU would go: a twentieth more of each input that is a real number. */
-static void write_inputs(const tl_restore_trial *trial, unsigned step, bool astray) {
-    tl_ports *inputs = &trial->component->inputs;
-    tl_ports_write(inputs, trial->inputs + step * trial->input_bytes);
-    for (size_t i = 0; i < inputs->real_count && astray; i++) {
+const char *tl_restore_cause_text(tl_restore_cause cause) {
+    static const char *const texts[TL_RESTORE_CAUSES] = {
+        [TL_CAUSE_UNKNOWN] = "",
+        [TL_CAUSE_UNSTEADY] = "not steady: it goes two ways from one copy of its memory",
+        [TL_CAUSE_COLD] = "cold solver: so it is if it is led back at once",
+        [TL_CAUSE_PARAMETERS] = "parameters kept: so it is if a value was set since it was saved",
+        [TL_CAUSE_INCOMPLETE] = "incomplete state: led back at once it is exact, after other steps it is not",
+        [TL_CAUSE_ONE_STATE] = "one handle only: so it is if a second state was saved",
+        [TL_CAUSE_EVENTS] = "events lost: after other steps it is exact, after some with inputs that go far it is not",
+        [TL_CAUSE_LATE] = "refuses late: it was saved before, and is not now",
+        [TL_CAUSE_REFUSES] = ""};
+    return texts[cause];
+}
+
+/* ---- ways to go ---- */
+
+/* A twentieth more of each input that is a real number. */
+static void move_inputs(tl_ports *inputs) {
+    for (size_t i = 0; i < inputs->real_count; i++) {
         inputs->reals[i] += ASTRAY * (inputs->reals[i] < 0.0 || inputs->reals[i] > 0.0 ? inputs->reals[i] : 1.0);
     }
+}
+
+static void write_inputs(const tl_restore_trial *trial, const unsigned char *inputs, unsigned step) {
+    tl_ports_write(&trial->component->inputs, inputs + step * trial->input_bytes);
 }
 
 static tl_status take_step(const tl_restore_trial *trial, int64_t step, tl_error *error) {
@@ -30,7 +48,7 @@ static tl_status take_steps(const tl_restore_trial *trial, bool *same, tl_error 
     tl_component *component = trial->component;
     tl_status status = TL_OK;
     for (unsigned i = 0; i < trial->steps && status == TL_OK; i++) {
-        write_inputs(trial, i, false);
+        write_inputs(trial, trial->inputs, i);
         status = take_step(trial, trial->step + i, error);
         tl_ports_read(&component->outputs, outputs_of(trial, same == NULL ? i : trial->steps));
         if (same != NULL) {
@@ -41,35 +59,72 @@ static tl_status take_steps(const tl_restore_trial *trial, bool *same, tl_error 
     return status;
 }
 
+/* What lies between save and restore. */
+typedef enum between { NOTHING, VALUES, NEAR, STATE, FAR } between;
+
+static tl_status set_values(const tl_restore_trial *trial, tl_error *error) {
+    write_inputs(trial, trial->inputs, 0);
+    move_inputs(&trial->component->inputs);
+    return tl_component_set_inputs(trial->component, error);
+}
+
 /* It may fail, as any candidate may. */
-static tl_status go_astray(const tl_restore_trial *trial, tl_error *error) {
+static tl_status go_elsewhere(const tl_restore_trial *trial, between how, tl_error *error) {
     tl_status status = TL_OK;
     for (unsigned i = 0; i < trial->steps && status == TL_OK; i++) {
-        write_inputs(trial, i, true);
+        write_inputs(trial, how == FAR ? trial->elsewhere : trial->inputs, i);
+        if (how == NEAR) {
+            move_inputs(&trial->component->inputs);
+        }
         status = take_step(trial, trial->step + i, error);
     }
     return status == TL_FMU_FAILED ? TL_OK : status;
 }
 
+static tl_status go_between(const tl_restore_trial *trial, between how, fmi2FMUstate *second, tl_error *error) {
+    tl_status status = TL_OK;
+    if (how == VALUES) {
+        return set_values(trial, error);
+    }
+    if (how == NEAR || how == FAR || how == STATE) {
+        status = go_elsewhere(trial, how, error);
+    }
+    return status == TL_OK && how == STATE ? tl_component_save(trial->component, second, error) : status;
+}
+
 static tl_status come_back(const tl_restore_trial *trial, tl_error *error) {
-    return tl_component_come_back(trial->component, false)
+    return tl_component_come_back(trial->component, NULL)
                ? TL_OK
                : tl_fail(error, TL_FMU_FAILED, "%s: cannot be led to where it was", trial->component->name);
 }
 
-/* Saved and restored, with steps between or without; then whether they are the same. The handle is as it was once the FMU is back. */
-static tl_status lead_back(const tl_restore_trial *trial, bool astray, bool *same, tl_error *error) {
+/* Saved and restored, with that between; then whether they are the same. The caller's handle is as it was once the FMU is back; others are given back. */
+static tl_status lead_back(const tl_restore_trial *trial, between how, bool *same, tl_error *error) {
+    tl_component *component = trial->component;
     fmi2FMUstate state = trial->state;
-    tl_status status = tl_component_save(trial->component, &state, error);
-    status = status == TL_OK && astray ? go_astray(trial, error) : status;
-    status = status == TL_OK ? tl_component_restore(trial->component, state, error) : status;
-    return status == TL_OK ? take_steps(trial, same, error) : status;
+    fmi2FMUstate second = NULL;
+    tl_status status = tl_component_save(component, &state, error);
+    status = status == TL_OK ? go_between(trial, how, &second, error) : status;
+    status = status == TL_OK ? tl_component_restore(component, state, error) : status;
+    status = status == TL_OK ? take_steps(trial, same, error) : status;
+    tl_component_forget(component, &second);
+    if (trial->state == NULL) {
+        tl_component_forget(component, &state);
+    }
+    return status;
 }
 
 /* What is tried, one after the other: the first that is not the same is the cause. */
 static tl_status try(const tl_restore_trial *trial, tl_restore_cause which, bool *same, tl_error *error) {
-    return which == TL_CAUSE_UNSTEADY ? take_steps(trial, same, error)
-                                      : lead_back(trial, which == TL_CAUSE_INCOMPLETE, same, error);
+    static const between ways[TL_RESTORE_CAUSES] = {[TL_CAUSE_COLD] = NOTHING,
+                                                    [TL_CAUSE_PARAMETERS] = VALUES,
+                                                    [TL_CAUSE_INCOMPLETE] = NEAR,
+                                                    [TL_CAUSE_ONE_STATE] = STATE,
+                                                    [TL_CAUSE_EVENTS] = FAR};
+    if (which == TL_CAUSE_EVENTS && trial->elsewhere == NULL) {
+        return TL_OK;
+    }
+    return which == TL_CAUSE_UNSTEADY ? take_steps(trial, same, error) : lead_back(trial, ways[which], same, error);
 }
 
 tl_status tl_restore_cause_find(const tl_restore_trial *trial, tl_restore_cause *cause, tl_error *error) {
@@ -79,11 +134,10 @@ tl_status tl_restore_cause_find(const tl_restore_trial *trial, tl_restore_cause 
     bool failed = status == TL_FMU_FAILED; /* which says nothing of a restore */
     status = status == TL_FMU_FATAL ? status : come_back(trial, error);
     for (tl_restore_cause which = TL_CAUSE_UNSTEADY;
-         which <= TL_CAUSE_INCOMPLETE && status == TL_OK && !failed && *cause == TL_CAUSE_UNKNOWN; which++) {
+         which <= TL_CAUSE_EVENTS && status == TL_OK && !failed && *cause == TL_CAUSE_UNKNOWN; which++) {
         bool same = true;
         tl_status tried = try(trial, which, &same, &ignored);
-        *cause = same ? TL_CAUSE_UNKNOWN : which;
-        *cause = tried == TL_FMU_FAILED ? TL_CAUSE_REFUSES : *cause;
+        *cause = same && tried == TL_OK ? TL_CAUSE_UNKNOWN : which;
         status = tried == TL_FMU_FATAL ? tl_fail(error, tried, "%s", ignored.text) : come_back(trial, error);
     }
     return status;

@@ -18,12 +18,16 @@ typedef struct tl_restore_trial {
     tl_time macro_step; /* ns */
     int64_t step;
     unsigned steps;
-    fmi2FMUstate state;          /* one that there is */
+    fmi2FMUstate state;          /* one that there is, or NULL */
     const unsigned char *inputs; /* of the steps, one behind the other, so many bytes apart; */
     size_t input_bytes;
-    unsigned char *outputs; /* scratch: the same, of steps + 1 */
+    const unsigned char *elsewhere; /* what leads it far from there, in as many steps; NULL: that is not tried */
+    unsigned char *outputs;         /* scratch: the same, of steps + 1 */
     size_t output_bytes;
 } tl_restore_trial;
+
+/* What that means, for people: "incomplete state: …"; "" of one that says nothing. */
+const char *tl_restore_cause_text(tl_restore_cause cause);
 
 /* The component has been kept, and stands where it did afterwards; what is in its ports is anything. Errors: TL_FMU_FAILED: it could not be brought back;
  * TL_FMU_FATAL. */

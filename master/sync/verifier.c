@@ -117,7 +117,7 @@ static tl_status leave(tl_verifier *verifier, bool *is_kept, tl_error *error) {
 }
 
 static tl_status come_back(tl_verifier *verifier, bool is_kept, tl_error *error) {
-    if (is_kept && tl_component_come_back(at_hand(verifier), false)) {
+    if (is_kept && tl_component_come_back(at_hand(verifier), NULL)) {
         return TL_OK;
     }
     return is_kept ? tl_fail(error, TL_FMU_FAILED, "%s: cannot be led to where it was", at_hand(verifier)->name)

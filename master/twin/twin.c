@@ -2,16 +2,13 @@
 #include <assert.h>
 #include <math.h>
 
-#include "master/sync/proof.h"
 #include "master/twin/twin_parts.h"
 
 tl_status tl_twin_start(tl_twin *twin, int64_t shown, tl_error *error) {
     tl_status status = tl_exchange_initialize(&twin->exchange, twin->first, shown, error);
     if (status == TL_OK && twin->lock.horizon.variables != 0) {
-        bool stepped = true;
-        const tl_proof_place place = {.outputs = twin->proof, .stepped = &stepped};
-        status = tl_proof_of_rollback(&twin->lock, &twin->graph, twin->first, &place, error);
-        twin->cannot_return = status != TL_OK && stepped;
+        status = tl_proof_of_rollback(&twin->proof, &twin->lock, &twin->graph, twin->first, error);
+        twin->cannot_return = status != TL_OK && twin->proof.stepped;
     }
     return status;
 }

@@ -44,6 +44,7 @@ typedef struct tl_twin_facts {
     uint64_t executions_per_step;       /* K: of a step that runs free */
     uint64_t executions_per_evaluation; /* K·T_P: if nothing were saved */
     bool cannot_return;                 /* begun, and an FMU's rollback was found not to hold */
+    uint64_t proved_executions;         /* that this took, which no other count has */
     const char *
         runs_free; /* the component that can no longer be led back by replay, so that nothing is synchronised; NULL: none */
     uint64_t verified;            /* how often an FMU was led back and executed again (tl_twin_verify()), */
@@ -163,6 +164,9 @@ typedef struct tl_twin_finding {
  * Errors: TL_FMU_FAILED, TL_FMU_FATAL if an FMU could not be brought to where it was; the twin is then over. */
 tl_status tl_twin_verify(tl_twin *twin, const tl_budget *budget, tl_twin_finding *finding, bool *found,
                          tl_error *error);
+
+/* In which way an FMU does not come back, for people: "incomplete state: …"; "": that is not known. */
+const char *tl_twin_cause_text(tl_restore_cause cause);
 
 /* Another tuning, from the next tick on, however that comes about: what the FMUs and the solver know, u, filters, metrics and ledger stay. A u that is
  * outside of new bounds is brought into them by the next search, as at a start; the bounds that the FMU declares hold as before. Of an event horizon a

@@ -3,7 +3,6 @@
 #include <string.h>
 
 #include "master/event/event_plan.h"
-#include "master/sync/proof.h"
 #include "master/twin/twin_parts.h"
 
 static void build_matches(tl_twin *twin, const tl_plan *plan, tl_report *report) {
@@ -445,10 +444,9 @@ static void build_values(tl_twin *twin, const tl_plan *plan, tl_lock_settings *l
     build_initial_values(twin, plan);
     lock->exchange = &twin->exchange;
     lock->terms = twin->terms;
-    twin->proof = tl_arena_take(&twin->arena, twin->graph.port_count * TL_PROOF_STEPS, sizeof *twin->proof);
     place_adjusted(twin, plan, report);
-    if (twin->proof == NULL || !condition_matches(twin, plan) || !create_meters(twin, plan) ||
-        !save_executions(twin, plan, lock) || !create_verifier(twin, plan) ||
+    if (!tl_proof_init(&twin->proof, &twin->arena, &twin->exchange, &twin->graph) || !condition_matches(twin, plan) ||
+        !create_meters(twin, plan) || !save_executions(twin, plan, lock) || !create_verifier(twin, plan) ||
         !tl_lock_init(&twin->lock, &twin->arena, plan, lock)) {
         tl_report_add(report, TL_TRY_AGAIN, "", "not enough memory for the search");
         return;

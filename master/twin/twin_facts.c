@@ -51,6 +51,7 @@ tl_twin_facts tl_twin_get_facts(const tl_twin *twin) {
         .executions_per_step = components,
         .executions_per_evaluation = searches ? components * prediction : 0,
         .cannot_return = twin->cannot_return,
+        .proved_executions = twin->proof.executions,
         .runs_free = twin->runs_free,
         .verified = twin->verifier.counts.turns,
         .verified_executions = twin->verifier.counts.executions,

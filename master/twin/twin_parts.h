@@ -12,6 +12,7 @@
 #include "master/graph/graph.h"
 #include "master/measure/delay_meter.h"
 #include "master/sync/lock.h"
+#include "master/sync/proof.h"
 #include "master/sync/verifier.h"
 #include "master/twin/twin.h"
 
@@ -42,8 +43,8 @@ struct tl_twin {
     size_t (*heap)(void); /* as in the plan */
     tl_tuning built;      /* with which the twin was built: what of it cannot change, */
     tl_tuning tuning;     /* and which is in force */
-    double *proof;        /* for the proof at start: one value per port and step */
-    bool resets;          /* the FMUs begin anew before the next step */
+    tl_proof proof;
+    bool resets; /* the FMUs begin anew before the next step */
     const char *
         runs_free; /* the component that keeps it from being synchronised since the step last computed; NULL: none does */
     tl_verifier verifier;

@@ -65,3 +65,7 @@ tl_status tl_twin_verify(tl_twin *twin, const tl_budget *budget, tl_twin_finding
     }
     return twin->ended;
 }
+
+const char *tl_twin_cause_text(tl_restore_cause cause) {
+    return tl_restore_cause_text(cause);
+}

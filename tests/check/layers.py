@@ -14,6 +14,7 @@ OUTSIDE = {
     "tests": ["tests", *FLOORS],
     "tests/hil/fmus": ["fmus/common"],  # FMUs as ours are
     "tests/fmu/copies": ["tests/fmu/copies", "fmus/common"],
+    "tests/fmu/hostile": ["tests/fmu/hostile", "fmus/common"],
     "tests/fmu/keeper": ["fmus/common"],
 }
 

@@ -38,6 +38,21 @@ def make_later(name, step):
 
 
 @functools.cache
+def make_false(lie, **macros):
+    """The path of one whose states are wrong in this way, see tests/fmu/hostile/states.c."""
+    folder = scratch()
+    hostile_fmu.describe(folder / "description.h")
+    ours = []
+    for source in hostile_fmu.OWN_STATE:
+        ours.append(folder / f"{source.stem}.o")
+        hostile_fmu.compile_with(hostile_fmu.COMPILER, *hostile_fmu.FLAGS, "-I", folder, "-include", hostile_fmu.FOLDER / "other_state.h", "-c", source, "-o", ours[-1])
+    hostile_fmu.compile_shared(folder / "lag.so", [hostile_fmu.FOLDER / "states.c", *ours], {"LIE": lie, **macros}, folder)
+    fmu = folder / f"{lie}.fmu"
+    hostile_fmu.package(fmu, hostile_fmu.DESCRIPTION, folder / "lag.so")
+    return fmu
+
+
+@functools.cache
 def make_runaway(**macros):
     """The path of one whose output grows without an end: see runaway.c."""
     return _make_model("runaway", **macros)

@@ -129,6 +129,22 @@ static void test_what_lies_behind_is_zero(void) {
     }
 }
 
+/* Back to a small one, and then to a larger one. */
+static void test_in_any_order(void) {
+    size_t small = tl_fmu_heap_used(&heap);
+    unsigned char *saved = malloc(RESERVE);
+    TEST_ASSERT_NOT_NULL(saved);
+    memset(tl_fmu_heap_take(&heap, 100000, 16), 0xAA, 100000);
+    size_t large = tl_fmu_heap_used(&heap);
+    memcpy(saved, heap.base, large);
+    tl_fmu_heap_restored(&heap, small);
+    memcpy(heap.base, saved, large);
+    tl_fmu_heap_restored(&heap, large);
+    TEST_ASSERT_EQUAL_UINT64(large, tl_fmu_heap_used(&heap));
+    TEST_ASSERT_EQUAL_MEMORY(saved, heap.base, large);
+    free(saved);
+}
+
 static void test_a_class_wastes_a_quarter_at_most(void) {
     for (size_t size = 1; size < RESERVE / 4; size += 1 + size / 7) {
         void *taken = tl_fmu_heap_take(&heap, size, 16);
@@ -210,6 +226,7 @@ int main(void) {
     RUN_TEST(test_no_block_touches_another);
     RUN_TEST(test_it_is_in_its_bytes);
     RUN_TEST(test_what_lies_behind_is_zero);
+    RUN_TEST(test_in_any_order);
     RUN_TEST(test_a_class_wastes_a_quarter_at_most);
     RUN_TEST(test_no_room);
     RUN_TEST(test_a_destroyed_head);

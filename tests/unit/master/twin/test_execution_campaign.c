@@ -348,7 +348,7 @@ static void assert_variant(const char *what, tl_plan_saving saving) {
 
 /* All executed: K·steps + K·T_P·E. */
 static void assert_plain(void) {
-    listen_anew(plan.plan.prediction + 2 * TL_PROOF_STEPS);
+    listen_anew(plan.plan.prediction + 4 * TL_PROOF_STEPS - TL_PROOF_MIDST);
     listen();
     drive("nothing saved", (tl_plan_saving){.structure = false}, &reference);
     assert_ledger();

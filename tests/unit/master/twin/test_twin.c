@@ -1,6 +1,7 @@
 /* The façade: what is built, which samples a step uses, how records are paired, and that nothing is left to chance. */
 #include <malloc.h>
 #include <math.h>
+#include <stdio.h>
 #include <string.h>
 #include <unity.h>
 
@@ -527,6 +528,7 @@ static void a_liar_at_rest_is_found(void) {
 typedef struct aside {
     fmi2FMUstate kept;
     int given_up, let_go;
+    char why[120];
 } aside;
 
 static aside asides[3];
@@ -555,9 +557,10 @@ static fmi2Status come_back(fmi2Component instance) {
     return status;
 }
 
-static fmi2Status give_up_states(fmi2Component instance) {
+static fmi2Status give_up_states(fmi2Component instance, const char *why) {
     size_t i = fmu_of(instance);
     asides[i].given_up++;
+    (void)snprintf(asides[i].why, sizeof asides[i].why, "%s", why);
     fmus[i].control.state_lies = false;
     return come_back(instance);
 }
@@ -608,6 +611,8 @@ static void a_liar_is_led_back_by_another_way(void) {
     TEST_ASSERT_EQUAL_INT(1, asides[0].given_up);
     TEST_ASSERT_EQUAL_INT(0, asides[1].given_up);
     TEST_ASSERT_EQUAL_INT(1, asides[2].given_up);
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(asides[0].why, "incomplete state"), asides[0].why);
+    TEST_ASSERT_GREATER_THAN_UINT64(0, tl_twin_get_facts(run.twin).proved_executions);
     TEST_ASSERT_EQUAL_MEMORY(honest.y, lying.y, sizeof honest.y);
     TEST_ASSERT_EQUAL_MEMORY(honest.u, lying.u, sizeof honest.u);
     TEST_ASSERT_EQUAL_UINT64(honest.executions, lying.executions);

@@ -319,6 +319,7 @@ static void test_what_it_costs(void) {
         run_to(100, found, in_found);
         size_t states = scene.fmus[0].states + scene.fmus[1].states;
         size_t values = calls_of(TL_TEST_SET_REAL);
+        size_t freed = tl_test_log_count(&scene.log, NULL, TL_TEST_FREE_STATE); /* by the proof at the start */
         for (size_t times = 1; times <= 50; times++) {
             tl_twin_reset(run->twin);
             tl_twin_reset(run->twin); /* twice is once */
@@ -330,7 +331,7 @@ static void test_what_it_costs(void) {
         TEST_ASSERT_GREATER_THAN_size_t(values, calls_of(TL_TEST_SET_REAL));
         TEST_ASSERT_EQUAL_size_t(2, calls_of(TL_TEST_INSTANTIATE));
         TEST_ASSERT_EQUAL_size_t_MESSAGE(states, scene.fmus[0].states + scene.fmus[1].states, tl_test_scene_name(of));
-        TEST_ASSERT_EQUAL_size_t(0, tl_test_log_count(&scene.log, NULL, TL_TEST_FREE_STATE));
+        TEST_ASSERT_EQUAL_size_t(freed, tl_test_log_count(&scene.log, NULL, TL_TEST_FREE_STATE));
         tl_test_scene_end(&scene);
     }
 }
@@ -654,11 +655,11 @@ static fmi2Status refuse_to_reset(fmi2Component component) {
     return fmi2Error;
 }
 
-/* When it is to give its states back. */
+/* When it is to give its states back; once before that, the proof at the start has given one back. */
 static void test_an_fmu_that_is_fatal_with_its_states(void) {
     tl_test_scene_build(&scene, TL_SCENE_LAG);
     scene.fmus[1].functions.reset = refuse_to_reset;
-    tl_test_fmu_fail(&scene.fmus[1], TL_TEST_FREE_STATE, TL_TEST_FATAL, 1, 1);
+    tl_test_fmu_fail(&scene.fmus[1], TL_TEST_FREE_STATE, TL_TEST_FATAL, 2, 2);
     expect_end(TL_FMU_FATAL, "b: cannot be instantiated anew after fmi2Fatal");
 }
 

@@ -1,0 +1,18 @@
+/* Before fmus/common/state.c and values.c: functions that states.c has of its own get other names there. */
+#ifndef TL_TESTS_FMU_HOSTILE_OTHER_STATE_H
+#define TL_TESTS_FMU_HOSTILE_OTHER_STATE_H
+
+#include <fmi2Functions.h>
+
+#undef fmi2SetReal
+#undef fmi2GetFMUstate
+#undef fmi2SetFMUstate
+#define fmi2SetReal own_set_real
+#define fmi2GetFMUstate own_get_state
+#define fmi2SetFMUstate own_set_state
+
+fmi2SetRealTYPE own_set_real;
+fmi2GetFMUstateTYPE own_get_state;
+fmi2SetFMUstateTYPE own_set_state;
+
+#endif

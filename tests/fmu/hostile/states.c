@@ -1,0 +1,88 @@
+/* An FMU whose states are wrong in one way, which LIE names. Its variables are those of fmus/lag, and so are its other functions.
+ *
+ * "parameters" what is set is not in them, and y goes by how that has changed
+ * "events"     nor that u was above LEVEL once
+ * "one"        there is one; to save another one overwrites it
+ * "late"       from its inner step LATE on it refuses to be saved
+ */
+#include <fmi2Functions.h>
+#include <stdbool.h>
+#include <string.h>
+
+#include "description.h"
+#include "fmus/common/instance.h"
+
+fmi2SetRealTYPE own_set_real;
+fmi2GetFMUstateTYPE own_get_state;
+fmi2SetFMUstateTYPE own_set_state;
+
+#ifndef LEVEL
+#define LEVEL 1.3
+#endif
+#ifndef LATE
+#define LATE 30
+#endif
+
+enum { U = 0 };
+
+typedef struct lag {
+    fmi2Real u;
+    fmi2Real T;
+    fmi2Real x_start, t_step;
+    fmi2Real y;
+    double moved; /* by changes of u, and less with each step */
+} lag;
+
+static bool was_above;
+static long steps;
+static fmi2FMUstate only;
+
+static bool lies(const char *how) {
+    return strcmp(LIE, how) == 0;
+}
+
+static lag *model_of(fmi2Component component) {
+    return (lag *)((tl_fmu_instance *)component)->state->model;
+}
+
+fmi2Status fmi2SetReal(fmi2Component component, const fmi2ValueReference references[], size_t count,
+                       const fmi2Real values[]) {
+    lag *m = model_of(component);
+    for (size_t i = 0; i < count && lies("parameters"); i++) {
+        m->moved += references[i] == U ? 0.01 * (values[i] - m->u) : 0.0;
+    }
+    return own_set_real(component, references, count, values);
+}
+
+fmi2Status fmi2GetFMUstate(fmi2Component component, fmi2FMUstate *state) {
+    if (lies("late") && steps >= LATE) {
+        return fmi2Error;
+    }
+    fmi2Status status = own_get_state(component, state);
+    return status == fmi2OK && lies("one") ? own_get_state(component, &only) : status;
+}
+
+fmi2Status fmi2SetFMUstate(fmi2Component component, fmi2FMUstate state) {
+    const lag before = *model_of(component);
+    fmi2Status status = own_set_state(component, lies("one") ? only : state);
+    if (lies("parameters")) {
+        model_of(component)->u = before.u;
+        model_of(component)->T = before.T;
+    }
+    return status;
+}
+
+static void start(void *model) {
+    lag *m = model;
+    m->y = m->x_start;
+}
+
+static void step(void *model, double h) {
+    lag *m = model;
+    steps++;
+    was_above = was_above || (lies("events") && m->u > LEVEL);
+    m->y += h * (m->u - m->y) / m->T + m->moved + (was_above ? 1e-4 : 0.0);
+    m->moved *= 0.9;
+}
+
+TL_FMU_MODEL(lag, .t_step = offsetof(lag, t_step), .start = start, .step = step);
