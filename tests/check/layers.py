@@ -30,7 +30,7 @@ OWNERS = {
     "gpiod.h": ("board/gpio",),
     "cJSON.h": ("firmware/json", "firmware/config", "firmware/text/json_writer.c", "firmware/text/json_reader.c"),
     "sqlite3.h": ("firmware/database", "firmware/record", "firmware/history"),
-    "expat.h": ("firmware/fmu",),
+    "expat.h": ("firmware/description",),
     "zip.h": ("firmware/fmu",),
     "seccomp.h": ("firmware/confine",),
     "landlock.h": ("firmware/confine",),

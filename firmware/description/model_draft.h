@@ -5,8 +5,8 @@
  * Owner:   lists live in the heap until tl_model_draft_free(); texts live in the arena from the start.
  * Thread:  one thread.
  */
-#ifndef TL_FIRMWARE_FMU_MODEL_DRAFT_H
-#define TL_FIRMWARE_FMU_MODEL_DRAFT_H
+#ifndef TL_FIRMWARE_DESCRIPTION_MODEL_DRAFT_H
+#define TL_FIRMWARE_DESCRIPTION_MODEL_DRAFT_H
 
 #include <stdbool.h>
 #include <stddef.h>

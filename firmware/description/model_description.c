@@ -1,7 +1,7 @@
 /* modelDescription.xml by expat: each start tag is looked up in a table by its parent and its name; what is not in the
  * table is passed over with all that is in it. Tags are checked as they come, so that errors have a line; what needs
  * the whole document (declared types, units, duplicate names) is settled at the end, by model_draft.c. */
-#include "firmware/fmu/model_description.h"
+#include "firmware/description/model_description.h"
 
 #include <errno.h>
 #include <expat.h>
@@ -15,8 +15,8 @@
 #include <unistd.h>
 
 #include "firmware/base/file_bytes.h"
-#include "firmware/fmu/model_draft.h"
-#include "firmware/fmu/xml_value.h"
+#include "firmware/description/model_draft.h"
+#include "firmware/description/xml_value.h"
 
 typedef enum element {
     DOCUMENT,

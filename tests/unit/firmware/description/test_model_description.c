@@ -8,8 +8,8 @@
 #include <unity.h>
 
 #include "firmware/base/c_locale.h"
-#include "firmware/fmu/model_description.h"
-#include "firmware/fmu/xml_value.h"
+#include "firmware/description/model_description.h"
+#include "firmware/description/xml_value.h"
 #include "tests/support/comma_locale.h"
 
 #define ROOT                                                                                                           \

@@ -4,8 +4,8 @@
  *          itself, of the thread that calls the FMU. What the loader alone writes is left out.
  * Thread:  that of the FMUs.
  */
-#ifndef TL_FIRMWARE_ROLLBACK_FMU_PLACES_H
-#define TL_FIRMWARE_ROLLBACK_FMU_PLACES_H
+#ifndef TL_FIRMWARE_PAGES_FMU_PLACES_H
+#define TL_FIRMWARE_PAGES_FMU_PLACES_H
 
 #include <stdbool.h>
 #include <stddef.h>

@@ -1,5 +1,5 @@
 /* Which pages were written: see fmu_written.h. */
-#include "firmware/rollback/fmu_written.h"
+#include "firmware/pages/fmu_written.h"
 
 #include <fcntl.h>
 #include <linux/userfaultfd.h>

@@ -4,8 +4,8 @@
  * Errors:  false, and *value is unchanged.
  * Thread:  any that has a locale with a decimal point (c_locale.h).
  */
-#ifndef TL_FIRMWARE_FMU_XML_VALUE_H
-#define TL_FIRMWARE_FMU_XML_VALUE_H
+#ifndef TL_FIRMWARE_DESCRIPTION_XML_VALUE_H
+#define TL_FIRMWARE_DESCRIPTION_XML_VALUE_H
 
 #include <stdbool.h>
 #include <stdint.h>

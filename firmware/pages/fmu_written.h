@@ -7,8 +7,8 @@
  * Without: tl_fmu_written_serves() is false on an older kernel, in an emulator, or if it is not allowed. Then whoever asks compares.
  * Thread:  one at a time.
  */
-#ifndef TL_FIRMWARE_ROLLBACK_FMU_WRITTEN_H
-#define TL_FIRMWARE_ROLLBACK_FMU_WRITTEN_H
+#ifndef TL_FIRMWARE_PAGES_FMU_WRITTEN_H
+#define TL_FIRMWARE_PAGES_FMU_WRITTEN_H
 
 #include <stdbool.h>
 #include <stddef.h>

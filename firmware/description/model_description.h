@@ -10,8 +10,8 @@
  * Owner:   the arena holds all that the model points to, also after a failure.
  * Thread:  any.
  */
-#ifndef TL_FIRMWARE_FMU_MODEL_DESCRIPTION_H
-#define TL_FIRMWARE_FMU_MODEL_DESCRIPTION_H
+#ifndef TL_FIRMWARE_DESCRIPTION_MODEL_DESCRIPTION_H
+#define TL_FIRMWARE_DESCRIPTION_MODEL_DESCRIPTION_H
 
 #include <stddef.h>
 

@@ -1,5 +1,5 @@
 /* The writable memory of an FMU's libraries: see fmu_places.h. */
-#include "firmware/rollback/fmu_places.h"
+#include "firmware/pages/fmu_places.h"
 
 #include <elf.h>
 #include <limits.h>

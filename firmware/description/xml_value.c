@@ -1,5 +1,5 @@
 /* Attribute texts to values: the form is checked by hand, then strtod() reads the number. */
-#include "firmware/fmu/xml_value.h"
+#include "firmware/description/xml_value.h"
 
 #include <math.h>
 #include <stddef.h>

@@ -8,14 +8,14 @@
  * Memory:  grows by pieces of 1 MiB, before it is needed if the steps to come are as those before; given back with the last version.
  * Thread:  one at a time.
  */
-#ifndef TL_FIRMWARE_ROLLBACK_FMU_PAGES_H
-#define TL_FIRMWARE_ROLLBACK_FMU_PAGES_H
+#ifndef TL_FIRMWARE_PAGES_FMU_PAGES_H
+#define TL_FIRMWARE_PAGES_FMU_PAGES_H
 
 #include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
 
-#include "firmware/rollback/fmu_places.h"
+#include "firmware/pages/fmu_places.h"
 #include "master/base/status.h"
 
 typedef struct tl_fmu_pages tl_fmu_pages;

@@ -1,6 +1,6 @@
 /* From a draft to a model. Everything is found by sorting once and searching after, so that a description of a hundred
  * thousand variables is still read in a moment. */
-#include "firmware/fmu/model_draft.h"
+#include "firmware/description/model_draft.h"
 
 #include <math.h>
 #include <stdlib.h>
