@@ -7,36 +7,13 @@
 #include <stdio.h>
 #include <stdlib.h>
 
+#include "firmware/fmu/fmu_guarded.h"
+#include "firmware/fmu/fmu_ladder.h"
 #include "firmware/process/fp_control.h"
 #include "firmware/process/host_state.h"
-#include "firmware/rollback/fmu_replay.h"
 #include "master/fmi/component.h"
 
-/* One instance. The table's callers get this in place of the FMU's own handle. What a step needs comes first, in one line of a
- * processor's cache: with many small FMUs that is most of what a step costs. */
-typedef struct tl_fmu_guarded {
-    fmi2Component instance;
-    fmi2SetRealTYPE *set_real;
-    fmi2DoStepTYPE *do_step;
-    fmi2GetRealTYPE *get_real;
-    const unsigned short *const *characters; /* where the C library keeps the thread's table of characters, and which */
-    const unsigned short *table;             /* it is: a glance at the locale */
-    tl_fmu_replay *replay;                   /* what it is given is noted there; NULL: it is not */
-    bool by_replay;                          /* it is led back by that */
-    tl_fmu_heap *heap;                       /* that its calls are served from; NULL: the C library's */
-    uint32_t name;
-    uint32_t control;
-    const tl_fmi2 *own; /* all functions */
-    locale_t locale;
-    unsigned told; /* changes that were said of this instance */
-    tl_fmu_guard *guard;
-    struct tl_fmu_guarded *next;
-    struct begun { /* how it was instantiated; texts are the caller's, and stay */
-        fmi2String name, guid, resources;
-        fmi2Type type;
-        fmi2Boolean visible, logging;
-    } begun;
-} guarded;
+typedef tl_fmu_guarded guarded;
 
 /* ---- what was changed ---- */
 
@@ -131,6 +108,9 @@ static inline fmi2Status noted(guarded *self, tl_fmu_prologue_kind kind, const f
     if (self->replay != NULL) {
         tl_fmu_replay_note(self->replay, kind, references, count, values, status);
     }
+    if (self->given != NULL) {
+        tl_fmu_given_note(self->given, kind, references, values);
+    }
     return status;
 }
 
@@ -177,20 +157,13 @@ static bool begin_notes(guarded *self) {
     return true;
 }
 
-static void end_notes(guarded *self) {
-    if (self->replay != NULL) {
-        tl_fmu_replay_end(self->replay);
-        free(self->replay);
-        self->replay = NULL;
-    }
-}
-
 static void know_ports(fmi2Component component, const tl_ports *inputs, const tl_ports *outputs) {
-    const guarded *self = component;
+    guarded *self = component;
     if (self->replay != NULL) {
         self->replay->inputs = inputs;
         self->replay->outputs = outputs;
     }
+    tl_fmu_ladder_know_ports(self, inputs);
 }
 
 /* ---- life of an instance ---- */
@@ -203,7 +176,7 @@ static void forget(guarded *self) {
     if (*link == self) {
         *link = self->next;
     }
-    end_notes(self);
+    tl_fmu_ladder_end_notes(self);
     free(self);
 }
 
@@ -354,7 +327,9 @@ static void note_step(guarded *self, const tl_fmi2_step *step, fmi2Status status
     if (self->by_replay && self->replay->phase == TL_FMU_REPLAY_BEGINS) {
         self->guard->functions.replay.is_over = tl_fmu_replay_start(self->replay) != fmi2OK;
     }
-    tl_fmu_replay_note_step(self->replay, step, status);
+    if (self->replay != NULL) {
+        tl_fmu_replay_note_step(self->replay, step, status);
+    }
 }
 
 static fmi2Status do_step(fmi2Component component, fmi2Real now, fmi2Real step, fmi2Boolean final) {
@@ -411,7 +386,7 @@ static fmi2Status step_reals(fmi2Component component, const tl_ports *inputs, co
         status = self->get_real(instance, outputs->real_references, outputs->real_count, outputs->reals);
     }
     status = leave_step(self, step->last, status);
-    if (self->replay != NULL) {
+    if (self->replay != NULL || self->given != NULL) {
         note_reals(self, inputs, outputs, step, *done, status);
     }
     return status;
@@ -478,204 +453,6 @@ static fmi2Status deserialize_fmu_state(fmi2Component component, const fmi2Byte 
     return leave(self, expect_state(self, state, self->own->deserialize_fmu_state(self->instance, bytes, size, state)));
 }
 
-/* ---- states that are its memory: no call of the FMU ---- */
-
-/* While the rollback is proved. */
-static bool may_descend(const guarded *self) {
-    return self->replay != NULL && !self->guard->was_proved && !(self->by_replay && self->guard->renews);
-}
-
-/* Why it cannot be; if there is another way, that is no error. */
-static void say_why_not(guarded *self, const char *text) {
-    tl_log_level level = may_descend(self) ? TL_LOG_WARNING : TL_LOG_ERROR;
-    tl_fmu_logger_say(&self->guard->logger, level, "", text);
-}
-
-static fmi2Status save_memory(fmi2Component component, fmi2FMUstate *state) {
-    guarded *self = component;
-    tl_error error;
-    if (tl_fmu_memory_save(&self->guard->memory, state, &error) != TL_OK) {
-        say_why_not(self, error.text);
-        return fmi2Error;
-    }
-    return fmi2OK;
-}
-
-/* What it has had since it was saved may not be in the copy. */
-static fmi2Status restore_memory(fmi2Component component, fmi2FMUstate state) {
-    guarded *self = component;
-    if (tl_fmu_memory_left(&self->guard->memory) != NULL) {
-        tl_error error;
-        (void)tl_fail(&error, TL_FMU_FAILED, "has %s, which no copy of its memory takes back",
-                      tl_fmu_memory_left(&self->guard->memory));
-        say_why_not(self, error.text);
-        return fmi2Error;
-    }
-    tl_fmu_memory_restore(&self->guard->memory, state);
-    return fmi2OK;
-}
-
-static fmi2Status forget_memory(fmi2Component component, fmi2FMUstate *state) {
-    (void)component;
-    tl_fmu_memory_forget(*state);
-    *state = NULL;
-    return fmi2OK;
-}
-
-static size_t memory_size(fmi2Component component) {
-    const guarded *self = component;
-    return tl_fmu_memory_size(&self->guard->memory);
-}
-
-/* ---- states that are positions in what it was given; another instance may still have its own ---- */
-
-static fmi2Status keep_position(fmi2Component component, fmi2FMUstate *state) {
-    guarded *self = component;
-    return self->by_replay ? tl_fmu_replay_keep(self->replay, state) : get_fmu_state(component, state);
-}
-
-static fmi2Status go_to_position(fmi2Component component, fmi2FMUstate state) {
-    guarded *self = component;
-    return self->by_replay ? tl_fmu_replay_lead(self->replay, state) : set_fmu_state(component, state);
-}
-
-static fmi2Status forget_position(fmi2Component component, fmi2FMUstate *state) {
-    guarded *self = component;
-    if (!self->by_replay) {
-        return free_fmu_state(component, state);
-    }
-    tl_fmu_replay_give_back(self->replay, state);
-    return fmi2OK;
-}
-
-/* ---- the ladder: which way is next if one is wrong ---- */
-
-static void roll_back_by_memory(tl_fmu_guard *guard);
-static void roll_back_by_replay(tl_fmu_guard *guard);
-
-/* Where a proof begins. By replay that is the end of its prologue, which needs no keeping. */
-static fmi2Status keep_aside(fmi2Component component) {
-    guarded *self = component;
-    tl_fmu_guard *guard = self->guard;
-    if (self->replay != NULL && !guard->was_proved) {
-        tl_fmu_replay_wait(self->replay);
-    }
-    bool has_copy = guard->memory.heap != NULL && !self->by_replay &&
-                    (guard->by_memory ? tl_fmu_memory_left(&guard->memory) == NULL : true) &&
-                    save_memory(component, &guard->aside) == fmi2OK;
-    return has_copy || may_descend(self) ? fmi2OK : fmi2Error;
-}
-
-static void drop_copy(tl_fmu_guard *guard) {
-    tl_fmu_memory_forget(guard->aside);
-    guard->aside = NULL;
-}
-
-static size_t size_aside(fmi2Component component) {
-    const guarded *self = component;
-    return self->guard->memory.heap != NULL && !self->by_replay ? tl_fmu_memory_size(&self->guard->memory) : 0;
-}
-
-static fmi2Status replay_from_beginning(guarded *self) {
-    return self->replay != NULL && tl_fmu_replay_start(self->replay) == fmi2OK
-               ? tl_fmu_replay_lead_to_beginning(self->replay)
-               : fmi2Error;
-}
-
-static fmi2Status come_back(fmi2Component component) {
-    guarded *self = component;
-    tl_fmu_guard *guard = self->guard;
-    if (guard->aside != NULL && !self->by_replay) {
-        return restore_memory(component, guard->aside);
-    }
-    fmi2Status status = guard->was_proved ? fmi2Error : replay_from_beginning(self);
-    if (self->replay != NULL && !self->by_replay && !guard->was_proved) {
-        self->replay->phase = TL_FMU_REPLAY_WAITS;
-    }
-    return status;
-}
-
-static void let_go(fmi2Component component) {
-    guarded *self = component;
-    tl_fmu_guard *guard = self->guard;
-    drop_copy(guard);
-    guard->was_proved = true;
-    guard->functions.replay.steps = 0;
-    if (!self->by_replay) {
-        end_notes(self);
-    }
-}
-
-/* `why`: "", or in which way it was wrong. */
-static fmi2Status descend(guarded *self, const char *otherwise, const char *why, const char *instead) {
-    tl_fmu_call call = {.fmu = ""};
-    tl_error text;
-    bool is_known = why[0] != '\0';
-    (void)tl_fmu_calls_look(tl_fmu_calls_here(), &call);
-    (void)tl_fail(&text, TL_FMU_FAILED, "does not come back to where it was %s%s%s%s: %s", otherwise,
-                  is_known ? " (" : "", why, is_known ? ")" : "", instead);
-    tl_fmu_logger_say(&self->guard->logger, TL_LOG_WARNING, call.fmu, text.text);
-    return fmi2OK;
-}
-
-/* By replay, or that in its other way. */
-static fmi2Status give_up_all_else(guarded *self, const char *why) {
-    tl_fmu_guard *guard = self->guard;
-    if (!may_descend(self)) {
-        return fmi2Error;
-    }
-    drop_copy(guard);
-    guard->renews = guard->renews || self->by_replay;
-    if (!self->by_replay) {
-        self->by_replay = true;
-        roll_back_by_replay(guard);
-        (void)descend(self, "otherwise", why, "it is reset and given its inputs again instead, which is called replay");
-    }
-    return replay_from_beginning(self);
-}
-
-static fmi2Status give_up_states(fmi2Component component, const char *why) {
-    guarded *self = component;
-    tl_fmu_guard *guard = self->guard;
-    bool may_be_by_memory = guard->aside != NULL && !guard->by_memory && !self->by_replay;
-    if (!may_be_by_memory || come_back(component) != fmi2OK) {
-        return give_up_all_else(self, why);
-    }
-    roll_back_by_memory(guard);
-    return descend(self, "by its own states", why, "it is rolled back by its memory instead");
-}
-
-static void own_no_bytes(tl_fmi2 *functions) {
-    functions->serialized_fmu_state_size = NULL;
-    functions->serialize_fmu_state = NULL;
-    functions->deserialize_fmu_state = NULL;
-}
-
-/* What the FMU has of its own for it is not used. */
-static void roll_back_by_memory(tl_fmu_guard *guard) {
-    tl_fmi2 *functions = &guard->functions;
-    guard->by_memory = true;
-    guard->memory.has_flags = true;
-    functions->get_fmu_state = save_memory;
-    functions->set_fmu_state = restore_memory;
-    functions->free_fmu_state = forget_memory;
-    functions->state_size = memory_size;
-    own_no_bytes(functions);
-}
-
-static void roll_back_by_replay(tl_fmu_guard *guard) {
-    tl_fmi2 *functions = &guard->functions;
-    guard->by_memory = false;
-    guard->by_replay = true;
-    guard->memory.has_flags = false;
-    functions->get_fmu_state = keep_position;
-    functions->set_fmu_state = go_to_position;
-    functions->free_fmu_state = forget_position;
-    functions->state_size = NULL;
-    functions->replay.most = guard->most;
-    own_no_bytes(functions);
-}
-
 /* ---- the guard ---- */
 
 void tl_fmu_guard_open(tl_fmu_guard *guard, const char *name, const char *generator) {
@@ -702,11 +479,6 @@ void tl_fmu_guard_use_fork(tl_fmu_guard *guard, tl_forked_line *line) {
 }
 
 void tl_fmu_guard_front(tl_fmu_guard *guard, const tl_fmi2 *own) {
-    static const tl_fmi2_aside aside = {.keep = keep_aside,
-                                        .come_back = come_back,
-                                        .give_up_states = give_up_states,
-                                        .let_go = let_go,
-                                        .size = size_aside};
     guard->own = *own;
     guard->functions = (tl_fmi2){
         .instantiate = instantiate,
@@ -733,14 +505,7 @@ void tl_fmu_guard_front(tl_fmu_guard *guard, const tl_fmi2 *own) {
         .step_reals = own->step_reals != NULL ? step_elsewhere : step_reals,
         .most_states = own->most_states,
     };
-    if (guard->by_memory) {
-        roll_back_by_memory(guard);
-    } else if (guard->by_replay) {
-        roll_back_by_replay(guard);
-    }
-    if (guard->may_replay || (guard->memory.heap != NULL && !guard->by_memory)) {
-        guard->functions.aside = &aside;
-    }
+    tl_fmu_ladder_begin(guard);
     if (guard->may_replay) {
         guard->functions.know_ports = know_ports;
     }
@@ -751,7 +516,7 @@ void tl_fmu_guard_close(tl_fmu_guard *guard) {
     guard->aside = NULL;
     for (guarded *self = guard->instances, *next = NULL; self != NULL; self = next) {
         next = self->next;
-        end_notes(self);
+        tl_fmu_ladder_end_notes(self);
         free(self);
     }
     guard->instances = NULL;

@@ -21,30 +21,9 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-#include "firmware/fmu/fmu_logger.h"
+#include "firmware/fmu/fmu_guarded.h"
 #include "firmware/forked/forked_line.h"
 #include "firmware/process/fmu_call.h"
-#include "firmware/rollback/fmu_memory.h"
-#include "master/fmi/fmi2.h"
-
-typedef struct tl_fmu_guard {
-    tl_fmi2 functions;               /* ours, to be called; functions that the FMU has not, or nobody calls, are NULL */
-    fmi2CallbackFunctions callbacks; /* what functions.instantiate wants: leads it back here */
-    tl_fmi2 own;                     /* private, from here on: the FMU's functions */
-    fmi2CallbackFunctions given;     /* to the FMU */
-    tl_fmu_logger logger;
-    tl_fmu_memory memory; /* zeroed: it is not rolled back by that */
-    bool by_memory;       /* it is; else it may be, if its own states are wrong */
-    bool may_replay;      /* it may be reset and given again what it was given, if all else is wrong, */
-    bool by_replay;       /* and it is; */
-    bool renews;     /* private: and is freed and instantiated for it, since fmi2Reset refuses, or does not do it; */
-    uint32_t most;   /* of so many steps */
-    void *aside;     /* private: all that it knew when a proof began; NULL: nothing is kept */
-    bool was_proved; /* private: no other way is tried any more */
-    uint32_t name;   /* of the file, for calls without an instance */
-    unsigned told;   /* changes of the process that were said of the file */
-    struct tl_fmu_guarded *instances;
-} tl_fmu_guard;
 
 /* Before the FMU is loaded: from now on it may be called. `name` and `generator` are those of its
  * description. */

@@ -122,6 +122,10 @@ tl_rollback tl_fmu_rollback(const tl_fmu *fmu) {
                                   : TL_ROLLBACK_NONE;
 }
 
+bool tl_fmu_is_given_again(const tl_fmu *fmu) {
+    return fmu->guard.gives_again;
+}
+
 /* What there is of it in this process are calls of another one. */
 static tl_status open_elsewhere(tl_fmu *fmu, const char *label, tl_error *error) {
     tl_fmi2 functions = tl_forked_functions;

@@ -47,6 +47,9 @@ void tl_fmu_set_replay_steps(tl_fmu *fmu, uint32_t steps);
 /* How it is rolled back now, never TL_ROLLBACK_AUTO: one whose own states turned out to be wrong is so by another way since. */
 tl_rollback tl_fmu_rollback(const tl_fmu *fmu);
 
+/* Whether that is by its own state, and it is given again what it had been given: its states do not hold that. */
+bool tl_fmu_is_given_again(const tl_fmu *fmu);
+
 /* No instance of it may exist any more. A zeroed tl_fmu is allowed. */
 void tl_fmu_unload(tl_fmu *fmu);
 

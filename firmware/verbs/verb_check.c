@@ -78,6 +78,9 @@ static const char *describe_rollback(const tl_assembly *assembly, const tl_plan_
         if (way == TL_ROLLBACK_REPLAY) {
             return "rolled back by replay: reset, and given its inputs again";
         }
+        if (way == TL_ROLLBACK_STATE && tl_fmu_is_given_again(fmu)) {
+            return "rolled back by its state, and given again what it had been given";
+        }
     }
     return component->model->capabilities.can_get_and_set_state ? "can save its state" : "cannot save its state";
 }

@@ -141,6 +141,18 @@ static tl_status save_midst(proof_attempt *self, tl_error *error) {
     return blame(self, tl_snapshot_take(&self->proof->midst, error));
 }
 
+/* After a step from the beginning. Who was led there otherwise than by states, and not exactly, does not do what it did at first. */
+static tl_status note_or_compare(proof_attempt *self, tl_error *error) {
+    tl_proof *proof = self->proof;
+    double *outputs = &proof->outputs[(size_t)self->steps * self->graph->port_count];
+    if (self->steps < proof->noted) {
+        return compare_outputs(self->lock->exchange, self->graph, outputs, self->steps, &self->culprit, error);
+    }
+    note_outputs(self->lock->exchange, self->graph, outputs);
+    proof->noted++;
+    return TL_OK;
+}
+
 /* Steps as they are, their outputs noted. Of the first one a failure is one, of a later one the end, unless it is fatal. */
 static tl_status take_steps(proof_attempt *self, tl_error *error) {
     tl_exchange *exchange = self->lock->exchange;
@@ -149,13 +161,12 @@ static tl_status take_steps(proof_attempt *self, tl_error *error) {
     while (self->steps < TL_PROOF_STEPS && status == TL_OK && saved == TL_OK) {
         saved = self->steps == TL_PROOF_MIDST ? save_midst(self, error) : TL_OK;
         status = saved == TL_OK ? tl_exchange_step(exchange, self->first + self->steps, error) : TL_OK;
-        if (status == TL_OK && saved == TL_OK) {
-            note_outputs(exchange, self->graph, &self->proof->outputs[(size_t)self->steps * self->graph->port_count]);
-            self->steps++;
-        }
+        status = status == TL_OK && saved == TL_OK ? note_or_compare(self, error) : status;
+        self->steps += status == TL_OK && saved == TL_OK ? 1 : 0;
     }
-    self->proof->stepped = self->steps > 0;
-    return saved != TL_OK ? saved : self->steps > 0 && status != TL_FMU_FATAL ? TL_OK : status;
+    self->proof->stepped = self->steps > 0 || self->culprit != NOBODY;
+    bool goes_on = self->steps > 0 && status != TL_FMU_FATAL && self->culprit == NOBODY;
+    return saved != TL_OK ? saved : goes_on ? TL_OK : status;
 }
 
 /* Led back, one fails in a step that it had done. */
@@ -273,9 +284,13 @@ static tl_restore_cause find_cause(const proof_attempt *self) {
 
 /* Whether there is another way for who is to blame, by which all stand where they began. Else the error says in which way it is wrong. */
 static bool take_other_way(proof_attempt *self, tl_error *error) {
+    tl_exchange *exchange = self->lock->exchange;
     tl_restore_cause cause = find_cause(self);
     const char *why = tl_restore_cause_text(cause);
-    if (tl_exchange_come_back(self->lock->exchange, self->culprit, why)) {
+    if (tl_exchange_come_back(exchange, self->culprit, why)) {
+        /* Led there by a copy it is where it was, and may yet go on otherwise: nobody else's exceptions are seen by it any more. */
+        self->proof->noted =
+            tl_component_keeping_takes(&exchange->components[self->culprit]) != 0 ? 0 : self->proof->noted;
         return true;
     }
     tl_error found = *error;
@@ -307,6 +322,7 @@ tl_status tl_proof_of_rollback(tl_proof *proof, tl_lock *lock, const tl_graph *g
     tl_exchange *exchange = lock->exchange;
     tl_status status = TL_OK;
     bool again = false;
+    proof->noted = 0;
     tl_exchange_keep(exchange);
     do {
         proof_attempt now = {.proof = proof, .lock = lock, .graph = graph, .first = first, .culprit = NOBODY};

@@ -1,0 +1,152 @@
+/* What an FMU was given last is kept with a state, and given again, of all types. */
+#include "firmware/fmu/fmu_given.h"
+
+#include <stdlib.h>
+#include <string.h>
+#include <unity.h>
+
+static const fmi2ValueReference real_references[] = {3, 1};
+static const fmi2ValueReference integer_references[] = {2};
+static const fmi2ValueReference boolean_references[] = {0, 5, 4};
+static double reals[2];
+static fmi2Integer integers[1];
+static fmi2Boolean booleans[3];
+static tl_ports ports;
+static tl_fmu_given given;
+
+static struct {
+    double reals[2];
+    fmi2Integer integers[1];
+    fmi2Boolean booleans[3];
+    unsigned calls;
+    fmi2Status answer;
+} fmu;
+
+static fmi2Status set_real(fmi2Component instance, const fmi2ValueReference references[], size_t count,
+                           const fmi2Real values[]) {
+    (void)instance;
+    TEST_ASSERT_EQUAL_PTR(ports.real_references, references);
+    TEST_ASSERT_EQUAL_size_t(2, count);
+    memcpy(fmu.reals, values, sizeof fmu.reals);
+    fmu.calls++;
+    return fmu.answer;
+}
+
+static fmi2Status set_integer(fmi2Component instance, const fmi2ValueReference references[], size_t count,
+                              const fmi2Integer values[]) {
+    (void)instance;
+    TEST_ASSERT_EQUAL_PTR(ports.integer_references, references);
+    TEST_ASSERT_EQUAL_size_t(1, count);
+    memcpy(fmu.integers, values, sizeof fmu.integers);
+    fmu.calls++;
+    return fmi2OK;
+}
+
+static fmi2Status set_boolean(fmi2Component instance, const fmi2ValueReference references[], size_t count,
+                              const fmi2Boolean values[]) {
+    (void)instance;
+    TEST_ASSERT_EQUAL_PTR(ports.boolean_references, references);
+    TEST_ASSERT_EQUAL_size_t(3, count);
+    memcpy(fmu.booleans, values, sizeof fmu.booleans);
+    fmu.calls++;
+    return fmi2OK;
+}
+
+static const tl_fmi2 functions = {.set_real = set_real, .set_integer = set_integer, .set_boolean = set_boolean};
+
+static fmi2ValueReference *own_references(const fmi2ValueReference *references, size_t count) {
+    fmi2ValueReference *made = malloc(count * sizeof *made);
+    TEST_ASSERT_NOT_NULL(made);
+    memcpy(made, references, count * sizeof *made);
+    return made;
+}
+
+void setUp(void) {
+    memset(&fmu, 0, sizeof fmu);
+    ports = (tl_ports){.real_count = 2, .integer_count = 1, .boolean_count = 3};
+    ports.real_references = own_references(real_references, 2);
+    ports.integer_references = own_references(integer_references, 1);
+    ports.boolean_references = own_references(boolean_references, 3);
+    ports.reals = reals;
+    ports.integers = integers;
+    ports.booleans = booleans;
+    reals[0] = 0.5;
+    reals[1] = -2.0;
+    integers[0] = 7;
+    booleans[0] = fmi2True;
+    booleans[1] = fmi2False;
+    booleans[2] = fmi2True;
+    TEST_ASSERT_TRUE(tl_fmu_given_open(&given, &ports));
+}
+
+void tearDown(void) {
+    tl_fmu_given_close(&given);
+    free(ports.real_references);
+    free(ports.integer_references);
+    free(ports.boolean_references);
+}
+
+static void test_what_was_in_the_ports_was_given(void) {
+    tl_fmu_given_state *state = tl_fmu_given_make_state(&given);
+    TEST_ASSERT_NOT_NULL(state);
+    TEST_ASSERT_NULL(state->own);
+    TEST_ASSERT_EQUAL_INT(fmi2OK, tl_fmu_given_give_again(&given, state, &functions, NULL));
+    TEST_ASSERT_EQUAL_MEMORY(reals, fmu.reals, sizeof reals);
+    TEST_ASSERT_EQUAL_MEMORY(integers, fmu.integers, sizeof integers);
+    TEST_ASSERT_EQUAL_MEMORY(booleans, fmu.booleans, sizeof booleans);
+    free(state);
+}
+
+static void test_each_state_has_its_own(void) {
+    static const double later[] = {8.0, 9.0};
+    static const fmi2Integer later_integers[] = {-1};
+    static const fmi2Boolean later_booleans[] = {fmi2False, fmi2True, fmi2True};
+    tl_fmu_given_state *first = tl_fmu_given_make_state(&given);
+    TEST_ASSERT_NOT_NULL(first);
+    tl_fmu_given_note(&given, TL_PROLOGUE_SET_REAL, ports.real_references, later);
+    tl_fmu_given_note(&given, TL_PROLOGUE_SET_INTEGER, ports.integer_references, later_integers);
+    tl_fmu_given_note(&given, TL_PROLOGUE_SET_BOOLEAN, ports.boolean_references, later_booleans);
+    tl_fmu_given_state *second = tl_fmu_given_make_state(&given);
+    TEST_ASSERT_NOT_NULL(second);
+    (void)tl_fmu_given_give_again(&given, first, &functions, NULL);
+    TEST_ASSERT_EQUAL_MEMORY(reals, fmu.reals, sizeof reals);
+    (void)tl_fmu_given_give_again(&given, second, &functions, NULL);
+    TEST_ASSERT_EQUAL_MEMORY(later, fmu.reals, sizeof later);
+    TEST_ASSERT_EQUAL_MEMORY(later_integers, fmu.integers, sizeof later_integers);
+    TEST_ASSERT_EQUAL_MEMORY(later_booleans, fmu.booleans, sizeof later_booleans);
+    tl_fmu_given_keep(&given, first); /* what it was given last now is what it was given again */
+    (void)tl_fmu_given_give_again(&given, first, &functions, NULL);
+    TEST_ASSERT_EQUAL_MEMORY(later, fmu.reals, sizeof later);
+    free(first);
+    free(second);
+}
+
+/* Of other variables, or that sets nothing. */
+static void test_other_calls_say_nothing(void) {
+    static const double other[] = {8.0, 9.0};
+    tl_fmu_given_note(&given, TL_PROLOGUE_SET_REAL, real_references, other);
+    tl_fmu_given_note(&given, TL_PROLOGUE_GET_REAL, ports.real_references, other);
+    tl_fmu_given_state *state = tl_fmu_given_make_state(&given);
+    TEST_ASSERT_NOT_NULL(state);
+    (void)tl_fmu_given_give_again(&given, state, &functions, NULL);
+    TEST_ASSERT_EQUAL_MEMORY(reals, fmu.reals, sizeof reals);
+    free(state);
+}
+
+static void test_an_fmu_that_refuses(void) {
+    tl_fmu_given_state *state = tl_fmu_given_make_state(&given);
+    TEST_ASSERT_NOT_NULL(state);
+    fmu.answer = fmi2Error;
+    TEST_ASSERT_EQUAL_INT(fmi2Error, tl_fmu_given_give_again(&given, state, &functions, NULL));
+    TEST_ASSERT_EQUAL_UINT(1, fmu.calls);
+    free(state);
+}
+
+int main(void) {
+    UNITY_BEGIN();
+    RUN_TEST(test_what_was_in_the_ports_was_given);
+    RUN_TEST(test_each_state_has_its_own);
+    RUN_TEST(test_other_calls_say_nothing);
+    RUN_TEST(test_an_fmu_that_refuses);
+    return UNITY_END();
+}
