@@ -28,6 +28,7 @@ FULL = os.path.join(SOURCE, "tests", "support", "configuration_full.json")
 FREE = os.path.join(SOURCE, "tests", "support", "configuration_free.json")
 EPSILON = os.path.join(SOURCE, "tests", "support", "configuration_epsilon.json")
 CAN = os.path.join(SOURCE, "tests", "support", "configuration_can.json")
+EVENT = os.path.join(SOURCE, "tests", "support", "configuration_event.json")  # what excludes a horizon of steps
 MUTANTS = 600
 SOLVERS = {1: "nelder-mead", 100: "l-bfgs", 1000: "bobyqa"}  # the dissertation's numbers
 REGISTERS = {"int32": 2, "uint32": 2, "float32": 2, "float64": 4}
@@ -312,7 +313,7 @@ def compare(mutant, problems, validator):
 
 def check_repository(validator):
     paths = sorted(glob.glob(os.path.join(SOURCE, "config", "**", "*.json"), recursive=True))
-    paths = [path for path in paths if os.sep + "schema" + os.sep not in path] + [FULL, FREE, EPSILON, CAN]
+    paths = [path for path in paths if os.sep + "schema" + os.sep not in path] + [FULL, FREE, EPSILON, CAN, EVENT]
     failures = 0
     for path, problems in zip(paths, probe(paths)):
         with open(path, encoding="utf-8") as file:
@@ -323,6 +324,29 @@ def check_repository(validator):
             print("\n".join(f"    schema: {place(error)}: {error.message}" for error in errors))
     print(f"{len(paths)} configurations of the repository")
     return failures
+
+
+def keys_of(document):
+    inner = document.values() if isinstance(document, dict) else document if isinstance(document, list) else ()
+    return set(document if isinstance(document, dict) else ()).union(*map(keys_of, inner))
+
+
+def keys_of_schema(schema):
+    inner = schema.values() if isinstance(schema, dict) else schema if isinstance(schema, list) else ()
+    named = schema.get("properties", {}) if isinstance(schema, dict) else {}
+    return set(named if isinstance(named, dict) else ()).union(*map(keys_of_schema, inner))
+
+
+def check_keys(schema):
+    """FULL has every key but those that exclude others in it, which the others have."""
+    found = []
+    for path in (FULL, FREE, EPSILON, CAN, EVENT):
+        with open(path, encoding="utf-8") as file:
+            found.append(keys_of(json.load(file)))
+    missing = keys_of_schema(schema) - set().union(*found)
+    if missing:
+        print("in no configuration of tests/support:", ", ".join(sorted(missing)))
+    return len(missing)
 
 
 def make_mutants(rng):
@@ -365,7 +389,7 @@ def main():
     jsonschema.Draft202012Validator.check_schema(schema)
     validator = jsonschema.Draft202012Validator(schema)
     seed = int(sys.argv[1]) if len(sys.argv) > 1 else 1
-    sys.exit(1 if check_repository(validator) + check_mutants(validator, seed) else 0)
+    sys.exit(1 if check_repository(validator) + check_keys(schema) + check_mutants(validator, seed) else 0)
 
 
 main()

@@ -145,7 +145,8 @@ static void test_components(void) {
          NULL},
         {"\"logging\": true", "\"logging\": 1", "components.motor.logging",
          "found 1 (number), expected true or false, for example true", NULL},
-        {"\"logging\": true", "\"sha256\": \"9F86\"", "components.motor.sha256",
+        {"\"sha256\": \"9f86d081884c7d659a2feaa0c55ad015a3bf4f1b2b0b822cd15d6c15b0f00a08\"", "\"sha256\": \"9F86\"",
+         "components.motor.sha256",
          "found \"9F86\" (text), expected 64 digits of 0 to 9 and a to f, as sha256sum prints them, for example "
          "\"9f86d081884c7d659a2feaa0c55ad015a3bf4f1b2b0b822cd15d6c15b0f00a08\"",
          NULL},
