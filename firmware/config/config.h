@@ -80,6 +80,9 @@ typedef struct tl_config_source {
     const char *interface; /* "can0" */
 } tl_config_source;
 
+/* What the name of a signal that shows another one's readings ends with: no name of a configuration does. */
+#define TL_CONFIG_READING "@reading"
+
 typedef struct tl_config_signal {
     tl_plan_signal plan;
     double minimum, maximum;  /* ∓infinity: none */
@@ -92,9 +95,12 @@ typedef struct tl_config_signal {
     tl_time look_back;  /* a sample takes what was seen so long before its instant: see tl_plant_look (plant_input.h) */
     bool next;          /* there, or next */
     tl_between between; /* what it is where it is looked up between two readings */
-    tl_between as_input; /* the same as configured: of one that feeds an input */
-    tl_time every;       /* the longest time from one reading to the next, as a rule; ns, 0: not given */
-    size_t of;           /* its own index; of a second look-up: that of the signal it is of */
+    tl_between as_input;    /* the same as configured: of one that feeds an input */
+    tl_time every;          /* the longest time from one reading to the next, as a rule; ns, 0: not given */
+    tl_condition condition; /* what is done to its readings before it is looked up: where it is matched */
+    size_t of;              /* its own index; of a further look-up: that of the signal it is of */
+    bool is_reading;        /* NAME@reading: shows the readings of another look-up as they come, */
+    size_t shows;           /* of this one */
 } tl_config_signal;
 
 /* `emulate`: what `twinlock plant` serves when it runs FMUs as the true plant. */
@@ -153,8 +159,8 @@ typedef struct tl_config {
     tl_config_source *sources;
     size_t source_count;
     tl_config_signal *signals;
-    size_t signal_count; /* those of the file; once tl_config_use_lookups() was called, second look-ups too */
-    size_t second_count; /* second look-ups, behind those of the file */
+    size_t signal_count; /* those of the file; once tl_config_use_lookups() was called, further look-ups too */
+    size_t second_count; /* further look-ups, behind those of the file: first each NAME@match, then each NAME@reading */
     tl_plan_connection *connections;
     size_t connection_count;
 
@@ -163,7 +169,8 @@ typedef struct tl_config {
     size_t adjust_count;
     tl_plan_match *match;
     size_t match_count;
-    tl_between *matched_between; /* of each match: last or line */
+    tl_between *matched_between; /* of each match: last or line, */
+    tl_condition *conditions;    /* and what is done to the readings before */
     const char **matched_as;     /* of each match: `to`, or the second look-up of that signal, "plant.NAME@match" */
     uint32_t prediction;
     tl_shape shape;
@@ -219,6 +226,10 @@ void tl_config_use_lookups(tl_config *config);
 
 /* Whether a signal feeds an input of an FMU, or begins a stroke. */
 bool tl_config_feeds(const tl_config *config, const tl_config_signal *signal);
+
+/* How much later than its own instant what is made of a measurement by its `condition` comes at most, if readings come as often as is said (every_s, else
+ * step_s): ns. */
+tl_time tl_config_condition_lag(const tl_config *config, size_t match);
 
 /* For who is the plant: it has no delays. Before the above. */
 void tl_config_forget_delays(tl_config *config);

@@ -6,8 +6,13 @@
  * The wait is a fixed one: `every_s` of the slowest such signal, for inputs and for outputs, and a macro step more for a mean over it. All of a kind
  * are looked up as far back, so that all of what belongs to an instant is in one sample.
  *
+ * What is done to the readings of a signal before they are matched (`condition`; plant/conditioner.c) makes them come later, and that is waited for as well: the
+ * half of a median's readings, every_s each, and the time constant of a low-pass, which is its lag. What a low-pass
+ * gives lies between the readings' stamps, and therefore is looked up on the line, whatever is asked for.
+ *
  * A sample has one value for each signal. One that feeds an input and is matched as well is looked up twice: it is there a second time,
- * behind the others, as NAME@match, which is no name that a user can give.
+ * behind the others, as NAME@match, which is no name that a user can give. Behind these, what is matched otherwise than as it was read is there once
+ * more, as it came, if there is room: NAME@reading.
  */
 #include "firmware/config/config_parts.h"
 
@@ -16,9 +21,13 @@
 
 #define SECOND "@match"
 
+static bool is_of_plant(const char *reference) {
+    return reference != NULL && strncmp(reference, "plant.", 6) == 0;
+}
+
 /* Whether a reference is "plant.NAME" of this signal. */
 static bool leads_to(const char *reference, const tl_config_signal *signal) {
-    return reference != NULL && strncmp(reference, "plant.", 6) == 0 && strcmp(reference + 6, signal->plan.name) == 0;
+    return is_of_plant(reference) && strcmp(reference + 6, signal->plan.name) == 0;
 }
 
 /* A command. */
@@ -53,8 +62,21 @@ static void look_up_as_input(const tl_config *config, tl_config_signal *signal) 
     signal->next = false;
 }
 
+/* What is done to its readings, where it is matched: what the one match asks for that does. */
+static tl_condition find_condition(const tl_config *config, const tl_config_signal *signal) {
+    for (size_t i = 0; i < config->match_count; i++) {
+        if (leads_to(config->match[i].to, signal) && tl_condition_is_needed(&config->conditions[i])) {
+            return config->conditions[i];
+        }
+    }
+    return (tl_condition){0};
+}
+
 /* What it is between two readings, where it is matched. It is looked up once: on a line if any match asks for that. */
 static tl_between matched_between(const tl_config *config, const tl_config_signal *signal) {
+    if (config->measurements != TL_AHEAD && find_condition(config, signal).low_pass > 0) {
+        return TL_BETWEEN_LINE;
+    }
     for (size_t i = 0; config->measurements == TL_LAG && i < config->match_count; i++) {
         if (leads_to(config->match[i].to, signal) && config->matched_between[i] != TL_BETWEEN_LAST) {
             return config->matched_between[i];
@@ -68,6 +90,7 @@ static void look_up_as_output(const tl_config *config, tl_config_signal *signal)
     signal->look_back = config->output_lookup.look_back;
     signal->next = delays != NULL && (delays->has_output || delays->measure) && delays->next;
     signal->between = matched_between(config, signal);
+    signal->condition = find_condition(config, signal);
 }
 
 /* ---- what waits for a next reading ---- */
@@ -131,12 +154,67 @@ static void check_input(const tl_config_object *root, const tl_config *config, c
     check_wait(root, &place, config, signal);
 }
 
+/* A reading is conditioned once, whoever is matched with it. */
+static bool is_same_condition(const tl_condition *one, const tl_condition *other) {
+    return one->median == other->median && one->low_pass == other->low_pass && !(one->gate < other->gate) &&
+           !(one->gate > other->gate);
+}
+
+static tl_time every_of(const tl_config *config, const tl_config_signal *signal) {
+    return signal->every > 0 ? signal->every : config->step;
+}
+
+static tl_time lag_of(const tl_config *config, const tl_config_signal *signal) {
+    const tl_condition condition = find_condition(config, signal);
+    tl_time half = condition.median > 1 ? (tl_time)(condition.median - 1) / 2 : 0;
+    return half * every_of(config, signal) + condition.low_pass;
+}
+
+static tl_time wait_of_condition(const tl_config *config, const tl_config_signal *signal) {
+    return config->measurements == TL_AHEAD ? 0 : lag_of(config, signal);
+}
+
+tl_time tl_config_condition_lag(const tl_config *config, size_t match) {
+    tl_time lag = 0;
+    for (size_t i = 0; i < config->signal_count; i++) {
+        lag = leads_to(config->match[match].to, &config->signals[i]) ? lag_of(config, &config->signals[i]) : lag;
+    }
+    return lag;
+}
+
+/* What stands beside a "to", of the signal that it leads to. */
+static void check_condition(const tl_config_object *root, const tl_config *config, size_t index,
+                            const tl_config_signal *signal) {
+    const listed place = find_match(root, &config->match[index]);
+    const tl_condition *own = &config->conditions[index];
+    const tl_condition first = find_condition(config, signal);
+    tl_time longest = TL_CONFIG_LONGEST_SHIFT * config->step;
+    bool has_event = is_of_plant(config->event.start.signal) && is_of_plant(config->event.end.signal) &&
+                     config->event.window > 0 && config->event.longest > 0;
+    if (has_event && config->match[index].weight > 0) {
+        wrong(&place, "condition", "a condition beside horizon.event",
+              "none of both: the instant of the event would be blurred", NULL);
+    } else if (!is_same_condition(own, &first)) {
+        wrong(&place, "condition", "another condition than that of an earlier match with the same signal",
+              "one for all of them: a reading is conditioned once", NULL);
+    } else if (own->low_pass > 0 && signal->plan.type != TL_REAL) {
+        wrong(&place, "condition", "a low-pass of a signal that is no Real", "\"median\" or \"gate\"", NULL);
+    } else if (wait_of_condition(config, signal) > longest) {
+        wrong(&place, "condition", "a condition for which a step waits longer than 1000 times step_s",
+              "a shorter median or low-pass, or a smaller every_s of the signal", NULL);
+    }
+}
+
 static void check_matched(const tl_config_object *root, const tl_config *config, size_t index) {
     const listed place = find_match(root, &config->match[index]);
     for (size_t i = 0; i < config->signal_count; i++) {
         const tl_config_signal *signal = &config->signals[i];
-        if (leads_to(config->match[index].to, signal) && config->matched_between[index] != TL_BETWEEN_LAST) {
+        bool is_its = leads_to(config->match[index].to, signal);
+        if (is_its && config->matched_between[index] != TL_BETWEEN_LAST) {
             check_wait(root, &place, config, signal);
+        }
+        if (is_its && config->step > 0 && tl_condition_is_needed(&config->conditions[index])) {
+            check_condition(root, config, index, signal);
         }
     }
 }
@@ -160,7 +238,8 @@ static tl_time wait_of_outputs(const tl_config *config) {
     tl_time wait = 0;
     for (size_t i = 0; i < config->signal_count; i++) {
         const tl_config_signal *signal = &config->signals[i];
-        wait = longer(wait, matched_between(config, signal) != TL_BETWEEN_LAST ? signal->every : 0);
+        tl_time next = matched_between(config, signal) != TL_BETWEEN_LAST ? every_of(config, signal) : 0;
+        wait = longer(wait, wait_of_condition(config, signal) + next);
     }
     return wait;
 }
@@ -190,19 +269,19 @@ static void find_lookups(tl_config_object *root, tl_config *config) {
 
 /* ---- look-ups ---- */
 
-/* "plant.NAME@match"; NULL where memory is out. */
-static const char *second_name(tl_config_reader *reader, const tl_config_signal *signal) {
-    size_t size = strlen(signal->plan.name) + sizeof("plant." SECOND);
+/* "plant.NAME@match" or such; NULL where memory is out. */
+static const char *further_name(tl_config_reader *reader, const tl_config_signal *signal, const char *suffix) {
+    size_t size = strlen(signal->plan.name) + strlen(suffix) + sizeof "plant.";
     char *name = tl_config_take(reader, size, 1);
     if (name != NULL) {
-        (void)snprintf(name, size, "plant.%s" SECOND, signal->plan.name);
+        (void)snprintf(name, size, "plant.%s%s", signal->plan.name, suffix);
     }
     return name;
 }
 
 static void add_second(tl_config_reader *reader, tl_config *config, size_t first) {
     tl_config_signal *signal = &config->signals[config->signal_count + config->second_count];
-    const char *name = second_name(reader, &config->signals[first]);
+    const char *name = further_name(reader, &config->signals[first], SECOND);
     if (name == NULL) {
         return;
     }
@@ -219,6 +298,38 @@ static void add_second(tl_config_reader *reader, tl_config *config, size_t first
     config->second_count++;
 }
 
+/* Of the look-up of a signal that is matched. */
+static void add_reading(tl_config_reader *reader, tl_config *config, size_t matched) {
+    const tl_config_signal *looked_up = &config->signals[matched];
+    tl_config_signal *signal = &config->signals[config->signal_count + config->second_count];
+    const char *name = further_name(reader, &config->signals[looked_up->of], TL_CONFIG_READING);
+    if (name != NULL) {
+        *signal = *looked_up;
+        signal->plan.name = name + strlen("plant.");
+        signal->is_reading = true;
+        signal->shows = matched;
+        signal->look_back = 0;
+        signal->next = false;
+        signal->between = TL_BETWEEN_LAST;
+        signal->condition = (tl_condition){0};
+        config->second_count++;
+    }
+}
+
+/* What is matched as it was read needs none; and there may be no room for it. */
+static void add_readings(tl_config_reader *reader, tl_config *config) {
+    size_t count = config->signal_count + config->second_count;
+    for (size_t i = 0; i < count; i++) {
+        const tl_config_signal *signal = &config->signals[i];
+        bool is_matched_as =
+            i >= config->signal_count || (is_matched(config, signal) && !tl_config_feeds(config, signal));
+        bool is_otherwise = signal->between != TL_BETWEEN_LAST || tl_condition_is_needed(&signal->condition);
+        if (is_matched_as && is_otherwise && config->signal_count + config->second_count < TL_MAX_SIGNALS) {
+            add_reading(reader, config, i);
+        }
+    }
+}
+
 static void check_count(const tl_config_object *root, const tl_config *config) {
     char found[128];
     size_t count = config->signal_count + config->second_count;
@@ -227,14 +338,22 @@ static void check_count(const tl_config_object *root, const tl_config *config) {
                        config->signal_count, config->second_count);
         tl_config_wrong(
             root, config->delays != NULL ? "delays" : "plant", found,
-            "at most 64 together: with delays or a \"between\" such a signal is looked up twice, and counts "
-            "twice",
+            "at most 64 together: with delays, a \"between\" or a \"condition\" such a signal is looked up twice, and "
+            "counts twice",
             NULL);
     }
 }
 
+static bool conditions_any(const tl_config *config) {
+    bool any = false;
+    for (size_t i = 0; i < config->match_count; i++) {
+        any = any || tl_condition_is_needed(&config->conditions[i]);
+    }
+    return any;
+}
+
 void tl_config_place_lookups(tl_config_object *root, tl_config *config) {
-    size_t room = config->signal_count + config->match_count;
+    size_t room = config->signal_count + 2 * config->match_count;
     tl_config_signal *signals = tl_config_take(root->reader, room, sizeof *signals);
     config->matched_as = tl_config_take(root->reader, config->match_count, sizeof *config->matched_as);
     if (signals == NULL || config->matched_as == NULL || config->signals == NULL) {
@@ -245,12 +364,13 @@ void tl_config_place_lookups(tl_config_object *root, tl_config *config) {
     for (size_t i = 0; i < config->match_count; i++) {
         config->matched_as[i] = config->match[i].to;
     }
-    if (config->matched_between == NULL ||
+    if (config->matched_between == NULL || config->conditions == NULL ||
         config->signal_count > TL_MAX_SIGNALS) { /* nothing, or too many: reported already */
         return;
     }
     find_lookups(root, config);
-    if (config->delays == NULL && config->input_lookup.ticks == 0 && config->output_lookup.ticks == 0) {
+    bool is_as_read = config->input_lookup.ticks == 0 && config->output_lookup.ticks == 0 && !conditions_any(config);
+    if (config->delays == NULL && is_as_read) {
         return;
     }
     for (size_t i = 0; i < config->signal_count; i++) {
@@ -265,6 +385,7 @@ void tl_config_place_lookups(tl_config_object *root, tl_config *config) {
         }
     }
     check_count(root, config);
+    add_readings(root->reader, config);
 }
 
 void tl_config_use_lookups(tl_config *config) {
@@ -282,6 +403,7 @@ void tl_config_forget_delays(tl_config *config) {
         config->signals[i].look_back = 0;
         config->signals[i].next = false;
         config->signals[i].between = TL_BETWEEN_LAST;
+        config->signals[i].condition = (tl_condition){0};
     }
     for (size_t i = 0; i < config->match_count; i++) {
         config->matched_as[i] = config->match[i].to;

@@ -70,14 +70,14 @@ static void read_tolerance(tl_config_object *entry, double general, tl_plan_matc
 static void read_low_pass(tl_config_object *object, tl_time step, tl_time *low_pass) {
     char expected[96];
     read_duration(object, "low_pass_s", "0.05", low_pass);
-    if (step > 0 && *low_pass > TL_LONGEST_LOW_PASS * step) {
-        (void)snprintf(expected, sizeof expected, "at most %d times step_s, which is %.15g s", TL_LONGEST_LOW_PASS,
-                       tl_seconds(TL_LONGEST_LOW_PASS * step));
+    if (step > 0 && *low_pass > TL_CONFIG_LONGEST_SHIFT * step) {
+        (void)snprintf(expected, sizeof expected, "at most %d times step_s, which is %.15g s", TL_CONFIG_LONGEST_SHIFT,
+                       tl_seconds(TL_CONFIG_LONGEST_SHIFT * step));
         tl_config_wrong(object, "low_pass_s", NULL, expected, NULL);
     }
 }
 
-static void read_condition(tl_config_object *entry, tl_time step, tl_plan_condition *condition) {
+static void read_condition(tl_config_object *entry, tl_time step, tl_condition *condition) {
     static const tl_config_number median_rule = {
         .whole = true, .minimum = 1, .maximum = 99, .expected = "an odd whole number from 1 to 99", .example = "5"};
     static const tl_config_number gate = {.above = true, .maximum = HUGE_VAL, .example = "10"};
@@ -96,11 +96,12 @@ static void read_condition(tl_config_object *entry, tl_time step, tl_plan_condit
 }
 
 /* What only an output that is matched has. */
-static void read_matched(tl_config_object *entry, double tolerance, tl_time step, tl_plan_match *match) {
+static void read_matched(tl_config_object *entry, double tolerance, tl_time step, tl_plan_match *match,
+                         tl_condition *condition) {
     static const tl_config_number huber = {.above = true, .maximum = HUGE_VAL, .example = "3"};
     read_tolerance(entry, tolerance, match);
     (void)tl_config_get_number(entry, "huber", &huber, &match->huber);
-    read_condition(entry, step, &match->condition);
+    read_condition(entry, step, condition);
 }
 
 /* What a list of matched or compared outputs is read into, and by. */
@@ -129,7 +130,7 @@ static void read_output(const tl_config_object *map, const cJSON *item, size_t i
     read_target(&entry, match);
     list->config->matched_between[index] = read_between(&entry);
     if (list->weighted) {
-        read_matched(&entry, list->tolerance, list->config->step, match);
+        read_matched(&entry, list->tolerance, list->config->step, match, &list->config->conditions[index]);
     }
     tl_config_done(&entry);
 }
@@ -139,7 +140,8 @@ static void read_match(tl_config_object *parent, const char *key, const tl_confi
     tl_config_object map;
     config->match = tl_config_take_entries(parent, key, rule, sizeof *config->match, &map, &config->match_count);
     config->matched_between = tl_config_take(parent->reader, config->match_count, sizeof *config->matched_between);
-    if (config->matched_between != NULL) {
+    config->conditions = tl_config_take(parent->reader, config->match_count, sizeof *config->conditions);
+    if (config->matched_between != NULL && config->conditions != NULL) {
         tl_config_each(&map, read_output, list);
     }
 }

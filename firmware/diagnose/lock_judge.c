@@ -112,7 +112,8 @@ void tl_lock_judge_sample(tl_lock_judge *judge, const tl_sample *sample) {
     tl_lock_part *part = &judge->part[judge->at];
     part->samples++;
     for (size_t i = 0; i < judge->config->signal_count; i++) {
-        part->bad[i] += sample->quality[i] == TL_GOOD ? 0 : 1;
+        bool is_one = !judge->config->signals[i].is_reading; /* a look-up of it is matched */
+        part->bad[i] += is_one && sample->quality[i] != TL_GOOD ? 1 : 0;
     }
 }
 

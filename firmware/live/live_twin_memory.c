@@ -44,6 +44,9 @@ static tl_status take_mail(tl_live_twin_memory *self, const tl_config *config, t
         tl_live_plant_set_limits(&self->input, config);
         tl_plant_mail_open(&shape, self->mail.bytes, self->input.mailboxes);
         self->mail_end = tl_live_mail_end_of(&shape, self->mail.bytes);
+        if (!tl_plant_input_open(&self->input)) {
+            status = tl_fail(error, TL_TRY_AGAIN, "not enough memory for the plant's readings");
+        }
     }
     return status == TL_OK && self->job.other_plant ? take_mail_of_run(self, error) : status;
 }

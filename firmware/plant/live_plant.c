@@ -33,7 +33,14 @@ void tl_live_plant_set_limits(tl_plant_input *input, const tl_config *config) {
             .type = signal->plan.type,
         };
         input->looks[i] = (tl_plant_look){
-            .back = signal->look_back, .next = signal->next, .between = signal->between, .span = config->step};
+            .back = signal->look_back,
+            .next = signal->next,
+            .between = signal->between,
+            .span = config->step,
+            .shows = signal->is_reading,
+            .shown = signal->shows,
+        };
+        input->conditions[i] = signal->condition;
     }
 }
 
@@ -135,7 +142,7 @@ static tl_status open_source(tl_live_plant *plant, const tl_config *config, size
     source->signal_count = 0;
     source->period = tl_time_of_seconds(configured->period_s);
     for (size_t i = 0; i < config->signal_count; i++) {
-        if (config->signals[i].source == index) {
+        if (config->signals[i].source == index && !config->signals[i].is_reading) {
             signals[source->signal_count++] = i;
         }
     }

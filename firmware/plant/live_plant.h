@@ -30,7 +30,7 @@ tl_status tl_live_plant_check(const tl_config *config, tl_error *error);
 /* NULL is allowed. */
 void tl_live_plant_close(tl_live_plant *plant);
 
-/* All of an input but its mailboxes: the limits by which the configuration judges its signals, and where they are looked up. */
+/* All of an input but its mailboxes and what it opens: the limits by which the configuration judges its signals, and where they are looked up. */
 void tl_live_plant_set_limits(tl_plant_input *input, const tl_config *config);
 
 #endif

@@ -6,7 +6,7 @@ void tl_mail_change_open(tl_mail_change *change, tl_plant_input *input, const tl
     *change = (tl_mail_change){.input = input};
     for (size_t i = 0; i < input->count; i++) {
         change->own[i] = input->mailboxes[i];
-        change->waits[i] = i < same->count && same->of[i] != TL_NO_SUCH_SIGNAL;
+        change->waits[i] = i < same->count && same->of[i] != TL_NO_SUCH_SIGNAL && !input->looks[i].shows;
         if (change->waits[i]) {
             input->mailboxes[i] = of_run[same->of[i]];
             change->waiting++;

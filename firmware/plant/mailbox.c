@@ -165,6 +165,21 @@ bool tl_mailbox_around(const tl_mailbox *mailbox, tl_time at, tl_time until, tl_
     return false;
 }
 
+bool tl_mailbox_next(const tl_mailbox *mailbox, tl_time until, uint64_t *next, tl_reading *reading) {
+    uint64_t count = __atomic_load_n(mailbox->count, __ATOMIC_ACQUIRE);
+    uint64_t begin = count > mailbox->depth ? count - mailbox->depth : 0;
+    *next = *next < begin || *next > count ? begin : *next;
+    for (uint64_t post = *next; post < count && post - *next < NEAR; post++) {
+        tl_reading found;
+        if (look(mailbox, post, &found) && found.stamp <= until) {
+            *next = post + 1;
+            *reading = found;
+            return true;
+        }
+    }
+    return false;
+}
+
 bool tl_mailbox_at(const tl_mailbox *mailbox, tl_time instant, tl_reading *reading) {
     return tl_mailbox_from(mailbox, instant, instant, reading);
 }

@@ -48,6 +48,10 @@ bool tl_mailbox_from(const tl_mailbox *mailbox, tl_time from, tl_time until, tl_
  * TL_TIME_NEVER. False if there is none at or before `at`, or it is not kept any more; both are then as they were. */
 bool tl_mailbox_around(const tl_mailbox *mailbox, tl_time at, tl_time until, tl_reading *before, tl_reading *after);
 
+/* Reader of each reading in turn: post *next or, where it has a stamp > until or is not kept any more, the first of the few behind it that is, and has not; *next is
+ * then the one behind that. 0 at first. False if there is none; *reading is then as it was. */
+bool tl_mailbox_next(const tl_mailbox *mailbox, tl_time until, uint64_t *next, tl_reading *reading);
+
 /* Reader: the newest reading with stamp ≤ instant; the oldest kept one if all are later than `instant` and
  * something had to be forgotten. False if there is none; *reading is then as it was. */
 bool tl_mailbox_at(const tl_mailbox *mailbox, tl_time instant, tl_reading *reading);

@@ -8,12 +8,15 @@
  *          less (config_lookups.c). What comes out of it is the sample, and is recorded as that; so a replay takes what the run took.
  *          The last reading stands, as it does where nothing is asked for, and is judged by its own age: where the next one is not there by t; where one of
  *          the two is not good; and where they are further apart than what makes one stale, since nobody knows what was in between.
+ * Conditioned: of a signal with a stream only what has come out of it is looked up, and that under its own stamps: a reading that was rejected is, for
+ *          the line, as if it had never come.
  * Mean:    the same line, but what an input is held at for a macro step is its mean over that step: from t − back on, by trapezoids from reading to reading.
  *          An instant's value, held, would be half a step late; a mean is late by nothing, and takes the noise of all readings in the step along.
  */
 #include "firmware/plant/plant_input.h"
 
 #include <math.h>
+#include <stdlib.h>
 
 /* 2^31: integers of FMI 2.0 are below it. */
 #define INTEGER_LIMIT 2147483648.0
@@ -22,10 +25,30 @@ void tl_plant_input_post(const tl_plant_input *input, size_t signal, const tl_re
     tl_mailbox_post(&input->mailboxes[signal], reading);
 }
 
+bool tl_plant_input_open(tl_plant_input *input) {
+    bool all = true;
+    for (size_t i = 0; i < input->count; i++) {
+        if (tl_condition_is_needed(&input->conditions[i]) && !input->looks[i].shows) {
+            input->streams[i] =
+                tl_reading_stream_make(&input->conditions[i], input->limits[i].stale, input->mailboxes[i].depth);
+            all = all && input->streams[i] != NULL;
+        }
+    }
+    return all;
+}
+
+void tl_plant_input_close(tl_plant_input *input) {
+    for (size_t i = 0; i < TL_MAX_SIGNALS; i++) {
+        free(input->streams[i]);
+        input->streams[i] = NULL;
+    }
+}
+
 bool tl_plant_input_is_complete(const tl_plant_input *input) {
     for (size_t i = 0; i < input->count; i++) {
         tl_reading reading;
-        if (!tl_mailbox_at(&input->mailboxes[i], INT64_MAX, &reading) || reading.quality != TL_GOOD) {
+        bool is_one = !input->looks[i].shows;
+        if (is_one && (!tl_mailbox_at(&input->mailboxes[i], INT64_MAX, &reading) || reading.quality != TL_GOOD)) {
             return false;
         }
     }
@@ -77,7 +100,9 @@ static tl_quality judge(const tl_plant_limits *limits, tl_time instant, tl_readi
 
 /* A signal as it is looked up. */
 typedef struct view {
-    const tl_mailbox *mailbox;
+    const tl_mailbox *mailbox; /* what is looked up, but for a line: */
+    const tl_mailbox *lines;   /* its readings, */
+    tl_time low_pass;          /* and τ of what follows it; 0: nothing does */
     const tl_plant_limits *limits;
     tl_time until; /* what is later is not there yet */
 } view;
@@ -104,12 +129,33 @@ static double on_line(const tl_reading *before, const tl_reading *after, tl_time
 /* What there is at an instant: a reading of it, a value between two, or the last one. False where there was none yet. */
 static bool look_between(const view *self, tl_time at, tl_time alike, tl_reading *reading) {
     tl_reading after;
-    if (!tl_mailbox_around(self->mailbox, at + alike, self->until, reading, &after) || !is_near(reading->stamp, at)) {
+    if (!tl_mailbox_around(self->lines, at + alike, self->until, reading, &after) || !is_near(reading->stamp, at)) {
         return false;
     }
     if (reading->stamp < at - alike && are_joined(self, reading, &after)) {
         *reading = (tl_reading){.value = on_line(reading, &after, at), .stamp = at, .quality = TL_GOOD};
     }
+    return true;
+}
+
+/* The same where a low-pass follows the line: what it is τ later belongs to the instant. */
+static bool look_smooth(const view *self, tl_time at, tl_time alike, tl_reading *reading) {
+    tl_time later = at + self->low_pass;
+    tl_conditioned before;
+    tl_reading smooth;
+    tl_reading after;
+    if (!tl_mailbox_around(self->lines, later + alike, self->until, &before.reading, &after) ||
+        !tl_mailbox_around(self->mailbox, later + alike, self->until, reading, &smooth) ||
+        !is_near(reading->stamp, at)) {
+        return false;
+    }
+    if (reading->stamp < later - alike && are_joined(self, &before.reading, &after)) {
+        before.smooth = reading->value;
+        *reading = (tl_reading){.value = tl_conditioner_between(self->low_pass, &before, &after, later),
+                                .stamp = later,
+                                .quality = TL_GOOD};
+    }
+    reading->stamp -= self->low_pass;
     return true;
 }
 
@@ -122,7 +168,7 @@ static double integrate(const view *self, tl_reading from, tl_time end) {
     tl_reading before;
     tl_reading after;
     for (int i = 0; i < MOST_OF_A_SPAN; i++) {
-        bool goes_on = tl_mailbox_around(self->mailbox, from.stamp, self->until, &before, &after) &&
+        bool goes_on = tl_mailbox_around(self->lines, from.stamp, self->until, &before, &after) &&
                        are_joined(self, &before, &after) && after.stamp > from.stamp && after.stamp < end;
         if (!goes_on) {
             break;
@@ -161,11 +207,19 @@ static bool look_last(const view *self, const tl_plant_look *look, tl_time at, t
 /* By `instant`, as the signal's look says. */
 static bool look_up(const tl_plant_input *input, size_t signal, tl_time instant, tl_time alike, tl_reading *reading) {
     const tl_plant_look *look = &input->looks[signal];
-    const view self = {&input->mailboxes[signal], &input->limits[signal], instant + alike};
+    const tl_reading_stream *stream = input->streams[signal];
+    const view self = {
+        .mailbox = stream != NULL ? tl_reading_stream_smooth(stream) : &input->mailboxes[signal],
+        .lines = stream != NULL ? tl_reading_stream_out(stream) : &input->mailboxes[signal],
+        .low_pass = stream != NULL ? tl_reading_stream_low_pass(stream) : 0,
+        .limits = &input->limits[signal],
+        .until = instant + alike,
+    };
     tl_time at = instant - look->back;
     switch (look->between) {
     case TL_BETWEEN_LINE:
-        return look_between(&self, at, alike, reading) || look_last(&self, look, at, alike, reading);
+        return (self.low_pass > 0 ? look_smooth(&self, at, alike, reading) : look_between(&self, at, alike, reading)) ||
+               look_last(&self, look, at, alike, reading);
     case TL_BETWEEN_MEAN:
         return look_mean(&self, look, at, reading) || look_last(&self, look, at, alike, reading);
     case TL_BETWEEN_LAST:
@@ -174,20 +228,61 @@ static bool look_up(const tl_plant_input *input, size_t signal, tl_time instant,
     return look_last(&self, look, at, alike, reading);
 }
 
+/* What has come of a signal by `until`; a stamp that is nobody's is passed over. */
+static void condition(const tl_plant_input *input, size_t signal, tl_time until) {
+    tl_reading_stream *stream = input->streams[signal];
+    const tl_mailbox *mailbox = &input->mailboxes[signal];
+    tl_reading reading;
+    tl_reading_stream_begin(stream);
+    for (uint32_t i = 0; i < mailbox->depth && tl_reading_stream_next(stream, mailbox, until, &reading); i++) {
+        if (is_near(reading.stamp, until)) {
+            reading.quality = judge(&input->limits[signal], reading.stamp, &reading);
+            tl_reading_stream_put(stream, &reading);
+        }
+    }
+}
+
+/* The newest reading of a signal as it came, and as it was judged. */
+static bool show(const tl_plant_input *input, size_t signal, tl_time until, tl_reading *reading) {
+    const tl_reading_stream *stream = input->streams[signal];
+    bool any = stream != NULL ? tl_reading_stream_newest(stream, reading)
+                              : tl_mailbox_at(&input->mailboxes[signal], until, reading);
+    if (any && stream == NULL && is_near(reading->stamp, until)) {
+        reading->quality = judge(&input->limits[signal], reading->stamp, reading);
+    }
+    return any;
+}
+
+/* One signal of a sample, judged. False: there is no reading of it. */
+static bool take(const tl_plant_input *input, size_t signal, tl_time instant, tl_time alike, tl_reading *reading) {
+    const tl_plant_look *look = &input->looks[signal];
+    if (look->shows) {
+        return show(input, look->shown, instant + alike, reading) && is_near(reading->stamp, instant);
+    }
+    tl_time at = instant - look->back;
+    if (!look_up(input, signal, instant, alike, reading) || !is_near(reading->stamp, at)) {
+        return false;
+    }
+    reading->quality = judge(&input->limits[signal], at, reading);
+    return true;
+}
+
 void tl_plant_input_take(const tl_plant_input *input, int64_t tick, tl_time instant, tl_sample *sample) {
     tl_time alike = tick > 0 ? TL_PLANT_ALIKE : 0;
     sample->tick = tick;
     sample->instant = instant;
     for (size_t i = 0; i < input->count; i++) {
-        tl_time at = instant - input->looks[i].back;
+        if (input->streams[i] != NULL) {
+            condition(input, i, instant + alike);
+        }
+    }
+    for (size_t i = 0; i < input->count; i++) {
         tl_reading reading;
-        if (look_up(input, i, instant, alike, &reading) && is_near(reading.stamp, at)) {
-            sample->quality[i] = (uint8_t)judge(&input->limits[i], at, &reading);
-        } else {
-            reading = (tl_reading){.value = 0, .stamp = TL_TIME_NEVER};
-            sample->quality[i] = (uint8_t)TL_NO_LINK;
+        if (!take(input, i, instant, alike, &reading)) {
+            reading = (tl_reading){.value = 0, .stamp = TL_TIME_NEVER, .quality = TL_NO_LINK};
         }
         sample->values[i] = reading.value;
         sample->stamps[i] = reading.stamp;
+        sample->quality[i] = (uint8_t)reading.quality;
     }
 }

@@ -2,6 +2,7 @@
  *
  * Purpose: the one place where a value of the plant is judged: finite, in range, fresh. Live sources
  *          (plant_reader.h) and recordings (recording.h) both post into its mailboxes, so replay judges as live does.
+ * Conditioned: a signal's readings are, before anything is looked up among them, each once as it comes (reading_stream.h).
  * Between: two readings a signal is what its look says (plant_input.c).
  * Memory:  the mailboxes' is of whoever sets this up (plant_mail.h); another process may write it, which is not trusted.
  * Thread:  tl_plant_input_post: one thread per signal; all else: one thread, the cycle's. Wait-free.
@@ -13,6 +14,7 @@
 #include <stddef.h>
 
 #include "firmware/plant/mailbox.h"
+#include "firmware/plant/reading_stream.h"
 #include "master/base/signal.h"
 
 /* Where a signal is looked up in a sample of the instant t. */
@@ -22,6 +24,9 @@ typedef struct tl_plant_look {
                      Otherwise the newest at or before, and where there is none yet, the next */
     tl_between between; /* what the signal is there, where no reading lies there and the next one is there by t */
     tl_time span;       /* of a mean: from t − back on so long, > 0 */
+    bool
+        shows; /* instead: the newest reading of another signal, as it came; one that was rejected since the tick before goes before others, as TL_OUTLIER */
+    size_t shown; /* that signal */
 } tl_plant_look;
 
 /* Readings no further than this from an instant are of it: 1 us. A clock that counts in other units, or is read a little later, is off by less. */
@@ -42,8 +47,16 @@ typedef struct tl_plant_input {
     size_t count;
     tl_plant_limits limits[TL_MAX_SIGNALS];
     tl_plant_look looks[TL_MAX_SIGNALS];
+    tl_condition conditions[TL_MAX_SIGNALS];
     tl_mailbox mailboxes[TL_MAX_SIGNALS];
+    tl_reading_stream *streams[TL_MAX_SIGNALS]; /* NULL: nothing is done to its readings */
 } tl_plant_input;
+
+/* Once limits, conditions and mailboxes are set. False: there is not enough memory; to be closed even then. */
+bool tl_plant_input_open(tl_plant_input *input);
+
+/* Frees what it has opened. A zeroed one is allowed. */
+void tl_plant_input_close(tl_plant_input *input);
 
 /* Any driver thread, one per signal. */
 void tl_plant_input_post(const tl_plant_input *input, size_t signal, const tl_reading *reading);

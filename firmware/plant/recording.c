@@ -94,7 +94,7 @@ static tl_status open_csv(const char *path, const tl_config *config, tl_recordin
     recording->step = config->step;
     tl_live_plant_set_limits(&recording->input, config);
     recording->mail = tl_plant_mail_make_least(config->signal_count, recording->input.mailboxes);
-    if (recording->mail == NULL) {
+    if (recording->mail == NULL || !tl_plant_input_open(&recording->input)) {
         return tl_fail(error, TL_TRY_AGAIN, "%s: not enough memory", path);
     }
     return open_reader(path, config, &recording->reader, error);
@@ -218,6 +218,7 @@ void tl_recording_close(tl_recording *recording) {
     }
     tl_csv_close(recording->reader);
     tl_recording_database_close(recording->database);
+    tl_plant_input_close(&recording->input);
     free(recording->mail);
     free(recording);
 }

@@ -19,7 +19,9 @@ struct tl_recording_database {
     bool same_configuration; /* repeat what the run skipped and had time for */
     int64_t next;            /* tick expected */
     const tl_config *config;
-    size_t recorded;   /* signals of the run that are the configuration's, second look-ups included */
+    size_t recorded; /* signals of the run that are the configuration's, further look-ups included */
+    size_t raw
+        [TL_MAX_SIGNALS]; /* which of the run's signals shows the readings of each of the configuration's as they came, as far as it knows */
     bool by_recording; /* stamps are those of the recording that the run replayed … */
     tl_time start;     /* … and so is t_start; else 0 */
     tl_recording_beginning beginning;
@@ -47,16 +49,39 @@ static size_t count_first_look_ups(const tl_recorder_signal *signals, size_t cou
     return count;
 }
 
+/* Whether a recorded signal is "plant.NAME@reading" of the configuration's. */
+static bool shows(const char *recorded, const char *name) {
+    const char *suffix = strchr(recorded, '@');
+    size_t length = strlen(name);
+    return suffix != NULL && strcmp(suffix, TL_CONFIG_READING) == 0 &&
+           strncmp(recorded, "plant.", sizeof "plant." - 1) == 0 &&
+           (size_t)(suffix - recorded) == sizeof "plant." - 1 + length &&
+           strncmp(recorded + sizeof "plant." - 1, name, length) == 0;
+}
+
+/* Of a signal that was conditioned, or lay on a line, the run has its readings beside. */
+static void find_readings(tl_recording_database *database, const tl_recorder_signal *signals, size_t count) {
+    const tl_config *config = database->config;
+    for (size_t i = 0; i < config->signal_count; i++) {
+        size_t first = config->signals[i].of;
+        database->raw[i] = i < database->recorded ? i : first;
+        for (size_t k = 0; k < count && k < TL_MAX_SIGNALS; k++) {
+            database->raw[i] = shows(signals[k].name, config->signals[first].plan.name) ? k : database->raw[i];
+        }
+    }
+}
+
 /* All second look-ups must be there; or none of them, and then they are made of the first ones. */
-static tl_status check_signals(const char *path, tl_history *history, const tl_history_run *run,
-                               const tl_config *config, size_t *recorded, tl_error *error) {
+static tl_status check_signals(tl_recording_database *database, const tl_history_run *run, const tl_config *config,
+                               tl_error *error) {
+    const char *path = database->path;
     const tl_recorder_signal *signals = NULL;
     size_t count = 0;
     size_t own = config->signal_count;
     while (own > 0 && config->signals[own - 1].of != own - 1) {
         own--;
     }
-    tl_status status = tl_history_signals(history, run, TL_HISTORY_PLANT, &signals, &count, error);
+    tl_status status = tl_history_signals(database->history, run, TL_HISTORY_PLANT, &signals, &count, error);
     if (status != TL_OK) {
         return status;
     }
@@ -64,7 +89,8 @@ static tl_status check_signals(const char *path, tl_history *history, const tl_h
     for (size_t i = own; i < config->signal_count; i++) {
         all = all && i < count && is_same_signal(signals[i].name, config->signals[i].plan.name);
     }
-    *recorded = all ? config->signal_count : own;
+    database->recorded = all ? config->signal_count : own;
+    find_readings(database, signals, count);
     count = count_first_look_ups(signals, count);
     for (size_t i = 0; i < own; i++) {
         const char *name = config->signals[i].plan.name;
@@ -209,7 +235,12 @@ static tl_status find_tunings(tl_recording_database *database, const tl_history_
 /* ---- look-ups ---- */
 
 static bool looks_as(const tl_config_signal *signal, const tl_config_signal *other) {
-    return signal->look_back == other->look_back && signal->next == other->next && signal->between == other->between;
+    const tl_condition *own = &signal->condition;
+    const tl_condition *its = &other->condition;
+    bool conditions_alike = own->median == its->median && own->low_pass == its->low_pass && !(own->gate < its->gate) &&
+                            !(own->gate > its->gate);
+    return signal->look_back == other->look_back && signal->next == other->next && signal->between == other->between &&
+           conditions_alike;
 }
 
 static bool look_alike(const tl_config *config, const tl_config *run) {
@@ -258,7 +289,7 @@ static tl_status open_run(tl_recording_database *database, const tl_config *conf
     bool any = false;
     tl_status status = tl_history_find(database->history, config->recording_run, &run, error);
     if (status == TL_OK) {
-        status = check_signals(database->path, database->history, run, config, &database->recorded, error);
+        status = check_signals(database, run, config, error);
     }
     if (status == TL_OK) {
         status = tl_history_ticks_begin(database->history, run, &database->ticks, error);
@@ -290,7 +321,7 @@ tl_status tl_recording_database_open(const char *path, const tl_config *config, 
     opened->config = config;
     tl_live_plant_set_limits(&opened->input, config);
     opened->mail = tl_plant_mail_make_least(config->signal_count, opened->input.mailboxes);
-    if (opened->mail == NULL) {
+    if (opened->mail == NULL || !tl_plant_input_open(&opened->input)) {
         tl_recording_database_close(opened);
         return tl_fail(error, TL_TRY_AGAIN, "%s: not enough memory", path);
     }
@@ -324,9 +355,11 @@ static void find_start(tl_recording_database *database, const tl_sample *sample)
 /* Readings that are new since the tick before, under their own stamps; then the sample as the configuration looks it up. */
 static void look_up_anew(tl_recording_database *database, const tl_sample *seen, tl_sample *sample) {
     for (size_t i = 0; i < database->config->signal_count; i++) {
-        size_t from = i < database->recorded ? i : database->config->signals[i].of;
-        const tl_reading reading = {
-            .value = seen->values[from], .stamp = seen->stamps[from], .quality = (tl_quality)seen->quality[from]};
+        size_t from = database->raw[i];
+        bool is_rejected = seen->quality[from] == TL_OUTLIER; /* which is judged anew */
+        const tl_reading reading = {.value = seen->values[from],
+                                    .stamp = seen->stamps[from],
+                                    .quality = is_rejected ? TL_GOOD : (tl_quality)seen->quality[from]};
         if (reading.stamp != database->posted[i]) {
             tl_plant_input_post(&database->input, i, &reading);
             database->posted[i] = reading.stamp;
@@ -386,6 +419,7 @@ void tl_recording_database_close(tl_recording_database *database) {
     tl_history_close(database->history);
     free(database->tuning_list);
     free(database->tuning_known);
+    tl_plant_input_close(&database->input);
     free(database->mail);
     free(database);
 }

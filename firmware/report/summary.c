@@ -27,7 +27,8 @@ void tl_summary_add(tl_summary *summary, const tl_config *config, const tl_recor
 void tl_summary_sample(tl_summary *summary, const tl_config *config, const tl_sample *sample) {
     summary->samples++;
     for (size_t i = 0; i < config->signal_count; i++) {
-        summary->not_good[i] += sample->quality[i] == TL_GOOD ? 0 : 1;
+        bool is_one = !config->signals[i].is_reading; /* a look-up of it is matched */
+        summary->not_good[i] += is_one && sample->quality[i] != TL_GOOD ? 1 : 0;
     }
 }
 
@@ -167,6 +168,9 @@ static void add_delays(tl_json_writer *json, const tl_config *config, const tl_a
 static void add_plant(tl_json_writer *json, const tl_summary *summary, const tl_config *config) {
     tl_json_open_object(json, "plant");
     for (size_t i = 0; i < config->signal_count; i++) {
+        if (config->signals[i].is_reading) {
+            continue;
+        }
         tl_json_open_object(json, config->signals[i].plan.name);
         tl_json_add_count(json, "samples", summary->samples);
         tl_json_add_count(json, "not_good", summary->not_good[i]);

@@ -9,10 +9,65 @@ typedef enum turn { NOTHING_NEW, BEGUN, ENDED } turn;
 
 void tl_watch_init(tl_watch *watch, const tl_config *config, tl_journal *journal) {
     *watch = (tl_watch){.config = config, .journal = journal, .skipped_since = TL_TIME_NEVER};
+    for (size_t i = 0; i < TL_MAX_SIGNALS; i++) {
+        watch->rejected[i] = (tl_watch_rejected){.stamp = TL_TIME_NEVER, .accepted = (double)NAN};
+    }
 }
+
+/* ---- rejected readings ---- */
+
+static void tell_more_rejected(const tl_watch *watch, int64_t tick, size_t signal) {
+    const tl_watch_rejected *rejected = &watch->rejected[signal];
+    const tl_config_signal *of = &watch->config->signals[watch->config->signals[signal].of];
+    if (rejected->count > TL_WATCH_REJECTED) {
+        tl_journal_event(watch->journal, tick, TL_EVENT_WARNING, "plant",
+                         "plant.%s: %llu more readings were rejected within a minute, the furthest one %.6g",
+                         of->plan.name, (unsigned long long)(rejected->count - TL_WATCH_REJECTED), rejected->furthest);
+    }
+}
+
+static void tell_rejected(tl_watch *watch, int64_t tick, size_t signal, double value) {
+    tl_watch_rejected *rejected = &watch->rejected[signal];
+    const tl_config_signal *own = &watch->config->signals[signal];
+    const tl_config_signal *of = &watch->config->signals[own->of];
+    double distance = fabs(value - rejected->accepted);
+    if (rejected->count == 0 || (tick - rejected->since) > TL_WATCH_MINUTE / watch->config->step) {
+        tell_more_rejected(watch, tick, signal);
+        rejected->count = 0;
+        rejected->since = tick;
+        rejected->distance = 0.0;
+    }
+    if (++rejected->count <= TL_WATCH_REJECTED) {
+        tl_journal_event(
+            watch->journal, tick, TL_EVENT_WARNING, "plant",
+            "plant.%s: a reading of %.6g is rejected: it is %.6g from the last accepted one, more than its "
+            "gate of %.6g",
+            of->plan.name, value, distance, watch->config->signals[own->shows].condition.gate);
+    } else if (distance > rejected->distance) {
+        rejected->distance = distance;
+        rejected->furthest = value;
+    }
+}
+
+static void watch_reading(tl_watch *watch, const tl_sample *sample, size_t signal) {
+    tl_watch_rejected *rejected = &watch->rejected[signal];
+    bool is_new = sample->stamps[signal] != rejected->stamp;
+    rejected->stamp = sample->stamps[signal];
+    if (is_new && sample->quality[signal] == TL_OUTLIER) {
+        tell_rejected(watch, sample->tick, signal, sample->values[signal]);
+    } else if (is_new && sample->quality[signal] == TL_GOOD) {
+        rejected->accepted = sample->values[signal];
+    }
+}
+
+/* ---- samples ---- */
 
 void tl_watch_sample(tl_watch *watch, const tl_sample *sample) {
     for (size_t i = 0; i < watch->config->signal_count; i++) {
+        if (watch->config->signals[i].is_reading) {
+            watch_reading(watch, sample, i);
+            continue;
+        }
         if (sample->quality[i] == watch->quality[i]) {
             continue;
         }

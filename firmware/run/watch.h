@@ -29,10 +29,24 @@ typedef struct tl_watch_trouble {
     int64_t last;     /* of them */
 } tl_watch_trouble;
 
+/* Readings of a signal that were rejected: the first ones of a minute are told one by one, how many more there were, at its end. */
+enum { TL_WATCH_REJECTED = 10 };
+#define TL_WATCH_MINUTE (60 * TL_SECOND)
+
+typedef struct tl_watch_rejected {
+    tl_time stamp;   /* of the newest reading */
+    double accepted; /* the last one that was; NaN: none was yet */
+    int64_t since;   /* the minute's first tick */
+    uint64_t count;  /* in it */
+    double furthest; /* of those that were not told: value and */
+    double distance; /* distance from the last accepted one */
+} tl_watch_rejected;
+
 typedef struct tl_watch {
     const tl_config *config;
     tl_journal *journal;
     uint8_t quality[TL_MAX_SIGNALS]; /* as last told */
+    tl_watch_rejected rejected[TL_MAX_SIGNALS];
     bool free_run;
     bool out_of_tolerance;                /* event horizon: the last stroke */
     tl_watch_trouble held[TL_MAX_ADJUST]; /* variables that are not identifiable */

@@ -160,10 +160,10 @@ static void check_lead(advice *given, const tl_config *config, uint32_t lead) {
     bool beyond_end = config->duration != 0 && seconds > tl_seconds(config->duration);
     for (size_t i = 0; i < config->match_count; i++) {
         const tl_plan_match *match = &config->match[i];
-        if (match->condition.low_pass > 0 && (beyond_end || seconds > LONG_LEAD_S)) {
+        if (config->conditions[i].low_pass > 0 && (beyond_end || seconds > LONG_LEAD_S)) {
             warn(given, match->where,
                  "its low-pass makes the measurement %g s late, and a step is computed %g s after its instant%s",
-                 tl_seconds(config->step) * tl_plan_condition_delay(&match->condition, config->step), seconds,
+                 tl_seconds(config->conditions[i].low_pass), seconds,
                  beyond_end ? ", which is longer than duration_s" : "");
         }
     }
@@ -264,14 +264,12 @@ static void check_sources(advice *given, const tl_config *config) {
 /* In the other modes a step waits until its measurement has come through. */
 static void check_conditions(advice *given, const tl_config *config) {
     for (size_t i = 0; config->measurements == TL_AHEAD && i < config->match_count; i++) {
-        const tl_plan_match *match = &config->match[i];
-        uint32_t delay = tl_plan_condition_delay(&match->condition, config->step);
-        if (delay > 0) {
-            warn(given, match->where,
-                 "its condition makes the measurement %" PRIu32
-                 " sample%s late, and in mode ahead no step waits for it: "
-                 "the newest there is belongs to an instant %g s back",
-                 delay, delay == 1 ? "" : "s", tl_seconds(config->step) * delay);
+        tl_time lag = tl_config_condition_lag(config, i);
+        if (lag > 0) {
+            warn(given, config->match[i].where,
+                 "its condition makes a measurement come up to %g s late, and in mode ahead no step waits for it: the "
+                 "newest there is stands for it",
+                 tl_seconds(lag));
         }
     }
 }

@@ -92,8 +92,11 @@ static void print_components(const tl_assembly *assembly, FILE *output) {
         (void)fprintf(output, "  %-12s %s, %zu variables, %s\n", component->name, assembly->config.components[i].fmu,
                       component->model->variable_count, describe_rollback(assembly, component));
     }
-    (void)fprintf(output, "  %-12s %zu signal%s\n", "plant", assembly->plan.signal_count,
-                  assembly->plan.signal_count == 1 ? "" : "s");
+    size_t signals = 0;
+    for (size_t i = 0; i < assembly->plan.signal_count; i++) {
+        signals += assembly->config.signals[i].is_reading ? 0 : 1;
+    }
+    (void)fprintf(output, "  %-12s %zu signal%s\n", "plant", signals, signals == 1 ? "" : "s");
     (void)fputs("connections\n", output);
     for (size_t i = 0; i < assembly->plan.connection_count; i++) {
         (void)fprintf(output, "  %s \342\206\222 %s\n", assembly->plan.connections[i].from,
@@ -147,7 +150,8 @@ static void print_wait(const tl_config *config, const char *what, bool inputs, i
     bool any = false;
     for (size_t i = 0; i < config->signal_count; i++) {
         const tl_config_signal *signal = &config->signals[i];
-        any = any || (signal->between != TL_BETWEEN_LAST && inputs == tl_config_feeds(config, signal));
+        bool waits = signal->between != TL_BETWEEN_LAST || (ticks > 0 && tl_condition_is_needed(&signal->condition));
+        any = any || (waits && inputs == tl_config_feeds(config, signal));
     }
     if (any) {
         (void)fprintf(output, "  between %s: a step waits for the next one, %" PRId32 " tick%s\n", what, ticks,

@@ -10,3 +10,7 @@ const char *tl_type_name(tl_type type) {
     static const char *const names[] = {"Real", "Integer", "Boolean", "String", "Enumeration"};
     return names[type];
 }
+
+bool tl_condition_is_needed(const tl_condition *condition) {
+    return condition->gate > 0.0 || condition->median > 1 || condition->low_pass > 0;
+}

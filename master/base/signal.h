@@ -7,6 +7,7 @@
 #ifndef TL_MASTER_BASE_SIGNAL_H
 #define TL_MASTER_BASE_SIGNAL_H
 
+#include <stdbool.h>
 #include <stdint.h>
 
 #include "master/base/simtime.h"
@@ -21,7 +22,7 @@ typedef enum tl_quality {
     TL_OUT_OF_RANGE, /* outside the signal's min..max */
     TL_NOT_A_NUMBER, /* not finite, or text that is no number */
     TL_NO_LINK,      /* the device does not answer, or never has */
-    TL_OUTLIER       /* gated: too far from the samples before it (measure/conditioner.h) */
+    TL_OUTLIER       /* rejected: too far from the reading accepted before it (plant/conditioner.h) */
 } tl_quality;
 
 enum {
@@ -36,6 +37,13 @@ typedef enum tl_between {
     TL_BETWEEN_LINE, /* on the line between them */
     TL_BETWEEN_MEAN  /* the mean of that line over a macro step */
 } tl_between;
+
+/* What is done to a signal's readings before they are matched, in this order (plant/conditioner.h). All zero: nothing. */
+typedef struct tl_condition {
+    double gate; /* > 0: a reading further than this (signal's unit) from the last accepted one is rejected; 0: none */
+    uint32_t median;  /* odd number of readings, 3 … 99; 0 and 1: none */
+    tl_time low_pass; /* time constant τ of a first-order low-pass, ns; 0: none */
+} tl_condition;
 
 /* One value as a driver read it. */
 typedef struct tl_reading {
@@ -53,6 +61,9 @@ typedef struct tl_sample {
     tl_time stamps[TL_MAX_SIGNALS];  /* TL_TIME_NEVER where there never was a reading */
     uint8_t quality[TL_MAX_SIGNALS]; /* tl_quality */
 } tl_sample;
+
+/* Whether anything is asked for at all. */
+bool tl_condition_is_needed(const tl_condition *condition);
 
 /* "good", "stale", "out of range", "not a number", "no link", "outlier". */
 const char *tl_quality_name(tl_quality quality);

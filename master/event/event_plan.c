@@ -37,20 +37,11 @@ static void check_edge(const tl_plan *plan, const tl_plan_edge *edge, const char
     }
 }
 
-static bool is_conditioned(const tl_plan_match *match) {
-    const tl_plan_condition *condition = &match->condition;
-    return match->weight > 0.0 && (condition->median > 1 || condition->low_pass > 0 || condition->gate > 0.0);
-}
-
 static void check_matches(const tl_plan *plan, tl_report *report) {
     bool matched = false;
     for (size_t i = 0; i < plan->match_count; i++) {
         const tl_plan_match *match = &plan->match[i];
         matched = matched || (match->weight > 0.0 && strcmp(match->to, plan->event.end.signal) == 0);
-        if (is_conditioned(match)) {
-            tl_report_add(report, TL_BAD_DATA, match->where,
-                          "\"condition\" does not go with horizon.event: the event's instant would be blurred");
-        }
     }
     if (!matched) {
         tl_report_add(report, TL_BAD_DATA, plan->event.where,

@@ -5,16 +5,6 @@
 
 #include "master/base/status.h"
 
-uint32_t tl_plan_condition_delay(const tl_plan_condition *condition, tl_time step) {
-    uint32_t middle = condition->median > 1 ? (condition->median - 1) / 2 : 0;
-    if (condition->low_pass <= 0) {
-        return middle;
-    }
-    /* (1 − a)/a without the loss of digits that 1 − a has for a long time constant */
-    double lag = round(1.0 / expm1((double)step / (double)condition->low_pass));
-    return lag < (double)(UINT32_MAX - middle) ? middle + (uint32_t)lag : UINT32_MAX;
-}
-
 /* NaN is in no range. */
 static bool is_positive(double value) {
     return value > 0.0 && isfinite(value);
@@ -66,30 +56,7 @@ static void check_adjust(const tl_plan_adjust *adjust, tl_report *report) {
     }
 }
 
-static void check_condition(const tl_plan_match *match, tl_time step, tl_report *report) {
-    const tl_plan_condition *condition = &match->condition;
-    if (condition->median > 1 && (condition->median % 2 == 0 || condition->median > 99)) {
-        tl_report_add(report, TL_BAD_DATA, match->where,
-                      "\"condition.median\": found %u samples, expected an odd number from 3 to 99, or 0 or 1 for none",
-                      (unsigned)condition->median);
-    }
-    if (condition->low_pass < 0) {
-        tl_report_add(report, TL_BAD_DATA, match->where,
-                      "\"condition.low_pass_s\": found %g s, expected a time constant from 0",
-                      tl_seconds(condition->low_pass));
-    }
-    if (condition->low_pass > 0 && step > 0 && (condition->low_pass - 1) / TL_LONGEST_LOW_PASS >= step) {
-        tl_report_add(report, TL_BAD_DATA, match->where,
-                      "\"condition.low_pass_s\": found %g s, expected at most %d macro steps, which are %g s",
-                      tl_seconds(condition->low_pass), TL_LONGEST_LOW_PASS, tl_seconds(step) * TL_LONGEST_LOW_PASS);
-    }
-    if (!is_from_zero(condition->gate)) {
-        tl_report_add(report, TL_BAD_DATA, match->where, "\"condition.gate\": found %g, expected a number from 0",
-                      condition->gate);
-    }
-}
-
-static void check_match(const tl_plan_match *match, tl_time step, tl_report *report) {
+static void check_match(const tl_plan_match *match, tl_report *report) {
     if (!is_from_zero(match->weight)) {
         tl_report_add(report, TL_BAD_DATA, match->where, "\"weight\": found %g, expected a number from 0",
                       match->weight);
@@ -101,7 +68,6 @@ static void check_match(const tl_plan_match *match, tl_time step, tl_report *rep
     if (!is_from_zero(match->huber)) {
         tl_report_add(report, TL_BAD_DATA, match->where, "\"huber\": found %g, expected a number from 0", match->huber);
     }
-    check_condition(match, step, report);
 }
 
 static void check_choice(unsigned choice, unsigned last, const char *where, tl_report *report) {
@@ -141,7 +107,7 @@ bool tl_plan_check(const tl_plan *plan, tl_report *report) {
         check_adjust(&plan->adjust[i], report);
     }
     for (size_t i = 0; i < plan->match_count; i++) {
-        check_match(&plan->match[i], plan->step, report);
+        check_match(&plan->match[i], report);
     }
     return fits;
 }

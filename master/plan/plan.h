@@ -79,22 +79,6 @@ typedef struct tl_plan_adjust {
     tl_time dwell;            /* Boolean: after it has changed it stays for at least this long; ns, 0: no limit */
 } tl_plan_adjust;
 
-/* The longest time constant of a low-pass, in macro steps: its delay is as long. */
-enum { TL_LONGEST_LOW_PASS = 1000 };
-
-/* What is done to a measurement before it is matched. All zero: nothing. */
-typedef struct tl_plan_condition {
-    uint32_t median; /* odd number of samples, 3 … 99; 0 and 1: none. Delay (median − 1)/2 samples */
-    tl_time
-        low_pass; /* time constant τ of a first-order low-pass, ns; 0: none, at most TL_LONGEST_LOW_PASS T_S. Delay about τ − T_S/2, see
-                         tl_plan_condition_delay() */
-    double gate;  /* > 0: a sample further than this (signal's unit) from the last accepted one is an outlier */
-} tl_plan_condition;
-
-/* By how many samples a conditioned measurement is late: what comes out at tick m belongs to the plant of tick m − delay. That
- * is (median − 1)/2 plus the low-pass's lag; UINT32_MAX where it is more than can be counted. `step` is T_S > 0. */
-uint32_t tl_plan_condition_delay(const tl_plan_condition *condition, tl_time step);
-
 /* A simulated output and the plant signal it is compared with. */
 typedef struct tl_plan_match {
     const char *where;
@@ -103,7 +87,6 @@ typedef struct tl_plan_match {
     double tolerance;     /* > 0, in the variable's unit; may be 1 where weight is 0 */
     double weight;        /* 0: compared and reported, not matched */
     double huber;         /* > 0: differences beyond this many tolerances count linearly; 0: all quadratically */
-    tl_plan_condition condition;
 } tl_plan_match;
 
 /* An output that is only read, by tl_twin_output(). */

@@ -119,18 +119,6 @@ void tl_objective_retune(tl_objective *objective, tl_objective_term *terms, cons
     count_residuals(objective);
 }
 
-/* ŷ of one term that belongs to the plant of `tick`: conditioned where that is asked for, and then it comes later. */
-static double look_up(const tl_objective *objective, size_t index, int64_t tick, tl_quality *quality) {
-    const tl_objective_term *term = &objective->terms[index];
-    if (term->conditioner == NULL) {
-        return tl_objective_y_hat(objective, index, tick, quality);
-    }
-    int64_t seen = tick + term->shift;
-    double value = tl_conditioner_value(term->conditioner, (seen < 0 ? 0 : seen) + (int64_t)term->delay, quality);
-    *quality = seen < 0 ? TL_NO_LINK : *quality;
-    return term->conversion.factor * value + term->conversion.offset;
-}
-
 /* The newest sample of the horizon. */
 static void watch_noise(const tl_objective *objective) {
     size_t last = (tl_objective_samples(objective) - 1) * objective->matched;
@@ -182,7 +170,7 @@ bool tl_objective_prepare(tl_objective *objective, int64_t step) {
                 continue;
             }
             tl_quality quality = TL_GOOD;
-            target->value = look_up(objective, i, step + (int64_t)depth, &quality);
+            target->value = tl_objective_y_hat(objective, i, step + (int64_t)depth, &quality);
             target->scale = quality == TL_GOOD && depth >= horizon->match_distance[i] ? 1.0 / term->tolerance : 0.0;
             measured = measured || target->scale > 0.0;
             target++;
@@ -227,7 +215,7 @@ double tl_objective_sample(const tl_objective *objective, int64_t tick, const do
         if (has_weight(&objective->terms[i])) {
             tl_quality quality = TL_GOOD;
             tl_objective_target target = objective->targets[m];
-            target.value = look_up(objective, i, tick, &quality);
+            target.value = tl_objective_y_hat(objective, i, tick, &quality);
             target.scale = quality == TL_GOOD ? 1.0 / objective->terms[i].tolerance : 0.0;
             double r = residual(&target, y[m]);
             sum += r * r;

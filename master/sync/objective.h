@@ -19,7 +19,6 @@
 #include <stdint.h>
 
 #include "master/graph/exchange.h"
-#include "master/measure/conditioner.h"
 #include "master/measure/jitter.h"
 #include "master/plan/tuning.h"
 #include "master/sync/horizon.h"
@@ -29,11 +28,9 @@ typedef struct tl_objective_term {
     size_t signal;            /* ŷ */
     tl_conversion conversion; /* from the signal's unit to the port's */
     double tolerance;
-    double weight;               /* 0: compared only */
-    double huber;                /* 0: none */
-    tl_conditioner *conditioner; /* NULL: none */
-    uint32_t delay;              /* of the conditioner, ticks */
-    int32_t shift;               /* ŷ of t_j is in the sample of tick j + shift (Δo); before tick 0 there is none */
+    double weight; /* 0: compared only */
+    double huber;  /* 0: none */
+    int32_t shift; /* ŷ of t_j is in the sample of tick j + shift (Δo); before tick 0 there is none */
 } tl_objective_term;
 
 /* Penalties of one adjusted variable. */
@@ -122,7 +119,7 @@ double tl_objective_change(const tl_objective *objective, const double *residual
 /* y of each matched term as it stands now. */
 void tl_objective_matched(const tl_objective *objective, double *y);
 
-/* y of one term as it stands, and the ŷ that is paired with y at t_tick; ŷ in y's unit, not conditioned. */
+/* y of one term as it stands, and the ŷ that is paired with y at t_tick; ŷ in y's unit. */
 double tl_objective_y(const tl_objective *objective, size_t term);
 double tl_objective_y_hat(const tl_objective *objective, size_t term, int64_t tick, tl_quality *quality);
 

@@ -162,17 +162,12 @@ static tl_status compute(tl_twin *twin, int64_t step, const tick_way *way, tl_re
     return status;
 }
 
-/* The sample, and what the conditioners make of it. */
+/* The sample, for all that look at it. */
 static void push(tl_twin *twin, const tl_sample *sample) {
     tl_plant *plant = &twin->exchange.plant;
     tl_plant_push(plant, sample);
     for (size_t i = 0; i < twin->lock.objective.term_count; i++) {
         const tl_objective_term *term = &twin->terms[i];
-        if (term->conditioner != NULL) {
-            const tl_sample *kept = tl_plant_sample(plant, sample->tick);
-            tl_conditioner_push(term->conditioner, sample->tick, kept->values[term->signal],
-                                (tl_quality)kept->quality[term->signal]);
-        }
         if (twin->meters[i] != NULL && sample->stamps[term->signal] != TL_TIME_NEVER) {
             tl_time start = sample->instant - tl_time_of_step(0, twin->step, sample->tick);
             tl_delay_meter_see(twin->meters[i], sample->stamps[term->signal] - start, sample->values[term->signal],

@@ -202,8 +202,7 @@ static int32_t least_output_ticks(const tl_plan *plan) {
 static uint32_t find_wait(const tl_plan *plan) {
     int64_t longest = plan->input_ticks > 0 ? plan->input_ticks : 0;
     for (size_t i = 0; i < plan->match_count; i++) {
-        int64_t own = (int64_t)tl_plan_condition_delay(&plan->match[i].condition, plan->step) + most_output_ticks(plan);
-        longest = own > longest ? own : longest;
+        longest = most_output_ticks(plan) > longest ? most_output_ticks(plan) : longest;
     }
     return (uint32_t)longest;
 }
@@ -342,21 +341,6 @@ static bool build_structure(tl_twin *twin, const tl_plan *plan, tl_lock_settings
     return report->count == before && lock->horizon.reach != NULL;
 }
 
-static bool condition_matches(tl_twin *twin, const tl_plan *plan) {
-    bool placed = true;
-    for (size_t i = 0; i < plan->match_count; i++) {
-        const tl_plan_condition *condition = &plan->match[i].condition;
-        if (tl_conditioner_is_needed(condition)) {
-            tl_objective_term *term = &twin->terms[i];
-            term->conditioner =
-                tl_conditioner_create(&twin->arena, condition, plan->step, twin->lead + find_age(plan) + 2);
-            term->delay = tl_plan_condition_delay(condition, plan->step);
-            placed = placed && term->conditioner != NULL;
-        }
-    }
-    return placed;
-}
-
 /* One for each match; they wait for what a step waits for, and the other way round. */
 static bool create_meters(tl_twin *twin, const tl_plan *plan) {
     bool placed = true;
@@ -445,8 +429,8 @@ static void build_values(tl_twin *twin, const tl_plan *plan, tl_lock_settings *l
     lock->exchange = &twin->exchange;
     lock->terms = twin->terms;
     place_adjusted(twin, plan, report);
-    if (!tl_proof_init(&twin->proof, &twin->arena, &twin->exchange, &twin->graph) || !condition_matches(twin, plan) ||
-        !create_meters(twin, plan) || !save_executions(twin, plan, lock) || !create_verifier(twin, plan) ||
+    if (!tl_proof_init(&twin->proof, &twin->arena, &twin->exchange, &twin->graph) || !create_meters(twin, plan) ||
+        !save_executions(twin, plan, lock) || !create_verifier(twin, plan) ||
         !tl_lock_init(&twin->lock, &twin->arena, plan, lock)) {
         tl_report_add(report, TL_TRY_AGAIN, "", "not enough memory for the search");
         return;

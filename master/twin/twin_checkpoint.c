@@ -23,7 +23,7 @@ typedef struct head {
 
 static head head_of(const tl_twin *twin, int64_t tick) {
     return (head){
-        .magic = {'t', 'w', 'l', 'k', 't', 'w', 'n', '2'},
+        .magic = {'t', 'w', 'l', 'k', 't', 'w', 'n', '3'},
         .components = twin->graph.component_count,
         .signals = twin->exchange.plant.signal_count,
         .matches = twin->lock.objective.term_count,
@@ -80,9 +80,6 @@ static void archive_ours(tl_twin *twin, tl_archive *archive) {
         tl_event_horizon_archive(twin->event, archive);
     }
     for (size_t i = 0; i < twin->lock.objective.term_count; i++) {
-        if (twin->terms[i].conditioner != NULL) {
-            tl_conditioner_archive(twin->terms[i].conditioner, archive);
-        }
         if (twin->meters[i] != NULL) {
             tl_delay_meter_archive(twin->meters[i], archive);
         }

@@ -429,7 +429,7 @@ def test_values_that_are_no_numbers_are_left_out():
     path = scratch() / "plant.csv"
     rows = [f"{i * 0.01:.2f},{'n/a' if 20 <= i < 40 else 62.9},0.01" for i in range(101)]
     path.write_text("t,omega,M_brake\n" + "\n".join(rows) + "\n", encoding="utf-8")
-    lock = edited_config("motor/lock.json", {"synchronise": {"match": {"motor.omega": {"between": "last", "condition": None}}}})
+    lock = edited_config("motor/lock.json", {"delays": None, "synchronise": {"match": {"motor.omega": {"between": "last", "condition": None}}}})
     out = run_well(["replay", lock, "--recording", path])
     expect("20 of 100 measurements were not good" in out and "20 free run" in out, out)
     expect(re.search(r"\b(nan|inf)", out, re.I) is None, out)

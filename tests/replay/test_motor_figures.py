@@ -55,7 +55,7 @@ def true_error(recording, truth, edits=None):
 
 def test_the_true_speed():
     """Nobody may see it but a test: the speed itself, not what messages of 25 to 40 ms say of it, with a noise of 0.09 (rad/s)\u00b2."""
-    last = {"synchronise": {"match": {"motor.omega": {"between": "last", "condition": None}}}}
+    last = {"delays": None, "synchronise": {"match": {"motor.omega": {"between": "last", "condition": None}}}}
     truth = brakes.make_recording(PROGRAM, scratch(), 1, exact=True)
     for recording in own_recordings():
         error = true_error(recording, truth)

@@ -50,7 +50,6 @@ void tl_course_open(tl_course *course, const char *path, tl_measurements measure
     config->algorithm = "nelder-mead";
     config->measurements = measurements;
     config->prediction = 3;
-    config->match[0].condition = (tl_plan_condition){.median = 5, .low_pass = TL_SECOND / 20};
     config->duration = 0;
     config->record_resume = 3600 * TL_SECOND;
     config->record_commit = TL_SECOND / 100;

@@ -8,9 +8,8 @@
 #include "tests/support/random_numbers.h"
 
 const char *tl_test_scene_name(tl_test_scene_kind kind) {
-    static const char *const names[TL_SCENES] = {"lag",           "hold",     "ahead", "delays",
-                                                 "ahead of time", "long",     "plain", "conditioned",
-                                                 "flag",          "measured", "free",  "strokes"};
+    static const char *const names[TL_SCENES] = {"lag",   "hold", "ahead",    "delays", "ahead of time", "long",
+                                                 "plain", "flag", "measured", "free",   "strokes"};
     return names[kind];
 }
 
@@ -39,9 +38,6 @@ static void vary_search(tl_test_scene *scene) {
     plan->prediction = kind == TL_SCENE_STROKES || scene->shortest ? 0 : kind == TL_SCENE_LONG ? 6 : 3;
     plan->shape = kind == TL_SCENE_LONG ? TL_DYNAMIC : TL_STATIC;
     scene->plan.components[0].keep = kind == TL_SCENE_LONG ? TL_KEEP_OUTPUTS : TL_KEEP_STATES;
-    if (kind == TL_SCENE_CONDITIONED) {
-        scene->plan.match[0].condition = (tl_plan_condition){.median = 5, .low_pass = TL_SECOND / 2, .gate = 2.5};
-    }
 }
 
 static void add_fmu(tl_test_scene *scene, size_t i) {

@@ -23,8 +23,7 @@ typedef enum tl_test_scene_kind {
     TL_SCENE_AHEAD_OF_TIME, /* samples from before the instant are looked up */
     TL_SCENE_LONG,          /* a dynamic horizon; nothing but outputs is kept in its cache */
     TL_SCENE_PLAIN,         /* nothing is saved of executions */
-    TL_SCENE_CONDITIONED,
-    TL_SCENE_FLAG, /* a Boolean is adjusted */
+    TL_SCENE_FLAG,          /* a Boolean is adjusted */
     TL_SCENE_MEASURED,
     TL_SCENE_FREE, /* nothing is adjusted */
     TL_SCENE_STROKES,

@@ -321,13 +321,13 @@ static void test_match(void) {
     TEST_ASSERT_EQUAL_DOUBLE(1, config->match[1].tolerance);
     TEST_ASSERT_EQUAL_DOUBLE(0, config->match[1].weight);
     TEST_ASSERT_EQUAL_DOUBLE(3, config->match[0].huber);
-    TEST_ASSERT_EQUAL_UINT32(5, config->match[0].condition.median);
-    TEST_ASSERT_EQUAL_INT64(30000000, config->match[0].condition.low_pass);
-    TEST_ASSERT_EQUAL_DOUBLE(45, config->match[0].condition.gate);
+    TEST_ASSERT_EQUAL_UINT32(5, config->conditions[0].median);
+    TEST_ASSERT_EQUAL_INT64(30000000, config->conditions[0].low_pass);
+    TEST_ASSERT_EQUAL_DOUBLE(45, config->conditions[0].gate);
     TEST_ASSERT_EQUAL_DOUBLE(0, config->match[1].huber);
-    TEST_ASSERT_EQUAL_UINT32(0, config->match[1].condition.median);
-    TEST_ASSERT_EQUAL_INT64(0, config->match[1].condition.low_pass);
-    TEST_ASSERT_EQUAL_DOUBLE(0, config->match[1].condition.gate);
+    TEST_ASSERT_EQUAL_UINT32(0, config->conditions[1].median);
+    TEST_ASSERT_EQUAL_INT64(0, config->conditions[1].low_pass);
+    TEST_ASSERT_EQUAL_DOUBLE(0, config->conditions[1].gate);
 }
 
 static void test_the_rest_of_synchronise(void) {
@@ -456,6 +456,36 @@ static void test_between_readings(void) {
     free(text);
 }
 
+/* What is conditioned is waited for: half a median of readings, the low-pass's lag, and the reading behind it; and shown beside as it came. */
+static void test_a_condition_is_waited_for(void) {
+    char *text = tl_test_read_text(FULL);
+    char *lagging = tl_test_replaced(text, "\"ahead\"", "\"lag\"");
+    char *without = tl_test_replaced(lagging, "\"measure\": { \"range_s\": 0.1 },", "");
+    char *every = tl_test_replaced(without, "\"omega\": { \"unit\"", "\"omega\": { \"every_s\": 0.02, \"unit\"");
+    tl_config *config = &verdict.config;
+    tl_test_judge_text(every, strlen(every), &verdict);
+    TEST_ASSERT_EQUAL_INT(TL_OK, verdict.status);
+    TEST_ASSERT_EQUAL_INT64(70000000, tl_config_condition_lag(config, 0)); /* 2 · 20 ms and 30 ms */
+    TEST_ASSERT_EQUAL_INT64(0, tl_config_condition_lag(config, 1));
+    /* 20 ms more, and 3.9 ms later: the tick at 100 ms looks back by 96.1. */
+    TEST_ASSERT_EQUAL_INT32(10, config->output_lookup.ticks);
+    TEST_ASSERT_EQUAL_INT64(96100000, config->output_lookup.look_back);
+    TEST_ASSERT_EQUAL_INT(TL_BETWEEN_LINE, config->signals[3].between);
+    TEST_ASSERT_EQUAL_INT(TL_BETWEEN_LAST, config->signals[4].between);
+    TEST_ASSERT_EQUAL_size_t(1, config->second_count);
+    const tl_config_signal *reading = &config->signals[8];
+    TEST_ASSERT_EQUAL_STRING("omega@reading", reading->plan.name);
+    TEST_ASSERT_TRUE(reading->is_reading && !config->signals[3].is_reading);
+    TEST_ASSERT_EQUAL_size_t(3, reading->shows);
+    TEST_ASSERT_EQUAL_size_t(3, reading->of);
+    TEST_ASSERT_EQUAL_INT64(0, reading->look_back);
+    TEST_ASSERT_FALSE(tl_condition_is_needed(&reading->condition));
+    free(every);
+    free(without);
+    free(lagging);
+    free(text);
+}
+
 static void test_a_plant_has_no_delays(void) {
     tl_config *config = &verdict.config;
     (void)read_good(FULL);
@@ -501,7 +531,7 @@ static void test_compare_only(void) {
     TEST_ASSERT_EQUAL_DOUBLE(0, config->match[0].weight);
     TEST_ASSERT_EQUAL_DOUBLE(1, config->match[0].tolerance);
     TEST_ASSERT_EQUAL_DOUBLE(0, config->match[0].huber);
-    TEST_ASSERT_EQUAL_UINT32(0, config->match[0].condition.median);
+    TEST_ASSERT_EQUAL_UINT32(0, config->conditions[0].median);
     TEST_ASSERT_EQUAL_INT(TL_KEEP_STATES, config->components[0].keep);
     TEST_ASSERT_EQUAL_UINT32(0, config->prediction);
     TEST_ASSERT_EQUAL_INT(TL_STATIC, config->shape);
@@ -607,9 +637,9 @@ static void test_objects_in_part(void) {
     TEST_ASSERT_EQUAL_DOUBLE(0, verdict.config.adjust[0].deviation_penalty);
     TEST_ASSERT_EQUAL_DOUBLE(0.125, verdict.config.adjust[0].rate_penalty);
     takes(FULL, "\"median\": 5, \"low_pass_s\": 0.03, \"gate\": 45", "");
-    TEST_ASSERT_EQUAL_UINT32(0, verdict.config.match[0].condition.median);
-    TEST_ASSERT_EQUAL_INT64(0, verdict.config.match[0].condition.low_pass);
-    TEST_ASSERT_EQUAL_DOUBLE(0, verdict.config.match[0].condition.gate);
+    TEST_ASSERT_EQUAL_UINT32(0, verdict.config.conditions[0].median);
+    TEST_ASSERT_EQUAL_INT64(0, verdict.config.conditions[0].low_pass);
+    TEST_ASSERT_EQUAL_DOUBLE(0, verdict.config.conditions[0].gate);
     takes(FULL, "\"structure\": false, \"sequences\": false, \"nodes\": 500", "\"sequences\": false");
     TEST_ASSERT_TRUE(verdict.config.saving.structure);
     TEST_ASSERT_FALSE(verdict.config.saving.sequences);
@@ -655,7 +685,7 @@ static void test_durations_at_their_limits(void) {
     takes(FULL, "\"dwell_s\": 0.2", "\"dwell_s\": 1e-300");
     TEST_ASSERT_EQUAL_INT64(1, verdict.config.adjust[2].dwell);
     takes(FULL, "\"low_pass_s\": 0.03", "\"low_pass_s\": 10");
-    TEST_ASSERT_EQUAL_INT64(10 * TL_SECOND, verdict.config.match[0].condition.low_pass);
+    TEST_ASSERT_EQUAL_INT64(10 * TL_SECOND, verdict.config.conditions[0].low_pass);
     takes(FULL, "\"time_s\": 0.004", "\"time_s\": 1e-300");
     TEST_ASSERT_EQUAL_INT64(1, verdict.config.budget_time);
 }
@@ -967,6 +997,7 @@ int main(void) {
     RUN_TEST(test_delays_of_outputs_alone);
     RUN_TEST(test_second_look_ups);
     RUN_TEST(test_between_readings);
+    RUN_TEST(test_a_condition_is_waited_for);
     RUN_TEST(test_a_plant_has_no_delays);
     RUN_TEST(test_defaults);
     RUN_TEST(test_compare_only);

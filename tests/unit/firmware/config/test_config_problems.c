@@ -972,6 +972,32 @@ static void test_between_readings(void) {
     }
 }
 
+/* A reading is conditioned once, and no step waits for it for ever. */
+static void test_conditions_that_do_not_fit(void) {
+    static const tl_test_change changes[] = {
+        {"{ \"to\": \"plant.current\", \"weight\": 0 }",
+         "{ \"to\": \"plant.omega\", \"weight\": 0, \"condition\": { \"gate\": 3 } }",
+         "synchronise.match.motor.I.condition",
+         "found another condition than that of an earlier match with the same signal, expected one for all of them: a "
+         "reading is conditioned once",
+         NULL},
+        {"{ \"to\": \"plant.current\", \"weight\": 0 }",
+         "{ \"to\": \"plant.stage\", \"weight\": 0, \"condition\": { \"low_pass_s\": 1 } }",
+         "synchronise.match.motor.I.condition",
+         "found a low-pass of a signal that is no Real, expected \"median\" or \"gate\"", NULL},
+        {"\"omega\": { \"unit\": \"rad/s\", ", "\"omega\": { \"unit\": \"rad/s\", \"every_s\": 5, ",
+         "synchronise.match.motor.omega.condition",
+         "found a condition for which a step waits longer than 1000 times step_s, expected a shorter median or low-pass, or "
+         "a smaller every_s of the signal",
+         "\"condition\": {"},
+    };
+    for (size_t i = 0; i < sizeof changes / sizeof changes[0]; i++) {
+        char *lagging = tl_test_replaced(full, "\"measurements\": \"ahead\"", "\"measurements\": \"lag\"");
+        tl_test_expect_problems(lagging, &changes[i], 1);
+        free(lagging);
+    }
+}
+
 /* 62 signals, three of which would be there twice. */
 static void test_too_many_look_ups(void) {
     enum { SIGNALS = 62, ROOM = 16384 };
@@ -992,7 +1018,7 @@ static void test_too_many_look_ups(void) {
     TEST_ASSERT_EQUAL_STRING("delays", verdict.problems[0].where);
     TEST_ASSERT_EQUAL_STRING(
         "line 5: found 62 signals, and 3 of them feed an input and are matched, expected at most 64 "
-        "together: with delays or a \"between\" such a signal is looked up twice, and counts twice",
+        "together: with delays, a \"between\" or a \"condition\" such a signal is looked up twice, and counts twice",
         verdict.problems[0].text);
 }
 
@@ -1222,6 +1248,7 @@ int main(void) {
     RUN_TEST(test_delays_of_other_kinds);
     RUN_TEST(test_delays_without_a_step);
     RUN_TEST(test_between_readings);
+    RUN_TEST(test_conditions_that_do_not_fit);
     RUN_TEST(test_too_many_look_ups);
     RUN_TEST(test_doubled_keys);
     RUN_TEST(test_everything_at_once);

@@ -1,4 +1,4 @@
-/* What a locked twin makes of its measurements: which ones a step uses, how they are conditioned, bent and weighed; and that
+/* What a locked twin makes of its measurements: which ones a step uses, how they are bent and weighed; and that
  * what is saved never changes a bit, also where a sample was stood for before it came. */
 #include <math.h>
 #include <stdbool.h>
@@ -101,69 +101,6 @@ static void held_measurements_stand_for_later_ones(void) {
             TEST_ASSERT_EQUAL_DOUBLE(input, tl_test_log_step(&call_log, &fmus[0], depth)->u[0]);
         }
     }
-}
-
-/* ---- conditioned ---- */
-
-/* A delay that is declared is no error: pairs are made behind it. */
-static void the_delay_of_a_condition_enters_the_pairs(void) {
-    static const tl_plan_condition conditions[] = {
-        {.median = 3}, {.median = 7}, {.median = 3, .gate = 5.0}, {.low_pass = 144269504}, /* 0.1 s / ln 2: a = 1/2 */
-    };
-    static const uint32_t delays[] = {1, 3, 1, 1};
-    for (size_t i = 0; i < 4; i++) {
-        for (uint32_t prediction = 1; prediction <= 3; prediction++) {
-            begin_observer()->condition = conditions[i];
-            expect_ramp(TL_LAG, prediction, 0.0);
-            TEST_ASSERT_EQUAL_UINT32(prediction + delays[i], tl_twin_get_facts(run.twin).lead);
-        }
-        begin_observer()->condition = conditions[i];
-        expect_ramp(TL_HOLD, 1, 0.0);
-        TEST_ASSERT_EQUAL_UINT32(1 + delays[i], tl_twin_get_facts(run.twin).lead);
-    }
-}
-
-/* One wild sample in ten: how many steps are led astray by it. */
-static uint32_t count_led_astray(const tl_plan_condition *condition) {
-    uint32_t astray = 0;
-    begin_observer()->condition = *condition;
-    tl_test_run_build(&run, &plan);
-    for (int64_t m = 0; m < 200; m++) {
-        double wild = m % 10 == 9 ? 50.0 : 0.0;
-        bool ready = tick(1.0, 1.0 + wild, TL_GOOD);
-        astray += ready && m > 20 && fabs(run.record.u[0]) > 0.01 ? 1 : 0;
-    }
-    return astray;
-}
-
-static void wild_samples_do_not_lead_astray(void) {
-    static const tl_plan_condition none = {.median = 0};
-    static const tl_plan_condition gated = {.gate = 1.0};
-    static const tl_plan_condition filtered = {.median = 3};
-    TEST_ASSERT_TRUE(count_led_astray(&none) >= 17);
-    TEST_ASSERT_EQUAL_UINT32(0, count_led_astray(&gated));
-    TEST_ASSERT_EQUAL_UINT32(0, count_led_astray(&filtered));
-}
-
-/* The mean square of the correction that noise makes where nothing is to be corrected. */
-static double square_of_correction(const tl_plan_condition *condition) {
-    double sum = 0.0;
-    seed = 17;
-    begin_observer()->condition = *condition;
-    tl_test_run_build(&run, &plan);
-    for (int64_t m = 0; m < 2000; m++) {
-        bool ready = tick(1.0, 1.0 + tl_test_noise(&seed), TL_GOOD);
-        sum += ready && m > 100 ? run.record.u[0] * run.record.u[0] : 0.0;
-    }
-    return sum;
-}
-
-/* Of white noise a first-order low-pass leaves a/(2 − a) of the variance: a third at a = 1/2. */
-static void a_low_pass_takes_noise_out_of_the_correction(void) {
-    static const tl_plan_condition none = {.median = 0};
-    static const tl_plan_condition filtered = {.low_pass = 144269504};
-    double share = square_of_correction(&filtered) / square_of_correction(&none);
-    TEST_ASSERT_DOUBLE_WITHIN(0.05, 1.0 / 3.0, share);
 }
 
 /* ---- weighed ---- */
@@ -276,7 +213,6 @@ static void draw_plan(void) {
     }
     tl_plan_match *match = tl_test_plan_match(&plan, "c.y0", "plant.y0", 0.02);
     match->huber = tl_test_any(&seed, 3) == 0 ? 2.0 : 0.0;
-    match->condition.median = tl_test_any(&seed, 3) == 0 ? 3 : 0;
     tl_test_plan_match(&plan, "b.y0", "plant.y0", 0.05)->weight = tl_test_any(&seed, 2);
     plan.plan.prediction = 3 + tl_test_any(&seed, 3);
     plan.plan.shape = (tl_shape)tl_test_any(&seed, 2);
@@ -340,9 +276,6 @@ int main(void) {
     UNITY_BEGIN();
     RUN_TEST(a_step_is_paired_with_its_own_measurements);
     RUN_TEST(held_measurements_stand_for_later_ones);
-    RUN_TEST(the_delay_of_a_condition_enters_the_pairs);
-    RUN_TEST(wild_samples_do_not_lead_astray);
-    RUN_TEST(a_low_pass_takes_noise_out_of_the_correction);
     RUN_TEST(bad_samples_lose_their_weight);
     RUN_TEST(huber_bends_what_is_far);
     RUN_TEST(a_penalty_on_the_deviation_holds_back);

@@ -409,6 +409,149 @@ static void test_a_stamp_that_is_a_little_early_is_not_before_the_next_one(void)
     expect_between(2, STEP - TL_PLANT_ALIKE, TL_GOOD);
 }
 
+/* ---- conditioned ---- */
+
+/* On the line, half a message of waiting; signal 1 shows the readings of signal 0. */
+static void open_conditioned(tl_condition condition, tl_time back) {
+    input.count = 2;
+    input.limits[1] = input.limits[0];
+    input.looks[0] = (tl_plant_look){.back = back, .between = TL_BETWEEN_LINE};
+    input.looks[1] = (tl_plant_look){.shows = true, .shown = 0};
+    input.conditions[0] = condition;
+    TEST_ASSERT_TRUE(tl_plant_input_open(&input));
+}
+
+static void expect_shown(double value, tl_time stamp, tl_quality quality) {
+    TEST_ASSERT_EQUAL_DOUBLE(value, sample.values[1]);
+    TEST_ASSERT_EQUAL_INT64(stamp, sample.stamps[1]);
+    TEST_ASSERT_EQUAL_INT(quality, sample.quality[1]);
+}
+
+/* What is rejected is, for the line, as if it had never come; and is shown as it came. */
+static void test_a_line_skips_what_is_rejected(void) {
+    open_conditioned((tl_condition){.gate = 5}, 100);
+    post(10, 100, TL_GOOD);
+    post(90, 200, TL_GOOD);
+    post(14, 300, TL_GOOD);
+    tl_plant_input_take(&input, 0, 250, &sample); /* at 150 nothing but the first is there */
+    TEST_ASSERT_EQUAL_DOUBLE(10, sample.values[0]);
+    expect_shown(90, 200, TL_OUTLIER);
+    tl_plant_input_take(&input, 0, 300, &sample); /* at 200 */
+    TEST_ASSERT_EQUAL_DOUBLE(12, sample.values[0]);
+    TEST_ASSERT_EQUAL_INT(TL_GOOD, sample.quality[0]);
+    expect_shown(14, 300, TL_GOOD);
+    tl_plant_input_take(&input, 0, 350, &sample);
+    expect_shown(14, 300, TL_GOOD);
+    tl_plant_input_close(&input);
+}
+
+/* Of several in a tick each is taken, and one that is rejected is what is shown. */
+static void test_several_readings_in_a_tick(void) {
+    open_conditioned((tl_condition){.gate = 5, .median = 3}, 30);
+    for (int i = 0; i < 9; i++) {
+        post(i == 5 ? 77 : i, 10 * (i + 1), TL_GOOD);
+    }
+    tl_plant_input_take(&input, 0, 90, &sample);
+    TEST_ASSERT_EQUAL_DOUBLE(5, sample.values[0]); /* between the median of 3, 4, 6 at 50 and that of 4, 6, 7 at 70 */
+    expect_shown(77, 60, TL_OUTLIER);
+    tl_plant_input_close(&input);
+}
+
+/* A reading that is there twice is one; one that comes with an older stamp than another is none. */
+static void test_a_reading_again_is_no_reading(void) {
+    open_conditioned((tl_condition){.median = 3}, 0);
+    post(1, 10, TL_GOOD);
+    post(9, 20, TL_GOOD);
+    post(9, 20, TL_GOOD);
+    post(9, 15, TL_GOOD);
+    post(2, 30, TL_GOOD);
+    tl_plant_input_take(&input, 0, 30, &sample);
+    TEST_ASSERT_EQUAL_DOUBLE(2, sample.values[0]);
+    TEST_ASSERT_EQUAL_INT64(20, sample.stamps[0]);
+    tl_plant_input_close(&input);
+}
+
+/* As many ticks late as one likes: a sample is what it would have been. */
+static void test_a_tick_that_was_missed_sees_the_same(void) {
+    static tl_sample in_time[40];
+    const tl_condition condition = {.gate = 20, .median = 3, .low_pass = 7};
+    for (int late = 0; late < 2; late++) {
+        empty_mailboxes();
+        open_conditioned(condition, 25);
+        for (int i = 0; i < 40; i++) {
+            for (int k = 0; late == 0 ? k < 3 : i == 0 && k < 120; k++) {
+                int n = late == 0 ? 3 * i + k : k;
+                post(n % 17 == 3 ? 200 : n % 5, n * 4 + 1, TL_GOOD);
+            }
+            tl_plant_input_take(&input, i + 1, 12 * i + 9 - TL_PLANT_ALIKE, &sample);
+            for (size_t s = 0; s < 2 && late != 0; s++) {
+                TEST_ASSERT_EQUAL_MEMORY(&in_time[i].values[s], &sample.values[s], sizeof sample.values[s]);
+                TEST_ASSERT_EQUAL_INT64(in_time[i].stamps[s], sample.stamps[s]);
+                TEST_ASSERT_EQUAL_UINT8(in_time[i].quality[s], sample.quality[s]);
+            }
+            in_time[i] = sample;
+        }
+        tl_plant_input_close(&input);
+    }
+}
+
+/* What a low-pass gives of what moves evenly is that, at any instant. */
+static void test_a_low_pass_is_looked_up_where_it_belongs(void) {
+    open_conditioned((tl_condition){.low_pass = 300}, 1000);
+    for (int i = 0; i < 100; i++) {
+        post(3.0 * (500 * i + i % 3), 500 * i + i % 3, TL_GOOD);
+    }
+    for (tl_time at = 10000; at < 40000; at += 37) {
+        tl_plant_input_take(&input, 0, at + 1000, &sample);
+        TEST_ASSERT_DOUBLE_WITHIN(1e-6, 3.0 * (double)at, sample.values[0]);
+        TEST_ASSERT_EQUAL_INT64(at, sample.stamps[0]);
+    }
+    tl_plant_input_close(&input);
+}
+
+/* The last one stands: what the low-pass gave belongs to τ before its reading. */
+static void test_a_low_pass_whose_next_reading_has_not_come(void) {
+    open_conditioned((tl_condition){.low_pass = 300}, 1000);
+    input.limits[0].stale = 2000;
+    post(5, 1000, TL_GOOD);
+    tl_plant_input_take(&input, 0, 2700, &sample);
+    TEST_ASSERT_EQUAL_DOUBLE(5, sample.values[0]);
+    TEST_ASSERT_EQUAL_INT64(700, sample.stamps[0]);
+    tl_plant_input_take(&input, 0, 3700, &sample);
+    TEST_ASSERT_EQUAL_INT(TL_GOOD, sample.quality[0]);
+    tl_plant_input_take(&input, 0, 3701, &sample);
+    TEST_ASSERT_EQUAL_INT(TL_STALE, sample.quality[0]);
+    tl_plant_input_close(&input);
+}
+
+/* Stamps that are nobody's: differences of them would be more than a time holds. */
+static void test_conditioned_stamps_beyond_all(void) {
+    open_conditioned((tl_condition){.gate = 5, .median = 3, .low_pass = 10}, 10);
+    post(1, INT64_MIN + 1, TL_GOOD);
+    post(2, 20, TL_GOOD);
+    post(3, INT64_MAX, TL_GOOD);
+    post(2, 30, TL_GOOD);
+    tl_plant_input_take(&input, 0, 40, &sample);
+    TEST_ASSERT_EQUAL_DOUBLE(2, sample.values[0]);
+    expect_shown(2, 30, TL_GOOD);
+    tl_plant_input_close(&input);
+}
+
+/* What a run is given instead of its mail. */
+static void test_another_mailbox(void) {
+    open_conditioned((tl_condition){.median = 3}, 0);
+    post(1, 10, TL_GOOD);
+    post(2, 20, TL_GOOD);
+    tl_plant_input_take(&input, 0, 20, &sample);
+    input.mailboxes[0] = input.mailboxes[1];
+    post(7, 20, TL_GOOD);
+    post(3, 30, TL_GOOD);
+    tl_plant_input_take(&input, 0, 30, &sample);
+    TEST_ASSERT_EQUAL_DOUBLE(2, sample.values[0]);
+    expect_shown(3, 30, TL_GOOD);
+    tl_plant_input_close(&input);
+}
+
 int main(void) {
     UNITY_BEGIN();
     RUN_TEST(test_good);
@@ -439,5 +582,13 @@ int main(void) {
     RUN_TEST(test_a_mean_of_a_flood);
     RUN_TEST(test_a_stamp_that_is_a_little_late_is_of_the_instant);
     RUN_TEST(test_a_stamp_that_is_a_little_early_is_not_before_the_next_one);
+    RUN_TEST(test_a_line_skips_what_is_rejected);
+    RUN_TEST(test_several_readings_in_a_tick);
+    RUN_TEST(test_a_reading_again_is_no_reading);
+    RUN_TEST(test_a_tick_that_was_missed_sees_the_same);
+    RUN_TEST(test_a_low_pass_is_looked_up_where_it_belongs);
+    RUN_TEST(test_a_low_pass_whose_next_reading_has_not_come);
+    RUN_TEST(test_conditioned_stamps_beyond_all);
+    RUN_TEST(test_another_mailbox);
     return UNITY_END();
 }

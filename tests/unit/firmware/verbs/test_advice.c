@@ -164,9 +164,9 @@ static void test_a_conditioned_measurement_in_mode_ahead(void) {
     expect_advice(0, "");
     assembly.config.measurements = TL_AHEAD;
     expect_advice(1, "warnings\n"
-                     "  synchronise.match.motor.omega: its condition makes the measurement 2 samples\n"
-                     "    late, and in mode ahead no step waits for it: the newest there is belongs\n"
-                     "    to an instant 0.02 s back\n");
+                     "  synchronise.match.motor.omega: its condition makes a measurement come up to\n"
+                     "    0.02 s late, and in mode ahead no step waits for it: the newest there is\n"
+                     "    stands for it\n");
 }
 
 static void test_a_nominal_outside_its_bounds(void) {
@@ -236,14 +236,14 @@ static void test_a_low_pass_that_takes_long(void) {
     assembly.config.duration = 5 * TL_SECOND;
     expect_advice(1, "warnings\n"
                      "  synchronise.match.motor.omega: its low-pass makes the measurement 5 s late,\n"
-                     "    and a step is computed 5.01 s after its instant, which is longer than\n"
+                     "    and a step is computed 5.02 s after its instant, which is longer than\n"
                      "    duration_s\n");
     assembly.config.duration = 0;
     assembly.config.step = TL_SECOND;
-    assembly.config.match[0].condition.low_pass = 500 * TL_SECOND;
+    assembly.config.conditions[0].low_pass = 500 * TL_SECOND;
     expect_advice(1, "warnings\n"
                      "  synchronise.match.motor.omega: its low-pass makes the measurement 500 s late,\n"
-                     "    and a step is computed 501 s after its instant\n");
+                     "    and a step is computed 502 s after its instant\n");
 }
 
 int main(void) {

@@ -611,8 +611,6 @@ static void what_does_not_go_with_an_event_is_said(void) {
     assert_problem("synchronise.algorithm", "found \"secant\"");
     plan.plan.fallback = "bobyqa";
     assert_problem("synchronise.fallback", "halving");
-    plan.match[0].condition.median = 3;
-    assert_problem(plan.match[0].where, "\"condition\"");
     plan.plan.measure = (tl_plan_measure){.lags = 8, .range = STEP, .look_back = STEP};
     assert_problem("delays", "measured delays do not go with horizon.event");
     tl_test_plan_adjust(&plan, "axis.offset", 0.1);

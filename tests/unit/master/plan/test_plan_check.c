@@ -77,7 +77,6 @@ static void a_plan_of_ordinary_numbers_passes(void) {
     adjust[0].rate_penalty = 2.0;
     adjust[1].dwell = TL_SECOND;
     match[0].huber = 3.0;
-    match[1].condition = (tl_plan_condition){.median = 5, .low_pass = TL_SECOND, .gate = 2.0};
     plan.noise_floor = 0.05;
     plan.shape = TL_DYNAMIC;
     plan.measurements = TL_HOLD;
@@ -113,48 +112,6 @@ static void a_weight_is_a_number_from_zero(void) {
     expect_from_zero(&match[0].weight, "match.first", "\"weight\": found ");
 }
 
-static void a_median_has_an_odd_number_of_samples(void) {
-    for (uint32_t size = 0; size < 300; size++) {
-        match[0].condition.median = size;
-        size_t expected = size <= 1 || (size % 2 == 1 && size <= 99) ? 0 : 1;
-        TEST_ASSERT_EQUAL_UINT64(expected, problems());
-    }
-    match[0].condition.median = UINT32_MAX;
-    TEST_ASSERT_EQUAL_UINT64(1, problems());
-    match[0].condition.median = 4;
-    expect_problem("match.first",
-                   "\"condition.median\": found 4 samples, expected an odd number from 3 to 99, or 0 or 1 for none");
-}
-
-/* A longer one would delay every step by more than can be counted. */
-static void a_low_pass_is_at_most_a_thousand_steps_long(void) {
-    plan.step = TL_SECOND / 100;
-    match[0].condition.low_pass = 10 * TL_SECOND;
-    expect_none();
-    match[0].condition.low_pass = 10 * TL_SECOND + 1;
-    TEST_ASSERT_EQUAL_UINT64(1, problems());
-    match[0].condition.low_pass = INT64_MAX;
-    TEST_ASSERT_EQUAL_UINT64(1, problems());
-    match[0].condition.low_pass = 20 * TL_SECOND;
-    expect_problem("match.first",
-                   "\"condition.low_pass_s\": found 20 s, expected at most 1000 macro steps, which are 10 s");
-}
-
-static void a_low_pass_has_a_time_constant_from_zero(void) {
-    match[0].condition.low_pass = INT64_MIN;
-    TEST_ASSERT_EQUAL_UINT64(1, problems());
-    match[0].condition.low_pass = -1;
-    TEST_ASSERT_EQUAL_UINT64(1, problems());
-    match[0].condition.low_pass = -2 * TL_SECOND;
-    expect_problem("match.first", "\"condition.low_pass_s\": found -2 s, expected a time constant from 0");
-}
-
-static void a_gate_is_a_number_from_zero(void) {
-    expect_from_zero(&match[1].condition.gate, "match.second", "\"condition.gate\": found ");
-    match[1].condition.gate = -1.5;
-    expect_problem("match.second", "\"condition.gate\": found -1.5, expected a number from 0");
-}
-
 static void a_noise_floor_is_a_number_from_zero(void) {
     expect_from_zero(&plan.noise_floor, "synchronise.noise_floor", "found a noise floor of ");
     plan.noise_floor = -0.05;
@@ -185,9 +142,8 @@ static void every_problem_is_reported(void) {
     adjust[0].rate_penalty = -1.0;
     adjust[1].dwell = -1;
     match[0].huber = -1.0;
-    match[1].condition = (tl_plan_condition){.median = 2, .low_pass = -1, .gate = -1.0};
     plan.noise_floor = -1.0;
-    TEST_ASSERT_EQUAL_UINT64(8, problems());
+    TEST_ASSERT_EQUAL_UINT64(5, problems());
 }
 
 int main(void) {
@@ -197,10 +153,6 @@ int main(void) {
     RUN_TEST(a_dwell_is_a_time_from_zero);
     RUN_TEST(a_huber_limit_is_a_number_from_zero);
     RUN_TEST(a_weight_is_a_number_from_zero);
-    RUN_TEST(a_median_has_an_odd_number_of_samples);
-    RUN_TEST(a_low_pass_is_at_most_a_thousand_steps_long);
-    RUN_TEST(a_low_pass_has_a_time_constant_from_zero);
-    RUN_TEST(a_gate_is_a_number_from_zero);
     RUN_TEST(a_noise_floor_is_a_number_from_zero);
     RUN_TEST(a_margin_is_below_one);
     RUN_TEST(choices_are_among_those_there_are);

@@ -279,7 +279,6 @@ static void add_chain(const setting *set) {
     }
     tl_plan_match *match = tl_test_plan_match(&plan, "b.y", "plant.y", 0.001);
     match->huber = 3.0;
-    match->condition = (tl_plan_condition){.median = 3, .low_pass = TL_SECOND / 100, .gate = 5.0};
 }
 
 static void add_booleans(void) {

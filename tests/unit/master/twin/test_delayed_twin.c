@@ -160,45 +160,11 @@ static void nothing_is_called_before_the_inputs_of_the_start_are_there(void) {
     TEST_ASSERT_TRUE(tl_test_log_count(&call_log, NULL, TL_TEST_DO_STEP) > 0); /* the proof of its rollback */
 }
 
-/* What comes out of the median of a ramp is the ramp: y is brought onto it, as much earlier or later as is asked for. */
-static void expect_ramp(int32_t shift) {
-    make(TL_LAG, 0, shift);
-    plan.match[0].condition.median = 3;
-    tl_test_run_build(&run, &plan);
-    for (int64_t m = 0; m < TICKS; m++) {
-        run.sample.values[0] = 0.0;
-        run.sample.values[1] = 0.05 * (double)m;
-        tl_test_run_step(&run);
-        TEST_ASSERT_EQUAL_INT(TL_OK, run.status);
-        if (run.ready && run.record.step > LATEST) {
-            TEST_ASSERT_DOUBLE_WITHIN(0.06, 0.05 * (double)(run.record.step + 1 + shift), run.record.y[0]);
-        }
-    }
-}
-
-/* The median of three is a sample late, and adds to the shift. */
-static void conditioning_waits_as_well(void) {
-    for (int32_t shift = -4; shift <= 4; shift += 2) {
-        make(TL_LAG, 0, shift);
-        plan.match[0].condition.median = 3;
-        tl_test_run_build(&run, &plan);
-        TEST_ASSERT_EQUAL_UINT32((uint32_t)(3 + (shift + 1 > 0 ? shift + 1 : 0)), tl_twin_get_facts(run.twin).lead);
-        play(0, 0);
-        for (size_t i = LATEST; i < record_count; i++) {
-            TEST_ASSERT_TRUE(records[i].y_hat[0] == y_of(records[i].step + 1 + shift));
-        }
-        tl_test_run_end(&run, &plan);
-        expect_ramp(shift);
-        tl_test_run_end(&run, &plan);
-    }
-}
-
 int main(void) {
     UNITY_BEGIN();
     RUN_TEST(a_shift_is_as_if_the_plant_were_shifted);
     RUN_TEST(y_is_paired_with_the_sample_so_many_ticks_away);
     RUN_TEST(inputs_are_those_of_the_shifted_instant);
     RUN_TEST(nothing_is_called_before_the_inputs_of_the_start_are_there);
-    RUN_TEST(conditioning_waits_as_well);
     return UNITY_END();
 }

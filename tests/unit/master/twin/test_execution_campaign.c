@@ -67,7 +67,6 @@ static void choose_search(tl_test_random *random) {
         plan.adjust[i].dwell = tl_test_random_chance(random, 30) && network.booleans ? 3 * plan.plan.step : 0;
     }
     for (size_t i = 0; i < plan.plan.match_count; i++) {
-        plan.match[i].condition.median = tl_test_random_chance(random, 15) ? 3 : 0;
     }
 }
 

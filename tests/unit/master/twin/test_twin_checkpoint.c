@@ -296,15 +296,15 @@ static void expect_not_loaded(tl_status status, const char *words) {
 }
 
 static void test_bytes_that_end_too_soon_or_too_late(void) {
-    run_whole(TL_SCENE_CONDITIONED, 20);
+    run_whole(TL_SCENE_LAG, 20);
     size_t all = size;
     for (size = 0; size < all; size += size + 64 < all ? 37 : 1) {
-        tl_test_scene_build(&scene, TL_SCENE_CONDITIONED);
+        tl_test_scene_build(&scene, TL_SCENE_LAG);
         TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, tl_twin_load(run->twin, 20, bytes, size, &run->error));
         tl_test_scene_end(&scene);
     }
     size = all + 1;
-    tl_test_scene_build(&scene, TL_SCENE_CONDITIONED);
+    tl_test_scene_build(&scene, TL_SCENE_LAG);
     expect_not_loaded(TL_BAD_DATA, "bytes where");
     tl_test_scene_end(&scene);
 }

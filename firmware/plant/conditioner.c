@@ -1,0 +1,168 @@
+/* The readings of one signal, conditioned: see conditioner.h. */
+#include "firmware/plant/conditioner.h"
+
+#include <math.h>
+
+enum { PENDING = TL_CONDITIONER_LEVEL - 1 };
+
+void tl_conditioner_init(tl_conditioner *conditioner, const tl_condition *condition, tl_time stale) {
+    *conditioner = (tl_conditioner){.condition = *condition, .stale = stale, .is_empty = true, .newest = TL_TIME_NEVER};
+}
+
+/* ---- what comes out ---- */
+
+/* Readings on their way out. */
+typedef struct outputs {
+    tl_conditioner *conditioner;
+    tl_conditioned *out;
+    size_t count;
+} outputs;
+
+/* What is no newer than what has come out would be looked up in no order. */
+static void let_out(outputs *to, const tl_conditioned *conditioned) {
+    tl_time newest = to->conditioner->newest;
+    if (newest == TL_TIME_NEVER || conditioned->reading.stamp > newest) {
+        to->conditioner->newest = conditioned->reading.stamp;
+        to->out[to->count++] = *conditioned;
+    }
+}
+
+/* ---- the median ---- */
+
+/* Takes the slot that is written next out of the order; it is there, as the window is full. */
+static void forget_oldest(tl_conditioner *self, size_t slot) {
+    size_t place = 0;
+    while (self->order[place] != slot) {
+        place++;
+    }
+    for (; place + 1 < self->condition.median; place++) {
+        self->order[place] = self->order[place + 1];
+    }
+}
+
+static void put_in_order(tl_conditioner *self, size_t slot, size_t others) {
+    size_t place = others;
+    for (; place > 0 && self->window[self->order[place - 1]].value > self->window[slot].value; place--) {
+        self->order[place] = self->order[place - 1];
+    }
+    self->order[place] = slot;
+}
+
+/* False: there is an even number of readings, which has no middle. */
+static bool find_median(tl_conditioner *self, const tl_reading *reading, tl_reading *middle) {
+    size_t size = self->condition.median;
+    if (size <= 1) {
+        *middle = *reading;
+        return true;
+    }
+    size_t slot = self->count % size;
+    size_t kept = self->count < size ? self->count : size - 1;
+    if (self->count >= size) {
+        forget_oldest(self, slot);
+    }
+    self->window[slot] = *reading;
+    put_in_order(self, slot, kept);
+    self->count++;
+    middle->value = self->window[self->order[kept / 2]].value;
+    middle->stamp = self->window[(self->count - 1 - kept / 2) % size].stamp;
+    middle->quality = TL_GOOD;
+    return kept % 2 == 0;
+}
+
+/* ---- the low-pass ---- */
+
+/* While x goes evenly from x0 to x1, y goes to x1 − r·a + (y0 − x0)·(1 − a) with a = 1 − exp(−Δt/τ), r = (x1 − x0)·τ/Δt. */
+static double follow(tl_time low_pass, const tl_conditioned *before, const tl_reading *after) {
+    double stretch = (double)(after->stamp - before->reading.stamp) / (double)low_pass;
+    double share = -expm1(-stretch);
+    double from = before->reading.value;
+    return after->value - (after->value - from) / stretch * share + (before->smooth - from) * (1.0 - share);
+}
+
+double tl_conditioner_between(tl_time low_pass, const tl_conditioned *before, const tl_reading *after, tl_time at) {
+    const tl_reading *from = &before->reading;
+    double share = (double)(at - from->stamp) / (double)(after->stamp - from->stamp);
+    const tl_reading there = {.value = from->value + share * (after->value - from->value), .stamp = at};
+    return follow(low_pass, before, &there);
+}
+
+static tl_conditioned pass(tl_conditioner *self, const tl_reading *reading) {
+    tl_conditioned passed = {.reading = *reading, .smooth = reading->value};
+    if (self->condition.low_pass > 0 && !self->is_empty) {
+        double smooth = follow(self->condition.low_pass, &self->heard, reading);
+        passed.smooth = isfinite(smooth) ? smooth : reading->value;
+    }
+    self->is_empty = false;
+    self->heard = passed;
+    return passed;
+}
+
+static void start_anew(tl_conditioner *self) {
+    self->count = 0;
+    self->is_empty = true;
+}
+
+static void filter(outputs *to, const tl_reading *reading) {
+    tl_reading middle;
+    if (find_median(to->conditioner, reading, &middle)) {
+        const tl_conditioned passed = pass(to->conditioner, &middle);
+        let_out(to, &passed);
+    }
+}
+
+/* ---- the gate ---- */
+
+static bool is_near(const tl_conditioner *self, const tl_reading *one, const tl_reading *other) {
+    return self->condition.gate <= 0.0 || fabs(one->value - other->value) <= self->condition.gate;
+}
+
+/* Whether a reading is the third in a row that agree with each other. */
+static bool is_new_level(const tl_conditioner *self, const tl_reading *reading) {
+    const tl_reading *pending = self->pending;
+    return self->pending_count == PENDING && is_near(self, &pending[0], &pending[1]) &&
+           is_near(self, &pending[0], reading) && is_near(self, &pending[1], reading);
+}
+
+/* The last PENDING are kept. */
+static void keep_pending(tl_conditioner *self, const tl_reading *reading) {
+    if (self->pending_count == PENDING) {
+        self->pending[0] = self->pending[1];
+        self->pending_count--;
+    }
+    self->pending[self->pending_count++] = *reading;
+}
+
+static bool is_lost(const tl_conditioner *self, const tl_reading *reading) {
+    return !self->has_accepted || self->since > TL_CONDITIONER_GAP ||
+           (self->stale > 0 && reading->stamp - self->accepted.stamp > self->stale);
+}
+
+size_t tl_conditioner_take(tl_conditioner *conditioner, const tl_reading *reading, bool *is_rejected,
+                           tl_conditioned out[TL_CONDITIONER_LEVEL]) {
+    outputs to = {.conditioner = conditioner, .out = out};
+    bool is_good = reading->quality == TL_GOOD;
+    *is_rejected = false;
+    if (is_good && is_lost(conditioner, reading)) {
+        start_anew(conditioner);
+    } else if (is_good && !is_near(conditioner, &conditioner->accepted, reading)) {
+        *is_rejected = !is_new_level(conditioner, reading);
+        if (!*is_rejected) {
+            start_anew(conditioner);
+            filter(&to, &conditioner->pending[0]);
+            filter(&to, &conditioner->pending[1]);
+        }
+    }
+    if (*is_rejected) {
+        keep_pending(conditioner, reading);
+    } else if (is_good) {
+        filter(&to, reading);
+        conditioner->accepted = *reading;
+        conditioner->has_accepted = true;
+        conditioner->pending_count = 0;
+    } else {
+        let_out(&to, &(tl_conditioned){.reading = *reading, .smooth = reading->value});
+    }
+    bool is_accepted = is_good && !*is_rejected;
+    conditioner->since = is_accepted ? 0 : conditioner->since + 1;
+    return to.count;
+}

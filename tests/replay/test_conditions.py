@@ -1,0 +1,100 @@
+#!/usr/bin/env python3
+"""What is done to readings before they are matched: bad messages, of which one in fifty is, do not lead a twin astray, nor do they get lost."""
+import csv
+import random
+import sqlite3
+
+import brakes
+from truth import true_mse
+from twinlock_test import (PROGRAM, at_least, at_most, config_path, edited_config, expect, main, read_table, replay_csv, run_well,
+                           scratch)
+
+SEEDS = (7001, 7002, 7003)
+GATE = 8.0
+
+
+def spoil(recording, seed):
+    """(A recording in which one reading in fifty, but for the first and those behind the end of a run, is 10 to 40 rad/s off; the bad values)."""
+    choice, bad = random.Random(seed), []
+    with open(recording, encoding="utf-8", newline="") as file:
+        rows = list(csv.DictReader(file))
+    for row in rows[1:]:
+        if choice.random() < 0.02 and float(row["t"]) < 14.0:
+            row["omega"] = repr(float(row["omega"]) + choice.choice((-1, 1)) * choice.uniform(10, 40))
+            bad.append(float(row["omega"]))
+    path = recording.with_name(f"spoilt-{seed}.csv")
+    with open(path, "w", encoding="utf-8", newline="") as file:
+        writer = csv.DictWriter(file, rows[0])
+        writer.writeheader()
+        writer.writerows(rows)
+    return path, bad
+
+
+def lock(**condition):
+    return edited_config("motor/lock.json", {"synchronise": {"match": {"motor.omega": {"condition": condition or None}}}})
+
+
+def query(database, text):
+    with sqlite3.connect(f"file:{database}?mode=ro", uri=True) as connection:
+        return connection.execute(text).fetchall()
+
+
+def test_outliers():
+    """One reading in fifty: the gate, or a median of readings, in place of 4 to 13 (rad/s)\u00b2 without."""
+    truth = read_table(brakes.make_recording(PROGRAM, scratch(), 1, exact=True))
+    for seed in SEEDS:
+        recording, bad = spoil(brakes.make_recording(PROGRAM, scratch(), seed), seed)
+        expect(len(bad) > 3, f"{seed}: {len(bad)} bad readings")
+        without = true_mse(replay_csv(lock(), "--recording", recording), "motor.omega", truth, "omega", 0.01)
+        for name, condition, limit in (("gate", {"gate": GATE, "low_pass_s": 0.02}, 0.15), ("median", {"median": 5}, 0.2),
+                                       ("wide median", {"median": 9}, 0.3)):
+            error = true_mse(replay_csv(lock(**condition), "--recording", recording), "motor.omega", truth, "omega", 0.01)
+            at_most(error, limit, f"{name}, {seed}: MSE against the true speed, (rad/s)\u00b2")
+            at_least(without / error, 5, f"{name}, {seed}: what it is without")
+
+
+def test_what_is_rejected_stands_in_the_database():
+    recording, bad = spoil(brakes.make_recording(PROGRAM, scratch(), SEEDS[0]), 99)
+    database = scratch() / "run.db"
+    run_well(["replay", lock(gate=GATE), "--recording", recording, "--db", database])
+    rows = query(database, "SELECT DISTINCT s.value, s.stamp_ns FROM samples s JOIN signals n USING (run, signal) "
+                           "WHERE n.kind = 'plant' AND n.name = 'plant.omega@reading' AND s.quality = 5 ORDER BY s.stamp_ns")
+    expect([value for value, _ in rows] == bad, f"{rows}, not {bad}")
+    told = [text for text, in query(database, "SELECT text FROM events WHERE source = 'plant' ORDER BY event")]
+    expect(len(told) == min(len(bad), 10) and all("rejected" in text and "gate of 8" in text for text in told), told)
+    for value, text in zip(bad, told):
+        expect(f"a reading of {value:.6g} " in text, f"{value}: {text}")
+    expect(query(database, "SELECT count(*) FROM outputs WHERE quality != 0") == [(0,)], "a reading that is rejected is no gap")
+
+
+def test_a_run_is_repeated_to_the_bit():
+    """By its own configuration; by another one its readings are conditioned anew, as they came."""
+    recording, _ = spoil(brakes.make_recording(PROGRAM, scratch(), SEEDS[1]), 5)
+    database, columns = scratch() / "run.db", ("motor.omega", "plant.omega", "motor.d", "J")
+    gated, median = lock(gate=GATE, low_pass_s=0.02), lock(median=5)
+    first = replay_csv(gated, "--recording", recording, "--db", database)
+    again = replay_csv(gated, "--recording", database)
+    expect(all(first[name] == again[name] for name in columns), "another run")
+    directly = replay_csv(median, "--recording", recording)
+    anew = replay_csv(median, "--recording", database)
+    steps = len(anew["time"])  # the median waits longer, and the database ends with the run
+    expect(steps > 1380, f"{steps} steps")
+    expect(all(directly[name][:steps] == anew[name] for name in columns), "readings that were conditioned twice")
+
+
+def test_a_step_is_followed_after_three_readings():
+    """A plant that jumps, at a message a step: the third message is believed, and so are the two before it."""
+    path = scratch() / "step.csv"
+    path.write_text("t,omega,M_brake\n" + "".join(f"{i * 0.01:.2f},{40 if i < 50 else 80},0\n" for i in range(120)), encoding="utf-8")
+    rows = replay_csv(edited_config("motor/lock.json", {"delays": None, "plant": {"omega": {"every_s": 0.01}}, "synchronise": {
+        "match": {"motor.omega": {"condition": {"low_pass_s": None, "gate": 5}, "tolerance": 1000}}}}), "--recording", path)
+    seen = {round(at / 0.01): value for at, value in zip(rows["time"], rows["plant.omega"])}
+    expect([seen[i] for i in (49, 50, 51, 52, 53)] == [40, 40, 80, 80, 80], f"{[seen[i] for i in range(48, 55)]}")
+
+
+def test_the_shipped_bench_checks():
+    expect("a step waits for the next one" in run_well(["check", config_path("motor/lock.json")]), "the wait is told")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,295 @@
+/* Conditioning of readings: gate, median, low-pass, what is not good, gaps; and that what comes out belongs to its stamp. */
+#include <float.h>
+#include <math.h>
+#include <string.h>
+#include <unity.h>
+
+#include "firmware/plant/conditioner.h"
+#include "tests/support/random_numbers.h"
+
+enum { MOST = 99 };
+
+static const tl_time MS = TL_SECOND / 1000;
+
+static tl_conditioner conditioner;
+static tl_conditioned out[TL_CONDITIONER_LEVEL];
+static bool is_rejected;
+static tl_time now;
+
+void setUp(void) {}
+
+void tearDown(void) {}
+
+static void create(tl_condition condition) {
+    tl_conditioner_init(&conditioner, &condition, 0);
+    now = 0;
+}
+
+/* The next reading, so much later; how many came out. */
+static size_t take_after(tl_time wait, double value, tl_quality quality) {
+    now += wait;
+    const tl_reading reading = {.value = value, .stamp = now, .quality = quality};
+    return tl_conditioner_take(&conditioner, &reading, &is_rejected, out);
+}
+
+static size_t take(double value) {
+    return take_after(10 * MS, value, TL_GOOD);
+}
+
+static void expect_one(size_t count, double value, tl_time stamp) {
+    TEST_ASSERT_EQUAL_size_t(1, count);
+    TEST_ASSERT_EQUAL_MEMORY(&value, &out[0].reading.value, sizeof value);
+    TEST_ASSERT_EQUAL_INT64(stamp, out[0].reading.stamp);
+    TEST_ASSERT_EQUAL_INT(TL_GOOD, out[0].reading.quality);
+    TEST_ASSERT_FALSE(is_rejected);
+}
+
+/* Under the stamp of the newest reading. */
+static void expect_here(size_t count, double value) {
+    expect_one(count, value, now);
+}
+
+static void expect_rejected(double value) {
+    TEST_ASSERT_EQUAL_size_t(0, take(value));
+    TEST_ASSERT_TRUE(is_rejected);
+}
+
+/* ---- nothing is done where nothing is asked for ---- */
+
+static void what_is_asked_for_is_needed(void) {
+    TEST_ASSERT_FALSE(tl_condition_is_needed(&(tl_condition){0}));
+    TEST_ASSERT_FALSE(tl_condition_is_needed(&(tl_condition){.median = 1}));
+    TEST_ASSERT_TRUE(tl_condition_is_needed(&(tl_condition){.median = 3}));
+    TEST_ASSERT_TRUE(tl_condition_is_needed(&(tl_condition){.low_pass = 1}));
+    TEST_ASSERT_TRUE(tl_condition_is_needed(&(tl_condition){.gate = 1e-300}));
+}
+
+static void without_conditioning_every_bit_passes(void) {
+    static const double values[] = {0.1, -0.0, 0.0, DBL_MAX, -DBL_MAX, 4.9e-324, -1.0 / 3.0, 1e9};
+    create((tl_condition){.median = 1});
+    for (size_t i = 0; i < sizeof values / sizeof *values; i++) {
+        expect_here(take(values[i]), values[i]);
+    }
+}
+
+/* ---- median ---- */
+
+/* Until all have come, of as many as there are if that is odd. */
+static void a_median_belongs_to_the_reading_in_its_middle(void) {
+    create((tl_condition){.median = 5});
+    expect_one(take(3), 3, 10 * MS);
+    TEST_ASSERT_EQUAL_size_t(0, take(1));
+    expect_one(take(2), 2, 20 * MS);
+    TEST_ASSERT_EQUAL_size_t(0, take(9));
+    expect_one(take(8), 3, 30 * MS);
+    expect_one(take(7), 7, 40 * MS); /* 1 2 9 8 7 */
+    expect_one(take(-5), 7, 50 * MS);
+    expect_one(take(-6), 7, 60 * MS); /* 9 8 7 −5 −6 */
+    expect_one(take(-7), -5, 70 * MS);
+}
+
+/* Of a sequence, by sorting each window. */
+static void the_median_is_that_of_its_window(void) {
+    static double values[1000];
+    uint32_t seed = 5;
+    for (uint32_t size = 3; size <= MOST; size += 16) {
+        create((tl_condition){.median = size});
+        for (size_t i = 0; i < 1000; i++) {
+            values[i] = (double)tl_test_any(&seed, 40);
+            size_t count = take(values[i]);
+            if (i + 1 < size) {
+                continue;
+            }
+            size_t below = 0;
+            size_t equal = 0;
+            for (size_t k = i + 1 - size; k <= i; k++) {
+                below += values[k] < out[0].reading.value ? 1 : 0;
+                equal += values[k] <= out[0].reading.value && values[k] >= out[0].reading.value ? 1 : 0;
+            }
+            TEST_ASSERT_EQUAL_size_t(1, count);
+            TEST_ASSERT_TRUE(below <= size / 2 && below + equal > size / 2);
+        }
+    }
+}
+
+/* ---- low-pass ---- */
+
+static const tl_time TAU = 30 * TL_SECOND / 1000;
+
+/* What comes out of it in the middle between what came out before and this, and at this. */
+static double smooth_in_the_middle(const tl_conditioned *before) {
+    tl_time middle = before->reading.stamp + (out[0].reading.stamp - before->reading.stamp) / 2;
+    return tl_conditioner_between(TAU, before, &out[0].reading, middle);
+}
+
+/* Messages come when they like: what moves evenly comes out τ later, at and between them, once its beginning is forgotten. */
+static void a_low_pass_lags_a_ramp_by_its_time_constant(void) {
+    uint32_t seed = 3;
+    tl_conditioned before = {.smooth = 0};
+    create((tl_condition){.low_pass = TAU});
+    for (int i = 0; i < 1000; i++) {
+        tl_time wait = (tl_time)(25 + tl_test_any(&seed, 16)) * MS;
+        TEST_ASSERT_EQUAL_size_t(1, take_after(wait, 2.0 + 5.0 * tl_seconds(now + wait), TL_GOOD));
+        if (i > 40) {
+            double half = 0.5 * tl_seconds(now - before.reading.stamp);
+            TEST_ASSERT_DOUBLE_WITHIN(1e-9, 2.0 + 5.0 * tl_seconds(now - TAU), out[0].smooth);
+            TEST_ASSERT_DOUBLE_WITHIN(1e-6, out[0].smooth - 5.0 * half, smooth_in_the_middle(&before));
+        }
+        before = out[0];
+    }
+}
+
+/* It is the solution of τ dy/dt = x − y: as if readings of the line had come a thousand times as often. */
+static void a_low_pass_is_the_same_however_often_its_line_is_read(void) {
+    static const double values[] = {1, 5, -3, 4, 4, 4, 0};
+    tl_conditioner often;
+    tl_conditioned fine[TL_CONDITIONER_LEVEL];
+    const tl_condition condition = {.low_pass = TAU};
+    tl_conditioner_init(&often, &condition, 0);
+    create(condition);
+    for (size_t i = 0; i < sizeof values / sizeof *values; i++) {
+        double from = i == 0 ? values[0] : values[i - 1];
+        for (int k = 1; k <= 1000; k++) {
+            const tl_reading reading = {.value = from + (values[i] - from) * k / 1000, .stamp = now + k * MS / 100};
+            (void)tl_conditioner_take(&often, &reading, &is_rejected, fine);
+        }
+        (void)take_after(10 * MS, values[i], TL_GOOD);
+        TEST_ASSERT_DOUBLE_WITHIN(i == 0 ? 1e-12 : 1e-6, fine[0].smooth, out[0].smooth);
+    }
+}
+
+/* Nothing that is finite makes it forget what a number is. */
+static void the_largest_numbers_pass(void) {
+    create((tl_condition){.low_pass = 10 * MS});
+    for (int i = 0; i < 10; i++) {
+        (void)take(i % 2 == 0 ? DBL_MAX : -DBL_MAX);
+        TEST_ASSERT_TRUE(isfinite(out[0].smooth));
+    }
+    for (int i = 0; i < 2000; i++) {
+        (void)take(1.0);
+    }
+    TEST_ASSERT_DOUBLE_WITHIN(1e-9, 1.0, out[0].smooth);
+}
+
+/* ---- gate ---- */
+
+static void one_wild_reading_is_rejected(void) {
+    create((tl_condition){.gate = 5});
+    expect_here(take(100), 100); /* the first one, unseen */
+    expect_rejected(106);
+    expect_here(take(105), 105);
+    expect_rejected(99);
+    expect_rejected(111);
+    expect_here(take(101), 101);
+}
+
+static void the_third_reading_of_a_new_level_is_accepted(void) {
+    create((tl_condition){.gate = 5});
+    (void)take(100);
+    expect_rejected(200);
+    expect_rejected(203);
+    TEST_ASSERT_EQUAL_size_t(3, take(198));
+    TEST_ASSERT_FALSE(is_rejected);
+    for (size_t i = 0; i < 3; i++) {
+        static const double values[] = {200, 203, 198};
+        TEST_ASSERT_EQUAL_DOUBLE(values[i], out[i].reading.value);
+        TEST_ASSERT_EQUAL_INT64(now - (tl_time)(2 - i) * 10 * MS, out[i].reading.stamp);
+    }
+    expect_here(take(202), 202);
+}
+
+static void three_that_do_not_agree_are_no_level(void) {
+    create((tl_condition){.gate = 5});
+    (void)take(100);
+    expect_rejected(200);
+    expect_rejected(150);
+    expect_rejected(152);
+    TEST_ASSERT_EQUAL_size_t(3, take(154));
+}
+
+/* A reading that is not good neither makes nor breaks the row. */
+static void a_row_goes_on_behind_a_bad_reading(void) {
+    create((tl_condition){.gate = 5});
+    (void)take(100);
+    expect_rejected(200);
+    expect_rejected(201);
+    TEST_ASSERT_EQUAL_size_t(1, take_after(10 * MS, 0, TL_NO_LINK));
+    TEST_ASSERT_EQUAL_INT(TL_NO_LINK, out[0].reading.quality);
+    /* What came before the reading that was not good comes too late to be looked up. */
+    expect_here(take(202), 202);
+}
+
+/* Nothing of the old level is in what the filters give. */
+static void the_filters_begin_anew_at_a_new_level(void) {
+    create((tl_condition){.gate = 5, .median = 3, .low_pass = 1000 * MS});
+    for (int i = 0; i < 50; i++) {
+        (void)take(100);
+    }
+    expect_rejected(200);
+    expect_rejected(200);
+    TEST_ASSERT_EQUAL_size_t(2, take(200)); /* the first alone, and the middle of three */
+    TEST_ASSERT_EQUAL_DOUBLE(200, out[0].reading.value);
+    TEST_ASSERT_EQUAL_DOUBLE(200, out[1].reading.value);
+    TEST_ASSERT_EQUAL_DOUBLE(200, out[1].smooth);
+}
+
+/* ---- gaps ---- */
+
+static void after_a_gap_any_reading_is_accepted(void) {
+    create((tl_condition){.gate = 5});
+    (void)take(100);
+    for (int i = 0; i < TL_CONDITIONER_GAP; i++) {
+        (void)take_after(10 * MS, 0, TL_OUT_OF_RANGE);
+    }
+    expect_rejected(200);
+    expect_here(take(300), 300);
+}
+
+static void after_what_makes_one_stale_any_reading_is_accepted(void) {
+    static const tl_condition condition = {.gate = 5};
+    tl_conditioner_init(&conditioner, &condition, 200 * MS);
+    now = 0;
+    (void)take(100);
+    TEST_ASSERT_EQUAL_size_t(0, take_after(200 * MS, 200, TL_GOOD));
+    expect_here(take_after(1, 300, TL_GOOD), 300);
+}
+
+/* What comes out is in order, whatever comes in: of all kinds of conditions and of readings. */
+static void stamps_go_up(void) {
+    uint32_t seed = 11;
+    for (int i = 0; i < 200; i++) {
+        tl_time newest = -1;
+        create((tl_condition){.gate = (double)tl_test_any(&seed, 3),
+                              .median = 2 * tl_test_any(&seed, 5) + 1,
+                              .low_pass = (tl_time)tl_test_any(&seed, 3) * 20 * MS});
+        for (int k = 0; k < 300; k++) {
+            tl_quality quality = tl_test_any(&seed, 5) == 0 ? TL_NO_LINK : TL_GOOD;
+            size_t count = take_after(1 + (tl_time)tl_test_any(&seed, 30) * MS, tl_test_any(&seed, 7), quality);
+            TEST_ASSERT_TRUE(count <= TL_CONDITIONER_LEVEL && !(is_rejected && count != 0));
+            for (size_t n = 0; n < count; n++) {
+                TEST_ASSERT_TRUE(out[n].reading.stamp > newest && out[n].reading.stamp <= now);
+                newest = out[n].reading.stamp;
+            }
+        }
+    }
+}
+
+int main(void) {
+    UNITY_BEGIN();
+    RUN_TEST(what_is_asked_for_is_needed);
+    RUN_TEST(without_conditioning_every_bit_passes);
+    RUN_TEST(a_median_belongs_to_the_reading_in_its_middle);
+    RUN_TEST(the_median_is_that_of_its_window);
+    RUN_TEST(a_low_pass_lags_a_ramp_by_its_time_constant);
+    RUN_TEST(a_low_pass_is_the_same_however_often_its_line_is_read);
+    RUN_TEST(the_largest_numbers_pass);
+    RUN_TEST(one_wild_reading_is_rejected);
+    RUN_TEST(the_third_reading_of_a_new_level_is_accepted);
+    RUN_TEST(three_that_do_not_agree_are_no_level);
+    RUN_TEST(a_row_goes_on_behind_a_bad_reading);
+    RUN_TEST(the_filters_begin_anew_at_a_new_level);
+    RUN_TEST(after_a_gap_any_reading_is_accepted);
+    RUN_TEST(after_what_makes_one_stale_any_reading_is_accepted);
+    RUN_TEST(stamps_go_up);
+    return UNITY_END();
+}
