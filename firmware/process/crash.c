@@ -178,11 +178,11 @@ static void on_crash(int number, siginfo_t *info, void *context) {
             call(&signal->before, number, info, context);
         }
     }
+    /* It comes as soon as this returns. Not every signal would come back by itself, as a fault does: one that was sent, with whatever code, and one that
+     * the kernel sends for a call (uretprobe on x86-64 outside of a probe) do not, and what was told as a crash would go on. */
     const struct sigaction standard = {.sa_handler = SIG_DFL};
     (void)sigaction(number, &standard, NULL);
-    if (info->si_code <= 0) {
-        (void)raise(number); /* sent by somebody: it does not come back by itself, as a fault does */
-    }
+    (void)raise(number);
 }
 
 /* ---- installing ---- */

@@ -133,6 +133,20 @@ def test_handlers_of_the_fmus_own():
         expect_crash(args, "FMU hostile crashed in fmi2DoStep: Floating point exception; ")
 
 
+def test_a_signal_with_a_code_of_its_own():
+    """As the kernel gives one to a fault, which comes back by itself, and this does not."""
+    for code in ("SI_KERNEL", "ILL_ILLOPC"):
+        how = f"siginfo_t told = {{.si_signo = SIGILL, .si_code = {code}}}; (void)syscall(SYS_rt_tgsigqueueinfo, getpid(), gettid(), SIGILL, &told);"
+        for args in verbs(config(make("end", AT="fmi2DoStep", HOW=how))):
+            expect_crash(args, "FMU hostile crashed in fmi2DoStep: Illegal instruction; ")
+
+
+def test_signals_that_end_a_process_and_are_no_crash():
+    for how, number in (("(void)kill(getpid(), SIGKILL);", 9), ("(void)raise(SIGALRM);", 14)):
+        for args in verbs(config(make("end", AT="fmi2DoStep", HOW=how))):
+            expect_crash(args, f"was ended by signal {number}")
+
+
 # ---- exit() ----
 
 def test_an_fmu_that_ends_the_process():
@@ -202,6 +216,15 @@ def test_a_call_that_never_returns():
     with closing(sqlite3.connect(database)) as connection:
         at_least(connection.execute("SELECT count(*) FROM steps").fetchone()[0], 58, "steps in the database")
         expect(connection.execute("SELECT text FROM events WHERE source = 'twin'").fetchall() == [(said,)], "no event")
+
+
+def test_a_thread_that_ends_itself():
+    """That of the FMUs: it never returns."""
+    for how, verb in (("pthread_exit(NULL);", "plant"), ("(void)syscall(SYS_exit, 0);", "replay")):
+        path = config(make("end", AT="fmi2DoStep", HOW=how))
+        options = ("--record", scratch() / "rows.csv") if verb == "plant" else ()
+        code, _, log = run((verb, path, "--call-limit", "1", *options))
+        expect(code == 70 and "FMU hostile has not returned from fmi2DoStep for 1 s" in log, f"{verb} ended with {code}\n{log}")
 
 
 def test_limits_that_are_none():

@@ -1,9 +1,11 @@
 /* Ends the process in the function AT, the CALL-th time that it is called, by HOW, which is a statement. */
 #include "tests/fmu/hostile/hostile.h"
 
+#include <pthread.h>
 #include <signal.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/syscall.h>
 #include <unistd.h>
 
 #ifndef CALL
