@@ -193,6 +193,18 @@ static bool write_line(tl_log_level level, const char *text, bool wait) {
     return length > 0 && write_all(line, (size_t)length);
 }
 
+static bool error_said;
+
+static void note(int level) {
+    if (level == (int)TL_LOG_ERROR) {
+        __atomic_store_n(&error_said, true, __ATOMIC_RELAXED);
+    }
+}
+
+bool tl_log_has_said_error(void) {
+    return __atomic_load_n(&error_said, __ATOMIC_RELAXED);
+}
+
 static bool is_wanted(int level) {
     return level <= __atomic_load_n(&top_level, __ATOMIC_RELAXED);
 }
@@ -208,6 +220,7 @@ void tl_log(tl_log_level level, const char *format, ...) {
     format_text(text, format, arguments);
     va_end(arguments);
     (void)write_line(level, text, true);
+    note((int)level);
     errno = saved;
 }
 
@@ -252,6 +265,9 @@ bool tl_log_foreign(int level, const char *line, int patience) {
     foreign_prefix(level, prefix);
     int length = snprintf(whole, sizeof whole, "%s%s%.*s\n", wipe(), prefix, (int)TL_LOG_PLAIN, line);
     bool done = write_patiently(whole, length > 0 ? (size_t)length : 0, patience);
+    if (done) {
+        note(level);
+    }
     errno = saved;
     return done;
 }

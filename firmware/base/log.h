@@ -47,6 +47,9 @@ void tl_log_plain(const char *line);
  * `patience` ms for each part that stderr is to take. False: it takes nothing; the line, or its rest, is left out. */
 bool tl_log_foreign(int level, const char *line, int patience);
 
+/* Whether an error was logged, of this process or of another one for which it logs. Any thread. */
+bool tl_log_has_said_error(void);
+
 /* Of a line of a process that uses levels: its level, and *text is what follows. Any other is TL_LOG_FOREIGN, and all of it is the text. */
 int tl_log_level_of(const char *line, const char **text);
 

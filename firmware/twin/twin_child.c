@@ -348,6 +348,9 @@ void tl_twin_child_stop(tl_twin_child *child) {
 /* It has said its last word. Unasked it does so only if it can go on no more; else a run would look shorter than it was to be. */
 static tl_status take_last_word(tl_twin_child *child, bool *stopped, tl_error *error) {
     *stopped = true;
+    if (child->last_status != TL_OK && child->last_status != TL_INTERRUPTED && child->last_error.text[0] == '\0') {
+        return tl_fail(error, child->last_status, "the process of the FMUs has ended, and does not say why");
+    }
     if (child->last_status != TL_OK) {
         *error = child->last_error;
         return child->last_status;

@@ -55,6 +55,9 @@ int tl_verb_job_end(tl_verb_job *job, tl_status status) {
         tl_log(TL_LOG_ERROR, "%s", error.text);
         status = status == TL_OK || status == TL_NOT_LOCKED ? error.status : status;
     }
+    if (job->child != NULL && is_of_fmus(status) && !job->counts_problems && !tl_log_has_said_error()) {
+        tl_log(TL_LOG_ERROR, "the process of the FMUs has failed, and does not say why");
+    }
     if (job->child != NULL && is_of_fmus(status) && tl_twin_child_was_refused(job->child)) {
         tl_log(TL_LOG_NOTICE,
                "if the FMU needs what it was refused, and is trusted, --unconfined permits it, or \"unconfined\": true "

@@ -21,6 +21,11 @@ from twinlock_test import PATIENCE, SANITIZER, at_least, at_most, expect, finish
 CLONE_FS, CLONE_FILES = 0x200, 0x400
 
 
+def recording():
+    """What `plant` needs besides, for a process of its own."""
+    return ("--record", scratch() / "rows.csv")
+
+
 def seconds_of(*args, **options):
     begun = time.monotonic()
     code, out, log = run(args, **options)
@@ -63,6 +68,11 @@ def test_hammering_does_not_keep_the_call_limit_away():
     expect_end(("replay", config(make("liar", HOW="hammer")), "--call-limit", "2"), "has not returned from fmi2DoStep for 2 s", 20)
 
 
+def test_hammering_does_not_keep_the_call_limit_away_of_a_plant():
+    expect_end(("plant", config(make("liar", HOW="hammer")), *recording(), "--call-limit", "1"),
+               "has not returned from fmi2DoStep for 1 s", 20)
+
+
 def test_hammering_does_not_keep_signals_away():
     program = Background("replay", config(make("liar", HOW="hammer")))
     program.wait_for("hanging")
@@ -92,6 +102,10 @@ def test_lies_about_calls_do_not_last():
             at_most(lasted, most * PATIENCE, f"seconds of {how}")
 
 
+def test_lies_about_calls_do_not_last_on_a_plant():
+    expect_end(("plant", config(make("liar", HOW="no call")), *recording(), "--call-limit", "0.1"), "s nothing came of it", 20)
+
+
 def test_lies_about_calls_do_not_keep_signals_away():
     programs = [Background("replay", config(make("liar", HOW=how))) for how in ("no call", "toggle", "begun")]
     for program in programs:
@@ -110,6 +124,8 @@ def test_signals_to_itself_change_nothing():
     _, wanted, _ = run(("replay", config(make("good")), "--json"))
     for number in (signal.SIGINT, signal.SIGTERM):
         fmu = make("liar", HOW="signal", NUMBER=int(number))
+        code, _, log = run(("plant", config(fmu), *recording()))
+        expect(code == 0 and "played to the end" in log, f"plant ended with {code}\n{log}")
         code, out, log = run(("replay", config(fmu), "--json", "--call-limit", "2"))
         expect(code == 0 and json.loads(out)["steps"] == json.loads(wanted)["steps"], f"replay ended with {code}\n{log}")
 
@@ -125,24 +141,40 @@ def test_a_signal_that_comes_early_ends_in_order():
         expect(code in (75, -signal.SIGINT) and "ended by signal" not in log, f"after {wait} ms it ended with {code}\n{log}")
 
 
+# ---- lies about its end ----
+
+def test_who_fails_and_does_not_say_why_is_told():
+    """By its last word in a step; and by the one after building, for which it has a log of its own."""
+    ended, built = 6, 4
+    last, first = make("liar", HOW="failed", NUMBER=ended), make("liar", HOW="failed", NUMBER=built, AT="fmi2Instantiate", CALL=1)
+    silent = "the process of the FMUs has ended, and does not say why"
+    for fmu, verb, options, said in ((last, "replay", (), silent), (last, "plant", recording(), silent),
+                                     (first, "replay", (), "the process of the FMUs has failed, and does not say why"),
+                                     (first, "plant", recording(), "the plant's model could not be built")):
+        code, _, log = run((verb, config(fmu), *options))
+        expect(code == 70 and log.count("twinlock: error: ") == 1 and f"{said}\n" in log, f"{verb} ended with {code}\n{log}")
+
+
 # ---- what a thread has besides ----
 
 def test_no_thread_has_descriptors_of_its_own():
-    for flags in (0, CLONE_FILES, CLONE_FS):
-        code, _, log = run(("replay", config(make("liar", HOW="pipes", NUMBER=flags))))
-        expect(code == 0 and "a thread apart: Operation not permitted" in log, f"ended with {code}\n{log}")
-    code, _, log = run(("replay", config(make("liar", HOW="unshare"))))
-    expect(code == 0 and "descriptors apart: Operation not permitted" in log, f"ended with {code}\n{log}")
+    for verb, options in (("replay", tuple), ("plant", recording)):
+        for flags in (0, CLONE_FILES, CLONE_FS):
+            code, _, log = run((verb, config(make("liar", HOW="pipes", NUMBER=flags)), *options()))
+            expect(code == 0 and "a thread apart: Operation not permitted" in log, f"ended with {code}\n{log}")
+        code, _, log = run((verb, config(make("liar", HOW="unshare")), *options()))
+        expect(code == 0 and "descriptors apart: Operation not permitted" in log, f"ended with {code}\n{log}")
 
 
 # ---- what it finds around it ----
 
 def test_secrets_in_the_environment_are_not_handed_on():
     path = config(make("liar", HOW="environment"))
-    for options, secret in (((), False), (("--unconfined",), True)):
+    for command, secret in ((("replay", path), False), (("replay", path, "--unconfined"), True),
+                            (("plant", path, *recording()), False), (("plant", path, "--unconfined", *recording()), True)):
         with mock.patch.dict(os.environ, {"MY_SECRET": "4711", "TZ": "Europe/Berlin", "OMP_NUM_THREADS": "1"}):
-            code, _, log = run(("replay", path, *options))
-        expect(code == 0 and ("MY_SECRET" in log) == secret, f"{options}: ended with {code}\n{log}")
+            code, _, log = run(command)
+        expect(code == 0 and ("MY_SECRET" in log) == secret, f"{command}: ended with {code}\n{log}")
         expect("has TZ=Europe/Berlin" in log and "has OMP_NUM_THREADS=1" in log and "has PATH=" in log, log)
 
 

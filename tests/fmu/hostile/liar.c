@@ -1,4 +1,4 @@
-/* Attacks who watches it, at the CALL-th fmi2DoStep: HOW is
+/* Attacks who watches it, at the CALL-th fmi2DoStep, or function AT: HOW is
  *
  * "hammer"     threads that ask for a socket without a pause, and this one that writes MEBIBYTES into its folder and never returns
  * "no call"    says in the memory that it shares that no FMU is being called, and never returns
@@ -15,6 +15,7 @@
  * "environment" prints what it finds there
  * "read"       reads FILE_NAME
  * "unshare"    takes descriptors of its own by close_range()
+ * "failed"     sends the message NUMBER of protocol.h, which says that all has failed, and not why
  */
 #include "tests/fmu/hostile/hostile.h"
 
@@ -33,6 +34,9 @@
 #include <sys/syscall.h>
 #include <unistd.h>
 
+#ifndef AT
+#define AT "fmi2DoStep"
+#endif
 #ifndef CALL
 #define CALL 10
 #endif
@@ -251,6 +255,29 @@ static void read_file(void) {
     (void)fprintf(stderr, "has read %s\n", size > 0 ? got : "nothing");
 }
 
+/* Messages of ours that the parent has taken: in its block, as firmware/process/channel.c has it; those that were sent are at the beginning of ours. */
+static void wait_until_taken(const uint32_t *sent) {
+    enum { PARENTS_BLOCK = 5, TAKEN = 16, TIMES = 20000 };
+    const uint32_t *theirs = mmap(NULL, PIECE, PROT_READ, MAP_SHARED, PARENTS_BLOCK, 0);
+    for (int i = 0; i < TIMES && __atomic_load_n(&theirs[TAKEN], __ATOMIC_SEQ_CST) != *sent; i++) {
+        (void)usleep(1000);
+    }
+}
+
+/* In the slot that is next, whatever the size of one: they begin at lines of 64 bytes, and so does every line here. */
+static void send_failed(void) {
+    enum { SLOTS = 4096, LINE = 64, LINES = 256, FMU_FAILED = 4 };
+    const uint32_t message[] = {NUMBER, sizeof(uint32_t), FMU_FAILED};
+    uint8_t *bytes = mmap(NULL, SLOTS + LINES * LINE, PROT_READ | PROT_WRITE, MAP_SHARED, OWN_BLOCK, 0);
+    uint32_t *sent = (uint32_t *)(void *)bytes;
+    wait_until_taken(sent);
+    for (size_t i = 0; i < LINES; i++) {
+        memcpy(bytes + SLOTS + i * LINE, message, sizeof message);
+    }
+    (void)__atomic_add_fetch(sent, 1, __ATOMIC_SEQ_CST);
+    wait_until_taken(sent);
+}
+
 static const struct {
     const char *how;
     void (*act)(void);
@@ -271,11 +298,12 @@ static const struct {
     {"unshare", unshare_descriptors, false},
     {"read", read_file, false},
     {"environment", print_environment, false},
+    {"failed", send_failed, false},
 };
 
 bool hostile_before(const char *function) {
     static int calls;
-    if (strcmp(function, "fmi2DoStep") != 0 || ++calls != CALL) {
+    if (strcmp(function, AT) != 0 || ++calls != CALL) {
         return true;
     }
     for (size_t i = 0; i < sizeof acts / sizeof acts[0]; i++) {

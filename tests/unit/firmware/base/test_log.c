@@ -35,6 +35,18 @@ static void test_plain_lines(void) {
     tl_stderr_expect("twinlock: error: no disk: 7\ntwinlock: warning: slow\ntwinlock: notice: ready\n");
 }
 
+/* Before any other error: it does not go back. */
+static void test_an_error_is_remembered(void) {
+    begin();
+    tl_log(TL_LOG_WARNING, "slow");
+    (void)tl_log_foreign(TL_LOG_FOREIGN, "error", 1000);
+    (void)tl_log_foreign(TL_LOG_WARNING, "slow", 1000);
+    TEST_ASSERT_FALSE(tl_log_has_said_error());
+    (void)tl_log_foreign(TL_LOG_ERROR, "no disk", 1000);
+    TEST_ASSERT_TRUE(tl_log_has_said_error());
+    tl_stderr_expect("twinlock: warning: slow\nfmu: error\ntwinlock: warning: slow\ntwinlock: error: no disk\n");
+}
+
 static void test_levels(void) {
     begin();
     tl_log(TL_LOG_INFO, "not yet");
@@ -413,6 +425,7 @@ static void test_no_line_is_smeared(void) {
 int main(void) {
     UNITY_BEGIN();
     RUN_TEST(test_journal); /* first: no style is known yet */
+    RUN_TEST(test_an_error_is_remembered);
     RUN_TEST(test_plain_lines);
     RUN_TEST(test_levels);
     RUN_TEST(test_one_message_is_one_line);

@@ -156,6 +156,8 @@ static void lie_late(const char *lie, const tl_config *config) {
         send_word(TL_MESSAGE_ENDED, TL_OK, "");
     } else if (strcmp(lie, "ended with a reason") == 0) {
         send_word(TL_MESSAGE_ENDED, TL_TRY_AGAIN, "no\tmemory");
+    } else if (strcmp(lie, "ended silently") == 0) {
+        send_word(TL_MESSAGE_ENDED, TL_FMU_FAILED, "");
     } else if (strcmp(lie, "crashes in a call") == 0) {
         tl_fmu_calls_use(&extra->calls);
         tl_fmu_call_begin(tl_fmu_calls_name("mot\033[1mor"), TL_FMU_DO_STEP);
@@ -507,6 +509,11 @@ static void test_it_ends_with_a_reason(void) {
     TEST_ASSERT_EQUAL_STRING("no\tmemory", error.text);
 }
 
+static void test_it_ends_silently(void) {
+    take_wrong("ended silently", 0);
+    expect_text("has ended, and does not say why");
+}
+
 static void test_a_step_that_fails(void) {
     take_wrong("a step fails with escapes", 0);
     TEST_ASSERT_EQUAL_STRING("in \\x1B]0;title\\x07 motor", error.text);
@@ -613,6 +620,7 @@ int main(int argc, char **argv) {
     RUN_TEST(test_it_ends_before_it_was_told_to);
     RUN_TEST(test_it_ends_unannounced);
     RUN_TEST(test_it_ends_with_a_reason);
+    RUN_TEST(test_it_ends_silently);
     RUN_TEST(test_a_step_that_fails);
     RUN_TEST(test_a_step_that_fails_silently);
     RUN_TEST(test_it_crashes_in_a_call);
