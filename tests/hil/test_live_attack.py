@@ -60,6 +60,13 @@ def test_other_processes():
             expect_held(ground, PROCESSES)
 
 
+def test_its_own_pipe():
+    """What others say comes all the same."""
+    for user in users():
+        with carried_out(user, "fmi2DoStep", True, (attacks.OWN_PIPE,)) as ground:
+            expect_held(ground, (attacks.OWN_PIPE,))
+
+
 def test_the_supervisor():
     for user in users():
         for confined in (False, True):

@@ -55,7 +55,7 @@ def expect_went_on(ground, rows):
 
 
 PLACES = (("load", "replay"), ("fmi2Instantiate", "replay"), ("fmi2DoStep", "replay"), ("fmi2DoStep@thread", "replay"),
-          ("fmi2DoStep", "check"), ("fmi2DoStep", "plant"))
+          ("fmi2DoStep", "check"), ("load", "plant"), ("fmi2DoStep", "plant"), ("fmi2DoStep@thread", "plant"))
 
 
 def hold_against(table, places, user):
@@ -118,10 +118,12 @@ def expect_bounded(ground, attack, rows):
     expect(attack.believed or not ground.evidence[attack](), f"{ground}: {attack.label} reached something\n{ground.said()}")
     expect(attack.believed or told != "succeeded", f"{ground}: {attack.label} was told that it succeeded\n{ground.said()}")
     expect(ended or told or attack.own_values, f"{ground}: {attack.label} was not even tried\n{ground.said()}")
+    expect(not ground.is_obeyed(), f"{ground}: {attack.label}: came unescaped\n{ground.said()}")
     expect(not ground.faults(), f"{ground}: {attack.label}: {ground.faults()}\n{ground.said()}")
     if ended:
         expect(SENTENCE.search(ground.log), f"{ground}: {attack.label} ended it without a sentence\n{ground.said()}")
     else:
+        expect("crashed" not in ground.log, f"{ground}: {attack.label}: what is said to have crashed goes on\n{ground.said()}")
         expect_went_on(ground, ground.rows() if attack.own_values else rows)
         expect_refusals_said(ground, (attack,))
     expect_nothing_left(ground)
@@ -159,8 +161,18 @@ def test_bombs():
     hold_alone(BOMBS, [(users()[-1], "replay")], options=("--memory-limit", attacks.LIMIT_MEBIBYTES))
 
 
+def test_bombs_on_a_plant():
+    """Of each kind one."""
+    if SANITIZER:
+        raise Skip("a sanitizer needs the memory itself")
+    for attack in BOMBS:
+        if attack.label in ("heap", "bytes in its folder", "files in its folder"):
+            with alone(attack, users()[-1], "plant", True, "--memory-limit", attacks.LIMIT_MEBIBYTES) as ground:
+                expect_bounded(ground, attack, untouched(users()[-1], "plant"))
+
+
 def test_what_it_prints():
-    hold_alone(PRINTS, [(user, "replay") for user in users()])
+    hold_alone(PRINTS, [(user, "replay") for user in users()] + [(users()[-1], verb) for verb in ("check", "plant")])
 
 
 def test_what_the_run_writes():

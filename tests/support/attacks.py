@@ -246,6 +246,10 @@ class Ground:
         """What the run has computed, and how it lies there; None: not to be had of this verb."""
         return None if self.verb == "check" else (kept_file(self.home / "rows.csv"), kept_database(self.home / "run.db"))
 
+    def is_obeyed(self):
+        """Whether log or output would be more than text to a terminal."""
+        return any(OBEYED.search((self.folder / name).read_bytes()) for name in ("out", "log"))
+
     def faults(self):
         """What is wrong with the results as such, whatever their values."""
         found = []
@@ -680,6 +684,27 @@ def never(_):
     return False
 
 
+# ---- stages: what kernels offer besides ----
+
+def keyrings(_):
+    """Whether the kernel has them, and lets this user."""
+    keys = Path("/proc/keys")
+    return keys.exists() and not in_container
+
+
+def watched_folder(ground):
+    return (ground.others,), None
+
+
+def anothers_descriptor(ground):
+    return (ground.victim().pid,), None
+
+
+def escaped(ground):
+    """Nothing that a terminal would obey comes of it."""
+    return (secrets.token_hex(8),), ground.is_obeyed
+
+
 # ---- the table: attacks after which a run goes on ----
 
 ATTACKS = (
@@ -747,6 +772,16 @@ ATTACKS = (
     Attack("file by io_uring", "create_by_ring", new_file, ("io_uring_setup",), ring),
     Attack("System V memory", "system_v_memory", system_v, ("shmget",)),
     Attack("daemon", "daemon_process", left_processes(1), NEW_PROCESS),
+
+    Attack("kernel's keyring", "keep_key", told(), ("add_key",), keyrings),
+    Attack("message queue", "open_queue", told("/twinlock-attack"), ("mq_open",)),
+    Attack("System V semaphores", "make_semaphores", told(), ("semget",)),
+    Attack("watching a folder", "watch_folder", watched_folder, ("inotify_init1",)),
+    Attack("faults of its memory", "handle_faults", told(), ("userfaultfd",)),
+    Attack("another's descriptor", "take_descriptor", anothers_descriptor, ("pidfd_open",)),
+    Attack("dumpable", "be_dumpable", told(), ("prctl",)),
+    Attack("another personality", "change_personality", told(), ("personality",)),
+    Attack("escapes by its own pipe", "write_own_pipe", escaped, (), elsewhere),
 )
 
 
@@ -823,6 +858,7 @@ LONE = (
     Lone("execve", "replace_itself", new_file, ("execve",)),
     Lone("int 0x80", "call_32_bits", new_file, (), programs_of_32_bits, may_end=True),
     Lone("x32", "call_x32", new_file, (), never, may_end=True),
+    Lone("uretprobe", "call_uretprobe", told(), (), never, may_end=True),
     Lone("fork bomb", "processes", left_processes(50), NEW_PROCESS),
     Lone("many threads", "threads", told(1000), may_end=True, believed=True),
     Lone("many timers", "timers", told(20000), may_end=True),
@@ -893,11 +929,15 @@ def inside(label, function, stage):
     return Lone(label, function, stage, at=HALF_WAY, may_end=True, believed=True, own_values=True)
 
 
+OWN_PIPE = Lone("reads its own pipe", "read_own_pipe", told(), ("socket",), elsewhere, at=HALF_WAY)
 INSIDE = (
     inside("writes into all descriptors", "write_descriptors", told_or_seen("its memory was destroyed")),
     inside("closes all descriptors but the log", "close_descriptors", told(3)),
     inside("closes all descriptors", "close_descriptors", told(0)),
     *(inside(f"scribbles over shared memory, seed {seed}", "scribble_over_shared", told(seed)) for seed in range(1, 6)),
+    *(inside(f"{pattern} over shared memory", "fill_shared", told(pattern)) for pattern in ("escapes", "NaN")),
+    inside("moves who sleeps on shared memory", "move_sleepers", told()),
+    OWN_PIPE,
 )
 
 
@@ -928,6 +968,7 @@ def by_name(_):
 ON_TERMINAL = (
     Attack("escapes by printing", "print_escapes", shown(), (), elsewhere),
     Attack("escapes by the FMI logger", "log_escapes", shown(), (), never),
+    Attack("escapes by its own pipe", "write_own_pipe", shown(), (), elsewhere),
     Attack("escapes by /dev/tty", "print_to_terminal", shown(by_name), (), elsewhere),
     Attack("escapes by the terminal's path", "print_to_terminal", shown(by_path)),
     Attack("typing by /dev/tty", "type_text", typed(by_name), (), elsewhere),

@@ -43,8 +43,8 @@ void attack_pause(unsigned milliseconds) {
 }
 
 static const attack *find(const char *name) {
-    static const attack *const kinds[] = {attack_network,  attack_files, attack_processes,
-                                          attack_programs, attack_bombs, attack_inside};
+    static const attack *const kinds[] = {attack_network, attack_files,  attack_processes, attack_programs,
+                                          attack_bombs,   attack_inside, attack_kernel};
     for (size_t i = 0; i < sizeof kinds / sizeof *kinds; i++) {
         for (const attack *known = kinds[i]; known->name != NULL; known++) {
             if (strcmp(known->name, name) == 0) {

@@ -29,6 +29,7 @@ extern const attack attack_processes[];
 extern const attack attack_programs[];
 extern const attack attack_bombs[];
 extern const attack attack_inside[];
+extern const attack attack_kernel[];
 
 /* 0, or errno if the result of a call is negative. */
 int attack_errno(long result);

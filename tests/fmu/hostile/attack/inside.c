@@ -2,13 +2,18 @@
 #include <errno.h>
 #include <fcntl.h>
 #include <fmi2FunctionTypes.h>
+#include <linux/futex.h>
+#include <math.h>
+#include <pthread.h>
 #include <stdint.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/ioctl.h>
 #include <sys/mman.h>
+#include <sys/socket.h>
 #include <sys/stat.h>
+#include <sys/syscall.h>
 #include <unistd.h>
 
 #include "tests/fmu/hostile/attack/attack.h"
@@ -69,6 +74,52 @@ static int print_to_terminal(char *const words[]) {
     return attack_open(words[1], O_WRONLY, escapes(words[0]));
 }
 
+/* The pipe that it speaks by, opened anew. */
+static int open_own_pipe(int way) {
+    return open("/proc/self/fd/2", way | O_NONBLOCK | O_CLOEXEC);
+}
+
+/* WORD: escapes by each way into its own pipe, by packets and spliced; then the pipe is as it was. Whoever reads it is all that it leads to. */
+static int write_own_pipe(char *const words[]) {
+    const int ways[] = {STDERR_FILENO, open_own_pipe(O_WRONLY), open_own_pipe(O_RDWR)};
+    const char *made = escapes(words[0]);
+    const size_t size = strlen(made);
+    int ends[2] = {-1, -1};
+    (void)fcntl(STDERR_FILENO, F_SETPIPE_SZ, 4096);
+    for (size_t i = 0; i < sizeof ways / sizeof *ways; i++) {
+        (void)write(ways[i], made, size);
+        const int flags = fcntl(ways[i], F_GETFL);
+        (void)fcntl(ways[i], F_SETFL, flags | O_DIRECT);
+        (void)write(ways[i], made, size);
+        (void)fcntl(ways[i], F_SETFL, flags);
+        if (pipe2(ends, O_CLOEXEC) == 0 && write(ends[1], made, size) == (ssize_t)size) {
+            (void)splice(ends[0], NULL, ways[i], NULL, size, 0);
+        }
+        (void)close(ends[0]);
+        (void)close(ends[1]);
+        (void)(ways[i] == STDERR_FILENO ? 0 : close(ways[i]));
+    }
+    (void)fcntl(STDERR_FILENO, F_SETPIPE_SZ, 65536);
+    return ENOTTY;
+}
+
+/* For a tenth of a second all that comes by its own pipe; then it asks for what is refused, which others say. */
+static int read_own_pipe(char *const words[]) {
+    char taken[4096];
+    int pipe = open_own_pipe(O_RDONLY);
+    int error = pipe < 0 ? errno : EBADMSG; /* it was not told anything of others */
+    (void)words;
+    for (int i = 0; i < 100; i++) {
+        (void)dprintf(STDERR_FILENO, "line %d, which is taken or not\n", i);
+        if (read(pipe, taken, sizeof taken) < 0) {
+            attack_pause(1);
+        }
+    }
+    (void)close(pipe);
+    (void)close(socket(AF_INET, SOCK_STREAM, 0));
+    return error;
+}
+
 /* Everything that is open, but what it speaks by: moved, written to, cut. Succeeds if one of them let itself be written. */
 static int write_descriptors(char *const words[]) {
     int error = EBADF;
@@ -99,7 +150,7 @@ static uint32_t random_word(uint32_t *state) {
     return *state;
 }
 
-static void scribble(uint8_t *bytes, size_t size, uint32_t *state) {
+static void scribble(uint8_t *bytes, size_t size, void *state) {
     for (size_t i = 0; i < size; i += 1 + random_word(state) % 64) {
         bytes[i] = (uint8_t)random_word(state);
     }
@@ -129,17 +180,22 @@ static size_t scribble_over_descriptors(uint32_t *state) {
     return found;
 }
 
-static size_t scribble_over_mappings(FILE *maps, uint32_t *state) {
+/* All memory that it shares, and may write. Gives how many pieces. */
+static size_t for_each_shared(void (*write_over)(uint8_t *bytes, size_t size, void *with), void *with) {
+    FILE *maps = fopen("/proc/self/maps", "re");
     size_t found = 0;
     char line[8192];
-    while (fgets(line, sizeof line, maps) != NULL) {
+    while (maps != NULL && fgets(line, sizeof line, maps) != NULL) {
         uintptr_t from = 0;
         uintptr_t to = 0;
         char mode[5] = "";
         if (sscanf(line, "%zx-%zx %4s", &from, &to, mode) == 3 && strcmp(mode, "rw-s") == 0) {
-            scribble((uint8_t *)from, to - from, state); /* NOLINT(performance-no-int-to-ptr): as /proc tells */
+            write_over((uint8_t *)from, to - from, with); /* NOLINT(performance-no-int-to-ptr): as /proc tells */
             found++;
         }
+    }
+    if (maps != NULL) {
+        (void)fclose(maps);
     }
     return found;
 }
@@ -147,13 +203,50 @@ static size_t scribble_over_mappings(FILE *maps, uint32_t *state) {
 /* SEED: random bytes over all memory that it shares with others. */
 static int scribble_over_shared(char *const words[]) {
     uint32_t state = (uint32_t)strtoul(words[0], NULL, 10) | 1;
-    FILE *maps = fopen("/proc/self/maps", "re");
-    size_t found = maps != NULL ? scribble_over_mappings(maps, &state) : 0;
-    if (maps != NULL) {
-        (void)fclose(maps);
-    }
+    size_t found = for_each_shared(scribble, &state);
     found += scribble_over_descriptors(&state);
     return found != 0 ? 0 : ENOENT;
+}
+
+enum { PATTERN = 16 };
+
+static void fill(uint8_t *bytes, size_t size, void *pattern) {
+    for (size_t i = 0; i + PATTERN <= size; i += PATTERN) {
+        memcpy(bytes + i, pattern, PATTERN);
+    }
+}
+
+/* PATTERN: what numbers and texts are not made of, over the same. */
+static int fill_shared(char *const words[]) {
+    static const double no_numbers[] = {NAN, NAN};
+    char pattern[PATTERN] = "\033]0;x\007\033[2J\n\302\233";
+    if (strcmp(words[0], "NaN") == 0) {
+        memcpy(pattern, no_numbers, sizeof no_numbers);
+    }
+    return for_each_shared(fill, pattern) != 0 ? 0 : ENOENT;
+}
+
+enum { PARENTS_BLOCK = 5, OWN_BLOCK, WORDS = 1024, EACH = 16, ELSEWHERE = 1000 };
+
+/* Whoever sleeps on the first page of a block that it shares, moved to where nobody wakes him. */
+static void *move_on(void *unused) {
+    for (;;) {
+        for (int block = PARENTS_BLOCK; block <= OWN_BLOCK; block++) {
+            uint32_t *page = mmap(NULL, 4096, PROT_READ, MAP_SHARED, block, 0);
+            for (size_t i = 0; page != MAP_FAILED && i < WORDS; i += EACH) {
+                (void)syscall(SYS_futex, &page[i], FUTEX_REQUEUE, 0L, 1000L, &page[ELSEWHERE], 0L);
+            }
+            (void)(page != MAP_FAILED ? munmap(page, 4096) : 0);
+        }
+    }
+    return unused;
+}
+
+/* For as long as it lives. */
+static int move_sleepers(char *const words[]) {
+    pthread_t thread;
+    (void)words;
+    return pthread_create(&thread, NULL, move_on, NULL);
 }
 
 const attack attack_inside[] = {{"print_escapes", print_escapes},
@@ -163,5 +256,9 @@ const attack attack_inside[] = {{"print_escapes", print_escapes},
                                 {"print_to_terminal", print_to_terminal},
                                 {"write_descriptors", write_descriptors},
                                 {"close_descriptors", close_descriptors},
+                                {"write_own_pipe", write_own_pipe},
+                                {"read_own_pipe", read_own_pipe},
                                 {"scribble_over_shared", scribble_over_shared},
+                                {"fill_shared", fill_shared},
+                                {"move_sleepers", move_sleepers},
                                 {NULL, NULL}};
