@@ -323,13 +323,14 @@ static fmi2Status set_string(fmi2Component component, const fmi2ValueReference r
 /* ---- steps ---- */
 
 /* What comes before the first one is the beginning, also if nobody kept a state there. */
-static void note_step(guarded *self, const tl_fmi2_step *step, fmi2Status status) {
+static void note_step(const guarded *self, const tl_fmi2_step *step, fmi2Status status) {
+    if (self->replay == NULL) {
+        return;
+    }
     if (self->by_replay && self->replay->phase == TL_FMU_REPLAY_BEGINS) {
         self->guard->functions.replay.is_over = tl_fmu_replay_start(self->replay) != fmi2OK;
     }
-    if (self->replay != NULL) {
-        tl_fmu_replay_note_step(self->replay, step, status);
-    }
+    tl_fmu_replay_note_step(self->replay, step, status);
 }
 
 static fmi2Status do_step(fmi2Component component, fmi2Real now, fmi2Real step, fmi2Boolean final) {
@@ -514,6 +515,7 @@ void tl_fmu_guard_front(tl_fmu_guard *guard, const tl_fmi2 *own) {
 void tl_fmu_guard_close(tl_fmu_guard *guard) {
     tl_fmu_memory_forget(guard->aside);
     guard->aside = NULL;
+    tl_fmu_memory_give_up_reserve(&guard->memory);
     for (guarded *self = guard->instances, *next = NULL; self != NULL; self = next) {
         next = self->next;
         tl_fmu_ladder_end_notes(self);

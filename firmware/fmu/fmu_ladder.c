@@ -56,6 +56,16 @@ static fmi2Status forget_memory(fmi2Component component, fmi2FMUstate *state) {
     return fmi2OK;
 }
 
+static fmi2Status reserve_memory(fmi2Component component, size_t states) {
+    tl_fmu_guarded *self = component;
+    tl_error error;
+    if (tl_fmu_memory_reserve(&self->guard->memory, states, &error) != TL_OK) {
+        tl_fmu_logger_say(&self->guard->logger, TL_LOG_ERROR, "", error.text);
+        return fmi2Error;
+    }
+    return fmi2OK;
+}
+
 static size_t memory_size(fmi2Component component) {
     const tl_fmu_guarded *self = component;
     return tl_fmu_memory_size(&self->guard->memory);
@@ -262,6 +272,7 @@ static void roll_back_by_memory(tl_fmu_guard *guard) {
     functions->set_fmu_state = restore_memory;
     functions->free_fmu_state = forget_memory;
     functions->state_size = memory_size;
+    functions->reserve_states = reserve_memory;
     own_no_bytes(functions);
 }
 
@@ -274,6 +285,7 @@ static void give_all_again(tl_fmu_guard *guard) {
     functions->set_fmu_state = give_again;
     functions->free_fmu_state = forget_given;
     functions->state_size = NULL;
+    functions->reserve_states = NULL;
     own_no_bytes(functions);
 }
 
@@ -286,6 +298,7 @@ static void roll_back_by_replay(tl_fmu_guard *guard) {
     functions->set_fmu_state = go_to_position;
     functions->free_fmu_state = forget_position;
     functions->state_size = NULL;
+    functions->reserve_states = NULL;
     functions->replay.most = guard->most;
     own_no_bytes(functions);
 }

@@ -129,7 +129,7 @@ static void stock(tl_fmu_pages *self, bool is_first) {
         self->most = self->differing > self->most ? self->differing : self->most;
         self->times++;
     }
-    tl_page_groups_stock(&self->groups, self->now.pages, self->most * self->versions);
+    (void)tl_page_groups_stock(&self->groups, self->now.pages, self->most * self->versions);
 }
 
 static void share_leaves(tl_fmu_pages *self, tl_fmu_version *version) {
@@ -147,7 +147,7 @@ static void share_leaves(tl_fmu_pages *self, tl_fmu_version *version) {
 tl_status tl_fmu_pages_save(tl_fmu_pages *self, size_t used, tl_fmu_version *version, tl_error *error) {
     size_t pages = self->before[self->count - 1] + pages_of(used);
     bool is_first = self->now.pages == 0;
-    bool is_new = version->leaf == NULL;
+    bool is_new = version->leaves == 0;
     self->differing = 0;
     self->is_full = !grow(self, pages) || !make_room(version, tl_page_groups_of(pages));
     if (!self->is_full) {
@@ -270,10 +270,23 @@ bool tl_fmu_pages_are_told(const tl_fmu_pages *self) {
     return self->are_told;
 }
 
-size_t tl_fmu_pages_size(const tl_fmu_pages *self) {
+/* In one version more. */
+static size_t pages_that_differ(const tl_fmu_pages *self) {
     size_t put = self->most_put > self->most ? self->most_put : self->most;
-    size_t pages = self->times >= KNOWN ? self->most : put > 0 ? put : SUPPOSED;
-    return self->now.leaves * sizeof(uint32_t) + pages * (TL_FMU_PAGE + TL_PAGE_GROUP * sizeof(uint32_t));
+    return self->times >= KNOWN ? self->most : put > 0 ? put : SUPPOSED;
+}
+
+size_t tl_fmu_pages_size(const tl_fmu_pages *self) {
+    return self->now.leaves * sizeof(uint32_t) +
+           pages_that_differ(self) * (TL_FMU_PAGE + TL_PAGE_GROUP * sizeof(uint32_t));
+}
+
+bool tl_fmu_pages_reserve(tl_fmu_pages *self, size_t versions) {
+    return tl_page_groups_stock(&self->groups, self->now.pages, pages_that_differ(self) * (self->versions + versions));
+}
+
+bool tl_fmu_pages_reserve_version(const tl_fmu_pages *self, tl_fmu_version *version) {
+    return make_room(version, self->now.leaves);
 }
 
 tl_fmu_pages *tl_fmu_pages_open(const tl_fmu_place *ranges, size_t count, tl_error *error) {

@@ -5,7 +5,7 @@
  * Found:   what was written, by the kernel (fmu_written.h); if it does not tell, by comparing all with the last version, which writes nothing and keeps as little.
  * Ranges:  whole pages; all but the last are fixed, the last may be used up to another place in each version.
  * Order:   any; versions are equals, none depends on another one.
- * Memory:  grows by pieces of 1 MiB, before it is needed if the steps to come are as those before; given back with the last version.
+ * Memory:  reserved for versions to come (tl_fmu_pages_reserve()); if they differ in more than versions did until then, it grows by pieces of 1 MiB. Given back with the last version.
  * Thread:  one at a time.
  */
 #ifndef TL_FIRMWARE_PAGES_FMU_PAGES_H
@@ -48,5 +48,9 @@ void tl_fmu_pages_lose(tl_fmu_pages *self);
 
 /* Bytes that one version more takes, by the most that was written between two of them; before some were, by what is supposed. */
 size_t tl_fmu_pages_size(const tl_fmu_pages *self);
+
+/* Memory for so many versions more, each of which differs in as many pages as were seen to, and for the list of one of them, which has none yet. After one was saved. False: there is none. */
+bool tl_fmu_pages_reserve(tl_fmu_pages *self, size_t versions);
+bool tl_fmu_pages_reserve_version(const tl_fmu_pages *self, tl_fmu_version *version);
 
 #endif

@@ -123,13 +123,14 @@ bool tl_page_groups_put(tl_page_groups *self, uint32_t *group, size_t page, cons
 
 /* ---- room ---- */
 
-static void stock(tl_page_slots *slots, size_t wanted) {
-    if (wanted < UINT32_MAX && wanted > slots->made) {
-        (void)tl_page_slots_stock(slots, slots->unused + (uint32_t)(wanted - slots->made));
+static bool stock(tl_page_slots *slots, size_t wanted) {
+    if (wanted >= UINT32_MAX) {
+        return false;
     }
+    return wanted <= slots->made ||
+           tl_page_slots_stock(slots, slots->unused + (slots->made - slots->taken) + (uint32_t)(wanted - slots->made));
 }
 
-void tl_page_groups_stock(tl_page_groups *self, size_t first, size_t differing) {
-    stock(&self->contents, first + differing);
-    stock(&self->groups, tl_page_groups_of(first) + differing);
+bool tl_page_groups_stock(tl_page_groups *self, size_t first, size_t differing) {
+    return stock(&self->contents, first + differing) && stock(&self->groups, tl_page_groups_of(first) + differing);
 }

@@ -24,28 +24,28 @@ typedef struct tl_page_groups {
     uint32_t zeros; /* a page of zeros; TL_NO_SLOT: not yet */
 } tl_page_groups;
 
-void tl_page_groups_open(tl_page_groups *groups);
+void tl_page_groups_open(tl_page_groups *self);
 
 /* All are gone; it is as just opened. */
-void tl_page_groups_close(tl_page_groups *groups);
+void tl_page_groups_close(tl_page_groups *self);
 
 /* Groups that so many pages need. */
 size_t tl_page_groups_of(size_t pages);
 
 /* One that has no pages yet, with one owner. TL_NO_SLOT: no memory. */
-uint32_t tl_page_groups_make(tl_page_groups *groups);
+uint32_t tl_page_groups_make(tl_page_groups *self);
 
 /* One owner more; one less. */
-void tl_page_groups_share(tl_page_groups *groups, uint32_t group);
-void tl_page_groups_drop(tl_page_groups *groups, uint32_t group);
+void tl_page_groups_share(tl_page_groups *self, uint32_t group);
+void tl_page_groups_drop(tl_page_groups *self, uint32_t group);
 
 /* The bytes of a page; NULL: it has none yet. Two groups that share a page have it at the same place. */
-const unsigned char *tl_page_groups_look(const tl_page_groups *groups, uint32_t group, size_t page);
+const unsigned char *tl_page_groups_look(const tl_page_groups *self, uint32_t group, size_t page);
 
 /* Other bytes for a page, in a group that is its caller's alone then: another one, if it had several owners. False: no memory, and nothing has changed that anybody can see. */
-bool tl_page_groups_put(tl_page_groups *groups, uint32_t *group, size_t page, const unsigned char *bytes);
+bool tl_page_groups_put(tl_page_groups *self, uint32_t *group, size_t page, const unsigned char *bytes);
 
-/* Memory for versions to come, if there is any: beside the first so many pages, so many more that differ, each at worst in a group of its own. */
-void tl_page_groups_stock(tl_page_groups *groups, size_t first, size_t differing);
+/* Memory for versions to come: beside the first so many pages, so many more that differ, each at worst in a group of its own. False: there is none. */
+bool tl_page_groups_stock(tl_page_groups *self, size_t first, size_t differing);
 
 #endif

@@ -56,15 +56,12 @@ static bool make_piece(tl_page_slots *self) {
     }
     self->pieces[count] = piece;
     self->made += PIECE;
-    for (uint32_t i = 1; i <= PIECE; i++) {
-        put_unused(self, self->made - i);
-    }
     return true;
 }
 
 bool tl_page_slots_stock(tl_page_slots *self, uint32_t count) {
     bool is_there = true;
-    while (is_there && self->unused < count) {
+    while (is_there && self->unused + (self->made - self->taken) < count) {
         is_there = make_piece(self);
     }
     return is_there;
@@ -75,8 +72,12 @@ uint32_t tl_page_slots_take(tl_page_slots *self) {
         return TL_NO_SLOT;
     }
     uint32_t slot = self->first_unused;
-    memcpy(&self->first_unused, tl_page_slots_at(self, slot), sizeof self->first_unused);
-    self->unused--;
+    if (slot != TL_NO_SLOT) {
+        memcpy(&self->first_unused, tl_page_slots_at(self, slot), sizeof self->first_unused);
+        self->unused--;
+    } else {
+        slot = self->taken++;
+    }
     *owners_of(self, slot) = 1;
     return slot;
 }

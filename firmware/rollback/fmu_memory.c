@@ -17,9 +17,10 @@ enum { SPARE = 4096, SPARE_PART = 8 };
 /* A place of less has no pages of its own to look after. */
 enum { PLACE_OF_PAGES = 4 * TL_FMU_PAGE };
 
-typedef struct memory_state {
-    size_t room;         /* bytes of `bytes` */
-    size_t used;         /* bytes of the heap */
+typedef struct tl_fmu_memory_state {
+    struct tl_fmu_memory_state *next; /* that is not in use */
+    size_t room;                      /* bytes of `bytes` */
+    size_t used;                      /* bytes of the heap */
     tl_fmu_pages *pages; /* NULL: all is in `bytes`, the heap first, then the places; else: what is not in `version` */
     tl_fmu_version version;
     int raised; /* as in tl_fmu_memory */
@@ -200,12 +201,23 @@ static tl_status save_pages(tl_fmu_memory *memory, memory_state **state, size_t 
     return status;
 }
 
+/* NULL: there is none. */
+static memory_state *take_reserved(tl_fmu_memory *memory) {
+    memory_state *taken = memory->reserved;
+    if (taken != NULL) {
+        memory->reserved = taken->next;
+        taken->next = NULL;
+    }
+    return taken;
+}
+
 tl_status tl_fmu_memory_save(tl_fmu_memory *memory, void **state, tl_error *error) {
-    memory_state *kept = *state;
     const char *left = tl_fmu_memory_left(memory);
     if (left != NULL) {
         return tl_fail(error, TL_FMU_FAILED, "has %s, which no copy of its memory takes back", left);
     }
+    memory_state *kept = *state != NULL ? *state : take_reserved(memory);
+    bool is_reserved = *state == NULL && kept != NULL;
     size_t used = tl_fmu_heap_used(memory->heap);
     tl_status status = find_places(memory, error);
     status = status == TL_OK ? look_at_size(memory, used, error) : status;
@@ -214,6 +226,10 @@ tl_status tl_fmu_memory_save(tl_fmu_memory *memory, void **state, tl_error *erro
             memory->pages == NULL ? save_whole(memory, &kept, used, error) : save_pages(memory, &kept, used, error);
     }
     if (status != TL_OK) {
+        if (is_reserved) {
+            kept->next = memory->reserved;
+            memory->reserved = kept;
+        }
         return status;
     }
     *state = kept;
@@ -222,6 +238,42 @@ tl_status tl_fmu_memory_save(tl_fmu_memory *memory, void **state, tl_error *erro
     kept->raised = memory->raised;
     kept->flags = memory->flags;
     return TL_OK;
+}
+
+/* ---- for states to come ---- */
+
+static tl_status reserve_one(tl_fmu_memory *memory, tl_error *error) {
+    memory_state *made = NULL;
+    size_t need =
+        memory->pages != NULL ? bytes_outside_pages(&memory->places) : memory->most_used + memory->places.bytes;
+    tl_status status = make_room(memory, &made, need, error);
+    if (status == TL_OK && memory->pages != NULL && !tl_fmu_pages_reserve_version(memory->pages, &made->version)) {
+        status = tl_fail(error, TL_TRY_AGAIN, "not enough memory for states of %s", memory->folder);
+    }
+    if (status != TL_OK) {
+        tl_fmu_memory_forget(made);
+        return status;
+    }
+    made->next = memory->reserved;
+    memory->reserved = made;
+    return TL_OK;
+}
+
+tl_status tl_fmu_memory_reserve(tl_fmu_memory *memory, size_t states, tl_error *error) {
+    tl_status status = TL_OK;
+    if (memory->pages != NULL && !tl_fmu_pages_reserve(memory->pages, states)) {
+        return tl_fail(error, TL_TRY_AGAIN, "not enough memory for %zu states of %s", states, memory->folder);
+    }
+    for (size_t i = 0; i < states && status == TL_OK; i++) {
+        status = reserve_one(memory, error);
+    }
+    return status;
+}
+
+void tl_fmu_memory_give_up_reserve(tl_fmu_memory *memory) {
+    for (memory_state *state = take_reserved(memory); state != NULL; state = take_reserved(memory)) {
+        tl_fmu_memory_forget(state);
+    }
 }
 
 /* ---- to restore ---- */
@@ -263,6 +315,8 @@ void tl_fmu_memory_forget(void *state) {
     memory_state *kept = state;
     if (kept != NULL && kept->pages != NULL) {
         tl_fmu_pages_forget(kept->pages, &kept->version);
+    } else if (kept != NULL) {
+        free(kept->version.leaf); /* it was reserved, and never used */
     }
     free(kept);
 }

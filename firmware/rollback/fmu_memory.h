@@ -35,13 +35,14 @@ typedef struct tl_fmu_memory {
     int raised;    /* exceptions of the floating-point unit as the FMU knows them, as fetestexcept() tells them, */
     fexcept_t flags; /* and as the machine has them */
     const char *folder;
-    tl_fmu_places places;         /* private, from here on */
-    bool are_found;               /* the places, */
-    unsigned long long opened;    /* when so many libraries had been opened */
-    size_t most_used;             /* bytes of the heap, when it was saved or left */
-    tl_fmu_pages *pages;          /* NULL: it is not large */
-    tl_fmu_traces before;         /* the call that is under way */
-    char left[TL_FMU_TRACE_TEXT]; /* what no copy takes back; "": nothing that was seen */
+    tl_fmu_places places;                 /* private, from here on */
+    bool are_found;                       /* the places, */
+    unsigned long long opened;            /* when so many libraries had been opened */
+    size_t most_used;                     /* bytes of the heap, when it was saved or left */
+    tl_fmu_pages *pages;                  /* NULL: it is not large */
+    struct tl_fmu_memory_state *reserved; /* for states to come */
+    tl_fmu_traces before;                 /* the call that is under way */
+    char left[TL_FMU_TRACE_TEXT];         /* what no copy takes back; "": nothing that was seen */
 } tl_fmu_memory;
 
 /* Whether this program can do it: not with a sanitizer, which has an allocator of its own. */
@@ -60,6 +61,11 @@ static inline void tl_fmu_memory_leave(tl_fmu_memory *memory);
 /* Between two calls of the FMU, at least one of which was made: what its memory holds now, in *state, which is reused unless it is NULL.
  * Errors: TL_TRY_AGAIN: not enough memory; TL_FMU_FAILED: the FMU has what no copy takes back; *state is as it was. */
 tl_status tl_fmu_memory_save(tl_fmu_memory *memory, void **state, tl_error *error);
+
+/* After one was saved: memory for so many more, which takes none when it is saved then, if it is not larger than any before, and has not more pages that differ. What is left of it is given back before the
+ * FMU goes. Errors: TL_TRY_AGAIN. */
+tl_status tl_fmu_memory_reserve(tl_fmu_memory *memory, size_t states, tl_error *error);
+void tl_fmu_memory_give_up_reserve(tl_fmu_memory *memory);
 
 /* What the FMU was seen to have that no copy of its memory takes back; NULL: nothing. */
 const char *tl_fmu_memory_left(const tl_fmu_memory *memory);

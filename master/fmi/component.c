@@ -344,6 +344,17 @@ void tl_component_let_go(const tl_component *component) {
     }
 }
 
+tl_status tl_component_reserve_states(const tl_component *component, size_t states, tl_error *error) {
+    const tl_fmi2 *fmi = component->fmi;
+    if (fmi->reserve_states == NULL || component->mode == TL_MODE_DEAD ||
+        fmi->reserve_states(component->instance, states) <= fmi2Warning) {
+        return TL_OK;
+    }
+    return tl_fail(error, TL_TRY_AGAIN,
+                   "%s: there is not enough memory for %zu states; \"saving.memory_mb\" is a bound for them",
+                   component->name, states);
+}
+
 size_t tl_component_state_size(const tl_component *component) {
     return component->fmi->state_size != NULL ? component->fmi->state_size(component->instance) : 0;
 }

@@ -135,6 +135,9 @@ bool tl_component_come_back(tl_component *component, const char *why);
 /* What was kept is not needed any more. */
 void tl_component_let_go(const tl_component *component);
 
+/* So many states more will be had at a time, beside those that there are. TL_TRY_AGAIN: there is no memory for them. */
+tl_status tl_component_reserve_states(const tl_component *component, size_t states, tl_error *error);
+
 /* Bytes that one state more takes; 0: nobody knows without looking. */
 size_t tl_component_state_size(const tl_component *component);
 

@@ -56,6 +56,9 @@ typedef void tl_fmi2_know_ports(fmi2Component instance, const struct tl_ports *i
 /* Not FMI's: bytes that one state more takes, if that is known without asking the FMU. */
 typedef size_t tl_fmi2_state_size(fmi2Component instance);
 
+/* Not FMI's: so many states more will be had at a time. Takes memory for them now, and none later. fmi2Error: there is none, and it was said. */
+typedef fmi2Status tl_fmi2_reserve_states(fmi2Component instance, size_t states);
+
 /* Functions an FMU may omit (its capability flags say so) are NULL. */
 typedef struct tl_fmi2 {
     fmi2GetTypesPlatformTYPE *get_types_platform;
@@ -90,7 +93,8 @@ typedef struct tl_fmi2 {
     const tl_fmi2_aside *aside;     /* NULL: there is no such way */
     tl_fmi2_know_ports *know_ports; /* NULL: nobody asks */
     tl_fmi2_replay replay;
-    tl_fmi2_state_size *state_size; /* NULL: it is not known */
+    tl_fmi2_state_size *state_size;         /* NULL: it is not known */
+    tl_fmi2_reserve_states *reserve_states; /* NULL: each is made when it is saved */
     uint32_t most_states; /* that its caller should have at a time; some more are there for a proof. 0: any number */
 } tl_fmi2;
 

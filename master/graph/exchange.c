@@ -85,8 +85,10 @@ tl_status tl_exchange_start(tl_exchange *exchange, uint64_t bytes, size_t (*heap
     }
     tl_state_room_share(exchange->rooms, count, leave_beside(exchange, bytes));
     for (size_t i = 0; i < count && status == TL_OK; i++) {
+        size_t states = (size_t)exchange->rooms[i].kept + exchange->beside;
         tl_cached_component_limit(&exchange->cached[i], exchange->rooms[i].kept);
-        status = tl_cached_component_start(&exchange->cached[i], error);
+        status = tl_component_reserve_states(&exchange->components[i], states, error);
+        status = status == TL_OK ? tl_cached_component_start(&exchange->cached[i], error) : status;
     }
     return status;
 }

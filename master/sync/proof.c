@@ -229,11 +229,11 @@ static tl_status prove(proof_attempt *self, tl_error *error) {
     return status == TL_OK ? save(self, error) : status; /* it may have done what no copy takes back */
 }
 
-static void forget_midst(proof_attempt *self) {
-    for (size_t i = 0; i < self->lock->exchange->component_count; i++) {
-        tl_snapshot_forget(&self->proof->midst, i);
+void tl_proof_end(tl_proof *proof) {
+    for (size_t i = 0; i < proof->midst.component_count; i++) {
+        tl_snapshot_forget(&proof->midst, i);
     }
-    self->proof->has_midst = false;
+    proof->has_midst = false;
 }
 
 /* ---- why ---- */
@@ -329,7 +329,9 @@ tl_status tl_proof_of_rollback(tl_proof *proof, tl_lock *lock, const tl_graph *g
         proof->stepped = true;
         proof->was_saved = false;
         status = prove(&now, error);
-        forget_midst(&now);
+        if (status != TL_OK) {
+            tl_proof_end(proof); /* who comes back otherwise has no states of this kind any more */
+        }
         again = status == TL_FMU_FAILED && now.culprit != NOBODY && take_other_way(&now, error);
     } while (again);
     tl_exchange_let_go(exchange);

@@ -46,4 +46,7 @@ bool tl_proof_init(tl_proof *proof, tl_arena *arena, tl_exchange *exchange, cons
  * no executions counted but in `proof`. TL_FMU_FAILED, and which output it is, if the rollback does not hold. */
 tl_status tl_proof_of_rollback(tl_proof *proof, tl_lock *lock, const tl_graph *graph, int64_t first, tl_error *error);
 
+/* After that, and after it is measured what a state takes: until then no room is free that one had. Gives the second state back; may be called at any time. */
+void tl_proof_end(tl_proof *proof);
+
 #endif

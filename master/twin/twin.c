@@ -17,6 +17,7 @@ static tl_status start(tl_twin *twin, const tl_budget *budget, tl_error *error) 
     const tl_plant *plant = &twin->exchange.plant;
     tl_status status = tl_twin_start(twin, tl_plant_shown(plant, twin->first, plant->newest), error);
     status = status == TL_OK ? tl_exchange_start(&twin->exchange, twin->state_bytes, twin->heap, error) : status;
+    tl_proof_end(&twin->proof);
     return status == TL_OK ? tl_verifier_start(&twin->verifier, budget, error) : status;
 }
 

@@ -174,6 +174,7 @@ static tl_status load_components(tl_twin *twin, tl_archive *archive, tl_error *e
         status = tl_exchange_return(&twin->exchange, error);
     }
     status = status == TL_OK ? tl_exchange_start(&twin->exchange, twin->state_bytes, twin->heap, error) : status;
+    tl_proof_end(&twin->proof);
     return status == TL_OK ? tl_verifier_start(&twin->verifier, NULL, error) : status;
 }
 

@@ -4,6 +4,7 @@
 #include <fenv.h>
 #include <glob.h>
 #include <limits.h>
+#include <malloc.h>
 #include <pthread.h>
 #include <signal.h>
 #include <stdio.h>
@@ -116,6 +117,28 @@ static void test_by_the_table(void) {
     TEST_ASSERT_EQUAL_DOUBLE(first, step(true));
     TEST_ASSERT_EQUAL_INT(fmi2OK, fmi->free_fmu_state(instance, &state));
     TEST_ASSERT_NULL(state);
+}
+
+/* By the table, as a twin asks for it: no state is made in the cycle. */
+static void test_what_is_reserved_is_enough(void) {
+    const tl_fmi2 *fmi = &fmu.guard.functions;
+    fmi2FMUstate states[STATES] = {NULL};
+    int64_t saved_at[STATES] = {0};
+    TEST_ASSERT_EQUAL_INT(fmi2OK, fmi->get_fmu_state(instance, &states[0]));
+    TEST_ASSERT_EQUAL_INT(fmi2OK, fmi->reserve_states(instance, STATES - 1));
+    size_t given_out = mallinfo2().uordblks;
+    for (int i = 0; i < 1000; i++) {
+        (void)step(i % 7 < 4);
+        TEST_ASSERT_EQUAL_INT(fmi2OK, fmi->get_fmu_state(instance, &states[i % STATES]));
+        saved_at[i % STATES] = steps;
+        int back = i < STATES ? i / 2 : i * 5 % STATES;
+        TEST_ASSERT_EQUAL_INT(fmi2OK, fmi->set_fmu_state(instance, states[back]));
+        steps = saved_at[back];
+        TEST_ASSERT_EQUAL_size_t(given_out, mallinfo2().uordblks);
+    }
+    for (int i = 0; i < STATES; i++) {
+        TEST_ASSERT_EQUAL_INT(fmi2OK, fmi->free_fmu_state(instance, &states[i]));
+    }
 }
 
 /* What it allocates later needs a larger state. */
@@ -289,6 +312,7 @@ int main(void) {
         return SKIPPED;
     }
     UNITY_BEGIN();
+    RUN_TEST(test_what_is_reserved_is_enough);
     RUN_TEST(test_any_order);
     RUN_TEST(test_by_the_table);
     RUN_TEST(test_a_state_that_is_used_again_grows);
