@@ -42,8 +42,8 @@ ON_THE_BOX = (
 )
 
 
-def carried_out(user, confined):
-    ground = Ground(user, confined=confined)
+def carried_out(user, confined, verb="replay"):
+    ground = Ground(user, confined=confined, verb=verb)
     for attack in (*ON_THE_BOX, *(attack for attack in ATTACKS if attack.label != "serial line")):
         ground.order(attack)
     return ground.run(timeout=240)
@@ -58,8 +58,8 @@ def test_attacks_on_the_box():
 
 
 def test_confined_attacks_on_the_box():
-    for user in users():
-        with carried_out(user, True) as ground:
+    for user, verb in ((user, verb) for user in users() for verb in ("replay", "check", "plant")):
+        with carried_out(user, True, verb) as ground:
             reached = [attack.label for attack, reached in ground.evidence.items() if reached()]
             tried = ground.reports()
             silent = [attack.label for attack in ground.evidence if attack.label not in tried]
