@@ -269,6 +269,7 @@ static void fill_plan(tl_assembly *assembly) {
     for (size_t i = 0; i < config->match_count; i++) {
         assembly->match[i] = config->match[i];
         assembly->match[i].to = config->matched_as[i];
+        assembly->match[i].reading = tl_config_reading_of(config, i);
     }
     assembly->plan = (tl_plan){
         .step = config->step,
@@ -291,6 +292,7 @@ static void fill_plan(tl_assembly *assembly) {
         .input_ticks = config->input_lookup.ticks,
         .measure = measure_of(config),
         .output_ticks = config->output_lookup.ticks,
+        .output_look_back = config->output_lookup.look_back,
         .algorithm = config->algorithm,
         .fallback = config->fallback,
         .stagnation = config->stagnation,

@@ -171,7 +171,8 @@ typedef struct tl_config {
     size_t match_count;
     tl_between *matched_between; /* of each match: last or line, */
     tl_condition *conditions;    /* and what is done to the readings before */
-    const char **matched_as;     /* of each match: `to`, or the second look-up of that signal, "plant.NAME@match" */
+    const char **matched_as;     /* of each match: `to`, or the second look-up of that signal, "plant.NAME@match", */
+    const char **reading_as;     /* and "plant.NAME@reading"; NULL: none */
     uint32_t prediction;
     tl_shape shape;
     tl_measurements measurements;
@@ -230,6 +231,10 @@ bool tl_config_feeds(const tl_config *config, const tl_config_signal *signal);
 /* How much later than its own instant what is made of a measurement by its `condition` comes at most, if readings come as often as is said (every_s, else
  * step_s): ns. */
 tl_time tl_config_condition_lag(const tl_config *config, size_t match);
+
+/* The signal that shows the readings of a match as they come, "plant.NAME@reading"; NULL: the one that it is matched as; "": none, as there was no room.
+ * Once further look-ups are used. */
+const char *tl_config_reading_of(const tl_config *config, size_t match);
 
 /* For who is the plant: it has no delays. Before the above. */
 void tl_config_forget_delays(tl_config *config);

@@ -306,6 +306,11 @@ static void add_reading(tl_config_reader *reader, tl_config *config, size_t matc
     if (name != NULL) {
         *signal = *looked_up;
         signal->plan.name = name + strlen("plant.");
+        for (size_t i = 0; i < config->match_count; i++) {
+            if (leads_to(config->match[i].to, &config->signals[looked_up->of])) {
+                config->reading_as[i] = name;
+            }
+        }
         signal->is_reading = true;
         signal->shows = matched;
         signal->look_back = 0;
@@ -356,7 +361,8 @@ void tl_config_place_lookups(tl_config_object *root, tl_config *config) {
     size_t room = config->signal_count + 2 * config->match_count;
     tl_config_signal *signals = tl_config_take(root->reader, room, sizeof *signals);
     config->matched_as = tl_config_take(root->reader, config->match_count, sizeof *config->matched_as);
-    if (signals == NULL || config->matched_as == NULL || config->signals == NULL) {
+    config->reading_as = tl_config_take(root->reader, config->match_count, sizeof *config->reading_as);
+    if (signals == NULL || config->matched_as == NULL || config->reading_as == NULL || config->signals == NULL) {
         return;
     }
     memcpy(signals, config->signals, config->signal_count * sizeof *signals);
@@ -388,6 +394,17 @@ void tl_config_place_lookups(tl_config_object *root, tl_config *config) {
     add_readings(root->reader, config);
 }
 
+const char *tl_config_reading_of(const tl_config *config, size_t match) {
+    bool is_as_read = true;
+    for (size_t i = 0; i < config->signal_count; i++) {
+        const tl_config_signal *signal = &config->signals[i];
+        if (leads_to(config->matched_as[match], signal)) {
+            is_as_read = signal->between == TL_BETWEEN_LAST && !tl_condition_is_needed(&signal->condition);
+        }
+    }
+    return config->reading_as[match] != NULL ? config->reading_as[match] : is_as_read ? NULL : "";
+}
+
 void tl_config_use_lookups(tl_config *config) {
     if (config->signal_count != 0 && config->signals[config->signal_count - 1].of == config->signal_count - 1) {
         config->signal_count += config->second_count;
@@ -407,5 +424,6 @@ void tl_config_forget_delays(tl_config *config) {
     }
     for (size_t i = 0; i < config->match_count; i++) {
         config->matched_as[i] = config->match[i].to;
+        config->reading_as[i] = NULL;
     }
 }

@@ -231,7 +231,8 @@ static void put_matches(const tl_html_report *report, const tl_run_figures *figu
     const tl_html_settings *settings = &report->settings;
     begin_table(file, "Simulated against measured",
                 "<th>output y</th><th>measured ŷ</th><th class=\"n\">MSE</th><th></th><th class=\"n\">MAX</th>"
-                "<th class=\"n\">tolerance</th><th></th><th class=\"n\">pairs</th><th class=\"n\">left out</th>");
+                "<th class=\"n\">tolerance</th><th></th><th class=\"n\">pairs</th><th class=\"n\">left out</th>"
+                "<th class=\"n\">MSE at readings</th><th class=\"n\">readings</th><th class=\"n\">rejected</th>");
     for (size_t i = 0; i < settings->match_count; i++) {
         const tl_metrics *metrics = &figures->match[i];
         const tl_recorder_signal *signal = &settings->match[i];
@@ -246,6 +247,9 @@ static void put_matches(const tl_html_report *report, const tl_run_figures *figu
         put_unit_cell(file, tl_show_unit(signal->unit));
         put_count_cell(file, "match", i, "pairs", metrics->pairs);
         put_count_cell(file, "match", i, "left_out", metrics->left_out);
+        put_value_cell(file, "match", i, "mse_readings", tl_run_figures_mse_readings(figures, i), false);
+        put_count_cell(file, "match", i, "readings", figures->readings[i].pairs);
+        put_count_cell(file, "match", i, "rejected", figures->readings[i].left_out);
         (void)fputs("</tr>\n", file);
     }
     end_table(file);

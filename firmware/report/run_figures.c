@@ -29,6 +29,7 @@ void tl_run_figures_add_adjusted(tl_run_figures *figures, size_t adjust, double 
 void tl_run_figures_take_account(tl_run_figures *figures, const tl_account *account) {
     for (size_t i = 0; i < account->matches; i++) {
         figures->match[i] = account->match[i].metrics;
+        figures->readings[i] = account->match[i].readings;
     }
     figures->ledger_count = account->components;
     for (size_t i = 0; i < account->components; i++) {
@@ -45,6 +46,11 @@ uint64_t tl_run_figures_committed(const tl_run_figures *figures) {
 
 double tl_run_figures_mse(const tl_run_figures *figures, size_t match) {
     const tl_metrics *metrics = &figures->match[match];
+    return metrics->pairs > 1 ? tl_metrics_mse(metrics) : (double)NAN;
+}
+
+double tl_run_figures_mse_readings(const tl_run_figures *figures, size_t match) {
+    const tl_metrics *metrics = &figures->readings[match];
     return metrics->pairs > 1 ? tl_metrics_mse(metrics) : (double)NAN;
 }
 

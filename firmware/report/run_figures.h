@@ -41,6 +41,7 @@ typedef struct tl_run_figures {
     uint64_t late;         /* steps that took longer than their period */
     tl_time longest;       /* ns that the longest step took */
     tl_metrics match[TL_MAX_MATCH];
+    tl_metrics readings[TL_MAX_MATCH]; /* at the plant's readings; `left_out` were rejected */
     tl_run_adjusted adjust[TL_MAX_ADJUST];
     tl_run_component ledger[TL_RECORDER_COMPONENTS];
     size_t ledger_count; /* 0: none was kept */
@@ -61,6 +62,7 @@ uint64_t tl_run_figures_committed(const tl_run_figures *figures);
 
 /* MSE and MAX; NaN if there are too few pairs to tell. */
 double tl_run_figures_mse(const tl_run_figures *figures, size_t match);
+double tl_run_figures_mse_readings(const tl_run_figures *figures, size_t match);
 double tl_run_figures_maximum(const tl_run_figures *figures, size_t match);
 
 /* Of u and of Δu; NaN if there is no step. */

@@ -109,9 +109,12 @@ static void add_matches(tl_json_writer *json, const printing *page) {
         tl_json_open_object(json, page->config->match[i].variable);
         tl_json_add_number(json, "mse", tl_run_figures_mse(&page->figures, i));
         tl_json_add_number(json, "max", tl_run_figures_maximum(&page->figures, i));
+        tl_json_add_number(json, "mse_readings", tl_run_figures_mse_readings(&page->figures, i));
         tl_json_add_text(json, "unit", page->account->match[i].unit);
         tl_json_add_count(json, "pairs", page->figures.match[i].pairs);
         tl_json_add_count(json, "left_out", page->figures.match[i].left_out);
+        tl_json_add_count(json, "readings", page->figures.readings[i].pairs);
+        tl_json_add_count(json, "rejected", page->figures.readings[i].left_out);
         tl_json_close(json);
     }
     tl_json_close(json);
@@ -299,6 +302,21 @@ static const char *space_before(const char *unit) {
     return unit[0] == '\0' ? "" : " ";
 }
 
+/* The twin between its steps, against what came. */
+static void print_readings(const printing *page, size_t match, FILE *file) {
+    const tl_metrics *readings = &page->figures.readings[match];
+    char mse[32];
+    char square[128];
+    if (readings->pairs > 1) {
+        write_measure(tl_run_figures_mse_readings(&page->figures, match), 5, mse, sizeof mse);
+        write_square(tl_show_unit(page->account->match[match].unit), square, sizeof square);
+        (void)fprintf(file, "  %-12s MSE %s%s at its %" PRIu64 " readings\n", "", mse, square, readings->pairs);
+    }
+    if (readings->left_out != 0) {
+        (void)fprintf(file, "  %-12s %" PRIu64 " readings were rejected\n", "", readings->left_out);
+    }
+}
+
 static void print_matches(const printing *page, FILE *file) {
     const tl_config *config = page->config;
     for (size_t i = 0; i < config->match_count; i++) {
@@ -318,6 +336,7 @@ static void print_matches(const printing *page, FILE *file) {
                           space_before(unit), unit,
                           config->match[i].weight > 0.0 || config->adjust_count == 0 ? "" : ", compared only");
         }
+        print_readings(page, i, file);
         if (metrics->left_out != 0) {
             (void)fprintf(file, "  %-12s %" PRIu64 " of %" PRIu64 " measurements were not good and are left out\n", "",
                           metrics->left_out, metrics->left_out + metrics->pairs);

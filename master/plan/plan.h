@@ -84,6 +84,7 @@ typedef struct tl_plan_match {
     const char *where;
     const char *variable; /* "component.variable" */
     const char *to;       /* "plant.signal" */
+    const char *reading;  /* the signal that shows its readings as they come; NULL: that is `to`; "": none does */
     double tolerance;     /* > 0, in the variable's unit; may be 1 where weight is 0 */
     double weight;        /* 0: compared and reported, not matched */
     double huber;         /* > 0: differences beyond this many tolerances count linearly; 0: all quadratically */
@@ -163,12 +164,13 @@ typedef struct tl_plan {
     tl_plan_event event;
     int32_t input_ticks; /* what feeds inputs at t_i is in the sample of tick i + this (Δi; base/signal.h) */
     tl_plan_measure measure;
-    int32_t output_ticks;  /* and the ŷ of t_j in that of tick j + this (Δo) */
-    const char *algorithm; /* see tl_twin_solver_names() */
-    const char *fallback;  /* takes over where the first one fails or stagnates; NULL: none */
-    uint32_t stagnation;   /* evaluations without progress that end a solver; 0: never */
-    double margin;         /* a correction must lower J to at most (1 − margin) of the nominal's, [0, 1) */
-    double noise_floor;    /* ≥ 0: a variable whose `step` moves no matched output by this many tolerances is not
+    int32_t output_ticks;     /* and the ŷ of t_j in that of tick j + this (Δo), */
+    tl_time output_look_back; /* which shows what was seen so long before its own instant */
+    const char *algorithm;    /* see tl_twin_solver_names() */
+    const char *fallback;     /* takes over where the first one fails or stagnates; NULL: none */
+    uint32_t stagnation;      /* evaluations without progress that end a solver; 0: never */
+    double margin;            /* a correction must lower J to at most (1 − margin) of the nominal's, [0, 1) */
+    double noise_floor;       /* ≥ 0: a variable whose `step` moves no matched output by this many tolerances is not
                               identifiable and held at nominal for the step; 0: never */
     uint32_t
         evaluations; /* the most a step's budget will allow, ≥ 1: sizes caches and ledger, for at least 60; 0: 60 */

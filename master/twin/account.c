@@ -43,6 +43,7 @@ static void take_ports(const tl_twin *twin, tl_account *account) {
         copy_text(match->unit, tl_twin_match_unit(twin, account->matches));
         match->type = twin->match_ports[account->matches]->variable->type;
         match->metrics = *tl_twin_metrics(twin, account->matches);
+        match->readings = *tl_twin_readings(twin, account->matches);
         account->matches++;
     }
     while (account->adjusts < TL_MAX_ADJUST && twin->adjust_ports[account->adjusts] != NULL) {

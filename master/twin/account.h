@@ -36,6 +36,7 @@ typedef struct tl_account_match {
     char unit[TL_ACCOUNT_TEXT]; /* as the FMU declares it; "": it does not */
     tl_type type;
     tl_metrics metrics;
+    tl_metrics readings; /* as tl_twin_readings() */
 } tl_account_match;
 
 typedef struct tl_account_adjust {

@@ -86,6 +86,11 @@ static void complete(tl_twin *twin, tl_record *record) {
         record->y_hat[i] = tl_objective_y_hat(&twin->lock.objective, i, record->step + 1, &quality);
         record->y_hat_quality[i] = (uint8_t)quality;
         tl_metrics_add(&twin->metrics[i], record->y[i], record->y_hat[i], quality);
+        if (twin->readers[i] != NULL) {
+            tl_time end = tl_time_of_step(0, twin->step, record->step + 1);
+            bool goes_on = (record->flags & TL_FLAG_RESET) == 0;
+            tl_reading_meter_step(twin->readers[i], end, record->y[i], goes_on, &twin->readings[i]);
+        }
     }
     measure_delay(twin, record);
 }
@@ -163,12 +168,28 @@ static tl_status compute(tl_twin *twin, int64_t step, const tick_way *way, tl_re
     return status;
 }
 
+/* A reading that the sample shows, at the twin's own time. */
+static void see_reading(tl_twin *twin, const tl_sample *sample, size_t match) {
+    const tl_objective_term *term = &twin->terms[match];
+    size_t signal = twin->reading_signals[match];
+    tl_time start = sample->instant - tl_time_of_step(0, twin->step, sample->tick);
+    if (sample->stamps[signal] != TL_TIME_NEVER) {
+        tl_time late = tl_time_of_step(0, twin->step, term->shift) - twin->look_back;
+        double value = term->conversion.factor * sample->values[signal] + term->conversion.offset;
+        tl_reading_meter_see(twin->readers[match], sample->stamps[signal] - start - late, value,
+                             (tl_quality)sample->quality[signal], &twin->readings[match]);
+    }
+}
+
 /* The sample, for all that look at it. */
 static void push(tl_twin *twin, const tl_sample *sample) {
     tl_plant *plant = &twin->exchange.plant;
     tl_plant_push(plant, sample);
     for (size_t i = 0; i < twin->lock.objective.term_count; i++) {
         const tl_objective_term *term = &twin->terms[i];
+        if (twin->readers[i] != NULL) {
+            see_reading(twin, sample, i);
+        }
         if (twin->meters[i] != NULL && sample->stamps[term->signal] != TL_TIME_NEVER) {
             tl_time start = sample->instant - tl_time_of_step(0, twin->step, sample->tick);
             tl_delay_meter_see(twin->meters[i], sample->stamps[term->signal] - start, sample->values[term->signal],

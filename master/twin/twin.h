@@ -230,6 +230,10 @@ tl_twin_delay tl_twin_get_delay(const tl_twin *twin);
 /* MSE and MAX of match m over the records so far (eq. 5.2, 5.3). */
 const tl_metrics *tl_twin_metrics(const tl_twin *twin, size_t match);
 
+/* The same of the twin between its steps against the plant's readings as they came (reading_meter.h): `left_out` were rejected. Without pairs if the output is
+ * no Real, of an event horizon, or if nothing shows the readings. */
+const tl_metrics *tl_twin_readings(const tl_twin *twin, size_t match);
+
 /* The value of output i of the plan's `outputs`, as of the newest committed step. */
 double tl_twin_output(const tl_twin *twin, size_t output);
 

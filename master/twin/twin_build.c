@@ -354,6 +354,29 @@ static bool create_meters(tl_twin *twin, const tl_plan *plan) {
     return placed;
 }
 
+static size_t find_signal(const tl_plan *plan, const char *reference) {
+    size_t i = 0;
+    while (i < plan->signal_count && strcmp(plan->signals[i].name, reference + strlen("plant.")) != 0) {
+        i++;
+    }
+    return i;
+}
+
+/* Of an event horizon the past of a step may change. Room is for one reading a tick. */
+static bool create_readers(tl_twin *twin, const tl_plan *plan) {
+    bool placed = true;
+    twin->look_back = plan->output_look_back;
+    for (size_t i = 0; i < plan->match_count && plan->event.start.signal == NULL; i++) {
+        const char *reading = plan->match[i].reading != NULL ? plan->match[i].reading : plan->match[i].to;
+        if (twin->match_ports[i]->type == TL_REAL && reading[0] != '\0') {
+            twin->reading_signals[i] = find_signal(plan, reading);
+            twin->readers[i] = tl_reading_meter_create(&twin->arena, plan->step, twin->lead + find_age(plan) + 2);
+            placed = placed && twin->readers[i] != NULL && twin->reading_signals[i] < plan->signal_count;
+        }
+    }
+    return placed;
+}
+
 /* Fewer would not hold a horizon's way and the next one's. */
 static uint64_t nodes_least(const tl_horizon *horizon) {
     return 3 * (uint64_t)horizon->prediction + 3;
@@ -430,7 +453,7 @@ static void build_values(tl_twin *twin, const tl_plan *plan, tl_lock_settings *l
     lock->terms = twin->terms;
     place_adjusted(twin, plan, report);
     if (!tl_proof_init(&twin->proof, &twin->arena, &twin->exchange, &twin->graph) || !create_meters(twin, plan) ||
-        !save_executions(twin, plan, lock) || !create_verifier(twin, plan) ||
+        !create_readers(twin, plan) || !save_executions(twin, plan, lock) || !create_verifier(twin, plan) ||
         !tl_lock_init(&twin->lock, &twin->arena, plan, lock)) {
         tl_report_add(report, TL_TRY_AGAIN, "", "not enough memory for the search");
         return;

@@ -23,7 +23,7 @@ typedef struct head {
 
 static head head_of(const tl_twin *twin, int64_t tick) {
     return (head){
-        .magic = {'t', 'w', 'l', 'k', 't', 'w', 'n', '3'},
+        .magic = {'t', 'w', 'l', 'k', 't', 'w', 'n', '4'},
         .components = twin->graph.component_count,
         .signals = twin->exchange.plant.signal_count,
         .matches = twin->lock.objective.term_count,
@@ -80,6 +80,9 @@ static void archive_ours(tl_twin *twin, tl_archive *archive) {
         tl_event_horizon_archive(twin->event, archive);
     }
     for (size_t i = 0; i < twin->lock.objective.term_count; i++) {
+        if (twin->readers[i] != NULL) {
+            tl_reading_meter_archive(twin->readers[i], archive);
+        }
         if (twin->meters[i] != NULL) {
             tl_delay_meter_archive(twin->meters[i], archive);
         }
@@ -211,6 +214,7 @@ tl_status tl_twin_forget(tl_twin *twin, bool *done, tl_error *error) {
         tl_event_horizon_go_on(twin->event);
     }
     memset(twin->metrics, 0, sizeof twin->metrics);
+    memset(twin->readings, 0, sizeof twin->readings);
     twin->resets = false;
     disown_pending(twin);
     return TL_OK;

@@ -138,6 +138,10 @@ tl_twin_delay tl_twin_get_delay(const tl_twin *twin) {
     return twin->delay;
 }
 
+const tl_metrics *tl_twin_readings(const tl_twin *twin, size_t match) {
+    return &twin->readings[match];
+}
+
 const tl_metrics *tl_twin_metrics(const tl_twin *twin, size_t match) {
     return &twin->metrics[match];
 }

@@ -14,6 +14,7 @@
 #include "master/sync/lock.h"
 #include "master/sync/proof.h"
 #include "master/sync/verifier.h"
+#include "master/twin/reading_meter.h"
 #include "master/twin/twin.h"
 
 struct tl_twin {
@@ -30,6 +31,11 @@ struct tl_twin {
     uint64_t *worst;    /* and how many it can need at once */
     const tl_port *outputs[TL_MAX_SIGNALS];
     tl_metrics metrics[TL_MAX_MATCH];
+    tl_metrics readings[TL_MAX_MATCH]; /* the same at readings, */
+    tl_reading_meter
+        *readers[TL_MAX_MATCH]; /* for which these look; NULL: there is no line between steps, or nothing shows them */
+    size_t reading_signals[TL_MAX_MATCH]; /* where they do */
+    tl_time look_back;                    /* of what is matched */
     tl_measurements measurements;
     tl_plan_measure measure;
     tl_delay_meter *meters[TL_MAX_MATCH]; /* where Δo is measured */

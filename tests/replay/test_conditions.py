@@ -6,7 +6,7 @@ import sqlite3
 
 import brakes
 from truth import true_mse
-from twinlock_test import (PROGRAM, at_least, at_most, config_path, edited_config, expect, main, read_table, replay_csv, run_well,
+from twinlock_test import (PROGRAM, at_least, at_most, config_path, edited_config, expect, main, read_table, replay_csv, replay_json, run_well,
                            scratch)
 
 SEEDS = (7001, 7002, 7003)
@@ -60,6 +60,9 @@ def test_what_is_rejected_stands_in_the_database():
     rows = query(database, "SELECT DISTINCT s.value, s.stamp_ns FROM samples s JOIN signals n USING (run, signal) "
                            "WHERE n.kind = 'plant' AND n.name = 'plant.omega@reading' AND s.quality = 5 ORDER BY s.stamp_ns")
     expect([value for value, _ in rows] == bad, f"{rows}, not {bad}")
+    match = replay_json(lock(gate=GATE), "--recording", recording)["match"]["motor.omega"]
+    expect(match["rejected"] == len(bad), f"{match}, not {len(bad)}")
+    at_most(match["mse_readings"], 0.10, "MSE at the readings that were not rejected, (rad/s)\u00b2")
     told = [text for text, in query(database, "SELECT text FROM events WHERE source = 'plant' ORDER BY event")]
     expect(len(told) == min(len(bad), 10) and all("rejected" in text and "gate of 8" in text for text in told), told)
     for value, text in zip(bad, told):
@@ -75,6 +78,8 @@ def test_a_run_is_repeated_to_the_bit():
     first = replay_csv(gated, "--recording", recording, "--db", database)
     again = replay_csv(gated, "--recording", database)
     expect(all(first[name] == again[name] for name in columns), "another run")
+    told = [replay_json(gated, "--recording", recorded)["match"]["motor.omega"]["mse_readings"] for recorded in (recording, database)]
+    expect(abs(told[0] - told[1]) < 0.05 * told[0], f"{told}")
     directly = replay_csv(median, "--recording", recording)
     anew = replay_csv(median, "--recording", database)
     steps = len(anew["time"])  # the median waits longer, and the database ends with the run
