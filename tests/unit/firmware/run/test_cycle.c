@@ -474,7 +474,7 @@ static void test_stops_without_the_last_measurement(void) {
 
 static void test_a_twin_that_fails_ends_it(void) {
     make_twin(MILLISECOND, 0, TL_LAG);
-    tl_test_fmu_fail(&twin.fmu, TL_TEST_DO_STEP, TL_TEST_ERROR, 30, UINT64_MAX);
+    tl_test_fmu_fail(&twin.fmu, TL_TEST_DO_STEP, TL_TEST_ERROR, 100, UINT64_MAX);
     start();
     watch(UINT64_MAX);
     TEST_ASSERT_TRUE(shown.ended);
