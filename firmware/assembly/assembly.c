@@ -299,6 +299,7 @@ static void fill_plan(tl_assembly *assembly) {
         .margin = config->margin,
         .noise_floor = config->noise_floor,
         .verify_every = config->verify_every,
+        .free_twin = tl_config_free_twin_guard(config),
         .evaluations = config->budget_evaluations,
         .saving = config->saving,
         .state_bytes = (uint64_t)config->saving_memory << 20,

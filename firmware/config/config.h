@@ -183,6 +183,7 @@ typedef struct tl_config {
     uint32_t stagnation;  /* 0: never */
     double noise_floor;
     uint32_t verify_every;
+    bool free_twin;
     double margin;
     tl_plan_saving saving;
     uint32_t saving_memory; /* MB that the FMUs' saved states may take */
@@ -224,6 +225,10 @@ tl_status tl_config_read_text(const char *path, const char *text, size_t size, t
 
 /* For who takes samples as `delays` have them: from now on the second look-ups are signals as well. */
 void tl_config_use_lookups(tl_config *config);
+
+/* Steps until a prediction has outrun the measurements that its beginning has used, if a free twin is asked for; else 0. Two messages must have come, and a
+ * filter must have had some time. */
+uint32_t tl_config_free_twin_guard(const tl_config *config);
 
 /* Whether a signal feeds an input of an FMU, or begins a stroke. */
 bool tl_config_feeds(const tl_config *config, const tl_config_signal *signal);

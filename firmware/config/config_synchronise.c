@@ -308,6 +308,29 @@ static void read_budget(tl_config_object *object, tl_config *config) {
     tl_config_done(&budget);
 }
 
+/* Why there can be no free twin; NULL: there can. */
+static const char *why_no_free_twin(const tl_config *config) {
+    if (config->event.start.signal != NULL) {
+        return "false: not with horizon.event";
+    }
+    if (config->measurements == TL_AHEAD) {
+        return "false: not with horizon.measurements \"ahead\", in which a step ends before it is measured";
+    }
+    for (size_t i = 0; i < config->component_count; i++) {
+        if (config->components[i].keep == TL_KEEP_OUTPUTS) {
+            return "false: not with a component whose states are not kept (keep \"outputs\")";
+        }
+    }
+    return NULL;
+}
+
+static void read_free_twin(tl_config_object *object, tl_config *config) {
+    const char *why = why_no_free_twin(config);
+    if (tl_config_get_boolean(object, "free_twin", &config->free_twin) && config->free_twin && why != NULL) {
+        tl_config_wrong(object, "free_twin", NULL, why, NULL);
+    }
+}
+
 void tl_config_read_synchronise(tl_config_object *root, tl_config *config) {
     static const tl_config_number margin = {.maximum = 1, .below = true, .example = "0.01"};
     static const tl_config_number noise_floor = {.maximum = HUGE_VAL, .example = "0.001"};
@@ -337,6 +360,7 @@ void tl_config_read_synchronise(tl_config_object *root, tl_config *config) {
     (void)tl_config_get_number(&object, "noise_floor", &noise_floor, &config->noise_floor);
     (void)tl_config_get_number(&object, "verify_every", &verify_every, &every);
     config->verify_every = (uint32_t)every;
+    read_free_twin(&object, config);
     read_saving(&object, config);
     read_budget(&object, config);
     tl_config_done(&object);

@@ -493,8 +493,11 @@ static void tell_cause(const tl_lock_judge *judge, const window *all, const find
 
 /* ---- over the run ---- */
 
-/* Only what a twin in lock does is usual. */
+/* Only what a twin in lock does is usual; while u rests it does nothing. */
 static void learn(tl_lock_judge *judge, const tl_lock_part *part) {
+    if (part->rests != 0) {
+        return;
+    }
     if (judge->tally.state != TL_LOCK_LOCKED && judge->tally.state != TL_LOCK_TRACKING) {
         return;
     }
@@ -578,6 +581,7 @@ const tl_lock_change *tl_lock_judge_step(tl_lock_judge *judge, const tl_record *
         part->ran_away++;
         judge->tally.ran_away++;
     }
+    part->rests += (record->flags & TL_FLAG_RESTS) != 0 ? 1 : 0;
     part->differed += (record->flags & TL_FLAG_DIFFERED) != 0 ? 1 : 0;
     see_outputs(judge, record, part);
     see_corrections(judge, record, part);

@@ -45,6 +45,7 @@ typedef struct tl_lock_part {
     uint32_t
         jumps; /* in which an output has gone that far from the step before, and further than its measurement goes */
     uint32_t ran_away;                /* in which an output, or J, was beyond all measure */
+    uint32_t rests;                   /* with u at nominal since a twin that is left alone is nearer to the plant */
     uint32_t differed;                /* before which an FMU was found not to come back to where it was */
     double worst;                     /* tolerances */
     uint32_t samples;                 /* of the plant, */

@@ -103,6 +103,19 @@ static void add_verified(tl_json_writer *json, const tl_account *account) {
     tl_json_close(json);
 }
 
+/* The same of a free twin, only if there is one. */
+static void add_free_twin(tl_json_writer *json, const tl_account *account) {
+    if (account->has_free_twin != 0) {
+        tl_json_open_object(json, "free_twin");
+        tl_json_add_count(json, "executions", account->free_twin.executions);
+        tl_json_add_count(json, "rested_steps", account->free_twin.rested);
+        tl_json_add_count(json, "rests", account->free_twin.turns);
+        tl_json_add_count(json, "adopted", account->free_twin.adopted);
+        tl_json_add_count(json, "renewed", account->free_twin.renewed);
+        tl_json_close(json);
+    }
+}
+
 static void add_matches(tl_json_writer *json, const printing *page) {
     tl_json_open_object(json, "match");
     for (size_t i = 0; i < page->config->match_count; i++) {
@@ -221,6 +234,7 @@ tl_status tl_summary_print_json(const tl_summary *summary, const tl_config *conf
     }
     add_executions(&json, account);
     add_verified(&json, account);
+    add_free_twin(&json, account);
     tl_json_add_count(&json, "replayed", account->replayed);
     tl_json_add_count(&json, "evaluations", page.figures.evaluations);
     tl_json_add_count(&json, "optimised_steps", page.figures.optimised_steps);
@@ -259,6 +273,17 @@ static void print_lock(const tl_summary *summary, const tl_config *config, FILE 
     if (config->adjust_count != 0) {
         tl_lock_tally_write(&summary->lock, text);
         (void)fprintf(file, "  lock         %s\n", text);
+    }
+}
+
+static void print_free_twin(const tl_run_figures *figures, const tl_account *account, FILE *file) {
+    uint64_t steps = tl_run_figures_committed(figures);
+    const tl_free_twin_counts *beside = &account->free_twin;
+    if (account->has_free_twin != 0 && steps != 0) {
+        (void)fprintf(file,
+                      "  free twin    was the nearer one in %.1f %% of the steps, %" PRIu64
+                      " times: u rested at nominal; %" PRIu64 " executions beside\n",
+                      100.0 * (double)beside->rested / (double)steps, beside->turns, beside->executions);
     }
 }
 
@@ -419,6 +444,7 @@ void tl_summary_print_table(const tl_summary *summary, const tl_config *config, 
     (void)fprintf(file, "  steps        %" PRIu64 " of %g s: ", page.figures.steps, tl_seconds(config->step));
     print_outcomes(&page.figures, file);
     print_lock(summary, config, file);
+    print_free_twin(&page.figures, account, file);
     print_executions(&page.figures, account, file);
     if (config->adjust_count != 0) {
         print_ledger(&page.figures, account, file);

@@ -99,6 +99,19 @@ static void watch_way_back(tl_watch *watch, int64_t tick, const tl_record *recor
     watch->no_way_back = has_none;
 }
 
+/* Of a step that was made up nobody knows. */
+static void watch_rest(tl_watch *watch, int64_t tick, const tl_record *record) {
+    bool rests = (record->flags & TL_FLAG_RESTS) != 0;
+    if (rests == watch->rests || record->outcome == TL_MADE_UP || record->outcome == TL_FREE_RUN) {
+        return;
+    }
+    watch->rests = rests;
+    tl_journal_event(watch->journal, tick, TL_EVENT_INFO, "twin",
+                     rests ? "u rests at nominal from step %lld on: the twin that is left alone is nearer to the plant"
+                           : "u is searched again from step %lld on: the twin that rested was too far from the plant",
+                     (long long)record->step);
+}
+
 static void watch_free_run(tl_watch *watch, int64_t tick, const tl_record *record) {
     bool free_run = record->outcome == TL_FREE_RUN && (record->flags & TL_FLAG_NO_WAY_BACK) == 0;
     if (free_run == watch->free_run || record->outcome == TL_MADE_UP) {
@@ -321,6 +334,7 @@ void tl_watch_record(tl_watch *watch, int64_t tick, const tl_record *record) {
     watch_reset(watch, tick, record);
     watch_difference(watch, tick, record);
     watch_free_run(watch, tick, record);
+    watch_rest(watch, tick, record);
     for (size_t i = 0; i < watch->config->adjust_count; i++) {
         watch_variable(watch, tick, record, i);
     }

@@ -58,6 +58,7 @@ typedef struct tl_watch {
     tl_delay_state delay_state;           /* as last told */
     tl_time delay;                        /* the measured delay as last told */
     bool differed;                        /* an FMU does not come back to where it was: told */
+    bool rests;                           /* u, at nominal: told */
     bool no_way_back;                     /* an FMU cannot be led back by replay: told */
     uint64_t skipped;                     /* not told yet */
     tl_time skipped_since;

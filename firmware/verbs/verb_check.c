@@ -385,6 +385,16 @@ static void print_blocks(const tl_assembly *assembly, const tl_prognosis *progno
     print_block("shadow", blocks.shadow, "more, at most, for a second twin beside that of `run`", output);
 }
 
+static void print_free_twin(const tl_assembly *assembly, const tl_prognosis *prognosis, FILE *output) {
+    if (tl_twin_get_facts(assembly->twin).has_free_twin) {
+        (void)fprintf(output,
+                      "  free twin    %" PRIu64 " executions beside each step, twice that while u is searched\n",
+                      prognosis->step);
+    } else if (assembly->config.free_twin && prognosis->steps != 0) {
+        (void)fputs("  free twin    none: an FMU is rolled back by replay\n", output);
+    }
+}
+
 static void print_costs(const tl_assembly *assembly, const tl_prognosis *prognosis, FILE *output) {
     const tl_config *config = &assembly->config;
     (void)fputs("cost\n", output);
@@ -394,6 +404,7 @@ static void print_costs(const tl_assembly *assembly, const tl_prognosis *prognos
                       tl_seconds(prognosis->step_time) * 1e6,
                       100.0 * tl_seconds(prognosis->step_time) / tl_seconds(config->step));
     }
+    print_free_twin(assembly, prognosis, output);
     if (config->event.start.signal != NULL) {
         print_stroke(config, prognosis, output);
     } else if (config->adjust_count != 0) {

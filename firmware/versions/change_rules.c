@@ -244,6 +244,7 @@ static const tl_change_rule rules[] = {
     {"synchronise.stagnation", NEW_TWIN, NULL},
     {"synchronise.noise_floor", IN_PLACE, NULL},
     {"synchronise.verify_every", NEW_TWIN, NULL},
+    {"synchronise.free_twin", NEW_TWIN, NULL},
     {"synchronise.saving", NEW_TWIN, NULL},
     {"synchronise.saving.structure", NEW_TWIN, NULL},
     {"synchronise.saving.sequences", NEW_TWIN, NULL},

@@ -405,9 +405,17 @@ tl_status tl_exchange_copy_state(tl_exchange *exchange, size_t component, fmi2FM
 }
 
 void tl_exchange_keep_from(tl_exchange *exchange, size_t component, bool is_kept_from) {
-    exchange->is_kept_from = is_kept_from;
+    bool is_kept = is_kept_from || exchange->is_kept_always;
+    exchange->is_kept_from = is_kept;
     if (exchange->cached != NULL) {
-        exchange->cached[component].is_kept_from = is_kept_from;
+        exchange->cached[component].is_kept_from = is_kept;
+    }
+}
+
+void tl_exchange_keep_always(tl_exchange *exchange) {
+    exchange->is_kept_always = true;
+    for (size_t i = 0; i < exchange->component_count; i++) {
+        tl_exchange_keep_from(exchange, i, true);
     }
 }
 

@@ -74,6 +74,7 @@ typedef struct tl_exchange {
     int64_t begun;                /* step at which the FMUs have begun */
     const tl_exchange_note *note; /* each committed step is noted there; NULL: nobody looks */
     bool is_kept_from;            /* somebody keeps a state from before the committed instant: no step is final */
+    bool is_kept_always;          /* and does so for good */
     const fmi2Real *outputs;      /* the Real outputs of all components lie together */
     size_t output_count;
     size_t values_size;
@@ -177,6 +178,9 @@ const tl_component *tl_exchange_find_free(const tl_exchange *exchange, int64_t s
 tl_status tl_exchange_copy_state(tl_exchange *exchange, size_t component, fmi2FMUstate *state, fmi2FMUstate *aside,
                                  bool *taken, tl_error *error);
 void tl_exchange_keep_from(tl_exchange *exchange, size_t component, bool is_kept_from);
+
+/* The same of all components, and for good. */
+void tl_exchange_keep_always(tl_exchange *exchange);
 
 /* Keeps all components and values beside all caches, for the proof at start, where candidates begin else. */
 tl_status tl_exchange_save(tl_exchange *exchange, tl_error *error);

@@ -609,6 +609,11 @@ tl_status tl_lock_step(tl_lock *lock, int64_t step, const tl_budget *budget, tl_
         record->outcome = TL_FREE_RUN;
         return commit_found(&attempt, lock->memory.nominal, record);
     }
+    if (lock->rests) {
+        record->outcome = TL_NOMINAL;
+        record->flags = TL_FLAG_RESTS;
+        return commit_found(&attempt, lock->memory.nominal, record);
+    }
     record->outcome = find(&attempt);
     if (attempt.guessed && attempt.evaluations == 0) {
         lock->solver->retract(lock->optimiser);
@@ -685,6 +690,11 @@ static void forget_courses(tl_lock *lock) {
 void tl_lock_begin_anew(tl_lock *lock) {
     lock->has_last = false;
     forget_courses(lock);
+    tl_ledger_begin_anew(&lock->ledger);
+}
+
+void tl_lock_go_on_elsewhere(tl_lock *lock) {
+    lock->courses = 0;
     tl_ledger_begin_anew(&lock->ledger);
 }
 

@@ -56,6 +56,9 @@ tl_status tl_lock_follow(tl_lock *lock, int64_t step, const double *u, tl_record
  * measurements and of what things take stays. */
 void tl_lock_begin_anew(tl_lock *lock);
 
+/* The FMUs have come to another state at the committed instant: where the outputs seemed to go means nothing any more. */
+void tl_lock_go_on_elsewhere(tl_lock *lock);
+
 /* Between steps: what tl_lock_archive() does not keep is forgotten, but for what things take. */
 void tl_lock_forget(tl_lock *lock);
 

@@ -84,6 +84,7 @@ typedef struct tl_lock {
     int courses;                      /* committed one after the other whose course is known: 0, 1, 2 or more */
     bool held_inputs; /* mode ahead: what the plant feeds was stood for when the step before was computed */
     bool runs_free;   /* set by its user: a component cannot be led back, so nothing is tried */
+    bool rests;       /* set by its user: u rests at nominal, and nothing is tried */
     bool was_blind;   /* nothing was identifiable in the step before */
     bool met;         /* the solver has been let search though all was within tolerance: once is enough */
     tl_lock_times times;

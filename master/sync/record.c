@@ -42,6 +42,8 @@ const char *tl_flag_name(tl_flag flag) {
         return "differed";
     case TL_FLAG_NO_WAY_BACK:
         return "no way back";
+    case TL_FLAG_RESTS:
+        return "rests";
     }
     return "unknown";
 }

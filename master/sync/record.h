@@ -60,7 +60,9 @@ typedef enum tl_flag {
     TL_FLAG_DIFFERED =
         64, /* before it an FMU was found not to come back to where it was (sync/verifier.h), or is known not to */
     TL_FLAG_NO_WAY_BACK = 128, /* an FMU that is led back by replay is too far from its beginning: the twin runs free */
-    TL_LAST_FLAG = TL_FLAG_NO_WAY_BACK
+    TL_FLAG_RESTS =
+        256, /* nothing was searched: the twin that is left alone predicts better (sync/free_twin.h), and u rests at nominal */
+    TL_LAST_FLAG = TL_FLAG_RESTS
 } tl_flag;
 
 /* What is known of a measured delay. */
@@ -115,5 +117,14 @@ typedef enum tl_restore_cause {
 } tl_restore_cause;
 
 enum { TL_RESTORE_CAUSES = TL_CAUSE_REFUSES + 1 };
+
+/* What a free twin that is led beside has cost and done (free_twin.h). */
+typedef struct tl_free_twin_counts {
+    uint64_t executions; /* of FMUs and of the plant, which no other count has */
+    uint64_t rested;     /* committed steps with u at nominal because of it, */
+    uint64_t turns;      /* how often that began, */
+    uint64_t adopted;    /* how often the twin went on from its state, */
+    uint64_t renewed;    /* and how often it began anew from the twin's */
+} tl_free_twin_counts;
 
 #endif

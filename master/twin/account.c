@@ -85,6 +85,8 @@ void tl_account_take(const tl_twin *twin, tl_account *account) {
     account->verified = facts.verified;
     account->verified_executions = facts.verified_executions;
     account->differed = facts.differed;
+    account->has_free_twin = facts.has_free_twin ? 1 : 0;
+    account->free_twin = facts.free_twin;
     take_finding(&twin->finding, &account->finding);
     account->complete = tl_twin_ledger_is_complete(twin) ? 1 : 0;
     account->delay = tl_twin_get_delay(twin);

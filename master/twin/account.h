@@ -58,15 +58,17 @@ typedef struct tl_account_finding {
 } tl_account_finding;
 
 typedef struct tl_account {
-    uint32_t components; /* at most TL_ACCOUNT_COMPONENTS */
-    uint32_t matches;    /* at most TL_MAX_MATCH */
-    uint32_t adjusts;    /* at most TL_MAX_ADJUST */
-    uint32_t prediction; /* T_P in force */
-    uint32_t lead;       /* step i is computed at tick i + lead */
-    uint8_t complete;    /* 1: the ledger is; 0: what it predicts is too high */
-    uint64_t verified;   /* as in tl_twin_facts, */
+    uint32_t components;   /* at most TL_ACCOUNT_COMPONENTS */
+    uint32_t matches;      /* at most TL_MAX_MATCH */
+    uint32_t adjusts;      /* at most TL_MAX_ADJUST */
+    uint32_t prediction;   /* T_P in force */
+    uint32_t lead;         /* step i is computed at tick i + lead */
+    uint8_t complete;      /* 1: the ledger is; 0: what it predicts is too high */
+    uint8_t has_free_twin; /* 1: one was led beside */
+    uint64_t verified;     /* as in tl_twin_facts, */
     uint64_t verified_executions;
     uint64_t differed;
+    tl_free_twin_counts free_twin;
     uint64_t replayed;          /* steps by which FMUs were led back by replay, which no other count has */
     tl_account_finding finding; /* the newest of these */
     tl_twin_delay delay;

@@ -18,7 +18,8 @@ static tl_status start(tl_twin *twin, const tl_budget *budget, tl_error *error) 
     tl_status status = tl_twin_start(twin, tl_plant_shown(plant, twin->first, plant->newest), error);
     status = status == TL_OK ? tl_exchange_start(&twin->exchange, twin->state_bytes, twin->heap, error) : status;
     tl_proof_end(&twin->proof);
-    return status == TL_OK ? tl_verifier_start(&twin->verifier, budget, error) : status;
+    status = status == TL_OK ? tl_verifier_start(&twin->verifier, budget, error) : status;
+    return status == TL_OK ? tl_free_twin_begin(&twin->free_twin, error) : status;
 }
 
 /* ---- a measured delay ---- */
@@ -168,6 +169,19 @@ static tl_status compute(tl_twin *twin, int64_t step, const tick_way *way, tl_re
     return status;
 }
 
+/* The free twin goes on beside; from the next step on u may rest, or the twin go on from there. */
+static tl_status follow_free_twin(tl_twin *twin, const tl_record *record, tl_error *error) {
+    tl_contest_verdict verdict;
+    tl_status status = tl_free_twin_follow(&twin->free_twin, record, &verdict, error);
+    twin->lock.rests = tl_free_twin_rests(&twin->free_twin);
+    if (status != TL_OK || !verdict.adopt) {
+        return status;
+    }
+    tl_verifier_abandon(&twin->verifier);
+    tl_lock_go_on_elsewhere(&twin->lock);
+    return tl_exchange_begin_anew(&twin->exchange, record->step + 1, error);
+}
+
 /* A reading that the sample shows, at the twin's own time. */
 static void see_reading(tl_twin *twin, const tl_sample *sample, size_t match) {
     const tl_objective_term *term = &twin->terms[match];
@@ -231,11 +245,12 @@ static tl_status advance(tl_twin *twin, const tl_sample *sample, const tick_way 
     if (!ahead) {
         complete(twin, record);
         *ready = true;
+        status = follow_free_twin(twin, record, error);
     }
-    if (way->budget != NULL && way->budget->now != NULL) {
+    if (status == TL_OK && way->budget != NULL && way->budget->now != NULL) {
         (ahead ? &twin->pending : record)->used = tl_lock_end_step(&twin->lock, way->budget);
     }
-    return TL_OK;
+    return status;
 }
 
 static tl_status tick(tl_twin *twin, const tl_sample *sample, const tick_way *way, tl_record *record, bool *ready,
@@ -295,6 +310,7 @@ void tl_twin_destroy(tl_twin *twin) {
             tl_exchange_end_component(&twin->exchange, i);
             tl_event_horizon_forget(twin->event, i);
             tl_verifier_end_component(&twin->verifier, i);
+            tl_free_twin_end_component(&twin->free_twin, i);
         }
         if (!tl_twin_is_lost(twin, &twin->graph.components[i])) {
             tl_component_free(&twin->graph.components[i]);

@@ -50,7 +50,9 @@ typedef struct tl_twin_facts {
     uint64_t verified;            /* how often an FMU was led back and executed again (tl_twin_verify()), */
     uint64_t verified_executions; /* with so many executions, which no other count has, */
     uint64_t differed;            /* and how often it did not come back to where it was */
-    bool structure;               /* what is saved */
+    bool has_free_twin;           /* one is led beside; begun, else it is only asked for */
+    tl_free_twin_counts free_twin;
+    bool structure; /* what is saved */
     bool sequences;
 } tl_twin_facts;
 

@@ -436,6 +436,12 @@ static bool create_verifier(tl_twin *twin, const tl_plan *plan) {
                             goes_back ? plan->verify_every : 0);
 }
 
+static bool create_free_twin(tl_twin *twin, const tl_plan *plan) {
+    bool can = plan->adjust_count != 0 && plan->event.start.signal == NULL && plan->measurements != TL_AHEAD;
+    return tl_free_twin_init(&twin->free_twin, &twin->arena, &twin->exchange, &twin->lock.objective,
+                             can ? plan->free_twin : 0);
+}
+
 static void build_values(tl_twin *twin, const tl_plan *plan, tl_lock_settings *lock, tl_report *report) {
     tl_error error;
     /* As far back as a candidate that is remembered may have been fed. */
@@ -454,7 +460,7 @@ static void build_values(tl_twin *twin, const tl_plan *plan, tl_lock_settings *l
     place_adjusted(twin, plan, report);
     if (!tl_proof_init(&twin->proof, &twin->arena, &twin->exchange, &twin->graph) || !create_meters(twin, plan) ||
         !create_readers(twin, plan) || !save_executions(twin, plan, lock) || !create_verifier(twin, plan) ||
-        !tl_lock_init(&twin->lock, &twin->arena, plan, lock)) {
+        !tl_lock_init(&twin->lock, &twin->arena, plan, lock) || !create_free_twin(twin, plan)) {
         tl_report_add(report, TL_TRY_AGAIN, "", "not enough memory for the search");
         return;
     }

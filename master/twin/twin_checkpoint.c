@@ -16,7 +16,7 @@ static const tl_time FAR = INT64_MAX / 4;
 /* Of what twin, and when. All must be equal but `first`, which is taken over. */
 typedef struct head {
     char magic[8]; /* its last character changes with the layout */
-    uint64_t components, signals, matches, adjusted, values, window;
+    uint64_t components, signals, matches, adjusted, values, window, guard;
     int64_t tick;
     int64_t first;
 } head;
@@ -30,6 +30,7 @@ static head head_of(const tl_twin *twin, int64_t tick) {
         .adjusted = twin->lock.horizon.variables,
         .values = twin->exchange.values_size,
         .window = twin->exchange.plant.window_mask + 1,
+        .guard = twin->free_twin.contest.guard,
         .tick = tick,
         .first = twin->first,
     };
@@ -136,6 +137,7 @@ tl_status tl_twin_save(tl_twin *twin, unsigned char *bytes, size_t capacity, siz
     tl_archive_part(&archive, &own, sizeof own);
     archive_ours(twin, &archive);
     status = tl_snapshot_archive(&twin->exchange.home, &archive, error);
+    status = status == TL_OK ? tl_free_twin_archive(&twin->free_twin, &archive, error) : status;
     if (status != TL_OK) {
         return refused(twin, status);
     }
@@ -160,9 +162,12 @@ static tl_status load_head(tl_twin *twin, int64_t tick, tl_archive *archive, tl_
 /* The FMUs are initialised where they once were, with what the plant shows now; then they get their states. */
 static tl_status load_components(tl_twin *twin, tl_archive *archive, tl_error *error) {
     tl_status status = tl_twin_start(twin, twin->exchange.plant.newest, error);
+    status = status == TL_OK ? tl_free_twin_begin(&twin->free_twin, error) : status;
     if (status == TL_OK) {
         status = tl_snapshot_archive(&twin->exchange.home, archive, error);
     }
+    status = status == TL_OK ? tl_free_twin_archive(&twin->free_twin, archive, error) : status;
+    twin->lock.rests = tl_free_twin_rests(&twin->free_twin);
     if (status == TL_OK) {
         tl_archive_require_finite(archive, (const double *)(const void *)twin->exchange.home.values,
                                   twin->exchange.real_count);
@@ -215,6 +220,7 @@ tl_status tl_twin_forget(tl_twin *twin, bool *done, tl_error *error) {
     }
     memset(twin->metrics, 0, sizeof twin->metrics);
     memset(twin->readings, 0, sizeof twin->readings);
+    twin->free_twin.counts = (tl_free_twin_counts){0};
     twin->resets = false;
     disown_pending(twin);
     return TL_OK;

@@ -56,6 +56,8 @@ tl_twin_facts tl_twin_get_facts(const tl_twin *twin) {
         .verified = twin->verifier.counts.turns,
         .verified_executions = twin->verifier.counts.executions,
         .differed = twin->verifier.counts.found,
+        .has_free_twin = twin->free_twin.is_led,
+        .free_twin = twin->free_twin.counts,
         .structure = searches && lock->ledger.saving.structure,
         .sequences = searches && lock->ledger.saving.sequences,
     };

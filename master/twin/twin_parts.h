@@ -11,6 +11,7 @@
 #include "master/graph/exchange.h"
 #include "master/graph/graph.h"
 #include "master/measure/delay_meter.h"
+#include "master/sync/free_twin.h"
 #include "master/sync/lock.h"
 #include "master/sync/proof.h"
 #include "master/sync/verifier.h"
@@ -54,6 +55,7 @@ struct tl_twin {
     const char *
         runs_free; /* the component that keeps it from being synchronised since the step last computed; NULL: none does */
     tl_verifier verifier;
+    tl_free_twin free_twin;
     tl_twin_finding finding; /* the newest; no component: none */
     uint32_t marks;          /* flags of the next step's record, */
     uint32_t lasting;        /* and of all */

@@ -14,6 +14,7 @@ static tl_status renew(tl_twin *twin, size_t component, tl_error *error) {
     tl_exchange_end_component(&twin->exchange, component);
     tl_event_horizon_forget(twin->event, component);
     tl_verifier_end_component(&twin->verifier, component);
+    tl_free_twin_end_component(&twin->free_twin, component);
     return tl_component_renew(&twin->graph.components[component], error);
 }
 
@@ -47,5 +48,7 @@ tl_status tl_twin_begin_anew(tl_twin *twin, int64_t step, uint32_t *flags, tl_er
     bool given_up = twin->event != NULL && tl_event_horizon_begin_anew(twin->event);
     *flags = TL_FLAG_RESET | (given_up ? TL_FLAG_ABANDONED : 0U);
     tl_lock_begin_anew(&twin->lock);
-    return tl_exchange_begin_anew(&twin->exchange, step, error);
+    status = tl_exchange_begin_anew(&twin->exchange, step, error);
+    twin->lock.rests = false;
+    return status == TL_OK ? tl_free_twin_begin(&twin->free_twin, error) : status;
 }

@@ -55,6 +55,8 @@ static void take(tl_twin *twin, const tl_tuning *tuning) {
     for (size_t v = 0; v < tuning->adjusts; v++) {
         place_nominal(twin, v, &tuning->adjust[v], begun);
     }
+    tl_free_twin_retune(&twin->free_twin);
+    twin->lock.rests = false;
     if (twin->event != NULL) {
         tl_event_horizon_retune(twin->event, tuning, begun);
     }

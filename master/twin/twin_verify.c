@@ -35,7 +35,13 @@ static void describe(const tl_twin *twin, const tl_verifier_finding *found, tl_t
 static tl_status mend(tl_twin *twin, size_t component, bool *mended, tl_error *error) {
     int64_t next = twin->exchange.plant.newest + 1 - (int64_t)twin->lead;
     tl_verifier_end_component(&twin->verifier, component);
+    tl_free_twin_end_component(&twin->free_twin, component);
     tl_status status = tl_exchange_give_up_states(&twin->exchange, component, next, mended, error);
+    if (status != TL_OK) {
+        return status;
+    }
+    status = tl_free_twin_begin(&twin->free_twin, error);
+    twin->lock.rests = false;
     if (status != TL_OK) {
         return status;
     }

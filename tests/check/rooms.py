@@ -21,7 +21,7 @@ MASTER = {
     "master/measure": Room(("master/plan", "master/base")),
     "master/solve": Room(("master/base",), ("optimiser",)),
     "master/sync": Room(("master/solve", "master/measure", "master/graph", "master/cache", "master/plan", "master/fmi",
-                         "master/base"), ("lock", "objective", "proof", "record", "verifier")),
+                         "master/base"), ("free_twin", "lock", "objective", "proof", "record", "verifier")),
     "master/event": Room(("master/sync", "master/solve", "master/measure", "master/graph", "master/cache",
                           "master/plan", "master/fmi", "master/base"), ("event_horizon", "event_plan")),
     "master/twin": Room(("master/event", "master/sync", "master/solve", "master/measure", "master/graph",

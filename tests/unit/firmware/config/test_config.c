@@ -433,6 +433,27 @@ static void test_second_look_ups(void) {
     TEST_ASSERT_EQUAL_INT64(0, config->signals[1].look_back);        /* running: neither */
 }
 
+/* Two messages of 40 ms, four that a median remembers, and three times 30 ms; without a word on messages they are five steps each. */
+static void test_a_free_twin(void) {
+    TEST_ASSERT_EQUAL_UINT32(0, tl_config_free_twin_guard(read_good(FULL)));
+    char *text = tl_test_read_text(FULL);
+    char *lagging = tl_test_replaced(text, "\"ahead\"", "\"lag\"");
+    char *kept = tl_test_replaced(lagging, "\"keep\": \"outputs\"", "\"keep\": \"states\"");
+    char *led = tl_test_replaced(kept, "\"free_twin\": false", "\"free_twin\": true");
+    char *unknown = tl_test_replaced(led, "\"between\": \"last\", \"every_s\": 0.04", "\"between\": \"last\"");
+    tl_test_judge_text(led, strlen(led), &verdict);
+    TEST_ASSERT_EQUAL_INT(TL_OK, verdict.status);
+    TEST_ASSERT_EQUAL_UINT32(33, tl_config_free_twin_guard(&verdict.config));
+    tl_test_judge_text(unknown, strlen(unknown), &verdict);
+    TEST_ASSERT_EQUAL_INT(TL_OK, verdict.status);
+    TEST_ASSERT_EQUAL_UINT32(39, tl_config_free_twin_guard(&verdict.config));
+    free(unknown);
+    free(led);
+    free(kept);
+    free(lagging);
+    free(text);
+}
+
 /* A wait for the next reading is a look-up too: of what feeds and is matched, twice. */
 static void test_between_readings(void) {
     char *text = tl_test_read_text(FULL);
@@ -996,6 +1017,7 @@ int main(void) {
     RUN_TEST(test_delays);
     RUN_TEST(test_delays_of_outputs_alone);
     RUN_TEST(test_second_look_ups);
+    RUN_TEST(test_a_free_twin);
     RUN_TEST(test_between_readings);
     RUN_TEST(test_a_condition_is_waited_for);
     RUN_TEST(test_a_plant_has_no_delays);

@@ -669,6 +669,11 @@ static void test_limits_and_saving(void) {
          "found 1.5 (number), expected a whole number from 1 to 100000, for example 30", NULL},
         {"\"stagnation\": 30", "\"stagnation\": \"30\"", "synchronise.stagnation",
          "found \"30\" (text), expected a whole number from 1 to 100000, for example 30", NULL},
+        {"\"free_twin\": false", "\"free_twin\": 1", "synchronise.free_twin",
+         "found 1 (number), expected true or false, for example true", NULL},
+        {"\"free_twin\": false", "\"free_twin\": true", "synchronise.free_twin",
+         "found true, expected false: not with horizon.measurements \"ahead\", in which a step ends before it is measured",
+         NULL},
         {"\"noise_floor\": 0.002", "\"noise_floor\": -0.002", "synchronise.noise_floor",
          "found -0.002 (number), expected a number from 0 up, for example 0.001", NULL},
         {"\"noise_floor\": 0.002", "\"noise_floor\": false", "synchronise.noise_floor",
@@ -998,6 +1003,27 @@ static void test_conditions_that_do_not_fit(void) {
     }
 }
 
+/* It is said once, and first what is hardest to change. */
+static void test_no_free_twin(void) {
+    static const tl_test_change changes[] = {
+        {"\"measurements\": \"ahead\"",
+         "\"measurements\": \"lag\", \"event\": {\"start\": \"plant.running\", \"end\": \"plant.running\", "
+         "\"window_s\": 0.1, \"longest_s\": 2}",
+         "synchronise.free_twin", "found true, expected false: not with horizon.event", "\"free_twin\""},
+        {"\"measurements\": \"ahead\"", "\"measurements\": \"lag\"", "synchronise.free_twin",
+         "found true, expected false: not with a component whose states are not kept (keep \"outputs\")",
+         "\"free_twin\""},
+    };
+    char *led = tl_test_replaced(full, "\"free_twin\": false", "\"free_twin\": true");
+    char *short_of = tl_test_replaced(led, "\"prediction\": 2, \"shape\": \"dynamic\", ", "");
+    char *raw = tl_test_replaced(short_of, "{ \"median\": 5, \"low_pass_s\": 0.03, \"gate\": 45 }", "{}");
+    tl_test_expect_problems(raw, &changes[0], 1);
+    tl_test_expect_problems(led, &changes[1], 1);
+    free(raw);
+    free(short_of);
+    free(led);
+}
+
 /* 62 signals, three of which would be there twice. */
 static void test_too_many_look_ups(void) {
     enum { SIGNALS = 62, ROOM = 16384 };
@@ -1249,6 +1275,7 @@ int main(void) {
     RUN_TEST(test_delays_without_a_step);
     RUN_TEST(test_between_readings);
     RUN_TEST(test_conditions_that_do_not_fit);
+    RUN_TEST(test_no_free_twin);
     RUN_TEST(test_too_many_look_ups);
     RUN_TEST(test_doubled_keys);
     RUN_TEST(test_everything_at_once);

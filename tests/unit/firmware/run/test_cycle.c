@@ -480,9 +480,9 @@ static void test_a_twin_that_fails_ends_it(void) {
     TEST_ASSERT_TRUE(shown.ended);
     TEST_ASSERT_EQUAL_INT(TL_FMU_FAILED, end());
     TEST_ASSERT_NOT_NULL(strstr(error.text, "motor"));
-    TEST_ASSERT_TRUE(summary.figures.steps >= 1);
-    TEST_ASSERT_EQUAL_INT64((int64_t)(summary.figures.steps + summary.figures.outcomes[TL_MADE_UP]),
-                            tl_sql_integer(database, "SELECT count(*) FROM steps"));
+    uint64_t steps = summary.figures.steps + summary.figures.outcomes[TL_MADE_UP]; /* on a busy machine all of these */
+    TEST_ASSERT_TRUE(steps >= 1);
+    TEST_ASSERT_EQUAL_INT64((int64_t)steps, tl_sql_integer(database, "SELECT count(*) FROM steps"));
 }
 
 int main(void) {

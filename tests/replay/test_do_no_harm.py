@@ -1,0 +1,100 @@
+#!/usr/bin/env python3
+"""A lock over minutes, against the *true* speed, which nobody may see but a test: if the model is right, a free twin that is led beside keeps it from following the
+noise; if it is not, the lock is what it was."""
+import json
+import math
+import random
+from contextlib import closing
+import sqlite3
+
+from truth import make_truth, true_mse
+from twinlock_test import at_most, config_path, edited_config, expect, main, read_table, run_well, scratch
+
+STEP_S, SECONDS, SAMPLE_S = 0.01, 180, 0.02
+NOISE = 0.3  # rad/s, of the bench
+SEEDS = (3001, 3002)
+
+
+def quiet(_choice):
+    return lambda time: 0.0
+
+
+def sine(_choice):
+    return lambda time: 0.25 * (1.0 - math.cos(2.0 * math.pi * 3.0 * max(0.0, time - 0.5)))
+
+
+def hand(choice):
+    parts = [(choice.uniform(0.05, 0.2), choice.uniform(0.1, 0.8), choice.uniform(0.0, 6.0)) for _ in range(4)]
+    return lambda time: min(1.0, time) * max(0.0, 0.3 + sum(a * math.sin(2.0 * math.pi * f * time + p) for a, f, p in parts))
+
+
+class Bench:
+    """Some minutes of the motor bench with a heavy motor, under a brake: what was measured, and the true speed."""
+
+    def __init__(self, shape, seed):
+        brake = scratch() / "brake.csv"
+        torque = shape(random.Random(seed))
+        rows = (f"{i * SAMPLE_S:.2f},{torque(i * SAMPLE_S):.4f}\n" for i in range(round((SECONDS + 1) / SAMPLE_S)))
+        brake.write_text("t,torque\n" + "".join(rows), encoding="utf-8")
+        edits = {"duration_s": SECONDS, "components": {"motor": {"set": {"J": 0.05}}}, "recording": {"file": str(brake)}}
+        self.recording = scratch() / "recording.csv"
+        run_well(["plant", edited_config("motor/plant.json", edits), "--record", self.recording, "--seed", seed])
+        self.truth = make_truth("motor/plant.json", edits)
+        self.what = f"{shape.__name__}, seed {seed}"
+
+    def follow(self, edits):
+        """(true MSE, what --json tells, events of the twin) of one whose J is 3 % too large."""
+        folder = scratch()
+        steps, database = folder / "steps.csv", folder / "twin.db"
+        config = edited_config("motor/lock.json", {"duration_s": SECONDS - 1, **edits})
+        told = json.loads(run_well(["replay", config, "--recording", self.recording, "--json", "--csv", steps, "--db", database]))
+        with closing(sqlite3.connect(database)) as opened:
+            events = [text for text, in opened.execute("SELECT text FROM events WHERE source = 'twin'")]
+        return true_mse(read_table(steps), "motor.omega", self.truth, "omega", STEP_S), told, events
+
+    def alone(self):
+        return self.follow({"synchronise": None, "compare": {"motor.omega": {"to": "plant.omega"}}})[0]
+
+    def locked(self, free_twin):
+        return self.follow({"synchronise": {"free_twin": free_twin}})
+
+
+def test_a_right_model_is_left_alone():
+    for shape in (quiet, sine):
+        for seed in SEEDS:
+            bench = Bench(shape, seed)
+            alone = bench.alone()
+            plain, told, _ = bench.locked(False)
+            expect("free_twin" not in told and plain > 1.5 * alone, f"{bench.what}: {plain} locked, {alone} alone: a lock does no harm there")
+            error, told, events = bench.locked(True)
+            at_most(error, max(1.3 * alone, NOISE ** 2 / 9), f"{bench.what}: true MSE, (rad/s)²; {plain:.4f} without a free twin, {alone:.4f} alone")
+            beside = told["free_twin"]
+            expect(beside["rested_steps"] > 0.7 * told["steps"] and beside["adopted"] >= 1, f"{bench.what}: {beside}")
+            at_most(told["executions"]["total"] / (3 * told["steps"]), 1.001, f"{bench.what}: executions over the fewest")
+            expect(beside["executions"] == 3 * (2 * told["steps"] - beside["rested_steps"]), f"{bench.what}: {beside}")
+            begun = [text for text in events if "rests at nominal from step" in text]
+            ended = [text for text in events if "searched again from step" in text]
+            expect(len(begun) == beside["rests"] and len(begun) - len(ended) in (0, 1), f"{bench.what}: {events}")
+            expect(told["lock"]["state"] == "locked" and told["lock"]["percent"] > 99, f"{bench.what}: {told['lock']}")
+
+
+def test_it_is_as_near_as_the_nearer_one():
+    """Whichever that is under such a brake."""
+    for seed in SEEDS:
+        bench = Bench(hand, seed)
+        alone, plain, error = bench.alone(), bench.locked(False)[0], bench.locked(True)[0]
+        at_most(error, 1.2 * min(plain, alone), f"{bench.what}: true MSE, (rad/s)²; {plain:.4f} without a free twin, {alone:.4f} alone")
+
+
+def test_it_is_told():
+    """By check, before anything runs; and in the summary."""
+    out = run_well(["check", config_path("motor/lock.json")])
+    expect("free twin    3 executions beside each step" in out, out)
+    out = run_well(["check", edited_config("motor/lock.json", {"synchronise": {"free_twin": False}})])
+    expect("free twin" not in out, out)
+    out = run_well(["replay", config_path("motor/lock.json")])
+    expect("free twin    was the nearer one in 0.0 % of the steps" in out, out)
+
+
+if __name__ == "__main__":
+    main()

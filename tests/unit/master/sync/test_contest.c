@@ -1,0 +1,254 @@
+/* Which of two twins is nearer to the plant: by processes whose true value is known, and of which the contest sees errors only. */
+#include <math.h>
+#include <string.h>
+#include <unity.h>
+
+#include "master/sync/contest.h"
+#include "tests/support/random_numbers.h"
+
+enum { GUARD = 4, TRIALS = 600 };
+
+/* A plant whose true value is 0, and two twins of it. */
+typedef struct world {
+    double noise;  /* standard deviation of a measurement */
+    double gain;   /* the part of it that the locked twin follows */
+    double bias;   /* of the twin that is left alone, for good, */
+    double drift;  /* more in each trial, */
+    double unrest; /* and what it does not know from trial to trial: nor does a prediction */
+    bool spikes;   /* one measurement in fifty is far off */
+} world;
+
+static tl_contest contest;
+static tl_contest_verdict verdict;
+static tl_test_random numbers;
+static double followed; /* by the locked twin, of the last measurement's noise */
+static uint32_t trial;  /* so many were over before the verdict */
+
+void setUp(void) {
+    contest = (tl_contest){.guard = GUARD};
+    verdict = (tl_contest_verdict){0};
+    numbers = (tl_test_random){7};
+    followed = 0.0;
+    trial = 0;
+}
+
+void tearDown(void) {}
+
+/* As good as normal: of twelve uniform ones. */
+static double normal(double deviation) {
+    double sum = -6.0;
+    for (int i = 0; i < 12; i++) {
+        sum += tl_test_random_number(&numbers, 0.0, 1.0);
+    }
+    return deviation * sum;
+}
+
+/* Where the prediction began, the twin had followed the noise that was there then. */
+static void one_trial(const world *of) {
+    double began = followed;
+    double unknown = normal(of->unrest);
+    double free = of->bias + of->drift * trial + normal(of->unrest);
+    for (int step = 0; step < GUARD && !verdict.turned && !verdict.renew; step++) {
+        double noise = normal(of->noise);
+        noise += of->spikes && tl_test_random_chance(&numbers, 2) ? 40.0 : 0.0;
+        followed = contest.rests ? 0.0 : of->gain * noise;
+        double rested = contest.rests ? of->bias + of->drift * trial : followed;
+        const tl_contest_errors errors = {
+            .locked = {rested - noise}, .free = {free - noise}, .predicted = {began + unknown - noise}};
+        verdict = tl_contest_step(&contest, &errors, true);
+        TEST_ASSERT_EQUAL_INT(step == GUARD - 1 && !contest.rests, verdict.predict);
+    }
+    trial++;
+}
+
+/* Until it says something, or for good. */
+static void go_on(const world *of, uint32_t most) {
+    verdict = (tl_contest_verdict){0};
+    for (trial = 0; trial < most && !verdict.turned && !verdict.renew;) {
+        one_trial(of);
+    }
+}
+
+/* ---- while it is locked ---- */
+
+static void u_rests_if_the_model_is_right(void) {
+    go_on(&(world){.noise = 0.3, .gain = 1.0}, TRIALS);
+    TEST_ASSERT_TRUE(verdict.turned && verdict.adopt && contest.rests);
+    TEST_ASSERT_GREATER_OR_EQUAL_UINT32(TL_CONTEST_LEAST, trial);
+    TEST_ASSERT_LESS_THAN_UINT32(100, trial);
+}
+
+static void and_if_it_is_a_little_off(void) {
+    go_on(&(world){.noise = 0.3, .gain = 1.0, .bias = 0.15}, TRIALS);
+    TEST_ASSERT_TRUE(verdict.turned && contest.rests);
+}
+
+/* Whoever held it against what was measured would see no more than 0.2² + 0.3², of which the locked twin has nothing. */
+static void and_if_the_lock_follows_only_a_part_of_the_noise(void) {
+    go_on(&(world){.noise = 0.3, .gain = 0.7, .bias = 0.05}, TRIALS);
+    TEST_ASSERT_TRUE(verdict.turned && contest.rests);
+}
+
+static void it_stays_locked_if_the_free_twin_is_further_off(void) {
+    go_on(&(world){.noise = 0.3, .gain = 1.0, .bias = 0.45}, 5 * TL_CONTEST_TRIALS);
+    TEST_ASSERT_FALSE(verdict.turned || contest.rests);
+}
+
+/* A prediction is no better than the free twin then; what was measured is. */
+static void it_stays_locked_if_nobody_can_predict(void) {
+    go_on(&(world){.noise = 0.3, .gain = 1.0, .unrest = 0.5}, 5 * TL_CONTEST_TRIALS);
+    TEST_ASSERT_FALSE(verdict.turned || contest.rests);
+}
+
+static void it_stays_locked_if_there_is_no_noise(void) {
+    go_on(&(world){.noise = 0.0, .gain = 1.0}, TRIALS);
+    TEST_ASSERT_FALSE(verdict.turned || verdict.renew || contest.rests);
+}
+
+static void outliers_do_not_decide(void) {
+    go_on(&(world){.noise = 0.3, .gain = 0.0, .bias = 0.6, .spikes = true}, 5 * TL_CONTEST_TRIALS);
+    TEST_ASSERT_FALSE(verdict.turned || contest.rests);
+}
+
+/* It was the better one on the whole, and is not any more. */
+static void a_free_twin_that_drifts_away_is_not_adopted(void) {
+    uint32_t adopted = 0;
+    uint32_t turned = 0;
+    for (uint64_t seed = 1; seed <= 20; seed++) {
+        setUp();
+        numbers.state = seed;
+        go_on(&(world){.noise = 0.3, .gain = 1.0, .bias = -0.3, .drift = 0.02}, TL_CONTEST_TRIALS);
+        turned += verdict.turned ? 1 : 0;
+        adopted += verdict.adopt ? 1 : 0;
+    }
+    TEST_ASSERT_GREATER_THAN_UINT32(adopted, turned + 1);
+}
+
+static void one_that_has_lost_for_long_begins_anew(void) {
+    go_on(&(world){.noise = 0.3, .gain = 1.0, .bias = 2.0}, TRIALS);
+    TEST_ASSERT_TRUE(verdict.renew && !contest.rests);
+    TEST_ASSERT_EQUAL_UINT32(TL_CONTEST_LOST * TL_CONTEST_TRIALS, trial);
+}
+
+/* ---- while it rests ---- */
+
+static void let_it_rest(void) {
+    go_on(&(world){.noise = 0.3, .gain = 1.0}, TRIALS);
+    TEST_ASSERT_TRUE(contest.rests);
+}
+
+static void it_rests_on_while_the_model_is_right(void) {
+    let_it_rest();
+    go_on(&(world){.noise = 0.3, .gain = 1.0}, 20 * TRIALS);
+    TEST_ASSERT_TRUE(contest.rests && !verdict.renew);
+}
+
+static void what_jumps_ends_it_at_once(void) {
+    let_it_rest();
+    go_on(&(world){.noise = 0.3, .gain = 1.0, .bias = 1.5}, TRIALS);
+    TEST_ASSERT_TRUE(verdict.turned && verdict.predict && !contest.rests);
+    TEST_ASSERT_EQUAL_UINT32(2, trial);
+}
+
+static void what_is_off_for_long_ends_it(void) {
+    let_it_rest();
+    go_on(&(world){.noise = 0.3, .gain = 1.0, .bias = 0.45}, TRIALS);
+    TEST_ASSERT_TRUE(verdict.turned && !contest.rests);
+    TEST_ASSERT_LESS_THAN_UINT32(TL_CONTEST_TRIALS, trial);
+}
+
+/* ---- what is no number, and what is not there ---- */
+
+static void nothing_measured_says_nothing(void) {
+    const tl_contest_errors errors = {.locked = {0.0}, .free = {0.0}, .predicted = {0.0}};
+    for (uint32_t i = 0; i < GUARD * TRIALS; i++) {
+        verdict = tl_contest_step(&contest, &errors, i % 3 == 0);
+        TEST_ASSERT_FALSE(verdict.turned || verdict.renew || verdict.adopt);
+    }
+    TEST_ASSERT_EQUAL_UINT32(0, contest.known); /* two predictions in a row never ended with a measurement */
+}
+
+static void what_is_not_finite_is_as_far_as_can_be(void) {
+    const tl_contest_errors errors = {.locked = {0.1}, .free = {(double)NAN, HUGE_VAL}, .predicted = {-HUGE_VAL}};
+    for (uint32_t i = 0; i < GUARD * TL_CONTEST_LOST * TL_CONTEST_TRIALS; i++) {
+        verdict = tl_contest_step(&contest, &errors, true);
+        TEST_ASSERT_FALSE(verdict.turned);
+    }
+    TEST_ASSERT_TRUE(verdict.renew && isfinite(contest.noise.mean));
+}
+
+/* ---- as bytes ---- */
+
+static unsigned char bytes[4096];
+
+static size_t save(void) {
+    tl_archive archive = tl_archive_saving(bytes, sizeof bytes);
+    tl_contest_archive(&contest, &archive);
+    TEST_ASSERT_TRUE(tl_archive_is_whole(&archive));
+    return archive.at;
+}
+
+static bool load(tl_contest *into, size_t size) {
+    *into = (tl_contest){.guard = GUARD};
+    tl_archive archive = tl_archive_loading(bytes, size);
+    tl_contest_archive(into, &archive);
+    return tl_archive_is_whole(&archive);
+}
+
+static void it_comes_back_from_its_bytes(void) {
+    static tl_contest other;
+    let_it_rest();
+    size_t size = save();
+    TEST_ASSERT_TRUE(load(&other, size));
+    TEST_ASSERT_TRUE(other.rests);
+    TEST_ASSERT_EQUAL_MEMORY(&contest.trial, &other.trial, sizeof contest.trial);
+    TEST_ASSERT_EQUAL_MEMORY(&contest.noise, &other.noise, sizeof contest.noise);
+    TEST_ASSERT_EQUAL_UINT32(contest.known, other.known);
+    TEST_ASSERT_FALSE(load(&other, size - 1));
+}
+
+static void counts_that_cannot_be_are_refused(void) {
+    static tl_contest other;
+    contest.at = TL_CONTEST_TRIALS;
+    TEST_ASSERT_FALSE(load(&other, save()));
+    contest.at = 0;
+    contest.steps = GUARD;
+    TEST_ASSERT_FALSE(load(&other, save()));
+    contest.steps = 0;
+    contest.excess = (double)NAN;
+    TEST_ASSERT_FALSE(load(&other, save()));
+    contest.excess = 0.0;
+    TEST_ASSERT_TRUE(load(&other, save()));
+}
+
+static void to_begin_anew_keeps_what_is_known_of_the_noise(void) {
+    let_it_rest();
+    double noise = contest.noise.mean;
+    TEST_ASSERT_DOUBLE_WITHIN(0.03, 0.09, noise);
+    tl_contest_begin_anew(&contest);
+    TEST_ASSERT_FALSE(contest.rests);
+    TEST_ASSERT_EQUAL_UINT32(0, contest.count);
+    TEST_ASSERT_EQUAL_DOUBLE(noise, contest.noise.mean);
+}
+
+int main(void) {
+    UNITY_BEGIN();
+    RUN_TEST(u_rests_if_the_model_is_right);
+    RUN_TEST(and_if_it_is_a_little_off);
+    RUN_TEST(and_if_the_lock_follows_only_a_part_of_the_noise);
+    RUN_TEST(it_stays_locked_if_the_free_twin_is_further_off);
+    RUN_TEST(it_stays_locked_if_nobody_can_predict);
+    RUN_TEST(it_stays_locked_if_there_is_no_noise);
+    RUN_TEST(outliers_do_not_decide);
+    RUN_TEST(a_free_twin_that_drifts_away_is_not_adopted);
+    RUN_TEST(one_that_has_lost_for_long_begins_anew);
+    RUN_TEST(it_rests_on_while_the_model_is_right);
+    RUN_TEST(what_jumps_ends_it_at_once);
+    RUN_TEST(what_is_off_for_long_ends_it);
+    RUN_TEST(nothing_measured_says_nothing);
+    RUN_TEST(what_is_not_finite_is_as_far_as_can_be);
+    RUN_TEST(it_comes_back_from_its_bytes);
+    RUN_TEST(counts_that_cannot_be_are_refused);
+    RUN_TEST(to_begin_anew_keeps_what_is_known_of_the_noise);
+    return UNITY_END();
+}
