@@ -53,18 +53,26 @@ void tl_free_twin_retune(tl_free_twin *twin) {
 
 /* ---- one step beside ---- */
 
-/* The outputs as they stand, or `y` if it is not NULL, against what was measured; false: nothing was. */
+/* These outputs against what was measured; false: nothing was. */
 static bool measure(const tl_free_twin *twin, const tl_record *record, const double *y, double *errors) {
     const tl_objective *objective = twin->objective;
     bool measured = false;
     for (size_t i = 0; i < objective->term_count; i++) {
         const tl_objective_term *term = &objective->terms[i];
         bool is_good = term->weight > 0.0 && record->y_hat_quality[i] == TL_GOOD;
-        double is = y != NULL ? y[i] : tl_objective_y(objective, i);
-        errors[i] = is_good ? sqrt(term->weight) * (is - record->y_hat[i]) / term->tolerance : 0.0;
+        errors[i] = is_good ? sqrt(term->weight) * (y[i] - record->y_hat[i]) / term->tolerance : 0.0;
         measured = measured || is_good;
     }
     return measured;
+}
+
+/* The same of the outputs as they stand. */
+static void measure_now(const tl_free_twin *twin, const tl_record *record, double *errors) {
+    double y[TL_MAX_MATCH];
+    for (size_t i = 0; i < twin->objective->term_count; i++) {
+        y[i] = tl_objective_y(twin->objective, i);
+    }
+    (void)measure(twin, record, y, errors);
 }
 
 /* All components, with nominal u. Their counts stay as they are. */
@@ -100,7 +108,7 @@ static tl_status lead(tl_free_twin *twin, tl_snapshot *one, const tl_record *rec
                       tl_error *error) {
     tl_status status = tl_snapshot_restore(one, error);
     status = status == TL_OK ? execute(twin, record->step, error) : status;
-    (void)measure(twin, record, NULL, errors);
+    measure_now(twin, record, errors);
     status = status == TL_OK ? tl_snapshot_take(one, error) : status;
     *failed = status != TL_OK || !are_finite(errors, twin->objective->term_count);
     return status == TL_FMU_FATAL ? status : TL_OK;
