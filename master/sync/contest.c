@@ -123,7 +123,8 @@ static estimate find_gain(const tl_contest *contest) {
     double twice = 2.0 * fmin(fmax(part, 0.0), 1.0);
     const tl_contest_average *noise = &contest->noise;
     double variance = fmax(noise->square - noise->mean * noise->mean, 0.0);
-    return (estimate){twice * fmax(noise->mean, 0.0), twice * sqrt(variance / fmax(contest->known, 1.0))};
+    double error = sqrt(variance / fmax(contest->known, 1.0));
+    return (estimate){twice * fmax(noise->mean, 0.0), twice * error};
 }
 
 /* The trial that was so many before the next one. */
@@ -143,7 +144,8 @@ static estimate find_mean(const tl_contest *contest, uint32_t count, double than
     }
     double mean = sum / count;
     double variance = fmax(squares / count - mean * mean, 0.0);
-    return (estimate){mean, sqrt(variance / (count - 1))};
+    double error = sqrt(variance / (count - 1));
+    return (estimate){mean, error};
 }
 
 static bool is_more(estimate found) {
