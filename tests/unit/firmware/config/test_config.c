@@ -436,6 +436,7 @@ static void test_second_look_ups(void) {
 /* Two messages of 40 ms, four that a median remembers, and three times 30 ms; without a word on messages they are five steps each. */
 static void test_a_free_twin(void) {
     TEST_ASSERT_EQUAL_UINT32(0, tl_config_free_twin_guard(read_good(FULL)));
+    tl_config_free(&verdict.config);
     char *text = tl_test_read_text(FULL);
     char *lagging = tl_test_replaced(text, "\"ahead\"", "\"lag\"");
     char *kept = tl_test_replaced(lagging, "\"keep\": \"outputs\"", "\"keep\": \"states\"");
@@ -444,6 +445,7 @@ static void test_a_free_twin(void) {
     tl_test_judge_text(led, strlen(led), &verdict);
     TEST_ASSERT_EQUAL_INT(TL_OK, verdict.status);
     TEST_ASSERT_EQUAL_UINT32(33, tl_config_free_twin_guard(&verdict.config));
+    tl_config_free(&verdict.config);
     tl_test_judge_text(unknown, strlen(unknown), &verdict);
     TEST_ASSERT_EQUAL_INT(TL_OK, verdict.status);
     TEST_ASSERT_EQUAL_UINT32(39, tl_config_free_twin_guard(&verdict.config));
