@@ -62,7 +62,7 @@ def steps(chosen, *options):
 
 def test_catching_up():
     """Outputs of all, states now and then: the same results, and what is done again is accounted for."""
-    chosen = config({"motor": {"keep": "outputs"}}, horizon=horizon(3))
+    chosen = config({"motor": {"keep": "outputs"}}, horizon=horizon(3), free_twin=False)
     ledger = expect_as_predicted(replay_json(chosen), ("drive",))
     motor = ledger["components"]["motor"]
     expect(motor["caught_up"] > 0, f"{motor}")

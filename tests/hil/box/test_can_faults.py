@@ -155,7 +155,7 @@ def test_wall_clock_is_set():
     before, after = query(database, AGES, first, last)[0], query(database, AGES, last, 10**9)[0]
     print(f"    samples were {before[1] / 1e6:.2f} to {before[0] / 1e6:.2f} ms old, while the clock was set "
           f"{after[1] / 1e6:.2f} to {after[0] / 1e6:.2f} ms")
-    expect(min(before[1], after[1]) >= 0, "a sample from the future")
+    expect(min(before[1], after[1]) >= -1000, "a sample from the future")  # within 1 us it is one of the instant
 
 
 if __name__ == "__main__":

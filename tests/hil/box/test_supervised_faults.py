@@ -100,14 +100,14 @@ def killed_and_stopped(campaign):
 
 def check_times(database):
     """Model time is plant time, whatever the wall clock: each step a period after the other, no sample from the future, none
-    that was good and older than its stale_s."""
+    that was good and older than its stale_s. A stamp of the next microsecond is one of the tick's instant."""
     for run in 1, 2, 3:
         steps = query(database, "SELECT step, t_ns FROM steps WHERE run = ? ORDER BY step", run)
         wanted = [(steps[0][0] + i, (steps[0][0] + i + 1) * 10**7) for i in range(len(steps))]
         expect(steps == wanted, f"run {run}: steps are missing, or at other times")
     wrong = number(database, """SELECT count(*) FROM samples JOIN signals USING (run, signal) JOIN runs USING (run)
                                 WHERE kind = 'plant' AND quality = ?
-                                AND tick * step_ns - stamp_ns NOT BETWEEN 0 AND 200000000""", GOOD)
+                                AND tick * step_ns - stamp_ns NOT BETWEEN -1000 AND 200000000""", GOOD)
     expect(wrong == 0, f"{wrong} good samples are from the future, or older than 0.2 s")
     ended = query(database, "SELECT run FROM runs WHERE julianday(ended) - julianday(started) NOT BETWEEN -0.01 AND 0.04")
     expect(not ended, f"the times of the runs {ended} are wrong")
