@@ -41,8 +41,10 @@ static tl_status make_recorder_memory(tl_tree *self, tl_error *error) {
 }
 
 static tl_status make_memory(tl_tree *self, tl_error *error) {
+    tl_config begun = *self->settings->config; /* whose text is in force first, */
     tl_plant_mail_shape shape;
     tl_tree_memory *made = &self->memory;
+    tl_config_use_lookups(&begun); /* and of which the twin has all signals */
     tl_plant_mail_shape_of(&self->config, &shape);
     tl_status status = tl_live_mails_make(&made->mails, 0, tl_plant_mail_bytes(&shape), error);
     if (status == TL_OK) {
@@ -58,7 +60,7 @@ static tl_status make_memory(tl_tree *self, tl_error *error) {
         status = tl_live_place_make(tl_tree_records(self), &self->places[i], error);
     }
     if (status == TL_OK) {
-        status = tl_live_place_move_in(&self->places[0], self->settings->config, self->settings->unconfined, error);
+        status = tl_live_place_move_in(&self->places[0], &begun, self->settings->unconfined, error);
     }
     return status == TL_OK ? make_recorder_memory(self, error) : status;
 }

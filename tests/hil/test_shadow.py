@@ -72,6 +72,33 @@ def expect_repeated(config, database, which, lead):
            f"run {which}: {sum(a != b for a, b in zip(recorded, replayed))} of {len(recorded)} steps differ ({len(replayed)} replayed)")
 
 
+def conditioned(document):
+    """A signal that is looked up again, as it was read, beside what is made of it."""
+    document["plant"]["omega"]["every_s"] = 0.04
+    match(document).update(between="line", condition={"low_pass_s": 0.02})
+
+
+def without_free_twin(document):
+    document["synchronise"]["free_twin"] = False
+
+
+def test_begun_with_further_look_ups():
+    """Two runs with as many signals, of which the file names fewer."""
+    with Device(OMEGA) as device:
+        config, _ = configuration(device.port)
+        document = json.loads(config.read_text(encoding="utf-8"))
+        conditioned(document)
+        document["synchronise"]["free_twin"] = True
+        config.write_text(json.dumps(document), encoding="utf-8")
+        with Retuned(device.port, config=config) as live:
+            wait_for_run(live, live.database, 1)
+            code, out, err = live.reload(live.edited(without_free_twin), *SHORT, timeout=120)
+            expect(code == 0, f"{code}\n{out}{err}{live.log()}")
+            wait_until(lambda: number(live.database, "SELECT count(*) FROM steps WHERE run = 2") > 50, "steps of the other twin", live.log)
+            end_orderly(live)
+            expect_flips(live.database, 1, 1)
+
+
 def test_taken_over_and_kept():
     """Without a gap; the old twin is gone when the new one is kept; each run is repeated by its replay."""
     with Device(OMEGA) as device, Retuned(device.port) as live, moving(device):
