@@ -48,23 +48,6 @@ static tl_time memory_of(const tl_condition *condition, tl_time each) {
     return (condition->median > 1 ? (tl_time)(condition->median - 1) * each : 0) + 3 * condition->low_pass;
 }
 
-uint32_t tl_config_free_twin_guard(const tl_config *config) {
-    static const tl_time least = 2;
-    static const tl_time unknown = 5; /* steps from one reading to the next */
-    tl_time longest = 0;
-    tl_time memory = 0;
-    for (size_t i = 0; i < config->signal_count; i++) {
-        longest = config->signals[i].every > longest ? config->signals[i].every : longest;
-    }
-    longest = longest == 0 ? unknown * config->step : longest;
-    for (size_t i = 0; i < config->match_count; i++) {
-        tl_time own = memory_of(&config->conditions[i], longest);
-        memory = own > memory ? own : memory;
-    }
-    tl_time steps = (2 * longest + memory + config->step - 1) / config->step;
-    return !config->free_twin ? 0 : (uint32_t)(steps > least ? steps : least);
-}
-
 static bool is_matched(const tl_config *config, const tl_config_signal *signal) {
     for (size_t i = 0; i < config->match_count; i++) {
         if (leads_to(config->match[i].to, signal)) {
@@ -72,6 +55,34 @@ static bool is_matched(const tl_config *config, const tl_config_signal *signal) 
         }
     }
     return false;
+}
+
+/* From one message of what is matched to the next, at most. */
+static tl_time longest_wait(const tl_config *config) {
+    static const tl_time unknown = 5; /* steps, if none of them says it */
+    tl_time longest = 0;
+    for (size_t i = 0; i < config->signal_count; i++) {
+        const tl_config_signal *signal = &config->signals[i];
+        longest = is_matched(config, signal) && signal->every > longest ? signal->every : longest;
+    }
+    tl_time most = TL_CONFIG_LONGEST_SHIFT * config->step;
+    longest = longest == 0 ? unknown * config->step : longest;
+    return longest < most ? longest : most;
+}
+
+uint32_t tl_config_free_twin_guard(const tl_config *config) {
+    static const tl_time least = 2;
+    if (!config->free_twin) {
+        return 0;
+    }
+    tl_time wait = longest_wait(config);
+    tl_time memory = 0;
+    for (size_t i = 0; i < config->match_count; i++) {
+        tl_time own = memory_of(&config->conditions[i], wait);
+        memory = own > memory ? own : memory;
+    }
+    tl_time steps = (2 * wait + memory + config->step - 1) / config->step;
+    return (uint32_t)(steps > least ? steps : least);
 }
 
 static tl_between input_between(const tl_config *config, const tl_config_signal *signal) {

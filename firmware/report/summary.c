@@ -281,8 +281,8 @@ static void print_free_twin(const tl_run_figures *figures, const tl_account *acc
     const tl_free_twin_counts *beside = &account->free_twin;
     if (account->has_free_twin != 0 && steps != 0) {
         (void)fprintf(file,
-                      "  free twin    was the nearer one in %.1f %% of the steps, %" PRIu64
-                      " times: u rested at nominal; %" PRIu64 " executions beside\n",
+                      "  free twin    was the nearer one in %.1f %% of the steps; u came to rest at nominal %" PRIu64
+                      " times; %" PRIu64 " executions beside\n",
                       100.0 * (double)beside->rested / (double)steps, beside->turns, beside->executions);
     }
 }

@@ -240,6 +240,14 @@ static void check_adjusted(advice *given, const tl_config *config, const tl_twin
     }
 }
 
+static void check_free_twin(advice *given, const tl_config *config, const tl_prognosis *prognosis,
+                            const tl_twin *twin) {
+    if (config->free_twin && prognosis->steps != 0 && !tl_twin_get_facts(twin).has_free_twin) {
+        warn(given, "synchronise.free_twin",
+             "there is none, since an FMU is rolled back by replay, and that leads to one instant only: u never rests");
+    }
+}
+
 static void check_sources(advice *given, const tl_config *config) {
     for (size_t i = 0; i < config->source_count; i++) {
         bool used = false;
@@ -349,6 +357,7 @@ size_t tl_advice_print(const tl_assembly *assembly, const tl_prognosis *prognosi
         check_adjusted(&given, config, assembly->twin);
         check_conditions(&given, config);
         check_lead(&given, config, tl_twin_get_facts(assembly->twin).lead);
+        check_free_twin(&given, config, prognosis, assembly->twin);
     }
     check_between(&given, config);
     check_delays(&given, config);

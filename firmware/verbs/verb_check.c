@@ -388,10 +388,9 @@ static void print_blocks(const tl_assembly *assembly, const tl_prognosis *progno
 static void print_free_twin(const tl_assembly *assembly, const tl_prognosis *prognosis, FILE *output) {
     if (tl_twin_get_facts(assembly->twin).has_free_twin) {
         (void)fprintf(output,
-                      "  free twin    %" PRIu64 " executions beside each step, twice that while u is searched\n",
+                      "  free twin    %" PRIu64
+                      " executions beside each step, twice that while u is searched: in that time\n",
                       prognosis->step);
-    } else if (assembly->config.free_twin && prognosis->steps != 0) {
-        (void)fputs("  free twin    none: an FMU is rolled back by replay\n", output);
     }
 }
 

@@ -151,11 +151,6 @@ bool tl_cached_component_can_stand(const tl_cached_component *cached) {
     return cached->at == cached->root || cached->tree.nodes[cached->root].state != NULL;
 }
 
-tl_status tl_cached_component_stand(tl_cached_component *cached, tl_error *error) {
-    cached->position = cached->root;
-    return cached->at == cached->root ? TL_OK : load(cached, cached->root, error);
-}
-
 /* The FMU is elsewhere: there, and back. */
 static tl_status copy_from_afar(tl_component *component, fmi2FMUstate root, fmi2FMUstate *state, fmi2FMUstate *aside,
                                 tl_error *error) {
@@ -234,6 +229,12 @@ static tl_status bring(tl_cached_component *cached, int64_t step, tl_error *erro
     return status;
 }
 
+tl_status tl_cached_component_stand(tl_cached_component *cached, int64_t step, tl_error *error) {
+    cached->position = cached->root;
+    tl_ports_read(&cached->component->inputs, cached->key);
+    return bring(cached, step, error);
+}
+
 tl_status tl_cached_component_gather(tl_cached_component *cached, int64_t step, tl_error *error) {
     tl_sequence_cache *tree = &cached->tree;
     tl_status status = TL_OK;
@@ -242,9 +243,7 @@ tl_status tl_cached_component_gather(tl_cached_component *cached, int64_t step, 
         return TL_OK;
     }
     if (cached->at != cached->root) {
-        tl_ports_read(&cached->component->inputs, cached->key);
-        cached->position = cached->root;
-        status = bring(cached, step, error);
+        status = tl_cached_component_stand(cached, step, error);
     }
     if (status == TL_OK) {
         tl_sequence_cache_keep(tree, cached->root, cached->root);

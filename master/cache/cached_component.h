@@ -71,10 +71,9 @@ tl_status tl_cached_component_begin_anew(tl_cached_component *cached, tl_error *
 /* The candidate goes back to the root. */
 void tl_cached_component_rewind(tl_cached_component *cached);
 
-/* Brings the FMU itself to the root, without an execution. False: it cannot be done, since the state there is not kept
- * (TL_KEEP_OUTPUTS). */
+/* Brings the FMU itself to the root, which is before macro step `step`. Not can_stand: it has to catch up there, since no state of the root is kept. */
 bool tl_cached_component_can_stand(const tl_cached_component *cached);
-tl_status tl_cached_component_stand(tl_cached_component *cached, tl_error *error);
+tl_status tl_cached_component_stand(tl_cached_component *cached, int64_t step, tl_error *error);
 
 /* Between steps: the FMU's state at the root, to a handle of the caller's. The FMU stays where it is. False in *taken: nobody has that state (TL_KEEP_OUTPUTS),
  * or the FMU is nowhere. `aside` is a second handle of the caller's, for where the FMU is meanwhile. */

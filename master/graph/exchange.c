@@ -290,7 +290,6 @@ tl_status tl_exchange_commit(tl_exchange *exchange, int64_t step, tl_error *erro
     return status;
 }
 
-/* For the proof: every component executes, whatever the caches know. */
 tl_status tl_exchange_step(tl_exchange *exchange, int64_t step, tl_error *error) {
     double now = tl_seconds(tl_time_of_step(0, exchange->step, step));
     for (size_t i = 0; i < exchange->component_count; i++) {
@@ -299,7 +298,8 @@ tl_status tl_exchange_step(tl_exchange *exchange, int64_t step, tl_error *error)
             return status;
         }
     }
-    tl_plant_deliver(&exchange->plant, step + 1);
+    tl_plant *plant = &exchange->plant;
+    tl_plant_deliver(plant, tl_plant_shown(plant, step + 1, plant->newest));
     tl_exchange_deliver(exchange);
     return TL_OK;
 }
@@ -358,18 +358,21 @@ static bool can_stand(const tl_exchange *exchange) {
     return can;
 }
 
-static tl_status stand(const tl_exchange *exchange, tl_error *error) {
+static tl_status stand(const tl_exchange *exchange, int64_t step, tl_error *error) {
     tl_status status = TL_OK;
     for (size_t i = 0; exchange->cached != NULL && i < exchange->component_count && status == TL_OK; i++) {
-        status = tl_cached_component_stand(&exchange->cached[i], error);
+        status = tl_cached_component_stand(&exchange->cached[i], step, error);
     }
     return status;
 }
 
-tl_status tl_exchange_take(tl_exchange *exchange, bool *taken, tl_error *error) {
-    *taken = can_stand(exchange);
-    tl_status status = *taken ? stand(exchange, error) : TL_OK;
-    return *taken && status == TL_OK ? tl_snapshot_take(&exchange->home, error) : status;
+bool tl_exchange_can_take(const tl_exchange *exchange) {
+    return can_stand(exchange);
+}
+
+tl_status tl_exchange_take(tl_exchange *exchange, int64_t step, tl_error *error) {
+    tl_status status = stand(exchange, step, error);
+    return status == TL_OK ? tl_snapshot_take(&exchange->home, error) : status;
 }
 
 static void count_from_0(tl_exchange *exchange) {
@@ -386,7 +389,7 @@ static void count_from_0(tl_exchange *exchange) {
 
 tl_status tl_exchange_forget(tl_exchange *exchange, int64_t step, bool *done, tl_error *error) {
     *done = can_stand(exchange);
-    tl_status status = *done ? stand(exchange, error) : TL_OK;
+    tl_status status = *done ? stand(exchange, step, error) : TL_OK;
     if (*done && status == TL_OK) {
         status = tl_exchange_begin_anew(exchange, step, error);
         count_from_0(exchange);
@@ -426,7 +429,7 @@ tl_status tl_exchange_give_up_states(tl_exchange *exchange, size_t component, in
     if (one->gave_up_states || !can_stand(exchange)) {
         return TL_OK;
     }
-    tl_status status = stand(exchange, error);
+    tl_status status = stand(exchange, step, error);
     if (status != TL_OK || !tl_component_keep(one)) {
         return status;
     }

@@ -185,6 +185,8 @@ void tl_exchange_keep_always(tl_exchange *exchange);
 /* Keeps all components and values beside all caches, for the proof at start, where candidates begin else. */
 tl_status tl_exchange_save(tl_exchange *exchange, tl_error *error);
 tl_status tl_exchange_restore(tl_exchange *exchange, tl_error *error);
+
+/* Beside all caches, too: every component executes macro step `step` from where it stands, with the inputs in the ports; then the sample that is shown after it is delivered. */
 tl_status tl_exchange_step(tl_exchange *exchange, int64_t step, tl_error *error);
 
 /* For the proof at start: what components can keep besides their states, as a whole. tl_exchange_keep() comes before tl_exchange_save().
@@ -199,9 +201,10 @@ void tl_exchange_let_go(tl_exchange *exchange);
 tl_status tl_exchange_give_up_states(tl_exchange *exchange, size_t component, int64_t step, bool *done,
                                      tl_error *error);
 
-/* The committed instant into `home`, where each FMU can be brought there without an execution; else *taken is false. Between
- * steps only. And from what was loaded into `home` to it: everything stands there, before tl_exchange_start(). */
-tl_status tl_exchange_take(tl_exchange *exchange, bool *taken, tl_error *error);
+/* The committed instant, which is before macro step `step`, into `home`. Between steps only. Not can_take: some FMU has to catch up there. And from what was loaded
+ * into `home` to it: everything stands there, before tl_exchange_start(). */
+bool tl_exchange_can_take(const tl_exchange *exchange);
+tl_status tl_exchange_take(tl_exchange *exchange, int64_t step, tl_error *error);
 tl_status tl_exchange_return(tl_exchange *exchange, tl_error *error);
 
 /* Gives back what a component's cache holds of its FMU, before the component is freed. Not for one whose FMU may not be called

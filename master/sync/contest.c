@@ -19,6 +19,9 @@ static const double TOO_MUCH = 4.0;
 /* A square so many times the usual one is no usual one. */
 static const double UPSET = 12.0;
 
+/* Standard errors by which an average of late differs from the one over all that is remembered if times have changed. */
+static const double CHANGED = 3.0;
+
 /* What of a prediction's error is taken to be lasting, by the next one. */
 static const double LASTING = 0.0625;
 
@@ -69,9 +72,17 @@ static void remember(tl_contest *contest, const tl_contest_trial *trial) {
     contest->since++;
 }
 
-static void add(tl_contest_average *average, double value, uint32_t known) {
-    average->mean += (value - average->mean) / known;
-    average->square += (value * value - average->square) / known;
+static void add_to(tl_contest_average *average, double value, uint32_t count) {
+    average->mean += (value - average->mean) / count;
+    average->square += (value * value - average->square) / count;
+}
+
+static void add(tl_contest_noise *noise, const tl_contest_noise *seen, uint32_t memory) {
+    noise->count += noise->count < memory ? 1 : 0;
+    add_to(&noise->locked, seen->locked.mean, noise->count);
+    add_to(&noise->surprise, seen->surprise.mean, noise->count);
+    add_to(&noise->kept, seen->kept.mean, noise->count);
+    add_to(&noise->noise, seen->noise.mean, noise->count);
 }
 
 static void subtract(const double *from, const double *what, double *rest) {
@@ -82,7 +93,26 @@ static void subtract(const double *from, const double *what, double *rest) {
 
 /* The plant has changed, or was upset: what a prediction was off by then is no noise. */
 static bool is_upset(const tl_contest *contest, double square) {
-    return contest->known >= TL_CONTEST_LEAST && square > UPSET * contest->surprise.mean;
+    return contest->known.count >= TL_CONTEST_LEAST && square > UPSET * contest->known.surprise.mean;
+}
+
+static estimate find_average(const tl_contest_average *average, uint32_t count) {
+    double variance = fmax(average->square - average->mean * average->mean, 0.0);
+    return (estimate){average->mean, sqrt(variance / fmax(count, 1.0))};
+}
+
+/* By how many standard errors the average of late is above the one over all that is remembered. */
+static double rise(const tl_contest_average *recent, const tl_contest_average *known) {
+    estimate now = find_average(recent, TL_CONTEST_RECENT);
+    return (now.value - known->mean) / fmax(now.error, NEGLIGIBLE);
+}
+
+/* What was so before is so no more. What a model does not know hides some of the noise, so that less of it is no news; more of it is: the plant is calm again, or a sensor has
+ * become worse. Predictions that are better tell of either, too. */
+static bool has_changed(const tl_contest *contest) {
+    return contest->recent.count >= TL_CONTEST_RECENT &&
+           (rise(&contest->recent.noise, &contest->known.noise) > CHANGED ||
+            rise(&contest->recent.surprise, &contest->known.surprise) < -CHANGED);
 }
 
 /* Of this prediction, and of the one before it. */
@@ -93,14 +123,18 @@ static void learn_noise(tl_contest *contest, const tl_contest_trial *trial, cons
     subtract(contest->before, contest->lasting, before);
     double square = product(now, now);
     double kept = product(errors->locked, now);
-    if (is_upset(contest, square) || is_upset(contest, product(before, before))) {
-        return;
+    const tl_contest_noise seen = {
+        .locked = {.mean = trial->locked},
+        .surprise = {.mean = square},
+        .kept = {.mean = kept},
+        .noise = {.mean = kept - product(now, before)},
+    };
+    add(&contest->recent, &seen, TL_CONTEST_RECENT);
+    if (has_changed(contest)) {
+        contest->known = contest->recent;
+    } else if (!is_upset(contest, square) && !is_upset(contest, product(before, before))) {
+        add(&contest->known, &seen, TL_CONTEST_MEMORY);
     }
-    contest->known += contest->known < TL_CONTEST_MEMORY ? 1 : 0;
-    add(&contest->locked, trial->locked, contest->known);
-    add(&contest->surprise, square, contest->known);
-    add(&contest->kept, kept, contest->known);
-    add(&contest->noise, kept - product(now, before), contest->known);
 }
 
 /* A prediction has ended where something was measured. */
@@ -119,12 +153,11 @@ static void learn(tl_contest *contest, const tl_contest_trial *trial, const tl_c
 
 /* What is to be taken off for the noise that was followed: 2·g·s². */
 static estimate find_gain(const tl_contest *contest) {
-    double part = 1.0 - contest->kept.mean / fmax(contest->surprise.mean, NEGLIGIBLE);
+    const tl_contest_noise *known = &contest->known;
+    double part = 1.0 - known->kept.mean / fmax(known->surprise.mean, NEGLIGIBLE);
     double twice = 2.0 * fmin(fmax(part, 0.0), 1.0);
-    const tl_contest_average *noise = &contest->noise;
-    double variance = fmax(noise->square - noise->mean * noise->mean, 0.0);
-    double error = sqrt(variance / fmax(contest->known, 1.0));
-    return (estimate){twice * fmax(noise->mean, 0.0), twice * error};
+    estimate noise = find_average(&known->noise, known->count);
+    return (estimate){twice * fmax(noise.value, 0.0), twice * noise.error};
 }
 
 /* The trial that was so many before the next one. */
@@ -192,10 +225,14 @@ static void judge_locked(tl_contest *contest, tl_contest_verdict *verdict) {
 
 /* Further off than a locked one would be, all at once or for long. */
 static bool is_too_far(tl_contest *contest, const tl_contest_trial *trial) {
-    double usual = fmax(contest->locked.mean + find_gain(contest).value, NEGLIGIBLE);
-    contest->excess = fmax(0.0, contest->excess + fmin(trial->locked / usual, COUNTED) - ALLOWED);
-    return contest->excess > TOO_MUCH ||
-           (contest->count >= TL_CONTEST_LEAST && is_more(find_mean(contest, contest->count, usual)));
+    estimate gain = find_gain(contest);
+    double usual = fmax(contest->known.locked.mean + gain.value, NEGLIGIBLE);
+    contest->excess = fmax(0.0, contest->excess + fmin(trial->locked / (usual + gain.error), COUNTED) - ALLOWED);
+    if (contest->excess > TOO_MUCH) {
+        return true;
+    }
+    return contest->count >= TL_CONTEST_LEAST &&
+           is_more(sum(find_mean(contest, contest->count, usual), (estimate){0.0, gain.error}));
 }
 
 static void judge_resting(tl_contest *contest, const tl_contest_trial *trial, tl_contest_verdict *verdict) {
@@ -236,7 +273,7 @@ static void end_trial(tl_contest *contest, const tl_contest_errors *errors, bool
         } else {
             contest->follows = false;
         }
-        if (contest->count >= TL_CONTEST_LEAST && contest->known >= TL_CONTEST_LEAST) {
+        if (contest->count >= TL_CONTEST_LEAST && contest->known.count >= TL_CONTEST_LEAST) {
             judge_locked(contest, verdict);
         }
     }
@@ -263,14 +300,13 @@ tl_contest_verdict tl_contest_step(tl_contest *contest, const tl_contest_errors 
 static void require_sound(const tl_contest *contest, tl_archive *archive) {
     tl_archive_require(archive, contest->steps < contest->guard && contest->counted <= contest->steps);
     tl_archive_require(archive, contest->count <= TL_CONTEST_TRIALS && contest->at < TL_CONTEST_TRIALS);
-    tl_archive_require(archive, contest->known <= TL_CONTEST_MEMORY);
+    tl_archive_require(archive,
+                       contest->known.count <= TL_CONTEST_MEMORY && contest->recent.count <= TL_CONTEST_RECENT);
     tl_archive_require_finite(archive, contest->lasting, TL_MAX_MATCH);
     tl_archive_require_finite(archive, &contest->sum.locked, 2);
     tl_archive_require_finite(archive, &contest->trial[0].locked, 2 * (size_t)TL_CONTEST_TRIALS);
-    tl_archive_require_finite(archive, &contest->locked.mean, 2);
-    tl_archive_require_finite(archive, &contest->surprise.mean, 2);
-    tl_archive_require_finite(archive, &contest->kept.mean, 2);
-    tl_archive_require_finite(archive, &contest->noise.mean, 2);
+    tl_archive_require_finite(archive, &contest->known.locked.mean, 8);
+    tl_archive_require_finite(archive, &contest->recent.locked.mean, 8);
     tl_archive_require_finite(archive, &contest->excess, 1);
 }
 
@@ -287,11 +323,8 @@ void tl_contest_archive(tl_contest *contest, tl_archive *archive) {
     tl_archive_part(archive, &contest->at, sizeof contest->at);
     tl_archive_part(archive, &contest->since, sizeof contest->since);
     tl_archive_part(archive, &contest->lost, sizeof contest->lost);
-    tl_archive_part(archive, &contest->locked, sizeof contest->locked);
-    tl_archive_part(archive, &contest->surprise, sizeof contest->surprise);
-    tl_archive_part(archive, &contest->kept, sizeof contest->kept);
-    tl_archive_part(archive, &contest->noise, sizeof contest->noise);
     tl_archive_part(archive, &contest->known, sizeof contest->known);
+    tl_archive_part(archive, &contest->recent, sizeof contest->recent);
     tl_archive_part(archive, &contest->excess, sizeof contest->excess);
     if (tl_archive_is_loading(archive)) {
         require_sound(contest, archive);

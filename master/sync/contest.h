@@ -9,6 +9,7 @@
  *          noise that the instant has followed is in the errors of two predictions in a row, with opposite signs:
  *            s² = E(L − ŷ)·(P − ŷ) − E(P − ŷ)·(P' − ŷ'),    P': the prediction before.
  *          What a model does not know of the plant is in one of them, or lasts; what lasts is taken off both. The rest is not taken for noise.
+ *          These are averages over minutes. If that of late differs by more than three times its standard error, times have changed, and what was before is forgotten.
  * Verdict: over the last TL_CONTEST_TRIALS trials, and what was learned of the noise before: u rests at nominal if the harm is more than nothing by 1.5 times its standard error. It
  *          rests until the twin that rests is further off than a locked one would be: over these trials by as much, or all at once.
  * Bounded: an error counts 3 tolerances at most, so that an outlier does not decide.
@@ -27,7 +28,8 @@
 enum {
     TL_CONTEST_TRIALS = 50,   /* that are remembered, */
     TL_CONTEST_LEAST = 20,    /* and without which nothing is decided */
-    TL_CONTEST_MEMORY = 1000, /* trials over which what is known of the noise is an average, at most */
+    TL_CONTEST_MEMORY = 1000, /* trials over which what is known of the noise is an average, at most, */
+    TL_CONTEST_RECENT = 50,   /* and over which the recent one is */
     TL_CONTEST_LOST =
         6 /* times in a row that all those that are remembered were lost: the free twin is of no use any more */
 };
@@ -52,6 +54,15 @@ typedef struct tl_contest_average {
     double square;
 } tl_contest_average;
 
+/* What is known of the noise, over so many trials. */
+typedef struct tl_contest_noise {
+    tl_contest_average locked;   /* E(L − ŷ)², */
+    tl_contest_average surprise; /* E(P − ŷ)², */
+    tl_contest_average kept;     /* E(L − ŷ)·(P − ŷ), */
+    tl_contest_average noise;    /* and s² */
+    uint32_t count;
+} tl_contest_noise;
+
 /* What follows from a step. */
 typedef struct tl_contest_verdict {
     bool predict; /* the next prediction begins at the instant that was just committed */
@@ -72,16 +83,13 @@ typedef struct tl_contest {
     uint32_t counted;
     tl_contest_trial sum;
     tl_contest_trial trial[TL_CONTEST_TRIALS];
-    uint32_t count;              /* trials remembered */
-    uint32_t at;                 /* where the next one goes */
-    uint32_t since;              /* trials, since a whole memory was lost */
-    uint32_t lost;               /* such memories in a row */
-    tl_contest_average locked;   /* E(L − ŷ)², */
-    tl_contest_average surprise; /* E(P − ŷ)², */
-    tl_contest_average kept;     /* E(L − ŷ)·(P − ŷ), */
-    tl_contest_average noise;    /* and s² */
-    uint32_t known;              /* trials in these averages */
-    double excess;               /* of the twin that rests: how far it has been further off than a locked one, summed */
+    uint32_t count; /* trials remembered */
+    uint32_t at;    /* where the next one goes */
+    uint32_t since; /* trials, since a whole memory was lost */
+    uint32_t lost;  /* such memories in a row */
+    tl_contest_noise known;
+    tl_contest_noise recent; /* of the newest ones only: if times have changed, this is what is known */
+    double excess;           /* of the twin that rests: how far it has been further off than a locked one, summed */
 } tl_contest;
 
 /* After each committed step. `measured`: false if there was nothing good to hold any output against. */

@@ -19,7 +19,8 @@ bool tl_free_twin_init(tl_free_twin *twin, tl_arena *arena, tl_exchange *exchang
     }
     twin->contest.guard = guard;
     exchange->beside += STATES;
-    return place(&twin->free, arena, exchange) && place(&twin->predicted, arena, exchange);
+    twin->executions = tl_arena_take(arena, exchange->component_count, sizeof *twin->executions);
+    return twin->executions != NULL && place(&twin->free, arena, exchange) && place(&twin->predicted, arena, exchange);
 }
 
 static bool has_replay(const tl_exchange *exchange) {
@@ -78,20 +79,17 @@ static void measure_now(const tl_free_twin *twin, const tl_record *record, doubl
 /* All components, with nominal u. Their counts stay as they are. */
 static tl_status execute(tl_free_twin *twin, int64_t step, tl_error *error) {
     tl_exchange *exchange = twin->exchange;
-    double now = tl_seconds(tl_time_of_step(0, exchange->step, step));
-    tl_status status = TL_OK;
+    for (size_t i = 0; i < exchange->component_count; i++) {
+        twin->executions[i] = exchange->components[i].executions;
+    }
     for (size_t v = 0; v < twin->objective->horizon->variables; v++) {
         tl_exchange_set_adjusted(exchange, v, tl_exchange_nominal(exchange, v));
     }
-    for (size_t i = 0; i < exchange->component_count && status == TL_OK; i++) {
-        tl_component *component = &exchange->components[i];
-        uint64_t executions = component->executions;
-        status = tl_component_step(component, now, exchange->step_s, false, error);
-        component->executions = executions;
+    tl_status status = tl_exchange_step(exchange, step, error);
+    for (size_t i = 0; i < exchange->component_count; i++) {
+        exchange->components[i].executions = twin->executions[i];
     }
     twin->counts.executions += exchange->component_count + 1;
-    tl_plant_deliver(&exchange->plant, tl_plant_shown(&exchange->plant, step + 1, exchange->plant.newest));
-    tl_exchange_deliver(exchange);
     return status;
 }
 
@@ -125,11 +123,7 @@ static tl_status settle(tl_free_twin *twin, bool predicts, bool renews, tl_error
 /* Both, from where the twin is and back there. */
 static tl_status lead_both(tl_free_twin *twin, const tl_record *record, tl_contest_errors *errors, bool failed[2],
                            tl_error *error) {
-    bool taken = false;
-    tl_status status = tl_exchange_take(twin->exchange, &taken, error);
-    if (status == TL_OK && !taken) {
-        status = tl_fail(error, TL_FMU_FAILED, "the FMUs cannot be led back to where the free twin is");
-    }
+    tl_status status = tl_exchange_take(twin->exchange, record->step + 1, error);
     status = status == TL_OK ? lead(twin, &twin->free, record, errors->free, &failed[0], error) : status;
     if (status == TL_OK && twin->predicts) {
         status = lead(twin, &twin->predicted, record, errors->predicted, &failed[1], error);

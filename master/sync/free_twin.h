@@ -32,6 +32,7 @@ typedef struct tl_free_twin {
     tl_snapshot free;
     tl_snapshot predicted;
     tl_contest contest;
+    uint64_t *executions; /* of each component, while steps that do not count are made */
     tl_free_twin_counts counts;
 } tl_free_twin;
 

@@ -415,6 +415,13 @@ static tl_outcome find(tl_attempt *attempt) {
     return improve(attempt, value);
 }
 
+/* The twin that is left alone is the nearer one: nothing is searched, but how far off nominal is gets known. */
+static tl_outcome rest(tl_attempt *attempt) {
+    attempt->flags |= TL_FLAG_RESTS;
+    evaluate_nominal(attempt);
+    return TL_NOMINAL;
+}
+
 /* ---- commit ---- */
 
 static void record_outputs(const tl_lock *lock, tl_record *record) {
@@ -609,12 +616,7 @@ tl_status tl_lock_step(tl_lock *lock, int64_t step, const tl_budget *budget, tl_
         record->outcome = TL_FREE_RUN;
         return commit_found(&attempt, lock->memory.nominal, record);
     }
-    if (lock->rests) {
-        record->outcome = TL_NOMINAL;
-        record->flags = TL_FLAG_RESTS;
-        return commit_found(&attempt, lock->memory.nominal, record);
-    }
-    record->outcome = find(&attempt);
+    record->outcome = lock->rests ? rest(&attempt) : find(&attempt);
     if (attempt.guessed && attempt.evaluations == 0) {
         lock->solver->retract(lock->optimiser);
     }

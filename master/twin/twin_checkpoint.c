@@ -123,13 +123,13 @@ static tl_status refused(tl_twin *twin, tl_status status) {
 }
 
 tl_status tl_twin_save(tl_twin *twin, unsigned char *bytes, size_t capacity, size_t *size, tl_error *error) {
-    bool taken = false;
+    int64_t newest = twin->exchange.plant.newest;
     *size = 0;
-    if (twin->ended != TL_OK || twin->exchange.plant.newest < twin->begin) {
+    if (twin->ended != TL_OK || newest < twin->begin || !tl_exchange_can_take(&twin->exchange)) {
         return TL_OK;
     }
-    tl_status status = tl_exchange_take(&twin->exchange, &taken, error);
-    if (status != TL_OK || !taken) {
+    tl_status status = tl_exchange_take(&twin->exchange, newest, error);
+    if (status != TL_OK) {
         return status;
     }
     tl_archive archive = tl_archive_saving(bytes, capacity);

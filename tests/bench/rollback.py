@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
-"""What it costs to save an FMU, to lead it back, and to step after that, by each rung, for states of several sizes: a table.
+"""What it costs to save an FMU, to lead it back, and to step after that, by each rung: for states of several sizes, and for the cylinder's whole lock.
 
 usage: rollback.py [--build FOLDER] [--pages N]
 
-Builds only the FMU (tests/fmu/sized), with the machine's compiler. README.md says what the figures mean.
+Run script/build first. Builds only the FMU (tests/fmu/sized), with the machine's compiler. README.md says what the figures mean.
 """
 import argparse
 import json
@@ -30,6 +30,17 @@ def sized_fmu(folder, size, pages):
     return fmu
 
 
+def lock_table():
+    """The shipped lock of the cylinder, each of its FMUs by that rung."""
+    from twinlock_test import NOT_LOCKED, edited_config, read_config, run_well  # pylint: disable=import-outside-toplevel
+    name = "cylinder/lock.json"
+    print("\n| the cylinder's lock, each FMU by | time of the replay over the plant's |\n| --- | --- |")
+    for way in WAYS:
+        config = edited_config(name, {"components": {component: {"rollback": way} for component in read_config(name)["components"]}})
+        told = json.loads(run_well(["replay", config, "--json"], wells=(0, NOT_LOCKED)))
+        print(f"| {way} | {told['wall_s'] / (told['steps'] * read_config(name)['step_s']):.3f} |")
+
+
 def main():
     parser = argparse.ArgumentParser(description="What saving, restoring and the step after it cost, by each rung.")
     parser.add_argument("--build", default=str(ROOT / "build" / "host"), help="default: build/host")
@@ -48,6 +59,7 @@ def main():
                 print(f"| {name} | {way} | not here: {found['error'] or found['way']} | | |")
                 continue
             print(f"| {name} | {way} | {found['save_us']:.3g} | {found['restore_us']:.3g} | {found['step_us']:.3g} |")
+    lock_table()
 
 
 main()

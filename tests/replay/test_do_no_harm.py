@@ -7,6 +7,7 @@ import random
 from contextlib import closing
 import sqlite3
 
+from brakes import hand, rest
 from truth import make_truth, true_mse
 from twinlock_test import at_most, config_path, edited_config, expect, main, read_table, run_well, scratch
 
@@ -15,17 +16,8 @@ NOISE = 0.3  # rad/s, of the bench
 SEEDS = (3001, 3002)
 
 
-def quiet(_choice):
-    return lambda time: 0.0
-
-
 def sine(_choice):
     return lambda time: 0.25 * (1.0 - math.cos(2.0 * math.pi * 3.0 * max(0.0, time - 0.5)))
-
-
-def hand(choice):
-    parts = [(choice.uniform(0.05, 0.2), choice.uniform(0.1, 0.8), choice.uniform(0.0, 6.0)) for _ in range(4)]
-    return lambda time: min(1.0, time) * max(0.0, 0.3 + sum(a * math.sin(2.0 * math.pi * f * time + p) for a, f, p in parts))
 
 
 class Bench:
@@ -60,7 +52,7 @@ class Bench:
 
 
 def test_a_right_model_is_left_alone():
-    for shape in (quiet, sine):
+    for shape in (rest, sine):
         for seed in SEEDS:
             bench = Bench(shape, seed)
             alone = bench.alone()

@@ -25,6 +25,7 @@ BUILD = Path(os.environ["TL_BUILD"])
 FMUS = BUILD / "fmus"
 PROGRAM = os.environ["TWINLOCK"]
 EMULATED = os.environ.get("TL_EMULATED")  # folder of programs that start the build's in an emulator, or None
+HUNG_S = 300  # for what ends by itself in seconds: whatever a busy machine makes of them, it does not hang before
 PATIENCE = int(os.environ.get("TL_PATIENCE", "1"))  # times as long for everything that ends by itself
 SANITIZER = os.environ.get("TL_SANITIZER", "")
 BAD_USAGE = 2
@@ -104,7 +105,7 @@ def start(args, **options):
     return process
 
 
-def finish(process, timeout=30):
+def finish(process, timeout=HUNG_S):
     """(exit code, stdout, stderr) of a started program at its end, which must be an orderly one."""
     try:
         out, err = process.communicate(timeout=timeout * PATIENCE)
@@ -135,25 +136,25 @@ def describe(process):
     return "twinlock " + " ".join(process.args[1:])
 
 
-def run(args, timeout=60, **options):
+def run(args, timeout=HUNG_S, **options):
     """(exit code, stdout, stderr) of the program. A crash, an unknown exit code, a report of a sanitizer, or
     anything left among the temporary files is a failure."""
     return finish(start(args, **options), timeout)
 
 
-def run_well(args, timeout=60, wells=(0,)):
+def run_well(args, timeout=HUNG_S, wells=(0,)):
     """Standard output of the program, which must succeed."""
     code, out, err = run(args, timeout)
     expect(code in wells, f"twinlock {' '.join(map(str, args))} ended with {code}\n{err}")
     return out
 
 
-def replay_json(config, *options, timeout=60):
+def replay_json(config, *options, timeout=HUNG_S):
     """What `replay --json` tells; `config` as for config_path(). A twin may be one that never is in lock: its figures tell."""
     return json.loads(run_well(["replay", config_path(config), "--json", *options], timeout, (0, NOT_LOCKED)))
 
 
-def replay_csv(config, *options, timeout=60):
+def replay_csv(config, *options, timeout=HUNG_S):
     """What `replay --csv` writes, as read_table() gives it; the same of the twin."""
     path = scratch() / "steps.csv"
     run_well(["replay", config_path(config), "--csv", path, *options], timeout, (0, NOT_LOCKED))

@@ -433,23 +433,32 @@ static void test_second_look_ups(void) {
     TEST_ASSERT_EQUAL_INT64(0, config->signals[1].look_back);        /* running: neither */
 }
 
-/* Two messages of 40 ms, four that a median remembers, and three times 30 ms; without a word on messages they are five steps each. */
+static void expect_guard(const char *text, uint32_t steps) {
+    tl_test_judge_text(text, strlen(text), &verdict);
+    TEST_ASSERT_EQUAL_INT(TL_OK, verdict.status);
+    TEST_ASSERT_EQUAL_UINT32(steps, tl_config_free_twin_guard(&verdict.config));
+    tl_config_free(&verdict.config);
+}
+
+/* Two messages of what is matched, four that a median remembers, and three times 30 ms. Without a word on messages they are five steps each, whatever is said of an
+ * input; and none counts more than 1000. */
 static void test_a_free_twin(void) {
+    static const char omega[] = "\"omega\": { \"unit\": \"rad/s\",";
     TEST_ASSERT_EQUAL_UINT32(0, tl_config_free_twin_guard(read_good(FULL)));
     tl_config_free(&verdict.config);
     char *text = tl_test_read_text(FULL);
     char *lagging = tl_test_replaced(text, "\"ahead\"", "\"lag\"");
     char *kept = tl_test_replaced(lagging, "\"keep\": \"outputs\"", "\"keep\": \"states\"");
     char *led = tl_test_replaced(kept, "\"free_twin\": false", "\"free_twin\": true");
-    char *unknown = tl_test_replaced(led, "\"between\": \"last\", \"every_s\": 0.04", "\"between\": \"last\"");
-    tl_test_judge_text(led, strlen(led), &verdict);
-    TEST_ASSERT_EQUAL_INT(TL_OK, verdict.status);
-    TEST_ASSERT_EQUAL_UINT32(33, tl_config_free_twin_guard(&verdict.config));
-    tl_config_free(&verdict.config);
-    tl_test_judge_text(unknown, strlen(unknown), &verdict);
-    TEST_ASSERT_EQUAL_INT(TL_OK, verdict.status);
-    TEST_ASSERT_EQUAL_UINT32(39, tl_config_free_twin_guard(&verdict.config));
-    free(unknown);
+    char *known = tl_test_replaced(led, omega, "\"omega\": { \"unit\": \"rad/s\", \"every_s\": 0.04,");
+    char *plain = tl_test_replaced(led, "\"median\": 5, ", "");
+    char *rare = tl_test_replaced(plain, omega, "\"omega\": { \"unit\": \"rad/s\", \"every_s\": 1e9,");
+    expect_guard(led, 39);
+    expect_guard(known, 33);
+    expect_guard(rare, 2 * 1000 + 9);
+    free(rare);
+    free(plain);
+    free(known);
     free(led);
     free(kept);
     free(lagging);

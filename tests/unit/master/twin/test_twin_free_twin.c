@@ -144,15 +144,46 @@ static void with_caches_of_each_kind(void) {
     }
 }
 
+/* Of states of 200 bytes. */
+static size_t heap_of_states(void) {
+    return 200 * (fmus[0].states + fmus[1].states);
+}
+
+static void lead_with_states_of(uint64_t bytes, outcome *seen) {
+    tearDown();
+    setUp();
+    plan.plan.saving = (tl_plan_saving){.structure = true, .sequences = true};
+    plan.plan.algorithm = "nelder-mead";
+    plan.plan.prediction = 3;
+    plan.plan.state_bytes = bytes;
+    plan.plan.heap = heap_of_states;
+    begin(seen);
+    lead(seen, 400, 2.0);
+}
+
+/* Two states of each at most: if what is committed was a candidate's, no state is kept of where the twin is then, and an FMU catches up there. */
+static void with_as_few_states_as_can_be(void) {
+    lead_with_states_of(0, &without);
+    TEST_ASSERT_EQUAL_UINT64(0, tl_twin_get_ledger(run.twin, 0).caught_up);
+    lead_with_states_of(1, &with);
+    tl_twin_ledger ledger = tl_twin_get_ledger(run.twin, 0);
+    TEST_ASSERT_GREATER_THAN_UINT64(0, ledger.caught_up);
+    TEST_ASSERT_EQUAL_INT64(0, ledger.difference);
+    TEST_ASSERT_EQUAL_MEMORY(without.y, with.y, with.count * sizeof with.y[0]);
+}
+
 /* ---- what it changes ---- */
 
 static void u_rests_if_the_model_is_right_and_the_twin_is_true(void) {
+    plan.plan.saving = (tl_plan_saving){.structure = true, .sequences = true};
     begin(&with);
     lead(&with, 2000, 0.0);
     TEST_ASSERT_TRUE(rests());
     TEST_ASSERT_EQUAL_INT(TL_NOMINAL, run.record.outcome);
-    TEST_ASSERT_EQUAL_UINT32(0, run.record.evaluations);
+    TEST_ASSERT_EQUAL_UINT32(1, run.record.evaluations); /* of nominal, so that it is known how far off that is */
     TEST_ASSERT_EQUAL_UINT32(3, run.record.executions);
+    TEST_ASSERT_EQUAL_DOUBLE(run.record.objective_nominal, run.record.objective);
+    TEST_ASSERT_TRUE(isfinite(run.record.objective));
     tl_twin_facts facts = tl_twin_get_facts(run.twin);
     TEST_ASSERT_EQUAL_UINT64(1, facts.free_twin.turns);
     TEST_ASSERT_EQUAL_UINT64(1, facts.free_twin.adopted);
@@ -285,6 +316,7 @@ int main(void) {
     UNITY_BEGIN();
     RUN_TEST(until_it_rests_the_twin_is_the_same_to_the_bit);
     RUN_TEST(with_caches_of_each_kind);
+    RUN_TEST(with_as_few_states_as_can_be);
     RUN_TEST(u_rests_if_the_model_is_right_and_the_twin_is_true);
     RUN_TEST(a_plant_that_changes_is_followed_at_once);
     RUN_TEST(it_rests_again_when_the_plant_is_back);
