@@ -25,6 +25,9 @@ struct tl_recording {
     tl_time start;  /* of the first row */
     tl_csv_row row; /* read, not yet posted */
     bool row_waits;
+    size_t own;              /* signals that are no further look-ups */
+    tl_recording_hear *hear; /* NULL: nobody does */
+    void *listener;
 };
 
 /* ---- CSV ---- */
@@ -92,6 +95,9 @@ static tl_status open_csv(const char *path, const tl_config *config, tl_recordin
         return status;
     }
     recording->step = config->step;
+    for (size_t i = 0; i < config->signal_count; i++) {
+        recording->own += config->signals[i].of == i ? 1 : 0;
+    }
     tl_live_plant_set_limits(&recording->input, config);
     recording->mail = tl_plant_mail_make_least(config->signal_count, recording->input.mailboxes);
     if (recording->mail == NULL || !tl_plant_input_open(&recording->input)) {
@@ -109,6 +115,9 @@ static void post_row(tl_recording *recording) {
                 .quality = recording->row.quality[i],
             };
             tl_plant_input_post(&recording->input, i, &reading);
+            if (recording->hear != NULL && i < recording->own) {
+                recording->hear(recording->listener, i, &reading);
+            }
         }
     }
 }
@@ -206,6 +215,14 @@ tl_status tl_recording_next(tl_recording *recording, tl_recording_tick *tick, bo
                                                    : next_from_csv(recording, tick, error);
     recording->next++;
     return status;
+}
+
+void tl_recording_listen(tl_recording *recording, tl_recording_hear *hear, void *context) {
+    if (recording->database != NULL) {
+        tl_recording_database_listen(recording->database, hear, context);
+    }
+    recording->hear = hear;
+    recording->listener = context;
 }
 
 int64_t tl_recording_ticks(const tl_recording *recording) {

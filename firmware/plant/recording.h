@@ -36,6 +36,10 @@ tl_recording_tunings tl_recording_get_tunings(const tl_recording *recording);
 /* The next tick, from 0, or where it begins. *end where the recording does not reach the tick's instant. */
 tl_status tl_recording_next(tl_recording *recording, tl_recording_tick *tick, bool *end, tl_error *error);
 
+/* Who hears each reading once, as ticks go by, until the recording is closed. A CSV file has all of them; a database one a tick, and of a signal that
+ * fed an input on a line what lay on that. */
+void tl_recording_listen(tl_recording *recording, tl_recording_hear *hear, void *context);
+
 /* Ticks the recording holds, for progress. */
 int64_t tl_recording_ticks(const tl_recording *recording);
 

@@ -28,6 +28,8 @@ struct tl_recording_database {
     tl_recording_tunings tunings;
     tl_run_tuning *tuning_list;
     tl_recorder_known *tuning_known;
+    tl_recording_hear *hear; /* NULL: nobody does */
+    void *listener;
     /* where signals are looked up anew */
     bool anew;
     tl_time posted[TL_MAX_SIGNALS]; /* stamp of the newest */
@@ -352,20 +354,23 @@ static void find_start(tl_recording_database *database, const tl_sample *sample)
     database->start = database->by_recording && newest != TL_TIME_NEVER ? newest : 0;
 }
 
-/* Readings that are new since the tick before, under their own stamps; then the sample as the configuration looks it up. */
-static void look_up_anew(tl_recording_database *database, const tl_sample *seen, tl_sample *sample) {
+/* Readings that are new since the tick before, under their own stamps. */
+static void take_readings(tl_recording_database *database, const tl_sample *seen) {
     for (size_t i = 0; i < database->config->signal_count; i++) {
         size_t from = database->raw[i];
         bool is_rejected = seen->quality[from] == TL_OUTLIER; /* which is judged anew */
         const tl_reading reading = {.value = seen->values[from],
                                     .stamp = seen->stamps[from],
                                     .quality = is_rejected ? TL_GOOD : (tl_quality)seen->quality[from]};
-        if (reading.stamp != database->posted[i]) {
-            tl_plant_input_post(&database->input, i, &reading);
-            database->posted[i] = reading.stamp;
+        if (reading.stamp == database->posted[i]) {
+            continue;
+        }
+        database->posted[i] = reading.stamp;
+        tl_plant_input_post(&database->input, i, &reading);
+        if (database->hear != NULL && database->config->signals[i].of == i) {
+            database->hear(database->listener, i, &reading);
         }
     }
-    tl_plant_input_take(&database->input, seen->tick, seen->instant, sample);
 }
 
 /* What a run took over at a flip it had searched itself, in the shadow of the run before: only what it did not search is led along. */
@@ -396,8 +401,11 @@ tl_status tl_recording_database_next(tl_recording_database *database, tl_recordi
     }
     read.sample.instant = tl_time_of_step(database->start, database->config->step, read.sample.tick);
     tick->sample = read.sample;
-    if (database->anew) {
-        look_up_anew(database, &read.sample, &tick->sample);
+    if (database->anew || database->hear != NULL) {
+        take_readings(database, &read.sample);
+    }
+    if (database->anew) { /* as the configuration looks them up */
+        tl_plant_input_take(&database->input, read.sample.tick, read.sample.instant, &tick->sample);
     }
     tick->followed = was_followed(database, &read);
     memcpy(tick->u, read.u, sizeof tick->u);
@@ -409,6 +417,11 @@ tl_status tl_recording_database_next(tl_recording_database *database, tl_recordi
     tick->executions = tick->cut_short ? read.executions : 0;
     tick->without_nominal = tick->cut_short && (without_nominal || read.evaluations == 0);
     return TL_OK;
+}
+
+void tl_recording_database_listen(tl_recording_database *database, tl_recording_hear *hear, void *context) {
+    database->hear = hear;
+    database->listener = context;
 }
 
 void tl_recording_database_close(tl_recording_database *database) {

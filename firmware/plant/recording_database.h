@@ -32,6 +32,9 @@ tl_recording_tunings tl_recording_database_tunings(const tl_recording_database *
 tl_status tl_recording_database_next(tl_recording_database *database, tl_recording_tick *tick, bool *end,
                                      tl_error *error);
 
+/* As in recording.h. */
+void tl_recording_database_listen(tl_recording_database *database, tl_recording_hear *hear, void *context);
+
 void tl_recording_database_close(tl_recording_database *database);
 
 #endif

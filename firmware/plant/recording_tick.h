@@ -26,6 +26,9 @@ typedef struct tl_recording_tick {
     double u[TL_MAX_ADJUST]; /* which committed this */
 } tl_recording_tick;
 
+/* A reading as it came, before anything was made of it: judged by nothing but its source. `signal` is one of the configuration's own. */
+typedef void tl_recording_hear(void *context, size_t signal, const tl_reading *reading);
+
 /* What a run took of other configurations while it ran. Lives as long as the recording. */
 typedef struct tl_recording_tunings {
     size_t recorded; /* how many */

@@ -377,6 +377,71 @@ static void test_a_tick_that_was_lost(void) {
     TEST_ASSERT_EQUAL_STRING_LEN(path, error.text, strlen(path));
 }
 
+/* ---- readings as they come --------------------------------------------------------------------------------------- */
+
+static struct {
+    size_t count;
+    size_t signal[16];
+    tl_reading reading[16];
+} heard;
+
+static void hear(void *context, size_t signal, const tl_reading *reading) {
+    TEST_ASSERT_EQUAL_PTR(&heard, context);
+    if (heard.count < sizeof heard.signal / sizeof heard.signal[0]) {
+        heard.signal[heard.count] = signal;
+        heard.reading[heard.count] = *reading;
+    }
+    heard.count++;
+}
+
+static size_t hear_all(void) {
+    memset(&heard, 0, sizeof heard);
+    open_recording();
+    tl_recording_listen(recording, hear, &heard);
+    while (next()) {
+    }
+    return heard.count;
+}
+
+/* Each row, however many there are between two ticks; out of range is not judged here, what is no number is told. */
+static void test_each_row_is_heard_once(void) {
+    static const double speeds[] = {1, 2, 3, 0, 5};
+    static const double times[] = {0, 0.002, 0.004, 0.006, 0.02};
+    write_csv("time,speed,torque,door\n0,1,,\n0.002,2,,\n0.004,3,,\n0.006,n/a,,\n0.02,5,,\n");
+    TEST_ASSERT_EQUAL_size_t(5, hear_all());
+    for (size_t i = 0; i < 5; i++) {
+        TEST_ASSERT_EQUAL_size_t(1, heard.signal[i]);
+        TEST_ASSERT_EQUAL_INT(i == 3 ? TL_NOT_A_NUMBER : TL_GOOD, heard.reading[i].quality);
+        TEST_ASSERT_TRUE(i == 3 || heard.reading[i].value == speeds[i]);
+        TEST_ASSERT_EQUAL_INT64(tl_time_of_seconds(times[i]), heard.reading[i].stamp);
+    }
+}
+
+/* Of a run what it saw at each tick, if that was new; whether it is looked up anew or not. */
+static void test_a_run_is_heard(void) {
+    tl_recorder_settings settings = tl_made_settings(path);
+    tl_recorder *recorder = NULL;
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_recorder_open(&settings, &recorder, &error));
+    tl_made_put(recorder, 0, 4);
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_recorder_close(recorder, "end", NULL, &error));
+    (void)hear_all();
+    size_t good = 0;
+    for (size_t i = 0; i < heard.count && i < 16; i++) {
+        tl_sample sample;
+        int64_t seen = 0;
+        for (; seen < 4; seen++) {
+            tl_made_sample(seen, &sample);
+            if (sample.stamps[heard.signal[i]] == heard.reading[i].stamp) {
+                break;
+            }
+        }
+        TEST_ASSERT_TRUE(seen < 4);
+        TEST_ASSERT_EQUAL_INT(sample.quality[heard.signal[i]], heard.reading[i].quality);
+        good += heard.reading[i].quality == TL_GOOD ? 1 : 0;
+    }
+    TEST_ASSERT_TRUE(good > 3 && heard.count <= 12);
+}
+
 int main(void) {
     tl_scratch_make(&scratch, TL_BINARY_DIR, "test_recording");
     UNITY_BEGIN();
@@ -399,6 +464,8 @@ int main(void) {
     RUN_TEST(test_runs_that_do_not_fit);
     RUN_TEST(test_a_run_whose_beginning_is_gone);
     RUN_TEST(test_a_tick_that_was_lost);
+    RUN_TEST(test_each_row_is_heard_once);
+    RUN_TEST(test_a_run_is_heard);
     tl_scratch_remove(&scratch);
     return UNITY_END();
 }
