@@ -181,6 +181,7 @@ typedef struct tl_config {
         *algorithm; /* a name of master/solve/optimiser.h; NULL: secant for Real variables, boolean for Boolean ones */
     const char *fallback; /* the same; NULL: none */
     uint32_t stagnation;  /* 0: never */
+    bool has_epsilon;     /* tolerances are its root, and none is given */
     double noise_floor;
     uint32_t verify_every;
     bool free_twin;

@@ -351,6 +351,7 @@ void tl_config_read_synchronise(tl_config_object *root, tl_config *config) {
             .weighted = true,
             .tolerance = read_epsilon(&object),
         };
+        config->has_epsilon = list.tolerance > 0;
         read_match(&object, "match", &MATCH, &list);
         check_weights(&object, config);
     }

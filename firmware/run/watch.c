@@ -3,12 +3,17 @@
 
 #include <math.h>
 #include <stdio.h>
+#include <string.h>
 
 /* What a record is to a trouble. */
 typedef enum turn { NOTHING_NEW, BEGUN, ENDED } turn;
 
 void tl_watch_init(tl_watch *watch, const tl_config *config, tl_journal *journal) {
-    *watch = (tl_watch){.config = config, .journal = journal, .skipped_since = TL_TIME_NEVER};
+    memset(watch, 0, sizeof *watch);
+    watch->config = config;
+    watch->journal = journal;
+    watch->skipped_since = TL_TIME_NEVER;
+    tl_noise_watch_init(&watch->noise, config);
     for (size_t i = 0; i < TL_MAX_SIGNALS; i++) {
         watch->rejected[i] = (tl_watch_rejected){.stamp = TL_TIME_NEVER, .accepted = (double)NAN};
     }
@@ -60,9 +65,34 @@ static void watch_reading(tl_watch *watch, const tl_sample *sample, size_t signa
     }
 }
 
+/* ---- noise ---- */
+
+static void watch_noise(tl_watch *watch, const tl_sample *sample, size_t index) {
+    const tl_plan_match *match = &watch->config->match[index];
+    double sigma = 0.0;
+    switch (tl_noise_watch_sample(&watch->noise, sample, index, &sigma)) {
+    case TL_NOISE_IS_LARGE:
+        tl_journal_event(
+            watch->journal, sample->tick, TL_EVENT_WARNING, "twin",
+            "%s: its tolerance, %.6g, is below three times the noise of its readings, %.3g: the twin follows the noise",
+            match->variable, match->tolerance, sigma);
+        break;
+    case TL_NOISE_IS_SMALL:
+        tl_journal_event(watch->journal, sample->tick, TL_EVENT_INFO, "twin",
+                         "%s: its tolerance, %.6g, is three times the noise of its readings again, %.3g",
+                         match->variable, match->tolerance, sigma);
+        break;
+    case TL_NOISE_AS_BEFORE:
+        break;
+    }
+}
+
 /* ---- samples ---- */
 
 void tl_watch_sample(tl_watch *watch, const tl_sample *sample) {
+    for (size_t i = 0; i < watch->config->match_count; i++) {
+        watch_noise(watch, sample, i);
+    }
     for (size_t i = 0; i < watch->config->signal_count; i++) {
         if (watch->config->signals[i].is_reading) {
             watch_reading(watch, sample, i);

@@ -12,6 +12,7 @@
 
 #include "firmware/config/config.h"
 #include "firmware/diagnose/lock_judge.h"
+#include "firmware/diagnose/noise_watch.h"
 #include "firmware/run/journal.h"
 #include "master/twin/twin.h"
 
@@ -62,6 +63,7 @@ typedef struct tl_watch {
     bool no_way_back;                     /* an FMU cannot be led back by replay: told */
     uint64_t skipped;                     /* not told yet */
     tl_time skipped_since;
+    tl_noise_watch noise; /* of what is matched */
 } tl_watch;
 
 void tl_watch_init(tl_watch *watch, const tl_config *config, tl_journal *journal);

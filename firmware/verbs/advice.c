@@ -7,9 +7,10 @@
 #include <string.h>
 
 #include "firmware/config/measurements.h"
+#include "firmware/text/wrapped.h"
 #include "master/plan/plan.h"
 
-enum { WIDTH = 79, INDENT = 4, TEXT = 512 };
+enum { INDENT = 4, TEXT = 512 };
 
 static const double LONG_LEAD_S = 60;
 static const double LEAST_STEP = 1e-150; /* its square is a number still, and one over it too */
@@ -19,26 +20,6 @@ typedef struct advice {
     FILE *file;
     size_t count;
 } advice;
-
-/* A paragraph, broken between words; the first line begins further left. */
-static void print_wrapped(FILE *file, const char *text) {
-    size_t column = INDENT - 2;
-    (void)fprintf(file, "%*s", INDENT - 2, "");
-    for (const char *word = text; *word != '\0';) {
-        size_t length = strcspn(word, " ");
-        if (word != text && column + 1 + length > WIDTH) {
-            (void)fprintf(file, "\n%*s", INDENT, "");
-            column = INDENT;
-        } else if (word != text) {
-            (void)fputc(' ', file);
-            column++;
-        }
-        (void)fprintf(file, "%.*s", (int)length, word);
-        column += length;
-        word += length + (word[length] == ' ' ? 1 : 0);
-    }
-    (void)fputc('\n', file);
-}
 
 static void warn(advice *given, const char *where, const char *format, ...) TL_PRINTF(3, 4);
 
@@ -50,7 +31,7 @@ static void warn(advice *given, const char *where, const char *format, ...) {
     (void)vsnprintf(text + length, sizeof text - (size_t)length, format, arguments);
     va_end(arguments);
     (void)fputs(given->count == 0 ? "warnings\n" : "", given->file);
-    print_wrapped(given->file, text);
+    tl_wrapped_print(given->file, text, INDENT - 2, INDENT);
     given->count++;
 }
 

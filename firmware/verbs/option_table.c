@@ -64,6 +64,9 @@ enum {
 /* In the order in which they are explained. */
 const tl_option tl_option_rows[TL_OPTION_COUNT] = {
     {CHECK, "variables", NULL, TL_OPTION_SWITCH, SETS(variables), .help = "list all variables of the FMUs"},
+    {CHECK, "recording", "FILE", TL_OPTION_TEXT, SETS(recording),
+     .help =
+         "instead: look through a recording, as `replay` takes it, and propose between,\ncondition and tolerance by its noise and message times; no FMU is loaded"},
     {PLANT, "for", "CONFIG2", TL_OPTION_TEXT, SETS(listener),
      .help = "serve what this configuration reads; default: CONFIG itself"},
     {REPLAY, "recording", "FILE", TL_OPTION_TEXT, SETS(recording),
@@ -72,6 +75,11 @@ const tl_option tl_option_rows[TL_OPTION_COUNT] = {
      .help = "the CSV file to play; with \"emulate\", what drives the FMUs; default: as\nconfigured"},
     {REPLAY, "run", "N", TL_OPTION_RUN, SETS(run), .help = "of a database; default: its last run",
      .expected = "the number of a run, for example 3"},
+    {CHECK, "run", "N", TL_OPTION_RUN, SETS(run), .needs = "recording",
+     .help = "with --recording: of a database; default: its last run",
+     .expected = "the number of a run, for example 3"},
+    {CHECK, "json", NULL, TL_OPTION_SWITCH, SETS(json), .needs = "recording",
+     .help = "with --recording: print one JSON object"},
     {SHOW, "run", "N|last", TL_OPTION_RUN_OR_LAST, SETS(run), .help = "which run; default: the last one",
      .expected = "the number of a run, for example 3, or last"},
     {SHOW, "since", "TIME", TL_OPTION_SINCE, SETS(since),

@@ -51,7 +51,7 @@ typedef struct tl_option {
     bool only;            /* changes nothing, or no more than it says: makes no sense with what `changes` */
 } tl_option;
 
-enum { TL_OPTION_COUNT = 53 };
+enum { TL_OPTION_COUNT = 56 };
 
 extern const tl_verb_row tl_verb_rows[TL_VERB_COUNT];
 extern const tl_option tl_option_rows[TL_OPTION_COUNT];

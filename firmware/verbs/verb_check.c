@@ -3,9 +3,13 @@
 #include <limits.h>
 #include <math.h>
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
 
+#include "firmware/advice/proposal.h"
+#include "firmware/advice/proposal_page.h"
+#include "firmware/advice/survey.h"
 #include "firmware/assembly/assembly.h"
 #include "firmware/assembly/far_look.h"
 #include "firmware/base/clock.h"
@@ -14,6 +18,7 @@
 #include "firmware/errand/twin_cost.h"
 #include "firmware/fmu/fmu_thread.h"
 #include "firmware/live/live_blocks.h"
+#include "firmware/plant/recording.h"
 #include "firmware/text/clean_text.h"
 #include "firmware/text/output.h"
 #include "firmware/twin/twin_places.h"
@@ -533,8 +538,69 @@ static tl_status check(tl_verb_job *job) {
     return status;
 }
 
+/* ---- a recording ---- */
+
+/* Of what is matched the noise has to be known, or nothing can be said. */
+static tl_status check_readings(const tl_config *config, const char *path, const tl_survey *survey,
+                                const tl_proposal *proposal, tl_error *error) {
+    for (size_t i = 0; i < proposal->match_count; i++) {
+        const tl_survey_signal *signal = &survey->signals[proposal->match[i].signal];
+        if (signal->good < TL_SURVEY_LEAST) {
+            return tl_fail(error, TL_BAD_DATA,
+                           "%s: %s has %" PRIu64 " good readings, at least %d are needed to tell its noise", path,
+                           config->match[i].to, signal->good, (int)TL_SURVEY_LEAST);
+        }
+    }
+    return TL_OK;
+}
+
+static tl_status propose(const tl_verb_job *job, const char *path, tl_survey *survey, tl_proposal *proposal,
+                         tl_error *error) {
+    tl_recording *recording = NULL;
+    tl_status status = tl_recording_open(path, &job->config, &recording, error);
+    if (status == TL_OK) {
+        status = tl_survey_take(recording, &job->config, survey, error);
+    }
+    tl_recording_close(recording);
+    if (status == TL_OK) {
+        tl_proposal_make(&job->config, survey, proposal);
+        status = check_readings(&job->config, path, survey, proposal, error);
+    }
+    if (status == TL_OK) {
+        status = job->options->json ? tl_proposal_print_json(&job->config, path, survey, proposal, job->output, error)
+                                    : tl_proposal_print_page(&job->config, path, survey, proposal, job->output, error);
+    }
+    return status;
+}
+
+static tl_status check_recording(tl_verb_job *job) {
+    char path[PATH_MAX];
+    tl_error error = {TL_OK, ""};
+    tl_survey *survey = calloc(1, sizeof *survey);
+    tl_proposal *proposal = calloc(1, sizeof *proposal);
+    job->config.recording_run = (int64_t)job->options->run;
+    tl_status status = survey == NULL || proposal == NULL
+                           ? tl_fail(&error, TL_TRY_AGAIN, "not enough memory")
+                           : tl_options_find_recording(job->options, &job->config, path, &error);
+    if (status == TL_OK) {
+        status = propose(job, path, survey, proposal, &error);
+    }
+    if (error.text[0] != '\0') {
+        tl_log(TL_LOG_ERROR, "%s", error.text);
+    }
+    if (survey != NULL) {
+        tl_survey_free(survey);
+    }
+    free(survey);
+    free(proposal);
+    return status;
+}
+
 int tl_verb_check(const tl_options *options) {
     tl_verb_job job = {.options = options, .output = tl_output_claim(), .counts_problems = true};
     tl_status status = tl_verb_job_read(&job);
-    return tl_verb_job_end(&job, status == TL_OK ? check(&job) : status);
+    if (status == TL_OK) {
+        status = options->recording != NULL ? check_recording(&job) : check(&job);
+    }
+    return tl_verb_job_end(&job, status);
 }

@@ -71,8 +71,9 @@ FIRMWARE = {
                                  public=("recorder", "recorder_writer", "recorder_state", "recorder_settings")),
     "firmware/history": _firmware("outbox", "database", "config", others=_TWIN, public=("history", "history_rows")),
     "firmware/plant": _firmware("history", "outbox", "process", "config", others=_DRIVERS,
-                                public=("live_plant", "mail_change", "plant_input", "plant_mail", "recording")),
-    "firmware/diagnose": _firmware("config", others=_TWIN, public=("lock_judge", "lock_rescue", "lock_tally")),
+                                public=("conditioner", "live_plant", "mail_change", "plant_input", "plant_mail", "recording")),
+    "firmware/diagnose": _firmware("config", others=_TWIN, public=("lock_judge", "lock_rescue", "lock_tally", "noise_meter", "noise_watch")),
+    "firmware/advice": _firmware("diagnose", "plant", "process", "config", others=_TWIN),
     "firmware/report": _firmware("diagnose", "outbox", "config", others=_TWIN,
                                  public=("figures_json", "html_report", "run_end", "run_figures", "summary", "trajectory")),
     "firmware/show": _firmware("report", "history", "outbox", "diagnose", "config", others=_TWIN, public=("show",)),
@@ -98,7 +99,7 @@ FIRMWARE = {
     "firmware/push": _firmware("tls", "control", "process", public=("push_lines",)),
     # Who asks a run from outside.
     "firmware/retune": _firmware("control", "process", public=("inbox", "talk", "talk_page")),
-    "firmware/verbs": _firmware("emulate", "retune", "tree", "live", "activate", "errand", "control", "run", "twin", "assembly", "show", "report", "diagnose", "plant", "record", "outbox", "fmu", "supervise", "process",
+    "firmware/verbs": _firmware("advice", "emulate", "retune", "tree", "live", "activate", "errand", "control", "run", "twin", "assembly", "show", "report", "diagnose", "plant", "record", "outbox", "fmu", "supervise", "process",
                                 "config", others=_TWIN, public=("command_line",)),
     "firmware": Room(("firmware/verbs", "firmware/process", "firmware/base")),
 }

@@ -6,6 +6,7 @@
 #include <unity.h>
 
 #include "firmware/run/watch.h"
+#include "tests/support/random_numbers.h"
 #include "tests/support/stderr_capture.h"
 
 static tl_config_signal signals[2];
@@ -360,6 +361,36 @@ static void test_a_stroke_that_a_reset_gave_up(void) {
     config.event.start.signal = NULL;
 }
 
+/* A tolerance below three times the noise of the readings, once; see noise_watch.h. */
+static void test_a_tolerance_within_the_noise(void) {
+    static tl_plan_match match = {.variable = "motor.omega", .to = "plant.omega", .tolerance = 0.5, .weight = 1.0};
+    const char *matched_as[] = {"plant.omega"};
+    const char *reading_as[] = {NULL};
+    uint32_t seed = 1;
+    config.match = &match;
+    config.match_count = 1;
+    config.matched_as = matched_as;
+    config.reading_as = reading_as;
+    config.synchronise = true;
+    tl_watch_init(&watch, &config, &journal);
+    for (int i = 0; i < 3000; i++) {
+        sample.values[1] = tl_test_noise(&seed);
+        sample.stamps[1] += TL_SECOND / 50;
+        see(TL_GOOD, TL_GOOD);
+    }
+    expect_told_with(
+        "twinlock: warning: twin: motor.omega: its tolerance, 0.5, is below three times the noise of its readings, 0.");
+    match.tolerance = 3.0;
+    for (int i = 0; i < 3000; i++) {
+        sample.values[1] = tl_test_noise(&seed);
+        sample.stamps[1] += TL_SECOND / 50;
+        see(TL_GOOD, TL_GOOD);
+    }
+    expect_told_with("motor.omega: its tolerance, 3, is three times the noise of its readings again");
+    config.match_count = 0;
+    config.synchronise = false;
+}
+
 int main(void) {
     UNITY_BEGIN();
     RUN_TEST(test_a_delay_that_is_measured_drifts_and_is_lost);
@@ -379,5 +410,6 @@ int main(void) {
     RUN_TEST(test_missed_ticks_are_told_once_a_second);
     RUN_TEST(test_strokes_are_told_where_they_change_something);
     RUN_TEST(test_a_stroke_that_a_reset_gave_up);
+    RUN_TEST(test_a_tolerance_within_the_noise);
     return UNITY_END();
 }
