@@ -156,6 +156,9 @@ const char *const tl_database_schema[] = {
     "  y_hat,"
     "  quality INTEGER NOT NULL,"
     "  delta AS (y - y_hat),"
+    "  readings INTEGER," /* these three: NULL in the runs of an older program */
+    "  squares,"
+    "  rejected INTEGER,"
     "  PRIMARY KEY (run, step, signal)) WITHOUT ROWID",
 
     "CREATE TABLE adjustments ("
@@ -262,10 +265,22 @@ static const char *const upgrade_2[] = {CREATE_BEGINNINGS, CREATE_CHECKPOINTS, N
 
 static const char *const upgrade_3[] = {CREATE_TUNINGS, CREATE_V_TUNINGS, NULL};
 
+/* What format 5 has that format 4 has not: the twin at the plant's readings. */
+static const char *const upgrade_4[] = {
+    "ALTER TABLE outputs ADD COLUMN readings INTEGER",
+    "ALTER TABLE outputs ADD COLUMN squares",
+    "ALTER TABLE outputs ADD COLUMN rejected INTEGER",
+    NULL,
+};
+
+#define BRIDGE_4                                                                                                       \
+    "CREATE TEMP VIEW outputs AS SELECT *, NULL AS readings, NULL AS squares, NULL AS rejected FROM main.outputs"
+
 /* An older program's run kept what it was begun with. */
 #define BRIDGE_3                                                                                                       \
     "CREATE TEMP VIEW tunings AS SELECT 0 AS run, 0 AS tick, '' AS configuration, '' AS at, '' AS who, '' AS origin,"  \
-    "  '' AS why WHERE 0"
+    "  '' AS why WHERE 0",                                                                                             \
+        BRIDGE_4
 
 /* Nobody can go on with a run of an older program. */
 #define BRIDGE_2                                                                                                        \
@@ -285,6 +300,7 @@ static const char *const bridge_1[] = {
 
 static const char *const bridge_2[] = {BRIDGE_2, NULL};
 static const char *const bridge_3[] = {BRIDGE_3, NULL};
+static const char *const bridge_4[] = {BRIDGE_4, NULL};
 
-const char *const *const tl_database_upgrades[] = {NULL, upgrade_1, upgrade_2, upgrade_3};
-const char *const *const tl_database_bridges[] = {NULL, bridge_1, bridge_2, bridge_3};
+const char *const *const tl_database_upgrades[] = {NULL, upgrade_1, upgrade_2, upgrade_3, upgrade_4};
+const char *const *const tl_database_bridges[] = {NULL, bridge_1, bridge_2, bridge_3, bridge_4};

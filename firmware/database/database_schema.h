@@ -8,7 +8,7 @@
 
 enum {
     TL_DATABASE_APPLICATION = 0x74776C6B, /* "twlk" */
-    TL_DATABASE_VERSION = 4
+    TL_DATABASE_VERSION = 5
 };
 
 /* The schema: one statement each for tables, indices and views, then NULL. */

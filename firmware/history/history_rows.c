@@ -58,6 +58,10 @@ static bool give_output(tl_row *row, const tl_history_key *key, const tl_history
     output.y = tl_row_number(row);
     output.y_hat = tl_row_number(row);
     output.quality = take_count(row);
+    output.readings = tl_row_integer_or(row, 0, TL_ROW_LARGEST, 0);
+    double squares = tl_row_number(row);
+    output.squares = output.readings == 0 ? 0.0 : squares;
+    output.rejected = tl_row_integer_or(row, 0, TL_ROW_LARGEST, 0);
     if (row->right) {
         visitor->output(visitor->context, &output);
     }
@@ -97,8 +101,8 @@ static const struct {
                           " flags, held FROM steps"
                           " WHERE run = ?1 AND step > ?2 AND ?3 = ?3 AND step <= ?4 ORDER BY step LIMIT ?5",
                           give_step},
-    [TL_HISTORY_OUTPUTS] = {ASK_RANGE("outputs", "step"), ASK_ROWS("outputs", "step", "y, y_hat, quality"),
-                            give_output},
+    [TL_HISTORY_OUTPUTS] = {ASK_RANGE("outputs", "step"),
+                            ASK_ROWS("outputs", "step", "y, y_hat, quality, readings, squares, rejected"), give_output},
     [TL_HISTORY_ADJUSTMENTS] = {ASK_RANGE("adjustments", "step"), ASK_ROWS("adjustments", "step", "u, u_hat"),
                                 give_adjustment},
 };

@@ -47,7 +47,10 @@ typedef struct tl_history_output {
     size_t signal;
     double y;
     double y_hat;
-    int64_t quality; /* tl_quality, of y_hat */
+    int64_t quality;  /* tl_quality, of y_hat */
+    int64_t readings; /* of the plant within the step, 0 of an older program; */
+    double squares;   /* Σ(y − ŷ)² at them; NaN if that was not finite; */
+    int64_t rejected; /* and those that were rejected */
 } tl_history_output;
 
 /* One adjusted variable in one step. */

@@ -39,8 +39,8 @@ size_t tl_recorder_entry_size(const tl_recorder_shape *shape, tl_recorder_kind k
     case TL_ENTRY_SAMPLE:
         return 1 + sizeof(int64_t) + shape->plant * (sizeof(double) + sizeof(tl_time) + 1);
     case TL_ENTRY_STEP:
-        return 1 + sizeof(step_head) + shape->match * (2 * sizeof(double) + 1) + shape->adjust * 2 * sizeof(double) +
-               shape->components * sizeof(tl_recorder_component);
+        return 1 + sizeof(step_head) + shape->match * (2 * sizeof(double) + 1 + sizeof(tl_record_readings)) +
+               shape->adjust * 2 * sizeof(double) + shape->components * sizeof(tl_recorder_component);
     case TL_ENTRY_END:
         return 1 + TL_RECORDER_REASON;
     case TL_ENTRY_TUNING:
@@ -131,6 +131,7 @@ void tl_recorder_entry_pack_step(tl_recorder_pen *pen, const tl_recorder_shape *
     put(pen, record->y, shape->match * sizeof(double));
     put(pen, record->y_hat, shape->match * sizeof(double));
     put(pen, record->y_hat_quality, shape->match);
+    put(pen, record->readings, shape->match * sizeof record->readings[0]);
     put(pen, record->u, shape->adjust * sizeof(double));
     put(pen, record->u_hat, shape->adjust * sizeof(double));
     put(pen, ledger, shape->components * sizeof *ledger);
@@ -245,11 +246,12 @@ static const char *get_step(look *at, const tl_recorder_shape *shape, tl_recorde
     if (fault != NULL) {
         return fault;
     }
-    bool whole = get(at, record->y, shape->match * sizeof(double)) &&
-                 get(at, record->y_hat, shape->match * sizeof(double)) &&
-                 get(at, record->y_hat_quality, shape->match) && get(at, record->u, shape->adjust * sizeof(double)) &&
-                 get(at, record->u_hat, shape->adjust * sizeof(double)) &&
-                 get(at, entry->ledger, shape->components * sizeof *entry->ledger);
+    bool whole =
+        get(at, record->y, shape->match * sizeof(double)) && get(at, record->y_hat, shape->match * sizeof(double)) &&
+        get(at, record->y_hat_quality, shape->match) &&
+        get(at, record->readings, shape->match * sizeof record->readings[0]) &&
+        get(at, record->u, shape->adjust * sizeof(double)) && get(at, record->u_hat, shape->adjust * sizeof(double)) &&
+        get(at, entry->ledger, shape->components * sizeof *entry->ledger);
     return !whole ? CUT : are_qualities(record->y_hat_quality, shape->match) ? NULL : UNKNOWN;
 }
 

@@ -69,7 +69,8 @@ static const char *const sql_of[STATEMENTS] = {
                " VALUES (?1, ?2, ?3, ?4, ?5, ?6)",
     [STEP] = "INSERT OR REPLACE INTO steps (run, step, t_ns, outcome, stop, J, J_nominal, evaluations, executions,"
              " used_ns, predicted, flags, held) VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10, ?11, ?12, ?13)",
-    [OUTPUT] = "INSERT OR REPLACE INTO outputs (run, step, signal, y, y_hat, quality) VALUES (?1, ?2, ?3, ?4, ?5, ?6)",
+    [OUTPUT] = "INSERT OR REPLACE INTO outputs (run, step, signal, y, y_hat, quality, readings, squares, rejected)"
+               " VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9)",
     [ADJUSTMENT] = "INSERT OR REPLACE INTO adjustments (run, step, signal, u, u_hat) VALUES (?1, ?2, ?3, ?4, ?5)",
     [EVENT] = "INSERT INTO events (run, at, tick, severity, source, text) VALUES (?1, ?2, ?3, ?4, ?5, ?6)",
     [COMPONENT] = "UPDATE components SET plain = ?3, predicted = ?4, executions = ?5, caught_up = ?6, unstored = ?7"
@@ -287,6 +288,9 @@ static int write_step(tl_recorder_database *database, const tl_record *record) {
         bind_number(prepared, 4, record->y[i]);
         bind_number(prepared, 5, record->y_hat[i]);
         (void)sqlite3_bind_int(prepared, 6, record->y_hat_quality[i]);
+        (void)sqlite3_bind_int64(prepared, 7, record->readings[i].count);
+        bind_number(prepared, 8, record->readings[i].squares);
+        (void)sqlite3_bind_int64(prepared, 9, record->readings[i].rejected);
         code = run_statement(prepared);
     }
     prepared = database->statements[ADJUSTMENT];

@@ -324,6 +324,9 @@ static void put_steps(const tl_html_report *report, const tl_run_figures *figure
     }
     put_row(file, "evaluations", "evaluations", figures->evaluations);
     put_row(file, "steps that searched", "optimised_steps", figures->optimised_steps);
+    if (figures->rested != 0) {
+        put_row(file, "at rest: the twin left alone was nearer", "rested_steps", figures->rested);
+    }
     if (report->settings.clock) {
         put_row(file, "searches ended by time", "time_limited", figures->time_limited);
         put_row(file, "longer than their period", "late", figures->late);

@@ -7,6 +7,7 @@ void tl_run_figures_add_step(tl_run_figures *figures, const tl_run_step *step, t
     figures->steps += step->outcome == TL_MADE_UP || step->outcome == TL_FOLLOWED ? 0 : 1;
     figures->evaluations += step->evaluations;
     figures->optimised_steps += step->evaluations > 1 ? 1 : 0;
+    figures->rested += step->rests ? 1 : 0;
     figures->time_limited += step->time_limited ? 1 : 0;
     figures->late += step->used > period ? 1 : 0;
     figures->longest = step->used > figures->longest ? step->used : figures->longest;

@@ -20,6 +20,7 @@ typedef struct tl_run_step {
     bool time_limited;
     uint64_t evaluations;
     tl_time used; /* ns */
+    bool rests;   /* u was nominal since a free twin was nearer */
 } tl_run_step;
 
 /* An adjusted variable; all zeros if `count` is 0. */
@@ -36,6 +37,7 @@ typedef struct tl_run_figures {
     uint64_t skipped; /* ticks that were missed, counted by whoever keeps the time */
     uint64_t evaluations;
     uint64_t optimised_steps; /* that needed more than their first guess */
+    uint64_t rested;          /* at nominal since a free twin was nearer */
     uint64_t outcomes[TL_OUTCOMES];
     uint64_t time_limited; /* searches that the time budget ended */
     uint64_t late;         /* steps that took longer than their period */

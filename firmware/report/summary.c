@@ -17,6 +17,7 @@ void tl_summary_add(tl_summary *summary, const tl_config *config, const tl_recor
         .time_limited = record->stop == TL_STOP_TIME,
         .evaluations = record->evaluations,
         .used = record->used,
+        .rests = (record->flags & TL_FLAG_RESTS) != 0,
     };
     for (size_t i = 0; i < config->adjust_count; i++) {
         tl_run_figures_add_adjusted(&summary->figures, i, record->u[i], record->u_hat[i]);

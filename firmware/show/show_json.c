@@ -55,6 +55,7 @@ static void add_steps(tl_json_writer *json, const tl_show_summary *summary) {
     }
     tl_json_add_count(json, "evaluations", figures->evaluations);
     tl_json_add_count(json, "optimised_steps", figures->optimised_steps);
+    tl_json_add_count(json, "rested_steps", figures->rested);
     tl_json_add_count(json, "time_limited", figures->time_limited);
     tl_figures_json_add_outcomes(json, figures);
 }
@@ -88,9 +89,12 @@ static void add_matches(tl_json_writer *json, const tl_show_summary *summary) {
         tl_json_add_text(json, "to", signal->to);
         tl_json_add_number(json, "mse", tl_metrics_mse(metrics));
         tl_json_add_number(json, "max", metrics->maximum);
+        tl_json_add_number(json, "mse_readings", tl_run_figures_mse_readings(&summary->figures, i));
         tl_json_add_text(json, "unit", signal->unit);
         tl_json_add_count(json, "pairs", metrics->pairs);
         tl_json_add_count(json, "left_out", metrics->left_out);
+        tl_json_add_count(json, "readings", summary->figures.readings[i].pairs);
+        tl_json_add_count(json, "rejected", summary->figures.readings[i].left_out);
         tl_json_close(json);
     }
     tl_json_close(json);

@@ -152,6 +152,11 @@ static void print_steps(const show_page *page) {
         (void)fprintf(page->file, "                 the search ran out of time in %llu of them\n",
                       (unsigned long long)figures->time_limited);
     }
+    if (figures->rested > 0) {
+        (void)fprintf(page->file,
+                      "                 u rested at nominal in %llu of them: the twin left alone was nearer\n",
+                      (unsigned long long)figures->rested);
+    }
 }
 
 /* In the words with which a run ends. */
@@ -217,14 +222,25 @@ static void print_run(const show_page *page) {
 
 /* ---- How well it followed ---------------------------------------------------------------------------------------- */
 
+/* MSE at the plant's own readings, and how many these were. */
+static void add_readings(tl_show_table *table, const tl_run_figures *figures, size_t match) {
+    const tl_metrics *readings = &figures->readings[match];
+    char mse[TEXT];
+    tl_show_number(tl_run_figures_mse_readings(figures, match), false, mse, sizeof mse);
+    tl_show_table_add(table, "%s", mse);
+    tl_show_table_add(table, "%llu", (unsigned long long)readings->pairs);
+    tl_show_table_add(table, "%llu", (unsigned long long)readings->left_out);
+}
+
 static tl_status print_match(const show_page *page, tl_error *error) {
-    const char *const names[] = {"output", "compared with", "pairs", "left out", page->square, "MAX", "unit"};
+    const char *const names[] = {"output", "compared with",   "pairs",    "left out", page->square,
+                                 "MAX",    "MSE at readings", "readings", "rejected", "unit"};
     tl_show_table table;
     if (page->summary.match_count == 0) {
         return TL_OK;
     }
     heading(page, "How well the twin followed the plant");
-    tl_show_table_begin(&table, page->request->style, "llrrrrl");
+    tl_show_table_begin(&table, page->request->style, "llrrrrrrrl");
     for (size_t i = 0; i < sizeof names / sizeof names[0]; i++) {
         tl_show_table_add(&table, "%s", names[i]);
     }
@@ -241,6 +257,7 @@ static tl_status print_match(const show_page *page, tl_error *error) {
         tl_show_table_add(&table, "%llu", (unsigned long long)figures->match[i].left_out);
         tl_show_table_add(&table, "%s", mse);
         tl_show_table_add(&table, "%s", largest);
+        add_readings(&table, figures, i);
         tl_show_table_add(&table, "%s", signal->unit);
     }
     return tl_show_table_end(&table, page->file, error);

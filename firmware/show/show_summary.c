@@ -68,6 +68,7 @@ static void take_step(void *context, const tl_history_step *step) {
         .time_limited = step->stop == TL_STOP_TIME,
         .evaluations = (uint64_t)step->evaluations,
         .used = step->used,
+        .rests = (step->flags & TL_FLAG_RESTS) != 0,
     };
     tl_run_figures_add_step(&summary->figures, &taken, summary->period);
 }
@@ -76,6 +77,9 @@ static void take_output(void *context, const tl_history_output *output) {
     tl_show_summary *summary = context;
     bool good = output->quality == TL_GOOD && isfinite(output->y) && isfinite(output->y_hat);
     tl_metrics_add(&summary->figures.match[output->signal], output->y, output->y_hat, good ? TL_GOOD : TL_NOT_A_NUMBER);
+    const tl_metrics readings = {
+        .pairs = (uint64_t)output->readings, .left_out = (uint64_t)output->rejected, .sum_of_squares = output->squares};
+    tl_metrics_join(&summary->figures.readings[output->signal], &readings);
 }
 
 static void add_part(tl_show_part *part, double delta) {

@@ -126,8 +126,9 @@ static size_t besides_size(const tl_config *config, tl_twin_tells tells) {
 }
 
 size_t tl_twin_packed_result_size(const tl_config *config, tl_twin_tells tells) {
-    size_t size = sizeof(result_head) + config->match_count * (2 * sizeof(double) + sizeof(uint8_t)) +
-                  config->adjust_count * 2 * sizeof(double) + besides_size(config, tells);
+    size_t each = 2 * sizeof(double) + sizeof(tl_record_readings) + sizeof(uint8_t);
+    size_t size = sizeof(result_head) + config->match_count * each + config->adjust_count * 2 * sizeof(double) +
+                  besides_size(config, tells);
     assert(size <= TL_TWIN_PACKED);
     return size;
 }
@@ -159,6 +160,7 @@ void tl_twin_pack_result(const tl_config *config, tl_twin_tells tells, const tl_
     bytes = put_words(bytes, record->y_hat, config->match_count);
     bytes = put_words(bytes, record->u, config->adjust_count);
     bytes = put_words(bytes, record->u_hat, config->adjust_count);
+    bytes = put_words(bytes, record->readings, config->match_count * (sizeof record->readings[0] / WORD));
     bytes = put_words(bytes, &result->besides, besides_size(config, tells) / WORD);
     put_bytes(bytes, record->y_hat_quality, config->match_count);
 }
@@ -173,6 +175,7 @@ void tl_twin_unpack_result(const tl_config *config, tl_twin_tells tells, const u
     bytes = get_words(bytes, record->y_hat, config->match_count);
     bytes = get_words(bytes, record->u, config->adjust_count);
     bytes = get_words(bytes, record->u_hat, config->adjust_count);
+    bytes = get_words(bytes, record->readings, config->match_count * (sizeof record->readings[0] / WORD));
     bytes = get_words(bytes, &result->besides, besides_size(config, tells) / WORD);
     get_bytes(bytes, record->y_hat_quality, config->match_count);
     result->tick = head.tick;

@@ -72,6 +72,13 @@ typedef enum tl_delay_state {
     TL_DELAY_LOST /* it was known; what is measured now is not sure */
 } tl_delay_state;
 
+/* What of the plant's readings fell into a step, held against an output (twin/reading_meter.h). */
+typedef struct tl_record_readings {
+    uint32_t count;
+    uint32_t rejected; /* seen since the record before; not among them */
+    double squares;    /* Σ(y − ŷ)² at their own instants, in the output's unit, squared */
+} tl_record_readings;
+
 /* One committed step. Arrays are in the order of the plan's `match` and `adjust`, and filled as far as the plan has
  * entries: records are copied often, and cleared never. */
 typedef struct tl_record {
@@ -89,6 +96,7 @@ typedef struct tl_record {
     double y[TL_MAX_MATCH];
     double y_hat[TL_MAX_MATCH];
     uint8_t y_hat_quality[TL_MAX_MATCH]; /* tl_quality; NaN never appears: a bad y_hat holds the last good one */
+    tl_record_readings readings[TL_MAX_MATCH];
     double u[TL_MAX_ADJUST];
     double u_hat[TL_MAX_ADJUST]; /* nominal */
     tl_delay_state delay_state;

@@ -16,6 +16,13 @@ void tl_metrics_add(tl_metrics *metrics, double y, double y_hat, tl_quality qual
     }
 }
 
+void tl_metrics_join(tl_metrics *metrics, const tl_metrics *other) {
+    metrics->pairs += other->pairs;
+    metrics->left_out += other->left_out;
+    metrics->sum_of_squares += other->sum_of_squares;
+    metrics->maximum = fmax(metrics->maximum, other->maximum);
+}
+
 double tl_metrics_mse(const tl_metrics *metrics) {
     return metrics->pairs < 2 ? 0.0 : metrics->sum_of_squares / (double)(metrics->pairs - 1);
 }

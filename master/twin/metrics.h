@@ -19,6 +19,9 @@ typedef struct tl_metrics {
 
 void tl_metrics_add(tl_metrics *metrics, double y, double y_hat, tl_quality quality);
 
+/* What was seen elsewhere, too. */
+void tl_metrics_join(tl_metrics *metrics, const tl_metrics *other);
+
 /* Σ/(pairs − 1); 0 with fewer than two pairs. */
 double tl_metrics_mse(const tl_metrics *metrics);
 

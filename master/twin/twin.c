@@ -80,6 +80,20 @@ static void measure_delay(tl_twin *twin, tl_record *record) {
 
 /* ---- records ---- */
 
+/* The readings that fell into a step. */
+static void record_readings(tl_twin *twin, size_t match, tl_record *record) {
+    tl_metrics *due = &twin->due[match];
+    if (twin->readers[match] != NULL) {
+        tl_time end = tl_time_of_step(0, twin->step, record->step + 1);
+        bool goes_on = (record->flags & TL_FLAG_RESET) == 0;
+        tl_reading_meter_step(twin->readers[match], end, record->y[match], goes_on, due);
+    }
+    record->readings[match] = (tl_record_readings){
+        .count = (uint32_t)due->pairs, .rejected = (uint32_t)due->left_out, .squares = due->sum_of_squares};
+    tl_metrics_join(&twin->readings[match], due);
+    *due = (tl_metrics){0};
+}
+
 /* Completes a record with the measurement of its instant. */
 static void complete(tl_twin *twin, tl_record *record) {
     for (size_t i = 0; i < twin->lock.objective.term_count; i++) {
@@ -87,11 +101,7 @@ static void complete(tl_twin *twin, tl_record *record) {
         record->y_hat[i] = tl_objective_y_hat(&twin->lock.objective, i, record->step + 1, &quality);
         record->y_hat_quality[i] = (uint8_t)quality;
         tl_metrics_add(&twin->metrics[i], record->y[i], record->y_hat[i], quality);
-        if (twin->readers[i] != NULL) {
-            tl_time end = tl_time_of_step(0, twin->step, record->step + 1);
-            bool goes_on = (record->flags & TL_FLAG_RESET) == 0;
-            tl_reading_meter_step(twin->readers[i], end, record->y[i], goes_on, &twin->readings[i]);
-        }
+        record_readings(twin, i, record);
     }
     measure_delay(twin, record);
 }
@@ -191,7 +201,7 @@ static void see_reading(tl_twin *twin, const tl_sample *sample, size_t match) {
         tl_time late = tl_time_of_step(0, twin->step, term->shift) - twin->look_back;
         double value = term->conversion.factor * sample->values[signal] + term->conversion.offset;
         tl_reading_meter_see(twin->readers[match], sample->stamps[signal] - start - late, value,
-                             (tl_quality)sample->quality[signal], &twin->readings[match]);
+                             (tl_quality)sample->quality[signal], &twin->due[match]);
     }
 }
 

@@ -220,6 +220,7 @@ tl_status tl_twin_forget(tl_twin *twin, bool *done, tl_error *error) {
     }
     memset(twin->metrics, 0, sizeof twin->metrics);
     memset(twin->readings, 0, sizeof twin->readings);
+    memset(twin->due, 0, sizeof twin->due);
     twin->free_twin.counts = (tl_free_twin_counts){0};
     twin->resets = false;
     disown_pending(twin);

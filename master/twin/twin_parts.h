@@ -33,6 +33,7 @@ struct tl_twin {
     const tl_port *outputs[TL_MAX_SIGNALS];
     tl_metrics metrics[TL_MAX_MATCH];
     tl_metrics readings[TL_MAX_MATCH]; /* the same at readings, */
+    tl_metrics due[TL_MAX_MATCH];      /* and what of it no record has yet */
     tl_reading_meter
         *readers[TL_MAX_MATCH]; /* for which these look; NULL: there is no line between steps, or nothing shows them */
     size_t reading_signals[TL_MAX_MATCH]; /* where they do */

@@ -14,7 +14,8 @@ SEEDS = SOURCE / "tests" / "fuzz" / "seeds" / "database"
 # The columns of format 1; its runs have no ledger, no beginning and no checkpoint.
 OLDER = """DROP TABLE tunings; DROP TABLE beginnings; DROP TABLE checkpoints; DROP TABLE components; DROP TABLE flags;
 ALTER TABLE runs DROP COLUMN lead; ALTER TABLE steps DROP COLUMN predicted; ALTER TABLE steps DROP COLUMN flags;
-ALTER TABLE steps DROP COLUMN held; PRAGMA user_version = 1;"""
+ALTER TABLE steps DROP COLUMN held; ALTER TABLE outputs DROP COLUMN readings; ALTER TABLE outputs DROP COLUMN squares;
+ALTER TABLE outputs DROP COLUMN rejected; PRAGMA user_version = 1;"""
 
 
 def record(folder):

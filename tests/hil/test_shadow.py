@@ -127,7 +127,7 @@ def test_there_and_back():
         code, out, err = live.reload(live.edited(horizon(2)), *LONG, timeout=120)
         expect(code == 0 and len(twins(live)) == 2, f"{code}\n{out}{err}{live.log()}")
         wait_until(lambda: number(live.database, "SELECT count(*) FROM steps WHERE run = 2") > 100, "run 2", live.log)
-        expect(shadow(live) == before, f"who is the shadow does not say so: {[title(pid) for pid in twins(live)]}")
+        wait_until(lambda: shadow(live) == before, "who is the shadow says so", live.log)
         code, out, err = live.reload(None, "--rollback")
         expect(code == 0 and "by a flip" in out, f"{code}\n{out}{err}{live.log()}")
         wait_until(lambda: twins(live) == [before], "the first twin alone", live.log)
@@ -248,9 +248,9 @@ def fails_beside(fmu, **more):
 
 def fail_on_probation(live, candidate, fail):
     """The new twin has taken over, and `fail` makes it fail: the old one is the run's again, and what is recorded is found to have no hole. Returns the reason."""
+    before = live.child()
     code, out, err = live.reload(live.edited(candidate), *LONG, timeout=120)
     expect(code == 0, f"{code}\n{out}{err}{live.log()}")
-    before = shadow(live)
     wait_until(lambda: number(live.database, "SELECT count(*) FROM steps WHERE run = 2") > 20, "run 2", live.log)
     fail()
     wait_until(lambda: live.active() == 1, "the first version is back", live.log, every=0.1)

@@ -98,6 +98,9 @@ void tl_made_record(int64_t step, tl_record *record) {
         record->y[i] = number(step, 20 + i);
         record->y_hat[i] = number(step, 30 + i);
         record->y_hat_quality[i] = (uint8_t)((hash >> i) % 8 == 0 ? TL_STALE : TL_GOOD);
+        record->readings[i] = (tl_record_readings){.count = (uint32_t)(hash >> i) % 3,
+                                                   .rejected = (uint32_t)(hash >> i) % 2,
+                                                   .squares = fabs(number(step, 60 + i))};
     }
     for (uint64_t i = 0; i < TL_MADE_ADJUST; i++) {
         record->u[i] = number(step, 40 + i);
@@ -159,9 +162,10 @@ bool tl_made_put_out(tl_outbox *outbox, int64_t first, int64_t ticks) {
 }
 
 void tl_made_older(const char *path) {
-    tl_sql_execute(path, "DROP VIEW v_tunings; DROP TABLE tunings; DROP TABLE beginnings; DROP TABLE checkpoints;"
-                         "DROP VIEW v_steps; DROP VIEW v_ledger; DROP TABLE components; DROP TABLE flags;"
-                         "ALTER TABLE runs DROP COLUMN lead; ALTER TABLE steps DROP COLUMN predicted;"
-                         "ALTER TABLE steps DROP COLUMN flags; ALTER TABLE steps DROP COLUMN held;"
-                         "CREATE VIEW v_steps AS SELECT run, step FROM steps; PRAGMA user_version = 1");
+    tl_sql_execute(path, TL_MADE_FORMAT_4
+                   "DROP VIEW v_tunings; DROP TABLE tunings; DROP TABLE beginnings; DROP TABLE checkpoints;"
+                   "DROP VIEW v_steps; DROP VIEW v_ledger; DROP TABLE components; DROP TABLE flags;"
+                   "ALTER TABLE runs DROP COLUMN lead; ALTER TABLE steps DROP COLUMN predicted;"
+                   "ALTER TABLE steps DROP COLUMN flags; ALTER TABLE steps DROP COLUMN held;"
+                   "CREATE VIEW v_steps AS SELECT run, step FROM steps; PRAGMA user_version = 1");
 }

@@ -113,6 +113,10 @@ static void see_output(void *context, const tl_history_output *found) {
     expect_number(record.y[found->signal], found->y);
     expect_number(record.y_hat[found->signal], found->y_hat);
     TEST_ASSERT_EQUAL_INT64(record.y_hat_quality[found->signal], found->quality);
+    TEST_ASSERT_EQUAL_INT64(record.readings[found->signal].count, found->readings);
+    expect_number(record.readings[found->signal].count == 0 ? 0.0 : record.readings[found->signal].squares,
+                  found->squares);
+    TEST_ASSERT_EQUAL_INT64(record.readings[found->signal].rejected, found->rejected);
 }
 
 static void see_adjustment(void *context, const tl_history_adjustment *found) {

@@ -10,6 +10,7 @@
 
 #include <unity.h>
 
+#include "firmware/database/database_schema.h"
 #include "firmware/record/recorder.h"
 #include "firmware/text/utc.h"
 #include "tests/support/made_run.h"
@@ -119,7 +120,8 @@ static void test_steps_come_back_bit_for_bit(void) {
     sqlite3_stmt *head =
         ask(database, "SELECT step, t_ns, outcome, stop, J, J_nominal, evaluations, executions, used_ns, predicted,"
                       " flags, held FROM steps ORDER BY step");
-    sqlite3_stmt *output = ask(database, "SELECT y, y_hat, quality, delta FROM outputs ORDER BY step, signal");
+    sqlite3_stmt *output = ask(
+        database, "SELECT y, y_hat, quality, delta, readings, squares, rejected FROM outputs ORDER BY step, signal");
     sqlite3_stmt *adjusted = ask(database, "SELECT u, u_hat, delta FROM adjustments ORDER BY step, signal");
     for (int64_t step = 0; step < TICKS - 2; step++) {
         tl_record record;
@@ -131,6 +133,9 @@ static void test_steps_come_back_bit_for_bit(void) {
             expect_bits(record.y_hat[i], output, 1);
             TEST_ASSERT_EQUAL_INT(record.y_hat_quality[i], sqlite3_column_int(output, 2));
             TEST_ASSERT_TRUE(sqlite3_column_double(output, 3) == record.y[i] - record.y_hat[i]);
+            TEST_ASSERT_EQUAL_UINT32(record.readings[i].count, sqlite3_column_int64(output, 4));
+            expect_bits(record.readings[i].squares, output, 5);
+            TEST_ASSERT_EQUAL_UINT32(record.readings[i].rejected, sqlite3_column_int64(output, 6));
         }
         for (int i = 0; i < TL_MADE_ADJUST; i++) {
             TEST_ASSERT_EQUAL_INT(SQLITE_ROW, sqlite3_step(adjusted));
@@ -174,7 +179,7 @@ static void test_what_is_not_finite_is_null(void) {
 static void test_the_run_says_what_it_was(void) {
     record_run(10);
     TEST_ASSERT_EQUAL_INT64(0x74776C6B, tl_sql_integer(bench.path, "PRAGMA application_id"));
-    TEST_ASSERT_EQUAL_INT64(4, tl_sql_integer(bench.path, "PRAGMA user_version"));
+    TEST_ASSERT_EQUAL_INT64(TL_DATABASE_VERSION, tl_sql_integer(bench.path, "PRAGMA user_version"));
     TEST_ASSERT_EQUAL_INT64(TL_MADE_PREDICTION, tl_sql_integer(bench.path, "SELECT lead FROM runs"));
     TEST_ASSERT_EQUAL_INT64(2, tl_sql_integer(bench.path, "PRAGMA auto_vacuum"));
     TEST_ASSERT_EQUAL_STRING("wal", tl_sql_text(bench.path, "PRAGMA journal_mode"));
@@ -254,13 +259,18 @@ static void test_an_older_file_is_brought_up_to_date(void) {
                    " committed, step_ns, 5, 'hold', 0, 0, 0, 0, NULL, 0 FROM runs WHERE run = 1");
     tl_made_older(bench.path);
     record_run(10);
-    TEST_ASSERT_EQUAL_INT64(4, tl_sql_integer(bench.path, "PRAGMA user_version"));
+    TEST_ASSERT_EQUAL_INT64(TL_DATABASE_VERSION, tl_sql_integer(bench.path, "PRAGMA user_version"));
     TEST_ASSERT_EQUAL_STRING("2, 0, 1, 2", tl_sql_text(bench.path, "SELECT group_concat(lead, ', ') FROM runs"));
     TEST_ASSERT_EQUAL_INT64(8,
                             tl_sql_integer(bench.path, "SELECT count(*) FROM steps WHERE run = 1 AND predicted IS NULL"
                                                        " AND flags IS NULL AND held IS NULL"));
     TEST_ASSERT_EQUAL_INT64(8, tl_sql_integer(bench.path, "SELECT count(*) FROM steps WHERE run = 9 AND predicted >= 0"
                                                           " AND flags >= 0 AND held >= 0"));
+    TEST_ASSERT_EQUAL_INT64(16,
+                            tl_sql_integer(bench.path, "SELECT count(*) FROM outputs WHERE run = 1 AND readings IS NULL"
+                                                       " AND squares IS NULL AND rejected IS NULL"));
+    TEST_ASSERT_EQUAL_INT64(16,
+                            tl_sql_integer(bench.path, "SELECT count(*) FROM outputs WHERE run = 9 AND readings >= 0"));
     TEST_ASSERT_EQUAL_INT64(16, tl_sql_integer(bench.path, "SELECT count(*) FROM v_steps"));
     TEST_ASSERT_EQUAL_INT64(3, tl_sql_integer(bench.path, "SELECT count(*) FROM v_ledger WHERE run = 9"));
     TEST_ASSERT_EQUAL_INT64(0, tl_sql_integer(bench.path, "SELECT count(*) FROM v_ledger WHERE run <> 9"));
@@ -426,8 +436,8 @@ static void test_foreign_files_stay_as_they_are(void) {
     (void)unlink(bench.path);
     tl_sql_execute(bench.path, "CREATE TABLE mine (x); INSERT INTO mine VALUES (1)");
     expect_refused(TL_BAD_DATA, "of another program");
-    tl_sql_execute(bench.path, "PRAGMA application_id = 1953983595; PRAGMA user_version = 5");
-    expect_refused(TL_BAD_DATA, "another version of twinlock (format 5, this program knows 1 to 4)");
+    tl_sql_execute(bench.path, "PRAGMA application_id = 1953983595; PRAGMA user_version = 6");
+    expect_refused(TL_BAD_DATA, "another version of twinlock (format 6, this program knows 1 to 5)");
     tl_sql_execute(bench.path, "PRAGMA user_version = 0");
     expect_refused(TL_BAD_DATA, "another version of twinlock (format 0");
 }

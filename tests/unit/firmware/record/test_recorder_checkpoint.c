@@ -209,7 +209,7 @@ static void make_format_2(void) {
     put(0, 10);
     close_writer();
     tl_sql_execute(
-        path,
+        path, TL_MADE_FORMAT_4
         "DROP VIEW v_tunings; DROP TABLE tunings; DROP TABLE beginnings; DROP TABLE checkpoints; PRAGMA user_version = 2");
 }
 

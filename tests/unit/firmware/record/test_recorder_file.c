@@ -229,10 +229,10 @@ static void test_what_was_never_ours(void) {
 
 static void test_a_newer_file(void) {
     tl_writer_bench_record(&bench, 10);
-    tl_sql_execute(bench.path, "PRAGMA user_version = 5");
+    tl_sql_execute(bench.path, "PRAGMA user_version = 6");
     tl_writer_bench_forget(&bench);
-    expect_refused(TL_BAD_DATA, "format 5");
-    expect_left_alone("format 5");
+    expect_refused(TL_BAD_DATA, "format 6");
+    expect_left_alone("format 6");
 }
 
 static void test_a_file_without_our_tables(void) {

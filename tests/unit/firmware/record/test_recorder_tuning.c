@@ -272,7 +272,7 @@ static void record_one(void) {
 
 static void make_format_3(void) {
     record_one();
-    tl_sql_execute(path, "DROP VIEW v_tunings; DROP TABLE tunings; PRAGMA user_version = 3");
+    tl_sql_execute(path, TL_MADE_FORMAT_4 "DROP VIEW v_tunings; DROP TABLE tunings; PRAGMA user_version = 3");
 }
 
 static void a_file_of_format_3_is_read_as_it_is(void) {

@@ -127,6 +127,7 @@ static void known_record(int64_t step, tl_record *record) {
     record->y_hat[0] = 10.0;
     record->y[1] = 3.0;
     record->y_hat[1] = 1.0;
+    record->readings[0] = (tl_record_readings){.count = 1, .rejected = step % 16 == 0 ? 1 : 0, .squares = 0.36};
     record->y_hat_quality[1] = step % 4 == 0 ? TL_GOOD : TL_STALE;
     record->u[0] = 0.003 + (step < CHANGE ? 0.002 : 0.005) + (step % 2 == 0 ? 1e-5 : -1e-5);
     record->u_hat[0] = 0.003;
@@ -181,8 +182,9 @@ static void test_the_page(void) {
     expect_shown("executions     105600, predicted 100800; without saving 192000 (45.0 % saved)\n"
                  "                 4800 caught up, 2933 results found no room\n");
     expect_shown("recorded       1600 samples, 1600 steps, 1 events\n");
-    expect_row("motor.omega plant.omega 1600 0 0.25016 0.5 rad/s\n"); /* 0.25·1600/1599 */
-    expect_row("motor.i plant.torque 400 1200 4.01 2 A\n");
+    expect_row(
+        "motor.omega plant.omega 1600 0 0.25016 0.5 0.36023 1600 100 rad/s\n"); /* 1600/1599 times 0.25, and 0.36 */
+    expect_row("motor.i plant.torque 400 1200 4.01 2 - 0 0 A\n");
     expect_row("motor.d 0.00501 0.00799 0.006125 0.00499 0.00801 +0.003125 N.m.s/rad\n");
     expect_row("drive.u 24 24 24 24 24 0 V\n");
     expect_shown("motor.d: changed most at 10.00 s, +0.002 -> +0.005 N.m.s/rad");

@@ -124,15 +124,18 @@ static void expect_same_arrays(const tl_config *config, tl_twin_tells told) {
     const tl_record *back = &result_back.record;
     const size_t matches = config->match_count * sizeof record->y[0];
     const size_t adjusts = config->adjust_count * sizeof record->u[0];
+    const size_t readings = config->match_count * sizeof record->readings[0];
     TEST_ASSERT_EQUAL_INT(0, memcmp(record->y, back->y, matches));
     TEST_ASSERT_EQUAL_INT(0, memcmp(record->y_hat, back->y_hat, matches));
     TEST_ASSERT_EQUAL_INT(0, memcmp(record->y_hat_quality, back->y_hat_quality, config->match_count));
     TEST_ASSERT_EQUAL_INT(0, memcmp(record->u, back->u, adjusts));
     TEST_ASSERT_EQUAL_INT(0, memcmp(record->u_hat, back->u_hat, adjusts));
+    TEST_ASSERT_EQUAL_INT(0, memcmp(record->readings, back->readings, readings));
     TEST_ASSERT_EQUAL_INT(0, memcmp(&result.besides, &result_back.besides, besides_size(config, told)));
     expect_canaries((const unsigned char *)back->y, matches, sizeof back->y);
     expect_canaries((const unsigned char *)back->y_hat, matches, sizeof back->y_hat);
     expect_canaries(back->y_hat_quality, config->match_count, sizeof back->y_hat_quality);
+    expect_canaries((const unsigned char *)back->readings, readings, sizeof back->readings);
     expect_canaries((const unsigned char *)back->u, adjusts, sizeof back->u);
     expect_canaries((const unsigned char *)back->u_hat, adjusts, sizeof back->u_hat);
     expect_canaries((const unsigned char *)&result_back.besides, besides_size(config, told),
@@ -200,7 +203,7 @@ static void test_sizes(void) {
     more.signal_count++;
     TEST_ASSERT_EQUAL_size_t(tl_twin_packed_tick_size(small) + 17, tl_twin_packed_tick_size(&more));
     more.match_count++;
-    TEST_ASSERT_EQUAL_size_t(tl_twin_packed_result_size(small, TL_TELLS_RECORDS) + 17,
+    TEST_ASSERT_EQUAL_size_t(tl_twin_packed_result_size(small, TL_TELLS_RECORDS) + 33,
                              tl_twin_packed_result_size(&more, TL_TELLS_RECORDS));
     TEST_ASSERT_EQUAL_size_t(tl_twin_packed_result_size(small, TL_TELLS_RECORDS) + 3 * sizeof(tl_recorder_component),
                              tl_twin_packed_result_size(small, TL_TELLS_COUNTS));
