@@ -393,8 +393,8 @@ static void print_blocks(const tl_assembly *assembly, const tl_prognosis *progno
 static void print_free_twin(const tl_assembly *assembly, const tl_prognosis *prognosis, FILE *output) {
     if (tl_twin_get_facts(assembly->twin).has_free_twin) {
         (void)fprintf(output,
-                      "  free twin    %" PRIu64
-                      " executions beside each step, twice that while u is searched: in that time\n",
+                      "  free twin    %" PRIu64 " executions beside each step, twice that while u is\n"
+                      "               searched: in that time\n",
                       prognosis->step);
     }
 }
