@@ -8,6 +8,9 @@
 static const double MOST = 3.0;
 static const double NEGLIGIBLE = 1e-3;
 
+/* Tolerances, squared: what noise is at most. */
+static const double MOST_NOISE = 0.25;
+
 /* Standard errors. Few are enough: if both are about as near, it does not matter which is taken. */
 static const double SURE = 1.5;
 
@@ -157,7 +160,10 @@ static estimate find_gain(const tl_contest *contest) {
     double part = 1.0 - known->kept.mean / fmax(known->surprise.mean, NEGLIGIBLE);
     double twice = 2.0 * fmin(fmax(part, 0.0), 1.0);
     estimate noise = find_average(&known->noise, known->count);
-    return (estimate){twice * fmax(noise.value, 0.0), twice * noise.error};
+    double most = MOST_NOISE * contest->weight;
+    double value = fmin(fmax(noise.value, 0.0), most);
+    double error = fmin(noise.error, most);
+    return (estimate){twice * value, twice * error};
 }
 
 /* The trial that was so many before the next one. */
@@ -283,6 +289,7 @@ static void end_trial(tl_contest *contest, const tl_contest_errors *errors, bool
 
 tl_contest_verdict tl_contest_step(tl_contest *contest, const tl_contest_errors *errors, bool measured) {
     tl_contest_verdict verdict = {0};
+    contest->weight = errors->weight;
     contest->steps++;
     if (measured) {
         contest->counted++;

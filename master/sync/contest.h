@@ -8,7 +8,8 @@
  *          committed instant, runs with nominal u, and ends once it has outrun what that instant has used: there L − P is the part g of ŷ − P; and the
  *          noise that the instant has followed is in the errors of two predictions in a row, with opposite signs:
  *            s² = E(L − ŷ)·(P − ŷ) − E(P − ŷ)·(P' − ŷ'),    P': the prediction before.
- *          What a model does not know of the plant is in one of them, or lasts; what lasts is taken off both. The rest is not taken for noise.
+ *          What a model does not know of the plant is in one of them, or lasts; what lasts is taken off both. If it swings as fast as predictions follow each other, it has opposite
+ *          signs, too; so what is more than half a tolerance is not taken for noise, of which a tolerance is to be three times as much (config/SPEC.md).
  *          These are averages over minutes. If that of late differs by more than three times its standard error, times have changed, and what was before is forgotten.
  * Verdict: over the last TL_CONTEST_TRIALS trials, and what was learned of the noise before: u rests at nominal if the harm is more than nothing by 1.5 times its standard error. It
  *          rests until the twin that rests is further off than a locked one would be: over these trials by as much, or all at once.
@@ -40,6 +41,7 @@ typedef struct tl_contest_errors {
     double locked[TL_MAX_MATCH]; /* of the twin: locked, or resting */
     double free[TL_MAX_MATCH];
     double predicted[TL_MAX_MATCH]; /* of no meaning while u rests */
+    double weight;                  /* Σ of the weights of all outputs, measured or not */
 } tl_contest_errors;
 
 /* Means of squares over one trial. */
@@ -74,6 +76,7 @@ typedef struct tl_contest_verdict {
 /* Fields are private, but `rests`. Zeroed but for `guard`: one that begins. */
 typedef struct tl_contest {
     uint32_t guard; /* steps of a trial, and of a prediction, ≥ 1 */
+    double weight;  /* as in the errors of the step at hand */
     bool rests;
     bool follows; /* the prediction before this one is known: */
     double before[TL_MAX_MATCH];

@@ -131,6 +131,14 @@ static tl_status lead_both(tl_free_twin *twin, const tl_record *record, tl_conte
     return status == TL_OK ? tl_exchange_return(twin->exchange, error) : status;
 }
 
+static double sum_of_weights(const tl_objective *objective) {
+    double sum = 0.0;
+    for (size_t i = 0; i < objective->term_count; i++) {
+        sum += objective->terms[i].weight;
+    }
+    return sum;
+}
+
 static void count(tl_free_twin *twin, bool rested, const tl_contest_verdict *verdict) {
     twin->counts.rested += rested ? 1 : 0;
     twin->counts.turns += verdict->turned && !rested ? 1 : 0;
@@ -139,7 +147,7 @@ static void count(tl_free_twin *twin, bool rested, const tl_contest_verdict *ver
 
 tl_status tl_free_twin_follow(tl_free_twin *twin, const tl_record *record, tl_contest_verdict *verdict,
                               tl_error *error) {
-    tl_contest_errors errors = {.locked = {0}, .free = {0}, .predicted = {0}};
+    tl_contest_errors errors = {.weight = sum_of_weights(twin->objective)};
     bool failed[2] = {false, false};
     *verdict = (tl_contest_verdict){0};
     if (!twin->is_led) {

@@ -21,14 +21,14 @@ def sine(_choice):
 
 
 class Bench:
-    """Some minutes of the motor bench with a heavy motor, under a brake: what was measured, and the true speed."""
+    """Some minutes of the motor bench with a heavy motor, or another one, under a brake: what was measured, and the true speed."""
 
-    def __init__(self, shape, seed):
+    def __init__(self, shape, seed, inertia=0.05):
         brake = scratch() / "brake.csv"
         torque = shape(random.Random(seed))
         rows = (f"{i * SAMPLE_S:.2f},{torque(i * SAMPLE_S):.4f}\n" for i in range(round((SECONDS + 1) / SAMPLE_S)))
         brake.write_text("t,torque\n" + "".join(rows), encoding="utf-8")
-        edits = {"duration_s": SECONDS, "components": {"motor": {"set": {"J": 0.05}}}, "recording": {"file": str(brake)}}
+        edits = {"duration_s": SECONDS, "components": {"motor": {"set": {"J": inertia}}}, "recording": {"file": str(brake)}}
         self.recording = scratch() / "recording.csv"
         run_well(["plant", edited_config("motor/plant.json", edits), "--record", self.recording, "--seed", seed])
         self.truth = make_truth("motor/plant.json", edits)
@@ -76,6 +76,14 @@ def test_it_is_as_near_as_the_nearer_one():
         bench = Bench(hand, seed)
         alone, plain, error = bench.alone(), bench.locked(False)[0], bench.locked(True)[0]
         at_most(error, 1.2 * min(plain, alone), f"{bench.what}: true MSE, (rad/s)²; {plain:.4f} without a free twin, {alone:.4f} alone")
+
+
+def test_a_wrong_model_that_swings_is_not_left_alone():
+    """As fast as trials follow each other, what the model does not know looks like noise."""
+    bench = Bench(sine, SEEDS[0], 0.0015)
+    plain, (error, told, _) = bench.locked(False)[0], bench.locked(True)
+    at_most(error, 1.05 * plain, f"{bench.what}: true MSE, (rad/s)²; {plain:.4f} without a free twin")
+    at_most(told["free_twin"]["rested_steps"], 0, "steps at rest")
 
 
 def test_it_is_told():
