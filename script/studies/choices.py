@@ -1,6 +1,5 @@
 """What each choice of a lock costs against the true speed: see the command choices, which builds and starts this."""
 import argparse
-import copy
 import csv
 import json
 import math
@@ -11,7 +10,7 @@ from pathlib import Path
 
 from brakes import make_recording
 from lock_picture import ALONE, GRID, INK, LEFT, LOCKED, PLANT, RIGHT, WIDTH, Panel
-from study import NOT_LOCKED, PROGRAM, ROOT, Progress, Trouble, print_figures, run_command
+from study import NOT_LOCKED, PROGRAM, ROOT, Progress, Trouble, merge, print_figures, run_command
 
 LOCK = ROOT / "config" / "motor" / "lock.json"
 STEP_S, SETTLED_S = 0.01, 0.2
@@ -52,17 +51,6 @@ TABLES = {
 }
 
 
-def merged(document, edits):
-    """None takes a key away."""
-    made = copy.deepcopy(document)
-    for key, value in edits.items():
-        if value is None:
-            made.pop(key, None)
-        else:
-            made[key] = merged(made.get(key, {}), value) if isinstance(value, dict) else value
-    return made
-
-
 class Bench:
     """Recordings of the bench, each with a seed of its own, and the true speed, which is the same of all."""
 
@@ -82,7 +70,7 @@ class Bench:
         document = json.loads(LOCK.read_text(encoding="utf-8"))
         document["recording"]["file"] = str(recording)
         document["synchronise"].pop("free_twin")
-        document["synchronise"] = merged(document["synchronise"], edits)
+        document["synchronise"] = merge(document["synchronise"], edits)
         config, steps = self.folder / "config.json", self.folder / "steps.csv"
         config.write_text(json.dumps(document), encoding="utf-8")
         done = subprocess.run([PROGRAM, "replay", config, "--json", "--csv", steps], capture_output=True, check=False)

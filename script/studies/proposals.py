@@ -11,7 +11,7 @@ import tempfile
 from pathlib import Path
 
 from motor_bench import FOLDER, read
-from study import NOT_LOCKED, PROGRAM, Progress, Trouble, print_figures, run_command
+from study import NOT_LOCKED, PROGRAM, Progress, Trouble, merge, print_figures, run_command
 
 STEP_S = 0.01
 AGE_S = 0.005  # of a value when it is sent, on average (config/motor/README.md)
@@ -137,19 +137,6 @@ class Recording:
             squares = [(float(row["motor.omega"]) - self.truth[round(float(row["time"]) / STEP_S)]) ** 2
                        for row in csv.DictReader(file) if round(float(row["time"]) / STEP_S) in self.truth]
         return sum(squares) / len(squares)
-
-
-def merge(value, change):
-    """JSON merge patch (RFC 7396)."""
-    if not isinstance(change, dict):
-        return change
-    merged = dict(value) if isinstance(value, dict) else {}
-    for key, inner in change.items():
-        if inner is None:
-            merged.pop(key, None)
-        else:
-            merged[key] = merge(merged.get(key), inner)
-    return merged
 
 
 ALONE = {"synchronise": None, "compare": {"motor.omega": {"to": "plant.omega"}}}

@@ -34,6 +34,19 @@ class Progress:
             print(f"\r\033[K{text}", end="", file=sys.stderr, flush=True)
 
 
+def merge(value, change):
+    """JSON merge patch (RFC 7396)."""
+    if not isinstance(change, dict):
+        return change
+    merged = dict(value) if isinstance(value, dict) else {}
+    for key, inner in change.items():
+        if inner is None:
+            merged.pop(key, None)
+        else:
+            merged[key] = merge(merged.get(key), inner)
+    return merged
+
+
 def run_command(name, work, code_of_trouble):
     """The exit code of work(), which returns its own. Trouble is told; the folders of a program that is ended are removed."""
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
