@@ -245,9 +245,10 @@ static bool is_cut(const tl_database_file *file) {
     return size == 0 || (size >= 0 && size < file->size && ask_pages(file, &bytes) && size < bytes);
 }
 
+/* It may be emptied at any moment: its size counts only if it is asked for after what is in it was read. */
 static tl_database_whereabouts look_inside(tl_database_file *file) {
-    if (size_of(file) != 0 && tl_database_recognise(file->connection, file->path, NULL) != TL_OK &&
-        tl_database_get_fault() == TL_DATABASE_FOREIGN) {
+    if (tl_database_recognise(file->connection, file->path, NULL) != TL_OK &&
+        tl_database_get_fault() == TL_DATABASE_FOREIGN && size_of(file) != 0) {
         return TL_DATABASE_OVERWRITTEN;
     }
     if (is_cut(file)) {
