@@ -18,6 +18,7 @@ static void subtract_figures(const tl_probation_snapshot *before, tl_probation_s
     now->ticks = grown(before->ticks, now->ticks);
     now->steps = grown(before->steps, now->steps);
     now->skipped = grown(before->skipped, now->skipped);
+    now->gaps = grown(before->gaps, now->gaps);
     now->deadline_misses = grown(before->deadline_misses, now->deadline_misses);
     for (int i = 0; i < TL_LOCK_STATES; i++) {
         now->lock.steps[i] = grown(before->lock.steps[i], now->lock.steps[i]);
@@ -173,15 +174,24 @@ void tl_comparison_tell(const tl_comparison *comparison, void (*say)(void *conte
 
 /* ---- judging ---- */
 
-/* By probation's rule, of deadlines or of ticks that were made up. */
-static bool suffers(const tl_probation_snapshot *figures, const tl_probation_snapshot *measure) {
-    return tl_probation_is_too_many(figures->deadline_misses, figures->steps, measure->deadline_misses,
-                                    measure->steps) ||
+/* A twin that has made up so large a part of its ticks follows nothing, whatever its priority and the reason. */
+enum { LEAST_PART = 4 };
+
+static bool is_absent(const tl_probation_snapshot *figures) {
+    return figures->skipped > figures->ticks / LEAST_PART;
+}
+
+/* A machine stands still now and then, for several ticks at once: that is no lack of room, and too many ticks only if it comes again and again. */
+static bool is_left_behind(const tl_probation_snapshot *figures, const tl_probation_snapshot *measure) {
+    return figures->gaps >= TL_PROBATION_MISSES &&
            tl_probation_is_too_many(figures->skipped, figures->ticks, measure->skipped, measure->ticks);
 }
 
-/* A shadow that has made up so large a part of its ticks is none, whatever its priority. */
-enum { LEAST_PART = 4 };
+/* By probation's rule, of deadlines or of ticks that were made up. */
+static bool suffers(const tl_probation_snapshot *figures, const tl_probation_snapshot *measure) {
+    return is_absent(figures) || is_left_behind(figures, measure) ||
+           tl_probation_is_too_many(figures->deadline_misses, figures->steps, measure->deadline_misses, measure->steps);
+}
 
 static tl_comparison_result say_no_room(const char *who, const tl_probation_snapshot *figures,
                                         char why[TL_COMPARISON_TEXT]) {
@@ -216,7 +226,7 @@ tl_comparison_result tl_comparison_judge(const tl_comparison *comparison, double
         (void)snprintf(why, TL_COMPARISON_TEXT, "the run's twin was begun again meanwhile: try it again");
         return TL_COMPARISON_BAD;
     }
-    if (shadow->skipped > shadow->ticks / LEAST_PART) {
+    if (is_absent(shadow)) {
         return say_no_room("the new twin", shadow, why);
     }
     if (suffers(twin, &comparison->before)) {

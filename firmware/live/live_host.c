@@ -44,6 +44,7 @@ static void take_snapshot(const tl_live_twin_pulse *twin, const tl_live_figures 
         .ticks = figures->ticks,
         .steps = figures->steps,
         .skipped = figures->skipped,
+        .gaps = figures->gaps,
         .deadline_misses = figures->deadline_misses,
         .lock = figures->lock,
         .pairs = count_pairs(figures),

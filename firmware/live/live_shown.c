@@ -39,6 +39,7 @@ void tl_live_shown_live(const tl_live_shown *shown, const tl_cycle_status *statu
         .ticks = status->ticks,
         .steps = status->steps,
         .skipped = status->skipped,
+        .gaps = status->gaps,
         .deadline_misses = status->deadline_misses,
         .evaluations = status->evaluations,
         .executions = status->executions,

@@ -112,6 +112,7 @@ typedef struct tl_live_figures {
     uint64_t ticks;
     uint64_t steps;
     uint64_t skipped;
+    uint64_t gaps; /* as of tl_cycle_status */
     uint64_t deadline_misses;
     uint64_t evaluations;
     uint64_t executions;

@@ -22,6 +22,7 @@ typedef struct tl_summary {
     uint64_t
         ticks; /* instants at which a step was due, counted by the clock, which are steps + skipped; 0: there is none */
     uint64_t deadline_misses;  /* steps that ended after their period */
+    uint64_t gaps;             /* live: times that ticks were made up, however many at once */
     tl_lock_tally lock;        /* of the last twin of a run */
     uint64_t tunings;          /* that the run took while it ran, */
     uint64_t tunings_left_out; /* and that a replay with another configuration does not follow */

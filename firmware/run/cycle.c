@@ -30,6 +30,7 @@ static void show(tl_cycle *cycle) {
     shown->steps = cycle->summary.figures.steps;
     shown->ticks = cycle->summary.ticks;
     shown->skipped = cycle->summary.figures.skipped;
+    shown->gaps = cycle->summary.gaps;
     shown->deadline_misses = cycle->summary.deadline_misses;
     shown->evaluations = cycle->summary.figures.evaluations;
     shown->timed_out = cycle->summary.figures.time_limited;
@@ -127,7 +128,9 @@ static tl_status compute_tick(tl_cycle *cycle, int64_t tick, const tl_budget *bu
     if (status == TL_OK) {
         bool skipped = budget == NULL && tick >= cycle->warm_up;
         cycle->summary.figures.skipped += skipped ? 1 : 0;
+        cycle->summary.gaps += skipped && !cycle->has_skipped ? 1 : 0;
         cycle->skipped += skipped ? 1 : 0;
+        cycle->has_skipped = skipped;
         cycle->next_tick = tick + 1;
         status = tl_cycle_after_tick(cycle, tick, budget);
     }

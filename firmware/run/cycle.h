@@ -72,6 +72,7 @@ typedef struct tl_cycle_status {
     uint64_t steps;
     uint64_t ticks;
     uint64_t skipped;
+    uint64_t gaps; /* times that ticks were skipped, however many at once */
     uint64_t deadline_misses;
     uint64_t evaluations;
     uint64_t executions;

@@ -32,7 +32,8 @@ struct tl_cycle {
     bool has_run;   /* a run has begun in the outbox, and has not ended */
     tl_cycle_flip flip;
     tl_resumption resumption; /* how the run began that a flip brings */
-    uint64_t skipped;         /* ticks in all */
+    uint64_t skipped;         /* ticks in all, */
+    bool has_skipped;         /* and the newest */
     tl_summary summary;
     tl_watch watch;
     tl_lock_rescue rescue;

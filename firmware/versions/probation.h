@@ -53,6 +53,7 @@ typedef struct tl_probation_snapshot {
     uint64_t ticks; /* steps + skipped */
     uint64_t steps;
     uint64_t skipped;
+    uint64_t gaps; /* times that ticks were skipped, however many at once */
     uint64_t deadline_misses;
     tl_lock_tally lock;
     uint64_t twin_failures;             /* ends that nobody asked for; */

@@ -166,7 +166,7 @@ def test_refused_as_a_shadow():
     with Device(20.0) as device, Retuned(device.port) as live:
         wait_for_run(live, live.database, 1)
         code, out, err = live.reload(live.edited(bound), *SHORT, timeout=120)
-        expect(code == BAD_DATA and "lock" in err, f"{code}\n{out}{err}")
+        expect(code == BAD_DATA and "the new twin was in lock for " in err, f"{code}\n{out}{err}")
         wait_until(lambda: len(twins(live)) == 1, "no shadow is left", live.log)
         expect(live.active() == 1, f"{live.versions()}")
         end_orderly(live)

@@ -59,6 +59,7 @@ void tl_played_add(tl_probation_snapshot *sum, const tl_probation_snapshot *more
     sum->ticks += more->ticks;
     sum->steps += more->steps;
     sum->skipped += more->skipped;
+    sum->gaps += more->gaps;
     sum->deadline_misses += more->deadline_misses;
     sum->lock.steps[TL_LOCK_LOCKED] += more->lock.steps[TL_LOCK_LOCKED];
     sum->lock.steps[TL_LOCK_FREE] += more->lock.steps[TL_LOCK_FREE];

@@ -117,6 +117,22 @@ static void test_the_runs_twin_suffers(void) {
         why);
 }
 
+/* A machine that stands still once, for however many ticks, is no lack of room; one that does so again and again is. */
+static void test_the_runs_twin_makes_ticks_up(void) {
+    now.beside.figures.skipped = 200;
+    now.beside.figures.gaps = 2;
+    TEST_ASSERT_EQUAL_INT(TL_COMPARISON_GOOD, judge());
+    setUp();
+    now.beside.figures.skipped = 200;
+    now.beside.figures.gaps = 3;
+    TEST_ASSERT_EQUAL_INT(TL_COMPARISON_NO_ROOM, judge());
+    TEST_ASSERT_NOT_NULL(strstr(why, "made 200 ticks up of 1000"));
+    setUp();
+    now.beside.figures.skipped = 251;
+    now.beside.figures.gaps = 1;
+    TEST_ASSERT_EQUAL_INT(TL_COMPARISON_NO_ROOM, judge());
+}
+
 /* It did before: three times as much is allowed. */
 static void test_the_runs_twin_as_ever(void) {
     before.deadline_misses = 10;
@@ -316,6 +332,7 @@ int main(void) {
     RUN_TEST(test_what_no_twin_could_say);
     RUN_TEST(test_a_good_one);
     RUN_TEST(test_the_runs_twin_suffers);
+    RUN_TEST(test_the_runs_twin_makes_ticks_up);
     RUN_TEST(test_the_runs_twin_as_ever);
     RUN_TEST(test_the_shadow_suffers);
     RUN_TEST(test_the_runs_twin_was_begun_again);

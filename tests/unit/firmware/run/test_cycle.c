@@ -229,6 +229,14 @@ static void test_stamps_are_recorded_relative_to_the_first_tick(void) {
     TEST_ASSERT_TRUE(stamp < 0 && stamp > -PATIENCE);
 }
 
+/* As many as there are runs of such steps in the database. */
+static void expect_gaps(void) {
+    TEST_ASSERT_EQUAL_INT64(tl_sql_integer(database, "SELECT count(*) FROM steps s LEFT JOIN steps b ON b.run = s.run "
+                                                     "AND b.step = s.step - 1 "
+                                                     "WHERE s.outcome = 6 AND coalesce(b.outcome, 0) <> 6"),
+                            (int64_t)summary.gaps);
+}
+
 static void test_missed_ticks_are_made_up(void) {
     make_twin(2 * MILLISECOND, 200 * MILLISECOND, TL_LAG);
     slow_call = 20;
@@ -247,6 +255,7 @@ static void test_missed_ticks_are_made_up(void) {
                                               "JOIN adjustments b ON b.run = a.run AND b.step = a.step - 1 "
                                               "WHERE s.outcome = 6 AND a.u <> b.u"));
     TEST_ASSERT_TRUE(tl_sql_integer(database, "SELECT count(*) FROM events WHERE text LIKE '%made up%'") >= 1);
+    expect_gaps();
 }
 
 /* Made up with a budget that is over at once: one at a time, and still all of them. */
@@ -262,6 +271,7 @@ static void test_missed_ticks_without_time(void) {
     TEST_ASSERT_EQUAL_UINT64(51, summary.figures.steps + summary.figures.skipped);
     TEST_ASSERT_EQUAL_UINT64(0, summary.figures.evaluations);
     expect_rows(51);
+    expect_gaps();
 }
 
 /* It is recorded, and so is the twin as it is from then on, though the next checkpoint would be due after 500 ticks. */
