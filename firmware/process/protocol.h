@@ -31,16 +31,18 @@ typedef enum tl_message {
     /* from the parent */
     TL_MESSAGE_TICK,   /* a sample of the plant; STEPPING */
     TL_MESSAGE_FINISH, /* as a tick, the last one; STEPPING, then ENDING */
+    TL_MESSAGE_SEEN,   /* how another process has ended that was to look at what was shown; STEPPING */
     TL_MESSAGE_END,    /* end as soon as you can; no bytes; always, then ENDING */
     /* from the child */
     TL_MESSAGE_READY,  /* how it is confined; STARTING, then BUILDING */
     TL_MESSAGE_BUILT,  /* the account is in its block; BUILDING, then STEPPING */
     TL_MESSAGE_RESULT, /* of a step; STEPPING */
+    TL_MESSAGE_SHOWN,  /* something for another process of its kind (read_back.h); no bytes; STEPPING */
     TL_MESSAGE_ENDED,  /* why it ends; always, then ENDING */
     TL_MESSAGES
 } tl_message;
 
-/* The bytes of each message. That of TL_MESSAGE_END is 0. */
+/* The bytes of each message. Those of TL_MESSAGE_END and TL_MESSAGE_SHOWN are 0. */
 typedef struct tl_protocol_sizes {
     uint32_t bytes[TL_MESSAGES];
 } tl_protocol_sizes;

@@ -10,6 +10,7 @@
 #include "firmware/process/fmu_patience.h"
 #include "firmware/process/interrupt.h"
 #include "firmware/text/clean_text.h"
+#include "firmware/twin/read_back.h"
 #include "firmware/twin/twin_process.h"
 #include "firmware/twin/twin_wire.h"
 
@@ -25,6 +26,9 @@ struct tl_twin_child {
     tl_twin_role_tasks tasks;
     tl_channel_settings wire;
     tl_block blocks[TL_SIDES];
+    tl_block read_back;     /* of one that shows something; */
+    const tl_block *others; /* of another one, which it reads; NULL: it is none that reads */
+    unsigned readers;       /* that were started for it */
     tl_channel channel;
     const tl_twin_extra *extra;
     tl_twin_orders *orders;
@@ -109,6 +113,10 @@ static tl_status take_word(tl_twin_child *child, tl_message type) {
     return TL_OK;
 }
 
+static bool is_word(tl_message type) {
+    return type == TL_MESSAGE_BUILT || type == TL_MESSAGE_ENDED;
+}
+
 static void begin_patience(tl_twin_child *child) {
     child->silence = 0;
     child->idle = 0;
@@ -151,7 +159,7 @@ static tl_status next_message(tl_twin_child *child, unsigned wanted, tl_message 
         switch (tl_channel_take(&child->channel, type, &child->payload)) {
         case TL_CHANNEL_SOMETHING:
             begin_patience(child);
-            return *type == TL_MESSAGE_RESULT || *type == TL_MESSAGE_READY ? TL_OK : take_word(child, *type);
+            return is_word(*type) ? take_word(child, *type) : TL_OK;
         case TL_CHANNEL_BROKEN:
             return end_liar(child, child->channel.fault.text, error);
         case TL_CHANNEL_NOTHING:
@@ -208,12 +216,18 @@ static tl_status make_blocks(tl_twin_child *child, tl_error *error) {
         child->orders = tl_channel_extra(&child->wire, TL_PARENT, child->blocks[TL_PARENT].bytes);
         tl_channel_open(&child->wire, TL_PARENT, bytes, &child->channel);
     }
+    if (status == TL_OK && child->settings.job->reads_back && child->others == NULL) {
+        status = tl_block_make_sparse("twinlock-states", TL_READ_BACK_BYTES, &child->read_back, error);
+    }
     return status;
 }
 
 /* What is not held is said once, at the start. */
 static void say_confinement(const tl_twin_child *child) {
     char text[TL_CONFINE_TEXT];
+    if (child->others != NULL) {
+        return;
+    }
     if (child->settings.job->unconfined) {
         tl_log(TL_LOG_WARNING, "unconfined: FMUs can do what this user can");
         return;
@@ -226,7 +240,8 @@ static void say_confinement(const tl_twin_child *child) {
 
 static tl_status start(tl_twin_child *child, tl_error *error) {
     char title[TL_ROLE_TITLE];
-    (void)snprintf(title, sizeof title, "twin [%s]", child->settings.config->name);
+    (void)snprintf(title, sizeof title, "%s [%s]", child->others != NULL ? TL_TWIN_READER : "twin",
+                   child->settings.config->name);
     tl_status status = make_blocks(child, error);
     if (status != TL_OK) {
         return status;
@@ -234,10 +249,12 @@ static tl_status start(tl_twin_child *child, tl_error *error) {
     tl_twin_process_settings settings = {
         .job = child->settings.job,
         .fmus = tl_twin_fmus_of(child->settings.config),
+        .which = child->others != NULL ? 1 : 0,
         .title = title,
         .calls = &child->extra->calls,
         .channel = &child->channel,
         .page = child->settings.page,
+        .is_silent = child->others != NULL,
         .passes_signals = true,
         .call_limit = child->settings.call_limit,
         .memory_limit = child->settings.memory_limit,
@@ -248,6 +265,10 @@ static tl_status start(tl_twin_child *child, tl_error *error) {
     }
     settings.given[TL_TWIN_PARENTS_BLOCK] = child->blocks[TL_PARENT].descriptor;
     settings.given[TL_TWIN_OWN_BLOCK] = child->blocks[TL_CHILD].descriptor;
+    if (child->settings.job->reads_back) {
+        const tl_block *block = child->others != NULL ? child->others : &child->read_back;
+        settings.given[TL_TWIN_READ_BACK] = block->descriptor;
+    }
     status = tl_twin_process_start(&settings, &child->process, error);
     if (status == TL_OK) {
         status = expect_ready(child, error);
@@ -258,12 +279,15 @@ static tl_status start(tl_twin_child *child, tl_error *error) {
     return status;
 }
 
-tl_status tl_twin_child_start(const tl_twin_child_settings *settings, tl_twin_child **child, tl_error *error) {
+/* `others`: the block that it reads; NULL: it is none that reads. */
+static tl_status make(const tl_twin_child_settings *settings, const tl_block *others, tl_twin_child **child,
+                      tl_error *error) {
     tl_twin_child *made = calloc(1, sizeof *made);
     if (made == NULL) {
         return tl_fail(error, TL_TRY_AGAIN, "not enough memory for the process of the FMUs");
     }
     made->settings = *settings;
+    made->others = others;
     made->tasks = (tl_twin_role_tasks){.print_page = settings->print_page};
     tl_status status = start(made, error);
     if (status != TL_OK) {
@@ -272,6 +296,10 @@ tl_status tl_twin_child_start(const tl_twin_child_settings *settings, tl_twin_ch
     }
     *child = made;
     return TL_OK;
+}
+
+tl_status tl_twin_child_start(const tl_twin_child_settings *settings, tl_twin_child **child, tl_error *error) {
+    return make(settings, NULL, child, error);
 }
 
 /* ---- work ---- */
@@ -297,10 +325,18 @@ tl_status tl_twin_child_build(tl_twin_child *child, tl_account *account, tl_erro
     return take_account(child, &child->extra->built, account, error);
 }
 
-tl_status tl_twin_child_check(tl_twin_child *child, tl_error *error) {
+/* Waits for a last word; what is asked for before goes to `show`. */
+static tl_status expect_end(tl_twin_child *child, tl_status (*show)(tl_twin_child *child, tl_error *error),
+                            tl_error *error) {
+    tl_message type = TL_MESSAGE_ENDED;
     tl_status status = expect(child, TL_MESSAGE_BUILT, error);
-    if (status == TL_OK) {
-        status = expect(child, TL_MESSAGE_ENDED, error);
+    while (status == TL_OK && !child->has_ended) {
+        status = next_message(child, 1, &type, error);
+        if (status == TL_OK && type != TL_MESSAGE_ENDED) {
+            status = type == TL_MESSAGE_SHOWN && show != NULL
+                         ? show(child, error)
+                         : end_liar(child, "a message came before its time", error);
+        }
     }
     if (status != TL_OK) {
         return status;
@@ -311,6 +347,54 @@ tl_status tl_twin_child_check(tl_twin_child *child, tl_error *error) {
     }
     *error = child->last_error;
     return child->last_status;
+}
+
+/* ---- others that read what it shows ---- */
+
+/* Its memory is destroyed, or it is hostile, if it asks for more: each of them settles one component, of the initialised ones or the others. */
+static unsigned most_readers(const tl_twin_child *child) {
+    return 2 * ((unsigned)child->settings.config->component_count + 1);
+}
+
+static tl_status run_reader(const tl_twin_child *child, tl_error *error) {
+    tl_twin_job job = *child->settings.job;
+    tl_twin_child_settings settings = child->settings;
+    tl_twin_child *reader = NULL;
+    job.task = TL_TASK_READ;
+    settings.job = &job;
+    settings.page = NULL;
+    tl_status status = make(&settings, &child->read_back, &reader, error);
+    if (status == TL_OK && reader != NULL) {
+        status = expect_end(reader, NULL, error);
+    }
+    tl_twin_child_close(reader); /* killed: nobody waits for how it would free its FMUs */
+    if (status != TL_OK && error->text[0] == '\0') {
+        return tl_fail(error, status,
+                       "its FMUs cannot be built a second time"); /* why was said where nobody hears it */
+    }
+    return status;
+}
+
+static tl_status show(tl_twin_child *child, tl_error *error) {
+    tl_error end = {.text = ""};
+    if (child->read_back.size == 0 || child->readers++ >= most_readers(child)) {
+        return end_liar(child, "it asks for other processes without end", error);
+    }
+    const tl_twin_word word = {.status = (int32_t)run_reader(child, &end)};
+    begin_patience(child);
+    if (child->stopping) {
+        return TL_OK; /* it was told */
+    }
+    (void)snprintf(child->orders->error, sizeof child->orders->error, "%s", end.text);
+    if (!tl_channel_offer(&child->channel, TL_MESSAGE_SEEN, &word)) {
+        return end_liar(child, child->channel.fault.text, error);
+    }
+    tl_channel_push(&child->channel);
+    return TL_OK;
+}
+
+tl_status tl_twin_child_check(tl_twin_child *child, tl_error *error) {
+    return expect_end(child, show, error);
 }
 
 void tl_twin_child_tell(tl_twin_child *child, tl_fmu_refusals_listener *hear, void *context) {
@@ -442,5 +526,6 @@ void tl_twin_child_close(tl_twin_child *child) {
     tl_twin_process_close(child->process);
     tl_block_close(&child->blocks[TL_PARENT]);
     tl_block_close(&child->blocks[TL_CHILD]);
+    tl_block_close(&child->read_back);
     free(child);
 }

@@ -25,6 +25,9 @@
 
 enum { TL_TWIN_CHILD_DEPTH = TL_CHANNEL_DEPTH }; /* ticks that can be under way */
 
+/* The title of a process that only looks at states, in place of "twin": the same role. */
+#define TL_TWIN_READER "states"
+
 typedef struct tl_twin_child tl_twin_child;
 
 typedef struct tl_twin_child_settings {
@@ -44,7 +47,8 @@ tl_status tl_twin_child_start(const tl_twin_child_settings *settings, tl_twin_ch
 /* Waits until the twin is built. What is wrong was said on the log if error->text is empty. */
 tl_status tl_twin_child_build(tl_twin_child *child, tl_account *account, tl_error *error);
 
-/* Waits until a check is done, its page printed; the same of its errors. */
+/* Waits until a check is done, its page printed; the same of its errors. Meanwhile, if its job says `reads_back`, starts other processes with the same FMUs
+ * that read what it shows. */
 tl_status tl_twin_child_check(tl_twin_child *child, tl_error *error);
 
 /* Tells what FMUs were refused since this was called last. It was said on the log already. */

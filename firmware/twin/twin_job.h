@@ -17,6 +17,7 @@
 
 typedef enum tl_twin_task {
     TL_TASK_CHECK, /* build, print the page, end */
+    TL_TASK_READ,  /* build, read states that another process has told (read_back.h), end */
     TL_TASK_STEP,  /* build, then a result for each tick */
     TL_TASK_LIVE   /* what another room makes of it (twin_role.h) */
 } tl_twin_task;
@@ -46,8 +47,9 @@ typedef struct tl_twin_job {
     uint32_t user;       /* to become; 0: stay */
     bool plain;          /* save no executions */
     bool without_delays;
-    bool variables; /* the page lists them */
-    bool cost;      /* the page ends with it (twin_cost.h) */
+    bool variables;  /* the page lists them */
+    bool cost;       /* the page ends with it (twin_cost.h) */
+    bool reads_back; /* the process has a block for it: of TL_TASK_CHECK; of TL_TASK_READ, always */
     bool unconfined;
     bool holds;                /* safe hold: no FMU is touched */
     const unsigned char *live; /* for the live room, which knows what it is; at no aligned place when it was read */

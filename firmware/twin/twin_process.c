@@ -251,8 +251,9 @@ static tl_status execute(tl_twin_process *process, const pipes *ends, tl_error *
     };
     memcpy(settings.descriptors, process->settings.given, sizeof settings.descriptors);
     settings.descriptors[0] = ends->nothing;
-    settings.descriptors[TL_TWIN_OUTPUT] = ends->output[1];
-    settings.descriptors[TL_TWIN_OUTPUT + 1] = ends->output[1];
+    const int output = process->settings.is_silent ? ends->nothing : ends->output[1];
+    settings.descriptors[TL_TWIN_OUTPUT] = output;
+    settings.descriptors[TL_TWIN_OUTPUT + 1] = output;
     settings.descriptors[TL_TWIN_JOB] = process->job.descriptor;
     settings.descriptors[TL_TWIN_START_SOCKET] = ends->start[1];
     if (process->settings.page != NULL) {
@@ -271,6 +272,7 @@ static tl_status start_warden(tl_twin_process *process, pipes *ends, tl_error *e
         .page_file = given->page,
         .calls = given->calls,
         .channel = given->channel,
+        .is_silent = given->is_silent,
         .passes_signals = given->passes_signals,
         .call_limit = given->call_limit,
         .bounds = {.folder = needs_folder(process) ? process->folder.path : NULL,

@@ -45,6 +45,8 @@ typedef struct tl_twin_process_settings {
     tl_channel *channel;       /* whose thread is nudged if the process ends, or is killed; NULL: none */
     FILE *page;                /* what a check prints goes here; NULL: nothing is printed */
     bool
+        is_silent; /* what it prints is dropped, and what it was refused is not said: another one like it has said the same */
+    bool
         passes_signals; /* the warden passes on what asks us to end, and kills the process if a call of an FMU lasts too long */
     tl_time call_limit;              /* ns of such a call; 0: none */
     uint64_t memory_limit;           /* bytes that the process may take; 0: three quarters of the machine's */

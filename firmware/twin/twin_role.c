@@ -32,6 +32,7 @@ typedef struct role {
     const tl_twin_role_tasks *tasks;
     tl_block job_block;
     tl_block blocks[TL_SIDES];
+    tl_block read_back; /* if the job says so */
     tl_twin_job job;
     tl_channel_settings wire;
     tl_channel channel;
@@ -119,6 +120,9 @@ static tl_status open_channel(role *self, tl_error *error) {
         self->extra = tl_channel_extra(&self->wire, TL_CHILD, self->blocks[TL_CHILD].bytes);
         self->orders = tl_channel_extra(&self->wire, TL_PARENT, self->blocks[TL_PARENT].bytes);
         tl_channel_open(&self->wire, TL_CHILD, bytes, &self->channel);
+    }
+    if (status == TL_OK && self->job.reads_back) {
+        status = tl_block_take(TL_TWIN_READ_BACK, TL_READ_BACK_BYTES, TL_BLOCK_THEY_WRITE, &self->read_back, error);
     }
     return status;
 }
@@ -301,7 +305,32 @@ static tl_status step_until_end(role *self, tl_error *error) {
     }
 }
 
-static tl_status check(const role *self, tl_status built, tl_error *error) {
+/* Another process is asked; returns when it has ended. Told to end meanwhile, this one goes on without. */
+static tl_status ask(void *context, tl_error *error) {
+    role *self = context;
+    tl_twin_word word;
+    send_message(self, TL_MESSAGE_SHOWN, NULL);
+    for (;;) {
+        tl_message type = TL_MESSAGE_END;
+        tl_channel_news news = tl_channel_take(&self->channel, &type, self->packed);
+        if (news == TL_CHANNEL_BROKEN) {
+            *error = self->channel.fault;
+            return error->status;
+        }
+        if (news == TL_CHANNEL_SOMETHING && type == TL_MESSAGE_END) {
+            return tl_fail(error, TL_INTERRUPTED, "it was interrupted");
+        }
+        if (news == TL_CHANNEL_SOMETHING && type == TL_MESSAGE_SEEN) {
+            memcpy(&word, self->packed, sizeof word);
+            return word.status == (int32_t)TL_OK ? TL_OK
+                                                 : tl_fail(error, (tl_status)word.status, "%s", self->orders->error);
+        }
+        (void)tl_channel_wait(&self->channel, 1, 0, tl_clock_now(NULL) + LOOK);
+    }
+}
+
+static tl_status check(role *self, tl_status built, tl_error *error) {
+    const tl_read_back_host host = {.ask = ask, .context = self, .block = self->read_back.bytes};
     if (built == TL_OK && is_stopped(self)) {
         return TL_INTERRUPTED;
     }
@@ -310,7 +339,8 @@ static tl_status check(const role *self, tl_status built, tl_error *error) {
         return tl_fail(error, TL_FMU_FAILED,
                        "the page of the check cannot be printed: an FMU has closed what it is printed to");
     }
-    tl_status status = self->tasks->print_page(&self->assembly, &self->job, built, page);
+    tl_status status =
+        self->tasks->print_page(&self->assembly, &self->job, built, self->job.reads_back ? &host : NULL, page);
     bool done = fclose(page) == 0;
     return status != TL_OK || done ? status
                                    : tl_fail(error, TL_FMU_FAILED,
@@ -341,6 +371,8 @@ static void work(void *context) {
     send_word(self, TL_MESSAGE_BUILT, status, &error);
     if (self->job.task == TL_TASK_CHECK) {
         status = check(self, status, &error);
+    } else if (self->job.task == TL_TASK_READ) {
+        status = status == TL_OK ? tl_read_back_answer(&self->assembly, self->read_back.bytes, &error) : status;
     } else if (status == TL_OK) {
         status = step_until_end(self, &error);
         tl_account_take(self->assembly.twin, &self->extra->ended);

@@ -147,7 +147,9 @@ static void speak(void *context) {
     tl_twin_warden *self = context;
     const char *said = NULL;
     while ((said = next_refusal(self, &self->spoken)) != NULL) {
-        (void)tl_log_foreign(TL_LOG_WARNING, said, TL_TWIN_OUTPUT_PATIENCE);
+        if (!self->settings.is_silent) {
+            (void)tl_log_foreign(TL_LOG_WARNING, said, TL_TWIN_OUTPUT_PATIENCE);
+        }
         if (self->settings.hear != NULL) {
             self->settings.hear(self->settings.context, said);
         }

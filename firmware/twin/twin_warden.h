@@ -33,6 +33,7 @@ typedef struct tl_twin_warden_settings {
     FILE *page_file;
     const tl_fmu_calls *calls; /* in its block */
     tl_channel *channel;       /* whose thread is nudged if the process ends, or is to; NULL: none */
+    bool is_silent;            /* refusals are not said on the log */
     bool passes_signals;       /* and looks for how long a call of an FMU lasts */
     tl_time call_limit;        /* ns of one; 0: none */
     tl_bounds bounds;

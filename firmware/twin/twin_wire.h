@@ -21,10 +21,11 @@ enum {
     TL_TWIN_JOB = 4,           /* twin_job.h */
     TL_TWIN_PARENTS_BLOCK = 5, /* read here */
     TL_TWIN_OWN_BLOCK = 6,     /* written here */
-    TL_TWIN_START_SOCKET = 7   /* for the descriptor that tells of refused calls; closed before an FMU is loaded */
+    TL_TWIN_START_SOCKET = 7,  /* for the descriptor that tells of refused calls; closed before an FMU is loaded */
+    TL_TWIN_READ_BACK = 8      /* written by this and others of its kind (read_back.h) */
 };
 
-/* Payload of TL_MESSAGE_BUILT and TL_MESSAGE_ENDED. Why it failed is in the block; "": it was said on the log. */
+/* Payload of TL_MESSAGE_BUILT, TL_MESSAGE_ENDED and TL_MESSAGE_SEEN. Why it failed is in the block; "": it was said on the log. */
 typedef struct tl_twin_word {
     int32_t status; /* tl_status */
 } tl_twin_word;
@@ -42,6 +43,7 @@ typedef struct tl_twin_extra {
 typedef struct tl_twin_orders {
     uint32_t
         stop; /* 1: compute nothing more of what was asked for. A signal says nothing: FMUs can send one to themselves */
+    char error[TL_ERROR_TEXT]; /* of TL_MESSAGE_SEEN */
 } tl_twin_orders;
 
 /* For a channel of this configuration. */
@@ -51,6 +53,7 @@ static inline tl_channel_settings tl_twin_wire(const tl_config *config, tl_twin_
             {
                 [TL_MESSAGE_TICK] = (uint32_t)tl_twin_packed_tick_size(config),
                 [TL_MESSAGE_FINISH] = (uint32_t)tl_twin_packed_tick_size(config),
+                [TL_MESSAGE_SEEN] = sizeof(tl_twin_word),
                 [TL_MESSAGE_READY] = sizeof(tl_confine_facts),
                 [TL_MESSAGE_BUILT] = sizeof(tl_twin_word),
                 [TL_MESSAGE_RESULT] = (uint32_t)tl_twin_packed_result_size(config, tells),

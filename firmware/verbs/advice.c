@@ -320,12 +320,44 @@ static void check_rollback(advice *given, const tl_far_look *look) {
     }
 }
 
+static const char *what_states_do(tl_read_back_finding finding) {
+    switch (finding) {
+    case TL_READ_BACK_ENDS:
+        return "ends the process that loads it";
+    case TL_READ_BACK_IS_REFUSED:
+        return "cannot be loaded by another process";
+    case TL_READ_BACK_IS_OTHER:
+        return "goes on otherwise in another process";
+    case TL_READ_BACK_NOR_HERE:
+    case TL_READ_BACK_IS_EXACT:
+    case TL_READ_BACK_UNKNOWN:
+        break;
+    }
+    return "could not be tried in another process";
+}
+
+/* Of a state that is not read back exactly, if the FMU is exact by its states otherwise. */
+static void check_saved_states(advice *given, const tl_config *config, const tl_read_back_report *states) {
+    for (size_t i = 0; i < states->count && states->is_tried; i++) {
+        const tl_read_back_component *found = &states->of[i];
+        char where[64];
+        (void)snprintf(where, sizeof where, "components.%.40s", config->components[i].name);
+        if (found->finding != TL_READ_BACK_IS_EXACT && found->finding != TL_READ_BACK_NOR_HERE) {
+            warn(given, where,
+                 "a saved state of it %s (%.300s): a `run` that goes on with another is not to load it; with "
+                 "\"record.resume_s\": 0 none does",
+                 what_states_do(found->finding), found->text);
+        }
+    }
+}
+
 size_t tl_advice_print(const tl_assembly *assembly, const tl_prognosis *prognosis, const tl_far_look *look,
-                       FILE *file) {
+                       const tl_read_back_report *states, FILE *file) {
     const tl_config *config = &assembly->config;
     advice given = {.file = file};
     check_step(&given, config, prognosis);
     check_rollback(&given, look);
+    check_saved_states(&given, config, states);
     if (config->event.start.signal != NULL) {
         check_stroke_budget(&given, config, prognosis);
         check_stroke_tolerance(&given, config);

@@ -11,9 +11,11 @@
 
 #include "firmware/assembly/assembly.h"
 #include "firmware/assembly/far_look.h"
+#include "firmware/twin/read_back.h"
 #include "firmware/verbs/prognosis.h"
 
 /* A paragraph each, of 79 columns at most, with the JSON path in front; how many there are. */
-size_t tl_advice_print(const tl_assembly *assembly, const tl_prognosis *prognosis, const tl_far_look *look, FILE *file);
+size_t tl_advice_print(const tl_assembly *assembly, const tl_prognosis *prognosis, const tl_far_look *look,
+                       const tl_read_back_report *states, FILE *file);
 
 #endif

@@ -8,6 +8,7 @@
 #include "firmware/errand/validator.h"
 #include "firmware/live/live_role.h"
 #include "firmware/live/live_twin.h"
+#include "firmware/twin/twin_child.h"
 #include "firmware/verbs/option_table.h"
 #include "firmware/verbs/verb_program.h"
 #include "firmware/verbs/verbs.h"
@@ -118,7 +119,7 @@ static bool begins_with(const char *title, const char *role) {
 }
 
 int tl_command_line_be(const char *title) {
-    if (begins_with(title, "twin")) {
+    if (begins_with(title, "twin") || begins_with(title, TL_TWIN_READER)) {
         return tl_twin_role_run(&tl_verb_twin_tasks);
     }
     if (begins_with(title, TL_LIVE_IO)) {

@@ -461,6 +461,34 @@ static void print_far_look(const tl_assembly *assembly, const tl_far_look *look,
     }
 }
 
+static const char *describe_read_back(const tl_read_back_component *found) {
+    switch (found->finding) {
+    case TL_READ_BACK_IS_EXACT:
+        return found->must_initialise ? "read back exactly; but it must initialise first" : "read back exactly";
+    case TL_READ_BACK_ENDS:
+        return "ends the process that loads it";
+    case TL_READ_BACK_IS_REFUSED:
+        return "refused";
+    case TL_READ_BACK_IS_OTHER:
+        return "loaded, and goes on otherwise";
+    case TL_READ_BACK_NOR_HERE:
+        return "goes on otherwise, and so it does in the process that has saved it";
+    case TL_READ_BACK_UNKNOWN:
+        break;
+    }
+    return "not known: it could not be tried";
+}
+
+/* If their states can be saved. */
+static void print_read_back(const tl_assembly *assembly, const tl_read_back_report *report, FILE *output) {
+    if (report->is_tried) {
+        (void)fputs("saved states, loaded by another process\n", output);
+    }
+    for (size_t i = 0; i < report->count && report->is_tried; i++) {
+        (void)fprintf(output, "  %-12s %s\n", assembly->config.components[i].name, describe_read_back(&report->of[i]));
+    }
+}
+
 /* For a program. */
 static void print_figures(const tl_assembly *assembly, const tl_prognosis *prognosis, FILE *output) {
     tl_twin_facts facts = tl_twin_get_facts(assembly->twin);
@@ -474,10 +502,12 @@ static void print_figures(const tl_assembly *assembly, const tl_prognosis *progn
     tl_twin_cost_print(&cost, output);
 }
 
-static tl_status print_page(const tl_assembly *assembly, const tl_twin_job *job, FILE *output) {
+static tl_status print_page(const tl_assembly *assembly, const tl_twin_job *job, const tl_read_back_host *host,
+                            FILE *output) {
     const tl_config *config = &assembly->config;
     tl_prognosis prognosis;
     tl_far_look look = {.times = 0};
+    tl_read_back_report states;
     tl_prognosis_make(assembly, &prognosis);
     if (tl_twin_get_facts(assembly->twin).cannot_return) {
         tl_log(TL_LOG_ERROR, "%s", prognosis.error.text);
@@ -494,13 +524,15 @@ static tl_status print_page(const tl_assembly *assembly, const tl_twin_job *job,
         tl_far_look_take(assembly, prognosis.next_tick, &look);
     }
     print_far_look(assembly, &look, output);
+    tl_read_back_take(assembly, prognosis.steps != 0 ? host : NULL, true, &states);
+    print_read_back(assembly, &states, output);
     if (!job->cost) {
         print_timings(assembly, &prognosis, output);
     }
     if (!job->unconfined) {
         print_places(assembly, output);
     }
-    size_t warnings = tl_advice_print(assembly, &prognosis, &look, output);
+    size_t warnings = tl_advice_print(assembly, &prognosis, &look, &states, output);
     (void)fputs("no problem found", output);
     if (warnings > 0) {
         (void)fprintf(output, ", %zu warning%s", warnings, warnings == 1 ? "" : "s");
@@ -512,9 +544,10 @@ static tl_status print_page(const tl_assembly *assembly, const tl_twin_job *job,
     return TL_OK;
 }
 
-tl_status tl_verb_check_page(const tl_assembly *assembly, const tl_twin_job *job, tl_status status, FILE *page) {
+tl_status tl_verb_check_page(const tl_assembly *assembly, const tl_twin_job *job, tl_status status,
+                             const tl_read_back_host *host, FILE *page) {
     if (status == TL_OK) {
-        status = print_page(assembly, job, page);
+        status = print_page(assembly, job, host, page);
     } else if (assembly->problems.report.count > 1) {
         tl_log(TL_LOG_ERROR, "%zu problems", assembly->problems.report.count);
     }
@@ -527,6 +560,7 @@ tl_status tl_verb_check_page(const tl_assembly *assembly, const tl_twin_job *job
 static tl_status check(tl_verb_job *job) {
     tl_error error = {TL_OK, ""};
     job->order.task = TL_TASK_CHECK;
+    job->order.reads_back = true;
     job->order.variables = job->options->variables;
     tl_status status = tl_verb_job_start(job, &job->config, job->output, &error);
     if (status == TL_OK) {

@@ -25,7 +25,7 @@ MASTER = {
     "master/event": Room(("master/sync", "master/solve", "master/measure", "master/graph", "master/cache",
                           "master/plan", "master/fmi", "master/base"), ("event_horizon", "event_plan")),
     "master/twin": Room(("master/event", "master/sync", "master/solve", "master/measure", "master/graph",
-                         "master/cache", "master/plan", "master/fmi", "master/base"), ("account", "twin", "twin_timing")),
+                         "master/cache", "master/plan", "master/fmi", "master/base"), ("account", "twin", "twin_read_back", "twin_timing")),
 }
 
 # Drivers know the contract and what they share, never each other.

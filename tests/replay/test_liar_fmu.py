@@ -145,7 +145,7 @@ def test_a_signal_that_comes_early_ends_in_order():
 
 def test_who_fails_and_does_not_say_why_is_told():
     """By its last word in a step; and by the one after building, for which it has a log of its own."""
-    ended, built = 6, 4
+    ended, built = 8, 5
     last, first = make("liar", HOW="failed", NUMBER=ended), make("liar", HOW="failed", NUMBER=built, AT="fmi2Instantiate", CALL=1)
     silent = "the process of the FMUs has ended, and does not say why"
     for fmu, verb, options, said in ((last, "replay", (), silent), (last, "plant", recording(), silent),

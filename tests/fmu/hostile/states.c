@@ -3,6 +3,7 @@
  * "parameters" what is set is not in them, and y goes by how that has changed
  * "events"     nor that u was above LEVEL once
  * "one"        there is one; to save another one overwrites it
+ * "stranger"   as bytes they lack something that a process without bytes of its own does not have
  * "late"       from its inner step LATE on it refuses to be saved
  *
  * From inner step OPENS on it has a file open, which no copy of its memory takes back.
@@ -18,6 +19,8 @@
 fmi2SetRealTYPE own_set_real;
 fmi2GetFMUstateTYPE own_get_state;
 fmi2SetFMUstateTYPE own_set_state;
+fmi2SerializeFMUstateTYPE own_serialize;
+fmi2DeSerializeFMUstateTYPE own_deserialize;
 
 #ifndef LEVEL
 #define LEVEL 1.3
@@ -40,6 +43,8 @@ typedef struct lag {
 } lag;
 
 static bool was_above;
+static bool has_bytes; /* of its own */
+static bool is_stranger;
 static long steps;
 static fmi2FMUstate only;
 
@@ -79,6 +84,16 @@ fmi2Status fmi2SetFMUstate(fmi2Component component, fmi2FMUstate state) {
     return status;
 }
 
+fmi2Status fmi2SerializeFMUstate(fmi2Component component, fmi2FMUstate state, fmi2Byte bytes[], size_t size) {
+    has_bytes = true;
+    return own_serialize(component, state, bytes, size);
+}
+
+fmi2Status fmi2DeSerializeFMUstate(fmi2Component component, const fmi2Byte bytes[], size_t size, fmi2FMUstate *state) {
+    is_stranger = is_stranger || (lies("stranger") && !has_bytes);
+    return own_deserialize(component, bytes, size, state);
+}
+
 static void start(void *model) {
     lag *m = model;
     m->y = m->x_start;
@@ -90,7 +105,7 @@ static void step(void *model, double h) {
         (void)open("states.txt", O_RDWR | O_CREAT, 0600);
     }
     was_above = was_above || (lies("events") && m->u > LEVEL);
-    m->y += h * (m->u - m->y) / m->T + (was_above ? 1e-4 : 0.0);
+    m->y += h * (m->u - m->y) / m->T + (was_above || is_stranger ? 1e-4 : 0.0);
     m->y += lies("parameters") ? 0.01 * (m->u - m->before) : 0.0;
 }
 

@@ -8,6 +8,7 @@
 
 static const tl_protocol_sizes sizes = {.bytes = {[TL_MESSAGE_TICK] = 100,
                                                   [TL_MESSAGE_FINISH] = 100,
+                                                  [TL_MESSAGE_SEEN] = 4,
                                                   [TL_MESSAGE_READY] = 8,
                                                   [TL_MESSAGE_BUILT] = 4,
                                                   [TL_MESSAGE_RESULT] = 700,
@@ -24,7 +25,7 @@ void tearDown(void) {}
 
 /* Those that a side may send now, in the order of tl_message, by their letters. */
 static void may_send(tl_side side, const char *expected) {
-    static const char letters[] = "TFErbRe";
+    static const char letters[] = "TFSErbRse";
     char found[TL_MESSAGES + 1] = "";
     size_t count = 0;
     for (uint32_t type = 0; type < TL_MESSAGES; type++) {
@@ -42,15 +43,17 @@ static void test_a_whole_life(void) {
     may_send(TL_PARENT, "E");
     may_send(TL_CHILD, "be");
     tl_protocol_go_on(&phases, TL_MESSAGE_BUILT);
-    may_send(TL_PARENT, "TFE");
-    may_send(TL_CHILD, "Re");
+    may_send(TL_PARENT, "TFSE");
+    may_send(TL_CHILD, "Rse");
     tl_protocol_go_on(&phases, TL_MESSAGE_TICK);
     tl_protocol_go_on(&phases, TL_MESSAGE_RESULT);
-    may_send(TL_PARENT, "TFE");
-    may_send(TL_CHILD, "Re");
+    tl_protocol_go_on(&phases, TL_MESSAGE_SHOWN);
+    tl_protocol_go_on(&phases, TL_MESSAGE_SEEN);
+    may_send(TL_PARENT, "TFSE");
+    may_send(TL_CHILD, "Rse");
     tl_protocol_go_on(&phases, TL_MESSAGE_FINISH);
     may_send(TL_PARENT, "E");
-    may_send(TL_CHILD, "Re");
+    may_send(TL_CHILD, "Rse");
     tl_protocol_go_on(&phases, TL_MESSAGE_ENDED);
     may_send(TL_PARENT, "E");
     may_send(TL_CHILD, "");
@@ -62,7 +65,7 @@ static void test_who_was_told_to_end_gets_no_ticks(void) {
     tl_protocol_go_on(&phases, TL_MESSAGE_READY);
     tl_protocol_go_on(&phases, TL_MESSAGE_BUILT);
     may_send(TL_PARENT, "E");
-    may_send(TL_CHILD, "Re");
+    may_send(TL_CHILD, "Rse");
 }
 
 /* A child that ends leaves the parent where it was. */
@@ -78,7 +81,7 @@ static void refuse(tl_side side, uint32_t type, uint32_t length, const char *why
 }
 
 static void test_what_is_said(void) {
-    refuse(TL_CHILD, TL_MESSAGES, 0, "the process of the FMUs sent a message of no kind there is, 7");
+    refuse(TL_CHILD, TL_MESSAGES, 0, "the process of the FMUs sent a message of no kind there is, 9");
     refuse(TL_CHILD, UINT32_MAX, 0, "the process of the FMUs sent a message of no kind there is, 4294967295");
     refuse(TL_CHILD, TL_MESSAGE_TICK, 100,
            "the process of the FMUs sent the message \"tick\", which only the program may send");

@@ -166,6 +166,10 @@ static void lie_late(const char *lie, const tl_config *config) {
     } else if (strcmp(lie, "hangs in a call") == 0) {
         tl_fmu_calls_use(&extra->calls);
         tl_fmu_call_begin(tl_fmu_calls_name("motor"), TL_FMU_DO_STEP);
+    } else if (strcmp(lie, "shows without end") == 0) {
+        for (int i = 0; i < 100; i++) {
+            send_message(TL_MESSAGE_SHOWN, extra);
+        }
     } else if (strcmp(lie, "ends unannounced") == 0) {
         _exit(0);
     } else if (strcmp(lie, "prints") == 0) {
@@ -216,9 +220,11 @@ static tl_recording_tick tick;
 static tl_twin_result result;
 static FILE *page;
 
-static tl_status print_page(const tl_assembly *assembly, const tl_twin_job *job, tl_status status, FILE *out) {
+static tl_status print_page(const tl_assembly *assembly, const tl_twin_job *job, tl_status status,
+                            const tl_read_back_host *host, FILE *out) {
     (void)fprintf(out, "%s: %zu components\n", assembly->config.name, assembly->config.component_count);
     (void)job;
+    (void)host;
     return status;
 }
 
@@ -569,6 +575,16 @@ static void test_a_result_in_a_check(void) {
     expect_check_fails("a result of another tick", "a message came before its time");
 }
 
+/* Each time another process is started, which does the same, and is killed for it. */
+static void test_a_check_that_shows_without_end(void) {
+    order.reads_back = true;
+    expect_check_fails("shows without end", "it asks for other processes without end");
+}
+
+static void test_a_check_that_has_nothing_to_show(void) {
+    expect_check_fails("shows without end", "it asks for other processes without end");
+}
+
 static void test_a_check_that_ends_unbuilt(void) {
     expect_check_fails("ended instead of built", "a message came before its time");
 }
@@ -628,6 +644,8 @@ int main(int argc, char **argv) {
     RUN_TEST(test_it_does_nothing);
     RUN_TEST(test_what_it_prints);
     RUN_TEST(test_a_result_in_a_check);
+    RUN_TEST(test_a_check_that_shows_without_end);
+    RUN_TEST(test_a_check_that_has_nothing_to_show);
     RUN_TEST(test_a_check_that_ends_unbuilt);
     return tl_scratch_finish(&scratch, UNITY_END());
 }

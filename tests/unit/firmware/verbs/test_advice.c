@@ -19,6 +19,7 @@ static tl_scratch scratch;
 static tl_assembly assembly;
 static tl_prognosis prognosis;
 static tl_far_look look;
+static tl_read_back_report states;
 static char *printed;
 
 void setUp(void) {
@@ -26,6 +27,7 @@ void setUp(void) {
     assembly = (tl_assembly){0};
     prognosis = (tl_prognosis){.steps = 200, .step_time = 1000, .worst_time = 2000, .fitting = 60};
     look = (tl_far_look){.times = 0};
+    states = (tl_read_back_report){.is_tried = false};
     printed = NULL;
 }
 
@@ -52,7 +54,7 @@ static void expect_advice(size_t count, const char *text) {
     size_t size = 0;
     free(printed);
     FILE *file = open_memstream(&printed, &size);
-    size_t given = tl_advice_print(&assembly, &prognosis, &look, file);
+    size_t given = tl_advice_print(&assembly, &prognosis, &look, &states, file);
     (void)fclose(file);
     TEST_ASSERT_EQUAL_STRING(text, printed);
     TEST_ASSERT_EQUAL_size_t(count, given);
@@ -60,6 +62,28 @@ static void expect_advice(size_t count, const char *text) {
 
 static void test_nothing_to_say(void) {
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_test_load_assembly(LIVE, &assembly));
+    expect_advice(0, "");
+}
+
+static void test_states_that_another_process_cannot_read(void) {
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_test_load_assembly(LOCK, &assembly));
+    states = (tl_read_back_report){.is_tried = true,
+                                   .count = 2,
+                                   .of = {{.finding = TL_READ_BACK_IS_EXACT, .must_initialise = true},
+                                          {.finding = TL_READ_BACK_ENDS, .text = "so"}}};
+    expect_advice(1, "warnings\n"
+                     "  components.motor: a saved state of it ends the process that loads it (so): a\n"
+                     "    `run` that goes on with another is not to load it; with \"record.resume_s\":\n"
+                     "    0 none does\n");
+    states.of[1].finding = TL_READ_BACK_UNKNOWN;
+    expect_advice(1, "warnings\n"
+                     "  components.motor: a saved state of it could not be tried in another process\n"
+                     "    (so): a `run` that goes on with another is not to load it; with\n"
+                     "    \"record.resume_s\": 0 none does\n");
+    states.of[1].finding = TL_READ_BACK_NOR_HERE;
+    expect_advice(0, "");
+    states.of[1].finding = TL_READ_BACK_ENDS;
+    states.is_tried = false;
     expect_advice(0, "");
 }
 
@@ -250,6 +274,7 @@ int main(void) {
     UNITY_BEGIN();
     tl_scratch_make(&scratch, TL_BINARY_DIR, "test_advice");
     RUN_TEST(test_nothing_to_say);
+    RUN_TEST(test_states_that_another_process_cannot_read);
     RUN_TEST(test_a_step_that_takes_too_long);
     RUN_TEST(test_an_fmu_that_does_not_come_back);
     RUN_TEST(test_initial_values_that_fail);

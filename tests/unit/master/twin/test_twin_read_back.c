@@ -1,0 +1,202 @@
+/* States that one twin tells and another one reads: the same bits, or what is not the same; whatever the bytes are. */
+#include <stdlib.h>
+#include <string.h>
+#include <unity.h>
+
+#include "master/twin/twin_read_back.h"
+#include "tests/support/test_scene.h"
+
+enum { TICKS = 40, BYTES = 1 << 16, B = 1 /* "b", whose y0 is matched */ };
+
+static tl_test_scene first, other;
+static tl_read_back here[TL_SCENE_FMUS], there;
+static unsigned char bytes[BYTES];
+static size_t size;
+
+void setUp(void) {
+    memset(bytes, 0x55, sizeof bytes);
+    size = 0;
+}
+
+void tearDown(void) {
+    tl_test_scene_end(&first);
+    tl_test_scene_end(&other);
+}
+
+static void begin(tl_test_scene_kind kind) {
+    tl_test_scene_build(&first, kind);
+    while (first.run.sample.tick < TICKS) {
+        tl_test_scene_show(&first);
+        tl_test_run_step(&first.run);
+        TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, first.run.status, first.run.error.text);
+    }
+}
+
+static tl_status tell(size_t capacity) {
+    return tl_twin_tell_states(first.run.twin, bytes, capacity, &size, here, &first.run.error);
+}
+
+static void begin_to_read(tl_test_scene_kind kind) {
+    tl_test_scene_build(&other, kind);
+    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_twin_begin_to_read(other.run.twin, &other.run.error), other.run.error.text);
+}
+
+static void read_back(size_t component) {
+    tl_twin_read_state(other.run.twin, bytes, size, component, &there);
+}
+
+/* What the twin does after it has told is what it does if it has not. */
+static void expect_undisturbed(tl_test_scene_kind kind) {
+    tl_record told[TICKS];
+    for (int i = 0; i < TICKS; i++) {
+        tl_test_scene_show(&first);
+        tl_test_run_step(&first.run);
+        told[i] = first.run.record;
+    }
+    tl_test_scene_end(&first);
+    begin(kind);
+    for (int i = 0; i < TICKS; i++) {
+        tl_test_scene_show(&first);
+        tl_test_run_step(&first.run);
+        TEST_ASSERT_EQUAL_INT64(told[i].step, first.run.record.step);
+        TEST_ASSERT_EQUAL_MEMORY_MESSAGE(told[i].y, first.run.record.y, sizeof(double), tl_test_scene_name(kind));
+    }
+}
+
+static void test_exact_in_every_mode(void) {
+    for (tl_test_scene_kind kind = TL_SCENE_LAG; kind < TL_SCENES; kind++) {
+        const char *name = tl_test_scene_name(kind);
+        begin(kind);
+        TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tell(BYTES), first.run.error.text);
+        if (size == 0) {
+            TEST_ASSERT_EQUAL_INT(TL_SCENE_LONG, kind); /* an FMU would have to be executed again */
+            tl_test_scene_end(&first);
+            continue;
+        }
+        begin_to_read(kind);
+        for (size_t i = 0; i < TL_SCENE_FMUS; i++) {
+            TEST_ASSERT_EQUAL_INT_MESSAGE(TL_READ_BACK_EXACT, here[i].outcome, name);
+            read_back(i);
+            TEST_ASSERT_EQUAL_INT_MESSAGE(TL_READ_BACK_EXACT, there.outcome, name);
+            TEST_ASSERT_EQUAL_UINT_MESSAGE(TL_READ_BACK_STEPS, there.after, name);
+        }
+        expect_undisturbed(kind);
+        tl_test_scene_end(&first);
+        tl_test_scene_end(&other);
+    }
+}
+
+/* One that was never initialised has what a state gives it. */
+static void test_exact_without_initialisation(void) {
+    begin(TL_SCENE_LAG);
+    TEST_ASSERT_EQUAL_INT(TL_OK, tell(BYTES));
+    tl_test_scene_build(&other, TL_SCENE_LAG);
+    read_back(B);
+    TEST_ASSERT_EQUAL_INT(TL_READ_BACK_EXACT, there.outcome);
+}
+
+/* What a state does not bring back shows in the output that is exchanged, with both values. */
+static void test_it_differs(void) {
+    begin(TL_SCENE_LAG);
+    TEST_ASSERT_EQUAL_INT(TL_OK, tell(BYTES));
+    begin_to_read(TL_SCENE_LAG);
+    other.fmus[B].control.state_lies = true;
+    read_back(B);
+    TEST_ASSERT_EQUAL_INT(TL_READ_BACK_DIFFERS, there.outcome);
+    TEST_ASSERT_EQUAL_STRING("y0", there.variable);
+    TEST_ASSERT_EQUAL_UINT(1, there.after);
+    TEST_ASSERT_TRUE(there.first != there.again);
+    read_back(0);
+    TEST_ASSERT_EQUAL_INT(TL_READ_BACK_EXACT, there.outcome);
+}
+
+/* Nobody blames the bytes for what the twin that tells cannot do either. */
+static void test_it_differs_here(void) {
+    begin(TL_SCENE_FREE); /* no proof */
+    first.fmus[B].control.state_lies = true;
+    TEST_ASSERT_EQUAL_INT(TL_OK, tell(BYTES));
+    TEST_ASSERT_EQUAL_INT(TL_READ_BACK_EXACT, here[0].outcome);
+    TEST_ASSERT_EQUAL_INT(TL_READ_BACK_DIFFERS, here[B].outcome);
+}
+
+static void test_it_is_refused(void) {
+    static const struct {
+        tl_test_call call;
+        const char *said;
+    } ways[] = {
+        {TL_TEST_DESERIALIZE, "b: fmi2DeSerializeFMUstate failed (fmi2Error); see the FMU's messages in the log"},
+        {TL_TEST_SET_STATE, "b: fmi2SetFMUstate failed (fmi2Error); see the FMU's messages in the log"},
+        {TL_TEST_DO_STEP, "b: fmi2DoStep failed (fmi2Error); see the FMU's messages in the log"}};
+    begin(TL_SCENE_LAG);
+    TEST_ASSERT_EQUAL_INT(TL_OK, tell(BYTES));
+    for (size_t i = 0; i < sizeof ways / sizeof ways[0]; i++) {
+        begin_to_read(TL_SCENE_LAG);
+        tl_test_fmu_fail(&other.fmus[B], ways[i].call, TL_TEST_ERROR, 1, UINT64_MAX);
+        read_back(B);
+        TEST_ASSERT_EQUAL_INT(TL_READ_BACK_REFUSED, there.outcome);
+        TEST_ASSERT_EQUAL_STRING(ways[i].said, there.error.text);
+        tl_test_scene_end(&other);
+    }
+}
+
+/* It goes on from where it was. */
+static void test_who_cannot_tell(void) {
+    begin(TL_SCENE_LAG);
+    tl_test_fmu_fail(&first.fmus[B], TL_TEST_SERIALIZE, TL_TEST_ERROR, 1, UINT64_MAX);
+    TEST_ASSERT_EQUAL_INT(TL_FMU_FAILED, tell(BYTES));
+    TEST_ASSERT_EQUAL_size_t(0, size);
+    expect_undisturbed(TL_SCENE_LAG);
+}
+
+static void test_nothing_to_tell_yet(void) {
+    tl_test_scene_build(&first, TL_SCENE_LAG);
+    TEST_ASSERT_EQUAL_INT(TL_OK, tell(BYTES));
+    TEST_ASSERT_EQUAL_size_t(0, size);
+}
+
+static void test_too_little_room(void) {
+    begin(TL_SCENE_LAG);
+    TEST_ASSERT_EQUAL_INT(TL_OK, tell(BYTES));
+    const size_t needed = size;
+    memset(bytes, 0x55, sizeof bytes);
+    TEST_ASSERT_EQUAL_INT(TL_OK, tell(needed - 1));
+    TEST_ASSERT_EQUAL_size_t(needed, size);
+    TEST_ASSERT_EACH_EQUAL_HEX8(0x55, bytes + needed - 1, BYTES - needed + 1);
+}
+
+/* In any length, and with any number in them. */
+static void test_what_no_twin_has_told(void) {
+    begin(TL_SCENE_LAG);
+    TEST_ASSERT_EQUAL_INT(TL_OK, tell(BYTES));
+    begin_to_read(TL_SCENE_LAG);
+    const size_t whole = size;
+    for (size = 0; size < whole; size += 7) {
+        read_back(B);
+        TEST_ASSERT_EQUAL_INT(TL_READ_BACK_REFUSED, there.outcome);
+        TEST_ASSERT_EQUAL_STRING("b: its state as bytes is not there, or of no use here", there.error.text);
+    }
+    size = whole;
+    for (size_t at = 0; at < 16; at++) { /* lengths of "a" */
+        const unsigned char was = bytes[at];
+        bytes[at] = 0xFF;
+        read_back(B);
+        TEST_ASSERT_EQUAL_INT(TL_READ_BACK_REFUSED, there.outcome);
+        bytes[at] = was;
+    }
+    read_back(B);
+    TEST_ASSERT_EQUAL_INT(TL_READ_BACK_EXACT, there.outcome);
+}
+
+int main(void) {
+    UNITY_BEGIN();
+    RUN_TEST(test_exact_in_every_mode);
+    RUN_TEST(test_exact_without_initialisation);
+    RUN_TEST(test_it_differs);
+    RUN_TEST(test_it_differs_here);
+    RUN_TEST(test_it_is_refused);
+    RUN_TEST(test_who_cannot_tell);
+    RUN_TEST(test_nothing_to_tell_yet);
+    RUN_TEST(test_too_little_room);
+    RUN_TEST(test_what_no_twin_has_told);
+    return UNITY_END();
+}
