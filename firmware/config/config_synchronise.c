@@ -313,9 +313,6 @@ static const char *why_no_free_twin(const tl_config *config) {
     if (config->event.start.signal != NULL) {
         return "false: not with horizon.event";
     }
-    if (config->measurements == TL_AHEAD) {
-        return "false: not with horizon.measurements \"ahead\", in which a step ends before it is measured";
-    }
     for (size_t i = 0; i < config->component_count; i++) {
         if (config->components[i].keep == TL_KEEP_OUTPUTS) {
             return "false: not with a component whose states are not kept (keep \"outputs\")";

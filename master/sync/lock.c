@@ -520,8 +520,7 @@ static tl_status commit_found(tl_attempt *attempt, const double *u, tl_record *r
     return status;
 }
 
-/* Input values that the plant feeds are those of t_i, also where they were stood for when step i − 1 was computed. */
-static void refresh(tl_lock *lock, int64_t step) {
+void tl_lock_refresh(tl_lock *lock, int64_t step) {
     if (lock->held_inputs) {
         tl_plant *plant = &lock->exchange->plant;
         tl_plant_deliver(plant, tl_plant_shown(plant, step, plant->newest));
@@ -531,7 +530,7 @@ static void refresh(tl_lock *lock, int64_t step) {
 
 /* A step of a twin that adjusts nothing. */
 static tl_status step_free(tl_lock *lock, int64_t step, tl_outcome outcome, tl_record *record, tl_error *error) {
-    refresh(lock, step);
+    tl_lock_refresh(lock, step);
     tl_record_begin(record, step);
     record->outcome = outcome;
     tl_status status = tl_exchange_commit(lock->exchange, step, error);
@@ -574,7 +573,7 @@ tl_time tl_lock_end_step(tl_lock *lock, const tl_budget *budget) {
 /* Begins the step; then û is known. */
 static tl_status begin(tl_attempt *attempt, tl_lock *lock, int64_t step, const tl_budget *budget, tl_record *record,
                        tl_error *error) {
-    refresh(lock, step);
+    tl_lock_refresh(lock, step);
     tl_attempt_begin(attempt, lock, step, budget, error);
     tl_record_begin(record, step);
     memcpy(record->u_hat, attempt->nominal, lock->horizon.variables * sizeof *record->u_hat);

@@ -43,6 +43,10 @@ void tl_lock_end(tl_lock *lock);
 /* Finds and commits step i. Fills the record but y_hat and `used`. */
 tl_status tl_lock_step(tl_lock *lock, int64_t step, const tl_budget *budget, tl_record *record, tl_error *error);
 
+/* Before step i: what the plant feeds is that of t_i, also if it was stood for (mode ahead) when step i − 1 was computed. Done by each of the
+ * next three itself. */
+void tl_lock_refresh(tl_lock *lock, int64_t step);
+
 /* The step's record is made: ns since the budget was begun. There must be a clock. */
 tl_time tl_lock_end_step(tl_lock *lock, const tl_budget *budget);
 

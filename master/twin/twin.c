@@ -242,6 +242,11 @@ static tl_status advance(tl_twin *twin, const tl_sample *sample, const tick_way 
     bool ahead = twin->measurements == TL_AHEAD;
     if (twin->has_pending) {
         hand_over_pending(twin, record, ready);
+        tl_lock_refresh(&twin->lock, record->step + 1);
+        tl_status status = follow_free_twin(twin, record, error);
+        if (status != TL_OK) {
+            return status;
+        }
     }
     int64_t step = sample->tick - (int64_t)twin->lead;
     if (step < twin->first) {

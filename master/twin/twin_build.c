@@ -437,7 +437,7 @@ static bool create_verifier(tl_twin *twin, const tl_plan *plan) {
 }
 
 static bool create_free_twin(tl_twin *twin, const tl_plan *plan) {
-    bool can = plan->adjust_count != 0 && plan->event.start.signal == NULL && plan->measurements != TL_AHEAD;
+    bool can = plan->adjust_count != 0 && plan->event.start.signal == NULL;
     return tl_free_twin_init(&twin->free_twin, &twin->arena, &twin->exchange, &twin->lock.objective,
                              can ? plan->free_twin : 0);
 }

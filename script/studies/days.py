@@ -52,7 +52,6 @@ def locked(document, way, noise, proposal):
     lock = document["synchronise"]
     lock["horizon"]["measurements"], lock["algorithm"] = way
     lock["match"]["motor.omega"]["tolerance"] = noise * (WIDER if way == STRICT else TOLERANCE)
-    lock["free_twin"] = mode != "ahead"
     if mode != "lag":
         lock["match"]["motor.omega"].pop("condition")
     return document

@@ -50,6 +50,11 @@ class Bench:
     def locked(self, free_twin):
         return self.follow({"synchronise": {"free_twin": free_twin}})
 
+    def ahead(self, free_twin):
+        """No step waits for a reading there, so none is conditioned."""
+        return self.follow({"synchronise": {"free_twin": free_twin, "horizon": {"measurements": "ahead"},
+                                            "match": {"motor.omega": {"between": None, "condition": None}}}})
+
 
 def test_a_right_model_is_left_alone():
     for shape in (rest, sine):
@@ -68,6 +73,19 @@ def test_a_right_model_is_left_alone():
             ended = [text for text in events if "searched again from step" in text]
             expect(len(begun) == beside["rests"] and len(begun) - len(ended) in (0, 1), f"{bench.what}: {events}")
             expect(told["lock"]["state"] == "locked" and told["lock"]["percent"] > 99, f"{bench.what}: {told['lock']}")
+
+
+def test_ahead_of_the_measurement():
+    """There a lock extrapolates the noise, too."""
+    bench = Bench(sine, SEEDS[0])
+    alone, plain = bench.alone(), bench.ahead(False)[0]
+    error, told, _ = bench.ahead(True)
+    expect(plain > 2 * alone, f"{plain} locked, {alone} alone")
+    at_most(error, max(1.3 * alone, NOISE ** 2 / 9), f"{bench.what}: true MSE, (rad/s)²; {plain:.4f} without a free twin, {alone:.4f} alone")
+    expect(told["free_twin"]["rested_steps"] > 0.7 * told["steps"], f"{told['free_twin']}")
+    wrong = Bench(hand, SEEDS[0], 0.0015)
+    plain, error = wrong.ahead(False)[0], wrong.ahead(True)[0]
+    at_most(error, 1.05 * plain, f"{wrong.what}, a light motor: true MSE, (rad/s)²; {plain:.4f} without a free twin")
 
 
 def test_it_is_as_near_as_the_nearer_one():

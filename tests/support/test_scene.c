@@ -37,7 +37,7 @@ static void vary_search(tl_test_scene *scene) {
     plan->algorithm = kind == TL_SCENE_FLAG ? "boolean" : black_box ? "nelder-mead" : "secant";
     plan->prediction = kind == TL_SCENE_STROKES || scene->shortest ? 0 : kind == TL_SCENE_LONG ? 6 : 3;
     plan->shape = kind == TL_SCENE_LONG ? TL_DYNAMIC : TL_STATIC;
-    plan->free_twin = kind == TL_SCENE_HOLD || kind == TL_SCENE_PLAIN ? 3 : 0;
+    plan->free_twin = kind == TL_SCENE_HOLD || kind == TL_SCENE_AHEAD || kind == TL_SCENE_PLAIN ? 3 : 0;
     scene->plan.components[0].keep = kind == TL_SCENE_LONG ? TL_KEEP_OUTPUTS : TL_KEEP_STATES;
 }
 

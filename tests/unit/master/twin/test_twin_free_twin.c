@@ -229,12 +229,33 @@ static void a_model_that_is_wrong_for_long_gets_a_new_free_twin(void) {
     TEST_ASSERT_GREATER_OR_EQUAL_UINT64(1, tl_twin_get_facts(run.twin).free_twin.renewed);
 }
 
-static void there_is_none_in_mode_ahead_nor_if_nothing_is_adjusted(void) {
-    plan.plan.measurements = TL_AHEAD;
-    begin(&with);
-    TEST_ASSERT_FALSE(tl_twin_get_facts(run.twin).has_free_twin);
-    tearDown();
-    setUp();
+/* A step is followed once it is complete, which is at the next sample. */
+static void in_mode_ahead_too(void) {
+    for (int on = 0; on < 2; on++) {
+        tearDown();
+        setUp();
+        plan.plan.measurements = TL_AHEAD;
+        plan.plan.free_twin = on == 1 ? GUARD : 0;
+        begin(on == 1 ? &with : &without);
+        lead(on == 1 ? &with : &without, 1000, 3.0);
+        TEST_ASSERT_FALSE(rests());
+    }
+    TEST_ASSERT_EQUAL_size_t(without.count, with.count);
+    TEST_ASSERT_EQUAL_MEMORY(without.y, with.y, with.count * sizeof with.y[0]);
+    tl_twin_facts facts = tl_twin_get_facts(run.twin);
+    TEST_ASSERT_EQUAL_UINT64(2 * facts.components * with.count, facts.free_twin.executions);
+    lead(&with, 2000, 0.0);
+    TEST_ASSERT_TRUE(rests());
+    TEST_ASSERT_TRUE(mean_square(&with, with.count - 500, with.count) <
+                     1e-20); /* nothing of the noise, and its input in time */
+    size_t changed = with.count;
+    lead(&with, 300, 3.0);
+    for (size_t i = changed + 3 * GUARD; i < with.count; i++) {
+        TEST_ASSERT_EQUAL_UINT32(0, with.flags[i] & TL_FLAG_RESTS);
+    }
+}
+
+static void there_is_none_if_nothing_is_adjusted(void) {
     plan.plan.adjust_count = 0;
     begin(&with);
     TEST_ASSERT_FALSE(tl_twin_get_facts(run.twin).has_free_twin);
@@ -321,7 +342,8 @@ int main(void) {
     RUN_TEST(a_plant_that_changes_is_followed_at_once);
     RUN_TEST(it_rests_again_when_the_plant_is_back);
     RUN_TEST(a_model_that_is_wrong_for_long_gets_a_new_free_twin);
-    RUN_TEST(there_is_none_in_mode_ahead_nor_if_nothing_is_adjusted);
+    RUN_TEST(in_mode_ahead_too);
+    RUN_TEST(there_is_none_if_nothing_is_adjusted);
     RUN_TEST(there_is_none_by_replay);
     RUN_TEST(a_reset_and_a_tuning_end_a_rest);
     RUN_TEST(a_failure_beside_the_twin_is_none_of_the_twin);
