@@ -85,6 +85,21 @@ uint32_t tl_config_free_twin_guard(const tl_config *config) {
     return (uint32_t)(steps > least ? steps : least);
 }
 
+bool tl_config_is_polled(const tl_config *config, const tl_config_signal *signal) {
+    tl_source_kind kind = signal->source < config->source_count ? config->sources[signal->source].kind : TL_SOURCE_CSV;
+    return kind == TL_SOURCE_MODBUS_TCP || kind == TL_SOURCE_MODBUS_RTU;
+}
+
+tl_time tl_config_repeats(const tl_config *config, const tl_config_signal *signal) {
+    if (!tl_config_is_polled(config, signal)) {
+        return 0;
+    }
+    tl_time period = tl_time_of_seconds(config->sources[signal->source].period_s);
+    tl_time stale = tl_time_of_seconds(signal->stale_s);
+    tl_time due = stale > 0 && stale < signal->every ? stale : signal->every;
+    return due > period ? due - period : 0;
+}
+
 static tl_between input_between(const tl_config *config, const tl_config_signal *signal) {
     return config->measurements == TL_LAG ? signal->as_input : TL_BETWEEN_LAST;
 }

@@ -87,6 +87,11 @@ static size_t find_same(const plant_comparison *self, const tl_config *run, size
     return is_same ? found : TL_NO_SUCH_SIGNAL;
 }
 
+/* The run's driver takes readings for repeated as this one's would. */
+static bool repeats_alike(const tl_config *run, const tl_config *candidate, size_t index) {
+    return tl_config_repeats(run, &run->signals[index]) == tl_config_repeats(candidate, &candidate->signals[index]);
+}
+
 tl_status tl_config_same_signals(const tl_config *run, const tl_config *candidate, tl_same_signals *same,
                                  tl_error *error) {
     plant_comparison self = {.candidate = candidate};
@@ -98,7 +103,7 @@ tl_status tl_config_same_signals(const tl_config *run, const tl_config *candidat
     for (size_t i = 0; i < same->count; i++) {
         same->of[i] = status == TL_OK ? find_same(&self, run, i) : TL_NO_SUCH_SIGNAL;
         same->unseen += same->of[i] == TL_NO_SUCH_SIGNAL ? 1 : 0;
-        same->is_each = same->is_each && same->of[i] == i;
+        same->is_each = same->is_each && same->of[i] == i && repeats_alike(run, candidate, i);
     }
     return status;
 }

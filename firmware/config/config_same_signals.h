@@ -4,7 +4,8 @@
  *          once the plant is read by its own.
  * Alike:   the same name, the same value type and the same entry of `modbus`, `can`, `gpio` or `csv`, of a source with the same name and definition. How a
  *          reading is judged (`min`, `max`, `stale_s`) and what it is when there is none is the reader's affair, and not compared. What is written out in
- *          one of them and left out in the other counts as different.
+ *          one of them and left out in the other counts as different. Which polls are readings (`every_s`, tl_config_repeats()) is the driver's affair: what
+ *          the run's has read is seen all the same, but the plant is to be read anew.
  * Second look-ups of a signal (tl_config_use_lookups()) are alike if the signal is, also those of which the run has none: they are other looks at the same
  *          readings.
  * Thread:  pure functions.
@@ -26,7 +27,7 @@ typedef struct tl_same_signals {
     size_t count;              /* of the candidate's signals */
     size_t of[TL_MAX_SIGNALS]; /* of each: the index of the run's that is the same, or TL_NO_SUCH_SIGNAL */
     size_t unseen;             /* how many have none */
-    bool is_each;              /* both have the same ones, in the same places */
+    bool is_each;              /* both have the same ones, in the same places, and read them alike */
 } tl_same_signals;
 
 /* Look-ups are in use in both, or in neither. Errors: TL_TRY_AGAIN. */

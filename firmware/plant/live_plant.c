@@ -17,7 +17,8 @@ static const tl_time PATIENCE = 60 * TL_SECOND;
 struct tl_live_plant {
     tl_plant_source *sources;
     size_t source_count;
-    size_t (*signals)[TL_MAX_SIGNALS]; /* per source: channel → signal */
+    size_t (*signals)[TL_MAX_SIGNALS];  /* per source: channel → signal, */
+    tl_time (*repeats)[TL_MAX_SIGNALS]; /* and for how long an equal value is the same reading */
     tl_plant_readers *readers;
     tl_mailbox mailboxes[TL_MAX_SIGNALS];
 };
@@ -137,12 +138,15 @@ static tl_status open_source(tl_live_plant *plant, const tl_config *config, size
     const tl_config_source *configured = &config->sources[index];
     tl_plant_source *source = &plant->sources[plant->source_count];
     size_t *signals = plant->signals[plant->source_count];
+    tl_time *repeats = plant->repeats[plant->source_count];
     source->name = configured->name;
     source->signals = signals;
     source->signal_count = 0;
     source->period = tl_time_of_seconds(configured->period_s);
+    source->repeats = repeats;
     for (size_t i = 0; i < config->signal_count; i++) {
         if (config->signals[i].source == index && !config->signals[i].is_reading) {
+            repeats[source->signal_count] = tl_config_repeats(config, &config->signals[i]);
             signals[source->signal_count++] = i;
         }
     }
@@ -195,7 +199,8 @@ static tl_status open_all(tl_live_plant *plant, const tl_config *config, tl_hear
                           tl_error *error) {
     plant->sources = calloc(config->source_count, sizeof *plant->sources);
     plant->signals = calloc(config->source_count, sizeof *plant->signals);
-    if (plant->sources == NULL || plant->signals == NULL) {
+    plant->repeats = calloc(config->source_count, sizeof *plant->repeats);
+    if (plant->sources == NULL || plant->signals == NULL || plant->repeats == NULL) {
         return tl_fail(error, TL_TRY_AGAIN, "not enough memory for the plant's sources");
     }
     for (size_t i = 0; i < config->source_count; i++) {
@@ -241,5 +246,6 @@ void tl_live_plant_close(tl_live_plant *plant) {
     }
     free(plant->sources);
     free(plant->signals);
+    free(plant->repeats);
     free(plant);
 }

@@ -15,6 +15,7 @@
 #include "firmware/base/c_locale.h"
 #include "firmware/base/clock.h"
 #include "firmware/base/side_thread.h"
+#include "firmware/plant/repeated_reading.h"
 #include "firmware/process/crash.h"
 
 /* Drivers need little; the name resolver is the deepest. With mlockall() all of it is real memory. */
@@ -24,6 +25,7 @@ typedef struct worker {
     tl_plant_readers *readers;
     const tl_plant_source *source;
     pthread_t thread;
+    tl_repeated_reading before[TL_MAX_SIGNALS]; /* by channel */
 } worker;
 
 struct tl_plant_readers {
@@ -40,9 +42,14 @@ struct tl_plant_readers {
     worker workers[]; /* one per source */
 };
 
+static bool is_repeated(worker *own, size_t channel, const tl_reading *reading) {
+    const tl_time *within = own->source->repeats;
+    return within != NULL && tl_repeated_reading_is(&own->before[channel], within[channel], reading);
+}
+
 static void post(void *context, size_t channel, const tl_reading *reading) {
-    const worker *own = context;
-    if (channel < own->source->signal_count) {
+    worker *own = context;
+    if (channel < own->source->signal_count && !is_repeated(own, channel, reading)) {
         tl_mailbox_post(&own->readers->mailboxes[own->source->signals[channel]], reading);
     }
 }

@@ -20,8 +20,9 @@ typedef struct tl_plant_source {
     tl_plant_io *io;                  /* owned by the reader from start on: closed by stop */
     const size_t *signals;            /* channel → index of the signal's mailbox */
     size_t signal_count;
-    tl_time period;  /* ns between polls, > 0 */
-    tl_heart *heart; /* of its thread, which beats at each poll; NULL: nobody listens */
+    const tl_time *repeats; /* channel → ns in which an equal value is no new reading (repeated_reading.h); NULL: 0 */
+    tl_time period;         /* ns between polls, > 0 */
+    tl_heart *heart;        /* of its thread, which beats at each poll; NULL: nobody listens */
 } tl_plant_source;
 
 typedef struct tl_plant_readers tl_plant_readers;

@@ -287,6 +287,26 @@ static void check_between(advice *given, const tl_config *config) {
     }
 }
 
+/* What every_s says of a signal, or does not. Of a further look-up the signal itself is named. */
+static void check_every(advice *given, const tl_config *config) {
+    for (size_t i = 0; i < config->signal_count; i++) {
+        const tl_config_signal *signal = &config->signals[i];
+        const char *where = config->signals[signal->of].plan.where;
+        if (signal->condition.median > 1 && signal->every == 0 && tl_config_is_polled(config, signal)) {
+            warn(given, where,
+                 "its median counts polls, so a bad value that is read several times is not in the minority: say in "
+                 "every_s how often its device writes it, and each value counts once");
+        }
+        if (signal->between != TL_BETWEEN_LAST && signal->stale_s > 0.0 &&
+            signal->every > tl_time_of_seconds(signal->stale_s)) {
+            warn(given, where,
+                 "its readings may be %g s apart by every_s, and it is stale after %g s: then there is no line between "
+                 "them",
+                 tl_seconds(signal->every), signal->stale_s);
+        }
+    }
+}
+
 /* In mode ahead no step waits for what delays ask for. */
 static void check_delays(advice *given, const tl_config *config) {
     const tl_config_delays *delays = config->delays;
@@ -373,6 +393,7 @@ size_t tl_advice_print(const tl_assembly *assembly, const tl_prognosis *prognosi
         check_free_twin(&given, config, prognosis, assembly->twin);
     }
     check_between(&given, config);
+    check_every(&given, config);
     check_delays(&given, config);
     check_sources(&given, config);
     return given.count;

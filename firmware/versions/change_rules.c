@@ -160,7 +160,7 @@ static const tl_change_rule rules[] = {
     {"plant.*.max", NEW_SOURCES, NULL},
     {"plant.*.stale_s", NEW_SOURCES, NULL},
     {"plant.*.between", NEW_TWIN, NULL},
-    {"plant.*.every_s", NEW_TWIN, NULL},
+    {"plant.*.every_s", NEW_SOURCES, NULL},
     {"plant.*.initial", NEW_SOURCES, NULL},
     {"plant.*.csv", NEW_SOURCES, NULL},
     {"plant.*.csv.column", NEW_SOURCES, NULL},

@@ -81,6 +81,22 @@ static void test_each(void) {
     TEST_ASSERT_FALSE(tl_same_signals_lack_input(&same, &candidate.config));
 }
 
+/* Its driver is to take other polls for readings: until 0.04 s, or the 0.03 s in which it is stale, less the 0.01 s to the next poll. */
+static void test_another_time_between_readings(void) {
+    static const int all[] = {U, OMEGA, DOOR};
+    edit("\"stale_s\": 0.5", "\"stale_s\": 0.5, \"every_s\": 0.04");
+    expect(3, all, false);
+    TEST_ASSERT_EQUAL_INT64(0, tl_config_repeats(&run.config, &run.config.signals[OMEGA]));
+    TEST_ASSERT_EQUAL_INT64(30 * TL_SECOND / 1000,
+                            tl_config_repeats(&candidate.config, &candidate.config.signals[OMEGA]));
+    edit("\"stale_s\": 0.5", "\"stale_s\": 0.03, \"every_s\": 0.04");
+    TEST_ASSERT_EQUAL_INT64(20 * TL_SECOND / 1000,
+                            tl_config_repeats(&candidate.config, &candidate.config.signals[OMEGA]));
+    edit("\"stale_s\": 0.5", "\"every_s\": 0.01");
+    TEST_ASSERT_EQUAL_INT64(0, tl_config_repeats(&candidate.config, &candidate.config.signals[OMEGA]));
+    expect(3, all, true);
+}
+
 static void test_another_source(void) {
     static const int door[] = {NONE, NONE, DOOR};
     static const int both[] = {U, OMEGA, NONE};
@@ -170,6 +186,7 @@ static void test_a_sample(void) {
 int main(void) {
     UNITY_BEGIN();
     RUN_TEST(test_each);
+    RUN_TEST(test_another_time_between_readings);
     RUN_TEST(test_another_source);
     RUN_TEST(test_another_place);
     RUN_TEST(test_more_and_fewer);

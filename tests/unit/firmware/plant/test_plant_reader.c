@@ -173,6 +173,19 @@ static void expect_reading(size_t signal, double value, tl_quality quality) {
     TEST_ASSERT_EQUAL_INT(quality, reading.quality);
 }
 
+/* The toy's polls are 1 ns apart by their stamps. */
+static void test_what_is_only_read_again_is_not_posted(void) {
+    static const tl_time repeats[] = {2, 0};
+    sources[0].repeats = repeats;
+    toys[0].channels = 2;
+    toys[0].ends_after = 9;
+    start(1);
+    wait_for_polls(0, 9);
+    stop(1);
+    TEST_ASSERT_EQUAL_UINT64(5, counts[SIGNALS[0]]);
+    TEST_ASSERT_EQUAL_UINT64(9, counts[SIGNALS[1]]);
+}
+
 static void test_readings_go_to_their_signals(void) {
     toys[0].value = 10;
     toys[0].channels = 3; /* one more than there are signals: goes nowhere */
@@ -330,6 +343,7 @@ static void test_no_memory_for_threads(void) {
 
 int main(void) {
     UNITY_BEGIN();
+    RUN_TEST(test_what_is_only_read_again_is_not_posted);
     RUN_TEST(test_readings_go_to_their_signals);
     RUN_TEST(test_each_source_has_its_thread);
     RUN_TEST(test_threads_are_ordinary_named_and_take_no_signals);

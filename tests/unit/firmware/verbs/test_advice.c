@@ -12,6 +12,7 @@
 
 #define LOCK TL_SOURCE_DIR "/tests/support/motor_lock.json"
 #define SLOW TL_SOURCE_DIR "/config/transport/slow.json"
+#define ON_A_LINE TL_SOURCE_DIR "/config/motor/lock.json"
 #define LIVE TL_SOURCE_DIR "/config/motor/live.json"
 #define BUS TL_SOURCE_DIR "/config/motor/can.json"
 
@@ -182,6 +183,23 @@ static void test_a_signal_by_can_that_never_goes_stale(void) {
                      "    taken for good for ever\n");
 }
 
+static void test_a_median_of_polls(void) {
+    load(LIVE, "\"tolerance\": 1.0", "\"tolerance\": 1.0, \"condition\": { \"median\": 3 }");
+    expect_advice(1, "warnings\n"
+                     "  plant.omega: its median counts polls, so a bad value that is read several\n"
+                     "    times is not in the minority: say in every_s how often its device writes\n"
+                     "    it, and each value counts once\n");
+    assembly.config.signals[1].every = TL_SECOND / 25;
+    expect_advice(0, "");
+}
+
+static void test_readings_that_are_stale_before_the_next_one(void) {
+    load(ON_A_LINE, "\"every_s\": 0.04", "\"every_s\": 0.3");
+    expect_advice(1, "warnings\n"
+                     "  plant.omega: its readings may be 0.3 s apart by every_s, and it is stale\n"
+                     "    after 0.2 s: then there is no line between them\n");
+}
+
 /* In mode lag the step waits for it. */
 static void test_a_conditioned_measurement_in_mode_ahead(void) {
     load(LOCK, "\"tolerance\": 1.0", "\"tolerance\": 1.0, \"condition\": { \"median\": 5 }");
@@ -286,6 +304,8 @@ int main(void) {
     RUN_TEST(test_outputs_that_are_kept_in_place_of_states);
     RUN_TEST(test_a_source_that_nothing_uses);
     RUN_TEST(test_a_signal_by_can_that_never_goes_stale);
+    RUN_TEST(test_a_median_of_polls);
+    RUN_TEST(test_readings_that_are_stale_before_the_next_one);
     RUN_TEST(test_a_conditioned_measurement_in_mode_ahead);
     RUN_TEST(test_a_nominal_outside_its_bounds);
     RUN_TEST(test_a_step_that_means_nothing);

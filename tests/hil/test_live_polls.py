@@ -1,0 +1,99 @@
+#!/usr/bin/env python3
+"""A register that is polled six times as often as its device writes it: with `every_s` each value is one reading, so that a line goes from one to the next, and a
+median sees what it counts. The plant is ours here: its true speed is a sine."""
+import contextlib
+import math
+import threading
+import time
+
+from live_test import Device, Program, check_replay, end_well, number, query
+from tree import OMEGA
+from twinlock_test import at_most, edited_config, expect, main
+
+WRITTEN_S, POLLED_S, EVERY_S = 0.03, 0.005, 0.045
+AMPLITUDE, PERIOD_S, PERIODS = 12.0, 3.0, 2
+STEP_S, SETTLED_S = 0.01, 2.0
+READINGS = """SELECT p.stamp_ns, p.value FROM samples p JOIN signals USING (run, signal)
+              WHERE run = 1 AND name = ? AND quality = 0 GROUP BY p.stamp_ns ORDER BY p.stamp_ns"""
+
+
+@contextlib.contextmanager
+def written(device, spoil=lambda count, value: value):
+    """A device that writes the true speed into its register every WRITTEN_S."""
+    stop = threading.Event()
+
+    def write():
+        begun, count = time.monotonic(), 0
+        while not stop.wait(max(0.0, begun + count * WRITTEN_S - time.monotonic())):
+            value = OMEGA + AMPLITUDE * math.sin(2 * math.pi * (time.monotonic() - begun) / PERIOD_S)
+            device.omega, count = spoil(count, value), count + 1
+    writer = threading.Thread(target=write)
+    writer.start()
+    try:
+        yield
+    finally:
+        stop.set()
+        writer.join()
+
+
+def live(match, spoil=lambda count, value: value, **signal):
+    """(configuration, database, what --json told)"""
+    with Device(OMEGA) as device:
+        config = edited_config("motor/live.json", {
+            "duration_s": SETTLED_S + PERIODS * PERIOD_S + 1, "sources": {"inverter": {"modbus_tcp": {"port": device.port, "period_s": POLLED_S}}},
+            "plant": {"omega": signal}, "synchronise": {"match": {"motor.omega": match}}})
+        database = config.parent / "run.db"
+        with written(device, spoil), Program("run", config, "--json", "--db", database) as run:
+            told, _ = end_well(run)
+    return config, database, told
+
+
+def mse_of(database):
+    """How far the twin is from a sine with that period, of whatever phase: a delay is no part of it, what comes and goes with each message is."""
+    steps = round(PERIODS * PERIOD_S / STEP_S)
+    y = [row[0] for row in query(database, "SELECT y FROM outputs WHERE run = 1 AND step >= ? ORDER BY step LIMIT ?", round(SETTLED_S / STEP_S), steps)]
+    expect(len(y) == steps, f"{len(y)} steps, wanted {steps}")
+    wave = [2 * math.pi * i * STEP_S / PERIOD_S for i in range(steps)]
+    mean = sum(y) / steps
+    sine, cosine = (2 / steps * sum(value * shape(angle) for value, angle in zip(y, wave)) for shape in (math.sin, math.cos))
+    return sum((value - mean - sine * math.sin(angle) - cosine * math.cos(angle)) ** 2 for value, angle in zip(y, wave)) / steps
+
+
+def read_again(database, name="plant.omega"):
+    """Readings that came with the value of the one before although none was due."""
+    found = query(database, READINGS, name)
+    pairs = list(zip(found, found[1:]))
+    return sum(value == before and stamp - since < (EVERY_S - POLLED_S) * 1e9 for (since, before), (stamp, value) in pairs), len(pairs)
+
+
+def test_each_value_is_one_reading():
+    _, database, _ = live({})
+    again, readings = read_again(database)
+    expect(again > 0.4 * readings, f"without every_s {again} of {readings} readings were only read again")
+    _, database, _ = live({}, every_s=EVERY_S)
+    again, readings = read_again(database)
+    expect(again == 0 and readings > 50, f"{again} of {readings} readings were only read again")
+
+
+def test_a_line_is_truer():
+    _, database, _ = live({})
+    last = mse_of(database)
+    config, database, told = live({"between": "line"}, every_s=EVERY_S)
+    at_most(mse_of(database), 0.3 * last, f"true MSE on the line, (rad/s)²; {last:.4f} by the last reading")
+    check_replay(config, database, number(database, "SELECT count(*) FROM steps"))
+    expect(told["match"]["motor.omega"]["readings"] < 0.6 * told["steps"], f"{told['match']}")
+
+
+def test_a_median_sees_what_was_written():
+    """One value in eleven is 30 rad/s off, for six polls: a median of three polls takes it."""
+    def spoil(count, value):
+        return value + (30.0 if count % 11 == 5 else 0.0)
+    median = {"condition": {"median": 3}}
+    _, database, _ = live(median, spoil)
+    polls = mse_of(database)
+    _, database, _ = live({**median, "between": "line"}, spoil, every_s=EVERY_S)
+    at_most(mse_of(database), 0.1 * polls, f"true MSE, (rad/s)²; {polls:.4f} if each poll counts")
+
+
+if __name__ == "__main__":
+    main()
