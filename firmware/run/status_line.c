@@ -3,6 +3,11 @@
 
 #include <stdio.h>
 
+/* Nominal by a choice that lasts, and not because no correction was found. */
+static const char *outcome_of(const tl_record *record) {
+    return (record->flags & TL_FLAG_RESTS) != 0 ? "rests" : tl_outcome_name(record->outcome);
+}
+
 void tl_status_line_write(const tl_config *config, const tl_cycle_status *status, char line[TL_STATUS_LINE]) {
     const tl_record *record = &status->record;
     int length =
@@ -11,7 +16,7 @@ void tl_status_line_write(const tl_config *config, const tl_cycle_status *status
         length += snprintf(line + length, TL_STATUS_LINE - (size_t)length, "  \316\224%.63s %+.4g",
                            config->adjust[i].variable, record->u[i] - record->u_hat[i]);
     }
-    length += snprintf(line + length, TL_STATUS_LINE - (size_t)length, "  %-12s", tl_outcome_name(record->outcome));
+    length += snprintf(line + length, TL_STATUS_LINE - (size_t)length, "  %-12s", outcome_of(record));
     if (config->adjust_count != 0) {
         length +=
             snprintf(line + length, TL_STATUS_LINE - (size_t)length, "  %-8s", tl_lock_state_name(status->lock.state));
