@@ -146,9 +146,11 @@ static void read_between(tl_config_object *entry, tl_config_signal *signal) {
     double every_s = 0;
     (void)tl_config_get_choice(entry, "between", TL_CONFIG_OPTIONAL, choices, &between);
     signal->as_input = (tl_between)between;
-    if (tl_config_get_number(entry, "every_s", &every, &every_s)) {
-        signal->every = tl_config_duration(every_s);
-    }
+    bool is_given = tl_config_get(entry, "every_s", TL_CONFIG_OPTIONAL, NULL, NULL) != NULL;
+    bool is_right = tl_config_get_number(entry, "every_s", &every, &every_s);
+    signal->every = is_right   ? tl_config_duration(every_s)
+                    : is_given ? 1
+                               : 0; /* what is wrong is not missing as well */
 }
 
 static void read_signal(tl_config_object *entry, const tl_config *config, tl_config_signal *signal) {

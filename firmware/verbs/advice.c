@@ -281,7 +281,9 @@ static void check_between(advice *given, const tl_config *config) {
         }
     }
     for (size_t i = 0; i < config->match_count; i++) {
-        if (config->matched_between[i] != TL_BETWEEN_LAST) {
+        bool is_smoothed =
+            config->measurements != TL_AHEAD && config->conditions[i].low_pass > 0; /* on a line all the same */
+        if (config->matched_between[i] != TL_BETWEEN_LAST && !is_smoothed) {
             warn_of_between(given, config, config->match[i].where);
         }
     }

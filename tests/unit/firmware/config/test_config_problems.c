@@ -948,6 +948,8 @@ static void test_between_readings(void) {
          "found \"linear\" (text), expected \"last\", \"line\" or \"mean\", for example \"last\"", NULL},
         {"\"between\": \"last\", \"every_s\": 0.04", "\"every_s\": 0", "plant.torque.every_s",
          "found 0 (number), expected a number > 0 (at most 1e9), for example 0.04", NULL},
+        {"\"between\": \"last\", \"every_s\": 0.04", "\"between\": \"line\", \"every_s\": 0", "plant.torque.every_s",
+         "found 0 (number), expected a number > 0 (at most 1e9), for example 0.04", NULL},
         {"\"between\": \"last\", \"every_s\": 0.04", "\"between\": \"line\"", "plant.torque.every_s",
          "found none, expected the longest time from one reading to the next, for which a step waits, for example 0.04",
          "\"torque\": {"},

@@ -200,6 +200,18 @@ static void test_readings_that_are_stale_before_the_next_one(void) {
                      "    after 0.2 s: then there is no line between them\n");
 }
 
+/* A low-pass is looked up on the line in any mode that waits for it. */
+static void test_a_line_in_mode_hold(void) {
+    load(ON_A_LINE, "\"lag\"", "\"hold\"");
+    expect_advice(0, "");
+    tl_assembly_free(&assembly);
+    load(ON_A_LINE, "\"low_pass_s\": 0.02", "\"gate\": 8");
+    assembly.config.measurements = TL_HOLD;
+    expect_advice(1, "warnings\n"
+                     "  synchronise.match.motor.omega: in mode hold no step waits for the next\n"
+                     "    reading, and the last one stands: \"between\" does nothing\n");
+}
+
 /* In mode lag the step waits for it. */
 static void test_a_conditioned_measurement_in_mode_ahead(void) {
     load(LOCK, "\"tolerance\": 1.0", "\"tolerance\": 1.0, \"condition\": { \"median\": 5 }");
@@ -306,6 +318,7 @@ int main(void) {
     RUN_TEST(test_a_signal_by_can_that_never_goes_stale);
     RUN_TEST(test_a_median_of_polls);
     RUN_TEST(test_readings_that_are_stale_before_the_next_one);
+    RUN_TEST(test_a_line_in_mode_hold);
     RUN_TEST(test_a_conditioned_measurement_in_mode_ahead);
     RUN_TEST(test_a_nominal_outside_its_bounds);
     RUN_TEST(test_a_step_that_means_nothing);
