@@ -19,6 +19,14 @@ static double excited(const tl_twin_adjusted *adjusted, double nominal, int64_t 
     return fmin(fmax(value, adjusted->lower), adjusted->upper);
 }
 
+void tl_far_look_excite(const tl_assembly *assembly, const double nominal[TL_MAX_ADJUST], int64_t step,
+                        double u[TL_MAX_ADJUST]) {
+    for (size_t v = 0; v < assembly->config.adjust_count; v++) {
+        const tl_twin_adjusted adjusted = tl_twin_get_adjusted(assembly->twin, v);
+        u[v] = excited(&adjusted, nominal[v], step, v);
+    }
+}
+
 /* What the plant's missing readings lead to is a free step, whose u is nominal. */
 static tl_status begin(const tl_assembly *assembly, tl_sample *sample, tl_record *record, tl_error *error) {
     const tl_budget budget = {.evaluations = 1, .time = INT64_MAX / 4};
@@ -33,10 +41,7 @@ static tl_status take_step(const tl_assembly *assembly, tl_sample *sample, const
     double u[TL_MAX_ADJUST] = {0.0};
     tl_record record;
     bool ready = false;
-    for (size_t v = 0; v < assembly->config.adjust_count; v++) {
-        const tl_twin_adjusted adjusted = tl_twin_get_adjusted(assembly->twin, v);
-        u[v] = excited(&adjusted, nominal->u_hat[v], look->steps, v);
-    }
+    tl_far_look_excite(assembly, nominal->u_hat, look->steps, u);
     tl_status status = tl_twin_follow(assembly->twin, sample, u, &record, &ready, &look->error);
     sample->tick++;
     return status;

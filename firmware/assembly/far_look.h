@@ -27,6 +27,10 @@ typedef struct tl_far_look {
     tl_error error;
 } tl_far_look;
 
+/* Values of the adjusted variables in the `step`-th step, about `nominal`: up and down by the first step of the search, or off and on, each at a pace of its own. */
+void tl_far_look_excite(const tl_assembly *assembly, const double nominal[TL_MAX_ADJUST], int64_t step,
+                        double u[TL_MAX_ADJUST]);
+
 /* `tick` is the next one of a twin that has begun, none of whose signals has a reading. */
 void tl_far_look_take(const tl_assembly *assembly, int64_t tick, tl_far_look *look);
 

@@ -51,9 +51,10 @@ static tl_status check(const tl_errand_job *job, tl_config *config, FILE *page, 
         .memory_limit = job->memory_limit,
     };
     tl_twin_child *child = NULL;
+    uint32_t warnings = 0;
     tl_status status = tl_twin_child_start(&settings, &child, error);
     if (status == TL_OK) {
-        status = tl_twin_child_check(child, error);
+        status = tl_twin_child_check(child, &warnings, error);
     }
     if (child != NULL && status == TL_OK) {
         status = tl_twin_child_wait(child, error);

@@ -225,8 +225,8 @@ static tl_status make_blocks(tl_twin_child *child, tl_error *error) {
 /* What is not held is said once, at the start. */
 static void say_confinement(const tl_twin_child *child) {
     char text[TL_CONFINE_TEXT];
-    if (child->others != NULL) {
-        return;
+    if (child->others != NULL || child->settings.job->task == TL_TASK_PAIR) {
+        return; /* a check has said it */
     }
     if (child->settings.job->unconfined) {
         tl_log(TL_LOG_WARNING, "unconfined: FMUs can do what this user can");
@@ -254,12 +254,16 @@ static tl_status start(tl_twin_child *child, tl_error *error) {
         .calls = &child->extra->calls,
         .channel = &child->channel,
         .page = child->settings.page,
-        .is_silent = child->others != NULL,
+        .is_silent = child->others != NULL || child->settings.job->task == TL_TASK_PAIR,
         .passes_signals = true,
         .call_limit = child->settings.call_limit,
         .memory_limit = child->settings.memory_limit,
         .tasks = &child->tasks,
     };
+    if (child->settings.job->task == TL_TASK_PAIR) {
+        settings.fmus.count *= 2;
+        settings.fmus.unpacked_bytes *= 2;
+    }
     for (int i = 0; i < TL_ROLE_DESCRIPTORS; i++) {
         settings.given[i] = -1;
     }
@@ -393,8 +397,35 @@ static tl_status show(tl_twin_child *child, tl_error *error) {
     return TL_OK;
 }
 
-tl_status tl_twin_child_check(tl_twin_child *child, tl_error *error) {
-    return expect_end(child, show, error);
+tl_status tl_twin_child_check(tl_twin_child *child, uint32_t *warnings, tl_error *error) {
+    tl_status status = expect_end(child, show, error);
+    *warnings = child->extra->warnings;
+    return status;
+}
+
+/* ---- a pair ---- */
+
+static void copy_pair(const tl_twin_child *child, tl_twin_pair_account *account) {
+    char name[TL_PAIR_NAME];
+    tl_fmu_call call;
+    *account = child->extra->pair;
+    account->steps = account->steps < TL_PAIR_STEPS ? account->steps : TL_PAIR_STEPS;
+    memcpy(name, account->component, sizeof name);
+    (void)tl_clean_text(name, strnlen(name, sizeof name - 1), account->component, sizeof account->component);
+    if (tl_fmu_calls_look(&child->extra->calls, &call)) {
+        (void)snprintf(account->component, sizeof account->component, "%s", call.fmu);
+    }
+}
+
+tl_status tl_twin_child_compare(tl_twin_child *child, tl_twin_pair_outcome *outcome, tl_error *error) {
+    *outcome = (tl_twin_pair_outcome){.status = expect_end(child, NULL, error)};
+    if (tl_interrupt_requested() != NULL) {
+        return tl_fail(error, TL_INTERRUPTED, "interrupted by %s", tl_interrupt_requested());
+    }
+    copy_pair(child, &outcome->account);
+    outcome->has_ended = !child->has_ended;
+    (void)snprintf(outcome->text, sizeof outcome->text, "%s", error->text);
+    return TL_OK;
 }
 
 void tl_twin_child_tell(tl_twin_child *child, tl_fmu_refusals_listener *hear, void *context) {

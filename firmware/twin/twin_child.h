@@ -15,6 +15,7 @@
 #include <stdbool.h>
 #include <stdio.h>
 
+#include "firmware/assembly/twin_pair.h"
 #include "firmware/assembly/twin_step.h"
 #include "firmware/config/config.h"
 #include "firmware/confine/fmu_refusals.h"
@@ -40,6 +41,14 @@ typedef struct tl_twin_child_settings {
     uint64_t memory_limit;    /* bytes that the process may take; 0: three quarters of the machine's */
 } tl_twin_child_settings;
 
+/* What became of a pair. */
+typedef struct tl_twin_pair_outcome {
+    tl_twin_pair_account account; /* as far as it came; texts are clean */
+    bool has_ended;               /* the process has, unannounced, or was killed: */
+    tl_status status;             /* of that, or of the second twin */
+    char text[TL_ERROR_TEXT];     /* how, or how both differ; "": they do not */
+} tl_twin_pair_outcome;
+
 /* Starts it, and returns when it is confined and about to load FMUs. What is not held of its confinement is said on the log. Errors:
  * TL_TRY_AGAIN. */
 tl_status tl_twin_child_start(const tl_twin_child_settings *settings, tl_twin_child **child, tl_error *error);
@@ -47,9 +56,12 @@ tl_status tl_twin_child_start(const tl_twin_child_settings *settings, tl_twin_ch
 /* Waits until the twin is built. What is wrong was said on the log if error->text is empty. */
 tl_status tl_twin_child_build(tl_twin_child *child, tl_account *account, tl_error *error);
 
-/* Waits until a check is done, its page printed; the same of its errors. Meanwhile, if its job says `reads_back`, starts other processes with the same FMUs
+/* Waits until a check is done, its page printed, with so many warnings; the same of its errors. Meanwhile, if its job says `reads_back`, starts other processes with the same FMUs
  * that read what it shows. */
-tl_status tl_twin_child_check(tl_twin_child *child, tl_error *error);
+tl_status tl_twin_child_check(tl_twin_child *child, uint32_t *warnings, tl_error *error);
+
+/* Waits until a pair is compared, or the process is at its end. Errors: TL_INTERRUPTED. */
+tl_status tl_twin_child_compare(tl_twin_child *child, tl_twin_pair_outcome *outcome, tl_error *error);
 
 /* Tells what FMUs were refused since this was called last. It was said on the log already. */
 void tl_twin_child_tell(tl_twin_child *child, tl_fmu_refusals_listener *hear, void *context);

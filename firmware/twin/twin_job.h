@@ -18,6 +18,7 @@
 typedef enum tl_twin_task {
     TL_TASK_CHECK, /* build, print the page, end */
     TL_TASK_READ,  /* build, read states that another process has told (read_back.h), end */
+    TL_TASK_PAIR,  /* build, and a second one beside it, and compare both (twin_pair.h) */
     TL_TASK_STEP,  /* build, then a result for each tick */
     TL_TASK_LIVE   /* what another room makes of it (twin_role.h) */
 } tl_twin_task;
@@ -50,6 +51,7 @@ typedef struct tl_twin_job {
     bool variables;  /* the page lists them */
     bool cost;       /* the page ends with it (twin_cost.h) */
     bool reads_back; /* the process has a block for it: of TL_TASK_CHECK; of TL_TASK_READ, always */
+    bool alone;      /* of a pair, only the first */
     bool unconfined;
     bool holds;                /* safe hold: no FMU is touched */
     const unsigned char *live; /* for the live room, which knows what it is; at no aligned place when it was read */

@@ -39,6 +39,7 @@ typedef struct role {
     tl_twin_extra *extra;
     const tl_twin_orders *orders;
     tl_assembly assembly;
+    tl_assembly second; /* of a pair */
     tl_lock_rescue rescue;
     tl_twin_tunings tunings; /* that are still to be taken */
     tl_recording_tick tick;  /* as it came last, */
@@ -80,31 +81,38 @@ static void send_word(role *self, tl_message type, tl_status status, const tl_er
 
 /* ---- start ---- */
 
+/* As the parent has it: the sizes of messages depend on it. */
+static tl_status read_config(const role *self, tl_assembly *assembly, tl_error *error) {
+    tl_problems *problems = &assembly->problems;
+    tl_problems_init(problems, self->job.path);
+    tl_status status = tl_config_read_text(self->job.path, self->job.text, strlen(self->job.text), &assembly->config,
+                                           &problems->report);
+    if (status != TL_OK) {
+        return tl_fail(error, status, "%s was read differently by the process with the FMUs", self->job.path);
+    }
+    problems->config = &assembly->config;
+    if (self->job.plain) {
+        assembly->config.saving.structure = false;
+        assembly->config.saving.sequences = false;
+    }
+    if (self->job.without_delays) {
+        tl_config_forget_delays(&assembly->config);
+    }
+    tl_config_use_lookups(&assembly->config);
+    return TL_OK;
+}
+
+static bool has_second(const role *self) {
+    return self->job.task == TL_TASK_PAIR && !self->job.alone;
+}
+
 static tl_status read_job(role *self, tl_error *error) {
-    tl_problems *problems = &self->assembly.problems;
     tl_status status = tl_block_take(TL_TWIN_JOB, 0, TL_BLOCK_IS_WRITTEN, &self->job_block, error);
     if (status == TL_OK) {
         status = tl_twin_job_read(&self->job_block, &self->job, error);
     }
-    if (status != TL_OK) {
-        return status;
-    }
-    tl_problems_init(problems, self->job.path);
-    status = tl_config_read_text(self->job.path, self->job.text, strlen(self->job.text), &self->assembly.config,
-                                 &problems->report);
-    if (status != TL_OK) {
-        return tl_fail(error, status, "%s was read differently by the process with the FMUs", self->job.path);
-    }
-    problems->config = &self->assembly.config;
-    if (self->job.plain) {
-        self->assembly.config.saving.structure = false;
-        self->assembly.config.saving.sequences = false;
-    }
-    if (self->job.without_delays) {
-        tl_config_forget_delays(&self->assembly.config);
-    }
-    tl_config_use_lookups(&self->assembly.config); /* as the parent has: the sizes of messages depend on it */
-    return TL_OK;
+    status = status == TL_OK ? read_config(self, &self->assembly, error) : status;
+    return status == TL_OK && has_second(self) ? read_config(self, &self->second, error) : status;
 }
 
 static tl_status open_channel(role *self, tl_error *error) {
@@ -181,10 +189,12 @@ static tl_status begin_processes(const role *self, const tl_confine_settings *se
                                        .settle = settings != NULL ? settle_keeper : NULL,
                                        .context = settings,
                                        .load = tl_fmu_host_load};
+    size_t twins = has_second(self) ? 2 : 1;
     tl_status status = TL_OK;
-    for (size_t i = 0; i < config->component_count && status == TL_OK && config->synchronise && !self->job.holds; i++) {
-        if (config->components[i].rollback == TL_ROLLBACK_FORK) {
-            status = tl_forked_begin(config->components[i].fork_nodes, &service, error);
+    for (size_t i = 0; i < twins * config->component_count && config->synchronise && !self->job.holds; i++) {
+        const tl_config_component *component = &config->components[i % config->component_count];
+        if (status == TL_OK && component->rollback == TL_ROLLBACK_FORK) {
+            status = tl_forked_begin(component->fork_nodes, &service, error);
         }
     }
     return status;
@@ -224,6 +234,9 @@ static tl_status start(role *self, tl_confine_facts *facts, tl_error *error) {
     }
     if (status == TL_OK && !self->job.holds) {
         status = tl_assembly_open(&self->assembly, error);
+    }
+    if (status == TL_OK && has_second(self)) {
+        status = tl_assembly_open(&self->second, error);
     }
     *facts = (tl_confine_facts){0};
     if (status == TL_OK && !self->job.unconfined) {
@@ -339,12 +352,23 @@ static tl_status check(role *self, tl_status built, tl_error *error) {
         return tl_fail(error, TL_FMU_FAILED,
                        "the page of the check cannot be printed: an FMU has closed what it is printed to");
     }
-    tl_status status =
-        self->tasks->print_page(&self->assembly, &self->job, built, self->job.reads_back ? &host : NULL, page);
+    uint32_t warnings = 0;
+    tl_status status = self->tasks->print_page(&self->assembly, &self->job, built, self->job.reads_back ? &host : NULL,
+                                               page, &warnings);
+    self->extra->warnings = warnings;
     bool done = fclose(page) == 0;
     return status != TL_OK || done ? status
                                    : tl_fail(error, TL_FMU_FAILED,
                                              "the page of the check was cut: an FMU has closed what it is printed to");
+}
+
+/* A difference is no failure, and told in *error. */
+static tl_status compare_pair(role *self, tl_error *error) {
+    bool differs = false;
+    tl_status status =
+        tl_twin_pair_compare(&self->assembly, &self->second, self->job.alone, &self->extra->pair, &differs, error);
+    tl_assembly_free(&self->second);
+    return status;
 }
 
 /* A check looks at all FMUs as often as it can (far_look.h). */
@@ -373,6 +397,8 @@ static void work(void *context) {
         status = check(self, status, &error);
     } else if (self->job.task == TL_TASK_READ) {
         status = status == TL_OK ? tl_read_back_answer(&self->assembly, self->read_back.bytes, &error) : status;
+    } else if (self->job.task == TL_TASK_PAIR) {
+        status = status == TL_OK ? compare_pair(self, &error) : status;
     } else if (status == TL_OK) {
         status = step_until_end(self, &error);
         tl_account_take(self->assembly.twin, &self->extra->ended);

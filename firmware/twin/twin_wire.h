@@ -8,6 +8,7 @@
 
 #include <stdint.h>
 
+#include "firmware/assembly/twin_pair.h"
 #include "firmware/confine/confine.h"
 #include "firmware/process/channel.h"
 #include "firmware/process/fmu_call.h"
@@ -36,7 +37,10 @@ typedef struct tl_twin_extra {
     tl_fmu_calls calls;        /* the call that is under way */
     tl_account built;          /* as of TL_MESSAGE_BUILT */
     tl_account ended;          /* as of TL_MESSAGE_ENDED */
-    char error[TL_ERROR_TEXT]; /* of the message that tells of a failure: BUILT, RESULT or ENDED */
+    uint32_t warnings;         /* of a check's page, */
+    tl_twin_pair_account pair; /* and of a pair */
+    char error
+        [TL_ERROR_TEXT]; /* of the message that tells of a failure: BUILT, RESULT or ENDED; also of how a pair differs */
 } tl_twin_extra;
 
 /* In the block of the parent, beside its messages. */

@@ -21,6 +21,8 @@
 #include "firmware/plant/recording.h"
 #include "firmware/text/clean_text.h"
 #include "firmware/text/output.h"
+#include "firmware/text/wrapped.h"
+#include "firmware/twin/pair_verdict.h"
 #include "firmware/twin/twin_places.h"
 #include "firmware/verbs/advice.h"
 #include "firmware/verbs/delay_page.h"
@@ -503,7 +505,7 @@ static void print_figures(const tl_assembly *assembly, const tl_prognosis *progn
 }
 
 static tl_status print_page(const tl_assembly *assembly, const tl_twin_job *job, const tl_read_back_host *host,
-                            FILE *output) {
+                            FILE *output, uint32_t *warnings) {
     const tl_config *config = &assembly->config;
     tl_prognosis prognosis;
     tl_far_look look = {.times = 0};
@@ -532,12 +534,7 @@ static tl_status print_page(const tl_assembly *assembly, const tl_twin_job *job,
     if (!job->unconfined) {
         print_places(assembly, output);
     }
-    size_t warnings = tl_advice_print(assembly, &prognosis, &look, &states, output);
-    (void)fputs("no problem found", output);
-    if (warnings > 0) {
-        (void)fprintf(output, ", %zu warning%s", warnings, warnings == 1 ? "" : "s");
-    }
-    (void)fputc('\n', output);
+    *warnings = (uint32_t)tl_advice_print(assembly, &prognosis, &look, &states, output);
     if (job->cost) {
         print_figures(assembly, &prognosis, output);
     }
@@ -545,9 +542,10 @@ static tl_status print_page(const tl_assembly *assembly, const tl_twin_job *job,
 }
 
 tl_status tl_verb_check_page(const tl_assembly *assembly, const tl_twin_job *job, tl_status status,
-                             const tl_read_back_host *host, FILE *page) {
+                             const tl_read_back_host *host, FILE *page, uint32_t *warnings) {
+    *warnings = 0;
     if (status == TL_OK) {
-        status = print_page(assembly, job, host, page);
+        status = print_page(assembly, job, host, page, warnings);
     } else if (assembly->problems.report.count > 1) {
         tl_log(TL_LOG_ERROR, "%zu problems", assembly->problems.report.count);
     }
@@ -557,14 +555,79 @@ tl_status tl_verb_check_page(const tl_assembly *assembly, const tl_twin_job *job
     return status;
 }
 
+/* ---- two instances ---- */
+
+/* What was found counts as one warning more. */
+static void print_pair(const tl_pair_verdict *pair, uint32_t *warnings, FILE *output) {
+    enum { INDENT = 2, LONGEST = sizeof pair->text + 400 };
+    char text[LONGEST];
+    const char *where = pair->component[0] != '\0' ? "." : "";
+    switch (pair->kind) {
+    case TL_PAIR_UNKNOWN:
+        if (pair->text[0] == '\0') {
+            return;
+        }
+        (void)snprintf(text, sizeof text, "not looked at, since there is no second instance here: %s", pair->text);
+        break;
+    case TL_PAIR_SAME:
+        (void)snprintf(text, sizeof text, "two instances have the same values in %" PRIu32 " steps", pair->steps);
+        break;
+    case TL_PAIR_NOT_DETERMINISTIC:
+        (void)snprintf(
+            text, sizeof text,
+            "components%s%s: not deterministic: %s; what it was given leads it elsewhere the next time, so that "
+            "neither replaying a run nor rolling back by replay can be exact",
+            where, pair->component, pair->text);
+        break;
+    case TL_PAIR_ONE_PER_PROCESS:
+        (void)snprintf(
+            text, sizeof text,
+            "components%s%s: one per process: %s; alone it does not do so, but beside another instance of it: use it "
+            "in one component only",
+            where, pair->component, pair->text);
+        break;
+    }
+    *warnings += pair->kind == TL_PAIR_NOT_DETERMINISTIC || pair->kind == TL_PAIR_ONE_PER_PROCESS ? 1 : 0;
+    (void)fputs("determinism\n", output);
+    tl_wrapped_print(output, text, INDENT, 2 * INDENT);
+}
+
+static tl_status compare_pair(tl_verb_job *job, uint32_t *warnings, tl_error *error) {
+    tl_pair_verdict pair;
+    const tl_twin_child_settings settings = tl_verb_job_settings(job, &job->config, NULL);
+    tl_status status = tl_pair_verdict_find(&settings, &pair, error);
+    if (status == TL_OK) {
+        print_pair(&pair, warnings, job->output);
+    }
+    return status;
+}
+
+static void print_verdict(uint32_t warnings, FILE *output) {
+    (void)fputs("no problem found", output);
+    if (warnings > 0) {
+        (void)fprintf(output, ", %" PRIu32 " warning%s", warnings, warnings == 1 ? "" : "s");
+    }
+    (void)fputc('\n', output);
+}
+
 static tl_status check(tl_verb_job *job) {
     tl_error error = {TL_OK, ""};
     job->order.task = TL_TASK_CHECK;
     job->order.reads_back = true;
     job->order.variables = job->options->variables;
+    uint32_t warnings = 0;
     tl_status status = tl_verb_job_start(job, &job->config, job->output, &error);
     if (status == TL_OK) {
-        status = tl_twin_child_check(job->child, &error);
+        status = tl_twin_child_check(job->child, &warnings, &error);
+    }
+    if (status == TL_OK) {
+        status = tl_verb_job_end_child(job, &error);
+    }
+    if (status == TL_OK) {
+        status = compare_pair(job, &warnings, &error);
+    }
+    if (status == TL_OK) {
+        print_verdict(warnings, job->output);
     }
     if (error.text[0] != '\0') {
         tl_log(TL_LOG_ERROR, "%s", error.text);

@@ -32,8 +32,8 @@ tl_status tl_verb_job_read(tl_verb_job *job) {
     return status;
 }
 
-tl_status tl_verb_job_start(tl_verb_job *job, const tl_config *config, FILE *page, tl_error *error) {
-    const tl_twin_child_settings settings = {
+tl_twin_child_settings tl_verb_job_settings(const tl_verb_job *job, const tl_config *config, FILE *page) {
+    return (tl_twin_child_settings){
         .job = &job->order,
         .config = config,
         .page = page,
@@ -41,7 +41,20 @@ tl_status tl_verb_job_start(tl_verb_job *job, const tl_config *config, FILE *pag
         .call_limit = tl_time_of_seconds(job->options->call_limit_s),
         .memory_limit = (uint64_t)job->options->memory_limit_mib * 1024 * 1024,
     };
+}
+
+tl_status tl_verb_job_start(tl_verb_job *job, const tl_config *config, FILE *page, tl_error *error) {
+    const tl_twin_child_settings settings = tl_verb_job_settings(job, config, page);
     return tl_twin_child_start(&settings, &job->child, error);
+}
+
+tl_status tl_verb_job_end_child(tl_verb_job *job, tl_error *error) {
+    tl_status status = tl_twin_child_wait(job->child, error);
+    if (status == TL_OK) {
+        tl_twin_child_close(job->child);
+        job->child = NULL;
+    }
+    return status;
 }
 
 /* A failure that comes of FMUs, as they are or as they were let. */

@@ -14,7 +14,7 @@ int tl_verb_check(const tl_options *options);
 
 /* The page of a check: in the process with the FMUs (twin_role.h). */
 tl_status tl_verb_check_page(const tl_assembly *assembly, const tl_twin_job *job, tl_status status,
-                             const tl_read_back_host *host, FILE *page);
+                             const tl_read_back_host *host, FILE *page, uint32_t *warnings);
 
 /* What the process with the FMUs does of what is above its room. */
 extern const tl_twin_role_tasks tl_verb_twin_tasks;

@@ -239,6 +239,17 @@ const tl_metrics *tl_twin_readings(const tl_twin *twin, size_t match);
 /* The value of output i of the plan's `outputs`, as of the newest committed step. */
 double tl_twin_output(const tl_twin *twin, size_t output);
 
+/* What an FMU has given in the newest committed step: an output that is connected, matched or read. */
+typedef struct tl_twin_value {
+    const char *component;
+    const char *variable;
+    double value; /* whole numbers and Booleans as such */
+} tl_twin_value;
+
+/* Of value i < tl_twin_value_count(); false: it is one that no FMU gives. */
+size_t tl_twin_value_count(const tl_twin *twin);
+bool tl_twin_get_value(const tl_twin *twin, size_t i, tl_twin_value *value);
+
 /* Units as the FMU declares them, "" where it does not. */
 const char *tl_twin_match_unit(const tl_twin *twin, size_t match);
 const char *tl_twin_adjust_unit(const tl_twin *twin, size_t adjust);

@@ -152,6 +152,21 @@ double tl_twin_output(const tl_twin *twin, size_t output) {
     return tl_exchange_value(&twin->exchange, twin->outputs[output]);
 }
 
+size_t tl_twin_value_count(const tl_twin *twin) {
+    return twin->graph.port_count;
+}
+
+bool tl_twin_get_value(const tl_twin *twin, size_t i, tl_twin_value *value) {
+    const tl_port *port = &twin->graph.ports[i];
+    if (port->input || port->variable == NULL) {
+        return false;
+    }
+    *value = (tl_twin_value){.component = twin->graph.components[port->node].name,
+                             .variable = port->variable->name,
+                             .value = tl_exchange_value(&twin->exchange, port)};
+    return true;
+}
+
 static const char *unit_name(const tl_port *port) {
     return port->variable->unit == NULL ? "" : port->variable->unit->name;
 }

@@ -313,6 +313,15 @@ def test_a_state_that_is_not_registered_is_found_out():
     expect(code == 0 and "which is called replay" in err, f"exit code {code}\n{err}")
 
 
+def test_what_two_instances_of_a_module_share_is_told():
+    """Python has each module once, so that no component has one of its own."""
+    counts = slave_that("type(self).calls = getattr(type(self), 'calls', 0) + 1; self.y = float(type(self).calls)")
+    code, out, err = run(["check", write_config(alone(counts))])
+    expect(code == 0 and "components.slave: one per process: in step 0 its y is " in " ".join(out.split()), f"{code}\n{out}{err}")
+    code, out, err = run(["check", write_config(alone(slave_that("self.y += 1.0")))])
+    expect(code == 0 and "two instances have the same values" in out, f"{code}\n{out}{err}")
+
+
 # ---- what goes wrong ----
 
 def test_without_the_key():

@@ -58,6 +58,12 @@ def make_runaway(**macros):
     return _make_model("runaway", **macros)
 
 
+@functools.cache
+def make_met(**macros):
+    """The path of one whose instances go different ways: see met.c."""
+    return _make_model("met", **macros)
+
+
 def _make_model(name, **macros):
     """tests/fmu/keeper/NAME.c, with the functions of our own FMUs."""
     folder = scratch()

@@ -114,6 +114,10 @@ static bool lie_early(const char *lie, const tl_config *config) {
         send_word(TL_MESSAGE_BUILT, TL_INTERRUPTED, "why");
     } else if (strcmp(lie, "ended instead of built") == 0) {
         send_word(TL_MESSAGE_ENDED, TL_OK, "");
+    } else if (strcmp(lie, "a pair that is none") == 0) {
+        send_built();
+        memset(&extra->pair, '\033', sizeof extra->pair);
+        _exit(3);
     } else if (strcmp(lie, "an account of another") == 0) {
         make_account(&extra->built);
         extra->built.components++;
@@ -221,10 +225,11 @@ static tl_twin_result result;
 static FILE *page;
 
 static tl_status print_page(const tl_assembly *assembly, const tl_twin_job *job, tl_status status,
-                            const tl_read_back_host *host, FILE *out) {
+                            const tl_read_back_host *host, FILE *out, uint32_t *warnings) {
     (void)fprintf(out, "%s: %zu components\n", assembly->config.name, assembly->config.component_count);
     (void)job;
     (void)host;
+    *warnings = 7;
     return status;
 }
 
@@ -332,17 +337,31 @@ static void test_its_end_is_not_waited_for(void) {
 
 static void test_a_check(void) {
     char text[128] = "";
+    uint32_t warnings = 0;
     order.task = TL_TASK_CHECK;
     page = tmpfile();
     TEST_ASSERT_NOT_NULL(page);
     TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, start(0), error.text);
-    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_twin_child_check(child, &error), error.text);
+    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_twin_child_check(child, &warnings, &error), error.text);
     TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_twin_child_wait(child, &error), error.text);
+    TEST_ASSERT_EQUAL_UINT32(7, warnings);
     rewind(page);
     TEST_ASSERT_NOT_NULL(fgets(text, sizeof text, page));
     TEST_ASSERT_EQUAL_STRING("motor bench, locked by the motor's friction: 2 components\n", text);
     (void)fclose(page);
     page = NULL;
+}
+
+static void test_a_pair(void) {
+    tl_twin_pair_outcome pair;
+    order.task = TL_TASK_PAIR;
+    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, start(0), error.text);
+    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_twin_child_compare(child, &pair, &error), error.text);
+    TEST_ASSERT_EQUAL_INT(TL_OK, pair.status);
+    TEST_ASSERT_EQUAL_STRING("", pair.text);
+    TEST_ASSERT_FALSE(pair.has_ended);
+    TEST_ASSERT_GREATER_THAN_UINT32(0, pair.account.steps);
+    TEST_ASSERT_EQUAL_UINT32(1, pair.account.has_second);
 }
 
 /* Its configuration is that of the job, and not what the file says now. */
@@ -562,11 +581,25 @@ static void test_what_it_prints(void) {
     expect_text("exit code 3");
 }
 
+static void test_a_pair_that_is_none(void) {
+    tl_twin_pair_outcome pair;
+    order.task = TL_TASK_PAIR;
+    start_liar("a pair that is none", 0, TL_OK);
+    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_twin_child_compare(child, &pair, &error), error.text);
+    TEST_ASSERT_TRUE(pair.has_ended);
+    TEST_ASSERT_EQUAL_INT(TL_FMU_FAILED, pair.status);
+    TEST_ASSERT_EQUAL_UINT32(TL_PAIR_STEPS, pair.account.steps);
+    TEST_ASSERT_LESS_THAN_UINT64(TL_PAIR_NAME, strlen(pair.account.component));
+    TEST_ASSERT_NULL(strchr(pair.account.component, '\033'));
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(pair.text, "exit code 3"), pair.text);
+}
+
 /* A check that ends with something else than its page. */
 static void expect_check_fails(const char *lie, const char *why) {
+    uint32_t warnings = 0;
     order.task = TL_TASK_CHECK;
     start_liar(lie, 0, TL_OK);
-    TEST_ASSERT_EQUAL_INT(TL_FMU_FAILED, tl_twin_child_check(child, &error));
+    TEST_ASSERT_EQUAL_INT(TL_FMU_FAILED, tl_twin_child_check(child, &warnings, &error));
     expect_text(why);
     TEST_ASSERT_TRUE(tl_twin_child_is_gone(child));
 }
@@ -613,6 +646,8 @@ int main(int argc, char **argv) {
     RUN_TEST(test_it_is_stopped_with_ticks_under_way);
     RUN_TEST(test_its_end_is_not_waited_for);
     RUN_TEST(test_a_check);
+    RUN_TEST(test_a_pair);
+    RUN_TEST(test_a_pair_that_is_none);
     RUN_TEST(test_what_cannot_be_built_is_said_on_the_log);
     RUN_TEST(test_a_limit_of_years);
     RUN_TEST(test_it_ends_at_its_start);
