@@ -2,6 +2,7 @@
 #include "firmware/base/identity.h"
 
 #include <fcntl.h>
+#include <inttypes.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -62,6 +63,23 @@ void tl_identity_files(const char *const *paths, size_t count, char text[TL_SHA2
             (void)close(descriptors[i]);
         }
     }
+}
+
+uint64_t tl_identity_number_of_open_files(const int *descriptors, size_t count) {
+    char digest[TL_SHA256_TEXT] = ""; /* of the files before, and this one */
+    for (size_t i = 0; i < count; i++) {
+        struct stat about;
+        char text[TL_SHA256_TEXT + 100];
+        if (fstat(descriptors[i], &about) == 0) {
+            int length = snprintf(text, sizeof text, "%s %" PRIuMAX " %" PRIdMAX " %" PRIdMAX ".%09ld", digest,
+                                  (uintmax_t)about.st_ino, (intmax_t)about.st_size, (intmax_t)about.st_mtim.tv_sec,
+                                  about.st_mtim.tv_nsec);
+            tl_sha256(text, (size_t)length, digest);
+        }
+    }
+    digest[2 * sizeof(uint64_t)] = '\0';
+    uint64_t number = strtoull(digest, NULL, 16);
+    return number == 0 ? 1 : number;
 }
 
 bool tl_identity_is_sound(const char text[TL_SHA256_TEXT]) {

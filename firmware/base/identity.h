@@ -7,6 +7,7 @@
 
 #include <stdbool.h>
 #include <stddef.h>
+#include <stdint.h>
 
 #include "firmware/base/sha256.h"
 
@@ -20,6 +21,9 @@ bool tl_identity_open_file(int descriptor, char text[TL_SHA256_TEXT]);
 
 /* Over those of files that are open for reading; where they are read from stays. */
 void tl_identity_open_files(const int *descriptors, size_t count, char text[TL_SHA256_TEXT]);
+
+/* A number of files that are open, which is another one if one of them was replaced, or written since. Never 0. */
+uint64_t tl_identity_number_of_open_files(const int *descriptors, size_t count);
 
 /* Whether a text of so many bytes, of another process, can be what these give: "", or digits. */
 bool tl_identity_is_sound(const char text[TL_SHA256_TEXT]);

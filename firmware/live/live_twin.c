@@ -60,49 +60,34 @@ typedef struct live_twin {
     int64_t parent;     /* and the run with which it goes on if it becomes the run's */
     bool are_others;    /* the FMUs' files, than those of the twin before in this run */
     bool has_crashed;   /* the twin before: it had loaded a checkpoint, and made no step with it */
-    bool unreadable;    /* what these FMUs make of saved states in another process has ended one */
+    bool unreadable;    /* states of these FMUs are of no use to another process */
     bool was_ready;
     bool has_run; /* a run has begun in the outbox, and has not ended */
 } live_twin;
 
 /* ---- the FMUs' files ---- */
 
-/* Another number where a file was replaced or written since: a checkpoint is of no use to another FMU. Never 0. */
-static uint64_t number_of_files(const tl_assembly *assembly) {
-    char digest[TL_SHA256_TEXT] = ""; /* of the files before, and this one */
-    for (size_t i = 0; i < assembly->config.component_count; i++) {
-        struct stat about;
-        char text[TL_SHA256_TEXT + 100];
-        if (fstat(assembly->files[i].descriptor, &about) == 0) {
-            int length = snprintf(text, sizeof text, "%s %" PRIuMAX " %" PRIdMAX " %" PRIdMAX ".%09ld", digest,
-                                  (uintmax_t)about.st_ino, (intmax_t)about.st_size, (intmax_t)about.st_mtim.tv_sec,
-                                  about.st_mtim.tv_nsec);
-            tl_sha256(text, (size_t)length, digest);
-        }
-    }
-    digest[2 * sizeof(uint64_t)] = '\0';
-    uint64_t number = strtoull(digest, NULL, 16);
-    return number == 0 ? 1 : number;
-}
-
-static void digest_files(const tl_assembly *assembly, char digest[TL_SHA256_TEXT]) {
-    int descriptors[TL_IDENTITY_FILES] = {0};
+/* As many as are looked at. */
+static size_t take_descriptors(const tl_assembly *assembly, int descriptors[TL_IDENTITY_FILES]) {
     size_t components = assembly->config.component_count;
     size_t count = components < TL_IDENTITY_FILES ? components : TL_IDENTITY_FILES;
     for (size_t i = 0; i < count; i++) {
         descriptors[i] = assembly->files[i].descriptor;
     }
-    tl_identity_open_files(descriptors, count, digest);
+    return count;
 }
 
 /* Which they are; before any of them is loaded. What is in them is looked at once, since that takes its time. */
 static void identify_files(live_twin *self) {
     tl_live_twin_pulse *pulse = self->shared.pulse;
-    uint64_t number = number_of_files(self->assembly);
+    int descriptors[TL_IDENTITY_FILES] = {0};
+    const size_t count = take_descriptors(self->assembly, descriptors);
+    uint64_t number =
+        tl_identity_number_of_open_files(descriptors, count); /* a checkpoint is of no use to another FMU */
     bool is_known = pulse->fmus == number && pulse->digest[0] != '\0' && tl_identity_is_sound(pulse->digest);
     self->are_others = pulse->fmus != 0 && pulse->fmus != number;
     if (!is_known && self->shared.job.database[0] != '\0') {
-        digest_files(self->assembly, pulse->digest);
+        tl_identity_open_files(descriptors, count, pulse->digest);
     }
     pulse->fmus = number;
     self->has_crashed = pulse->loads != 0 && !self->are_others;

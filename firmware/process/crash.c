@@ -77,6 +77,10 @@ static bool is_overflow(int number, const siginfo_t *info) {
            address < stack_end + stack_guard;
 }
 
+static bool is_loading(const tl_fmu_call *call) {
+    return strcmp(call->function, "fmi2DeSerializeFMUstate") == 0;
+}
+
 static void add_blame(told *line, const char *signal, bool overflow) {
     tl_fmu_call call;
     const char *how = overflow ? "it needs more stack than its thread has (8 MiB)" : signal;
@@ -87,7 +91,10 @@ static void add_blame(told *line, const char *signal, bool overflow) {
         add(line, call.function);
         add(line, ": ");
         add(line, how);
-        add(line, "; export it again, or ask who made it");
+        add(line, is_loading(&call)
+                      ? "; a state that another process has saved is nothing to it: with \"record.resume_s\": 0 "
+                        "none is loaded, and --supervise --state DIR finds it out before"
+                      : "; export it again, or ask who made it");
     } else if (kind == TL_CRASH_FOREIGN) {
         add(line, "a thread that an FMU has begun crashed: ");
         add(line, how);

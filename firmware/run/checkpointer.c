@@ -32,9 +32,10 @@ void tl_checkpointer_init(tl_checkpointer *self, const tl_assembly *assembly, tl
             "inputs are run again");
     } else if (!self->is_off && !readable) {
         self->only_marks = true;
-        tl_journal_event(journal, -1, TL_EVENT_WARNING, "checkpoint",
-                         "loading a saved state of these FMUs has ended a process before: none are saved, and after a "
-                         "restart the newest inputs are run again");
+        tl_journal_event(
+            journal, -1, TL_EVENT_WARNING, "checkpoint",
+            "loading a saved state of these FMUs has ended a process, or went on otherwise: none are saved, "
+            "and after a restart the newest inputs are run again");
     }
 }
 

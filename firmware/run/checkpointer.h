@@ -37,7 +37,7 @@ typedef struct tl_checkpointer {
 /* What is reserved for each checkpoint of a twin that takes so many bytes now: it may grow. */
 size_t tl_checkpointer_room(size_t size);
 
-/* `readable`: false if states of these FMUs, as bytes, have ended a process that loaded them. */
+/* `readable`: false if states of these FMUs, as bytes, are of no use to another process. */
 void tl_checkpointer_init(tl_checkpointer *self, const tl_assembly *assembly, tl_outbox *outbox, tl_journal *journal,
                           bool readable);
 

@@ -381,6 +381,30 @@ static int finish(tl_tree *self, int code) {
     return code != 0 ? code : tl_exit_code(printed);
 }
 
+/* Only who keeps an account can remember what was found. */
+static void try_states(tl_tree *self) {
+    const tl_saved_states_settings settings = {
+        .config = self->settings->config,
+        .folder = self->settings->supervised ? self->settings->state : NULL,
+        .unconfined = self->settings->unconfined,
+        .memory_limit = self->settings->memory_limit,
+        .tasks = self->settings->tasks,
+    };
+    tl_saved_states_try(&settings, &self->states);
+}
+
+/* An event has room for less. */
+static void tell_states(tl_tree *self) {
+    char text[TL_EVENT_TEXT];
+    if (self->states.files != 0) {
+        tl_log(TL_LOG_WARNING,
+               "%s: no checkpoint holds it, and a twin that goes on follows the recorded inputs instead",
+               self->states.why);
+        (void)snprintf(text, sizeof text, "%.200s: none are saved", self->states.why);
+        tl_tree_put_event(self, TL_EVENT_WARNING, "supervisor", text);
+    }
+}
+
 int tl_tree_run(const tl_tree_settings *settings, tl_tree_end *end) {
     static tl_tree self; /* one for the process; its threads may look at it */
     tl_error error = {0};
@@ -409,7 +433,11 @@ int tl_tree_run(const tl_tree_settings *settings, tl_tree_end *end) {
         status = tl_live_plant_check(&self.config, &error);
     }
     if (status == TL_OK) {
+        try_states(&self);
         status = open_all(&self, &error);
+    }
+    if (status == TL_OK) {
+        tell_states(&self);
     }
     if (status != TL_OK) {
         tl_log(TL_LOG_ERROR, "%s", error.text);

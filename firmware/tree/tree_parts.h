@@ -15,6 +15,7 @@
 #include "firmware/tree/live_change.h"
 #include "firmware/tree/live_mails.h"
 #include "firmware/tree/live_place.h"
+#include "firmware/tree/saved_states.h"
 #include "firmware/tree/tree.h"
 #include "firmware/tree/voice.h"
 
@@ -38,9 +39,10 @@ typedef struct tl_tree {
     uint32_t twins_place; /* the place of the supervisor's twin; that of the run is on the stage */
     uint32_t io_mail;     /* number of the mail that io was begun with (live_mails.h) */
     tl_live_activator activator;
-    bool again;       /* the run is to begin anew */
-    int stopped;      /* by this signal; 0: by none */
-    tl_outbox outbox; /* of the supervisor */
+    tl_saved_states states; /* of the FMUs with which the run begins */
+    bool again;             /* the run is to begin anew */
+    int stopped;            /* by this signal; 0: by none */
+    tl_outbox outbox;       /* of the supervisor */
     tl_voice *voice;
     int32_t urgent; /* the thread of the run's twin that has the priority; 0: none */
     FILE *output;

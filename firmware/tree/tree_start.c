@@ -254,7 +254,8 @@ static tl_status start_with_job(tl_tree *self, tl_live_place *place, const tl_li
 
 static pid_t start_twin(tl_tree *self, tl_live_place *place, bool is_shadow, const tl_start *start, tl_error *error) {
     char title[TL_ROLE_TITLE];
-    prepare_pulse(place->pulse, start->hold, start->restarts->unreadable);
+    const uint64_t known = self->states.files != 0 ? self->states.files : start->restarts->unreadable;
+    prepare_pulse(place->pulse, start->hold, known);
     const tl_live_job job = job_of_twin(self, place, is_shadow, start);
     (void)snprintf(title, sizeof title, "%s [%s]%s", kind_of_twin(is_shadow, start->hold), self->config.name,
                    is_shadow || start->hold ? "" : TL_LIVE_TWIN_ROOM);

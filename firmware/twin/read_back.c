@@ -214,3 +214,23 @@ void tl_read_back_take(const tl_assembly *assembly, const tl_read_back_host *hos
         report->is_exact = report->is_exact && report->of[i].finding == TL_READ_BACK_IS_EXACT;
     }
 }
+
+bool tl_read_back_is_useless(tl_read_back_finding finding) {
+    return finding == TL_READ_BACK_ENDS || finding == TL_READ_BACK_IS_REFUSED || finding == TL_READ_BACK_IS_OTHER;
+}
+
+const char *tl_read_back_words(tl_read_back_finding finding) {
+    switch (finding) {
+    case TL_READ_BACK_ENDS:
+        return "ends the process that loads it";
+    case TL_READ_BACK_IS_REFUSED:
+        return "cannot be loaded by another process";
+    case TL_READ_BACK_IS_OTHER:
+        return "goes on otherwise in another process";
+    case TL_READ_BACK_NOR_HERE:
+    case TL_READ_BACK_IS_EXACT:
+    case TL_READ_BACK_UNKNOWN:
+        break;
+    }
+    return "could not be tried in another process";
+}

@@ -56,6 +56,12 @@ typedef struct tl_read_back_host {
 void tl_read_back_take(const tl_assembly *assembly, const tl_read_back_host *host, bool also_cold,
                        tl_read_back_report *report);
 
+/* Another process cannot go on with such a state. */
+bool tl_read_back_is_useless(tl_read_back_finding finding);
+
+/* What a state does of which that was found, and nothing good: "ends the process that loads it". */
+const char *tl_read_back_words(tl_read_back_finding finding);
+
 /* In the other process, whose twin is built. Errors: the FMUs could not be initialised. */
 tl_status tl_read_back_answer(const tl_assembly *assembly, void *block, tl_error *error);
 

@@ -222,11 +222,20 @@ static tl_status make_blocks(tl_twin_child *child, tl_error *error) {
     return status;
 }
 
+static bool is_for_states(const tl_twin_child *child) {
+    return child->others != NULL || child->settings.job->states_only;
+}
+
+/* What it would say a process with the same FMUs has said, or will. */
+static bool is_silent(const tl_twin_child *child) {
+    return is_for_states(child) || child->settings.job->task == TL_TASK_PAIR;
+}
+
 /* What is not held is said once, at the start. */
 static void say_confinement(const tl_twin_child *child) {
     char text[TL_CONFINE_TEXT];
-    if (child->others != NULL || child->settings.job->task == TL_TASK_PAIR) {
-        return; /* a check has said it */
+    if (is_silent(child)) {
+        return;
     }
     if (child->settings.job->unconfined) {
         tl_log(TL_LOG_WARNING, "unconfined: FMUs can do what this user can");
@@ -240,7 +249,7 @@ static void say_confinement(const tl_twin_child *child) {
 
 static tl_status start(tl_twin_child *child, tl_error *error) {
     char title[TL_ROLE_TITLE];
-    (void)snprintf(title, sizeof title, "%s [%s]", child->others != NULL ? TL_TWIN_READER : "twin",
+    (void)snprintf(title, sizeof title, "%s [%s]", is_for_states(child) ? TL_TWIN_READER : "twin",
                    child->settings.config->name);
     tl_status status = make_blocks(child, error);
     if (status != TL_OK) {
@@ -254,7 +263,7 @@ static tl_status start(tl_twin_child *child, tl_error *error) {
         .calls = &child->extra->calls,
         .channel = &child->channel,
         .page = child->settings.page,
-        .is_silent = child->others != NULL || child->settings.job->task == TL_TASK_PAIR,
+        .is_silent = is_silent(child),
         .passes_signals = true,
         .call_limit = child->settings.call_limit,
         .memory_limit = child->settings.memory_limit,

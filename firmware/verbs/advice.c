@@ -342,33 +342,21 @@ static void check_rollback(advice *given, const tl_far_look *look) {
     }
 }
 
-static const char *what_states_do(tl_read_back_finding finding) {
-    switch (finding) {
-    case TL_READ_BACK_ENDS:
-        return "ends the process that loads it";
-    case TL_READ_BACK_IS_REFUSED:
-        return "cannot be loaded by another process";
-    case TL_READ_BACK_IS_OTHER:
-        return "goes on otherwise in another process";
-    case TL_READ_BACK_NOR_HERE:
-    case TL_READ_BACK_IS_EXACT:
-    case TL_READ_BACK_UNKNOWN:
-        break;
-    }
-    return "could not be tried in another process";
-}
-
 /* Of a state that is not read back exactly, if the FMU is exact by its states otherwise. */
 static void check_saved_states(advice *given, const tl_config *config, const tl_read_back_report *states) {
     for (size_t i = 0; i < states->count && states->is_tried; i++) {
         const tl_read_back_component *found = &states->of[i];
         char where[64];
         (void)snprintf(where, sizeof where, "components.%.40s", config->components[i].name);
-        if (found->finding != TL_READ_BACK_IS_EXACT && found->finding != TL_READ_BACK_NOR_HERE) {
-            warn(given, where,
-                 "a saved state of it %s (%.300s): a `run` that goes on with another is not to load it; with "
-                 "\"record.resume_s\": 0 none does",
-                 what_states_do(found->finding), found->text);
+        const char *words = tl_read_back_words(found->finding);
+        if (tl_read_back_is_useless(found->finding)) {
+            warn(
+                given, where,
+                "a saved state of it %s (%.300s): `run --supervise --state DIR` finds that out, too, and saves none; any "
+                "other saves it, and loads it unless \"record.resume_s\" is 0",
+                words, found->text);
+        } else if (found->finding == TL_READ_BACK_UNKNOWN) {
+            warn(given, where, "a saved state of it %s (%.300s)", words, found->text);
         }
     }
 }

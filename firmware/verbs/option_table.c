@@ -117,7 +117,8 @@ const tl_option tl_option_rows[TL_OPTION_COUNT] = {
      .help = "start the twin again if it hangs or dies, and without FMUs after a restart\n"
              "loop (safe hold); tell systemd, if that started it"},
     {RUN, "state", "DIR", TL_OPTION_TEXT, SETS(state), .needs = "supervise",
-     .help = "with --supervise: count restarts in DIR/supervisor.json, across resets of the\nbox"},
+     .help =
+         "with --supervise: count restarts in DIR/supervisor.json, across resets of the\nbox, and try what FMUs save before it is needed"},
     {RUN, "control", "SOCKET", TL_OPTION_TEXT, SETS(control), .needs = "state",
      .help = "with --state: take changed configurations by this socket; versions are kept\nin DIR/versions"},
     {RUN, "allowed", "FILE", TL_OPTION_TEXT, SETS(allowed), .needs = "control",

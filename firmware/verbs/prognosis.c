@@ -52,6 +52,16 @@ static void note_costs(const tl_assembly *assembly, tl_prognosis *prognosis) {
     }
 }
 
+tl_status tl_prognosis_run_dry(const tl_assembly *assembly, int64_t ticks, tl_error *error) {
+    tl_sample sample = {0};
+    tl_status status = TL_OK;
+    memset(sample.quality, TL_NO_LINK, assembly->config.signal_count);
+    while (status == TL_OK && sample.tick < ticks) {
+        status = take_step(assembly, &sample, error);
+    }
+    return status;
+}
+
 /* No signal has a reading: nothing is matched, and every step is a free one. */
 static void run_dry(const tl_assembly *assembly, tl_prognosis *prognosis) {
     tl_sample sample = {0};

@@ -541,9 +541,34 @@ static tl_status print_page(const tl_assembly *assembly, const tl_twin_job *job,
     return TL_OK;
 }
 
+/* Steps before a state is saved to be tried, besides those of the proof. */
+enum { TRIED_AFTER = 20 };
+
+/* A line: why saved states are of no use to another process; an empty one: nothing speaks against them. What cannot be tried is believed, as it was before. */
+static tl_status print_states_only(const tl_assembly *assembly, const tl_read_back_host *host, FILE *output) {
+    tl_read_back_report report;
+    tl_error error;
+    tl_status status =
+        tl_prognosis_run_dry(assembly, tl_twin_get_facts(assembly->twin).lead + (int64_t)TRIED_AFTER, &error);
+    tl_read_back_take(assembly, status == TL_OK ? host : NULL, false, &report);
+    for (size_t i = 0; i < report.count; i++) {
+        const tl_read_back_component *found = &report.of[i];
+        if (tl_read_back_is_useless(found->finding)) {
+            (void)fprintf(output, "a saved state of %.40s %s (%.250s)", assembly->config.components[i].name,
+                          tl_read_back_words(found->finding), found->text);
+            break;
+        }
+    }
+    (void)fputc('\n', output);
+    return TL_OK;
+}
+
 tl_status tl_verb_check_page(const tl_assembly *assembly, const tl_twin_job *job, tl_status status,
                              const tl_read_back_host *host, FILE *page, uint32_t *warnings) {
     *warnings = 0;
+    if (job->states_only) {
+        return status == TL_OK ? print_states_only(assembly, host, page) : status;
+    }
     if (status == TL_OK) {
         status = print_page(assembly, job, host, page, warnings);
     } else if (assembly->problems.report.count > 1) {

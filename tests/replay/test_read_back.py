@@ -4,7 +4,7 @@ import re
 
 import hostile_fmu
 import keeper_fmu
-from twinlock_test import SOURCE, edited_config, expect, main, run, run_well
+from twinlock_test import SANITIZER, SOURCE, edited_config, expect, main, run, run_well
 
 WORDS = "saved states, loaded by another process\n"
 
@@ -78,10 +78,11 @@ def test_one_does_not_hide_the_others():
 
 
 def test_none_is_saved():
-    """By its memory, or if it does not declare it, there is nothing to load."""
-    for fmu in keeper_fmu.make(), keeper_fmu.make(OWN_STATE=True):
-        page = run_well(["check", keeper_fmu.config(fmu)])
-        expect(WORDS not in page, page)
+    """By its memory, or by replay, there is nothing to load."""
+    good = hostile_fmu.make("good")
+    for way in ("replay",) if SANITIZER else ("replay", "memory"):
+        page = run_well(["check", keeper_fmu.config(good, way)])
+        expect(WORDS not in page and f"rolled back by {'replay' if way == 'replay' else 'its memory'}" in page, page)
 
 
 if __name__ == "__main__":

@@ -65,6 +65,22 @@ static void open_files_have_the_same(void) {
     TEST_ASSERT_EQUAL_INT(0, close(descriptors[0]) + close(descriptors[1]));
 }
 
+/* Opened again it is the same file; one in its place, and one that was written, is another. */
+static void open_files_have_a_number(void) {
+    uint64_t numbers[3];
+    for (int i = 0; i < 3; i++) {
+        int descriptors[2] = {open(paths[0], O_RDONLY | O_CLOEXEC), open(paths[1], O_RDONLY | O_CLOEXEC)};
+        numbers[i] = tl_identity_number_of_open_files(descriptors, 2);
+        TEST_ASSERT_EQUAL_INT(0, close(descriptors[0]) + close(descriptors[1]));
+        if (i == 1) {
+            write_file(paths[1], "longer");
+        }
+    }
+    TEST_ASSERT_TRUE(numbers[0] != 0 && numbers[0] == numbers[1] && numbers[1] != numbers[2]);
+    const int none[1] = {-1};
+    TEST_ASSERT_TRUE(tl_identity_number_of_open_files(none, 1) != 0);
+}
+
 static void one_that_cannot_be_read_makes_it_none(void) {
     char text[TL_SHA256_TEXT] = "before";
     TEST_ASSERT_EQUAL_INT(0, unlink(paths[1]));
@@ -93,6 +109,7 @@ int main(void) {
     UNITY_BEGIN();
     RUN_TEST(files_have_a_digest);
     RUN_TEST(open_files_have_the_same);
+    RUN_TEST(open_files_have_a_number);
     RUN_TEST(one_that_cannot_be_read_makes_it_none);
     RUN_TEST(what_is_no_digest);
     return tl_scratch_finish(&scratch, UNITY_END());

@@ -73,14 +73,13 @@ static void test_states_that_another_process_cannot_read(void) {
                                    .of = {{.finding = TL_READ_BACK_IS_EXACT, .must_initialise = true},
                                           {.finding = TL_READ_BACK_ENDS, .text = "so"}}};
     expect_advice(1, "warnings\n"
-                     "  components.motor: a saved state of it ends the process that loads it (so): a\n"
-                     "    `run` that goes on with another is not to load it; with \"record.resume_s\":\n"
-                     "    0 none does\n");
+                     "  components.motor: a saved state of it ends the process that loads it (so):\n"
+                     "    `run --supervise --state DIR` finds that out, too, and saves none; any\n"
+                     "    other saves it, and loads it unless \"record.resume_s\" is 0\n");
     states.of[1].finding = TL_READ_BACK_UNKNOWN;
     expect_advice(1, "warnings\n"
                      "  components.motor: a saved state of it could not be tried in another process\n"
-                     "    (so): a `run` that goes on with another is not to load it; with\n"
-                     "    \"record.resume_s\": 0 none does\n");
+                     "    (so)\n");
     states.of[1].finding = TL_READ_BACK_NOR_HERE;
     expect_advice(0, "");
     states.of[1].finding = TL_READ_BACK_ENDS;
