@@ -16,13 +16,13 @@ import time
 from live_test import (PATIENCE, Device, Program, check_database, check_ledger, check_replay, check_rows,
                        check_summary, committed_steps, end_well, expect_events, expect_reasons, member, number, query,
                        wait_for_steps, wait_until)
-from twinlock_test import PROGRAM, Skip, at_most, edited_config, expect, json, main, scratch
+from twinlock_test import PLAIN_LIVE, PROGRAM, Skip, at_most, edited_config, expect, json, main, scratch
 
 OMEGA = 62.981  # rad/s: where config/motor's twin starts
 
 
 def disk_config(device):
-    return edited_config("motor/live.json", {"duration_s": None, "record": {"commit_s": 0.1, "resume_s": 0},
+    return edited_config(PLAIN_LIVE, {"duration_s": None, "record": {"commit_s": 0.1, "resume_s": 0},
                                              "sources": {"inverter": {"modbus_tcp": {"port": device.port}}}})
 
 

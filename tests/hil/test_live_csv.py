@@ -14,16 +14,16 @@ import time
 from live_test import (GOOD, NO_LINK, NOT_A_NUMBER, STALE, Program, check_free_run, check_replay,
                        check_summary, end_well, expect_events, expect_in_order, last_step, qualities,
                        wait_for_lock, wait_for_quality, wait_for_steps, wait_until)
-from twinlock_test import SOURCE, edited_config, expect, finish, main, start
+from twinlock_test import PLAIN_LIVE, SOURCE, edited_config, expect, finish, main, start
 
 OMEGA = 62.981  # rad/s: where config/motor's twin starts
 
 
 def csv_config(file, **changes):
-    """live.json with the same signals from a stream; its path, that of the stream and of the database."""
+    """The motor bench, live, with the same signals from a stream; its path, that of the stream and of the database."""
     signals = {name: {"modbus": None, "csv": {"source": "stream"}} for name in ("torque", "omega")}
     sources = {"inverter": None, "stream": {"csv": {"file": file, "time_column": "t"}}}
-    config = edited_config("motor/live.json", {"duration_s": None, "record": {"commit_s": 0.1},
+    config = edited_config(PLAIN_LIVE, {"duration_s": None, "record": {"commit_s": 0.1},
                                                "plant": signals, "sources": sources, **changes})
     return config, config.parent / file, config.parent / "twin.db"
 

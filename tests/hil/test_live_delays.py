@@ -7,7 +7,7 @@ import signal
 import delays
 from live_test import (Program, check_replay, check_rows, check_summary, end_well, expect_events, expect_same_events, query,
                        wait_for_lock, wait_for_steps, wait_until)
-from twinlock_test import SOURCE, edited_config, expect, main, run_well, scratch
+from twinlock_test import PLAIN_LIVE, SOURCE, edited_config, expect, main, run_well, scratch
 
 SECOND, MS = 10**9, 10**6
 ALIKE = 1000  # so much later than an instant a reading is still one of that instant
@@ -104,7 +104,7 @@ def test_a_synchronised_twin():
         "input": {"plant": ["bus"], "simulation": ["bus", "gate"]},
         "output": {"plant": ["sensor", "bus"], "simulation": ["bus", "gate"]},
     }
-    path, fifo, database = streamed("motor/live.json", ("omega", "torque"), recording, delays=section)
+    path, fifo, database = streamed(PLAIN_LIVE, ("omega", "torque"), recording, delays=section)
     document = {"plant": {"torque": {"csv": {"column": "M_brake"}}}, "recording": {"time_column": "t"},
                 "sources": {"stream": {"csv": {"time_column": "t", "file": str(fifo)}}}, "record": {"file": str(database)}}
     path = edited_config(path, document)

@@ -11,15 +11,15 @@ from live_test import (GOOD, NO_LINK, NOT_A_NUMBER, OUT_OF_RANGE, STALE, Device,
                        check_free_run, check_replay, check_rows, check_summary, committed_steps, end_well,
                        expect_events, expect_in_order, expect_reasons, free_port, last_step, qualities, query,
                        wait_for_lock, wait_for_quality, wait_for_steps)
-from twinlock_test import at_most, edited_config, expect, main, run
+from twinlock_test import PLAIN_LIVE, at_most, edited_config, expect, main, run
 
 OMEGA = 62.981  # rad/s: where config/motor's twin starts
 
 
 def live_config(port, **changes):
-    """live.json without an end, committed ten times a second. The port's, and the database's path."""
+    """The motor bench, live, without an end, committed ten times a second. The port's, and the database's path."""
     source = {"port": port, **changes.pop("source", {})}
-    config = edited_config("motor/live.json", {"duration_s": None, "record": {"commit_s": 0.1},
+    config = edited_config(PLAIN_LIVE, {"duration_s": None, "record": {"commit_s": 0.1},
                                                "sources": {"inverter": {"modbus_tcp": source}}, **changes})
     return config, config.parent / "twin.db"
 

@@ -7,14 +7,14 @@ import socket
 
 from live_test import Device
 from supervised import Supervised, wait_for_run
-from twinlock_test import NOT_LOCKED, edited_config, expect, main, run
+from twinlock_test import PLAIN_LIVE, NOT_LOCKED, edited_config, expect, main, run
 
 OMEGA = 62.981  # rad/s: where config/motor's twin starts
 
 
 def ended(port, *options):
     """(exit code, standard error) of a run of 3 s."""
-    config = edited_config("motor/live.json", {"duration_s": 3, "sources": {"inverter": {"modbus_tcp": {"port": port}}}})
+    config = edited_config(PLAIN_LIVE, {"duration_s": 3, "sources": {"inverter": {"modbus_tcp": {"port": port}}}})
     code, _, err = run(["run", config, *options])
     return code, err
 
@@ -44,7 +44,7 @@ def test_a_twin_in_lock():
 def test_a_run_that_ends_without_a_twin():
     """In safe hold, since its FMUs have no folder any more: asked for it, that is no lock."""
     with Device(OMEGA) as device:
-        config = edited_config("motor/live.json", {"duration_s": None, "record": {"commit_s": 0.1},
+        config = edited_config(PLAIN_LIVE, {"duration_s": None, "record": {"commit_s": 0.1},
                                                    "sources": {"inverter": {"modbus_tcp": {"port": device.port}}}})
         with Supervised(config, "--require-lock", "50") as live:
             wait_for_run(live, config.parent / "twin.db", 1)

@@ -8,7 +8,7 @@ import time
 
 from live_test import Device, Program, check_replay, end_well, number, query
 from tree import OMEGA
-from twinlock_test import at_most, edited_config, expect, main
+from twinlock_test import PLAIN_LIVE, at_most, edited_config, expect, main
 
 WRITTEN_S, POLLED_S, EVERY_S = 0.03, 0.005, 0.045
 AMPLITUDE, PERIOD_S, PERIODS = 12.0, 3.0, 2
@@ -39,7 +39,7 @@ def written(device, spoil=lambda count, value: value):
 def live(match, spoil=lambda count, value: value, **signal):
     """(configuration, database, what --json told)"""
     with Device(OMEGA) as device:
-        config = edited_config("motor/live.json", {
+        config = edited_config(PLAIN_LIVE, {
             "duration_s": SETTLED_S + PERIODS * PERIOD_S + 1, "sources": {"inverter": {"modbus_tcp": {"port": device.port, "period_s": POLLED_S}}},
             "plant": {"omega": signal}, "synchronise": {"match": {"motor.omega": match}}})
         database = config.parent / "run.db"

@@ -5,7 +5,7 @@ import signal
 
 from live_test import (STOP_TIME, Device, Program, check_replay, check_rows, check_summary, end_well, events,
                        expect_events, number, wait_for_steps)
-from twinlock_test import edited_config, expect, main
+from twinlock_test import PLAIN_LIVE, edited_config, expect, main
 
 OMEGA = 62.981  # rad/s: where config/motor's twin starts
 AMISS = 5  # rad/s, so that every step is searched
@@ -15,7 +15,7 @@ def run_for(steps, **synchronise):
     """(configuration, database, what it told) of a live run."""
     with Device(OMEGA - AMISS) as device:
         source = {"modbus_tcp": {"port": device.port}}
-        config = edited_config("motor/live.json", {"duration_s": None, "record": {"commit_s": 0.1},
+        config = edited_config(PLAIN_LIVE, {"duration_s": None, "record": {"commit_s": 0.1},
                                                    "sources": {"inverter": source}, "synchronise": synchronise})
         database = config.parent / "twin.db"
         with Program("run", config, "--json") as live:

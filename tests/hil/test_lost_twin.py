@@ -6,7 +6,7 @@ import signal
 import time
 
 from live_test import MADE_UP, Device, Program, check_replay, end_well, member, number, query, stop, wait_for_lock
-from twinlock_test import at_most, edited_config, expect, main
+from twinlock_test import PLAIN_LIVE, at_most, edited_config, expect, main
 
 OMEGA = 62.981  # rad/s: where config/motor's twin starts
 STEP_S = 0.001
@@ -54,7 +54,7 @@ def wait_until_locked(database):
 
 def test_starved():
     with NoisyDevice(1) as device:
-        config = edited_config("motor/live.json", {
+        config = edited_config(PLAIN_LIVE, {
             "duration_s": None, "step_s": STEP_S, "record": {"commit_s": 0.1}, "synchronise": {"budget": {"time_s": 0.6 * STEP_S}},
             "sources": {"inverter": {"modbus_tcp": {"port": device.port, "period_s": 0.002}}}})
         database = config.parent / "twin.db"

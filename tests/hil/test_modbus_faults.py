@@ -8,7 +8,7 @@ from faulty_device import FaultyDevice
 from live_test import (GOOD, NO_LINK, check_database, check_free_run, check_replay, check_rows, events, expect_events,
                        expect_in_order, last_step, qualities, wait_for_lock, wait_for_quality, wait_for_steps)
 from supervised import Supervised, end_orderly, wait_for_run
-from twinlock_test import at_most, edited_config, expect, main
+from twinlock_test import PLAIN_LIVE, at_most, edited_config, expect, main
 
 OMEGA = 62.981  # rad/s: where config/motor's twin starts
 # What is told of each, and of its end. A device that refuses is there all the same.
@@ -28,7 +28,7 @@ FAULT_STEPS = 60
 
 
 def live_config(device):
-    config = edited_config("motor/live.json", {
+    config = edited_config(PLAIN_LIVE, {
         "duration_s": None, "record": {"commit_s": 0.1},
         "sources": {"inverter": {"modbus_tcp": {"port": device.port, "timeout_s": 0.1}}}})
     return config, config.parent / "twin.db"

@@ -6,13 +6,13 @@ import time
 
 from live_test import (FREE_RUN, MADE_UP, STOP_TIME, Device, Program, check_replay, check_summary, end_well,
                        expect_events, member, number, query, stop, wait_for_lock, wait_for_steps)
-from twinlock_test import edited_config, expect, main
+from twinlock_test import PLAIN_LIVE, edited_config, expect, main
 
 OMEGA = 62.981  # rad/s: where config/motor's twin starts
 
 
 def overload_config(device, **synchronise):
-    config = edited_config("motor/live.json", {"duration_s": None, "record": {"commit_s": 0.1},
+    config = edited_config(PLAIN_LIVE, {"duration_s": None, "record": {"commit_s": 0.1},
                                                "sources": {"inverter": {"modbus_tcp": {"port": device.port}}},
                                                "synchronise": synchronise})
     return config, config.parent / "twin.db"

@@ -13,14 +13,14 @@ from pathlib import Path
 import kills
 from live_test import Device, Program, check_database, number, query, stop, wait_for_lock, wait_for_steps, wait_until
 from supervised import Supervised, end_orderly, expect_starts, starts, wait_for_run
-from twinlock_test import at_least, edited_config, expect, main, run, run_well, scratch, write_config
+from twinlock_test import PLAIN_LIVE, at_least, edited_config, expect, main, run, run_well, scratch, write_config
 
 OMEGA = 62.981  # rad/s: where config/motor's twin starts
 
 
 def live_config(device, **changes):
-    """live.json without an end, committed ten times a second. The port's, and the database's path."""
-    config = edited_config("motor/live.json", {"duration_s": None, "record": {"commit_s": 0.1},
+    """The motor bench, live, without an end, committed ten times a second. The port's, and the database's path."""
+    config = edited_config(PLAIN_LIVE, {"duration_s": None, "record": {"commit_s": 0.1},
                                                "sources": {"inverter": {"modbus_tcp": {"port": device.port}}}, **changes})
     return config, config.parent / "twin.db"
 
@@ -341,7 +341,7 @@ def expect_usage(words, *options, code=2):
 
 
 def live_config_without_device():
-    config = edited_config("motor/live.json", {})
+    config = edited_config(PLAIN_LIVE, {})
     return config, config.parent / "twin.db"
 
 

@@ -15,7 +15,7 @@ from contextlib import closing
 
 from live_test import (FIRST_GUESS, MADE_UP, OPTIMISED, RESULTS, Program, bits, check_database, end_well, expect_reasons,
                        expect_same_events, free_port, number, query, wait_until)
-from twinlock_test import FMUS, at_most, edited_config, expect, main, replay_json, run, run_well, scratch
+from twinlock_test import PLAIN_LIVE, FMUS, at_most, edited_config, expect, main, replay_json, run, run_well, scratch
 
 FOLLOWED = 9  # master/sync/record.h
 PERIOD = 0.01
@@ -25,9 +25,9 @@ WITHIN = FIRST_GUESS, OPTIMISED
 
 
 def live_config(port, **changes):
-    """live.json without an end, committed ten times a second. The port's, and the database's path."""
+    """The motor bench, live, without an end, committed ten times a second. The port's, and the database's path."""
     record = {"commit_s": 0.1, **changes.pop("record", {})}
-    config = edited_config("motor/live.json", {"duration_s": None, "record": record,
+    config = edited_config(PLAIN_LIVE, {"duration_s": None, "record": record,
                                                "sources": {"inverter": {"modbus_tcp": {"port": port}}}, **changes})
     return config, config.parent / "twin.db"
 

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import twinlock_test
 from live_test import wait_until
-from twinlock_test import FMUS, PROGRAM, SOURCE, Skip, edited_config, expect, scratch
+from twinlock_test import PLAIN_LIVE, FMUS, PROGRAM, SOURCE, Skip, edited_config, expect, scratch
 
 SCRIPT = SOURCE / "board/wago-pfc200/twinlock"
 NO_PLANT = {"sources": {"inverter": {"modbus_tcp": {"port": 1}}}, "duration_s": None, "record": None}
@@ -45,7 +45,7 @@ class Box:
         self.folder = scratch()
         self.pidfile = self.folder / "pid"
         self.log = self.folder / "log"
-        values = {"PROGRAM": PROGRAM, "CONFIG": edited_config("motor/live.json", NO_PLANT), "DATA": self.folder,
+        values = {"PROGRAM": PROGRAM, "CONFIG": edited_config(PLAIN_LIVE, NO_PLANT), "DATA": self.folder,
                   "WATCHDOG": "", "LOGGER": f"tee -a {self.log}", "PIDFILE": self.pidfile, "PATIENCE": 10,
                   "CONTROL": self.folder / "run/control", **settings}
         self.settings = self.folder / "settings"
@@ -165,7 +165,7 @@ def test_what_cannot_start(shell):
         with Box(shell, **{name: value}) as box:
             said = box.call("start", 1)
             expect(f"there is no {value}" in said and not box.pidfile.exists(), said)
-    with Box(shell, CONFIG=edited_config("motor/live.json", {"step_s": 0})) as box:
+    with Box(shell, CONFIG=edited_config(PLAIN_LIVE, {"step_s": 0})) as box:
         expect("ended at once" in box.call("start", 1) and not box.pidfile.exists(), "started")
         expect("step_s" in box.said(), box.said())
         box.call("status", 3)

@@ -2,7 +2,7 @@
 """The page of `check`: what an engineer reads before a run, and that the run keeps to it."""
 import re
 
-from twinlock_test import (PLAIN_LOCK, SOURCE, at_most, edited_config, expect, main, replay_json, run, run_well, scratch)
+from twinlock_test import (PLAIN_LIVE, PLAIN_LOCK, SOURCE, at_most, edited_config, expect, main, replay_json, run, run_well, scratch)
 
 WIDTH = 80
 CONFIGURATIONS = ("motor/lock.json", "motor/free.json", "motor/live.json", "emps/lock.json", "emps/ahead.json")
@@ -75,12 +75,12 @@ def test_a_free_run():
 
 def test_what_a_live_plant_takes():
     """12 s of two signals, polled every 5 ms: 4096 readings of 32 bytes each, and their counts."""
-    page = run_well(["check", SOURCE / "config" / "motor" / "live.json"])
+    page = run_well(["check", PLAIN_LIVE])
     expect("  mail         260.0 KiB for the plant's newest readings, in `run`\n" in page, page)
     sizes = {name: (float(size), unit) for name, size, unit in re.findall(r"^  (outbox|checkpoint|past) +([0-9.]+) (\w+) ", page, re.M)}
     expect(sizes.keys() == {"outbox", "checkpoint", "past"}, page)
     expect(sizes["outbox"][1] == "KiB" and sizes["outbox"][0] > 2048, f"a ring of 30 s: {sizes}")
-    page = run_well(["check", edited_config("motor/live.json", {"record": {"resume_s": 0}})])
+    page = run_well(["check", edited_config(PLAIN_LIVE, {"record": {"resume_s": 0}})])
     expect("  outbox " in page and "  checkpoint " not in page and "  past " not in page, page)
     page = run_well(["check", SOURCE / "config" / "motor" / "free.json"])
     expect("  mail " not in page and "  outbox " not in page and "  past " not in page, page)

@@ -5,7 +5,7 @@ import random
 import sqlite3
 from contextlib import closing
 
-from twinlock_test import NOT_LOCKED, SOURCE, at_most, edited_config, expect, main, run, run_well, scratch
+from twinlock_test import PLAIN_LIVE, NOT_LOCKED, SOURCE, at_most, edited_config, expect, main, run, run_well, scratch
 
 OMEGA = 62.981  # rad/s: where config/motor's twin starts
 STEP_S = 0.001
@@ -16,9 +16,9 @@ CONFIG = {"step_s": STEP_S, "duration_s": None, "sources": None, "record": None,
 
 
 def config_of(seconds, seed, omega=lambda t: OMEGA, torque=lambda t: "0"):
-    """The path of config/motor/live.json as a replay at 1 kHz, beside a recording of a noisy plant that stands still."""
+    """The path of the live motor bench as a replay at 1 kHz, beside a recording of a noisy plant that stands still."""
     draw = random.Random(seed)
-    config = edited_config("motor/live.json", CONFIG)
+    config = edited_config(PLAIN_LIVE, CONFIG)
     times = [i * STEP_S for i in range(round(seconds / STEP_S) + 2)]
     rows = [f"{t:.3f},{omega(t) + draw.gauss(0, 0.3):.6f},{torque(t)}" for t in times]
     (config.parent / "plant.csv").write_text("t,omega,M_brake\n" + "\n".join(rows) + "\n", encoding="utf-8")

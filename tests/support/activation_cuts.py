@@ -13,7 +13,7 @@ from power_cuts import PATIENCE_S, RECORDS, Late, check_file_system, record_and_
 from retuned import Retuned
 from supervised import end_orderly
 from tree import read
-from twinlock_test import SOURCE, expect, merge, read_config, scratch
+from twinlock_test import PLAIN_LIVE, SOURCE, expect, merge, read_config, scratch
 
 OMEGA = 62.981  # rad/s: where config/motor's twin starts
 PORT = 15029  # the same on the box and here, since it is in the configuration
@@ -29,7 +29,7 @@ def configuration(number, port=PORT):
     edits = {"duration_s": None, "recording": None, "record": {"commit_s": 0.1}, "realtime": {"hang_s": 20},
              "sources": {"inverter": {"modbus_tcp": {"port": port, "timeout_s": 1}}},
              "synchronise": {"match": {"motor.omega": {"tolerance": 1.0 + number / 1000}}, "horizon": {"prediction": 1 + number // 2 % 2}}}
-    return json.dumps(merge(read_config("motor/live.json"), edits))
+    return json.dumps(merge(read_config(PLAIN_LIVE), edits))
 
 
 def hash_of(number):

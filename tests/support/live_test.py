@@ -329,7 +329,7 @@ def refused_writes(log):
 
 
 class Device:
-    """A Modbus TCP server of one unit whose input registers 0 … 2 are what live.json reads: omega as float32,
+    """A Modbus TCP server of one unit whose input registers 0 … 2 are what the motor bench has: omega as float32,
     torque as int16. It remembers the function codes it was sent, and keeps silent when told."""
 
     def __init__(self, omega, torque=0, port=0):

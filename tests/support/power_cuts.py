@@ -13,7 +13,7 @@ import threading
 import time
 
 from live_test import GOOD, PATIENCE, check_replay, check_rows, number, query
-from twinlock_test import BUILD, SOURCE, Failure, Skip, expect, merge, read_config, run_well, scratch
+from twinlock_test import PLAIN_LIVE, BUILD, SOURCE, Failure, Skip, expect, merge, read_config, run_well, scratch
 
 OMEGA = 62.981  # rad/s: where config/motor's twin starts
 STEP_S = 0.01
@@ -41,7 +41,7 @@ def configuration(port, version):
     edits = {"$schema": f"{version} " * (50000 // len(str(version))), "name": f"version {version}", "duration_s": None,
              "recording": None, "plant": {"count": count}, "realtime": {"hang_s": 20},
              "sources": {"inverter": {"modbus_tcp": {"port": port, "period_s": STEP_S, "timeout_s": 1}}}}
-    return json.dumps(merge(read_config("motor/live.json"), edits))
+    return json.dumps(merge(read_config(PLAIN_LIVE), edits))
 
 
 class Told:

@@ -12,7 +12,7 @@ TRIES = 10  # a shadow has no priority: who shares the machine with others may h
 
 
 class Retuned(Tree):
-    """A run of config/motor/live.json with a control socket; `edited` changes its file as an engineer would.
+    """A run of the motor bench (PLAIN_LIVE) with a control socket; `edited` changes its file as an engineer would.
     `processor`: the only one that it has."""
 
     def __init__(self, port, *args, state=None, config=None, processor=None, **changes):

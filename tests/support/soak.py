@@ -21,7 +21,7 @@ from live_test import GOOD, MADE_UP, query, title, wait_until
 from slopes import HOUR, count_grows, slope_of, without_once
 from supervised import WORD
 from tree import BEGINNING, OMEGA, ROLES, Tree, expect_whole, read
-from twinlock_test import BUILD, Failure, edited_config, expect, json, scratch
+from twinlock_test import PLAIN_LIVE, BUILD, Failure, edited_config, expect, json, scratch
 
 NETWORK = "silence", "storm", "garbage"  # tests/support/faulty_device.py
 TWIN = "crash", "hang", "twin killed"
@@ -169,8 +169,8 @@ NEWEST = """SELECT tick, quality FROM samples WHERE run = (SELECT max(run) FROM 
 # ---- the run ----
 
 def configuration(port, folder):
-    """config/motor/live.json at 1 kHz, with an FMU that obeys beside it."""
-    return edited_config("motor/live.json", {
+    """The motor bench, live, at 1 kHz, with an FMU that obeys beside it."""
+    return edited_config(PLAIN_LIVE, {
         "duration_s": None, "step_s": 1 / TICKS_PER_S,
         "components": {"unruly": {"fmu": str(BUILD / "tests" / "unruly.fmu")}},
         "sources": {"inverter": {"modbus_tcp": {"port": port, "timeout_s": 0.1}}},

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from live_test import FIRST_GUESS, GOOD, MADE_UP, OPTIMISED, query, wait_until
 from supervised import Supervised, end_orderly
-from twinlock_test import at_most, edited_config, expect
+from twinlock_test import PLAIN_LIVE, at_most, edited_config, expect
 
 OMEGA = 62.981  # rad/s: where config/motor's twin starts
 FOLLOWED = 9  # master/sync/record.h
@@ -25,8 +25,8 @@ ROLES = "twin", "io", "recorder"
 
 
 def configuration(port, **changes):
-    """config/motor/live.json without an end, committed ten times a second."""
-    config = edited_config("motor/live.json", {"duration_s": None, "record": {"commit_s": 0.1},
+    """The motor bench, live, without an end, committed ten times a second."""
+    config = edited_config(PLAIN_LIVE, {"duration_s": None, "record": {"commit_s": 0.1},
                                                "sources": {"inverter": {"modbus_tcp": {"port": port}}}, **changes})
     return config, config.parent / "twin.db"
 

@@ -197,6 +197,8 @@ def config_path(path):
 
 # The motor bench, locked by the last message: what config/motor/lock.json is, without what makes its steps wait.
 PLAIN_LOCK = str(SOURCE / "tests" / "support" / "motor_lock.json")
+# And live by Modbus TCP, each poll a reading: what config/motor/live.json is without that.
+PLAIN_LIVE = str(SOURCE / "tests" / "support" / "motor_live.json")
 
 
 def read_config(path):

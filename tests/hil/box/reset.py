@@ -13,7 +13,7 @@ from pathlib import Path
 
 from live_test import Device, check_database, wait_until
 from supervised import Supervised, end_orderly, expect_starts, wait_for_run
-from twinlock_test import edited_config, expect
+from twinlock_test import PLAIN_LIVE, edited_config, expect
 
 DISK = Path("/disk")
 OMEGA = 62.981  # rad/s: where config/motor's twin starts
@@ -78,7 +78,7 @@ def main():
     number, database = boot(), DISK / "twin.db"
     say(f"boot {number}")
     with Device(OMEGA) as device:
-        config = edited_config("motor/live.json", {
+        config = edited_config(PLAIN_LIVE, {
             "duration_s": None, "record": {"file": str(database), "commit_s": 0.1}, "realtime": {"hang_s": 20},
             "sources": {"inverter": {"modbus_tcp": {"port": device.port, "period_s": 0.01}}}})
         with Supervised(config, "--watchdog", f"/dev/{WATCHDOG}", "--watchdog-timeout", WATCHDOG_S,

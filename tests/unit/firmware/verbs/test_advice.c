@@ -13,7 +13,7 @@
 #define LOCK TL_SOURCE_DIR "/tests/support/motor_lock.json"
 #define SLOW TL_SOURCE_DIR "/config/transport/slow.json"
 #define ON_A_LINE TL_SOURCE_DIR "/config/motor/lock.json"
-#define LIVE TL_SOURCE_DIR "/config/motor/live.json"
+#define LIVE TL_SOURCE_DIR "/tests/support/motor_live.json"
 #define BUS TL_SOURCE_DIR "/config/motor/can.json"
 
 static tl_scratch scratch;
