@@ -110,7 +110,7 @@ def test_a_day(shell):
         expect("does not run" in box.call("stop"), "it ran")
         box.call("status", 3)
         left = sorted(path.name for path in box.folder.iterdir() if not path.name.startswith("twin.db"))
-        expect(left == ["log", "run", "settings", "supervisor.json", "versions"], f"left: {left}")
+        expect(left == ["log", "run", "settings", "states.json", "supervisor.json", "versions"], f"left: {left}")
         reasons = subprocess.run([PROGRAM, "show", box.folder / "twin.db"], stdout=subprocess.PIPE, check=True, text=True)
         expect("SIGTERM" in reasons.stdout, reasons.stdout)
 
