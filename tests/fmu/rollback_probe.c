@@ -1,10 +1,11 @@
 /* Whether an FMU is led back to where it was, to the bit: for script/fmus, and tests.
  *
- *   rollback_probe FMU state|memory|fork STEP STEPS
+ *   rollback_probe FMU state|memory|fork|replay|copy|library STEP STEPS
  *
  * The FMU is run twice, each time in a process of its own, with the same inputs: once straight on, once saved again and again, led astray with
- * other inputs, and restored. All values after each step are compared. Prints a JSON object:
- *   way      "state", "memory", "fork", or "none": the FMU has no such way
+ * other inputs, and restored. All values after each step are compared. By "copy" and "library" nothing is saved, but another instance has made all these
+ * steps before, in the same process: of a library of its own, or of the same one. Prints a JSON object:
+ *   way      as told, or "none": the FMU has no such way
  *   steps    that it did straight on; it may refuse further ones
  *   steady   false: straight on a second time it does something else, so nothing can be said
  *   differs  null, or the first step after which a value is another one
@@ -29,6 +30,14 @@
 #include "firmware/forked/forked_pool.h"
 #include "master/fmi/component.h"
 
+typedef enum trial {
+    STRAIGHT,
+    SAVED,
+    SAVED_RENEWED, /* by replay: freed and instantiated in place of reset */
+    BESIDE_COPY,
+    BESIDE_LIBRARY
+} trial;
+
 enum { MOST_STEPS = 400, MOST_VALUES = 2000, SAVES = 5, ASTRAY = 6, TRIALS = 51 };
 
 /* What a run found; in memory that outlives its process. */
@@ -50,6 +59,7 @@ typedef struct probe {
     fmi2ValueReference reals[MOST_VALUES], integers[MOST_VALUES], booleans[MOST_VALUES], inputs[MOST_VALUES];
     double starts[MOST_VALUES];
     size_t real_count, integer_count, boolean_count, input_count;
+    tl_ports set, read; /* as a rollback by replay knows them */
 } probe;
 
 /* Where it is saved, at the beginning of these steps. */
@@ -118,6 +128,29 @@ static uint64_t look(const probe *self) {
 
 /* ---- runs ---- */
 
+static bool initialise(probe *self, findings *found) {
+    self->instance = self->fmi->instantiate("probe", fmi2CoSimulation, self->fmu.model.guid, self->fmu.resources,
+                                            &self->fmu.guard.callbacks, fmi2False, fmi2False);
+    if (self->instance != NULL && self->fmi->know_ports != NULL) {
+        self->set = (tl_ports){.real_count = self->input_count, .real_references = self->inputs, .reals = self->starts};
+        self->read = (tl_ports){.real_count = self->real_count,
+                                .integer_count = self->integer_count,
+                                .boolean_count = self->boolean_count,
+                                .real_references = self->reals,
+                                .integer_references = self->integers,
+                                .boolean_references = self->booleans};
+        self->fmi->know_ports(self->instance, &self->set, &self->read);
+    }
+    if (self->instance == NULL ||
+        self->fmi->setup_experiment(self->instance, fmi2False, 0.0, 0.0, fmi2False, 0.0) > fmi2Warning ||
+        self->fmi->enter_initialization_mode(self->instance) > fmi2Warning ||
+        self->fmi->exit_initialization_mode(self->instance) > fmi2Warning) {
+        (void)snprintf(found->error, sizeof found->error, "it cannot be initialised");
+        return false;
+    }
+    return true;
+}
+
 static bool begin(probe *self, const char *path, tl_rollback way, double step, findings *found) {
     tl_error error;
     if (tl_fmu_load(path, -1, way, &self->fmu, &error) != TL_OK) {
@@ -128,16 +161,7 @@ static bool begin(probe *self, const char *path, tl_rollback way, double step, f
     self->step = step;
     found->way = tl_fmu_rollback(&self->fmu);
     find_variables(self);
-    self->instance = self->fmi->instantiate("probe", fmi2CoSimulation, self->fmu.model.guid, self->fmu.resources,
-                                            &self->fmu.guard.callbacks, fmi2False, fmi2False);
-    if (self->instance == NULL ||
-        self->fmi->setup_experiment(self->instance, fmi2False, 0.0, 0.0, fmi2False, 0.0) > fmi2Warning ||
-        self->fmi->enter_initialization_mode(self->instance) > fmi2Warning ||
-        self->fmi->exit_initialization_mode(self->instance) > fmi2Warning) {
-        (void)snprintf(found->error, sizeof found->error, "it cannot be initialised");
-        return false;
-    }
-    return true;
+    return initialise(self, found);
 }
 
 /* `other`: how far off the inputs are. */
@@ -228,9 +252,28 @@ static void go_back_and_forth(probe *self, findings *found) {
     }
 }
 
+/* The first one is not freed: it is there. */
+static void go_beside(probe *self, const char *path, bool has_copy, findings *found) {
+    static probe second;
+    probe *next = self;
+    go_straight(self, found);
+    found->steps = 0;
+    bool is_well = true;
+    if (has_copy) {
+        next = &second;
+        second.steps = self->steps;
+        is_well = begin(&second, path, TL_ROLLBACK_AUTO, self->step, found);
+    } else {
+        is_well = initialise(self, found);
+    }
+    if (is_well) {
+        go_straight(next, found);
+    }
+}
+
 /* ---- processes ---- */
 
-static void run(const char *path, tl_rollback way, double step, int steps, bool straight, findings *found) {
+static void run(const char *path, tl_rollback way, double step, int steps, trial tried, findings *found) {
     static probe self;
     int how = 0;
     pid_t child = fork();
@@ -241,9 +284,12 @@ static void run(const char *path, tl_rollback way, double step, int steps, bool 
         if (way == TL_ROLLBACK_FORK && tl_forked_begin(TL_FORK_NODES, &service, &error) != TL_OK) {
             (void)snprintf(found->error, sizeof found->error, "%s", error.text);
         } else if (begin(&self, path, way, step, found)) {
-            if (straight) {
+            if (tried == STRAIGHT) {
                 go_straight(&self, found);
+            } else if (tried == BESIDE_COPY || tried == BESIDE_LIBRARY) {
+                go_beside(&self, path, tried == BESIDE_COPY, found);
             } else if (self.fmi->get_fmu_state != NULL) {
+                self.fmu.guard.renews = tried == SAVED_RENEWED;
                 go_back_and_forth(&self, found);
             }
             tl_fmu_unload(&self.fmu);
@@ -279,17 +325,19 @@ static void print_text(const char *text) {
     (void)putchar('"');
 }
 
-static void print(const findings *found) {
-    static const char *const ways[] = {[TL_ROLLBACK_NONE] = "none",
-                                       [TL_ROLLBACK_STATE] = "state",
-                                       [TL_ROLLBACK_MEMORY] = "memory",
-                                       [TL_ROLLBACK_FORK] = "fork"};
+static const char *const ways[] = {[TL_ROLLBACK_NONE] = "none",
+                                   [TL_ROLLBACK_STATE] = "state",
+                                   [TL_ROLLBACK_MEMORY] = "memory",
+                                   [TL_ROLLBACK_FORK] = "fork",
+                                   [TL_ROLLBACK_REPLAY] = "replay"};
+
+static void print(const findings *found, const char *beside) {
     const findings *straight = &found[0];
     const findings *saved = &found[2];
     int differs = compare(straight, saved);
     const char *error = straight->error[0] != '\0' ? straight->error : saved->error;
-    (void)printf("{\"way\": \"%s\", \"steps\": %d, \"steady\": %s, ", ways[saved->way], straight->steps,
-                 compare(straight, &found[1]) < 0 ? "true" : "false");
+    (void)printf("{\"way\": \"%s\", \"steps\": %d, \"steady\": %s, ", beside != NULL ? beside : ways[saved->way],
+                 straight->steps, compare(straight, &found[1]) < 0 ? "true" : "false");
     if (differs < 0) {
         (void)printf("\"differs\": null, ");
     } else {
@@ -305,22 +353,39 @@ static void print(const findings *found) {
     (void)printf("}\n");
 }
 
+static bool find_way(const char *name, tl_rollback *way, trial *tried) {
+    *tried = strcmp(name, "copy") == 0 ? BESIDE_COPY : strcmp(name, "library") == 0 ? BESIDE_LIBRARY : SAVED;
+    for (size_t i = TL_ROLLBACK_NONE + 1; i < sizeof ways / sizeof *ways; i++) {
+        if (ways[i] != NULL && strcmp(name, ways[i]) == 0) {
+            *way = (tl_rollback)i;
+        }
+    }
+    *way = *tried == BESIDE_COPY ? TL_ROLLBACK_AUTO : *way; /* as in a twin: with random numbers of its own, too */
+    return *tried != SAVED || *way != TL_ROLLBACK_NONE;
+}
+
 int main(int argc, char **argv) {
     double step = argc == 5 ? strtod(argv[3], NULL) : 0.0;
     long steps = argc == 5 ? strtol(argv[4], NULL, 10) : 0;
-    tl_rollback way = argc == 5 && strcmp(argv[2], "memory") == 0 ? TL_ROLLBACK_MEMORY
-                      : argc == 5 && strcmp(argv[2], "fork") == 0 ? TL_ROLLBACK_FORK
-                                                                  : TL_ROLLBACK_STATE;
+    tl_rollback way = TL_ROLLBACK_NONE;
+    trial tried = SAVED;
+    bool is_known = argc == 5 && find_way(argv[2], &way, &tried);
     /* cppcheck-suppress invalidFunctionArg ; an anonymous mapping has no file, which is -1 */
     findings *found = mmap(NULL, 3 * sizeof *found, PROT_READ | PROT_WRITE, MAP_SHARED | MAP_ANONYMOUS, -1, 0);
-    if (!(step > 0.0) || steps < 1 || steps > MOST_STEPS || found == MAP_FAILED) {
-        (void)fprintf(stderr, "usage: rollback_probe FMU state|memory|fork STEP STEPS, 1 ... %d of them\n", MOST_STEPS);
+    if (!is_known || !(step > 0.0) || steps < 1 || steps > MOST_STEPS || found == MAP_FAILED) {
+        (void)fprintf(stderr,
+                      "usage: rollback_probe FMU state|memory|fork|replay|copy|library STEP STEPS, 1 ... %d of them\n",
+                      MOST_STEPS);
         return 2;
     }
     tl_log_set_level(TL_LOG_ERROR - 1);
     for (int i = 0; i < 3; i++) {
-        run(argv[1], i < 2 ? TL_ROLLBACK_NONE : way, step, (int)steps, i < 2, &found[i]);
+        run(argv[1], i < 2 ? TL_ROLLBACK_NONE : way, step, (int)steps, i < 2 ? STRAIGHT : tried, &found[i]);
     }
-    print(found);
+    if (way == TL_ROLLBACK_REPLAY && compare(&found[0], &found[2]) >= 0) { /* as a twin's proof does */
+        found[2] = (findings){.steps = 0};
+        run(argv[1], way, step, (int)steps, SAVED_RENEWED, &found[2]);
+    }
+    print(found, tried != SAVED ? argv[2] : NULL);
     return 0;
 }

@@ -148,11 +148,15 @@ def test_a_folder_of_fmus():
         shutil.copy(fmu, folder / f"{name}.fmu")
     (folder / "none.fmu").write_bytes(b"PK")
     command = [sys.executable, str(SOURCE / "script" / "studies" / "fmus.py"), "--fmus", str(folder), "--probe", str(PROBE), "--steps", "50"]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
     lines = {line.split(" | ")[0]: line for line in done.stdout.splitlines()}
     expect(done.returncode == 0 and "| 50 | none | exact |" in lines["good.fmu"] and "| differs in step 1 | exact |" in lines["wrong.fmu"]
            and "does not run" in lines["none.fmu"] and "2 of 3 run; 2 come back exactly by their memory, and 0 of 1 that declare" in done.stdout,
            done.stdout + done.stderr)
+    columns = done.stdout.splitlines()[0].split(" | ")
+    good = dict(zip(columns, lines["good.fmu"].split(" | ")))
+    found = [good[column] for column in ("by forking", "beside another, each with a library of its own", "of one library")]
+    expect(found == ["exact", "exact", "differs in step 1"], f"its globals are in its library\n{done.stdout}")
     done = subprocess.run([*command, "--only", "nothing"], capture_output=True, text=True, timeout=120, check=False)
     expect(done.returncode == BAD_DATA and "there is no *.fmu" in done.stderr, done.stdout + done.stderr)
 
