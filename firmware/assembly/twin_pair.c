@@ -108,7 +108,8 @@ static void lead_first(const tl_assembly *first, double *values, size_t width, t
     tl_error error;
     walker walk;
     begin(&walk, first);
-    while (account->steps < TL_PAIR_STEPS && tl_clock_now(NULL) - begun < TL_PAIR_LONGEST &&
+    while (account->steps < TL_PAIR_STEPS &&
+           (account->steps < TL_PAIR_LEAST || tl_clock_now(NULL) - begun < TL_PAIR_LONGEST) &&
            step(&walk, &error) == TL_OK) {
         account->marks[account->steps] = read_values(first->twin, values + account->steps * width);
         account->steps++;
@@ -187,6 +188,10 @@ tl_status tl_twin_pair_compare(const tl_assembly *first, tl_assembly *second, bo
             status = lead_second(second, values, width, account, differs, error);
             name_failed(second, error, account);
         }
+    }
+    if (status == TL_OK &&
+        !*differs) { /* what was mended on the way, such as a state that is wrong, is no difference */
+        *error = (tl_error){TL_OK, ""};
     }
     free(values);
     return status;

@@ -95,8 +95,8 @@ tl_time tl_config_repeats(const tl_config *config, const tl_config_signal *signa
         return 0;
     }
     tl_time period = tl_time_of_seconds(config->sources[signal->source].period_s);
-    tl_time stale = tl_time_of_seconds(signal->stale_s);
-    tl_time due = stale > 0 && stale < signal->every ? stale : signal->every;
+    tl_time soon = tl_time_of_seconds(signal->stale_s) / 2; /* polls may be late */
+    tl_time due = soon > 0 && soon < signal->every ? soon : signal->every;
     return due > period ? due - period : 0;
 }
 

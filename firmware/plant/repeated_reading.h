@@ -3,7 +3,7 @@
  * Purpose: a register is often read more often than its device writes it. Conditions, lines and figures count readings, so what was only read again must not count: a
  *          median of three would hold the same one three times.
  * Rule:    a good reading with the value of the one before, and so soon after it that none was due, is that one again. So is the second of two equal values in a row that
- *          a device has really written: its stamp is the earlier one, and a line between them is the same.
+ *          a device has really written, which nobody can tell: a line to the next other value begins at the first of them.
  * Thread:  plain data; the source's.
  */
 #ifndef TL_FIRMWARE_PLANT_REPEATED_READING_H

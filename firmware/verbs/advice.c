@@ -289,22 +289,40 @@ static void check_between(advice *given, const tl_config *config) {
     }
 }
 
-/* What every_s says of a signal, or does not. Of a further look-up the signal itself is named. */
+/* Of the look-ups of a signal; 0: none has one. */
+static uint32_t median_of(const tl_config *config, size_t signal) {
+    uint32_t median = 0;
+    for (size_t i = 0; i < config->signal_count; i++) {
+        const tl_config_signal *look = &config->signals[i];
+        median = look->of == signal && look->condition.median > median ? look->condition.median : median;
+    }
+    return median;
+}
+
+/* How old a value may be before the next one has come, and through a median, of which half of the readings come later. */
+static tl_time oldest_of(const tl_config *config, const tl_config_signal *signal, uint32_t median) {
+    tl_time readings = 1 + (median > 1 ? (tl_time)(median - 1) / 2 : 0);
+    bool is_polled = tl_config_is_polled(config, signal);
+    tl_time poll = is_polled ? tl_time_of_seconds(config->sources[signal->source].period_s) : 0;
+    return readings * signal->every + poll;
+}
+
+/* What every_s says of a signal, or does not. */
 static void check_every(advice *given, const tl_config *config) {
     for (size_t i = 0; i < config->signal_count; i++) {
         const tl_config_signal *signal = &config->signals[i];
-        const char *where = config->signals[signal->of].plan.where;
-        if (signal->condition.median > 1 && signal->every == 0 && tl_config_is_polled(config, signal)) {
-            warn(given, where,
+        uint32_t median = median_of(config, i);
+        tl_time oldest = oldest_of(config, signal, median);
+        if (median > 1 && signal->every == 0 && tl_config_is_polled(config, signal)) {
+            warn(given, signal->plan.where,
                  "its median counts polls, so a bad value that is read several times is not in the minority: say in "
                  "every_s how often its device writes it, and each value counts once");
         }
-        if (signal->between != TL_BETWEEN_LAST && signal->stale_s > 0.0 &&
-            signal->every > tl_time_of_seconds(signal->stale_s)) {
-            warn(given, where,
-                 "its readings may be %g s apart by every_s, and it is stale after %g s: then there is no line between "
-                 "them",
-                 tl_seconds(signal->every), signal->stale_s);
+        if (signal->of == i && signal->every > 0 && signal->stale_s > 0.0 &&
+            oldest > tl_time_of_seconds(signal->stale_s)) {
+            warn(given, signal->plan.where,
+                 "by every_s a value may be %g s old before the next one is there%s, and it is stale after %g s",
+                 tl_seconds(oldest), median > 1 ? " and through the median" : "", signal->stale_s);
         }
     }
 }

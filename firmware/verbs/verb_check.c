@@ -595,7 +595,8 @@ static void print_pair(const tl_pair_verdict *pair, uint32_t *warnings, FILE *ou
         (void)snprintf(text, sizeof text, "not looked at, since there is no second instance here: %s", pair->text);
         break;
     case TL_PAIR_SAME:
-        (void)snprintf(text, sizeof text, "two instances have the same values in %" PRIu32 " steps", pair->steps);
+        (void)snprintf(text, sizeof text, "two instances have the same values in %" PRIu32 " step%s", pair->steps,
+                       pair->steps == 1 ? "" : "s");
         break;
     case TL_PAIR_NOT_DETERMINISTIC:
         (void)snprintf(

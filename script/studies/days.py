@@ -7,7 +7,7 @@ import subprocess
 import sys
 import tempfile
 
-from minutes import Plant, figures_of, left_alone, show
+from minutes import LONGEST, SHORTEST, Plant, figures_of, left_alone, require, show
 from study import PROGRAM, Progress, Trouble, merge, print_figures, run_command
 
 SAMPLE_S = 0.02
@@ -90,6 +90,9 @@ def main():
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
+    require("--hours", options.hours, SHORTEST, LONGEST)
+    require("--noise", options.noise, 1e-6, 1e3)
+    require("--inertia", options.inertia, 1e-6, 1e3)
     results = measure(options)
     print_figures(results, options.json, show)
     return int(any(row["bad"] for row in results.values()))

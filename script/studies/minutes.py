@@ -7,6 +7,7 @@ from pathlib import Path
 
 from study import NOT_LOCKED, PROGRAM, ROOT, Trouble
 
+SHORTEST, LONGEST = 0.02, 1000.0  # h
 SLACK = 1.2  # times what the twin left alone is off by
 
 
@@ -78,6 +79,12 @@ class Plant:
                         minutes[variable].append(squares[variable] / count)
                     squares, count = dict.fromkeys(columns, 0.0), 0
         return minutes
+
+
+def require(option, value, least, most):
+    """A number that was asked for; the least is a minute and what is not of it, if it is a time."""
+    if not least <= value <= most:
+        raise Trouble(f"{option}: found {value:g}, expected a number from {least:g} to {most:g}")
 
 
 def left_alone(document):

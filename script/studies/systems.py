@@ -4,7 +4,7 @@ import random
 import sys
 import tempfile
 
-from minutes import Plant, figures_of, left_alone, show
+from minutes import LONGEST, SHORTEST, Plant, figures_of, left_alone, require, show
 from study import Progress, Trouble, print_figures, run_command
 
 PART_OF_NOISE = 9  # of secant in mode lag
@@ -81,6 +81,7 @@ def main():
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
+    require("--hours", options.hours, SHORTEST, LONGEST)
     results = measure(options)
     print_figures(results, options.json, show)
     return int(any(row["bad"] for row in results.values()))

@@ -44,6 +44,13 @@ def test_what_does_not_exist():
         expect(done.returncode == TROUBLE and 'found "nothing", expected one of ' in done.stderr, f"{done.returncode}\n{done.stderr}")
 
 
+def test_numbers_that_mean_nothing():
+    for name, option, value in (("days", "--hours", "nan"), ("days", "--hours", "0.01"), ("systems", "--hours", "inf"), ("systems", "--hours", "-1"),
+                                ("days", "--noise", "0"), ("days", "--inertia", "0")):
+        done = study(name, option, value)
+        expect(done.returncode == TROUBLE and f"{name}: {option}: found " in done.stderr, f"{name} {option} {value}: {done.returncode}\n{done.stderr}")
+
+
 def test_a_bad_minute_is_told():
     told = {"steps": 10, "executions": {"total": 30, "motor": 20, "plant": 10}}
     row = figures_of(told, [1.0, 2.0, 0.5], alone=[1.0, 1.5, 0.1], allowed=0.6)

@@ -41,6 +41,13 @@ def test_globals_of_a_library_are_not_shared():
         expect(f"{SAME} 100 steps" in out, out)
 
 
+def test_states_that_are_wrong_are_no_difference():
+    """Both twins find that out, and lead it back in another way."""
+    for lie in "parameters", "events":
+        out, err = check(keeper_fmu.config(keeper_fmu.make_false(lie)))
+        expect(f"{SAME} " in out and "does not come back to where it was by its " in err, out + err)
+
+
 def test_each_by_forking_is_in_a_process_of_its_own():
     out, err = check(keeper_fmu.config(keeper_fmu.make_met(FROM=3), "fork"))
     expect(f"{SAME} " in out, out + err)

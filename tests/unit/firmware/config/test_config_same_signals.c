@@ -81,7 +81,7 @@ static void test_each(void) {
     TEST_ASSERT_FALSE(tl_same_signals_lack_input(&same, &candidate.config));
 }
 
-/* Its driver is to take other polls for readings: until 0.04 s, or the 0.03 s in which it is stale, less the 0.01 s to the next poll. */
+/* Its driver is to take other polls for readings: until 0.04 s, or half of the 0.06 s after which it is stale, less the 0.01 s to the next poll. */
 static void test_another_time_between_readings(void) {
     static const int all[] = {U, OMEGA, DOOR};
     edit("\"stale_s\": 0.5", "\"stale_s\": 0.5, \"every_s\": 0.04");
@@ -89,7 +89,7 @@ static void test_another_time_between_readings(void) {
     TEST_ASSERT_EQUAL_INT64(0, tl_config_repeats(&run.config, &run.config.signals[OMEGA]));
     TEST_ASSERT_EQUAL_INT64(30 * TL_SECOND / 1000,
                             tl_config_repeats(&candidate.config, &candidate.config.signals[OMEGA]));
-    edit("\"stale_s\": 0.5", "\"stale_s\": 0.03, \"every_s\": 0.04");
+    edit("\"stale_s\": 0.5", "\"stale_s\": 0.06, \"every_s\": 0.04");
     TEST_ASSERT_EQUAL_INT64(20 * TL_SECOND / 1000,
                             tl_config_repeats(&candidate.config, &candidate.config.signals[OMEGA]));
     edit("\"stale_s\": 0.5", "\"every_s\": 0.01");

@@ -195,8 +195,14 @@ static void test_a_median_of_polls(void) {
 static void test_readings_that_are_stale_before_the_next_one(void) {
     load(ON_A_LINE, "\"every_s\": 0.04", "\"every_s\": 0.3");
     expect_advice(1, "warnings\n"
-                     "  plant.omega: its readings may be 0.3 s apart by every_s, and it is stale\n"
-                     "    after 0.2 s: then there is no line between them\n");
+                     "  plant.omega: by every_s a value may be 0.3 s old before the next one is\n"
+                     "    there, and it is stale after 0.2 s\n");
+    tl_assembly_free(&assembly);
+    load(LIVE, "\"tolerance\": 1.0", "\"tolerance\": 1.0, \"condition\": { \"median\": 5 }");
+    assembly.config.signals[1].every = TL_SECOND / 10;
+    expect_advice(1, "warnings\n"
+                     "  plant.omega: by every_s a value may be 0.305 s old before the next one is\n"
+                     "    there and through the median, and it is stale after 0.2 s\n");
 }
 
 /* A low-pass is looked up on the line in any mode that waits for it. */
