@@ -104,12 +104,12 @@ static void add_verified(tl_json_writer *json, const tl_account *account) {
     tl_json_close(json);
 }
 
-/* The same of a free twin, only if there is one. */
-static void add_free_twin(tl_json_writer *json, const tl_account *account) {
+/* Of a free twin, only if there is one. Its own counts are the twin's; that may have been a shadow before, whose steps are not this run's. */
+static void add_free_twin(tl_json_writer *json, const tl_run_figures *figures, const tl_account *account) {
     if (account->has_free_twin != 0) {
         tl_json_open_object(json, "free_twin");
         tl_json_add_count(json, "executions", account->free_twin.executions);
-        tl_json_add_count(json, "rested_steps", account->free_twin.rested);
+        tl_json_add_count(json, "rested_steps", figures->rested);
         tl_json_add_count(json, "rests", account->free_twin.turns);
         tl_json_add_count(json, "adopted", account->free_twin.adopted);
         tl_json_add_count(json, "renewed", account->free_twin.renewed);
@@ -235,7 +235,7 @@ tl_status tl_summary_print_json(const tl_summary *summary, const tl_config *conf
     }
     add_executions(&json, account);
     add_verified(&json, account);
-    add_free_twin(&json, account);
+    add_free_twin(&json, &page.figures, account);
     tl_json_add_count(&json, "replayed", account->replayed);
     tl_json_add_count(&json, "evaluations", page.figures.evaluations);
     tl_json_add_count(&json, "optimised_steps", page.figures.optimised_steps);
@@ -284,7 +284,7 @@ static void print_free_twin(const tl_run_figures *figures, const tl_account *acc
         (void)fprintf(file,
                       "  free twin    was the nearer one in %.1f %% of the steps; u came to rest at nominal %" PRIu64
                       " times; %" PRIu64 " executions beside\n",
-                      100.0 * (double)beside->rested / (double)steps, beside->turns, beside->executions);
+                      100.0 * (double)figures->rested / (double)steps, beside->turns, beside->executions);
     }
 }
 
